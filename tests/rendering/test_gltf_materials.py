@@ -63,17 +63,17 @@ def gallery(tmp_path_factory):
     return things, materials
 
 
-def seen_at(gallery, light, angles_deg, spp):
-    """The mean radiance (20, len(angles), 3) of a spot of each object, seen at these angles from its normal, -y."""
+def seen_at(gallery, light, angles_deg, spp, chosen=range(20)):
+    """The mean radiance (N, len(angles), 3) of a spot of each object, seen at these angles from its normal, -y."""
     things, materials = gallery
-    scene = tl.Scene("gallery", tuple(things), materials, np.eye(4), (1.0, 99.0), {"sky": light})
+    scene = tl.Scene("gallery", tuple(things[i] for i in chosen), materials, np.eye(4), (1.0, 99.0), {"sky": light})
     poses = []
-    for i in range(len(things)):
+    for i in chosen:
         spot = np.array([i * SPACING, -1.0, 0.0] if i < len(BALLS) else [i * SPACING, 0, 0.5])
         poses += [tl.geometry.look_at(spot + 40 * view(angle), spot) for angle in angles_deg]
     rig = tl.Rig((tl.Camera(4, 4, 8000.0, 8000.0, 1.5, 1.5),) * len(poses), poses)
     found = np.array([image.mean(axis=(0, 1)) for image in tl.render(scene, rig, tl.Pinhole(), spp=spp, seed=1)])
-    return found.reshape(len(things), len(angles_deg), 3)
+    return found.reshape(len(chosen), len(angles_deg), 3)
 
 
 def view(angle_deg):
@@ -101,47 +101,43 @@ SKIES = {
 }
 
 
-ANGLES = (0.0, 45.0)
+ANGLES = (0.0, 45.0, 60.0)
+FEW = [BALLS.index(((0.8, 0.3, 0.05), 0.0, 0.1)), BALLS.index(((1.0, 1.0, 1.0), 0.0, 0.1)),
+       BALLS.index(((0.8, 0.3, 0.05), 1.0, 0.2)), BALLS.index(((1.0, 1.0, 1.0), 1.0, 0.2)),
+       BALLS.index(((0.8, 0.3, 0.05), 0.0, 1.0))]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
-def under_constant_sky(gallery):
-    return seen_at(gallery, SKIES["constant"][1], ANGLES, spp=256)
+def few(gallery):
+    return dict(zip(FEW, seen_at(gallery, SKIES["constant"][1], ANGLES, spp=256, chosen=FEW), strict=True))
 
 
 def assert_that_of_gltf(found, sky):
-    assert len(found) == 20
-    for i, look in enumerate([*BALLS, *PLANES]):
+    for i, radiance in found.items():
+        look = [*BALLS, *PLANES][i]
         for k, angle in enumerate(ANGLES):
-            np.testing.assert_allclose(found[i, k], expected(look, sky, angle), rtol=0.03, err_msg=f"{look} at {angle}")
+            np.testing.assert_allclose(radiance[k], expected(look, sky, angle), rtol=0.03, err_msg=f"{look} at {angle}")
 
 
-def test_radiance_under_a_constant_sky_is_that_of_gltf_within_3_percent(under_constant_sky):
-    assert_that_of_gltf(under_constant_sky, constant)
-
-
-@pytest.mark.slow
-def test_grey_surfaces_are_those_of_gltf_at_60_degrees(gallery):
-    """Colours differ more there: the facets' share at grazing angles is that of the brightest channel."""
-    found = seen_at(gallery, SKIES["constant"][1], [60.0], spp=512)
-    for i, look in enumerate([*BALLS, *PLANES]):
-        if len(set(look[0])) == 1:
-            np.testing.assert_allclose(found[i, 0], expected(look, constant, 60.0), rtol=0.03, err_msg=str(look))
+def test_radiance_of_some_materials_is_that_of_gltf_within_3_percent(few):
+    assert_that_of_gltf(few, constant)
 
 
 @pytest.mark.slow
-def test_radiance_under_an_hdri_is_that_of_gltf_within_3_percent(gallery):
-    assert_that_of_gltf(seen_at(gallery, SKIES["hdri"][1], ANGLES, spp=256), gradient)
+@pytest.mark.parametrize("sky", SKIES)
+def test_radiance_of_twenty_materials_is_that_of_gltf_within_3_percent(gallery, sky):
+    radiance, light = SKIES[sky]
+    found = seen_at(gallery, light, ANGLES, spp=256)
+    assert len(found) == 20
+    assert_that_of_gltf(dict(enumerate(found)), radiance)
 
 
-def test_a_white_surface_returns_all_light(under_constant_sky):
+def test_a_white_surface_returns_all_light(few):
     """Of the smooth ones: rough facets lose light that a second reflection would return, in glTF too."""
     for look in (((1.0, 1.0, 1.0), 0.0, 0.1), ((1.0, 1.0, 1.0), 1.0, 0.2)):
-        np.testing.assert_allclose(under_constant_sky[BALLS.index(look), 0], 1, rtol=0.01)
+        np.testing.assert_allclose(few[BALLS.index(look)][0], 1, rtol=0.01)
 
 
-def test_a_metal_reflects_its_color_at_normal_incidence(under_constant_sky):
-    metals = [i for i, (_, metallic, roughness) in enumerate(BALLS) if metallic == 1 and roughness < 0.5]
-    assert len(metals) == 3
-    for i in metals:
-        np.testing.assert_allclose(under_constant_sky[i, 0], BALLS[i][0], rtol=0.02)
+def test_a_metal_reflects_its_color_at_normal_incidence(few):
+    for look in (((0.8, 0.3, 0.05), 1.0, 0.2), ((1.0, 1.0, 1.0), 1.0, 0.2)):
+        np.testing.assert_allclose(few[BALLS.index(look)][0], look[0], rtol=0.02)

@@ -15,8 +15,8 @@ from twinlens.errors import FileError, InputError
 from twinlens.scenes import Mesh, Scene
 from twinlens.scenes.assets import SceneContext
 from twinlens.scenes.model_files import MaterialWarning, Model, read_model
-from twinlens.scenes.pbr import Transform
-from twinlens.scenes.scene import Color
+from twinlens.scenes.pbr import PbrMaterial, Textures, Transform, plugin_of
+from twinlens.scenes.scene import Bitmap, Color
 
 OWN = "[objects.own]\nfile = 'm.glb'\n"
 
@@ -130,7 +130,7 @@ def test_metalness_and_roughness_are_the_blue_and_the_green_channel(tmp_path: Pa
     plugin = only_material(path)
     np.testing.assert_allclose(found(plugin, "roughness").pixels, [[0.1, 0.4]], atol=2e-3)
     np.testing.assert_allclose(plugin["weight"].pixels[0, 1], 1.0)  # all facets
-    np.testing.assert_allclose(found(plugin, "base_color").pixels[0, 1], 1.0)
+    assert plugin["bsdf_1"]["base_color"] == Color((1.0, 1.0, 1.0))
 
 
 def test_alpha_becomes_opacity(tmp_path: Path) -> None:
@@ -186,20 +186,56 @@ def test_a_normal_map_is_scaled_and_stays_unit_length(tmp_path: Path) -> None:
     np.testing.assert_allclose(normal, np.array([1.2, 0, 0.8]) / np.hypot(1.2, 0.8), atol=0.01)
 
 
-def test_vertex_colors_are_mesh_attributes(tmp_path: Path) -> None:
-    header, binary = unpacked(trimesh.Scene(square(metallicFactor=0.0)).export(file_type="glb"))
-    colors = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]], dtype="<f4")
-    header["bufferViews"].append({"buffer": 0, "byteOffset": len(binary), "byteLength": colors.nbytes})
-    view = len(header["bufferViews"]) - 1
-    header["accessors"].append({"bufferView": view, "componentType": 5126, "count": 4, "type": "VEC3"})
+def write_colored(path: Path, colors: Any, **material: Any) -> Path:
+    """A square with vertex colours (4, 3 or 4), which trimesh writes for meshes without a texture only."""
+    header, binary = unpacked(trimesh.Scene(square(**material)).export(file_type="glb"))
+    data = np.asarray(colors, dtype="<f4")
+    header["bufferViews"].append({"buffer": 0, "byteOffset": len(binary), "byteLength": data.nbytes})
+    view, kind = len(header["bufferViews"]) - 1, f"VEC{data.shape[1]}"
+    header["accessors"].append({"bufferView": view, "componentType": 5126, "count": 4, "type": kind})
     header["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = len(header["accessors"]) - 1
-    header["buffers"][0]["byteLength"] = len(binary) + colors.nbytes
-    (tmp_path / "m.glb").write_bytes(glb(header, binary + colors.tobytes()))
-    model = read(tmp_path / "m.glb")
+    header["buffers"][0]["byteLength"] = len(binary) + data.nbytes
+    path.write_bytes(glb(header, binary + data.tobytes()))
+    return path
+
+
+COLORS = np.array([[1, 0, 0, 1], [0, 1, 0, 0.5], [0, 0, 1, 0], [1, 1, 1, 1]])
+
+
+def test_vertex_colors_are_mesh_attributes(tmp_path: Path) -> None:
+    model = read(write_colored(tmp_path / "m.glb", COLORS[:, :3], metallicFactor=0.0))
     (plugin,) = model.materials.values()
     assert found(plugin, "reflectance") == {"type": "mesh_attribute", "name": "vertex_diffuse"}
     scattered = model.mesh.attributes["vertex_diffuse"] * (1 - model.mesh.attributes["vertex_weight"])
-    np.testing.assert_allclose(scattered, 0.96 * colors, atol=1e-5)
+    np.testing.assert_allclose(scattered, 0.96 * COLORS[:, :3], atol=1e-5)
+
+
+def test_vertex_colors_have_opacity(tmp_path: Path) -> None:
+    model = read(write_colored(tmp_path / "m.glb", COLORS, alphaMode="BLEND"))
+    np.testing.assert_allclose(model.mesh.attributes["vertex_opacity"], COLORS[:, 3:], atol=1e-6)
+
+
+def test_a_texture_is_kept_where_vertices_have_colors_too(tmp_path: Path) -> None:
+    texture = picture(np.linspace(0, 1, 12).reshape(2, 2, 3))
+    path = write_colored(tmp_path / "m.glb", np.ones((4, 3)), baseColorTexture=texture)
+    assert isinstance(found(only_material(path), "base_color"), Bitmap)
+    path = write_colored(tmp_path / "m.glb", COLORS, baseColorTexture=texture)
+    with pytest.warns(MaterialWarning, match="not rendered: vertex colours multiplied with a texture"):
+        assert isinstance(found(only_material(path), "base_color"), Bitmap)
+
+
+@pytest.mark.parametrize("specular", [0.0, 1.0])
+def test_parts_with_other_vertex_colors_share_a_plugin(specular: float) -> None:
+    """Black has no diffuse light, and specularFactor = 0 no facets: the attributes of both are there all the same."""
+    table = {
+        "pbrMetallicRoughness": {"metallicFactor": 0.0},
+        "extensions": {"KHR_materials_specular": {"specularFactor": specular}},
+    }
+    material = PbrMaterial.model_validate(table)
+    made = [plugin_of(material, Textures([], [], lambda _: b""), np.full((3, 4), value)) for value in (0.0, 0.8)]
+    assert made[0][0] == made[1][0]
+    assert made[0][1].keys() == made[1][1].keys()
+    assert "vertex_diffuse" in made[0][1]
 
 
 def test_what_cannot_be_rendered_is_named_in_one_line(tmp_path: Path) -> None:
@@ -210,6 +246,30 @@ def test_what_cannot_be_rendered_is_named_in_one_line(tmp_path: Path) -> None:
     assert [str(each.message) for each in caught] == [
         f"{path}: not rendered: KHR_materials_anisotropy, KHR_materials_sheen"
     ]
+
+
+def test_geometry_that_is_not_rendered_is_named(tmp_path: Path) -> None:
+    def change(header: dict[str, Any]) -> None:
+        first = header["meshes"][0]["primitives"][0]
+        header["meshes"][0]["primitives"].append({**first, "mode": 6})
+        first["targets"] = [{}]
+        header["nodes"][-1]["skin"] = 0
+
+    path = write(tmp_path / "m.glb", square(), change)
+    with pytest.warns(MaterialWarning, match="rendered: points, lines and triangle fans, morph targets, skins$"):
+        assert len(read(path).mesh.faces) == 2
+
+
+def test_the_files_that_a_file_names_have_a_common_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A header of some bytes could name a large file a thousand times."""
+    header, binary = unpacked(trimesh.Scene(square()).export(file_type="glb"))
+    (tmp_path / "m.bin").write_bytes(binary)
+    header["buffers"] = [{"uri": "m.bin"}] * 3
+    (tmp_path / "m.gltf").write_text(json.dumps(header))
+    read(tmp_path / "m.gltf")
+    monkeypatch.setattr("twinlens.scenes.model_files.LARGEST_MESH_FILE", 3 * len(binary) - 1)
+    with pytest.raises(FileError, match=r"m\.gltf: .*m\.bin: the file is larger than 0 MiB"):
+        read(tmp_path / "m.gltf")
 
 
 def test_a_gltf_file_names_its_neighbours(tmp_path: Path, read_scene: Read) -> None:
@@ -308,6 +368,7 @@ HOSTILE: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     "bomb": (add_accessor, "accessors of .* are more than"),
     "view": (lambda h: h["bufferViews"][0].update(byteLength=1 << 40), "ends after its buffer"),
     "extension": (lambda h: h.update(extensionsRequired=["KHR_draco"]), "requires KHR_draco, which"),
+    "sparse": (lambda h: h["accessors"][1].update(sparse={}), "POSITION is sparse, which twinlens cannot read"),
     "texture": (shine, "list index out of range"),
     "mesh": (lambda h: h["nodes"][-1].update(mesh=99), "list index out of range"),
 }

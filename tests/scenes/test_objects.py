@@ -1,6 +1,7 @@
 """Objects of a scene file: every shape by name, the user's meshes, copies."""
 
 import math
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,8 @@ import trimesh
 from tests.scenes.scene_text import Read, required
 from twinlens.errors import FileError, InputError
 from twinlens.scenes import Mesh, assets
-from twinlens.scenes.assets import read_mesh
+from twinlens.scenes.assets import SceneContext, read_mesh
+from twinlens.scenes.model_files import read_model
 from twinlens.scenes.objects import MESH_SHAPES
 
 GIVEN = {
@@ -115,11 +117,13 @@ def test_a_mesh_of_too_many_triangles_is_refused(tmp_path: Path, monkeypatch: py
         read_mesh(tmp_path / "m.glb")
 
 
-def test_a_mesh_file_that_is_too_large_is_not_opened(tmp_path: Path) -> None:
-    with (tmp_path / "m.stl").open("wb") as stream:
+@pytest.mark.parametrize("suffix", [".stl", ".glb", ".obj"])
+def test_a_mesh_file_that_is_too_large_is_not_opened(tmp_path: Path, suffix: str) -> None:
+    with (tmp_path / f"m{suffix}").open("wb") as stream:
         stream.truncate((2 << 30) + 1)
-    with pytest.raises(FileError, match=r"m\.stl: a mesh file may have at most 2048 MiB"):
-        read_mesh(tmp_path / "m.stl")
+    read = read_mesh if suffix == ".stl" else partial(read_model, context=SceneContext(tmp_path))
+    with pytest.raises(FileError, match=rf"m\{suffix}: the file is larger than 2048 MiB"):
+        read(tmp_path / f"m{suffix}")
 
 
 UNIT = {

@@ -218,13 +218,15 @@ def _aligned(values: NDArray[np.float32]) -> NDArray[np.float32]:
     return memory[start : start + len(values)]
 
 
-def mitsuba_value(value: Any) -> Any:
-    """A plugin tree with the values of `twinlens.scenes` converted to Mitsuba's."""
-    mi = mitsuba()
+def mitsuba_value(value: Any, textures: dict[int, Any] | None = None) -> Any:
+    """A plugin tree with the values of `twinlens.scenes` converted to Mitsuba's. A Bitmap used twice is one texture."""
+    mi, textures = mitsuba(), {} if textures is None else textures
     if isinstance(value, Color):
         return {"type": "rgb", "value": list(value.rgb)}
     if isinstance(value, Bitmap):
-        return _bitmap(value)
+        if id(value) not in textures:
+            textures[id(value)] = mi.load_dict(_bitmap(value))
+        return textures[id(value)]
     if isinstance(value, np.ndarray) and value.shape == (4, 4):
         return mi.ScalarTransform4f(value)
     if isinstance(value, Mapping):
@@ -232,7 +234,7 @@ def mitsuba_value(value: Any) -> Any:
         return {
             key: mi.Bitmap(np.ascontiguousarray(part.pixels, dtype=np.float32))
             if is_sky and isinstance(part, Bitmap)
-            else mitsuba_value(part)
+            else mitsuba_value(part, textures)
             for key, part in value.items()
         }
     return value

@@ -9,6 +9,7 @@ Ghostscript on PostScript).
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from io import BytesIO
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Annotated, Any
 
@@ -22,7 +23,7 @@ from twinlens.scenes.scene import Mesh, Plugin
 
 MESH_FILES = {".ply", ".obj", ".glb", ".gltf", ".stl"}
 MOST_FACES = 20_000_000
-_LARGEST_MESH_FILE = 2 << 30  # bytes
+LARGEST_MESH_FILE = 2 << 30  # bytes, and of all files that it names
 _MOST_PIXELS = 1 << 27
 _MOST_CHANNELS = 64
 _MOST_VALUES = 1 << 29
@@ -225,10 +226,9 @@ def read_mesh(path: Path, crease_deg: float = 30.0) -> Mesh:
     with reading(path, "mesh"):
         import trimesh
 
-        if path.stat().st_size > _LARGEST_MESH_FILE:
-            raise FileError(f"{path}: a mesh file may have at most {_LARGEST_MESH_FILE >> 20} MiB")
-        with path.open("rb") as stream:  # a stream has no folder, so that the file cannot name its neighbours
-            loaded = trimesh.load_scene(stream, file_type=path.suffix[1:].lower(), process=False)
+        # A stream has no folder, so that the file cannot name its neighbours.
+        stream = BytesIO(read_limited(path, LARGEST_MESH_FILE))
+        loaded = trimesh.load_scene(stream, file_type=path.suffix[1:].lower(), process=False)
         for part in loaded.geometry.values():  # joining the parts shifts vertex numbers
             check_faces(path, part)
         placed = (loaded.geometry[loaded.graph[node][1]] for node in loaded.graph.nodes_geometry)

@@ -11,6 +11,7 @@ import json
 import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from io import BytesIO
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -21,6 +22,7 @@ import pydantic
 
 from twinlens.errors import FileError, InputError
 from twinlens.geometry import Float
+from twinlens.scenes.assets import LARGEST_MESH_FILE, read_limited
 from twinlens.scenes.pbr import EXTENSIONS, Image, Lenient, PbrMaterial, Sampler, Texture
 from twinlens.schema import exactly, read
 
@@ -119,7 +121,10 @@ class Header(Lenient):
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A primitive as trimesh has it, its pose in the file, its material (None: glTF's default), and what it has."""
+    """A primitive as trimesh has it, its pose in the file, its material (None: glTF's default), and what it has.
+
+    `colors` are those of vertices with opacity, (V, 4) in [0, 1]; None without any, or if all are white.
+    """
 
     mesh: Any
     pose: Float
@@ -140,18 +145,29 @@ class Gltf:
     @property
     def face_count(self) -> int:
         """Triangles of all placed primitives; a mesh may be placed many times."""
-        return sum(self._face_count(primitive) for mesh, _ in self._placed() for _, primitive in self._triangles(mesh))
+        return sum(self._face_count(primitive) for mesh, _ in self._placed for _, primitive in self._triangles(mesh))
+
+    @property
+    def lost(self) -> list[str]:
+        """What of its geometry is not rendered."""
+        primitives = [each for mesh, _ in self._placed for each in self.header.meshes[mesh].primitives]
+        found = {
+            "points, lines and triangle fans": any(each.mode not in _TRIANGLES for each in primitives),
+            "morph targets": any("targets" in (each.model_extra or {}) for each in primitives),
+            "skins": any("skin" in (each.model_extra or {}) for each in self.header.nodes),
+        }
+        return [name for name, has in found.items() if has]
 
     def parts(self) -> list[Part]:
         """All placed primitives of triangles."""
         loaded = self._geometry()
         found = []
-        for mesh, pose in self._placed():
+        for mesh, pose in self._placed:
             for name, primitive in self._triangles(mesh):
                 if name not in loaded:
                     continue
                 made, color = loaded[name], loaded[name].visual.vertex_attributes.get("color")
-                colors = None if color is None else _unit_range(np.asarray(color))
+                colors = None if color is None else _rgba(np.asarray(color))
                 found.append(Part(made, pose, primitive.material, "NORMAL" in primitive.attributes, colors))
         return found
 
@@ -159,12 +175,9 @@ class Gltf:
         """The encoded bytes of an image."""
         image = self.header.images[index]
         if image.bufferView is None:
-            return self._uri(image.uri or "")
+            return read_uri(image.uri or "", self.open_file)
         view = self.header.bufferViews[image.bufferView]
         return self.buffers[view.buffer][view.byteOffset : view.byteOffset + view.byteLength]
-
-    def _uri(self, uri: str) -> bytes:
-        return read_uri(uri, self.open_file)
 
     def _triangles(self, mesh: int) -> Iterator[tuple[str, _Primitive]]:
         for i, primitive in enumerate(self.header.meshes[mesh].primitives):
@@ -176,6 +189,7 @@ class Gltf:
         count = self.header.accessors[accessor].count
         return count // 3 if primitive.mode == 4 else max(count - 2, 0)
 
+    @cached_property
     def _placed(self) -> list[tuple[int, Float]]:
         """(mesh, pose in the file) of every node that has a mesh; all meshes once in a file without a scene."""
         header = self.header
@@ -208,7 +222,7 @@ class Gltf:
         if size > _MOST_BYTES:
             raise FileError(f"{self.path}: accessors of {size >> 20} MiB are more than {_MOST_BYTES >> 20} MiB")
         meshes = []
-        for index in sorted({mesh for mesh, _ in self._placed()}):
+        for index in sorted({mesh for mesh, _ in self._placed}):
             for name, primitive in self._triangles(index):
                 given = {**primitive.attributes, "TEXCOORD_0": self._coordinates(primitive)}
                 kept = {key: given[key] for key in _ATTRIBUTES if given.get(key) is not None}
@@ -236,6 +250,8 @@ class Gltf:
             if accessor.type not in _ATTRIBUTES[key] or accessor.count != accessors["POSITION"].count:
                 allowed = f"{' or '.join(_ATTRIBUTES[key])}, one for each position"
                 raise FileError(f"{self.path}: {mesh}: {key} must be {allowed}")
+            if "sparse" in (accessor.model_extra or {}):
+                raise FileError(f"{self.path}: {mesh}: {key} is sparse, which twinlens cannot read; export without it")
 
     def _coordinates(self, primitive: _Primitive) -> int | None:
         """The accessor of the texture coordinates that the material uses."""
@@ -246,10 +262,12 @@ class Gltf:
         return accessor
 
 
-def _unit_range(values: Any) -> Float:
-    """Vertex colours (V, 3) in [0, 1], of floats or normalized integers."""
+def _rgba(values: Any) -> Float | None:
+    """Colours (V, 4) in [0, 1] of floats or normalized integers (V, 3 or 4); None if all are 1."""
     scale = 1.0 if values.dtype.kind == "f" else float(np.iinfo(values.dtype).max)
-    return np.asarray(np.clip(values[:, :3] / scale, 0.0, 1.0), dtype=np.float64)
+    rgba = np.ones((len(values), 4))
+    rgba[:, : values.shape[1]] = np.clip(values / scale, 0.0, 1.0)
+    return None if (rgba == 1).all() else rgba
 
 
 def read_uri(uri: str, open_file: Callable[[str], bytes]) -> bytes:
@@ -262,11 +280,22 @@ def read_uri(uri: str, open_file: Callable[[str], bytes]) -> bytes:
     return base64.b64decode(data, validate=True)
 
 
+def read_header(path: Path) -> tuple[Header, bytes | None]:
+    """The header of a .glb or .gltf file, and the binary part of a .glb file. Raises FileError."""
+    data = read_limited(path, LARGEST_MESH_FILE)
+    text, binary = _chunks(path, data) if path.suffix.lower() == ".glb" else (data, None)
+    return read(Header, json.loads(text), path), binary
+
+
+def named_by(header: Header) -> list[str]:
+    """The names of files in a header."""
+    uris = [*(each.uri for each in header.buffers), *(each.uri for each in header.images)]
+    return [unquote(uri) for uri in uris if uri and not uri.startswith("data:")]
+
+
 def open_gltf(path: Path, open_file: Callable[[str], bytes]) -> Gltf:
     """The checked header and the buffers of a .glb or .gltf file. Raises FileError."""
-    data = path.read_bytes()
-    text, binary = _chunks(path, data) if path.suffix.lower() == ".glb" else (data, None)
-    header = read(Header, json.loads(text), path)
+    header, binary = read_header(path)
     if unknown := sorted(set(header.extensionsRequired) - EXTENSIONS):
         raise FileError(f"{path}: requires {', '.join(unknown)}, which twinlens cannot read; export without it")
     buffers = []

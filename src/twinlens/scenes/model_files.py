@@ -16,6 +16,7 @@ import numpy as np
 from twinlens.errors import FileError, InputError
 from twinlens.scenes import shapes
 from twinlens.scenes.assets import (
+    LARGEST_MESH_FILE,
     SceneContext,
     check_face_count,
     check_faces,
@@ -23,14 +24,13 @@ from twinlens.scenes.assets import (
     read_limited,
     reading,
 )
-from twinlens.scenes.gltf import Gltf, Part, open_gltf
+from twinlens.scenes.gltf import Gltf, Part, named_by, open_gltf, read_header
 from twinlens.scenes.mtl import read_mtl
 from twinlens.scenes.pbr import PbrMaterial, Texture, Textures, plugin_of
 from twinlens.scenes.scene import Mesh, Plugin
 
 GLTF_FILES = (".glb", ".gltf")
 WITH_MATERIALS = (*GLTF_FILES, ".obj")
-_LARGEST_NAMED = 1 << 30  # bytes of a file that a mesh file names
 
 
 class MaterialWarning(UserWarning):
@@ -67,9 +67,12 @@ def read_model(
             if not with_materials:
                 meshes.append(replace(mesh, attributes={}))
                 continue
-            key = part.material, part.colors is not None
             material = PbrMaterial() if part.material is None else materials[part.material]
-            colors = None if part.colors is None else mesh.attributes["color"]
+            colors = mesh.attributes.get("color")
+            if colors is not None and material.pbrMetallicRoughness.baseColorTexture is not None:
+                textures.lost.append("vertex colours multiplied with a texture")
+                mesh, colors = replace(mesh, attributes={}), None
+            key = part.material, colors is not None
             if key not in used or colors is not None:
                 plugin, attributes = plugin_of(material, textures, colors)
                 mesh = replace(mesh, attributes=attributes)
@@ -84,28 +87,31 @@ def read_model(
 
 
 def _opener(path: Path, context: SceneContext) -> Callable[[str], bytes]:
-    """A function from the name of a file, as the mesh file has it, to its content."""
-    below = path.parent.resolve().relative_to(context.folder.resolve())
+    """A function from the name of a file, as the mesh file has it, to its content; the size of all is limited."""
+    left = LARGEST_MESH_FILE
 
     def open_file(name: str) -> bytes:
-        return read_limited(find_asset((below / name).as_posix() if name else "", context), _LARGEST_NAMED)
+        nonlocal left
+        data = read_limited(_find(name, path, context), left)
+        left -= len(data)
+        return data
 
     return open_file
+
+
+def _find(name: str, path: Path, context: SceneContext) -> Path:
+    below = path.parent.resolve().relative_to(context.folder.resolve())
+    return find_asset((below / name).as_posix() if name else "", context)
 
 
 def named_files(path: Path) -> list[Path]:
     """The files in its folder that a .glb, .gltf or .obj file names; not all of them if it is damaged."""
     context = SceneContext(path.parent)
-    open_file = _opener(path, context)
     with contextlib.suppress(InputError), reading(path, "mesh"):
-        if path.suffix.lower() in GLTF_FILES:
-            file = open_gltf(path, open_file)
-            for index, image in enumerate(file.header.images):
-                if image.bufferView is None:
-                    file.picture(index)
-        else:
-            for name in _obj_materials(path, open_file)[2]:
-                open_file(name)
+        is_gltf = path.suffix.lower() in GLTF_FILES
+        names = named_by(read_header(path)[0]) if is_gltf else _obj_materials(path, _opener(path, context))[2]
+        for name in names:
+            _find(name, path, context)
     return list(dict.fromkeys(context.files))
 
 
@@ -122,7 +128,8 @@ Opened = tuple[list[Part], list[PbrMaterial], Textures]
 
 def _open_gltf(path: Path, open_file: Callable[[str], bytes]) -> Opened:
     file = open_gltf(path, open_file)
-    return file_parts(file), file.header.materials, Textures(file.header.textures, file.header.samplers, file.picture)
+    textures = Textures(file.header.textures, file.header.samplers, file.picture, file.lost)
+    return file_parts(file), file.header.materials, textures
 
 
 def file_parts(file: Gltf) -> list[Part]:
@@ -170,7 +177,7 @@ def _obj_materials(
     path: Path, open_file: Callable[[str], bytes]
 ) -> tuple[list[str], list[PbrMaterial], list[str], list[str]]:
     """The lines of an OBJ file, its materials, the names of their pictures, and what is not rendered."""
-    lines = path.read_bytes().decode("utf-8", "replace").splitlines()
+    lines = read_limited(path, LARGEST_MESH_FILE).decode("utf-8", "replace").splitlines()
     libraries = [line[7:].strip() for line in lines if line.startswith("mtllib ") and line[7:].strip()]
     if not libraries:
         raise FileError(f"{path}: names no material file; give the object a 'material'")

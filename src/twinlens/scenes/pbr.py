@@ -1,9 +1,12 @@
 """Materials of glTF 2.0 as Mitsuba plugins.
 
 glTF's surface is a mix of a diffuse lobe below a dielectric and of a metal, both with GGX facets of alpha = roughness^2
-and Schlick's reflectance. Mitsuba's `principled` has the same facets and, for metals, the same reflectance, but another
-diffuse lobe and Fresnel's equations for dielectrics. So a surface becomes a `blendbsdf` of a `diffuse` and of a
-metallic `principled` whose colour is the reflectance at normal incidence. Source: glTF 2.0, appendix B.
+and Schlick's reflectance F + (1 - F) s, s = (1 - cos)^5. Mitsuba's `principled` has the same facets, but one colour for
+its diffuse lobe and its metal, and Fresnel's equations for dielectrics, which differ from Schlick by a quarter at 60
+degrees. So a surface becomes a `blendbsdf` of two: a metal, whose colour is F / weight, and a dielectric of no
+reflectance at normal incidence with the full `spec_tint`, which has a diffuse lobe and facets of reflectance s. The sum
+of their facets is Schlick's reflectance for every weight. The diffuse lobe of `principled` is too bright at grazing
+angles if it is rough; there, more and more of it is Lambert's. Source: glTF 2.0, appendix B.
 """
 
 # ruff: noqa: N815 (keys are spelt as in glTF)
@@ -25,11 +28,11 @@ from twinlens.scenes.scene import Bitmap, Color, Plugin
 from twinlens.schema import Fraction, NonNegative, exactly
 
 Pixels = NDArray[np.float32]
-_MOST_DIFFUSE = 2.5
-"""Reflectance of the `diffuse` in the blend, whose weight is small for dark colours.
-
-`blendbsdf` samples by weight, and glTF's reflectance of 1 at grazing angles needs a large weight of the facets.
-"""
+Stored = NDArray[np.uint8] | NDArray[np.uint16]
+_LAMBERT_FROM = 0.6  # roughness from which a part of the diffuse light is Lambert's; all of it is at roughness 1
+_LAMBERT_MOST = 2.5
+"""Largest reflectance of Lambert's lobe, whose weight is smaller for it. A small weight has more noise, as `blendbsdf`
+samples by weight; a large one leaves less for the facets, whose reflectance is 1 at grazing angles."""
 
 _COAT_F0 = 0.04
 _ROUGHEST_COAT = 0.1  # alpha
@@ -207,10 +210,17 @@ class Textures:
     samplers: list[Sampler]
     picture: Callable[[int], bytes]
     lost: list[str] = field(default_factory=list)
-    _decoded: dict[int, Pixels] = field(default_factory=dict)
+    _decoded: dict[int, Stored] = field(default_factory=dict)
 
-    def read(self, info: TextureInfo, coordinate_set: int, srgb: bool = False) -> tuple[Pixels, _Frame] | None:
-        """The texels (H, W, 4) in [0, 1], linear where stored as `srgb`, and how they lie; None if not rendered."""
+    def read(
+        self, info: TextureInfo | None, coordinate_set: int, channels: slice, srgb: bool = False
+    ) -> tuple[Pixels, _Frame] | None:
+        """Channels of the texels (H, W, C) in [0, 1], and how they lie; None if there is nothing to render.
+
+        With `srgb`, the first three channels are made linear.
+        """
+        if info is None:
+            return None
         texture = self.textures[info.index]
         if texture.source is None:
             self.lost.append(f"textures[{info.index}] without a .png or .jpg picture")
@@ -222,9 +232,12 @@ class Textures:
             check_picture_size(
                 f"images[{texture.source}]", 1, sum(each[..., 0].size for each in self._decoded.values())
             )
-        pixels = self._decoded[texture.source]
-        if srgb:
-            pixels = np.concatenate([linear_from_srgb(pixels[..., :3]), pixels[..., 3:]], axis=-1)
+        stored = self._decoded[texture.source][..., channels]
+        most = np.iinfo(stored.dtype).max
+        pixels: Pixels = np.divide(stored, most, dtype=np.float32)
+        linear = linear_from_srgb(np.linspace(0, 1, most + 1))
+        for channel in range(3 if srgb else 0):  # one by one: NumPy converts indices to 8 bytes each
+            pixels[..., channel] = linear[stored[..., channel]]
         sampler = Sampler() if texture.sampler is None else self.samplers[texture.sampler]
         if sampler.wrapS != sampler.wrapT:
             self.lost.append("different wrapping along u and v")
@@ -233,8 +246,8 @@ class Textures:
         return pixels, _Frame(matrix, wrap, "nearest" if sampler.magFilter == _NEAREST else "bilinear")
 
 
-def _decoded(data: bytes, index: int) -> Pixels:
-    """A .png or .jpg picture as stored values (H, W, 4) in [0, 1], whatever its suffix and media type."""
+def _decoded(data: bytes, index: int) -> Stored:
+    """A .png or .jpg picture as stored values (H, W, 4), whatever its suffix and media type."""
     from PIL import Image as Pillow
 
     kind = next((name for magic, name in _FORMATS.items() if data.startswith(magic)), None)
@@ -243,9 +256,9 @@ def _decoded(data: bytes, index: int) -> Pixels:
     with Pillow.open(BytesIO(data), formats=[kind]) as image:
         check_picture_size(f"images[{index}]", image.width, image.height)
         if image.mode.startswith("I"):
-            grey = np.asarray(image, dtype=np.float32) / np.float32(65535)
-            return np.stack([grey, grey, grey, np.ones_like(grey)], axis=-1)
-        return np.asarray(image.convert("RGBA"), dtype=np.float32) / np.float32(255)
+            grey = np.asarray(image).astype(np.uint16)
+            return np.stack([grey, grey, grey, np.full_like(grey, 65535)], axis=-1)
+        return np.asarray(image.convert("RGBA"))
 
 
 class _Maps:
@@ -264,10 +277,7 @@ class _Maps:
         rough = self.material.pbrMetallicRoughness
         if self.colors is None:
             return self.shared(rough.baseColorTexture, rough.baseColorFactor, slice(0, 4), srgb=True)
-        if rough.baseColorTexture is not None:
-            self.textures.lost.append("a texture multiplied with vertex colours")
-        color = np.column_stack([self.colors, np.ones(len(self.colors))]) * rough.baseColorFactor
-        return np.asarray(color[None], dtype=np.float32)
+        return np.asarray(self.colors[None] * rough.baseColorFactor, dtype=np.float32)
 
     def shared(self, info: TextureInfo | None, factor: Any, channels: slice, srgb: bool = False) -> Pixels:
         """`factor` times the texture's `channels`, (H, W, C), or (1, 1, C) without a texture.
@@ -275,10 +285,10 @@ class _Maps:
         Values that are computed together need one frame. A texture with another one is replaced by its mean.
         """
         scale: Pixels = np.asarray(factor, dtype=np.float32).reshape(1, 1, -1)
-        found = None if info is None else self.textures.read(info, self.material.coordinate_set, srgb)
+        found = self.textures.read(info, self.material.coordinate_set, channels, srgb)
         if found is None:
             return scale
-        pixels, frame = found[0][..., channels], found[1]
+        pixels, frame = found
         if self.colors is not None or not (self.frame is None or frame.agrees(self.frame)):
             self.textures.lost.append("textures of one material placed in different ways")
             pixels = pixels.mean(axis=(0, 1), keepdims=True)
@@ -288,8 +298,8 @@ class _Maps:
 
     def own(self, info: TextureInfo | None, factor: float, channel: int) -> float | Bitmap:
         """`factor`, or `factor` times a channel of a texture, in the texture's own frame."""
-        found = None if info is None else self.textures.read(info, self.material.coordinate_set)
-        return factor if found is None else found[1].bitmap(np.float32(factor) * found[0][..., channel])
+        found = self.textures.read(info, self.material.coordinate_set, slice(channel, channel + 1))
+        return factor if found is None else found[1].bitmap(np.float32(factor) * found[0][..., 0])
 
     def value(self, name: str, pixels: Pixels) -> Any:
         """A Mitsuba value of (H, W, C): a number or a colour if it is uniform, else a mesh attribute or a Bitmap."""
@@ -320,42 +330,54 @@ def _fitted(*maps: Pixels) -> list[Pixels]:
 
 @dataclass(frozen=True, eq=False)
 class Lobes:
-    """A surface as the blend (1 - weight) diffuse + weight * facets; arrays (H, W, C).
+    """A surface as the blend (1 - weight) lower + weight * facets; arrays (H, W, C).
 
-    `facets` are the reflectances at normal incidence, `schlick` the share of the facets that follows Schlick.
+    The lower part has the colour `diffuse`, by Lambert's law for the share `lambert`. `facets` are the reflectances at
+    normal incidence, `schlick` the share of the facets that follows Schlick.
     """
 
     diffuse: Pixels
+    lambert: Pixels
     weight: Pixels
     facets: Pixels
     schlick: Pixels
 
 
-def lobes(color: Pixels, metallic: Pixels, dielectric: Pixels, grazing: Pixels, coat: Pixels) -> Lobes:
-    """The lobes of base colour, metalness, a dielectric's reflectance at normal and grazing incidence, and clear coat.
+def lobes(
+    color: Pixels, metallic: Pixels, roughness: Pixels, dielectric: Pixels, grazing: Pixels, coat: Pixels
+) -> Lobes:
+    """The lobes of base colour, metalness, roughness, a dielectric's reflectance at normal and grazing incidence, coat.
 
     Source: glTF 2.0, B.3.5; KHR_materials_specular, KHR_materials_clearcoat. Of the diffuse light, 1 - F0 leaves the
     dielectric: the mean of glTF's 1 - F over directions differs from it by less than 0.02.
     """
-    color, metallic, dielectric, grazing, coat = _fitted(color, metallic, dielectric, grazing, coat)
+    color, metallic, roughness, dielectric, grazing, coat = _fitted(
+        color, metallic, roughness, dielectric, grazing, coat
+    )
     below = 1 - _COAT_F0 * coat
     at_normal = below * ((1 - metallic) * dielectric + metallic * color)
     at_grazing = (1 - metallic) * grazing + metallic
     diffuse = below * (1 - metallic) * (1 - dielectric.max(axis=-1, keepdims=True)) * color
-    share = diffuse.max(axis=-1, keepdims=True) / _MOST_DIFFUSE
-    weight = np.minimum(1 - share, np.where(at_grazing + coat > 0, 1, 0)).astype(np.float32)
+    lambert = np.clip((roughness - _LAMBERT_FROM) / (1 - _LAMBERT_FROM), 0, 1)
+    lambert = np.where(at_grazing + coat > 0, lambert, 1)
+    # Disney's lobe reflects 0.976 + 0.06 roughness at normal incidence.
+    unit = (1 - lambert) * (0.976 + 0.06 * roughness) + lambert
+    share = diffuse.max(axis=-1, keepdims=True) / unit / (1 + (_LAMBERT_MOST - 1) * lambert)
     with np.errstate(divide="ignore", invalid="ignore"):
-        schlick = np.where(weight > 0, np.minimum(at_grazing / weight, 1), 1)
+        least = np.where(at_grazing > 0, at_normal.max(axis=-1, keepdims=True) / at_grazing, 0)
+        weight = np.where(at_grazing + coat > 0, np.clip(1 - share, least, 1), 0).astype(np.float32)
+        schlick = np.minimum(at_grazing / (weight + (1 - weight) * (1 - lambert)), 1)
+        schlick = np.where(at_grazing > 0, schlick, 0)
         facets = np.where(weight * schlick > 0, np.clip(at_normal / (weight * schlick), 0, 1), 0)
-        rest = diffuse - weight * (1 - schlick) * facets  # `principled` adds a diffuse lobe where schlick < 1
-        diffuse = np.where(weight < 1, np.maximum(rest, 0) / (1 - weight), 0)
-    return Lobes(*(np.asarray(each, dtype=np.float32) for each in (diffuse, weight, facets, schlick)))
+        rest = diffuse - weight * (1 - schlick) * facets  # a metal has a diffuse lobe where schlick < 1
+        diffuse = np.where(weight < 1, np.maximum(rest, 0) / ((1 - weight) * unit), 0)
+    return Lobes(*(np.asarray(each, dtype=np.float32) for each in (diffuse, lambert, weight, facets, schlick)))
 
 
 def plugin_of(
     material: PbrMaterial, textures: Textures, colors: Float | None = None
 ) -> tuple[Plugin, dict[str, Float]]:
-    """The Mitsuba plugin of a material, and the attributes (V, C) of vertices that have `colors` (V, 3).
+    """The Mitsuba plugin of a material, and the attributes (V, C) of vertices that have `colors` (V, 4).
 
     The plugin's key `emitter` is the light of surfaces that have the material. What cannot be mapped is added to
     `textures.lost`.
@@ -379,37 +401,43 @@ def plugin_of(
 def _opaque(material: PbrMaterial, maps: _Maps, color: Pixels) -> tuple[Plugin, Pixels]:
     """The plugin of the reflecting surface, and the metalness (H, W, 1)."""
     rough, coat = material.pbrMetallicRoughness, material.extensions.KHR_materials_clearcoat
-    metallic = maps.shared(rough.metallicRoughnessTexture, rough.metallicFactor, slice(2, 3))
+    factors = [rough.roughnessFactor, rough.metallicFactor]
+    roughness, metallic = np.split(maps.shared(rough.metallicRoughnessTexture, factors, slice(1, 3)), 2, axis=-1)
     coated = maps.shared(coat.clearcoatTexture, coat.clearcoatFactor, slice(0, 1))
-    found = lobes(color, metallic, *_dielectric(material, maps), coated)
-    diffuse: Plugin = {"type": "diffuse", "reflectance": maps.value("diffuse", found.diffuse)}
-    if not found.weight.any():
-        return diffuse, metallic
+    found = lobes(color, metallic, roughness, *_dielectric(material, maps), coated)
     facets = {
         "type": "principled",
-        "base_color": maps.value("facets", found.facets),
-        "metallic": maps.value("schlick", found.schlick),
         "roughness": maps.own(rough.metallicRoughnessTexture, rough.roughnessFactor, 1),
-        "eta": 1.01,  # almost no Fresnel reflectance where schlick < 1; 1 would switch the facets off
+        "eta": 1.01,  # almost no Fresnel reflectance; 1 would switch the facets off
+        **(_coat(coat, maps, coated, found) if coated.any() else {}),
     }
-    if coated.any():
-        facets |= _coat(coat, maps, coated, found.weight)
-    if (found.weight == 1).all():
-        return facets, metallic
-    weight = maps.value("weight", found.weight)
-    return {"type": "blendbsdf", "weight": weight, "bsdf_0": diffuse, "bsdf_1": facets}, metallic
+    diffuse, schlick = maps.value("diffuse", found.diffuse), maps.value("schlick", found.schlick)
+    lower = _blend(
+        maps.value("lambert", found.lambert),
+        {**facets, "base_color": diffuse, "spec_tint": schlick},
+        {"type": "diffuse", "reflectance": diffuse},
+    )
+    metal = {**facets, "base_color": maps.value("facets", found.facets), "metallic": schlick}
+    return _blend(maps.value("weight", found.weight), lower, metal), metallic
 
 
-def _coat(coat: _Clearcoat, maps: _Maps, coated: Pixels, weight: Pixels) -> dict[str, Any]:
+def _blend(weight: Any, first: Plugin, second: Plugin) -> Plugin:
+    if weight in (0.0, 1.0):
+        return second if weight else first
+    return {"type": "blendbsdf", "weight": weight, "bsdf_0": first, "bsdf_1": second}
+
+
+def _coat(coat: _Clearcoat, maps: _Maps, coated: Pixels, found: Lobes) -> dict[str, Any]:
     """Keys of `principled`, whose clear coat has a quarter of glTF's strength and alpha from 0.1 to 0.001."""
     if coat.clearcoatRoughnessTexture is not None or coat.clearcoatNormalTexture is not None:
         maps.textures.lost.append("textures of the clear coat's roughness and normals")
     alpha = coat.clearcoatRoughnessFactor**2
     if alpha > _ROUGHEST_COAT:
         maps.textures.lost.append(f"a clear coat rougher than {math.sqrt(_ROUGHEST_COAT):.2f}")
-    coated, weight = _fitted(coated, weight)
+    coated, weight, lambert = _fitted(coated, found.weight, found.lambert)
     gloss = float(np.clip((_ROUGHEST_COAT - alpha) / (_ROUGHEST_COAT - 0.001), 0, 1))
-    return {"clearcoat": maps.value("coat", 4 * coated / weight), "clearcoat_gloss": gloss}
+    strength = np.asarray(4 * coated / (weight + (1 - weight) * (1 - lambert)), dtype=np.float32)
+    return {"clearcoat": maps.value("coat", strength), "clearcoat_gloss": gloss}
 
 
 def _dielectric(material: PbrMaterial, maps: _Maps) -> tuple[Pixels, Pixels]:
@@ -442,18 +470,15 @@ def _transmissive(material: PbrMaterial, maps: _Maps, color: Pixels, metallic: P
     else:
         pane = {"type": "dielectric", **keys}
     amount, metallic = _fitted(amount, metallic)
-    weight = amount * (1 - metallic)
-    if (weight == 1).all():
-        return pane
-    return {"type": "blendbsdf", "weight": maps.value("transmission", weight), "bsdf_0": opaque, "bsdf_1": pane}
+    return _blend(maps.value("transmission", amount * (1 - metallic)), opaque, pane)
 
 
 def _normal_mapped(info: TextureInfo, maps: _Maps, plugin: Plugin) -> Plugin:
     """`plugin` under a normal map. Its green axis points to the top of the picture, as Mitsuba's does."""
-    found = maps.textures.read(info, maps.material.coordinate_set)
+    found = maps.textures.read(info, maps.material.coordinate_set, slice(0, 3))
     if found is None:
         return plugin
-    normal = (2 * found[0][..., :3] - 1) * np.array([info.scale, info.scale, 1], dtype=np.float32)
+    normal = (2 * found[0] - 1) * np.array([info.scale, info.scale, 1], dtype=np.float32)
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
     return {"type": "normalmap", "normalmap": found[1].bitmap((normal + 1) / 2), "bsdf": plugin}
 
@@ -464,9 +489,6 @@ def _emission(material: PbrMaterial, maps: _Maps) -> Plugin:
     rgb = factor * np.asarray(material.emissiveFactor, dtype=np.float32).reshape(1, 1, 3)
     if not rgb.any():
         return {}
-    info = material.emissiveTexture
-    found = None if info is None else maps.textures.read(info, material.coordinate_set, srgb=True)
-    radiance = (
-        Color(tuple(rgb[0, 0].astype(float).tolist())) if found is None else found[1].bitmap(rgb * found[0][..., :3])
-    )
+    found = maps.textures.read(material.emissiveTexture, material.coordinate_set, slice(0, 3), srgb=True)
+    radiance = Color(tuple(rgb[0, 0].astype(float).tolist())) if found is None else found[1].bitmap(rgb * found[0])
     return {"emitter": {"type": "area", "radiance": radiance}}
