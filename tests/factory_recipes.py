@@ -7,6 +7,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from twinlens.dataset.codecs.exr import encode_exr
+
 PATIENCE_S = 300
 
 SCENE = """
@@ -82,6 +86,12 @@ def write_recipe(folder: Path, text: str = RECIPE, count: int = 4) -> Path:
     path = folder / "recipe.toml"
     path.write_text(text.format(count=count))
     return path
+
+
+def write_sky(path: Path, pixels: Any) -> None:
+    """A panorama (H, W, 3) as an .exr file."""
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(encode_exr({name: pixels[..., c].astype(np.float32) for c, name in enumerate("RGB")}))
 
 
 def digests(folder: Path) -> dict[str, str]:

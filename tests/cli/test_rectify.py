@@ -1,8 +1,11 @@
 import json
 
+import numpy as np
 import pytest
 
-from twinlens.dataset import Dataset
+from tests.factory_recipes import write_recipe, write_sky
+from twinlens.dataset import Dataset, write_sample
+from twinlens.factory import make, read_recipe
 
 QUICK = ("--size", "48x36", "--spp", "1", "--no-denoise")
 
@@ -59,3 +62,42 @@ def test_a_pair_without_a_rectification_is_refused_in_a_line(twinlens, tmp_path,
         assert says in err
         assert err.count("\n") == 1
     assert not list(tmp_path.glob("no*"))
+
+
+OWN = """
+seed = 2
+count = 1
+scenes = ["tiny"]
+width = 32
+height = 24
+spp = 1
+denoise = false
+[gates]
+texture = 0
+[sky]
+file = "day.exr"
+[rig]
+layout = "toed_in"
+baseline = 0.2
+[scene.objects.ball]
+shape = "uv_sphere"
+radius = 0.2
+material = {{ type = "diffuse" }}
+translate = [{{ uniform = [-0.2, 0.2] }}, -0.6, 1]
+"""
+
+
+@pytest.mark.parametrize("pictures", ["maps", "render"])
+def test_a_sample_with_the_objects_and_the_sky_of_a_recipe(twinlens, tmp_path, pictures):
+    """Warped pictures need no sky; new ones need its file in the folder of the recipe."""
+    recipe = write_recipe(tmp_path / "recipe", OWN)
+    write_sky(recipe.parent / "day.exr", np.full((4, 8, 3), 1.5))
+    write_sample(tmp_path / "own", make(read_recipe(recipe), 0))
+    scene = recipe.parent / "tiny" / "scene.toml"
+    line = ("rectify", tmp_path / "own", "--scene", scene, "--pictures", pictures, "-o", tmp_path / "new")
+    code, _, err = twinlens(*line, "--folder", recipe.parent)
+    assert (code, err) == (0, "")
+    assert "ball" in Dataset(tmp_path / "new")[0].truth(0).object_names
+    if pictures == "render":
+        code, _, err = twinlens(*line, "--overwrite")
+        assert (code, err) == (2, "twinlens: sample.json: record.sky: no file or folder 'day.exr'\n")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.cli.conftest import BALL
+from tests.factory_recipes import write_sky
 from tests.scenes.gltf_files import square, with_extensions, write
 from twinlens.camera import BareAperture, BrownConrady, MaskAperture, ThinLens
 from twinlens.dataset import Dataset, Manifest, Row, place, read_manifest, write_manifest, write_png
@@ -237,3 +238,37 @@ def test_what_a_file_has_that_is_not_rendered_is_one_line(twinlens, tmp_path):
     code, _, err = twinlens("render", tmp_path / "own.toml", *QUICK, "-o", tmp_path / "out")
     assert code == 0
     assert err == f"twinlens: warning: {tmp_path / 'm.glb'}: not rendered: KHR_materials_sheen\n"
+
+
+def test_a_camera_that_exists_under_a_sky(twinlens, ball, tmp_path):
+    """Its size unless another is given, its baseline, and the picture's light; the record makes the sample again."""
+    write_sky(tmp_path / "day" / "white.exr", np.full((4, 8, 3), 2.0))
+    options = ("--camera", "oak-d", "--size", "64x40", "--spp", "1", "--no-denoise", "--sensor-width-mm", "7.68")
+    code, _, err = twinlens(
+        "render", ball, *options, "--sky", tmp_path / "day" / "white.exr", "--radiance", "-o", tmp_path / "out"
+    )
+    assert (code, err) == (0, "")
+    stored = Dataset(tmp_path / "out")["ball"]
+    camera = stored.rig.cameras[1]
+    assert (camera.width, camera.height, camera.pixel_pitch_um) == (64, 40, pytest.approx(120.0))
+    assert camera.fx == pytest.approx(64 * 2.35 / 7.68)
+    assert stored.rig.baseline() == pytest.approx(0.075)
+    assert stored.record["record"]["sky"]["file"] == "white.exr"
+    assert stored.lens(0).radiance(0).max() == pytest.approx(2.0, rel=1e-3)
+    again = remake(stored.record, load_scene(ball), folder=tmp_path / "day")
+    assert np.array_equal(again.shots[0].images[1], stored.lens(0).image(1))
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        (("--camera", "oak"), "--camera oak: unknown camera 'oak'; did you mean 'oak-d'?"),
+        (("--camera", "oak", "--size", "64x40"), "--camera: unknown camera 'oak'; did you mean 'oak-d'?"),
+        (("--camera", "oak-d", "--size", "64x48"), "--camera: height: the sensor has 40 rows at a width of 64, got 48"),
+        (("--sky", "none.exr"), "--sky: no file or folder 'none.exr'"),
+    ],
+)
+def test_cameras_and_skies_that_are_refused(twinlens, ball, tmp_path, line, message):
+    code, _, err = twinlens("render", ball, *line, "-o", tmp_path / "out")
+    assert (code, err.count("\n")) == (2, 1)
+    assert err.startswith(f"twinlens: {message}")

@@ -230,7 +230,7 @@ def bodies_of(folder, share):
         ({"block": {"within": [[0, 1], [0, 1]]}}, "scene.objects.block: 'within' needs 'resting_on'"),
         ({"block": {"count": {"uniform": [1, 3]}}}, "scene.objects.block.count: must be a whole number"),
         ({"block": {"scale": {"uniform": [0, 1]}}}, "scene.objects.block.scale: must be > 0, got 0"),
-        ({"p": {**PARTS, "folder": "none"}}, "scene.objects.p: folder: no folder 'none'"),
+        ({"p": {**PARTS, "folder": "none"}}, "scene.objects.p: folder: no file or folder 'none'"),
         ({"p": {**PARTS, "file": "parts/box.ply"}}, "scene.objects.p: 'file' and 'folder' exclude each other"),
         ({"p": {"file": "../x.ply", "material": "red"}}, "scene.objects.p.file: '../x.ply' leads outside"),
         ({"p": {**PARTS, "material": {"type": "dffuse"}}}, "scene.objects.p.material.type: must be one of"),

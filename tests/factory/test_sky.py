@@ -8,9 +8,8 @@ import pytest
 
 import twinlens as tl
 from tests.dataset import dataset_scene
-from tests.factory_recipes import write_recipe
+from tests.factory_recipes import write_recipe, write_sky
 from twinlens.dataset import About, Manifest, Row, describe, write_manifest, write_sample
-from twinlens.dataset.codecs.exr import encode_exr
 from twinlens.dataset.sample import sample_files
 from twinlens.errors import FileError, InputError
 from twinlens.factory import generate, make, read_recipe, remake
@@ -41,11 +40,6 @@ url = "https://example.org/sky"
 attempts = 1
 texture = 0
 """
-
-
-def write_sky(path, pixels):
-    path.parent.mkdir(exist_ok=True)
-    path.write_bytes(encode_exr({name: np.asarray(pixels[..., c], np.float32) for c, name in enumerate("RGB")}))
 
 
 @pytest.fixture
@@ -106,12 +100,15 @@ def test_a_sample_is_made_again_only_under_its_own_sky(recipe):
     sample = make(read_recipe(recipe), 0)
     stored = json.loads(sample_files(sample)["sample.json"])
     scene = load_scene(recipe.parent / "tiny")
-    with pytest.raises(InputError, match="lit by another sky"):
-        remake(stored, scene)
     sky = sample.record["sky"]
     lit = scene.lit_by(Sky(np.full((4, 8, 3), 0.5, np.float32), sky["turn_deg"], sky["scale"], record=sky))
-    again = remake(stored, lit)
-    assert np.array_equal(again.shots[0].images[0], sample.shots[0].images[0])
+    for again in (remake(stored, lit), remake(stored, scene, folder=recipe.parent)):
+        assert np.array_equal(again.shots[0].images[0], sample.shots[0].images[0])
+    with pytest.raises(InputError, match=r"sample\.json: record\.sky: no file or folder 'skies/day\.exr'"):
+        remake(stored, scene, folder=recipe.parent / "tiny")
+    write_sky(recipe.parent / "skies" / "day.exr", np.full((4, 8, 3), 0.4))
+    with pytest.raises(InputError, match="lit by another sky"):
+        remake(stored, scene, folder=recipe.parent)
 
 
 @pytest.mark.parametrize(("old", "new", "message"), [

@@ -90,7 +90,7 @@ def test_with_only_broken_files_scenes_use_built_in_bodies(folder):
 
 
 def test_a_missing_or_empty_folder_is_an_error(tmp_path):
-    with pytest.raises(InputError, match="no folder"):
+    with pytest.raises(InputError, match="no file or folder"):
         Assets.from_folders(meshes=[tmp_path / "nowhere"])
     with pytest.raises(InputError, match=r"contains no \.glb"):
         Assets.from_folders(meshes=[tmp_path])

@@ -151,3 +151,14 @@ def test_a_mitsuba_file_is_lit_by_a_sky_in_place_of_its_own(tmp_path):
     rig = tl.Rig([tl.Camera.from_fov(8, 8, 20)], [scene.world_from_left])
     assert tl.render(scene, rig, spp=64)[0].mean() == pytest.approx(0.5 * 0.4, rel=0.01)
     assert np.allclose(tl.ground_truth(scene, rig)[0].depth, 2.0)
+
+
+def test_a_mitsuba_file_with_instances_cannot_have_a_sky(tmp_path):
+    group = '<shape type="shapegroup" id="g"><shape type="sphere"/></shape><shape type="instance"><ref id="g"/></shape>'
+    (tmp_path / "scene.xml").write_text(XML.replace("</scene>", f"{group}</scene>"))
+    scene = tl.load_scene(tmp_path / "scene.xml")
+    rig = tl.Rig([tl.Camera.from_fov(8, 8, 20)], [scene.world_from_left])
+    tl.render(scene, rig, spp=1)
+    with pytest.raises(InputError, match=r"scene\.xml: has instances; a sky can light only Mitsuba files") as caught:
+        tl.render(scene.lit_by(Sky(np.ones((4, 8, 3), np.float32))), rig, spp=1)
+    assert "\n" not in str(caught.value)

@@ -26,6 +26,8 @@ from twinlens.scenes import load_scene
 @click.option("--misalignment", metavar="NAME=VALUE,...",
               help="Errors of the right camera: vertical_px, pitch_deg, yaw_deg, roll_deg, focal, k1.")  # fmt: skip
 @click.option("--scene", metavar="FILE", help="Scene file; required if the scene is not bundled.")
+@click.option("--folder", type=PATH, default=".", show_default=True,
+              help="Folder of the recipe, if the sample has objects or a sky of it.")  # fmt: skip
 @click.option("--overwrite", is_flag=True, help="Replace an existing sample.")
 @json_option("what was written")
 def command(

@@ -10,8 +10,8 @@ from twinlens.cli.options import POSITIVE, Sectioned, Whole, denoise_option, jso
 from twinlens.cli.places import PATH, PLACE, check_samples
 from twinlens.cli.progress import interrupt_note, progress_bar
 from twinlens.dataset import Place, Row
-from twinlens.errors import InputError
-from twinlens.factory import add_sample, camera_text, check_common_view, default_rig, make_sample
+from twinlens.errors import InputError, located
+from twinlens.factory import add_sample, camera_text, check_common_view, default_rig, make_sample, under_sky
 from twinlens.factory.settings import View, make_lens, read_rig_file
 from twinlens.rendering import backend
 from twinlens.scenes import Scene, load_scene, scene_with_rig
@@ -23,10 +23,10 @@ _NO_APERTURE = "has no effect, every lens is a pinhole; add a lens such as --len
 _SECTIONS = {
     "Lens": ("lenses", "aperture", "diffraction"),
     "Camera": (
-        "size", "fov", "focal_length_px", "principal_point", "distortion", "pixel_pitch_um", "sensor_width_mm",
-        "baseline", "rig",
+        "camera", "size", "fov", "focal_length_px", "principal_point", "distortion", "pixel_pitch_um",
+        "sensor_width_mm", "baseline", "rig",
     ),
-    "Light and sensor": ("sensor", "bits", "exposure", "mismatch"),
+    "Light and sensor": ("sky", "sensor", "bits", "exposure", "mismatch"),
     "Rendering": ("spp", "denoise", "noise", "seed"),
     "Output": ("output", "radiance", "models", "sky_disparity", "overwrite", "as_json"),
 }  # fmt: skip
@@ -38,7 +38,8 @@ _SECTIONS = {
 @click.option("--lens", "lenses", multiple=True, default=("pinhole",), show_default=True, help=camera_text.LENS_HELP)
 @click.option("--aperture", default="disk", show_default=True, help=camera_text.APERTURE_HELP)
 @click.option("--diffraction", is_flag=True, help="Apply each lens's Airy pattern; disk apertures only.")
-@click.option("--size", default="640x480", show_default=True, help="Image size, WIDTHxHEIGHT.")
+@click.option("--camera", metavar="NAME", help="A camera that exists, with its baseline; see `twinlens cameras`.")
+@click.option("--size", help="Image size, WIDTHxHEIGHT.  [default: 640x480, or that of --camera]")
 @click.option("--fov", type=POSITIVE, help="Horizontal field of view, at most 179 degrees.  [default: the scene's]")
 @click.option("--focal-length-px", metavar="FX[,FY]", help="Focal length in pixels, instead of --fov.")
 @click.option("--principal-point", metavar="CX,CY",
@@ -48,6 +49,7 @@ _SECTIONS = {
 @click.option("--sensor-width-mm", metavar="MM|FORMAT", help=camera_text.SENSOR_WIDTH_HELP)
 @click.option("--baseline", type=POSITIVE, help="Baseline, metres.  [default: the scene's]")
 @click.option("--rig", type=PATH, help="A .toml file with the rig and, without --lens, its lenses; see docs/rigs.md.")
+@click.option("--sky", type=PATH, help="A .exr, .hdr or .png panorama that lights the scenes instead of their lights.")
 @click.option("--sensor", default="machine_vision", show_default=True, help=camera_text.SENSOR_HELP)
 @click.option("--bits", type=click.Choice(["8", "16"]), help="Bits per channel.  [default: 8]")
 @click.option("--exposure", default="auto", metavar="TIME_S[,GAIN]", help=camera_text.EXPOSURE_HELP)
@@ -74,6 +76,7 @@ def command(scenes: tuple[str, ...], output: Place, overwrite: bool, as_json: bo
     Example:  twinlens render staircase cards --lens pinhole --lens f/1.4 --sensor-width-mm 36 -o out
               twinlens render tabletop --lens thin:60@1.2 --aperture polygon:6 -o bokeh
               twinlens render cards --lens f/2 --lens f/4 --sensor-width-mm 35mm --exposure 1/150000 -o stops
+              twinlens render cards --camera oak-d --size 640x400 --sky studio.exr -o bench
     """
     sensor = camera_text.parse_sensor(options["sensor"])
     if options["bits"] is not None:
@@ -101,7 +104,10 @@ def command(scenes: tuple[str, ...], output: Place, overwrite: bool, as_json: bo
 
 def _job(scene: Scene, options: dict[str, Any]) -> tuple[Scene, Rig, dict[str, Lens]]:
     """The scene, the rig, and the lenses that the options describe, by their texts."""
-    width, height = camera_text.parse_size(options["size"])
+    width, height = camera_text.parse_size(options["size"], options["camera"])
+    if options["sky"] is not None:
+        with located("--sky"):
+            scene = under_sky(scene, {"file": options["sky"].name}, options["sky"].parent, options["seed"])
     tables: list[Any] = []
     if options["rig"] is not None:
         table, key, tables = read_rig_file(options["rig"])

@@ -26,6 +26,7 @@ from twinlens.camera import (
     Pinhole,
 )
 from twinlens.camera.film import SENSOR_WIDTHS_MM, sensor_width_mm
+from twinlens.camera.presets import find_camera
 from twinlens.dataset import Sample
 from twinlens.errors import InputError, format_value, located, unknown
 from twinlens.factory import settings
@@ -76,12 +77,16 @@ _MISMATCHES = {field.name: field.name for field in fields(Mismatch)}
 _MISMATCHES |= {"exposure": "time", "black": "black_level", "seed": "seed"}
 
 
-def parse_size(text: str) -> tuple[int, int]:
-    """(width, height) of `640x480`.
+def parse_size(text: str | None, camera: str | None = None) -> tuple[int, int]:
+    """(width, height) of `640x480`; without a text, that of a camera preset, or 640x480.
 
-    >>> parse_size("640x480")
-    (640, 480)
+    >>> parse_size("640x400"), parse_size(None, "realsense-d435")
+    ((640, 400), (1280, 800))
     """
+    if text is None and camera is not None:
+        with located(f"--camera {camera}"):
+            return find_camera(camera).size()
+    text = text or "640x480"
     sides = re.fullmatch(r"([0-9]{1,9})[xX]([0-9]{1,9})", text)
     if sides is None:
         raise InputError(f"--size must be WIDTHxHEIGHT, such as 640x480, got {format_value(text)}")
@@ -214,6 +219,8 @@ def parse_intrinsics(options: Mapping[str, Any]) -> dict[str, Any]:
     """
     given = {name: value for name, value in options.items() if value is not None}
     values: dict[str, Any] = {}
+    if "camera" in given:
+        values["camera"] = {"preset": given["camera"]}
     if "focal_length_px" in given:
         form = "FX[,FY] in pixels, such as 700 or 700,690"
         focal = parse_numbers("--focal-length-px", given["focal_length_px"], (1, 2), form)
@@ -248,7 +255,7 @@ def format_lens(lens: Lens) -> str:
 _RIG_KEYS = {
     "fov_x_deg": "fov", "fx": "focal-length-px", "fy": "focal-length-px", "cx": "principal-point",
     "cy": "principal-point", "distortion": "distortion", "pixel_pitch_um": "pixel-pitch-um",
-    "sensor_width_mm": "sensor-width-mm", "baseline": "baseline",
+    "sensor_width_mm": "sensor-width-mm", "baseline": "baseline", "camera.preset": "camera", "camera": "camera",
 }  # fmt: skip
 
 

@@ -4,6 +4,7 @@ spec -> scene -> rig -> objects -> truth -> gates -> lenses -> photographs -> ga
 """
 
 import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from twinlens.factory.objects import check_seen, with_objects
 from twinlens.factory.plan import SampleSpec, is_fixed, plan
 from twinlens.factory.recipe import Recipe
 from twinlens.factory.sample import make_sample
-from twinlens.factory.settings import Settings, View, make_lenses, with_mismatch_seed
+from twinlens.factory.settings import Settings, SkyTable, View, make_lenses, with_mismatch_seed
 from twinlens.factory.sources import Sources
 from twinlens.families import random_scene
 from twinlens.rendering import Progress, check_lens_supported, check_mismatch_supported, ground_truth, with_object_truth
@@ -80,7 +81,9 @@ def produce(
     """
     sources = sources or Sources()
     settings = read(Settings, with_mismatch_seed(spec.drawn, spec.seed), _FILE)
-    base = _lit(_scene(spec, settings, sources), spec, settings, sources)
+    base = _scene(spec, settings, sources)
+    if settings.sky is not None:
+        base = _lit(base, settings.sky, sources, spec.seed)
     moved = base.at(base.world_from_left @ settings.scene.jitter.pose())
     rig = settings.rig_of(moved, base.rig, _FILE)
     scene = with_objects(base, settings.scene.objects, rig.nominal, spec.seed, sources.folder, _FILE)
@@ -146,10 +149,13 @@ def _scene(spec: SampleSpec, settings: Settings, sources: Sources) -> Scene:
     )  # fmt: skip
 
 
-def _lit(scene: Scene, spec: SampleSpec, settings: Settings, sources: Sources) -> Scene:
-    """The scene under the sky of the settings, if they have one."""
-    if (table := settings.sky) is None:
-        return scene
-    name, pixels = sources.sky(table.file, generator(spec.seed, "sky"))
+def under_sky(scene: Scene, table: Mapping[str, Any], folder: Path, seed: int = 0) -> Scene:
+    """The scene lit by the `[sky]` of a recipe in `folder`; `seed` draws one of several files. Raises InputError."""
+    checked = read(SkyTable, table, "sky")
+    return _lit(scene, checked, Sources(folder, skies=(checked.file,)), seed)
+
+
+def _lit(scene: Scene, table: SkyTable, sources: Sources, seed: int) -> Scene:
+    name, pixels = sources.sky(table.file, generator(seed, "sky"))
     record = {"file": name, "sha256": sources.digests[name], **table.model_dump(exclude={"file"})}
     return scene.lit_by(Sky(pixels, table.turn_deg, table.scale, table.visible, record), table.lamps)

@@ -19,8 +19,8 @@ from twinlens.factory.draws import corners, hint, leaves, normalized, template
 from twinlens.factory.gates import Gates
 from twinlens.factory.objects import check_objects
 from twinlens.factory.settings import MaskTable, Settings, check_settings
-from twinlens.factory.sources import Sources
-from twinlens.families import FAMILIES, Assets
+from twinlens.factory.sources import Sources, listed
+from twinlens.families import FAMILIES
 from twinlens.families.assets import MESH_SHARE
 from twinlens.scenes import bundled_folder, bundled_scenes, read_toml
 from twinlens.schema import Fraction, NonNegative, StrictModel, one_of, read
@@ -66,11 +66,7 @@ def _check_assets(names: list[str], info: Any) -> list[str]:
 def _check_listed(kind: str, name: str, folder: Path) -> None:
     if not os.path.lexists(folder / name):
         raise InputError(f"no file or folder {name!r} next to the recipe")
-    try:
-        Assets.from_folders(**dict[str, Any]({kind: [folder / name]}))
-    except InputError as error:
-        message = str(error).removeprefix(f"{kind}: ").replace(repr(str(folder / name)), repr(name))
-        raise InputError(message) from None
+    listed(kind, name, folder)
 
 
 Subject = Annotated[str, AfterValidator(_check_scene)]

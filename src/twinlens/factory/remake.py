@@ -17,8 +17,9 @@ from twinlens.camera.rectification import rectify
 from twinlens.camera.truth import Truth
 from twinlens.dataset import Sample, Shot, StoredSample
 from twinlens.dataset.record import LENS, RIG, FileModel, plain, read
-from twinlens.errors import InputError, check_known, format_value
+from twinlens.errors import InputError, check_known, format_value, located
 from twinlens.factory.objects import with_objects
+from twinlens.factory.produce import under_sky
 from twinlens.factory.sample import make_sample
 from twinlens.factory.settings import ExposureTable, SceneTable, SensorTable
 from twinlens.factory.sources import file_digests
@@ -41,9 +42,10 @@ def remake(
     """Render the sample again whose sample.json is `record` (`StoredSample.record`).
 
     Its files are the same to the byte if backend and versions are those in the record. A bundled scene is found by its
-    name; any other must be given as `scene`, as `load_scene` reads it. Objects of the sample's recipe are added to it.
+    name; any other must be given as `scene`, as `load_scene` reads it. The sky and the objects of the sample's recipe
+    are added to it.
 
-    folder : of the recipe, whose objects have files relative to it.
+    folder : of the recipe, whose sky and objects have files relative to it.
 
     Raises InputError if the scene differs from the record's, or is neither bundled nor given; if the images were warped
     from others; or if `make_sample` did not write the record.
@@ -55,7 +57,7 @@ def remake(
         raise InputError("its images were warped from another sample's; rectify that sample again")
     scene = scene_of(record, scene, folder)
     if settings.sky != (scene.sky.record if scene.sky else None):
-        raise InputError("the sample was lit by another sky than the scene; give the scene with `lit_by` its sky")
+        raise InputError("the sample was lit by another sky than the scene's; its file has changed")
     written = record["record"]  # plain values: the models convert whole numbers to float
     mismatch = Mismatch(**written["sensor"].get("mismatch", {}))
     sample = make_sample(
@@ -118,10 +120,12 @@ class _Record(FileModel):
 _FILE = Path("sample.json")
 
 
-def scene_of(record: Mapping[str, Any], given: Scene | None = None, folder: str | Path = ".") -> Scene:
+def scene_of(
+    record: Mapping[str, Any], given: Scene | None = None, folder: str | Path = ".", lit: bool = True
+) -> Scene:
     """The scene of a sample's record: the given one, or the bundled one of that name. Its files must be unchanged.
 
-    The objects of the recipe in `folder` are added to it.
+    The objects of the recipe in `folder` are added to it, and if `lit` its sky, unless the given scene has one.
 
     Raises InputError as `remake` does.
     """
@@ -130,6 +134,10 @@ def scene_of(record: Mapping[str, Any], given: Scene | None = None, folder: str 
         scene = given or load_scene(settings.scene)
     except InputError as error:
         raise InputError(f"scene {settings.scene!r} is not bundled; load it with load_scene and pass it") from error
+    if lit and settings.sky is not None and scene.sky is None:
+        table = {key: value for key, value in settings.sky.items() if key != "sha256"}
+        with located(f"{_FILE}: record.sky"):
+            scene = under_sky(scene, table, Path(folder))
     if settings.spec is not None and "scene" in settings.spec.drawn:
         objects = read(SceneTable, settings.spec.drawn["scene"], _FILE, "record.spec.drawn.scene").objects
         rig = read(RIG, record.get("rig"), _FILE, "rig").nominal
@@ -163,7 +171,7 @@ def rectified_sample(
     Raises InputError for a pair that cannot be rectified, and for a scene that is not the sample's.
     """
     check_known("pictures", pictures, PICTURES)
-    scene = scene_of(stored.record, scene, folder)
+    scene = scene_of(stored.record, scene, folder, lit=pictures == "render")
     settings = {key: value for key, value in stored.record["record"].items() if key not in ORIGIN}
     result = rectify(stored.rig, left, right, fit=fit, zero_doffs=zero_doffs, misalignment=misalignment)
     origin = {"rectified_from": {"sample": stored.name, "views": [left, right], "fit": fit, "pictures": pictures}}

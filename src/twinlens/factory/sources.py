@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from twinlens.dataset.files import read_bytes
-from twinlens.errors import FileError, InputError
+from twinlens.errors import FileError, InputError, located
 from twinlens.families import Assets
 from twinlens.families.assets import MESH_SHARE, named_by_mesh
 from twinlens.scenes import Scene, bundled_folder, bundled_scenes, load_scene
@@ -109,7 +109,7 @@ class Sources:
         found: dict[str, dict[str, Path]] = {kind: {} for kind in self.assets}
         for kind, names in self.assets.items():
             for name in names:
-                found[kind] |= self._listed(kind, name)
+                found[kind] |= listed(kind, name, self.folder)
         return found
 
     def _named_by_meshes(self) -> dict[str, Path]:
@@ -122,12 +122,7 @@ class Sources:
     @cached_property
     def sky_files(self) -> dict[str, dict[str, Path]]:
         """The files of each entry of `skies`, by name. Raises InputError for a folder without any."""
-        return {name: self._listed("hdris", name) for name in self.skies}
-
-    def _listed(self, kind: str, name: str) -> dict[str, Path]:
-        folder = self.folder / name
-        paths: tuple[Path, ...] = getattr(Assets.from_folders(**dict[str, Any]({kind: [folder]})), kind)
-        return {(Path(name) / path.relative_to(folder)).as_posix(): path for path in paths}
+        return {name: listed("hdris", name, self.folder) for name in self.skies}
 
     def sky(self, name: str, rng: Any) -> tuple[str, Any]:
         """Name and pixels of a random file of the folder `name`, or of the file `name`.
@@ -169,12 +164,22 @@ def meshes_in(folder: Path, name: str) -> list[str]:
 
     Raises InputError if there is none.
     """
+    with located("folder"):
+        return list(listed("meshes", name, folder))
+
+
+def listed(kind: str, name: str, folder: Path) -> dict[str, Path]:
+    """The files of a kind (meshes, textures, hdris) that `name` below `folder` is or contains, by their names, sorted.
+
+    Raises InputError if there is none.
+    """
+    home = folder / name
     try:
-        found = Assets.from_folders(meshes=[folder / name]).meshes
+        paths: tuple[Path, ...] = getattr(Assets.from_folders(**dict[str, Any]({kind: [home]})), kind)
     except InputError as error:
-        message = str(error).removeprefix("meshes: ").replace(str(folder / name), name)
-        raise InputError(f"folder: {message}") from None
-    return [(Path(name) / path.relative_to(folder / name)).as_posix() for path in found]
+        message = str(error).removeprefix(f"{kind}: ").replace(repr(str(home)), repr(name))
+        raise InputError(message) from None
+    return {(Path(name) / path.relative_to(home)).as_posix(): path for path in paths}
 
 
 _digests: "weakref.WeakKeyDictionary[Scene, dict[str, str]]" = weakref.WeakKeyDictionary()

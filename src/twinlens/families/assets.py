@@ -132,7 +132,7 @@ def _listed(kind: str, folders: Iterable[str | Path]) -> tuple[Path, ...]:
     found: set[Path] = set()
     for folder in map(Path, folders):
         if not folder.exists():
-            raise InputError(f"{kind}: no folder {str(folder)!r}")
+            raise InputError(f"{kind}: no file or folder {str(folder)!r}")
         listed = [folder] if folder.is_file() else folder.rglob("*")
         inside = {path for path in listed if path.suffix.lower() in SUFFIXES[kind]}
         if not inside:
