@@ -126,3 +126,28 @@ def test_a_function_that_prints_or_raises(twinlens, images, tmp_path):
     assert json.loads(out)["known_fraction"] == 1
     code, out, err = twinlens("match", *images, "--method", f"function:{file}:boom", "-o", disp)
     assert (code, out, err) == (1, "", f"twinlens: function '{file}:boom' failed: RuntimeError: no luck\n")
+
+
+def test_the_confidence_is_written(twinlens, images, tmp_path):
+    arguments = "match", *images, "--ndisp", "8", "-o", tmp_path / "d.pfm", "--confidence"
+    assert twinlens(*arguments, tmp_path / "c.pfm", "--method", "sad:confidence=peak_ratio")[0] == 0
+    confidence = read_pfm(tmp_path / "c.pfm")
+    assert confidence.shape == (30, 40)
+    assert (confidence[5:-5, 15:-5] == 1).all(), "the shifted images differ nowhere"
+
+
+@pytest.mark.parametrize(
+    ("name", "method", "words"),
+    [
+        ("c.pfm", "sad", "--confidence: sad computes none"),
+        ("d.pfm", "sad:confidence=ambiguity", "is also --output"),
+        ("c.pfm", "sad:confidence=entropy", "unknown confidence 'entropy'"),
+        ("c.png", "sad:confidence=ambiguity", "must end in .pfm"),
+    ],
+)
+def test_a_confidence_that_cannot_be_written_is_refused(twinlens, images, tmp_path, name, method, words):
+    arguments = "match", *images, "--ndisp", "8", "-o", tmp_path / "d.pfm"
+    code, _, err = twinlens(*arguments, "--confidence", tmp_path / name, "--method", method)
+    assert (code, err.count("\n")) == (2, 1)
+    assert words in err
+    assert not (tmp_path / "d.pfm").exists()

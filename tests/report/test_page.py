@@ -160,6 +160,31 @@ def inflated(packed):
     return zlib.decompress(base64.b64decode(packed)).decode()
 
 
+class Ranked(Flat):
+    """Returns a constant with a confidence that falls from left to right."""
+
+    def match(self, left, right, *, num_disparities, min_disparity):
+        disp = super().match(left, right, num_disparities=num_disparities, min_disparity=min_disparity)
+        return disp, np.broadcast_to(-np.arange(disp.shape[1], dtype=np.float32), disp.shape)
+
+
+def ranked_board():
+    return run_benchmark([pair(), pair("lane")], [Ranked("ranked", 5), Flat("plain", 5)], warm_up=False)
+
+
+def test_a_page_has_the_sparsification_of_methods_with_a_confidence():
+    board = ranked_board()
+    document = json.loads(Elements(page_html(board)).data)
+    regions = {e["method"]: e["regions"]["all"] for e in document["entries"] if e["sample"] == "lane"}
+    scores = board.find("ranked", "lane", "middlebury-v3").regions["all"]
+    assert regions["ranked"]["s"] == pytest.approx(scores.sparsification, rel=1e-5)
+    assert regions["ranked"]["v"][-2:] == pytest.approx([scores["auc2.0"], scores["auc2.0_opt"]], rel=1e-5)
+    assert "s" not in regions["plain"]
+    assert document["protocols"][0]["columns"][-2:] == ["auc2.0", "auc2.0_opt"]
+    without = json.loads(Elements(page_html(made()[0])).data)["protocols"][0]
+    assert not [name for name in without["metrics"] + without["columns"] if name.startswith("auc")]
+
+
 def test_the_page_lists_samples_a_method_was_not_run_on():
     """A method run on one of two samples has no mean, and the page names the other sample."""
     board, samples, _ = made()
@@ -365,6 +390,22 @@ def test_a_method_that_was_not_run_everywhere_says_so(tmp_path):
     dom = browse(tmp_path / "page.html", page_html(both))
     assert "1 of 2 samples<" in dom
     assert "street again: not run" in dom
+
+
+@needs_chromium
+def test_sparsification_is_drawn_for_methods_with_a_confidence(tmp_path):
+    dom = browse(tmp_path / "page.html", page_html(ranked_board()))
+    card = re.search(r'<figure class="card chart whole" id="sparse-card">.*?</figure>', dom, re.S)[0]
+    assert "errors above 2 px" in card
+    assert re.findall(r'<polyline class="curve ([a-z]*)"', card) == ["ideal", "on"]
+    best, curve = (
+        [tuple(map(float, point.split(","))) for point in points.split()]
+        for points in re.findall(r'points="([^"]+)"', card)
+    )
+    assert len(curve) == 20
+    assert curve[-1] == best[-1], "both end at the error rate of all pixels"
+    assert all(a[1] <= b[1] + 0.1 for a, b in zip(curve, best, strict=True)), "no curve is below the lowest possible"
+    assert 'id="sparse-card" hidden' in browse(tmp_path / "plain.html", page_html(made()[0]))
 
 
 @needs_chromium

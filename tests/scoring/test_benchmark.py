@@ -18,7 +18,17 @@ from tests.scoring.scoring_methods import Constant, Hangs, Signed, Slow, Starts,
 from twinlens.dataset import Calibration
 from twinlens.errors import FileError, InputError
 from twinlens.matching import StereoMatcher, parse_method
-from twinlens.scoring import Board, MapFolder, Pair, board_file, evaluate, load_pair, read_board, run_benchmark
+from twinlens.scoring import (
+    Board,
+    MapFolder,
+    Pair,
+    board_csv,
+    board_file,
+    evaluate,
+    load_pair,
+    read_board,
+    run_benchmark,
+)
 from twinlens.scoring.samples import fingerprint
 
 
@@ -508,3 +518,34 @@ assert tl.evaluate([[1.0]], [[2.0]]).all["avgerr"] == 1
 assert page_html(Board(title="none"))
 """
     subprocess.run([sys.executable, "-c", script], check=True, timeout=600)
+
+
+class Confident(Constant):
+    """Returns a confidence beside the map."""
+
+    def match(self, left, right, *, num_disparities, min_disparity):
+        disp = super().match(left, right, num_disparities=num_disparities, min_disparity=min_disparity)
+        return disp, np.random.default_rng(0).random(disp.shape, np.float32)
+
+
+@pytest.mark.parametrize("limit", [None, 60.0])
+def test_a_confidence_is_scored_and_kept_in_the_file(tmp_path, limit):
+    save, sample = tmp_path / "board.json", pair()
+    methods = [Confident("confident", 7.0), Constant("plain", 7.0), "sad:confidence=curvature"]
+    board = run_benchmark([sample], methods, save=save, time_limit=limit, warm_up=False)
+    confident, plain, named = (board.find(m, sample.name, "middlebury-v3").regions["all"] for m in board.methods)
+    assert len(confident.sparsification) == len(named.sparsification) == 20
+    assert confident.sparsification[-1] == pytest.approx(confident["bad2.0"])
+    assert confident["auc2.0_opt"] <= confident["auc2.0"]
+    assert {name: plain[name] for name in plain} == {name: confident[name] for name in plain}
+    assert read_board(save).entries == board.entries
+    assert save.read_text().count('"sparsification"') == 4, "of two methods in two regions"
+    table = board_csv(board).splitlines()
+    assert table[0].count("auc2.0") == 2
+
+
+def test_a_wrong_confidence_is_a_failure():
+    board = run_benchmark([pair()], [SimpleNamespace(name="short", match=lambda a, b, **_: (
+        np.zeros(a.shape[:2], np.float32), np.zeros(3)))], warm_up=False)  # fmt: skip
+    assert board.entries[0].failure.kind == "wrong-shape"
+    assert "confidence of shape (3,)" in board.entries[0].failure.message

@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 from tests.scoring import scoring_loops as naive
 from twinlens.dataset import Calibration
 from twinlens.errors import InputError
-from twinlens.scoring import PROTOCOLS, evaluate
+from twinlens.scoring import PROTOCOLS, evaluate, sparsification
 from twinlens.scoring.protocols import interpolate_background
 
 INF = np.float32(np.inf)
@@ -283,3 +283,36 @@ def test_the_message_lists_the_accepted_sizes():
     assert str(error.value).endswith("expects (5, 6) for a truth of (5, 6)")
     with pytest.raises(InputError, match=r"expects \(6, 10\) or \(3, 5\) for a truth"):
         evaluate(np.ones((2, 2)), np.ones((6, 10)))
+
+
+def test_a_confidence_adds_the_area_of_its_sparsification():
+    rng = np.random.default_rng(2)
+    gt, trust = rng.uniform(6, 12, (20, 30)).astype(np.float32), rng.random((20, 30))
+    disp = (gt + rng.normal(0, 2, gt.shape)).astype(np.float32)
+    disp[rng.random(gt.shape) < 0.2], gt[:2] = INF, INF
+    known = np.isfinite(gt) & np.isfinite(disp)
+    for protocol, limit in (("middlebury-v3", 2.0), ("eth3d", 1.0)):
+        scores = evaluate(disp, gt, protocol=protocol, confidence=trust).all
+        bad = np.abs(disp[known].astype(float) - gt[known]) > limit
+        curve = sparsification(trust[known], bad)
+        assert scores[f"auc{limit}"] == pytest.approx(100 * curve.auc)
+        assert scores[f"auc{limit}_opt"] == pytest.approx(100 * curve.optimal_auc)
+        assert scores.sparsification[-1] == pytest.approx(100 * bad.mean())
+        assert not evaluate(disp, gt, protocol=protocol).all.sparsification
+        assert f"auc{limit}" not in evaluate(disp, gt, protocol=protocol).all
+    assert not evaluate(disp, gt, protocol="kitti2015", confidence=trust).all.sparsification
+
+
+def test_a_confidence_of_a_small_map_is_enlarged_but_not_scaled():
+    disp, gt, _ = random_case(3, 6, 8, 0.0)
+    trust = np.random.default_rng(2).random(gt.shape)
+    large = [np.repeat(np.repeat(values, 2, axis=0), 2, axis=1) for values in (disp * 2, gt * 2, trust)]
+    small = evaluate(disp, large[1], confidence=trust).all
+    assert small.sparsification == evaluate(*large[:2], confidence=large[2]).all.sparsification
+
+
+def test_wrong_confidences_are_refused():
+    with pytest.raises(InputError, match="expected numbers of disp's shape"):
+        evaluate([[1.0, 2.0]], [[1.0, 2.0]], confidence=[[1.0]])
+    with pytest.raises(InputError, match="NaN"):
+        evaluate([[1.0, 2.0]], [[1.0, 2.0]], confidence=[[1.0, np.nan]])

@@ -15,7 +15,8 @@ from twinlens.dataset import read_image, write_pfm, write_png
 from twinlens.dataset.pictures import colourise, disparity_limits
 from twinlens.errors import InputError
 from twinlens.matching import Program, parse_method
-from twinlens.matching.options import DEFAULT_DISPARITIES, check_image_size
+from twinlens.matching.external import checked_pair
+from twinlens.matching.options import DEFAULT_DISPARITIES, check_image_size, match_with_confidence
 
 DEFAULT_METHOD = "zncc"
 
@@ -35,23 +36,33 @@ DEFAULT_METHOD = "zncc"
 @click.option("--time-limit", type=SECONDS, help="Time limit of the program, seconds.  [default: 600]")
 @click.option("--num-disparities", "--ndisp", type=Whole(1), help="Number of disparities to search.  [default: 64]")
 @click.option("--min-disparity", type=DISPARITY, default=0, show_default=True, help="The smallest disparity, pixels.")
+@click.option(
+    "--confidence", type=PlaceType(suffixes=(".pfm",)),
+    help="Also write the confidence, a .pfm file; the method needs one, such as zncc:confidence=ambiguity.",
+)  # fmt: skip
 @click.option("--picture", type=PNG_FILE, help="Also write the map as a colour PNG.")
 @json_option("the result")
-def command(left: Path, right: Path, output: Path, picture: Path | None, as_json: bool, **options: Any) -> None:
+def command(
+    left: Path, right: Path, output: Path, confidence: Path | None, picture: Path | None, as_json: bool, **options: Any
+) -> None:
     """Match LEFT and RIGHT, a rectified pair, and write the left image's disparity map (+inf where unknown).
 
     \b
     Example:  twinlens match out/staircase/im0.png out/staircase/im1.png --num-disparities 64 -o disp.pfm
               twinlens match im0.png im1.png --command "./prog {left} {right} {out}" -o disp.pfm
     """
-    _check_outputs((left, right), output, picture)
+    _check_outputs((left, right), {"--output": output, "--confidence": confidence, "--picture": picture})
     matcher, name = _matcher(**options)
     images = [read_image(path) for path in (left, right)]
     check_image_size(matcher, images[0].shape[:2])
     start = time.perf_counter()
     with progress_bar("matching"):
-        disparity = matcher.match(*images)
+        disparity, trust = checked_pair(match_with_confidence(matcher, *images), images[0].shape[:2], name)
     seconds = time.perf_counter() - start
+    if confidence is not None:
+        if trust is None:
+            raise InputError(f"--confidence: {name} computes none; use a method such as zncc:confidence=ambiguity")
+        write_pfm(confidence, trust)
     write_pfm(output, disparity)
     if picture is not None:
         write_png(picture, colourise(disparity, *disparity_limits(disparity, matcher)))
@@ -61,9 +72,14 @@ def command(left: Path, right: Path, output: Path, picture: Path | None, as_json
     print_result(as_json, record, text)
 
 
-def _check_outputs(images: tuple[Path, ...], output: Path, picture: Path | None) -> None:
+def _check_outputs(images: tuple[Path, ...], outputs: dict[str, Path | None]) -> None:
     """Raise InputError if an output is one of the images, a file in a sample, or below a file."""
-    for option, path in {"--output": output, **({"--picture": picture} if picture else {})}.items():
+    taken: dict[Path, str] = {}
+    for option, path in outputs.items():
+        if path is None:
+            continue
+        if (other := taken.setdefault(path.absolute(), option)) != option:
+            raise InputError(f"{option} {path}: is also {other}; choose another file")
         if any(path.exists() and image.exists() and path.samefile(image) for image in images):
             raise InputError(f"{option} {path}: is one of the two images; choose another file")
         if (path.absolute().parent / "sample.json").exists():

@@ -4,6 +4,7 @@ Importing it does not import Numba; the kernels compile at the first match and a
 which runs other people's matchers, uses files.
 """
 
+from twinlens.matching.confidence import CONFIDENCES as CONFIDENCES, confidence_map as confidence_map
 from twinlens.matching.curves import CostCurve as CostCurve, cost_curve as cost_curve
 from twinlens.matching.external import Program as Program
 from twinlens.matching.images import grey as grey
@@ -23,6 +24,7 @@ from twinlens.matching.measures import (
 from twinlens.matching.methods import (
     METHODS as METHODS,
     match as match,
+    match_with_confidence as match_with_confidence,
     parse_method as parse_method,
     parse_methods as parse_methods,
     parse_program as parse_program,

@@ -24,7 +24,7 @@ import numpy as np
 
 from twinlens.errors import FileError, InputError, TwinlensError, check_int, check_number
 from twinlens.interrupts import deferred_interrupts
-from twinlens.matching.images import Disparity, Image, grey, pair
+from twinlens.matching.images import Confidence, Disparity, Image, grey, pair
 from twinlens.matching.options import RangeMatcher, import_extra
 
 HASH_DIGITS = 16  # hexadecimal digits kept of a file's SHA-256
@@ -73,6 +73,26 @@ def checked_result(result: Any, shape: tuple[int, ...], name: str) -> Disparity:
     return disparity
 
 
+def checked_pair(result: Any, shape: tuple[int, ...], name: str) -> tuple[Disparity, Confidence | None]:
+    """The map, or the pair (disparity, confidence), that `name` returned, as float32 of this shape (H, W).
+
+    Raises WrongAnswerError as `checked_result` does, and for a confidence of another type or shape, or with NaN.
+    """
+    disparity, confidence = result if isinstance(result, tuple) and len(result) == 2 else (result, None)
+    checked = checked_result(disparity, shape, name)
+    if confidence is None:
+        return checked, None
+    values = np.asarray(confidence)
+    if values.dtype.kind not in "biuf":
+        raise WrongAnswerError("wrong-type", f"{name} returned a confidence of {values.dtype}, not real numbers")
+    if values.shape != shape:
+        raise WrongAnswerError("wrong-shape", f"{name} returned a confidence of shape {values.shape}; expected {shape}")
+    values = values.astype(np.float32, copy=False)
+    if np.isnan(values).any():
+        raise WrongAnswerError("not-a-number", f"{name} returned a confidence with NaN")
+    return checked, values
+
+
 def file_hashes(paths: Iterable[Path]) -> str:
     """Comma-separated `name=hash` of the files, sorted by path; `name=absent` for a file that cannot be read.
 
@@ -103,7 +123,7 @@ def _cached_hash(path: Path, _written_ns: int, _size: int) -> str:
 class PythonFunction(RangeMatcher):
     """A Python function(left, right, *, num_disparities, min_disparity) that returns disparities (H, W).
 
-    It receives the images unchanged. `checked_result` checks what it returns.
+    It receives the images unchanged. It may return (disparity, confidence); `checked_pair` checks what it returns.
     """
 
     function: Annotated[
@@ -158,7 +178,7 @@ class PythonFunction(RangeMatcher):
             raise InputError(f"function {self.function!r} is {type(function).__name__}, which cannot be called")
         return function  # type: ignore[no-any-return]
 
-    def _match(self, left: Any, right: Any) -> Disparity:
+    def _match(self, left: Any, right: Any) -> tuple[Disparity, Confidence | None]:
         try:
             function = self._load()
             result = function(left, right, num_disparities=self.num_disparities, min_disparity=self.min_disparity)
@@ -167,7 +187,7 @@ class PythonFunction(RangeMatcher):
         except (Exception, SystemExit) as error:
             name = getattr(self.function, "__name__", self.function)
             raise FunctionError(f"function {name!r} failed: {type(error).__name__}: {error}") from error
-        return checked_result(result, np.shape(left)[:2], f"function {getattr(function, '__name__', function)!r}")
+        return checked_pair(result, np.shape(left)[:2], f"function {getattr(function, '__name__', function)!r}")
 
 
 @functools.lru_cache(maxsize=32)

@@ -10,6 +10,7 @@ from twinlens.errors import InputError
 
 Image = NDArray[Any]
 Disparity = NDArray[np.float32]
+Confidence = NDArray[np.float32]
 
 SOBEL_CAP = 31
 LUMA_14_BIT = (4899, 9617, 1868)  # 0.299, 0.587, 0.114 in 1/16384; they sum to 16384

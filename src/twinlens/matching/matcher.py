@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from twinlens.errors import InputError, check_int, check_known, check_number
 from twinlens.matching import box, refine
 from twinlens.matching.box import FITS, BoxMatch, Rows, Volume, Winners, blank, cpu_count, in_lanes, in_strips, limits
+from twinlens.matching.confidence import CONFIDENCES, confidence_map
 from twinlens.matching.costs import COSTS, largest_cost, numbers
-from twinlens.matching.images import Disparity, Image, clipped_slope, described, levels, pair
+from twinlens.matching.images import Confidence, Disparity, Image, clipped_slope, described, levels, pair
 from twinlens.matching.options import RangeMatcher, check_block_size
 from twinlens.matching.semiglobal import Penalties, Sweeps, quantised, stored
 from twinlens.matching.supports import SUPPORTS, Strip
@@ -27,6 +28,7 @@ NAMED_VALUES: dict[str, tuple[str, Collection[str]]] = {
     "optimisation": ("optimisation", OPTIMISATIONS),
     "subpixel": ("sub-pixel fit", ("auto", *FITS)),
     "fill": ("filling", ("none", "background")),
+    "confidence": ("confidence", ("none", *CONFIDENCES)),
     "prefilter": ("prefilter", ("none", "xsobel")),
 }
 """Of each option with named values: what messages call it, and the values."""
@@ -78,6 +80,9 @@ class StereoMatcher(RangeMatcher):
     speckle_range: Annotated[float, "Largest difference in pixels between neighbours of one patch."] = 1.0
     median: Annotated[int, "Side of a median filter over known pixels; odd; 0: off."] = 0
     fill: Annotated[str, "none; background: the smaller of the two nearest known disparities in the row."] = "none"
+    confidence: Annotated[
+        str, f"none, or also return the confidence of the winner before refinement: {', '.join(CONFIDENCES)}."
+    ] = "none"
     threads: Annotated[int | None, "Number of threads; none: all processors."] = None
 
     def __post_init__(self) -> None:
@@ -137,8 +142,14 @@ class StereoMatcher(RangeMatcher):
             search.costs(0, len(volume), keep)
         return volume
 
-    def _match(self, left: Any, right: Any) -> Disparity:
+    def _match(self, left: Any, right: Any) -> tuple[Disparity, Confidence | None]:
         left, right = pair(left, right)
+        disparity = self._refined(left, right)
+        if self.confidence == "none":
+            return disparity, None
+        return disparity, confidence_map(self.cost_volume(left, right), self.confidence, self.min_disparity)
+
+    def _refined(self, left: Image, right: Image) -> Disparity:
         disparity = self._raw_disparity(left, right)
         if self.lr_check is not None:
             # Mirrored, the right image becomes a left image: u' = W - 1 - u keeps u_left - u_right.

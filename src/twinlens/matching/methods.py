@@ -14,11 +14,11 @@ import numpy as np
 import twinlens
 from twinlens.errors import InputError, check_known, format_value, located, unknown
 from twinlens.matching.costs import COSTS
-from twinlens.matching.external import OnnxNetwork, Program, PythonFunction, checked_result
-from twinlens.matching.images import Disparity
+from twinlens.matching.external import OnnxNetwork, Program, PythonFunction, checked_pair
+from twinlens.matching.images import Confidence, Disparity
 from twinlens.matching.matcher import StereoMatcher
 from twinlens.matching.opencv import OpenCVBlock, OpenCVSemiGlobal
-from twinlens.matching.options import DEFAULT_DISPARITIES, Matcher
+from twinlens.matching.options import DEFAULT_DISPARITIES, Matcher, match_with_confidence as answer_of
 
 ENTRY_POINTS = "twinlens.methods"
 PROGRAM_GRACE_S = 5.0  # beyond the limit, for a program's matcher, which ends the program itself
@@ -120,8 +120,15 @@ class MethodSpec:
     ) -> Disparity:
         """See `matching.Matcher.match`. A range among the method's options takes precedence over the arguments."""
         search = {"num_disparities": num_disparities, "min_disparity": min_disparity}
-        result: Disparity = self.matcher().match(left, right, **{k: search[k] for k in search.keys() - self.options})
-        return result
+        return self.match_with_confidence(left, right, **search)[0]
+
+    def match_with_confidence(
+        self, left: Any, right: Any, *, num_disparities: int | None = None, min_disparity: int | None = None
+    ) -> tuple[Disparity, Confidence | None]:
+        """As `match`, with the confidence if the method computes one."""
+        search = {"num_disparities": num_disparities, "min_disparity": min_disparity}
+        result = answer_of(self.matcher(), left, right, **{k: search[k] for k in search.keys() - self.options})
+        return result if isinstance(result, tuple) else (result, None)
 
 
 def find_method(name: str) -> Method:
@@ -279,6 +286,7 @@ class Options(TypedDict, total=False):
     block_size: int
     census_window: int
     command: str
+    confidence: str
     contrast: float
     cost: str
     epsilon: float
@@ -327,7 +335,8 @@ def match(left: Any, right: Any, method: str | Matcher = "zncc", **options: Unpa
     Returns
     -------
     array (H, W) float32
-        The left image's disparity u_left - u_right in pixels; +inf where unknown.
+        The left image's disparity u_left - u_right in pixels; +inf where unknown. `matching.match_with_confidence`
+        also returns the confidence.
 
     Raises InputError for an unknown method or option, a wrong value, or images that cannot be matched.
 
@@ -337,15 +346,34 @@ def match(left: Any, right: Any, method: str | Matcher = "zncc", **options: Unpa
     >>> round(float(disparity[10, 20]))
     3
     """
+    return match_with_confidence(left, right, method, **options)[0]
+
+
+def match_with_confidence(
+    left: Any, right: Any, method: str | Matcher = "zncc", **options: Unpack[Options]
+) -> tuple[Disparity, Confidence | None]:
+    """As `match`, with the confidence (H, W) float32, higher where the disparity is more probably right.
+
+    None from a method that computes none; twinlens's own do with the option `confidence`, of `matching.CONFIDENCES`.
+
+    >>> import numpy as np
+    >>> right = np.random.default_rng(0).integers(0, 256, (20, 40), dtype=np.uint8)
+    >>> images = np.roll(right, 3, axis=1), right
+    >>> disparity, confidence = match_with_confidence(*images, "sad", num_disparities=8, confidence="peak_ratio")
+    >>> float(confidence[10, 20])
+    1.0
+    """
     if not isinstance(method, str):
         return _matched_by(method, left, right, options)
     spec = parse_method(method)
     for name in options:
         check_known(f"option of {spec.method.name}", name, ["method", *spec.method.options])
-    return spec.method.make(**{**options, **spec.options}).match(left, right)  # type: ignore[no-any-return]
+    matcher = spec.method.make(**{**options, **spec.options})
+    result = answer_of(matcher, left, right)
+    return result if isinstance(result, tuple) else (result, None)
 
 
-def _matched_by(matcher: Any, left: Any, right: Any, options: Mapping[str, Any]) -> Disparity:
+def _matched_by(matcher: Any, left: Any, right: Any, options: Mapping[str, Any]) -> tuple[Disparity, Confidence | None]:
     if isinstance(matcher, type) or not hasattr(matcher, "match"):
         allowed = "a name such as 'zncc', or an object with match(left, right, *, num_disparities, min_disparity)"
         raise InputError(f"method must be {allowed}, got {format_value(matcher)}")
@@ -353,4 +381,5 @@ def _matched_by(matcher: Any, left: Any, right: Any, options: Mapping[str, Any])
     for name in options:
         check_known("option of a matcher object", name, search)
     given = {name: options.get(name, getattr(matcher, name, default)) for name, default in search.items()}
-    return checked_result(matcher.match(left, right, **given), np.shape(left)[:2], type(matcher).__name__)
+    result = answer_of(matcher, left, right, **given)
+    return checked_pair(result, np.shape(left)[:2], type(matcher).__name__)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any, Protocol, Self
 
 from twinlens.errors import InputError, MissingExtraError, check_int
-from twinlens.matching.images import Disparity
+from twinlens.matching.images import Confidence, Disparity
 
 DEFAULT_DISPARITIES = 64
 LARGEST_DEFAULT_WINDOW = 35
@@ -16,15 +16,24 @@ WINDOW_OPTIONS = ("block_size", "census_window", "median")
 class Matcher(Protocol):
     """A stereo matcher. All methods of `METHODS` make one, and `match` and `scoring.run_benchmark` accept any."""
 
-    def match(self, left: Any, right: Any, *, num_disparities: int, min_disparity: int) -> Disparity:
+    def match(
+        self, left: Any, right: Any, *, num_disparities: int, min_disparity: int
+    ) -> Disparity | tuple[Disparity, Confidence]:
         """Match two rectified images.
 
         left, right: (H, W) or (H, W, 3), of one size and dtype: uint8, uint16 or float32. The search covers
         min_disparity <= d < min_disparity + num_disparities; twinlens's matchers have defaults for both.
-        Returns the left image's disparity u_left - u_right in pixels, (H, W) float32; +inf where unknown.
+        Returns the left image's disparity u_left - u_right in pixels, (H, W) float32; +inf where unknown. It may also
+        return (disparity, confidence), with the confidence (H, W) float32 higher where the disparity is more probably
+        right.
         Raises InputError for images that differ in size or dtype, or cannot be matched.
         """
         ...
+
+
+def match_with_confidence(matcher: Any, left: Any, right: Any, **search: Any) -> Any:
+    """What the matcher returns, with a confidence if it computes one: a map, or a pair of maps. Not checked."""
+    return getattr(matcher, "match_with_confidence", matcher.match)(left, right, **search)
 
 
 def import_extra(module: str, extra: str) -> Any:
@@ -49,11 +58,20 @@ class RangeMatcher:
     def match(
         self, left: Any, right: Any, *, num_disparities: int | None = None, min_disparity: int | None = None
     ) -> Disparity:
-        """See `matching.Matcher.match`."""
-        given = {"num_disparities": num_disparities, "min_disparity": min_disparity}
-        return self.replace(**{name: value for name, value in given.items() if value is not None})._match(left, right)
+        """See `matching.Matcher.match`; the disparity alone."""
+        search = {"num_disparities": num_disparities, "min_disparity": min_disparity}
+        return self.match_with_confidence(left, right, **search)[0]
 
-    def _match(self, left: Any, right: Any) -> Disparity:
+    def match_with_confidence(
+        self, left: Any, right: Any, *, num_disparities: int | None = None, min_disparity: int | None = None
+    ) -> tuple[Disparity, Confidence | None]:
+        """The disparity, and the confidence if the matcher computes one; see `matching.Matcher.match`."""
+        given = {"num_disparities": num_disparities, "min_disparity": min_disparity}
+        search = {name: value for name, value in given.items() if value is not None}
+        result = self.replace(**search)._match(left, right)
+        return result if isinstance(result, tuple) else (result, None)
+
+    def _match(self, left: Any, right: Any) -> Disparity | tuple[Disparity, Confidence | None]:
         raise NotImplementedError
 
     def replace(self, **changes: Any) -> Self:

@@ -29,6 +29,9 @@ from twinlens.dataset.pictures import NO_TRUTH, colourise, rgb8
 from twinlens.dataset.record import plain
 from twinlens.scoring import METRICS, PROTOCOLS, REGIONS, Board, Entry, Groups, Pair, Sample
 from twinlens.scoring.metrics import TIMES
+from twinlens.scoring.protocols import Protocol
+from twinlens.scoring.sparsification import DENSITIES
+from twinlens.scoring.tables import has_confidence
 
 MAX_WIDTH, BUDGET_BYTES = 800, 14_000_000
 BYTES_PER_PIXEL = 0.65  # measured size of a packed pixel, to choose the stride
@@ -158,13 +161,15 @@ def _document(
             for s in board.samples
         ],
         "protocols": [
-            {key: getattr(rules, key) for key in ("name", "title", "headline", "metrics", "columns")}
+            {key: getattr(rules, key) for key in ("name", "title", "headline")}
+            | _columns(board, rules)
             | {"lines": dict(rules.lines())}
             for rules in (PROTOCOLS[name] for name in board.protocols)
         ],
         "regions": [{"name": r, "text": REGIONS[r].text if r in REGIONS else ""} for r in board.regions],
         "metrics": {m.name: {"unit": m.unit, "text": m.text, "lower": m.lower_is_better} for m in METRICS.values()},
         "times": list(TIMES),
+        "densities": DENSITIES,
         "entries": [_entry(e) for e in board.entries],
         "means": _means(board, weights),
         "groups": [
@@ -185,11 +190,19 @@ def _document(
     }
 
 
+def _columns(board: Board, rules: Protocol) -> dict[str, Any]:
+    """The metrics and the main columns; those of a confidence only if a method has one."""
+    areas, confident = rules.auc_metrics, has_confidence(board, rules.name)
+    metrics = rules.metrics if confident else tuple(name for name in rules.metrics if name not in areas)
+    return {"metrics": metrics, "columns": (*rules.columns, *areas) if confident else rules.columns}
+
+
 def _entry(entry: Entry) -> dict[str, Any]:
     """One entry; values are in the order of the protocol's metrics, whose names would be half of the page."""
     names = PROTOCOLS[entry.protocol].metrics
     regions = {
         name: {"n": [s.image, s.evaluated, s.estimated], "v": [_rounded(s.get(metric, math.nan)) for metric in names]}
+        | ({"s": [_rounded(rate) for rate in s.sparsification]} if s.sparsification else {})
         for name, s in entry.regions.items()
     }
     return {

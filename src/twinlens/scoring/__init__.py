@@ -23,6 +23,7 @@ from twinlens.scoring.samples import (
     open_pairs as open_pairs,
     search_range as search_range,
 )
+from twinlens.scoring.sparsification import Sparsification as Sparsification, sparsification as sparsification
 from twinlens.scoring.submission import MapFolder as MapFolder, open_submission as open_submission
 from twinlens.scoring.tables import (
     Groups as Groups,

@@ -209,5 +209,6 @@ class _Run:
             regions={name: mask for name, mask in self.masks.items() if name not in RESERVED},
             min_disparity=sample.min_disparity / scale,
             calibration=sample.calibration,
+            confidence=answer.confidence,
         )
         return replace(entry, regions={name: scores.regions[name] for name in self.masks})

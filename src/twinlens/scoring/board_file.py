@@ -17,10 +17,11 @@ import twinlens
 from twinlens.dataset.files import read_bytes, write_file
 from twinlens.dataset.record import decode_json, plain, read
 from twinlens.errors import FileError, InputError, check_known
-from twinlens.schema import NonNegative, StrictModel, one_of, table_of
+from twinlens.schema import NonNegative, StrictModel, exactly, one_of, table_of
 from twinlens.scoring.board import FAILURES, Board, Entry, Failure
 from twinlens.scoring.evaluate import RegionScores
 from twinlens.scoring.protocols import PROTOCOLS
+from twinlens.scoring.sparsification import DENSITIES
 
 FORMAT, VERSION = "twinlens-board", 1
 UNSCORED = "unscored"  # key that `twinlens score --json` adds: maps that match no sample; `read_board` ignores it
@@ -48,8 +49,9 @@ _Metric = Annotated[
 
 _FailureTable: Any = table_of(Failure, kind=(Annotated[str, one_of("failure", FAILURES)], ...))
 _RegionTable: Any = table_of(
-    RegionScores, image=_COUNT, evaluated=_COUNT, estimated=_COUNT, metrics=(dict[str, _Metric], ...)
-)
+    RegionScores, image=_COUNT, evaluated=_COUNT, estimated=_COUNT, metrics=(dict[str, _Metric], ...),
+    sparsification=(Annotated[list[_Metric], exactly(len(DENSITIES), _Metric), pydantic.AfterValidator(tuple)], ()),
+)  # fmt: skip
 
 
 def _entry(**given: Any) -> Entry:
@@ -93,9 +95,18 @@ def board_to_json(board: Board) -> str:
         "title": board.title,
         "meta": dict(board.meta),
         "protocols": {name: dict(PROTOCOLS[name].lines()) for name in board.protocols},
-        "entries": [asdict(entry) for entry in board.entries],
+        "entries": [_record(entry) for entry in board.entries],
     }
     return json.dumps(plain(document, nan_as_null=True), indent=1, allow_nan=False) + "\n"
+
+
+def _record(entry: Entry) -> dict[str, Any]:
+    """The entry as plain data, without the sparsification curves of regions that have none."""
+    record = asdict(entry)
+    for region in record["regions"].values():
+        if not region["sparsification"]:
+            del region["sparsification"]
+    return record
 
 
 def board_from_json(text: str | bytes, file: str | Path = "board") -> Board:

@@ -21,13 +21,15 @@ class RegionScores(Mapping[str, float]):
     """The metrics of one region, read like a dict: `scores.all["bad2.0"]`, and its pixel counts.
 
     image: number of pixels of the truth. evaluated: those in the region with known truth. estimated: those of the
-    evaluated with an estimate.
+    evaluated with an estimate. sparsification: percentage of bad pixels at each of `sparsification.DENSITIES`; empty
+    without a confidence.
     """
 
     image: int
     evaluated: int
     estimated: int
     metrics: Mapping[str, float]
+    sparsification: tuple[float, ...] = ()
 
     def __getitem__(self, name: str) -> float:
         return self.metrics[name]
@@ -73,6 +75,7 @@ def evaluate(
     round_disparity: bool | None = None,
     min_disparity: float = 0.0,
     calibration: Calibration | None = None,
+    confidence: ArrayLike | None = None,
 ) -> Scores:
     """Score a disparity map against the truth.
 
@@ -96,6 +99,9 @@ def evaluate(
         calibration has isint=1, as its script `runeval` does.
     calibration
         The pair's calibration. Required by the protocol "points".
+    confidence
+        The confidence in `disp`, of its size, higher where it is more probably right. Middlebury v3 and ETH3D then
+        have sparsification curves, and the metrics auc.
 
     Raises
     ------
@@ -117,6 +123,7 @@ def evaluate(
         raise InputError(f"region {name!r} is reserved: pass mask_nonocc, or use another name")
     truth, estimate = disparity_map("gt", gt), disparity_map("disp", disp)
     scale = upsampling(estimate.shape, truth.shape, rules)
+    trust = None if confidence is None else _confidence_map(confidence, estimate.shape, scale)
     allowed = scale * min_disparity, math.inf if ndisp is None else scale * (min_disparity + ndisp)
     estimate, given = rules.prepare(upsampled(estimate, scale), *allowed)
     if round_disparity is None:
@@ -132,11 +139,18 @@ def evaluate(
     for name, mask in masks.items():
         chosen = mask & np.isfinite(truth)
         pixels = Pixels(estimate[chosen].astype(np.float64), truth[chosen].astype(np.float64), given[chosen])
+        if trust is not None:
+            pixels = replace(pixels, confidence=trust[chosen])
         if rules.needs_calibration and calibration is not None:
             metres = _point_errors(pixels.estimate, pixels.truth, np.argwhere(chosen), calibration)
             pixels = replace(pixels, metres=metres)
         estimated = int(np.count_nonzero(pixels.given))
         scores[name] = RegionScores(truth.size, pixels.truth.size, estimated, rules.measure(pixels))
+        curve = None if rules.auc_threshold is None else pixels.sparsified(rules.auc_threshold)
+        if curve is not None:
+            areas = dict(zip(rules.auc_metrics, (100 * curve.auc, 100 * curve.optimal_auc), strict=True))
+            rates = tuple(100 * rate for rate in curve.error_rates)
+            scores[name] = replace(scores[name], metrics={**scores[name].metrics, **areas}, sparsification=rates)
     return Scores(rules, scores, allowed, scale, round_disparity)
 
 
@@ -148,6 +162,13 @@ def upsampling(estimate_shape: tuple[int, ...], truth_shape: tuple[int, ...], ru
     whole = [scale for scale in rules.upsampling if all(n % scale == 0 for n in truth_shape)]
     allowed = " or ".join(str(tuple(n // scale for n in truth_shape)) for scale in whole)
     raise InputError(f"disp has shape {estimate_shape}: {rules.title} expects {allowed} for a truth of {truth_shape}")
+
+
+def _confidence_map(confidence: ArrayLike, shape: tuple[int, ...], scale: int) -> Float:
+    values = np.asarray(confidence)
+    if values.dtype.kind not in "biuf" or values.shape != shape:
+        raise InputError(f"confidence holds {values.dtype} {values.shape}: expected numbers of disp's shape, {shape}")
+    return np.repeat(np.repeat(values.astype(np.float64), scale, axis=0), scale, axis=1)
 
 
 def upsampled(disp: Disparity, scale: int) -> Disparity:

@@ -113,6 +113,11 @@ _METRICS = (
     Metric("point_avgerr", "m", "mean distance between estimated and true point"),
     Metric("point_rms", "m", "root mean squared distance between estimated and true point"),
     Metric("point_rel", "%", "mean point distance relative to the true point's distance from the camera"),
+    *(
+        Metric(f"auc{t}", "%", f"area under the sparsification curve of errors above {t} px, of estimated pixels")
+        for t in (1.0, 2.0)
+    ),
+    *(Metric(f"auc{t}_opt", "%", f"auc{t} of a confidence that ranks without mistakes") for t in (1.0, 2.0)),
     Metric("time", "s", "wall time of one match"),
     Metric("time/MP", "s/MP", "seconds per megapixel"),
     Metric("time/GD", "s/GD", "seconds per 10^9 disparity evaluations (pixels x ndisp)"),

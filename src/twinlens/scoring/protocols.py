@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from twinlens.errors import InputError, check_known
 from twinlens.matching.refine import carried_right
 from twinlens.scoring.metrics import BAD, SIZES, THRESHOLDS, Disparity, Mask, disparity_map, error_sizes, percent
+from twinlens.scoring.sparsification import Sparsification, sparsification
 
 KITTI_PIXELS, KITTI_SHARE = 3.0, 0.05
 MIDDLEBURY_INVALID = 1000.0
@@ -24,13 +25,21 @@ class Pixels:
     """The evaluated pixels of one region, as vectors of one length.
 
     estimate (+inf where unknown), truth: pixels. given: where the method has an estimate. metres: with a calibration,
-    the distance between estimated and true point, and the true point's distance from the camera.
+    the distance between estimated and true point, and the true point's distance from the camera. confidence: the
+    method's, if it has one.
     """
 
     estimate: NDArray[np.float64]
     truth: NDArray[np.float64]
     given: NDArray[np.bool_]
     metres: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
+    confidence: NDArray[np.float64] | None = None
+
+    def sparsified(self, threshold: float) -> Sparsification | None:
+        """The curve of errors above the threshold, over the pixels with an estimate; None without a confidence."""
+        if self.confidence is None:
+            return None
+        return sparsification(self.confidence[self.given], self.given_errors > threshold)
 
     @property
     def given_errors(self) -> NDArray[np.float64]:
@@ -46,6 +55,8 @@ class Protocol:
     fill gaps. measure: the metrics of a region.
     upsampling: allowed ratios of the truth's size to the map's. rounds_integers: estimates are rounded if the
     calibration has isint=1. headline: the metric that ranks methods. columns: the metrics of a table by default.
+    auc_threshold: the error in pixels above which a pixel is bad in sparsification curves, None for no curves. Their
+    metrics, `auc_metrics`, are the last; only methods with a confidence have them.
     """
 
     name: str
@@ -63,6 +74,12 @@ class Protocol:
     upsampling: tuple[int, ...] = (1,)
     rounds_integers: bool = False
     needs_calibration: bool = False
+    auc_threshold: float | None = None
+
+    @property
+    def auc_metrics(self) -> tuple[str, ...]:
+        """The names of the area under the sparsification curve, and of the smallest possible one."""
+        return () if self.auc_threshold is None else (f"auc{self.auc_threshold}", f"auc{self.auc_threshold}_opt")
 
     def lines(self) -> Mapping[str, str]:
         """Description for tables and board files, label -> text."""
@@ -164,7 +181,7 @@ _PROTOCOLS = (
         name="middlebury-v3",
         title="Middlebury v3",
         source="Scharstein et al., GCPR 2014; MiddEval3 SDK, evaldisp.cpp",
-        metrics=(*BAD, *(f"tot{b}" for b in BAD), *SIZES, "invalid", "coverage"),
+        metrics=(*BAD, *(f"tot{b}" for b in BAD), *SIZES, "invalid", "coverage", "auc2.0", "auc2.0_opt"),
         prepare=_middlebury_prepare,
         measure=_middlebury_measure,
         denominator="bad, totbad, invalid, coverage: pixels with known truth; avgerr, rms, A: those with an estimate",
@@ -175,18 +192,20 @@ _PROTOCOLS = (
         columns=("totbad2.0", *BAD, "avgerr", "rms", "A50", "A95", "invalid"),
         upsampling=(1, 2, 4),
         rounds_integers=True,
+        auc_threshold=2.0,
     ),
     Protocol(
         name="eth3d",
         title="ETH3D two-view",
         source="Schöps et al., CVPR 2017; ETH3D/two-view-evaluation, main.cc",
-        metrics=(*BAD, *SIZES, "coverage"),
+        metrics=(*BAD, *SIZES, "coverage", "auc1.0", "auc1.0_opt"),
         prepare=_eth3d_prepare,
         measure=_eth3d_measure,
         denominator="bad, avgerr, rms, A: pixels with known truth and an estimate; coverage: pixels with known truth",
         invalid="pixels without an estimate are in no error, only in coverage; |d| > image width is no estimate",
         headline="bad1.0",
         columns=(*BAD, "avgerr", "rms", "A50", "A95", "coverage"),
+        auc_threshold=1.0,
     ),
     Protocol(
         name="kitti2015",

@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 
 from twinlens.errors import InputError, TwinlensError
 from twinlens.matching import Matcher
-from twinlens.matching.external import FunctionError, WrongAnswerError, checked_result, format_status
+from twinlens.matching.external import FunctionError, WrongAnswerError, checked_pair, format_status
+from twinlens.matching.options import match_with_confidence
 from twinlens.scoring.board import Failure
 from twinlens.scoring.samples import Pair
 
@@ -46,10 +47,11 @@ class Method(Matcher, Protocol):
 
 @dataclass(frozen=True)
 class Answer:
-    """A validated disparity map and the wall time of its match in seconds."""
+    """A validated disparity map, the wall time of its match in seconds, and the confidence if the method has one."""
 
     disp: Image
     seconds: float | None
+    confidence: Image | None = None
 
 
 class MethodError(Exception):
@@ -187,11 +189,12 @@ class Runner:
 def _timed_match(method: Method, left: Image, right: Image, search: Mapping[str, int]) -> Answer:
     start = time.perf_counter()
     try:
-        result = method.match(left, right, **search)
+        result = match_with_confidence(method, left, right, **search)
         seconds = time.perf_counter() - start
         if isinstance(result, np.ndarray) and result.dtype.kind != "f":
             raise WrongAnswerError("wrong-type", f"returned an array of {result.dtype}: expected float32 disparities")
-        return Answer(checked_result(result, left.shape[:2], method.name), seconds)
+        disparity, confidence = checked_pair(result, left.shape[:2], method.name)
+        return Answer(disparity, seconds, confidence)
     except (Exception, SystemExit) as raised:
         error = (isinstance(raised, FunctionError) and raised.__cause__) or raised
         if isinstance(error, TimeoutError):
@@ -203,7 +206,7 @@ def _timed_match(method: Method, left: Image, right: Image, search: Mapping[str,
 
 def _untimed_match(method: Method, left: Image, right: Image, search: Mapping[str, int]) -> None:
     with contextlib.suppress(Exception, SystemExit):
-        method.match(left, right, **search)
+        match_with_confidence(method, left, right, **search)
 
 
 def _check_parts(method: Any) -> None:

@@ -46,6 +46,12 @@ def standings(
     return sorted(means, key=lambda mean: (math.isnan(mean.metrics[metric.name]), sign * mean.metrics[metric.name]))
 
 
+def has_confidence(board: Board, protocol: str) -> bool:
+    """Whether a method of the board has sparsification curves by this protocol."""
+    entries = (entry for entry in board.entries if entry.protocol == protocol)
+    return any(scores.sparsification for entry in entries for scores in entry.regions.values())
+
+
 def caption(board: Board, protocol: str, region: str, weights: Mapping[str, float] | None = None) -> str:
     """What a table's numbers mean, one line each: protocol, region, denominator, invalid, clip, resolution, mean."""
     text = REGIONS[region].text if region in REGIONS else "defined by the caller"
@@ -172,7 +178,9 @@ def _ranked(
 ) -> tuple[list[Metric], list[tuple[Mean, list[tuple[str, bool]]]]]:
     """The metrics of the columns, and for each mean, best first, its cells: the text, and whether it is the best."""
     means = standings(board, protocol, region, **ranking)
-    names = (*PROTOCOLS[protocol].columns, "time") if columns is None else columns
+    rules = PROTOCOLS[protocol]
+    areas = rules.auc_metrics if has_confidence(board, protocol) else ()
+    names = (*rules.columns, *areas, "time") if columns is None else columns
     metrics, cells = [board.rules(protocol, region, name)[1] for name in names], []
     for metric in metrics:
         values = [mean.metrics[metric.name] for mean in means]

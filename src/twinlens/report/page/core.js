@@ -23,7 +23,7 @@ function el(tag, properties, ...children) {
   made.append(...children.flat().filter((child) => child != null));
   return made;
 }
-el.svg = new Set(["circle", "line", "text", "g", "title"]);
+el.svg = new Set(["circle", "line", "polyline", "text", "g", "title"]);
 
 const number = (value) => (value == null ? NaN : value === "inf" ? Infinity : value);
 

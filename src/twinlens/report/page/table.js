@@ -40,6 +40,7 @@ function drawBoard() {
   drawRules();
   drawMatrix();
   drawScatter();
+  drawSparsification();
 }
 
 function boardRow({ method, scores }, i, columns, best, largest) {
@@ -199,6 +200,45 @@ function drawScatter() {
     tags,
     dots.map((d) => el("circle", { class: d.name === state.method ? "dot on" : "dot", cx: px(d.x), cy: py(d.y), r: 5.5, onclick: () => look(overSample() || state.sample, d.name) },
       el("title", {}, `${d.name}: ${show(y, d.y)} ${data.metrics[y].unit}, ${show(x, d.x)} ${data.metrics[x].unit}`)))));
+}
+
+const lineColours = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7a5195", "#8c6d31"];
+
+// The mean of a method's sparsification curves over the selected samples; null if one of them has none.
+function sparsificationOf(method) {
+  const group = groupOf(state.over);
+  const samples = overSample() ? [state.over] : group ? group.samples : data.samples.map((s) => s.name);
+  const regions = samples.map((s) => entryOf(method, s)).map((e) => e && e.regions[state.region]);
+  const curves = regions.filter((r) => !r || r.n[2]).map((r) => r && r.s);
+  if (!curves.length || !curves.every(Boolean)) return null;
+  const mean = (rates) => rates.reduce((a, b) => a + b, 0) / rates.length;
+  const last = curves.map((c) => c[c.length - 1] / 100);
+  return { name: method, rates: data.densities.map((_, k) => mean(curves.map((c) => c[k]))),
+    best: data.densities.map((x) => 100 * mean(last.map((e) => Math.max(0, 1 - (1 - e) / x)))) };
+}
+
+// Error rate of the most confident pixels against their share; dashed: the lowest possible one of the selected method.
+function drawSparsification() {
+  const curves = data.methods.map((m) => sparsificationOf(m.name)).filter(Boolean);
+  $("sparse-card").hidden = !curves.length;
+  if (!curves.length) return;
+  const area = rules().metrics.find((m) => m.startsWith("auc"));
+  $("sparse-title").textContent = `Sparsification: errors above ${parseFloat(area.slice(3))} px [%] among the most confident pixels, ${state.region}`;
+  const W = Math.max(300, Math.min(1200, $("sparse").clientWidth || 760)), H = 300, left = 46, right = 20, bottom = 34, top = 12;
+  const peak = 1.06 * Math.max(...curves.flatMap((c) => c.rates), 1e-9);
+  const px = (x) => left + (W - left - right) * x, py = (v) => H - bottom - ((H - bottom - top) * v) / peak;
+  const step = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50].find((s) => peak / s <= 6) || 50;
+  const levels = Array.from({ length: Math.floor(peak / step) + 1 }, (_, i) => i * step);
+  const line = (rates, colour, extra, text) => el("polyline", { class: `curve ${extra}`, stroke: colour, points: rates.map((v, k) => `${px(data.densities[k]).toFixed(1)},${py(v).toFixed(1)}`).join(" ") }, el("title", {}, text));
+  const colours = new Map(curves.map((c, k) => [c.name, lineColours[k % lineColours.length]]));
+  const chosen = curves.find((c) => c.name === state.method) || curves[0];
+  $("sparse").replaceChildren(el("svg", { viewBox: `0 0 ${W} ${H}`, role: "img", "aria-label": $("sparse-title").textContent },
+    levels.map((v) => [el("line", { class: "grid", x1: left, x2: W - right, y1: py(v), y2: py(v) }), el("text", { x: left - 8, y: py(v) + 4, "text-anchor": "end" }, String(+v.toPrecision(3)))]).flat(),
+    [0, 0.25, 0.5, 0.75, 1].map((x) => el("text", { x: px(x), y: H - 12, "text-anchor": "middle" }, `${100 * x}%`)),
+    line(chosen.best, colours.get(chosen.name), "ideal", `lowest possible for ${chosen.name}`),
+    curves.map((c) => line(c.rates, colours.get(c.name), c === chosen ? "on" : "", `${c.name}: ${area} ${show(area, scoresOf(c.name, state.over).value(area))} %`))),
+  el("div", { class: "legend" }, curves.map((c) => el("span", { class: "key" }, el("i", { style: `background:${colours.get(c.name)}` }), c.name)),
+    el("span", {}, `dashed: lowest possible for ${chosen.name}`)));
 }
 
 function drawControls() {

@@ -1,0 +1,151 @@
+"""Confidence measures: maps (H, W) float32 of a cost volume, higher where the winner is more probably right.
+
+A volume is (H, W, D), as `StereoMatcher.cost_volume` returns it; +inf is a candidate without a partner. c1 is the
+lowest cost of a pixel, at d1; of equal costs the smallest disparity is d1. A rival is two or more disparities from d1.
+Names: Hu and Mordohai, "A quantitative evaluation of confidence measures for stereo vision", PAMI 34(11), 2012.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twinlens.errors import InputError, check_known
+from twinlens.matching.images import Confidence
+
+AMBIGUITY_STEPS = np.arange(0.0, 0.7, 0.01).astype(np.float32)
+AMBIGUITY_PERCENT = 1.0
+LEAST_DIFFERENCE = 1e-3
+"""What `left_right` adds to its denominator, which is 0 for most right matches; a part of the volume's cost range."""
+
+
+@dataclass(frozen=True)
+class _Pixels:
+    """Pixels with their costs (..., D), of a volume whose finite costs span `low` to `high`."""
+
+    costs: NDArray[np.float64]
+    low: float
+    high: float
+
+    @property
+    def winner(self) -> NDArray[np.intp]:
+        return np.asarray(np.argmin(self.costs, axis=-1))
+
+    @property
+    def lowest(self) -> NDArray[np.float64]:
+        return np.asarray(np.min(self.costs, axis=-1))
+
+    def beside(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The costs of the candidates before and after each; +inf beyond the ends."""
+        end = np.full((*self.costs.shape[:-1], 1), np.inf)
+        before = np.concatenate([end, self.costs[..., :-1]], axis=-1)
+        return before, np.concatenate([self.costs[..., 1:], end], axis=-1)
+
+    def rival(self, among: NDArray[np.bool_] | bool = True) -> NDArray[np.float64]:
+        """The lowest cost of a rival among these candidates; +inf if there is none."""
+        far = np.abs(np.arange(self.costs.shape[-1]) - self.winner[..., None]) >= 2
+        return np.asarray(np.min(self.costs, axis=-1, where=far & among, initial=np.inf))
+
+
+def _peak_ratio(pixels: _Pixels) -> NDArray[Any]:
+    """1 - c1 / c2, with c2 the lowest local minimum of a rival; 1 without one. c2 / c1 has the same order."""
+    before, after = pixels.beside()
+    minimum = (pixels.costs <= before) & (pixels.costs <= after)
+    lowest, rival = np.maximum(pixels.lowest, 0.0), pixels.rival(minimum)
+    some = np.isfinite(rival) & (rival > 0)
+    ratio = np.divide(lowest, rival, out=np.where(np.isfinite(rival), 1.0, 0.0), where=some)
+    return 1.0 - ratio
+
+
+def _curvature(pixels: _Pixels) -> NDArray[Any]:
+    """c(d1 - 1) - 2 c1 + c(d1 + 1); at an end of the range the only neighbour counts twice."""
+    place = pixels.winner[..., None]
+    before, after = (np.take_along_axis(side, place, axis=-1)[..., 0] for side in pixels.beside())
+    first, last = np.where(np.isfinite(before), before, after), np.where(np.isfinite(after), after, before)
+    bend = first + last - 2.0 * pixels.lowest
+    return np.where(np.isfinite(bend), bend, 0.0)
+
+
+def _left_right(pixels: _Pixels, of_right: NDArray[np.float64]) -> NDArray[Any]:
+    """(c2 - c1) / (c1 - c_right + 0.001 range), with c2 the lowest cost of a rival, or the range's end without one.
+
+    c_right: the lowest cost of the matched right pixel over all its left candidates.
+    """
+    rival = pixels.rival()
+    margin = np.where(np.isfinite(rival), rival, pixels.high) - pixels.lowest
+    return margin / (pixels.lowest - of_right + LEAST_DIFFERENCE * (pixels.high - pixels.low))
+
+
+CONFIDENCES: dict[str, str] = {
+    "peak_ratio": "1 - lowest cost / second-lowest minimum",
+    "curvature": "of the costs around the lowest",
+    "left_right": "distance to the rival, over the difference to the lowest cost of the matched right pixel",
+    "ambiguity": "1 - the number of candidates near the lowest cost, integrated over distances and normalised",
+}
+
+
+def confidence_map(volume: NDArray[np.floating[Any]], measure: str, min_disparity: int = 0) -> Confidence:
+    """The confidence (H, W) by the measure, a name of `CONFIDENCES`; min_disparity is the disparity of candidate 0.
+
+    It is 0 where there is no candidate, and everywhere if all costs are equal.
+
+    peak_ratio: 1 - c1 / c2 with the second-lowest local minimum c2, that is 1 - 1 / PKR of Hu and Mordohai, in [0, 1].
+    curvature: c(d1 - 1) - 2 c1 + c(d1 + 1), in the cost's unit. left_right: LRD of Hu and Mordohai,
+    (c2 - c1) / (c1 - c_right), with the rival's cost c2, and c_right the lowest cost of the matched right pixel; 0.001
+    of the range of all costs is added to the denominator. ambiguity: Pandora's confidence from ambiguity, in [0, 1]:
+    with costs normalised to 0..1 over the volume, the number of candidates with c <= c1 + eta, summed over eta = 0,
+    0.01, ... 0.69; clipped to its 1 % and 99 % percentiles, normalised, and subtracted from 1. A candidate without a
+    partner counts as near. Source: Sarrazin et al., "Ambiguity concept in stereo matching pipeline", ISPRS Archives
+    XLIII-B2, 2021.
+
+    Raises InputError for an unknown measure, and for a volume that is not (H, W, D).
+    """
+    check_known("confidence", measure, CONFIDENCES)
+    if volume.ndim != 3 or 0 in volume.shape:
+        raise InputError(f"a cost volume has shape {volume.shape}; expected (height, width, disparities)")
+    finite = np.isfinite(volume)
+    low = float(np.min(volume, where=finite, initial=np.inf))
+    high = float(np.max(volume, where=finite, initial=-np.inf))
+    if not low < high:
+        return np.zeros(volume.shape[:2], np.float32)
+    if measure == "ambiguity":
+        return _ambiguity(volume.astype(np.float32, copy=False), low, high)
+    result = np.zeros(volume.shape[:2], np.float32)
+    for y, row in enumerate(volume):
+        candidates = np.isfinite(row).any(axis=-1)
+        pixels = _Pixels(row[candidates].astype(np.float64), low, high)
+        if measure == "left_right":
+            columns = np.flatnonzero(candidates) - min_disparity - pixels.winner
+            result[y, candidates] = _left_right(pixels, _right_lowest(row, min_disparity)[columns])
+        else:
+            result[y, candidates] = (_peak_ratio if measure == "peak_ratio" else _curvature)(pixels)
+    return result
+
+
+def _right_lowest(row: NDArray[Any], min_disparity: int) -> NDArray[np.float64]:
+    """(W,): of each right pixel of a row the lowest cost; the left pixel of candidate j is min_disparity + j beyond."""
+    width, depth = row.shape
+    lowest = np.full(width, np.inf)
+    for j in range(depth):
+        shift = min_disparity + j
+        first, last = max(0, -shift), min(width, width - shift)
+        if first < last:
+            lowest[first:last] = np.minimum(lowest[first:last], row[first + shift : last + shift, j])
+    return lowest
+
+
+def _ambiguity(volume: NDArray[np.float32], low: float, high: float) -> Confidence:
+    from twinlens.matching.kernels.confidence import near_counts
+
+    # In float32 and in this order, as Pandora computes it: costs at a step's bound are frequent.
+    span = np.float32(high) - np.float32(low)
+    counts = np.empty(volume.shape[:2], np.float32)
+    for y, row in enumerate(volume):
+        near_counts(((row - np.float32(low)) / span)[None], AMBIGUITY_STEPS, counts[y : y + 1])
+    ends = np.percentile(counts, AMBIGUITY_PERCENT), np.percentile(counts, 100.0 - AMBIGUITY_PERCENT)
+    clipped = np.clip(counts, *ends, dtype=np.float32)
+    least, most = clipped.min(), clipped.max()
+    if least == most:
+        return np.zeros(counts.shape, np.float32)
+    return np.asarray(1 - (clipped - least) / (most - least), np.float32)
