@@ -7,10 +7,13 @@ import trimesh
 import twinlens as tl
 from tests.rendering.gltf_brdf import reflected
 from tests.scenes.gltf_files import square, write
+from twinlens.camera.truth import MATERIAL_KINDS
+from twinlens.rendering.build import build
 from twinlens.scenes.assets import SceneContext
 from twinlens.scenes.model_files import read_model
+from twinlens.scenes.pbr import PbrMaterial, Textures, plugin_of
 from twinlens.scenes.placement import rotation
-from twinlens.scenes.scene import Bitmap, SceneObject
+from twinlens.scenes.scene import Bitmap, Mesh, SceneObject
 
 SPACING = 200.0  # metres: no object lights another
 BALLS = [(color, metallic, roughness) for color in ((0.1, 0.1, 0.1), (0.8, 0.3, 0.05), (1.0, 1.0, 1.0))
@@ -141,3 +144,29 @@ def test_a_white_surface_returns_all_light(few):
 def test_a_metal_reflects_its_color_at_normal_incidence(few):
     for look in (((0.8, 0.3, 0.05), 1.0, 0.2), ((1.0, 1.0, 1.0), 1.0, 0.2)):
         np.testing.assert_allclose(few[BALLS.index(look)][0], look[0], rtol=0.02)
+
+
+_GLASS = {"KHR_materials_transmission": {"transmissionFactor": 1.0}, "KHR_materials_volume": {"thicknessFactor": 0.1}}
+
+
+@pytest.mark.parametrize(
+    ("kind", "metallic", "roughness", "more"),
+    [
+        ("diffuse", 0.0, 0.9, {}),
+        ("diffuse", 0.0, 0.9, {"doubleSided": True}),
+        ("glossy", 0.0, 0.3, {}),
+        ("glossy", 1.0, 0.9, {}),
+        ("glossy", 0.0, 0.9, {"extensions": {"KHR_materials_clearcoat": {"clearcoatFactor": 1.0}}}),
+        ("transmissive", 0.0, 0.9, {"extensions": _GLASS}),
+        ("transmissive", 0.0, 0.0, {"extensions": _GLASS}),
+        ("transmissive", 0.0, 0.9, {"alphaMode": "BLEND"}),
+    ],
+)
+def test_the_kind_of_a_material(kind, metallic, roughness, more):
+    """Dielectrics as rough as matte paint are diffuse, as `principled` ones are."""
+    base = {"metallicFactor": metallic, "roughnessFactor": roughness, "baseColorFactor": [0.5, 0.2, 0.2, 0.5]}
+    material = PbrMaterial.model_validate({"pbrMetallicRoughness": base, **more})
+    plugin, _ = plugin_of(material, Textures([], [], lambda _: b""))
+    triangle = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]], np.uint32))
+    scene = tl.Scene("one", (SceneObject("triangle", triangle, "m"),), {"m": plugin}, np.eye(4), (1.0, 2.0))
+    assert MATERIAL_KINDS[build(scene).bodies[0].material_kind] == kind

@@ -14,11 +14,11 @@ from twinlens.errors import InputError
 from twinlens.geometry import Float
 from twinlens.rendering.backends import mitsuba
 from twinlens.scenes import Bitmap, Color, Mesh, Plugin, Scene, SceneObject
+from twinlens.scenes.scene import HINTS, MATTE_ROUGHNESS
 from twinlens.scenes.shapes import transformed
 
 _INSTANCE = 1 << 10  # Mitsuba 3.9 has no name for this shape type
 _BLOCK_PX = 16
-_MATTE_ROUGHNESS = 0.44  # of `principled`: 5 gloss units at 60 degrees, the most of matte paint (docs/realism.md)
 
 _cache: "weakref.WeakKeyDictionary[Scene, BuiltScene]" = weakref.WeakKeyDictionary()
 _building = threading.Lock()
@@ -83,7 +83,7 @@ def _two_threads() -> Iterator[None]:
 def _build_objects(scene: Scene) -> BuiltScene:
     mi = mitsuba()
     materials = {
-        name: _load({key: value for key, value in plugin.items() if key != "emitter"}, f"material {name!r}")
+        name: _load({key: value for key, value in plugin.items() if key not in HINTS}, f"material {name!r}")
         for name, plugin in scene.materials.items()
     }
     material_names = tuple(materials)
@@ -91,23 +91,24 @@ def _build_objects(scene: Scene) -> BuiltScene:
     plugins = scene.lights if scene.sky is None else {"sky": scene.sky.plugin()}
     lights = {f"light{i:04d}": _load(plugins[name], f"light {name!r}") for i, name in enumerate(plugins)}
     parts: dict[str, Any] = {"type": "scene", "embree_use_robust_intersections": True}
-    placed: list[tuple[int, str, int, Any, SceneObject, Float]] = []  # object id, key, material id, leaf, object, pose
+    placed: list[tuple[int, str, int, int, Any, SceneObject, Float]] = []  # ids and kinds of parts, and what they are
     names: list[str] = []
     for index, thing in enumerate(scene.objects):
         copies = [f"{thing.name}[{i}]" for i in range(len(thing.instances))] or [thing.name]
         poses = [pose @ thing.world_from_object for pose in thing.instances] or [thing.world_from_object]
         for k, (material, leaf) in enumerate(_leaves(thing, scene, materials)):
             material_id = 1 + material_names.index(material)
+            kind = material_kind(leaf.bsdf(), bool(scene.materials[material].get("matte")))
             label = f"{index:04d}" if k == 0 else f"{index:04d}-{k}"
             for copy, (key, part) in enumerate(_parts(thing, label, leaf, parts), start=1):
                 parts[key] = part
-                placed.append((len(names) + copy, key, material_id, leaf, thing, poses[copy - 1]))
+                placed.append((len(names) + copy, key, material_id, kind, leaf, thing, poses[copy - 1]))
         names += copies
     mi_scene = mi.load_dict(parts | lights, optimize=False)
     shapes = {shape.id(): shape for shape in mi_scene.shapes()}
     bodies = tuple(
-        Body(object_id, material_id, material_kind(leaf.bsdf()), leaf, instance, thing.shape, pose)
-        for object_id, key, material_id, leaf, thing, pose in placed
+        Body(object_id, material_id, kind, leaf, instance, thing.shape, pose)
+        for object_id, key, material_id, kind, leaf, thing, pose in placed
         for instance in [None if shapes[key] is leaf else shapes[key]]
     )
     return BuiltScene(mi_scene, _integrator(scene), bodies, tuple(names), material_names)
@@ -291,14 +292,14 @@ def _build_xml(scene: Scene) -> BuiltScene:
     return BuiltScene(mi_scene, integrator, tuple(bodies), tuple(names), tuple(materials))
 
 
-def material_kind(bsdf: Any) -> int:
-    """Index into MATERIAL_KINDS from the flags of a BSDF: transmissive, mirror, glossy or diffuse."""
+def material_kind(bsdf: Any, matte: bool = False) -> int:
+    """Index into MATERIAL_KINDS from the flags of a BSDF: transmissive, mirror, glossy, or diffuse if `matte`."""
     flags = mitsuba().BSDFFlags
     has = int(bsdf.flags()).__and__
     if has(int(flags.DiffuseTransmission | flags.GlossyTransmission | flags.DeltaTransmission | flags.Null)):
         return 4
     if has(int(flags.DiffuseReflection)):
-        return 2 if has(int(flags.GlossyReflection | flags.DeltaReflection)) and not _is_matte(bsdf) else 1
+        return 2 if has(int(flags.GlossyReflection | flags.DeltaReflection)) and not (matte or _is_matte(bsdf)) else 1
     if has(int(flags.GlossyReflection)):
         return 2
     return 3 if has(int(flags.DeltaReflection)) else 1
@@ -311,4 +312,4 @@ def _is_matte(bsdf: Any) -> bool:
     if not all(key in values for key in keys):
         return False
     roughness, metallic, clearcoat = (np.ravel(values[key])[0] for key in keys)
-    return bool(roughness >= _MATTE_ROUGHNESS and max(metallic, clearcoat) < 0.01)
+    return bool(roughness >= MATTE_ROUGHNESS and max(metallic, clearcoat) < 0.01)

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from twinlens.errors import InputError
 from twinlens.geometry import Float
 from twinlens.scenes.assets import check_picture_size, linear_from_srgb
-from twinlens.scenes.scene import Bitmap, Color, Plugin
+from twinlens.scenes.scene import MATTE_ROUGHNESS, Bitmap, Color, Plugin
 from twinlens.schema import Fraction, NonNegative, exactly
 
 Pixels = NDArray[np.float32]
@@ -379,13 +379,13 @@ def plugin_of(
 ) -> tuple[Plugin, dict[str, Float]]:
     """The Mitsuba plugin of a material, and the attributes (V, C) of vertices that have `colors` (V, 4).
 
-    The plugin's key `emitter` is the light of surfaces that have the material. What cannot be mapped is added to
+    The plugin's keys `emitter` and `matte` are those of `Scene.materials`. What cannot be mapped is added to
     `textures.lost`.
     """
     maps, more = _Maps(material, textures, colors), material.extensions
     textures.lost += sorted(more.model_extra or {})
     base = maps.base()
-    plugin, metallic = _opaque(material, maps, base[..., :3])
+    plugin, metallic, matte = _opaque(material, maps, base[..., :3])
     if material.doubleSided:
         plugin = {"type": "twosided", "bsdf": plugin}
     plugin = _transmissive(material, maps, base[..., :3], metallic, plugin)
@@ -395,11 +395,11 @@ def plugin_of(
         alpha = base[..., 3:]
         opacity = (alpha >= material.alphaCutoff).astype(np.float32) if material.alphaMode == "MASK" else alpha
         plugin = {"type": "mask", "opacity": maps.value("opacity", opacity), "bsdf": plugin}
-    return {**plugin, **_emission(material, maps)}, maps.attributes
+    return {**plugin, **_emission(material, maps), **({"matte": True} if matte else {})}, maps.attributes
 
 
-def _opaque(material: PbrMaterial, maps: _Maps, color: Pixels) -> tuple[Plugin, Pixels]:
-    """The plugin of the reflecting surface, and the metalness (H, W, 1)."""
+def _opaque(material: PbrMaterial, maps: _Maps, color: Pixels) -> tuple[Plugin, Pixels, bool]:
+    """The plugin of the reflecting surface, the metalness (H, W, 1), and whether it is as matte as matte paint."""
     rough, coat = material.pbrMetallicRoughness, material.extensions.KHR_materials_clearcoat
     factors = [rough.roughnessFactor, rough.metallicFactor]
     roughness, metallic = np.split(maps.shared(rough.metallicRoughnessTexture, factors, slice(1, 3)), 2, axis=-1)
@@ -418,7 +418,8 @@ def _opaque(material: PbrMaterial, maps: _Maps, color: Pixels) -> tuple[Plugin, 
         {"type": "diffuse", "reflectance": diffuse},
     )
     metal = {**facets, "base_color": maps.value("facets", found.facets), "metallic": schlick}
-    return _blend(maps.value("weight", found.weight), lower, metal), metallic
+    matte = bool(roughness.min() >= MATTE_ROUGHNESS and metallic.max() < 0.01 and not coated.any())
+    return _blend(maps.value("weight", found.weight), lower, metal), metallic, matte
 
 
 def _blend(weight: Any, first: Plugin, second: Plugin) -> Plugin:

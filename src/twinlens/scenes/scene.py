@@ -22,6 +22,12 @@ from twinlens.geometry import Float, check_rigid
 from twinlens.scenes.placement import rotation
 
 Plugin = Mapping[str, Any]
+MATTE_ROUGHNESS = 0.44
+"""Of `principled` and glTF: 5 gloss units at 60 degrees, the most of matte paint (docs/realism.md)."""
+
+HINTS = ("emitter", "matte")
+"""Keys of materials that are not Mitsuba's; see `Scene`."""
+
 _EQUAL_SCALES = {"sphere": 3, "cylinder": 2}
 """How many axes of a shape need the same scale. Otherwise Mitsuba logs a warning and renders it without the stretch."""
 
@@ -176,7 +182,8 @@ class Sky:
 class Scene:
     """A scene and its default view.
 
-    materials : plugins by name. A key `emitter` makes all surfaces of a material light sources.
+    materials : plugins by name. A key `emitter` makes all surfaces of a material light sources; `matte`, if true, makes
+        its kind in the ground truth diffuse although it has facets.
     lights : emitters that are not objects (environment maps, point lights, the sun).
     world_from_left : (4, 4), the pose of the left camera.
     fov_x_deg, baseline : the horizontal field of view, and the baseline in metres.
