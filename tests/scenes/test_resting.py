@@ -1,10 +1,11 @@
 """Level faces and prisms of `twinlens.scenes.resting` against densely sampled points."""
 
 import numpy as np
+import pytest
 import trimesh
 
-from twinlens.scenes.resting import Placed, level_faces
-from twinlens.scenes.scene import Mesh
+from twinlens.scenes.resting import Placed, level_faces, world_triangles
+from twinlens.scenes.scene import Mesh, SceneObject
 from twinlens.scenes.stable_poses import outline, stable_poses
 
 _L = np.array([[(0, 0), (2, 0), (2, 1)], [(0, 0), (2, 1), (0, 1)], [(0, 1), (1, 1), (1, 2)], [(0, 1), (1, 2), (0, 2)]])
@@ -50,3 +51,16 @@ def test_a_prism_that_meets_a_triangle_is_found():
     assert not (inside.any(axis=1) & ~met).any()
     assert (~met).mean() > 0.05
     assert met[~inside.any(axis=1)].mean() < 0.3  # few of those that are clear are refused
+
+
+@pytest.mark.parametrize("shape", [
+    {"type": "sphere", "radius": 0.4, "center": [0.1, 0, 0]}, {"type": "cylinder", "radius": 0.2, "p1": [0, 1, 1]},
+])  # fmt: skip
+def test_triangles_of_round_shapes_enclose_them(shape):
+    """Their planes are outside of the sphere, or of the circle around the axis, and close to it."""
+    triangles = world_triangles(SceneObject("round", shape, "grey"))[0]
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    distance = np.abs(((triangles[:, 0] - np.array(shape.get("center", [0.0] * 3))) * normal).sum(axis=1))
+    assert (distance >= shape["radius"]).all()
+    assert (distance <= 1.002 * shape["radius"]).all()

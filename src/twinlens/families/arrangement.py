@@ -15,9 +15,9 @@ from twinlens.families.draws import Rng, one_of, weighted
 from twinlens.families.kinds import Body, draw_body
 from twinlens.geometry import Float
 from twinlens.scenes.placement import rotation
+from twinlens.scenes.resting import CLEARANCE
 from twinlens.scenes.stable_poses import StablePose, gap, inside_by, stable_poses
 
-_CLEARANCE = 1e-4  # of a body's size: gap between bodies that touch, so that no two surfaces coincide
 _TRIES, _TRIES_ON_TOP = 60, 6
 _HIGHEST_STACK = 4
 _LYING = {"bottle": 0.12, "cup": 0.08, "candle": 0.1, "tin": 0.08, "pawn": 0.15, "cone": 0.1}
@@ -120,7 +120,7 @@ def _trials(body: Body, rest: StablePose, rng: Rng, placed: list[Placement], are
                 spin = _random_spin(body, rng)
                 offset = spin[:2, :2] @ rest.support.mean(axis=0)
                 xy = slab.mean(axis=0) - offset + rng.normal(0, 0.06, 2) * body.size
-                trial = Placement(body, rest, spin, np.append(xy, below.top + _CLEARANCE * body.size), below)
+                trial = Placement(body, rest, spin, np.append(xy, below.top + CLEARANCE * body.size), below)
                 on_slab = min(inside_by(slab, corner) for corner in trial.moved(rest.support)) > 0
                 centre = trial.moved(rest.centre[None, :2])[0]
                 if on_slab and all(inside_by(each.moved(each.rest.support), centre) > 0 for each in below.stack):
@@ -128,7 +128,7 @@ def _trials(body: Body, rest: StablePose, rng: Rng, placed: list[Placement], are
     for _ in range(_TRIES):
         spin = _random_spin(body, rng)
         xy = area.sample(rng, rest) * area.half + area.middle
-        trial = Placement(body, rest, spin, np.append(xy, area.height + _CLEARANCE * body.size))
+        trial = Placement(body, rest, spin, np.append(xy, area.height + CLEARANCE * body.size))
         if (np.abs(trial.footprint - area.middle) < area.half * area.overhang).all():
             yield trial
 

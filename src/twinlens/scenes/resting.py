@@ -11,7 +11,6 @@ import numpy as np
 
 from twinlens.geometry import Float, transform_points
 from twinlens.scenes import shapes
-from twinlens.scenes.placement import translation
 from twinlens.scenes.scene import Mesh, SceneObject
 from twinlens.scenes.stable_poses import StablePose, edge_normals, inside_by
 
@@ -19,41 +18,16 @@ CLEARANCE = 1e-4  # of a body's size: gap between bodies that touch, so that no 
 _SPACING = 0.01  # of a body's size: least horizontal distance from other bodies
 _LEVEL = 1e-9  # 1 - cosine of the largest slope of a level triangle
 _SAME_HEIGHT = 1e-5  # of the object's size
-_SECTIONS = 64  # of round analytic shapes
+_OUTSIDE = 1.001  # radius of a tessellated sphere or cylinder that is outside of the round one everywhere
 
 
 def world_triangles(thing: SceneObject) -> list[Float]:
-    """The triangles (F, 3, 3) of each copy of an object, in the world; those of a round analytic shape enclose it."""
-    mesh = thing.shape if isinstance(thing.shape, Mesh) else _tessellated(thing)
+    """The triangles (F, 3, 3) of each copy of an object, in the world; those of a sphere or cylinder enclose it."""
+    mesh = thing.shape
+    if not isinstance(mesh, Mesh):
+        mesh = shapes.tessellated({**mesh, "radius": _OUTSIDE * mesh.get("radius", 1.0)})
     poses = [pose @ thing.world_from_object for pose in thing.instances] or [thing.world_from_object]
     return [transform_points(pose, mesh.vertices)[mesh.faces] for pose in poses]
-
-
-def _tessellated(thing: SceneObject) -> Mesh:
-    shape = dict(thing.shape)  # type: ignore[arg-type]  # a plugin
-    own, kind = shape.get("to_world", np.eye(4)), shape["type"]
-    outside = 1 / np.cos(np.pi / _SECTIONS)
-    mesh: Mesh
-    if kind == "cube":
-        mesh = shapes.box(np.full(3, 2.0))
-    elif kind == "sphere":
-        mesh = shapes.transformed(
-            shapes.creation("icosphere", radius=1.01 * shape.get("radius", 1.0), subdivisions=3),
-            translation(shape.get("center", [0.0] * 3)),
-        )
-    elif kind == "cylinder":
-        ends = np.array([shape.get("p0", (0, 0, 0)), shape.get("p1", (0, 0, 1))], dtype=np.float64)
-        mesh = shapes.tube(ends, outside * shape.get("radius", 1.0), _SECTIONS, smooth=False)
-    else:  # rectangle, disk: a disk's polygon is within it, so that contacts are too
-        angle = (
-            np.pi / 4 + np.arange(4) * np.pi / 2
-            if kind == "rectangle"
-            else np.linspace(0, 2 * np.pi, _SECTIONS, endpoint=False)
-        )
-        rim = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle]) * (np.sqrt(2) if kind == "rectangle" else 1)
-        fan = np.arange(1, len(rim) - 1)
-        mesh = Mesh(rim, np.column_stack([0 * fan, fan, fan + 1]).astype(np.uint32))
-    return shapes.transformed(mesh, np.asarray(own, dtype=np.float64))
 
 
 @dataclass(frozen=True, eq=False)
