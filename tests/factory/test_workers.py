@@ -3,10 +3,13 @@
 import json
 import multiprocessing
 import os
+import pickle
 import signal
 import subprocess
 import sys
 import time
+import warnings
+from concurrent.futures import Future
 
 import psutil
 import pytest
@@ -20,6 +23,7 @@ from twinlens.factory import generate, read_recipe, sample, workers
 from twinlens.factory.workers import Order, dask_cluster, make_one, worker_processes
 from twinlens.rendering import sensors
 from twinlens.rendering.backends import Backend
+from twinlens.scenes.model_files import MaterialWarning
 
 THREADS = os.cpu_count() or 1
 
@@ -208,3 +212,16 @@ def test_a_worker_with_other_tools_refuses(recipe, tmp_path):
     with pytest.raises(InputError, match=r"this worker has another backend .* than the dataset: backend: 'abacus'"):
         make_one(order, 0)
     assert not list(tmp_path.iterdir())
+
+
+def test_warnings_of_a_worker_are_given_again_in_the_callers_process(monkeypatch):
+    def rendered(*_):
+        warnings.warn("m.glb: not rendered: skins", MaterialWarning, stacklevel=2)
+        return None, None
+
+    monkeypatch.setattr(workers, "_rendered", rendered)
+    monkeypatch.setattr(workers, "written", lambda *_: "entry")
+    made = Future()
+    made.set_result(pickle.loads(pickle.dumps(make_one(Order({}, None, None, {}, {}, threads=1), 0))))
+    with pytest.warns(MaterialWarning, match=r"^m\.glb: not rendered: skins$"):
+        assert list(workers._collected(lambda _: made, lambda: 1, [0], lambda *_: None)) == [(0, "entry")]

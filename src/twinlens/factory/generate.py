@@ -6,6 +6,7 @@ recipe -> Ledger (what the folder holds) -> engine -> (index, entry) -> Ledger -
 import contextlib
 import math
 import time
+import warnings
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,6 +28,7 @@ from twinlens.factory.recipe import Recipe
 from twinlens.factory.sample import made_with
 from twinlens.factory.workers import Engine, Report, Results, Work, in_process, rendered
 from twinlens.families import Assets
+from twinlens.scenes.model_files import MaterialWarning
 
 MOST = 48
 """Samples on preview.png."""
@@ -159,7 +161,10 @@ def _unusable_assets(recipe: Recipe) -> list[dict[str, str]]:
     for kind, files in recipe.sources.asset_files.items():
         for name, path in files.items():
             single: dict[str, Any] = {kind: (path,), "keep_material": recipe.sources.keep_material}
-            for broken, reason in Assets(**single).check().broken:
+            with warnings.catch_warnings():  # samples have given those of the files that they use
+                warnings.simplefilter("ignore", MaterialWarning)
+                checked = Assets(**single).check()
+            for broken, reason in checked.broken:
                 found.append({"kind": kind, "file": name, "reason": reason.replace(str(broken), name)})
     return found
 

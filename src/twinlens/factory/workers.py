@@ -7,6 +7,7 @@ import functools
 import gc
 import os
 import signal
+import warnings
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
@@ -42,6 +43,7 @@ _TRIES = 3
 
 Report = Callable[[float, str], None]
 Results = Generator[tuple[int, Entry], None, None]
+Made = tuple[Entry, list[Warning]]
 
 
 @dataclass(frozen=True)
@@ -131,9 +133,9 @@ def worker_processes(count: int) -> Engine:
     def engine(work: Work, indices: Sequence[int], report: Report) -> Results:
         order = Order.of(work, threads=max(1, len(os.sched_getaffinity(0)) // count))
         context = get_context("spawn")
-        pools: dict[pebble.ProcessPool, Future[Entry]] = {}
+        pools: dict[pebble.ProcessPool, Future[Made]] = {}
 
-        def submit(index: int) -> Future[Entry]:
+        def submit(index: int) -> Future[Made]:
             free = next((pool for pool, last in pools.items() if last.done()), None)
             if free is not None:
                 try:
@@ -215,14 +217,15 @@ def dask_cluster(address: str) -> Engine:
 
 
 def _collected(
-    submit: Callable[[int], Future[Entry]], most: Callable[[], int], indices: Sequence[int], report: Report
+    submit: Callable[[int], Future[Made]], most: Callable[[], int], indices: Sequence[int], report: Report
 ) -> Results:
     """Keep up to `most()` samples submitted and yield what is finished. A sample that lost its worker is resubmitted.
 
+    Warnings of workers are given again in this process, which prints them as its caller wants.
     Raises BackendError at the end for samples whose worker died `_TRIES` times.
     """
     waiting, tries = iter(indices), Counter[int]()
-    running: dict[Future[Entry], int] = {}
+    running: dict[Future[Made], int] = {}
     done = 0
     while True:
         while len(running) < most() and (index := next(waiting, None)) is not None:
@@ -232,7 +235,7 @@ def _collected(
         for future in wait(running, timeout=_POLL_S, return_when=FIRST_COMPLETED).done:
             index = running.pop(future)
             try:
-                entry = future.result()
+                entry, caught = future.result()
             except Exception as error:
                 if type(error).__name__ not in _LOST_WORKER:
                     raise
@@ -246,6 +249,8 @@ def _collected(
                     ) from error
             else:
                 done += 1
+                for warning in caught:
+                    warnings.warn(warning, stacklevel=2)
                 yield index, entry
         report(done / len(indices), "")
     if lost := [index for index, count in tries.items() if count == _TRIES]:
@@ -263,15 +268,17 @@ _RENDERER = ThreadPoolExecutor(1, "twinlens-renderer")
 """The thread of a worker that renders: Dr.Jit keeps its state by thread, and Dask runs tasks in several."""
 
 
-def make_one(order: Order, index: int) -> Entry:
+def make_one(order: Order, index: int) -> Made:
     """Make and write one sample, in a worker. One that a worker had finished before it died is kept."""
     threads = order.threads
     if threads is None:
         from distributed import get_worker
 
         threads = int(get_worker().state.nthreads)
-    work, made = _RENDERER.submit(_rendered, order, index, threads).result()
-    return written(work, index, made)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", UserWarning)
+        work, made = _RENDERER.submit(_rendered, order, index, threads).result()
+    return written(work, index, made), [each.category(str(each.message)) for each in caught]
 
 
 def _rendered(order: Order, index: int, threads: int) -> tuple[Work, Sample | Failure | None]:
