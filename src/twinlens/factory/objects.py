@@ -36,6 +36,7 @@ from twinlens.scenes.resting import (
     random_point,
     world_triangles,
 )
+from twinlens.scenes.scene import free_name
 from twinlens.scenes.stable_poses import StablePose, stable_poses
 from twinlens.schema import Fraction, Number, StrictModel, exactly, read, satisfies
 from twinlens.seeds import generator
@@ -313,24 +314,18 @@ class _Stage:
         key = repr((file, table.model_dump(exclude=set(Placement.placing_keys)))) if shared else draft.name
         if key not in self.models:
             thing = table.build(draft.context)
-            names = {name: self.free(name) for name in draft.context.materials}
+            names = {name: free_name(name, self.materials) for name in draft.context.materials}
             self.materials |= {names[name]: plugin for name, plugin in draft.context.materials.items()}
             own = thing.material if isinstance(thing.material, str) else tuple(names[name] for name in thing.material)
             self.models[key] = replace(thing, material=own)
         made = self.models[key]
         if draft.material is not None:
-            material = self.free(draft.name)
+            material = free_name(draft.name, self.materials)
             self.materials[material] = draft.material
             made = replace(made, material=material)
         return replace(
             made, name=draft.name, world_from_object=table.world_from_object() if shared else made.world_from_object
         )
-
-    def free(self, name: str) -> str:
-        """A name for a material that no other has."""
-        while name in self.materials:
-            name += "-2"
-        return name
 
     def target(self, name: str | None) -> Float | None:
         """The position of the camera or the middle of an object's bounding box, (3,)."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from twinlens.families.assets import Assets, UserMesh
 from twinlens.families.draws import PALETTES, Palette, Rng, log_uniform, one_of
 from twinlens.geometry import Float, inverse, look_at, rigid, transform_points
-from twinlens.scenes.scene import Bitmap, Mesh, Plugin, Scene, SceneObject
+from twinlens.scenes.scene import Bitmap, Mesh, Plugin, Scene, SceneObject, free_name
 from twinlens.seeds import generator
 
 Triangles = tuple[Float, NDArray[np.uint32]]
@@ -158,10 +158,7 @@ class Composition:
     ) -> None:
         """Add an object with its own material, or those of a user's mesh. Names become unique: bottle, bottle-2, ..."""
         plain = re.sub(r"[^A-Za-z0-9_]+", "-", name).strip("-") or "body"
-        unique, number = plain, 1
-        while unique in self.materials or any(each.name == unique for each in self.objects):
-            number += 1
-            unique = f"{plain}-{number}"
+        unique = free_name(plain, {*self.materials, *(each.name for each in self.objects)})
         own = tuple(self._own_material(*each) for each in mesh.materials.items()) if isinstance(mesh, UserMesh) else ()
         for key, value in material.items():
             if isinstance(value, Bitmap) and not own:  # Mitsuba would compile a kernel for each value of `to_uv`
@@ -175,11 +172,11 @@ class Composition:
 
     def _own_material(self, name: str, material: Plugin) -> str:
         """The name of a material of a user's mesh, which several objects may share."""
-        unique, number = name, 1
-        while self.materials.setdefault(unique, material) is not material:
-            number += 1
-            unique = f"{name}-{number}"
-        return unique
+        known = next((key for key, each in self.materials.items() if each is material), None)
+        if known is None:
+            known = free_name(name, self.materials)
+            self.materials[known] = material
+        return known
 
     def pixel_at(self, point: Float, min_depth: float = -np.inf) -> float:
         """Width in metres of a pixel at a world point (3,), whose depth is taken as at least `min_depth`."""

@@ -35,13 +35,15 @@ _PILLOW_FORMATS = {".png": ["PNG"], ".jpg": ["JPEG"], ".jpeg": ["JPEG"]}
 class SceneContext:
     """What the models of a scene file need while they are read: folder of the file, named textures.
 
-    `files` and `materials` collect the files found, and the materials of mesh files by name.
+    `files` and `materials` collect the files found, and the materials of mesh files by name; `models` are the mesh
+    files that were read, which several objects may have.
     """
 
     folder: Path
     textures: dict[str, Any] = field(default_factory=dict)
     files: list[Path] = field(default_factory=list)
     materials: dict[str, Plugin] = field(default_factory=dict)
+    models: dict[Any, Any] = field(default_factory=dict)
 
 
 def find_asset(name: str, context: SceneContext) -> Path:

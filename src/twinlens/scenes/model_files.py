@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -27,7 +26,7 @@ from twinlens.scenes.assets import (
 from twinlens.scenes.gltf import Gltf, Part, named_by, open_gltf, read_header
 from twinlens.scenes.mtl import read_mtl
 from twinlens.scenes.pbr import PbrMaterial, Texture, Textures, plugin_of
-from twinlens.scenes.scene import Mesh, Plugin
+from twinlens.scenes.scene import Mesh, Plugin, free_name
 
 GLTF_FILES = (".glb", ".gltf")
 WITH_MATERIALS = (*GLTF_FILES, ".obj")
@@ -78,7 +77,7 @@ def read_model(
                 mesh = replace(mesh, attributes=attributes)
                 if key not in used:
                     used[key] = len(plugins)
-                    plugins[_free_name(f"{shown}:{material.name or part.material or 0}", plugins)] = plugin
+                    plugins[free_name(f"{shown}:{material.name or part.material or 0}", plugins)] = plugin
             meshes.append(replace(mesh, surface=np.full(len(mesh.faces), used[key], dtype=np.uint16)))
     if textures.lost:
         lost = ", ".join(dict.fromkeys(textures.lost))
@@ -113,14 +112,6 @@ def named_files(path: Path) -> list[Path]:
         for name in names:
             _find(name, path, context)
     return list(dict.fromkeys(context.files))
-
-
-def _free_name(name: str, taken: Mapping[str, Any]) -> str:
-    number, free = 1, name
-    while free in taken:
-        number += 1
-        free = f"{name}-{number}"
-    return free
 
 
 Opened = tuple[list[Part], list[PbrMaterial], Textures]

@@ -134,10 +134,14 @@ class MeshFile(MeshBase):
         crease_deg = 0.0 if self.face_normals else self.crease_deg
         if not self.material and suffix not in WITH_MATERIALS:
             raise InputError(f"missing key 'material'; only {', '.join(WITH_MATERIALS)} files have materials")
-        if suffix in GLTF_FILES or not self.material:
-            model = read_model(self.file, context, crease_deg, with_materials=not self.material)
-        else:
-            model = Model(read_mesh(self.file, 30.0 if crease_deg is None else crease_deg), {})
+        key = self.file, crease_deg, not self.material
+        if key not in context.models:
+            context.models[key] = (
+                read_model(self.file, context, crease_deg, with_materials=not self.material)
+                if suffix in GLTF_FILES or not self.material
+                else Model(read_mesh(self.file, 30.0 if crease_deg is None else crease_deg), {})
+            )
+        model: Model = context.models[key]
         context.materials.update(model.materials)
         mesh = self.mapped(model.mesh)
         if (self.up_axis or ("y" if suffix in GLTF_FILES else "z")) == "y":

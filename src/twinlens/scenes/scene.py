@@ -9,7 +9,8 @@ names, nested. Besides numbers, strings and booleans a value may be
 `twinlens.rendering` builds a Mitsuba scene from it.
 """
 
-from collections.abc import Mapping
+import itertools
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -137,6 +138,16 @@ class SceneObject:
                 name = f"object {self.name!r}: " if self.name else ""
                 may = " (its axis may be longer)" if kind == "cylinder" else ""
                 raise InputError(f"{name}a {kind} needs a uniform scale{may}; use a mesh to stretch it")
+
+
+def free_name(name: str, taken: Container[str]) -> str:
+    """`name`, or name-2, name-3, ... if it is taken.
+
+    >>> free_name("nut", ["nut", "nut-2"])
+    'nut-3'
+    """
+    names = itertools.chain([name], (f"{name}-{number}" for number in itertools.count(2)))
+    return next(each for each in names if each not in taken)
 
 
 @dataclass(frozen=True, eq=False)
