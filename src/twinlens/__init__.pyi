@@ -57,7 +57,8 @@ from .matching import (
     zsad as zsad,
     zssd as zssd,
 )
-from .optics.planning import RigTask as RigTask, plan_rig as plan_rig
+from .optics.planning import plan_rig as plan_rig
+from .optics.rig_task import RigTask as RigTask
 from .rendering import (
     correspondence as correspondence,
     ground_truth as ground_truth,

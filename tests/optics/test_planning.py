@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from twinlens.errors import InputError
-from twinlens.optics.planning import LIMITS, Light, RigTask, plan_rig
+from twinlens.optics.planning import LIMITS, plan_rig
+from twinlens.optics.rig_task import Light, RigTask
 
 TASKS = 200
 RAISED = ("depth error", "blur", "diffraction", "noise", "disparities", "largest baseline", "longest focal length",
@@ -144,9 +145,9 @@ def plans():
 def test_the_tasks_are_mixed(plans):
     feasible = sum(plan.best is not None for _, plan in plans)
     assert TASKS // 4 < feasible < 3 * TASKS // 4
-    named = {name for _, plan in plans for change in plan.changes for name in change.needed}
+    named = {name for _, plan in plans for change in plan.changes for name in change}
     assert named == set(LIMITS)
-    assert {len(change.needed) for _, plan in plans for change in plan.changes} >= {1, 2}
+    assert {len(change) for _, plan in plans for change in plan.changes} >= {1, 2}
 
 
 def test_the_best_choice_is_feasible_and_within_two_percent_of_a_grid_search(plans):
@@ -175,13 +176,13 @@ def test_an_infeasible_task_names_the_limits_that_a_grid_search_finds(plans):
         assert plan.reasons
         assert plan.changes
         for change in plan.changes:
-            needed = {name: in_film(task, focus, name, value) for name, value in change.needed.items()}
+            needed = {name: in_film(task, focus, name, value) for name, value in change.items()}
             ample = {name: loosened(name, value, 1.03) for name, value in needed.items()}
             assert grid_search(task, limits | ample, focus, (100, 200, 150)) < math.inf, (task, change)
             for name, value in needed.items():
                 short = needed | {name: loosened(name, value, 1 / 1.03)}
                 assert grid_search(task, limits | short, focus, (60, 80, 60)) == math.inf, (task, change)
-        single = {name for change in plan.changes for name in change.needed if len(change.needed) == 1}
+        single = {name for change in plan.changes for name in change if len(change) == 1}
         for name in limits.keys() - single:
             other = limits | {name: loosened(name, limits[name], 30)}
             assert grid_search(task, other, focus, (60, 80, 60)) == math.inf, (task, name)

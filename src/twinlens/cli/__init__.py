@@ -29,6 +29,7 @@ COMMANDS = {
     "doctor": "Show which rendering backend is used, why, and what to install.",
     "scenes": "List the bundled scenes.",
     "cameras": "List the cameras that rigs and recipes know by name.",
+    "plan": "Plan a stereo rig: baseline, focal length, aperture, focus.",
     "render": "Render scenes with a stereo rig; write pairs with exact ground truth.",
     "generate": "Make a dataset from a recipe; resumable, parallel.",
     "reconstruct": "Reconstruct points and a surface from a sample; compare with the truth.",

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from twinlens.camera import Camera, Lens, ThinLens
 from twinlens.errors import InputError, check_number, format_value
-from twinlens.optics.planning import Light
+from twinlens.optics.rig_task import Light
 
 if TYPE_CHECKING:
     from twinlens.sensor.model import Sensor

@@ -1,0 +1,277 @@
+"""What is known about a stereo rig, and one choice of it: `RigTask`, `RigChoice`. `planning` finds the best choice.
+
+Two parallel equal cameras, W pixels wide, of pitch p; focal length fx in pixels, film distance v = fx p, working
+f-number N = v/A, focus at the vergence k = 1/focus_distance, depths z from near to far:
+
+    depth error    e = z^2 sigma_d / (fx B)               largest at far; sigma_d is the matcher's disparity error
+    blur circle    c = A fx |1/z - k|                     largest at near or far
+    Airy disk      a = 2.44 lambda N / p                  its diameter, to the first dark ring
+    disparities    fx B (1/near - 1/far) + 2              that the matcher searches; its cost is proportional
+    overlap        1 - fx B / (near W)                    of the image at near, seen by both cameras
+    noise          n / sqrt(n + r^2), n = n1 t / N^2      signal over noise of mid-grey, n1 electrons per second at f/1
+
+Sources: Gallup, Frahm, Mordohai and Pollefeys, Variable Baseline/Resolution Stereo, CVPR 2008 (depth error); Born and
+Wolf, Principles of Optics, 7th ed., 1999; EMVA Standard 1288, release 4.0 linear (noise).
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twinlens import optics
+from twinlens.errors import InputError, check_int, check_number, format_value
+from twinlens.geometry import Float, depth_error
+from twinlens.optics.diffraction import CHANNEL_WAVELENGTHS, airy_diameter
+
+Range = float | tuple[float, float]
+"""One number for a fixed quantity, or (least, most) for a free one."""
+
+EXTRA_DISPARITIES = 2
+"""For whole numbers at both ends of the search."""
+
+
+@dataclass(frozen=True)
+class Light:
+    """Light on the sensor, and the least signal-to-noise ratio of a mid-grey (18 %) pixel.
+
+    electrons_per_second : of mid-grey through a lens of working f-number 1.
+    longest_exposure : seconds, such as what motion allows.
+    read_noise : electrons rms. Dark current is neglected.
+    most_electrons : of mid-grey, before white saturates.
+    least_snr : signal over its standard deviation.
+
+    `twinlens.sensor.light_on_grey` makes one from a sensor and an illuminance in lux. Raises InputError for numbers out
+    of range, and where the sensor saturates below `least_snr`.
+    """
+
+    electrons_per_second: float
+    longest_exposure: float
+    read_noise: float = 0.0
+    most_electrons: float = math.inf
+    least_snr: float = 10.0
+
+    def __post_init__(self) -> None:
+        for name in ("electrons_per_second", "longest_exposure", "least_snr"):
+            check_number(name, getattr(self, name), "a positive number, up to 1e12", least=1e-12, most=1e12)
+        check_number("read_noise", self.read_noise, "a number of electrons from 0 to 1e6", least=0, most=1e6)
+        best = self.snr(self.most_electrons)
+        if not best >= self.least_snr:
+            raise InputError(f"least_snr must be at most {best:.3g}, where white saturates, got {self.least_snr:g}")
+
+    def snr(self, electrons: float) -> float:
+        """n / sqrt(n + r^2): shot noise and read noise.
+
+        >>> Light(1e6, 0.01).snr(100.0)
+        10.0
+        """
+        return electrons / math.sqrt(electrons + self.read_noise**2) if electrons < math.inf else math.inf
+
+    def largest_f_number(self, exposure: float) -> float:
+        """The f-number at which mid-grey has `least_snr` after `exposure` seconds."""
+        square = self.least_snr**2
+        needed = 0.5 * (square + math.sqrt(square**2 + 4 * square * self.read_noise**2))
+        return math.sqrt(self.electrons_per_second * exposure / needed)
+
+    def exposure(self, f_number: float) -> float:
+        """The longest exposure in seconds that does not saturate white."""
+        return min(self.longest_exposure, self.most_electrons * f_number**2 / self.electrons_per_second)
+
+
+@dataclass(frozen=True)
+class RigTask:
+    """What is known about a stereo rig, and the limits that it must meet.
+
+    width, height : image size, pixels. pixel_pitch_um : width of a pixel, micrometres.
+    depth_range : (near, far) in metres, finite.
+    fov_x_deg, focal_length_mm : exactly one of them; the focal length is the lens's. A `Range`.
+    baseline : metres, a `Range`. f_number : the working f-number v/A, a `Range`.
+    focus_distance : metres; None is free.
+    depth_error : tolerated at every depth, metres; None is none.
+    disparity_error_px : standard deviation sigma_d of the matcher's disparities on images within the other limits.
+    blur_px : largest diameter of the blur circle. airy_px : largest diameter of the Airy disk; at 2.4 pixels, about as
+    wide at half maximum as a blur circle of one pixel.
+    overlap : least share of the left image's columns that the right camera sees at near.
+    max_disparities : that the matcher searches, from the disparity at far to that at near.
+    light : None is enough light.
+    wavelength : of the Airy disk, metres.
+
+    Raises InputError when a value is out of range.
+    """
+
+    width: int
+    height: int
+    pixel_pitch_um: float
+    depth_range: tuple[float, float]
+    fov_x_deg: Range | None = None
+    focal_length_mm: Range | None = None
+    baseline: Range = (0.01, 1.0)
+    f_number: Range = (1.4, 16.0)
+    focus_distance: float | None = None
+    depth_error: float | None = None
+    disparity_error_px: float = 0.1
+    blur_px: float = 1.0
+    airy_px: float = 2.5
+    overlap: float = 0.6
+    max_disparities: float = 128
+    light: Light | None = None
+    wavelength: float = CHANNEL_WAVELENGTHS[1]
+
+    def __post_init__(self) -> None:
+        check_int("width", self.width, 1, 65536)
+        check_int("height", self.height, 1, 65536)
+        check_number("pixel_pitch_um", self.pixel_pitch_um, "micrometres, 0.01 to 1e4", least=0.01, most=1e4)
+        _check_range("depth_range", self.depth_range, 1e-4, 1e6, "metres")
+        near, far = self.ends("depth_range")
+        if not near < far:
+            raise InputError(f"depth_range must be (near, far) with near < far, got {format_value(self.depth_range)}")
+        if (self.fov_x_deg is None) == (self.focal_length_mm is None):
+            raise InputError("give exactly one of fov_x_deg and focal_length_mm, a number or (least, most)")
+        _check_range("baseline", self.baseline, 1e-6, 1e6, "metres")
+        _check_range("f_number", self.f_number, 0.1, 1000, "")
+        if self.focus_distance is not None:
+            optics.check_focus(self.focus_distance)
+        if self.fov_x_deg is not None:
+            _check_range("fov_x_deg", self.fov_x_deg, 0.01, 179, "degrees")
+        else:
+            _check_range("focal_length_mm", self.focal_length_mm, 0.01, 1e6, "millimetres")
+            most = 1e3 * self.focus
+            longest = self.ends("focal_length_mm")[1]
+            check_number("focal_length_mm", longest, f"below the focus distance, {most:g} mm", below=most)
+        if self.depth_error is not None:
+            check_number("depth_error", self.depth_error, "a number of metres, 1e-9 to 1e9", least=1e-9, most=1e9)
+        for name in ("disparity_error_px", "blur_px", "airy_px"):
+            check_number(name, getattr(self, name), "a number of pixels, 1e-6 to 1e6", least=1e-6, most=1e6)
+        check_number("overlap", self.overlap, "a share from 0 to below 1", least=0, below=1)
+        check_number("max_disparities", self.max_disparities, "a number of pixels, 3 to 1e6", least=3, most=1e6)
+        check_number("wavelength", self.wavelength, "metres, 1e-9 to 1e-3", least=1e-9, most=1e-3)
+
+    @property
+    def focus(self) -> float:
+        """`focus_distance`; if it is free, the middle of the disparities, where the blur at both ends is equal."""
+        return self.focus_distance or optics.middle_focus(*self.depth_range)
+
+    def ends(self, name: str) -> tuple[float, float]:
+        """(least, most) of a field that is a `Range`."""
+        value = getattr(self, name)
+        return (value[0], value[1]) if isinstance(value, (tuple, list)) else (value, value)
+
+    @property
+    def defocus(self) -> float:
+        """The largest difference of the vergences of a depth and of the focus, 1/m."""
+        return max(abs(1 / depth - 1 / self.focus) for depth in self.depth_range)
+
+    @property
+    def pitch(self) -> float:
+        """Metres from pixel to pixel."""
+        return 1e-6 * self.pixel_pitch_um
+
+
+@dataclass(frozen=True)
+class RigChoice:
+    """A stereo rig for a task. Lengths in metres, fx in pixels, `f_number` the working f-number v/A."""
+
+    task: RigTask
+    baseline: float
+    fx: float
+    f_number: float
+
+    @property
+    def focus_distance(self) -> float:
+        """Of the lens, metres."""
+        return self.task.focus
+
+    @property
+    def film_distance(self) -> float:
+        """v = fx p."""
+        return self.fx * self.task.pitch
+
+    @property
+    def focal_length(self) -> float:
+        """Of the lens: f = 1/(1/focus_distance + 1/v)."""
+        return optics.focal_length(self.focus_distance, self.film_distance)
+
+    @property
+    def aperture_diameter(self) -> float:
+        """A = v/N."""
+        return self.film_distance / self.f_number
+
+    @property
+    def fov_x_deg(self) -> float:
+        """Horizontal field of view, edge to edge."""
+        return optics.fov_x_deg(self.task.width, self.fx)
+
+    @property
+    def airy_px(self) -> float:
+        """Diameter of the Airy disk."""
+        return airy_diameter(self.task.wavelength, self.f_number) / self.task.pitch
+
+    @property
+    def depth_of_field(self) -> tuple[float, float]:
+        """(near, far) between which the blur circle is at most the task's `blur_px`."""
+        return optics.depth_of_field(self.aperture_diameter, self.fx, 1 / self.focus_distance, self.task.blur_px)
+
+    @property
+    def hyperfocal_distance(self) -> float:
+        """The nearest focus distance at which infinity is blurred by at most the task's `blur_px`."""
+        return optics.hyperfocal_distance(self.aperture_diameter, self.fx, self.task.blur_px)
+
+    @property
+    def search(self) -> tuple[int, int]:
+        """(min_disparity, num_disparities) of the task's depths."""
+        high, low = self.disparity(self.task.depth_range)
+        return math.floor(low), math.ceil(high) - math.floor(low) + 1
+
+    @property
+    def largest_disparity(self) -> dict[str, float]:
+        """The largest disparity in pixels that each limit allows: "disparities" of the matcher, and "overlap"."""
+        return {
+            "disparities": float(self.disparity(self.task.depth_range[1])) + self.task.max_disparities
+            - EXTRA_DISPARITIES,
+            "overlap": (1 - self.task.overlap) * self.task.width,
+        }  # fmt: skip
+
+    @property
+    def smallest_distance(self) -> tuple[float, str]:
+        """The nearest depth that meets the limits, metres, and the limit there: disparities, overlap or blur."""
+        nearest = {name: self.fx * self.baseline / d for name, d in self.largest_disparity.items()}
+        nearest["blur"] = self.depth_of_field[0]
+        limit = max(nearest, key=lambda name: nearest[name])
+        return nearest[limit], limit
+
+    def disparity(self, depth: ArrayLike) -> Float:
+        """fx B / z, pixels."""
+        return np.asarray(self.fx * self.baseline / np.asarray(depth, dtype=np.float64))
+
+    def depth_error(self, depth: ArrayLike) -> Float:
+        """Standard deviation of depth, metres."""
+        return depth_error(depth, self.fx, self.baseline, self.task.disparity_error_px)
+
+    def blur_px(self, depth: ArrayLike) -> Float:
+        """Diameter of the blur circle, pixels."""
+        k = 1 / self.focus_distance
+        return np.abs(optics.circle_of_confusion_px(depth, self.aperture_diameter, self.fx, k))
+
+    def overlap(self, depth: ArrayLike) -> Float:
+        """Share of the left image's columns that the right camera sees."""
+        return np.maximum(0.0, 1.0 - self.disparity(depth) / self.task.width)
+
+    @property
+    def tables(self) -> dict[str, Any]:
+        """The size, `rig` and `lenses` of a recipe, and of a file for `twinlens render --rig`."""
+        task = self.task
+        rig = {"baseline": self.baseline, "fx": self.fx, "pixel_pitch_um": task.pixel_pitch_um}
+        lens = {"kind": "thin", "aperture_mm": 1e3 * self.aperture_diameter, "focus": self.focus_distance}
+        return {"width": task.width, "height": task.height, "rig": rig, "lenses": [lens]}
+
+
+def _check_range(name: str, value: Any, least: float, most: float, unit: str) -> None:
+    """Raise InputError unless `value` is a `Range` within least to most."""
+    ends = tuple(value) if isinstance(value, (tuple, list)) else (value, value)
+    allowed = f"a number from {least:g} to {most:g} {unit}".rstrip() + ", or (least, most) of them"
+    for end in ends:
+        check_number(name, end, allowed, least=least, most=most)
+    if len(ends) != 2 or ends[0] > ends[1]:
+        raise InputError(f"{name} must be {allowed}, got {format_value(value)}")
