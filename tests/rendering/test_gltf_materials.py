@@ -6,7 +6,7 @@ import trimesh
 
 import twinlens as tl
 from tests.rendering.gltf_brdf import reflected
-from tests.scenes.gltf_files import square, write
+from tests.scenes.gltf_files import square, with_extensions, write
 from twinlens.camera.truth import MATERIAL_KINDS
 from twinlens.rendering.build import build
 from twinlens.scenes.assets import SceneContext
@@ -66,13 +66,38 @@ def gallery(tmp_path_factory):
     return things, materials
 
 
+def coat_over(look, roughness):
+    def change(header):
+        pbr(*look)(header)
+        with_extensions(clearcoat={"clearcoatFactor": 1.0, "clearcoatRoughnessFactor": roughness})(header)
+
+    return change
+
+
+@pytest.fixture(scope="module")
+def coated(tmp_path_factory):
+    """Planes under a clear coat, as `gallery`; and their base, and the roughness of their coat."""
+    folder = tmp_path_factory.mktemp("coated")
+    looks = [(((0, 0, 0), 0.0, 1.0), 0.3), (((1.0, 1.0, 1.0), 0.0, 1.0), 0.05), (((0.5, 0.1, 0.1), 0.0, 0.5), 0.1),
+             (((0.8, 0.8, 0.8), 1.0, 0.4), 0.1)]  # fmt: skip
+    things, materials = [], {}
+    for i, (look, roughness) in enumerate(looks):
+        path = write(folder / f"{i}.glb", square(), coat_over(look, roughness))
+        model = read_model(path, SceneContext(folder))
+        pose = np.array([[1, 0, 0, i * SPACING], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]])
+        things.append(SceneObject(f"{i}", model.mesh, tuple(model.materials), pose))
+        materials |= model.materials
+    return looks, (things, materials)
+
+
 def seen_at(gallery, light, angles_deg, spp, chosen=range(20)):
     """The mean radiance (N, len(angles), 3) of a spot of each object, seen at these angles from its normal, -y."""
     things, materials = gallery
     scene = tl.Scene("gallery", tuple(things[i] for i in chosen), materials, np.eye(4), (1.0, 99.0), {"sky": light})
     poses = []
     for i in chosen:
-        spot = np.array([i * SPACING, -1.0, 0.0] if i < len(BALLS) else [i * SPACING, 0, 0.5])
+        is_ball = things[i].shape.vertices.min() < -0.9
+        spot = np.array([i * SPACING, -1.0, 0.0] if is_ball else [i * SPACING, 0, 0.5])
         poses += [tl.geometry.look_at(spot + 40 * view(angle), spot) for angle in angles_deg]
     rig = tl.Rig((tl.Camera(4, 4, 8000.0, 8000.0, 1.5, 1.5),) * len(poses), poses)
     found = np.array([image.mean(axis=(0, 1)) for image in tl.render(scene, rig, tl.Pinhole(), spp=spp, seed=1)])
@@ -170,3 +195,16 @@ def test_the_kind_of_a_material(kind, metallic, roughness, more):
     triangle = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]], np.uint32))
     scene = tl.Scene("one", (SceneObject("triangle", triangle, "m"),), {"m": plugin}, np.eye(4), (1.0, 2.0))
     assert MATERIAL_KINDS[build(scene).bodies[0].material_kind] == kind
+
+
+@pytest.mark.slow
+def test_a_clear_coat_is_that_of_gltf_within_3_percent(coated):
+    """(1 - F(n . v)) base + coat, KHR_materials_clearcoat; a black dielectric has the reflectance of a coat."""
+    looks, gallery = coated
+    found = seen_at(gallery, SKIES["constant"][1], ANGLES[:2], spp=256, chosen=range(len(looks)))
+    for i, (look, roughness) in enumerate(looks):
+        for k, angle in enumerate(ANGLES[:2]):
+            through = 1 - 0.04 - 0.96 * (1 - np.cos(np.radians(angle))) ** 5
+            coat = expected(((0, 0, 0), 0.0, roughness), constant, angle)
+            of_gltf = through * expected(look, constant, angle) + coat
+            np.testing.assert_allclose(found[i, k], of_gltf, rtol=0.03, err_msg=f"{look} at {angle}")

@@ -35,7 +35,7 @@ _LAMBERT_MOST = 2.5
 samples by weight; a large one leaves less for the facets, whose reflectance is 1 at grazing angles."""
 
 _COAT_F0 = 0.04
-_ROUGHEST_COAT = 0.1  # alpha
+_COAT_MOST = 0.99  # weight of a coat in the blend with what is below
 _SMOOTHEST = 0.03  # roughness below which transmission is without facets
 _NEAREST, _CLAMP, _MIRROR = 9728, 33071, 33648
 _FORMATS = {b"\x89PNG": "PNG", b"\xff\xd8\xff": "JPEG"}
@@ -338,7 +338,8 @@ class Lobes:
     """A surface as the blend (1 - weight) lower + weight * facets; arrays (H, W, C).
 
     The lower part has the colour `diffuse`, by Lambert's law for the share `lambert`. `facets` are the reflectances at
-    normal incidence, `schlick` the share of the facets that follows Schlick.
+    normal incidence, `schlick` the share of the facets that follows Schlick. A clear coat of reflectance `coat_facets`
+    is blended over it by `coat_weight`.
     """
 
     diffuse: Pixels
@@ -346,6 +347,8 @@ class Lobes:
     weight: Pixels
     facets: Pixels
     schlick: Pixels
+    coat_weight: Pixels
+    coat_facets: Pixels
 
 
 def lobes(
@@ -359,24 +362,29 @@ def lobes(
     color, metallic, roughness, dielectric, grazing, coat = _fitted(
         color, metallic, roughness, dielectric, grazing, coat
     )
-    below = 1 - _COAT_F0 * coat
-    at_normal = below * ((1 - metallic) * dielectric + metallic * color)
+    at_normal = (1 - metallic) * dielectric + metallic * color
     at_grazing = (1 - metallic) * grazing + metallic
-    diffuse = below * (1 - metallic) * (1 - _brightest(dielectric)) * color
+    diffuse = (1 - metallic) * (1 - _brightest(dielectric)) * color
+    most = np.ones_like(coat)
+    if coat.any():  # at grazing angles a coat reflects its weight; what is below is divided by the rest
+        most = np.clip(1 - (1 - _COAT_F0) * _brightest(diffuse + at_normal), _COAT_F0, _COAT_MOST)
+        below = (1 - _COAT_F0 * coat) / (1 - coat * most)
+        at_normal, diffuse = below * at_normal, below * diffuse
     lambert = np.clip((roughness - _LAMBERT_FROM) / (1 - _LAMBERT_FROM), 0, 1)
-    lambert = np.where(at_grazing + coat > 0, lambert, 1)
+    lambert = np.where(at_grazing > 0, lambert, 1)
     # Disney's lobe reflects 0.976 + 0.06 roughness at normal incidence.
     unit = (1 - lambert) * (0.976 + 0.06 * roughness) + lambert
     share = _brightest(diffuse) / unit / (1 + (_LAMBERT_MOST - 1) * lambert)
     with np.errstate(divide="ignore", invalid="ignore"):
         least = np.where(at_grazing > 0, _brightest(at_normal) / at_grazing, 0)
-        weight = np.where(at_grazing + coat > 0, np.clip(1 - share, least, 1), 0).astype(np.float32)
+        weight = np.where(at_grazing > 0, np.clip(1 - share, least, 1), 0).astype(np.float32)
         schlick = np.minimum(at_grazing / (weight + (1 - weight) * (1 - lambert)), 1)
         schlick = np.where(at_grazing > 0, schlick, 0)
         facets = np.where(weight * schlick > 0, np.clip(at_normal / (weight * schlick), 0, 1), 0)
         rest = diffuse - weight * (1 - schlick) * facets  # a metal has a diffuse lobe where schlick < 1
         diffuse = np.where(weight < 1, np.maximum(rest, 0) / ((1 - weight) * unit), 0)
-    return Lobes(*(np.asarray(each, dtype=np.float32) for each in (diffuse, lambert, weight, facets, schlick)))
+    found = diffuse, lambert, weight, facets, schlick, coat * most, _COAT_F0 / most
+    return Lobes(*(np.asarray(each, dtype=np.float32) for each in found))
 
 
 def plugin_of(
@@ -390,12 +398,10 @@ def plugin_of(
     maps, more = _Maps(material, textures, colors), material.extensions
     textures.lost += sorted(more.model_extra or {})
     base = maps.base()
-    plugin, metallic, matte = _opaque(material, maps, base[..., :3])
-    if material.doubleSided:
-        plugin = {"type": "twosided", "bsdf": plugin}
-    plugin = _transmissive(material, maps, base[..., :3], metallic, plugin)
-    if material.normalTexture is not None:
-        plugin = _normal_mapped(material.normalTexture, maps, plugin)
+    found, metallic, matte = _lobes_of(material, maps, base[..., :3])
+    plugin = _transmissive(material, maps, base[..., :3], metallic, _sides(material, _opaque(material, maps, found)))
+    plugin = _normal_mapped(material.normalTexture, maps, plugin)
+    plugin = _coated(material, maps, found, plugin)
     if material.alphaMode != "OPAQUE":
         alpha = base[..., 3:]
         opacity = (alpha >= material.alphaCutoff).astype(np.float32) if material.alphaMode == "MASK" else alpha
@@ -403,18 +409,27 @@ def plugin_of(
     return {**plugin, **_emission(material, maps), **({"matte": True} if matte else {})}, maps.attributes
 
 
-def _opaque(material: PbrMaterial, maps: _Maps, color: Pixels) -> tuple[Plugin, Pixels, bool]:
-    """The plugin of the reflecting surface, the metalness (H, W, 1), and whether it is as matte as matte paint."""
+def _sides(material: PbrMaterial, plugin: Plugin) -> Plugin:
+    return {"type": "twosided", "bsdf": plugin} if material.doubleSided else plugin
+
+
+def _lobes_of(material: PbrMaterial, maps: _Maps, color: Pixels) -> tuple[Lobes, Pixels, bool]:
+    """The reflecting surface, the metalness (H, W, 1), and whether it is as matte as matte paint."""
     rough, coat = material.pbrMetallicRoughness, material.extensions.KHR_materials_clearcoat
     factors = [rough.roughnessFactor, rough.metallicFactor]
     roughness, metallic = np.split(maps.shared(rough.metallicRoughnessTexture, factors, slice(1, 3)), 2, axis=-1)
     coated = maps.shared(coat.clearcoatTexture, coat.clearcoatFactor, slice(0, 1))
-    found = lobes(color, metallic, roughness, *_dielectric(material, maps), coated)
+    matte = bool(roughness.min() >= MATTE_ROUGHNESS and metallic.max() < 0.01 and not coated.any())
+    return lobes(color, metallic, roughness, *_dielectric(material, maps), coated), metallic, matte
+
+
+def _opaque(material: PbrMaterial, maps: _Maps, found: Lobes) -> Plugin:
+    """The plugin of the reflecting surface without its clear coat."""
+    rough = material.pbrMetallicRoughness
     facets = {
         "type": "principled",
         "roughness": maps.own(rough.metallicRoughnessTexture, rough.roughnessFactor, 1),
         "eta": 1.01,  # almost no Fresnel reflectance; 1 would switch the facets off
-        **(_coat(coat, maps, coated, found) if coated.any() else {}),
     }
     diffuse, schlick = maps.value("diffuse", found.diffuse), maps.value("schlick", found.schlick)
     lower = _blend(
@@ -423,27 +438,28 @@ def _opaque(material: PbrMaterial, maps: _Maps, color: Pixels) -> tuple[Plugin, 
         {"type": "diffuse", "reflectance": diffuse},
     )
     metal = {**facets, "base_color": maps.value("facets", found.facets), "metallic": schlick}
-    matte = bool(roughness.min() >= MATTE_ROUGHNESS and metallic.max() < 0.01 and not coated.any())
-    return _blend(maps.value("weight", found.weight), lower, metal), metallic, matte
+    return _blend(maps.value("weight", found.weight), lower, metal)
+
+
+def _coated(material: PbrMaterial, maps: _Maps, found: Lobes, plugin: Plugin) -> Plugin:
+    """`plugin` below a clear coat, which has facets and a normal map of its own."""
+    coat = material.extensions.KHR_materials_clearcoat
+    if not found.coat_weight.any():
+        return plugin
+    layer: Plugin = {
+        "type": "principled",
+        "base_color": maps.value("coat_facets", found.coat_facets),
+        "metallic": 1.0,
+        "roughness": maps.own(coat.clearcoatRoughnessTexture, coat.clearcoatRoughnessFactor, 1),
+    }
+    layer = _normal_mapped(coat.clearcoatNormalTexture, maps, _sides(material, layer))
+    return _blend(maps.value("coat_weight", found.coat_weight), plugin, layer)
 
 
 def _blend(weight: Any, first: Plugin, second: Plugin) -> Plugin:
     if weight in (0.0, 1.0):
         return second if weight else first
     return {"type": "blendbsdf", "weight": weight, "bsdf_0": first, "bsdf_1": second}
-
-
-def _coat(coat: _Clearcoat, maps: _Maps, coated: Pixels, found: Lobes) -> dict[str, Any]:
-    """Keys of `principled`, whose clear coat has a quarter of glTF's strength and alpha from 0.1 to 0.001."""
-    if coat.clearcoatRoughnessTexture is not None or coat.clearcoatNormalTexture is not None:
-        maps.textures.lost.append("textures of the clear coat's roughness and normals")
-    alpha = coat.clearcoatRoughnessFactor**2
-    if alpha > _ROUGHEST_COAT:
-        maps.textures.lost.append(f"a clear coat rougher than {math.sqrt(_ROUGHEST_COAT):.2f}")
-    coated, weight, lambert = _fitted(coated, found.weight, found.lambert)
-    gloss = float(np.clip((_ROUGHEST_COAT - alpha) / (_ROUGHEST_COAT - 0.001), 0, 1))
-    strength = np.asarray(4 * coated / (weight + (1 - weight) * (1 - lambert)), dtype=np.float32)
-    return {"clearcoat": maps.value("coat", strength), "clearcoat_gloss": gloss}
 
 
 def _dielectric(material: PbrMaterial, maps: _Maps) -> tuple[Pixels, Pixels]:
@@ -479,10 +495,10 @@ def _transmissive(material: PbrMaterial, maps: _Maps, color: Pixels, metallic: P
     return _blend(maps.value("transmission", amount * (1 - metallic)), opaque, pane)
 
 
-def _normal_mapped(info: TextureInfo, maps: _Maps, plugin: Plugin) -> Plugin:
+def _normal_mapped(info: TextureInfo | None, maps: _Maps, plugin: Plugin) -> Plugin:
     """`plugin` under a normal map. Its green axis points to the top of the picture, as Mitsuba's does."""
     found = maps.textures.read(info, maps.material.coordinate_set, slice(0, 3))
-    if found is None:
+    if info is None or found is None:
         return plugin
     normal = (2 * found[0] - 1) * np.array([info.scale, info.scale, 1], dtype=np.float32)
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
