@@ -68,7 +68,7 @@ def test_an_infeasible_task_exits_with_1_and_its_changes_make_it_feasible(twinle
     assert (code, err) == (1, "")
     assert not (tmp_path / "plan.toml").exists()
     assert re.search(
-        r"  a depth error of 0.02 m at 4 m needs a baseline of [\d.]+ m with .+ largest baseline is 0.1 m", out
+        r"  a depth error of 20 mm at 4 m needs a baseline of [\d.]+ m with .+ largest baseline is 0.1 m", out
     )
     (needed,) = re.findall(r"^  depth error ([\d.]+) mm instead of 20 mm$", out, flags=re.MULTILINE)
     assert twinlens("plan", *others, "--depth-error-mm", needed)[0] == 0

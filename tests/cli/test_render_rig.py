@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from twinlens.camera import Pinhole, ThinLens
+from twinlens.camera import Annulus, Disk, Pinhole, ThinLens
 from twinlens.dataset import Dataset
 
 QUICK = ("--size", "48x36", "--spp", "1", "--no-denoise")
@@ -56,6 +56,11 @@ def test_lenses_of_a_file_are_replaced_by_options(twinlens, ball, planned, tmp_p
     assert code == 0
     assert "sharp at every depth" in out
     assert Dataset(tmp_path / "out")[0].lens(0).lens == Pinhole()
+    second = '[[lenses]]\nkind = "thin"\naperture_mm = 60\nfocus = 1.5\nshape = { kind = "annulus", inner = 0.5 }\n'
+    planned.write_text(PLANNED + second)
+    assert twinlens(*command, "--overwrite")[0] == 0
+    lenses = [Dataset(tmp_path / "out")[0].lens(k).lens for k in range(2)]
+    assert [lens.aperture for lens in lenses] == [Disk(), Annulus(0.5)]
     code, _, err = twinlens(*command, "--overwrite", "--aperture", "polygon:6")
     assert (code, "'shape'" in err) == (2, True)
     planned.write_text(PLANNED.replace("aperture_mm = 60", "aperture = 60"))

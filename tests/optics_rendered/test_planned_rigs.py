@@ -13,6 +13,7 @@ from twinlens.camera.film import diffract
 from twinlens.geometry import depth_from_disparity
 from twinlens.optics.planning import plan_rig
 from twinlens.optics.rig_task import RigTask
+from twinlens.sensor import Exposure, Sensor
 from twinlens.studies.stage import centred_camera, noise_planes
 
 RIM = 10
@@ -29,14 +30,14 @@ TASKS = {
 }  # fmt: skip
 
 
-def errors(camera, baseline, lens, depth, seed):
+def errors(camera, baseline, lens, depth, seed, sensor=None, exposure=None):
     """The robust standard deviations of depth (m) and of disparity (px), over positions between pixels."""
     found = []
     for k, stage in enumerate(noise_planes(camera, baseline, depth, seed)):
         radiance = stage.photograph(lens, 16, seed + k)
         if lens.aperture_diameter:
             radiance = [diffract(image, camera, lens) for image in radiance]
-        disparity = stage.match(stage.expose(radiance, lens, seed + k), "zncc").astype(np.float64)
+        disparity = stage.match(stage.expose(radiance, lens, seed + k, sensor, exposure), "zncc").astype(np.float64)
         true = stage.truth.disparity
         used = stage.truth.visible & (np.abs(disparity - true) < 1)
         used[:RIM] = used[-RIM:] = used[:, :RIM] = used[:, -RIM:] = False
@@ -71,3 +72,15 @@ def test_the_depth_error_of_a_plan_is_measured_at_its_ends():
 @pytest.mark.parametrize("name", TASKS)
 def test_the_depth_error_of_a_plan_is_measured_over_its_range(name):
     assert_predicted(name, 7, seed=40)
+
+
+@pytest.mark.slow
+def test_noise_at_the_default_limit_raises_the_disparity_error_little():
+    """Mid-grey with a signal-to-noise ratio of 10, in the mean of the texture."""
+    camera, sensor = centred_camera(128, 96, 160.0), Sensor(read_noise=0.0)
+    electrons = sensor.electrons_per_radiance(camera, Pinhole())[1] * 0.5
+    found = []
+    for ratio in (10.0, 80.0):
+        exposure = Exposure(ratio**2 / electrons, gain=0.5 * sensor.full_well / ratio**2)
+        found.append(errors(camera, 0.1, Pinhole(), 1.5, 5, sensor, exposure)[1])
+    assert 1 < found[0] / found[1] < 1.25

@@ -141,20 +141,19 @@ def _task(options: Mapping[str, Any]) -> RigTask:
 
 def _camera(given: Mapping[str, Any]) -> dict[str, Any]:
     """Size and pixel pitch; of a preset also its lens and baseline."""
-    size = camera_text.parse_size(given["size"]) if "size" in given else None
-    known: dict[str, Any] = {"pixel_pitch_um": 5.0}
+    width, height = camera_text.parse_size(given.get("size"), given.get("camera"))
+    known: dict[str, Any] = {"width": width, "height": height, "pixel_pitch_um": 5.0}
     if "camera" in given:
         preset = find_camera(given["camera"])
-        camera = preset.resized(*size or ())
-        size = camera.width, camera.height
-        known = {"pixel_pitch_um": camera.pixel_pitch_um, "focal_length_mm": 1e3 * camera.film_distance}
+        camera = preset.resized(width, height)
+        known |= {"pixel_pitch_um": camera.pixel_pitch_um, "focal_length_mm": 1e3 * camera.film_distance}
         known |= {name: value for name in ("baseline", "f_number") if (value := getattr(preset, name)) is not None}
-    known["width"], known["height"] = size or (640, 480)
-    intrinsics = camera_text.parse_intrinsics(given)
+    pixel = ("pixel_pitch_um", "sensor_width_mm")
+    intrinsics = camera_text.parse_intrinsics({name: given[name] for name in pixel if name in given})
     if len(intrinsics) > 1:
         raise InputError("--pixel-pitch-um and --sensor-width-mm exclude each other")
     if "sensor_width_mm" in intrinsics:
-        intrinsics = {"pixel_pitch_um": 1e3 * intrinsics["sensor_width_mm"] / known["width"]}
+        intrinsics = {"pixel_pitch_um": 1e3 * intrinsics["sensor_width_mm"] / width}
     return known | intrinsics
 
 
@@ -247,8 +246,11 @@ def _limit_line(plan: RigPlan, *names: str) -> str:
         allowed = f"fixed at {bounds[0][1]}"
     if len(names) == 1:
         allowed = f"{'at least' if names[0] == 'overlap' else 'at most'} {bounds[0][1]}"
-    gains = {name: plan.binding[name] for name in names if name in plan.binding}
-    notes = [f"binds: 10 % looser gives {100 * gain:.1f} % less {plan.objective}" for gain in gains.values()]
+    notes = []
+    for name in names:
+        if gain := plan.binding.get(name):
+            which = f"{_value(plan, name, gain)[0]} binds" if len(names) > 1 else "binds"
+            notes.append(f"{which}: 10 % looser gives {100 * gain:.1f} % less {plan.objective}")
     label = label.removeprefix("smallest ").removeprefix("largest ").removeprefix("shortest ")
     return f"  {label:<16}{used:>14}  {allowed:<22}{' '.join(notes)}".rstrip()
 

@@ -95,15 +95,15 @@ def command(scenes: tuple[str, ...], output: Place, overwrite: bool, as_json: bo
             with progress_bar(f"rendering {scene.name}") as report:
                 how["progress"] = lambda part, report=report: report(part, "")
                 misaligned = sensor.mismatch.misalign(rig)
-                sample = make_sample(scene, misaligned, tuple(lenses.values()), sensor=sensor, **how)
+                sample = make_sample(scene, misaligned, tuple(lens for _, lens in lenses), sensor=sensor, **how)
             row = add_sample(output, scene.name, sample, options["seed"], overwrite)
-            exposures = [camera_text.format_exposure(sample, k, text) for k, text in enumerate(lenses)]
+            exposures = [camera_text.format_exposure(sample, k, text) for k, (text, _) in enumerate(lenses)]
             made.append((row, exposures, [camera_text.optics_of(sample, k) for k in range(len(lenses))]))
     _print(output, made, as_json)
 
 
-def _job(scene: Scene, options: dict[str, Any]) -> tuple[Scene, Rig, dict[str, Lens]]:
-    """The scene, the rig, and the lenses that the options describe, by their texts."""
+def _job(scene: Scene, options: dict[str, Any]) -> tuple[Scene, Rig, list[tuple[str, Lens]]]:
+    """The scene, the rig, and the lenses that the options describe, with their texts."""
     width, height = camera_text.parse_size(options["size"], options["camera"])
     if options["sky"] is not None:
         with located("--sky"):
@@ -118,7 +118,7 @@ def _job(scene: Scene, options: dict[str, Any]) -> tuple[Scene, Rig, dict[str, L
     if options["baseline"] is not None and scene.depth_range_known:
         check_common_view(rig, scene)
     lenses = _lenses(View(scene, rig.cameras[0], ()), tables, options)
-    if all(lens.aperture_diameter == 0 for lens in lenses.values()):
+    if all(lens.aperture_diameter == 0 for _, lens in lenses):
         if _is_given("aperture"):
             raise InputError(f"--aperture {options['aperture']}: {_NO_APERTURE}")
         if options["diffraction"]:
@@ -126,20 +126,20 @@ def _job(scene: Scene, options: dict[str, Any]) -> tuple[Scene, Rig, dict[str, L
     return scene, rig, lenses
 
 
-def _lenses(view: View, tables: list[Any], options: dict[str, Any]) -> dict[str, Lens]:
-    """The lenses of the options, or those of the rig's file in `tables`, by their texts."""
-    lenses: dict[str, Lens] = {}
+def _lenses(view: View, tables: list[Any], options: dict[str, Any]) -> list[tuple[str, Lens]]:
+    """The lenses of the options, or those of the rig's file in `tables`, with their texts."""
     if tables and not _is_given("lenses"):
         if _is_given("aperture"):
             raise InputError("--aperture is for --lens; the lenses of a file have a 'shape'")
         made = [make_lens(table, view, lambda name: options["rig"].parent / name) for table in tables]
-        return {camera_text.format_lens(lens): lens for lens in made}
+        return [(camera_text.format_lens(lens), lens) for lens in made]
     aperture = camera_text.parse_aperture(options["aperture"])
+    lenses: list[tuple[str, Lens]] = []
     for text in options["lenses"]:
         lens = camera_text.parse_lens(text, view, aperture)
-        if lens in lenses.values():
+        if lens in (other for _, other in lenses):
             raise InputError(f"--lens {text}: is given twice; it would make the same images")
-        lenses[text] = lens
+        lenses.append((text, lens))
     return lenses
 
 

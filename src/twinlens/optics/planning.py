@@ -297,7 +297,7 @@ def _reasons(task: RigTask, limits: Mapping[str, float], region: _Region) -> lis
         needs = f"a blur circle of at most {task.blur_px:g} px from {near:g} to {far:g} m needs f/{number:.3g} or more"
         reasons.append(f"{needs}, even with the shortest focal length, and {allowed_stop}")
     if needed > 0:
-        error = f"a depth error of {limits['depth error']:.3g} m at {far:g} m"
+        error = f"a depth error of {1e3 * limits['depth error']:.3g} mm at {far:g} m"
         longest, baseline = max(sharp, shortest), region.baseline[1]
         if needed > most:
             reasons.append(
