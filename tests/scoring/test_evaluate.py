@@ -84,6 +84,8 @@ def test_every_protocol_measures_what_it_lists():
     disp, gt, mask = random_case(5, 12, 12, 0.2)
     for name, protocol in PROTOCOLS.items():
         scores = evaluate(disp, gt, mask, 30, protocol=name, calibration=CALIBRATION)
+        assert set(scores.all) == set(protocol.metrics) - set(protocol.auc_metrics)
+        scores = evaluate(disp, gt, protocol=name, calibration=CALIBRATION, confidence=np.ones(gt.shape))
         assert set(scores.all) == set(protocol.metrics)
         assert protocol.name == name
         assert protocol.headline in protocol.metrics

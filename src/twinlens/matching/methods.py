@@ -131,6 +131,19 @@ class MethodSpec:
         return result if isinstance(result, tuple) else (result, None)
 
 
+def matcher_of_spec(spec: str) -> StereoMatcher | None:
+    """The twinlens matcher of a `MethodSpec.spec`, as boards store it; None for other methods and unknown options.
+
+    >>> matcher_of_spec(parse_method("mine=sad:block_size=5").spec).block_size
+    5
+    """
+    found = re.fullmatch(r"twinlens \S+ (\w+:.*)", spec)
+    with contextlib.suppress(InputError):
+        matcher = parse_method(found[1]).matcher() if found else None
+        return matcher if isinstance(matcher, StereoMatcher) else None
+    return None
+
+
 def find_method(name: str) -> Method:
     """The method of this name, of twinlens or of an installed package.
 

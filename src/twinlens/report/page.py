@@ -27,14 +27,19 @@ from twinlens import scoring
 from twinlens.dataset.files import write_file
 from twinlens.dataset.pictures import NO_TRUTH, colourise, rgb8
 from twinlens.dataset.record import plain
+from twinlens.matching import StereoMatcher, grey
+from twinlens.matching.methods import matcher_of_spec
+from twinlens.matching.supports import SUPPORTS
 from twinlens.scoring import METRICS, PROTOCOLS, REGIONS, Board, Entry, Groups, Pair, Sample
 from twinlens.scoring.metrics import TIMES
 from twinlens.scoring.protocols import Protocol
+from twinlens.scoring.regions import occluded
 from twinlens.scoring.sparsification import DENSITIES
 from twinlens.scoring.tables import has_confidence
 
 MAX_WIDTH, BUDGET_BYTES = 800, 14_000_000
 BYTES_PER_PIXEL = 0.65  # measured size of a packed pixel, to choose the stride
+GREY_BUDGET_BYTES = 4_000_000  # of all full-resolution grey images; samples beyond it have no cost curves
 STEP, UNKNOWN = 1 / 16, 65535  # a stored map's unit in pixels, and its code of an unknown pixel
 NO_ESTIMATE = (102, 112, 127)  # slate
 COLORMAPS = {name: colourise(np.arange(256), 0, 255, name) for name in ("viridis", "magma", "berlin")}
@@ -42,7 +47,7 @@ COLORMAPS = {name: colourise(np.arange(256), 0, 255, name) for name in ("viridis
 around black."""
 Maps = scoring.MapFolder | Mapping[tuple[str, str], NDArray[np.floating[Any]]]
 """The (H, W) maps by (method, sample), +inf unknown."""
-_SCRIPTS = ("core.js", "table.js", "maps.js", "drill.js")
+_SCRIPTS = ("core.js", "table.js", "maps.js", "costs.js", "why.js", "drill.js")
 
 
 def write_page(
@@ -74,11 +79,11 @@ def page_html(
     mapped = {(entry.method, entry.sample): entry.width * entry.height for entry in board.entries}
     packed_bytes = sum(mapped.values()) * BYTES_PER_PIXEL * 4 / 3
     least_stride = max(1, math.ceil(math.sqrt(packed_bytes / budget_bytes)))
-    pictures = {
-        s.name: _pictures(board, scoring.load_pair(s), maps, max_width, least_stride)
-        for s in samples
-        if s.name in board.samples
-    }
+    pictures, room = {}, min(GREY_BUDGET_BYTES, budget_bytes) / (2 * BYTES_PER_PIXEL * 4 / 3)
+    for sample in (s for s in samples if s.name in board.samples):
+        pair = scoring.load_pair(sample)
+        pictures[pair.name] = _pictures(board, pair, maps, max_width, least_stride, pair.disp0.size <= room)
+        room -= pair.disp0.size
     document = _document(board, pictures, weights, groups or {}) | {"notes": list(notes)}
     data = json.dumps(plain(document, nan_as_null=True), allow_nan=False, separators=(",", ":"))
     # No character that could end the script block around the data, or open a comment or an entity.
@@ -100,16 +105,21 @@ def _file(name: str) -> str:
     return resources.files("twinlens.report").joinpath("page", name).read_text(encoding="utf-8")
 
 
-def _pictures(board: Board, sample: Pair, maps: Maps | None, max_width: int, least_stride: int) -> dict[str, Any]:
+def _pictures(
+    board: Board, sample: Pair, maps: Maps | None, max_width: int, least_stride: int, with_grey: bool
+) -> dict[str, Any]:
     stride = max(least_stride, -(-sample.disp0.shape[1] // max_width))
     method_maps = {m: maps.get((m, sample.name)) for m in board.methods} if maps is not None else {}
     known = sample.disp0[np.isfinite(sample.disp0)]
+    hidden = None if sample.mask0_nonocc is None else np.where(occluded(sample.mask0_nonocc), 1.0, 0.0)
     return {
         "left": image_uri(sample.im0, stride),
         "right": image_uri(sample.im1, stride),
         "truth": pack(sample.disp0, stride),
         "noise": "" if sample.renderer_noise is None else f"light paths {sample.renderer_noise:.2g} × sensor noise",
         "range": [math.floor(known.min()), math.ceil(known.max())] if known.size else [0, sample.ndisp],
+        "grey": [pack_grey(grey(image)) for image in (sample.im0, sample.im1)] if with_grey else None,
+        "hidden": None if hidden is None else pack(hidden, stride),
         "maps": {m: pack(d, stride) for m, d in method_maps.items() if d is not None},
     }
 
@@ -124,11 +134,19 @@ def pack(disp: NDArray[np.floating[Any]], stride: int = 1) -> dict[str, Any]:
     known = np.isfinite(thin)
     offset = float(np.floor(thin[known].min())) if known.any() else 0.0
     steps = np.clip(np.rint((np.where(known, thin, offset) - offset) / STEP), 0, UNKNOWN - 1)
-    codes = np.where(known, steps, UNKNOWN).astype(np.uint16)
-    differences = np.diff(codes, axis=1, prepend=np.uint16(0)).ravel()
+    return {"stride": stride, "offset": offset, "step": STEP} | _packed(np.where(known, steps, UNKNOWN))
+
+
+def pack_grey(image: NDArray[Any]) -> dict[str, Any]:
+    """An (H, W) uint8 or uint16 image without loss, in the format of `pack`. top: the largest value of its dtype."""
+    return {"stride": 1, "offset": 0, "step": 1, "top": int(np.iinfo(image.dtype).max)} | _packed(image)
+
+
+def _packed(codes: NDArray[Any]) -> dict[str, Any]:
+    words: NDArray[np.uint16] = codes.astype(np.uint16)
+    differences = np.diff(words, axis=1, prepend=np.uint16(0)).ravel()
     planes = (differences & 255).astype(np.uint8).tobytes() + (differences >> 8).astype(np.uint8).tobytes()
-    height, width = thin.shape
-    return {"w": width, "h": height, "stride": stride, "offset": offset, "step": STEP, "data": _deflated(planes)}
+    return {"w": codes.shape[1], "h": codes.shape[0], "data": _deflated(planes)}
 
 
 def image_uri(image: NDArray[Any], stride: int = 1, quality: int = 82) -> str:
@@ -155,9 +173,16 @@ def _document(
     return {
         "title": board.title,
         "meta": dict(board.meta),
-        "methods": [{"name": m, "spec": next(e.spec for e in board.entries if e.method == m)} for m in board.methods],
+        "methods": [_method(m, next(e.spec for e in board.entries if e.method == m)) for m in board.methods],
         "samples": [
-            {"name": s, "w": first[s].width, "h": first[s].height, "ndisp": first[s].ndisp, "pictures": pictures.get(s)}
+            {
+                "name": s,
+                "w": first[s].width,
+                "h": first[s].height,
+                "ndisp": first[s].ndisp,
+                "low": first[s].min_disparity,
+                "pictures": pictures.get(s),
+            }
             for s in board.samples
         ],
         "protocols": [
@@ -188,6 +213,27 @@ def _document(
             },
         },
     }
+
+
+def _method(name: str, spec: str) -> dict[str, Any]:
+    """A method, and the cost of which the page draws curves, over a square window.
+
+    These are twinlens's own costs before a support other than a square and before semi-global optimisation; of other
+    methods, a cost for comparison.
+    """
+    matcher = matcher_of_spec(spec)
+    own = StereoMatcher() if matcher is None else matcher
+    side = 1 if SUPPORTS[own.support].pixelwise else own.block_size
+    window = f"{own.cost}, {side} x {side}" + (
+        f", census {own.census_window}" if own.cost in ("census", "rank") else ""
+    )
+    later = [own.support] if own.support != "fixed" else []
+    later += [own.optimisation] if own.optimisation != "wta" else []
+    note = f"{window}; before {' and '.join(later)}" if later else window
+    if matcher is None:
+        note = f"{window}: a cost for comparison, not the method's own"
+    curve = {"cost": own.cost, "block_size": side, "census_window": own.census_window, "prefilter": own.prefilter}
+    return {"name": name, "spec": spec, "curve": {**curve, "note": note}}
 
 
 def _columns(board: Board, rules: Protocol) -> dict[str, Any]:

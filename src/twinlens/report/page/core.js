@@ -9,7 +9,7 @@ const state = {
   protocol: data.protocols.length ? data.protocols[0].name : "",
   region: data.regions.some((r) => r.name === "nonocc") ? "nonocc" : data.regions.length ? data.regions[0].name : "",
   over: data.groups.length ? `mean: ${data.groups[0].name}` : "", sort: "", flipped: false, columns: "main",
-  sample: "", method: "", first: "", second: "", range: 4, wide: "",
+  sample: "", method: "", first: "", second: "", range: 4, wide: "", pixel: null,
 };
 
 function el(tag, properties, ...children) {

@@ -5,6 +5,7 @@ const pixels = (value) => `${+value.toPrecision(4)} px`;
 let drawing = 0;
 
 function look(sample, method) {
+  if (sample && sample !== state.sample) state.pixel = null;
   state.sample = sample || state.sample;
   state.method = method || state.method;
   redraw();
@@ -73,10 +74,13 @@ function versusOf(p, truth, a, b) {
 function follow(figures, p, truth, maps) {
   const views = figures.flatMap((f) => [...f.querySelectorAll(".view")]);
   const { w, h, stride } = p.truth;
-  const move = (event) => {
+  const place = (event) => {
     const box = event.currentTarget.getBoundingClientRect();
-    const x = Math.max(0, Math.min(w - 1, Math.floor(((event.clientX - box.left) / box.width) * w)));
-    const y = Math.max(0, Math.min(h - 1, Math.floor(((event.clientY - box.top) / box.height) * h)));
+    return [clamped(Math.floor(((event.clientX - box.left) / box.width) * w), w), clamped(Math.floor(((event.clientY - box.top) / box.height) * h), h)];
+  };
+  const pick = (event) => { const [x, y] = place(event); pickPixel(x * stride, y * stride); };
+  const move = (event) => {
+    const [x, y] = place(event);
     const i = y * w + x, d = truth[i];
     for (const view of views) {
       const shift = view.dataset.right && d !== Infinity ? d / stride : 0;
@@ -90,7 +94,7 @@ function follow(figures, p, truth, maps) {
     $("readout").textContent = `x ${x * stride}  y ${y * stride}:  truth ${d === Infinity ? "unknown" : `${d.toFixed(2)} px`}, ${value}${off}`;
   };
   const leave = () => views.forEach((view) => view.classList.remove("pointed"));
-  views.forEach((view) => { view.addEventListener("pointermove", move); view.addEventListener("pointerleave", leave); });
+  views.forEach((view) => { view.addEventListener("pointermove", move); view.addEventListener("pointerleave", leave); view.addEventListener("click", pick); });
 }
 
 function drawChips() {
@@ -118,7 +122,7 @@ function redraw() {
   drawControls();
   drawBoard();
   drawCompare();
-  return drawPanels();
+  return Promise.all([drawPanels(), drawWhy()]);
 }
 
 function start() {
@@ -135,8 +139,10 @@ function start() {
   state.second = order[1] || order[0];
   state.sample = (data.samples.find((s) => s.pictures) || data.samples[0]).name;
   for (const id of ["region", "over", "columns", "sample", "method", "first", "second"])
-    $(id).addEventListener("change", (event) => { state[id] = event.target.value; redraw(); });
-  $("over").addEventListener("change", () => { if (overSample()) { state.sample = state.over; redraw(); } });
+    $(id).addEventListener("change", (event) => { state[id] = event.target.value; if (id === "sample") state.pixel = null; redraw(); });
+  for (const id of ["at-u", "at-v"])
+    $(id).addEventListener("change", () => pickPixel(Number($("at-u").value), Number($("at-v").value)));
+  $("over").addEventListener("change", () => { if (overSample()) { state.sample = state.over; state.pixel = null; redraw(); } });
   $("get-csv").addEventListener("click", () => save("board.csv", "text/csv", data.downloads.csv));
   $("get-json").addEventListener("click", () => save("board.json", "application/json", data.downloads.json));
   $("get-latex").disabled = !state.region;

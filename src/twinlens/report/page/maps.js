@@ -61,6 +61,7 @@ function panel(title, detail, picture, below) {
     for (const other of figure.parentElement.children) other.classList.toggle("wide", other === figure && state.wide === title);
   };
   return el("figure", { class: state.wide === title ? "card panel wide" : "card panel" },
-    el("figcaption", {}, el("span", { title }, title), el("span", {}, detail)),
-    el("div", { class: "view", title: "click to enlarge", role: "button", tabindex: "0", "aria-label": `${title}: enlarge or shrink`, onclick: widen, onkeydown: pressed(widen) }, picture, el("div", { class: "cross" })), below);
+    el("figcaption", {}, el("span", { title }, title), el("span", {}, detail),
+      el("button", { type: "button", class: "ghost enlarge", title: "enlarge or shrink", "aria-label": `${title}: enlarge or shrink`, onclick: widen }, "⤢")),
+    el("div", { class: "view" }, picture, el("div", { class: "cross" })), below);
 }
