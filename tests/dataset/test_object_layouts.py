@@ -1,9 +1,10 @@
-"""COCO and BOP exports, read by pycocotools and by the rules of BOP's docs/bop_datasets_format.md.
+"""COCO and BOP exports, read by pycocotools, by the rules of BOP's docs/bop_datasets_format.md, and by bop_toolkit.
 
-BOP's own toolkit is not in the package registry; its `inout` was tried by hand on such an export.
+BOP's toolkit is not in the package registry: its test runs where https://github.com/thodan/bop_toolkit is installed.
 """
 
 import json
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -210,6 +211,67 @@ def test_bop_models_are_meshes_in_millimetres(bop):
     mesh = trimesh.load_mesh(bop / "models/obj_000002.ply", process=False)
     np.testing.assert_allclose(mesh.vertices, CARD[0] * 1000, atol=1e-3)
     assert len(mesh.faces) == 2
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of the toolkit
+def test_bop_toolkit_reads_the_export(data, bop):
+    """Its loaders, and its own visible masks from the depth image and the depth of the whole object."""
+    inout = pytest.importorskip("bop_toolkit_lib.inout")
+    from bop_toolkit_lib import misc, visibility
+
+    model = inout.load_ply(bop / "models/obj_000002.ply")
+    facts = inout.load_json(bop / "models/models_info.json", keys_to_int=True)[2]
+    assert misc.calc_pts_diameter(model["pts"]) == pytest.approx(facts["diameter"])
+    for number in range(len(data)):
+        scene = bop / "train" / f"{number:06d}"
+        cameras, poses = (
+            inout.load_scene_camera(scene / "scene_camera.json"),
+            inout.load_scene_gt(scene / "scene_gt.json"),
+        )
+        infos = inout.load_json(scene / "scene_gt_info.json", keys_to_int=True)
+        assert list(cameras) == list(poses) == list(infos) == [0, 1]
+        for i, camera in cameras.items():
+            depth = inout.load_depth(scene / f"depth/{i:06d}.png") * camera["depth_scale"]
+            assert inout.load_im(scene / f"rgb/{i:06d}.png").shape == (*depth.shape, 3)
+            card = poses[i][1]
+            normal = card["cam_R_m2c"][:, 2]
+            rays = (
+                np.stack([*np.indices(depth.shape)[::-1], np.ones(depth.shape)], -1) @ np.linalg.inv(camera["cam_K"]).T
+            )
+            whole, visible = (
+                inout.load_im(scene / f"{name}/{i:06d}_000001.png") > 0 for name in ("mask", "mask_visib")
+            )
+            flat = np.where(
+                whole, normal @ card["cam_t_m2c"].ravel() / (rays @ normal), 0.0
+            )  # depth of the card's plane
+            distances = (misc.depth_im_to_dist_im_fast(each, camera["cam_K"]) for each in (depth, flat))
+            np.testing.assert_array_equal(visibility.estimate_visib_mask_gt(*distances, 1.0), visible)
+            rows, columns = np.nonzero(visible)
+            assert tuple(infos[i][1]["bbox_visib"]) == tuple(misc.calc_2d_bbox(columns, rows))
+
+
+def test_chosen_objects_only(data, tmp_path):
+    for to in ("bop", "coco", "kitti2015"):
+        export(data, tmp_path / to, to, objects=["card"])
+    assert {each["name"] for each in read_json(tmp_path / "bop/models/models_info.json").values()} == {"card"}
+    assert [len(poses) for poses in read_json(tmp_path / "bop/train/000001/scene_gt.json").values()] == [1, 1]
+    assert [each["name"] for each in read_json(tmp_path / "coco/annotations/instances.json")["categories"]] == ["card"]
+    objects = cv2.imread(tmp_path / "kitti2015/Kitti2015/training/obj_map/000001_10.png", cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(objects, np.where(data[1].truth0.object_id == 2, 2, 0))
+    with pytest.raises(InputError, match=r"unknown object 'cart'; did you mean 'card'\? \(known: card, wall\)"):
+        export(data, tmp_path / "none", "bop", objects=["cart"])
+    with pytest.raises(InputError, match="eth3d has no masks of objects; layouts with masks: bop, coco, kitti2015"):
+        export(data, tmp_path / "none", "eth3d", objects=["card"])
+    assert not (tmp_path / "none").exists()
+
+
+def test_kitti_holds_255_objects(tmp_path):
+    sample = dataset_scene.sample()
+    truth = replace(sample.truths[0], object_names=(*(f"rest[{i}]" for i in range(255)), "card"))
+    write_sample(tmp_path / "in" / "s", Sample(sample.rig, sample.shots, (truth, sample.truths[1])))
+    export(Dataset(tmp_path / "in"), tmp_path / "rest", "kitti2015", objects=["rest"])
+    with pytest.raises(InputError, match="s: has object 256, and this layout holds 255"):
+        export(Dataset(tmp_path / "in"), tmp_path / "out", "kitti2015", objects=["card"])
 
 
 def test_far_depths_get_a_coarser_unit(tmp_path):

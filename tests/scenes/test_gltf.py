@@ -1,6 +1,8 @@
 """glTF and OBJ files in scene.toml: materials, node trees, axes and sizes; only files below the scene's folder."""
 
 import json
+import tempfile
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,6 +11,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from tests.dataset.test_fuzz import fuzz, in_process, other_values  # noqa: F401
 from tests.scenes.gltf_files import glb, picture, png, square, unpacked, with_extensions, write
 from tests.scenes.scene_text import Read
 from twinlens.errors import FileError, InputError
@@ -362,6 +365,7 @@ def shine(header: dict[str, Any]) -> None:
 HOSTILE: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     "nodes": (lambda h: h.update(nodes=[{"mesh": 0}] * 100_000), "nodes: must be a list of at most 50000"),
     "loop": (lambda h: add_node(h, children=[len(h["nodes"])]), "has two parents"),
+    "materials": (lambda h: h.update(materials=[{}] * 10_001), "materials: must be a list of at most 10000"),
     "pose": (lambda h: add_node(h, mesh=0, rotation=[0, 0, 0, 0]), "has no finite pose"),
     "nan": (lambda h: change_surface(h, roughnessFactor=float("nan")), "roughnessFactor: must be a finite number"),
     "range": (lambda h: change_surface(h, metallicFactor=7.0), "metallicFactor: must be <= 1"),
@@ -382,6 +386,19 @@ def test_hostile_headers_are_errors_of_one_line(tmp_path: Path, name: str) -> No
         read(tmp_path / "m.glb")
     assert "\n" not in str(caught.value)
     assert str(caught.value).startswith(str(tmp_path / "m.glb"))
+
+
+@pytest.mark.parametrize("name", ["x" * 100_000, "\N{SNOWMAN}" * 200])
+def test_long_names_are_errors_of_one_short_line(tmp_path: Path, name: str) -> None:
+    (tmp_path / "m.obj").write_text(OBJ)
+    (tmp_path / "m.mtl").write_text(MTL.replace("tiles.png", name))
+    with pytest.raises(InputError, match=r"must be a file name relative|no file") as caught:
+        read(tmp_path / "m.obj")
+    assert len(str(caught.value)) < 500
+    (tmp_path / "m.obj").write_text(OBJ.replace("red", name))
+    with pytest.raises(InputError, match=r"m\.mtl|has no material") as caught:
+        read(tmp_path / "m.obj")
+    assert len(str(caught.value)) < 500
 
 
 def test_a_picture_bomb_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -412,3 +429,27 @@ def test_damaged_files_are_read_or_refused_in_one_line(tmp_path: Path, cases: in
     assert len(messages) > cases // 3
     assert not any("\n" in message for message in messages)
     assert list(tmp_path.iterdir()) == [path]
+
+
+def fuzz_header(cases: int) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "m.glb"
+        texture = picture(np.random.default_rng(0).random((4, 4, 3)))
+        part = square(baseColorTexture=texture, normalTexture=texture, emissiveFactor=[1, 1, 1], alphaMode="MASK")
+        write(path, part, with_extensions(ior={"ior": 1.4}, transmission={"transmissionFactor": 0.5}))
+        header, binary = unpacked(path.read_bytes())
+
+        def read_changed(text: bytes) -> None:
+            path.write_bytes(glb(json.loads(text), binary))
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", MaterialWarning)
+                mesh = read(path).mesh
+            assert np.isfinite(mesh.vertices).all()
+            assert mesh.faces.max() < len(mesh.vertices)
+
+        fuzz(read_changed, other_values(json.dumps(header).encode()), cases)
+
+
+@pytest.mark.parametrize("cases", [60, pytest.param(10_000, marks=pytest.mark.slow)])
+def test_changed_headers_are_read_or_refused_in_one_line(in_process: Callable[..., None], cases: int) -> None:  # noqa: F811
+    in_process(fuzz_header, cases)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.docs.pages import blocks, check_links
 from twinlens.cli import run
 from twinlens.studies import STUDIES
 
@@ -13,12 +14,8 @@ PAGE = Path(__file__).parents[2] / "docs" / "studies.md"
 pytestmark = pytest.mark.skipif(not PAGE.exists(), reason="docs/ is not available")
 
 
-def blocks():
-    return re.findall(r"```python\n(.*?)```", PAGE.read_text(), flags=re.DOTALL)
-
-
 def test_the_example_study_is_short_and_runs(tmp_path):
-    text = next(block for block in blocks() if "STUDY = Study(" in block)
+    text = next(block for _, block in blocks(PAGE, "python") if "STUDY = Study(" in block)
     assert len(text.splitlines()) < 60
     path = tmp_path / "low_light.py"
     path.write_text(text)
@@ -66,6 +63,4 @@ def test_the_script_of_samples_runs(monkeypatch):
 
 
 def test_links_exist():
-    links = re.findall(r"\]\(([^)#]+)\)", PAGE.read_text())
-    assert links
-    assert all((PAGE.parent / link).exists() for link in links)
+    check_links(PAGE)

@@ -16,6 +16,13 @@ from twinlens.dataset.export import LAYOUTS, export
 @click.option("--to", "layout", required=True, help=", ".join(LAYOUTS) + ".")
 @click.option("-o", "--output", required=True, type=PLACE, help="Folder of the export.")
 @click.option("--lens", type=Whole(0), default=0, show_default=True, help="Lens to export; 0 is first.")
+@click.option(
+    "--object",
+    "objects",
+    multiple=True,
+    metavar="NAME",
+    help="Export the masks and poses of the objects NAME only (bop, coco, kitti2015). May be repeated.",
+)
 @click.option("--split", help="Export only the samples of this split.")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier export.")
 @json_option("the files and their sizes")
@@ -24,6 +31,7 @@ def command(dataset: Place, layout: str, output: Place, as_json: bool, split: st
 
     \b
     Example:  twinlens export out --to kitti2015 -o out-kitti
+              twinlens export out --to bop --object nut --object bolt -o out-bop
     """
     samples = Dataset(dataset) if split is None else Dataset(dataset).split(split)
     with progress_bar("exporting") as report:

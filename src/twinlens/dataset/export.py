@@ -17,7 +17,7 @@ import io
 import itertools
 import json
 import tarfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,7 +31,7 @@ from twinlens.dataset.codecs.pfm import encode_pfm
 from twinlens.dataset.codecs.png import encode_png
 from twinlens.dataset.dataset import MANIFEST
 from twinlens.dataset.files import check_replaceable, read_bytes, write_folder
-from twinlens.dataset.object_layouts import bop, coco
+from twinlens.dataset.object_layouts import bop, category, coco
 from twinlens.dataset.poses import colmap_camera, colmap_pose
 from twinlens.dataset.storage import RemotePath, Where, place
 from twinlens.dataset.stored import StoredSample
@@ -45,6 +45,9 @@ SIGNED_LAYOUTS = ("parquet", "webdataset")
 
 UNRECTIFIED_LAYOUTS = ("bop", "coco")
 """The layouts without disparity, which can hold any rig."""
+
+OBJECT_LAYOUTS = ("bop", "coco", "kitti2015")
+"""The layouts with masks of objects."""
 
 _MIDDLEBURY_MARKER = "Middlebury2014/train/Adirondack-is-not-here.txt"
 _MIDDLEBURY_NOTE = b"""The scenes in this folder were made with twinlens; none is one of Middlebury's.
@@ -67,11 +70,15 @@ _FIRST_LINE = "# Exported by twinlens"
 
 @dataclass(frozen=True)
 class Source:
-    """A sample to export: number `index` of its dataset, with the images of lens number `lens`."""
+    """A sample to export: number `index` of its dataset, with the images of lens number `lens`.
+
+    `objects` are the names of the objects to export, without the numbers of copies; None for all.
+    """
 
     sample: StoredSample
     index: int
     lens: int = 0
+    objects: frozenset[str] | None = None
 
     @property
     def name(self) -> str:
@@ -152,7 +159,8 @@ def kitti2015(source: Source) -> Files:
 
     A disparity is stored as round(256 d) in 16 bits, 0 for unknown. `disp_occ` holds every known pixel, `disp_noc`
     those visible in both views. KITTI's own ``_1`` maps are of the next point in time; torchvision reads them as the
-    right view, which they are here. `obj_map` is 0 (background); KITTI's development kit requires it.
+    right view, which they are here. `obj_map` has the `object_id` of the objects that were chosen, and 0 (background)
+    elsewhere; KITTI's development kit requires it.
     """
     root, number = "Kitti2015/training", f"{source.index:06d}"
     for i in (0, 1):
@@ -161,7 +169,7 @@ def kitti2015(source: Source) -> Files:
         yield f"{root}/image_{2 + i}/{number}_10.png", source.image(i)
         yield f"{root}/disp_occ_{i}/{number}_10.png", encode_png(counts)
         yield f"{root}/disp_noc_{i}/{number}_10.png", encode_png(visible)
-    yield f"{root}/obj_map/{number}_10.png", encode_png(np.zeros(counts.shape, np.uint8))
+    yield f"{root}/obj_map/{number}_10.png", encode_png(_kitti_objects(source, counts.shape))
     yield f"{root}/calib_cam_to_cam/{number}.txt", _kitti_calibration(source.sample.calibration)
 
 
@@ -267,17 +275,21 @@ def export(
     lens: int = 0,
     overwrite: bool = False,
     progress: Callable[[float, str], None] = lambda fraction, name: None,
+    objects: Collection[str] = (),
 ) -> dict[str, int]:
     """Write samples to `folder` in the layout `to`, a key of LAYOUTS.
 
     The folder appears whole or not at all; it must not exist, unless `overwrite` is set and it is an earlier export or
     empty. EXPORT.md in it lists the samples in order. `lens` selects the images of samples taken through several
-    lenses. `progress` is called with the fraction done and the sample's name.
+    lenses. `progress` is called with the fraction done and the sample's name. `objects` are the names of the objects to
+    export, without the numbers of copies, in the OBJECT_LAYOUTS; by default all of them, and none in kitti2015.
 
     Returns the size in bytes of each file by relative name. Raises InputError for an unknown layout and for a sample
     that the layout cannot hold, FileError for a file that a sample lacks, and OutputError.
     """
     check_known("layout", to, LAYOUTS)
+    if objects and to not in OBJECT_LAYOUTS:
+        raise InputError(f"{to} has no masks of objects; layouts with masks: {', '.join(OBJECT_LAYOUTS)}")
     if not len(dataset):
         raise InputError("export needs one or more samples")
     folder = place(folder)
@@ -289,6 +301,7 @@ def export(
         own = (folder / NOTE).is_file() and read_bytes(folder / NOTE).startswith(_FIRST_LINE.encode())
         check_replaceable(folder, own, "an earlier export")
     sizes: dict[str, int] = {}
+    known: set[str] = set()
 
     def sources() -> Iterator[Source]:
         for i, sample in enumerate(dataset):
@@ -296,7 +309,11 @@ def export(
             if to not in UNRECTIFIED_LAYOUTS and sample.has("sample.json") and not sample.has("calib.txt"):
                 others = ", ".join(UNRECTIFIED_LAYOUTS)
                 raise InputError(f"{sample.name}: is not a rectified pair; layouts for other rigs: {others}")
-            yield Source(sample, i, lens)
+            if objects and sample.has("sample.json"):
+                known.update(category(name) for name in sample.record.get("object_names", []))
+            yield Source(sample, i, lens, frozenset(objects) if objects else None)
+        for name in objects:
+            check_known("object", name, known)
 
     def files() -> Files:
         names = "".join(f"{i}. {sample.name}\n" for i, sample in enumerate(dataset))
@@ -314,6 +331,16 @@ def _fixed_point(disparity: Disparity, scale: float) -> NDArray[np.uint32]:
     known = np.isfinite(disparity)
     counts = np.round(np.where(known, disparity, 0.0).astype(np.float64) * scale)
     return np.where(known, np.maximum(counts, 1), 0).astype(np.uint32)
+
+
+def _kitti_objects(source: Source, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    if source.objects is None:
+        return np.zeros(shape, np.uint8)
+    truth = source.sample.truth(0)
+    chosen = [0, *(i for i, name in enumerate(truth.object_names, start=1) if category(name) in source.objects)]
+    if max(chosen) > 255:
+        raise InputError(f"{source.sample.name}: has object {max(chosen)}, and this layout holds 255")
+    return np.where(np.isin(truth.object_id, chosen), truth.object_id, 0).astype(np.uint8)
 
 
 def _kitti_calibration(calibration: Calibration) -> bytes:

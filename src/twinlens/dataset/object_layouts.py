@@ -7,6 +7,7 @@ docs/bop_datasets_format.md and scripts/calc_gt_info.py of https://github.com/th
 import json
 import re
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,11 +29,20 @@ _MM = 1000.0
 _DEPTH_SCALE = 0.1  # millimetres per unit of a depth image, or ten, a hundred times that if 16 bits need it
 
 
+def category(name: str) -> str:
+    """The name of an object without the number of a copy.
+
+    >>> category("nut"), category("nut-2"), category("nut[3]")
+    ('nut', 'nut', 'nut')
+    """
+    return re.sub(r"(-\d+|\[\d+\])+$", "", name)
+
+
 def coco(sources: Iterable["Source"]) -> Iterator[tuple[str, bytes]]:
     """annotations/instances.json and images/<name>-im0.png ...: one annotation per visible object of each view.
 
-    `segmentation`, `bbox` and `area` are of the visible part. Categories are the names of objects without the number of
-    a copy: "nut" for nut, nut-2 and nut[3]. Further keys have the whole object, its pose and its box.
+    `segmentation`, `bbox` and `area` are of the visible part. Categories are those of `category`. Further keys have the
+    whole object, its pose and its box.
     """
     images: list[dict[str, Any]] = []
     annotations: list[dict[str, Any]] = []
@@ -49,8 +59,8 @@ def coco(sources: Iterable["Source"]) -> Iterator[tuple[str, bytes]]:
             for thing in truth.objects:
                 if thing.visible_pixel_count:
                     label = truth.object_names[thing.object_id - 1]
-                    category = categories.setdefault(re.sub(r"(-\d+|\[\d+\])+$", "", label), len(categories) + 1)
-                    ids = {"id": len(annotations) + 1, "image_id": len(images), "category_id": category}
+                    number = categories.setdefault(category(label), len(categories) + 1)
+                    ids = {"id": len(annotations) + 1, "image_id": len(images), "category_id": number}
                     annotations.append(ids | {"name": label} | _annotation(truth, thing))
     named = [{"id": number, "name": name, "supercategory": ""} for name, number in categories.items()]
     info = {"description": "exported by twinlens"}
@@ -105,7 +115,8 @@ def bop(sources: Iterable["Source"]) -> Iterator[tuple[str, bytes]]:
                 )
                 number = numbers.setdefault(thing.model, len(numbers) + 1)
                 if number not in models:
-                    models[number] = {"name": truth.object_names[thing.object_id - 1], **_box_mm(thing.extent)}
+                    name = category(truth.object_names[thing.object_id - 1])
+                    models[number] = {"name": name, **_box_mm(thing.extent)}
                 if "diameter" not in models[number] and source.sample.has(f"models/{thing.model}.ply"):
                     vertices, faces = read_ply(source.sample.path(f"models/{thing.model}.ply"))
                     models[number]["diameter"] = _diameter(vertices) * _MM
@@ -120,12 +131,18 @@ def bop(sources: Iterable["Source"]) -> Iterator[tuple[str, bytes]]:
 
 
 def _truths(source: "Source") -> Iterator[Truth]:
+    """The truth of each view, with the objects to export."""
     sample = source.sample
     for i in range(len(sample.rig)):
         truth = sample.truth(i)
         if not truth.objects and truth.hit.any():
             raise InputError(f"{sample.name}: has no poses of objects; make the sample again with this version")
-        yield truth
+        chosen = [
+            thing
+            for thing in truth.objects
+            if source.objects is None or category(truth.object_names[thing.object_id - 1]) in source.objects
+        ]
+        yield replace(truth, objects=tuple(chosen))
 
 
 def _depth_image(depth: Float) -> tuple[NDArray[np.uint16], float]:

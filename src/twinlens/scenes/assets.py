@@ -6,6 +6,7 @@ Libraries that detect the format from the content would pass a renamed file to a
 Ghostscript on PostScript).
 """
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -28,6 +29,7 @@ _MOST_PIXELS = 1 << 27
 _MOST_CHANNELS = 64
 _MOST_VALUES = 1 << 29
 _LARGEST_HDR_FILE = 1 << 30  # bytes
+_LONGEST_REASON = 300
 _PILLOW_FORMATS = {".png": ["PNG"], ".jpg": ["JPEG"], ".jpeg": ["JPEG"]}
 
 
@@ -48,7 +50,7 @@ class SceneContext:
 
 def find_asset(name: str, context: SceneContext) -> Path:
     """The path of an existing file below the scene's folder, noted in `context.files`. Raises InputError."""
-    named = isinstance(name, str) and name and not ("\0" in name or "\\" in name)
+    named = isinstance(name, str) and 0 < len(name) < 256 and not ("\0" in name or "\\" in name)
     if not named or PurePosixPath(name).is_absolute() or PureWindowsPath(name).drive:
         rule = "must be a file name relative to the scene's folder, with forward slashes"
         raise InputError(f"{rule}, got {format_value(name)}")
@@ -56,7 +58,7 @@ def find_asset(name: str, context: SceneContext) -> Path:
     path = (folder / name).resolve()
     if not path.is_relative_to(folder) or ".." in PurePosixPath(name).parts:
         raise InputError(f"{name!r} leads outside the scene's folder; copy the file to {folder}")
-    if not path.is_file():
+    if not os.path.isfile(path):  # noqa: PTH113 (a name that is too long is no file; Path.is_file raises)
         raise InputError(f"no file {name!r} in {folder}")
     context.files.append(path)
     return path
@@ -109,9 +111,10 @@ def reading(path: Path, kind: str) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        raise FileError(str(error) if str(error).startswith(str(path)) else f"{path}: {error}") from error
+        reason = str(error).removeprefix(f"{path}: ")
+        raise FileError(f"{path}: {reason[:_LONGEST_REASON]}") from error
     except Exception as error:
-        reason = " ".join(str(error).split())
+        reason = " ".join(str(error).split())[:_LONGEST_REASON]
         raise FileError(f"{path}: cannot be read as a {path.suffix} {kind} ({reason})") from error
 
 

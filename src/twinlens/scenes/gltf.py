@@ -27,6 +27,7 @@ from twinlens.scenes.pbr import EXTENSIONS, Image, Lenient, PbrMaterial, Sampler
 from twinlens.schema import exactly, read
 
 MOST_NODES = 50_000
+_MOST_MATERIALS = 10_000
 _MOST_BYTES = 2 << 30  # of decoded accessors
 _JSON, _BIN = 0x4E4F534A, 0x004E4942
 _COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
@@ -112,7 +113,7 @@ class Header(Lenient):
     nodes: Annotated[list[_Node], pydantic.Field(max_length=MOST_NODES)] = pydantic.Field(default=[])
     scenes: list[_Scene] = pydantic.Field(default=[])
     scene: _Index = 0
-    materials: list[PbrMaterial] = pydantic.Field(default=[])
+    materials: Annotated[list[PbrMaterial], pydantic.Field(max_length=_MOST_MATERIALS)] = pydantic.Field(default=[])
     textures: list[Texture] = pydantic.Field(default=[])
     images: list[Image] = pydantic.Field(default=[])
     samplers: list[Sampler] = pydantic.Field(default=[])
