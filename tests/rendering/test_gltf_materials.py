@@ -6,7 +6,7 @@ import trimesh
 
 import twinlens as tl
 from tests.rendering.gltf_brdf import reflected
-from tests.scenes.gltf_files import square, with_extensions, write
+from tests.scenes.gltf_files import picture, square, with_extensions, write
 from twinlens.camera.truth import MATERIAL_KINDS
 from twinlens.rendering.build import build
 from twinlens.scenes.assets import SceneContext
@@ -208,3 +208,22 @@ def test_a_clear_coat_is_that_of_gltf_within_3_percent(coated):
             coat = expected(((0, 0, 0), 0.0, roughness), constant, angle)
             of_gltf = through * expected(look, constant, angle) + coat
             np.testing.assert_allclose(found[i, k], of_gltf, rtol=0.03, err_msg=f"{look} at {angle}")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("signs", [(1, 1), (-1, 1), (1, -1), (-1, -1)])
+def test_a_normal_map_tilts_along_the_texture(tmp_path, signs):
+    """Lambert's law with n = 0.36 du + 0.48 dv + 0.8 z; u and v run along or against x and y."""
+    signs, tilt = np.array(signs), np.array([0.36, 0.48, 0.8])
+    one = square(metallicFactor=0.0, normalTexture=picture(np.tile((tilt + 1) / 2, (2, 2, 1))))
+    one.visual.uv = 0.5 + signs * (one.visual.uv - 0.5)
+    path = write(tmp_path / "m.glb", one, with_extensions(specular={"specularFactor": 0.0}))
+    model = read_model(path, SceneContext(tmp_path))
+    towards = np.array([0.3, 0.5, 1.0]) / np.linalg.norm([0.3, 0.5, 1.0])
+    sun = {"type": "directional", "direction": (-towards).tolist(), "irradiance": 1.0}
+    pose = tl.geometry.look_at([0, 0.5, 2], [0, 0.5, 0], [0, 1, 0])
+    thing = SceneObject("square", model.mesh, tuple(model.materials))
+    scene = tl.Scene("tilt", (thing,), model.materials, pose, (1.0, 3.0), {"sun": sun})
+    (image,) = tl.render(scene, tl.Rig([tl.Camera.from_fov(4, 4, 10)], [pose]), spp=4, seed=0)
+    expected = np.append(signs * tilt[:2], tilt[2]) @ towards / np.pi
+    assert image.mean() == pytest.approx(expected, rel=0.01)  # texels have 8 bits

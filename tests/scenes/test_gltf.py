@@ -227,6 +227,30 @@ def test_a_texture_is_kept_where_vertices_have_colors_too(tmp_path: Path) -> Non
         assert isinstance(found(only_material(path), "base_color"), Bitmap)
 
 
+def test_normal_maps_are_flipped_where_texture_coordinates_are_mirrored(tmp_path: Path) -> None:
+    """Two squares, the second one with u from right to left; both share all other maps."""
+    tilt, color = picture(np.tile((np.array([0.6, 0.0, 0.8]) + 1) / 2, (2, 2, 1))), picture(np.eye(3)[None])
+    both = [square(normalTexture=tilt, baseColorTexture=color) for _ in range(2)]
+    both[1].visual.uv = both[1].visual.uv * [-1, 1] + [1, 0]
+    scene = trimesh.Scene()
+    for i, each in enumerate(both):
+        scene.add_geometry(each, transform=trimesh.transformations.translation_matrix([0, 0, i]))
+    model = read(write(tmp_path / "m.glb", scene, one_material))
+    assert list(model.materials) == ["m.glb:paint", "m.glb:paint-2"]
+    upright, flipped = model.materials.values()
+    assert found(upright, "base_color") is found(flipped, "base_color")
+    np.testing.assert_allclose(upright["normalmap"].pixels + flipped["normalmap"].pixels * [-1, 1, -1],
+                               np.tile([0.0, 1, 0], (2, 2, 1)), atol=1e-6)  # fmt: skip
+    assert model.mesh.surface is not None
+    heights = model.mesh.vertices[model.mesh.faces[:, 0], 2]
+    np.testing.assert_array_equal(model.mesh.surface, heights > 0.5)
+
+
+def one_material(header: dict[str, Any]) -> None:
+    for mesh in header["meshes"]:
+        mesh["primitives"][0]["material"] = 0
+
+
 @pytest.mark.parametrize("specular", [0.0, 1.0])
 def test_parts_with_other_vertex_colors_share_a_plugin(specular: float) -> None:
     """Black has no diffuse light, and specularFactor = 0 no facets: the attributes of both are there all the same."""

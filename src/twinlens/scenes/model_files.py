@@ -11,8 +11,10 @@ from io import BytesIO
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twinlens.errors import FileError, InputError
+from twinlens.geometry import Float
 from twinlens.scenes import shapes
 from twinlens.scenes.assets import (
     LARGEST_MESH_FILE,
@@ -25,7 +27,7 @@ from twinlens.scenes.assets import (
 )
 from twinlens.scenes.gltf import Gltf, Part, named_by, open_gltf, read_header
 from twinlens.scenes.mtl import read_mtl
-from twinlens.scenes.pbr import PbrMaterial, Texture, Textures, plugin_of
+from twinlens.scenes.pbr import PbrMaterial, Texture, Textures, mirrored, plugin_of
 from twinlens.scenes.scene import Mesh, Plugin, free_name
 
 GLTF_FILES = (".glb", ".gltf")
@@ -52,37 +54,60 @@ def read_model(
     The file's own normals are used unless `crease_deg` is given; without both, edges over 30 degrees are sharp. Gives a
     `MaterialWarning` that names what cannot be rendered. Raises FileError.
     """
-
     open_file = _opener(path, context)
     with reading(path, "mesh"):
         is_gltf = path.suffix.lower() in GLTF_FILES
         parts, materials, textures = (_open_gltf if is_gltf else _open_obj)(path, open_file)
-        used: dict[tuple[int | None, bool], int] = {}
+        meshes = [part_mesh(part, crease_deg) for part in parts]
         plugins: dict[str, Plugin] = {}
-        meshes = []
-        shown = path.resolve().relative_to(context.folder.resolve()).as_posix()
-        for part in parts:
-            mesh = part_mesh(part, crease_deg)
-            if not with_materials:
-                meshes.append(replace(mesh, attributes={}))
-                continue
-            material = PbrMaterial() if part.material is None else materials[part.material]
-            colors = mesh.attributes.get("color")
-            if colors is not None and material.pbrMetallicRoughness.baseColorTexture is not None:
-                textures.lost.append("vertex colours multiplied with a texture")
-                mesh, colors = replace(mesh, attributes={}), None
-            key = part.material, colors is not None
-            if key not in used or colors is not None:
-                plugin, attributes = plugin_of(material, textures, colors)
-                mesh = replace(mesh, attributes=attributes)
-                if key not in used:
-                    used[key] = len(plugins)
-                    plugins[free_name(f"{shown}:{material.name or part.material or 0}", plugins)] = plugin
-            meshes.append(replace(mesh, surface=np.full(len(mesh.faces), used[key], dtype=np.uint16)))
+        if with_materials:
+            shown = path.resolve().relative_to(context.folder.resolve()).as_posix()
+            meshes, plugins = _painted(parts, meshes, materials, textures, shown)
+        else:
+            meshes = [replace(mesh, attributes={}) for mesh in meshes]
     if textures.lost:
         lost = ", ".join(dict.fromkeys(textures.lost))
         warnings.warn(f"{path}: not rendered: {lost}", MaterialWarning, stacklevel=2)
     return Model(shapes.merged(meshes), plugins)
+
+
+def _painted(
+    parts: list[Part], meshes: list[Mesh], materials: list[PbrMaterial], textures: Textures, file: str
+) -> tuple[list[Mesh], dict[str, Plugin]]:
+    """The meshes of parts with their `surface` and attributes, and the materials that are used."""
+    made: dict[tuple[int | None, bool], Plugin] = {}
+    used: dict[tuple[int | None, bool, bool], int] = {}
+    plugins: dict[str, Plugin] = {}
+    painted = []
+    for part, mesh in zip(parts, meshes, strict=True):
+        material = PbrMaterial() if part.material is None else materials[part.material]
+        colors = mesh.attributes.get("color")
+        if colors is not None and material.pbrMetallicRoughness.baseColorTexture is not None:
+            textures.lost.append("vertex colours multiplied with a texture")
+            colors = None
+        key = part.material, colors is not None
+        attributes: dict[str, Float] = {}
+        if key not in made or colors is not None:
+            plugin, attributes = plugin_of(material, textures, colors)
+            made.setdefault(key, plugin)
+        flipped = _is_mirrored(mesh) if material.has_normal_maps else np.zeros(len(mesh.faces), dtype=bool)
+        surface = np.empty(len(mesh.faces), dtype=np.uint16)
+        for side in np.unique(flipped).tolist():
+            if (*key, side) not in used:
+                used[*key, side] = len(plugins)
+                name = free_name(f"{file}:{material.name or part.material or 0}", plugins)
+                plugins[name] = mirrored(made[key]) if side else made[key]
+            surface[flipped == side] = used[*key, side]
+        painted.append(replace(mesh, attributes=attributes, surface=surface))
+    return painted, plugins
+
+
+def _is_mirrored(mesh: Mesh) -> NDArray[np.bool_]:
+    """Whether the texture coordinates of each face are a mirror image of it, bool (F,)."""
+    if mesh.uv is None:
+        return np.zeros(len(mesh.faces), dtype=bool)
+    a, b, c = (mesh.uv[mesh.faces[:, i]] for i in range(3))
+    return np.asarray(np.linalg.det(np.stack([b - a, c - a], axis=1)) < 0)
 
 
 def _opener(path: Path, context: SceneContext) -> Callable[[str], bytes]:

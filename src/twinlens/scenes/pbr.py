@@ -12,8 +12,8 @@ angles if it is rough; there, more and more of it is Lambert's. Source: glTF 2.0
 # ruff: noqa: N815 (keys are spelt as in glTF)
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from io import BytesIO
 from typing import Annotated, Any, Literal
 
@@ -182,6 +182,11 @@ class PbrMaterial(Lenient):
         rough = self.pbrMetallicRoughness
         infos = (rough.baseColorTexture, rough.metallicRoughnessTexture, self.normalTexture, self.emissiveTexture)
         return next((info.coordinate_set for info in infos if info is not None), 0)
+
+    @property
+    def has_normal_maps(self) -> bool:
+        """Whether the surface or its clear coat has a normal map."""
+        return (self.normalTexture or self.extensions.KHR_materials_clearcoat.clearcoatNormalTexture) is not None
 
 
 @dataclass(frozen=True, eq=False)
@@ -503,6 +508,15 @@ def _normal_mapped(info: TextureInfo | None, maps: _Maps, plugin: Plugin) -> Plu
     normal = (2 * found[0] - 1) * np.array([info.scale, info.scale, 1], dtype=np.float32)
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
     return {"type": "normalmap", "normalmap": found[1].bitmap((normal + 1) / 2), "bsdf": plugin}
+
+
+def mirrored(plugin: Plugin) -> Plugin:
+    """A plugin of `plugin_of` for mirrored texture coordinates, where Mitsuba's green axis points to the bottom."""
+    made = {key: mirrored(value) if isinstance(value, Mapping) else value for key, value in plugin.items()}
+    if plugin.get("type") == "normalmap":
+        upright = plugin["normalmap"]
+        made["normalmap"] = replace(upright, pixels=np.abs(upright.pixels - np.array([0, 1, 0], dtype=np.float32)))
+    return made
 
 
 def _emission(material: PbrMaterial, maps: _Maps) -> Plugin:
