@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from tests.families.families_checks import SURROUNDINGS, floating, intersecting, table_height
+from tests.families.families_checks import SURROUNDINGS, crossing, floating, intersecting, table_height
 from twinlens.camera import Camera, Rig
 from twinlens.errors import InputError
 from twinlens.factory import make, plan, recipe_from_table, remake
@@ -60,7 +60,25 @@ def folder(tmp_path_factory):
     }
     for name, mesh in made.items():
         mesh.export(home / "parts" / f"{name}.ply")
+    (home / "thin").mkdir()
+    for name, mesh in _thin().items():
+        mesh.export(home / "thin" / f"{name}.ply")
     return home
+
+
+def _thin():
+    """Meshes that meet others where none of their vertices is inside: rods, legs, a sheet; and open shells."""
+    seat, leg, shell = trimesh.creation.box([0.05, 0.05, 0.006]), trimesh.creation.box([0.004, 0.004, 0.03]), {}
+    for name, made in (("bowl", trimesh.creation.icosphere(3, 0.03)), ("hook", trimesh.creation.torus(0.03, 0.004))):
+        x, y, z = made.triangles_center.T
+        shell[name] = made.submesh([np.flatnonzero((z < 0) if name == "bowl" else (x < 0) | (y < 0))], append=True)
+    legs = [leg.copy().apply_translation([x, y, -0.015]) for x in (-0.02, 0.02) for y in (-0.02, 0.02)]
+    return {
+        "rod": trimesh.creation.cylinder(0.002, 0.12, sections=8),
+        "sheet": trimesh.creation.box([0.1, 0.08, 0.0015]),
+        "stool": trimesh.util.concatenate([seat, *legs]),
+        **shell,
+    }
 
 
 def recipe_of(folder, objects, **more):
@@ -81,14 +99,18 @@ def placed(recipe, index=0):
 PARTS = {"folder": "parts", "count": 10, "scale": {"uniform": [0.7, 1.6]}, "resting_on": "table", "material": "red"}
 
 
+@pytest.mark.parametrize("parts", ["parts", "thin"])
 @pytest.mark.parametrize("count", [20, pytest.param(1000, marks=pytest.mark.slow)])
-def test_own_meshes_rest_without_intersections(folder, count):
-    """By winding numbers, which find any depth; 1,000 placements also beside a body that is drawn anew."""
-    recipe = recipe_of(folder, {"part": PARTS, "block": {"translate": [{"uniform": [-0.3, 0.3]}, 0.1, 0.025]}})
+def test_own_meshes_rest_without_intersections(folder, count, parts):
+    """By winding numbers and crossing edges, which find any depth; beside a body that is drawn anew."""
+    recipe = recipe_of(
+        folder, {"part": {**PARTS, "folder": parts}, "block": {"translate": [{"uniform": [-0.3, 0.3]}, 0.1, 0.025]}}
+    )
     for index in range(count // 10):
         scene = placed(recipe, index)
         assert sum(thing.name.startswith("part[") for thing in scene.objects) == 10
         assert intersecting(scene, 200) == []
+        assert crossing(scene) == []
         assert floating(scene, table_height(scene)) == []
 
 

@@ -62,11 +62,42 @@ def intersecting(scene, count=400):
     ]
 
 
+def crossing(scene):
+    """Pairs of names of bodies of which an edge of the first crosses a triangle of the second.
+
+    Source: Moeller and Trumbore, Fast, Minimum Storage Ray/Triangle Intersection, JGT 2(1), 1997.
+    """
+    found = {name: vertices[faces] for name, (vertices, faces) in bodies(scene).items()}
+    return [(one, other) for one in found for other in found if one != other and _crosses(found[one], found[other])]
+
+
+def _crosses(edged, faced):
+    edged, faced = _near(edged, faced), _near(faced, edged)
+    if not len(edged) or not len(faced):
+        return False
+    start = np.moveaxis(edged, 1, 0).reshape(-1, 3)
+    along = np.moveaxis(np.roll(edged, -1, axis=1), 1, 0).reshape(-1, 3) - start
+    u_axis, v_axis = faced[:, 1] - faced[:, 0], faced[:, 2] - faced[:, 0]
+    across = np.cross(along[:, None], v_axis)
+    offset = start[:, None] - faced[:, 0]
+    turned = np.cross(offset, u_axis)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scale = 1 / (u_axis * across).sum(axis=-1)
+        u, v = scale * (offset * across).sum(axis=-1), scale * (along[:, None] * turned).sum(axis=-1)
+        t = scale * (v_axis * turned).sum(axis=-1)
+        return bool(((u >= 0) & (v >= 0) & (u + v <= 1) & (t >= 0) & (t <= 1)).any())
+
+
+def _near(triangles, others):
+    low, high = others.min(axis=(0, 1)), others.max(axis=(0, 1))
+    return triangles[(triangles.max(axis=1) >= low).all(axis=1) & (triangles.min(axis=1) <= high).all(axis=1)]
+
+
 def floating(scene, table):
     """Names of bodies without support, and of those below the table's top at height `table`.
 
     A lowest point is supported where the point 0.1% of the body's size below it is in the table or in another body. The
-    centre of mass must lie above the supported points.
+    centre of mass, of a body that is not closed that of its surface, must lie above the supported points.
     """
     import trimesh
 
@@ -81,7 +112,8 @@ def floating(scene, table):
         for other, body in found.items():
             if other != name:
                 carried |= inside(under, body)
-        centre = trimesh.Trimesh(vertices, faces, process=False).center_mass[:2]
+        solid = trimesh.Trimesh(vertices, faces, process=True)
+        centre = (solid.center_mass if solid.is_watertight else solid.centroid)[:2]
         try:
             balanced = Delaunay(lowest[carried, :2]).find_simplex(centre) >= 0
         except (QhullError, ValueError):

@@ -8,7 +8,7 @@ import trimesh
 
 from twinlens.scenes import shapes
 from twinlens.scenes.scene import Mesh
-from twinlens.scenes.stable_poses import gap, inside_by, outline, stable_poses
+from twinlens.scenes.stable_poses import centre_of_mass, gap, inside_by, outline, stable_poses
 
 
 def ours(made):
@@ -48,6 +48,23 @@ def test_stable_faces_are_those_of_trimesh(seed):
     mine = {tuple(np.round(rest.turn[2], 4) + 0.0) for rest in stable_poses(ours(hull))}
     assert mine <= theirs
     assert len(theirs) - len(mine) <= 1  # a face with the centre of mass nearly above its edge
+
+
+@pytest.mark.parametrize("place", [(0, 0, 0), (3.0, -2.0, 1.0)])
+def test_the_centre_of_mass_of_a_solid_and_of_a_shell(place):
+    """Of a half ball 3/8 of the radius from its middle; of an open hemisphere 1/2."""
+    ball = trimesh.creation.icosphere(subdivisions=5)
+    shell = ball.vertices, ball.faces[ball.triangles_center[:, 2] < 0]
+    rim = len(ball.vertices)
+    edges = np.sort(trimesh.Trimesh(*shell, process=False).edges, axis=1)
+    ends, count = np.unique(edges, axis=0, return_counts=True)
+    once = {tuple(end) for end in ends[count == 1]}
+    open_edges = [edge for edge in trimesh.Trimesh(*shell, process=False).edges if tuple(np.sort(edge)) in once]
+    lid = np.array([[b, a, rim] for a, b in open_edges])
+    vertices = np.vstack([ball.vertices, [0, 0, 0]]) + place
+    for faces, depth in ((shell[1], 0.5), (np.vstack([shell[1], lid]), 0.375)):
+        centre = centre_of_mass(Mesh(vertices, faces.astype(np.uint32))) - place
+        np.testing.assert_allclose(centre, [0, 0, -depth], atol=0.02)
 
 
 def test_a_bowl_has_no_level_top():

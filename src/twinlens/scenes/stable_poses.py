@@ -16,6 +16,7 @@ from twinlens.scenes.scene import Mesh
 
 _SAME_PLANE = 1e-5  # of the body's size: hull triangles whose planes differ by less are one face
 _MAX_FACES = 12
+_SAME_CENTRE = 1e-3  # of the body's size: the centroids of a closed mesh differ by rounding only
 _MIN_MARGIN = 2e-3  # of the body's size: least distance of the centre of mass from the edge of the contact
 
 
@@ -58,10 +59,21 @@ def outline(points: Float) -> Float:
 
 
 def centre_of_mass(mesh: Mesh) -> Float:
-    """The centroid (3,) of a closed mesh's volume: a sum over tetrahedra with a corner at the origin."""
-    a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
+    """The centroid (3,) of a closed mesh's volume, or of the surface of a mesh that is not closed: a thin shell."""
+    triangles = mesh.vertices[mesh.faces]
+    solid, other = _solid_centroid(triangles), _solid_centroid(triangles - mesh.vertices.max(axis=0))
+    if np.abs(other + mesh.vertices.max(axis=0) - solid).max() < _SAME_CENTRE * np.ptp(mesh.vertices, axis=0).max():
+        return solid
+    area = np.linalg.norm(shapes.face_cross(mesh.vertices, mesh.faces), axis=1)
+    return np.asarray(area @ triangles.mean(axis=1) / area.sum())
+
+
+def _solid_centroid(triangles: Float) -> Float:
+    """A mean (3,) over tetrahedra with a corner at the origin, which has no effect if the triangles are closed."""
+    a, b, c = np.moveaxis(triangles, 1, 0)
     volume = np.einsum("nc,nc->n", a, np.cross(b, c))
-    return np.asarray((volume[:, None] * (a + b + c)).sum(axis=0) / (4 * volume.sum()))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray((volume[:, None] * (a + b + c)).sum(axis=0) / (4 * volume.sum()))
 
 
 def stable_poses(mesh: Mesh, size: float = 1.0) -> list[StablePose]:
@@ -71,7 +83,7 @@ def stable_poses(mesh: Mesh, size: float = 1.0) -> list[StablePose]:
     points = vertices[hull.vertices]
     centre = centre_of_mass(mesh) * size
     if np.any(hull.equations[:, :3] @ centre + hull.equations[:, 3] > 0):
-        centre = points.mean(axis=0)  # the mesh is not closed: its volume is undefined
+        centre = points.mean(axis=0)  # parts of the mesh are inside out
     scaled = hull.equations / [1, 1, 1, size]
     _, first, same = np.unique(np.round(scaled / (10 * _SAME_PLANE)), axis=0, return_index=True, return_inverse=True)
     area = np.bincount(same.ravel(), np.linalg.norm(shapes.face_cross(hull.points, hull.simplices), axis=1))
