@@ -114,6 +114,16 @@ def test_own_meshes_rest_without_intersections(folder, count, parts):
         assert floating(scene, table_height(scene)) == []
 
 
+def test_crossing_rods_are_found(folder):
+    """The check itself: no vertex of one is inside the other."""
+    rod = {"file": "thin/rod.ply", "material": "red"}
+    for height, crosses in ((0.2, True), (0.205, False)):
+        flat = [{**rod, "euler_deg": [90, 0, turn], "translate": [0, 0, z]} for turn, z in ((0, 0.2), (90, height))]
+        scene = placed(recipe_of(folder, {"one": flat[0], "other": flat[1]}))
+        assert (set(crossing(scene)) & {("one", "other"), ("other", "one")} != set()) == crosses
+        assert intersecting(scene) == []
+
+
 def test_bodies_rest_on_other_placed_bodies(folder):
     """The carried bodies stand inside the carrier's top, and both are at rest."""
     recipe = recipe_of(
