@@ -83,6 +83,7 @@ def test_damaged_objects_are_errors_that_name_the_key(tmp_path):
         ("cam_from_object", [[1, 2]], r"objects\[0\]\[1\]: cam_from_object must be a finite 4x4 matrix"),
         ("extent", ["a", 2], r"objects\[0\]\[1\]"),
         ("box", [1, 2, 3], r"objects\[0\]\[1\].*box must have the shape"),
+        ("pixel_count", 0, r"objects\[0\]\[1\].*an object must have 1 or more pixels"),
         ("pixel_count", "many", r"objects\[0\]\[1\]\.pixel_count: must be a whole number"),
     ):
         changed = json.loads(json.dumps(record))
@@ -92,7 +93,7 @@ def test_damaged_objects_are_errors_that_name_the_key(tmp_path):
             _ = Dataset(tmp_path / "in")[0].truth0
 
 
-@pytest.mark.parametrize("text", ["", "0", "~~~~", "0000000000", "\xe9", "o" * 2000, "P"])
+@pytest.mark.parametrize("text", ["", "0", "~~~~", "0000000000", "\xe9", "o" * 2000, "o" * 1_000_000, "P"])
 def test_codes_of_other_masks_are_rejected(text):
     with pytest.raises(InputError, match="does not have 9 x 7 pixels"):
         decode_mask(text, 7, 9)

@@ -280,10 +280,12 @@ def test_geometry_that_is_not_rendered_is_named(tmp_path: Path) -> None:
         first = header["meshes"][0]["primitives"][0]
         header["meshes"][0]["primitives"].append({**first, "mode": 6})
         first["targets"] = [{}]
-        header["nodes"][-1]["skin"] = 0
+        header["nodes"][-1].update(skin=0, extensions={"EXT_mesh_gpu_instancing": {}})
+        header["extensions"] = {"KHR_lights_punctual": {"lights": []}}
 
     path = write(tmp_path / "m.glb", square(), change)
-    with pytest.warns(MaterialWarning, match="rendered: points, lines and triangle fans, morph targets, skins$"):
+    lost = "points, lines and triangle fans, morph targets, skins, EXT_mesh_gpu_instancing, KHR_lights_punctual"
+    with pytest.warns(MaterialWarning, match=f"rendered: {lost}$"):
         assert len(read(path).mesh.faces) == 2
 
 

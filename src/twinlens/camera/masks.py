@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from twinlens.errors import InputError
 
 _GROUP, _SIGN, _MORE, _ZERO = 5, 0x10, 0x20, 48
+_MOST_BITS = 60  # of a count
 
 
 def encode_mask(mask: NDArray[np.bool_]) -> str:
@@ -53,6 +54,8 @@ def decode_mask(text: str, height: int, width: int) -> NDArray[np.bool_]:
             value -= (group & _SIGN) << (shift - _GROUP + 1)
             counts.append(value + (counts[-2] if len(counts) > 2 else 0))
             value = shift = 0
+        elif shift > _MOST_BITS:
+            break
     if shift or min(counts, default=0) < 0 or sum(counts) != height * width:
         raise InputError(f"the run-length code of a mask does not have {width} x {height} pixels")
     runs = np.repeat(np.arange(len(counts)) % 2 == 1, counts)

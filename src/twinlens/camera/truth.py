@@ -50,6 +50,9 @@ class ObjectTruth:
             if value.shape != shape:
                 raise InputError(f"{name} must have the shape {shape}, got {value.shape}")
             object.__setattr__(self, name, tuple(getattr(self, name)) if len(shape) == 1 else value)
+        if not 0 <= self.visible_pixel_count <= self.pixel_count or self.pixel_count == 0:
+            counts = f"{self.visible_pixel_count} of {self.pixel_count}"
+            raise InputError(f"an object must have 1 or more pixels, of which 0 to all are visible, got {counts}")
 
     @property
     def visible_fraction(self) -> float:

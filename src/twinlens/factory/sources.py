@@ -45,6 +45,7 @@ class Sources:
     _known: dict[Path, tuple[tuple[int, int, int], str]] = field(default_factory=dict, init=False, repr=False)
     _loaded: dict[str, Scene] = field(default_factory=dict, init=False, repr=False)
     _meshes: dict[str, list[str]] = field(default_factory=dict, init=False, repr=False)
+    _skies: dict[Path, Any] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
     def files(self) -> dict[str, Path]:
@@ -132,7 +133,10 @@ class Sources:
         files = list(self.sky_files[name].items())
         chosen, path = files[int(rng.integers(len(files)))]
         self.unchanged(path)
-        return chosen, read_sky(path)
+        if path not in self._skies:
+            self._skies.clear()  # one may have a hundred megabytes
+            self._skies[path] = read_sky(path)
+        return chosen, self._skies[path]
 
     @cached_property
     def families_assets(self) -> Assets:

@@ -150,14 +150,16 @@ class Gltf:
 
     @property
     def lost(self) -> list[str]:
-        """What of its geometry is not rendered."""
+        """What is not rendered, besides parts of materials."""
         primitives = [each for mesh, _ in self._placed for each in self.header.meshes[mesh].primitives]
+        tables = [(each.model_extra or {}).get("extensions") for each in (self.header, *self.header.nodes, *primitives)]
+        unknown = {name for table in tables if isinstance(table, dict) for name in table}
         found = {
             "points, lines and triangle fans": any(each.mode not in _TRIANGLES for each in primitives),
             "morph targets": any("targets" in (each.model_extra or {}) for each in primitives),
             "skins": any("skin" in (each.model_extra or {}) for each in self.header.nodes),
         }
-        return [name for name, has in found.items() if has]
+        return [*(name for name, has in found.items() if has), *sorted(unknown)]
 
     def parts(self) -> list[Part]:
         """All placed primitives of triangles."""
