@@ -188,6 +188,46 @@ def test_an_infeasible_task_names_the_limits_that_a_grid_search_finds(plans):
             assert grid_search(task, other, focus, (60, 80, 60)) == math.inf, (task, name)
 
 
+def feasible_plans(plans, count):
+    return [(task, plan, *naive_limits(task)) for task, plan in plans if plan.best is not None][:count]
+
+
+def test_feasible_ranges_end_where_the_grid_search_has_no_point(plans):
+    """With one quantity fixed 1 % inside its range there is a point, 1 % outside none."""
+    names = {"baseline": "baseline", "f_number": "f-number", "focal_length_mm": "focal length"}
+    checked = []
+    for task, plan, limits, focus in feasible_plans(plans, 40):
+        for field, (low, high) in plan.feasible.items():
+            if field not in names or high / low < 1.05:
+                continue
+            ends = [name for name in limits if name.endswith(names[field])]
+            for value, inside in ((1.01 * low, True), (high / 1.01, True), (low / 1.01, False), (1.01 * high, False)):
+                film = value if field != "focal_length_mm" else 1e-3 * focus * value / (focus - 1e-3 * value)
+                if limits[ends[0]] <= film <= limits[ends[1]]:
+                    found = grid_search(task, limits | dict.fromkeys(ends, film), focus, (100, 150, 100))
+                    assert (found < math.inf) == inside, (task, field, value)
+                    checked.append((field, inside))
+    assert {(field, inside) for field in names for inside in (True, False)} == set(checked)
+
+
+def test_a_limit_binds_where_the_grid_search_improves_without_it(plans):
+    for task, plan, limits, focus in feasible_plans(plans, 12):
+        now = grid_search(task, limits, focus)
+        for name, value in limits.items():
+            better = grid_search(task, limits | {name: loosened(name, value, 1.1)}, focus)
+            assert 1 - better / now == pytest.approx(plan.binding.get(name, 0.0), abs=0.015), (task, name)
+
+
+def test_used_is_within_the_limits(plans):
+    for task, plan, *_ in feasible_plans(plans, TASKS):
+        assert plan.used.keys() == plan.limits.keys()
+        assert plan.best.search[1] <= task.max_disparities
+        for name, used in plan.used.items():
+            rising = (name in RAISED) != (task.fov_x_deg is not None and name.endswith("focal length"))
+            margin = 1e-9 * plan.limits[name]
+            assert used <= plan.limits[name] + margin if rising else used >= plan.limits[name] - margin, (task, name)
+
+
 def test_light_needs_time_for_its_signal_to_noise_ratio():
     """Counting is a Poisson process: the ratio of a simulated exposure."""
     light = Light(electrons_per_second=2e5, longest_exposure=0.02, read_noise=5.0, most_electrons=1800, least_snr=12)

@@ -50,7 +50,7 @@ def fx_from_fov(width: int, fov_x_deg: float) -> float:
     return 0.5 * width / math.tan(0.5 * math.radians(fov_x_deg))
 
 
-def fov_x_deg(width: int, fx: float) -> float:
+def fov_x_deg(width: float, fx: float) -> float:
     """The horizontal field of view in degrees of a centred image, the inverse of `fx_from_fov`."""
     return math.degrees(2 * math.atan(0.5 * width / fx))
 

@@ -31,6 +31,7 @@ Range = float | tuple[float, float]
 
 EXTRA_DISPARITIES = 2
 """For whole numbers at both ends of the search."""
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -222,7 +223,8 @@ class RigChoice:
     def search(self) -> tuple[int, int]:
         """(min_disparity, num_disparities) of the task's depths."""
         high, low = self.disparity(self.task.depth_range)
-        return math.floor(low), math.ceil(high) - math.floor(low) + 1
+        least = math.floor(low + _ROUNDING)
+        return least, math.ceil(high - _ROUNDING) - least + 1
 
     @property
     def largest_disparity(self) -> dict[str, float]:

@@ -4,7 +4,6 @@ In scalar mode a sensor written in Python is about forty times slower. Mitsuba's
 apertures, and principal points at multiples of half a pixel.
 """
 
-import math
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ import numpy as np
 from twinlens.camera import Camera, Disk, Lens
 from twinlens.errors import BackendError
 from twinlens.geometry import Float
+from twinlens.optics import fov_x_deg
 from twinlens.rendering.backends import backend, mitsuba
 
 Plugin = dict[str, Any]
@@ -57,7 +57,7 @@ def builtin_sensor(camera: Camera, world_from_cam: Float, lens: Lens, film: Plug
         "type": "perspective",
         "near_clip": _NEAR_CLIP,
         "far_clip": 1e5,
-        "fov": math.degrees(2 * math.atan(0.5 * full_width / camera.fx)),
+        "fov": fov_x_deg(full_width, camera.fx),
         "fov_axis": "x",
         "to_world": mi.ScalarTransform4f(world_from_cam @ mitsuba_from_opencv),
         "film": {
