@@ -40,7 +40,7 @@ from .camera.multiview import (
     triangulate as triangulate,
 )
 from .camera.rectification import rectify as rectify
-from .dataset import Dataset as Dataset
+from .dataset import Dataset as Dataset, collate as collate
 from .errors import TwinlensError as TwinlensError
 from .matching import (
     StereoMatcher as StereoMatcher,

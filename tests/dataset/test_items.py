@@ -5,13 +5,24 @@ import pickle
 import re
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.dataset import dataset_scene
-from twinlens.dataset import Dataset, Manifest, Row, place, truth_files, write_manifest, write_png, write_sample
+from twinlens.dataset import (
+    Dataset,
+    Manifest,
+    Row,
+    collate,
+    place,
+    truth_files,
+    write_manifest,
+    write_png,
+    write_sample,
+)  # fmt: skip
 from twinlens.dataset.stored import parse_quantity
 from twinlens.errors import FileError, InputError
 
@@ -113,13 +124,27 @@ def test_missing_quantities_are_reported(folder, name, error, message):
         _ = Dataset(folder)[0][name]
 
 
-def test_the_page_lists_valid_names():
+def test_the_table_of_the_page_has_every_quantity_with_its_dtype_and_shape(tmp_path):
     page = (Path(__file__).parents[2] / "docs" / "loading.md").read_text()
-    table = page[page.index("| name | quantity |") :].partition("\n\n")[0]
-    named = {name for row in table.splitlines()[2:] for name in re.findall(r"`([^`]+)`", row.split("|")[1])}
-    assert {"im0", "lens1.blur_circle_px0", "material_kind0", "world_from_cam0", "ndisp"} < named
-    for name in named - {"lens0"}:
-        parse_quantity(name)
+    table = page[page.index("| name | dtype |") :].partition("\n\n")[0]
+    radiances = tuple(image.astype(np.float32) for image in SAMPLE.shots[0].images)
+    shots = tuple(replace(shot, radiances=radiances) for shot in SAMPLE.shots)
+    write_sample(tmp_path / "s", replace(SAMPLE, shots=shots))
+    sample = Dataset(tmp_path)[0]
+    listed = set()
+    for row in table.splitlines()[2:]:
+        names, dtypes, shapes, _ = (cell.strip() for cell in row.strip("|").split("|"))
+        for name in re.findall(r"`([^`]+)`", names):
+            listed.add(name)
+            value = sample[name]
+            if shapes:
+                assert str(value.dtype) in dtypes.split(" or "), name
+                assert str(value.shape).replace("48, 64", "H, W") in shapes, name
+            else:
+                assert type(value).__name__ == dtypes, name
+    with pytest.raises(InputError) as error:
+        parse_quantity("anything")
+    assert set(re.search(r"known: (.*)\)", str(error.value))[1].split(", ")) <= listed
 
 
 def test_names_and_splits(folder):
@@ -186,9 +211,16 @@ def test_a_data_loader_reads_every_file_once(torch, folder, monkeypatch):
     read = Counter()
     whole = pfm.read_bytes
     monkeypatch.setattr(pfm, "read_bytes", lambda path: read.update([str(path)]) or whole(path))
-    list(torch.utils.data.DataLoader(Dataset(folder), batch_size=5))
-    assert set(read.values()) == {1}
-    assert len(read) == 5
+    for loader in (
+        torch.utils.data.DataLoader(Dataset(folder), batch_size=5),
+        torch.utils.data.DataLoader(Dataset(folder), batch_size=5, collate_fn=collate),
+        torch.utils.data.DataLoader(Dataset(folder).map(dict), batch_size=None),
+        torch.utils.data.DataLoader(torch.utils.data.Subset(Dataset(folder), range(5)), batch_size=2),
+    ):
+        read.clear()
+        list(loader)
+        assert set(read.values()) == {1}
+        assert len(read) == 5
 
 
 @pytest.mark.slow

@@ -22,6 +22,9 @@ similarity: float = tl.zncc(np.ones((3, 3)), np.ones((3, 3)))
 data = tl.Dataset("out/")
 count: int = len(data)
 stored: NDArray[np.float32] = data[0].disp0
+first: tl.Dataset = data[np.arange(3)]
+cropped: dict[str, object] = tl.dataset.crop(data[0], 0, 0, 64, 48)
+batch = tl.collate(data.select("im0", "im1", "disp0", "disp1").map(tl.dataset.stereo_flip)[[1, 2]])
 
 matcher = tl.StereoMatcher(cost="zncc", block_size=7, num_disparities=32)
 other: NDArray[np.float32] = matcher.match(photo.image, photo.image)

@@ -20,4 +20,5 @@ from twinlens.dataset.real_pairs import downloaded_pairs as downloaded_pairs
 from twinlens.dataset.sample import Sample as Sample, Shot as Shot, write_sample as write_sample
 from twinlens.dataset.storage import Place as Place, RemotePath as RemotePath, place as place
 from twinlens.dataset.stored import StoredSample as StoredSample
+from twinlens.dataset.training import collate as collate, crop as crop, stereo_flip as stereo_flip
 from twinlens.dataset.verify import verify_place as verify_place

@@ -11,7 +11,9 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Annotated, Any, Generic, Literal, TypeVar, overload
 
+import numpy as np
 import pydantic
+from numpy.typing import NDArray
 
 import twinlens
 from twinlens.dataset.files import check_relative, files_below, hash_files, read_bytes, write_file
@@ -24,6 +26,8 @@ MANIFEST, _KIND, _VERSION = "dataset.json", "twinlens-dataset", 1
 ROW_KIND, ROW_VERSION, ROWS = "twinlens-row", 1, ".rows"
 
 T = TypeVar("T")
+U = TypeVar("U")
+Chosen = slice | list[int] | list[str] | NDArray[Any]
 RelativeName = Annotated[str, pydantic.AfterValidator(check_relative)]
 
 
@@ -124,9 +128,9 @@ class Dataset(Sequence[StoredSample]):
     """The samples of a folder: those of its dataset.json, in order, or else every subfolder with an im0.png, by name.
 
     It opens datasets of twinlens, plain folders in Middlebury's layout, and the folder of a single sample. Indexing by
-    number or name gives a `StoredSample`, a slice gives a Dataset. Files are read on access and not cached, so a
-    Dataset can be pickled to worker processes: ``DataLoader(Dataset(path), num_workers=4)`` gives batches of name, im0,
-    im1, disp0 and mask0_nonocc; `select` chooses other quantities.
+    number or name gives a `StoredSample`; a slice, or an array of numbers or names, gives a Dataset. Files are read on
+    access and not cached, so a Dataset can be pickled to worker processes: ``DataLoader(Dataset(path), num_workers=4)``
+    gives batches of name, im0, im1, disp0 and mask0_nonocc; `select` chooses other quantities.
 
     `path` is a folder, or an fsspec address such as ``s3://bucket/set``. Raises FileError if it does not exist or has
     no sample.
@@ -153,17 +157,37 @@ class Dataset(Sequence[StoredSample]):
     @overload
     def __getitem__(self, index: int | str) -> StoredSample: ...
     @overload
-    def __getitem__(self, index: slice) -> "Dataset": ...
-    def __getitem__(self, index: int | str | slice) -> "StoredSample | Dataset":
-        if isinstance(index, str):
-            check_known("sample", index, self.names)
-            return self._samples[self.names.index(index)]
+    def __getitem__(self, index: Chosen) -> "Dataset": ...
+    def __getitem__(self, index: int | str | Chosen) -> "StoredSample | Dataset":
         if isinstance(index, slice):
             return _view(self.path, self._samples[index])
+        if not isinstance(index, (int, str, np.integer)):
+            return _view(self.path, self._chosen(index))
+        if isinstance(index, str):
+            check_known("sample", index, self.names)
+            index = self.names.index(index)
         try:
             return self._samples[index]
         except IndexError:
             raise SampleIndexError(f"{self.path}: has {len(self)} samples, no sample {index}") from None
+
+    def __getitems__(self, indices: Sequence[int]) -> list[dict[str, Any]]:
+        """The samples of a batch as dicts. DataLoader of torch calls this; each file is then read once."""
+        return [dict(self[index]) for index in indices]
+
+    def _chosen(self, index: list[int] | list[str] | NDArray[Any]) -> tuple[StoredSample, ...]:
+        """The samples at numbers or names or of a mask, as NumPy indexes an array."""
+        picked = np.asarray(index)
+        if picked.size and picked.dtype.kind == "U":
+            numbers = {name: i for i, name in enumerate(self.names)}
+            for name in picked.tolist():
+                check_known("sample", name, numbers)
+            picked = np.array([numbers[name] for name in picked.tolist()])
+        try:
+            chosen = np.arange(len(self))[picked if picked.size else []]
+        except IndexError as error:
+            raise SampleIndexError(f"{self.path}: has {len(self)} samples; {error}") from None
+        return tuple(self._samples[i] for i in chosen.tolist())
 
     def __repr__(self) -> str:
         return f"Dataset({str(self.path)!r}, {len(self)} samples)"
@@ -205,22 +229,26 @@ class Dataset(Sequence[StoredSample]):
 
 
 class Mapped(Sequence[T], Generic[T]):
-    """A dataset with a function applied to each sample on access."""
+    """A dataset with a function applied to each sample on access. A slice or an array of indices gives a Mapped."""
 
-    def __init__(self, dataset: Dataset, function: Callable[[StoredSample], T]) -> None:
+    def __init__(self, dataset: "Dataset | Mapped[Any]", function: Callable[[Any], T]) -> None:
         self.dataset, self.function = dataset, function
 
     def __len__(self) -> int:
         return len(self.dataset)
 
     @overload
-    def __getitem__(self, index: int) -> T: ...
+    def __getitem__(self, index: int | str) -> T: ...
     @overload
-    def __getitem__(self, index: slice) -> "Mapped[T]": ...
-    def __getitem__(self, index: int | slice) -> "T | Mapped[T]":
-        if isinstance(index, slice):
-            return Mapped(self.dataset[index], self.function)
-        return self.function(self.dataset[index])
+    def __getitem__(self, index: Chosen) -> "Mapped[T]": ...
+    def __getitem__(self, index: int | str | Chosen) -> "T | Mapped[T]":
+        if isinstance(index, (int, str, np.integer)):
+            return self.function(self.dataset[index])
+        return Mapped(self.dataset[index], self.function)
+
+    def map(self, function: Callable[[T], U]) -> "Mapped[U]":
+        """`function` applied to each item on access, after the functions before it."""
+        return Mapped(self, function)
 
 
 def stored(folder: Place, row: Row, listed_in: str = MANIFEST) -> StoredSample:

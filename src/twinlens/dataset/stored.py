@@ -88,18 +88,14 @@ def _view(method: Callable[[Any, int], T], i: int) -> T:
 class StoredSample(Mapping[str, Any]):
     """One sample of a dataset. Views 0 and 1 are the left and right image of a pair.
 
-    im0, disp0, mask0_nonocc, truth0, im1, ... are `image(0)`, `disparity(0)` and so on. As a mapping, so that a torch
-    DataLoader makes batches of it, its keys are name, the images, disp0 and mask0_nonocc; ``sample[name]`` reads every
-    quantity of docs/loading.md. `row` is its row in dataset.json; empty if there is none.
+    im0, disp0, mask0_nonocc, truth0, im1, ... are `image(0)`, `disparity(0)` and so on. As a mapping, its keys are
+    name, the images, disp0 and mask0_nonocc; ``sample[name]`` reads every quantity of docs/loading.md. `row` is its row
+    in dataset.json; empty if there is none.
     """
 
     folder: Place
     name: str
     row: Mapping[str, Any] = field(default_factory=dict, compare=False, repr=False)
-
-    def __new__(cls, *values: Any, **_: Any) -> Any:
-        # torch's collate calls the class of a mapping with the batch as a dict: return that dict.
-        return values[0] if len(values) == 1 and isinstance(values[0], dict) else super().__new__(cls)
 
     def __getitem__(self, name: str) -> Any:
         return read_quantities((name,), self)[name]

@@ -1,0 +1,154 @@
+"""Samples for training: crops and flips that keep the ground truth exact, and batches.
+
+A sample is a dict of the quantities of docs/loading.md, or a `StoredSample`. Functions return new dicts, whose arrays
+are contiguous copies: torch rejects negative strides, and a view would keep the whole image in memory.
+"""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twinlens.dataset.stored import parse_quantity
+from twinlens.dataset.truth_files import VECTORS
+from twinlens.dataset.visibility import HIDDEN, VISIBLE
+from twinlens.errors import InputError
+
+_OF_THE_PAIR = ("name", "baseline", "doffs", "ndisp")
+_NOT_IMAGES = (*_OF_THE_PAIR, "world_from_cam", "K")
+_MIRROR = np.diag([-1.0, 1.0, 1.0, 1.0])
+
+
+def crop(sample: Mapping[str, Any], x: int, y: int, width: int, height: int) -> dict[str, Any]:
+    """A window of both views of a sample; pixel (x, y) becomes (0, 0).
+
+    Disparity, doffs, depth and poses do not change. The principal points of K0 and K1 move by (-x, -y), and pixels
+    whose match is outside the window are occluded in mask0_nonocc and not visible in visible0, for which disp0 is
+    needed; likewise of view 1. Raises InputError if the window leaves the image, for views other than 0 and 1, for an
+    unknown quantity, and where a disparity is missing.
+    """
+    cropped = {}
+    for name, value in sample.items():
+        quantity, _ = _quantity_and_view(name)
+        if quantity == "K":
+            cropped[name] = value - [[0, 0, x], [0, 0, y], [0, 0, 0]]
+        elif quantity in _NOT_IMAGES:
+            cropped[name] = value
+        else:
+            rows, columns = value.shape[:2]
+            if min(x, y) < 0 or min(width, height) < 1 or x + width > columns or y + height > rows:
+                window = f"{width} x {height} pixels at ({x}, {y})"
+                raise InputError(f"a crop of {window} is not inside {name} of {columns} x {rows} pixels")
+            cropped[name] = value[y : y + height, x : x + width].copy()
+    for view in (0, 1):
+        _hide_unmatched(cropped, view)
+    return cropped
+
+
+def stereo_flip(sample: Mapping[str, Any]) -> dict[str, Any]:
+    """The sample of the mirrored scene: both views are mirrored left to right and exchanged.
+
+    disp0 is the mirrored disp1, so all quantities of a view must be present for views 0 and 1. Disparities stay
+    positive; doffs and baseline do not change. Of view 0, K has cx = W - 1 - cx1, with the width W of the view. The
+    world is mirrored at its plane x = 0, so that poses stay rotations: x changes its sign in positions and normals.
+    Raises InputError if a quantity of the other view is missing, or one of another view or unknown is present.
+    """
+    flipped = {}
+    for name, value in sample.items():
+        quantity, view = _quantity_and_view(name)
+        if quantity in _OF_THE_PAIR:
+            flipped[name] = value
+            continue
+        other = _of_view(name, view, 1 - view)
+        if other not in sample:
+            raise InputError(f"a flip of {name} needs {other} too, which becomes {name}; select both")
+        flipped[name] = _mirrored(sample, other, quantity, 1 - view)
+    return flipped
+
+
+def collate(samples: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    """Samples as one batch: a dict of arrays with the samples along the first axis.
+
+    Arrays and numbers are stacked and keep their dtype, other values become lists. It needs no torch; as the
+    `collate_fn` of a DataLoader, ``torch.utils.data.default_convert(collate(samples))`` makes tensors of the arrays.
+    Raises InputError if there is no sample, or if samples differ in their quantities, shapes or dtypes.
+
+    >>> batch = collate([{"name": "a", "disp0": np.float32([[1, 2]])}, {"name": "b", "disp0": np.float32([[3, 4]])}])
+    >>> batch["name"], batch["disp0"].shape, batch["disp0"].dtype
+    (['a', 'b'], (2, 1, 2), dtype('float32'))
+    """
+    rows = [dict(sample) for sample in samples]
+    if not rows:
+        raise InputError("a batch needs one sample or more")
+    for i, row in enumerate(rows):
+        if different := rows[0].keys() ^ row.keys():
+            raise InputError(f"samples 0 and {i} of a batch differ: only one has {', '.join(sorted(different))}")
+    return {name: _stacked(name, [row[name] for row in rows]) for name in rows[0]}
+
+
+def _stacked(name: str, values: list[Any]) -> NDArray[Any] | list[Any]:
+    if not all(isinstance(value, (np.ndarray, np.generic, int, float)) for value in values):
+        return values
+    arrays = [np.asarray(value) for value in values]
+    kinds = list(dict.fromkeys((array.shape, str(array.dtype)) for array in arrays))
+    if len(kinds) > 1:
+        (shape0, dtype0), (shape1, dtype1) = kinds[:2]
+        raise InputError(
+            f"{name} is {dtype0} {shape0} and {dtype1} {shape1} in samples of one batch; crop or convert them"
+        )
+    return np.stack(arrays)
+
+
+def _quantity_and_view(name: str) -> tuple[str, int]:
+    quantity, _, view = parse_quantity(name)
+    if view > 1:
+        raise InputError(f"a crop or flip is of a pair, views 0 and 1, not of {name}")
+    return quantity, view
+
+
+def _of_view(name: str, view: int, other: int) -> str:
+    """The name of a quantity of another view: im0 for im1, mask0_nonocc for mask1_nonocc."""
+    head, _, tail = name.rpartition(str(view))
+    return f"{head}{other}{tail}"
+
+
+def _hide_unmatched(sample: dict[str, Any], view: int) -> None:
+    """Mark the pixels of a view whose match is outside the partner image, as `Camera.contains` defines it."""
+    masks = [name for name in (f"mask{view}_nonocc", f"visible{view}") if name in sample]
+    if not masks:
+        return
+    if f"disp{view}" not in sample:
+        raise InputError(f"a crop of {masks[0]} needs disp{view}, since pixels lose their match; select it too")
+    disparity = sample[f"disp{view}"]
+    width = disparity.shape[1]
+    match = np.arange(width) + (disparity if view else -disparity)
+    outside = ~((match >= -0.5) & (match < width - 0.5))
+    if (mask := sample.get(f"mask{view}_nonocc")) is not None:
+        mask[outside & (mask == VISIBLE)] = HIDDEN
+    if (visible := sample.get(f"visible{view}")) is not None:
+        visible[outside] = False
+
+
+def _mirrored(sample: Mapping[str, Any], name: str, quantity: str, view: int) -> NDArray[Any]:
+    value = sample[name]
+    if quantity == "world_from_cam":
+        return np.asarray(_MIRROR @ value @ _MIRROR)
+    if quantity == "K":
+        mirrored = value.copy()
+        mirrored[0, 2] = _width(sample, view) - 1 - value[0, 2]
+        return np.asarray(mirrored)
+    image = value[:, ::-1].copy()
+    if quantity in VECTORS:
+        x = image[..., 0]
+        np.negative(x, out=x, where=np.isfinite(x))  # unknown positions stay +inf
+    return np.asarray(image)
+
+
+def _width(sample: Mapping[str, Any], view: int) -> int:
+    """Width of a view in pixels, from any of its images."""
+    for name, value in sample.items():
+        quantity, of = parse_quantity(name)[::2]
+        if of == view and quantity not in _NOT_IMAGES:
+            return int(value.shape[1])
+    raise InputError(f"a flip of K{view} needs the width of its view; select im{view} too")

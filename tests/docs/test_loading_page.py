@@ -1,0 +1,73 @@
+"""Every block of docs/loading.md runs, in order, on a dataset of ten small samples."""
+
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.dataset import dataset_scene
+from twinlens.dataset import Manifest, Row, write_manifest, write_sample
+
+PAGE = (Path(__file__).parents[2] / "docs" / "loading.md").read_text()
+BLOCKS = re.findall(r"```python\n(.*?)```", PAGE, re.S)
+USES_TORCH = [" torch" in block for block in BLOCKS]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("loading")
+    sums = write_sample(folder / "out/s0", dataset_scene.sample(num_lenses=2, width=280, height=200))
+    for i in range(1, 10):
+        shutil.copytree(folder / "out/s0", folder / f"out/s{i}")
+    rows = [Row(f"s{i}", sums, {"scene": "ab"[i % 2], "split": "train"}) for i in range(10)]
+    write_manifest(folder / "out", Manifest(tuple(rows)))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def names():
+    """The names that blocks define, for the blocks after them."""
+    return {}
+
+
+@pytest.mark.parametrize("number", range(len(BLOCKS)))
+def test_block_runs_as_printed(folder, names, number, monkeypatch):
+    monkeypatch.chdir(folder)
+    if USES_TORCH[number]:
+        pytest.importorskip("torch")
+    exec(BLOCKS[number], names)
+    if USES_TORCH[number]:
+        (batch, _) = names["DataLoader"](names["augmented"], batch_size=4, collate_fn=names["tensors"])
+        assert batch["im0"].shape == (4, 192, 256, 3)
+        assert batch["K1"].shape == (4, 3, 3)
+        assert batch["disp0"].is_contiguous()
+
+
+def test_all_of_the_page_is_covered():
+    assert len(BLOCKS) == PAGE.count("```") / 2
+    assert USES_TORCH.count(True) == 1
+
+
+def test_the_recipes_keep_their_promises(folder, names, monkeypatch):
+    """Splits are disjoint and of exact size; the normalised disparity is baseline over depth, also when augmented."""
+    monkeypatch.chdir(folder)
+    for number, block in enumerate(BLOCKS):
+        if not USES_TORCH[number]:
+            exec(block, names)
+    assert len(names["train"]) == 8
+    assert len(names["validation"]) == 2
+    assert set(names["train"].names) | set(names["validation"].names) == set(names["data"].names)
+    assert names["held_out"].names == ("s0", "s2", "s4", "s6", "s8")
+    samples = names["data"].select(*names["PAIR"], "depth0", "depth1", "world_from_cam0", "world_from_cam1")
+    flipped = 0
+    for seed in range(6):
+        sample = names["augment"](samples[0], np.random.default_rng(seed))
+        found = names["normalise"](sample)
+        assert found["im0"].shape == (3, 192, 256)
+        assert found["im0"].dtype == found["inverse0"].dtype == np.float32
+        np.testing.assert_allclose(found["inverse0"], sample["baseline"] / sample["depth0"], rtol=1e-5)  # 0 at infinity
+        np.testing.assert_array_equal(found["known0"], np.isfinite(sample["depth0"]))
+        flipped += not np.array_equal(sample["world_from_cam0"], samples[0]["world_from_cam0"])
+    assert 0 < flipped < 6
