@@ -15,25 +15,35 @@ from twinlens.matching.methods import matcher_of_spec, parse_method
 from twinlens.report.page import page_html
 from twinlens.scoring import Pair, run_benchmark
 
-RADIUS, NDISP, RUN = 4, 20, ("mine", "sad9")
-METHODS = [
+RADIUS, NDISP = 4, 20
+METHODS = [  # the first are quick to compute
     *(f"{name}:block_size=5,census_window=3" for name in COSTS),
     "sad:block_size=7,prefilter=xsobel",
     "mine=zncc:block_size=9",
     "sad9=sad:block_size=9",
+    "sgm",
+    "sgm4:cost=sad,block_size=3",
+    "zncc:block_size=5,optimisation=sgm8,p1=0.05",
+    "shiftable:block_size=5",
+    "adaptive:block_size=9",
+    "sad:support=adaptive,block_size=11,noise=9",
+    "cross:block_size=9",
+    "sad:support=cross,block_size=7,contrast=60",
+    "weighted:block_size=5",
+    "guided:block_size=5",
+    "sgm:support=cross,block_size=5",
 ]
+QUICK = METHODS.index("sgm") + 1
 
 
 class Listed:
-    """A method of the board. It matches the scene, if it is one of the methods run, and nothing else."""
+    """A method of the board that is not run: it returns the disparity of `textured_pair`."""
 
     def __init__(self, text):
-        self.given = parse_method(text)
-        self.name, self.spec = self.given.name, self.given.spec
+        given = parse_method(text)
+        self.name, self.spec = given.name, given.spec
 
     def match(self, left, right, **search):
-        if left.shape == (132, 200) and self.name in RUN:
-            return self.given.match(left, right, **search)
         return np.full(left.shape[:2], 4, np.float32)
 
 
@@ -92,21 +102,23 @@ def scene():
 
 
 @pytest.fixture(scope="module")
-def board_and_samples():
-    labelled, cause = scene()
-    samples = [textured_pair("eight", np.uint8, -3), textured_pair("sixteen", np.uint16, 0, 1), labelled]
+def listed():
+    """(board, samples, maps) of two textured pairs and all methods."""
+    samples = [textured_pair("eight", np.uint8, -3), textured_pair("sixteen", np.uint16, 0, 1)]
+    return matched(samples, [Listed(text) for text in METHODS])
+
+
+def matched(samples, methods):
     maps = {}
-    methods = [Listed(text) for text in METHODS]
     board = run_benchmark(samples, methods, warm_up=False, on_map=lambda m, s, d: maps.update({(m, s): d}))
-    return board, samples, maps, cause
+    return board, samples, maps
 
 
-def wrong_pixels(board_and_samples, per_class=6):
-    """[(method, column, row, cause)]: pixels of known cause that two methods match wrongly."""
-    _, samples, maps, cause = board_and_samples
+def wrong_pixels(pair, maps, cause, per_class=6):
+    """[(method, column, row, cause)]: pixels of known cause that a method matches wrongly."""
     rng, chosen = np.random.default_rng(11), []
-    for name in RUN:
-        wrong = np.abs(maps[name, "scene"] - samples[2].disp0) > 2.5
+    for (name, _), disparity in maps.items():
+        wrong = np.abs(disparity - pair.disp0) > 2.5
         for kind in sorted(set(cause.ravel()) - {""}):
             pixels = np.argwhere(wrong & (cause == kind))
             for row, column in pixels[rng.permutation(len(pixels))[:per_class]]:
@@ -119,12 +131,19 @@ DRIVER = """
 window.addEventListener("error", (e) => { document.title = "error: " + e.message; });
 const asked = ASKED, results = { curves: [], reasons: [] };
 const later = (ms) => new Promise((done) => setTimeout(done, ms));
+function finish() {
+  const out = document.createElement("pre");
+  out.id = "results";
+  out.textContent = JSON.stringify(results);
+  document.body.append(out);
+}
 (async () => {
   while (!document.documentElement.dataset.ready) await later(20);
   for (const [sample, x, y] of asked.curves) {
     const s = byName(data.samples, sample), pair = await greyOf(s.pictures);
     const curve = (m) => [...costCurve(m.curve, ...imagesFor(m.curve, pair), x, y, s.low, s.ndisp)];
-    results.curves.push(data.methods.map((m) => curve(m).map((c) => (c === Infinity ? null : c))));
+    const methods = asked.methods.map((name) => byName(data.methods, name));
+    results.curves.push(methods.map((m) => curve(m).map((c) => (c === Infinity ? null : c))));
   }
   for (const [name, x, y] of asked.reasons) {
     look("scene", name);
@@ -132,6 +151,7 @@ const later = (ms) => new Promise((done) => setTimeout(done, ms));
     const row = [...document.querySelectorAll("#why .why-row")].find((r) => r.querySelector("b").textContent === name);
     results.reasons.push([row.dataset.kind, row.querySelector("p").textContent]);
   }
+  if (!asked.reasons.length) return finish();
   const view = document.querySelectorAll("#panels .view")[3], box = view.getBoundingClientRect();
   const at = { clientX: box.left + box.width * 84.5 / 200, clientY: box.top + box.height * 60.5 / 132 };
   view.dispatchEvent(new MouseEvent("click", at));
@@ -140,56 +160,69 @@ const later = (ms) => new Promise((done) => setTimeout(done, ms));
   results.rows = document.querySelectorAll("#why .why-row").length;
   results.marks = document.querySelector("#why .why-row").querySelectorAll("line.mark").length;
   results.windows = document.querySelector("#why .why-row").querySelectorAll(".window canvas").length;
-  const out = document.createElement("pre");
-  out.id = "results";
-  out.textContent = JSON.stringify(results);
-  document.body.append(out);
+  finish();
 })().catch((e) => { document.title = "error: " + e.stack; });
 </script>
 """
 
 
-@needs_chromium
-def test_curves_and_reasons(board_and_samples, tmp_path):
-    board, samples, maps, _ = board_and_samples
-    places = [(s.name, x, y) for s in samples[:2] for x, y in ((20, 10), (0, 0), (39, 25), (17, 17), (30, 5))]
-    labelled = wrong_pixels(board_and_samples)
+def asked_page(board, samples, maps, folder, **asked):
+    """The answers of the page's script to `asked`."""
     text = re.sub(r"<meta http-equiv=[^>]+>", "", page_html(board, samples, maps))
-    asked = json.dumps({"curves": places, "reasons": [pixel[:3] for pixel in labelled]})
-    dom = browse(tmp_path / "page.html", text.replace("</body>", DRIVER.replace("ASKED", asked) + "</body>"))
+    driver = DRIVER.replace("ASKED", json.dumps({"methods": [], "curves": [], "reasons": [], **asked}))
+    dom = browse(folder / "page.html", text.replace("</body>", driver + "</body>"))
     found = re.search(r'<pre id="results">(.*?)</pre>', dom, re.S)
     assert found, re.search(r"<title>(.*?)</title>", dom, re.S)[1]
-    results = json.loads(html.unescape(found[1]))
-    by_name = {sample.name: sample for sample in samples}
-    for (name, u, v), curves in zip(places, results["curves"], strict=True):
-        sample = by_name[name]
-        methods = METHODS if name == "eight" else [text for text in METHODS if "sad" in text or "zncc" in text]
-        expected = tl.cost_curve(sample.im0, sample.im1, u, v, methods, **sample.search)
-        for method, curve in zip(board.methods, curves, strict=True):
-            if method not in expected:
-                continue
+    return json.loads(html.unescape(found[1]))
+
+
+@needs_chromium
+@pytest.mark.parametrize(
+    ("sample", "texts"),
+    [
+        pytest.param(0, METHODS[:QUICK], id="costs"),
+        pytest.param(0, METHODS[QUICK:], id="supports", marks=pytest.mark.slow),
+        pytest.param(1, METHODS, id="16-bit", marks=pytest.mark.slow),
+    ],
+)
+def test_curves_equal_pythons(listed, tmp_path, sample, texts):
+    pair, places = listed[1][sample], ((20, 10), (0, 0), (39, 25), (17, 17), (30, 5))
+    names = [parse_method(text).name for text in texts]
+    results = asked_page(*listed, tmp_path, methods=names, curves=[(pair.name, *place) for place in places])
+    for (u, v), curves in zip(places, results["curves"], strict=True):
+        expected = tl.cost_curve(pair.im0, pair.im1, u, v, texts, **pair.search)
+        for name, curve in zip(names, curves, strict=True):
             costs = np.array([np.inf if cost is None else cost for cost in curve], float)
-            np.testing.assert_allclose(costs, expected[method].costs, rtol=1e-4, atol=1e-4, err_msg=f"{method} {name}")
-    causes = {kind for *_, kind in labelled}
-    assert causes == {"occluded", "texture", "repetition", "discontinuity", "saturation", "range", "blur"}
+            np.testing.assert_allclose(costs, expected[name].costs, rtol=1e-4, atol=1e-4, err_msg=f"{name} {u} {v}")
+
+
+@needs_chromium
+def test_reasons_are_the_known_causes(tmp_path):
+    pair, cause = scene()
+    page = matched([pair], ["mine=zncc:block_size=9", "sad9=sad:block_size=9"])
+    labelled = wrong_pixels(pair, page[2], cause)
+    assert {cause for *_, cause in labelled} == {
+        "occluded", "texture", "repetition", "discontinuity", "saturation", "range", "blur",
+    }  # fmt: skip
+    results = asked_page(*page, tmp_path, reasons=[pixel[:3] for pixel in labelled])
     answers = [(pixel, *reason) for pixel, reason in zip(labelled, results["reasons"], strict=True)]
     misses = [answer for answer in answers if answer[0][3] != answer[1]]
     assert len(misses) <= 0.1 * len(answers), misses
     assert results["clicked"] == ["84", "60"]
-    assert (results["rows"], results["windows"]) == (len(METHODS), 4)
+    assert (results["rows"], results["windows"]) == (2, 4)
     assert results["marks"] >= 2
 
 
-def test_a_page_without_room_has_no_full_images(board_and_samples):
-    board, samples, maps, _ = board_and_samples
+def test_a_page_without_room_has_no_full_images(listed):
+    board, samples, maps = listed
 
     def grey(**options):
         document = json.loads(Elements(page_html(board, samples, maps, **options)).data)
         return [sample["pictures"]["grey"] is not None for sample in document["samples"]]
 
-    assert grey() == [True, True, True]
-    assert grey(budget_bytes=8000) == [True, True, False]
-    assert grey(budget_bytes=100) == [False, False, False]
+    assert grey() == [True, True]
+    assert grey(budget_bytes=2000) == [True, False]
+    assert grey(budget_bytes=100) == [False, False]
 
 
 def test_the_page_knows_the_cost_of_a_method():

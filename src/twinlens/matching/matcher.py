@@ -22,6 +22,7 @@ OPTIMISATIONS = {
     "sgm4": "semi-global, along rows and columns",
     "sgm8": "semi-global, along rows, columns and diagonals",
 }
+PATHS = {"wta": 0, "sgm4": 4, "sgm8": 8}
 NAMED_VALUES: dict[str, tuple[str, Collection[str]]] = {
     "cost": ("cost", COSTS),
     "support": ("support", SUPPORTS),
@@ -194,7 +195,7 @@ class Search:
         self.depth = in_lanes(self.count)
         # The windows whose costs the support aggregates, the widest first.
         self.sides = (1,) if self.support.pixelwise else self.support.windows(self.side)
-        self.paths = {"wta": 0, "sgm4": 4, "sgm8": 8}[matcher.optimisation]
+        self.paths = PATHS[matcher.optimisation]
         self.fit = self.cost.fit if matcher.subpixel == "auto" else matcher.subpixel
         self.rivals = matcher.uniqueness > 0
         self.threads = matcher.threads or cpu_count()

@@ -28,6 +28,7 @@ from twinlens.dataset.files import write_file
 from twinlens.dataset.pictures import NO_TRUTH, colourise, rgb8
 from twinlens.dataset.record import plain
 from twinlens.matching import StereoMatcher, grey
+from twinlens.matching.matcher import PATHS
 from twinlens.matching.methods import matcher_of_spec
 from twinlens.matching.supports import SUPPORTS
 from twinlens.scoring import METRICS, PROTOCOLS, REGIONS, Board, Entry, Groups, Pair, Sample
@@ -47,6 +48,10 @@ COLORMAPS = {name: colourise(np.arange(256), 0, 255, name) for name in ("viridis
 around black."""
 Maps = scoring.MapFolder | Mapping[tuple[str, str], NDArray[np.floating[Any]]]
 """The (H, W) maps by (method, sample), +inf unknown."""
+_CURVE_OPTIONS = (
+    "cost", "block_size", "census_window", "prefilter", "support", "contrast", "gamma_similar", "gamma_near", "epsilon",
+    "noise",
+)  # fmt: skip
 _SCRIPTS = ("core.js", "table.js", "maps.js", "costs.js", "why.js", "drill.js")
 
 
@@ -216,24 +221,16 @@ def _document(
 
 
 def _method(name: str, spec: str) -> dict[str, Any]:
-    """A method, and the cost of which the page draws curves, over a square window.
-
-    These are twinlens's own costs before a support other than a square and before semi-global optimisation; of other
-    methods, a cost for comparison.
-    """
+    """A method, and the options of the cost that the page draws: ZNCC if the method is not twinlens's own."""
     matcher = matcher_of_spec(spec)
-    own = StereoMatcher() if matcher is None else matcher
-    side = 1 if SUPPORTS[own.support].pixelwise else own.block_size
-    window = f"{own.cost}, {side} x {side}" + (
-        f", census {own.census_window}" if own.cost in ("census", "rank") else ""
-    )
-    later = [own.support] if own.support != "fixed" else []
-    later += [own.optimisation] if own.optimisation != "wta" else []
-    note = f"{window}; before {' and '.join(later)}" if later else window
-    if matcher is None:
-        note = f"{window}: a cost for comparison, not the method's own"
-    curve = {"cost": own.cost, "block_size": side, "census_window": own.census_window, "prefilter": own.prefilter}
-    return {"name": name, "spec": spec, "curve": {**curve, "note": note}}
+    shown = matcher or StereoMatcher()
+    parts = [shown.cost, f"{shown.block_size} x {shown.block_size}"]
+    parts += [value for value in (shown.support, shown.optimisation) if value not in ("fixed", "wta")]
+    note = ", ".join(parts) + ("" if matcher else ": for comparison, not the method's own cost")
+    curve = {option: getattr(shown, option) for option in _CURVE_OPTIONS}
+    p1, p2 = shown.penalties
+    more = {"p1": p1, "p2": p2, "paths": PATHS[shown.optimisation], "pixelwise": SUPPORTS[shown.support].pixelwise}
+    return {"name": name, "spec": spec, "curve": {**curve, **more, "radius": shown.window // 2, "note": note}}
 
 
 def _columns(board: Board, rules: Protocol) -> dict[str, Any]:

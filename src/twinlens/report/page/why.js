@@ -16,7 +16,7 @@ function imagesFor(method, pair) {
   return pair.slopes;
 }
 
-const around = (img, x, y, r) => windowOf(img, x, y, { block_size: 2 * r + 1 }, null);
+const around = (img, x, y, r) => windowOf(img, x, y, 2 * r + 1);
 
 // The mean square of horizontal differences in the window of radius r, in grey levels of 0..255.
 function texture(img, x, y, r) {
@@ -68,7 +68,7 @@ function reasonOf({ x, y, radius, est, low, count, costs, truth, left, right }) 
 function explain(method, sample, pair, truth, est, x, y) {
   const [left, right] = imagesFor(method.curve, pair), low = sample.low, count = sample.ndisp;
   const costs = costCurve(method.curve, left, right, x, y, low, count);
-  const radius = (method.curve.block_size + (["census", "rank"].includes(method.curve.cost) ? method.curve.census_window - 1 : 0)) >> 1;
+  const { radius } = method.curve;
   const winner = est === Infinity ? lowestOf(costs) + low : est;
   const rival = rivalOf(costs, Math.round(winner) - low);
   const [kind, text] = reasonOf({ x, y, radius, est, low, count, costs, truth, left: pair.plain[0], right: pair.plain[1] });
