@@ -131,3 +131,9 @@ def test_a_damaged_sky_ends_the_run(recipe, tmp_path):
     (tmp_path / "skies" / "day.exr").write_bytes(b"v/1\x01 damaged")
     with pytest.raises(FileError, match=r"day\.exr: cannot be read as a \.exr picture"):
         make(read_recipe(recipe), 0)
+
+
+def test_a_black_sky_ends_the_run(recipe, tmp_path):
+    write_sky(tmp_path / "skies" / "day.exr", np.zeros((4, 8, 3)))
+    with pytest.raises(FileError, match=r"day\.exr: is black, and a sky needs some light"):
+        make(read_recipe(recipe), 0)

@@ -1,5 +1,6 @@
 """Damaged environment maps are read or raise a twinlens error of one line, in bounded memory and time."""
 
+import os
 import struct
 import tempfile
 from pathlib import Path
@@ -85,3 +86,12 @@ def test_values_without_a_radiance_are_refused(tmp_path, value):
         file.write(str(tmp_path / "sky.exr"))
     with pytest.raises(FileError, match="finite values >= 0"):
         read_sky(tmp_path / "sky.exr")
+
+
+def test_damaged_pixels_print_nothing(tmp_path, capfd):
+    data = exr(tmp_path)
+    (tmp_path / "sky.exr").write_bytes(data[: len(data) // 2])
+    with pytest.raises(FileError, match="cannot be read"):
+        read_sky(tmp_path / "sky.exr")
+    os.write(2, b"stderr works again")
+    assert capfd.readouterr() == ("", "stderr works again")

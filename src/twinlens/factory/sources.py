@@ -134,8 +134,11 @@ class Sources:
         chosen, path = files[int(rng.integers(len(files)))]
         self.unchanged(path)
         if path not in self._skies:
+            pixels = read_sky(path)
+            if not pixels.any():  # here and not where the sky is made: each draw would be rejected
+                raise FileError(f"{path}: is black, and a sky needs some light")
             self._skies.clear()  # one may have a hundred megabytes
-            self._skies[path] = read_sky(path)
+            self._skies[path] = pixels
         return chosen, self._skies[path]
 
     @cached_property

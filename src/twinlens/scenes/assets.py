@@ -7,8 +7,9 @@ Ghostscript on PostScript).
 """
 
 import os
+import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path, PurePosixPath, PureWindowsPath
@@ -30,6 +31,7 @@ _MOST_CHANNELS = 64
 _MOST_VALUES = 1 << 29
 _LARGEST_HDR_FILE = 1 << 30  # bytes
 _LONGEST_REASON = 300
+_SILENCING = threading.Lock()
 _PILLOW_FORMATS = {".png": ["PNG"], ".jpg": ["JPEG"], ".jpeg": ["JPEG"]}
 
 
@@ -154,6 +156,19 @@ def _read_8bit(path: Path) -> tuple[NDArray[np.float32], bool]:
         return np.asarray(image.convert("RGB"), dtype=np.float32) / np.float32(255), True
 
 
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Discard what OpenEXR prints about damaged pixels, to sys.stdout and to file descriptor 2, besides raising it."""
+    with _SILENCING, Path(os.devnull).open("w") as nowhere, redirect_stdout(nowhere):
+        stderr = os.dup(2)
+        os.dup2(nowhere.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(stderr, 2)
+            os.close(stderr)
+
+
 def _read_exr(path: Path) -> tuple[NDArray[np.float32], bool]:
     import OpenEXR
 
@@ -170,7 +185,7 @@ def _read_exr(path: Path) -> tuple[NDArray[np.float32], bool]:
     check_picture_size(path, width, height)
     if width * height * len(header["channels"]) > _MOST_VALUES:
         raise FileError(f"{path}: {len(header['channels'])} channels of {width}x{height} pixels are too many values")
-    with OpenEXR.File(str(path), separate_channels=True) as file:
+    with _silent(), OpenEXR.File(str(path), separate_channels=True) as file:
         channels = {name: np.asarray(channel.pixels, dtype=np.float32) for name, channel in file.channels().items()}
     names = "RGB" if {"R", "G", "B"} <= channels.keys() else "YYY"
     if not set(names) <= channels.keys():
