@@ -15,8 +15,8 @@ from twinlens.optics.diffraction import airy_diameter
 from twinlens.optics.rig_task import EXTRA_DISPARITIES, RigChoice, RigTask
 
 _TRIAL = 1.1  # a limit binds if the best choice improves when it is loosened by this factor
-_LOOSEST = 1e9
-_HALVINGS = 60
+_LOOSEST = 1e30
+_HALVINGS = 64
 
 
 @dataclass(frozen=True)
