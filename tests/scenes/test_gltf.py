@@ -376,6 +376,11 @@ def add_node(header: dict[str, Any], **node: Any) -> None:
     header["scenes"][0]["nodes"].append(len(header["nodes"]) - 1)
 
 
+def add_huge_nodes(header: dict[str, Any]) -> None:
+    add_node(header, scale=[1e200] * 3, children=[len(header["nodes"]) + 1])
+    header["nodes"].append({"mesh": 0, "scale": [1e200] * 3})
+
+
 def change_surface(header: dict[str, Any], **factors: float) -> None:
     header["materials"][0]["pbrMetallicRoughness"] = factors
 
@@ -392,7 +397,8 @@ HOSTILE: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     "nodes": (lambda h: h.update(nodes=[{"mesh": 0}] * 100_000), "nodes: must be a list of at most 50000"),
     "loop": (lambda h: add_node(h, children=[len(h["nodes"])]), "has two parents"),
     "materials": (lambda h: h.update(materials=[{}] * 10_001), "materials: must be a list of at most 10000"),
-    "pose": (lambda h: add_node(h, mesh=0, rotation=[0, 0, 0, 0]), "has no finite pose"),
+    "pose": (add_huge_nodes, "has no finite pose"),
+    "rotation": (lambda h: add_node(h, mesh=0, rotation=[0, 0, 0, 0]), "zero norm quaternions"),
     "nan": (lambda h: change_surface(h, roughnessFactor=float("nan")), "roughnessFactor: must be a finite number"),
     "range": (lambda h: change_surface(h, metallicFactor=7.0), "metallicFactor: must be <= 1"),
     "bomb": (add_accessor, "accessors of .* are more than"),

@@ -19,6 +19,7 @@ from urllib.parse import unquote
 
 import numpy as np
 import pydantic
+from scipy.spatial.transform import Rotation
 
 from twinlens.errors import FileError, InputError
 from twinlens.geometry import Float
@@ -85,15 +86,7 @@ class _Node(Lenient):
         """parent_from_node (4, 4): `matrix`, or translation, rotation by the quaternion x, y, z, w, scale."""
         if self.matrix is not None:
             return np.array(self.matrix, dtype=np.float64).reshape(4, 4).T
-        q = np.array(self.rotation or [0.0, 0.0, 0.0, 1.0])
-        x, y, z, w = q / np.linalg.norm(q)
-        turn = np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-                [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-                [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-            ]
-        )
+        turn = Rotation.from_quat(self.rotation or [0.0, 0.0, 0.0, 1.0]).as_matrix()
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = turn * (self.scale or 1.0), self.translation or 0.0
         return pose
