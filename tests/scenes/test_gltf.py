@@ -80,6 +80,14 @@ def damage_picture(header: dict[str, Any]) -> None:
     header["images"][0] = {"bufferView": 0}
 
 
+def test_vertices_without_a_normal_get_that_of_their_faces(tmp_path: Path) -> None:
+    header, binary = unpacked(trimesh.Scene(square()).export(file_type="glb", include_normals=True))
+    accessor = header["accessors"][header["meshes"][0]["primitives"][0]["attributes"]["NORMAL"]]
+    start = header["bufferViews"][accessor["bufferView"]].get("byteOffset", 0)
+    (tmp_path / "m.glb").write_bytes(glb(header, binary[:start] + bytes(12) + binary[start + 12 :]))
+    np.testing.assert_allclose(read(tmp_path / "m.glb").mesh.normals, [[0, 0, 1]] * 4, atol=1e-9)
+
+
 def test_other_mesh_files_need_a_material(tmp_path: Path, read_scene: Read) -> None:
     trimesh.creation.box().export(tmp_path / "m.ply")
     with pytest.raises(InputError, match=r"objects.m: missing key 'material'; only \.glb, \.gltf, \.obj files have"):

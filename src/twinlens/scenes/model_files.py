@@ -207,6 +207,10 @@ def part_mesh(part: Part, crease_deg: float | None) -> Mesh:
     if part.colors is not None or (part.has_normals and crease_deg is None):
         vertices, faces = np.array(made.vertices, dtype=np.float64), np.array(made.faces, dtype=np.uint32)
         normals = np.array(made.vertex_normals, dtype=np.float64)
+        if (zero := ~normals.any(axis=1)).any():
+            sums = np.zeros_like(normals)
+            np.add.at(sums, faces.ravel(), np.repeat(shapes.face_cross(vertices, faces), 3, axis=0))
+            normals[zero] = np.where(sums.any(axis=1, keepdims=True), sums, [0.0, 0.0, 1.0])[zero]
         attributes = {} if part.colors is None else {"color": part.colors}
         mesh = Mesh(vertices, faces, normals, None if uv is None else np.array(uv), attributes=attributes)
     else:
