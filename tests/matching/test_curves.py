@@ -102,7 +102,7 @@ def test_a_volume_holds_the_curves(method):
     volume = matcher.cost_volume(left, right)
     assert (volume.shape, volume.dtype) == ((20, 44, 60), np.float32)
     for u, v in ((20, 9), (0, 19)):
-        curve = tl.cost_curve(left, right, u, v, [method], num_disparities=60, min_disparity=-8)[method]
+        (curve,) = tl.cost_curve(left, right, u, v, matcher).values()
         np.testing.assert_allclose(volume[v, u], curve.costs, rtol=1e-6, atol=1e-6)
 
 

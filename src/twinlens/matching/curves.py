@@ -46,7 +46,7 @@ def cost_curve(
     right: Any,
     u: int,
     v: int,
-    methods: str | Sequence[str | StereoMatcher] = ("zncc",),
+    methods: str | StereoMatcher | Sequence[str | StereoMatcher] = ("zncc",),
     *,
     num_disparities: int = DEFAULT_DISPARITIES,
     min_disparity: int = 0,
@@ -84,7 +84,7 @@ def cost_curve(
     check_int("u", u, 0, width - 1)
     check_int("v", v, 0, height - 1)
     curves = {}
-    for name, matcher in _matchers([methods] if isinstance(methods, str) else methods, search).items():
+    for name, matcher in _matchers([methods] if isinstance(methods, str | StereoMatcher) else methods, search).items():
         check_image_size(matcher, images[0].shape)
         curves[name] = _curve(matcher, *images, int(u), int(v))
     return curves

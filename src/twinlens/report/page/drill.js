@@ -33,7 +33,7 @@ async function drawPanels() {
   $("versus").replaceChildren(...versusOf(p, truth, a, b));
   follow([...views, ...$("versus").children], p, truth, { est, a, b });
   const thin = p.truth.stride > 1 ? `Every ${ordinal(p.truth.stride)} pixel is shown. ` : "";
-  $("maps-note").textContent = `${thin}Maps are stored in steps of 1/${Math.round(1 / p.truth.step)} px; scores are computed from the full maps. Signed error = estimate − truth.`;
+  $("maps-note").textContent = `Click a pixel for its costs. ${thin}Maps are stored in steps of 1/${Math.round(1 / p.truth.step)} px; scores are computed from the full maps. Signed error = estimate − truth.`;
 }
 
 const caption = (text) => el("div", { class: "legend" }, text);

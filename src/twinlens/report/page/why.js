@@ -121,6 +121,8 @@ async function drawWhy() {
   const hint = (text) => $("why").replaceChildren(el("p", { class: "empty" }, text));
   if (!p) { $("why").replaceChildren(); return; }
   if (!p.grey) { hint("This page was written without the full-resolution images of this sample, to keep it small."); return; }
+  const shown = data.methods.filter((m) => p.maps[m.name]);
+  if (!shown.length) { hint("This page was written without the methods' maps of this sample."); return; }
   if (!at) { hint("Click a pixel in an image or a map, or type its column and row."); return; }
   const { w, h, stride } = p.truth;
   const tx = clamped(Math.round(at[0] / stride), w), ty = clamped(Math.round(at[1] / stride), h), i = ty * w + tx;
@@ -128,7 +130,6 @@ async function drawWhy() {
   [$("at-u").value, $("at-v").value] = [x, y];
   const pair = await greyOf(p), hidden = p.hidden ? await mapOf(p.hidden) : null;
   const truth = { w, h, stride, values: await mapOf(p.truth), hidden };
-  const shown = data.methods.filter((m) => p.maps[m.name]);
   const maps = await Promise.all(shown.map((m) => mapOf(p.maps[m.name])));
   if (mine !== explaining) return;
   $("why").replaceChildren(...shown.map((m, k) => whyRow(m, explain(m, sample, pair, truth, maps[k][i], x, y), pair, truth.values[i], x, y)));
