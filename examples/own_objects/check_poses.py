@@ -47,7 +47,7 @@ def overlaps(sample: StoredSample, path: str) -> dict[str, float]:
     vertices, faces = read_mesh(path)
     found = {}
     for thing in truth.objects:
-        name = truth.object_names[thing.object_id - 1]
+        name = truth.object_name(thing)
         if name.startswith(PART):
             projected = paint(project(camera, vertices, thing), faces, truth.object_id.shape)
             mask = truth.silhouette(thing)  # with the parts that other objects hide
@@ -62,7 +62,7 @@ def picture(sample: StoredSample) -> Image.Image:
     draw = ImageDraw.Draw(axes)
     colors = np.random.default_rng(0).integers(80, 256, (len(truth.object_names) + 1, 3))
     for thing in truth.objects:
-        if truth.object_names[thing.object_id - 1].startswith(PART):
+        if truth.object_name(thing).startswith(PART):
             masks[truth.object_id == thing.object_id] = colors[thing.object_id]
             origin, *ends = project(camera, np.vstack([np.zeros(3), AXIS_MM / 1000 * np.eye(3)]), thing)
             for end, color in zip(ends, AXIS_COLORS, strict=True):

@@ -31,12 +31,12 @@ from twinlens.scoring import motorcycle
 rdflib_warns = pytest.mark.filterwarnings("ignore::DeprecationWarning:rdflib")
 
 
-def made(root, names=("a", "train/0"), **info):
+def made(root, names=("a", "train/0"), split="train", **info):
     rows = []
     for i, name in enumerate(names):
         sample = dataset_scene.sample(num_lenses=1 + i % 2, baseline=0.3 + 0.1 * i)
         sums = write_sample(root / name, sample)
-        rows.append(Row(name, sums, {"split": "train"}))
+        rows.append(Row(name, sums, {"split": split}))
     write_manifest(root, Manifest(tuple(rows), recipe={"count": len(names)}, seed=5, info=info))
     return root
 
@@ -67,6 +67,12 @@ def test_the_card_tells_what_there_is(tmp_path):
         assert line in body
     least = min(sample.record["statistics"]["depth"][0] for sample in Dataset(root))
     assert f"| depth | {least:.4g} to " in body
+
+
+def test_the_card_of_a_recipe_without_splits_has_none(tmp_path):
+    root = made(tmp_path / "set", split=None)
+    describe(root)
+    assert "splits" not in (root / "README.md").read_text()
 
 
 def test_the_card_has_the_noise_of_the_renderer(tmp_path):

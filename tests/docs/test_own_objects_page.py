@@ -44,7 +44,7 @@ def test_the_part_has_its_own_size_and_its_poses_reproject_it(run):
     overlaps = [float(line.split("IoU ")[1]) for line in printed.splitlines() if "IoU" in line]
     sample = open_sample(folder / "out" / "0000000")
     truth = sample.truth0
-    mounts = [thing for thing in truth.objects if truth.object_names[thing.object_id - 1].startswith("mount")]
+    mounts = [thing for thing in truth.objects if truth.object_name(thing).startswith("mount")]
     assert len(overlaps) == len(mounts) >= 3
     assert min(overlaps) >= 0.99
     table = next(thing for thing in truth.objects if thing not in mounts)

@@ -86,7 +86,7 @@ def painted(truth, each, mesh, camera, factor=8):
 def test_balls_cover_their_closed_form_also_where_hidden_and_outside(camera):
     balls = {"front": ((0.05, 0.0, 2.0), 0.3), "behind": ((0.2, 0.1, 3.0), 0.5), "left": ((-1.2, 0.0, 2.2), 0.35)}
     truth, _, _ = view([thing(name, {"type": "sphere", "radius": r}, at) for name, (at, r) in balls.items()], camera)
-    assert [truth.object_names[each.object_id - 1] for each in truth.objects] == [*balls]
+    assert [truth.object_name(each) for each in truth.objects] == [*balls]
     for each, (at, radius) in zip(truth.objects, balls.values(), strict=True):
         whole = ball_mask(camera, np.array(at), radius)
         # float32 rays decide pixels within 1e-3 px of the edge.

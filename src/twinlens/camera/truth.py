@@ -95,6 +95,10 @@ class Truth:
         """Where the chief ray hits something, bool (H, W)."""
         return np.asarray(self.object_id > 0)
 
+    def object_name(self, thing: ObjectTruth) -> str:
+        """The name of the object in its scene."""
+        return self.object_names[thing.object_id - 1]
+
     def silhouette(self, thing: ObjectTruth) -> NDArray[np.bool_]:
         """Where the object is in the image, also where it is hidden, bool (H, W)."""
         return decode_mask(thing.silhouette, *self.object_id.shape)

@@ -200,7 +200,7 @@ def _front_matter(given: About, count: int) -> str:
 def _facts(manifest: Manifest, many: Sequence[Statistics], noise: Sequence[float]) -> dict[str, str]:
     facts = {"samples": str(len(many)), "image size": _counted(tuple(each["size"]) for each in many)}
     facts |= {f"{kind} of a sample": _counted(each[kind] for each in many) for kind in ("cameras", "lenses")}
-    splits = Counter(str(row.info["split"]) for row in manifest.rows if "split" in row.info)
+    splits = Counter(str(row.info["split"]) for row in manifest.rows if row.info.get("split") is not None)
     if splits:
         facts["splits"] = ", ".join(f"{name}: {count}" for name, count in sorted(splits.items()))
     known = [each for each in many if "disparity" in each]

@@ -58,7 +58,7 @@ def coco(sources: Iterable["Source"]) -> Iterator[tuple[str, bytes]]:
             yield f"images/{name}", source.image(i)
             for thing in truth.objects:
                 if thing.visible_pixel_count:
-                    label = truth.object_names[thing.object_id - 1]
+                    label = truth.object_name(thing)
                     number = categories.setdefault(category(label), len(categories) + 1)
                     ids = {"id": len(annotations) + 1, "image_id": len(images), "category_id": number}
                     annotations.append(ids | {"name": label} | _annotation(truth, thing))
@@ -115,7 +115,7 @@ def bop(sources: Iterable["Source"]) -> Iterator[tuple[str, bytes]]:
                 )
                 number = numbers.setdefault(thing.model, len(numbers) + 1)
                 if number not in models:
-                    name = category(truth.object_names[thing.object_id - 1])
+                    name = category(truth.object_name(thing))
                     models[number] = {"name": name, **_box_mm(thing.extent)}
                 if "diameter" not in models[number] and source.sample.has(f"models/{thing.model}.ply"):
                     vertices, faces = read_ply(source.sample.path(f"models/{thing.model}.ply"))
@@ -140,7 +140,7 @@ def _truths(source: "Source") -> Iterator[Truth]:
         chosen = [
             thing
             for thing in truth.objects
-            if source.objects is None or category(truth.object_names[thing.object_id - 1]) in source.objects
+            if source.objects is None or category(truth.object_name(thing)) in source.objects
         ]
         yield replace(truth, objects=tuple(chosen))
 
