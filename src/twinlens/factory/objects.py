@@ -133,8 +133,8 @@ def drafts(
                 hint = f"; the scene has {', '.join(sorted(known))}" if known else ""
                 raise InputError(f"a new object needs one of 'file', 'folder' and 'shape'{hint}")
             own = _merged(dict(known.get(name, {})), own, new)
-            if place.folder is not None:  # a plan has replaced it by a file
-                own = {**own, "file": own.get("file", meshes_in(folder, place.folder)[0])}
+            if place.folder is not None and "file" not in own:  # a plan has added a file
+                own = {**own, "file": meshes_in(folder, place.folder)[0]}
             _check_pose(place, table, own)
             material, inline = own.get("material"), None
             context, drawn = SceneContext(folder if new else home), SceneContext(folder)
