@@ -8,8 +8,10 @@ import trimesh
 from PIL import Image
 
 from tests.families.families_checks import floating, intersecting, table_height
+from tests.scenes.gltf_files import write
 from twinlens.errors import InputError
 from twinlens.families import Assets, random_scene
+from twinlens.families.assets import MAX_CACHED
 
 
 @pytest.fixture
@@ -138,3 +140,26 @@ def test_a_kept_size_excludes_a_depth_range(tmp_path):
     assets = Assets.from_folders(meshes=[tmp_path], keep_scale=True)
     with pytest.raises(InputError, match="depth_range scales the whole scene; it cannot be used with keep_scale"):
         random_scene("tabletop", 3, assets=assets, width=80, depth_range=(1.0, 4.0))
+
+
+def test_own_materials_do_not_depend_on_what_was_read_before(tmp_path):
+    """More files than are kept in memory: one that is read twice for a scene has its materials once."""
+    for i in range(MAX_CACHED + 3):
+        write(tmp_path / f"m{i}.glb", trimesh.creation.box([0.1, 0.2, 0.3]), add_material)
+    before = Assets.from_folders(meshes=[tmp_path], keep_material=True, mesh_share=1.0)
+    random_scene("tabletop", 1, assets=before, width=64)
+    again = 0
+    for seed in (2, 3):
+        fresh = Assets.from_folders(meshes=[tmp_path], keep_material=True, mesh_share=1.0)
+        first, second = (random_scene("tabletop", seed, assets=each, width=64) for each in (fresh, before))
+        assert list(first.materials) == list(second.materials)
+        assert [each.material for each in first.objects] == [each.material for each in second.objects]
+        own = [each.material for each in first.objects if isinstance(each.material, tuple)]
+        again += len(own) - len(set(own))
+        assert not any("-2" in name for names in own for name in names)
+    assert again > 0
+
+
+def add_material(header):
+    header["materials"] = [{"name": "paint"}]
+    header["meshes"][0]["primitives"][0]["material"] = 0

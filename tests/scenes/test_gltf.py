@@ -357,6 +357,13 @@ def test_an_obj_has_the_materials_of_its_mtl_file(tmp_path: Path, read_scene: Re
     assert {path.name for path in scene.files} == {"scene.toml", "m.obj", "m.mtl", "tiles.png"}
 
 
+def test_keys_of_a_mtl_file_that_are_not_rendered_are_named(tmp_path: Path) -> None:
+    (tmp_path / "m.obj").write_text(OBJ)
+    (tmp_path / "m.mtl").write_text(MTL.replace("map_Kd", "map_Ks") + "bump -bm 2 b.png\nmap_d d.png\n")
+    with pytest.warns(MaterialWarning, match=r"m\.obj: not rendered: bump, map_d, map_ks$"):
+        read(tmp_path / "m.obj")
+
+
 @pytest.mark.parametrize(
     "name", ["../secret.png", "/etc/hostname", "link.png", "http://a.b/c.png", "C:/x.png", "a\\b.png"]
 )

@@ -31,8 +31,9 @@ MAX_CACHED = 4
 
 @dataclass(frozen=True, eq=False)
 class UserMesh(Mesh):
-    """A user's mesh, centred and of extent 1, z up; its `size` in the file in metres, and its file's materials."""
+    """A user's mesh, centred and of extent 1, z up; its file, its `size` there in metres, and its materials there."""
 
+    path: Path = Path()
     size: float = 1.0
     materials: Mapping[str, Plugin] = field(default_factory=dict)
 
@@ -154,7 +155,7 @@ def _normalized(path: Path, model: Model) -> UserMesh:
     kept = {each.name: getattr(mesh, each.name) for each in fields(mesh)}
     kept["vertices"] = (mesh.vertices - (low + high) / 2) @ turn.T / size
     kept["normals"] = None if mesh.normals is None else mesh.normals @ turn.T
-    return UserMesh(**kept, size=size, materials=model.materials)
+    return UserMesh(**kept, path=path, size=size, materials=model.materials)
 
 
 def _read_texture(path: Path) -> Image:

@@ -6,9 +6,10 @@ texture added to the tables moves no object.
 
 import math
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -133,6 +134,7 @@ class Composition:
     objects: list[SceneObject] = field(default_factory=list)
     triangles: list[Triangles] = field(default_factory=list)
     materials: dict[str, Plugin] = field(default_factory=dict)
+    own_names: dict[tuple[Path, str], str] = field(default_factory=dict, repr=False)
     lights: dict[str, Plugin] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -159,7 +161,7 @@ class Composition:
         """Add an object with its own material, or those of a user's mesh. Names become unique: bottle, bottle-2, ..."""
         plain = re.sub(r"[^A-Za-z0-9_]+", "-", name).strip("-") or "body"
         unique = free_name(plain, {*self.materials, *(each.name for each in self.objects)})
-        own = tuple(self._own_material(*each) for each in mesh.materials.items()) if isinstance(mesh, UserMesh) else ()
+        own = tuple(self._own_materials(mesh)) if isinstance(mesh, UserMesh) else ()
         for key, value in material.items():
             if isinstance(value, Bitmap) and not own:  # Mitsuba would compile a kernel for each value of `to_uv`
                 mesh = replace(mesh, uv=np.asarray(mesh.uv) * np.diag(value.to_uv)[:2])
@@ -170,13 +172,14 @@ class Composition:
         self.objects.append(SceneObject(unique, mesh, own or unique, world_from_object, emitter))
         self.triangles.append((transform_points(world_from_object, mesh.vertices), mesh.faces))
 
-    def _own_material(self, name: str, material: Plugin) -> str:
-        """The name of a material of a user's mesh, which several objects may share."""
-        known = next((key for key, each in self.materials.items() if each is material), None)
-        if known is None:
-            known = free_name(name, self.materials)
-            self.materials[known] = material
-        return known
+    def _own_materials(self, mesh: UserMesh) -> Iterator[str]:
+        """The names of the materials of a user's mesh. A file that was read again has the same ones."""
+        for name, material in mesh.materials.items():
+            key = mesh.path, name
+            if key not in self.own_names:
+                self.own_names[key] = free_name(name, self.materials)
+                self.materials[self.own_names[key]] = material
+            yield self.own_names[key]
 
     def pixel_at(self, point: Float, min_depth: float = -np.inf) -> float:
         """Width in metres of a pixel at a world point (3,), whose depth is taken as at least `min_depth`."""

@@ -9,7 +9,7 @@ from twinlens.schema import read
 _COLORS = {"kd": 3, "ke": 3, "ks": 3}
 _NUMBERS = ("ns", "ni", "d", "tr", "pr", "pm")
 _MAPS = {"map_kd": "base", "map_ke": "emissive", "norm": "normal"}
-_IGNORED = {"newmtl", "ka", "illum", "map_ka", "map_ns", "sharpness", "map_ks"}
+_IGNORED = {"newmtl", "ka", "illum", "map_ka", "sharpness"}
 
 
 def read_mtl(data: bytes) -> tuple[list[PbrMaterial], list[str], list[str]]:
