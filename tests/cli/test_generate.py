@@ -108,6 +108,15 @@ def test_a_dry_run_tells_time_and_disk_and_writes_nothing(twinlens, recipe, tmp_
     assert tomllib.loads(out.partition("split test\n")[2].partition("one sample")[0]) == drawn
 
 
+def test_a_dry_run_shows_equal_copies_of_an_object_once(twinlens, tmp_path):
+    recipe = write_recipe(tmp_path, count=1)
+    block = 'count = 3\nshape = "box"\nextents = 0.01\ntranslate = [0, 9, 0]\nmaterial = {type = "diffuse"}\n'
+    recipe.write_text(recipe.read_text() + f"\n[scene.objects.block]\n{block}")
+    code, out, _ = twinlens("generate", recipe, "-o", tmp_path / "set", "--dry-run")
+    assert code == 0
+    assert out.count("[[scene.objects.block]]") == 1
+
+
 def test_samples_that_cannot_be_are_told_with_the_remedy(twinlens, tmp_path):
     text = RECIPE.replace("uniform = [0.05, 0.2]", "sweep = [0.1, 2.5]") + "[gates]\nattempts = 2\nvisible = 0.5\n"
     path = write_recipe(tmp_path, text, count=2)

@@ -95,7 +95,8 @@ def _print_estimate(found: factory.Estimate, output: Place, as_json: bool) -> No
         return
     split = f", split {found.next['split']}" if found.next["split"] else ""
     click.echo(f"next: sample {found.next['index']}, {found.next['kind']} {found.next['scene']}{split}")
-    click.echo(textwrap.indent(recipe_toml(found.next["drawn"]), "  "), nl=False)
+    tables = dict.fromkeys(recipe_toml(found.next["drawn"]).strip().split("\n\n"))  # equal copies of an object once
+    click.echo(textwrap.indent("\n\n".join(tables), "  "))
     rest = f"{timedelta(seconds=round(found.seconds))} (h:mm:ss) and {decimal(found.bytes)} on this machine"
     click.echo(
         f"one sample took {found.seconds_each:.1f} s and {decimal(found.bytes_each)}; the rest needs about {rest}"
