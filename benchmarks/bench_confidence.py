@@ -18,8 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from twinlens.matching import CONFIDENCES, confidence_map, parse_method
-from twinlens.scoring import evaluate, motorcycle
+from twinlens.matching import CONFIDENCES, parse_method
+from twinlens.scoring import motorcycle, score_confidences
 
 METHODS = ("sad", "zncc", "census", "census:block_size=1,census_window=5", "adaptive", "sgm")
 FREED = 8  # pixels
@@ -61,17 +61,13 @@ def pandoras(volume: np.ndarray, python: str) -> np.ndarray:
 def row(text: str, python: str | None) -> str:
     pair = motorcycle()
     matcher = parse_method(text).matcher(**pair.search)
-    disparity, volume = matcher.match(pair.im0, pair.im1), matcher.cost_volume(pair.im0, pair.im1)
-    cells, areas, difference = [], {}, "-"
-    for name in CONFIDENCES:
-        confidence = confidence_map(volume, name)
-        scores = evaluate(disparity, pair.disp0, pair.mask0_nonocc, pair.ndisp, confidence=confidence).nonocc
-        areas[name] = scores["auc2.0"]
-        cells = [scores["bad2.0"], scores["auc2.0_opt"]]
-        if name == "ambiguity" and python is not None:
-            differences = np.abs(pandoras(volume, python) - confidence).ravel()[FREED:]
-            difference = f"{differences.max():.1g}"
-    numbers = [f"{value:.2f}" for value in (*cells, *areas.values())]
+    found, difference = score_confidences(pair, matcher), "-"
+    first = found.scores["ambiguity"]
+    if python is not None:
+        theirs = pandoras(matcher.cost_volume(pair.im0, pair.im1), python)
+        difference = f"{np.abs(theirs - found.maps['ambiguity']).ravel()[FREED:].max():.1g}"
+    areas = [scores["auc2.0"] for scores in found.scores.values()]
+    numbers = [f"{value:.2f}" for value in (first["bad2.0"], first["auc2.0_opt"], *areas)]
     return f"| `{text}` | {' | '.join([*numbers, difference])} |"
 
 

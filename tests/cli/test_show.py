@@ -89,3 +89,35 @@ def test_costs_need_a_figure_or_json(twinlens, dataset):
     code, _, err = twinlens("show", "costs", dataset / "cards", "--at", "1,1")
     assert (code, err.count("\n")) == (2, 1)
     assert "--output" in err
+
+
+def test_confidences_are_scored_as_by_evaluate(twinlens, dataset, tmp_path):
+    arguments = "show", "confidence", dataset / "cards", "--method", "sad:block_size=5"
+    code, out, _ = twinlens(*arguments, "-o", tmp_path / "c.png")
+    assert (code, out.count("\n")) == (0, 6)
+    assert read_png(tmp_path / "c.png").ndim == 3
+    record = json.loads(twinlens(*arguments, "--json")[1])
+    stored = Dataset(dataset)[0]
+    options = {"block_size": 5, "num_disparities": stored.ndisp, "confidence": "curvature"}
+    disparity, trust = tl.matching.match_with_confidence(stored.im0, stored.im1, "sad", **options)
+    scores = tl.evaluate(disparity, stored.disp0, stored.mask0_nonocc, stored.ndisp, confidence=trust).nonocc
+    assert record["measures"]["curvature"]["auc2.0"] == pytest.approx(scores["auc2.0"])
+    assert record["measures"]["curvature"]["sparsification"] == pytest.approx(scores.sparsification)
+    assert (record["pixels"], record["auc2.0_opt"]) == (scores.estimated, pytest.approx(scores["auc2.0_opt"]))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--method", "opencv_bm", "-o", "c.png"), "--method opencv_bm: OpenCVBlock has no cost volume"),
+        (("--method", "sad:block_size=999", "-o", "c.png"), "--method sad:block_size=999: block_size is 999"),
+        (("--lens", "2", "-o", "c.png"), "--lens must be a whole number from 0 to 1"),
+        ((), "--output"),
+    ],
+)
+def test_confidences_that_cannot_be_drawn_are_refused(twinlens, dataset, monkeypatch, tmp_path, options, message):
+    monkeypatch.chdir(tmp_path)
+    code, _, err = twinlens("show", "confidence", dataset / "cards", *options)
+    assert (code, err.count("\n")) == (2, 1)
+    assert message in err
+    assert not (tmp_path / "c.png").exists()

@@ -34,7 +34,7 @@ COMMANDS = {
     "generate": "Make a dataset from a recipe; resumable, parallel.",
     "reconstruct": "Reconstruct points and a surface from a sample; compare with the truth.",
     "rectify": "Rectify two views of a sample, with exact ground truth.",
-    "show": "Draw the epipolar geometry of a sample, or the costs of a pixel.",
+    "show": "Draw a sample's epipolar geometry, the costs of a pixel, or confidences.",
     "verify": "Check a dataset: checksums, and consistency of its ground truth.",
     "statistics": "Compare the images of a dataset with real pairs.",
     "describe": "Write a dataset's card and its Croissant metadata.",

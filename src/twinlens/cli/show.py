@@ -1,4 +1,4 @@
-"""`twinlens show`: pictures of a sample's geometry and of matching costs."""
+"""`twinlens show`: pictures of a sample's geometry, of matching costs, and of confidences."""
 
 from pathlib import Path
 
@@ -8,25 +8,28 @@ import numpy as np
 from twinlens.camera.multiview import epipoles, fundamental_matrix, ideal_pixels
 from twinlens.cli.options import Whole, json_option, parse_pair, parse_pixel, print_result
 from twinlens.cli.places import FIGURE_FILE, PLACE, PNG_FILE, missing_output
-from twinlens.dataset import Place, StoredSample, open_sample, place, write_png
+from twinlens.cli.progress import progress_bar
+from twinlens.dataset import Place, open_sample, place, write_png
 from twinlens.dataset.files import write_file
-from twinlens.errors import check_int
+from twinlens.errors import check_int, located
 from twinlens.geometry.epipolar import sampson_distance
-from twinlens.matching import cost_curve
+from twinlens.matching import cost_curve, parse_method
+from twinlens.report.confidence_picture import confidence_picture
 from twinlens.report.cost_picture import cost_picture
 from twinlens.report.epipolar_picture import epipolar_picture, true_matches
-from twinlens.scoring import load_pair, motorcycle
+from twinlens.scoring import Pair, load_pair, motorcycle, score_confidences
 
 COST_METHODS = "sad,zncc,census,sgm"
 
 
 @click.group("show")
 def command() -> None:
-    """Draw the geometry of a sample, or the costs of one of its pixels.
+    """Draw the geometry of a sample, the costs of one of its pixels, or the confidence of a matcher.
 
     \b
     Example:  twinlens show epipolar out/staircase -o epipolar.png
               twinlens show costs out/staircase --at 120,80 -o costs.png
+              twinlens show confidence out/staircase --method sgm -o confidence.png
     """
 
 
@@ -80,9 +83,7 @@ def costs(sample: str, pixel: str, output: Path | None, methods: tuple[str, ...]
     """
     if output is None and not as_json:
         raise missing_output()
-    pair = load_pair(
-        motorcycle() if sample == "motorcycle" and not Path(sample).exists() else _shot(sample, lens), lens
-    )
+    pair = _pair(sample, lens)
     height, width = pair.disp0.shape
     u, v = parse_pixel(pixel, width, height)
     curves = cost_curve(pair.im0, pair.im1, u, v, methods or (COST_METHODS,), **pair.search)
@@ -110,7 +111,49 @@ def costs(sample: str, pixel: str, output: Path | None, methods: tuple[str, ...]
     print_result(as_json, record, *lines)
 
 
-def _shot(sample: str, lens: int) -> StoredSample:
+@command.command("confidence")
+@click.argument("sample", metavar="DATASET/SAMPLE")
+@click.option("-o", "--output", type=FIGURE_FILE, help="The figure, a PNG or SVG file.  [required without --json]")
+@click.option("--method", default="zncc", show_default=True, help="A method of twinlens.")
+@click.option("--lens", type=Whole(0), default=0, show_default=True, help="The sample's lens, counted from 0.")
+@json_option("the areas and the curves")
+def confidence(sample: str, output: Path | None, method: str, lens: int, as_json: bool) -> None:
+    """Draw the confidence measures of a method on a sample, and their sparsification curves.
+
+    SAMPLE may also be "motorcycle". The curves are of pixels visible in both views, or of all if the sample has no
+    mask.
+
+    \b
+    Example:  twinlens show confidence out/staircase --method sgm -o confidence.png
+    """
+    if output is None and not as_json:
+        raise missing_output()
+    pair, spec = _pair(sample, lens), parse_method(method)
+    with progress_bar("matching"), located(f"--method {spec.name}"):
+        found = score_confidences(pair, spec.matcher(**pair.search))
+    if output is not None:
+        kind = output.suffix.lower()[1:]
+        write_file(output, confidence_picture(pair.im0, found, f"{spec.name} on {pair.name}", kind))
+    first = next(iter(found.scores.values()))
+    rate, pixels, smallest = first.sparsification[-1], first.estimated, first["auc2.0_opt"]
+    record = {
+        "picture": None if output is None else str(output), "method": spec.name, "pixels": pixels,
+        "bad2.0": rate, "auc2.0_opt": smallest,
+        "measures": {
+            name: {"auc2.0": scores["auc2.0"], "sparsification": scores.sparsification}
+            for name, scores in found.scores.items()
+        },
+    }  # fmt: skip
+    lines = [f"{output}: {spec.name}, {rate:.2f} % of {pixels} estimates are off by more than 2 px"]
+    lines += [f"{name:12} auc2.0 {scores['auc2.0']:.2f} %" for name, scores in found.scores.items()]
+    print_result(as_json, record, *lines, f"{'smallest':12} auc2.0 {smallest:.2f} %")
+
+
+def _pair(sample: str, lens: int) -> Pair:
+    """The pair of a lens of a sample, or "motorcycle"."""
+    if sample == "motorcycle" and not Path(sample).exists():
+        check_int("--lens", lens, 0, 0)
+        return motorcycle()
     stored = open_sample(place(sample))
     check_int("--lens", lens, 0, stored.num_lenses - 1)
-    return stored
+    return load_pair(stored, lens)

@@ -4,6 +4,7 @@ from twinlens.scoring.agreement import agreement as agreement
 from twinlens.scoring.benchmark import Step as Step, run_benchmark as run_benchmark
 from twinlens.scoring.board import Board as Board, Entry as Entry
 from twinlens.scoring.board_file import board_to_json as board_to_json, read_board as read_board
+from twinlens.scoring.confidences import score_confidences as score_confidences
 from twinlens.scoring.evaluate import Scores as Scores, evaluate as evaluate
 from twinlens.scoring.metrics import METRICS as METRICS, find_metric as find_metric
 from twinlens.scoring.pair_statistics import (
