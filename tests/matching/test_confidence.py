@@ -180,6 +180,11 @@ def test_wrong_confidences_are_refused(confidence, kind):
     assert refused.value.kind == kind
 
 
+def test_only_a_confidence_changes_what_a_board_stores():
+    assert "confidence" not in tl.matching.parse_method("sad").spec
+    assert "confidence='ambiguity'" in tl.matching.parse_method("sad:confidence=ambiguity").spec
+
+
 def test_wrong_names_and_volumes_are_refused():
     with pytest.raises(InputError, match="did you mean 'ambiguity'"):
         StereoMatcher(confidence="ambiguty")

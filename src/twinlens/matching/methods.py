@@ -100,6 +100,8 @@ class MethodSpec:
     def spec(self) -> str:
         """Twinlens's version, all options except time limits, and the hashes of the method's files."""
         options = {**self.method.options, **self.options}
+        if options.get("confidence") == "none":  # boards made before this option keep their results
+            del options["confidence"]
         text = ",".join(f"{name}={value!r}" for name, value in sorted(options.items()) if name != "timeout_s")
         content = f" [{self.content}]" if self.content else ""
         return f"twinlens {twinlens.__version__} {self.method.name}:{text}{content}"

@@ -1,6 +1,6 @@
 // A clicked pixel: for each method its cost as a function of disparity, its windows, and why it is right or wrong.
 
-// Thresholds of the reasons. The first three are those of the regions "textureless" and "discontinuity".
+// Thresholds of the reasons: that of bad2.0, those of the regions "textureless" and "discontinuity", and shares and ratios.
 const RIGHT_PX = 2, NO_TEXTURE = 4, JUMP_PX = 2, OTHER_SURFACE = 0.05, OTHER_DEPTH = 0.25, SATURATED = 0.25, REPEATED = 0.8, BLUR = 2;
 
 const prepared = new Map(); // pictures -> their grey images, plain and prefiltered
