@@ -1,4 +1,4 @@
-"""`twinlens plan`: the table, the file that renders, the figure, and what an infeasible task is told."""
+"""`twinlens plan`: the table, the file that renders, the figure, and infeasible tasks."""
 
 import json
 import re
@@ -9,6 +9,7 @@ import pytest
 from PIL import Image
 
 from twinlens.camera import ThinLens
+from twinlens.camera.presets import find_camera
 from twinlens.cli import plan
 from twinlens.dataset import Dataset
 from twinlens.optics.planning import LIMITS, plan_rig
@@ -73,12 +74,15 @@ def test_light_makes_the_exposure_a_limit(twinlens):
     assert twinlens("plan", *dark, "--longest-exposure", str(0.99e-3 * needed))[0] == 1
 
 
-def test_a_camera_of_the_list_fixes_its_lens_and_baseline(twinlens):
+def test_a_camera_of_the_list_has_its_intrinsics_and_baseline(twinlens):
     answer = json.loads(twinlens("plan", "--depth", "0.4,2", "--camera", "realsense-d435", "--json")[1])
     best = answer["best"]
     assert (answer["task"]["width"], best["baseline"], best["f_number"]) == (1280, 0.05, 2.0)
-    focus = 2 / (1 / 0.4 + 1 / 2)
-    assert best["fx"] == pytest.approx(1 / (1 / 1.93e-3 - 1 / focus) / 3e-6)
+    assert best["fx"] == pytest.approx(find_camera("realsense-d435").camera.fx)
+    lens = json.loads(
+        twinlens("plan", "--depth", "0.4,2", "--camera", "realsense-d435", "--focal-length-mm", "1.8", "--json")[1]
+    )
+    assert lens["best"]["focal_length"] == pytest.approx(1.8e-3)
     wider = json.loads(
         twinlens("plan", "--depth", "0.4,2", "--camera", "realsense-d435", "--baseline", "0.08", "--json")[1]
     )

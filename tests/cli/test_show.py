@@ -66,6 +66,8 @@ def test_costs_are_those_of_the_library(twinlens, dataset, tmp_path):
         found = record["curves"][name]
         assert (found["winner"], found["rival"]) == (curve.winner, curve.rival)
         assert [float(cost) for cost in found["costs"]] == pytest.approx(list(curve.costs))
+    first = tl.cost_curve(stored.im0, stored.im1, 40, 20, ["sad"], num_disparities=stored.ndisp)["sad"]
+    assert f"sad: winner {first.disparity:.2f} px (cost {first.costs.min():.4g}), rival {first.rival} px" in out
 
 
 @pytest.mark.parametrize(

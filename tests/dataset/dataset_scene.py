@@ -61,11 +61,11 @@ def _truth(pair: Rig, i: int) -> Truth:
         material_kind=hit.astype(np.uint8),
         object_names=("wall", "card"),
         material_names=("plaster", "paper"),
-        objects=(_wall(pair, i, ids), _card(pair, i, ids)),
+        objects=tuple(each for each in (_wall(pair, i, ids), _card(pair, i, ids)) if each is not None),
     )
 
 
-def _wall(pair: Rig, i: int, ids) -> ObjectTruth:
+def _wall(pair: Rig, i: int, ids) -> ObjectTruth | None:
     """The wall, without a bound of its own but SKY_ABOVE: it is counted in the image only, also behind the card."""
     camera, origin = pair.cameras[i], np.array([i * pair.baseline(), 0.0, 0.0])
     directions = camera.unproject(camera.pixel_grid())
@@ -75,14 +75,17 @@ def _wall(pair: Rig, i: int, ids) -> ObjectTruth:
     return _object(1, "0123456789abcdef", pair, i, np.zeros(3), extent, whole, ids == 1)
 
 
-def _card(pair: Rig, i: int, ids) -> ObjectTruth:
+def _card(pair: Rig, i: int, ids) -> ObjectTruth | None:
     """The card, whose own axes are the left camera's, from its lower left corner."""
     (left, right), (top, bottom), z = CARD
     extent = np.array([[0.0, 0.0, 0.0], [right - left, bottom - top, 0.0]])
     return _object(2, "fedcba9876543210", pair, i, np.array([left, top, z]), extent, ids == 2, ids == 2)
 
 
-def _object(number: int, model: str, pair: Rig, i: int, at, extent, whole, visible) -> ObjectTruth:
+def _object(number: int, model: str, pair: Rig, i: int, at, extent, whole, visible) -> ObjectTruth | None:
+    """The object in the image of a view; None if it has no pixel there."""
+    if not whole.any():
+        return None
     pose = geometry.rigid(np.eye(3), at - [i * pair.baseline(), 0.0, 0.0])
     grid = np.meshgrid(*extent.T, indexing="ij")
     pixels = pair.cameras[i].project(geometry.transform_points(pose, np.stack(grid, axis=-1).reshape(-1, 3)))

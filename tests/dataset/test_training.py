@@ -138,6 +138,7 @@ def test_images_of_other_lenses_are_exchanged():
         (lambda s: crop(s, W - 9, 0, 10, 4), ["im0"], rf"crop of 10 x 4 pixels at \({W - 9}, 0\) is not inside im0"),
         (lambda s: crop(s, -1, 0, 10, 4), ["im0"], r"not inside im0 of 64 x 48 pixels"),
         (lambda s: crop(s, 0, 0, 0, 4), ["im0"], "not inside"),
+        (lambda s: crop(s, 1.5, 0, 8, 4), ["im0"], "x must be a whole number, got 1.5"),
         (lambda s: crop(s, 0, 0, 8, 4), ["mask1_nonocc", "disp0"], "mask1_nonocc needs disp1"),
         (lambda s: crop(s, 0, 0, 8, 4), ["visible0"], "visible0 needs disp0"),
         (stereo_flip, ["im0", "im1", "disp0"], "flip of disp0 needs disp1"),
@@ -209,6 +210,9 @@ def test_indices_names_and_masks_choose_samples(folder):
             data[wrong]
     with pytest.raises(IndexError):
         data[[7]]
+    for wrong in (1.5, None, np.zeros((2, 2), int), np.array(2)):
+        with pytest.raises(InputError, match="a slice or a 1-D array"):
+            data[wrong]
     with pytest.raises(InputError, match="did you mean 's1'"):
         data[["s1", "s11"]]
 

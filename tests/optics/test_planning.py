@@ -182,6 +182,9 @@ def test_an_infeasible_task_names_the_limits_that_a_grid_search_finds(plans):
             for name, value in needed.items():
                 short = needed | {name: loosened(name, value, 1 / 1.03)}
                 assert grid_search(task, limits | short, focus, (60, 80, 60)) == math.inf, (task, change)
+            if change.keys() == {"disparities"}:
+                enough = dataclasses.replace(task, max_disparities=change["disparities"])
+                assert plan_rig(enough).best is not None, task
         single = {name for change in plan.changes for name in change if len(change) == 1}
         for name in limits.keys() - single:
             other = limits | {name: loosened(name, limits[name], 30)}
@@ -222,6 +225,9 @@ def test_used_is_within_the_limits(plans):
     for task, plan, *_ in feasible_plans(plans, TASKS):
         assert plan.used.keys() == plan.limits.keys()
         assert plan.best.search[1] <= task.max_disparities
+        if task.light is not None:
+            assert plan.best.snr >= task.light.least_snr * (1 - 1e-9)
+            assert plan.best.exposure <= task.light.longest_exposure
         for name, used in plan.used.items():
             rising = (name in RAISED) != (task.fov_x_deg is not None and name.endswith("focal length"))
             margin = 1e-9 * plan.limits[name]
@@ -250,11 +256,12 @@ def test_light_needs_time_for_its_signal_to_noise_ratio():
             {"fov_x_deg": None, "focal_length_mm": 2000.0},
             "must be below the focus distance, 1714.29 mm",
         ),
-        ({"baseline": (0.3, 0.1)}, "baseline must be a number from 1e-06 to 1e.06 metres, or .least, most. of them"),
+        ({"baseline": (0.3, 0.1)}, r"baseline must be \(least, most\) with least <= most, got \(0.3, 0.1\)"),
+        ({"baseline": 0.0}, "baseline must be a number from 1e-06 to 1e.06 metres, or .least, most. of them"),
         ({"f_number": "4"}, "f_number must be"),
         ({"blur_px": 0.0}, "blur_px must be a number of pixels"),
         ({"overlap": 1.0}, "overlap must be a share from 0 to below 1"),
-        ({"max_disparities": math.nan}, "max_disparities must be"),
+        ({"max_disparities": 64.5}, "max_disparities must be a whole number from 3 to 1000000"),
         ({"pixel_pitch_um": -1.0}, "pixel_pitch_um must be"),
         ({"depth_error": 0.0}, "depth_error must be"),
         ({"focus_distance": -2.0}, "focus_distance must be"),

@@ -13,6 +13,7 @@ from twinlens.cli.places import FIGURE_FILE, PATH
 from twinlens.dataset.files import write_file
 from twinlens.errors import InputError
 from twinlens.factory import camera_text
+from twinlens.optics import fov_x_deg
 from twinlens.optics.planning import RigPlan, plan_rig
 from twinlens.optics.rig_task import Light, RigTask
 from twinlens.report.plan_text import even_depths, plan_text
@@ -41,17 +42,17 @@ _OPTIONS = {"fov_x_deg": "--fov", "depth_range": "--depth", "depth_error": "--de
 @click.option("--focal-length-mm", metavar="MM[,MM]", help="Focal length of the lens, instead of --fov.")
 @click.option("--pixel-pitch-um", type=POSITIVE, help="Pixel width, micrometres.  [default: 5, or the camera's]")
 @click.option("--sensor-width-mm", metavar="MM|FORMAT", help=camera_text.SENSOR_WIDTH_HELP)
-@click.option("--disparity-error-px", type=POSITIVE, default=0.1, show_default=True,
+@click.option("--disparity-error-px", type=POSITIVE, default=RigTask.disparity_error_px, show_default=True,
               help="Standard deviation of the matcher's disparities.")  # fmt: skip
 @click.option("--baseline", metavar="M[,M]", help="Baseline, or its least and most, metres.  [default: 0.01,1]")
 @click.option("--f-number", metavar="N[,N]", help="Working f-number, or its least and most.  [default: 1.4,16]")
 @click.option("--focus", type=POSITIVE, help="Focus distance, metres.  [default: the middle of the disparities]")
 @click.option("--depth-error-mm", type=POSITIVE, help="Tolerated depth error.  [default: as small as possible]")
-@click.option("--blur-px", type=POSITIVE, default=1.0, show_default=True, help="Largest blur circle.")
-@click.option("--airy-px", type=POSITIVE, default=2.5, show_default=True, help="Largest Airy disk.")
-@click.option("--overlap", type=float, default=0.6, show_default=True,
+@click.option("--blur-px", type=POSITIVE, default=RigTask.blur_px, show_default=True, help="Largest blur circle.")
+@click.option("--airy-px", type=POSITIVE, default=RigTask.airy_px, show_default=True, help="Largest Airy disk.")
+@click.option("--overlap", type=float, default=RigTask.overlap, show_default=True,
               help="Least share of the left image that the right camera sees at the nearest depth.")  # fmt: skip
-@click.option("--max-disparities", type=Whole(3, 1_000_000), default=128, show_default=True,
+@click.option("--max-disparities", type=Whole(3, 1_000_000), default=RigTask.max_disparities, show_default=True,
               help="Most disparities that the matcher searches.")  # fmt: skip
 @click.option("--lux", type=POSITIVE, help="Illuminance of the scene.  [default: enough light]")
 @click.option("--longest-exposure", metavar="S", help="Longest exposure, seconds; with --lux.  [default: 1/50]")
@@ -94,10 +95,10 @@ def _task(options: Mapping[str, Any]) -> RigTask:
     for name in ("fov", "focal_length_mm", "baseline", "f_number"):
         if name in given:
             known[name] = _range(f"--{name.replace('_', '-')}", given[name])
+    if "focal_length_mm" in known:
+        known.pop("fov_x_deg", None)  # the camera's
     if "fov" in known:
         known["fov_x_deg"] = known.pop("fov")
-        if "focal_length_mm" not in given:
-            known.pop("focal_length_mm", None)  # the camera's
     if "depth_error_mm" in given:
         known["depth_error"] = 1e-3 * given["depth_error_mm"]
     if "focus" in given:
@@ -120,7 +121,7 @@ def _camera(given: Mapping[str, Any]) -> dict[str, Any]:
     if "camera" in given:
         preset = find_camera(given["camera"])
         camera = preset.resized(width, height)
-        known |= {"pixel_pitch_um": camera.pixel_pitch_um, "focal_length_mm": 1e3 * camera.film_distance}
+        known |= {"pixel_pitch_um": camera.pixel_pitch_um, "fov_x_deg": fov_x_deg(width, camera.fx)}
         known |= {name: value for name in ("baseline", "f_number") if (value := getattr(preset, name)) is not None}
     pixel = ("pixel_pitch_um", "sensor_width_mm")
     intrinsics = camera_text.parse_intrinsics({name: given[name] for name in pixel if name in given})
@@ -157,7 +158,7 @@ def _record(plan: RigPlan) -> dict[str, Any]:
     if (best := plan.best) is not None:
         names = (
             "baseline", "fx", "focal_length", "fov_x_deg", "f_number", "aperture_diameter", "focus_distance",
-            "depth_of_field", "hyperfocal_distance", "airy_px", "search", "smallest_distance",
+            "depth_of_field", "hyperfocal_distance", "airy_px", "search", "smallest_distance", "exposure", "snr",
         )  # fmt: skip
         depths = even_depths(best)
         curves = {name: getattr(best, name)(depths) for name in ("disparity", "depth_error", "blur_px", "overlap")}

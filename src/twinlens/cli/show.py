@@ -97,17 +97,15 @@ def costs(sample: str, pixel: str, output: Path | None, methods: tuple[str, ...]
             for name, curve in curves.items()
         },
     }  # fmt: skip
-    lines = [
-        f"{output}: pixel ({u}, {v}), true disparity {truth:.2f} px"
-        if np.isfinite(truth)
-        else f"{output}: pixel ({u}, {v}), truth unknown"
-    ]
+    known = f"true disparity {truth:.2f} px" if np.isfinite(truth) else "truth unknown"
+    lines = [f"{output}: pixel ({u}, {v}), {known}"]
     for name, curve in curves.items():
-        rival = "none" if curve.rival is None else f"{curve.rival} (cost {curve.cost_at(curve.rival):.4g})"
-        lines.append(
-            f"{name}: winner {curve.disparity:.2f} px (cost {curve.cost_at(curve.disparity):.4g}), rival {rival}, "
-            f"cost at the truth {curve.cost_at(truth):.4g}"
+        winner, rival = (
+            "none" if place is None else f"{shown} px (cost {curve.cost_at(place):.4g})"
+            for place, shown in ((curve.winner, f"{curve.disparity:.2f}"), (curve.rival, curve.rival))
         )
+        at_truth = f", cost at the truth {curve.cost_at(truth):.4g}" if np.isfinite(truth) else ""
+        lines.append(f"{name}: winner {winner}, rival {rival}{at_truth}")
     print_result(as_json, record, *lines)
 
 

@@ -178,6 +178,8 @@ class Dataset(Sequence[StoredSample]):
     def _chosen(self, index: list[int] | list[str] | NDArray[Any]) -> tuple[StoredSample, ...]:
         """The samples at numbers or names or of a mask, as NumPy indexes an array."""
         picked = np.asarray(index)
+        if picked.ndim != 1:
+            raise SampleIndexError(f"{self.path}: an index is a number, a name, a slice or a 1-D array of these")
         if picked.size and picked.dtype.kind == "U":
             numbers = {name: i for i, name in enumerate(self.names)}
             for name in picked.tolist():

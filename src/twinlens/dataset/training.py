@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from twinlens.dataset.stored import parse_quantity
 from twinlens.dataset.truth_files import VECTORS
 from twinlens.dataset.visibility import HIDDEN, VISIBLE
-from twinlens.errors import InputError
+from twinlens.errors import InputError, check_int
 
 _OF_THE_PAIR = ("name", "baseline", "doffs", "ndisp")
 _NOT_IMAGES = (*_OF_THE_PAIR, "world_from_cam", "K")
@@ -25,9 +25,11 @@ def crop(sample: Mapping[str, Any], x: int, y: int, width: int, height: int) -> 
 
     Disparity, doffs, depth and poses do not change. The principal points of K0 and K1 move by (-x, -y), and pixels
     whose match is outside the window are occluded in mask0_nonocc and not visible in visible0, for which disp0 is
-    needed; likewise of view 1. Raises InputError if the window leaves the image, for views other than 0 and 1, for an
-    unknown quantity, and where a disparity is missing.
+    needed; likewise of view 1. Raises InputError for numbers that are not whole, if the window leaves the image, for
+    views other than 0 and 1, for an unknown quantity, and where a disparity is missing.
     """
+    for side, number in (("x", x), ("y", y), ("width", width), ("height", height)):
+        check_int(side, number)
     cropped = {}
     for name, value in sample.items():
         quantity, _ = _quantity_and_view(name)

@@ -31,6 +31,7 @@ from twinlens.dataset import Sample
 from twinlens.errors import InputError, format_value, located, unknown
 from twinlens.factory import settings
 from twinlens.geometry import depth_error
+from twinlens.optics.rig_task import RigTask
 from twinlens.scenes.rigs import CalibrationError
 from twinlens.schema import read
 from twinlens.sensor import LEVELS, PRESETS, Exposure, Mismatch, Sensor
@@ -272,7 +273,7 @@ def options_named(options: Mapping[str, Any]) -> Iterator[None]:
         raise type(error)(message.replace("rig: --", "--")) from error
 
 
-TYPICAL_DISPARITY_ERROR = 0.1
+TYPICAL_DISPARITY_ERROR = RigTask.disparity_error_px
 """Pixels, standard deviation: about twice that of ZNCC on fine texture without noise."""
 
 

@@ -249,7 +249,10 @@ def _changes(task: RigTask, limits: Mapping[str, float]) -> list[dict[str, float
                 continue
             for each in (names, *((name,) for name in names if size > 1)):
                 needed = _tightened(task, limits, needed, each)
-            found.append(_in_task_units(task, {name: needed[name] for name in names}))
+            change = _in_task_units(task, {name: needed[name] for name in names})
+            if "disparities" in change:
+                change["disparities"] = math.ceil(change["disparities"])
+            found.append(change)
         if found:
             return found
     return []

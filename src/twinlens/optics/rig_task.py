@@ -116,7 +116,7 @@ class RigTask:
     blur_px: float = 1.0
     airy_px: float = 2.5
     overlap: float = 0.6
-    max_disparities: float = 128
+    max_disparities: int = 128
     light: Light | None = None
     wavelength: float = CHANNEL_WAVELENGTHS[1]
 
@@ -146,7 +146,7 @@ class RigTask:
         for name in ("disparity_error_px", "blur_px", "airy_px"):
             check_number(name, getattr(self, name), "a number of pixels, 1e-6 to 1e6", least=1e-6, most=1e6)
         check_number("overlap", self.overlap, "a share from 0 to below 1", least=0, below=1)
-        check_number("max_disparities", self.max_disparities, "a number of pixels, 3 to 1e6", least=3, most=1e6)
+        check_int("max_disparities", self.max_disparities, 3, 1_000_000)
         check_number("wavelength", self.wavelength, "metres, 1e-9 to 1e-3", least=1e-9, most=1e-3)
 
     @property
@@ -220,6 +220,18 @@ class RigChoice:
         return optics.hyperfocal_distance(self.aperture_diameter, self.fx, self.task.blur_px)
 
     @property
+    def exposure(self) -> float | None:
+        """The longest exposure in seconds that meets the task's light; None without one."""
+        return None if self.task.light is None else self.task.light.exposure(self.f_number)
+
+    @property
+    def snr(self) -> float | None:
+        """The signal-to-noise ratio of mid-grey after `exposure`; None without a light."""
+        if (light := self.task.light) is None:
+            return None
+        return light.snr(light.electrons_per_second * light.exposure(self.f_number) / self.f_number**2)
+
+    @property
     def search(self) -> tuple[int, int]:
         """(min_disparity, num_disparities) of the task's depths."""
         high, low = self.disparity(self.task.depth_range)
@@ -275,5 +287,7 @@ def _check_range(name: str, value: Any, least: float, most: float, unit: str) ->
     allowed = f"a number from {least:g} to {most:g} {unit}".rstrip() + ", or (least, most) of them"
     for end in ends:
         check_number(name, end, allowed, least=least, most=most)
-    if len(ends) != 2 or ends[0] > ends[1]:
+    if len(ends) != 2:
         raise InputError(f"{name} must be {allowed}, got {format_value(value)}")
+    if ends[0] > ends[1]:
+        raise InputError(f"{name} must be (least, most) with least <= most, got {format_value(value)}")

@@ -15,7 +15,7 @@ from twinlens.report.plots import PALETTE, RC_PARAMS, encode
 
 TRUE, WINNER, RIVAL = "#222222", PALETTE[0], PALETTE[1]
 _CONTEXT = 6  # pixels shown around a window
-_PLAIN_HEIGHT, _WIDTH = 1.9, 10.5  # inches of a method's row, and of the figure
+_ROW_HEIGHT, _WIDTH = 1.9, 10.5  # inches: of a method's row, and of the figure
 
 
 def cost_picture(
@@ -30,7 +30,7 @@ def cost_picture(
     pixels, +inf if unknown. The candidates are the true disparity, the winner, and the rival.
     """
     with matplotlib.rc_context(RC_PARAMS):
-        sheet = Sheet(figsize=(_WIDTH, _PLAIN_HEIGHT * len(curves) + 0.6), layout="constrained")
+        sheet = Sheet(figsize=(_WIDTH, _ROW_HEIGHT * len(curves) + 0.6), layout="constrained")
         axes = sheet.subplots(len(curves), 5, squeeze=False, width_ratios=(4.6, 1, 1, 1, 1))
         for row, (name, curve) in zip(axes, curves.items(), strict=True):
             marks = {"true": (true_disparity, TRUE), "winner": (curve.disparity, WINNER), "rival": (curve.rival, RIVAL)}
@@ -70,18 +70,11 @@ def _draw_window(
     """The matcher's window around (u - disparity, v), with a frame, and pixels around it; grey outside the image."""
     height, width = image.shape[:2]
     u, radius = curve.u - disparity, curve.matcher.window // 2
-    reach = radius + _CONTEXT
+    reach, side = radius + _CONTEXT, 2 * radius + 1
     axes.set_facecolor("#D0D4D9")
     axes.imshow(image, extent=(-0.5, width - 0.5, height - 0.5, -0.5), interpolation="nearest")
     axes.add_patch(
-        Rectangle(
-            (u - radius - 0.5, curve.v - radius - 0.5),
-            2 * radius + 1,
-            2 * radius + 1,
-            fill=False,
-            edgecolor=colour,
-            linewidth=1.6,
-        )
+        Rectangle((u - radius - 0.5, curve.v - radius - 0.5), side, side, fill=False, edgecolor=colour, linewidth=1.6)
     )
     axes.set(xlim=(u - reach - 0.5, u + reach + 0.5), ylim=(curve.v + reach + 0.5, curve.v - reach - 0.5))
     axes.set(xticks=[], yticks=[])

@@ -63,10 +63,8 @@ def _lines(plan: RigPlan, best: RigChoice) -> list[str]:
         f"{task.width * task.height * count / 1e6:.3g} million costs",
         "smallest distance": f"{distance:.3g} m, limited by {_LIMITS[limit][0]}",
     }
-    if task.light is not None:
-        time = task.light.exposure(best.f_number)
-        ratio = task.light.snr(task.light.electrons_per_second * time / best.f_number**2)
-        facts["exposure"] = f"{1e3 * time:.3g} ms, signal-to-noise ratio of mid-grey {ratio:.3g}"
+    if best.exposure is not None:
+        facts["exposure"] = f"{1e3 * best.exposure:.3g} ms, signal-to-noise ratio of mid-grey {best.snr:.3g}"
     lines = [f"Best rig: the smallest {goal}", *(f"  {name:<18}{text}" for name, text in facts.items())]
     lines += ["", f"  {'depth':>8}{'disparity':>12}{'depth error':>14}{'blur circle':>14}{'overlap':>10}"]
     for z in even_depths(best):
@@ -75,13 +73,13 @@ def _lines(plan: RigPlan, best: RigChoice) -> list[str]:
         lines.append(f"  {f'{z:.3g} m':>8}{disparity:>12}{error:>14}{blur:>14}{overlap:>10}")
     lines += ["", f"  {'limit':<16}{'used':>14}  allowed"]
     lines += [_limit_line(plan, *names) for names in _ROWS if names[0] in plan.limits]
-    spans = {
-        "baseline": (1e3, "mm"), "focal_length_mm": (1, "mm"), "f_number": (1, ""), "focus_distance": (1, "m"),
-    }  # fmt: skip
+    spans = (
+        ("baseline", "baseline", 1e3, "mm"), ("focal_length_mm", "focal length", 1, "mm"),
+        ("f_number", "f-number", 1, ""), ("focus_distance", "focus distance", 1, "m"),
+    )  # fmt: skip
     texts = []
-    for name, (factor, unit) in spans.items():
+    for name, label, factor, unit in spans:
         low, high = (f"{factor * end:.4g}" for end in plan.feasible[name])
-        label = name.removesuffix("_mm").replace("f_n", "f-n").replace("_", " ")
         texts.append(f"{label} {low if low == high else f'{low} to {high}'} {unit}".rstrip())
     return [*lines, "", f"  Feasible: {', '.join(texts)}"]
 
