@@ -97,9 +97,10 @@ def object_truths(built: BuiltScene, rig: Rig, index: int, object_id: NDArray[An
         mask = np.zeros(object_id.shape, dtype=bool)
         u0, v0, u1, v1 = window
         rows, columns = slice(max(v0, 0), max(v1, 0)), slice(max(u0, 0), max(u1, 0))
-        inside = mask[rows, columns]
-        inside[:] = whole[max(-v0, 0) :, max(-u0, 0) :][: inside.shape[0], : inside.shape[1]]
-        visible = object_id == number
+        inside, visible = mask[rows, columns], object_id == number
+        part = whole[max(-v0, 0) :, max(-u0, 0) :][: inside.shape[0], : inside.shape[1]]
+        part |= visible[rows, columns]  # rays at the very edge may differ by rounding: instances have their own axes
+        inside[:] = part
         if not mask.any():
             continue
         pixels = camera.project(corners)
