@@ -259,6 +259,7 @@ def bodies_of(folder, share):
         ({"block": {"resting_on": "tabel"}}, "scene.objects.block.resting_on: unknown object 'tabel'; did you mean"),
         ({"block": {"resting_on": "block"}}, "scene.objects.block.resting_on: unknown object 'block'"),
         ({"block": {"resting_on": "table", "translate": [0, 0, 0]}}, "'translate' and 'resting_on' exclude each other"),
+        ({"block": [{"scale": 2}]}, r"scene.objects.block: must be one table, got \["),
         ({"block": {"within": [[0, 1], [0, 1]]}}, "scene.objects.block: 'within' needs 'resting_on'"),
         ({"block": {"count": {"uniform": [1, 3]}}}, "scene.objects.block.count: must be a whole number"),
         ({"block": {"scale": {"uniform": [0, 1]}}}, "scene.objects.block.scale: must be > 0, got 0"),

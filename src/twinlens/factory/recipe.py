@@ -214,6 +214,9 @@ def _check_drawn(drawn: Mapping[str, Any], path: Path, recipe: Any) -> tuple[tup
         try:
             checked.append(check_settings(table, path, families))
             objects = checked[-1][0].scene.objects
+            for name in objects:
+                if not isinstance(one := table["scene"]["objects"][name], Mapping):
+                    raise InputError(f"{path}: scene.objects.{name}: must be one table, got {format_value(one)}")
             named |= check_objects(objects, files or [None], path)
             random_places |= any({"resting_on", "folder"} & one.keys() for each in objects.values() for one in each)
         except InputError as error:
