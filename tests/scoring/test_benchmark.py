@@ -544,8 +544,18 @@ def test_a_confidence_is_scored_and_kept_in_the_file(tmp_path, limit):
     assert table[0].count("auc2.0") == 2
 
 
-def test_a_wrong_confidence_is_a_failure():
-    board = run_benchmark([pair()], [SimpleNamespace(name="short", match=lambda a, b, **_: (
-        np.zeros(a.shape[:2], np.float32), np.zeros(3)))], warm_up=False)  # fmt: skip
-    assert board.entries[0].failure.kind == "wrong-shape"
-    assert "confidence of shape (3,)" in board.entries[0].failure.message
+@pytest.mark.parametrize(
+    ("kind", "side", "dtype", "words"),
+    [
+        ("wrong-shape", 3, np.float32, "confidence of shape (3, 3)"),
+        ("wrong-type", None, np.int64, "returned an array of int64: expected float32"),
+    ],
+)
+def test_a_wrong_pair_of_maps_is_a_failure(kind, side, dtype, words):
+    def answer(left, right, **_):
+        shape = left.shape[:2]
+        return np.zeros(shape, dtype), np.zeros((side, side) if side else shape)
+
+    board = run_benchmark([pair()], [SimpleNamespace(name="wrong", match=answer)], warm_up=False)
+    assert board.entries[0].failure.kind == kind
+    assert words in board.entries[0].failure.message

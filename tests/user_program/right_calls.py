@@ -26,6 +26,11 @@ first: tl.Dataset = data[np.arange(3)]
 cropped: dict[str, object] = tl.dataset.crop(data[0], 0, 0, 64, 48)
 batch = tl.collate(data.select("im0", "im1", "disp0", "disp1").map(tl.dataset.stereo_flip)[[1, 2]])
 
+task = tl.RigTask(640, 480, pixel_pitch_um=5.0, depth_range=(1.0, 4.0), fov_x_deg=(50, 70), depth_error=0.02)
+plan = tl.plan_rig(task)
+baseline: float = plan.best.baseline if plan.best is not None else 0.0
+costs: NDArray[np.float64] = tl.cost_curve(photo.image, photo.image, 20, 10, ["sad", "zncc"])["sad"].costs
+
 matcher = tl.StereoMatcher(cost="zncc", block_size=7, num_disparities=32)
 other: NDArray[np.float32] = matcher.match(photo.image, photo.image)
 

@@ -191,8 +191,9 @@ def _timed_match(method: Method, left: Image, right: Image, search: Mapping[str,
     try:
         result = match_with_confidence(method, left, right, **search)
         seconds = time.perf_counter() - start
-        if isinstance(result, np.ndarray) and result.dtype.kind != "f":
-            raise WrongAnswerError("wrong-type", f"returned an array of {result.dtype}: expected float32 disparities")
+        given = result[0] if isinstance(result, tuple) and result else result
+        if isinstance(given, np.ndarray) and given.dtype.kind != "f":
+            raise WrongAnswerError("wrong-type", f"returned an array of {given.dtype}: expected float32 disparities")
         disparity, confidence = checked_pair(result, left.shape[:2], method.name)
         return Answer(disparity, seconds, confidence)
     except (Exception, SystemExit) as raised:
