@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test test-all lint bench pictures clean
+.PHONY: demo test test-all lint docs bench pictures clean
 
 demo: .venv/installed
 	$(BIN)/twinlens demo -o demo
@@ -18,11 +18,15 @@ lint: .venv/installed-lint
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+docs: .venv/installed-docs
+	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --conf-dir docs --doctree-dir .venv/doctrees . docs/site
+	@echo "docs/site/index.html"
+
 bench: .venv/installed-test
 	for script in benchmarks/bench_*.py; do $(BIN)/python $$script || exit 1; done
 
 clean:
-	rm -rf .venv demo
+	rm -rf .venv demo docs/site docs/reference
 
 .venv/bin/python:
 	$(PYTHON) -m venv .venv
@@ -38,6 +42,10 @@ clean:
 
 .venv/installed-lint: pyproject.toml | .venv/bin/python
 	$(BIN)/pip install --quiet --editable ".[lint]"
+	touch $@
+
+.venv/installed-docs: pyproject.toml | .venv/bin/python
+	$(BIN)/pip install --quiet --editable ".[docs]"
 	touch $@
 
 pictures: .venv/installed

@@ -1,0 +1,109 @@
+"""The documentation site lists every page, links lead somewhere, and docstrings become valid reStructuredText."""
+
+import importlib.util
+import json
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import twinlens as tl
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+PAGES = sorted(
+    page
+    for pattern in ("*.md", "docs/*.md", "docs/decisions/*.md", "benchmarks/**/*.md", "examples/*.md")
+    for page in ROOT.glob(pattern)
+)
+SPEC = importlib.util.spec_from_file_location("sphinx_reference", DOCS / "sphinx_reference.py")
+REFERENCE = importlib.util.module_from_spec(SPEC)
+SPEC.loader.exec_module(REFERENCE)
+
+
+def toctree():
+    blocks = re.findall(r"```\{toctree\}\n(.*?)```", (DOCS / "index.md").read_text(), re.S)
+    rows = [row for block in blocks for row in block.splitlines() if row and not row.startswith(":")]
+    return [row.partition("<")[2].rstrip(">") or row for row in rows]
+
+
+def test_the_site_lists_every_page_once():
+    listed = toctree()
+    assert len(listed) == len(set(listed))
+    paths = {Path(os.path.normpath(DOCS / f"{name}.md")) for name in listed if not name.startswith("reference/")}
+    children = {*DOCS.glob("decisions/*.md"), *ROOT.glob("benchmarks/*.md")}  # listed below their README
+    unlisted = {DOCS / "index.md", ROOT / "benchmarks/frozen/about.md"}
+    assert paths | children | unlisted == set(PAGES)
+
+
+def anchors(page):
+    """The anchors that GitHub gives to the headings of a page."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.S | re.M)
+    headings = [re.sub(r"\]\([^)]*\)|[`*\[]", "", title) for title in re.findall(r"^#+ (.*)$", text, re.M)]
+    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_to_files_and_headings(page):
+    text = re.sub(r"^```.*?^```|`[^`\n]+`", "", page.read_text(), flags=re.S | re.M)
+    for link in re.findall(r"\]\((?!https?://|mailto:)([^)\s]+)\)", text):
+        path, _, anchor = link.partition("#")
+        target = page.parent / path if path else page
+        assert target.exists(), link
+        assert not anchor or anchor in anchors(target), link
+
+
+def test_every_public_name_is_in_the_reference():
+    names = REFERENCE.names_page()
+    pages = "".join(REFERENCE.room_page(room) for room in REFERENCE.rooms())
+    for name in set(tl.__all__) - set(REFERENCE.rooms()):
+        assert f"`tl.{name} <twinlens.{name}>`" in names
+        assert len(re.findall(rf":: twinlens\.{name}\n", pages)) == 1, name
+    assert ":: twinlens.scoring.run_benchmark\n" in pages
+    assert "exception:: twinlens.errors.InputError\n" in pages
+    assert "check_number" not in pages
+
+
+def test_signatures_are_those_of_the_source():
+    def signature(obj, what="function"):
+        return REFERENCE.written_signature(None, what, "", obj, None, None, None)
+
+    arguments, returns = signature(tl.cost_curve)
+    assert "methods: str | Sequence[str | twinlens.StereoMatcher]=('zncc',)" in arguments
+    assert returns == "dict[str, twinlens.matching.CostCurve]"
+    assert signature(tl.Dataset.select, "method") == ("(*names: str)", "Mapped[dict[str, Any]]")
+    assert signature(tl.ThinLens)[0].startswith("(aperture_diameter: float, focus_distance: float")
+    assert "Annotated" not in signature(tl.StereoMatcher)[0]
+    assert signature(np.add) is None
+
+
+@pytest.mark.parametrize(
+    ("lines", "expected"),
+    [
+        (["a * b of |x| and `name`, see docs/rigs.md"],
+         [r"a \* b of \|x\| and :py:obj:`name`, see :doc:`docs/rigs.md </docs/rigs>`"]),
+        (["`c = A fx`s and ``two``"], [r"``c = A fx``\ s and :py:obj:`two`"]),
+        (["depth : metres,", "    along z.", "ids : >= 0"], ["- **depth**: metres,", "  along z.", "- **ids**: >= 0"]),
+        (["Law:", "", "    z = f b / d", "      * 2"], ["Law:", "", "::", "", "    z = f b / d", "      * 2"]),
+        (["- one", "  and more", "", ">>> 2**3", "8"], ["- one", "  and more", "", ">>> 2**3", "8"]),
+        (["Sum.", "", "Returns", "-------", "float", "", "Raises E."],
+         ["Sum.", "", "Returns", "-------", "float", "", "Notes", "-----", "Raises E."]),
+    ],
+)  # fmt: skip
+def test_docstrings_become_restructured_text(lines, expected):
+    REFERENCE.rewrite_docstring(None, "function", "", None, None, lines)
+    assert lines == [*expected, ""]
+
+
+def test_the_tables_of_a_schema(tmp_path):
+    path = tmp_path / "toy.json"
+    lens = {"properties": {"kind": {"const": "a"}, "f": {"type": "number", "exclusiveMinimum": 0}}, "required": ["f"]}
+    lenses = {"type": "array", "items": {"$ref": "#/$defs/Lens"}, "default": [], "description": "a | b"}
+    path.write_text(json.dumps({"properties": {"lenses": lenses}, "$defs": {"Lens": lens}}))
+    page = REFERENCE.schema_page(path)
+    assert r"| `lenses` | array of [Lens](#lens) | `[]` | a \| b |" in page
+    assert "## Lens\n" in page
+    assert '| `kind` | `"a"` |  |  |' in page
+    assert "| `f` | number > 0 | required |  |" in page
