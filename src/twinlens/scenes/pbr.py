@@ -488,6 +488,8 @@ def _transmissive(material: PbrMaterial, maps: _Maps, color: Pixels, metallic: P
     keys = {"int_ior": max(ior, 1.0001), "specular_transmittance": maps.value("transmittance", color)}
     if volume.attenuationDistance is not None:
         maps.textures.lost.append("the absorption of KHR_materials_volume")
+    if solid and material.pbrMetallicRoughness.metallicRoughnessTexture is not None:
+        maps.textures.lost.append("the roughness texture of glass")
     if not solid and roughness > _SMOOTHEST:
         maps.textures.lost.append("the roughness of thin glass")
     if not solid:
