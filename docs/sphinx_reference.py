@@ -291,7 +291,11 @@ def class_signature(cls: type) -> str:
     for base in filter(has_fields, reversed(cls.__mro__)):
         written = Annotation(vars(sys.modules[base.__module__]))
         for node in ast.parse(textwrap.dedent(inspect.getsource(base))).body[0].body:
-            if isinstance(node, ast.AnnAssign) and not re.search(r"ClassVar\[|init=False", ast.unparse(node)):
+            if not isinstance(node, ast.AnnAssign) or re.search(r"ClassVar\[|init=False", ast.unparse(node)):
+                continue
+            if ast.unparse(node.annotation) == "KW_ONLY":
+                fields["_"] = "*"
+            else:
                 default = f" = {ast.unparse(node.value)}" if node.value else ""
                 fields[node.target.id] = f"{node.target.id}: {ast.unparse(written.visit(node.annotation))}{default}"
     return f"({', '.join(fields.values())})"

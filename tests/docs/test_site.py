@@ -5,11 +5,14 @@ import json
 import os
 import re
 from pathlib import Path
+from typing import Annotated, Literal
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
 import twinlens as tl
+from twinlens import Rig
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -66,15 +69,21 @@ def test_every_public_name_is_in_the_reference():
     assert "check_number" not in pages
 
 
+def example(x: ArrayLike, *rigs: "Rig | None", how: Literal["Rig"] = "Rig", n: Annotated[int, "n"] = 1) -> list[Rig]:
+    """A function with annotations."""
+
+
 def test_signatures_are_those_of_the_source():
     def signature(obj, what="function"):
         return REFERENCE.written_signature(None, what, "", obj, None, None, None)
 
-    arguments, returns = signature(tl.cost_curve)
-    assert "methods: str | Sequence[str | twinlens.StereoMatcher]=('zncc',)" in arguments
-    assert returns == "dict[str, twinlens.matching.CostCurve]"
+    assert signature(example) == (
+        "(x: ArrayLike, *rigs: twinlens.Rig | None, how: Literal['Rig']='Rig', n: int=1)",
+        "list[twinlens.Rig]",
+    )
     assert signature(tl.Dataset.select, "method") == ("(*names: str)", "Mapped[dict[str, Any]]")
     assert signature(tl.ThinLens)[0].startswith("(aperture_diameter: float, focus_distance: float")
+    assert ", *, " in signature(tl.StereoMatcher)[0]
     assert "Annotated" not in signature(tl.StereoMatcher)[0]
     assert signature(np.add) is None
 
