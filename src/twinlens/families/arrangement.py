@@ -6,7 +6,6 @@ lies above the contact of every body that carries it.
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from twinlens.families.draws import Rng, one_of, weighted
 from twinlens.families.kinds import Body, draw_body
 from twinlens.geometry import Float
 from twinlens.scenes.placement import rotation
-from twinlens.scenes.resting import CLEARANCE
+from twinlens.scenes.resting import CLEARANCE, Placed
 from twinlens.scenes.stable_poses import StablePose, gap, inside_by, stable_poses
 
 _TRIES, _TRIES_ON_TOP = 60, 6
@@ -26,36 +25,16 @@ _LYING = {"bottle": 0.12, "cup": 0.08, "candle": 0.1, "tin": 0.08, "pawn": 0.15,
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """A body in a stable pose, rotated about z by `spin` (3, 3), its lowest point level with `place` (3,)."""
+    """A body, and how it lies."""
 
     body: Body
-    rest: StablePose
-    spin: Float
-    place: Float
-    below: "Placement | None" = None
+    at: Placed
 
     @property
     def pose(self) -> Float:
-        turn = self.spin @ self.rest.turn
+        turn = self.at.spin @ self.at.rest.turn
         low = float((self.body.solid.mesh.vertices @ turn.T)[:, 2].min()) * self.body.size
-        return similarity(turn, self.place - [0, 0, low], self.body.size)
-
-    def moved(self, polygon: Float) -> Float:
-        """An outline (N, 2) of the stable pose, in the world."""
-        return np.asarray(polygon @ self.spin[:2, :2].T + self.place[:2])
-
-    @cached_property
-    def footprint(self) -> Float:
-        return self.moved(self.rest.footprint)
-
-    @property
-    def top(self) -> float:
-        return float(self.place[2] + self.rest.height)
-
-    @property
-    def stack(self) -> "list[Placement]":
-        """This body and all bodies below it, from the top down."""
-        return [self, *(self.below.stack if self.below else [])]
+        return similarity(turn, self.at.place - [0, 0, low], self.body.size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +72,8 @@ def bodies_at_rest(
 
 def arrange(bodies: Sequence[tuple[Body, StablePose, Rng]], area: Area) -> list[Placement]:
     """Place bodies one after the other, each with its own random stream; bodies without a free place are left out."""
-    placed: list[Placement] = []
+    placed: list[Placed] = []
+    found = []
     for body, rest, rng in bodies:
         for trial in _trials(body, rest, rng, placed, area):
             if all(
@@ -103,11 +83,12 @@ def arrange(bodies: Sequence[tuple[Body, StablePose, Rng]], area: Area) -> list[
                 for other in placed
             ):
                 placed.append(trial)
+                found.append(Placement(body, trial))
                 break
-    return placed
+    return found
 
 
-def _trials(body: Body, rest: StablePose, rng: Rng, placed: list[Placement], area: Area) -> Iterator[Placement]:
+def _trials(body: Body, rest: StablePose, rng: Rng, placed: list[Placed], area: Area) -> Iterator[Placed]:
     """Random placements on level tops that carry nothing yet, for a share of the bodies, then on the area itself."""
     if placed and rng.random() < area.stacked:
         for index in rng.permutation(len(placed)):
@@ -120,15 +101,13 @@ def _trials(body: Body, rest: StablePose, rng: Rng, placed: list[Placement], are
                 spin = _random_spin(body, rng)
                 offset = spin[:2, :2] @ rest.support.mean(axis=0)
                 xy = slab.mean(axis=0) - offset + rng.normal(0, 0.06, 2) * body.size
-                trial = Placement(body, rest, spin, np.append(xy, below.top + CLEARANCE * body.size), below)
-                on_slab = min(inside_by(slab, corner) for corner in trial.moved(rest.support)) > 0
-                centre = trial.moved(rest.centre[None, :2])[0]
-                if on_slab and all(inside_by(each.moved(each.rest.support), centre) > 0 for each in below.stack):
+                trial = Placed(rest, spin, np.append(xy, below.top + CLEARANCE * body.size), below)
+                if min(inside_by(slab, corner) for corner in trial.moved(rest.support)) > 0 and trial.balanced():
                     yield trial
     for _ in range(_TRIES):
         spin = _random_spin(body, rng)
         xy = area.sample(rng, rest) * area.half + area.middle
-        trial = Placement(body, rest, spin, np.append(xy, area.height + CLEARANCE * body.size))
+        trial = Placed(rest, spin, np.append(xy, area.height + CLEARANCE * body.size))
         if (np.abs(trial.footprint - area.middle) < area.half * area.overhang).all():
             yield trial
 

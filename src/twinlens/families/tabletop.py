@@ -57,7 +57,7 @@ def _add_still_life(scene: Composition, half: float) -> None:
     area = Area(np.zeros(2), np.array([0.8, 0.7]) * half, 0.0, spacing, 0.3, 1.15, sample)
     for placement in arrange(bodies, area):
         body = placement.body
-        scene.add(body.name, body.solid.mesh, body.material(scene.pixel_at(placement.place)), placement.pose)
+        scene.add(body.name, body.solid.mesh, body.material(scene.pixel_at(placement.at.place)), placement.pose)
 
 
 def _add_surroundings(scene: Composition, depth_ratio: float, half: float) -> None:

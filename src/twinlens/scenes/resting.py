@@ -6,6 +6,7 @@ footprint meets no triangle of the scene.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -106,14 +107,23 @@ class Placed:
         """An outline (N, 2) of the stable pose, in the world."""
         return np.asarray(polygon @ self.spin[:2, :2].T + self.place[:2])
 
+    @cached_property
+    def footprint(self) -> Float:
+        return self.moved(self.rest.footprint)
+
+    @property
+    def top(self) -> float:
+        return float(self.place[2] + self.rest.height)
+
+    @property
+    def stack(self) -> "list[Placed]":
+        """This body and all bodies below it, from the top down."""
+        return [self, *(self.below.stack if self.below else [])]
+
     def balanced(self) -> bool:
         """Whether its centre of mass is above the contact of every body that carries it."""
-        centre, each = self.moved(self.rest.centre[None, :2])[0], self.below
-        while each is not None:
-            if inside_by(each.moved(each.rest.support), centre) <= 0:
-                return False
-            each = each.below
-        return True
+        centre = self.moved(self.rest.centre[None, :2])[0]
+        return all(inside_by(each.moved(each.rest.support), centre) > 0 for each in self.stack[1:])
 
     def meets(self, triangles: Float) -> bool:
         """Whether the prism over the footprint, and a margin around it, meets any of the triangles (F, 3, 3).
@@ -122,8 +132,8 @@ class Placed:
         Other axes are not tested, so that some prisms that meet nothing are said to. Source: Gottschalk et al.,
         OBBTree, SIGGRAPH 1996.
         """
-        outline, margin = self.moved(self.rest.footprint), _SPACING * self.rest.size
-        bottom, top = self.place[2], self.place[2] + self.rest.height
+        outline, margin = self.footprint, _SPACING * self.rest.size
+        bottom, top = self.place[2], self.top
         low = np.append(outline.min(axis=0) - margin, bottom)
         high = np.append(outline.max(axis=0) + margin, top)
         near = (triangles.max(axis=1) >= low).all(axis=1) & (triangles.min(axis=1) <= high).all(axis=1)
