@@ -142,7 +142,7 @@ def _ambiguity(volume: NDArray[np.float32], low: float, high: float) -> Confiden
     span = np.float32(high) - np.float32(low)
     counts = np.empty(volume.shape[:2], np.float32)
     for y, row in enumerate(volume):
-        near_counts(((row - np.float32(low)) / span)[None], AMBIGUITY_STEPS, counts[y : y + 1])
+        near_counts((row - np.float32(low)) / span, AMBIGUITY_STEPS, counts[y])
     ends = np.percentile(counts, AMBIGUITY_PERCENT), np.percentile(counts, 100.0 - AMBIGUITY_PERCENT)
     clipped = np.clip(counts, *ends, dtype=np.float32)
     least, most = clipped.min(), clipped.max()

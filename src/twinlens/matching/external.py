@@ -25,7 +25,7 @@ import numpy as np
 from twinlens.errors import FileError, InputError, TwinlensError, check_int, check_number
 from twinlens.interrupts import deferred_interrupts
 from twinlens.matching.images import Confidence, Disparity, Image, grey, pair
-from twinlens.matching.options import RangeMatcher, import_extra
+from twinlens.matching.options import RangeMatcher, as_pair, import_extra
 
 HASH_DIGITS = 16  # hexadecimal digits kept of a file's SHA-256
 TAIL_BYTES = 4096  # of a program's output, kept for the message if it fails
@@ -78,7 +78,7 @@ def checked_pair(result: Any, shape: tuple[int, ...], name: str) -> tuple[Dispar
 
     Raises WrongAnswerError as `checked_result` does, and for a confidence of another type or shape, or with NaN.
     """
-    disparity, confidence = result if isinstance(result, tuple) and len(result) == 2 else (result, None)
+    disparity, confidence = as_pair(result)
     checked = checked_result(disparity, shape, name)
     if confidence is None:
         return checked, None

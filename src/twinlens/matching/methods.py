@@ -129,8 +129,7 @@ class MethodSpec:
     ) -> tuple[Disparity, Confidence | None]:
         """As `match`, with the confidence if the method computes one."""
         search = {"num_disparities": num_disparities, "min_disparity": min_disparity}
-        result = answer_of(self.matcher(), left, right, **{k: search[k] for k in search.keys() - self.options})
-        return result if isinstance(result, tuple) else (result, None)
+        return answer_of(self.matcher(), left, right, **{k: search[k] for k in search.keys() - self.options})
 
 
 def matcher_of_spec(spec: str) -> StereoMatcher | None:
@@ -383,9 +382,7 @@ def match_with_confidence(
     spec = parse_method(method)
     for name in options:
         check_known(f"option of {spec.method.name}", name, ["method", *spec.method.options])
-    matcher = spec.method.make(**{**options, **spec.options})
-    result = answer_of(matcher, left, right)
-    return result if isinstance(result, tuple) else (result, None)
+    return answer_of(spec.method.make(**{**options, **spec.options}), left, right)
 
 
 def _matched_by(matcher: Any, left: Any, right: Any, options: Mapping[str, Any]) -> tuple[Disparity, Confidence | None]:

@@ -31,9 +31,14 @@ class Matcher(Protocol):
         ...
 
 
-def match_with_confidence(matcher: Any, left: Any, right: Any, **search: Any) -> Any:
-    """What the matcher returns, with a confidence if it computes one: a map, or a pair of maps. Not checked."""
-    return getattr(matcher, "match_with_confidence", matcher.match)(left, right, **search)
+def match_with_confidence(matcher: Any, left: Any, right: Any, **search: Any) -> tuple[Any, Any]:
+    """(disparity, confidence) that the matcher returns, not checked; None if it computes no confidence."""
+    return as_pair(getattr(matcher, "match_with_confidence", matcher.match)(left, right, **search))
+
+
+def as_pair(result: Any) -> tuple[Any, Any]:
+    """A pair (disparity, confidence) unchanged, a single map with the confidence None."""
+    return result if isinstance(result, tuple) and len(result) == 2 else (result, None)
 
 
 def import_extra(module: str, extra: str) -> Any:
@@ -68,8 +73,7 @@ class RangeMatcher:
         """The disparity, and the confidence if the matcher computes one; see `matching.Matcher.match`."""
         given = {"num_disparities": num_disparities, "min_disparity": min_disparity}
         search = {name: value for name, value in given.items() if value is not None}
-        result = self.replace(**search)._match(left, right)
-        return result if isinstance(result, tuple) else (result, None)
+        return as_pair(self.replace(**search)._match(left, right))
 
     def _match(self, left: Any, right: Any) -> Disparity | tuple[Disparity, Confidence | None]:
         raise NotImplementedError

@@ -191,9 +191,10 @@ def _timed_match(method: Method, left: Image, right: Image, search: Mapping[str,
     try:
         result = match_with_confidence(method, left, right, **search)
         seconds = time.perf_counter() - start
-        given = result[0] if isinstance(result, tuple) and result else result
-        if isinstance(given, np.ndarray) and given.dtype.kind != "f":
-            raise WrongAnswerError("wrong-type", f"returned an array of {given.dtype}: expected float32 disparities")
+        if isinstance(result[0], np.ndarray) and result[0].dtype.kind != "f":
+            raise WrongAnswerError(
+                "wrong-type", f"returned an array of {result[0].dtype}: expected float32 disparities"
+            )
         disparity, confidence = checked_pair(result, left.shape[:2], method.name)
         return Answer(disparity, seconds, confidence)
     except (Exception, SystemExit) as raised:
