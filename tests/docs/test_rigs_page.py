@@ -1,6 +1,5 @@
-"""The examples of docs/rigs.md and docs/reconstruction.md run as printed."""
+"""The rig of docs/rigs.md can be read."""
 
-import doctest
 import tomllib
 from pathlib import Path
 
@@ -11,13 +10,6 @@ from twinlens.scenes import rig_from_table
 
 DOCS = Path(__file__).parents[2] / "docs"
 pytestmark = pytest.mark.skipif(not DOCS.is_dir(), reason="docs/ is not next to tests/")
-
-
-@pytest.mark.parametrize("page", ["rigs.md", "reconstruction.md"])
-def test_examples_run_as_printed(page):
-    failed, tried = doctest.testfile(str(DOCS / page), module_relative=False)
-    assert tried > 5
-    assert failed == 0
 
 
 def test_the_rig_of_the_page_is_one():

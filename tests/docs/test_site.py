@@ -1,9 +1,12 @@
 """The documentation site lists every page, links lead somewhere, and docstrings become valid reStructuredText."""
 
+import doctest
 import importlib.util
 import json
 import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -56,6 +59,36 @@ def test_links_lead_to_files_and_headings(page):
         target = page.parent / path if path else page
         assert target.exists(), link
         assert not anchor or anchor in anchors(target), link
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if ">>> " in page.read_text()], ids=lambda page: page.stem)
+def test_examples_with_results_run_as_printed(page):
+    failed, tried = doctest.testfile(str(page), module_relative=False)
+    assert tried
+    assert failed == 0
+
+
+def python_blocks(page):
+    blocks = re.findall(r"```python\n(.*?)```", (DOCS / page).read_text(), re.S)
+    return [block for block in blocks if not block.startswith(">>>")]
+
+
+def test_the_examples_of_the_camera_page_run():
+    camera = tl.Camera.from_fov(64, 48, fov_x_deg=50)
+    image = np.random.default_rng(0).uniform(0, 1, (48, 64, 3)).astype(np.float32)
+    names = {"radiance": image, "im0": image, "im1": image, "rig": tl.Rig.stereo(camera, 0.1)}
+    for block in python_blocks("camera.md"):
+        exec(block, names)
+        names |= {"camera": camera, "lens": tl.ThinLens(0.01, focus_distance=2.0)}
+    assert names["photo"].image.shape == names["blurred"].shape == (48, 64, 3)
+    assert names["left"].image.shape == (48, 64)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", ["index.md", "families.md"])
+def test_the_first_example_of_a_page_renders(page):
+    code = python_blocks(page)[0].replace("640, 480", "64, 48") + "\nassert left.shape == right.shape == (48, 64, 3)\n"
+    subprocess.run([sys.executable, "-W", "error", "-c", code], check=True)
 
 
 def test_every_public_name_is_in_the_reference():
