@@ -10,8 +10,9 @@ from tests.scenes.gltf_files import picture, square, with_extensions, write
 from twinlens.camera.truth import MATERIAL_KINDS
 from twinlens.rendering.build import build
 from twinlens.scenes.assets import SceneContext
+from twinlens.scenes.gltf_tables import PbrMaterial
 from twinlens.scenes.model_files import read_model
-from twinlens.scenes.pbr import PbrMaterial, Textures, plugin_of
+from twinlens.scenes.pbr import Textures, plugin_of
 from twinlens.scenes.placement import rotation
 from twinlens.scenes.scene import Bitmap, Mesh, SceneObject
 

@@ -17,8 +17,9 @@ from tests.scenes.scene_text import Read
 from twinlens.errors import FileError, InputError
 from twinlens.scenes import Mesh, Scene
 from twinlens.scenes.assets import SceneContext
+from twinlens.scenes.gltf_tables import PbrMaterial, Transform
 from twinlens.scenes.model_files import MaterialWarning, Model, read_model
-from twinlens.scenes.pbr import PbrMaterial, Textures, Transform, plugin_of
+from twinlens.scenes.pbr import Textures, plugin_of
 from twinlens.scenes.scene import Bitmap, Color
 
 OWN = "[objects.own]\nfile = 'm.glb'\n"

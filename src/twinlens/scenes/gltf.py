@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation
 from twinlens.errors import FileError, InputError
 from twinlens.geometry import Float
 from twinlens.scenes.assets import LARGEST_MESH_FILE, read_limited
-from twinlens.scenes.pbr import EXTENSIONS, Image, Lenient, PbrMaterial, Sampler, Texture
+from twinlens.scenes.gltf_tables import EXTENSIONS, Image, Lenient, PbrMaterial, Sampler, Texture
 from twinlens.schema import exactly, read
 
 MOST_NODES = 50_000

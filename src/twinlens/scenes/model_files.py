@@ -26,8 +26,9 @@ from twinlens.scenes.assets import (
     reading,
 )
 from twinlens.scenes.gltf import Gltf, Part, named_by, open_gltf, read_header
+from twinlens.scenes.gltf_tables import PbrMaterial, Texture
 from twinlens.scenes.mtl import read_mtl
-from twinlens.scenes.pbr import PbrMaterial, Texture, Textures, mirrored, plugin_of
+from twinlens.scenes.pbr import Textures, mirrored, plugin_of
 from twinlens.scenes.scene import Mesh, Plugin, free_name
 
 GLTF_FILES = (".glb", ".gltf")

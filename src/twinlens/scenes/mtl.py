@@ -3,7 +3,7 @@
 import math
 
 from twinlens.errors import InputError
-from twinlens.scenes.pbr import PbrMaterial
+from twinlens.scenes.gltf_tables import PbrMaterial
 from twinlens.schema import read
 
 _COLORS = {"kd": 3, "ke": 3, "ks": 3}
