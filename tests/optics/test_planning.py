@@ -168,7 +168,7 @@ def test_the_best_choice_is_feasible_and_within_two_percent_of_a_grid_search(pla
 
 
 def test_an_infeasible_task_names_the_limits_that_a_grid_search_finds(plans):
-    """With a named limit 3 % looser than needed the grid has a point, 3 % tighter none; with another one alone none."""
+    """With the named limits 3 % looser than needed the grid has a point; 3 % tighter, or with any other limit, none."""
     for task, plan in plans:
         if plan.best is not None:
             continue

@@ -159,6 +159,7 @@ function finish() {
   results.clicked = [document.getElementById("at-u").value, document.getElementById("at-v").value];
   results.rows = document.querySelectorAll("#why .why-row").length;
   results.marks = document.querySelector("#why .why-row").querySelectorAll("line.mark").length;
+  results.names = [...document.querySelectorAll("#why .why-row:first-child .window")].map((w) => w.className);
   results.windows = document.querySelector("#why .why-row").querySelectorAll(".window canvas").length;
   finish();
 })().catch((e) => { document.title = "error: " + e.stack; });
@@ -211,6 +212,7 @@ def test_reasons_are_the_known_causes(tmp_path):
     assert results["clicked"] == ["84", "60"]
     assert (results["rows"], results["windows"]) == (2, 4)
     assert results["marks"] >= 2
+    assert results["names"] == ["window left", "window true", "window estimate", "window rival"]
 
 
 def test_a_page_without_room_has_no_full_images(listed):

@@ -72,7 +72,8 @@ function explain(method, sample, pair, truth, est, x, y) {
   const winner = est === Infinity ? lowestOf(costs) + low : est;
   const rival = rivalOf(costs, Math.round(winner) - low);
   const [kind, text] = reasonOf({ x, y, radius, est, low, count, costs, truth, left: pair.plain[0], right: pair.plain[1] });
-  return { costs, low, radius, winner, rival: rival < 0 ? Infinity : rival + low, kind, text };
+  const name = est === Infinity ? "winner" : "estimate"; // refinement may move an estimate from the lowest cost
+  return { costs, low, radius, name, winner, rival: rival < 0 ? Infinity : rival + low, kind, text };
 }
 
 function curvePlot(found, d) {
@@ -84,7 +85,7 @@ function curvePlot(found, d) {
   const mark = (value, name) => (Number.isFinite(value) ? el("line", { class: `mark ${name}`, x1: px(value), x2: px(value), y1: top, y2: H - bottom }, el("title", {}, `${name} ${+value.toFixed(2)} px`)) : null);
   const ticks = [0, 0.25, 0.5, 0.75, 1].map((s) => Math.round(found.low + s * (n - 1)));
   return el("svg", { viewBox: `0 0 ${W} ${H}`, role: "img", "aria-label": "cost against disparity" },
-    mark(d, "true"), mark(found.winner, "winner"), mark(found.rival, "rival"),
+    mark(d, "true"), mark(found.winner, found.name), mark(found.rival, "rival"),
     el("polyline", { class: "curve cost", points: points.join(" ") }),
     ticks.map((t, k) => el("text", { x: px(t), y: H - 4, "text-anchor": "middle" }, k === 4 ? `${t} px` : String(t))));
 }
@@ -110,7 +111,7 @@ function whyRow(method, found, pair, d, x, y) {
     el("div", { class: "why-text" }, el("b", {}, method.name), el("span", { class: "note" }, ` ${method.curve.note}`), el("p", {}, found.text)),
     curvePlot(found, d),
     el("div", { class: "windows" }, windowPicture(left, x, y, found.radius, 0, "left"), windowPicture(right, x, y, found.radius, d, "true"),
-      windowPicture(right, x, y, found.radius, found.winner, "winner"), windowPicture(right, x, y, found.radius, found.rival, "rival")));
+      windowPicture(right, x, y, found.radius, found.winner, found.name), windowPicture(right, x, y, found.radius, found.rival, "rival")));
 }
 
 let explaining = 0;
