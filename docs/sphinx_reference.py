@@ -165,7 +165,7 @@ def schema_type(node: Any) -> str:
     if kind == "object" and isinstance(node.get("additionalProperties"), dict):
         return f"table of {schema_type(node['additionalProperties'])}"
     bounds = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
-    return " ".join([kind, *(f"{sign} {node[key]:g}" for key, sign in bounds.items() if key in node)])
+    return " ".join([kind, *(f"{sign} {node[key]}" for key, sign in bounds.items() if key in node)])
 
 
 def cell(text: str) -> str:
@@ -196,7 +196,8 @@ def rewrite_docstring(app: Any, what: str, name: str, obj: Any, options: Any, li
             found += [inline(row) for row in rows]
             in_sections = in_sections or is_section
         elif indented and not in_list:
-            found += ["::", "", *(f"    {row}" for row in textwrap.dedent(block).split("\n"))]
+            opened = "".join(found).endswith("::")
+            found += [*([] if opened else ["::", ""]), *(f"    {row}" for row in textwrap.dedent(block).split("\n"))]
         else:
             found += list_items(rows) if FIELD.match(rows[0]) else [inline(row) for row in paragraph(rows, in_list)]
             in_list = (in_list and indented) or rows[0].startswith("- ")

@@ -129,6 +129,7 @@ def test_signatures_are_those_of_the_source():
         (["`c = A fx`s and ``two``"], [r"``c = A fx``\ s and :py:obj:`two`"]),
         (["depth : metres,", "    along z.", "ids : >= 0"], ["- **depth**: metres,", "  along z.", "- **ids**: >= 0"]),
         (["Law:", "", "    z = f b / d", "      * 2"], ["Law:", "", "::", "", "    z = f b / d", "      * 2"]),
+        (["Law::", "", "    a_b = 1", "", "Text."], ["Law::", "", "    a_b = 1", "", "Text."]),
         (["- one", "  and more", "", ">>> 2**3", "8"], ["- one", "  and more", "", ">>> 2**3", "8"]),
         (["Sum.", "", "Returns", "-------", "float", "", "Raises E."],
          ["Sum.", "", "Returns", "-------", "float", "", "Notes", "-----", "Raises E."]),
