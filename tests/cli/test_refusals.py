@@ -294,9 +294,7 @@ def test_an_unknown_backend():
     ],
     ids=lambda value: value[0] if isinstance(value, tuple) else "",
 )
-def test_a_missing_output_gives_the_same_error_everywhere(
-    refuses, line, meaning, tmp_path, monkeypatch
-):
+def test_a_missing_output_gives_the_same_error_everywhere(refuses, line, meaning, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     refuses(f"twinlens: Missing option '-o' / '--output': {meaning}", *line)
 
