@@ -55,7 +55,8 @@ def _case(setup: Setup, seed: int, contrast: float, scale: float, swept: str) ->
         for method in setup.methods:
             errors = (stage.match(shots[0], method) - stage.truth.disparity).astype(np.float64)
             side = parse_method(method).matcher().block_size
-            bounds = math.sqrt(2) * sigma / np.sqrt(_window_sum(slopes**2, side))
+            window_sum = ndimage.uniform_filter(slopes**2, side, mode="nearest") * side**2
+            bounds = math.sqrt(2) * sigma / np.sqrt(window_sum)
             samples[method].append(np.stack([errors, bounds])[:, _RIM:-_RIM, _RIM:-_RIM].reshape(2, -1))
     rows: list[Row] = []
     for method, each in samples.items():
@@ -76,10 +77,6 @@ def _slopes(image: Float, radiance: NDArray[np.float32]) -> Float:
     gain, _ = np.polyfit(grey_radiance.ravel(), image.ravel(), 1)
     u = np.arange(grey_radiance.shape[1])
     return np.asarray(gain * interpolate.CubicSpline(u, grey_radiance, axis=1)(u, 1))
-
-
-def _window_sum(values: Float, side: int) -> Float:
-    return np.asarray(ndimage.uniform_filter(values, side, mode="nearest") * side**2)
 
 
 def conclude(table: Table) -> list[Finding]:
