@@ -198,6 +198,34 @@ def test_a_normal_map_is_scaled_and_stays_unit_length(tmp_path: Path) -> None:
     np.testing.assert_allclose(normal, np.array([1.2, 0, 0.8]) / np.hypot(1.2, 0.8), atol=0.01)
 
 
+@pytest.mark.parametrize("colored", [False, True])
+def test_a_part_without_texture_coordinates_leaves_those_of_others(tmp_path: Path, colored: bool) -> None:
+    """All parts have the file's own normals, and the second one no TEXCOORD_0."""
+    scene = trimesh.Scene()
+    scene.add_geometry(square(baseColorTexture=picture(np.eye(3)[None])))
+    bare = trimesh.creation.box([1, 1, 1])
+    if colored:
+        bare.visual.vertex_colors = np.round(255 * (bare.vertices + 0.5)).astype(np.uint8)
+    scene.add_geometry(bare, transform=trimesh.transformations.translation_matrix([0, 0, 3]))
+    header, binary = unpacked(scene.export(file_type="glb", include_normals=True))
+    header["materials"].append({"pbrMetallicRoughness": {"metallicFactor": 0.0}})
+    header["meshes"][1]["primitives"][0]["material"] = len(header["materials"]) - 1
+    (tmp_path / "m.glb").write_bytes(glb(header, binary))
+    attributes = [mesh["primitives"][0]["attributes"] for mesh in header["meshes"]]
+    assert [("NORMAL" in each, "TEXCOORD_0" in each) for each in attributes] == [(True, True), (True, False)]
+    model = read(tmp_path / "m.glb")
+    mesh = model.mesh
+    assert mesh.uv is not None
+    assert mesh.normals is not None
+    corners = mesh.vertices[mesh.faces].reshape(-1, 3)
+    textured = corners[:, 2] < 1
+    np.testing.assert_allclose(mesh.uv[mesh.faces.ravel()][textured], corners[textured, :2] + [0.5, 0], atol=1e-6)
+    if colored:
+        scattered = mesh.attributes["vertex_diffuse"] * (1 - mesh.attributes["vertex_weight"])
+        expected = 0.96 * (corners[~textured] - [-0.5, -0.5, 2.5])
+        np.testing.assert_allclose(scattered[mesh.faces.ravel()][~textured], expected, atol=1e-5)
+
+
 def write_colored(path: Path, colors: Any, **material: Any) -> Path:
     """A square with vertex colours (4, 3 or 4), which trimesh writes for meshes without a texture only."""
     header, binary = unpacked(trimesh.Scene(square(**material)).export(file_type="glb"))

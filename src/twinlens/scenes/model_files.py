@@ -202,7 +202,10 @@ def _obj_materials(
 
 
 def part_mesh(part: Part, crease_deg: float | None) -> Mesh:
-    """A part placed in its file, with its own normals if it has any and `crease_deg` is None."""
+    """A part placed in its file, with its own normals if it has any and `crease_deg` is None.
+
+    Without (u, v) it gets longitude and height: `shapes.merged` keeps (u, v) only if all parts have them.
+    """
     made = part.mesh
     uv = getattr(made.visual, "uv", None)
     if part.colors is not None or (part.has_normals and crease_deg is None):
@@ -214,6 +217,7 @@ def part_mesh(part: Part, crease_deg: float | None) -> Mesh:
             normals[zero] = np.where(sums.any(axis=1, keepdims=True), sums, [0.0, 0.0, 1.0])[zero]
         attributes = {} if part.colors is None else {"color": part.colors}
         mesh = Mesh(vertices, faces, normals, None if uv is None else np.array(uv), attributes=attributes)
+        mesh = mesh if uv is not None else shapes.with_longitude(mesh)
     else:
         mesh = shapes.from_trimesh(made, 30.0 if crease_deg is None else crease_deg)
     placed = shapes.transformed(mesh, part.pose)

@@ -223,11 +223,19 @@ def from_trimesh(made: Any, crease_deg: float = 30.0) -> Mesh:
     faces = np.array(made.faces, dtype=np.uint32)
     normals = np.array(made.vertex_normals, dtype=np.float64) if crease_deg > 0 else None
     uv = getattr(made.visual, "uv", None)
-    if uv is not None and len(uv) == len(vertices):
-        return Mesh(vertices, faces, normals, np.array(uv, dtype=np.float64))
-    # triangles share no vertices, so that none crosses the seam of the longitude
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    corner = vertices[faces].reshape(-1, 3)
+    if uv is None or len(uv) != len(vertices):
+        return with_longitude(Mesh(vertices, faces, normals))
+    return Mesh(vertices, faces, normals, np.array(uv, dtype=np.float64))
+
+
+def with_longitude(mesh: Mesh) -> Mesh:
+    """A mesh with longitude and height as (u, v).
+
+    Its triangles share no vertices, so that none crosses the seam of the longitude.
+    """
+    faces = mesh.faces
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    corner = mesh.vertices[faces].reshape(-1, 3)
     away = corner - (low + high) / 2
     u = np.arctan2(away[:, 1], away[:, 0]) / (2 * math.pi) % 1.0
     v = (corner[:, 2] - low[2]) / max(high[2] - low[2], 1e-12)
@@ -235,7 +243,11 @@ def from_trimesh(made: Any, crease_deg: float = 30.0) -> Mesh:
     crossing = triangles.max(axis=1, keepdims=True) - triangles > 0.5
     u = (triangles + crossing).reshape(-1)
     unrolled = np.arange(len(corner), dtype=np.uint32).reshape(-1, 3)
-    return Mesh(corner, unrolled, None if normals is None else normals[faces].reshape(-1, 3), np.column_stack([u, v]))
+    normals = None if mesh.normals is None else mesh.normals[faces].reshape(-1, 3)
+    attributes = {name: values[faces.ravel()] for name, values in mesh.attributes.items()}
+    return replace(
+        mesh, vertices=corner, faces=unrolled, normals=normals, uv=np.column_stack([u, v]), attributes=attributes
+    )
 
 
 def face_cross(vertices: Float, faces: NDArray[Any]) -> Float:
