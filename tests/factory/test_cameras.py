@@ -93,3 +93,13 @@ def test_mistakes_are_named(table, message):
         recipe_from_table(BASE | table)
     assert str(caught.value).startswith("recipe.toml: ")
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("camera", "rig", "message"), [
+    ({"fov_x_deg": 50}, {"fov_x_deg": 60}, "camera.fov_x_deg and rig.fov_x_deg exclude each other"),
+    ({"focal_length_mm": 8, "pixel_pitch_um": 3}, {"fx": 700}, "camera.focal_length_mm and rig.fx exclude each other"),
+    ({"cx": 3}, {"cx": 4}, "camera.cx and rig.cx exclude each other"),
+])  # fmt: skip
+def test_camera_and_rig_do_not_set_the_same(camera, rig, message):
+    with pytest.raises(InputError, match=message):
+        rig_of({"camera": camera, "rig": rig})

@@ -97,6 +97,7 @@ def placed(recipe, index=0):
 
 
 PARTS = {"folder": "parts", "count": 10, "scale": {"uniform": [0.7, 1.6]}, "resting_on": "table", "material": "red"}
+BOX = {"file": "parts/box.ply", "material": "red"}
 
 
 @pytest.mark.parametrize("parts", ["parts", "thin"])
@@ -267,6 +268,21 @@ def bodies_of(folder, share):
         ({"p": {**PARTS, "file": "parts/box.ply"}}, "scene.objects.p: 'file' and 'folder' exclude each other"),
         ({"p": {"file": "../x.ply", "material": "red"}}, "scene.objects.p.file: '../x.ply' leads outside"),
         ({"p": {**PARTS, "material": {"type": "dffuse"}}}, "scene.objects.p.material.type: must be one of"),
+        (
+            {"p": {**PARTS, "material": "rad"}},
+            r"scene.objects.p.material: unknown material 'rad'; did you mean 'red'\?",
+        ),
+        ({"p": {**PARTS, "material": {"choice": ["red", "rad"]}}}, "scene.objects.p.material: unknown material 'rad'"),
+        ({"p": {"file": "scene.toml"}}, "scene.objects.p: file: meshes may be .*, got 'scene.toml'"),
+        ({"p": {"file": "scene.toml", "material": "red"}}, "scene.objects.p: file: meshes may be .*, got 'scene.toml'"),
+        ({"p": {"file": "parts/box.ply"}}, "scene.objects.p: missing key 'material'; only .glb, .gltf, .obj files"),
+        ({"p": {"folder": "parts"}}, "scene.objects.p: missing key 'material'"),
+        ({"": PARTS}, "scene.objects: an object needs a name, got ''"),
+        ({"p": PARTS, "p[0]": {"file": "parts/box.ply", "material": "red"}}, r"'p\[0\]' is also the name of a copy of"),
+        (
+            {"p": {**BOX, "resting_on": "q"}, "q": {**BOX, "resting_on": "p"}},
+            ". -> . -> . rest on or look at each other",
+        ),
     ],
 )
 def test_mistakes_are_one_line_that_names_file_key_and_remedy(folder, objects, message):
@@ -281,8 +297,10 @@ def test_the_examples_of_the_page_are_read(folder):
     (folder / "bench.toml").write_text(bench.replace('"red"', '"brass"') + '[materials.chrome]\ntype = "conductor"\n')
     examples = [text.split("```")[0] for text in page.split("```toml\n")[1:] if "scene.objects" in text.split("```")[0]]
     assert len(examples) == 2
+    (folder / "models").mkdir()
+    trimesh.creation.box([0.06, 0.04, 0.03]).export(folder / "models" / "box.glb")
     for text in examples:
-        recipe = recipe_from_table(tomllib.loads(text), folder / "recipe.toml")
+        recipe = recipe_from_table(tomllib.loads(text.replace('"parts"', '"models"')), folder / "recipe.toml")
         assert 3 <= len(tables(recipe)["part"]) <= 15
 
 
@@ -292,8 +310,14 @@ def test_a_full_table_rejects_the_draw(folder):
         placed(recipe)
 
 
-def test_objects_that_rest_on_each_other_are_refused(folder):
-    carried = {"file": "parts/box.ply", "material": "red"}
-    recipe = recipe_of(folder, {"a": {**carried, "resting_on": "b"}, "b": {**carried, "resting_on": "a"}})
-    with pytest.raises(InputError, match=r"scene.objects: . -> . -> . rest on or look at each other"):
-        placed(recipe)
+@pytest.mark.parametrize(("family", "objects", "message"), [
+    ("flying", {"p": {**BOX, "resting_on": "table", "material": "moon"}}, "p.resting_on: unknown object 'table'"),
+    ("tabletop", {"p": {**BOX, "resting_on": "tabel", "material": "wall"}}, "'tabel'; did you mean 'table'"),
+    ("tabletop", {"p": {**BOX, "material": "gray"}}, "p.material: unknown material 'gray'"),
+])  # fmt: skip
+def test_names_that_no_scene_of_a_family_has_are_refused(folder, family, objects, message):
+    table = {"seed": 1, "count": 1, "families": [family], "scene": {"objects": objects}}
+    with pytest.raises(InputError, match=message):
+        recipe_from_table(table, folder / "recipe.toml")
+    fitting = {"p": {**BOX, "looking_at": "wall" if family == "tabletop" else "backdrop", "material": "key-light"}}
+    recipe_from_table({**table, "scene": {"objects": fitting}}, folder / "recipe.toml")

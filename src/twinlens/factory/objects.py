@@ -5,7 +5,7 @@ A table replaces keys of the object with its name in scene.toml, or is a whole o
 
 import graphlib
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,7 +20,6 @@ from twinlens.camera.truth import Truth
 from twinlens.errors import InputError, check_known, located
 from twinlens.factory.gates import Rejected, crossings
 from twinlens.factory.sources import meshes_in
-from twinlens.families.assets import SUFFIXES, named_by_mesh
 from twinlens.geometry import Float, inverse, rigid, transform_points
 from twinlens.scenes import Mesh, Plugin, Scene, SceneObject, read_toml
 from twinlens.scenes.assets import SceneContext
@@ -189,39 +188,6 @@ def written_objects(scene: Path | None) -> tuple[Path, dict[str, Any]]:
     return scene.parent, read_toml(scene).get("objects", {})
 
 
-def check_objects(
-    objects: Mapping[str, Sequence[Mapping[str, Any]]], scenes: Iterable[Path | None], file: Path
-) -> dict[str, None]:
-    """Check the objects of a recipe against each of its scene.toml files, None for families.
-
-    Returns the names of the files that the objects have, relative to the recipe. Raises InputError.
-    """
-    folder = file.parent.resolve()
-    found: dict[str, None] = {}
-    named: dict[Path, list[Path]] = {}
-    for scene in scenes if objects else ():
-        with located(str(file)):
-            home, known = written_objects(scene)
-        for name, tables in objects.items():
-            for table in tables:
-                if {"file", "folder"} <= table.keys():
-                    raise InputError(f"{file}: scene.objects.{name}: 'file' and 'folder' exclude each other")
-            for draft in drafts(name, tables, known, home, folder, file):
-                meshes = [] if draft.place.folder is None else meshes_in(folder, draft.place.folder)
-                own = [path for path in draft.files if path.is_relative_to(folder)] + [folder / mesh for mesh in meshes]
-                for path in own:
-                    if path not in named and path.suffix.lower() in SUFFIXES["meshes"]:
-                        named[path] = named_by_mesh(path, not draft.table.material)
-                    below = [each for each in (path, *named.get(path, ())) if each.resolve().is_relative_to(folder)]
-                    found |= dict.fromkeys(each.resolve().relative_to(folder).as_posix() for each in below)
-                others = {"resting_on": draft.place.resting_on, "looking_at": draft.place.looking_at}
-                for key, other in others.items():
-                    if scene is not None and other is not None and (key, other) != ("looking_at", "camera"):
-                        with located(f"{file}: scene.objects.{name}.{key}"):
-                            check_known("object", other, {*known, *objects} - {name})
-    return found
-
-
 def with_objects(
     scene: Scene, objects: Mapping[str, Sequence[Mapping[str, Any]]], rig: Rig, seed: int, folder: Path, file: Path
 ) -> Scene:
@@ -236,7 +202,7 @@ def with_objects(
     home, known = written_objects(scene.xml or (scene.files[0] if scene.files else None))
     copies = {name: drafts(name, tables, known, home, folder, file) for name, tables in objects.items()}
     stage = _Stage(scene, [thing for thing in scene.objects if thing.name not in copies], rig, seed)
-    for name in _in_order(copies, file):
+    for name in in_order(copies, file):
         stage.added[name] = []
         for i, draft in enumerate(copies[name]):
             with located(f"{file}: scene.objects.{name}"):
@@ -254,7 +220,7 @@ def with_objects(
         )
 
 
-def _in_order(copies: Mapping[str, Sequence[Draft]], file: Path) -> list[str]:
+def in_order(copies: Mapping[str, Sequence[Draft]], file: Path) -> list[str]:
     """The names of objects: those with a pose first, the others after those that they rest on or look at."""
     before = {
         name: copies.keys() & {other for each in group for other in (each.place.resting_on, each.place.looking_at)}

@@ -17,7 +17,7 @@ from twinlens.dataset.metadata import About
 from twinlens.errors import InputError, format_value, located, unknown
 from twinlens.factory.draws import corners, hint, leaves, normalized, template
 from twinlens.factory.gates import Gates
-from twinlens.factory.objects import check_objects
+from twinlens.factory.object_checks import check_objects
 from twinlens.factory.settings import MaskTable, Settings, check_settings
 from twinlens.factory.sources import Sources, listed
 from twinlens.families import FAMILIES
@@ -83,6 +83,13 @@ class AssetsTable(StrictModel):
     keep_scale: bool = False
     keep_material: bool = False
     mesh_share: Fraction = MESH_SHARE
+
+    @model_validator(mode="after")
+    def _check(self) -> "AssetsTable":
+        for key in ("mesh_share", "keep_scale", "keep_material"):
+            if key in self.model_fields_set and self.meshes is None:
+                raise InputError(f"{key!r} needs 'meshes'")
+        return self
 
 
 def _check_families(families: list[str] | None, info: Any) -> list[str] | None:
@@ -217,7 +224,7 @@ def _check_drawn(drawn: Mapping[str, Any], path: Path, recipe: Any) -> tuple[tup
             for name in objects:
                 if not isinstance(one := table["scene"]["objects"][name], Mapping):
                     raise InputError(f"{path}: scene.objects.{name}: must be one table, got {format_value(one)}")
-            named |= check_objects(objects, files or [None], path)
+            named |= check_objects(objects, files or families, path)
             random_places |= any({"resting_on", "folder"} & one.keys() for each in objects.values() for one in each)
         except InputError as error:
             raise type(error)(f"{error}{hint(str(error).removeprefix(f'{path}: '), drawn)}") from error

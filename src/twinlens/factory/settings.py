@@ -26,7 +26,7 @@ from twinlens.geometry import Float, rigid
 from twinlens.optics import middle_focus
 from twinlens.scenes import Scene, read_toml, rig_from_table
 from twinlens.scenes.placement import rotation
-from twinlens.scenes.rigs import CameraTable
+from twinlens.scenes.rigs import ALTERNATIVES, CameraTable, Intrinsics
 from twinlens.schema import NEAR_FAR, Fraction, NonNegative, Number, Positive, StrictModel, read, table_of
 from twinlens.seeds import generator
 from twinlens.sensor import LEVELS, PRESETS, Exposure, Mismatch, Sensor
@@ -302,6 +302,15 @@ class Settings(StrictModel):
         if not (isinstance(preset, str) and preset in CAMERAS) or not (width is None or type(width) is int):
             return data
         return dict(zip(("width", "height"), CAMERAS[preset].size(width), strict=True)) | data
+
+    @model_validator(mode="after")
+    def _check_camera_and_rig(self) -> "Settings":
+        groups = [*ALTERNATIVES, *({key} for key in Intrinsics.model_fields if not any(key in g for g in ALTERNATIVES))]
+        for keys in groups:
+            camera, rig = ([key for key in table if key in keys] for table in (self.camera or {}, self.rig))
+            if camera and rig:
+                raise InputError(f"camera.{camera[0]} and rig.{rig[0]} exclude each other; keep one")
+        return self
 
     def rig_of(self, scene: Scene, own: Mapping[str, Any] | None, file: Path) -> Rig:
         """The rig in `scene`: that of the recipe, or of `own`, the scene's table, with the recipe's camera."""

@@ -11,7 +11,7 @@ import pydantic
 
 from twinlens.errors import InputError
 from twinlens.scenes import shapes
-from twinlens.scenes.assets import MOST_FACES, Asset, SceneContext, read_mesh
+from twinlens.scenes.assets import MESH_FILES, MOST_FACES, Asset, SceneContext, read_mesh
 from twinlens.scenes.model_files import GLTF_FILES, WITH_MATERIALS, Model, read_model
 from twinlens.scenes.placement import Copies, CopyGrid, Placement, Scale, Vector2, Vector3, rotation
 from twinlens.scenes.plugins import AreaLight
@@ -129,11 +129,18 @@ class MeshFile(MeshBase):
     crease_deg: Annotated[float, pydantic.Field(ge=0, le=180), pydantic.AfterValidator(float)] | None = None
     up_axis: Literal["y", "z"] | None = None
 
+    @pydantic.model_validator(mode="after")
+    def _check_file(self) -> "MeshFile":
+        suffix = self.file.suffix.lower()
+        if suffix not in MESH_FILES:
+            raise InputError(f"file: meshes may be {', '.join(sorted(MESH_FILES))}, got {self.file.name!r}")
+        if not self.material and suffix not in WITH_MATERIALS:
+            raise InputError(f"missing key 'material'; only {', '.join(WITH_MATERIALS)} files have materials")
+        return self
+
     def looks(self, context: SceneContext) -> tuple[Mesh | Plugin, str | tuple[str, ...]]:
         suffix = self.file.suffix.lower()
         crease_deg = 0.0 if self.face_normals else self.crease_deg
-        if not self.material and suffix not in WITH_MATERIALS:
-            raise InputError(f"missing key 'material'; only {', '.join(WITH_MATERIALS)} files have materials")
         key = self.file, crease_deg, not self.material
         if key not in context.models:
             context.models[key] = (

@@ -1,0 +1,96 @@
+"""What can be checked of a recipe's objects before anything is drawn: their files, and the names that they refer to."""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence, Set
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from twinlens.errors import InputError, check_known, located
+from twinlens.factory.objects import Draft, drafts, in_order, written_objects
+from twinlens.factory.sources import meshes_in
+from twinlens.families import FAMILIES, random_scene
+from twinlens.families.assets import SUFFIXES, named_by_mesh
+from twinlens.families.kinds import KINDS
+from twinlens.scenes import read_toml
+from twinlens.scenes.model_files import WITH_MATERIALS
+
+_SCENES = 6  # random scenes of a family that are searched for a name
+
+
+def check_objects(
+    objects: Mapping[str, Sequence[Mapping[str, Any]]], subjects: Iterable[Path | str], file: Path
+) -> dict[str, None]:
+    """Check the objects of a recipe against each of its scene.toml files, or families by name.
+
+    Returns the names of the files that the objects have, relative to the recipe. Raises InputError.
+    """
+    folder = file.parent.resolve()
+    found: dict[str, None] = {}
+    named: dict[Path, list[Path]] = {}
+    for subject in subjects if objects else ():
+        with located(str(file)):
+            home, known = written_objects(subject if isinstance(subject, Path) else None)
+        copies: dict[str, list[Draft]] = {}
+        for name, tables in objects.items():
+            with located(f"{file}: scene.objects"):
+                _check_name(name, objects, known)
+            for table in tables:
+                if {"file", "folder"} <= table.keys():
+                    raise InputError(f"{file}: scene.objects.{name}: 'file' and 'folder' exclude each other")
+            copies[name] = drafts(name, tables, known, home, folder, file)
+            for draft in copies[name]:
+                meshes = [] if draft.place.folder is None else meshes_in(folder, draft.place.folder)
+                bare = [mesh for mesh in meshes if not mesh.lower().endswith(WITH_MATERIALS)]
+                if bare and not draft.table.material:
+                    raise InputError(f"{file}: scene.objects.{name}: missing key 'material'; {bare[0]} has none")
+                own = [path for path in draft.files if path.is_relative_to(folder)] + [folder / mesh for mesh in meshes]
+                for path in own:
+                    if path not in named and path.suffix.lower() in SUFFIXES["meshes"]:
+                        named[path] = named_by_mesh(path, not draft.table.material)
+                    below = [each for each in (path, *named.get(path, ())) if each.resolve().is_relative_to(folder)]
+                    found |= dict.fromkeys(each.resolve().relative_to(folder).as_posix() for each in below)
+        for name, group in copies.items():
+            for draft in group:
+                things = (known.keys() | copies.keys()) - {name}
+                _check_references(draft, things, subject, f"{file}: scene.objects.{name}")
+        in_order(copies, file)
+    return found
+
+
+def _check_name(name: str, objects: Mapping[str, Sequence[Mapping[str, Any]]], known: Mapping[str, Any]) -> None:
+    """Raise InputError for an empty name, and for that of a copy of another object."""
+    if not name.strip():
+        raise InputError(f"an object needs a name, got {name!r}")
+    if copied := re.fullmatch(r"(.+)\[\d+\]", name):
+        several = [*objects.get(copied[1], ()), known.get(copied[1], {})]
+        if any({"count", "instances"} & table.keys() for table in several):
+            raise InputError(f"{name!r} is also the name of a copy of {copied[1]!r}; rename one")
+
+
+def _check_references(draft: Draft, things: Set[str], subject: Path | str, where: str) -> None:
+    """Raise InputError where the scene or family has no object, or no material, that a draft names."""
+    for key, other in (("resting_on", draft.place.resting_on), ("looking_at", draft.place.looking_at)):
+        if other is None or other in things or (key, other) == ("looking_at", "camera"):
+            continue
+        with located(f"{where}.{key}"):
+            check_known("object", other, things if isinstance(subject, Path) else things | _names(subject, other))
+    material = draft.table.material
+    if draft.material is not None or not material or ":" in material:  # a colon: of a mesh file
+        return
+    written = read_toml(subject).get("materials", {}) if isinstance(subject, Path) else {}
+    if material not in written:
+        with located(f"{where}.material"):
+            check_known("material", material, written if isinstance(subject, Path) else _names(subject, material))
+
+
+@lru_cache(64)
+def _names(family: str, wanted: str) -> frozenset[str]:
+    """The names of objects, which are those of their materials, in random scenes of a family until one has `wanted`."""
+    found = frozenset(KINDS)
+    for seed in range(0 if wanted in found else _SCENES):
+        scene = random_scene(family, seed, object_count=0 if FAMILIES[family].may_be_empty else 1, width=64)
+        found |= {thing.name for thing in scene.objects}
+        if wanted in found:
+            break
+    return found
