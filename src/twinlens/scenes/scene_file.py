@@ -142,11 +142,11 @@ _read_bundled = lru_cache(maxsize=2)(read_scene_toml)
 def load_scene(name_or_path: str | Path) -> Scene:
     """The scene of a bundled name, of a scene.toml or its folder, or of a Mitsuba .xml; InputError for a mistake.
 
-    The two bundled scenes that were loaded last stay in memory, for drawing their textures takes a second.
+    The textures of the two bundled scenes that were loaded last stay in memory, for drawing them takes a second.
     """
     path, known = Path(name_or_path), bundled_scenes()
     if str(name_or_path) in known:
-        return _read_bundled(bundled_folder() / name_or_path / _SCENE_FILE, str(name_or_path))
+        return replace(_read_bundled(bundled_folder() / name_or_path / _SCENE_FILE, str(name_or_path)))
     if path.is_dir():
         path = path / _SCENE_FILE
         if not path.is_file():
