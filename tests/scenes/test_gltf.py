@@ -393,6 +393,23 @@ def test_keys_of_a_mtl_file_that_are_not_rendered_are_named(tmp_path: Path) -> N
         read(tmp_path / "m.obj")
 
 
+def test_files_in_other_folders_of_the_scene_are_found(tmp_path: Path, read_scene: Read) -> None:
+    """Names in an .obj and an .mtl file are relative to the folder of each."""
+    for name in ("m/o", "parts", "pictures"):
+        (tmp_path / name).mkdir(parents=True)
+    (tmp_path / "m" / "o" / "m.obj").write_text(OBJ.replace("m.mtl", "../../parts/m.mtl"))
+    (tmp_path / "parts" / "m.mtl").write_text(MTL.replace("tiles.png", "../pictures/tiles.png"))
+    (tmp_path / "pictures" / "tiles.png").write_bytes(png(np.full((2, 2, 3), 0.5)))
+    scene = read_scene("[objects.own]\nfile = 'm/o/m.obj'\n")
+    assert {path.relative_to(tmp_path).as_posix() for path in scene.files} == {
+        *("scene.toml", "m/o/m.obj", "parts/m.mtl", "pictures/tiles.png")
+    }
+    for name in ("../../../secret.mtl", "../../../parts/m.mtl"):
+        (tmp_path / "m" / "o" / "m.obj").write_text(OBJ.replace("m.mtl", name))
+        with pytest.raises(InputError, match=r"objects.own: .*leads outside the scene's folder"):
+            read_scene("[objects.own]\nfile = 'm/o/m.obj'\n")
+
+
 @pytest.mark.parametrize(
     "name", ["../secret.png", "/etc/hostname", "link.png", "http://a.b/c.png", "C:/x.png", "a\\b.png"]
 )
@@ -410,7 +427,7 @@ def test_files_outside_the_folder_are_refused(tmp_path: Path, read_scene: Read, 
     else:
         (tmp_path / "m.obj").write_text(OBJ)
         (tmp_path / "m.mtl").write_text(MTL.replace("tiles.png", name))
-    with pytest.raises(InputError, match=r"objects.own: .*(leads outside|must be a file name|no file)") as caught:
+    with pytest.raises(InputError, match=r"objects.own: .*(leads outside|must be a file name|web addresses)") as caught:
         read_scene(f"[objects.own]\nfile = 'm{suffix}'\n")
     assert "\n" not in str(caught.value)
 

@@ -58,8 +58,10 @@ def find_asset(name: str, context: SceneContext) -> Path:
         raise InputError(f"{rule}, got {format_value(name)}")
     folder = context.folder.resolve()
     path = (folder / name).resolve()
-    if not path.is_relative_to(folder) or ".." in PurePosixPath(name).parts:
+    if not path.is_relative_to(folder):
         raise InputError(f"{name!r} leads outside the scene's folder; copy the file to {folder}")
+    if ".." in PurePosixPath(name).parts:
+        raise InputError(f"{name!r}: '..' is not allowed; write {path.relative_to(folder).as_posix()!r}")
     if not os.path.isfile(path):  # noqa: PTH113 (a name that is too long is no file; Path.is_file raises)
         raise InputError(f"no file {name!r} in {folder}")
     context.files.append(path)

@@ -4,6 +4,7 @@ Files that a mesh file names are opened only below the scene's folder (`find_ass
 """
 
 import contextlib
+import posixpath
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -13,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.errors import FileError, InputError
+from twinlens.errors import FileError, InputError, format_value
 from twinlens.geometry import Float
 from twinlens.scenes import shapes
 from twinlens.scenes.assets import (
@@ -125,8 +126,11 @@ def _opener(path: Path, context: SceneContext) -> Callable[[str], bytes]:
 
 
 def _find(name: str, path: Path, context: SceneContext) -> Path:
+    """The file that the file at `path` names; `..` may lead to other folders below the scene's."""
+    if "://" in name:
+        raise InputError(f"web addresses are not read; save the file beside this one, got {format_value(name)}")
     below = path.parent.resolve().relative_to(context.folder.resolve())
-    return find_asset((below / name).as_posix() if name else "", context)
+    return find_asset(posixpath.normpath(below / name) if name else "", context)
 
 
 def named_files(path: Path) -> list[Path]:
@@ -198,7 +202,7 @@ def _obj_materials(
     libraries = [line[7:].strip() for line in lines if line.startswith("mtllib ") and line[7:].strip()]
     if not libraries:
         raise FileError(f"{path}: names no material file; give the object a 'material'")
-    return lines, *read_mtl(b"\n".join(map(open_file, libraries)))
+    return lines, *read_mtl({name: open_file(name) for name in libraries})
 
 
 def part_mesh(part: Part, crease_deg: float | None) -> Mesh:

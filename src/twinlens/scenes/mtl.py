@@ -1,6 +1,8 @@
 """Wavefront .mtl files as glTF materials. Source: the format's specification, and its keys Pr, Pm for roughness."""
 
 import math
+import posixpath
+from collections.abc import Mapping
 
 from twinlens.errors import InputError
 from twinlens.scenes.gltf_tables import PbrMaterial
@@ -12,19 +14,23 @@ _MAPS = {"map_kd": "base", "map_ke": "emissive", "norm": "normal"}
 _IGNORED = {"newmtl", "ka", "illum", "map_ka", "sharpness"}
 
 
-def read_mtl(data: bytes) -> tuple[list[PbrMaterial], list[str], list[str]]:
-    """The materials of a .mtl file, the names of their pictures, and the keys that are not rendered.
+def read_mtl(files: Mapping[str, bytes]) -> tuple[list[PbrMaterial], list[str], list[str]]:
+    """The materials of .mtl files (name, content), the names of their pictures, and the keys that are not rendered.
 
-    Without `Pr`, the roughness is that of Phong's exponent `Ns`: alpha^2 = 2 / (Ns + 2). Raises InputError.
+    Pictures are named relative to the folder of their .mtl file; the names returned start with that folder. Without
+    `Pr`, the roughness is that of Phong's exponent `Ns`: alpha^2 = 2 / (Ns + 2). Raises InputError.
     """
     tables: dict[str, dict[str, list[str]]] = {}
-    table: dict[str, list[str]] = {}
-    for line in data.decode("utf-8", "replace").splitlines():
-        key, *values = line.split("#")[0].split() or [""]
-        if key.lower() == "newmtl":
-            table = tables.setdefault(" ".join(values), {})
-        elif values:
-            table[key.lower()] = values
+    folders: dict[str, str] = {}
+    for file, data in files.items():
+        table: dict[str, list[str]] = {}
+        for line in data.decode("utf-8", "replace").splitlines():
+            key, *values = line.split("#")[0].split() or [""]
+            if key.lower() == "newmtl":
+                table = tables.setdefault(" ".join(values), {})
+                folders[" ".join(values)] = posixpath.dirname(file)
+            elif values:
+                table[key.lower()] = values
     pictures: list[str] = []
     lost = {key for each in tables.values() for key in each} - {*_COLORS, *_NUMBERS, *_MAPS, *_IGNORED}
     materials = []
@@ -35,7 +41,8 @@ def read_mtl(data: bytes) -> tuple[list[PbrMaterial], list[str], list[str]]:
                 if len(each[key]) > 1 and each[key][0].startswith("-"):
                     lost.add(f"options of {key}")
                 infos[slot] = {"index": len(pictures)}
-                pictures.append(each[key][-1] if each[key][0].startswith("-") else " ".join(each[key]))
+                picture = each[key][-1] if each[key][0].startswith("-") else " ".join(each[key])
+                pictures.append(posixpath.join(folders[name], picture))
         materials.append(read(PbrMaterial, _as_gltf(name, each, infos), f"material {name}"))
     return materials, pictures, sorted(lost)
 
