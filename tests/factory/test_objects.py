@@ -14,6 +14,7 @@ from twinlens.errors import InputError
 from twinlens.factory import make, plan, recipe_from_table, remake
 from twinlens.factory.gates import Rejected
 from twinlens.factory.objects import with_objects
+from twinlens.factory.produce import Exhausted
 from twinlens.families import Assets, random_scene
 from twinlens.scenes import load_scene
 from twinlens.scenes.shapes import transformed
@@ -306,8 +307,26 @@ def test_the_examples_of_the_page_are_read(folder):
 
 def test_a_full_table_rejects_the_draw(folder):
     recipe = recipe_of(folder, {"part": {**PARTS, "count": 9, "within": [[-0.02, 0.02], [-0.32, -0.28]]}})
-    with pytest.raises(Rejected, match=r"no free place: 'part\[\d\]' on 'table' in 200 tries"):
+    with pytest.raises(Rejected, match=r"no free place: 'part\[\d\]', 0\.\d+ m wide, on 'table', 1 m, in 200"):
         placed(recipe)
+
+
+@pytest.mark.parametrize(("keys", "found", "remedy"), [
+    ({"scale": 100}, "'p' is [3-7](.\\d+)? m wide, 'table' 1 m", "the 'scale' of 'p', such as 0.001 for"),
+    ({"within": [[3, 4], [0, 1]]}, "'within' is off 'table', which spans x -0.5 to 0.5 and y -0.4 to 0.4", "'within'"),
+])  # fmt: skip
+def test_no_free_place_says_the_sizes(folder, keys, found, remedy):
+    with pytest.raises(Rejected, match=f"no free place: {found}") as caught:
+        placed(recipe_of(folder, {"p": {**BOX, **keys, "resting_on": "table"}}))
+    assert remedy in caught.value.remedy
+
+
+def test_rejections_name_the_recipes_own_file(folder):
+    table = {"seed": 1, "count": 1, "scenes": ["scene.toml"], "width": 32, "height": 24, "spp": 1}
+    objects = {"p": {"shape": "sphere", "material": "red", "resting_on": "table"}}
+    with pytest.raises(Exhausted) as caught:
+        make(recipe_from_table({**table, "scene": {"objects": objects}}, folder / "mine.toml"), 0)
+    assert caught.value.rejections[0]["found"].startswith("mine.toml: scene.objects.p: resting_on: needs a mesh")
 
 
 @pytest.mark.parametrize(("family", "objects", "message"), [

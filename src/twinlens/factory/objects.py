@@ -335,8 +335,25 @@ class _Stage:
             if place.in_view is None or self.share_in_view(found) >= place.in_view:
                 self.rests[thing.name] = trial
                 return found
+        raise self.no_free_place(thing.name, place, rest)
+
+    def no_free_place(self, name: str, place: Placing, rest: StablePose) -> Rejected:
+        """Why an object in a stable pose has no place on its carrier."""
+        carrier = str(place.resting_on)
+        points = np.concatenate([face.triangles.reshape(-1, 2) for face, _ in self.level(carrier)])
+        low, high = points.min(axis=0), points.max(axis=0)
+        wide, free = float(np.ptp(rest.footprint, axis=0).max()), float((high - low).max())
+        found = f"{name!r}, {wide:.3g} m wide, on {carrier!r}, {free:.3g} m, in {_TRIES} tries"
         remedy = f"the 'count', 'within' or 'in_view' of objects on {carrier!r}"
-        raise Rejected("no free place", f"{thing.name!r} on {carrier!r} in {_TRIES} tries", remedy)
+        if wide > free:
+            found = f"{name!r} is {wide:.3g} m wide, {carrier!r} {free:.3g} m"
+            remedy = f"the 'scale' of {name!r}, such as 0.001 for a file in millimetres"
+        elif place.within is not None:
+            first, last = np.transpose(place.within)
+            if (last < low).any() or (first > high).any():
+                spans = " and ".join(f"{axis} {a:.3g} to {b:.3g}" for axis, a, b in zip("xy", low, high, strict=True))
+                found, remedy = f"'within' is off {carrier!r}, which spans {spans} m", f"the 'within' of {name!r}"
+        return Rejected("no free place", found, remedy)
 
     def level(self, carrier: str) -> list[tuple[LevelFace, Placed | None]]:
         """The level faces of all objects of that name, each with how its object lies."""

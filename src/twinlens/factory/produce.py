@@ -23,8 +23,6 @@ from twinlens.scenes import Scene, Sky
 from twinlens.schema import read
 from twinlens.seeds import generator
 
-_FILE = Path("recipe.toml")  # without its folder: messages are recorded in the dataset
-
 
 class Exhausted(Exception):  # noqa: N818  the run continues without this sample
     """Every draw of a sample was rejected, for the reasons in `rejections`; `remedy` names what to change."""
@@ -49,7 +47,7 @@ def make(recipe: Recipe, index: int, progress: Progress | None = None) -> Sample
         if spec.kind == "scene":
             recipe.sources.scene(spec.scene)  # an unreadable file is an error, not a rejected draw
         try:
-            sample = produce(spec, recipe.sources, recipe.gates, progress)
+            sample = produce(spec, recipe.sources, recipe.gates, progress, Path(recipe.file.name))
             if spec.kind == "scene":
                 recipe.sources.scene(spec.scene)  # rendering has opened a scene.xml again
         except Rejected as rejected:
@@ -70,23 +68,28 @@ def make(recipe: Recipe, index: int, progress: Progress | None = None) -> Sample
 
 
 def produce(
-    spec: SampleSpec, sources: Sources | None = None, gates: Gates | None = None, progress: Progress | None = None
+    spec: SampleSpec,
+    sources: Sources | None = None,
+    gates: Gates | None = None,
+    progress: Progress | None = None,
+    file: Path = Path("recipe.toml"),
 ) -> Sample:
     """Make the sample of a spec; the same spec and files give the same sample.
 
     sources : the recipe's files; without them, scenes are bundled names or paths.
     gates : None disables all.
+    file : the recipe's name in messages, without its folder: datasets record them.
 
     Raises Rejected by a gate, FileError for a file that cannot be read, InputError for an impossible spec.
     """
     sources = sources or Sources()
-    settings = read(Settings, with_mismatch_seed(spec.drawn, spec.seed), _FILE)
+    settings = read(Settings, with_mismatch_seed(spec.drawn, spec.seed), file)
     base = _scene(spec, settings, sources)
     if settings.sky is not None:
         base = _lit(base, settings.sky, sources, spec.seed)
     moved = base.at(base.world_from_left @ settings.scene.jitter.pose())
-    rig = settings.rig_of(moved, base.rig, _FILE)
-    scene = with_objects(base, settings.scene.objects, rig.nominal, spec.seed, sources.folder, _FILE)
+    rig = settings.rig_of(moved, base.rig, file)
+    scene = with_objects(base, settings.scene.objects, rig.nominal, spec.seed, sources.folder, file)
     if scene is not base:
         sources.check_files(scene)
     truths = ground_truth(scene, rig.nominal, sky_disparity=settings.sky_disparity, objects=False)
@@ -97,7 +100,7 @@ def produce(
     sample = make_sample(
         scene,
         settings.sensor.mismatch.misalign(rig),
-        make_lenses(settings, view, _FILE, sources.file),
+        make_lenses(settings, view, file, sources.file),
         spp=settings.spp,
         denoise=settings.denoise,
         noise=settings.noise,
@@ -121,12 +124,12 @@ def check_backend(recipe: Recipe, index: int) -> None:
 
     The scene is not loaded; what depends on it is checked when the sample is made.
     """
-    last = 0 if is_fixed(recipe) else recipe.gates.attempts - 1
+    last, file = 0 if is_fixed(recipe) else recipe.gates.attempts - 1, Path(recipe.file.name)
     for attempt in range(last + 1):
         try:
             spec = plan(recipe, index, attempt)
-            settings = read(Settings, with_mismatch_seed(spec.drawn, spec.seed), _FILE)
-            for lens in make_lenses(settings, None, _FILE, recipe.sources.file):
+            settings = read(Settings, with_mismatch_seed(spec.drawn, spec.seed), file)
+            for lens in make_lenses(settings, None, file, recipe.sources.file):
                 check_lens_supported(lens)
             check_mismatch_supported(settings.sensor.mismatch.distortion_px)
         except BackendError:
