@@ -86,7 +86,7 @@ def test_every_quantity_may_be_drawn(tmp_path):
     for k in range(len(shapes)):
         made = {repr(lens_from_table(tables[k], lambda name: tmp_path / name).aperture) for tables in drawn}
         assert len(made) > 1
-    assert recipe.sources.named == ("codes/0.png", "codes/1.png")
+    assert tuple(recipe.sources.named) == ("codes/0.png", "codes/1.png")
 
 
 def test_a_mask_of_a_recipe_reaches_the_sample(tmp_path):

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
-from tests.factory_recipes import RECIPE, SCENE, digests, write_recipe
+from tests.factory_recipes import RECIPE, SCENE, digests, write_recipe, write_sky
 from twinlens.dataset import Dataset, read_manifest, write_png
 from twinlens.errors import FileError, InputError
 from twinlens.factory import estimate, generate, make, read_recipe
@@ -209,3 +210,49 @@ def test_a_bundled_scene_is_named_after_itself():
 def test_of_many_changes_three_are_named():
     assert changed_files({}, {str(k): "" for k in range(5)}) == "0 is new, 1 is new, 2 is new, and 2 more"
     assert changed_files({"a": "1"}, {"a": "1"}) == ""
+
+
+def test_damaged_meshes_and_skies_are_found_before_the_first_sample(tmp_path):
+    recipe = write_recipe(tmp_path, OWN)
+    write_sky(tmp_path / "skies" / "day.exr", np.ones((4, 8, 3)))
+    (tmp_path / "parts").mkdir()
+    for name in "ab":
+        trimesh.creation.box([0.1, 0.1, 0.1]).export(tmp_path / "parts" / f"{name}.glb")
+    whole = (tmp_path / "parts" / "b.glb").read_bytes()
+    (tmp_path / "parts" / "b.glb").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(FileError, match=r"b\.glb: "):
+        generate(read_recipe(recipe), tmp_path / "set")
+    assert not (tmp_path / "set").exists()
+    (tmp_path / "parts" / "b.glb").write_bytes(whole)
+    write_sky(tmp_path / "skies" / "night.exr", np.zeros((4, 8, 3)))
+    with pytest.raises(FileError, match=r"^sky\.file: .*night\.exr: is black"):
+        generate(read_recipe(recipe), tmp_path / "set")
+    (tmp_path / "skies" / "night.exr").unlink()
+    assert generate(read_recipe(recipe), tmp_path / "set").made == 1
+
+
+def test_an_output_folder_below_the_recipes_files_is_refused(tmp_path):
+    recipe = write_recipe(tmp_path, OWN)
+    write_sky(tmp_path / "skies" / "day.exr", np.ones((4, 8, 3)))
+    (tmp_path / "parts").mkdir()
+    trimesh.creation.box([0.1, 0.1, 0.1]).export(tmp_path / "parts" / "a.glb")
+    with pytest.raises(InputError, match="set: is below 'skies', from which the recipe draws files"):
+        generate(read_recipe(recipe), tmp_path / "skies" / "set")
+
+
+OWN = """
+seed = 3
+count = 1
+scenes = ["tiny"]
+width = 24
+height = 16
+spp = 1
+denoise = false
+[sky]
+file = "skies"
+[scene.objects.part]
+folder = "parts"
+translate = [0, 0, 1]
+[gates]
+texture = 0
+"""

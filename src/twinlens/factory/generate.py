@@ -8,6 +8,7 @@ import math
 import time
 import warnings
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from twinlens.dataset.pictures import colourise, contact_sheet, tile
 from twinlens.dataset.sample import sample_files
 from twinlens.dataset.storage import Where, place
 from twinlens.errors import FileError, InputError
-from twinlens.factory.ledger import Failure, Ledger, repairable
+from twinlens.factory.ledger import Failure, Ledger, repairable, whole_samples
 from twinlens.factory.plan import sample_name
 from twinlens.factory.produce import check_backend
 from twinlens.factory.recipe import Recipe
@@ -86,7 +87,11 @@ def generate(
     if not 1 <= i <= n:
         raise InputError(f"a shard is i/n with i from 1 to n, got {i}/{n}")
     root, shared = place(folder), shard != (1, 1)
+    if isinstance(root, Path):
+        recipe.sources.check_output(root)
     _ = recipe.sources.digests  # an unreadable file is an error before anything is written
+    if not whole_samples(root):
+        recipe.sources.check_contents()
     tools = made_with()  # and so is a missing backend
     if i <= recipe.count:
         check_backend(recipe, i - 1)

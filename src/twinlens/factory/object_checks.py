@@ -20,13 +20,14 @@ _SCENES = 6  # random scenes of a family that are searched for a name
 
 def check_objects(
     objects: Mapping[str, Sequence[Mapping[str, Any]]], subjects: Iterable[Path | str], file: Path
-) -> dict[str, None]:
+) -> dict[str, bool]:
     """Check the objects of a recipe against each of its scene.toml files, or families by name.
 
-    Returns the names of the files that the objects have, relative to the recipe. Raises InputError.
+    Returns the names of the files that the objects have, relative to the recipe, and whether each is a mesh that has
+    its own materials. Raises InputError.
     """
     folder = file.parent.resolve()
-    found: dict[str, None] = {}
+    found: dict[str, bool] = {}
     named: dict[Path, list[Path]] = {}
     for subject in subjects if objects else ():
         with located(str(file)):
@@ -49,7 +50,9 @@ def check_objects(
                     if path not in named and path.suffix.lower() in SUFFIXES["meshes"]:
                         named[path] = named_by_mesh(path, not draft.table.material)
                     below = [each for each in (path, *named.get(path, ())) if each.resolve().is_relative_to(folder)]
-                    found |= dict.fromkeys(each.resolve().relative_to(folder).as_posix() for each in below)
+                    for each in below:
+                        part = each.resolve().relative_to(folder).as_posix()
+                        found[part] = found.get(part, False) or (each == path and not draft.table.material)
         for name, group in copies.items():
             for draft in group:
                 things = (known.keys() | copies.keys()) - {name}

@@ -208,12 +208,12 @@ def recipe_from_table(written: Mapping[str, Any], path: Path = Path("recipe.toml
     )
 
 
-def _check_drawn(drawn: Mapping[str, Any], path: Path, recipe: Any) -> tuple[tuple[str, ...], tuple[str, ...], bool]:
+def _check_drawn(drawn: Mapping[str, Any], path: Path, recipe: Any) -> tuple[dict[str, bool], tuple[str, ...], bool]:
     """Check the `corners` of a template.
 
     Returns the files that lenses and objects name, those of skies, and whether it has objects at random places.
     """
-    named: dict[str, None] = {}
+    named: dict[str, bool] = {}
     checked, random_places = [], False
     files = [_scene_file(path.parent / name, name) for name in recipe.scenes or ()]
     gates, families = recipe.gates, recipe.families or []
@@ -224,7 +224,8 @@ def _check_drawn(drawn: Mapping[str, Any], path: Path, recipe: Any) -> tuple[tup
             for name in objects:
                 if not isinstance(one := table["scene"]["objects"][name], Mapping):
                     raise InputError(f"{path}: scene.objects.{name}: must be one table, got {format_value(one)}")
-            named |= check_objects(objects, files or families, path)
+            for name, own in check_objects(objects, files or families, path).items():
+                named[name] = named.get(name, False) or own
             random_places |= any({"resting_on", "folder"} & one.keys() for each in objects.values() for one in each)
         except InputError as error:
             raise type(error)(f"{error}{hint(str(error).removeprefix(f'{path}: '), drawn)}") from error
@@ -241,7 +242,7 @@ def _check_drawn(drawn: Mapping[str, Any], path: Path, recipe: Any) -> tuple[tup
     for name in skies:
         with located(f"{path}: sky.file"):
             _check_listed("hdris", name, path.parent)
-    return tuple(dict.fromkeys([*masks, *named])), tuple(skies), random_places
+    return dict.fromkeys(masks, False) | named, tuple(skies), random_places
 
 
 def _scene_file(path: Path, name: str) -> Path:

@@ -5,6 +5,7 @@ so that a file edited during a run is detected at little cost.
 """
 
 import hashlib
+import warnings
 import weakref
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -17,10 +18,12 @@ from twinlens.errors import FileError, InputError, located
 from twinlens.families import Assets
 from twinlens.families.assets import MESH_SHARE, named_by_mesh
 from twinlens.scenes import Scene, bundled_folder, bundled_scenes, load_scene
-from twinlens.scenes.assets import read_sky
+from twinlens.scenes.assets import MESH_FILES, SceneContext, read_mesh, read_sky
+from twinlens.scenes.model_files import GLTF_FILES, MaterialWarning, read_model
 
 _SCENES_KEPT = 8
 _NAMED = 3
+_READ_AT_FIRST = 64 << 20  # bytes; meshes take about a second per MiB
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +32,7 @@ class Sources:
 
     scenes : bundled names, scene files, or folders with a scene.toml.
     assets : folders or files by kind (meshes, textures, hdris).
-    named : other files, such as images of apertures and meshes of objects.
+    named : other files, such as images of apertures and meshes of objects; whether each is a mesh with own materials.
     skies : environment maps, or folders of them.
     keep_scale, keep_material, mesh_share : of `Assets`.
     """
@@ -37,7 +40,7 @@ class Sources:
     folder: Path = Path()
     scenes: tuple[str, ...] = ()
     assets: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    named: tuple[str, ...] = ()
+    named: Mapping[str, bool] = field(default_factory=dict)
     skies: tuple[str, ...] = ()
     keep_scale: bool = False
     keep_material: bool = False
@@ -134,12 +137,43 @@ class Sources:
         chosen, path = files[int(rng.integers(len(files)))]
         self.unchanged(path)
         if path not in self._skies:
-            pixels = read_sky(path)
-            if not pixels.any():  # here and not where the sky is made: each draw would be rejected
-                raise FileError(f"{path}: is black, and a sky needs some light")
+            pixels = _read_sky(path)
             self._skies.clear()  # one may have a hundred megabytes
             self._skies[path] = pixels
         return chosen, self._skies[path]
+
+    def check_contents(self) -> None:
+        """Read the skies and the meshes of objects, the first 64 MiB of them, before any sample is made of them.
+
+        A file that is found damaged later cannot be replaced: it belongs to the identity of the samples that are made.
+        Raises FileError.
+        """
+        meshes = {
+            self.folder / name: own for name, own in self.named.items() if Path(name).suffix.lower() in MESH_FILES
+        }
+        skies = {path for files in self.sky_files.values() for path in files.values()}
+        left = _READ_AT_FIRST
+        for path in [*sorted(skies), *meshes]:
+            left -= path.stat().st_size
+            if left < 0:
+                return
+            if path in skies:
+                with located("sky.file"):
+                    _read_sky(path)
+            elif meshes[path] or path.suffix.lower() in GLTF_FILES:
+                with warnings.catch_warnings():  # samples give those of the files that they use
+                    warnings.simplefilter("ignore", MaterialWarning)
+                    read_model(path, SceneContext(self.folder), None, with_materials=meshes[path])
+            else:
+                read_mesh(path)
+
+    def check_output(self, output: Path) -> None:
+        """Raise InputError for an output folder below one whose files the recipe draws from."""
+        for name in (*(name for names in self.assets.values() for name in names), *self.skies):
+            folder = (self.folder / name).resolve()
+            if folder.is_dir() and output.resolve().is_relative_to(folder):
+                remedy = "its images would become the recipe's files; name a folder elsewhere"
+                raise InputError(f"{output}: is below {name!r}, from which the recipe draws files; {remedy}")
 
     @cached_property
     def families_assets(self) -> Assets:
@@ -164,6 +198,13 @@ class Sources:
             raise FileError(f"{path}: has changed while samples were made from it; restore it and run the same command")
         self._known[path] = (stamp, now)
         return now
+
+
+def _read_sky(path: Path) -> Any:
+    pixels = read_sky(path)
+    if not pixels.any():  # here and not where the sky is made: each draw would be rejected
+        raise FileError(f"{path}: is black, and a sky needs some light")
+    return pixels
 
 
 def meshes_in(folder: Path, name: str) -> list[str]:
