@@ -16,7 +16,7 @@ from tests.scenes.gltf_files import glb, picture, png, square, unpacked, with_ex
 from tests.scenes.scene_text import Read
 from twinlens.errors import FileError, InputError
 from twinlens.scenes import Mesh, Scene
-from twinlens.scenes.assets import SceneContext
+from twinlens.scenes.assets import SceneContext, read_mesh
 from twinlens.scenes.gltf_tables import PbrMaterial, Transform
 from twinlens.scenes.model_files import MaterialWarning, Model, read_model
 from twinlens.scenes.pbr import Textures, plugin_of
@@ -226,6 +226,16 @@ def test_a_part_without_texture_coordinates_leaves_those_of_others(tmp_path: Pat
         np.testing.assert_allclose(scattered[mesh.faces.ravel()][~textured], expected, atol=1e-5)
 
 
+def test_a_file_without_a_scene_has_its_nodes(tmp_path: Path) -> None:
+    def change(header: dict[str, Any]) -> None:
+        header.pop("scene", None)
+        header.pop("scenes")
+        header["nodes"] = [{"mesh": 0, "translation": [0, 0, 1]}, {"children": [0], "scale": [2, 2, 2]}]
+
+    mesh = read(write(tmp_path / "m.glb", square(), change)).mesh
+    np.testing.assert_allclose(mesh.vertices.max(axis=0), [1, 2, 2], atol=1e-6)
+
+
 def write_colored(path: Path, colors: Any, **material: Any) -> Path:
     """A square with vertex colours (4, 3 or 4), which trimesh writes for meshes without a texture only."""
     header, binary = unpacked(trimesh.Scene(square(**material)).export(file_type="glb"))
@@ -386,6 +396,29 @@ def test_an_obj_has_the_materials_of_its_mtl_file(tmp_path: Path, read_scene: Re
     assert {path.name for path in scene.files} == {"scene.toml", "m.obj", "m.mtl", "tiles.png"}
 
 
+def test_an_obj_may_have_faces_without_area(tmp_path: Path) -> None:
+    (tmp_path / "m.obj").write_text(OBJ + "usemtl red\nf 1/1 1/1 4/1\n")
+    (tmp_path / "m.mtl").write_text(MTL.replace("map_Kd", "#"))
+    assert len(read(tmp_path / "m.obj").mesh.faces) == 3
+
+
+@pytest.mark.parametrize(
+    ("face", "message"),
+    [
+        ("f 0/1 2/2 3/3", "a face has the vertex number 0; OBJ counts from 1"),
+        ("f 1/1 2/0 3/3", "a face has the vertex number 0; OBJ counts from 1"),
+        ("f -3 -2 -1\nv 0 0 1", "has negative vertex numbers before its last vertex"),
+    ],
+)
+def test_vertex_numbers_that_would_be_misread_are_errors(tmp_path: Path, face: str, message: str) -> None:
+    (tmp_path / "m.obj").write_text(OBJ.replace("f 1/1 2/2 3/3", face))
+    (tmp_path / "m.mtl").write_text(MTL)
+    with pytest.raises(FileError, match=f"m.obj: {message}"):
+        read(tmp_path / "m.obj")
+    with pytest.raises(FileError, match=f"m.obj: {message}"):
+        read_mesh(tmp_path / "m.obj")
+
+
 def test_keys_of_a_mtl_file_that_are_not_rendered_are_named(tmp_path: Path) -> None:
     (tmp_path / "m.obj").write_text(OBJ)
     (tmp_path / "m.mtl").write_text(MTL.replace("map_Kd", "map_Ks") + "bump -bm 2 b.png\nmap_d d.png\n")
@@ -450,8 +483,10 @@ def add_accessor(header: dict[str, Any]) -> None:
     header["accessors"].append({"componentType": 5126, "count": 1 << 40, "type": "VEC4"})
 
 
-def shine(header: dict[str, Any]) -> None:
-    header["materials"][0].update(emissiveTexture={"index": 99}, emissiveFactor=[1, 1, 1])
+def shine(header: dict[str, Any], index: int = 99) -> None:
+    header["materials"][0].update(emissiveTexture={"index": index}, emissiveFactor=[1, 1, 1])
+    if index == 0:
+        header["textures"] = [{}]
 
 
 HOSTILE: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
@@ -466,8 +501,25 @@ HOSTILE: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     "view": (lambda h: h["bufferViews"][0].update(byteLength=1 << 40), "ends after its buffer"),
     "extension": (lambda h: h.update(extensionsRequired=["KHR_draco"]), "requires KHR_draco, which"),
     "sparse": (lambda h: h["accessors"][1].update(sparse={}), "POSITION is sparse, which twinlens cannot read"),
-    "texture": (shine, "list index out of range"),
-    "mesh": (lambda h: h["nodes"][-1].update(mesh=99), "list index out of range"),
+    "texture": (shine, r"materials\[0\].emissiveTexture.index is 99, but the length of 'textures' is 0"),
+    "mesh": (lambda h: h["nodes"][-1].update(mesh=99), r"nodes\[0\].mesh is 99, but the length of 'meshes' is 1"),
+    "child": (lambda h: add_node(h, children=[7]), r"nodes\[1\].children\[0\] is 7, but the length of 'nodes' is 2"),
+    "accessor": (
+        lambda h: h["meshes"][0]["primitives"][0]["attributes"].update(POSITION=99),
+        r"meshes\[0\].primitives\[0\].attributes.POSITION is 99, but the length of 'accessors' is 3",
+    ),
+    "buffer": (lambda h: h["bufferViews"][0].update(buffer=3), r"bufferViews\[0\].buffer is 3, but the length of"),
+    "scene": (lambda h: h.update(scenes=[]), "scene is 0, but the length of 'scenes' is 0"),
+    "indices": (
+        lambda h: h["meshes"][0]["primitives"][0].update(indices=1),
+        r"meshes\[0\]: indices must be SCALAR, of unsigned integers",
+    ),
+    "version": (lambda h: h["asset"].update(version="1.0"), r"asset.version: must be 2.0, got '1.0'"),
+    "asset": (lambda h: h.pop("asset"), "missing key 'asset'"),
+    "coordinates": (
+        lambda h: h["meshes"][0]["primitives"][0]["attributes"].pop("TEXCOORD_0") and shine(h, 0),
+        r"material 'paint' has textures, but a part of the mesh has no texture coordinates \(set 0\)",
+    ),
 }
 
 

@@ -7,6 +7,7 @@ Ghostscript on PostScript).
 """
 
 import os
+import re
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
@@ -31,6 +32,9 @@ _MOST_CHANNELS = 64
 _MOST_VALUES = 1 << 29
 _LARGEST_HDR_FILE = 1 << 30  # bytes
 _LONGEST_REASON = 300
+_OBJ_ZERO = re.compile(rb"^f(?=[ \t]).*[ \t/]0+(?![^ \t/\r\n])", re.MULTILINE)
+_OBJ_NEGATIVE = re.compile(rb"^f(?=[ \t]).*[ \t/]-", re.MULTILINE)
+_OBJ_VERTEX = re.compile(rb"^v[tn]?[ \t]", re.MULTILINE)
 _SILENCING = threading.Lock()
 _PILLOW_FORMATS = {".png": ["PNG"], ".jpg": ["JPEG"], ".jpeg": ["JPEG"]}
 
@@ -249,7 +253,10 @@ def read_mesh(path: Path, crease_deg: float = 30.0) -> Mesh:
         import trimesh
 
         # A stream has no folder, so that the file cannot name its neighbours.
-        stream = BytesIO(read_limited(path, LARGEST_MESH_FILE))
+        data = read_limited(path, LARGEST_MESH_FILE)
+        if path.suffix.lower() == ".obj":
+            check_obj(path, data)
+        stream = BytesIO(data)
         loaded = trimesh.load_scene(stream, file_type=path.suffix[1:].lower(), process=False)
         for part in loaded.geometry.values():  # joining the parts shifts vertex numbers
             check_faces(path, part)
@@ -259,6 +266,15 @@ def read_mesh(path: Path, crease_deg: float = 30.0) -> Mesh:
         if not len(made.faces) or not np.isfinite(made.vertices).all():
             raise FileError(f"{path}: has no triangles with finite vertices")
         return shapes.from_trimesh(made, crease_deg)
+
+
+def check_obj(path: Path, data: bytes) -> None:
+    """Raise FileError for vertex numbers of an OBJ file that trimesh misreads."""
+    if _OBJ_ZERO.search(data):
+        raise FileError(f"{path}: a face has the vertex number 0; OBJ counts from 1")
+    negative = _OBJ_NEGATIVE.search(data)
+    if negative and _OBJ_VERTEX.search(data, negative.end()):
+        raise FileError(f"{path}: has negative vertex numbers before its last vertex; export it with positive ones")
 
 
 def check_faces(path: Path, part: Any) -> None:

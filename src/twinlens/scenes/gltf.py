@@ -25,7 +25,7 @@ from twinlens.errors import FileError, InputError
 from twinlens.geometry import Float
 from twinlens.scenes.assets import LARGEST_MESH_FILE, read_limited
 from twinlens.scenes.gltf_tables import EXTENSIONS, Image, Lenient, PbrMaterial, Sampler, Texture
-from twinlens.schema import exactly, read
+from twinlens.schema import dotted, exactly, read, satisfies
 
 MOST_NODES = 50_000
 _MOST_MATERIALS = 10_000
@@ -36,7 +36,28 @@ _BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 _ATTRIBUTES = {"POSITION": ("VEC3",), "NORMAL": ("VEC3",), "TEXCOORD_0": ("VEC2",), "COLOR_0": ("VEC3", "VEC4")}
 _TRIANGLES = (4, 5)  # modes: a list, a strip
 
+_INDICES = (5121, 5123, 5125)  # unsigned bytes, shorts, integers
+_TABLES = {
+    "buffer": "buffers",
+    "bufferView": "bufferViews",
+    "indices": "accessors",
+    "attributes": "accessors",
+    "mesh": "meshes",
+    "children": "nodes",
+    "nodes": "nodes",
+    "scene": "scenes",
+    "material": "materials",
+    "index": "textures",
+    "source": "images",
+    "sampler": "samplers",
+}
+"""The table of the header that a key's value is an index of."""
+
 _Index = Annotated[int, pydantic.Field(ge=0)]
+
+
+class _Asset(Lenient):
+    version: Annotated[str, satisfies(lambda version: version.split(".")[0] == "2", "must be 2.0, got {}")]
 
 
 class _Buffer(Lenient):
@@ -99,13 +120,14 @@ class _Scene(Lenient):
 class Header(Lenient):
     """The keys of a glTF header that are read; others are ignored."""
 
+    asset: _Asset
     buffers: list[_Buffer] = pydantic.Field(default=[])
     bufferViews: list[_View] = pydantic.Field(default=[])
     accessors: list[_Accessor] = pydantic.Field(default=[])
     meshes: list[_Mesh] = pydantic.Field(default=[])
     nodes: Annotated[list[_Node], pydantic.Field(max_length=MOST_NODES)] = pydantic.Field(default=[])
     scenes: list[_Scene] = pydantic.Field(default=[])
-    scene: _Index = 0
+    scene: _Index | None = None
     materials: Annotated[list[PbrMaterial], pydantic.Field(max_length=_MOST_MATERIALS)] = pydantic.Field(default=[])
     textures: list[Texture] = pydantic.Field(default=[])
     images: list[Image] = pydantic.Field(default=[])
@@ -187,13 +209,19 @@ class Gltf:
 
     @cached_property
     def _placed(self) -> list[tuple[int, Float]]:
-        """(mesh, pose in the file) of every node that has a mesh; all meshes once in a file without a scene."""
+        """(mesh, pose in the file) of every node that has a mesh.
+
+        A file without a scene has all its nodes, or all meshes once if it has no nodes.
+        """
         header = self.header
-        if not header.scenes:
+        if not header.scenes and not header.nodes:
             return [(mesh, np.eye(4)) for mesh in range(len(header.meshes))]
+        children = {child for node in header.nodes for child in node.children}
+        roots = [node for node in range(len(header.nodes)) if node not in children]
         found: list[tuple[int, Float]] = []
         seen: set[int] = set()
-        waiting = [(node, np.eye(4)) for node in reversed(header.scenes[header.scene].nodes)]
+        top = header.scenes[header.scene or 0].nodes if header.scenes else roots
+        waiting = [(node, np.eye(4)) for node in reversed(top)]
         while waiting:
             index, parent = waiting.pop()
             if index in seen:
@@ -223,6 +251,9 @@ class Gltf:
                 given = {**primitive.attributes, "TEXCOORD_0": self._coordinates(primitive)}
                 kept = {key: given[key] for key in _ATTRIBUTES if given.get(key) is not None}
                 self._check_attributes(f"meshes[{index}]", kept)
+                numbers = None if primitive.indices is None else header.accessors[primitive.indices]
+                if numbers and (numbers.type != "SCALAR" or numbers.componentType not in _INDICES):
+                    raise FileError(f"{self.path}: meshes[{index}]: indices must be SCALAR, of unsigned integers")
                 table = {"attributes": kept, "mode": primitive.mode, "material": 0}
                 table |= {} if primitive.indices is None else {"indices": primitive.indices}
                 meshes.append({"name": name, "primitives": [table]})
@@ -294,6 +325,9 @@ def open_gltf(path: Path, open_file: Callable[[str], bytes]) -> Gltf:
     header, binary = read_header(path)
     if unknown := sorted(set(header.extensionsRequired) - EXTENSIONS):
         raise FileError(f"{path}: requires {', '.join(unknown)}, which twinlens cannot read; export without it")
+    for where, table, index in _indices(header):
+        if index >= (count := len(getattr(header, table))):
+            raise FileError(f"{path}: {dotted(where)} is {index}, but the length of {table!r} is {count}")
     buffers = []
     for i, buffer in enumerate(header.buffers):
         if buffer.uri is None and (binary is None or i > 0):
@@ -303,6 +337,18 @@ def open_gltf(path: Path, open_file: Callable[[str], bytes]) -> Gltf:
         if view.byteOffset + view.byteLength > len(buffers[view.buffer] or b""):
             raise FileError(f"{path}: bufferViews[{i}] ends after its buffer; is the file complete?")
     return Gltf(path, header, [each or b"" for each in buffers], open_file)
+
+
+def _indices(value: Any, where: tuple[str | int, ...] = (), table: str = "") -> Iterator[tuple[Any, str, int]]:
+    """The place, the table and the value of every index in a header or a part of it."""
+    if isinstance(value, pydantic.BaseModel):
+        for name in type(value).model_fields:
+            yield from _indices(getattr(value, name), (*where, name), _TABLES.get(name, ""))
+    elif isinstance(value, list | dict):
+        for key, each in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from _indices(each, (*where, key), table)
+    elif table and isinstance(value, int):
+        yield where, table, value
 
 
 def _chunks(path: Path, data: bytes) -> tuple[bytes, bytes | None]:

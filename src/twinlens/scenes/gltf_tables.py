@@ -149,11 +149,20 @@ class PbrMaterial(Lenient):
     extensions: _Extensions = _Extensions()
 
     @property
-    def coordinate_set(self) -> int:
-        """The set of texture coordinates of the first of its textures."""
+    def _infos(self) -> list[TextureInfo]:
         rough = self.pbrMetallicRoughness
         infos = (rough.baseColorTexture, rough.metallicRoughnessTexture, self.normalTexture, self.emissiveTexture)
-        return next((info.coordinate_set for info in infos if info is not None), 0)
+        return [info for info in infos if info is not None]
+
+    @property
+    def coordinate_set(self) -> int:
+        """The set of texture coordinates of the first of its textures."""
+        return self._infos[0].coordinate_set if self._infos else 0
+
+    @property
+    def has_textures(self) -> bool:
+        """Whether it has textures, besides those of extensions."""
+        return bool(self._infos)
 
     @property
     def has_normal_maps(self) -> bool:

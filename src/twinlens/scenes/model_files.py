@@ -22,6 +22,7 @@ from twinlens.scenes.assets import (
     SceneContext,
     check_face_count,
     check_faces,
+    check_obj,
     find_asset,
     read_limited,
     reading,
@@ -83,6 +84,11 @@ def _painted(
     painted = []
     for part, mesh in zip(parts, meshes, strict=True):
         material = PbrMaterial() if part.material is None else materials[part.material]
+        if material.has_textures and getattr(part.mesh.visual, "uv", None) is None:
+            where = f"a part of the mesh has no texture coordinates (set {material.coordinate_set}) for them"
+            raise InputError(
+                f"material {(material.name or part.material)!r} has textures, but {where}; give the object a 'material'"
+            )
         colors = mesh.attributes.get("color")
         if colors is not None and material.pbrMetallicRoughness.baseColorTexture is not None:
             textures.lost.append("vertex colours multiplied with a texture")
@@ -198,7 +204,9 @@ def _obj_materials(
     path: Path, open_file: Callable[[str], bytes]
 ) -> tuple[list[str], list[PbrMaterial], list[str], list[str]]:
     """The lines of an OBJ file, its materials, the names of their pictures, and what is not rendered."""
-    lines = read_limited(path, LARGEST_MESH_FILE).decode("utf-8", "replace").splitlines()
+    data = read_limited(path, LARGEST_MESH_FILE)
+    check_obj(path, data)
+    lines = data.decode("utf-8", "replace").splitlines()
     libraries = [line[7:].strip() for line in lines if line.startswith("mtllib ") and line[7:].strip()]
     if not libraries:
         raise FileError(f"{path}: names no material file; give the object a 'material'")

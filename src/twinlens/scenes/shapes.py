@@ -116,11 +116,12 @@ def merged(parts: list[Mesh]) -> Mesh:
 
 
 def transformed(mesh: Mesh, b_from_a: Float) -> Mesh:
-    """A mesh transformed by an affine 4x4; normals by its inverse transpose."""
+    """A mesh transformed by an affine 4x4; normals by its inverse transpose. Normals of length 0 stay so."""
     normals = mesh.normals
     if normals is not None:
         normals = normals @ np.linalg.inv(b_from_a[:3, :3])
-        normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        normals = normals / np.where(length > 0, length, 1.0)
     return replace(mesh, vertices=transform_points(b_from_a, mesh.vertices), normals=normals)
 
 
