@@ -266,6 +266,7 @@ def test_a_camera_that_exists_under_a_sky(twinlens, ball, tmp_path):
         (("--camera", "oak", "--size", "64x40"), "--camera: unknown camera 'oak'; did you mean 'oak-d'?"),
         (("--camera", "oak-d", "--size", "64x48"), "--camera: height: the sensor has 40 rows at a width of 64, got 48"),
         (("--sky", "none.exr"), "--sky: no file or folder 'none.exr'"),
+        (("--sky", "/none/a.exr"), "--sky: no file or folder '/none/a.exr'"),
     ],
 )
 def test_cameras_and_skies_that_are_refused(twinlens, ball, tmp_path, line, message):

@@ -362,3 +362,18 @@ def test_a_folder_without_a_file_of_the_kind_is_named_as_the_recipe_does(tmp_pat
         table = {"seed": 1, "count": 1, "families": ["cards"], "assets": {kind: ["mine"]}}
         with pytest.raises(InputError, match=rf"recipe\.toml: assets\.{kind}: 'mine' contains no \.\w+, .* file"):
             recipe_from_table(table, tmp_path / "recipe.toml")
+
+
+@pytest.mark.parametrize(("table", "message"), [
+    ({"scene": {"objects": {"bit": "a.glb"}}}, "scene.objects.bit: must be a table of keys and values, got 'a.glb'"),
+    ({"scene": {"objects": {"bit": {"folder": "/tmp"}}}}, "scene.objects.bit: folder: '/tmp' leads outside"),
+    ({"assets": {"meshes": 5}}, "assets.meshes: must be a string or a list of strings, got 5"),
+    ({"sky": {"file": "a.glb"}}, "sky.file: 'a.glb' is not a .hdr, .exr, .png file"),
+    ({"sky": {"file": "a.hdr", "scale": 1e-30}}, "sky.scale: must be >= 1e-09, got 1e-30"),
+    ({"camera": {"preset": "realsense-d435"}, "width": 160, "height": 120},
+     "recipe.toml: height: the sensor has 100 rows at a width of 160, got 120; use at most 100"),
+])  # fmt: skip
+def test_wrong_types_and_places_are_named(tmp_path, table, message):
+    (tmp_path / "a.glb").touch()
+    with pytest.raises(InputError, match=message):
+        recipe_from_table({"seed": 1, "count": 1, "families": ["flying"], **table}, tmp_path / "recipe.toml")

@@ -237,12 +237,17 @@ def test_every_exit_of_a_probe_has_a_message(monkeypatch, script, answer):
     assert llvm.probe("llvm_ad_rgb").answer == answer
 
 
-@pytest.mark.parametrize("wish", ["Scalar", "llvm19", "gpu", ""])
+@pytest.mark.parametrize("wish", ["Scalar", "llvm19", "gpu"])
 def test_an_unknown_backend_name_is_an_error(monkeypatch, wish):
     monkeypatch.setenv("TWINLENS_BACKEND", wish)
     with pytest.raises(InputError, match="auto, cuda, llvm, scalar") as caught:
         backend.backend.__wrapped__()
     assert "\n" not in str(caught.value)
+
+
+def test_an_empty_backend_name_is_none(monkeypatch):
+    monkeypatch.setenv("TWINLENS_BACKEND", "")
+    assert backend._wanted() == "auto"
 
 
 @pytest.mark.parametrize("wish", ["llvm", "cuda"])

@@ -45,7 +45,9 @@ class CameraPreset:
         own, most = self.camera, self.size(width)[1]
         width, height = self.size(width, height)
         if height > most:
-            raise InputError(f"height: the sensor has {most} rows at a width of {width}, got {height}")
+            raise InputError(
+                f"height: the sensor has {most} rows at a width of {width}, got {height}; use at most {most}"
+            )
         scale = width / own.width
         cx, cy = (own.cx + 0.5) * scale - 0.5, 0.5 * (height - 1) + (own.cy - 0.5 * (own.height - 1)) * scale
         pitch = own.pixel_pitch_um / scale

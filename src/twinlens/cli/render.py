@@ -107,6 +107,8 @@ def _job(scene: Scene, options: dict[str, Any]) -> tuple[Scene, Rig, list[tuple[
     width, height = camera_text.parse_size(options["size"], options["camera"])
     if options["sky"] is not None:
         with located("--sky"):
+            if not options["sky"].exists():
+                raise InputError(f"no file or folder {str(options['sky'])!r}")
             scene = under_sky(scene, {"file": options["sky"].name}, options["sky"].parent, options["seed"])
     tables: list[Any] = []
     if options["rig"] is not None:

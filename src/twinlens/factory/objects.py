@@ -17,7 +17,7 @@ from scipy.spatial import QhullError
 
 from twinlens.camera import Rig
 from twinlens.camera.truth import Truth
-from twinlens.errors import InputError, check_known, located
+from twinlens.errors import InputError, check_known, format_value, located
 from twinlens.factory.gates import Rejected, crossings
 from twinlens.factory.sources import meshes_in
 from twinlens.geometry import Float, inverse, rigid, transform_points
@@ -84,11 +84,17 @@ class _ObjectKeys(Placing, Placement):
     material: str | dict[str, Any] | None = None
 
 
+def _tables(value: Any) -> Any:
+    if not isinstance(value, (Mapping, list)):
+        raise InputError(f"must be a table of keys and values, got {format_value(value)}")
+    return [value] if isinstance(value, Mapping) else value
+
+
 Objects = dict[
     str,
     Annotated[
         list[dict[str, Any]],
-        BeforeValidator(lambda value: [value] if isinstance(value, Mapping) else value, _ObjectKeys),
+        BeforeValidator(_tables, _ObjectKeys),
     ],
 ]
 """The tables of each object's copies, as the plan of a sample has them, or one table."""

@@ -70,7 +70,15 @@ def _check_listed(kind: str, name: str, folder: Path) -> None:
 
 
 Subject = Annotated[str, AfterValidator(_check_scene)]
-_listed = BeforeValidator(lambda value: [value] if isinstance(value, str) else value, str | list[str])
+
+
+def _as_list(value: Any) -> Any:
+    if not isinstance(value, (str, list)):
+        raise InputError(f"must be a string or a list of strings, got {format_value(value)}")
+    return [value] if isinstance(value, str) else value
+
+
+_listed = BeforeValidator(_as_list, str | list[str])
 Folders = Annotated[list[str], Field(min_length=1), AfterValidator(_check_assets), _listed]
 
 

@@ -16,7 +16,7 @@ from twinlens.camera import Annulus, Camera, Disk, Lens, MaskAperture, Pinhole, 
 from twinlens.camera.aperture import Aperture
 from twinlens.camera.intrinsics import MAX_SIDE
 from twinlens.camera.lens import BareAperture
-from twinlens.camera.presets import CAMERAS
+from twinlens.camera.presets import CAMERAS, find_camera
 from twinlens.camera.truth import Truth
 from twinlens.dataset import read_image
 from twinlens.errors import FileError, InputError, format_value, located
@@ -65,7 +65,7 @@ class SkyTable(StrictModel):
 
     file: Annotated[str, Field(min_length=1, description="an .exr, .hdr or .png file next to the recipe, or a folder")]
     turn_deg: Degrees = 0.0
-    scale: Annotated[Positive, Field(le=1e9)] = 1.0
+    scale: Annotated[Positive, Field(ge=1e-9, le=1e9)] = 1.0
     visible: bool = True
     lamps: bool = True
 
@@ -305,6 +305,8 @@ class Settings(StrictModel):
 
     @model_validator(mode="after")
     def _check_camera_and_rig(self) -> "Settings":
+        if preset := (self.camera or {}).get("preset"):
+            find_camera(preset).resized(self.width, self.height)
         groups = [*ALTERNATIVES, *({key} for key in Intrinsics.model_fields if not any(key in g for g in ALTERNATIVES))]
         for keys in groups:
             camera, rig = ([key for key in table if key in keys] for table in (self.camera or {}, self.rig))

@@ -210,9 +210,11 @@ def _read_sky(path: Path) -> Any:
 def meshes_in(folder: Path, name: str) -> list[str]:
     """The mesh files of the folder `name` below `folder`, by their names relative to `folder`, sorted.
 
-    Raises InputError if there is none.
+    Raises InputError if there is none, or if it is elsewhere.
     """
     with located("folder"):
+        if not (folder / name).resolve().is_relative_to(folder.resolve()):
+            raise InputError(f"{name!r} leads outside the recipe's folder; copy the files below it")
         return list(listed("meshes", name, folder))
 
 

@@ -137,7 +137,8 @@ def _listed(kind: str, folders: Iterable[str | Path]) -> tuple[Path, ...]:
         listed = [folder] if folder.is_file() else folder.rglob("*")
         inside = {path for path in listed if path.suffix.lower() in SUFFIXES[kind]}
         if not inside:
-            raise InputError(f"{kind}: {str(folder)!r} contains no {', '.join(SUFFIXES[kind])} file")
+            what = "is not a" if folder.is_file() else "contains no"
+            raise InputError(f"{kind}: {str(folder)!r} {what} {', '.join(SUFFIXES[kind])} file")
         found |= {path for path in inside if path.is_file()}
     return tuple(sorted(found))
 

@@ -98,7 +98,7 @@ def forget_kernels() -> None:
 
 
 def _wanted() -> str:
-    wanted = os.environ.get("TWINLENS_BACKEND", "auto")
+    wanted = os.environ.get("TWINLENS_BACKEND") or "auto"
     check_known("TWINLENS_BACKEND", wanted, ["auto", *VARIANTS])
     return wanted
 
