@@ -3,9 +3,12 @@
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import given, strategies as st
 from scipy.spatial.transform import Rotation
 
+from tests.scenes.scene_text import Read
+from twinlens.errors import InputError
 from twinlens.scenes.placement import CopyGrid, Placement, rotation
 from twinlens.scenes.scene import Scene
 
@@ -76,3 +79,9 @@ def test_jitter_stays_in_its_bounds_and_follows_its_seed() -> None:
 def test_the_default_pose_of_a_scene_may_be_moved() -> None:
     scene = Scene("s", (), {}, np.eye(4), (1.0, 2.0))
     assert scene.at(placed(translate=[1, 2, 3])).world_from_left[2, 3] == 3
+
+
+@pytest.mark.parametrize("key", ["translate = [1e30, 0, 0]", "scale = 1e30", "scale = 1e308\neuler_deg = [0, 0, 30]"])
+def test_placements_of_astronomic_size_are_errors(read_scene: Read, key: str) -> None:
+    with pytest.raises(InputError, match=r"objects\.b: moves or scales by more than 1e\+09; lengths are in metres"):
+        read_scene(f"[objects.b]\nshape = 'box'\nextents = [1, 1, 1]\nmaterial = 'grey'\n{key}\n")

@@ -19,6 +19,7 @@ Vector3 = Annotated[list[Number], exactly(3, Number, name="Vector3")]
 Scale = Annotated[list[Positive], exactly(3, Positive, or_one=True, name="Scale")]
 """Three numbers > 0, or one for all three axes."""
 
+_FARTHEST = 1e9  # metres; Mitsuba's float32 has steps of 64 m there
 _ROW = Annotated[list[Number], exactly(4, Number)]
 Matrix = Annotated[list[_ROW], exactly(4, _ROW, name="Matrix")]
 _JITTER_DEG = Annotated[NonNegative, pydantic.Field(le=180)]
@@ -86,7 +87,8 @@ class Pose(StrictModel):
         for one, other in itertools.combinations(given, 2):
             if "matrix" in (one, other) or {one, other} <= {"rotate", "euler_deg", "look_at"}:
                 raise InputError(f"{one!r} and {other!r} exclude each other")
-        self.world_from_object()
+        if not np.abs(self.world_from_object()).max() <= _FARTHEST:
+            raise InputError(f"moves or scales by more than {_FARTHEST:g}; lengths are in metres")
         return self
 
     def world_from_object(self) -> Float:
