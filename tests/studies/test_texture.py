@@ -42,11 +42,11 @@ def test_least_squares_reach_the_bound():
         left = GAIN * light + random.normal(0.0, SIGMA, light.shape)
         right = GAIN * waves(seed, shift=SHIFT)[0] + random.normal(0.0, SIGMA, light.shape)
         slopes = texture._slopes(GAIN * light, np.repeat(light[..., None], 3, axis=2).astype(np.float32))
-        information = ndimage.convolve(slopes**2, np.ones((SIDE, SIDE)))
-        found = ndimage.convolve(slopes * (left - right), np.ones((SIDE, SIDE))) / information
+        window = np.ones((SIDE, SIDE))
+        found = ndimage.convolve(slopes * (left - right), window) / ndimage.convolve(slopes**2, window)
         apart = (slice(SIDE, -SIDE, SIDE), slice(SIDE, -SIDE, SIDE))  # windows that share no pixel
         errors.append((found - SHIFT)[apart].ravel())
-        bounds.append((math.sqrt(2) * SIGMA / np.sqrt(information))[apart].ravel())
+        bounds.append(texture._bounds(slopes, SIGMA, SIDE)[apart].ravel())
     error, bound = np.concatenate(errors), np.concatenate(bounds)
     ratio = math.sqrt(float(np.mean((error / bound) ** 2)))
     # The standard deviation of n samples has a relative standard error of 1/sqrt(2 n).

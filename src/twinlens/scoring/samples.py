@@ -176,8 +176,7 @@ class DatasetPairs(Sequence[Pair]):
             for samples in datasets
         ]
         counts = Counter(name for pairs in found for _, _, name, _ in pairs)
-        for source, pairs in zip(enumerate(labels or [""] * len(found)), found, strict=True):
-            label = source[1]
+        for source, (label, pairs) in enumerate(zip(labels or [""] * len(found), found, strict=True)):
             taken = {name for _, _, name, _ in pairs}
             for sample, k, name, aliases in pairs:
                 prefix = f"{label}/" if label and counts[name] > 1 else ""
@@ -185,7 +184,7 @@ class DatasetPairs(Sequence[Pair]):
                     raise InputError(f"two samples are named {prefix + name!r}: run each dataset separately")
                 others = tuple(prefix + alias for alias in aliases if alias not in taken)
                 self._places[prefix + name] = sample, k, others
-                self._sources.append(source)
+                self._sources.append((source, label))
         self._pairs = list(self._places.items())
 
     def __len__(self) -> int:

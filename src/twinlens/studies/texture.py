@@ -54,9 +54,7 @@ def _case(setup: Setup, seed: int, contrast: float, scale: float, swept: str) ->
         slopes = _slopes(0.5 * (shots[0][0] + shots[1][0].astype(np.float64)), radiance[0])
         for method in setup.methods:
             errors = (stage.match(shots[0], method) - stage.truth.disparity).astype(np.float64)
-            side = parse_method(method).matcher().block_size
-            window_sum = ndimage.uniform_filter(slopes**2, side, mode="nearest") * side**2
-            bounds = math.sqrt(2) * sigma / np.sqrt(window_sum)
+            bounds = _bounds(slopes, sigma, parse_method(method).matcher().block_size)
             samples[method].append(np.stack([errors, bounds])[:, _RIM:-_RIM, _RIM:-_RIM].reshape(2, -1))
     rows: list[Row] = []
     for method, each in samples.items():
@@ -77,6 +75,11 @@ def _slopes(image: Float, radiance: NDArray[np.float32]) -> Float:
     gain, _ = np.polyfit(grey_radiance.ravel(), image.ravel(), 1)
     u = np.arange(grey_radiance.shape[1])
     return np.asarray(gain * interpolate.CubicSpline(u, grey_radiance, axis=1)(u, 1))
+
+
+def _bounds(slopes: Float, sigma: float, side: int) -> Float:
+    window_sum = ndimage.uniform_filter(slopes**2, side, mode="nearest") * side**2
+    return np.asarray(math.sqrt(2) * sigma / np.sqrt(window_sum))
 
 
 def conclude(table: Table) -> list[Finding]:

@@ -53,9 +53,7 @@ def measure(setup: Setup) -> Measured:
              "scales": scales, "exposed_at_f": EXPOSED_AT, "theory_block_size": SIDE,
              "light_paths": traced, "light_paths_of_direct_renders": direct}  # fmt: skip
     paths = ", ".join(f"{name} {count / 1e6:.3g}" for name, count in traced.items())
-    saved = (
-        f"millions of light paths for {len(F_NUMBERS)} lenses: {paths}; rendered one by one: {direct / 1e6:.3g} each"
-    )
+    saved = f"light paths, in millions, of {len(F_NUMBERS)} lenses: {paths}; one by one: {direct / 1e6:.3g} each"
     models = ", ".join(f"{name} 1:{1 / scale:.0f}" for name, scale in scales.items())
     return Measured(rows, tuple(pictures), notes, {"lens grid": saved, "models": models})
 
