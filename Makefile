@@ -26,7 +26,7 @@ bench: .venv/installed-test
 	for script in benchmarks/bench_*.py; do $(BIN)/python $$script || exit 1; done
 
 clean:
-	rm -rf .venv demo docs/site docs/reference
+	rm -rf .venv demo docs/site docs/reference docs/gallery
 
 .venv/bin/python:
 	$(PYTHON) -m venv .venv

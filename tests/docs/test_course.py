@@ -1,0 +1,47 @@
+"""The scripts of docs/course have numbers, a title, a formula and a figure, and use public names only."""
+
+import ast
+import importlib
+import re
+from pathlib import Path
+
+import pytest
+
+import twinlens as tl
+
+COURSE = Path(__file__).parents[2] / "docs" / "course"
+SCRIPTS = sorted(COURSE.glob("*.py"))
+pytestmark = pytest.mark.skipif(not COURSE.is_dir(), reason="docs/ is not next to tests/")
+each_script = pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
+
+
+def test_scripts_are_numbered():
+    numbers = [re.fullmatch(r"(\d\d)_[a-z0-9_]+", script.stem)[1] for script in SCRIPTS]
+    assert len(set(numbers)) == len(numbers)
+
+
+@each_script
+def test_a_script_has_a_title_a_formula_and_a_figure(script):
+    text = ast.get_docstring(ast.parse(script.read_text()))
+    title, line, blank = text.splitlines()[:3]
+    assert (line, blank) == ("=" * len(title), "")
+    assert re.search(r"::\n\n    \S", text)
+    assert script.read_text().endswith("plt.show()\n")
+
+
+@each_script
+def test_a_script_uses_public_names_only(script):
+    for node in ast.walk(ast.parse(script.read_text())):
+        if isinstance(node, ast.Import):
+            assert {name.name.split(".")[0] for name in node.names} <= {"matplotlib", "numpy", "twinlens"}
+            assert not [name for name in node.names if name.name.startswith("twinlens.")]
+        elif isinstance(node, ast.ImportFrom):
+            package, _, rest = node.module.partition(".")
+            assert package in {"dataclasses", "matplotlib", "numpy", "twinlens"}
+            if package == "twinlens":
+                assert rest.split(".")[0] in tl.__all__
+                module = importlib.import_module(node.module)
+                assert all(hasattr(module, name.name) for name in node.names)
+            assert not [name for name in node.names if name.name.startswith("_")]
+        elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "tl":
+            assert node.attr in tl.__all__
