@@ -147,6 +147,21 @@ def test_the_confidence_is_that_of_the_cost_volume(method):
     assert match_with_confidence(*images, method, **options)[1] is None
 
 
+def test_a_match_without_confidence_computes_none(monkeypatch):
+    def computed(*_):
+        raise AssertionError("a confidence was computed")
+
+    monkeypatch.setattr("twinlens.matching.matcher.confidence_map", computed)
+    image = np.zeros((9, 20), np.uint8)
+    matcher = StereoMatcher(confidence="curvature", num_disparities=4)
+    matcher.match(image, image)
+    tl.match(image, image, matcher)
+    tl.match(image, image, "sad:confidence=curvature", num_disparities=4)
+    tl.matching.parse_method("sad:confidence=curvature,num_disparities=4").match(image, image)
+    with pytest.raises(AssertionError, match="was computed"):
+        match_with_confidence(image, image, matcher)
+
+
 class Confident:
     """Returns a disparity with a confidence."""
 

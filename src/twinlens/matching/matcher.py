@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Collection
 from dataclasses import KW_ONLY, dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -142,6 +142,9 @@ class StereoMatcher(RangeMatcher):
 
             search.costs(0, len(volume), keep)
         return volume
+
+    def _without_confidence(self) -> Self:
+        return self.replace(confidence="none")
 
     def _match(self, left: Any, right: Any) -> tuple[Disparity, Confidence | None]:
         left, right = pair(left, right)

@@ -18,7 +18,7 @@ from twinlens.matching.external import OnnxNetwork, Program, PythonFunction, che
 from twinlens.matching.images import Confidence, Disparity
 from twinlens.matching.matcher import StereoMatcher
 from twinlens.matching.opencv import OpenCVBlock, OpenCVSemiGlobal
-from twinlens.matching.options import DEFAULT_DISPARITIES, Matcher, match_with_confidence as answer_of
+from twinlens.matching.options import DEFAULT_DISPARITIES, Matcher, match_alone, match_with_confidence as answer_of
 
 ENTRY_POINTS = "twinlens.methods"
 PROGRAM_GRACE_S = 5.0  # beyond the limit, for a program's matcher, which ends the program itself
@@ -122,14 +122,20 @@ class MethodSpec:
     ) -> Disparity:
         """See `matching.Matcher.match`. A range among the method's options takes precedence over the arguments."""
         search = {"num_disparities": num_disparities, "min_disparity": min_disparity}
-        return self.match_with_confidence(left, right, **search)[0]
+        disparity: Disparity = self._answer(match_alone, left, right, search)[0]
+        return disparity
 
     def match_with_confidence(
         self, left: Any, right: Any, *, num_disparities: int | None = None, min_disparity: int | None = None
     ) -> tuple[Disparity, Confidence | None]:
         """As `match`, with the confidence if the method computes one."""
         search = {"num_disparities": num_disparities, "min_disparity": min_disparity}
-        return answer_of(self.matcher(), left, right, **{k: search[k] for k in search.keys() - self.options})
+        return self._answer(answer_of, left, right, search)
+
+    def _answer(
+        self, call: Callable[..., tuple[Any, Any]], left: Any, right: Any, search: dict[str, int | None]
+    ) -> tuple[Any, Any]:
+        return call(self.matcher(), left, right, **{k: search[k] for k in search.keys() - self.options})
 
 
 def matcher_of_spec(spec: str) -> StereoMatcher | None:
@@ -360,7 +366,7 @@ def match(left: Any, right: Any, method: str | Matcher = "zncc", **options: Unpa
     >>> round(float(disparity[10, 20]))
     3
     """
-    return match_with_confidence(left, right, method, **options)[0]
+    return _matched(match_alone, left, right, method, options)[0]
 
 
 def match_with_confidence(
@@ -377,15 +383,23 @@ def match_with_confidence(
     >>> float(confidence[10, 20])
     1.0
     """
+    return _matched(answer_of, left, right, method, options)
+
+
+def _matched(
+    call: Callable[..., tuple[Any, Any]], left: Any, right: Any, method: Any, options: Mapping[str, Any]
+) -> tuple[Disparity, Confidence | None]:
     if not isinstance(method, str):
-        return _matched_by(method, left, right, options)
+        return _matched_by(call, method, left, right, options)
     spec = parse_method(method)
     for name in options:
         check_known(f"option of {spec.method.name}", name, ["method", *spec.method.options])
-    return answer_of(spec.method.make(**{**options, **spec.options}), left, right)
+    return call(spec.method.make(**{**options, **spec.options}), left, right)
 
 
-def _matched_by(matcher: Any, left: Any, right: Any, options: Mapping[str, Any]) -> tuple[Disparity, Confidence | None]:
+def _matched_by(
+    call: Callable[..., tuple[Any, Any]], matcher: Any, left: Any, right: Any, options: Mapping[str, Any]
+) -> tuple[Disparity, Confidence | None]:
     if isinstance(matcher, type) or not hasattr(matcher, "match"):
         allowed = "a name such as 'zncc', or an object with match(left, right, *, num_disparities, min_disparity)"
         raise InputError(f"method must be {allowed}, got {format_value(matcher)}")
@@ -393,5 +407,5 @@ def _matched_by(matcher: Any, left: Any, right: Any, options: Mapping[str, Any])
     for name in options:
         check_known("option of a matcher object", name, search)
     given = {name: options.get(name, getattr(matcher, name, default)) for name, default in search.items()}
-    result = answer_of(matcher, left, right, **given)
+    result = call(matcher, left, right, **given)
     return checked_pair(result, np.shape(left)[:2], type(matcher).__name__)

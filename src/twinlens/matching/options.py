@@ -36,6 +36,11 @@ def match_with_confidence(matcher: Any, left: Any, right: Any, **search: Any) ->
     return as_pair(getattr(matcher, "match_with_confidence", matcher.match)(left, right, **search))
 
 
+def match_alone(matcher: Any, left: Any, right: Any, **search: Any) -> tuple[Any, Any]:
+    """As `match_with_confidence`, but a matcher with an own `match_with_confidence` computes no confidence."""
+    return as_pair(matcher.match(left, right, **search))
+
+
 def as_pair(result: Any) -> tuple[Any, Any]:
     """A pair (disparity, confidence) unchanged, a single map with the confidence None."""
     return result if isinstance(result, tuple) and len(result) == 2 else (result, None)
@@ -63,17 +68,23 @@ class RangeMatcher:
     def match(
         self, left: Any, right: Any, *, num_disparities: int | None = None, min_disparity: int | None = None
     ) -> Disparity:
-        """See `matching.Matcher.match`; the disparity alone."""
-        search = {"num_disparities": num_disparities, "min_disparity": min_disparity}
-        return self.match_with_confidence(left, right, **search)[0]
+        """See `matching.Matcher.match`; the disparity alone, without computing a confidence."""
+        matcher = self._searching(num_disparities, min_disparity)._without_confidence()
+        disparity: Disparity = as_pair(matcher._match(left, right))[0]
+        return disparity
 
     def match_with_confidence(
         self, left: Any, right: Any, *, num_disparities: int | None = None, min_disparity: int | None = None
     ) -> tuple[Disparity, Confidence | None]:
         """The disparity, and the confidence if the matcher computes one; see `matching.Matcher.match`."""
+        return as_pair(self._searching(num_disparities, min_disparity)._match(left, right))
+
+    def _searching(self, num_disparities: int | None, min_disparity: int | None) -> Self:
         given = {"num_disparities": num_disparities, "min_disparity": min_disparity}
-        search = {name: value for name, value in given.items() if value is not None}
-        return as_pair(self.replace(**search)._match(left, right))
+        return self.replace(**{name: value for name, value in given.items() if value is not None})
+
+    def _without_confidence(self) -> Self:
+        return self
 
     def _match(self, left: Any, right: Any) -> Disparity | tuple[Disparity, Confidence | None]:
         raise NotImplementedError
