@@ -125,6 +125,14 @@ def test_without_candidates_there_is_no_winner():
     assert np.isinf(curve.costs).all()
 
 
+def test_objects_of_one_cost_have_given_names():
+    matchers = {"small": StereoMatcher("sad", 3, num_disparities=6), "large": StereoMatcher("sad", 7)}
+    curves = tl.cost_curve(*shifted_pair(), 20, 9, matchers)
+    assert [(name, len(curve.costs), curve.matcher) for name, curve in curves.items()] == [
+        ("small", 6, matchers["small"]), ("large", 64, matchers["large"]),
+    ]  # fmt: skip
+
+
 @pytest.mark.parametrize(
     ("pixel", "methods", "message"),
     [
@@ -136,6 +144,8 @@ def test_without_candidates_there_is_no_winner():
         ((1, 1), [], "no method is named"),
         ((1, 1), "sda", "did you mean 'sad'"),
         ((1, 1), ["sad", StereoMatcher(cost="sad")], "two methods are named 'sad'"),
+        ((1, 1), [StereoMatcher(), StereoMatcher()], "objects by name"),
+        ((1, 1), {"mine": len}, "mine has no cost curve"),
         ((1, 1), "sad:block_size=99", "block_size is 99"),
     ],
 )

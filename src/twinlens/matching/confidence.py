@@ -20,6 +20,19 @@ LEAST_DIFFERENCE = 1e-3
 """What `left_right` adds to its denominator, which is 0 for most right matches; a part of the volume's cost range."""
 
 
+def beside(costs: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The costs of the candidates before and after each of (..., D); +inf beyond the ends."""
+    end = np.full((*costs.shape[:-1], 1), np.inf)
+    return np.concatenate([end, costs[..., :-1]], axis=-1), np.concatenate([costs[..., 1:], end], axis=-1)
+
+
+def rivals(costs: NDArray[np.float64], winner: NDArray[np.intp], *, minima: bool = True) -> NDArray[np.bool_]:
+    """Which of the candidates (..., D) are rivals of the winner (...), an index: two or more from it, local minima."""
+    far: NDArray[np.bool_] = np.abs(np.arange(costs.shape[-1]) - winner[..., None]) >= 2
+    before, after = beside(costs)
+    return far & (costs <= before) & (costs <= after) if minima else far
+
+
 @dataclass(frozen=True)
 class _Pixels:
     """Pixels with their costs (..., D), of a volume whose finite costs span `low` to `high`."""
@@ -36,23 +49,15 @@ class _Pixels:
     def lowest(self) -> NDArray[np.float64]:
         return np.asarray(np.min(self.costs, axis=-1))
 
-    def beside(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The costs of the candidates before and after each; +inf beyond the ends."""
-        end = np.full((*self.costs.shape[:-1], 1), np.inf)
-        before = np.concatenate([end, self.costs[..., :-1]], axis=-1)
-        return before, np.concatenate([self.costs[..., 1:], end], axis=-1)
-
-    def rival(self, among: NDArray[np.bool_] | bool = True) -> NDArray[np.float64]:
-        """The lowest cost of a rival among these candidates; +inf if there is none."""
-        far = np.abs(np.arange(self.costs.shape[-1]) - self.winner[..., None]) >= 2
-        return np.asarray(np.min(self.costs, axis=-1, where=far & among, initial=np.inf))
+    def rival(self, *, minima: bool) -> NDArray[np.float64]:
+        """The lowest cost of a rival; +inf if there is none."""
+        others = rivals(self.costs, self.winner, minima=minima)
+        return np.asarray(np.min(self.costs, axis=-1, where=others, initial=np.inf))
 
 
 def _peak_ratio(pixels: _Pixels) -> NDArray[Any]:
     """1 - c1 / c2, with c2 the lowest local minimum of a rival; 1 without one. c2 / c1 has the same order."""
-    before, after = pixels.beside()
-    minimum = (pixels.costs <= before) & (pixels.costs <= after)
-    lowest, rival = np.maximum(pixels.lowest, 0.0), pixels.rival(minimum)
+    lowest, rival = np.maximum(pixels.lowest, 0.0), pixels.rival(minima=True)
     some = np.isfinite(rival) & (rival > 0)
     ratio = np.divide(lowest, rival, out=np.where(np.isfinite(rival), 1.0, 0.0), where=some)
     return 1.0 - ratio
@@ -61,7 +66,7 @@ def _peak_ratio(pixels: _Pixels) -> NDArray[Any]:
 def _curvature(pixels: _Pixels) -> NDArray[Any]:
     """c(d1 - 1) - 2 c1 + c(d1 + 1); at an end of the range the only neighbour counts twice."""
     place = pixels.winner[..., None]
-    before, after = (np.take_along_axis(side, place, axis=-1)[..., 0] for side in pixels.beside())
+    before, after = (np.take_along_axis(side, place, axis=-1)[..., 0] for side in beside(pixels.costs))
     first, last = np.where(np.isfinite(before), before, after), np.where(np.isfinite(after), after, before)
     bend = first + last - 2.0 * pixels.lowest
     return np.where(np.isfinite(bend), bend, 0.0)
@@ -72,7 +77,7 @@ def _left_right(pixels: _Pixels, of_right: NDArray[np.float64]) -> NDArray[Any]:
 
     c_right: the lowest cost of the matched right pixel over all its left candidates.
     """
-    rival = pixels.rival()
+    rival = pixels.rival(minima=False)
     margin = np.where(np.isfinite(rival), rival, pixels.high) - pixels.lowest
     return margin / (pixels.lowest - of_right + LEAST_DIFFERENCE * (pixels.high - pixels.low))
 

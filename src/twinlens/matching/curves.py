@@ -1,6 +1,6 @@
 """`cost_curve`: the costs of one pixel as functions of disparity, as the matchers minimise them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.errors import InputError, check_int, format_value
+from twinlens.matching.confidence import rivals
 from twinlens.matching.images import pair
 from twinlens.matching.matcher import StereoMatcher
 from twinlens.matching.methods import parse_methods
@@ -46,7 +47,7 @@ def cost_curve(
     right: Any,
     u: int,
     v: int,
-    methods: str | StereoMatcher | Sequence[str | StereoMatcher] = ("zncc",),
+    methods: str | StereoMatcher | Sequence[str | StereoMatcher] | Mapping[str, StereoMatcher] = ("zncc",),
     *,
     num_disparities: int = DEFAULT_DISPARITIES,
     min_disparity: int = 0,
@@ -61,15 +62,15 @@ def cost_curve(
     left, right : array (H, W) or (H, W, 3)
         Rectified images, as for `match`.
     methods
-        Texts such as "sad:block_size=15", also comma-separated, or `StereoMatcher` objects. Only twinlens's own
-        methods have cost curves.
+        Texts such as "sad:block_size=15", also comma-separated, or `StereoMatcher` objects, or objects by name, for
+        several of one cost: {"small": StereoMatcher("sad", 5)}. Only twinlens's own methods have cost curves.
     num_disparities, min_disparity
         The search range in pixels, of methods that do not specify it themselves.
 
     Returns
     -------
     dict
-        A `CostCurve` by the method's name: its text, or the cost of an object.
+        A `CostCurve` by the method's name: the given one, its text, or the cost of an object.
 
     Raises InputError for a pixel outside the image, other methods, and what `match` raises.
 
@@ -90,9 +91,11 @@ def cost_curve(
     return curves
 
 
-def _matchers(methods: Sequence[str | StereoMatcher], search: dict[str, int]) -> dict[str, StereoMatcher]:
-    found: list[tuple[str, Any]] = []
-    for method in methods:
+def _matchers(
+    methods: Sequence[str | StereoMatcher] | Mapping[str, StereoMatcher], search: dict[str, int]
+) -> dict[str, StereoMatcher]:
+    found: list[tuple[str, Any]] = list(methods.items()) if isinstance(methods, Mapping) else []
+    for method in () if isinstance(methods, Mapping) else methods:
         if isinstance(method, str):
             found += [(spec.name, spec.matcher(**search)) for spec in parse_methods([method])]
         else:
@@ -103,7 +106,8 @@ def _matchers(methods: Sequence[str | StereoMatcher], search: dict[str, int]) ->
         if not isinstance(matcher, StereoMatcher):
             raise InputError(f"{name} has no cost curve; use a method of twinlens, such as zncc or sgm")
         if [other for other, _ in found].count(name) > 1:
-            raise InputError(f"two methods are named {name!r}; give them names, such as small=zncc:block_size=5")
+            remedy = 'small=zncc:block_size=5, or objects by name: {"small": StereoMatcher(...), ...}'
+            raise InputError(f"two methods are named {name!r}; give them names, such as {remedy}")
     return dict(found)
 
 
@@ -117,7 +121,6 @@ def _curve(matcher: StereoMatcher, left: NDArray[Any], right: NDArray[Any], u: i
         costs[first : first + search.count], place, disparity = search.winner_at(u, v)
         if np.isfinite(disparity):
             winner = search.low + place
-            lowest = costs <= np.minimum(np.append(np.inf, costs[:-1]), np.append(costs[1:], np.inf))
-            others = np.where(lowest & (np.abs(disparities - winner) >= 2), costs, np.inf)
+            others = np.where(rivals(costs, np.asarray(winner - matcher.min_disparity)), costs, np.inf)
             rival = int(disparities[np.argmin(others)]) if np.isfinite(others).any() else None
     return CostCurve(u, v, matcher, disparities, costs, winner, rival, disparity)
