@@ -74,7 +74,13 @@ def error_sizes(errors: NDArray[np.float64]) -> dict[str, float]:
 
 
 BAD = tuple(f"bad{t}" for t in THRESHOLDS)
+AUC_THRESHOLDS = (1.0, 2.0)  # of bad pixels in sparsification curves, pixels
 SIZES = ("avgerr", "rms", *(f"A{q}" for q in QUANTILES))
+
+
+def auc_names(threshold: float) -> tuple[str, str]:
+    """The metrics of a sparsification curve: the area under it, and the smallest possible one."""
+    return f"auc{threshold}", f"auc{threshold}_opt"
 
 
 @dataclass(frozen=True)
@@ -114,10 +120,10 @@ _METRICS = (
     Metric("point_rms", "m", "root mean squared distance between estimated and true point"),
     Metric("point_rel", "%", "mean point distance relative to the true point's distance from the camera"),
     *(
-        Metric(f"auc{t}", "%", f"area under the sparsification curve of errors above {t} px, of estimated pixels")
-        for t in (1.0, 2.0)
+        Metric(auc_names(t)[0], "%", f"area under the sparsification curve of errors above {t} px, of estimated pixels")
+        for t in AUC_THRESHOLDS
     ),
-    *(Metric(f"auc{t}_opt", "%", f"auc{t} of a confidence that ranks without mistakes") for t in (1.0, 2.0)),
+    *(Metric(auc_names(t)[1], "%", f"auc{t} of a confidence that ranks without mistakes") for t in AUC_THRESHOLDS),
     Metric("time", "s", "wall time of one match"),
     Metric("time/MP", "s/MP", "seconds per megapixel"),
     Metric("time/GD", "s/GD", "seconds per 10^9 disparity evaluations (pixels x ndisp)"),

@@ -12,7 +12,17 @@ from numpy.typing import NDArray
 
 from twinlens.errors import InputError, check_known
 from twinlens.matching.refine import carried_right
-from twinlens.scoring.metrics import BAD, SIZES, THRESHOLDS, Disparity, Mask, disparity_map, error_sizes, percent
+from twinlens.scoring.metrics import (
+    BAD,
+    SIZES,
+    THRESHOLDS,
+    Disparity,
+    Mask,
+    auc_names,
+    disparity_map,
+    error_sizes,
+    percent,
+)
 from twinlens.scoring.sparsification import Sparsification, sparsification
 
 KITTI_PIXELS, KITTI_SHARE = 3.0, 0.05
@@ -79,7 +89,7 @@ class Protocol:
     @property
     def auc_metrics(self) -> tuple[str, ...]:
         """The names of the area under the sparsification curve, and of the smallest possible one."""
-        return () if self.auc_threshold is None else (f"auc{self.auc_threshold}", f"auc{self.auc_threshold}_opt")
+        return () if self.auc_threshold is None else auc_names(self.auc_threshold)
 
     def lines(self) -> Mapping[str, str]:
         """Description for tables and board files, label -> text."""
@@ -181,7 +191,7 @@ _PROTOCOLS = (
         name="middlebury-v3",
         title="Middlebury v3",
         source="Scharstein et al., GCPR 2014; MiddEval3 SDK, evaldisp.cpp",
-        metrics=(*BAD, *(f"tot{b}" for b in BAD), *SIZES, "invalid", "coverage", "auc2.0", "auc2.0_opt"),
+        metrics=(*BAD, *(f"tot{b}" for b in BAD), *SIZES, "invalid", "coverage", *auc_names(2.0)),
         prepare=_middlebury_prepare,
         measure=_middlebury_measure,
         denominator="bad, totbad, invalid, coverage: pixels with known truth; avgerr, rms, A: those with an estimate",
@@ -198,7 +208,7 @@ _PROTOCOLS = (
         name="eth3d",
         title="ETH3D two-view",
         source="Schöps et al., CVPR 2017; ETH3D/two-view-evaluation, main.cc",
-        metrics=(*BAD, *SIZES, "coverage", "auc1.0", "auc1.0_opt"),
+        metrics=(*BAD, *SIZES, "coverage", *auc_names(1.0)),
         prepare=_eth3d_prepare,
         measure=_eth3d_measure,
         denominator="bad, avgerr, rms, A: pixels with known truth and an estimate; coverage: pixels with known truth",
