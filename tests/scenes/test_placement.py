@@ -81,7 +81,17 @@ def test_the_default_pose_of_a_scene_may_be_moved() -> None:
     assert scene.at(placed(translate=[1, 2, 3])).world_from_left[2, 3] == 3
 
 
-@pytest.mark.parametrize("key", ["translate = [1e30, 0, 0]", "scale = 1e30", "scale = 1e308\neuler_deg = [0, 0, 30]"])
-def test_placements_of_astronomic_size_are_errors(read_scene: Read, key: str) -> None:
-    with pytest.raises(InputError, match=r"objects\.b: moves or scales by more than 1e\+09; lengths are in metres"):
-        read_scene(f"[objects.b]\nshape = 'box'\nextents = [1, 1, 1]\nmaterial = 'grey'\n{key}\n")
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ("extents = 1\ntranslate = [1e30, 0, 0]", r"translate\[0\]: must be <= 1e\+09, got 1e\+30"),
+        ("extents = 1\nscale = 1e30", r"scale: must be <= 1e\+09"),
+        ("extents = 1\nscale = 1e308\neuler_deg = [0, 0, 30]", r"scale: must be <= 1e\+09"),
+        ("extents = 1\nmatrix = [[1, 0, 0, -2e9], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]", r"matrix\[0\]\[3\]: must"),
+        ("extents = 1e15", r"extents: must be <= 1e\+09, got 1000000000000000"),
+        ("extents = [1, 1e15, 1]", r"extents\[1\]: must be <= 1e\+09"),
+    ],
+)
+def test_lengths_of_astronomic_size_are_errors(read_scene: Read, keys: str, message: str) -> None:
+    with pytest.raises(InputError, match=rf"objects\.b\.{message}"):
+        read_scene(f"[objects.b]\nshape = 'box'\nmaterial = 'grey'\n{keys}\n")

@@ -13,16 +13,16 @@ from twinlens.errors import InputError
 from twinlens.scenes import shapes
 from twinlens.scenes.assets import MESH_FILES, MOST_FACES, Asset, SceneContext, read_mesh
 from twinlens.scenes.model_files import GLTF_FILES, WITH_MATERIALS, Model, read_model
-from twinlens.scenes.placement import Copies, CopyGrid, Placement, Scale, Vector2, Vector3, rotation
+from twinlens.scenes.placement import Coordinate, Copies, CopyGrid, Length, Placement, Scale, Vector2, Vector3, rotation
 from twinlens.scenes.plugins import AreaLight
 from twinlens.scenes.scene import Mesh, Plugin, SceneObject
 from twinlens.scenes.texture_tables import TextureMap
-from twinlens.schema import Number, Positive, exactly, number, tagged, variants, whole
+from twinlens.schema import Positive, exactly, number, tagged, variants, whole
 
 _SIDES = whole(3, 4096) | None
 _GRID_SIDE = Annotated[int, pydantic.Field(ge=2, le=2049)]
 _POINTS = pydantic.Field(min_length=2, max_length=100_000)
-Area = Annotated[list[Positive], exactly(2, Positive)]
+Area = Annotated[list[Length], exactly(2, Length)]
 
 
 class ObjectBase(Placement):
@@ -158,25 +158,25 @@ class MeshFile(MeshBase):
 
 _FLIP = {"flip_normals": bool | None}
 ANALYTIC_SHAPES: dict[str, dict[str, Any]] = {
-    "sphere": {"center": Vector3 | None, "radius": Positive | None, **_FLIP},
-    "cylinder": {"p0": Vector3 | None, "p1": Vector3 | None, "radius": Positive | None, **_FLIP},
+    "sphere": {"center": Vector3 | None, "radius": Length | None, **_FLIP},
+    "cylinder": {"p0": Vector3 | None, "p1": Vector3 | None, "radius": Length | None, **_FLIP},
     **dict.fromkeys(("rectangle", "disk", "cube"), _FLIP),
 }
-_ROUND = {"radius": Positive, "height": Positive, "sections": _SIDES}
-_BOX = {"extents": Scale, "tile": Positive | None}
+_ROUND = {"radius": Length, "height": Length, "sections": _SIDES}
+_BOX = {"extents": Scale, "tile": Length | None}
 _GRID = Annotated[list[_GRID_SIDE], exactly(2, _GRID_SIDE)] | None
 MESH_SHAPES: dict[str, dict[str, Any]] = {
     "box": _BOX,
-    "rounded_box": {**_BOX, "radius": Positive, "subdivisions": whole(1, 64) | None},
-    "icosphere": {"radius": Positive | None, "subdivisions": whole(0, 7) | None},
-    "uv_sphere": {"radius": Positive | None},
+    "rounded_box": {**_BOX, "radius": Length, "subdivisions": whole(1, 64) | None},
+    "icosphere": {"radius": Length | None, "subdivisions": whole(0, 7) | None},
+    "uv_sphere": {"radius": Length | None},
     "icosahedron": {},
-    "capsule": {"radius": Positive | None, "height": Positive | None},
+    "capsule": {"radius": Length | None, "height": Length | None},
     "solid_cylinder": _ROUND,
     "cone": _ROUND,
-    "annulus": {"r_min": Positive, "r_max": Positive, "height": Positive, "sections": _SIDES},
+    "annulus": {"r_min": Length, "r_max": Length, "height": Length, "sections": _SIDES},
     "torus": {
-        **dict.fromkeys(("major_radius", "minor_radius"), Positive),
+        **dict.fromkeys(("major_radius", "minor_radius"), Length),
         **dict.fromkeys(("major_sections", "minor_sections"), _SIDES),
     },
     "lathe": {
@@ -187,12 +187,12 @@ MESH_SHAPES: dict[str, dict[str, Any]] = {
     },
     "tube": {
         "points": Annotated[list[Vector3], _POINTS],
-        "radius": Positive | list[Positive],
+        "radius": Length | list[Length],
         "sides": _SIDES,
         "smooth": bool | None,
         "closed": bool | None,
     },
-    "height_field": {"extents": Area, "height": TextureMap, "amplitude": Number, "grid": _GRID},
+    "height_field": {"extents": Area, "height": TextureMap, "amplitude": Coordinate, "grid": _GRID},
     "bent_sheet": {"extents": Area, "angle_deg": number(0.1, 360), "segments": whole(1, 4096) | None},
 }
 

@@ -10,18 +10,21 @@ from numpy.typing import ArrayLike
 
 from twinlens.errors import InputError
 from twinlens.geometry import Float, look_at, skew
-from twinlens.schema import NonNegative, Number, Positive, StrictModel, exactly, satisfies
+from twinlens.schema import NonNegative, Number, StrictModel, exactly, number, satisfies
 
 _COPIES = satisfies(lambda count: math.prod(count) <= 100_000, "makes more than 100000 copies, got {}")
 
-Vector2 = Annotated[list[Number], exactly(2, Number)]
-Vector3 = Annotated[list[Number], exactly(3, Number, name="Vector3")]
-Scale = Annotated[list[Positive], exactly(3, Positive, or_one=True, name="Scale")]
+_FARTHEST = 1e9  # metres; Mitsuba's float32 has steps of 64 m there
+Coordinate = number(-_FARTHEST, _FARTHEST)
+Length = number(0, _FARTHEST, above=True)
+Vector2 = Annotated[list[Coordinate], exactly(2, Coordinate)]
+Vector3 = Annotated[list[Coordinate], exactly(3, Coordinate, name="Vector3")]
+Scale = Annotated[list[Length], exactly(3, Length, or_one=True, name="Scale")]
 """Three numbers > 0, or one for all three axes."""
 
-_FARTHEST = 1e9  # metres; Mitsuba's float32 has steps of 64 m there
-_ROW = Annotated[list[Number], exactly(4, Number)]
+_ROW = Annotated[list[Coordinate], exactly(4, Coordinate)]
 Matrix = Annotated[list[_ROW], exactly(4, _ROW, name="Matrix")]
+_JITTER = number(0, _FARTHEST)
 _JITTER_DEG = Annotated[NonNegative, pydantic.Field(le=180)]
 _COUNT = Annotated[int, pydantic.Field(ge=1, le=10_000)]
 
@@ -87,8 +90,7 @@ class Pose(StrictModel):
         for one, other in itertools.combinations(given, 2):
             if "matrix" in (one, other) or {one, other} <= {"rotate", "euler_deg", "look_at"}:
                 raise InputError(f"{one!r} and {other!r} exclude each other")
-        if not np.abs(self.world_from_object()).max() <= _FARTHEST:
-            raise InputError(f"moves or scales by more than {_FARTHEST:g}; lengths are in metres")
+        self.world_from_object()
         return self
 
     def world_from_object(self) -> Float:
@@ -132,7 +134,7 @@ class CopyGrid(StrictModel):
 
     count: Annotated[list[_COUNT], exactly(3, _COUNT), _COPIES]
     step: Vector3
-    jitter: Annotated[list[NonNegative], exactly(3, NonNegative, or_one=True)] = [0.0] * 3
+    jitter: Annotated[list[_JITTER], exactly(3, _JITTER, or_one=True)] = [0.0] * 3
     jitter_deg: Annotated[list[_JITTER_DEG], exactly(3, _JITTER_DEG, or_one=True)] = [0.0] * 3
     seed: int = pydantic.Field(0, ge=0, lt=2**32)
 

@@ -25,6 +25,8 @@ _CAMERAS = pydantic.Field(min_length=1, max_length=_MOST_CAMERAS)
 Pixels = Annotated[int, pydantic.Field(ge=1, le=MAX_SIDE)]
 SensorWidth = Annotated[Positive, pydantic.BeforeValidator(sensor_width_mm, Number | str)]
 """A width in mm, or the name of a sensor format."""
+RigLength = number(0, 1e6, above=True)
+"""Metres between cameras: at most as far as a recipe's `scene.jitter` moves them."""
 Count = Annotated[int, pydantic.Field(ge=1, le=_MOST_CAMERAS)]
 
 _DISTORTIONS = (
@@ -216,12 +218,12 @@ def _placed(table: Any, scene: Scene, pose: Float) -> Rig:
 
 
 _KEYS: dict[str, dict[str, Any]] = {
-    "parallel": {"baseline": Positive | None},
-    "toed_in": {"baseline": Positive | None, "distance": Positive | None},
-    "vertical": {"baseline": Positive | None},
-    "line": {"count": Count, "spacing": Positive | None},
-    "grid": {"rows": Count, "columns": Count, "spacing_x": Positive | None, "spacing_y": Positive | None},
-    "arc": {"count": Count, "radius": Positive | None, "angle_deg": number(0, 360, above=True)},
+    "parallel": {"baseline": RigLength | None},
+    "toed_in": {"baseline": RigLength | None, "distance": RigLength | None},
+    "vertical": {"baseline": RigLength | None},
+    "line": {"count": Count, "spacing": RigLength | None},
+    "grid": {"rows": Count, "columns": Count, "spacing_x": RigLength | None, "spacing_y": RigLength | None},
+    "arc": {"count": Count, "radius": RigLength | None, "angle_deg": number(0, 360, above=True)},
     "cameras": {"cameras": Annotated[list[PosedIntrinsics], _CAMERAS]},
 }
 _RIGS = variants(RigBase, "layout", _KEYS, "parallel")

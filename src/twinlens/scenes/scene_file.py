@@ -12,13 +12,13 @@ import pydantic
 from twinlens.errors import FileError, InputError, located, unknown
 from twinlens.scenes.assets import SceneContext, read_limited
 from twinlens.scenes.objects import Object
-from twinlens.scenes.placement import Vector3, view_pose
+from twinlens.scenes.placement import Length, Vector3, view_pose
 from twinlens.scenes.plugins import SURROUNDING_LIGHTS, Integrator, Light, Material
-from twinlens.scenes.rigs import RigTable, rig_from_table
+from twinlens.scenes.rigs import RigLength, RigTable, rig_from_table
 from twinlens.scenes.scene import Scene
 from twinlens.scenes.texture_tables import Texture
 from twinlens.scenes.xml_file import read_scene_xml
-from twinlens.schema import NEAR_FAR, Positive, StrictModel, exactly, read
+from twinlens.schema import NEAR_FAR, StrictModel, exactly, read
 
 _SCENE_FILE = "scene.toml"
 _ANY_SIZE = 64, 48  # pixels; a rig is built once with images of this size to check its table
@@ -31,8 +31,8 @@ class ViewTable(StrictModel):
     look_at: Vector3
     up: Vector3 = pydantic.Field([0.0, 0.0, 1.0])
     fov_x_deg: Annotated[float, pydantic.Field(ge=1, le=170), pydantic.AfterValidator(float)] = 50.0
-    baseline: Positive = 0.1
-    depth_range: Annotated[list[Positive], exactly(2, Positive), NEAR_FAR]
+    baseline: RigLength = 0.1
+    depth_range: Annotated[list[Length], exactly(2, Length), NEAR_FAR]
 
     @pydantic.model_validator(mode="after")
     def _check_pose(self) -> "ViewTable":
