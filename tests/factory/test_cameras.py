@@ -1,12 +1,14 @@
 """`[camera]` in recipes, and `camera` in rigs: presets, sensor formats and focal lengths in millimetres."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from twinlens.camera import KannalaBrandt
 from twinlens.camera.presets import CAMERAS
 from twinlens.errors import InputError
-from twinlens.factory import plan
+from twinlens.factory import default_rig, plan
 from twinlens.factory.recipe import recipe_from_table
 from twinlens.factory.settings import Settings
 from twinlens.scenes import Scene, rig_from_table
@@ -16,11 +18,11 @@ SCENE = Scene("stage", (), {}, np.eye(4), (1.0, 3.0), baseline=0.25)
 BASE = {"seed": 1, "count": 3, "scenes": ["cards"]}
 
 
-def rig_of(table, index=0):
-    """The settings and the rig of a sample of a recipe."""
+def rig_of(table, index=0, own=None):
+    """The settings and the rig of a sample of a recipe; `own` is the rig's table of its scene.toml."""
     spec = plan(recipe_from_table(BASE | table), index)
     settings = read(Settings, spec.drawn, "recipe.toml")
-    return settings, settings.rig_of(SCENE, None, "recipe.toml")
+    return settings, settings.rig_of(SCENE, own, "recipe.toml")
 
 
 def test_a_preset_sets_the_pair_and_the_size_of_its_images():
@@ -38,6 +40,26 @@ def test_a_smaller_width_bins_and_the_rig_may_change_the_baseline():
     assert (settings.width, settings.height) == (320, 200)
     assert rig.cameras[0].fov_x_deg == pytest.approx(CAMERAS["realsense-d435"].camera.fov_x_deg)
     assert rig.baseline() == pytest.approx(0.2)
+
+
+OWN = {"layout": "toed_in", "distance": 2.0, "baseline": 0.4, "fx": 80.0, "cameras": [{}, {"cx": 5.0, "fx": 90.0}]}
+
+
+def test_a_camera_replaces_that_of_the_rig_of_its_scene():
+    camera = {"preset": "realsense-d435"}
+    by_recipe = rig_of({"width": 320, "height": 200, "camera": camera}, own=OWN)[1]
+    by_option = default_rig(dataclasses.replace(SCENE, rig=OWN), 320, 200, intrinsics={"camera": camera})
+    for rig in (by_recipe, by_option):
+        assert [each.fx for each in rig.cameras] == pytest.approx([1.93e3 / 12] * 2)
+        assert rig.cameras[0] == rig.cameras[1]
+        assert rig.baseline() == pytest.approx(0.05)
+        assert not rig.is_rectified()
+
+
+def test_a_camera_without_a_pair_keeps_the_baseline_of_the_rig_of_its_scene():
+    camera = {"fx": 300.0}
+    assert rig_of({"camera": camera}, own=OWN)[1].baseline() == pytest.approx(0.4)
+    assert [each.fx for each in rig_of({"camera": camera}, own=OWN)[1].cameras] == [300.0] * 2
 
 
 def test_a_fisheye_without_a_pair_has_the_baseline_of_the_scene():

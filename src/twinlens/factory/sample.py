@@ -24,7 +24,7 @@ from twinlens.dataset import Manifest, Place, Row, Sample, Shot, describe, read_
 from twinlens.errors import InputError, check_number
 from twinlens.factory.sources import file_digests
 from twinlens.scenes import Scene, rig_from_table
-from twinlens.scenes.rigs import ALTERNATIVES, Intrinsics
+from twinlens.scenes.rigs import with_values
 from twinlens.seeds import derived_seed
 from twinlens.sensor import Exposure, Photo, Sensor
 from twinlens.sensor.exposure import check_exposure
@@ -171,26 +171,16 @@ def default_rig(
 
     fov_x_deg, baseline : replace the scene's.
     intrinsics : keys of a rig's table (docs/rigs.md) that replace those of all cameras: fx, fy, cx, cy, distortion,
-        pixel_pitch_um, sensor_width_mm, and `camera`, without its size, which replaces all of them.
+        pixel_pitch_um, sensor_width_mm, and `camera`, without its size, which replaces all of them and, with a preset
+        of a pair, the baseline.
 
     Raises InputError.
     """
     options = {"fov_x_deg": fov_x_deg, "baseline": baseline, **(intrinsics or {})}
     given = {key: value for key, value in options.items() if value is not None}
-    replaced = set(given)
     if "camera" in given:
         given["camera"] = {**given["camera"], "width": width, "height": height}
-        replaced |= Intrinsics.model_fields.keys()
-    for alternatives in ALTERNATIVES:
-        replaced |= alternatives if alternatives & given.keys() else set()
-
-    def kept(part: Any) -> Any:
-        return {key: part[key] for key in part if key not in replaced} if isinstance(part, Mapping) else part
-
-    table: dict[str, Any] = kept(scene.rig or {})
-    if isinstance(table.get("cameras"), list):
-        table["cameras"] = [kept(camera) for camera in table["cameras"]]
-    return rig_from_table(table | given, scene, width, height)
+    return rig_from_table(with_values(scene.rig or {}, given), scene, width, height)
 
 
 def check_common_view(rig: Rig, scene: Scene) -> None:

@@ -26,7 +26,7 @@ from twinlens.geometry import Float, rigid
 from twinlens.optics import middle_focus
 from twinlens.scenes import Scene, read_toml, rig_from_table
 from twinlens.scenes.placement import rotation
-from twinlens.scenes.rigs import ALTERNATIVES, CameraTable, Intrinsics
+from twinlens.scenes.rigs import ALTERNATIVES, CameraTable, Intrinsics, with_values
 from twinlens.schema import NEAR_FAR, Fraction, NonNegative, Number, Positive, StrictModel, read, table_of
 from twinlens.seeds import generator
 from twinlens.sensor import LEVELS, PRESETS, Exposure, Mismatch, Sensor
@@ -315,10 +315,11 @@ class Settings(StrictModel):
         return self
 
     def rig_of(self, scene: Scene, own: Mapping[str, Any] | None, file: Path) -> Rig:
-        """The rig in `scene`: that of the recipe, or of `own`, the scene's table, with the recipe's camera."""
+        """The rig in `scene`: that of the recipe, or of `own`, the scene's table, whose camera is the recipe's if any."""
         table = self.rig or own or {}
         if self.camera is not None:
-            table = {**table, "camera": {**self.camera, "width": self.width, "height": self.height}}
+            camera = {**self.camera, "width": self.width, "height": self.height}
+            table = {**self.rig, "camera": camera} if self.rig else with_values(table, {"camera": camera})
         return rig_from_table(table, scene, self.width, self.height, file, "rig")
 
 

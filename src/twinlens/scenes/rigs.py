@@ -233,6 +233,27 @@ RigTable = Annotated[RigBase, reads(tagged("Rig", "layout", _RIGS, "parallel"))]
 _RIG: pydantic.TypeAdapter[RigBase] = pydantic.TypeAdapter(RigTable)
 
 
+def with_values(table: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """A rig's table with `given` values in place of its own, and of those of its `cameras`.
+
+    A `camera` replaces all intrinsics and, with a preset of a pair, the baseline.
+    """
+    replaced = set(given).union(*(keys for keys in ALTERNATIVES if keys & given.keys()))
+    if "camera" in given:
+        replaced |= Intrinsics.model_fields.keys()
+        preset = given["camera"].get("preset")
+        if preset and find_camera(preset).baseline:
+            replaced.add("baseline")
+
+    def kept(part: Any) -> Any:
+        return {key: part[key] for key in part if key not in replaced} if isinstance(part, Mapping) else part
+
+    own: dict[str, Any] = kept(table)
+    if isinstance(own.get("cameras"), list):
+        own["cameras"] = [kept(camera) for camera in own["cameras"]]
+    return own | given
+
+
 def rig_from_table(
     table: Mapping[str, Any], scene: Scene, width: int, height: int, file: str | Path = "rig", key: str = ""
 ) -> Rig:
