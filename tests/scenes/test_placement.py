@@ -87,7 +87,7 @@ def test_the_default_pose_of_a_scene_may_be_moved() -> None:
         ("extents = 1\ntranslate = [1e30, 0, 0]", r"translate\[0\]: must be <= 1e\+09, got 1e\+30"),
         ("extents = 1\nscale = 1e30", r"scale: must be <= 1e\+09"),
         ("extents = 1\nscale = 1e308\neuler_deg = [0, 0, 30]", r"scale: must be <= 1e\+09"),
-        ("extents = 1\nmatrix = [[1, 0, 0, -2e9], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]", r"matrix\[0\]\[3\]: must"),
+        ("extents = 1\nmatrix = [[1, 0, 0, -2e9], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]", r"matrix\[0\]\[3\]:"),
         ("extents = 1e15", r"extents: must be <= 1e\+09, got 1000000000000000"),
         ("extents = [1, 1e15, 1]", r"extents\[1\]: must be <= 1e\+09"),
     ],

@@ -315,7 +315,7 @@ class Settings(StrictModel):
         return self
 
     def rig_of(self, scene: Scene, own: Mapping[str, Any] | None, file: Path) -> Rig:
-        """The rig in `scene`: that of the recipe, or of `own`, the scene's table, whose camera is the recipe's if any."""
+        """The rig in `scene`: that of the recipe, or `own`, the table of the scene, with the camera of the recipe."""
         table = self.rig or own or {}
         if self.camera is not None:
             camera = {**self.camera, "width": self.width, "height": self.height}
