@@ -172,13 +172,13 @@ def test_cards_are_written_to_buckets(tmp_path):
     assert [sample.name for sample in Dataset(root)] == ["a", "train/0"]
 
 
-def test_the_contact_sheet_shows_each_image_and_missing_ones_in_grey():
+def test_the_contact_sheet_shows_each_image():
     colors = [(250, 0, 0), (0, 250, 0), (0, 0, 250)]
     images = [np.full((60, 80, 3), color, np.uint8) for color in colors]
     images += [np.full((90, 60), 200 * 257, np.uint16)]
-    sheet = contact_sheet([tile(images[0]), None, *map(tile, images[1:])], columns=3)
+    sheet = contact_sheet(list(map(tile, images)), columns=3)
     assert sheet.size == (3 * 164 + 4, 2 * 124 + 4)
-    for i, color in enumerate([colors[0], (200, 200, 200), *colors[1:], (200, 200, 200)]):
+    for i, color in enumerate([*colors, (200, 200, 200), (255, 255, 255)]):
         pixel = sheet.getpixel((84 + i % 3 * 164, 64 + i // 3 * 124))
         np.testing.assert_allclose(pixel, color, atol=6)
     with pytest.raises(InputError, match="one or more images"):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.factory_recipes import RECIPE, digests, write_recipe
-from twinlens.dataset import About, Dataset, Manifest, Row, describe, read_manifest, write_manifest
+from twinlens.dataset import About, Dataset, Manifest, Row, describe, read_image, read_manifest, write_manifest
 from twinlens.dataset.files import locked
 from twinlens.dataset.metadata import about
 from twinlens.dataset.sample import sample_files
@@ -102,6 +102,11 @@ def test_an_interrupted_run_leaves_whole_samples_and_resumes(recipe, whole, fold
 def test_limit_counts_this_runs_samples(recipe, whole, folder):
     assert [generate(recipe, folder, limit=3).made for _ in range(3)] == [3, 1, 0]
     assert digests(folder) == digests(whole)
+
+
+def test_the_preview_of_an_unfinished_dataset_has_its_samples_only(tmp_path):
+    generate(read_recipe(write_recipe(tmp_path, count=100)), tmp_path / "set", limit=2)
+    assert read_image(tmp_path / "set" / "preview.png").shape[1] == 2 * (160 + 4) + 4
 
 
 def test_shards_make_the_whole_in_any_order(recipe, whole, folder):

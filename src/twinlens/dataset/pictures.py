@@ -11,7 +11,6 @@ from twinlens.errors import InputError, check_known
 
 NO_TRUTH = (196, 200, 206)  # light grey: viridis, magma and berlin contain no greys
 _TILE_WIDTH, _GAP = 160, 4
-_MISSING = "#c8c8c8"
 
 
 def rgb8(image: NDArray[Any]) -> NDArray[np.uint8]:
@@ -64,15 +63,13 @@ def tile(image: NDArray[Any]) -> Image.Image:
     return picture.resize((_TILE_WIDTH, height), Image.Resampling.LANCZOS)
 
 
-def contact_sheet(tiles: Sequence[Image.Image | None], columns: int = 8) -> Image.Image:
-    """Tiles in rows, padded to the size of the first; None leaves a place grey. Raises InputError without tiles."""
+def contact_sheet(tiles: Sequence[Image.Image], columns: int = 8) -> Image.Image:
+    """Tiles in rows, padded to the size of the first. Raises InputError without tiles."""
     from skimage.util import montage
 
-    sizes = [each.size for each in tiles if each is not None]
-    if not sizes:
+    if not tiles:
         raise InputError("a contact sheet needs one or more images")
     columns = min(columns, len(tiles))
-    missing = Image.new("RGB", sizes[0], _MISSING)
-    padded = [missing if each is None else ImageOps.pad(each, sizes[0], color="white") for each in tiles]
+    padded = [ImageOps.pad(each, tiles[0].size, color="white") for each in tiles]
     grid = {"grid_shape": (-(-len(tiles) // columns), columns), "padding_width": _GAP, "fill": (255, 255, 255)}
     return Image.fromarray(montage(np.stack([np.asarray(each) for each in padded]), channel_axis=-1, **grid))

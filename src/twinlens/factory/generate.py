@@ -23,7 +23,6 @@ from twinlens.dataset.sample import sample_files
 from twinlens.dataset.storage import Where, place
 from twinlens.errors import FileError, InputError
 from twinlens.factory.ledger import Failure, Ledger, repairable, whole_samples
-from twinlens.factory.plan import sample_name
 from twinlens.factory.produce import check_backend
 from twinlens.factory.recipe import Recipe
 from twinlens.factory.sample import made_with
@@ -129,7 +128,7 @@ def generate(
 
 def _collect(ledger: Ledger, results: Results, exclusive: bool) -> int:
     """Add results to the ledger; the number of samples made. `exclusive`: keep dataset.json and the preview current."""
-    tiles: dict[int, Image.Image] = {}
+    tiles: dict[str, Image.Image] = {}
     made, due = 0, time.monotonic() + _WRITE_EVERY_S
 
     def write() -> None:
@@ -217,20 +216,24 @@ def estimate(recipe: Recipe, folder: Where) -> Estimate:
     return Estimate(recipe.count, before, todo, made.record["spec"], seconds, size, seconds * todo, size * todo)
 
 
-def write_preview(ledger: Ledger, tiles: dict[int, Image.Image]) -> None:
-    """Write preview.png: left images and disparities of samples spread evenly over all; adds to `tiles`, by index."""
-    places = chosen(ledger.recipe.count)
-    for index in sorted({int(row.name) for row in ledger.rows} & {*places} - {*tiles}):
-        sample = ledger.folder / sample_name(index)
+def write_preview(ledger: Ledger, tiles: dict[str, Image.Image]) -> None:
+    """Write preview.png: left images and disparities of `chosen` samples of those that are made.
+
+    `tiles` are those of the last preview, by the names of their samples, and are replaced by those of this one.
+    """
+    names = [row.name for row in ledger.rows]
+    known = dict(tiles)
+    tiles.clear()
+    for name in (names[k] for k in chosen(len(names))):
+        sample = ledger.folder / name
         with repairable(sample):
-            tiles[index] = sample_tile(StoredSample(sample, sample.name))
+            tiles[name] = known.get(name) or sample_tile(StoredSample(sample, name))
     if tiles:
-        sheet = contact_sheet([tiles.get(index) for index in places])
-        write_file(ledger.folder / "preview.png", encode_png(np.asarray(sheet)))
+        write_file(ledger.folder / "preview.png", encode_png(np.asarray(contact_sheet(list(tiles.values())))))
 
 
 def chosen(count: int) -> list[int]:
-    """The samples on preview.png: all of them, or `MOST` spread evenly.
+    """Which of `count` samples are on preview.png: all of them, or `MOST` spread evenly.
 
     >>> chosen(3), chosen(1000)[:2]
     ([0, 1, 2], [0, 20])
