@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import pydantic
@@ -15,8 +15,8 @@ from twinlens.schema import NonNegative, Number, StrictModel, exactly, number, s
 _COPIES = satisfies(lambda count: math.prod(count) <= 100_000, "makes more than 100000 copies, got {}")
 
 _FARTHEST = 1e9  # metres; Mitsuba's float32 has steps of 64 m there
-Coordinate = number(-_FARTHEST, _FARTHEST)
-Length = number(0, _FARTHEST, above=True)
+Coordinate: Any = number(-_FARTHEST, _FARTHEST)
+Length: Any = number(0, _FARTHEST, above=True)
 Vector2 = Annotated[list[Coordinate], exactly(2, Coordinate)]
 Vector3 = Annotated[list[Coordinate], exactly(3, Coordinate, name="Vector3")]
 Scale = Annotated[list[Length], exactly(3, Length, or_one=True, name="Scale")]
@@ -24,7 +24,7 @@ Scale = Annotated[list[Length], exactly(3, Length, or_one=True, name="Scale")]
 
 _ROW = Annotated[list[Coordinate], exactly(4, Coordinate)]
 Matrix = Annotated[list[_ROW], exactly(4, _ROW, name="Matrix")]
-_JITTER = number(0, _FARTHEST)
+_JITTER: Any = number(0, _FARTHEST)
 _JITTER_DEG = Annotated[NonNegative, pydantic.Field(le=180)]
 _COUNT = Annotated[int, pydantic.Field(ge=1, le=10_000)]
 

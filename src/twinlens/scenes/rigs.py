@@ -25,7 +25,7 @@ _CAMERAS = pydantic.Field(min_length=1, max_length=_MOST_CAMERAS)
 Pixels = Annotated[int, pydantic.Field(ge=1, le=MAX_SIDE)]
 SensorWidth = Annotated[Positive, pydantic.BeforeValidator(sensor_width_mm, Number | str)]
 """A width in mm, or the name of a sensor format."""
-RigLength = number(0, 1e6, above=True)
+RigLength: Any = number(0, 1e6, above=True)
 """Metres between cameras: at most as far as a recipe's `scene.jitter` moves them."""
 Count = Annotated[int, pydantic.Field(ge=1, le=_MOST_CAMERAS)]
 
@@ -251,7 +251,7 @@ def with_values(table: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str,
     own: dict[str, Any] = kept(table)
     if isinstance(own.get("cameras"), list):
         own["cameras"] = [kept(camera) for camera in own["cameras"]]
-    return own | given
+    return {**own, **given}
 
 
 def rig_from_table(
