@@ -241,8 +241,8 @@ def with_values(table: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str,
     replaced = set(given).union(*(keys for keys in ALTERNATIVES if keys & given.keys()))
     if "camera" in given:
         replaced |= Intrinsics.model_fields.keys()
-        preset = given["camera"].get("preset")
-        if preset and find_camera(preset).baseline:
+        preset = CAMERAS.get(given["camera"].get("preset"))  # an unknown one is an error where the table is read
+        if preset and preset.baseline:
             replaced.add("baseline")
 
     def kept(part: Any) -> Any:
