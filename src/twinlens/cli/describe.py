@@ -22,7 +22,7 @@ def command(dataset: Place, **given: str | None) -> None:
     run this command to change the options or after changing the dataset.
 
     \b
-    Example:  twinlens describe out --license CC-BY-4.0 --creator "Ada Lovelace"
+    Example:  twinlens describe out --license CC-BY-4.0 --creator "Your Name"
     """
     about = About.of({key: value for key, value in given.items() if value is not None})
     for file in describe(dataset, about):
