@@ -254,6 +254,10 @@ def test_a_camera_that_exists_under_a_sky(twinlens, ball, tmp_path):
     assert camera.fx == pytest.approx(64 * 2.35 / 7.68)
     assert stored.rig.baseline() == pytest.approx(0.075)
     assert stored.record["record"]["sky"]["file"] == "white.exr"
+    credits = (tmp_path / "out" / "ASSETS.md").read_text()
+    assert f"| white.exr | `{stored.record['record']['sky']['sha256']}` | not stated |" in credits
+    assert "| ball/ball.toml |" in credits
+    assert "ASSETS.md" in (tmp_path / "out" / "README.md").read_text()
     assert stored.lens(0).radiance(0).max() == pytest.approx(2.0, rel=1e-3)
     again = remake(stored.record, load_scene(ball), folder=tmp_path / "day")
     assert np.array_equal(again.shots[0].images[1], stored.lens(0).image(1))

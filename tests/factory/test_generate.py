@@ -104,9 +104,10 @@ def test_limit_counts_this_runs_samples(recipe, whole, folder):
     assert digests(folder) == digests(whole)
 
 
-def test_the_preview_of_an_unfinished_dataset_has_its_samples_only(tmp_path):
+def test_an_unfinished_dataset_has_a_preview_of_its_samples_and_credits(tmp_path):
     generate(read_recipe(write_recipe(tmp_path, count=100)), tmp_path / "set", limit=2)
     assert read_image(tmp_path / "set" / "preview.png").shape[1] == 2 * (160 + 4) + 4
+    assert "| tiny/scene.toml |" in (tmp_path / "set" / "ASSETS.md").read_text()
 
 
 def test_shards_make_the_whole_in_any_order(recipe, whole, folder):

@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 
 import twinlens
-from twinlens.dataset.dataset import Dataset, Manifest, write_manifest
+from twinlens.dataset.dataset import MANIFEST, Dataset, Manifest, write_manifest
 from twinlens.dataset.files import read_bytes, write_file
-from twinlens.dataset.metadata import KEY, About, Credit, about, write_croissant
+from twinlens.dataset.metadata import KEY, About, Credit, about, stated, write_croissant
 from twinlens.dataset.pictures import contact_sheet, tile
 from twinlens.dataset.quantities import Statistics, mixed_counts, quantiles, stored_statistics
 from twinlens.dataset.record import plain
@@ -91,8 +91,8 @@ def describe(dataset: Where | Dataset, given: About | None = None) -> list[str]:
 
     `given` is merged into dataset.json: texts that it leaves empty keep their value. A README.md that twinlens did not
     write is kept, and the card is CARD.md. Statistics come from sample.json, or else from the truth, with one sample in
-    memory at a time. Unreadable samples are listed and not counted. ASSETS.md lists the files that a recipe used, with
-    SHA-256, licence and author as `About.credits` states them.
+    memory at a time. Unreadable samples are listed and not counted. ASSETS.md lists the files that the dataset was
+    made from, with SHA-256, licence and author as `About.credits` states them.
 
     Raises FileError if no sample can be read, or if `given` is not empty and there is no dataset.json, and OutputError.
     """
@@ -103,26 +103,36 @@ def describe(dataset: Where | Dataset, given: About | None = None) -> list[str]:
         stored = manifest.info.get(KEY, {}) | given.plain()
         manifest = dataclasses.replace(dataset.manifest, info={**manifest.info, KEY: stored})
         write_manifest(dataset.path, manifest)
-    written = [*_write_card(dataset, texts, manifest), *_write_assets(dataset, texts, manifest)]
+    written = [*_write_card(dataset, texts, manifest), *write_assets(dataset.path, manifest)]
     return [*written, write_croissant(dataset, texts, manifest)]
 
 
-def _write_assets(dataset: Dataset, given: About, manifest: Manifest) -> list[str]:
-    """Write ASSETS.md if the dataset has source files; one that twinlens did not write is kept."""
-    sources, path = manifest.info.get("sources"), dataset.path / ASSETS
-    if not isinstance(sources, Mapping) or not sources or not _is_own(path):
+def write_assets(folder: Place, manifest: Manifest) -> list[str]:
+    """Write ASSETS.md if the dataset in `folder` has source files; one that twinlens did not write is kept.
+
+    Returns the names of the files written.
+    """
+    sources, given = _sources(manifest), stated(manifest, folder / MANIFEST)
+    if not sources or not _is_own(folder / ASSETS):
         return []
     bundled = [Credit(files=name, license="MIT", creator="twinlens") for name in manifest.info.get("bundled", ())]
     rows = []
-    for name, digest in sources.items():
+    for name, digest in sources:
         credit = next((each for each in (*given.credits, *bundled) if each.covers(name)), None)
         texts = (credit.license or "not stated", credit.creator, credit.url) if credit else ("not stated", "", "")
         rows.append([_cell(text) for text in (name, f"`{digest}`", *texts)])
     heads = ["file", "SHA-256", "licence", "author", "source"]
     table = "\n".join(f"| {' | '.join(row)} |" for row in (heads, ["---"] * len(heads), *rows))
     text = f"{_MARKER}\n\n# Assets\n\nThe files that this dataset was made from. They are not part of it.\n\n{table}\n"
-    write_file(path, text.encode())
+    write_file(folder / ASSETS, text.encode())
     return [ASSETS]
+
+
+def _sources(manifest: Manifest) -> list[tuple[str, str]]:
+    """Names and SHA-256 of the files of the recipe, and of samples that were made without one."""
+    tables = [manifest.info.get("sources"), *(row.info.get("sources") for row in manifest.rows)]
+    pairs = ((name, str(digest)) for table in tables if isinstance(table, Mapping) for name, digest in table.items())
+    return list(dict.fromkeys(pairs))
 
 
 def _cell(text: str) -> str:
@@ -167,7 +177,7 @@ def _card(
     texts += [f"Made by {given.creator}."] if given.creator else []
     if given.cite_as:
         texts.append("Citation:\n\n" + "\n".join(f"    {line}" for line in given.cite_as.splitlines()))
-    if manifest.info.get("sources"):
+    if _sources(manifest):
         texts.append(f"{ASSETS} lists the files that the dataset was made from.")
         for each in given.credits:
             stated = filter(None, (each.license or "licence not stated", each.creator, each.url))

@@ -21,6 +21,7 @@ from twinlens import schema
 from twinlens.dataset.dataset import MANIFEST, Dataset, Manifest
 from twinlens.dataset.files import read_bytes, write_file
 from twinlens.dataset.record import read
+from twinlens.dataset.storage import Place
 
 KEY, UNNAMED = "about", "stereo dataset"
 CROISSANT = "croissant.json"
@@ -121,8 +122,13 @@ def about(dataset: Dataset) -> tuple[About, Manifest]:
     if not path.is_file():
         return About(), Manifest(())
     manifest = dataset.manifest
+    return stated(manifest, path), manifest
+
+
+def stated(manifest: Manifest, path: Place) -> About:
+    """The recipe's About with the changes in `info`; `path` is named in messages. Raises FileError."""
     written, given = (read(About, each.get(KEY, {}), path, KEY).plain() for each in (manifest.recipe, manifest.info))
-    return About.of(written | given), manifest
+    return About.of(written | given)
 
 
 def write_croissant(dataset: Dataset, given: About, manifest: Manifest) -> str:

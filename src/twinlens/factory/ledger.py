@@ -18,6 +18,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from twinlens.dataset import Manifest, Row, read_manifest, write_manifest
+from twinlens.dataset.card import ASSETS, write_assets
 from twinlens.dataset.dataset import MANIFEST, ROW_KIND, ROW_VERSION, ROWS, row_of
 from twinlens.dataset.files import files_below, is_hidden, read_bytes, remove_unfinished, write_file
 from twinlens.dataset.metadata import KEY as ABOUT
@@ -57,7 +58,7 @@ class Ledger:
         self.has_file = (folder / MANIFEST).is_file()
         if not self.has_file:
             for entry in folder.iterdir() if folder.is_dir() else ():
-                if not (is_hidden(entry.name) or entry.name.isdecimal() or entry.name == "preview.png"):
+                if not (is_hidden(entry.name) or entry.name.isdecimal() or entry.name in ("preview.png", ASSETS)):
                     remedy = "name a new or empty folder; if dataset.json was lost, move that file away and run again"
                     raise InputError(f"{folder}: is not a dataset and contains {entry.name!r}; {remedy}")
             return
@@ -106,7 +107,7 @@ class Ledger:
         return [index for index in range(self.recipe.count) if index not in self.entries]
 
     def write(self, **info: Any) -> None:
-        """Write dataset.json; `info` is added to it."""
+        """Write dataset.json, to which `info` is added, and ASSETS.md."""
         record = {
             "made_with": self.made_with,
             "sources": self.recipe.sources.digests,
@@ -119,7 +120,9 @@ class Ledger:
             counts = Counter(row.info.get("split") for row in self.rows)
             record["splits"] = {name: counts[name] for name in self.recipe.splits}
         info = record | self.described | info
-        write_manifest(self.folder, Manifest(self.rows, self.recipe.written, self.recipe.seed, info))
+        manifest = Manifest(self.rows, self.recipe.written, self.recipe.seed, info)
+        write_manifest(self.folder, manifest)
+        write_assets(self.folder, manifest)
         self.has_file = True
 
     def clear(self) -> None:

@@ -23,7 +23,7 @@ from twinlens.camera.truth import Truth
 from twinlens.dataset import Manifest, Place, Row, Sample, Shot, describe, read_manifest, write_manifest, write_sample
 from twinlens.errors import InputError, check_number
 from twinlens.factory.sources import file_digests
-from twinlens.scenes import Scene, rig_from_table
+from twinlens.scenes import Scene, bundled_scenes, load_scene, rig_from_table
 from twinlens.scenes.rigs import with_values
 from twinlens.seeds import derived_seed
 from twinlens.sensor import Exposure, Photo, Sensor
@@ -198,9 +198,15 @@ def check_common_view(rig: Rig, scene: Scene) -> None:
 def add_sample(output: Place, name: str, sample: Sample, seed: int, overwrite: bool = False) -> Row:
     """Write a sample into a dataset that no recipe made: its folder, its row in dataset.json, and the card.
 
-    dataset.json keeps its recipe, its other info and its other rows. It has a seed only while all samples share it.
+    dataset.json keeps its recipe, its other info and its other rows. It has a seed only while all samples share it. The
+    row has the SHA-256 of the files of the sky, and of the scene unless it is a bundled one, for ASSETS.md.
     """
-    row = Row(name, write_sample(output / name, sample, overwrite), {"scene": name})
+    sky, files = sample.record.get("sky"), sample.record.get("scene_files", {})
+    sources = {sky["file"]: sky["sha256"]} if sky else {}
+    if name not in bundled_scenes() or files != file_digests(load_scene(name)):
+        sources |= {f"{name}/{file}": digest for file, digest in files.items()}
+    info = {"scene": name, **({"sources": sources} if sources else {})}
+    row = Row(name, write_sample(output / name, sample, overwrite), info)
     before = read_manifest(output) if (output / "dataset.json").exists() else Manifest((), seed=seed)
     known = {each.name: each for each in before.rows} | {name: row}
     shared = before.seed if before.recipe or before.seed == seed else None
