@@ -6,6 +6,7 @@ import pytest
 
 import twinlens as tl
 from twinlens.dataset import Dataset, read_png
+from twinlens.scoring import load_pair
 
 
 def test_points_are_true_matches_on_their_epipolar_lines(twinlens, dataset, tmp_path):
@@ -65,9 +66,12 @@ def test_costs_are_those_of_the_library(twinlens, dataset, tmp_path):
     for name, curve in curves.items():
         found = record["curves"][name]
         assert (found["winner"], found["rival"]) == (curve.winner, curve.rival)
+        reason = tl.scoring.reason_of(load_pair(stored, 1), curve)
+        assert found["reason"] == {"kind": reason.kind, "text": reason.text}
         assert [float(cost) for cost in found["costs"]] == pytest.approx(list(curve.costs))
     first = tl.cost_curve(stored.im0, stored.im1, 40, 20, ["sad"], num_disparities=stored.ndisp)["sad"]
     assert f"sad: winner {first.disparity:.2f} px (cost {first.costs.min():.4g}), rival {first.rival} px" in out
+    assert tl.scoring.reason_of(load_pair(stored), first).text in out
 
 
 @pytest.mark.parametrize(

@@ -197,6 +197,23 @@ def test_curves_equal_pythons(listed, tmp_path, sample, texts):
             np.testing.assert_allclose(costs, expected[name].costs, rtol=1e-4, atol=1e-4, err_msg=f"{name} {u} {v}")
 
 
+def pythons_reason(pair, maps, name, u, v):
+    """Of the estimate as the page stores it, in steps of 1/16 px."""
+    text = {"mine": "zncc:block_size=9", "sad9": "sad:block_size=9"}[name]
+    (curve,) = tl.cost_curve(pair.im0, pair.im1, u, v, [text], **pair.search).values()
+    return tl.scoring.reason_of(pair, curve, float(np.rint(maps[name, pair.name][v, u] * 16) / 16))
+
+
+def assert_same_reason(page, python, where):
+    """One kind, and one sentence but for the last digit of its numbers."""
+    number = r"[0-9]+(?:\.[0-9]+)?(?:e[+-]?[0-9]+)?"
+    assert page[0] == python.kind, where
+    assert re.sub(number, "#", page[1]) == re.sub(number, "#", python.text), where
+    pairs = zip(re.findall(number, page[1]), re.findall(number, python.text), strict=True)
+    for a, b in pairs:
+        assert float(a) == pytest.approx(float(b), rel=0.01, abs=0.11 if "." in a else 1), (where, *page)
+
+
 @needs_chromium
 def test_reasons_are_the_known_causes(tmp_path):
     pair, cause = scene()
@@ -205,8 +222,15 @@ def test_reasons_are_the_known_causes(tmp_path):
     assert {cause for *_, cause in labelled} == {
         "occluded", "texture", "repetition", "discontinuity", "saturation", "range", "blur",
     }  # fmt: skip
-    results = asked_page(*page, tmp_path, reasons=[pixel[:3] for pixel in labelled])
-    answers = [(pixel, *reason) for pixel, reason in zip(labelled, results["reasons"], strict=True)]
+    rng = np.random.default_rng(2)
+    others = [("mine", int(rng.integers(200)), int(rng.integers(132))) for _ in range(60)]
+    asked = [pixel[:3] for pixel in labelled] + others
+    results = asked_page(*page, tmp_path, reasons=asked)
+    for pixel, answer in zip(asked, results["reasons"], strict=True):
+        assert_same_reason(answer, pythons_reason(pair, page[2], *pixel), pixel)
+    assert {"right", "other"} < {kind for kind, _ in results["reasons"]}
+    found = results["reasons"][: len(labelled)]
+    answers = [(pixel, *reason) for pixel, reason in zip(labelled, found, strict=True)]
     misses = [answer for answer in answers if answer[0][3] != answer[1]]
     assert len(misses) <= 0.1 * len(answers), misses
     assert results["clicked"] == ["84", "60"]

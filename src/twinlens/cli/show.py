@@ -17,7 +17,7 @@ from twinlens.matching import cost_curve, parse_method
 from twinlens.report.confidence_picture import confidence_picture
 from twinlens.report.cost_picture import cost_picture
 from twinlens.report.epipolar_picture import epipolar_picture, true_matches
-from twinlens.scoring import Pair, load_pair, motorcycle, score_confidences
+from twinlens.scoring import Pair, load_pair, motorcycle, reason_of, score_confidences
 
 COST_METHODS = "sad,zncc,census,sgm"
 
@@ -73,10 +73,11 @@ def epipolar(sample: Place, output: Path, cameras: str, points: int, as_json: bo
 @click.option("--lens", type=Whole(0), default=0, show_default=True, help="The sample's lens, counted from 0.")
 @json_option("the curves")
 def costs(sample: str, pixel: str, output: Path | None, methods: tuple[str, ...], lens: int, as_json: bool) -> None:
-    """Draw the cost of a pixel as a function of disparity, for each method, with the true disparity.
+    """Draw the cost of a pixel as a function of disparity, for each method, and print why it is right or wrong.
 
     SAMPLE may also be "motorcycle". Beside each curve are the pixel's window in the left image, and the windows in
-    the right image at the true disparity, at the winner, and at the rival: the lowest other minimum.
+    the right image at the true disparity, at the winner, and at the rival: the lowest other minimum. The reasons are
+    those of a board's page: docs/benchmark.md.
 
     \b
     Example:  twinlens show costs out/staircase --at 120,80 --methods sad,zncc,sgm -o costs.png
@@ -87,13 +88,14 @@ def costs(sample: str, pixel: str, output: Path | None, methods: tuple[str, ...]
     height, width = pair.disp0.shape
     u, v = parse_pixel(pixel, width, height)
     curves = cost_curve(pair.im0, pair.im1, u, v, methods or (COST_METHODS,), **pair.search)
-    truth = float(pair.disp0[v, u])
+    truth, reasons = float(pair.disp0[v, u]), {name: reason_of(pair, curve) for name, curve in curves.items()}
     if output is not None:
         write_file(output, cost_picture((pair.im0, pair.im1), curves, truth, output.suffix.lower()[1:]))
     record = {
         "picture": None if output is None else str(output), "at": [u, v], "truth": truth,
         "curves": {
             name: {field: getattr(curve, field) for field in ("disparity", "winner", "rival", "disparities", "costs")}
+            | {"reason": reasons[name]._asdict()}
             for name, curve in curves.items()
         },
     }  # fmt: skip
@@ -105,7 +107,7 @@ def costs(sample: str, pixel: str, output: Path | None, methods: tuple[str, ...]
             for place, shown in ((curve.winner, f"{curve.disparity:.2f}"), (curve.rival, curve.rival))
         )
         at_truth = f", cost at the truth {curve.cost_at(truth):.4g}" if np.isfinite(truth) else ""
-        lines.append(f"{name}: winner {winner}, rival {rival}{at_truth}")
+        lines.append(f"{name}: winner {winner}, rival {rival}{at_truth}. {reasons[name].text}")
     print_result(as_json, record, *lines)
 
 

@@ -34,6 +34,7 @@ from twinlens.matching.supports import SUPPORTS
 from twinlens.scoring import METRICS, PROTOCOLS, REGIONS, Board, Entry, Groups, Pair, Sample
 from twinlens.scoring.metrics import TIMES
 from twinlens.scoring.protocols import Protocol
+from twinlens.scoring.reasons import LIMITS
 from twinlens.scoring.regions import occluded
 from twinlens.scoring.sparsification import DENSITIES
 from twinlens.scoring.tables import has_confidence
@@ -200,6 +201,7 @@ def _document(
         "metrics": {m.name: {"unit": m.unit, "text": m.text, "lower": m.lower_is_better} for m in METRICS.values()},
         "times": list(TIMES),
         "densities": DENSITIES,
+        "limits": LIMITS,
         "entries": [_entry(e) for e in board.entries],
         "means": _means(board, weights),
         "groups": [

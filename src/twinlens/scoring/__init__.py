@@ -13,6 +13,7 @@ from twinlens.scoring.pair_statistics import (
     summarize as summarize,
 )
 from twinlens.scoring.protocols import PROTOCOLS as PROTOCOLS
+from twinlens.scoring.reasons import Reason as Reason, reason_of as reason_of
 from twinlens.scoring.recipe_fit import fit_recipe as fit_recipe, recipe_toml as recipe_toml
 from twinlens.scoring.regions import REGIONS as REGIONS, region_masks as region_masks
 from twinlens.scoring.samples import (

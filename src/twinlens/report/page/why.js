@@ -1,8 +1,5 @@
 // A clicked pixel: for each method its cost as a function of disparity, its windows, and why it is right or wrong.
 
-// Thresholds of the reasons: that of bad2.0, those of the regions "textureless" and "discontinuity", and shares and ratios.
-const RIGHT_PX = 2, NO_TEXTURE = 4, JUMP_PX = 2, OTHER_SURFACE = 0.05, OTHER_DEPTH = 0.25, SATURATED = 0.25, REPEATED = 0.8, BLUR = 2;
-
 const prepared = new Map(); // pictures -> their grey images, plain and prefiltered
 
 async function greyOf(p) {
@@ -32,34 +29,36 @@ function sharpness(img, x, y, r) {
 }
 
 // Why the estimate of pixel (x, y) is right or wrong: a kind and a sentence. truth: {w, h, stride, values, hidden}.
+// The rule is that of twinlens.scoring.reasons; data.limits are its LIMITS.
 function reasonOf({ x, y, radius, est, low, count, costs, truth, left, right }) {
-  const { stride } = truth, at = (u, v) => truth.values[v * truth.w + u];
+  const { stride } = truth, limits = data.limits, at = (u, v) => truth.values[v * truth.w + u];
   const tx = Math.round(x / stride), ty = Math.round(y / stride), d = at(tx, ty);
   if (d === Infinity) return ["unknown", "The truth is unknown here."];
   const off = est - d, none = est === Infinity;
-  if (!none && Math.abs(off) <= RIGHT_PX) return ["right", `Right: ${Math.abs(off).toFixed(2)} px from the truth.`];
+  if (!none && Math.abs(off) <= limits.right_px) return ["right", `Right: ${Math.abs(off).toFixed(2)} px from the truth.`];
   const say = (kind, text) => [kind, `${none ? "No estimate" : `Wrong by ${off > 0 ? "+" : "−"}${Math.abs(off).toFixed(1)} px`}: ${text}.`];
   if (d < low - 0.5 || d > low + count - 0.5) return say("range", `the true disparity ${d.toFixed(1)} is outside the searched range ${low} to ${low + count - 1}`);
   if (truth.hidden && truth.hidden[ty * truth.w + tx]) return say("occluded", "the point is occluded, that is hidden from the right camera or outside its image");
   const windows = [around(left, x, y, radius), around(right, Math.round(x - d), y, radius)];
-  const saturated = Math.max(...windows.map((a) => a.filter((v) => v >= left.top * 254 / 255).length / a.length));
-  if (saturated >= SATURATED) return say("saturation", `${Math.round(100 * saturated)}% of the window is saturated`);
+  const saturated = Math.max(...windows.map((a) => a.filter((v) => v >= left.top * limits.saturated_level).length / a.length));
+  if (saturated >= limits.saturated) return say("saturation", `${Math.round(100 * saturated)}% of the window is saturated`);
   const near = [], r = Math.floor(radius / stride);
   for (let v = Math.max(0, ty - r); v <= Math.min(truth.h - 1, ty + r); v++)
     for (let u = Math.max(0, tx - r); u <= Math.min(truth.w - 1, tx + r); u++) if (at(u, v) !== Infinity) near.push(at(u, v));
   const share = (test) => near.filter(test).length / near.length;
-  const other = share((value) => Math.abs(value - d) >= JUMP_PX);
+  const other = share((value) => Math.abs(value - d) >= limits.jump_px);
   const depths = `discontinuity: ${Math.round(100 * other)}% of the window has another depth`;
-  if (!none && share((value) => Math.abs(value - d) >= JUMP_PX && Math.abs(value - est) <= 1) >= OTHER_SURFACE)
+  if (!none && share((value) => Math.abs(value - d) >= limits.jump_px && Math.abs(value - est) <= 1) >= limits.other_surface)
     return say("discontinuity", `${depths}, and the estimate is of that surface`);
   const level = Math.sqrt(texture(left, x, y, radius));
-  if (level < NO_TEXTURE) return say("texture", `the window has no texture (RMS difference of neighbours ${level.toFixed(1)} grey levels)`);
+  if (level < limits.no_texture) return say("texture", `the window has no texture (RMS difference of neighbours ${level.toFixed(1)} grey levels)`);
   const shifts = none ? [] : [Math.floor(off), Math.ceil(off)].filter((s) => Math.abs(s) >= 2 && x - s >= 0 && x - s < left.w);
   const alike = Math.max(-1, ...shifts.map((s) => correlation(windows[0], around(left, x - s, y, radius))));
-  if (alike >= REPEATED) return say("repetition", `the texture repeats after ${Math.abs(off).toFixed(0)} px (correlation ${alike.toFixed(2)})`);
-  if (other >= OTHER_DEPTH) return say("discontinuity", depths);
+  if (alike >= limits.repeated) return say("repetition", `the texture repeats after ${Math.abs(off).toFixed(0)} px (correlation ${alike.toFixed(2)})`);
+  if (other >= limits.other_depth) return say("discontinuity", depths);
   const ratio = sharpness(left, x, y, radius) / sharpness(right, Math.round(x - d), y, radius);
-  if (Math.max(ratio, 1 / ratio) >= BLUR) return say("blur", `the ${ratio > 1 ? "right" : "left"} window is more blurred than the ${ratio > 1 ? "left" : "right"} one`);
+  if (Math.max(ratio, 1 / ratio) >= limits.blur) return say("blur", `the ${ratio > 1 ? "right" : "left"} window is more blurred than the ${ratio > 1 ? "left" : "right"} one`);
+  if (other >= limits.other_surface) return say("discontinuity", depths);
   const cost = (value) => costs[clamped(Math.round(value) - low, count)].toPrecision(3);
   return say("other", none ? "no known cause" : `no known cause; the cost is ${cost(est)} at the estimate and ${cost(d)} at the truth`);
 }
