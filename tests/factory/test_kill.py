@@ -33,6 +33,7 @@ def killed_and_resumed(folder, recipe, kills, rng):
     return killed
 
 
+@pytest.mark.slow
 def test_three_kills_change_nothing(tmp_path):
     recipe = write_recipe(tmp_path, count=6)
     finish(start(recipe, tmp_path / "whole" / "set"))

@@ -108,6 +108,7 @@ def test_workers_end_when_their_run_is_killed(recipe, tmp_path):
     assert not alive
 
 
+@pytest.mark.slow
 def test_a_script_without_a_guard_is_named_as_the_cause(recipe, tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
@@ -119,6 +120,7 @@ def test_a_script_without_a_guard_is_named_as_the_cause(recipe, tmp_path):
     assert 'the guard `if __name__ == "__main__":`' in done.stderr.splitlines()[-1]
 
 
+@pytest.mark.slow
 def test_a_process_is_replaced_after_some_samples_and_makes_the_same_bytes(recipe, whole, tmp_path, monkeypatch):
     monkeypatch.setattr(workers, "RENEWED_AFTER", 3)
     monkeypatch.setenv("TWINLENS_BACKEND", "scalar")
@@ -134,6 +136,7 @@ def test_a_process_is_replaced_after_some_samples_and_makes_the_same_bytes(recip
     assert digests(tmp_path / "set") == digests(whole)
 
 
+@pytest.mark.slow
 def test_ctrl_c_in_a_terminal_ends_the_workers_too_and_keeps_finished_samples(recipe, whole, tmp_path):
     """A terminal sends SIGINT to every process of the command."""
     many = write_recipe(tmp_path, count=500)

@@ -140,6 +140,7 @@ def test_dimensions_and_seeds_do_not_repeat_each_other():
     assert agreement.mean() == pytest.approx(1 / 64, rel=0.15)
 
 
+@pytest.mark.slow
 def test_dimensions_are_independent():
     """A sample's strata of two of them, over seeds: every pair as often."""
     counts = {pair: np.zeros((6, 6)) for pair in ((0, 2), (1, 3), (2, 6))}

@@ -211,6 +211,7 @@ def errors_of(dataset):
     return found - true, true
 
 
+@pytest.mark.slow
 def test_a_fit_recovers_cameras_and_noise_and_its_dataset_resembles_the_pairs(folder):
     """Means and s.d. are those of the recorded mismatches of `real`, which both are uncertain by the errors of the fit.
 

@@ -59,6 +59,7 @@ def test_noise_is_independent_in_both_images():
     assert not np.array_equal(changed("noise", 8.0)[1], changed("noise", 8.0, seed=1)[1])
 
 
+@pytest.mark.slow
 def test_rendering_noise_falls_with_the_samples():
     """16 times the samples: at most half the noise; the sensor adds none."""
     assert not SENSOR.shot_noise

@@ -113,6 +113,7 @@ def shrunk(stage, scale):
     return Stage(replace(stage.scene, objects=things), Rig(stage.rig.cameras, tuple(poses)))
 
 
+@pytest.mark.slow
 def test_the_image_at_full_size_equals_the_models():
     whole = Stage.of("staircase", 64, 48, pixel_pitch_um=3.45)
     small = shrunk(whole, 0.2)
