@@ -21,8 +21,8 @@ PER_LABEL = 12
 KINDS = {"range", "occluded", "texture", "discontinuity"}
 
 
-def windows(image, fill):
-    padded = np.pad(np.asarray(image, float), RADIUS, constant_values=fill)
+def windows(image):
+    padded = np.pad(np.asarray(image, float), RADIUS, mode="edge")
     return sliding_window_view(padded, (2 * RADIUS + 1, 2 * RADIUS + 1))
 
 
@@ -32,15 +32,12 @@ def labels(disparity, visible, clean, ndisp):
     Range and occlusion precede. Discontinuity: neighbours in the window differ by 2 px or more. No texture: rows of the
     clean window have an RMS deviation from their mean below 2 grey levels.
     """
-    d = windows(disparity, np.nan)
-    with np.errstate(invalid="ignore"):
-        across = np.nan_to_num(np.abs(np.diff(d, axis=-1)), posinf=np.inf) >= JUMP_PX
-        down = np.nan_to_num(np.abs(np.diff(d, axis=-2)), posinf=np.inf) >= JUMP_PX
+    d = windows(np.where(np.isfinite(disparity), disparity, -1e3))
+    across, down = (np.abs(np.diff(d, axis=axis)) >= JUMP_PX for axis in (-1, -2))
     jump = across.any(axis=(-2, -1)) | down.any(axis=(-2, -1))
-    rows = windows(clean, np.nan)
-    with np.errstate(invalid="ignore"):
-        level = rows - np.nanmean(np.where(np.isfinite(rows), rows, np.nan), axis=-1, keepdims=True)
-    flat = np.sqrt(np.nanmean(level**2, axis=(-2, -1))) < FLAT_LEVELS
+    rows = windows(clean)
+    flat = rows.std(axis=-1)  # of each row of the window
+    flat = np.sqrt(np.mean(flat**2, axis=-1)) < FLAT_LEVELS
     found = np.full(disparity.shape, "", object)
     found[flat & ~jump], found[jump & ~flat] = "texture", "discontinuity"
     found[~visible] = "occluded"
