@@ -100,7 +100,7 @@ def test_costs_need_a_figure_or_json(twinlens, dataset):
 def test_confidences_are_scored_as_by_evaluate(twinlens, dataset, tmp_path):
     arguments = "show", "confidence", dataset / "cards", "--method", "sad:block_size=5"
     code, out, _ = twinlens(*arguments, "-o", tmp_path / "c.png")
-    assert (code, out.count("\n")) == (0, 6)
+    assert (code, out.count("\n")) == (0, 7)
     assert read_png(tmp_path / "c.png").ndim == 3
     record = json.loads(twinlens(*arguments, "--json")[1])
     stored = Dataset(dataset)[0]

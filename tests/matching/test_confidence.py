@@ -1,5 +1,7 @@
 """Confidence measures against naive loops and Pandora's ambiguity, and the confidences that matchers return."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -54,16 +56,28 @@ def naive_left_right(volume, y, x, low):
     return (second - lowest) / (lowest - of_right + 0.001 * (finite.max() - finite.min()))
 
 
-@pytest.mark.parametrize("name", ["peak_ratio", "curvature", "left_right"])
+def naive_entropy(volume, y, x, low):
+    known, *_ = candidates(volume[y, x])
+    weights = [math.exp(-volume[y, x, j]) for j in known]
+    negative = sum(w / sum(weights) * math.log(w / sum(weights)) for w in weights)
+    return -math.log(max(-negative, np.finfo(float).tiny) / math.log(volume.shape[2]))
+
+
+NAIVE = {
+    "peak_ratio": naive_peak_ratio, "curvature": naive_curvature, "left_right": naive_left_right,
+    "entropy": naive_entropy,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", NAIVE)
 @pytest.mark.parametrize("low", [-2, 0, 3])
 def test_measures_equal_naive_loops(name, low):
     volume = random_volume(shape=(4, 12, 7), low=low)
     found = confidence_map(volume, name, low)
-    naive = {"peak_ratio": naive_peak_ratio, "curvature": naive_curvature, "left_right": naive_left_right}[name]
     assert found.dtype == np.float32
     for y, x in np.ndindex(found.shape):
         known = np.isfinite(volume[y, x]).any()
-        assert found[y, x] == pytest.approx(naive(volume, y, x, low) if known else 0.0, rel=1e-5), (y, x)
+        assert found[y, x] == pytest.approx(NAIVE[name](volume, y, x, low) if known else 0.0, rel=1e-5), (y, x)
 
 
 def test_ambiguity_equals_a_naive_sum():

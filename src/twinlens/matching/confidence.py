@@ -2,7 +2,9 @@
 
 A volume is (H, W, D), as `StereoMatcher.cost_volume` returns it; +inf is a candidate without a partner. c1 is the
 lowest cost of a pixel, at d1; of equal costs the smallest disparity is d1. A rival is two or more disparities from d1.
-Names: Hu and Mordohai, "A quantitative evaluation of confidence measures for stereo vision", PAMI 34(11), 2012.
+Sources: Hu and Mordohai, "A quantitative evaluation of confidence measures for stereo vision", PAMI 34(11), 2012; Poggi
+et al., "On the confidence of stereo matching in a deep-learning era", PAMI 44(9), 2022. docs/methods.md lists what
+differs.
 """
 
 from dataclasses import dataclass
@@ -82,12 +84,24 @@ def _left_right(pixels: _Pixels, of_right: NDArray[np.float64]) -> NDArray[Any]:
     return margin / (pixels.lowest - of_right + LEAST_DIFFERENCE * (pixels.high - pixels.low))
 
 
+def _entropy(pixels: _Pixels) -> NDArray[Any]:
+    """-ln(H / ln D), with the entropy H of p(d) = exp(-c(d)) / sum exp(-c); +inf has p = 0."""
+    weights = np.exp(pixels.lowest[..., None] - pixels.costs)
+    share = weights / weights.sum(axis=-1, keepdims=True)
+    entropy = -np.sum(share * np.log(np.where(share > 0, share, 1.0)), axis=-1)
+    return np.asarray(np.log(np.log(max(share.shape[-1], 2)) / np.maximum(entropy, np.finfo(float).tiny)))
+
+
 CONFIDENCES: dict[str, str] = {
     "peak_ratio": "1 - lowest cost / second-lowest minimum",
     "curvature": "of the costs around the lowest",
     "left_right": "distance to the rival, over the difference to the lowest cost of the matched right pixel",
+    "entropy": "-ln of the entropy of exp(-cost), normalised to a sum of 1, over that of equal costs",
     "ambiguity": "1 - the number of candidates near the lowest cost, integrated over distances and normalised",
 }
+
+
+_OF_COSTS = {"peak_ratio": _peak_ratio, "curvature": _curvature, "entropy": _entropy}
 
 
 def confidence_map(volume: NDArray[np.floating[Any]], measure: str, min_disparity: int = 0) -> Confidence:
@@ -95,10 +109,12 @@ def confidence_map(volume: NDArray[np.floating[Any]], measure: str, min_disparit
 
     It is 0 where there is no candidate, and everywhere if all costs are equal.
 
-    peak_ratio: 1 - c1 / c2 with the second-lowest local minimum c2, that is 1 - 1 / PKR of Hu and Mordohai, in [0, 1].
-    curvature: c(d1 - 1) - 2 c1 + c(d1 + 1), in the cost's unit. left_right: LRD of Hu and Mordohai,
-    (c2 - c1) / (c1 - c_right), with the rival's cost c2, and c_right the lowest cost of the matched right pixel; 0.001
-    of the range of all costs is added to the denominator. ambiguity: Pandora's confidence from ambiguity, in [0, 1]:
+    peak_ratio: 1 - c1 / c2 with the second-lowest local minimum c2, that is 1 - 1 / PKR, in [0, 1].
+    curvature: CUR, c(d1 - 1) - 2 c1 + c(d1 + 1), in the cost's unit. left_right: as LRD, (c2 - c1) / (c1 - c_right),
+    with the lowest cost c2 of a rival where LRD has the second-lowest cost of all, and c_right the lowest cost of the
+    matched right pixel; 0.001 of the range of all costs is added to the denominator. entropy:
+    -ln(-NEM / ln D), with the negative entropy NEM = sum p ln p of p(d) = exp(-c(d)) / sum exp(-c); it has the order of
+    NEM and depends on the cost's unit. ambiguity: Pandora's confidence from ambiguity, in [0, 1]:
     with costs normalised to 0..1 over the volume, the number of candidates with c <= c1 + eta, summed over eta = 0,
     0.01, ... 0.69; clipped to its 1 % and 99 % percentiles, normalised, and subtracted from 1. A candidate without a
     partner counts as near. Source: Sarrazin et al., "Ambiguity concept in stereo matching pipeline", ISPRS Archives
@@ -124,7 +140,7 @@ def confidence_map(volume: NDArray[np.floating[Any]], measure: str, min_disparit
             columns = np.flatnonzero(candidates) - min_disparity - pixels.winner
             result[y, candidates] = _left_right(pixels, _right_lowest(row, min_disparity)[columns])
         else:
-            result[y, candidates] = (_peak_ratio if measure == "peak_ratio" else _curvature)(pixels)
+            result[y, candidates] = _OF_COSTS[measure](pixels)
     return result
 
 
