@@ -8,7 +8,7 @@ import fsspec
 import numpy as np
 import pytest
 
-from tests.factory_recipes import RECIPE, digests, write_recipe
+from tests.factory_recipes import RECIPE, digests, write_recipe, write_sky
 from twinlens.dataset import About, Dataset, Manifest, Row, describe, read_image, read_manifest, write_manifest
 from twinlens.dataset.files import locked
 from twinlens.dataset.metadata import about
@@ -463,6 +463,26 @@ def test_a_mismatch_that_the_backend_cannot_do_leaves_no_folder_behind(scalar, t
     assert not folder.exists()
     table["sensor"] = {"mismatch": {"level": "typical", "distortion_px": 0}}
     check_backend(recipe_from_table(table, tmp_path / "recipe.toml"), 0)
+
+
+@pytest.mark.parametrize("rig", ["fx = 40\nfy = 41", "cx = 3.3", "distortion = {{ k1 = -0.1 }}"])
+def test_rigs_that_the_backend_cannot_do_leave_no_folder_behind(scalar, tmp_path, folder, rig):
+    refused = read_recipe(write_recipe(tmp_path, RECIPE.replace("[rig]", f"[rig]\n{rig}")))
+    with pytest.raises(BackendError, match="needs the LLVM or CUDA backend"):
+        generate(refused, folder)
+    assert not folder.exists()
+
+
+def test_a_scene_without_light_needs_a_sky(tmp_path, folder):
+    path = write_recipe(tmp_path, count=1)
+    scene = tmp_path / "tiny" / "scene.toml"
+    scene.write_text(scene.read_text().replace('[lights.sky]\ntype = "constant"\nradiance = 1.0', ""))
+    with pytest.raises(InputError, match=r"scenes: the scene 'tiny' has no light: .*or a sky"):
+        generate(read_recipe(path), folder)
+    assert not folder.exists()
+    write_sky(tmp_path / "day.exr", np.full((4, 8, 3), 0.5))
+    path.write_text(path.read_text() + '[sky]\nfile = "day.exr"\n')
+    assert make(read_recipe(path), 0).shots[0].images[0].any()
 
 
 def test_lenses_that_some_draw_could_do_are_tried(scalar, tmp_path, folder):

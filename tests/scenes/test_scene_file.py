@@ -4,12 +4,14 @@ import string
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 from tests.scenes.scene_text import MINIMAL, Read
 from twinlens.errors import FileError, InputError
-from twinlens.scenes import load_scene
+from twinlens.rendering import check_lit
+from twinlens.scenes import Sky, load_scene
 from twinlens.scenes.assets import SceneContext
 from twinlens.scenes.objects import ANALYTIC_SHAPES
 from twinlens.scenes.plugins import LIGHTS, MATERIALS
@@ -114,9 +116,12 @@ def test_a_mistake_is_named(
     assert "\n" not in printed
 
 
-def test_a_scene_without_light_is_an_error(read_scene: Read) -> None:
-    with pytest.raises(InputError, match="the scene has no light"):
-        read_scene("", ('[lights.sky]\ntype = "constant"\nradiance = 1.0', ""))
+def test_a_scene_without_light_is_rendered_under_a_sky_only(read_scene: Read) -> None:
+    scene = read_scene("", ('[lights.sky]\ntype = "constant"\nradiance = 1.0', ""))
+    with pytest.raises(InputError, match="has no light"):
+        check_lit(scene)
+    check_lit(scene.lit_by(Sky(np.ones((4, 8, 3), np.float32))))
+    check_lit(read_scene())
 
 
 def test_syntax_errors_say_the_line(tmp_path: Path) -> None:

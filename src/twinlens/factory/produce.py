@@ -9,16 +9,24 @@ from pathlib import Path
 from typing import Any
 
 from twinlens.dataset import Sample
-from twinlens.errors import BackendError, FileError, InputError
+from twinlens.errors import BackendError, FileError, InputError, located
 from twinlens.factory.gates import Gates, Rejected, check_photographs, check_truth
 from twinlens.factory.objects import check_seen, with_objects
 from twinlens.factory.plan import SampleSpec, is_fixed, plan
 from twinlens.factory.recipe import Recipe
 from twinlens.factory.sample import make_sample
-from twinlens.factory.settings import Settings, SkyTable, View, make_lenses, with_mismatch_seed
+from twinlens.factory.settings import ANY_SCENE, Settings, SkyTable, View, make_lenses, with_mismatch_seed
 from twinlens.factory.sources import Sources
 from twinlens.families import random_scene
-from twinlens.rendering import Progress, check_lens_supported, check_mismatch_supported, ground_truth, with_object_truth
+from twinlens.rendering import (
+    Progress,
+    check_camera_supported,
+    check_lens_supported,
+    check_lit,
+    check_mismatch_supported,
+    ground_truth,
+    with_object_truth,
+)
 from twinlens.scenes import Scene, Sky
 from twinlens.schema import read
 from twinlens.seeds import generator
@@ -120,15 +128,19 @@ def produce(
 
 
 def check_backend(recipe: Recipe, index: int) -> None:
-    """Raise BackendError if this process's backend cannot render the lenses or the mismatch of any draw of a sample.
+    """Raise BackendError if this process's backend cannot render the rig, lenses or mismatch of any draw of a sample.
 
-    The scene is not loaded; what depends on it is checked when the sample is made.
+    Also raises InputError for a scene without light. A family's scene is not made; what depends on it is checked when
+    the sample is made.
     """
     last, file = 0 if is_fixed(recipe) else recipe.gates.attempts - 1, Path(recipe.file.name)
     for attempt in range(last + 1):
         try:
             spec = plan(recipe, index, attempt)
             settings = read(Settings, with_mismatch_seed(spec.drawn, spec.seed), file)
+            scene = recipe.sources.scene(spec.scene) if spec.kind == "scene" else ANY_SCENE
+            for camera in settings.rig_of(scene, scene.rig, file).cameras:
+                check_camera_supported(camera)
             for lens in make_lenses(settings, None, file, recipe.sources.file):
                 check_lens_supported(lens)
             check_mismatch_supported(settings.sensor.mismatch.distortion_px)
@@ -138,6 +150,9 @@ def check_backend(recipe: Recipe, index: int) -> None:
         except InputError:  # an impossible draw, which the dataset records
             return
         else:
+            if settings.sky is None and not settings.scene.objects and scene is not ANY_SCENE:
+                with located(f"{recipe.file}: scenes"):
+                    check_lit(scene)
             return
 
 

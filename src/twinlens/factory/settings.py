@@ -274,6 +274,10 @@ _CAMERA: TypeAdapter[CameraTable] = TypeAdapter(CameraTable)
 RecipeCamera = Annotated[dict[str, Any], PlainValidator(_check_camera, json_schema_input_type=CameraTable)]
 
 
+ANY_SCENE = Scene("any", (), {}, np.eye(4), (1.0, 10.0))
+"""For checks of a rig where the scene is not known."""
+
+
 class Settings(StrictModel):
     """How one sample is taken. The rig stays a table: it is read where the scene is known."""
 
@@ -348,8 +352,7 @@ def check_settings(drawn: Mapping[str, Any], file: Path, families: Sequence[str]
     given = settings.scene.model_fields_set & {"depth_range", "object_count"}
     if given and not families:
         raise InputError(f"{file}: scene.{min(given)}: can be used with 'families' only")
-    scene = Scene("any", (), {}, np.eye(4), (1.0, 10.0))
-    settings.rig_of(scene, None, file)
+    settings.rig_of(ANY_SCENE, None, file)
     return settings, make_lenses(settings, None, file, lambda name: file.parent / name)
 
 

@@ -19,11 +19,13 @@ from twinlens.rendering.radiance import (
     SAMPLERS as SAMPLERS,
     NoisyImage as NoisyImage,
     Progress as Progress,
+    check_lit as check_lit,
     partial_progress as partial_progress,
     render as render,
     render_measured as render_measured,
 )
 from twinlens.rendering.sensors import (
+    check_camera_supported as check_camera_supported,
     check_lens_supported as check_lens_supported,
     check_mismatch_supported as check_mismatch_supported,
 )

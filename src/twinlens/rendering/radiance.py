@@ -209,11 +209,19 @@ def _image_passes(camera: Camera, spp: int, seed: int, index: int, sampler: str)
 def check_request(scene: Scene, rig: Rig, lenses: Iterable[Lens], spp: int, seed: int, sampler: str) -> None:
     """Raise InputError for invalid arguments of `render`."""
     check_view(scene, rig)
+    check_lit(scene)
     for lens in lenses:
         check_lens(lens)
     check_int("spp", spp, 1)
     check_int("seed", seed, 0)
     check_known("sampler", sampler, SAMPLERS)
+
+
+def check_lit(scene: Scene) -> None:
+    """Raise InputError for a scene without light."""
+    if not scene.is_lit:
+        remedy = "add one under [lights], an emitter to an object, or a sky"
+        raise InputError(f"the scene {scene.name!r} has no light: {remedy}")
 
 
 def check_view(scene: Scene, rig: Rig) -> None:

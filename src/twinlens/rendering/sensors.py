@@ -46,7 +46,7 @@ def builtin_sensor(camera: Camera, world_from_cam: Float, lens: Lens, film: Plug
     Principal points are moved by cropping the smallest film that is centred on them.
     """
     mi = mitsuba()
-    _check_camera(camera)
+    check_camera_supported(camera)
     check_lens_supported(lens)
     mitsuba_from_opencv = np.diag([-1.0, -1.0, 1.0, 1.0])  # Mitsuba's x points left, its y up
     (offset_x, full_width), (offset_y, full_height) = (
@@ -90,7 +90,10 @@ def check_mismatch_supported(distortion_px: float) -> None:
         raise BackendError(f"the mismatch's distortion_px={distortion_px:.3g} {_NEEDS_JIT}; or use distortion_px=0")
 
 
-def _check_camera(camera: Camera) -> None:
+def check_camera_supported(camera: Camera) -> None:
+    """Raise BackendError if this process's backend does not support the camera."""
+    if backend().is_jit:
+        return
     if camera.fx != camera.fy:
         raise BackendError(f"a camera with pixels that are not square (fx={camera.fx}, fy={camera.fy}) {_NEEDS_JIT}")
     if camera.distortion is not None:

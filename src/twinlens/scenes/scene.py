@@ -232,6 +232,14 @@ class Scene:
                 for name in thing.materials:
                     check_known("material", name, self.materials)
 
+    @property
+    def is_lit(self) -> bool:
+        """Whether it has a light, an object or a material that emits light, or a sky; a Mitsuba file may have any."""
+        emitters = [
+            thing.emitter or self.materials[name].get("emitter") for thing in self.objects for name in thing.materials
+        ]
+        return bool(self.xml or self.sky or self.lights or any(emitters))
+
     def at(self, world_from_left: ArrayLike) -> "Scene":
         """The same scene with another pose of the left camera."""
         return replace(self, world_from_left=np.asarray(world_from_left, dtype=np.float64))

@@ -59,8 +59,6 @@ class SceneFile(StrictModel):
 
     @pydantic.model_validator(mode="after")
     def _check_scene(self) -> "SceneFile":
-        if not self.lights and not any(thing.emitter for thing in self.objects.values()):
-            raise InputError("the scene has no light: add one under [lights], or an emitter to an object")
         if sum(light["type"] in SURROUNDING_LIGHTS for light in self.lights.values()) > 1:
             raise InputError(f"lights: at most one of {', '.join(SURROUNDING_LIGHTS)} is allowed")
         return self
