@@ -130,6 +130,22 @@ def test_a_program_receives_the_images_and_its_map_is_read_top_down(tmp_path):
     np.testing.assert_array_equal(got, left + np.float32(3))
 
 
+def test_a_program_may_write_a_confidence(tmp_path):
+    left, right = scene()
+    twice = COPY.replace("value = sys", "trust, value = sys").replace(
+        "with open", "for out in (out, trust):\n  with open"
+    )
+    twice = twice.replace("    file.write", "      file.write")
+    matcher = tm.Program(program(tmp_path, twice, "{confidence} 1"))
+    disparity, confidence = matcher.match_with_confidence(left, right)
+    np.testing.assert_array_equal(disparity, left + np.float32(1))
+    np.testing.assert_array_equal(confidence, disparity)
+    with pytest.raises(InputError, match=r"wrote no file at \{confidence\}"):
+        tm.Program(f"{program(tmp_path, COPY.replace('value = sys', 'value, _ = sys'), '1')} {{confidence}}").match(
+            left, right
+        )
+
+
 FAULTS = {
     "is killed": ("import os; os.kill(os.getpid(), 9)", r"killed by SIGKILL \(out of memory\?\)"),
     "breaks": ("import ctypes; ctypes.string_at(0)", "killed by SIGSEGV"),

@@ -109,6 +109,13 @@ def test_the_output_and_its_sign_are_chosen(tmp_path):
     np.testing.assert_allclose(tm.match(COLOUR, COLOUR[::-1], text), last, atol=1e-5)
     np.testing.assert_allclose(tm.match(COLOUR, COLOUR[::-1], f"{text},output=0"), first, atol=1e-5)
     np.testing.assert_allclose(tm.match(COLOUR, COLOUR[::-1], f"{text},sign=-1"), -last, atol=1e-5)
+    assert tm.match_with_confidence(COLOUR, COLOUR[::-1], text)[1] is None
+    disparity, confidence = tm.match_with_confidence(COLOUR, COLOUR[::-1], f"{text},confidence=0,sign=-1")
+    np.testing.assert_allclose(disparity, -last, atol=1e-5)
+    np.testing.assert_allclose(confidence, first, atol=1e-5)
+    assert "confidence" not in tm.parse_method(text).spec
+    with pytest.raises(InputError, match="2 outputs; confidence is 2"):
+        tm.match_with_confidence(COLOUR, COLOUR, f"{text},confidence=2")
     with pytest.raises(InputError, match="2 outputs; output is 2"):
         tm.match(COLOUR, COLOUR, f"{text},output=2")
 

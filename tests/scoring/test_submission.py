@@ -9,6 +9,7 @@ import zlib
 import numpy as np
 import pytest
 
+import twinlens as tl
 from tests.scoring import scoring_loops as naive
 from tests.scoring.scoring_methods import pair
 from twinlens.dataset import Calibration, write_pfm, write_png
@@ -97,6 +98,28 @@ def test_two_candidates_are_ambiguous(tmp_path):
         write_pfm(tmp_path / "s" / f"{name}.pfm", DISP)
     with pytest.raises(FileError, match="no map of 's'"):
         open_submission(tmp_path).map_of("s", SHAPE)
+
+
+@pytest.mark.parametrize("name", ["s.pfm", "s/disp0.pfm", "s/method.pfm"])
+def test_a_confidence_beside_the_map_is_scored(tmp_path, name):
+    rng = np.random.default_rng(0)
+    disp = rng.choice([6, 9], (40, 30)).astype(np.float32)
+    write_pfm(tmp_path / name, disp)
+    trust = tmp_path / name.replace(".pfm", "-confidence.pfm")
+    plain = open_submission(tmp_path, "mine").spec
+    write_pfm(trust, np.abs(disp - 8))
+    submission = open_submission(tmp_path, "mine")
+    assert submission.spec != plain
+    assert submission.unmatched_files({"s": ()}) == ()
+    (entry,) = run_benchmark([pair("s")], [submission]).entries
+    expected = tl.evaluate(disp, pair("s").disp0, ndisp=pair("s").ndisp, confidence=np.abs(disp - 8)).all["auc2.0"]
+    assert entry.regions["all"]["auc2.0"] == pytest.approx(expected)
+    damaged = b"Pf\n30 40\n-1.0\n" + np.full((40, 30), np.nan, "<f4").tobytes()
+    for wrong in (encode_pfm(np.zeros((20, 15))), damaged):
+        trust.write_bytes(wrong)
+        (entry,) = run_benchmark([pair("s")], [open_submission(tmp_path, "mine")]).entries
+        assert entry.failure.kind == "refused"
+        assert "-confidence.pfm: " in entry.failure.message
 
 
 def test_a_submission_is_scored_like_a_method_without_a_time(tmp_path):

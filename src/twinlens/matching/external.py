@@ -16,7 +16,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterable
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -29,6 +29,7 @@ from twinlens.matching.options import RangeMatcher, as_pair, import_extra
 
 HASH_DIGITS = 16  # hexadecimal digits kept of a file's SHA-256
 TAIL_BYTES = 4096  # of a program's output, kept for the message if it fails
+_PROGRAM_FILES = "left.png", "right.png", "out.pfm", "confidence.pfm"  # by the placeholders of a command
 CHILD_S = 0.1  # seconds to wait for output after a program has ended: its children may keep the pipe open
 
 
@@ -208,13 +209,14 @@ def _import_file(path: Path, _written_ns: int) -> Any:
 class Program(RangeMatcher):
     """A program that reads two PNG files and writes a disparity map, a PFM file (+inf unknown); see `command`.
 
+    It may write a confidence too, a PFM file, if its command has {confidence}.
     It runs without a shell. Its output is shown only if it fails.
     """
 
     command: Annotated[
         str,
         "Command line with {left} and {right}, PNG files to read, {out}, a grey PFM file to write, and optionally "
-        "{num_disparities} and {min_disparity}.",
+        "{confidence}, another one, {num_disparities} and {min_disparity}.",
     ] = ""
     _: KW_ONLY
     timeout_s: Annotated[float, "Seconds per match, after which the program is killed."] = 600.0
@@ -247,14 +249,14 @@ class Program(RangeMatcher):
             reason = "it is not executable" if Path(program).is_file() else "no such program"
             raise InputError(f"program {program!r} cannot be started: {reason}")
 
-    def _match(self, left: Any, right: Any) -> Disparity:
+    def _match(self, left: Any, right: Any) -> tuple[Disparity, Confidence | None]:
         from twinlens.dataset import write_png
 
         pair(left, right)
         words, shape = shlex.split(self.command), np.shape(left)[:2]
         name = f"program {words[0]!r}"
         with tempfile.TemporaryDirectory(prefix="twinlens-") as folder:
-            files = {Path(file).stem: Path(folder, file) for file in ("left.png", "right.png", "out.pfm")}
+            files = {Path(file).stem: Path(folder, file) for file in _PROGRAM_FILES}
             for key, image in (("left", left), ("right", right)):
                 pixels = np.asarray(image)
                 write_png(files[key], pixels[..., 0] if pixels.shape[2:] == (1,) else pixels)
@@ -265,9 +267,9 @@ class Program(RangeMatcher):
             if status != 0:
                 last = (printed.strip() or "it printed nothing").splitlines()[-1]
                 raise InputError(f"{name} {format_status(status)}: {last}")
-            if not files["out"].is_file():
-                raise InputError(f"{name} wrote no file at {{out}}")
-            return checked_result(_read_pfm(files["out"], shape, name), shape, name)
+            written = ("out", "confidence") if "{confidence}" in self.command else ("out",)
+            maps = [_read_pfm(files[key], shape, name) for key in written]
+            return checked_pair((*maps, None)[:2], shape, name)
 
 
 def format_status(status: int) -> str:
@@ -317,18 +319,21 @@ def _run_process(words: list[str], timeout_s: float, name: str) -> tuple[int, st
 
 def _read_pfm(path: Path, shape: tuple[int, ...], name: str) -> Disparity:
     """Read a grey PFM file of this (H, W), float32, top row first. Reads no more bytes than such a map has."""
+    what = f"{{{path.stem}}}"
+    if not path.is_file():
+        raise InputError(f"{name} wrote no file at {what}")
     with path.open("rb") as file:
         head = [file.readline(64).split() for _ in range(3)]
         try:
             (magic,), (width, height), (scale,) = head
             size, order = (int(height), int(width)), "<f4" if float(scale) < 0 else ">f4"
         except ValueError:
-            raise InputError(f"{name}: {{out}} is not a PFM file: its header cannot be read") from None
+            raise InputError(f"{name}: {what} is not a PFM file: its header cannot be read") from None
         if magic == b"Pf" and size != shape:
             raise WrongAnswerError("wrong-shape", f"{name} returned shape {size}; the left image has {shape}")
         body = file.read(4 * size[0] * size[1] + 1) if magic == b"Pf" else b""
     if len(body) != 4 * size[0] * size[1]:
-        raise InputError(f"{name}: {{out}} is not a grey PFM file of the size in its header")
+        raise InputError(f"{name}: {what} is not a grey PFM file of the size in its header")
     return np.frombuffer(body, order).reshape(size)[::-1].astype(np.float32)
 
 
@@ -347,6 +352,9 @@ class OnnxNetwork:
     multiple: Annotated[int, "Images are padded to a multiple of this, in pixels, where the model's size is free."] = 32
     output: Annotated[int, "Index of the output that is the disparity; -1: the last."] = -1
     sign: Annotated[int, "1, or -1 for a network whose disparities are negative."] = 1
+    confidence: Annotated[int | None, "Index of the output that is the confidence, of the same shape; none: none."] = (
+        None
+    )
 
     def __post_init__(self) -> None:
         if not str(self.model).endswith(".onnx"):
@@ -354,6 +362,7 @@ class OnnxNetwork:
         check_number("scale", self.scale, "a number above 0", above=0)
         check_int("multiple", self.multiple, 1)
         check_int("output", self.output)
+        check_int("confidence", 0 if self.confidence is None else self.confidence)
         if self.sign not in (1, -1):
             raise InputError(f"sign is {self.sign!r}; use 1, or -1 for a network whose disparities are negative")
 
@@ -372,6 +381,12 @@ class OnnxNetwork:
         self, left: Any, right: Any, *, num_disparities: int | None = None, min_disparity: int | None = None
     ) -> Disparity:
         """The network's disparities; see `matching.Matcher.match`. The range is not used."""
+        return replace(self, confidence=None).match_with_confidence(left, right)[0]
+
+    def match_with_confidence(
+        self, left: Any, right: Any, *, num_disparities: int | None = None, min_disparity: int | None = None
+    ) -> tuple[Disparity, Confidence | None]:
+        """As `match`, with the confidence if an output is chosen for it."""
         pair(left, right)
         session = _session(self.model, _written_ns(self.model))
         inputs, outputs = session.get_inputs(), session.get_outputs()
@@ -379,16 +394,26 @@ class OnnxNetwork:
         images = np.asarray(left), np.asarray(right)
         feeds = {node.name: self._tensor(image, node) for node, image in zip(inputs, images, strict=True)}
         try:
-            output = np.asarray(session.run([outputs[self.output].name], feeds)[0])
+            results = session.run([outputs[index].name for index in self._outputs], feeds)
         except Exception as problem:  # the errors of onnxruntime have no common base class
             raise InputError(f"{self._name} failed: {_one_line(problem)}") from None
+        disparity, *rest = (self._plane(np.asarray(result)) for result in results)
+        found = self.sign * disparity, rest[0] if rest else None
+        full, trust = checked_pair(found, feeds[inputs[0].name].shape[2:], self._name)
+        height, width = np.shape(left)[:2]
+        inside = np.s_[-height:, :width]
+        return np.ascontiguousarray(full[inside]), None if trust is None else np.ascontiguousarray(trust[inside])
+
+    @property
+    def _outputs(self) -> tuple[int, ...]:
+        """The indices of the outputs that are read."""
+        return (self.output,) if self.confidence is None else (self.output, self.confidence)
+
+    def _plane(self, output: Image) -> Image:
         if not 2 <= output.ndim <= 4 or any(size != 1 for size in output.shape[:-2]):
             message = f"{self.model}: returned shape {output.shape}; expected (1, 1, H, W), (1, H, W) or (H, W)"
             raise WrongAnswerError("wrong-shape", message)
-        plane = self.sign * output.reshape(output.shape[-2:])
-        full = checked_result(plane, feeds[inputs[0].name].shape[2:], self._name)
-        height, width = np.shape(left)[:2]
-        return np.ascontiguousarray(full[-height:, :width])
+        return output.reshape(output.shape[-2:])
 
     @property
     def _name(self) -> str:
@@ -404,8 +429,9 @@ class OnnxNetwork:
                 raise InputError(f"{where} is {node.type} {node.shape}; expected float (1, C, H, W)")
             if isinstance(node.shape[1], int) and node.shape[1] not in (1, 3):
                 raise InputError(f"{where} has {node.shape[1]} channels; images have 1 or 3")
-        if not -len(outputs) <= self.output < len(outputs):
-            raise InputError(f"{self._name} has {len(outputs)} outputs; output is {self.output}")
+        for option, index in zip(("output", "confidence"), self._outputs, strict=False):
+            if not -len(outputs) <= index < len(outputs):
+                raise InputError(f"{self._name} has {len(outputs)} outputs; {option} is {index}")
 
     def _tensor(self, image: Image, node: Any) -> Image:
         """The padded image for an input, (1, C, H, W). Integers are divided by their largest value; floats are 0..1."""

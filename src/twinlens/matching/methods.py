@@ -100,8 +100,8 @@ class MethodSpec:
     def spec(self) -> str:
         """Twinlens's version, all options except time limits, and the hashes of the method's files."""
         options = {**self.method.options, **self.options}
-        if options.get("confidence") == "none":  # boards made before this option keep their results
-            del options["confidence"]
+        if options.get("confidence", "none") in ("none", None):  # boards made before this option keep their results
+            options.pop("confidence", None)
         text = ",".join(f"{name}={value!r}" for name, value in sorted(options.items()) if name != "timeout_s")
         content = f" [{self.content}]" if self.content else ""
         return f"twinlens {twinlens.__version__} {self.method.name}:{text}{content}"
@@ -306,7 +306,7 @@ class Options(TypedDict, total=False):
     block_size: int
     census_window: int
     command: str
-    confidence: str
+    confidence: str | int | None
     contrast: float
     cost: str
     epsilon: float

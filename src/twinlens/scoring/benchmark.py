@@ -181,7 +181,8 @@ class _Run:
         if isinstance(method, Submission):
             kind = "missing" if method.find(sample.name, sample.aliases) is None else "refused"
             try:
-                return Answer(method.map_of(sample.name, sample.disp0.shape, sample.aliases), None)
+                disp = method.map_of(sample.name, sample.disp0.shape, sample.aliases)
+                return Answer(disp, None, method.confidence_of(sample.name, disp.shape, sample.aliases))
             except FileError as error:
                 return Failure(kind, str(error))
         try:

@@ -115,6 +115,24 @@ class Submission:
         if name is None:
             best = aliases[0] if aliases else sample
             raise FileError(f"{self.path}: no map of {sample!r}: expected {best}.pfm, {best}.png or {best}/disp0.pfm")
+        return self._decoded(name, shape)
+
+    def confidence_of(
+        self, sample: str, shape: tuple[int, ...], aliases: Sequence[str] = ()
+    ) -> NDArray[np.float32] | None:
+        """The confidence beside the sample's map, `<map>-confidence.pfm`; None without one.
+
+        shape: that of the map. FileError for a damaged file, another size, and NaN.
+        """
+        name = _confidence_name(self.find(sample, aliases) or "")
+        if name not in self.files:
+            return None
+        confidence = self._decoded(name, shape)
+        if confidence.shape != shape:
+            raise FileError(f"{self.path}: {name}: differs in size from the map")
+        return confidence
+
+    def _decoded(self, name: str, shape: tuple[int, ...]) -> NDArray[np.float32]:
         where = f"{self.path}: {name}" if not self.path.is_dir() else str(self.path / name)
         data = self._read(name, 4 * shape[0] * shape[1] + SLACK_BYTES, where)
         if name.endswith(".png") and len(data) > PNG_SIZE.stop:  # a small file may decode to a very large image
@@ -142,7 +160,8 @@ class Submission:
 
         Other files in a sample's folder belong to it, except for the maps of lenses that it does not have.
         """
-        used = {self.find(name, aliases) for name, aliases in samples.items()}
+        maps = {self.find(name, aliases) for name, aliases in samples.items()}
+        used = maps | {_confidence_name(name) for name in maps if name}
         names = {each for name, aliases in samples.items() for each in (name, file_name(name), *aliases)}
         folders = {name.partition("/")[0] for name in names}
         top = "" if self._top_folder.rstrip("/") in folders else self._top_folder
@@ -171,7 +190,9 @@ class Submission:
             for name in (f"{stem}.pfm", f"{stem}.png", f"{stem}/disp0.pfm", f"{stem}/disp0.png"):
                 if name in self.files:
                     return name
-            inside = [name for name in self.files if re.fullmatch(rf"{re.escape(stem)}/[^/]+\.pfm", name)]
+            inside = [
+                name for name in self.files if re.fullmatch(rf"{re.escape(stem)}/[^/]+(?<!-confidence)\.pfm", name)
+            ]
             first_lens = [name for name in inside if not re.search(r"/lens-0*[1-9]\d*\.pfm$", name)]
             if len(first_lens) == 1:
                 return first_lens[0]
@@ -216,6 +237,10 @@ def open_submission(path: str | os.PathLike[str], name: str | None = None) -> Su
     own = source.absolute().name
     is_zip = own.lower().endswith(".zip") and not source.is_dir()
     return Submission(source, name if name is not None else own[: -len(".zip")] if is_zip else own)
+
+
+def _confidence_name(map_name: str) -> str:
+    return f"{map_name.rpartition('.')[0]}-confidence.pfm"
 
 
 def _check_size(shape: tuple[int, ...], truth: tuple[int, ...], where: str) -> None:
