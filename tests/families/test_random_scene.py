@@ -1,5 +1,7 @@
 """Random scenes: the same seed gives the same scene, and the settings are respected."""
 
+import re
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -8,6 +10,7 @@ from tests.families.families_checks import camera_inside
 from twinlens.errors import InputError
 from twinlens.families import FAMILIES, Assets, random_scene
 from twinlens.families.composition import View, rasterize
+from twinlens.families.kinds import KINDS
 from twinlens.scenes import Bitmap, Mesh
 
 
@@ -88,6 +91,15 @@ def test_scenes_are_small_textured_meshes_with_unique_names(family):
             if isinstance(part, Bitmap):
                 assert part.pixels.dtype == np.float32
                 assert 0 <= part.pixels.min() <= part.pixels.max() <= 1
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("seeds", [range(3), pytest.param(range(3, 200), marks=pytest.mark.slow)], ids=["3", "197"])
+def test_every_object_and_material_has_a_declared_name(family, seeds):
+    for seed in seeds:
+        scene = random_scene(family, seed, width=64, object_count=1)
+        names = {thing.name for thing in scene.objects} | scene.materials.keys()
+        assert {re.sub(r"(-\d+)+$", "", name) for name in names} <= FAMILIES[family].names | KINDS.keys()
 
 
 def test_a_larger_object_count_gives_more_objects():

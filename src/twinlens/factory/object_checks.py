@@ -2,20 +2,17 @@
 
 import re
 from collections.abc import Iterable, Mapping, Sequence, Set
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from twinlens.errors import InputError, check_known, located
 from twinlens.factory.objects import Draft, drafts, in_order, written_objects
 from twinlens.factory.sources import meshes_in
-from twinlens.families import FAMILIES, random_scene
+from twinlens.families import FAMILIES
 from twinlens.families.assets import SUFFIXES, named_by_mesh
 from twinlens.families.kinds import KINDS
 from twinlens.scenes import read_toml
 from twinlens.scenes.model_files import WITH_MATERIALS
-
-_SCENES = 6  # random scenes of a family that are searched for a name
 
 
 def check_objects(
@@ -73,27 +70,20 @@ def _check_name(name: str, objects: Mapping[str, Sequence[Mapping[str, Any]]], k
 
 def _check_references(draft: Draft, things: Set[str], subject: Path | str, where: str) -> None:
     """Raise InputError where the scene or family has no object, or no material, that a draft names."""
+    own = isinstance(subject, Path)
     for key, other in (("resting_on", draft.place.resting_on), ("looking_at", draft.place.looking_at)):
-        if other is None or other in things or (key, other) == ("looking_at", "camera"):
-            continue
-        with located(f"{where}.{key}"):
-            check_known("object", other, things if isinstance(subject, Path) else things | _names(subject, other))
+        if other is not None and (key, other) != ("looking_at", "camera"):
+            with located(f"{where}.{key}"):
+                _check_named("object", other, things, "" if own else str(subject))
     material = draft.table.material
-    if draft.material is not None or not material or ":" in material:  # a colon: of a mesh file
-        return
-    written = read_toml(subject).get("materials", {}) if isinstance(subject, Path) else {}
-    if material not in written:
+    if draft.material is None and material and ":" not in material:  # a colon: of a mesh file
+        written = read_toml(subject).get("materials", {}) if isinstance(subject, Path) else {}
         with located(f"{where}.material"):
-            check_known("material", material, written if isinstance(subject, Path) else _names(subject, material))
+            _check_named("material", material, written.keys(), "" if own else str(subject))
 
 
-@lru_cache(64)
-def _names(family: str, wanted: str) -> frozenset[str]:
-    """The names of objects, which are those of their materials, in random scenes of a family until one has `wanted`."""
-    found = frozenset(KINDS)
-    for seed in range(0 if wanted in found else _SCENES):
-        scene = random_scene(family, seed, object_count=0 if FAMILIES[family].may_be_empty else 1, width=64)
-        found |= {thing.name for thing in scene.objects}
-        if wanted in found:
-            break
-    return found
+def _check_named(what: str, name: str, known: Set[str], family: str) -> None:
+    """Raise InputError for a name that is not known and that no object or material of the family has."""
+    names = FAMILIES[family].names | KINDS.keys() if family else frozenset()
+    if re.sub(r"(-\d+)+$", "", name) not in names:  # bottle-2 is a second bottle
+        check_known(what, name, known | names)

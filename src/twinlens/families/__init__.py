@@ -11,10 +11,12 @@ from twinlens.families.composition import Composition, Family
 from twinlens.scenes.scene import Scene
 
 FAMILIES: dict[str, Family] = {
-    "tabletop": Family("bodies at rest on a table", (12, 22), tabletop.compose, 1.8, True),
-    "flying": Family("things in the air, at disparities spread evenly", (14, 26), flying.compose, 1.3),
-    "room": Family("a furnished room", (18, 36), room.compose, 2.5, True),
-    "cards": Family("test charts, steps and waves at set distances and slants", (7, 13), cards.compose, 1.8),
+    "tabletop": Family("bodies at rest on a table", (12, 22), tabletop.compose, 1.8, tabletop.NAMES, True),
+    "flying": Family("things in the air, at disparities spread evenly", (14, 26), flying.compose, 1.3, flying.NAMES),
+    "room": Family("a furnished room", (18, 36), room.compose, 2.5, room.NAMES, True),
+    "cards": Family(
+        "test charts, steps and waves at set distances and slants", (7, 13), cards.compose, 1.8, cards.NAMES
+    ),
 }
 """Every family by its name."""
 

@@ -18,6 +18,9 @@ from twinlens.scenes.placement import rotation, translation
 from twinlens.scenes.scene import Bitmap, Mesh
 from twinlens.scenes.stable_poses import gap, outline
 
+NAMES = frozenset(("wall", "floor", "chart", "chart-foot", "steps", "wedge", "wave", "sun", "key-light", "fill-light"))
+"""Names of what scenes have besides bodies, without numbers."""
+
 
 def compose(scene: Composition) -> None:
     """Add charts at even steps of 1/depth, the floor they stand on, the wall behind, lights."""

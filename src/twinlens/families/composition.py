@@ -230,13 +230,15 @@ class Composition:
 class Family:
     """A description, the default object count (min, max), `compose`, and the smallest far/near that it supports.
 
-    `may_be_empty` : whether it has scenes without objects.
+    names : of its objects besides bodies, without the numbers that may follow, as in chair-2.
+    may_be_empty : whether it has scenes without objects.
     """
 
     about: str
     object_count: tuple[int, int]
     compose: Callable[[Composition], None]
     least_ratio: float
+    names: frozenset[str]
     may_be_empty: bool = False
 
 

@@ -14,6 +14,9 @@ from twinlens.families.surfaces import WALLS, Sheet, surface, wall_colors
 from twinlens.geometry import Float
 from twinlens.scenes import shapes
 
+NAMES = frozenset(("backdrop", "moon", "key-light", "fill-light"))
+"""Names of what scenes have besides bodies, without numbers."""
+
 
 def compose(scene: Composition) -> None:
     rng = scene.rng("view")

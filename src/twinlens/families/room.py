@@ -24,6 +24,16 @@ _SMALL = ("vase", "bottle", "bowl", "cup", "jar", "tin", "candle", "book", "book
 _SIDES = ("back", "left", "right")
 
 
+NAMES = frozenset({
+    "left-wall", "right-wall", "back-wall", "front-wall", "floor", "ceiling", "skirting", "window-frame", "window-pane",
+    "curtains", "side-window", "ceiling-light", "rug", "picture", "picture-frame", "table-top", "table-legs",
+    "stool-table-top", "stool-table-legs", "chair", "chair-seat", "sofa", "sofa-cushions", "sofa-feet", "sofa-pillow",
+    "armchair-sofa", "armchair-cushions", "armchair-feet", "armchair-pillow", "bookcase", "bookcase-books", "sideboard",
+    "sideboard-doors", "sideboard-knobs", "sideboard-feet", "pot", "leaves", "lamp", "shade", "box",
+})  # fmt: skip
+"""Names of what scenes have besides bodies, without numbers."""
+
+
 def compose(scene: Composition) -> None:
     """Add the furniture to an empty room, then walls, windows, the objects on the furniture, pictures and lights."""
     rng = scene.rng("room")

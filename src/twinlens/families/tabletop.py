@@ -17,6 +17,10 @@ _TABLE_HEIGHT = 0.74
 _THICKNESS = 0.035
 
 
+NAMES = frozenset(("table", "wall", "floor", "sun", "key-light", "fill-light"))
+"""Names of what scenes have besides bodies, without numbers."""
+
+
 def compose(scene: Composition) -> None:
     """Add the bodies, then table, wall and floor at suitable distances, then lights."""
     depth_ratio = scene.depth_ratio(2.0, 5.0)
