@@ -3,12 +3,14 @@ A barrier with a hole
 =====================
 
 A barrier in front of the film lets light pass through one small hole only. Each point of the film now sees one small
-part of the scene, and an image appears. A hole of diameter A at distance v in front of the film draws a point at depth
-z as a disk of diameter c::
+part of the scene, and an image appears. Through a hole of diameter A, at distance v from the film, a point at depth z
+lights a disk of diameter c on the film::
 
     c = A (1 + v/z)
 
-A smaller hole gives a sharper and darker image: its light is proportional to (A/v)^2.
+A smaller hole gives a sharper and darker image: the light on the film is proportional to (A/v)^2. The images are drawn
+upright here, and each has its own exposure. The
+white bar has the length c for z = 1.5 m.
 
 This script needs the LLVM backend.
 """
@@ -18,18 +20,29 @@ import matplotlib.pyplot as plt
 import twinlens as tl
 
 film_distance = 0.05  # v, metres
-scene = tl.load_scene("tabletop")
-camera = tl.Camera.from_fov(320, 240, scene.fov_x_deg)
-rig = tl.Rig([camera], [scene.world_from_left])
-pitch = film_distance / camera.fx  # width of a pixel on the film
+diameters = (0.006, 0.002)  # A, metres
+depth = 1.5  # z, metres
 
-figure, axes = plt.subplots(1, 2)
-for axis, diameter in zip(axes, (0.010, 0.002)):
-    hole = tl.BareAperture(diameter, film_distance)
-    (film,) = tl.render(scene, rig, hole, spp=16, denoise=True)
-    blur = diameter * (1 + film_distance / 1.5)
-    axis.imshow((film / film.max()).clip(0, 1) ** (1 / 2.2))
-    axis.set_title(f"hole of {1000 * diameter:g} mm: a point at 1.5 m is\n"
-                   f"{1000 * blur:.1f} mm = {blur / pitch:.0f} pixels wide")  # fmt: skip
-    axis.axis("off")
+scene = tl.load_scene("tabletop")
+camera = tl.Camera.from_fov(240, 180, scene.fov_x_deg)
+rig = tl.Rig([camera], [scene.world_from_left])
+
+figure, (sketch, *pictures) = plt.subplots(1, 3, figsize=(5.6, 1.9), width_ratios=(1, 1.4, 1.4))
+for height, colour in ((0.8, "tab:red"), (0.0, "tab:green"), (-0.8, "tab:blue")):
+    for hole in (-0.05, 0.05):
+        sketch.plot([-2, -0.8, 0], [height, hole, hole + (hole - height) * 0.8 / 1.2], color=colour, linewidth=0.8)
+    sketch.plot(-2, height, "o", color=colour)
+sketch.plot([-0.8, -0.8], [0.08, 1.1], "k", [-0.8, -0.8], [-1.1, -0.08], "k", linewidth=2)
+sketch.plot([0, 0], [-1.1, 1.1], "k", linewidth=4)
+sketch.set_title("scene, barrier, film")
+sketch.axis("off")
+
+for picture, diameter in zip(pictures, diameters):
+    (film,) = tl.render(scene, rig, tl.BareAperture(diameter, film_distance), spp=64, denoise=True)
+    blur = diameter * (1 + film_distance / depth)
+    blur_px = blur * camera.fx / film_distance  # a pixel is film_distance / fx wide
+    picture.imshow((film / film.max()).clip(0, 1) ** (1 / 2.2))
+    picture.plot([120 - blur_px / 2, 120 + blur_px / 2], [168, 168], "w", linewidth=3)
+    picture.set_title(f"A = {1000 * diameter:g} mm\nc = {1000 * blur:.1f} mm = {blur_px:.0f} px")
+    picture.axis("off")
 plt.show()
