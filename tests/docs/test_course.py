@@ -3,6 +3,7 @@
 import ast
 import importlib
 import re
+import sys
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ import twinlens as tl
 
 COURSE = Path(__file__).parents[2] / "docs" / "course"
 SCRIPTS = sorted(COURSE.glob("*.py"))
+ALLOWED = {"matplotlib", "numpy", "twinlens", *sys.stdlib_module_names}
 pytestmark = pytest.mark.skipif(not COURSE.is_dir(), reason="docs/ is not next to tests/")
 each_script = pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
 
@@ -33,11 +35,11 @@ def test_a_script_has_a_title_a_formula_and_a_figure(script):
 def test_a_script_uses_public_names_only(script):
     for node in ast.walk(ast.parse(script.read_text())):
         if isinstance(node, ast.Import):
-            assert {name.name.split(".")[0] for name in node.names} <= {"matplotlib", "numpy", "twinlens"}
+            assert {name.name.split(".")[0] for name in node.names} <= ALLOWED
             assert not [name for name in node.names if name.name.startswith("twinlens.")]
         elif isinstance(node, ast.ImportFrom):
             package, _, rest = node.module.partition(".")
-            assert package in {"dataclasses", "matplotlib", "numpy", "twinlens"}
+            assert package in ALLOWED
             if package == "twinlens":
                 assert rest.split(".")[0] in tl.__all__
                 module = importlib.import_module(node.module)
