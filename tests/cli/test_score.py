@@ -32,6 +32,12 @@ def test_one_map_refuses_options_of_boards(twinlens, maps, extra):
     assert err.count("\n") == 1
 
 
+def test_one_map_has_no_calibration(twinlens, maps):
+    code, _, err = twinlens("score", maps / "d.pfm", "--truth", maps / "gt.pfm", "--protocol", "points")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "--protocol points: needs the pair's calibration; score a folder of maps, with --truth DATASET" in err
+
+
 @pytest.mark.parametrize("extra", [(), ("-o", "board")])
 def test_one_map_needs_a_truth_map(twinlens, maps, extra):
     code, _, err = twinlens("score", maps / "d.pfm", "--truth", maps, *extra)

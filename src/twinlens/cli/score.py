@@ -14,6 +14,7 @@ from twinlens.dataset import place, read_disparity, read_png
 from twinlens.errors import FileError, InputError
 from twinlens.scoring import Scores, evaluate, find_metric, open_pairs, open_submission, search_range
 from twinlens.scoring.board_file import UNSCORED
+from twinlens.scoring.protocols import find_protocol
 
 FIRST_FEW = 3  # file names listed in a warning
 _MAPS = (".pfm", ".png")
@@ -88,13 +89,18 @@ def _score_submissions(paths: Sequence[Path], truths: Sequence[str], as_json: bo
 
 
 def _score_map(estimate: Path, truth: str, options: dict[str, Any]) -> Scores:
+    name = options["protocols"][0]
+    if find_protocol(name).needs_calibration:
+        raise InputError(
+            f"--protocol {name}: needs the pair's calibration; score a folder of maps, with --truth DATASET"
+        )
     true, mask, low = read_disparity(truth), options["mask"], options["min_disparity"]
     width = true.shape[1]
     if low is not None and not -width < low < width:
         raise InputError(f"--min-disparity {low}: expected {1 - width} to {width - 1} for {truth}")
     return evaluate(
         read_disparity(estimate), true, None if mask is None else read_png(mask), options["ndisp"],
-        protocol=options["protocols"][0],
+        protocol=name,
         min_disparity=search_range(1, None, true)[1] if low is None else low,
     )  # fmt: skip
 

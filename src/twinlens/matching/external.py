@@ -33,7 +33,13 @@ _PROGRAM_FILES = "left.png", "right.png", "out.pfm", "confidence.pfm"  # by the 
 CHILD_S = 0.1  # seconds to wait for output after a program has ended: its children may keep the pipe open
 
 
-class WrongAnswerError(InputError):
+class MatcherFailedError(InputError):
+    """A program or a model failed while it ran."""
+
+    exit_code = 1
+
+
+class WrongAnswerError(MatcherFailedError):
     """User code did not return a disparity map; kind: wrong-type, wrong-shape or not-a-number."""
 
     def __init__(self, kind: str, message: str) -> None:
@@ -47,7 +53,7 @@ class FunctionError(TwinlensError):
     exit_code = 1
 
 
-class ProgramTimeoutError(InputError, TimeoutError):
+class ProgramTimeoutError(MatcherFailedError, TimeoutError):
     """A program exceeded its time limit and was killed."""
 
 
@@ -266,7 +272,7 @@ class Program(RangeMatcher):
             status, printed = _run_process(words, self.timeout_s, name)
             if status != 0:
                 last = (printed.strip() or "it printed nothing").splitlines()[-1]
-                raise InputError(f"{name} {format_status(status)}: {last}")
+                raise MatcherFailedError(f"{name} {format_status(status)}: {last}")
             written = ("out", "confidence") if "{confidence}" in self.command else ("out",)
             maps = [_read_pfm(files[key], shape, name) for key in written]
             return checked_pair((*maps, None)[:2], shape, name)
@@ -321,19 +327,19 @@ def _read_pfm(path: Path, shape: tuple[int, ...], name: str) -> Disparity:
     """Read a grey PFM file of this (H, W), float32, top row first. Reads no more bytes than such a map has."""
     what = f"{{{path.stem}}}"
     if not path.is_file():
-        raise InputError(f"{name} wrote no file at {what}")
+        raise MatcherFailedError(f"{name} wrote no file at {what}")
     with path.open("rb") as file:
         head = [file.readline(64).split() for _ in range(3)]
         try:
             (magic,), (width, height), (scale,) = head
             size, order = (int(height), int(width)), "<f4" if float(scale) < 0 else ">f4"
         except ValueError:
-            raise InputError(f"{name}: {what} is not a PFM file: its header cannot be read") from None
+            raise MatcherFailedError(f"{name}: {what} is not a PFM file: its header cannot be read") from None
         if magic == b"Pf" and size != shape:
             raise WrongAnswerError("wrong-shape", f"{name} returned shape {size}; the left image has {shape}")
         body = file.read(4 * size[0] * size[1] + 1) if magic == b"Pf" else b""
     if len(body) != 4 * size[0] * size[1]:
-        raise InputError(f"{name}: {what} is not a grey PFM file of the size in its header")
+        raise MatcherFailedError(f"{name}: {what} is not a grey PFM file of the size in its header")
     return np.frombuffer(body, order).reshape(size)[::-1].astype(np.float32)
 
 
@@ -396,7 +402,7 @@ class OnnxNetwork:
         try:
             results = session.run([outputs[index].name for index in self._outputs], feeds)
         except Exception as problem:  # the errors of onnxruntime have no common base class
-            raise InputError(f"{self._name} failed: {_one_line(problem)}") from None
+            raise MatcherFailedError(f"{self._name} failed: {_one_line(problem)}") from None
         disparity, *rest = (self._plane(np.asarray(result)) for result in results)
         found = self.sign * disparity, rest[0] if rest else None
         full, trust = checked_pair(found, feeds[inputs[0].name].shape[2:], self._name)
