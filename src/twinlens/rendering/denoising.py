@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
+from twinlens.geometry import Float
 from twinlens.rendering.backends import backend
 from twinlens.rendering.guides import Guides
 
@@ -65,6 +66,29 @@ def denoise_image(
     )
     inside = np.asarray(filtered)[_MARGIN_PX:-_MARGIN_PX, _MARGIN_PX:-_MARGIN_PX]
     return np.where(seen, inside * divisor, np.float32(0))
+
+
+def denoise_parts(
+    images: NDArray[np.float32], guides: Guides, own: Guides | None, fractions: Float | None
+) -> NDArray[np.float32]:
+    """The images (P, H, W, 3) of parts of an aperture, denoised; `fractions` (P,) are their shares of the light.
+
+    Each part is denoised on its own. What their sum then lacks of the denoised sum, each gets by its share. Without
+    `fractions`, `images` is one whole image (H, W, 3).
+    """
+    if fractions is None:
+        return denoise_image(images, guides, own)
+    found = np.zeros(images.shape)
+    for part, fraction in enumerate(map(float, fractions)):
+        if fraction > 0:
+            image = images[part] / np.float32(fraction)
+            found[part] = fraction * denoise_image(
+                image, guides.of_part(part, fraction), own and own.of_part(part, fraction)
+            )
+    total = denoise_image(images.sum(axis=0), guides.of_parts(), own and own.of_parts())
+    shares = fractions / fractions.sum()
+    whole = found + shares[:, None, None, None] * (total - found.sum(axis=0))
+    return np.asarray(whole, np.float32)
 
 
 def _replace_texture(

@@ -5,12 +5,14 @@ Rays follow mirrors, glass and openings up to `MAX_SPECULAR` surfaces, then stop
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import Camera, Lens
+from twinlens.camera.parts import Parts
 from twinlens.geometry import Float
 from twinlens.rendering.backends import backend, mitsuba
 from twinlens.rendering.build import BuiltScene
@@ -25,7 +27,7 @@ _UNKNOWN_KIND = 0
 
 @dataclass(frozen=True, eq=False)
 class Guides:
-    """Means over each pixel, float32 (H, W, 3), of `count` samples.
+    """Means over each pixel, float32 (H, W, 3), of `count` samples; (P, H, W, 3) for parts of the aperture.
 
     albedo : diffuse reflectance, times the tint of the mirrors and glass before it; 1 for lamps and the sky.
     normal : shading normal in the world, 0 where nothing was hit.
@@ -43,6 +45,15 @@ class Guides:
         normal = part * self.normal + (1 - part) * other.normal
         return Guides(albedo, normal, count)
 
+    def of_part(self, part: int, fraction: float) -> "Guides":
+        """The guides of one part, which gets this fraction of the light."""
+        scale = np.float32(1 / fraction)
+        return Guides(scale * self.albedo[part], scale * self.normal[part], self.count)
+
+    def of_parts(self) -> "Guides":
+        """The guides of all parts together."""
+        return Guides(self.albedo.sum(axis=0), self.normal.sum(axis=0), self.count)
+
     def binned(self) -> "Guides":
         """At half the resolution."""
         return Guides(binned(self.albedo), binned(self.normal), self.count)
@@ -56,17 +67,23 @@ def binned(image: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def render_guides(
-    built: BuiltScene, camera: Camera, pose: Float, lens: Lens, passes: Iterable[tuple[str, int, int]]
+    built: BuiltScene,
+    camera: Camera,
+    pose: Float,
+    lens: Lens,
+    passes: Iterable[tuple[str, int, int]],
+    parts: Parts | None = None,
 ) -> Guides:
-    """The guides of one camera, from passes of (sampler, samples per pixel, seed).
+    """The guides of one camera, from passes of (sampler, samples per pixel, seed). `parts` needs a JIT backend.
 
     The passes of an image give its own film positions and aperture points, except in the scalar backend. That one uses
     Mitsuba's own integrator, which stops at mirrors and glass; they have albedo 1. Lamps have their radiance as albedo.
     """
-    render = _render_jit if backend().is_jit else _render_scalar
-    total, count = np.zeros((camera.height, camera.width, 6)), 0
+    render = partial(_render_jit, parts=parts) if backend().is_jit else _render_scalar
+    total: Any = 0.0
+    count = 0
     for sampler, size, seed in passes:
-        total += size * render(built, make_sensor(camera, pose, lens, size, sampler), camera, size, seed)
+        total = total + size * render(built, make_sensor(camera, pose, lens, size, sampler), camera, size, seed)
         count += size
     features = (total / count).astype(np.float32)
     return Guides(np.clip(features[..., :3], 0, 1), np.clip(features[..., 3:], -1, 1), count)
@@ -114,25 +131,15 @@ def _has_openings(built: BuiltScene) -> bool:
     return any(body.material_kind in (_UNKNOWN_KIND, *_SPECULAR_KINDS) for body in built.bodies)
 
 
-def _render_jit(built: BuiltScene, sensor: Any, camera: Camera, count: int, seed: int) -> Float:
-    """Numbers the samples and draws from the sampler as Mitsuba's integrators do."""
-    import drjit as dr
+def _render_jit(
+    built: BuiltScene, sensor: Any, camera: Camera, count: int, seed: int, parts: Parts | None = None
+) -> Float:
+    from twinlens.rendering.ray_generation import pixel_means  # sets up the backend
 
-    mi = mitsuba()
-    sampler = sensor.sampler()
-    rays = camera.width * camera.height * count
-    sampler.set_samples_per_wavefront(count)
-    sampler.seed(seed, rays)
-    width, height = dr.opaque(mi.UInt32, camera.width), dr.opaque(mi.UInt32, camera.height)
-    pixel = dr.arange(mi.UInt32, rays) // dr.opaque(mi.UInt32, count)
-    row = pixel // width
-    film = (mi.Point2f(mi.Float(pixel - row * width), mi.Float(row)) + sampler.next_2d()) / mi.Point2f(width, height)
-    ray, _ = sensor.sample_ray(0.0, 0.5, film, sampler.next_2d())
-    features = _first_rough_surfaces(built, mi.Ray3f(ray))
-    dr.eval(features)  # else each sum would trace the rays again
-    sums = [dr.block_sum(channel, count) for feature in features for channel in feature]
-    means = np.stack([np.asarray(channel, dtype=np.float64) for channel in sums], axis=-1) / count
-    return means.reshape(camera.height, camera.width, 6)
+    ray, x, y = sensor.film_rays(count, seed, divide=parts is None)  # images of earlier versions stay the same
+    albedo, normal = _first_rough_surfaces(built, mitsuba().Ray3f(ray))
+    shares = None if parts is None else parts.shares(x, y, sensor.math)
+    return pixel_means([*albedo, *normal], count, camera, shares)
 
 
 def _first_rough_surfaces(built: BuiltScene, ray: Any) -> tuple[Any, Any]:

@@ -6,7 +6,7 @@ and gathered once for each focus. A lens is the area-weighted sum of its annuli.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -15,17 +15,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import Disk, Lens, Rig
+from twinlens.camera.parts import Parts, check_parts
 from twinlens.errors import InputError
 from twinlens.geometry import Float
 from twinlens.rendering.annuli import area_fraction, plan_annuli, split_vergences
 from twinlens.rendering.backends import backend, mitsuba
 from twinlens.rendering.build import BuiltScene, build
-from twinlens.rendering.denoising import GUIDE_SAMPLES, denoise_image
-from twinlens.rendering.radiance import Progress, check_request, other_guides, partial_progress, render, render_measured
+from twinlens.rendering.denoising import GUIDE_SAMPLES, denoise_parts
+from twinlens.rendering.radiance import (
+    Progress,
+    check_parts_supported,
+    check_request,
+    other_guides,
+    partial_progress,
+    render,
+    render_measured,
+)
 from twinlens.scenes import Scene
 from twinlens.seeds import derived_seed, seed_sequence
 
 Image = NDArray[np.float32]
+
+Shares = Callable[[NDArray[np.float32]], Float]
 
 _GRID_STREAM = 1
 
@@ -60,6 +71,7 @@ def render_lens_grid(
     seed: int = 0,
     *,
     denoise: bool = False,
+    parts: Parts | None = None,
     sampler: str = "multijitter",
     progress: Progress | None = None,
 ) -> LensGrid:
@@ -77,14 +89,16 @@ def render_lens_grid(
         As in `render`.
     denoise : bool
         As in `render`, with guides for each lens and camera. Standard errors are those before denoising.
+    parts : Dual, Quad, Grid or Masks, optional
+        As in `render`, of each lens's aperture. Standard errors are those of the whole images.
     sampler : str
         Mitsuba's sampler for the light paths. Film positions and aperture points are always stratified.
 
     Returns
     -------
     LensGrid
-        images[i_lens][i_camera], float32 (H, W, 3), and their standard errors. The bytes depend on the arguments only,
-        not on the number of threads.
+        images[i_lens][i_camera], float32 (H, W, 3) or (P, H, W, 3), and their standard errors. The bytes
+        depend on the arguments only, not on the number of threads.
 
     Raises
     ------
@@ -94,6 +108,10 @@ def render_lens_grid(
     if not isinstance(lenses, Sequence) or not lenses:
         raise InputError("render_lens_grid needs a list of at least one lens")
     check_request(scene, rig, lenses, spp, seed, sampler)
+    if parts is not None:
+        for lens in lenses:
+            check_parts(parts, lens)
+        check_parts_supported(build(scene))
     spp, seed = int(spp), int(seed)
     shared = _shareable(build(scene), rig, lenses)
     separate = [i for i in range(len(lenses)) if i not in shared]
@@ -103,18 +121,19 @@ def render_lens_grid(
     if shared:
         report = partial_progress(progress, 0.0, len(shared) / len(lenses))
         chosen = [lenses[i] for i in shared]
-        found, variance[shared], paths = _render_shared(build(scene), rig, chosen, spp, seed, sampler, report)
+        found, variance[shared], paths = _render_shared(build(scene), rig, chosen, spp, seed, parts, sampler, report)
         rays += paths
         images |= zip(shared, found, strict=True)
     for done, i in enumerate(separate, len(shared)):
         report = partial_progress(progress, done / len(lenses), (done + 1) / len(lenses))
         own_seed = derived_seed(seed, _GRID_STREAM, i)
-        images[i], variance[i] = _render_separately(scene, rig, lenses[i], spp, own_seed, sampler, report)
+        images[i], variance[i] = _render_separately(scene, rig, lenses[i], spp, own_seed, parts, sampler, report)
     if denoise:
         for (i, lens), index in product(enumerate(lenses), range(len(rig))):
             view = build(scene), rig.cameras[index], rig.world_from_cams[index]
-            guides = other_guides(*view, lens, 2 * GUIDE_SAMPLES, seed, index, i)
-            images[i][index] = denoise_image(images[i][index], guides)
+            guides = other_guides(*view, lens, 2 * GUIDE_SAMPLES, seed, index, i, parts=parts)
+            fractions = None if parts is None else parts.light(lens.aperture)[0]
+            images[i][index] = denoise_parts(images[i][index], guides, None, fractions)
     return LensGrid(tuple(images[i] for i in range(len(lenses))), np.sqrt(variance), rays)
 
 
@@ -130,18 +149,26 @@ def _shareable(built: BuiltScene, rig: Rig, lenses: Sequence[Lens]) -> list[int]
 
 
 def _render_separately(
-    scene: Scene, rig: Rig, lens: Lens, spp: int, seed: int, sampler: str, progress: Progress
+    scene: Scene, rig: Rig, lens: Lens, spp: int, seed: int, parts: Parts | None, sampler: str, progress: Progress
 ) -> tuple[list[Image], list[float]]:
-    """Images of one lens, and their variances, estimated from halves of the samples."""
-    if spp < 2:
-        return render(scene, rig, lens, spp, seed, sampler=sampler, progress=progress), [math.nan] * len(rig)
+    """Images of one lens, and their variances, estimated from halves of the samples; NaN with `parts`."""
+    if spp < 2 or parts is not None:
+        images = render(scene, rig, lens, spp, seed, parts=parts, sampler=sampler, progress=progress)
+        return images, [math.nan] * len(rig)
     views, _ = render_measured(scene, rig, lens, spp, seed, sampler=sampler, progress=progress)
     squares = [np.square(view.error, dtype=np.float64) for view in views]
     return [view.image for view in views], [float(each[np.isfinite(each)].mean()) for each in squares]
 
 
 def _render_shared(
-    built: BuiltScene, rig: Rig, lenses: Sequence[Lens], spp: int, seed: int, sampler: str, progress: Progress
+    built: BuiltScene,
+    rig: Rig,
+    lenses: Sequence[Lens],
+    spp: int,
+    seed: int,
+    parts: Parts | None,
+    sampler: str,
+    progress: Progress,
 ) -> tuple[list[list[Image]], Float, int]:
     """Images of all lenses from one set of paths per camera, their variances, and the number of paths."""
     from twinlens.rendering.shared_paths import SharedPaths  # sets up the backend
@@ -149,20 +176,37 @@ def _render_shared(
     images: list[list[Image]] = [[] for _ in lenses]
     variances, rays = np.zeros((len(lenses), len(rig))), 0
     annuli = plan_annuli(lenses, spp)
+    size = 1 if parts is None else 1 + len(parts)  # the whole image, then its parts
     for index, (camera, pose) in enumerate(zip(rig.cameras, rig.world_from_cams, strict=True)):
         seeds = seed_sequence(seed, _GRID_STREAM, index, 0)
-        totals = np.zeros((len(lenses), camera.height, camera.width, 3))
+        totals = np.zeros((len(lenses), size, camera.height, camera.width, 3))
         for place, annulus in enumerate(annuli):
-            for part in split_vergences(annulus, camera):
-                means, variance, paths = SharedPaths(built, camera, pose, part, sampler).images(seeds)
+            for group in split_vergences(annulus, camera):
+                radii = [0.5 * lens.aperture_diameter for lens in lenses]
+                fractions = [area_fraction(annulus, radius) for radius in radii]
+                users = [i for i, lens in enumerate(lenses) if fractions[i] and lens.vergence in group.vergences]
+                outputs = [(group.vergences.index(lenses[i].vergence), radii[i] if parts else 0.0) for i in users]
+                distinct = list(dict.fromkeys(outputs))
+                focuses = [focus for focus, _ in distinct for _ in range(size)]
+                shares = None if parts is None else _shares(parts, [radius for _, radius in distinct])
+                means, variance, paths = SharedPaths(built, camera, pose, group, sampler).images(seeds, focuses, shares)
                 rays += paths
-                for i, lens in enumerate(lenses):
-                    share = area_fraction(annulus, 0.5 * lens.aperture_diameter)
-                    if share and lens.vergence in part.vergences:
-                        focus = part.vergences.index(lens.vergence)
-                        totals[i] += share * means[focus]
-                        variances[i, index] += share**2 * variance[focus]
+                for i, output in zip(users, outputs, strict=True):
+                    first = size * distinct.index(output)
+                    totals[i] += fractions[i] * means[first : first + size]
+                    variances[i, index] += fractions[i] ** 2 * variance[first]
             progress((index + (place + 1) / len(annuli)) / len(rig))
         for several, total in zip(images, totals, strict=True):
-            several.append(total.astype(np.float32))
+            several.append((total[0] if parts is None else total[1:]).astype(np.float32))
     return images, variances, rays
+
+
+def _shares(parts: Parts, radii: Sequence[float]) -> Shares:
+    """From points (n, 2) of the aperture in metres, weights (n, K): for each radius 1, then the share of each part."""
+
+    def weights(points: NDArray[np.float32]) -> Float:
+        x, y = points.T.astype(np.float64)
+        each = [weight for radius in radii for weight in (np.ones(len(x)), *parts.shares(x / radius, y / radius))]
+        return np.stack(each, axis=1)
+
+    return weights

@@ -11,19 +11,21 @@ import functools
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import Camera, Lens, Pinhole, Rig
 from twinlens.camera.lens import check_lens
-from twinlens.errors import InputError, check_int, check_known
+from twinlens.camera.parts import Parts, check_parts
+from twinlens.errors import BackendError, InputError, check_int, check_known
 from twinlens.geometry import Float
 from twinlens.rendering.backends import backend, mitsuba
 from twinlens.rendering.build import BuiltScene, build
-from twinlens.rendering.denoising import GUIDE_SAMPLES, denoise_image
+from twinlens.rendering.denoising import GUIDE_SAMPLES, denoise_image, denoise_parts
 from twinlens.rendering.guides import Guides, binned, render_guides
-from twinlens.rendering.sensors import make_sensor
+from twinlens.rendering.sensors import NEEDS_JIT, make_sensor
 from twinlens.scenes import Scene
 from twinlens.seeds import derived_seed, seed_sequence
 
@@ -49,6 +51,7 @@ def render(
     seed: int = 0,
     *,
     denoise: bool = False,
+    parts: Parts | None = None,
     sampler: str = "multijitter",
     progress: Progress | None = None,
 ) -> list[NDArray[np.float32]]:
@@ -65,6 +68,9 @@ def render(
         Remove the renderer's noise with Open Image Denoise, guided by albedo and normals that are rendered through the
         same lens, for each camera apart (`twinlens.rendering.denoising`). Denoised images are biased: without it, the
         expectation of each pixel is exact. The scalar backend has no guides behind mirrors and glass.
+    parts : Dual, Quad, Grid or Masks, optional
+        Parts of the lens's aperture. Each has an image, its contribution to the whole image, from the same light paths:
+        where the parts make up the aperture, their images add up to the image without `parts`. Needs a JIT backend.
     sampler : str
         Mitsuba's sampler within a pass. With 16 samples and a wide aperture, `multijitter` has half the mean square
         error of `independent` at the same cost.
@@ -74,33 +80,41 @@ def render(
     Returns
     -------
     list of float32 (H, W, 3)
-        Linear sRGB radiance per camera, averaged over the area of each pixel.
+        Linear sRGB radiance per camera, averaged over the area of each pixel; (P, H, W, 3) with P `parts`.
 
     Raises
     ------
     InputError
-        For an invalid spp, seed, sampler or lens.
+        For an invalid spp, seed, sampler or lens, and parts of a pinhole.
     BackendError
-        When this machine's backend does not support the camera or the lens.
+        When this machine's backend does not support the camera, the lens, or parts.
     """
     check_request(scene, rig, [lens], spp, seed, sampler)
     built = build(scene)
+    if parts is not None:
+        check_parts(parts, lens)
+        check_parts_supported(built)
     images = []
     for index, (camera, pose) in enumerate(zip(rig.cameras, rig.world_from_cams, strict=True)):
         report = partial_progress(progress, index / len(rig), (index + 1) / len(rig))
-        total = np.zeros((camera.height, camera.width, 3))
+        total: Any = 0.0
         done = 0
         passes = list(_image_passes(camera, int(spp), int(seed), index, sampler))
         for kind, count, stream in passes:
             sensor = make_sensor(camera, pose, lens, count, kind)
-            image = built.integrator.render(built.mi_scene, sensor, seed=stream, spp=count)
-            total += count * np.asarray(image, dtype=np.float64)
+            if parts is None:
+                image = built.integrator.render(built.mi_scene, sensor, seed=stream, spp=count)
+            else:
+                image = _render_parts(built, sensor, camera, count, stream, parts)
+            total = total + count * np.asarray(image, dtype=np.float64)
             done += count
             report(done / spp)
         mean = (total / spp).astype(np.float32)
         if denoise:
-            own = _own_guides(built, camera, pose, lens, passes)
-            mean = denoise_image(mean, other_guides(built, camera, pose, lens, GUIDE_SAMPLES, int(seed), index), own)
+            own = _own_guides(built, camera, pose, lens, passes, parts)
+            other = other_guides(built, camera, pose, lens, GUIDE_SAMPLES, int(seed), index, parts=parts)
+            fractions = None if parts is None else parts.light(lens.aperture)[0]
+            mean = denoise_parts(mean, other, own, fractions)
         images.append(mean)
     return images
 
@@ -187,18 +201,48 @@ def _joined(a: Guides | None, b: Guides | None) -> Guides | None:
     return a + b if a is not None and b is not None else a or b
 
 
-def _own_guides(built: BuiltScene, camera: Camera, pose: Float, lens: Lens, passes: Iterable[Pass]) -> Guides | None:
+def _own_guides(
+    built: BuiltScene, camera: Camera, pose: Float, lens: Lens, passes: Iterable[Pass], parts: Parts | None = None
+) -> Guides | None:
     """The guides of an image's own samples, from its passes. None if they are not known."""
-    known = backend().is_jit and isinstance(built.integrator, mitsuba().SamplingIntegrator)
-    return render_guides(built, camera, pose, lens, passes) if known else None
+    return render_guides(built, camera, pose, lens, passes, parts) if _follows_rays(built) else None
+
+
+def _follows_rays(built: BuiltScene) -> bool:
+    """Whether the samples of an image are known: those of the JIT backends, unless light is traced from the lamps."""
+    return backend().is_jit and isinstance(built.integrator, mitsuba().SamplingIntegrator)
+
+
+def check_parts_supported(built: BuiltScene) -> None:
+    """Raise BackendError if this process's backend, or the scene's integrator, has no images of parts."""
+    if not backend().is_jit:
+        raise BackendError(f"parts of an aperture {NEEDS_JIT}")
+    if not _follows_rays(built):
+        raise BackendError("parts of an aperture need an integrator that follows camera rays, such as 'path'")
+
+
+def _render_parts(built: BuiltScene, sensor: Any, camera: Camera, count: int, seed: int, parts: Parts) -> Float:
+    """The images (P, H, W, 3) of the parts of an aperture, from the samples with which Mitsuba renders the image."""
+    from twinlens.rendering.ray_generation import pixel_means  # sets up the backend
+
+    ray, x, y = sensor.film_rays(count, seed)
+    radiance, *_ = built.integrator.sample(built.mi_scene, sensor.sampler(), ray)
+    return pixel_means(radiance, count, camera, parts.shares(x, y, sensor.math))
 
 
 def other_guides(
-    built: BuiltScene, camera: Camera, pose: Float, lens: Lens, count: int, seed: int, *key: int
+    built: BuiltScene,
+    camera: Camera,
+    pose: Float,
+    lens: Lens,
+    count: int,
+    seed: int,
+    *key: int,
+    parts: Parts | None = None,
 ) -> Guides:
     """The guides of `count` samples per pixel; `seed` and `key` name their random stream."""
     passes = _passes(camera, count, seed_sequence(seed, _GUIDE_STREAM, *key), SAMPLERS[0])
-    return render_guides(built, camera, pose, lens, passes)
+    return render_guides(built, camera, pose, lens, passes, parts)
 
 
 def _image_passes(camera: Camera, spp: int, seed: int, index: int, sampler: str) -> Iterator[Pass]:

@@ -6,6 +6,7 @@ lenses share kernels. Importing this module sets up the backend.
 """
 
 import functools
+from collections.abc import Iterable, Sequence
 from types import SimpleNamespace
 from typing import Any
 
@@ -113,5 +114,38 @@ class TwinlensCamera(mi.Sensor):  # type: ignore[misc, name-defined]
         ray, weight = self.sample_ray(time, wavelength, position, aperture, active)
         return mi.RayDifferential3f(ray), weight
 
+    def film_rays(self, count: int, seed: int, divide: bool = False) -> tuple[Any, Any, Any]:
+        """`count` rays per pixel, pixel by pixel, and their points (x, y) of the aperture in units of its radius.
+
+        Numbers the samples, draws from the sampler and rounds film positions as Mitsuba's integrators do. With `divide`
+        the positions are divided by the film's size and not multiplied by its reciprocal, which rounds otherwise.
+        """
+        width, height = (round(size[0]) for size in self.size)
+        sampler = self.sampler()
+        sampler.set_samples_per_wavefront(count)
+        sampler.seed(seed, width * height * count)
+        columns = dr.opaque(mi.UInt32, width)
+        pixel = dr.arange(mi.UInt32, width * height * count) // dr.opaque(mi.UInt32, count)
+        row = pixel // columns
+        corner = mi.Point2f(mi.Float(pixel - row * columns), mi.Float(row))
+        position, size = corner + sampler.next_2d(), mi.Point2f(*self.size)
+        reciprocal = mi.Point2f(opaque(1 / np.float32(width)), opaque(1 / np.float32(height)))
+        film = position / size if divide else position * reciprocal
+        lens = sampler.next_2d()
+        ray, _ = self.sample_ray(0.0, 0.5, film, lens)
+        return ray, *self.aperture.sample(lens.x, lens.y, self.math)
+
     def to_string(self) -> str:
         return "TwinlensCamera[]"
+
+
+def pixel_means(channels: Iterable[Any], count: int, camera: Camera, shares: Sequence[Any] | None = None) -> Float:
+    """Means over the `count` rays of each pixel, float64 (H, W, C); (P, H, W, C) of the channels times each share."""
+    channels = list(channels)
+    dr.eval(channels, shares)  # else each sum would trace the rays again
+
+    def means(share: Any) -> Float:
+        sums = [np.asarray(dr.block_sum(channel * share, count), dtype=np.float64) for channel in channels]
+        return np.stack(sums, axis=-1).reshape(camera.height, camera.width, -1) / count
+
+    return means(1.0) if shares is None else np.stack([means(share) for share in shares])

@@ -36,7 +36,7 @@ def make_sensor(camera: Camera, pose: Float, lens: Lens, spp: int, sampler: str)
     return TwinlensCamera(camera, pose, lens, mi.load_dict(film), mi.load_dict(samples))
 
 
-_NEEDS_JIT = "needs the LLVM or CUDA backend (Debian, Ubuntu: apt install libllvm19)"
+NEEDS_JIT = "needs the LLVM or CUDA backend (Debian, Ubuntu: apt install libllvm19)"
 _NEAR_CLIP = 1e-3
 
 
@@ -81,13 +81,13 @@ def check_lens_supported(lens: Lens) -> None:
     """Raise BackendError if this process's backend does not support the lens."""
     disk = isinstance(lens.aperture, Disk) and lens.vergence > 1e-5
     if lens.aperture_diameter > 0 and not disk and not backend().is_jit:
-        raise BackendError(f"this lens {_NEEDS_JIT}; without it, use a pinhole or a disk aperture with a finite focus")
+        raise BackendError(f"this lens {NEEDS_JIT}; without it, use a pinhole or a disk aperture with a finite focus")
 
 
 def check_mismatch_supported(distortion_px: float) -> None:
     """Raise BackendError if this process's backend does not support a second camera with this distortion."""
     if distortion_px and not backend().is_jit:
-        raise BackendError(f"the mismatch's distortion_px={distortion_px:.3g} {_NEEDS_JIT}; or use distortion_px=0")
+        raise BackendError(f"the mismatch's distortion_px={distortion_px:.3g} {NEEDS_JIT}; or use distortion_px=0")
 
 
 def check_camera_supported(camera: Camera) -> None:
@@ -95,8 +95,8 @@ def check_camera_supported(camera: Camera) -> None:
     if backend().is_jit:
         return
     if camera.fx != camera.fy:
-        raise BackendError(f"a camera with pixels that are not square (fx={camera.fx}, fy={camera.fy}) {_NEEDS_JIT}")
+        raise BackendError(f"a camera with pixels that are not square (fx={camera.fx}, fy={camera.fy}) {NEEDS_JIT}")
     if camera.distortion is not None:
-        raise BackendError(f"lens distortion {_NEEDS_JIT}")
+        raise BackendError(f"lens distortion {NEEDS_JIT}")
     if any(2 * c % 1 for c in (camera.cx, camera.cy)):
-        raise BackendError(f"a principal point off the half-pixel grid (cx={camera.cx}, cy={camera.cy}) {_NEEDS_JIT}")
+        raise BackendError(f"a principal point off the half-pixel grid (cx={camera.cx}, cy={camera.cy}) {NEEDS_JIT}")

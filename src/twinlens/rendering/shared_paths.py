@@ -13,6 +13,7 @@ checkerboard, so that it is stratified by itself.
 """
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,6 +35,7 @@ import drjit as dr  # noqa: E402, Dr.Jit reads DRJIT_LIBLLVM_PATH when it is imp
 Cells = NDArray[np.int64]
 Grid = tuple[int, int]
 Shifts = NDArray[np.int32]
+Shares = Callable[[NDArray[np.float32]], Float]
 
 MAX_SAMPLES = 1 << 12  # per pixel and pass
 RAYS_PER_PASS = 3 << 23  # 300 MB of radiance; enough for 64 samples of 640x480 pixels
@@ -54,8 +56,13 @@ class SharedPaths:
     annulus: ApertureAnnulus
     sampler: str
 
-    def images(self, seeds: np.random.SeedSequence) -> tuple[Float, Float, int]:
-        """Mean images (F, H, W, 3) for each vergence, their mean variances (F,), and the number of paths.
+    def images(
+        self, seeds: np.random.SeedSequence, focuses: Sequence[int], shares: Shares | None = None
+    ) -> tuple[Float, Float, int]:
+        """Mean images (K, H, W, 3), their mean variances (K,), and the number of paths.
+
+        Image k has the vergence ``annulus.vergences[focuses[k]]``. `shares` gives the weights (n, K) of samples in the
+        images, from their points (n, 2) of the aperture in metres.
 
         Sums a and b over halves of n samples give the variance (a - b)^2 / n^2. The errors of the halves partly cancel,
         so it is an upper bound: exact for noise, and about twice the variance where stratification works best.
@@ -64,12 +71,15 @@ class SharedPaths:
         passes = math.ceil(self.annulus.spp / min(MAX_SAMPLES, max(1, RAYS_PER_PASS // film)))
         grid = stratum_grid(math.ceil(self.annulus.spp / passes))
         count = passes * math.prod(grid)
-        total, squares = np.zeros((2, len(self.annulus.vergences), 3, self.camera.height, self.camera.width))
+        total, squares = np.zeros((2, len(focuses), 3, self.camera.height, self.camera.width))
         for _ in range(passes):
             pattern_seed, path_seed = map(int, seeds.spawn(1)[0].generate_state(2))
             points, shifts = self._film_and_aperture(grid, np.random.default_rng(pattern_seed))
+            weights = None if shares is None else shares(points[:, 2:])
             # The radiance is not bound to a name, so that its memory is freed before the next pass.
-            first, second = self._gather(self._radiance(grid, points, shifts, path_seed), shifts)
+            first, second = self._gather(
+                self._radiance(grid, points, shifts, path_seed), shifts[:, np.asarray(focuses)], weights
+            )
             total += first + second
             squares += (first - second) ** 2 if count > 1 else math.nan
         variance = [of[np.isfinite(of)].mean() if np.isfinite(of).any() else math.nan for of in squares]
@@ -107,22 +117,26 @@ class SharedPaths:
         dr.eval(radiance)
         return radiance
 
-    def _gather(self, radiance: Any, shifts: Shifts) -> tuple[Float, Float]:
-        """Sums (F, 3, H, W) of the radiance landing on each pixel, over the first and second half of the samples."""
-        (n, focuses, _), (columns, rows) = shifts.shape, self.annulus.film_size(self.camera)
-        shape = (focuses, self.camera.height, self.camera.width)
-        focus, down, across = np.indices(shape)
+    def _gather(self, radiance: Any, shifts: Shifts, weights: Float | None) -> tuple[Float, Float]:
+        """Sums (K, 3, H, W) of the radiance landing on each pixel, over the first and second half of the samples."""
+        (n, images, _), (columns, rows) = shifts.shape, self.annulus.film_size(self.camera)
+        shape = (images, self.camera.height, self.camera.width)
+        image, down, across = np.indices(shape)
         pixel = across + (columns - shape[2]) // 2 + columns * (down + (rows - shape[1]) // 2)
         step = np.arange(n)[:, None] - n * (shifts[..., 0] + columns * shifts[..., 1])
-        start, own, steps = (mi.Int32(of.astype(np.int32).ravel()) for of in (n * pixel, focus, step))
-        first, end, focuses = (dr.opaque(mi.Int32, count) for count in (n - n // 2, n, focuses))
+        start, own, steps = (mi.Int32(of.astype(np.int32).ravel()) for of in (n * pixel, image, step))
+        first, end, images = (dr.opaque(mi.Int32, count) for count in (n - n // 2, n, images))
+        factors = None if weights is None else mi.Float(weights.astype(np.float32).ravel())
 
         def add(m: Any, total: Any) -> tuple[Any, Any]:
-            ray = mi.UInt32(start + dr.gather(mi.Int32, steps, m * focuses + own))
-            return m + 1, total + mi.Color3d(*(dr.gather(mi.Float, channel, ray) for channel in radiance))
+            ray = mi.UInt32(start + dr.gather(mi.Int32, steps, m * images + own))
+            seen = mi.Color3d(*(dr.gather(mi.Float, channel, ray) for channel in radiance))
+            if factors is not None:
+                seen *= mi.Float64(dr.gather(mi.Float, factors, m * images + own))
+            return m + 1, total + seen
 
         def add_samples(m: Any, last: Any) -> Float:
-            _, total = dr.while_loop((m, dr.zeros(mi.Color3d, focus.size)), lambda m, _: m < last, add)
+            _, total = dr.while_loop((m, dr.zeros(mi.Color3d, image.size)), lambda m, _: m < last, add)
             return np.moveaxis(np.array(total).reshape(3, *shape), 0, 1)
 
         return add_samples(mi.Int32(0), first), add_samples(first, end)
