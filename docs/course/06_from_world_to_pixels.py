@@ -39,9 +39,11 @@ steps = [
 ]
 print(*steps, sep="\n")
 
-figure = plt.figure(figsize=(5.6, 3.3), layout="none")
-space = figure.add_axes((-0.12, 0.18, 0.7, 0.95), projection="3d", zorder=-1, computed_zorder=False)
-picture = figure.add_axes((0.58, 0.36, 0.41, 0.6))
+figure = plt.figure(figsize=(5.6, 3.3))
+space = figure.add_subplot(projection="3d", zorder=-1, computed_zorder=False)
+space.set_position((-0.12, 0.18, 0.7, 0.95))
+picture = figure.add_subplot()
+picture.set_position((0.58, 0.36, 0.41, 0.6))
 colours = (image / 0.9).clip(0, 1) ** (1 / 2.2)
 seen = truth.position[::4, ::4].reshape(-1, 3)
 near = truth.depth[::4, ::4].ravel() < 1.75  # without the background

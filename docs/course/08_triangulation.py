@@ -32,10 +32,11 @@ points = camera.unproject(left) * depth[:, None]  # in the frame of the left cam
 for z, d, true in zip(depth, disparity, truth.depth[left[:, 1], left[:, 0]]):
     print(f"z = {baseline} m x {camera.fx:.1f} px / {d:.2f} px = {z:.3f} m,   ground truth {true:.3f} m")
 
-figure = plt.figure(figsize=(5.6, 4.8), layout="none")
+figure = plt.figure(figsize=(5.6, 4.8))
 colours = ("tab:orange", "cyan", "magenta")
 for i, (image, pixels, name) in enumerate(zip(images, (left, right), ("left", "right"))):
-    axis = figure.add_axes((0.01 + 0.5 * i, 0.52, 0.48, 0.42))
+    axis = figure.add_subplot()
+    axis.set_position((0.01 + 0.5 * i, 0.52, 0.48, 0.42))
     axis.imshow((image / 0.9).clip(0, 1) ** (1 / 2.2))
     for pixel, colour in zip(pixels, colours):
         axis.axvline(pixel[0], color=colour, linewidth=0.8, linestyle=":")
@@ -43,7 +44,8 @@ for i, (image, pixels, name) in enumerate(zip(images, (left, right), ("left", "r
     axis.set_title(f"{name}: u = " + ", ".join(f"{u:.0f}" for u in pixels[:, 0]))
     axis.axis("off")
 
-space = figure.add_axes((-0.1, -0.02, 0.92, 0.6), projection="3d", zorder=-1)
+space = figure.add_subplot(projection="3d", zorder=-1)
+space.set_position((-0.1, -0.02, 0.92, 0.6))
 film = camera.unproject([[0, 0], [319, 0], [319, 239], [0, 239], [0, 0]]) * 0.2
 for centre in ([0, 0, 0], [baseline, 0, 0]):
     x, y, z = (film + centre).T
