@@ -9,10 +9,8 @@ from the cost T(p) of reaching cell p, which spreads from the start over the eig
     T(p) = min over q of T(q) + |p - q| (w(p) + w(q)) / 2,   w = 1 on seen floor, 4 where nothing was seen
 
 On the map, red cells are obstacles, white ones floor, and grey ones were not seen. The script reads
-:download:`hall.toml <../course/hall.toml>` from its own folder.
+:download:`hall.toml <../course/hall.toml>` from the current folder.
 """
-
-from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -31,7 +29,7 @@ UNKNOWN_COST = 4.0
 
 def observe(width=480, height=320, spp=16):
     """The left image and its depths by semi-global matching."""
-    scene = tl.load_scene(Path(__file__).with_name("hall.toml"))
+    scene = tl.load_scene("hall.toml")
     rig = tl.Rig.stereo(tl.Camera.from_fov(width, height, scene.fov_x_deg), scene.baseline, scene.world_from_left)
     radiances = tl.render(scene, rig, spp=spp, denoise=True)
     left, right = (photo.image for photo in tl.Sensor().expose_rig(radiances, rig=rig, lens=tl.Pinhole(), seed=1))

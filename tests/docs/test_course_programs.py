@@ -24,6 +24,7 @@ def run(name):
 
     with mpl.rc_context({"backend": "agg"}), pytest.MonkeyPatch.context() as patch:
         patch.setattr(plt, "show", lambda: None)
+        patch.chdir(COURSE)
         names = SimpleNamespace(**runpy.run_path(str(COURSE / f"{name}.py")))
         plt.close("all")
     return names
