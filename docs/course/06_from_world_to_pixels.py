@@ -3,14 +3,14 @@ From the world to pixels
 ========================
 
 A point P of the world becomes a pixel in three steps. The pose of the camera (rotation R and position C) moves it into
-the camera's frame: x right, y down, z forward. The perspective projection takes it to the film at distance v, and the
+the camera's frame: x right, y down, z forward. The perspective projection takes it to the film at distance D, and the
 pixel pitch p and the principal point (cx, cy) give the pixel::
 
     world to camera   (X, Y, Z) = R^T (P - C)
-    camera to film    x = v X / Z,   y = v Y / Z
+    camera to film    x = D X / Z,   y = D Y / Z
     film to pixels    u = x / p + cx,   v = y / p + cy
 
-The focal length in pixels is f = v / p, so that u = f X / Z + cx.
+The focal length in pixels is f = D / p, so that u = f X / Z + cx.
 """
 
 import matplotlib.pyplot as plt

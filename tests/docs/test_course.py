@@ -2,7 +2,9 @@
 
 import ast
 import importlib
+import os
 import re
+import subprocess
 import sys
 from pathlib import Path
 
@@ -17,9 +19,10 @@ pytestmark = pytest.mark.skipif(not COURSE.is_dir(), reason="docs/ is not next t
 each_script = pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
 
 
-def test_scripts_are_numbered():
+def test_scripts_are_numbered_without_gaps():
     numbers = [re.fullmatch(r"(\d\d)_[a-z0-9_]+", script.stem)[1] for script in SCRIPTS]
-    assert len(set(numbers)) == len(numbers)
+    assert numbers == [f"{number:02}" for number in range(1, len(SCRIPTS) + 1)]
+    assert len(SCRIPTS) >= 8
 
 
 @each_script
@@ -47,3 +50,14 @@ def test_a_script_uses_public_names_only(script):
             assert not [name for name in node.names if name.name.startswith("_")]
         elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "tl":
             assert node.attr in tl.__all__
+
+
+@pytest.mark.slow
+@each_script
+def test_a_script_makes_one_figure(script):
+    text = script.read_text()
+    if "needs the LLVM backend" in text and os.environ.get("TWINLENS_REQUIRE_LLVM") != "1":
+        pytest.skip("needs LLVM; TWINLENS_REQUIRE_LLVM=1 runs it")
+    code = text.replace("plt.show()\n", "plt.gcf().canvas.draw()\nassert plt.get_fignums() == [1]\n")
+    env = {**os.environ, "MPLBACKEND": "agg"}
+    subprocess.run([sys.executable, "-W", "error", "-c", code], check=True, env=env, cwd=script.parent)
