@@ -439,7 +439,7 @@ def test_files_in_other_folders_of_the_scene_are_found(tmp_path: Path, read_scen
     }
     for name in ("../../../secret.mtl", "../../../parts/m.mtl"):
         (tmp_path / "m" / "o" / "m.obj").write_text(OBJ.replace("m.mtl", name))
-        with pytest.raises(InputError, match=r"objects.own: .*leads outside the scene's folder"):
+        with pytest.raises(InputError, match=r"objects.own: .*leads outside the folder '"):
             read_scene("[objects.own]\nfile = 'm/o/m.obj'\n")
 
 

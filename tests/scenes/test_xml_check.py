@@ -50,7 +50,7 @@ EVIL = [
     ('<include filename="other.xml"/>', "unknown element 'include'"),
     ('<path value="/tmp"/>', "unknown element 'path'"),
     ('<plugin type="x"/>', "unknown element 'plugin'"),
-    ('<shape type="obj"><string name="filename" value="../m.obj"/></shape>', "leads outside the scene's folder"),
+    ('<shape type="obj"><string name="filename" value="../m.obj"/></shape>', "leads outside the folder '"),
     ('<shape type="obj"><string name="filename" value="/etc/passwd"/></shape>', "must be a file name relative"),
     ('<shape type="obj"><string name="filename" value="$f"/></shape>', "$ parameters may replace numbers only"),
     ('<string name="$n" value="secret"/>', "scene.string: name='$n': write the name itself"),

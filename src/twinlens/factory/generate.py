@@ -164,7 +164,8 @@ def _unusable_assets(recipe: Recipe) -> list[dict[str, str]]:
     found = []
     for kind, files in recipe.sources.asset_files.items():
         for name, path in files.items():
-            single: dict[str, Any] = {kind: (path,), "keep_material": recipe.sources.keep_material}
+            keep = {"keep_material": recipe.sources.keep_material, "folder": recipe.sources.folder}
+            single: dict[str, Any] = {kind: (path,), **keep}
             with warnings.catch_warnings():  # samples have given those of the files that they use
                 warnings.simplefilter("ignore", MaterialWarning)
                 checked = Assets(**single).check()

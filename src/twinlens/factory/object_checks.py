@@ -45,7 +45,7 @@ def check_objects(
                 own = [path for path in draft.files if path.is_relative_to(folder)] + [folder / mesh for mesh in meshes]
                 for path in own:
                     if path not in named and path.suffix.lower() in SUFFIXES["meshes"]:
-                        named[path] = named_by_mesh(path, not draft.table.material)
+                        named[path] = named_by_mesh(path, not draft.table.material, folder)
                     below = [each for each in (path, *named.get(path, ())) if each.resolve().is_relative_to(folder)]
                     for each in below:
                         part = each.resolve().relative_to(folder).as_posix()

@@ -5,6 +5,7 @@ so that a file edited during a run is detected at little cost.
 """
 
 import hashlib
+import os
 import warnings
 import weakref
 from collections.abc import Mapping
@@ -119,8 +120,9 @@ class Sources:
     def _named_by_meshes(self) -> dict[str, Path]:
         found: dict[str, Path] = {}
         for name, path in self.asset_files.get("meshes", {}).items():
-            below = _names_below(path.parent, tuple(named_by_mesh(path, self.keep_material)))
-            found |= {(Path(name).parent / file).as_posix(): each for file, each in below.items()}
+            for each in named_by_mesh(path, self.keep_material, self.folder):
+                relative = os.path.relpath(each, path.parent.resolve())
+                found[Path(os.path.normpath(Path(name).parent / relative)).as_posix()] = each
         return found
 
     @cached_property
@@ -180,7 +182,7 @@ class Sources:
         """The assets as families use them."""
         listed: dict[str, Any] = {kind: tuple(sorted(set(found.values()))) for kind, found in self.asset_files.items()}
         listed |= {"keep_scale": self.keep_scale, "keep_material": self.keep_material, "mesh_share": self.mesh_share}
-        return Assets(**listed, before_reading=self.unchanged)
+        return Assets(**listed, folder=self.folder, before_reading=self.unchanged)
 
     def unchanged(self, path: Path) -> str:
         """The file's SHA-256. Raises FileError if it differs from the first call's."""

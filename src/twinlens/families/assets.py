@@ -45,6 +45,8 @@ class Assets:
     keep_scale : meshes keep the size of their file, in metres.
     keep_material : meshes of .glb, .gltf and .obj files keep the materials of their file.
     mesh_share : the probability that a body is one of the meshes, if there are any.
+    folder : meshes below it may name files anywhere below it; other meshes, and all without it, those below their own
+        folder.
     """
 
     meshes: tuple[Path, ...] = ()
@@ -54,6 +56,7 @@ class Assets:
     keep_scale: bool = False
     keep_material: bool = False
     mesh_share: float = MESH_SHARE
+    folder: Path | None = None
     _failed: dict[tuple[str, Path], str] = field(default_factory=dict, repr=False)
     _read: dict[tuple[str, Path], Any] = field(default_factory=dict, repr=False)
 
@@ -67,13 +70,15 @@ class Assets:
         keep_scale: bool = False,
         keep_material: bool = False,
         mesh_share: float = MESH_SHARE,
+        folder: str | Path | None = None,
     ) -> "Assets":
         """All files of known types in these folders and their subfolders; a path may also name one file.
 
         Raises InputError when a folder is missing, or contains no file of its type.
         """
         listed = _listed("meshes", meshes), _listed("textures", textures), _listed("hdris", hdris)
-        return cls(*listed, keep_scale=keep_scale, keep_material=keep_material, mesh_share=mesh_share)
+        below = None if folder is None else Path(folder)
+        return cls(*listed, keep_scale=keep_scale, keep_material=keep_material, mesh_share=mesh_share, folder=below)
 
     @property
     def broken(self) -> tuple[tuple[Path, str], ...]:
@@ -102,7 +107,7 @@ class Assets:
         key = kind, path
         if key not in self._read and key not in self._failed:
             if self.before_reading is not None:
-                for each in (path, *(named_by_mesh(path, self.keep_material) if kind == "meshes" else ())):
+                for each in (path, *(named_by_mesh(path, self.keep_material, self.folder) if kind == "meshes" else ())):
                     self.before_reading(each)
             try:
                 self._read[key] = _READERS[kind](path) if kind != "meshes" else self._read_mesh(path)
@@ -113,7 +118,7 @@ class Assets:
         return self._read.get(key)
 
     def _read_mesh(self, path: Path) -> UserMesh:
-        context = SceneContext(path.parent)
+        context = SceneContext(_root(path, self.folder))
         suffix = path.suffix.lower()
         if suffix in GLTF_FILES or (self.keep_material and suffix in WITH_MATERIALS):
             model = read_model(path, context, None if self.keep_material else 30.0, with_materials=self.keep_material)
@@ -122,9 +127,18 @@ class Assets:
         return _normalized(path, model)
 
 
-def named_by_mesh(path: Path, keep_material: bool) -> list[Path]:
-    """The files that a mesh file names and that are read with it: buffers of .gltf files, and those of materials."""
-    return named_files(path) if path.suffix.lower() in (WITH_MATERIALS if keep_material else (".gltf",)) else []
+def named_by_mesh(path: Path, keep_material: bool, folder: Path | None) -> list[Path]:
+    """The files that a mesh file names and that are read with it: buffers of .gltf files, and those of materials.
+
+    `folder` is that of `Assets`.
+    """
+    suffixes = WITH_MATERIALS if keep_material else (".gltf",)
+    return named_files(path, SceneContext(_root(path, folder))) if path.suffix.lower() in suffixes else []
+
+
+def _root(path: Path, folder: Path | None) -> Path:
+    """The folder below which the mesh file at `path` may name files."""
+    return folder if folder is not None and path.parent.resolve().is_relative_to(folder.resolve()) else path.parent
 
 
 def _listed(kind: str, folders: Iterable[str | Path]) -> tuple[Path, ...]:

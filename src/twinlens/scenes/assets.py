@@ -58,16 +58,16 @@ def find_asset(name: str, context: SceneContext) -> Path:
     """The path of an existing file below the scene's folder, noted in `context.files`. Raises InputError."""
     named = isinstance(name, str) and 0 < len(name) < 256 and not ("\0" in name or "\\" in name)
     if not named or PurePosixPath(name).is_absolute() or PureWindowsPath(name).drive:
-        rule = "must be a file name relative to the scene's folder, with forward slashes"
+        rule = "must be a file name relative to the file that names it, with forward slashes"
         raise InputError(f"{rule}, got {format_value(name)}")
     folder = context.folder.resolve()
     path = (folder / name).resolve()
     if not path.is_relative_to(folder):
-        raise InputError(f"{name!r} leads outside the scene's folder; copy the file to {folder}")
+        raise InputError(f"{name!r} leads outside the folder {folder.name!r}; copy the file below it")
     if ".." in PurePosixPath(name).parts:
         raise InputError(f"{name!r}: '..' is not allowed; write {path.relative_to(folder).as_posix()!r}")
     if not os.path.isfile(path):  # noqa: PTH113 (a name that is too long is no file; Path.is_file raises)
-        raise InputError(f"no file {name!r} in {folder}")
+        raise InputError(f"no file {name!r} in the folder {folder.name!r}")
     context.files.append(path)
     return path
 

@@ -1,6 +1,6 @@
 """Mesh files with their materials: glTF (.glb, .gltf) and OBJ with its .mtl file.
 
-Files that a mesh file names are opened only below the scene's folder (`find_asset`).
+Files that a mesh file names are opened only below the folder of the `SceneContext`: that of the scene or recipe.
 """
 
 import contextlib
@@ -64,7 +64,7 @@ def read_model(
         meshes = [part_mesh(part, crease_deg) for part in parts]
         plugins: dict[str, Plugin] = {}
         if with_materials:
-            shown = path.resolve().relative_to(context.folder.resolve()).as_posix()
+            shown = (_folder(path, context) / path.name).as_posix()
             meshes, plugins = _painted(parts, meshes, materials, textures, shown)
         else:
             meshes = [replace(mesh, attributes={}) for mesh in meshes]
@@ -132,16 +132,19 @@ def _opener(path: Path, context: SceneContext) -> Callable[[str], bytes]:
 
 
 def _find(name: str, path: Path, context: SceneContext) -> Path:
-    """The file that the file at `path` names; `..` may lead to other folders below the scene's."""
+    """The file that the file at `path` names; `..` may lead to other folders below the context's."""
     if "://" in name:
         raise InputError(f"web addresses are not read; save the file beside this one, got {format_value(name)}")
-    below = path.parent.resolve().relative_to(context.folder.resolve())
-    return find_asset(posixpath.normpath(below / name) if name else "", context)
+    return find_asset(posixpath.normpath(_folder(path, context) / name) if name else "", context)
 
 
-def named_files(path: Path) -> list[Path]:
-    """The files in its folder that a .glb, .gltf or .obj file names; not all of them if it is damaged."""
-    context = SceneContext(path.parent)
+def _folder(path: Path, context: SceneContext) -> Path:
+    """The folder of a mesh file, relative to the context's."""
+    return path.parent.resolve().relative_to(context.folder.resolve())
+
+
+def named_files(path: Path, context: SceneContext) -> list[Path]:
+    """The files that a .glb, .gltf or .obj file names; not all of them if it is damaged."""
     with contextlib.suppress(InputError), reading(path, "mesh"):
         is_gltf = path.suffix.lower() in GLTF_FILES
         names = named_by(read_header(path)[0]) if is_gltf else _obj_materials(path, _opener(path, context))[2]
