@@ -497,3 +497,11 @@ def test_lenses_that_some_draw_could_do_are_tried(scalar, tmp_path, folder):
 
     generate(tried, folder, engine=engine)
     assert calls == [[0]]
+
+
+def test_progress_names_the_reason_of_the_last_rejected_draw(folder, tmp_path):
+    recipe = read_recipe(write_recipe(tmp_path, RECIPE + "[gates]\nattempts = 2\nvisible = 1.0\n", count=1))
+    texts = []
+    outcome = generate(recipe, folder, report=lambda _, text: texts.append(text))
+    assert texts[0] == "0/1"
+    assert texts[-1] == f"0/1 draw 2 of 2; last rejected: {outcome.failures[0].rejections[0]['reason']}"

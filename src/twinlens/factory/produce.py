@@ -4,7 +4,7 @@ spec -> scene -> rig -> objects -> truth -> gates -> lenses -> photographs -> ga
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -40,8 +40,12 @@ class Exhausted(Exception):  # noqa: N818  the run continues without this sample
         self.index, self.rejections, self.remedy = index, rejections, remedy
 
 
-def make(recipe: Recipe, index: int, progress: Progress | None = None) -> Sample:
+def make(
+    recipe: Recipe, index: int, progress: Progress | None = None, note: Callable[[str], object] | None = None
+) -> Sample:
     """Make a sample of a recipe from the first of its draws that passes the gates.
+
+    `note` is called with a text when a draw was rejected and another one is made.
 
     Its record has the `spec`, the `rejections` of earlier draws, and in `sources_sha256` the digest of the files.
 
@@ -51,6 +55,8 @@ def make(recipe: Recipe, index: int, progress: Progress | None = None) -> Sample
     rejections: list[dict[str, Any]] = []
     remedy = ""
     for attempt in range(recipe.gates.attempts):
+        if rejections and note is not None:
+            note(f"draw {attempt + 1} of {recipe.gates.attempts}; last rejected: {rejections[-1]['reason']}")
         spec = plan(recipe, index, attempt)
         if spec.kind == "scene":
             recipe.sources.scene(spec.scene)  # an unreadable file is an error, not a rejected draw

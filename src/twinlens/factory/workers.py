@@ -59,10 +59,12 @@ Engine = Callable[[Work, Sequence[int], Report], Results]
 """Makes the samples of some indices; yields (index, entry) when a sample is on the disk, in any order."""
 
 
-def rendered(work: Work, index: int, progress: Progress | None = None) -> Sample | Failure:
-    """One sample in memory, or why all its draws were rejected."""
+def rendered(
+    work: Work, index: int, progress: Progress | None = None, note: Callable[[str], object] | None = None
+) -> Sample | Failure:
+    """One sample in memory, or why all its draws were rejected; `note` as for `make`."""
     try:
-        return make(work.recipe, index, progress)
+        return make(work.recipe, index, progress, note)
     except Exhausted as error:
         return Failure(index, error.remedy, plain(error.rejections))
     finally:
@@ -95,13 +97,28 @@ def in_process(work: Work, indices: Sequence[int], report: Report) -> Results:
     writing: tuple[int, Future[Entry]] | None = None
     with ThreadPoolExecutor(1, "twinlens-writer") as writer:
         for done, index in enumerate(indices):
-            report(done / len(indices), "")
-            made = rendered(work, index, lambda part, done=done: report((done + min(part, 0.99)) / len(indices), ""))  # type: ignore[misc]
+            made = rendered(work, index, *_reported(report, done, len(indices)))
             if writing is not None:
                 yield writing[0], writing[1].result()
             writing = index, writer.submit(written, work, index, made)
         if writing is not None:
             yield writing[0], writing[1].result()
+
+
+def _reported(report: Report, done: int, count: int) -> tuple[Progress, Callable[[str], None]]:
+    """`progress` and `note` of `make`, that report the sample after `done` of `count`."""
+    last = ""
+
+    def progress(part: float) -> None:
+        report((done + min(part, 0.99)) / count, last)
+
+    def note(text: str) -> None:
+        nonlocal last
+        last = text
+        progress(0.0)
+
+    note("")
+    return progress, note
 
 
 @dataclass(frozen=True)
