@@ -134,3 +134,12 @@ def test_without_a_recipe_meshes_name_files_of_their_own_folder(folder):
     (folder / "box.mtl").write_text("newmtl a\nKd 0 0 1\n")
     assert named_by_mesh(linked, True, None) == [folder / "box.mtl"]
     assert named_by_mesh(folder / "parts" / "box.obj", True, folder / "elsewhere") == [folder / "parts" / "box.mtl"]
+
+
+def test_a_mesh_with_and_without_a_material_has_the_files_of_its_own(folder):
+    """Whichever of the two objects comes first."""
+    own = {"file": "parts/box.obj", "translate": [0, 0, 1]}
+    painted = {**own, "material": {"type": "diffuse", "reflectance": 0.5}}
+    for objects in ({"a": painted, "b": own}, {"a": own, "b": painted}):
+        written = {**SIZE, "scenes": ["cards"], "scene": {"objects": objects}}
+        assert "parts/box.mtl" in recipe_from_table(written, folder / "recipe.toml").sources.digests

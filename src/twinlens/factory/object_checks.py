@@ -25,7 +25,7 @@ def check_objects(
     """
     folder = file.parent.resolve()
     found: dict[str, bool] = {}
-    named: dict[Path, list[Path]] = {}
+    named: dict[tuple[Path, bool], list[Path]] = {}
     for subject in subjects if objects else ():
         with located(str(file)):
             home, known = written_objects(subject if isinstance(subject, Path) else None)
@@ -43,13 +43,15 @@ def check_objects(
                 if bare and not draft.table.material:
                     raise InputError(f"{file}: scene.objects.{name}: missing key 'material'; {bare[0]} has none")
                 own = [path for path in draft.files if path.is_relative_to(folder)] + [folder / mesh for mesh in meshes]
+                has_own = not draft.table.material
                 for path in own:
-                    if path not in named and path.suffix.lower() in SUFFIXES["meshes"]:
-                        named[path] = named_by_mesh(path, not draft.table.material, folder)
-                    below = [each for each in (path, *named.get(path, ())) if each.resolve().is_relative_to(folder)]
+                    key = path, has_own
+                    if key not in named and path.suffix.lower() in SUFFIXES["meshes"]:
+                        named[key] = named_by_mesh(path, has_own, folder)
+                    below = [each for each in (path, *named.get(key, ())) if each.resolve().is_relative_to(folder)]
                     for each in below:
                         part = each.resolve().relative_to(folder).as_posix()
-                        found[part] = found.get(part, False) or (each == path and not draft.table.material)
+                        found[part] = found.get(part, False) or (each == path and has_own)
         for name, group in copies.items():
             for draft in group:
                 things = (known.keys() | copies.keys()) - {name}
