@@ -421,8 +421,8 @@ def test_vertex_numbers_that_would_be_misread_are_errors(tmp_path: Path, face: s
 
 def test_keys_of_a_mtl_file_that_are_not_rendered_are_named(tmp_path: Path) -> None:
     (tmp_path / "m.obj").write_text(OBJ)
-    (tmp_path / "m.mtl").write_text(MTL.replace("map_Kd", "map_Ks") + "bump -bm 2 b.png\nmap_d d.png\n")
-    with pytest.warns(MaterialWarning, match=r"m\.obj: not rendered: bump, map_d, map_ks$"):
+    (tmp_path / "m.mtl").write_text(MTL.replace("map_Kd", "map_Ks") + "bump -bm 2 b.png\nmap_d d.png\nKs 1 0.5 0.5\n")
+    with pytest.warns(MaterialWarning, match=r"m\.obj: not rendered: bump, map_d, map_ks, the colour of Ks$"):
         read(tmp_path / "m.obj")
 
 

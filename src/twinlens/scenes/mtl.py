@@ -44,6 +44,7 @@ def read_mtl(files: Mapping[str, bytes]) -> tuple[list[PbrMaterial], list[str], 
                 picture = each[key][-1] if each[key][0].startswith("-") else " ".join(each[key])
                 pictures.append(posixpath.join(folders[name], picture))
         materials.append(read(PbrMaterial, _as_gltf(name, each, infos), f"material {name}"))
+    lost |= {"the colour of Ks" for each in tables.values() if len(set(map(float, each.get("ks", [])[:3]))) > 1}
     return materials, pictures, sorted(lost)
 
 
