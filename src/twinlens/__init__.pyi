@@ -35,6 +35,8 @@ from .camera import (
     ThinLens as ThinLens,
     Truth as Truth,
     film_image as film_image,
+    light_field_rig as light_field_rig,
+    refocus as refocus,
     undistort_maps as undistort_maps,
 )
 from .camera.film import diffract as diffract

@@ -1,0 +1,126 @@
+"""The light field of a lens as a rig of pinhole cameras on a grid over its aperture, and images refocused from it.
+
+Through the point a of the aperture, a lens of vergence k sees what a pinhole camera at a sees whose principal point is
+moved by fx k a: the point (X, Y, Z) is at u = fx (X - ax)/Z + cx + fx k ax. The disparity of two views b apart is
+therefore fx b (1/Z - k), zero in the plane of focus.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import shift
+from scipy.spatial import cKDTree
+
+from twinlens.camera.intrinsics import Camera
+from twinlens.camera.lens import Lens, check_lens
+from twinlens.camera.rig import Rig
+from twinlens.errors import InputError, check_int, format_value
+from twinlens.geometry import Float, check_rigid, rigid
+
+_POINTS = 512  # a side, of the aperture's points that are divided among views
+_ROUNDING = 1e-9  # relative to the aperture
+_ALIGNED = 1e-9
+
+
+def light_field_rig(camera: Camera, lens: Lens, n: int, world_from_cam: ArrayLike | None = None) -> Rig:
+    """The n x n views of the light field that `lens` sees in front of `camera`, row by row from the top left.
+
+    View (row, column) is a pinhole camera at ax = A (column - (n-1)/2) / n, ay = A (row - (n-1)/2) / n, in metres: the
+    middle of a cell of `Grid(n)`. Corners of the grid are outside a round aperture, but their views exist. For odd n
+    the middle view, number (n**2 - 1) / 2, is `camera` itself.
+
+    Raises InputError for n outside 1 to 32, a lens without an aperture, and a camera with lens distortion, which
+    depends on the pixel and not on the view's principal point.
+
+    >>> from twinlens.camera import ThinLens
+    >>> rig = light_field_rig(Camera.from_fov(64, 48, 60), ThinLens(0.09, 2.0), 9)
+    >>> len(rig), round(rig.baseline(0, 1), 12)
+    (81, 0.01)
+    """
+    check_lens(lens)
+    check_int("n", n, 1, 32)
+    if lens.aperture_diameter == 0:
+        raise InputError("a light field needs a lens with an aperture; a pinhole has none")
+    if camera.distortion is not None:
+        raise InputError("a light field needs a camera without lens distortion")
+    pose = np.eye(4) if world_from_cam is None else check_rigid(world_from_cam, "world_from_cam")
+    places = lens.aperture_diameter * (np.arange(n) - 0.5 * (n - 1)) / n
+    cameras, poses = [], []
+    for y in places:
+        for x in places:
+            cx, cy = camera.cx + camera.fx * lens.vergence * x, camera.cy + camera.fy * lens.vergence * y
+            cameras.append(camera.replace(cx=cx, cy=cy))
+            poses.append(pose @ rigid(np.eye(3), [x, y, 0.0]))
+    return Rig(cameras, poses)
+
+
+def refocus(images: Sequence[ArrayLike], rig: Rig, lens: Lens) -> NDArray[np.float32]:
+    """The image through `lens` from the views of a light field: shift and add.
+
+    The lens stands in the middle of the views. Each point of its aperture sees what the nearest view sees, moved to the
+    focus of the lens: a view's weight is the lens's light that falls nearest to it, so the aperture may be of any shape
+    and smaller than the light field's. Images move by fractions of pixels with cubic splines; what they do not show is
+    continued from their border. A pinhole gives the nearest view to the middle.
+
+    Parameters
+    ----------
+    images : arrays (H, W, 3) or (H, W), linear
+        One per camera of `rig`.
+    rig : Rig
+        Of `light_field_rig`, or any cameras in one plane with parallel axes and equal fx, fy and image sizes.
+
+    Returns
+    -------
+    float32 (H, W, 3) or (H, W)
+        As seen by a camera whose principal point is the mean of the views'.
+
+    Raises
+    ------
+    InputError
+        When images and rig do not fit each other, for other rigs, and for an aperture that is larger than the views.
+
+    Source: Ng et al., Light field photography with a hand-held plenoptic camera, 2005; Isaksen et al., Dynamically
+    reparameterized light fields, 2000.
+    """
+    check_lens(lens)
+    places = _places(rig)
+    first = rig.cameras[0]
+    stack = [np.asarray(image, dtype=np.float64) for image in images]
+    if len(stack) != len(rig) or any(image.shape[:2] != (first.height, first.width) for image in stack):
+        shapes = sorted({image.shape for image in stack})
+        got = f"{len(stack)} of shapes {shapes}"
+        raise InputError(f"refocus needs {len(rig)} images of {first.width}x{first.height} pixels, got {got}")
+    principal = np.array([(camera.cx, camera.cy) for camera in rig.cameras])
+    offsets = principal.mean(axis=0) - principal + np.array([first.fx, first.fy]) * lens.vergence * places
+    total = np.zeros_like(stack[0])
+    for image, weight, (du, dv) in zip(stack, _weights(places, lens), offsets, strict=True):
+        for channel in np.ndindex(image.shape[2:] if weight else 0):
+            total[:, :, *channel] += weight * shift(image[:, :, *channel], (dv, du), order=3, mode="nearest")
+    return total.astype(np.float32)
+
+
+def _places(rig: Rig) -> Float:
+    """The x and y (n, 2) of the cameras in their common plane, from their middle. Raises InputError for other rigs."""
+    first = rig.cameras[0]
+    alike = all((c.fx, c.fy, c.width, c.height) == (first.fx, first.fy, first.width, first.height) for c in rig.cameras)
+    poses = np.array([rig.b_from_a(i, 0) for i in range(len(rig))])
+    places = poses[:, :3, 3] - poses[:, :3, 3].mean(axis=0)
+    extent = np.abs(places).max()
+    parallel = np.abs(poses[:, :3, :3] - np.eye(3)).max() <= _ALIGNED
+    if not (alike and parallel and np.abs(places[:, 2]).max() <= _ALIGNED * max(extent, 1.0)):
+        raise InputError("refocus needs cameras in one plane, with parallel axes and equal fx, fy and image sizes")
+    plane: Float = places[:, :2]
+    return plane
+
+
+def _weights(places: Float, lens: Lens) -> Float:
+    """The fraction (n,) of the lens's light that is nearest to each view; they add up to 1."""
+    tree = cKDTree(places)
+    u1, u2 = (np.mgrid[:_POINTS, :_POINTS].reshape(2, -1) + 0.5) / _POINTS
+    points = 0.5 * lens.aperture_diameter * np.stack(lens.aperture.sample(u1, u2), axis=-1)
+    _, nearest = tree.query(points)
+    pitch = tree.query(places, k=2)[0][:, 1].max() if len(places) > 1 else 0.0
+    if np.abs(points - places[nearest]).max() > (0.5 + _ROUNDING) * pitch and lens.aperture_diameter > 0:
+        raise InputError(f"the aperture of {format_value(lens)} is larger than the light field's views reach")
+    return np.bincount(nearest, minlength=len(places)) / len(points)

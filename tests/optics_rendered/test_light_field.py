@@ -1,0 +1,160 @@
+"""Light fields: views are pinholes on the aperture, their disparity is exact, and refocusing gives the lens's image."""
+
+import numpy as np
+import pytest
+
+import twinlens as tl
+from tests.optics_rendered.optics_lights import FACING, HERE, chequered_room, grey, sky
+from twinlens.camera.layouts import grid
+from twinlens.errors import InputError
+from twinlens.scenes import Scene, SceneObject
+
+CAMERA = tl.Camera(48, 36, 50.0, 50.0, 23.5, 17.5)
+LENS = tl.ThinLens(0.09, 2.0)
+
+
+def wall(depth: float) -> Scene:
+    pose = FACING @ np.diag([5.0, 5.0, 1.0, 1.0])
+    pose[2, 3] = depth
+    surface = SceneObject("wall", {"type": "rectangle"}, "chalk", pose)
+    return Scene("wall", (surface,), {"chalk": {"type": "diffuse"}}, HERE, (0.2, 20.0), sky().lights, {"type": "path"})
+
+
+@pytest.mark.parametrize("view", [0, 1, 5, 8])
+def test_a_view_is_what_the_lens_sees_through_a_small_hole(view):
+    """A mask with one open cell of 1/63 of the aperture, rendered by the lens, against the view: equal within noise.
+
+    Errors are of means over 4 x 4 pixels; the noise is that of two independent images each.
+    """
+    scene, lens = chequered_room(), tl.ThinLens(0.3, 2.0)
+    row, column = divmod(view, 3)
+    mask = np.zeros((63, 63))
+    mask[10 + 21 * row, 10 + 21 * column] = 1.0
+    through = lens.replace(aperture=tl.MaskAperture(mask))
+    alone, rig = tl.Rig([CAMERA], [HERE]), tl.light_field_rig(CAMERA, lens, 3)
+    holes = [block_means(tl.render(scene, alone, through, spp=128, seed=seed)[0]) for seed in (1, 2)]
+    views = [[block_means(image) for image in tl.render(scene, rig, spp=128, seed=seed)] for seed in (3, 4)]
+    ratios = [error_over_noise(holes, [images[i] for images in views]) for i in range(9)]
+    assert 0.5 < ratios[view] < 2
+    assert min(ratios[:view] + ratios[view + 1 :]) > 20
+
+
+def error_over_noise(a: list, b: list) -> float:
+    """The mean squared difference of the means of two pairs of independent images, over its expectation from noise."""
+    noise = sum(np.mean((first - second) ** 2) / 4 for first, second in (a, b))
+    return float(np.mean((np.mean(a, axis=0) - np.mean(b, axis=0)) ** 2) / noise)
+
+
+def block_means(image: np.ndarray) -> np.ndarray:
+    return grey(image).reshape(image.shape[0] // 4, 4, -1, 4).mean(axis=(1, 3))
+
+
+@pytest.mark.parametrize("lens", [LENS, tl.ThinLens(0.05, np.inf), tl.BareAperture(0.02, 0.5)])
+@pytest.mark.parametrize("depth", [1.0, 3.0])
+def test_disparity_of_a_plane_follows_from_the_aperture(lens, depth):
+    """Between neighbours in x and in y: f A/n (1/Z - k), to 1e-4 px, from the truth of the renderer."""
+    n, scene = 3, wall(depth)
+    rig = tl.light_field_rig(CAMERA, lens, n)
+    expected = 50.0 * lens.aperture_diameter / n * (1 / depth - lens.vergence)
+    truth = tl.ground_truth(scene, rig.pair(3, 4))[0].disparity
+    np.testing.assert_allclose(truth[np.isfinite(truth)], expected, rtol=0, atol=1e-4)
+    assert np.isfinite(truth).mean() > 0.9
+    for other, step in ((5, (1.0, 0.0)), (7, (0.0, 1.0))):
+        found = tl.correspondence(scene, rig, 4, other).pixels
+        v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
+        known = np.isfinite(found).all(axis=-1)
+        shift = np.stack([u, v], axis=-1)[known] - found[known]
+        np.testing.assert_allclose(shift, np.broadcast_to(np.multiply(step, expected), shift.shape), rtol=0, atol=1e-4)
+        assert known.mean() > 0.9
+
+
+def test_the_middle_view_is_the_camera():
+    pose = np.eye(4)
+    pose[:3, 3] = (1.0, 2.0, 3.0)
+    rig = tl.light_field_rig(CAMERA, LENS, 5, pose)
+    assert rig.cameras[12] == CAMERA
+    np.testing.assert_array_equal(rig.world_from_cams[12], pose)
+
+
+def test_points_in_focus_have_equal_pixels_in_all_views():
+    rig = tl.light_field_rig(CAMERA, LENS, 4)
+    pixels = [rig.project(i, [0.3, -0.2, LENS.focus_distance]) for i in range(len(rig))]
+    np.testing.assert_allclose(pixels, np.broadcast_to(pixels[0], (16, 2)), atol=1e-12)
+
+
+def test_refocusing_equals_a_naive_sum_over_the_views_of_a_ramp():
+    """On a ramp, which splines reproduce: each view moved by fx (k' - k) a, weighted by its cell's light."""
+    rig, n = tl.light_field_rig(CAMERA, LENS, 5), 5
+    target = tl.ThinLens(0.06, 1.5)
+    rng = np.random.default_rng(0)
+    level, slope = rng.uniform(1, 2, n * n), rng.uniform(-0.01, 0.01, (n * n, 2))
+    v, u = np.mgrid[: CAMERA.height, : CAMERA.width].astype(float)
+    views = [level[i] + slope[i, 0] * u + slope[i, 1] * v for i in range(n * n)]
+    x, y = 0.03 * rng.uniform(-1, 1, (2, 400_000))
+    inside = np.hypot(x, y) <= 0.03
+    column, row = (np.clip(np.rint(p[inside] * n / 0.09 + 2), 0, 4).astype(int) for p in (x, y))
+    weights = np.bincount(row * n + column, minlength=n * n) / inside.sum()
+    expected = 0.0
+    for i in range(n * n):
+        ax, ay = 0.09 / n * (i % n - 2), 0.09 / n * (i // n - 2)
+        du, dv = (50.0 * (1 / 1.5 - 1 / 2.0) * a for a in (ax, ay))
+        expected = expected + weights[i] * (level[i] + slope[i, 0] * (u - du) + slope[i, 1] * (v - dv))
+    found = tl.refocus(views, rig, target)
+    np.testing.assert_allclose(found[8:-8, 8:-8], expected[8:-8, 8:-8], atol=2e-3)
+
+
+@pytest.mark.parametrize("aperture", [tl.Disk(), tl.Polygon(5), tl.Annulus(0.5)])
+def test_refocused_views_equal_the_lens(aperture):
+    """9 x 9 views at their own focus against the traced lens, in a room with sharp edges."""
+    scene, lens = chequered_room(), tl.ThinLens(0.04, 2.5, aperture)
+    views = tl.render(scene, tl.light_field_rig(CAMERA, lens, 9), spp=16, seed=1)
+    traced = tl.render(scene, tl.Rig([CAMERA], [HERE]), lens, spp=1024, seed=2)[0]
+    assert psnr(tl.refocus(views, tl.light_field_rig(CAMERA, lens, 9), lens), traced) >= 38
+
+
+def psnr(image: np.ndarray, reference: np.ndarray) -> float:
+    """In dB; the peak is the reference's largest value."""
+    return float(10 * np.log10(reference.max() ** 2 / np.mean((image.astype(float) - reference) ** 2)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("focus", [1.22, 0.88, 2.34])
+def test_refocusing_17x17_views_equals_the_traced_lens(focus, cards_views):
+    """The bundled cards, 96 x 72 px, raw images: 289 views focused at 1.22 m, and the lens at three distances."""
+    scene, camera, rig, views = cards_views
+    lens = tl.ThinLens(0.016, focus)
+    traced = tl.render(scene, tl.Rig([camera], [scene.world_from_left]), lens, spp=1024, seed=2)[0]
+    assert psnr(tl.refocus(views, rig, lens), traced) >= 40
+
+
+@pytest.fixture(scope="module")
+def cards_views():
+    scene, camera = tl.load_scene("cards"), tl.Camera.from_fov(96, 72, fov_x_deg=50)
+    rig = tl.light_field_rig(camera, tl.ThinLens(0.016, 1.22), 17, scene.world_from_left)
+    return scene, camera, rig, tl.render(scene, rig, spp=8, seed=1)
+
+
+def test_a_camera_array_is_a_synthetic_aperture():
+    """Parallel cameras with equal principal points, refocused at a wall: every view moves by its disparity."""
+    rig = grid(CAMERA, 3, 3, 0.03, 0.03)
+    u = np.arange(CAMERA.width, dtype=float)[None, :] + np.zeros((CAMERA.height, 1))
+    views = [u + 50.0 * pose[0, 3] / 1.5 for pose in rig.world_from_cams]  # texture of a wall at 1.5 m
+    found = tl.refocus([np.sin(view) for view in views], rig, tl.ThinLens(0.09, 1.5))
+    expected = np.sin(u + 50.0 * 0.03 / 1.5)
+    np.testing.assert_allclose(found[:, 8:-8], expected[:, 8:-8], atol=0.02)
+
+
+def test_what_has_no_light_field_is_refused():
+    with pytest.raises(InputError, match="a pinhole has none"):
+        tl.light_field_rig(CAMERA, tl.Pinhole(), 3)
+    with pytest.raises(InputError, match="without lens distortion"):
+        tl.light_field_rig(CAMERA.replace(distortion=tl.BrownConrady(k1=0.1)), LENS, 3)
+    rig = tl.light_field_rig(CAMERA, LENS, 3)
+    images = [np.zeros((36, 48))] * 9
+    with pytest.raises(InputError, match="needs 9 images of 48x36 pixels, got 8"):
+        tl.refocus(images[:8], rig, LENS)
+    with pytest.raises(InputError, match="larger than the light field's views reach"):
+        tl.refocus(images, rig, LENS.replace(aperture_diameter=0.1))
+    turned = np.array([[0.0, -1, 0, 1], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+    with pytest.raises(InputError, match="parallel axes"):
+        tl.refocus(images[:2], tl.Rig([CAMERA] * 2, [HERE, turned]), tl.Pinhole())
