@@ -34,6 +34,7 @@ from .camera import (
     Rig as Rig,
     ThinLens as ThinLens,
     Truth as Truth,
+    dual_pixel_disparity as dual_pixel_disparity,
     film_image as film_image,
     light_field_rig as light_field_rig,
     refocus as refocus,

@@ -25,6 +25,12 @@ from twinlens.camera.lens import (
     film_distance as film_distance,
 )
 from twinlens.camera.light_field import light_field_rig as light_field_rig, refocus as refocus
-from twinlens.camera.parts import Dual as Dual, Grid as Grid, Masks as Masks, Quad as Quad
+from twinlens.camera.parts import (
+    Dual as Dual,
+    Grid as Grid,
+    Masks as Masks,
+    Quad as Quad,
+    dual_pixel_disparity as dual_pixel_disparity,
+)
 from twinlens.camera.rig import ALIGNED as ALIGNED, Misalignment as Misalignment, Rig as Rig, misaligned as misaligned
 from twinlens.camera.truth import Correspondence as Correspondence, ObjectTruth as ObjectTruth, Truth as Truth

@@ -10,10 +10,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from twinlens import optics
 from twinlens.camera.aperture import NUMPY, Aperture
-from twinlens.camera.lens import Lens
+from twinlens.camera.intrinsics import Camera
+from twinlens.camera.lens import Lens, check_lens
+from twinlens.camera.truth import Truth
 from twinlens.errors import InputError, check_int, check_known, format_value
 from twinlens.geometry import Float
 
@@ -115,3 +118,28 @@ def check_parts(parts: Parts, lens: Lens) -> None:
         raise InputError(f"parts must be Dual, Quad, Grid or Masks, got {format_value(parts)}")
     if lens.aperture_diameter == 0:
         raise InputError("parts need a lens with an aperture; a pinhole has none")
+
+
+def dual_pixel_disparity(truth: Truth | ArrayLike, camera: Camera, lens: Lens, axis: str = "x") -> NDArray[np.float32]:
+    """True disparity of the halves of an aperture, float32 (H, W), pixels; +inf where nothing was hit.
+
+    d = f b (1/z - k) for the depth z along the chief ray of each pixel, with the distance b of the centroids of the
+    halves' light, 4/(3 pi) of the diameter of a disk; f is fx for left and right halves, fy for ``axis="y"``. A point
+    that the whole lens images at u is at u + d/2 in the left image and at u - d/2 in the right one, if the aperture is
+    symmetric. d is positive nearer than the focus, 0 in focus, and b/A of the signed blur circle.
+
+    `truth` is that of the view, or its depth (H, W) in metres, +inf where nothing was hit.
+
+    Raises InputError for a lens without an aperture, one with no light in a half, and depths that are not positive.
+    """
+    check_lens(lens)
+    halves = Dual(axis)
+    check_parts(halves, lens)
+    depth = np.asarray(truth.depth if isinstance(truth, Truth) else truth)
+    column = "xy".index(axis)
+    first, second = halves.light(lens.aperture)[1][:, column]
+    if not np.isfinite(second - first):
+        raise InputError("dual pixels need an aperture with light in both halves")
+    width = 0.5 * lens.aperture_diameter * float(second - first)
+    disparity = optics.circle_of_confusion_px(depth, width, (camera.fx, camera.fy)[column], lens.vergence)
+    return np.where(np.isposinf(depth), np.inf, disparity).astype(np.float32)

@@ -73,7 +73,7 @@ def denoise_parts(
 ) -> NDArray[np.float32]:
     """The images (P, H, W, 3) of parts of an aperture, denoised; `fractions` (P,) are their shares of the light.
 
-    Each part is denoised on its own. What their sum then lacks of the denoised sum, each gets by its share. Without
+    Each part is denoised on its own. The results are scaled so that their sum is the denoised sum of the parts. Without
     `fractions`, `images` is one whole image (H, W, 3).
     """
     if fractions is None:
@@ -86,9 +86,9 @@ def denoise_parts(
                 image, guides.of_part(part, fraction), own and own.of_part(part, fraction)
             )
     total = denoise_image(images.sum(axis=0), guides.of_parts(), own and own.of_parts())
-    shares = fractions / fractions.sum()
-    whole = found + shares[:, None, None, None] * (total - found.sum(axis=0))
-    return np.asarray(whole, np.float32)
+    shares = np.broadcast_to((fractions / fractions.sum())[:, None, None, None], found.shape).copy()
+    np.divide(found, found.sum(axis=0), out=shares, where=found.sum(axis=0) > 0)
+    return np.asarray(shares * total, np.float32)
 
 
 def _replace_texture(

@@ -7,6 +7,8 @@ the full well, and is read with normal noise. K converts electrons to digital nu
 
 Each source of noise has its own random stream (`twinlens.seeds`) for each camera. PRNU and DSNU are seeded by the
 sensor's serial number, the others by the exposure's seed.
+
+In a dual-pixel sensor each pixel has two photodiodes, which see the halves of the aperture (`Sensor.expose_dual`).
 """
 
 from collections.abc import Sequence
@@ -22,7 +24,7 @@ from twinlens.camera.lens import check_lens
 from twinlens.errors import InputError, check_int, check_known, check_number, check_ranges, check_triple, format_value
 from twinlens.geometry import Float
 from twinlens.optics.diffraction import CHANNEL_WAVELENGTHS, check_wavelengths
-from twinlens.seeds import generator
+from twinlens.seeds import derived_seed, generator
 from twinlens.sensor import light, picture
 from twinlens.sensor.exposure import Exposure, auto_exposure, check_exposure
 from twinlens.sensor.mismatch import Mismatch
@@ -199,15 +201,71 @@ class Sensor:
             for image, (_, camera, eye) in zip(images, views, strict=True)
         ]
 
+    def expose_dual(
+        self,
+        halves: ArrayLike,
+        *,
+        camera: Camera,
+        lens: Lens,
+        seed: int = 0,
+        exposure: Exposure | None = None,
+        eye: int = 0,
+        crosstalk: float = 0.0,
+    ) -> tuple[Photo, Photo, Photo]:
+        """Expose the images of the halves of an aperture, ``render(..., parts=Dual())``, with dual pixels.
+
+        A half of a pixel is a photodiode with half of the full well and of the dark current, and noise and fixed
+        patterns of its own. It is read at twice the system gain, so that the levels of the halves equal those of the
+        whole image, the sum of the electrons of both halves, read once. The automatic exposure is that of the whole.
+
+        halves : linear radiance (2, H, W, 3), whose sum is that of the whole image.
+        crosstalk : fraction of the light of each half that the other one counts, 0 to 0.5. It brings the centroids of
+            the light of the halves together, to 1 - 2 `crosstalk` of their distance.
+
+        Returns the photos of the left half, the right half (top and bottom with ``Dual("y")``), and the whole pixels.
+        Raises the errors of `expose`, and InputError unless there are two halves.
+        """
+        images = [checked_radiance("radiance", each, camera) for each in np.asarray(halves)]
+        if len(images) != 2:
+            raise InputError(f"expose_dual needs the images of two halves, got {len(images)}")
+        check_lens(lens)
+        check_exposure(exposure)
+        check_int("seed", seed, 0)
+        check_number("crosstalk", crosstalk, "a fraction from 0 to 0.5", least=0, most=0.5)
+        if exposure is not None:
+            light.warn_below_f1(camera, lens, stacklevel=3)
+        nominal = exposure or auto_exposure([images[0] + images[1]], sensor=self, cameras=camera, lens=lens)
+        photos, wells = [], []
+        for i, image in enumerate(images):
+            mixed = image + crosstalk * (images[1 - i] - image)
+            diode = self.replace(
+                full_well=self.full_well / 2,
+                dark_current=self.dark_current / 2,
+                serial=derived_seed(self.serial, "dual pixel", i),
+            )
+            stream = derived_seed(seed, "dual pixel", i)
+            wells.append(diode._collect(mixed, camera, lens, nominal, stream, eye))
+            photos.append(diode._read(wells[i], camera, lens, nominal, stream, eye))
+        return photos[0], photos[1], self._read(wells[0] + wells[1], camera, lens, nominal, seed, eye)
+
     def _take(self, image: Float, camera: Camera, lens: Lens, nominal: Exposure, seed: int, eye: int) -> Photo:
+        return self._read(self._collect(image, camera, lens, nominal, seed, eye), camera, lens, nominal, seed, eye)
+
+    def _collect(self, image: Float, camera: Camera, lens: Lens, nominal: Exposure, seed: int, eye: int) -> Float:
+        """Electrons of each pixel at the end of the exposure, (H, W, 3) or (H, W), from radiance."""
         check_int("eye", eye, 0)
         mismatch = self.mismatch if eye else Mismatch()
         true = mismatch.applied(nominal)
-        black = self.black_level + mismatch.black_level
         # Glare is spread evenly over the film: it comes after vignetting.
         film = mismatch.light(self._vignetted(image, camera, lens))
+        return self._wells(film * self.electrons_per_radiance(camera, lens) * true.time, true.time, seed, eye)
+
+    def _read(self, wells: Float, camera: Camera, lens: Lens, nominal: Exposure, seed: int, eye: int) -> Photo:
+        """Read and develop the electrons of each pixel."""
+        mismatch = self.mismatch if eye else Mismatch()
+        true = mismatch.applied(nominal)
+        black = self.black_level + mismatch.black_level
         rates = self.electrons_per_radiance(camera, lens)
-        wells = self._wells(film * rates * true.time, true.time, seed, eye)
         electrons = wells
         if self.dsnu:
             electrons = electrons + self.dsnu * generator(self.serial, "dsnu", eye).standard_normal(wells.shape)
