@@ -67,10 +67,13 @@ from .matching import (
 from .optics.planning import plan_rig as plan_rig
 from .optics.rig_task import RigTask as RigTask
 from .rendering import (
+    all_in_focus as all_in_focus,
     correspondence as correspondence,
+    focal_stack as focal_stack,
     ground_truth as ground_truth,
     render as render,
     render_lens_grid as render_lens_grid,
+    sharpness as sharpness,
 )
 from .scenes import Scene as Scene, bundled_scenes as bundled_scenes, load_scene as load_scene
 from .scoring import agreement as agreement, evaluate as evaluate
