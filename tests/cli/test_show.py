@@ -115,7 +115,7 @@ def test_confidences_are_scored_as_by_evaluate(twinlens, dataset, tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--method", "opencv_bm", "-o", "c.png"), "--method opencv_bm: OpenCVBlock has no cost volume"),
+        (("--method", "opencv_bm", "-o", "c.png"), "--method opencv_bm: this method has no cost volume"),
         (("--method", "sad:block_size=999", "-o", "c.png"), "--method sad:block_size=999: block_size is 999"),
         (("--lens", "2", "-o", "c.png"), "--lens must be a whole number from 0 to 1"),
         ((), "--output"),

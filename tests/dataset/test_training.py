@@ -169,7 +169,10 @@ def test_a_batch_stacks_arrays_and_keeps_their_types():
 @pytest.mark.parametrize(
     ("other", "message"),
     [
-        ({"im0": SAMPLE["im0"][1:], "name": "b"}, r"im0 is uint8 \(48, 64, 3\) and uint8 \(47, 64, 3\)"),
+        (
+            {"im0": SAMPLE["im0"][1:], "name": "b"},
+            r"im0 is uint8 \(48, 64, 3\) in sample 'a' and uint8 \(47, 64, 3\) in sample 'b'",
+        ),
         ({"im0": SAMPLE["im0"].astype(np.uint16), "name": "b"}, "uint8 .* and uint16"),
         ({"im0": SAMPLE["im0"]}, "samples 0 and 1 of a batch differ: only one has name"),
         ({"im0": SAMPLE["im0"], "name": "b", "disp0": 1.0}, "only one has disp0"),
@@ -180,6 +183,15 @@ def test_a_batch_of_different_samples_is_an_error(other, message):
         collate([{"im0": SAMPLE["im0"], "name": "a"}, other])
     with pytest.raises(InputError, match="one sample or more"):
         collate([])
+
+
+@pytest.mark.parametrize("call", [collate, stereo_flip, lambda sample: crop(sample, 0, 0, 1, 1)])
+def test_what_is_no_sample_is_refused(call):
+    for wrong in (None, 3, "im0"):
+        with pytest.raises(InputError, match="sample"):
+            call(wrong)
+    with pytest.raises(InputError, match="made of a list of samples"):
+        collate(SAMPLE)
 
 
 @pytest.fixture(scope="module")
@@ -223,3 +235,13 @@ def test_stored_samples_are_cropped_and_stacked(folder):
     assert batch["name"] == ["s1", "s2", "s3"]
     np.testing.assert_array_equal(batch["disp0"][0], data[1].disp0[4:28, 3:35])
     assert collate(data[:2])["im1"].shape == (2, 48, 64, 3)
+
+
+def test_what_selects_nothing_is_refused(folder):
+    data = Dataset(folder)
+    with pytest.raises(InputError, match="select needs the names of quantities"):
+        data.select()
+    with pytest.raises(InputError, match="the name of a quantity is a text"):
+        data.select(["im0", "im1"])
+    with pytest.raises(InputError, match="map needs a function"):
+        data.map(None)

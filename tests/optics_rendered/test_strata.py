@@ -201,13 +201,16 @@ def test_gathering_puts_every_ray_where_it_lands():
     random = np.random.default_rng(0)
     shifts = random.integers(-2, 3, size=(6, 2, 2)).astype(np.int32)
     values = random.random((3, 11, 11, 6)).astype(np.float32)
-    expected = np.zeros((2, 2, 3, 5, 7))
+    weights = random.random((6, 2))
+    expected, weighted = np.zeros((2, 2, 2, 3, 5, 7))
     for m, y, x, focus in np.ndindex(6, 11, 11, 2):
         column, row = x - 2 + shifts[m, focus, 0], y - 3 + shifts[m, focus, 1]
         if 0 <= column < 7 and 0 <= row < 5:
             expected[int(m >= 3), focus, :, row, column] += values[:, y, x, m]
+            weighted[int(m >= 3), focus, :, row, column] += weights[m, focus] * values[:, y, x, m]
     radiance = mi.Color3f(*(mi.Float(plane.ravel()) for plane in values))
-    assert np.array(paths._gather(radiance, shifts)) == pytest.approx(expected)
+    assert np.array(paths._gather(radiance, shifts, None)) == pytest.approx(expected)
+    assert np.array(paths._gather(radiance, shifts, weights)) == pytest.approx(weighted)
 
 
 def test_dimensions_advance_within_compiled_loops():

@@ -106,7 +106,8 @@ def costs(sample: str, pixel: str, output: Path | None, methods: tuple[str, ...]
             "none" if place is None else f"{shown} px (cost {curve.cost_at(place):.4g})"
             for place, shown in ((curve.winner, f"{curve.disparity:.2f}"), (curve.rival, curve.rival))
         )
-        at_truth = f", cost at the truth {curve.cost_at(truth):.4g}" if np.isfinite(truth) else ""
+        cost = curve.cost_at(truth) if np.isfinite(truth) else np.inf
+        at_truth = f", cost at the truth {cost:.4g}" if np.isfinite(cost) else ""
         lines.append(f"{name}: winner {winner}, rival {rival}{at_truth}. {reasons[name].text}")
     print_result(as_json, record, *lines)
 

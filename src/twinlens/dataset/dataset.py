@@ -20,7 +20,7 @@ from twinlens.dataset.files import check_relative, files_below, hash_files, read
 from twinlens.dataset.record import FileModel, decode_json, encode_json, read, read_json, read_part
 from twinlens.dataset.storage import Place, Where, is_whole, place
 from twinlens.dataset.stored import StoredSample, parse_quantity, read_quantities, samples_in
-from twinlens.errors import FileError, InputError, check_known, unknown
+from twinlens.errors import FileError, InputError, check_known, format_value, unknown
 
 MANIFEST, _KIND, _VERSION = "dataset.json", "twinlens-dataset", 1
 ROW_KIND, ROW_VERSION, ROWS = "twinlens-row", 1, ".rows"
@@ -219,8 +219,11 @@ class Dataset(Sequence[StoredSample]):
     def select(self, *names: str) -> "Mapped[dict[str, Any]]":
         """The dataset as dicts of the named quantities, read on access; docs/loading.md lists the names.
 
-        ``Dataset(path).select("im0", "lens1.im0", "normal0", "K0")``. Raises InputError for an unknown name.
+        ``Dataset(path).select("im0", "lens1.im0", "normal0", "K0")``. Raises InputError for an unknown name, and
+        without names.
         """
+        if not names:
+            raise InputError('select needs the names of quantities, such as select("im0", "disp0")')
         for name in names:
             parse_quantity(name)
         return self.map(partial(read_quantities, names))
@@ -234,6 +237,8 @@ class Mapped(Sequence[T], Generic[T]):
     """A dataset with a function applied to each sample on access. A slice or an array of indices gives a Mapped."""
 
     def __init__(self, dataset: "Dataset | Mapped[Any]", function: Callable[[Any], T]) -> None:
+        if not callable(function):
+            raise InputError(f"map needs a function of a sample, got {format_value(function)}")
         self.dataset, self.function = dataset, function
 
     def __len__(self) -> int:

@@ -28,7 +28,7 @@ from twinlens.dataset.sample import KIND, VERSION
 from twinlens.dataset.storage import Place, RemotePath, is_whole
 from twinlens.dataset.truth_files import SCALARS, VECTORS, blur_circle_px, read_truth
 from twinlens.dataset.visibility import Disparity, Mask, correspondence_of, mask_from_both, mask_from_one
-from twinlens.errors import FileError, InputError, unknown
+from twinlens.errors import FileError, InputError, format_value, unknown
 
 Image = NDArray[Any]
 T = TypeVar("T")
@@ -319,6 +319,8 @@ def parse_quantity(name: str) -> tuple[str, int | None, int]:
     >>> parse_quantity("lens1.im0"), parse_quantity("mask1_nonocc")
     (('im', 1, 0), ('mask_nonocc', None, 1))
     """
+    if not isinstance(name, str):
+        raise InputError(f"the name of a quantity is a text, such as 'im0', got {format_value(name)}")
     if name in (*_SAMPLE_QUANTITIES, *_CALIBRATION_QUANTITIES):
         return name, None, 0
     match = _NAME.fullmatch(name)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from twinlens.dataset.stored import parse_quantity
 from twinlens.dataset.truth_files import VECTORS
 from twinlens.dataset.visibility import HIDDEN, VISIBLE
-from twinlens.errors import InputError, check_int
+from twinlens.errors import InputError, check_int, format_value
 
 _OF_THE_PAIR = ("name", "baseline", "doffs", "ndisp")
 _NOT_IMAGES = (*_OF_THE_PAIR, "world_from_cam", "K")
@@ -31,7 +31,7 @@ def crop(sample: Mapping[str, Any], x: int, y: int, width: int, height: int) -> 
     for side, number in (("x", x), ("y", y), ("width", width), ("height", height)):
         check_int(side, number)
     cropped = {}
-    for name, value in sample.items():
+    for name, value in _items(sample).items():
         quantity, _ = _quantity_and_view(name)
         if quantity == "K":
             cropped[name] = value - [[0, 0, x], [0, 0, y], [0, 0, 0]]
@@ -57,6 +57,7 @@ def stereo_flip(sample: Mapping[str, Any]) -> dict[str, Any]:
     Raises InputError if a quantity of the other view is missing, or one of another view or unknown is present.
     """
     flipped = {}
+    sample = _items(sample)
     for name, value in sample.items():
         quantity, view = _quantity_and_view(name)
         if quantity in _OF_THE_PAIR:
@@ -80,25 +81,36 @@ def collate(samples: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
     >>> batch["name"], batch["disp0"].shape, batch["disp0"].dtype
     (['a', 'b'], (2, 1, 2), dtype('float32'))
     """
-    rows = [dict(sample) for sample in samples]
+    if isinstance(samples, (Mapping, str)) or not isinstance(samples, Iterable):
+        raise InputError(f"a batch is made of a list of samples, got {format_value(samples)}")
+    rows = [_items(sample) for sample in samples]
     if not rows:
         raise InputError("a batch needs one sample or more")
     for i, row in enumerate(rows):
         if different := rows[0].keys() ^ row.keys():
             raise InputError(f"samples 0 and {i} of a batch differ: only one has {', '.join(sorted(different))}")
-    return {name: _stacked(name, [row[name] for row in rows]) for name in rows[0]}
+    names = [repr(row["name"]) if "name" in row else str(i) for i, row in enumerate(rows)]
+    return {quantity: _stacked(quantity, [row[quantity] for row in rows], names) for quantity in rows[0]}
 
 
-def _stacked(name: str, values: list[Any]) -> NDArray[Any] | list[Any]:
+def _items(sample: Any) -> dict[str, Any]:
+    """The quantities of a sample. Raises InputError for what is no sample."""
+    if not isinstance(sample, Mapping):
+        raise InputError(f"a sample is a dict of quantities, as Dataset.select gives, got {format_value(sample)}")
+    return dict(sample)
+
+
+def _stacked(name: str, values: list[Any], samples: list[str]) -> NDArray[Any] | list[Any]:
     if not all(isinstance(value, (np.ndarray, np.generic, int, float)) for value in values):
         return values
     arrays = [np.asarray(value) for value in values]
-    kinds = list(dict.fromkeys((array.shape, str(array.dtype)) for array in arrays))
-    if len(kinds) > 1:
-        (shape0, dtype0), (shape1, dtype1) = kinds[:2]
-        raise InputError(
-            f"{name} is {dtype0} {shape0} and {dtype1} {shape1} in samples of one batch; crop or convert them"
-        )
+    first = arrays[0]
+    for array, sample in zip(arrays, samples, strict=True):
+        if (array.shape, array.dtype) != (first.shape, first.dtype):
+            raise InputError(
+                f"{name} is {first.dtype} {first.shape} in sample {samples[0]} and {array.dtype} {array.shape} in "
+                f"sample {sample} of one batch; crop or convert them"
+            )
     return np.stack(arrays)
 
 

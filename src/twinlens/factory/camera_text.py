@@ -88,7 +88,7 @@ def parse_size(text: str | None, camera: str | None = None) -> tuple[int, int]:
         with located(f"--camera {camera}"):
             return find_camera(camera).size()
     text = text or "640x480"
-    sides = re.fullmatch(r"([0-9]{1,9})[xX]([0-9]{1,9})", text)
+    sides = re.fullmatch(r"([1-9][0-9]{0,8})[xX]([1-9][0-9]{0,8})", text)
     if sides is None:
         raise InputError(f"--size must be WIDTHxHEIGHT, such as 640x480, got {format_value(text)}")
     return int(sides[1]), int(sides[2])

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 from twinlens import optics
+from twinlens.errors import InputError, format_value
 from twinlens.geometry import depth_error
 from twinlens.optics.diffraction import airy_diameter
 from twinlens.optics.rig_task import EXTRA_DISPARITIES, RigChoice, RigTask
@@ -65,6 +66,8 @@ def plan_rig(task: RigTask) -> RigPlan:
     >>> round(best.baseline, 4), round(float(best.depth_error(3.0)), 6)
     (0.0812, 0.01)
     """
+    if not isinstance(task, RigTask):
+        raise InputError(f"plan_rig needs a RigTask, got {format_value(task)}")
     limits = _limits(task)
     shown, region = _in_task_units(task, limits), _region(task, limits)
     if not region.feasible:

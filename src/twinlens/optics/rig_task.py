@@ -124,9 +124,12 @@ class RigTask:
         check_int("width", self.width, 1, 65536)
         check_int("height", self.height, 1, 65536)
         check_number("pixel_pitch_um", self.pixel_pitch_um, "micrometres, 0.01 to 1e4", least=0.01, most=1e4)
-        _check_range("depth_range", self.depth_range, 1e-4, 1e6, "metres")
-        near, far = self.ends("depth_range")
-        if not near < far:
+        allowed = "two numbers from 0.0001 to 1e+06 metres, near and far"
+        if not isinstance(self.depth_range, (tuple, list)) or len(self.depth_range) != 2:
+            raise InputError(f"depth_range must be {allowed}, got {format_value(self.depth_range)}")
+        for depth in self.depth_range:
+            check_number("depth_range", depth, allowed, least=1e-4, most=1e6)
+        if not self.depth_range[0] < self.depth_range[1]:
             raise InputError(f"depth_range must be (near, far) with near < far, got {format_value(self.depth_range)}")
         if (self.fov_x_deg is None) == (self.focal_length_mm is None):
             raise InputError("give exactly one of fov_x_deg and focal_length_mm, a number or (least, most)")

@@ -219,6 +219,8 @@ def _read_hdr(path: Path) -> tuple[NDArray[np.float32], bool]:
 def _unpack_rgbe(body: NDArray[np.uint8], height: int, width: int) -> NDArray[np.uint8]:
     """(H, W, 4) from run-length-encoded scanlines, or from flat pixels where the file is not encoded."""
     if not (8 <= width < 32768 and body[:2].tolist() == [2, 2]):
+        if len(body) < height * width * 4:
+            raise InputError(f"ends after {len(body)} of {height * width * 4} bytes of pixels; copy the file again")
         return body[: height * width * 4].reshape(height, width, 4)
     out = np.empty((height, 4, width), dtype=np.uint8)
     cursor = 0

@@ -33,7 +33,7 @@ def score_confidences(pair: Pair, matcher: Any) -> ConfidenceScores:
     Raises InputError unless it is a `StereoMatcher`, the only one with a cost volume, and if there is nothing to score.
     """
     if not isinstance(matcher, StereoMatcher):
-        raise InputError(f"{type(matcher).__name__} has no cost volume; use a method of twinlens, such as zncc or sgm")
+        raise InputError("this method has no cost volume; use a method of twinlens, such as zncc or sgm")
     check_image_size(matcher, pair.disp0.shape)
     disparity, volume = matcher.match(pair.im0, pair.im1), matcher.cost_volume(pair.im0, pair.im1)
     known = np.isfinite(pair.disp0) & np.isfinite(disparity)
