@@ -46,14 +46,19 @@ from .camera.multiview import (
     fundamental_matrix as fundamental_matrix,
     triangulate as triangulate,
 )
+from .camera.parts import aperture_points as aperture_points
 from .camera.rectification import rectify as rectify
 from .dataset import Dataset as Dataset, collate as collate
 from .errors import TwinlensError as TwinlensError
 from .matching import (
+    ApertureSamples as ApertureSamples,
     StereoMatcher as StereoMatcher,
     birchfield_tomasi as birchfield_tomasi,
     census as census,
     cost_curve as cost_curve,
+    inverse_depth_bound as inverse_depth_bound,
+    inverse_depth_from_defocus as inverse_depth_from_defocus,
+    inverse_depth_from_focus as inverse_depth_from_focus,
     jaccard as jaccard,
     match as match,
     ncc as ncc,

@@ -112,6 +112,25 @@ class Masks(Parts):
         object.__setattr__(self, "masks", shares)
 
 
+def aperture_points(lens: Lens, parts: Parts | None = None, n: int = 24) -> tuple[Float, Float]:
+    """Points (n^2, 2) of the aperture in metres, each with the same area, and the share (P, n^2) of each part in them.
+
+    They are the `ApertureSamples` of depth from defocus. Without parts P is 1 and the shares are 1. n points resolve
+    blur up to about n / 2 pixels.
+
+    >>> from twinlens.camera import Dual, ThinLens
+    >>> points, shares = aperture_points(ThinLens(0.02, 1.0), Dual())
+    >>> points.shape, shares.shape, bool((shares[0] == (points[:, 0] < 0)).all())
+    ((576, 2), (2, 576), True)
+    """
+    check_int("n", n, 1)
+    if parts is not None:
+        check_parts(parts, lens)
+    x, y = lens.aperture.sample(*((np.mgrid[:n, :n].reshape(2, -1) + 0.5) / n))
+    shares = np.ones((1, n * n)) if parts is None else np.array(parts.shares(x, y))
+    return 0.5 * lens.aperture_diameter * np.stack([x, y], axis=-1), shares
+
+
 def check_parts(parts: Parts, lens: Lens) -> None:
     """Raise InputError unless `parts` are parts of an aperture, and `lens` has one."""
     if not isinstance(parts, Parts):

@@ -1,4 +1,4 @@
-"""Stereo matching: two rectified images in, one disparity map out. No rendering.
+"""Stereo matching: two rectified images in, one disparity map out; depth from focus and defocus. No rendering.
 
 Importing it does not import Numba; the kernels compile at the first match and are cached on disk. Only `external`,
 which runs other people's matchers, uses files.
@@ -6,6 +6,12 @@ which runs other people's matchers, uses files.
 
 from twinlens.matching.confidence import CONFIDENCES as CONFIDENCES, confidence_map as confidence_map
 from twinlens.matching.curves import CostCurve as CostCurve, cost_curve as cost_curve
+from twinlens.matching.defocus import (
+    ApertureSamples as ApertureSamples,
+    inverse_depth_bound as inverse_depth_bound,
+    inverse_depth_from_defocus as inverse_depth_from_defocus,
+    inverse_depth_from_focus as inverse_depth_from_focus,
+)
 from twinlens.matching.external import Program as Program
 from twinlens.matching.images import grey as grey
 from twinlens.matching.matcher import StereoMatcher as StereoMatcher
