@@ -38,6 +38,7 @@ def test_the_tables_of_the_page_are_those_of_the_files():
     assert recipe in (FILES / "recipe.toml").read_text()
 
 
+@pytest.mark.slow
 def test_the_part_has_its_own_size_and_its_poses_reproject_it(run):
     folder, printed = run
     assert "2 samples, 0 with findings" in printed
@@ -57,6 +58,7 @@ def test_the_part_has_its_own_size_and_its_poses_reproject_it(run):
         assert np.count_nonzero(heights < 1e-4) >= 3
 
 
+@pytest.mark.slow
 def test_the_exports_have_the_parts_only(run):
     folder, _ = run
     truth = open_sample(folder / "out" / "0000001").truth0
