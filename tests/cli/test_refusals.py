@@ -62,7 +62,7 @@ def test_missing_scene_file(refuses, tmp_path):
     ("options", "words"),
     [
         (("--size", "64"), "WIDTHxHEIGHT"),
-        (("--size", "0x9"), "camera width"),
+        (("--size", "0x9"), "WIDTHxHEIGHT"),
         (("--spp", "0"), "spp"),
         (("--seed", "-1"), "--seed must be a whole number >= 0, got -1"),
         (("--seed", "1.5"), "--seed must be a whole number >= 0, got '1.5'"),
