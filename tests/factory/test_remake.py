@@ -56,7 +56,7 @@ def diffracted(scene, rig):
     return make_sample(scene, default_rig(scene, 40, 30), lenses, spp=3, denoise=True, sensor=SENSOR, diffraction=True)
 
 
-@pytest.mark.parametrize("made", [shaped, diffracted])
+@pytest.mark.parametrize("made", [shaped, pytest.param(diffracted, marks=pytest.mark.slow)])
 def test_the_record_alone_gives_the_same_bytes(made, scene, rig):
     files = sample_files(made(scene, rig))
     assert any(name.startswith("models/") for name in files) == (made is shaped)

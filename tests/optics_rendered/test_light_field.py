@@ -20,7 +20,7 @@ def wall(depth: float) -> Scene:
     return Scene("wall", (surface,), {"chalk": {"type": "diffuse"}}, HERE, (0.2, 20.0), sky().lights, {"type": "path"})
 
 
-@pytest.mark.parametrize("view", [0, 1, 5, 8])
+@pytest.mark.parametrize("view", [0, 5, *(pytest.param(view, marks=pytest.mark.slow) for view in (1, 8))])
 def test_a_view_is_what_the_lens_sees_through_a_small_hole(view):
     """A mask with one open cell of 1/63 of the aperture, rendered by the lens, against the view: equal within noise.
 
@@ -103,7 +103,10 @@ def test_refocusing_equals_a_naive_sum_over_the_views_of_a_ramp():
     np.testing.assert_allclose(found[8:-8, 8:-8], expected[8:-8, 8:-8], atol=2e-3)
 
 
-@pytest.mark.parametrize("aperture", [tl.Disk(), tl.Polygon(5), tl.Annulus(0.5)])
+@pytest.mark.parametrize(
+    "aperture",
+    [tl.Disk(), *(pytest.param(each, marks=pytest.mark.slow) for each in (tl.Polygon(5), tl.Annulus(0.5)))],
+)
 def test_refocused_views_equal_the_lens(aperture):
     """9 x 9 views at their own focus against the traced lens, in a room with sharp edges."""
     scene, lens = chequered_room(), tl.ThinLens(0.04, 2.5, aperture)

@@ -23,7 +23,7 @@ PARTS = {"dual": tl.Dual(), "top, bottom": tl.Dual("y"), "quad": tl.Quad(), "gri
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=() if name in ("dual", "masks") else pytest.mark.slow) for name in PARTS]
+    "name", [pytest.param(name, marks=() if name == "masks" else pytest.mark.slow) for name in PARTS]
 )
 def test_parts_add_up_to_the_whole_image(name):
     scene = chequered_room()

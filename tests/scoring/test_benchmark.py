@@ -138,6 +138,7 @@ def test_a_limit_stops_a_hang_and_survives_a_dead_process():
     assert "SIGABRT" in board.find("dies", "a", "middlebury-v3").failure.message
 
 
+@pytest.mark.slow
 def test_segfault_memory_exhaustion_and_massive_output_are_single_failures(capfd):
     """The limit of 2 GiB is above what the good methods need and below this machine's memory."""
     methods = [Trouble("segfaults"), Trouble("hoards"), Trouble("talks"), Constant("good", 4)]
@@ -180,6 +181,7 @@ def test_a_worker_out_of_memory_between_two_matches_is_a_memory_failure():
     assert board.entries[0].failure.kind == "memory"
 
 
+@pytest.mark.slow
 def test_a_hanging_warm_up_is_stopped_and_not_repeated(tmp_path):
     start = time.monotonic()
     method = Hangs("hangs", tmp_path / "rows")
