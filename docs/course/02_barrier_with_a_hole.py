@@ -3,14 +3,13 @@ A barrier with a hole
 =====================
 
 A barrier in front of the film lets light pass through one small hole only. Each point of the film now sees one small
-part of the scene, and an image appears. Through a hole of diameter A, at distance v from the film, a point at depth z
+part of the scene, and an image appears. Through a hole of diameter A, at distance D from the film, a point at depth Z
 lights a disk of diameter c on the film::
 
-    c = A (1 + v/z)
+    c = A (1 + D / Z)
 
-A smaller hole gives a sharper and darker image: the light on the film is proportional to (A/v)^2. The images are drawn
-upright here, and each has its own exposure. The
-white bar has the length c for z = 1.5 m.
+A smaller hole gives a sharper and darker image: the light on the film is proportional to (A / D)^2. The images are
+drawn upright here, and each has its own exposure. The white bar has the length c for Z = 1.5 m.
 
 This script needs the LLVM backend.
 """
@@ -19,9 +18,9 @@ import matplotlib.pyplot as plt
 
 import twinlens as tl
 
-film_distance = 0.05  # v, metres
+film_distance = 0.05  # D, metres
 diameters = (0.006, 0.002)  # A, metres
-depth = 1.5  # z, metres
+depth = 1.5  # Z, metres
 
 scene = tl.load_scene("tabletop")
 camera = tl.Camera.from_fov(240, 180, scene.fov_x_deg)
@@ -42,6 +41,7 @@ for picture, diameter in zip(pictures, diameters):
     blur = diameter * (1 + film_distance / depth)
     blur_px = blur * camera.fx / film_distance  # a pixel is film_distance / fx wide
     picture.imshow((film / film.max()).clip(0, 1) ** (1 / 2.2))
+    picture.plot([120 - blur_px / 2, 120 + blur_px / 2], [168, 168], "k", linewidth=6)
     picture.plot([120 - blur_px / 2, 120 + blur_px / 2], [168, 168], "w", linewidth=3)
     picture.set_title(f"A = {1000 * diameter:g} mm\nc = {1000 * blur:.1f} mm = {blur_px:.0f} px")
     picture.axis("off")

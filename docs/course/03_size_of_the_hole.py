@@ -3,17 +3,19 @@ The best size of the hole
 =========================
 
 A large hole blurs by geometry: its image of a far point is as wide as the hole. A small hole blurs by diffraction: its
-image of a point is the Airy disk, which grows as the hole shrinks. With wavelength w and film distance v::
+image of a point is the Airy disk, which grows as the hole shrinks. With wavelength lambda and film distance D::
 
     geometry      c = A
-    diffraction   a = 2.44 w v / A
-    best hole     A = sqrt(2.44 w v), where both are equal
+    diffraction   c = 2.44 lambda D / A
+    best hole     A = sqrt(2.44 lambda D)
 
-For green light (549 nm) and v = 50 mm the best hole is 0.26 mm wide.
+At the best hole both are equal. For green light (549 nm) and D = 50 mm it is 0.26 mm wide. Each picture has its own
+exposure. Those of the two holes next to the best one, 0.35 mm and 0.15 mm, look almost equally sharp, for the sum of
+the two blurs hardly changes there.
 
 The two blurs are simulated one after the other. That is exact for the largest and the smallest holes of the curve;
-between them, where the Fresnel number (A/2)^2 / (w v) is 0.2 to 50, it is an approximation and twinlens warns: the true
-image of a hole near the best one is sharper. This script needs the LLVM backend.
+between them, where the Fresnel number (A/2)^2 / (lambda D) is 0.2 to 50, it is an approximation and twinlens warns: the
+true image of a hole near the best one is sharper. This script needs the LLVM backend.
 """
 
 import warnings
@@ -25,7 +27,7 @@ import twinlens as tl
 from twinlens.optics.diffraction import FresnelWarning
 
 warnings.simplefilter("ignore", FresnelWarning)
-film_distance = 0.05  # v, metres
+film_distance = 0.05  # D, metres
 wavelength = 549e-9
 diameters_mm = (2, 1, 0.6, 0.35, 0.15, 0.07)
 
@@ -46,7 +48,7 @@ diameters = np.geomspace(0.05e-3, 3e-3)
 airy = 2.44 * wavelength * film_distance / diameters
 blur = axes["blur"]
 blur.loglog(1000 * diameters, 1000 * diameters, label="geometry, A")
-blur.loglog(1000 * diameters, 1000 * airy, label="diffraction, 2.44 w v / A")
+blur.loglog(1000 * diameters, 1000 * airy, label="diffraction, 2.44 λ D / A")
 best_mm = 1000 * np.sqrt(2.44 * wavelength * film_distance)
 blur.axvline(best_mm, color="k", linewidth=0.8, linestyle=":")
 blur.annotate(f"best: {best_mm:.2f} mm", (best_mm, 1.2), (4, 0), textcoords="offset points")

@@ -4,12 +4,12 @@ The inverted image
 
 Rays through a small hole go on in straight lines. What is above the axis lands below it, and what is on the left lands
 on the right: the image on the film behind the hole is turned by 180 degrees. A point (X, Y, Z) in front of a hole lands
-at distance v behind it at::
+at distance D behind it at::
 
-    x = -v X / Z
-    y = -v Y / Z
+    x = -D X / Z
+    y = -D Y / Z
 
-In formulas and programs the film is therefore thought in front of the hole, where the image is upright and x = v X / Z.
+In formulas and programs the film is therefore thought in front of the hole, where the image is upright and x = D X / Z.
 twinlens renders this image, and ``tl.film_image`` turns it.
 """
 
@@ -26,7 +26,7 @@ upright = (upright / 0.9).clip(0, 1) ** (1 / 2.2)
 (truth,) = tl.ground_truth(scene, rig)
 
 # The rim of the jug and a lemon: their pixels, their points in the camera's frame, and x, y on the film.
-film_distance = 0.05
+film_distance = 0.05  # D, metres
 pitch = film_distance / camera.fx
 pixels = np.array([[205, 60], [46, 176]])
 points = camera.unproject(pixels) * truth.depth[pixels[:, 1], pixels[:, 0], None]

@@ -3,14 +3,16 @@ Aperture and depth of field
 ===========================
 
 A lens collects the light of a whole aperture and still gives a sharp image, but only of one depth, the focus distance
-z_f. With aperture diameter A and f in pixels, the blur circle of a point at depth z has the diameter c, and c is at
+Z_f. With aperture diameter A and f in pixels, the blur circle of a point at depth Z has the diameter c, and c is at
 most c_max between the near and far limits of the depth of field::
 
-    c = A f |1/z - 1/z_f|
-    1/z_near = 1/z_f + c_max / (A f),   1/z_far = 1/z_f - c_max / (A f)
+    c = A f |1/Z - 1/Z_f|
+    1/Z_near = 1/Z_f + c_max / (A f)
+    1/Z_far  = 1/Z_f - c_max / (A f)
 
-A wider aperture collects more light and has a smaller depth of field. The pictures show where it begins (orange) and
-ends (red); the curves show the blur.
+A wider aperture collects more light and has a smaller depth of field. Lines in the pictures show
+its near and far limits; the curves show the blur. At A = 20 mm no object is nearer than the near limit, so that only
+the far limit appears.
 """
 
 import matplotlib.pyplot as plt
@@ -19,7 +21,7 @@ import numpy as np
 import twinlens as tl
 from twinlens.optics import circle_of_confusion_px, depth_of_field
 
-focus_distance = 1.5  # z_f, metres
+focus_distance = 1.5  # Z_f, metres
 largest_circle = 2.0  # c_max, pixels
 
 scene = tl.load_scene("tabletop")
@@ -42,8 +44,11 @@ for name, diameter, colour in (("a", 0.020, "tab:blue"), ("b", 0.060, "tab:green
     axes["blur"].plot(depths, blur, color=colour, label=f"A = {1000 * diameter:.0f} mm")
     axes["blur"].axvspan(near, far, color=colour, alpha=0.15)
 axes["blur"].axhline(largest_circle, color="k", linewidth=0.8, linestyle=":", label="c_max")
-axes["blur"].set_xlabel("depth z, m")
+for line, name in (("tab:orange", "near limit"), ("red", "far limit")):
+    axes["a"].plot([], [], color=line, label=name)
+figure.legend(*axes["a"].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+axes["blur"].set_xlabel("depth Z, m")
 axes["blur"].set_ylabel("blur circle c, px")
 axes["blur"].set_ylim(0, 10)
-axes["blur"].legend()
+axes["blur"].legend(loc="upper left", bbox_to_anchor=(0.38, 1))
 plt.show()

@@ -2,15 +2,15 @@
 From the world to pixels
 ========================
 
-A point P of the world becomes a pixel in three steps. The pose of the camera (rotation R and position C) moves it into
-the camera's frame: x right, y down, z forward. The perspective projection takes it to the film at distance D, and the
-pixel pitch p and the principal point (cx, cy) give the pixel::
+A point P of the world becomes a pixel in three steps. The pose of the camera (rotation R_wc and position C) moves it
+into the camera's frame: X right, Y down, Z forward. The perspective projection takes it to the film at distance D, and
+the pixel pitch p and the principal point (cx, cy) give the pixel::
 
-    world to camera   (X, Y, Z) = R^T (P - C)
+    world to camera   (X, Y, Z) = R_cw (P - C)
     camera to film    x = D X / Z,   y = D Y / Z
     film to pixels    u = x / p + cx,   v = y / p + cy
 
-The focal length in pixels is f = D / p, so that u = f X / Z + cx.
+The focal length in pixels is f = D / p, so that u = f X / Z + cx. R_cw is the transpose of R_wc.
 """
 
 import matplotlib.pyplot as plt
@@ -25,8 +25,8 @@ rig = tl.Rig([camera], [scene.world_from_left])
 (image,) = tl.render(scene, rig, tl.Pinhole(), spp=16, denoise=True)
 
 P = truth.position[192, 268]  # on the yellow cube
-R, C = scene.world_from_left[:3, :3], scene.world_from_left[:3, 3]
-X, Y, Z = R.T @ (P - C)
+R_wc, C = scene.world_from_left[:3, :3], scene.world_from_left[:3, 3]
+X, Y, Z = R_wc.T @ (P - C)
 pitch = camera.pixel_pitch_um * 1e-6
 film_distance = camera.fx * pitch
 x, y = film_distance * X / Z, film_distance * Y / Z
@@ -48,10 +48,10 @@ colours = (image / 0.9).clip(0, 1) ** (1 / 2.2)
 seen = truth.position[::4, ::4].reshape(-1, 3)
 near = truth.depth[::4, ::4].ravel() < 1.75  # without the background
 space.scatter(*seen[near].T, c=colours[::4, ::4].reshape(-1, 3)[near], s=2, alpha=1)
-for axis, colour, name in zip(R.T, ("tab:red", "tab:green", "tab:blue"), "xyz"):
+for axis, colour, name in zip(R_wc.T, ("tab:red", "tab:green", "tab:blue"), "XYZ"):
     space.plot(*np.transpose([C, C + 0.4 * axis]), color=colour)
     space.text(*(C + 0.5 * axis), name, color=colour)
-corners = camera.unproject([[0, 0], [319, 0], [319, 239], [0, 239], [0, 0]]) * 0.4 @ R.T + C
+corners = camera.unproject([[0, 0], [319, 0], [319, 239], [0, 239], [0, 0]]) * 0.4 @ R_wc.T + C
 space.plot(*corners.T, color="k", linewidth=1)  # the film, enlarged
 space.plot(*np.transpose([C, P]), color="tab:orange")
 space.text(*P, "P", color="tab:orange")

@@ -3,14 +3,16 @@ Homogeneous coordinates and vanishing points
 ============================================
 
 With a fourth coordinate, the whole projection is one product with a 3 x 4 matrix. The fourth coordinate of a point is
-1. With 0 it is the point at infinity in the direction (DX, DY, DZ), whose image is the vanishing point::
+1. With 0 it is the point at infinity in the direction V, whose image is the vanishing point. The point P and the
+direction V are in the frame of the world::
 
-    (u w, v w, w) = K [R | t] (X, Y, Z, 1)           divide by w
-    vanishing point   (u w, v w, w) = K R (DX, DY, DZ)
+    K = [f 0 cx; 0 f cy; 0 0 1]         t = -R_cw C
+    (u w, v w, w) = K [R_cw | t] (P, 1)
+    (u w, v w, w) = K R_cw V            vanishing point
 
-Parallel lines of the world share their point at infinity, and so their images meet in one pixel. In homogeneous
-coordinates the line through pixels p and q is p x q, and lines l and m meet in l x m. The vanishing points of all
-horizontal directions lie on the horizon.
+Division by w gives the pixel. Parallel lines of the world share their point at infinity, and so their images meet in
+one pixel. In homogeneous coordinates the line through pixels q1 and q2 is the cross product q1 x q2, and lines l1 and
+l2 meet in l1 x l2. The vanishing points of all horizontal directions lie on the horizon.
 """
 
 import matplotlib.pyplot as plt
@@ -23,12 +25,12 @@ camera = tl.Camera.from_fov(320, 240, scene.fov_x_deg)
 rig = tl.Rig([camera], [scene.world_from_left])
 (image,) = tl.render(scene, rig, tl.Pinhole(), spp=16, denoise=True)
 
-P = camera.K @ np.linalg.inv(scene.world_from_left)[:3]  # K [R | t], 3 x 4
+M = camera.K @ np.linalg.inv(scene.world_from_left)[:3]  # K [R_cw | t], 3 x 4
 
 
 def pixel(point):
     """The pixel of a homogeneous point."""
-    u, v, w = P @ point
+    u, v, w = M @ point
     return np.array([u / w, v / w])
 
 
@@ -44,7 +46,7 @@ for x in (-1.5, -0.9, -0.3, 0.3, 0.9, 1.5):  # on the floor, along the boards
 meet = np.cross(lines[0], lines[-1])
 meet = meet[:2] / meet[2]
 
-horizon = np.cross(P @ [0, 1, 0, 0], P @ [1, 0, 0, 0])  # a u + b v + c = 0
+horizon = np.cross(M @ [0, 1, 0, 0], M @ [1, 0, 0, 0])  # a u + b v + c = 0
 u = np.array([0, 319])
 axis.plot(u, -(horizon[0] * u + horizon[2]) / horizon[1], color="yellow", linewidth=1)
 axis.plot(*vanishing, "o", color="red")

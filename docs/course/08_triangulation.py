@@ -2,11 +2,11 @@
 Triangulation
 =============
 
-Two cameras with parallel axes, a baseline b apart, see a point in the same image row, at different columns. Their
+Two cameras with parallel axes, a baseline B apart, see a point in the same image row, at different columns. Their
 difference, the disparity d, gives the depth: by similar triangles, with the focal length f in pixels::
 
     d = u_left - u_right
-    z = b f / d
+    Z = f B / d
 
 The ray through the left pixel and the ray through the right pixel meet in the point. A point twice as far away has half
 the disparity.
@@ -17,7 +17,7 @@ import numpy as np
 
 import twinlens as tl
 
-baseline = 0.25  # b, metres
+baseline = 0.25  # B, metres
 scene = tl.load_scene("tabletop")
 camera = tl.Camera.from_fov(320, 240, scene.fov_x_deg)
 rig = tl.Rig.stereo(camera, baseline, scene.world_from_left)
@@ -30,7 +30,7 @@ disparity = left[:, 0] - right[:, 0]
 depth = baseline * camera.fx / disparity
 points = camera.unproject(left) * depth[:, None]  # in the frame of the left camera
 for z, d, true in zip(depth, disparity, truth.depth[left[:, 1], left[:, 0]]):
-    print(f"z = {baseline} m x {camera.fx:.1f} px / {d:.2f} px = {z:.3f} m,   ground truth {true:.3f} m")
+    print(f"Z = {camera.fx:.1f} px x {baseline} m / {d:.2f} px = {z:.3f} m,   ground truth {true:.3f} m")
 
 figure = plt.figure(figsize=(5.6, 4.8))
 colours = ("tab:orange", "cyan", "magenta")
@@ -55,8 +55,8 @@ for centre in ([0, 0, 0], [baseline, 0, 0]):
         space.plot(x, z, -y, color=colour, linewidth=1.2)
 space.plot([0, baseline], [0, 0], [0, 0], color="k", linewidth=3)
 for i, (x, y, z) in enumerate(points):
-    space.plot(x, z, -y, "o", color=colours[i], label=f"d = {disparity[i]:.1f} px\nz = {depth[i]:.2f} m")
-space.set(xlabel="X, m", ylabel="z, m", xlim=(-0.2, 0.8), ylim=(0, 2), zlim=(-0.3, 0.2), xticks=[0, 0.5], zticks=[])
+    space.plot(x, z, -y, "o", color=colours[i], label=f"d = {disparity[i]:.1f} px\nZ = {depth[i]:.2f} m")
+space.set(xlabel="X, m", ylabel="Z, m", xlim=(-0.2, 0.8), ylim=(0, 2), zlim=(-0.3, 0.2), xticks=[0, 0.5], zticks=[])
 space.set_box_aspect((1, 2, 0.5), zoom=1.15)
 space.view_init(35, -35)
 figure.legend(loc="lower right", bbox_to_anchor=(1, 0.08), labelspacing=1)

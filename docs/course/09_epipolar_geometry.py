@@ -3,12 +3,16 @@ Epipolar lines and planes
 =========================
 
 A point and the centres of two cameras span an epipolar plane. The plane intersects each image in a line, so the match
-of a pixel lies on a known line. With homogeneous pixels p = (u, v, 1) and the fundamental matrix F of the pair::
+of a pixel lies on a known line. With homogeneous pixels q = (u, v, 1) and the fundamental matrix F of the pair::
 
-    p_right^T F p_left = 0          line in the right image = F p_left
+    q_right^T F q_left = 0
+    l_right = F q_left             the line in the right image
 
 The cameras of this pair are verged: they look at one point. Rectification rotates each about its centre until the
-epipolar lines are rows of the images. Then a match differs in u only.
+epipolar lines are rows of the images. Then a match differs in u only. The rectified images are
+shifted to the middle of their fields of view, so that their principal points differ and a disparity may be negative::
+
+    Z = f B / (d + cx_right - cx_left)
 """
 
 import matplotlib.pyplot as plt
@@ -29,7 +33,8 @@ points = tl.ground_truth(scene, verged)[0].position[pixels[:, 1], pixels[:, 0]]
 colors = ["#D55E00", "#0072B2", "#E69F00", "#CC79A7"]
 
 # %%
-# Both pairs: images, matches of the four points, and their epipolar lines.
+# Both pairs: images, matches of the four points, and their epipolar lines; and the epipolar planes of the verged pair,
+# which all contain the baseline.
 
 rectification = tl.rectify(verged, zero_doffs=False)
 rectified = rectification.rectified_rig
@@ -51,9 +56,6 @@ for row, (name, (rig, pictures)) in enumerate(pairs.items()):
         axis.set(title=f"{name}, {title}", xlim=(-0.5, 319.5), ylim=(239.5, -0.5))
         axis.axis("off")
     print(f"{name}: v_left - v_right =", np.round(left[:, 1] - right[:, 1], 1), "px")
-
-# %%
-# The epipolar planes of the verged pair: all contain the baseline.
 
 axis = figure.add_subplot(grid[2, :], projection="3d")
 centres = [pose[:3, 3] for pose in verged.world_from_cams]

@@ -6,7 +6,7 @@ The cost of a window is small where its pixels have one disparity. A large fixed
 smears over depth edges: its error there is up to half a window wide. Adaptive windows are small near edges and large
 on plain surfaces. Semi-global matching has no window: it minimises, along 8 paths through each pixel::
 
-    E = sum_p C(p, d_p) + P1 (steps of one pixel) + P2 (larger steps)
+    sum over q of cost(q, d) + P1 (number of steps of one pixel) + P2 (number of larger steps)
 
 The error is bad 2.0: the share of pixels, visible in both images, whose disparity is wrong by more than 2 pixels.
 """

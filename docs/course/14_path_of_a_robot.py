@@ -2,11 +2,13 @@
 The path of a robot
 ===================
 
-Semi-global matching of a stereo pair gives the depths of a hall, z = f B / d, and these give points in metres. Points
+Semi-global matching of a stereo pair gives the depths of a hall, Z = f B / d, and these give points in metres. Points
 above the floor are obstacles on a map with cells of 5 cm. The cheapest path for a robot with a radius of 25 cm follows
-from the cost T(p) of reaching cell p, which spreads from the start over the eight neighbours q of each cell::
+from the cost T(i) of reaching cell i, which spreads from the start over the eight neighbours j of each cell::
 
-    T(p) = min over q of T(q) + |p - q| (w(p) + w(q)) / 2,   w = 1 on seen floor, 4 where nothing was seen
+    T(i) = min over j of T(j) + |i - j| (w(i) + w(j)) / 2
+
+The weight w is 1 on seen floor and 4 where nothing was seen.
 
 On the map, red cells are obstacles, white ones floor, and grey ones were not seen. The script reads
 :download:`hall.toml <../course/hall.toml>` from the current folder.

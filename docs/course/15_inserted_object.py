@@ -3,10 +3,11 @@ An inserted object
 ==================
 
 A ball is inserted into both images of a stereo pair that was taken with a wide aperture. It is half behind the jug and
-out of focus. The true depths give a black mesh of the room, which is rendered together with the ball through the same
-lens. The share c of each pixel that the ball covers, and the new image, are::
+slightly out of focus. The true depths give a black mesh of the room, which is rendered together with the ball through
+the same lens. The share s of each pixel that the ball covers, and the new image, are::
 
-    c = image of a ball of radiance 1 in the black room          new = (1 - c) old + ball
+    s = image of a ball of radiance 1 in the black room
+    new = (1 - s) old + ball
 
 The share includes occlusion and defocus. Two things are approximate: where a pixel shows both, the light of the old
 image is assumed to come from behind the ball; and the ball, with two lights of its own, casts no shadow.
@@ -71,7 +72,7 @@ def insert(photos, rig, lens, room, balls, spp):
     dark = tl.Scene("dark", (*meshes, light), {"black": BLACK, "paint": BLACK}, rig.world_from_cams[0], (0.5, 5.0))
     lit = replace(dark, objects=(*meshes, visible), materials={"black": BLACK, "paint": PAINT}, lights=LAMPS)
     covered, own = (tl.render(scene, rig, lens, spp) for scene in (dark, lit))
-    return [photo * (1 - c) + added for photo, c, added in zip(photos, covered, own, strict=True)], covered
+    return [photo * (1 - s) + added for photo, s, added in zip(photos, covered, own, strict=True)], covered
 
 
 # %%
