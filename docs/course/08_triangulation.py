@@ -56,7 +56,7 @@ for centre in ([0, 0, 0], [baseline, 0, 0]):
 space.plot([0, baseline], [0, 0], [0, 0], color="k", linewidth=3)
 for i, (x, y, z) in enumerate(points):
     space.plot(x, z, -y, "o", color=colours[i], label=f"d = {disparity[i]:.1f} px\nZ = {depth[i]:.2f} m")
-space.set(xlabel="X, m", ylabel="Z, m", xlim=(-0.2, 0.8), ylim=(0, 2), zlim=(-0.3, 0.2), xticks=[0, 0.5], zticks=[])
+space.set(xlabel="X, m", ylabel="\nZ, m", xlim=(-0.2, 0.8), ylim=(0, 2), zlim=(-0.3, 0.2), xticks=[0, 0.5], zticks=[])
 space.set_box_aspect((1, 2, 0.5), zoom=1.15)
 space.view_init(35, -35)
 figure.legend(loc="lower right", bbox_to_anchor=(1, 0.08), labelspacing=1)

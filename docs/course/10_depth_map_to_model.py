@@ -10,7 +10,8 @@ A depth map and its camera give a point in space for each pixel::
 
 One depth map has holes behind the objects. Several are fused to one surface: the signed distances of all views are
 averaged in a grid of cells, and the surface is where the mean is 0 (Curless and Levoy 1996). The depth maps here are
-the true ones; ``view_of_disparity`` takes those of a matcher.
+those of the truth; ``view_of_disparity`` takes those of a matcher. Near is bright. The cells enclose the objects, so
+that the fused model has no wall.
 """
 
 import matplotlib.pyplot as plt

@@ -30,7 +30,8 @@ disparities = np.arange(count)
 windows = [right[v - half : v + half + 1, u - d - half : u - d + half + 1] for d in disparities]
 
 # %%
-# The two images with the template and the scan line, and one curve for each measure.
+# The two images with the template and the scan line, and one curve for each measure. The blue windows are the ends of
+# the search, d = 0 and d = 39; the green one is at the true disparity.
 
 figure, axes = plt.subplots(4, 2, figsize=(5.6, 7.2), height_ratios=(1.4, 1, 1, 1))
 for axis, image, title in zip(axes[0], (left, right), ("left: template", "right: search along the row"), strict=True):
@@ -53,6 +54,7 @@ for axis, (name, measure) in zip(axes[1:].flat, measures.items(), strict=False):
     axis.plot(best, values[best], "o", color="C3")
     axis.set_title(f"{name}: best d = {best}, true d = {true:.1f}")
     axis.set_yticks([])
+    axis.set_ylabel("cost" if name in ("SAD", "SSD") else "similarity")
 axes[3, 0].set_xlabel("disparity d (pixels)")
 axes[2, 1].set_xlabel("disparity d (pixels)")
 axes[3, 1].axis("off")

@@ -8,7 +8,9 @@ another disparity), and distortion (a slanted surface is narrower in one image).
 
     width in the right image = (1 - s) times the width in the left image
 
-The truth of each pixel gives the masks of the five cases, and the share of wrong disparities in each.
+The truth of each pixel gives the masks of the five cases, and the share of disparities in each that are wrong by more
+than 1 pixel. The left edge of the image is an occlusion too: the right camera does not see it. Of the rest, pixels
+beside the edges of surfaces are wrong, where the window sees two depths.
 """
 
 import matplotlib.pyplot as plt

@@ -96,7 +96,8 @@ def plan(view):
 
 
 # %%
-# The path in the left image, where no obstacle hides it, and on the map from above.
+# The path in the left image, where no obstacle hides it, and on the map from above, in metres: obstacles red, floor
+# white, unseen grey. It keeps the robot's radius away from obstacles.
 
 left, view = observe()
 blocked, seen, path = plan(view)
@@ -118,7 +119,8 @@ axes[0].plot(u[visible], v[visible], ".", color="gold")
 axes[0].set_title("left image")
 axes[1].imshow(colors, origin="lower", extent=(*X, *Y))
 axes[1].plot(*path.T, color="C0")
+axes[1].plot(*START, "o", color="C0")
+axes[1].plot(*GOAL, "*", color="C0", markersize=10)
 axes[1].set_title(f"path of {length:.1f} m")
-for axis in axes:
-    axis.axis("off")
+axes[0].axis("off")
 plt.show()
