@@ -113,7 +113,7 @@ colors = np.where(seen[..., None], 255, 170).repeat(3, axis=2)
 colors[blocked] = (190, 40, 30)
 length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
 
-figure, axes = plt.subplots(1, 2, figsize=(5.6, 2.9), width_ratios=(480, 183))
+figure, axes = plt.subplots(1, 2, figsize=(5.6, 3.2), width_ratios=(480, 183))
 axes[0].imshow(left)
 axes[0].plot(u[visible], v[visible], ".", color="gold")
 axes[0].set_title("left image")
