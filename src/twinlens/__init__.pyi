@@ -53,6 +53,7 @@ from .errors import TwinlensError as TwinlensError
 from .matching import (
     ApertureSamples as ApertureSamples,
     StereoMatcher as StereoMatcher,
+    all_in_focus as all_in_focus,
     birchfield_tomasi as birchfield_tomasi,
     census as census,
     cost_curve as cost_curve,
@@ -64,6 +65,7 @@ from .matching import (
     ncc as ncc,
     rank as rank,
     sad as sad,
+    sharpness as sharpness,
     ssd as ssd,
     zncc as zncc,
     zsad as zsad,
@@ -72,13 +74,11 @@ from .matching import (
 from .optics.planning import plan_rig as plan_rig
 from .optics.rig_task import RigTask as RigTask
 from .rendering import (
-    all_in_focus as all_in_focus,
     correspondence as correspondence,
     focal_stack as focal_stack,
     ground_truth as ground_truth,
     render as render,
     render_lens_grid as render_lens_grid,
-    sharpness as sharpness,
 )
 from .scenes import Scene as Scene, bundled_scenes as bundled_scenes, load_scene as load_scene
 from .scoring import agreement as agreement, evaluate as evaluate

@@ -86,6 +86,15 @@ def test_the_examples_of_the_camera_page_run():
 
 
 @pytest.mark.slow
+def test_the_examples_on_light_fields_run():
+    names = {}
+    for block in python_blocks("light_fields.md"):
+        exec(block, names)
+    assert names["far"].shape == names["small"].shape == names["sharp"].shape == (72, 96, 3)
+    assert names["truth"].disparity.shape == names["index"].shape == (72, 96)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("page", ["index.md", "families.md"])
 def test_the_first_example_of_a_page_renders(page):
     code = python_blocks(page)[0].replace("640, 480", "64, 48") + "\nassert left.shape == right.shape == (48, 64, 3)\n"

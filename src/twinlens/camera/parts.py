@@ -6,7 +6,7 @@ contribution to the whole image, so the images of parts whose shares add up to 1
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -87,7 +87,7 @@ class Grid(Parts):
 class Quad(Grid):
     """Four quarters: top left, top right, bottom left, bottom right."""
 
-    n: int = 2
+    n: int = field(default=2, init=False)
 
 
 @dataclass(frozen=True, eq=False)

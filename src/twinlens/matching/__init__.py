@@ -8,9 +8,11 @@ from twinlens.matching.confidence import CONFIDENCES as CONFIDENCES, confidence_
 from twinlens.matching.curves import CostCurve as CostCurve, cost_curve as cost_curve
 from twinlens.matching.defocus import (
     ApertureSamples as ApertureSamples,
+    all_in_focus as all_in_focus,
     inverse_depth_bound as inverse_depth_bound,
     inverse_depth_from_defocus as inverse_depth_from_defocus,
     inverse_depth_from_focus as inverse_depth_from_focus,
+    sharpness as sharpness,
 )
 from twinlens.matching.external import Program as Program
 from twinlens.matching.images import grey as grey

@@ -151,8 +151,7 @@ def inverse_depth_from_focus(
 ) -> InverseDepth:
     """The inverse focus distance at which a window of a focal stack is sharpest.
 
-    The focus measure is the sum over the window of the modified Laplacian,
-    |2 I(u, v) - I(u - 1, v) - I(u + 1, v)| + |2 I(u, v) - I(u, v - 1) - I(u, v + 1)|. A Gaussian in 1/z, fitted to the
+    The focus measure is `sharpness`. A Gaussian in 1/z, fitted to the
     largest measure and its neighbours, gives the maximum. `inverse_depth_from_defocus` finds the depth of a stack more
     precisely, but needs the aperture.
 
@@ -186,9 +185,34 @@ def inverse_depth_from_focus(
         raise InputError(f"vergences must be {len(pictures)} increasing or decreasing numbers, one for each image")
     check_int("neighbours", neighbours, 1)
     _check_block(block_size)
-    across, down = (np.abs(ndimage.convolve1d(pictures, [-1.0, 2.0, -1.0], axis, mode="nearest")) for axis in (2, 1))
-    measures = ndimage.uniform_filter(across + down, (0, block_size, block_size), mode="nearest")
+    measures = np.array([sharpness(picture, block_size) for picture in pictures])
     return _maximum(np.log(np.maximum(measures, np.finfo(np.float64).tiny)), places, neighbours)
+
+
+def sharpness(image: ArrayLike, window: int = 9) -> Float:
+    """The sum-modified Laplacian |2I - I(x-1) - I(x+1)| + |2I - I(y-1) - I(y+1)|, float64 (H, W), without threshold.
+
+    `image` is (H, W) or (H, W, 3), of which the channels are averaged first; the sum is over `window` x `window`
+    pixels, an odd number. Images are reflected at their border. Raises InputError for another window.
+
+    Source: Nayar and Nakagawa, Shape from focus, 1994.
+    """
+    check_int("window", window, 1)
+    if window % 2 == 0:
+        raise InputError(f"window must be odd, got {window}")
+    pixels = np.asarray(image, dtype=np.float64)
+    pixels = pixels.mean(axis=-1) if pixels.ndim == 3 else pixels
+    modified = sum(np.abs(ndimage.correlate1d(pixels, [-1.0, 2.0, -1.0], axis=axis)) for axis in (0, 1))
+    total: Float = window**2 * ndimage.uniform_filter(modified, window)
+    return total
+
+
+def all_in_focus(images: Sequence[ArrayLike], window: int = 9) -> tuple[NDArray[np.float32], NDArray[np.intp]]:
+    """The image of the sharpest pixels of one camera's focal stack, and the number (H, W) of each pixel's image."""
+    stack = np.asarray(images, dtype=np.float32)
+    sharpest = np.argmax([sharpness(image, window) for image in stack], axis=0)
+    rows, columns = np.indices(sharpest.shape)
+    return stack[sharpest, rows, columns], sharpest
 
 
 def _maximum(scores: NDArray[Any], places: Float, neighbours: int = 1) -> InverseDepth:

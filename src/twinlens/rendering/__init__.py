@@ -7,11 +7,7 @@ from twinlens.rendering.backends import (
     use_threads as use_threads,
 )
 from twinlens.rendering.denoising import denoiser_record as denoiser_record
-from twinlens.rendering.focal_stack import (
-    all_in_focus as all_in_focus,
-    focal_stack as focal_stack,
-    sharpness as sharpness,
-)
+from twinlens.rendering.focal_stack import focal_stack as focal_stack
 from twinlens.rendering.ground_truth import (
     correspondence as correspondence,
     ground_truth as ground_truth,
