@@ -128,7 +128,8 @@ def test_the_table_of_the_page_has_every_quantity_with_its_dtype_and_shape(tmp_p
     page = (Path(__file__).parents[2] / "docs" / "loading.md").read_text()
     table = page[page.index("| name | dtype |") :].partition("\n\n")[0]
     radiances = tuple(image.astype(np.float32) for image in SAMPLE.shots[0].images)
-    shots = tuple(replace(shot, radiances=radiances) for shot in SAMPLE.shots)
+    halves = tuple((image, image) for image in SAMPLE.shots[0].images)
+    shots = tuple(replace(shot, radiances=radiances, halves=halves) for shot in SAMPLE.shots)
     write_sample(tmp_path / "s", replace(SAMPLE, shots=shots))
     sample = Dataset(tmp_path)[0]
     listed = set()

@@ -103,6 +103,7 @@ def test_every_key_is_read():
         ("weights", [1], r"recipe.toml: weights: must have length 2, got \[1\.0\]"),
         ("weights", [0, 0], "recipe.toml: weights: at least one must be > 0, got"),
         ("width", {"choice": [320, 0]}, "width: must be >= 1, got 0"),
+        ("dual_pixel", True, "dual_pixel and diffraction exclude each other"),
         ("width", 12, "recipe.toml: width must be a number of pixels >= 16, got 12"),
         ("width", {"choice": [320, 1600]}, r"toml: aspect \(width / height\) must be from 0.2 to 5, got 6.6"),
         (
@@ -195,11 +196,12 @@ def test_a_recipe_without_content_is_told_all_that_it_needs(recipe):
         recipe_from_table(recipe)
 
 
-def test_diffraction_where_no_lens_has_a_width_is_refused():
-    recipe = {"seed": 1, "count": 1, "scenes": ["cards"], "diffraction": {"choice": [False, True]}}
+@pytest.mark.parametrize("key", ["diffraction", "dual_pixel"])
+def test_what_needs_an_aperture_is_refused_where_no_lens_has_a_width(key):
+    recipe = {"seed": 1, "count": 1, "scenes": ["cards"], key: {"choice": [False, True]}}
     thin = {"kind": "thin", "aperture_mm": 0}
     for lenses in ({}, {"lenses": [{"kind": "pinhole"}]}, {"lenses": [thin]}):
-        with pytest.raises(InputError, match=r"^recipe.toml: diffraction: has no effect, every lens is a pinhole"):
+        with pytest.raises(InputError, match=rf"^recipe.toml: {key}: has no effect, every lens is a pinhole"):
             recipe_from_table({**recipe, **lenses})
     for last in (thin | {"aperture_mm": {"choice": [0, 8]}}, {"choice": [thin, thin | {"aperture_mm": 1}]}):
         recipe_from_table({**recipe, "lenses": [{"kind": "pinhole"}, last]})

@@ -21,7 +21,7 @@ _Made = tuple[Row, list[str], list[dict[str, Any]]]
 _NO_APERTURE = "has no effect, every lens is a pinhole; add a lens such as --lens thin:20"
 
 _SECTIONS = {
-    "Lens": ("lenses", "aperture", "diffraction"),
+    "Lens": ("lenses", "aperture", "diffraction", "dual_pixel"),
     "Camera": (
         "camera", "size", "fov", "focal_length_px", "principal_point", "distortion", "pixel_pitch_um",
         "sensor_width_mm", "baseline", "rig",
@@ -38,6 +38,7 @@ _SECTIONS = {
 @click.option("--lens", "lenses", multiple=True, default=("pinhole",), show_default=True, help=camera_text.LENS_HELP)
 @click.option("--aperture", default="disk", show_default=True, help=camera_text.APERTURE_HELP)
 @click.option("--diffraction", is_flag=True, help="Apply each lens's Airy pattern; disk apertures only.")
+@click.option("--dual-pixel", is_flag=True, help="Also write the images of the halves of each lens (dp-left0.png ...).")
 @click.option("--camera", metavar="NAME", help="A camera that exists, with its baseline; see `twinlens cameras`.")
 @click.option("--size", help="Image size, WIDTHxHEIGHT.  [default: 640x480, or that of --camera]")
 @click.option("--fov", type=POSITIVE, help="Horizontal field of view, at most 179 degrees.  [default: the scene's]")
@@ -83,7 +84,7 @@ def command(scenes: tuple[str, ...], output: Place, overwrite: bool, as_json: bo
         sensor = sensor.replace(bits=int(options["bits"]))
     if options["mismatch"] is not None:
         sensor = sensor.replace(mismatch=camera_text.parse_mismatch(options["mismatch"], options["seed"]))
-    names = ("spp", "denoise", "noise", "seed", "sky_disparity", "diffraction")
+    names = ("spp", "denoise", "noise", "seed", "sky_disparity", "diffraction", "dual_pixel")
     how: dict[str, Any] = {name: options[name] for name in names}
     how |= {"keep_radiance": options["radiance"], "keep_models": options["models"]}
     how |= {"exposure": camera_text.parse_exposure(options["exposure"])}
@@ -123,8 +124,9 @@ def _job(scene: Scene, options: dict[str, Any]) -> tuple[Scene, Rig, list[tuple[
     if all(lens.aperture_diameter == 0 for _, lens in lenses):
         if _is_given("aperture"):
             raise InputError(f"--aperture {options['aperture']}: {_NO_APERTURE}")
-        if options["diffraction"]:
-            raise InputError(f"--diffraction: {_NO_APERTURE}")
+        for name in ("diffraction", "dual_pixel"):
+            if options[name]:
+                raise InputError(f"--{name.replace('_', '-')}: {_NO_APERTURE}")
     return scene, rig, lenses
 
 

@@ -219,6 +219,8 @@ def _facts(manifest: Manifest, many: Sequence[Statistics], noise: Sequence[float
     facts["blur circle, lenses that blur"] = _range(blurs, "px")
     if noise:
         facts["renderer noise"] = _range([quantiles(noise)], "x sensor noise")
+    if any("dp-disp" in name for row in manifest.rows for name in row.files):
+        facts["dual pixels"] = "halves and their disparity, for every lens with an aperture"
     shares = {"visible": "visible in both views", "occluded": "visible in one view", "unknown": "unknown"}
     for name, text in shares.items():
         facts[f"pixels {text}"] = f"{100 * float(np.mean([each[name] for each in known])):.1f}%" if known else "-"

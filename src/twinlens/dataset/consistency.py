@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import bdtrc
 
 from twinlens import geometry
-from twinlens.camera import Camera, Lens, ObjectTruth, Rig
+from twinlens.camera import Camera, Lens, ObjectTruth, Rig, dual_pixel_disparity
 from twinlens.camera.masks import decode_mask
 from twinlens.camera.truth import MATERIAL_KINDS
 from twinlens.dataset.codecs.calib import Calibration
@@ -106,6 +106,16 @@ def check_blur(truth: Arrays, camera: Camera, lens: Lens) -> Findings:
     expected = blur_circle_px(truth["depth"], camera, lens).astype(np.float64)
     error = np.abs(truth["blur_circle_px"] - expected)
     return _compare("blur_circle_px is not that of the lens", error, _PX + 10 * _ROUNDING * np.abs(expected), "px")
+
+
+def check_dual_pixels(truth: Arrays, disparity: NDArray[np.float32], camera: Camera, lens: Lens) -> Findings:
+    """The disparity of dual pixels is that of the depth and of the lens in sample.json."""
+    expected = dual_pixel_disparity(truth["depth"], camera, lens).astype(np.float64)
+    hit = np.isfinite(expected)
+    if not np.array_equal(disparity[~hit], expected[~hit]):
+        return ["disparity is known where nothing was hit"]
+    error, allowed = np.abs(disparity[hit] - expected[hit]), _PX + 10 * _ROUNDING * np.abs(expected[hit])
+    return _compare("disparity is not that of the lens", error, allowed, "px")
 
 
 def check_views(truths: tuple[Arrays, Arrays], rig: Rig, views: tuple[int, int]) -> Findings:

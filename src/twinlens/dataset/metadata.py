@@ -33,13 +33,16 @@ _EXR, _TEXT, _JSON = ["image/x-exr", "text/plain"], ["text/plain"], ["text/plain
 _KINDS = {
     "im": ("image of view {}", _PNG, "sc:ImageObject"),
     "disp": ("true disparity of view {}: float32 pixels, +inf unknown", _PFM, "sc:ImageObject"),
+    "dp-left": ("image of the left halves of view {}'s dual pixels", _PNG, "sc:ImageObject"),
+    "dp-right": ("image of the right halves of view {}'s dual pixels", _PNG, "sc:ImageObject"),
+    "dp-disp": ("true disparity of view {}'s dual pixels: float32 pixels, +inf unknown", _PFM, "sc:ImageObject"),
     "mask": ("view {}: 255 visible in both, 128 occluded or out of frame, 0 unknown", _PNG, "sc:ImageObject"),
     "truth": ("truth of view {}: depth, position, normals, ids, blur circle", _EXR, "sc:Text"),
     "radiance": ("linear image of view {}", _EXR, "sc:Text"),
     "calib": ("calibration of the pair, as Middlebury's calib.txt", _TEXT, "sc:Text"),
     "sample": ("how the sample was made", _JSON, "sc:Text"),
 }
-_FILE = re.compile(r"([a-z]+)(\d*)[A-Za-z]*\.[a-z]+$")  # kind, view
+_FILE = re.compile(r"([a-z-]+)(\d*)[A-Za-z]*\.[a-z]+$")  # kind, view
 
 _TERMS = """citeAs column equivalentProperty extract field fileProperty fileObject fileSet format includes isLiveDataset
 jsonPath key md5 parentField path recordSet references regex repeated replace samplingRate separator source subField

@@ -6,7 +6,7 @@
 
 import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import twinlens
-from twinlens.camera import Lens, Rig
+from twinlens.camera import Lens, Rig, dual_pixel_disparity
 from twinlens.camera.truth import MATERIAL_KINDS, Truth
 from twinlens.dataset.codecs.calib import Calibration, encode_calib, tidy
 from twinlens.dataset.codecs.exr import encode_exr
@@ -36,6 +36,7 @@ CONVENTIONS = {
     "disparity": "u_left - u_right in pixels; z = fx * baseline / (d + doffs); unknown is +inf",
     "depth": "z along the optical axis; +inf where nothing was hit",
     "world_from_cams": "4x4, a point's world coordinates from its camera coordinates",
+    "dp-disp": "u in dp-left - u in dp-right, pixels: positive before the plane of focus; unknown is +inf",
     "mask_nonocc": "255 visible in both views, 128 occluded or out of frame, 0 unknown",
     "ids": "0 nothing hit, else 1 + index into the list of names",
     "objects": "per view; pixel boxes are u, v, width, height, all 0 if empty; silhouettes are COCO's run-length code",
@@ -51,12 +52,14 @@ class Shot:
     images : one uint8 or uint16 (H, W, 3) or (H, W) array per camera.
     radiances : one float32 (H, W, 3) linear array per camera, or None to store none.
     record : plain data on how the images were taken (spp, sensor, exposure, ...).
+    halves : of dual pixels: the left and the right image of each camera, as `images`; or None.
     """
 
     lens: Lens
     images: tuple[NDArray[Any], ...]
     radiances: tuple[NDArray[np.float32], ...] | None = None
     record: Mapping[str, Any] = field(default_factory=dict)
+    halves: tuple[tuple[NDArray[Any], NDArray[Any]], ...] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +89,7 @@ class Sample:
         groups: dict[str, Any] = {"truths": [truth.depth for truth in self.truths] or None}
         for k, shot in enumerate(self.shots):
             groups |= {f"images of shot {k}": shot.images, f"radiances of shot {k}": shot.radiances}
+            groups |= {f"{half} halves of shot {k}": images for half, images in _halves(shot).items()}
         for what, arrays in groups.items():
             if arrays is not None and len(arrays) != len(self.rig):
                 raise InputError(f"{what}: got {len(arrays)}, but the rig has {len(self.rig)} cameras")
@@ -108,6 +112,8 @@ def sample_files(sample: Sample) -> dict[str, bytes]:
         for i, radiance in enumerate(shot.radiances or ()):
             channels = dict(zip("RGB", np.moveaxis(radiance, -1, 0), strict=True))
             files[f"{lens_folder(k)}radiance{i}.exr"] = encode_exr(channels)
+        for half, images in _halves(shot).items():
+            files |= {f"{lens_folder(k)}dp-{half}{i}.png": encode_png(image) for i, image in enumerate(images)}
     rig = sample.rig.nominal
     for i, truth in enumerate(sample.truths):
         files[f"truth{i}.exr"] = encode_truth(truth, rig.cameras[i], sample.shots[0].lens)
@@ -115,6 +121,10 @@ def sample_files(sample: Sample) -> dict[str, bytes]:
             files[f"mask{i}nocc.png"] = encode_png(truth.mask_nonocc())
         if rectified_pair(rig, i) is not None:
             files[f"disp{i}.pfm"] = encode_pfm(truth.disparity)
+        for k, shot in enumerate(sample.shots):
+            if shot.halves is not None:
+                disparity = dual_pixel_disparity(truth, rig.cameras[i], shot.lens)
+                files[f"{lens_folder(k)}dp-disp{i}.pfm"] = encode_pfm(disparity)
     if sample.is_rectified:
         files["calib.txt"] = encode_calib(_calibration(sample)).encode()
     for name, (vertices, faces) in sample.models.items():
@@ -149,6 +159,11 @@ def rectified_pair(rig: Rig, i: int) -> tuple[int, int] | None:
 def lens_folder(k: int) -> str:
     """The folder of shot k, with its slash; the first shot is in the sample's own."""
     return f"lens-{k}/" if k else ""
+
+
+def _halves(shot: Shot) -> dict[str, Sequence[NDArray[Any]]]:
+    """The images of the left and of the right halves of dual pixels, one per camera; empty for other sensors."""
+    return {} if shot.halves is None else dict(zip(("left", "right"), zip(*shot.halves, strict=True), strict=True))
 
 
 def _calibration(sample: Sample) -> Calibration:

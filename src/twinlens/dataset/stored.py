@@ -277,6 +277,20 @@ class StoredShot:
 
     im0, im1 = _view(image, 0), _view(image, 1)
 
+    def dp_left(self, i: int) -> Image:
+        """Image of the left halves of view i's dual pixels, as `image`. Raises FileError without dual pixels."""
+        return read_png(self.path(f"dp-left{i}.png"))
+
+    def dp_right(self, i: int) -> Image:
+        """Image of the right halves of view i's dual pixels, as `image`. Raises FileError without dual pixels."""
+        return read_png(self.path(f"dp-right{i}.png"))
+
+    def dp_disparity(self, i: int) -> Disparity:
+        """True disparity of view i's dual pixels, u_left - u_right, float32 (H, W), pixels; +inf unknown."""
+        return read_disparity(self.path(f"dp-disp{i}.pfm"))
+
+    dp_left0, dp_right0, dp_disp0 = _view(dp_left, 0), _view(dp_right, 0), _view(dp_disparity, 0)
+
     def radiance(self, i: int) -> NDArray[np.float32]:
         """Linear image of view i, float32 (H, W, 3), if it was stored."""
         path = self.path(f"radiance{i}.exr")
@@ -306,9 +320,10 @@ _SAMPLE_QUANTITIES = ("name", "ndisp")
 _CALIBRATION_QUANTITIES = ("baseline", "doffs")
 _CAMERA_QUANTITIES = ("K", "world_from_cam")
 _TRUTH_QUANTITIES = (*SCALARS, *VECTORS)
+_DUAL_METHODS = {"dp_left": "dp_left", "dp_right": "dp_right", "dp_disp": "dp_disparity"}
 _VIEW_METHODS = {"im": "image", "disp": "disparity", "mask_nonocc": "mask_nonocc", "radiance": "radiance"}
-_LENS_METHODS = {"im": "image", "radiance": "radiance", "blur_circle_px": "blur_circle_px"}
-"""The quantities of docs/loading.md. The last two tables give the methods that read them."""
+_LENS_METHODS = {"im": "image", "radiance": "radiance", "blur_circle_px": "blur_circle_px", **_DUAL_METHODS}
+"""The quantities of docs/loading.md. The last three tables give the methods that read them."""
 
 _NAME = re.compile(r"(?:lens(\d{1,4})\.)?([A-Za-z_]+?)(\d{1,4})(_nonocc)?")
 
@@ -325,7 +340,7 @@ def parse_quantity(name: str) -> tuple[str, int | None, int]:
         return name, None, 0
     match = _NAME.fullmatch(name)
     lens, quantity, view = (match[1], match[2] + (match[4] or ""), int(match[3])) if match else (None, "", 0)
-    view_quantities = (*_VIEW_METHODS, *_CAMERA_QUANTITIES, *_TRUTH_QUANTITIES)
+    view_quantities = (*_VIEW_METHODS, *_DUAL_METHODS, *_CAMERA_QUANTITIES, *_TRUTH_QUANTITIES)
     if quantity in (_LENS_METHODS if lens else view_quantities):
         return quantity, int(lens) if lens else None, view
     examples = (*(f"{each}0" for each in view_quantities if each != "mask_nonocc"), "mask0_nonocc", "lens1.im0")
@@ -341,8 +356,8 @@ def read_quantities(names: Iterable[str], sample: StoredSample) -> dict[str, Any
     values: dict[str, Any] = {}
     for name in names:
         quantity, lens, view = parse_quantity(name)
-        if lens is not None or quantity in _VIEW_METHODS:
-            owner = sample if lens is None else sample.lens(lens)
+        if lens is not None or quantity in _VIEW_METHODS | _DUAL_METHODS:
+            owner = sample if lens is None and quantity in _VIEW_METHODS else sample.lens(lens or 0)
             values[name] = getattr(owner, (_VIEW_METHODS | _LENS_METHODS)[quantity])(view)
         elif quantity in _TRUTH_QUANTITIES:
             values[name] = truth(view)[quantity]

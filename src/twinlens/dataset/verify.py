@@ -33,7 +33,9 @@ from twinlens.errors import FileError
 
 _SAMPLE_FILES = (MARK, "im0.png")
 _MISSING, _CHANGED = "is missing", "differs from its SHA-256 in"
-_VIEW_FILE = re.compile(r"(?:lens-\d+/)?(im|disp|mask|truth|radiance)(\d+)(?:GT|nocc)?(\.png|\.pfm|\.exr)$")
+_VIEW_FILE = re.compile(
+    r"(?:lens-\d+/)?(im|disp|mask|truth|radiance|dp-left|dp-right|dp-disp)(\d+)(?:GT|nocc)?(\.png|\.pfm|\.exr)$"
+)
 
 _READERS: dict[str, Callable[[Any], Any]] = {
     ".png": read_png,
@@ -237,10 +239,13 @@ def _read_files(sample: StoredSample, present: list[str]) -> tuple[Content, list
                 file = sample.file
                 content["rig"], content["lenses"] = file.rig.nominal, [shot.lens for shot in file.shots]
                 content["objects"] = file.objects
+                dual = file.record.get("dual_pixel") is True
+                content["dual"] = [k for k, lens in enumerate(content["lenses"]) if dual and lens.aperture_diameter > 0]
         except FileError as error:
             findings.append(f"{name}: {str(error).removeprefix(str(path)).lstrip(': ')}")
     views, lenses = len(content.get("rig", (0, 1))), len(content.get("lenses", (0,)))
     images = [(i, f"{lens_folder(k)}im{i}.png") for k in range(lenses) for i in range(views)]
+    images += [(i, f"{lens_folder(k)}dp-{half}{i}.png") for k, i, half in _halves(content)]
     findings += [f"{name}: is missing (the image of view {i})" for i, name in images if name not in present]
     return content, findings
 
@@ -273,6 +278,7 @@ def _check_truth(content: Content) -> list[str]:
     expected = [f"truth{i}.exr" for i in views]
     expected += [f"mask{i}nocc.png" for i in views if rig.partner(i) is not None]
     expected += [f"disp{i}.pfm" for i in views if rectified_pair(rig, i) is not None]
+    expected += [f"{lens_folder(k)}dp-disp{i}.pfm" for k in content["dual"] for i in views]
     if any(name in content for name in expected):
         findings += [f"{name}: is missing" for name in expected if name not in content]
     for i in views:
@@ -289,6 +295,10 @@ def _check_view(content: Content, rig: Rig, i: int) -> list[str]:
         return findings
     blur = consistency.check_blur(truth, camera, content["lenses"][0])
     findings, known = _named(name, consistency.check_ids(truth) + blur), truth["object_id"] > 0
+    for k in content["dual"]:
+        own = f"{lens_folder(k)}dp-disp{i}.pfm"
+        if own in content:
+            findings += _named(own, consistency.check_dual_pixels(truth, content[own], camera, content["lenses"][k]))
     objects = dict(enumerate(content["objects"])).get(i, [])
     findings += _named("sample.json", consistency.check_objects(objects, truth, f"objects[{i}]"))
     if disparity is not None:
@@ -313,6 +323,11 @@ def _check_exchange(content: Content, rig: Rig) -> list[str]:
             left, right = (f"{lens_folder(k)}im{j}.png" for j in (i, i + 1))
             findings += _named(left, consistency.check_exchange((content[left], content[right]), disparity, mask))
     return findings
+
+
+def _halves(content: Content) -> Iterator[tuple[int, int, str]]:
+    """Number of lens, view and name of each image of halves of dual pixels that the sample must have."""
+    return itertools.product(content.get("dual", ()), range(len(content.get("rig", ()))), ("left", "right"))
 
 
 def _named(name: str, findings: list[str]) -> list[str]:

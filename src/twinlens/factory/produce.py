@@ -24,6 +24,7 @@ from twinlens.rendering import (
     check_lens_supported,
     check_lit,
     check_mismatch_supported,
+    check_parts_supported,
     ground_truth,
     with_object_truth,
 )
@@ -122,6 +123,7 @@ def produce(
         sensor=settings.sensor,
         exposure=settings.exposure,
         diffraction=settings.diffraction,
+        dual_pixel=settings.dual_pixel,
         sky_disparity=settings.sky_disparity,
         keep_radiance="radiance" in spec.keep,
         keep_models="models" in spec.keep,
@@ -150,6 +152,8 @@ def check_backend(recipe: Recipe, index: int) -> None:
             for lens in make_lenses(settings, None, file, recipe.sources.file):
                 check_lens_supported(lens)
             check_mismatch_supported(settings.sensor.mismatch.distortion_px)
+            if settings.dual_pixel:
+                check_parts_supported()
         except BackendError:
             if attempt == last:
                 raise

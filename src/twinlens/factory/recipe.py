@@ -240,10 +240,10 @@ def _check_drawn(drawn: Mapping[str, Any], path: Path, recipe: Any) -> tuple[dic
     if gates.noise is not None and any(s.spp < 2 or not (s.denoise or s.noise) for s, _ in checked):
         raise InputError(f"{path}: gates.noise: the noise is measured with spp >= 2 and denoise = true or noise only")
     wide = any(lens.aperture_diameter > 0 for _, lenses in checked for lens in lenses)
-    if any(settings.diffraction for settings, _ in checked) and not wide:
-        raise InputError(
-            f"{path}: diffraction: has no effect, every lens is a pinhole; add [[lenses]] with an aperture or remove it"
-        )
+    for key in ("diffraction", "dual_pixel"):
+        if any(getattr(settings, key) for settings, _ in checked) and not wide:
+            remedy = "add [[lenses]] with an aperture or remove it"
+            raise InputError(f"{path}: {key}: has no effect, every lens is a pinhole; {remedy}")
     shapes = (getattr(lens, "shape", None) for settings, _ in checked for lens in settings.lenses)
     masks = [Path(shape.file).as_posix() for shape in shapes if isinstance(shape, MaskTable) and shape.file]
     skies = dict.fromkeys(settings.sky.file for settings, _ in checked if settings.sky)

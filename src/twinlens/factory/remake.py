@@ -71,6 +71,7 @@ def remake(
         sensor=Sensor(**{**written["sensor"], "mismatch": mismatch}),
         exposure=None if settings.exposure is None else Exposure(**written["exposure"]),
         diffraction=settings.diffraction,
+        dual_pixel=settings.dual_pixel,
         sky_disparity=settings.sky_disparity,
         keep_radiance=settings.keep_radiance,
         keep_models=settings.keep_models,
@@ -103,6 +104,7 @@ class _Settings(FileModel):
     sensor: SensorTable
     exposure: ExposureTable | None = None
     diffraction: bool
+    dual_pixel: bool = False
     sky_disparity: bool
     keep_radiance: bool
     keep_models: bool = False
@@ -187,7 +189,7 @@ def rectified_sample(
     for side, truth in enumerate(ground_truth(scene, result.aligned_rig, sky_disparity=settings["sky_disparity"])):
         in_both = _in_both(truth, side, result.aligned_rig, valid)
         truths.append(replace(truth, visible=truth.visible & in_both))
-    record = {**settings, "keep_radiance": False, "keep_models": False, **origin}
+    record = {**settings, "dual_pixel": False, "keep_radiance": False, "keep_models": False, **origin}
     return Sample(result.rectified_rig, tuple(shots), tuple(truths), record=record)
 
 

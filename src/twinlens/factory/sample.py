@@ -4,7 +4,7 @@ scene, rig, lens k -> render -> radiance (-> diffract) -> sensor -> Shot k --+
 scene, rig ---------> ground_truth ------------------------------> Truths ---+-> dataset.Sample
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from importlib import metadata
@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
 import twinlens
 from twinlens import rendering
-from twinlens.camera import Disk, Lens, Rig
+from twinlens.camera import Disk, Dual, Lens, Rig
 from twinlens.camera.film import diffract
 from twinlens.camera.lens import check_lens
 from twinlens.camera.truth import Truth
@@ -30,6 +31,7 @@ from twinlens.sensor import Exposure, Photo, Sensor
 from twinlens.sensor.exposure import check_exposure
 
 _SHOT_STREAM = 2
+NOT_DIFFRACTED = "dual_pixel and diffraction exclude each other: the Airy pattern is that of the whole aperture"
 
 
 def make_sample(
@@ -44,6 +46,7 @@ def make_sample(
     sensor: Sensor | None = None,
     exposure: Exposure | None = None,
     diffraction: bool = False,
+    dual_pixel: bool = False,
     sky_disparity: bool = False,
     keep_radiance: bool = False,
     keep_models: bool = False,
@@ -64,11 +67,13 @@ def make_sample(
     exposure : one exposure for all lenses, so that a smaller aperture gives a darker image. By default each lens has
         its own automatic exposure, which its cameras share.
     diffraction : blur images by the Airy pattern (`diffract`) at the sensor's wavelengths. Disk apertures only.
+    dual_pixel : take the images with dual pixels (`Sensor.expose_dual`) through every lens with an aperture.
     keep_radiance : keep the linear images, including diffraction.
     keep_models : keep the triangles of the scene's objects, in their own axes.
     truths : ``ground_truth(scene, rig.nominal, sky_disparity=sky_disparity)``, if already computed.
 
-    Raises InputError for diffraction with an aperture that is not a disk, and errors of rendering and sensor.
+    Raises InputError for diffraction with dual pixels or an aperture that is not a disk, and errors of rendering and
+    sensor.
     """
     sensor = sensor or Sensor()
     if not lenses:
@@ -80,6 +85,8 @@ def make_sample(
         sensor.mismatch.applied(exposure)
     if len(rig) > 1:
         rendering.check_mismatch_supported(sensor.mismatch.distortion_px)
+    if dual_pixel and diffraction:
+        raise InputError(NOT_DIFFRACTED)
     for lens in lenses:
         check_lens(lens)
         if diffraction and lens.aperture_diameter > 0 and not isinstance(lens.aperture, Disk):
@@ -90,24 +97,32 @@ def make_sample(
         stream = derived_seed(seed, _SHOT_STREAM, scene.name, k)  # so that no two images share noise
         report = rendering.partial_progress(progress, k / len(lenses), (k + 1) / len(lenses))
         expose = partial(sensor.expose_rig, rig=rig, lens=lens, seed=stream, exposure=exposure)
+        parts = Dual() if dual_pixel and lens.aperture_diameter > 0 else None
         views: Sequence[rendering.NoisyImage] = ()
         used = spp
         if spp > 1 and (denoise or noise is not None):
             views, used = rendering.render_measured(
-                scene, rig, lens, spp, stream, denoise=denoise, progress=report,
+                scene, rig, lens, spp, stream, denoise=denoise, parts=parts, progress=report,
                 enough=lambda views, expose=expose, lens=lens: noise is None  # type: ignore[misc]
-                or max(_noise_ratios(views, expose([view.image for view in views]), sensor, rig, lens)) <= noise,
+                or max(_noise_ratios(views, expose(_wholes(view.image for view in views)), sensor, rig, lens)) <= noise,
             )  # fmt: skip
-            radiances = tuple(view.image for view in views)
+            images = [view.image for view in views]
         else:
-            radiances = tuple(rendering.render(scene, rig, lens, spp, stream, denoise=denoise, progress=report))
+            images = rendering.render(scene, rig, lens, spp, stream, denoise=denoise, parts=parts, progress=report)
+        radiances = tuple(_wholes(images))
         if diffraction and lens.aperture_diameter > 0:
             pairs = zip(radiances, rig.cameras, strict=True)
             radiances = tuple(diffract(image, camera, lens, sensor.wavelengths) for image, camera in pairs)
-        photos = expose(radiances)
+        halves = None
+        if parts is None:
+            photos = expose(radiances)
+        else:
+            dual = sensor.expose_dual_rig(images, rig=rig, lens=lens, seed=stream, exposure=exposure)
+            photos, halves = [whole for *_, whole in dual], tuple((left.image, right.image) for left, right, _ in dual)
         ratios = {"light_paths_over_sensor": _noise_ratios(views, photos, sensor, rig, lens)} if views else {}
         taken = {"spp": used, **ratios, "seed": stream, "exposures": [photo.record for photo in photos]}
-        shots.append(Shot(lens, tuple(photo.image for photo in photos), radiances if keep_radiance else None, taken))
+        kept = radiances if keep_radiance else None
+        shots.append(Shot(lens, tuple(photo.image for photo in photos), kept, taken, halves))
     record = {
         "scene": scene.name,
         "scene_files": file_digests(scene),
@@ -119,6 +134,7 @@ def make_sample(
         "sensor": asdict(sensor),
         "exposure": None if exposure is None else asdict(exposure),
         "diffraction": diffraction,
+        "dual_pixel": dual_pixel,
         "sky_disparity": sky_disparity,
         "keep_radiance": keep_radiance,
         "keep_models": keep_models,
@@ -133,6 +149,11 @@ def make_sample(
     return Sample(rig, tuple(shots), tuple(truths), models=models, record=record)
 
 
+def _wholes(images: Iterable[NDArray[np.float32]]) -> list[NDArray[np.float32]]:
+    """The whole images (H, W, 3), of which each may be given as its parts (P, H, W, 3)."""
+    return [image.sum(axis=0) if image.ndim == 4 else image for image in images]
+
+
 def _noise_ratios(
     views: Sequence[rendering.NoisyImage], photos: Sequence[Photo], sensor: Sensor, rig: Rig, lens: Lens
 ) -> list[float]:
@@ -144,7 +165,7 @@ def _noise_ratios(
     found = []
     for view, photo, camera in zip(views, photos, rig.cameras, strict=True):
         rate = sensor.pixel_rates(camera, lens) * photo.record["time_s"]
-        electrons, error = np.maximum(view.image * rate, 0), view.error * rate
+        electrons, error = np.maximum(_wholes([view.image])[0] * rate, 0), view.error * rate
         if sensor.filters == "mono":
             electrons, error = (part.sum(axis=-1, keepdims=True) for part in (electrons, error))
         least = sensor.read_noise**2 + (1 / photo.record["system_gain_dn_per_electron"]) ** 2 / 12

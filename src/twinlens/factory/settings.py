@@ -21,6 +21,7 @@ from twinlens.camera.truth import Truth
 from twinlens.dataset import read_image
 from twinlens.errors import FileError, InputError, format_value, located
 from twinlens.factory.objects import Objects
+from twinlens.factory.sample import NOT_DIFFRACTED
 from twinlens.families import FAMILIES, check_view
 from twinlens.geometry import Float, rigid
 from twinlens.optics import middle_focus
@@ -287,6 +288,7 @@ class Settings(StrictModel):
     denoise: bool = True
     noise: Positive | None = None
     diffraction: bool = False
+    dual_pixel: bool = False
     sky_disparity: bool = False
     scene: SceneTable = SceneTable()
     sky: SkyTable | None = None
@@ -309,6 +311,8 @@ class Settings(StrictModel):
 
     @model_validator(mode="after")
     def _check_camera_and_rig(self) -> "Settings":
+        if self.dual_pixel and self.diffraction:
+            raise InputError(NOT_DIFFRACTED)
         if preset := (self.camera or {}).get("preset"):
             find_camera(preset).resized(self.width, self.height)
         groups = [*ALTERNATIVES, *({key} for key in Intrinsics.model_fields if not any(key in g for g in ALTERNATIVES))]

@@ -21,6 +21,7 @@ from twinlens.rendering.radiance import (
     NoisyImage as NoisyImage,
     Progress as Progress,
     check_lit as check_lit,
+    check_parts_supported as check_parts_supported,
     partial_progress as partial_progress,
     render as render,
     render_measured as render_measured,

@@ -121,7 +121,7 @@ def render(
 
 @dataclass(frozen=True, eq=False)
 class NoisyImage:
-    """Linear radiance and an estimate of its error, both float32 (H, W, 3).
+    """Linear radiance, float32 (H, W, 3) or (P, H, W, 3), and an estimate of the error of the whole image, (H, W, 3).
 
     The estimate is one random draw in each pixel, or in each 2x2 pixels if denoised: average its square over windows.
     """
@@ -138,6 +138,7 @@ def render_measured(
     seed: int,
     *,
     denoise: bool = False,
+    parts: Parts | None = None,
     sampler: str = SAMPLERS[0],
     enough: Callable[[Sequence[NoisyImage]], bool] = lambda _: True,
     progress: Progress | None = None,
@@ -147,8 +148,8 @@ def render_measured(
 
     The progress of each round runs from 0 to 1.
 
-    Returns one image per camera, and the samples per pixel used. Raises the errors of `render`, and InputError for
-    spp < 2.
+    Returns one image per camera, with `parts` those of the parts, and the samples per pixel used. Raises the errors of
+    `render`, and InputError for spp < 2.
     """
     check_request(scene, rig, [lens], spp, seed, sampler)
     if spp < 2:
@@ -156,39 +157,48 @@ def render_measured(
     built = build(scene)
     views = list(zip(rig.cameras, rig.world_from_cams, strict=True))
     others = [
-        [other_guides(built, *view, lens, GUIDE_SAMPLES // 2, seed, i, half) for half in range(2) if denoise]
+        [other_guides(built, *view, lens, GUIDE_SAMPLES // 2, seed, i, half, parts=parts) for half in (0, 1) if denoise]
         for i, view in enumerate(views)
     ]
+    fractions = None if parts is None else parts.light(lens.aperture)[0]
     owns: list[list[Guides | None]] = [[None, None] for _ in views]
-    totals = [np.zeros((2, camera.height, camera.width, 3)) for camera in rig.cameras]
+    several = () if parts is None else (len(parts),)
+    totals = [np.zeros((2, *several, camera.height, camera.width, 3)) for camera in rig.cameras]
     counts = np.zeros(2)
     extra = spp
     while True:
         for half, count in enumerate((extra - extra // 2, extra // 2)):
             half_seed = derived_seed(seed, _NOISE_STREAM, int(counts.sum()), half)
             report = partial_progress(progress, half / 2, (half + 1) / 2)
-            images = render(scene, rig, lens, count, half_seed, sampler=sampler, progress=report)
+            images = render(scene, rig, lens, count, half_seed, parts=parts, sampler=sampler, progress=report)
             for i, (camera, pose) in enumerate(views):
                 totals[i][half] += count * images[i].astype(np.float64)
                 if denoise:
                     passes = _image_passes(camera, count, half_seed, i, sampler)
-                    owns[i][half] = _joined(owns[i][half], _own_guides(built, camera, pose, lens, passes))
+                    owns[i][half] = _joined(owns[i][half], _own_guides(built, camera, pose, lens, passes, parts))
             counts[half] += count
-        found = [_measured(*each, counts) for each in zip(totals, others, owns, strict=True)]
+        found = [_measured(*each, counts, fractions) for each in zip(totals, others, owns, strict=True)]
         extra = int(counts.sum())
         if enough(found) or 2 * extra > MAX_SPP:
             return found, extra
 
 
 def _measured(
-    total: Float, others: Sequence[Guides], owns: Sequence[Guides | None], counts: NDArray[np.float64]
+    total: Float,
+    others: Sequence[Guides],
+    owns: Sequence[Guides | None],
+    counts: NDArray[np.float64],
+    fractions: Float | None,
 ) -> NoisyImage:
     """The image of one camera, from the sums of the two halves of its samples, and their guides."""
     mean = (total.sum(axis=0) / counts.sum()).astype(np.float32)
-    a, b = (total / counts[:, None, None, None]).astype(np.float32)
+    whole = total if fractions is None else total.sum(axis=1)
+    a, b = (whole / counts[:, None, None, None]).astype(np.float32)
     if not others:
         return NoisyImage(mean, np.abs(a - b) * np.float32(math.sqrt(counts.prod()) / counts.sum()))
-    denoised = denoise_image(mean, others[0] + others[1], _joined(*owns))
+    denoised = denoise_parts(mean, others[0] + others[1], _joined(*owns), fractions)
+    if fractions is not None:
+        others, owns = [each.of_parts() for each in others], [own and own.of_parts() for own in owns]
     small = [
         denoise_image(binned(image), other.binned(), own and own.binned(), fast=True)
         for image, other, own in zip((a, b), others, owns, strict=True)
@@ -213,11 +223,11 @@ def _follows_rays(built: BuiltScene) -> bool:
     return backend().is_jit and isinstance(built.integrator, mitsuba().SamplingIntegrator)
 
 
-def check_parts_supported(built: BuiltScene) -> None:
+def check_parts_supported(built: BuiltScene | None = None) -> None:
     """Raise BackendError if this process's backend, or the scene's integrator, has no images of parts."""
     if not backend().is_jit:
         raise BackendError(f"parts of an aperture {NEEDS_JIT}")
-    if not _follows_rays(built):
+    if built is not None and not _follows_rays(built):
         raise BackendError("parts of an aperture need an integrator that follows camera rays, such as 'path'")
 
 

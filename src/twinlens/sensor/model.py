@@ -189,17 +189,22 @@ class Sensor:
     ) -> list[Photo]:
         """One photo for each radiance, camera and eye, with one exposure."""
         images = [checked_radiance("radiance", radiance, camera) for radiance, camera, _ in views]
-        cameras = [camera for _, camera, _ in views]
-        check_lens(lens)
-        check_exposure(exposure)
-        check_int("seed", seed, 0)
-        if exposure is not None:
-            light.warn_below_f1(min(cameras, key=lambda camera: film_distance(camera, lens)), lens, stacklevel=4)
-        nominal = exposure or auto_exposure(images, sensor=self, cameras=cameras, lens=lens)
+        nominal = self._nominal(images, [camera for _, camera, _ in views], lens, seed, exposure)
         return [
             self._take(image, camera, lens, nominal, seed, eye)
             for image, (_, camera, eye) in zip(images, views, strict=True)
         ]
+
+    def _nominal(
+        self, images: Sequence[Float], cameras: Sequence[Camera], lens: Lens, seed: int, exposure: Exposure | None
+    ) -> Exposure:
+        """The given exposure, or the automatic one of `images`, after checks."""
+        check_lens(lens)
+        check_exposure(exposure)
+        check_int("seed", seed, 0)
+        if exposure is not None:
+            light.warn_below_f1(min(cameras, key=lambda camera: film_distance(camera, lens)), lens, stacklevel=5)
+        return exposure or auto_exposure(images, sensor=self, cameras=cameras, lens=lens)
 
     def expose_dual(
         self,
@@ -225,28 +230,48 @@ class Sensor:
         Returns the photos of the left half, the right half (top and bottom with ``Dual("y")``), and the whole pixels.
         Raises the errors of `expose`, and InputError unless there are two halves.
         """
-        images = [checked_radiance("radiance", each, camera) for each in np.asarray(halves)]
-        if len(images) != 2:
-            raise InputError(f"expose_dual needs the images of two halves, got {len(images)}")
-        check_lens(lens)
-        check_exposure(exposure)
-        check_int("seed", seed, 0)
+        return self._expose_dual([(halves, camera, eye)], lens, seed, exposure, crosstalk)[0]
+
+    def expose_dual_rig(
+        self, images: Sequence[ArrayLike], *, rig: Rig, lens: Lens, seed: int = 0, exposure: Exposure | None = None
+    ) -> list[tuple[Photo, Photo, Photo]]:
+        """`expose_dual` for the halves of each camera of a rig, with one exposure."""
+        return self._expose_dual(_views(images, rig), lens, seed, exposure, 0.0)
+
+    def _expose_dual(
+        self,
+        views: Sequence[tuple[ArrayLike, Camera, int]],
+        lens: Lens,
+        seed: int,
+        exposure: Exposure | None,
+        crosstalk: float,
+    ) -> list[tuple[Photo, Photo, Photo]]:
+        halves = [[checked_radiance("radiance", each, view[1]) for each in np.asarray(view[0])] for view in views]
+        for images in halves:
+            if len(images) != 2:
+                raise InputError(f"expose_dual needs the images of two halves, got {len(images)}")
         check_number("crosstalk", crosstalk, "a fraction from 0 to 0.5", least=0, most=0.5)
-        if exposure is not None:
-            light.warn_below_f1(camera, lens, stacklevel=3)
-        nominal = exposure or auto_exposure([images[0] + images[1]], sensor=self, cameras=camera, lens=lens)
-        photos, wells = [], []
-        for i, image in enumerate(images):
-            mixed = image + crosstalk * (images[1 - i] - image)
-            diode = self.replace(
+        cameras = [camera for _, camera, _ in views]
+        nominal = self._nominal([left + right for left, right in halves], cameras, lens, seed, exposure)
+        diodes = [
+            self.replace(
                 full_well=self.full_well / 2,
                 dark_current=self.dark_current / 2,
                 serial=derived_seed(self.serial, "dual pixel", i),
             )
-            stream = derived_seed(seed, "dual pixel", i)
-            wells.append(diode._collect(mixed, camera, lens, nominal, stream, eye))
-            photos.append(diode._read(wells[i], camera, lens, nominal, stream, eye))
-        return photos[0], photos[1], self._read(wells[0] + wells[1], camera, lens, nominal, seed, eye)
+            for i in (0, 1)
+        ]
+        streams = [derived_seed(seed, "dual pixel", i) for i in (0, 1)]
+        found = []
+        for images, (_, camera, eye) in zip(halves, views, strict=True):
+            photos, wells = [], []
+            for i, (diode, stream, image) in enumerate(zip(diodes, streams, images, strict=True)):
+                mixed = image + crosstalk * (images[1 - i] - image)
+                wells.append(diode._collect(mixed, camera, lens, nominal, stream, eye))
+                photos.append(diode._read(wells[i], camera, lens, nominal, stream, eye))
+            whole = self._read(wells[0] + wells[1], camera, lens, nominal, seed, eye)
+            found.append((photos[0], photos[1], whole))
+        return found
 
     def _take(self, image: Float, camera: Camera, lens: Lens, nominal: Exposure, seed: int, eye: int) -> Photo:
         return self._read(self._collect(image, camera, lens, nominal, seed, eye), camera, lens, nominal, seed, eye)
@@ -312,9 +337,7 @@ class Sensor:
 
         The `ParaxialWarning` is given once, for the camera with the smallest film distance.
         """
-        if len(images) != len(rig):
-            raise InputError(f"expose_rig needs one image per camera, got {len(images)} images and {len(rig)} cameras")
-        return self._expose(list(zip(images, rig.cameras, range(len(rig)), strict=True)), lens, seed, exposure)
+        return self._expose(_views(images, rig), lens, seed, exposure)
 
     def pixel_rates(self, camera: Camera, lens: Lens) -> Float:
         """Electrons per second per unit of rendered radiance, (H, W, 3); (3,) without vignetting."""
@@ -361,3 +384,10 @@ class Sensor:
         elif self.filters == "rgb":
             linear = linear * self.balance()
         return picture.encode(mismatch.developed(linear), self.output, self.gamma, self.bits)
+
+
+def _views(images: Sequence[ArrayLike], rig: Rig) -> list[tuple[ArrayLike, Camera, int]]:
+    """The image, camera and index of each view."""
+    if len(images) != len(rig):
+        raise InputError(f"expose_rig needs one image per camera, got {len(images)} images and {len(rig)} cameras")
+    return list(zip(images, rig.cameras, range(len(rig)), strict=True))

@@ -1,0 +1,139 @@
+"""Samples with dual pixels: their files, disparity, record, verification and reading."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+import twinlens as tl
+from tests.factory_recipes import digests, write_recipe
+from twinlens.dataset import Dataset, read_pfm, write_pfm
+from twinlens.dataset.sample import sample_files
+from twinlens.dataset.verify import verify_sample
+from twinlens.errors import FileError, InputError
+from twinlens.factory import generate, make_sample, read_recipe, remake, worker_processes
+from twinlens.rendering import backend
+
+pytestmark = pytest.mark.usefixtures("parts_supported")
+
+RECIPE = """
+seed = 5
+count = {count}
+scenes = ["tiny"]
+width = 48
+height = 36
+spp = 4
+dual_pixel = true
+
+[[lenses]]
+kind = "pinhole"
+
+[[lenses]]
+kind = "thin"
+aperture_mm = 100
+focus = 1.2
+
+[sensor]
+preset = "ideal"
+output = "linear"
+bits = 16
+vignetting = false
+"""
+
+
+@pytest.fixture(scope="module")
+def parts_supported():
+    if not backend().is_jit:
+        pytest.skip("parts of an aperture need the LLVM or CUDA backend")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory, parts_supported):
+    folder = tmp_path_factory.mktemp("dual")
+    generate(read_recipe(write_recipe(folder, RECIPE, 2)), folder / "out")
+    return folder / "out"
+
+
+@pytest.fixture
+def sample(made):
+    return Dataset(made)[0]
+
+
+def test_lenses_with_an_aperture_have_two_halves_and_their_disparity(made, sample):
+    new = {f"dp-{part}{i}" for part in ("left", "right", "disp") for i in (0, 1)}
+    assert {path.stem for path in (sample.folder / "lens-1").iterdir()} == {"im0", "im1"} | new
+    assert not any(path.name.startswith("dp") for path in sample.folder.iterdir())
+    assert verify_sample(sample) == []
+    assert "dp-left0.png" in (made / "croissant.json").read_text()
+    assert "| dual pixels |" in (made / "README.md").read_text()
+
+
+def test_the_whole_image_is_the_mean_of_the_halves(sample):
+    """A linear sensor without noise reads each half at twice the gain."""
+    shot = sample.lens(1)
+    mean = 0.5 * shot.dp_left0 + 0.5 * shot.dp_right0
+    bright = (shot.dp_left0 < 65535) & (shot.dp_right0 < 65535)
+    np.testing.assert_allclose(mean[bright], shot.im0[bright], atol=1.0 + 65535 / 4096)
+    assert (shot.dp_left0 != shot.dp_right0).any()
+
+
+def test_the_halves_are_apart_by_the_true_disparity(sample):
+    """On the textured wall behind the focus, the shift with the least difference is that of the truth."""
+    shot, rows, columns = sample.lens(1), slice(0, 36), slice(30, 46)
+    left, right = (np.asarray(image, float).mean(axis=-1) for image in (shot.dp_left0, shot.dp_right0))
+    expected = shot.dp_disp0[rows, columns]
+    assert expected.max() < -0.5
+    shifts = np.arange(-3, 3.01, 0.1)
+    at = np.arange(48.0)
+    errors = [np.square(left - [np.interp(at - d, at, row) for row in right])[rows, columns].sum() for d in shifts]
+    assert shifts[np.argmin(errors)] == pytest.approx(np.median(expected), abs=0.35)
+
+
+def test_quantities_by_name(sample):
+    row = tl.Dataset(sample.folder.parent).select("lens1.dp_left0", "lens1.dp_right1", "lens1.dp_disp0")[0]
+    shot = sample.lens(1)
+    np.testing.assert_array_equal(row["lens1.dp_left0"], shot.dp_left0)
+    np.testing.assert_array_equal(row["lens1.dp_right1"], shot.dp_right(1))
+    expected = tl.dual_pixel_disparity(sample.truth0, sample.rig.cameras[0], shot.lens)
+    np.testing.assert_allclose(row["lens1.dp_disp0"], expected, rtol=1e-5, atol=1e-5)
+    with pytest.raises(FileError, match=r"dp-left0\.png"):
+        sample["dp_left0"]
+
+
+def test_a_sample_made_again_has_the_same_bytes(made, sample):
+    scene = tl.load_scene(made.parent / "tiny")
+    again = sample_files(remake(sample.record, scene))
+    assert {name: (sample.folder / name).read_bytes() for name in again} == again
+
+
+@pytest.mark.slow
+def test_processes_give_the_same_bytes(made):
+    other = made.parent / "parallel"
+    generate(read_recipe(made.parent / "recipe.toml"), other, engine=worker_processes(2))
+    assert digests(other) == digests(made)
+
+
+@pytest.mark.parametrize(
+    ("damage", "finding"),
+    [
+        (lambda folder: (folder / "dp-right1.png").unlink(), "lens-1/dp-right1.png: is missing"),
+        (lambda folder: (folder / "dp-disp0.pfm").unlink(), "lens-1/dp-disp0.pfm: is missing"),
+        (lambda folder: _with_opposite_sign(folder), "lens-1/dp-disp0.pfm: disparity is not that of the lens"),
+    ],
+)
+def test_damage_is_found(sample, tmp_path, damage, finding):
+    shutil.copytree(sample.folder, tmp_path / "copy")
+    damage(tmp_path / "copy" / "lens-1")
+    (found,) = verify_sample(Dataset(tmp_path / "copy")[0])
+    assert found.startswith(finding)
+
+
+def _with_opposite_sign(folder):
+    write_pfm(folder / "dp-disp0.pfm", -read_pfm(folder / "dp-disp0.pfm"))
+
+
+def test_diffraction_is_refused():
+    scene = tl.load_scene("cards")
+    rig = tl.Rig.stereo(tl.Camera.from_fov(16, 12, 50), 0.1, scene.world_from_left)
+    with pytest.raises(InputError, match="dual_pixel and diffraction exclude each other"):
+        make_sample(scene, rig, [tl.ThinLens(0.01, 1.0)], diffraction=True, dual_pixel=True)
