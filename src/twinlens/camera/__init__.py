@@ -32,5 +32,17 @@ from twinlens.camera.parts import (
     Quad as Quad,
     dual_pixel_disparity as dual_pixel_disparity,
 )
+from twinlens.camera.projector import Projector as Projector
 from twinlens.camera.rig import ALIGNED as ALIGNED, Misalignment as Misalignment, Rig as Rig, misaligned as misaligned
-from twinlens.camera.truth import Correspondence as Correspondence, ObjectTruth as ObjectTruth, Truth as Truth
+from twinlens.camera.structured_light import (
+    Decoded as Decoded,
+    GrayCode as GrayCode,
+    PhaseShift as PhaseShift,
+    decode as decode,
+)
+from twinlens.camera.truth import (
+    Correspondence as Correspondence,
+    ObjectTruth as ObjectTruth,
+    Projection as Projection,
+    Truth as Truth,
+)

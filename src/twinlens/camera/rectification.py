@@ -119,7 +119,8 @@ def rectify(
     for centre, old in zip(centres, pair.cameras, strict=True):
         cx, cy = np.round(0.5 * (np.array(size) - 1) - focal * centre, 9)  # exact half pixels, for the scalar backend
         cameras.append(Camera(*size, focal, focal, float(cx), float(cy), pixel_pitch_um=old.pixel_pitch_um))
-    aligned = Rig(cameras, [rigid(world_from_rect, pose[:3, 3]) for pose in pair.world_from_cams])
+    poses = [rigid(world_from_rect, pose[:3, 3]) for pose in pair.world_from_cams]
+    aligned = Rig(cameras, poses, projectors=pair.projectors_from(poses[0]))
     rectified = aligned if misalignment == ALIGNED else misaligned(aligned, (ALIGNED, misalignment))
     return Rectification(pair, aligned, rectified)
 

@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike
 
 from twinlens.camera.distortion import BrownConrady
 from twinlens.camera.intrinsics import Camera
-from twinlens.errors import InputError, check_ranges
+from twinlens.camera.projector import Projector
+from twinlens.errors import InputError, check_ranges, format_value
 from twinlens.geometry import Float, check_rigid, inverse, rigid, transform_points
 from twinlens.optics import check_length
 
@@ -23,6 +24,7 @@ class Rig:
 
     calibrated : the rig that the calibration describes, where it differs on purpose (`camera.misaligned`): images are
     taken by this rig, while a sample's truth and calibration are those of the calibrated one.
+    projectors : they move with the first camera, in whose axes their poses are.
 
     Raises InputError when the counts differ, the rig is empty, or a pose is not rigid.
     """
@@ -30,9 +32,14 @@ class Rig:
     cameras: tuple[Camera, ...]
     world_from_cams: tuple[Float, ...]
     calibrated: "Rig | None" = None
+    projectors: tuple[Projector, ...] = ()
 
     def __init__(
-        self, cameras: Sequence[Camera], world_from_cams: Sequence[ArrayLike], calibrated: "Rig | None" = None
+        self,
+        cameras: Sequence[Camera],
+        world_from_cams: Sequence[ArrayLike],
+        calibrated: "Rig | None" = None,
+        projectors: Sequence[Projector] = (),
     ) -> None:
         if len(cameras) != len(world_from_cams) or not cameras:
             got = f"{len(cameras)} cameras and {len(world_from_cams)} poses"
@@ -43,7 +50,10 @@ class Rig:
                 raise InputError("calibrated must be a Rig that has no calibrated rig itself")
             if [(c.width, c.height) for c in calibrated.cameras] != [(c.width, c.height) for c in cameras]:
                 raise InputError("a rig and its calibrated rig must have as many cameras, of the same image sizes")
-        for name, value in (("cameras", tuple(cameras)), ("world_from_cams", poses), ("calibrated", calibrated)):
+        if not isinstance(projectors, Sequence) or not all(isinstance(each, Projector) for each in projectors):
+            raise InputError(f"the projectors of a rig must be a list of Projectors, got {format_value(projectors)}")
+        values = {"cameras": tuple(cameras), "world_from_cams": poses, "calibrated": calibrated}
+        for name, value in (values | {"projectors": tuple(projectors)}).items():
             object.__setattr__(self, name, value)
 
     @classmethod
@@ -89,6 +99,30 @@ class Rig:
         points_cam = np.asarray(depth, dtype=np.float64)[..., None] * self.cameras[index].unproject(pixels)
         return transform_points(self.world_from_cams[index], points_cam)
 
+    @property
+    def world_from_projectors(self) -> tuple[Float, ...]:
+        """The poses of the projectors in the world, (4, 4) each."""
+        return tuple(self.world_from_cams[0] @ projector.pose for projector in self.projectors)
+
+    def with_projectors(self, projectors: Sequence[Projector]) -> "Rig":
+        """The same cameras with these projectors."""
+        return replace(self, projectors=tuple(projectors))
+
+    def projectors_from(self, world_from_first: Float) -> tuple[Projector, ...]:
+        """The projectors where they are, for a rig whose first camera has this pose."""
+        first_from_world = inverse(world_from_first)
+        poses = self.world_from_projectors
+        return tuple(replace(p, pose=first_from_world @ pose) for p, pose in zip(self.projectors, poses, strict=True))
+
+    @property
+    def views(self) -> "Rig":
+        """The cameras and then the projectors as cameras: projector i is camera len(rig) + i.
+
+        For geometry between cameras and projectors, as `camera.multiview.triangulate`.
+        """
+        cameras = [*self.cameras, *(projector.intrinsics for projector in self.projectors)]
+        return Rig(cameras, [*self.world_from_cams, *self.world_from_projectors])
+
     def partner(self, index: int) -> int | None:
         """The camera that `index` is matched with: 0 with 1, 2 with 3, ...; an odd last one with the one before it."""
         if len(self) == 1:
@@ -99,7 +133,8 @@ class Rig:
     def pair(self, a: int, b: int) -> "Rig":
         """The rig of cameras `a` and `b`, in that order, with the pair of its `calibrated` rig."""
         calibrated = None if self.calibrated is None else self.calibrated.pair(a, b)
-        return Rig([self.cameras[i] for i in (a, b)], [self.world_from_cams[i] for i in (a, b)], calibrated)
+        poses = [self.world_from_cams[i] for i in (a, b)]
+        return Rig([self.cameras[i] for i in (a, b)], poses, calibrated, self.projectors_from(poses[0]))
 
     def baseline(self, a: int = 0, b: int = 1) -> float:
         """Distance of two camera centres, metres."""
@@ -165,4 +200,4 @@ def misaligned(rig: Rig, errors: Sequence[Misalignment]) -> Rig:
         fx, fy, cy = camera.fx * error.focal, camera.fy * error.focal, camera.cy + error.vertical_px
         cameras.append(camera.replace(fx=fx, fy=fy, cy=cy, distortion=distortion))
         poses.append(pose @ rotation)
-    return Rig(cameras, poses, calibrated=rig.nominal)
+    return Rig(cameras, poses, rig.nominal, rig.projectors_from(poses[0]))

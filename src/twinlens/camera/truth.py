@@ -122,3 +122,16 @@ class Correspondence:
     pixels: NDArray[np.float64]
     visible: NDArray[np.bool_]
     disparity: NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Projection:
+    """The pixel of a projector that lights the point which each pixel of a camera sees. Arrays (H, W[, 2]).
+
+    pixels : float64 (H, W, 2), (u_p, v_p), distorted, also where the point is in shadow or outside the pattern; +inf
+        where nothing was hit, or the point is behind the projector or beyond its distortion's range.
+    lit : bool, whether light of the projector reaches the point directly, on the side that the camera sees.
+    """
+
+    pixels: NDArray[np.float64]
+    lit: NDArray[np.bool_]

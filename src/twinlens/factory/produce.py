@@ -147,7 +147,8 @@ def check_backend(recipe: Recipe, index: int) -> None:
             spec = plan(recipe, index, attempt)
             settings = read(Settings, with_mismatch_seed(spec.drawn, spec.seed), file)
             scene = recipe.sources.scene(spec.scene) if spec.kind == "scene" else ANY_SCENE
-            for camera in settings.rig_of(scene, scene.rig, file).cameras:
+            rig = settings.rig_of(scene, scene.rig, file)
+            for camera in rig.cameras:
                 check_camera_supported(camera)
             for lens in make_lenses(settings, None, file, recipe.sources.file):
                 check_lens_supported(lens)
@@ -160,7 +161,8 @@ def check_backend(recipe: Recipe, index: int) -> None:
         except InputError:  # an impossible draw, which the dataset records
             return
         else:
-            if settings.sky is None and not settings.scene.objects and scene is not ANY_SCENE:
+            is_lit = settings.sky or settings.scene.objects or rig.projectors
+            if not is_lit and scene is not ANY_SCENE:
                 with located(f"{recipe.file}: scenes"):
                     check_lit(scene)
             return

@@ -11,6 +11,7 @@ from twinlens.rendering.focal_stack import focal_stack as focal_stack
 from twinlens.rendering.ground_truth import (
     correspondence as correspondence,
     ground_truth as ground_truth,
+    projection as projection,
     with_object_truth as with_object_truth,
 )
 from twinlens.rendering.lens_grid import LensGrid as LensGrid, render_lens_grid as render_lens_grid

@@ -48,13 +48,17 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class BuiltScene:
-    """A loaded Mitsuba scene and its bodies. `object_names[i]` and `material_names[i]` have the id i + 1."""
+    """A loaded Mitsuba scene and its bodies. `object_names[i]` and `material_names[i]` have the id i + 1.
+
+    `parts` are the shapes and lights of the Mitsuba scene; None for a file whose parts cannot be used again.
+    """
 
     mi_scene: Any
     integrator: Any
     bodies: tuple[Body, ...]
     object_names: tuple[str, ...]
     material_names: tuple[str, ...]
+    parts: Mapping[str, Any] | None = None
     cache: dict[str, Any] = field(default_factory=dict)
 
 
@@ -104,14 +108,15 @@ def _build_objects(scene: Scene) -> BuiltScene:
                 parts[key] = part
                 placed.append((len(names) + copy, key, material_id, kind, leaf, thing, poses[copy - 1]))
         names += copies
-    mi_scene = mi.load_dict(parts | lights, optimize=False)
+    parts |= lights
+    mi_scene = mi.load_dict(parts, optimize=False)
     shapes = {shape.id(): shape for shape in mi_scene.shapes()}
     bodies = tuple(
         Body(object_id, material_id, kind, leaf, instance, thing.shape, pose)
         for object_id, key, material_id, kind, leaf, thing, pose in placed
         for instance in [None if shapes[key] is leaf else shapes[key]]
     )
-    return BuiltScene(mi_scene, _integrator(scene), bodies, tuple(names), material_names)
+    return BuiltScene(mi_scene, _integrator(scene), bodies, tuple(names), material_names, parts)
 
 
 def _integrator(scene: Scene) -> Any:
@@ -272,12 +277,19 @@ def _build_xml(scene: Scene) -> BuiltScene:
     with _input_errors(f"{scene.xml}: Mitsuba rejects it"):
         mi_scene = mitsuba().load_file(str(scene.xml), optimize=False)
     own = mi_scene.integrator()
-    if scene.sky is not None:
-        if any(shape.shape_type() == _INSTANCE for shape in mi_scene.shapes()):
-            raise InputError(f"{scene.xml}: has instances; a sky can light only Mitsuba files without any")
+    parts: dict[str, Any] | None = None
+    if not any(shape.shape_type() == _INSTANCE for shape in mi_scene.shapes()):
         parts = {f"object{i:04d}": shape for i, shape in enumerate(mi_scene.shapes())}
-        sky = _load(scene.sky.plugin(), "sky")
-        mi_scene = mitsuba().load_dict({"type": "scene", **parts, "sky": sky}, optimize=False)
+        parts["type"] = "scene"
+    if scene.sky is not None:
+        if parts is None:
+            raise InputError(f"{scene.xml}: has instances; a sky can light only Mitsuba files without any")
+        parts["sky"] = _load(scene.sky.plugin(), "sky")
+        mi_scene = mitsuba().load_dict(parts, optimize=False)
+    elif parts is not None:
+        on_surface = int(mitsuba().EmitterFlags.Surface)
+        lights = [light for light in mi_scene.emitters() if not int(light.flags()) & on_surface]
+        parts |= {f"light{i:04d}": light for i, light in enumerate(lights)}
     materials: dict[str, int] = {}
     names: list[str] = []
     bodies: list[Body] = []
@@ -289,7 +301,7 @@ def _build_xml(scene: Scene) -> BuiltScene:
         kind = 0 if is_instance else material_kind(bsdf)  # Mitsuba does not expose the material of an instance
         bodies.append(Body(index, material, kind, None if is_instance else shape, shape if is_instance else None))
     integrator = _integrator(scene) if own is None else _sky_hidden(scene, own)
-    return BuiltScene(mi_scene, integrator, tuple(bodies), tuple(names), tuple(materials))
+    return BuiltScene(mi_scene, integrator, tuple(bodies), tuple(names), tuple(materials), parts)
 
 
 def material_kind(bsdf: Any, matte: bool = False) -> int:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import Rig
-from twinlens.camera.truth import Correspondence, Truth
+from twinlens.camera.truth import Correspondence, Projection, Truth
 from twinlens.errors import InputError
 from twinlens.geometry import Float, inverse, rotate, transform_points
 from twinlens.rendering.build import BuiltScene, build
@@ -80,6 +80,28 @@ def correspondence(scene: Scene, rig: Rig, source: int = 0, target: int = 1, *, 
     return Correspondence(
         pixels.reshape(*shape, 2), visible.reshape(shape), disparity.astype(np.float32).reshape(shape)
     )
+
+
+def projection(scene: Scene, rig: Rig, camera: int = 0, projector: int = 0) -> Projection:
+    """The position in the pattern of `projector` that lights what each pixel of `camera` sees, and whether it does.
+
+    A chief ray through each pixel's centre, and a ray from the projector's centre to where it hits. Projector i is
+    camera len(rig) + i of `rig.views`, with which these pixels can be triangulated.
+
+    Raises InputError unless both are in the rig.
+    """
+    check_view(scene, rig)
+    for what, index, count in (("camera", camera, len(rig)), ("projector", projector, len(rig.projectors))):
+        if not 0 <= index < count:
+            raise InputError(f"the rig has {count} {what}s, counted from 0; got {what} {index}")
+    built, views, lamp = build(scene), rig.views, len(rig) + projector
+    view = _cast_view(built, views, camera)
+    pixels, _, lit = _project_into(built, views, view, lamp, sky=False)
+    with np.errstate(invalid="ignore"):  # +inf where nothing was hit
+        towards = views.world_from_cams[lamp][:3, 3] - view.position
+        lit &= (_facing(view.exact.normal, -view.directions) * towards).sum(axis=1) > 0
+    shape = rig.cameras[camera].height, rig.cameras[camera].width
+    return Projection(pixels.reshape(*shape, 2), lit.reshape(shape))
 
 
 def _cast_view(built: BuiltScene, rig: Rig, index: int) -> _View:

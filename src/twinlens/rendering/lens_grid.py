@@ -20,8 +20,9 @@ from twinlens.errors import InputError
 from twinlens.geometry import Float
 from twinlens.rendering.annuli import area_fraction, plan_annuli, split_vergences
 from twinlens.rendering.backends import backend, mitsuba
-from twinlens.rendering.build import BuiltScene, build
+from twinlens.rendering.build import BuiltScene
 from twinlens.rendering.denoising import GUIDE_SAMPLES, denoise_parts
+from twinlens.rendering.projectors import build_lit
 from twinlens.rendering.radiance import (
     Progress,
     check_parts_supported,
@@ -108,12 +109,13 @@ def render_lens_grid(
     if not isinstance(lenses, Sequence) or not lenses:
         raise InputError("render_lens_grid needs a list of at least one lens")
     check_request(scene, rig, lenses, spp, seed, sampler)
+    built = build_lit(scene, rig)
     if parts is not None:
         for lens in lenses:
             check_parts(parts, lens)
-        check_parts_supported(build(scene))
+        check_parts_supported(built)
     spp, seed = int(spp), int(seed)
-    shared = _shareable(build(scene), rig, lenses)
+    shared = _shareable(built, rig, lenses)
     separate = [i for i in range(len(lenses)) if i not in shared]
     images: dict[int, list[Image]] = {}
     variance = np.zeros((len(lenses), len(rig)))
@@ -121,7 +123,9 @@ def render_lens_grid(
     if shared:
         report = partial_progress(progress, 0.0, len(shared) / len(lenses))
         chosen = [lenses[i] for i in shared]
-        found, variance[shared], paths = _render_shared(build(scene), rig, chosen, spp, seed, parts, sampler, report)
+        found, variance[shared], paths = _render_shared(
+            build_lit(scene, rig), rig, chosen, spp, seed, parts, sampler, report
+        )
         rays += paths
         images |= zip(shared, found, strict=True)
     for done, i in enumerate(separate, len(shared)):
@@ -130,7 +134,7 @@ def render_lens_grid(
         images[i], variance[i] = _render_separately(scene, rig, lenses[i], spp, own_seed, parts, sampler, report)
     if denoise:
         for (i, lens), index in product(enumerate(lenses), range(len(rig))):
-            view = build(scene), rig.cameras[index], rig.world_from_cams[index]
+            view = built, rig.cameras[index], rig.world_from_cams[index]
             guides = other_guides(*view, lens, 2 * GUIDE_SAMPLES, seed, index, i, parts=parts)
             fractions = None if parts is None else parts.light(lens.aperture)[0]
             images[i][index] = denoise_parts(images[i][index], guides, None, fractions)

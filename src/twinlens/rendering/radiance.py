@@ -22,9 +22,10 @@ from twinlens.camera.parts import Parts, check_parts
 from twinlens.errors import BackendError, InputError, check_int, check_known
 from twinlens.geometry import Float
 from twinlens.rendering.backends import backend, mitsuba
-from twinlens.rendering.build import BuiltScene, build
+from twinlens.rendering.build import BuiltScene
 from twinlens.rendering.denoising import GUIDE_SAMPLES, denoise_image, denoise_parts
 from twinlens.rendering.guides import Guides, binned, render_guides
+from twinlens.rendering.projectors import build_lit
 from twinlens.rendering.sensors import NEEDS_JIT, make_sensor
 from twinlens.scenes import Scene
 from twinlens.seeds import derived_seed, seed_sequence
@@ -90,7 +91,7 @@ def render(
         When this machine's backend does not support the camera, the lens, or parts.
     """
     check_request(scene, rig, [lens], spp, seed, sampler)
-    built = build(scene)
+    built = build_lit(scene, rig)
     if parts is not None:
         check_parts(parts, lens)
         check_parts_supported(built)
@@ -154,7 +155,7 @@ def render_measured(
     check_request(scene, rig, [lens], spp, seed, sampler)
     if spp < 2:
         raise InputError(f"an estimate of the noise needs spp >= 2, got {spp}")
-    built = build(scene)
+    built = build_lit(scene, rig)
     views = list(zip(rig.cameras, rig.world_from_cams, strict=True))
     others = [
         [other_guides(built, *view, lens, GUIDE_SAMPLES // 2, seed, i, half, parts=parts) for half in (0, 1) if denoise]
@@ -263,7 +264,8 @@ def _image_passes(camera: Camera, spp: int, seed: int, index: int, sampler: str)
 def check_request(scene: Scene, rig: Rig, lenses: Iterable[Lens], spp: int, seed: int, sampler: str) -> None:
     """Raise InputError for invalid arguments of `render`."""
     check_view(scene, rig)
-    check_lit(scene)
+    if not any(projector.emitted_power for projector in rig.projectors):
+        check_lit(scene)
     for lens in lenses:
         check_lens(lens)
     check_int("spp", spp, 1)
@@ -274,7 +276,7 @@ def check_request(scene: Scene, rig: Rig, lenses: Iterable[Lens], spp: int, seed
 def check_lit(scene: Scene) -> None:
     """Raise InputError for a scene without light."""
     if not scene.is_lit:
-        remedy = "add one under [lights], an emitter to an object, or a sky"
+        remedy = "add one under [lights], an emitter to an object, a sky, or a projector to the rig"
         raise InputError(f"the scene {scene.name!r} has no light: {remedy}")
 
 

@@ -9,16 +9,41 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import pydantic
 
-from twinlens.camera import BrownConrady, Camera, Distortion, KannalaBrandt, Misalignment, Rig, layouts, misaligned
+from twinlens.camera import (
+    BrownConrady,
+    Camera,
+    Distortion,
+    KannalaBrandt,
+    Misalignment,
+    Projector,
+    Rig,
+    layouts,
+    misaligned,
+)
 from twinlens.camera.film import sensor_width_mm
 from twinlens.camera.intrinsics import MAX_SIDE
+from twinlens.camera.patterns import named
 from twinlens.camera.presets import CAMERAS, find_camera
 from twinlens.errors import InputError, located
 from twinlens.geometry import Float, rigid
 from twinlens.optics import middle_focus
 from twinlens.scenes.placement import Matrix, Vector3, euler_rotation, view_pose
 from twinlens.scenes.scene import Scene
-from twinlens.schema import Number, Positive, StrictModel, number, one_of, read, reads, table_of, tagged, variants
+from twinlens.schema import (
+    Fraction,
+    NonNegative,
+    Number,
+    Positive,
+    StrictModel,
+    number,
+    one_of,
+    read,
+    reads,
+    table_of,
+    tagged,
+    variants,
+    whole,
+)
 
 _MOST_CAMERAS = 1000
 _CAMERAS = pydantic.Field(min_length=1, max_length=_MOST_CAMERAS)
@@ -158,15 +183,56 @@ class PosedIntrinsics(Viewed):
         return super().pose(default @ rigid(turn[:3, :3], self.translate or [0.0] * 3))
 
 
+_SIZE: Any = whole(1, MAX_SIDE) | None
+_PATTERNS = {
+    "white": {},
+    "dots": {"density": Fraction | None, "size": _SIZE, "seed": whole(0, 2**63 - 1) | None},
+    "dot_grid": {"period": _SIZE, "size": _SIZE},
+    "stripes": {"period": _SIZE, "axis": Literal["u", "v"] | None},
+    "checker": {"size": _SIZE},
+}
+PatternTable = Annotated[StrictModel, reads(tagged("Pattern", "type", variants(StrictModel, "type", _PATTERNS)))]
+"""A pattern of `twinlens.camera.patterns`, by its `type`, and its options."""
+
+
+class ProjectorTable(Intrinsics):
+    """A projector. `translate` and `euler_deg` are its pose in the first camera's axes: x right, y down, z forward.
+
+    Image size and field of view are by default those of the scene's cameras. `power` is in watts; `lux` is the
+    illuminance of a white pattern on the axis, 1 m away.
+    """
+
+    translate: Vector3 | None = None
+    euler_deg: Vector3 | None = None
+    pattern: PatternTable | None = None
+    power: NonNegative | None = None
+    lux: NonNegative | None = None
+    filter: Literal["bilinear", "nearest"] = "bilinear"
+
+    def projector(self, shared: Mapping[str, Any]) -> Projector:
+        """The projector, with the intrinsics in `shared` where the table has none."""
+        if self.power is not None and self.lux is not None:
+            raise InputError("'power' and 'lux' both set the light; keep one")
+        intrinsics = self.made(shared)
+        options = {"type": "white"} if self.pattern is None else self.pattern.model_dump(exclude_none=True)
+        pattern = named(options.pop("type"), intrinsics.width, intrinsics.height, **options)
+        pose = rigid(euler_rotation(self.euler_deg or [0.0] * 3)[:3, :3], self.translate or [0.0] * 3)
+        power = 1.0 if self.power is None else self.power
+        made = Projector(pose, intrinsics, pattern, power, self.filter)
+        return made if self.lux is None else made.with_lux(self.lux)
+
+
 class RigBase(Viewed):
     """Keys of every layout: the pose, what all cameras share, what each of them changes, and calibration errors."""
 
     camera: CameraTable | None = None
     cameras: Annotated[list[Intrinsics], _CAMERAS] | None = None
     misalignment: CalibrationError | list[CalibrationError] | None = None
+    projectors: Annotated[list[ProjectorTable], pydantic.Field(max_length=_MOST_CAMERAS)] | None = None
 
     def rig(self, scene: Scene, width: int, height: int) -> Rig:
-        shared: Mapping[str, Any] = {"width": width, "height": height, "fov_x_deg": scene.fov_x_deg}
+        of_scene = {"width": width, "height": height, "fov_x_deg": scene.fov_x_deg}
+        shared: Mapping[str, Any] = of_scene
         if self.camera is not None:
             with located("camera"):
                 shared = self.camera.over(shared)
@@ -178,7 +244,11 @@ class RigBase(Viewed):
         tables = self.cameras or [Intrinsics()] * count
         if len(tables) != count:
             raise InputError(f"cameras: this layout has {count} cameras, got {len(tables)} tables")
-        rig = Rig([table.made(shared) for table in tables], places)
+        projectors = []
+        for i, projector in enumerate(self.projectors or []):
+            with located(f"projectors[{i}]"):
+                projectors.append(projector.projector(of_scene))
+        rig = Rig([table.made(shared) for table in tables], places, projectors=projectors)
         if self.misalignment is None:
             return rig
         errors = self.misalignment

@@ -1,0 +1,101 @@
+"""A projector: a camera in reverse, which lights the scene with a pattern."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from twinlens.camera.intrinsics import Camera
+from twinlens.camera.patterns import named
+from twinlens.errors import InputError, check_known, check_number, format_value
+from twinlens.geometry import Float, check_rigid
+
+FILTERS = ("bilinear", "nearest")
+LUMENS_PER_WATT = 352.4
+"""Of light with equal power in narrow bands at 611, 549 and 464 nm, those of `twinlens.sensor.Sensor`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Projector:
+    """A projector at a pose in a rig. Light leaves one point; its pixel (u, v) is sent where a camera there sees it.
+
+    A pixel of value p sends the radiant flux p * power / (W * H), so that, without distortion, a uniform pattern lights
+    a plane at right angles to the axis evenly. The irradiance of a surface at depth z along the axis, whose normal is
+    at the angle a to the ray and which the ray leaves the axis for at the angle b, is
+
+        E = p * power * fx * fy / (W * H * z^2) * cos(a) / cos(b)
+
+    in W/m^2, a third of it in each of the bands red, green and blue (`Sensor.radiance_scale`).
+
+    pose : rig_from_projector, a rigid (4, 4); the rig's axes are those of its first camera. Default: at this camera.
+    intrinsics : size, focal lengths, principal point and distortion.
+    pattern : float32 (H, W) in [0, 1], of the size of the intrinsics, or a name in `twinlens.camera.patterns.PATTERNS`.
+    power : watts that a white pattern sends; a pattern sends `emitted_power`. `with_lux` sets it from an illuminance.
+    filter : between pixel centres the pattern is interpolated ("bilinear"), or pixels are squares ("nearest").
+
+    Raises InputError when a value is out of range, or the pattern has another size.
+    """
+
+    pose: Float
+    intrinsics: Camera
+    pattern: NDArray[np.float32]
+    power: float = 1.0
+    filter: str = "bilinear"
+
+    def __init__(
+        self,
+        pose: ArrayLike | None,
+        intrinsics: Camera,
+        pattern: ArrayLike | str = "white",
+        power: float = 1.0,
+        filter: str = "bilinear",
+    ) -> None:
+        if not isinstance(intrinsics, Camera):
+            raise InputError(f"a projector's intrinsics must be a Camera, got {format_value(intrinsics)}")
+        check_number("a projector's power", power, "a number of watts >= 0, at most 1e9", least=0, most=1e9)
+        check_known("filter of a projector", filter, FILTERS)
+        if isinstance(pattern, str):
+            pattern = named(pattern, intrinsics.width, intrinsics.height)
+        values = {
+            "pose": check_rigid(np.eye(4) if pose is None else pose, "a projector's pose"),
+            "intrinsics": intrinsics,
+            "pattern": _checked_pattern(pattern, intrinsics),
+            "power": float(power),
+            "filter": filter,
+        }
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def emitted_power(self) -> float:
+        """Watts that the pattern sends: power times its mean."""
+        return self.power * float(self.pattern.mean(dtype=np.float64))
+
+    def with_pattern(self, pattern: ArrayLike | str) -> "Projector":
+        """The same projector with another pattern: an array, or a name."""
+        return Projector(self.pose, self.intrinsics, pattern, self.power, self.filter)
+
+    def with_lux(self, lux: float, distance: float = 1.0) -> "Projector":
+        """The same projector, with the power for which white has this illuminance on the axis at `distance` metres.
+
+        `LUMENS_PER_WATT` converts lux to W/m^2.
+        """
+        check_number("lux", lux, "a number of lux >= 0", least=0)
+        check_number("distance", distance, "a number of metres > 0", above=0)
+        camera = self.intrinsics
+        lit_area = camera.width * camera.height / (camera.fx * camera.fy) * distance**2  # of a plane, m^2
+        return replace(self, power=lux / LUMENS_PER_WATT * lit_area)
+
+
+def _checked_pattern(pattern: ArrayLike, intrinsics: Camera) -> NDArray[np.float32]:
+    try:
+        values = np.array(pattern, dtype=np.float32)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"a projector's pattern must be numbers (H, W): {error}") from error
+    size = intrinsics.height, intrinsics.width
+    if values.shape != size:
+        raise InputError(f"a projector's pattern must have the shape {size} of its intrinsics, got {values.shape}")
+    if not ((values >= 0) & (values <= 1)).all():
+        raise InputError("a projector's pattern must have values from 0 to 1, and no NaN")
+    values.setflags(write=False)
+    return values

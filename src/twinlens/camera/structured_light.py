@@ -1,0 +1,152 @@
+"""Sequences of patterns that code the projector's columns or rows, and their decoding from images.
+
+    Gray code      bit b of g(u) = u xor (u >> 1), each bit's pattern followed by its inverse; bit = image > inverse
+    phase shift    I_k(u) = (1 + cos(2 pi (u/period - k/steps))) / 2,  u = period/(2 pi) arg sum I_k exp(2 pi i k/steps)
+
+Sources: Inokuchi, Sato and Matsuda, Range imaging system for 3-D object recognition, ICPR 1984 (Gray code); Geng,
+Structured-light 3D surface imaging: a tutorial, Advances in Optics and Photonics 3(2), 2011 (both).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from twinlens.camera.intrinsics import check_size
+from twinlens.camera.patterns import AXES, Pattern, along
+from twinlens.errors import InputError, check_int, check_known, check_number, format_value
+from twinlens.geometry import Float
+
+_BRIGHT_PERCENTILE = 99
+
+
+@dataclass(frozen=True)
+class GrayCode:
+    """Gray code of the columns (axis "u") or rows ("v") of a projector of width x height pixels."""
+
+    width: int
+    height: int
+    axis: str = "u"
+
+    def __post_init__(self) -> None:
+        check_size(self.width, self.height)
+        check_known("axis", self.axis, AXES)
+
+    @property
+    def count(self) -> int:
+        """The number of positions that are coded."""
+        return self.width if self.axis == "u" else self.height
+
+    @property
+    def bits(self) -> int:
+        """The number of bits, >= 1."""
+        return max(1, (self.count - 1).bit_length())
+
+    @property
+    def patterns(self) -> list[Pattern]:
+        """2 * bits patterns float32 (H, W): the highest bit first, each followed by its inverse."""
+        code = along(self.width, self.height, self.axis, lambda u: u ^ (u >> 1)).astype(np.int64)
+        lit = [(code >> bit & 1).astype(np.float32) for bit in reversed(range(self.bits))]
+        return [pattern for each in lit for pattern in (each, 1 - each)]
+
+    def _decode(self, images: Float) -> tuple[Float, Float]:
+        """Positions, +inf for a code that is not in use, and modulation (H, W)."""
+        difference = images[0::2] - images[1::2]
+        position = np.zeros(images.shape[1:], dtype=np.int64)
+        bit = np.zeros_like(position)
+        for each in difference:
+            bit = bit ^ (each > 0)
+            position = 2 * position + bit
+        return np.where(position < self.count, position, np.inf), np.abs(difference).max(axis=0)
+
+
+@dataclass(frozen=True)
+class PhaseShift:
+    """Sinusoids along an axis of a projector of width x height pixels, each shifted by period / steps.
+
+    period : pixels, > 2. A period shorter than the axis leaves the position modulo the period (`decode`'s `coarse`).
+    steps : number of patterns, >= 3.
+    """
+
+    width: int
+    height: int
+    period: float
+    steps: int = 4
+    axis: str = "u"
+
+    def __post_init__(self) -> None:
+        check_size(self.width, self.height)
+        check_known("axis", self.axis, AXES)
+        check_number("the period of a phase shift", self.period, "a number of pixels > 2", above=2)
+        check_int("the steps of a phase shift", self.steps, 3)
+
+    @property
+    def patterns(self) -> list[Pattern]:
+        """`steps` patterns, float32 (H, W)."""
+        shifts = [k / self.steps for k in range(self.steps)]
+        return [along(self.width, self.height, self.axis, partial(self._sinusoid, shift)) for shift in shifts]
+
+    def _sinusoid(self, shift: float, position: NDArray[np.int64]) -> Float:
+        return np.asarray(0.5 + 0.5 * np.cos(2 * np.pi * (position / self.period - shift)))
+
+    def _decode(self, images: Float) -> tuple[Float, Float]:
+        """Positions in [-0.5, period - 0.5) and modulation (H, W)."""
+        turns = np.exp(2j * np.pi * np.arange(self.steps) / self.steps)
+        phasor = np.tensordot(turns, images, axes=1)
+        position = (np.angle(phasor) / (2 * np.pi) * self.period + 0.5) % self.period - 0.5
+        return position, np.abs(phasor) * (4 / self.steps)
+
+
+@dataclass(frozen=True, eq=False)
+class Decoded:
+    """Decoded positions of the pixels of a camera.
+
+    position : float64 (H, W), projector pixels along the code's axis, pixel centres at integers; +inf where not valid.
+    modulation : float64 (H, W), the difference of a fully lit and a dark projector pixel, in the units of the images.
+    """
+
+    position: NDArray[np.float64]
+    modulation: NDArray[np.float64]
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """Where there is a position, bool (H, W)."""
+        return np.isfinite(self.position)
+
+
+def decode(
+    images: Sequence[ArrayLike], code: GrayCode | PhaseShift, coarse: ArrayLike | None = None, least: float = 0.05
+) -> Decoded:
+    """The projector position that each pixel of a camera sees, from one image per pattern of `code`.
+
+    images : (H, W) or (H, W, 3), whose channels are averaged.
+    coarse : positions (H, W) known to better than half a period, such as those of a Gray code; unwraps a phase shift.
+        Pixels where it is not finite get +inf.
+    least : the modulation that a pixel needs, as a fraction of that of the image's bright pixels (99th percentile).
+
+    Raises InputError for another number of images than patterns, images that differ in shape or are not finite.
+    """
+    if not isinstance(code, GrayCode | PhaseShift):
+        raise InputError(f"decode needs a GrayCode or a PhaseShift, got {format_value(code)}")
+    check_number("least", least, "a fraction from 0 to 1", least=0, most=1)
+    arrays = [np.asarray(image, dtype=np.float64) for image in images]
+    expected = 2 * code.bits if isinstance(code, GrayCode) else code.steps
+    if len(arrays) != expected:
+        raise InputError(f"this code has {expected} patterns, got {len(arrays)} images")
+    if len({array.shape for array in arrays}) != 1 or arrays[0].ndim not in (2, 3):
+        raise InputError(f"decode needs images (H, W) or (H, W, 3) of one shape, got {arrays[0].shape} and others")
+    stack = np.stack([array if array.ndim == 2 else array.mean(axis=2) for array in arrays])
+    if not np.isfinite(stack).all():
+        raise InputError("decode needs finite images")
+    position, modulation = code._decode(stack)
+    if coarse is not None and isinstance(code, PhaseShift):
+        rough = np.asarray(coarse, dtype=np.float64)
+        if rough.shape != position.shape:
+            raise InputError(f"coarse positions must have the shape {position.shape} of the images, got {rough.shape}")
+        known = np.isfinite(rough)
+        turns = np.round((np.where(known, rough, 0.0) - position) / code.period)
+        position = np.where(known, position + code.period * turns, np.inf)
+    enough = modulation > least * np.percentile(modulation, _BRIGHT_PERCENTILE)
+    return Decoded(np.where(enough, position, np.inf), modulation)

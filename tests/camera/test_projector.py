@@ -1,0 +1,144 @@
+"""Projectors, their patterns and rigs with them."""
+
+import numpy as np
+import pytest
+
+from tests.rigs import random_rig, rotation
+from twinlens import camera, geometry
+from twinlens.camera import Camera, GrayCode, Misalignment, PhaseShift, Projector, Rig, decode, misaligned, patterns
+from twinlens.camera.multiview import triangulate
+from twinlens.dataset.record import RIG, plain
+from twinlens.errors import InputError
+
+LENS = Camera(64, 48, 80.0, 70.0, 20.0, 30.0)
+
+
+def pose(rng):
+    return geometry.rigid(rotation(rng, 0.2), rng.uniform(-0.2, 0.2, 3))
+
+
+@pytest.mark.parametrize("name", patterns.PATTERNS)
+def test_every_pattern_fills_its_size_with_values_from_0_to_1(name):
+    made = patterns.named(name, 37, 23)
+    assert made.shape == (23, 37)
+    assert made.dtype == np.float32
+    assert set(np.unique(made)) <= {0.0, 1.0}
+    assert made.max() == 1
+
+
+def test_the_density_of_dots_is_exact_and_the_seed_places_them():
+    first, second = (patterns.dots(60, 40, density=0.15, size=2, seed=seed) for seed in (1, 2))
+    assert first.mean() == second.mean() == 0.15
+    assert (first != second).any()
+    blocks = first.reshape(20, 2, 30, 2)
+    assert (blocks == blocks[:, :1, :, :1]).all()
+
+
+def test_grid_stripes_and_checker_repeat_with_their_period():
+    grid, stripes, checker = (patterns.named(name, 48, 48) for name in ("dot_grid", "stripes", "checker"))
+    assert grid.sum() == 36
+    for made, step in ((grid, 8), (stripes, 16), (checker, 32)):
+        assert (made[:, step:] == made[:, :-step]).all()
+    assert (checker[:, 16:] == 1 - checker[:, :-16]).all()
+    assert (stripes[:, 8:] == 1 - stripes[:, :-8]).all()
+
+
+@pytest.mark.parametrize("axis", ["u", "v"])
+def test_neighbouring_gray_codes_differ_in_one_bit_and_decode_to_their_positions(axis):
+    code = GrayCode(53, 41, axis)
+    shown = code.patterns
+    assert all((a + b == 1).all() for a, b in zip(shown[::2], shown[1::2], strict=True))
+    changes = sum(np.abs(np.diff(each, axis="vu".index(axis))) for each in shown[::2])
+    assert (changes == 1).all()
+    v, u = np.mgrid[:41, :53]
+    assert (decode(shown, code).position == (u if axis == "u" else v)).all()
+
+
+def test_gray_codes_that_no_column_has_are_not_valid():
+    code = GrayCode(5, 1)
+    longer = [each[:, :8] for each in GrayCode(8, 1).patterns]
+    assert decode(longer, code).valid.tolist() == [[True] * 5 + [False] * 3]
+
+
+@pytest.mark.parametrize("steps", [3, 4, 7])
+def test_phase_shift_decodes_under_gain_and_ambient_light(steps):
+    code = PhaseShift(70, 5, 12.5, steps)
+    images = [0.3 + 2.0 * each for each in code.patterns]
+    u = np.mgrid[:5, :70][1]
+    assert np.abs((decode(images, code).position - u + 6.25) % 12.5 - 6.25).max() < 1e-5
+    found = decode(images, code, coarse=u + 5.0)
+    assert np.abs(found.position - u).max() < 1e-5
+    assert np.abs(found.modulation - 2.0).max() < 1e-5
+
+
+def test_pixels_without_modulation_are_not_valid():
+    code = GrayCode(16, 8)
+    images = [each.copy() for each in code.patterns]
+    for image in images:
+        image[2, 3] = 0.5
+    assert np.argwhere(~decode(images, code).valid).tolist() == [[2, 3]]
+
+
+def test_projectors_move_with_the_first_camera():
+    rng = np.random.default_rng(4)
+    rig, _ = random_rig(rng, 3)
+    projector = Projector(pose(rng), LENS, "dots", 2.0)
+    rig = rig.with_projectors([projector])
+    world = geometry.rigid(rotation(rng), rng.uniform(-3, 3, 3))
+    moved = Rig(rig.cameras, [world @ each for each in rig.world_from_cams], projectors=rig.projectors)
+    assert np.allclose(moved.world_from_projectors[0], world @ rig.world_from_projectors[0])
+    still = (rig.pair(2, 0), misaligned(rig, [Misalignment(yaw_deg=3.0)] * 3))
+    for other in still:
+        assert np.allclose(other.world_from_projectors[0], rig.world_from_projectors[0])
+
+
+def test_a_camera_and_a_projector_triangulate():
+    rng = np.random.default_rng(5)
+    rig, points = random_rig(rng, 1, distorted=True)
+    rig = rig.with_projectors([Projector(pose(rng), LENS.replace(distortion=camera.BrownConrady(-0.1)), "white")])
+    views = rig.views
+    pixels = [views.project(i, points) for i in range(2)]
+    assert np.allclose(triangulate(views, pixels, (0, 1)), points, atol=1e-6)
+
+
+def test_a_rig_with_projectors_is_stored_and_read():
+    rng = np.random.default_rng(6)
+    rig, _ = random_rig(rng, 2)
+    rig = rig.with_projectors([Projector(pose(rng), LENS, rng.random((48, 64)).astype(np.float32), 2.5, "nearest")])
+    again = RIG.validate_python(plain(rig)).projectors[0]
+    before = rig.projectors[0]
+    assert (again.pattern == before.pattern).all()
+    assert (again.pose == before.pose).all()
+    assert (again.intrinsics, again.power, again.filter) == (before.intrinsics, before.power, before.filter)
+
+
+def test_lux_at_a_distance():
+    near, far = (Projector(None, LENS).with_lux(100.0, distance) for distance in (1.0, 2.0))
+    assert far.power == pytest.approx(4 * near.power)
+    assert near.power / (64 * 48) * 80 * 70 * 352.4 == pytest.approx(100.0)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Projector(None, LENS, power=float("nan")), "power must be a number of watts"),
+        (lambda: Projector(None, LENS, power=-1), "power must be a number of watts"),
+        (lambda: Projector(None, LENS, np.ones((48, 63))), r"pattern must have the shape \(48, 64\)"),
+        (lambda: Projector(None, LENS, np.full((48, 64), 1.5)), "values from 0 to 1"),
+        (lambda: Projector(None, LENS, np.full((48, 64), np.nan)), "values from 0 to 1"),
+        (lambda: Projector(None, LENS, "dot"), "did you mean 'dots'"),
+        (lambda: Projector(None, LENS, filter="cubic"), "filter of a projector"),
+        (lambda: Projector(2 * np.eye(4), LENS), "a projector's pose"),
+        (lambda: Rig([LENS], [np.eye(4)], projectors=[LENS]), "list of Projectors"),
+        (lambda: patterns.named("dots", 8, 8, dens=1), "dens"),
+        (lambda: patterns.dots(8, 8, density=2), "density of dots"),
+        (lambda: GrayCode(8, 8, "x"), "unknown axis"),
+        (lambda: PhaseShift(8, 8, 2), "period of a phase shift"),
+        (lambda: decode(GrayCode(8, 8).patterns[:4], GrayCode(8, 8)), "6 patterns, got 4 images"),
+        (lambda: decode([np.zeros((2, 2))] * 4, PhaseShift(8, 8, 4), coarse=np.zeros(3)), "coarse positions"),
+    ],
+)
+def test_refusals_are_one_line(make, message):
+    with pytest.raises(InputError, match=message) as caught:
+        make()
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,153 @@
+"""The light of projectors in images, against closed forms, and decoded codes against the truth of projection."""
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter, minimum_filter
+from scipy.spatial.transform import Rotation
+
+import twinlens as tl
+from tests.rendering.conftest import skip_without_llvm
+from twinlens import geometry
+from twinlens.camera import BrownConrady, Camera, GrayCode, PhaseShift, Projector, Rig, decode, patterns
+from twinlens.errors import InputError
+from twinlens.scenes import Scene, SceneObject
+
+GREY = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.5}}}
+LENS = Camera(64, 48, 80.0, 70.0, 20.0, 30.0)
+CHECKER = patterns.checker(64, 48, 8)
+CAMERA = Camera.from_fov(96, 72, 40)
+SIDE = geometry.rigid(Rotation.from_euler("xyz", [3, -6, 10], degrees=True).as_matrix(), [0.15, 0.02, -0.01])
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _llvm():
+    skip_without_llvm()
+
+
+def scene_of(*objects, depth=2, **lights):
+    integrator = {"type": "path", "max_depth": depth}
+    return Scene("test", objects, {"grey": GREY}, np.eye(4), (0.1, 10.0), lights=lights, integrator=integrator)
+
+
+def wall(z, turn_deg=0.0):
+    turn = Rotation.from_euler("y", 180 + turn_deg, degrees=True).as_matrix()
+    return SceneObject("wall", {"type": "rectangle"}, "grey", geometry.rigid(turn, [0, 0, z]) @ np.diag([9, 9, 1, 1]))
+
+
+def ball(centre, radius):
+    return SceneObject("ball", {"type": "sphere", "center": list(centre), "radius": radius}, "grey")
+
+
+def irradiance(scene, rig, spp=16):
+    return tl.render(scene, rig, spp=spp, seed=1)[0][..., 1].astype(np.float64) * np.pi / 0.5
+
+
+@pytest.mark.parametrize("distortion", [None, BrownConrady(-0.2, 0.05, 1e-3, -1e-3)])
+def test_irradiance_is_the_flux_of_a_pixel_over_its_area_on_the_wall(distortion):
+    """The area is that between the rays through the pixel's corners, so this includes 1/z^2, cosine and distortion."""
+    lens = LENS.replace(distortion=distortion)
+    rig = Rig([CAMERA], [np.eye(4)], projectors=[Projector(SIDE, lens, power=3.0)])
+    for z, turn in ((1.0, 0.0), (2.0, 0.0), (1.5, 40.0)):
+        scene = scene_of(wall(z, turn))
+        u, v = np.moveaxis(tl.projection(scene, rig).pixels, -1, 0)
+        inner = (u > 2) & (u < 61) & (v > 2) & (v < 45)
+        normal = geometry.rotate(scene.objects[0].world_from_object, [0.0, 0.0, 1.0])
+        corners = []
+        for du, dv in ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)):
+            rays = geometry.rotate(SIDE, lens.unproject(np.stack([u[inner] + du, v[inner] + dv], axis=-1)))
+            t = ((np.array([0, 0, z]) - SIDE[:3, 3]) @ normal) / (rays @ normal)
+            corners.append(t[:, None] * rays)
+        a, b, c, d = corners
+        area = 0.5 * np.linalg.norm(np.cross(c - a, d - b), axis=1)
+        expected = 3.0 / 3 / (64 * 48) / area
+        assert inner.sum() > 2000
+        assert np.abs(irradiance(scene, rig)[inner] / expected - 1).max() < 0.01
+        assert irradiance(scene, rig)[(u < -2) | (v < -2)].max() == 0
+
+
+def test_corners_of_a_projected_checker_are_where_the_projection_says():
+    """Divided by the image of white light, whose slope over the wall would move the saddle points."""
+    scene = scene_of(wall(1.2, 20.0))
+    rigs = [Rig([CAMERA], [np.eye(4)], projectors=[Projector(SIDE, LENS, each)]) for each in (CHECKER, "white")]
+    checker, white = (irradiance(scene, rig, 256) for rig in rigs)
+    image = checker / np.maximum(white, 1e-9)
+    # Each corner of the checker on the wall, by a ray of the projector, and its pixel in the camera.
+    v, u = np.mgrid[15.5:40:8, 15.5:56:8]
+    rays = geometry.rotate(SIDE, LENS.unproject(np.stack([u.ravel(), v.ravel()], axis=-1)))
+    normal = geometry.rotate(scene.objects[0].world_from_object, [0.0, 0.0, 1.0])
+    t = ((np.array([0, 0, 1.2]) - SIDE[:3, 3]) @ normal) / (rays @ normal)
+    truth = CAMERA.project(SIDE[:3, 3] + t[:, None] * rays)
+    inside = (np.abs(truth - [47.5, 35.5]) < [38, 26]).all(axis=1)
+    assert inside.sum() >= 10
+    found = np.array([_saddle(image, at) for at in truth[inside]])
+    assert np.abs(found - truth[inside]).max() < 0.05
+
+
+def _saddle(image, start):
+    """The saddle point of a quadratic fitted to the image, blurred to twice a pixel, around `start`."""
+    smooth, at = gaussian_filter(image, 1.5), np.array(start)
+    for _ in range(5):
+        u0, v0 = np.round(at).astype(int)
+        v, u = np.mgrid[-1:2, -1:2]
+        u, v = u.ravel() + u0 - at[0], v.ravel() + v0 - at[1]
+        values = smooth[v0 - 1 : v0 + 2, u0 - 1 : u0 + 2].ravel()
+        _, gu, gv, uu, uv, vv = np.linalg.lstsq(
+            np.stack([np.ones(9), u, v, u * u, u * v, v * v], axis=1), values, rcond=None
+        )[0]
+        at = at - np.linalg.solve([[2 * uu, uv], [uv, 2 * vv]], [gu, gv])
+    return at
+
+
+def shoot(scene, rig, shown, spp):
+    projector = rig.projectors[0]
+    lit = (rig.with_projectors([projector.with_pattern(each)]) for each in shown)
+    return [tl.render(scene, each, spp=spp, seed=k)[0] for k, each in enumerate(lit)]
+
+
+def test_decoded_gray_code_and_phase_shift_equal_the_truth():
+    rig = Rig([CAMERA], [np.eye(4)], projectors=[Projector(SIDE, LENS, power=20.0)])
+    scene = scene_of(wall(1.6, 15.0), ball([-0.1, 0.05, 1.2], 0.15), depth=3)
+    truth = tl.projection(scene, rig)
+    ids = tl.ground_truth(scene, rig, objects=False)[0].object_id
+    inside = LENS.contains(truth.pixels + 1) & LENS.contains(truth.pixels - 1)
+    away = minimum_filter(truth.lit & inside, 5) & (minimum_filter(ids, 5) == -minimum_filter(-ids, 5))
+    assert away.mean() > 0.5
+    code, fine = GrayCode(64, 48), PhaseShift(64, 48, 16.0, 4)
+    found = decode(shoot(scene, rig, code.patterns, 64), code)
+    assert (np.abs(found.position - truth.pixels[..., 0])[away] <= 0.5).mean() >= 0.99
+    exact = decode(shoot(scene, rig, fine.patterns, 128), fine, coarse=found.position)
+    assert np.quantile(np.abs(exact.position - truth.pixels[..., 0])[away], 0.99) < 0.05
+
+
+def test_shadow_of_a_ball_and_the_far_side_of_a_sheet_are_not_lit():
+    sheet = SceneObject("sheet", {"type": "rectangle"}, "grey", geometry.rigid(np.eye(3), [0, 0, 1.0]))
+    beyond = Rig([CAMERA], [np.eye(4)], projectors=[Projector(geometry.look_at([0, 0, 2], [0, 0, 1], (0, 1, 0)), LENS)])
+    assert not tl.projection(scene_of(sheet), beyond).lit.any()
+    rig = Rig([CAMERA], [np.eye(4)], projectors=[Projector(SIDE, LENS)])
+    scene = scene_of(wall(1.6), ball([-0.05, 0.0, 1.0], 0.1))
+    truth, image = tl.projection(scene, rig), irradiance(scene, rig)
+    lit = truth.lit
+    rim = (np.abs(truth.pixels + 0.5) < 1).any(axis=2) | (np.abs(truth.pixels - [63.5, 47.5]) < 1).any(axis=2)
+    sure = (minimum_filter(lit, 3) | minimum_filter(~lit, 3)) & ~rim  # where the bilinear filter falls to 0
+    assert 50 < (~lit & sure).sum() < lit.size / 2
+    assert ((image > 0) == lit)[sure].mean() > 0.995
+
+
+def test_a_projector_lights_a_dark_scene_and_only_its_rig():
+    scene = scene_of(wall(1.5))
+    rig = Rig([CAMERA], [np.eye(4)])
+    with pytest.raises(InputError, match="has no light"):
+        tl.render(scene, rig, spp=1)
+    lit = rig.with_projectors([Projector(SIDE, LENS)])
+    assert tl.render(scene, lit, spp=1)[0].max() > 0
+    lamp = scene_of(wall(1.5), lamp={"type": "point", "position": [0.0, 0.0, 0.0], "intensity": 1.0})
+    before = tl.render(lamp, rig, spp=2)[0]
+    with_both = tl.render(lamp, lit, spp=256)[0].mean()
+    only_projector, only_lamp = (tl.render(*each, spp=256)[0].mean() for each in ((scene, lit), (lamp, rig)))
+    assert with_both == pytest.approx(only_projector + only_lamp, rel=0.02)
+    assert (tl.render(lamp, rig, spp=2)[0] == before).all()
+
+
+def test_projection_refuses_what_the_rig_does_not_have():
+    with pytest.raises(InputError, match="0 projectors"):
+        tl.projection(scene_of(wall(1.0)), Rig([CAMERA], [np.eye(4)]))
