@@ -6,9 +6,20 @@ import numpy as np
 import pytest
 
 from twinlens import geometry
-from twinlens.camera import ALIGNED, BrownConrady, Camera, KannalaBrandt, Misalignment, layouts, misaligned
+from twinlens.camera import (
+    ALIGNED,
+    BrownConrady,
+    Camera,
+    KannalaBrandt,
+    Misalignment,
+    Projector,
+    layouts,
+    misaligned,
+    patterns,
+)
 from twinlens.errors import InputError
 from twinlens.scenes import Scene, load_scene, rig_from_table
+from twinlens.scenes.placement import rotation
 
 POSE = geometry.look_at([1.0, -2.0, 1.5], [0.2, 3.0, 1.0])
 SCENE = Scene("stage", (), {}, POSE, (1.0, 3.0), fov_x_deg=40.0, baseline=0.25)
@@ -165,3 +176,46 @@ def test_a_scene_file_may_describe_its_rig(tmp_path):
     file.write_text(TOML.replace("angle_deg = 40", "angle_deg = 400"))
     with pytest.raises(InputError, match=r"scene.toml: rig.angle_deg: must be <= 360, got 400"):
         load_scene(file)
+
+
+def test_projectors_have_intrinsics_pose_pattern_and_light():
+    made = rig("""
+        [[projectors]]
+        translate = [0.05, 0, 0]
+        euler_deg = [0, -5, 0]
+        width = 64
+        height = 48
+        fov_x_deg = 60
+        distortion = { k1 = -0.1 }
+        pattern = { type = "dots", density = 0.25, seed = 3 }
+        power = 2.5
+        filter = "nearest"
+        [[projectors]]
+        lux = 100
+    """)
+    first, second = made.projectors
+    turn = rotation([0, 1, 0], -5)[:3, :3]
+    assert np.allclose(first.pose, geometry.rigid(turn, [0.05, 0, 0]))
+    assert first.intrinsics == Camera.from_fov(64, 48, 60).replace(distortion=BrownConrady(-0.1))
+    assert (first.pattern == patterns.dots(64, 48, density=0.25, seed=3)).all()
+    assert (first.power, first.filter) == (2.5, "nearest")
+    assert second.intrinsics == CAMERA
+    assert second.power == Projector(None, CAMERA).with_lux(100).power
+    assert np.allclose(made.world_from_projectors[1], made.world_from_cams[0])
+
+
+@pytest.mark.parametrize(
+    ("keys", "says"),
+    [
+        ("power = nan", "projectors[0].power: must be a finite number"),
+        ("power = 1\nlux = 2", "projectors[0]: 'power' and 'lux' both set the light; keep one"),
+        ("pattern = { type = 'dot' }", "did you mean 'dots'?"),
+        ("pattern = { type = 'dots', densty = 1 }", "unknown key 'densty'; did you mean 'density'?"),
+        ("pattern = { type = 'dot_grid', period = 1 }", "projectors[0]: the period of a dot grid"),
+    ],
+)
+def test_a_mistake_in_a_projector_is_reported_in_one_line(keys, says):
+    with pytest.raises(InputError) as caught:
+        rig(f"[[projectors]]\n{keys}")
+    assert says in str(caught.value)
+    assert "\n" not in str(caught.value)
