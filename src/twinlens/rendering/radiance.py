@@ -276,7 +276,7 @@ def check_request(scene: Scene, rig: Rig, lenses: Iterable[Lens], spp: int, seed
 def check_lit(scene: Scene) -> None:
     """Raise InputError for a scene without light."""
     if not scene.is_lit:
-        remedy = "add one under [lights], an emitter to an object, a sky, or a projector to the rig"
+        remedy = "add one under [lights], an emitter to an object, a projector to the rig, or a sky"
         raise InputError(f"the scene {scene.name!r} has no light: {remedy}")
 
 
