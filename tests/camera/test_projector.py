@@ -105,6 +105,7 @@ def test_a_rig_with_projectors_is_stored_and_read():
     rng = np.random.default_rng(6)
     rig, _ = random_rig(rng, 2)
     rig = rig.with_projectors([Projector(pose(rng), LENS, rng.random((48, 64)).astype(np.float32), 2.5, "nearest")])
+    assert "projectors" not in plain(rig.with_projectors([]))
     again = RIG.validate_python(plain(rig)).projectors[0]
     before = rig.projectors[0]
     assert (again.pattern == before.pattern).all()

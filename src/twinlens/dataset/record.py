@@ -34,6 +34,9 @@ TYPES: dict[str, type] = {name: public for name, public in vars(camera).items() 
 RENAMED = {("Rig", "believed"): "calibrated"}
 """Fields that earlier versions wrote under another name."""
 
+ADDED: dict[tuple[str, str], Any] = {("Rig", "projectors"): ()}
+"""Fields that earlier versions do not have. They are left out at this value."""
+
 PACKED_ABOVE, MAX_PACKED = 1024, 4096 * 4096
 """Arrays of more than the first and at most the second number of values are packed; the largest are aperture masks."""
 
@@ -98,6 +101,9 @@ def plain(value: Any, nan_as_null: bool = False) -> Any:
         record: dict[str, Any] = {"type": type(value).__name__}
         for name in (field.name for field in dataclasses.fields(value) if field.init):
             each = getattr(value, name)
+            key = record["type"], name
+            if key in ADDED and each == ADDED[key]:
+                continue
             is_float = isinstance(each, np.ndarray) and each.dtype.kind == "f"
             is_large = is_float and PACKED_ABOVE < each.size <= MAX_PACKED and not np.isnan(each).any()
             # Only fields of dataclasses are unpacked.
