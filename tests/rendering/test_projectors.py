@@ -10,6 +10,7 @@ from tests.rendering.conftest import skip_without_llvm
 from twinlens import geometry
 from twinlens.camera import BrownConrady, Camera, GrayCode, PhaseShift, Projector, Rig, decode, patterns
 from twinlens.errors import InputError
+from twinlens.rendering.projectors import build_lit
 from twinlens.scenes import Scene, SceneObject
 
 GREY = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.5}}}
@@ -146,6 +147,17 @@ def test_a_projector_lights_a_dark_scene_and_only_its_rig():
     only_projector, only_lamp = (tl.render(*each, spp=256)[0].mean() for each in ((scene, lit), (lamp, rig)))
     assert with_both == pytest.approx(only_projector + only_lamp, rel=0.02)
     assert (tl.render(lamp, rig, spp=2)[0] == before).all()
+
+
+def test_another_pattern_power_or_pose_changes_the_loaded_scene():
+    """It is not loaded again, and gives the bytes of a scene that is loaded for it."""
+    first = Rig([CAMERA], [np.eye(4)], projectors=[Projector(SIDE, LENS)])
+    other = first.with_projectors([Projector(SIDE @ geometry.rigid(np.eye(3), [0.1, 0, 0]), LENS, CHECKER, 3.0)])
+    scene = scene_of(wall(1.5))
+    tl.render(scene, first, spp=1)
+    changed = tl.render(scene, other, spp=2)[0]
+    assert build_lit(scene, first).mi_scene is build_lit(scene, other).mi_scene
+    assert (changed == tl.render(scene_of(wall(1.5)), other, spp=2)[0]).all()
 
 
 def test_projection_refuses_what_the_rig_does_not_have():

@@ -6,10 +6,11 @@ dark pixels. With distortion, the pattern is first resampled to a grid without i
 """
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twinlens.camera import Projector, Rig
 from twinlens.camera.distortion import Distortion
@@ -24,38 +25,58 @@ _FINER = 4  # samples per projector pixel and axis
 _MOST_SAMPLES = 1 << 27
 
 
+@dataclass(eq=False)
+class _Lit:
+    """A scene with projectors: the parameters of each, and what they are set to. `kinds` cannot be changed."""
+
+    kinds: list[Any]
+    mi_scene: Any
+    lamps: list[Any]
+    shown: tuple[Projector, ...] = ()
+    poses: list[Any] = field(default_factory=list)
+
+
 def build_lit(scene: Scene, rig: Rig) -> BuiltScene:
-    """`build(scene)` with the projectors of `rig` as lights, for images. The last projectors of a scene are cached."""
-    built, poses = build(scene), rig.world_from_projectors
+    """`build(scene)` with the projectors of `rig` as lights, for images.
+
+    The last scene with projectors is cached. Where only patterns, powers and poses of projectors differ, it is not
+    loaded again but changed to those of `rig`.
+    """
+    built = build(scene)
     if not rig.projectors:
         return built
     if built.parts is None:
         raise InputError(f"{scene.xml}: has instances; projectors can light only Mitsuba files without any")
-    key = rig.projectors, [pose.tolist() for pose in poses]
-    if built.cache.get("projectors", (None,))[0] != key:
-        lights = {f"projector{i:04d}": _plugin(*each) for i, each in enumerate(zip(rig.projectors, poses, strict=True))}
-        built.cache["projectors"] = key, mitsuba().load_dict({**built.parts, **lights}, optimize=False)
-    return replace(built, mi_scene=built.cache["projectors"][1])
+    mi, kinds = mitsuba(), [(each.intrinsics, each.filter) for each in rig.projectors]
+    lit: _Lit | None = built.cache.get("projectors")
+    if lit is None or lit.kinds != kinds:
+        lamps = [mi.load_dict(_plugin(each)) for each in rig.projectors]
+        lights = {f"projector{i:04d}": lamp for i, lamp in enumerate(lamps)}
+        mi_scene = mi.load_dict({**built.parts, **lights}, optimize=False)
+        lit = built.cache["projectors"] = _Lit(kinds, mi_scene, [mi.traverse(lamp) for lamp in lamps])
+    poses = [pose.tolist() for pose in rig.world_from_projectors]
+    if lit.shown != rig.projectors or lit.poses != poses:
+        for lamp, projector, pose in zip(lit.lamps, rig.projectors, rig.world_from_projectors, strict=True):
+            lamp["irradiance.data"] = _texture(projector)[0][..., None]
+            lamp["to_world"] = mi.ScalarTransform4f(pose @ np.diag([-1.0, -1.0, 1.0, 1.0]))  # x left, y up
+            lamp.update()
+        lit.shown, lit.poses = rig.projectors, poses
+    return replace(built, mi_scene=lit.mi_scene)
 
 
-def _plugin(projector: Projector, world_from_projector: Float) -> dict[str, Any]:
-    mi, camera = mitsuba(), projector.intrinsics
-    fx, fy, cx, cy = camera.fx, camera.fy, camera.cx, camera.cy
-    light = projector.power / (_BANDS * camera.width * camera.height) * fx * fy / math.pi
-    pattern = projector.pattern.astype(np.float64)
-    if camera.distortion is not None:
-        pattern, (fx, fy, cx, cy) = _undistorted(projector, camera.distortion)
-    texture = np.pad(pattern, 1)
+def _plugin(projector: Projector) -> dict[str, Any]:
+    mi = mitsuba()
+    texture, (fx, fy, cx, cy) = _texture(projector)
     rows, columns = texture.shape
     # Half-widths of the frustum at depth 1, in the texture's aspect ratio, as Mitsuba derives it from the width.
-    reach_x = 1.0 + max(cx + 1.5, columns - 0.5 - cx)
-    reach_y = 1.0 + max(cy + 1.5, rows - 0.5 - cy)
+    reach_x = 1.0 + max(cx + 0.5, columns - 0.5 - cx)
+    reach_y = 1.0 + max(cy + 0.5, rows - 0.5 - cy)
     half_x = max(reach_x / fx, reach_y / fy * columns / rows)
     half_y = half_x * rows / columns
     uv = np.array(
         [
-            [2 * half_x * fx / columns, 0.0, (cx + 1.5 - half_x * fx) / columns],
-            [0.0, 2 * half_y * fy / rows, (cy + 1.5 - half_y * fy) / rows],
+            [2 * half_x * fx / columns, 0.0, (cx + 0.5 - half_x * fx) / columns],
+            [0.0, 2 * half_y * fy / rows, (cy + 0.5 - half_y * fy) / rows],
             [0.0, 0.0, 1.0],
         ]
     )
@@ -63,16 +84,25 @@ def _plugin(projector: Projector, world_from_projector: Float) -> dict[str, Any]
         "type": "projector",
         "fov": 2 * math.degrees(math.atan(half_x)),
         "fov_axis": "x",
-        "to_world": mi.ScalarTransform4f(world_from_projector @ np.diag([-1.0, -1.0, 1.0, 1.0])),  # x left, y up
         "irradiance": {
             "type": "bitmap",
-            "bitmap": mi.Bitmap(np.ascontiguousarray(light * texture[..., None], dtype=np.float32)),
+            "bitmap": mi.Bitmap(texture),
             "raw": True,
             "filter_type": projector.filter,
             "wrap_mode": "clamp",
             "to_uv": mi.ScalarTransform3f(uv),
         },
     }
+
+
+def _texture(projector: Projector) -> tuple[NDArray[np.float32], tuple[float, float, float, float]]:
+    """The irradiance over pi at depth 1, W/m^2, with a border of 0, and its fx, fy, cx, cy."""
+    camera = projector.intrinsics
+    light = projector.power / (_BANDS * camera.width * camera.height) * camera.fx * camera.fy / math.pi
+    pattern, (fx, fy, cx, cy) = projector.pattern.astype(np.float64), (camera.fx, camera.fy, camera.cx, camera.cy)
+    if camera.distortion is not None:
+        pattern, (fx, fy, cx, cy) = _undistorted(projector, camera.distortion)
+    return (light * np.pad(pattern, 1)).astype(np.float32), (fx, fy, cx + 1, cy + 1)
 
 
 def _undistorted(projector: Projector, distortion: Distortion) -> tuple[Float, tuple[float, float, float, float]]:
