@@ -21,7 +21,9 @@ def main() -> None:
     camera = tl.Camera.from_fov(WIDTH, HEIGHT, fov_x_deg=scene.fov_x_deg)
     light = tl.Camera.from_fov(512, 384, fov_x_deg=60)
     beside = rigid(np.eye(3), [0.25, 0.0, 0.0])
-    projector = tl.Projector(beside, light, tl.camera.patterns.dots(512, 384, density=0.04, size=3, seed=1), power=60.0)
+    projector = tl.Projector(
+        beside, light, tl.camera.patterns.dots(512, 384, density=0.04, size=3, seed=1), 60.0, "rgb"
+    )
     rig = tl.Rig([camera], [scene.world_from_left], projectors=[projector])
     code = tl.GrayCode(512, 384)
 

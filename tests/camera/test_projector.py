@@ -82,7 +82,7 @@ def test_pixels_without_modulation_are_not_valid():
 def test_projectors_move_with_the_first_camera():
     rng = np.random.default_rng(4)
     rig, _ = random_rig(rng, 3)
-    projector = Projector(pose(rng), LENS, "dots", 2.0)
+    projector = Projector(pose(rng), LENS, "dots", 2.0, "rgb")
     rig = rig.with_projectors([projector])
     world = geometry.rigid(rotation(rng), rng.uniform(-3, 3, 3))
     moved = Rig(rig.cameras, [world @ each for each in rig.world_from_cams], projectors=rig.projectors)
@@ -104,17 +104,19 @@ def test_a_camera_and_a_projector_triangulate():
 def test_a_rig_with_projectors_is_stored_and_read():
     rng = np.random.default_rng(6)
     rig, _ = random_rig(rng, 2)
-    rig = rig.with_projectors([Projector(pose(rng), LENS, rng.random((48, 64)).astype(np.float32), 2.5, "nearest")])
+    pattern = rng.random((48, 64)).astype(np.float32)
+    rig = rig.with_projectors([Projector(pose(rng), LENS, pattern, 2.5, "rgb", "nearest")])
     assert "projectors" not in plain(rig.with_projectors([]))
     again = RIG.validate_python(plain(rig)).projectors[0]
     before = rig.projectors[0]
     assert (again.pattern == before.pattern).all()
     assert (again.pose == before.pose).all()
-    assert (again.intrinsics, again.power, again.filter) == (before.intrinsics, before.power, before.filter)
+    assert (again.intrinsics, again.power, again.band) == (before.intrinsics, before.power, before.band)
+    assert again.filter == before.filter
 
 
 def test_lux_at_a_distance():
-    near, far = (Projector(None, LENS).with_lux(100.0, distance) for distance in (1.0, 2.0))
+    near, far = (Projector(None, LENS, band="rgb").with_lux(100.0, distance) for distance in (1.0, 2.0))
     assert far.power == pytest.approx(4 * near.power)
     assert near.power / (64 * 48) * 80 * 70 * 352.4 == pytest.approx(100.0)
 
@@ -129,6 +131,9 @@ def test_lux_at_a_distance():
         (lambda: Projector(None, LENS, np.full((48, 64), np.nan)), "values from 0 to 1"),
         (lambda: Projector(None, LENS, "dot"), "did you mean 'dots'"),
         (lambda: Projector(None, LENS, filter="cubic"), "filter of a projector"),
+        (lambda: Projector(None, LENS, band="uv"), "band of a projector"),
+        (lambda: Projector(None, LENS).with_lux(100.0), "band='rgb', or give the power"),
+        (lambda: LENS.replace(band="ir"), "unknown camera band 'ir'"),
         (lambda: Projector(2 * np.eye(4), LENS), "a projector's pose"),
         (lambda: Rig([LENS], [np.eye(4)], projectors=[LENS]), "list of Projectors"),
         (lambda: patterns.named("dots", 8, 8, dens=1), "dens"),

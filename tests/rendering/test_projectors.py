@@ -1,5 +1,7 @@
 """The light of projectors in images, against closed forms, and decoded codes against the truth of projection."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, minimum_filter
@@ -8,11 +10,12 @@ from scipy.spatial.transform import Rotation
 import twinlens as tl
 from tests.rendering.conftest import skip_without_llvm
 from twinlens import geometry
-from twinlens.camera import BrownConrady, Camera, GrayCode, PhaseShift, Projector, Rig, decode, patterns
+from twinlens.camera import BrownConrady, Camera, GrayCode, PhaseShift, Rig, decode, patterns
 from twinlens.errors import InputError
 from twinlens.rendering.projectors import build_lit
 from twinlens.scenes import Scene, SceneObject
 
+Projector = partial(tl.Projector, band="rgb")
 GREY = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.5}}}
 LENS = Camera(64, 48, 80.0, 70.0, 20.0, 30.0)
 CHECKER = patterns.checker(64, 48, 8)
@@ -156,7 +159,8 @@ def test_another_pattern_power_or_pose_changes_the_loaded_scene():
     scene = scene_of(wall(1.5))
     tl.render(scene, first, spp=1)
     changed = tl.render(scene, other, spp=2)[0]
-    assert build_lit(scene, first).mi_scene is build_lit(scene, other).mi_scene
+    loaded = [build_lit(scene, each, "rgb").mi_scene for each in (first, other)]
+    assert loaded[0] is loaded[1]
     assert (changed == tl.render(scene_of(wall(1.5)), other, spp=2)[0]).all()
 
 

@@ -189,9 +189,11 @@ def test_projectors_have_intrinsics_pose_pattern_and_light():
         distortion = { k1 = -0.1 }
         pattern = { type = "dots", density = 0.25, seed = 3 }
         power = 2.5
+        band = "rgb"
         filter = "nearest"
         [[projectors]]
         lux = 100
+        band = "rgb"
     """)
     first, second = made.projectors
     turn = rotation([0, 1, 0], -5)[:3, :3]
@@ -200,7 +202,7 @@ def test_projectors_have_intrinsics_pose_pattern_and_light():
     assert (first.pattern == patterns.dots(64, 48, density=0.25, seed=3)).all()
     assert (first.power, first.filter) == (2.5, "nearest")
     assert second.intrinsics == CAMERA
-    assert second.power == Projector(None, CAMERA).with_lux(100).power
+    assert second.power == Projector(None, CAMERA, band="rgb").with_lux(100).power
     assert np.allclose(made.world_from_projectors[1], made.world_from_cams[0])
 
 
@@ -209,6 +211,8 @@ def test_projectors_have_intrinsics_pose_pattern_and_light():
     [
         ("power = nan", "projectors[0].power: must be a finite number"),
         ("power = 1\nlux = 2", "projectors[0]: 'power' and 'lux' both set the light; keep one"),
+        ("lux = 2", "projectors[0]: lux is a unit of visible light"),
+        ("power = 2", "projectors[0] has the band 'nir', which no camera sees: give a camera band = 'nir'"),
         ("pattern = { type = 'dot' }", "did you mean 'dots'?"),
         ("pattern = { type = 'dots', densty = 1 }", "unknown key 'densty'; did you mean 'density'?"),
         ("pattern = { type = 'dot_grid', period = 1 }", "projectors[0]: the period of a dot grid"),

@@ -8,9 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twinlens.camera.distortion import Distortion, check_invertible
-from twinlens.errors import InputError, check_int, check_number, check_ranges, format_value, located
+from twinlens.errors import InputError, check_int, check_known, check_number, check_ranges, format_value, located
 from twinlens.geometry import Float, rigid
 from twinlens.optics import fx_from_fov
+
+BANDS = ("rgb", "nir", "rgb+nir")
+"""What a camera sees: visible light, the near infrared behind a filter, or both, without any filter."""
 
 MAX_SIDE = 65536
 """The largest width or height of an image, pixels."""
@@ -27,6 +30,7 @@ class Camera:
     cx, cy : principal point in pixels, pixel centres at integers; it may be outside the image.
     distortion : BrownConrady, KannalaBrandt or None; it must be invertible in the image.
     pixel_pitch_um : width of a pixel in micrometres. Only light and diffraction depend on it; geometry and blur do not.
+    band : "rgb", "nir" (near infrared) or "rgb+nir"; only images depend on it.
 
     Raises InputError when a value is out of range.
     """
@@ -39,8 +43,10 @@ class Camera:
     cy: Annotated[float, (-1e9, 1e9)]
     distortion: Distortion | None = None
     pixel_pitch_um: Annotated[float, (1e-3, 1e6)] = 5.0
+    band: str = "rgb"
 
     def __post_init__(self) -> None:
+        check_known("camera band", self.band, BANDS)
         check_size(self.width, self.height)
         check_ranges(self, "camera")
         if not isinstance(self.distortion, Distortion | None):
@@ -65,6 +71,11 @@ class Camera:
     def K(self) -> Float:  # noqa: N802
         """The calibration matrix px_from_cam, (3, 3)."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    @property
+    def bands(self) -> tuple[str, ...]:
+        """The bands that it sees, of "rgb" and "nir"."""
+        return tuple(self.band.split("+"))
 
     @property
     def film_distance(self) -> float:

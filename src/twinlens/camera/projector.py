@@ -11,6 +11,7 @@ from twinlens.errors import InputError, check_known, check_number, format_value
 from twinlens.geometry import Float, check_rigid
 
 FILTERS = ("bilinear", "nearest")
+BANDS = ("nir", "rgb")
 LUMENS_PER_WATT = 352.4
 """Of light with equal power in narrow bands at 611, 549 and 464 nm, those of `twinlens.sensor.Sensor`."""
 
@@ -25,12 +26,13 @@ class Projector:
 
         E = p * power * fx * fy / (W * H * z^2) * cos(a) / cos(b)
 
-    in W/m^2, a third of it in each of the bands red, green and blue (`Sensor.radiance_scale`).
+    in W/m^2, a third of it in each channel of an image (`Sensor.radiance_scale`).
 
     pose : rig_from_projector, a rigid (4, 4); the rig's axes are those of its first camera. Default: at this camera.
     intrinsics : size, focal lengths, principal point and distortion.
     pattern : float32 (H, W) in [0, 1], of the size of the intrinsics, or a name in `twinlens.camera.patterns.PATTERNS`.
     power : watts that a white pattern sends; a pattern sends `emitted_power`. `with_lux` sets it from an illuminance.
+    band : "nir", which only cameras that see the near infrared see, or "rgb", equal parts of red, green and blue.
     filter : between pixel centres the pattern is interpolated ("bilinear"), or pixels are squares ("nearest").
 
     Raises InputError when a value is out of range, or the pattern has another size.
@@ -40,6 +42,7 @@ class Projector:
     intrinsics: Camera
     pattern: NDArray[np.float32]
     power: float = 1.0
+    band: str = "nir"
     filter: str = "bilinear"
 
     def __init__(
@@ -48,11 +51,13 @@ class Projector:
         intrinsics: Camera,
         pattern: ArrayLike | str = "white",
         power: float = 1.0,
+        band: str = "nir",
         filter: str = "bilinear",
     ) -> None:
         if not isinstance(intrinsics, Camera):
             raise InputError(f"a projector's intrinsics must be a Camera, got {format_value(intrinsics)}")
         check_number("a projector's power", power, "a number of watts >= 0, at most 1e9", least=0, most=1e9)
+        check_known("band of a projector", band, BANDS)
         check_known("filter of a projector", filter, FILTERS)
         if isinstance(pattern, str):
             pattern = named(pattern, intrinsics.width, intrinsics.height)
@@ -61,6 +66,7 @@ class Projector:
             "intrinsics": intrinsics,
             "pattern": _checked_pattern(pattern, intrinsics),
             "power": float(power),
+            "band": band,
             "filter": filter,
         }
         for name, value in values.items():
@@ -73,13 +79,15 @@ class Projector:
 
     def with_pattern(self, pattern: ArrayLike | str) -> "Projector":
         """The same projector with another pattern: an array, or a name."""
-        return Projector(self.pose, self.intrinsics, pattern, self.power, self.filter)
+        return Projector(self.pose, self.intrinsics, pattern, self.power, self.band, self.filter)
 
     def with_lux(self, lux: float, distance: float = 1.0) -> "Projector":
         """The same projector, with the power for which white has this illuminance on the axis at `distance` metres.
 
-        `LUMENS_PER_WATT` converts lux to W/m^2.
+        `LUMENS_PER_WATT` converts lux to W/m^2. Raises InputError for a near infrared projector.
         """
+        if self.band == "nir":
+            raise InputError("lux is a unit of visible light: use band='rgb', or give the power in watts")
         check_number("lux", lux, "a number of lux >= 0", least=0)
         check_number("distance", distance, "a number of metres > 0", above=0)
         camera = self.intrinsics

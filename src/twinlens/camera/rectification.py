@@ -118,7 +118,7 @@ def rectify(
     cameras = []
     for centre, old in zip(centres, pair.cameras, strict=True):
         cx, cy = np.round(0.5 * (np.array(size) - 1) - focal * centre, 9)  # exact half pixels, for the scalar backend
-        cameras.append(Camera(*size, focal, focal, float(cx), float(cy), pixel_pitch_um=old.pixel_pitch_um))
+        cameras.append(Camera(*size, focal, focal, float(cx), float(cy), None, old.pixel_pitch_um, old.band))
     poses = [rigid(world_from_rect, pose[:3, 3]) for pose in pair.world_from_cams]
     aligned = Rig(cameras, poses, projectors=pair.projectors_from(poses[0]))
     rectified = aligned if misalignment == ALIGNED else misaligned(aligned, (ALIGNED, misalignment))

@@ -124,17 +124,28 @@ class Rig:
         return Rig(cameras, [*self.world_from_cams, *self.world_from_projectors])
 
     def partner(self, index: int) -> int | None:
-        """The camera that `index` is matched with: 0 with 1, 2 with 3, ...; an odd last one with the one before it."""
-        if len(self) == 1:
+        """The camera that `index` is matched with: 0 with 1, 2 with 3, ...; an odd last one with the one before it.
+
+        The count is among the cameras of its band, or among all where it is the only one of its band.
+        """
+        alike = [i for i, camera in enumerate(self.cameras) if camera.band == self.cameras[index].band]
+        if len(alike) == 1:
+            alike = list(range(len(self)))
+        if len(alike) == 1:
             return None
-        other = index ^ 1
-        return other if other < len(self) else index - 1
+        place = alike.index(index)
+        return alike[place ^ 1 if place ^ 1 < len(alike) else place - 1]
 
     def pair(self, a: int, b: int) -> "Rig":
-        """The rig of cameras `a` and `b`, in that order, with the pair of its `calibrated` rig."""
+        """The rig of cameras `a` and `b`, in that order, with the pair of its `calibrated` rig.
+
+        Projectors whose light neither of the two sees are left out.
+        """
         calibrated = None if self.calibrated is None else self.calibrated.pair(a, b)
-        poses = [self.world_from_cams[i] for i in (a, b)]
-        return Rig([self.cameras[i] for i in (a, b)], poses, calibrated, self.projectors_from(poses[0]))
+        cameras, poses = [self.cameras[i] for i in (a, b)], [self.world_from_cams[i] for i in (a, b)]
+        seen = {band for camera in cameras for band in camera.bands}
+        projectors = [each for each in self.projectors_from(poses[0]) if each.band in seen]
+        return Rig(cameras, poses, calibrated, projectors)
 
     def baseline(self, a: int = 0, b: int = 1) -> float:
         """Distance of two camera centres, metres."""
@@ -154,6 +165,15 @@ class Rig:
         parallel = np.abs(left_from_right[:3, :3] - np.eye(3)).max() <= _ALIGNED
         extent = max(np.abs(pose[:3, 3]).max() for pose in (self.world_from_cams[left], self.world_from_cams[right]))
         return bool(parallel and x > 0 and max(abs(y), abs(z)) <= _ALIGNED * x + _ROUNDING * extent)
+
+
+def check_seen(rig: Rig) -> None:
+    """Raise InputError for a projector whose light no camera of `rig` sees."""
+    seen = {band for camera in rig.cameras for band in camera.bands}
+    for i, projector in enumerate(rig.projectors):
+        if projector.band not in seen:
+            remedy = f"give a camera band = {projector.band!r}, or the projector another band"
+            raise InputError(f"projectors[{i}] has the band {projector.band!r}, which no camera sees: {remedy}")
 
 
 @dataclass(frozen=True)

@@ -141,7 +141,8 @@ def check_photographs(gates: Gates, sample: Sample, sensor: Sensor) -> None:
                 f"{ratio:.2g} x sensor noise in the images of lens {k}, maximum {gates.noise:g}",
                 "spp or noise (more samples), or gates.noise",
             )
-        greys = [grey(image, sensor) for image in shot.images]
+        cameras = sample.rig.cameras
+        greys = [grey(image, sensor.for_band(camera.band)) for image, camera in zip(shot.images, cameras, strict=True)]
         for i, picture in enumerate(greys):
             for gate, most, bad in (("dark", gates.dark, picture <= _DARK), ("burnt", gates.burnt, picture >= _BURNT)):
                 share = float(bad.mean())

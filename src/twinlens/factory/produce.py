@@ -29,6 +29,7 @@ from twinlens.rendering import (
     with_object_truth,
 )
 from twinlens.scenes import Scene, Sky
+from twinlens.scenes.bands import NIR_SHARES
 from twinlens.schema import read
 from twinlens.seeds import generator
 
@@ -164,7 +165,8 @@ def check_backend(recipe: Recipe, index: int) -> None:
             is_lit = settings.sky or settings.scene.objects or rig.projectors
             if not is_lit and scene is not ANY_SCENE:
                 with located(f"{recipe.file}: scenes"):
-                    check_lit(scene)
+                    for band in {band for camera in rig.cameras for band in camera.bands}:
+                        check_lit(scene, band)
             return
 
 
@@ -187,5 +189,6 @@ def under_sky(scene: Scene, table: Mapping[str, Any], folder: Path, seed: int = 
 
 def _lit(scene: Scene, table: SkyTable, sources: Sources, seed: int) -> Scene:
     name, pixels = sources.sky(table.file, generator(seed, "sky"))
-    record = {"file": name, "sha256": sources.digests[name], **table.model_dump(exclude={"file"})}
-    return scene.lit_by(Sky(pixels, table.turn_deg, table.scale, table.visible, record), table.lamps)
+    record = {"file": name, "sha256": sources.digests[name], **table.model_dump(exclude={"file"}, exclude_none=True)}
+    share = NIR_SHARES[table.nir] if isinstance(table.nir, str) else table.nir
+    return scene.lit_by(Sky(pixels, table.turn_deg, table.scale, table.visible, record, share), table.lamps)

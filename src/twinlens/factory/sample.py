@@ -65,7 +65,7 @@ def make_sample(
     sensor : default `Sensor()`. Its `mismatch` makes the cameras differ; for the alignment, give
         ``mismatch.misalign(rig)`` as the rig.
     exposure : one exposure for all lenses, so that a smaller aperture gives a darker image. By default each lens has
-        its own automatic exposure, which its cameras share.
+        its own automatic exposure, which its cameras of the same band share.
     diffraction : blur images by the Airy pattern (`diffract`) at the sensor's wavelengths. Disk apertures only.
     dual_pixel : take the images with dual pixels (`Sensor.expose_dual`) through every lens with an aperture.
     keep_radiance : keep the linear images, including diffraction.
@@ -111,8 +111,10 @@ def make_sample(
             images = rendering.render(scene, rig, lens, spp, stream, denoise=denoise, parts=parts, progress=report)
         radiances = tuple(_wholes(images))
         if diffraction and lens.aperture_diameter > 0:
-            pairs = zip(radiances, rig.cameras, strict=True)
-            radiances = tuple(diffract(image, camera, lens, sensor.wavelengths) for image, camera in pairs)
+            radiances = tuple(
+                diffract(image, camera, lens, sensor.for_band(camera.band).wavelengths)
+                for image, camera in zip(radiances, rig.cameras, strict=True)
+            )
         halves = None
         if parts is None:
             photos = expose(radiances)
@@ -166,7 +168,7 @@ def _noise_ratios(
     for view, photo, camera in zip(views, photos, rig.cameras, strict=True):
         rate = sensor.pixel_rates(camera, lens) * photo.record["time_s"]
         electrons, error = np.maximum(_wholes([view.image])[0] * rate, 0), view.error * rate
-        if sensor.filters == "mono":
+        if sensor.for_band(camera.band).filters == "mono":
             electrons, error = (part.sum(axis=-1, keepdims=True) for part in (electrons, error))
         least = sensor.read_noise**2 + (1 / photo.record["system_gain_dn_per_electron"]) ** 2 / 12
         excess = np.nan_to_num(error**2 / (electrons + least)).mean(axis=-1)

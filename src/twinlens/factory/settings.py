@@ -69,6 +69,7 @@ class SkyTable(StrictModel):
     scale: Annotated[Positive, Field(ge=1e-9, le=1e9)] = 1.0
     visible: bool = True
     lamps: bool = True
+    nir: Literal["daylight", "tungsten", "led"] | NonNegative | None = None
 
 
 _PRESET = "machine_vision"

@@ -14,6 +14,7 @@ from twinlens.errors import InputError
 from twinlens.geometry import Float
 from twinlens.rendering.backends import mitsuba
 from twinlens.scenes import Bitmap, Color, Mesh, Plugin, Scene, SceneObject
+from twinlens.scenes.bands import near_infrared
 from twinlens.scenes.scene import HINTS, MATTE_ROUGHNESS
 from twinlens.scenes.shapes import transformed
 
@@ -21,6 +22,7 @@ _INSTANCE = 1 << 10  # Mitsuba 3.9 has no name for this shape type
 _BLOCK_PX = 16
 
 _cache: "weakref.WeakKeyDictionary[Scene, BuiltScene]" = weakref.WeakKeyDictionary()
+_near_infrared: "weakref.WeakKeyDictionary[Scene, Scene]" = weakref.WeakKeyDictionary()
 _building = threading.Lock()
 
 
@@ -62,9 +64,19 @@ class BuiltScene:
     cache: dict[str, Any] = field(default_factory=dict)
 
 
-def build(scene: Scene) -> BuiltScene:
-    """The Mitsuba scene of `scene`, cached as long as the Scene exists."""
+def in_band(scene: Scene, band: str) -> Scene:
+    """The scene in the band "rgb" or "nir", cached as long as the Scene exists."""
+    if band == "rgb":
+        return scene
+    if scene not in _near_infrared:
+        _near_infrared[scene] = near_infrared(scene)
+    return _near_infrared[scene]
+
+
+def build(scene: Scene, band: str = "rgb") -> BuiltScene:
+    """The Mitsuba scene of `scene` in a band, cached as long as the Scene exists."""
     with _building:
+        scene = in_band(scene, band)
         if scene not in _cache:
             with _two_threads():
                 _cache[scene] = _build_xml(scene) if scene.xml is not None else _build_objects(scene)
@@ -242,6 +254,7 @@ def mitsuba_value(value: Any, textures: dict[int, Any] | None = None) -> Any:
             if is_sky and isinstance(part, Bitmap)
             else mitsuba_value(part, textures)
             for key, part in value.items()
+            if key != "nir"
         }
     return value
 

@@ -27,10 +27,13 @@ from twinlens.rendering.radiance import (
     Progress,
     check_parts_supported,
     check_request,
+    in_channels,
     other_guides,
     partial_progress,
     render,
     render_measured,
+    split_bands,
+    sum_of,
 )
 from twinlens.scenes import Scene
 from twinlens.seeds import derived_seed, seed_sequence
@@ -109,7 +112,17 @@ def render_lens_grid(
     if not isinstance(lenses, Sequence) or not lenses:
         raise InputError("render_lens_grid needs a list of at least one lens")
     check_request(scene, rig, lenses, spp, seed, sampler)
-    built = build_lit(scene, rig)
+    single, members = split_bands(rig)
+    if len(single) > len(rig):
+        grid = render_lens_grid(
+            scene, single, lenses, spp, seed, denoise=denoise, parts=parts, sampler=sampler, progress=progress
+        )
+        joined = tuple([sum_of([images[i] for i in indices]) for indices in members] for images in grid)
+        squares = np.square(grid.standard_error)
+        errors = np.stack([squares[:, indices].sum(axis=1) for indices in members], axis=1)
+        return LensGrid(joined, np.sqrt(errors), grid.rays)
+    builts = [build_lit(scene, rig, camera.band) for camera in rig.cameras]
+    built = builts[0]
     if parts is not None:
         for lens in lenses:
             check_parts(parts, lens)
@@ -123,9 +136,7 @@ def render_lens_grid(
     if shared:
         report = partial_progress(progress, 0.0, len(shared) / len(lenses))
         chosen = [lenses[i] for i in shared]
-        found, variance[shared], paths = _render_shared(
-            build_lit(scene, rig), rig, chosen, spp, seed, parts, sampler, report
-        )
+        found, variance[shared], paths = _render_shared(builts, rig, chosen, spp, seed, parts, sampler, report)
         rays += paths
         images |= zip(shared, found, strict=True)
     for done, i in enumerate(separate, len(shared)):
@@ -134,7 +145,7 @@ def render_lens_grid(
         images[i], variance[i] = _render_separately(scene, rig, lenses[i], spp, own_seed, parts, sampler, report)
     if denoise:
         for (i, lens), index in product(enumerate(lenses), range(len(rig))):
-            view = built, rig.cameras[index], rig.world_from_cams[index]
+            view = builts[index], rig.cameras[index], rig.world_from_cams[index]
             guides = other_guides(*view, lens, 2 * GUIDE_SAMPLES, seed, index, i, parts=parts)
             fractions = None if parts is None else parts.light(lens.aperture)[0]
             images[i][index] = denoise_parts(images[i][index], guides, None, fractions)
@@ -165,7 +176,7 @@ def _render_separately(
 
 
 def _render_shared(
-    built: BuiltScene,
+    builts: Sequence[BuiltScene],
     rig: Rig,
     lenses: Sequence[Lens],
     spp: int,
@@ -193,7 +204,8 @@ def _render_shared(
                 distinct = list(dict.fromkeys(outputs))
                 focuses = [focus for focus, _ in distinct for _ in range(size)]
                 shares = None if parts is None else _shares(parts, [radius for _, radius in distinct])
-                means, variance, paths = SharedPaths(built, camera, pose, group, sampler).images(seeds, focuses, shares)
+                traced = SharedPaths(builts[index], camera, pose, group, sampler)
+                means, variance, paths = traced.images(seeds, focuses, shares)
                 rays += paths
                 for i, output in zip(users, outputs, strict=True):
                     first = size * distinct.index(output)
@@ -201,7 +213,7 @@ def _render_shared(
                     variances[i, index] += fractions[i] ** 2 * variance[first]
             progress((index + (place + 1) / len(annuli)) / len(rig))
         for several, total in zip(images, totals, strict=True):
-            several.append((total[0] if parts is None else total[1:]).astype(np.float32))
+            several.append(in_channels(total[0] if parts is None else total[1:], camera).astype(np.float32))
     return images, variances, rays
 
 

@@ -20,7 +20,7 @@ from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import BuiltScene, build
 from twinlens.scenes import Scene
 
-_BANDS = 3  # that share the power
+_CHANNELS = 3  # that share the power
 _FINER = 4  # samples per projector pixel and axis
 _MOST_SAMPLES = 1 << 27
 
@@ -36,31 +36,34 @@ class _Lit:
     poses: list[Any] = field(default_factory=list)
 
 
-def build_lit(scene: Scene, rig: Rig) -> BuiltScene:
-    """`build(scene)` with the projectors of `rig` as lights, for images.
+def build_lit(scene: Scene, rig: Rig, band: str) -> BuiltScene:
+    """`build(scene, band)` with the projectors of `rig` in this band as lights, for images.
 
     The last scene with projectors is cached. Where only patterns, powers and poses of projectors differ, it is not
     loaded again but changed to those of `rig`.
     """
-    built = build(scene)
-    if not rig.projectors:
+    built = build(scene, band)
+    pairs = zip(rig.projectors, rig.world_from_projectors, strict=True)
+    placed = [(projector, pose) for projector, pose in pairs if projector.band == band]
+    if not placed:
         return built
+    shown = tuple(projector for projector, _ in placed)
     if built.parts is None:
         raise InputError(f"{scene.xml}: has instances; projectors can light only Mitsuba files without any")
-    mi, kinds = mitsuba(), [(each.intrinsics, each.filter) for each in rig.projectors]
+    mi, kinds = mitsuba(), [(each.intrinsics, each.filter) for each in shown]
     lit: _Lit | None = built.cache.get("projectors")
     if lit is None or lit.kinds != kinds:
-        lamps = [mi.load_dict(_plugin(each)) for each in rig.projectors]
+        lamps = [mi.load_dict(_plugin(each)) for each in shown]
         lights = {f"projector{i:04d}": lamp for i, lamp in enumerate(lamps)}
         mi_scene = mi.load_dict({**built.parts, **lights}, optimize=False)
         lit = built.cache["projectors"] = _Lit(kinds, mi_scene, [mi.traverse(lamp) for lamp in lamps])
-    poses = [pose.tolist() for pose in rig.world_from_projectors]
-    if lit.shown != rig.projectors or lit.poses != poses:
-        for lamp, projector, pose in zip(lit.lamps, rig.projectors, rig.world_from_projectors, strict=True):
+    poses = [pose.tolist() for _, pose in placed]
+    if lit.shown != shown or lit.poses != poses:
+        for lamp, (projector, pose) in zip(lit.lamps, placed, strict=True):
             lamp["irradiance.data"] = _texture(projector)[0][..., None]
             lamp["to_world"] = mi.ScalarTransform4f(pose @ np.diag([-1.0, -1.0, 1.0, 1.0]))  # x left, y up
             lamp.update()
-        lit.shown, lit.poses = rig.projectors, poses
+        lit.shown, lit.poses = shown, poses
     return replace(built, mi_scene=lit.mi_scene)
 
 
@@ -98,7 +101,7 @@ def _plugin(projector: Projector) -> dict[str, Any]:
 def _texture(projector: Projector) -> tuple[NDArray[np.float32], tuple[float, float, float, float]]:
     """The irradiance over pi at depth 1, W/m^2, with a border of 0, and its fx, fy, cx, cy."""
     camera = projector.intrinsics
-    light = projector.power / (_BANDS * camera.width * camera.height) * camera.fx * camera.fy / math.pi
+    light = projector.power / (_CHANNELS * camera.width * camera.height) * camera.fx * camera.fy / math.pi
     pattern, (fx, fy, cx, cy) = projector.pattern.astype(np.float64), (camera.fx, camera.fy, camera.cx, camera.cy)
     if camera.distortion is not None:
         pattern, (fx, fy, cx, cy) = _undistorted(projector, camera.distortion)

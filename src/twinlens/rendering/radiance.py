@@ -19,10 +19,11 @@ from numpy.typing import NDArray
 from twinlens.camera import Camera, Lens, Pinhole, Rig
 from twinlens.camera.lens import check_lens
 from twinlens.camera.parts import Parts, check_parts
+from twinlens.camera.rig import check_seen
 from twinlens.errors import BackendError, InputError, check_int, check_known
 from twinlens.geometry import Float
 from twinlens.rendering.backends import backend, mitsuba
-from twinlens.rendering.build import BuiltScene
+from twinlens.rendering.build import BuiltScene, build, in_band
 from twinlens.rendering.denoising import GUIDE_SAMPLES, denoise_image, denoise_parts
 from twinlens.rendering.guides import Guides, binned, render_guides
 from twinlens.rendering.projectors import build_lit
@@ -81,7 +82,8 @@ def render(
     Returns
     -------
     list of float32 (H, W, 3)
-        Linear sRGB radiance per camera, averaged over the area of each pixel; (P, H, W, 3) with P `parts`.
+        Linear sRGB radiance per camera, averaged over the area of each pixel; (P, H, W, 3) with P `parts`. Each channel
+        of a near infrared camera has a third of the band's radiance; those of an "rgb+nir" camera have it in addition.
 
     Raises
     ------
@@ -91,13 +93,17 @@ def render(
         When this machine's backend does not support the camera, the lens, or parts.
     """
     check_request(scene, rig, [lens], spp, seed, sampler)
-    built = build_lit(scene, rig)
+    single, members = split_bands(rig)
+    if len(single) > len(rig):
+        seen = render(scene, single, lens, spp, seed, denoise=denoise, parts=parts, sampler=sampler, progress=progress)
+        return [sum_of([seen[i] for i in indices]) for indices in members]
     if parts is not None:
         check_parts(parts, lens)
-        check_parts_supported(built)
+        check_parts_supported(build(scene, rig.cameras[0].band))
     images = []
     for index, (camera, pose) in enumerate(zip(rig.cameras, rig.world_from_cams, strict=True)):
         report = partial_progress(progress, index / len(rig), (index + 1) / len(rig))
+        built = build_lit(scene, rig, camera.band)
         total: Any = 0.0
         done = 0
         passes = list(_image_passes(camera, int(spp), int(seed), index, sampler))
@@ -110,7 +116,7 @@ def render(
             total = total + count * np.asarray(image, dtype=np.float64)
             done += count
             report(done / spp)
-        mean = (total / spp).astype(np.float32)
+        mean = in_channels(total / spp, camera).astype(np.float32)
         if denoise:
             own = _own_guides(built, camera, pose, lens, passes, parts)
             other = other_guides(built, camera, pose, lens, GUIDE_SAMPLES, int(seed), index, parts=parts)
@@ -155,10 +161,21 @@ def render_measured(
     check_request(scene, rig, [lens], spp, seed, sampler)
     if spp < 2:
         raise InputError(f"an estimate of the noise needs spp >= 2, got {spp}")
-    built = build_lit(scene, rig)
+    single, members = split_bands(rig)
+    if len(single) > len(rig):
+
+        def joined(seen: Sequence[NoisyImage]) -> list[NoisyImage]:
+            return [_joined_bands([seen[i] for i in indices]) for indices in members]
+
+        found, used = render_measured(
+            scene, single, lens, spp, seed, denoise=denoise, parts=parts, sampler=sampler, progress=progress,
+            enough=lambda seen: enough(joined(seen)),
+        )  # fmt: skip
+        return joined(found), used
+    builts = [build_lit(scene, rig, camera.band) for camera in rig.cameras]
     views = list(zip(rig.cameras, rig.world_from_cams, strict=True))
     others = [
-        [other_guides(built, *view, lens, GUIDE_SAMPLES // 2, seed, i, half, parts=parts) for half in (0, 1) if denoise]
+        [other_guides(builts[i], *view, lens, GUIDE_SAMPLES // 2, seed, i, k, parts=parts) for k in (0, 1) if denoise]
         for i, view in enumerate(views)
     ]
     fractions = None if parts is None else parts.light(lens.aperture)[0]
@@ -176,12 +193,42 @@ def render_measured(
                 totals[i][half] += count * images[i].astype(np.float64)
                 if denoise:
                     passes = _image_passes(camera, count, half_seed, i, sampler)
-                    owns[i][half] = _joined(owns[i][half], _own_guides(built, camera, pose, lens, passes, parts))
+                    own = _own_guides(builts[i], camera, pose, lens, passes, parts)
+                    owns[i][half] = _joined(owns[i][half], own)
             counts[half] += count
         found = [_measured(*each, counts, fractions) for each in zip(totals, others, owns, strict=True)]
         extra = int(counts.sum())
         if enough(found) or 2 * extra > MAX_SPP:
             return found, extra
+
+
+def split_bands(rig: Rig) -> tuple[Rig, list[list[int]]]:
+    """`rig` with a camera for each band that a camera sees, and for each camera of `rig` the indices of its own."""
+    members: list[list[int]] = []
+    cameras: list[Camera] = []
+    poses: list[Float] = []
+    for camera, pose in zip(rig.cameras, rig.world_from_cams, strict=True):
+        members.append(list(range(len(cameras), len(cameras) + len(camera.bands))))
+        cameras += [camera.replace(band=band) for band in camera.bands]
+        poses += [pose] * len(camera.bands)
+    return (rig if len(cameras) == len(rig) else Rig(cameras, poses, projectors=rig.projectors)), members
+
+
+def sum_of(images: Sequence[NDArray[np.float32]]) -> NDArray[np.float32]:
+    """The sum of the images of a camera's bands."""
+    return np.asarray(np.sum(images, axis=0, dtype=np.float32))
+
+
+def _joined_bands(views: Sequence[NoisyImage]) -> NoisyImage:
+    errors = np.stack([view.error for view in views])
+    return NoisyImage(sum_of([view.image for view in views]), np.sqrt(np.square(errors).sum(axis=0)))
+
+
+def in_channels(image: Float, camera: Camera) -> Float:
+    """The image (..., H, W, 3) of a pass as `camera` has it: the mean in each channel for the near infrared."""
+    if camera.band != "nir":
+        return image
+    return np.repeat(image.mean(axis=-1, keepdims=True), 3, axis=-1)
 
 
 def _measured(
@@ -264,8 +311,10 @@ def _image_passes(camera: Camera, spp: int, seed: int, index: int, sampler: str)
 def check_request(scene: Scene, rig: Rig, lenses: Iterable[Lens], spp: int, seed: int, sampler: str) -> None:
     """Raise InputError for invalid arguments of `render`."""
     check_view(scene, rig)
-    if not any(projector.emitted_power for projector in rig.projectors):
-        check_lit(scene)
+    check_seen(rig)
+    for band in dict.fromkeys(band for camera in rig.cameras for band in camera.bands):
+        if not any(projector.emitted_power for projector in rig.projectors if projector.band == band):
+            check_lit(scene, band)
     for lens in lenses:
         check_lens(lens)
     check_int("spp", spp, 1)
@@ -273,11 +322,12 @@ def check_request(scene: Scene, rig: Rig, lenses: Iterable[Lens], spp: int, seed
     check_known("sampler", sampler, SAMPLERS)
 
 
-def check_lit(scene: Scene) -> None:
-    """Raise InputError for a scene without light."""
-    if not scene.is_lit:
+def check_lit(scene: Scene, band: str = "rgb") -> None:
+    """Raise InputError for a scene without light in the band "rgb" or "nir"."""
+    if not in_band(scene, band).is_lit:
+        kind = "light" if band == "rgb" else "near infrared light"
         remedy = "add one under [lights], an emitter to an object, a projector to the rig, or a sky"
-        raise InputError(f"the scene {scene.name!r} has no light: {remedy}")
+        raise InputError(f"the scene {scene.name!r} has no {kind}: {remedy}")
 
 
 def check_view(scene: Scene, rig: Rig) -> None:

@@ -33,7 +33,7 @@ _DIELECTRIC = Annotated[
     str, one_of("dielectric", DIELECTRICS), pydantic.AfterValidator(lambda name: name.replace("_", " "))
 ]
 _IOR = number(1, 5) | _DIELECTRIC | None
-_REFLECTANCE = spectrum(1.0) | None
+_REFLECTANCE: Any = spectrum(1.0) | None
 _RADIANCE = spectrum(1e9) | None
 _METAL_INDEX = spectrum(20.0) | None
 _FRACTION_MAP = number_or_texture(0.0, 1.0)
@@ -58,10 +58,11 @@ class PluginTable(StrictModel):
 
 
 class MaterialBase(PluginTable):
-    """`twosided` makes both faces of a one-sided material visible."""
+    """`twosided` makes both faces of a one-sided material visible. `nir` is the near infrared reflectance."""
 
     extra_keys = frozenset({"twosided"})
     twosided: bool = False
+    nir: _REFLECTANCE = None
 
     @pydantic.model_validator(mode="after")
     def _check_pairs(self) -> "MaterialBase":
@@ -121,9 +122,13 @@ MATERIALS: dict[str, dict[str, Any]] = {
 
 
 class LightBase(PluginTable):
-    """`sampling_weight` is how often a light is sampled, relative to the others."""
+    """`sampling_weight` is how often a light is sampled, relative to the others.
+
+    `nir` is the share of near infrared light: a kind of light, or the power relative to the visible.
+    """
 
     sampling_weight: NonNegative | None = None
+    nir: Literal["daylight", "tungsten", "led"] | NonNegative | None = None
 
     @pydantic.model_validator(mode="after")
     def _check_light(self) -> "LightBase":

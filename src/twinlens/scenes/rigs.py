@@ -24,6 +24,7 @@ from twinlens.camera.film import sensor_width_mm
 from twinlens.camera.intrinsics import MAX_SIDE
 from twinlens.camera.patterns import named
 from twinlens.camera.presets import CAMERAS, find_camera
+from twinlens.camera.rig import check_seen
 from twinlens.errors import InputError, located
 from twinlens.geometry import Float, rigid
 from twinlens.optics import middle_focus
@@ -84,6 +85,7 @@ class Intrinsics(StrictModel):
     pixel_pitch_um: Positive | None = None
     sensor_width_mm: SensorWidth | None = None
     distortion: DistortionTable | None = None
+    band: Literal["rgb", "nir", "rgb+nir"] | None = None
 
     @pydantic.model_validator(mode="after")
     def _check_focal_length(self) -> "Intrinsics":
@@ -199,7 +201,7 @@ class ProjectorTable(Intrinsics):
     """A projector. `translate` and `euler_deg` are its pose in the first camera's axes: x right, y down, z forward.
 
     Image size and field of view are by default those of the scene's cameras. `power` is in watts; `lux` is the
-    illuminance of a white pattern on the axis, 1 m away.
+    illuminance of a white pattern on the axis, 1 m away, for the band "rgb".
     """
 
     translate: Vector3 | None = None
@@ -207,18 +209,19 @@ class ProjectorTable(Intrinsics):
     pattern: PatternTable | None = None
     power: NonNegative | None = None
     lux: NonNegative | None = None
+    band: Literal["nir", "rgb"] = "nir"
     filter: Literal["bilinear", "nearest"] = "bilinear"
 
     def projector(self, shared: Mapping[str, Any]) -> Projector:
         """The projector, with the intrinsics in `shared` where the table has none."""
         if self.power is not None and self.lux is not None:
             raise InputError("'power' and 'lux' both set the light; keep one")
-        intrinsics = self.made(shared)
+        intrinsics = self.made(shared).replace(band="rgb")
         options = {"type": "white"} if self.pattern is None else self.pattern.model_dump(exclude_none=True)
         pattern = named(options.pop("type"), intrinsics.width, intrinsics.height, **options)
         pose = rigid(euler_rotation(self.euler_deg or [0.0] * 3)[:3, :3], self.translate or [0.0] * 3)
         power = 1.0 if self.power is None else self.power
-        made = Projector(pose, intrinsics, pattern, power, self.filter)
+        made = Projector(pose, intrinsics, pattern, power, self.band, self.filter)
         return made if self.lux is None else made.with_lux(self.lux)
 
 
@@ -249,6 +252,7 @@ class RigBase(Viewed):
             with located(f"projectors[{i}]"):
                 projectors.append(projector.projector(of_scene))
         rig = Rig([table.made(shared) for table in tables], places, projectors=projectors)
+        check_seen(rig)
         if self.misalignment is None:
             return rig
         errors = self.misalignment

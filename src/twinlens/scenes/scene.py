@@ -6,6 +6,8 @@ names, nested. Besides numbers, strings and booleans a value may be
 - a `Color` (linear RGB or one number), a `Bitmap` (an image in memory), or a nested plugin (a texture, a BSDF);
 - under `to_world` or `to_uv`, a 4x4 float64 array.
 
+The key `nir` of a material is its near infrared reflectance, that of a light its share of this band (`scenes.bands`).
+
 `twinlens.rendering` builds a Mitsuba scene from it.
 """
 
@@ -157,6 +159,7 @@ class Sky:
     turn_deg : rotation about the vertical z axis, from +x to +y. At 0, the middle column of the picture is towards -y,
         and the column at a quarter of its width towards +x.
     scale : factor of the radiance.
+    nir : near infrared share of its light (`twinlens.scenes.bands`); None derives it from the colour.
     visible : whether cameras see it. A hidden sky gives light and reflections, and is black where a camera ray leaves
         the scene directly.
     record : where it comes from, plain data for sample.json.
@@ -169,6 +172,7 @@ class Sky:
     scale: float = 1.0
     visible: bool = True
     record: Mapping[str, Any] = field(default_factory=dict)
+    nir: float | None = None
 
     def __post_init__(self) -> None:
         pixels = np.asarray(self.pixels)
@@ -178,6 +182,8 @@ class Sky:
             raise InputError("a sky must have finite values >= 0, and some light")
         check_number("the turn_deg of a sky", self.turn_deg, "a finite number of degrees")
         check_number("the scale of a sky", self.scale, "a finite number > 0", above=0)
+        if self.nir is not None:
+            check_number("the nir of a sky", self.nir, "a finite number >= 0", least=0)
 
     def plugin(self) -> dict[str, Any]:
         """The environment map of the renderer."""

@@ -49,6 +49,8 @@ class Sensor:
 
     quantum_efficiency : electrons per photon in the red, green and blue band, in (0, 1].
     wavelengths : of the three bands, metres.
+    nir_efficiency, nir_wavelength : quantum efficiency and wavelength in place of these for near infrared cameras
+    (`for_band`).
     full_well : saturation capacity of a pixel, electrons.
     read_noise : temporal dark noise at zero exposure, electrons rms.
     dark_current : electrons per second.
@@ -75,6 +77,8 @@ class Sensor:
 
     quantum_efficiency: tuple[float, float, float] = (0.55, 0.62, 0.50)
     wavelengths: tuple[float, float, float] = CHANNEL_WAVELENGTHS
+    nir_efficiency: Annotated[float, (1e-9, 1.0)] = 0.15
+    nir_wavelength: Annotated[float, (7e-7, 1.1e-6)] = 850e-9
     full_well: Annotated[float, (1.0, 1e9)] = 10700.0
     read_noise: Annotated[float, (0.0, 1e9)] = 2.3
     dark_current: Annotated[float, (0.0, 1e9)] = 1.0
@@ -139,6 +143,19 @@ class Sensor:
             check_known("sensor field", name, known)
         return replace(self, **changes)
 
+    def for_band(self, band: str) -> "Sensor":
+        """The sensor of a camera with this `Camera.band`: mono, with the efficiency and wavelength of "nir" for that.
+
+        Cameras of the other bands have this sensor. All methods that get a camera apply it.
+
+        >>> Sensor().for_band("nir").quantum_efficiency
+        (0.15, 0.15, 0.15)
+        """
+        if band != "nir":
+            return self
+        efficiency, wavelength = (self.nir_efficiency,) * 3, (self.nir_wavelength,) * 3
+        return replace(self, quantum_efficiency=efficiency, wavelengths=wavelength, filters="mono")
+
     @property
     def largest_dn(self) -> int:
         """The largest digital number, 2^adc_bits - 1."""
@@ -153,16 +170,18 @@ class Sensor:
         distance = film_distance(camera, lens)
         pixel_area = distance / camera.fx * distance / camera.fy
         joules = light.irradiance_factor(camera, lens, self.pinhole_f_number) * pixel_area
-        photons = np.array(self.wavelengths) / (light.PLANCK * light.SPEED)
-        return np.asarray(self.radiance_scale * joules * photons * np.array(self.quantum_efficiency))
+        own = self.for_band(camera.band)
+        photons = np.array(own.wavelengths) / (light.PLANCK * light.SPEED)
+        return np.asarray(self.radiance_scale * joules * photons * np.array(own.quantum_efficiency))
 
     def level_rate(self, radiance: ArrayLike, *, camera: Camera, lens: Lens) -> Float:
         """Signal per second at gain 1 over the full well, (H, W, 3), of a radiance image; for automatic exposure."""
         check_lens(lens)
         rates = checked_radiance("radiance", radiance, camera) * self.pixel_rates(camera, lens)
-        if self.filters == "mono":
+        own = self.for_band(camera.band)
+        if own.filters == "mono":
             rates = np.repeat(rates.sum(axis=-1, keepdims=True), 3, axis=-1)
-        return rates * self.balance() / self.full_well
+        return rates * own.balance() / self.full_well
 
     def expose(
         self,
@@ -187,24 +206,30 @@ class Sensor:
     def _expose(
         self, views: Sequence[tuple[ArrayLike, Camera, int]], lens: Lens, seed: int, exposure: Exposure | None
     ) -> list[Photo]:
-        """One photo for each radiance, camera and eye, with one exposure."""
+        """One photo for each radiance, camera and eye; cameras of the same band have the same exposure."""
         images = [checked_radiance("radiance", radiance, camera) for radiance, camera, _ in views]
-        nominal = self._nominal(images, [camera for _, camera, _ in views], lens, seed, exposure)
+        exposures = self._nominal(images, [camera for _, camera, _ in views], lens, seed, exposure)
         return [
-            self._take(image, camera, lens, nominal, seed, eye)
-            for image, (_, camera, eye) in zip(images, views, strict=True)
+            self.for_band(camera.band)._take(image, camera, lens, nominal, seed, eye)
+            for image, (_, camera, eye), nominal in zip(images, views, exposures, strict=True)
         ]
 
     def _nominal(
         self, images: Sequence[Float], cameras: Sequence[Camera], lens: Lens, seed: int, exposure: Exposure | None
-    ) -> Exposure:
-        """The given exposure, or the automatic one of `images`, after checks."""
+    ) -> list[Exposure]:
+        """For each image the given exposure, or the automatic one of the images of its band, after checks."""
         check_lens(lens)
         check_exposure(exposure)
         check_int("seed", seed, 0)
         if exposure is not None:
             light.warn_below_f1(min(cameras, key=lambda camera: film_distance(camera, lens)), lens, stacklevel=5)
-        return exposure or auto_exposure(images, sensor=self, cameras=cameras, lens=lens)
+            return [exposure] * len(images)
+        found = {}
+        for band in {camera.band for camera in cameras}:
+            seen = [i for i, camera in enumerate(cameras) if camera.band == band]
+            alike, own = [images[i] for i in seen], [cameras[i] for i in seen]
+            found[band] = auto_exposure(alike, sensor=self, cameras=own, lens=lens)
+        return [found[camera.band] for camera in cameras]
 
     def expose_dual(
         self,
@@ -252,24 +277,22 @@ class Sensor:
                 raise InputError(f"expose_dual needs the images of two halves, got {len(images)}")
         check_number("crosstalk", crosstalk, "a fraction from 0 to 0.5", least=0, most=0.5)
         cameras = [camera for _, camera, _ in views]
-        nominal = self._nominal([left + right for left, right in halves], cameras, lens, seed, exposure)
-        diodes = [
-            self.replace(
-                full_well=self.full_well / 2,
-                dark_current=self.dark_current / 2,
-                serial=derived_seed(self.serial, "dual pixel", i),
-            )
-            for i in (0, 1)
-        ]
+        exposures = self._nominal([left + right for left, right in halves], cameras, lens, seed, exposure)
         streams = [derived_seed(seed, "dual pixel", i) for i in (0, 1)]
         found = []
-        for images, (_, camera, eye) in zip(halves, views, strict=True):
+        for images, (_, camera, eye), nominal in zip(halves, views, exposures, strict=True):
             photos, wells = [], []
-            for i, (diode, stream, image) in enumerate(zip(diodes, streams, images, strict=True)):
+            own = self.for_band(camera.band)
+            for i, (stream, image) in enumerate(zip(streams, images, strict=True)):
                 mixed = image + crosstalk * (images[1 - i] - image)
+                diode = own.replace(
+                    full_well=self.full_well / 2,
+                    dark_current=self.dark_current / 2,
+                    serial=derived_seed(self.serial, "dual pixel", i),
+                )
                 wells.append(diode._collect(mixed, camera, lens, nominal, stream, eye))
                 photos.append(diode._read(wells[i], camera, lens, nominal, stream, eye))
-            whole = self._read(wells[0] + wells[1], camera, lens, nominal, seed, eye)
+            whole = own._read(wells[0] + wells[1], camera, lens, nominal, seed, eye)
             found.append((photos[0], photos[1], whole))
         return found
 
@@ -333,7 +356,7 @@ class Sensor:
     def expose_rig(
         self, images: Sequence[ArrayLike], *, rig: Rig, lens: Lens, seed: int = 0, exposure: Exposure | None = None
     ) -> list[Photo]:
-        """Expose one image per camera of a rig, with one exposure; see `expose`.
+        """Expose one image per camera of a rig, with one exposure for the cameras of each band; see `expose`.
 
         The `ParaxialWarning` is given once, for the camera with the smallest film distance.
         """

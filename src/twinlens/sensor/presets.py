@@ -16,6 +16,9 @@ phone
     and Farrell, Accurate smartphone camera simulation using 3D scenes, 2022 (arXiv:2201.07411), the ISETCam model
     `sensorIMX363`. Quantum efficiencies are typical of the class.
 
+Near infrared cameras have a quantum efficiency of 0.15 at 850 nm with every preset but `ideal`, that of the monochrome
+onsemi KAC-12040 (data sheet: 53 % at 500 nm, 15 % at 850 nm, 10 % at 900 nm).
+
 Full well, read noise and dark current depend on the pixel size: give the camera `pixel_pitch_um` 3.45 or 1.4.
 """
 
@@ -24,6 +27,7 @@ from typing import Any
 PRESETS: dict[str, dict[str, Any]] = {
     "ideal": {
         "quantum_efficiency": (1.0, 1.0, 1.0),
+        "nir_efficiency": 1.0,
         "full_well": 100_000.0,
         "read_noise": 0.0,
         "dark_current": 0.0,
