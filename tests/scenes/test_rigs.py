@@ -13,7 +13,10 @@ from twinlens.camera import (
     KannalaBrandt,
     Misalignment,
     Projector,
+    ThinLens,
     layouts,
+    light_field_grid,
+    light_field_rig,
     misaligned,
     patterns,
 )
@@ -62,6 +65,17 @@ PLACED = {
 @pytest.mark.parametrize("text", PLACED)
 def test_each_layout_equals_its_function(text):
     same(rig(text), PLACED[text]())
+
+
+@pytest.mark.parametrize(("text", "focus"), [("focus = 2", 2.0), ("focus = inf", np.inf), ("", 1.5)])
+def test_the_light_field_of_a_lens(text, focus):
+    ours = rig(f'layout = "light_field"\nn = 3\naperture_mm = 12\nfx = 50\nfy = 60\ncx = 30\n{text}')
+    theirs = light_field_rig(Camera(64, 48, 50.0, 60.0, 30.0, 23.5), ThinLens(0.012, focus), 3, POSE)
+    for a, b in zip(ours.cameras, theirs.cameras, strict=True):
+        assert (a.fx, a.fy) == (b.fx, b.fy)
+        assert (a.cx, a.cy) == pytest.approx((b.cx, b.cy), abs=1e-12)
+    np.testing.assert_allclose(ours.world_from_cams, theirs.world_from_cams, atol=1e-15)
+    assert light_field_grid(ours) == (3, pytest.approx(0.004), pytest.approx(1 / focus))
 
 
 def test_cameras_have_world_or_relative_poses():
@@ -123,6 +137,9 @@ def test_a_misalignment_moves_the_second_camera_and_keeps_the_calibrated_rig():
         ("baseline = nan", "finite"),
         ("look_at = [0, 0, 0]", "look_at"),
         ('layout = "grid"\nrows = 100\ncolumns = 100', "at most 1000"),
+        ('layout = "light_field"\nn = 3', "missing key 'aperture_mm'"),
+        ('layout = "light_field"\nn = 40\naperture_mm = 5', "n: must be <= 31"),
+        ('layout = "light_field"\nn = 2\naperture_mm = 5\ndistortion = { k1 = -0.1 }', "without lens distortion"),
         ("misalignment = { vertical = 1 }", "did you mean 'vertical_px'"),
         ("misalignment = [{}]", "misalignment: a rig of 2 cameras needs 2 misalignments, got 1"),
         ('layout = "line"\ncount = 1\nmisalignment = {}', "give a list"),

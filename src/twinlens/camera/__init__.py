@@ -24,7 +24,11 @@ from twinlens.camera.lens import (
     ThinLens as ThinLens,
     film_distance as film_distance,
 )
-from twinlens.camera.light_field import light_field_rig as light_field_rig, refocus as refocus
+from twinlens.camera.light_field import (
+    light_field_grid as light_field_grid,
+    light_field_rig as light_field_rig,
+    refocus as refocus,
+)
 from twinlens.camera.parts import (
     Dual as Dual,
     Grid as Grid,

@@ -5,6 +5,7 @@ moved by fx k a: the point (X, Y, Z) is at u = fx (X - ax)/Z + cx + fx k ax. The
 therefore fx b (1/Z - k), zero in the plane of focus.
 """
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -21,6 +22,7 @@ from twinlens.geometry import Float, check_rigid, rigid
 _POINTS = 512  # a side, of the aperture's points that are divided among views
 _ROUNDING = 1e-9  # relative to the aperture
 _ALIGNED = 1e-9
+_TOLERANCE = 1e-6  # of the distance of neighbours; pixels
 
 
 def light_field_rig(camera: Camera, lens: Lens, n: int, world_from_cam: ArrayLike | None = None) -> Rig:
@@ -53,6 +55,28 @@ def light_field_rig(camera: Camera, lens: Lens, n: int, world_from_cam: ArrayLik
             cameras.append(camera.replace(cx=cx, cy=cy))
             poses.append(pose @ rigid(np.eye(3), [x, y, 0.0]))
     return Rig(cameras, poses)
+
+
+def light_field_grid(rig: Rig) -> tuple[int, float, float]:
+    """Views per side, distance of neighbours in metres, and vergence in 1/m of the rig of a light field.
+
+    Raises InputError for rigs other than those of `light_field_rig`.
+
+    >>> from twinlens.camera import ThinLens
+    >>> n, spacing, vergence = light_field_grid(light_field_rig(Camera.from_fov(64, 48, 60), ThinLens(0.09, 2.0), 9))
+    >>> n, round(spacing, 12), round(vergence, 12)
+    (9, 0.01, 0.5)
+    """
+    n, camera = math.isqrt(len(rig)), rig.cameras[0]
+    if n > 1 and n**2 == len(rig):
+        places, spacing = _places(rig), rig.baseline(0, 1)
+        shifts = np.array([(each.cx - camera.cx, each.cy - camera.cy) for each in rig.cameras])
+        vergence = float(shifts[1, 0]) / (camera.fx * spacing)
+        steps = spacing * np.stack([np.arange(n**2) % n, np.arange(n**2) // n], axis=-1)
+        on_grid = np.allclose(places - places[0], steps, rtol=0, atol=_TOLERANCE * spacing)
+        if on_grid and np.allclose(shifts, steps * vergence * [camera.fx, camera.fy], rtol=0, atol=_TOLERANCE):
+            return n, spacing, vergence
+    raise InputError(f"the {len(rig)} cameras are not the n x n views of a light field")
 
 
 def refocus(images: Sequence[ArrayLike], rig: Rig, lens: Lens) -> NDArray[np.float32]:
@@ -109,7 +133,9 @@ def _places(rig: Rig) -> Float:
     extent = np.abs(places).max()
     parallel = np.abs(poses[:, :3, :3] - np.eye(3)).max() <= _ALIGNED
     if not (alike and parallel and np.abs(places[:, 2]).max() <= _ALIGNED * max(extent, 1.0)):
-        raise InputError("refocus needs cameras in one plane, with parallel axes and equal fx, fy and image sizes")
+        raise InputError(
+            "a light field needs cameras in one plane, with parallel axes and equal fx, fy and image sizes"
+        )
     plane: Float = places[:, :2]
     return plane
 

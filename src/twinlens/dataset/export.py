@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import twinlens
+from twinlens.dataset.aperture_layouts import dpdd, eslf, fod500, hci4d
 from twinlens.dataset.codecs.calib import Calibration, encode_calib
 from twinlens.dataset.codecs.pfm import encode_pfm
 from twinlens.dataset.codecs.png import encode_png
@@ -43,8 +44,8 @@ Files = Iterator[tuple[str, bytes]]
 SIGNED_LAYOUTS = ("parquet", "webdataset")
 """The layouts that can hold negative disparities."""
 
-UNRECTIFIED_LAYOUTS = ("bop", "coco")
-"""The layouts without disparity, which can hold any rig."""
+UNRECTIFIED_LAYOUTS = ("bop", "coco", "dpdd", "eslf", "fod500", "hci4d")
+"""The layouts without the disparity of a pair, which need no rectified one."""
 
 OBJECT_LAYOUTS = ("bop", "coco", "kitti2015")
 """The layouts with masks of objects."""
@@ -84,6 +85,11 @@ class Source:
     def name(self) -> str:
         """The sample's name as one folder name: train/0001 becomes train-0001."""
         return self.sample.name.replace("/", "-")
+
+    @property
+    def split(self) -> str:
+        """The name of the sample's split, or nothing."""
+        return str(self.sample.row.get("info", {}).get("split") or "")
 
     def image(self, i: int) -> bytes:
         """View i as an 8-bit PNG: the sample's file, or its 16 bits rounded to 8."""
@@ -257,11 +263,12 @@ def _folders(layout: Callable[[Source], Files]) -> Callable[[Iterable[Source]], 
     return lambda sources: (file for source in sources for file in layout(source))
 
 
-FOLDER_LAYOUTS = (carla, eth3d, kitti2015, middlebury, sceneflow, sintel)
+FOLDER_LAYOUTS = (carla, dpdd, eslf, eth3d, hci4d, kitti2015, middlebury, sceneflow, sintel)
 LAYOUTS: dict[str, Callable[[Iterable[Source]], Files]] = {
     **{layout.__name__: _folders(layout) for layout in FOLDER_LAYOUTS},
     "bop": bop,
     "coco": coco,
+    "fod500": fod500,
     "parquet": parquet,
     "webdataset": webdataset,
 }

@@ -17,7 +17,9 @@ from twinlens.camera import (
     Misalignment,
     Projector,
     Rig,
+    ThinLens,
     layouts,
+    light_field_rig,
     misaligned,
 )
 from twinlens.camera.film import sensor_width_mm
@@ -53,6 +55,7 @@ SensorWidth = Annotated[Positive, pydantic.BeforeValidator(sensor_width_mm, Numb
 """A width in mm, or the name of a sensor format."""
 RigLength: Any = number(0, 1e6, above=True)
 """Metres between cameras: at most as far as a recipe's `scene.jitter` moves them."""
+_Focus = Annotated[float, pydantic.Field(gt=0, allow_inf_nan=True)]
 Count = Annotated[int, pydantic.Field(ge=1, le=_MOST_CAMERAS)]
 
 _DISTORTIONS = (
@@ -242,16 +245,17 @@ class RigBase(Viewed):
             if self.camera.preset and (baseline := find_camera(self.camera.preset).baseline):
                 scene = replace(scene, baseline=baseline)
         shared = self.over(shared)
-        places = _placed(self, scene, self.pose(scene.world_from_left)).world_from_cams
-        count = len(places)
+        placed = _placed(self, scene, self.pose(scene.world_from_left))
+        count = len(placed)
         tables = self.cameras or [Intrinsics()] * count
         if len(tables) != count:
             raise InputError(f"cameras: this layout has {count} cameras, got {len(tables)} tables")
+        cameras = [_shifted(table.made(shared), one) for table, one in zip(tables, placed.cameras, strict=True)]
         projectors = []
         for i, projector in enumerate(self.projectors or []):
             with located(f"projectors[{i}]"):
                 projectors.append(projector.projector(of_scene))
-        rig = Rig([table.made(shared) for table in tables], places, projectors=projectors)
+        rig = Rig(cameras, placed.world_from_cams, projectors=projectors)
         check_seen(rig)
         if self.misalignment is None:
             return rig
@@ -262,6 +266,16 @@ class RigBase(Viewed):
             errors = [errors if i == 1 else Misalignment() for i in range(count)]
         with located("misalignment"):
             return misaligned(rig, errors)
+
+
+def _shifted(camera: Camera, placed: Camera) -> Camera:
+    """`camera` with its principal point moved as that of a camera of `_placed`."""
+    if placed.cx == placed.cy == 0:
+        return camera
+    if camera.distortion is not None:
+        raise InputError("a light field needs a camera without lens distortion")
+    dx, dy = placed.cx / placed.fx, placed.cy / placed.fy
+    return camera.replace(cx=camera.cx + camera.fx * dx, cy=camera.cy + camera.fy * dy)
 
 
 def _placed(table: Any, scene: Scene, pose: Float) -> Rig:
@@ -281,10 +295,12 @@ def _placed(table: Any, scene: Scene, pose: Float) -> Rig:
             return layouts.grid(camera, table.rows, table.columns, across, table.spacing_y or across, pose)
         case "cameras":
             return Rig([camera] * len(table.cameras), [one.pose(pose) for one in table.cameras])
-    key = "distance" if table.layout == "toed_in" else "radius"
+    key = {"toed_in": "distance", "arc": "radius", "light_field": "focus"}[table.layout]
     if not (getattr(table, key) or scene.depth_range_known):
         raise InputError(f"missing key {key!r}; the scene has no depth range to derive it from")
     length = getattr(table, key) or middle_focus(*scene.depth_range)
+    if table.layout == "light_field":
+        return light_field_rig(camera, ThinLens(1e-3 * table.aperture_mm, length), table.n, pose)
     if table.layout == "arc":
         return layouts.arc(camera, table.count, length, table.angle_deg, pose)
     baseline = table.baseline or step  # the scene's pose is that of a left camera
@@ -298,6 +314,7 @@ _KEYS: dict[str, dict[str, Any]] = {
     "line": {"count": Count, "spacing": RigLength | None},
     "grid": {"rows": Count, "columns": Count, "spacing_x": RigLength | None, "spacing_y": RigLength | None},
     "arc": {"count": Count, "radius": RigLength | None, "angle_deg": number(0, 360, above=True)},
+    "light_field": {"n": Annotated[int, pydantic.Field(ge=1, le=31)], "aperture_mm": Positive, "focus": _Focus | None},
     "cameras": {"cameras": Annotated[list[PosedIntrinsics], _CAMERAS]},
 }
 _RIGS = variants(RigBase, "layout", _KEYS, "parallel")

@@ -22,7 +22,7 @@ from twinlens.dataset.files import read_bytes
 from twinlens.dataset.storage import Where
 from twinlens.errors import FileError, InputError
 
-Channel = NDArray[np.float32] | NDArray[np.uint32]
+Channel = NDArray[np.float16] | NDArray[np.float32] | NDArray[np.uint32]
 
 _MAX_RATIO = 1100  # decoded pixels to bytes: the limit of DEFLATE, plus the headers of blocks
 _PREFIX = "twinlens."  # of the string attributes
@@ -38,7 +38,7 @@ class Exr:
 
 
 def encode_exr(channels: Mapping[str, ArrayLike], text: Mapping[str, str] | None = None) -> bytes:
-    """Encode named (H, W) channels: floats as float32, booleans and integers as uint32, without loss.
+    """Encode named (H, W) channels: floats as float16 or float32, booleans and integers as uint32, without loss.
 
     `text` becomes string attributes named ``twinlens.<name>``. Raises InputError when shapes differ, there is no
     channel, an integer is outside uint32, or a float64 is outside float32.
@@ -80,7 +80,7 @@ def read_exr(path: Where) -> Exr:
 
 
 def _to_channel(name: str, values: ArrayLike) -> Channel:
-    """float32 or uint32 (H, W), contiguous: OpenEXR ignores the strides of a buffer."""
+    """float16, float32 or uint32 (H, W), contiguous: OpenEXR ignores the strides of a buffer."""
     array = np.asarray(values)
     if array.ndim != 2 or 0 in array.shape:
         raise InputError(f"EXR channel {name!r} must be (H, W), got shape {array.shape}")
@@ -90,6 +90,8 @@ def _to_channel(name: str, values: ArrayLike) -> Channel:
         return np.ascontiguousarray(array, dtype=np.uint32)
     if array.dtype.kind != "f":
         raise InputError(f"EXR channel {name!r} must hold numbers, got {array.dtype}")
+    if array.dtype == np.float16:
+        return np.ascontiguousarray(array, dtype=np.float16)
     with np.errstate(over="ignore"):
         plane = np.ascontiguousarray(array, dtype=np.float32)
     if array.dtype.itemsize > 4 and np.isinf(plane).sum() != np.isinf(array).sum():

@@ -1,0 +1,154 @@
+"""Export of dual pixels, light fields and focal stacks. `export` has the dict.
+
+Sources: the readers of https://github.com/Abdullah-Abuolaim/defocus-deblurring-dual-pixel (DPDD),
+https://github.com/lightfield-analysis/evaluation-toolkit (4D Light Field Benchmark),
+https://github.com/doda42/LFToolbox (`LFReadESLF`) and https://github.com/dvl-tum/defocus-net (FoD500).
+"""
+
+import io
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from scipy.spatial.transform import Rotation
+
+import twinlens
+from twinlens.camera import ThinLens, light_field_grid
+from twinlens.dataset.codecs.exr import encode_exr
+from twinlens.dataset.codecs.pfm import encode_pfm
+from twinlens.dataset.codecs.png import encode_png
+from twinlens.errors import InputError, located
+
+if TYPE_CHECKING:
+    from twinlens.dataset.export import Source
+
+_BLENDER_FROM_OPENCV = np.diag([1.0, -1.0, -1.0])
+
+
+def dpdd(source: "Source") -> Iterator[tuple[str, bytes]]:
+    """{train,val,test}_c/{source,target}, _l/source and _r/source/<name>.png: 16-bit RGB, one per view.
+
+    The sources are the whole image and the halves of the first lens with dual pixels, from the chosen lens on; the
+    target is the image of the first pinhole. A split of another name is train. Readers sort each folder, so all files
+    of a view have one name. <split>_disparity/<name>.pfm, which DPDD has not, is the disparity of the halves.
+    """
+    sample = source.sample
+    shots = [sample.lens(k) for k in range(sample.num_lenses)]
+    sharp = next((shot for shot in shots if shot.lens.aperture_diameter == 0), None)
+    dual = next((shot for shot in shots[source.lens :] if shot.path("dp-left0.png").is_file()), None)
+    if sharp is None or dual is None:
+        missing = "pinhole, whose image is in focus" if sharp is None else "lens with dual pixels"
+        raise InputError(f"{sample.name}: dpdd needs a {missing}; add it to [[lenses]] of the recipe")
+    split, views = source.split if source.split in ("train", "val", "test") else "train", len(sample.rig)
+    for i in range(views):
+        name = source.name if views == 1 else f"{source.name}-im{i}"
+        images = {"c/source": dual.image, "l/source": dual.dp_left, "r/source": dual.dp_right, "c/target": sharp.image}
+        yield from ((f"{split}_{folder}/{name}.png", encode_png(_rgb16(read(i)))) for folder, read in images.items())
+        yield f"{split}_disparity/{name}.pfm", encode_pfm(dual.dp_disparity(i))
+
+
+def hci4d(source: "Source") -> Iterator[tuple[str, bytes]]:
+    """{training,test}/<name>/: input_Cam000.png ..., parameters.cfg, gt_disp_lowres.pfm and gt_depth_lowres.pfm.
+
+    The views are those of a light field with an odd number of views per side. The truth is of the middle one; its
+    disparity is that of neighbours, where nothing was hit that of infinity.
+    """
+    sample = source.sample
+    n, spacing, vergence = _grid(source)
+    middle = n**2 // 2
+    rig, lens = sample.rig, sample.lens(source.lens).lens
+    camera, pose = rig.cameras[middle], rig.world_from_cams[middle]
+    if n % 2 == 0 or camera.fx != camera.fy:
+        found = f"{n} x {n} views, fx = {camera.fx:g} and fy = {camera.fy:g}"
+        raise InputError(f"{sample.name}: hci4d needs an odd number of views per side and fx = fy, got {found}")
+    depth = sample.truth(middle).depth
+    disparity = (camera.fx * spacing * (1 / depth - vergence)).astype(np.float32)
+    low, high = float(np.floor(disparity.min())), float(np.ceil(disparity.max()))
+    angles = Rotation.from_matrix(pose[:3, :3] @ _BLENDER_FROM_OPENCV).as_euler("xyz")
+    pitch, size = 1e-3 * camera.pixel_pitch_um, (camera.width, camera.height)
+    stop = camera.film_distance / lens.aperture_diameter if lens.aperture_diameter > 0 else np.inf
+    category = "test" if source.split == "test" else "training"
+    sections: dict[str, dict[str, Any]] = {
+        "intrinsics": {
+            "focal_length_mm": camera.fx * pitch, "image_resolution_x_px": size[0], "image_resolution_y_px": size[1],
+            "sensor_size_mm": max(size) * pitch, "fstop": stop,
+        },
+        "extrinsics": {
+            "num_cams_x": n, "num_cams_y": n, "baseline_mm": 1e3 * spacing,
+            "focus_distance_m": 1 / vergence if vergence else np.inf,
+            **{f"center_cam_{axis}_m": value for axis, value in zip("xyz", pose[:3, 3].tolist(), strict=True)},
+            **{f"center_cam_r{axis}_rad": value for axis, value in zip("xyz", angles.tolist(), strict=True)},
+        },
+        "meta": {
+            "scene": source.name, "category": category, "date": "", "version": f"twinlens {twinlens.__version__}",
+            "authors": "", "contact": "", "disp_min": low, "disp_max": high, "frustum_disp_min": low,
+            "frustum_disp_max": high, "depth_map_scale": 1.0,
+        },
+    }  # fmt: skip
+    lines = (
+        [f"[{section}]", *(f"{key} = {value}" for key, value in entries.items()), ""]
+        for section, entries in sections.items()
+    )
+    root = f"{category}/{source.name}"
+    for i in range(n**2):
+        yield f"{root}/input_Cam{i:03d}.png", encode_png(_rgb8(source, i))
+    yield f"{root}/parameters.cfg", "\n".join(line for part in lines for line in part).encode()
+    yield f"{root}/gt_disp_lowres.pfm", encode_pfm(disparity)
+    yield f"{root}/gt_depth_lowres.pfm", encode_pfm(depth.astype(np.float32))
+
+
+def eslf(source: "Source") -> Iterator[tuple[str, bytes]]:
+    """<name>_eslf.png, the raw image of a plenoptic camera, and <name>.json, the sample's sample.json.
+
+    Each microlens has n x n pixels, of which (row, column) is that of view (row, column) of the light field.
+    """
+    n = _grid(source)[0]
+    views = np.stack([_rgb8(source, i) for i in range(n**2)])
+    height, width = views.shape[1:3]
+    raw = views.reshape(n, n, height, width, 3).transpose(2, 0, 3, 1, 4).reshape(height * n, width * n, 3)
+    yield f"{source.name}_eslf.png", encode_png(raw)
+    yield f"{source.name}.json", source.record()
+
+
+def fod500(sources: Iterable["Source"]) -> Iterator[tuple[str, bytes]]:
+    """<number>_<k>All.tif of the first view at the k-th focus distance, and <number>Dpt.exr, its depth in metres.
+
+    The stack is the images of all thin lenses with an aperture, from near to far. Its distances must be the same in all
+    samples, as readers take them as an argument; focus_distances.txt has them. Depth is in half precision.
+    """
+    distances: list[float] = []
+    for source in sources:
+        sample, stack = source.sample, {}
+        for shot in map(sample.lens, range(sample.num_lenses)):
+            if isinstance(shot.lens, ThinLens) and shot.lens.aperture_diameter > 0:
+                stack[shot.lens.focus_distance] = shot.number
+        if len(stack) < 2 or (distances and distances != sorted(stack)):
+            held = f"other samples have {distances}" if distances else "needs two or more"
+            raise InputError(f"{sample.name}: has images focused at {sorted(stack)} m, and the focal stack {held}")
+        distances = sorted(stack)
+        for k, distance in enumerate(distances):
+            stream = io.BytesIO()
+            Image.fromarray(_rgb8(source, 0, stack[distance])).save(stream, "TIFF")
+            yield f"{source.index:06d}_{k:02d}All.tif", stream.getvalue()
+        with np.errstate(over="ignore"):
+            depth = sample.truth(0).depth.astype(np.float16)
+        yield f"{source.index:06d}Dpt.exr", encode_exr(dict.fromkeys("RGB", depth))
+    yield "focus_distances.txt", "".join(f"{distance!r}\n" for distance in distances).encode()
+
+
+def _grid(source: "Source") -> tuple[int, float, float]:
+    with located(source.sample.name):
+        return light_field_grid(source.sample.rig)
+
+
+def _rgb8(source: "Source", i: int, lens: int | None = None) -> NDArray[np.uint8]:
+    pixels = source.sample.lens(source.lens if lens is None else lens).image(i)
+    return np.round(_rgb16(pixels) / 257.0).astype(np.uint8)
+
+
+def _rgb16(pixels: NDArray[Any]) -> NDArray[np.uint16]:
+    """uint16 (H, W, 3) of an image: 8 bits become 16, grey becomes RGB."""
+    wide = pixels.astype(np.uint16) * (257 if pixels.dtype == np.uint8 else 1)
+    return np.asarray(wide if wide.ndim == 3 else np.repeat(wide[..., None], 3, axis=-1), np.uint16)
