@@ -54,6 +54,12 @@ def test_neighbouring_gray_codes_differ_in_one_bit_and_decode_to_their_positions
     assert (decode(shown, code).position == (u if axis == "u" else v)).all()
 
 
+def test_a_gray_code_interpolated_between_pixels_decodes_to_positions_between_them():
+    code, u = GrayCode(53, 1), np.linspace(0, 52, 401)
+    images = [0.1 + 3.0 * np.interp(u, np.arange(53), each[0])[None] for each in code.patterns]
+    assert np.abs(decode(images, code).position - u).max() < 1e-9
+
+
 def test_gray_codes_that_no_column_has_are_not_valid():
     code = GrayCode(5, 1)
     longer = [each[:, :8] for each in GrayCode(8, 1).patterns]

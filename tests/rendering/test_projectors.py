@@ -108,17 +108,45 @@ def shoot(scene, rig, shown, spp):
     return [tl.render(scene, each, spp=spp, seed=k)[0] for k, each in enumerate(lit)]
 
 
-def test_decoded_gray_code_and_phase_shift_equal_the_truth():
+def structured_light(**lights):
+    """A scene and a rig with a projector, its true pixels (H, W, 2), and which of them are lit and away from edges."""
     rig = Rig([CAMERA], [np.eye(4)], projectors=[Projector(SIDE, LENS, power=20.0)])
-    scene = scene_of(wall(1.6, 15.0), ball([-0.1, 0.05, 1.2], 0.15), depth=3)
+    scene = scene_of(wall(1.6, 15.0), ball([-0.1, 0.05, 1.2], 0.15), depth=3, **lights)
     truth = tl.projection(scene, rig)
     ids = tl.ground_truth(scene, rig, objects=False)[0].object_id
     inside = LENS.contains(truth.pixels + 1) & LENS.contains(truth.pixels - 1)
     away = minimum_filter(truth.lit & inside, 5) & (minimum_filter(ids, 5) == -minimum_filter(-ids, 5))
     assert away.mean() > 0.5
+    return scene, rig, truth, away
+
+
+def test_opencv_has_the_same_gray_code_and_decodes_it():
+    """OpenCV's positions are whole pixels, so an error of 0.5 px is that of a right code at the edge of a pixel."""
+    cv2 = pytest.importorskip("cv2")
+    if not hasattr(cv2, "structured_light"):
+        pytest.skip("this OpenCV has no structured_light; opencv-contrib-python-headless has")
+    scene, rig, truth, away = structured_light()
+    peer = cv2.structured_light.GrayCodePattern.create(64, 48)
+    shown = [pattern for axis in "uv" for pattern in GrayCode(64, 48, axis).patterns]
+    assert all((a > 0).tolist() == (b > 0).tolist() for a, b in zip(peer.generate()[1], shown, strict=True))
+    images = [image.mean(axis=2) for image in shoot(scene, rig, shown, 64)]
+    levels = [(255 * image / np.max(images)).astype(np.uint8) for image in images]
+    peer.setWhiteThreshold(1)
+    found = [peer.getProjPixel(levels, int(u), int(v)) for v, u in np.argwhere(away)]
+    errors = [
+        np.inf if failed else np.abs(at - true).max()
+        for (failed, at), true in zip(found, truth.pixels[away], strict=True)
+    ]
+    assert (np.array(errors) <= 0.5).mean() >= 0.99
+
+
+def test_decoded_gray_code_and_phase_shift_equal_the_truth():
+    scene, rig, truth, away = structured_light(lamp={"type": "constant", "radiance": 0.5})
     code, fine = GrayCode(64, 48), PhaseShift(64, 48, 16.0, 4)
     found = decode(shoot(scene, rig, code.patterns, 64), code)
     assert (np.abs(found.position - truth.pixels[..., 0])[away] <= 0.5).mean() >= 0.99
+    assert np.median(np.abs(found.position - truth.pixels[..., 0])[away]) < 0.05
+    scene = structured_light()[0]
     exact = decode(shoot(scene, rig, fine.patterns, 128), fine, coarse=found.position)
     assert np.quantile(np.abs(exact.position - truth.pixels[..., 0])[away], 0.99) < 0.05
 

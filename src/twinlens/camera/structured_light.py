@@ -1,6 +1,7 @@
 """Sequences of patterns that code the projector's columns or rows, and their decoding from images.
 
-    Gray code      bit b of g(u) = u xor (u >> 1), each bit's pattern followed by its inverse; bit = image > inverse
+    Gray code      bit b of g(u) = u xor (u >> 1), each bit's pattern followed by its inverse; bit = image > inverse.
+                   Between two pixel centres one bit changes; its difference, linear there, has the sub-pixel position
     phase shift    I_k(u) = (1 + cos(2 pi (u/period - k/steps))) / 2,  u = period/(2 pi) arg sum I_k exp(2 pi i k/steps)
 
 Sources: Inokuchi, Sato and Matsuda, Range imaging system for 3-D object recognition, ICPR 1984 (Gray code); Geng,
@@ -54,12 +55,24 @@ class GrayCode:
     def _decode(self, images: Float) -> tuple[Float, Float]:
         """Positions, +inf for a code that is not in use, and modulation (H, W)."""
         difference = images[0::2] - images[1::2]
-        position = np.zeros(images.shape[1:], dtype=np.int64)
-        bit = np.zeros_like(position)
+        pixel = np.zeros(images.shape[1:], dtype=np.int64)
+        bit = np.zeros_like(pixel)
         for each in difference:
             bit = bit ^ (each > 0)
-            position = 2 * position + bit
-        return np.where(position < self.count, position, np.inf), np.abs(difference).max(axis=0)
+            pixel = 2 * pixel + bit
+        sizes = np.abs(difference)
+        modulation = sizes.max(axis=0)
+        known = (pixel < self.count) & (modulation > 0)
+
+        def size_at(border: NDArray[np.int64]) -> Float:
+            """Of the bit that changes between the pixels border - 1 and border; the modulation where there is none."""
+            inner = (border > 0) & (border < self.count)
+            changing = np.log2(np.where(inner, border & -border, 1)).astype(np.int64)  # the lowest set bit
+            found = np.take_along_axis(sizes, (self.bits - 1 - changing)[None], axis=0)[0]
+            return np.where(inner, found, modulation)
+
+        step = 0.5 * (size_at(pixel) - size_at(pixel + 1)) / np.where(known, modulation, 1.0)
+        return np.where(known, pixel + step, np.inf), modulation
 
 
 @dataclass(frozen=True)
