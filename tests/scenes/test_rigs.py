@@ -232,6 +232,7 @@ def test_projectors_have_intrinsics_pose_pattern_and_light():
         ("power = 2", "projectors[0] has the band 'nir', which no camera sees: give a camera band = 'nir'"),
         ("pattern = { type = 'dot' }", "did you mean 'dots'?"),
         ("pattern = { type = 'dots', densty = 1 }", "unknown key 'densty'; did you mean 'density'?"),
+        ("pattern = { type = 'gray_code', frame = 12 }", "projectors[0]: the frame of a Gray code"),
         ("pattern = { type = 'dot_grid', period = 1 }", "projectors[0]: the period of a dot grid"),
     ],
 )

@@ -12,6 +12,8 @@ from twinlens.errors import InputError, check_int, check_known, check_number
 Pattern = NDArray[np.float32]
 AXES = ("u", "v")
 """Across the columns, or down the rows."""
+SPECKLE_MEAN = 0.125
+"""The mean of a speckle pattern: 1 is 8 times as bright."""
 
 
 def white(width: int, height: int) -> Pattern:
@@ -20,18 +22,22 @@ def white(width: int, height: int) -> Pattern:
     return np.ones((height, width), dtype=np.float32)
 
 
-def dots(width: int, height: int, density: float = 0.1, size: int = 1, seed: int = 0) -> Pattern:
+def dots(width: int, height: int, density: float = 0.1, size: int = 1, seed: int = 0, tiles: int = 1) -> Pattern:
     """Pseudo-random square dots of `size` pixels on a grid of that step; `density` is the share of lit cells.
 
     Exactly round(density * cells) cells are lit, so the pattern's mean does not depend on the seed.
+
+    tiles : copies of one tile side by side and above each other, as the orders of a diffractive element.
     """
     check_number("the density of dots", density, "a number from 0 to 1", least=0, most=1)
     check_int("the seed of dots", seed, 0)
     rows, columns = _cells(width, height, size)
-    cells = np.zeros(rows * columns, dtype=np.float32)
+    check_int("the tiles of dots", tiles, 1, min(rows, columns))
+    tile = -(-rows // tiles), -(-columns // tiles)
+    cells = np.zeros(tile[0] * tile[1], dtype=np.float32)
     lit = np.random.default_rng(seed).permutation(len(cells))[: round(density * len(cells))]
     cells[lit] = 1.0
-    return _enlarged(cells.reshape(rows, columns), size, width, height)
+    return _enlarged(np.tile(cells.reshape(tile), (tiles, tiles)), size, width, height)
 
 
 def dot_grid(width: int, height: int, period: int = 8, size: int = 1) -> Pattern:
@@ -56,12 +62,60 @@ def checker(width: int, height: int, size: int = 16) -> Pattern:
     return _enlarged(cells, size, width, height)
 
 
+def speckle(width: int, height: int, grain: float = 4.0, seed: int = 0) -> Pattern:
+    """Fully developed speckle behind a round aperture: the intensity I has the probability density exp(-I/m) / m.
+
+    Its mean m is `SPECKLE_MEAN`; I is clipped at 1, which is above 99.9 % of the pixels. At a distance of r pixels its
+    correlation is (2 J1(x) / x)^2, x = pi r / grain.
+
+    grain : wavelength * fx / aperture diameter, pixels, >= 2. The first zero is at 1.22 grains.
+
+    Source: Goodman, Speckle Phenomena in Optics, 2007, chapters 3 and 5.
+    """
+    check_size(width, height)
+    check_number("the grain of speckle", grain, "a number of pixels >= 2", least=2)
+    check_int("the seed of speckle", seed, 0)
+    aperture = np.hypot(np.fft.fftfreq(height)[:, None], np.fft.fftfreq(width)) <= 0.5 / grain
+    real, imaginary = np.random.default_rng(seed).standard_normal((2, height, width))
+    intensity = np.abs(np.fft.fft2(np.where(aperture, real + 1j * imaginary, 0.0))) ** 2 / (2 * aperture.sum())
+    pattern: Pattern = np.minimum(SPECKLE_MEAN * intensity, 1.0).astype(np.float32)
+    return pattern
+
+
+def gray_code(width: int, height: int, frame: int = 0, axis: str = "u") -> Pattern:
+    """Image `frame` of the Gray code of the columns ("u") or rows ("v"), see `structured_light.GrayCode`."""
+    check_size(width, height)
+    check_known("axis", axis, AXES)
+    bits = gray_code_bits(width if axis == "u" else height)
+    check_int("the frame of a Gray code", frame, 0, 2 * bits - 1)
+    bit = bits - 1 - frame // 2
+    return along(width, height, axis, lambda u: (u ^ (u >> 1)) >> bit & 1 ^ frame % 2)
+
+
+def gray_code_bits(count: int) -> int:
+    """The number of bits of a Gray code of `count` positions, >= 1."""
+    return max(1, (count - 1).bit_length())
+
+
+def phase_shift(
+    width: int, height: int, frame: int = 0, period: float = 16.0, steps: int = 4, axis: str = "u"
+) -> Pattern:
+    """Image `frame` of a sinusoid shifted `steps` times, see `structured_light.PhaseShift`."""
+    check_number("the period of a phase shift", period, "a number of pixels > 2", above=2)
+    check_int("the steps of a phase shift", steps, 3)
+    check_int("the frame of a phase shift", frame, 0, steps - 1)
+    return along(width, height, axis, lambda u: 0.5 + 0.5 * np.cos(2 * np.pi * (u / period - frame / steps)))
+
+
 PATTERNS: dict[str, Callable[..., Pattern]] = {
     "white": white,
     "dots": dots,
     "dot_grid": dot_grid,
     "stripes": stripes,
     "checker": checker,
+    "speckle": speckle,
+    "gray_code": gray_code,
+    "phase_shift": phase_shift,
 }
 """The patterns that have a name: functions of width, height and options."""
 

@@ -10,13 +10,12 @@ Structured-light 3D surface imaging: a tutorial, Advances in Optics and Photonic
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twinlens.camera.intrinsics import check_size
-from twinlens.camera.patterns import AXES, Pattern, along
+from twinlens.camera.patterns import AXES, Pattern, gray_code, gray_code_bits, phase_shift
 from twinlens.errors import InputError, check_int, check_known, check_number, format_value
 from twinlens.geometry import Float
 
@@ -43,14 +42,12 @@ class GrayCode:
     @property
     def bits(self) -> int:
         """The number of bits, >= 1."""
-        return max(1, (self.count - 1).bit_length())
+        return gray_code_bits(self.count)
 
     @property
     def patterns(self) -> list[Pattern]:
         """2 * bits patterns float32 (H, W): the highest bit first, each followed by its inverse."""
-        code = along(self.width, self.height, self.axis, lambda u: u ^ (u >> 1)).astype(np.int64)
-        lit = [(code >> bit & 1).astype(np.float32) for bit in reversed(range(self.bits))]
-        return [pattern for each in lit for pattern in (each, 1 - each)]
+        return [gray_code(self.width, self.height, frame, self.axis) for frame in range(2 * self.bits)]
 
     def _decode(self, images: Float) -> tuple[Float, Float]:
         """Positions, +inf for a code that is not in use, and modulation (H, W)."""
@@ -68,7 +65,7 @@ class GrayCode:
             """Of the bit that changes between the pixels border - 1 and border; the modulation where there is none."""
             inner = (border > 0) & (border < self.count)
             changing = np.log2(np.where(inner, border & -border, 1)).astype(np.int64)  # the lowest set bit
-            found = np.take_along_axis(sizes, (self.bits - 1 - changing)[None], axis=0)[0]
+            found: Float = np.take_along_axis(sizes, (self.bits - 1 - changing)[None], axis=0)[0]
             return np.where(inner, found, modulation)
 
         step = 0.5 * (size_at(pixel) - size_at(pixel + 1)) / np.where(known, modulation, 1.0)
@@ -98,11 +95,8 @@ class PhaseShift:
     @property
     def patterns(self) -> list[Pattern]:
         """`steps` patterns, float32 (H, W)."""
-        shifts = [k / self.steps for k in range(self.steps)]
-        return [along(self.width, self.height, self.axis, partial(self._sinusoid, shift)) for shift in shifts]
-
-    def _sinusoid(self, shift: float, position: NDArray[np.int64]) -> Float:
-        return np.asarray(0.5 + 0.5 * np.cos(2 * np.pi * (position / self.period - shift)))
+        frames = range(self.steps)
+        return [phase_shift(self.width, self.height, k, self.period, self.steps, self.axis) for k in frames]
 
     def _decode(self, images: Float) -> tuple[Float, Float]:
         """Positions in [-0.5, period - 0.5) and modulation (H, W)."""

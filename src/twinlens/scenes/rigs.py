@@ -189,12 +189,18 @@ class PosedIntrinsics(Viewed):
 
 
 _SIZE: Any = whole(1, MAX_SIDE) | None
+_SEED: Any = whole(0, 2**63 - 1) | None
+_FRAME: Any = whole(0, MAX_SIDE) | None
+_AXIS: Any = Literal["u", "v"] | None
 _PATTERNS = {
     "white": {},
-    "dots": {"density": Fraction | None, "size": _SIZE, "seed": whole(0, 2**63 - 1) | None},
+    "dots": {"density": Fraction | None, "size": _SIZE, "seed": _SEED, "tiles": _SIZE},
     "dot_grid": {"period": _SIZE, "size": _SIZE},
-    "stripes": {"period": _SIZE, "axis": Literal["u", "v"] | None},
+    "stripes": {"period": _SIZE, "axis": _AXIS},
     "checker": {"size": _SIZE},
+    "speckle": {"grain": Positive | None, "seed": _SEED},
+    "gray_code": {"frame": _FRAME, "axis": _AXIS},
+    "phase_shift": {"frame": _FRAME, "period": Positive | None, "steps": _SIZE, "axis": _AXIS},
 }
 PatternTable = Annotated[StrictModel, reads(tagged("Pattern", "type", variants(StrictModel, "type", _PATTERNS)))]
 """A pattern of `twinlens.camera.patterns`, by its `type`, and its options."""
