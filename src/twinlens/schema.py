@@ -79,11 +79,11 @@ def tagged(name: str, tag: str, models: Iterable[type[StrictModel]], default: st
     return Annotated[alias, pydantic.BeforeValidator(lambda t: {tag: default, **t} if isinstance(t, Mapping) else t)]
 
 
-def table_of(cls: type[Any], /, make: Callable[..., Any] | None = None, **more: Any) -> Any:
+def table_of(cls: type[Any], /, make: Callable[..., Any] | None = None, *, title: str = "", **more: Any) -> Any:
     """The type of a table with the fields of a dataclass, and `more`, that is read as an instance of the dataclass.
 
     `make` is called with the given keys in place of the class, which gets its own fields only. A field in `more`
-    replaces that of the dataclass.
+    replaces that of the dataclass. JSON Schemas call the table `title`, by default after the class.
     """
     hints = typing.get_type_hints(cls)
     three = Annotated[list[Number], exactly(3, Number), pydantic.AfterValidator(tuple)]
@@ -100,7 +100,7 @@ def table_of(cls: type[Any], /, make: Callable[..., Any] | None = None, **more: 
         given = table.model_fields_set if make else table.model_fields_set & keys.keys()
         return (make or cls)(**{name: getattr(table, name) for name in given})
 
-    model: Any = pydantic.create_model(f"{cls.__name__}Table", __base__=StrictModel, **{**keys, **more})
+    model: Any = pydantic.create_model(title or f"{cls.__name__}Table", __base__=StrictModel, **{**keys, **more})
     return Annotated[model, pydantic.AfterValidator(instance)]
 
 

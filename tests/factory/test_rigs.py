@@ -5,7 +5,9 @@ import pytest
 from twinlens.camera.film import SENSOR_WIDTHS_MM
 from twinlens.errors import InputError
 from twinlens.factory import default_rig, plan, recipe_from_table
+from twinlens.factory.settings import Settings
 from twinlens.scenes import load_scene, rig_from_table
+from twinlens.schema import read
 
 BASE = {"seed": 1, "count": 4, "scenes": ["cards"], "width": 320, "height": 240}
 
@@ -25,6 +27,16 @@ def test_a_camera_may_have_a_sensor_of_its_own():
 def test_a_format_may_be_drawn():
     recipe = recipe_from_table({**BASE, "rig": {"sensor_width_mm": {"sweep": ["35mm", 12]}}})
     assert [plan(recipe, i).drawn["rig"]["sensor_width_mm"] for i in range(3)] == ["35mm", 12, "35mm"]
+
+
+def test_near_infrared_cameras_have_a_sensor_of_their_own():
+    table = {"filters": "RGGB", "nir": {"preset": "phone", "read_noise": {"sweep": [2.0, 3.0]}}}
+    recipe = recipe_from_table({**BASE, "rig": {"camera": {"band": "nir"}}, "sensor": table})
+    settings = [read(Settings, plan(recipe, i).drawn, "recipe.toml") for i in range(2)]
+    assert [each.sensor.nir.read_noise for each in settings] == [2.0, 3.0]
+    assert settings[0].sensor.nir.full_well == 6000.0
+    with pytest.raises(InputError, match=r"sensor.nir: unknown key 'read_nois'; did you mean 'read_noise'"):
+        recipe_from_table({**BASE, "sensor": {"nir": {"read_nois": 3}}})
 
 
 @pytest.mark.parametrize(

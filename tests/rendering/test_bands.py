@@ -1,5 +1,7 @@
 """Images of the near infrared: against closed forms, and apart from those of visible light."""
 
+from dataclasses import asdict
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from twinlens.errors import InputError
 from twinlens.rendering.build import build
 from twinlens.rendering.guides import render_guides
 from twinlens.scenes import Color, Scene, SceneObject
+from twinlens.sensor import Mismatch, Sensor
 
 RED = {"type": "diffuse", "reflectance": Color((0.5, 0.1, 0.1)), "nir": Color((0.8, 0.8, 0.8))}
 CAMERA = tl.Camera.from_fov(24, 18, 40)
@@ -95,6 +98,15 @@ def test_photos_of_the_near_infrared_are_mono_and_have_their_own_exposure(scene)
     times = [photo.record["time_s"] for photo in photos]
     assert times[0] == times[1] != times[2]
     assert 100 < photos[1].image.mean() < 160
+    own = sensor.replace(nir=tl.Sensor.preset("phone", nir_efficiency=0.3), mismatch=Mismatch(gain=1.1))
+    assert Sensor.from_record(asdict(own)) == own
+    assert own.for_band("rgb") is own
+    seen = own.for_band("nir")
+    assert (seen.full_well, seen.filters, seen.quantum_efficiency) == (6000.0, "mono", (0.3, 0.3, 0.3))
+    assert seen.mismatch == own.mismatch
+    assert seen.for_band("nir") == seen
+    with pytest.raises(InputError, match="sensor nir must be a Sensor"):
+        sensor.replace(nir=own)
     rate = sensor.electrons_per_radiance(NIR, tl.Pinhole()).sum()
     visible = sensor.replace(quantum_efficiency=(1.0,) * 3, wavelengths=(500e-9,) * 3)
     per_photon = visible.electrons_per_radiance(CAMERA, tl.Pinhole()).sum() / 500e-9

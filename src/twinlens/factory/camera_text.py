@@ -73,7 +73,7 @@ SENSOR_WIDTH_HELP = (
 )
 SENSOR_HELP = f"{', '.join(PRESETS)}; parameters follow a colon: phone:prnu=0.01,filters=mono,output=linear."
 
-_SENSOR_PARAMETERS = [field.name for field in fields(Sensor) if field.name != "mismatch"]
+_SENSOR_PARAMETERS = [field.name for field in fields(Sensor) if field.name not in ("mismatch", "nir")]
 _MISMATCHES = {field.name: field.name for field in fields(Mismatch)}
 _MISMATCHES |= {"exposure": "time", "black": "black_level", "seed": "seed"}
 

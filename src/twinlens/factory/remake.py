@@ -25,7 +25,7 @@ from twinlens.factory.settings import ExposureTable, SceneTable, SensorTable
 from twinlens.factory.sources import file_digests
 from twinlens.rendering import Progress, ground_truth
 from twinlens.scenes import Scene, load_scene
-from twinlens.sensor import Exposure, Mismatch, Sensor
+from twinlens.sensor import Exposure, Sensor
 
 PICTURES = ("maps", "render")
 ORIGIN = ("spec", "rejections", "sources_sha256", "rectified_from")
@@ -59,7 +59,6 @@ def remake(
     if settings.sky != (scene.sky.record if scene.sky else None):
         raise InputError("the sample was lit by another sky than the scene's; its file has changed")
     written = record["record"]  # plain values: the models convert whole numbers to float
-    mismatch = Mismatch(**written["sensor"].get("mismatch", {}))
     sample = make_sample(
         scene,
         read(RIG, record.get("rig"), _FILE, "rig"),
@@ -68,7 +67,7 @@ def remake(
         denoise=settings.denoise is not None,
         noise=settings.noise,
         seed=settings.seed,
-        sensor=Sensor(**{**written["sensor"], "mismatch": mismatch}),
+        sensor=Sensor.from_record(written["sensor"]),
         exposure=None if settings.exposure is None else Exposure(**written["exposure"]),
         diffraction=settings.diffraction,
         dual_pixel=settings.dual_pixel,

@@ -87,12 +87,13 @@ MismatchTable: Any = table_of(
 )
 """The fields of `Mismatch`, of which those not given are drawn at a level."""
 _level = BeforeValidator(lambda value: {"level": value} if isinstance(value, str) else value, str | MismatchTable)
-SensorTable: Any = table_of(
-    Sensor,
-    make=lambda preset=_PRESET, **changes: Sensor.preset(preset, **changes),
-    preset=(Literal[tuple(PRESETS)], _PRESET),
-    mismatch=(Annotated[MismatchTable, _level], Mismatch()),
-)
+_SENSOR: dict[str, Any] = {
+    "make": lambda preset=_PRESET, **changes: Sensor.preset(preset, **changes),
+    "preset": (Literal[tuple(PRESETS)], _PRESET),
+    "mismatch": (Annotated[MismatchTable, _level], Mismatch()),
+}
+_NirSensorTable: Any = table_of(Sensor, **_SENSOR, title="NirSensorTable", nir=(None, None))
+SensorTable: Any = table_of(Sensor, **_SENSOR, nir=(_NirSensorTable | None, None))
 """A preset, and every field of `Sensor` under its own name, as a Sensor."""
 
 

@@ -26,7 +26,7 @@ from twinlens.dataset import Dataset, StoredSample
 from twinlens.errors import InputError
 from twinlens.scoring.pair_statistics import appearance, compared, grey_levels, low_pass, robust_fit
 from twinlens.scoring.samples import Pair, load_pair
-from twinlens.sensor import Exposure, Mismatch, Sensor
+from twinlens.sensor import Exposure, Sensor
 from twinlens.sensor.picture import CURVES, encode
 
 Float = NDArray[np.float64]
@@ -120,7 +120,7 @@ def _measure(sample: StoredSample, k: int) -> tuple[Sensor, str, Float, float, t
     try:
         left, right = sample.lens(k).record["exposures"][:2]
         scene = sample.record["record"]["spec"]["scene"]
-        sensor = Sensor(**{**left["sensor"], "mismatch": Mismatch()})
+        sensor = Sensor.from_record({**left["sensor"], "mismatch": {}})
         known = dict(right["sensor"]["mismatch"])
         known["gain"] *= known["time"] / known["f_number"] ** 2
         exposure = Exposure(left["time_s"], left["gain"])

@@ -11,7 +11,7 @@ sensor's serial number, the others by the exposure's seed.
 In a dual-pixel sensor each pixel has two photodiodes, which see the halves of the aperture (`Sensor.expose_dual`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Annotated, Any
 
@@ -71,6 +71,7 @@ class Sensor:
     longest_exposure, largest_gain : limits of the automatic exposure, in seconds and as a factor.
     mismatch : differences of the cameras after the first.
     serial : seed of the fixed patterns.
+    nir : the sensor of near infrared cameras; None is this one.
 
     Raises InputError when a value is out of range.
     """
@@ -99,6 +100,7 @@ class Sensor:
     largest_gain: Annotated[float, (1e-3, 1e9)] = 16.0
     mismatch: Mismatch = Mismatch()  # noqa: RUF009  a frozen value
     serial: int = 0
+    nir: "Sensor | None" = None
 
     def __post_init__(self) -> None:
         allowed = "three positive numbers (red, green, blue)"
@@ -125,6 +127,8 @@ class Sensor:
         if self.black_level >= self.largest_dn:
             raise InputError(f"sensor black_level must be below {self.largest_dn} DN, got {self.black_level}")
         check_int("sensor serial", self.serial, 0)
+        if self.nir is not None and (not isinstance(self.nir, Sensor) or self.nir.nir is not None):
+            raise InputError("sensor nir must be a Sensor that has no nir itself, or None")
 
     @classmethod
     def preset(cls, name: str, **changes: Any) -> "Sensor":
@@ -136,6 +140,16 @@ class Sensor:
         check_known("sensor preset", name, PRESETS)
         return cls(**PRESETS[name]).replace(**changes)
 
+    @classmethod
+    def from_record(cls, record: Mapping[str, Any]) -> "Sensor":
+        """The sensor of ``dataclasses.asdict(sensor)``, as in sample.json."""
+        nir = record.get("nir")
+        parts = {
+            "mismatch": Mismatch(**record.get("mismatch", {})),
+            "nir": None if nir is None else cls.from_record(nir),
+        }
+        return cls(**{**record, **parts})
+
     def replace(self, **changes: Any) -> "Sensor":
         """A copy with some fields changed, checked again. Raises InputError for an unknown field."""
         known = [field.name for field in fields(self)]
@@ -144,17 +158,18 @@ class Sensor:
         return replace(self, **changes)
 
     def for_band(self, band: str) -> "Sensor":
-        """The sensor of a camera with this `Camera.band`: mono, with the efficiency and wavelength of "nir" for that.
+        """The sensor of a camera with this `Camera.band`; all methods that get a camera apply it.
 
-        Cameras of the other bands have this sensor. All methods that get a camera apply it.
+        For "nir" it is `nir` or this one, mono, with its `nir_efficiency` and `nir_wavelength`, and this `mismatch`.
 
         >>> Sensor().for_band("nir").quantum_efficiency
         (0.15, 0.15, 0.15)
         """
         if band != "nir":
             return self
-        efficiency, wavelength = (self.nir_efficiency,) * 3, (self.nir_wavelength,) * 3
-        return replace(self, quantum_efficiency=efficiency, wavelengths=wavelength, filters="mono")
+        own = self.nir or self
+        changes = {"quantum_efficiency": (own.nir_efficiency,) * 3, "wavelengths": (own.nir_wavelength,) * 3}
+        return own.replace(**changes, filters="mono", mismatch=self.mismatch, nir=None)
 
     @property
     def largest_dn(self) -> int:
