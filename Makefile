@@ -51,4 +51,5 @@ clean:
 pictures: .venv/installed
 	$(BIN)/python docs/pictures.py
 	$(BIN)/python docs/families.py
+	$(BIN)/python docs/light_fields.py
 	$(BIN)/python docs/studies.py

@@ -8,6 +8,7 @@ import pytest
 import twinlens as tl
 from tests.optics_rendered.optics_lights import HERE, centroid, chequered_room, grey, lamps, square_camera
 from twinlens.errors import InputError
+from twinlens.rendering import render_measured
 
 CAMERA = tl.Camera(48, 36, 50.0, 50.0, 23.5, 17.5)
 RIG = tl.Rig([CAMERA], [HERE])
@@ -33,6 +34,17 @@ def test_parts_add_up_to_the_whole_image(name):
         assert parts.dtype == np.float32
         assert parts.shape == (len(PARTS[name]), *whole.shape)
         np.testing.assert_allclose(parts.sum(axis=0), whole, rtol=0, atol=1e-6 * whole.max())
+
+
+@pytest.mark.parametrize("denoise", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_measured_parts_have_the_error_of_the_whole_image(denoise):
+    scene, lens = chequered_room(), LENSES["lens"]
+    how = {"scene": scene, "rig": RIG, "lens": lens, "spp": 4, "seed": 1, "denoise": denoise}
+    (whole,), _ = render_measured(**how)
+    (parts,), _ = render_measured(**how, parts=tl.Dual())
+    assert parts.image.shape == (2, *whole.image.shape)
+    np.testing.assert_allclose(parts.image.sum(axis=0), whole.image, rtol=0, atol=1e-5 * whole.image.max())
+    np.testing.assert_allclose(parts.error, whole.error, rtol=0, atol=1e-5 * whole.image.max())
 
 
 @pytest.mark.parametrize("name", ["dual", pytest.param("grid", marks=pytest.mark.slow)])
