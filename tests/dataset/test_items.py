@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from tests.dataset import dataset_scene
+from twinlens.camera.truth import Projection
 from twinlens.dataset import (
     Dataset,
     Manifest,
@@ -130,7 +131,9 @@ def test_the_table_of_the_page_has_every_quantity_with_its_dtype_and_shape(tmp_p
     radiances = tuple(image.astype(np.float32) for image in SAMPLE.shots[0].images)
     halves = tuple((image, image) for image in SAMPLE.shots[0].images)
     shots = tuple(replace(shot, radiances=radiances, halves=halves) for shot in SAMPLE.shots)
-    write_sample(tmp_path / "s", replace(SAMPLE, shots=shots))
+    light = Projection(np.zeros((48, 64, 2)), np.ones((48, 64), dtype=bool))
+    truths = tuple(replace(truth, projections=(light,)) for truth in SAMPLE.truths)
+    write_sample(tmp_path / "s", replace(SAMPLE, shots=shots, truths=truths))
     sample = Dataset(tmp_path)[0]
     listed = set()
     for row in table.splitlines()[2:]:
@@ -140,7 +143,7 @@ def test_the_table_of_the_page_has_every_quantity_with_its_dtype_and_shape(tmp_p
             value = sample[name]
             if shapes:
                 assert str(value.dtype) in dtypes.split(" or "), name
-                assert str(value.shape).replace("48, 64", "H, W") in shapes, name
+                assert str(value.shape).replace("48, 64", "H, W").replace("(1", "(P") in shapes, name
             else:
                 assert type(value).__name__ == dtypes, name
     with pytest.raises(InputError) as error:

@@ -1,5 +1,6 @@
 """The light of projectors in images, against closed forms, and decoded codes against the truth of projection."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -13,13 +14,15 @@ from twinlens import geometry
 from twinlens.camera import BrownConrady, Camera, GrayCode, PhaseShift, Rig, decode, patterns
 from twinlens.errors import InputError
 from twinlens.rendering.projectors import build_lit
-from twinlens.scenes import Scene, SceneObject
+from twinlens.scenes import Bitmap, Color, Scene, SceneObject
 
 Projector = partial(tl.Projector, band="rgb")
 GREY = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.5}}}
 LENS = Camera(64, 48, 80.0, 70.0, 20.0, 30.0)
+SLOW = pytest.mark.slow
 CHECKER = patterns.checker(64, 48, 8)
 CAMERA = Camera.from_fov(96, 72, 40)
+TINY = Camera.from_fov(16, 12, 40)
 SIDE = geometry.rigid(Rotation.from_euler("xyz", [3, -6, 10], degrees=True).as_matrix(), [0.15, 0.02, -0.01])
 
 
@@ -178,6 +181,38 @@ def test_a_projector_lights_a_dark_scene_and_only_its_rig():
     only_projector, only_lamp = (tl.render(*each, spp=256)[0].mean() for each in ((scene, lit), (lamp, rig)))
     assert with_both == pytest.approx(only_projector + only_lamp, rel=0.02)
     assert (tl.render(lamp, rig, spp=2)[0] == before).all()
+
+
+SURROUNDINGS = {
+    "constant": {"radiance": Color((1.0, 0.5, 0.2))},
+    "envmap": {"bitmap": Bitmap(np.linspace(0, 1, 96, dtype=np.float32).reshape(4, 8, 3))},
+    "sunsky": {"sun_direction": [0.2, -0.5, -1.0]},
+}
+
+
+@pytest.mark.parametrize("kind", ["constant", *(pytest.param(kind, marks=SLOW) for kind in ("envmap", "sunsky"))])
+def test_ambient_scales_every_light_of_a_scene(kind):
+    shining = Bitmap(np.linspace(0, 1, 48, dtype=np.float32).reshape(4, 4, 3))
+    emitters = {"type": "area", "radiance": shining}, {"type": "directionalarea", "radiance": Color((3.0, 2.0, 1.0))}
+    poses = [geometry.rigid(np.diag([1.0, -1.0, -1.0]), [x, 0, 0.8]) @ np.diag([0.1, 0.1, 1, 1]) for x in (0.5, 0.2)]
+    lamps = [SceneObject("lamp", {"type": "rectangle"}, "grey", *each) for each in zip(poses, emitters, strict=True)]
+    lights = {
+        "point": {"type": "point", "position": [0.0, 0.5, 0.0], "intensity": 2.0},
+        "spot": {"type": "spot", "to_world": np.eye(4), "intensity": Color((1.0, 2.0, 3.0))},
+        "sun": {"type": "directional", "direction": [0.0, 0.1, 1.0], "irradiance": 1.0},
+    }
+    scene = scene_of(wall(1.5), *lamps, around={"type": kind, **SURROUNDINGS[kind]}, **lights)
+    rig = Rig([TINY], [np.eye(4)])
+    whole, dimmed = (tl.render(each, rig, spp=4)[0] for each in (scene, scene.with_ambient(0.25)))
+    assert whole.max() > 0
+    assert np.allclose(dimmed, whole / 4, rtol=1e-5)
+    dark = scene.with_ambient(0)
+    with pytest.raises(InputError, match="has no light"):
+        tl.render(dark, rig)
+    lit = rig.with_projectors([Projector(SIDE, LENS)])
+    unlit = scene_of(wall(1.5), *(replace(lamp, emitter=None) for lamp in lamps))
+    found, expected = (tl.render(each, lit, spp=256)[0].mean() for each in (dark, unlit))
+    assert found == pytest.approx(expected, rel=0.05)
 
 
 def test_another_pattern_power_or_pose_changes_the_loaded_scene():

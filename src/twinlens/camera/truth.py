@@ -75,6 +75,7 @@ class Truth:
     material_kind : uint8, index into MATERIAL_KINDS.
     objects : the objects in the image, by rising object_id, also where they are hidden. Instances in a Mitsuba file,
         whose shape is unknown, are left out; so are all in samples written before twinlens 0.2.
+    projections : for each projector of the rig, its pixels and whether it lights the point.
     """
 
     depth: NDArray[np.float64]
@@ -89,6 +90,7 @@ class Truth:
     object_names: tuple[str, ...]
     material_names: tuple[str, ...]
     objects: tuple[ObjectTruth, ...] = ()
+    projections: tuple["Projection", ...] = ()
 
     @property
     def hit(self) -> NDArray[np.bool_]:

@@ -148,11 +148,13 @@ def _is_own(path: Place) -> bool:
 def _write_card(dataset: Dataset, given: About, manifest: Manifest) -> list[str]:
     many: dict[str, Statistics] = {}
     noise: list[float] = []
+    powers: list[list[float]] = []
     for sample in dataset:
         with contextlib.suppress(FileError):
             many[sample.name] = stored_statistics(sample)
             ratios = [sample.lens(k).renderer_noise for k in range(sample.num_lenses)]
             noise += [ratio for ratio in ratios if ratio is not None]
+            powers.append([projector.power for projector in sample.rig.projectors])
     tiles = []
     for i in np.linspace(0, len(many) - 1, min(len(many), TILES)).round().astype(int):
         with contextlib.suppress(FileError):
@@ -166,12 +168,17 @@ def _write_card(dataset: Dataset, given: About, manifest: Manifest) -> list[str]
     readme = dataset.path / "README.md"
     name = readme.name if _is_own(readme) else "CARD.md"
     unreadable = [name for name in dataset.names if name not in many]
-    write_file(dataset.path / name, _card(given, manifest, list(many.values()), noise, unreadable).encode())
+    write_file(dataset.path / name, _card(given, manifest, list(many.values()), noise, unreadable, powers).encode())
     return [name, SHEET, FIGURE]
 
 
 def _card(
-    given: About, manifest: Manifest, many: Sequence[Statistics], noise: Sequence[float], unreadable: Sequence[str]
+    given: About,
+    manifest: Manifest,
+    many: Sequence[Statistics],
+    noise: Sequence[float],
+    unreadable: Sequence[str],
+    powers: Sequence[Sequence[float]] = (),
 ) -> str:
     texts = [given.license or "Not stated by the maker of this dataset: ask before you redistribute it."]
     texts += [f"Made by {given.creator}."] if given.creator else []
@@ -188,7 +195,7 @@ def _card(
         version=twinlens.__version__,
         count=len(many),
         samples="samples" if len(many) > 1 else "sample",
-        facts="\n".join(f"| {key} | {value} |" for key, value in _facts(manifest, many, noise).items()),
+        facts="\n".join(f"| {key} | {value} |" for key, value in _facts(manifest, many, noise, powers).items()),
         made=_made(manifest) + (f"\n\nUnreadable, and not counted: {', '.join(unreadable)}." if unreadable else ""),
         license="\n\n".join(texts),
     )
@@ -207,9 +214,15 @@ def _front_matter(given: About, count: int) -> str:
     return "---\n" + "".join(f"{key}: {json.dumps(value)}\n" for key, value in entries.items()) + "---\n"
 
 
-def _facts(manifest: Manifest, many: Sequence[Statistics], noise: Sequence[float]) -> dict[str, str]:
+def _facts(
+    manifest: Manifest, many: Sequence[Statistics], noise: Sequence[float], powers: Sequence[Sequence[float]]
+) -> dict[str, str]:
+    """`powers` are those of the projectors of each sample, watts."""
     facts = {"samples": str(len(many)), "image size": _counted(tuple(each["size"]) for each in many)}
     facts |= {f"{kind} of a sample": _counted(each[kind] for each in many) for kind in ("cameras", "lenses")}
+    if any(powers):
+        facts["projectors of a sample"] = _counted(map(len, powers))
+        facts["power of a projector"] = _range([quantiles([power]) for each in powers for power in each], "W")
     splits = Counter(str(row.info["split"]) for row in manifest.rows if row.info.get("split") is not None)
     if splits:
         facts["splits"] = ", ".join(f"{name}: {count}" for name, count in sorted(splits.items()))

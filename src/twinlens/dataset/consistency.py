@@ -118,6 +118,31 @@ def check_dual_pixels(truth: Arrays, disparity: NDArray[np.float32], camera: Cam
     return _compare("disparity is not that of the lens", error, allowed, "px")
 
 
+def check_projections(truth: Arrays, rig: Rig) -> Findings:
+    """The pixels of each projector are those of the positions; what it lights is in front of it, inside its pattern."""
+    pixels, lit = truth["projector_pixels"], truth["lit"]
+    if len(pixels) != len(rig.projectors):
+        return [f"has {len(pixels)} projectors, but sample.json {len(rig.projectors)}"]
+    findings = []
+    hit = truth["object_id"] > 0
+    world = truth["position"][hit].astype(np.float64)
+    for i, (projector, pose) in enumerate(zip(rig.projectors, rig.world_from_projectors, strict=True)):
+        camera, found = projector.intrinsics, pixels[i][hit].astype(np.float64)
+        cam = geometry.transform_points(geometry.inverse(pose), world)
+        expected = camera.project(cam)
+        inside = camera.contains(found) | camera.contains(expected)
+        scale = np.abs(world).sum(axis=-1) + np.abs(pose[:3, 3]).sum()
+        farthest = 2.0 * max(camera.fx, camera.fy, camera.width, camera.height)
+        allowed = _PX + _ROUNDING * farthest * (1 + scale[inside] / cam[inside, 2])
+        error = np.abs(found - expected)[inside].max(axis=-1, initial=0.0)
+        findings += _compare(f"position does not project to projector{i}.u and .v", error, allowed, "px")
+        reached = np.zeros(hit.shape, dtype=bool)
+        reached[hit] = inside | camera.contains(found - _PX) | camera.contains(found + _PX)
+        if wrong := np.count_nonzero(lit[i] & ~reached):
+            findings.append(f"projector{i}.lit is 1 at {wrong} pixels outside its pattern")
+    return findings
+
+
 def check_views(truths: tuple[Arrays, Arrays], rig: Rig, views: tuple[int, int]) -> Findings:
     """Points of one view that are visible in the other project into it, at a depth and place that it has there.
 

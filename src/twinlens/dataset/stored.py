@@ -17,7 +17,7 @@ import pydantic
 from numpy.typing import NDArray
 
 from twinlens.camera import Lens, ObjectTruth, Rig
-from twinlens.camera.truth import Correspondence, Truth
+from twinlens.camera.truth import Correspondence, Projection, Truth
 from twinlens.dataset.codecs.calib import Calibration, read_calib
 from twinlens.dataset.codecs.exr import read_exr
 from twinlens.dataset.codecs.pfm import read_disparity
@@ -26,7 +26,7 @@ from twinlens.dataset.files import check_relative
 from twinlens.dataset.record import LENS, RIG, FileModel, annotation_of, read, read_json, read_part
 from twinlens.dataset.sample import KIND, VERSION
 from twinlens.dataset.storage import Place, RemotePath, is_whole
-from twinlens.dataset.truth_files import SCALARS, VECTORS, blur_circle_px, read_truth
+from twinlens.dataset.truth_files import PROJECTIONS, SCALARS, VECTORS, blur_circle_px, read_truth
 from twinlens.dataset.visibility import Disparity, Mask, correspondence_of, mask_from_both, mask_from_one
 from twinlens.errors import FileError, InputError, format_value, unknown
 
@@ -153,13 +153,15 @@ class StoredSample(Mapping[str, Any]):
         return mask_from_one(self.disparity(i), left=i == 0)
 
     def truth(self, i: int) -> Truth:
-        """Truth of view i; depth and position have float32 precision."""
+        """Truth of view i; depth, position and the pixels of projectors have float32 precision."""
         fields = read_truth(self.path(f"truth{i}.exr"))
         fields |= {name: fields[name].astype(np.float64) for name in ("depth", "position")}
         del fields["blur_circle_px"]
         unknown = np.full(fields["depth"].shape, np.inf, np.float32)
         disparity = self.disparity(i) if self.has_disparity(i) else unknown
-        return Truth(**fields, disparity=disparity, objects=self.objects(i))
+        pixels, lit = (fields.pop(name) for name in PROJECTIONS)
+        projections = tuple(map(Projection, pixels.astype(np.float64), lit))
+        return Truth(**fields, disparity=disparity, objects=self.objects(i), projections=projections)
 
     def objects(self, i: int) -> tuple[ObjectTruth, ...]:
         """The objects in the image of view i; empty in samples of versions before 0.2. Raises FileError."""
@@ -319,7 +321,7 @@ def samples_in(path: Place) -> tuple[StoredSample, ...]:
 _SAMPLE_QUANTITIES = ("name", "ndisp")
 _CALIBRATION_QUANTITIES = ("baseline", "doffs")
 _CAMERA_QUANTITIES = ("K", "world_from_cam")
-_TRUTH_QUANTITIES = (*SCALARS, *VECTORS)
+_TRUTH_QUANTITIES = (*SCALARS, *VECTORS, *PROJECTIONS)
 _DUAL_METHODS = {"dp_left": "dp_left", "dp_right": "dp_right", "dp_disp": "dp_disparity"}
 _VIEW_METHODS = {"im": "image", "disp": "disparity", "mask_nonocc": "mask_nonocc", "radiance": "radiance"}
 _LENS_METHODS = {"im": "image", "radiance": "radiance", "blur_circle_px": "blur_circle_px", **_DUAL_METHODS}

@@ -294,7 +294,8 @@ def _check_view(content: Content, rig: Rig, i: int) -> list[str]:
     if findings := _named(name, consistency.check_positions(truth, camera, rig.world_from_cams[i])):
         return findings
     blur = consistency.check_blur(truth, camera, content["lenses"][0])
-    findings, known = _named(name, consistency.check_ids(truth) + blur), truth["object_id"] > 0
+    light = consistency.check_projections(truth, rig)
+    findings, known = _named(name, consistency.check_ids(truth) + blur + light), truth["object_id"] > 0
     for k in content["dual"]:
         own = f"{lens_folder(k)}dp-disp{i}.pfm"
         if own in content:

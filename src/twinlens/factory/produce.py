@@ -103,6 +103,8 @@ def produce(
     base = _scene(spec, settings, sources)
     if settings.sky is not None:
         base = _lit(base, settings.sky, sources, spec.seed)
+    if settings.scene.ambient != 1:
+        base = base.with_ambient(settings.scene.ambient)
     moved = base.at(base.world_from_left @ settings.scene.jitter.pose())
     rig = settings.rig_of(moved, base.rig, file)
     scene = with_objects(base, settings.scene.objects, rig.nominal, spec.seed, sources.folder, file)

@@ -96,6 +96,7 @@ class _Settings(FileModel):
     scene: str
     scene_files: dict[str, str]
     sky: dict[str, Any] | None = None
+    ambient: float = 1.0
     spp: int
     denoise: dict[str, Any] | None = None
     noise: float | None = None
@@ -139,6 +140,7 @@ def scene_of(
         table = {key: value for key, value in settings.sky.items() if key != "sha256"}
         with located(f"{_FILE}: record.sky"):
             scene = under_sky(scene, table, Path(folder))
+    scene = replace(scene, ambient=settings.ambient)
     if settings.spec is not None and "scene" in settings.spec.drawn:
         objects = read(SceneTable, settings.spec.drawn["scene"], _FILE, "record.spec.drawn.scene").objects
         rig = read(RIG, record.get("rig"), _FILE, "rig").nominal

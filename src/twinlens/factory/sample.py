@@ -129,6 +129,7 @@ def make_sample(
         "scene": scene.name,
         "scene_files": file_digests(scene),
         "sky": dict(scene.sky.record) if scene.sky else None,
+        **({} if scene.ambient == 1 else {"ambient": scene.ambient}),
         "seed": seed,
         "spp": spp,
         "denoise": rendering.denoiser_record() if denoise else None,

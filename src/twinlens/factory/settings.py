@@ -53,8 +53,10 @@ class JitterTable(StrictModel):
 
 
 class SceneTable(StrictModel):
-    """Where the rig is, the recipe's own objects, and, for families only, the depths and the number of objects."""
+    """Where the rig is, the recipe's own objects, the factor of the scene's own light, and, for families only, the
+    depths and the number of objects."""
 
+    ambient: Annotated[NonNegative, Field(le=1e9)] = 1.0
     jitter: JitterTable = JitterTable()
     depth_range: Annotated[tuple[Positive, Positive], Strict(strict=False), NEAR_FAR] | None = None
     object_count: Annotated[int, Field(ge=0, le=10_000)] | None = None

@@ -79,7 +79,10 @@ def build(scene: Scene, band: str = "rgb") -> BuiltScene:
         scene = in_band(scene, band)
         if scene not in _cache:
             with _two_threads():
-                _cache[scene] = _build_xml(scene) if scene.xml is not None else _build_objects(scene)
+                built = _build_xml(scene) if scene.xml is not None else _build_objects(scene)
+                if scene.ambient != 1:
+                    _scale_light(built.mi_scene, scene.ambient)
+                _cache[scene] = built
         return _cache[scene]
 
 
@@ -283,6 +286,31 @@ def _input_errors(message: str) -> Iterator[None]:
         yield
     except RuntimeError as error:
         raise InputError(f"{message}: {str(error).strip().splitlines()[-1].strip()}") from error
+
+
+_SCALES = {"scale", "sun_scale", "sky_scale"}
+_EMISSION = {f"{name}.{key}" for name in ("radiance", "intensity", "irradiance") for key in ("value", "data", "scale")}
+
+
+def _scale_light(mi_scene: Any, factor: float) -> None:
+    """Multiply what all emitters of a scene emit. Raises InputError where a texture of one has another use."""
+    import drjit as dr
+
+    traverse = mitsuba().traverse
+    bsdfs = dict.fromkeys(shape.bsdf() for shape in mi_scene.shapes())
+    used = {node for bsdf in bsdfs if bsdf is not None for node in traverse(bsdf).hierarchy}
+    for emitter in mi_scene.emitters():
+        parameters = traverse(emitter)
+        keys = _SCALES.intersection(parameters.keys()) or _EMISSION.intersection(parameters.keys())
+        if not keys or any(dr.is_integral_v(parameters[key]) for key in keys):
+            what = "light with a picture of 8 bits" if keys else f"light of type {type(emitter).__name__}"
+            raise InputError(f"ambient cannot scale a {what}; give it a colour or a picture in .exr")
+        if not used.isdisjoint(parameters.hierarchy):
+            raise InputError("ambient cannot scale a light whose picture has another use; give it one of its own")
+        used.update(parameters.hierarchy)
+        for key in keys:
+            parameters[key] = parameters[key] * factor
+        parameters.update()
 
 
 def _build_xml(scene: Scene) -> BuiltScene:

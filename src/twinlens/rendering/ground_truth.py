@@ -94,13 +94,17 @@ def projection(scene: Scene, rig: Rig, camera: int = 0, projector: int = 0) -> P
     for what, index, count in (("camera", camera, len(rig)), ("projector", projector, len(rig.projectors))):
         if not 0 <= index < count:
             raise InputError(f"the rig has {count} {what}s, counted from 0; got {what} {index}")
-    built, views, lamp = build(scene), rig.views, len(rig) + projector
-    view = _cast_view(built, views, camera)
+    built = build(scene)
+    return _projection(built, rig, _cast_view(built, rig, camera), projector)
+
+
+def _projection(built: BuiltScene, rig: Rig, view: _View, projector: int) -> Projection:
+    camera, views, lamp = rig.cameras[view.index], rig.views, len(rig) + projector
     pixels, _, lit = _project_into(built, views, view, lamp, sky=False)
     with np.errstate(invalid="ignore"):  # +inf where nothing was hit
         towards = views.world_from_cams[lamp][:3, 3] - view.position
         lit &= (_facing(view.exact.normal, -view.directions) * towards).sum(axis=1) > 0
-    shape = rig.cameras[camera].height, rig.cameras[camera].width
+    shape = camera.height, camera.width
     return Projection(pixels.reshape(*shape, 2), lit.reshape(shape))
 
 
@@ -141,6 +145,7 @@ def _view_truth(built: BuiltScene, rig: Rig, index: int, sky_disparity: bool) ->
         material_kind=image(material_kind, np.uint8),
         object_names=built.object_names,
         material_names=built.material_names,
+        projections=tuple(_projection(built, rig, view, i) for i in range(len(rig.projectors))),
     )
 
 

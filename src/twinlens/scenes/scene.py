@@ -210,6 +210,7 @@ class Scene:
     files : the files that the scene was read from.
     rig : the table of the scene's cameras (`twinlens.scenes.rigs`); None is a rectified pair.
     sky : in place of `lights`.
+    ambient : factor of all its light: lights, objects and materials that emit, sky. It does not scale projectors.
     """
 
     name: str
@@ -227,8 +228,10 @@ class Scene:
     depth_range_known: bool = True
     rig: Mapping[str, Any] | None = None
     sky: Sky | None = None
+    ambient: float = 1.0
 
     def __post_init__(self) -> None:
+        check_number("the ambient of a scene", self.ambient, "a finite number >= 0", least=0)
         object.__setattr__(self, "world_from_left", check_rigid(self.world_from_left, "world_from_left"))
         near, far = self.depth_range
         if not 0 < near < far:
@@ -244,11 +247,15 @@ class Scene:
         emitters = [
             thing.emitter or self.materials[name].get("emitter") for thing in self.objects for name in thing.materials
         ]
-        return bool(self.xml or self.sky or self.lights or any(emitters))
+        return bool(self.ambient and (self.xml or self.sky or self.lights or any(emitters)))
 
     def at(self, world_from_left: ArrayLike) -> "Scene":
         """The same scene with another pose of the left camera."""
         return replace(self, world_from_left=np.asarray(world_from_left, dtype=np.float64))
+
+    def with_ambient(self, factor: float) -> "Scene":
+        """The same scene with its light multiplied by this factor."""
+        return replace(self, ambient=factor * self.ambient)
 
     def lit_by(self, sky: Sky, lamps: bool = True) -> "Scene":
         """The same scene with `sky` in place of its lights. Without `lamps`, objects that emit light are dark."""
