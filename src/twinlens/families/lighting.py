@@ -81,7 +81,7 @@ def daylight(scene: Composition, rng: Rng, middle: Float, radius: float) -> None
     """A clear sky, and a distant square as the sun, larger than the real one for soft shadows."""
     side = one_of(rng, [-1.0, 1.0])
     azimuth, elevation = -90.0 + side * float(rng.uniform(40, 95)), float(rng.uniform(22, 55))
-    environment(scene, clear_sky(float(rng.uniform(2.2, 5.0)), elevation), azimuth, 0.5)
+    environment(scene, clear_sky(float(rng.uniform(2.2, 5.0)), elevation), azimuth + 90.0, 0.5)  # its sun is at -y
     far = 40.0 * radius
     half = far * math.tan(math.radians(rng.uniform(0.6, 1.6)))
     low = math.exp(-elevation / 14)

@@ -136,7 +136,7 @@ def _render_jit(
 ) -> Float:
     from twinlens.rendering.ray_generation import pixel_means  # sets up the backend
 
-    ray, x, y = sensor.film_rays(count, seed, divide=parts is None)  # images of earlier versions stay the same
+    ray, x, y = sensor.film_rays(count, seed)
     albedo, normal = _first_rough_surfaces(built, mitsuba().Ray3f(ray))
     shares = None if parts is None else parts.shares(x, y, sensor.math)
     return pixel_means([*albedo, *normal], count, camera, shares)

@@ -114,11 +114,10 @@ class TwinlensCamera(mi.Sensor):  # type: ignore[misc, name-defined]
         ray, weight = self.sample_ray(time, wavelength, position, aperture, active)
         return mi.RayDifferential3f(ray), weight
 
-    def film_rays(self, count: int, seed: int, divide: bool = False) -> tuple[Any, Any, Any]:
+    def film_rays(self, count: int, seed: int) -> tuple[Any, Any, Any]:
         """`count` rays per pixel, pixel by pixel, and their points (x, y) of the aperture in units of its radius.
 
-        Numbers the samples, draws from the sampler and rounds film positions as Mitsuba's integrators do. With `divide`
-        the positions are divided by the film's size and not multiplied by its reciprocal, which rounds otherwise.
+        Numbers the samples, draws from the sampler and rounds film positions as Mitsuba's integrators do.
         """
         width, height = (round(size[0]) for size in self.size)
         sampler = self.sampler()
@@ -128,9 +127,8 @@ class TwinlensCamera(mi.Sensor):  # type: ignore[misc, name-defined]
         pixel = dr.arange(mi.UInt32, width * height * count) // dr.opaque(mi.UInt32, count)
         row = pixel // columns
         corner = mi.Point2f(mi.Float(pixel - row * columns), mi.Float(row))
-        position, size = corner + sampler.next_2d(), mi.Point2f(*self.size)
         reciprocal = mi.Point2f(opaque(1 / np.float32(width)), opaque(1 / np.float32(height)))
-        film = position / size if divide else position * reciprocal
+        film = (corner + sampler.next_2d()) * reciprocal
         lens = sampler.next_2d()
         ray, _ = self.sample_ray(0.0, 0.5, film, lens)
         return ray, *self.aperture.sample(lens.x, lens.y, self.math)

@@ -54,7 +54,7 @@ class Mismatch:
     gain: Annotated[float, (1e-3, 1e3), (0.005, 0.01, 0.05)] = 1.0
     time: Annotated[float, (1e-3, 1e3), (0.0, 0.0, 0.1)] = 1.0
     black_level: Annotated[float, (-1e6, 1e6), (0.25, 1.0, 3.0)] = 0.0
-    f_number: Annotated[float, (0.1, 10), (0.002, 0.012, 0.047)] = 1.0
+    f_number: Annotated[float, (0.1, 10), (0.002, 0.008, 0.047)] = 1.0
     shading_right: Annotated[float, (-0.3, 0.3), (0.01, 0.04, 0.08)] = 0.0
     shading_down: Annotated[float, (-0.3, 0.3), (0.01, 0.04, 0.08)] = 0.0
     shading_corner: Annotated[float, (-0.3, 0.4), (0.01, 0.04, 0.08)] = 0.0
