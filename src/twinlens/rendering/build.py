@@ -78,25 +78,22 @@ def build(scene: Scene, band: str = "rgb") -> BuiltScene:
     with _building:
         scene = in_band(scene, band)
         if scene not in _cache:
-            with _two_threads():
-                built = _build_xml(scene) if scene.xml is not None else _build_objects(scene)
-                if scene.ambient != 1:
-                    _scale_light(built.mi_scene, scene.ambient)
-                _cache[scene] = built
+            built = _build_xml(scene) if scene.xml is not None else _build_objects(scene)
+            if scene.ambient != 1:
+                _scale_light(built.mi_scene, scene.ambient)
+            _cache[scene] = built
         return _cache[scene]
 
 
-@contextlib.contextmanager
-def _two_threads() -> Iterator[None]:
-    """Two rendering threads or more. With one, Mitsuba 3.9 waits forever for a second one to decode an EXR file."""
+def _need_two_threads() -> None:
+    """Use two rendering threads or more from now on. With one, Mitsuba 3.9 never finishes decoding an EXR file.
+
+    The second thread stays: Dr.Jit sometimes waits forever for the end of a thread that is about to sleep.
+    """
     import drjit
 
-    count = drjit.thread_count()
-    drjit.set_thread_count(max(count, 2))
-    try:
-        yield
-    finally:
-        drjit.set_thread_count(count)
+    if drjit.thread_count() < 2:
+        drjit.set_thread_count(2)
 
 
 def _build_objects(scene: Scene) -> BuiltScene:
@@ -259,6 +256,8 @@ def mitsuba_value(value: Any, textures: dict[int, Any] | None = None) -> Any:
             for key, part in value.items()
             if key != "nir"
         }
+    if isinstance(value, str) and value.lower().endswith(".exr"):
+        _need_two_threads()
     return value
 
 
@@ -315,6 +314,7 @@ def _scale_light(mi_scene: Any, factor: float) -> None:
 
 def _build_xml(scene: Scene) -> BuiltScene:
     """A checked Mitsuba file: ids in the order of its shapes, materials by their names."""
+    _need_two_threads()
     with _input_errors(f"{scene.xml}: Mitsuba rejects it"):
         mi_scene = mitsuba().load_file(str(scene.xml), optimize=False)
     own = mi_scene.integrator()
