@@ -134,14 +134,15 @@ def test_a_rig_with_projectors_is_stored_and_read():
     rng = np.random.default_rng(6)
     rig, _ = random_rig(rng, 2)
     pattern = rng.random((48, 64)).astype(np.float32)
-    rig = rig.with_projectors([Projector(pose(rng), LENS, pattern, 2.5, "rgb", "nearest")])
+    rig = rig.with_projectors([Projector(pose(rng), LENS, pattern, 2.5, "rgb", "nearest", 0.01, 1.5)])
     assert "projectors" not in plain(rig.with_projectors([]))
     again = RIG.validate_python(plain(rig)).projectors[0]
     before = rig.projectors[0]
     assert (again.pattern == before.pattern).all()
     assert (again.pose == before.pose).all()
     assert (again.intrinsics, again.power, again.band) == (before.intrinsics, before.power, before.band)
-    assert again.filter == before.filter
+    assert (again.filter, again.aperture_diameter, again.focus_distance) == ("nearest", 0.01, 1.5)
+    assert before.with_pattern("white").focus_distance == 1.5
 
 
 def test_lux_at_a_distance():
@@ -160,6 +161,8 @@ def test_lux_at_a_distance():
         (lambda: Projector(None, LENS, np.full((48, 64), np.nan)), "values from 0 to 1"),
         (lambda: Projector(None, LENS, "dot"), "did you mean 'dots'"),
         (lambda: Projector(None, LENS, filter="cubic"), "filter of a projector"),
+        (lambda: Projector(None, LENS, aperture_diameter=-1), "aperture_diameter must be"),
+        (lambda: Projector(None, LENS, focus_distance=0), "focus_distance must be"),
         (lambda: Projector(None, LENS, band="uv"), "band of a projector"),
         (lambda: Projector(None, LENS).with_lux(100.0), "band='rgb', or give the power"),
         (lambda: LENS.replace(band="ir"), "unknown camera band 'ir'"),

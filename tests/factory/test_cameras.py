@@ -1,6 +1,7 @@
 """`[camera]` in recipes, and `camera` in rigs: presets, sensor formats and focal lengths in millimetres."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ def rig_of(table, index=0, own=None):
     """The settings and the rig of a sample of a recipe; `own` is the rig's table of its scene.toml."""
     spec = plan(recipe_from_table(BASE | table), index)
     settings = read(Settings, spec.drawn, "recipe.toml")
-    return settings, settings.rig_of(SCENE, own, "recipe.toml")
+    return settings, settings.rig_of(SCENE, own, Path("recipe.toml"), Path)
 
 
 def test_a_preset_sets_the_pair_and_the_size_of_its_images():

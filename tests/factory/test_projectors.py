@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import twinlens as tl
 from tests.factory_recipes import write_recipe
@@ -103,3 +104,18 @@ def test_the_card_and_exports_know_projectors(data, tmp_path):
     assert "| projectors of a sample | 1 |" in card
     assert "| power of a projector |" in card
     export(data, tmp_path / "middlebury", to="middlebury")
+
+
+def test_a_picture_is_a_pattern_and_a_file_of_the_recipe(data, tmp_path):
+    folder = data.path.parent
+    Image.fromarray(np.eye(30, 40, dtype=np.uint8) * 255).save(folder / "dots.png")
+    text = (folder / "recipe.toml").read_text().replace('{ type = "stripes", period = 4 }', "DOTS")
+    text = text.replace('{ type = "dots", density = 0.3 }', "DOTS").replace(
+        "width = 40\nheight = 30\n", "aperture_mm = 5\n"
+    )
+    (folder / "pictured.toml").write_text(text.replace("DOTS", '{ type = "picture", file = "dots.png" }'))
+    recipe = read_recipe(folder / "pictured.toml")
+    assert "dots.png" in recipe.sources.files
+    (projector,) = make(recipe, 0).rig.projectors
+    assert (projector.pattern == np.eye(30, 40)).all()
+    assert projector.aperture_diameter == 0.005

@@ -105,6 +105,20 @@ def _saddle(image, start):
     return at
 
 
+@pytest.mark.parametrize(("z", "focus"), [(1.0, 1.0), (2.0, 1.0), (1.0, 2.0), (1.5, np.inf)])
+def test_a_point_of_the_pattern_is_a_disk_away_from_the_focus(z, focus):
+    """Of diameter A |1 - z/f|, from the variance D^2/16 along an axis, on a wall at right angles; its flux stays."""
+    lens, point = Camera.from_fov(32, 24, 40), np.zeros((24, 32))
+    point[12, 16] = 1
+    made = Projector(None, lens, point, 20.0, aperture_diameter=0.1, focus_distance=focus)
+    light = irradiance(scene_of(wall(z)), Rig([CAMERA], [np.eye(4)], projectors=[made]), 256)
+    x = (np.arange(CAMERA.width) - CAMERA.cx) / CAMERA.fx * z
+    share, area = light.sum(axis=0) / light.sum(), (z / CAMERA.fx) ** 2
+    assert light.sum() * area == pytest.approx(20 / 3 / (32 * 24), rel=0.01)
+    spread = share @ x**2 - (share @ x) ** 2 - (z / lens.fx) ** 2 / 6 - area / 12  # without the tent and the pixel
+    assert 16 * spread == pytest.approx((0.1 * (1 - z / focus)) ** 2, rel=0.02, abs=1e-6)
+
+
 def shoot(scene, rig, shown, spp):
     projector = rig.projectors[0]
     lit = (rig.with_projectors([projector.with_pattern(each)]) for each in shown)

@@ -4,6 +4,7 @@ import tomllib
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from twinlens import geometry
 from twinlens.camera import (
@@ -23,6 +24,7 @@ from twinlens.camera import (
 from twinlens.errors import InputError
 from twinlens.scenes import Scene, load_scene, rig_from_table
 from twinlens.scenes.placement import rotation
+from twinlens.scenes.scene_file import scene_with_rig
 
 POSE = geometry.look_at([1.0, -2.0, 1.5], [0.2, 3.0, 1.0])
 SCENE = Scene("stage", (), {}, POSE, (1.0, 3.0), fov_x_deg=40.0, baseline=0.25)
@@ -208,6 +210,8 @@ def test_projectors_have_intrinsics_pose_pattern_and_light():
         power = 2.5
         band = "rgb"
         filter = "nearest"
+        aperture_mm = 20
+        focus = 1.5
         [[projectors]]
         lux = 100
         band = "rgb"
@@ -218,6 +222,7 @@ def test_projectors_have_intrinsics_pose_pattern_and_light():
     assert first.intrinsics == Camera.from_fov(64, 48, 60).replace(distortion=BrownConrady(-0.1))
     assert (first.pattern == patterns.dots(64, 48, density=0.25, seed=3)).all()
     assert (first.power, first.filter) == (2.5, "nearest")
+    assert (first.aperture_diameter, first.focus_distance, second.aperture_diameter) == (0.02, 1.5, 0)
     assert second.intrinsics == CAMERA
     assert second.power == Projector(None, CAMERA, band="rgb").with_lux(100).power
     assert np.allclose(made.world_from_projectors[1], made.world_from_cams[0])
@@ -228,6 +233,7 @@ def test_projectors_have_intrinsics_pose_pattern_and_light():
     [
         ("power = nan", "projectors[0].power: must be a finite number"),
         ("power = 1\nlux = 2", "projectors[0]: 'power' and 'lux' both set the light; keep one"),
+        ("aperture_mm = -1", "projectors[0].aperture_mm: must be >= 0"),
         ("lux = 2", "projectors[0]: lux is a unit of visible light"),
         ("power = 2", "projectors[0] has the band 'nir', which no camera sees: give a camera band = 'nir'"),
         ("pattern = { type = 'dot' }", "did you mean 'dots'?"),
@@ -241,3 +247,31 @@ def test_a_mistake_in_a_projector_is_reported_in_one_line(keys, says):
         rig(f"[[projectors]]\n{keys}")
     assert says in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_grey_picture_is_the_pattern_of_a_projector(tmp_path):
+    dots = np.random.default_rng(0).integers(0, 256, (30, 40), dtype=np.uint8)
+    for name, pixels in (("dots", dots), ("red", np.stack([dots, 0 * dots, dots], axis=-1))):
+        Image.fromarray(pixels).save(tmp_path / f"{name}.png")
+    projector = '[[projectors]]\nband = "rgb"\npattern = {{ type = "picture", file = {} }}'
+
+    def read(text):
+        (tmp_path / "rig.toml").write_text(text)
+        scene = scene_with_rig(SCENE, tmp_path / "rig.toml")
+        return rig_from_table(scene.rig, scene, 64, 48).projectors[0]
+
+    made = read(projector.format("'dots.png'"))
+    assert (made.intrinsics.width, made.intrinsics.height) == (40, 30)
+    assert np.allclose(made.pattern, dots / 255)
+    wrong = {
+        projector.format("'red.png'"): "a projector's pattern is a grey picture",
+        projector.format("'none.png'"): "rig.toml: projectors[0].pattern.file: no file 'none.png'",
+        projector.format("'../dots.png'"): "leads outside the folder",
+        projector.format("3"): "projectors[0].pattern.file",
+        projector.format("'dots.png'") + "\nwidth = 20": "must have the shape (30, 20)",
+    }
+    for text, says in wrong.items():
+        with pytest.raises(InputError) as caught:
+            read(text)
+        assert says in str(caught.value)
+        assert "\n" not in str(caught.value)

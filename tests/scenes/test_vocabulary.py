@@ -162,7 +162,7 @@ def below_a_sky(read_scene: Read, folder: Path) -> Scene:
 
 
 def test_one_thread_reads_exr_files(read_scene: Read, tmp_path: Path) -> None:
-    """In a process of its own: where Mitsuba has one thread, its reader of EXR files never returns."""
+    """In processes of their own: where Mitsuba has one thread, its reader of EXR files never returns."""
     below_a_sky(read_scene, tmp_path)
     (tmp_path / "sky.xml").write_text(
         '<scene version="3.0.0"><sensor type="perspective"><float name="fov" value="40"/></sensor>'
@@ -173,13 +173,11 @@ def test_one_thread_reads_exr_files(read_scene: Read, tmp_path: Path) -> None:
         from twinlens.rendering import build, use_threads
         from twinlens.scenes import load_scene
         use_threads(1)
-        for file in sys.argv[1:]:
-            assert len(build.build(load_scene(file)).bodies) == 1
-        import drjit
-        assert drjit.thread_count() == 1
+        assert len(build.build(load_scene(sys.argv[1])).bodies) == 1
     """
-    command = [sys.executable, "-c", code, str(tmp_path / "scene.toml"), str(tmp_path / "sky.xml")]
-    subprocess.run(command, env={**os.environ, "TWINLENS_BACKEND": "scalar"}, check=True, timeout=100)
+    for file in ("scene.toml", "sky.xml"):
+        command = [sys.executable, "-c", code, str(tmp_path / file)]
+        subprocess.run(command, env={**os.environ, "TWINLENS_BACKEND": "scalar"}, check=True, timeout=100)
 
 
 def test_the_top_of_an_environment_map_is_up(read_scene: Read, tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """A projector: a camera in reverse, which lights the scene with a pattern."""
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -9,6 +10,7 @@ from twinlens.camera.intrinsics import Camera
 from twinlens.camera.patterns import named
 from twinlens.errors import InputError, check_known, check_number, format_value
 from twinlens.geometry import Float, check_rigid
+from twinlens.optics import check_focus
 
 FILTERS = ("bilinear", "nearest")
 BANDS = ("nir", "rgb")
@@ -18,7 +20,7 @@ LUMENS_PER_WATT = 352.4
 
 @dataclass(frozen=True, eq=False)
 class Projector:
-    """A projector at a pose in a rig. Light leaves one point; its pixel (u, v) is sent where a camera there sees it.
+    """A projector at a pose in a rig. Its pixel (u, v) is sent where a camera there sees it.
 
     A pixel of value p sends the radiant flux p * power / (W * H), so that, without distortion, a uniform pattern lights
     a plane at right angles to the axis evenly. The irradiance of a surface at depth z along the axis, whose normal is
@@ -34,6 +36,8 @@ class Projector:
     power : watts that a white pattern sends; a pattern sends `emitted_power`. `with_lux` sets it from an illuminance.
     band : "nir", which only cameras that see the near infrared see, or "rgb", equal parts of red, green and blue.
     filter : between pixel centres the pattern is interpolated ("bilinear"), or pixels are squares ("nearest").
+    aperture_diameter : A, metres, of the disk that light leaves. With 0 it is a point: the pattern is sharp everywhere.
+    focus_distance : f, metres along the axis; may be inf. At depth z, a point of the pattern is a disk of A |1 - z/f|.
 
     Raises InputError when a value is out of range, or the pattern has another size.
     """
@@ -44,6 +48,8 @@ class Projector:
     power: float = 1.0
     band: str = "nir"
     filter: str = "bilinear"
+    aperture_diameter: float = 0.0
+    focus_distance: float = math.inf
 
     def __init__(
         self,
@@ -53,12 +59,16 @@ class Projector:
         power: float = 1.0,
         band: str = "nir",
         filter: str = "bilinear",
+        aperture_diameter: float = 0.0,
+        focus_distance: float = math.inf,
     ) -> None:
         if not isinstance(intrinsics, Camera):
             raise InputError(f"a projector's intrinsics must be a Camera, got {format_value(intrinsics)}")
         check_number("a projector's power", power, "a number of watts >= 0, at most 1e9", least=0, most=1e9)
         check_known("band of a projector", band, BANDS)
         check_known("filter of a projector", filter, FILTERS)
+        check_number("a projector's aperture_diameter", aperture_diameter, "a number of metres >= 0", least=0)
+        check_focus(focus_distance)
         if isinstance(pattern, str):
             pattern = named(pattern, intrinsics.width, intrinsics.height)
         values = {
@@ -68,6 +78,8 @@ class Projector:
             "power": float(power),
             "band": band,
             "filter": filter,
+            "aperture_diameter": float(aperture_diameter),
+            "focus_distance": float(focus_distance),
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)
@@ -79,7 +91,8 @@ class Projector:
 
     def with_pattern(self, pattern: ArrayLike | str) -> "Projector":
         """The same projector with another pattern: an array, or a name."""
-        return Projector(self.pose, self.intrinsics, pattern, self.power, self.band, self.filter)
+        values = {each.name: getattr(self, each.name) for each in fields(self)}
+        return Projector(**{**values, "pattern": pattern})
 
     def with_lux(self, lux: float, distance: float = 1.0) -> "Projector":
         """The same projector, with the power for which white has this illuminance on the axis at `distance` metres.

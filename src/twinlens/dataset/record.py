@@ -34,7 +34,12 @@ TYPES: dict[str, type] = {name: public for name, public in vars(camera).items() 
 RENAMED = {("Rig", "believed"): "calibrated"}
 """Fields that earlier versions wrote under another name."""
 
-ADDED: dict[tuple[str, str], Any] = {("Rig", "projectors"): (), ("Camera", "band"): "rgb"}
+ADDED: dict[tuple[str, str], Any] = {
+    ("Rig", "projectors"): (),
+    ("Camera", "band"): "rgb",
+    ("Projector", "aperture_diameter"): 0.0,
+    ("Projector", "focus_distance"): math.inf,
+}
 """Fields that earlier versions do not have. They are left out at this value."""
 
 PACKED_ABOVE, MAX_PACKED = 1024, 4096 * 4096

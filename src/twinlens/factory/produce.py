@@ -106,7 +106,7 @@ def produce(
     if settings.scene.ambient != 1:
         base = base.with_ambient(settings.scene.ambient)
     moved = base.at(base.world_from_left @ settings.scene.jitter.pose())
-    rig = settings.rig_of(moved, base.rig, file)
+    rig = settings.rig_of(moved, base.rig, file, sources.file)
     scene = with_objects(base, settings.scene.objects, rig.nominal, spec.seed, sources.folder, file)
     if scene is not base:
         sources.check_files(scene)
@@ -150,7 +150,7 @@ def check_backend(recipe: Recipe, index: int) -> None:
             spec = plan(recipe, index, attempt)
             settings = read(Settings, with_mismatch_seed(spec.drawn, spec.seed), file)
             scene = recipe.sources.scene(spec.scene) if spec.kind == "scene" else ANY_SCENE
-            rig = settings.rig_of(scene, scene.rig, file)
+            rig = settings.rig_of(scene, scene.rig, file, recipe.sources.file)
             for camera in rig.cameras:
                 check_camera_supported(camera)
             for lens in make_lenses(settings, None, file, recipe.sources.file):

@@ -23,6 +23,7 @@ from twinlens.factory.sources import Sources, listed
 from twinlens.families import FAMILIES
 from twinlens.families.assets import MESH_SHARE
 from twinlens.scenes import bundled_folder, bundled_scenes, read_toml
+from twinlens.scenes.rigs import picture_names
 from twinlens.schema import Fraction, NonNegative, StrictModel, one_of, read
 
 
@@ -246,11 +247,12 @@ def _check_drawn(drawn: Mapping[str, Any], path: Path, recipe: Any) -> tuple[dic
             raise InputError(f"{path}: {key}: has no effect, every lens is a pinhole; {remedy}")
     shapes = (getattr(lens, "shape", None) for settings, _ in checked for lens in settings.lenses)
     masks = [Path(shape.file).as_posix() for shape in shapes if isinstance(shape, MaskTable) and shape.file]
+    pictures = [Path(name).as_posix() for settings, _ in checked for name in picture_names(settings.rig)]
     skies = dict.fromkeys(settings.sky.file for settings, _ in checked if settings.sky)
     for name in skies:
         with located(f"{path}: sky.file"):
             _check_listed("hdris", name, path.parent)
-    return dict.fromkeys(masks, False) | named, tuple(skies), random_places
+    return dict.fromkeys([*masks, *pictures], False) | named, tuple(skies), random_places
 
 
 def _scene_file(path: Path, name: str) -> Path:

@@ -27,7 +27,7 @@ from twinlens.geometry import Float, rigid
 from twinlens.optics import middle_focus
 from twinlens.scenes import Scene, read_toml, rig_from_table
 from twinlens.scenes.placement import rotation
-from twinlens.scenes.rigs import ALTERNATIVES, CameraTable, Intrinsics, with_values
+from twinlens.scenes.rigs import ALTERNATIVES, CameraTable, Intrinsics, with_pictures, with_values
 from twinlens.schema import NEAR_FAR, Fraction, NonNegative, Number, Positive, StrictModel, read, table_of
 from twinlens.seeds import generator
 from twinlens.sensor import LEVELS, PRESETS, Exposure, Mismatch, Sensor
@@ -326,12 +326,13 @@ class Settings(StrictModel):
                 raise InputError(f"camera.{camera[0]} and rig.{rig[0]} exclude each other; keep one")
         return self
 
-    def rig_of(self, scene: Scene, own: Mapping[str, Any] | None, file: Path) -> Rig:
+    def rig_of(self, scene: Scene, own: Mapping[str, Any] | None, file: Path, find: Find) -> Rig:
         """The rig in `scene`: that of the recipe, or `own`, the table of the scene, with the camera of the recipe."""
-        table = self.rig or own or {}
+        given = with_pictures(self.rig, find)
+        table = given or own or {}
         if self.camera is not None:
             camera = {**self.camera, "width": self.width, "height": self.height}
-            table = {**self.rig, "camera": camera} if self.rig else with_values(table, {"camera": camera})
+            table = {**given, "camera": camera} if given else with_values(table, {"camera": camera})
         return rig_from_table(table, scene, self.width, self.height, file, "rig")
 
 
@@ -360,7 +361,7 @@ def check_settings(drawn: Mapping[str, Any], file: Path, families: Sequence[str]
     given = settings.scene.model_fields_set & {"depth_range", "object_count"}
     if given and not families:
         raise InputError(f"{file}: scene.{min(given)}: can be used with 'families' only")
-    settings.rig_of(ANY_SCENE, None, file)
+    settings.rig_of(ANY_SCENE, None, file, lambda name: file.parent / name)
     return settings, make_lenses(settings, None, file, lambda name: file.parent / name)
 
 

@@ -2,7 +2,8 @@
 
 Mitsuba's plugin has a centred frustum with square pixels, and its texture is the irradiance over pi at depth 1. The
 frustum is made wide enough for the pattern, and the texture's transform places the pattern in it, inside a border of
-dark pixels. With distortion, the pattern is first resampled to a grid without it, `_FINER` times as fine.
+dark pixels. With distortion, the pattern is first resampled to a grid without it, `_FINER` times as fine. An aperture
+makes it one of many: `rendering.projector_aperture`.
 """
 
 import math
@@ -14,10 +15,11 @@ from numpy.typing import NDArray
 
 from twinlens.camera import Projector, Rig
 from twinlens.camera.distortion import Distortion
-from twinlens.errors import InputError
+from twinlens.errors import BackendError, InputError
 from twinlens.geometry import Float, image_border
-from twinlens.rendering.backends import mitsuba
+from twinlens.rendering.backends import backend, mitsuba
 from twinlens.rendering.build import BuiltScene, build
+from twinlens.rendering.sensors import NEEDS_JIT
 from twinlens.scenes import Scene
 
 _CHANNELS = 3  # that share the power
@@ -50,11 +52,12 @@ def build_lit(scene: Scene, rig: Rig, band: str) -> BuiltScene:
     shown = tuple(projector for projector, _ in placed)
     if built.parts is None:
         raise InputError(f"{scene.xml}: has instances; projectors can light only Mitsuba files without any")
-    mi, kinds = mitsuba(), [(each.intrinsics, each.filter) for each in shown]
+    mi = mitsuba()
+    kinds = [(each.intrinsics, each.filter, each.aperture_diameter, each.focus_distance) for each in shown]
     lit: _Lit | None = built.cache.get("projectors")
     if lit is None or lit.kinds != kinds:
         lamps = [mi.load_dict(_plugin(each)) for each in shown]
-        lights = {f"projector{i:04d}": lamp for i, lamp in enumerate(lamps)}
+        lights = {f"projector{i:04d}": _opened(*each) for i, each in enumerate(zip(lamps, shown, strict=True))}
         mi_scene = mi.load_dict({**built.parts, **lights}, optimize=False)
         lit = built.cache["projectors"] = _Lit(kinds, mi_scene, [mi.traverse(lamp) for lamp in lamps])
     poses = [pose.tolist() for _, pose in placed]
@@ -65,6 +68,17 @@ def build_lit(scene: Scene, rig: Rig, band: str) -> BuiltScene:
             lamp.update()
         lit.shown, lit.poses = shown, poses
     return replace(built, mi_scene=lit.mi_scene)
+
+
+def _opened(lamp: Any, projector: Projector) -> Any:
+    """`lamp` with the projector's aperture. Raises BackendError if this process's backend does not support it."""
+    if not projector.aperture_diameter:
+        return lamp
+    if not backend().is_jit:
+        raise BackendError(f"a projector with an aperture {NEEDS_JIT}; without it, use aperture_diameter=0")
+    from twinlens.rendering.projector_aperture import ApertureProjector  # sets up the backend
+
+    return ApertureProjector(lamp, projector.aperture_diameter, 1.0 / projector.focus_distance)
 
 
 def _plugin(projector: Projector) -> dict[str, Any]:

@@ -1,13 +1,15 @@
 """A rig as a table of a scene file, of a recipe, or of a file of its own. docs/rigs.md shows every key."""
 
 import dataclasses
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 import pydantic
+from numpy.typing import NDArray
 
 from twinlens.camera import (
     BrownConrady,
@@ -27,9 +29,10 @@ from twinlens.camera.intrinsics import MAX_SIDE
 from twinlens.camera.patterns import named
 from twinlens.camera.presets import CAMERAS, find_camera
 from twinlens.camera.rig import check_seen
-from twinlens.errors import InputError, located
+from twinlens.errors import FileError, InputError, located
 from twinlens.geometry import Float, rigid
 from twinlens.optics import middle_focus
+from twinlens.scenes.assets import decode_picture
 from twinlens.scenes.placement import Matrix, Vector3, euler_rotation, view_pose
 from twinlens.scenes.scene import Scene
 from twinlens.schema import (
@@ -201,16 +204,18 @@ _PATTERNS = {
     "speckle": {"grain": Positive | None, "seed": _SEED},
     "gray_code": {"frame": _FRAME, "axis": _AXIS},
     "phase_shift": {"frame": _FRAME, "period": Positive | None, "steps": _SIZE, "axis": _AXIS},
+    "picture": {"file": str},
 }
 PatternTable = Annotated[StrictModel, reads(tagged("Pattern", "type", variants(StrictModel, "type", _PATTERNS)))]
-"""A pattern of `twinlens.camera.patterns`, by its `type`, and its options."""
+"""A pattern of `twinlens.camera.patterns`, by its `type`, and its options; or a grey picture."""
 
 
 class ProjectorTable(Intrinsics):
     """A projector. `translate` and `euler_deg` are its pose in the first camera's axes: x right, y down, z forward.
 
-    Image size and field of view are by default those of the scene's cameras. `power` is in watts; `lux` is the
-    illuminance of a white pattern on the axis, 1 m away, for the band "rgb".
+    Field of view and image size are by default those of the scene's cameras; a pattern of type "picture" has the size
+    of the picture. `power` is in watts; `lux` is the illuminance of a white pattern on the axis, 1 m away, for the band
+    "rgb". An aperture blurs the pattern away from `focus`, in metres.
     """
 
     translate: Vector3 | None = None
@@ -220,18 +225,61 @@ class ProjectorTable(Intrinsics):
     lux: NonNegative | None = None
     band: Literal["nir", "rgb"] = "nir"
     filter: Literal["bilinear", "nearest"] = "bilinear"
+    aperture_mm: NonNegative = 0.0
+    focus: _Focus = math.inf
 
     def projector(self, shared: Mapping[str, Any]) -> Projector:
         """The projector, with the intrinsics in `shared` where the table has none."""
         if self.power is not None and self.lux is not None:
             raise InputError("'power' and 'lux' both set the light; keep one")
-        intrinsics = self.made(shared).replace(band="rgb")
         options = {"type": "white"} if self.pattern is None else self.pattern.model_dump(exclude_none=True)
-        pattern = named(options.pop("type"), intrinsics.width, intrinsics.height, **options)
+        kind, picture = options.pop("type"), None
+        if kind == "picture":
+            picture = _grey_picture(Path(options["file"]))
+            shared = {**shared, "height": len(picture), "width": len(picture[0])}
+        intrinsics = self.made(shared).replace(band="rgb")
+        pattern = named(kind, intrinsics.width, intrinsics.height, **options) if picture is None else picture
         pose = rigid(euler_rotation(self.euler_deg or [0.0] * 3)[:3, :3], self.translate or [0.0] * 3)
         power = 1.0 if self.power is None else self.power
-        made = Projector(pose, intrinsics, pattern, power, self.band, self.filter)
+        lens = 1e-3 * self.aperture_mm, self.focus
+        made = Projector(pose, intrinsics, pattern, power, self.band, self.filter, *lens)
         return made if self.lux is None else made.with_lux(self.lux)
+
+
+def _grey_picture(path: Path) -> NDArray[np.float32]:
+    """The values (H, W) of a picture as they are stored, 1 for white. Raises FileError."""
+    pixels, _ = decode_picture(path)
+    if not (pixels == pixels[..., :1]).all():
+        raise FileError(f"{path}: is coloured; a projector's pattern is a grey picture, white where light is sent")
+    return pixels[..., 0]
+
+
+def with_pictures(table: Mapping[str, Any], find: Callable[[str], Path]) -> dict[str, Any]:
+    """The table of a rig with the paths `find(name)` of the pictures that are patterns of its projectors."""
+
+    def found(i: int, projector: Any) -> Any:
+        match projector:
+            case {"pattern": {"type": "picture", "file": str(name)} as pattern}:
+                with located(f"projectors[{i}].pattern.file"):
+                    return {**projector, "pattern": {**pattern, "file": str(find(name))}}
+        return projector
+
+    given = table.get("projectors")
+    if not isinstance(given, list):
+        return dict(table)
+    return {**table, "projectors": [found(i, projector) for i, projector in enumerate(given)]}
+
+
+def picture_names(table: Mapping[str, Any]) -> list[str]:
+    """The files that a rig's table names."""
+    names: list[str] = []
+
+    def find(name: str) -> Path:
+        names.append(name)
+        return Path(name)
+
+    with_pictures(table, find)
+    return names
 
 
 class RigBase(Viewed):

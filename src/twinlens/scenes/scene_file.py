@@ -10,11 +10,11 @@ from typing import Annotated, Any
 import pydantic
 
 from twinlens.errors import FileError, InputError, located, unknown
-from twinlens.scenes.assets import SceneContext, read_limited
+from twinlens.scenes.assets import SceneContext, find_asset, read_limited
 from twinlens.scenes.objects import Object
 from twinlens.scenes.placement import Length, Vector3, view_pose
 from twinlens.scenes.plugins import SURROUNDING_LIGHTS, Integrator, Light, Material
-from twinlens.scenes.rigs import RigLength, RigTable, rig_from_table
+from twinlens.scenes.rigs import RigLength, RigTable, rig_from_table, with_pictures
 from twinlens.scenes.scene import Scene
 from twinlens.scenes.texture_tables import Texture
 from twinlens.scenes.xml_file import read_scene_xml
@@ -97,12 +97,28 @@ def read_scene_toml(path: Path, name: str) -> Scene:
             description=file.description,
             files=(path, *dict.fromkeys(context.files)),
         )
-    return scene if file.rig is None else scene_with_rig(scene, path, data["rig"], "rig")
+    if file.rig is None:
+        return scene
+    pictures = SceneContext(path.parent)
+    scene = scene_with_rig(scene, path, data["rig"], "rig", pictures)
+    return replace(scene, files=(*scene.files, *dict.fromkeys(pictures.files)))
 
 
-def scene_with_rig(scene: Scene, path: Path, table: Mapping[str, Any] | None = None, key: str = "") -> Scene:
-    """`scene` with the rig of a .toml file, or of its `table` at `key`. Raises InputError with file and key."""
+def scene_with_rig(
+    scene: Scene,
+    path: Path,
+    table: Mapping[str, Any] | None = None,
+    key: str = "",
+    context: SceneContext | None = None,
+) -> Scene:
+    """`scene` with the rig of a .toml file, or of its `table` at `key`. Raises InputError with file and key.
+
+    Pictures that are patterns of projectors are below the file's folder, and noted in `context`.
+    """
     table = read_toml(path) if table is None else table
+    assets = context or SceneContext(path.parent)
+    with located(f"{path}: {key}" if key else str(path)):
+        table = with_pictures(table, lambda name: find_asset(name, assets))
     rig_from_table(table, scene, *_ANY_SIZE, path, key)
     return replace(scene, rig=table)
 
