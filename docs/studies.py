@@ -21,6 +21,7 @@ SHOWN = {
     "aperture": "fixed",
     "pinhole": "sharpness",
     "focus": "map",
+    "defocus": "distance",
     "window": "window",
     "baseline": "depth-error",
     "focal-length": "wrong",

@@ -29,7 +29,7 @@ def test_the_list_names_every_study(twinlens):
     code, out, _ = twinlens("study", "list")
     assert code == 0
     assert [line.split()[0] for line in out.splitlines()] == [
-        "aperture", "pinhole", "focus", "window", "baseline", "focal-length", "radiometric", "texture",
+        "aperture", "pinhole", "focus", "defocus", "window", "baseline", "focal-length", "radiometric", "texture",
     ]  # fmt: skip
     assert set(json.loads(twinlens("study", "list", "--json")[1])) == {line.split()[0] for line in out.splitlines()}
 

@@ -13,6 +13,7 @@ from twinlens.studies import (
     STUDIES,
     Setup,
     Table,
+    defocus,
     depth_error,
     focus,
     from_csv,
@@ -36,6 +37,9 @@ TINY = {"width": 96, "height": 72, "spp": 2}
 def _fewer():
     """Shorter sweeps."""
     patch = pytest.MonkeyPatch()
+    patch.setattr(defocus, "OFFSETS", (0.0, 0.2))
+    patch.setattr(defocus, "DIAMETERS", (0.01,))
+    patch.setattr(defocus, "STEPS", 9)
     patch.setattr(depth_error, "DEPTHS", (1.0, 4.0))
     patch.setattr(stage, "PHASES", (0.25,))
     patch.setattr(texture, "CONTRASTS", (0.04, 0.06, 0.08, 0.32))

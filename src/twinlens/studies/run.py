@@ -15,6 +15,7 @@ from twinlens.factory.sample import made_with
 from twinlens.matching import parse_method
 from twinlens.scenes import load_scene
 from twinlens.studies.aperture import STUDY as APERTURE
+from twinlens.studies.defocus import STUDY as DEFOCUS
 from twinlens.studies.depth_error import BASELINE, FOCAL_LENGTH
 from twinlens.studies.focus import STUDY as FOCUS
 from twinlens.studies.model import Finding, Measured, Progress, Result, SeedSupport, Study
@@ -25,7 +26,8 @@ from twinlens.studies.texture import STUDY as TEXTURE
 from twinlens.studies.window import STUDY as WINDOW
 
 STUDIES: dict[str, Study] = {
-    study.name: study for study in (APERTURE, PINHOLE, FOCUS, WINDOW, BASELINE, FOCAL_LENGTH, RADIOMETRIC, TEXTURE)
+    study.name: study
+    for study in (APERTURE, PINHOLE, FOCUS, DEFOCUS, WINDOW, BASELINE, FOCAL_LENGTH, RADIOMETRIC, TEXTURE)
 }
 ENTRY_POINTS = "twinlens.studies"
 
