@@ -13,7 +13,10 @@ from tests.rendering.conftest import skip_without_llvm
 from twinlens import geometry
 from twinlens.camera import BrownConrady, Camera, GrayCode, PhaseShift, Rig, decode, patterns
 from twinlens.errors import InputError
+from twinlens.rendering.backends import mitsuba
+from twinlens.rendering.build import build
 from twinlens.rendering.projectors import build_lit
+from twinlens.rendering.sensors import make_sensor
 from twinlens.scenes import Bitmap, Color, Scene, SceneObject
 
 Projector = partial(tl.Projector, band="rgb")
@@ -236,9 +239,37 @@ def test_another_pattern_power_or_pose_changes_the_loaded_scene():
     scene = scene_of(wall(1.5))
     tl.render(scene, first, spp=1)
     changed = tl.render(scene, other, spp=2)[0]
-    loaded = [build_lit(scene, each, "rgb").mi_scene for each in (first, other)]
+    loaded = [build_lit(scene, each, "rgb").integrator for each in (first, other)]
     assert loaded[0] is loaded[1]
     assert (changed == tl.render(scene_of(wall(1.5)), other, spp=2)[0]).all()
+
+
+@pytest.mark.parametrize("name", ["room", "spheres"])
+def test_paths_are_those_of_mitsuba_where_there_is_no_projector(name):
+    from twinlens.rendering.projected_paths import ProjectedPath
+
+    scene = tl.load_scene(name)
+    built = build(scene)
+    view = TINY, scene.world_from_left, tl.Pinhole(), 64, "multijitter"
+    ours = ProjectedPath([], 16, scene.integrator["max_depth"], rr_depth=3)
+    theirs = mitsuba().load_dict({**scene.integrator, "rr_depth": 3})
+    images = [np.asarray(each.render(built.mi_scene, make_sensor(*view), seed=3, spp=64)) for each in (ours, theirs)]
+    assert images[0].mean() > 0.05
+    assert np.abs(images[0] - images[1]).max() < 1e-5
+
+
+def test_a_projector_has_its_light_without_the_noise_of_a_choice_of_light():
+    """Other integrators choose one of two lights p and l at each sample: equal mean, variance (p - l)^2 / spp."""
+    scene = scene_of(wall(1.5), sun={"type": "directional", "direction": [0.0, 0.0, 1.0], "irradiance": 1.0})
+    chosen = replace(scene, integrator={**scene.integrator, "hide_emitters": True})
+    rig = Rig([TINY], [np.eye(4)], projectors=[Projector(SIDE, Camera.from_fov(16, 12, 100), power=40.0)])
+    render = partial(tl.render, spp=64, sampler="independent")
+    ours, theirs = (np.array([render(each, rig, seed=k)[0] for k in range(8)], np.float64) for each in (scene, chosen))
+    sun = render(scene, rig.with_projectors([]))[0]
+    choice = np.square(ours.mean(axis=0) - 2 * sun).mean() / 64
+    assert ours.mean() == pytest.approx(theirs.mean(), rel=4 * np.sqrt(3 * choice / theirs.size) / ours.mean())
+    assert theirs.var(axis=0, ddof=1).mean() == pytest.approx(choice, rel=0.15)
+    assert ours.var(axis=0, ddof=1).mean() < 0.02 * choice
 
 
 def test_projection_refuses_what_the_rig_does_not_have():

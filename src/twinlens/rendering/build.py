@@ -19,7 +19,7 @@ from twinlens.scenes.scene import HINTS, MATTE_ROUGHNESS
 from twinlens.scenes.shapes import transformed
 
 _INSTANCE = 1 << 10  # Mitsuba 3.9 has no name for this shape type
-_BLOCK_PX = 16
+BLOCK_PX = 16
 
 _cache: "weakref.WeakKeyDictionary[Scene, BuiltScene]" = weakref.WeakKeyDictionary()
 _near_infrared: "weakref.WeakKeyDictionary[Scene, Scene]" = weakref.WeakKeyDictionary()
@@ -133,16 +133,16 @@ def _build_objects(scene: Scene) -> BuiltScene:
 
 def _integrator(scene: Scene) -> Any:
     """The scene's integrator. A fixed block size makes scalar images independent of the number of threads."""
-    return _sky_hidden(scene, _load({"block_size": _BLOCK_PX, **scene.integrator}, "integrator"))
+    return sky_hidden(scene, _load({"block_size": BLOCK_PX, **scene.integrator}, "integrator"))
 
 
-def _sky_hidden(scene: Scene, integrator: Any) -> Any:
+def sky_hidden(scene: Scene, integrator: Any) -> Any:
     """`integrator`, or one that does not show the sky of a scene whose sky is hidden."""
     if scene.sky is None or scene.sky.visible:
         return integrator
     from twinlens.rendering.hidden_sky import HiddenSky  # sets up the backend
 
-    return HiddenSky(integrator, _BLOCK_PX)
+    return HiddenSky(integrator, BLOCK_PX)
 
 
 def _parts(thing: SceneObject, label: str, leaf: Any, parts: dict[str, Any]) -> Iterator[tuple[str, Any]]:
@@ -341,7 +341,7 @@ def _build_xml(scene: Scene) -> BuiltScene:
         is_instance = shape.shape_type() == _INSTANCE
         kind = 0 if is_instance else material_kind(bsdf)  # Mitsuba does not expose the material of an instance
         bodies.append(Body(index, material, kind, None if is_instance else shape, shape if is_instance else None))
-    integrator = _integrator(scene) if own is None else _sky_hidden(scene, own)
+    integrator = _integrator(scene) if own is None else sky_hidden(scene, own)
     return BuiltScene(mi_scene, integrator, tuple(bodies), tuple(names), tuple(materials), parts)
 
 

@@ -3,7 +3,8 @@
 Mitsuba's plugin has a centred frustum with square pixels, and its texture is the irradiance over pi at depth 1. The
 frustum is made wide enough for the pattern, and the texture's transform places the pattern in it, inside a border of
 dark pixels. With distortion, the pattern is first resampled to a grid without it, `_FINER` times as fine. An aperture
-makes it one of many: `rendering.projector_aperture`.
+makes it one of many: `rendering.projector_aperture`. Our own integrator adds its light (`rendering.projected_paths`);
+on the scalar backend, in Mitsuba files and with other integrators, it is a light of the scene, which is more noisy.
 """
 
 import math
@@ -18,9 +19,9 @@ from twinlens.camera.distortion import Distortion
 from twinlens.errors import BackendError, InputError
 from twinlens.geometry import Float, image_border
 from twinlens.rendering.backends import backend, mitsuba
-from twinlens.rendering.build import BuiltScene, build
+from twinlens.rendering.build import BLOCK_PX, BuiltScene, build, sky_hidden
 from twinlens.rendering.sensors import NEEDS_JIT
-from twinlens.scenes import Scene
+from twinlens.scenes import Plugin, Scene
 
 _CHANNELS = 3  # that share the power
 _FINER = 4  # samples per projector pixel and axis
@@ -32,7 +33,7 @@ class _Lit:
     """A scene with projectors: the parameters of each, and what they are set to. `kinds` cannot be changed."""
 
     kinds: list[Any]
-    mi_scene: Any
+    built: BuiltScene
     lamps: list[Any]
     shown: tuple[Projector, ...] = ()
     poses: list[Any] = field(default_factory=list)
@@ -50,16 +51,15 @@ def build_lit(scene: Scene, rig: Rig, band: str) -> BuiltScene:
     if not placed:
         return built
     shown = tuple(projector for projector, _ in placed)
-    if built.parts is None:
-        raise InputError(f"{scene.xml}: has instances; projectors can light only Mitsuba files without any")
     mi = mitsuba()
     kinds = [(each.intrinsics, each.filter, each.aperture_diameter, each.focus_distance) for each in shown]
     lit: _Lit | None = built.cache.get("projectors")
     if lit is None or lit.kinds != kinds:
         lamps = [mi.load_dict(_plugin(each)) for each in shown]
-        lights = {f"projector{i:04d}": _opened(*each) for i, each in enumerate(zip(lamps, shown, strict=True))}
-        mi_scene = mi.load_dict({**built.parts, **lights}, optimize=False)
-        lit = built.cache["projectors"] = _Lit(kinds, mi_scene, [mi.traverse(lamp) for lamp in lamps])
+        lights = [_opened(*each) for each in zip(lamps, shown, strict=True)]
+        lit = built.cache["projectors"] = _Lit(
+            kinds, _with_lights(scene, built, lights), [mi.traverse(lamp) for lamp in lamps]
+        )
     poses = [pose.tolist() for _, pose in placed]
     if lit.shown != shown or lit.poses != poses:
         for lamp, (projector, pose) in zip(lit.lamps, placed, strict=True):
@@ -67,7 +67,24 @@ def build_lit(scene: Scene, rig: Rig, band: str) -> BuiltScene:
             lamp["to_world"] = mi.ScalarTransform4f(pose @ np.diag([-1.0, -1.0, 1.0, 1.0]))  # x left, y up
             lamp.update()
         lit.shown, lit.poses = shown, poses
-    return replace(built, mi_scene=lit.mi_scene)
+    return lit.built
+
+
+def _with_lights(scene: Scene, built: BuiltScene, lights: list[Any]) -> BuiltScene:
+    """`built` with the light of projectors, as `ProjectedPath` where possible."""
+    if backend().is_jit and scene.xml is None and _is_plain_path(scene.integrator):
+        from twinlens.rendering.projected_paths import ProjectedPath  # sets up the backend
+
+        options = {key: scene.integrator[key] for key in ("max_depth", "rr_depth") if key in scene.integrator}
+        return replace(built, integrator=sky_hidden(scene, ProjectedPath(lights, BLOCK_PX, **options)))
+    if built.parts is None:
+        raise InputError(f"{scene.xml}: has instances; projectors can light only Mitsuba files without any")
+    parts = {f"projector{i:04d}": light for i, light in enumerate(lights)}
+    return replace(built, mi_scene=mitsuba().load_dict({**built.parts, **parts}, optimize=False))
+
+
+def _is_plain_path(integrator: Plugin) -> bool:
+    return integrator["type"] == "path" and not integrator.get("hide_emitters")
 
 
 def _opened(lamp: Any, projector: Projector) -> Any:
