@@ -218,13 +218,19 @@ def _at(where: str, message: str) -> str:
 
 
 def _key_parts(location: tuple[str | int, ...], data: Any) -> tuple[str | int, ...]:
-    """The parts of a location that are keys of the data; the others name the members of unions."""
+    """The parts of a location that are keys of the data; the others name the members of unions.
+
+    A part that is a value of its table names the member that this value selects, even if it is a key as well.
+    """
     parts = []
+    is_selected = False
     for part in location:
         known = isinstance(data, Mapping) and part in data
-        if known or (isinstance(data, list) and isinstance(part, int) and part < len(data)):
+        if known and part in data.values() and not is_selected:
+            is_selected = True
+        elif known or (isinstance(data, list) and isinstance(part, int) and part < len(data)):
             parts.append(part)
-            data = data[part]
+            data, is_selected = data[part], False
     return tuple(parts)
 
 

@@ -465,7 +465,10 @@ def test_a_mismatch_that_the_backend_cannot_do_leaves_no_folder_behind(scalar, t
     check_backend(recipe_from_table(table, tmp_path / "recipe.toml"), 0)
 
 
-@pytest.mark.parametrize("rig", ["fx = 40\nfy = 41", "cx = 3.3", "distortion = {{ k1 = -0.1 }}"])
+PROJECTOR = "projectors = [{{ band = 'rgb', aperture_mm = 2 }}]"
+
+
+@pytest.mark.parametrize("rig", ["fx = 40\nfy = 41", "cx = 3.3", "distortion = {{ k1 = -0.1 }}", PROJECTOR])
 def test_rigs_that_the_backend_cannot_do_leave_no_folder_behind(scalar, tmp_path, folder, rig):
     refused = read_recipe(write_recipe(tmp_path, RECIPE.replace("[rig]", f"[rig]\n{rig}")))
     with pytest.raises(BackendError, match="needs the LLVM or CUDA backend"):

@@ -249,6 +249,18 @@ def test_a_mistake_in_a_projector_is_reported_in_one_line(keys, says):
     assert "\n" not in str(caught.value)
 
 
+def test_a_mistake_in_a_rig_of_cameras_is_reported_at_its_key():
+    """The layout has the name of a key."""
+    for keys, where in {
+        "cameras = [{ fx = -1 }]": "rig.toml: rig.cameras[0].fx: ",
+        "cameras = [{}]\n[[projectors]]\npower = nan": "rig.toml: rig.projectors[0].power: ",
+        "cameras = [{}, {}]\nmisalignment = { focal = 0.0 }": "rig.toml: rig.misalignment.focal: ",
+    }.items():
+        with pytest.raises(InputError) as caught:
+            rig_from_table(tomllib.loads(f'layout = "cameras"\n{keys}'), SCENE, 64, 48, "rig.toml", "rig")
+        assert str(caught.value).startswith(where)
+
+
 def test_a_grey_picture_is_the_pattern_of_a_projector(tmp_path):
     dots = np.random.default_rng(0).integers(0, 256, (30, 40), dtype=np.uint8)
     for name, pixels in (("dots", dots), ("red", np.stack([dots, 0 * dots, dots], axis=-1))):

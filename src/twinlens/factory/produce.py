@@ -25,6 +25,7 @@ from twinlens.rendering import (
     check_lit,
     check_mismatch_supported,
     check_parts_supported,
+    check_projector_supported,
     ground_truth,
     with_object_truth,
 )
@@ -153,6 +154,8 @@ def check_backend(recipe: Recipe, index: int) -> None:
             rig = settings.rig_of(scene, scene.rig, file, recipe.sources.file)
             for camera in rig.cameras:
                 check_camera_supported(camera)
+            for projector in rig.projectors:
+                check_projector_supported(projector)
             for lens in make_lenses(settings, None, file, recipe.sources.file):
                 check_lens_supported(lens)
             check_mismatch_supported(settings.sensor.mismatch.distortion_px)

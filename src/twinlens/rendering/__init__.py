@@ -31,5 +31,6 @@ from twinlens.rendering.sensors import (
     check_camera_supported as check_camera_supported,
     check_lens_supported as check_lens_supported,
     check_mismatch_supported as check_mismatch_supported,
+    check_projector_supported as check_projector_supported,
 )
 from twinlens.rendering.shared_kernels import share_kernels as share_kernels

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from twinlens.camera import Projector, Rig
 from twinlens.camera.distortion import Distortion
-from twinlens.errors import BackendError, InputError
+from twinlens.errors import InputError
 from twinlens.geometry import Float, image_border
 from twinlens.rendering.backends import backend, mitsuba
 from twinlens.rendering.build import BLOCK_PX, BuiltScene, build, sky_hidden
-from twinlens.rendering.sensors import NEEDS_JIT
+from twinlens.rendering.sensors import check_projector_supported
 from twinlens.scenes import Plugin, Scene
 
 _CHANNELS = 3  # that share the power
@@ -91,8 +91,7 @@ def _opened(lamp: Any, projector: Projector) -> Any:
     """`lamp` with the projector's aperture. Raises BackendError if this process's backend does not support it."""
     if not projector.aperture_diameter:
         return lamp
-    if not backend().is_jit:
-        raise BackendError(f"a projector with an aperture {NEEDS_JIT}; without it, use aperture_diameter=0")
+    check_projector_supported(projector)
     from twinlens.rendering.projector_aperture import ApertureProjector  # sets up the backend
 
     return ApertureProjector(lamp, projector.aperture_diameter, 1.0 / projector.focus_distance)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from twinlens.camera import Camera, Disk, Lens
+from twinlens.camera import Camera, Disk, Lens, Projector
 from twinlens.errors import BackendError
 from twinlens.geometry import Float
 from twinlens.optics import fov_x_deg
@@ -88,6 +88,12 @@ def check_mismatch_supported(distortion_px: float) -> None:
     """Raise BackendError if this process's backend does not support a second camera with this distortion."""
     if distortion_px and not backend().is_jit:
         raise BackendError(f"the mismatch's distortion_px={distortion_px:.3g} {NEEDS_JIT}; or use distortion_px=0")
+
+
+def check_projector_supported(projector: Projector) -> None:
+    """Raise BackendError if this process's backend does not support the projector."""
+    if projector.aperture_diameter and not backend().is_jit:
+        raise BackendError(f"a projector with an aperture {NEEDS_JIT}; without it, use no aperture")
 
 
 def check_camera_supported(camera: Camera) -> None:
