@@ -3,6 +3,7 @@
 import copy
 import dataclasses
 import json
+import re
 
 import numpy as np
 import pytest
@@ -146,6 +147,14 @@ def test_a_level_of_mismatch_is_drawn_for_each_sample_and_recorded(tmp_path):
     assert files["im1.png"] != plain["im1.png"]
     again = remake(json.loads(files["sample.json"]), tl.load_scene(tmp_path / "typical" / "tiny"))
     assert sample_files(again) == files
+
+
+@pytest.mark.parametrize(("sensor", "level"), [('filters = "mono"', "typical"), ('preset = "ideal"', "none")])
+def test_recipes_without_a_mismatch_make_typical_pairs_unless_the_sensor_is_ideal(tmp_path, sensor, level):
+    text = re.sub(r"\[sensor\]\n(?:[^\[\n].*\n|\n)*", f"[sensor]\n{sensor}\n\n", RECIPE)
+    record = make(read_recipe(write_recipe(tmp_path, text)), 0).record
+    drawn = Mismatch.draw(level, record["spec"]["seed"], distortion_px=0.0)
+    assert Mismatch(**record["sensor"]["mismatch"]) == drawn
 
 
 def test_warped_pictures_cannot_be_photographed_again(record):

@@ -15,7 +15,7 @@ from twinlens.factory.objects import check_seen, with_objects
 from twinlens.factory.plan import SampleSpec, is_fixed, plan
 from twinlens.factory.recipe import Recipe
 from twinlens.factory.sample import make_sample
-from twinlens.factory.settings import ANY_SCENE, Settings, SkyTable, View, make_lenses, with_mismatch_seed
+from twinlens.factory.settings import ANY_SCENE, Settings, SkyTable, View, make_lenses, with_mismatch
 from twinlens.factory.sources import Sources
 from twinlens.families import random_scene
 from twinlens.rendering import (
@@ -100,7 +100,7 @@ def produce(
     Raises Rejected by a gate, FileError for a file that cannot be read, InputError for an impossible spec.
     """
     sources = sources or Sources()
-    settings = read(Settings, with_mismatch_seed(spec.drawn, spec.seed), file)
+    settings = read(Settings, with_mismatch(spec.drawn, spec.seed), file)
     base = _scene(spec, settings, sources)
     if settings.sky is not None:
         base = _lit(base, settings.sky, sources, spec.seed)
@@ -149,7 +149,7 @@ def check_backend(recipe: Recipe, index: int) -> None:
     for attempt in range(last + 1):
         try:
             spec = plan(recipe, index, attempt)
-            settings = read(Settings, with_mismatch_seed(spec.drawn, spec.seed), file)
+            settings = read(Settings, with_mismatch(spec.drawn, spec.seed), file)
             scene = recipe.sources.scene(spec.scene) if spec.kind == "scene" else ANY_SCENE
             rig = settings.rig_of(scene, scene.rig, file, recipe.sources.file)
             for camera in rig.cameras:

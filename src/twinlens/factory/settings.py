@@ -30,7 +30,7 @@ from twinlens.scenes.placement import rotation
 from twinlens.scenes.rigs import ALTERNATIVES, CameraTable, Intrinsics, with_pictures, with_values
 from twinlens.schema import NEAR_FAR, Fraction, NonNegative, Number, Positive, StrictModel, read, table_of
 from twinlens.seeds import generator
-from twinlens.sensor import LEVELS, PRESETS, Exposure, Mismatch, Sensor
+from twinlens.sensor import DEFAULT_MISMATCH, LEVELS, PRESETS, Exposure, Mismatch, Sensor, mismatch_table
 
 Step = Annotated[Number, Field(ge=-1e6, le=1e6)]
 Degrees = Annotated[Number, Field(ge=-360, le=360)]
@@ -92,7 +92,7 @@ _level = BeforeValidator(lambda value: {"level": value} if isinstance(value, str
 _SENSOR: dict[str, Any] = {
     "make": lambda preset=_PRESET, **changes: Sensor.preset(preset, **changes),
     "preset": (Literal[tuple(PRESETS)], _PRESET),
-    "mismatch": (Annotated[MismatchTable, _level], Mismatch()),
+    "mismatch": (Annotated[MismatchTable, _level], DEFAULT_MISMATCH),
 }
 _NirSensorTable: Any = table_of(Sensor, **_SENSOR, title="NirSensorTable", nir=(None, None))
 SensorTable: Any = table_of(Sensor, **_SENSOR, nir=(_NirSensorTable | None, None))
@@ -336,12 +336,13 @@ class Settings(StrictModel):
         return rig_from_table(table, scene, self.width, self.height, file, "rig")
 
 
-def with_mismatch_seed(drawn: Mapping[str, Any], seed: int) -> dict[str, Any]:
-    """The table with a seed in its sensor's mismatch, if that is drawn and has none."""
-    sensor = drawn.get("sensor")
-    mismatch = sensor.get("mismatch") if isinstance(sensor, Mapping) else None
-    table = {"level": mismatch} if isinstance(mismatch, str) else mismatch
-    if not isinstance(sensor, Mapping) or not isinstance(table, Mapping) or table.get("level", "none") == "none":
+def with_mismatch(drawn: Mapping[str, Any], seed: int) -> dict[str, Any]:
+    """The table with the mismatch of its sensor: the default one if it has none, and `seed` if it is drawn without."""
+    sensor = drawn.get("sensor", {})
+    if not isinstance(sensor, Mapping):
+        return dict(drawn)
+    table = mismatch_table(sensor)
+    if not isinstance(table, Mapping) or table.get("level", "none") == "none":
         return dict(drawn)
     return {**drawn, "sensor": {**sensor, "mismatch": {"seed": seed, **table}}}
 

@@ -26,7 +26,7 @@ from twinlens.dataset import Dataset, StoredSample
 from twinlens.errors import InputError
 from twinlens.scoring.pair_statistics import appearance, compared, grey_levels, low_pass, robust_fit
 from twinlens.scoring.samples import Pair, load_pair
-from twinlens.sensor import Exposure, Sensor
+from twinlens.sensor import Exposure, Sensor, mismatch_table
 from twinlens.sensor.picture import CURVES, encode
 
 Float = NDArray[np.float64]
@@ -54,8 +54,7 @@ def fit_recipe(dataset: Dataset, like: Sequence[Pair]) -> tuple[dict[str, Any], 
     if not recipe:
         raise InputError(f"{dataset.path}: has no recipe; only datasets of `twinlens generate` have one")
     table = recipe.get("sensor", {})
-    mismatch = table.get("mismatch", {})
-    mismatch = {"level": mismatch} if isinstance(mismatch, str) else mismatch
+    mismatch = mismatch_table(table)
     if {"choice", "sweep", "per_scene"} & {*table, *mismatch}:
         raise InputError(f"{dataset.path}: its recipe draws sensor or mismatch as a whole; a fit needs their fields")
     shots = [(sample, k) for sample in dataset for k in range(sample.num_lenses)]
@@ -68,7 +67,7 @@ def fit_recipe(dataset: Dataset, like: Sequence[Pair]) -> tuple[dict[str, Any], 
     target, share = np.mean([appearance(grey_levels(pair.im0)) for pair in like], axis=0).tolist()
     fields, noise_note = _fitted_noise(sensors, noise, growth, target)
     weights, weights_note = _fitted_weights(recipe, scenes, shares, share)
-    fixed = {"time": 1.0, "f_number": 1.0} if mismatch else {}
+    fixed = {"time": 1.0, "f_number": 1.0} if mismatch.get("level", "none") != "none" else {}
     mismatch = {**mismatch, **fixed, **_distributions(np.array(found), np.array(errors), extra)}
     notes = (
         f"Fitted to {len(like)} pairs. Standard deviations are uncertain by {100 / (2 * len(like) - 2) ** 0.5:.0f} %.",

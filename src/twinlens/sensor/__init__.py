@@ -6,6 +6,11 @@ from twinlens.sensor.exposure import (
     light_on_grey as light_on_grey,
 )
 from twinlens.sensor.light import ParaxialWarning as ParaxialWarning
-from twinlens.sensor.mismatch import LEVELS as LEVELS, Mismatch as Mismatch
+from twinlens.sensor.mismatch import (
+    DEFAULT_MISMATCH as DEFAULT_MISMATCH,
+    LEVELS as LEVELS,
+    Mismatch as Mismatch,
+    mismatch_table as mismatch_table,
+)
 from twinlens.sensor.model import Photo as Photo, Sensor as Sensor
 from twinlens.sensor.presets import PRESETS as PRESETS

@@ -5,6 +5,7 @@ both cameras: a `Mismatch` is the difference of the two, and so are its spreads.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, get_type_hints
 
@@ -18,6 +19,9 @@ from twinlens.sensor.exposure import Exposure
 
 LEVELS = ("none", "calibrated", "typical", "consumer")
 """After "none": a fresh calibration with equalised gains and flat fields, two cameras of one model, cheap modules."""
+
+DEFAULT_MISMATCH: Mapping[str, Any] = {"level": "typical", "distortion_px": 0.0}
+"""The mismatch of recipes that give none; every backend can render it."""
 
 _MAX_SIGMAS = 2.5  # limit of a drawn value, in standard deviations
 _NOT_NEGATIVE = ("veiling_glare", "stray_light", "blur_px")
@@ -149,6 +153,16 @@ class Mismatch:
             focal=1 + self.scale_px / (camera.fx * radius),
             k1=self.distortion_px / (camera.fx * radius**3),
         )
+
+
+def mismatch_table(sensor: Mapping[str, Any]) -> Any:
+    """The mismatch of a recipe's table `sensor`, with a level as a table; without one, the default of the preset.
+
+    >>> mismatch_table({}), mismatch_table({"preset": "ideal"}), mismatch_table({"mismatch": "consumer"})
+    ({'level': 'typical', 'distortion_px': 0.0}, {'level': 'none'}, {'level': 'consumer'})
+    """
+    mismatch = sensor.get("mismatch", "none" if sensor.get("preset") == "ideal" else dict(DEFAULT_MISMATCH))
+    return {"level": mismatch} if isinstance(mismatch, str) else mismatch
 
 
 SPREADS: dict[str, tuple[float, float, float]] = {
