@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.errors import InputError
+from twinlens.errors import InputError, check_known
 
 V, PARABOLA = "v", "parabola"
 
@@ -53,6 +53,29 @@ COSTS: dict[str, Cost] = {
     "rank": Cost("absolute", "sum", V, "SAD of rank transforms: invariant to monotonic change", "rank", p1=0.1, p2=0.4),
     "birchfield_tomasi": Cost("interpolated", "sum", V, "absolute differences, insensitive to sampling", "bounds"),
 }
+
+MODEL_PREFIX = "onnx:"
+DESCRIPTOR = Cost("descriptor", "sum", PARABOLA, "1 - product of a network's descriptors", p1=0.02, p2=0.08)
+
+
+def descriptor_model(name: str) -> str | None:
+    """The file of the descriptor network that a cost names as `onnx:FILE`; None for the costs of `COSTS`.
+
+    >>> descriptor_model("onnx:net.onnx"), descriptor_model("sad")
+    ('net.onnx', None)
+    """
+    return name.removeprefix(MODEL_PREFIX) if name.startswith(MODEL_PREFIX) else None
+
+
+def find_cost(name: str) -> Cost:
+    """The cost of this name, or that of a descriptor network. Raises InputError for other names."""
+    model = descriptor_model(name) if isinstance(name, str) else None
+    if model is None:
+        check_known("cost", name, COSTS)
+        return COSTS[name]
+    if not model.endswith(".onnx"):
+        raise InputError(f"cost is {name!r}; name an .onnx file, as in cost=onnx:net.onnx")
+    return DESCRIPTOR
 
 
 @dataclass(frozen=True)
@@ -108,6 +131,8 @@ def _check_room(cost: Cost, dtype: np.dtype[Any], side: int, bound: int, bits: i
 def largest_cost(cost: Cost, left: NDArray[Any], right: NDArray[Any], side: int, descriptor: int) -> float:
     """The largest value of this cost for windows of these images: the unit of p1 and p2."""
     area = side * side
+    if cost.term == "descriptor":
+        return 2.0 * area
     if cost.scoring in ("zncc", "ncc", "jaccard"):
         return 2.0 if cost.scoring == "zncc" else 1.0
     if cost.transform in ("census", "rank"):

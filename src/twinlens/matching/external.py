@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twinlens.errors import FileError, InputError, TwinlensError, check_int, check_number
 from twinlens.interrupts import deferred_interrupts
@@ -375,13 +376,11 @@ class OnnxNetwork:
     @property
     def content(self) -> str:
         """The hashes of the model's file and of external data in `net.onnx.data` or `net.onnx_data`."""
-        path = Path(self.model)
-        return file_hashes([path, *path.parent.glob(f"{glob.escape(path.name)}[._]data*")])
+        return model_hashes(self.model)
 
     def check_parts(self) -> None:
         """FileError if there is no such file, MissingExtraError if onnxruntime is not installed."""
-        _written_ns(self.model)
-        import_extra("onnxruntime", "onnx")
+        check_model(self.model)
 
     def match(
         self, left: Any, right: Any, *, num_disparities: int | None = None, min_disparity: int | None = None
@@ -455,6 +454,44 @@ class OnnxNetwork:
             padding.append((wanted if isinstance(wanted, int) else -(-size // self.multiple) * self.multiple) - size)
         padded = np.pad(levels, ((padding[0], 0), (0, padding[1]), (0, 0)), mode="edge")
         return np.ascontiguousarray(np.moveaxis(padded, 2, 0)[None])
+
+
+def model_hashes(model: str) -> str:
+    """The hashes of the model's file and of external data in `net.onnx.data` or `net.onnx_data`."""
+    path = Path(model)
+    return file_hashes([path, *path.parent.glob(f"{glob.escape(path.name)}[._]data*")])
+
+
+def check_model(model: str) -> None:
+    """FileError if there is no such file, MissingExtraError if onnxruntime is not installed."""
+    _written_ns(model)
+    import_extra("onnxruntime", "onnx")
+
+
+def descriptors(model: str, image: Image) -> NDArray[np.float32]:
+    """The descriptors (H, W, C) that a network computes for the pixels of an image (H, W).
+
+    The network has one float32 input (1, 1, H, W), the grey levels from 0 to 1, and one output (1, C, H, W), whose
+    descriptors should have unit length. Raises FileError and MissingExtraError as `check_model` does, InputError for
+    another input, and MatcherFailedError if the network fails or returns another shape, NaN or infinity.
+    """
+    session, name = _session(model, _written_ns(model)), f"model {Path(model).name!r}"
+    inputs = session.get_inputs()
+    if [(node.type, len(node.shape), node.shape[1:2]) for node in inputs] != [("tensor(float)", 4, [1])]:
+        found = ", ".join(f"{node.type} {node.shape}" for node in inputs)
+        raise InputError(f"{model}: a descriptor network has one input, float (1, 1, H, W); this one has {found}")
+    largest = np.iinfo(image.dtype).max if image.dtype.kind == "u" else 1
+    tensor = np.ascontiguousarray(image[None, None] / np.float32(largest), np.float32)
+    try:
+        output = np.asarray(session.run(None, {inputs[0].name: tensor})[0])
+    except Exception as problem:  # the errors of onnxruntime have no common base class
+        raise MatcherFailedError(f"{name} failed: {_one_line(problem)}") from None
+    if output.ndim != 4 or len(output) != 1 or output.shape[2:] != image.shape:
+        wanted = f"(1, C, {image.shape[0]}, {image.shape[1]})"
+        raise MatcherFailedError(f"{name} returned descriptors of shape {output.shape}; expected {wanted}")
+    if not np.isfinite(output).all():
+        raise MatcherFailedError(f"{name} returned descriptors that are not finite")
+    return np.ascontiguousarray(np.moveaxis(output[0], 0, 2), np.float32)
 
 
 def _written_ns(model: str) -> int:

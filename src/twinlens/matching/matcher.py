@@ -1,5 +1,6 @@
 """`StereoMatcher`: a classical stereo matcher, a frozen dataclass of its options, and its search."""
 
+import functools
 from collections.abc import Callable, Collection
 from dataclasses import KW_ONLY, dataclass
 from typing import Annotated, Any, Self
@@ -11,7 +12,9 @@ from twinlens.errors import InputError, check_int, check_known, check_number
 from twinlens.matching import box, refine
 from twinlens.matching.box import FITS, BoxMatch, Rows, Volume, Winners, blank, cpu_count, in_lanes, in_strips, limits
 from twinlens.matching.confidence import CONFIDENCES, confidence_map
-from twinlens.matching.costs import COSTS, largest_cost, numbers
+from twinlens.matching.costs import COSTS, descriptor_model, find_cost, largest_cost, numbers
+from twinlens.matching.descriptors import descriptor_costs
+from twinlens.matching.external import check_model, descriptors, model_hashes
 from twinlens.matching.images import Confidence, Disparity, Image, clipped_slope, described, levels, pair
 from twinlens.matching.options import RangeMatcher, check_block_size
 from twinlens.matching.semiglobal import Penalties, Sweeps, quantised, stored
@@ -24,7 +27,6 @@ OPTIMISATIONS = {
 }
 PATHS = {"wta": 0, "sgm4": 4, "sgm8": 8}
 NAMED_VALUES: dict[str, tuple[str, Collection[str]]] = {
-    "cost": ("cost", COSTS),
     "support": ("support", SUPPORTS),
     "optimisation": ("optimisation", OPTIMISATIONS),
     "subpixel": ("sub-pixel fit", ("auto", *FITS)),
@@ -59,7 +61,7 @@ class StereoMatcher(RangeMatcher):
     64
     """
 
-    cost: Annotated[str, f"Matching cost: {', '.join(COSTS)}."] = "zncc"
+    cost: Annotated[str, f"Matching cost: {', '.join(COSTS)}, or a descriptor network, onnx:FILE."] = "zncc"
     block_size: Annotated[int, "Side of the window in pixels; odd."] = 9
     _: KW_ONLY
     support: Annotated[str, f"Support region over which costs are aggregated: {', '.join(SUPPORTS)}."] = "fixed"
@@ -89,6 +91,7 @@ class StereoMatcher(RangeMatcher):
     def __post_init__(self) -> None:
         for name, (kind, known) in NAMED_VALUES.items():
             check_known(kind, getattr(self, name), known)
+        cost = find_cost(self.cost)
         check_block_size("block_size", self.block_size)
         check_block_size("census_window", self.census_window)
         check_block_size("median", 1 if self.median == 0 else self.median)
@@ -109,7 +112,7 @@ class StereoMatcher(RangeMatcher):
         small, large = self.penalties
         if not small <= large <= 1:
             raise InputError(f"p1 and p2 are {small} and {large}; they are parts of the largest cost, p1 <= p2 <= 1")
-        if SUPPORTS[self.support].pixelwise and COSTS[self.cost].scoring != "sum":
+        if SUPPORTS[self.support].pixelwise and cost.scoring != "sum":
             raise InputError(
                 f"cost {self.cost!r} compares statistics of whole windows, but support {self.support!r} aggregates "
                 "costs of single pixels; use it with sad, ssd, census, rank or birchfield_tomasi"
@@ -118,13 +121,24 @@ class StereoMatcher(RangeMatcher):
     @property
     def penalties(self) -> tuple[float, float]:
         """(p1, p2) of the semi-global optimisation, in parts of the largest cost."""
-        cost = COSTS[self.cost]
+        cost = find_cost(self.cost)
         return cost.p1 if self.p1 is None else self.p1, cost.p2 if self.p2 is None else self.p2
 
     @property
     def window(self) -> int:
         """Side of the window of pixels that a cost reads before any semi-global optimisation: with the transform's."""
-        return self.block_size + (self.census_window - 1 if COSTS[self.cost].transform in ("census", "rank") else 0)
+        return self.block_size + (self.census_window - 1 if find_cost(self.cost).transform in ("census", "rank") else 0)
+
+    @property
+    def content(self) -> str:
+        """The hashes of the files of a descriptor network; "" for other costs."""
+        model = descriptor_model(self.cost)
+        return "" if model is None else model_hashes(model)
+
+    def check_parts(self) -> None:
+        """For a descriptor network, FileError without its file, MissingExtraError without onnxruntime."""
+        if model := descriptor_model(self.cost):
+            check_model(model)
 
     def cost_volume(self, left: Any, right: Any) -> NDArray[np.float32]:
         """The costs (H, W, num_disparities) that the winner-take-all step minimises; +inf without a partner.
@@ -157,7 +171,7 @@ class StereoMatcher(RangeMatcher):
         disparity = self._raw_disparity(left, right)
         if self.lr_check is not None:
             # Mirrored, the right image becomes a left image: u' = W - 1 - u keeps u_left - u_right.
-            of_right = _mirrored(self._raw_disparity(_mirrored(right), _mirrored(left)))
+            of_right = _mirrored(self._raw_disparity(_mirrored(right), _mirrored(left), mirrored=True))
             disparity = refine.consistent(disparity, of_right, self.lr_check)
         if self.speckle_size > 0:
             disparity = refine.without_speckles(disparity, self.speckle_size, self.speckle_range)
@@ -165,15 +179,15 @@ class StereoMatcher(RangeMatcher):
             disparity = refine.median(disparity, self.median)
         return refine.filled(disparity) if self.fill == "background" else disparity
 
-    def search(self, left: Image, right: Image) -> "Search":
-        """The search of two images as `images.pair` returns them."""
+    def search(self, left: Image, right: Image, *, mirrored: bool = False) -> "Search":
+        """The search of two images as `images.pair` returns them, or `mirrored` ones, which no network describes."""
         if self.cost == "jaccard" and (lowest := min(float(left.min()), float(right.min()))) < 0:
             raise InputError(f"an image holds {lowest}; the Jaccard similarity is defined for values >= 0")
         images = [clipped_slope(grey) for grey in levels(left, right)] if self.prefilter == "xsobel" else [left, right]
-        return Search(self, *images)
+        return Search(self, *images, mirrored=mirrored)
 
-    def _raw_disparity(self, left: Image, right: Image) -> Disparity:
-        winners = self.search(left, right).winners()
+    def _raw_disparity(self, left: Image, right: Image, *, mirrored: bool = False) -> Disparity:
+        winners = self.search(left, right, mirrored=mirrored).winners()
         disparity = winners.disparity
         if self.uniqueness > 0:
             disparity = refine.unique(disparity, winners.cost, winners.rival, self.uniqueness)
@@ -189,10 +203,11 @@ def _mirrored(image: Any) -> Any:
 class Search:
     """The search of one image pair: cost, support and optimisation, strip by strip."""
 
-    def __init__(self, matcher: StereoMatcher, left: Image, right: Image) -> None:
+    def __init__(self, matcher: StereoMatcher, left: Image, right: Image, *, mirrored: bool = False) -> None:
         width, low = left.shape[1], matcher.min_disparity
         self.matcher, self.left, self.right = matcher, left, right
-        self.cost, self.support, self.side = COSTS[matcher.cost], SUPPORTS[matcher.support], matcher.block_size
+        self.cost, self.support, self.side = find_cost(matcher.cost), SUPPORTS[matcher.support], matcher.block_size
+        self.mirrored = mirrored
         self.low, self.high = max(low, 1 - width), min(low + matcher.num_disparities, width)
         self.count = self.high - self.low
         self.depth = in_lanes(self.count)
@@ -261,14 +276,24 @@ class Search:
     @property
     def _in_boxes(self) -> bool:
         """Whether the kernels of square windows compute the costs, without a volume."""
-        return self.support.halo * (self.side // 2) == 0 and self.cost.scoring != "zsad"
+        windowed = self.cost.scoring == "zsad" or self.cost.term == "descriptor"
+        return self.support.halo * (self.side // 2) == 0 and not windowed
 
     def _boxes(self, side: int) -> tuple[BoxMatch, ...]:
         transform, window = self.cost.transform, self.matcher.census_window
         pairs = zip(*(described(image, transform, window) for image in (self.left, self.right)), strict=True)
         return tuple(BoxMatch(a, b, self.cost, side, self.low, self.high, self.threads) for a, b in pairs)
 
+    @functools.cached_property
+    def _descriptors(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """The descriptors (H, W, C) of both images, computed once and never of mirrored images."""
+        model, step = descriptor_model(self.matcher.cost) or "", -1 if self.mirrored else 1
+        one, other = (descriptors(model, image[:, ::step])[:, ::step] for image in (self.left, self.right))
+        return one, other
+
     def _source(self, side: int) -> Rows:
+        if self.cost.term == "descriptor":
+            return descriptor_costs(*self._descriptors, side, self.low, self.depth)
         if self.cost.scoring == "zsad":
             return box.zero_mean_absolute(self.left, self.right, side, self.low, self.depth)
         boxes = self._boxes(side)

@@ -13,7 +13,7 @@ import numpy as np
 
 import twinlens
 from twinlens.errors import InputError, check_known, format_value, located, unknown
-from twinlens.matching.costs import COSTS
+from twinlens.matching.costs import COSTS, descriptor_model
 from twinlens.matching.external import OnnxNetwork, Program, PythonFunction, checked_pair
 from twinlens.matching.images import Confidence, Disparity
 from twinlens.matching.matcher import StereoMatcher
@@ -115,7 +115,8 @@ class MethodSpec:
     @property
     def runs_user_code(self) -> bool:
         """Whether it runs code in this process that belongs neither to twinlens nor to OpenCV, and may crash it."""
-        return self.method.matcher in (PythonFunction, OnnxNetwork)
+        network = descriptor_model(str(self.options.get("cost", ""))) is not None
+        return network or self.method.matcher in (PythonFunction, OnnxNetwork)
 
     def match(
         self, left: Any, right: Any, *, num_disparities: int | None = None, min_disparity: int | None = None

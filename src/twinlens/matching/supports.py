@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from twinlens.matching.box import Volume
-from twinlens.matching.costs import COSTS
+from twinlens.matching.costs import find_cost
 from twinlens.matching.images import extended
 
 if TYPE_CHECKING:
@@ -137,7 +137,7 @@ def _adaptive(strip: Strip) -> Volume:
     sizes = window_sizes(strip.left[rows], sides, strip.matcher.noise)[strip.start - rows.start :]
     out = strip.empty()
     for index, (side, volume) in enumerate(zip(sides, strip.volumes, strict=True)):
-        scale = (quarter(sides[0]) / quarter(side)) ** (2 * COSTS[strip.matcher.cost].growth)
+        scale = (quarter(sides[0]) / quarter(side)) ** (2 * find_cost(strip.matcher.cost).growth)
         step = side // 2 - quarter(side) // 2
         best_quarters(volume, step, strip.top, sizes, index, scale, out)
     return out
