@@ -27,6 +27,7 @@ SHOWN = {
     "focal-length": "wrong",
     "radiometric": "radiometric",
     "texture": "contrast",
+    "active": "ambient",
 }
 WIDEST, COLOURS = 1000, 160
 

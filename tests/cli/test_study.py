@@ -30,6 +30,7 @@ def test_the_list_names_every_study(twinlens):
     assert code == 0
     assert [line.split()[0] for line in out.splitlines()] == [
         "aperture", "pinhole", "focus", "defocus", "window", "baseline", "focal-length", "radiometric", "texture",
+        "active",
     ]  # fmt: skip
     assert set(json.loads(twinlens("study", "list", "--json")[1])) == {line.split()[0] for line in out.splitlines()}
 

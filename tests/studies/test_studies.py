@@ -13,6 +13,7 @@ from twinlens.studies import (
     STUDIES,
     Setup,
     Table,
+    active,
     defocus,
     depth_error,
     focus,
@@ -25,7 +26,7 @@ from twinlens.studies import (
     window,
 )
 
-METHODS = {"window": ("sad", "census"), "radiometric": ("sad", "census")}
+METHODS = {"active": ("zncc", "depth_camera"), "window": ("sad", "census"), "radiometric": ("sad", "census")}
 QUICK = ("aperture", "texture", "radiometric")
 """Studies that are run twice; the others only in slow tests."""
 SOME = [pytest.param(name, marks=pytest.mark.slow if name in ("pinhole", "focal-length") else ()) for name in STUDIES]
@@ -37,6 +38,7 @@ TINY = {"width": 96, "height": 72, "spp": 2}
 def _fewer():
     """Shorter sweeps."""
     patch = pytest.MonkeyPatch()
+    patch.setattr(active, "SWEEPS", {"ambient": (0.5, 109.0), "distance": (1.0,), "power": (0.36,), "texture": (0.2,)})
     patch.setattr(defocus, "OFFSETS", (0.0, 0.2))
     patch.setattr(defocus, "DIAMETERS", (0.01,))
     patch.setattr(defocus, "STEPS", 9)

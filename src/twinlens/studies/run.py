@@ -14,6 +14,7 @@ from twinlens.errors import FileError, InputError, TwinlensError, check_known, u
 from twinlens.factory.sample import made_with
 from twinlens.matching import parse_method
 from twinlens.scenes import load_scene
+from twinlens.studies.active import STUDY as ACTIVE
 from twinlens.studies.aperture import STUDY as APERTURE
 from twinlens.studies.defocus import STUDY as DEFOCUS
 from twinlens.studies.depth_error import BASELINE, FOCAL_LENGTH
@@ -27,7 +28,7 @@ from twinlens.studies.window import STUDY as WINDOW
 
 STUDIES: dict[str, Study] = {
     study.name: study
-    for study in (APERTURE, PINHOLE, FOCUS, DEFOCUS, WINDOW, BASELINE, FOCAL_LENGTH, RADIOMETRIC, TEXTURE)
+    for study in (APERTURE, PINHOLE, FOCUS, DEFOCUS, WINDOW, BASELINE, FOCAL_LENGTH, RADIOMETRIC, TEXTURE, ACTIVE)
 }
 ENTRY_POINTS = "twinlens.studies"
 

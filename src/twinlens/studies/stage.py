@@ -164,11 +164,19 @@ def noise_planes(
 def noise_plane(
     camera: Camera, baseline: float, depth: float, seed: int, *, scale_px: float = 0.8, contrast: float = 0.5
 ) -> Scene:
-    """A plane of `noise_texture` at `depth` (m) that fills both images of a pair whose left camera is at the origin."""
+    """A plane that glows with the `plane_texture`."""
+    pose, texture = plane_texture(camera, baseline, depth, seed, scale_px=scale_px, contrast=contrast)
+    return glowing("plane", [("plane", {"type": "rectangle"}, pose, texture)], depth)
+
+
+def plane_texture(
+    camera: Camera, baseline: float, depth: float, seed: int, *, scale_px: float = 0.8, contrast: float = 0.5
+) -> tuple[Float, Bitmap]:
+    """`noise_texture`, and the pose of a rectangle at `depth` (m) that fills both images of a pair at the origin."""
     width = 1.15 * ((camera.width + 32) * depth / camera.fx) + 2 * baseline  # margins of 15 % and 16 pixels
     height = 1.15 * (camera.height + 32) * depth / camera.fx
     columns, rows = (math.ceil(side / (depth / camera.fx / _TEXELS_PER_PIXEL)) for side in (width, height))
     texture = noise_texture(columns, rows, scale_px * _TEXELS_PER_PIXEL, contrast, stream(seed, 100))
     pose = np.diag([0.5 * width, -0.5 * height, -1.0, 1.0])  # turned towards a camera with y down
     pose[:3, 3] = 0.5 * baseline, 0.0, depth
-    return glowing("plane", [("plane", {"type": "rectangle"}, pose, Bitmap(texture.astype(np.float32)))], depth)
+    return pose, Bitmap(texture.astype(np.float32))
