@@ -22,8 +22,8 @@ HEAD = f"""# Cost of the parts of an aperture
 
 `python benchmarks/bench_parts.py --write`. {SIZE[0]}x{SIZE[1]}, {SPP} samples per pixel, a lens of
 {1e3 * APERTURE:g} mm focused in the middle of the scene; processor time relative to one whole image. `light field` is
-the cost of {VIEWS}x{VIEWS} views by `parts=tl.Grid({VIEWS})`, at the noise of separate renders of each view, relative to
-those renders: cells of the grid that are inside the aperture, {VIEWS**2} renders.
+the cost of {VIEWS}x{VIEWS} views by `parts=tl.Grid({VIEWS})`, at the noise of separate renders of each view, relative
+to those renders: cells of the grid that are inside the aperture, {VIEWS**2} renders.
 
 | scene | `Dual` | `Quad` | `Grid({VIEWS})` | light field |
 | --- | ---: | ---: | ---: | ---: |
