@@ -1,9 +1,11 @@
 """The published page of the frozen benchmark follows from its boards, and its recipes can be read."""
 
 import json
+import math
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from twinlens.factory import read_recipe
@@ -61,3 +63,15 @@ def test_costs_that_compare_brightness_are_worse_than_invariant_ones(board):
         assert bad(board, f"census:block_size={size}") < bad(board, f"sad:block_size={size}")
         assert bad(board, f"zsad:block_size={size}") < bad(board, f"sad:block_size={size}")
         assert bad(board, f"zssd:block_size={size}") < bad(board, f"ssd:block_size={size}")
+
+
+@pytest.mark.parametrize(
+    "name", [name for name, each in STATISTICS.items() if math.isfinite(each.real[1]) and name != "kurtosis"]
+)
+def test_image_statistics_are_near_those_of_real_pairs(name):
+    """The median is in the 10 % to 90 % range of the real pairs, and within a third of it from their median."""
+    measured = json.loads((FOLDER / "results.json").read_text())["statistics"]
+    median = np.nanmedian([row[name] for board in measured.values() for row in board.values()])
+    middle, low, high = STATISTICS[name].real
+    assert low <= median <= high
+    assert abs(median - middle) <= (high - low) / 3

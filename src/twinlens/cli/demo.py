@@ -97,8 +97,7 @@ def _notes(board: Board, groups: Groups) -> list[str]:
         f"({pinhole[best]:.1f}%); with the lens: {best_wide} ({wide[best_wide]:.1f}%)."
     )
     cameras = (
-        f"The rendered cameras differ as two real ones typically do: {best} is best with the pinhole and "
-        f"number {rank} of {len(real)} on the real pair ({real[best]:.1f}%), where {best_real} is best "
-        f"({real[best_real]:.1f}%)."
+        f"The rendered cameras have typical tolerances. {best} is best with the pinhole, and number {rank} of "
+        f"{len(real)} on the real pair ({real[best]:.1f}%), where {best_real} is best ({real[best_real]:.1f}%)."
     )
     return [lens, cameras]
