@@ -243,3 +243,23 @@ def test_an_edge_is_blurred_as_the_normal_distribution():
     _, right = pair(QUIET, edge, exposure=0.9, blur_px=4.0)
     distance = np.arange(96) - 47.5
     assert right[32, 20:76, 1] == pytest.approx(0.9 * ndtr(distance[20:76] / 4.0), abs=0.004)
+
+
+def test_each_camera_of_a_rig_may_have_its_own_mismatch():
+    rig = Rig([CAMERA] * 3, [np.eye(4)] * 3)
+    own = QUIET.replace(mismatch=(Mismatch(gain=1.1, pitch_px=1.0), Mismatch(gain=0.8)))
+    exposure = Exposure(0.5 / QUIET.level_rate(WHITE, camera=CAMERA, lens=Pinhole()).max())
+    first, second, third = (
+        photo.image.mean() for photo in own.expose_rig([WHITE] * 3, rig=rig, lens=Pinhole(), exposure=exposure)
+    )
+    assert [second / first, third / first] == pytest.approx([1.1, 0.8], rel=1e-3)
+    off = own.misalign(rig)
+    assert off.project(1, [0, 0, 1]) == pytest.approx([47.5, 32.5])
+    assert np.array_equal(off.world_from_cams[2], np.eye(4))
+    for call in (lambda: own.misalign(RIG), lambda: own.expose_pair(WHITE, WHITE, rig=RIG, lens=Pinhole())):
+        with pytest.raises(InputError, match="must be 1, one for each camera after the first, got 2"):
+            call()
+    with pytest.raises(InputError, match="those of 2 cameras after the first, not 3"):
+        own.expose(WHITE, camera=CAMERA, lens=Pinhole(), eye=3)
+    with pytest.raises(InputError, match="must be a Mismatch, or a tuple"):
+        Sensor(mismatch=(Mismatch(), 3))

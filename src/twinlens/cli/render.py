@@ -15,6 +15,7 @@ from twinlens.factory import add_sample, camera_text, check_common_view, default
 from twinlens.factory.settings import View, make_lens, read_rig_file
 from twinlens.rendering import backend
 from twinlens.scenes import Scene, load_scene, scene_with_rig
+from twinlens.sensor import Sensor
 
 _Made = tuple[Row, list[str], list[dict[str, Any]]]
 """A sample's row, the exposure through each lens, and `optics_of` each lens."""
@@ -82,29 +83,27 @@ def command(scenes: tuple[str, ...], output: Place, overwrite: bool, as_json: bo
     sensor = camera_text.parse_sensor(options["sensor"])
     if options["bits"] is not None:
         sensor = sensor.replace(bits=int(options["bits"]))
-    if options["mismatch"] is not None:
-        sensor = sensor.replace(mismatch=camera_text.parse_mismatch(options["mismatch"], options["seed"]))
     names = ("spp", "denoise", "noise", "seed", "sky_disparity", "diffraction", "dual_pixel")
     how: dict[str, Any] = {name: options[name] for name in names}
     how |= {"keep_radiance": options["radiance"], "keep_models": options["models"]}
     how |= {"exposure": camera_text.parse_exposure(options["exposure"])}
-    jobs = [_job(load_scene(name), options) for name in scenes]
-    check_samples(output, [scene.name for scene, _, _ in jobs], overwrite)
+    jobs = [_job(load_scene(name), sensor, options) for name in scenes]
+    check_samples(output, [scene.name for scene, *_ in jobs], overwrite)
     made: list[_Made] = []
     with interrupt_note(lambda: "finished samples are kept" if made else ""):
-        for scene, rig, lenses in jobs:
+        for scene, rig, lenses, own in jobs:
             with progress_bar(f"rendering {scene.name}") as report:
                 how["progress"] = lambda part, report=report: report(part, "")
-                misaligned = sensor.mismatch.misalign(rig)
-                sample = make_sample(scene, misaligned, tuple(lens for _, lens in lenses), sensor=sensor, **how)
+                used = tuple(lens for _, lens in lenses)
+                sample = make_sample(scene, own.misalign(rig), used, sensor=own, **how)
             row = add_sample(output, scene.name, sample, options["seed"], overwrite)
             exposures = [camera_text.format_exposure(sample, k, text) for k, (text, _) in enumerate(lenses)]
             made.append((row, exposures, [camera_text.optics_of(sample, k) for k in range(len(lenses))]))
     _print(output, made, as_json)
 
 
-def _job(scene: Scene, options: dict[str, Any]) -> tuple[Scene, Rig, list[tuple[str, Lens]]]:
-    """The scene, the rig, and the lenses that the options describe, with their texts."""
+def _job(scene: Scene, sensor: Sensor, options: dict[str, Any]) -> tuple[Scene, Rig, list[tuple[str, Lens]], Sensor]:
+    """The scene, the rig, the lenses that the options describe, with their texts, and the sensor with its mismatch."""
     width, height = camera_text.parse_size(options["size"], options["camera"])
     if options["sky"] is not None:
         with located("--sky"):
@@ -127,7 +126,11 @@ def _job(scene: Scene, options: dict[str, Any]) -> tuple[Scene, Rig, list[tuple[
         for name in ("diffraction", "dual_pixel"):
             if options[name]:
                 raise InputError(f"--{name.replace('_', '-')}: {_NO_APERTURE}")
-    return scene, rig, lenses
+    if options["mismatch"] is not None:
+        layout = (scene.rig or {}).get("layout", "")
+        mismatch = camera_text.parse_mismatch(options["mismatch"], options["seed"], len(rig), layout)
+        sensor = sensor.replace(mismatch=mismatch)
+    return scene, rig, lenses, sensor
 
 
 def _lenses(view: View, tables: list[Any], options: dict[str, Any]) -> list[tuple[str, Lens]]:

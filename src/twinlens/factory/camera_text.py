@@ -65,7 +65,7 @@ EXPOSURE_HELP = (
     "[default: automatic for each lens]"
 )
 MISMATCH_HELP = (
-    f"Differences of the right camera: a level ({', '.join(LEVELS)}), drawn with --seed, or values such as "
+    f"Differences of the cameras after the first: a level ({', '.join(LEVELS)}), drawn with --seed, or values such as "
     "gain=1.1,exposure=1.05 (factors), black=2 (DN); typical,blur_px=0 combines them. Fields: docs/realism.md."
 )
 SENSOR_WIDTH_HELP = (
@@ -160,15 +160,26 @@ def parse_exposure(text: str) -> Exposure | None:
         return Exposure(float(match[1]) / float(match[2] or 1), float(match[3] or 1))
 
 
-def parse_mismatch(text: str, seed: int = 0) -> Mismatch:
-    """A mismatch in the syntax of MISMATCH_HELP; `seed` draws the values of a level."""
+def parse_mismatch(text: str, seed: int = 0, cameras: int = 2, layout: str = "") -> Mismatch | tuple[Mismatch, ...]:
+    """The mismatch of a sensor in the syntax of MISMATCH_HELP; `seed` draws the values of a level for each camera.
+
+    cameras, layout : of the rig. Raises InputError for a light field.
+    """
     where = f"--mismatch {text!r}"
     first = text.partition(",")[0]
     if first.isidentifier() and first not in _MISMATCHES:
         text = f"level={text}"
-    given = {_MISMATCHES[name]: value for name, value in _pairs(where, text, _MISMATCHES).items()}
-    own = {} if given.get("level", "none") == "none" else {"seed": seed}
-    return read(settings.MismatchTable, own | given, where, strict=False)  # type: ignore[no-any-return]
+    given: dict[str, Any] = {}
+    for name, value in _pairs(where, text, _MISMATCHES).items():
+        if _MISMATCHES[name] in given:
+            raise InputError(f"{where}: {name} is given twice, as {_MISMATCHES[name]} too")
+        given[_MISMATCHES[name]] = value
+    if layout == "light_field" and given != {"level": "none"}:
+        raise InputError(f"{where}: {settings.ONE_CAMERA}")
+    if "seed" in given:
+        given["seed"] = read(settings.Seed, given["seed"], where, "seed", strict=False)
+    table = settings.mismatches_for(given, cameras, seed)
+    return read(settings.MismatchTables, table, where, strict=False)  # type: ignore[no-any-return]
 
 
 def parse_misalignment(text: str | None) -> Misalignment:

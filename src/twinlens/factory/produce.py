@@ -15,7 +15,7 @@ from twinlens.factory.objects import check_seen, with_objects
 from twinlens.factory.plan import SampleSpec, is_fixed, plan
 from twinlens.factory.recipe import Recipe
 from twinlens.factory.sample import make_sample
-from twinlens.factory.settings import ANY_SCENE, Settings, SkyTable, View, make_lenses, with_mismatch
+from twinlens.factory.settings import ANY_SCENE, Settings, SkyTable, View, make_lenses, sensor_for
 from twinlens.factory.sources import Sources
 from twinlens.families import random_scene
 from twinlens.rendering import (
@@ -100,7 +100,7 @@ def produce(
     Raises Rejected by a gate, FileError for a file that cannot be read, InputError for an impossible spec.
     """
     sources = sources or Sources()
-    settings = read(Settings, with_mismatch(spec.drawn, spec.seed), file)
+    settings = read(Settings, dict(spec.drawn), file)
     base = _scene(spec, settings, sources)
     if settings.sky is not None:
         base = _lit(base, settings.sky, sources, spec.seed)
@@ -108,6 +108,7 @@ def produce(
         base = base.with_ambient(settings.scene.ambient)
     moved = base.at(base.world_from_left @ settings.scene.jitter.pose())
     rig = settings.rig_of(moved, base.rig, file, sources.file)
+    sensor = sensor_for(rig, spec.drawn, spec.seed, base.rig, file)
     scene = with_objects(base, settings.scene.objects, rig.nominal, spec.seed, sources.folder, file)
     if scene is not base:
         sources.check_files(scene)
@@ -118,13 +119,13 @@ def produce(
     view = View(scene, rig.nominal.cameras[0], truths, spec.seed)
     sample = make_sample(
         scene,
-        settings.sensor.mismatch.misalign(rig),
+        sensor.misalign(rig),
         make_lenses(settings, view, file, sources.file),
         spp=settings.spp,
         denoise=settings.denoise,
         noise=settings.noise,
         seed=spec.seed,
-        sensor=settings.sensor,
+        sensor=sensor,
         exposure=settings.exposure,
         diffraction=settings.diffraction,
         dual_pixel=settings.dual_pixel,
@@ -135,7 +136,7 @@ def produce(
         progress=progress,
     )
     if gates is not None:
-        check_photographs(gates, sample, settings.sensor)
+        check_photographs(gates, sample, sensor)
     return dataclasses.replace(sample, ndisp=spec.ndisp, record={**sample.record, "spec": dataclasses.asdict(spec)})
 
 
@@ -149,7 +150,7 @@ def check_backend(recipe: Recipe, index: int) -> None:
     for attempt in range(last + 1):
         try:
             spec = plan(recipe, index, attempt)
-            settings = read(Settings, with_mismatch(spec.drawn, spec.seed), file)
+            settings = read(Settings, dict(spec.drawn), file)
             scene = recipe.sources.scene(spec.scene) if spec.kind == "scene" else ANY_SCENE
             rig = settings.rig_of(scene, scene.rig, file, recipe.sources.file)
             for camera in rig.cameras:
@@ -158,7 +159,8 @@ def check_backend(recipe: Recipe, index: int) -> None:
                 check_projector_supported(projector)
             for lens in make_lenses(settings, None, file, recipe.sources.file):
                 check_lens_supported(lens)
-            check_mismatch_supported(settings.sensor.mismatch.distortion_px)
+            for mismatch in sensor_for(rig, spec.drawn, spec.seed, scene.rig, file).mismatches:
+                check_mismatch_supported(mismatch.distortion_px)
             if settings.dual_pixel:
                 check_parts_supported()
         except BackendError:

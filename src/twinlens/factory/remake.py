@@ -4,7 +4,7 @@ Images of a rectified pair are warped or rendered again; ground truth is compute
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -167,7 +167,8 @@ def rectified_sample(
 
     scene, folder : the sample's, as for `remake`; a bundled scene need not be given.
     pictures : "maps" warps the stored images (bilinear; black outside them, where no point counts as visible), as
-        software does after a calibration. "render" renders the scene again through the rectified cameras.
+        software does after a calibration. "render" renders the scene again through the rectified cameras, of which the
+        right one differs as its camera did.
     fit, zero_doffs, misalignment : see `rectify`. A misalignment affects the images; the ground truth is that of the
         aligned pair.
 
@@ -179,6 +180,8 @@ def rectified_sample(
     result = rectify(stored.rig, left, right, fit=fit, zero_doffs=zero_doffs, misalignment=misalignment)
     origin = {"rectified_from": {"sample": stored.name, "views": [left, right], "fit": fit, "pictures": pictures}}
     if pictures == "render":
+        mismatch = Sensor.from_record(settings["sensor"]).mismatch_of(right or left)
+        settings["sensor"] = {**settings["sensor"], "mismatch": asdict(mismatch)}
         new = {**stored.record, "record": settings, "rig": plain(result.rectified_rig)}
         sample = remake(new, scene, progress=progress)
         return replace(sample, record={**sample.record, **origin})

@@ -63,7 +63,7 @@ def make_sample(
     noise : render until the renderer's noise is at most this multiple of the sensor's in every view, in the median over
         pixels, or until `rendering.MAX_SPP`. The record has the ratios of images that are denoised or have this bound.
     sensor : default `Sensor()`. Its `mismatch` makes the cameras differ; for the alignment, give
-        ``mismatch.misalign(rig)`` as the rig.
+        ``sensor.misalign(rig)`` as the rig.
     exposure : one exposure for all lenses, so that a smaller aperture gives a darker image. By default each lens has
         its own automatic exposure, which its cameras of the same band share.
     diffraction : blur images by the Airy pattern (`diffract`) at the sensor's wavelengths. Disk apertures only.
@@ -81,10 +81,12 @@ def make_sample(
     check_exposure(exposure)
     if noise is not None:
         check_number("noise", noise, "a positive multiple of the sensor's noise", above=0)
-    if exposure is not None:
-        sensor.mismatch.applied(exposure)
-    if len(rig) > 1:
-        rendering.check_mismatch_supported(sensor.mismatch.distortion_px)
+    sensor.check_mismatches(rig)
+    for mismatch in sensor.mismatches:
+        if exposure is not None:
+            mismatch.applied(exposure)
+        if len(rig) > 1:
+            rendering.check_mismatch_supported(mismatch.distortion_px)
     if dual_pixel and diffraction:
         raise InputError(NOT_DIFFRACTED)
     for lens in lenses:

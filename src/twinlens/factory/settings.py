@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Field, PlainValidator, Strict, TypeAdapter, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, PlainValidator, Strict, TypeAdapter, model_validator
 
 from twinlens.camera import Annulus, Camera, Disk, Lens, MaskAperture, Pinhole, Polygon, Rig, ThinLens
 from twinlens.camera.aperture import Aperture
@@ -29,8 +29,8 @@ from twinlens.scenes import Scene, read_toml, rig_from_table
 from twinlens.scenes.placement import rotation
 from twinlens.scenes.rigs import ALTERNATIVES, CameraTable, Intrinsics, with_pictures, with_values
 from twinlens.schema import NEAR_FAR, Fraction, NonNegative, Number, Positive, StrictModel, read, table_of
-from twinlens.seeds import generator
-from twinlens.sensor import DEFAULT_MISMATCH, LEVELS, PRESETS, Exposure, Mismatch, Sensor, mismatch_table
+from twinlens.seeds import derived_seed, generator
+from twinlens.sensor import DEFAULT_MISMATCH, LEVELS, PRESETS, Exposure, Mismatch, Sensor, level_table, mismatch_table
 
 Step = Annotated[Number, Field(ge=-1e6, le=1e6)]
 Degrees = Annotated[Number, Field(ge=-360, le=360)]
@@ -74,7 +74,9 @@ class SkyTable(StrictModel):
     nir: Literal["daylight", "tungsten", "led"] | NonNegative | None = None
 
 
+Seed = Annotated[int, Field(ge=0)]
 _PRESET = "machine_vision"
+ONE_CAMERA = "the views of a light field are of one camera and do not differ; leave the mismatch out"
 ExposureTable: Any = table_of(Exposure, time=(Positive, ...), gain=(Positive, 1.0))
 
 
@@ -84,15 +86,17 @@ def _mismatch(level: str = "none", seed: int | None = None, **given: float) -> M
     return Mismatch.draw(level, seed or 0, **given)
 
 
-MismatchTable: Any = table_of(
-    Mismatch, make=_mismatch, level=(Literal[LEVELS], "none"), seed=(Annotated[int, Field(ge=0)] | None, None)
-)
+MismatchTable: Any = table_of(Mismatch, make=_mismatch, level=(Literal[LEVELS], "none"), seed=(Seed | None, None))
 """The fields of `Mismatch`, of which those not given are drawn at a level."""
-_level = BeforeValidator(lambda value: {"level": value} if isinstance(value, str) else value, str | MismatchTable)
+_level = BeforeValidator(level_table, str | MismatchTable)
+MismatchTables: Any = (
+    Annotated[MismatchTable, _level] | Annotated[list[Annotated[MismatchTable, _level]], AfterValidator(tuple)]
+)
+"""A level or a table for all cameras after the first, or a list with one for each."""
 _SENSOR: dict[str, Any] = {
     "make": lambda preset=_PRESET, **changes: Sensor.preset(preset, **changes),
     "preset": (Literal[tuple(PRESETS)], _PRESET),
-    "mismatch": (Annotated[MismatchTable, _level], DEFAULT_MISMATCH),
+    "mismatch": (MismatchTables, DEFAULT_MISMATCH),
 }
 _NirSensorTable: Any = table_of(Sensor, **_SENSOR, title="NirSensorTable", nir=(None, None))
 SensorTable: Any = table_of(Sensor, **_SENSOR, nir=(_NirSensorTable | None, None))
@@ -336,15 +340,42 @@ class Settings(StrictModel):
         return rig_from_table(table, scene, self.width, self.height, file, "rig")
 
 
-def with_mismatch(drawn: Mapping[str, Any], seed: int) -> dict[str, Any]:
-    """The table with the mismatch of its sensor: the default one if it has none, and `seed` if it is drawn without."""
-    sensor = drawn.get("sensor", {})
-    if not isinstance(sensor, Mapping):
-        return dict(drawn)
-    table = mismatch_table(sensor)
-    if not isinstance(table, Mapping) or table.get("level", "none") == "none":
-        return dict(drawn)
-    return {**drawn, "sensor": {**sensor, "mismatch": {"seed": seed, **table}}}
+def sensor_for(
+    rig: Rig, drawn: Mapping[str, Any], seed: int, own: Mapping[str, Any] | None = None, file: Path = Path()
+) -> Sensor:
+    """The sensor of a drawn table for a rig; a level of mismatch is drawn for each camera after the first.
+
+    The views of a light field are of one camera: by default they have no mismatch, and another one raises InputError.
+    own : the table of the scene's rig.
+    """
+    table = drawn.get("sensor", {})
+    mismatch = mismatch_table(table)
+    if (drawn.get("rig") or own or {}).get("layout") == "light_field":
+        if "mismatch" in table and mismatch != {"level": "none"}:
+            raise InputError(f"{file}: sensor.mismatch: {ONE_CAMERA}")
+        mismatch = {"level": "none"}
+    table = {**table, "mismatch": mismatches_for(mismatch, len(rig), seed)}
+    sensor: Sensor = read(SensorTable, table, file, "sensor")
+    with located(str(file)):
+        sensor.check_mismatches(rig)
+    return sensor
+
+
+def mismatches_for(table: Any, cameras: int, seed: int) -> Any:
+    """A mismatch's table, or a list of them, with seeds. A level is drawn for each camera after the first."""
+    if isinstance(table, list):
+        return [_seeded(each, camera, seed) for camera, each in enumerate(table, start=1)]
+    if cameras < 3 or table.get("level", "none") == "none":
+        return _seeded(table, 1, seed)
+    return [_seeded(table, camera, seed) for camera in range(1, cameras)]
+
+
+def _seeded(table: Mapping[str, Any], camera: int, seed: int) -> Mapping[str, Any]:
+    """The table with the seed of a camera, if it has a level. That of the second camera is `seed`, or the table's."""
+    if table.get("level", "none") == "none":
+        return table
+    seed = table.get("seed", seed)
+    return {**table, "seed": seed if camera == 1 else derived_seed(seed, "camera", camera)}
 
 
 def check_settings(drawn: Mapping[str, Any], file: Path, families: Sequence[str]) -> tuple[Settings, list[Lens]]:
@@ -362,7 +393,9 @@ def check_settings(drawn: Mapping[str, Any], file: Path, families: Sequence[str]
     given = settings.scene.model_fields_set & {"depth_range", "object_count"}
     if given and not families:
         raise InputError(f"{file}: scene.{min(given)}: can be used with 'families' only")
-    settings.rig_of(ANY_SCENE, None, file, lambda name: file.parent / name)
+    rig = settings.rig_of(ANY_SCENE, None, file, lambda name: file.parent / name)
+    if settings.rig:
+        sensor_for(rig, drawn, 0, file=file)
     return settings, make_lenses(settings, None, file, lambda name: file.parent / name)
 
 

@@ -15,6 +15,7 @@ import json
 import math
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -55,8 +56,9 @@ def fit_recipe(dataset: Dataset, like: Sequence[Pair]) -> tuple[dict[str, Any], 
         raise InputError(f"{dataset.path}: has no recipe; only datasets of `twinlens generate` have one")
     table = recipe.get("sensor", {})
     mismatch = mismatch_table(table)
-    if {"choice", "sweep", "per_scene"} & {*table, *mismatch}:
-        raise InputError(f"{dataset.path}: its recipe draws sensor or mismatch as a whole; a fit needs their fields")
+    if isinstance(mismatch, list) or {"choice", "sweep", "per_scene"} & {*table, *mismatch}:
+        problem = "draws sensor or mismatch as a whole, or has a list of mismatches"
+        raise InputError(f"{dataset.path}: its recipe {problem}; a fit needs the fields of one")
     shots = [(sample, k) for sample in dataset for k in range(sample.num_lenses)]
     if len(shots) < 2 or len(like) < 2:
         raise InputError(f"a fit needs two pairs or more in both sets, got {len(shots)} and {len(like)}")
@@ -120,7 +122,7 @@ def _measure(sample: StoredSample, k: int) -> tuple[Sensor, str, Float, float, t
         left, right = sample.lens(k).record["exposures"][:2]
         scene = sample.record["record"]["spec"]["scene"]
         sensor = Sensor.from_record({**left["sensor"], "mismatch": {}})
-        known = dict(right["sensor"]["mismatch"])
+        known = asdict(Sensor.from_record(right["sensor"]).mismatch_of(right["eye"]))
         known["gain"] *= known["time"] / known["f_number"] ** 2
         exposure = Exposure(left["time_s"], left["gain"])
     except (KeyError, TypeError) as error:

@@ -10,6 +10,7 @@ from twinlens.sensor.mismatch import (
     DEFAULT_MISMATCH as DEFAULT_MISMATCH,
     LEVELS as LEVELS,
     Mismatch as Mismatch,
+    level_table as level_table,
     mismatch_table as mismatch_table,
 )
 from twinlens.sensor.model import Photo as Photo, Sensor as Sensor

@@ -1,11 +1,11 @@
 """Differences between the cameras of a rig: exposure, lens shading, stray light, sharpness, colours and alignment.
 
-The first camera is the reference, without differences; all others have those of one `Mismatch`. A real pair differs in
-both cameras: a `Mismatch` is the difference of the two, and so are its spreads. docs/realism.md gives their sources.
+The first camera is the reference, without differences; each other camera has a `Mismatch`. A real pair differs in both
+cameras: a `Mismatch` is the difference of the two, and so are its spreads. docs/realism.md gives their sources.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, get_type_hints
 
@@ -29,7 +29,7 @@ _NOT_NEGATIVE = ("veiling_glare", "stray_light", "blur_px")
 
 @dataclass(frozen=True)
 class Mismatch:
-    """Differences of the other cameras from the first, which image processing does not correct.
+    """Differences of a camera from the first one of its rig, which image processing does not correct.
 
     A field's annotations are its range and, where it is drawn, its standard deviations at the levels after "none".
     x and y are -1 to 1 across the image, r^2 is 1 in its corners.
@@ -140,11 +140,14 @@ class Mismatch:
         return linear if self.tone_exponent == 1 else np.clip(linear, 0.0, 1.0) ** self.tone_exponent
 
     def misalign(self, rig: Rig) -> Rig:
-        """The misaligned rig, which takes the images; calibration and truth are those of `rig`."""
-        errors = [ALIGNED, *(self._misalignment(camera) for camera in rig.cameras[1:])]
-        return misaligned(rig, errors) if any(error != ALIGNED for error in errors) else rig
+        """The misaligned rig, which takes the images; calibration and truth are those of `rig`.
 
-    def _misalignment(self, camera: Camera) -> Misalignment:
+        All cameras after the first have these differences; with `Sensor.misalign` each may have its own.
+        """
+        return misalign(rig, [self] * (len(rig) - 1))
+
+    def misalignment(self, camera: Camera) -> Misalignment:
+        """The error of a camera of this mismatch against its calibration."""
         radius = math.hypot(camera.width / camera.fx, camera.height / camera.fy) / 2  # of the corners
         return Misalignment(
             pitch_deg=math.degrees(math.atan(self.pitch_px / camera.fy)),
@@ -155,13 +158,25 @@ class Mismatch:
         )
 
 
+def misalign(rig: Rig, mismatches: Sequence[Mismatch]) -> Rig:
+    """The rig that takes the images, whose cameras after the first have these mismatches, one each."""
+    cameras = rig.cameras[1:]
+    errors = [ALIGNED, *(each.misalignment(camera) for each, camera in zip(mismatches, cameras, strict=True))]
+    return misaligned(rig, errors) if any(error != ALIGNED for error in errors) else rig
+
+
 def mismatch_table(sensor: Mapping[str, Any]) -> Any:
-    """The mismatch of a recipe's table `sensor`, with a level as a table; without one, the default of the preset.
+    """The mismatch of a recipe's table `sensor`, with levels as tables; without one, the default of the preset.
 
     >>> mismatch_table({}), mismatch_table({"preset": "ideal"}), mismatch_table({"mismatch": "consumer"})
     ({'level': 'typical', 'distortion_px': 0.0}, {'level': 'none'}, {'level': 'consumer'})
     """
     mismatch = sensor.get("mismatch", "none" if sensor.get("preset") == "ideal" else dict(DEFAULT_MISMATCH))
+    return [level_table(each) for each in mismatch] if isinstance(mismatch, list) else level_table(mismatch)
+
+
+def level_table(mismatch: Any) -> Any:
+    """A level, as a text, as a table; anything else as it is."""
     return {"level": mismatch} if isinstance(mismatch, str) else mismatch
 
 

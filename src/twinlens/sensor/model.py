@@ -27,7 +27,7 @@ from twinlens.optics.diffraction import CHANNEL_WAVELENGTHS, check_wavelengths
 from twinlens.seeds import derived_seed, generator
 from twinlens.sensor import light, picture
 from twinlens.sensor.exposure import Exposure, auto_exposure, check_exposure
-from twinlens.sensor.mismatch import Mismatch
+from twinlens.sensor.mismatch import Mismatch, misalign
 from twinlens.sensor.picture import Image
 from twinlens.sensor.presets import PRESETS
 
@@ -69,7 +69,7 @@ class Sensor:
     radiance_scale : W/(m^2 sr), in the band of each channel, of a rendered radiance of 1.
     pinhole_f_number : the f-number at which an aperture of zero width is exposed.
     longest_exposure, largest_gain : limits of the automatic exposure, in seconds and as a factor.
-    mismatch : differences of the cameras after the first.
+    mismatch : differences of the cameras after the first: one `Mismatch` for all, or a tuple with one for each.
     serial : seed of the fixed patterns.
     nir : the sensor of near infrared cameras; None is this one.
 
@@ -98,7 +98,7 @@ class Sensor:
     pinhole_f_number: Annotated[float, (1e-3, 1e6)] = 8.0
     longest_exposure: Annotated[float, (1e-9, 1e9)] = 30.0
     largest_gain: Annotated[float, (1e-3, 1e9)] = 16.0
-    mismatch: Mismatch = Mismatch()  # noqa: RUF009  a frozen value
+    mismatch: Mismatch | tuple[Mismatch, ...] = Mismatch()  # noqa: RUF009  a frozen value
     serial: int = 0
     nir: "Sensor | None" = None
 
@@ -120,9 +120,11 @@ class Sensor:
                 raise InputError(f"sensor {name} must be True or False, got {format_value(value)}")
         check_known("sensor filters", self.filters, picture.FILTERS)
         check_known("sensor output", self.output, OUTPUTS)
-        if not isinstance(self.mismatch, Mismatch):
-            raise InputError(f"sensor mismatch must be a Mismatch, got {format_value(self.mismatch)}")
-        self.mismatch.applied(Exposure(self.longest_exposure, self.largest_gain))
+        for mismatch in self.mismatches:
+            if not isinstance(mismatch, Mismatch):
+                allowed = "a Mismatch, or a tuple with one for each camera after the first"
+                raise InputError(f"sensor mismatch must be {allowed}, got {format_value(self.mismatch)}")
+            mismatch.applied(Exposure(self.longest_exposure, self.largest_gain))
         check_number("sensor black_level", self.black_level, "a number of DN >= 0", least=0)
         if self.black_level >= self.largest_dn:
             raise InputError(f"sensor black_level must be below {self.largest_dn} DN, got {self.black_level}")
@@ -143,9 +145,10 @@ class Sensor:
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> "Sensor":
         """The sensor of ``dataclasses.asdict(sensor)``, as in sample.json."""
-        nir = record.get("nir")
+        nir, mismatch = record.get("nir"), record.get("mismatch", {})
+        several = isinstance(mismatch, (list, tuple))
         parts = {
-            "mismatch": Mismatch(**record.get("mismatch", {})),
+            "mismatch": tuple(Mismatch(**each) for each in mismatch) if several else Mismatch(**mismatch),
             "nir": None if nir is None else cls.from_record(nir),
         }
         return cls(**{**record, **parts})
@@ -170,6 +173,40 @@ class Sensor:
         own = self.nir or self
         changes = {"quantum_efficiency": (own.nir_efficiency,) * 3, "wavelengths": (own.nir_wavelength,) * 3}
         return own.replace(**changes, filters="mono", mismatch=self.mismatch, nir=None)
+
+    @property
+    def mismatches(self) -> tuple[Mismatch, ...]:
+        """The mismatch of all cameras after the first, or of each."""
+        return self.mismatch if isinstance(self.mismatch, tuple) else (self.mismatch,)
+
+    def mismatch_of(self, eye: int) -> Mismatch:
+        """The mismatch of camera `eye` of a rig. Raises InputError if there are fewer mismatches.
+
+        >>> Sensor(mismatch=(Mismatch(gain=1.1), Mismatch(gain=0.9))).mismatch_of(2).gain
+        0.9
+        """
+        check_int("eye", eye, 0)
+        if eye == 0:
+            return Mismatch()
+        if not isinstance(self.mismatch, tuple):
+            return self.mismatch
+        if eye > len(self.mismatch):
+            raise InputError(f"sensor mismatch has those of {len(self.mismatch)} cameras after the first, not {eye}")
+        return self.mismatch[eye - 1]
+
+    def misalign(self, rig: Rig) -> Rig:
+        """The rig that takes the images, misaligned by the mismatches; calibration and truth are those of `rig`.
+
+        Raises InputError for another number of mismatches than of cameras after the first.
+        """
+        self.check_mismatches(rig)
+        return misalign(rig, [self.mismatch_of(i) for i in range(1, len(rig))])
+
+    def check_mismatches(self, rig: Rig) -> None:
+        """Raise InputError for a tuple of mismatches of another number of cameras than the rig has."""
+        if isinstance(self.mismatch, tuple) and len(self.mismatch) != len(rig) - 1:
+            needed = f"{len(rig) - 1}, one for each camera after the first"
+            raise InputError(f"number of mismatches of the sensor must be {needed}, got {len(self.mismatch)}")
 
     @property
     def largest_dn(self) -> int:
@@ -276,7 +313,7 @@ class Sensor:
         self, images: Sequence[ArrayLike], *, rig: Rig, lens: Lens, seed: int = 0, exposure: Exposure | None = None
     ) -> list[tuple[Photo, Photo, Photo]]:
         """`expose_dual` for the halves of each camera of a rig, with one exposure."""
-        return self._expose_dual(_views(images, rig), lens, seed, exposure, 0.0)
+        return self._expose_dual(self._views(images, rig), lens, seed, exposure, 0.0)
 
     def _expose_dual(
         self,
@@ -316,8 +353,7 @@ class Sensor:
 
     def _collect(self, image: Float, camera: Camera, lens: Lens, nominal: Exposure, seed: int, eye: int) -> Float:
         """Electrons of each pixel at the end of the exposure, (H, W, 3) or (H, W), from radiance."""
-        check_int("eye", eye, 0)
-        mismatch = self.mismatch if eye else Mismatch()
+        mismatch = self.mismatch_of(eye)
         true = mismatch.applied(nominal)
         # Glare is spread evenly over the film: it comes after vignetting.
         film = mismatch.light(self._vignetted(image, camera, lens))
@@ -325,7 +361,7 @@ class Sensor:
 
     def _read(self, wells: Float, camera: Camera, lens: Lens, nominal: Exposure, seed: int, eye: int) -> Photo:
         """Read and develop the electrons of each pixel."""
-        mismatch = self.mismatch if eye else Mismatch()
+        mismatch = self.mismatch_of(eye)
         true = mismatch.applied(nominal)
         black = self.black_level + mismatch.black_level
         rates = self.electrons_per_radiance(camera, lens)
@@ -348,7 +384,7 @@ class Sensor:
             "electrons_per_radiance": (rates * true.time / mismatch.f_number**2).tolist(),
             "seed": int(seed),
             "eye": int(eye),
-            "sensor": asdict(self),
+            "sensor": asdict(replace(self, mismatch=mismatch) if isinstance(self.mismatch, tuple) else self),
             "saturated_fraction": float(saturated.mean()),
             "mean_electrons": float(electrons.mean()),
         }
@@ -375,7 +411,14 @@ class Sensor:
 
         The `ParaxialWarning` is given once, for the camera with the smallest film distance.
         """
-        return self._expose(_views(images, rig), lens, seed, exposure)
+        return self._expose(self._views(images, rig), lens, seed, exposure)
+
+    def _views(self, images: Sequence[ArrayLike], rig: Rig) -> list[tuple[ArrayLike, Camera, int]]:
+        """The image, camera and index of each view."""
+        self.check_mismatches(rig)
+        if len(images) != len(rig):
+            raise InputError(f"expose_rig needs one image per camera, got {len(images)} images and {len(rig)} cameras")
+        return list(zip(images, rig.cameras, range(len(rig)), strict=True))
 
     def pixel_rates(self, camera: Camera, lens: Lens) -> Float:
         """Electrons per second per unit of rendered radiance, (H, W, 3); (3,) without vignetting."""
@@ -422,10 +465,3 @@ class Sensor:
         elif self.filters == "rgb":
             linear = linear * self.balance()
         return picture.encode(mismatch.developed(linear), self.output, self.gamma, self.bits)
-
-
-def _views(images: Sequence[ArrayLike], rig: Rig) -> list[tuple[ArrayLike, Camera, int]]:
-    """The image, camera and index of each view."""
-    if len(images) != len(rig):
-        raise InputError(f"expose_rig needs one image per camera, got {len(images)} images and {len(rig)} cameras")
-    return list(zip(images, rig.cameras, range(len(rig)), strict=True))
