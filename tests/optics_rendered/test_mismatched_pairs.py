@@ -70,6 +70,29 @@ def test_misalignment_of_a_rendered_chessboard(aligned, name, px):
     assert (moved * one).sum() / (one**2).sum() == pytest.approx(px, abs=0.02)
 
 
+def test_vignetting_of_a_rendered_flat_field():
+    """The default sensor's image of a uniform sky at f/1.4, beside rays through the stop and the barrel's rim."""
+    camera, far = CAMERA, 260.0 * 1e-4
+    camera = camera.replace(pixel_pitch_um=100.0)  # film distance 26 mm
+    lens = tl.ThinLens(far / 1.4, 1.0)
+    light = tl.render(sky(), tl.Rig([camera], [HERE]), lens, spp=4, seed=0)[0]
+    image = tl.Sensor(output="linear", bits=16).expose(light, camera=camera, lens=lens).image.mean(axis=-1)
+    rng = np.random.default_rng(1)
+    radius, angle = lens.aperture_diameter / 2 * np.sqrt(rng.random(200_000)), rng.uniform(0, 2 * np.pi, 200_000)
+
+    def passed(x: float, y: float) -> float:
+        """Share of the light of the axis at (x, y) pixels from it; the rim is half a film distance before the stop."""
+        tx, ty = x / 260, y / 260
+        ray = np.hypot(radius * np.cos(angle) + 0.5 * far * tx, radius * np.sin(angle) + 0.5 * far * ty)
+        return float(np.mean(ray <= far / 2.8) * np.cos(np.arctan(np.hypot(tx, ty))) ** 4)
+
+    middle = image[84:96, 114:126].mean()
+    for x, y in ((60, 0), (-114, 0), (0, 84), (114, -84)):
+        u, v = round(119.5 + x), round(89.5 + y)
+        patch = image[max(v - 5, 0) : v + 6, max(u - 5, 0) : u + 6]
+        assert patch.mean() / middle == pytest.approx(passed(x, y), rel=0.02), (x, y)
+
+
 def test_shading_of_a_rendered_flat_field():
     """Edges and a corner against the centre, through a lens and the noise of a sensor."""
     lens = tl.ThinLens(0.002, 1.0)

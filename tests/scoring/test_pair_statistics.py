@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy import interpolate, ndimage
+from scipy import interpolate, ndimage, stats
 from skimage.restoration import estimate_sigma
 
 from twinlens.cli import run
@@ -39,7 +39,7 @@ def plane_pair(gain=1.0, offset=0.0, noise=0.0, shade=0.0, seed=0, size=(80, 120
 
 
 def naive(pair):
-    """Each statistic in loops over pixels or with another library; without the robust line and the noise."""
+    """Each statistic in loops over pixels or with another library; without the noise from wavelets."""
     left, right = (0.299 * i[..., 0] + 0.587 * i[..., 1] + 0.114 * i[..., 2] for i in (pair.im0 / 1.0, pair.im1 / 1.0))
     height, width = left.shape
     truth, mask = pair.disp0, pair.mask0_nonocc
@@ -80,7 +80,17 @@ def naive(pair):
             gradients.append(math.hypot(across, (left[below, u] - left[above, u]) / (below - above)))
     known = np.isfinite(truth)
     steps = left[:, 1:] - left[:, :-1]
+    gain, offset = huber_line(warped[used], left[used])
+    rest = left[used] - gain * warped[used] - offset - (np.array(low) - np.median(low))
+    loops = [textureless_pixel(np.rint(left), v, u) for v in range(height) for u in range(width)]
     return {
+        "gain": abs(gain - 1),
+        "offset": offset,
+        "residual": 1.482602218505602 * np.median(abs(rest - np.median(rest))),
+        "flat_noise": flattest_blocks(left),
+        "textureless": np.mean(loops),
+        "spectrum_low": slope_of_power(left, 0.02, 0.15),
+        "spectrum_high": slope_of_power(left, 0.2, 0.45),
         "low_sd": np.std(low),
         "bias": abs(np.median(difference[used])),
         "contrast": np.median([w.std() for w in windows]),
@@ -94,13 +104,71 @@ def naive(pair):
     }
 
 
+def huber_line(x, y):
+    """Gain and offset of least Huber loss, by weighted least squares; the scale is that of the residuals of y = x."""
+    delta = 1.345 * 1.482602218505602 * np.median(abs(y - x - np.median(y - x)))
+    line = np.array([1.0, 0.0])
+    for _ in range(500):
+        weights = np.sqrt(np.minimum(1, delta / np.maximum(abs(y - line[0] * x - line[1]), 1e-12)))
+        line = np.linalg.lstsq(np.stack([x, np.ones_like(x)], 1) * weights[:, None], y * weights, rcond=None)[0]
+    return line
+
+
+def textureless_pixel(image, v, u):
+    """Whether the 3x3 mean of the squared difference from the left or right neighbour, the larger, is below 16."""
+    height, width = image.shape
+    total = 0
+    for y in (v - 1, v, v + 1):
+        for x in (u - 1, u, u + 1):
+            row, column = min(max(y, 0), height - 1), min(max(x, 0), width - 1)
+            beside = [image[row, c] for c in (column - 1, column + 1) if 0 <= c < width]
+            total += max((image[row, column] - other) ** 2 for other in beside)
+    return total < 16 * 9
+
+
+def flattest_blocks(image):
+    """Immerkaer's noise of the flattest fifth of the 8x8 blocks."""
+    mask = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]])
+    padded = np.pad(image, 1, mode="reflect")
+    height, width = image.shape
+    blocks = []
+    for v in range(0, height - 7, 8):
+        for u in range(0, width - 7, 8):
+            responses = [
+                abs((padded[y : y + 3, x : x + 3] * mask).sum()) for y in range(v, v + 8) for x in range(u, u + 8)
+            ]
+            blocks.append((image[v : v + 8, u : u + 8].var(), np.mean(responses)))
+    blocks.sort()
+    return math.sqrt(math.pi / 2) / 6 * np.mean([response for _, response in blocks[: len(blocks) // 5]])
+
+
+def slope_of_power(image, low, high):
+    """Slope of the logarithm of the mean power in rings as wide as the lowest frequency of the shorter side."""
+    height, width = image.shape
+    hann = [0.5 - 0.5 * np.cos(2 * math.pi * np.arange(n) / (n - 1)) for n in (height, width)]
+    power = abs(np.fft.fft2((image - image.mean()) * hann[0][:, None] * hann[1])) ** 2
+    rings = {}
+    for i in range(height):
+        for j in range(width):
+            f = math.hypot((i if i < height / 2 else i - height) / height, (j if j < width / 2 else j - width) / width)
+            rings.setdefault(round(f * min(height, width)), []).append(power[i, j])
+    points = [
+        (math.log(k / min(height, width)), math.log(np.mean(values)))
+        for k, values in rings.items()
+        if low <= k / min(height, width) <= high
+    ]
+    return stats.linregress(*zip(*points, strict=True)).slope
+
+
 @pytest.mark.parametrize("corner", [(0, 200), (200, 350), (330, 550)])
 def test_statistics_equal_naive_code(corner):
     pair = crop(*corner)
     found, expected = pair_statistics(pair), naive(pair)
     for name, value in expected.items():
-        rough = name in ("low_sd", "bias", "correlation")  # the splines' ends reach a few pixels into the image
+        # The splines' ends reach a few pixels into the image.
+        rough = name in ("low_sd", "bias", "gain", "offset", "residual", "correlation")
         assert found[name] == pytest.approx(value, rel=0.02 if rough else 1e-6, abs=0.02 if rough else 1e-9), name
+    assert {*expected, "noise"} == {*found}
 
 
 def test_wavelet_noise_equals_scikit_images():
