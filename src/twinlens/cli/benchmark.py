@@ -53,9 +53,10 @@ def command(
 ) -> int:
     """Run matchers on every pair of DATASET..., score them, and write OUTPUT/board.json and OUTPUT/index.html.
 
-    A dataset is a folder made by `twinlens render` or `twinlens generate`, a folder in Middlebury's layout, or
-    "motorcycle", a real pair with measured truth. Results already in OUTPUT/board.json are kept. A matcher that
-    crashes, exceeds a limit, or returns no valid map fails on that pair only. The exit code is 1 if all matches failed.
+    A dataset is a folder made by `twinlens render` or `twinlens generate`, a downloaded folder of Middlebury, KITTI or
+    ETH3D, or "motorcycle", a real pair with measured truth. Results already in OUTPUT/board.json are kept. A matcher
+    that crashes, exceeds a limit, or returns no valid map fails on that pair only. The exit code is 1 if all matches
+    failed.
 
     \b
     Example:  twinlens benchmark out motorcycle --methods sad,zncc:block_size=15 -o board

@@ -50,7 +50,8 @@ UNRECTIFIED_LAYOUTS = ("bop", "coco", "dpdd", "eslf", "fod500", "hci4d")
 OBJECT_LAYOUTS = ("bop", "coco", "kitti2015")
 """The layouts with masks of objects."""
 
-_MIDDLEBURY_MARKER = "Middlebury2014/train/Adirondack-is-not-here.txt"
+MIDDLEBURY_FOLDER = "Middlebury2014/train"
+_MIDDLEBURY_MARKER = f"{MIDDLEBURY_FOLDER}/Adirondack-is-not-here.txt"
 _MIDDLEBURY_NOTE = b"""The scenes in this folder were made with twinlens; none is one of Middlebury's.
 torchvision's Middlebury2014Stereo opens a folder only if the name of an entry begins with the name of a published
 scene. This file is that entry.
@@ -134,7 +135,7 @@ def middlebury(source: Source) -> Files:
     """Middlebury2014/train/<name>-perfect/: im0 im1 .png, disp0 disp1 .pfm, mask0nocc mask1nocc .png, calib.txt."""
     if source.index == 0:
         yield _MIDDLEBURY_MARKER, _MIDDLEBURY_NOTE
-    yield from ((f"Middlebury2014/train/{source.name}-perfect/{name}", data) for name, data in source.files())
+    yield from ((f"{MIDDLEBURY_FOLDER}/{source.name}-perfect/{name}", data) for name, data in source.files())
 
 
 def carla(source: Source) -> Files:

@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.dataset import Calibration, Dataset, StoredSample, downloaded_pairs
+from twinlens.dataset.export import MIDDLEBURY_FOLDER
+from twinlens.dataset.storage import place
 from twinlens.dataset.visibility import mask_from_one
 from twinlens.errors import FileError, InputError, located
 from twinlens.scoring.board import Board
@@ -230,8 +232,10 @@ def open_pairs(names: Iterable[str]) -> DatasetPairs:
 def _open(name: str) -> Sequence[Any]:
     if name == "motorcycle" and not Path(name).exists():
         return [motorcycle()]
-    downloaded = downloaded_pairs(name)
-    return Dataset(name) if downloaded is None else downloaded
+    if (downloaded := downloaded_pairs(name)) is not None:
+        return downloaded
+    export = place(name) / MIDDLEBURY_FOLDER
+    return Dataset(export if export.is_dir() else name)
 
 
 def _names(sample: Any) -> list[tuple[str, tuple[str, ...]]]:
