@@ -179,7 +179,7 @@ def test_mismatches():
     assert parse_mismatch("gain=1.1,exposure=1.05,black=-2") == Mismatch(1.1, 1.05, -2.0)
     assert parse_mismatch("blur_px=0.5,time=2") == Mismatch(time=2.0, blur_px=0.5)
     drawn = Mismatch.draw("typical", 4)
-    assert parse_mismatch("typical", 4) == drawn
+    assert parse_mismatch("typical", 4) == parse_mismatch(" typical , seed = 4") == drawn
     assert parse_mismatch("level=typical,seed=4", 5) == drawn
     assert parse_mismatch("typical,blur_px=0", 4) == parse_mismatch("level=typical,blur_px=0", 4)
     assert parse_mismatch("level=typical,blur_px=0", 4) == replace(drawn, blur_px=0.0)
@@ -217,6 +217,7 @@ def test_sensors(text, sensor):
         (parse_mismatch, "", "NAME=VALUE"),
         (parse_mismatch, "gain", "NAME=VALUE"),
         (parse_mismatch, "gain=1,gain=2", "gain is given twice"),
+        (parse_mismatch, "exposure=1,time=2", "time and exposure are the same; give one of them"),
         (parse_mismatch, "seed=3", "seed needs a level"),
         (parse_mismatch, "gian=1", "did you mean 'gain'"),
         (parse_mismatch, "gain=0", "mismatch gain"),

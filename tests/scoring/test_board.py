@@ -235,7 +235,7 @@ def test_writing_is_atomic(tmp_path):
 
 
 def test_a_missing_or_binary_board_is_refused(tmp_path):
-    with pytest.raises(FileError, match="no such file"):
+    with pytest.raises(FileError, match="no such file; a board is a folder that"):
         read_board(tmp_path / "none.json")
     (tmp_path / "x").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(FileError, match="not valid JSON"):

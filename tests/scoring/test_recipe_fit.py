@@ -286,7 +286,7 @@ def test_what_cannot_be_fitted_is_refused_in_one_line(folder, tmp_path, capsys):
             file.write_text(text)
     for arguments, message in (
         ((start, start, "--like", str(real)), "--like fits the recipe of one DATASET"),
-        (("motorcycle", "--like", str(real)), "motorcycle"),
+        (("motorcycle", "--like", str(real)), "motorcycle: has no dataset.json; --like needs a dataset of"),
         ((start, "--like", "motorcycle"), "a fit needs two pairs or more in both sets, got 6 and 1"),
         ((start, "--like", str(blind)), "disp0.pfm"),
         ((start, "--like", str(tmp_path / "none")), "no such folder"),

@@ -10,6 +10,8 @@ from twinlens.cli.places import FIGURE_FILE
 from twinlens.cli.progress import progress_bar
 from twinlens.dataset import Dataset
 from twinlens.dataset.files import write_file
+from twinlens.dataset.storage import place
+from twinlens.errors import InputError
 from twinlens.report.plots import pair_figure
 from twinlens.scoring import STATISTICS, fit_recipe, open_pairs, pair_statistics, recipe_toml, summarize
 
@@ -32,6 +34,8 @@ def command(datasets: tuple[str, ...], output: Path | None, like: str | None, as
     """
     if like is not None and len(datasets) > 1:
         raise click.UsageError("--like fits the recipe of one DATASET")
+    if like is not None and not (place(datasets[0]) / "dataset.json").is_file():
+        raise InputError(f"{datasets[0]}: has no dataset.json; --like needs a dataset of `twinlens generate`")
     sets = [open_pairs(names) for names in (datasets, *([[like]] if like else []))]
     rows: list[dict[str, dict[str, float]]] = [{} for _ in sets]
     with progress_bar("measuring") as report:

@@ -166,20 +166,22 @@ def parse_mismatch(text: str, seed: int = 0, cameras: int = 2, layout: str = "")
     cameras, layout : of the rig. Raises InputError for a light field.
     """
     where = f"--mismatch {text!r}"
-    first = text.partition(",")[0]
+    first = text.partition(",")[0].strip()
     if first.isidentifier() and first not in _MISMATCHES:
         text = f"level={text}"
     given: dict[str, Any] = {}
     for name, value in _pairs(where, text, _MISMATCHES).items():
         if _MISMATCHES[name] in given:
-            raise InputError(f"{where}: {name} is given twice, as {_MISMATCHES[name]} too")
+            same = " and ".join(alias for alias, field in _MISMATCHES.items() if field == _MISMATCHES[name])
+            raise InputError(f"{where}: {same} are the same; give one of them")
         given[_MISMATCHES[name]] = value
     if layout == "light_field" and given != {"level": "none"}:
         raise InputError(f"{where}: {settings.ONE_CAMERA}")
     if "seed" in given:
         given["seed"] = read(settings.Seed, given["seed"], where, "seed", strict=False)
-    table = settings.mismatches_for(given, cameras, seed)
-    return read(settings.MismatchTables, table, where, strict=False)  # type: ignore[no-any-return]
+    one, each = (settings.mismatches_for(given, count, seed) for count in (2, cameras))
+    mismatch = read(settings.MismatchTables, one, where, strict=False)  # messages without the number of the camera
+    return mismatch if each == one else read(settings.MismatchTables, each, where, strict=False)  # type: ignore[no-any-return]
 
 
 def parse_misalignment(text: str | None) -> Misalignment:

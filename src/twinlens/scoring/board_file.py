@@ -122,6 +122,10 @@ def board_from_json(text: str | bytes, file: str | Path = "board") -> Board:
 def read_board(path: str | os.PathLike[str]) -> Board:
     """Read a board.json or that of a folder. Raises FileError, with its path, if missing, above 256 MiB, or invalid."""
     path = Path(path) / "board.json" if Path(path).is_dir() else Path(path)
+    if not path.exists():
+        raise FileError(
+            f"{path}: no such file; a board is a folder that `twinlens benchmark` writes, or its board.json"
+        )
     if path.is_file() and path.stat().st_size > MAX_BYTES:
         raise FileError(f"{path}: larger than {MAX_BYTES / 2**20:g} MiB, the limit for a board")
     return board_from_json(read_bytes(path), path)

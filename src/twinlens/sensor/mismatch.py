@@ -12,7 +12,7 @@ from typing import Annotated, Any, get_type_hints
 import numpy as np
 
 from twinlens.camera import ALIGNED, Camera, Misalignment, Rig, misaligned
-from twinlens.errors import check_known, check_ranges, located
+from twinlens.errors import check_int, check_known, check_ranges, located
 from twinlens.geometry import Float
 from twinlens.seeds import generator
 from twinlens.sensor.exposure import Exposure
@@ -86,12 +86,15 @@ class Mismatch:
         """A random mismatch: normal deviates with the standard deviations of a level, limited to 2.5 of these.
 
         Fields in `given` are not drawn. Each field has its own stream: at every level, one seed gives the same
-        differences, scaled.
+        differences, scaled. Raises InputError for an unknown level or field, and for a negative seed.
 
         >>> Mismatch.draw("typical", 1) == Mismatch.draw("typical", 1), Mismatch.draw("none", 1) == Mismatch()
         (True, True)
         """
         check_known("mismatch level", level, LEVELS)
+        check_int("seed", seed, 0)
+        for name in given:
+            check_known("mismatch field", name, vars(cls()).keys() - {"level"})
         values: dict[str, Any] = {**given, "level": level}
         if level == "none":
             return cls(**values)
