@@ -6,12 +6,25 @@ from scipy import special
 
 from tests.rigs import random_rig, rotation
 from twinlens import camera, geometry
-from twinlens.camera import Camera, GrayCode, Misalignment, PhaseShift, Projector, Rig, decode, misaligned, patterns
+from twinlens.camera import (
+    Camera,
+    GrayCode,
+    Misalignment,
+    PhaseShift,
+    Projector,
+    Rig,
+    decode,
+    layouts,
+    misaligned,
+    patterns,
+)
 from twinlens.camera.multiview import triangulate
+from twinlens.camera.projector import LUMENS_PER_WATT
 from twinlens.dataset.record import RIG, plain
 from twinlens.errors import InputError
 
 LENS = Camera(64, 48, 80.0, 70.0, 20.0, 30.0)
+CODE = GrayCode(8, 8)
 
 
 def pose(rng):
@@ -145,10 +158,24 @@ def test_a_rig_with_projectors_is_stored_and_read():
     assert before.with_pattern("white").focus_distance == 1.5
 
 
+def test_the_calibrated_rig_has_the_projectors_at_the_same_places():
+    rng = np.random.default_rng(7)
+    rig = misaligned(random_rig(rng, 2)[0], [Misalignment(yaw_deg=3.0), Misalignment(pitch_deg=1.0)])
+    lit = rig.with_projectors([Projector(pose(rng), LENS, "dots", 2.0, "rgb")])
+    assert np.allclose(lit.nominal.world_from_projectors[0], lit.world_from_projectors[0])
+    assert len(lit.pair(1, 0).nominal.projectors) == 1
+    table = plain(lit)
+    table["projectors"][0]["power"] = 3.0
+    with pytest.raises(ValueError, match="must have the same projectors, at the same places"):
+        RIG.validate_python(table)
+    with pytest.raises(InputError, match="must have the same projectors"):
+        Rig(rig.cameras, rig.world_from_cams, rig.calibrated, lit.projectors)
+
+
 def test_lux_at_a_distance():
     near, far = (Projector(None, LENS, band="rgb").with_lux(100.0, distance) for distance in (1.0, 2.0))
     assert far.power == pytest.approx(4 * near.power)
-    assert near.power / (64 * 48) * 80 * 70 * 352.4 == pytest.approx(100.0)
+    assert near.power / (64 * 48) * 80 * 70 * LUMENS_PER_WATT == pytest.approx(100.0)
 
 
 @pytest.mark.parametrize(
@@ -177,6 +204,21 @@ def test_lux_at_a_distance():
         (lambda: PhaseShift(8, 8, 2), "period of a phase shift"),
         (lambda: decode(GrayCode(8, 8).patterns[:4], GrayCode(8, 8)), "6 patterns, got 4 images"),
         (lambda: decode([np.zeros((2, 2))] * 4, PhaseShift(8, 8, 4), coarse=np.zeros(3)), "coarse positions"),
+        (lambda: decode([np.zeros((2, 2))] * 4, PhaseShift(8, 8, 4), coarse="x"), "coarse positions must be an array"),
+        (lambda: decode(CODE.patterns, CODE, coarse=np.zeros((8, 8))), "a Gray code has none to unwrap"),
+        (lambda: decode(None, CODE), "a list of images, got None"),
+        (lambda: decode(["x"] * 6, CODE), r"images\[0\] must be an array of numbers"),
+        (lambda: decode([np.ones((2, 2)) * 1j] * 6, CODE), r"images\[0\] must be an array of real numbers"),
+        (lambda: decode([np.ones((0, 2))] * 6, CODE), r"of one shape, got \(0, 2\)"),
+        (lambda: decode([np.ones((2, 2)), *[np.ones((3, 2))] * 5], CODE), r"got \(2, 2\) and \(3, 2\)"),
+        (lambda: Projector(None, LENS, np.full((48, 64), 1j)), "pattern must be an array of real numbers"),
+        (lambda: Projector(None, LENS, {"type": "dots"}), "pattern must be an array of numbers"),
+        (lambda: patterns.named("dots", 8, 8, width=3), "'width'"),
+        (lambda: patterns.speckle(64, 48, 25.0), "from 2 to 24, got 25"),
+        (lambda: Rig([LENS], [np.eye(4)]).with_projectors(None), "list of Projectors, got None"),
+        (lambda: Rig([LENS], [np.eye(4)]).with_projectors(Projector(None, LENS)), "list of Projectors, got Projector"),
+        (lambda: layouts.depth_camera(power=0), "power must be a number of watts"),
+        (lambda: layouts.depth_camera(0, 480), "camera width in pixels must be"),
     ],
 )
 def test_refusals_are_one_line(make, message):

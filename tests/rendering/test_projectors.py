@@ -1,5 +1,6 @@
 """The light of projectors in images, against closed forms, and decoded codes against the truth of projection."""
 
+import warnings
 from dataclasses import replace
 from functools import partial
 
@@ -13,7 +14,9 @@ import twinlens as tl
 from tests.rendering.conftest import skip_without_llvm
 from twinlens import geometry
 from twinlens.camera import BrownConrady, Camera, GrayCode, PhaseShift, Rig, decode, patterns
+from twinlens.camera.projector import LUMENS_PER_WATT
 from twinlens.errors import InputError
+from twinlens.rendering import ProjectorWarning
 from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import build
 from twinlens.rendering.projectors import build_lit
@@ -294,5 +297,50 @@ def test_a_projector_has_its_light_without_the_noise_of_a_choice_of_light():
 
 
 def test_projection_refuses_what_the_rig_does_not_have():
-    with pytest.raises(InputError, match="0 projectors"):
-        tl.projection(scene_of(wall(1.0)), Rig([CAMERA], [np.eye(4)]))
+    rig = Rig([CAMERA], [np.eye(4)])
+    with pytest.raises(InputError, match="no projectors"):
+        tl.projection(scene_of(wall(1.0)), rig)
+    lit = rig.with_projectors([Projector(SIDE, LENS)])
+    for pair, message in (
+        ((0, 1), "projector must be 0, got 1"),
+        ((0.0, 0), "camera must be 0"),
+        ((0, "0"), "got '0'"),
+    ):
+        with pytest.raises(InputError, match=message):
+            tl.projection(scene_of(wall(1.0)), lit, *pair)
+
+
+GLASS = {"type": "thindielectric"}
+CUT_OUT = {"type": "mask", "opacity": 0.5, "bsdf": GREY}
+ROUGH = {"type": "roughdielectric", "alpha": 0.2}
+
+
+@pytest.mark.parametrize(("paint", "blocks"), [(GLASS, True), (CUT_OUT, True), (ROUGH, False), (GREY, False)])
+def test_glass_in_front_of_a_projector_is_reported(paint, blocks):
+    """Only where it is in the light: the second projector looks past the pane."""
+    pane = geometry.rigid(np.diag([-1.0, 1.0, -1.0]), [0.15, 0.0, 0.8]) @ np.diag([0.1, 0.1, 1.0, 1.0])
+    objects = *scene_of(wall(1.5)).objects, SceneObject("pane", {"type": "rectangle"}, "paint", pane)
+    scene = replace(scene_of(), objects=objects, materials={"grey": GREY, "paint": paint})
+    poses = SIDE, geometry.rigid(np.eye(3), [2.0, 0.0, 0.0])
+    rig = Rig([TINY], [np.eye(4)], projectors=[Projector(pose, LENS) for pose in poses])
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        tl.render(scene, rig, spp=1)
+        tl.render(scene, rig, spp=1)
+    texts = [str(each.message) for each in caught if each.category is ProjectorWarning]
+    assert len(texts) == blocks
+    assert all(text.startswith("projectors[0]: the material 'paint', smooth glass or a cut-out,") for text in texts)
+    if blocks:
+        position = tl.ground_truth(scene, rig, objects=False)[0].position
+        rays = position - SIDE[:3, 3]
+        crossing = SIDE[:3, 3] + rays * ((0.8 - SIDE[2, 3]) / rays[..., 2:])  # with the plane of the pane
+        behind = (position[..., 2] > 1) & (np.abs(crossing[..., :2] - [0.15, 0.0]) < 0.09).all(axis=-1)
+        assert behind.any()
+        assert not tl.projection(scene, rig).lit[behind].any()
+
+
+def test_lumens_are_those_of_the_wavelengths_of_the_channels():
+    """683 lm/W times Mitsuba's table of the CIE's luminous efficiency, the mean of the channels."""
+    wavelengths = [1e9 * each for each in tl.Sensor().wavelengths]
+    efficiency = np.mean([np.ravel(mitsuba().cie1931_y(each))[0] for each in wavelengths])
+    assert pytest.approx(683.0 * efficiency, rel=1e-3) == LUMENS_PER_WATT

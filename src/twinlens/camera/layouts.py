@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twinlens.camera.intrinsics import Camera
+from twinlens.camera.intrinsics import Camera, check_size
 from twinlens.camera.patterns import dots
 from twinlens.camera.presets import CAMERAS
 from twinlens.camera.projector import Projector
@@ -99,7 +99,8 @@ def depth_camera(
     >>> rig.baseline(), round(rig.projectors[0].emitted_power, 6)
     (0.05, 0.36)
     """
-    check_length("power", power)
+    check_size(width, height)
+    check_number("power", power, "a number of watts > 0, at most 1e7", above=0, most=1e7)
     preset = CAMERAS["realsense-d435"]
     camera = preset.resized(width).replace(height=height, cy=0.5 * (height - 1), band="nir")
     baseline = preset.baseline or 0.0

@@ -68,12 +68,14 @@ def speckle(width: int, height: int, grain: float = 4.0, seed: int = 0) -> Patte
     Its mean m is `SPECKLE_MEAN`; I is clipped at 1, which is above 99.9 % of the pixels. At a distance of r pixels its
     correlation is (2 J1(x) / x)^2, x = pi r / grain.
 
-    grain : wavelength * fx / aperture diameter, pixels, >= 2. The first zero is at 1.22 grains.
+    grain : wavelength * fx / aperture diameter, pixels, from 2 to half of the smaller side. The first zero is at 1.22
+        grains.
 
     Source: Goodman, Speckle Phenomena in Optics, 2007, chapters 3 and 5.
     """
     check_size(width, height)
-    check_number("the grain of speckle", grain, "a number of pixels >= 2", least=2)
+    most = max(2.0, 0.5 * min(width, height))  # larger: fewer than 5 waves make the pattern
+    check_number("the grain of speckle", grain, f"a number of pixels from 2 to {most:g}", least=2, most=most)
     check_int("the seed of speckle", seed, 0)
     aperture = np.hypot(np.fft.fftfreq(height)[:, None], np.fft.fftfreq(width)) <= 0.5 / grain
     real, imaginary = np.random.default_rng(seed).standard_normal((2, height, width))
@@ -120,7 +122,7 @@ PATTERNS: dict[str, Callable[..., Pattern]] = {
 """The patterns that have a name: functions of width, height and options."""
 
 
-def named(name: str, width: int, height: int, **options: Any) -> Pattern:
+def named(name: str, width: int, height: int, /, **options: Any) -> Pattern:
     """A pattern of `PATTERNS`. Raises InputError for an unknown name or option.
 
     >>> float(named("dots", 20, 10, density=0.25).mean())

@@ -9,12 +9,12 @@ from numpy.typing import ArrayLike, NDArray
 from twinlens.camera.intrinsics import Camera
 from twinlens.camera.patterns import named
 from twinlens.errors import InputError, check_known, check_number, format_value
-from twinlens.geometry import Float, check_rigid
+from twinlens.geometry import Float, check_rigid, float_array
 from twinlens.optics import check_focus
 
 FILTERS = ("bilinear", "nearest")
 BANDS = ("nir", "rgb")
-LUMENS_PER_WATT = 352.4
+LUMENS_PER_WATT = 353.7
 """Of light with equal power in narrow bands at 611, 549 and 464 nm, those of `twinlens.sensor.Sensor`."""
 
 
@@ -89,6 +89,12 @@ class Projector:
         """Watts that the pattern sends: power times its mean."""
         return self.power * float(self.pattern.mean(dtype=np.float64))
 
+    def agrees_with(self, other: "Projector") -> bool:
+        """Whether all values are equal, but for the rounding of poses."""
+        own, values = ([getattr(each, item.name) for item in fields(self)[1:]] for each in (self, other))
+        equal = all(np.array_equal(one, value) for one, value in zip(own, values, strict=True))
+        return equal and np.allclose(self.pose, other.pose, rtol=1e-12, atol=1e-9)
+
     def with_pattern(self, pattern: ArrayLike | str) -> "Projector":
         """The same projector with another pattern: an array, or a name."""
         values = {each.name: getattr(self, each.name) for each in fields(self)}
@@ -109,10 +115,7 @@ class Projector:
 
 
 def _checked_pattern(pattern: ArrayLike, intrinsics: Camera) -> NDArray[np.float32]:
-    try:
-        values = np.array(pattern, dtype=np.float32)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"a projector's pattern must be numbers (H, W): {error}") from error
+    values = float_array("a projector's pattern", pattern).astype(np.float32)
     size = intrinsics.height, intrinsics.width
     if values.shape != size:
         raise InputError(f"a projector's pattern must have the shape {size} of its intrinsics, got {values.shape}")

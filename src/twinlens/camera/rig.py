@@ -55,6 +55,10 @@ class Rig:
         values = {"cameras": tuple(cameras), "world_from_cams": poses, "calibrated": calibrated}
         for name, value in (values | {"projectors": tuple(projectors)}).items():
             object.__setattr__(self, name, value)
+        if calibrated is not None and not _same_projectors(self, calibrated):
+            raise InputError(
+                "a rig and its calibrated rig must have the same projectors, at the same places"
+            )
 
     @classmethod
     def stereo(
@@ -105,8 +109,12 @@ class Rig:
         return tuple(self.world_from_cams[0] @ projector.pose for projector in self.projectors)
 
     def with_projectors(self, projectors: Sequence[Projector]) -> "Rig":
-        """The same cameras with these projectors."""
-        return replace(self, projectors=tuple(projectors))
+        """The same cameras with these projectors; a `calibrated` rig gets them at the same places in the world."""
+        made = Rig(self.cameras, self.world_from_cams, projectors=projectors)
+        if self.calibrated is None:
+            return made
+        moved = made.projectors_from(self.calibrated.world_from_cams[0])
+        return replace(made, calibrated=self.calibrated.with_projectors(moved))
 
     def projectors_from(self, world_from_first: Float) -> tuple[Projector, ...]:
         """The projectors where they are, for a rig whose first camera has this pose."""
@@ -165,6 +173,13 @@ class Rig:
         parallel = np.abs(left_from_right[:3, :3] - np.eye(3)).max() <= _ALIGNED
         extent = max(np.abs(pose[:3, 3]).max() for pose in (self.world_from_cams[left], self.world_from_cams[right]))
         return bool(parallel and x > 0 and max(abs(y), abs(z)) <= _ALIGNED * x + _ROUNDING * extent)
+
+
+def _same_projectors(a: Rig, b: Rig) -> bool:
+    if len(a.projectors) != len(b.projectors):
+        return False
+    pairs = zip(a.projectors_from(np.eye(4)), b.projectors_from(np.eye(4)), strict=True)
+    return all(one.agrees_with(other) for one, other in pairs)
 
 
 def check_seen(rig: Rig) -> None:

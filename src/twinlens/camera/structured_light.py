@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from twinlens.camera.intrinsics import check_size
 from twinlens.camera.patterns import AXES, Pattern, gray_code, gray_code_bits, phase_shift
 from twinlens.errors import InputError, check_int, check_known, check_number, format_value
-from twinlens.geometry import Float
+from twinlens.geometry import Float, float_array
 
 _BRIGHT_PERCENTILE = 99
 
@@ -128,28 +128,35 @@ def decode(
 ) -> Decoded:
     """The projector position that each pixel of a camera sees, from one image per pattern of `code`.
 
-    images : (H, W) or (H, W, 3), whose channels are averaged.
+    images : (H, W) or (H, W, 3), whose channels are averaged. Linear in light, as those of `render`: sRGB-encoded ones
+        bias a phase shift.
     coarse : positions (H, W) known to better than half a period, such as those of a Gray code; unwraps a phase shift.
         Pixels where it is not finite get +inf.
     least : the modulation that a pixel needs, as a fraction of that of the image's bright pixels (99th percentile).
 
-    Raises InputError for another number of images than patterns, images that differ in shape or are not finite.
+    Raises InputError for another number of images than patterns, images that differ in shape or are not finite, and
+    `coarse` with a Gray code.
     """
     if not isinstance(code, GrayCode | PhaseShift):
         raise InputError(f"decode needs a GrayCode or a PhaseShift, got {format_value(code)}")
+    if not isinstance(images, Sequence | np.ndarray):
+        raise InputError(f"decode needs a list of images, got {format_value(images)}")
     check_number("least", least, "a fraction from 0 to 1", least=0, most=1)
-    arrays = [np.asarray(image, dtype=np.float64) for image in images]
+    if coarse is not None and isinstance(code, GrayCode):
+        raise InputError("coarse positions unwrap a phase shift; a Gray code has none to unwrap: leave them out")
+    arrays = [float_array(f"images[{i}]", image) for i, image in enumerate(images)]
     expected = 2 * code.bits if isinstance(code, GrayCode) else code.steps
     if len(arrays) != expected:
         raise InputError(f"this code has {expected} patterns, got {len(arrays)} images")
-    if len({array.shape for array in arrays}) != 1 or arrays[0].ndim not in (2, 3):
-        raise InputError(f"decode needs images (H, W) or (H, W, 3) of one shape, got {arrays[0].shape} and others")
+    shapes = sorted({array.shape for array in arrays})
+    if len(shapes) != 1 or arrays[0].ndim not in (2, 3) or not arrays[0].size:
+        raise InputError(f"decode needs images (H, W) or (H, W, 3) of one shape, got {' and '.join(map(str, shapes))}")
     stack = np.stack([array if array.ndim == 2 else array.mean(axis=2) for array in arrays])
     if not np.isfinite(stack).all():
         raise InputError("decode needs finite images")
     position, modulation = code._decode(stack)
-    if coarse is not None and isinstance(code, PhaseShift):
-        rough = np.asarray(coarse, dtype=np.float64)
+    if coarse is not None:
+        rough = float_array("coarse positions", coarse)
         if rough.shape != position.shape:
             raise InputError(f"coarse positions must have the shape {position.shape} of the images, got {rough.shape}")
         known = np.isfinite(rough)

@@ -16,6 +16,7 @@ from twinlens.rendering.ground_truth import (
 )
 from twinlens.rendering.lens_grid import LensGrid as LensGrid, render_lens_grid as render_lens_grid
 from twinlens.rendering.object_truth import object_models as object_models
+from twinlens.rendering.projectors import ProjectorWarning as ProjectorWarning
 from twinlens.rendering.radiance import (
     MAX_SPP as MAX_SPP,
     SAMPLERS as SAMPLERS,

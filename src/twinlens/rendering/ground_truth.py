@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from twinlens.camera import Rig
 from twinlens.camera.truth import Correspondence, Projection, Truth
-from twinlens.errors import InputError
+from twinlens.errors import InputError, check_int
 from twinlens.geometry import Float, inverse, rotate, transform_points
 from twinlens.rendering.build import BuiltScene, build
 from twinlens.rendering.cast import Exact, Hits, cast, exact_hits, visible_from
@@ -91,9 +91,10 @@ def projection(scene: Scene, rig: Rig, camera: int = 0, projector: int = 0) -> P
     Raises InputError unless both are in the rig.
     """
     check_view(scene, rig)
-    for what, index, count in (("camera", camera, len(rig)), ("projector", projector, len(rig.projectors))):
-        if not 0 <= index < count:
-            raise InputError(f"the rig has {count} {what}s, counted from 0; got {what} {index}")
+    if not rig.projectors:
+        raise InputError("the rig has no projectors")
+    check_int("camera", camera, 0, len(rig) - 1)
+    check_int("projector", projector, 0, len(rig.projectors) - 1)
     built = build(scene)
     return _projection(built, rig, _cast_view(built, rig, camera), projector)
 

@@ -8,6 +8,7 @@ on the scalar backend, in Mitsuba files and with other integrators, it is a ligh
 """
 
 import math
+import warnings
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -17,15 +18,21 @@ from numpy.typing import NDArray
 from twinlens.camera import Projector, Rig
 from twinlens.camera.distortion import Distortion
 from twinlens.errors import InputError
-from twinlens.geometry import Float, image_border
+from twinlens.geometry import Float, image_border, rotate
 from twinlens.rendering.backends import backend, mitsuba
 from twinlens.rendering.build import BLOCK_PX, BuiltScene, build, sky_hidden
+from twinlens.rendering.cast import cast
 from twinlens.rendering.sensors import check_projector_supported
 from twinlens.scenes import Plugin, Scene
 
 _CHANNELS = 3  # that share the power
 _FINER = 4  # samples per projector pixel and axis
 _MOST_SAMPLES = 1 << 27
+_RAYS_ACROSS = 32  # of each axis, to find glass in front of a projector
+
+
+class ProjectorWarning(UserWarning):
+    """Light of a projector that images lack."""
 
 
 @dataclass(eq=False)
@@ -43,7 +50,7 @@ def build_lit(scene: Scene, rig: Rig, band: str) -> BuiltScene:
     """`build(scene, band)` with the projectors of `rig` in this band as lights, for images.
 
     The last scene with projectors is cached. Where only patterns, powers and poses of projectors differ, it is not
-    loaded again but changed to those of `rig`.
+    loaded again but changed to those of `rig`. Gives a `ProjectorWarning` for smooth glass in front of a projector.
     """
     built = build(scene, band)
     pairs = zip(rig.projectors, rig.world_from_projectors, strict=True)
@@ -61,6 +68,8 @@ def build_lit(scene: Scene, rig: Rig, band: str) -> BuiltScene:
             kinds, _with_lights(scene, built, lights), [mi.traverse(lamp) for lamp in lamps]
         )
     poses = [pose.tolist() for _, pose in placed]
+    if lit.poses != poses:
+        _warn_of_glass(built, rig, band)
     if lit.shown != shown or lit.poses != poses:
         for lamp, (projector, pose) in zip(lit.lamps, placed, strict=True):
             lamp["irradiance.data"] = _texture(projector)[0][..., None]
@@ -68,6 +77,31 @@ def build_lit(scene: Scene, rig: Rig, band: str) -> BuiltScene:
             lamp.update()
         lit.shown, lit.poses = shown, poses
     return lit.built
+
+
+def _warn_of_glass(built: BuiltScene, rig: Rig, band: str) -> None:
+    """Give a `ProjectorWarning` for each material that first meets light of a projector and passes it on unscattered.
+
+    No shadow ray passes it, and no path finds a projector by chance.
+    """
+    flags = mitsuba().BSDFFlags
+    smooth = int(flags.DeltaTransmission | flags.Null)
+    for i, (projector, pose) in enumerate(zip(rig.projectors, rig.world_from_projectors, strict=True)):
+        if projector.band != band:
+            continue
+        camera = projector.intrinsics
+        v, u = (np.linspace(0, side - 1, min(side, _RAYS_ACROSS)) for side in (camera.height, camera.width))
+        pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+        hits = cast(built, pose[:3, 3], rotate(pose, camera.unproject(pixels)))
+        bodies = [built.bodies[row] for row in np.unique(hits.body[hits.body >= 0])]
+        blocking = {each.material_id for each in bodies if each.shape and int(each.shape.bsdf().flags()) & smooth}
+        for material in sorted(blocking):
+            name = built.material_names[material - 1]
+            message = (
+                f"projectors[{i}]: the material {name!r}, smooth glass or a cut-out, is in front of it and blocks its"
+                " light, which is a limit of the renderer (docs/projectors.md, Limits)"
+            )
+            warnings.warn(message, ProjectorWarning, stacklevel=4)
 
 
 def _with_lights(scene: Scene, built: BuiltScene, lights: list[Any]) -> BuiltScene:

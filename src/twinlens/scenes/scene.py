@@ -254,7 +254,8 @@ class Scene:
         return replace(self, world_from_left=np.asarray(world_from_left, dtype=np.float64))
 
     def with_ambient(self, factor: float) -> "Scene":
-        """The same scene with its light multiplied by this factor."""
+        """The same scene with its light multiplied by this factor, >= 0. Raises InputError."""
+        check_number("the ambient of a scene", factor, "a finite number >= 0", least=0)
         return replace(self, ambient=factor * self.ambient)
 
     def lit_by(self, sky: Sky, lamps: bool = True) -> "Scene":

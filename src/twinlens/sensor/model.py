@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from twinlens.camera import Camera, Lens, Rig, film_distance
 from twinlens.camera.film import checked_radiance
+from twinlens.camera.intrinsics import BANDS
 from twinlens.camera.lens import check_lens
 from twinlens.errors import InputError, check_int, check_known, check_number, check_ranges, check_triple, format_value
 from twinlens.geometry import Float
@@ -165,9 +166,12 @@ class Sensor:
 
         For "nir" it is `nir` or this one, mono, with its `nir_efficiency` and `nir_wavelength`, and this `mismatch`.
 
+        Raises InputError for an unknown band.
+
         >>> Sensor().for_band("nir").quantum_efficiency
         (0.15, 0.15, 0.15)
         """
+        check_known("camera band", band, BANDS)
         if band != "nir":
             return self
         own = self.nir or self
