@@ -155,7 +155,7 @@ def decode(
     if not np.isfinite(stack).all():
         raise InputError("decode needs finite images")
     position, modulation = code._decode(stack)
-    if coarse is not None:
+    if coarse is not None and isinstance(code, PhaseShift):
         rough = float_array("coarse positions", coarse)
         if rough.shape != position.shape:
             raise InputError(f"coarse positions must have the shape {position.shape} of the images, got {rough.shape}")
