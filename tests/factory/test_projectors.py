@@ -76,19 +76,27 @@ def test_ambient_scales_the_light_of_the_scene_only(data):
 def test_verify_checks_the_truth_of_projection(data, tmp_path):
     assert not any(findings for _, findings in verify_place(data.path))
     stored = make(read_recipe(data.path.parent / "recipe.toml"), 0)
-    (light,) = stored.truths[0].projections
+    first, second = stored.truths
+    (light,) = first.projections
+    assert light.lit.any()
     wrong = {
-        "projector0.u and .v": dataclasses.replace(light, pixels=light.pixels + 1),
-        "outside its pattern": dataclasses.replace(light, lit=light.lit | True),
+        "projector0.u and .v": {"projections": (dataclasses.replace(light, pixels=light.pixels + 1),)},
+        "outside its pattern": {"projections": (dataclasses.replace(light, lit=light.lit | True),)},
+        "faces away from it": {"normal": -first.normal},
     }
-    for what, projection in wrong.items():
-        truths = (dataclasses.replace(stored.truths[0], projections=(projection,)), stored.truths[1])
+    samples = {
+        what: dataclasses.replace(stored, truths=(dataclasses.replace(first, **changes), second))
+        for what, changes in wrong.items()
+    }
+    unseen = [dataclasses.replace(each, band="nir") for each in stored.rig.projectors]
+    samples["no camera sees"] = dataclasses.replace(stored, rig=stored.rig.with_projectors(unseen))
+    for what, sample in samples.items():
         folder = tmp_path / what.replace(" ", "")
         folder.mkdir()
-        for name, content in sample_files(dataclasses.replace(stored, truths=truths)).items():
+        for name, content in sample_files(sample).items():
             (folder / name).write_bytes(content)
         (finding,) = verify_sample(tl.Dataset(folder)[0])
-        assert finding.startswith("truth0.exr: ")
+        assert finding.startswith("sample.json: " if what == "no camera sees" else "truth0.exr: ")
         assert what in finding
 
 
@@ -103,6 +111,7 @@ def test_the_card_and_exports_know_projectors(data, tmp_path):
     card = (data.path / "README.md").read_text()
     assert "| projectors of a sample | 1 |" in card
     assert "| power of a projector |" in card
+    assert "bands of the cameras" not in card
     export(data, tmp_path / "middlebury", to="middlebury")
 
 

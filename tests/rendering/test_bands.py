@@ -77,6 +77,10 @@ def test_a_scene_needs_light_in_the_band_and_a_projector_a_camera_that_sees_it()
     assert tl.render(led, tl.Rig([NIR], POSES[:1], projectors=[PROJECTOR]), spp=1)[0].any()
     with pytest.raises(InputError, match=r"projectors\[0\] has the band 'nir', which no camera sees"):
         tl.render(led, tl.Rig([CAMERA], POSES[:1], projectors=[PROJECTOR]), spp=1)
+    with pytest.raises(InputError, match="unknown camera band 'ir'"):
+        Sensor().for_band("ir")
+    with pytest.raises(InputError, match="ambient of a scene must be a finite number >= 0, got '1'"):
+        led.with_ambient("1")
     mixed = tl.Rig([NIR, NIR, CAMERA, CAMERA], POSES, projectors=[PROJECTOR])
     assert [len(mixed.pair(a, a + 1).projectors) for a in (0, 2)] == [1, 0]
 

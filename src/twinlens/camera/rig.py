@@ -26,7 +26,8 @@ class Rig:
     taken by this rig, while a sample's truth and calibration are those of the calibrated one.
     projectors : they move with the first camera, in whose axes their poses are.
 
-    Raises InputError when the counts differ, the rig is empty, or a pose is not rigid.
+    Raises InputError when the counts differ, the rig is empty, a pose is not rigid, or the projectors of `calibrated` are
+    others or at other places in the world.
     """
 
     cameras: tuple[Camera, ...]
@@ -56,9 +57,7 @@ class Rig:
         for name, value in (values | {"projectors": tuple(projectors)}).items():
             object.__setattr__(self, name, value)
         if calibrated is not None and not _same_projectors(self, calibrated):
-            raise InputError(
-                "a rig and its calibrated rig must have the same projectors, at the same places"
-            )
+            raise InputError("a rig and its calibrated rig must have the same projectors, at the same places")
 
     @classmethod
     def stereo(

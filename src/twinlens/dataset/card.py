@@ -29,6 +29,9 @@ from twinlens.dataset.record import plain
 from twinlens.dataset.storage import Place, Where
 from twinlens.errors import FileError
 
+_Lights = tuple[tuple[str, ...], list[float]]
+"""Of a sample: the bands of its cameras, and the power of each projector, watts."""
+
 SHEET, FIGURE, ASSETS = "samples.jpg", "statistics.png", "ASSETS.md"
 _MARKER = "<!-- Written by twinlens; `twinlens describe` rewrites it. -->"
 _MARKERS = (_MARKER, "<!-- This card is twinlens's: it is written anew with the dataset. -->")
@@ -148,13 +151,14 @@ def _is_own(path: Place) -> bool:
 def _write_card(dataset: Dataset, given: About, manifest: Manifest) -> list[str]:
     many: dict[str, Statistics] = {}
     noise: list[float] = []
-    powers: list[list[float]] = []
+    rigs: list[_Lights] = []
     for sample in dataset:
         with contextlib.suppress(FileError):
             many[sample.name] = stored_statistics(sample)
             ratios = [sample.lens(k).renderer_noise for k in range(sample.num_lenses)]
             noise += [ratio for ratio in ratios if ratio is not None]
-            powers.append([projector.power for projector in sample.rig.projectors])
+            bands = tuple(camera.band for camera in sample.rig.cameras)
+            rigs.append((bands, [projector.power for projector in sample.rig.projectors]))
     tiles = []
     for i in np.linspace(0, len(many) - 1, min(len(many), TILES)).round().astype(int):
         with contextlib.suppress(FileError):
@@ -168,7 +172,7 @@ def _write_card(dataset: Dataset, given: About, manifest: Manifest) -> list[str]
     readme = dataset.path / "README.md"
     name = readme.name if _is_own(readme) else "CARD.md"
     unreadable = [name for name in dataset.names if name not in many]
-    write_file(dataset.path / name, _card(given, manifest, list(many.values()), noise, unreadable, powers).encode())
+    write_file(dataset.path / name, _card(given, manifest, list(many.values()), noise, unreadable, rigs).encode())
     return [name, SHEET, FIGURE]
 
 
@@ -178,7 +182,7 @@ def _card(
     many: Sequence[Statistics],
     noise: Sequence[float],
     unreadable: Sequence[str],
-    powers: Sequence[Sequence[float]] = (),
+    rigs: Sequence[_Lights] = (),
 ) -> str:
     texts = [given.license or "Not stated by the maker of this dataset: ask before you redistribute it."]
     texts += [f"Made by {given.creator}."] if given.creator else []
@@ -195,7 +199,7 @@ def _card(
         version=twinlens.__version__,
         count=len(many),
         samples="samples" if len(many) > 1 else "sample",
-        facts="\n".join(f"| {key} | {value} |" for key, value in _facts(manifest, many, noise, powers).items()),
+        facts="\n".join(f"| {key} | {value} |" for key, value in _facts(manifest, many, noise, rigs).items()),
         made=_made(manifest) + (f"\n\nUnreadable, and not counted: {', '.join(unreadable)}." if unreadable else ""),
         license="\n\n".join(texts),
     )
@@ -215,11 +219,13 @@ def _front_matter(given: About, count: int) -> str:
 
 
 def _facts(
-    manifest: Manifest, many: Sequence[Statistics], noise: Sequence[float], powers: Sequence[Sequence[float]]
+    manifest: Manifest, many: Sequence[Statistics], noise: Sequence[float], rigs: Sequence[_Lights]
 ) -> dict[str, str]:
-    """`powers` are those of the projectors of each sample, watts."""
     facts = {"samples": str(len(many)), "image size": _counted(tuple(each["size"]) for each in many)}
     facts |= {f"{kind} of a sample": _counted(each[kind] for each in many) for kind in ("cameras", "lenses")}
+    if {band for bands, _ in rigs for band in bands} - {"rgb"}:
+        facts["bands of the cameras"] = _counted(", ".join(bands) for bands, _ in rigs)
+    powers = [each for _, each in rigs]
     if any(powers):
         facts["projectors of a sample"] = _counted(map(len, powers))
         facts["power of a projector"] = _range([quantiles([power]) for each in powers for power in each], "W")

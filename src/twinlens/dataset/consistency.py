@@ -24,6 +24,7 @@ Arrays = Mapping[str, Any]
 Findings = list[str]
 
 _PX = 1e-4
+_GRAZING = 1e-3  # cosine of the angle to a surface that counts as lit from its edge
 _ROUNDING = 4 * float(np.finfo(np.float32).eps)
 _DEPTH_TOLERANCE = 1e-3  # relative: how much depth may vary between neighbouring pixel centres
 _ALLOWED_FAILURES = 0.05  # of the pixels inside one object, which may hide parts of itself and curve between centres
@@ -119,7 +120,7 @@ def check_dual_pixels(truth: Arrays, disparity: NDArray[np.float32], camera: Cam
 
 
 def check_projections(truth: Arrays, rig: Rig) -> Findings:
-    """The pixels of each projector are those of the positions; what it lights is in front of it, inside its pattern."""
+    """The pixels of each projector are those of the positions; what it lights is in its pattern, and faces it."""
     pixels, lit = truth["projector_pixels"], truth["lit"]
     if len(pixels) != len(rig.projectors):
         return [f"has {len(pixels)} projectors, but sample.json {len(rig.projectors)}"]
@@ -140,6 +141,10 @@ def check_projections(truth: Arrays, rig: Rig) -> Findings:
         reached[hit] = inside | camera.contains(found - _PX) | camera.contains(found + _PX)
         if wrong := np.count_nonzero(lit[i] & ~reached):
             findings.append(f"projector{i}.lit is 1 at {wrong} pixels outside its pattern")
+        towards = pose[:3, 3] - world
+        cosine = (truth["normal"][hit] * towards).sum(axis=-1) / np.linalg.norm(towards, axis=-1)
+        if wrong := np.count_nonzero(lit[i][hit] & (cosine < -_GRAZING)):
+            findings.append(f"projector{i}.lit is 1 at {wrong} pixels whose surface faces away from it")
     return findings
 
 

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from twinlens.camera import Rig
+from twinlens.camera.rig import check_seen
 from twinlens.dataset import consistency
 from twinlens.dataset.codecs.calib import Calibration, read_calib
 from twinlens.dataset.codecs.exr import read_exr
@@ -29,7 +30,7 @@ from twinlens.dataset.sample import lens_folder, rectified_pair
 from twinlens.dataset.storage import MARK, Place, RemotePath, Where, is_whole, place
 from twinlens.dataset.stored import StoredSample, samples_in
 from twinlens.dataset.truth_files import read_truth
-from twinlens.errors import FileError
+from twinlens.errors import FileError, InputError
 
 _SAMPLE_FILES = (MARK, "im0.png")
 _MISSING, _CHANGED = "is missing", "differs from its SHA-256 in"
@@ -270,6 +271,10 @@ def _check_truth(content: Content) -> list[str]:
         return []
     rig: Rig = content["rig"]
     findings = []
+    try:
+        check_seen(rig)
+    except InputError as error:
+        findings.append(f"sample.json: {error}")
     if "calib.txt" in content:
         findings += _named("calib.txt", consistency.check_calibration(content["calib.txt"], rig))
     elif len(rig) > 1 and rig.is_rectified():
