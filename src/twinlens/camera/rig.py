@@ -26,8 +26,8 @@ class Rig:
     taken by this rig, while a sample's truth and calibration are those of the calibrated one.
     projectors : they move with the first camera, in whose axes their poses are.
 
-    Raises InputError when the counts differ, the rig is empty, a pose is not rigid, or the projectors of `calibrated` are
-    others or at other places in the world.
+    Raises InputError when the counts differ, the rig is empty, a pose is not rigid, or `calibrated` has other
+    projectors, or has them at other places in the world.
     """
 
     cameras: tuple[Camera, ...]
