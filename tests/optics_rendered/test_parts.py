@@ -94,6 +94,26 @@ def test_halves_see_a_small_light_apart(depth, axis):
     assert images[0].sum() == pytest.approx(images[1].sum(), rel=4 * math.sqrt(2 / hits))
 
 
+def test_crosstalk_brings_the_halves_together():
+    """The distance of the centroids of a small light is 1 - 2c of that without crosstalk, and the sum stays."""
+    camera, lens = square_camera(35, 400.0), tl.ThinLens(0.05, 1.0)
+    halves = tl.render(lamps([(0.0, 0.0, 0.5)], 1.0 * 0.5 / 400), tl.Rig([camera], [HERE]), lens, 256, parts=tl.Dual())
+    ideal = tl.Sensor.preset("ideal", output="linear", bits=16, shot_noise=False, vignetting=False)
+
+    def photos(crosstalk: float) -> list[np.ndarray]:
+        shots = ideal.replace(dual_crosstalk=crosstalk).expose_dual(halves[0], camera=camera, lens=lens)
+        return [grey(shot.image) for shot in shots]
+
+    def distance(images: list[np.ndarray]) -> float:
+        return float(centroid(images[0])[0] - centroid(images[1])[0])
+
+    without = photos(0.0)
+    for crosstalk in (0.1, 0.25, 0.5):
+        mixed = photos(crosstalk)
+        assert distance(mixed) == pytest.approx((1 - 2 * crosstalk) * distance(without), abs=0.01)
+        np.testing.assert_allclose(mixed[2], without[2], atol=2)
+
+
 def test_what_has_no_parts_is_refused():
     scene = chequered_room()
     with pytest.raises(InputError, match="a pinhole has none"):

@@ -24,10 +24,10 @@ def flat(*electrons: float) -> np.ndarray:
     return halves
 
 
-def levels(sensor: Sensor, electrons: tuple[float, float], frames: int, **given) -> np.ndarray:
+def levels(sensor: Sensor, electrons: tuple[float, float], frames: int) -> np.ndarray:
     """Levels above black of left, right and whole pixels, in DN, (3, frames, H, W)."""
     shots = [
-        sensor.expose_dual(flat(*electrons), camera=CAMERA, lens=LENS, seed=seed, exposure=Exposure(TIME, 0.8), **given)
+        sensor.expose_dual(flat(*electrons), camera=CAMERA, lens=LENS, seed=seed, exposure=Exposure(TIME, 0.8))
         for seed in range(frames)
     ]
     return np.array([[photo.image.astype(float) - 300 for photo in photos] for photos in shots]).swapaxes(0, 1)
@@ -84,12 +84,22 @@ def test_fixed_patterns_of_the_halves_differ_and_stay():
 
 
 def test_crosstalk_mixes_the_light_of_the_halves():
-    quiet = SENSOR.replace(shot_noise=False, read_noise=0.0, dark_current=0.0)
-    left, right, whole = levels(quiet, (3000.0, 1000.0), 1, crosstalk=0.1).mean(axis=(1, 2, 3))
+    quiet = SENSOR.replace(shot_noise=False, read_noise=0.0, dark_current=0.0, dual_crosstalk=0.1)
+    left, right, whole = levels(quiet, (3000.0, 1000.0), 1).mean(axis=(1, 2, 3))
     gain = 0.8 * (2**16 - 1 - 300) / 9000
     assert left == pytest.approx(2 * gain * 2800, abs=1)
     assert right == pytest.approx(2 * gain * 1200, abs=1)
     assert whole == pytest.approx(gain * 4000, abs=1)
+
+
+def test_near_infrared_halves_have_the_levels_of_their_own_sensor():
+    quiet = SENSOR.replace(shot_noise=False, read_noise=0.0, dark_current=0.0)
+    camera, sensor = CAMERA.replace(band="nir"), quiet.replace(nir=quiet.replace(full_well=2000.0))
+    photos = sensor.expose_dual(flat(900.0, 900.0), camera=camera, lens=LENS, exposure=Exposure(TIME))
+    left, right, whole = (photo.image.mean() - 300 for photo in photos)
+    assert whole > 1000
+    assert left == pytest.approx(whole, abs=1)
+    assert right == pytest.approx(whole, abs=1)
 
 
 def test_automatic_exposure_is_that_of_the_whole_image():
@@ -104,7 +114,7 @@ def test_invalid_halves_are_refused():
     halves = flat(1.0, 1.0)
     with pytest.raises(InputError, match="two halves, got 1"):
         SENSOR.expose_dual(halves[:1], camera=CAMERA, lens=LENS)
-    with pytest.raises(InputError, match=r"crosstalk must be a fraction from 0 to 0\.5, got 0\.6"):
-        SENSOR.expose_dual(halves, camera=CAMERA, lens=LENS, crosstalk=0.6)
+    with pytest.raises(InputError, match=r"dual_crosstalk must be from 0 to 0\.5, got 0\.6"):
+        SENSOR.replace(dual_crosstalk=0.6)
     with pytest.raises(InputError, match="radiance"):
         SENSOR.expose_dual(halves[:, :4], camera=CAMERA, lens=LENS)

@@ -72,6 +72,7 @@ class Sensor:
     longest_exposure, largest_gain : limits of the automatic exposure, in seconds and as a factor.
     mismatch : differences of the cameras after the first: one `Mismatch` for all, or a tuple with one for each.
     serial : seed of the fixed patterns.
+    dual_crosstalk : of dual pixels, the fraction of the light of each half that the other one counts.
     nir : the sensor of near infrared cameras; None is this one.
 
     Raises InputError when a value is out of range.
@@ -101,6 +102,7 @@ class Sensor:
     largest_gain: Annotated[float, (1e-3, 1e9)] = 16.0
     mismatch: Mismatch | tuple[Mismatch, ...] = Mismatch()  # noqa: RUF009  a frozen value
     serial: int = 0
+    dual_crosstalk: Annotated[float, (0.0, 0.5)] = 0.0
     nir: "Sensor | None" = None
 
     def __post_init__(self) -> None:
@@ -296,42 +298,34 @@ class Sensor:
         seed: int = 0,
         exposure: Exposure | None = None,
         eye: int = 0,
-        crosstalk: float = 0.0,
     ) -> tuple[Photo, Photo, Photo]:
         """Expose the images of the halves of an aperture, ``render(..., parts=Dual())``, with dual pixels.
 
         A half of a pixel is a photodiode with half of the full well and of the dark current, and noise and fixed
         patterns of its own. It is read at twice the system gain, so that the levels of the halves equal those of the
         whole image, the sum of the electrons of both halves, read once. The automatic exposure is that of the whole.
+        The sensor's `dual_crosstalk` c brings the centroids of the halves' light together, to 1 - 2c of their distance.
 
         halves : linear radiance (2, H, W, 3), whose sum is that of the whole image.
-        crosstalk : fraction of the light of each half that the other one counts, 0 to 0.5. It brings the centroids of
-            the light of the halves together, to 1 - 2 `crosstalk` of their distance.
 
         Returns the photos of the left half, the right half (top and bottom with ``Dual("y")``), and the whole pixels.
         Raises the errors of `expose`, and InputError unless there are two halves.
         """
-        return self._expose_dual([(halves, camera, eye)], lens, seed, exposure, crosstalk)[0]
+        return self._expose_dual([(halves, camera, eye)], lens, seed, exposure)[0]
 
     def expose_dual_rig(
         self, images: Sequence[ArrayLike], *, rig: Rig, lens: Lens, seed: int = 0, exposure: Exposure | None = None
     ) -> list[tuple[Photo, Photo, Photo]]:
         """`expose_dual` for the halves of each camera of a rig, with one exposure."""
-        return self._expose_dual(self._views(images, rig), lens, seed, exposure, 0.0)
+        return self._expose_dual(self._views(images, rig), lens, seed, exposure)
 
     def _expose_dual(
-        self,
-        views: Sequence[tuple[ArrayLike, Camera, int]],
-        lens: Lens,
-        seed: int,
-        exposure: Exposure | None,
-        crosstalk: float,
+        self, views: Sequence[tuple[ArrayLike, Camera, int]], lens: Lens, seed: int, exposure: Exposure | None
     ) -> list[tuple[Photo, Photo, Photo]]:
         halves = [[checked_radiance("radiance", each, view[1]) for each in np.asarray(view[0])] for view in views]
         for images in halves:
             if len(images) != 2:
                 raise InputError(f"expose_dual needs the images of two halves, got {len(images)}")
-        check_number("crosstalk", crosstalk, "a fraction from 0 to 0.5", least=0, most=0.5)
         cameras = [camera for _, camera, _ in views]
         exposures = self._nominal([left + right for left, right in halves], cameras, lens, seed, exposure)
         streams = [derived_seed(seed, "dual pixel", i) for i in (0, 1)]
@@ -340,11 +334,11 @@ class Sensor:
             photos, wells = [], []
             own = self.for_band(camera.band)
             for i, (stream, image) in enumerate(zip(streams, images, strict=True)):
-                mixed = image + crosstalk * (images[1 - i] - image)
+                mixed = image + own.dual_crosstalk * (images[1 - i] - image)
                 diode = own.replace(
-                    full_well=self.full_well / 2,
-                    dark_current=self.dark_current / 2,
-                    serial=derived_seed(self.serial, "dual pixel", i),
+                    full_well=own.full_well / 2,
+                    dark_current=own.dark_current / 2,
+                    serial=derived_seed(own.serial, "dual pixel", i),
                 )
                 wells.append(diode._collect(mixed, camera, lens, nominal, stream, eye))
                 photos.append(diode._read(wells[i], camera, lens, nominal, stream, eye))
