@@ -17,16 +17,18 @@ import numpy as np
 import twinlens as tl
 
 SIZE, FOV, APERTURE, SPP, VIEWS = (160, 120), 50.0, 0.016, 64, 9
+DENOISED, RAW, REFERENCE = 16, (16, 64, 256), 1024  # samples per pixel
 PAGE = Path(__file__).with_name("parts.md")
 HEAD = f"""# Cost of the parts of an aperture
 
 `python benchmarks/bench_parts.py --write`. {SIZE[0]}x{SIZE[1]}, {SPP} samples per pixel, a lens of
 {1e3 * APERTURE:g} mm focused in the middle of the scene; processor time relative to one whole image. `light field` is
 the cost of {VIEWS}x{VIEWS} views by `parts=tl.Grid({VIEWS})`, at the noise of separate renders of each view, relative
-to those renders: cells of the grid that are inside the aperture, {VIEWS**2} renders.
+to those renders: cells of the grid that are inside the aperture, {VIEWS**2} renders. `denoised` is the cost of a view
+of {DENOISED} samples with `denoise=True`, relative to a raw view of the same rms error, the filter's bias included.
 
-| scene | `Dual` | `Quad` | `Grid({VIEWS})` | light field |
-| --- | ---: | ---: | ---: | ---: |
+| scene | `Dual` | `Quad` | `Grid({VIEWS})` | light field | denoised |
+| --- | ---: | ---: | ---: | ---: | ---: |
 """
 
 
@@ -45,6 +47,27 @@ def variance(job: Callable[[int], Any]) -> np.ndarray:
     """The mean variance of each image (N, H, W, 3) that the job makes, from two seeds."""
     first, second = (np.asarray(job(seed), np.float64) for seed in (100, 101))
     return np.square(first - second).mean(axis=(1, 2, 3)) / 2
+
+
+def denoised_cost(scene: tl.Scene, single: tl.Rig, rounds: int) -> float:
+    """Processor time of a denoised view relative to a raw one of equal mean squared error.
+
+    The mean product of the differences from two independent references has no error of the references. The cost of the
+    raw view is interpolated between those of `RAW` samples.
+    """
+
+    def view(spp: int, denoise: bool = False) -> Callable[[int], Any]:
+        return lambda seed: tl.render(scene, single, tl.Pinhole(), spp, seed, denoise=denoise)[0].astype(np.float64)
+
+    references = [view(REFERENCE)(seed) for seed in (1000, 1001)]
+    jobs = [view(DENOISED, denoise=True), *map(view, RAW)]
+    errors = np.empty(len(jobs))
+    for j, job in enumerate(jobs):
+        images = np.stack([job(seed) for seed in range(4)])
+        errors[j] = ((images - references[0]) * (images - references[1])).mean()
+    costs = np.array(seconds(jobs, rounds))
+    equal = np.interp(np.log(errors[0]), np.log(errors[:0:-1]), np.log(costs[:0:-1]))
+    return float(costs[0] / np.exp(equal))
 
 
 def row(name: str, rounds: int) -> str:
@@ -69,7 +92,8 @@ def row(name: str, rounds: int) -> str:
     noise = variance(image(grid))[inside] / light[inside] ** 2
     (alone_seconds,) = seconds([view], rounds)
     cost = cells * noise.mean() / (VIEWS**2 * alone_seconds * variance(view).mean())
-    return f"| {name} | {dual / whole:.2f} | {quad / whole:.2f} | {cells / whole:.2f} | {cost:.2f} |"
+    ratios = [dual / whole, quad / whole, cells / whole, cost, denoised_cost(scene, single, rounds)]
+    return f"| {name} | " + " | ".join(f"{ratio:.2f}" for ratio in ratios) + " |"
 
 
 def main() -> None:

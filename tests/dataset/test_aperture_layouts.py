@@ -155,7 +155,7 @@ def test_fod500(scene, exported):
 
 
 def test_focal_stacks_of_different_distances_are_refused(scene, exported):
-    with pytest.raises(InputError, match=r"t: has images focused at \[0\.8, 1\.5\] m, and the focal stack"):
+    with pytest.raises(InputError, match=r"t: has images of thin lenses at 2 focus distances \[0\.8, 1\.5\] m; other"):
         exported("fod500", {"s": stack(scene), "t": stack(scene, (0.8, 1.5))})
     with pytest.raises(InputError, match="needs two or more"):
         exported("fod500", {"u": stack(scene, (0.8,))})

@@ -48,3 +48,17 @@ def test_sharpness_of_a_wall_peaks_at_its_focus():
 def test_a_stack_needs_a_lens():
     with pytest.raises(InputError, match="needs a ThinLens"):
         tl.focal_stack(chequered_room(), RIG, tl.Pinhole(), [1.0])
+
+
+@pytest.mark.parametrize("distances", [[1.0, np.nan], [0.0], [None], ["near"], 1.0, []])
+def test_a_stack_needs_distances(distances):
+    with pytest.raises(InputError, match=r"focus_distance|at least one lens"):
+        tl.focal_stack(chequered_room(), RIG, tl.ThinLens(0.2, 1.0), distances)
+
+
+@pytest.mark.parametrize("images", [
+    [], None, "near", [np.zeros((4, 4)), np.zeros((5, 4))], np.zeros((2, 4, 4, 2)), [np.full((4, 4), np.nan)]
+])  # fmt: skip
+def test_what_is_no_stack_is_refused(images):
+    with pytest.raises(InputError, match="a focal stack must be one or more images"):
+        tl.all_in_focus(images)

@@ -156,6 +156,10 @@ def test_what_has_no_light_field_is_refused():
     images = [np.zeros((36, 48))] * 9
     with pytest.raises(InputError, match="needs 9 images of 48x36 pixels, got 8"):
         tl.refocus(images[:8], rig, LENS)
+    with pytest.raises(InputError, match=r"got 9 of shapes \[\(36, 48\), \(36, 48, 3\)\]"):
+        tl.refocus([*images[:8], np.zeros((36, 48, 3))], rig, LENS)
+    with pytest.raises(InputError, match="a list of images of numbers, got None"):
+        tl.refocus(None, rig, LENS)
     with pytest.raises(InputError, match="larger than the light field's views reach"):
         tl.refocus(images, rig, LENS.replace(aperture_diameter=0.1))
     turned = np.array([[0.0, -1, 0, 1], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])

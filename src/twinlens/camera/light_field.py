@@ -40,6 +40,8 @@ def light_field_rig(camera: Camera, lens: Lens, n: int, world_from_cam: ArrayLik
     >>> len(rig), round(rig.baseline(0, 1), 12)
     (81, 0.01)
     """
+    if not isinstance(camera, Camera):
+        raise InputError(f"camera must be a Camera, got {format_value(camera)}")
     check_lens(lens)
     check_int("n", n, 1, 32)
     if lens.aperture_diameter == 0:
@@ -108,11 +110,16 @@ def refocus(images: Sequence[ArrayLike], rig: Rig, lens: Lens) -> NDArray[np.flo
     reparameterized light fields, 2000.
     """
     check_lens(lens)
+    if not isinstance(rig, Rig):
+        raise InputError(f"rig must be a Rig, as of light_field_rig, got {format_value(rig)}")
     places = _places(rig)
     first = rig.cameras[0]
-    stack = [np.asarray(image, dtype=np.float64) for image in images]
-    if len(stack) != len(rig) or any(image.shape[:2] != (first.height, first.width) for image in stack):
-        shapes = sorted({image.shape for image in stack})
+    try:
+        stack = [np.asarray(image, dtype=np.float64) for image in images]
+    except (TypeError, ValueError) as error:
+        raise InputError(f"refocus needs a list of images of numbers, got {format_value(images)}") from error
+    shapes = sorted({image.shape for image in stack})
+    if len(stack) != len(rig) or len(shapes) > 1 or shapes[0][:2] != (first.height, first.width):
         got = f"{len(stack)} of shapes {shapes}"
         raise InputError(f"refocus needs {len(rig)} images of {first.width}x{first.height} pixels, got {got}")
     principal = np.array([(camera.cx, camera.cy) for camera in rig.cameras])

@@ -107,7 +107,8 @@ class Masks(Parts):
         if shares.ndim != 3 or not 0 < shares.size <= _MOST_CELLS:
             raise InputError(f"parts must be masks (P, H, W) of at most {_MOST_CELLS} cells, got {shares.shape}")
         if not ((shares >= 0) & (shares.sum(axis=0) <= 1 + 1e-9)).all():
-            raise InputError("parts must have shares from 0 to 1 that add up to 1 at most")
+            found = f"shares from {shares.min():g} to {shares.max():g}, sums up to {shares.sum(axis=0).max():g}"
+            raise InputError(f"parts must have shares from 0 to 1 that add up to 1 at most, got {found}")
         shares.setflags(write=False)
         object.__setattr__(self, "masks", shares)
 
@@ -151,6 +152,8 @@ def dual_pixel_disparity(truth: Truth | ArrayLike, camera: Camera, lens: Lens, a
 
     Raises InputError for a lens without an aperture, one with no light in a half, and depths that are not positive.
     """
+    if not isinstance(camera, Camera):
+        raise InputError(f"camera must be a Camera, got {format_value(camera)}")
     check_lens(lens)
     halves = Dual(axis)
     check_parts(halves, lens)

@@ -125,8 +125,9 @@ def fod500(sources: Iterable["Source"]) -> Iterator[tuple[str, bytes]]:
             if isinstance(shot.lens, ThinLens) and shot.lens.aperture_diameter > 0:
                 stack[shot.lens.focus_distance] = shot.number
         if len(stack) < 2 or (distances and distances != sorted(stack)):
-            held = f"other samples have {distances}" if distances else "needs two or more"
-            raise InputError(f"{sample.name}: has images focused at {sorted(stack)} m, and the focal stack {held}")
+            held = f"other samples have {distances}" if distances else "a focal stack needs two or more"
+            found = f"images of thin lenses at {len(stack)} focus distances {sorted(stack)} m"
+            raise InputError(f"{sample.name}: has {found}; {held}")
         distances = sorted(stack)
         for k, distance in enumerate(distances):
             stream = io.BytesIO()

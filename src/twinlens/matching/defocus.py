@@ -193,14 +193,15 @@ def sharpness(image: ArrayLike, window: int = 9) -> Float:
     """The sum-modified Laplacian |2I - I(x-1) - I(x+1)| + |2I - I(y-1) - I(y+1)|, float64 (H, W), without threshold.
 
     `image` is (H, W) or (H, W, 3), of which the channels are averaged first; the sum is over `window` x `window`
-    pixels, an odd number. Images are reflected at their border. Raises InputError for another window.
+    pixels, an odd number. Images are reflected at their border. Raises InputError for another window, and for images
+    of other shapes or without finite numbers.
 
     Source: Nayar and Nakagawa, Shape from focus, 1994.
     """
     check_int("window", window, 1)
     if window % 2 == 0:
         raise InputError(f"window must be odd, got {window}")
-    pixels = np.asarray(image, dtype=np.float64)
+    pixels = _colour_stack([image])[0]
     pixels = pixels.mean(axis=-1) if pixels.ndim == 3 else pixels
     modified = sum(np.abs(ndimage.correlate1d(pixels, [-1.0, 2.0, -1.0], axis=axis)) for axis in (0, 1))
     total: Float = window**2 * ndimage.uniform_filter(modified, window)
@@ -208,11 +209,26 @@ def sharpness(image: ArrayLike, window: int = 9) -> Float:
 
 
 def all_in_focus(images: Sequence[ArrayLike], window: int = 9) -> tuple[NDArray[np.float32], NDArray[np.intp]]:
-    """The image of the sharpest pixels of one camera's focal stack, and the number (H, W) of each pixel's image."""
-    stack = np.asarray(images, dtype=np.float32)
+    """The image of the sharpest pixels of one camera's focal stack, and the number (H, W) of each pixel's image.
+
+    Raises InputError for images of different sizes, and as `sharpness`.
+    """
+    stack = _colour_stack(images)
     sharpest = np.argmax([sharpness(image, window) for image in stack], axis=0)
     rows, columns = np.indices(sharpest.shape)
-    return stack[sharpest, rows, columns], sharpest
+    return stack[sharpest, rows, columns].astype(np.float32), sharpest
+
+
+def _colour_stack(images: Sequence[ArrayLike]) -> Float:
+    """The images as float64 (N, H, W) or (N, H, W, 3)."""
+    allowed = "a focal stack must be one or more images (H, W) or (H, W, 3) of one size and of finite numbers"
+    try:
+        stack = np.array(images, np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{allowed}, got {format_value(images)}") from error
+    if not (stack.ndim == 3 or stack.shape[3:] == (3,)) or not stack.size or not np.isfinite(stack).all():
+        raise InputError(f"{allowed}, got shape {stack.shape}")
+    return stack
 
 
 def _maximum(scores: NDArray[Any], places: Float, neighbours: int = 1) -> InverseDepth:

@@ -78,6 +78,8 @@ def denoise_parts(
     """
     if fractions is None:
         return denoise_image(images, guides, own)
+    if not fractions.any():
+        return images
     found = np.zeros(images.shape)
     for part, fraction in enumerate(map(float, fractions)):
         if fraction > 0:

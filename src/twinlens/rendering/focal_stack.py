@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from twinlens.camera import Rig, ThinLens
 from twinlens.errors import InputError, format_value
 from twinlens.rendering.lens_grid import LensGrid, render_lens_grid
@@ -27,5 +29,7 @@ def focal_stack(
     """
     if not isinstance(lens, ThinLens):
         raise InputError(f"a focal stack needs a ThinLens, got {format_value(lens)}")
-    lenses = [lens.replace(focus_distance=float(distance)) for distance in focus_distances]
+    if np.ndim(focus_distances) != 1:
+        raise InputError(f"focus_distances must be a list of metres, got {format_value(focus_distances)}")
+    lenses = [lens.replace(focus_distance=distance) for distance in focus_distances]
     return render_lens_grid(scene, rig, lenses, spp, seed, denoise=denoise, progress=progress)

@@ -322,10 +322,10 @@ class Sensor:
     def _expose_dual(
         self, views: Sequence[tuple[ArrayLike, Camera, int]], lens: Lens, seed: int, exposure: Exposure | None
     ) -> list[tuple[Photo, Photo, Photo]]:
-        halves = [[checked_radiance("radiance", each, view[1]) for each in np.asarray(view[0])] for view in views]
-        for images in halves:
-            if len(images) != 2:
-                raise InputError(f"expose_dual needs the images of two halves, got {len(images)}")
+        check_lens(lens)
+        if lens.aperture_diameter == 0:
+            raise InputError("dual pixels need a lens with an aperture; a pinhole has none")
+        halves = [[checked_radiance("radiance", each, camera) for each in _two(given)] for given, camera, _ in views]
         cameras = [camera for _, camera, _ in views]
         exposures = self._nominal([left + right for left, right in halves], cameras, lens, seed, exposure)
         streams = [derived_seed(seed, "dual pixel", i) for i in (0, 1)]
@@ -463,3 +463,11 @@ class Sensor:
         elif self.filters == "rgb":
             linear = linear * self.balance()
         return picture.encode(mismatch.developed(linear), self.output, self.gamma, self.bits)
+
+
+def _two(halves: Any) -> list[Any]:
+    """The images of two halves. Raises InputError for another number of them."""
+    found = list(halves) if isinstance(halves, Sequence) or np.ndim(halves) else []
+    if len(found) != 2:
+        raise InputError(f"expose_dual needs the images of two halves, got {len(found) or format_value(halves)}")
+    return found
