@@ -148,6 +148,10 @@ def test_what_cannot_be_used_is_refused():
         ((images[:1], apertures[:1], FX, 1.0), "at least 2 images of one size"),
         ((images, apertures[:1], FX, 1.0), "one for each image, got 1 for 2 images"),
         ((images, [1, 2], FX, 1.0), "apertures must be ApertureSamples"),
+        ((images, None, FX, 1.0), "apertures must be a list of ApertureSamples, got None"),
+        ((None, apertures, FX, 1.0), "at least 2 images of one size are needed, got None"),
+        ((images, apertures, FX, 1.0, "far"), "far must be greater than near, 1 m, got 'far'"),
+        ((images, apertures, 1e6 * FX, 1.0), "the apertures move light by up to"),
         ((images, apertures, 0.0, 1.0), "fx must be"),
         ((images, apertures, FX, 2.0, 1.0), "far must be greater than near"),
     ]:

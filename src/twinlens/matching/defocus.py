@@ -10,6 +10,7 @@ Maps are (H, W) float32 in 1/m, +inf where unknown. The disparity of a pair with
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,8 @@ InverseDepth = NDArray[np.float32]
 
 REGULARISATION = 1e-4
 """Noise-to-signal ratio of the texture: frequencies that all kernels weaken below it do not count."""
+
+_LARGEST_REACH = 4096  # pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,8 +45,8 @@ class ApertureSamples:
     vergence: float
 
     def __init__(self, points: ArrayLike, weights: ArrayLike | None = None, vergence: float = 0.0) -> None:
-        places = np.array(points, np.float64, ndmin=2)
-        light = np.ones(len(places)) if weights is None else np.array(weights, np.float64, ndmin=1)
+        places = _numbers("points of aperture samples", points, 2)
+        light = np.ones(len(places)) if weights is None else _numbers("weights of aperture samples", weights, 1)
         if places.ndim != 2 or places.shape[1] != 2 or light.shape != places.shape[:1]:
             raise InputError(f"aperture samples need points (N, 2) and weights (N,), got {places.shape}, {light.shape}")
         if not (np.isfinite(places).all() and (light >= 0).all() and 0 < light.sum() < math.inf):
@@ -105,7 +108,7 @@ def inverse_depth_from_defocus(
     pictures = _stack(images, 2)
     _check(pictures, apertures, fx, block_size)
     candidates = _candidates(near, far, steps)
-    plane = _Plane(pictures.shape[1:], max(_reach(each, fx, candidates) for each in apertures))
+    plane = _Plane(pictures.shape[1:], _reach(apertures, fx, candidates))
     spectra = plane.spectra(pictures)
     costs = np.empty((steps, *pictures.shape[1:]), np.float32)
     for k, candidate in enumerate(candidates):
@@ -138,7 +141,7 @@ def inverse_depth_bound(
     _check(picture, apertures, fx, block_size, count=len(apertures))
     check_number("noise", noise, "a positive number", above=0)
     check_number("inverse_depth", inverse_depth, "a finite number of 1/m")
-    plane = _Plane(picture.shape[1:], max(_reach(each, fx, np.array([inverse_depth])) for each in apertures))
+    plane = _Plane(picture.shape[1:], _reach(apertures, fx, np.array([inverse_depth])))
     kernels, slopes = (find(apertures, fx, inverse_depth) for find in (plane.kernels, plane.slopes))
     visible = (slopes - kernels * _best_texture(kernels, slopes)) * plane.centring(apertures, fx, inverse_depth)
     information = plane.energy(visible * plane.spectra(picture)[0], block_size)
@@ -180,7 +183,7 @@ def inverse_depth_from_focus(
     Source: Nayar and Nakagawa, Shape from focus, PAMI 16(8), 1994.
     """
     pictures = _stack(stack, 3)
-    places = np.array(vergences, np.float64)
+    places = _numbers("vergences", vergences)
     if places.shape != (len(pictures),) or not np.isfinite(places).all() or not _is_monotonic(places):
         raise InputError(f"vergences must be {len(pictures)} increasing or decreasing numbers, one for each image")
     check_int("neighbours", neighbours, 1)
@@ -248,7 +251,13 @@ def _maximum(scores: NDArray[Any], places: Float, neighbours: int = 1) -> Invers
 
 def _stack(images: Sequence[ArrayLike], least: int) -> Float:
     """The images as grey float64 (N, H, W)."""
-    pictures = [grey(to_working_dtype(np.asarray(image), f"{k}.")).astype(np.float64) for k, image in enumerate(images)]
+    if not isinstance(images, Sequence | np.ndarray):
+        raise InputError(f"at least {least} images of one size are needed, got {format_value(images)}")
+    try:
+        arrays = [np.asarray(image) for image in images]
+    except ValueError as error:
+        raise InputError("an image has rows of unequal length; (H, W) or (H, W, 3) is needed") from error
+    pictures = [grey(to_working_dtype(array, f"{k}.")).astype(np.float64) for k, array in enumerate(arrays)]
     if len(pictures) < least or any(picture.shape != pictures[0].shape for picture in pictures):
         sizes = ", ".join(str(picture.shape) for picture in pictures)
         raise InputError(f"at least {least} images of one size are needed, got {sizes or 'none'}")
@@ -258,6 +267,8 @@ def _stack(images: Sequence[ArrayLike], least: int) -> Float:
 def _check(
     pictures: Float, apertures: Sequence[ApertureSamples], fx: float, block_size: int, count: int | None = None
 ) -> None:
+    if not isinstance(apertures, Sequence):
+        raise InputError(f"apertures must be a list of ApertureSamples, got {format_value(apertures)}")
     wrong = [each for each in apertures if not isinstance(each, ApertureSamples)]
     if wrong or len(apertures) != (count or len(pictures)):
         got = format_value(wrong[0]) if wrong else f"{len(apertures)} for {len(pictures)} images"
@@ -278,16 +289,26 @@ def _is_monotonic(values: Float) -> bool:
 
 def _candidates(near: float, far: float, steps: int) -> Float:
     check_number("near", near, "a positive number of metres", above=0)
-    if not far > near:
+    if not (isinstance(far, Real) and far > near):
         raise InputError(f"far must be greater than near, {near:g} m, got {format_value(far)}")
     check_int("steps", steps, 3)
     return np.linspace(1.0 / far, 1.0 / near, steps)
 
 
-def _reach(aperture: ApertureSamples, fx: float, candidates: Float) -> int:
-    """The largest distance, in whole pixels, by which the aperture moves light."""
-    most = float(np.abs(candidates - aperture.vergence).max())
-    return math.ceil(fx * most * float(np.abs(aperture.points).max()))
+def _numbers(name: str, values: ArrayLike, least_dimensions: int = 0) -> Float:
+    try:
+        return np.array(values, np.float64, ndmin=least_dimensions)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} must be an array of numbers, got {format_value(values)}") from error
+
+
+def _reach(apertures: Sequence[ApertureSamples], fx: float, candidates: Float) -> int:
+    """The largest distance, in whole pixels, by which the apertures move light."""
+    moves = [np.abs(candidates - each.vergence).max() * np.abs(each.points).max() for each in apertures]
+    reach = fx * float(max(moves))
+    if reach > _LARGEST_REACH:
+        raise InputError(f"the apertures move light by up to {reach:.0f} px; use a larger near, or check fx and metres")
+    return math.ceil(reach)
 
 
 class _Plane:
