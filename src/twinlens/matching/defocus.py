@@ -224,13 +224,13 @@ def all_in_focus(images: Sequence[ArrayLike], window: int = 9) -> tuple[NDArray[
 
 def _colour_stack(images: Sequence[ArrayLike]) -> Float:
     """The images as float64 (N, H, W) or (N, H, W, 3)."""
-    allowed = "a focal stack must be one or more images (H, W) or (H, W, 3) of one size and of finite numbers"
+    needed = "one or more images (H, W) or (H, W, 3) of one size and of finite numbers are needed"
     try:
         stack = np.array(images, np.float64)
     except (TypeError, ValueError) as error:
-        raise InputError(f"{allowed}, got {format_value(images)}") from error
+        raise InputError(f"{needed}, got {format_value(images)}") from error
     if not (stack.ndim == 3 or stack.shape[3:] == (3,)) or not stack.size or not np.isfinite(stack).all():
-        raise InputError(f"{allowed}, got shape {stack.shape}")
+        raise InputError(f"{needed}, got shape {stack.shape}")
     return stack
 
 
