@@ -6,6 +6,7 @@ import numpy as np
 
 from twinlens.camera import Rig, ThinLens
 from twinlens.errors import InputError, format_value
+from twinlens.optics import check_focus
 from twinlens.rendering.lens_grid import LensGrid, render_lens_grid
 from twinlens.rendering.radiance import Progress
 from twinlens.scenes import Scene
@@ -31,5 +32,7 @@ def focal_stack(
         raise InputError(f"a focal stack needs a ThinLens, got {format_value(lens)}")
     if np.ndim(focus_distances) != 1:
         raise InputError(f"focus_distances must be a list of metres, got {format_value(focus_distances)}")
-    lenses = [lens.replace(focus_distance=distance) for distance in focus_distances]
+    for distance in focus_distances:
+        check_focus(distance)
+    lenses = [lens.replace(focus_distance=float(distance)) for distance in focus_distances]
     return render_lens_grid(scene, rig, lenses, spp, seed, denoise=denoise, progress=progress)
