@@ -134,7 +134,7 @@ def make_sample(
         **({} if scene.ambient == 1 else {"ambient": scene.ambient}),
         "seed": seed,
         "spp": spp,
-        "denoise": rendering.denoiser_record() if denoise else None,
+        "denoise": _denoise_record(scene, rig) if denoise else None,
         "noise": noise,
         "sensor": asdict(sensor),
         "exposure": None if exposure is None else asdict(exposure),
@@ -157,6 +157,13 @@ def make_sample(
 def _wholes(images: Iterable[NDArray[np.float32]]) -> list[NDArray[np.float32]]:
     """The whole images (H, W, 3), of which each may be given as its parts (P, H, W, 3)."""
     return [image.sum(axis=0) if image.ndim == 4 else image for image in images]
+
+
+def _denoise_record(scene: Scene, rig: Rig) -> dict[str, Any] | None:
+    """How images were denoised, and of which cameras unless of all; None if of none."""
+    cameras = rendering.denoised_cameras(scene, rig)
+    some = {} if len(cameras) == len(rig) else {"cameras": cameras}
+    return {**rendering.denoiser_record(), **some} if cameras else None
 
 
 def _noise_ratios(

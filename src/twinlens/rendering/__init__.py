@@ -24,6 +24,7 @@ from twinlens.rendering.radiance import (
     Progress as Progress,
     check_lit as check_lit,
     check_parts_supported as check_parts_supported,
+    denoised_cameras as denoised_cameras,
     partial_progress as partial_progress,
     render as render,
     render_measured as render_measured,

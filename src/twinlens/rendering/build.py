@@ -53,6 +53,7 @@ class BuiltScene:
     """A loaded Mitsuba scene and its bodies. `object_names[i]` and `material_names[i]` have the id i + 1.
 
     `parts` are the shapes and lights of the Mitsuba scene; None for a file whose parts cannot be used again.
+    `projectors` are emitters that are not in the scene, whose light the integrator adds.
     """
 
     mi_scene: Any
@@ -61,6 +62,7 @@ class BuiltScene:
     object_names: tuple[str, ...]
     material_names: tuple[str, ...]
     parts: Mapping[str, Any] | None = None
+    projectors: tuple[Any, ...] = ()
     cache: dict[str, Any] = field(default_factory=dict)
 
 

@@ -6,6 +6,9 @@ mean(G_own) in windows of 5x5 pixels, the image I becomes I + L (G - G_own). The
 nearly 0: L is of the same samples, but of 25 pixels. The result is divided by sqrt(G) before filtering and multiplied
 by it after, and sqrt(G) is the albedo that the filter sees. docs/decisions/denoising.md compares other powers of G.
 
+Light directly from projectors has no noise, and the filter would take its patterns for noise. It is known for the
+image's samples too: it is subtracted before filtering, and that of all samples is added after.
+
 The filter runs in linear radiance, on the processor unless the backend is CUDA and the library supports the GPU, and
 does not depend on the number of threads.
 """
@@ -48,7 +51,8 @@ def denoise_image(
     import mitsuba_oidn
 
     seen = image.any(axis=-1, keepdims=True) | guides.normal.any(axis=-1, keepdims=True)
-
+    if guides.projected.size:
+        image = image - (guides if own is None else own).projected
     if own is not None:
         guides = guides + own
         image = _replace_texture(image, own.albedo, guides.albedo)
@@ -65,7 +69,10 @@ def denoise_image(
         device=_device(),
     )
     inside = np.asarray(filtered)[_MARGIN_PX:-_MARGIN_PX, _MARGIN_PX:-_MARGIN_PX]
-    return np.where(seen, inside * divisor, np.float32(0))
+    denoised = inside * divisor
+    if guides.projected.size:
+        denoised = denoised + guides.projected
+    return np.where(seen, denoised, np.float32(0))
 
 
 def denoise_parts(

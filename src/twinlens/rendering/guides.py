@@ -27,43 +27,52 @@ _UNKNOWN_KIND = 0
 
 @dataclass(frozen=True, eq=False)
 class Guides:
-    """Means over each pixel, float32 (H, W, 3), of `count` samples; (P, H, W, 3) for parts of the aperture.
+    """Means over each pixel, float32 (H, W, C), of `count` samples; (P, H, W, C) for parts of the aperture.
 
     albedo : diffuse reflectance, times the tint of the mirrors and glass before it; 1 for lamps and the sky.
     normal : shading normal in the world, 0 where nothing was hit.
+    projected : radiance of the light directly from projectors; no channels if there are none.
     """
 
-    albedo: NDArray[np.float32]
-    normal: NDArray[np.float32]
+    features: NDArray[np.float32]
     count: int
+
+    @property
+    def albedo(self) -> NDArray[np.float32]:
+        return self.features[..., :3]
+
+    @property
+    def normal(self) -> NDArray[np.float32]:
+        return self.features[..., 3:6]
+
+    @property
+    def projected(self) -> NDArray[np.float32]:
+        return self.features[..., 6:]
 
     def __add__(self, other: "Guides") -> "Guides":
         """The guides of both sets of samples."""
         count = self.count + other.count
         part = np.float32(self.count / count)
-        albedo = part * self.albedo + (1 - part) * other.albedo
-        normal = part * self.normal + (1 - part) * other.normal
-        return Guides(albedo, normal, count)
+        return Guides(part * self.features + (1 - part) * other.features, count)
 
     def of_part(self, part: int, fraction: float) -> "Guides":
         """The guides of one part, which gets this fraction of the light."""
-        scale = np.float32(1 / fraction)
-        return Guides(scale * self.albedo[part], scale * self.normal[part], self.count)
+        return Guides(np.float32(1 / fraction) * self.features[part], self.count)
 
     def of_parts(self) -> "Guides":
         """The guides of all parts together."""
-        return Guides(self.albedo.sum(axis=0), self.normal.sum(axis=0), self.count)
+        return Guides(self.features.sum(axis=0), self.count)
 
     def binned(self) -> "Guides":
         """At half the resolution."""
-        return Guides(binned(self.albedo), binned(self.normal), self.count)
+        return Guides(binned(self.features), self.count)
 
 
 def binned(image: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Means over 2x2 pixels of an image (H, W, 3); the last row and column are repeated if their number is odd."""
+    """Means over 2x2 pixels of an image (H, W, C); the last row and column are repeated if their number is odd."""
     height, width = (size + size % 2 for size in image.shape[:2])
     even = np.pad(image, ((0, height - len(image)), (0, width - image.shape[1]), (0, 0)), mode="edge")
-    return np.asarray(even.reshape(height // 2, 2, width // 2, 2, 3).mean(axis=(1, 3), dtype=np.float32))
+    return np.asarray(even.reshape(height // 2, 2, width // 2, 2, -1).mean(axis=(1, 3), dtype=np.float32))
 
 
 def render_guides(
@@ -86,7 +95,9 @@ def render_guides(
         total = total + size * render(built, make_sensor(camera, pose, lens, size, sampler), camera, size, seed)
         count += size
     features = (total / count).astype(np.float32)
-    return Guides(np.clip(features[..., :3], 0, 1), np.clip(features[..., 3:], -1, 1), count)
+    np.clip(features[..., :3], 0, 1, out=features[..., :3])
+    np.clip(features[..., 3:6], -1, 1, out=features[..., 3:6])
+    return Guides(features, count)
 
 
 def _render_scalar(built: BuiltScene, sensor: Any, camera: Camera, count: int, seed: int) -> Float:
@@ -138,8 +149,13 @@ def _render_jit(
 
     ray, x, y = sensor.film_rays(count, seed)
     albedo, normal = _first_rough_surfaces(built, mitsuba().Ray3f(ray))
+    channels = [*albedo, *normal]
+    if built.projectors:
+        from twinlens.rendering.projected_paths import projected_light
+
+        channels += list(projected_light(built.mi_scene, built.projectors, sensor.sampler(), ray))
     shares = None if parts is None else parts.shares(x, y, sensor.math)
-    return pixel_means([*albedo, *normal], count, camera, shares)
+    return pixel_means(channels, count, camera, shares)
 
 
 def _first_rough_surfaces(built: BuiltScene, ray: Any) -> tuple[Any, Any]:

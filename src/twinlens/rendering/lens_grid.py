@@ -22,7 +22,7 @@ from twinlens.rendering.annuli import area_fraction, plan_annuli, split_vergence
 from twinlens.rendering.backends import backend, mitsuba
 from twinlens.rendering.build import BuiltScene
 from twinlens.rendering.denoising import GUIDE_SAMPLES, denoise_parts
-from twinlens.rendering.projectors import build_lit
+from twinlens.rendering.projectors import build_lit, can_denoise
 from twinlens.rendering.radiance import (
     Progress,
     check_parts_supported,
@@ -146,6 +146,8 @@ def render_lens_grid(
     if denoise:
         for (i, lens), index in product(enumerate(lenses), range(len(rig))):
             view = builts[index], rig.cameras[index], rig.world_from_cams[index]
+            if not can_denoise(builts[index], rig, rig.cameras[index].band):
+                continue
             guides = other_guides(*view, lens, 2 * GUIDE_SAMPLES, seed, index, i, parts=parts)
             fractions = None if parts is None else parts.light(lens.aperture)[0]
             images[i][index] = denoise_parts(images[i][index], guides, None, fractions)

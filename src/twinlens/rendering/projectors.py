@@ -104,13 +104,29 @@ def _warn_of_glass(built: BuiltScene, rig: Rig, band: str) -> None:
             warnings.warn(message, ProjectorWarning, stacklevel=4)
 
 
+def can_denoise(built: BuiltScene, rig: Rig, band: str) -> bool:
+    """Whether denoised images keep the patterns of the projectors of `rig` in this band, from `build_lit`.
+
+    Gives a `ProjectorWarning` where they would not: there the projectors' light is not known apart from the scene's.
+    """
+    if built.projectors or not any(each.emitted_power and each.band == band for each in rig.projectors):
+        return True
+    message = (
+        "images with the light of projectors are not denoised here, as their patterns would be lost: use the LLVM or"
+        " CUDA backend and a scene with the integrator 'path', or more samples per pixel"
+    )
+    warnings.warn(message, ProjectorWarning, stacklevel=3)
+    return False
+
+
 def _with_lights(scene: Scene, built: BuiltScene, lights: list[Any]) -> BuiltScene:
     """`built` with the light of projectors, as `ProjectedPath` where possible."""
     if backend().is_jit and scene.xml is None and _is_plain_path(scene.integrator):
         from twinlens.rendering.projected_paths import ProjectedPath  # sets up the backend
 
         options = {key: scene.integrator[key] for key in ("max_depth", "rr_depth") if key in scene.integrator}
-        return replace(built, integrator=sky_hidden(scene, ProjectedPath(lights, BLOCK_PX, **options)))
+        integrator = sky_hidden(scene, ProjectedPath(lights, BLOCK_PX, **options))
+        return replace(built, integrator=integrator, projectors=tuple(lights))
     if built.parts is None:
         raise InputError(f"{scene.xml}: has instances; projectors can light only Mitsuba files without any")
     parts = {f"projector{i:04d}": light for i, light in enumerate(lights)}

@@ -26,7 +26,7 @@ from twinlens.rendering.backends import backend, mitsuba
 from twinlens.rendering.build import BuiltScene, build, in_band
 from twinlens.rendering.denoising import GUIDE_SAMPLES, denoise_image, denoise_parts
 from twinlens.rendering.guides import Guides, binned, render_guides
-from twinlens.rendering.projectors import build_lit
+from twinlens.rendering.projectors import build_lit, can_denoise
 from twinlens.rendering.sensors import NEEDS_JIT, make_sensor
 from twinlens.scenes import Scene
 from twinlens.seeds import derived_seed, seed_sequence
@@ -69,7 +69,8 @@ def render(
     denoise : bool
         Remove the renderer's noise with Open Image Denoise, guided by albedo and normals that are rendered through the
         same lens, for each camera apart (`twinlens.rendering.denoising`). Denoised images are biased: without it, the
-        expectation of each pixel is exact. The scalar backend has no guides behind mirrors and glass.
+        expectation of each pixel is exact. The scalar backend has no guides behind mirrors and glass, and does not
+        denoise images with the light of projectors.
     parts : Dual, Quad, Grid or Masks, optional
         Parts of the lens's aperture. Each has an image, its contribution to the whole image, from the same light paths:
         where the parts make up the aperture, their images add up to the image without `parts`. Needs a JIT backend.
@@ -117,7 +118,7 @@ def render(
             done += count
             report(done / spp)
         mean = in_channels(total / spp, camera).astype(np.float32)
-        if denoise:
+        if denoise and can_denoise(built, rig, camera.band):
             own = _own_guides(built, camera, pose, lens, passes, parts)
             other = other_guides(built, camera, pose, lens, GUIDE_SAMPLES, int(seed), index, parts=parts)
             fractions = None if parts is None else parts.light(lens.aperture)[0]
@@ -174,8 +175,13 @@ def render_measured(
         return joined(found), used
     builts = [build_lit(scene, rig, camera.band) for camera in rig.cameras]
     views = list(zip(rig.cameras, rig.world_from_cams, strict=True))
+    filtered = [denoise and can_denoise(built, rig, view[0].band) for built, view in zip(builts, views, strict=True)]
     others = [
-        [other_guides(builts[i], *view, lens, GUIDE_SAMPLES // 2, seed, i, k, parts=parts) for k in (0, 1) if denoise]
+        [
+            other_guides(builts[i], *view, lens, GUIDE_SAMPLES // 2, seed, i, k, parts=parts)
+            for k in (0, 1)
+            if filtered[i]
+        ]
         for i, view in enumerate(views)
     ]
     fractions = None if parts is None else parts.light(lens.aperture)[0]
@@ -191,7 +197,7 @@ def render_measured(
             images = render(scene, rig, lens, count, half_seed, parts=parts, sampler=sampler, progress=report)
             for i, (camera, pose) in enumerate(views):
                 totals[i][half] += count * images[i].astype(np.float64)
-                if denoise:
+                if filtered[i]:
                     passes = _image_passes(camera, count, half_seed, i, sampler)
                     own = _own_guides(builts[i], camera, pose, lens, passes, parts)
                     owns[i][half] = _joined(owns[i][half], own)
@@ -200,6 +206,13 @@ def render_measured(
         extra = int(counts.sum())
         if enough(found) or 2 * extra > MAX_SPP:
             return found, extra
+
+
+def denoised_cameras(scene: Scene, rig: Rig) -> list[int]:
+    """Indices of the cameras whose images `render` denoises if asked; `can_denoise` says where it does not."""
+    builts = {band: build_lit(scene, rig, band) for camera in rig.cameras for band in camera.bands}
+    keeps = {band: can_denoise(built, rig, band) for band, built in builts.items()}
+    return [i for i, camera in enumerate(rig.cameras) if any(keeps[band] for band in camera.bands)]
 
 
 def split_bands(rig: Rig) -> tuple[Rig, list[list[int]]]:
