@@ -28,9 +28,8 @@ TEXT = """# Near infrared reflectance by rule
 Medians of the spectra; errors are medians of the absolute value. The rule was not fitted to them.
 
 {table}
-Of soils, wood, roofs and roads the rule is too bright, and the largest channel alone is nearer: the iron oxides of soil
-and clay absorb at 850 nm too. Of greenery the largest channel is far too dark. The library has no
-textiles and no plastics.
+The rule is too bright for soils, wood, roofs and roads, where the largest channel alone is nearer. For greenery the
+largest channel is far too dark. The library has no textiles and no plastics.
 """
 GROUPS = {
     "greenery, simulated": ("canopy",),
