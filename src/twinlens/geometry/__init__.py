@@ -130,12 +130,12 @@ def skew(vector: ArrayLike) -> Float:
 
 def float_array(name: str, values: ArrayLike) -> Float:
     """A float64 copy of `values`. Raises InputError, naming `name`, if they are not real numbers."""
-    if np.iscomplexobj(values):
-        raise InputError(f"{name} must be an array of real numbers, got complex ones")
     try:
-        return np.array(values, dtype=np.float64)
+        if not np.iscomplexobj(values):
+            return np.array(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{name} must be an array of numbers: {error}") from error
+    raise InputError(f"{name} must be an array of real numbers, got complex ones")
 
 
 def depth_from_disparity(disparity: ArrayLike, fx: float, baseline: float, doffs: float = 0.0) -> Float:
