@@ -3,7 +3,8 @@
 Every cost is lower-is-better: a similarity becomes 1 - similarity.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -56,22 +57,28 @@ COSTS: dict[str, Cost] = {
 
 MODEL_PREFIX = "onnx:"
 DESCRIPTOR = Cost("descriptor", "sum", PARABOLA, "1 - product of a network's descriptors", p1=0.02, p2=0.08)
+LEARNED = replace(DESCRIPTOR, description="descriptors of a network trained on random scenes (extra onnx)")
+LEARNED_NAME, LEARNED_FILE = "learned", Path(__file__).parent / "weights" / "learned.onnx"
 
 
 def descriptor_model(name: str) -> str | None:
-    """The file of the descriptor network that a cost names as `onnx:FILE`; None for the costs of `COSTS`.
+    """The file of the descriptor network of a cost, `onnx:FILE` or `learned`; None for the costs of `COSTS`.
 
     >>> descriptor_model("onnx:net.onnx"), descriptor_model("sad")
     ('net.onnx', None)
     """
+    if name == LEARNED_NAME:
+        return str(LEARNED_FILE)
     return name.removeprefix(MODEL_PREFIX) if name.startswith(MODEL_PREFIX) else None
 
 
 def find_cost(name: str) -> Cost:
     """The cost of this name, or that of a descriptor network. Raises InputError for other names."""
     model = descriptor_model(name) if isinstance(name, str) else None
+    if name == LEARNED_NAME:
+        return LEARNED
     if model is None:
-        check_known("cost", name, COSTS)
+        check_known("cost", name, [*COSTS, LEARNED_NAME])
         return COSTS[name]
     if not model.endswith(".onnx"):
         raise InputError(f"cost is {name!r}; name an .onnx file, as in cost=onnx:net.onnx")

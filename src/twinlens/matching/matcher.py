@@ -61,7 +61,7 @@ class StereoMatcher(RangeMatcher):
     64
     """
 
-    cost: Annotated[str, f"Matching cost: {', '.join(COSTS)}, or a descriptor network, onnx:FILE."] = "zncc"
+    cost: Annotated[str, f"Matching cost: {', '.join(COSTS)}, learned, or a descriptor network, onnx:FILE."] = "zncc"
     block_size: Annotated[int, "Side of the window in pixels; odd."] = 9
     _: KW_ONLY
     support: Annotated[str, f"Support region over which costs are aggregated: {', '.join(SUPPORTS)}."] = "fixed"

@@ -13,7 +13,7 @@ import numpy as np
 
 import twinlens
 from twinlens.errors import InputError, check_known, format_value, located, unknown
-from twinlens.matching.costs import COSTS, descriptor_model
+from twinlens.matching.costs import COSTS, LEARNED, LEARNED_NAME, descriptor_model
 from twinlens.matching.external import OnnxNetwork, Program, PythonFunction, checked_pair
 from twinlens.matching.images import Confidence, Disparity
 from twinlens.matching.matcher import StereoMatcher
@@ -63,6 +63,7 @@ _METHODS = (
     _own("cross", "census over cross-shaped regions of similar pixels", "census", support="cross", block_size=35),
     _own("weighted", "census weighted by similarity and proximity; slow", "census", support="weighted", block_size=15),
     _own("guided", "census smoothed by a guided filter", "census", support="guided", block_size=19),
+    _own(LEARNED_NAME, LEARNED.description, LEARNED_NAME, block_size=5),
     _own("sgm", "semi-global matching of census costs, 8 paths", "census", block_size=1, optimisation="sgm8"),
     _own("sgm4", "semi-global matching of census costs, 4 paths", "census", block_size=1, optimisation="sgm4"),
     _own(

@@ -1,0 +1,62 @@
+"""The published page, from results.json in this folder."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import score
+
+HERE = Path(__file__).parent
+
+
+def page() -> str:
+    """The text of README.md."""
+    results = json.loads((HERE / "results.json").read_text())
+    parts = [(HERE / "about.md").read_text(), "## Scores\n", comparison(results["scores"])]
+    if "ablations" in results:
+        parts += ["## What in the data matters\n", (HERE / "findings.md").read_text(), ablations(results["ablations"])]
+    return "\n".join(parts)
+
+
+def comparison(scores: Mapping[str, Any]) -> str:
+    """bad2.0 of the hand-made costs with their best windows, and of the networks, for each set of pairs."""
+    sets = {name: value for name, value in scores.items() if isinstance(value, dict) and "hand-made" in value}
+    names = [name for name in next(iter(sets.values()))["hand-made"] if name != "sgm"]
+    rows = [[f"`{name}`", *(_windowed(found["hand-made"][name]) for found in sets.values())] for name in names]
+    rows.append(["**learned, winner takes all**", *(_seeds(found["learned"]["windows"]) for found in sets.values())])
+    rows.append(["`sgm` (census)", *(f"{found['hand-made']['sgm'][1]:.2f}" for found in sets.values())])
+    rows.append(["**learned, semi-global**", *(_seeds(found["learned"]["semi-global"]) for found in sets.values())])
+    heads = [f"{name} ({found['pairs']} pair{'s' * (found['pairs'] != 1)})" for name, found in sets.items()]
+    return markdown(["bad2.0 %, nonocc", *heads], rows)
+
+
+def _windowed(best: Sequence[float]) -> str:
+    return f"{best[1]:.2f} ({best[0]:.0f})"
+
+
+def _seeds(values: Sequence[float]) -> str:
+    return f"**{np.mean(values):.2f}** ({min(values):.2f} to {max(values):.2f})"
+
+
+def ablations(results: Mapping[str, Sequence[Mapping[str, Sequence[float]]]]) -> str:
+    """bad2.0 of each ablation on each set of pairs, and its difference to the unchanged data."""
+    base, rows = results["none"], []
+    for name, seeds in results.items():
+        cells = []
+        for key in seeds[0]:
+            values, reference = (np.array([each[key] for each in some]) for some in (seeds, base))
+            cells.append(_seeds(values.mean(axis=1)))
+            low, high = score.interval(values - reference)
+            difference = f"{(values - reference).mean():+.2f} ({low:+.2f} to {high:+.2f})"
+            cells.append("" if name == "none" else difference)
+        rows.append([name, *cells])
+    heads = [head for key in base[0] for head in (key, "difference")]
+    return markdown(["change", *heads], rows)
+
+
+def markdown(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A Markdown table."""
+    lines = [heads, ["---", *["---:"] * (len(heads) - 1)], *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
