@@ -1,6 +1,5 @@
 """The data: random scenes of recipe.toml, exposed again from their stored light, as tensors through a DataLoader."""
 
-import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path

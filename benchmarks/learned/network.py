@@ -1,8 +1,7 @@
 """The network, its training and its ONNX file."""
 
-import contextlib
-import io
 import time
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,8 +9,7 @@ from typing import Any
 
 import torch
 from torch import Tensor, nn
-from torch.nn import functional as F
-
+from torch.nn import functional
 
 REPORT = 50  # steps between lines and checkpoints
 
@@ -20,16 +18,12 @@ REPORT = 50  # steps between lines and checkpoints
 class Training:
     """Hyperparameters, chosen on held-out scenes.
 
-    context : channels at half resolution; 0: none, a plain stack of dilated convolutions.
-    contrast : whether the input is divided by its local standard deviation; its local mean is always removed.
     crops, rows, columns : of each step. temperature : of the softmax over the candidates of a pixel.
     augment : change gain, gamma and noise of each image, and the rows of the right one, beyond what the data has.
     """
 
     channels: int = 64
-    context: int = 64
-    contrast: bool = True
-    steps: int = 600
+    steps: int = 500
     crops: int = 4
     rows: int = 40
     columns: int = 176
@@ -43,46 +37,43 @@ def convolution(inputs: int, outputs: int, dilation: int = 1) -> nn.Conv2d:
     return nn.Conv2d(inputs, outputs, 3, padding=dilation, dilation=dilation, padding_mode="replicate")
 
 
+def stack(*layers: nn.Module) -> nn.Sequential:
+    """Layers, each followed by a rectifier."""
+    return nn.Sequential(*(part for layer in layers for part in (layer, nn.ReLU())))
+
+
 class Descriptor(nn.Module):
-    """Grey levels (N, 1, H, W), 0 to 1, to descriptors of unit length (N, C, H, W)."""
+    """Grey levels (N, 1, H, W), 0 to 1, to descriptors of unit length (N, C, H, W).
+
+    Convolutions at full and at half resolution, which see 46 x 46 pixels.
+    """
 
     WINDOW = 11  # pixels, of the local mean and standard deviation
     FLOOR = 0.02  # of grey levels, added to the standard deviation: about the noise
 
-    def __init__(self, settings: Training) -> None:
+    def __init__(self, channels: int) -> None:
         super().__init__()
-        c, k = settings.channels, settings.context
-        self.contrast = settings.contrast
-        fine = c // 2 if k else c
-        self.fine = nn.Sequential(convolution(1, fine), nn.ReLU(), convolution(fine, fine), nn.ReLU())
-        if k:
-            stack = [convolution(fine, k), nn.ReLU(), convolution(k, k), nn.ReLU(), convolution(k, k, 2), nn.ReLU()]
-            self.coarse = nn.Sequential(*stack)
-            self.joined = nn.Sequential(nn.Conv2d(fine + k, c, 1), nn.ReLU(), convolution(c, c))
-        else:
-            self.coarse = None
-            self.joined = nn.Sequential(convolution(c, c, 2), nn.ReLU(), convolution(c, c, 3), nn.ReLU(), convolution(c, c))
+        c, fine = channels, channels // 2
+        self.fine = stack(convolution(1, fine), convolution(fine, fine))
+        self.coarse = stack(convolution(fine, c), convolution(c, c), convolution(c, c, dilation=2))
+        self.joined = nn.Sequential(nn.Conv2d(fine + c, c, 1), nn.ReLU(), convolution(c, c))
 
     def forward(self, image: Tensor) -> Tensor:
         fine = self.fine(self.normalised(image))
-        if self.coarse is not None:
-            coarse = self.coarse(F.avg_pool2d(fine, 2, ceil_mode=True))
-            coarse = F.interpolate(coarse, scale_factor=2.0, mode="bilinear", align_corners=False)
-            fine = torch.cat([fine, coarse[:, :, : image.shape[2], : image.shape[3]]], 1)
-        out = self.joined(fine)
+        coarse = self.coarse(functional.avg_pool2d(fine, 2, ceil_mode=True))
+        coarse = functional.interpolate(coarse, scale_factor=2.0, mode="bilinear", align_corners=False)
+        out = self.joined(torch.cat([fine, coarse[:, :, : image.shape[2], : image.shape[3]]], 1))
         return out / (out.square().sum(1, keepdim=True) + 1e-8).sqrt()
 
     def normalised(self, image: Tensor) -> Tensor:
         """The image without its local mean, over its local standard deviation."""
         mean = self.local_mean(image)
         centred = image - mean
-        if not self.contrast:
-            return 4 * centred
         return centred / (self.local_mean(centred.square()).sqrt() + self.FLOOR)
 
     def local_mean(self, image: Tensor) -> Tensor:
         r = self.WINDOW // 2
-        return F.avg_pool2d(F.pad(image, (r, r, r, r), mode="replicate"), self.WINDOW, stride=1)
+        return functional.avg_pool2d(functional.pad(image, (r, r, r, r), mode="replicate"), self.WINDOW, stride=1)
 
 
 def loss_of(left: Tensor, right: Tensor, disparity: Tensor, temperature: float) -> Tensor:
@@ -99,7 +90,7 @@ def loss_of(left: Tensor, right: Tensor, disparity: Tensor, temperature: float) 
     low = target.floor()
     share = target - low
     high = (low + 1).clamp(max=len(columns) - 1)
-    logs = F.log_softmax(scores, 1)
+    logs = functional.log_softmax(scores, 1)
     picked = logs.gather(1, torch.stack([low, high], 1).long())
     return -((1 - share) * picked[:, 0] + share * picked[:, 1]).mean()
 
@@ -137,11 +128,13 @@ def cut(pairs: dict[str, Tensor], settings: Training, random: torch.Generator) -
     return torch.stack(lefts + rights)[:, None], torch.stack(maps)
 
 
-def train(draws: Sequence[dict[str, Tensor]], settings: Training, seed: int, checkpoint: Path | None = None) -> Descriptor:
+def train(
+    draws: Sequence[dict[str, Tensor]], settings: Training, seed: int, checkpoint: Path | None = None
+) -> Descriptor:
     """Train on pairs, of which each draw has the same ones with other cameras and noise. Resumes a checkpoint."""
     torch.manual_seed(seed)
     random = torch.Generator().manual_seed(seed)
-    net = Descriptor(settings)
+    net = Descriptor(settings.channels)
     optimiser = torch.optim.AdamW(net.parameters(), settings.rate, weight_decay=1e-4)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, settings.rate, total_steps=settings.steps)
     parts: dict[str, Any] = {"net": net, "optimiser": optimiser, "schedule": schedule}
@@ -165,7 +158,10 @@ def train(draws: Sequence[dict[str, Tensor]], settings: Training, seed: int, che
         losses.append(float(loss.detach()))
         if step % REPORT == 0 or step == settings.steps:
             used = time.process_time() - start
-            print(f"seed {seed}, step {step}/{settings.steps}: loss {sum(losses) / len(losses):.3f}, {used:.0f} s", flush=True)
+            print(
+                f"seed {seed}, step {step}/{settings.steps}: loss {sum(losses) / len(losses):.3f}, {used:.0f} s",
+                flush=True,
+            )
             losses.clear()
             if checkpoint is not None:
                 state = {name: part.state_dict() for name, part in parts.items()}
@@ -177,7 +173,8 @@ def train(draws: Sequence[dict[str, Tensor]], settings: Training, seed: int, che
 def export(net: Descriptor, file: Path) -> None:
     """Write the network as ONNX with free height and width."""
     axes = {2: "height", 3: "width"}
-    with contextlib.redirect_stdout(io.StringIO()):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of the exporter, about itself
         torch.onnx.export(
             net, (torch.rand(1, 1, 48, 64),), str(file), input_names=["image"], output_names=["descriptors"],
             dynamic_axes={"image": axes, "descriptors": axes}, opset_version=17, dynamo=False,

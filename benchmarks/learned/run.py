@@ -2,10 +2,10 @@
 
     python benchmarks/learned/run.py [--work out/learned] [--workers 2] [--pairs motorcycle FOLDER ...] [--publish]
 
-Needs the extra `train`. Everything is kept in the work folder, and the next run resumes it. `--pairs` takes "motorcycle"
-and any folder that `twinlens benchmark` reads, such as downloads of Middlebury. `--publish` writes README.md and
-results.json of this folder, and the weights of the package. Settings were chosen on held-out random scenes
-alone; the scores of real pairs chose nothing. `ablations.py` continues with the same work folder.
+Needs the extra `train`. Everything is kept in the work folder, and the next run resumes it. `--pairs` takes
+"motorcycle" and any folder that `twinlens benchmark` reads, such as downloads of Middlebury. `--publish` writes
+README.md and results.json of this folder, and the weights of the package. Settings were chosen on held-out random
+scenes alone; the scores of real pairs chose nothing. `ablations.py` continues with the same work folder.
 """
 
 import argparse
@@ -21,6 +21,7 @@ import score
 import tables
 import torch
 
+import twinlens as tl
 from twinlens.matching.costs import LEARNED_FILE
 from twinlens.scoring import DatasetPairs, open_pairs
 
@@ -39,13 +40,15 @@ LEARNED: dict[str, dict[str, Any]] = {
 """Options of the learned descriptors, chosen on the held-out scenes."""
 
 
-def trained(dataset: Any, work: Path, seed: int) -> Path:
-    """The ONNX file of a seed, trained if it does not exist."""
-    file = work / f"seed-{seed}.onnx"
-    if not file.exists():
-        draws = [data.load(dataset, data.Exposed(draw)) for draw in range(DRAWS)]
-        network.export(network.train(draws, TRAINING, seed, file.with_suffix(".pt")), file)
-    return file
+def trained(dataset: tl.Dataset, work: Path) -> list[Path]:
+    """The ONNX file of each seed, trained if it does not exist."""
+    files = [work / f"seed-{seed}.onnx" for seed in SEEDS]
+    draws: list[dict[str, torch.Tensor]] = []
+    for seed, file in zip(SEEDS, files, strict=True):
+        if not file.exists():
+            draws = draws or [data.load(dataset, data.Exposed(draw)) for draw in range(DRAWS)]
+            network.export(network.train(draws, TRAINING, seed, file.with_suffix(".pt")), file)
+    return files
 
 
 def hand_made(pairs: Any) -> dict[str, list[Any]]:
@@ -83,10 +86,13 @@ def main() -> None:
     options = arguments(__doc__).parse_args()
     torch.set_num_threads(options.threads)
     dataset = data.make_dataset(options.recipe, options.work / "train", options.workers)
-    files = [trained(dataset, options.work, seed) for seed in SEEDS]
+    files = trained(dataset, options.work)
     held_out = data.make_dataset(options.recipe, options.work / "heldout", options.workers, **HELD_OUT)
     results: dict[str, Any] = {"scenes": len(dataset), "settings": {"training": vars(TRAINING), "learned": LEARNED}}
-    for name, pairs in {"held-out": DatasetPairs(held_out), **{name: open_pairs([name]) for name in options.pairs}}.items():
+    for name, pairs in {
+        "held-out": DatasetPairs(held_out),
+        **{name: open_pairs([name]) for name in options.pairs},
+    }.items():
         results[name] = {"pairs": len(pairs), "hand-made": hand_made(pairs), "learned": learned(files, pairs)}
     print(tables.comparison(results))
     if options.publish:

@@ -53,7 +53,7 @@ def test_a_step_of_training_and_the_onnx_file(tmp_path, monkeypatch):
     disparity[:, :6] = -1
     arrays = {"left": left, "right": right, "disparity": disparity}
     pairs = {name: torch.from_numpy(values)[None] for name, values in arrays.items()}
-    settings = network.Training(channels=8, context=8, steps=2, columns=96)
+    settings = network.Training(channels=8, steps=2, columns=96)
     checkpoint = tmp_path / "net.pt"
     net = network.train([pairs], settings, 0, checkpoint)
     again = network.train([pairs], settings, 0, checkpoint)  # the checkpoint is complete: no step is left
