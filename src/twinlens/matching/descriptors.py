@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from twinlens.matching.box import Rows, Volume
 
-TILE = 128  # columns of the left image whose products with their candidates are one matrix product
+TILE = 32  # columns of one matrix product: so few that BLAS takes no threads, since the strips have them
 
 
 def descriptor_costs(left: NDArray[np.float32], right: NDArray[np.float32], side: int, low: int, depth: int) -> Rows:
