@@ -34,8 +34,8 @@ WINDOWS = (5, 7, 9, 11, 13, 15, 19, 23)
 COSTS = ("sad", "ssd", "ncc", "zsad", "zssd", "zncc", "jaccard", "census", "rank", "birchfield_tomasi")
 SUPPORTS = {"shiftable": (5, 9, 13), "adaptive": (15, 21, 31), "cross": (25, 35, 45), "guided": (11, 19, 27)}
 LEARNED: dict[str, dict[str, Any]] = {
-    "windows": {"base": "sad", "block_size": 5},
-    "semi-global": {"base": "sgm", "block_size": 1},
+    "windows": {"base": "cross", "block_size": 35},
+    "semi-global": {"base": "sgm", "block_size": 1, "p1": 0.2, "p2": 0.9},
 }
 """Options of the learned descriptors, chosen on the held-out scenes."""
 
@@ -89,10 +89,8 @@ def main() -> None:
     files = trained(dataset, options.work)
     held_out = data.make_dataset(options.recipe, options.work / "heldout", options.workers, **HELD_OUT)
     results: dict[str, Any] = {"scenes": len(dataset), "settings": {"training": vars(TRAINING), "learned": LEARNED}}
-    for name, pairs in {
-        "held-out": DatasetPairs(held_out),
-        **{name: open_pairs([name]) for name in options.pairs},
-    }.items():
+    sets = {"held-out": DatasetPairs(held_out), **{name: open_pairs([name]) for name in options.pairs}}
+    for name, pairs in ((name, list(found)) for name, found in sets.items()):
         results[name] = {"pairs": len(pairs), "hand-made": hand_made(pairs), "learned": learned(files, pairs)}
     print(tables.comparison(results))
     if options.publish:

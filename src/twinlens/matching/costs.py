@@ -57,7 +57,9 @@ COSTS: dict[str, Cost] = {
 
 MODEL_PREFIX = "onnx:"
 DESCRIPTOR = Cost("descriptor", "sum", PARABOLA, "1 - product of a network's descriptors", p1=0.02, p2=0.08)
-LEARNED = replace(DESCRIPTOR, description="descriptors of a network trained on random scenes (extra onnx)")
+LEARNED = replace(
+    DESCRIPTOR, description="descriptors of a trained network over cross regions (extra onnx)", p1=0.2, p2=0.9
+)
 LEARNED_NAME, LEARNED_FILE = "learned", Path(__file__).parent / "weights" / "learned.onnx"
 
 
