@@ -46,13 +46,13 @@ class Progress:
 class Exposed:
     """A pair exposed from the stored light of a sample, by new cameras and with new noise.
 
-    level : of the mismatch of exposure, light and colour; the alignment is that of the sample.
+    level : of the mismatch of exposure, light and colour, by default the sample's; its alignment is kept.
     noise : whether the sensor has any.
     light : a variant of the stored light (variants.py), kept in `folder`.
     """
 
     draw: int = 0
-    level: str = "typical"
+    level: str = ""
     noise: bool = True
     light: str = ""
     folder: Path = Path()
@@ -61,8 +61,8 @@ class Exposed:
         written = stored.record["record"]
         old = written["sensor"]
         seed = derived_seed(written["seed"], self.draw)
-        aligned = {name: old["mismatch"][name] for name in GEOMETRY}
-        mismatch = Mismatch.draw(self.level, seed, **aligned) if self.level != "none" else Mismatch(**aligned)
+        level = self.level or old["mismatch"]["level"]
+        mismatch = Mismatch.draw(level, seed, **{name: old["mismatch"][name] for name in GEOMETRY})
         sensor = Sensor(**{**old, "mismatch": mismatch, **({} if self.noise else NOISELESS)})
         if self.light:
             light = variants.light_of(stored, self.light, self.folder)

@@ -9,6 +9,8 @@ import numpy as np
 import score
 
 HERE = Path(__file__).parent
+FINDINGS = """TODO
+"""
 
 
 def page() -> str:
@@ -16,7 +18,7 @@ def page() -> str:
     results = json.loads((HERE / "results.json").read_text())
     parts = [(HERE / "about.md").read_text(), "## Scores\n", comparison(results["scores"])]
     if "ablations" in results:
-        parts += ["## What in the data matters\n", (HERE / "findings.md").read_text(), ablations(results["ablations"])]
+        parts += ["## What in the data matters\n", FINDINGS, ablations(results["ablations"])]
     return "\n".join(parts)
 
 
