@@ -103,7 +103,7 @@ def publish(key: str, value: object) -> None:
     """Replace one key of results.json, and write README.md from all published results."""
     file = HERE / "results.json"
     results = json.loads(file.read_text()) if file.exists() else {}
-    file.write_text(json.dumps(results | {key: value}, indent=1, sort_keys=True) + "\n")
+    file.write_text(json.dumps(results | {key: value}, indent=1) + "\n")
     (HERE / "README.md").write_text(tables.page())
 
 
