@@ -367,3 +367,10 @@ def test_denoised_images_keep_the_dots_of_a_projector(aperture):
     errors = [np.sqrt(np.mean((image - many)[flat] ** 2)) for image in (raw, denoised)]
     assert errors[1] < 0.5 * errors[0]
     assert np.sqrt(np.mean((denoised - many) ** 2)) < np.sqrt(np.mean((raw - many) ** 2))
+
+
+def test_denoised_images_without_reflections_have_no_light_of_a_projector():
+    scene = scene_of(wall(2.0), depth=1)
+    rig = Rig([TINY], [np.eye(4)], projectors=[Projector(SIDE, LENS, "white", 5.0)])
+    for denoise in (False, True):
+        assert not tl.render(scene, rig, spp=4, denoise=denoise)[0].any()

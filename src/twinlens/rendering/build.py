@@ -53,7 +53,7 @@ class BuiltScene:
     """A loaded Mitsuba scene and its bodies. `object_names[i]` and `material_names[i]` have the id i + 1.
 
     `parts` are the shapes and lights of the Mitsuba scene; None for a file whose parts cannot be used again.
-    `projectors` are emitters that are not in the scene, whose light the integrator adds.
+    `projected` is the integrator that adds the light of projectors, which are not in the scene; None if there is none.
     """
 
     mi_scene: Any
@@ -62,7 +62,7 @@ class BuiltScene:
     object_names: tuple[str, ...]
     material_names: tuple[str, ...]
     parts: Mapping[str, Any] | None = None
-    projectors: tuple[Any, ...] = ()
+    projected: Any = None
     cache: dict[str, Any] = field(default_factory=dict)
 
 

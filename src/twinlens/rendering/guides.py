@@ -150,10 +150,8 @@ def _render_jit(
     ray, x, y = sensor.film_rays(count, seed)
     albedo, normal = _first_rough_surfaces(built, mitsuba().Ray3f(ray))
     channels = [*albedo, *normal]
-    if built.projectors:
-        from twinlens.rendering.projected_paths import projected_light
-
-        channels += list(projected_light(built.mi_scene, built.projectors, sensor.sampler(), ray))
+    if built.projected is not None:
+        channels.extend(built.projected.direct_light(built.mi_scene, sensor.sampler(), ray))
     shares = None if parts is None else parts.shares(x, y, sensor.math)
     return pixel_means(channels, count, camera, shares)
 

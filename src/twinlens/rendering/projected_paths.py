@@ -75,20 +75,19 @@ class ProjectedPath(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
         *_, radiance = dr.while_loop((*start, mi.Spectrum(0.0)), lambda active, *_: active, step)
         return radiance, mi.Bool(True), []
 
+    def direct_light(self, scene: Any, sampler: Any, ray: Any) -> Any:
+        """The part of `sample` that comes directly from the lamps to the first surface.
+
+        Draws from the sampler as `sample` does, so that the points of a projector's aperture are the same.
+        """
+        si = scene.ray_intersect(mi.Ray3f(ray), mi.RayFlags.All, True)
+        bsdf = si.bsdf()
+        smooth = si.is_valid() & (self.max_depth > 1) & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+        sampler.next_2d(), sampler.next_1d(), sampler.next_2d()
+        return sum((_lit(scene, lamp, bsdf, si, sampler.next_2d(), smooth) for lamp in self.lamps), mi.Spectrum(0.0))
+
     def to_string(self) -> str:
         return "ProjectedPath[]"
-
-
-def projected_light(scene: Any, lamps: Sequence[Any], sampler: Any, ray: Any) -> Any:
-    """The part of `ProjectedPath.sample` that comes directly from `lamps` to the first surface.
-
-    Draws from the sampler as `sample` does, so that the points of a projector's aperture are the same.
-    """
-    si = scene.ray_intersect(mi.Ray3f(ray), mi.RayFlags.All, True)
-    bsdf = si.bsdf()
-    smooth = si.is_valid() & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-    sampler.next_2d(), sampler.next_1d(), sampler.next_2d()
-    return sum((_lit(scene, lamp, bsdf, si, sampler.next_2d(), smooth) for lamp in lamps), mi.Spectrum(0.0))
 
 
 def _mis(own: Any, other: Any) -> Any:

@@ -109,7 +109,7 @@ def can_denoise(built: BuiltScene, rig: Rig, band: str) -> bool:
 
     Gives a `ProjectorWarning` where they would not: there the projectors' light is not known apart from the scene's.
     """
-    if built.projectors or not any(each.emitted_power and each.band == band for each in rig.projectors):
+    if built.projected is not None or not any(each.emitted_power and each.band == band for each in rig.projectors):
         return True
     message = (
         "images with the light of projectors are not denoised here, as their patterns would be lost: use the LLVM or"
@@ -125,8 +125,8 @@ def _with_lights(scene: Scene, built: BuiltScene, lights: list[Any]) -> BuiltSce
         from twinlens.rendering.projected_paths import ProjectedPath  # sets up the backend
 
         options = {key: scene.integrator[key] for key in ("max_depth", "rr_depth") if key in scene.integrator}
-        integrator = sky_hidden(scene, ProjectedPath(lights, BLOCK_PX, **options))
-        return replace(built, integrator=integrator, projectors=tuple(lights))
+        projected = ProjectedPath(lights, BLOCK_PX, **options)
+        return replace(built, integrator=sky_hidden(scene, projected), projected=projected)
     if built.parts is None:
         raise InputError(f"{scene.xml}: has instances; projectors can light only Mitsuba files without any")
     parts = {f"projector{i:04d}": light for i, light in enumerate(lights)}
