@@ -16,6 +16,7 @@ from pathlib import Path
 import tables
 
 from twinlens.cli.boards import run_board
+from twinlens.cli.progress import progress_bar
 from twinlens.dataset import Dataset
 from twinlens.factory import generate, read_recipe, worker_processes
 from twinlens.scoring import Board, DatasetPairs, Pair, board_to_json, motorcycle, pair_statistics
@@ -35,8 +36,9 @@ METHODS = (
 def make_dataset(name: str, work: Path, workers: int) -> Dataset:
     """The dataset of a recipe of this folder, resumed if it is not complete."""
     folder = work / name
-    report = Progress(f"generating {name}")
-    outcome = generate(read_recipe(HERE / f"{name}.toml"), folder, engine=worker_processes(workers), report=report)
+    recipe = read_recipe(HERE / f"{name}.toml")
+    with progress_bar(f"generating {name}") as report:
+        outcome = generate(recipe, folder, engine=worker_processes(workers), report=report)
     if not outcome.complete or outcome.failures:
         raise SystemExit(f"{folder}: {outcome.there} of {outcome.count} samples")
     return Dataset(folder)
@@ -46,18 +48,6 @@ def make_board(name: str, pairs: Sequence[Pair], work: Path, regions: Sequence[s
     """The board of all methods on some pairs, kept in the work folder."""
     title = f"twinlens frozen benchmark {VERSION}: {name}"
     return run_board(pairs, METHODS, work / "boards" / name, (PROTOCOL,), tuple(regions), title=title)
-
-
-class Progress:
-    """Prints a line whenever the text changes."""
-
-    def __init__(self, task: str) -> None:
-        self.task, self.last = task, ""
-
-    def __call__(self, fraction: float, now: str = "") -> None:
-        if now != self.last:
-            self.last = now
-            print(f"{self.task}: {100 * fraction:.0f} % {now}", flush=True)
 
 
 def arguments(description: str | None) -> argparse.Namespace:

@@ -10,6 +10,7 @@ import variants
 from torch.utils.data import DataLoader, default_convert
 
 import twinlens as tl
+from twinlens.cli.progress import progress_bar
 from twinlens.dataset import StoredSample
 from twinlens.factory import generate, read_recipe, worker_processes
 from twinlens.matching import grey
@@ -23,23 +24,11 @@ GEOMETRY = ("pitch_px", "yaw_px", "roll_px", "scale_px", "distortion_px")
 
 def make_dataset(recipe: Path, folder: Path, workers: int, **changes: Any) -> tl.Dataset:
     """The dataset of a recipe with some keys changed; an incomplete one is resumed."""
-    report = Progress(f"generating {folder.name}")
-    outcome = generate(read_recipe(recipe, changes), folder, engine=worker_processes(workers), report=report)
+    with progress_bar(f"generating {folder.name}") as report:
+        outcome = generate(read_recipe(recipe, changes), folder, engine=worker_processes(workers), report=report)
     if not outcome.complete:
         raise SystemExit(f"{folder}: {outcome.there} of {outcome.count} samples")
     return tl.Dataset(folder)
-
-
-class Progress:
-    """Prints a line whenever the text changes."""
-
-    def __init__(self, task: str) -> None:
-        self.task, self.last = task, ""
-
-    def __call__(self, fraction: float, now: str = "") -> None:
-        if now != self.last:
-            self.last = now
-            print(f"{self.task}: {100 * fraction:.0f} % {now}", flush=True)
 
 
 @dataclass(frozen=True)
