@@ -44,16 +44,20 @@ class ThinLens(_OpenLens):
 
     aperture_diameter : diameter A of the entrance pupil in metres, >= 0; 0 is a pinhole.
     aperture : its shape inside the circle of diameter A.
+    defocus : error of the focus, 1/m, added to the vergence: it is sharp at 1 / (1/focus_distance + defocus), and
+    nowhere if this is negative.
     """
 
     name: ClassVar[str] = "thinlens"
     aperture_diameter: float
     focus_distance: float
     aperture: Aperture = FULL_DISK
+    defocus: float = 0.0
 
     def __post_init__(self) -> None:
         self._check_aperture("aperture_diameter")
         optics.check_focus(self.focus_distance)
+        check_number("defocus", self.defocus, "a number of 1/m from -1e6 to 1e6", least=-1e6, most=1e6)
 
     @classmethod
     def from_f_number(
@@ -68,8 +72,8 @@ class ThinLens(_OpenLens):
 
     @property
     def vergence(self) -> float:
-        """k = 1/focus_distance, in 1/m."""
-        return 1.0 / self.focus_distance
+        """k = 1/focus_distance + defocus, in 1/m."""
+        return 1.0 / self.focus_distance + self.defocus
 
 
 @dataclass(frozen=True)

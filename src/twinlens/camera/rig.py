@@ -199,6 +199,7 @@ class Misalignment:
     order: R = Rz(roll) Ry(yaw) Rx(pitch).
     focal : factor of the focal length, > 0.
     k1 : added to the distortion's first radial coefficient.
+    right_mm, down_mm, forward_mm : displacement of the camera along its calibrated x, y and z axes.
 
     Raises InputError when a value is out of range.
     """
@@ -209,6 +210,9 @@ class Misalignment:
     roll_deg: Annotated[float, (-89.999, 89.999)] = 0.0
     focal: Annotated[float, (0.1, 10)] = 1.0
     k1: Annotated[float, (-1e6, 1e6)] = 0.0
+    right_mm: Annotated[float, (-1e6, 1e6)] = 0.0
+    down_mm: Annotated[float, (-1e6, 1e6)] = 0.0
+    forward_mm: Annotated[float, (-1e6, 1e6)] = 0.0
 
     def __post_init__(self) -> None:
         check_ranges(self, "misalignment")
@@ -226,12 +230,13 @@ def misaligned(rig: Rig, errors: Sequence[Misalignment]) -> Rig:
     cameras, poses = [], []
     for camera, pose, error in zip(rig.cameras, rig.world_from_cams, errors, strict=True):
         angles = (error.pitch_deg, error.yaw_deg, error.roll_deg)
-        rotation = rigid(Rotation.from_euler("xyz", angles, degrees=True).as_matrix(), np.zeros(3))
+        step = 1e-3 * np.array([error.right_mm, error.down_mm, error.forward_mm])
+        motion = rigid(Rotation.from_euler("xyz", angles, degrees=True).as_matrix(), step)
         distortion = camera.distortion
         if error.k1:
             distortion = distortion or BrownConrady()
             distortion = replace(distortion, k1=distortion.k1 + error.k1)
         fx, fy, cy = camera.fx * error.focal, camera.fy * error.focal, camera.cy + error.vertical_px
         cameras.append(camera.replace(fx=fx, fy=fy, cy=cy, distortion=distortion))
-        poses.append(pose @ rotation)
+        poses.append(pose @ motion)
     return Rig(cameras, poses, rig.nominal, rig.projectors_from(poses[0]))

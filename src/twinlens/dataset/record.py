@@ -37,6 +37,7 @@ RENAMED = {("Rig", "believed"): "calibrated"}
 ADDED: dict[tuple[str, str], Any] = {
     ("Rig", "projectors"): (),
     ("Camera", "band"): "rgb",
+    ("ThinLens", "defocus"): 0.0,
     ("Projector", "aperture_diameter"): 0.0,
     ("Projector", "focus_distance"): math.inf,
 }

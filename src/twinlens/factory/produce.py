@@ -157,9 +157,11 @@ def check_backend(recipe: Recipe, index: int) -> None:
                 check_camera_supported(camera)
             for projector in rig.projectors:
                 check_projector_supported(projector)
-            for lens in make_lenses(settings, None, file, recipe.sources.file):
-                check_lens_supported(lens)
-            for mismatch in sensor_for(rig, spec.drawn, spec.seed, scene.rig, file).mismatches:
+            sensor = sensor_for(rig, spec.drawn, spec.seed, scene.rig, file)
+            for nominal in make_lenses(settings, None, file, recipe.sources.file):
+                for lens in sensor.lenses(rig, nominal):
+                    check_lens_supported(lens)
+            for mismatch in sensor.mismatches:
                 check_mismatch_supported(mismatch.distortion_px)
             if settings.dual_pixel:
                 check_parts_supported()

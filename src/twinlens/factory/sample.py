@@ -62,8 +62,8 @@ def make_sample(
     denoise : see `render`. The record names the method and its versions.
     noise : render until the renderer's noise is at most this multiple of the sensor's in every view, in the median over
         pixels, or until `rendering.MAX_SPP`. The record has the ratios of images that are denoised or have this bound.
-    sensor : default `Sensor()`. Its `mismatch` makes the cameras differ; for the alignment, give
-        ``sensor.misalign(rig)`` as the rig.
+    sensor : default `Sensor()`. Its `mismatch` makes the cameras and their lenses differ (`Sensor.lenses`); for the
+        alignment, give ``sensor.misalign(rig)`` as the rig. Truth is that of the nominal lenses.
     exposure : one exposure for all lenses, so that a smaller aperture gives a darker image. By default each lens has
         its own automatic exposure, which its cameras of the same band share.
     diffraction : blur images by the Airy pattern (`diffract`) at the sensor's wavelengths. Disk apertures only.
@@ -98,24 +98,25 @@ def make_sample(
     for k, lens in enumerate(lenses):
         stream = derived_seed(seed, _SHOT_STREAM, scene.name, k)  # so that no two images share noise
         report = rendering.partial_progress(progress, k / len(lenses), (k + 1) / len(lenses))
+        own = sensor.lenses(rig, lens)
         expose = partial(sensor.expose_rig, rig=rig, lens=lens, seed=stream, exposure=exposure)
         parts = Dual() if dual_pixel and lens.aperture_diameter > 0 else None
         views: Sequence[rendering.NoisyImage] = ()
         used = spp
         if spp > 1 and (denoise or noise is not None):
             views, used = rendering.render_measured(
-                scene, rig, lens, spp, stream, denoise=denoise, parts=parts, progress=report,
+                scene, rig, own, spp, stream, denoise=denoise, parts=parts, progress=report,
                 enough=lambda views, expose=expose, lens=lens: noise is None  # type: ignore[misc]
                 or max(_noise_ratios(views, expose(_wholes(view.image for view in views)), sensor, rig, lens)) <= noise,
             )  # fmt: skip
             images = [view.image for view in views]
         else:
-            images = rendering.render(scene, rig, lens, spp, stream, denoise=denoise, parts=parts, progress=report)
+            images = rendering.render(scene, rig, own, spp, stream, denoise=denoise, parts=parts, progress=report)
         radiances = tuple(_wholes(images))
         if diffraction and lens.aperture_diameter > 0:
             radiances = tuple(
-                diffract(image, camera, lens, sensor.for_band(camera.band).wavelengths)
-                for image, camera in zip(radiances, rig.cameras, strict=True)
+                diffract(image, camera, each, sensor.for_band(camera.band).wavelengths)
+                for image, camera, each in zip(radiances, rig.cameras, own, strict=True)
             )
         halves = None
         if parts is None:
@@ -136,7 +137,7 @@ def make_sample(
         "spp": spp,
         "denoise": _denoise_record(scene, rig) if denoise else None,
         "noise": noise,
-        "sensor": asdict(sensor),
+        "sensor": sensor.record(),
         "exposure": None if exposure is None else asdict(exposure),
         "diffraction": diffraction,
         "dual_pixel": dual_pixel,

@@ -48,7 +48,7 @@ _PINHOLE = Pinhole()
 def render(
     scene: Scene,
     rig: Rig,
-    lens: Lens = _PINHOLE,
+    lens: Lens | Sequence[Lens] = _PINHOLE,
     spp: int = 64,
     seed: int = 0,
     *,
@@ -61,6 +61,8 @@ def render(
 
     Parameters
     ----------
+    lens : Lens, or list or tuple of Lens
+        That of all cameras, or one for each.
     spp : int
         Samples per pixel, >= 1. Exactly this number is drawn.
     seed : int
@@ -89,20 +91,22 @@ def render(
     Raises
     ------
     InputError
-        For an invalid spp, seed, sampler or lens, and parts of a pinhole.
+        For an invalid spp, seed, sampler or lens, another number of lenses than of cameras, and parts of a pinhole.
     BackendError
         When this machine's backend does not support the camera, the lens, or parts.
     """
-    check_request(scene, rig, [lens], spp, seed, sampler)
+    lenses = _checked_lenses(scene, rig, lens, spp, seed, sampler)
     single, members = split_bands(rig)
     if len(single) > len(rig):
-        seen = render(scene, single, lens, spp, seed, denoise=denoise, parts=parts, sampler=sampler, progress=progress)
+        own = _per_band(lenses, members)
+        seen = render(scene, single, own, spp, seed, denoise=denoise, parts=parts, sampler=sampler, progress=progress)
         return [sum_of([seen[i] for i in indices]) for indices in members]
     if parts is not None:
-        check_parts(parts, lens)
+        for each in lenses:
+            check_parts(parts, each)
         check_parts_supported(build(scene, rig.cameras[0].band))
     images = []
-    for index, (camera, pose) in enumerate(zip(rig.cameras, rig.world_from_cams, strict=True)):
+    for index, (camera, pose, lens) in enumerate(zip(rig.cameras, rig.world_from_cams, lenses, strict=True)):
         report = partial_progress(progress, index / len(rig), (index + 1) / len(rig))
         built = build_lit(scene, rig, camera.band)
         total: Any = 0.0
@@ -141,7 +145,7 @@ class NoisyImage:
 def render_measured(
     scene: Scene,
     rig: Rig,
-    lens: Lens,
+    lens: Lens | Sequence[Lens],
     spp: int,
     seed: int,
     *,
@@ -159,7 +163,7 @@ def render_measured(
     Returns one image per camera, with `parts` those of the parts, and the samples per pixel used. Raises the errors of
     `render`, and InputError for spp < 2.
     """
-    check_request(scene, rig, [lens], spp, seed, sampler)
+    lenses = _checked_lenses(scene, rig, lens, spp, seed, sampler)
     if spp < 2:
         raise InputError(f"an estimate of the noise needs spp >= 2, got {spp}")
     single, members = split_bands(rig)
@@ -169,22 +173,22 @@ def render_measured(
             return [_joined_bands([seen[i] for i in indices]) for indices in members]
 
         found, used = render_measured(
-            scene, single, lens, spp, seed, denoise=denoise, parts=parts, sampler=sampler, progress=progress,
-            enough=lambda seen: enough(joined(seen)),
+            scene, single, _per_band(lenses, members), spp, seed, denoise=denoise, parts=parts, sampler=sampler,
+            progress=progress, enough=lambda seen: enough(joined(seen)),
         )  # fmt: skip
         return joined(found), used
     builts = [build_lit(scene, rig, camera.band) for camera in rig.cameras]
-    views = list(zip(rig.cameras, rig.world_from_cams, strict=True))
+    views = list(zip(rig.cameras, rig.world_from_cams, lenses, strict=True))
     filtered = [denoise and can_denoise(built, rig, view[0].band) for built, view in zip(builts, views, strict=True)]
     others = [
         [
-            other_guides(builts[i], *view, lens, GUIDE_SAMPLES // 2, seed, i, k, parts=parts)
+            other_guides(builts[i], *view, GUIDE_SAMPLES // 2, seed, i, k, parts=parts)
             for k in (0, 1)
             if filtered[i]
         ]
         for i, view in enumerate(views)
     ]
-    fractions = None if parts is None else parts.light(lens.aperture)[0]
+    fractions = [None if parts is None else parts.light(each.aperture)[0] for each in lenses]
     owns: list[list[Guides | None]] = [[None, None] for _ in views]
     several = () if parts is None else (len(parts),)
     totals = [np.zeros((2, *several, camera.height, camera.width, 3)) for camera in rig.cameras]
@@ -194,15 +198,15 @@ def render_measured(
         for half, count in enumerate((extra - extra // 2, extra // 2)):
             half_seed = derived_seed(seed, _NOISE_STREAM, int(counts.sum()), half)
             report = partial_progress(progress, half / 2, (half + 1) / 2)
-            images = render(scene, rig, lens, count, half_seed, parts=parts, sampler=sampler, progress=report)
-            for i, (camera, pose) in enumerate(views):
+            images = render(scene, rig, lenses, count, half_seed, parts=parts, sampler=sampler, progress=report)
+            for i, view in enumerate(views):
                 totals[i][half] += count * images[i].astype(np.float64)
                 if filtered[i]:
-                    passes = _image_passes(camera, count, half_seed, i, sampler)
-                    own = _own_guides(builts[i], camera, pose, lens, passes, parts)
+                    passes = _image_passes(view[0], count, half_seed, i, sampler)
+                    own = _own_guides(builts[i], *view, passes, parts)
                     owns[i][half] = _joined(owns[i][half], own)
             counts[half] += count
-        found = [_measured(*each, counts, fractions) for each in zip(totals, others, owns, strict=True)]
+        found = [_measured(*each, counts) for each in zip(totals, others, owns, fractions, strict=True)]
         extra = int(counts.sum())
         if enough(found) or 2 * extra > MAX_SPP:
             return found, extra
@@ -227,6 +231,22 @@ def split_bands(rig: Rig) -> tuple[Rig, list[list[int]]]:
     return (rig if len(cameras) == len(rig) else Rig(cameras, poses, projectors=rig.projectors)), members
 
 
+def _checked_lenses(
+    scene: Scene, rig: Rig, lens: Lens | Sequence[Lens], spp: int, seed: int, sampler: str
+) -> list[Lens]:
+    """The lens of each camera, after `check_request`. Raises InputError for another number of lenses than cameras."""
+    given = list(lens) if isinstance(lens, (list, tuple)) else [lens]
+    check_request(scene, rig, given, spp, seed, sampler)
+    if isinstance(lens, (list, tuple)) and len(given) != len(rig):
+        raise InputError(f"a rig of {len(rig)} cameras needs one lens, or one for each camera, got {len(given)}")
+    return given if isinstance(lens, (list, tuple)) else given * len(rig)
+
+
+def _per_band(lenses: Sequence[Lens], members: Sequence[Sequence[int]]) -> list[Lens]:
+    """The lenses of the cameras of `split_bands`, in their order, from those of the cameras of a rig."""
+    return [lens for lens, indices in zip(lenses, members, strict=True) for _ in indices]
+
+
 def sum_of(images: Sequence[NDArray[np.float32]]) -> NDArray[np.float32]:
     """The sum of the images of a camera's bands."""
     return np.asarray(np.sum(images, axis=0, dtype=np.float32))
@@ -248,8 +268,8 @@ def _measured(
     total: Float,
     others: Sequence[Guides],
     owns: Sequence[Guides | None],
-    counts: NDArray[np.float64],
     fractions: Float | None,
+    counts: NDArray[np.float64],
 ) -> NoisyImage:
     """The image of one camera, from the sums of the two halves of its samples, and their guides."""
     mean = (total.sum(axis=0) / counts.sum()).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Differences between the cameras of a rig: exposure, lens shading, stray light, sharpness, colours and alignment.
+"""Differences between the cameras of a rig: exposure, lens, stray light, sharpness, colours and alignment.
 
 The first camera is the reference, without differences; each other camera has a `Mismatch`. A real pair differs in both
 cameras: a `Mismatch` is the difference of the two, and so are its spreads. docs/realism.md gives their sources.
@@ -11,8 +11,8 @@ from typing import Annotated, Any, get_type_hints
 
 import numpy as np
 
-from twinlens.camera import ALIGNED, Camera, Misalignment, Rig, misaligned
-from twinlens.errors import check_int, check_known, check_ranges, located
+from twinlens.camera import ALIGNED, BareAperture, Camera, Lens, Misalignment, Pinhole, Rig, misaligned
+from twinlens.errors import InputError, check_int, check_known, check_ranges, located
 from twinlens.geometry import Float
 from twinlens.seeds import generator
 from twinlens.sensor.exposure import Exposure
@@ -26,6 +26,9 @@ DEFAULT_MISMATCH: Mapping[str, Any] = {"level": "typical", "distortion_px": 0.0}
 _MAX_SIGMAS = 2.5  # limit of a drawn value, in standard deviations
 _NOT_NEGATIVE = ("veiling_glare", "stray_light", "blur_px")
 
+ADDED = ("focus_um", "right_mm", "down_mm", "forward_mm")
+"""Fields that earlier versions do not have. Records leave them out at 0."""
+
 
 @dataclass(frozen=True)
 class Mismatch:
@@ -36,7 +39,8 @@ class Mismatch:
 
     gain, time : factors of the exposure's gain and time, > 0.
     black_level : added to the black level, DN.
-    f_number : factor of the f-number; the light changes by its inverse square, the blur circle does not.
+    f_number : factor of the f-number; the light changes by its inverse square, blur circles by its inverse.
+    focus_um : displacement of the film away from the lens, micrometres; it then focuses nearer.
     shading_right, shading_down, shading_corner : a, b, c of the factor 1 + a x + b y - c r^2 of the lens's light.
     veiling_glare : share g of the light that is spread evenly: (1 - g) L + g mean(L), in each channel.
     stray_light : share s of the mean light that is added, from 0 on one side of the image to 2 s mean(L) on the other.
@@ -50,15 +54,18 @@ class Mismatch:
     roll_px : displacement of the middle of the right edge, down, by a rotation about the optical axis.
     scale_px, distortion_px : displacement of the corners outwards, by the focal length and by the third power of the
     radius.
+    right_mm, down_mm, forward_mm : displacement of the camera along its axes, millimetres.
     level : the level that the values were drawn from, for the record.
 
-    pitch_px to distortion_px apply to the rig that takes the images (`misalign`), not to the sensor.
+    pitch_px to forward_mm apply to the rig that takes the images (`misalign`), f_number and focus_um to its lenses
+    (`lens`). The sensor applies all others, and f_number to the light.
     """
 
     gain: Annotated[float, (1e-3, 1e3), (0.005, 0.01, 0.05)] = 1.0
     time: Annotated[float, (1e-3, 1e3), (0.0, 0.0, 0.1)] = 1.0
     black_level: Annotated[float, (-1e6, 1e6), (0.25, 1.0, 3.0)] = 0.0
     f_number: Annotated[float, (0.1, 10), (0.002, 0.008, 0.047)] = 1.0
+    focus_um: Annotated[float, (-1e6, 1e6), (1.0, 5.0, 14.0)] = 0.0
     shading_right: Annotated[float, (-0.3, 0.3), (0.01, 0.04, 0.08)] = 0.0
     shading_down: Annotated[float, (-0.3, 0.3), (0.01, 0.04, 0.08)] = 0.0
     shading_corner: Annotated[float, (-0.3, 0.4), (0.01, 0.04, 0.08)] = 0.0
@@ -75,6 +82,9 @@ class Mismatch:
     roll_px: Annotated[float, (-100, 100), (0.03, 0.1, 0.25)] = 0.0
     scale_px: Annotated[float, (-100, 100), (0.03, 0.1, 0.25)] = 0.0
     distortion_px: Annotated[float, (-100, 100), (0.03, 0.1, 0.25)] = 0.0
+    right_mm: Annotated[float, (-1e3, 1e3), (0.01, 0.03, 0.1)] = 0.0
+    down_mm: Annotated[float, (-1e3, 1e3), (0.01, 0.03, 0.1)] = 0.0
+    forward_mm: Annotated[float, (-1e3, 1e3), (0.01, 0.03, 0.1)] = 0.0
     level: str = "none"
 
     def __post_init__(self) -> None:
@@ -142,6 +152,31 @@ class Mismatch:
             linear = linear * np.array([self.white_balance_red, 1.0, self.white_balance_blue])
         return linear if self.tone_exponent == 1 else np.clip(linear, 0.0, 1.0) ** self.tone_exponent
 
+    def lens(self, lens: Lens, camera: Camera) -> Lens:
+        """The lens of a camera of this mismatch, with its f-number and its focus, from the nominal one.
+
+        `camera` is the calibrated one; its film is at v = fx * pixel pitch. The thin-lens law 1/f = 1/z + 1/v gives a
+        lens of vergence k the vergence k + 1/v - 1/(v + dv) where the film is displaced by dv. A calibration measures
+        the intrinsics with the displaced film, so they stay. Pinholes and bare apertures have no focus.
+
+        Raises InputError for a film displaced to the lens or beyond.
+
+        >>> from twinlens.camera import ThinLens
+        >>> camera = Camera.from_fov(640, 480, fov_x_deg=60)  # v = 2.77 mm
+        >>> round(1 / Mismatch(focus_um=1.0).lens(ThinLens(0.001, focus_distance=2.0), camera).vergence, 2)
+        1.59
+        """
+        if isinstance(lens, Pinhole) or (self.f_number, self.focus_um) == (1.0, 0.0):
+            return lens
+        diameter = lens.aperture_diameter / self.f_number
+        if isinstance(lens, BareAperture):
+            return lens.replace(diameter=diameter)
+        film, step = camera.film_distance, 1e-6 * self.focus_um
+        if film + step <= 0:
+            raise InputError(f"mismatch focus_um={self.focus_um:g} moves the film to the lens, {1e6 * film:g} um away")
+        defocus = lens.defocus + step / (film * (film + step))
+        return lens.replace(aperture_diameter=diameter, defocus=defocus)
+
     def misalign(self, rig: Rig) -> Rig:
         """The misaligned rig, which takes the images; calibration and truth are those of `rig`.
 
@@ -158,6 +193,9 @@ class Mismatch:
             roll_deg=-math.degrees(math.atan(self.roll_px / (camera.width / 2))),
             focal=1 + self.scale_px / (camera.fx * radius),
             k1=self.distortion_px / (camera.fx * radius**3),
+            right_mm=self.right_mm,
+            down_mm=self.down_mm,
+            forward_mm=self.forward_mm,
         )
 
 

@@ -28,7 +28,7 @@ from twinlens.optics.diffraction import CHANNEL_WAVELENGTHS, check_wavelengths
 from twinlens.seeds import derived_seed, generator
 from twinlens.sensor import light, picture
 from twinlens.sensor.exposure import Exposure, auto_exposure, check_exposure
-from twinlens.sensor.mismatch import Mismatch, misalign
+from twinlens.sensor.mismatch import ADDED, Mismatch, misalign
 from twinlens.sensor.picture import Image
 from twinlens.sensor.presets import PRESETS
 
@@ -145,9 +145,13 @@ class Sensor:
         check_known("sensor preset", name, PRESETS)
         return cls(**PRESETS[name]).replace(**changes)
 
+    def record(self) -> dict[str, Any]:
+        """Plain values for sample.json, those of ``dataclasses.asdict``; `from_record` reads them."""
+        return asdict(self, dict_factory=lambda items: {k: v for k, v in items if v or k not in ADDED})
+
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> "Sensor":
-        """The sensor of ``dataclasses.asdict(sensor)``, as in sample.json."""
+        """The sensor of a `record`."""
         nir, mismatch = record.get("nir"), record.get("mismatch", {})
         several = isinstance(mismatch, (list, tuple))
         parts = {
@@ -207,6 +211,15 @@ class Sensor:
         """
         self.check_mismatches(rig)
         return misalign(rig, [self.mismatch_of(i) for i in range(1, len(rig))])
+
+    def lenses(self, rig: Rig, lens: Lens) -> tuple[Lens, ...]:
+        """The lens of each camera of a rig, for `render`: `lens` with the f-numbers and the focus of the mismatches.
+
+        Raises InputError as `misalign`, and as `Mismatch.lens`.
+        """
+        check_lens(lens)
+        self.check_mismatches(rig)
+        return tuple(self.mismatch_of(i).lens(lens, camera) for i, camera in enumerate(rig.nominal.cameras))
 
     def check_mismatches(self, rig: Rig) -> None:
         """Raise InputError for a tuple of mismatches of another number of cameras than the rig has."""
@@ -382,7 +395,7 @@ class Sensor:
             "electrons_per_radiance": (rates * true.time / mismatch.f_number**2).tolist(),
             "seed": int(seed),
             "eye": int(eye),
-            "sensor": asdict(replace(self, mismatch=mismatch) if isinstance(self.mismatch, tuple) else self),
+            "sensor": (replace(self, mismatch=mismatch) if isinstance(self.mismatch, tuple) else self).record(),
             "saturated_fraction": float(saturated.mean()),
             "mean_electrons": float(electrons.mean()),
         }
