@@ -2,14 +2,15 @@
 
 import math
 
+import cv2
 import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from twinlens.camera import Camera, Pinhole, Rig, ThinLens
+from twinlens.camera import BareAperture, Camera, Pinhole, Rig, ThinLens
 from twinlens.errors import InputError
 from twinlens.sensor import LEVELS, Exposure, Mismatch, Sensor
-from twinlens.sensor.mismatch import SPREADS
+from twinlens.sensor.mismatch import ADDED, SPREADS
 
 CAMERA = Camera(96, 64, 100.0, 100.0, 47.5, 31.5)
 RIG = Rig.stereo(CAMERA, 0.1)
@@ -207,6 +208,87 @@ def test_the_center_and_the_corners_move_by_the_given_pixels():
     for name, half in (("scale_px", 0.5), ("distortion_px", 0.125)):
         found = moved(**{name: 0.3})
         assert found[2:] == pytest.approx(np.array([0.3 * out, -0.3 * out, half * 0.3 * out]), abs=1e-6)
+
+
+def test_a_camera_moves_along_its_own_axes():
+    """A point at a depth Z moves by -f t/Z pixels; a camera that is turned by a quarter moves along its turned axes."""
+    turned = np.array([[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+    rig = Rig([CAMERA, CAMERA], [np.eye(4), turned])
+    off = Mismatch(right_mm=2.0, down_mm=-3.0, forward_mm=5.0).misalign(rig)
+    assert off.nominal is rig
+    assert off.world_from_cams[1][:3, 3] == pytest.approx([0.003, 0.002, 0.005])
+    found = off.project(1, rig.unproject(1, [47.5, 31.5], 2.0))
+    assert found == pytest.approx([47.5 - 0.2 / 1.995, 31.5 + 0.3 / 1.995])
+
+
+def test_translations_are_as_large_as_those_of_calibrations():
+    """Chessboard calibrations by OpenCV from 20 views, with 0.03, 0.1 and 0.3 px of noise in the corners."""
+    rng = np.random.default_rng(0)
+    size, k = (700, 500), np.array([[800, 0, 349.5], [0, 800, 249.5], [0, 0, 1.0]])
+    board = np.zeros((54, 3), np.float32)
+    board[:, :2] = 0.03 * (np.mgrid[:9, :6].T.reshape(-1, 2) - [4, 2.5])
+
+    def seen(turn: np.ndarray, place: np.ndarray, x: float) -> np.ndarray:
+        return cv2.projectPoints(board, turn, place - [x, 0, 0], k, None)[0][:, 0]
+
+    views = []
+    while len(views) < 20:
+        turn, place = rng.uniform(-0.5, 0.5, 3), rng.uniform([-0.15, -0.15, 0.5], [0.25, 0.15, 1.0])
+        pair = [seen(turn, place, x) for x in (0.0, 0.1)]
+        if all((points > 5).all() and (points < np.subtract(size, 5)).all() for points in pair):
+            views.append(pair)
+    for level, noise in enumerate((0.03, 0.1, 0.3)):
+        found = []
+        for _ in range(12):
+            noisy = [
+                [(view[i] + rng.normal(0, noise, view[i].shape)).astype(np.float32) for view in views] for i in (0, 1)
+            ]
+            result = cv2.stereoCalibrate(
+                [board] * 20, *noisy, k, np.zeros(5), k, np.zeros(5), size, flags=cv2.CALIB_FIX_INTRINSIC
+            )
+            found.append(-result[5].T @ result[6].ravel() - [0.1, 0, 0])
+        spread = 1e3 * np.sqrt(np.square(found).mean())
+        for name in ("right_mm", "down_mm", "forward_mm"):
+            assert SPREADS[name][level] == pytest.approx(spread, rel=0.35)
+
+
+def test_lenses_of_displaced_films():
+    """Gauss's lens equation: the distances of object and displaced film belong to the same focal length."""
+    camera = CAMERA.replace(pixel_pitch_um=80.0)  # film distance 8 mm
+    nominal = ThinLens(0.002, 1.5)
+    focal = 1 / (1 / 1.5 + 1 / 0.008)
+    for focus_um in (20.0, -20.0):
+        lens = Mismatch(focus_um=focus_um, f_number=1.25).lens(nominal, camera)
+        film = 0.008 + 1e-6 * focus_um
+        assert 1 / lens.vergence == pytest.approx(focal * film / (film - focal), rel=1e-9)
+        assert lens.aperture_diameter == pytest.approx(0.002 / 1.25)
+    beyond = Mismatch(focus_um=-5.0).lens(ThinLens(0.002, math.inf), camera)
+    assert beyond.vergence < 0
+    hole = BareAperture(0.001, 0.05)
+    assert Mismatch(focus_um=5.0, f_number=1.25).lens(hole, camera) == BareAperture(0.0008, 0.05)
+    assert Mismatch(focus_um=5.0, f_number=1.25).lens(Pinhole(), camera) == Pinhole()
+    assert Mismatch(gain=1.1).lens(nominal, camera) is nominal
+    with pytest.raises(InputError, match="focus_um=-8000 moves the film to the lens, 8000 um away"):
+        Mismatch(focus_um=-8000.0).lens(nominal, camera)
+
+
+def test_lenses_of_a_rig_are_those_of_its_mismatches():
+    """Of the calibrated cameras, whose film distance does not change with the scale of the image."""
+    lens = ThinLens(0.001, 2.0)
+    own = Sensor(mismatch=Mismatch(focus_um=1.0, scale_px=3.0))
+    first, second = own.lenses(own.misalign(RIG), lens)
+    assert first is lens
+    assert second == own.mismatch.lens(lens, CAMERA)
+    assert Sensor().lenses(RIG, lens) == (lens, lens)
+    with pytest.raises(InputError, match="must be 1, one for each camera after the first, got 2"):
+        own.replace(mismatch=(Mismatch(), Mismatch())).lenses(RIG, lens)
+
+
+def test_records_leave_out_fields_that_earlier_versions_do_not_have():
+    record = Sensor(mismatch=(Mismatch(gain=1.1), Mismatch(focus_um=2.0, down_mm=0.1))).record()
+    assert [sorted(set(ADDED) & each.keys()) for each in record["mismatch"]] == [[], ["down_mm", "focus_um"]]
+    assert Sensor.from_record(record).record() == record
+    assert "focus_um" not in Sensor(nir=Sensor()).record()["nir"]["mismatch"]
 
 
 def test_a_rig_without_errors_of_alignment_is_returned():

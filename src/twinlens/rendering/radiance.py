@@ -181,11 +181,7 @@ def render_measured(
     views = list(zip(rig.cameras, rig.world_from_cams, lenses, strict=True))
     filtered = [denoise and can_denoise(built, rig, view[0].band) for built, view in zip(builts, views, strict=True)]
     others = [
-        [
-            other_guides(builts[i], *view, GUIDE_SAMPLES // 2, seed, i, k, parts=parts)
-            for k in (0, 1)
-            if filtered[i]
-        ]
+        [other_guides(builts[i], *view, GUIDE_SAMPLES // 2, seed, i, k, parts=parts) for k in (0, 1) if filtered[i]]
         for i, view in enumerate(views)
     ]
     fractions = [None if parts is None else parts.light(each.aperture)[0] for each in lenses]
