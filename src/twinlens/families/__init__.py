@@ -33,6 +33,7 @@ def random_scene(
     aspect: float = 4 / 3,
     width: int = 640,
     own_lights: bool = True,
+    plain_surfaces: bool = True,
 ) -> Scene:
     """A random scene of a family.
 
@@ -57,6 +58,8 @@ def random_scene(
     own_lights : bool
         False leaves out the lights outside the picture, and the wall behind the camera, for a scene that is lit by a
         sky (`Scene.lit_by`). Lamps and windows in the picture remain.
+    plain_surfaces : bool
+        False gives walls, table tops and floors that would be plain a pattern; nothing else changes.
 
     Returns
     -------
@@ -87,8 +90,9 @@ def random_scene(
         raise InputError("depth_range scales the whole scene; it cannot be used with keep_scale")
     depths = None if depth_range is None else (float(depth_range[0]), float(depth_range[1]))
     scene = Composition(
-        f"{family}-{label}", root, assets or Assets(), depths, counts, float(aspect), int(width), own_lights
-    )
+        f"{family}-{label}", root, assets or Assets(), depths, counts, float(aspect), int(width), own_lights,
+        plain_surfaces,
+    )  # fmt: skip
     chosen.compose(scene)
     return scene.scene(chosen.about)
 

@@ -117,7 +117,7 @@ class Composition:
     """The settings and the content of a scene. A family adds `count` objects, a number drawn from the range `counts`.
 
     The image is `width_px` wide with width/height = `aspect`; `look` sets the view. Lengths are in metres. Without
-    `own_lights`, `lighting.panel` adds nothing.
+    `own_lights`, `lighting.panel` adds nothing. Without `plain_surfaces`, walls, table tops and floors have patterns.
     """
 
     name: str
@@ -128,6 +128,7 @@ class Composition:
     aspect: float
     width_px: int
     own_lights: bool = True
+    plain_surfaces: bool = True
     count: int = field(init=False)
     palette: Palette = field(init=False)
     view: View = field(init=False)

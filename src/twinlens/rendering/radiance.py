@@ -98,8 +98,10 @@ def render(
     lenses = _checked_lenses(scene, rig, lens, spp, seed, sampler)
     single, members = split_bands(rig)
     if len(single) > len(rig):
-        own = _per_band(lenses, members)
-        seen = render(scene, single, own, spp, seed, denoise=denoise, parts=parts, sampler=sampler, progress=progress)
+        seen = render(
+            scene, single, _per_band(lenses, members), spp, seed, denoise=denoise, parts=parts, sampler=sampler,
+            progress=progress,
+        )  # fmt: skip
         return [sum_of([seen[i] for i in indices]) for indices in members]
     if parts is not None:
         for each in lenses:
@@ -231,11 +233,13 @@ def _checked_lenses(
     scene: Scene, rig: Rig, lens: Lens | Sequence[Lens], spp: int, seed: int, sampler: str
 ) -> list[Lens]:
     """The lens of each camera, after `check_request`. Raises InputError for another number of lenses than cameras."""
-    given = list(lens) if isinstance(lens, (list, tuple)) else [lens]
-    check_request(scene, rig, given, spp, seed, sampler)
-    if isinstance(lens, (list, tuple)) and len(given) != len(rig):
-        raise InputError(f"a rig of {len(rig)} cameras needs one lens, or one for each camera, got {len(given)}")
-    return given if isinstance(lens, (list, tuple)) else given * len(rig)
+    if isinstance(lens, str) or not isinstance(lens, Sequence):
+        check_request(scene, rig, [lens], spp, seed, sampler)
+        return [lens] * len(rig)
+    check_request(scene, rig, lens, spp, seed, sampler)
+    if len(lens) != len(rig):
+        raise InputError(f"a rig of {len(rig)} cameras needs one lens, or one for each camera, got {len(lens)}")
+    return list(lens)
 
 
 def _per_band(lenses: Sequence[Lens], members: Sequence[Sequence[int]]) -> list[Lens]:
