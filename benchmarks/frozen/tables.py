@@ -123,7 +123,9 @@ STATISTICS_TEXT = """`twinlens statistics`, medians with 10 % and 90 % quantiles
 rendered pairs between the 10 % and 90 % quantiles of the real pairs, and whether the median of all rendered pairs is
 within a third of that range from the real median.
 """
-ABLATIONS = """`python benchmarks/frozen/ablations.py`: each ingredient left out alone, pinhole images of the first
-twelve samples of each dataset. The ranking is compared with that of the full benchmark on the same samples; 1 means
-that nothing changes. Then medians of image statistics.
+ABLATIONS = """`python benchmarks/frozen/ablations.py`: each ingredient left out alone, in images through the lens of
+the first samples of each dataset. The ranking is compared with that of the full benchmark on the same samples; 1 means
+that nothing changes. Then medians of image statistics. The second image is rendered again where lens or alignment
+change: the row "nothing" has the effect of the renderer's noise alone. Level `typical` has equal exposure times. The
+bundled room is left out, as an even sky does not light it.
 """

@@ -172,3 +172,24 @@ def test_the_main_lights_of_a_room_are_not_visible(seed):
     assert not filling & shown
     assert sum(flux[name] for name in filling) > sum(flux[name] for name in set(flux) - filling)
     assert sum(flux[name] for name in filling) > 15
+
+
+@pytest.mark.parametrize("family", ["tabletop", "room", "cards"])
+def test_plain_surfaces_may_be_left_out(family):
+    """Where a surface was plain, its contrast is higher; all other surfaces, and all objects, are the same."""
+    changed = []
+    for seed in range(6):
+        plain, textured = (random_scene(family, seed, width=96, plain_surfaces=each) for each in (True, False))
+        assert [thing.name for thing in plain.objects] == [thing.name for thing in textured.objects]
+        for one, other in zip(plain.objects, textured.objects, strict=True):
+            assert np.array_equal(one.world_from_object, other.world_from_object)
+            assert np.array_equal(one.shape.vertices, other.shape.vertices)
+            maps = [
+                scene.materials[thing.material].get("base_color") for scene, thing in ((plain, one), (textured, other))
+            ]
+            if isinstance(maps[0], Bitmap) and not np.array_equal(maps[0].pixels, maps[1].pixels):
+                before, after = (np.log(each.pixels).std(axis=(0, 1)).max() for each in maps)
+                changed.append(one.name)
+                assert after > before, (seed, one.name)
+    assert 2 <= len(changed) < 24
+    assert all(re.search("wall|floor|table", name) for name in changed)
