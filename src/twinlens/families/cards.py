@@ -145,7 +145,7 @@ def _add_surroundings(scene: Composition, depth_ratio: float) -> None:
     distance = scene.backdrop_distance(lambda d: [sheet.mesh() for sheet in sheets(d)], far, far)
     floor, wall = sheets(distance)
     for name, sheet, kinds, contrast in (("floor", floor, FLOORS, 0.55), ("wall", wall, WALLS, 0.4)):
-        kind, tile = surface_pattern(scene, rng, kinds)
+        kind, tile = surface_pattern(rng, kinds, scene.plain_surfaces)
         colors = wall_colors(scene.rng(name, "colours"), scene.palette, contrast)
         tile *= 0.3 * view.covered(distance)[0]
         scene.add(name, sheet.mesh(), surface(scene, scene.rng(name), sheet, kind, colors, tile))

@@ -195,20 +195,20 @@ def _add_shell(scene: Composition, shell: Shell) -> None:
     """Add floor, walls, ceiling and skirting in the scene's colours; the back wall may have its own pattern."""
     rng = scene.rng("shell")
     colors = wall_colors(scene.rng("wall colours"), scene.palette, 0.4)
-    name, tile = surface_pattern(scene, rng, WALLS)
+    name, tile = surface_pattern(rng, WALLS, scene.plain_surfaces)
     accent = rng.random() < 0.5
     for side, sheet in shell.sheets().items():
         if side == "front-wall" and not scene.own_lights:
             continue
         kind, size, tones, finish = name, tile, colors, "matte"
         if side == "floor":
-            kind, size = surface_pattern(scene, rng, FLOORS)
+            kind, size = surface_pattern(rng, FLOORS, scene.plain_surfaces)
             tones = wall_colors(scene.rng("floor colours"), scene.palette, 0.55)
             finish = one_of(rng, ["matte", "satin", "clearcoat"])
         elif side == "ceiling":
             kind, size, tones = "plain", 2.0, np.array([[0.78, 0.77, 0.74]])
         elif side == "back-wall" and accent:
-            kind, size = surface_pattern(scene, rng, WALLS)
+            kind, size = surface_pattern(rng, WALLS, scene.plain_surfaces)
             tones = wall_colors(scene.rng("accent"), scene.palette, 0.45)
         made = surface(scene, scene.rng("surface", side), sheet, kind, tones, size, finish)
         scene.add(side, sheet.mesh(), made)

@@ -169,12 +169,12 @@ FLOORS: Patterns = (0.2, (
 # fmt: on
 
 
-def surface_pattern(scene: Composition, rng: Rng, patterns: Patterns) -> tuple[str, float]:
+def surface_pattern(rng: Rng, patterns: Patterns, may_be_plain: bool = True) -> tuple[str, float]:
     """The pattern of a wall, table top or floor, and the size of its tile in metres."""
     plain, others = patterns
     if rng.random() >= plain:
         return one_of(rng, others)
-    return ("plain", 1.6) if scene.plain_surfaces else one_of(rng.spawn(1)[0], others)  # keeps the draws that follow
+    return ("plain", 1.6) if may_be_plain else one_of(rng.spawn(1)[0], others)  # keeps the draws that follow
 
 
 def wall_colors(rng: Rng, palette: Palette, contrast: float = 0.35) -> Float:

@@ -93,7 +93,7 @@ def _add_surroundings(scene: Composition, depth_ratio: float, half: float) -> No
     rng = scene.rng("furnish")
     for name, sheet in sheets(scene.backdrop_distance(meshes, far, far)).items():
         kinds, contrast = patterns[name]
-        kind, tile = surface_pattern(scene, rng, kinds)
+        kind, tile = surface_pattern(rng, kinds, scene.plain_surfaces)
         colors = wall_colors(scene.rng(f"{name} colours"), scene.palette, contrast)
         finish = one_of(rng, ["matte", "satin", "satin", "clearcoat"]) if name == "table" else "matte"
         made = surface(scene, scene.rng(name), sheet, kind, colors, tile, finish)
