@@ -21,7 +21,7 @@ LEVELS = ("none", "calibrated", "typical", "consumer")
 """After "none": a fresh calibration with equalised gains and flat fields, two cameras of one model, cheap modules."""
 
 DEFAULT_MISMATCH: Mapping[str, Any] = {"level": "typical", "distortion_px": 0.0}
-"""The mismatch of recipes that give none; every backend can render it."""
+"""The mismatch of recipes that give none; every backend renders it, unless it focuses a lens beyond infinity."""
 
 _MAX_SIGMAS = 2.5  # limit of a drawn value, in standard deviations
 _NOT_NEGATIVE = ("veiling_glare", "stray_light", "blur_px")
