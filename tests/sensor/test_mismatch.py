@@ -10,7 +10,7 @@ from scipy.special import ndtr
 from twinlens.camera import BareAperture, Camera, Pinhole, Rig, ThinLens
 from twinlens.errors import InputError
 from twinlens.sensor import LEVELS, Exposure, Mismatch, Sensor
-from twinlens.sensor.mismatch import ADDED, SPREADS
+from twinlens.sensor.mismatch import LEFT_OUT, SPREADS
 
 CAMERA = Camera(96, 64, 100.0, 100.0, 47.5, 31.5)
 RIG = Rig.stereo(CAMERA, 0.1)
@@ -272,6 +272,16 @@ def test_lenses_of_displaced_films():
         Mismatch(focus_um=-8000.0).lens(nominal, camera)
 
 
+def test_impossible_f_numbers_have_the_blur_of_one():
+    """What is in nominal focus has a blur circle of dv / N on the film: 5 um at f/1, and no more below."""
+    camera = Camera.from_fov(640, 480, fov_x_deg=60)
+    for f_number, blur_um in ((2.0, 2.5), (1.0, 5.0), (0.1, 5.0)):
+        nominal = ThinLens(camera.film_distance / f_number, 2.0)
+        lens = Mismatch(focus_um=5.0).lens(nominal, camera)
+        blur_px = camera.fx * lens.aperture_diameter * (lens.vergence - nominal.vergence)
+        assert blur_px * camera.pixel_pitch_um == pytest.approx(blur_um, rel=0.003)
+
+
 def test_lenses_of_a_rig_are_those_of_its_mismatches():
     """Of the calibrated cameras, whose film distance does not change with the scale of the image."""
     lens = ThinLens(0.001, 2.0)
@@ -286,7 +296,7 @@ def test_lenses_of_a_rig_are_those_of_its_mismatches():
 
 def test_records_leave_out_fields_that_earlier_versions_do_not_have():
     record = Sensor(mismatch=(Mismatch(gain=1.1), Mismatch(focus_um=2.0, down_mm=0.1))).record()
-    assert [sorted(set(ADDED) & each.keys()) for each in record["mismatch"]] == [[], ["down_mm", "focus_um"]]
+    assert [sorted(set(LEFT_OUT) & each.keys()) for each in record["mismatch"]] == [[], ["down_mm", "focus_um"]]
     assert Sensor.from_record(record).record() == record
     assert "focus_um" not in Sensor(nir=Sensor()).record()["nir"]["mismatch"]
 

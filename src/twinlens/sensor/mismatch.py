@@ -21,13 +21,13 @@ LEVELS = ("none", "calibrated", "typical", "consumer")
 """After "none": a fresh calibration with equalised gains and flat fields, two cameras of one model, cheap modules."""
 
 DEFAULT_MISMATCH: Mapping[str, Any] = {"level": "typical", "distortion_px": 0.0}
-"""The mismatch of recipes that give none; every backend renders it, unless it focuses a lens beyond infinity."""
+"""The mismatch of recipes that give none. The scalar backend does not render it where it focuses beyond infinity."""
 
 _MAX_SIGMAS = 2.5  # limit of a drawn value, in standard deviations
 _NOT_NEGATIVE = ("veiling_glare", "stray_light", "blur_px")
 
-ADDED = ("focus_um", "right_mm", "down_mm", "forward_mm")
-"""Fields that earlier versions do not have. Records leave them out at 0."""
+LEFT_OUT = ("focus_um", "right_mm", "down_mm", "forward_mm")
+"""Fields that records leave out at 0: earlier versions do not have them."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,8 @@ class Mismatch:
     gain, time : factors of the exposure's gain and time, > 0.
     black_level : added to the black level, DN.
     f_number : factor of the f-number; the light changes by its inverse square, blur circles by its inverse.
-    focus_um : displacement of the film away from the lens, micrometres; it then focuses nearer.
+    focus_um : displacement of the film away from the lens, micrometres; it then focuses nearer. Less where the f-number
+    is below 1 (`lens`).
     shading_right, shading_down, shading_corner : a, b, c of the factor 1 + a x + b y - c r^2 of the lens's light.
     veiling_glare : share g of the light that is spread evenly: (1 - g) L + g mean(L), in each channel.
     stray_light : share s of the mean light that is added, from 0 on one side of the image to 2 s mean(L) on the other.
@@ -156,8 +157,10 @@ class Mismatch:
         """The lens of a camera of this mismatch, with its f-number and its focus, from the nominal one.
 
         `camera` is the calibrated one; its film is at v = fx * pixel pitch. The thin-lens law 1/f = 1/z + 1/v gives a
-        lens of vergence k the vergence k + 1/v - 1/(v + dv) where the film is displaced by dv. A calibration measures
-        the intrinsics with the displaced film, so they stay. Pinholes and bare apertures have no focus.
+        lens of vergence k the vergence k + 1/v - 1/(v + dv) where the film is displaced by dv. An f-number N below 1,
+        which no lens has, belongs to a larger camera than the pixel pitch says: dv is N times `focus_um`, as for the
+        blur at f/1. A calibration measures the intrinsics with the displaced film, so they stay. Pinholes and bare
+        apertures have no focus.
 
         Raises InputError for a film displaced to the lens or beyond.
 
@@ -171,7 +174,8 @@ class Mismatch:
         diameter = lens.aperture_diameter / self.f_number
         if isinstance(lens, BareAperture):
             return lens.replace(diameter=diameter)
-        film, step = camera.film_distance, 1e-6 * self.focus_um
+        film = camera.film_distance
+        step = 1e-6 * self.focus_um * min(1.0, film / max(lens.aperture_diameter, 1e-12))
         if film + step <= 0:
             raise InputError(f"mismatch focus_um={self.focus_um:g} moves the film to the lens, {1e6 * film:g} um away")
         defocus = lens.defocus + step / (film * (film + step))

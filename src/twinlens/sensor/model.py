@@ -28,7 +28,7 @@ from twinlens.optics.diffraction import CHANNEL_WAVELENGTHS, check_wavelengths
 from twinlens.seeds import derived_seed, generator
 from twinlens.sensor import light, picture
 from twinlens.sensor.exposure import Exposure, auto_exposure, check_exposure
-from twinlens.sensor.mismatch import ADDED, Mismatch, misalign
+from twinlens.sensor.mismatch import LEFT_OUT, Mismatch, misalign
 from twinlens.sensor.picture import Image
 from twinlens.sensor.presets import PRESETS
 
@@ -147,7 +147,7 @@ class Sensor:
 
     def record(self) -> dict[str, Any]:
         """Plain values for sample.json, those of ``dataclasses.asdict``; `from_record` reads them."""
-        return asdict(self, dict_factory=lambda items: {k: v for k, v in items if v or k not in ADDED})
+        return asdict(self, dict_factory=lambda items: {k: v for k, v in items if v or k not in LEFT_OUT})
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> "Sensor":
