@@ -98,11 +98,10 @@ class Ablations:
     def rendered_second(self, label: str, sensor: Sensor) -> Pair:
         """The pair with another second image, of the rig and the lens of `sensor`."""
         rig = sensor.misalign(self.stored.rig)
-        lens = sensor.lenses(rig, self.shot.lens)[1]
-        alone = Rig(rig.cameras[1:], rig.world_from_cams[1:])
+        lenses = sensor.lenses(rig, self.shot.lens)
         seed = derived_seed(self.shot.record["seed"], "second camera")  # not the noise of the first camera
-        second = self._kept(label, lambda: render(scene_of(self.stored), alone, lens, self._spp, seed, denoise=True))
-        return self.exposed([self.radiance[0], second[0]], sensor, rig)
+        images = self._kept(label, lambda: render(scene_of(self.stored), rig, lenses, self._spp, seed, denoise=True))
+        return self.exposed([self.radiance[0], images[1]], sensor, rig)
 
     def rendered_scene(self, label: str, change: Callable[[StoredSample], Scene]) -> Pair:
         """The pair of a changed scene, by the same cameras."""
