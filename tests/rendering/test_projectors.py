@@ -270,12 +270,12 @@ def test_another_pattern_power_or_pose_changes_the_loaded_scene():
 
 @pytest.mark.parametrize("name", ["room", "spheres"])
 def test_paths_are_those_of_mitsuba_where_there_is_no_projector(name):
-    from twinlens.rendering.projected_paths import ProjectedPath
+    from twinlens.rendering.paths import Paths
 
     scene = tl.load_scene(name)
     built = build(scene)
     view = TINY, scene.world_from_left, tl.Pinhole(), 64, "multijitter"
-    ours = ProjectedPath([], 16, scene.integrator["max_depth"], rr_depth=3)
+    ours = Paths([], 16, scene.integrator["max_depth"], rr_depth=3)
     theirs = mitsuba().load_dict({**scene.integrator, "rr_depth": 3})
     images = [np.asarray(each.render(built.mi_scene, make_sensor(*view), seed=3, spp=64)) for each in (ours, theirs)]
     assert images[0].mean() > 0.05

@@ -131,7 +131,8 @@ def denoiser_record() -> dict[str, Any]:
     import mitsuba_oidn
 
     return {
-        "method": "Open Image Denoise, albedo and normal guides, demodulated by sqrt(albedo), control variate",
+        "method": "Open Image Denoise, albedo and normal guides, demodulated by sqrt(albedo), control variate;"
+        " irradiance cache with JIT backends and the integrator 'path'",
         "guide_spp": GUIDE_SAMPLES,
         "oidn": mitsuba_oidn.oidn_version(),
         "mitsuba-oidn": importlib.metadata.version("mitsuba-oidn"),

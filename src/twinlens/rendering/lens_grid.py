@@ -7,7 +7,7 @@ and gathered once for each focus. A lens is the area-weighted sum of its annuli.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
@@ -20,20 +20,22 @@ from twinlens.errors import InputError
 from twinlens.geometry import Float
 from twinlens.rendering.annuli import area_fraction, plan_annuli, split_vergences
 from twinlens.rendering.backends import backend, mitsuba
-from twinlens.rendering.build import BuiltScene
+from twinlens.rendering.build import BuiltScene, build
 from twinlens.rendering.denoising import GUIDE_SAMPLES, denoise_parts
-from twinlens.rendering.projectors import build_lit, can_denoise
 from twinlens.rendering.radiance import (
     Progress,
+    View,
     check_parts_supported,
     check_request,
+    image_passes,
     in_channels,
+    measured,
     other_guides,
     partial_progress,
-    render,
-    render_measured,
+    raw_image,
     split_bands,
     sum_of,
+    views_of,
 )
 from twinlens.scenes import Scene
 from twinlens.seeds import derived_seed, seed_sequence
@@ -121,12 +123,13 @@ def render_lens_grid(
         squares = np.square(grid.standard_error)
         errors = np.stack([squares[:, indices].sum(axis=1) for indices in members], axis=1)
         return LensGrid(joined, np.sqrt(errors), grid.rays)
-    builts = [build_lit(scene, rig, camera.band) for camera in rig.cameras]
-    built = builts[0]
     if parts is not None:
         for lens in lenses:
             check_parts(parts, lens)
-        check_parts_supported(built)
+        check_parts_supported(build(scene, rig.cameras[0].band))
+    views = views_of(scene, rig, [lenses[0]] * len(rig), int(seed), denoise)
+    builts = [view.built for view in views]
+    built = builts[0]
     spp, seed = int(spp), int(seed)
     shared = _shareable(built, rig, lenses)
     separate = [i for i in range(len(lenses)) if i not in shared]
@@ -142,13 +145,13 @@ def render_lens_grid(
     for done, i in enumerate(separate, len(shared)):
         report = partial_progress(progress, done / len(lenses), (done + 1) / len(lenses))
         own_seed = derived_seed(seed, _GRID_STREAM, i)
-        images[i], variance[i] = _render_separately(scene, rig, lenses[i], spp, own_seed, parts, sampler, report)
+        images[i], variance[i] = _render_separately(views, lenses[i], spp, own_seed, parts, sampler, report)
     if denoise:
         for (i, lens), index in product(enumerate(lenses), range(len(rig))):
-            view = builts[index], rig.cameras[index], rig.world_from_cams[index]
-            if not can_denoise(builts[index], rig, rig.cameras[index].band):
+            if not views[index].denoised:
                 continue
-            guides = other_guides(*view, lens, 2 * GUIDE_SAMPLES, seed, index, i, parts=parts)
+            view = replace(views[index], lens=lens)
+            guides = other_guides(*view.optics, 2 * GUIDE_SAMPLES, seed, index, i, parts=parts)
             fractions = None if parts is None else parts.light(lens.aperture)[0]
             images[i][index] = denoise_parts(images[i][index], guides, None, fractions)
     return LensGrid(tuple(images[i] for i in range(len(lenses))), np.sqrt(variance), rays)
@@ -166,15 +169,19 @@ def _shareable(built: BuiltScene, rig: Rig, lenses: Sequence[Lens]) -> list[int]
 
 
 def _render_separately(
-    scene: Scene, rig: Rig, lens: Lens, spp: int, seed: int, parts: Parts | None, sampler: str, progress: Progress
+    views: Sequence[View], lens: Lens, spp: int, seed: int, parts: Parts | None, sampler: str, progress: Progress
 ) -> tuple[list[Image], list[float]]:
-    """Images of one lens, and their variances, estimated from halves of the samples; NaN with `parts`."""
+    """Images of one lens before denoising, and variances from halves of their samples, which are NaN with `parts`."""
+    views = [replace(view, lens=lens, denoised=False) for view in views]
     if spp < 2 or parts is not None:
-        images = render(scene, rig, lens, spp, seed, parts=parts, sampler=sampler, progress=progress)
-        return images, [math.nan] * len(rig)
-    views, _ = render_measured(scene, rig, lens, spp, seed, sampler=sampler, progress=progress)
-    squares = [np.square(view.error, dtype=np.float64) for view in views]
-    return [view.image for view in views], [float(each[np.isfinite(each)].mean()) for each in squares]
+        images = []
+        for i, view in enumerate(views):
+            report = partial_progress(progress, i / len(views), (i + 1) / len(views))
+            images.append(raw_image(view, list(image_passes(view.camera, spp, seed, i, sampler)), parts, report))
+        return images, [math.nan] * len(views)
+    found, _ = measured(views, spp, seed, parts=None, sampler=sampler, progress=progress)
+    squares = [np.square(view.error, dtype=np.float64) for view in found]
+    return [view.image for view in found], [float(each[np.isfinite(each)].mean()) for each in squares]
 
 
 def _render_shared(

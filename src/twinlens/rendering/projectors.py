@@ -3,7 +3,7 @@
 Mitsuba's plugin has a centred frustum with square pixels, and its texture is the irradiance over pi at depth 1. The
 frustum is made wide enough for the pattern, and the texture's transform places the pattern in it, inside a border of
 dark pixels. With distortion, the pattern is first resampled to a grid without it, `_FINER` times as fine. An aperture
-makes it one of many: `rendering.projector_aperture`. Our own integrator adds its light (`rendering.projected_paths`);
+makes it one of many: `rendering.projector_aperture`. Our own integrator adds its light (`rendering.paths`);
 on the scalar backend, in Mitsuba files and with other integrators, it is a light of the scene, which is more noisy.
 """
 
@@ -19,11 +19,12 @@ from twinlens.camera import Projector, Rig
 from twinlens.camera.distortion import Distortion
 from twinlens.errors import InputError
 from twinlens.geometry import Float, image_border, rotate
-from twinlens.rendering.backends import backend, mitsuba
-from twinlens.rendering.build import BLOCK_PX, BuiltScene, build, sky_hidden
+from twinlens.rendering.backends import mitsuba
+from twinlens.rendering.build import BuiltScene, build, sky_hidden
 from twinlens.rendering.cast import cast
+from twinlens.rendering.integrators import own_paths
 from twinlens.rendering.sensors import check_projector_supported
-from twinlens.scenes import Plugin, Scene
+from twinlens.scenes import Scene
 
 _CHANNELS = 3  # that share the power
 _FINER = 4  # samples per projector pixel and axis
@@ -101,7 +102,7 @@ def _warn_of_glass(built: BuiltScene, rig: Rig, band: str) -> None:
                 f"projectors[{i}]: the material {name!r}, smooth glass or a cut-out, is in front of it and blocks its"
                 " light, which is a limit of the renderer (docs/projectors.md, Limits)"
             )
-            warnings.warn(message, ProjectorWarning, stacklevel=4)
+            warnings.warn(message, ProjectorWarning, stacklevel=5)
 
 
 def can_denoise(built: BuiltScene, rig: Rig, band: str) -> bool:
@@ -115,26 +116,19 @@ def can_denoise(built: BuiltScene, rig: Rig, band: str) -> bool:
         "images with the light of projectors are not denoised here, as their patterns would be lost: use the LLVM or"
         " CUDA backend and a scene with the integrator 'path', or more samples per pixel"
     )
-    warnings.warn(message, ProjectorWarning, stacklevel=3)
+    warnings.warn(message, ProjectorWarning, stacklevel=4)
     return False
 
 
 def _with_lights(scene: Scene, built: BuiltScene, lights: list[Any]) -> BuiltScene:
-    """`built` with the light of projectors, as `ProjectedPath` where possible."""
-    if backend().is_jit and scene.xml is None and _is_plain_path(scene.integrator):
-        from twinlens.rendering.projected_paths import ProjectedPath  # sets up the backend
-
-        options = {key: scene.integrator[key] for key in ("max_depth", "rr_depth") if key in scene.integrator}
-        projected = ProjectedPath(lights, BLOCK_PX, **options)
-        return replace(built, integrator=sky_hidden(scene, projected), projected=projected)
+    """`built` with the light of projectors, which our own integrator adds where possible."""
+    paths = own_paths(scene, lights)
+    if paths is not None:
+        return replace(built, integrator=sky_hidden(scene, paths), projected=paths)
     if built.parts is None:
         raise InputError(f"{scene.xml}: has instances; projectors can light only Mitsuba files without any")
     parts = {f"projector{i:04d}": light for i, light in enumerate(lights)}
     return replace(built, mi_scene=mitsuba().load_dict({**built.parts, **parts}, optimize=False))
-
-
-def _is_plain_path(integrator: Plugin) -> bool:
-    return integrator["type"] == "path" and not integrator.get("hide_emitters")
 
 
 def _opened(lamp: Any, projector: Projector) -> Any:

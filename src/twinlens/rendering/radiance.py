@@ -26,6 +26,7 @@ from twinlens.rendering.backends import backend, mitsuba
 from twinlens.rendering.build import BuiltScene, build, in_band
 from twinlens.rendering.denoising import GUIDE_SAMPLES, denoise_image, denoise_parts
 from twinlens.rendering.guides import Guides, binned, render_guides
+from twinlens.rendering.integrators import with_irradiance_cache
 from twinlens.rendering.projectors import build_lit, can_denoise
 from twinlens.rendering.sensors import NEEDS_JIT, make_sensor
 from twinlens.scenes import Scene
@@ -40,7 +41,7 @@ RAYS_PER_PASS = 1 << 23
 MAX_SPP = 1024
 """Limit of the doubled samples per pixel. A request for more is rendered without doubling."""
 
-_RENDER_STREAM, _GUIDE_STREAM, _NOISE_STREAM = 0, 2, 3
+_RENDER_STREAM, _GUIDE_STREAM, _NOISE_STREAM, _CACHE_STREAM = 0, 2, 3, 4
 _HALVES_PER_ERROR = 1.62  # standard deviation of the difference of denoised halves, over the error of the whole
 _PINHOLE = Pinhole()
 
@@ -70,9 +71,10 @@ def render(
         disparity zero.
     denoise : bool
         Remove the renderer's noise with Open Image Denoise, guided by albedo and normals that are rendered through the
-        same lens, for each camera apart (`twinlens.rendering.denoising`). Denoised images are biased: without it, the
-        expectation of each pixel is exact. The scalar backend has no guides behind mirrors and glass, and does not
-        denoise images with the light of projectors.
+        same lens, for each camera apart (`twinlens.rendering.denoising`). Most light between surfaces then comes from a
+        cache (`twinlens.rendering.irradiance_cache`). Denoised images are biased: without it, the expectation of each
+        pixel is exact. The scalar backend has no cache and no guides behind mirrors and glass, and does not denoise
+        images with the light of projectors.
     parts : Dual, Quad, Grid or Masks, optional
         Parts of the lens's aperture. Each has an image, its contribution to the whole image, from the same light paths:
         where the parts make up the aperture, their images add up to the image without `parts`. Needs a JIT backend.
@@ -107,30 +109,67 @@ def render(
         for each in lenses:
             check_parts(parts, each)
         check_parts_supported(build(scene, rig.cameras[0].band))
+    views = views_of(scene, rig, lenses, int(seed), denoise)
     images = []
-    for index, (camera, pose, lens) in enumerate(zip(rig.cameras, rig.world_from_cams, lenses, strict=True)):
+    for index, view in enumerate(views):
         report = partial_progress(progress, index / len(rig), (index + 1) / len(rig))
-        built = build_lit(scene, rig, camera.band)
-        total: Any = 0.0
-        done = 0
-        passes = list(_image_passes(camera, int(spp), int(seed), index, sampler))
-        for kind, count, stream in passes:
-            sensor = make_sensor(camera, pose, lens, count, kind)
-            if parts is None:
-                image = built.integrator.render(built.mi_scene, sensor, seed=stream, spp=count)
-            else:
-                image = _render_parts(built, sensor, camera, count, stream, parts)
-            total = total + count * np.asarray(image, dtype=np.float64)
-            done += count
-            report(done / spp)
-        mean = in_channels(total / spp, camera).astype(np.float32)
-        if denoise and can_denoise(built, rig, camera.band):
-            own = _own_guides(built, camera, pose, lens, passes, parts)
-            other = other_guides(built, camera, pose, lens, GUIDE_SAMPLES, int(seed), index, parts=parts)
-            fractions = None if parts is None else parts.light(lens.aperture)[0]
+        passes = list(image_passes(view.camera, int(spp), int(seed), index, sampler))
+        mean = raw_image(view, passes, parts, report)
+        if view.denoised:
+            own = _own_guides(view, passes, parts)
+            other = other_guides(*view.optics, GUIDE_SAMPLES, int(seed), index, parts=parts)
+            fractions = None if parts is None else parts.light(view.lens.aperture)[0]
             mean = denoise_parts(mean, other, own, fractions)
         images.append(mean)
     return images
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A camera, its lens, and the scene with the integrator of its image."""
+
+    built: BuiltScene
+    camera: Camera
+    pose: Float
+    lens: Lens
+    denoised: bool
+
+    @property
+    def optics(self) -> tuple[BuiltScene, Camera, Float, Lens]:
+        return self.built, self.camera, self.pose, self.lens
+
+
+def views_of(scene: Scene, rig: Rig, lenses: Sequence[Lens], seed: int, denoise: bool) -> list[View]:
+    """The views of a rig whose cameras have one band each.
+
+    Where images are denoised, light between surfaces comes from an irradiance cache, which the cameras of a band share.
+    """
+    builts = {}
+    for band in dict.fromkeys(camera.band for camera in rig.cameras):
+        built = build_lit(scene, rig, band)
+        denoised = denoise and can_denoise(built, rig, band)
+        if denoised:
+            built = with_irradiance_cache(built, scene, rig, band, derived_seed(seed, _CACHE_STREAM))
+        builts[band] = built, denoised
+    views = zip(rig.cameras, rig.world_from_cams, lenses, strict=True)
+    return [View(builts[view[0].band][0], *view, builts[view[0].band][1]) for view in views]
+
+
+def raw_image(view: View, passes: Sequence[Pass], parts: Parts | None, progress: Progress) -> NDArray[np.float32]:
+    """The mean of the samples of all passes."""
+    total: Any = 0.0
+    done, spp = 0, sum(count for _, count, _ in passes)
+    built, camera, pose, lens = view.optics
+    for kind, count, stream in passes:
+        sensor = make_sensor(camera, pose, lens, count, kind)
+        if parts is None:
+            image = built.integrator.render(built.mi_scene, sensor, seed=stream, spp=count)
+        else:
+            image = _render_parts(built, sensor, camera, count, stream, parts)
+        total = total + count * np.asarray(image, dtype=np.float64)
+        done += count
+        progress(done / spp)
+    return in_channels(total / spp, camera).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,6 +177,7 @@ class NoisyImage:
     """Linear radiance, float32 (H, W, 3) or (P, H, W, 3), and an estimate of the error of the whole image, (H, W, 3).
 
     The estimate is one random draw in each pixel, or in each 2x2 pixels if denoised: average its square over windows.
+    It does not contain the error of an irradiance cache.
     """
 
     image: NDArray[np.float32]
@@ -179,30 +219,41 @@ def render_measured(
             progress=progress, enough=lambda seen: enough(joined(seen)),
         )  # fmt: skip
         return joined(found), used
-    builts = [build_lit(scene, rig, camera.band) for camera in rig.cameras]
-    views = list(zip(rig.cameras, rig.world_from_cams, lenses, strict=True))
-    filtered = [denoise and can_denoise(built, rig, view[0].band) for built, view in zip(builts, views, strict=True)]
+    views = views_of(scene, rig, lenses, seed, denoise)
+    return measured(views, spp, seed, parts=parts, sampler=sampler, enough=enough, progress=progress)
+
+
+def measured(
+    views: Sequence[View],
+    spp: int,
+    seed: int,
+    *,
+    parts: Parts | None,
+    sampler: str,
+    enough: Callable[[Sequence[NoisyImage]], bool] = lambda _: True,
+    progress: Progress | None = None,
+) -> tuple[list[NoisyImage], int]:
+    """The images of `views`, as `render_measured`."""
     others = [
-        [other_guides(builts[i], *view, GUIDE_SAMPLES // 2, seed, i, k, parts=parts) for k in (0, 1) if filtered[i]]
+        [other_guides(*view.optics, GUIDE_SAMPLES // 2, seed, i, k, parts=parts) for k in (0, 1) if view.denoised]
         for i, view in enumerate(views)
     ]
-    fractions = [None if parts is None else parts.light(each.aperture)[0] for each in lenses]
+    fractions = [None if parts is None else parts.light(view.lens.aperture)[0] for view in views]
     owns: list[list[Guides | None]] = [[None, None] for _ in views]
     several = () if parts is None else (len(parts),)
-    totals = [np.zeros((2, *several, camera.height, camera.width, 3)) for camera in rig.cameras]
+    totals = [np.zeros((2, *several, view.camera.height, view.camera.width, 3)) for view in views]
     counts = np.zeros(2)
     extra = spp
     while True:
         for half, count in enumerate((extra - extra // 2, extra // 2)):
             half_seed = derived_seed(seed, _NOISE_STREAM, int(counts.sum()), half)
-            report = partial_progress(progress, half / 2, (half + 1) / 2)
-            images = render(scene, rig, lenses, count, half_seed, parts=parts, sampler=sampler, progress=report)
             for i, view in enumerate(views):
-                totals[i][half] += count * images[i].astype(np.float64)
-                if filtered[i]:
-                    passes = _image_passes(view[0], count, half_seed, i, sampler)
-                    own = _own_guides(builts[i], *view, passes, parts)
-                    owns[i][half] = _joined(owns[i][half], own)
+                start = half / 2 + i / len(views) / 2
+                report = partial_progress(progress, start, start + 1 / len(views) / 2)
+                passes = list(image_passes(view.camera, count, half_seed, i, sampler))
+                totals[i][half] += count * raw_image(view, passes, parts, report).astype(np.float64)
+                if view.denoised:
+                    owns[i][half] = _joined(owns[i][half], _own_guides(view, passes, parts))
             counts[half] += count
         found = [_measured(*each, counts) for each in zip(totals, others, owns, fractions, strict=True)]
         extra = int(counts.sum())
@@ -292,11 +343,9 @@ def _joined(a: Guides | None, b: Guides | None) -> Guides | None:
     return a + b if a is not None and b is not None else a or b
 
 
-def _own_guides(
-    built: BuiltScene, camera: Camera, pose: Float, lens: Lens, passes: Iterable[Pass], parts: Parts | None = None
-) -> Guides | None:
+def _own_guides(view: View, passes: Iterable[Pass], parts: Parts | None = None) -> Guides | None:
     """The guides of an image's own samples, from its passes. None if they are not known."""
-    return render_guides(built, camera, pose, lens, passes, parts) if _follows_rays(built) else None
+    return render_guides(*view.optics, passes, parts) if _follows_rays(view.built) else None
 
 
 def _follows_rays(built: BuiltScene) -> bool:
@@ -336,7 +385,7 @@ def other_guides(
     return render_guides(built, camera, pose, lens, passes, parts)
 
 
-def _image_passes(camera: Camera, spp: int, seed: int, index: int, sampler: str) -> Iterator[Pass]:
+def image_passes(camera: Camera, spp: int, seed: int, index: int, sampler: str) -> Iterator[Pass]:
     """The passes in which `render` renders camera `index` of a rig."""
     return _passes(camera, spp, seed_sequence(seed, _RENDER_STREAM, index), sampler)
 

@@ -1,0 +1,210 @@
+"""Irradiance of a scene's surfaces in a grid of cells, from few light paths. Needs a JIT backend.
+
+Much of the noise of an image is that of light between surfaces: a path that leaves a first surface meets a second one,
+which is lit by a third one, and so on. Irradiance varies slowly, and a second surface is seen through the diffuse
+reflection of the first, which averages over all directions. So the mean irradiance of a cell can stand for that of a
+point in it: path space filtering (Binder, Fricke and Keller, Massively Parallel Path Space Filtering, 2019).
+
+Paths from the cameras are reflected in random directions. Each surface after the first gives a sample of its cell: the
+irradiance directly from lights, and the cell of the next surface, with its reflectance. The irradiance after several
+reflections follows from that of the cells by iteration. There is a table for each number of reflections, so that
+`max_depth` means what it does without the cache, except that mirrors and glass between two cells do not count.
+
+Importing this module sets up the backend.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twinlens.geometry import Float
+from twinlens.rendering.backends import mitsuba
+from twinlens.rendering.guides import MAX_SPECULAR
+
+mi = mitsuba()
+import drjit as dr  # noqa: E402, Dr.Jit reads DRJIT_LIBLLVM_PATH when it is imported
+
+PATHS = 1 << 16
+"""Paths of a cache, for all cameras together."""
+
+_SURFACES = 5  # on each path, without mirrors and glass
+_CELLS = 32  # along the longest side of a box
+_OUTSIDE = 1.0  # percentage of the surfaces beyond each side of the box
+_LEAST_SAMPLES = 4  # of a cell
+_FACES = 6  # directions of normals
+_CONVERGED = 1e-4  # last change of the irradiance, relative to its mean
+_NOT_TRACED, _NOTHING, _SURFACE = 0, 1, 2  # what paths meet
+_NOWHERE, _UNKNOWN = -1, -2  # in the place of a cell: nothing there; a surface without a cell, or not traced
+
+
+@dataclass(frozen=True, eq=False)
+class _Paths:
+    """What path n meets after k surfaces that scatter light, arrays (K, N, ...).
+
+    irradiance : directly from lights.
+    reflectance : share of the light on the surface that leaves it towards the surface before.
+    arrival : share of the light that passes the mirrors and glass between the two.
+    emission : radiance of the lights that these show.
+    """
+
+    met: NDArray[np.uint32]
+    face: NDArray[np.uint32]
+    position: NDArray[np.float32]
+    irradiance: NDArray[np.float32]
+    reflectance: NDArray[np.float32]
+    arrival: NDArray[np.float32]
+    emission: NDArray[np.float32]
+
+
+class IrradianceCache:
+    """Mean irradiance of the cells of a scene.
+
+    rays : rays from the cameras.
+    lamps : emitters that are not in the scene.
+    bounces : the most that are needed; -1 is no limit.
+    """
+
+    def __init__(self, scene: Any, rays: Any, seed: int, lamps: Sequence[Any], bounces: int) -> None:
+        paths = _trace(scene, rays, seed, lamps)
+        # First surfaces are no samples: cameras choose them. Neither are last ones: nothing is known of what they face.
+        on_surface = paths.met == _SURFACE
+        middle = on_surface[1:-1]
+        reached = paths.position[1:-1][middle] if middle.any() else np.zeros((1, 3), np.float32)
+        low, high = np.percentile(reached.astype(np.float64), (_OUTSIDE, 100 - _OUTSIDE), axis=0)
+        size = max(float((high - low).max()) / _CELLS, 1e-6)
+        shape = np.ceil((high - low) / size).astype(np.int64) + 2
+        self._low = [dr.opaque(mi.Float, value) for value in low - size]
+        self._size = dr.opaque(mi.Float, size)
+        self._shape = [dr.opaque(mi.UInt32, int(count)) for count in shape]
+
+        places = np.floor((paths.position - (low - size)) / size)
+        inside = on_surface & ((places >= 0) & (places < shape)).all(axis=-1)
+        x, y, z = np.moveaxis(np.where(inside[..., None], places, 0).astype(np.int64), -1, 0)
+        boxes = np.where(inside, ((z * shape[1] + y) * shape[0] + x) * _FACES + paths.face, _UNKNOWN)
+        used, cells = np.unique(boxes[1:-1][inside[1:-1]], return_inverse=True)
+        count = max(len(used), 1)  # Dr.Jit does not read from empty arrays
+        numbers = np.full(math.prod(shape) * _FACES, _UNKNOWN)
+        numbers[used] = np.arange(len(used))
+        cell = np.where(inside, numbers[boxes], _UNKNOWN)
+        tables = _tables(paths, cell, count, bounces)
+
+        known = np.flatnonzero(np.bincount(cells, minlength=count) >= _LEAST_SAMPLES)
+        rows = np.zeros(math.prod(shape) * _FACES, np.uint32)
+        rows[used[known]] = 1 + known
+        self._rows, self._tables = mi.UInt32(rows), mi.Float(tables.astype(np.float32).ravel())
+        self._count, self._top = (dr.opaque(mi.UInt32, value) for value in (count, len(tables) - 1))
+
+    def look_up(self, si: Any, ray: Any, drawn: Any, bounces: Any, active: Any) -> tuple[Any, Any]:
+        """Whether the irradiance at `si` is known, and its value after at most `bounces`.
+
+        The place is moved by up to half a cell along the surface, so that cells do not show. Surfaces nearer to the
+        ray's origin than a cell are not known.
+        """
+        normal = _facing(si, ray)
+        frame = mi.Frame3f(normal)
+        place = si.p + self._size * ((drawn.x - 0.5) * frame.s + (drawn.y - 0.5) * frame.t)
+        known = active & (si.t > self._size)
+        x, y, z = (dr.floor((place[i] - self._low[i]) / self._size) for i in range(3))
+        for at, count in zip((x, y, z), self._shape, strict=True):
+            known &= (at >= 0) & (at < mi.Float(count))
+        box = (mi.UInt32(z) * self._shape[1] + mi.UInt32(y)) * self._shape[0] + mi.UInt32(x)
+        row = dr.gather(mi.UInt32, self._rows, box * _FACES + _face(normal), known)
+        known &= row > 0
+        row = dr.minimum(bounces, self._top) * self._count + row - 1
+        return known, dr.gather(mi.Color3f, self._tables, row, known)
+
+
+def _trace(scene: Any, rays: Any, seed: int, lamps: Sequence[Any]) -> _Paths:
+    count = dr.width(rays)
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(seed, count)
+    integers = [dr.zeros(mi.UInt32, _SURFACES * count) for _ in range(2)]
+    colours = [dr.zeros(mi.Float, 3 * _SURFACES * count) for _ in range(5)]
+    path, paths = dr.arange(mi.UInt32, count), dr.opaque(mi.UInt32, count)
+
+    def step(active: Any, sampler: Any, ray: Any, arrival: Any, emission: Any, passed: Any, k: Any) -> tuple[Any, ...]:
+        """One surface. `passed` counts the mirrors and glass since the last one that scatters light."""
+        si = scene.ray_intersect(ray, mi.RayFlags.All, False, active)
+        emission = emission + dr.select(active & (passed > 0), arrival * si.emitter(scene).eval(si), 0.0)
+        there = active & si.is_valid()
+        bsdf, context, normal = si.bsdf(), mi.BSDFContext(), _facing(si, ray)
+        chosen, factor = bsdf.sample(context, si, sampler.next_1d(), sampler.next_2d(), there)
+        onwards = mi.BSDFFlags.Transmission | mi.BSDFFlags.Null
+        is_glass = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Transmission) & ~mi.has_flag(
+            bsdf.flags(), mi.BSDFFlags.Diffuse
+        )
+        scatters = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth) & ~is_glass
+        scatters &= ~mi.has_flag(chosen.sampled_type, onwards)
+        on_surface = there & scatters
+        ds, light = scene.sample_emitter_direction(si, sampler.next_2d(), True, on_surface)
+        irradiance = dr.select(ds.pdf != 0, light * dr.maximum(dr.dot(ds.d, normal), 0.0), 0.0)
+        for lamp in lamps:
+            ds, light = lamp.sample_direction(si, sampler.next_2d(), on_surface)
+            dark = scene.ray_test(si.spawn_ray_to(ds.p), on_surface)
+            irradiance += dr.select(dark, 0.0, light * dr.maximum(dr.dot(ds.d, normal), 0.0))
+
+        after = arrival * factor
+        passes = there & ~scatters & dr.any(after != 0)
+        ends = active & ~on_surface & ~passes
+        row, met = k * paths + path, dr.select(on_surface, mi.UInt32(_SURFACE), mi.UInt32(_NOTHING))
+        for buffer, value in zip(integers, (met, _face(normal)), strict=True):
+            dr.scatter(buffer, value, row, on_surface | ends)
+        for buffer, value in zip(colours, (si.p, irradiance, factor, arrival, emission), strict=True):
+            dr.scatter(buffer, mi.Color3f(value), row, on_surface | ends)
+
+        spread = mi.Frame3f(normal).to_world(mi.warp.square_to_cosine_hemisphere(sampler.next_2d()))
+        ray = si.spawn_ray(dr.select(on_surface, spread, si.to_world(chosen.wo)))
+        arrival, emission = dr.select(on_surface, 1.0, after), dr.select(on_surface, 0.0, emission)
+        passed, k = dr.select(on_surface, 0, passed + 1), dr.select(on_surface, k + 1, k)
+        active = (on_surface & (k < _SURFACES)) | (passes & (passed < MAX_SPECULAR))
+        return active, sampler, ray, arrival, emission, passed, k
+
+    start = mi.Bool(True), sampler, mi.Ray3f(rays), mi.Spectrum(1.0), mi.Spectrum(0.0), mi.UInt32(0), mi.UInt32(0)
+    dr.while_loop(start, lambda active, *_: active, step)
+    dr.eval(integers, colours)
+    met, face = (np.array(buffer).reshape(_SURFACES, count) for buffer in integers)
+    found = (np.nan_to_num(np.array(buffer)).reshape(_SURFACES, count, 3) for buffer in colours)
+    return _Paths(met, face, *found)
+
+
+def _tables(paths: _Paths, cell: NDArray[np.int64], count: int, bounces: int) -> Float:
+    """The irradiance (B + 1, C, 3) of cells after at most 0, 1, ... `bounces`; `cell` (K, N) are those of surfaces.
+
+    Ends where more bounces add nothing.
+    """
+
+    def means(values: Float, of: NDArray[np.int64]) -> Float:
+        sums = [np.bincount(of, channel, count) for channel in values.T]
+        return np.stack(sums, axis=-1) / np.maximum(np.bincount(of, minlength=count), 1)[:, None]
+
+    own, ends = cell[1:-1], np.where(paths.met[2:] == _NOTHING, _NOWHERE, cell[2:])
+    is_sample = own >= 0
+    tables = [means(paths.irradiance[1:-1][is_sample].astype(np.float64), own[is_sample])]
+    is_sample &= ends != _UNKNOWN
+    own, ends = own[is_sample], ends[is_sample]
+    lights = math.pi * paths.emission[2:][is_sample].astype(np.float64)
+    gains = np.where((ends >= 0)[:, None], (paths.arrival * paths.reflectance)[2:][is_sample], 0.0)
+    least = _CONVERGED * tables[0].mean()
+    while bounces < 0 or len(tables) <= bounces:
+        tables.append(tables[0] + means(lights + gains * tables[-1][ends], own))
+        if np.abs(tables[-1] - tables[-2]).max() <= least:
+            break
+    return np.stack(tables)
+
+
+def _facing(si: Any, ray: Any) -> Any:
+    """The geometric normal on the side where the ray comes from."""
+    return dr.select(dr.dot(si.n, ray.d) > 0, -si.n, si.n)
+
+
+def _face(normal: Any) -> Any:
+    """Which of the six axes is nearest to the normal."""
+    size = dr.abs(normal)
+    is_x, is_z = (size.x >= size.y) & (size.x >= size.z), size.z > size.y
+    along = dr.select(is_x, normal.x, dr.select(is_z, normal.z, normal.y))
+    axis = dr.select(is_x, mi.UInt32(0), dr.select(is_z, mi.UInt32(4), mi.UInt32(2)))
+    return axis + dr.select(along < 0, mi.UInt32(1), mi.UInt32(0))

@@ -1,0 +1,165 @@
+"""Our own path integrator: Mitsuba's `path`, with the light of projectors, and with a cache of irradiance.
+
+Mitsuba samples one light at a surface, chosen at random. The light of a projector from the one direction that it has
+is exact, and would only get noise from the choice, as would that of the lamps. It costs one shadow ray more.
+
+With an `IrradianceCache`, paths take the light that a matte surface reflects from the cache, from the second surface on
+and behind a diffuse reflection. They go on only with what the surface reflects beyond that. Needs a JIT backend.
+
+Importing this module sets up the backend.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from twinlens.rendering.backends import mitsuba
+from twinlens.rendering.irradiance_cache import IrradianceCache
+
+mi = mitsuba()
+import drjit as dr  # noqa: E402, Dr.Jit reads DRJIT_LIBLLVM_PATH when it is imported
+
+_MOST_SURVIVE = 0.95  # of the paths, in Russian roulette: as in Mitsuba's `path`
+_LEAST_REST = 1e-3  # share of a reflectance that is not worth another ray: rounding errors
+
+
+class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
+    """Paths in a scene and the light of `lamps`, emitters that are not in the scene and that no ray can hit.
+
+    max_depth : surfaces on a path to a light, and 1; -1 is no limit.
+    rr_depth : surfaces before Russian roulette.
+    cache : the irradiance of the scene and of `lamps`. Images with one are biased.
+    """
+
+    def __init__(
+        self,
+        lamps: Sequence[Any],
+        block_size: int,
+        max_depth: int = -1,
+        rr_depth: int = 5,
+        cache: IrradianceCache | None = None,
+    ) -> None:
+        properties = mi.Properties()
+        properties["block_size"] = block_size
+        super().__init__(properties)
+        self.lamps = tuple(lamps)
+        self.cache = cache
+        self.max_depth = dr.opaque(mi.UInt32, max_depth if max_depth >= 0 else 0xFFFFFFFF)
+        self.rr_depth = dr.opaque(mi.UInt32, rr_depth)
+
+    def sample(self, scene: Any, sampler: Any, ray: Any, medium: Any = None, active: Any = True) -> tuple[Any, ...]:
+        """Radiance, True, and no further channels."""
+
+        def step(
+            active: Any, sampler: Any, ray: Any, weight: Any, eta: Any, depth: Any, last: Any, diffuse: Any, sum_: Any
+        ) -> tuple[Any, ...]:
+            """One surface. `last` is the one before, the density of the ray's direction there, and whether it is delta.
+
+            `weight` and `eta` are those of the path from the camera to this surface, `diffuse` says whether a surface
+            on it reflected diffusely, and `sum_` is the radiance so far.
+            """
+            si = scene.ray_intersect(ray, mi.RayFlags.All, depth == 0, active)
+            shines = mi.DirectionSample3f(scene, si, last[0])
+            pdf = scene.pdf_emitter_direction(last[0], shines, ~last[2])
+            sum_ = sum_ + weight * shines.emitter.eval(si) * _mis(last[1], dr.select(last[2], 0.0, pdf))
+
+            active = active & si.is_valid() & (depth + 1 < self.max_depth)
+            bsdf, context = si.bsdf(ray), mi.BSDFContext()
+            smooth = active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+            for_light, for_lobe, for_direction = sampler.next_2d(), sampler.next_1d(), sampler.next_2d()
+            known, matte = mi.Bool(False), mi.Spectrum(0.0)
+            if self.cache is not None:
+                known = active & diffuse & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse)
+                known, irradiance = self.cache.look_up(si, ray, for_direction, self.max_depth - 2 - depth, known)
+                matte = _matte(bsdf, si, known)
+                sum_ = sum_ + weight * matte * irradiance
+
+            ds, light = scene.sample_emitter_direction(si, for_light, False, smooth)
+            wo = si.to_local(ds.d)
+            value, pdf, chosen, factor = bsdf.eval_pdf_sample(context, si, wo, for_lobe, for_direction, active)
+            light = light * (value - matte * _cosine(si, wo)) * dr.select(ds.delta, 1.0, _mis(ds.pdf, pdf))
+            matters = smooth & (ds.pdf != 0) & dr.any(light != 0)
+            matters &= ~scene.ray_test(si.spawn_ray_to(ds.p), matters)
+            sum_ = sum_ + weight * dr.select(matters, light, 0.0)
+            for lamp in self.lamps:
+                sum_ = sum_ + weight * _lit(scene, lamp, bsdf, si, sampler.next_2d(), smooth, matte)
+
+            is_delta = mi.has_flag(chosen.sampled_type, mi.BSDFFlags.Delta)
+            survives = mi.Float(1.0)
+            if self.cache is not None:
+                from_cache = dr.select(known & ~is_delta & (chosen.pdf > 0), _cosine(si, chosen.wo) / chosen.pdf, 0.0)
+                rest = factor - matte * from_cache
+                share = dr.minimum(dr.max(dr.abs(rest)) / dr.max(factor), 1.0)
+                survives = dr.select(known & ~is_delta, dr.select(share > _LEAST_REST, share, 0.0), 1.0)
+                factor = rest
+            weight, eta, depth = weight * factor, eta * chosen.eta, depth + 1
+            active = active & dr.any(weight != 0)
+            kept = dr.minimum(dr.max(dr.abs(weight)) * dr.square(eta), _MOST_SURVIVE)
+            survives = survives * dr.select(depth >= self.rr_depth, kept, 1.0)
+            active = active & (sampler.next_1d() < survives)
+            weight = weight * dr.rcp(survives)
+            ray = si.spawn_ray(si.to_world(chosen.wo))
+            last = mi.Interaction3f(si), chosen.pdf, is_delta
+            diffuse = diffuse | mi.has_flag(chosen.sampled_type, mi.BSDFFlags.Diffuse)
+            return active, sampler, ray, weight, eta, depth, last, diffuse, sum_
+
+        first = dr.zeros(mi.Interaction3f), mi.Float(1.0), mi.Bool(True)
+        start = mi.Bool(active), sampler, mi.Ray3f(ray), mi.Spectrum(1.0), mi.Float(1.0), mi.UInt32(0), first
+        *_, radiance = dr.while_loop((*start, mi.Bool(False), mi.Spectrum(0.0)), lambda active, *_: active, step)
+        return radiance, mi.Bool(True), []
+
+    def direct_light(self, scene: Any, sampler: Any, ray: Any) -> Any:
+        """The part of `sample` that comes directly from the lamps to the first surface.
+
+        Draws from the sampler as `sample` does, so that the points of a projector's aperture are the same.
+        """
+        si = scene.ray_intersect(mi.Ray3f(ray), mi.RayFlags.All, True)
+        bsdf = si.bsdf()
+        smooth = si.is_valid() & (self.max_depth > 1) & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+        sampler.next_2d(), sampler.next_1d(), sampler.next_2d()
+        return sum(
+            (_lit(scene, lamp, bsdf, si, sampler.next_2d(), smooth, 0.0) for lamp in self.lamps), mi.Spectrum(0.0)
+        )
+
+    def to_string(self) -> str:
+        return "Paths[]"
+
+
+def _mis(own: Any, other: Any) -> Any:
+    """The weight of a sample of density `own` that has the density `other` in another technique: power heuristic.
+
+    A light seen from its edge has an infinite density and sends nothing.
+    """
+    weight = own * own / (own * own + other * other)
+    return dr.select(dr.isfinite(weight), weight, 0.0)
+
+
+def _matte(bsdf: Any, si: Any, active: Any) -> Any:
+    """A constant part of the BSDF, from its albedo.
+
+    At most its value in a direction off the mirror's: the albedo of a metal is that of its highlight, and surfaces with
+    one side have one behind, where they reflect nothing.
+    """
+    across = mi.Vector2f(-si.wi.y, si.wi.x)
+    length = dr.norm(across)
+    across = dr.select(length > 0, across / length, mi.Vector2f(1.0, 0.0))
+    cosine = dr.copysign(mi.Float(0.5), mi.Frame3f.cos_theta(si.wi))
+    aside = mi.Vector3f(math.sqrt(0.75) * across.x, math.sqrt(0.75) * across.y, cosine)
+    least = bsdf.eval(mi.BSDFContext(), si, aside, active) / 0.5
+    return dr.select(active, dr.minimum(bsdf.eval_diffuse_reflectance(si, active) / math.pi, least), 0.0)
+
+
+def _cosine(si: Any, wo: Any) -> Any:
+    """The cosine of the direction `wo` with the shading normal, where light from it is reflected; 0 elsewhere."""
+    own, other = mi.Frame3f.cos_theta(si.wi), mi.Frame3f.cos_theta(wo)
+    return dr.select(own * other > 0, dr.abs(other), 0.0)
+
+
+def _lit(scene: Any, lamp: Any, bsdf: Any, si: Any, drawn: Any, active: Any, matte: Any) -> Any:
+    """The radiance that leaves the surface along its ray by light directly from `lamp`, without that of `matte`."""
+    ds, light = lamp.sample_direction(si, drawn, active)
+    seen = active & (dr.max(light) > 0)
+    seen &= ~scene.ray_test(si.spawn_ray_to(ds.p), seen)
+    wo = si.to_local(ds.d)
+    value = bsdf.eval(mi.BSDFContext(), si, wo, seen) - matte * _cosine(si, wo)
+    return dr.select(seen, light * value, 0.0)

@@ -1,0 +1,138 @@
+"""Light between surfaces from the irradiance cache, against closed forms and Mitsuba's path tracer."""
+
+import numpy as np
+import pytest
+
+import twinlens as tl
+from tests.optics_rendered.optics_lights import HERE
+from tests.rendering.conftest import skip_without_llvm
+from twinlens.camera import Camera, Projector, Rig, patterns
+from twinlens.rendering.build import build
+from twinlens.rendering.integrators import with_irradiance_cache
+from twinlens.rendering.projectors import build_lit
+from twinlens.rendering.sensors import make_sensor
+from twinlens.scenes import Scene, SceneObject
+
+CAMERA = Camera.from_fov(64, 48, 60)
+LARGE = Camera.from_fov(160, 120, 60)
+REFLECTANCE = 0.6
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _llvm():
+    skip_without_llvm()
+
+
+def rgb(value):
+    return {"type": "rgb", "value": value}
+
+
+MATTE = {"type": "diffuse", "reflectance": rgb(REFLECTANCE)}
+LAMP = {"type": "area", "radiance": rgb(1000.0)}
+
+
+def room(shape, paint, lamp, depth, *things, **materials):
+    """The inside of a closed shape of 4 m, with a spherical lamp of radius 5 cm at `lamp`, and other things."""
+    walls = SceneObject("walls", {"type": shape, "flip_normals": True}, "paint", np.diag([2.0, 2.0, 2.0, 1.0]))
+    bulb = SceneObject("lamp", {"type": "sphere", "center": lamp, "radius": 0.05}, "paint", emitter=LAMP)
+    integrator = {"type": "path", "max_depth": depth}
+    return Scene("room", (walls, bulb, *things), {"paint": paint, **materials}, HERE, (0.5, 4.0), {}, integrator)
+
+
+def lit_cube(paint=MATTE, depth=6, thing=None, **material):
+    """A cube with a lamp above the camera, and one thing."""
+    return room("cube", paint, [0.0, -1.5, 0.5], depth, *([] if thing is None else [thing]), **material)
+
+
+def level(name, height, half, thickness=0.0):
+    """A horizontal square above the camera, below the lamp, that shows its back; or a slab."""
+    shape = {"type": "cube" if thickness else "rectangle"}
+    pose = np.array([[half, 0, 0, 0], [0, 0, thickness or 1, height], [0, -half, 0, 0.5], [0, 0, 0, 1.0]])
+    return SceneObject(name, shape, name, pose)
+
+
+def images(scene, rig, spp, seeds, cached=True):
+    """Images (N, H, W, 3) of the first camera before denoising, with or without a cache for each seed."""
+    found = []
+    for seed in seeds:
+        built = build_lit(scene, rig, "rgb")
+        if cached:
+            built = with_irradiance_cache(built, scene, rig, "rgb", seed)
+        sensor = make_sensor(rig.cameras[0], rig.world_from_cams[0], tl.Pinhole(), spp, "independent")
+        found.append(np.asarray(built.integrator.render(built.mi_scene, sensor, seed=seed, spp=spp), dtype=np.float64))
+    return np.array(found)
+
+
+@pytest.mark.parametrize("depth", [3, 6, -1])
+def test_an_integrating_sphere_has_its_closed_form(depth):
+    """A lamp in the middle of a matte sphere lights it evenly by E, and n reflections add E (r + r^2 + ... + r^n)."""
+    scene = room("sphere", MATTE, [0.0, 0.0, 0.0], depth)
+    pose = np.eye(4)
+    pose[2, 3] = 0.3  # the camera looks away from the lamp
+    direct = np.pi * 1000 * (0.05 / 2) ** 2
+    light = direct * sum(REFLECTANCE**n for n in range(depth - 1 if depth > 0 else 100))
+    found = images(scene, Rig.stereo(CAMERA, 0.1, pose), 16, range(4))
+    assert found.mean() == pytest.approx(REFLECTANCE / np.pi * light, rel=0.005)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["room", "tabletop", "staircase"])
+def test_images_have_the_brightness_of_mitsubas(name):
+    scene = tl.load_scene(name)
+    rig = Rig.stereo(LARGE, 0.1, scene.world_from_left)
+    ours, theirs = (images(scene, rig, 64, range(k, k + 3), cached) for k, cached in ((0, True), (9, False)))
+    assert ours.mean() == pytest.approx(theirs.mean(), rel=0.01)
+
+
+def test_light_between_surfaces_has_less_noise():
+    """In `room`, where it is 43 % of the light and most of the noise."""
+    scene = tl.load_scene("room")
+    rig = Rig.stereo(LARGE, 0.1, scene.world_from_left)
+    ours, theirs = (images(scene, rig, 16, range(4), cached).var(axis=0, ddof=1) for cached in (True, False))
+    assert np.median(ours) < 0.6 * np.median(theirs)
+
+
+GLOBE = SceneObject("globe", {"type": "sphere", "center": [0.0, -1.5, 0.5], "radius": 0.2}, "globe")
+NET = {"type": "mask", "opacity": 0.5, "bsdf": {"type": "twosided", "bsdf": MATTE}}
+CASES = {
+    "matte": lit_cube(),
+    "white, any depth": lit_cube({"type": "diffuse", "reflectance": rgb(0.95)}, -1),
+    "glossy": lit_cube({"type": "principled", "base_color": rgb(0.6), "roughness": 0.3}),
+    "metal": lit_cube({"type": "principled", "base_color": rgb(0.6), "metallic": 1.0, "roughness": 0.2}),
+    "varnished": lit_cube({"type": "plastic", "diffuse_reflectance": rgb(0.5)}),
+    "the back of a panel": lit_cube(thing=level("panel", -1.0, 1.0), panel=MATTE),
+    "a net below the lamp": lit_cube(thing=level("net", -1.2, 1.0), net=NET),
+    "a globe of rough glass": lit_cube(depth=-1, thing=GLOBE, globe={"type": "roughdielectric", "alpha": 0.3}),
+    "a pane below the lamp": lit_cube(depth=-1, thing=level("pane", -1.2, 1.9, 0.05), pane={"type": "dielectric"}),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_light_is_that_of_mitsubas_path_tracer(name):
+    """Within 1 % and five standard errors, as a whole and in its quarters; no negative light to speak of."""
+    rig = Rig.stereo(LARGE, 0.1)
+    ours, theirs = (images(CASES[name], rig, 16, range(k, k + 8), cached) for k, cached in ((0, True), (20, False)))
+    for parts in (1, 2):
+        blocks = [
+            of.reshape(8, parts, 120 // parts, parts, 160 // parts, 3).mean(axis=(2, 4, 5)) for of in (ours, theirs)
+        ]
+        means = [of.mean(axis=0) for of in blocks]
+        error = np.sqrt(sum(of.var(axis=0, ddof=1) / 8 for of in blocks))
+        assert (np.abs(means[0] - means[1]) < 0.01 * means[1] + 5 * error).all()
+    assert np.minimum(ours, 0).sum() > -1e-3 * ours.sum()
+
+
+def test_the_light_of_projectors_is_in_the_cache():
+    beam = Projector(np.eye(4), CAMERA, patterns.checker(64, 48, 8), 10.0, band="rgb")
+    scene, rig = lit_cube(depth=5), Rig.stereo(LARGE, 0.1).with_projectors([beam])
+    ours, theirs = (
+        images(scene.with_ambient(0), rig, 64, range(k, k + 3), cached) for k, cached in ((0, True), (9, False))
+    )
+    assert theirs.mean() > 0.01
+    assert ours.mean() == pytest.approx(theirs.mean(), rel=0.01)
+
+
+def test_there_is_no_cache_without_a_third_surface():
+    scene, rig = lit_cube(depth=2), Rig.stereo(CAMERA, 0.1)
+    built = build(scene)
+    assert with_irradiance_cache(built, scene, rig, "rgb", 0) is built
