@@ -89,11 +89,11 @@ def test_translation_of_a_rendered_chessboard(depth):
 @pytest.mark.parametrize(("focus", "focus_um"), [(1.0, 40.0), (1.0, -40.0), (np.inf, -40.0), (np.inf, 60.0)])
 def test_the_blur_disk_of_a_displaced_film(focus, focus_um, f_number):
     """A |v' - v_point| / v_point on the film, by Gauss's lens equation, in the second image of a sample."""
-    film, aperture, depth, pitch, own = 0.016, 0.05, 2.0, 4e-5, 6.0
-    camera = square_camera(41, 400.0, pixel_pitch_um=1e6 * pitch)
+    film, aperture, depth, pitch, own = 0.016, 0.005, 2.0, 4e-6, 6.0
+    camera = square_camera(41, 4000.0, pixel_pitch_um=1e6 * pitch)
     rig, lens = tl.Rig([camera, camera], [HERE, HERE]), tl.ThinLens(aperture, focus)
     sensor = tl.Sensor(mismatch=tl.Mismatch(focus_um=focus_um, f_number=f_number))
-    lamp = lamps([(0.0, 0.0, depth)], 0.5 * own * depth / 400)
+    lamp = lamps([(0.0, 0.0, depth)], 0.5 * own * depth / 4000)
     sample = make_sample(lamp, rig, [lens], spp=4096, sensor=sensor, keep_radiance=True)
     power = 1 / focus + 1 / film
     point = 1 / (power - 1 / depth)
