@@ -69,7 +69,7 @@ def test_a_sample_is_made_again_from_what_its_record_says(recipe, whole):
     again = produce(SampleSpec(**record["spec"]), recipe.sources)
     stored = Dataset(whole)[2]
     assert np.array_equal(again.shots[0].images[1], stored.im1)
-    assert again.rig.baseline() == stored.rig.baseline()
+    assert again.rig.nominal.baseline() == stored.rig.baseline()
 
 
 def test_samples_differ_where_the_recipe_says_so(whole):
