@@ -1,6 +1,6 @@
 """What each ingredient of the frozen benchmark changes: its rankings and image statistics without it.
 
-    python benchmarks/frozen/ablations.py [--work out/frozen] [--count 3 4]
+    python benchmarks/frozen/ablations.py [--work out/frozen] [--count 2 2]
 
 Run `run.py` first, with the same work folder. Images through the lens of the first samples of each dataset. Differences
 of the sensors are left out by exposing the stored radiance again, with the same noise. Differences of the lenses and of
@@ -28,7 +28,7 @@ from twinlens.seeds import derived_seed, generator
 from twinlens.sensor import Mismatch, Sensor
 from twinlens.sensor.light import vignetting
 
-COUNTS = (3, 4)  # samples of `bundled` and `families`; 5 and 4 have each scene and each family once
+COUNTS = (2, 2)  # samples of `bundled` and `families`; 5 and 4 have each scene and each family once
 LENS = 1  # of the recipes: f/1.4
 CLOSED = "room"  # a bundled scene that an even sky does not light
 EXPOSED: dict[str, tuple[str, ...]] = {

@@ -153,7 +153,7 @@ def test_a_level_of_mismatch_is_drawn_for_each_sample_and_recorded(tmp_path):
 def test_recipes_without_a_mismatch_make_typical_pairs_unless_the_sensor_is_ideal(tmp_path, sensor, level):
     text = re.sub(r"\[sensor\]\n(?:[^\[\n].*\n|\n)*", f"[sensor]\n{sensor}\n\n", RECIPE)
     record = make(read_recipe(write_recipe(tmp_path, text)), 0).record
-    drawn = Mismatch.draw(level, record["spec"]["seed"], distortion_px=0.0)
+    drawn = Mismatch.draw(level, record["spec"]["seed"], distortion_px=0.0, focus_um=0.0)
     assert Mismatch(**record["sensor"]["mismatch"]) == drawn
 
 

@@ -20,8 +20,8 @@ from twinlens.sensor.exposure import Exposure
 LEVELS = ("none", "calibrated", "typical", "consumer")
 """After "none": a fresh calibration with equalised gains and flat fields, two cameras of one model, cheap modules."""
 
-DEFAULT_MISMATCH: Mapping[str, Any] = {"level": "typical", "distortion_px": 0.0}
-"""The mismatch of recipes that give none. The scalar backend does not render it where it focuses beyond infinity."""
+DEFAULT_MISMATCH: Mapping[str, Any] = {"level": "typical", "distortion_px": 0.0, "focus_um": 0.0}
+"""The mismatch of recipes that give none; every backend can render it."""
 
 _MAX_SIGMAS = 2.5  # limit of a drawn value, in standard deviations
 _NOT_NEGATIVE = ("veiling_glare", "stray_light", "blur_px")
