@@ -36,6 +36,7 @@ KINDS = {
     "raw 64": {"spp": 64},
     "raw 256": {"spp": 256},
     "16, denoised": {"spp": 16, "denoise": True},
+    "32, denoised": {"spp": 32, "denoise": True},
 }
 SEED = 2
 PAGE = Path(__file__).with_name("noise.md")
