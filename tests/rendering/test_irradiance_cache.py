@@ -136,3 +136,16 @@ def test_there_is_no_cache_without_a_third_surface():
     scene, rig = lit_cube(depth=2), Rig.stereo(CAMERA, 0.1)
     built = build(scene)
     assert with_irradiance_cache(built, scene, rig, "rgb", 0) is built
+
+
+def test_light_that_would_grow_without_limit_ends():
+    """Two cells whose only samples reflect 1.5 times the light at each other, and a box that absorbs nothing."""
+    from twinlens.rendering.irradiance_cache import _Paths, _tables
+
+    ones, colours = np.ones((4, 2), np.uint32), np.ones((4, 2, 3), np.float32)
+    met, cell = 2 * ones, np.array([[0, 1], [0, 1], [1, 0], [0, 1]])
+    paths = _Paths(met, ones, colours, colours, 1.5 * colours, colours, 0 * colours)
+    assert _tables(paths, cell, 2, -1).max() < 200
+    np.testing.assert_allclose(_tables(paths, cell, 2, 3)[:, 0, 0], np.cumsum(1.5 ** np.arange(4)))
+    white = lit_cube({"type": "diffuse", "reflectance": rgb(1.0)}, -1)
+    assert np.isfinite(images(white, Rig.stereo(CAMERA, 0.1), 1, [0])).all()

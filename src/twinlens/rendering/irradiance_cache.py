@@ -37,6 +37,8 @@ _OUTSIDE = 1.0  # percentage of the surfaces beyond each side of the box
 _LEAST_SAMPLES = 4  # of a cell
 _FACES = 6  # directions of normals
 _CONVERGED = 1e-4  # last change of the irradiance, relative to its mean
+_MOST_BOUNCES = 256
+_FEW_BOUNCES = 8  # after more, a change that grows will not converge
 _NOT_TRACED, _NOTHING, _SURFACE = 0, 1, 2  # what paths meet
 _NOWHERE, _UNKNOWN = -1, -2  # in the place of a cell: nothing there; a surface without a cell, or not traced
 
@@ -134,10 +136,9 @@ def _trace(scene: Any, rays: Any, seed: int, lamps: Sequence[Any]) -> _Paths:
         bsdf, context, normal = si.bsdf(), mi.BSDFContext(), _facing(si, ray)
         chosen, factor = bsdf.sample(context, si, sampler.next_1d(), sampler.next_2d(), there)
         onwards = mi.BSDFFlags.Transmission | mi.BSDFFlags.Null
-        is_glass = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Transmission) & ~mi.has_flag(
-            bsdf.flags(), mi.BSDFFlags.Diffuse
-        )
-        scatters = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth) & ~is_glass
+        flags = bsdf.flags()
+        is_glass = mi.has_flag(flags, mi.BSDFFlags.Transmission) & ~mi.has_flag(flags, mi.BSDFFlags.Diffuse)
+        scatters = mi.has_flag(flags, mi.BSDFFlags.Smooth) & ~is_glass
         scatters &= ~mi.has_flag(chosen.sampled_type, onwards)
         on_surface = there & scatters
         ds, light = scene.sample_emitter_direction(si, sampler.next_2d(), True, on_surface)
@@ -174,7 +175,8 @@ def _trace(scene: Any, rays: Any, seed: int, lamps: Sequence[Any]) -> _Paths:
 def _tables(paths: _Paths, cell: NDArray[np.int64], count: int, bounces: int) -> Float:
     """The irradiance (B + 1, C, 3) of cells after at most 0, 1, ... `bounces`; `cell` (K, N) are those of surfaces.
 
-    Ends where more bounces add nothing.
+    Ends where more bounces add nothing, and where they add more and more: reflectances are those of single samples, so
+    that the light between two cells of few samples may grow without limit.
     """
 
     def means(values: Float, of: NDArray[np.int64]) -> Float:
@@ -189,10 +191,16 @@ def _tables(paths: _Paths, cell: NDArray[np.int64], count: int, bounces: int) ->
     lights = math.pi * paths.emission[2:][is_sample].astype(np.float64)
     gains = np.where((ends >= 0)[:, None], (paths.arrival * paths.reflectance)[2:][is_sample], 0.0)
     least = _CONVERGED * tables[0].mean()
-    while bounces < 0 or len(tables) <= bounces:
-        tables.append(tables[0] + means(lights + gains * tables[-1][ends], own))
-        if np.abs(tables[-1] - tables[-2]).max() <= least:
+    before = math.inf
+    for bounce in range(bounces if 0 <= bounces < _MOST_BOUNCES else _MOST_BOUNCES):
+        light = tables[0] + means(lights + gains * tables[-1][ends], own)
+        change = np.abs(light - tables[-1]).max()
+        if bounce >= _FEW_BOUNCES and change > before:
             break
+        tables.append(light)
+        if change <= least:
+            break
+        before = change
     return np.stack(tables)
 
 
