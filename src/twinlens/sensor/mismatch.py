@@ -214,7 +214,7 @@ def mismatch_table(sensor: Mapping[str, Any]) -> Any:
     """The mismatch of a recipe's table `sensor`, with levels as tables; without one, the default of the preset.
 
     >>> mismatch_table({}), mismatch_table({"preset": "ideal"}), mismatch_table({"mismatch": "consumer"})
-    ({'level': 'typical', 'distortion_px': 0.0}, {'level': 'none'}, {'level': 'consumer'})
+    ({'level': 'typical', 'distortion_px': 0.0, 'focus_um': 0.0}, {'level': 'none'}, {'level': 'consumer'})
     """
     mismatch = sensor.get("mismatch", "none" if sensor.get("preset") == "ideal" else dict(DEFAULT_MISMATCH))
     return [level_table(each) for each in mismatch] if isinstance(mismatch, list) else level_table(mismatch)
