@@ -7,6 +7,9 @@ BIN := .venv/bin
 demo: .venv/installed
 	$(BIN)/twinlens demo -o demo
 
+# Bytecode is cached even where the environment says otherwise: workers, and processes that tests start, share it.
+test test-all: export PYTHONDONTWRITEBYTECODE :=
+
 test: .venv/installed-test
 	$(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder -m "not slow"
 
