@@ -1,8 +1,10 @@
-"""Settings of all tests: repeatable hypothesis cases without deadlines, and a kernel cache of their own."""
+"""Settings of all tests: repeatable hypothesis cases without deadlines, a kernel cache, equal figures drawn once."""
 
+import json
 import os
 import tempfile
 
+import pytest
 from hypothesis import settings
 
 settings.register_profile("twinlens", deadline=None, derandomize=True)
@@ -26,3 +28,21 @@ def pytest_configure(config):
         config.add_cleanup(temporary.cleanup)
         folder = temporary.name
     os.environ["NUMBA_CACHE_DIR"] = folder
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _equal_figures_of_cards_are_drawn_once():
+    """Many tests make the same tiny datasets, of which each has a card with a figure."""
+    from twinlens.dataset import card
+
+    drawn, draw = {}, card.statistics_figure
+
+    def remembered(many):
+        key = json.dumps(many)
+        if key not in drawn:
+            drawn[key] = draw(many)
+        return drawn[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(card, "statistics_figure", remembered)
+        yield
