@@ -1,4 +1,4 @@
-"""Materials of random scenes: shares, roughness and gloss as documented, and one form of plugin for shared kernels."""
+"""Materials of random scenes: shares, roughness and gloss as documented."""
 
 from collections import Counter
 
@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from twinlens.factory import generate, read_recipe
-from twinlens.families import FAMILIES, Assets, random_scene
+from twinlens.families import FAMILIES, Assets
 from twinlens.families.composition import Composition
 from twinlens.families.kinds import KINDS, METALLIC, SOFT, Body
 from twinlens.families.materials import FINISHES, PLAIN
 from twinlens.families.patterns import pattern
 from twinlens.families.surfaces import FLOORS, TOPS, WALLS, surface_pattern
-from twinlens.scenes import Bitmap
 from twinlens.scoring import STATISTICS, open_pairs, pair_statistics, summarize
 
 DRAWS = 3000
@@ -91,21 +90,6 @@ def test_plain_paint_has_fainter_grain_than_other_surfaces():
 
 def test_grain_of_a_size_has_the_same_contrast_at_every_resolution():
     assert [grain("plain", n) for n in (256, 512, 1024)] == pytest.approx([grain("plain", 128)] * 3, rel=0.05)
-
-
-@pytest.mark.parametrize("family", FAMILIES)
-def test_all_materials_have_the_same_form(family):
-    """Mitsuba compiles a kernel for each set of plugin types and of lobes; a parameter of 0 removes a lobe."""
-    for seed in range(3):
-        plugins = list(random_scene(family, seed, width=80).materials.values())
-        coated = [plugin for plugin in plugins if plugin["type"] == "principled"]
-        assert len({tuple(plugin) for plugin in coated}) == 1
-        assert all(value > 0 for plugin in coated for value in plugin.values() if isinstance(value, float))
-        lamps = [plugin for plugin in plugins if plugin["type"] == "diffuse"]
-        assert all(isinstance(lamp["reflectance"], Bitmap) and not lamp["reflectance"].pixels.any() for lamp in lamps)
-        assert {plugin["type"] for plugin in plugins} <= {"principled", "diffuse", "conductor", "dielectric"}
-        textures = [value for plugin in plugins for value in plugin.values() if isinstance(value, Bitmap)]
-        assert all(np.array_equal(texture.to_uv, np.eye(4)) for texture in textures)
 
 
 def gloss(roughness, rays=400_000):

@@ -1,5 +1,6 @@
 """Random scenes: the same seed gives the same scene, and the settings are respected."""
 
+import functools
 import re
 
 import numpy as np
@@ -12,6 +13,12 @@ from twinlens.families import FAMILIES, Assets, random_scene
 from twinlens.families.composition import View, rasterize
 from twinlens.families.kinds import KINDS
 from twinlens.scenes import Bitmap, Mesh
+
+
+@functools.cache
+def scene_of(family, seed):
+    """The scene of a seed, for a picture 80 pixels wide; composed once for all tests of this file."""
+    return random_scene(family, seed, width=80)
 
 
 def fingerprint(scene):
@@ -45,11 +52,11 @@ SEED_11 = {
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_the_same_seed_gives_the_same_scene(family):
-    first, again = (random_scene(family, 11, width=80) for _ in range(2))
+    first, again = scene_of(family, 11), random_scene(family, 11, width=80)
     numbers = fingerprint(first)
     np.testing.assert_array_equal(numbers, fingerprint(again))
     assert (numbers.size, numbers.mean()) == (SEED_11[family][0], pytest.approx(SEED_11[family][1], rel=1e-7))
-    other = random_scene(family, 12, width=80)
+    other = scene_of(family, 5)
     assert fingerprint(other).shape != fingerprint(first).shape or (fingerprint(other) != fingerprint(first)).any()
     assert first.name == f"{family}-11"
 
@@ -61,7 +68,7 @@ def test_a_seed_sequence_is_a_seed_and_is_not_changed():
     np.testing.assert_array_equal(fingerprint(first), fingerprint(random_scene("cards", sequence, width=80)))
     assert first.name != random_scene("cards", np.random.SeedSequence(5, spawn_key=(4,)), width=80).name
     np.testing.assert_array_equal(
-        fingerprint(random_scene("cards", 5, width=80)),
+        fingerprint(scene_of("cards", 5)),
         fingerprint(random_scene("cards", np.random.SeedSequence(5), width=80)),
     )
 
@@ -80,7 +87,7 @@ def test_the_requested_depth_range_is_that_of_the_picture(family, wanted):
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_scenes_are_small_textured_meshes_with_unique_names(family):
-    scene = random_scene(family, 2, width=80)
+    scene = scene_of(family, 4)
     assert all(isinstance(thing.shape, Mesh) for thing in scene.objects)
     assert all(thing.shape.uv is not None and thing.shape.normals is not None for thing in scene.objects)
     assert sum(len(thing.shape.faces) for thing in scene.objects) < 100_000
@@ -91,6 +98,21 @@ def test_scenes_are_small_textured_meshes_with_unique_names(family):
             if isinstance(part, Bitmap):
                 assert part.pixels.dtype == np.float32
                 assert 0 <= part.pixels.min() <= part.pixels.max() <= 1
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_all_materials_have_the_same_form(family):
+    """Mitsuba compiles a kernel for each set of plugin types and of lobes; a parameter of 0 removes a lobe."""
+    for seed in (4, 5, 11):
+        plugins = list(scene_of(family, seed).materials.values())
+        coated = [plugin for plugin in plugins if plugin["type"] == "principled"]
+        assert len({tuple(plugin) for plugin in coated}) == 1
+        assert all(value > 0 for plugin in coated for value in plugin.values() if isinstance(value, float))
+        lamps = [plugin for plugin in plugins if plugin["type"] == "diffuse"]
+        assert all(isinstance(lamp["reflectance"], Bitmap) and not lamp["reflectance"].pixels.any() for lamp in lamps)
+        assert {plugin["type"] for plugin in plugins} <= {"principled", "diffuse", "conductor", "dielectric"}
+        textures = [value for plugin in plugins for value in plugin.values() if isinstance(value, Bitmap)]
+        assert all(np.array_equal(texture.to_uv, np.eye(4)) for texture in textures)
 
 
 @pytest.mark.parametrize("family", FAMILIES)
@@ -113,7 +135,7 @@ def test_disparities_are_spread_over_the_range(family):
     """In nearly every scene, each third of the disparity range is visible."""
     filled = []
     for seed in range(6):
-        scene = random_scene(family, seed, width=80)
+        scene = scene_of(family, seed)
         depth = depths(scene, scene.objects)
         share = (1 / depth[np.isfinite(depth)] - 1 / depth[np.isfinite(depth)].max()) / np.ptp(
             1 / depth[np.isfinite(depth)]
@@ -124,8 +146,8 @@ def test_disparities_are_spread_over_the_range(family):
 
 def test_added_textures_move_no_object(tmp_path):
     Image.fromarray(np.random.default_rng(0).integers(0, 255, (32, 32, 3), dtype=np.uint8)).save(tmp_path / "a.png")
-    plain = random_scene("tabletop", 6, width=80)
-    dressed = random_scene("tabletop", 6, width=80, assets=Assets.from_folders(textures=[tmp_path]))
+    plain = scene_of("tabletop", 5)
+    dressed = random_scene("tabletop", 5, width=80, assets=Assets.from_folders(textures=[tmp_path]))
     assert [t.name for t in plain.objects] == [t.name for t in dressed.objects]
     for one, other in zip(plain.objects, dressed.objects, strict=True):
         np.testing.assert_array_equal(one.world_from_object, other.world_from_object)
@@ -159,7 +181,7 @@ def test_bad_settings_raise_one_line_errors(bad, message):
 @pytest.mark.parametrize("seed", [4, 5, 9, 16, 26])  # 4: a lamp before the camera; the others: none
 def test_the_main_lights_of_a_room_are_not_visible(seed):
     """The ceiling lamp and a window beside the camera give more light than all visible windows and lamp shades."""
-    scene = random_scene("room", seed, width=80)
+    scene = scene_of("room", seed)
     nearest = depths(scene, scene.objects)
     shown = {t.name for t in scene.objects if (np.isfinite(nearest) & (depths(scene, [t]) <= nearest)).any()}
     flux = {}
@@ -178,8 +200,8 @@ def test_the_main_lights_of_a_room_are_not_visible(seed):
 def test_plain_surfaces_may_be_left_out(family):
     """Where a surface was plain, its contrast is higher; all other surfaces, and all objects, are the same."""
     changed = []
-    for seed in range(6):
-        plain, textured = (random_scene(family, seed, width=96, plain_surfaces=each) for each in (True, False))
+    for seed in (4, 5, 11):
+        plain, textured = scene_of(family, seed), random_scene(family, seed, width=80, plain_surfaces=False)
         assert [thing.name for thing in plain.objects] == [thing.name for thing in textured.objects]
         for one, other in zip(plain.objects, textured.objects, strict=True):
             assert np.array_equal(one.world_from_object, other.world_from_object)
@@ -191,5 +213,5 @@ def test_plain_surfaces_may_be_left_out(family):
                 before, after = (np.log(each.pixels).std(axis=(0, 1)).max() for each in maps)
                 changed.append(one.name)
                 assert after > before, (seed, one.name)
-    assert 2 <= len(changed) < 24
+    assert 2 <= len(changed) < 12
     assert all(re.search("wall|floor|table", name) for name in changed)

@@ -1,5 +1,7 @@
 """Still lifes: no bodies intersect and none floats, by checks independent of the placement code."""
 
+import functools
+
 import numpy as np
 import pytest
 
@@ -10,9 +12,14 @@ QUICK = (0, 1, 136)  # 136: a pebble overhangs the box below it, next to a talle
 SCENES = [pytest.param(seed, marks=[] if seed in QUICK else pytest.mark.slow) for seed in range(200)]
 
 
+@functools.lru_cache(maxsize=4)
+def scene_of(seed):
+    return random_scene("tabletop", seed, width=160)
+
+
 @pytest.mark.parametrize("seed", SCENES)
 def test_bodies_rest_on_the_table_or_on_each_other_without_intersections(seed):
-    scene = random_scene("tabletop", seed, width=160)
+    scene = scene_of(seed)
     assert intersecting(scene) == []
     assert floating(scene, table_height(scene)) == []
     assert camera_inside(scene) == []
@@ -20,7 +27,7 @@ def test_bodies_rest_on_the_table_or_on_each_other_without_intersections(seed):
 
 def test_the_checks_find_floating_and_intersecting_bodies():
     """The checks themselves fail for a lifted body, and for one moved into its neighbour."""
-    scene = random_scene("tabletop", 3, width=160)
+    scene = scene_of(1)
     first, second, *rest = scene.objects
     lifted = np.array(first.world_from_object)
     lifted[2, 3] += 0.02
@@ -41,8 +48,8 @@ def with_pose(scene, index, pose):
 
 def test_some_bodies_are_stacked():
     stacked = 0
-    for seed in range(4):
-        scene = random_scene("tabletop", seed, width=160)
+    for seed in (0, 1):
+        scene = scene_of(seed)
         low = [
             (thing.shape.vertices @ thing.world_from_object[2, :3] + thing.world_from_object[2, 3]).min()
             for thing in scene.objects
