@@ -96,7 +96,7 @@ GLOBE = SceneObject("globe", {"type": "sphere", "center": [0.0, -1.5, 0.5], "rad
 NET = {"type": "mask", "opacity": 0.5, "bsdf": {"type": "twosided", "bsdf": MATTE}}
 CASES = {
     "matte": lit_cube(),
-    "white, any depth": lit_cube({"type": "diffuse", "reflectance": rgb(0.95)}, -1),
+    "white, any depth": lit_cube({"type": "diffuse", "reflectance": rgb(0.8)}, -1),
     "glossy": lit_cube({"type": "principled", "base_color": rgb(0.6), "roughness": 0.3}),
     "metal": lit_cube({"type": "principled", "base_color": rgb(0.6), "metallic": 1.0, "roughness": 0.2}),
     "varnished": lit_cube({"type": "plastic", "diffuse_reflectance": rgb(0.5)}),
@@ -124,7 +124,7 @@ def test_the_light_is_that_of_mitsubas_path_tracer(name):
 
 def test_the_light_of_projectors_is_in_the_cache():
     beam = Projector(np.eye(4), CAMERA, patterns.checker(64, 48, 8), 10.0, band="rgb")
-    scene, rig = lit_cube(depth=5), Rig.stereo(LARGE, 0.1).with_projectors([beam])
+    scene, rig = lit_cube(depth=5), Rig.stereo(Camera.from_fov(80, 60, 60), 0.1).with_projectors([beam])
     ours, theirs = (
         images(scene.with_ambient(0), rig, 64, range(k, k + 3), cached) for k, cached in ((0, True), (9, False))
     )
