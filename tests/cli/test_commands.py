@@ -1,6 +1,7 @@
 """Normal use of each command; see test_refusals for invalid input."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -46,14 +47,14 @@ def test_the_same_command_gives_the_same_bytes(twinlens, tmp_path):
     assert all((tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes() for file in files)
 
 
-def test_a_second_scene_joins_the_dataset(twinlens, tmp_path):
-    for scene in ("cards", "fence"):
+def test_a_second_scene_joins_the_dataset(twinlens, ball, tmp_path):
+    for scene in ("cards", ball):
         assert twinlens("render", scene, "--size", "32x24", "--spp", "1", "--no-denoise", "-o", tmp_path / "o")[0] == 0
-    assert [sample.name for sample in tl.Dataset(tmp_path / "o")] == ["cards", "fence"]
+    assert [sample.name for sample in tl.Dataset(tmp_path / "o")] == ["cards", "ball"]
 
 
-def test_verify_finds_a_changed_file(twinlens, tmp_path):
-    twinlens("render", "cards", "--size", "32x24", "--spp", "1", "--no-denoise", "-o", tmp_path / "o")
+def test_verify_finds_a_changed_file(twinlens, dataset, tmp_path):
+    shutil.copytree(dataset, tmp_path / "o")
     (tmp_path / "o" / "cards" / "im0.png").write_bytes(b"not the picture")
     code, out, _ = twinlens("verify", tmp_path / "o")
     assert code == 1

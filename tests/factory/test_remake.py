@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import twinlens as tl
-from tests.factory_recipes import RECIPE, write_recipe
+from tests.factory_recipes import RECIPE, SCENE, write_recipe
 from twinlens.camera import BrownConrady, MaskAperture, Polygon
 from twinlens.dataset.sample import sample_files
 from twinlens.errors import InputError
@@ -70,13 +70,10 @@ def record(scene):
     return json.loads(sample_files(sample)["sample.json"])
 
 
-def test_a_scene_of_ones_own_has_to_be_given(scene, record, tmp_path):
+def test_a_scene_of_ones_own_has_to_be_given(scene, tmp_path):
     mine = tmp_path / "mine"
     mine.mkdir()
-    for path in scene.files:
-        target = mine / path.relative_to(scene.files[0].parent)
-        target.parent.mkdir(exist_ok=True)
-        target.write_bytes(path.read_bytes())
+    (mine / "scene.toml").write_text(SCENE)
     made = make_sample(tl.load_scene(mine), default_rig(scene, 8, 6), [tl.Pinhole()], spp=1)
     files = sample_files(made)
     own = json.loads(files["sample.json"])
@@ -95,7 +92,7 @@ def test_a_scene_of_ones_own_has_to_be_given(scene, record, tmp_path):
         (lambda r: r["record"].pop("spp"), "record: missing key 'spp'"),
         (lambda r: r["record"].update(spp=True), "record.spp: must be a whole number, got True"),
         (lambda r: r["record"].update(scene="card"), "'card' is not bundled"),
-        (lambda r: r["record"].update(scene="fence"), "not the one that the record names"),
+        (lambda r: r["record"].update(scene="spheres"), "not the one that the record names"),
         (lambda r: r["record"]["sensor"].update(full_wel=3), "did you mean 'full_well'"),
         (lambda r: r["record"]["sensor"].update(mismatch=3), "record.sensor.mismatch: must be a table"),
         (lambda r: r["record"].update(exposure=0.1), "record.exposure: must be a table"),

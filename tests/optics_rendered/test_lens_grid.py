@@ -106,21 +106,27 @@ def test_the_comparison_detects_another_lens(grids, direct):
     assert differ(grids[0][:, :1, 0], direct[:, :1, 1])  # the left eye is not the right one
 
 
+@pytest.fixture(scope="module")
+def out_of_focus():
+    """A lamp, a rig and two lenses, and the images through the wider one, rendered by itself."""
+    scene, rig = lamps([(0.0, 0.0, 2.5)], 0.05), tl.Rig([square_camera(24, 80.0)], [HERE])
+    lenses = [tl.ThinLens(0.4, 1.0), tl.ThinLens(0.2, 1.0)]
+    return scene, rig, lenses, repeated(lambda seed: tl.render(scene, rig, lenses[0], spp=1024, seed=100 + seed))
+
+
 @pytest.mark.parametrize(
     ("factors", "same"),
     [((1.0, 1.0), True), ((0.8, 3.2 / 3), False), pytest.param((1.0, 1.2), False, marks=pytest.mark.slow)],
 )
-def test_weights_of_annuli_are_right_and_an_error_of_a_fifth_is_detected(monkeypatch, factors, same):
+def test_weights_of_annuli_are_right_and_an_error_of_a_fifth_is_detected(monkeypatch, out_of_focus, factors, same):
     """A lamp out of focus is an even disk of 19 pixels, of which the inner ring makes the inner half."""
 
     def askew(ring, radius):
         return area_fraction(ring, radius) * (factors[ring.inner > 0] if radius == 0.2 else 1.0)
 
     monkeypatch.setattr(lens_grid, "area_fraction", askew)
-    scene, rig = lamps([(0.0, 0.0, 2.5)], 0.05), tl.Rig([square_camera(24, 80.0)], [HERE])
-    lenses = [tl.ThinLens(0.4, 1.0), tl.ThinLens(0.2, 1.0)]
+    scene, rig, lenses, alone = out_of_focus
     images = repeated(lambda seed: tl.render_lens_grid(scene, rig, lenses, spp=1024, seed=seed)[0])
-    alone = repeated(lambda seed: tl.render(scene, rig, lenses[0], spp=1024, seed=100 + seed))
     assert differ(images, alone) != same
 
 

@@ -29,7 +29,8 @@ def chessboard(depth: float) -> Scene:
 
 def corners(rig: tl.Rig, depth: float = 2.0) -> np.ndarray:
     """The inner corners (88, 2) in the second image, to sub-pixels by OpenCV."""
-    image = tl.render(chessboard(depth), rig, tl.Pinhole(), spp=256, seed=0)[1].mean(axis=-1)
+    second = tl.Rig(rig.cameras[1:], rig.world_from_cams[1:])
+    image = tl.render(chessboard(depth), second, tl.Pinhole(), spp=256, seed=0)[0].mean(axis=-1)
     grey = cv2.GaussianBlur(image.astype(np.float32), (0, 0), 1.5)  # sharp edges bias cornerSubPix by 0.1 px
     v, u = np.mgrid[-3.5:4, -4.5:5]
     near = np.stack([119.5 + 19.5 * (u - 0.5), 89.5 + 19.5 * v], axis=-1).reshape(-1, 1, 2).astype(np.float32)

@@ -27,8 +27,8 @@ from twinlens.studies import (
 )
 
 METHODS = {"active": ("zncc", "depth_camera"), "window": ("sad", "census"), "radiometric": ("sad", "census")}
-QUICK = ("aperture", "texture", "radiometric")
-"""Studies that are run twice; the others only in slow tests."""
+QUICK = ("texture", "radiometric")
+"""Studies that are run twice; the others only in slow tests, as test_lens_grid covers the images of `aperture`."""
 SOME = [pytest.param(name, marks=pytest.mark.slow if name in ("pinhole", "focal-length") else ()) for name in STUDIES]
 """All studies; the test of `baseline` runs the same code as that of `focal-length`."""
 TINY = {"width": 96, "height": 72, "spp": 2}
