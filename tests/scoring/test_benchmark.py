@@ -364,6 +364,13 @@ def test_resume_runs_only_what_is_new(tmp_path):
     assert a.calls == 2
 
 
+def test_a_resumed_board_of_an_earlier_version_gets_the_scenes():
+    samples = [replace(pair("s"), scene="hall"), pair("t", seed=1)]
+    board = run_benchmark(samples, [Constant("a", 4)])
+    assert board.scenes == {"s": "hall", "t": "t"}
+    assert run_benchmark(samples, [Constant("a", 4)], board=replace(board, scenes={})) == board
+
+
 def test_a_resumed_board_describes_all_machines():
     first = run_benchmark([pair("s")], [Constant("a", 4)])
     assert "mixed" not in first.meta

@@ -44,7 +44,7 @@ def entry(method, sample, bad, *, evaluated=10, failure=None, region="all"):
 
 
 def board(*entries):
-    return Board("t", entries, {"numpy": "2"})
+    return Board("t", entries, {"numpy": "2"}, {entry.sample: "hall" for entry in entries})
 
 
 def test_a_mean_is_plain_unless_weighted():
@@ -133,6 +133,7 @@ def test_json_round_trip(method, sample, bad, message, failed):
     again = board_from_json(text)
     assert board_to_json(again) == text
     assert (again.title, again.meta, again.methods, again.samples) == (b.title, b.meta, b.methods, b.samples)
+    assert again.scenes == b.scenes
     if not failed:
         np.testing.assert_equal(again.entries[0].value("all", "totbad2.0"), bad)
 

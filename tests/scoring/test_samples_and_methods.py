@@ -46,7 +46,8 @@ def dataset(tmp_path_factory):
     folder = tmp_path_factory.mktemp("data")
     for name, count in (("one", 1), ("three", 3)):
         shots = tuple(Shot(lens, (image + np.uint8(k), image)) for k, lens in enumerate(lenses[:count]))
-        write_sample(folder / name, Sample(rig, shots, tuple(views), ndisp=8))
+        record = {"scene": "hall"} if name == "three" else {}
+        write_sample(folder / name, Sample(rig, shots, tuple(views), ndisp=8, record=record))
     return Dataset(folder)
 
 
@@ -57,6 +58,7 @@ def test_every_lens_of_a_sample_is_a_pair(dataset):
     assert len(pairs) == 4
     assert (pairs[3].im0 - pairs[1].im0 == 2).all()
     assert [p.name for p in pairs[1:2]] == ["three · pinhole"]
+    assert [p.scene for p in pairs] == ["one", "hall", "hall", "hall"]
 
 
 def test_a_pair_has_names_for_its_map(dataset, tmp_path):

@@ -202,6 +202,12 @@ class StoredSample(Mapping[str, Any]):
         return read_json(self.folder / "sample.json", KIND, VERSION)
 
     @property
+    def scene(self) -> str:
+        """Name of the scene that sample.json records; empty if there is none."""
+        record = self.record.get("record") if self.has("sample.json") else None
+        return str(record.get("scene", "")) if isinstance(record, dict) else ""
+
+    @property
     def file(self) -> SampleFile:
         """sample.json, with its rig and lenses rebuilt. Raises FileError: file, key, what is allowed."""
         return read(SampleFile, self.record, self.folder / "sample.json")

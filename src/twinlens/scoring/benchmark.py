@@ -110,6 +110,7 @@ def run_benchmark(
                     sample=pair, sha=sha, masks=masks, protocols=applicable,
                 )  # fmt: skip
                 writer.board.check_sample(pair.name, sha)
+                writer.board = replace(writer.board, scenes={**writer.board.scenes, pair.name: pair.scene or pair.name})
                 for method in runs:
                     skipped, failure = run.match(method)
                     done += 1

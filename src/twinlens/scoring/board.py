@@ -9,6 +9,8 @@ from twinlens.scoring.evaluate import RegionScores
 from twinlens.scoring.metrics import TIMES, Metric, find_metric
 from twinlens.scoring.protocols import PROTOCOLS, Protocol
 
+LENS_SEPARATOR = " · "
+"""In the name of a sample that has several lenses, between its view and its lens."""
 FAILURES: Mapping[str, str] = {
     "crash": "the method raised an exception, or its process died",
     "memory": "the method ran out of memory, or exceeded its memory limit",
@@ -99,11 +101,12 @@ class Mean:
 
 @dataclass(frozen=True)
 class Board:
-    """All entries in order of measurement. meta: versions and machine."""
+    """All entries in order of measurement. meta: versions and machine. scenes: the scene of each sample."""
 
     title: str = "twinlens board"
     entries: tuple[Entry, ...] = ()
     meta: Mapping[str, str] = field(default_factory=dict)
+    scenes: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         seen: set[tuple[str, str, str]] = set()
@@ -144,6 +147,10 @@ class Board:
         chosen, measured = find_metric(metric or rules.headline), (*rules.metrics, *TIMES)
         check_known("metric", chosen.name, measured)
         return rules, chosen
+
+    def scene(self, sample: str) -> str:
+        """The scene of a sample; on a board that has none, its view: the name without the lens."""
+        return self.scenes.get(sample) or sample.partition(LENS_SEPARATOR)[0]
 
     def find(self, method: str, sample: str, protocol: str) -> Entry | None:
         """The entry with that key, or None."""

@@ -84,6 +84,7 @@ class BoardModel(StrictModel):
     meta: dict[str, str]
     protocols: dict[str, dict[str, str]]
     entries: list[_EntryTable]
+    scenes: dict[str, str] = pydantic.Field(default={})
     unscored: dict[str, list[str]] | None = None
 
 
@@ -95,6 +96,7 @@ def board_to_json(board: Board) -> str:
         "title": board.title,
         "meta": dict(board.meta),
         "protocols": {name: dict(PROTOCOLS[name].lines()) for name in board.protocols},
+        "scenes": {name: board.scenes[name] for name in board.samples if name in board.scenes},
         "entries": [_record(entry) for entry in board.entries],
     }
     return json.dumps(plain(document, nan_as_null=True), indent=1, allow_nan=False) + "\n"
@@ -114,7 +116,7 @@ def board_from_json(text: str | bytes, file: str | Path = "board") -> Board:
     data = text.encode("utf-8", "surrogatepass") if isinstance(text, str) else text
     model = read(BoardModel, decode_json(data, str(file), FORMAT, VERSION), file)
     try:
-        return Board(model.title, tuple(model.entries), model.meta)
+        return Board(model.title, tuple(model.entries), model.meta, model.scenes)
     except InputError as error:
         raise FileError(f"{file}: {error}") from None
 

@@ -16,7 +16,7 @@ from twinlens.dataset.export import MIDDLEBURY_FOLDER
 from twinlens.dataset.storage import place
 from twinlens.dataset.visibility import mask_from_one
 from twinlens.errors import FileError, InputError, located
-from twinlens.scoring.board import Board
+from twinlens.scoring.board import LENS_SEPARATOR, Board
 from twinlens.scoring.metrics import Disparity, boolean_mask, disparity_map
 
 
@@ -48,8 +48,9 @@ class Pair:
 
     calibration: for errors in metres. blur0 (pixels), material_kind0: (H, W), for regions. The search covers
     min_disparity to min_disparity + ndisp - 1. aliases: other names of this sample's map in a submission, the
-    recommended one first. renderer_noise: over the sensor's noise, if measured. Raises InputError for images that are
-    not 8 or 16 bit, sizes that differ, and ndisp < 1.
+    recommended one first. renderer_noise: over the sensor's noise, if measured. scene: a name that views of the same
+    surfaces share; empty if it is not known. Raises InputError for images that are not 8 or 16 bit, sizes that differ,
+    and ndisp < 1.
     """
 
     name: str
@@ -64,6 +65,7 @@ class Pair:
     min_disparity: int = 0
     aliases: tuple[str, ...] = ()
     renderer_noise: float | None = None
+    scene: str = ""
 
     def __post_init__(self) -> None:
         with located(f"sample {self.name!r}"):
@@ -113,7 +115,7 @@ def load_pair(sample: Sample | StoredSample, lens: int = 0) -> Pair:
     if isinstance(sample, Pair):
         return sample
     images: Any = sample.lens(lens) if isinstance(sample, StoredSample) else sample
-    noise = getattr(images, "renderer_noise", None)
+    noise, scene = getattr(images, "renderer_noise", None), str(getattr(sample, "scene", ""))
     if isinstance(sample, StoredSample):
         blur, kinds = _optional(lambda: images.blur_circle_px(0)), _optional(lambda: sample.truth0.material_kind)
     else:
@@ -124,7 +126,7 @@ def load_pair(sample: Sample | StoredSample, lens: int = 0) -> Pair:
     ndisp, low = (sample.ndisp, first) if first is not None else search_range(sample.ndisp, calibration, truth)
     nonocc = sample.mask0_nonocc
     arrays = images.im0, images.im1, truth, nonocc
-    return Pair(sample.name, *arrays, ndisp, calibration, blur, kinds, low, renderer_noise=noise)
+    return Pair(sample.name, *arrays, ndisp, calibration, blur, kinds, low, renderer_noise=noise, scene=scene)
 
 
 def search_range(bound: int, calibration: Calibration | None, truth: Disparity) -> tuple[int, int]:
@@ -166,8 +168,9 @@ class DatasetPairs(Sequence[Pair]):
     """Every sample of the datasets (sequences of stored or other samples), once for each lens.
 
     A pair has its sample's name, or "name · lens" if the sample has several lenses, numbered if labels repeat.
-    A name that several datasets have is preceded by the dataset's label: "label/name". Indexing reads a pair from disk;
-    nothing is cached. Raises InputError if two pairs have the same name.
+    A name that several datasets have is preceded by the dataset's label: "label/name". The scene of a pair is the one
+    that its sample records, or else the sample. Indexing reads a pair from disk; nothing is cached. Raises InputError
+    if two pairs have the same name.
     """
 
     def __init__(self, *datasets: Sequence[StoredSample | Sample], labels: Sequence[str] | None = None) -> None:
@@ -201,7 +204,8 @@ class DatasetPairs(Sequence[Pair]):
             return [self[i] for i in range(len(self))[index]]
         name, (sample, lens, aliases) = self._pairs[index]
         pair = load_pair(sample, lens)
-        return replace(pair, name=name, aliases=pair.aliases or aliases)
+        scene = pair.scene or name.partition(LENS_SEPARATOR)[0]
+        return replace(pair, name=name, aliases=pair.aliases or aliases, scene=scene)
 
     def on(self, board: Board) -> Iterator[Pair]:
         """The pairs that the board scores. Raises InputError if a dataset has none, or if one has changed."""
@@ -247,6 +251,6 @@ def _names(sample: Any) -> list[tuple[str, tuple[str, ...]]]:
     numbers = [f" ({k})" if labels.count(label) > 1 else "" for k, label in enumerate(labels)]
     aliases = [(f"{sample.name}/lens-{k}", f"{sample.name}-lens-{k}") for k in range(count)]
     return [
-        (f"{sample.name} · {label}{number}", (*names, sample.name) if k == 0 else names)
+        (f"{sample.name}{LENS_SEPARATOR}{label}{number}", (*names, sample.name) if k == 0 else names)
         for k, (label, number, names) in enumerate(zip(labels, numbers, aliases, strict=True))
     ]
