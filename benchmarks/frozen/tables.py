@@ -62,7 +62,8 @@ def ranking_table(boards: dict[str, Board]) -> str:
     lines = []
     for a, b in (("bundled", "families"), ("bundled", "motorcycle"), ("families", "motorcycle")):
         found = agreement(boards[a], boards[b], metric=METRIC)
-        lines.append([f"{a}, {b}", str(found.tau), str(found.rho), str(found.reliability_a)])
+        halves = f"{found.reliability_a}, {found.samples_a} images of {found.scenes_a} scenes"
+        lines.append([f"{a}, {b}", str(found.tau), str(found.rho), halves])
     return markdown(["boards", "Kendall's tau-b", "Spearman's rho", "tau-b of halves of the first"], lines)
 
 
@@ -116,8 +117,9 @@ def markdown(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 SCORES = """Percentage of the non-occluded pixels with known truth whose disparity is wrong by more than 2 px or unknown
 (`totbad2.0`, protocol `middlebury-v3`), mean over the samples. Order: `bundled`.
 """
-RANKINGS = """Rank correlation of the methods' mean ranks by the same metric, with 95 % intervals (docs/realism.md).
-Motorcycle is one pair, so its ranking is uncertain; no setting was chosen by it.
+RANKINGS = """Rank correlation of the methods' mean ranks by the same metric, with 95 % intervals over scenes
+([docs/realism.md](../../docs/realism.md#do-two-boards-rank-methods-alike)). Motorcycle is one pair: its ranking is
+uncertain, and the intervals do not contain this uncertainty. No setting was chosen by it.
 """
 STATISTICS_TEXT = """`twinlens statistics`, medians with 10 % and 90 % quantiles. The last column has the share of the
 rendered pairs between the 10 % and 90 % quantiles of the real pairs, and whether the median of all rendered pairs is

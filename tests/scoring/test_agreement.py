@@ -26,8 +26,8 @@ def entry(method, sample, value, failure=None):
     return Entry(method, method, sample, "0" * 64, "middlebury-v3", 10, 10, 16, 0.1, failure, regions)
 
 
-def board(values, title="board"):
-    """values: (samples, methods); NaN is a failure."""
+def board(values, title="board", scenes=None):
+    """values: (samples, methods); NaN is a failure. scenes: the scene of each sample, by default its own."""
     crash = Failure("crash", "it failed")
     return Board(
         title,
@@ -36,7 +36,16 @@ def board(values, title="board"):
             for i, row in enumerate(values)
             for j, value in enumerate(row)
         ),
+        scenes={f"s{i}": str(scene) for i, scene in enumerate([] if scenes is None else scenes)},
     )
+
+
+def clustered(seed, scenes, views, methods=6, spread=2.0):
+    """(samples, methods) of scenes whose views differ little, and the scene of each sample."""
+    rng = np.random.default_rng(seed)
+    of_scenes = np.arange(methods) + 20 + spread * rng.standard_normal((scenes, methods))
+    values = np.repeat(of_scenes, views, axis=0) + 0.1 * rng.standard_normal((scenes * views, methods))
+    return values, np.repeat(np.arange(scenes), views).tolist()
 
 
 def noisy(seed, samples=12, methods=8, noise=1.0):
@@ -84,12 +93,63 @@ def test_the_bootstrap_covers_the_long_run_value():
     assert covered >= 33  # Binomial(40, 0.95) is below 33 with probability 0.003
 
 
+def test_the_interval_is_that_of_scipys_bootstrap_of_scenes():
+    """SciPy resamples indices of the scenes of one board; the other one has too few scenes to be resampled."""
+    values, scenes = clustered(7, 8, 3)
+    fixed = board(noisy(6, 1, 6))
+    found = agreement(board(values, scenes=scenes), fixed, resamples=4000).tau
+    ranks, other = stats.rankdata(values, axis=1), stats.rankdata(noisy(6, 1, 6)[0])
+
+    def tau(chosen):
+        rows = np.concatenate([np.flatnonzero(np.array(scenes) == scene) for scene in chosen])
+        return stats.kendalltau(ranks[rows].mean(axis=0).round(9), other).statistic
+
+    limits = stats.bootstrap(
+        (np.arange(8),), tau, n_resamples=4000, vectorized=False, method="percentile", rng=np.random.default_rng(1)
+    ).confidence_interval
+    step = 2 / 15  # of tau, for six methods
+    assert found.low == pytest.approx(limits.low, abs=step + 1e-9)
+    assert found.high == pytest.approx(limits.high, abs=step + 1e-9)
+    rows = agreement(board(values), fixed, resamples=4000).tau  # each image a scene of its own
+    assert rows.low > limits.low + 1.5 * step
+
+
+def test_copies_of_a_scenes_images_add_no_information():
+    """Four copies of each sample give the interval and the halves of one, if the board has their scenes."""
+    values, others = clustered(1, 8, 1)[0], board(clustered(2, 8, 1)[0])
+    once = agreement(board(values, scenes=range(8)), others)
+    repeated = np.repeat(values, 4, axis=0)
+    copied = agreement(board(repeated, scenes=np.repeat(range(8), 4)), others)
+    assert (copied.samples_a, copied.scenes_a) == (32, 8)
+    assert (copied.tau, copied.rho, copied.reliability_a) == (once.tau, once.rho, once.reliability_a)
+    assert agreement(board(repeated), others).reliability_a.low > once.reliability_a.low
+
+
+def test_without_recorded_scenes_the_lenses_of_a_view_are_one_scene():
+    names = [f"{view} · {lens}" for view in range(5) for lens in ("pinhole", "lens 10 mm at 1 m")]
+    values = noisy(3, 10)
+    plain = Board("b", tuple(entry(f"m{j}", names[i], v) for i, row in enumerate(values) for j, v in enumerate(row)))
+    result = agreement(plain, plain, resamples=5)
+    assert (result.samples_a, result.scenes_a) == (10, 5)
+
+
+def test_boards_of_few_scenes_have_no_interval():
+    """A board of fewer than four scenes is not resampled; the notes say so."""
+    few, many = board(noisy(0, 12), scenes=[0, 1, 2] * 4), board(noisy(1, 12))
+    both = agreement(few, few)
+    assert both.tau.value == pytest.approx(1.0)
+    assert str(both.tau) == "1.00 (-)"
+    assert str(both.reliability_a) == "-"
+    assert len(both.notes(("a", "b"))) == 2
+    one = agreement(few, many)
+    assert one.tau.low <= one.tau.value <= one.tau.high
+    assert one.notes(("a", "b")) == ["no interval has the uncertainty of a: fewer than 4 scenes"]
+    assert agreement(many, many).notes(("a", "b")) == []
+
+
 def test_split_half_reliability_grows_with_less_noise():
     clean, rough = (agreement(board(noisy(3, 20, noise=n)), board(noisy(4)), resamples=100) for n in (0.5, 8.0))
     assert clean.reliability_a.value > 0.9 > rough.reliability_a.value
-    single = agreement(board(noisy(3, 1)), board(noisy(4)), resamples=3)
-    assert math.isnan(single.reliability_a.value)
-    assert str(single.reliability_a) == "undefined: all methods tie, or a board has one sample"
 
 
 def test_failures_share_the_last_rank_and_missing_samples_are_left_out():
@@ -97,7 +157,7 @@ def test_failures_share_the_last_rank_and_missing_samples_are_left_out():
     values[0, 0] = values[0, 1] = math.nan
     a = board(values)
     ranks = sample_ranks(a, ("m0", "m1", "m2", "m3"), "middlebury-v3", "nonocc", HEADLINE)
-    assert ranks[0].tolist() == [3.5, 3.5, 1.0, 2.0]
+    assert ranks[0].tolist() == [[3.5, 3.5, 1.0, 2.0]]
     fewer = a.without(lambda e: (e.method, e.sample) == ("m3", "s1"))
     assert agreement(fewer, a, resamples=1).samples_a == 2
 
@@ -109,13 +169,14 @@ def test_rho_by_its_definition():
 
 
 def test_resamples_without_an_order_are_left_out():
-    """Two samples that rank in opposite order, drawn once each, tie all methods."""
-    opposite = board(np.array([[1.0, 2, 3], [3.0, 2, 1], [1.0, 2, 3]]))
+    """Scenes that rank in opposite order, drawn equally often, tie all methods."""
+    opposite = board(np.array([[1.0, 2, 3], [3.0, 2, 1], [1.0, 2, 3], [3.0, 2, 1], [1.0, 2, 3]]))
     result = agreement(opposite, board(np.array([[1.0, 2, 3], [1.0, 3, 2]])), resamples=200)
     assert -1 <= result.tau.low <= result.tau.value <= result.tau.high <= 1
     never = agreement(board(np.array([[1.0, 1, 1]])), opposite, resamples=3)
     assert math.isnan(never.tau.value)
     assert math.isnan(never.tau.low)
+    assert never.notes(("a", "b"))[-1] == "no correlation: all methods of a board tie"
 
 
 def test_a_move_is_listed_first():
@@ -147,6 +208,14 @@ def test_bad_arguments_are_refused(change, message):
         agreement(board(noisy(0)), board(noisy(1)), **change)
 
 
+def test_an_empty_board_is_named(tmp_path):
+    write_board(Board(), tmp_path / "empty.json")
+    with pytest.raises(InputError, match=r"^other: has no entries"):
+        agreement(board(noisy(0)), Board("other"))
+    with pytest.raises(InputError, match=r"empty\.json: has no entries"):
+        agreement(tmp_path / "empty.json", board(noisy(0)))
+
+
 def test_boards_with_too_few_common_methods_are_refused():
     with pytest.raises(InputError, match="share 2 methods"):
         agreement(board(noisy(0, methods=2)), board(noisy(1)))
@@ -163,7 +232,16 @@ def test_the_command_prints_and_draws(tmp_path, capsys):
     assert "Kendall's tau-b" in text
     assert (tmp_path / "agree.svg").read_text().startswith("<?xml")
     assert run([*arguments, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["samples_a"] == 12
+    printed = json.loads(capsys.readouterr().out)
+    assert (printed["samples_a"], printed["scenes_a"]) == (12, 12)
+    write_board(board(noisy(0, 1)), tmp_path / "one.json")
+    assert run(["agree", str(tmp_path / "one.json"), str(tmp_path / "one.json")]) == 0
+    text = capsys.readouterr().out
+    assert "Kendall's tau-b  1.00 (-)\n" in text
+    assert text.count("one.json: fewer than 4 scenes") == 2
+    assert text.endswith("no mean ranks differ\n")
+    assert run(["agree", str(tmp_path / "one.json"), str(tmp_path / "one.json"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["tau"]["low"] is None
     assert run([*arguments, "-o", str(tmp_path / "agree.pdf")]) == 2
 
 

@@ -28,7 +28,7 @@ def command(board_a: Path, board_b: Path, output: Path | None, as_json: bool, **
     """Compare how two boards rank the methods that both have, three or more.
 
     BOARD_A and BOARD_B are board.json files or their folders. Prints Kendall's tau-b and Spearman's rho of the methods'
-    mean ranks, with 95 % bootstrap intervals over samples, and how well each board agrees with itself.
+    mean ranks, with 95 % bootstrap intervals over scenes, and how well each board agrees with itself.
 
     \b
     Example:  twinlens agree board real-board -o agreement.png
@@ -42,11 +42,13 @@ def command(board_a: Path, board_b: Path, output: Path | None, as_json: bool, **
         return
     click.echo(f"{len(result.moves)} methods ranked by {result.metric}, {result.region}, {result.protocol}")
     click.echo(f"Kendall's tau-b  {result.tau}\nSpearman's rho   {result.rho}")
-    click.echo("tau-b between random halves of the samples of one board:")
-    click.echo(f"  {names[0]}: {result.reliability_a}, {result.samples_a} samples")
-    click.echo(f"  {names[1]}: {result.reliability_b}, {result.samples_b} samples")
-    click.echo("largest differences of mean rank:")
-    for move in result.moves[:MOVES]:
-        click.echo(f"  {move.method}: {move.rank_a:.1f} and {move.rank_b:.1f}")
+    click.echo("tau-b between random halves of the scenes of one board:")
+    click.echo(f"  {names[0]}: {result.reliability_a}; samples: {result.samples_a}, scenes: {result.scenes_a}")
+    click.echo(f"  {names[1]}: {result.reliability_b}; samples: {result.samples_b}, scenes: {result.scenes_b}")
+    for note in result.notes(names):
+        click.echo(note)
+    ranks = [(move.method, f"{move.rank_a:.1f}", f"{move.rank_b:.1f}") for move in result.moves[:MOVES]]
+    differ = [f"  {method}: {a} and {b}" for method, a, b in ranks if a != b]
+    click.echo("\n".join(["largest differences of mean rank:", *differ]) if differ else "no mean ranks differ")
     if output is not None:
         click.echo(f"figure: {output}")
