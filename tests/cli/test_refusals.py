@@ -93,7 +93,7 @@ def test_missing_scene_file(refuses, tmp_path):
         (("--diffraction",), "--diffraction: has no effect, every lens is a pinhole"),
         (("--dual-pixel",), "--dual-pixel: has no effect, every lens is a pinhole"),
         (("--dual-pixel", "--diffraction", "--lens", "thin:3"), "dual_pixel and diffraction exclude each other"),
-        (("--exposure", "1e9", "--mismatch", "exposure=2"), "the mismatch makes the exposure invalid"),
+        (("--exposure", "1e9", "--mismatch", "time=2"), "the mismatch makes the exposure invalid"),
         (("--exposure", "1,1e9", "--mismatch", "gain=2"), "the mismatch makes the exposure invalid"),
         (("--focal-length-px", "0"), "--focal-length-px: must be > 0"),
         (("--focal-length-px", "70,-1"), "--focal-length-px: must be > 0"),

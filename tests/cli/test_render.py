@@ -48,7 +48,7 @@ def test_render_takes_the_whole_camera(twinlens, ball, tmp_path):
         "render", ball, *QUICK, "-o", tmp_path / "out", "--lens", "thin:3@1.5", "--lens", "hole:1@40",
         "--aperture", f"mask:{tmp_path / 'code.png'}", "--focal-length-px", "80,82", "--principal-point", "30,20.5",
         "--distortion", "-0.1,0.01", "--sensor-width-mm", "36", "--sensor", "phone:filters=rgb,prnu=0.02",
-        "--bits", "16", "--exposure", "1/500,2", "--mismatch", "gain=1.1,exposure=1.05,black=2", "--sky-disparity",
+        "--bits", "16", "--exposure", "1/500,2", "--mismatch", "gain=1.1,time=1.05,black_level=2", "--sky-disparity",
     )  # fmt: skip
     assert (code, err) == (0, "")
     assert "thin:3@1.5: f/15, 1/500 s, gain 2" in out

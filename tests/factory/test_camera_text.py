@@ -176,7 +176,7 @@ def test_exposures(text, exposure):
 
 
 def test_mismatches():
-    assert parse_mismatch("gain=1.1,exposure=1.05,black=-2") == Mismatch(1.1, 1.05, -2.0)
+    assert parse_mismatch("gain=1.1,time=1.05,black_level=-2") == Mismatch(1.1, 1.05, -2.0)
     assert parse_mismatch("blur_px=0.5,time=2") == Mismatch(time=2.0, blur_px=0.5)
     drawn = Mismatch.draw("typical", 4)
     assert parse_mismatch("typical", 4) == parse_mismatch(" typical , seed = 4") == drawn
@@ -214,10 +214,11 @@ def test_sensors(text, sensor):
         (parse_exposure, "1/0", "1/60"),
         (parse_exposure, "1/60,0", "gain"),
         (parse_exposure, "1/60,", "must be TIME_S"),
-        (parse_mismatch, "", "NAME=VALUE"),
+        (parse_mismatch, "", r"NAME=VALUE, or a level \(none, .*\) alone or first; got ''"),
         (parse_mismatch, "gain", "NAME=VALUE"),
+        (parse_mismatch, "gain=1.05,typical", "or a level .* alone or first; got 'typical'"),
+        (parse_mismatch, "typical,typical", "or a level .* alone or first; got 'typical'"),
         (parse_mismatch, "gain=1,gain=2", "gain is given twice"),
-        (parse_mismatch, "exposure=1,time=2", "time and exposure are the same; give one of them"),
         (parse_mismatch, "seed=3", "seed needs a level"),
         (parse_mismatch, "gian=1", "did you mean 'gain'"),
         (parse_mismatch, "gain=0", "mismatch gain"),
@@ -225,7 +226,7 @@ def test_sensors(text, sensor):
         (parse_mismatch, "level=3", "level: must be one of"),
         (parse_misalignment, "pitch=1", "did you mean 'pitch_deg'"),
         (parse_misalignment, "roll_deg", "NAME=VALUE"),
-        (parse_mismatch, "black=inf", "black_level: must be a finite number"),
+        (parse_mismatch, "black_level=inf", "black_level: must be a finite number"),
         (parse_sensor, "phne", "did you mean 'phone'"),
         (parse_sensor, "phone:", "NAME=VALUE"),
         (parse_sensor, "phone:prn=1", "did you mean 'prnu'"),

@@ -66,7 +66,7 @@ EXPOSURE_HELP = (
 )
 MISMATCH_HELP = (
     f"Differences of the cameras after the first: a level ({', '.join(LEVELS)}), drawn with --seed, or values such as "
-    "gain=1.1,exposure=1.05 (factors), black=2 (DN); typical,blur_px=0 combines them. Fields: docs/realism.md."
+    "gain=1.1,time=1.05 (factors), black_level=2 (DN); typical,blur_px=0 combines them. Fields: docs/realism.md."
 )
 SENSOR_WIDTH_HELP = (
     f"Width of the sensor in mm, or its format ({', '.join(SENSOR_WIDTHS_MM)}), instead of --pixel-pitch-um."
@@ -74,8 +74,9 @@ SENSOR_WIDTH_HELP = (
 SENSOR_HELP = f"{', '.join(PRESETS)}; parameters follow a colon: phone:prnu=0.01,filters=mono,output=linear."
 
 _SENSOR_PARAMETERS = [field.name for field in fields(Sensor) if field.name not in ("mismatch", "nir")]
-_MISMATCHES = {field.name: field.name for field in fields(Mismatch)}
-_MISMATCHES |= {"exposure": "time", "black": "black_level", "seed": "seed"}
+_MISMATCHES = [*(field.name for field in fields(Mismatch)), "seed"]
+_PAIRS = "NAME=VALUE,NAME=VALUE"
+_MISMATCH = f"{_PAIRS}, or a level ({', '.join(LEVELS)}) alone or first"
 
 
 def parse_size(text: str | None, camera: str | None = None) -> tuple[int, int]:
@@ -169,12 +170,7 @@ def parse_mismatch(text: str, seed: int = 0, cameras: int = 2, layout: str = "")
     first = text.partition(",")[0].strip()
     if first.isidentifier() and first not in _MISMATCHES:
         text = f"level={text}"
-    given: dict[str, Any] = {}
-    for name, value in _pairs(where, text, _MISMATCHES).items():
-        if _MISMATCHES[name] in given:
-            same = " and ".join(alias for alias, field in _MISMATCHES.items() if field == _MISMATCHES[name])
-            raise InputError(f"{where}: {same} are the same; give one of them")
-        given[_MISMATCHES[name]] = value
+    given: dict[str, Any] = dict(_pairs(where, text, _MISMATCHES, _MISMATCH))
     if layout == "light_field" and given != {"level": "none"}:
         raise InputError(f"{where}: {settings.ONE_CAMERA}")
     if "seed" in given:
@@ -210,13 +206,13 @@ def parse_numbers(option: str, text: str, counts: Collection[int], form: str) ->
     return [float(part) for part in parts]
 
 
-def _pairs(where: str, text: str, known: Collection[str]) -> dict[str, str]:
-    """The values of `a=1,b=2` by their names, which must be known; each name once."""
+def _pairs(where: str, text: str, known: Collection[str], form: str = _PAIRS) -> dict[str, str]:
+    """The values of `a=1,b=2` by their names, which must be known; each name once. `form` describes them in errors."""
     pairs: dict[str, str] = {}
     for part in text.split(","):
         name, _, value = (piece.strip() for piece in part.partition("="))
         if not (name and value):
-            raise InputError(f"{where}: must be NAME=VALUE,NAME=VALUE; got {part!r}")
+            raise InputError(f"{where}: must be {form}; got {part!r}")
         if name in pairs:
             raise InputError(f"{where}: {name} is given twice")
         if name not in known:
