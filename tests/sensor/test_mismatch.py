@@ -210,6 +210,21 @@ def test_the_center_and_the_corners_move_by_the_given_pixels():
         assert found[2:] == pytest.approx(np.array([0.3 * out, -0.3 * out, half * 0.3 * out]), abs=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("mismatch", "given"),
+    [
+        (Mismatch(scale_px=-80), "scale_px=-80"),
+        (Mismatch(distortion_px=-50), "distortion_px=-50"),
+        (Mismatch(scale_px=3, distortion_px=-50), "scale_px=3 and distortion_px=-50"),
+    ],
+)
+def test_a_lens_that_no_camera_has_is_named_by_its_fields(mismatch, given):
+    rig = Rig.stereo(CAMERA, 0.1)
+    corner = math.hypot(CAMERA.width, CAMERA.height) / 2
+    with pytest.raises(InputError, match=rf"^mismatch {given}: too large .* are {corner:.3g} px from the centre; use"):
+        mismatch.misalign(rig)
+
+
 def test_a_camera_moves_along_its_own_axes():
     """A point at a depth Z moves by -f t/Z pixels; a camera that is turned by a quarter moves along its turned axes."""
     turned = np.array([[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])

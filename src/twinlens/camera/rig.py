@@ -217,6 +217,15 @@ class Misalignment:
     def __post_init__(self) -> None:
         check_ranges(self, "misalignment")
 
+    def camera(self, camera: Camera) -> Camera:
+        """A calibrated camera's intrinsics with this error. Raises InputError if the distortion folds the image."""
+        distortion = camera.distortion
+        if self.k1:
+            distortion = distortion or BrownConrady()
+            distortion = replace(distortion, k1=distortion.k1 + self.k1)
+        fx, fy, cy = camera.fx * self.focal, camera.fy * self.focal, camera.cy + self.vertical_px
+        return camera.replace(fx=fx, fy=fy, cy=cy, distortion=distortion)
+
 
 ALIGNED = Misalignment()
 
@@ -232,11 +241,6 @@ def misaligned(rig: Rig, errors: Sequence[Misalignment]) -> Rig:
         angles = (error.pitch_deg, error.yaw_deg, error.roll_deg)
         step = 1e-3 * np.array([error.right_mm, error.down_mm, error.forward_mm])
         motion = rigid(Rotation.from_euler("xyz", angles, degrees=True).as_matrix(), step)
-        distortion = camera.distortion
-        if error.k1:
-            distortion = distortion or BrownConrady()
-            distortion = replace(distortion, k1=distortion.k1 + error.k1)
-        fx, fy, cy = camera.fx * error.focal, camera.fy * error.focal, camera.cy + error.vertical_px
-        cameras.append(camera.replace(fx=fx, fy=fy, cy=cy, distortion=distortion))
+        cameras.append(error.camera(camera))
         poses.append(pose @ motion)
     return Rig(cameras, poses, rig.nominal, rig.projectors_from(poses[0]))

@@ -184,23 +184,36 @@ class Mismatch:
     def misalign(self, rig: Rig) -> Rig:
         """The misaligned rig, which takes the images; calibration and truth are those of `rig`.
 
-        All cameras after the first have these differences; with `Sensor.misalign` each may have its own.
+        All cameras after the first have these differences; with `Sensor.misalign` each may have its own. Raises
+        InputError as `misalignment`.
         """
         return misalign(rig, [self] * (len(rig) - 1))
 
     def misalignment(self, camera: Camera) -> Misalignment:
-        """The error of a camera of this mismatch against its calibration."""
+        """The error of a camera of this mismatch against its calibration.
+
+        Raises InputError where scale or distortion is too large for the camera.
+        """
         radius = math.hypot(camera.width / camera.fx, camera.height / camera.fy) / 2  # of the corners
-        return Misalignment(
-            pitch_deg=math.degrees(math.atan(self.pitch_px / camera.fy)),
-            yaw_deg=-math.degrees(math.atan(self.yaw_px / camera.fx)),
-            roll_deg=-math.degrees(math.atan(self.roll_px / (camera.width / 2))),
-            focal=1 + self.scale_px / (camera.fx * radius),
-            k1=self.distortion_px / (camera.fx * radius**3),
-            right_mm=self.right_mm,
-            down_mm=self.down_mm,
-            forward_mm=self.forward_mm,
-        )
+        try:
+            error = Misalignment(
+                pitch_deg=math.degrees(math.atan(self.pitch_px / camera.fy)),
+                yaw_deg=-math.degrees(math.atan(self.yaw_px / camera.fx)),
+                roll_deg=-math.degrees(math.atan(self.roll_px / (camera.width / 2))),
+                focal=1 + self.scale_px / (camera.fx * radius),
+                k1=self.distortion_px / (camera.fx * radius**3),
+                right_mm=self.right_mm,
+                down_mm=self.down_mm,
+                forward_mm=self.forward_mm,
+            )
+            error.camera(camera)
+        except InputError as problem:
+            names = [name for name in ("scale_px", "distortion_px") if getattr(self, name)]
+            given = " and ".join(f"{name}={getattr(self, name):g}" for name in names)
+            corner = f"its corners are {camera.fx * radius:.3g} px from the centre"
+            size = f"an image of {camera.width}x{camera.height} pixels, {corner}"
+            raise InputError(f"mismatch {given}: too large for {size}; use a value nearer to 0") from problem
+        return error
 
 
 def misalign(rig: Rig, mismatches: Sequence[Mismatch]) -> Rig:
