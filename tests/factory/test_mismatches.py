@@ -17,6 +17,7 @@ from twinlens.scenes import rig_from_table
 from twinlens.sensor import Mismatch, Sensor
 
 LINE = {"layout": "line", "count": 4, "spacing": 0.05}
+ONE = {"layout": "line", "count": 1}
 LIGHT_FIELD = {"layout": "light_field", "n": 3, "aperture_mm": 12.0}
 BASE = {"seed": 1, "count": 2, "scenes": ["cards"], "width": 48, "height": 36, "spp": 1, "denoise": False}
 
@@ -78,6 +79,7 @@ def test_a_list_has_the_mismatch_of_each_camera():
         (LINE, [{"gain": 0}] * 3, r"sensor.mismatch\[0\]"),
         (LIGHT_FIELD, "typical", "recipe.toml: sensor.mismatch: the views of a light field are of one camera"),
         (LIGHT_FIELD, {"gain": 1.1}, "the views of a light field are of one camera"),
+        (ONE, {"roll_px": 1}, "recipe.toml: sensor.mismatch: the rig has one camera, and only those after the first"),
     ],
 )
 def test_mismatches_that_do_not_fit_the_rig(rig, mismatch, message):
@@ -92,6 +94,12 @@ def test_the_views_of_a_light_field_are_of_one_camera():
     with pytest.raises(InputError, match="--mismatch 'typical': the views of a light field"):
         parse_mismatch("typical", 4, 9, "light_field")
     assert parse_mismatch("none", 4, 9, "light_field") == Mismatch()
+
+
+def test_a_rig_of_one_camera_has_no_mismatch():
+    assert sensor(ONE).mismatch == sensor(ONE, mismatch="none").mismatch == parse_mismatch("none", 4, 1) == Mismatch()
+    with pytest.raises(InputError, match="--mismatch 'roll_px=1': the rig has one camera"):
+        parse_mismatch("roll_px=1", 4, 1)
 
 
 def test_the_option_draws_as_a_recipe_does():

@@ -164,15 +164,15 @@ def parse_exposure(text: str) -> Exposure | None:
 def parse_mismatch(text: str, seed: int = 0, cameras: int = 2, layout: str = "") -> Mismatch | tuple[Mismatch, ...]:
     """The mismatch of a sensor in the syntax of MISMATCH_HELP; `seed` draws the values of a level for each camera.
 
-    cameras, layout : of the rig. Raises InputError for a light field.
+    cameras, layout : of the rig. Raises InputError where there is `settings.only_one_camera`.
     """
     where = f"--mismatch {text!r}"
     first = text.partition(",")[0].strip()
     if first.isidentifier() and first not in _MISMATCHES:
         text = f"level={text}"
     given: dict[str, Any] = dict(_pairs(where, text, _MISMATCHES, _MISMATCH))
-    if layout == "light_field" and given != {"level": "none"}:
-        raise InputError(f"{where}: {settings.ONE_CAMERA}")
+    if (problem := settings.only_one_camera(cameras, layout)) and given != {"level": "none"}:
+        raise InputError(f"{where}: {problem}")
     if "seed" in given:
         given["seed"] = read(settings.Seed, given["seed"], where, "seed", strict=False)
     one, each = (settings.mismatches_for(given, count, seed) for count in (2, cameras))

@@ -76,7 +76,6 @@ class SkyTable(StrictModel):
 
 Seed = Annotated[int, Field(ge=0)]
 _PRESET = "machine_vision"
-ONE_CAMERA = "the views of a light field are of one camera and do not differ; leave the mismatch out"
 ExposureTable: Any = table_of(Exposure, time=(Positive, ...), gain=(Positive, 1.0))
 
 
@@ -345,20 +344,28 @@ def sensor_for(
 ) -> Sensor:
     """The sensor of a drawn table for a rig; a level of mismatch is drawn for each camera after the first.
 
-    The views of a light field are of one camera: by default they have no mismatch, and another one raises InputError.
+    Where there is `only_one_camera`, the default is no mismatch, and another one raises InputError.
     own : the table of the scene's rig.
     """
     table = drawn.get("sensor", {})
     mismatch = mismatch_table(table)
-    if (drawn.get("rig") or own or {}).get("layout") == "light_field":
+    if problem := only_one_camera(len(rig), (drawn.get("rig") or own or {}).get("layout")):
         if "mismatch" in table and mismatch != {"level": "none"}:
-            raise InputError(f"{file}: sensor.mismatch: {ONE_CAMERA}")
+            raise InputError(f"{file}: sensor.mismatch: {problem}")
         mismatch = {"level": "none"}
     table = {**table, "mismatch": mismatches_for(mismatch, len(rig), seed)}
     sensor: Sensor = read(SensorTable, table, file, "sensor")
     with located(str(file)):
         sensor.check_mismatches(rig)
     return sensor
+
+
+def only_one_camera(count: int, layout: str | None) -> str:
+    """Why a rig of `count` cameras has no mismatch; empty if it may have one."""
+    remedy = "leave the mismatch out"
+    if layout == "light_field":
+        return f"the views of a light field are of one camera and do not differ; {remedy}"
+    return f"the rig has one camera, and only those after the first differ; {remedy}" if count == 1 else ""
 
 
 def mismatches_for(table: Any, cameras: int, seed: int) -> Any:
