@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from twinlens.camera import Camera, Disk, Lens, Projector
+from twinlens.camera import Camera, Disk, Lens, Projector, ThinLens
 from twinlens.errors import BackendError
 from twinlens.geometry import Float
 from twinlens.optics import fov_x_deg
@@ -79,9 +79,12 @@ def builtin_sensor(camera: Camera, world_from_cam: Float, lens: Lens, film: Plug
 
 def check_lens_supported(lens: Lens) -> None:
     """Raise BackendError if this process's backend does not support the lens."""
-    disk = isinstance(lens.aperture, Disk) and lens.vergence > 1e-5
-    if lens.aperture_diameter > 0 and not disk and not backend().is_jit:
-        raise BackendError(f"this lens {NEEDS_JIT}; without it, use a pinhole or a disk aperture with a finite focus")
+    disk = isinstance(lens.aperture, Disk)
+    if lens.aperture_diameter == 0 or (disk and lens.vergence > 1e-5) or backend().is_jit:
+        return
+    if disk and isinstance(lens, ThinLens) and lens.defocus:
+        raise BackendError(f"a lens that focus_um of a mismatch focuses beyond infinity {NEEDS_JIT}; or use focus_um=0")
+    raise BackendError(f"this lens {NEEDS_JIT}; without it, use a pinhole or a disk aperture with a finite focus")
 
 
 def check_mismatch_supported(distortion_px: float) -> None:
