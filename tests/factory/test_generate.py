@@ -465,6 +465,34 @@ def test_a_mismatch_that_the_backend_cannot_do_leaves_no_folder_behind(scalar, t
     check_backend(recipe_from_table(table, tmp_path / "recipe.toml"), 0)
 
 
+def test_a_focus_error_that_the_backend_cannot_do_is_named(scalar, tmp_path, folder):
+    lenses = [{"kind": "thin", "aperture_mm": 8, "focus": 5.0}]
+    table = {"seed": 1, "count": 1, "scenes": ["cards"], "sensor": {"mismatch": {"focus_um": -200}}, "lenses": lenses}
+    with pytest.raises(BackendError, match=r"focus_um of a mismatch focuses beyond infinity needs .* use focus_um=0"):
+        generate(recipe_from_table(table, tmp_path / "recipe.toml"), folder)
+    assert not folder.exists()
+    table["sensor"] = {"mismatch": {"focus_um": 0}}
+    check_backend(recipe_from_table(table, tmp_path / "recipe.toml"), 0)
+
+
+@pytest.mark.parametrize("subject", [{"scenes": ["cards"]}, {"families": ["tabletop"]}])
+@pytest.mark.parametrize(
+    ("mismatch", "message"),
+    [
+        (["typical", "typical"], "number of mismatches of the sensor must be 1, .* got 2"),
+        ([], "must be 1, .* got 0"),
+        ({"scale_px": -90}, "scale_px=-90: too large for an image of 64x48 pixels, its corners are 40 px from"),
+        ({"focus_um": -1e5}, "focus_um=-100000 moves the film to the lens"),
+    ],
+)
+def test_a_constant_impossible_mismatch_leaves_no_folder_behind(tmp_path, folder, subject, mismatch, message):
+    lenses = [{"kind": "thin", "aperture_mm": 8}]
+    table = {"seed": 1, "count": 2, "width": 64, "height": 48, "lenses": lenses, "sensor": {"mismatch": mismatch}}
+    with pytest.raises(InputError, match=f"^recipe.toml: .*{message}"):
+        generate(recipe_from_table({**table, **subject}, tmp_path / "recipe.toml"), folder)
+    assert not folder.exists()
+
+
 PROJECTOR = "projectors = [{{ band = 'rgb', aperture_mm = 2 }}]"
 
 

@@ -143,8 +143,8 @@ def produce(
 def check_backend(recipe: Recipe, index: int) -> None:
     """Raise BackendError if this process's backend cannot render the rig, lenses or mismatch of any draw of a sample.
 
-    Also raises InputError for a scene without light. A family's scene is not made; what depends on it is checked when
-    the sample is made.
+    Raises InputError if all draws are impossible, as with a constant mismatch that does not fit the rig, and for a
+    scene without light. A family's scene is not made; what depends on it is checked when the sample is made.
     """
     last, file = 0 if is_fixed(recipe) else recipe.gates.attempts - 1, Path(recipe.file.name)
     for attempt in range(last + 1):
@@ -158,18 +158,19 @@ def check_backend(recipe: Recipe, index: int) -> None:
             for projector in rig.projectors:
                 check_projector_supported(projector)
             sensor = sensor_for(rig, spec.drawn, spec.seed, scene.rig, file)
-            for nominal in make_lenses(settings, None, file, recipe.sources.file):
-                for lens in sensor.lenses(rig, nominal):
-                    check_lens_supported(lens)
+            nominal = make_lenses(settings, None, file, recipe.sources.file)
+            with located(str(file)):
+                sensor.misalign(rig)
+                lenses = [lens for each in nominal for lens in sensor.lenses(rig, each)]
+            for lens in lenses:
+                check_lens_supported(lens)
             for mismatch in sensor.mismatches:
                 check_mismatch_supported(mismatch.distortion_px)
             if settings.dual_pixel:
                 check_parts_supported()
-        except BackendError:
+        except (BackendError, InputError):  # the dataset records impossible draws, if another one is possible
             if attempt == last:
                 raise
-        except InputError:  # an impossible draw, which the dataset records
-            return
         else:
             is_lit = settings.sky or settings.scene.objects or rig.projectors
             if not is_lit and scene is not ANY_SCENE:
