@@ -77,8 +77,8 @@ def generate(
     report : called with the fraction done and a text.
 
     Raises InputError where `folder` holds another dataset, FileError where a sample there lacks a file, OutputError
-    where it cannot be written or another run writes there, and BackendError, before anything is written, where this
-    machine's backend cannot render the lenses of any draw of the first sample.
+    where it cannot be written or another run writes there. Before anything is written, raises BackendError where this
+    machine's backend cannot render any draw of the first sample, and InputError where all its draws are impossible.
     """
     if limit is not None and limit < 1:
         raise InputError(f"limit must be 1 or more, got {limit}")

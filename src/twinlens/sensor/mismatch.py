@@ -26,9 +26,6 @@ DEFAULT_MISMATCH: Mapping[str, Any] = {"level": "typical", "distortion_px": 0.0,
 _MAX_SIGMAS = 2.5  # limit of a drawn value, in standard deviations
 _NOT_NEGATIVE = ("veiling_glare", "stray_light", "blur_px")
 
-LEFT_OUT = ("focus_um", "right_mm", "down_mm", "forward_mm")
-"""Fields that records leave out at 0: earlier versions do not have them."""
-
 
 @dataclass(frozen=True)
 class Mismatch:

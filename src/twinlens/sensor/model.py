@@ -28,7 +28,7 @@ from twinlens.optics.diffraction import CHANNEL_WAVELENGTHS, check_wavelengths
 from twinlens.seeds import derived_seed, generator
 from twinlens.sensor import light, picture
 from twinlens.sensor.exposure import Exposure, auto_exposure, check_exposure
-from twinlens.sensor.mismatch import LEFT_OUT, Mismatch, misalign
+from twinlens.sensor.mismatch import Mismatch, misalign
 from twinlens.sensor.picture import Image
 from twinlens.sensor.presets import PRESETS
 
@@ -146,12 +146,12 @@ class Sensor:
         return cls(**PRESETS[name]).replace(**changes)
 
     def record(self) -> dict[str, Any]:
-        """Plain values for sample.json, those of ``dataclasses.asdict``; `from_record` reads them."""
-        return asdict(self, dict_factory=lambda items: {k: v for k, v in items if v or k not in LEFT_OUT})
+        """Plain values for sample.json; `from_record` reads them."""
+        return asdict(self)
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> "Sensor":
-        """The sensor of a `record`."""
+        """The sensor of a `record`. Fields that an earlier version did not have get their defaults."""
         nir, mismatch = record.get("nir"), record.get("mismatch", {})
         several = isinstance(mismatch, (list, tuple))
         parts = {
