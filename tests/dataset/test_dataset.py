@@ -145,8 +145,17 @@ def test_missing_masks_are_computed(tmp_path):
 def test_folders_without_samples_are_rejected(tmp_path):
     with pytest.raises(FileError, match="no such folder"):
         Dataset(tmp_path / "nothing")
-    with pytest.raises(FileError, match="has no sample"):
+    with pytest.raises(FileError, match=r"has no sample: .* im0.png$"):
         Dataset(tmp_path)
+
+
+def test_a_folder_above_datasets_names_them(tmp_path):
+    for name in ("trainingQ/Adirondack", "trainingQ/Adirondack/lens-1", "a/b/scene"):
+        (tmp_path / name).mkdir(parents=True)
+        (tmp_path / name / "im0.png").touch()
+    with pytest.raises(FileError) as caught:
+        Dataset(tmp_path)
+    assert str(caught.value).endswith(f"; these have: {tmp_path / 'a' / 'b'}, {tmp_path / 'trainingQ'}")
 
 
 def test_importing_the_dataset_package_loads_no_renderer():

@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from pathlib import Path
 from typing import Annotated, Any, Generic, Literal, TypeVar, overload
 
 import numpy as np
@@ -149,7 +150,8 @@ class Dataset(Sequence[StoredSample]):
             return
         self._samples = samples_in(self.path)
         if not self._samples:
-            raise FileError(f"{self.path}: has no sample: no {MANIFEST}, and no folder with an im0.png")
+            problem = f"has no sample: no {MANIFEST}, and no folder with an im0.png"
+            raise FileError(f"{self.path}: {problem}{_datasets_below(self.path)}")
 
     def __len__(self) -> int:
         return len(self._samples)
@@ -279,6 +281,15 @@ def open_sample(path: Where) -> StoredSample:
         example = dataset.path / dataset[0].name
         raise InputError(f"{path}: is a dataset of {len(dataset)} samples; name one of them, such as {example}")
     return dataset[0]
+
+
+def _datasets_below(path: Place) -> str:
+    """Which folders one or two levels below have samples; empty for a bucket, where a search is slow."""
+    if not isinstance(path, Path):
+        return ""
+    found = {image.parent.parent for level in ("*/*", "*/*/*") for image in path.glob(f"{level}/im0.png")}
+    names = [str(folder) for folder in sorted(found) if not (folder / "im0.png").exists()]  # else lenses of a sample
+    return f"; these have: {', '.join(names[:3])}" if names else ""
 
 
 def _why_empty(path: Place, info: Mapping[str, Any]) -> str:
