@@ -126,8 +126,11 @@ rendered pairs between the 10 % and 90 % quantiles of the real pairs, and whethe
 within a third of that range from the real median.
 """
 ABLATIONS = """`python benchmarks/frozen/ablations.py`: each ingredient left out alone, in images through the lens of
-the first two samples of each dataset. The ranking is compared with that of the full benchmark on the same samples; 1
-means that nothing changes. Then medians of image statistics. The second image is rendered again where lens or alignment
-change: the row "nothing" has the effect of the renderer's noise alone. Level `typical` has equal exposure times. The
-bundled room is left out, as an even sky does not light it.
+two samples of each dataset: `cards` and `fence` of the bundled scenes, and one of the family cards and one of flying.
+The ranking is compared with that of the full benchmark on the same samples; 1 means that nothing changes. Then medians
+of image statistics. Two samples give no interval: small differences may be due to chance.
+
+Where lens or alignment change, the second image is rendered again, with other noise: compare the rows from "(nothing;
+second image rendered again)" to "any difference of the cameras" with the first of them, and all others with
+"everything". Level `typical` has equal exposure times. Only random scenes have plain surfaces to leave out.
 """
