@@ -143,7 +143,7 @@ def test_boards_of_few_scenes_have_no_interval():
     assert len(both.notes(("a", "b"))) == 2
     one = agreement(few, many)
     assert one.tau.low <= one.tau.value <= one.tau.high
-    assert one.notes(("a", "b")) == ["no interval has the uncertainty of a: fewer than 4 scenes"]
+    assert one.notes(("a", "b")) == ["no interval contains the uncertainty of a, which has fewer than 4 scenes"]
     assert agreement(many, many).notes(("a", "b")) == []
 
 
@@ -238,7 +238,7 @@ def test_the_command_prints_and_draws(tmp_path, capsys):
     assert run(["agree", str(tmp_path / "one.json"), str(tmp_path / "one.json")]) == 0
     text = capsys.readouterr().out
     assert "Kendall's tau-b  1.00 (-)\n" in text
-    assert text.count("one.json: fewer than 4 scenes") == 2
+    assert text.count("one.json, which has fewer than 4 scenes") == 2
     assert text.endswith("no mean ranks differ\n")
     assert run(["agree", str(tmp_path / "one.json"), str(tmp_path / "one.json"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["tau"]["low"] is None

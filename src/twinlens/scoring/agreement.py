@@ -74,7 +74,8 @@ class Agreement:
         """Why values are undefined, and what the intervals do not contain; names: what to call the boards."""
         scenes = zip(names, (self.scenes_a, self.scenes_b), strict=True)
         few = [name for name, count in scenes if count < LEAST_SCENES]
-        found = [f"no interval has the uncertainty of {name}: fewer than {LEAST_SCENES} scenes" for name in few]
+        lacks = f"which has fewer than {LEAST_SCENES} scenes"
+        found = [f"no interval contains the uncertainty of {name}, {lacks}" for name in few]
         return [*found, *(["no correlation: all methods of a board tie"] if math.isnan(self.tau.value) else [])]
 
 
