@@ -18,7 +18,7 @@ import numpy as np
 import run
 import tables
 
-from twinlens.camera import Pinhole, Rig
+from twinlens.camera import Lens, Pinhole, Rig
 from twinlens.dataset import Dataset, StoredSample
 from twinlens.families import random_scene
 from twinlens.rendering import render
@@ -100,19 +100,20 @@ class Ablations:
         rig = sensor.misalign(self.stored.rig)
         lenses = sensor.lenses(rig, self.shot.lens)
         seed = derived_seed(self.shot.record["seed"], "second camera")  # not the noise of the first camera
-        images = self._kept(label, lambda: render(scene_of(self.stored), rig, lenses, self._spp, seed, denoise=True))
+        images = self._kept(label, lambda: self._rendered(scene_of(self.stored), rig, lenses, seed))
         return self.exposed([self.radiance[0], images[1]], sensor, rig)
 
     def rendered_scene(self, label: str, change: Callable[[StoredSample], Scene]) -> Pair:
         """The pair of a changed scene, by the same cameras."""
         lenses = self.sensor.lenses(self.rig, self.shot.lens)
         seed = self.shot.record["seed"]
-        images = self._kept(label, lambda: render(change(self.stored), self.rig, lenses, self._spp, seed, denoise=True))
+        images = self._kept(label, lambda: self._rendered(change(self.stored), self.rig, lenses, seed))
         return self.exposed(images, self.sensor)
 
-    @property
-    def _spp(self) -> int:
-        return int(self.shot.record["spp"])
+    def _rendered(self, scene: Scene, rig: Rig, lenses: Sequence[Lens], seed: int) -> list[np.ndarray]:
+        """As the images of the sample were."""
+        sampler = self.stored.record["record"]["sampler"]
+        return render(scene, rig, lenses, self.shot.record["spp"], seed, denoise=True, sampler=sampler)
 
     def _kept(self, label: str, make: Callable[[], list[np.ndarray]]) -> np.ndarray:
         file = self.folder / label.strip("()").partition(";")[0].replace(" ", "-") / f"{self.stored.name}.npy"

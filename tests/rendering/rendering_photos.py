@@ -6,6 +6,7 @@ from twinlens.camera import Camera
 from twinlens.geometry import look_at
 from twinlens.scenes import Scene, SceneObject
 
+SCALAR_SAMPLERS = ("multijitter", "independent", "stratified", "orthogonal", "ldsampler")
 POSE = look_at([0.7, -1.3, 0.4], [-0.6, 2.0, 0.9], [0.2, 0.1, 1.0])  # nothing is aligned with the world's axes
 MATERIALS = {
     "black": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}},

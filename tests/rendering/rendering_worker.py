@@ -206,16 +206,17 @@ def denoise_job() -> dict[str, np.ndarray]:
 
 def estimate_job() -> dict[str, np.ndarray]:
     """Estimates of noise and true errors of eight seeds, and the samples that bounds need."""
-    from twinlens.rendering import render_measured
+    from twinlens.rendering import backend, render_measured
 
     scene, camera = photos.room(), photos.camera(64, 48, 60.0)
     rig, wide = Rig([camera], [photos.POSE]), tl.ThinLens(0.1, 2.5)
-    reference = tl.render(scene, rig, wide, spp=512, seed=4)[0]
+    references = [tl.render(scene, rig, wide, spp=256, seed=seed)[0] for seed in (4, 5)]
     found = {}
-    for name, denoise in (("raw", False), ("denoised", True)):
-        views = [render_measured(scene, rig, wide, 4, seed, denoise=denoise)[0][0] for seed in range(8)]
-        found[f"{name}/estimate"] = np.array([view.error for view in views])
-        found[f"{name}/error"] = np.array([view.image - reference for view in views])
+    for name, denoise, spp in (("raw", False, 4), ("denoised", True, 16 if backend().is_jit else 4)):
+        views = [render_measured(scene, rig, wide, spp, seed, denoise=denoise)[0][0] for seed in range(8)]
+        found[f"{name}/squared estimate"] = np.array([view.error for view in views]) ** 2
+        apart = [np.array([view.image - reference for view in views]) for reference in references]
+        found[f"{name}/squared error"] = apart[0] * apart[1]  # without the noise of the references
     tiny = Rig([photos.camera(8, 6)], [photos.POSE])
     rounds = iter([False, False, True])
     bounds = [lambda _: True, lambda _: next(rounds), lambda _: False]
@@ -270,24 +271,24 @@ def image_of(scene, camera, lens, sampler, spp, seed):
 
 def count_job() -> dict[str, np.ndarray]:
     """Edges of light of radiance 1 seen with few samples: every pixel is a whole number of samples over their count."""
-    from twinlens.rendering import radiance
+    from twinlens.rendering import backend, samplers
 
     scene, rig = photos.half_plane(2.0, x=0.1234), Rig([photos.camera()], [photos.POSE])
-    lens, usual = tl.ThinLens(0.3, 1.0), radiance.RAYS_PER_PASS
+    lens, usual = tl.ThinLens(0.3, 1.0), samplers.RAYS_PER_PASS
     found = {}
-    for sampler in radiance.SAMPLERS:
+    for sampler in samplers.SAMPLERS if backend().is_jit else photos.SCALAR_SAMPLERS:
         for spp in (1, 2, 3, 7, 8, 13, 32):
             found[f"{sampler}/{spp}"] = tl.render(scene, rig, lens, spp=spp, sampler=sampler)[0]
-    radiance.RAYS_PER_PASS = 5 * 40 * 6  # room for five samples a pixel: passes of four
+    samplers.RAYS_PER_PASS = 5 * 40 * 6  # room for five samples a pixel: passes of four
     done: list[float] = []
     found["narrow/13"] = tl.render(scene, rig, lens, spp=13, progress=done.append)[0]
     found["narrow/done"] = np.array(done)
-    radiance.RAYS_PER_PASS = 1
+    samplers.RAYS_PER_PASS = 1
     found["narrowest/5"] = tl.render(scene, rig, lens, spp=5)[0]
-    radiance.RAYS_PER_PASS = 64 * 40 * 6
+    samplers.RAYS_PER_PASS = 64 * 40 * 6
     many = [tl.render(scene, rig, lens, spp=1000, seed=seed)[0] for seed in range(4)]
     found["narrow mean"] = np.mean(many, axis=0)
-    radiance.RAYS_PER_PASS = usual
+    samplers.RAYS_PER_PASS = usual
     return found
 
 
@@ -306,6 +307,7 @@ def refusal_job() -> dict[str, np.ndarray]:
         "seed -1": (camera, lens, {"seed": -1}),
         "seed 0.5": (camera, lens, {"seed": 0.5}),
         "sampler multijiter": (camera, lens, {"sampler": "multijiter"}),
+        "sobol": (camera, lens, {"sampler": "sobol"}),
         "tall pixels": (camera.replace(fy=70.0), lens, {}),
         "odd centre": (camera.replace(cx=3.3), lens, {}),
         "distortion": (camera.replace(distortion=BrownConrady(k1=-0.1)), lens, {}),

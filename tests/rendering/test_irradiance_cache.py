@@ -92,6 +92,25 @@ def test_light_between_surfaces_has_less_noise():
     assert np.median(ours.var(axis=0, ddof=1)) < 0.6 * np.median(theirs.var(axis=0, ddof=1))
 
 
+def lamp_before_a_wall(gap):
+    """A square lamp of 60 cm that shines only at the wall behind the camera, at a distance of `gap`."""
+    walls = SceneObject("walls", {"type": "cube", "flip_normals": True}, "paint", np.diag([2.0, 2.0, 2.0, 1.0]))
+    pose = np.diag([0.3, 0.3, -1.0, 1.0])
+    pose[:3, 3] = 0.5, 0.3, gap - 2
+    lamp = SceneObject("lamp", {"type": "rectangle"}, "paint", pose, emitter=LAMP)
+    return Scene("room", (walls, lamp), {"paint": MATTE}, HERE, (0.5, 4.0), {}, {"type": "path", "max_depth": 5})
+
+
+def test_no_sample_of_the_irradiance_is_far_above_what_lights_can_give():
+    """A lamp of radiance L gives at most pi L; samples of the lamp and of directions together at most 1.5 pi L."""
+    for gap in (0.002, 0.02, 0.2):
+        scene, rig = lamp_before_a_wall(gap), Rig.stereo(LARGE, 0.1)
+        for seed in range(4):
+            cache = with_irradiance_cache(build(scene), scene, rig, "rgb", seed).integrator.cache
+            direct = np.array(cache._tables).reshape(-1, int(cache._count[0]), 3)[0]
+            assert 100 < direct.max() < 1.5 * np.pi * 1000
+
+
 GLOBE = SceneObject("globe", {"type": "sphere", "center": [0.0, -1.5, 0.5], "radius": 0.2}, "globe")
 NET = {"type": "mask", "opacity": 0.5, "bsdf": {"type": "twosided", "bsdf": MATTE}}
 CASES = {
@@ -103,6 +122,7 @@ CASES = {
     "the back of a panel": lit_cube(thing=level("panel", -1.0, 1.0), panel=MATTE),
     "a net below the lamp": lit_cube(thing=level("net", -1.2, 1.0), net=NET),
     "a globe of rough glass": lit_cube(depth=-1, thing=GLOBE, globe={"type": "roughdielectric", "alpha": 0.3}),
+    "a lamp before a wall": lamp_before_a_wall(0.2),
     "a pane below the lamp": lit_cube(depth=-1, thing=level("pane", -1.2, 1.9, 0.05), pane={"type": "dielectric"}),
 }
 
@@ -144,7 +164,7 @@ def test_light_that_would_grow_without_limit_ends():
 
     ones, colours = np.ones((4, 2), np.uint32), np.ones((4, 2, 3), np.float32)
     met, cell = 2 * ones, np.array([[0, 1], [0, 1], [1, 0], [0, 1]])
-    paths = _Paths(met, ones, colours, colours, 1.5 * colours, colours, 0 * colours)
+    paths = _Paths(met, ones, colours, 1.5 * colours, colours, 0 * colours, colours)
     assert _tables(paths, cell, 2, -1).max() < 200
     np.testing.assert_allclose(_tables(paths, cell, 2, 3)[:, 0, 0], np.cumsum(1.5 ** np.arange(4)))
     white = lit_cube({"type": "diffuse", "reflectance": rgb(1.0)}, -1)

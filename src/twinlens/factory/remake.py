@@ -23,7 +23,7 @@ from twinlens.factory.produce import under_sky
 from twinlens.factory.sample import make_sample
 from twinlens.factory.settings import ExposureTable, SceneTable, SensorTable
 from twinlens.factory.sources import file_digests
-from twinlens.rendering import Progress, ground_truth
+from twinlens.rendering import Progress, Sampler, ground_truth
 from twinlens.scenes import Scene, load_scene
 from twinlens.sensor import Exposure, Sensor
 
@@ -66,6 +66,7 @@ def remake(
         spp=settings.spp,
         denoise=settings.denoise is not None,
         noise=settings.noise,
+        sampler=settings.sampler,
         seed=settings.seed,
         sensor=Sensor.from_record(written["sensor"]),
         exposure=None if settings.exposure is None else Exposure(**written["exposure"]),
@@ -100,6 +101,7 @@ class _Settings(FileModel):
     spp: int
     denoise: dict[str, Any] | None = None
     noise: float | None = None
+    sampler: Sampler | None = None
     seed: int
     sensor: SensorTable
     exposure: ExposureTable | None = None

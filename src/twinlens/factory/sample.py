@@ -42,6 +42,7 @@ def make_sample(
     spp: int = 64,
     denoise: bool = False,
     noise: float | None = None,
+    sampler: str | None = None,
     seed: int = 0,
     sensor: Sensor | None = None,
     exposure: Exposure | None = None,
@@ -62,6 +63,7 @@ def make_sample(
     denoise : see `render`. The record names the method and its versions.
     noise : render until the renderer's noise is at most this multiple of the sensor's in every view, in the median over
         pixels, or until `rendering.MAX_SPP`. The record has the ratios of images that are denoised or have this bound.
+    sampler : see `render`.
     sensor : default `Sensor()`. Its `mismatch` makes the cameras and their lenses differ (`Sensor.lenses`); for the
         alignment, give ``sensor.misalign(rig)`` as the rig. Truth is that of the nominal lenses.
     exposure : one exposure for all lenses, so that a smaller aperture gives a darker image. By default each lens has
@@ -76,6 +78,7 @@ def make_sample(
     sensor.
     """
     sensor = sensor or Sensor()
+    sampler = sampler or rendering.default_sampler(denoise)
     if not lenses:
         raise InputError("a sample needs at least one lens")
     check_exposure(exposure)
@@ -105,13 +108,15 @@ def make_sample(
         used = spp
         if spp > 1 and (denoise or noise is not None):
             views, used = rendering.render_measured(
-                scene, rig, own, spp, stream, denoise=denoise, parts=parts, progress=report,
+                scene, rig, own, spp, stream, denoise=denoise, parts=parts, sampler=sampler, progress=report,
                 enough=lambda views, expose=expose, lens=lens: noise is None  # type: ignore[misc]
                 or max(_noise_ratios(views, expose(_wholes(view.image for view in views)), sensor, rig, lens)) <= noise,
             )  # fmt: skip
             images = [view.image for view in views]
         else:
-            images = rendering.render(scene, rig, own, spp, stream, denoise=denoise, parts=parts, progress=report)
+            images = rendering.render(
+                scene, rig, own, spp, stream, denoise=denoise, parts=parts, sampler=sampler, progress=report
+            )
         radiances = tuple(_wholes(images))
         if diffraction and lens.aperture_diameter > 0:
             radiances = tuple(
@@ -144,7 +149,7 @@ def make_sample(
         "sky_disparity": sky_disparity,
         "keep_radiance": keep_radiance,
         "keep_models": keep_models,
-        "sampler": rendering.SAMPLERS[0],
+        "sampler": sampler,
         "integrator": {key: value for key, value in scene.integrator.items() if isinstance(value, (str, int, float))},
         **made_with(),
         "llvm": Path(rendering.backend().library or "").name or None,

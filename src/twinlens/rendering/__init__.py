@@ -19,7 +19,6 @@ from twinlens.rendering.object_truth import object_models as object_models
 from twinlens.rendering.projectors import ProjectorWarning as ProjectorWarning
 from twinlens.rendering.radiance import (
     MAX_SPP as MAX_SPP,
-    SAMPLERS as SAMPLERS,
     NoisyImage as NoisyImage,
     Progress as Progress,
     check_lit as check_lit,
@@ -29,6 +28,7 @@ from twinlens.rendering.radiance import (
     render as render,
     render_measured as render_measured,
 )
+from twinlens.rendering.samplers import Sampler as Sampler, default_sampler as default_sampler
 from twinlens.rendering.sensors import (
     check_camera_supported as check_camera_supported,
     check_lens_supported as check_lens_supported,

@@ -32,7 +32,7 @@ PATHS = 1 << 16
 """Paths of a cache, for all cameras together."""
 
 _SURFACES = 5  # on each path, without mirrors and glass
-_CELLS = 32  # along the longest side of a box
+_CELLS = 64  # along the longest side of a box
 _OUTSIDE = 1.0  # percentage of the surfaces beyond each side of the box
 _LEAST_SAMPLES = 4  # of a cell
 _FACES = 6  # directions of normals
@@ -47,19 +47,19 @@ _NOWHERE, _UNKNOWN = -1, -2  # in the place of a cell: nothing there; a surface 
 class _Paths:
     """What path n meets after k surfaces that scatter light, arrays (K, N, ...).
 
-    irradiance : directly from lights.
     reflectance : share of the light on the surface that leaves it towards the surface before.
     arrival : share of the light that passes the mirrors and glass between the two.
     emission : radiance of the lights that these show.
+    irradiance : directly from lights; unknown of the last surface.
     """
 
     met: NDArray[np.uint32]
     face: NDArray[np.uint32]
     position: NDArray[np.float32]
-    irradiance: NDArray[np.float32]
     reflectance: NDArray[np.float32]
     arrival: NDArray[np.float32]
     emission: NDArray[np.float32]
+    irradiance: NDArray[np.float32]
 
 
 class IrradianceCache:
@@ -125,13 +125,23 @@ def _trace(scene: Any, rays: Any, seed: int, lamps: Sequence[Any]) -> _Paths:
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(seed, count)
     integers = [dr.zeros(mi.UInt32, _SURFACES * count) for _ in range(2)]
-    colours = [dr.zeros(mi.Float, 3 * _SURFACES * count) for _ in range(5)]
+    *colours, lit = [dr.zeros(mi.Float, 3 * _SURFACES * count) for _ in range(5)]
     path, paths = dr.arange(mi.UInt32, count), dr.opaque(mi.UInt32, count)
 
-    def step(active: Any, sampler: Any, ray: Any, arrival: Any, emission: Any, passed: Any, k: Any) -> tuple[Any, ...]:
-        """One surface. `passed` counts the mirrors and glass since the last one that scatters light."""
+    def step(
+        active: Any, sampler: Any, ray: Any, last: Any, arrival: Any, emission: Any, passed: Any, k: Any
+    ) -> tuple[Any, ...]:
+        """One surface. `passed` counts the mirrors and glass since the last one that scatters light.
+
+        `last` is that surface, the density of the ray's direction there, and its irradiance by the light sampled there.
+        """
         si = scene.ray_intersect(ray, mi.RayFlags.All, False, active)
-        emission = emission + dr.select(active & (passed > 0), arrival * si.emitter(scene).eval(si), 0.0)
+        shines = mi.DirectionSample3f(scene, si, last[0])
+        shown = arrival * shines.emitter.eval(si)
+        emission = emission + dr.select(active & (passed > 0), shown, 0.0)
+        follows = active & (k > 0) & (passed == 0)
+        found = math.pi * shown * mis(last[1], scene.pdf_emitter_direction(last[0], shines, follows))
+        dr.scatter(lit, mi.Color3f(last[2] + found), (k - 1) * paths + path, follows)
         there = active & si.is_valid()
         bsdf, context, normal = si.bsdf(), mi.BSDFContext(), _facing(si, ray)
         chosen, factor = bsdf.sample(context, si, sampler.next_1d(), sampler.next_2d(), there)
@@ -142,7 +152,9 @@ def _trace(scene: Any, rays: Any, seed: int, lamps: Sequence[Any]) -> _Paths:
         scatters &= ~mi.has_flag(chosen.sampled_type, onwards)
         on_surface = there & scatters
         ds, light = scene.sample_emitter_direction(si, sampler.next_2d(), True, on_surface)
-        irradiance = dr.select(ds.pdf != 0, light * dr.maximum(dr.dot(ds.d, normal), 0.0), 0.0)
+        cosine = dr.maximum(dr.dot(ds.d, normal), 0.0)
+        weight = dr.select(ds.delta, 1.0, mis(ds.pdf, cosine / math.pi))
+        irradiance = dr.select(ds.pdf != 0, light * cosine * weight, 0.0)
         for lamp in lamps:
             ds, light = lamp.sample_direction(si, sampler.next_2d(), on_surface)
             dark = scene.ray_test(si.spawn_ray_to(ds.p), on_surface)
@@ -154,21 +166,24 @@ def _trace(scene: Any, rays: Any, seed: int, lamps: Sequence[Any]) -> _Paths:
         row, met = k * paths + path, dr.select(on_surface, mi.UInt32(_SURFACE), mi.UInt32(_NOTHING))
         for buffer, value in zip(integers, (met, _face(normal)), strict=True):
             dr.scatter(buffer, value, row, on_surface | ends)
-        for buffer, value in zip(colours, (si.p, irradiance, factor, arrival, emission), strict=True):
+        for buffer, value in zip(colours, (si.p, factor, arrival, emission), strict=True):
             dr.scatter(buffer, mi.Color3f(value), row, on_surface | ends)
 
-        spread = mi.Frame3f(normal).to_world(mi.warp.square_to_cosine_hemisphere(sampler.next_2d()))
-        ray = si.spawn_ray(dr.select(on_surface, spread, si.to_world(chosen.wo)))
+        spread = mi.warp.square_to_cosine_hemisphere(sampler.next_2d())
+        ray = si.spawn_ray(dr.select(on_surface, mi.Frame3f(normal).to_world(spread), si.to_world(chosen.wo)))
+        here = mi.Interaction3f(si), mi.warp.square_to_cosine_hemisphere_pdf(spread), mi.Spectrum(irradiance)
+        last = dr.select(on_surface, here, last)
         arrival, emission = dr.select(on_surface, 1.0, after), dr.select(on_surface, 0.0, emission)
         passed, k = dr.select(on_surface, 0, passed + 1), dr.select(on_surface, k + 1, k)
         active = (on_surface & (k < _SURFACES)) | (passes & (passed < MAX_SPECULAR))
-        return active, sampler, ray, arrival, emission, passed, k
+        return active, sampler, ray, last, arrival, emission, passed, k
 
-    start = mi.Bool(True), sampler, mi.Ray3f(rays), mi.Spectrum(1.0), mi.Spectrum(0.0), mi.UInt32(0), mi.UInt32(0)
-    dr.while_loop(start, lambda active, *_: active, step)
-    dr.eval(integers, colours)
+    none = dr.zeros(mi.Interaction3f), mi.Float(1.0), mi.Spectrum(0.0)
+    start = mi.Bool(True), sampler, mi.Ray3f(rays), none, mi.Spectrum(1.0), mi.Spectrum(0.0)
+    dr.while_loop((*start, mi.UInt32(0), mi.UInt32(0)), lambda active, *_: active, step)
+    dr.eval(integers, colours, lit)
     met, face = (np.array(buffer).reshape(_SURFACES, count) for buffer in integers)
-    found = (np.nan_to_num(np.array(buffer)).reshape(_SURFACES, count, 3) for buffer in colours)
+    found = (np.nan_to_num(np.array(buffer)).reshape(_SURFACES, count, 3) for buffer in (*colours, lit))
     return _Paths(met, face, *found)
 
 
@@ -202,6 +217,15 @@ def _tables(paths: _Paths, cell: NDArray[np.int64], count: int, bounces: int) ->
             break
         before = change
     return np.stack(tables)
+
+
+def mis(own: Any, other: Any) -> Any:
+    """The weight of a sample of density `own` that has the density `other` in another technique: power heuristic.
+
+    A light seen from its edge has an infinite density and sends nothing.
+    """
+    weight = own * own / (own * own + other * other)
+    return dr.select(dr.isfinite(weight), weight, 0.0)
 
 
 def _facing(si: Any, ray: Any) -> Any:

@@ -37,6 +37,7 @@ from twinlens.rendering.radiance import (
     sum_of,
     views_of,
 )
+from twinlens.rendering.samplers import default_sampler
 from twinlens.scenes import Scene
 from twinlens.seeds import derived_seed, seed_sequence
 
@@ -78,7 +79,7 @@ def render_lens_grid(
     *,
     denoise: bool = False,
     parts: Parts | None = None,
-    sampler: str = "multijitter",
+    sampler: str | None = None,
     progress: Progress | None = None,
 ) -> LensGrid:
     """Render `scene` with every camera of `rig` through every lens, from one set of light paths.
@@ -97,8 +98,9 @@ def render_lens_grid(
         As in `render`, with guides for each lens and camera. Standard errors are those before denoising.
     parts : Dual, Quad, Grid or Masks, optional
         As in `render`, of each lens's aperture. Standard errors are those of the whole images.
-    sampler : str
-        Mitsuba's sampler for the light paths. Film positions and aperture points are always stratified.
+    sampler : str, optional
+        As in `render`, but None takes `multijitter` where lenses share paths. Film positions and aperture points are
+        always stratified there.
 
     Returns
     -------
@@ -113,7 +115,8 @@ def render_lens_grid(
     """
     if not isinstance(lenses, Sequence) or not lenses:
         raise InputError("render_lens_grid needs a list of at least one lens")
-    check_request(scene, rig, lenses, spp, seed, sampler)
+    alone = sampler or default_sampler(denoise)
+    check_request(scene, rig, lenses, spp, seed, alone)
     single, members = split_bands(rig)
     if len(single) > len(rig):
         grid = render_lens_grid(
@@ -139,13 +142,15 @@ def render_lens_grid(
     if shared:
         report = partial_progress(progress, 0.0, len(shared) / len(lenses))
         chosen = [lenses[i] for i in shared]
-        found, variance[shared], paths = _render_shared(builts, rig, chosen, spp, seed, parts, sampler, report)
+        found, variance[shared], paths = _render_shared(
+            builts, rig, chosen, spp, seed, parts, sampler or default_sampler(False), report
+        )
         rays += paths
         images |= zip(shared, found, strict=True)
     for done, i in enumerate(separate, len(shared)):
         report = partial_progress(progress, done / len(lenses), (done + 1) / len(lenses))
         own_seed = derived_seed(seed, _GRID_STREAM, i)
-        images[i], variance[i] = _render_separately(views, lenses[i], spp, own_seed, parts, sampler, report)
+        images[i], variance[i] = _render_separately(views, lenses[i], spp, own_seed, parts, alone, report)
     if denoise:
         for (i, lens), index in product(enumerate(lenses), range(len(rig))):
             if not views[index].denoised:

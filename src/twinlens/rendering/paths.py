@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from twinlens.rendering.backends import mitsuba
-from twinlens.rendering.irradiance_cache import IrradianceCache
+from twinlens.rendering.irradiance_cache import IrradianceCache, mis
 
 mi = mitsuba()
 import drjit as dr  # noqa: E402, Dr.Jit reads DRJIT_LIBLLVM_PATH when it is imported
@@ -61,7 +61,7 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
             si = scene.ray_intersect(ray, mi.RayFlags.All, depth == 0, active)
             shines = mi.DirectionSample3f(scene, si, last[0])
             pdf = scene.pdf_emitter_direction(last[0], shines, ~last[2])
-            sum_ = sum_ + weight * shines.emitter.eval(si) * _mis(last[1], dr.select(last[2], 0.0, pdf))
+            sum_ = sum_ + weight * shines.emitter.eval(si) * mis(last[1], dr.select(last[2], 0.0, pdf))
 
             active = active & si.is_valid() & (depth + 1 < self.max_depth)
             bsdf, context = si.bsdf(ray), mi.BSDFContext()
@@ -77,7 +77,7 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
             ds, light = scene.sample_emitter_direction(si, for_light, False, smooth)
             wo = si.to_local(ds.d)
             value, pdf, chosen, factor = bsdf.eval_pdf_sample(context, si, wo, for_lobe, for_direction, active)
-            light = light * (value - matte * _cosine(si, wo)) * dr.select(ds.delta, 1.0, _mis(ds.pdf, pdf))
+            light = light * (value - matte * _cosine(si, wo)) * dr.select(ds.delta, 1.0, mis(ds.pdf, pdf))
             matters = smooth & (ds.pdf != 0) & dr.any(light != 0)
             matters &= ~scene.ray_test(si.spawn_ray_to(ds.p), matters)
             sum_ = sum_ + weight * dr.select(matters, light, 0.0)
@@ -123,15 +123,6 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
 
     def to_string(self) -> str:
         return "Paths[]"
-
-
-def _mis(own: Any, other: Any) -> Any:
-    """The weight of a sample of density `own` that has the density `other` in another technique: power heuristic.
-
-    A light seen from its edge has an infinite density and sends nothing.
-    """
-    weight = own * own / (own * own + other * other)
-    return dr.select(dr.isfinite(weight), weight, 0.0)
 
 
 def _matte(bsdf: Any, si: Any, active: Any) -> Any:

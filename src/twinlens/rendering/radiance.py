@@ -7,7 +7,6 @@ alone would give 2 at the full resolution, and the filter's bias, which halves s
 chosen: docs/decisions/denoising.md.
 """
 
-import functools
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -28,16 +27,12 @@ from twinlens.rendering.denoising import GUIDE_SAMPLES, denoise_image, denoise_p
 from twinlens.rendering.guides import Guides, binned, render_guides
 from twinlens.rendering.integrators import with_irradiance_cache
 from twinlens.rendering.projectors import build_lit, can_denoise
-from twinlens.rendering.sensors import NEEDS_JIT, make_sensor
+from twinlens.rendering.samplers import SAMPLERS, Pass, default_sampler, passes_of
+from twinlens.rendering.sensors import NEEDS_JIT, check_sampler_supported, make_sensor
 from twinlens.scenes import Scene
 from twinlens.seeds import derived_seed, seed_sequence
 
 Progress = Callable[[float], None]
-Pass = tuple[str, int, int]
-"""Sampler, samples per pixel, seed."""
-
-SAMPLERS = ("multijitter", "independent", "stratified", "orthogonal", "ldsampler")
-RAYS_PER_PASS = 1 << 23
 MAX_SPP = 1024
 """Limit of the doubled samples per pixel. A request for more is rendered without doubling."""
 
@@ -55,7 +50,7 @@ def render(
     *,
     denoise: bool = False,
     parts: Parts | None = None,
-    sampler: str = "multijitter",
+    sampler: str | None = None,
     progress: Progress | None = None,
 ) -> list[NDArray[np.float32]]:
     """Render `scene` with every camera of `rig` through `lens`.
@@ -78,9 +73,10 @@ def render(
     parts : Dual, Quad, Grid or Masks, optional
         Parts of the lens's aperture. Each has an image, its contribution to the whole image, from the same light paths:
         where the parts make up the aperture, their images add up to the image without `parts`. Needs a JIT backend.
-    sampler : str
-        Mitsuba's sampler within a pass. With 16 samples and a wide aperture, `multijitter` has half the mean square
-        error of `independent` at the same cost.
+    sampler : str, optional
+        Within a pass: one of Mitsuba's, or `sobol` (`twinlens.rendering.sobol`), which needs a JIT backend. None takes
+        `sobol` for denoised images where there is a JIT backend, else `multijitter`. With 16 samples and a wide
+        aperture, `multijitter` has half the mean square error of `independent` at the same cost.
     progress : callable, optional
         Called with the fraction done, in (0, 1], after each pass.
 
@@ -97,6 +93,7 @@ def render(
     BackendError
         When this machine's backend does not support the camera, the lens, or parts.
     """
+    sampler = sampler or default_sampler(denoise)
     lenses = _checked_lenses(scene, rig, lens, spp, seed, sampler)
     single, members = split_bands(rig)
     if len(single) > len(rig):
@@ -193,7 +190,7 @@ def render_measured(
     *,
     denoise: bool = False,
     parts: Parts | None = None,
-    sampler: str = SAMPLERS[0],
+    sampler: str | None = None,
     enough: Callable[[Sequence[NoisyImage]], bool] = lambda _: True,
     progress: Progress | None = None,
 ) -> tuple[list[NoisyImage], int]:
@@ -205,6 +202,7 @@ def render_measured(
     Returns one image per camera, with `parts` those of the parts, and the samples per pixel used. Raises the errors of
     `render`, and InputError for spp < 2.
     """
+    sampler = sampler or default_sampler(denoise)
     lenses = _checked_lenses(scene, rig, lens, spp, seed, sampler)
     if spp < 2:
         raise InputError(f"an estimate of the noise needs spp >= 2, got {spp}")
@@ -381,13 +379,13 @@ def other_guides(
     parts: Parts | None = None,
 ) -> Guides:
     """The guides of `count` samples per pixel; `seed` and `key` name their random stream."""
-    passes = _passes(camera, count, seed_sequence(seed, _GUIDE_STREAM, *key), SAMPLERS[0])
+    passes = passes_of(camera, count, seed_sequence(seed, _GUIDE_STREAM, *key), default_sampler(False))
     return render_guides(built, camera, pose, lens, passes, parts)
 
 
 def image_passes(camera: Camera, spp: int, seed: int, index: int, sampler: str) -> Iterator[Pass]:
     """The passes in which `render` renders camera `index` of a rig."""
-    return _passes(camera, spp, seed_sequence(seed, _RENDER_STREAM, index), sampler)
+    return passes_of(camera, spp, seed_sequence(seed, _RENDER_STREAM, index), sampler)
 
 
 def check_request(scene: Scene, rig: Rig, lenses: Iterable[Lens], spp: int, seed: int, sampler: str) -> None:
@@ -402,6 +400,7 @@ def check_request(scene: Scene, rig: Rig, lenses: Iterable[Lens], spp: int, seed
     check_int("spp", spp, 1)
     check_int("seed", seed, 0)
     check_known("sampler", sampler, SAMPLERS)
+    check_sampler_supported(sampler)
 
 
 def check_lit(scene: Scene, band: str = "rgb") -> None:
@@ -418,28 +417,6 @@ def check_view(scene: Scene, rig: Rig) -> None:
         raise InputError(f"scene must be a Scene, got {scene!r:.60}; load_scene makes one from a name or a file")
     if not isinstance(rig, Rig):
         raise InputError(f"rig must be a Rig, got {rig!r:.60}; Rig.stereo makes one from a camera, Rig from several")
-
-
-def _passes(camera: Camera, spp: int, seeds: np.random.SeedSequence, sampler: str) -> Iterator[Pass]:
-    """(sampler, samples per pixel, seed) of each pass; `spp` samples in total, bounded in memory.
-
-    Mitsuba's samplers round sample counts, so each pass has a power of two that its sampler does not round. The rest is
-    drawn independently.
-    """
-    largest = max(1, RAYS_PER_PASS // (camera.width * camera.height))
-    remaining = spp
-    while remaining:
-        powers = (1 << power for power in reversed(range(min(remaining, largest).bit_length())))
-        count = next((count for count in powers if sampler_supports(sampler, count)), None)
-        kind, size = ("independent", min(remaining, largest)) if count is None else (sampler, count)
-        yield kind, size, int(seeds.spawn(1)[0].generate_state(1)[0])
-        remaining -= size
-
-
-@functools.cache
-def sampler_supports(sampler: str, count: int) -> bool:
-    """Whether a Mitsuba sampler supports `count` samples per pixel without rounding."""
-    return bool(mitsuba().load_dict({"type": sampler, "sample_count": count}).sample_count() == count)
 
 
 def partial_progress(progress: Progress | None, start: float, end: float) -> Progress:

@@ -13,13 +13,13 @@ from twinlens.errors import BackendError
 from twinlens.geometry import Float
 from twinlens.optics import fov_x_deg
 from twinlens.rendering.backends import backend, mitsuba
+from twinlens.rendering.samplers import load_sampler
 
 Plugin = dict[str, Any]
 
 
 def make_sensor(camera: Camera, pose: Float, lens: Lens, spp: int, sampler: str) -> Any:
     """The Mitsuba sensor of a camera and a lens in this backend. A box filter makes images reproducible to the byte."""
-    mi, samples = mitsuba(), {"type": sampler, "sample_count": spp}
     film = {
         "type": "hdrfilm",
         "width": camera.width,
@@ -30,10 +30,10 @@ def make_sensor(camera: Camera, pose: Float, lens: Lens, spp: int, sampler: str)
         "sample_border": False,
     }
     if not backend().is_jit:
-        return builtin_sensor(camera, pose, lens, film, samples)
+        return builtin_sensor(camera, pose, lens, film, {"type": sampler, "sample_count": spp})
     from twinlens.rendering.ray_generation import TwinlensCamera  # sets up the backend
 
-    return TwinlensCamera(camera, pose, lens, mi.load_dict(film), mi.load_dict(samples))
+    return TwinlensCamera(camera, pose, lens, mitsuba().load_dict(film), load_sampler(sampler, spp, camera.width))
 
 
 NEEDS_JIT = "needs the LLVM or CUDA backend (Debian, Ubuntu: apt install libllvm19)"
@@ -85,6 +85,12 @@ def check_lens_supported(lens: Lens) -> None:
     if disk and isinstance(lens, ThinLens) and lens.defocus:
         raise BackendError(f"a lens that focus_um of a mismatch focuses beyond infinity {NEEDS_JIT}; or use focus_um=0")
     raise BackendError(f"this lens {NEEDS_JIT}; without it, use a pinhole or a disk aperture with a finite focus")
+
+
+def check_sampler_supported(sampler: str) -> None:
+    """Raise BackendError if this process's backend does not have the sampler."""
+    if sampler == "sobol" and not backend().is_jit:
+        raise BackendError(f"the sampler 'sobol' {NEEDS_JIT}; or use another sampler")
 
 
 def check_mismatch_supported(distortion_px: float) -> None:

@@ -26,8 +26,8 @@ from twinlens.geometry import Float
 from twinlens.rendering.annuli import ApertureAnnulus
 from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import BuiltScene
-from twinlens.rendering.radiance import sampler_supports
 from twinlens.rendering.ray_generation import RayGenerator, opaque
+from twinlens.rendering.samplers import load_sampler, sampler_supports
 
 mi = mitsuba()
 import drjit as dr  # noqa: E402, Dr.Jit reads DRJIT_LIBLLVM_PATH when it is imported
@@ -109,7 +109,7 @@ class SharedPaths:
             sampler = StratifiedSampler(grid, shifts, pixel, sample, seed)
         else:
             kind = self.sampler if sampler_supports(self.sampler, n) else "independent"
-            sampler = mi.load_dict({"type": kind, "sample_count": n})
+            sampler = load_sampler(kind, n, width)
             sampler.set_samples_per_wavefront(n)
             sampler.seed(seed, width * height * n)
         radiance, valid, _ = self.built.integrator.sample(self.built.mi_scene, sampler, ray, None, True)

@@ -1,0 +1,59 @@
+"""Samplers of light paths by name, and the passes in which an image is rendered with them."""
+
+import functools
+from collections.abc import Iterator
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from twinlens.camera import Camera
+from twinlens.rendering.backends import backend, mitsuba
+
+Pass = tuple[str, int, int]
+"""Sampler, samples per pixel, seed."""
+
+Sampler = Literal["multijitter", "sobol", "independent", "stratified", "orthogonal", "ldsampler"]
+"""Mitsuba's, and `sobol`, which is ours and needs a JIT backend."""
+
+SAMPLERS: tuple[str, ...] = get_args(Sampler)
+
+RAYS_PER_PASS = 1 << 23
+
+
+def default_sampler(denoise: bool) -> str:
+    """The sampler of images that are denoised, or not.
+
+    Denoisers remove what differs from pixel to pixel. What `sobol` leaves does, more than that of `multijitter`.
+    """
+    return "sobol" if denoise and backend().is_jit else "multijitter"
+
+
+def load_sampler(kind: str, count: int, width: int) -> Any:
+    """The sampler of a film `width` pixels wide, with `count` samples per pixel."""
+    if kind == "sobol":
+        from twinlens.rendering.sobol import SobolSampler  # sets up the backend
+
+        return SobolSampler(count, width)
+    return mitsuba().load_dict({"type": kind, "sample_count": count})
+
+
+@functools.cache
+def sampler_supports(kind: str, count: int) -> bool:
+    """Whether a sampler supports `count` samples per pixel without rounding."""
+    return bool(load_sampler(kind, count, 1).sample_count() == count)
+
+
+def passes_of(camera: Camera, spp: int, seeds: np.random.SeedSequence, sampler: str) -> Iterator[Pass]:
+    """(sampler, samples per pixel, seed) of each pass; `spp` samples in total, bounded in memory.
+
+    Mitsuba's samplers round sample counts, so each pass has a power of two that its sampler does not round. The rest is
+    drawn independently.
+    """
+    largest = max(1, RAYS_PER_PASS // (camera.width * camera.height))
+    remaining = spp
+    while remaining:
+        powers = (1 << power for power in reversed(range(min(remaining, largest).bit_length())))
+        count = next((count for count in powers if sampler_supports(sampler, count)), None)
+        kind, size = ("independent", min(remaining, largest)) if count is None else (sampler, count)
+        yield kind, size, int(seeds.spawn(1)[0].generate_state(1)[0])
+        remaining -= size

@@ -1,0 +1,98 @@
+"""A sampler whose errors differ from pixel to pixel: one scrambled Sobol sequence over all pixels of an image.
+
+Pixels in Morton order take consecutive points of the sequence, so that not only the points of a pixel fill the unit
+square evenly, but also those of 2x2, 4x4, ... pixels together. The errors of neighbours cancel, and less error is left
+at the low frequencies, which a denoiser keeps (Ahmed and Wonka, Screen-space blue-noise diffusion of Monte Carlo
+sampling error via hierarchical ordering of pixels, 2020). Each number or pair of numbers of a path takes the first
+dimension or two of the sequence, in an order of its own, with Owen scrambling by a hash (Burley, Practical hash-based
+Owen scrambling, 2020).
+
+Importing this module sets up the backend.
+"""
+
+from typing import Any
+
+from twinlens.rendering.backends import mitsuba
+
+mi = mitsuba()
+import drjit as dr  # noqa: E402, Dr.Jit reads DRJIT_LIBLLVM_PATH when it is imported
+
+_KEYS_PER_NUMBER = 2  # calls of the TEA hash
+_LAINE_KARRAS = (0x6C50B47C, 0xB82F1E52, 0xC7AFE638, 0x8D22F6E6)
+
+
+class SobolSampler(mi.Sampler):  # type: ignore[misc, name-defined]
+    """Numbers for `count` rays per pixel of a film `width` pixels wide, numbered pixel by pixel."""
+
+    def __init__(self, count: int, width: int) -> None:
+        super().__init__(mi.Properties())
+        self.set_sample_count(count)
+        self.width = dr.opaque(mi.UInt32, width)
+        self.place, self.key, self.number = (dr.zeros(mi.UInt32) for _ in range(3))
+
+    def clone(self) -> "SobolSampler":
+        return self
+
+    fork = clone
+
+    def advance(self) -> None:
+        """Mitsuba asks for it after each sample of a wavefront, which here has all samples."""
+
+    def seed(self, seed: Any, wavefront_size: int = 0xFFFFFFFF) -> None:
+        count = dr.opaque(mi.UInt32, self.sample_count())
+        ray = dr.arange(mi.UInt32, wavefront_size)
+        pixel = ray // count
+        row = pixel // self.width
+        order = _spread(pixel - row * self.width) | (_spread(row) << 1)
+        self.place = dr.brev(order * count + ray - pixel * count)
+        self.key = dr.opaque(mi.UInt32, seed) if isinstance(seed, int) else mi.UInt32(seed)
+        self.number = dr.zeros(mi.UInt32, wavefront_size)
+        dr.make_opaque(self.place, self.key, self.number)
+
+    def next_1d(self, active: Any = True) -> Any:
+        order, for_x, _ = self._keys()
+        return _unit(dr.brev(_scrambled(dr.brev(_scrambled(self.place, order)), for_x)))
+
+    def next_2d(self, active: Any = True) -> Any:
+        order, for_x, for_y = self._keys()
+        place = dr.brev(_scrambled(self.place, order))
+        return mi.Point2f(
+            _unit(dr.brev(_scrambled(place, for_x))), _unit(dr.brev(_scrambled(_second_dimension(place), for_y)))
+        )
+
+    def _keys(self) -> tuple[Any, Any, Any]:
+        first, second = (
+            mi.sample_tea_32(self.key, _KEYS_PER_NUMBER * self.number + each) for each in range(_KEYS_PER_NUMBER)
+        )
+        self.number += 1
+        return first[0], first[1], second[0]
+
+    def to_string(self) -> str:
+        return "SobolSampler[]"
+
+
+def _unit(bits: Any) -> Any:
+    return mi.Float(bits >> 8) * 2.0**-24
+
+
+def _scrambled(bits: Any, key: Any) -> Any:
+    """Each bit flipped or not, depending on the key and the bits below it: Owen scrambling of reversed bits."""
+    bits = bits + key
+    for factor in _LAINE_KARRAS:
+        bits = bits ^ (bits * factor)
+    return bits
+
+
+def _second_dimension(place: Any) -> Any:
+    """The reversed bits of the second coordinate of Sobol's point `place`: Pascal's triangle times its bits."""
+    bits = place ^ (place >> 16)
+    for shift, upper in ((8, 0xFF00FF00), (4, 0xF0F0F0F0), (2, 0xCCCCCCCC), (1, 0xAAAAAAAA)):
+        bits = bits ^ ((bits & upper) >> shift)
+    return bits
+
+
+def _spread(bits: Any) -> Any:
+    """The lowest 16 bits, with a 0 before each."""
+    for shift, kept in ((8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555)):
+        bits = (bits | (bits << shift)) & kept
+    return bits

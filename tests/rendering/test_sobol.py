@@ -1,0 +1,96 @@
+"""Numbers of the sampler `sobol`: those of every pixel, and of blocks of 2^k x 2^k pixels, fill the square evenly."""
+
+import numpy as np
+import pytest
+from scipy.stats import chisquare, qmc
+
+import twinlens as tl
+from tests.optics_rendered.optics_lights import HERE
+from tests.rendering.conftest import skip_without_llvm
+from twinlens.camera import Camera, Rig
+from twinlens.scenes import Scene, SceneObject
+
+WIDTH, HEIGHT, SPP = 16, 8, 8
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _llvm():
+    skip_without_llvm()
+
+
+def numbers(seed, calls):
+    """The numbers that each of WIDTH x HEIGHT x SPP rays gets: arrays (HEIGHT, WIDTH, SPP) or with two at the end."""
+    from twinlens.rendering.samplers import load_sampler
+
+    sampler = load_sampler("sobol", SPP, WIDTH)
+    sampler.seed(seed, WIDTH * HEIGHT * SPP)
+    found = [np.array(sampler.next_2d() if size == 2 else sampler.next_1d()) for size in calls]
+    return [values.T.reshape(HEIGHT, WIDTH, SPP, *values.T.shape[1:]) for values in found]
+
+
+def is_net(points):
+    """Whether each of the boxes 2^-i x 2^-j, as many as there are points, has one of the points (N, 2)."""
+    count = len(points)
+    for across in (1 << i for i in range(count.bit_length())):
+        boxes = np.floor(points * (across, count // across)).astype(int)
+        if len(np.unique(boxes, axis=0)) < count:
+            return False
+    return True
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2**32 - 1])
+@pytest.mark.parametrize("side", [1, 2, 4, 8])
+def test_the_pairs_of_blocks_are_nets(seed, side):
+    for pairs in numbers(seed, (2, 1, 2))[::2]:
+        blocks = pairs.reshape(HEIGHT // side, side, WIDTH // side, side, SPP, 2).transpose(0, 2, 1, 3, 4, 5)
+        assert all(is_net(block) for block in blocks.reshape(-1, side * side * SPP, 2))
+
+
+@pytest.mark.parametrize("side", [1, 2, 4, 8])
+def test_single_numbers_of_blocks_are_stratified(side):
+    (values,) = numbers(3, (1,))
+    blocks = values.reshape(HEIGHT // side, side, WIDTH // side, side, SPP).transpose(0, 2, 1, 3, 4)
+    count = side * side * SPP
+    for block in blocks.reshape(-1, count):
+        assert np.array_equal(np.sort(np.floor(block * count)), np.arange(count))
+
+
+def test_the_second_dimension_is_that_of_another_implementation():
+    from twinlens.rendering.backends import mitsuba
+
+    mi = mitsuba()
+    import drjit as dr
+
+    from twinlens.rendering.sobol import _second_dimension
+
+    found = np.array(dr.brev(_second_dimension(dr.arange(mi.UInt32, 1 << 10)))) / 2.0**32
+    theirs = qmc.Sobol(2, scramble=False).random_base2(10)
+    ours = np.stack([[int(f"{i:010b}"[::-1], 2) / 2**10 for i in range(1 << 10)], found], axis=-1)
+    assert np.array_equal(ours[np.lexsort(ours.T)], theirs[np.lexsort(theirs.T)])
+
+
+def test_numbers_of_one_ray_are_uniform_and_independent():
+    """Two numbers are equally often in each of 4x4 boxes: of a pair, of two calls, of two seeds, of two pixels."""
+    rays = np.array([[pair[2, 5, 3] for pair in numbers(seed, (2, 2))] for seed in range(1600)])
+    other = np.array([numbers(seed, (2,))[0][2, 6, 3] for seed in range(1600)])
+    (x, y), (z, _), (far, _) = rays[:, 0].T, rays[:, 1].T, other.T
+    for a, b in ((x, y), (x, z), (y, z), (x[1:], x[:-1]), (y, far)):
+        counts = np.histogram2d(a, b, bins=4, range=[[0, 1], [0, 1]])[0]
+        assert chisquare(counts.ravel()).pvalue > 1e-3
+
+
+def test_means_of_blocks_have_less_noise_than_with_multijitter():
+    """A wall with a square lamp before it, out of view: the deviation of means of 8x8 pixels between eight seeds."""
+    grey, light = ({"type": "rgb", "value": value} for value in (0.5, 5.0))
+    wall_pose, lamp_pose = np.diag([9.0, 9.0, -1.0, 1.0]), np.eye(4)
+    wall_pose[2, 3], lamp_pose[:3, 3] = 6.0, (0.0, -3.0, 3.0)
+    wall = SceneObject("wall", {"type": "rectangle"}, "grey", wall_pose)
+    lamp = SceneObject("lamp", {"type": "rectangle"}, "grey", lamp_pose, emitter={"type": "area", "radiance": light})
+    materials = {"grey": {"type": "diffuse", "reflectance": grey}}
+    scene, rig = Scene("lit", (wall, lamp), materials, HERE, (5.0, 7.0)), Rig([Camera.from_fov(64, 64, 40)], [HERE])
+    noise = {}
+    for sampler in ("multijitter", "sobol"):
+        images = np.array([tl.render(scene, rig, spp=8, seed=seed, sampler=sampler)[0][..., 0] for seed in range(8)])
+        assert images.min() > 0
+        noise[sampler] = images.reshape(8, 8, 8, 8, 8).mean(axis=(2, 4)).std(axis=0, ddof=1).mean()
+    assert noise["sobol"] < noise["multijitter"]
