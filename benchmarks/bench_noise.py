@@ -37,6 +37,7 @@ KINDS = {
     "raw 256": {"spp": 256},
     "16, denoised": {"spp": 16, "denoise": True},
     "32, denoised": {"spp": 32, "denoise": True},
+    "16, denoised with multijitter": {"spp": 16, "denoise": True, "sampler": "multijitter"},
 }
 SEED = 2
 PAGE = Path(__file__).with_name("noise.md")

@@ -6,9 +6,10 @@ reflection of the first, which averages over all directions. So the mean irradia
 point in it: path space filtering (Binder, Fricke and Keller, Massively Parallel Path Space Filtering, 2019).
 
 Paths from the cameras are reflected in random directions. Each surface after the first gives a sample of its cell: the
-irradiance directly from lights, and the cell of the next surface, with its reflectance. The irradiance after several
-reflections follows from that of the cells by iteration. There is a table for each number of reflections, so that
-`max_depth` means what it does without the cache, except that mirrors and glass between two cells do not count.
+irradiance directly from lights, sampled on the lights and in the path's next direction, and the cell of the next
+surface, with its reflectance. The irradiance after several reflections follows from that of the cells by iteration.
+There is a table for each number of reflections, so that `max_depth` means what it does without the cache, except that
+mirrors and glass between two cells do not count.
 
 Importing this module sets up the backend.
 """
