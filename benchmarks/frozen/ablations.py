@@ -111,7 +111,7 @@ class Ablations:
         return self.exposed(images, self.sensor)
 
     def _rendered(self, scene: Scene, rig: Rig, lenses: Sequence[Lens], seed: int) -> list[np.ndarray]:
-        """As the images of the sample were."""
+        """Images with the samples per pixel and the sampler of the sample's own."""
         sampler = self.stored.record["record"]["sampler"]
         return render(scene, rig, lenses, self.shot.record["spp"], seed, denoise=True, sampler=sampler)
 

@@ -69,6 +69,15 @@ def test_the_second_dimension_is_that_of_another_implementation():
     assert np.array_equal(ours[np.lexsort(ours.T)], theirs[np.lexsort(theirs.T)])
 
 
+def test_the_largest_number_is_below_1():
+    from twinlens.rendering.backends import mitsuba
+
+    mi = mitsuba()
+    from twinlens.rendering.sobol import _unit
+
+    assert np.array(_unit(mi.UInt32(2**32 - 1)))[0] < 1
+
+
 def test_numbers_of_one_ray_are_uniform_and_independent():
     """Two numbers are equally often in each of 4x4 boxes: of a pair, of two calls, of two seeds, of two pixels."""
     rays = np.array([[pair[2, 5, 3] for pair in numbers(seed, (2, 2))] for seed in range(1600)])

@@ -101,7 +101,7 @@ class _Settings(FileModel):
     spp: int
     denoise: dict[str, Any] | None = None
     noise: float | None = None
-    sampler: Sampler | None = None
+    sampler: Sampler = "multijitter"
     seed: int
     sensor: SensorTable
     exposure: ExposureTable | None = None

@@ -51,7 +51,7 @@ class _Paths:
     reflectance : share of the light on the surface that leaves it towards the surface before.
     arrival : share of the light that passes the mirrors and glass between the two.
     emission : radiance of the lights that these show.
-    irradiance : directly from lights; unknown of the last surface.
+    irradiance : directly from lights; not computed for the last surface.
     """
 
     met: NDArray[np.uint32]

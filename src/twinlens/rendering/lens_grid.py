@@ -37,7 +37,7 @@ from twinlens.rendering.radiance import (
     sum_of,
     views_of,
 )
-from twinlens.rendering.samplers import default_sampler
+from twinlens.rendering.samplers import PLAIN_SAMPLER, default_sampler
 from twinlens.scenes import Scene
 from twinlens.seeds import derived_seed, seed_sequence
 

@@ -16,6 +16,8 @@ Sampler = Literal["multijitter", "sobol", "independent", "stratified", "orthogon
 """Mitsuba's, and `sobol`, which is ours and needs a JIT backend."""
 
 SAMPLERS: tuple[str, ...] = get_args(Sampler)
+PLAIN_SAMPLER: Sampler = "multijitter"
+"""Of images that are not denoised, of guides, and of lenses that share paths."""
 
 RAYS_PER_PASS = 1 << 23
 
@@ -23,9 +25,9 @@ RAYS_PER_PASS = 1 << 23
 def default_sampler(denoise: bool) -> str:
     """The sampler of images that are denoised, or not.
 
-    Denoisers remove what differs from pixel to pixel. What `sobol` leaves does, more than that of `multijitter`.
+    The errors of `sobol` are of higher spatial frequencies, which denoisers remove.
     """
-    return "sobol" if denoise and backend().is_jit else "multijitter"
+    return "sobol" if denoise and backend().is_jit else PLAIN_SAMPLER
 
 
 def load_sampler(kind: str, count: int, width: int) -> Any:

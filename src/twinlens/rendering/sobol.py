@@ -1,8 +1,8 @@
-"""A sampler whose errors differ from pixel to pixel: one scrambled Sobol sequence over all pixels of an image.
+"""A sampler whose errors in neighbouring pixels cancel: one scrambled Sobol sequence over all pixels of an image.
 
 Pixels in Morton order take consecutive points of the sequence, so that not only the points of a pixel fill the unit
-square evenly, but also those of 2x2, 4x4, ... pixels together. The errors of neighbours cancel, and less error is left
-at the low frequencies, which a denoiser keeps (Ahmed and Wonka, Screen-space blue-noise diffusion of Monte Carlo
+square evenly, but also those of 2x2, 4x4, ... pixels together. Less error is left at the low frequencies, which a
+denoiser keeps (Ahmed and Wonka, Screen-space blue-noise diffusion of Monte Carlo
 sampling error via hierarchical ordering of pixels, 2020). Each number or pair of numbers of a path takes the first
 dimension or two of the sequence, in an order of its own, with Owen scrambling by a hash (Burley, Practical hash-based
 Owen scrambling, 2020).
@@ -22,7 +22,11 @@ _LAINE_KARRAS = (0x6C50B47C, 0xB82F1E52, 0xC7AFE638, 0x8D22F6E6)
 
 
 class SobolSampler(mi.Sampler):  # type: ignore[misc, name-defined]
-    """Numbers for `count` rays per pixel of a film `width` pixels wide, numbered pixel by pixel."""
+    """Numbers for `count` rays per pixel of a film `width` pixels wide, numbered pixel by pixel.
+
+    All rays of an image are of one wavefront. Points repeat after 2^32: in images of more than 2^21 rays that are more
+    than 1,000 times as wide as high, or as high as wide.
+    """
 
     def __init__(self, count: int, width: int) -> None:
         super().__init__(mi.Properties())
@@ -36,7 +40,7 @@ class SobolSampler(mi.Sampler):  # type: ignore[misc, name-defined]
     fork = clone
 
     def advance(self) -> None:
-        """Mitsuba asks for it after each sample of a wavefront, which here has all samples."""
+        """Nothing is left to draw after the only wavefront."""
 
     def seed(self, seed: Any, wavefront_size: int = 0xFFFFFFFF) -> None:
         count = dr.opaque(mi.UInt32, self.sample_count())
