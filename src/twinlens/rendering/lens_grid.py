@@ -143,7 +143,7 @@ def render_lens_grid(
         report = partial_progress(progress, 0.0, len(shared) / len(lenses))
         chosen = [lenses[i] for i in shared]
         found, variance[shared], paths = _render_shared(
-            builts, rig, chosen, spp, seed, parts, sampler or default_sampler(False), report
+            builts, rig, chosen, spp, seed, parts, sampler or PLAIN_SAMPLER, report
         )
         rays += paths
         images |= zip(shared, found, strict=True)
