@@ -176,7 +176,7 @@ def test_out_of_memory_while_loading_is_not_a_crash(error, kind):
 def test_a_worker_out_of_memory_between_two_matches_is_a_memory_failure():
     """The method lowers its own limit during the warm-up; the images of the next match cannot be received.
 
-    Images of more than 32 MB always need new memory: smaller ones sometimes fit into that of the warm-up.
+    Images of more than 32 MB always need new memory.
     """
     image, truth = np.zeros((3600, 3200, 3), np.uint8), np.ones((3600, 3200), np.float32)
     large = Pair("a", image, image, truth, None, 16)
