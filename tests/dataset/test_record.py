@@ -1,14 +1,17 @@
 import json
 import math
+from typing import TypeVar
 
 import numpy as np
+import pydantic
 import pytest
 from hypothesis import given, strategies as st
+from typing_extensions import TypeAliasType
 
 from twinlens import camera, geometry
 from twinlens.camera import BareAperture, Camera, Pinhole, Rig, ThinLens
 from twinlens.dataset.files import check_relative
-from twinlens.dataset.record import LENS, RIG, TYPES, decode_json, encode_json, plain, read, read_json
+from twinlens.dataset.record import LENS, RIG, TYPES, annotation_of, decode_json, encode_json, plain, read, read_json
 from twinlens.errors import FileError, InputError
 
 
@@ -157,3 +160,11 @@ def test_json_constants_are_rejected():
     for text in (b'{"a": NaN}', b"[Infinity]", b"-Infinity"):
         with pytest.raises(FileError, match=r'r\.json: .* is not JSON; write null for NaN, "inf" for infinity'):
             decode_json(text, "r.json", "kind", 1)
+
+
+def test_an_alias_of_an_array_type_is_an_array():
+    # NumPy 2.5 defines NDArray by a `type` statement.
+    scalar = TypeVar("scalar", bound=np.generic)
+    alias = TypeAliasType("alias", np.ndarray[tuple[int, ...], np.dtype[scalar]], type_params=(scalar,))
+    adapter = pydantic.TypeAdapter(annotation_of(alias[np.float64]))
+    assert adapter.validate_python([[1.0, 2.0]]) == [[1.0, 2.0]]

@@ -142,11 +142,12 @@ def annotation_of(hint: Any) -> Any:
         return _NUMBER
     if hint in TYPES.values():
         return Annotated[_model(hint), pydantic.AfterValidator(lambda model: _rebuilt(hint, model))]
-    if typing.get_origin(hint) is np.ndarray:
+    origin = typing.get_origin(hint)
+    if np.ndarray in (origin, typing.get_origin(getattr(origin, "__value__", None))):  # NDArray of NumPy >= 2.5
         return _ARRAY
-    if typing.get_origin(hint) is tuple:
+    if origin is tuple:
         return list[annotation_of(typing.get_args(hint)[0])]  # type: ignore[misc]
-    if typing.get_origin(hint) in (typing.Union, types.UnionType):
+    if origin in (typing.Union, types.UnionType):
         members = [annotation_of(each) for each in typing.get_args(hint) if each is not type(None)]
         union = functools.reduce(operator.or_, members)
         union = Annotated[union, pydantic.Field(discriminator="type")] if members[1:] else union
