@@ -101,6 +101,14 @@ def lamp_before_a_wall(gap):
     return Scene("room", (walls, lamp), {"paint": MATTE}, HERE, (0.5, 4.0), {}, {"type": "path", "max_depth": 5})
 
 
+def test_surfaces_that_face_the_same_way_share_no_light():
+    """The back of a lamp 5 cm in front of a wall that it lights, in cells of 6 cm."""
+    scene, rig = lamp_before_a_wall(0.05), Rig.stereo(LARGE, 0.1)
+    ours = images(scene, rig, 16, range(8), True, "multijitter").mean(axis=(1, 2, 3))
+    theirs = images(scene, rig, 64, range(4), False).mean()
+    assert ours.mean() == pytest.approx(theirs, rel=0.1)
+
+
 def test_no_sample_of_the_irradiance_is_far_above_what_lights_can_give():
     """A lamp of radiance L gives at most pi L, and no sample more than 1.5 pi L; so do the means of cells."""
     for gap in (0.002, 0.02, 0.2):

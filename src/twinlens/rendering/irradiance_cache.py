@@ -37,6 +37,7 @@ _CELLS = 64  # along the longest side of a box
 _OUTSIDE = 1.0  # percentage of the surfaces beyond each side of the box
 _LEAST_SAMPLES = 4  # of a cell
 _FACES = 6  # directions of normals
+_LAYERS = 8  # of a cell along the normal: surfaces that face the same way and are close to each other share no light
 _CONVERGED = 1e-4  # last change of the irradiance, relative to its mean
 _MOST_BOUNCES = 256
 _FEW_BOUNCES = 8  # after more, a change that grows will not converge
@@ -55,8 +56,8 @@ class _Paths:
     """
 
     met: NDArray[np.uint32]
-    face: NDArray[np.uint32]
     position: NDArray[np.float32]
+    normal: NDArray[np.float32]
     reflectance: NDArray[np.float32]
     arrival: NDArray[np.float32]
     emission: NDArray[np.float32]
@@ -84,22 +85,35 @@ class IrradianceCache:
         self._size = dr.opaque(mi.Float, size)
         self._shape = [dr.opaque(mi.UInt32, int(count)) for count in shape]
 
-        places = np.floor((paths.position - (low - size)) / size)
-        inside = on_surface & ((places >= 0) & (places < shape)).all(axis=-1)
-        x, y, z = np.moveaxis(np.where(inside[..., None], places, 0).astype(np.int64), -1, 0)
-        boxes = np.where(inside, ((z * shape[1] + y) * shape[0] + x) * _FACES + paths.face, _UNKNOWN)
-        used, cells = np.unique(boxes[1:-1][inside[1:-1]], return_inverse=True)
+        places, normals = (mi.Vector3f(of.reshape(-1, 3).T) for of in (paths.position, paths.normal))
+        inside, boxes = (np.array(of).reshape(paths.met.shape) for of in self._box(places, normals))
+        inside &= on_surface
+        used, cells, samples = np.unique(boxes[1:-1][inside[1:-1]], return_inverse=True, return_counts=True)
         count = max(len(used), 1)  # Dr.Jit does not read from empty arrays
-        numbers = np.full(math.prod(shape) * _FACES, _UNKNOWN)
-        numbers[used] = np.arange(len(used))
-        cell = np.where(inside, numbers[boxes], _UNKNOWN)
+        cell = np.full(boxes.shape, _UNKNOWN)
+        cell[1:-1][inside[1:-1]] = cells
+        last = np.minimum(np.searchsorted(used, boxes[-1]), count - 1)
+        if len(used):
+            cell[-1] = np.where(inside[-1] & (used[last] == boxes[-1]), last, _UNKNOWN)
         tables = _tables(paths, cell, count, bounces)
 
-        known = np.flatnonzero(np.bincount(cells, minlength=count) >= _LEAST_SAMPLES)
-        rows = np.zeros(math.prod(shape) * _FACES, np.uint32)
+        known = np.flatnonzero(samples >= _LEAST_SAMPLES)
+        rows = np.zeros(math.prod(shape) * _FACES * _LAYERS, np.uint32)
         rows[used[known]] = 1 + known
         self._rows, self._tables = mi.UInt32(rows), mi.Float(tables.astype(np.float32).ravel())
         self._count, self._top = (dr.opaque(mi.UInt32, value) for value in (count, len(tables) - 1))
+
+    def _box(self, place: Any, normal: Any) -> tuple[Any, Any]:
+        """Whether a surface is in a cell, and its number: of the cell, the direction of its normal, and its layer."""
+        places = [(place[i] - self._low[i]) / self._size for i in range(3)]
+        x, y, z = (dr.floor(at) for at in places)
+        inside = mi.Bool(True)
+        for at, count in zip((x, y, z), self._shape, strict=True):
+            inside &= (at >= 0) & (at < mi.Float(count))
+        offset = dr.dot(normal, mi.Vector3f(*places) - mi.Vector3f(x, y, z) - 0.5)  # of its plane from the middle
+        layer = mi.UInt32(dr.clip(_LAYERS * (offset / math.sqrt(3) + 0.5), 0, _LAYERS - 1))
+        cell = (mi.UInt32(z) * self._shape[1] + mi.UInt32(y)) * self._shape[0] + mi.UInt32(x)
+        return inside, (cell * _FACES + _face(normal)) * _LAYERS + layer
 
     def look_up(self, si: Any, ray: Any, drawn: Any, bounces: Any, active: Any) -> tuple[Any, Any]:
         """Whether the irradiance at `si` is known, and its value after at most `bounces`.
@@ -110,12 +124,9 @@ class IrradianceCache:
         normal = _facing(si, ray)
         frame = mi.Frame3f(normal)
         place = si.p + self._size * ((drawn.x - 0.5) * frame.s + (drawn.y - 0.5) * frame.t)
-        known = active & (si.t > self._size)
-        x, y, z = (dr.floor((place[i] - self._low[i]) / self._size) for i in range(3))
-        for at, count in zip((x, y, z), self._shape, strict=True):
-            known &= (at >= 0) & (at < mi.Float(count))
-        box = (mi.UInt32(z) * self._shape[1] + mi.UInt32(y)) * self._shape[0] + mi.UInt32(x)
-        row = dr.gather(mi.UInt32, self._rows, box * _FACES + _face(normal), known)
+        inside, box = self._box(place, normal)
+        known = active & inside & (si.t > self._size)
+        row = dr.gather(mi.UInt32, self._rows, box, known)
         known &= row > 0
         row = dr.minimum(bounces, self._top) * self._count + row - 1
         return known, dr.gather(mi.Color3f, self._tables, row, known)
@@ -125,8 +136,8 @@ def _trace(scene: Any, rays: Any, seed: int, lamps: Sequence[Any]) -> _Paths:
     count = dr.width(rays)
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(seed, count)
-    integers = [dr.zeros(mi.UInt32, _SURFACES * count) for _ in range(2)]
-    *colours, lit = [dr.zeros(mi.Float, 3 * _SURFACES * count) for _ in range(5)]
+    kinds = dr.zeros(mi.UInt32, _SURFACES * count)
+    *vectors, lit = [dr.zeros(mi.Float, 3 * _SURFACES * count) for _ in range(6)]
     path, paths = dr.arange(mi.UInt32, count), dr.opaque(mi.UInt32, count)
 
     def step(
@@ -165,9 +176,8 @@ def _trace(scene: Any, rays: Any, seed: int, lamps: Sequence[Any]) -> _Paths:
         passes = there & ~scatters & dr.any(after != 0)
         ends = active & ~on_surface & ~passes
         row, met = k * paths + path, dr.select(on_surface, mi.UInt32(_SURFACE), mi.UInt32(_NOTHING))
-        for buffer, value in zip(integers, (met, _face(normal)), strict=True):
-            dr.scatter(buffer, value, row, on_surface | ends)
-        for buffer, value in zip(colours, (si.p, factor, arrival, emission), strict=True):
+        dr.scatter(kinds, met, row, on_surface | ends)
+        for buffer, value in zip(vectors, (si.p, normal, factor, arrival, emission), strict=True):
             dr.scatter(buffer, mi.Color3f(value), row, on_surface | ends)
 
         spread = mi.warp.square_to_cosine_hemisphere(sampler.next_2d())
@@ -182,10 +192,9 @@ def _trace(scene: Any, rays: Any, seed: int, lamps: Sequence[Any]) -> _Paths:
     none = dr.zeros(mi.Interaction3f), mi.Float(1.0), mi.Spectrum(0.0)
     start = mi.Bool(True), sampler, mi.Ray3f(rays), none, mi.Spectrum(1.0), mi.Spectrum(0.0)
     dr.while_loop((*start, mi.UInt32(0), mi.UInt32(0)), lambda active, *_: active, step)
-    dr.eval(integers, colours, lit)
-    met, face = (np.array(buffer).reshape(_SURFACES, count) for buffer in integers)
-    found = (np.nan_to_num(np.array(buffer)).reshape(_SURFACES, count, 3) for buffer in (*colours, lit))
-    return _Paths(met, face, *found)
+    dr.eval(kinds, vectors, lit)
+    found = (np.nan_to_num(np.array(buffer)).reshape(_SURFACES, count, 3) for buffer in (*vectors, lit))
+    return _Paths(np.array(kinds).reshape(_SURFACES, count), *found)
 
 
 def _tables(paths: _Paths, cell: NDArray[np.int64], count: int, bounces: int) -> Float:
