@@ -17,7 +17,7 @@ backend.
 
 import math
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,13 @@ _NARROW = 0.01  # density of the mirror's direction, times the solid angle of th
 _GOLDEN = (math.sqrt(5) - 1) / 2
 _CORNERS = 4
 _MATTE, _LIT, _REST, _COUNT = slice(0, 3), slice(3, 6), slice(6, 6 + 3 * _CORNERS), -1  # rows of sums over a cell
+
+
+class Batch(NamedTuple):
+    """Consecutive views and samples."""
+
+    views: range
+    samples: range
 
 
 class Views:
@@ -67,19 +74,27 @@ class Views:
         right, below = np.divide(places - low, high - low, out=np.zeros_like(places), where=high > low).T
         self.weights = np.stack([(1 - right) * (1 - below), right * (1 - below), (1 - right) * below, right * below])
 
-    def batches(self, samples: int, rays: int) -> Iterator[range]:
-        """Numbers of consecutive views that have at most this many rays together, if there is more than one."""
-        size = max(1, rays // (self.width * self.height * samples))
-        return (range(first, min(first + size, self.count)) for first in range(0, self.count, size))
+    def batches(self, samples: int, rays: int) -> Iterator["Batch"]:
+        """All samples of all views, in order of views; each batch has at most `rays` rays, or one image."""
+        images = max(1, rays // (self.width * self.height))
+        for first in range(0, self.count, max(1, images // samples)):
+            views = range(first, min(first + max(1, images // samples), self.count))
+            for start in range(0, samples, images):
+                yield Batch(views, range(start, min(start + images, samples)))
 
-    def split(self, ray: Any, first: int, samples: int) -> tuple[Any, Any, Any, Any]:
-        """View, column, row and sample of the rays of a batch whose first view is `first`."""
-        count = dr.opaque(mi.UInt32, samples)
+    def split(self, ray: Any, batch: "Batch") -> tuple[Any, Any, Any, Any]:
+        """View, column, row and sample of the rays of a batch."""
+        count = dr.opaque(mi.UInt32, len(batch.samples))
         place = ray // count
         view = place // self._pixels
         pixel = place - view * self._pixels
         row = pixel // self._columns
-        return view + dr.opaque(mi.UInt32, first), pixel - row * self._columns, row, ray - place * count
+        first = [dr.opaque(mi.UInt32, each[0]) for each in (batch.views, batch.samples)]
+        return view + first[0], pixel - row * self._columns, row, ray - place * count + first[1]
+
+    def rays(self, batch: "Batch") -> Any:
+        """Numbers of the rays of a batch, pixel by pixel."""
+        return dr.arange(mi.UInt32, len(batch.views) * self.width * self.height * len(batch.samples))
 
     def ray(self, view: Any, column: Any, row: Any, x: Any, y: Any) -> Any:
         """The ray through the point (x, y) in [0, 1)^2 of a pixel."""
@@ -89,10 +104,10 @@ class Views:
         direction = dr.normalize(across * self.axes[0] + down * self.axes[1] + self.axes[2])
         return mi.Ray3f(mi.Point3f(*(dr.gather(mi.Float, values, view) for values in self._origins)), direction)
 
-    def film_ray(self, ray: Any, first: int, samples: int, seed: int) -> Any:
-        """Ray number `ray` of a batch. The points of each pixel are a lattice with a random shift."""
-        view, column, row, sample = self.split(ray, first, samples)
-        pixel = (view * self._pixels) + row * self._columns + column
+    def film_ray(self, ray: Any, batch: "Batch", samples: int, seed: int) -> Any:
+        """Ray number `ray` of a batch of `samples`. The points of each pixel are a lattice with a random shift."""
+        view, column, row, sample = self.split(ray, batch)
+        pixel = view * self._pixels + row * self._columns + column
         x, y = (mi.Float(bits >> 8) * 2.0**-24 for bits in mi.sample_tea_32(pixel, dr.opaque(mi.UInt32, seed)))
         y += mi.Float(sample) * _GOLDEN
         return self.ray(view, column, row, (mi.Float(sample) + x) / opaque(samples), y - dr.floor(y))
@@ -168,12 +183,11 @@ class SharedLight:
         return inside, mi.UInt32(column), mi.UInt32(row), code
 
     def _samples(
-        self, scene: Any, paths: Paths, batch: range, samples: int, film: Float, order: NDArray[np.uint32], seed: int
+        self, scene: Any, paths: Paths, batch: Batch, samples: int, film: Float, order: NDArray[np.uint32], seed: int
     ) -> tuple[NDArray[np.int64], Float]:
-        """Cells (N,) and what is summed over them (C, N), from light paths of a batch of views."""
+        """Cells (N,) and what is summed over them (C, N), from a batch of light paths."""
         views = self.views
-        ray_number = dr.arange(mi.UInt32, len(batch) * views.width * views.height * samples)
-        view, column, row, sample = views.split(ray_number, batch[0], samples)
+        view, column, row, sample = views.split(views.rays(batch), batch)
         number = view * dr.opaque(mi.UInt32, samples) + sample
         ray = views.ray(
             view, column, row, *(dr.gather(mi.Float, mi.Float(of.astype(np.float32)), number) for of in film)
@@ -220,14 +234,19 @@ class SharedLight:
 
 def shared_images(scene: Any, paths: Paths, light: SharedLight, samples: int, seed: int, sky: bool) -> Iterator[Float]:
     """Mean radiance (H, W, 3) of each view. `sky` says whether they see it."""
+    total: Any = 0.0
     for batch in light.views.batches(samples, _CAMERA_RAYS):
-        yield from _images(scene, paths, light, batch, samples, seed, sky)
+        total = total + _radiance(scene, paths, light, batch, samples, seed, sky)
+        if batch.samples[-1] == samples - 1:
+            yield from total / samples
+            total = 0.0
 
 
-def _images(scene: Any, paths: Paths, light: SharedLight, batch: range, samples: int, seed: int, sky: bool) -> Float:
+def _radiance(scene: Any, paths: Paths, light: SharedLight, batch: Batch, samples: int, seed: int, sky: bool) -> Float:
+    """Sums of the radiance (V, H, W, 3) of a batch."""
     views = light.views
-    rays = dr.arange(mi.UInt32, len(batch) * views.width * views.height * samples)
-    ray = views.film_ray(rays, batch[0], samples, seed)
+    rays = views.rays(batch)
+    ray = views.film_ray(rays, batch, samples, seed)
     si = scene.ray_intersect(ray, mi.RayFlags.All, True)
     valid, bsdf = si.is_valid(), si.bsdf()
     known, cell = light.look_up(si, ray, valid)
@@ -235,22 +254,28 @@ def _images(scene: Any, paths: Paths, light: SharedLight, batch: range, samples:
     traced = valid & ~known
     radiance = dr.select(known | (~valid & sky), si.emitter(scene).eval(si), 0.0)
     matte = matte_part(bsdf, si, known & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse))
-    colours = light.towards(batch)
-    row = 2 * (views.split(rays, 0, samples)[0] * dr.opaque(mi.UInt32, light.count) + cell)
-    radiance += matte * dr.gather(mi.Color3f, colours, row, known) + dr.gather(mi.Color3f, colours, row + 1, known)
-    smooth = known & (paths.max_depth > 1) & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-    for number, lamp in enumerate(paths.lamps):
-        drawn = mi.sample_tea_32(rays, dr.opaque(mi.UInt32, seed + 1 + number))
-        point = mi.Point2f(*(mi.Float(bits >> 8) * 2.0**-24 for bits in drawn))
-        radiance += lit_by(scene, lamp, bsdf, si, point, smooth, 0.0)
+    view, column, row, sample = views.split(rays, batch)
+    colours = light.towards(batch.views)
+    place = 2 * ((view - dr.opaque(mi.UInt32, batch.views[0])) * dr.opaque(mi.UInt32, light.count) + cell)
+    radiance += matte * dr.gather(mi.Color3f, colours, place, known) + dr.gather(mi.Color3f, colours, place + 1, known)
+    sampler = SobolSampler(samples, views.width)
+    if paths.lamps:
+        sampler.seed_at(column, row, sample, _stream(seed, view))
+        smooth = known & (paths.max_depth > 1) & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+        for lamp in paths.lamps:
+            radiance += lit_by(scene, lamp, bsdf, si, sampler.next_2d(), smooth, 0.0)
     dr.eval(radiance, traced)
     alone: Any = dr.compress(traced)
     if len(alone):
-        _, column, row, sample = views.split(alone, batch[0], samples)
-        sampler = SobolSampler(samples, views.width)
-        sampler.seed_at(column, row, sample, seed)
-        found, *_ = paths.sample(scene, sampler, views.film_ray(alone, batch[0], samples, seed))
+        view, column, row, sample = views.split(alone, batch)
+        sampler.seed_at(column, row, sample, _stream(seed, view))
+        found, *_ = paths.sample(scene, sampler, views.film_ray(alone, batch, samples, seed))
         for channel, values in zip(radiance, found, strict=True):
             dr.scatter(channel, values, alone)
-    sums = [np.asarray(dr.block_sum(channel, samples), dtype=np.float64) for channel in radiance]
-    return np.stack(sums, axis=-1).reshape(len(batch), views.height, views.width, 3) / samples
+    sums = [np.asarray(dr.block_sum(channel, len(batch.samples)), dtype=np.float64) for channel in radiance]
+    return np.stack(sums, axis=-1).reshape(len(batch.views), views.height, views.width, 3)
+
+
+def _stream(seed: int, view: Any) -> Any:
+    """A seed for each view: without it, all views would have the same noise in a pixel."""
+    return mi.sample_tea_32(view, dr.opaque(mi.UInt32, seed))[0]
