@@ -25,10 +25,12 @@ HEAD = f"""# Cost of the parts of an aperture
 {1e3 * APERTURE:g} mm focused in the middle of the scene; processor time relative to one whole image. `light field` is
 the cost of {VIEWS}x{VIEWS} views by `parts=tl.Grid({VIEWS})`, at the noise of separate renders of each view, relative
 to those renders: cells of the grid that are inside the aperture, {VIEWS**2} renders. `denoised` is the cost of a view
-of {DENOISED} samples with `denoise=True`, relative to a raw view of the same rms error, the filter's bias included.
+of {DENOISED} samples with `denoise=True`, relative to a raw view of the same rms error,
+the filter's bias included. `shared light` is the same for a view of `tl.render_light_field` with {SPP} samples:
+1/{VIEWS**2} of its cost, and the error of a corner view, the middle one and one between them, bias included.
 
-| scene | `Dual` | `Quad` | `Grid({VIEWS})` | light field | denoised |
-| --- | ---: | ---: | ---: | ---: | ---: |
+| scene | `Dual` | `Quad` | `Grid({VIEWS})` | light field | denoised | shared light |
+| --- | ---: | ---: | ---: | ---: | ---: | ---: |
 """
 
 
@@ -49,50 +51,67 @@ def variance(job: Callable[[int], Any]) -> np.ndarray:
     return np.square(first - second).mean(axis=(1, 2, 3)) / 2
 
 
-def denoised_cost(scene: tl.Scene, single: tl.Rig, rounds: int) -> float:
-    """Processor time of a denoised view relative to a raw one of equal mean squared error.
+def alone(rig: tl.Rig, view: int) -> tl.Rig:
+    return tl.Rig([rig.cameras[view]], [rig.world_from_cams[view]])
 
-    The mean product of the differences from two independent references has no error of the references. The cost of the
-    raw view is interpolated between those of `RAW` samples.
+
+def cost_at_equal_error(
+    scene: tl.Scene, rig: tl.Rig, views: Sequence[int], job: Callable[[int], Sequence[Any]], share: float, rounds: int
+) -> float:
+    """Processor time of `share` of a job(seed), which makes images of `views`, relative to a raw view of equal error.
+
+    The error is the mean squared one. The mean product of the differences from two independent references has no error
+    of the references. The cost of the raw view is interpolated between those of `RAW` samples.
     """
 
-    def view(spp: int, denoise: bool = False) -> Callable[[int], Any]:
-        return lambda seed: tl.render(scene, single, tl.Pinhole(), spp, seed, denoise=denoise)[0].astype(np.float64)
+    def raw(spp: int, *chosen: int) -> Callable[[int], list[Any]]:
+        return lambda seed: [tl.render(scene, alone(rig, v), tl.Pinhole(), spp, seed)[0] for v in chosen]
 
-    references = [view(REFERENCE)(seed) for seed in (1000, 1001)]
-    jobs = [view(DENOISED, denoise=True), *map(view, RAW)]
-    errors = np.empty(len(jobs))
-    for j, job in enumerate(jobs):
-        images = np.stack([job(seed) for seed in range(4)])
-        errors[j] = ((images - references[0]) * (images - references[1])).mean()
-    costs = np.array(seconds(jobs, rounds))
-    equal = np.interp(np.log(errors[0]), np.log(errors[:0:-1]), np.log(costs[:0:-1]))
-    return float(costs[0] / np.exp(equal))
+    references = [np.array(raw(REFERENCE, *views)(seed), np.float64) for seed in (1000, 1001)]
+
+    def error(images: Sequence[Any]) -> float:
+        return float(((images - references[0]) * (images - references[1])).mean())
+
+    own, *errors = (
+        np.mean([error(np.array(each(seed), np.float64)) for seed in range(4)])
+        for each in (job, *(raw(spp, *views) for spp in RAW))
+    )
+    cost, *costs = seconds([job, *(raw(spp, views[-1]) for spp in RAW)], rounds)
+    return float(share * cost / np.exp(np.interp(np.log(own), np.log(errors[::-1]), np.log(costs[::-1]))))
 
 
 def row(name: str, rounds: int) -> str:
     scene, camera = tl.load_scene(name), tl.Camera.from_fov(*SIZE, FOV)
     near, far = scene.depth_range
-    lens, alone = tl.ThinLens(APERTURE, 2 / (1 / near + 1 / far)), tl.Rig([camera], [scene.world_from_left])
+    lens, whole_rig = tl.ThinLens(APERTURE, 2 / (1 / near + 1 / far)), tl.Rig([camera], [scene.world_from_left])
 
     def image(parts: Any = None, spp: int = SPP) -> Callable[[int], Any]:
-        return lambda seed: tl.render(scene, alone, lens, spp, seed, parts=parts)[0]
+        return lambda seed: tl.render(scene, whole_rig, lens, spp, seed, parts=parts)[0]
 
     grid = tl.Grid(VIEWS)
     whole, dual, quad, cells = seconds([image(), image(tl.Dual()), image(tl.Quad()), image(grid)], rounds)
     views = tl.light_field_rig(camera, lens, VIEWS, scene.world_from_left)
     middle = VIEWS**2 // 2
-    single = tl.Rig([views.cameras[middle]], [views.world_from_cams[middle]])
+    single = alone(views, middle)
 
     def view(seed: int) -> Any:
         return tl.render(scene, single, tl.Pinhole(), SPP, seed)
+
+    def denoised(seed: int) -> Any:
+        return tl.render(scene, single, tl.Pinhole(), DENOISED, seed, denoise=True)
+
+    def shared(seed: int) -> Any:
+        images = tl.render_light_field(scene, views, SPP, seed)
+        return [images[v] for v in (0, middle // 2, middle)]
 
     light = grid.light(lens.aperture)[0]
     inside = light > 0.99 * light.max()
     noise = variance(image(grid))[inside] / light[inside] ** 2
     (alone_seconds,) = seconds([view], rounds)
     cost = cells * noise.mean() / (VIEWS**2 * alone_seconds * variance(view).mean())
-    ratios = [dual / whole, quad / whole, cells / whole, cost, denoised_cost(scene, single, rounds)]
+    ratios = [dual / whole, quad / whole, cells / whole, cost]
+    ratios.append(cost_at_equal_error(scene, views, [middle], denoised, 1, rounds))
+    ratios.append(cost_at_equal_error(scene, views, [0, middle // 2, middle], shared, 1 / VIEWS**2, rounds))
     return f"| {name} | " + " | ".join(f"{ratio:.2f}" for ratio in ratios) + " |"
 
 

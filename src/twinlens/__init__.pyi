@@ -86,6 +86,7 @@ from .rendering import (
     projection as projection,
     render as render,
     render_lens_grid as render_lens_grid,
+    render_light_field as render_light_field,
 )
 from .scenes import Scene as Scene, bundled_scenes as bundled_scenes, load_scene as load_scene
 from .scoring import agreement as agreement, evaluate as evaluate

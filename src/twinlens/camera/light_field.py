@@ -71,7 +71,7 @@ def light_field_grid(rig: Rig) -> tuple[int, float, float]:
     """
     n, camera = math.isqrt(len(rig)), rig.cameras[0]
     if n > 1 and n**2 == len(rig):
-        places, spacing = _places(rig), rig.baseline(0, 1)
+        places, spacing = places_in_plane(rig), rig.baseline(0, 1)
         shifts = np.array([(each.cx - camera.cx, each.cy - camera.cy) for each in rig.cameras])
         vergence = float(shifts[1, 0]) / (camera.fx * spacing)
         steps = spacing * np.stack([np.arange(n**2) % n, np.arange(n**2) // n], axis=-1)
@@ -112,7 +112,7 @@ def refocus(images: Sequence[ArrayLike], rig: Rig, lens: Lens) -> NDArray[np.flo
     check_lens(lens)
     if not isinstance(rig, Rig):
         raise InputError(f"rig must be a Rig, as of light_field_rig, got {format_value(rig)}")
-    places = _places(rig)
+    places = places_in_plane(rig)
     first = rig.cameras[0]
     try:
         stack = [np.asarray(image, dtype=np.float64) for image in images]
@@ -131,7 +131,7 @@ def refocus(images: Sequence[ArrayLike], rig: Rig, lens: Lens) -> NDArray[np.flo
     return total.astype(np.float32)
 
 
-def _places(rig: Rig) -> Float:
+def places_in_plane(rig: Rig) -> Float:
     """The x and y (n, 2) of the cameras in their common plane, from their middle. Raises InputError for other rigs."""
     first = rig.cameras[0]
     alike = all((c.fx, c.fy, c.width, c.height) == (first.fx, first.fy, first.width, first.height) for c in rig.cameras)

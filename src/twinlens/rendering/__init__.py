@@ -15,6 +15,7 @@ from twinlens.rendering.ground_truth import (
     with_object_truth as with_object_truth,
 )
 from twinlens.rendering.lens_grid import LensGrid as LensGrid, render_lens_grid as render_lens_grid
+from twinlens.rendering.light_field import render_light_field as render_light_field
 from twinlens.rendering.object_truth import object_models as object_models
 from twinlens.rendering.projectors import ProjectorWarning as ProjectorWarning
 from twinlens.rendering.radiance import (

@@ -49,6 +49,12 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
 
     def sample(self, scene: Any, sampler: Any, ray: Any, medium: Any = None, active: Any = True) -> tuple[Any, ...]:
         """Radiance, True, and no further channels."""
+        first = dr.zeros(mi.Interaction3f), mi.Float(1.0), mi.Bool(True)
+        start = mi.Bool(active), sampler, mi.Ray3f(ray), mi.Spectrum(1.0), mi.Float(1.0), mi.UInt32(0), first
+        return self.follow(scene, *start, mi.Bool(False)), mi.Bool(True), []
+
+    def follow(self, scene: Any, *start: Any) -> Any:
+        """The radiance of paths that `start` as the arguments of `step`, without its last one."""
 
         def step(
             active: Any, sampler: Any, ray: Any, weight: Any, eta: Any, depth: Any, last: Any, diffuse: Any, sum_: Any
@@ -71,23 +77,25 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
             if self.cache is not None:
                 known = active & diffuse & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse)
                 known, irradiance = self.cache.look_up(si, ray, for_direction, self.max_depth - 2 - depth, known)
-                matte = _matte(bsdf, si, known)
+                matte = matte_part(bsdf, si, known)
                 sum_ = sum_ + weight * matte * irradiance
 
             ds, light = scene.sample_emitter_direction(si, for_light, False, smooth)
             wo = si.to_local(ds.d)
             value, pdf, chosen, factor = bsdf.eval_pdf_sample(context, si, wo, for_lobe, for_direction, active)
-            light = light * (value - matte * _cosine(si, wo)) * dr.select(ds.delta, 1.0, mis(ds.pdf, pdf))
+            light = light * (value - matte * shading_cosine(si, wo)) * dr.select(ds.delta, 1.0, mis(ds.pdf, pdf))
             matters = smooth & (ds.pdf != 0) & dr.any(light != 0)
             matters &= ~scene.ray_test(si.spawn_ray_to(ds.p), matters)
             sum_ = sum_ + weight * dr.select(matters, light, 0.0)
             for lamp in self.lamps:
-                sum_ = sum_ + weight * _lit(scene, lamp, bsdf, si, sampler.next_2d(), smooth, matte)
+                sum_ = sum_ + weight * lit_by(scene, lamp, bsdf, si, sampler.next_2d(), smooth, matte)
 
             is_delta = mi.has_flag(chosen.sampled_type, mi.BSDFFlags.Delta)
             survives = mi.Float(1.0)
             if self.cache is not None:
-                from_cache = dr.select(known & ~is_delta & (chosen.pdf > 0), _cosine(si, chosen.wo) / chosen.pdf, 0.0)
+                from_cache = dr.select(
+                    known & ~is_delta & (chosen.pdf > 0), shading_cosine(si, chosen.wo) / chosen.pdf, 0.0
+                )
                 rest = factor - matte * from_cache
                 share = dr.minimum(dr.max(dr.abs(rest)) / dr.max(factor), 1.0)
                 survives = dr.select(known & ~is_delta, dr.select(share > _LEAST_REST, share, 0.0), 1.0)
@@ -103,10 +111,8 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
             diffuse = diffuse | mi.has_flag(chosen.sampled_type, mi.BSDFFlags.Diffuse)
             return active, sampler, ray, weight, eta, depth, last, diffuse, sum_
 
-        first = dr.zeros(mi.Interaction3f), mi.Float(1.0), mi.Bool(True)
-        start = mi.Bool(active), sampler, mi.Ray3f(ray), mi.Spectrum(1.0), mi.Float(1.0), mi.UInt32(0), first
-        *_, radiance = dr.while_loop((*start, mi.Bool(False), mi.Spectrum(0.0)), lambda active, *_: active, step)
-        return radiance, mi.Bool(True), []
+        *_, radiance = dr.while_loop((*start, mi.Spectrum(0.0)), lambda active, *_: active, step)
+        return radiance
 
     def direct_light(self, scene: Any, sampler: Any, ray: Any) -> Any:
         """The part of `sample` that comes directly from the lamps to the first surface.
@@ -118,14 +124,14 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
         smooth = si.is_valid() & (self.max_depth > 1) & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
         sampler.next_2d(), sampler.next_1d(), sampler.next_2d()
         return sum(
-            (_lit(scene, lamp, bsdf, si, sampler.next_2d(), smooth, 0.0) for lamp in self.lamps), mi.Spectrum(0.0)
+            (lit_by(scene, lamp, bsdf, si, sampler.next_2d(), smooth, 0.0) for lamp in self.lamps), mi.Spectrum(0.0)
         )
 
     def to_string(self) -> str:
         return "Paths[]"
 
 
-def _matte(bsdf: Any, si: Any, active: Any) -> Any:
+def matte_part(bsdf: Any, si: Any, active: Any) -> Any:
     """A constant part of the BSDF, from its albedo.
 
     At most its value in a direction off the mirror's: the albedo of a metal is that of its highlight, and surfaces with
@@ -140,17 +146,17 @@ def _matte(bsdf: Any, si: Any, active: Any) -> Any:
     return dr.select(active, dr.minimum(bsdf.eval_diffuse_reflectance(si, active) / math.pi, least), 0.0)
 
 
-def _cosine(si: Any, wo: Any) -> Any:
+def shading_cosine(si: Any, wo: Any) -> Any:
     """The cosine of the direction `wo` with the shading normal, where light from it is reflected; 0 elsewhere."""
     own, other = mi.Frame3f.cos_theta(si.wi), mi.Frame3f.cos_theta(wo)
     return dr.select(own * other > 0, dr.abs(other), 0.0)
 
 
-def _lit(scene: Any, lamp: Any, bsdf: Any, si: Any, drawn: Any, active: Any, matte: Any) -> Any:
+def lit_by(scene: Any, lamp: Any, bsdf: Any, si: Any, drawn: Any, active: Any, matte: Any) -> Any:
     """The radiance that leaves the surface along its ray by light directly from `lamp`, without that of `matte`."""
     ds, light = lamp.sample_direction(si, drawn, active)
     seen = active & (dr.max(light) > 0)
     seen &= ~scene.ray_test(si.spawn_ray_to(ds.p), seen)
     wo = si.to_local(ds.d)
-    value = bsdf.eval(mi.BSDFContext(), si, wo, seen) - matte * _cosine(si, wo)
+    value = bsdf.eval(mi.BSDFContext(), si, wo, seen) - matte * shading_cosine(si, wo)
     return dr.select(seen, light * value, 0.0)

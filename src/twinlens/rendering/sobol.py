@@ -46,10 +46,15 @@ class SobolSampler(mi.Sampler):  # type: ignore[misc, name-defined]
         ray = dr.arange(mi.UInt32, wavefront_size)
         pixel = ray // count
         row = pixel // self.width
-        order = _spread(pixel - row * self.width) | (_spread(row) << 1)
-        self.place = dr.brev(order * count + ray - pixel * count)
+        self.seed_at(pixel - row * self.width, row, ray - pixel * count, seed)
+
+    def seed_at(self, column: Any, row: Any, sample: Any, seed: Any) -> None:
+        """Seed for rays that are this `sample` of the pixel in this `column` and `row`."""
+        count = dr.opaque(mi.UInt32, self.sample_count())
+        order = _spread(column) | (_spread(row) << 1)
+        self.place = dr.brev(order * count + sample)
         self.key = dr.opaque(mi.UInt32, seed) if isinstance(seed, int) else mi.UInt32(seed)
-        self.number = dr.zeros(mi.UInt32, wavefront_size)
+        self.number = dr.zeros(mi.UInt32, dr.width(sample))
         dr.make_opaque(self.place, self.key, self.number)
 
     def next_1d(self, active: Any = True) -> Any:
