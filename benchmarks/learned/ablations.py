@@ -2,7 +2,7 @@
 
     python benchmarks/learned/ablations.py [--work out/learned] [--threads 1] [--publish]
 
-Run `run.py` first, with the same work folder. A small network, without augmentation, is trained on the first 32 scenes.
+Run `run.py` first, with the same work folder. A small network is trained on the first 32 scenes.
 Changes of the renderer, of the alignment and of the textures are rendered again. Finished trainings are kept.
 """
 
@@ -23,7 +23,7 @@ from twinlens.families import FAMILIES
 from twinlens.scoring import DatasetPairs, Pair, open_pairs
 
 COUNT = 32
-TRAINING = network.Training(channels=24, steps=150, crops=2, augment=False)
+TRAINING = network.Training(channels=24, steps=150, crops=2, scale=1, shapes=0)
 OPTIONS = {"base": "sad", "block_size": 9}
 
 
@@ -64,12 +64,13 @@ def scores(file: Path, held_out: Sequence[Pair], real: dict[str, Sequence[Pair]]
 
 def main() -> None:
     parser = run.arguments(__doc__)
+    parser.add_argument("--threads", type=int, default=2, help="number of threads that train")
     parser.add_argument("--only", nargs="+", help="numbers of ablations, to divide the work between processes")
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
     dataset, folder = tl.Dataset(options.work / "train"), options.work / "ablations"
     folder.mkdir(exist_ok=True)
-    held_out = list(DatasetPairs(tl.Dataset(options.work / "heldout")[::2]))
+    held_out = list(DatasetPairs(tl.Dataset(options.work / "held-out")[::2]))
     real = {name: list(open_pairs([name])) for name in options.pairs}
     results: dict[str, list[dict[str, list[float]]]] = {}
     for number, (name, ablation) in enumerate(ablations(options.work).items()):
@@ -81,7 +82,7 @@ def main() -> None:
             if not file.exists():
                 if not draws:
                     chosen = [i for i, stored in enumerate(dataset) if ablation.uses(stored)][: ablation.count]
-                    draws.append(data.load(dataset[chosen], ablation.exposed))
+                    draws = data.training_draws(dataset[chosen], ablation.exposed, draws=1)
                 network.export(network.train(draws, TRAINING, seed), file.with_suffix(".onnx"))
                 file.write_text(json.dumps(scores(file.with_suffix(".onnx"), held_out, real)))
             results.setdefault(name, []).append(json.loads(file.read_text()))

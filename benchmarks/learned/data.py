@@ -1,11 +1,12 @@
 """The data: random scenes of recipe.toml, exposed again from their stored light, as tensors through a DataLoader."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 import variants
 from torch.utils.data import DataLoader, default_convert
 
@@ -14,10 +15,12 @@ from twinlens.cli.progress import progress_bar
 from twinlens.dataset import StoredSample
 from twinlens.factory import generate, read_recipe, worker_processes
 from twinlens.matching import grey
+from twinlens.scoring import Pair
 from twinlens.seeds import derived_seed
 from twinlens.sensor import Mismatch, Sensor
 
 NOISELESS = {"shot_noise": False, "read_noise": 0.0, "dark_current": 0.0, "prnu": 0.0, "dsnu": 0.0}
+NOISE_SCENES = 16  # exposed with noise too
 GEOMETRY = ("pitch_px", "yaw_px", "roll_px", "scale_px", "distortion_px")
 """Fields of a mismatch that the stored light already has."""
 
@@ -73,6 +76,40 @@ def load(dataset: tl.Dataset, exposed: Callable[[StoredSample], dict[str, Any]])
     """All pairs of a dataset as tensors: left and right uint8 (N, H, W), disparity float32, -1 unknown or occluded."""
     loader = DataLoader(dataset.map(exposed), batch_size=len(dataset), collate_fn=collated)
     return next(iter(loader))
+
+
+def training_draws(dataset: tl.Dataset, exposed: Exposed, draws: int) -> list[dict[str, Any]]:
+    """The pairs exposed `draws` times without noise, and the noise of each grey level: what `network.train` takes."""
+    clean = [load(dataset, replace(exposed, draw=draw, noise=False)) for draw in range(draws)]
+    noise = torch.zeros(256)
+    if exposed.noise:
+        some = dataset[:NOISE_SCENES]
+        noise = noise_of_levels(load(some, replace(exposed, draw=0))["left"], clean[0]["left"][: len(some)])
+    return [{**pairs, "noise": noise} for pairs in clean]
+
+
+def noise_of_levels(noisy: torch.Tensor, clean: torch.Tensor) -> torch.Tensor:
+    """(256,): the standard deviation of the noise of each grey level, from uint8 images with and without it."""
+    difference, levels = noisy.numpy().astype(float) - clean.numpy(), clean.numpy() // 8
+    deviations = {8 * i + 4: difference[levels == i].std() for i in range(32) if (levels == i).sum() >= 1000}
+    return torch.from_numpy(np.interp(np.arange(256), list(deviations), list(deviations.values())) / 255).float()
+
+
+def halved(pair: Pair) -> Pair:
+    """The pair with both images averaged over 2x2 pixels, and the disparities where all four agree within 1."""
+    height, width = (2 * (size // 2) for size in pair.disp0.shape)
+
+    def fours(array: Any) -> Any:
+        return np.stack([array[i:height:2, j:width:2] for i in (0, 1) for j in (0, 1)])
+
+    images = [np.round(fours(image).mean(0)).astype(image.dtype) for image in (pair.im0, pair.im1)]
+    disparity = fours(pair.disp0)
+    known = (np.isfinite(disparity) & (fours(pair.mask0_nonocc) != 0)).all(0)
+    known &= np.ptp(np.where(known, disparity, 0), axis=0) <= 1
+    return Pair(
+        pair.name, *images, np.where(known, np.where(known, disparity, 0).mean(0) / 2, np.inf).astype(np.float32),
+        known, (pair.ndisp + 1) // 2, min_disparity=pair.min_disparity // 2,
+    )  # fmt: skip
 
 
 def family(stored: StoredSample) -> str:

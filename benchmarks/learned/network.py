@@ -8,28 +8,36 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from crops import random_crops
 from torch import Tensor, nn
 from torch.nn import functional
 
 REPORT = 50  # steps between lines and checkpoints
+LARGEST_GRADIENT = 5.0  # norm
+LARGEST_ENTROPY = 20.0  # of a window: its true match may be far from all candidates
 
 
 @dataclass(frozen=True)
 class Training:
     """Hyperparameters, chosen on held-out scenes.
 
-    crops, rows, columns : of each step. temperature : of the softmax over the candidates of a pixel.
-    augment : change gain, gamma and noise of each image, and the rows of the right one, beyond what the data has.
+    crops, rows, columns : of each step. scale : the largest reduction of a crop. shapes : pasted in front of each.
+    temperature : of the softmax over the candidates of a pixel. window : side of the windows of the second loss, and
+    window_temperature, window_depth : of its softmax, and its number of disparities.
     """
 
     channels: int = 64
-    steps: int = 500
+    steps: int = 1600
     crops: int = 4
     rows: int = 40
     columns: int = 176
+    scale: float = 1.8
+    shapes: int = 3
     rate: float = 2e-3
     temperature: float = 0.07
-    augment: bool = True
+    window: int = 11
+    window_temperature: float = 0.04
+    window_depth: int = 64
 
 
 def convolution(inputs: int, outputs: int, dilation: int = 1) -> nn.Conv2d:
@@ -42,24 +50,34 @@ def stack(*layers: nn.Module) -> nn.Sequential:
     return nn.Sequential(*(part for layer in layers for part in (layer, nn.ReLU())))
 
 
+def box_mean(images: Tensor, side: int) -> Tensor:
+    """The means over windows; outside the image its edge pixels are repeated."""
+    r = side // 2
+    wide = functional.avg_pool2d(functional.pad(images, (r, r, 0, 0), mode="replicate"), (1, side), stride=1)
+    return functional.avg_pool2d(functional.pad(wide, (0, 0, r, r), mode="replicate"), (side, 1), stride=1)
+
+
 class Descriptor(nn.Module):
     """Grey levels (N, 1, H, W), 0 to 1, to descriptors of unit length (N, C, H, W).
 
-    Convolutions at full and at half resolution, which see 46 x 46 pixels.
+    Convolutions at full and at half resolution, which see 46 x 46 pixels, of the locally normalised image and of the
+    differences to the 24 neighbours of each pixel, which saturate, as those of a census transform.
     """
 
     WINDOW = 11  # pixels, of the local mean and standard deviation
     FLOOR = 0.02  # of grey levels, added to the standard deviation: about the noise
+    REACH = 2  # pixels, of the neighbours
+    STEP = 0.04  # of grey levels, at which a difference to a neighbour saturates
 
     def __init__(self, channels: int) -> None:
         super().__init__()
         c, fine = channels, channels // 2
-        self.fine = stack(convolution(1, fine), convolution(fine, fine))
+        self.fine = stack(convolution((2 * self.REACH + 1) ** 2, fine), convolution(fine, fine))
         self.coarse = stack(convolution(fine, c), convolution(c, c), convolution(c, c, dilation=2))
         self.joined = nn.Sequential(nn.Conv2d(fine + c, c, 1), nn.ReLU(), convolution(c, c))
 
     def forward(self, image: Tensor) -> Tensor:
-        fine = self.fine(self.normalised(image))
+        fine = self.fine(torch.cat([self.normalised(image), self.differences(image)], 1))
         coarse = self.coarse(functional.avg_pool2d(fine, 2, ceil_mode=True))
         coarse = functional.interpolate(coarse, scale_factor=2.0, mode="bilinear", align_corners=False)
         out = self.joined(torch.cat([fine, coarse[:, :, : image.shape[2], : image.shape[3]]], 1))
@@ -67,76 +85,71 @@ class Descriptor(nn.Module):
 
     def normalised(self, image: Tensor) -> Tensor:
         """The image without its local mean, over its local standard deviation."""
-        mean = self.local_mean(image)
-        centred = image - mean
-        return centred / (self.local_mean(centred.square()).sqrt() + self.FLOOR)
+        centred = image - box_mean(image, self.WINDOW)
+        return centred / (box_mean(centred.square(), self.WINDOW).clamp(min=0).sqrt() + self.FLOOR)
 
-    def local_mean(self, image: Tensor) -> Tensor:
-        r = self.WINDOW // 2
-        return functional.avg_pool2d(functional.pad(image, (r, r, r, r), mode="replicate"), self.WINDOW, stride=1)
+    def differences(self, image: Tensor) -> Tensor:
+        """(N, 24, H, W): tanh of the differences between the neighbours and the pixel."""
+        r, (height, width) = self.REACH, image.shape[2:]
+        padded = functional.pad(image, (r, r, r, r), mode="replicate")
+        places = [(i, j) for i in range(2 * r + 1) for j in range(2 * r + 1) if (i, j) != (r, r)]
+        near = torch.cat([padded[:, :, i : i + height, j : j + width] for i, j in places], 1)
+        return torch.tanh((near - image) / self.STEP)
 
 
-def loss_of(left: Tensor, right: Tensor, disparity: Tensor, temperature: float) -> Tensor:
-    """InfoNCE: the cross entropy of the true match of each pixel among all pixels of the row of the right crop.
+def loss_of(left: Tensor, right: Tensor, disparity: Tensor, settings: Training) -> Tensor:
+    """InfoNCE of single pixels, among all pixels of the row of the right crop, plus that of the means over windows.
 
-    left, right (N, C, H, W): descriptors. disparity (N, H, W): -1 where unknown or occluded. A match between two pixels
-    is shared by both, in proportion to their distance.
+    left, right (N, C, H, W): descriptors. disparity (N, H, W): -1 where unknown or occluded.
     """
-    columns = torch.arange(disparity.shape[2], dtype=disparity.dtype)
-    match = columns - disparity
+    width = disparity.shape[2]
+    match = torch.arange(width) - disparity
     used = (disparity >= 0) & (match >= 0)
-    scores = torch.einsum("nchu,nchv->nhuv", left, right)[used] / temperature
-    target = match[used]
+    near = used & (disparity < settings.window_depth - 1)
+    products = torch.einsum("nchu,nchv->nhuv", left, right)
+    of_pixels = cross_entropy(products / settings.temperature, match.clamp(0, width - 1))[used]
+    candidates = window_products(products, settings.window_depth, settings.window) / settings.window_temperature
+    of_windows = cross_entropy(candidates, disparity.clamp(0, settings.window_depth - 2))[near]
+    return (of_pixels.sum() + of_windows.clamp(max=LARGEST_ENTROPY).sum()) / used.sum().clamp(min=1)
+
+
+def cross_entropy(scores: Tensor, target: Tensor) -> Tensor:
+    """The cross entropy (...) of the true matches (...) among the candidates of scores (..., K).
+
+    A match between two candidates is shared by both, in proportion to their distance.
+    """
     low = target.floor()
     share = target - low
-    high = (low + 1).clamp(max=len(columns) - 1)
-    logs = functional.log_softmax(scores, 1)
-    picked = logs.gather(1, torch.stack([low, high], 1).long())
-    return -((1 - share) * picked[:, 0] + share * picked[:, 1]).mean()
+    high = (low + 1).clamp(max=scores.shape[-1] - 1)
+    picked = functional.log_softmax(scores, -1).gather(-1, torch.stack([low, high], -1).long())
+    return -((1 - share) * picked[..., 0] + share * picked[..., 1])
 
 
-def cut(pairs: dict[str, Tensor], settings: Training, random: torch.Generator) -> tuple[Tensor, Tensor]:
-    """Random crops of random pairs: images (2 B, 1, h, w), the left ones first, and disparities (B, h, w)."""
-    total, height, width = pairs["disparity"].shape
+def window_products(products: Tensor, depth: int, side: int) -> Tensor:
+    """(N, H, W, depth): the means over windows of the products (N, H, W, W) of each pixel u with u - d, d < depth.
 
-    def whole(limit: int) -> int:
-        return int(torch.randint(limit, (), generator=random))
-
-    def number(low: float, high: float) -> float:
-        return low + (high - low) * float(torch.rand((), generator=random))
-
-    lefts, rights, maps = [], [], []
-    for _ in range(settings.crops):
-        n, y, x = whole(total), whole(height - settings.rows + 1), whole(width - settings.columns + 1)
-        window = (n, slice(y, y + settings.rows), slice(x, x + settings.columns))
-        pair = [pairs[side][window].float() / 255 for side in ("left", "right")]
-        disparity = pairs["disparity"][window]
-        if whole(2):  # upside down
-            pair, disparity = [image.flip(0) for image in pair], disparity.flip(0)
-        if settings.augment:
-            shift = number(-0.5, 0.5)  # of the rows of the right image
-            moved = pair[1].roll(1 if shift > 0 else -1, 0)
-            pair[1] = (1 - abs(shift)) * pair[1] + abs(shift) * moved
-            base = number(0.7, 1.4)
-            for side in (0, 1):
-                exponent, gain = base * number(0.93, 1.08), number(0.85, 1.15)
-                noise = number(0, 0.015) * torch.randn(pair[side].shape, generator=random)
-                pair[side] = (gain * pair[side].clamp(min=1e-3) ** exponent + noise).clamp(0, 1)
-        lefts.append(pair[0])
-        rights.append(pair[1])
-        maps.append(disparity)
-    return torch.stack(lefts + rights)[:, None], torch.stack(maps)
+    Candidates outside the image have a product of -1000.
+    """
+    columns = torch.arange(products.shape[3])
+    partner = columns[:, None] - torch.arange(depth)
+    volume = products.gather(3, partner.clamp(min=0).expand(*products.shape[:3], depth)).permute(0, 3, 1, 2)
+    return box_mean(volume, side).permute(0, 2, 3, 1).masked_fill(partner < 0, -1000)
 
 
 def train(
     draws: Sequence[dict[str, Tensor]], settings: Training, seed: int, checkpoint: Path | None = None
 ) -> Descriptor:
-    """Train on pairs, of which each draw has the same ones with other cameras and noise. Resumes a checkpoint."""
+    """Train on pairs, of which each draw has the same ones with other cameras (data.training_draws).
+
+    Resumes a checkpoint.
+    """
     torch.manual_seed(seed)
     random = torch.Generator().manual_seed(seed)
-    net = Descriptor(settings.channels)
+    net = Descriptor(settings.channels).to(memory_format=torch.channels_last)  # faster on processors
     optimiser = torch.optim.AdamW(net.parameters(), settings.rate, weight_decay=1e-4)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, settings.rate, total_steps=settings.steps)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(
+        optimiser, settings.rate, total_steps=settings.steps, cycle_momentum=False
+    )
     parts: dict[str, Any] = {"net": net, "optimiser": optimiser, "schedule": schedule}
     step, losses = 0, []
     if checkpoint is not None and checkpoint.exists():
@@ -147,11 +160,13 @@ def train(
             part.load_state_dict(saved[name])
     start = time.process_time()
     while step < settings.steps:
-        images, disparity = cut(draws[step % len(draws)], settings, random)
-        left, right = net(images).chunk(2)
-        loss = loss_of(left, right, disparity, settings.temperature)
+        pairs, size = draws[step % len(draws)], (settings.rows, settings.columns)
+        crops = random_crops(pairs, settings.crops, size, settings.scale, settings.shapes, random)
+        left, right = net(torch.cat([crops.left, crops.right])).chunk(2)
+        loss = loss_of(left, right, crops.disparity, settings)
         optimiser.zero_grad()
         loss.backward()
+        nn.utils.clip_grad_norm_(net.parameters(), LARGEST_GRADIENT)
         optimiser.step()
         schedule.step()
         step += 1

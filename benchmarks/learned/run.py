@@ -5,12 +5,15 @@
 Needs the extra `train`. Everything is kept in the work folder, and the next run resumes it. `--pairs` takes
 "motorcycle" and any folder that `twinlens benchmark` reads, such as downloads of Middlebury. `--publish` writes
 README.md and results.json of this folder, and the weights of the package. Settings were chosen on held-out random
-scenes alone; the scores of real pairs chose nothing. `ablations.py` continues with the same work folder.
+scenes alone; the scores of real pairs chose nothing. `--choose` scores other windows, supports and penalties on such
+scenes, and stops before the real pairs. `ablations.py` continues with the same work folder.
 """
 
 import argparse
 import json
+import multiprocessing
 import shutil
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -28,26 +31,46 @@ from twinlens.scoring import DatasetPairs, open_pairs
 HERE = Path(__file__).parent
 SEEDS = (0, 1, 2)
 DRAWS = 2  # exposures of each scene
-HELD_OUT: dict[str, Any] = {"seed": 22, "count": 24}
+HELD_OUT: dict[str, dict[str, Any]] = {
+    "held-out": {"seed": 22, "count": 24},
+    "held-out, 700x500": {"seed": 23, "count": 8, "width": 700, "height": 500},
+}
 TRAINING = network.Training()
 WINDOWS = (5, 7, 9, 11, 13, 15, 19, 23)
 COSTS = ("sad", "ssd", "ncc", "zsad", "zssd", "zncc", "jaccard", "census", "rank", "birchfield_tomasi")
 SUPPORTS = {"shiftable": (5, 9, 13), "adaptive": (15, 21, 31), "cross": (25, 35, 45), "guided": (11, 19, 27)}
 LEARNED: dict[str, dict[str, Any]] = {
-    "windows": {"base": "cross", "block_size": 35},
-    "semi-global": {"base": "sgm", "block_size": 1, "p1": 0.2, "p2": 0.9},
+    "windows": {"base": "guided", "block_size": 11},
+    "semi-global": {"base": "sgm", "block_size": 1, "p1": 0.2, "p2": 0.6},
 }
-"""Options of the learned descriptors, chosen on the held-out scenes."""
+"""Options of the learned descriptors, chosen on held-out scenes."""
+OTHERS: dict[str, list[dict[str, Any]]] = {
+    "guided": [{"base": "guided", "block_size": side} for side in (7, 11, 19)]
+    + [{"base": "cross", "block_size": side} for side in (15, 25, 35)],
+    "sgm": [
+        {"base": "sgm", "block_size": 1, "p1": p1, "p2": p2}
+        for p1, p2 in ((0.1, 0.4), (0.2, 0.6), (0.2, 0.9), (0.3, 0.9), (0.4, 1.0))
+    ],
+}
+"""What `--choose` compares, as parts of the errors of a hand-made method."""
+
+
+def train_seed(draws: Path, seed: int, file: Path) -> None:
+    """Write the ONNX file of one seed. Runs in a process of its own."""
+    torch.set_num_threads(1)
+    network.export(network.train(torch.load(draws), TRAINING, seed, file.with_suffix(".pt")), file)
 
 
 def trained(dataset: tl.Dataset, work: Path) -> list[Path]:
-    """The ONNX file of each seed, trained if it does not exist."""
+    """The ONNX file of each seed; those that do not exist are trained side by side."""
     files = [work / f"seed-{seed}.onnx" for seed in SEEDS]
-    draws: list[dict[str, torch.Tensor]] = []
-    for seed, file in zip(SEEDS, files, strict=True):
-        if not file.exists():
-            draws = draws or [data.load(dataset, data.Exposed(draw)) for draw in range(DRAWS)]
-            network.export(network.train(draws, TRAINING, seed, file.with_suffix(".pt")), file)
+    missing = [(seed, file) for seed, file in zip(SEEDS, files, strict=True) if not file.exists()]
+    if missing:
+        draws = work / "draws.pt"
+        torch.save(data.training_draws(dataset, data.Exposed(), DRAWS), draws)
+        with ProcessPoolExecutor(len(missing), multiprocessing.get_context("spawn")) as pool:
+            for done in [pool.submit(train_seed, draws, seed, file) for seed, file in missing]:
+                done.result()
     return files
 
 
@@ -70,27 +93,45 @@ def learned(files: list[Path], pairs: Any) -> dict[str, list[float]]:
     }
 
 
+def choose(file: Path, sets: dict[str, Any]) -> None:
+    """Print the errors of the network with other options, on each set and as mean parts of a hand-made method's."""
+    for reference, candidates in OTHERS.items():
+        theirs = [float(np.mean(score.bad2(reference, pairs))) for pairs in sets.values()]
+        print(f"{reference}: {np.round(theirs, 2)}", flush=True)
+        for options in candidates:
+            ours = [float(np.mean(score.bad2(score.network(file, **options), pairs))) for pairs in sets.values()]
+            print(f"{np.mean(np.divide(ours, theirs)):.3f} {options}: {np.round(ours, 2)}", flush=True)
+
+
 def arguments(description: str | None) -> argparse.ArgumentParser:
     """The options that both scripts have."""
     parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--recipe", type=Path, default=HERE / "recipe.toml", help="of the scenes, for your own cameras")
     parser.add_argument("--work", type=Path, default=Path("out/learned"), help="folder of data, checkpoints, networks")
-    parser.add_argument("--workers", type=int, default=1, help="number of processes that render")
-    parser.add_argument("--threads", type=int, default=2, help="number of threads that train")
     parser.add_argument("--pairs", nargs="+", default=["motorcycle"], help="motorcycle, or folders of real pairs")
     parser.add_argument("--publish", action="store_true", help="write the page and the weights of the repository")
     return parser
 
 
 def main() -> None:
-    options = arguments(__doc__).parse_args()
-    torch.set_num_threads(options.threads)
+    parser = arguments(__doc__)
+    parser.add_argument("--recipe", type=Path, default=HERE / "recipe.toml", help="of the scenes, for your own cameras")
+    parser.add_argument("--workers", type=int, default=2, help="number of processes that render")
+    parser.add_argument("--choose", nargs="*", help="compare options on held-out scenes, and on these datasets")
+    options = parser.parse_args()
     dataset = data.make_dataset(options.recipe, options.work / "train", options.workers)
+    held_out = {
+        name: data.make_dataset(options.recipe, options.work / name.replace(", ", "-"), options.workers, **changes)
+        for name, changes in HELD_OUT.items()
+    }
     files = trained(dataset, options.work)
-    held_out = data.make_dataset(options.recipe, options.work / "heldout", options.workers, **HELD_OUT)
+    sets = {name: list(DatasetPairs(found)) for name, found in held_out.items()}
+    if options.choose is not None:
+        larger = {**sets, **{name: list(open_pairs([name])) for name in options.choose}}
+        halves = {f"half {name}": [data.halved(pair) for pair in pairs] for name, pairs in [*larger.items()][1:]}
+        choose(files[0], {**larger, **halves})
+        return
     results: dict[str, Any] = {"scenes": len(dataset), "settings": {"training": vars(TRAINING), "learned": LEARNED}}
-    sets = {"held-out": DatasetPairs(held_out), **{name: open_pairs([name]) for name in options.pairs}}
-    for name, pairs in ((name, list(found)) for name, found in sets.items()):
+    for name, pairs in {**sets, **{name: list(open_pairs([name])) for name in options.pairs}}.items():
         results[name] = {"pairs": len(pairs), "hand-made": hand_made(pairs), "learned": learned(files, pairs)}
     print(tables.comparison(results))
     if options.publish:

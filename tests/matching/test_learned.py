@@ -43,16 +43,25 @@ def test_without_onnxruntime_the_message_names_the_extra(monkeypatch):
         tm.parse_method("learned").check_parts()
 
 
-def test_a_step_of_training_and_the_onnx_file(tmp_path, monkeypatch):
-    torch = pytest.importorskip("torch")
+@pytest.fixture
+def benchmark_path(monkeypatch):
     monkeypatch.syspath_prepend(str(BENCHMARK))
-    import network
+    return pytest.importorskip("torch")
 
+
+def training_pairs(torch) -> dict:
     left, right = textured()
     disparity = np.full(left.shape, 6, np.float32)
     disparity[:, :6] = -1
     arrays = {"left": left, "right": right, "disparity": disparity}
-    pairs = {name: torch.from_numpy(values)[None] for name, values in arrays.items()}
+    return {name: torch.from_numpy(values)[None] for name, values in arrays.items()} | {"noise": torch.zeros(256)}
+
+
+def test_a_step_of_training_and_the_onnx_file(tmp_path, benchmark_path):
+    torch = benchmark_path
+    import network
+
+    left, pairs = textured()[0], training_pairs(torch)
     settings = network.Training(channels=8, steps=2, columns=96)
     checkpoint = tmp_path / "net.pt"
     net = network.train([pairs], settings, 0, checkpoint)
@@ -67,17 +76,79 @@ def test_a_step_of_training_and_the_onnx_file(tmp_path, monkeypatch):
     np.testing.assert_allclose(np.linalg.norm(found, axis=2), 1, atol=1e-3)
 
 
-def test_the_loss_of_equal_descriptors_is_that_of_a_guess(monkeypatch):
-    torch = pytest.importorskip("torch")
-    monkeypatch.syspath_prepend(str(BENCHMARK))
+def test_the_loss_of_equal_descriptors_is_that_of_a_guess(benchmark_path):
+    torch = benchmark_path
     import network
 
-    same = torch.zeros(1, 4, 2, 10)
-    same[:, 0] = 1
+    def loss(products, disparity, **changes):
+        match = torch.arange(disparity.shape[2]) - disparity
+        entropy = network.cross_entropy(products / 0.1, match.clamp(0, disparity.shape[2] - 1))
+        return float(entropy[(disparity >= 0) & (match >= 0)].mean())
+
+    same = torch.ones(1, 2, 10, 10)
     disparity = torch.tensor([[[-1.0, 2, 0.5, 3] + [1.0] * 6] * 2])
-    assert float(network.loss_of(same, same, disparity, 0.1)) == pytest.approx(np.log(10), rel=1e-5)
-    unit = torch.eye(10).reshape(1, 10, 1, 10).expand(1, 10, 2, 10)  # each column has its own descriptor
+    assert loss(same, disparity) == pytest.approx(np.log(10), rel=1e-5)
+    unit = torch.eye(10).expand(1, 2, 10, 10)  # each column has its own descriptor
     half = torch.full((1, 2, 10), 0.5)
     half[..., 0] = -1
     expected = -np.log(np.exp(10.0) / (np.exp(10.0) + 9)) / 2 + np.log(np.exp(10.0) + 9) / 2
-    assert float(network.loss_of(unit, unit, half, 0.1)) == pytest.approx(expected, rel=1e-4)
+    assert loss(unit, half) == pytest.approx(expected, rel=1e-4)
+
+
+def test_the_loss_of_windows_adds_that_of_their_candidates(benchmark_path):
+    torch = benchmark_path
+    import network
+
+    same = torch.zeros(1, 4, 3, 10)
+    same[:, 0] = 1
+    disparity = torch.full((1, 3, 10), -1.0)
+    disparity[:, :, 6] = 2  # of pixels, 10 candidates; of windows, the 4 below the depth
+    settings = network.Training(window=3, window_depth=4)
+    assert float(network.loss_of(same, same, disparity, settings)) == pytest.approx(np.log(10) + np.log(4), rel=1e-5)
+
+
+def test_products_of_windows_are_means_over_squares(benchmark_path):
+    torch = benchmark_path
+    import network
+
+    products = torch.rand(1, 7, 9, 9, generator=torch.Generator().manual_seed(0))
+    found = network.window_products(products, depth=4, side=3)
+    by_hand = [float(products[0, y, u, u - 2]) for y in (2, 3, 4) for u in (4, 5, 6)]
+    assert float(found[0, 3, 5, 2]) == pytest.approx(np.mean(by_hand), rel=1e-5)
+    assert (found[0, :, 1, 2:] == -1000).all()
+
+
+def test_crops_of_every_scale_and_shape_keep_their_matches(benchmark_path):
+    """The right pixel at u - d looks like the left one at u: on the scene, in front of it, and never in both."""
+    torch = benchmark_path
+    from crops import looked_up, random_crops
+
+    random = np.random.default_rng(3)
+    grain = np.kron(random.uniform(60, 200, (20, 60)), np.ones((6, 6)))
+    smooth = (grain[:-5] + grain[5:]) / 2
+    image = torch.from_numpy(smooth.astype(np.uint8))[None]
+    disparity = torch.full(image.shape, 8.0)
+    disparity[:, :, :8] = -1
+    pairs = {"left": image, "right": image.roll(-8, 2), "disparity": disparity, "noise": torch.zeros(256)}
+    crops = random_crops(pairs, 8, (48, 160), scale=1.8, shapes=3, random=torch.Generator().manual_seed(1))
+    at = torch.arange(160) - crops.disparity
+    matched = looked_up(crops.right, at, torch.arange(48.0)[:, None].expand(8, 48, 160))[:, 0]
+    known = (crops.disparity >= 0) & (at >= 0)
+    errors = (matched - crops.left[:, 0]).abs()[known]
+    assert len(torch.unique(crops.disparity[known])) > 16
+    assert known.float().mean() > 0.5
+    assert (errors > 0.05).float().mean() < 0.04
+
+
+def test_the_noise_of_a_level_is_that_of_its_pixels(benchmark_path):
+    torch = benchmark_path
+    import data
+
+    clean = torch.full((1, 100, 200), 40, dtype=torch.uint8)
+    clean[:, :, 100:] = 200
+    random = np.random.default_rng(1)
+    noise = random.normal(size=clean.shape) * np.where(clean.numpy() == 40, 2, 4)
+    noisy = torch.from_numpy(np.round(clean.numpy() + noise).astype(np.uint8))
+    found = 255 * data.noise_of_levels(noisy, clean).numpy()
+    np.testing.assert_allclose(found[[44, 204]], [2, 4], rtol=0.03)  # the centres of the levels' bins
+    assert found[124] == pytest.approx(3, rel=0.03)
