@@ -12,7 +12,8 @@ HERE = Path(__file__).parent
 FINDINGS = """`python benchmarks/learned/ablations.py --publish`. One factor of the data is changed at a time.
 A network of 24 channels is trained for 150 steps of two crops, without augmentation, on the first 32 scenes; 3 seeds;
 bad2.0 with windows of 9x9, mean (smallest to largest). Differences have 95 % bootstrap intervals over seeds and scenes
-(12 held-out scenes; on Motorcycle over seeds alone).
+(12 held-out scenes; on Motorcycle over seeds alone). These short trainings are older than the network above: without
+the differences to neighbours and the loss of windows, and with the noise of a single exposure.
 
 - Renderer noise is the one factor that clearly matters: pictures of 16 samples that are not denoised make the network
   worse on random scenes (+1.8) and on Motorcycle (+2.4). The recipe denoises.

@@ -58,7 +58,7 @@ COSTS: dict[str, Cost] = {
 MODEL_PREFIX = "onnx:"
 DESCRIPTOR = Cost("descriptor", "sum", PARABOLA, "1 - product of a network's descriptors", p1=0.02, p2=0.08)
 LEARNED = replace(
-    DESCRIPTOR, description="descriptors of a trained network over cross regions (extra onnx)", p1=0.2, p2=0.9
+    DESCRIPTOR, description="descriptors of a trained network smoothed by a guided filter (extra onnx)", p1=0.2, p2=0.9
 )
 LEARNED_NAME, LEARNED_FILE = "learned", Path(__file__).parent / "weights" / "learned.onnx"
 

@@ -63,7 +63,7 @@ _METHODS = (
     _own("cross", "census over cross-shaped regions of similar pixels", "census", support="cross", block_size=35),
     _own("weighted", "census weighted by similarity and proximity; slow", "census", support="weighted", block_size=15),
     _own("guided", "census smoothed by a guided filter", "census", support="guided", block_size=19),
-    _own(LEARNED_NAME, LEARNED.description, LEARNED_NAME, support="cross", block_size=35),
+    _own(LEARNED_NAME, LEARNED.description, LEARNED_NAME, support="guided", block_size=11),
     _own("sgm", "semi-global matching of census costs, 8 paths", "census", block_size=1, optimisation="sgm8"),
     _own("sgm4", "semi-global matching of census costs, 4 paths", "census", block_size=1, optimisation="sgm4"),
     _own(
