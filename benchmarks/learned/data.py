@@ -104,7 +104,7 @@ def halved(pair: Pair) -> Pair:
 
     images = [np.round(fours(image).mean(0)).astype(image.dtype) for image in (pair.im0, pair.im1)]
     disparity = fours(pair.disp0)
-    known = (np.isfinite(disparity) & (fours(pair.mask0_nonocc) != 0)).all(0)
+    known = (np.isfinite(disparity) & (fours(pair.mask0_nonocc) == 255)).all(0)
     known &= np.ptp(np.where(known, disparity, 0), axis=0) <= 1
     return Pair(
         pair.name, *images, np.where(known, np.where(known, disparity, 0).mean(0) / 2, np.inf).astype(np.float32),

@@ -42,7 +42,7 @@ COSTS = ("sad", "ssd", "ncc", "zsad", "zssd", "zncc", "jaccard", "census", "rank
 SUPPORTS = {"shiftable": (5, 9, 13), "adaptive": (15, 21, 31), "cross": (25, 35, 45), "guided": (11, 19, 27)}
 LEARNED: dict[str, dict[str, Any]] = {
     "windows": {"base": "guided", "block_size": 11},
-    "semi-global": {"base": "sgm", "block_size": 1, "p1": 0.2, "p2": 0.6},
+    "semi-global": {"base": "sgm", "block_size": 1, "p1": 0.2, "p2": 0.9},
 }
 """Options of the learned descriptors, chosen on held-out scenes."""
 OTHERS: dict[str, list[dict[str, Any]]] = {
