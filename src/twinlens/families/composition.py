@@ -73,26 +73,25 @@ def rasterize(view: View, meshes: Iterable[Triangles], columns: int = 160) -> Fl
     Source: Pineda, A Parallel Algorithm for Polygon Rasterization, SIGGRAPH 1988.
     """
     rows = max(1, round(columns / view.aspect))
-    corners = np.concatenate([transform_points(view.cam_from_world, vertices)[faces] for vertices, faces in meshes])
-    corners = _clipped(corners)
-    uv = (corners[..., :2] / corners[..., 2:] / np.array(view.half) + 1) / 2 * (columns, rows) - 0.5
-    limit = np.array([columns, rows])
+    limit = np.array([[columns], [rows]])
+    corners = [transform_points(view.cam_from_world, vertices)[faces] for vertices, faces in meshes]
+    xyz = np.ascontiguousarray(_clipped(np.concatenate([np.empty((0, 3, 3)), *corners])).T)  # axis, corner, triangle
+    uv = (xyz[:2] / xyz[2] / np.reshape(view.half, (2, 1, 1)) + 1) / 2 * limit[..., None] - 0.5
     low = np.clip(np.ceil(uv.min(axis=1)), 0, limit).astype(np.int64)
     high = np.clip(np.floor(uv.max(axis=1)), -1, limit - 1).astype(np.int64)
-    size = np.maximum(high - low + 1, 0)
-    count = size.prod(axis=1)
-    tri = np.repeat(np.arange(len(uv)), count)  # every triangle with every pixel of its bounding box
-    step = np.arange(len(tri)) - np.repeat(np.cumsum(count) - count, count)
-    x, y = low[tri, 0] + step % size[tri, 0], low[tri, 1] + step // size[tri, 0]
-    to_corner = np.stack([x, y], axis=-1)[:, None] - uv[tri]
-    second, third = to_corner[:, [1, 2, 0]], to_corner[:, [2, 0, 1]]
-    weights = second[..., 0] * third[..., 1] - second[..., 1] * third[..., 0]  # edge functions
-    area = weights.sum(axis=1)  # twice the triangle's
-    inside = (weights * np.sign(area)[:, None] >= 0).all(axis=1) & (area != 0)
-    tri, weights, area = tri[inside], weights[inside], area[inside]
-    z = 1 / ((weights / area[:, None]) / corners[tri, :, 2]).sum(axis=1)  # 1/depth is linear in the picture
+    wide, tall = np.maximum(high - low + 1, 0)
+    count = wide * tall
+    tri = np.repeat(np.arange(len(count)), count)  # every triangle with every pixel of its bounding box
+    down, right = np.divmod(np.arange(len(tri)) - np.repeat(np.cumsum(count) - count, count), wide[tri])
+    x, y = low[0, tri] + right, low[1, tri] + down
+    to_u, to_v = np.stack([x, y])[:, None] - uv[..., tri]
+    weights = np.stack([to_u[i - 2] * to_v[i - 1] - to_v[i - 2] * to_u[i - 1] for i in range(3)])  # edge functions
+    area = weights.sum(axis=0)  # twice the triangle's
+    inside = (weights * np.sign(area) >= 0).all(axis=0) & (area != 0)
+    tri, weights, area = tri[inside], weights[:, inside], area[inside]
+    z = 1 / (weights / area / xyz[2][:, tri]).sum(axis=0)  # 1/depth is linear in the picture
     depth = np.full((rows, columns), np.inf)
-    np.minimum.at(depth, (y[inside], x[inside]), z)
+    np.minimum.at(depth.reshape(-1), y[inside] * columns + x[inside], z)
     return depth
 
 
@@ -110,6 +109,10 @@ def _clipped(corners: Float) -> Float:
         triangles = [(a, ab, ac)] if number == 1 else [(ab, b, c), (ab, c, ac)]
         kept += [np.stack(triangle, axis=1) for triangle in triangles]
     return np.concatenate(kept)
+
+
+def _triangles(meshes: Iterable[Mesh]) -> list[Triangles]:
+    return [(mesh.vertices, mesh.faces) for mesh in meshes]
 
 
 @dataclass(eq=False)
@@ -188,15 +191,16 @@ class Composition:
 
     def visible_range(self, others: Iterable[Mesh] = (), columns: int = 160) -> tuple[float, float]:
         """The smallest and the largest depth in the picture of all objects and of `others`, meshes in the world."""
-        depth = rasterize(self.view, [*self.triangles, *((mesh.vertices, mesh.faces) for mesh in others)], columns)
+        depth = rasterize(self.view, [*self.triangles, *_triangles(others)], columns)
         finite = depth[np.isfinite(depth)]
         return float(finite.min()), float(finite.max())
 
     def backdrop_distance(self, backdrop: Callable[[float], list[Mesh]], far: float, start: float) -> float:
         """The distance of a backdrop, meshes in the world, that makes `far` metres the largest depth in the picture."""
-        distance = start
+        distance, before = start, rasterize(self.view, self.triangles, 96)
         for _ in range(5):
-            farthest = self.visible_range(backdrop(distance), 96)[1]
+            depth = np.minimum(before, rasterize(self.view, _triangles(backdrop(distance)), 96))
+            farthest = float(depth[np.isfinite(depth)].max())
             if abs(farthest - far) < 0.005 * far:
                 break
             distance = max(distance * far / farthest, 0.2 * start)

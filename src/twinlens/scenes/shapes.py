@@ -46,7 +46,7 @@ def rounded_box(extents: Float, radius: float, subdivisions: int = 6, tile: floa
 
 def _six_sides(u: Float, v: Float, faces: Faces, place: Place, extents: Float, tile: float | None) -> Mesh:
     """A box. `faces` and the vertices u, v (N,) are one side of a cube; `place` moves vertices from cube to box."""
-    sides = []
+    parts = []
     for axis, a, b in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):  # right-handed
         across = [i for i in range(3) if i != axis]  # v is along z on vertical sides
         size = np.asarray(extents)[across]
@@ -55,8 +55,9 @@ def _six_sides(u: Float, v: Float, faces: Faces, place: Place, extents: Float, t
             cube[:, axis], cube[:, a], cube[:, b] = end, u, v
             points, normals = place(cube, axis)
             uv = (points[:, across] + size / 2) / (size if tile is None else tile)
-            sides.append(Mesh(points, faces if end > 0 else faces[:, ::-1], normals, uv))
-    return merged(sides)
+            turned = faces if end > 0 else faces[:, ::-1]
+            parts.append((points, turned + np.uint32(len(parts) * len(u)), normals, uv))
+    return Mesh(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def grid(columns: int, rows: int) -> Faces:

@@ -90,6 +90,7 @@ def stable_poses(mesh: Mesh, size: float = 1.0) -> list[StablePose]:
     largest = np.argsort(-np.round(area / size**2, 9), kind="stable")[:_MAX_FACES]
     nearest = np.argsort(-np.round(hull.equations[first] @ [*centre, 1.0] / size, 9), kind="stable")[:_MAX_FACES]
     cross, corner = shapes.face_cross(vertices, mesh.faces), vertices[mesh.faces[:, 0]]
+    length = np.linalg.norm(cross, axis=1)
     found = []
     for index in np.unique(np.concatenate([largest, nearest])):  # the face nearest to the centre of mass is stable
         pose = _pose(points, centre, hull.equations[first[index]], size)
@@ -97,9 +98,10 @@ def stable_poses(mesh: Mesh, size: float = 1.0) -> list[StablePose]:
             continue
         if pose.top is not None:
             up = pose.turn[2]
-            level = cross @ up > (1 - 1e-9) * np.linalg.norm(cross, axis=1)
+            rise = cross @ up
+            level = rise > (1 - 1e-9) * length
             level &= np.abs(corner @ up - (points @ up).max()) < _SAME_PLANE * size
-            if 0.5 * (cross @ up)[level].sum() < 0.99 * _area(pose.top):
+            if 0.5 * rise[level].sum() < 0.99 * _area(pose.top):
                 pose = replace(pose, top=None)  # a rim around a hollow
         found.append(pose)
     return sorted(found, key=lambda pose: -pose.probability)
@@ -116,7 +118,10 @@ def _pose(points: Float, centre: Float, plane: Float, size: float) -> StablePose
     floor = turned[:, 2].min()
     turned[:, 2] -= floor
     balanced = balanced - [0, 0, floor]
-    support = _polygon(turned[turned[:, 2] < _SAME_PLANE * size, :2])
+    contact = turned[turned[:, 2] < _SAME_PLANE * size, :2]
+    if np.minimum(balanced[:2] - contact.min(axis=0), contact.max(axis=0) - balanced[:2]).min() < _MIN_MARGIN * size:
+        return None  # so far inside the contact's bounding box is no centre that is inside the contact
+    support = _polygon(contact)
     if support is None or inside_by(support, balanced[:2]) < _MIN_MARGIN * size:
         return None
     top = _polygon(turned[turned[:, 2] > turned[:, 2].max() - _SAME_PLANE * size, :2])
