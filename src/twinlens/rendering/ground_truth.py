@@ -55,7 +55,9 @@ def ground_truth(scene: Scene, rig: Rig, *, sky_disparity: bool = False, objects
 def with_object_truth(scene: Scene, rig: Rig, truths: Sequence[Truth]) -> list[Truth]:
     """The truths of `ground_truth` for the same scene and rig, with `Truth.objects`."""
     built = build(scene)
-    return [replace(each, objects=object_truths(built, rig, i, each.object_id)) for i, each in enumerate(truths)]
+    return [
+        replace(each, objects=object_truths(built, rig, i, each.object_id, each.depth)) for i, each in enumerate(truths)
+    ]
 
 
 def correspondence(scene: Scene, rig: Rig, source: int = 0, target: int = 1, *, sky: bool = False) -> Correspondence:

@@ -6,7 +6,6 @@ rotation R and a symmetric P (the polar decomposition), P is applied to the vert
 
 import hashlib
 import itertools
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -24,6 +23,7 @@ from twinlens.scenes.shapes import tessellated
 
 _DIGITS = 12  # of a model's scale: poses that differ by rounding give the same model
 _RAYS = 1 << 22  # traced at once; bounds the memory
+_BEYOND = 1.001  # of the depth of its farthest corner: no ray hits an object there
 _SIDE_POINTS = 65  # of a box, which lens distortion bends
 
 Window = tuple[int, int, int, int]
@@ -78,8 +78,10 @@ def _model(source: Mesh | Plugin, scale: Float) -> tuple[Mesh, str]:
     return mesh, hashlib.sha256(vertices.tobytes() + mesh.faces.astype("<u4").tobytes()).hexdigest()[:16]
 
 
-def object_truths(built: BuiltScene, rig: Rig, index: int, object_id: NDArray[Any]) -> tuple[ObjectTruth, ...]:
-    """Every object in the image of camera `index`; `object_id` (H, W) is the view's."""
+def object_truths(
+    built: BuiltScene, rig: Rig, index: int, object_id: NDArray[Any], depth: Float
+) -> tuple[ObjectTruth, ...]:
+    """Every object in the image of camera `index`; `object_id` and `depth` (H, W) are the view's."""
     camera, world_from_cam = rig.cameras[index], rig.world_from_cams[index]
     found = []
     bodies: dict[int, list[Body]] = {}
@@ -92,15 +94,18 @@ def object_truths(built: BuiltScene, rig: Rig, index: int, object_id: NDArray[An
         window = _window(camera, corners)
         if window is None:
             continue
-        casts = [_cast_alone(built, body, camera, world_from_cam, window) for body in bodies[number]]
-        whole = np.any(casts, axis=0)
-        mask = np.zeros(object_id.shape, dtype=bool)
+        mask, visible = np.zeros(object_id.shape, dtype=bool), object_id == number
         u0, v0, u1, v1 = window
         rows, columns = slice(max(v0, 0), max(v1, 0)), slice(max(u0, 0), max(u1, 0))
-        inside, visible = mask[rows, columns], object_id == number
-        part = whole[max(-v0, 0) :, max(-u0, 0) :][: inside.shape[0], : inside.shape[1]]
-        part |= visible[rows, columns]  # rays at the very edge may differ by rounding: instances have their own axes
-        inside[:] = part
+        image = slice(max(-v0, 0), min(camera.height, v1) - v0), slice(max(-u0, 0), min(camera.width, u1) - u0)
+        unknown = np.ones((v1 - v0, u1 - u0), dtype=bool)
+        if bodies[number][0].instance is None:  # rays at the edge of an instance may differ by rounding: its own axes
+            farthest = _BEYOND * corners[:, 2].max()
+            unknown[image] = (depth[rows, columns] < farthest) & ~visible[rows, columns]
+        casts = [_cast_alone(built, body, camera, world_from_cam, window, unknown) for body in bodies[number]]
+        whole = np.any(casts, axis=0)
+        whole[image] |= visible[rows, columns]
+        mask[rows, columns] = whole[image]
         if not mask.any():
             continue
         pixels = camera.project(corners)
@@ -147,32 +152,28 @@ def _window(camera: Camera, corners: Float) -> Window | None:
 
 
 def _cast_alone(
-    built: BuiltScene, body: Body, camera: Camera, world_from_cam: Float, window: Window
+    built: BuiltScene, body: Body, camera: Camera, world_from_cam: Float, window: Window, chosen: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Whether the chief ray of each pixel of the window hits the body, (h, w) bool.
+    """Whether the chief rays of the `chosen` pixels (h, w) of the window hit the body, (h, w) bool; False elsewhere.
 
     The scene has the body's shape only. Rays are cast in the axes of an instance, so that instances share this scene.
     """
+    hit = np.zeros(chosen.shape, dtype=bool)
+    if not chosen.any():
+        return hit
     alone = _scene_of(built, body)
     local_from_cam = world_from_cam
     if body.instance is not None:
         pose = np.asarray(mitsuba().traverse(body.instance)["to_world"].matrix, dtype=np.float64).reshape(4, 4)
         local_from_cam = np.linalg.inv(pose) @ world_from_cam
-    u0, v0, u1, v1 = window
-    hit = np.zeros((v1 - v0, u1 - u0), dtype=bool)
-    for start, stop in _row_blocks(v0, v1, u1 - u0):
-        v, u = np.mgrid[start:stop, u0:u1]
-        rays = rotate(local_from_cam, camera.unproject(np.stack([u, v], axis=-1))).reshape(-1, 3)
+    step = max(1, _RAYS // chosen.shape[1])
+    for start in range(0, len(chosen), step):
+        v, u = np.nonzero(chosen[start : start + step])
+        v += start
+        rays = rotate(local_from_cam, camera.unproject(np.stack([u + window[0], v + window[1]], axis=-1)))
         known = np.isfinite(rays).all(axis=1)
-        block = np.zeros(len(rays), dtype=bool)
-        block[known] = cast(alone, local_from_cam[:3, 3], rays[known]).body >= 0
-        hit[start - v0 : stop - v0] = block.reshape(v.shape)
+        hit[v[known], u[known]] = cast(alone, local_from_cam[:3, 3], rays[known]).body >= 0
     return hit
-
-
-def _row_blocks(start: int, stop: int, width: int) -> Iterator[tuple[int, int]]:
-    step = max(1, _RAYS // max(1, width))
-    return ((row, min(row + step, stop)) for row in range(start, stop, step))
 
 
 def _scene_of(built: BuiltScene, body: Body) -> BuiltScene:
