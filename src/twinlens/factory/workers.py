@@ -95,7 +95,7 @@ def in_process(work: Work, indices: Sequence[int], report: Report) -> Results:
     if work.recipe.kind == "family":
         share_kernels()
     writing: tuple[int, Future[Entry]] | None = None
-    with ThreadPoolExecutor(1, "twinlens-writer") as writer:
+    with ThreadPoolExecutor(1, "twinlens-writer") as writer, _fewer_objects_collected():
         for done, index in enumerate(indices):
             made = rendered(work, index, *_reported(report, done, len(indices)))
             if writing is not None:
@@ -103,6 +103,20 @@ def in_process(work: Work, indices: Sequence[int], report: Report) -> Results:
             writing = index, writer.submit(written, work, index, made)
         if writing is not None:
             yield writing[0], writing[1].result()
+
+
+@contextmanager
+def _fewer_objects_collected() -> Iterator[None]:
+    """Collections of cyclic garbage within, one after each sample, leave out the objects of before.
+
+    Those of all modules take 80 ms.
+    """
+    gc.collect()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
 
 
 def _reported(report: Report, done: int, count: int) -> tuple[Progress, Callable[[str], None]]:
