@@ -46,7 +46,7 @@ def rounded_box(extents: Float, radius: float, subdivisions: int = 6, tile: floa
 
 def _six_sides(u: Float, v: Float, faces: Faces, place: Place, extents: Float, tile: float | None) -> Mesh:
     """A box. `faces` and the vertices u, v (N,) are one side of a cube; `place` moves vertices from cube to box."""
-    parts = []
+    sides: list[tuple[Float, Faces, Float, Float]] = []
     for axis, a, b in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):  # right-handed
         across = [i for i in range(3) if i != axis]  # v is along z on vertical sides
         size = np.asarray(extents)[across]
@@ -55,9 +55,10 @@ def _six_sides(u: Float, v: Float, faces: Faces, place: Place, extents: Float, t
             cube[:, axis], cube[:, a], cube[:, b] = end, u, v
             points, normals = place(cube, axis)
             uv = (points[:, across] + size / 2) / (size if tile is None else tile)
-            turned = faces if end > 0 else faces[:, ::-1]
-            parts.append((points, turned + np.uint32(len(parts) * len(u)), normals, uv))
-    return Mesh(*map(np.concatenate, zip(*parts, strict=True)))
+            own = faces + np.uint32(len(sides) * len(u))
+            sides.append((points, own if end > 0 else own[:, ::-1], normals, uv))
+    vertices, faces, normals, uv = (np.concatenate(arrays) for arrays in zip(*sides, strict=True))
+    return Mesh(vertices, faces, normals, uv)
 
 
 def grid(columns: int, rows: int) -> Faces:

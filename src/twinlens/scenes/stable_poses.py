@@ -120,7 +120,7 @@ def _pose(points: Float, centre: Float, plane: Float, size: float) -> StablePose
     balanced = balanced - [0, 0, floor]
     contact = turned[turned[:, 2] < _SAME_PLANE * size, :2]
     if np.minimum(balanced[:2] - contact.min(axis=0), contact.max(axis=0) - balanced[:2]).min() < _MIN_MARGIN * size:
-        return None  # so far inside the contact's bounding box is no centre that is inside the contact
+        return None  # not even inside the contact's bounding box
     support = _polygon(contact)
     if support is None or inside_by(support, balanced[:2]) < _MIN_MARGIN * size:
         return None
@@ -142,8 +142,8 @@ def _polygon(points: Float) -> Float | None:
 
 def edge_normals(convex: Float) -> Float:
     """The outward unit normals (N, 2) of a convex outline (N, 2), counter-clockwise."""
-    edge = np.roll(convex, -1, axis=0) - convex
-    return np.asarray(np.stack([edge[:, 1], -edge[:, 0]], axis=-1) / np.linalg.norm(edge, axis=1, keepdims=True))
+    x, y = (np.concatenate([convex[1:], convex[:1]]) - convex).T
+    return np.asarray(np.stack([y, -x], axis=-1) / np.sqrt(x * x + y * y)[:, None])
 
 
 def inside_by(convex: Float, point: Float) -> float:
