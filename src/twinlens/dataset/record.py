@@ -264,7 +264,9 @@ def unpack(value: Mapping[str, Any]) -> NDArray[np.float64]:
 
 def _depth(value: Any) -> int:
     below = value.values() if isinstance(value, dict) else value if isinstance(value, list) else None
-    return 0 if below is None else 1 + max(map(_depth, below), default=0)
+    if below is None:
+        return 0
+    return 1 + max([_depth(each) for each in below if isinstance(each, (dict, list))], default=0)
 
 
 def _reject_constant(name: str) -> float:
