@@ -96,6 +96,31 @@ def test_a_matte_plane_under_a_uniform_sky_has_its_albedo():
     np.testing.assert_allclose(views.mean(axis=(1, 2)), np.tile([0.6, 0.3, 0.1], (9, 1)), rtol=2e-3)
 
 
+@pytest.mark.parametrize("views", [1, 2])
+def test_black_parts_of_a_texture_do_not_darken_the_rest(views):
+    """A chequered wall of black and white, finer than pixels, under a sky of 1: some cells have only black samples."""
+    wall = FACING @ np.diag([3.0, 3.0, 1.0, 1.0])
+    wall[2, 3] = 2.0
+    ends = {f"color{i}": {"type": "rgb", "value": float(i)} for i in range(2)}
+    check = {"type": "checkerboard", **ends, "to_uv": np.diag([120.0, 120.0, 1.0, 1.0])}
+    materials = {"check": {"type": "diffuse", "reflectance": check}}
+    thing = SceneObject("wall", {"type": "rectangle"}, "check", wall)
+    scene = Scene("wall", (thing,), materials, HERE, (1.0, 3.0), sky().lights, {"type": "path", "max_depth": 2})
+    rig = tl.light_field_rig(CAMERA, NARROW, views)
+    means = [np.mean(tl.render_light_field(scene, rig, 16, seed)) for seed in range(8)]
+    assert np.mean(means) == pytest.approx(0.5, rel=0.02)
+
+
+def test_a_plane_between_the_views_reflects_its_albedo():
+    """A white floor of two sides, that some views see from above and others from below, under a sky of 1."""
+    floor = np.array([[3.0, 0, 0, 0], [0, 0, 1, 0.12], [0, -3, 0, 3.2], [0, 0, 0, 1]])
+    white = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 1.0}}}
+    thing = SceneObject("floor", {"type": "rectangle"}, "white", floor)
+    scene = Scene("floor", (thing,), {"white": white}, HERE, (0.2, 6.0), sky().lights, {"type": "path", "max_depth": 2})
+    views = np.array(tl.render_light_field(scene, tl.light_field_rig(CAMERA, WIDE, 5), 64))
+    np.testing.assert_allclose(views.mean(axis=(1, 2, 3)), 1, rtol=5e-3)
+
+
 def test_light_of_projectors_is_exact():
     """Directly from a projector alone, pixels inside the pattern's squares have no noise and are those of `render`."""
     beam = Projector(np.eye(4), CAMERA, patterns.checker(48, 36, 8), 10.0, band="rgb")

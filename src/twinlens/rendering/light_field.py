@@ -29,7 +29,8 @@ def render_light_field(
     81 views of 64 samples cost a tenth of those of `render`, or less, at equal error
     (docs/decisions/light-fields.md). Much of their noise is the same light in all views, and moves with the surfaces:
     take `render` where that matters, as in tests of matchers at low noise. Light is averaged over pieces of surface as
-    large as a pixel, so the edges of sharp shadows are blurred by up to a pixel; textures are not.
+    large as a pixel. This blurs the edges of sharp shadows, and the textures of metals and translucent surfaces, by up
+    to a pixel. Textures of matte surfaces stay sharp.
 
     Parameters
     ----------

@@ -6,10 +6,11 @@ first surfaces only, which costs about a tenth of a path, and takes their light 
 
     radiance = matte part of the BSDF * irradiance + rest
 
-The matte part is that at the ray's own point, so that cells do not blur textures. The rest, such as highlights, depends
-on the direction towards the view. Cells have it for four corners around all views, evaluated for the same light paths,
-and views interpolate between them. Surfaces with narrower highlights than that permits, mirrors and glass, and surfaces
-whose cells have no sample, are traced by each view, as is light directly from projectors.
+The matte part is that at the ray's own point, so that cells do not blur its texture. The rest, such as highlights,
+depends on the direction towards the view. Cells have it for four corners around all views, evaluated for the same light
+paths, and views interpolate between them. Each view traces light paths for surfaces with narrower highlights than that
+permits, surfaces that some corners see from behind, mirrors, glass, and cells without samples. Each view also computes
+light directly from projectors.
 
 The samples of a cell, from all views, are points of one scrambled Sobol sequence. Importing this module sets up the
 backend.
@@ -131,7 +132,9 @@ class SharedLight:
             found, values = self._samples(scene, paths, batch, samples, film / count, order, seed)
             cells, row = np.unique(np.concatenate([cells, found]), return_inverse=True)
             sums = np.stack([np.bincount(row, np.append(*both), len(cells)) for both in zip(sums, values, strict=True)])
-        self._irradiance = np.divide(sums[_LIT], sums[_MATTE], out=np.zeros((3, len(cells))), where=sums[_MATTE] > 0)
+        self._irradiance = np.divide(
+            sums[_LIT], sums[_MATTE], out=np.full((3, len(cells)), np.nan), where=sums[_MATTE] > 0
+        )
         self._rest = (sums[_REST] / sums[_COUNT]).reshape(_CORNERS, 3, -1)
         ends = np.searchsorted(cells >> 32, np.arange(self._columns * self._rows + 1))
         self._ends, self._codes = mi.UInt32(ends.astype(np.uint32)), mi.UInt32(np.append(cells, 0).astype(np.uint32))
@@ -139,7 +142,7 @@ class SharedLight:
 
     def towards(self, views: range) -> Any:
         """Irradiance, and rest of the radiance towards each of `views`: cell c of the first view has the first colours
-        number 2 c and 2 c + 1.
+        number 2 c and 2 c + 1. Irradiance is NaN where no sample has a matte part.
         """
         rest = np.tensordot(self.views.weights[:, views], self._rest, (0, 0))
         irradiance = np.broadcast_to(self._irradiance, rest.shape)
@@ -158,14 +161,21 @@ class SharedLight:
         cell, *_ = dr.while_loop((start, end, code), is_other, lambda cell, end, code: (cell + 1, end, code))
         return inside & (cell < end), cell
 
-    def is_narrow(self, si: Any, bsdf: Any, active: Any) -> Any:
-        """Whether the BSDF may have lobes that change between the corners by more than interpolation permits."""
+    def needs_paths(self, si: Any, bsdf: Any, active: Any) -> Any:
+        """Whether the BSDF may change between the corners by more than interpolation permits.
+
+        It does if a lobe is narrow, or if the corners are on both sides of the surface.
+        """
         flags = bsdf.flags()
         glossy = mi.has_flag(flags, mi.BSDFFlags.Glossy)
         mirrored = mi.Vector3f(-si.wi.x, -si.wi.y, si.wi.z)
         density = bsdf.pdf(mi.BSDFContext(), si, mirrored, active & glossy)
         narrow = glossy & (density * dr.square(self.views.extent / si.t) > _NARROW)
-        return narrow | mi.has_flag(flags, mi.BSDFFlags.Delta) | mi.has_flag(flags, mi.BSDFFlags.GlossyTransmission)
+        narrow |= mi.has_flag(flags, mi.BSDFFlags.Delta) | mi.has_flag(flags, mi.BSDFFlags.GlossyTransmission)
+        own = mi.Frame3f.cos_theta(si.wi)
+        for corner in self.views.corners:
+            narrow |= own * dr.dot(si.sh_frame.n, corner - si.p) <= 0
+        return narrow
 
     def _place(self, si: Any, ray: Any, active: Any) -> tuple[Any, Any, Any, Any]:
         """Whether a surface is on the middle camera's film, its pixel there, and the code of its cell in the pixel."""
@@ -195,7 +205,7 @@ class SharedLight:
         si = scene.ray_intersect(ray, mi.RayFlags.All, True)
         active, column, row, code = self._place(si, ray, si.is_valid())
         bsdf, context = si.bsdf(), mi.BSDFContext()
-        active &= ~self.is_narrow(si, bsdf, active)
+        active &= ~self.needs_paths(si, bsdf, active)
         sampler = SobolSampler(len(order), self._columns)
         sampler.seed_at(column, row, dr.gather(mi.UInt32, mi.UInt32(order), number), seed)
 
@@ -250,14 +260,17 @@ def _radiance(scene: Any, paths: Paths, light: SharedLight, batch: Batch, sample
     si = scene.ray_intersect(ray, mi.RayFlags.All, True)
     valid, bsdf = si.is_valid(), si.bsdf()
     known, cell = light.look_up(si, ray, valid)
-    known &= ~light.is_narrow(si, bsdf, known)
-    traced = valid & ~known
-    radiance = dr.select(known | (~valid & sky), si.emitter(scene).eval(si), 0.0)
+    known &= ~light.needs_paths(si, bsdf, known)
     matte = matte_part(bsdf, si, known & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse))
     view, column, row, sample = views.split(rays, batch)
     colours = light.towards(batch.views)
     place = 2 * ((view - dr.opaque(mi.UInt32, batch.views[0])) * dr.opaque(mi.UInt32, light.count) + cell)
-    radiance += matte * dr.gather(mi.Color3f, colours, place, known) + dr.gather(mi.Color3f, colours, place + 1, known)
+    irradiance, rest = (dr.gather(mi.Color3f, colours, place + i, known) for i in (0, 1))
+    reflected = dr.select(matte > 0, matte * irradiance, 0.0) + rest
+    known &= ~dr.any(dr.isnan(reflected))  # some of the texture is black, and so were all samples of the cell
+    traced = valid & ~known
+    radiance = dr.select(known | (~valid & sky), si.emitter(scene).eval(si), 0.0)
+    radiance += dr.select(known, reflected, 0.0)
     sampler = SobolSampler(samples, views.width)
     if paths.lamps:
         sampler.seed_at(column, row, sample, _stream(seed, view))
