@@ -68,7 +68,9 @@ def render_light_field(
         built = build_lit(scene, rig, band)
         paths = own_paths(scene, () if built.projected is None else built.projected.lamps)
         if paths is None:
-            raise InputError(f"the scene {scene.name!r} has another integrator than 'path'; use render")
+            raise InputError(
+                f"the scene {scene.name!r} is a Mitsuba file or has another integrator than 'path'; use render"
+            )
         report = partial_progress(progress, number / len(first.bands), (number + 1) / len(first.bands))
         samples = math.ceil(spp / CAMERA_SAMPLES_PER_PATH)
         light = SharedLight(built.mi_scene, paths, views, samples, derived_seed(seed, number, 0))
