@@ -19,7 +19,7 @@ LARGEST_ENTROPY = 20.0  # of a window: its true match may be far from all candid
 
 @dataclass(frozen=True)
 class Training:
-    """Hyperparameters, chosen on held-out scenes.
+    """Hyperparameters, chosen on synthetic pairs (about.md).
 
     crops, rows, columns : of each step. scale : the largest reduction of a crop. shapes : pasted in front of each.
     temperature : of the softmax over the candidates of a pixel. window : side of the windows of the second loss, and

@@ -5,7 +5,7 @@
 Needs the extra `train`. Everything is kept in the work folder, and the next run resumes it. `--trial` runs everything
 with a few scenes, in a work folder of its own. `--pairs` takes "motorcycle" and any folder that `twinlens benchmark`
 reads, such as downloads of Middlebury. `--publish` writes README.md and results.json of this folder, and the weights of
-the package. Settings were chosen on held-out random scenes alone; the scores of real pairs chose nothing. `--choose`
+the package. Settings were chosen on synthetic pairs alone; the scores of real pairs chose nothing. `--choose`
 scores other windows, supports and penalties on such scenes, and stops before the real pairs. `ablations.py` continues
 with the same work folder.
 """
