@@ -16,6 +16,7 @@ import json
 import multiprocessing
 import re
 import shutil
+import signal
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
@@ -102,8 +103,16 @@ def trained(dataset: tl.Dataset, work: Path, settings: network.Training) -> list
         draws = work / "draws.pt"
         torch.save(data.training_draws(dataset, data.Exposed(), DRAWS), draws)
         with ProcessPoolExecutor(len(missing), multiprocessing.get_context("spawn")) as pool:
-            for done in [pool.submit(train_seed, draws, settings, seed, file) for seed, file in missing]:
-                done.result()
+            before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # workers inherit it; this process stops them
+            waiting = [pool.submit(train_seed, draws, settings, seed, file) for seed, file in missing]
+            signal.signal(signal.SIGINT, before)
+            try:
+                for done in waiting:
+                    done.result()
+            except BaseException:
+                for worker in multiprocessing.active_children():
+                    worker.terminate()
+                raise
     return files
 
 

@@ -140,6 +140,18 @@ def test_crops_of_every_scale_and_shape_keep_their_matches(benchmark_path):
     assert (errors > 0.05).float().mean() < 0.04
 
 
+def test_pairs_smaller_than_a_crop_are_enlarged(benchmark_path):
+    torch = benchmark_path
+    from crops import random_crops
+
+    pairs = training_pairs(torch)
+    for seed in range(5):
+        random = torch.Generator().manual_seed(seed)
+        crops = random_crops(pairs, 8, (40, 278), scale=1.8, shapes=0, random=random)
+        known = crops.disparity[crops.disparity >= 0]
+        torch.testing.assert_close(known, torch.full_like(known, 6 * 278 / 139))
+
+
 def test_the_noise_of_a_level_is_that_of_its_pixels(benchmark_path):
     torch = benchmark_path
     import data
