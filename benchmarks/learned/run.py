@@ -116,13 +116,13 @@ def trained(dataset: tl.Dataset, work: Path, settings: network.Training) -> list
     return files
 
 
-def hand_made(pairs: Sequence[Pair], file: Path) -> dict[str, list[Any]]:
+def hand_made(pairs: Sequence[Pair], file: Path, windows_each: int | None = None) -> dict[str, list[Any]]:
     """Of each cost and support, the best window with its mean bad2.0: {name: [window, score]}; and of `sgm`.
 
-    They are kept in the file, for the same pairs and methods.
+    They are kept in the file, for the same pairs and methods. windows_each: number of windows tried, by default all.
     """
     methods = {
-        name: {window: f"{name}:block_size={window}" for window in windows}
+        name: {window: f"{name}:block_size={window}" for window in windows[:windows_each]}
         for name, windows in {**dict.fromkeys(COSTS, WINDOWS), **SUPPORTS}.items()
     } | {"sgm": {1: "sgm"}}
     specs = [parse_method(method).spec for of_windows in methods.values() for method in of_windows.values()]
@@ -195,7 +195,7 @@ def main() -> None:
         return
     results: dict[str, Any] = {"scenes": len(dataset), "settings": {"training": vars(settings), "learned": LEARNED}}
     for name, pairs in {**sets, **real}.items():
-        theirs = hand_made(pairs, options.work / f"hand-made-{folder_name(name)}.json")
+        theirs = hand_made(pairs, options.work / f"hand-made-{folder_name(name)}.json", 1 if options.trial else None)
         results[name] = {"pairs": len(pairs), "hand-made": theirs, "learned": learned(files, pairs)}
     print(tables.comparison(results))
     if options.publish:
