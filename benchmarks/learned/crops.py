@@ -19,11 +19,14 @@ class Crops(NamedTuple):
 def random_crops(
     pairs: dict[str, Tensor], count: int, size: tuple[int, int], scale: float, shapes: int, random: torch.Generator
 ) -> Crops:
-    """Crops (rows, columns) of random pairs. A pixel of a crop has up to `scale` pixels of the pair along each side."""
+    """Crops (rows, columns) of random pairs. A pixel of a crop has up to `scale` pixels of the pair along each side.
+
+    Pairs smaller than a crop are enlarged.
+    """
     (total, height, width), (rows, columns) = pairs["disparity"].shape, size
     scale = min(scale, (height - 1) / rows, (width - 1) / columns)
     number = torch.randint(total, (count,), generator=random)
-    step = uniform(random, (count, 1), 0, math.log(scale)).exp()
+    step = uniform(random, (count, 1), min(0, math.log(scale)), math.log(scale)).exp()
     x, y = (
         uniform(random, (count, 1), 0, 1) * (whole - 1 - part * step) + (torch.arange(part) + 0.5) * step - 0.5
         for whole, part in ((width, columns), (height, rows))

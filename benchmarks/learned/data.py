@@ -13,6 +13,7 @@ from torch.utils.data import DataLoader, default_convert
 import twinlens as tl
 from twinlens.cli.progress import progress_bar
 from twinlens.dataset import StoredSample
+from twinlens.errors import InputError
 from twinlens.factory import generate, read_recipe, worker_processes
 from twinlens.matching import grey
 from twinlens.scoring import Pair
@@ -26,9 +27,15 @@ GEOMETRY = ("pitch_px", "yaw_px", "roll_px", "scale_px", "distortion_px")
 
 
 def make_dataset(recipe: Path, folder: Path, workers: int, **changes: Any) -> tl.Dataset:
-    """The dataset of a recipe with some keys changed; an incomplete one is resumed."""
+    """The dataset of a recipe with some keys changed; an incomplete one is resumed.
+
+    Raises InputError if the recipe does not store the light.
+    """
+    read = read_recipe(recipe, changes)
+    if "radiance" not in read.keep:
+        raise InputError(f'{recipe}: add keep = ["radiance"]; training exposes the stored light again')
     with progress_bar(f"generating {folder.name}") as report:
-        outcome = generate(read_recipe(recipe, changes), folder, engine=worker_processes(workers), report=report)
+        outcome = generate(read, folder, engine=worker_processes(workers), report=report)
     if not outcome.complete:
         raise SystemExit(f"{folder}: {outcome.there} of {outcome.count} samples")
     return tl.Dataset(folder)

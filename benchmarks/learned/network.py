@@ -19,7 +19,7 @@ LARGEST_ENTROPY = 20.0  # of a window: its true match may be far from all candid
 
 @dataclass(frozen=True)
 class Training:
-    """Hyperparameters, chosen on held-out scenes.
+    """Hyperparameters, chosen on synthetic pairs (about.md).
 
     crops, rows, columns : of each step. scale : the largest reduction of a crop. shapes : pasted in front of each.
     temperature : of the softmax over the candidates of a pixel. window : side of the windows of the second loss, and
@@ -186,11 +186,13 @@ def train(
 
 
 def export(net: Descriptor, file: Path) -> None:
-    """Write the network as ONNX with free height and width."""
+    """Write the network as ONNX with free height and width. An interruption leaves no partial file."""
+    part = file.with_suffix(".part")
     axes = {2: "height", 3: "width"}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of the exporter, about itself
         torch.onnx.export(
-            net, (torch.rand(1, 1, 48, 64),), str(file), input_names=["image"], output_names=["descriptors"],
+            net, (torch.rand(1, 1, 48, 64),), str(part), input_names=["image"], output_names=["descriptors"],
             dynamic_axes={"image": axes, "descriptors": axes}, opset_version=17, dynamo=False,
         )  # fmt: skip
+    part.replace(file)

@@ -2,22 +2,27 @@
 
     python benchmarks/learned/run.py [--work out/learned] [--workers 2] [--pairs motorcycle FOLDER ...] [--publish]
 
-Needs the extra `train`. Everything is kept in the work folder, and the next run resumes it. `--pairs` takes
-"motorcycle" and any folder that `twinlens benchmark` reads, such as downloads of Middlebury. `--publish` writes
-README.md and results.json of this folder, and the weights of the package. Settings were chosen on held-out random
-scenes alone; the scores of real pairs chose nothing. `--choose` scores other windows, supports and penalties on such
-scenes, and stops before the real pairs. `ablations.py` continues with the same work folder.
+Needs the extra `train`. Everything is kept in the work folder, and the next run resumes it. `--trial` runs everything
+with a few scenes, in a work folder of its own. `--pairs` takes "motorcycle" and any folder that `twinlens benchmark`
+reads, such as downloads of Middlebury. `--publish` writes README.md and results.json of this folder, and the weights of
+the package. Settings were chosen on synthetic pairs alone; the scores of real pairs chose nothing. `--choose`
+scores other windows, supports and penalties on such scenes, and stops before the real pairs. `ablations.py` continues
+with the same work folder.
 """
 
 import argparse
+import dataclasses
 import json
 import multiprocessing
 import re
 import shutil
+import signal
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import command
 import data
 import network
 import numpy as np
@@ -26,17 +31,24 @@ import tables
 import torch
 
 import twinlens as tl
+from twinlens.dataset.files import write_file
+from twinlens.errors import InputError
+from twinlens.factory import read_recipe
+from twinlens.matching import parse_method
 from twinlens.matching.costs import LEARNED_FILE
-from twinlens.scoring import DatasetPairs, open_pairs
+from twinlens.scoring import DatasetPairs, Pair, open_pairs
+from twinlens.scoring.samples import fingerprint
 
 HERE = Path(__file__).parent
 SEEDS = (0, 1, 2)
 DRAWS = 2  # exposures of each scene
 HELD_OUT: dict[str, dict[str, Any]] = {
-    "held-out": {"seed": 22, "count": 24},
-    "held-out, 700x500": {"seed": 23, "count": 8, "width": 700, "height": 500},
+    "held-out": {"count": 24},
+    "held-out, 700x500": {"count": 8, "width": 700, "height": 500},
 }
+"""Changes of the recipe. The seeds are those that follow the recipe's: no scene is one of the training."""
 TRAINING = network.Training()
+TRIAL_SCENES, TRIAL_STEPS = 4, 4
 WINDOWS = (5, 7, 9, 11, 13, 15, 19, 23)
 COSTS = ("sad", "ssd", "ncc", "zsad", "zssd", "zncc", "jaccard", "census", "rank", "birchfield_tomasi")
 SUPPORTS = {"shiftable": (5, 9, 13), "adaptive": (15, 21, 31), "cross": (25, 35, 45), "guided": (11, 19, 27)}
@@ -60,13 +72,30 @@ def folder_name(name: str) -> str:
     return re.sub(r"[^\w.-]+", "-", name)
 
 
-def train_seed(draws: Path, seed: int, file: Path) -> None:
+def held_out_changes(recipe: Path, trial: bool = False) -> dict[str, dict[str, Any]]:
+    """The changes of the recipe for each held-out set."""
+    first, count = read_recipe(recipe).seed + 1, {"count": TRIAL_SCENES} if trial else {}
+    return {name: {**changes, "seed": first + i, **count} for i, (name, changes) in enumerate(HELD_OUT.items())}
+
+
+def train_seed(draws: Path, settings: network.Training, seed: int, file: Path) -> None:
     """Write the ONNX file of one seed. Runs in a process of its own."""
     torch.set_num_threads(1)
-    network.export(network.train(torch.load(draws), TRAINING, seed, file.with_suffix(".pt")), file)
+    network.export(network.train(torch.load(draws), settings, seed, file.with_suffix(".pt")), file)
 
 
-def trained(dataset: tl.Dataset, work: Path) -> list[Path]:
+def check_settings(file: Path, settings: dict[str, Any]) -> None:
+    """Keep what the networks of a folder were made with. Raises InputError if that was something else."""
+    text = json.dumps(settings, indent=1, sort_keys=True, default=str)
+    if file.exists() and file.read_text() != text:
+        raise InputError(
+            f"{file}: the networks of this folder have other settings or another recipe; choose another --work, or "
+            f"delete {file.name} and seed-*"
+        )
+    write_file(file, text.encode())
+
+
+def trained(dataset: tl.Dataset, work: Path, settings: network.Training) -> list[Path]:
     """The ONNX file of each seed; those that do not exist are trained side by side."""
     files = [work / f"seed-{seed}.onnx" for seed in SEEDS]
     missing = [(seed, file) for seed, file in zip(SEEDS, files, strict=True) if not file.exists()]
@@ -74,26 +103,40 @@ def trained(dataset: tl.Dataset, work: Path) -> list[Path]:
         draws = work / "draws.pt"
         torch.save(data.training_draws(dataset, data.Exposed(), DRAWS), draws)
         with ProcessPoolExecutor(len(missing), multiprocessing.get_context("spawn")) as pool:
-            for done in [pool.submit(train_seed, draws, seed, file) for seed, file in missing]:
-                done.result()
+            before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # workers inherit it; this process stops them
+            waiting = [pool.submit(train_seed, draws, settings, seed, file) for seed, file in missing]
+            signal.signal(signal.SIGINT, before)
+            try:
+                for done in waiting:
+                    done.result()
+            except BaseException:
+                for worker in multiprocessing.active_children():
+                    worker.terminate()
+                raise
     return files
 
 
-def hand_made(pairs: Any, file: Path) -> dict[str, list[Any]]:
+def hand_made(pairs: Sequence[Pair], file: Path, windows_each: int | None = None) -> dict[str, list[Any]]:
     """Of each cost and support, the best window with its mean bad2.0: {name: [window, score]}; and of `sgm`.
 
-    They are kept in the file.
+    They are kept in the file, for the same pairs and methods. windows_each: number of windows tried, by default all.
     """
-    if file.exists():
-        return dict(json.loads(file.read_text()))
+    methods = {
+        name: {window: f"{name}:block_size={window}" for window in windows[:windows_each]}
+        for name, windows in {**dict.fromkeys(COSTS, WINDOWS), **SUPPORTS}.items()
+    } | {"sgm": {1: "sgm"}}
+    specs = [parse_method(method).spec for of_windows in methods.values() for method in of_windows.values()]
+    scored = {"pairs": [fingerprint(pair) for pair in pairs], "methods": specs}
+    kept = json.loads(file.read_text()) if file.exists() else {}
+    if kept.get("scored") == scored:
+        return dict(kept["best"])
     found: dict[str, list[Any]] = {}
-    for name, windows in {**dict.fromkeys(COSTS, WINDOWS), **SUPPORTS}.items():
-        means = {window: np.mean(score.bad2(f"{name}:block_size={window}", pairs)) for window in windows}
+    for name, of_windows in methods.items():
+        means = {window: float(np.mean(score.bad2(method, pairs))) for window, method in of_windows.items()}
         best = min(means, key=means.__getitem__)
-        found[name] = [best, float(means[best])]
+        found[name] = [best, means[best]]
         print(f"{name}: {found[name]}", flush=True)
-    found["sgm"] = [1, float(np.mean(score.bad2("sgm", pairs)))]
-    file.write_text(json.dumps(found))
+    write_file(file, json.dumps({"scored": scored, "best": found}).encode())
     return found
 
 
@@ -128,23 +171,31 @@ def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("--recipe", type=Path, default=HERE / "recipe.toml", help="of the scenes, for your own cameras")
     parser.add_argument("--workers", type=int, default=2, help="number of processes that render")
+    parser.add_argument("--trial", action="store_true", help="four scenes a set, four steps: check a recipe in minutes")
     parser.add_argument("--choose", nargs="*", help="compare options on held-out scenes, and on these datasets")
     options = parser.parse_args()
-    dataset = data.make_dataset(options.recipe, options.work / "train", options.workers)
+    if options.publish and options.trial:
+        parser.error("--publish needs the whole training, without --trial")
+    changes = {"count": TRIAL_SCENES} if options.trial else {}
+    settings = dataclasses.replace(TRAINING, steps=TRIAL_STEPS) if options.trial else TRAINING
+    real = {name: list(open_pairs([name])) for name in (options.pairs if options.choose is None else options.choose)}
+    dataset = data.make_dataset(options.recipe, options.work / "train", options.workers, **changes)
     held_out = {
-        name: data.make_dataset(options.recipe, options.work / folder_name(name), options.workers, **changes)
-        for name, changes in HELD_OUT.items()
+        name: data.make_dataset(options.recipe, options.work / folder_name(name), options.workers, **changed)
+        for name, changed in held_out_changes(options.recipe, options.trial).items()
     }
-    files = trained(dataset, options.work)
+    made_with = {"training": vars(settings), "draws": DRAWS, "recipe": read_recipe(options.recipe, changes).written}
+    check_settings(options.work / "training.json", made_with)
+    files = trained(dataset, options.work, settings)
     sets = {name: list(DatasetPairs(found)) for name, found in held_out.items()}
     if options.choose is not None:
-        larger = {**sets, **{name: list(open_pairs([name])) for name in options.choose}}
+        larger = {**sets, **real}
         halves = {f"half {name}": [data.halved(pair) for pair in pairs] for name, pairs in [*larger.items()][1:]}
         choose(files[0], {**larger, **halves})
         return
-    results: dict[str, Any] = {"scenes": len(dataset), "settings": {"training": vars(TRAINING), "learned": LEARNED}}
-    for name, pairs in {**sets, **{name: list(open_pairs([name])) for name in options.pairs}}.items():
-        theirs = hand_made(pairs, options.work / f"hand-made-{folder_name(name)}.json")
+    results: dict[str, Any] = {"scenes": len(dataset), "settings": {"training": vars(settings), "learned": LEARNED}}
+    for name, pairs in {**sets, **real}.items():
+        theirs = hand_made(pairs, options.work / f"hand-made-{folder_name(name)}.json", 1 if options.trial else None)
         results[name] = {"pairs": len(pairs), "hand-made": theirs, "learned": learned(files, pairs)}
     print(tables.comparison(results))
     if options.publish:
@@ -162,4 +213,4 @@ def publish(key: str, value: object) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    command.run(main)

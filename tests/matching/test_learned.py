@@ -140,6 +140,18 @@ def test_crops_of_every_scale_and_shape_keep_their_matches(benchmark_path):
     assert (errors > 0.05).float().mean() < 0.04
 
 
+def test_pairs_smaller_than_a_crop_are_enlarged(benchmark_path):
+    torch = benchmark_path
+    from crops import random_crops
+
+    pairs = training_pairs(torch)
+    for seed in range(5):
+        random = torch.Generator().manual_seed(seed)
+        crops = random_crops(pairs, 8, (40, 278), scale=1.8, shapes=0, random=random)
+        known = crops.disparity[crops.disparity >= 0]
+        torch.testing.assert_close(known, torch.full_like(known, 6 * 278 / 139))
+
+
 def test_the_noise_of_a_level_is_that_of_its_pixels(benchmark_path):
     torch = benchmark_path
     import data
@@ -152,3 +164,76 @@ def test_the_noise_of_a_level_is_that_of_its_pixels(benchmark_path):
     found = 255 * data.noise_of_levels(noisy, clean).numpy()
     np.testing.assert_allclose(found[[44, 204]], [2, 4], rtol=0.03)  # the centres of the levels' bins
     assert found[124] == pytest.approx(3, rel=0.03)
+
+
+def test_an_interrupted_training_resumes_to_the_same_weights(tmp_path, benchmark_path, monkeypatch):
+    torch = benchmark_path
+    import network
+
+    settings = network.Training(channels=8, steps=5, crops=2, columns=96)
+    pairs = training_pairs(torch)
+    whole = network.train([pairs], settings, 0)
+    loss_of, calls = network.loss_of, []
+
+    def interrupted(*given):
+        calls.append(given)
+        if len(calls) == 4:
+            raise KeyboardInterrupt
+        return loss_of(*given)
+
+    monkeypatch.setattr(network, "REPORT", 2)
+    monkeypatch.setattr(network, "loss_of", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        network.train([pairs], settings, 0, tmp_path / "net.pt")
+    assert torch.load(tmp_path / "net.pt")["step"] == 2
+    monkeypatch.setattr(network, "loss_of", loss_of)
+    resumed = network.train([pairs], settings, 0, tmp_path / "net.pt")
+    for one, other in zip(whole.parameters(), resumed.parameters(), strict=True):
+        assert torch.equal(one, other)
+
+
+@pytest.fixture
+def script(benchmark_path):
+    import run
+
+    return run
+
+
+def test_held_out_scenes_have_other_seeds_than_the_recipe(tmp_path, script):
+    published = script.held_out_changes(BENCHMARK / "recipe.toml")
+    assert [changes["seed"] for changes in published.values()] == [22, 23]
+    recipe = tmp_path / "my.toml"
+    recipe.write_text((BENCHMARK / "recipe.toml").read_text().replace("seed = 21", "seed = 22"))
+    assert [changes["seed"] for changes in script.held_out_changes(recipe).values()] == [23, 24]
+
+
+def test_networks_of_other_settings_are_refused(tmp_path, script):
+    file = tmp_path / "training.json"
+    script.check_settings(file, {"steps": 4})
+    script.check_settings(file, {"steps": 4})
+    with pytest.raises(tl.errors.InputError, match="other settings"):
+        script.check_settings(file, {"steps": 5})
+
+
+def test_hand_made_scores_are_kept_for_the_same_pairs_alone(tmp_path, script, monkeypatch):
+    left, right = textured(24, 48)
+    pairs = [tl.scoring.Pair("a", left, right, np.full(left.shape, 6, np.float32), np.ones(left.shape, bool), 8)]
+    monkeypatch.setattr(script, "COSTS", ("sad",))
+    monkeypatch.setattr(script, "SUPPORTS", {})
+    calls = []
+    monkeypatch.setattr(script.score, "bad2", lambda method, pairs: calls.append(method) or [7.0])
+    found = script.hand_made(pairs, tmp_path / "scores.json")
+    scored = len(calls)
+    assert script.hand_made(pairs, tmp_path / "scores.json") == found
+    assert len(calls) == scored
+    script.hand_made(pairs * 2, tmp_path / "scores.json")
+    assert len(calls) == 2 * scored
+
+
+def test_a_recipe_without_stored_light_is_refused_before_rendering(tmp_path, script):
+    recipe = tmp_path / "my.toml"
+    text = (BENCHMARK / "recipe.toml").read_text()
+    recipe.write_text("\n".join(line for line in text.splitlines() if not line.startswith("keep")))
+    with pytest.raises(tl.errors.InputError, match="keep"):
+        script.data.make_dataset(recipe, tmp_path / "train", 1)
+    assert not (tmp_path / "train").exists()
