@@ -135,7 +135,10 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("name", CASES)
+LONG = ("varnished", "metal", "the back of a panel", "a net below the lamp")
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in LONG)) for name in CASES])
 def test_the_light_is_that_of_mitsubas_path_tracer(name):
     """Within 1 % and five standard errors, as a whole and in its quarters; no negative light to speak of."""
     rig = Rig.stereo(LARGE, 0.1)
