@@ -25,9 +25,9 @@ HEAD = f"""# Cost of the parts of an aperture
 {1e3 * APERTURE:g} mm focused in the middle of the scene; processor time relative to one whole image. `light field` is
 the cost of {VIEWS}x{VIEWS} views by `parts=tl.Grid({VIEWS})`, at the noise of separate renders of each view, relative
 to those renders: cells of the grid that are inside the aperture, {VIEWS**2} renders. `denoised` is the cost of a view
-of {DENOISED} samples with `denoise=True`, relative to a raw view of the same rms error,
-the filter's bias included. `shared light` is the same for a view of `tl.render_light_field` with {SPP} samples:
-1/{VIEWS**2} of its cost, and the error of a corner view, the middle one and one between them, bias included.
+of {DENOISED} samples with `denoise=True`, relative to a raw view of the same rms error, the filter's bias included.
+`shared light` is the same for a view of `tl.render_light_field` with {SPP} samples: 1/{VIEWS**2} of its cost, and
+the error of a corner view, the middle one and one between them.
 
 | scene | `Dual` | `Quad` | `Grid({VIEWS})` | light field | denoised | shared light |
 | --- | ---: | ---: | ---: | ---: | ---: | ---: |
