@@ -56,7 +56,7 @@ _SECTIONS = {
 @click.option("--bits", type=click.Choice(["8", "16"]), help="Bits per channel.  [default: 8]")
 @click.option("--exposure", default="auto", metavar="TIME_S[,GAIN]", help=camera_text.EXPOSURE_HELP)
 @click.option("--mismatch", metavar="LEVEL|NAME=VALUE,...", help=camera_text.MISMATCH_HELP)
-@click.option("--spp", type=Whole(1, 1_000_000), default=16, show_default=True, help="Samples per pixel.")
+@click.option("--spp", type=Whole(1, 1_000_000), default=12, show_default=True, help="Samples per pixel.")
 @denoise_option
 @noise_option
 @click.option("--seed", type=Whole(0), default=0, show_default=True, help="Random seed.")

@@ -291,7 +291,7 @@ class Settings(StrictModel):
 
     width: int = Field(704, ge=1, le=MAX_SIDE)
     height: int = Field(528, ge=1, le=MAX_SIDE)
-    spp: int = Field(16, ge=1, le=1_000_000)
+    spp: int = Field(8, ge=1, le=1_000_000)
     denoise: bool = True
     noise: Positive | None = None
     diffraction: bool = False

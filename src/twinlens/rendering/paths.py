@@ -49,24 +49,28 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
 
     def sample(self, scene: Any, sampler: Any, ray: Any, medium: Any = None, active: Any = True) -> tuple[Any, ...]:
         """Radiance, True, and no further channels."""
-        first = dr.zeros(mi.Interaction3f), mi.Float(1.0), mi.Bool(True)
-        start = mi.Bool(active), sampler, mi.Ray3f(ray), mi.Spectrum(1.0), mi.Float(1.0), mi.UInt32(0), first
+        first = mi.Point3f(0.0), mi.Float(1.0), mi.Bool(True)
+        start = mi.Bool(active), sampler, (ray.o, ray.d), mi.Spectrum(1.0), mi.Float(1.0), mi.UInt32(0), first
         return self.follow(scene, *start, mi.Bool(False)), mi.Bool(True), []
 
     def follow(self, scene: Any, *start: Any) -> Any:
         """The radiance of paths that `start` as the arguments of `step`, without its last one."""
 
         def step(
-            active: Any, sampler: Any, ray: Any, weight: Any, eta: Any, depth: Any, last: Any, diffuse: Any, sum_: Any
+            active: Any, sampler: Any, line: Any, weight: Any, eta: Any, depth: Any, last: Any, diffuse: Any, sum_: Any
         ) -> tuple[Any, ...]:
-            """One surface. `last` is the one before, the density of the ray's direction there, and whether it is delta.
+            """One surface, on the `line` (origin, direction).
 
-            `weight` and `eta` are those of the path from the camera to this surface, `diffuse` says whether a surface
-            on it reflected diffusely, and `sum_` is the radiance so far.
+            `last` is the place before, the density of the ray's direction there, and whether it is delta. `weight` and
+            `eta` are those of the path from the camera to this surface, `diffuse` says whether a surface on it
+            reflected diffusely, and `sum_` is the radiance so far. All of these change: Dr.Jit would record the loop
+            a second time to leave out those that do not.
             """
+            ray, before = mi.Ray3f(*line), dr.zeros(mi.Interaction3f)
+            before.p = last[0]
             si = scene.ray_intersect(ray, mi.RayFlags.All, depth == 0, active)
-            shines = mi.DirectionSample3f(scene, si, last[0])
-            pdf = scene.pdf_emitter_direction(last[0], shines, ~last[2])
+            shines = mi.DirectionSample3f(scene, si, before)
+            pdf = scene.pdf_emitter_direction(before, shines, ~last[2])
             sum_ = sum_ + weight * shines.emitter.eval(si) * mis(last[1], dr.select(last[2], 0.0, pdf))
 
             active = active & si.is_valid() & (depth + 1 < self.max_depth)
@@ -107,9 +111,9 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
             active = active & (sampler.next_1d() < survives)
             weight = weight * dr.rcp(survives)
             ray = si.spawn_ray(si.to_world(chosen.wo))
-            last = mi.Interaction3f(si), chosen.pdf, is_delta
+            last = mi.Point3f(si.p), chosen.pdf, is_delta
             diffuse = diffuse | mi.has_flag(chosen.sampled_type, mi.BSDFFlags.Diffuse)
-            return active, sampler, ray, weight, eta, depth, last, diffuse, sum_
+            return active, sampler, (ray.o, ray.d), weight, eta, depth, last, diffuse, sum_
 
         *_, radiance = dr.while_loop((*start, mi.Spectrum(0.0)), lambda active, *_: active, step)
         return radiance

@@ -48,14 +48,16 @@ def sampler_supports(kind: str, count: int) -> bool:
 def passes_of(camera: Camera, spp: int, seeds: np.random.SeedSequence, sampler: str) -> Iterator[Pass]:
     """(sampler, samples per pixel, seed) of each pass; `spp` samples in total, bounded in memory.
 
-    Mitsuba's samplers round sample counts, so each pass has a power of two that its sampler does not round. The rest is
-    drawn independently.
+    Mitsuba's samplers round sample counts, so each of their passes has a power of two that its sampler does not round.
+    The rest is drawn independently. `sobol` takes any number in one pass if memory permits.
     """
     largest = max(1, RAYS_PER_PASS // (camera.width * camera.height))
     remaining = spp
     while remaining:
-        powers = (1 << power for power in reversed(range(min(remaining, largest).bit_length())))
-        count = next((count for count in powers if sampler_supports(sampler, count)), None)
+        sizes = [1 << power for power in reversed(range(min(remaining, largest).bit_length()))]
+        if sampler == "sobol" and remaining <= largest:
+            sizes = [remaining]
+        count = next((count for count in sizes if sampler_supports(sampler, count)), None)
         kind, size = ("independent", min(remaining, largest)) if count is None else (sampler, count)
         yield kind, size, int(seeds.spawn(1)[0].generate_state(1)[0])
         remaining -= size

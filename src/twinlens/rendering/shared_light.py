@@ -218,8 +218,9 @@ class SharedLight:
         )
         light = dr.select(smooth & (ds.pdf != 0), light * dr.select(ds.delta, 1.0, mis(ds.pdf, pdf)), 0.0)
         goes_on = reflects & (chosen.pdf > 0) & dr.any(factor != 0)
-        diffuse, last = mi.has_flag(chosen.sampled_type, mi.BSDFFlags.Diffuse), (mi.Interaction3f(si), chosen.pdf)
-        onwards = goes_on, sampler, si.spawn_ray(si.to_world(chosen.wo)), mi.Spectrum(1.0), chosen.eta, mi.UInt32(1)
+        diffuse, last = mi.has_flag(chosen.sampled_type, mi.BSDFFlags.Diffuse), (mi.Point3f(si.p), chosen.pdf)
+        ray = si.spawn_ray(si.to_world(chosen.wo))
+        onwards = goes_on, sampler, (ray.o, ray.d), mi.Spectrum(1.0), chosen.eta, mi.UInt32(1)
         reached = paths.follow(scene, *onwards, (*last, mi.Bool(False)), diffuse)
         light, reached = (
             dr.select(dr.isfinite(each), each, 0.0) for each in (light, dr.select(goes_on, reached / chosen.pdf, 0.0))

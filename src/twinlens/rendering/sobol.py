@@ -20,6 +20,13 @@ _KEYS_PER_NUMBER = 2  # calls of the TEA hash
 _LAINE_KARRAS = (0x6C50B47C, 0xB82F1E52, 0xC7AFE638, 0x8D22F6E6)
 
 
+class _Constant:
+    """Hides a variable that loops do not change from Dr.Jit, which would record them twice to leave it out."""
+
+    def __init__(self, value: Any) -> None:
+        self.value = value
+
+
 class SobolSampler(mi.Sampler):  # type: ignore[misc, name-defined]
     """Numbers for `count` rays per pixel of a film `width` pixels wide, numbered pixel by pixel.
 
@@ -30,8 +37,9 @@ class SobolSampler(mi.Sampler):  # type: ignore[misc, name-defined]
     def __init__(self, count: int, width: int) -> None:
         super().__init__(mi.Properties())
         self.set_sample_count(count)
-        self.width = dr.opaque(mi.UInt32, width)
-        self.place, self.key, self.number = (dr.zeros(mi.UInt32) for _ in range(3))
+        self.width = _Constant(dr.opaque(mi.UInt32, width))
+        self.place, self.key = _Constant(dr.zeros(mi.UInt32)), _Constant(dr.zeros(mi.UInt32))
+        self.number = dr.zeros(mi.UInt32)
 
     def clone(self) -> "SobolSampler":
         return self
@@ -45,32 +53,33 @@ class SobolSampler(mi.Sampler):  # type: ignore[misc, name-defined]
         count = dr.opaque(mi.UInt32, self.sample_count())
         ray = dr.arange(mi.UInt32, wavefront_size)
         pixel = ray // count
-        row = pixel // self.width
-        self.seed_at(pixel - row * self.width, row, ray - pixel * count, seed)
+        row = pixel // self.width.value
+        self.seed_at(pixel - row * self.width.value, row, ray - pixel * count, seed)
 
     def seed_at(self, column: Any, row: Any, sample: Any, seed: Any) -> None:
         """Seed for rays that are this `sample` of the pixel in this `column` and `row`."""
         count = dr.opaque(mi.UInt32, self.sample_count())
         order = _spread(column) | (_spread(row) << 1)
-        self.place = dr.brev(order * count + sample)
-        self.key = dr.opaque(mi.UInt32, seed) if isinstance(seed, int) else mi.UInt32(seed)
+        place = dr.brev(order * count + sample)
+        key = dr.opaque(mi.UInt32, seed) if isinstance(seed, int) else mi.UInt32(seed)
         self.number = dr.zeros(mi.UInt32, dr.width(sample))
-        dr.make_opaque(self.place, self.key, self.number)
+        dr.make_opaque(place, key, self.number)
+        self.place, self.key = _Constant(place), _Constant(key)
 
     def next_1d(self, active: Any = True) -> Any:
         order, for_x, _ = self._keys()
-        return _unit(dr.brev(_scrambled(dr.brev(_scrambled(self.place, order)), for_x)))
+        return _unit(dr.brev(_scrambled(dr.brev(_scrambled(self.place.value, order)), for_x)))
 
     def next_2d(self, active: Any = True) -> Any:
         order, for_x, for_y = self._keys()
-        place = dr.brev(_scrambled(self.place, order))
+        place = dr.brev(_scrambled(self.place.value, order))
         return mi.Point2f(
             _unit(dr.brev(_scrambled(place, for_x))), _unit(dr.brev(_scrambled(_second_dimension(place), for_y)))
         )
 
     def _keys(self) -> tuple[Any, Any, Any]:
         first, second = (
-            mi.sample_tea_32(self.key, _KEYS_PER_NUMBER * self.number + each) for each in range(_KEYS_PER_NUMBER)
+            mi.sample_tea_32(self.key.value, _KEYS_PER_NUMBER * self.number + each) for each in range(_KEYS_PER_NUMBER)
         )
         self.number += 1
         return first[0], first[1], second[0]
