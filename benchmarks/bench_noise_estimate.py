@@ -2,8 +2,8 @@
 
     python benchmarks/bench_noise_estimate.py [--count 12] [--seed 7000] [--spp 16]
 
-Left views of 160x120 pixels with `--spp` denoised samples, of the four families in turn, through a pinhole for four scenes
-and an f/1.4 lens on a 36 mm sensor for the next four. The true squared error is the mean product of the differences
+Left views of 160x120 pixels with `--spp` denoised samples, of the four families in turn, through a pinhole for four
+scenes and an f/1.4 lens on a 36 mm sensor for the next four. The true squared error is the mean product of differences
 from two images of 128 raw samples, whose noise is independent. Both errors are medians over windows of 9x9 pixels.
 """
 
