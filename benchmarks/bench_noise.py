@@ -35,9 +35,10 @@ KINDS = {
     "raw 24": {"spp": 24},
     "raw 64": {"spp": 64},
     "raw 256": {"spp": 256},
+    "8, denoised": {"spp": 8, "denoise": True},
+    "12, denoised": {"spp": 12, "denoise": True},
     "16, denoised": {"spp": 16, "denoise": True},
     "32, denoised": {"spp": 32, "denoise": True},
-    "16, denoised with multijitter": {"spp": 16, "denoise": True, "sampler": "multijitter"},
 }
 SEED = 2
 PAGE = Path(__file__).with_name("noise.md")
