@@ -27,7 +27,7 @@ from twinlens.rendering.denoising import GUIDE_SAMPLES, denoise_image, denoise_p
 from twinlens.rendering.guides import Guides, binned, render_guides
 from twinlens.rendering.integrators import with_irradiance_cache
 from twinlens.rendering.projectors import build_lit, can_denoise
-from twinlens.rendering.samplers import SAMPLERS, Pass, default_sampler, passes_of
+from twinlens.rendering.samplers import PLAIN_SAMPLER, SAMPLERS, Pass, default_sampler, passes_of
 from twinlens.rendering.sensors import NEEDS_JIT, check_sampler_supported, make_sensor
 from twinlens.scenes import Scene
 from twinlens.seeds import derived_seed, seed_sequence
@@ -378,11 +378,8 @@ def other_guides(
     *key: int,
     parts: Parts | None = None,
 ) -> Guides:
-    """The guides of `count` samples per pixel; `seed` and `key` name their random stream.
-
-    Their sampler is that of most images, so that one kernel renders these guides and those of the image's own samples.
-    """
-    passes = passes_of(camera, count, seed_sequence(seed, _GUIDE_STREAM, *key), default_sampler(denoise=True))
+    """The guides of `count` samples per pixel; `seed` and `key` name their random stream."""
+    passes = passes_of(camera, count, seed_sequence(seed, _GUIDE_STREAM, *key), PLAIN_SAMPLER)
     return render_guides(built, camera, pose, lens, passes, parts)
 
 

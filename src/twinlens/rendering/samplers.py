@@ -17,7 +17,7 @@ Sampler = Literal["multijitter", "sobol", "independent", "stratified", "orthogon
 
 SAMPLERS: tuple[str, ...] = get_args(Sampler)
 PLAIN_SAMPLER: Sampler = "multijitter"
-"""Of images that are not denoised, and of lenses that share paths."""
+"""Of images that are not denoised, of guides, and of lenses that share paths."""
 
 RAYS_PER_PASS = 1 << 23
 
