@@ -103,3 +103,16 @@ def test_means_of_blocks_have_less_noise_than_with_multijitter():
         assert images.min() > 0
         noise[sampler] = images.reshape(8, 8, 8, 8, 8).mean(axis=(2, 4)).std(axis=0, ddof=1).mean()
     assert noise["sobol"] < noise["multijitter"]
+
+
+def test_twelve_samples_are_one_pass_whose_loop_is_recorded_once(monkeypatch):
+    """Dr.Jit records a loop twice if a variable of its state never changes, which doubles the time of tracing it."""
+    from twinlens.rendering import paths
+
+    recorded = []
+    original = paths.matte_part
+    monkeypatch.setattr(paths, "matte_part", lambda *arguments: recorded.append(1) or original(*arguments))
+    scene = tl.load_scene("spheres")
+    camera = Camera.from_fov(32, 24, 60)
+    tl.render(scene, Rig([camera], [scene.world_from_left]), spp=12, denoise=True)
+    assert len(recorded) == 1
