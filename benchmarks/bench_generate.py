@@ -105,7 +105,7 @@ def flat(count: int) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path, target = Path(folder) / "recipe.toml", Path(folder) / "set"
         path.write_text(FLAT.format(count=count))
-        command = [sys.executable, "-m", "twinlens", "generate", str(path), "-o", str(target)]
+        command = [sys.executable, "-m", "twinlens", "generate", str(path), "-o", str(target), "--workers", "1"]
         with subprocess.Popen(command, env={**os.environ, "HOME": folder}) as run:  # an empty kernel cache
             rows = list(watched(run, target / ".rows"))
     tenths = np.array_split(np.array(rows), 10)

@@ -21,7 +21,7 @@ import numpy as np
 
 import twinlens.matching as tm
 from bench_compile import table
-from twinlens.matching.box import cpu_count
+from twinlens.processors import processor_count
 
 SIZES = ((640, 480), (1280, 720))
 RANGES = (64, 128)
@@ -157,7 +157,7 @@ def first_calls() -> Iterator[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=9)
-    parser.add_argument("--threads", type=int, default=cpu_count())
+    parser.add_argument("--threads", type=int, default=processor_count())
     parser.add_argument("--write", action="store_true", help=f"write {PAGE.name}")
     options = parser.parse_args()
     cv2.setNumThreads(options.threads)

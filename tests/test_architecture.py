@@ -11,11 +11,12 @@ import pytest
 import twinlens
 
 PACKAGE = Path(twinlens.__file__).parent
-BASE = {"errors", "interrupts", "schema", "seeds"}
+BASE = {"errors", "interrupts", "processors", "schema", "seeds"}
 UNDER_SCENES = {*BASE, "geometry", "optics", "camera"}
 MAY_IMPORT = {
     "errors": set(),
     "interrupts": set(),
+    "processors": set(),
     "schema": {"errors"},
     "seeds": set(),
     "geometry": {*BASE},

@@ -20,7 +20,7 @@ from twinlens.dataset import place
 from twinlens.dataset.record import plain
 from twinlens.errors import BackendError, InputError, MissingExtraError
 from twinlens.factory import generate, read_recipe, sample, workers
-from twinlens.factory.workers import Order, dask_cluster, make_one, worker_processes
+from twinlens.factory.workers import Order, dask_cluster, make_one, usual_workers, worker_processes
 from twinlens.rendering import sensors
 from twinlens.rendering.backends import Backend
 from twinlens.scenes.model_files import MaterialWarning
@@ -118,6 +118,20 @@ def test_a_script_without_a_guard_is_named_as_the_cause(recipe, tmp_path):
     environment = {**os.environ, "TWINLENS_BACKEND": "scalar"}
     done = subprocess.run([sys.executable, script], capture_output=True, text=True, env=environment, timeout=PATIENCE_S)
     assert 'the guard `if __name__ == "__main__":`' in done.stderr.splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    ("processors", "backend", "samples", "count"),
+    [(8, "llvm", 100, 4), (8, "llvm", 25, 2), (8, "llvm", 19, 0), (2, "llvm", 100, 2), (1, "llvm", 301, 1),
+     (8, "scalar", 100, 0), (8, "cuda", 100, 0), (8, "scalar", 301, 1)],
+)  # fmt: skip
+def test_large_runs_of_random_scenes_get_several_processes(tmp_path, monkeypatch, processors, backend, samples, count):
+    monkeypatch.setattr(workers, "processor_count", lambda: processors)
+    monkeypatch.setattr(workers, "backend", lambda: Backend(backend, f"{backend}_rgb", "as in the test"))
+    family = read_recipe(write_recipe(tmp_path, 'seed = 1\ncount = {count}\nfamilies = ["flying"]\n', count=1000))
+    assert usual_workers(family, samples) == count
+    same_scene = read_recipe(write_recipe(tmp_path, 'seed = 1\ncount = {count}\nscenes = ["cards"]\n', count=1000))
+    assert usual_workers(same_scene, samples) == 0
 
 
 @pytest.mark.slow

@@ -16,7 +16,6 @@ from twinlens.cli.places import PATH, PLACE
 from twinlens.cli.progress import interrupt_note, progress_bar
 from twinlens.dataset import Place
 from twinlens.errors import InputError
-from twinlens.factory.workers import RENEWED_AFTER
 from twinlens.scoring import recipe_toml
 
 
@@ -28,7 +27,9 @@ from twinlens.scoring import recipe_toml
 )
 @click.option("--limit", type=Whole(1), help="Make at most this many samples in this run.")
 @click.option("--shard", default="1/1", show_default=True, help="i/n: make every n-th sample, starting with the i-th.")
-@click.option("--workers", type=Whole(1), help="Number of worker processes on this machine.")
+@click.option(
+    "--workers", type=Whole(1), help="Number of worker processes on this machine.  [default: up to 4 for random scenes]"
+)
 @click.option("--scheduler", help="Use the Dask cluster of this scheduler, such as tcp://host:8786.")
 @noise_option
 @click.option("--denoise/--no-denoise", default=None, help="Override the recipe's `denoise`.")
@@ -53,15 +54,15 @@ def command(recipe: Path, output: Place, dry_run: bool, limit: int | None, as_js
     workers, scheduler = options["workers"], options["scheduler"]
     if workers is not None and scheduler is not None:
         raise InputError("--workers and --scheduler exclude each other")
-    if workers is None and read.varied_scenes and read.count > RENEWED_AFTER:
-        workers = 1  # a separate process, whose replacement returns its memory
     part = re.fullmatch("([0-9]+)/([0-9]+)", options["shard"])
     if part is None or not 1 <= int(part[1]) <= int(part[2]):
         raise InputError(f"--shard must be i/n with i from 1 to n, such as 2/8, got {options['shard']!r}")
+    shard, kept = (int(part[1]), int(part[2])), "finished samples are kept; run the same command to resume"
+    if workers is None:
+        workers = factory.usual_workers(read, min(limit or read.count, read.count // shard[1]))
     engine = factory.worker_processes(workers) if workers else factory.in_process
     if scheduler:
         engine = factory.dask_cluster(scheduler)
-    shard, kept = (int(part[1]), int(part[2])), "finished samples are kept; run the same command to resume"
     with progress_bar("generating") as report, interrupt_note(lambda: kept):
         outcome = factory.generate(read, output, limit=limit, shard=shard, report=report, engine=engine)
     _print(outcome, output, as_json)

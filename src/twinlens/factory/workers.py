@@ -31,12 +31,15 @@ from twinlens.factory.produce import Exhausted, make
 from twinlens.factory.recipe import Recipe, differences, recipe_from_table
 from twinlens.factory.sample import made_with
 from twinlens.factory.sources import changed_files
-from twinlens.rendering import Progress, forget_kernels, share_kernels, use_threads
+from twinlens.processors import processor_count
+from twinlens.rendering import Progress, backend, forget_kernels, share_kernels, use_threads
 
 RENEWED_AFTER = 300
 """Samples that a worker process makes before a new one replaces it. LLVM keeps about 15 KiB for each random scene that
 it compiled kernels for, until the process ends."""
 
+_MOST_WORKERS = 4  # without --workers; each needs memory of its own
+_LEAST_SAMPLES = 10  # of a worker, which needs some seconds to start
 _POLL_S = 0.25
 _QUEUED = 2  # samples submitted for each thread of a Dask cluster, so that none waits
 _TRIES = 3
@@ -154,6 +157,19 @@ class Order:
         return cls(dict(recipe.written), path, folder, work.made_with, recipe.sources.digests, threads)
 
 
+def usual_workers(recipe: Recipe, samples: int) -> int:
+    """Number of worker processes that suit a run of so many samples on this machine; 0 is the calling process alone.
+
+    Scenes that differ are drawn, built and compiled by one processor each. The others would wait.
+    """
+    if not recipe.varied_scenes:
+        return 0
+    several = min(_MOST_WORKERS, processor_count(), samples // _LEAST_SAMPLES)
+    if several > 1 and backend().name == "llvm":
+        return several
+    return 1 if samples > RENEWED_AFTER else 0  # its replacement returns its memory
+
+
 def worker_processes(count: int) -> Engine:
     """The engine of `count` processes on this machine, which share its processors evenly.
 
@@ -162,7 +178,7 @@ def worker_processes(count: int) -> Engine:
     """
 
     def engine(work: Work, indices: Sequence[int], report: Report) -> Results:
-        order = Order.of(work, threads=max(1, len(os.sched_getaffinity(0)) // count))
+        order = Order.of(work, threads=max(1, processor_count() // count))
         context = get_context("spawn")
         pools: dict[pebble.ProcessPool, Future[Made]] = {}
 

@@ -1,7 +1,6 @@
 """Costs over square windows: prepares memory for the kernels and shares the rows of an image between threads."""
 
 import functools
-import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -24,11 +23,6 @@ FLOAT_ROWS = 64  # float sums depend on where a strip begins, so float images ar
 Volume = NDArray[Any]
 Rows = Callable[[int, int], Volume]
 """rows(start, stop): those rows of a cost volume, (stop - start, W, depth), depth a multiple of LANES."""
-
-
-def cpu_count() -> int:
-    """Number of processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def in_strips(work: Callable[[int, int], None], height: int, rows: int, threads: int) -> None:

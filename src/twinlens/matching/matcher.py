@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from twinlens.errors import InputError, check_int, check_known, check_number
 from twinlens.matching import box, refine
-from twinlens.matching.box import FITS, BoxMatch, Rows, Volume, Winners, blank, cpu_count, in_lanes, in_strips, limits
+from twinlens.matching.box import FITS, BoxMatch, Rows, Volume, Winners, blank, in_lanes, in_strips, limits
 from twinlens.matching.confidence import CONFIDENCES, confidence_map
 from twinlens.matching.costs import COSTS, descriptor_model, find_cost, largest_cost, numbers
 from twinlens.matching.descriptors import descriptor_costs
@@ -19,6 +19,7 @@ from twinlens.matching.images import Confidence, Disparity, Image, clipped_slope
 from twinlens.matching.options import RangeMatcher, check_block_size
 from twinlens.matching.semiglobal import Penalties, Sweeps, quantised, stored
 from twinlens.matching.supports import SUPPORTS, Strip
+from twinlens.processors import processor_count
 
 OPTIMISATIONS = {
     "wta": "winner takes all, for each pixel on its own",
@@ -216,7 +217,7 @@ class Search:
         self.paths = PATHS[matcher.optimisation]
         self.fit = self.cost.fit if matcher.subpixel == "auto" else matcher.subpixel
         self.rivals = matcher.uniqueness > 0
-        self.threads = matcher.threads or cpu_count()
+        self.threads = matcher.threads or processor_count()
 
     def winners(self) -> Winners:
         """The winner at every pixel of the left image."""
