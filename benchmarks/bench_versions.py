@@ -103,9 +103,9 @@ def main() -> None:
             "# Cost of this version and of another one",
             "",
             f"{command}, {os.cpu_count()} processors.",
-            f"Commands with their defaults: `twinlens render SCENE --size {SIZE}` with truth and files, in processor time;",
-            f"and `twinlens generate` of {options.samples} samples of 320x240 of the families {', '.join(FAMILIES)},",
-            "from an empty kernel cache.",
+            f"Commands with their defaults: `twinlens render SCENE --size {SIZE}` with truth and files, in processor",
+            f"time; and `twinlens generate` of {options.samples} samples of 320x240 of the families",
+            f"{', '.join(FAMILIES)}, from an empty kernel cache.",
             "",
         ]
         (HERE / "versions.md").write_text("\n".join([*text, *lines]) + "\n")
