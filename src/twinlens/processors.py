@@ -1,4 +1,4 @@
-"""How many processors there are."""
+"""The processors of this machine."""
 
 import os
 

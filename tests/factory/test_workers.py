@@ -15,6 +15,7 @@ import psutil
 import pytest
 
 from tests.factory_recipes import PATIENCE_S, RECIPE, digests, finish, rows_in, start, write_recipe
+from tests.rendering.conftest import skip_without_llvm
 from twinlens import rendering
 from twinlens.dataset import place
 from twinlens.dataset.record import plain
@@ -122,9 +123,17 @@ def test_a_script_without_a_guard_is_named_as_the_cause(recipe, tmp_path):
 
 @pytest.mark.parametrize(
     ("processors", "backend", "samples", "count"),
-    [(8, "llvm", 100, 4), (8, "llvm", 25, 2), (8, "llvm", 19, 0), (2, "llvm", 100, 2), (1, "llvm", 301, 1),
-     (8, "scalar", 100, 0), (8, "cuda", 100, 0), (8, "scalar", 301, 1)],
-)  # fmt: skip
+    [
+        (8, "llvm", 100, 4),
+        (3, "llvm", 100, 3),
+        (8, "llvm", 25, 2),
+        (8, "llvm", 19, 0),
+        (1, "llvm", 301, 1),
+        (8, "scalar", 100, 0),
+        (8, "cuda", 100, 0),
+        (8, "scalar", 301, 1),
+    ],
+)
 def test_large_runs_of_random_scenes_get_several_processes(tmp_path, monkeypatch, processors, backend, samples, count):
     monkeypatch.setattr(workers, "processor_count", lambda: processors)
     monkeypatch.setattr(workers, "backend", lambda: Backend(backend, f"{backend}_rgb", "as in the test"))
@@ -132,6 +141,27 @@ def test_large_runs_of_random_scenes_get_several_processes(tmp_path, monkeypatch
     assert usual_workers(family, samples) == count
     same_scene = read_recipe(write_recipe(tmp_path, 'seed = 1\ncount = {count}\nscenes = ["cards"]\n', count=1000))
     assert usual_workers(same_scene, samples) == 0
+
+
+def test_the_usual_engine_counts_the_samples_that_are_left(tmp_path, monkeypatch):
+    read = read_recipe(write_recipe(tmp_path, 'seed = 1\ncount = {count}\nfamilies = ["flying"]\n', count=100))
+    work = workers.Work(read, place(tmp_path / "set"), {})
+    monkeypatch.setattr(workers, "usual_workers", lambda recipe, samples: samples // 10)
+    monkeypatch.setattr(workers, "worker_processes", lambda count: lambda *_: iter([(count, "several")]))
+    monkeypatch.setattr(workers, "in_process", lambda *_: iter([(0, "alone")]))
+    assert list(workers.usual_engine(work, range(30), lambda *_: None)) == [(3, "several")]
+    assert list(workers.usual_engine(work, range(95, 100), lambda *_: None)) == [(0, "alone")]
+
+
+@pytest.mark.slow
+def test_random_scenes_are_the_same_by_default_and_in_one_process(tmp_path, monkeypatch):
+    skip_without_llvm()
+    monkeypatch.setattr(workers, "processor_count", lambda: 2)
+    family = 'seed = 1\ncount = {count}\nfamilies = ["flying"]\nwidth = 64\nheight = 48\nspp = 2\n'
+    recipe = write_recipe(tmp_path, family, count=20)
+    for name, engine in (("usual", workers.usual_engine), ("alone", workers.in_process)):
+        assert generate(read_recipe(recipe), tmp_path / name, engine=engine).complete
+    assert digests(tmp_path / "usual") == digests(tmp_path / "alone")
 
 
 @pytest.mark.slow

@@ -18,14 +18,14 @@ def _llvm():
     skip_without_llvm()
 
 
-def numbers(seed, calls):
-    """The numbers that each of WIDTH x HEIGHT x SPP rays gets: arrays (HEIGHT, WIDTH, SPP) or with two at the end."""
+def numbers(seed, calls, spp=SPP):
+    """The numbers that each of WIDTH x HEIGHT x spp rays gets: arrays (HEIGHT, WIDTH, spp) or with two at the end."""
     from twinlens.rendering.samplers import load_sampler
 
-    sampler = load_sampler("sobol", SPP, WIDTH)
-    sampler.seed(seed, WIDTH * HEIGHT * SPP)
+    sampler = load_sampler("sobol", spp, WIDTH)
+    sampler.seed(seed, WIDTH * HEIGHT * spp)
     found = [np.array(sampler.next_2d() if size == 2 else sampler.next_1d()) for size in calls]
-    return [values.T.reshape(HEIGHT, WIDTH, SPP, *values.T.shape[1:]) for values in found]
+    return [values.T.reshape(HEIGHT, WIDTH, spp, *values.T.shape[1:]) for values in found]
 
 
 def is_net(points):
@@ -53,6 +53,17 @@ def test_single_numbers_of_blocks_are_stratified(side):
     count = side * side * SPP
     for block in blocks.reshape(-1, count):
         assert np.array_equal(np.sort(np.floor(block * count)), np.arange(count))
+
+
+@pytest.mark.parametrize(("spp", "part"), [(6, 2), (12, 4)])
+def test_numbers_of_samples_that_are_no_powers_of_two_consist_of_nets(spp, part):
+    pairs, values = numbers(3, (2, 1), spp)
+    assert all(is_net(each) for each in pairs.reshape(-1, part, 2))
+    intervals = WIDTH * HEIGHT * part
+    for each in (values, *np.moveaxis(pairs, -1, 0)):
+        assert np.array_equal(
+            np.bincount(np.floor(each.ravel() * intervals).astype(int)), np.full(intervals, spp // part)
+        )
 
 
 def test_the_second_dimension_is_that_of_another_implementation():

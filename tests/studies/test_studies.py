@@ -28,7 +28,7 @@ from twinlens.studies import (
 
 METHODS = {"active": ("zncc", "depth_camera"), "window": ("sad", "census"), "radiometric": ("sad", "census")}
 QUICK = ("texture", "radiometric")
-"""Studies that are run twice; the others only in slow tests, as test_lens_grid covers the images of `aperture`."""
+"""Studies that are run twice; the others only in slow tests."""
 SOME = [pytest.param(name, marks=pytest.mark.slow if name in ("pinhole", "focal-length") else ()) for name in STUDIES]
 """All studies; the test of `baseline` runs the same code as that of `focal-length`."""
 TINY = {"width": 96, "height": 72, "spp": 2}
@@ -147,15 +147,6 @@ def test_the_same_seed_gives_the_same_bytes(results, name):
 def test_another_seed_gives_another_table():
     first, other = (run("texture", first_seed=seed).table for seed in (0, 5))
     assert first.numbers("error_px").tolist() != other.numbers("error_px").tolist()
-
-
-def test_the_savings_of_the_lens_grid_are_reported_outside_the_table(results):
-    result = results("aperture")
-    assert "light paths" in result.remarks["lens grid"]
-    direct = 11 * TINY["spp"] * 2 * TINY["width"] * TINY["height"]
-    assert result.protocol["light_paths_of_direct_renders"] == direct
-    assert result.protocol["light_paths"]["staircase"] > 0
-    assert not any("light_paths" in column.name for column in result.study.columns)
 
 
 def test_the_panel_of_window(results):

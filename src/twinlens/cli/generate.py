@@ -58,9 +58,7 @@ def command(recipe: Path, output: Place, dry_run: bool, limit: int | None, as_js
     if part is None or not 1 <= int(part[1]) <= int(part[2]):
         raise InputError(f"--shard must be i/n with i from 1 to n, such as 2/8, got {options['shard']!r}")
     shard, kept = (int(part[1]), int(part[2])), "finished samples are kept; run the same command to resume"
-    if workers is None:
-        workers = factory.usual_workers(read, min(limit or read.count, read.count // shard[1]))
-    engine = factory.worker_processes(workers) if workers else factory.in_process
+    engine = factory.worker_processes(workers) if workers else factory.usual_engine
     if scheduler:
         engine = factory.dask_cluster(scheduler)
     with progress_bar("generating") as report, interrupt_note(lambda: kept):

@@ -19,6 +19,6 @@ from twinlens.factory.sample import (
 from twinlens.factory.workers import (
     dask_cluster as dask_cluster,
     in_process as in_process,
-    usual_workers as usual_workers,
+    usual_engine as usual_engine,
     worker_processes as worker_processes,
 )

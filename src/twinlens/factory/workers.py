@@ -5,6 +5,7 @@ An engine makes the samples of some indices and yields each one once it is on th
 
 import functools
 import gc
+import math
 import os
 import signal
 import warnings
@@ -157,17 +158,24 @@ class Order:
         return cls(dict(recipe.written), path, folder, work.made_with, recipe.sources.digests, threads)
 
 
-def usual_workers(recipe: Recipe, samples: int) -> int:
-    """Number of worker processes that suit a run of so many samples on this machine; 0 is the calling process alone.
+def usual_engine(work: Work, indices: Sequence[int], report: Report) -> Results:
+    """`in_process`, or worker processes where they are faster, or where their replacement returns memory."""
+    count = usual_workers(work.recipe, len(indices))
+    yield from (worker_processes(count) if count else in_process)(work, indices, report)
 
-    Scenes that differ are drawn, built and compiled by one processor each. The others would wait.
+
+def usual_workers(recipe: Recipe, samples: int) -> int:
+    """Number of worker processes that suit so many samples on this machine; 0 is the calling process alone.
+
+    Scenes that differ are drawn, built and, with LLVM, compiled by one processor each, while the others of a process
+    wait. Other backends have no kernels to compile, or one device that all processes would share.
     """
     if not recipe.varied_scenes:
         return 0
     several = min(_MOST_WORKERS, processor_count(), samples // _LEAST_SAMPLES)
     if several > 1 and backend().name == "llvm":
         return several
-    return 1 if samples > RENEWED_AFTER else 0  # its replacement returns its memory
+    return 1 if samples > RENEWED_AFTER else 0
 
 
 def worker_processes(count: int) -> Engine:
@@ -178,7 +186,7 @@ def worker_processes(count: int) -> Engine:
     """
 
     def engine(work: Work, indices: Sequence[int], report: Report) -> Results:
-        order = Order.of(work, threads=max(1, processor_count() // count))
+        order = Order.of(work, threads=math.ceil(processor_count() / count))
         context = get_context("spawn")
         pools: dict[pebble.ProcessPool, Future[Made]] = {}
 
@@ -303,8 +311,8 @@ def _collected(
     if lost := [index for index, count in tries.items() if count == _TRIES]:
         raise BackendError(
             f"the worker of sample {lost[0]} died {_TRIES} times (out of memory?), as did those of {len(lost) - 1} "
-            "others; all other samples are kept; give the workers more memory or make the images smaller, and run the "
-            "same command to resume"
+            "others; all other samples are kept; use fewer workers (--workers 1), give them more memory or make the "
+            "images smaller, and run the same command to resume"
         )
 
 

@@ -1,10 +1,11 @@
 """A sampler whose errors in neighbouring pixels cancel: one scrambled Sobol sequence over all pixels of an image.
 
 Pixels in Morton order take consecutive points of the sequence, so that not only the points of a pixel fill the unit
-square evenly, but also those of 2x2, 4x4, ... pixels together. Less error is left at the low frequencies, which a
-denoiser keeps (Ahmed and Wonka, Screen-space blue-noise diffusion of Monte Carlo sampling error via hierarchical
-ordering of pixels, 2020). Each number or pair of numbers of a path takes the first dimension or two of the sequence, in
-an order of its own, with Owen scrambling by a hash (Burley, Practical hash-based Owen scrambling, 2020).
+square evenly, but also those of 2x2, 4x4, ... pixels together (most evenly where their number is a power of two). Less
+error is left at the low frequencies, which a denoiser keeps (Ahmed and Wonka, Screen-space blue-noise diffusion of
+Monte Carlo sampling error via hierarchical ordering of pixels, 2020). Each number or pair of numbers of a path takes
+the first dimension or two of the sequence, in an order of its own, with Owen scrambling by a hash (Burley, Practical
+hash-based Owen scrambling, 2020).
 
 Importing this module sets up the backend.
 """
@@ -30,8 +31,8 @@ class _Constant:
 class SobolSampler(mi.Sampler):  # type: ignore[misc, name-defined]
     """Numbers for `count` rays per pixel of a film `width` pixels wide, numbered pixel by pixel.
 
-    All rays of an image are of one wavefront. Points repeat in images that are more than 500 times as wide as high, or
-    as high as wide.
+    All rays of an image are of one wavefront. Points may repeat in images that are more than 250 times as wide as high,
+    or as high as wide.
     """
 
     def __init__(self, count: int, width: int) -> None:

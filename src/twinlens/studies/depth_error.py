@@ -159,7 +159,7 @@ _COLUMNS = (
     Column("occluded", "%", "occluded in the right view"),
     Column("totbad2", "%", "wrong by > 2 px or unknown"),
 )
-_DEFAULTS = Setup(("staircase", "tabletop", "cards"), ("sad", "zncc", "census", "sgm"), (0, 1, 2), spp=16)
+_DEFAULTS = Setup(("staircase", "tabletop", "cards"), ("sad", "zncc", "census", "sgm"), (0, 1, 2))
 BASELINE = Study(
     name="baseline",
     question="How do depth error and occlusion depend on the baseline?",

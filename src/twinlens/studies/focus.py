@@ -75,7 +75,7 @@ def disk_diameter(image: Float, own: float = LAMP_PX) -> float:
 def _rows(setup: Setup, stage: Stage, seed: int) -> list[Row]:
     """Every lens, then both cameras focused at the far end, both at the near end, and one at each."""
     lenses = [stage.lens(focus, blur) for blur in BLURS_PX for focus in FOCI]
-    grid = render_lens_grid(stage.scene, stage.rig, lenses, setup.spp, stream(seed, 0))
+    grid = render_lens_grid(stage.scene, stage.rig, lenses, setup.spp, stream(seed, 0), denoise=True)
     blurs = [float(np.abs(stage.blur(lens))[np.isfinite(stage.truth.depth)].mean()) for lens in lenses]
     far = BLURS_PX.index(MISMATCH_BLUR_PX) * len(FOCI)
     near = far + len(FOCI) - 1

@@ -30,7 +30,7 @@ class Setup:
     seeds: tuple[int, ...]
     width: int = 320
     height: int = 240
-    spp: int = 32
+    spp: int = 16
     progress: Progress = lambda fraction, label: None
 
     def __post_init__(self) -> None:

@@ -47,10 +47,14 @@ def stream(seed: int, *key: int) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """A scene, a rig, and the ground truth of the left view."""
+    """A scene, a rig, and the ground truth of the left view.
+
+    denoise: whether photographs are denoised. Those of glowing surfaces are not: guides do not show their texture.
+    """
 
     scene: Scene
     rig: Rig
+    denoise: bool = True
 
     @staticmethod
     def of(
@@ -96,7 +100,7 @@ class Stage:
 
     def photograph(self, lens: Lens, spp: int, seed: int) -> list[NDArray[np.float32]]:
         """The radiance of both views through one lens."""
-        return list(render(self.scene, self.rig, lens, spp, seed))
+        return render(self.scene, self.rig, lens, spp, seed, denoise=self.denoise)
 
     def expose(
         self, radiance: Sequence[Image], lens: Lens, seed: int, sensor: Sensor | None = None,
@@ -158,7 +162,7 @@ def noise_planes(
     """The `noise_plane` at `depth` (m) as a pair sees it, at each of the PHASES."""
     scene = noise_plane(camera, baseline, depth, seed, scale_px=scale_px, contrast=contrast)
     rights = [camera.replace(cx=camera.cx + phase) for phase in PHASES]
-    return [Stage(scene, Rig.stereo(camera, baseline, right=right)) for right in rights]
+    return [Stage(scene, Rig.stereo(camera, baseline, right=right), denoise=False) for right in rights]
 
 
 def noise_plane(

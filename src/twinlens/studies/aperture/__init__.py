@@ -1,8 +1,7 @@
 """`aperture`: the best f-number for stereo, from f/1 to f/32, given blur, diffraction and noise.
 
-The lenses of a scene and seed are rendered from one set of light paths (`render_lens_grid`). Images are exposed for the
-same time or to the same brightness, with and without diffraction. Two theories (`theory`) predict the best f-number:
-for the median error, and for the share of wrong pixels.
+Images are exposed for the same time or to the same brightness, with and without diffraction. Two theories (`theory`)
+predict the best f-number: for the median error, and for the share of wrong pixels.
 """
 
 import itertools
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from twinlens.camera import ThinLens
 from twinlens.camera.film import diffract
-from twinlens.rendering import LensGrid, render_lens_grid
+from twinlens.rendering import NoisyImage, render_measured
 from twinlens.sensor import Exposure, auto_exposure
 from twinlens.studies.aperture import theory
 from twinlens.studies.aperture.theory import F_NUMBERS, MODES, SENSOR, SHARP_AT, SIDE, WAVELENGTH, Evidence, Model
@@ -39,27 +38,28 @@ def measure(setup: Setup) -> Measured:
     """A row for every scene, seed, f-number, exposure, diffraction and matcher; crops along the sweep."""
     rows: list[Row] = []
     pictures: list[Picture] = []
-    traced, scales = {}, {}
+    scales = {}
     for name, seed in sweep(setup, setup.seeds):
         model = Model.of(Stage.of(name, setup.width, setup.height, pixel_pitch_um=theory.PIXEL_PITCH_UM))
         lenses = [model.full_size(model.lens(number)) for number in F_NUMBERS]
-        grid = render_lens_grid(model.stage.scene, model.stage.rig, lenses, setup.spp, stream(seed, 0))
-        rows += _rows(setup, model, grid, seed)
+        scene, rig = model.stage.scene, model.stage.rig
+        pairs = [
+            render_measured(scene, rig, lens, setup.spp, stream(seed, 0, k), denoise=True)[0]
+            for k, lens in enumerate(lenses)
+        ]
+        rows += _rows(setup, model, pairs, seed)
         if seed == setup.seeds[0]:
-            traced[name], scales[name] = grid.rays, model.scale
-            pictures.append(_crops(model, grid.images))
-    direct = len(F_NUMBERS) * setup.spp * 2 * setup.width * setup.height
+            scales[name] = model.scale
+            pictures.append(_crops(model, [[view.image for view in pair] for pair in pairs]))
     notes = {"f_numbers": F_NUMBERS, "pixel_pitch_um": theory.PIXEL_PITCH_UM, "blur_px": theory.BLUR_PX,
-             "scales": scales, "exposed_at_f": EXPOSED_AT, "theory_block_size": SIDE,
-             "light_paths": traced, "light_paths_of_direct_renders": direct}  # fmt: skip
-    paths = ", ".join(f"{name} {count / 1e6:.3g}" for name, count in traced.items())
-    saved = f"light paths, in millions, of {len(F_NUMBERS)} lenses: {paths}; one by one: {direct / 1e6:.3g} each"
+             "scales": scales, "exposed_at_f": EXPOSED_AT, "theory_block_size": SIDE}  # fmt: skip
     models = ", ".join(f"{name} 1:{1 / scale:.0f}" for name, scale in scales.items())
-    return Measured(rows, tuple(pictures), notes, {"lens grid": saved, "models": models})
+    return Measured(rows, tuple(pictures), notes, {"models": models})
 
 
-def _rows(setup: Setup, model: Model, grid: LensGrid, seed: int) -> list[dict[str, Any]]:
+def _rows(setup: Setup, model: Model, pairs: Sequence[Sequence[NoisyImage]], seed: int) -> list[dict[str, Any]]:
     stage = model.stage
+    grid = [[view.image for view in pair] for pair in pairs]
     sharp, lens = grid[F_NUMBERS.index(SHARP_AT)], model.lens(SHARP_AT)
     evidence = Evidence.of(stage, lens, model.blur(lens), sharp)
     grain = theory.grain_px(grid[F_NUMBERS.index(GRAIN_AT)][0])
@@ -67,8 +67,7 @@ def _rows(setup: Setup, model: Model, grid: LensGrid, seed: int) -> list[dict[st
     rows: list[dict[str, Any]] = []
     for k, number in enumerate(F_NUMBERS):
         lens, traced = model.lens(number), grid[k]
-        blur, light = model.blur(lens), math.sqrt(np.mean([np.square(image, dtype=float).mean() for image in traced]))
-        paths = float(np.mean(grid.standard_error[k])) / light  # rms noise of the light paths; an upper bound
+        blur, paths = model.blur(lens), _rms([view.error for view in pairs[k]]) / _rms(traced)
         for diffraction, radiance in (("without", traced), ("with", diffracted(stage, lens, traced))):
             for mode, exposure in zip(MODES, (fixed, automatic(stage, lens, radiance)), strict=True):
                 diffracts = diffraction == "with"
@@ -87,6 +86,10 @@ def _rows(setup: Setup, model: Model, grid: LensGrid, seed: int) -> list[dict[st
                     rows.append({**case, "method": method, **score_columns(scores), "a50": a50})
     _add_curves(rows)
     return rows
+
+
+def _rms(images: Radiance) -> float:
+    return math.sqrt(np.mean([np.square(image, dtype=float).mean() for image in images]))
 
 
 def _add_curves(rows: list[dict[str, Any]]) -> None:
@@ -278,6 +281,6 @@ STUDY = Study(
     defaults=Setup(
         ("staircase", "cards", "tabletop"),
         ("sad", "ssd", "ncc", "zncc", "census", "rank", "birchfield_tomasi", "sgm"), (0, 1),
-        width=240, height=180, spp=80,
+        width=240, height=180,
     ),
 )  # fmt: skip

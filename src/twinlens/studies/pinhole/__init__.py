@@ -116,7 +116,7 @@ def _pictures(setup: Setup, name: str) -> Picture:
     images, captions = [], []
     for k, millimetres in enumerate(SHOWN_MM):
         hole = _hole(millimetres)
-        radiance = render(stage.scene, rig, hole, setup.spp, stream(0, 4, k))[0]
+        radiance = render(stage.scene, rig, hole, setup.spp, stream(0, 4, k), denoise=True)[0]
         if millimetres != BOX_MM:
             radiance = diffract(radiance, stage.camera, hole)
         photo = Sensor.preset("ideal").expose(radiance, camera=stage.camera, lens=hole, seed=stream(0, 5, k))
@@ -201,5 +201,5 @@ STUDY = Study(
         _figure("noise", "Signal to noise at a fixed exposure", "snr", marks=_MARKS,
                 where={"diameter_mm": DIAMETERS_MM, "model": LIGHTS[0]}),
     ),
-    defaults=Setup(("tabletop", "staircase"), (), (0, 1, 2), spp=64),
+    defaults=Setup(("tabletop", "staircase"), (), (0, 1, 2)),
 )  # fmt: skip
