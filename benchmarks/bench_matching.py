@@ -21,7 +21,7 @@ import numpy as np
 
 import twinlens.matching as tm
 from bench_compile import table
-from twinlens.processors import processor_count
+from twinlens.machine import processor_count
 
 SIZES = ((640, 480), (1280, 720))
 RANGES = (64, 128)

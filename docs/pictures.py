@@ -15,7 +15,7 @@ from twinlens.optics import middle_focus
 from twinlens.report import colourise
 
 HERE = Path(__file__).parent
-WIDTH, HEIGHT, SPP = 480, 360, 256
+WIDTH, HEIGHT, SPP = 480, 360, 32
 APERTURE = 0.04
 
 
@@ -24,7 +24,7 @@ def main() -> None:
     scene = tl.load_scene("tabletop")
     rig = default_rig(scene, WIDTH, HEIGHT)
     lenses = (tl.Pinhole(), tl.ThinLens(APERTURE, middle_focus(*scene.depth_range)))
-    sample = make_sample(scene, rig, lenses, spp=SPP, seed=0)
+    sample = make_sample(scene, rig, lenses, spp=SPP, seed=0, denoise=True)
     truth = sample.truths[0].disparity
     low, high = float(truth[np.isfinite(truth)].min()), float(truth[np.isfinite(truth)].max())
     rows = []

@@ -12,7 +12,7 @@ from twinlens.dataset import write_png
 from twinlens.geometry import rigid
 from twinlens.report import colourise
 
-WIDTH, HEIGHT, SPP = 320, 240, 64
+WIDTH, HEIGHT, SPP = 320, 240, 16
 
 
 def main() -> None:
@@ -28,7 +28,8 @@ def main() -> None:
     code = tl.GrayCode(512, 384)
 
     def photograph(pattern: object, seed: int) -> np.ndarray:
-        return tl.render(scene, rig.with_projectors([projector.with_pattern(pattern)]), spp=SPP, seed=seed)[0]
+        lit = rig.with_projectors([projector.with_pattern(pattern)])
+        return tl.render(scene, lit, spp=SPP, seed=seed, denoise=True)[0]
 
     images = [photograph(pattern, seed) for seed, pattern in enumerate(code.patterns)]
     found = tl.decode(images, code).position

@@ -11,12 +11,12 @@ import pytest
 import twinlens
 
 PACKAGE = Path(twinlens.__file__).parent
-BASE = {"errors", "interrupts", "processors", "schema", "seeds"}
+BASE = {"errors", "interrupts", "machine", "schema", "seeds"}
 UNDER_SCENES = {*BASE, "geometry", "optics", "camera"}
 MAY_IMPORT = {
     "errors": set(),
     "interrupts": set(),
-    "processors": set(),
+    "machine": set(),
     "schema": {"errors"},
     "seeds": set(),
     "geometry": {*BASE},

@@ -122,20 +122,24 @@ def test_a_script_without_a_guard_is_named_as_the_cause(recipe, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("processors", "backend", "samples", "count"),
+    ("processors", "gib", "backend", "samples", "count"),
     [
-        (8, "llvm", 100, 4),
-        (3, "llvm", 100, 3),
-        (8, "llvm", 25, 2),
-        (8, "llvm", 19, 0),
-        (1, "llvm", 301, 1),
-        (8, "scalar", 100, 0),
-        (8, "cuda", 100, 0),
-        (8, "scalar", 301, 1),
+        (8, 16, "llvm", 100, 4),
+        (3, 16, "llvm", 100, 3),
+        (8, 5, "llvm", 100, 2),
+        (8, 16, "llvm", 25, 2),
+        (8, 16, "llvm", 19, 0),
+        (1, 16, "llvm", 301, 1),
+        (8, 16, "scalar", 100, 0),
+        (8, 16, "cuda", 100, 0),
+        (8, 16, "scalar", 301, 1),
     ],
 )
-def test_large_runs_of_random_scenes_get_several_processes(tmp_path, monkeypatch, processors, backend, samples, count):
+def test_large_runs_of_random_scenes_get_several_processes(
+    tmp_path, monkeypatch, processors, gib, backend, samples, count
+):
     monkeypatch.setattr(workers, "processor_count", lambda: processors)
+    monkeypatch.setattr(workers, "memory_bytes", lambda: gib << 30)
     monkeypatch.setattr(workers, "backend", lambda: Backend(backend, f"{backend}_rgb", "as in the test"))
     family = read_recipe(write_recipe(tmp_path, 'seed = 1\ncount = {count}\nfamilies = ["flying"]\n', count=1000))
     assert usual_workers(family, samples) == count

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.errors import InputError, check_int, check_known, check_number
+from twinlens.machine import processor_count
 from twinlens.matching import box, refine
 from twinlens.matching.box import FITS, BoxMatch, Rows, Volume, Winners, blank, in_lanes, in_strips, limits
 from twinlens.matching.confidence import CONFIDENCES, confidence_map
@@ -19,7 +20,6 @@ from twinlens.matching.images import Confidence, Disparity, Image, clipped_slope
 from twinlens.matching.options import RangeMatcher, check_block_size
 from twinlens.matching.semiglobal import Penalties, Sweeps, quantised, stored
 from twinlens.matching.supports import SUPPORTS, Strip
-from twinlens.processors import processor_count
 
 OPTIMISATIONS = {
     "wta": "winner takes all, for each pixel on its own",

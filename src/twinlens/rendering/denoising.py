@@ -27,7 +27,7 @@ from twinlens.geometry import Float
 from twinlens.rendering.backends import backend
 from twinlens.rendering.guides import Guides
 
-GUIDE_SAMPLES = 16
+GUIDE_SAMPLES = 32
 """Samples per pixel of the guides, besides those of the image."""
 
 LEAST_ALBEDO = 0.02

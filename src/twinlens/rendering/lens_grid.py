@@ -156,7 +156,7 @@ def render_lens_grid(
             if not views[index].denoised:
                 continue
             view = replace(views[index], lens=lens)
-            guides = other_guides(*view.optics, 2 * GUIDE_SAMPLES, seed, index, i, parts=parts)
+            guides = other_guides(*view.optics, GUIDE_SAMPLES, seed, index, i, parts=parts)
             fractions = None if parts is None else parts.light(lens.aperture)[0]
             images[i][index] = denoise_parts(images[i][index], guides, None, fractions)
     return LensGrid(tuple(images[i] for i in range(len(lenses))), np.sqrt(variance), rays)

@@ -1,4 +1,4 @@
-"""The processors of this machine."""
+"""The processors and the memory of this machine."""
 
 import os
 
@@ -6,3 +6,8 @@ import os
 def processor_count() -> int:
     """Number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def memory_bytes() -> int:
+    """Size of the physical memory."""
+    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
