@@ -6,6 +6,7 @@ import pytest
 import twinlens as tl
 from twinlens.dataset import Sample, Shot
 from twinlens.factory.gates import WINDOW, Gates, Rejected, check_photographs, check_truth, grey, textured_windows
+from twinlens.factory.produce import NoiseWarning, warn_of_noise
 from twinlens.rendering import ground_truth
 from twinlens.scenes import Mesh, Scene, SceneObject
 from twinlens.sensor import Sensor
@@ -116,6 +117,19 @@ def test_renderer_noise_has_a_limit_in_every_view():
     check_photographs(Gates(texture=0.0), sample, Sensor())
     with pytest.raises(Rejected, match=r"too much renderer noise: 0\.6 x sensor noise in the images of lens 0"):
         check_photographs(Gates(texture=0.0, noise=0.5), sample, Sensor())
+
+
+def test_a_limit_of_the_noise_that_is_not_met_is_said():
+    rig, truths = truth_of(scene(wall()))
+    image = np.random.default_rng(0).uniform(0.1, 0.9, (*SIZE[::-1], 3))
+    shot = replace(
+        photographed(rig, truths, image, image).shots[0], record={"light_paths_over_sensor": [0.2, 0.6], "spp": 768}
+    )
+    for limit in (None, 0.6):
+        warn_of_noise(Sample(rig, (shot,), tuple(truths), record={"noise": limit}), 7)
+    text = r"sample 7: renderer noise 0\.6 x sensor noise with 768 samples per pixel, limit 0\.5 not met"
+    with pytest.warns(NoiseWarning, match=text):
+        warn_of_noise(Sample(rig, (shot,), tuple(truths), record={"noise": 0.5}), 7)
 
 
 @pytest.mark.parametrize("noise", [0.03, 0.1, 0.2])

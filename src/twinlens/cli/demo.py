@@ -1,5 +1,6 @@
 """`twinlens demo`: a small benchmark of a pinhole, a wide-aperture lens and a real pair of cameras."""
 
+import shutil
 import time
 from pathlib import Path
 
@@ -47,6 +48,8 @@ def command(output: Path, denoise: bool, as_json: bool) -> None:
         click.echo("the images are not denoised: the renderer's noise raises all errors", err=True)
     dataset, board_folder = output / "dataset", output / "board"
     check_samples(dataset, SCENES, overwrite=True)
+    if (board_folder / "board.json").exists():  # of an earlier demo, perhaps with another backend
+        shutil.rmtree(board_folder)
     _render(dataset, denoise)
     rendered = time.perf_counter()
     pairs = DatasetPairs(Dataset(dataset), [motorcycle()])

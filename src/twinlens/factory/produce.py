@@ -4,6 +4,7 @@ spec -> scene -> rig -> objects -> truth -> gates -> lenses -> photographs -> ga
 """
 
 import dataclasses
+import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -77,11 +78,26 @@ def make(
             rejections.append({"attempt": attempt, "reason": "impossible draw", "found": found})
             remedy, by_chance = "the value that the message names", False
         else:
+            warn_of_noise(sample, index)
             more = {"rejections": rejections, "sources_sha256": recipe.sources.digest}
             return dataclasses.replace(sample, record={**sample.record, **more})
         if not by_chance and is_fixed(recipe):
             break
     raise Exhausted(index, rejections, remedy)
+
+
+class NoiseWarning(UserWarning):
+    """The renderer's noise of a sample is above its limit with the most samples per pixel."""
+
+
+def warn_of_noise(sample: Sample, index: int) -> None:
+    """Give a NoiseWarning if the sample's noise is above its limit."""
+    ratios = [ratio for shot in sample.shots for ratio in shot.record.get("light_paths_over_sensor", ())]
+    limit = sample.record["noise"]
+    if limit is not None and max(ratios) > limit:
+        used = max(shot.record["spp"] for shot in sample.shots)
+        text = f"renderer noise {max(ratios):.2g} x sensor noise with {used} samples per pixel, limit {limit:g} not met"
+        warnings.warn(f"sample {index}: {text}", NoiseWarning, stacklevel=2)
 
 
 def produce(
