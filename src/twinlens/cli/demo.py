@@ -48,9 +48,9 @@ def command(output: Path, denoise: bool, as_json: bool) -> None:
         click.echo("the images are not denoised: the renderer's noise raises all errors", err=True)
     dataset, board_folder = output / "dataset", output / "board"
     check_samples(dataset, SCENES, overwrite=True)
+    _render(dataset, denoise)
     if (board_folder / "board.json").exists():  # of an earlier demo, perhaps with another backend
         shutil.rmtree(board_folder)
-    _render(dataset, denoise)
     rendered = time.perf_counter()
     pairs = DatasetPairs(Dataset(dataset), [motorcycle()])
     click.echo(f"matching {len(pairs)} pairs with {len(METHODS)} methods", err=True)

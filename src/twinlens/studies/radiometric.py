@@ -144,6 +144,6 @@ STUDY = Study(
     defaults=Setup(
         ("staircase", "tabletop", "cards"),
         ("sad", "ssd", "ncc", "zsad", "zssd", "zncc", "jaccard", "census", "rank", "birchfield_tomasi", "sgm"),
-        (0, 1, 2), spp=16,
+        (0, 1, 2),
     ),
 )  # fmt: skip
