@@ -66,6 +66,14 @@ def test_denoised_parts_add_up_to_the_denoised_image():
     np.testing.assert_allclose(parts.sum(axis=0), whole, rtol=0, atol=1e-5 * whole.max())
 
 
+def test_denoised_small_parts_have_the_light_of_raw_ones():
+    """Of the 32 guide samples of a pixel, about one is in each of 25 parts."""
+    scene, cells = chequered_room(), tl.Grid(5)
+    raw = tl.render(scene, RIG, LENSES["lens"], spp=256, seed=2, parts=cells)[0]
+    denoised = tl.render(scene, RIG, LENSES["lens"], spp=16, seed=1, denoise=True, parts=cells)[0]
+    np.testing.assert_allclose(denoised.mean(axis=(1, 2, 3)), raw.mean(axis=(1, 2, 3)), rtol=0.15)
+
+
 def test_parts_without_light_are_black():
     parts = tl.Masks([np.zeros((2, 2))])
     assert not tl.render(chequered_room(), RIG, LENSES["lens"], spp=2, denoise=True, parts=parts)[0].any()

@@ -231,7 +231,7 @@ def denoised_optics_job() -> dict[str, np.ndarray]:
     found = {}
     for name, lens in photos.SLANTED_LENSES.items():
         rig = Rig([photos.camera(64, 64)], [rolled])
-        images = [tl.render(edge_scene, rig, lens_of(lens), 16, seed, denoise=True)[0] for seed in range(24)]
+        images = [tl.render(edge_scene, rig, lens_of(lens), 16, seed, denoise=True)[0] for seed in range(96)]
         found[f"slanted/{name}"] = np.mean(images, axis=0)
     camera, lens, z, radius = photos.DISK
     rig = Rig([camera], [photos.POSE])

@@ -99,6 +99,17 @@ def test_mirrors_are_white_in_the_guides_of_the_scalar_backend(both):
     np.testing.assert_array_equal(found["guide/net/albedo"], 1)
 
 
+@pytest.mark.parametrize("value", [np.inf, np.nan])
+def test_radiance_that_is_not_finite_does_not_spread(value):
+    from twinlens.rendering.denoising import denoise_image
+    from twinlens.rendering.guides import Guides
+
+    image = np.full((48, 64, 3), 0.5, np.float32)
+    image[20, 30] = value
+    guides = Guides(np.broadcast_to(np.array([0.5, 0.5, 0.5, 0, 0, 1], np.float32), (48, 64, 6)), 1)
+    np.testing.assert_allclose(denoise_image(image, guides), 0.5, rtol=0.05)
+
+
 def test_the_processor_denoises_where_the_gpu_is_not_supported(monkeypatch):
     import mitsuba_oidn
 

@@ -369,6 +369,36 @@ def test_denoised_images_keep_the_dots_of_a_projector(aperture):
     assert np.sqrt(np.mean((denoised - many) ** 2)) < np.sqrt(np.mean((raw - many) ** 2))
 
 
+@pytest.mark.parametrize(("sampler", "spp"), [("sobol", 5), ("multijitter", 7)])
+@pytest.mark.parametrize("parts", [None, tl.Dual()], ids=["whole", "halves"])
+def test_guides_have_the_projected_light_of_the_image(sampler, spp, parts):
+    """A wall under a projector alone, seen by the image's own samples. 7 samples take two passes."""
+    from twinlens.rendering.guides import render_guides
+    from twinlens.rendering.radiance import image_passes, raw_image, views_of
+
+    projector = Projector(
+        SIDE, Camera.from_fov(128, 96, 50), patterns.dots(128, 96, 0.1, seed=3), 20.0,
+        aperture_diameter=0.02, focus_distance=2.0,
+    )  # fmt: skip
+    rig = Rig([TINY], [np.eye(4)], projectors=[projector])
+    (view,) = views_of(scene_of(wall(2.0), depth=2), rig, [tl.ThinLens(0.05, 1.0)], 0, denoise=True)
+    passes = list(image_passes(view.camera, spp, 0, 0, sampler))
+    raw = raw_image(view, passes, parts, lambda _: None)
+    assert raw.max() > 0.1
+    projected = render_guides(*view.optics, passes, parts).projected
+    np.testing.assert_allclose(projected, raw, rtol=0, atol=1e-5 * raw.max())
+
+
+def test_lens_grids_do_not_denoise_the_light_of_projectors():
+    rig = Rig([TINY], [np.eye(4)], projectors=[Projector(SIDE, LENS, "white", 5.0)])
+    lenses = [tl.Pinhole(), tl.ThinLens(0.05, 1.0)]
+    raw, denoised = (
+        tl.render_lens_grid(scene_of(wall(2.0), depth=2), rig, lenses, spp=4, sampler="multijitter", denoise=denoise)
+        for denoise in (False, True)
+    )
+    np.testing.assert_array_equal(denoised[1], raw[1])
+
+
 def test_denoised_images_without_reflections_have_no_light_of_a_projector():
     scene = scene_of(wall(2.0), depth=1)
     rig = Rig([TINY], [np.eye(4)], projectors=[Projector(SIDE, LENS, "white", 5.0)])

@@ -46,10 +46,12 @@ def denoise_image(
     guides, own : the guides of other samples, and those of the image's own samples, if they are known.
     fast : take the library's small network, at a quarter of the cost.
 
-    Radiance that is not finite is replaced by the filter. Pixels that are black in all samples and hit nothing stay 0.
+    Pixels that are not finite get the light of their neighbours. Those that are black in all samples and hit nothing
+    stay 0.
     """
     import mitsuba_oidn
 
+    image = _filled(image)
     seen = image.any(axis=-1, keepdims=True) | guides.normal.any(axis=-1, keepdims=True)
     if guides.projected.size:
         image = image - (guides if own is None else own).projected
@@ -103,9 +105,18 @@ def denoise_parts(
 def _replace_texture(
     image: NDArray[np.float32], own: NDArray[np.float32], albedo: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    finite = np.nan_to_num(image, posinf=0, neginf=0)
-    irradiance = uniform_filter(finite, _WINDOW) / np.maximum(uniform_filter(own, _WINDOW), LEAST_ALBEDO)
+    irradiance = uniform_filter(image, _WINDOW) / np.maximum(uniform_filter(own, _WINDOW), LEAST_ALBEDO)
     return np.asarray(np.maximum(image + irradiance * (albedo - own), 0, dtype=np.float32))
+
+
+def _filled(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The image with the mean of finite values in 5x5 pixels where it is not finite."""
+    known = np.isfinite(image)
+    if known.all():
+        return image
+    values = uniform_filter(np.where(known, image, 0), _WINDOW)
+    weights = uniform_filter(known.astype(np.float32), _WINDOW)
+    return np.where(known, image, values / np.maximum(weights, np.float32(1e-6)))
 
 
 def _pad(image: NDArray[np.float32]) -> NDArray[np.float32]:

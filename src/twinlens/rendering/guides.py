@@ -23,11 +23,16 @@ MAX_SPECULAR = 8
 
 _SPECULAR_KINDS = (3, 4)  # mirror and transmissive, in MATERIAL_KINDS
 _UNKNOWN_KIND = 0
+_NOTHING = (1, 1, 1, 0, 0, 0)  # albedo and normal where nothing is known
 
 
 @dataclass(frozen=True, eq=False)
 class Guides:
-    """Means over each pixel, float32 (H, W, C), of `count` samples; (P, H, W, C) for parts of the aperture.
+    """Means over each pixel, float32 (H, W, C); with parts of the aperture (P, H, W, C), weighted by the parts' shares.
+
+    count : samples per pixel.
+    features : albedo, normal and projected light.
+    shares : mean shares of the parts, (P, H, W, 1): of the samples of a pixel, not of the aperture. None without parts.
 
     albedo : diffuse reflectance, times the tint of the mirrors and glass before it; 1 for lamps and the sky.
     normal : shading normal in the world, 0 where nothing was hit.
@@ -36,6 +41,7 @@ class Guides:
 
     features: NDArray[np.float32]
     count: int
+    shares: NDArray[np.float32] | None = None
 
     @property
     def albedo(self) -> NDArray[np.float32]:
@@ -52,20 +58,36 @@ class Guides:
     def __add__(self, other: "Guides") -> "Guides":
         """The guides of both sets of samples."""
         count = self.count + other.count
-        part = np.float32(self.count / count)
-        return Guides(part * self.features + (1 - part) * other.features, count)
+        a, b = np.float32(self.count / count), np.float32(other.count / count)
+        features = a * self.features + b * other.features
+        if self.shares is None or other.shares is None:
+            return Guides(features, count)
+        return Guides(features, count, a * self.shares + b * other.shares)
 
     def of_part(self, part: int, fraction: float) -> "Guides":
-        """The guides of one part, which gets this fraction of the light."""
-        return Guides(np.float32(1 / fraction) * self.features[part], self.count)
+        """The guides of one part, which gets this fraction of the light; of all where no sample is in the part."""
+        assert self.shares is not None
+        surface = _ratio(self.features[part], self.shares[part], self.of_parts().features[..., :6])
+        projected = self.features[part][..., 6:] / np.float32(fraction)
+        return Guides(np.concatenate([surface, projected], axis=-1), self.count)
 
     def of_parts(self) -> "Guides":
         """The guides of all parts together."""
-        return Guides(self.features.sum(axis=0), self.count)
+        assert self.shares is not None
+        total = self.features.sum(axis=0)
+        surface = _ratio(total, self.shares.sum(axis=0), np.array(_NOTHING, np.float32))
+        return Guides(np.concatenate([surface, total[..., 6:]], axis=-1), self.count)
 
     def binned(self) -> "Guides":
         """At half the resolution."""
         return Guides(binned(self.features), self.count)
+
+
+def _ratio(
+    features: NDArray[np.float32], share: NDArray[np.float32], unknown: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Albedo and normal over the share of samples; `unknown` where it is 0."""
+    return np.where(share > 0, features[..., :6] / np.where(share > 0, share, 1), unknown)
 
 
 def binned(image: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -97,7 +119,7 @@ def render_guides(
     features = (total / count).astype(np.float32)
     np.clip(features[..., :3], 0, 1, out=features[..., :3])
     np.clip(features[..., 3:6], -1, 1, out=features[..., 3:6])
-    return Guides(features, count)
+    return Guides(features, count) if parts is None else Guides(features[..., :-1], count, features[..., -1:])
 
 
 def _render_scalar(built: BuiltScene, sensor: Any, camera: Camera, count: int, seed: int) -> Float:
@@ -145,6 +167,7 @@ def _has_openings(built: BuiltScene) -> bool:
 def _render_jit(
     built: BuiltScene, sensor: Any, camera: Camera, count: int, seed: int, parts: Parts | None = None
 ) -> Float:
+    """Means of albedo, normal and projected light; with `parts`, of their shares after these."""
     from twinlens.rendering.ray_generation import pixel_means  # sets up the backend
 
     ray, x, y = sensor.film_rays(count, seed)
@@ -152,8 +175,9 @@ def _render_jit(
     channels = [*albedo, *normal]
     if built.projected is not None:
         channels.extend(built.projected.direct_light(built.mi_scene, sensor.sampler(), ray))
-    shares = None if parts is None else parts.shares(x, y, sensor.math)
-    return pixel_means(channels, count, camera, shares)
+    if parts is None:
+        return pixel_means(channels, count, camera)
+    return pixel_means([*channels, mitsuba().Float(1.0)], count, camera, parts.shares(x, y, sensor.math))
 
 
 def _first_rough_surfaces(built: BuiltScene, ray: Any) -> tuple[Any, Any]:

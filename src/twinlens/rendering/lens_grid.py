@@ -95,7 +95,8 @@ def render_lens_grid(
     seed, progress
         As in `render`.
     denoise : bool
-        As in `render`, with guides for each lens and camera. Standard errors are those before denoising.
+        As in `render`, with guides for each lens and camera. Standard errors are those before denoising. Images with
+        the light of projectors are not denoised.
     parts : Dual, Quad, Grid or Masks, optional
         As in `render`, of each lens's aperture. Standard errors are those of the whole images.
     sampler : str, optional
@@ -130,6 +131,8 @@ def render_lens_grid(
         for lens in lenses:
             check_parts(parts, lens)
         check_parts_supported(build(scene, rig.cameras[0].band))
+    bands = {camera.band for camera in rig.cameras}
+    denoise = denoise and not any(each.emitted_power and each.band in bands for each in rig.projectors)
     views = views_of(scene, rig, [lenses[0]] * len(rig), int(seed), denoise)
     builts = [view.built for view in views]
     built = builts[0]

@@ -217,6 +217,10 @@ def render_measured(
             progress=progress, enough=lambda seen: enough(joined(seen)),
         )  # fmt: skip
         return joined(found), used
+    if parts is not None:
+        for each in lenses:
+            check_parts(parts, each)
+        check_parts_supported(build(scene, rig.cameras[0].band))
     views = views_of(scene, rig, lenses, seed, denoise)
     return measured(views, spp, seed, parts=parts, sampler=sampler, enough=enough, progress=progress)
 
@@ -354,7 +358,7 @@ def _follows_rays(built: BuiltScene) -> bool:
 def check_parts_supported(built: BuiltScene | None = None) -> None:
     """Raise BackendError if this process's backend, or the scene's integrator, has no images of parts."""
     if not backend().is_jit:
-        raise BackendError(f"parts of an aperture {NEEDS_JIT}")
+        raise BackendError(f"rendering parts of an aperture {NEEDS_JIT}")
     if built is not None and not _follows_rays(built):
         raise BackendError("parts of an aperture need an integrator that follows camera rays, such as 'path'")
 
