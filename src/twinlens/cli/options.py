@@ -65,7 +65,8 @@ POSITIVE, SECONDS, DISPARITY = Positive(), Positive(1e6), Whole(-65536, 65536)
 noise_option = click.option(
     "--noise",
     type=POSITIVE,
-    help="Double the samples until the renderer's noise is at most this multiple of the sensor's, such as 0.3.",
+    help="Double the samples, to at most 1024, until the renderer's noise is at most this multiple of the sensor's,"
+    " such as 0.3.",
 )
 
 
