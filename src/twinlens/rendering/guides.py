@@ -58,11 +58,11 @@ class Guides:
     def __add__(self, other: "Guides") -> "Guides":
         """The guides of both sets of samples."""
         count = self.count + other.count
-        a, b = np.float32(self.count / count), np.float32(other.count / count)
-        features = a * self.features + b * other.features
+        part = np.float32(self.count / count)
+        features = part * self.features + (1 - part) * other.features
         if self.shares is None or other.shares is None:
             return Guides(features, count)
-        return Guides(features, count, a * self.shares + b * other.shares)
+        return Guides(features, count, part * self.shares + (1 - part) * other.shares)
 
     def of_part(self, part: int, fraction: float) -> "Guides":
         """The guides of one part, which gets this fraction of the light; of all where no sample is in the part."""
