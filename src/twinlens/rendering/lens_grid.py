@@ -15,17 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import Disk, Lens, Rig
-from twinlens.camera.parts import Parts, check_parts
+from twinlens.camera.parts import Parts
 from twinlens.errors import InputError
 from twinlens.geometry import Float
 from twinlens.rendering.annuli import area_fraction, plan_annuli, split_vergences
 from twinlens.rendering.backends import backend, mitsuba
-from twinlens.rendering.build import BuiltScene, build
+from twinlens.rendering.build import BuiltScene
 from twinlens.rendering.denoising import GUIDE_SAMPLES, denoise_parts
 from twinlens.rendering.radiance import (
     Progress,
     View,
-    check_parts_supported,
+    check_parts_request,
     check_request,
     image_passes,
     in_channels,
@@ -95,8 +95,8 @@ def render_lens_grid(
     seed, progress
         As in `render`.
     denoise : bool
-        As in `render`, with guides for each lens and camera. Standard errors are those before denoising. Images with
-        the light of projectors are not denoised.
+        As in `render`, with guides for each lens and camera. Standard errors are those before denoising. Rigs with
+        a projector in the band of a camera are not denoised.
     parts : Dual, Quad, Grid or Masks, optional
         As in `render`, of each lens's aperture. Standard errors are those of the whole images.
     sampler : str, optional
@@ -128,9 +128,7 @@ def render_lens_grid(
         errors = np.stack([squares[:, indices].sum(axis=1) for indices in members], axis=1)
         return LensGrid(joined, np.sqrt(errors), grid.rays)
     if parts is not None:
-        for lens in lenses:
-            check_parts(parts, lens)
-        check_parts_supported(build(scene, rig.cameras[0].band))
+        check_parts_request(scene, rig, lenses, parts)
     bands = {camera.band for camera in rig.cameras}
     denoise = denoise and not any(each.emitted_power and each.band in bands for each in rig.projectors)
     views = views_of(scene, rig, [lenses[0]] * len(rig), int(seed), denoise)

@@ -103,9 +103,7 @@ def render(
         )  # fmt: skip
         return [sum_of([seen[i] for i in indices]) for indices in members]
     if parts is not None:
-        for each in lenses:
-            check_parts(parts, each)
-        check_parts_supported(build(scene, rig.cameras[0].band))
+        check_parts_request(scene, rig, lenses, parts)
     views = views_of(scene, rig, lenses, int(seed), denoise)
     images = []
     for index, view in enumerate(views):
@@ -218,9 +216,7 @@ def render_measured(
         )  # fmt: skip
         return joined(found), used
     if parts is not None:
-        for each in lenses:
-            check_parts(parts, each)
-        check_parts_supported(build(scene, rig.cameras[0].band))
+        check_parts_request(scene, rig, lenses, parts)
     views = views_of(scene, rig, lenses, seed, denoise)
     return measured(views, spp, seed, parts=parts, sampler=sampler, enough=enough, progress=progress)
 
@@ -353,6 +349,13 @@ def _own_guides(view: View, passes: Iterable[Pass], parts: Parts | None = None) 
 def _follows_rays(built: BuiltScene) -> bool:
     """Whether the samples of an image are known: those of the JIT backends, unless light is traced from the lamps."""
     return backend().is_jit and isinstance(built.integrator, mitsuba().SamplingIntegrator)
+
+
+def check_parts_request(scene: Scene, rig: Rig, lenses: Iterable[Lens], parts: Parts) -> None:
+    """Raise InputError for parts that a lens has not, BackendError where images of parts are not supported."""
+    for lens in lenses:
+        check_parts(parts, lens)
+    check_parts_supported(build(scene, rig.cameras[0].band))
 
 
 def check_parts_supported(built: BuiltScene | None = None) -> None:
