@@ -6,6 +6,9 @@ mean(G_own) in windows of 5x5 pixels, the image I becomes I + L (G - G_own). The
 nearly 0: L is of the same samples, but of 25 pixels. The result is divided by sqrt(G) before filtering and multiplied
 by it after, and sqrt(G) is the albedo that the filter sees. docs/decisions/denoising.md compares other powers of G.
 
+The filter blurs textures a little. How much is measured in each image: what the filter removed is fitted by the details
+of sqrt(G) at two scales, and the fit is added to the result.
+
 Light directly from projectors has no noise, and the filter would take its patterns for noise. It is known for the
 image's samples too: it is subtracted before filtering, and that of all samples is added after.
 
@@ -21,7 +24,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
+from scipy.ndimage import gaussian_filter, uniform_filter
 
 from twinlens.geometry import Float
 from twinlens.rendering.backends import backend
@@ -36,6 +39,8 @@ _LUMINANCE = (0.212671, 0.715160, 0.072169)
 _EXPOSURE_BLOCK = 16
 _DARK = 1e-8
 _MARGIN_PX = 8
+_DETAIL_PX = (0.7, 1.5)
+_BRIGHTNESS_PX = 2.0
 
 
 def denoise_image(
@@ -71,7 +76,7 @@ def denoise_image(
         device=_device(),
     )
     inside = np.asarray(filtered)[_MARGIN_PX:-_MARGIN_PX, _MARGIN_PX:-_MARGIN_PX]
-    denoised = inside * divisor
+    denoised = _with_lost_texture(inside, demodulated, divisor) * divisor
     if guides.projected.size:
         denoised = denoised + guides.projected
     return np.where(seen, denoised, np.float32(0))
@@ -107,6 +112,31 @@ def _replace_texture(
 ) -> NDArray[np.float32]:
     irradiance = uniform_filter(image, _WINDOW) / np.maximum(uniform_filter(own, _WINDOW), LEAST_ALBEDO)
     return np.asarray(np.maximum(image + irradiance * (albedo - own), 0, dtype=np.float32))
+
+
+def _with_lost_texture(
+    filtered: NDArray[np.float32], unfiltered: NDArray[np.float32], texture: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """`filtered` and what the filter removed of the details of `texture` from `unfiltered`; all are (H, W, 3).
+
+    What it removed is noise and details. The noise does not depend on the texture, so that a least squares fit by the
+    details of the texture, with one coefficient per scale for the whole image, finds the removed details.
+    """
+    brightness = np.maximum(_blurred(filtered, _BRIGHTNESS_PX), np.float32(_DARK))
+    removed = np.divide(unfiltered - filtered, brightness, dtype=np.float32).clip(-1, 1)  # few samples must not decide
+    fine, coarse = ((texture - _blurred(texture, scale)) / texture for scale in _DETAIL_PX)
+
+    def product(a: NDArray[np.float32], b: NDArray[np.float32]) -> float:  # that of BLAS depends on its threads
+        return float((a * b).sum(dtype=np.float64))
+
+    squares = np.array([[product(fine, fine), product(fine, coarse)], [product(fine, coarse), product(coarse, coarse)]])
+    of_removed = np.array([product(fine, removed), product(coarse, removed)])
+    of_fine, of_coarse = np.linalg.lstsq(squares, of_removed, rcond=None)[0].astype(np.float32)
+    return np.asarray(np.maximum(filtered + brightness * (of_fine * fine + of_coarse * coarse), 0), np.float32)
+
+
+def _blurred(image: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:
+    return np.asarray(gaussian_filter(image, (sigma, sigma, 0)), np.float32)
 
 
 def _filled(image: NDArray[np.float32]) -> NDArray[np.float32]:
