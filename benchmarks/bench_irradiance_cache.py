@@ -19,7 +19,7 @@ import twinlens as tl
 from bench_noise import SCENES, view
 from twinlens.rendering import use_threads
 from twinlens.rendering.build import build
-from twinlens.rendering.integrators import with_irradiance_cache
+from twinlens.rendering.integrators import for_denoising
 from twinlens.rendering.sensors import make_sensor
 
 PAGE = Path(__file__).with_name("irradiance_cache.md")
@@ -37,11 +37,13 @@ def images(scene: tl.Scene, rig: tl.Rig, cached: bool) -> tuple[np.ndarray, floa
         start = time.process_time()
         built = build(scene)
         if cached:
-            built = with_irradiance_cache(built, scene, rig, "rgb", seed + 1)
+            built = for_denoising(built, scene, rig, "rgb", seed + 1)
         middle = time.process_time()
         sensor = make_sensor(rig.cameras[0], rig.world_from_cams[0], tl.Pinhole(), SPP, "multijitter")
         stream = 2 * (seed + 1) + cached
-        found.append(np.asarray(built.integrator.render(built.mi_scene, sensor, seed=stream, spp=SPP), np.float64))
+        found.append(
+            np.asarray(built.integrator.render(built.mi_scene, sensor, seed=stream, spp=SPP), np.float64)[..., :3]
+        )
         seconds.append((middle - start, time.process_time() - middle))
     return np.array(found[1:]), *np.median(seconds[1:], axis=0)
 

@@ -171,6 +171,8 @@ def denoise_job() -> dict[str, np.ndarray]:
     """Denoised images of closed forms and of the room, and guides."""
     import drjit
 
+    from twinlens.rendering import backend
+
     scene, camera = photos.room(), photos.camera(64, 48, 60.0)
     rig, sky = Rig([camera], [photos.POSE]), replace(scene, objects=())
     found = {"sky": tl.render(sky, rig, spp=4, denoise=True)[0]}
@@ -192,6 +194,8 @@ def denoise_job() -> dict[str, np.ndarray]:
     for name, shown in photos.guided().items():
         guides = guides_of(shown, photos.camera(24, 24, 60.0))
         found |= {f"guide/{name}/albedo": guides.albedo, f"guide/{name}/normal": guides.normal}
+        if backend().is_jit:
+            found |= {f"path guide/{name}/{kind}": image for kind, image in guides_of_paths(shown).items()}
     passes = [("multijitter", 4, 1), ("independent", 3, 2)]
     found["guide/net/in passes"] = guides_of(photos.guided()["net"], photos.camera(24, 24, 60.0), passes).albedo
     _, far, z, _, x = photos.EDGES["far"]
@@ -257,6 +261,16 @@ def guides_of(scene, camera, passes=(("multijitter", 16, 5),), lens=tl.Pinhole()
     from twinlens.rendering.guides import render_guides
 
     return render_guides(build(scene), camera, photos.POSE, lens, passes)
+
+
+def guides_of_paths(scene):
+    """What the paths of an image tell of their first rough surfaces."""
+    from twinlens.rendering.radiance import image_passes, raw_image, views_of
+
+    camera = photos.camera(24, 24, 60.0)
+    (view,) = views_of(scene, Rig([camera], [photos.POSE]), [tl.Pinhole()], 0, denoise=True)
+    _, guides = raw_image(view, list(image_passes(camera, 256, 0, 0, "sobol")), None, lambda _: None)
+    return {"albedo": guides.albedo, "normal": guides.normal}
 
 
 def image_of(scene, camera, lens, sampler, spp, seed):

@@ -81,6 +81,15 @@ def test_guides_of_glass_are_weighted_by_fresnel(both):
     assert np.ptp(albedo) < 1e-4
 
 
+def test_paths_find_the_same_guides(both):
+    """In the mean: they choose at random at nets and glass. These are 16,384 paths of a Sobol sequence."""
+    found = both["llvm"]("denoise")
+    for name in ("wall", "mirror", "net", "pane"):
+        for kind in ("albedo", "normal"):
+            own, expected = (found[f"{of}/{name}/{kind}"][8:16, 8:16] for of in ("path guide", "guide"))
+            np.testing.assert_allclose(own.mean((0, 1)), expected.mean((0, 1)), atol=2e-4)
+
+
 def test_guides_do_not_depend_on_passes(found):
     np.testing.assert_allclose(found["guide/net/in passes"], found["guide/net/albedo"], atol=1e-6)
 

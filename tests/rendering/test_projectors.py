@@ -373,7 +373,6 @@ def test_denoised_images_keep_the_dots_of_a_projector(aperture):
 @pytest.mark.parametrize("parts", [None, tl.Dual()], ids=["whole", "halves"])
 def test_guides_have_the_projected_light_of_the_image(sampler, spp, parts):
     """A wall under a projector alone, seen by the image's own samples. 7 samples take two passes."""
-    from twinlens.rendering.guides import render_guides
     from twinlens.rendering.radiance import image_passes, raw_image, views_of
 
     projector = Projector(
@@ -383,10 +382,9 @@ def test_guides_have_the_projected_light_of_the_image(sampler, spp, parts):
     rig = Rig([TINY], [np.eye(4)], projectors=[projector])
     (view,) = views_of(scene_of(wall(2.0), depth=2), rig, [tl.ThinLens(0.05, 1.0)], 0, denoise=True)
     passes = list(image_passes(view.camera, spp, 0, 0, sampler))
-    raw = raw_image(view, passes, parts, lambda _: None)
+    raw, guides = raw_image(view, passes, parts, lambda _: None)
     assert raw.max() > 0.1
-    projected = render_guides(*view.optics, passes, parts).projected
-    np.testing.assert_allclose(projected, raw, rtol=0, atol=1e-5 * raw.max())
+    np.testing.assert_allclose(guides.projected, raw, rtol=0, atol=1e-5 * raw.max())
 
 
 def test_lens_grids_do_not_denoise_the_light_of_projectors():

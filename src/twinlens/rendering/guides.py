@@ -43,6 +43,14 @@ class Guides:
     count: int
     shares: NDArray[np.float32] | None = None
 
+    @classmethod
+    def from_means(cls, means: Float, count: int, parts: Parts | None) -> "Guides":
+        """Those of means (H, W, C), with parts (P, H, W, C), whose last channel is then their shares."""
+        features = means.astype(np.float32)
+        np.clip(features[..., :3], 0, 1, out=features[..., :3])
+        np.clip(features[..., 3:6], -1, 1, out=features[..., 3:6])
+        return cls(features, count) if parts is None else cls(features[..., :-1], count, features[..., -1:])
+
     @property
     def albedo(self) -> NDArray[np.float32]:
         return self.features[..., :3]
@@ -107,8 +115,8 @@ def render_guides(
 ) -> Guides:
     """The guides of one camera, from passes of (sampler, samples per pixel, seed). `parts` needs a JIT backend.
 
-    The passes of an image give its own film positions and aperture points, except in the scalar backend. That one uses
-    Mitsuba's own integrator, which stops at mirrors and glass; they have albedo 1. Lamps have their radiance as albedo.
+    The scalar backend uses Mitsuba's own integrator, which stops at mirrors and glass; they have albedo 1. Lamps have
+    their radiance as albedo. With the others, the passes of an image give its own film positions and aperture points.
     """
     render = partial(_render_jit, parts=parts) if backend().is_jit else _render_scalar
     total: Any = 0.0
@@ -116,10 +124,7 @@ def render_guides(
     for sampler, size, seed in passes:
         total = total + size * render(built, make_sensor(camera, pose, lens, size, sampler), camera, size, seed)
         count += size
-    features = (total / count).astype(np.float32)
-    np.clip(features[..., :3], 0, 1, out=features[..., :3])
-    np.clip(features[..., 3:6], -1, 1, out=features[..., 3:6])
-    return Guides(features, count) if parts is None else Guides(features[..., :-1], count, features[..., -1:])
+    return Guides.from_means(total / count, count, parts)
 
 
 def _render_scalar(built: BuiltScene, sensor: Any, camera: Camera, count: int, seed: int) -> Float:
@@ -191,15 +196,9 @@ def _first_rough_surfaces(built: BuiltScene, ray: Any) -> tuple[Any, Any]:
     mi = mitsuba()
     scene = built.mi_scene
 
-    def features(si: Any, active: Any) -> tuple[Any, Any]:
-        hit = active & si.is_valid()
-        bsdf = si.bsdf()
-        diffuse = hit & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse) & ~si.shape.is_emitter()
-        albedo = dr.select(diffuse, bsdf.eval_diffuse_reflectance(si, diffuse), 1.0)
-        return albedo, dr.select(hit, si.sh_frame.n, 0.0)
-
     if not _has_openings(built):
-        return features(scene.ray_intersect(ray, mi.RayFlags.All, True), mi.Bool(True))
+        si = scene.ray_intersect(ray, mi.RayFlags.All, True)
+        return surface_features(si, si.bsdf(), mi.Bool(True))
 
     def step(
         active: Any, ray: Any, tint: Any, part: Any, other: Any, is_split: Any, albedo: Any, normal: Any, depth: Any
@@ -207,17 +206,16 @@ def _first_rough_surfaces(built: BuiltScene, ray: Any) -> tuple[Any, Any]:
         """One surface. `part` is the share of the ray, `tint` its share and colour; `other` is a ray that waits."""
         si = scene.ray_intersect(ray, mi.RayFlags.All, True, active)
         bsdf = si.bsdf()
-        flags = bsdf.flags()
         may_pass = active & si.is_valid() & (depth < MAX_SPECULAR)
-        specular = may_pass & mi.has_flag(flags, mi.BSDFFlags.Delta) & ~mi.has_flag(flags, mi.BSDFFlags.Smooth)
-        sampled = specular | (may_pass & mi.has_flag(flags, mi.BSDFFlags.Null))
+        specular = may_pass & is_specular(bsdf)
+        sampled = specular | (may_pass & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Null))
         # The largest number below 1 chooses transmission, unless nothing is transmitted.
         sample, weight = bsdf.sample(mi.BSDFContext(), si, 1 - 2.0**-24, mi.Point2f(0.5), sampled)
-        on = specular | (sampled & mi.has_flag(sample.sampled_type, mi.BSDFFlags.Null))
+        on = specular | (sampled & is_null(sample))
         share = dr.select(on, dr.select(specular & is_split, 1.0, sample.pdf), 0.0)
         stays = dr.select(active & ~specular, 1 - share, 0.0)
-        found, facing = features(si, stays > 0)
-        albedo, normal = albedo + stays * tint * found, normal + stays * part * mi.Vector3f(facing)
+        found, facing = surface_features(si, bsdf, stays > 0)
+        albedo, normal = albedo + stays * tint * found, normal + stays * part * facing
         splits = specular & (share < 1)
         reflected = si.spawn_ray(si.to_world(mi.reflect(si.wi)))
         other = dr.select(splits, (reflected, (1 - share) * tint, (1 - share) * part), other)
@@ -234,3 +232,26 @@ def _first_rough_surfaces(built: BuiltScene, ray: Any) -> tuple[Any, Any]:
     empty = mi.Color3f(0.0), mi.Vector3f(0.0), mi.UInt32(0)
     *_, albedo, normal, _ = dr.while_loop((*start, *empty), lambda active, *_: active, step)
     return albedo, normal
+
+
+def surface_features(si: Any, bsdf: Any, active: Any) -> tuple[Any, Any]:
+    """Albedo and shading normal of surfaces, or of the sky where rays hit nothing; 0 where not `active`."""
+    import drjit as dr
+
+    mi = mitsuba()
+    hit = active & si.is_valid()
+    diffuse = hit & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse) & ~si.shape.is_emitter()
+    albedo = dr.select(diffuse, bsdf.eval_diffuse_reflectance(si, diffuse), 1.0)
+    return dr.select(active, albedo, 0.0), mi.Vector3f(dr.select(hit, si.sh_frame.n, 0.0))
+
+
+def is_specular(bsdf: Any) -> Any:
+    """Whether a surface is a mirror or smooth glass."""
+    mi = mitsuba()
+    return mi.has_flag(bsdf.flags(), mi.BSDFFlags.Delta) & ~mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+
+
+def is_null(sample: Any) -> Any:
+    """Whether a path goes on through an opening."""
+    mi = mitsuba()
+    return mi.has_flag(sample.sampled_type, mi.BSDFFlags.Null)

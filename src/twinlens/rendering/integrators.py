@@ -17,7 +17,7 @@ from twinlens.scenes import Scene
 from twinlens.seeds import derived_seed
 
 
-def own_paths(scene: Scene, lamps: Sequence[Any], cache: Any = None) -> Any:
+def own_paths(scene: Scene, lamps: Sequence[Any], gives_guides: bool = False) -> Any:
     """`rendering.paths.Paths` in the place of the scene's integrator. None where it does not do the same."""
     plugin = scene.integrator
     if not backend().is_jit or scene.xml is not None or plugin["type"] != "path" or plugin.get("hide_emitters"):
@@ -25,25 +25,30 @@ def own_paths(scene: Scene, lamps: Sequence[Any], cache: Any = None) -> Any:
     from twinlens.rendering.paths import Paths  # sets up the backend
 
     options = {key: plugin[key] for key in ("max_depth", "rr_depth") if key in plugin}
-    return Paths(lamps, BLOCK_PX, **options, cache=cache)
+    return Paths(lamps, BLOCK_PX, **options, gives_guides=gives_guides)
 
 
-def with_irradiance_cache(built: BuiltScene, scene: Scene, rig: Rig, band: str, seed: int) -> BuiltScene:
-    """`built` with an integrator that has an irradiance cache, made from what the cameras of `rig` in `band` see.
+def for_denoising(built: BuiltScene, scene: Scene, rig: Rig, band: str, seed: int) -> BuiltScene:
+    """`built` with an integrator that gives guides and has an irradiance cache, `built` itself where it is not ours.
 
-    `built` itself where the integrator is not ours, or where paths have no third surface.
+    The cache is made from what the cameras of `rig` in `band` see; without a third surface, paths do not need one.
     """
-    depth = scene.integrator.get("max_depth", -1)
-    paths = own_paths(scene, () if built.projected is None else built.projected.lamps)
-    if paths is None or 0 <= depth < 3:
+    paths = own_paths(scene, () if built.projected is None else built.projected.lamps, gives_guides=True)
+    if paths is None:
         return built
+    depth = scene.integrator.get("max_depth", -1)
+    if not 0 <= depth < 3:
+        paths.cache = _irradiance_cache(built, rig, band, seed, paths.lamps, depth)
+    projected = None if built.projected is None else paths
+    return replace(built, integrator=sky_hidden(scene, paths), projected=projected)
+
+
+def _irradiance_cache(built: BuiltScene, rig: Rig, band: str, seed: int, lamps: Sequence[Any], depth: int) -> Any:
     from twinlens.rendering.irradiance_cache import IrradianceCache  # sets up the backend
 
     rays = _camera_rays(rig.nominal, band, derived_seed(seed, 0))
     bounces = depth - 3 if depth >= 0 else -1
-    paths.cache = IrradianceCache(built.mi_scene, rays, derived_seed(seed, 1), paths.lamps, bounces)
-    projected = None if built.projected is None else paths
-    return replace(built, integrator=sky_hidden(scene, paths), projected=projected)
+    return IrradianceCache(built.mi_scene, rays, derived_seed(seed, 1), lamps, bounces)
 
 
 def _camera_rays(rig: Rig, band: str, seed: int) -> Any:

@@ -183,7 +183,7 @@ def _render_separately(
         images = []
         for i, view in enumerate(views):
             report = partial_progress(progress, i / len(views), (i + 1) / len(views))
-            images.append(raw_image(view, list(image_passes(view.camera, spp, seed, i, sampler)), parts, report))
+            images.append(raw_image(view, list(image_passes(view.camera, spp, seed, i, sampler)), parts, report)[0])
         return images, [math.nan] * len(views)
     found, _ = measured(views, spp, seed, parts=None, sampler=sampler, progress=progress)
     squares = [np.square(view.error, dtype=np.float64) for view in found]

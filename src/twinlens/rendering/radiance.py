@@ -25,7 +25,7 @@ from twinlens.rendering.backends import backend, mitsuba
 from twinlens.rendering.build import BuiltScene, build, in_band
 from twinlens.rendering.denoising import GUIDE_SAMPLES, denoise_image, denoise_parts
 from twinlens.rendering.guides import Guides, binned, render_guides
-from twinlens.rendering.integrators import with_irradiance_cache
+from twinlens.rendering.integrators import for_denoising
 from twinlens.rendering.projectors import build_lit, can_denoise
 from twinlens.rendering.samplers import PLAIN_SAMPLER, SAMPLERS, Pass, default_sampler, passes_of
 from twinlens.rendering.sensors import NEEDS_JIT, check_sampler_supported, make_sensor
@@ -109,9 +109,8 @@ def render(
     for index, view in enumerate(views):
         report = partial_progress(progress, index / len(rig), (index + 1) / len(rig))
         passes = list(image_passes(view.camera, int(spp), int(seed), index, sampler))
-        mean = raw_image(view, passes, parts, report)
+        mean, own = raw_image(view, passes, parts, report)
         if view.denoised:
-            own = _own_guides(view, passes, parts)
             other = other_guides(*view.optics, GUIDE_SAMPLES, int(seed), index, parts=parts)
             fractions = None if parts is None else parts.light(view.lens.aperture)[0]
             mean = denoise_parts(mean, other, own, fractions)
@@ -144,14 +143,16 @@ def views_of(scene: Scene, rig: Rig, lenses: Sequence[Lens], seed: int, denoise:
         built = build_lit(scene, rig, band)
         denoised = denoise and can_denoise(built, rig, band)
         if denoised:
-            built = with_irradiance_cache(built, scene, rig, band, derived_seed(seed, _CACHE_STREAM))
+            built = for_denoising(built, scene, rig, band, derived_seed(seed, _CACHE_STREAM))
         builts[band] = built, denoised
     views = zip(rig.cameras, rig.world_from_cams, lenses, strict=True)
     return [View(builts[view[0].band][0], *view, builts[view[0].band][1]) for view in views]
 
 
-def raw_image(view: View, passes: Sequence[Pass], parts: Parts | None, progress: Progress) -> NDArray[np.float32]:
-    """The mean of the samples of all passes."""
+def raw_image(
+    view: View, passes: Sequence[Pass], parts: Parts | None, progress: Progress
+) -> tuple[NDArray[np.float32], Guides | None]:
+    """The mean of the samples of all passes, and their guides if the image is to be denoised and they are known."""
     total: Any = 0.0
     done, spp = 0, sum(count for _, count, _ in passes)
     built, camera, pose, lens = view.optics
@@ -164,7 +165,13 @@ def raw_image(view: View, passes: Sequence[Pass], parts: Parts | None, progress:
         total = total + count * np.asarray(image, dtype=np.float64)
         done += count
         progress(done / spp)
-    return in_channels(total / spp, camera).astype(np.float32)
+    image, channels = (total / spp)[..., :3], (total / spp)[..., 3:]
+    own = None
+    if view.denoised and built.integrator.aov_names():
+        own = Guides.from_means(channels, spp, parts)
+    elif view.denoised and _follows_rays(built):
+        own = render_guides(*view.optics, passes, parts)
+    return in_channels(image, camera).astype(np.float32), own
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,9 +256,9 @@ def measured(
                 start = half / 2 + i / len(views) / 2
                 report = partial_progress(progress, start, start + 1 / len(views) / 2)
                 passes = list(image_passes(view.camera, count, half_seed, i, sampler))
-                totals[i][half] += count * raw_image(view, passes, parts, report).astype(np.float64)
-                if view.denoised:
-                    owns[i][half] = _joined(owns[i][half], _own_guides(view, passes, parts))
+                image, own = raw_image(view, passes, parts, report)
+                totals[i][half] += count * image.astype(np.float64)
+                owns[i][half] = _joined(owns[i][half], own)
             counts[half] += count
         found = [_measured(*each, counts) for each in zip(totals, others, owns, fractions, strict=True)]
         extra = int(counts.sum())
@@ -341,11 +348,6 @@ def _joined(a: Guides | None, b: Guides | None) -> Guides | None:
     return a + b if a is not None and b is not None else a or b
 
 
-def _own_guides(view: View, passes: Iterable[Pass], parts: Parts | None = None) -> Guides | None:
-    """The guides of an image's own samples, from its passes. None if they are not known."""
-    return render_guides(*view.optics, passes, parts) if _follows_rays(view.built) else None
-
-
 def _follows_rays(built: BuiltScene) -> bool:
     """Whether the samples of an image are known: those of the JIT backends, unless light is traced from the lamps."""
     return backend().is_jit and isinstance(built.integrator, mitsuba().SamplingIntegrator)
@@ -367,12 +369,16 @@ def check_parts_supported(built: BuiltScene | None = None) -> None:
 
 
 def _render_parts(built: BuiltScene, sensor: Any, camera: Camera, count: int, seed: int, parts: Parts) -> Float:
-    """The images (P, H, W, 3) of the parts of an aperture, from the samples with which Mitsuba renders the image."""
+    """The images (P, H, W, C) of the parts of an aperture, from the samples with which Mitsuba renders the image.
+
+    If the integrator gives guides, their features follow after the radiance, and the share of each part.
+    """
     from twinlens.rendering.ray_generation import pixel_means  # sets up the backend
 
     ray, x, y = sensor.film_rays(count, seed)
-    radiance, *_ = built.integrator.sample(built.mi_scene, sensor.sampler(), ray)
-    return pixel_means(radiance, count, camera, parts.shares(x, y, sensor.math))
+    radiance, _, features = built.integrator.sample(built.mi_scene, sensor.sampler(), ray)
+    channels = [*radiance, *features, mitsuba().Float(1.0)] if features else radiance
+    return pixel_means(channels, count, camera, parts.shares(x, y, sensor.math))
 
 
 def other_guides(

@@ -221,7 +221,7 @@ class SharedLight:
         diffuse, last = mi.has_flag(chosen.sampled_type, mi.BSDFFlags.Diffuse), (mi.Point3f(si.p), chosen.pdf)
         ray = si.spawn_ray(si.to_world(chosen.wo))
         onwards = goes_on, sampler, (ray.o, ray.d), mi.Spectrum(1.0), chosen.eta, mi.UInt32(1)
-        reached = paths.follow(scene, *onwards, (*last, mi.Bool(False)), diffuse)
+        reached, _ = paths.follow(scene, *onwards, (*last, mi.Bool(False)), diffuse, ())
         light, reached = (
             dr.select(dr.isfinite(each), each, 0.0) for each in (light, dr.select(goes_on, reached / chosen.pdf, 0.0))
         )
