@@ -270,7 +270,7 @@ def guides_of_paths(scene):
     camera = photos.camera(24, 24, 60.0)
     (view,) = views_of(scene, Rig([camera], [photos.POSE]), [tl.Pinhole()], 0, denoise=True)
     _, guides = raw_image(view, list(image_passes(camera, 256, 0, 0, "sobol")), None, lambda _: None)
-    return {"albedo": guides.albedo, "normal": guides.normal}
+    return {"albedo": guides.albedo, "normal": guides.normal, "chance": guides.chance}
 
 
 def image_of(scene, camera, lens, sampler, spp, seed):

@@ -61,6 +61,7 @@ def denoise_image(
     if guides.projected.size:
         image = image - (guides if own is None else own).projected
     if own is not None:
+        own = own.without_chance(guides)
         guides = guides + own
         image = _replace_texture(image, own.albedo, guides.albedo)
     divisor = np.sqrt(np.maximum(guides.albedo, np.float32(LEAST_ALBEDO)))

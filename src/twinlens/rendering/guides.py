@@ -23,7 +23,8 @@ MAX_SPECULAR = 8
 
 _SPECULAR_KINDS = (3, 4)  # mirror and transmissive, in MATERIAL_KINDS
 _UNKNOWN_KIND = 0
-_NOTHING = (1, 1, 1, 0, 0, 0)  # albedo and normal where nothing is known
+_NOTHING = (1, 1, 1, 0, 0, 0, 0)  # features but projected light where nothing is known
+_SURFACE = len(_NOTHING)
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,11 +32,12 @@ class Guides:
     """Means over each pixel, float32 (H, W, C); with parts of the aperture (P, H, W, C), weighted by the parts' shares.
 
     count : samples per pixel.
-    features : albedo, normal and projected light.
+    features : albedo, normal, chance and projected light.
     shares : mean shares of the parts, (P, H, W, 1): of the samples of a pixel, not of the aperture. None without parts.
 
     albedo : diffuse reflectance, times the tint of the mirrors and glass before it; 1 for lamps and the sky.
     normal : shading normal in the world, 0 where nothing was hit.
+    chance : share of the samples that met glass or a mask, and followed one of its rays by chance.
     projected : radiance of the light directly from projectors; no channels if there are none.
     """
 
@@ -60,8 +62,16 @@ class Guides:
         return self.features[..., 3:6]
 
     @property
+    def chance(self) -> NDArray[np.float32]:
+        return self.features[..., 6:7]
+
+    @property
     def projected(self) -> NDArray[np.float32]:
-        return self.features[..., 6:]
+        return self.features[..., _SURFACE:]
+
+    def without_chance(self, other: "Guides") -> "Guides":
+        """These guides, but those of `other` where chance decided what they show: glass would have specks."""
+        return Guides(np.where(self.chance > 0, other.features, self.features), self.count)
 
     def __add__(self, other: "Guides") -> "Guides":
         """The guides of both sets of samples."""
@@ -75,8 +85,8 @@ class Guides:
     def of_part(self, part: int, fraction: float) -> "Guides":
         """The guides of one part, which gets this fraction of the light; of all where no sample is in the part."""
         assert self.shares is not None
-        surface = _ratio(self.features[part], self.shares[part], self.of_parts().features[..., :6])
-        projected = self.features[part][..., 6:] / np.float32(fraction)
+        surface = _ratio(self.features[part], self.shares[part], self.of_parts().features[..., :_SURFACE])
+        projected = self.features[part][..., _SURFACE:] / np.float32(fraction)
         return Guides(np.concatenate([surface, projected], axis=-1), self.count)
 
     def of_parts(self) -> "Guides":
@@ -84,7 +94,7 @@ class Guides:
         assert self.shares is not None
         total = self.features.sum(axis=0)
         surface = _ratio(total, self.shares.sum(axis=0), np.array(_NOTHING, np.float32))
-        return Guides(np.concatenate([surface, total[..., 6:]], axis=-1), self.count)
+        return Guides(np.concatenate([surface, total[..., _SURFACE:]], axis=-1), self.count)
 
     def binned(self) -> "Guides":
         """At half the resolution."""
@@ -94,8 +104,8 @@ class Guides:
 def _ratio(
     features: NDArray[np.float32], share: NDArray[np.float32], unknown: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """Albedo and normal over the share of samples; `unknown` where it is 0."""
-    return np.where(share > 0, features[..., :6] / np.where(share > 0, share, 1), unknown)
+    """Albedo, normal and chance over the share of samples; `unknown` where it is 0."""
+    return np.where(share > 0, features[..., :_SURFACE] / np.where(share > 0, share, 1), unknown)
 
 
 def binned(image: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -135,7 +145,7 @@ def _render_scalar(built: BuiltScene, sensor: Any, camera: Camera, count: int, s
     albedo += image[..., :3]
     if _has_openings(built):  # Mitsuba gives mirrors and glass albedo 0, which would demodulate what they show
         albedo[(albedo == 0).all(axis=-1) & normal.any(axis=-1)] = 1
-    return image[..., -6:]
+    return np.concatenate([albedo, normal, np.zeros((*albedo.shape[:2], 1))], axis=-1)
 
 
 def _grouped(built: BuiltScene) -> Any:
@@ -172,12 +182,14 @@ def _has_openings(built: BuiltScene) -> bool:
 def _render_jit(
     built: BuiltScene, sensor: Any, camera: Camera, count: int, seed: int, parts: Parts | None = None
 ) -> Float:
-    """Means of albedo, normal and projected light; with `parts`, of their shares after these."""
+    """Means of the features; with `parts`, of their shares after these."""
+    import drjit
+
     from twinlens.rendering.ray_generation import pixel_means  # sets up the backend
 
     ray, x, y = sensor.film_rays(count, seed)
     albedo, normal = _first_rough_surfaces(built, mitsuba().Ray3f(ray))
-    channels = [*albedo, *normal]
+    channels = [*albedo, *normal, drjit.zeros(mitsuba().Float, drjit.width(x))]
     if built.projected is not None:
         channels.extend(built.projected.direct_light(built.mi_scene, sensor.sampler(), ray))
     if parts is None:

@@ -58,14 +58,25 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
         start = mi.Bool(active), sampler, (ray.o, ray.d), mi.Spectrum(1.0), mi.Float(1.0), mi.UInt32(0), first
         guides: tuple[Any, ...] = ()
         if self.gives_guides:
-            guides = mi.Bool(True), mi.Color3f(0.0), mi.Vector3f(0.0), *[mi.Spectrum(0.0)] * bool(self.lamps)
+            features = mi.Color3f(0.0), mi.Vector3f(0.0), mi.Float(0.0), *[mi.Spectrum(0.0)] * bool(self.lamps)
+            guides = mi.Bool(True), *features
         radiance, guides = self.follow(scene, *start, mi.Bool(False), guides)
-        return radiance, mi.Bool(True), [channel for guide in guides[1:] for channel in guide]
+        if not guides:
+            return radiance, mi.Bool(True), []
+        _, albedo, normal, chance, *projected = guides
+        return (
+            radiance,
+            mi.Bool(True),
+            [*albedo, *normal, chance, *(channel for light in projected for channel in light)],
+        )
 
     def aov_names(self) -> list[str]:
         """Names of the channels besides the radiance."""
-        kinds = ("albedo", "normal", *["projected"] * bool(self.lamps)) if self.gives_guides else ()
-        return [f"{kind}.{i}" for kind in kinds for i in range(3)]
+        if not self.gives_guides:
+            return []
+        colours = ["albedo", "normal", *["projected"] * bool(self.lamps)]
+        names = [f"{kind}.{i}" for kind in colours for i in range(3)]
+        return [*names[:6], "chance", *names[6:]]
 
     def follow(self, scene: Any, *start: Any) -> tuple[Any, Any]:
         """The radiance and `guides` of paths that `start` as the arguments of `step`, without its last one."""
@@ -122,11 +133,14 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
 
             is_delta = mi.has_flag(chosen.sampled_type, mi.BSDFFlags.Delta)
             if guides:
-                is_open, albedo, normal, *projected = guides
-                passed = active & (depth < MAX_SPECULAR) & (is_specular(bsdf) | is_null(chosen))
+                is_open, albedo, normal, chance, *projected = guides
+                specular, has_openings = is_specular(bsdf), mi.has_flag(bsdf.flags(), mi.BSDFFlags.Null)
+                passed = active & (depth < MAX_SPECULAR) & (specular | is_null(chosen))
+                by_chance = active & is_open & ((specular & (chosen.pdf < 1)) | has_openings)
                 found, facing = surface_features(si, bsdf, arrives & is_open & ~passed)
                 projected = [light + dr.select(depth == 0, from_lamps, 0.0) for light in projected]
-                guides = is_open & passed, albedo + weight * found, normal + facing, *projected
+                chance = dr.select(by_chance, 1.0, chance)
+                guides = is_open & passed, albedo + weight * found, normal + facing, chance, *projected
             survives = mi.Float(1.0)
             if self.cache is not None:
                 from_cache = dr.select(

@@ -2,7 +2,7 @@
 
 The noise is estimated from two independent halves A and B of the samples. In raw images |A - B| / 2 estimates the
 standard deviation of the mean. A denoised image is filtered from all samples; its halves are filtered separately, at
-half the resolution, with a fast network and half of the guides' samples each. The estimate is |A - B| / 1.62: noise
+half the resolution, with a fast network and half of the guides' samples each. The estimate is |A - B| / 1.5: noise
 alone would give 2 at the full resolution, and the filter's bias, which halves share, gives less. How the divisor was
 chosen: docs/decisions/denoising.md.
 """
@@ -37,7 +37,7 @@ MAX_SPP = 1024
 """Limit of the doubled samples per pixel. A request for more is rendered without doubling."""
 
 _RENDER_STREAM, _GUIDE_STREAM, _NOISE_STREAM, _CACHE_STREAM = 0, 2, 3, 4
-_HALVES_PER_ERROR = 1.62  # standard deviation of the difference of denoised halves, over the error of the whole
+_HALVES_PER_ERROR = 1.5  # standard deviation of the difference of denoised halves, over the error of the whole
 _PINHOLE = Pinhole()
 
 
