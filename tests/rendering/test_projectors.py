@@ -346,8 +346,8 @@ def test_lumens_are_those_of_the_wavelengths_of_the_channels():
     assert pytest.approx(683.0 * efficiency, rel=1e-3) == LUMENS_PER_WATT
 
 
-@pytest.mark.parametrize("aperture", [0.0, 0.02])
-def test_denoised_images_keep_the_dots_of_a_projector(aperture):
+@pytest.mark.parametrize(("aperture", "band"), [(0.0, "rgb"), (0.02, "rgb"), (0.02, "nir")])
+def test_denoised_images_keep_the_dots_of_a_projector(aperture, band):
     """Noise around the dots is removed; the dots themselves are those of many raw samples."""
     lamp = {"type": "sphere", "center": [-2.0, -2.0, 1.0], "radius": 0.5}
     emitter = {"type": "area", "radiance": {"type": "rgb", "value": 3.0}}
@@ -355,9 +355,9 @@ def test_denoised_images_keep_the_dots_of_a_projector(aperture):
     scene = scene_of(wall(2.0, 10), ball([0.2, 0.1, 1.5], 0.2), shining, depth=4)
     projector = Projector(
         SIDE, Camera.from_fov(128, 96, 50), patterns.dots(128, 96, 0.1, seed=3), 20.0,
-        aperture_diameter=aperture, focus_distance=2.0,
+        aperture_diameter=aperture, focus_distance=2.0, band=band,
     )  # fmt: skip
-    rig = Rig([CAMERA], [np.eye(4)], projectors=[projector])
+    rig = Rig([CAMERA.replace(band=band)], [np.eye(4)], projectors=[projector])
     raw, denoised = (tl.render(scene, rig, spp=16, seed=3, denoise=denoise)[0] for denoise in (False, True))
     many, dark = (tl.render(scene, each, spp=512, seed=4)[0] for each in (rig, rig.with_projectors([])))
     pattern = many - dark
