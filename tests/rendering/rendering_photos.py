@@ -19,6 +19,7 @@ MATERIALS = {
     "silver": {"type": "conductor", "specular_reflectance": {"type": "rgb", "value": 0.8}},
     "glass": {"type": "thindielectric", "int_ior": 1.5, "ext_ior": 1.0},
     "net": {"type": "mask", "opacity": 0.5, "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}},
+    "hole": {"type": "mask", "opacity": 0.0, "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}},
 }
 LIGHT = {"type": "area", "radiance": {"type": "rgb", "value": 1.0}}
 FACING = np.diag([-1.0, 1.0, -1.0, 1.0])  # Mitsuba's flat shapes look along +z: this one looks at the camera
@@ -72,12 +73,13 @@ def painted_edge(z: float, x: float | None = None, y: float | None = None) -> Sc
 
 
 def guided() -> dict[str, Scene]:
-    """A chequered wall; a mirror that shows paint behind the camera; a net before paint; a pane of glass between black
-    cloth and paint behind the camera."""
+    """A chequered wall; a mirror that shows paint behind the camera; a net and a hole before paint; a pane of glass
+    between black cloth and paint behind the camera."""
     wall = SceneObject("wall", {"type": "rectangle"}, "check", _at((0, 0, 5)) @ FACING @ np.diag([3.0, 2.0, 1, 1]))
     behind = SceneObject("behind", {"type": "rectangle"}, "paint", _at((0, 0, -2)) * _scale(9.0))
     mirror = SceneObject("mirror", {"type": "rectangle"}, "silver", _at((0, 0, 3)) @ FACING * _scale(4.0))
     net = SceneObject("net", {"type": "rectangle"}, "net", _at((0, 0, 2)) @ FACING * _scale(4.0))
+    hole = SceneObject("hole", {"type": "rectangle"}, "hole", _at((0, 0, 2)) @ FACING * _scale(4.0))
     paint = SceneObject("paint", {"type": "rectangle"}, "paint", _at((0, 0, 4)) @ FACING * _scale(4.0))
     pane = SceneObject("pane", {"type": "rectangle"}, "glass", _at((0, 0, 2)) @ FACING * _scale(4.0))
     cloth = SceneObject("cloth", {"type": "rectangle"}, "black", _at((0, 0, 4)) @ FACING * _scale(4.0))
@@ -85,6 +87,7 @@ def guided() -> dict[str, Scene]:
         "wall": _scene([wall]),
         "mirror": _scene([behind, mirror]),
         "net": _scene([net, paint]),
+        "hole": _scene([hole, paint]),
         "pane": _scene([behind, pane, cloth]),
     }
 

@@ -264,13 +264,13 @@ def guides_of(scene, camera, passes=(("multijitter", 16, 5),), lens=tl.Pinhole()
 
 
 def guides_of_paths(scene):
-    """What the paths of an image tell of their first rough surfaces."""
+    """Guides from the paths of an image."""
     from twinlens.rendering.radiance import image_passes, raw_image, views_of
 
     camera = photos.camera(24, 24, 60.0)
     (view,) = views_of(scene, Rig([camera], [photos.POSE]), [tl.Pinhole()], 0, denoise=True)
     _, guides = raw_image(view, list(image_passes(camera, 256, 0, 0, "sobol")), None, lambda _: None)
-    return {"albedo": guides.albedo, "normal": guides.normal, "chance": guides.chance}
+    return {"albedo": guides.albedo, "normal": guides.normal, "random": guides.random_share}
 
 
 def image_of(scene, camera, lens, sampler, spp, seed):

@@ -40,7 +40,9 @@ _EXPOSURE_BLOCK = 16
 _DARK = 1e-8
 _MARGIN_PX = 8
 _DETAIL_PX = (0.7, 1.5)
-_BRIGHTNESS_PX = 2.0
+_SURROUNDINGS_PX = 2.0
+_MOST_SURROUNDINGS = np.float32(2.0)
+"""Of their brightness over that of a pixel: beside a lamp they are far brighter."""
 
 
 def denoise_image(
@@ -61,7 +63,7 @@ def denoise_image(
     if guides.projected.size:
         image = image - (guides if own is None else own).projected
     if own is not None:
-        own = own.without_chance(guides)
+        own = own.replaced_where_random(guides)
         guides = guides + own
         image = _replace_texture(image, own.albedo, guides.albedo)
     divisor = np.sqrt(np.maximum(guides.albedo, np.float32(LEAST_ALBEDO)))
@@ -120,19 +122,22 @@ def _with_lost_texture(
 ) -> NDArray[np.float32]:
     """`filtered` and what the filter removed of the details of `texture` from `unfiltered`; all are (H, W, 3).
 
-    What it removed is noise and details. The noise does not depend on the texture, so that a least squares fit by the
-    details of the texture, with one coefficient per scale for the whole image, finds the removed details.
+    What it removed, relative to the image, is noise and details. The noise does not depend on the texture, so that a
+    least squares fit by a constant and the details of the texture, at two scales, finds the removed details. A pixel
+    gets details of its surroundings' brightness: its own, from the filter, is already blurred at edges.
     """
-    brightness = np.maximum(_blurred(filtered, _BRIGHTNESS_PX), np.float32(_DARK))
-    removed = np.divide(unfiltered - filtered, brightness, dtype=np.float32).clip(-1, 1)  # few samples must not decide
-    fine, coarse = ((texture - _blurred(texture, scale)) / texture for scale in _DETAIL_PX)
+    brightness = np.maximum(filtered, np.float32(_DARK))
+    surroundings = np.minimum(_blurred(filtered, _SURROUNDINGS_PX) / brightness, _MOST_SURROUNDINGS)
+    removed = np.divide(unfiltered - filtered, brightness, dtype=np.float32).clip(-1, 1)  # few outliers do not decide
+    fine, coarse = (surroundings * (texture - _blurred(texture, scale)) / texture for scale in _DETAIL_PX)
 
-    def product(a: NDArray[np.float32], b: NDArray[np.float32]) -> float:  # that of BLAS depends on its threads
-        return float((a * b).sum(dtype=np.float64))
+    def covariance(a: NDArray[np.float32], b: NDArray[np.float32]) -> float:  # that of BLAS depends on its threads
+        return float(np.mean((a - a.mean(dtype=np.float64)) * (b - b.mean(dtype=np.float64))))
 
-    squares = np.array([[product(fine, fine), product(fine, coarse)], [product(fine, coarse), product(coarse, coarse)]])
-    of_removed = np.array([product(fine, removed), product(coarse, removed)])
-    of_fine, of_coarse = np.linalg.lstsq(squares, of_removed, rcond=None)[0].astype(np.float32)
+    both = covariance(fine, coarse)
+    matrix = np.array([[covariance(fine, fine), both], [both, covariance(coarse, coarse)]])
+    of_removed = np.array([covariance(fine, removed), covariance(coarse, removed)])
+    of_fine, of_coarse = np.linalg.lstsq(matrix, of_removed, rcond=None)[0].astype(np.float32)
     return np.asarray(np.maximum(filtered + brightness * (of_fine * fine + of_coarse * coarse), 0), np.float32)
 
 
@@ -173,7 +178,8 @@ def denoiser_record() -> dict[str, Any]:
     import mitsuba_oidn
 
     return {
-        "method": "Open Image Denoise, albedo and normal guides, demodulated by sqrt(albedo), control variate;"
+        "method": "Open Image Denoise, albedo and normal guides, demodulated by sqrt(albedo), control variate,"
+        " restored texture;"
         " irradiance cache with JIT backends and the integrator 'path'",
         "guide_spp": GUIDE_SAMPLES,
         "oidn": mitsuba_oidn.oidn_version(),

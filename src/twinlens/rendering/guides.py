@@ -24,7 +24,7 @@ MAX_SPECULAR = 8
 _SPECULAR_KINDS = (3, 4)  # mirror and transmissive, in MATERIAL_KINDS
 _UNKNOWN_KIND = 0
 _NOTHING = (1, 1, 1, 0, 0, 0, 0)  # features but projected light where nothing is known
-_SURFACE = len(_NOTHING)
+_SURFACE_CHANNELS = len(_NOTHING)
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,12 +32,12 @@ class Guides:
     """Means over each pixel, float32 (H, W, C); with parts of the aperture (P, H, W, C), weighted by the parts' shares.
 
     count : samples per pixel.
-    features : albedo, normal, chance and projected light.
+    features : albedo, normal, random share and projected light.
     shares : mean shares of the parts, (P, H, W, 1): of the samples of a pixel, not of the aperture. None without parts.
 
     albedo : diffuse reflectance, times the tint of the mirrors and glass before it; 1 for lamps and the sky.
     normal : shading normal in the world, 0 where nothing was hit.
-    chance : share of the samples that met glass or a mask, and followed one of its rays by chance.
+    random_share : share of the samples that followed a ray of glass or of a mask that they chose at random.
     projected : radiance of the light directly from projectors; no channels if there are none.
     """
 
@@ -48,7 +48,7 @@ class Guides:
     @classmethod
     def from_means(cls, means: Float, count: int, parts: Parts | None) -> "Guides":
         """Those of means (H, W, C), with parts (P, H, W, C), whose last channel is then their shares."""
-        features = means.astype(np.float32)
+        features = np.nan_to_num(means).astype(np.float32)
         np.clip(features[..., :3], 0, 1, out=features[..., :3])
         np.clip(features[..., 3:6], -1, 1, out=features[..., 3:6])
         return cls(features, count) if parts is None else cls(features[..., :-1], count, features[..., -1:])
@@ -62,16 +62,16 @@ class Guides:
         return self.features[..., 3:6]
 
     @property
-    def chance(self) -> NDArray[np.float32]:
+    def random_share(self) -> NDArray[np.float32]:
         return self.features[..., 6:7]
 
     @property
     def projected(self) -> NDArray[np.float32]:
-        return self.features[..., _SURFACE:]
+        return self.features[..., _SURFACE_CHANNELS:]
 
-    def without_chance(self, other: "Guides") -> "Guides":
-        """These guides, but those of `other` where chance decided what they show: glass would have specks."""
-        return Guides(np.where(self.chance > 0, other.features, self.features), self.count)
+    def replaced_where_random(self, other: "Guides") -> "Guides":
+        """These guides, but those of `other` where samples chose at random: glass would have specks."""
+        return Guides(np.where(self.random_share > 0, other.features, self.features), self.count)
 
     def __add__(self, other: "Guides") -> "Guides":
         """The guides of both sets of samples."""
@@ -85,8 +85,8 @@ class Guides:
     def of_part(self, part: int, fraction: float) -> "Guides":
         """The guides of one part, which gets this fraction of the light; of all where no sample is in the part."""
         assert self.shares is not None
-        surface = _ratio(self.features[part], self.shares[part], self.of_parts().features[..., :_SURFACE])
-        projected = self.features[part][..., _SURFACE:] / np.float32(fraction)
+        surface = _ratio(self.features[part], self.shares[part], self.of_parts().features[..., :_SURFACE_CHANNELS])
+        projected = self.features[part][..., _SURFACE_CHANNELS:] / np.float32(fraction)
         return Guides(np.concatenate([surface, projected], axis=-1), self.count)
 
     def of_parts(self) -> "Guides":
@@ -94,7 +94,7 @@ class Guides:
         assert self.shares is not None
         total = self.features.sum(axis=0)
         surface = _ratio(total, self.shares.sum(axis=0), np.array(_NOTHING, np.float32))
-        return Guides(np.concatenate([surface, total[..., _SURFACE:]], axis=-1), self.count)
+        return Guides(np.concatenate([surface, total[..., _SURFACE_CHANNELS:]], axis=-1), self.count)
 
     def binned(self) -> "Guides":
         """At half the resolution."""
@@ -104,8 +104,8 @@ class Guides:
 def _ratio(
     features: NDArray[np.float32], share: NDArray[np.float32], unknown: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """Albedo, normal and chance over the share of samples; `unknown` where it is 0."""
-    return np.where(share > 0, features[..., :_SURFACE] / np.where(share > 0, share, 1), unknown)
+    """Albedo, normal and random share over the share of samples; `unknown` where it is 0."""
+    return np.where(share > 0, features[..., :_SURFACE_CHANNELS] / np.where(share > 0, share, 1), unknown)
 
 
 def binned(image: NDArray[np.float32]) -> NDArray[np.float32]:

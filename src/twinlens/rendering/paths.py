@@ -63,11 +63,11 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
         radiance, guides = self.follow(scene, *start, mi.Bool(False), guides)
         if not guides:
             return radiance, mi.Bool(True), []
-        _, albedo, normal, chance, *projected = guides
+        _, albedo, normal, is_random, *projected = guides
         return (
             radiance,
             mi.Bool(True),
-            [*albedo, *normal, chance, *(channel for light in projected for channel in light)],
+            [*albedo, *normal, is_random, *(channel for light in projected for channel in light)],
         )
 
     def aov_names(self) -> list[str]:
@@ -76,7 +76,7 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
             return []
         colours = ["albedo", "normal", *["projected"] * bool(self.lamps)]
         names = [f"{kind}.{i}" for kind in colours for i in range(3)]
-        return [*names[:6], "chance", *names[6:]]
+        return [*names[:6], "random", *names[6:]]
 
     def follow(self, scene: Any, *start: Any) -> tuple[Any, Any]:
         """The radiance and `guides` of paths that `start` as the arguments of `step`, without its last one."""
@@ -133,14 +133,14 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
 
             is_delta = mi.has_flag(chosen.sampled_type, mi.BSDFFlags.Delta)
             if guides:
-                is_open, albedo, normal, chance, *projected = guides
-                specular, has_openings = is_specular(bsdf), mi.has_flag(bsdf.flags(), mi.BSDFFlags.Null)
-                passed = active & (depth < MAX_SPECULAR) & (specular | is_null(chosen))
-                by_chance = active & is_open & ((specular & (chosen.pdf < 1)) | has_openings)
-                found, facing = surface_features(si, bsdf, arrives & is_open & ~passed)
+                is_open, albedo, normal, is_random, *projected = guides
+                passes = is_open & active & (depth < MAX_SPECULAR) & (is_specular(bsdf) | is_null(chosen))
+                ends = is_open & arrives & ~passes
+                found, facing = surface_features(si, bsdf, ends)
+                albedo, normal = albedo + dr.select(ends, weight * found, 0.0), normal + facing
+                is_random = dr.select(passes & (chosen.pdf < 1), 1.0, is_random)
                 projected = [light + dr.select(depth == 0, from_lamps, 0.0) for light in projected]
-                chance = dr.select(by_chance, 1.0, chance)
-                guides = is_open & passed, albedo + weight * found, normal + facing, chance, *projected
+                guides = passes, albedo, normal, is_random, *projected
             survives = mi.Float(1.0)
             if self.cache is not None:
                 from_cache = dr.select(

@@ -162,10 +162,11 @@ def raw_image(
             image = built.integrator.render(built.mi_scene, sensor, seed=stream, spp=count)
         else:
             image = _render_parts(built, sensor, camera, count, stream, parts)
-        total = total + count * np.asarray(image, dtype=np.float64)
+        total += np.multiply(image, count, dtype=np.float64)
         done += count
         progress(done / spp)
-    image, channels = (total / spp)[..., :3], (total / spp)[..., 3:]
+    total /= spp
+    image, channels = total[..., :3], total[..., 3:]
     own = None
     if view.denoised and built.integrator.aov_names():
         own = Guides.from_means(channels, spp, parts)
