@@ -57,17 +57,17 @@ def _seeds(values: Sequence[float]) -> str:
 
 
 def ablations(results: Mapping[str, Sequence[Mapping[str, Sequence[float]]]]) -> str:
-    """bad2.0 of each ablation on each set of pairs, and its difference to the unchanged data."""
-    base, rows = results["none"], []
+    """bad2.0 of each ablation on each set of pairs, and its difference to the first, the unchanged data."""
+    base, rows = next(iter(results.values())), []
     for name, seeds in results.items():
         cells = []
         for key in seeds[0]:
             values, reference = (np.array([each[key] for each in some]) for some in (seeds, base))
             cells.append(_seeds(values.mean(axis=1)))
-            low, high = score.interval(values - reference)
+            low, high = score.interval(values - reference, len(results) - 1)
             difference = f"{(values - reference).mean():+.2f} ({low:+.2f} to {high:+.2f})"
-            cells.append("" if name == "none" else difference)
-        rows.append([f"{name} (32 scenes)" if name == "none" else name, *cells])
+            cells.append("" if seeds is base else difference)
+        rows.append([name, *cells])
     heads = [head for key in base[0] for head in (key, "difference")]
     return markdown(["change", *heads], rows)
 
