@@ -10,13 +10,14 @@ import score
 
 HERE = Path(__file__).parent
 FINDINGS = """`python benchmarks/learned/ablations.py --publish`. One factor of the data is changed at a time.
-The network above is trained for 160 steps, a tenth of its training, on 64 scenes, with the same loss, crops and noise;
-3 seeds; bad2.0 of winner takes all, mean (smallest to largest). All rows have the same number of steps. The shares of
-families and f-numbers are kept, nearly so with 10 scenes.
+The network above is trained for 160 steps of 4 crops, a tenth of its training, on 64 scenes, with the same loss, crops
+and noise; 3 seeds; bad2.0 of winner takes all, mean (smallest to largest). All rows have the same number of steps, and
+the same shares of families and f-numbers as far as their numbers of scenes allow.
 
 Differences on the held-out pairs have bootstrap intervals over seeds and pairs that hold for all rows together with
-95 % (Bonferroni); with three seeds they are somewhat too narrow. On Motorcycle, a single pair, the brackets are the
-smallest and the largest difference of three seeds: these have the same sign by chance in a quarter of the rows.
+95 % (Bonferroni). With three seeds they are somewhat too narrow, and they do not cover another choice of training
+scenes. On Motorcycle, a single pair, the brackets are the smallest and the largest difference of three seeds, which
+have the same sign by chance in a quarter of the rows.
 
 - **Sensor noise.** Without it the errors on the held-out pairs, which have this noise, rise by 2.2, on 23 of 24 pairs
   and by 1.0 in the median. On Motorcycle they fall by 0.5. Why is not known: by `twinlens statistics`, Motorcycle has
@@ -24,13 +25,14 @@ smallest and the largest difference of three seeds: these have the same sign by 
   unchanged, because real pairs choose nothing.
 - **Renderer noise.** Pictures of 16 samples that are not denoised make the network worse on all held-out pairs (+1.4)
   and on Motorcycle (+2.1). The recipe denoises.
-- **Number of scenes.** 10 scenes are worse than 64 (+0.2). 30, 100 and 300 differ from 64 by less than the intervals.
+- **Number of scenes.** 10 scenes are worse than 64 (+0.2). With 30, 100 and 300 no difference is found.
 - **All else** changes nothing beyond the intervals: lens blur, each single family, random textures in place of the
-  families', differences of exposure and colour, and all differences of the cameras. The last fits the input, which is
-  locally normalised. The family `tabletop` comes closest (+0.1 without it). On Motorcycle these rows differ by -0.14
-  to +0.14; one pair and three seeds do not settle such differences.
+  families', differences of exposure and colour, and all differences of the cameras. That those of exposure and colour
+  are not needed fits the input, which is locally normalised. The family `tabletop` comes closest (+0.1 without it). On
+  Motorcycle these rows differ by -0.14 to +0.14; one pair and three seeds do not settle such differences.
 
-Longer trainings may depend more on these. The changed light was rendered by a later version than the 160 scenes.
+Longer trainings may depend more on these. The changed light, and scenes beyond the first 160, were rendered by a later
+version than the 160 (commit 2c24c22).
 """
 
 
