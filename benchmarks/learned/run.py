@@ -162,6 +162,7 @@ def arguments(description: str | None) -> argparse.ArgumentParser:
     """The options that both scripts have."""
     parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--work", type=Path, default=Path("out/learned"), help="folder of data, checkpoints, networks")
+    parser.add_argument("--workers", type=int, default=2, help="number of processes that render")
     parser.add_argument("--pairs", nargs="+", default=["motorcycle"], help="motorcycle, or folders of real pairs")
     parser.add_argument("--publish", action="store_true", help="write the page and the weights of the repository")
     return parser
@@ -170,7 +171,6 @@ def arguments(description: str | None) -> argparse.ArgumentParser:
 def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("--recipe", type=Path, default=HERE / "recipe.toml", help="of the scenes, for your own cameras")
-    parser.add_argument("--workers", type=int, default=2, help="number of processes that render")
     parser.add_argument("--trial", action="store_true", help="four scenes a set, four steps: check a recipe in minutes")
     parser.add_argument("--choose", nargs="*", help="compare options on held-out scenes, and on these datasets")
     options = parser.parse_args()

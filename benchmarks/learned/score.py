@@ -8,7 +8,7 @@ import numpy as np
 from twinlens.matching import parse_method
 from twinlens.scoring import Pair, evaluate
 
-RESAMPLES = 2000
+RESAMPLES = 20_000
 
 
 def bad2(method: str, pairs: Sequence[Pair]) -> list[float]:
@@ -30,12 +30,15 @@ def network(file: Path, base: str = "sad", **options: object) -> str:
     return f"{base}:cost=onnx:{file}," + ",".join(f"{name}={value}" for name, value in options.items())
 
 
-def interval(differences: np.ndarray, seed: int = 0) -> tuple[float, float]:
-    """95 % bootstrap interval of the mean of differences (seeds, pairs), both resampled."""
-    random = np.random.default_rng(seed)
+def interval(differences: np.ndarray, number: int = 1) -> tuple[float, float]:
+    """Bootstrap interval of the mean of differences (seeds, pairs), both resampled.
+
+    95 % for `number` intervals together (Bonferroni). With few seeds it is too narrow.
+    """
+    random = np.random.default_rng(0)
     seeds, pairs = differences.shape
     rows = random.integers(seeds, size=(RESAMPLES, seeds, 1))
     columns = random.integers(pairs, size=(RESAMPLES, 1, pairs))
     means = differences[rows, columns].mean(axis=(1, 2))
-    low, high = np.quantile(means, [0.025, 0.975])
+    low, high = np.quantile(means, [0.025 / number, 1 - 0.025 / number])
     return float(low), float(high)

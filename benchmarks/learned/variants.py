@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter
 
 from twinlens.dataset import StoredSample
 from twinlens.families import random_scene
-from twinlens.rendering import render
+from twinlens.rendering import render_measured
 from twinlens.scenes import Scene
 from twinlens.seeds import generator
 
@@ -59,10 +59,10 @@ def light_of(stored: StoredSample, kind: str, folder: Path) -> list[np.ndarray]:
             scene = with_random_textures(scene, shot.record["seed"])
         rig = stored.rig if kind == "aligned" else stored.photographed_by
         denoise = kind != "not denoised"
-        images = render(scene, rig, shot.lens, shot.record["spp"], shot.record["seed"], denoise=denoise)
+        seen, _ = render_measured(scene, rig, shot.lens, shot.record["spp"], shot.record["seed"], denoise=denoise)
         file.parent.mkdir(parents=True, exist_ok=True)
         part = file.with_suffix(".part.npy")
-        np.save(part, np.array(images, np.float16))
+        np.save(part, np.array([view.image for view in seen], np.float16))
         part.rename(file)
         print(f"{kind}: {stored.name}", flush=True)
     return list(np.load(file).astype(np.float32))

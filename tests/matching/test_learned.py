@@ -237,3 +237,12 @@ def test_a_recipe_without_stored_light_is_refused_before_rendering(tmp_path, scr
     with pytest.raises(tl.errors.InputError, match="keep"):
         script.data.make_dataset(recipe, tmp_path / "train", 1)
     assert not (tmp_path / "train").exists()
+
+
+@pytest.mark.parametrize(("number", "deviations"), [(1, 1.96), (14, 2.91)])
+def test_intervals_are_those_of_normal_means(script, number, deviations):
+    """Quantiles of the normal distribution for 0.05 / 2 and 0.05 / 28."""
+    differences = np.random.default_rng(2).normal(3, 2, (400, 1))
+    half = deviations * differences.std() / np.sqrt(400)
+    expected = differences.mean() + np.array([-half, half])
+    np.testing.assert_allclose(script.score.interval(differences, number), expected, atol=0.1 * half)
