@@ -4,6 +4,7 @@ recipe -> Ledger (what the folder holds) -> engine -> (index, entry) -> Ledger -
 """
 
 import contextlib
+import importlib
 import math
 import time
 import warnings
@@ -128,6 +129,7 @@ def generate(
 
 def _collect(ledger: Ledger, results: Results, exclusive: bool) -> int:
     """Add results to the ledger; the number of samples made. `exclusive`: keep dataset.json and the preview current."""
+    importlib.import_module("matplotlib")  # for the preview: an import that an interrupt stops cannot be repeated
     tiles: dict[str, Image.Image] = {}
     made, due = 0, time.monotonic() + _WRITE_EVERY_S
 

@@ -95,8 +95,8 @@ def render_lens_grid(
     seed, progress
         As in `render`.
     denoise : bool
-        As in `render`, with guides for each lens and camera. Standard errors are those before denoising. Rigs with
-        a projector in the band of a camera are not denoised.
+        As in `render`, with guides for each lens and camera, whose noise depends on the place of the lens in `lenses`.
+        Standard errors are those before denoising. Rigs with a projector in the band of a camera are not denoised.
     parts : Dual, Quad, Grid or Masks, optional
         As in `render`, of each lens's aperture. Standard errors are those of the whole images.
     sampler : str, optional
