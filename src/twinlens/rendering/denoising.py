@@ -42,7 +42,7 @@ _MARGIN_PX = 8
 _DETAIL_PX = (0.7, 1.5)
 _SURROUNDINGS_PX = 2.0
 _MOST_SURROUNDINGS = np.float32(2.0)
-"""Of their brightness over that of a pixel: beside a lamp they are far brighter."""
+"""Limit of the brightness of a pixel's surroundings, relative to its own. Beside a lamp they are far brighter."""
 
 
 def denoise_image(
@@ -128,7 +128,7 @@ def _with_lost_texture(
     """
     brightness = np.maximum(filtered, np.float32(_DARK))
     surroundings = np.minimum(_blurred(filtered, _SURROUNDINGS_PX) / brightness, _MOST_SURROUNDINGS)
-    removed = np.divide(unfiltered - filtered, brightness, dtype=np.float32).clip(-1, 1)  # few outliers do not decide
+    removed = np.divide(unfiltered - filtered, brightness, dtype=np.float32).clip(-1, 1)  # limits outliers
     fine, coarse = (surroundings * (texture - _blurred(texture, scale)) / texture for scale in _DETAIL_PX)
 
     def covariance(a: NDArray[np.float32], b: NDArray[np.float32]) -> float:  # that of BLAS depends on its threads
@@ -179,8 +179,7 @@ def denoiser_record() -> dict[str, Any]:
 
     return {
         "method": "Open Image Denoise, albedo and normal guides, demodulated by sqrt(albedo), control variate,"
-        " restored texture;"
-        " irradiance cache with JIT backends and the integrator 'path'",
+        " restored texture; irradiance cache with JIT backends and the integrator 'path'",
         "guide_spp": GUIDE_SAMPLES,
         "oidn": mitsuba_oidn.oidn_version(),
         "mitsuba-oidn": importlib.metadata.version("mitsuba-oidn"),

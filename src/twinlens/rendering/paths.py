@@ -64,11 +64,8 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
         if not guides:
             return radiance, mi.Bool(True), []
         _, albedo, normal, is_random, *projected = guides
-        return (
-            radiance,
-            mi.Bool(True),
-            [*albedo, *normal, is_random, *(channel for light in projected for channel in light)],
-        )
+        channels = [*albedo, *normal, is_random, *(channel for light in projected for channel in light)]
+        return radiance, mi.Bool(True), channels
 
     def aov_names(self) -> list[str]:
         """Names of the channels besides the radiance."""
