@@ -4,11 +4,10 @@
 
 Run `run.py` first, with the same work folder. The network of `run.py` is trained with a tenth of its steps, on the
 first 64 scenes. Changes of the renderer, of the alignment and of the textures are rendered again. Finished trainings
-are kept.
+and scores are kept.
 """
 
 import dataclasses
-import json
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -23,7 +22,7 @@ import score
 import torch
 
 import twinlens as tl
-from twinlens.dataset.files import write_file
+from twinlens.factory import read_recipe
 from twinlens.families import FAMILIES
 from twinlens.scoring import DatasetPairs, Pair, open_pairs
 
@@ -52,6 +51,7 @@ def ablations(work: Path) -> dict[str, Ablation]:
 
     return {
         f"none ({COUNT} scenes)": Ablation(),
+        "none, rendered again": lit("unchanged"),
         "no lens blur (f/32 only)": Ablation(uses=data.is_sharp),
         "no sensor noise": Ablation(data.Exposed(noise=False)),
         "no difference of exposure and colour": Ablation(data.Exposed(level="none")),
@@ -69,41 +69,36 @@ def scenes(work: Path, workers: int) -> tl.Dataset:
     if not folder.exists():
         shutil.copytree(work / "train", work / "train.part", dirs_exist_ok=True)
         (work / "train.part").rename(folder)
-    return data.make_dataset(run.HERE / "recipe.toml", folder, workers, count=MOST)
-
-
-def scores(file: Path, held_out: Sequence[Pair], real: dict[str, Sequence[Pair]]) -> dict[str, list[float]]:
-    method = score.network(file, **OPTIONS)
-    return {name: score.bad2(method, pairs) for name, pairs in {"held-out": held_out, **real}.items()}
+    return data.make_dataset(run.RECIPE, folder, workers, count=MOST)
 
 
 def main() -> None:
     parser = run.arguments(__doc__)
-    parser.add_argument("--only", nargs="+", help="numbers of ablations, to divide the work between processes")
     options = parser.parse_args()
     torch.set_num_threads(1)
-    held_out = list(DatasetPairs(tl.Dataset(options.work / "held-out")))
-    real = {name: list(open_pairs([name])) for name in options.pairs}
+    sets: dict[str, Sequence[Pair]] = {"validation": list(DatasetPairs(tl.Dataset(options.work / "validation")))}
+    sets |= {name: list(open_pairs([name])) for name in options.pairs}
     dataset, folder = scenes(options.work, options.workers), options.work / "ablations"
     folder.mkdir(exist_ok=True)
-    made_with = {"training": vars(TRAINING), "draws": run.DRAWS, "scenes": COUNT, "options": OPTIONS}
+    recipe = read_recipe(run.RECIPE).written
+    made_with = {"training": vars(TRAINING), "draws": run.DRAWS, "scenes": COUNT, "recipe": recipe}
     run.check_settings(folder / "training.json", made_with)
     results: dict[str, list[dict[str, list[float]]]] = {}
-    for number, (name, ablation) in enumerate(ablations(options.work).items()):
-        if options.only and str(number) not in options.only:
-            continue
+    for name, ablation in ablations(options.work).items():
         draws: list[dict[str, torch.Tensor]] = []
         for seed in run.SEEDS:
-            file = folder / f"seed-{seed}-{run.folder_name(name)}.json"
+            file = folder / f"seed-{seed}-{run.folder_name(name)}.onnx"
             if not file.exists():
                 if not draws:
                     chosen = [i for i, stored in enumerate(dataset) if ablation.uses(stored)][: ablation.count]
                     draws = data.training_draws(dataset[chosen], ablation.exposed, run.DRAWS)
-                network.export(network.train(draws, TRAINING, seed), file.with_suffix(".onnx"))
-                found = scores(file.with_suffix(".onnx"), held_out, real)
-                write_file(file, json.dumps(found).encode())
-            results.setdefault(name, []).append(json.loads(file.read_text()))
-        print(name, [round(sum(each["held-out"]) / len(held_out), 2) for each in results[name]], flush=True)
+                network.export(network.train(draws, TRAINING, seed), file)
+            method = score.method_of(file, **OPTIONS)
+            found = {
+                key: score.kept([method], pairs, folder / f"scores-{run.folder_name(key)}.json")[method]
+                for key, pairs in sets.items()
+            }
+            results.setdefault(name, []).append(found)
     if options.publish:
         run.publish("ablations", results)
 

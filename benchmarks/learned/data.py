@@ -15,25 +15,34 @@ from twinlens.cli.progress import progress_bar
 from twinlens.dataset import StoredSample
 from twinlens.errors import InputError
 from twinlens.factory import generate, read_recipe, worker_processes
+from twinlens.factory.recipe import Recipe
 from twinlens.matching import grey
 from twinlens.scoring import Pair
 from twinlens.seeds import derived_seed
-from twinlens.sensor import Mismatch, Sensor
+from twinlens.sensor import Exposure, Mismatch, Sensor, mismatch_table
 
 NOISELESS = {"shot_noise": False, "read_noise": 0.0, "dark_current": 0.0, "prnu": 0.0, "dsnu": 0.0}
 NOISE_SCENES = 16  # exposed with noise too
-GEOMETRY = ("pitch_px", "yaw_px", "roll_px", "scale_px", "distortion_px")
+ALIGNMENT = ("pitch_px", "yaw_px", "roll_px", "scale_px", "distortion_px", "right_mm", "down_mm", "forward_mm")
 """Fields of a mismatch that the stored light already has."""
+
+
+def checked_recipe(recipe: Path, **changes: Any) -> Recipe:
+    """The recipe with some keys changed. Raises InputError unless it has families and stores the light."""
+    read = read_recipe(recipe, changes)
+    if read.kind != "family":
+        raise InputError(f"{recipe}: replace scenes by families; held-out scenes would be those of the training")
+    if "radiance" not in read.keep:
+        raise InputError(f'{recipe}: add keep = ["radiance"]; training exposes the stored light again')
+    return read
 
 
 def make_dataset(recipe: Path, folder: Path, workers: int, **changes: Any) -> tl.Dataset:
     """The dataset of a recipe with some keys changed; an incomplete one is resumed.
 
-    Raises InputError if the recipe does not store the light.
+    Raises InputError for a recipe that training cannot use.
     """
-    read = read_recipe(recipe, changes)
-    if "radiance" not in read.keep:
-        raise InputError(f'{recipe}: add keep = ["radiance"]; training exposes the stored light again')
+    read = checked_recipe(recipe, **changes)
     with progress_bar(f"generating {folder.name}") as report:
         outcome = generate(read, folder, engine=worker_processes(workers), report=report)
     if not outcome.complete:
@@ -45,9 +54,15 @@ def make_dataset(recipe: Path, folder: Path, workers: int, **changes: Any) -> tl
 class Exposed:
     """A pair exposed from the stored light of a sample, by new cameras and with new noise.
 
-    level : of the mismatch of exposure, light and colour, by default the sample's; its alignment is kept.
-    noise : whether the sensor has any.
-    light : a variant of the stored light (variants.py), kept in `folder`.
+    The mismatch is drawn anew, but for the alignment and the fields that the recipe gives: these keep the sample's
+    values. Disparities below 0 are left out.
+
+    draw : number of the exposure.
+    level : level of the mismatch, by default the sample's.
+    noise : whether the sensor has noise.
+    light : name of a variant of the stored light (variants.py), which is kept in `folder`.
+
+    Raises InputError for a sample that is not a pair of 8-bit images.
     """
 
     draw: int = 0
@@ -58,20 +73,34 @@ class Exposed:
 
     def __call__(self, stored: StoredSample) -> dict[str, Any]:
         written = stored.record["record"]
-        old = written["sensor"]
+        sensor = Sensor.from_record(written["sensor"])
+        if len(stored.rig) != 2 or sensor.bits != 8:
+            found = f"{len(stored.rig)} images of {sensor.bits} bits"
+            raise InputError(f"{stored.name}: training needs pairs of 8-bit images, got {found}")
         seed = derived_seed(written["seed"], self.draw)
-        level = self.level or old["mismatch"]["level"]
-        mismatch = Mismatch.draw(level, seed, **{name: old["mismatch"][name] for name in GEOMETRY})
-        sensor = Sensor(**{**old, "mismatch": mismatch, **({} if self.noise else NOISELESS)})
+        sensor = sensor.replace(mismatch=self.mismatch(sensor, written["spec"]["drawn"], seed))
+        if not self.noise:
+            sensor = sensor.replace(**NOISELESS)
+        exposure = None if written["exposure"] is None else Exposure(**written["exposure"])
         if self.light:
             light = variants.light_of(stored, self.light, self.folder)
         else:
             light = [stored.radiance(view) for view in (0, 1)]
-        photos = sensor.expose_rig(light, rig=stored.photographed_by, lens=stored.lens(0).lens, seed=seed)
+        photos = sensor.expose_rig(
+            light, rig=stored.photographed_by, lens=stored.lens(0).lens, seed=seed, exposure=exposure
+        )
         left, right = (grey(photo.image) for photo in photos)
         known = (stored.mask_nonocc(0) == 255) & np.isfinite(stored.disparity(0))
         disparity = np.where(known, stored.disparity(0), np.float32(-1))
         return {"left": left, "right": right, "disparity": disparity}
+
+    def mismatch(self, sensor: Sensor, drawn: Mapping[str, Any], seed: int) -> Mismatch:
+        """The mismatch of this exposure by the sensor of a sample, whose recipe gave `drawn`."""
+        old = sensor.mismatch_of(1)
+        table = mismatch_table(drawn.get("sensor", {}))
+        given = (table[0] if isinstance(table, list) else table).keys() - {"level"}
+        kept = {*ALIGNMENT, *(() if self.level else given)}
+        return Mismatch.draw(self.level or old.level, seed, **{name: getattr(old, name) for name in kept})
 
 
 def collated(samples: list[Mapping[str, Any]]) -> dict[str, Any]:

@@ -1,9 +1,10 @@
 """The network, its training and its ONNX file."""
 
+import math
 import time
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +22,12 @@ LARGEST_ENTROPY = 20.0  # of a window: its true match may be far from all candid
 class Training:
     """Hyperparameters, chosen on synthetic pairs (about.md).
 
-    crops, rows, columns : of each step. scale : the largest reduction of a crop. shapes : pasted in front of each.
-    temperature : of the softmax over the candidates of a pixel. window : side of the windows of the second loss, and
-    window_temperature, window_depth : of its softmax, and its number of disparities.
+    crops, rows, columns : number and size of the crops of a step.
+    scale : the largest reduction of a crop.
+    shapes : number of shapes that are pasted in front of a crop.
+    temperature : temperature of the softmax over the candidates of a pixel.
+    window, window_temperature, window_depth : side of the windows of the second loss, temperature of its softmax, and
+        its number of disparities.
     """
 
     channels: int = 64
@@ -38,6 +42,13 @@ class Training:
     window: int = 11
     window_temperature: float = 0.04
     window_depth: int = 64
+
+    def covering(self, disparity: float) -> "Training":
+        """These settings, with more candidates and wider crops if the disparities of the data need them."""
+        depth = math.ceil(disparity) + 2
+        if depth <= self.window_depth:
+            return self
+        return replace(self, window_depth=depth, columns=self.columns * depth // self.window_depth)
 
 
 def convolution(inputs: int, outputs: int, dilation: int = 1) -> nn.Conv2d:

@@ -5,18 +5,18 @@
 Needs the extra `train`. Everything is kept in the work folder, and the next run resumes it. `--trial` runs everything
 with a few scenes, in a work folder of its own. `--pairs` takes "motorcycle" and any folder that `twinlens benchmark`
 reads, such as downloads of Middlebury. `--publish` writes README.md and results.json of this folder, and the weights of
-the package. Settings were chosen on synthetic pairs alone; the scores of real pairs chose nothing. `--choose`
-scores other windows, supports and penalties on such scenes, and stops before the real pairs. `ablations.py` continues
-with the same work folder.
+the package. Settings are chosen on validation scenes: `--choose` scores other windows, supports and penalties on
+these, and stops before the test scenes and the real pairs. `ablations.py` continues with the same work folder.
 """
 
 import argparse
 import dataclasses
+import hashlib
 import json
 import multiprocessing
 import re
-import shutil
 import signal
+import subprocess
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
@@ -34,7 +34,6 @@ import twinlens as tl
 from twinlens.dataset.files import write_file
 from twinlens.errors import InputError
 from twinlens.factory import read_recipe
-from twinlens.matching import parse_method
 from twinlens.matching.costs import LEARNED_FILE
 from twinlens.scoring import DatasetPairs, Pair, open_pairs
 from twinlens.scoring.samples import fingerprint
@@ -43,29 +42,29 @@ HERE = Path(__file__).parent
 SEEDS = (0, 1, 2)
 DRAWS = 2  # exposures of each scene
 HELD_OUT: dict[str, dict[str, Any]] = {
-    "held-out": {"count": 24},
-    "held-out, 700x500": {"count": 8, "width": 700, "height": 500},
+    "validation": {"count": 24},
+    "validation, 700x500": {"count": 8, "width": 700, "height": 500},
+    "test": {"count": 24},
 }
-"""Changes of the recipe. The seeds are those that follow the recipe's: no scene is one of the training."""
+"""Changes of the recipe for scenes that are not of the training. Other sizes are for the published recipe alone."""
+RECIPE = HERE / "recipe.toml"
 TRAINING = network.Training()
 TRIAL_SCENES, TRIAL_STEPS = 4, 4
 WINDOWS = (5, 7, 9, 11, 13, 15, 19, 23)
 COSTS = ("sad", "ssd", "ncc", "zsad", "zssd", "zncc", "jaccard", "census", "rank", "birchfield_tomasi")
+PENALTIES = ((0.1, 0.4), (0.2, 0.6), (0.2, 0.9), (0.3, 0.9))  # p1, p2 of sgm; the third pair is its default
 SUPPORTS = {"shiftable": (5, 9, 13), "adaptive": (15, 21, 31), "cross": (25, 35, 45), "guided": (11, 19, 27)}
 LEARNED: dict[str, dict[str, Any]] = {
     "windows": {"base": "guided", "block_size": 11},
     "semi-global": {"base": "sgm", "block_size": 1, "p1": 0.2, "p2": 0.9},
 }
-"""Options of the learned descriptors, chosen on held-out scenes."""
+"""Options of the learned descriptors, chosen on validation scenes."""
 OTHERS: dict[str, list[dict[str, Any]]] = {
     "guided": [{"base": "guided", "block_size": side} for side in (7, 11, 19)]
     + [{"base": "cross", "block_size": side} for side in (15, 25)],
-    "sgm": [
-        {"base": "sgm", "block_size": 1, "p1": p1, "p2": p2}
-        for p1, p2 in ((0.1, 0.4), (0.2, 0.6), (0.2, 0.9), (0.3, 0.9))
-    ],
+    "sgm": [{"base": "sgm", "block_size": 1, "p1": p1, "p2": p2} for p1, p2 in PENALTIES],
 }
-"""What `--choose` compares, as parts of the errors of a hand-made method."""
+"""What `--choose` compares, beside the hand-made methods that are the keys."""
 
 
 def folder_name(name: str) -> str:
@@ -75,13 +74,14 @@ def folder_name(name: str) -> str:
 def held_out_changes(recipe: Path, trial: bool = False) -> dict[str, dict[str, Any]]:
     """The changes of the recipe for each held-out set."""
     first, count = read_recipe(recipe).seed + 1, {"count": TRIAL_SCENES} if trial else {}
-    return {name: {**changes, "seed": first + i, **count} for i, (name, changes) in enumerate(HELD_OUT.items())}
+    sets = {name: {**changes, "seed": first + i, **count} for i, (name, changes) in enumerate(HELD_OUT.items())}
+    return {name: changes for name, changes in sets.items() if recipe == RECIPE or "width" not in changes}
 
 
 def train_seed(draws: Path, settings: network.Training, seed: int, file: Path) -> None:
     """Write the ONNX file of one seed. Runs in a process of its own."""
     torch.set_num_threads(1)
-    network.export(network.train(torch.load(draws), settings, seed, file.with_suffix(".pt")), file)
+    network.export(network.train(torch.load(draws, mmap=True), settings, seed, file.with_suffix(".pt")), file)
 
 
 def check_settings(file: Path, settings: dict[str, Any]) -> None:
@@ -101,7 +101,9 @@ def trained(dataset: tl.Dataset, work: Path, settings: network.Training) -> list
     missing = [(seed, file) for seed, file in zip(SEEDS, files, strict=True) if not file.exists()]
     if missing:
         draws = work / "draws.pt"
-        torch.save(data.training_draws(dataset, data.Exposed(), DRAWS), draws)
+        pairs = data.training_draws(dataset, data.Exposed(), DRAWS)
+        torch.save(pairs, draws)
+        settings = settings.covering(float(pairs[0]["disparity"].max()))
         with ProcessPoolExecutor(len(missing), multiprocessing.get_context("spawn")) as pool:
             before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # workers inherit it; this process stops them
             waiting = [pool.submit(train_seed, draws, settings, seed, file) for seed, file in missing]
@@ -116,46 +118,40 @@ def trained(dataset: tl.Dataset, work: Path, settings: network.Training) -> list
     return files
 
 
-def hand_made(pairs: Sequence[Pair], file: Path, windows_each: int | None = None) -> dict[str, list[Any]]:
-    """Of each cost and support, the best window with its mean bad2.0: {name: [window, score]}; and of `sgm`.
+def hand_made(pairs: Sequence[Pair], file: Path, options_each: int | None = None) -> dict[str, list[Any]]:
+    """The best options of each hand-made method with their mean bad2.0: {name: [option, score]}.
 
-    They are kept in the file, for the same pairs and methods. windows_each: number of windows tried, by default all.
+    file : keeps the scores. options_each : number of windows or penalties that are tried, by default all.
     """
     methods = {
-        name: {window: f"{name}:block_size={window}" for window in windows[:windows_each]}
+        name: {str(window): f"{name}:block_size={window}" for window in windows}
         for name, windows in {**dict.fromkeys(COSTS, WINDOWS), **SUPPORTS}.items()
-    } | {"sgm": {1: "sgm"}}
-    specs = [parse_method(method).spec for of_windows in methods.values() for method in of_windows.values()]
-    scored = {"pairs": [fingerprint(pair) for pair in pairs], "methods": specs}
-    kept = json.loads(file.read_text()) if file.exists() else {}
-    if kept.get("scored") == scored:
-        return dict(kept["best"])
+    }
+    methods["sgm"] = {f"{p1}, {p2}": f"sgm:p1={p1},p2={p2}" for p1, p2 in PENALTIES}
     found: dict[str, list[Any]] = {}
-    for name, of_windows in methods.items():
-        means = {window: float(np.mean(score.bad2(method, pairs))) for window, method in of_windows.items()}
+    for name, options in methods.items():
+        scores = score.kept([*options.values()][:options_each], pairs, file)
+        means = {option: float(np.mean(scores[method])) for option, method in options.items() if method in scores}
         best = min(means, key=means.__getitem__)
         found[name] = [best, means[best]]
-        print(f"{name}: {found[name]}", flush=True)
-    write_file(file, json.dumps({"scored": scored, "best": found}).encode())
     return found
 
 
-def learned(files: list[Path], pairs: Any) -> dict[str, list[float]]:
-    """Of windows and of semi-global matching, the mean bad2.0 of each seed."""
-    return {
-        name: [float(np.mean(score.bad2(score.network(file, **options), pairs))) for file in files]
-        for name, options in LEARNED.items()
-    }
+def learned(files: list[Path], pairs: Sequence[Pair], kept: Path) -> dict[str, list[float]]:
+    """The mean bad2.0 of each seed's network with windows and with semi-global matching; `kept` keeps the scores."""
+    methods = {name: [score.method_of(file, **options) for file in files] for name, options in LEARNED.items()}
+    scores = score.kept([method for each in methods.values() for method in each], pairs, kept)
+    return {name: [float(np.mean(scores[method])) for method in each] for name, each in methods.items()}
 
 
 def choose(file: Path, sets: dict[str, Any]) -> None:
-    """Print the errors of the network with other options, on each set and as mean parts of a hand-made method's."""
+    """Print the errors of a network with other options, and their mean ratio to the errors of a hand-made method."""
     for reference, candidates in OTHERS.items():
-        theirs = [float(np.mean(score.bad2(reference, pairs))) for pairs in sets.values()]
-        print(f"{reference}: {np.round(theirs, 2)}", flush=True)
+        known = [float(np.mean(score.bad2(reference, pairs))) for pairs in sets.values()]
+        print(f"{reference}: {np.round(known, 2)}", flush=True)
         for options in candidates:
-            ours = [float(np.mean(score.bad2(score.network(file, **options), pairs))) for pairs in sets.values()]
-            print(f"{np.mean(np.divide(ours, theirs)):.3f} {options}: {np.round(ours, 2)}", flush=True)
+            found = [float(np.mean(score.bad2(score.method_of(file, **options), pairs))) for pairs in sets.values()]
+            print(f"{np.mean(np.divide(found, known)):.3f} {options}: {np.round(found, 2)}", flush=True)
 
 
 def arguments(description: str | None) -> argparse.ArgumentParser:
@@ -170,19 +166,24 @@ def arguments(description: str | None) -> argparse.ArgumentParser:
 
 def main() -> None:
     parser = arguments(__doc__)
-    parser.add_argument("--recipe", type=Path, default=HERE / "recipe.toml", help="of the scenes, for your own cameras")
+    parser.add_argument("--recipe", type=Path, default=RECIPE, help="recipe of the scenes and cameras")
     parser.add_argument("--trial", action="store_true", help="four scenes a set, four steps: check a recipe in minutes")
     parser.add_argument("--choose", nargs="*", help="compare options on held-out scenes, and on these datasets")
     options = parser.parse_args()
-    if options.publish and options.trial:
-        parser.error("--publish needs the whole training, without --trial")
+    if options.publish and (options.trial or options.recipe != RECIPE or options.pairs != ["motorcycle"]):
+        parser.error("--publish is for the published protocol, without --trial, --recipe and --pairs")
     changes = {"count": TRIAL_SCENES} if options.trial else {}
     settings = dataclasses.replace(TRAINING, steps=TRIAL_STEPS) if options.trial else TRAINING
     real = {name: list(open_pairs([name])) for name in (options.pairs if options.choose is None else options.choose)}
+    held_out_sets = held_out_changes(options.recipe, options.trial)
+    if options.choose is not None:
+        del held_out_sets["test"]
+    for changed in (changes, *held_out_sets.values()):
+        data.checked_recipe(options.recipe, **changed)
     dataset = data.make_dataset(options.recipe, options.work / "train", options.workers, **changes)
     held_out = {
         name: data.make_dataset(options.recipe, options.work / folder_name(name), options.workers, **changed)
-        for name, changed in held_out_changes(options.recipe, options.trial).items()
+        for name, changed in held_out_sets.items()
     }
     made_with = {"training": vars(settings), "draws": DRAWS, "recipe": read_recipe(options.recipe, changes).written}
     check_settings(options.work / "training.json", made_with)
@@ -195,21 +196,33 @@ def main() -> None:
         return
     results: dict[str, Any] = {"scenes": len(dataset), "settings": {"training": vars(settings), "learned": LEARNED}}
     for name, pairs in {**sets, **real}.items():
-        theirs = hand_made(pairs, options.work / f"hand-made-{folder_name(name)}.json", 1 if options.trial else None)
-        results[name] = {"pairs": len(pairs), "hand-made": theirs, "learned": learned(files, pairs)}
+        kept = options.work / f"scores-{folder_name(name)}.json"
+        best_options = hand_made(pairs, kept, 1 if options.trial else None)
+        results[name] = {"pairs": len(pairs), "hand-made": best_options, "learned": learned(files, pairs, kept)}
     print(tables.comparison(results))
     if options.publish:
-        best = int(np.argmin(results["held-out"]["learned"]["windows"]))
-        shutil.copy(files[best], LEARNED_FILE)
-        publish("scores", results | {"published seed": best})
+        best = int(np.argmin(results["validation"]["learned"]["windows"]))
+        write_file(LEARNED_FILE, files[best].read_bytes())
+        publish("scores", {**results, "published seed": best, "commit": commit(), "data_sha256": digest(dataset)})
 
 
 def publish(key: str, value: object) -> None:
     """Replace one key of results.json, and write README.md from all published results."""
     file = HERE / "results.json"
     results = json.loads(file.read_text()) if file.exists() else {}
-    file.write_text(json.dumps(results | {key: value}, indent=1) + "\n")
-    (HERE / "README.md").write_text(tables.page())
+    write_file(file, (json.dumps(results | {key: value}, indent=1) + "\n").encode())
+    write_file(HERE / "README.md", tables.page().encode())
+
+
+def commit() -> str:
+    """The short hash of this checkout's commit."""
+    command = ["git", "-C", str(HERE), "rev-parse", "--short=7", "HEAD"]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+
+
+def digest(dataset: tl.Dataset) -> str:
+    """SHA-256 of all images and truth of a dataset."""
+    return hashlib.sha256("".join(map(fingerprint, DatasetPairs(dataset))).encode()).hexdigest()
 
 
 if __name__ == "__main__":

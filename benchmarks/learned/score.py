@@ -1,12 +1,15 @@
-"""Scores of networks and of hand-made costs: bad2.0 of the pixels that both views see, per pair."""
+"""Scores of networks and hand-made costs: bad2.0 of the pixels that both views see, for each pair."""
 
-from collections.abc import Sequence
+import json
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from twinlens.dataset.files import write_file
 from twinlens.matching import parse_method
 from twinlens.scoring import Pair, evaluate
+from twinlens.scoring.samples import fingerprint
 
 RESAMPLES = 20_000
 
@@ -25,15 +28,32 @@ def bad2(method: str, pairs: Sequence[Pair]) -> list[float]:
     return scores
 
 
-def network(file: Path, base: str = "sad", **options: object) -> str:
-    """The method that matches with a network: windows for the base `sad`, semi-global for `sgm`."""
+def kept(methods: Iterable[str], pairs: Sequence[Pair], file: Path) -> dict[str, list[float]]:
+    """bad2.0 of each pair by each method. Scores that the file has of the same pairs are not made again."""
+    fingerprints = [fingerprint(pair) for pair in pairs]
+    stored = json.loads(file.read_text()) if file.exists() else {}
+    scores = stored["scores"] if stored.get("pairs") == fingerprints else {}
+    found = {}
+    for method in methods:
+        spec = parse_method(method).spec
+        if spec not in scores:
+            scores[spec] = bad2(method, pairs)
+            write_file(file, json.dumps({"pairs": fingerprints, "scores": scores}).encode())
+            print(f"{file.stem}: {method}: {np.mean(scores[spec]):.2f}", flush=True)
+        found[method] = scores[spec]
+    return found
+
+
+def method_of(file: Path, base: str, **options: object) -> str:
+    """The method that matches with a network's descriptors and the optimisation and support of `base`."""
     return f"{base}:cost=onnx:{file}," + ",".join(f"{name}={value}" for name, value in options.items())
 
 
 def interval(differences: np.ndarray, number: int = 1) -> tuple[float, float]:
     """Bootstrap interval of the mean of differences (seeds, pairs), both resampled.
 
-    95 % for `number` intervals together (Bonferroni). With few seeds it is too narrow.
+    The quantiles are those of 95 % for `number` intervals together (Bonferroni). The coverage is lower with few seeds:
+    no resample is outside the range of theirs.
     """
     random = np.random.default_rng(0)
     seeds, pairs = differences.shape

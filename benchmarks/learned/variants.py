@@ -16,6 +16,7 @@ from twinlens.families import random_scene
 from twinlens.rendering import render_measured
 from twinlens.scenes import Scene
 from twinlens.seeds import generator
+from twinlens.sensor import Sensor
 
 
 def scene_of(stored: StoredSample) -> Scene:
@@ -51,18 +52,21 @@ def _replaced(value: Any, noise: Callable[[tuple[int, ...]], np.ndarray]) -> Any
 
 
 def light_of(stored: StoredSample, kind: str, folder: Path) -> list[np.ndarray]:
-    """Both images (H, W, 3) of a variant, float32: "aligned", "not denoised" or "random textures"."""
+    """Both images (H, W, 3) of a variant, float32: "unchanged", "aligned", "not denoised" or "random textures"."""
     file = folder / kind.replace(" ", "-") / f"{stored.name}.npy"
     if not file.exists():
         shot, scene = stored.lens(0), scene_of(stored)
         if kind == "random textures":
             scene = with_random_textures(scene, shot.record["seed"])
-        rig = stored.rig if kind == "aligned" else stored.photographed_by
-        denoise = kind != "not denoised"
-        seen, _ = render_measured(scene, rig, shot.lens, shot.record["spp"], shot.record["seed"], denoise=denoise)
+        rig, lens = stored.photographed_by, Sensor.from_record(stored.record["record"]["sensor"]).lenses
+        if kind == "aligned":
+            rig, lens = stored.rig, Sensor().lenses
+        seen, _ = render_measured(
+            scene, rig, lens(rig, shot.lens), shot.record["spp"], shot.record["seed"], denoise=kind != "not denoised"
+        )
         file.parent.mkdir(parents=True, exist_ok=True)
         part = file.with_suffix(".part.npy")
-        np.save(part, np.array([view.image for view in seen], np.float16))
+        np.save(part, np.array([view.image for view in seen], np.float32))
         part.rename(file)
         print(f"{kind}: {stored.name}", flush=True)
-    return list(np.load(file).astype(np.float32))
+    return list(np.load(file))

@@ -201,10 +201,12 @@ def script(benchmark_path):
 
 def test_held_out_scenes_have_other_seeds_than_the_recipe(tmp_path, script):
     published = script.held_out_changes(BENCHMARK / "recipe.toml")
-    assert [changes["seed"] for changes in published.values()] == [22, 23]
+    assert [changes["seed"] for changes in published.values()] == [22, 23, 24]
     recipe = tmp_path / "my.toml"
     recipe.write_text((BENCHMARK / "recipe.toml").read_text().replace("seed = 21", "seed = 22"))
-    assert [changes["seed"] for changes in script.held_out_changes(recipe).values()] == [23, 24]
+    own = script.held_out_changes(recipe)
+    assert {name: changes["seed"] for name, changes in own.items()} == {"validation": 23, "test": 25}
+    assert not any("width" in changes for changes in own.values())  # images have the size of the user's cameras
 
 
 def test_networks_of_other_settings_are_refused(tmp_path, script):
@@ -215,11 +217,83 @@ def test_networks_of_other_settings_are_refused(tmp_path, script):
         script.check_settings(file, {"steps": 5})
 
 
-def test_hand_made_scores_are_kept_for_the_same_pairs_alone(tmp_path, script, monkeypatch):
+def test_the_published_page_is_made_from_its_results(monkeypatch):
+    monkeypatch.syspath_prepend(str(BENCHMARK))
+    import tables
+
+    assert (BENCHMARK / "README.md").read_text() == tables.page()
+
+
+@pytest.mark.parametrize("changed", [["--trial"], ["--pairs", "folder"], ["--recipe", "my.toml"]])
+def test_other_protocols_are_not_published(changed, script, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["run.py", "--publish", *changed])
+    with pytest.raises(SystemExit) as stopped:
+        script.main()
+    assert stopped.value.code == 2
+    assert "--publish is for the published protocol" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("largest", "depth", "columns"), [(40.0, 64, 176), (61.9, 64, 176), (80.2, 83, 228)])
+def test_larger_disparities_have_more_candidates_and_wider_crops(largest, depth, columns, script):
+    settings = script.TRAINING.covering(largest)
+    assert (settings.window_depth, settings.columns) == (depth, columns)
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory):
+    """A sample with a fixed exposure, and a mismatch of which the recipe gives the gain."""
+    folder = tmp_path_factory.mktemp("recipe")
+    (folder / "my.toml").write_text(
+        'seed = 3\ncount = 1\nfamilies = ["cards"]\nwidth = 64\nheight = 48\nspp = 4\nkeep = ["radiance"]\n'
+        "[exposure]\ntime = 0.004\n"
+        '[sensor]\nmismatch = { level = "calibrated", gain = 1.3, distortion_px = 0.0, focus_um = 0.0 }\n'
+    )
+    assert tl.factory.generate(tl.factory.read_recipe(folder / "my.toml"), folder / "out").complete
+    return tl.Dataset(folder / "out")[0]
+
+
+def test_the_exposure_of_training_is_that_of_the_sample(stored, benchmark_path):
+    import data
+
+    found = data.Exposed()(stored)
+    photographs = [tm.grey(stored.image(view)).astype(float) for view in (0, 1)]
+    for side, photograph in zip(("left", "right"), photographs, strict=True):
+        assert found[side].mean() == pytest.approx(photograph.mean(), rel=0.03)
+    assert photographs[1].mean() > 1.08 * photographs[0].mean()  # so that another gain would not pass
+
+
+def test_each_draw_has_new_differences_of_colour_but_those_of_the_recipe(stored, benchmark_path):
+    import data
+
+    written = stored.record["record"]
+    sensor = tl.Sensor.from_record(written["sensor"])
+    one, other = (data.Exposed().mismatch(sensor, written["spec"]["drawn"], seed) for seed in (1, 2))
+    assert one.gain == other.gain == 1.3
+    assert one.yaw_px == other.yaw_px == sensor.mismatch_of(1).yaw_px != 0
+    assert one.white_balance_red != other.white_balance_red
+    without = data.Exposed(level="none").mismatch(sensor, written["spec"]["drawn"], 1)
+    assert (without.gain, without.white_balance_red) == (1, 1)
+    assert without.yaw_px == one.yaw_px
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [('families = ["cards", "flying", "room", "tabletop"]', 'scenes = ["cards"]', "families"), ("keep =", "#", "keep")],
+)
+def test_a_recipe_that_training_cannot_use_is_refused_before_rendering(tmp_path, script, old, new, message):
+    recipe = tmp_path / "my.toml"
+    recipe.write_text((BENCHMARK / "recipe.toml").read_text().replace(old, new))
+    with pytest.raises(tl.errors.InputError, match=message):
+        script.data.make_dataset(recipe, tmp_path / "train", 1)
+    assert not (tmp_path / "train").exists()
+
+
+def test_scores_are_kept_for_the_same_pairs_alone(tmp_path, script, monkeypatch):
     left, right = textured(24, 48)
     pairs = [tl.scoring.Pair("a", left, right, np.full(left.shape, 6, np.float32), np.ones(left.shape, bool), 8)]
     monkeypatch.setattr(script, "COSTS", ("sad",))
     monkeypatch.setattr(script, "SUPPORTS", {})
+    monkeypatch.setattr(script, "PENALTIES", ((0.2, 0.9),))
     calls = []
     monkeypatch.setattr(script.score, "bad2", lambda method, pairs: calls.append(method) or [7.0])
     found = script.hand_made(pairs, tmp_path / "scores.json")
@@ -228,15 +302,6 @@ def test_hand_made_scores_are_kept_for_the_same_pairs_alone(tmp_path, script, mo
     assert len(calls) == scored
     script.hand_made(pairs * 2, tmp_path / "scores.json")
     assert len(calls) == 2 * scored
-
-
-def test_a_recipe_without_stored_light_is_refused_before_rendering(tmp_path, script):
-    recipe = tmp_path / "my.toml"
-    text = (BENCHMARK / "recipe.toml").read_text()
-    recipe.write_text("\n".join(line for line in text.splitlines() if not line.startswith("keep")))
-    with pytest.raises(tl.errors.InputError, match="keep"):
-        script.data.make_dataset(recipe, tmp_path / "train", 1)
-    assert not (tmp_path / "train").exists()
 
 
 @pytest.mark.parametrize(("number", "deviations"), [(1, 1.96), (14, 2.91)])

@@ -56,10 +56,8 @@ COSTS: dict[str, Cost] = {
 }
 
 MODEL_PREFIX = "onnx:"
-DESCRIPTOR = Cost("descriptor", "sum", PARABOLA, "1 - product of a network's descriptors", p1=0.02, p2=0.08)
-LEARNED = replace(
-    DESCRIPTOR, description="descriptors of a trained network smoothed by a guided filter (extra onnx)", p1=0.2, p2=0.9
-)
+DESCRIPTOR = Cost("descriptor", "sum", PARABOLA, "1 - product of a network's descriptors", p1=0.2, p2=0.9)
+LEARNED = replace(DESCRIPTOR, description="descriptors of a trained network smoothed by a guided filter (extra onnx)")
 LEARNED_NAME, LEARNED_FILE = "learned", Path(__file__).parent / "weights" / "learned.onnx"
 
 
