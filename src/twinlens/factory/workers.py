@@ -25,7 +25,7 @@ import pebble
 from twinlens.dataset import Place, Row, Sample, write_sample
 from twinlens.dataset.record import plain
 from twinlens.dataset.storage import is_whole
-from twinlens.errors import BackendError, InputError, MissingExtraError, OutputError
+from twinlens.errors import BackendError, InputError, MissingExtraError, OutputError, check_int
 from twinlens.factory.ledger import Entry, Failure, recovered_row, repair_hint, row_info, write_row
 from twinlens.factory.plan import sample_name
 from twinlens.factory.produce import Exhausted, make
@@ -184,7 +184,10 @@ def worker_processes(count: int) -> Engine:
 
     A process is replaced after `RENEWED_AFTER` samples, and when it dies; its sample is made again. Each is a pool of
     its own: docs/decisions/process-pool.md.
+
+    Raises InputError for a count below 1.
     """
+    check_int("number of worker processes", count, 1)
 
     def engine(work: Work, indices: Sequence[int], report: Report) -> Results:
         order = Order.of(work, threads=math.ceil(processor_count() / count))
