@@ -22,6 +22,7 @@ import score
 import torch
 
 import twinlens as tl
+from twinlens.dataset.files import write_file
 from twinlens.factory import read_recipe
 from twinlens.families import FAMILIES
 from twinlens.scoring import DatasetPairs, Pair, open_pairs
@@ -82,7 +83,7 @@ def main() -> None:
     folder.mkdir(exist_ok=True)
     recipe = read_recipe(run.RECIPE).written
     made_with = {"training": vars(TRAINING), "draws": run.DRAWS, "scenes": COUNT, "recipe": recipe}
-    run.check_settings(folder / "training.json", made_with)
+    write_file(folder / "training.json", run.check_settings(folder / "training.json", made_with))
     results: dict[str, list[dict[str, list[float]]]] = {}
     for name, ablation in ablations(options.work).items():
         draws: list[dict[str, torch.Tensor]] = []

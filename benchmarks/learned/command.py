@@ -9,7 +9,8 @@ from twinlens.errors import TwinlensError
 from twinlens.matching.options import MissingExtraError, import_extra
 
 try:
-    import_extra("torch", "train")
+    for module in ("torch", "onnx", "onnxruntime"):
+        import_extra(module, "train")
 except MissingExtraError as error:
     print(error, file=sys.stderr)
     sys.exit(error.exit_code)

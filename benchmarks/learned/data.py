@@ -14,9 +14,11 @@ import twinlens as tl
 from twinlens.cli.progress import progress_bar
 from twinlens.dataset import StoredSample
 from twinlens.errors import InputError
-from twinlens.factory import generate, read_recipe, worker_processes
+from twinlens.factory import generate, plan, read_recipe, worker_processes
 from twinlens.factory.recipe import Recipe
+from twinlens.factory.settings import ANY_SCENE, Settings, sensor_for
 from twinlens.matching import grey
+from twinlens.schema import read
 from twinlens.scoring import Pair
 from twinlens.seeds import derived_seed
 from twinlens.sensor import Exposure, Mismatch, Sensor, mismatch_table
@@ -28,13 +30,22 @@ ALIGNMENT = ("pitch_px", "yaw_px", "roll_px", "scale_px", "distortion_px", "righ
 
 
 def checked_recipe(recipe: Path, **changes: Any) -> Recipe:
-    """The recipe with some keys changed. Raises InputError unless it has families and stores the light."""
-    read = read_recipe(recipe, changes)
-    if read.kind != "family":
+    """The recipe with some keys changed.
+
+    Raises InputError unless it has random families, stores the light, and has a rectified pair of 8-bit cameras.
+    """
+    found = read_recipe(recipe, changes)
+    if found.kind != "family":
         raise InputError(f"{recipe}: replace scenes by families; held-out scenes would be those of the training")
-    if "radiance" not in read.keep:
+    if "radiance" not in found.keep:
         raise InputError(f'{recipe}: add keep = ["radiance"]; training exposes the stored light again')
-    return read
+    spec = plan(found, 0)
+    rig = read(Settings, dict(spec.drawn), recipe).rig_of(ANY_SCENE, None, recipe, found.sources.file)
+    if len(rig) != 2 or not rig.is_rectified():
+        raise InputError(f"{recipe}: rig: training needs a rectified pair; remove layout and cameras")
+    if (bits := sensor_for(rig, spec.drawn, spec.seed, None, recipe).bits) != 8:
+        raise InputError(f"{recipe}: sensor.bits: training needs 8, got {bits}")
+    return found
 
 
 def make_dataset(recipe: Path, folder: Path, workers: int, **changes: Any) -> tl.Dataset:
@@ -42,9 +53,9 @@ def make_dataset(recipe: Path, folder: Path, workers: int, **changes: Any) -> tl
 
     Raises InputError for a recipe that training cannot use.
     """
-    read = checked_recipe(recipe, **changes)
+    checked = checked_recipe(recipe, **changes)
     with progress_bar(f"generating {folder.name}") as report:
-        outcome = generate(read, folder, engine=worker_processes(workers), report=report)
+        outcome = generate(checked, folder, engine=worker_processes(workers), report=report)
     if not outcome.complete:
         raise SystemExit(f"{folder}: {outcome.there} of {outcome.count} samples")
     return tl.Dataset(folder)
@@ -61,8 +72,6 @@ class Exposed:
     level : level of the mismatch, by default the sample's.
     noise : whether the sensor has noise.
     light : name of a variant of the stored light (variants.py), which is kept in `folder`.
-
-    Raises InputError for a sample that is not a pair of 8-bit images.
     """
 
     draw: int = 0
@@ -74,9 +83,6 @@ class Exposed:
     def __call__(self, stored: StoredSample) -> dict[str, Any]:
         written = stored.record["record"]
         sensor = Sensor.from_record(written["sensor"])
-        if len(stored.rig) != 2 or sensor.bits != 8:
-            found = f"{len(stored.rig)} images of {sensor.bits} bits"
-            raise InputError(f"{stored.name}: training needs pairs of 8-bit images, got {found}")
         seed = derived_seed(written["seed"], self.draw)
         sensor = sensor.replace(mismatch=self.mismatch(sensor, written["spec"]["drawn"], seed))
         if not self.noise:

@@ -84,15 +84,15 @@ def train_seed(draws: Path, settings: network.Training, seed: int, file: Path) -
     network.export(network.train(torch.load(draws, mmap=True), settings, seed, file.with_suffix(".pt")), file)
 
 
-def check_settings(file: Path, settings: dict[str, Any]) -> None:
-    """Keep what the networks of a folder were made with. Raises InputError if that was something else."""
+def check_settings(file: Path, settings: dict[str, Any]) -> bytes:
+    """What the file, which keeps the settings of a work folder, is to contain. Raises InputError if it has others."""
     text = json.dumps(settings, indent=1, sort_keys=True, default=str)
     if file.exists() and file.read_text() != text:
         raise InputError(
-            f"{file}: the networks of this folder have other settings or another recipe; choose another --work, or "
-            f"delete {file.name} and seed-*"
+            f"{file}: this folder was made with other settings or another recipe (--trial has its own); "
+            "choose another --work"
         )
-    write_file(file, text.encode())
+    return text.encode()
 
 
 def trained(dataset: tl.Dataset, work: Path, settings: network.Training) -> list[Path]:
@@ -168,7 +168,7 @@ def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("--recipe", type=Path, default=RECIPE, help="recipe of the scenes and cameras")
     parser.add_argument("--trial", action="store_true", help="four scenes a set, four steps: check a recipe in minutes")
-    parser.add_argument("--choose", nargs="*", help="compare options on held-out scenes, and on these datasets")
+    parser.add_argument("--choose", nargs="*", help="compare options on validation scenes, and on these pairs")
     options = parser.parse_args()
     if options.publish and (options.trial or options.recipe != RECIPE or options.pairs != ["motorcycle"]):
         parser.error("--publish is for the published protocol, without --trial, --recipe and --pairs")
@@ -180,13 +180,14 @@ def main() -> None:
         del held_out_sets["test"]
     for changed in (changes, *held_out_sets.values()):
         data.checked_recipe(options.recipe, **changed)
+    made_with = {"training": vars(settings), "draws": DRAWS, "recipe": read_recipe(options.recipe, changes).written}
+    kept_settings = check_settings(options.work / "training.json", made_with)
     dataset = data.make_dataset(options.recipe, options.work / "train", options.workers, **changes)
     held_out = {
         name: data.make_dataset(options.recipe, options.work / folder_name(name), options.workers, **changed)
         for name, changed in held_out_sets.items()
     }
-    made_with = {"training": vars(settings), "draws": DRAWS, "recipe": read_recipe(options.recipe, changes).written}
-    check_settings(options.work / "training.json", made_with)
+    write_file(options.work / "training.json", kept_settings)
     files = trained(dataset, options.work, settings)
     sets = {name: list(DatasetPairs(found)) for name, found in held_out.items()}
     if options.choose is not None:

@@ -211,7 +211,7 @@ def test_held_out_scenes_have_other_seeds_than_the_recipe(tmp_path, script):
 
 def test_networks_of_other_settings_are_refused(tmp_path, script):
     file = tmp_path / "training.json"
-    script.check_settings(file, {"steps": 4})
+    file.write_bytes(script.check_settings(file, {"steps": 4}))
     script.check_settings(file, {"steps": 4})
     with pytest.raises(tl.errors.InputError, match="other settings"):
         script.check_settings(file, {"steps": 5})
@@ -278,7 +278,13 @@ def test_each_draw_has_new_differences_of_colour_but_those_of_the_recipe(stored,
 
 @pytest.mark.parametrize(
     ("old", "new", "message"),
-    [('families = ["cards", "flying", "room", "tabletop"]', 'scenes = ["cards"]', "families"), ("keep =", "#", "keep")],
+    [
+        ('families = ["cards", "flying", "room", "tabletop"]', 'scenes = ["cards"]', "families"),
+        ("keep =", "#", "keep"),
+        ("[rig]", '[rig]\nlayout = "toed_in"\ndistance = 2.0', "rectified pair"),
+        ("[rig]", '[rig]\nlayout = "line"\ncount = 3\nspacing = 0.1', "rectified pair"),
+        ("[sensor]", "[sensor]\nbits = 16", "sensor.bits: training needs 8, got 16"),
+    ],
 )
 def test_a_recipe_that_training_cannot_use_is_refused_before_rendering(tmp_path, script, old, new, message):
     recipe = tmp_path / "my.toml"

@@ -179,7 +179,7 @@ def test_an_unknown_disparity_is_infinite(tmp_path):
 
 def test_models_that_are_no_stereo_networks_are_refused(tmp_path):
     one = save(tmp_path / "one.onnx", [helper.make_node("Identity", ["left"], ["out"])], inputs=("left",))
-    with pytest.raises(InputError, match="has 1 inputs; a stereo model has two"):
+    with pytest.raises(InputError, match=r"has 1 inputs; a stereo model has two, left and right; .* sgm:cost=onnx:"):
         tm.match(COLOUR, COLOUR, one)
     with pytest.raises(InputError, match="has 4 channels; images have 1 or 3"):
         tm.match(COLOUR, COLOUR, difference(tmp_path / "four.onnx", shape=(1, 4, "h", "w")))
@@ -195,6 +195,9 @@ def test_files_that_are_no_models_are_named(tmp_path):
     (tmp_path / "bad.onnx").write_bytes(b"hello")
     with pytest.raises(FileError, match=r"bad\.onnx: not an ONNX model"):
         tm.match(COLOUR, COLOUR, f"onnx:model={tmp_path / 'bad.onnx'}")
+    for method in (f"onnx:model={tmp_path / 'bad.onnx'}", f"sgm:cost=onnx:{tmp_path / 'bad.onnx'}"):
+        with pytest.raises(FileError, match=r"bad\.onnx: not an ONNX model"):
+            tm.parse_method(method).check_parts()  # before a benchmark starts
     with pytest.raises(FileError, match=r"none\.onnx: No such file"):
         tm.match(COLOUR, COLOUR, f"onnx:model={tmp_path / 'none.onnx'}")
 

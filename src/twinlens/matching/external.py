@@ -379,7 +379,7 @@ class OnnxNetwork:
         return model_hashes(self.model)
 
     def check_parts(self) -> None:
-        """FileError if there is no such file, MissingExtraError if onnxruntime is not installed."""
+        """FileError if there is no such network, MissingExtraError if onnxruntime is not installed."""
         check_model(self.model)
 
     def match(
@@ -427,7 +427,8 @@ class OnnxNetwork:
     def _check(self, inputs: list[Any], outputs: list[Any]) -> None:
         """InputError unless the model has two images as inputs, and the selected output."""
         if len(inputs) != 2:
-            raise InputError(f"{self.model}: has {len(inputs)} inputs; a stereo model has two, left and right")
+            remedy = f"; a descriptor network is a cost: sgm:cost=onnx:{self.model}" if len(inputs) == 1 else ""
+            raise InputError(f"{self.model}: has {len(inputs)} inputs; a stereo model has two, left and right{remedy}")
         for node in inputs:
             where = f"{self.model}: input {node.name!r}"
             if node.type != "tensor(float)" or len(node.shape) != 4:
@@ -463,9 +464,10 @@ def model_hashes(model: str) -> str:
 
 
 def check_model(model: str) -> None:
-    """FileError if there is no such file, MissingExtraError if onnxruntime is not installed."""
-    _written_ns(model)
+    """FileError if there is no such file or it is not a network, MissingExtraError if onnxruntime is not installed."""
+    written = _written_ns(model)
     import_extra("onnxruntime", "onnx")
+    _session(model, written)
 
 
 def descriptors(model: str, image: Image) -> NDArray[np.float32]:

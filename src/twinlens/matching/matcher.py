@@ -137,7 +137,7 @@ class StereoMatcher(RangeMatcher):
         return "" if model is None else model_hashes(model)
 
     def check_parts(self) -> None:
-        """For a descriptor network, FileError without its file, MissingExtraError without onnxruntime."""
+        """FileError if there is no such descriptor network, MissingExtraError if onnxruntime is not installed."""
         if model := descriptor_model(self.cost):
             check_model(model)
 
