@@ -76,6 +76,8 @@ def scenes(work: Path, workers: int) -> tl.Dataset:
 def main() -> None:
     parser = run.arguments(__doc__)
     options = parser.parse_args()
+    if options.publish and options.pairs != ["motorcycle"]:
+        parser.error("--publish is for the published protocol, without --pairs")
     torch.set_num_threads(1)
     sets: dict[str, Sequence[Pair]] = {"validation": list(DatasetPairs(tl.Dataset(options.work / "validation")))}
     sets |= {name: list(open_pairs([name])) for name in options.pairs}

@@ -39,12 +39,12 @@ def checked_recipe(recipe: Path, **changes: Any) -> Recipe:
         raise InputError(f"{recipe}: replace scenes by families; held-out scenes would be those of the training")
     if "radiance" not in found.keep:
         raise InputError(f'{recipe}: add keep = ["radiance"]; training exposes the stored light again')
-    spec = plan(found, 0)
-    rig = read(Settings, dict(spec.drawn), recipe).rig_of(ANY_SCENE, None, recipe, found.sources.file)
-    if len(rig) != 2 or not rig.is_rectified():
-        raise InputError(f"{recipe}: rig: training needs a rectified pair; remove layout and cameras")
-    if (bits := sensor_for(rig, spec.drawn, spec.seed, None, recipe).bits) != 8:
-        raise InputError(f"{recipe}: sensor.bits: training needs 8, got {bits}")
+    for spec in (plan(found, index) for index in range(found.count)):
+        rig = read(Settings, dict(spec.drawn), recipe).rig_of(ANY_SCENE, None, recipe, found.sources.file)
+        if len(rig) != 2 or not rig.is_rectified():
+            raise InputError(f"{recipe}: rig: training needs a rectified pair; remove layout and cameras")
+        if (bits := sensor_for(rig, spec.drawn, spec.seed, None, recipe).bits) != 8:
+            raise InputError(f"{recipe}: sensor.bits: training needs 8, got {bits}")
     return found
 
 
@@ -65,8 +65,8 @@ def make_dataset(recipe: Path, folder: Path, workers: int, **changes: Any) -> tl
 class Exposed:
     """A pair exposed from the stored light of a sample, by new cameras and with new noise.
 
-    The mismatch is drawn anew, but for the alignment and the fields that the recipe gives: these keep the sample's
-    values. Disparities below 0 are left out.
+    The mismatch is drawn anew, but for the alignment and, unless `level` is given, the fields that the recipe gives:
+    these keep the sample's values. Disparities below 0 are left out.
 
     draw : number of the exposure.
     level : level of the mismatch, by default the sample's.

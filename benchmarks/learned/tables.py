@@ -9,11 +9,13 @@ import numpy as np
 import score
 
 HERE = Path(__file__).parent
-FINDINGS = """`python benchmarks/learned/ablations.py --publish`. One factor of the data is changed at a time.
-The network is that of the first table, trained for 160 steps of 4 crops, a tenth of its training, on 64 scenes, with
-the same loss and crops; 3 seeds; bad2.0 of winner takes all, mean (smallest to largest). All rows have the same number
-of steps, and the same shares of families and f-numbers as far as their numbers of scenes allow. The rows of f/32 and of
-fewer families have other scenes in place of those that they leave out.
+FINDINGS = """`python benchmarks/learned/ablations.py --publish`. One factor of the data is changed at a time. In the
+rows of renderer noise and of random textures both cameras also had the same lens, without tolerances, and the light was
+rounded to 16 bits; the script no longer does either. The network is that of the first table, trained for 160 steps of 4
+crops, a tenth of its training, on 64 scenes, with the same loss and crops; 3 seeds; bad2.0 of winner takes all, mean
+(smallest to largest). All rows have the same number of steps, and the same shares of families and f-numbers as far as
+their numbers of scenes allow. The rows of f/32 and of fewer families have other scenes in place of those that they
+leave out.
 
 Differences on the validation pairs have bootstrap intervals over seeds and pairs, with the quantiles of 95 % for all
 rows together (Bonferroni). Three seeds are too few for that coverage, and the intervals do not include another choice
@@ -41,7 +43,7 @@ Longer trainings may depend more on these.
 def page() -> str:
     """The text of README.md."""
     results = json.loads((HERE / "results.json").read_text())
-    made = "Made at commit {commit}; SHA-256 of the images and truth of the training scenes: {data_sha256}.\n"
+    made = "Published at commit {commit}. SHA-256 of the training scenes' images and truth:\n{data_sha256}\n"
     parts = [(HERE / "about.md").read_text(), "## Scores\n", comparison(results["scores"])]
     parts.append(made.format(**results["scores"]))
     if "ablations" in results:

@@ -60,6 +60,11 @@ def killing_one(process, folder):
     return len(found)
 
 
+def test_a_number_of_processes_below_one_is_refused():
+    with pytest.raises(InputError, match="number of worker processes must be a whole number >= 1, got 0"):
+        worker_processes(0)
+
+
 def test_a_killed_worker_costs_nothing(recipe, whole, tmp_path):
     process = start(recipe, tmp_path / "set", "--workers", "2")
     assert killing_one(process, tmp_path / "set") >= 2

@@ -224,7 +224,7 @@ def test_the_published_page_is_made_from_its_results(monkeypatch):
     assert (BENCHMARK / "README.md").read_text() == tables.page()
 
 
-@pytest.mark.parametrize("changed", [["--trial"], ["--pairs", "folder"], ["--recipe", "my.toml"]])
+@pytest.mark.parametrize("changed", [["--trial"], ["--choose"], ["--pairs", "folder"], ["--recipe", "my.toml"]])
 def test_other_protocols_are_not_published(changed, script, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["run.py", "--publish", *changed])
     with pytest.raises(SystemExit) as stopped:
@@ -284,6 +284,7 @@ def test_each_draw_has_new_differences_of_colour_but_those_of_the_recipe(stored,
         ("[rig]", '[rig]\nlayout = "toed_in"\ndistance = 2.0', "rectified pair"),
         ("[rig]", '[rig]\nlayout = "line"\ncount = 3\nspacing = 0.1', "rectified pair"),
         ("[sensor]", "[sensor]\nbits = 16", "sensor.bits: training needs 8, got 16"),
+        ("[sensor]", "[sensor]\nbits = { sweep = [8, 16] }", "sensor.bits: training needs 8, got 16"),
     ],
 )
 def test_a_recipe_that_training_cannot_use_is_refused_before_rendering(tmp_path, script, old, new, message):
