@@ -52,7 +52,7 @@ TRAINING = network.Training()
 TRIAL_SCENES, TRIAL_STEPS = 4, 4
 WINDOWS = (5, 7, 9, 11, 13, 15, 19, 23)
 COSTS = ("sad", "ssd", "ncc", "zsad", "zssd", "zncc", "jaccard", "census", "rank", "birchfield_tomasi")
-PENALTIES = ((0.1, 0.4), (0.2, 0.6), (0.2, 0.9), (0.3, 0.9), (0.3, 1.2), (0.4, 0.9), (0.4, 1.2))  # p1, p2 of sgm
+PENALTIES = ((0.1, 0.4), (0.2, 0.6), (0.2, 0.9), (0.3, 0.9), (0.3, 1.0), (0.4, 0.9), (0.4, 1.0))  # p1, p2 of sgm
 SUPPORTS = {
     "shiftable": (5, 9, 13), "adaptive": (15, 21, 31), "cross": (15, 25, 35, 45, 55), "guided": (7, 11, 19, 27),
 }  # fmt: skip
