@@ -70,7 +70,7 @@ def scenes(work: Path, workers: int) -> tl.Dataset:
     if not folder.exists():
         shutil.copytree(work / "train", work / "train.part", dirs_exist_ok=True)
         (work / "train.part").rename(folder)
-    return data.make_dataset(run.RECIPE, folder, workers, count=MOST)
+    return data.make_dataset(data.checked_recipe(run.RECIPE, count=MOST), folder, workers)
 
 
 def main() -> None:

@@ -48,14 +48,10 @@ def checked_recipe(recipe: Path, **changes: Any) -> Recipe:
     return found
 
 
-def make_dataset(recipe: Path, folder: Path, workers: int, **changes: Any) -> tl.Dataset:
-    """The dataset of a recipe with some keys changed; an incomplete one is resumed.
-
-    Raises InputError for a recipe that training cannot use.
-    """
-    checked = checked_recipe(recipe, **changes)
+def make_dataset(recipe: Recipe, folder: Path, workers: int) -> tl.Dataset:
+    """The dataset of a recipe; an incomplete one is resumed."""
     with progress_bar(f"generating {folder.name}") as report:
-        outcome = generate(checked, folder, engine=worker_processes(workers), report=report)
+        outcome = generate(recipe, folder, engine=worker_processes(workers), report=report)
     if not outcome.complete:
         raise SystemExit(f"{folder}: {outcome.there} of {outcome.count} samples")
     return tl.Dataset(folder)

@@ -183,18 +183,20 @@ def main() -> None:
     held_out_sets = held_out_changes(options.recipe, options.trial)
     if options.choose is not None:
         del held_out_sets["test"]
-    for changed in (changes, *held_out_sets.values()):
-        data.checked_recipe(options.recipe, **changed)
-    made_with = {"training": vars(settings), "draws": DRAWS, "recipe": read_recipe(options.recipe, changes).written}
-    kept_settings = check_settings(options.work / "training.json", made_with)
-    dataset = data.make_dataset(options.recipe, options.work / "train", options.workers, **changes)
-    held_out = {
-        name: data.make_dataset(options.recipe, options.work / folder_name(name), options.workers, **changed)
-        for name, changed in held_out_sets.items()
+    recipes = {
+        name: data.checked_recipe(options.recipe, **changed)
+        for name, changed in {"train": changes, **held_out_sets}.items()
     }
+    made_with = {"training": vars(settings), "draws": DRAWS, "recipe": recipes["train"].written}
+    kept_settings = check_settings(options.work / "training.json", made_with)
+    datasets = {
+        name: data.make_dataset(recipe, options.work / folder_name(name), options.workers)
+        for name, recipe in recipes.items()
+    }
+    dataset = datasets.pop("train")
     write_file(options.work / "training.json", kept_settings)
     files = trained(dataset, options.work, settings)
-    sets = {name: list(DatasetPairs(found)) for name, found in held_out.items()}
+    sets = {name: list(DatasetPairs(found)) for name, found in datasets.items()}
     if options.choose is not None:
         larger = {**sets, **real}
         halves = {f"half {name}": [data.halved(pair) for pair in pairs] for name, pairs in [*larger.items()][1:]}

@@ -287,12 +287,11 @@ def test_each_draw_has_new_differences_of_colour_but_those_of_the_recipe(stored,
         ("[sensor]", "[sensor]\nbits = { sweep = [8, 16] }", "sensor.bits: training needs 8, got 16"),
     ],
 )
-def test_a_recipe_that_training_cannot_use_is_refused_before_rendering(tmp_path, script, old, new, message):
+def test_a_recipe_that_training_cannot_use_is_refused(tmp_path, script, old, new, message):
     recipe = tmp_path / "my.toml"
     recipe.write_text((BENCHMARK / "recipe.toml").read_text().replace(old, new))
     with pytest.raises(tl.errors.InputError, match=message):
-        script.data.make_dataset(recipe, tmp_path / "train", 1)
-    assert not (tmp_path / "train").exists()
+        script.data.checked_recipe(recipe)
 
 
 def test_scores_are_kept_for_the_same_pairs_alone(tmp_path, script, monkeypatch):
