@@ -57,23 +57,37 @@ def theirs(left: np.ndarray, right: np.ndarray, python: str) -> Iterator[Found]:
         script = Path(__file__).with_name("peer_matchers.py")
         subprocess.run([python, str(script), str(pair), str(maps)], check=True)
         with np.load(maps) as answers:
-            for name in (name for name in answers.files if not name.endswith("/seconds")):
-                unknown_as_infinite = np.where(np.isfinite(answers[name]), answers[name], np.inf).astype(np.float32)
-                wall, processor = (float(seconds) for seconds in answers[f"{name}/seconds"])
+            for name in (
+                name for name in answers.files if not name.endswith("/seconds")
+            ):
+                unknown_as_infinite = np.where(
+                    np.isfinite(answers[name]), answers[name], np.inf
+                ).astype(np.float32)
+                wall, processor = (
+                    float(seconds) for seconds in answers[f"{name}/seconds"]
+                )
                 yield name, unknown_as_infinite, wall, processor
 
 
 def row(found: Found, truth: np.ndarray) -> str:
     name, disparity, wall, processor = found
-    scores = evaluate(disparity, truth, ndisp=COUNT, protocol="middlebury-v3").regions["all"]
+    scores = evaluate(disparity, truth, ndisp=COUNT, protocol="middlebury-v3").regions[
+        "all"
+    ]
     rate = truth.size * COUNT / processor / 1e6
     cells = [f"{scores[column]:.2f}" for column in COLUMNS]
     return f"| {name} | {' | '.join(cells)} | {1e3 * wall:.1f} | {1e3 * processor:.1f} | {rate:.0f} |"
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--peers", metavar="PYTHON", help="the interpreter of a venv that has Pandora and the toolbox")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--peers",
+        metavar="PYTHON",
+        help="the interpreter of a venv that has Pandora and the toolbox",
+    )
     parser.add_argument("--write", action="store_true", help=f"write {PAGE.name}")
     options = parser.parse_args()
     real = motorcycle()
@@ -83,7 +97,9 @@ def main() -> None:
         "| --- |" + " ---: |" * (len(COLUMNS) + 3),
     ]
     print("\n".join(lines), flush=True)
-    sources = [ours(left, right)] + ([theirs(left, right, options.peers)] if options.peers else [])
+    sources = [ours(left, right)] + (
+        [theirs(left, right, options.peers)] if options.peers else []
+    )
     for found in (found for source in sources for found in source):
         lines.append(row(found, real.disp0))
         print(lines[-1], flush=True)
@@ -91,7 +107,10 @@ def main() -> None:
     notes = [f"{peer}: not installed, or it failed (see --peers)" for peer in missing]
     print("\n".join(notes))
     if options.write:
-        PAGE.write_text("\n".join([HEAD.format(processor=platform.machine()), *lines, *notes]) + "\n")
+        PAGE.write_text(
+            "\n".join([HEAD.format(processor=platform.machine()), *lines, *notes])
+            + "\n"
+        )
 
 
 HEAD = """# Accuracy on Motorcycle

@@ -40,22 +40,32 @@ def measure(file: Path, scenes: list[str]) -> None:
     for name in scenes:
         for lens in LENSES:
             scene, rig, glass = view(name, lens.replace("/", ""))
-            kinds = {"raw": {"spp": RAW}, "denoised": {"spp": DENOISED, "denoise": True}}
+            kinds = {
+                "raw": {"spp": RAW},
+                "denoised": {"spp": DENOISED, "denoise": True},
+            }
             for kind, options in kinds.items():
                 images, seconds = [], []
                 for seed in range(IMAGES):
                     start = time.perf_counter()
-                    images.append(np.array(tl.render(scene, rig, glass, seed=seed, **options)))
+                    images.append(
+                        np.array(tl.render(scene, rig, glass, seed=seed, **options))
+                    )
                     seconds.append(time.perf_counter() - start)
                 found[f"{name} {lens} {kind}"] = np.array(images)
                 found[f"{name} {lens} {kind} s"] = np.array(seconds)
-            found[f"{name} {lens} truth"] = np.array([truth.disparity for truth in tl.ground_truth(scene, rig)])
+            found[f"{name} {lens} truth"] = np.array(
+                [truth.disparity for truth in tl.ground_truth(scene, rig)]
+            )
     np.savez(file, **found)
 
 
 def compared(of: Any, to: Any, key: str, backend: str, first: str) -> str:
     """One row of the table."""
-    raw, reference = of[f"{key} raw"].astype(np.float64), to[f"{key} raw"].astype(np.float64)
+    raw, reference = (
+        of[f"{key} raw"].astype(np.float64),
+        to[f"{key} raw"].astype(np.float64),
+    )
     light = reference.mean()
 
     def apart(a: np.ndarray, b: np.ndarray) -> float:
@@ -72,7 +82,9 @@ def compared(of: Any, to: Any, key: str, backend: str, first: str) -> str:
         truth, known = of[f"{key} truth"], to[f"{key} truth"]
         both = np.isfinite(truth) & np.isfinite(known)
         other = np.mean(np.isfinite(truth) != np.isfinite(known))
-        denoised = of[f"{key} denoised"].mean(dtype=np.float64) / to[f"{key} denoised"].mean(dtype=np.float64)
+        denoised = of[f"{key} denoised"].mean(dtype=np.float64) / to[
+            f"{key} denoised"
+        ].mean(dtype=np.float64)
         cells += [
             f"{apart(raw[0], reference[0]):.3f}",
             f"{apart(raw[0], reference[1]):.2f}",
@@ -84,10 +96,14 @@ def compared(of: Any, to: Any, key: str, backend: str, first: str) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--backends", default="llvm,cuda")
     parser.add_argument("--scenes", default=",".join(BUNDLED))
-    parser.add_argument("--write", action="store_true", help=f"replace the table in {PAGE.name}")
+    parser.add_argument(
+        "--write", action="store_true", help=f"replace the table in {PAGE.name}"
+    )
     parser.add_argument("--measure", type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args()
     scenes = options.scenes.split(",")
@@ -98,17 +114,35 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for backend in backends:
             file = Path(folder) / f"{backend}.npz"
-            child = [sys.executable, __file__, "--measure", str(file), "--scenes", options.scenes]
-            subprocess.run(child, env={**os.environ, "TWINLENS_BACKEND": backend}, check=True)
+            child = [
+                sys.executable,
+                __file__,
+                "--measure",
+                str(file),
+                "--scenes",
+                options.scenes,
+            ]
+            subprocess.run(
+                child, env={**os.environ, "TWINLENS_BACKEND": backend}, check=True
+            )
             files[backend] = dict(np.load(file))
     lines = [HEAD, "|" + " --- |" * HEAD.count(" |")]
     for name in scenes:
         for lens in LENSES:
-            lines += [compared(files[of], files[backends[0]], f"{name} {lens}", of, backends[0]) for of in backends]
+            lines += [
+                compared(
+                    files[of], files[backends[0]], f"{name} {lens}", of, backends[0]
+                )
+                for of in backends
+            ]
     print("\n".join(lines))
     if options.write:
         before, _, rest = PAGE.read_text().partition("| scene, lens |")
-        PAGE.write_text(before + "\n".join(lines) + (rest[rest.index("\n\n") :] if "\n\n" in rest else "\n"))
+        PAGE.write_text(
+            before
+            + "\n".join(lines)
+            + (rest[rest.index("\n\n") :] if "\n\n" in rest else "\n")
+        )
 
 
 if __name__ == "__main__":

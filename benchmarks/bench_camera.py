@@ -44,24 +44,37 @@ def seconds(run: Callable[[], object]) -> float:
     return time.process_time() - start
 
 
-def interleaved(runs: dict[str, Callable[[int], object]], rounds: int) -> dict[str, list[float]]:
+def interleaved(
+    runs: dict[str, Callable[[int], object]], rounds: int
+) -> dict[str, list[float]]:
     """Seconds of each run in each round, after a warm-up; the order alternates between rounds."""
     times: dict[str, list[float]] = {name: [] for name in runs}
     for name in runs:
         seconds(lambda name=name: runs[name](0))
     for turn in range(rounds):
         for name in list(runs)[:: 1 if turn % 2 else -1]:
-            times[name].append(seconds(lambda name=name, turn=turn: runs[name](turn + 1)))
+            times[name].append(
+                seconds(lambda name=name, turn=turn: runs[name](turn + 1))
+            )
     return times
 
 
 def film(camera: tl.Camera) -> dict[str, object]:
     size = {"width": camera.width, "height": camera.height}
-    return {"type": "hdrfilm", **size, "rfilter": {"type": "box"}, "pixel_format": "rgb", "sample_border": False}
+    return {
+        "type": "hdrfilm",
+        **size,
+        "rfilter": {"type": "box"},
+        "pixel_format": "rgb",
+        "sample_border": False,
+    }
 
 
 def against_thinlens(names: list[str], width: int, spp: int, rounds: int) -> list[str]:
-    lines = ["| scene | twinlens s | thinlens s | Msamples a CPU second | ratio |", "| --- | --- | --- | --- | --- |"]
+    lines = [
+        "| scene | twinlens s | thinlens s | Msamples a CPU second | ratio |",
+        "| --- | --- | --- | --- | --- |",
+    ]
     for name in names:
         scene = tl.load_scene(name)
         camera = tl.Camera.from_fov(width, width * 3 // 4, fov_x_deg=40)
@@ -81,14 +94,19 @@ def against_thinlens(names: list[str], width: int, spp: int, rounds: int) -> lis
         ours, theirs = (statistics.median(times[kind]) for kind in runs)
         ratio = statistics.median(a / b for a, b in zip(*times.values(), strict=True))
         speed = camera.width * camera.height * spp / ours / 1e6
-        lines.append(f"| {name} | {ours:.3f} | {theirs:.3f} | {speed:.2f} | **{ratio:.3f}** |")
+        lines.append(
+            f"| {name} | {ours:.3f} | {theirs:.3f} | {speed:.2f} | **{ratio:.3f}** |"
+        )
         print(lines[-1], flush=True)
     return lines
 
 
 def against_independent(name: str, width: int, spp: int, rounds: int) -> list[str]:
     scene = tl.load_scene(name)
-    rig = tl.Rig([tl.Camera.from_fov(width, width * 3 // 4, fov_x_deg=40)], [scene.world_from_left])
+    rig = tl.Rig(
+        [tl.Camera.from_fov(width, width * 3 // 4, fov_x_deg=40)],
+        [scene.world_from_left],
+    )
     lens = wide_lens(scene)
     images: dict[str, list[np.ndarray]] = {"multijitter": [], "independent": []}
     runs: dict[str, Callable[[int], object]] = {
@@ -102,7 +120,9 @@ def against_independent(name: str, width: int, spp: int, rounds: int) -> list[st
     costs = []
     for kind, taken in images.items():
         took = statistics.median(times[kind])
-        error = float(np.var(np.asarray(taken, dtype=np.float64), axis=0, ddof=1).mean())
+        error = float(
+            np.var(np.asarray(taken, dtype=np.float64), axis=0, ddof=1).mean()
+        )
         costs.append(took * error)
         lines.append(f"| {kind} | {took:.3f} | {error:.3g} | {costs[-1]:.3g} |")
     lines += [
@@ -114,7 +134,9 @@ def against_independent(name: str, width: int, spp: int, rounds: int) -> list[st
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--scene", action="append")
     parser.add_argument("--width", type=int, default=320)
     parser.add_argument("--spp", type=int, default=64)
@@ -136,7 +158,13 @@ def main() -> None:
         "",
     ]
     page += against_thinlens(options.scene or ["room", "cards", "tabletop"], *sizes)
-    page += ["", "Required ratio: at most 1.1.", "", "## Samplers, on `tabletop` through a wide lens", ""]
+    page += [
+        "",
+        "Required ratio: at most 1.1.",
+        "",
+        "## Samplers, on `tabletop` through a wide lens",
+        "",
+    ]
     page += against_independent("tabletop", *sizes)
     if options.write:
         PAGE.write_text("\n".join(page) + "\n")

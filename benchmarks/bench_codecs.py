@@ -49,16 +49,35 @@ def real_sample() -> Sample:
     hit = np.isfinite(depth)
     camera = rig.cameras[0]
     position = np.where(
-        hit[..., None], camera.unproject(camera.pixel_grid()) * np.where(hit, depth, 1)[..., None], np.inf
+        hit[..., None],
+        camera.unproject(camera.pixel_grid()) * np.where(hit, depth, 1)[..., None],
+        np.inf,
     )
-    slope = np.stack([*np.gradient(np.where(hit, depth, 0))[::-1], np.full(depth.shape, -0.01)], axis=-1)
+    slope = np.stack(
+        [*np.gradient(np.where(hit, depth, 0))[::-1], np.full(depth.shape, -0.01)],
+        axis=-1,
+    )
     normal = (slope / np.linalg.norm(slope, axis=-1, keepdims=True)).astype(np.float32)
     ids = np.where(hit, 1 + np.floor(4 * np.where(hit, depth, 0)), 0).astype(np.int32)
     kind = hit.astype(np.uint8)
     names = tuple(f"part {i}" for i in range(ids.max()))
     visible = pair.mask0_nonocc == 255
-    truth = Truth(depth, position, pair.disp0, visible, normal, normal, ids, ids, kind, names, names)
-    return Sample(rig, (Shot(ThinLens(0.01, 3.0), (pair.im0, pair.im1)),), (truth, truth))
+    truth = Truth(
+        depth,
+        position,
+        pair.disp0,
+        visible,
+        normal,
+        normal,
+        ids,
+        ids,
+        kind,
+        names,
+        names,
+    )
+    return Sample(
+        rig, (Shot(ThinLens(0.01, 3.0), (pair.im0, pair.im1)),), (truth, truth)
+    )
 
 
 def png_rows(image: np.ndarray) -> list[tuple[str, float, int]]:
@@ -69,8 +88,13 @@ def png_rows(image: np.ndarray) -> list[tuple[str, float, int]]:
         Image.fromarray(image).save(stream, "PNG", compress_level=level)
         return stream.getvalue()
 
-    writers: dict[str, Callable[[], Any]] = {"twinlens: Paeth, run lengths": lambda: encode_png(image)}
-    writers |= {f"Pillow, level {level}": lambda level=level: by_pillow(level) for level in (1, 6)}
+    writers: dict[str, Callable[[], Any]] = {
+        "twinlens: Paeth, run lengths": lambda: encode_png(image)
+    }
+    writers |= {
+        f"Pillow, level {level}": lambda level=level: by_pillow(level)
+        for level in (1, 6)
+    }
     try:
         import cv2
 
@@ -85,12 +109,17 @@ def exr_rows(channels: dict[str, np.ndarray]) -> list[tuple[str, float, int]]:
 
     def encode(method: Any) -> bytes:
         stream = io.BytesIO()
-        OpenEXR.File({"compression": method, "type": OpenEXR.scanlineimage}, channels).write(stream)
+        OpenEXR.File(
+            {"compression": method, "type": OpenEXR.scanlineimage}, channels
+        ).write(stream)
         return stream.getvalue()
 
     names = ("NO", "RLE", "ZIPS", "ZIP", "PIZ")
     methods = {name: getattr(OpenEXR, f"{name}_COMPRESSION") for name in names}
-    return [(name, cpu_ms(lambda m=m: encode(m)), len(encode(m))) for name, m in methods.items()]
+    return [
+        (name, cpu_ms(lambda m=m: encode(m)), len(encode(m)))
+        for name, m in methods.items()
+    ]
 
 
 def whole_rows(sample: Sample, folder: Path) -> list[tuple[str, float, int]]:
@@ -101,7 +130,11 @@ def whole_rows(sample: Sample, folder: Path) -> list[tuple[str, float, int]]:
     stored = Dataset(folder)[0]
     return [
         ("encode (sample_files)", cpu_ms(lambda: sample_files(sample)), size),
-        ("encode, hash, write, flush (write_sample)", cpu_ms(lambda: write_sample(folder / "s", sample, True)), size),
+        (
+            "encode, hash, write, flush (write_sample)",
+            cpu_ms(lambda: write_sample(folder / "s", sample, True)),
+            size,
+        ),
         ("read one image", cpu_ms(lambda: stored.im0), len(files["im0.png"])),
         ("read one truth", cpu_ms(lambda: stored.truth0), len(files["truth0.exr"])),
     ]
@@ -123,9 +156,13 @@ def main() -> None:
     np.testing.assert_array_equal(decode_png(encode_png(image)), image)
     console = Console()
     console.print(table("One 8-bit image as PNG", png_rows(image)))
-    console.print(table("One view's truth as EXR", exr_rows(dict(decode_exr(data).channels))))
+    console.print(
+        table("One view's truth as EXR", exr_rows(dict(decode_exr(data).channels)))
+    )
     with tempfile.TemporaryDirectory() as folder:
-        console.print(table("A sample: two images, two truths", whole_rows(sample, Path(folder))))
+        console.print(
+            table("A sample: two images, two truths", whole_rows(sample, Path(folder)))
+        )
 
 
 if __name__ == "__main__":

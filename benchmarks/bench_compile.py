@@ -38,18 +38,31 @@ def seconds(method: str, size: tuple[int, int], folder: str) -> float:
 
 def table(size: tuple[int, int]) -> list[str]:
     """Markdown rows: method, seconds with an empty cache, seconds in a second process; their sums."""
-    methods = [f"{name}:block_size={block}" for name, block in itertools.product(METHODS, BLOCKS)]
+    methods = [
+        f"{name}:block_size={block}"
+        for name, block in itertools.product(METHODS, BLOCKS)
+    ]
     with tempfile.TemporaryDirectory() as folder:
-        passes = [[seconds(method, size, folder) for method in methods] for _ in range(2)]
-    rows = [f"| {name} | {first:.2f} | {then:.2f} |" for name, first, then in zip(methods, *passes, strict=True)]
+        passes = [
+            [seconds(method, size, folder) for method in methods] for _ in range(2)
+        ]
+    rows = [
+        f"| {name} | {first:.2f} | {then:.2f} |"
+        for name, first, then in zip(methods, *passes, strict=True)
+    ]
     total = f"| all | {sum(passes[0]):.2f} | {sum(passes[1]):.2f} |"
-    head = ["| first match of | empty cache, s | second process, s |", "| --- | ---: | ---: |"]
+    head = [
+        "| first match of | empty cache, s | second process, s |",
+        "| --- | ---: | ---: |",
+    ]
     return [*head, *rows, total]
 
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--size", default="200x60", help="image size, WIDTHxHEIGHT")
     width, height = (int(part) for part in parser.parse_args().size.split("x"))
     print("\n".join(table((width, height))))

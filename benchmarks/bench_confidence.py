@@ -21,7 +21,14 @@ import numpy as np
 from twinlens.matching import CONFIDENCES, parse_method
 from twinlens.scoring import motorcycle, score_confidences
 
-METHODS = ("sad", "zncc", "census", "census:block_size=1,census_window=5", "adaptive", "sgm")
+METHODS = (
+    "sad",
+    "zncc",
+    "census",
+    "census:block_size=1,census_window=5",
+    "adaptive",
+    "sgm",
+)
 FREED = 8  # pixels
 PAGE = Path(__file__).with_name("confidence.md")
 HEAD = """# Confidence measures on Motorcycle
@@ -65,18 +72,34 @@ def row(text: str, python: str | None) -> str:
     first = found.scores["ambiguity"]
     if python is not None:
         theirs = pandoras(matcher.cost_volume(pair.im0, pair.im1), python)
-        difference = f"{np.abs(theirs - found.maps['ambiguity']).ravel()[FREED:].max():.1g}"
+        difference = (
+            f"{np.abs(theirs - found.maps['ambiguity']).ravel()[FREED:].max():.1g}"
+        )
     areas = [scores["auc2.0"] for scores in found.scores.values()]
-    numbers = [f"{value:.2f}" for value in (first["bad2.0"], first["auc2.0_opt"], *areas)]
+    numbers = [
+        f"{value:.2f}" for value in (first["bad2.0"], first["auc2.0_opt"], *areas)
+    ]
     return f"| `{text}` | {' | '.join([*numbers, difference])} |"
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--pandora", help="Python of an environment with Pandora.")
-    parser.add_argument("--write", action="store_true", help="Write the table to benchmarks/confidence.md.")
+    parser.add_argument(
+        "--write",
+        action="store_true",
+        help="Write the table to benchmarks/confidence.md.",
+    )
     arguments = parser.parse_args()
-    head = ("method", "bad2.0 %", "smallest auc2.0 %", *CONFIDENCES, "ambiguity: largest difference to Pandora")
+    head = (
+        "method",
+        "bad2.0 %",
+        "smallest auc2.0 %",
+        *CONFIDENCES,
+        "ambiguity: largest difference to Pandora",
+    )
     lines = [f"| {' | '.join(head)} |", f"| --- |{' ---: |' * (len(head) - 1)}"]
     lines += [row(text, arguments.pandora) for text in METHODS]
     table = "\n".join(lines)

@@ -25,7 +25,14 @@ disparity of this baseline, over pixels visible in both of its views; unknown pi
 last column is the median error of the depth of known pixels. Windows are 11x11.
 
 """
-COLUMNS = ("scene", "method", "totbad1.0 %", "totbad2.0 %", "avgerr px", "depth error mm")
+COLUMNS = (
+    "scene",
+    "method",
+    "totbad1.0 %",
+    "totbad2.0 %",
+    "avgerr px",
+    "depth error mm",
+)
 
 
 def grey(image: np.ndarray) -> np.ndarray:
@@ -43,7 +50,9 @@ class View:
     def __init__(self, name: str) -> None:
         self.scene = tl.load_scene(name)
         self.camera = tl.Camera.from_fov(*SIZE, FOV)
-        self.rig = tl.Rig.stereo(self.camera, self.scene.baseline, world_from_left=self.scene.world_from_left)
+        self.rig = tl.Rig.stereo(
+            self.camera, self.scene.baseline, world_from_left=self.scene.world_from_left
+        )
         self.left = tl.Rig([self.camera], [self.scene.world_from_left])
         self.truth = tl.ground_truth(self.scene, self.rig)[0]
         self.near, self.far = self.scene.depth_range
@@ -59,12 +68,19 @@ class View:
     def noisy(self, images):
         """Grey images with a common mean of 1, and noise."""
         self.seed += 1
-        random, pictures = np.random.default_rng(self.seed), np.array([grey(image) for image in images])
-        return pictures / pictures.mean() + NOISE * random.standard_normal(pictures.shape)
+        random, pictures = (
+            np.random.default_rng(self.seed),
+            np.array([grey(image) for image in images]),
+        )
+        return pictures / pictures.mean() + NOISE * random.standard_normal(
+            pictures.shape
+        )
 
     def images(self, lens, rig=None, parts=None):
         self.seed += 1
-        return tl.render(self.scene, rig or self.left, lens, SPP, self.seed, parts=parts)
+        return tl.render(
+            self.scene, rig or self.left, lens, SPP, self.seed, parts=parts
+        )
 
     def defocus(self, images, apertures):
         found = tl.inverse_depth_from_defocus(
@@ -75,19 +91,40 @@ class View:
 
     def maps(self):
         """(method, disparity) of every method."""
-        middle, ndisp = self.lens(0.5), 16 * int(np.ceil(1.1 * self.camera.fx * self.scene.baseline / self.near / 16))
+        middle, ndisp = (
+            self.lens(0.5),
+            16
+            * int(np.ceil(1.1 * self.camera.fx * self.scene.baseline / self.near / 16)),
+        )
         pair = self.noisy(self.images(middle, self.rig)).astype(np.float32)
         for method in ("zncc", "sgm"):
-            yield f"stereo, `{method}`", tl.match(*pair, method=method, num_disparities=ndisp)
+            yield (
+                f"stereo, `{method}`",
+                tl.match(*pair, method=method, num_disparities=ndisp),
+            )
         shares = np.linspace(0, 1, 9)
-        stack, lenses = [self.images(self.lens(share))[0] for share in shares], [self.lens(share) for share in shares]
+        stack, lenses = (
+            [self.images(self.lens(share))[0] for share in shares],
+            [self.lens(share) for share in shares],
+        )
         sharpest = tl.inverse_depth_from_focus(
-            self.noisy(stack), [each.vergence for each in lenses], block_size=SIDE, neighbours=2
+            self.noisy(stack),
+            [each.vergence for each in lenses],
+            block_size=SIDE,
+            neighbours=2,
         )
         yield "stack of 9, sharpest", self.camera.fx * self.scene.baseline * sharpest
-        yield "stack of 9, maximum likelihood", self.defocus(stack, [samples(each)[0] for each in lenses])
+        yield (
+            "stack of 9, maximum likelihood",
+            self.defocus(stack, [samples(each)[0] for each in lenses]),
+        )
         ends = [0, len(shares) - 1]
-        yield "two focus distances", self.defocus([stack[k] for k in ends], [samples(lenses[k])[0] for k in ends])
+        yield (
+            "two focus distances",
+            self.defocus(
+                [stack[k] for k in ends], [samples(lenses[k])[0] for k in ends]
+            ),
+        )
         halves = self.images(middle, parts=tl.Dual())[0]
         yield "dual pixels", self.defocus(halves, samples(middle, tl.Dual()))
         yield "light field 3x3", self.defocus(*self.light_field())
@@ -99,18 +136,24 @@ class View:
         images = []
         for x, y in places:
             shift = self.camera.fx * vergence * np.array((x, y))
-            camera = self.camera.replace(cx=self.camera.cx + shift[0], cy=self.camera.cy + shift[1])
+            camera = self.camera.replace(
+                cx=self.camera.cx + shift[0], cy=self.camera.cy + shift[1]
+            )
             pose = self.scene.world_from_left.copy()
             pose[:3, 3] += pose[:3, :3] @ (x, y, 0)
             images.append(self.images(tl.Pinhole(), tl.Rig([camera], [pose]))[0])
-        return images, [tl.ApertureSamples([place], vergence=vergence) for place in places]
+        return images, [
+            tl.ApertureSamples([place], vergence=vergence) for place in places
+        ]
 
 
 def row(view: View, method: str, disparity: np.ndarray) -> str:
     truth = view.truth
     found = disparity.astype(np.float32)
     scores = tl.evaluate(found, truth.disparity, mask_nonocc=truth.visible).nonocc
-    known = np.isfinite(found) & (found > 0) & truth.visible & np.isfinite(truth.disparity)
+    known = (
+        np.isfinite(found) & (found > 0) & truth.visible & np.isfinite(truth.disparity)
+    )
     depth = view.camera.fx * view.scene.baseline / found[known]
     error = 1e3 * np.median(np.abs(depth - truth.depth[known]))
     numbers = [f"{scores[name]:.1f}" for name in ("totbad1.0", "totbad2.0")]
@@ -118,11 +161,22 @@ def row(view: View, method: str, disparity: np.ndarray) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scenes", default="cards,tabletop", help="Names of bundled scenes.")
-    parser.add_argument("--write", action="store_true", help="Write the table to benchmarks/depth_cues.md.")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--scenes", default="cards,tabletop", help="Names of bundled scenes."
+    )
+    parser.add_argument(
+        "--write",
+        action="store_true",
+        help="Write the table to benchmarks/depth_cues.md.",
+    )
     arguments = parser.parse_args()
-    lines = [f"| {' | '.join(COLUMNS)} |", "| --- | --- |" + " ---: |" * (len(COLUMNS) - 2)]
+    lines = [
+        f"| {' | '.join(COLUMNS)} |",
+        "| --- | --- |" + " ---: |" * (len(COLUMNS) - 2),
+    ]
     print("\n".join(lines))
     for name in arguments.scenes.split(","):
         view = View(name)

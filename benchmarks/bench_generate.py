@@ -31,7 +31,13 @@ from twinlens.rendering.build import build
 from twinlens.rendering.sensors import make_sensor
 from twinlens.scenes import load_scene
 
-COST = {"seed": 1, "scenes": ["cards", "staircase"], "width": 640, "height": 480, "spp": 64}
+COST = {
+    "seed": 1,
+    "scenes": ["cards", "staircase"],
+    "width": 640,
+    "height": 480,
+    "spp": 64,
+}
 FLAT = """
 seed = 2
 count = {count}
@@ -64,9 +70,17 @@ def bare(sample) -> None:
     mi = mitsuba()
     scene = build(load(sample.record["scene"])).mi_scene
     integrator = build(load(sample.record["scene"])).integrator
-    for i, (camera, pose) in enumerate(zip(sample.rig.cameras, sample.rig.world_from_cams, strict=True)):
-        sensor = make_sensor(camera, pose, sample.shots[0].lens, COST["spp"], "multijitter")
-        np.asarray(mi.render(scene, sensor=sensor, integrator=integrator, spp=COST["spp"], seed=i))
+    for i, (camera, pose) in enumerate(
+        zip(sample.rig.cameras, sample.rig.world_from_cams, strict=True)
+    ):
+        sensor = make_sensor(
+            camera, pose, sample.shots[0].lens, COST["spp"], "multijitter"
+        )
+        np.asarray(
+            mi.render(
+                scene, sensor=sensor, integrator=integrator, spp=COST["spp"], seed=i
+            )
+        )
 
 
 _loaded = {}
@@ -95,8 +109,13 @@ def cost(count: int) -> None:
             if index >= 2:
                 totals += [*made[:2], *alone[:2]]
                 ratio = totals[1] / totals[3]
-                print(f"{index - 1:3d}: {made[1]:6.2f} s, bare {alone[1]:6.2f} s; so far {ratio:.3f}", flush=True)
-    print(f"processor time of {count} samples: {totals[1] / totals[3]:.3f} of the two renders alone")
+                print(
+                    f"{index - 1:3d}: {made[1]:6.2f} s, bare {alone[1]:6.2f} s; so far {ratio:.3f}",
+                    flush=True,
+                )
+    print(
+        f"processor time of {count} samples: {totals[1] / totals[3]:.3f} of the two renders alone"
+    )
     print(f"wall time, nothing overlapped:     {totals[0] / totals[2]:.3f}")
 
 
@@ -105,19 +124,38 @@ def flat(count: int) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path, target = Path(folder) / "recipe.toml", Path(folder) / "set"
         path.write_text(FLAT.format(count=count))
-        command = [sys.executable, "-m", "twinlens", "generate", str(path), "-o", str(target), "--workers", "1"]
-        with subprocess.Popen(command, env={**os.environ, "HOME": folder}) as run:  # an empty kernel cache
+        command = [
+            sys.executable,
+            "-m",
+            "twinlens",
+            "generate",
+            str(path),
+            "-o",
+            str(target),
+            "--workers",
+            "1",
+        ]
+        with subprocess.Popen(
+            command, env={**os.environ, "HOME": folder}
+        ) as run:  # an empty kernel cache
             rows = list(watched(run, target / ".rows"))
     tenths = np.array_split(np.array(rows), 10)
     for k, part in enumerate(tenths, start=1):
-        kept, peak, used, pace = part[:, 0].max(), part[:, 1].max(), part[:, 2].mean(), part[:, 3].mean()
+        kept, peak, used, pace = (
+            part[:, 0].max(),
+            part[:, 1].max(),
+            part[:, 2].mean(),
+            part[:, 3].mean(),
+        )
         said = f"kept at most {kept:.1f} MiB, peak {peak:.1f} MiB, {used:.3f} s of processor a sample"
         print(f"tenth {k:2d}: {said}, pace {1e3 * pace:.1f} ms")
     first, last = tenths[0], tenths[-1]
     kept, peak = (last[:, column].max() / first[:, column].max() for column in (0, 1))
     used, pace = (first[:, column].mean() / last[:, column].mean() for column in (2, 3))
     print(f"memory, last against first: kept {kept:.3f}, peak {peak:.3f}")
-    print(f"throughput, last against first: {used:.3f}; at equal pace {used / pace:.3f}")
+    print(
+        f"throughput, last against first: {used:.3f}; at equal pace {used / pace:.3f}"
+    )
 
 
 def watched(run, folder):
@@ -158,7 +196,10 @@ def family_of(process: int) -> list[int]:
 
 def resident_mib(process: int) -> float:
     """Resident memory of a process and its children."""
-    pages = sum(int(Path(f"/proc/{each}/statm").read_text().split()[1]) for each in family_of(process))
+    pages = sum(
+        int(Path(f"/proc/{each}/statm").read_text().split()[1])
+        for each in family_of(process)
+    )
     return pages * resource.getpagesize() / 2**20
 
 
@@ -167,7 +208,9 @@ def used_s(process: int) -> float:
     total = 0
     for each in family_of(process):
         fields = Path(f"/proc/{each}/stat").read_text().rpartition(")")[2].split()
-        total += sum(int(field) for field in fields[11:15])  # user, system, and the same of children waited for
+        total += sum(
+            int(field) for field in fields[11:15]
+        )  # user, system, and the same of children waited for
     return total / os.sysconf("SC_CLK_TCK")
 
 

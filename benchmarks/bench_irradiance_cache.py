@@ -30,7 +30,9 @@ HEAD = (
 IMAGES, SPP, WINDOW = 8, 32, 9
 
 
-def images(scene: tl.Scene, rig: tl.Rig, cached: bool) -> tuple[np.ndarray, float, float]:
+def images(
+    scene: tl.Scene, rig: tl.Rig, cached: bool
+) -> tuple[np.ndarray, float, float]:
     """Images (N, H, W, 3), and seconds of processor time of a cache and of an image."""
     found, seconds = [], []
     for seed in range(-1, IMAGES):  # the first one compiles
@@ -39,10 +41,15 @@ def images(scene: tl.Scene, rig: tl.Rig, cached: bool) -> tuple[np.ndarray, floa
         if cached:
             built = for_denoising(built, scene, rig, "rgb", seed + 1)
         middle = time.process_time()
-        sensor = make_sensor(rig.cameras[0], rig.world_from_cams[0], tl.Pinhole(), SPP, "multijitter")
+        sensor = make_sensor(
+            rig.cameras[0], rig.world_from_cams[0], tl.Pinhole(), SPP, "multijitter"
+        )
         stream = 2 * (seed + 1) + cached
         found.append(
-            np.asarray(built.integrator.render(built.mi_scene, sensor, seed=stream, spp=SPP), np.float64)[..., :3]
+            np.asarray(
+                built.integrator.render(built.mi_scene, sensor, seed=stream, spp=SPP),
+                np.float64,
+            )[..., :3]
         )
         seconds.append((middle - start, time.process_time() - middle))
     return np.array(found[1:]), *np.median(seconds[1:], axis=0)
@@ -63,23 +70,45 @@ def brightness(ours: np.ndarray, theirs: np.ndarray) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--scenes", default=",".join(SCENES))
-    parser.add_argument("--write", action="store_true", help=f"replace the table in {PAGE.name}, with all scenes")
+    parser.add_argument(
+        "--write",
+        action="store_true",
+        help=f"replace the table in {PAGE.name}, with all scenes",
+    )
     options = parser.parse_args()
     use_threads(1)
     lines = [HEAD, "|" + " --- |" * HEAD.count(" |")]
     print("\n".join(lines), flush=True)
     for name in options.scenes.split(","):
         scene, rig, _ = view(name, "pinhole")
-        (ours, cache, image), (theirs, _, before) = (images(scene, rig, cached) for cached in (True, False))
-        numbers = [f"{noise(of, window):.2f}" for window in (1, WINDOW) for of in (ours, theirs)]
-        cells = [f"{cache:.2f}", f"{image:.2f}", f"{before:.2f}", *numbers, brightness(ours, theirs)]
+        (ours, cache, image), (theirs, _, before) = (
+            images(scene, rig, cached) for cached in (True, False)
+        )
+        numbers = [
+            f"{noise(of, window):.2f}"
+            for window in (1, WINDOW)
+            for of in (ours, theirs)
+        ]
+        cells = [
+            f"{cache:.2f}",
+            f"{image:.2f}",
+            f"{before:.2f}",
+            *numbers,
+            brightness(ours, theirs),
+        ]
         lines.append(f"| {name} | " + " | ".join(cells) + " |")
         print(lines[-1], flush=True)
     if options.write and options.scenes == ",".join(SCENES):
         text, _, rest = PAGE.read_text().partition(HEAD)
-        PAGE.write_text(text + "\n".join(lines) + (rest[rest.index("\n\n") :] if "\n\n" in rest else "\n"))
+        PAGE.write_text(
+            text
+            + "\n".join(lines)
+            + (rest[rest.index("\n\n") :] if "\n\n" in rest else "\n")
+        )
 
 
 if __name__ == "__main__":

@@ -55,11 +55,22 @@ for seed in range(count):
 """
 
 
-def rendered(families: list[str], count: int, size: tuple[int, int], placeholders: bool) -> list[list]:
+def rendered(
+    families: list[str], count: int, size: tuple[int, int], placeholders: bool
+) -> list[list]:
     """[family, kernels, seconds of compiling, seconds of rendering, digest] of each scene."""
     with tempfile.TemporaryDirectory() as cache:
-        command = [sys.executable, "-c", RENDER, json.dumps([families, count, *size, placeholders])]
-        environment = {**os.environ, "DRJIT_CACHE_DIR": cache, "TWINLENS_BACKEND": "llvm"}
+        command = [
+            sys.executable,
+            "-c",
+            RENDER,
+            json.dumps([families, count, *size, placeholders]),
+        ]
+        environment = {
+            **os.environ,
+            "DRJIT_CACHE_DIR": cache,
+            "TWINLENS_BACKEND": "llvm",
+        }
         text = subprocess.check_output(command, env=environment, text=True)
     return [json.loads(line) for line in text.splitlines()]
 
@@ -74,7 +85,10 @@ def means(rows: list[list]) -> str:
 def table(count: int, size: tuple[int, int]) -> list[str]:
     """Markdown rows: without and with `share_kernels`, for each family apart and for all in one process."""
     cells = "kernels per scene | scenes without a new one | s per scene"
-    lines = [f"{HEAD} not shared: {cells} | shared: {cells} |", "| --- |" + " ---: |" * 6]
+    lines = [
+        f"{HEAD} not shared: {cells} | shared: {cells} |",
+        "| --- |" + " ---: |" * 6,
+    ]
     own: list[list] = []
     for families in (*([name] for name in FAMILIES), list(FAMILIES)):
         alone = rendered(families, count, size, False) if len(families) == 1 else own
@@ -90,16 +104,24 @@ def table(count: int, size: tuple[int, int]) -> list[str]:
 
 def main() -> None:
     """Print the table, and write the page with --write."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--scenes", type=int, default=10, help="scenes of each family")
     parser.add_argument("--size", default="320x240", help="image size, WIDTHxHEIGHT")
-    parser.add_argument("--write", action="store_true", help=f"replace the table in {PAGE.name}")
+    parser.add_argument(
+        "--write", action="store_true", help=f"replace the table in {PAGE.name}"
+    )
     options = parser.parse_args()
     width, height = (int(part) for part in options.size.split("x"))
     lines = table(options.scenes, (width, height))
     if options.write:
         before, _, rest = PAGE.read_text().partition(HEAD)
-        after = "".join(line for line in rest.splitlines(keepends=True)[1:] if not line.startswith("|"))
+        after = "".join(
+            line
+            for line in rest.splitlines(keepends=True)[1:]
+            if not line.startswith("|")
+        )
         PAGE.write_text(before + "\n".join(lines) + "\n" + after)
 
 

@@ -43,13 +43,20 @@ Times = dict[str, float]
 def textured_pair(width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
     """A smooth 8-bit texture over a slanted ground, with some noise in each image."""
     rng = np.random.default_rng(0)
-    noise = cv2.GaussianBlur(rng.random((height, width + 256)).astype(np.float32), (0, 0), 1.5)
+    noise = cv2.GaussianBlur(
+        rng.random((height, width + 256)).astype(np.float32), (0, 0), 1.5
+    )
     texture = cv2.normalize(noise, None, 20, 235, cv2.NORM_MINMAX)
-    u, v = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
+    u, v = np.meshgrid(
+        np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32)
+    )
     disparity = 8 + 40 * v / height
     left = cv2.remap(texture, u + 64, v, cv2.INTER_LINEAR)
     right = cv2.remap(texture, u + 64 + disparity, v, cv2.INTER_LINEAR)
-    noisy = [np.clip(image + rng.normal(0, 2, image.shape), 0, 255).astype(np.uint8) for image in (left, right)]
+    noisy = [
+        np.clip(image + rng.normal(0, 2, image.shape), 0, 255).astype(np.uint8)
+        for image in (left, right)
+    ]
     return noisy[0], noisy[1]
 
 
@@ -67,19 +74,28 @@ def interleaved(runs: dict[str, Run], rounds: int) -> tuple[Times, Times]:
             if index:
                 wall[name].append(time.perf_counter() - start)
                 processor[name].append(time.process_time() - used)
-    medians = [{name: statistics.median(values) for name, values in times.items()} for times in (wall, processor)]
+    medians = [
+        {name: statistics.median(values) for name, values in times.items()}
+        for times in (wall, processor)
+    ]
     return medians[0], medians[1]
 
 
-def ours(method: str, pair: tuple[np.ndarray, np.ndarray], count: int, threads: int) -> Run:
+def ours(
+    method: str, pair: tuple[np.ndarray, np.ndarray], count: int, threads: int
+) -> Run:
     matcher = tm.parse_method(method).matcher(num_disparities=count, threads=threads)
     return lambda: matcher.match(*pair)
 
 
-def candidates(pair: tuple[np.ndarray, np.ndarray], count: int, threads: int) -> dict[str, Run]:
+def candidates(
+    pair: tuple[np.ndarray, np.ndarray], count: int, threads: int
+) -> dict[str, Run]:
     block_matcher = cv2.StereoBM.create(count, BLOCK)
     semiglobal = cv2.StereoSGBM.create(0, count, 3, 72, 288)
-    eight_paths = cv2.StereoSGBM.create(0, count, 3, 72, 288, mode=cv2.STEREO_SGBM_MODE_HH)
+    eight_paths = cv2.StereoSGBM.create(
+        0, count, 3, 72, 288, mode=cv2.STEREO_SGBM_MODE_HH
+    )
     return {
         "OpenCV StereoBM": lambda: block_matcher.compute(*pair),
         "sad": ours(f"sad:block_size={BLOCK}", pair, count, threads),
@@ -119,7 +135,10 @@ def on_one_thread(rounds: int, threads: int) -> Iterator[str]:
             runs = candidates(pair, count, 1)
             wall, _ = interleaved({name: runs[name] for name in names}, 2 * rounds)
             ratios = wall["OpenCV StereoBM"] / wall["sad"], wall["sad"] / wall["zncc"]
-            cells = [*(f"{1e3 * wall[name]:.2f}" for name in names), *(f"{ratio:.2f}" for ratio in ratios)]
+            cells = [
+                *(f"{1e3 * wall[name]:.2f}" for name in names),
+                *(f"{ratio:.2f}" for ratio in ratios),
+            ]
             yield f"| {width}x{height}, {count} disparities | {' | '.join(cells)} |"
     cv2.setNumThreads(threads)
 
@@ -129,13 +148,20 @@ def by_dtype(rounds: int, threads: int) -> Iterator[str]:
     factor = {"uint8": 1, "uint16": 257, "float32": 1 / 255}
     yield "\n## 16-bit and float images, 640x480, 64 disparities: processor ms\n"
     yield f"| method | {' | '.join(DTYPES)} |\n| --- |{' ---: |' * len(DTYPES)}"
-    methods = [f"{name}:block_size={BLOCK}" for name in ("sad", "ssd", "zncc", "census")] + ["sgm"]
+    methods = [
+        f"{name}:block_size={BLOCK}" for name in ("sad", "ssd", "zncc", "census")
+    ] + ["sgm"]
     for method in methods:
         pairs = {
-            dtype: tuple((image.astype(np.float64) * factor[dtype]).astype(dtype) for image in images)
+            dtype: tuple(
+                (image.astype(np.float64) * factor[dtype]).astype(dtype)
+                for image in images
+            )
             for dtype in DTYPES
         }
-        _, processor = interleaved({dtype: ours(method, pairs[dtype], 64, threads) for dtype in DTYPES}, rounds)
+        _, processor = interleaved(
+            {dtype: ours(method, pairs[dtype], 64, threads) for dtype in DTYPES}, rounds
+        )
         yield f"| {method} | {' | '.join(f'{1e3 * processor[dtype]:.1f}' for dtype in DTYPES)} |"
 
 
@@ -145,7 +171,9 @@ def by_range(rounds: int, threads: int) -> Iterator[str]:
     yield f"| method | {' | '.join(str(count) for count in EVERY_RANGE)} |\n| --- |{' ---: |' * len(EVERY_RANGE)}"
     for name in ("sad", "ssd", "zncc", "sgm"):
         method = name if name == "sgm" else f"{name}:block_size={BLOCK}"
-        _, processor = interleaved({str(n): ours(method, pair, n, threads) for n in EVERY_RANGE}, rounds)
+        _, processor = interleaved(
+            {str(n): ours(method, pair, n, threads) for n in EVERY_RANGE}, rounds
+        )
         yield f"| {name} | {' | '.join(f'{1e3 * seconds:.1f}' for seconds in processor.values())} |"
 
 
@@ -155,19 +183,29 @@ def first_calls() -> Iterator[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--rounds", type=int, default=9)
     parser.add_argument("--threads", type=int, default=processor_count())
     parser.add_argument("--write", action="store_true", help=f"write {PAGE.name}")
     options = parser.parse_args()
     cv2.setNumThreads(options.threads)
     how = (
-        f"{options.threads} threads, OpenCV {cv2.__version__}, {platform.machine()}, medians of {options.rounds} rounds"
+        f"{options.threads} threads, OpenCV {cv2.__version__}, "
+        f"{platform.machine()}, medians of {options.rounds} rounds"
     )
-    lines = ["# Matching speed\n", f"`python benchmarks/bench_matching.py --write`: one process, {how}, interleaved."]
-    lines.append("Mde/s: million disparity evaluations (width x height x disparities) per second.")
+    lines = [
+        "# Matching speed\n",
+        f"`python benchmarks/bench_matching.py --write`: one process, {how}, interleaved.",
+    ]
+    lines.append(
+        "Mde/s: million disparity evaluations (width x height x disparities) per second."
+    )
     parts = [against_opencv, on_one_thread, by_dtype, by_range]
-    for text in (text for part in parts for text in part(options.rounds, options.threads)):
+    for text in (
+        text for part in parts for text in part(options.rounds, options.threads)
+    ):
         print(text, flush=True)
         lines.append(text)
     for text in (*first_calls(), PUBLISHED):

@@ -38,10 +38,19 @@ GROUPS = {
     "soil, dirt, sand": ("soil", "dirt", "sand"),
     "paint": ("paint",),
     "clay and concrete tiles": ("tile", "concrete_tile"),
-    "roads, pavements, gravel": ("road", "sidewalk", "parking_lot", "driveway", "asphalt", "gravel"),
+    "roads, pavements, gravel": (
+        "road",
+        "sidewalk",
+        "parking_lot",
+        "driveway",
+        "asphalt",
+        "gravel",
+    ),
     "roof shingles of asphalt": ("comp_shingle",),
 }
-_RGB_FROM_XYZ = np.linalg.inv([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+_RGB_FROM_XYZ = np.linalg.inv(
+    [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
+)
 _WHITE = np.array([0.9505, 1.0, 1.089])
 
 
@@ -51,7 +60,9 @@ def spectra(folder: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     values = re.search(r"wavelength = \{([^}]*)\}", header)
     assert values is not None
     wavelengths = 1e3 * np.array(values[1].split(","), dtype=np.float64)  # micrometres
-    reflectances = np.fromfile(folder / "spectra.sli", dtype="<f4").reshape(-1, len(wavelengths))
+    reflectances = np.fromfile(folder / "spectra.sli", dtype="<f4").reshape(
+        -1, len(wavelengths)
+    )
     with (folder / "spectra.csv").open() as file:
         kinds = np.array([row["LEVEL_3"] for row in csv.DictReader(file)])
     return wavelengths, reflectances.astype(np.float64), kinds
@@ -60,9 +71,16 @@ def spectra(folder: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def colours(wavelengths: np.ndarray, reflectances: np.ndarray) -> np.ndarray:
     """Linear sRGB (N, 3)."""
     grid = np.arange(400.0, 781.0, 5.0)
-    matching = np.array([[np.ravel(each)[0] for each in mitsuba().cie1931_xyz(float(nm))] for nm in grid])
+    matching = np.array(
+        [
+            [np.ravel(each)[0] for each in mitsuba().cie1931_xyz(float(nm))]
+            for nm in grid
+        ]
+    )
     seen = np.array([np.interp(grid, wavelengths, each) for each in reflectances])
-    return np.maximum(seen @ (matching / matching.sum(axis=0)) * _WHITE @ _RGB_FROM_XYZ.T, 0)
+    return np.maximum(
+        seen @ (matching / matching.sum(axis=0)) * _WHITE @ _RGB_FROM_XYZ.T, 0
+    )
 
 
 def table(folder: Path) -> str:
@@ -76,15 +94,23 @@ def table(folder: Path) -> str:
     ]
     for name, members in GROUPS.items():
         own = np.isin(kinds, members)
-        errors = (np.median(np.abs(found[own] - true[own])) for found in (rule, largest))
+        errors = (
+            np.median(np.abs(found[own] - true[own])) for found in (rule, largest)
+        )
         levels = (np.median(values[own]) for values in (largest, true, rule))
-        cells = [name, str(own.sum()), *(f"{value:.2f}" for value in (*levels, *errors))]
+        cells = [
+            name,
+            str(own.sum()),
+            *(f"{value:.2f}" for value in (*levels, *errors)),
+        ]
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("folder", type=Path)
     parser.add_argument("--write", action="store_true")
     options = parser.parse_args()

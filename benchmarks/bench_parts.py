@@ -56,7 +56,12 @@ def alone(rig: tl.Rig, view: int) -> tl.Rig:
 
 
 def cost_at_equal_error(
-    scene: tl.Scene, rig: tl.Rig, views: Sequence[int], job: Callable[[int], Sequence[Any]], share: float, rounds: int
+    scene: tl.Scene,
+    rig: tl.Rig,
+    views: Sequence[int],
+    job: Callable[[int], Sequence[Any]],
+    share: float,
+    rounds: int,
 ) -> float:
     """Processor time of `share` of a job(seed), which makes images of `views`, relative to a raw view of equal error.
 
@@ -65,9 +70,13 @@ def cost_at_equal_error(
     """
 
     def raw(spp: int, *chosen: int) -> Callable[[int], list[Any]]:
-        return lambda seed: [tl.render(scene, alone(rig, v), tl.Pinhole(), spp, seed)[0] for v in chosen]
+        return lambda seed: [
+            tl.render(scene, alone(rig, v), tl.Pinhole(), spp, seed)[0] for v in chosen
+        ]
 
-    references = [np.array(raw(REFERENCE, *views)(seed), np.float64) for seed in (1000, 1001)]
+    references = [
+        np.array(raw(REFERENCE, *views)(seed), np.float64) for seed in (1000, 1001)
+    ]
 
     def error(images: Sequence[Any]) -> float:
         return float(((images - references[0]) * (images - references[1])).mean())
@@ -77,19 +86,28 @@ def cost_at_equal_error(
         for each in (job, *(raw(spp, *views) for spp in RAW))
     )
     cost, *costs = seconds([job, *(raw(spp, views[-1]) for spp in RAW)], rounds)
-    return float(share * cost / np.exp(np.interp(np.log(own), np.log(errors[::-1]), np.log(costs[::-1]))))
+    return float(
+        share
+        * cost
+        / np.exp(np.interp(np.log(own), np.log(errors[::-1]), np.log(costs[::-1])))
+    )
 
 
 def row(name: str, rounds: int) -> str:
     scene, camera = tl.load_scene(name), tl.Camera.from_fov(*SIZE, FOV)
     near, far = scene.depth_range
-    lens, whole_rig = tl.ThinLens(APERTURE, 2 / (1 / near + 1 / far)), tl.Rig([camera], [scene.world_from_left])
+    lens, whole_rig = (
+        tl.ThinLens(APERTURE, 2 / (1 / near + 1 / far)),
+        tl.Rig([camera], [scene.world_from_left]),
+    )
 
     def image(parts: Any = None, spp: int = SPP) -> Callable[[int], Any]:
         return lambda seed: tl.render(scene, whole_rig, lens, spp, seed, parts=parts)[0]
 
     grid = tl.Grid(VIEWS)
-    whole, dual, quad, cells = seconds([image(), image(tl.Dual()), image(tl.Quad()), image(grid)], rounds)
+    whole, dual, quad, cells = seconds(
+        [image(), image(tl.Dual()), image(tl.Quad()), image(grid)], rounds
+    )
     views = tl.light_field_rig(camera, lens, VIEWS, scene.world_from_left)
     middle = VIEWS**2 // 2
     single = alone(views, middle)
@@ -111,15 +129,25 @@ def row(name: str, rounds: int) -> str:
     cost = cells * noise.mean() / (VIEWS**2 * alone_seconds * variance(view).mean())
     ratios = [dual / whole, quad / whole, cells / whole, cost]
     ratios.append(cost_at_equal_error(scene, views, [middle], denoised, 1, rounds))
-    ratios.append(cost_at_equal_error(scene, views, [0, middle // 2, middle], shared, 1 / VIEWS**2, rounds))
+    ratios.append(
+        cost_at_equal_error(
+            scene, views, [0, middle // 2, middle], shared, 1 / VIEWS**2, rounds
+        )
+    )
     return f"| {name} | " + " | ".join(f"{ratio:.2f}" for ratio in ratios) + " |"
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scenes", default="cards,staircase", help="Names of bundled scenes.")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--scenes", default="cards,staircase", help="Names of bundled scenes."
+    )
     parser.add_argument("--rounds", type=int, default=5, help="Runs of each job.")
-    parser.add_argument("--write", action="store_true", help="Write the table to benchmarks/parts.md.")
+    parser.add_argument(
+        "--write", action="store_true", help="Write the table to benchmarks/parts.md."
+    )
     options = parser.parse_args()
     lines = []
     for name in options.scenes.split(","):

@@ -40,17 +40,25 @@ LIGHT = tl.Camera.from_fov(256, 192, fov_x_deg=60)
 PERIOD = 16.0
 
 
-def seconds_of(scene: tl.Scene, rig: tl.Rig, spp: int, seed: int) -> tuple[float, np.ndarray]:
+def seconds_of(
+    scene: tl.Scene, rig: tl.Rig, spp: int, seed: int
+) -> tuple[float, np.ndarray]:
     start = time.process_time()
     images = tl.render(scene, rig, spp=spp, seed=seed)
     drjit.sync_thread()
-    return time.process_time() - start, np.stack([image[..., 0] for image in images]).astype(np.float64)
+    return time.process_time() - start, np.stack(
+        [image[..., 0] for image in images]
+    ).astype(np.float64)
 
 
 def cost(name: str, power: float, width: int, spp: int, rounds: int) -> str:
     scene = tl.load_scene(name)
-    camera = tl.Camera.from_fov(width, width * 3 // 4, fov_x_deg=scene.fov_x_deg).replace(band="nir")
-    pattern = tl.camera.patterns.dots(DOTS.width, DOTS.height, density=0.06, size=2, seed=1)
+    camera = tl.Camera.from_fov(
+        width, width * 3 // 4, fov_x_deg=scene.fov_x_deg
+    ).replace(band="nir")
+    pattern = tl.camera.patterns.dots(
+        DOTS.width, DOTS.height, density=0.06, size=2, seed=1
+    )
     baseline = 0.1
     dots = tl.Projector(rigid(np.eye(3), [baseline / 2, 0, 0]), DOTS, pattern, power)
     passive = tl.Rig.stereo(camera, baseline, scene.world_from_left)
@@ -73,21 +81,32 @@ def cost(name: str, power: float, width: int, spp: int, rounds: int) -> str:
     return f"| {name} | {power:g} | {100 * share:.0f} % | {ratio:.3f} | **{same:.2f}** | **{exposed:.2f}** |"
 
 
-def decoded(name: str, ambient: float, depth: int, width: int, spp: int, contrib: Any) -> list[str]:
+def decoded(
+    name: str, ambient: float, depth: int, width: int, spp: int, contrib: Any
+) -> list[str]:
     """Rows of the errors of all decoders in one scene, with light paths of up to `depth` segments; -1 is no limit."""
     scene = tl.load_scene(name).with_ambient(max(ambient, 1e-9))
-    scene = dataclasses.replace(scene, integrator={**scene.integrator, "max_depth": depth})
+    scene = dataclasses.replace(
+        scene, integrator={**scene.integrator, "max_depth": depth}
+    )
     camera = tl.Camera.from_fov(width, width * 3 // 4, fov_x_deg=scene.fov_x_deg)
-    projector = tl.Projector(rigid(np.eye(3), [0.15, 0, 0]), LIGHT, "white", 200.0, "rgb")
+    projector = tl.Projector(
+        rigid(np.eye(3), [0.15, 0, 0]), LIGHT, "white", 200.0, "rgb"
+    )
     rig = tl.Rig([camera], [scene.world_from_left], projectors=[projector])
     truth = tl.projection(scene, rig)
     ids = tl.ground_truth(scene, rig)[0].object_id
     inside = LIGHT.contains(truth.pixels + 2) & LIGHT.contains(truth.pixels - 2)
-    away = minimum_filter(truth.lit & inside, 5) & (minimum_filter(ids, 5) == -minimum_filter(-ids, 5))
+    away = minimum_filter(truth.lit & inside, 5) & (
+        minimum_filter(ids, 5) == -minimum_filter(-ids, 5)
+    )
 
     def shoot(patterns: Sequence[np.ndarray]) -> list[np.ndarray]:
         lit = [rig.with_projectors([projector.with_pattern(each)]) for each in patterns]
-        return [tl.render(scene, each, spp=spp, seed=seed)[0].mean(axis=2) for seed, each in enumerate(lit)]
+        return [
+            tl.render(scene, each, spp=spp, seed=seed)[0].mean(axis=2)
+            for seed, each in enumerate(lit)
+        ]
 
     def row(what: str, found: np.ndarray, true: np.ndarray, allowed: float) -> str:
         error = np.abs(found - true)
@@ -103,13 +122,24 @@ def decoded(name: str, ambient: float, depth: int, width: int, spp: int, contrib
     fine = tl.PhaseShift(LIGHT.width, LIGHT.height, PERIOD, 4)
     phase = tl.decode(shoot(fine.patterns), fine, coarse=gray).position
     true = truth.pixels[away]
-    rows = [row("Gray code", gray[away], true[:, 0], 0.5), row("phase shift", phase[away], true[:, 0], 0.05)]
+    rows = [
+        row("Gray code", gray[away], true[:, 0], 0.5),
+        row("phase shift", phase[away], true[:, 0], 0.05),
+    ]
     if contrib is not None:
-        peer = contrib.structured_light.GrayCodePattern.create(LIGHT.width, LIGHT.height)
+        peer = contrib.structured_light.GrayCodePattern.create(
+            LIGHT.width, LIGHT.height
+        )
         peer.setWhiteThreshold(1)
         white = np.percentile(images, 99)
-        levels = [(255 * np.clip(image / white, 0, 1)).astype(np.uint8) for each in images for image in each]
-        pixels = [peer.getProjPixel(levels, int(u), int(v)) for v, u in np.argwhere(away)]
+        levels = [
+            (255 * np.clip(image / white, 0, 1)).astype(np.uint8)
+            for each in images
+            for image in each
+        ]
+        pixels = [
+            peer.getProjPixel(levels, int(u), int(v)) for v, u in np.argwhere(away)
+        ]
         found = np.array([np.inf if failed else at[0] for failed, at in pixels])
         rows.insert(1, row("Gray code, by OpenCV, from 8 bits", found, true[:, 0], 0.5))
     return rows
@@ -126,7 +156,9 @@ def opencv_contrib(folder: str | None) -> Any:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--width", type=int, default=200)
     parser.add_argument("--spp", type=int, default=64)
     parser.add_argument("--rounds", type=int, default=9)

@@ -27,11 +27,26 @@ def bare(built, rig, spp, seed):
                 "type": "perspective",
                 "fov": camera.fov_x_deg,
                 "fov_axis": "x",
-                "to_world": mi.ScalarTransform4f(pose @ np.diag([-1.0, -1.0, 1.0, 1.0])),
-                "film": {"type": "hdrfilm", "width": camera.width, "height": camera.height, "pixel_format": "rgb"},
+                "to_world": mi.ScalarTransform4f(
+                    pose @ np.diag([-1.0, -1.0, 1.0, 1.0])
+                ),
+                "film": {
+                    "type": "hdrfilm",
+                    "width": camera.width,
+                    "height": camera.height,
+                    "pixel_format": "rgb",
+                },
             }
         )
-        np.asarray(mi.render(built.mi_scene, sensor=sensor, integrator=built.integrator, spp=spp, seed=seed))
+        np.asarray(
+            mi.render(
+                built.mi_scene,
+                sensor=sensor,
+                integrator=built.integrator,
+                spp=spp,
+                seed=seed,
+            )
+        )
 
 
 def timed(work):
@@ -63,11 +78,17 @@ def main():
             seconds = timed(lambda job=job, seed=round_: job(seed))
             if round_:  # the first round compiles
                 times[name].append(seconds)
-    print(f"{options.scene}, {options.size}, {options.spp} spp, {backend().variant}, {options.rounds} rounds, medians")
+    print(
+        f"{options.scene}, {options.size}, {options.spp} spp, {backend().variant}, {options.rounds} rounds, medians"
+    )
     for name, values in times.items():
-        print(f"  {name:<20} {statistics.median(values):7.2f} s   ({min(values):.2f} to {max(values):.2f})")
+        print(
+            f"  {name:<20} {statistics.median(values):7.2f} s   ({min(values):.2f} to {max(values):.2f})"
+        )
     rounds = zip(*times.values(), strict=True)
-    ratio = statistics.median((photos + truth) / plain for plain, photos, truth in rounds)
+    ratio = statistics.median(
+        (photos + truth) / plain for plain, photos, truth in rounds
+    )
     print(f"  (render + ground_truth) / bare = {ratio:.3f}   (asked: at most 1.15)")
 
 

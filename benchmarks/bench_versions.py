@@ -19,7 +19,9 @@ HERE = Path(__file__).resolve().parent
 SCENES = ("tabletop", "room", "cards", "staircase", "spheres", "fence")
 FAMILIES = ("cards", "flying", "room", "tabletop")
 SIZE = "640x480"
-RECIPE = f"seed = 31\ncount = {{}}\nfamilies = {list(FAMILIES)}\nwidth = 320\nheight = 240\n"
+RECIPE = (
+    f"seed = 31\ncount = {{}}\nfamilies = {list(FAMILIES)}\nwidth = 320\nheight = 240\n"
+)
 
 
 def cost(checkout: Path, work: Path, *arguments: object) -> tuple[float, float]:
@@ -32,10 +34,15 @@ def cost(checkout: Path, work: Path, *arguments: object) -> tuple[float, float]:
     }
     before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     command = [sys.executable, "-m", "twinlens", *map(str, arguments)]
-    done = subprocess.run(command, env=environment, cwd=work, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command, env=environment, cwd=work, capture_output=True, text=True, check=False
+    )
     if done.returncode:
         raise SystemExit(f"{checkout}: {done.stderr}")
-    after, wall = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter() - start
+    after, wall = (
+        resource.getrusage(resource.RUSAGE_CHILDREN),
+        time.perf_counter() - start,
+    )
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, wall
 
 
@@ -43,7 +50,10 @@ def pair(checkout: Path, scene: str) -> tuple[float, float]:
     """Processor seconds of a pair with an empty cache of kernels, and of another one with its kernels."""
     with tempfile.TemporaryDirectory() as folder:
         first, second = (
-            cost(checkout, Path(folder), "render", scene, "--size", SIZE, "-o", f"out{i}")[0] for i in range(2)
+            cost(
+                checkout, Path(folder), "render", scene, "--size", SIZE, "-o", f"out{i}"
+            )[0]
+            for i in range(2)
         )
     return first, second
 
@@ -52,27 +62,43 @@ def dataset(checkout: Path, samples: int) -> tuple[float, float]:
     """Processor and wall seconds for each sample of a dataset, from an empty cache."""
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "recipe.toml").write_text(RECIPE.format(samples))
-        used, wall = cost(checkout, Path(folder), "generate", "recipe.toml", "-o", "out")
+        used, wall = cost(
+            checkout, Path(folder), "generate", "recipe.toml", "-o", "out"
+        )
     return used / samples, wall / samples
 
 
 def revision(checkout: Path) -> str:
     """The short hash of a checkout's commit."""
     command = ["git", "-C", str(checkout), "rev-parse", "--short=7", "HEAD"]
-    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    return subprocess.run(
+        command, capture_output=True, text=True, check=True
+    ).stdout.strip()
 
 
 def row(label: str, unit: str, costs: list[float]) -> str:
     """A row of the table, with the quotient of the two versions if there are two."""
     ratio = f" {costs[0] / costs[1]:.3f} |" if len(costs) == 2 else ""
-    return f"| {label} | " + "".join(f"{each:.2f} {unit} | " for each in costs).rstrip() + ratio
+    return (
+        f"| {label} | "
+        + "".join(f"{each:.2f} {unit} | " for each in costs).rstrip()
+        + ratio
+    )
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("checkout", type=Path, nargs="?", help="folder of another version")
-    parser.add_argument("--samples", type=int, default=24, help="number of samples of the dataset")
-    parser.add_argument("--scenes", nargs="*", default=SCENES, help="scenes of the pairs")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "checkout", type=Path, nargs="?", help="folder of another version"
+    )
+    parser.add_argument(
+        "--samples", type=int, default=24, help="number of samples of the dataset"
+    )
+    parser.add_argument(
+        "--scenes", nargs="*", default=SCENES, help="scenes of the pairs"
+    )
     parser.add_argument("--write", action="store_true", help="write versions.md")
     options = parser.parse_args()
     versions = [HERE.parent, *([options.checkout] if options.checkout else [])]
@@ -86,15 +112,23 @@ def main() -> None:
         found = [pair(each, scene) for each in versions]
         for total, each in zip(totals, found, strict=True):
             total[:] = [a + b for a, b in zip(total, each, strict=True)]
-        lines.append(row(f"pair of `{scene}`, kernels cached", "s", [each[1] for each in found]))
-        lines.append(row(f"pair of `{scene}`, empty cache", "s", [each[0] for each in found]))
+        lines.append(
+            row(f"pair of `{scene}`, kernels cached", "s", [each[1] for each in found])
+        )
+        lines.append(
+            row(f"pair of `{scene}`, empty cache", "s", [each[0] for each in found])
+        )
         print(*lines[-2:], sep="\n", flush=True)
     if options.scenes:
-        lines.append(row("all pairs, kernels cached", "s", [total[1] for total in totals]))
+        lines.append(
+            row("all pairs, kernels cached", "s", [total[1] for total in totals])
+        )
         lines.append(row("all pairs, empty cache", "s", [total[0] for total in totals]))
     if options.samples:
         found = [dataset(each, options.samples) for each in versions]
-        lines.append(row("random sample, processor time", "s", [each[0] for each in found]))
+        lines.append(
+            row("random sample, processor time", "s", [each[0] for each in found])
+        )
         lines.append(row("random sample, wall time", "s", [each[1] for each in found]))
     print(*lines, sep="\n")
     if options.write:

@@ -34,11 +34,17 @@ PIPELINES = {
         {"aggregation": {"aggregation_method": "cbca"}, "disparity": None, **REFINED},
     ),
     "zncc, vfit, median": ("zncc", BLOCK, {"disparity": None, **REFINED}),
-    "zncc, vfit, median, cross-check": ("zncc", BLOCK, {"disparity": None, **REFINED, **CHECKED}),
+    "zncc, vfit, median, cross-check": (
+        "zncc",
+        BLOCK,
+        {"disparity": None, **REFINED, **CHECKED},
+    ),
 }
 
 
-def pandora_runs(left: np.ndarray, right: np.ndarray, count: int) -> Iterator[tuple[str, Run]]:
+def pandora_runs(
+    left: np.ndarray, right: np.ndarray, count: int
+) -> Iterator[tuple[str, Run]]:
     import pandora
     from pandora.check_configuration import check_conf
     from pandora.constants import Criteria
@@ -51,8 +57,18 @@ def pandora_runs(left: np.ndarray, right: np.ndarray, count: int) -> Iterator[tu
     winner = {"disparity_method": "wta", "invalid_disparity": "NaN"}
 
     def runner(cost: str, side: int, more: dict) -> Run:
-        first = {"matching_cost": {"matching_cost_method": cost, "window_size": side, "subpix": 1}}
-        pipeline = first | ({"disparity": winner} if "disparity" not in more else more | {"disparity": winner})
+        first = {
+            "matching_cost": {
+                "matching_cost_method": cost,
+                "window_size": side,
+                "subpix": 1,
+            }
+        }
+        pipeline = first | (
+            {"disparity": winner}
+            if "disparity" not in more
+            else more | {"disparity": winner}
+        )
         machine = PandoraMachine()
         inputs = {
             "left": {"img": str(folder / "left.png"), "disp": [1 - count, 0]},
@@ -60,14 +76,21 @@ def pandora_runs(left: np.ndarray, right: np.ndarray, count: int) -> Iterator[tu
         }
         settings = check_conf({"input": inputs, "pipeline": pipeline}, machine)
         settings["input"]["right"]["disp"] = [0, count - 1]
-        pair = [create_dataset_from_inputs(settings["input"][eye]) for eye in ("left", "right")]
+        pair = [
+            create_dataset_from_inputs(settings["input"][eye])
+            for eye in ("left", "right")
+        ]
 
         def run() -> np.ndarray:
             found, _ = pandora.run(machine, *pair, settings)
             disparity = -found["disparity_map"].values
             if "validation" not in more:
                 return disparity
-            return np.where(found["validity_mask"].values & Criteria.PANDORA_MSK_PIXEL_INVALID, np.nan, disparity)
+            return np.where(
+                found["validity_mask"].values & Criteria.PANDORA_MSK_PIXEL_INVALID,
+                np.nan,
+                disparity,
+            )
 
         return run
 
@@ -75,14 +98,21 @@ def pandora_runs(left: np.ndarray, right: np.ndarray, count: int) -> Iterator[tu
         yield f"Pandora {name}", runner(cost, side, more)
 
 
-def toolbox_runs(left: np.ndarray, right: np.ndarray, count: int) -> Iterator[tuple[str, Run]]:
+def toolbox_runs(
+    left: np.ndarray, right: np.ndarray, count: int
+) -> Iterator[tuple[str, Run]]:
     from machinevisiontoolbox import Image as Picture
 
     pair = [Picture(image.astype(np.float64) / 255) for image in (left, right)]
 
     def run() -> np.ndarray:
-        found = pair[0].stereo_simple(pair[1], BLOCK // 2, [1, count])[0].A.astype(float)  # 0 is refused by it
-        rows, columns = ((have - want) // 2 for have, want in zip(found.shape, left.shape, strict=True))
+        found = (
+            pair[0].stereo_simple(pair[1], BLOCK // 2, [1, count])[0].A.astype(float)
+        )  # 0 is refused by it
+        rows, columns = (
+            (have - want) // 2
+            for have, want in zip(found.shape, left.shape, strict=True)
+        )
         return found[rows : rows + left.shape[0], columns : columns + left.shape[1]]
 
     yield "Machine Vision Toolbox zncc", run

@@ -27,11 +27,24 @@ def main() -> None:
     active = tl.render(scene, rig.with_projectors([dots]), spp=SPP, denoise=True)
     shown = [
         tl.Sensor().expose(image, camera=camera, lens=tl.Pinhole()).image
-        for image, camera in ((active[0], cameras[0]), (passive[1], cameras[1]), (active[1], cameras[1]))
+        for image, camera in (
+            (active[0], cameras[0]),
+            (passive[1], cameras[1]),
+            (active[1], cameras[1]),
+        )
     ]
-    both = tl.Sensor(filters="mono").expose(active[2], camera=cameras[2], lens=tl.Pinhole()).image
-    tiles = [np.dstack([each] * 3) if each.ndim == 2 else each for each in (*shown, both)]
-    write_png(Path(__file__).with_suffix(".png"), np.vstack([np.hstack(tiles[:2]), np.hstack(tiles[2:])]))
+    both = (
+        tl.Sensor(filters="mono")
+        .expose(active[2], camera=cameras[2], lens=tl.Pinhole())
+        .image
+    )
+    tiles = [
+        np.dstack([each] * 3) if each.ndim == 2 else each for each in (*shown, both)
+    ]
+    write_png(
+        Path(__file__).with_suffix(".png"),
+        np.vstack([np.hstack(tiles[:2]), np.hstack(tiles[2:])]),
+    )
 
 
 if __name__ == "__main__":

@@ -14,8 +14,22 @@ project = "twinlens"
 author = "twinlens contributors"
 release = version = twinlens.__version__
 root_doc = "docs/index"
-include_patterns = ["docs/**.md", "docs/**.rst", "benchmarks/**.md", "examples/**.md", "*.md"]
-exclude_patterns = [".*", "docs/site", "docs/course", "src", "tests", "scenes", "benchmarks/*/about.md"]
+include_patterns = [
+    "docs/**.md",
+    "docs/**.rst",
+    "benchmarks/**.md",
+    "examples/**.md",
+    "*.md",
+]
+exclude_patterns = [
+    ".*",
+    "docs/site",
+    "docs/course",
+    "src",
+    "tests",
+    "scenes",
+    "benchmarks/*/about.md",
+]
 
 extensions = [
     "myst_parser",

@@ -7,7 +7,10 @@ from typing import Any
 import matplotlib as mpl
 
 STYLE = {
-    "figure.figsize": (5.6, 3.2),  # narrow, so that the letters are not too small on a phone
+    "figure.figsize": (
+        5.6,
+        3.2,
+    ),  # narrow, so that the letters are not too small on a phone
     "figure.dpi": 100,
     "figure.facecolor": "white",  # also in the dark theme
     "figure.constrained_layout.use": True,

@@ -35,8 +35,12 @@ def main(first: int) -> None:
     rows = []
     for family in FAMILIES:
         tiles = [picture(family, first + k) for k in range(ROWS * COLUMNS)]
-        rows += [np.hstack(tiles[k : k + COLUMNS]) for k in range(0, len(tiles), COLUMNS)]
-    sheet = Image.fromarray(np.vstack(rows)).quantize(256, kmeans=1, dither=Image.Dither.FLOYDSTEINBERG)
+        rows += [
+            np.hstack(tiles[k : k + COLUMNS]) for k in range(0, len(tiles), COLUMNS)
+        ]
+    sheet = Image.fromarray(np.vstack(rows)).quantize(
+        256, kmeans=1, dither=Image.Dither.FLOYDSTEINBERG
+    )
     sheet.save(HERE / "families.png", optimize=True)
 
 

@@ -26,11 +26,24 @@ def main() -> None:
     lenses = (tl.Pinhole(), tl.ThinLens(APERTURE, middle_focus(*scene.depth_range)))
     sample = make_sample(scene, rig, lenses, spp=SPP, seed=0, denoise=True)
     truth = sample.truths[0].disparity
-    low, high = float(truth[np.isfinite(truth)].min()), float(truth[np.isfinite(truth)].max())
+    low, high = (
+        float(truth[np.isfinite(truth)].min()),
+        float(truth[np.isfinite(truth)].max()),
+    )
     rows = []
     for shot in sample.shots:
-        found = tl.match(*shot.images, method="zncc", block_size=9, num_disparities=int(high) + 2)
-        rows.append(np.hstack([shot.images[0], colourise(truth, low, high), colourise(found, low, high)]))
+        found = tl.match(
+            *shot.images, method="zncc", block_size=9, num_disparities=int(high) + 2
+        )
+        rows.append(
+            np.hstack(
+                [
+                    shot.images[0],
+                    colourise(truth, low, high),
+                    colourise(found, low, high),
+                ]
+            )
+        )
     write_png(HERE / "overview.png", np.vstack(rows))
 
 

@@ -41,7 +41,11 @@ class TomlSchema(GenerateJsonSchema):
 
     def default_schema(self, schema: core_schema.WithDefaultSchema) -> JsonSchemaValue:
         made = super().default_schema(schema)
-        return {key: value for key, value in made.items() if key != "default" or value is not None}
+        return {
+            key: value
+            for key, value in made.items()
+            if key != "default" or value is not None
+        }
 
     def field_title_should_be_set(self, schema: Any) -> bool:
         return False
@@ -51,7 +55,10 @@ def schema(name: str) -> str:
     """The text of one schema file."""
     generator = TomlSchema if name in TOML_FILES else GenerateJsonSchema
     found = pydantic.TypeAdapter(MODELS[name]).json_schema(schema_generator=generator)
-    return json.dumps(with_distributions(found) if name == "recipe" else found, indent=1) + "\n"
+    return (
+        json.dumps(with_distributions(found) if name == "recipe" else found, indent=1)
+        + "\n"
+    )
 
 
 def with_distributions(recipe: dict[str, Any]) -> dict[str, Any]:
@@ -62,7 +69,9 @@ def with_distributions(recipe: dict[str, Any]) -> dict[str, Any]:
     drawn["properties"]["rig"] = rig
     kinds = pydantic.TypeAdapter(Union[tuple(KINDS.values())]).json_schema()  # noqa: UP007
     recipe["properties"] |= drawable(drawn)["properties"]
-    recipe["$defs"] |= {name: drawable(table) for name, table in tables.items()} | kinds.pop("$defs")
+    recipe["$defs"] |= {
+        name: drawable(table) for name, table in tables.items()
+    } | kinds.pop("$defs")
     recipe["$defs"]["Distribution"] = kinds
     return recipe
 
@@ -79,9 +88,14 @@ def drawable(node: Any) -> Any:
         return [drawable(entry) for entry in node]
     if not isinstance(node, dict):
         return node
-    found = {key: value if key == "default" else drawable(value) for key, value in node.items()}
+    found = {
+        key: value if key == "default" else drawable(value)
+        for key, value in node.items()
+    }
     if "properties" in node:
-        found["properties"] = {key: either(value) for key, value in node["properties"].items()}
+        found["properties"] = {
+            key: either(value) for key, value in node["properties"].items()
+        }
     if isinstance(node.get("items"), dict):
         found["items"] = either(node["items"])
     return found

@@ -31,9 +31,14 @@ NAME = re.compile(r"[A-Za-z_][\w.]*")
 def setup(app: Any) -> dict[str, Any]:
     app.connect("builder-inited", lambda app: write_pages())
     app.connect("source-read", add_children)
-    app.connect("autodoc-process-docstring", rewrite_docstring, priority=100)  # before napoleon
+    app.connect(
+        "autodoc-process-docstring", rewrite_docstring, priority=100
+    )  # before napoleon
     app.connect("autodoc-process-signature", written_signature)
-    return {"parallel_read_safe": True, "env_version": zlib.crc32(Path(__file__).read_bytes())}  # a change rereads all
+    return {
+        "parallel_read_safe": True,
+        "env_version": zlib.crc32(Path(__file__).read_bytes()),
+    }  # a change rereads all
 
 
 def write_pages() -> None:
@@ -43,7 +48,11 @@ def write_pages() -> None:
     pages |= {f"schema-{path.stem}.md": schema_page(path) for path in schemas}
     pages["commands.md"] = commands_page()
     pages["names.rst"] = names_page()
-    pages["schemas.md"] = "# JSON Schemas\n\n```{toctree}\n" + "".join(f"schema-{p.stem}\n" for p in schemas) + "```\n"
+    pages["schemas.md"] = (
+        "# JSON Schemas\n\n```{toctree}\n"
+        + "".join(f"schema-{p.stem}\n" for p in schemas)
+        + "```\n"
+    )
     PAGES.mkdir(exist_ok=True)
     for path in PAGES.iterdir():
         if path.name not in pages:
@@ -63,7 +72,11 @@ def add_children(app: Any, page: str, content: list[str]) -> None:
 @functools.cache
 def rooms() -> dict[str, ModuleType]:
     """The packages by name."""
-    return {name: value for name in twinlens.__all__ if inspect.ismodule(value := getattr(twinlens, name))}
+    return {
+        name: value
+        for name in twinlens.__all__
+        if inspect.ismodule(value := getattr(twinlens, name))
+    }
 
 
 @functools.cache
@@ -73,17 +86,25 @@ def public_objects() -> dict[Any, str]:
     for room in rooms().values():
         for name, value in vars(room).items():
             here = getattr(value, "__module__", "").startswith(room.__name__)
-            usable = inspect.isclass(value) or (inspect.isroutine(value) and room is not twinlens.errors)
+            usable = inspect.isclass(value) or (
+                inspect.isroutine(value) and room is not twinlens.errors
+            )
             if here and usable and not name.startswith("_"):
                 found[value] = f"{room.__name__}.{name}"
-    values = {name: getattr(twinlens, name) for name in twinlens.__all__ if name not in rooms()}
+    values = {
+        name: getattr(twinlens, name)
+        for name in twinlens.__all__
+        if name not in rooms()
+    }
     return found | {value: f"twinlens.{name}" for name, value in values.items()}
 
 
 def room_page(name: str) -> str:
     """The public classes and functions of one package; first those that ``import twinlens`` gives too."""
     lines = [heading(f"twinlens.{name}"), f".. automodule:: twinlens.{name}\n"]
-    for value, full in sorted(public_objects().items(), key=lambda item: (item[1].count("."), item[1].lower())):
+    for value, full in sorted(
+        public_objects().items(), key=lambda item: (item[1].count("."), item[1].lower())
+    ):
         if not f"{value.__module__}.".startswith(f"twinlens.{name}."):
             continue
         if not inspect.isclass(value):
@@ -91,18 +112,37 @@ def room_page(name: str) -> str:
         elif issubclass(value, BaseException):
             lines.append(f".. autoexception:: {full}\n")
         else:
-            lines.append(f".. autoclass:: {full}\n   :members:\n   :exclude-members: model_config\n")
+            lines.append(
+                f".. autoclass:: {full}\n   :members:\n   :exclude-members: model_config\n"
+            )
     return "\n".join(lines)
 
 
 def names_page() -> str:
     """The names of ``import twinlens as tl``, each with the first sentence of its docstring, and all packages."""
-    lines = [heading("Public names"), "``import twinlens as tl`` gives these names and the packages below.\n"]
+    lines = [
+        heading("Public names"),
+        "``import twinlens as tl`` gives these names and the packages below.\n",
+    ]
     lines += [".. list-table::", "   :widths: 35 65", ""]
     for name in sorted(set(twinlens.__all__) - set(rooms()), key=str.lower):
-        first = (inspect.getdoc(getattr(twinlens, name)) or "").split("\n\n")[0].split("\n")
-        lines += [f"   * - :py:obj:`tl.{name} <twinlens.{name}>`", f"     - {inline(' '.join(first))}"]
-    return "\n".join([*lines, "\n.. toctree::", "   :caption: Packages", "", *(f"   {room}" for room in rooms()), ""])
+        first = (
+            (inspect.getdoc(getattr(twinlens, name)) or "").split("\n\n")[0].split("\n")
+        )
+        lines += [
+            f"   * - :py:obj:`tl.{name} <twinlens.{name}>`",
+            f"     - {inline(' '.join(first))}",
+        ]
+    return "\n".join(
+        [
+            *lines,
+            "\n.. toctree::",
+            "   :caption: Packages",
+            "",
+            *(f"   {room}" for room in rooms()),
+            "",
+        ]
+    )
 
 
 def commands_page() -> str:
@@ -110,20 +150,34 @@ def commands_page() -> str:
     parts = ["# Commands\n"]
     for name in COMMANDS:
         command = cli.get_command(click.Context(cli), name)
-        context = click.Context(command, info_name=f"twinlens {name}", terminal_width=100, max_content_width=100)
+        context = click.Context(
+            command,
+            info_name=f"twinlens {name}",
+            terminal_width=100,
+            max_content_width=100,
+        )
         parts.append(f"## {name}\n\n```text\n{command.get_help(context)}\n```\n")
         for sub in getattr(command, "commands", {}).values():
             inner = click.Context(
-                sub, info_name=f"twinlens {name} {sub.name}", terminal_width=100, max_content_width=100
+                sub,
+                info_name=f"twinlens {name} {sub.name}",
+                terminal_width=100,
+                max_content_width=100,
             )
-            parts.append(f"### {name} {sub.name}\n\n```text\n{sub.get_help(inner)}\n```\n")
+            parts.append(
+                f"### {name} {sub.name}\n\n```text\n{sub.get_help(inner)}\n```\n"
+            )
     return "\n".join(parts)
 
 
 def schema_page(path: Path) -> str:
     """The tables of one JSON Schema: key, type, default, description."""
     schema = json.loads(path.read_text())
-    parts = [f"# {path.stem}\n", f"[{path.name}](../schemas/{path.name})\n", *schema_tables("", schema)]
+    parts = [
+        f"# {path.stem}\n",
+        f"[{path.name}](../schemas/{path.name})\n",
+        *schema_tables("", schema),
+    ]
     for name, table in sorted(schema.get("$defs", {}).items()):
         parts += [f"## {name}\n", *schema_tables(name, table)]
     return "\n".join(parts)
@@ -137,7 +191,9 @@ def schema_tables(name: str, node: dict[str, Any]) -> list[str]:
     for key, value in node["properties"].items():
         default = "required" if key in node.get("required", []) else ""
         default = (
-            f"`{json.dumps(value['default'])}`" if "default" in value and len(str(value["default"])) < 60 else default
+            f"`{json.dumps(value['default'])}`"
+            if "default" in value and len(str(value["default"])) < 60
+            else default
         )
         parts.append(
             f"| `{key}` | {cell(schema_type(value))} | {cell(default)} | {cell(value.get('description', ''))} |"
@@ -161,12 +217,21 @@ def schema_type(node: Any) -> str:
     if kind == "array":
         entries = node.get("prefixItems")
         return (
-            f"[{', '.join(map(schema_type, entries))}]" if entries else f"array of {schema_type(node.get('items', {}))}"
+            f"[{', '.join(map(schema_type, entries))}]"
+            if entries
+            else f"array of {schema_type(node.get('items', {}))}"
         )
     if kind == "object" and isinstance(node.get("additionalProperties"), dict):
         return f"table of {schema_type(node['additionalProperties'])}"
-    bounds = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
-    return " ".join([kind, *(f"{sign} {node[key]}" for key, sign in bounds.items() if key in node)])
+    bounds = {
+        "minimum": ">=",
+        "exclusiveMinimum": ">",
+        "maximum": "<=",
+        "exclusiveMaximum": "<",
+    }
+    return " ".join(
+        [kind, *(f"{sign} {node[key]}" for key, sign in bounds.items() if key in node)]
+    )
 
 
 def cell(text: str) -> str:
@@ -178,7 +243,9 @@ def heading(title: str) -> str:
     return f"{title}\n{'=' * len(title)}\n"
 
 
-def rewrite_docstring(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+def rewrite_docstring(
+    app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]
+) -> None:
     """Docstrings of plain text with `code`, formulas, and lines ``name : text``, as reStructuredText."""
     text = "\n".join(lines).strip("\n")
     numpydoc = re.search(r"^\s*-{4,}$", text, re.M) is not None
@@ -193,14 +260,24 @@ def rewrite_docstring(app: Any, what: str, name: str, obj: Any, options: Any, li
         elif numpydoc:
             is_section = rows[1:2] == ["-" * len(rows[0])]
             if in_sections and not indented and not is_section:
-                found += ["Notes", "-----"]  # else napoleon takes the text for a part of the section before it
+                found += [
+                    "Notes",
+                    "-----",
+                ]  # else napoleon takes the text for a part of the section before it
             found += [inline(row) for row in rows]
             in_sections = in_sections or is_section
         elif indented and not in_list:
             opened = "".join(found).endswith("::")
-            found += [*([] if opened else ["::", ""]), *(f"    {row}" for row in textwrap.dedent(block).split("\n"))]
+            found += [
+                *([] if opened else ["::", ""]),
+                *(f"    {row}" for row in textwrap.dedent(block).split("\n")),
+            ]
         else:
-            found += list_items(rows) if FIELD.match(rows[0]) else [inline(row) for row in paragraph(rows, in_list)]
+            found += (
+                list_items(rows)
+                if FIELD.match(rows[0])
+                else [inline(row) for row in paragraph(rows, in_list)]
+            )
             in_list = (in_list and indented) or rows[0].startswith("- ")
         found.append("")
     lines[:] = found
@@ -208,7 +285,9 @@ def rewrite_docstring(app: Any, what: str, name: str, obj: Any, options: Any, li
 
 def paragraph(rows: list[str], in_list: bool) -> list[str]:
     """Lines without the indentation that reStructuredText would take for a quotation."""
-    return rows if in_list or rows[0].startswith("- ") else [row.strip() for row in rows]
+    return (
+        rows if in_list or rows[0].startswith("- ") else [row.strip() for row in rows]
+    )
 
 
 def list_items(rows: list[str]) -> list[str]:
@@ -216,7 +295,11 @@ def list_items(rows: list[str]) -> list[str]:
     items = []
     for row in rows:
         match = FIELD.match(row)
-        items.append(f"- **{inline(match[1])}**: {inline(row[match.end() :])}" if match else f"  {inline(row.strip())}")
+        items.append(
+            f"- **{inline(match[1])}**: {inline(row[match.end() :])}"
+            if match
+            else f"  {inline(row.strip())}"
+        )
     return items
 
 
@@ -259,10 +342,16 @@ class Annotation(ast.NodeTransformer):
         return node if kind == "Literal" else self.generic_visit(node)
 
     def visit_Constant(self, node: ast.Constant) -> Any:
-        return self.visit(ast.parse(node.value, mode="eval").body) if isinstance(node.value, str) else node
+        return (
+            self.visit(ast.parse(node.value, mode="eval").body)
+            if isinstance(node.value, str)
+            else node
+        )
 
 
-def written_signature(app: Any, what: str, name: str, obj: Any, options: Any, args: Any, returns: Any) -> Any:
+def written_signature(
+    app: Any, what: str, name: str, obj: Any, options: Any, args: Any, returns: Any
+) -> Any:
     """The signature as its author wrote it: NDArray[np.float32], not what NumPy makes of it."""
     if inspect.isclass(obj):
         return (class_signature(obj), None) if has_fields(obj) else None
@@ -279,12 +368,16 @@ def written_signature(app: Any, what: str, name: str, obj: Any, options: Any, ar
     for each in ast.walk(node.args):
         if isinstance(each, ast.arg) and each.annotation:
             each.annotation = written.visit(each.annotation)
-    return f"({ast.unparse(node.args)})", ast.unparse(written.visit(node.returns)) if node.returns else None
+    return f"({ast.unparse(node.args)})", ast.unparse(
+        written.visit(node.returns)
+    ) if node.returns else None
 
 
 def has_fields(cls: type) -> bool:
     """Whether a class is a dataclass or a pydantic model."""
-    return "__dataclass_fields__" in vars(cls) or (issubclass(cls, pydantic.BaseModel) and "twinlens" in cls.__module__)
+    return "__dataclass_fields__" in vars(cls) or (
+        issubclass(cls, pydantic.BaseModel) and "twinlens" in cls.__module__
+    )
 
 
 def class_signature(cls: type) -> str:
@@ -293,11 +386,15 @@ def class_signature(cls: type) -> str:
     for base in filter(has_fields, reversed(cls.__mro__)):
         written = Annotation(vars(sys.modules[base.__module__]))
         for node in ast.parse(textwrap.dedent(inspect.getsource(base))).body[0].body:
-            if not isinstance(node, ast.AnnAssign) or re.search(r"ClassVar\[|init=False", ast.unparse(node)):
+            if not isinstance(node, ast.AnnAssign) or re.search(
+                r"ClassVar\[|init=False", ast.unparse(node)
+            ):
                 continue
             if ast.unparse(node.annotation) == "KW_ONLY":
                 fields["_"] = "*"
             else:
                 default = f" = {ast.unparse(node.value)}" if node.value else ""
-                fields[node.target.id] = f"{node.target.id}: {ast.unparse(written.visit(node.annotation))}{default}"
+                fields[node.target.id] = (
+                    f"{node.target.id}: {ast.unparse(written.visit(node.annotation))}{default}"
+                )
     return f"({', '.join(fields.values())})"

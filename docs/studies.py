@@ -49,9 +49,9 @@ def small(png: bytes, path: Path) -> None:
     scale = min(1.0, WIDEST / picture.width)
     size = tuple(int(side) for side in np.rint(scale * np.array(picture.size)))
     path.parent.mkdir(exist_ok=True)
-    picture.resize(size, Image.Resampling.LANCZOS).quantize(COLOURS, Image.Quantize.MAXCOVERAGE, kmeans=4).save(
-        path, optimize=True
-    )
+    picture.resize(size, Image.Resampling.LANCZOS).quantize(
+        COLOURS, Image.Quantize.MAXCOVERAGE, kmeans=4
+    ).save(path, optimize=True)
 
 
 if __name__ == "__main__":

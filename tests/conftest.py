@@ -10,7 +10,9 @@ from hypothesis import settings
 settings.register_profile("twinlens", deadline=None, derandomize=True)
 settings.load_profile("twinlens")
 
-collect_ignore = ["user_program"]  # type-checked by test_public_types.py, never imported
+collect_ignore = [
+    "user_program"
+]  # type-checked by test_public_types.py, never imported
 
 
 def pytest_configure(config):

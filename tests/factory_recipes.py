@@ -91,20 +91,47 @@ def write_recipe(folder: Path, text: str = RECIPE, count: int = 4) -> Path:
 def write_sky(path: Path, pixels: Any) -> None:
     """A panorama (H, W, 3) as an .exr file."""
     path.parent.mkdir(exist_ok=True)
-    path.write_bytes(encode_exr({name: pixels[..., c].astype(np.float32) for c, name in enumerate("RGB")}))
+    path.write_bytes(
+        encode_exr(
+            {name: pixels[..., c].astype(np.float32) for c, name in enumerate("RGB")}
+        )
+    )
 
 
 def digests(folder: Path) -> dict[str, str]:
     """SHA-256 of every file below a folder, dotted ones too, by its relative name."""
     files = (path for path in sorted(folder.rglob("*")) if path.is_file())
-    return {path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+    return {
+        path.relative_to(folder).as_posix(): hashlib.sha256(
+            path.read_bytes()
+        ).hexdigest()
+        for path in files
+    }
 
 
-def start(recipe: Path, folder: Path, *options: str, **more: Any) -> "subprocess.Popen[str]":
+def start(
+    recipe: Path, folder: Path, *options: str, **more: Any
+) -> "subprocess.Popen[str]":
     """`twinlens generate` in a process of its own, in scalar mode, which starts quickly."""
-    command = [sys.executable, "-m", "twinlens", "generate", str(recipe), "-o", str(folder), *options]
+    command = [
+        sys.executable,
+        "-m",
+        "twinlens",
+        "generate",
+        str(recipe),
+        "-o",
+        str(folder),
+        *options,
+    ]
     environment = {**os.environ, "TWINLENS_BACKEND": "scalar"}
-    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **more)
+    return subprocess.Popen(
+        command,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        **more,
+    )
 
 
 def finish(process: "subprocess.Popen[str]") -> str:

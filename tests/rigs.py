@@ -22,23 +22,36 @@ def px_from_world(rig, index):
 
 def rotation(rng, largest=np.pi):
     axis = rng.normal(size=3)
-    return Rotation.from_rotvec(axis / np.linalg.norm(axis) * rng.uniform(0, largest)).as_matrix()
+    return Rotation.from_rotvec(
+        axis / np.linalg.norm(axis) * rng.uniform(0, largest)
+    ).as_matrix()
 
 
 def random_rig(rng, count=2, distorted=False):
     """Cameras 2 to 4 m from a target somewhere in the world, 0.3 m or more apart, rolled and aimed near it."""
     world = geometry.rigid(rotation(rng), rng.uniform(-5, 5, 3))
-    places = [(0.8 * i + rng.uniform(-0.2, 0.2), *rng.uniform(-0.5, 0.5, 2)) for i in range(count)]
+    places = [
+        (0.8 * i + rng.uniform(-0.2, 0.2), *rng.uniform(-0.5, 0.5, 2))
+        for i in range(count)
+    ]
     target = np.array([0.4 * (count - 1), 0.0, 3.0])
     poses = [
-        world @ geometry.look_at(place, target + rng.uniform(-0.1, 0.1, 3), up=(0.3 * rng.normal(), -1, 0))
+        world
+        @ geometry.look_at(
+            place, target + rng.uniform(-0.1, 0.1, 3), up=(0.3 * rng.normal(), -1, 0)
+        )
         for place in places
     ]
-    cameras = [camera(rng, DISTORTIONS[rng.integers(3)] if distorted else None) for _ in range(count)]
+    cameras = [
+        camera(rng, DISTORTIONS[rng.integers(3)] if distorted else None)
+        for _ in range(count)
+    ]
     points = geometry.transform_points(world, target + rng.uniform(-0.5, 0.5, (20, 3)))
     return Rig(cameras, poses), points
 
 
 def seen(rig, points, index):
     """Pixels of world points by the camera's own projection, distortion included."""
-    return rig.cameras[index].project(geometry.transform_points(geometry.inverse(rig.world_from_cams[index]), points))
+    return rig.cameras[index].project(
+        geometry.transform_points(geometry.inverse(rig.world_from_cams[index]), points)
+    )

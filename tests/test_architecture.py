@@ -27,7 +27,10 @@ MAY_IMPORT = {
     "rendering": {*UNDER_SCENES, "scenes"},
     "sensor": UNDER_SCENES,
     "dataset": UNDER_SCENES,
-    "matching": {*BASE, "dataset"},  # external programs read PNG files, which its codecs write
+    "matching": {
+        *BASE,
+        "dataset",
+    },  # external programs read PNG files, which its codecs write
     "scoring": {*UNDER_SCENES, "sensor", "dataset", "matching"},
     "reconstruction": {*UNDER_SCENES, "dataset"},
     "factory": {*UNDER_SCENES, "scenes", "families", "rendering", "sensor", "dataset"},
@@ -62,23 +65,37 @@ def imported(path):
                 yield from (f"twinlens.{alias.name}" for alias in node.names)
 
 
-@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(PACKAGE)))
+@pytest.mark.parametrize(
+    "path", modules(), ids=lambda path: str(path.relative_to(PACKAGE))
+)
 def test_imports_run_one_way(path):
     room = room_of(path)
-    others = {name.split(".")[1] for name in imported(path) if name.startswith("twinlens.")} - {room}
-    assert others <= MAY_IMPORT[room], f"{room} may not import {others - MAY_IMPORT[room]}"
+    others = {
+        name.split(".")[1] for name in imported(path) if name.startswith("twinlens.")
+    } - {room}
+    assert others <= MAY_IMPORT[room], (
+        f"{room} may not import {others - MAY_IMPORT[room]}"
+    )
 
 
-@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(PACKAGE)))
+@pytest.mark.parametrize(
+    "path", modules(), ids=lambda path: str(path.relative_to(PACKAGE))
+)
 def test_only_rendering_knows_the_renderer(path):
     used = {name.split(".")[0] for name in imported(path)} & RENDERERS
     assert not used or room_of(path) == "rendering"
 
 
 def test_no_two_files_import_each_other():
-    names = {path: ".".join(("twinlens", *path.relative_to(PACKAGE).with_suffix("").parts)) for path in modules()}
+    names = {
+        path: ".".join(("twinlens", *path.relative_to(PACKAGE).with_suffix("").parts))
+        for path in modules()
+    }
     names = {path: name.removesuffix(".__init__") for path, name in names.items()}
-    graph = {name: set(imported_modules(path, names.values())) - {name} for path, name in names.items()}
+    graph = {
+        name: set(imported_modules(path, names.values())) - {name}
+        for path, name in names.items()
+    }
     try:
         graphlib.TopologicalSorter(graph).prepare()
     except graphlib.CycleError as error:
@@ -99,23 +116,33 @@ def imported_modules(path, known):
                     yield node.module
 
 
-@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(PACKAGE)))
+@pytest.mark.parametrize(
+    "path", modules(), ids=lambda path: str(path.relative_to(PACKAGE))
+)
 def test_modules_say_what_they_are_for(path):
     assert ast.get_docstring(ast.parse(path.read_text())), f"{path} has no first lines"
 
 
 def run(code):
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip()
+    return subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout.strip()
 
 
 def test_importing_twinlens_is_light():
     heavy = "('mitsuba', 'drjit', 'numba', 'numpy', 'trimesh', 'skimage')"
-    assert run(f"import sys, twinlens; print([m for m in {heavy} if m in sys.modules])") == "[]"
+    assert (
+        run(f"import sys, twinlens; print([m for m in {heavy} if m in sys.modules])")
+        == "[]"
+    )
 
 
 def test_matching_dataset_and_scoring_live_without_mitsuba():
     rooms = ("matching", "dataset", "scoring", "report", "sensor", "scenes")
     imports = "; ".join(f"import twinlens.{room}" for room in rooms)
     assert (
-        run(f"import sys; sys.modules['mitsuba'] = sys.modules['drjit'] = None; {imports}; print('alive')") == "alive"
+        run(
+            f"import sys; sys.modules['mitsuba'] = sys.modules['drjit'] = None; {imports}; print('alive')"
+        )
+        == "alive"
     )

@@ -8,10 +8,20 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from twinlens.errors import InputError, check_int, check_number, check_triple, nearest, unknown
+from twinlens.errors import (
+    InputError,
+    check_int,
+    check_number,
+    check_triple,
+    nearest,
+    unknown,
+)
 
 
-@pytest.mark.parametrize("value", [1, 0.5, Fraction(1, 3), np.float32(2), np.float64(3), np.int16(4), np.uint8(5)])
+@pytest.mark.parametrize(
+    "value",
+    [1, 0.5, Fraction(1, 3), np.float32(2), np.float64(3), np.int16(4), np.uint8(5)],
+)
 def test_real_numbers_of_every_type_are_accepted(value):
     check_number("x", value, "> 0", above=0)
     assert check_triple("x", [value] * 3, "three") == pytest.approx((float(value),) * 3)
@@ -19,7 +29,21 @@ def test_real_numbers_of_every_type_are_accepted(value):
 
 @pytest.mark.parametrize(
     "value",
-    [math.nan, math.inf, -math.inf, True, np.True_, "1", None, 1j, Decimal(1), [1.0], np.ones(1), 10**400, np.nan],
+    [
+        math.nan,
+        math.inf,
+        -math.inf,
+        True,
+        np.True_,
+        "1",
+        None,
+        1j,
+        Decimal(1),
+        [1.0],
+        np.ones(1),
+        10**400,
+        np.nan,
+    ],
     ids=lambda value: f"{type(value).__name__} {value}"[:20],
 )
 def test_other_values_raise(value):
@@ -41,15 +65,22 @@ def test_integers_of_every_type_are_accepted(value):
     check_int("x", value, 3, 9)
 
 
-@pytest.mark.parametrize("value", [2, 10, 3.0, True, np.True_, "3", None, math.nan, np.ones(1)])
+@pytest.mark.parametrize(
+    "value", [2, 10, 3.0, True, np.True_, "3", None, math.nan, np.ones(1)]
+)
 def test_other_values_are_not_integers_in_range(value):
-    with pytest.raises(InputError, match=r"^x must be a whole number from 3 to 9, got "):
+    with pytest.raises(
+        InputError, match=r"^x must be a whole number from 3 to 9, got "
+    ):
         check_int("x", value, 3, 9)
     with pytest.raises(InputError, match=r"^x must be 1, got "):
         check_int("x", value, 1, 1)
 
 
-@pytest.mark.parametrize("values", [(1.0, 1.0), (1.0,) * 4, (), 1.0, None, "abc", (0.0, 1.0, 1.0), (1.0, -1.0, 1.0)])
+@pytest.mark.parametrize(
+    "values",
+    [(1.0, 1.0), (1.0,) * 4, (), 1.0, None, "abc", (0.0, 1.0, 1.0), (1.0, -1.0, 1.0)],
+)
 def test_a_triple_is_three_positive_numbers(values):
     with pytest.raises(InputError, match="three"):
         check_triple("x", values, "three")
@@ -64,9 +95,39 @@ def test_a_large_value_is_shortened_to_one_line():
 
 SCENES = ("cards", "fence", "staircase", "spheres", "tabletop")
 SENSORS = ("ideal", "machine_vision", "phone")
-METHODS = ("adaptive", "census", "jaccard", "ncc", "opencv_bm", "sad", "sgm", "sgm4", "ssd", "zncc", "zsad", "zssd")
-LAYOUTS = ("carla", "eth3d", "kitti2015", "middlebury", "parquet", "sceneflow", "sintel", "webdataset")
-KEYS = ("aperture_diameter", "baseline", "fov_x_deg", "focus_distance", "min_disparity", "num_disparities", "spp")
+METHODS = (
+    "adaptive",
+    "census",
+    "jaccard",
+    "ncc",
+    "opencv_bm",
+    "sad",
+    "sgm",
+    "sgm4",
+    "ssd",
+    "zncc",
+    "zsad",
+    "zssd",
+)
+LAYOUTS = (
+    "carla",
+    "eth3d",
+    "kitti2015",
+    "middlebury",
+    "parquet",
+    "sceneflow",
+    "sintel",
+    "webdataset",
+)
+KEYS = (
+    "aperture_diameter",
+    "baseline",
+    "fov_x_deg",
+    "focus_distance",
+    "min_disparity",
+    "num_disparities",
+    "spp",
+)
 
 
 @pytest.mark.parametrize(
@@ -87,7 +148,9 @@ KEYS = ("aperture_diameter", "baseline", "fov_x_deg", "focus_distance", "min_dis
 )  # fmt: skip
 def test_a_misspelled_name_has_a_nearest_name(typed, known, meant):
     assert nearest(typed, known) == meant
-    assert str(unknown("name", typed, known)).startswith(f"unknown name {typed!r}; did you mean {meant!r}? (known: ")
+    assert str(unknown("name", typed, known)).startswith(
+        f"unknown name {typed!r}; did you mean {meant!r}? (known: "
+    )
 
 
 @pytest.mark.parametrize(
@@ -102,12 +165,16 @@ def test_a_misspelled_name_has_a_nearest_name(typed, known, meant):
 )  # fmt: skip
 def test_an_unrelated_name_has_no_nearest_name(typed, known):
     assert nearest(typed, known) is None
-    assert str(unknown("name", typed, known)).startswith(f"unknown name {typed!r} (known: ")
+    assert str(unknown("name", typed, known)).startswith(
+        f"unknown name {typed!r} (known: "
+    )
 
 
 def test_a_very_long_name_is_rejected_by_upper_bounds(monkeypatch):
     compared = []
-    monkeypatch.setattr(difflib.SequenceMatcher, "ratio", lambda pair: compared.append(pair.b) or 1.0)
+    monkeypatch.setattr(
+        difflib.SequenceMatcher, "ratio", lambda pair: compared.append(pair.b) or 1.0
+    )
     assert nearest("zncc" * 25_000, METHODS) is None
     assert nearest("qvxy", METHODS) is None, "nor one that shares no letters"
     assert compared == []

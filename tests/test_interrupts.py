@@ -11,7 +11,9 @@ import pytest
 
 from twinlens.interrupts import deferred_interrupts
 
-backends = importlib.import_module("twinlens.rendering.backends")  # the room's `backend` is the function
+backends = importlib.import_module(
+    "twinlens.rendering.backends"
+)  # the room's `backend` is the function
 SCALAR = backends.Backend("scalar", "scalar_rgb", "a test asks for it")
 SLOW_MITSUBA = """
 import os, signal, time
@@ -137,6 +139,12 @@ def test_mitsuba_works_after_an_interrupt_during_import():
         "print(b.backend().reason)"
     )
     environment = {**os.environ, "TWINLENS_BACKEND": "scalar"}
-    child = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, timeout=100)
+    child = subprocess.run(
+        [sys.executable, "-c", script],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=100,
+    )
     assert child.returncode == 0, child.stderr
     assert child.stdout.splitlines() == ["interrupted", "set by TWINLENS_BACKEND"]

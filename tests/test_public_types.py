@@ -20,9 +20,13 @@ def mypy(folder):
 
 
 def pyright(folder):
-    available = subprocess.run([sys.executable, "-m", "pyright", "--version"], capture_output=True, text=True)
+    available = subprocess.run(
+        [sys.executable, "-m", "pyright", "--version"], capture_output=True, text=True
+    )
     if available.returncode != 0 and os.environ.get("TWINLENS_REQUIRE_PYRIGHT") != "1":
-        pytest.skip(f"pyright does not run here: {available.stderr.strip().splitlines()[-1:]}")
+        pytest.skip(
+            f"pyright does not run here: {available.stderr.strip().splitlines()[-1:]}"
+        )
     return ["pyright", "--pythonpath", sys.executable]
 
 
@@ -32,10 +36,14 @@ def test_a_correct_program_passes_and_every_mistake_is_reported(checker, tmp_pat
     programs = [PROGRAMS / "right_calls.py", PROGRAMS / "wrong_calls.py"]
     command = [sys.executable, "-m", *checker(tmp_path), *map(str, programs)]
     environment = {**os.environ, "PYTHONPATH": str(STUB.parents[1])}
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    done = subprocess.run(
+        command, cwd=tmp_path, env=environment, capture_output=True, text=True
+    )
     errors = re.findall(r"(\w+)\.py:(\d+)(?::\d+)?[: -]+error", done.stdout)
     assert done.returncode == 1
-    assert {(file, int(line)) for file, line in errors} == {("wrong_calls", line) for line in range(5, 10)}
+    assert {(file, int(line)) for file, line in errors} == {
+        ("wrong_calls", line) for line in range(5, 10)
+    }
 
 
 def test_every_public_name_exists():

@@ -53,10 +53,19 @@ DISK = {"kind": "disk", "diameter": 1.0}
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        ({"lenses": []}, "f.toml: rig.lenses: must be a list of at least 1 value, got []"),
+        (
+            {"lenses": []},
+            "f.toml: rig.lenses: must be a list of at least 1 value, got []",
+        ),
         ({}, "f.toml: rig: missing key 'lenses'"),
-        ({"lenses": [{"aperture": DISK}], "shrap": True}, "f.toml: rig: unknown key 'shrap'; did you mean 'sharp'?"),
-        ({"lenses": [{"aperture": DISK}], "sharp": 1}, "f.toml: rig.sharp: must be true or false, got 1"),
+        (
+            {"lenses": [{"aperture": DISK}], "shrap": True},
+            "f.toml: rig: unknown key 'shrap'; did you mean 'sharp'?",
+        ),
+        (
+            {"lenses": [{"aperture": DISK}], "sharp": 1},
+            "f.toml: rig.sharp: must be true or false, got 1",
+        ),
         (
             {"lenses": [{"aperture": {**DISK, "diamter": 2}}]},
             "f.toml: rig.lenses[0].aperture: unknown key 'diamter'; did you mean 'diameter'? (known: diameter, kind)",
@@ -69,15 +78,39 @@ DISK = {"kind": "disk", "diameter": 1.0}
             {"lenses": [{"aperture": {"kind": "blades", "count": 2.5}}]},
             "f.toml: rig.lenses[0].aperture.count: must be a whole number, got 2.5",
         ),
-        ({"lenses": [{"aperture": {"kind": "disc"}}]}, "f.toml: rig.lenses[0].aperture.kind: must be one of"),
-        ({"lenses": [{"aperture": DISK}], "named": {"a": {**DISK, "b": 1}}}, "f.toml: rig.named.a: unknown key 'b'"),
-        ({"lenses": [{"aperture": {"diameter": 1.0}}]}, "f.toml: rig.lenses[0].aperture: missing key 'kind'"),
-        ({"lenses": [{"aperture": 3}]}, "f.toml: rig.lenses[0].aperture: must be a table of keys and values, got 3"),
-        ({"lenses": [{"aperture": DISK}], "scale": "x"}, "f.toml: rig.scale: must be a number or a list, got 'x'"),
-        ({"lenses": [{"aperture": DISK}], "scale": [1, "x"]}, "f.toml: rig.scale[1]: must be a number, got 'x'"),
+        (
+            {"lenses": [{"aperture": {"kind": "disc"}}]},
+            "f.toml: rig.lenses[0].aperture.kind: must be one of",
+        ),
+        (
+            {"lenses": [{"aperture": DISK}], "named": {"a": {**DISK, "b": 1}}},
+            "f.toml: rig.named.a: unknown key 'b'",
+        ),
+        (
+            {"lenses": [{"aperture": {"diameter": 1.0}}]},
+            "f.toml: rig.lenses[0].aperture: missing key 'kind'",
+        ),
+        (
+            {"lenses": [{"aperture": 3}]},
+            "f.toml: rig.lenses[0].aperture: must be a table of keys and values, got 3",
+        ),
+        (
+            {"lenses": [{"aperture": DISK}], "scale": "x"},
+            "f.toml: rig.scale: must be a number or a list, got 'x'",
+        ),
+        (
+            {"lenses": [{"aperture": DISK}], "scale": [1, "x"]},
+            "f.toml: rig.scale[1]: must be a number, got 'x'",
+        ),
         ({"lenses": [{"aperture": DISK}] * 3}, "f.toml: rig: at most two lenses"),
-        ({"lenses": [{"aperture": DISK}], "gain": {"low": -1}}, "f.toml: rig.gain.low: must be from 0 to 9, got -1.0"),
-        ({"lenses": [{"aperture": {**DISK, "diameter": float("nan")}}]}, "must be a finite number, got nan"),
+        (
+            {"lenses": [{"aperture": DISK}], "gain": {"low": -1}},
+            "f.toml: rig.gain.low: must be from 0 to 9, got -1.0",
+        ),
+        (
+            {"lenses": [{"aperture": {**DISK, "diameter": float("nan")}}]},
+            "must be a finite number, got nan",
+        ),
     ],
 )
 def test_errors_are_one_line(data, message):
@@ -117,4 +150,8 @@ def test_tables_nested_beyond_the_stack_are_refused():
 
 def test_limits_are_shown_with_all_digits():
     with pytest.raises(InputError, match=r"must be <= 9223372036854775807, got"):
-        read(pydantic.TypeAdapter(Annotated[int, pydantic.Field(le=2**63 - 1)]), 2**63, "f.toml")
+        read(
+            pydantic.TypeAdapter(Annotated[int, pydantic.Field(le=2**63 - 1)]),
+            2**63,
+            "f.toml",
+        )

@@ -23,12 +23,23 @@ from twinlens.dataset import Dataset, StoredSample
 from twinlens.families import random_scene
 from twinlens.rendering import render
 from twinlens.scenes import Scene, Sky, load_scene
-from twinlens.scoring import Board, Pair, agreement, load_pair, pair_statistics, run_benchmark, summarize
+from twinlens.scoring import (
+    Board,
+    Pair,
+    agreement,
+    load_pair,
+    pair_statistics,
+    run_benchmark,
+    summarize,
+)
 from twinlens.seeds import derived_seed, generator
 from twinlens.sensor import Mismatch, Sensor
 from twinlens.sensor.light import vignetting
 
-COUNTS = (2, 2)  # samples of `bundled` and `families`; 5 and 4 have each scene and each family once
+COUNTS = (
+    2,
+    2,
+)  # samples of `bundled` and `families`; 5 and 4 have each scene and each family once
 LENS = 1  # of the recipes: f/1.4
 CLOSED = "room"  # a bundled scene that an even sky does not light
 EXPOSED: dict[str, tuple[str, ...]] = {
@@ -60,7 +71,9 @@ RENDERED: dict[str, tuple[str, ...]] = {
 def equal(sensor: Sensor, fields: Iterable[str]) -> Sensor:
     """The sensor with some differences between its cameras removed."""
     return sensor.replace(
-        mismatch=dataclasses.replace(sensor.mismatch, **{name: getattr(Mismatch(), name) for name in fields})
+        mismatch=dataclasses.replace(
+            sensor.mismatch, **{name: getattr(Mismatch(), name) for name in fields}
+        )
     )
 
 
@@ -80,43 +93,79 @@ class Ablations:
         for label, fields in EXPOSED.items():
             yield label, self.exposed(self.radiance, equal(self.sensor, fields))
         unlit = self.sensor.replace(vignetting=False)
-        for label, kept in (("natural vignetting", self._mechanical), ("mechanical vignetting", self._natural)):
-            images = [image * kept(i)[..., None] for i, image in enumerate(self.radiance)]
+        for label, kept in (
+            ("natural vignetting", self._mechanical),
+            ("mechanical vignetting", self._natural),
+        ):
+            images = [
+                image * kept(i)[..., None] for i, image in enumerate(self.radiance)
+            ]
             yield label, self.exposed(images, unlit)
         for label, fields in RENDERED.items():
             yield label, self.rendered_second(label, equal(self.sensor, fields))
         for label, change in SCENES.items():
-            if change is not with_textured_surfaces or self.stored.record["record"]["spec"]["kind"] == "family":
+            if (
+                change is not with_textured_surfaces
+                or self.stored.record["record"]["spec"]["kind"] == "family"
+            ):
                 yield label, self.rendered_scene(label, change)
 
-    def exposed(self, radiance: Sequence[np.ndarray], sensor: Sensor, rig: Rig | None = None) -> Pair:
+    def exposed(
+        self, radiance: Sequence[np.ndarray], sensor: Sensor, rig: Rig | None = None
+    ) -> Pair:
         """The pair, exposed from `radiance` with the sample's seed."""
         seed = self.shot.record["seed"]
-        photos = sensor.expose_rig(radiance, rig=rig or self.rig, lens=self.shot.lens, seed=seed)
-        return dataclasses.replace(load_pair(self.stored, LENS), im0=photos[0].image, im1=photos[1].image)
+        photos = sensor.expose_rig(
+            radiance, rig=rig or self.rig, lens=self.shot.lens, seed=seed
+        )
+        return dataclasses.replace(
+            load_pair(self.stored, LENS), im0=photos[0].image, im1=photos[1].image
+        )
 
     def rendered_second(self, label: str, sensor: Sensor) -> Pair:
         """The pair with another second image, of the rig and the lens of `sensor`."""
         rig = sensor.misalign(self.stored.rig)
         lenses = sensor.lenses(rig, self.shot.lens)
-        seed = derived_seed(self.shot.record["seed"], "second camera")  # not the noise of the first camera
-        images = self._kept(label, lambda: self._rendered(scene_of(self.stored), rig, lenses, seed))
+        seed = derived_seed(
+            self.shot.record["seed"], "second camera"
+        )  # not the noise of the first camera
+        images = self._kept(
+            label, lambda: self._rendered(scene_of(self.stored), rig, lenses, seed)
+        )
         return self.exposed([self.radiance[0], images[1]], sensor, rig)
 
-    def rendered_scene(self, label: str, change: Callable[[StoredSample], Scene]) -> Pair:
+    def rendered_scene(
+        self, label: str, change: Callable[[StoredSample], Scene]
+    ) -> Pair:
         """The pair of a changed scene, by the same cameras."""
         lenses = self.sensor.lenses(self.rig, self.shot.lens)
         seed = self.shot.record["seed"]
-        images = self._kept(label, lambda: self._rendered(change(self.stored), self.rig, lenses, seed))
+        images = self._kept(
+            label, lambda: self._rendered(change(self.stored), self.rig, lenses, seed)
+        )
         return self.exposed(images, self.sensor)
 
-    def _rendered(self, scene: Scene, rig: Rig, lenses: Sequence[Lens], seed: int) -> list[np.ndarray]:
+    def _rendered(
+        self, scene: Scene, rig: Rig, lenses: Sequence[Lens], seed: int
+    ) -> list[np.ndarray]:
         """Images with the samples per pixel and the sampler of the sample's own."""
         sampler = self.stored.record["record"]["sampler"]
-        return render(scene, rig, lenses, self.shot.record["spp"], seed, denoise=True, sampler=sampler)
+        return render(
+            scene,
+            rig,
+            lenses,
+            self.shot.record["spp"],
+            seed,
+            denoise=True,
+            sampler=sampler,
+        )
 
     def _kept(self, label: str, make: Callable[[], list[np.ndarray]]) -> np.ndarray:
-        file = self.folder / label.strip("()").partition(";")[0].replace(" ", "-") / f"{self.stored.name}.npy"
+        file = (
+            self.folder
+            / label.strip("()").partition(";")[0].replace(" ", "-")
+            / f"{self.stored.name}.npy"
+        )
         if not file.exists():
             images = np.array(make())
             file.parent.mkdir(parents=True, exist_ok=True)
@@ -127,7 +176,9 @@ class Ablations:
         return vignetting(self.rig.cameras[camera], Pinhole())
 
     def _mechanical(self, camera: int) -> np.ndarray:
-        return vignetting(self.rig.cameras[camera], self.shot.lens) / self._natural(camera)
+        return vignetting(self.rig.cameras[camera], self.shot.lens) / self._natural(
+            camera
+        )
 
 
 def scene_of(stored: StoredSample, **changes: Any) -> Scene:
@@ -137,13 +188,18 @@ def scene_of(stored: StoredSample, **changes: Any) -> Scene:
         return load_scene(spec["scene"])
     width, height = spec["drawn"]["width"], spec["drawn"]["height"]
     seed = int(generator(spec["seed"], "scene").integers(1 << 31))
-    return random_scene(spec["scene"], seed, aspect=width / height, width=width, **changes)
+    return random_scene(
+        spec["scene"], seed, aspect=width / height, width=width, **changes
+    )
 
 
 def with_matte_surfaces(stored: StoredSample) -> Scene:
     """The scene with every material replaced by a diffuse one of the same colour; metal and glass become grey."""
     scene = scene_of(stored)
-    materials = {name: {"type": "twosided", "bsdf": matte(plugin)} for name, plugin in scene.materials.items()}
+    materials = {
+        name: {"type": "twosided", "bsdf": matte(plugin)}
+        for name, plugin in scene.materials.items()
+    }
     return dataclasses.replace(scene, materials=materials)
 
 
@@ -152,9 +208,20 @@ def matte(plugin: Mapping[str, Any]) -> dict[str, Any]:
     for key in ("reflectance", "diffuse_reflectance", "base_color"):
         if key in plugin:
             return {"type": "diffuse", "reflectance": plugin[key]}
-    inner = next((value for value in plugin.values() if isinstance(value, Mapping) and "type" in value), None)
+    inner = next(
+        (
+            value
+            for value in plugin.values()
+            if isinstance(value, Mapping) and "type" in value
+        ),
+        None,
+    )
     grey = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.5}}
-    return grey if inner is None or plugin["type"] in ("conductor", "roughconductor") else matte(inner)
+    return (
+        grey
+        if inner is None or plugin["type"] in ("conductor", "roughconductor")
+        else matte(inner)
+    )
 
 
 def with_textured_surfaces(stored: StoredSample) -> Scene:
@@ -165,7 +232,11 @@ def with_textured_surfaces(stored: StoredSample) -> Scene:
 def under_even_light(stored: StoredSample) -> Scene:
     """The scene under a sky that is equally bright in all directions, in place of all lamps and windows."""
     spec = stored.record["record"]["spec"]
-    scene = scene_of(stored) if spec["kind"] == "scene" else scene_of(stored, own_lights=False)
+    scene = (
+        scene_of(stored)
+        if spec["kind"] == "scene"
+        else scene_of(stored, own_lights=False)
+    )
     return scene.lit_by(Sky(np.ones((4, 8, 3), dtype=np.float32)), lamps=False)
 
 
@@ -179,9 +250,19 @@ SCENES: dict[str, Callable[[StoredSample], Scene]] = {
 
 def arguments() -> argparse.Namespace:
     """The options."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--work", type=Path, default=Path("out/frozen"), help="folder of the datasets")
-    parser.add_argument("--count", type=int, nargs=2, default=COUNTS, help="samples of bundled and of families")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--work", type=Path, default=Path("out/frozen"), help="folder of the datasets"
+    )
+    parser.add_argument(
+        "--count",
+        type=int,
+        nargs=2,
+        default=COUNTS,
+        help="samples of bundled and of families",
+    )
     return parser.parse_args()
 
 
@@ -193,7 +274,11 @@ def main() -> None:
             continue
         work = options.work / "ablations" / name
         found: dict[str, list[Pair]] = {}
-        samples = [each for each in Dataset(options.work / name) if each.record["record"]["scene"] != CLOSED]
+        samples = [
+            each
+            for each in Dataset(options.work / name)
+            if each.record["record"]["scene"] != CLOSED
+        ]
         for i, stored in enumerate(samples[:count]):
             for label, pair in Ablations(stored, work).pairs():
                 found.setdefault(label, []).append(pair)
@@ -202,8 +287,20 @@ def main() -> None:
         for label, pairs in found.items():
             board = full if label == "everything" else board_of(pairs, work, label)
             tau = agreement(full, board, metric=tables.METRIC).tau
-            summary = {key: values[0] for key, values in summarize([pair_statistics(pair) for pair in pairs]).items()}
-            rows.append({"name": label, "dataset": name, "tau": f"{tau.value:.2f}", "statistics": summary})
+            summary = {
+                key: values[0]
+                for key, values in summarize(
+                    [pair_statistics(pair) for pair in pairs]
+                ).items()
+            }
+            rows.append(
+                {
+                    "name": label,
+                    "dataset": name,
+                    "tau": f"{tau.value:.2f}",
+                    "statistics": summary,
+                }
+            )
             print(f"{name} without {label}: tau-b {rows[-1]['tau']}", flush=True)
     run.publish("ablations", rows)
 
@@ -212,7 +309,9 @@ def board_of(pairs: Sequence[Pair], work: Path, label: str = "everything") -> Bo
     """The board of all methods on some pairs, kept in the work folder."""
     file = work / f"{label.replace(' ', '-').replace(',', '')}.json"
     file.parent.mkdir(parents=True, exist_ok=True)
-    return run_benchmark(pairs, run.METHODS, protocol=run.PROTOCOL, regions=("nonocc",), save=file)
+    return run_benchmark(
+        pairs, run.METHODS, protocol=run.PROTOCOL, regions=("nonocc",), save=file
+    )
 
 
 if __name__ == "__main__":

@@ -19,12 +19,22 @@ from twinlens.cli.boards import run_board
 from twinlens.cli.progress import progress_bar
 from twinlens.dataset import Dataset
 from twinlens.factory import generate, read_recipe, worker_processes
-from twinlens.scoring import Board, DatasetPairs, Pair, board_to_json, motorcycle, pair_statistics
+from twinlens.scoring import (
+    Board,
+    DatasetPairs,
+    Pair,
+    board_to_json,
+    motorcycle,
+    pair_statistics,
+)
 
 HERE = Path(__file__).parent
 VERSION = 2
 DATASETS = ("bundled", "families")
-PROTOCOL, REGIONS = "middlebury-v3", ("nonocc", "all", "discontinuity", "textureless", "occluded")
+PROTOCOL, REGIONS = (
+    "middlebury-v3",
+    ("nonocc", "all", "discontinuity", "textureless", "occluded"),
+)
 PUBLISHED = ("nonocc", "all")
 COSTS = ("sad", "ssd", "ncc", "zsad", "zssd", "zncc", "census", "rank")
 METHODS = (
@@ -38,23 +48,38 @@ def make_dataset(name: str, work: Path, workers: int) -> Dataset:
     folder = work / name
     recipe = read_recipe(HERE / f"{name}.toml")
     with progress_bar(f"generating {name}") as report:
-        outcome = generate(recipe, folder, engine=worker_processes(workers), report=report)
+        outcome = generate(
+            recipe, folder, engine=worker_processes(workers), report=report
+        )
     if not outcome.complete or outcome.failures:
         raise SystemExit(f"{folder}: {outcome.there} of {outcome.count} samples")
     return Dataset(folder)
 
 
-def make_board(name: str, pairs: Sequence[Pair], work: Path, regions: Sequence[str] = REGIONS) -> Board:
+def make_board(
+    name: str, pairs: Sequence[Pair], work: Path, regions: Sequence[str] = REGIONS
+) -> Board:
     """The board of all methods on some pairs, kept in the work folder."""
     title = f"twinlens frozen benchmark {VERSION}: {name}"
-    return run_board(pairs, METHODS, work / "boards" / name, (PROTOCOL,), tuple(regions), title=title)
+    return run_board(
+        pairs, METHODS, work / "boards" / name, (PROTOCOL,), tuple(regions), title=title
+    )
 
 
 def arguments(description: str | None) -> argparse.Namespace:
     """The options that both scripts have."""
-    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--work", type=Path, default=Path("out/frozen"), help="folder of the datasets and boards")
-    parser.add_argument("--workers", type=int, default=2, help="number of processes that render")
+    parser = argparse.ArgumentParser(
+        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--work",
+        type=Path,
+        default=Path("out/frozen"),
+        help="folder of the datasets and boards",
+    )
+    parser.add_argument(
+        "--workers", type=int, default=2, help="number of processes that render"
+    )
     return parser.parse_args()
 
 
@@ -73,7 +98,10 @@ def main() -> None:
 
 def write_published(name: str, board: Board) -> None:
     """Write a board with the regions that are published, without spaces."""
-    entries = tuple(replace(e, regions={r: e.regions[r] for r in PUBLISHED if r in e.regions}) for e in board.entries)
+    entries = tuple(
+        replace(e, regions={r: e.regions[r] for r in PUBLISHED if r in e.regions})
+        for e in board.entries
+    )
     plain = json.loads(board_to_json(replace(board, entries=entries)))
     (HERE / f"{name}.json").write_text(json.dumps(plain, separators=(",", ":")) + "\n")
 

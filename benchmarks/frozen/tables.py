@@ -7,7 +7,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from twinlens.scoring import STATISTICS, Board, agreement, read_board, standings, summarize
+from twinlens.scoring import (
+    STATISTICS,
+    Board,
+    agreement,
+    read_board,
+    standings,
+    summarize,
+)
 
 HERE = Path(__file__).parent
 METRIC = "totbad2.0"
@@ -17,10 +24,25 @@ RENDERED = [(name, lens) for name in ("bundled", "families") for lens in LENSES]
 
 def page() -> str:
     """The text of README.md."""
-    boards = {name: read_board(HERE / f"{name}.json") for name in ("bundled", "families", "motorcycle")}
+    boards = {
+        name: read_board(HERE / f"{name}.json")
+        for name in ("bundled", "families", "motorcycle")
+    }
     results = json.loads((HERE / "results.json").read_text())
-    parts = [(HERE / "about.md").read_text(), "## Scores\n", SCORES, score_table(boards), "## Rankings\n", RANKINGS]
-    parts += [ranking_table(boards), "## Image statistics\n", STATISTICS_TEXT, statistics_table(results["statistics"])]
+    parts = [
+        (HERE / "about.md").read_text(),
+        "## Scores\n",
+        SCORES,
+        score_table(boards),
+        "## Rankings\n",
+        RANKINGS,
+    ]
+    parts += [
+        ranking_table(boards),
+        "## Image statistics\n",
+        STATISTICS_TEXT,
+        statistics_table(results["statistics"]),
+    ]
     if "ablations" in results:
         parts += ["## Ablations\n", ABLATIONS, ablation_table(results["ablations"])]
     return "\n".join(parts)
@@ -44,14 +66,33 @@ def score_table(boards: dict[str, Board]) -> str:
         weights = {name: float(name in samples) for name in board.samples}
         return board.mean(method, board.protocols[0], "nonocc", weights).metrics[METRIC]
 
-    columns = [(boards[name], samples_of(boards[name], lens)) for name, lens in RENDERED]
+    columns = [
+        (boards[name], samples_of(boards[name], lens)) for name, lens in RENDERED
+    ]
     columns.append((boards["motorcycle"], list(boards["motorcycle"].samples)))
-    methods = [row.method for row in standings(boards["bundled"], boards["bundled"].protocols[0], "nonocc")]
-    rows = [[mean(board, method, samples) for board, samples in columns] for method in methods]
-    best = [min(row[i] for row in rows if not math.isnan(row[i])) for i in range(len(columns))]
+    methods = [
+        row.method
+        for row in standings(
+            boards["bundled"], boards["bundled"].protocols[0], "nonocc"
+        )
+    ]
+    rows = [
+        [mean(board, method, samples) for board, samples in columns]
+        for method in methods
+    ]
+    best = [
+        min(row[i] for row in rows if not math.isnan(row[i]))
+        for i in range(len(columns))
+    ]
     heads = [*(f"{name}, {lens}" for name, lens in RENDERED), "Motorcycle (real)"]
     lines = [
-        [f"`{method}`", *(f"**{v:.1f}**" if v == least else f"{v:.1f}" for v, least in zip(row, best, strict=True))]
+        [
+            f"`{method}`",
+            *(
+                f"**{v:.1f}**" if v == least else f"{v:.1f}"
+                for v, least in zip(row, best, strict=True)
+            ),
+        ]
         for method, row in zip(methods, rows, strict=True)
     ]
     return markdown(["method", *heads], lines)
@@ -60,11 +101,18 @@ def score_table(boards: dict[str, Board]) -> str:
 def ranking_table(boards: dict[str, Board]) -> str:
     """Agreement of the rankings of two boards."""
     lines = []
-    for a, b in (("bundled", "families"), ("bundled", "motorcycle"), ("families", "motorcycle")):
+    for a, b in (
+        ("bundled", "families"),
+        ("bundled", "motorcycle"),
+        ("families", "motorcycle"),
+    ):
         found = agreement(boards[a], boards[b], metric=METRIC)
         halves = f"{found.reliability_a}, {found.samples_a} images of {found.scenes_a} scenes"
         lines.append([f"{a}, {b}", str(found.tau), str(found.rho), halves])
-    return markdown(["boards", "Kendall's tau-b", "Spearman's rho", "tau-b of halves of the first"], lines)
+    return markdown(
+        ["boards", "Kendall's tau-b", "Spearman's rho", "tau-b of halves of the first"],
+        lines,
+    )
 
 
 def statistics_table(found: dict[str, dict[str, dict[str, float]]]) -> str:
@@ -75,8 +123,12 @@ def statistics_table(found: dict[str, dict[str, dict[str, float]]]) -> str:
     lines = []
     for name, statistic in STATISTICS.items():
         measured = [span(summary[name]) for summary in summaries]
-        lines.append([f"`{name}`", *measured, span(statistic.real), verdict(name, rows["both"])])
-    return markdown(["statistic", *rows, "24 real pairs", "all within, median near"], lines)
+        lines.append(
+            [f"`{name}`", *measured, span(statistic.real), verdict(name, rows["both"])]
+        )
+    return markdown(
+        ["statistic", *rows, "24 real pairs", "all within, median near"], lines
+    )
 
 
 def verdict(name: str, rows: list[dict[str, float]]) -> str:
@@ -86,7 +138,11 @@ def verdict(name: str, rows: list[dict[str, float]]) -> str:
     """
     middle, low, high = STATISTICS[name].real
     values = [row[name] for row in rows if math.isfinite(row[name])]
-    inside = sum(low <= value <= high for value in values) / len(values) if math.isfinite(low) else math.nan
+    inside = (
+        sum(low <= value <= high for value in values) / len(values)
+        if math.isfinite(low)
+        else math.nan
+    )
     near = abs(summarize(rows)[name][0] - middle) <= (high - low) / 3
     if math.isnan(inside):
         return ""
@@ -97,9 +153,23 @@ def ablation_table(rows: list[dict[str, Any]]) -> str:
     """What each ingredient changes: agreement with the full benchmark, and medians of four statistics."""
     shown = ("low_sd", "bias", "residual", "textureless", "correlation")
     lines = [
-        [row["name"], row["dataset"], row["tau"], *(f"{row['statistics'][name]:.3g}" for name in shown)] for row in rows
+        [
+            row["name"],
+            row["dataset"],
+            row["tau"],
+            *(f"{row['statistics'][name]:.3g}" for name in shown),
+        ]
+        for row in rows
     ]
-    return markdown(["without", "dataset", "tau-b with the full ranking", *(f"`{name}`" for name in shown)], lines)
+    return markdown(
+        [
+            "without",
+            "dataset",
+            "tau-b with the full ranking",
+            *(f"`{name}`" for name in shown),
+        ],
+        lines,
+    )
 
 
 def span(values: Sequence[float]) -> str:

@@ -70,7 +70,9 @@ def scenes(work: Path, workers: int) -> tl.Dataset:
     if not folder.exists():
         shutil.copytree(work / "train", work / "train.part", dirs_exist_ok=True)
         (work / "train.part").rename(folder)
-    return data.make_dataset(data.checked_recipe(run.RECIPE, count=MOST), folder, workers)
+    return data.make_dataset(
+        data.checked_recipe(run.RECIPE, count=MOST), folder, workers
+    )
 
 
 def main() -> None:
@@ -79,13 +81,23 @@ def main() -> None:
     if options.publish and options.pairs != ["motorcycle"]:
         parser.error("--publish is for the published protocol, without --pairs")
     torch.set_num_threads(1)
-    sets: dict[str, Sequence[Pair]] = {"validation": list(DatasetPairs(tl.Dataset(options.work / "validation")))}
+    sets: dict[str, Sequence[Pair]] = {
+        "validation": list(DatasetPairs(tl.Dataset(options.work / "validation")))
+    }
     sets |= {name: list(open_pairs([name])) for name in options.pairs}
     dataset, folder = scenes(options.work, options.workers), options.work / "ablations"
     folder.mkdir(exist_ok=True)
     recipe = read_recipe(run.RECIPE).written
-    made_with = {"training": vars(TRAINING), "draws": run.DRAWS, "scenes": COUNT, "recipe": recipe}
-    write_file(folder / "training.json", run.check_settings(folder / "training.json", made_with))
+    made_with = {
+        "training": vars(TRAINING),
+        "draws": run.DRAWS,
+        "scenes": COUNT,
+        "recipe": recipe,
+    }
+    write_file(
+        folder / "training.json",
+        run.check_settings(folder / "training.json", made_with),
+    )
     results: dict[str, list[dict[str, list[float]]]] = {}
     for name, ablation in ablations(options.work).items():
         draws: list[dict[str, torch.Tensor]] = []
@@ -93,12 +105,18 @@ def main() -> None:
             file = folder / f"seed-{seed}-{run.folder_name(name)}.onnx"
             if not file.exists():
                 if not draws:
-                    chosen = [i for i, stored in enumerate(dataset) if ablation.uses(stored)][: ablation.count]
-                    draws = data.training_draws(dataset[chosen], ablation.exposed, run.DRAWS)
+                    chosen = [
+                        i for i, stored in enumerate(dataset) if ablation.uses(stored)
+                    ][: ablation.count]
+                    draws = data.training_draws(
+                        dataset[chosen], ablation.exposed, run.DRAWS
+                    )
                 network.export(network.train(draws, TRAINING, seed), file)
             method = score.method_of(file, **OPTIONS)
             found = {
-                key: score.kept([method], pairs, folder / f"scores-{run.folder_name(key)}.json")[method]
+                key: score.kept(
+                    [method], pairs, folder / f"scores-{run.folder_name(key)}.json"
+                )[method]
                 for key, pairs in sets.items()
             }
             results.setdefault(name, []).append(found)

@@ -48,12 +48,21 @@ class Training:
         depth = math.ceil(disparity) + 2
         if depth <= self.window_depth:
             return self
-        return replace(self, window_depth=depth, columns=self.columns * depth // self.window_depth)
+        return replace(
+            self, window_depth=depth, columns=self.columns * depth // self.window_depth
+        )
 
 
 def convolution(inputs: int, outputs: int, dilation: int = 1) -> nn.Conv2d:
     """3x3; outside the image its edge pixels are repeated."""
-    return nn.Conv2d(inputs, outputs, 3, padding=dilation, dilation=dilation, padding_mode="replicate")
+    return nn.Conv2d(
+        inputs,
+        outputs,
+        3,
+        padding=dilation,
+        dilation=dilation,
+        padding_mode="replicate",
+    )
 
 
 def stack(*layers: nn.Module) -> nn.Sequential:
@@ -64,8 +73,12 @@ def stack(*layers: nn.Module) -> nn.Sequential:
 def box_mean(images: Tensor, side: int) -> Tensor:
     """The means over windows; outside the image its edge pixels are repeated."""
     r = side // 2
-    wide = functional.avg_pool2d(functional.pad(images, (r, r, 0, 0), mode="replicate"), (1, side), stride=1)
-    return functional.avg_pool2d(functional.pad(wide, (0, 0, r, r), mode="replicate"), (side, 1), stride=1)
+    wide = functional.avg_pool2d(
+        functional.pad(images, (r, r, 0, 0), mode="replicate"), (1, side), stride=1
+    )
+    return functional.avg_pool2d(
+        functional.pad(wide, (0, 0, r, r), mode="replicate"), (side, 1), stride=1
+    )
 
 
 class Descriptor(nn.Module):
@@ -83,32 +96,55 @@ class Descriptor(nn.Module):
     def __init__(self, channels: int) -> None:
         super().__init__()
         c, fine = channels, channels // 2
-        self.fine = stack(convolution((2 * self.REACH + 1) ** 2, fine), convolution(fine, fine))
-        self.coarse = stack(convolution(fine, c), convolution(c, c), convolution(c, c, dilation=2))
-        self.joined = nn.Sequential(nn.Conv2d(fine + c, c, 1), nn.ReLU(), convolution(c, c))
+        self.fine = stack(
+            convolution((2 * self.REACH + 1) ** 2, fine), convolution(fine, fine)
+        )
+        self.coarse = stack(
+            convolution(fine, c), convolution(c, c), convolution(c, c, dilation=2)
+        )
+        self.joined = nn.Sequential(
+            nn.Conv2d(fine + c, c, 1), nn.ReLU(), convolution(c, c)
+        )
 
     def forward(self, image: Tensor) -> Tensor:
-        fine = self.fine(torch.cat([self.normalised(image), self.differences(image)], 1))
+        fine = self.fine(
+            torch.cat([self.normalised(image), self.differences(image)], 1)
+        )
         coarse = self.coarse(functional.avg_pool2d(fine, 2, ceil_mode=True))
-        coarse = functional.interpolate(coarse, scale_factor=2.0, mode="bilinear", align_corners=False)
-        out = self.joined(torch.cat([fine, coarse[:, :, : image.shape[2], : image.shape[3]]], 1))
+        coarse = functional.interpolate(
+            coarse, scale_factor=2.0, mode="bilinear", align_corners=False
+        )
+        out = self.joined(
+            torch.cat([fine, coarse[:, :, : image.shape[2], : image.shape[3]]], 1)
+        )
         return out / (out.square().sum(1, keepdim=True) + 1e-8).sqrt()
 
     def normalised(self, image: Tensor) -> Tensor:
         """The image without its local mean, over its local standard deviation."""
         centred = image - box_mean(image, self.WINDOW)
-        return centred / (box_mean(centred.square(), self.WINDOW).clamp(min=0).sqrt() + self.FLOOR)
+        return centred / (
+            box_mean(centred.square(), self.WINDOW).clamp(min=0).sqrt() + self.FLOOR
+        )
 
     def differences(self, image: Tensor) -> Tensor:
         """(N, 24, H, W): tanh of the differences between the neighbours and the pixel."""
         r, (height, width) = self.REACH, image.shape[2:]
         padded = functional.pad(image, (r, r, r, r), mode="replicate")
-        places = [(i, j) for i in range(2 * r + 1) for j in range(2 * r + 1) if (i, j) != (r, r)]
-        near = torch.cat([padded[:, :, i : i + height, j : j + width] for i, j in places], 1)
+        places = [
+            (i, j)
+            for i in range(2 * r + 1)
+            for j in range(2 * r + 1)
+            if (i, j) != (r, r)
+        ]
+        near = torch.cat(
+            [padded[:, :, i : i + height, j : j + width] for i, j in places], 1
+        )
         return torch.tanh((near - image) / self.STEP)
 
 
-def loss_of(left: Tensor, right: Tensor, disparity: Tensor, settings: Training) -> Tensor:
+def loss_of(
+    left: Tensor, right: Tensor, disparity: Tensor, settings: Training
+) -> Tensor:
     """InfoNCE of single pixels, among all pixels of the row of the right crop, plus that of the means over windows.
 
     left, right (N, C, H, W): descriptors. disparity (N, H, W): -1 where unknown or occluded.
@@ -118,10 +154,19 @@ def loss_of(left: Tensor, right: Tensor, disparity: Tensor, settings: Training) 
     used = (disparity >= 0) & (match >= 0)
     near = used & (disparity < settings.window_depth - 1)
     products = torch.einsum("nchu,nchv->nhuv", left, right)
-    of_pixels = cross_entropy(products / settings.temperature, match.clamp(0, width - 1))[used]
-    candidates = window_products(products, settings.window_depth, settings.window) / settings.window_temperature
-    of_windows = cross_entropy(candidates, disparity.clamp(0, settings.window_depth - 2))[near]
-    return (of_pixels.sum() + of_windows.clamp(max=LARGEST_ENTROPY).sum()) / used.sum().clamp(min=1)
+    of_pixels = cross_entropy(
+        products / settings.temperature, match.clamp(0, width - 1)
+    )[used]
+    candidates = (
+        window_products(products, settings.window_depth, settings.window)
+        / settings.window_temperature
+    )
+    of_windows = cross_entropy(
+        candidates, disparity.clamp(0, settings.window_depth - 2)
+    )[near]
+    return (
+        of_pixels.sum() + of_windows.clamp(max=LARGEST_ENTROPY).sum()
+    ) / used.sum().clamp(min=1)
 
 
 def cross_entropy(scores: Tensor, target: Tensor) -> Tensor:
@@ -132,7 +177,9 @@ def cross_entropy(scores: Tensor, target: Tensor) -> Tensor:
     low = target.floor()
     share = target - low
     high = (low + 1).clamp(max=scores.shape[-1] - 1)
-    picked = functional.log_softmax(scores, -1).gather(-1, torch.stack([low, high], -1).long())
+    picked = functional.log_softmax(scores, -1).gather(
+        -1, torch.stack([low, high], -1).long()
+    )
     return -((1 - share) * picked[..., 0] + share * picked[..., 1])
 
 
@@ -143,12 +190,17 @@ def window_products(products: Tensor, depth: int, side: int) -> Tensor:
     """
     columns = torch.arange(products.shape[3])
     partner = columns[:, None] - torch.arange(depth)
-    volume = products.gather(3, partner.clamp(min=0).expand(*products.shape[:3], depth)).permute(0, 3, 1, 2)
+    volume = products.gather(
+        3, partner.clamp(min=0).expand(*products.shape[:3], depth)
+    ).permute(0, 3, 1, 2)
     return box_mean(volume, side).permute(0, 2, 3, 1).masked_fill(partner < 0, -1000)
 
 
 def train(
-    draws: Sequence[dict[str, Tensor]], settings: Training, seed: int, checkpoint: Path | None = None
+    draws: Sequence[dict[str, Tensor]],
+    settings: Training,
+    seed: int,
+    checkpoint: Path | None = None,
 ) -> Descriptor:
     """Train on pairs, of which each draw has the same ones with other cameras (data.training_draws).
 
@@ -156,7 +208,9 @@ def train(
     """
     torch.manual_seed(seed)
     random = torch.Generator().manual_seed(seed)
-    net = Descriptor(settings.channels).to(memory_format=torch.channels_last)  # faster on processors
+    net = Descriptor(settings.channels).to(
+        memory_format=torch.channels_last
+    )  # faster on processors
     optimiser = torch.optim.AdamW(net.parameters(), settings.rate, weight_decay=1e-4)
     schedule = torch.optim.lr_scheduler.OneCycleLR(
         optimiser, settings.rate, total_steps=settings.steps, cycle_momentum=False
@@ -172,7 +226,9 @@ def train(
     start = time.process_time()
     while step < settings.steps:
         pairs, size = draws[step % len(draws)], (settings.rows, settings.columns)
-        crops = random_crops(pairs, settings.crops, size, settings.scale, settings.shapes, random)
+        crops = random_crops(
+            pairs, settings.crops, size, settings.scale, settings.shapes, random
+        )
         left, right = net(torch.cat([crops.left, crops.right])).chunk(2)
         loss = loss_of(left, right, crops.disparity, settings)
         optimiser.zero_grad()
@@ -191,7 +247,10 @@ def train(
             losses.clear()
             if checkpoint is not None:
                 state = {name: part.state_dict() for name, part in parts.items()}
-                torch.save({**state, "step": step, "random": random.get_state()}, checkpoint.with_suffix(".new"))
+                torch.save(
+                    {**state, "step": step, "random": random.get_state()},
+                    checkpoint.with_suffix(".new"),
+                )
                 checkpoint.with_suffix(".new").replace(checkpoint)
     return net.eval()
 

@@ -28,7 +28,9 @@ def bad2(method: str, pairs: Sequence[Pair]) -> list[float]:
     return scores
 
 
-def kept(methods: Iterable[str], pairs: Sequence[Pair], file: Path) -> dict[str, list[float]]:
+def kept(
+    methods: Iterable[str], pairs: Sequence[Pair], file: Path
+) -> dict[str, list[float]]:
     """bad2.0 of each pair by each method. Scores that the file has of the same pairs are not made again."""
     fingerprints = [fingerprint(pair) for pair in pairs]
     stored = json.loads(file.read_text()) if file.exists() else {}
@@ -38,7 +40,9 @@ def kept(methods: Iterable[str], pairs: Sequence[Pair], file: Path) -> dict[str,
         spec = parse_method(method).spec
         if spec not in scores:
             scores[spec] = bad2(method, pairs)
-            write_file(file, json.dumps({"pairs": fingerprints, "scores": scores}).encode())
+            write_file(
+                file, json.dumps({"pairs": fingerprints, "scores": scores}).encode()
+            )
             print(f"{file.stem}: {method}: {np.mean(scores[spec]):.2f}", flush=True)
         found[method] = scores[spec]
     return found
@@ -46,7 +50,9 @@ def kept(methods: Iterable[str], pairs: Sequence[Pair], file: Path) -> dict[str,
 
 def method_of(file: Path, base: str, **options: object) -> str:
     """The method that matches with a network's descriptors and the optimisation and support of `base`."""
-    return f"{base}:cost=onnx:{file}," + ",".join(f"{name}={value}" for name, value in options.items())
+    return f"{base}:cost=onnx:{file}," + ",".join(
+        f"{name}={value}" for name, value in options.items()
+    )
 
 
 def interval(differences: np.ndarray, number: int = 1) -> tuple[float, float]:

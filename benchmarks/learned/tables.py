@@ -44,22 +44,55 @@ def page() -> str:
     """The text of README.md."""
     results = json.loads((HERE / "results.json").read_text())
     made = "Published at commit {commit}. SHA-256 of the training scenes' images and truth:\n{data_sha256}\n"
-    parts = [(HERE / "about.md").read_text(), "## Scores\n", comparison(results["scores"])]
+    parts = [
+        (HERE / "about.md").read_text(),
+        "## Scores\n",
+        comparison(results["scores"]),
+    ]
     parts.append(made.format(**results["scores"]))
     if "ablations" in results:
-        parts += ["## What in the data matters\n", FINDINGS, ablations(results["ablations"])]
+        parts += [
+            "## What in the data matters\n",
+            FINDINGS,
+            ablations(results["ablations"]),
+        ]
     return "\n".join(parts)
 
 
 def comparison(scores: Mapping[str, Any]) -> str:
     """bad2.0 of the hand-made costs with their best options, and of the networks, for each set of pairs."""
-    sets = {name: value for name, value in scores.items() if isinstance(value, dict) and "hand-made" in value}
+    sets = {
+        name: value
+        for name, value in scores.items()
+        if isinstance(value, dict) and "hand-made" in value
+    }
     names = [name for name in next(iter(sets.values()))["hand-made"] if name != "sgm"]
-    rows = [[f"`{name}`", *(_best(found["hand-made"][name]) for found in sets.values())] for name in names]
-    rows.append(["**learned, winner takes all**", *(_seeds(found["learned"]["windows"]) for found in sets.values())])
-    rows.append(["`sgm` (census)", *(_best(found["hand-made"]["sgm"]) for found in sets.values())])
-    rows.append(["**learned, semi-global**", *(_seeds(found["learned"]["semi-global"]) for found in sets.values())])
-    heads = [f"{name} ({found['pairs']} pair{'s' * (found['pairs'] != 1)})" for name, found in sets.items()]
+    rows = [
+        [f"`{name}`", *(_best(found["hand-made"][name]) for found in sets.values())]
+        for name in names
+    ]
+    rows.append(
+        [
+            "**learned, winner takes all**",
+            *(_seeds(found["learned"]["windows"]) for found in sets.values()),
+        ]
+    )
+    rows.append(
+        [
+            "`sgm` (census)",
+            *(_best(found["hand-made"]["sgm"]) for found in sets.values()),
+        ]
+    )
+    rows.append(
+        [
+            "**learned, semi-global**",
+            *(_seeds(found["learned"]["semi-global"]) for found in sets.values()),
+        ]
+    )
+    heads = [
+        f"{name} ({found['pairs']} pair{'s' * (found['pairs'] != 1)})"
+        for name, found in sets.items()
+    ]
     return markdown(["bad2.0 %, nonocc", *heads], rows)
 
 
@@ -77,10 +110,14 @@ def ablations(results: Mapping[str, Sequence[Mapping[str, Sequence[float]]]]) ->
     for name, seeds in results.items():
         cells = []
         for key in seeds[0]:
-            values, reference = (np.array([each[key] for each in some]) for some in (seeds, base))
+            values, reference = (
+                np.array([each[key] for each in some]) for some in (seeds, base)
+            )
             cells.append(_seeds(values.mean(axis=1)))
             low, high = score.interval(values - reference, len(results) - 1)
-            difference = f"{(values - reference).mean():+.2f} ({low:+.2f} to {high:+.2f})"
+            difference = (
+                f"{(values - reference).mean():+.2f} ({low:+.2f} to {high:+.2f})"
+            )
             cells.append("" if seeds is base else difference)
         rows.append([name, *cells])
     heads = [head for key in base[0] for head in (key, "difference")]

@@ -32,14 +32,20 @@ def with_random_textures(scene: Scene, seed: int) -> Scene:
     materials = {}
     for number, (name, plugin) in enumerate(scene.materials.items()):
         random = generator(seed, "texture", number)
-        materials[name] = _replaced(plugin, lambda shape, random=random: _noise(shape, random))
+        materials[name] = _replaced(
+            plugin, lambda shape, random=random: _noise(shape, random)
+        )
     return dataclasses.replace(scene, materials=materials)
 
 
 def _noise(shape: tuple[int, ...], random: np.random.Generator) -> np.ndarray:
     grain = np.exp(random.uniform(np.log(0.5), np.log(12)))  # texels
-    noise = gaussian_filter(random.standard_normal(shape), (grain, grain, 0), mode="wrap")
-    noise = random.uniform(0.2, 0.6, shape[2]) * np.exp(random.uniform(0.1, 0.6) * noise / noise.std())
+    noise = gaussian_filter(
+        random.standard_normal(shape), (grain, grain, 0), mode="wrap"
+    )
+    noise = random.uniform(0.2, 0.6, shape[2]) * np.exp(
+        random.uniform(0.1, 0.6) * noise / noise.std()
+    )
     return np.clip(noise, 0.01, 0.95)
 
 
@@ -47,7 +53,9 @@ def _replaced(value: Any, noise: Callable[[tuple[int, ...]], np.ndarray]) -> Any
     if isinstance(value, dict):
         return {key: _replaced(inner, noise) for key, inner in value.items()}
     if hasattr(value, "pixels"):
-        return dataclasses.replace(value, pixels=noise(value.pixels.shape).astype(value.pixels.dtype))
+        return dataclasses.replace(
+            value, pixels=noise(value.pixels.shape).astype(value.pixels.dtype)
+        )
     return value
 
 
@@ -58,11 +66,19 @@ def light_of(stored: StoredSample, kind: str, folder: Path) -> list[np.ndarray]:
         shot, scene = stored.lens(0), scene_of(stored)
         if kind == "random textures":
             scene = with_random_textures(scene, shot.record["seed"])
-        rig, lens = stored.photographed_by, Sensor.from_record(stored.record["record"]["sensor"]).lenses
+        rig, lens = (
+            stored.photographed_by,
+            Sensor.from_record(stored.record["record"]["sensor"]).lenses,
+        )
         if kind == "aligned":
             rig, lens = stored.rig, Sensor().lenses
         seen, _ = render_measured(
-            scene, rig, lens(rig, shot.lens), shot.record["spp"], shot.record["seed"], denoise=kind != "not denoised"
+            scene,
+            rig,
+            lens(rig, shot.lens),
+            shot.record["spp"],
+            shot.record["seed"],
+            denoise=kind != "not denoised",
         )
         file.parent.mkdir(parents=True, exist_ok=True)
         part = file.with_suffix(".part.npy")

@@ -23,7 +23,9 @@ import twinlens as tl
 scene = tl.load_scene("tabletop")
 camera = tl.Camera.from_fov(40, 30, scene.fov_x_deg)
 rig = tl.Rig([camera], [scene.world_from_left])
-(film,) = tl.render(scene, rig, tl.BareAperture(diameter=0.5, film_distance=0.05), spp=16384)
+(film,) = tl.render(
+    scene, rig, tl.BareAperture(diameter=0.5, film_distance=0.05), spp=16384
+)
 film = film.mean(axis=2)  # black and white
 
 figure, (sketch, picture) = plt.subplots(1, 2, width_ratios=(1, 1.3))
@@ -35,7 +37,11 @@ sketch.plot([0, 0], [-1.1, 1.1], "k", linewidth=4)
 sketch.text(-2, 1.2, "scene", ha="center")
 sketch.text(0, 1.2, "film", ha="center")
 sketch.axis("off")
-picture.imshow((film / film.mean() / 2) ** (1 / 2.2), vmin=0, vmax=1, interpolation="bilinear")
-picture.set_title(f"the film: its brightness differs by\n{film.std() / film.mean():.0%} from the mean (rms)")
+picture.imshow(
+    (film / film.mean() / 2) ** (1 / 2.2), vmin=0, vmax=1, interpolation="bilinear"
+)
+picture.set_title(
+    f"the film: its brightness differs by\n{film.std() / film.mean():.0%} from the mean (rms)"
+)
 picture.axis("off")
 plt.show()

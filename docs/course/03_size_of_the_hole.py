@@ -36,7 +36,9 @@ camera = tl.Camera.from_fov(200, 150, fov_x_deg=20)
 rig = tl.Rig([camera], [scene.world_from_left])
 holes = [tl.BareAperture(diameter / 1000, film_distance) for diameter in diameters_mm]
 
-figure, axes = plt.subplot_mosaic([[0, 1, 2], [3, 4, 5], ["blur"] * 3], figsize=(5.6, 5.3), height_ratios=(1, 1, 1.1))
+figure, axes = plt.subplot_mosaic(
+    [[0, 1, 2], [3, 4, 5], ["blur"] * 3], figsize=(5.6, 5.3), height_ratios=(1, 1, 1.1)
+)
 for i, hole in enumerate(holes):
     (film,) = tl.render(scene, rig, hole, spp=16, denoise=True)
     film = tl.diffract(film, camera, hole)
@@ -51,7 +53,9 @@ blur.loglog(1000 * diameters, 1000 * diameters, label="geometry, A")
 blur.loglog(1000 * diameters, 1000 * airy, label="diffraction, 2.44 λ D / A")
 best_mm = 1000 * np.sqrt(2.44 * wavelength * film_distance)
 blur.axvline(best_mm, color="k", linewidth=0.8, linestyle=":")
-blur.annotate(f"best: {best_mm:.2f} mm", (best_mm, 1.2), (4, 0), textcoords="offset points")
+blur.annotate(
+    f"best: {best_mm:.2f} mm", (best_mm, 1.2), (4, 0), textcoords="offset points"
+)
 blur.set_xticks(diameters_mm, [str(diameter) for diameter in diameters_mm], minor=False)
 blur.set_xticks([], minor=True)
 blur.set_yticks([0.1, 1], ["0.1", "1"])

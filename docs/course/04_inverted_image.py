@@ -39,7 +39,11 @@ half = np.array([camera.width, camera.height]) * pitch / 2 * 1000
 right.imshow(tl.film_image(upright), extent=(-half[0], half[0], half[1], -half[1]))
 right.set_title("film behind the hole, mm")
 for pixel, (x, y), colour in zip(pixels, 1000 * film, ("cyan", "yellow")):
-    left.plot(*pixel, "o", color=colour, fillstyle="none", markersize=10, markeredgewidth=2)
-    right.plot(x, y, "o", color=colour, fillstyle="none", markersize=10, markeredgewidth=2)
+    left.plot(
+        *pixel, "o", color=colour, fillstyle="none", markersize=10, markeredgewidth=2
+    )
+    right.plot(
+        x, y, "o", color=colour, fillstyle="none", markersize=10, markeredgewidth=2
+    )
     print(f"pixel {pixel} lands on the film at x = {x:.1f} mm, y = {y:.1f} mm")
 plt.show()

@@ -37,16 +37,24 @@ for name, diameter, colour in (("a", 0.020, "tab:blue"), ("b", 0.060, "tab:green
     near, far = depth_of_field(diameter, camera.fx, 1 / focus_distance, largest_circle)
     axes[name].imshow((image / 0.9).clip(0, 1) ** (1 / 2.2))
     for limit, line in ((near, "tab:orange"), (far, "red")):
-        axes[name].contour(truth.depth < limit, levels=[0.5], colors=line, linewidths=1.5)
+        axes[name].contour(
+            truth.depth < limit, levels=[0.5], colors=line, linewidths=1.5
+        )
     axes[name].set_title(f"A = {1000 * diameter:.0f} mm: {near:.2f} m to {far:.2f} m")
     axes[name].axis("off")
-    blur = np.abs(circle_of_confusion_px(depths, diameter, camera.fx, 1 / focus_distance))
+    blur = np.abs(
+        circle_of_confusion_px(depths, diameter, camera.fx, 1 / focus_distance)
+    )
     axes["blur"].plot(depths, blur, color=colour, label=f"A = {1000 * diameter:.0f} mm")
     axes["blur"].axvspan(near, far, color=colour, alpha=0.15)
-axes["blur"].axhline(largest_circle, color="k", linewidth=0.8, linestyle=":", label="c_max")
+axes["blur"].axhline(
+    largest_circle, color="k", linewidth=0.8, linestyle=":", label="c_max"
+)
 for line, name in (("tab:orange", "near limit"), ("red", "far limit")):
     axes["a"].plot([], [], color=line, label=name)
-figure.legend(*axes["a"].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+figure.legend(
+    *axes["a"].get_legend_handles_labels(), loc="outside upper center", ncols=2
+)
 axes["blur"].set_xlabel("depth Z, m")
 axes["blur"].set_ylabel("blur circle c, px")
 axes["blur"].set_ylim(0, 10)

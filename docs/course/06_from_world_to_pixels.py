@@ -51,7 +51,10 @@ space.scatter(*seen[near].T, c=colours[::4, ::4].reshape(-1, 3)[near], s=2, alph
 for axis, colour, name in zip(R_wc.T, ("tab:red", "tab:green", "tab:blue"), "XYZ"):
     space.plot(*np.transpose([C, C + 0.4 * axis]), color=colour)
     space.text(*(C + 0.5 * axis), name, color=colour)
-corners = camera.unproject([[0, 0], [319, 0], [319, 239], [0, 239], [0, 0]]) * 0.4 @ R_wc.T + C
+corners = (
+    camera.unproject([[0, 0], [319, 0], [319, 239], [0, 239], [0, 0]]) * 0.4 @ R_wc.T
+    + C
+)
 space.plot(*corners.T, color="k", linewidth=1)  # the film, enlarged
 space.plot(*np.transpose([C, P]), color="tab:orange")
 space.text(*P, "P", color="tab:orange")
@@ -60,6 +63,8 @@ space.set_box_aspect((1.2, 1.7, 0.9), zoom=0.95)
 space.view_init(25, -20)
 space.axis("off")
 picture.imshow(colours)
-picture.plot(u, v, "o", color="tab:orange", fillstyle="none", markersize=12, markeredgewidth=2)
+picture.plot(
+    u, v, "o", color="tab:orange", fillstyle="none", markersize=12, markeredgewidth=2
+)
 figure.text(0.05, 0.02, "\n".join(steps), family="monospace")
 plt.show()

@@ -42,7 +42,9 @@ for x in (-1.5, -0.9, -0.3, 0.3, 0.9, 1.5):  # on the floor, along the boards
     near, far = pixel([x, 0, 0, 1]), pixel([x, 2, 0, 1])
     lines.append(np.cross([*near, 1], [*far, 1]))
     axis.plot(*np.transpose([near, far]), color="cyan")
-    axis.plot(*np.transpose([far, vanishing]), color="cyan", linewidth=0.7, linestyle="--")
+    axis.plot(
+        *np.transpose([far, vanishing]), color="cyan", linewidth=0.7, linestyle="--"
+    )
 meet = np.cross(lines[0], lines[-1])
 meet = meet[:2] / meet[2]
 

@@ -24,11 +24,18 @@ from twinlens.geometry.epipolar import epipolar_lines
 
 scene = tl.load_scene("cards")
 camera = tl.Camera.from_fov(320, 240, fov_x_deg=55)
-verged = toed_in(camera, baseline=0.8, distance=1.4, world_from_middle=scene.world_from_left)
+verged = toed_in(
+    camera, baseline=0.8, distance=1.4, world_from_middle=scene.world_from_left
+)
 radiances = tl.render(scene, verged, spp=16, denoise=True)
-images = [(radiance / np.percentile(radiance, 98)).clip(0, 1) ** 0.45 for radiance in radiances]
+images = [
+    (radiance / np.percentile(radiance, 98)).clip(0, 1) ** 0.45
+    for radiance in radiances
+]
 
-pixels = np.array([[130, 205], [165, 115], [150, 35], [262, 150]])  # (u, v) in the left image
+pixels = np.array(
+    [[130, 205], [165, 115], [150, 35], [262, 150]]
+)  # (u, v) in the left image
 points = tl.ground_truth(scene, verged)[0].position[pixels[:, 1], pixels[:, 0]]
 colors = ["#D55E00", "#0072B2", "#E69F00", "#CC79A7"]
 
@@ -38,7 +45,10 @@ colors = ["#D55E00", "#0072B2", "#E69F00", "#CC79A7"]
 
 rectification = tl.rectify(verged, zero_doffs=False)
 rectified = rectification.rectified_rig
-pairs = {"verged": (verged, images), "rectified": (rectified, [rectification.warp(i, images[i]) for i in (0, 1)])}
+pairs = {
+    "verged": (verged, images),
+    "rectified": (rectified, [rectification.warp(i, images[i]) for i in (0, 1)]),
+}
 
 figure = plt.figure(figsize=(5.6, 7.2))
 grid = figure.add_gridspec(3, 2, height_ratios=(1, 1, 1.3))
@@ -46,7 +56,9 @@ for row, (name, (rig, pictures)) in enumerate(pairs.items()):
     left, right = rig.project(0, points), rig.project(1, points)
     F = tl.fundamental_matrix(rig)
     lines = epipolar_lines(F.T, right), epipolar_lines(F, left)
-    for side, (match, title) in enumerate(zip((left, right), ("left", "right"), strict=True)):
+    for side, (match, title) in enumerate(
+        zip((left, right), ("left", "right"), strict=True)
+    ):
         axis = figure.add_subplot(grid[row, side])
         axis.imshow(pictures[side])
         for (a, b, c), (u, v), color in zip(lines[side], match, colors, strict=True):

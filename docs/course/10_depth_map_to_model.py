@@ -19,16 +19,30 @@ import numpy as np
 
 import twinlens as tl
 from twinlens.camera.layouts import arc
-from twinlens.reconstruction import integrate, points_of, sampled, surface_of, view_of_truth
+from twinlens.reconstruction import (
+    integrate,
+    points_of,
+    sampled,
+    surface_of,
+    view_of_truth,
+)
 from twinlens.reconstruction.picture import orbit, splat
 
 scene = tl.load_scene("spheres")
 camera = tl.Camera.from_fov(320, 240, scene.fov_x_deg)
-rig = arc(camera, count=5, radius=2.3, angle_deg=110, world_from_middle=scene.world_from_left)
+rig = arc(
+    camera, count=5, radius=2.3, angle_deg=110, world_from_middle=scene.world_from_left
+)
 radiances = tl.render(scene, rig, spp=8, denoise=True)
-images = [(255 * (image / np.percentile(image, 97)).clip(0, 1) ** 0.45).astype(np.uint8) for image in radiances]
+images = [
+    (255 * (image / np.percentile(image, 97)).clip(0, 1) ** 0.45).astype(np.uint8)
+    for image in radiances
+]
 truths = tl.ground_truth(scene, rig)
-views = [view_of_truth(truth, rig, i, image) for i, (truth, image) in enumerate(zip(truths, images, strict=True))]
+views = [
+    view_of_truth(truth, rig, i, image)
+    for i, (truth, image) in enumerate(zip(truths, images, strict=True))
+]
 
 # %%
 # Fuse the five views in cells of 1 cm, and look at both models from the side.
@@ -42,7 +56,9 @@ panels = {
     "middle camera": images[2],
     "its depth map": truths[2].depth,
     "one depth map, from the side": splat(points_of(views[2]), camera, side),
-    "five depth maps, from the side": splat(sampled(surface, spacing=0.004), camera, side),
+    "five depth maps, from the side": splat(
+        sampled(surface, spacing=0.004), camera, side
+    ),
 }
 for axis, (title, image) in zip(axes.flat, panels.items(), strict=True):
     axis.imshow(image, cmap="viridis_r")

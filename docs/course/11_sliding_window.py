@@ -19,33 +19,68 @@ import numpy as np
 import twinlens as tl
 
 scene = tl.load_scene("cards")
-rig = tl.Rig.stereo(tl.Camera.from_fov(320, 240, scene.fov_x_deg), scene.baseline, scene.world_from_left)
-left, right = (image.mean(axis=2) for image in tl.render(scene, rig, spp=16, denoise=True))
+rig = tl.Rig.stereo(
+    tl.Camera.from_fov(320, 240, scene.fov_x_deg), scene.baseline, scene.world_from_left
+)
+left, right = (
+    image.mean(axis=2) for image in tl.render(scene, rig, spp=16, denoise=True)
+)
 right = 0.7 * right
 
-u, v, half, count = 140, 84, 5, 40  # centre of the template; windows of 11x11 pixels; disparities 0 to 39
+u, v, half, count = (
+    140,
+    84,
+    5,
+    40,
+)  # centre of the template; windows of 11x11 pixels; disparities 0 to 39
 true = tl.ground_truth(scene, rig)[0].disparity[v, u]
 template = left[v - half : v + half + 1, u - half : u + half + 1]
 disparities = np.arange(count)
-windows = [right[v - half : v + half + 1, u - d - half : u - d + half + 1] for d in disparities]
+windows = [
+    right[v - half : v + half + 1, u - d - half : u - d + half + 1] for d in disparities
+]
 
 # %%
 # The two images with the template and the scan line, and one curve for each measure. The blue windows are the ends of
 # the search, d = 0 and d = 39; the green one is at the true disparity.
 
 figure, axes = plt.subplots(4, 2, figsize=(5.6, 7.2), height_ratios=(1.4, 1, 1, 1))
-for axis, image, title in zip(axes[0], (left, right), ("left: template", "right: search along the row"), strict=True):
+for axis, image, title in zip(
+    axes[0],
+    (left, right),
+    ("left: template", "right: search along the row"),
+    strict=True,
+):
     axis.imshow(image**0.45, vmin=0, vmax=np.percentile(left, 99) ** 0.45)
     axis.set(title=title, xlim=(u - 75, u + 45), ylim=(v + 45, v - 45))
     axis.axis("off")
 side = 2 * half + 1
-axes[0, 0].add_patch(plt.Rectangle((u - half - 0.5, v - half - 0.5), side, side, fill=False, color="C1", linewidth=2))
+axes[0, 0].add_patch(
+    plt.Rectangle(
+        (u - half - 0.5, v - half - 0.5),
+        side,
+        side,
+        fill=False,
+        color="C1",
+        linewidth=2,
+    )
+)
 for d, color in ((0, "C0"), (true, "C2"), (count - 1, "C0")):
     corner = u - d - half - 0.5, v - half - 0.5
-    axes[0, 1].add_patch(plt.Rectangle(corner, side, side, fill=False, color=color, linewidth=2))
-axes[0, 1].annotate("", (u - count + 1, v), (u, v), arrowprops={"arrowstyle": "->", "color": "C0"})
+    axes[0, 1].add_patch(
+        plt.Rectangle(corner, side, side, fill=False, color=color, linewidth=2)
+    )
+axes[0, 1].annotate(
+    "", (u - count + 1, v), (u, v), arrowprops={"arrowstyle": "->", "color": "C0"}
+)
 
-measures = {"SAD": tl.sad, "SSD": tl.ssd, "NCC": tl.ncc, "ZNCC": tl.zncc, "Jaccard": tl.jaccard}
+measures = {
+    "SAD": tl.sad,
+    "SSD": tl.ssd,
+    "NCC": tl.ncc,
+    "ZNCC": tl.zncc,
+    "Jaccard": tl.jaccard,
+}
 for axis, (name, measure) in zip(axes[1:].flat, measures.items(), strict=False):
     values = np.array([measure(template, window) for window in windows])
     best = int(values.argmin() if name in ("SAD", "SSD") else values.argmax())

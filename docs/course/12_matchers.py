@@ -20,9 +20,14 @@ import numpy as np
 import twinlens as tl
 
 scene = tl.load_scene("cards")
-rig = tl.Rig.stereo(tl.Camera.from_fov(320, 240, scene.fov_x_deg), scene.baseline, scene.world_from_left)
+rig = tl.Rig.stereo(
+    tl.Camera.from_fov(320, 240, scene.fov_x_deg), scene.baseline, scene.world_from_left
+)
 radiances = tl.render(scene, rig, spp=16, denoise=True)
-left, right = (photo.image for photo in tl.Sensor().expose_rig(radiances, rig=rig, lens=tl.Pinhole(), seed=0))
+left, right = (
+    photo.image
+    for photo in tl.Sensor().expose_rig(radiances, rig=rig, lens=tl.Pinhole(), seed=0)
+)
 truth = tl.ground_truth(scene, rig)[0]
 
 methods = {
@@ -36,13 +41,17 @@ count = int(rig.cameras[0].fx * rig.baseline() / near) + 2
 figure, axes = plt.subplots(4, 2, figsize=(5.6, 8.2))
 axes[0, 0].imshow(left)
 axes[0, 0].set_title("left image")
-heat = plt.get_cmap("magma").with_extremes(bad="gray")  # gray: not visible in the right image
+heat = plt.get_cmap("magma").with_extremes(
+    bad="gray"
+)  # gray: not visible in the right image
 shades = {"cmap": "viridis", "vmin": 0, "vmax": count}
 axes[0, 1].imshow(truth.disparity, **shades)
 axes[0, 1].set_title("true disparity")
 for row, (name, method) in zip(axes[1:], methods.items(), strict=True):
     disparity = tl.match(left, right, method=method, num_disparities=count)
-    scores = tl.evaluate(disparity, truth.disparity, mask_nonocc=truth.visible, ndisp=count)
+    scores = tl.evaluate(
+        disparity, truth.disparity, mask_nonocc=truth.visible, ndisp=count
+    )
     error = np.where(truth.visible, np.abs(disparity - truth.disparity), np.nan)
     row[0].imshow(disparity, **shades)
     row[0].set_title(name)

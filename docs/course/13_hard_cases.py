@@ -24,14 +24,20 @@ def panel(name, material, centre, width, height, turn_deg=0.0):
     """A rectangle that faces the camera at the origin, turned about its vertical axis. Axes: x right, y down."""
     c, s = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
     pose = np.eye(4)
-    pose[:3, :3] = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]) @ np.diag([width / 2, -height / 2, -1])
+    pose[:3, :3] = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]) @ np.diag(
+        [width / 2, -height / 2, -1]
+    )
     pose[:3, 3] = centre
     return SceneObject(name, {"type": "rectangle"}, material, pose)
 
 
 rng = np.random.default_rng(0)
-dots = np.kron(rng.random((160, 160)), np.ones((2, 2))).astype(np.float32)[..., None] * np.ones(3, np.float32)
-bars = np.tile(np.repeat([0.1, 0.8], 16), 12).astype(np.float32)[None, :, None] * np.ones((8, 1, 3), np.float32)
+dots = np.kron(rng.random((160, 160)), np.ones((2, 2))).astype(np.float32)[
+    ..., None
+] * np.ones(3, np.float32)
+bars = np.tile(np.repeat([0.1, 0.8], 16), 12).astype(np.float32)[
+    None, :, None
+] * np.ones((8, 1, 3), np.float32)
 materials = {
     "dots": {"type": "diffuse", "reflectance": Bitmap(0.1 + 0.7 * dots)},
     "bars": {"type": "diffuse", "reflectance": Bitmap(bars)},
@@ -47,10 +53,20 @@ objects = (
     panel("reflection", "mirror", (-0.75, 0.5, 2.5), 0.9, 0.75),
     panel("distortion", "dots", (0.4, 0.5, 1.9), 1.4, 0.75, turn_deg=80),
 )
-scene = tl.Scene("hard cases", objects, materials, np.eye(4), (1.4, 3.2), lights={"sky": {"type": "constant"}})
+scene = tl.Scene(
+    "hard cases",
+    objects,
+    materials,
+    np.eye(4),
+    (1.4, 3.2),
+    lights={"sky": {"type": "constant"}},
+)
 rig = tl.Rig.stereo(tl.Camera.from_fov(320, 240, fov_x_deg=60), baseline=0.2)
 radiances = tl.render(scene, rig, spp=16, denoise=True)
-left, right = (photo.image for photo in tl.Sensor().expose_rig(radiances, rig=rig, lens=tl.Pinhole(), seed=0))
+left, right = (
+    photo.image
+    for photo in tl.Sensor().expose_rig(radiances, rig=rig, lens=tl.Pinhole(), seed=0)
+)
 truth = tl.ground_truth(scene, rig)[0]
 disparity = tl.match(left, right, method="zncc", block_size=9, num_disparities=56)
 
@@ -72,9 +88,17 @@ colors = ["#D55E00", "#0072B2", "#E69F00", "#CC79A7", "#009E73", "#DDDDDD"]
 painted = np.ones((*left.shape[:2], 3))
 for (name, mask), color in zip(masks.items(), colors, strict=True):
     painted[mask] = plt.matplotlib.colors.to_rgb(color)
-    axes[1, 1].plot([], [], "s", color=color, label=f"{name}: {100 * wrong[mask].mean():.0f} % wrong")
+    axes[1, 1].plot(
+        [],
+        [],
+        "s",
+        color=color,
+        label=f"{name}: {100 * wrong[mask].mean():.0f} % wrong",
+    )
 axes[1, 1].imshow(painted)
-for axis, title in zip(axes.flat, ("left image", "true disparity", "ZNCC 9x9", "the cases"), strict=True):
+for axis, title in zip(
+    axes.flat, ("left image", "true disparity", "ZNCC 9x9", "the cases"), strict=True
+):
     axis.set_title(title)
     axis.axis("off")
 figure.legend(loc="outside lower center", ncols=2)

@@ -32,11 +32,22 @@ UNKNOWN_COST = 4.0
 def observe(width=480, height=320, spp=16):
     """The left image and its depths by semi-global matching."""
     scene = tl.load_scene("hall.toml")
-    rig = tl.Rig.stereo(tl.Camera.from_fov(width, height, scene.fov_x_deg), scene.baseline, scene.world_from_left)
+    rig = tl.Rig.stereo(
+        tl.Camera.from_fov(width, height, scene.fov_x_deg),
+        scene.baseline,
+        scene.world_from_left,
+    )
     radiances = tl.render(scene, rig, spp=spp, denoise=True)
-    left, right = (photo.image for photo in tl.Sensor().expose_rig(radiances, rig=rig, lens=tl.Pinhole(), seed=1))
+    left, right = (
+        photo.image
+        for photo in tl.Sensor().expose_rig(
+            radiances, rig=rig, lens=tl.Pinhole(), seed=1
+        )
+    )
     count = int(rig.cameras[0].fx * scene.baseline / scene.depth_range[0]) + 1
-    disparity = tl.match(left, right, method="sgm", num_disparities=count, lr_check=1, speckle_size=60)
+    disparity = tl.match(
+        left, right, method="sgm", num_disparities=count, lr_check=1, speckle_size=60
+    )
     return left, view_of_disparity(disparity, rig, image=left)
 
 
@@ -91,7 +102,11 @@ def plan(view):
     closed = (columns < int(RADIUS / CELL)) | (columns[:, ::-1] < int(RADIUS / CELL))
     for row, column in np.argwhere(blocked):  # the robot's centre stays a radius away
         closed |= np.hypot(rows - row, columns - column) <= RADIUS / CELL
-    path = cheapest_path(np.where(closed, np.inf, np.where(seen, 1.0, UNKNOWN_COST)), cell(START), cell(GOAL))
+    path = cheapest_path(
+        np.where(closed, np.inf, np.where(seen, 1.0, UNKNOWN_COST)),
+        cell(START),
+        cell(GOAL),
+    )
     return blocked, seen, (path[:, ::-1] + 0.5) * CELL + (X[0], Y[0])
 
 

@@ -28,12 +28,18 @@ def read_mesh(path: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     return mesh.vertices @ [[1, 0, 0], [0, 0, 1], [0, -1, 0]], mesh.faces
 
 
-def project(camera: tl.Camera, points: NDArray[np.float64], thing: ObjectTruth) -> NDArray[np.float64]:
+def project(
+    camera: tl.Camera, points: NDArray[np.float64], thing: ObjectTruth
+) -> NDArray[np.float64]:
     """The pixels (N, 2) of points (N, 3) of an object."""
-    return camera.project(points @ thing.cam_from_object[:3, :3].T + thing.cam_from_object[:3, 3])
+    return camera.project(
+        points @ thing.cam_from_object[:3, :3].T + thing.cam_from_object[:3, 3]
+    )
 
 
-def paint(pixels: NDArray[np.float64], faces: NDArray[np.int64], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+def paint(
+    pixels: NDArray[np.float64], faces: NDArray[np.int64], shape: tuple[int, ...]
+) -> NDArray[np.bool_]:
     """The pixels whose centres are in a triangle."""
     mask = np.zeros(shape, bool)
     for u, v in np.swapaxes(pixels[faces], 1, 2):
@@ -49,9 +55,13 @@ def overlaps(sample: StoredSample, path: str) -> dict[str, float]:
     for thing in truth.objects:
         name = truth.object_name(thing)
         if name.startswith(PART):
-            projected = paint(project(camera, vertices, thing), faces, truth.object_id.shape)
+            projected = paint(
+                project(camera, vertices, thing), faces, truth.object_id.shape
+            )
             mask = truth.silhouette(thing)  # with the parts that other objects hide
-            found[name] = np.count_nonzero(projected & mask) / np.count_nonzero(projected | mask)
+            found[name] = np.count_nonzero(projected & mask) / np.count_nonzero(
+                projected | mask
+            )
     return found
 
 
@@ -60,11 +70,15 @@ def picture(sample: StoredSample) -> Image.Image:
     truth, camera = sample.truth0, sample.rig.cameras[0]
     axes, masks = Image.fromarray(sample.im0), sample.im0 // 3
     draw = ImageDraw.Draw(axes)
-    colors = np.random.default_rng(0).integers(80, 256, (len(truth.object_names) + 1, 3))
+    colors = np.random.default_rng(0).integers(
+        80, 256, (len(truth.object_names) + 1, 3)
+    )
     for thing in truth.objects:
         if truth.object_name(thing).startswith(PART):
             masks[truth.object_id == thing.object_id] = colors[thing.object_id]
-            origin, *ends = project(camera, np.vstack([np.zeros(3), AXIS_MM / 1000 * np.eye(3)]), thing)
+            origin, *ends = project(
+                camera, np.vstack([np.zeros(3), AXIS_MM / 1000 * np.eye(3)]), thing
+            )
             for end, color in zip(ends, AXIS_COLORS, strict=True):
                 draw.line([tuple(origin), tuple(end)], color, width=3)
     return Image.fromarray(np.hstack([np.asarray(axes), masks]))

@@ -88,9 +88,18 @@ from .rendering import (
     render_lens_grid as render_lens_grid,
     render_light_field as render_light_field,
 )
-from .scenes import Scene as Scene, bundled_scenes as bundled_scenes, load_scene as load_scene
+from .scenes import (
+    Scene as Scene,
+    bundled_scenes as bundled_scenes,
+    load_scene as load_scene,
+)
 from .scoring import agreement as agreement, evaluate as evaluate
-from .sensor import Exposure as Exposure, Mismatch as Mismatch, Sensor as Sensor, auto_exposure as auto_exposure
+from .sensor import (
+    Exposure as Exposure,
+    Mismatch as Mismatch,
+    Sensor as Sensor,
+    auto_exposure as auto_exposure,
+)
 from .studies import study as study
 
 __version__: str

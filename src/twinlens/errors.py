@@ -66,7 +66,9 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> InputError:
 def check_known(kind: str, name: Any, known: Collection[str]) -> None:
     """Raise `unknown` unless `name` is one of `known`."""
     if not isinstance(name, str) or name not in known:
-        raise unknown(kind, name if isinstance(name, str) else format_value(name), known)
+        raise unknown(
+            kind, name if isinstance(name, str) else format_value(name), known
+        )
 
 
 def nearest(name: str, known: Iterable[str]) -> str | None:
@@ -80,12 +82,26 @@ def nearest(name: str, known: Iterable[str]) -> str | None:
     """
     typed, names = _normalized(name), {_normalized(each): each for each in known}
     long_enough = len(typed) >= _SHORTEST_PART
-    parts = [each for each in names if long_enough and (each.startswith(typed) or each.endswith(f"_{typed}"))]
-    close = parts or difflib.get_close_matches(typed, names, len(names) or 1, _MIN_SIMILARITY)
+    parts = [
+        each
+        for each in names
+        if long_enough and (each.startswith(typed) or each.endswith(f"_{typed}"))
+    ]
+    close = parts or difflib.get_close_matches(
+        typed, names, len(names) or 1, _MIN_SIMILARITY
+    )
     first = r"^[^\W\d_]{3,}"  # kitti of kitti2015
-    close = close or [n for n in names if difflib.get_close_matches(typed, re.findall(first, n), 1, _MIN_SIMILARITY)]
+    close = close or [
+        n
+        for n in names
+        if difflib.get_close_matches(typed, re.findall(first, n), 1, _MIN_SIMILARITY)
+    ]
     return names.get(
-        max(sorted(close), key=lambda each: difflib.SequenceMatcher(None, typed, each).ratio(), default="")
+        max(
+            sorted(close),
+            key=lambda each: difflib.SequenceMatcher(None, typed, each).ratio(),
+            default="",
+        )
     )
 
 
@@ -111,7 +127,9 @@ def check_number(
     twinlens.errors.InputError: baseline must be a positive number of metres, got -0.1
     """
     number = _as_float(value)
-    if not (math.isfinite(number) and above < number < below and least <= number <= most):
+    if not (
+        math.isfinite(number) and above < number < below and least <= number <= most
+    ):
         raise InputError(f"{name} must be {allowed}, got {format_value(value)}")
 
 
@@ -120,10 +138,18 @@ def check_ranges(instance: Any, what: str) -> None:
     for name, hint in get_type_hints(type(instance), include_extras=True).items():
         for least, most in getattr(hint, "__metadata__", ())[:1]:
             allowed = f"from {least:g} to {most:g}"
-            check_number(f"{what} {name}", getattr(instance, name), allowed, least=least, most=most)
+            check_number(
+                f"{what} {name}",
+                getattr(instance, name),
+                allowed,
+                least=least,
+                most=most,
+            )
 
 
-def check_int(name: str, value: Any, least: int | None = None, most: int | None = None) -> None:
+def check_int(
+    name: str, value: Any, least: int | None = None, most: int | None = None
+) -> None:
     """Raise InputError unless `value` is an integer (not a bool) from `least` to `most`.
 
     >>> check_int("count", 2.5, 1, 9)
@@ -131,9 +157,23 @@ def check_int(name: str, value: Any, least: int | None = None, most: int | None 
     twinlens.errors.InputError: count must be a whole number from 1 to 9, got 2.5
     """
     whole = isinstance(value, Integral) and not isinstance(value, bool)
-    if not whole or (least is not None and value < least) or (most is not None and value > most):
-        allowed = "" if least is None else f" >= {least}" if most is None else f" from {least} to {most}"
-        numbers = f"{least}" if least is not None and least == most else f"a whole number{allowed}"
+    if (
+        not whole
+        or (least is not None and value < least)
+        or (most is not None and value > most)
+    ):
+        allowed = (
+            ""
+            if least is None
+            else f" >= {least}"
+            if most is None
+            else f" from {least} to {most}"
+        )
+        numbers = (
+            f"{least}"
+            if least is not None and least == most
+            else f"a whole number{allowed}"
+        )
         raise InputError(f"{name} must be {numbers}, got {format_value(value)}")
 
 
@@ -147,7 +187,9 @@ def check_triple(name: str, values: Any, allowed: str) -> tuple[float, float, fl
         numbers = [_as_float(value) for value in values]
     except TypeError:
         numbers = []
-    if len(numbers) != 3 or not all(math.isfinite(number) and number > 0 for number in numbers):
+    if len(numbers) != 3 or not all(
+        math.isfinite(number) and number > 0 for number in numbers
+    ):
         raise InputError(f"{name} must be {allowed}, got {format_value(values)}")
     return numbers[0], numbers[1], numbers[2]
 
@@ -164,6 +206,10 @@ def format_value(value: Any) -> str:
 def _as_float(value: Any) -> float:
     """`value` as a float; NaN for what is not a real number or is too large."""
     try:
-        return float(value) if isinstance(value, Real) and not isinstance(value, bool) else math.nan
+        return (
+            float(value)
+            if isinstance(value, Real) and not isinstance(value, bool)
+            else math.nan
+        )
     except OverflowError:
         return math.nan

@@ -13,8 +13,14 @@ def deferred_interrupts() -> Iterator[None]:
     Only the main thread may set handlers, and runs them; in other threads nothing is deferred. Signals that the process
     ignores, leaves to SIG_DFL, or handles outside Python are not affected.
     """
-    kinds = (signal.SIGINT, signal.SIGTERM) if threading.current_thread() is threading.main_thread() else ()
-    handlers = {kind: handler for kind in kinds if callable(handler := signal.getsignal(kind))}
+    kinds = (
+        (signal.SIGINT, signal.SIGTERM)
+        if threading.current_thread() is threading.main_thread()
+        else ()
+    )
+    handlers = {
+        kind: handler for kind in kinds if callable(handler := signal.getsignal(kind))
+    }
     received: list[int] = []
     for kind in handlers:
         signal.signal(kind, lambda number, _: received.append(number))

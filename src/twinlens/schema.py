@@ -28,7 +28,11 @@ Fraction = Annotated[float, pydantic.Field(ge=0, le=1), pydantic.AfterValidator(
 
 def number(least: float, most: float, above: bool = False) -> Any:
     """The type of a number in [least, most], or in (least, most] if `above`."""
-    limits = pydantic.Field(gt=least, le=most) if above else pydantic.Field(ge=least, le=most)
+    limits = (
+        pydantic.Field(gt=least, le=most)
+        if above
+        else pydantic.Field(ge=least, le=most)
+    )
     return Annotated[float, limits, pydantic.AfterValidator(float)]
 
 
@@ -41,7 +45,11 @@ class StrictModel(pydantic.BaseModel):
     """A frozen model that rejects unknown keys, NaN, infinity, and values of another type (`1` is not `true`)."""
 
     model_config = pydantic.ConfigDict(
-        extra="forbid", frozen=True, strict=True, allow_inf_nan=False, arbitrary_types_allowed=True
+        extra="forbid",
+        frozen=True,
+        strict=True,
+        allow_inf_nan=False,
+        arbitrary_types_allowed=True,
     )
 
     @pydantic.model_validator(mode="before")
@@ -54,7 +62,10 @@ class StrictModel(pydantic.BaseModel):
 
 
 def variants(
-    base: type[StrictModel], tag: str, tables: Mapping[str, Mapping[str, Any]], default: str | None = None
+    base: type[StrictModel],
+    tag: str,
+    tables: Mapping[str, Mapping[str, Any]],
+    default: str | None = None,
 ) -> list[type[StrictModel]]:
     """One model for each entry of `tables`: its name is the value of the key `tag`, its content the types of its keys.
 
@@ -62,7 +73,9 @@ def variants(
     """
 
     def model(name: str, keys: Mapping[str, Any]) -> type[StrictModel]:
-        fields: dict[str, Any] = {tag: (Literal[name], name if name == default else ...)}
+        fields: dict[str, Any] = {
+            tag: (Literal[name], name if name == default else ...)
+        }
         for key, kind in keys.items():
             fields[key] = (kind, None if type(None) in typing.get_args(kind) else ...)
         return pydantic.create_model(name, __base__=base, **fields)
@@ -70,16 +83,30 @@ def variants(
     return [model(name, keys) for name, keys in tables.items()]
 
 
-def tagged(name: str, tag: str, models: Iterable[type[StrictModel]], default: str | None = None) -> Any:
+def tagged(
+    name: str, tag: str, models: Iterable[type[StrictModel]], default: str | None = None
+) -> Any:
     """The union of models selected by the key `tag`, `default` if it is missing; JSON Schemas define it as `name`."""
     union: Any = Annotated[Union[tuple(models)], pydantic.Field(discriminator=tag)]  # noqa: UP007
     alias = TypeAliasType(name, union)  # type: ignore[misc]  # the models are made at run time
     if default is None:
         return alias
-    return Annotated[alias, pydantic.BeforeValidator(lambda t: {tag: default, **t} if isinstance(t, Mapping) else t)]
+    return Annotated[
+        alias,
+        pydantic.BeforeValidator(
+            lambda t: {tag: default, **t} if isinstance(t, Mapping) else t
+        ),
+    ]
 
 
-def table_of(cls: type[Any], /, make: Callable[..., Any] | None = None, *, title: str = "", **more: Any) -> Any:
+def table_of(
+    cls: type[Any],
+    /,
+    make: Callable[..., Any] | None = None,
+    *,
+    title: str = "",
+    **more: Any,
+) -> Any:
     """The type of a table with the fields of a dataclass, and `more`, that is read as an instance of the dataclass.
 
     `make` is called with the given keys in place of the class, which gets its own fields only. A field in `more`
@@ -100,11 +127,15 @@ def table_of(cls: type[Any], /, make: Callable[..., Any] | None = None, *, title
         given = table.model_fields_set if make else table.model_fields_set & keys.keys()
         return (make or cls)(**{name: getattr(table, name) for name in given})
 
-    model: Any = pydantic.create_model(title or f"{cls.__name__}Table", __base__=StrictModel, **{**keys, **more})
+    model: Any = pydantic.create_model(
+        title or f"{cls.__name__}Table", __base__=StrictModel, **{**keys, **more}
+    )
     return Annotated[model, pydantic.AfterValidator(instance)]
 
 
-def reads(kind: Any, then: Callable[[Any], Any] = lambda checked: checked) -> pydantic.PlainValidator:
+def reads(
+    kind: Any, then: Callable[[Any], Any] = lambda checked: checked
+) -> pydantic.PlainValidator:
     """Validates against a type made at run time, for `Annotated`; `then` converts the result."""
     adapter: pydantic.TypeAdapter[Any] = pydantic.TypeAdapter(kind)
 
@@ -122,7 +153,9 @@ def one_of(kind: str, known: Iterable[str]) -> pydantic.PlainValidator:
         check_known(kind, value, names)
         return value
 
-    return pydantic.PlainValidator(check, json_schema_input_type=TypeAliasType(kind.title(), Literal[tuple(names)]))
+    return pydantic.PlainValidator(
+        check, json_schema_input_type=TypeAliasType(kind.title(), Literal[tuple(names)])
+    )
 
 
 def satisfies(is_valid: Callable[[Any], Any], message: str) -> pydantic.AfterValidator:
@@ -137,12 +170,19 @@ def satisfies(is_valid: Callable[[Any], Any], message: str) -> pydantic.AfterVal
     return pydantic.AfterValidator(check)
 
 
-NEAR_FAR = satisfies(lambda ends: ends[0] < ends[1], "must be [near, far] with near < far, in metres, got {}")
+NEAR_FAR = satisfies(
+    lambda ends: ends[0] < ends[1],
+    "must be [near, far] with near < far, in metres, got {}",
+)
 
 
-def exactly(count: int, item: Any, or_one: bool = False, name: str = "") -> pydantic.BeforeValidator:
+def exactly(
+    count: int, item: Any, or_one: bool = False, name: str = ""
+) -> pydantic.BeforeValidator:
     """Accepts a list of `count` values or, with `or_one`, one value for all; JSON Schemas define it as `name`."""
-    listed: Any = Annotated[list[item], pydantic.Field(min_length=count, max_length=count)]
+    listed: Any = Annotated[
+        list[item], pydantic.Field(min_length=count, max_length=count)
+    ]
 
     def check(value: Any) -> Any:
         if isinstance(value, list) and len(value) != count:
@@ -150,7 +190,9 @@ def exactly(count: int, item: Any, or_one: bool = False, name: str = "") -> pyda
         return [value] * count if or_one and not isinstance(value, list) else value
 
     kind: Any = item | listed if or_one else listed
-    return pydantic.BeforeValidator(check, json_schema_input_type=TypeAliasType(name, kind) if name else kind)
+    return pydantic.BeforeValidator(
+        check, json_schema_input_type=TypeAliasType(name, kind) if name else kind
+    )
 
 
 def read(
@@ -168,11 +210,17 @@ def read(
 
     Raises InputError for the first error, in one line: file, key, what is allowed, and the value.
     """
-    adapter = model if isinstance(model, pydantic.TypeAdapter) else pydantic.TypeAdapter(model)
+    adapter = (
+        model
+        if isinstance(model, pydantic.TypeAdapter)
+        else pydantic.TypeAdapter(model)
+    )
     try:
         return adapter.validate_python(data, context=context, strict=strict)
     except pydantic.ValidationError as error:
-        raise InputError(f"{file}: {_describe(error.errors(include_url=False), data, key)}") from error
+        raise InputError(
+            f"{file}: {_describe(error.errors(include_url=False), data, key)}"
+        ) from error
     except RecursionError as error:
         raise InputError(f"{file}: {_at(key, 'nested too deep')}") from error
 
@@ -196,17 +244,35 @@ def _describe(errors: list[Any], data: Any, start: str) -> str:
     """
     parts = _key_parts(errors[0]["loc"], data)
     if errors[0]["type"] == "missing":
-        missing = [e["loc"][-1] for e in errors if e["type"] == "missing" and e["loc"][:-1] == errors[0]["loc"][:-1]]
+        missing = [
+            e["loc"][-1]
+            for e in errors
+            if e["type"] == "missing" and e["loc"][:-1] == errors[0]["loc"][:-1]
+        ]
         names = ", ".join(repr(str(name)) for name in missing)
-        return _at(dotted(parts, start), f"missing key{'s' if len(missing) > 1 else ''} {names}")
-    same = [error for error in errors if _key_parts(error["loc"], data)[: len(parts)] == parts]
-    deeper = [e for e in same if e["type"] not in _TYPES or len(_key_parts(e["loc"], data)) > len(parts)]
+        return _at(
+            dotted(parts, start),
+            f"missing key{'s' if len(missing) > 1 else ''} {names}",
+        )
+    same = [
+        error
+        for error in errors
+        if _key_parts(error["loc"], data)[: len(parts)] == parts
+    ]
+    deeper = [
+        e
+        for e in same
+        if e["type"] not in _TYPES or len(_key_parts(e["loc"], data)) > len(parts)
+    ]
     error = (deeper or errors)[0]
     parts = _key_parts(error["loc"], data)
     if error["type"] == "union_tag_invalid":
         parts = (*parts, error["ctx"]["discriminator"].strip("'"))
     choices = " or ".join(dict.fromkeys(map(_allowed, same)))
-    return _at(dotted(parts, start), _message(error) if deeper else _must_be(choices, error["input"]))
+    return _at(
+        dotted(parts, start),
+        _message(error) if deeper else _must_be(choices, error["input"]),
+    )
 
 
 def _at(where: str, message: str) -> str:
@@ -228,7 +294,9 @@ def _key_parts(location: tuple[str | int, ...], data: Any) -> tuple[str | int, .
         known = isinstance(data, Mapping) and part in data
         if known and part in data.values() and not is_selected:
             is_selected = True
-        elif known or (isinstance(data, list) and isinstance(part, int) and part < len(data)):
+        elif known or (
+            isinstance(data, list) and isinstance(part, int) and part < len(data)
+        ):
             parts.append(part)
             data, is_selected = data[part], False
     return tuple(parts)
@@ -241,10 +309,18 @@ def _message(error: Any) -> str:
     if kind == "value_error":
         return str(limits["error"])
     if kind in ("literal_error", "union_tag_invalid"):
-        value, expected = limits.get("tag", error["input"]), limits.get("expected_tags", limits.get("expected"))
-        choices = [part.strip().strip("'") for part in expected.replace(" or ", ", ").split(",")]
+        value, expected = (
+            limits.get("tag", error["input"]),
+            limits.get("expected_tags", limits.get("expected")),
+        )
+        choices = [
+            part.strip().strip("'")
+            for part in expected.replace(" or ", ", ").split(",")
+        ]
         near = nearest(str(value), choices)
-        return _must_be(f"one of {', '.join(choices)}", value) + (f"; did you mean {near!r}?" if near else "")
+        return _must_be(f"one of {', '.join(choices)}", value) + (
+            f"; did you mean {near!r}?" if near else ""
+        )
     return _must_be(_allowed(error), error["input"])
 
 
@@ -260,7 +336,8 @@ _TYPES = {
     "list_type": "a list",
     "tuple_type": "a list",
     **dict.fromkeys(
-        ("dict_type", "model_type", "model_attributes_type", "dataclass_type"), "a table of keys and values"
+        ("dict_type", "model_type", "model_attributes_type", "dataclass_type"),
+        "a table of keys and values",
     ),
 }
 _LIMITS = {
@@ -286,6 +363,12 @@ def _allowed(error: Any) -> str:
             name: f"{limit:g}" if isinstance(limit, float) else str(limit)
             for name, limit in error.get("ctx", {}).items()
         }
-        plural = "" if "1" in (limits.get("min_length"), limits.get("max_length")) else "s"
+        plural = (
+            "" if "1" in (limits.get("min_length"), limits.get("max_length")) else "s"
+        )
         return (_TYPES | _LIMITS)[kind].format(**limits, s=plural)
-    return str(error["msg"]).removeprefix("Input should be ").removeprefix("Value should be ")
+    return (
+        str(error["msg"])
+        .removeprefix("Input should be ")
+        .removeprefix("Value should be ")
+    )

@@ -13,7 +13,9 @@ def seed_sequence(seed: int, *key: int | str) -> np.random.SeedSequence:
     >>> seed_sequence(3, "noise", 0).spawn_key
     (4255749673, 0)
     """
-    words = tuple(zlib.crc32(part.encode()) if isinstance(part, str) else part for part in key)
+    words = tuple(
+        zlib.crc32(part.encode()) if isinstance(part, str) else part for part in key
+    )
     return np.random.SeedSequence(seed, spawn_key=words)
 
 

@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from twinlens.camera.aperture import FULL_DISK, Annulus, Disk, MaskAperture, Polygon, concentric
+from twinlens.camera.aperture import (
+    FULL_DISK,
+    Annulus,
+    Disk,
+    MaskAperture,
+    Polygon,
+    concentric,
+)
 from twinlens.errors import InputError
 
 LETTER = np.array([[1, 0, 0], [1, 0.5, 0], [1, 1, 0.25], [0, 0, 0]])
@@ -26,7 +33,9 @@ IDS = [f"{i}-{shape.name}" for i, shape in enumerate(SHAPES)]
 def stratified(side: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """One jittered point in each cell of a side x side grid."""
     rng = np.random.default_rng(seed)
-    cell = np.stack(np.meshgrid(np.arange(side), np.arange(side)), axis=-1).reshape(-1, 2)
+    cell = np.stack(np.meshgrid(np.arange(side), np.arange(side)), axis=-1).reshape(
+        -1, 2
+    )
     return tuple(((cell + rng.random(cell.shape)) / side).T)
 
 
@@ -40,7 +49,11 @@ def test_samples_are_distributed_as_the_transmission(shape):
     assert counts.sum() == len(u1)
 
     fine = (np.arange(12 * 60) + 0.5) / (6 * 60) - 1
-    open_area = shape.transmission(*np.meshgrid(fine, fine)).reshape(12, 60, 12, 60).mean(axis=(1, 3))
+    open_area = (
+        shape.transmission(*np.meshgrid(fine, fine))
+        .reshape(12, 60, 12, 60)
+        .mean(axis=(1, 3))
+    )
     expected = open_area / open_area.sum() * len(u1)
     error = 5 * np.sqrt(expected + 1) + 0.01 * expected.max()
     assert (np.abs(counts - expected) < error).all()
@@ -65,7 +78,10 @@ def test_sampling_is_continuous(shape):
     line = (np.arange(500) + 0.5) / 500
     u1, u2 = np.meshgrid(line, line)
     x, y = shape.sample(u1, u2)
-    step = np.maximum(np.hypot(np.diff(x), np.diff(y))[:-1], np.hypot(np.diff(x, axis=0), np.diff(y, axis=0))[:, :-1])
+    step = np.maximum(
+        np.hypot(np.diff(x), np.diff(y))[:-1],
+        np.hypot(np.diff(x, axis=0), np.diff(y, axis=0))[:, :-1],
+    )
     opens = shape.name == "annulus"
     away = ~(opens & (np.hypot(u1 - 0.5, u2 - 0.5) < 0.1))[:-1, :-1]
     assert step[away].max() < 6 / 500
@@ -83,14 +99,25 @@ def test_stratified_samples_estimate_better_than_random_ones():
     """The mean of x^2 over a hexagon against its closed form; strata reduce the random error."""
     shape = Polygon(6)
     truth = 5 / 24  # second moment of the regular hexagon of unit side over its area
-    strata = np.std([np.mean(shape.sample(*stratified(16, s))[0] ** 2) - truth for s in range(30)])
+    strata = np.std(
+        [np.mean(shape.sample(*stratified(16, s))[0] ** 2) - truth for s in range(30)]
+    )
     rng = np.random.default_rng(0)
-    loose = np.std([np.mean(shape.sample(*rng.random((2, 256)))[0] ** 2) - truth for _ in range(30)])
+    loose = np.std(
+        [
+            np.mean(shape.sample(*rng.random((2, 256)))[0] ** 2) - truth
+            for _ in range(30)
+        ]
+    )
     assert strata < loose / 5
-    assert np.mean(shape.sample(*stratified(256))[0] ** 2) == pytest.approx(truth, rel=1e-3)
+    assert np.mean(shape.sample(*stratified(256))[0] ** 2) == pytest.approx(
+        truth, rel=1e-3
+    )
 
 
-@pytest.mark.parametrize(("blades", "area"), [(3, 3 * math.sqrt(3) / 4), (4, 2), (6, 3 * math.sqrt(3) / 2)])
+@pytest.mark.parametrize(
+    ("blades", "area"), [(3, 3 * math.sqrt(3) / 4), (4, 2), (6, 3 * math.sqrt(3) / 2)]
+)
 def test_polygons_have_the_textbook_areas(blades, area):
     assert Polygon(blades).area_fraction * math.pi == pytest.approx(area, rel=1e-14)
     assert Polygon(blades, roundness=1).area_fraction == pytest.approx(1, rel=1e-14)

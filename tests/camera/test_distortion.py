@@ -44,16 +44,24 @@ def camera(distortion, fx: float = 700.0, fy: float = 650.0) -> Camera:
 def opencv_projection(model, points: np.ndarray) -> np.ndarray:
     cam = camera(model)
     if isinstance(model, BrownConrady):
-        px, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), cam.K, np.array(model.coefficients))
+        px, _ = cv2.projectPoints(
+            points, np.zeros(3), np.zeros(3), cam.K, np.array(model.coefficients)
+        )
     else:
-        px = cv2.fisheye.distortPoints(points[None, :, :2] / points[None, :, 2:], cam.K, np.array(model.coefficients))
+        px = cv2.fisheye.distortPoints(
+            points[None, :, :2] / points[None, :, 2:],
+            cam.K,
+            np.array(model.coefficients),
+        )
     return px.reshape(-1, 2)
 
 
 @settings(max_examples=60, deadline=None)
 @given(st.one_of(brown, fisheye), st.integers(0, 2**31))
 def test_projection_equals_opencv(model, seed):
-    points = rays(seed, reach=0.6) * np.random.default_rng(seed).uniform(0.1, 50, (200, 1))
+    points = rays(seed, reach=0.6) * np.random.default_rng(seed).uniform(
+        0.1, 50, (200, 1)
+    )
     mine = camera(model).project(points)
     assert np.abs(mine - opencv_projection(model, points)).max() < 1e-6
 
@@ -80,12 +88,19 @@ def test_jacobian_equals_differences_of_distort(model, seed):
 
 def numeric_jacobian(model, point: np.ndarray, step: float = 1e-5) -> np.ndarray:
     """Central differences, (2, 2)."""
-    ends = [(model.distort(point + d) - model.distort(point - d)) / (2 * step) for d in step * np.eye(2)]
+    ends = [
+        (model.distort(point + d) - model.distort(point - d)) / (2 * step)
+        for d in step * np.eye(2)
+    ]
     return np.stack(ends, axis=1)
 
 
 @pytest.mark.parametrize(
-    "model", [BrownConrady(-0.3, 0.1, 1e-3, -2e-3, 0.02), KannalaBrandt(0.05, -0.02, 0.01, -0.002)]
+    "model",
+    [
+        BrownConrady(-0.3, 0.1, 1e-3, -2e-3, 0.02),
+        KannalaBrandt(0.05, -0.02, 0.01, -0.002),
+    ],
 )
 def test_pixels_and_directions_round_trip_over_a_whole_image(model):
     cam = camera(model)
@@ -101,14 +116,18 @@ def test_an_extreme_fisheye_still_inverts():
     model = KannalaBrandt(-0.02, 0.003)
     theta = np.linspace(0, math.radians(89.9), 50)
     xy = np.column_stack([np.tan(theta), np.zeros(50)])
-    assert np.arctan(model.undistort(model.distort(xy))[:, 0]) == pytest.approx(theta, abs=1e-12)
+    assert np.arctan(model.undistort(model.distort(xy))[:, 0]) == pytest.approx(
+        theta, abs=1e-12
+    )
 
 
 def test_zero_coefficients_are_no_distortion():
     xy = rays(0)[:, :2]
     assert (BrownConrady().distort(xy) == xy).all()
     assert (BrownConrady().undistort(xy) == xy).all()
-    assert camera(BrownConrady()).project(rays(0)) == pytest.approx(camera(None).project(rays(0)), abs=1e-12)
+    assert camera(BrownConrady()).project(rays(0)) == pytest.approx(
+        camera(None).project(rays(0)), abs=1e-12
+    )
 
 
 def test_a_point_beyond_the_fold_has_no_pixel():
@@ -150,7 +169,9 @@ def test_the_image_may_reach_up_to_the_fold(edge):
     ids=str,
 )
 def test_folding_distortion_raises_in_one_line(model):
-    with pytest.raises(InputError, match=r"folds the image over itself before pixel \(") as refusal:
+    with pytest.raises(
+        InputError, match=r"folds the image over itself before pixel \("
+    ) as refusal:
         Camera.from_fov(640, 480, fov_x_deg=90).replace(distortion=model)
     assert "\n" not in str(refusal.value)
 
@@ -170,12 +191,21 @@ def test_coefficients_are_finite(bad):
 
 @pytest.mark.parametrize("turned", [False, True])
 def test_undistort_maps_equal_opencv(turned):
-    rotation = look_at([0, 0, 0], [0.05, 0.02, 1.0], up=[0, -1, 0])[:3, :3] if turned else np.eye(3)
+    rotation = (
+        look_at([0, 0, 0], [0.05, 0.02, 1.0], up=[0, -1, 0])[:3, :3]
+        if turned
+        else np.eye(3)
+    )
     model = BrownConrady(-0.25, 0.08, 1e-3, -5e-4, 0.01)
     source, target = camera(model), Camera(320, 240, 300.0, 310.0, 150.0, 121.0)
     mine = undistort_maps(source, target, to_from_camera=rotation)
     theirs = cv2.initUndistortRectifyMap(
-        source.K, np.array(model.coefficients), rotation, target.K, (320, 240), cv2.CV_32FC1
+        source.K,
+        np.array(model.coefficients),
+        rotation,
+        target.K,
+        (320, 240),
+        cv2.CV_32FC1,
     )
     assert all(m.dtype == np.float32 and m.shape == (240, 320) for m in mine)
     assert max(np.abs(m - t).max() for m, t in zip(mine, theirs, strict=True)) < 1e-3
@@ -187,7 +217,9 @@ def test_remapping_straightens_a_line():
     cam = camera(model)
     x, y = np.moveaxis(cam.unproject(cam.pixel_grid())[..., :2], -1, 0)
     picture = (np.abs(y - 0.2 - 0.1 * x) < 0.004).astype(np.float32)
-    straight = cv2.remap(picture, *undistort_maps(cam, cam.replace(distortion=None)), cv2.INTER_LINEAR)
+    straight = cv2.remap(
+        picture, *undistort_maps(cam, cam.replace(distortion=None)), cv2.INTER_LINEAR
+    )
     v, u = np.nonzero(straight > 0.5)
     wanted = 211.5 + 650 * (0.2 + 0.1 * (u - 330.25) / 700)
     assert len(u) > 500
@@ -205,4 +237,6 @@ def test_a_matrix_that_is_not_a_rotation_raises():
     with pytest.raises(InputError, match="rotation"):
         undistort_maps(camera(None), camera(None), to_from_camera=2 * np.eye(3))
     with pytest.raises(InputError, match="determinant"):
-        undistort_maps(camera(None), camera(None), to_from_camera=np.diag([-1.0, 1.0, 1.0]))
+        undistort_maps(
+            camera(None), camera(None), to_from_camera=np.diag([-1.0, 1.0, 1.0])
+        )

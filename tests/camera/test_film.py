@@ -12,7 +12,9 @@ def test_film_image_is_where_the_ray_through_the_aperture_meets_the_film():
     upright = np.zeros((31, 41, 3))
     upright[v, u] = 1
 
-    film = point * (-camera.film_distance / point[2])  # straight on through the origin to z = -v
+    film = point * (
+        -camera.film_distance / point[2]
+    )  # straight on through the origin to z = -v
     right, down = np.rint(film[:2] / (camera.pixel_pitch_um * 1e-6)).astype(int)
     turned_centre = np.array([41 - 1 - 22, 31 - 1 - 13])
     rows, columns = np.nonzero(film_image(upright)[..., 0])

@@ -46,17 +46,28 @@ def test_round_trip_of_every_pixel_through_each_distortion(distortion):
 @pytest.mark.parametrize("distortion", LENSES)
 def test_projection_equals_opencv(distortion):
     camera = Camera(640, 480, 600.0, 610.0, 330.25, 228.5, distortion)
-    points = camera.unproject(np.random.default_rng(3).uniform([0, 0], [639, 479], (300, 2))) * 2.5
+    points = (
+        camera.unproject(np.random.default_rng(3).uniform([0, 0], [639, 479], (300, 2)))
+        * 2.5
+    )
     still = np.zeros(3)
     if isinstance(distortion, KannalaBrandt):
-        theirs, _ = cv2.fisheye.projectPoints(points[:, None], still, still, camera.K, np.array([-0.02, 0.004, 0, 0]))
+        theirs, _ = cv2.fisheye.projectPoints(
+            points[:, None], still, still, camera.K, np.array([-0.02, 0.004, 0, 0])
+        )
     else:
-        theirs, _ = cv2.projectPoints(points, still, still, camera.K, opencv_coefficients(distortion))
+        theirs, _ = cv2.projectPoints(
+            points, still, still, camera.K, opencv_coefficients(distortion)
+        )
     assert np.allclose(camera.project(points), theirs.reshape(-1, 2), atol=1e-9)
 
 
 def opencv_coefficients(d):
-    return None if d is None else np.array([d.k1, d.k2, d.p1, d.p2, d.k3, d.k4, d.k5, d.k6])
+    return (
+        None
+        if d is None
+        else np.array([d.k1, d.k2, d.p1, d.p2, d.k3, d.k4, d.k5, d.k6])
+    )
 
 
 def test_pixel_centres_are_integers_and_the_image_extends_half_a_pixel():
@@ -66,8 +77,24 @@ def test_pixel_centres_are_integers_and_the_image_extends_half_a_pixel():
     assert grid[2, 3].tolist() == [3.0, 2.0]
     assert camera.unproject([1.5, 1.0]).tolist() == [0, 0, 1]
     assert camera.contains(grid).all()
-    edge = [(-0.5, 0), (3.4999, 2.4999), (0, -0.5), (-0.5001, 0), (3.5, 0), (0, 2.5), (math.nan, 0)]
-    assert camera.contains(edge).tolist() == [True, True, True, False, False, False, False]
+    edge = [
+        (-0.5, 0),
+        (3.4999, 2.4999),
+        (0, -0.5),
+        (-0.5001, 0),
+        (3.5, 0),
+        (0, 2.5),
+        (math.nan, 0),
+    ]
+    assert camera.contains(edge).tolist() == [
+        True,
+        True,
+        True,
+        False,
+        False,
+        False,
+        False,
+    ]
 
 
 def test_x_is_right_and_y_is_down():
@@ -84,7 +111,9 @@ def test_points_behind_the_camera_have_no_pixel(z):
 def test_from_fov_spans_its_angle_from_edge_to_edge(width, height, fov):
     camera = Camera.from_fov(width, height, fov)
     left, right = camera.unproject([(-0.5, 0), (width - 0.5, 0)])[:, 0]
-    assert math.degrees(math.atan(right) - math.atan(left)) == pytest.approx(fov, abs=1e-9)
+    assert math.degrees(math.atan(right) - math.atan(left)) == pytest.approx(
+        fov, abs=1e-9
+    )
     assert camera.fov_x_deg == pytest.approx(fov, abs=1e-9)
     assert (camera.cx, camera.cy) == ((width - 1) / 2, (height - 1) / 2)
     assert camera.fx == camera.fy
@@ -117,8 +146,16 @@ GOOD = {"width": 640, "height": 480, "fx": 700.0, "fy": 700.0, "cx": 319.5, "cy"
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [(side, v) for side in ("width", "height") for v in (0, -3, 2.5, True, 65537, math.nan, "640", None)]
-    + [(size, v) for size in ("fx", "fy", "pixel_pitch_um") for v in (0.0, -1.0, math.inf, math.nan)]
+    [
+        (side, v)
+        for side in ("width", "height")
+        for v in (0, -3, 2.5, True, 65537, math.nan, "640", None)
+    ]
+    + [
+        (size, v)
+        for size in ("fx", "fy", "pixel_pitch_um")
+        for v in (0.0, -1.0, math.inf, math.nan)
+    ]
     + [(centre, v) for centre in ("cx", "cy") for v in (math.inf, math.nan)],
 )
 def test_invalid_cameras_raise_naming_the_field(field, value):

@@ -7,7 +7,15 @@ import pytest
 from hypothesis import given, strategies as st
 
 from twinlens import optics
-from twinlens.camera import BareAperture, Camera, Disk, Pinhole, Polygon, ThinLens, film_distance
+from twinlens.camera import (
+    BareAperture,
+    Camera,
+    Disk,
+    Pinhole,
+    Polygon,
+    ThinLens,
+    film_distance,
+)
 from twinlens.errors import InputError
 
 diameters = st.floats(1e-6, 0.5)
@@ -15,7 +23,9 @@ distances = st.floats(0.05, 1e4)
 film = st.floats(1e-3, 0.3)
 
 
-def film_point(z: float, height: float, a: float, power: float, film_distance: float) -> float:
+def film_point(
+    z: float, height: float, a: float, power: float, film_distance: float
+) -> float:
     """Film position, upright, of the ray from (z, height) through the point a of the lens, by ABCD matrices."""
     slope_before = (a - height) / z
     slope_behind = slope_before - power * a
@@ -26,16 +36,25 @@ def film_point(z: float, height: float, a: float, power: float, film_distance: f
 def test_blur_equals_ray_transfer_matrices(diameter, focus, film_distance, z):
     """The two marginal rays of an axial point are A v |1/z - k| apart on the film."""
     power = 1 / optics.focal_length(focus, film_distance)
-    ends = [film_point(z, 0.0, a, power, film_distance) for a in (-diameter / 2, diameter / 2)]
+    ends = [
+        film_point(z, 0.0, a, power, film_distance)
+        for a in (-diameter / 2, diameter / 2)
+    ]
     k = ThinLens(diameter, focus).vergence
-    assert abs(ends[1] - ends[0]) == pytest.approx(diameter * film_distance * abs(1 / z - k), abs=1e-12)
+    assert abs(ends[1] - ends[0]) == pytest.approx(
+        diameter * film_distance * abs(1 / z - k), abs=1e-12
+    )
 
 
 @given(diameters, film, st.floats(0.06, 100))
 def test_a_bare_aperture_has_the_vergence_of_zero_power(diameter, film_distance, z):
-    ends = [film_point(z, 0.0, a, 0.0, film_distance) for a in (-diameter / 2, diameter / 2)]
+    ends = [
+        film_point(z, 0.0, a, 0.0, film_distance) for a in (-diameter / 2, diameter / 2)
+    ]
     k = BareAperture(diameter, film_distance).vergence
-    assert abs(ends[1] - ends[0]) == pytest.approx(diameter * film_distance * abs(1 / z - k), abs=1e-12)
+    assert abs(ends[1] - ends[0]) == pytest.approx(
+        diameter * film_distance * abs(1 / z - k), abs=1e-12
+    )
 
 
 @given(distances, film)
@@ -65,14 +84,18 @@ def test_a_50_mm_f2_lens_by_hand():
 def test_blur_is_proportional_to_disparity_from_focus(diameter, focus, z):
     """c = (A/B) |d - d_focus|."""
     fx, baseline = 700.0, 0.12
-    blur = optics.circle_of_confusion_px(z, diameter, fx, ThinLens(diameter, focus).vergence)
+    blur = optics.circle_of_confusion_px(
+        z, diameter, fx, ThinLens(diameter, focus).vergence
+    )
     parallax = fx * baseline / z - fx * baseline / focus
     assert blur == pytest.approx(diameter / baseline * parallax, abs=1e-9)
 
 
 def test_a_pinhole_has_zero_width():
     assert Pinhole().aperture_diameter == 0
-    assert optics.circle_of_confusion_px([0.1, 5.0, math.inf], Pinhole().aperture_diameter, 700, 0).tolist() == [
+    assert optics.circle_of_confusion_px(
+        [0.1, 5.0, math.inf], Pinhole().aperture_diameter, 700, 0
+    ).tolist() == [
         0,
         0,
         0,
@@ -90,19 +113,42 @@ def test_every_lens_has_the_common_members():
 
 def test_the_film_distance_of_a_bare_aperture_gives_the_pixel_pitch():
     """With a film distance of 50 mm and fx = 500 px, a pixel is 0.1 mm wide."""
-    assert Camera(64, 48, 500.0, 500.0, 31.5, 23.5, pixel_pitch_um=100.0).film_distance == pytest.approx(0.05)
+    assert Camera(
+        64, 48, 500.0, 500.0, 31.5, 23.5, pixel_pitch_um=100.0
+    ).film_distance == pytest.approx(0.05)
 
 
 @pytest.mark.parametrize(
     ("make", "name"),
     [
-        *((lambda v=v: ThinLens(v, 2.0), "aperture_diameter") for v in (-0.1, math.nan, math.inf)),
-        *((lambda v=v: ThinLens(0.1, v), "focus_distance") for v in (0.0, -2.0, math.nan)),
-        *((lambda v=v: BareAperture(v, 0.1), "diameter") for v in (-0.1, math.nan, math.inf)),
-        *((lambda v=v: BareAperture(0.1, v), "film_distance") for v in (0.0, -2.0, math.nan, math.inf)),
-        *((lambda v=v: ThinLens.from_f_number(v, 2.0, 0.05), "f_number") for v in (0.0, -2.0, math.nan, math.inf)),
-        *((lambda v=v: ThinLens.from_f_number(2, v, 0.05), "focus_distance") for v in (0.0, -2.0, math.nan)),
-        *((lambda v=v: ThinLens.from_f_number(2, 2.0, v), "film_distance") for v in (0.0, -2.0, math.nan, math.inf)),
+        *(
+            (lambda v=v: ThinLens(v, 2.0), "aperture_diameter")
+            for v in (-0.1, math.nan, math.inf)
+        ),
+        *(
+            (lambda v=v: ThinLens(0.1, v), "focus_distance")
+            for v in (0.0, -2.0, math.nan)
+        ),
+        *(
+            (lambda v=v: BareAperture(v, 0.1), "diameter")
+            for v in (-0.1, math.nan, math.inf)
+        ),
+        *(
+            (lambda v=v: BareAperture(0.1, v), "film_distance")
+            for v in (0.0, -2.0, math.nan, math.inf)
+        ),
+        *(
+            (lambda v=v: ThinLens.from_f_number(v, 2.0, 0.05), "f_number")
+            for v in (0.0, -2.0, math.nan, math.inf)
+        ),
+        *(
+            (lambda v=v: ThinLens.from_f_number(2, v, 0.05), "focus_distance")
+            for v in (0.0, -2.0, math.nan)
+        ),
+        *(
+            (lambda v=v: ThinLens.from_f_number(2, 2.0, v), "film_distance")
+            for v in (0.0, -2.0, math.nan, math.inf)
+        ),
         (lambda: ThinLens(0.1, 2.0).replace(focus_distance=-1.0), "focus_distance"),
         (lambda: BareAperture(0.1, 2.0).replace(diameter=-1.0), "diameter"),
     ],

@@ -13,13 +13,20 @@ CAMERA = Camera(64, 48, 70.0, 69.0, 31.0, 24.1)
 def test_rotations_are_about_the_calibrated_axes():
     """Large angles, against a sequence of OpenCV's axis rotations."""
     pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = cv2.Rodrigues(np.array([0.3, -0.2, 1.1]))[0], [3.0, 2.0, 1.0]
+    pose[:3, :3], pose[:3, 3] = (
+        cv2.Rodrigues(np.array([0.3, -0.2, 1.1]))[0],
+        [3.0, 2.0, 1.0],
+    )
     rig = Rig.stereo(CAMERA, 0.2, pose)
-    off = misaligned(rig, (ALIGNED, Misalignment(pitch_deg=30, yaw_deg=40, roll_deg=50)))
+    off = misaligned(
+        rig, (ALIGNED, Misalignment(pitch_deg=30, yaw_deg=40, roll_deg=50))
+    )
     axes = np.eye(3)
     for axis, degrees in zip(np.eye(3), (30, 40, 50), strict=True):
         axes = cv2.Rodrigues(axis * np.radians(degrees))[0] @ axes
-    calibrated_from_true = np.linalg.inv(off.calibrated.world_from_cams[1]) @ off.world_from_cams[1]
+    calibrated_from_true = (
+        np.linalg.inv(off.calibrated.world_from_cams[1]) @ off.world_from_cams[1]
+    )
     np.testing.assert_allclose(calibrated_from_true[:3, :3], axes, atol=1e-12)
     np.testing.assert_allclose(calibrated_from_true[:3, 3], 0, atol=1e-12)
     np.testing.assert_array_equal(off.world_from_cams[0], rig.world_from_cams[0])
@@ -27,7 +34,9 @@ def test_rotations_are_about_the_calibrated_axes():
 
 def test_a_pair_of_a_misaligned_rig_keeps_its_calibrated_pair():
     three = Rig([CAMERA] * 3, [np.eye(4)] * 3)
-    off = misaligned(three, (ALIGNED, Misalignment(vertical_px=1.5), Misalignment(roll_deg=1)))
+    off = misaligned(
+        three, (ALIGNED, Misalignment(vertical_px=1.5), Misalignment(roll_deg=1))
+    )
     pair = off.pair(2, 1)
     assert pair.cameras[1].cy == CAMERA.cy + 1.5
     assert pair.nominal.cameras[1].cy == CAMERA.cy
@@ -41,7 +50,10 @@ def test_every_camera_needs_a_misalignment(count):
         misaligned(Rig([CAMERA] * count, [np.eye(4)] * count), (ALIGNED, ALIGNED))
 
 
-@pytest.mark.parametrize("error", [{"roll_deg": 200}, {"yaw_deg": 90}, {"pitch_deg": -90}, {"vertical_px": np.inf}])
+@pytest.mark.parametrize(
+    "error",
+    [{"roll_deg": 200}, {"yaw_deg": 90}, {"pitch_deg": -90}, {"vertical_px": np.inf}],
+)
 def test_invalid_misalignments_raise(error):
     with pytest.raises(InputError, match=f"{next(iter(error))} must be"):
         Misalignment(**error)

@@ -16,7 +16,9 @@ def test_halves_of_a_disk():
     for axis, column in (("x", 0), ("y", 1)):
         fractions, centroids = tl.Dual(axis).light(DISK)
         np.testing.assert_allclose(fractions, 0.5, atol=1e-6)
-        np.testing.assert_allclose(centroids[:, column], [-4 / (3 * math.pi), 4 / (3 * math.pi)], atol=1e-4)
+        np.testing.assert_allclose(
+            centroids[:, column], [-4 / (3 * math.pi), 4 / (3 * math.pi)], atol=1e-4
+        )
         np.testing.assert_allclose(centroids[:, 1 - column], 0, atol=1e-6)
 
 
@@ -24,10 +26,14 @@ def test_quarters_of_a_disk_and_halves_of_a_ring():
     fractions, centroids = tl.Quad().light(DISK)
     off = 4 / (3 * math.pi)
     np.testing.assert_allclose(fractions, 0.25, atol=1e-6)
-    np.testing.assert_allclose(centroids, [[-off, -off], [off, -off], [-off, off], [off, off]], atol=1e-4)
+    np.testing.assert_allclose(
+        centroids, [[-off, -off], [off, -off], [-off, off], [off, off]], atol=1e-4
+    )
     inner = 0.6
     _, centroids = tl.Dual().light(tl.Annulus(inner))
-    np.testing.assert_allclose(centroids[1, 0], off * (1 - inner**3) / (1 - inner**2), atol=1e-4)
+    np.testing.assert_allclose(
+        centroids[1, 0], off * (1 - inner**3) / (1 - inner**2), atol=1e-4
+    )
 
 
 def test_squares_of_a_grid_on_a_square():
@@ -35,7 +41,9 @@ def test_squares_of_a_grid_on_a_square():
     fractions, centroids = tl.Grid(4).light(tl.MaskAperture([[1.0]]))
     np.testing.assert_allclose(fractions, 1 / 16, atol=1e-9)
     x, y = np.meshgrid(np.arange(4) / 2 - 0.75, np.arange(4) / 2 - 0.75)
-    np.testing.assert_allclose(centroids, np.stack([x.ravel(), y.ravel()], axis=-1), atol=1e-6)
+    np.testing.assert_allclose(
+        centroids, np.stack([x.ravel(), y.ravel()], axis=-1), atol=1e-6
+    )
 
 
 def test_a_part_off_the_aperture_has_no_light():
@@ -47,13 +55,18 @@ def test_a_part_off_the_aperture_has_no_light():
 
 @pytest.mark.parametrize("side", [1, 2, 5])
 def test_shares_are_those_of_the_cell(side):
-    masks = np.random.default_rng(side).dirichlet([1, 1, 1], (side, side + 1)).transpose(2, 0, 1)
+    masks = (
+        np.random.default_rng(side)
+        .dirichlet([1, 1, 1], (side, side + 1))
+        .transpose(2, 0, 1)
+    )
     parts = tl.Masks(masks)
     row, column = np.indices((side, side + 1))
     x, y = (column + 0.5) / (side + 1) * 2 - 1, (row + 0.5) / side * 2 - 1
     np.testing.assert_array_equal(parts.shares(x, y), masks)
     np.testing.assert_array_equal(
-        parts.shares(np.array([-1.0, 1.0]), np.array([-1.0, 1.0])), masks[:, [0, -1], [0, -1]]
+        parts.shares(np.array([-1.0, 1.0]), np.array([-1.0, 1.0])),
+        masks[:, [0, -1], [0, -1]],
     )
 
 

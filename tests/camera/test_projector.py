@@ -41,7 +41,9 @@ def test_every_pattern_fills_its_size_with_values_from_0_to_1(name):
 
 
 def test_the_density_of_dots_is_exact_and_the_seed_places_them():
-    first, second = (patterns.dots(60, 40, density=0.15, size=2, seed=seed) for seed in (1, 2))
+    first, second = (
+        patterns.dots(60, 40, density=0.15, size=2, seed=seed) for seed in (1, 2)
+    )
     assert first.mean() == second.mean() == 0.15
     assert (first != second).any()
     blocks = first.reshape(20, 2, 30, 2)
@@ -49,7 +51,9 @@ def test_the_density_of_dots_is_exact_and_the_seed_places_them():
 
 
 def test_grid_stripes_and_checker_repeat_with_their_period():
-    grid, stripes, checker = (patterns.named(name, 48, 48) for name in ("dot_grid", "stripes", "checker"))
+    grid, stripes, checker = (
+        patterns.named(name, 48, 48) for name in ("dot_grid", "stripes", "checker")
+    )
     assert grid.sum() == 36
     for made, step in ((grid, 8), (stripes, 16), (checker, 32)):
         assert (made[:, step:] == made[:, :-step]).all()
@@ -67,7 +71,10 @@ def test_tiled_dots_repeat_and_have_their_density():
 def test_speckle_is_exponential_and_correlated_over_its_grain():
     """Within 4 standard errors of the closed forms; a pattern has about (size / grain)^2 independent grains."""
     grain, shape = 5.0, (400, 600)
-    made = patterns.speckle(shape[1], shape[0], grain, seed=3).astype(np.float64) / patterns.SPECKLE_MEAN
+    made = (
+        patterns.speckle(shape[1], shape[0], grain, seed=3).astype(np.float64)
+        / patterns.SPECKLE_MEAN
+    )
     error = 4 * grain / np.sqrt(shape[0] * shape[1])
     assert made.mean() == pytest.approx(1, abs=error)
     for level in (0.1, 0.5, 1.0, 2.0, 4.0):
@@ -92,7 +99,9 @@ def test_neighbouring_gray_codes_differ_in_one_bit_and_decode_to_their_positions
 
 def test_a_gray_code_interpolated_between_pixels_decodes_to_positions_between_them():
     code, u = GrayCode(53, 1), np.linspace(0, 52, 401)
-    images = [0.1 + 3.0 * np.interp(u, np.arange(53), each[0])[None] for each in code.patterns]
+    images = [
+        0.1 + 3.0 * np.interp(u, np.arange(53), each[0])[None] for each in code.patterns
+    ]
     assert np.abs(decode(images, code).position - u).max() < 1e-9
 
 
@@ -127,8 +136,14 @@ def test_projectors_move_with_the_first_camera():
     projector = Projector(pose(rng), LENS, "dots", 2.0, "rgb")
     rig = rig.with_projectors([projector])
     world = geometry.rigid(rotation(rng), rng.uniform(-3, 3, 3))
-    moved = Rig(rig.cameras, [world @ each for each in rig.world_from_cams], projectors=rig.projectors)
-    assert np.allclose(moved.world_from_projectors[0], world @ rig.world_from_projectors[0])
+    moved = Rig(
+        rig.cameras,
+        [world @ each for each in rig.world_from_cams],
+        projectors=rig.projectors,
+    )
+    assert np.allclose(
+        moved.world_from_projectors[0], world @ rig.world_from_projectors[0]
+    )
     still = (rig.pair(2, 0), misaligned(rig, [Misalignment(yaw_deg=3.0)] * 3))
     for other in still:
         assert np.allclose(other.world_from_projectors[0], rig.world_from_projectors[0])
@@ -137,7 +152,13 @@ def test_projectors_move_with_the_first_camera():
 def test_a_camera_and_a_projector_triangulate():
     rng = np.random.default_rng(5)
     rig, points = random_rig(rng, 1, distorted=True)
-    rig = rig.with_projectors([Projector(pose(rng), LENS.replace(distortion=camera.BrownConrady(-0.1)), "white")])
+    rig = rig.with_projectors(
+        [
+            Projector(
+                pose(rng), LENS.replace(distortion=camera.BrownConrady(-0.1)), "white"
+            )
+        ]
+    )
     views = rig.views
     pixels = [views.project(i, points) for i in range(2)]
     assert np.allclose(triangulate(views, pixels, (0, 1)), points, atol=1e-6)
@@ -147,33 +168,52 @@ def test_a_rig_with_projectors_is_stored_and_read():
     rng = np.random.default_rng(6)
     rig, _ = random_rig(rng, 2)
     pattern = rng.random((48, 64)).astype(np.float32)
-    rig = rig.with_projectors([Projector(pose(rng), LENS, pattern, 2.5, "rgb", "nearest", 0.01, 1.5)])
+    rig = rig.with_projectors(
+        [Projector(pose(rng), LENS, pattern, 2.5, "rgb", "nearest", 0.01, 1.5)]
+    )
     assert "projectors" not in plain(rig.with_projectors([]))
     again = RIG.validate_python(plain(rig)).projectors[0]
     before = rig.projectors[0]
     assert (again.pattern == before.pattern).all()
     assert (again.pose == before.pose).all()
-    assert (again.intrinsics, again.power, again.band) == (before.intrinsics, before.power, before.band)
-    assert (again.filter, again.aperture_diameter, again.focus_distance) == ("nearest", 0.01, 1.5)
+    assert (again.intrinsics, again.power, again.band) == (
+        before.intrinsics,
+        before.power,
+        before.band,
+    )
+    assert (again.filter, again.aperture_diameter, again.focus_distance) == (
+        "nearest",
+        0.01,
+        1.5,
+    )
     assert before.with_pattern("white").focus_distance == 1.5
 
 
 def test_the_calibrated_rig_has_the_projectors_at_the_same_places():
     rng = np.random.default_rng(7)
-    rig = misaligned(random_rig(rng, 2)[0], [Misalignment(yaw_deg=3.0), Misalignment(pitch_deg=1.0)])
+    rig = misaligned(
+        random_rig(rng, 2)[0], [Misalignment(yaw_deg=3.0), Misalignment(pitch_deg=1.0)]
+    )
     lit = rig.with_projectors([Projector(pose(rng), LENS, "dots", 2.0, "rgb")])
-    assert np.allclose(lit.nominal.world_from_projectors[0], lit.world_from_projectors[0])
+    assert np.allclose(
+        lit.nominal.world_from_projectors[0], lit.world_from_projectors[0]
+    )
     assert len(lit.pair(1, 0).nominal.projectors) == 1
     table = plain(lit)
     table["projectors"][0]["power"] = 3.0
-    with pytest.raises(ValueError, match="must have the same projectors, at the same places"):
+    with pytest.raises(
+        ValueError, match="must have the same projectors, at the same places"
+    ):
         RIG.validate_python(table)
     with pytest.raises(InputError, match="must have the same projectors"):
         Rig(rig.cameras, rig.world_from_cams, rig.calibrated, lit.projectors)
 
 
 def test_lux_at_a_distance():
-    near, far = (Projector(None, LENS, band="rgb").with_lux(100.0, distance) for distance in (1.0, 2.0))
+    near, far = (
+        Projector(None, LENS, band="rgb").with_lux(100.0, distance)
+        for distance in (1.0, 2.0)
+    )
     assert far.power == pytest.approx(4 * near.power)
     assert near.power / (64 * 48) * 80 * 70 * LUMENS_PER_WATT == pytest.approx(100.0)
 
@@ -181,17 +221,32 @@ def test_lux_at_a_distance():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Projector(None, LENS, power=float("nan")), "power must be a number of watts"),
+        (
+            lambda: Projector(None, LENS, power=float("nan")),
+            "power must be a number of watts",
+        ),
         (lambda: Projector(None, LENS, power=-1), "power must be a number of watts"),
-        (lambda: Projector(None, LENS, np.ones((48, 63))), r"pattern must have the shape \(48, 64\)"),
+        (
+            lambda: Projector(None, LENS, np.ones((48, 63))),
+            r"pattern must have the shape \(48, 64\)",
+        ),
         (lambda: Projector(None, LENS, np.full((48, 64), 1.5)), "values from 0 to 1"),
-        (lambda: Projector(None, LENS, np.full((48, 64), np.nan)), "values from 0 to 1"),
+        (
+            lambda: Projector(None, LENS, np.full((48, 64), np.nan)),
+            "values from 0 to 1",
+        ),
         (lambda: Projector(None, LENS, "dot"), "did you mean 'dots'"),
         (lambda: Projector(None, LENS, filter="cubic"), "filter of a projector"),
-        (lambda: Projector(None, LENS, aperture_diameter=-1), "aperture_diameter must be"),
+        (
+            lambda: Projector(None, LENS, aperture_diameter=-1),
+            "aperture_diameter must be",
+        ),
         (lambda: Projector(None, LENS, focus_distance=0), "focus_distance must be"),
         (lambda: Projector(None, LENS, band="uv"), "band of a projector"),
-        (lambda: Projector(None, LENS).with_lux(100.0), "band='rgb', or give the power"),
+        (
+            lambda: Projector(None, LENS).with_lux(100.0),
+            "band='rgb', or give the power",
+        ),
         (lambda: LENS.replace(band="ir"), "unknown camera band 'ir'"),
         (lambda: Projector(2 * np.eye(4), LENS), "a projector's pose"),
         (lambda: Rig([LENS], [np.eye(4)], projectors=[LENS]), "list of Projectors"),
@@ -202,21 +257,53 @@ def test_lux_at_a_distance():
         (lambda: patterns.gray_code(8, 8, 6), "frame of a Gray code"),
         (lambda: GrayCode(8, 8, "x"), "unknown axis"),
         (lambda: PhaseShift(8, 8, 2), "period of a phase shift"),
-        (lambda: decode(GrayCode(8, 8).patterns[:4], GrayCode(8, 8)), "6 patterns, got 4 images"),
-        (lambda: decode([np.zeros((2, 2))] * 4, PhaseShift(8, 8, 4), coarse=np.zeros(3)), "coarse positions"),
-        (lambda: decode([np.zeros((2, 2))] * 4, PhaseShift(8, 8, 4), coarse="x"), "coarse positions must be an array"),
-        (lambda: decode(CODE.patterns, CODE, coarse=np.zeros((8, 8))), "a Gray code has none to unwrap"),
+        (
+            lambda: decode(GrayCode(8, 8).patterns[:4], GrayCode(8, 8)),
+            "6 patterns, got 4 images",
+        ),
+        (
+            lambda: decode(
+                [np.zeros((2, 2))] * 4, PhaseShift(8, 8, 4), coarse=np.zeros(3)
+            ),
+            "coarse positions",
+        ),
+        (
+            lambda: decode([np.zeros((2, 2))] * 4, PhaseShift(8, 8, 4), coarse="x"),
+            "coarse positions must be an array",
+        ),
+        (
+            lambda: decode(CODE.patterns, CODE, coarse=np.zeros((8, 8))),
+            "a Gray code has none to unwrap",
+        ),
         (lambda: decode(None, CODE), "a list of images, got None"),
         (lambda: decode(["x"] * 6, CODE), r"images\[0\] must be an array of numbers"),
-        (lambda: decode([np.ones((2, 2)) * 1j] * 6, CODE), r"images\[0\] must be an array of real numbers"),
+        (
+            lambda: decode([np.ones((2, 2)) * 1j] * 6, CODE),
+            r"images\[0\] must be an array of real numbers",
+        ),
         (lambda: decode([np.ones((0, 2))] * 6, CODE), r"of one shape, got \(0, 2\)"),
-        (lambda: decode([np.ones((2, 2)), *[np.ones((3, 2))] * 5], CODE), r"got \(2, 2\) and \(3, 2\)"),
-        (lambda: Projector(None, LENS, np.full((48, 64), 1j)), "pattern must be an array of real numbers"),
-        (lambda: Projector(None, LENS, {"type": "dots"}), "pattern must be an array of numbers"),
+        (
+            lambda: decode([np.ones((2, 2)), *[np.ones((3, 2))] * 5], CODE),
+            r"got \(2, 2\) and \(3, 2\)",
+        ),
+        (
+            lambda: Projector(None, LENS, np.full((48, 64), 1j)),
+            "pattern must be an array of real numbers",
+        ),
+        (
+            lambda: Projector(None, LENS, {"type": "dots"}),
+            "pattern must be an array of numbers",
+        ),
         (lambda: patterns.named("dots", 8, 8, width=3), "'width'"),
         (lambda: patterns.speckle(64, 48, 25.0), "from 2 to 24, got 25"),
-        (lambda: Rig([LENS], [np.eye(4)]).with_projectors(None), "list of Projectors, got None"),
-        (lambda: Rig([LENS], [np.eye(4)]).with_projectors(Projector(None, LENS)), "list of Projectors, got Projector"),
+        (
+            lambda: Rig([LENS], [np.eye(4)]).with_projectors(None),
+            "list of Projectors, got None",
+        ),
+        (
+            lambda: Rig([LENS], [np.eye(4)]).with_projectors(Projector(None, LENS)),
+            "list of Projectors, got Projector",
+        ),
         (lambda: layouts.depth_camera(power=0), "power must be a number of watts"),
         (lambda: layouts.depth_camera(0, 480), "camera width in pixels must be"),
     ],

@@ -17,17 +17,32 @@ from twinlens.geometry.triangulation import triangulate_dlt
 CAMERA = Camera(640, 480, 700.0, 690.0, 310.25, 241.0)
 turns = arrays(np.float64, 3, elements=st.floats(-3, 3))
 shifts = arrays(np.float64, 3, elements=st.floats(-20, 20))
-poses = st.builds(lambda turn, shift: geometry.rigid(cv2.Rodrigues(turn)[0], shift), turns, shifts)
+poses = st.builds(
+    lambda turn, shift: geometry.rigid(cv2.Rodrigues(turn)[0], shift), turns, shifts
+)
 baselines = st.floats(1e-3, 3)
 
 
-@given(poses, baselines, st.floats(-40, 40), st.floats(-2, 2), st.floats(-2, 2), st.floats(0.5, 20))
-def test_a_rectified_pair_has_equal_rows_and_disparity_fx_b_over_z(pose, baseline, doffs, x, y, z):
+@given(
+    poses,
+    baselines,
+    st.floats(-40, 40),
+    st.floats(-2, 2),
+    st.floats(-2, 2),
+    st.floats(0.5, 20),
+)
+def test_a_rectified_pair_has_equal_rows_and_disparity_fx_b_over_z(
+    pose, baseline, doffs, x, y, z
+):
     rig = Rig.stereo(CAMERA, baseline, pose, right=CAMERA.replace(cx=CAMERA.cx + doffs))
     world = geometry.transform_points(pose, [x, y, z])
-    left, right = (geometry.dehomogeneous(px_from_world(rig, i) @ [*world, 1]) for i in (0, 1))
+    left, right = (
+        geometry.dehomogeneous(px_from_world(rig, i) @ [*world, 1]) for i in (0, 1)
+    )
     assert left[1] == pytest.approx(right[1], abs=1e-8)
-    assert left[0] - right[0] == pytest.approx(CAMERA.fx * baseline / z - doffs, abs=1e-7)
+    assert left[0] - right[0] == pytest.approx(
+        CAMERA.fx * baseline / z - doffs, abs=1e-7
+    )
     assert rig.doffs() == pytest.approx(doffs, abs=1e-12)
     assert rig.baseline() == pytest.approx(baseline, rel=1e-12, abs=1e-13)
     assert rig.is_rectified()
@@ -43,7 +58,9 @@ def test_a_pose_with_seven_digits_gives_a_rectified_pair(pose, baseline):
 @given(poses, poses, poses)
 def test_relative_poses_compose(a, b, c):
     rig = Rig([CAMERA] * 3, [a, b, c])
-    assert np.allclose(rig.b_from_a(1, 2) @ rig.b_from_a(0, 1), rig.b_from_a(0, 2), atol=1e-9)
+    assert np.allclose(
+        rig.b_from_a(1, 2) @ rig.b_from_a(0, 1), rig.b_from_a(0, 2), atol=1e-9
+    )
     assert np.allclose(rig.b_from_a(0, 1) @ rig.b_from_a(1, 0), np.eye(4), atol=1e-10)
     assert np.allclose(a @ rig.b_from_a(1, 0), b, atol=1e-9)
 
@@ -55,7 +72,9 @@ def test_triangulation_inverts_projection(a, b):
     point = 0.5 * (a[:3, 3] + b[:3, 3]) + 3 * (a[:3, 2] + b[:3, 2])
     depths = [(px_from_world(rig, i) @ [*point, 1])[2] for i in (0, 1)]
     rays = [point - pose[:3, 3] for pose in (a, b)]
-    apart = np.linalg.norm(np.cross(*rays)) / max(1e-9, np.linalg.norm(rays[0]) * np.linalg.norm(rays[1]))
+    apart = np.linalg.norm(np.cross(*rays)) / max(
+        1e-9, np.linalg.norm(rays[0]) * np.linalg.norm(rays[1])
+    )
     if min(depths) < 0.5 or apart < 0.05:
         return
     matrices = [px_from_world(rig, i) for i in (0, 1)]
@@ -65,13 +84,23 @@ def test_triangulation_inverts_projection(a, b):
 
 def test_projection_equals_opencv():
     rng = np.random.default_rng(0)
-    rig = Rig.stereo(CAMERA, 0.2, geometry.rigid(cv2.Rodrigues(rng.normal(size=3))[0], rng.normal(size=3)))
-    points = geometry.transform_points(rig.world_from_cams[0], rng.uniform([-1, -1, 2], [1, 1, 5], (30, 3)))
+    rig = Rig.stereo(
+        CAMERA,
+        0.2,
+        geometry.rigid(cv2.Rodrigues(rng.normal(size=3))[0], rng.normal(size=3)),
+    )
+    points = geometry.transform_points(
+        rig.world_from_cams[0], rng.uniform([-1, -1, 2], [1, 1, 5], (30, 3))
+    )
     for i in (0, 1):
         cam_from_world = np.linalg.inv(rig.world_from_cams[i])
         turn, _ = cv2.Rodrigues(cam_from_world[:3, :3])
-        theirs, _ = cv2.projectPoints(points, turn, cam_from_world[:3, 3], CAMERA.K, None)
-        ours = geometry.dehomogeneous(geometry.homogeneous(points) @ px_from_world(rig, i).T)
+        theirs, _ = cv2.projectPoints(
+            points, turn, cam_from_world[:3, 3], CAMERA.K, None
+        )
+        ours = geometry.dehomogeneous(
+            geometry.homogeneous(points) @ px_from_world(rig, i).T
+        )
         assert np.allclose(ours, theirs[:, 0], atol=1e-8)
 
 
@@ -99,10 +128,14 @@ def test_nearly_rectified_pairs_are_not_rectified(right, pose):
 
 
 def test_a_rectified_pair_may_differ_in_width_and_cx():
-    assert Rig.stereo(CAMERA, 0.1, right=CAMERA.replace(cx=300.0, width=500)).is_rectified()
+    assert Rig.stereo(
+        CAMERA, 0.1, right=CAMERA.replace(cx=300.0, width=500)
+    ).is_rectified()
 
 
-@pytest.mark.parametrize(("count", "partners"), [(1, [None]), (2, [1, 0]), (3, [1, 0, 1]), (4, [1, 0, 3, 2])])
+@pytest.mark.parametrize(
+    ("count", "partners"), [(1, [None]), (2, [1, 0]), (3, [1, 0, 1]), (4, [1, 0, 3, 2])]
+)
 def test_partner_of_each_camera(count, partners):
     rig = Rig([CAMERA] * count, [shifted(0.1 * i) for i in range(count)])
     assert len(rig) == count
@@ -123,9 +156,15 @@ def test_a_rig_copies_its_poses():
     [
         (lambda: Rig([], []), "one pose per camera"),
         (lambda: Rig([CAMERA], []), "1 cameras and 0 poses"),
-        (lambda: Rig([CAMERA] * 2, [np.eye(4), np.eye(4) * 2]), r"world_from_cams\[1\]"),
+        (
+            lambda: Rig([CAMERA] * 2, [np.eye(4), np.eye(4) * 2]),
+            r"world_from_cams\[1\]",
+        ),
         (lambda: Rig([CAMERA], [np.eye(3)]), r"world_from_cams\[0\]"),
-        *((lambda b=b: Rig.stereo(CAMERA, b), "baseline") for b in (0.0, -0.1, math.nan, math.inf)),
+        *(
+            (lambda b=b: Rig.stereo(CAMERA, b), "baseline")
+            for b in (0.0, -0.1, math.nan, math.inf)
+        ),
         (lambda: Rig.stereo(CAMERA, 0.1, np.diag([1, 1, -1, 1])), "world_from_left"),
     ],
 )
@@ -137,6 +176,11 @@ def test_invalid_rigs_raise(make, says):
 
 @pytest.mark.parametrize("metres", [0, 1e-30, 1e300, np.nan])
 def test_extreme_baselines_raise(metres):
-    for make in (lambda: Rig.stereo(CAMERA, metres), lambda: layouts.line(CAMERA, 2, metres)):
-        with pytest.raises(InputError, match="must be a positive number of metres, from 1e-12 to 1e"):
+    for make in (
+        lambda: Rig.stereo(CAMERA, metres),
+        lambda: layouts.line(CAMERA, 2, metres),
+    ):
+        with pytest.raises(
+            InputError, match="must be a positive number of metres, from 1e-12 to 1e"
+        ):
             make()

@@ -43,5 +43,20 @@ def twinlens(capsys):
 def dataset(tmp_path_factory):
     """A dataset of one scene through two lenses."""
     folder = tmp_path_factory.mktemp("rendered") / "out"
-    assert run(["render", "cards", "--lens", "pinhole", "--lens", "thin:30", *QUICK, "-o", str(folder)]) == 0
+    assert (
+        run(
+            [
+                "render",
+                "cards",
+                "--lens",
+                "pinhole",
+                "--lens",
+                "thin:30",
+                *QUICK,
+                "-o",
+                str(folder),
+            ]
+        )
+        == 0
+    )
     return folder

@@ -31,7 +31,16 @@ def test_render_writes_a_dataset_that_verifies(twinlens, dataset):
 
 def test_render_says_what_it_wrote_and_with_what(twinlens, tmp_path):
     code, out, _ = twinlens(
-        "render", "cards", "--size", "32x24", "--spp", "1", "--no-denoise", "-o", tmp_path / "o", "--json"
+        "render",
+        "cards",
+        "--size",
+        "32x24",
+        "--spp",
+        "1",
+        "--no-denoise",
+        "-o",
+        tmp_path / "o",
+        "--json",
     )
     answer = json.loads(out)
     assert code == 0
@@ -41,15 +50,46 @@ def test_render_says_what_it_wrote_and_with_what(twinlens, tmp_path):
 
 def test_the_same_command_gives_the_same_bytes(twinlens, tmp_path):
     for name in ("a", "b"):
-        twinlens("render", "cards", "--size", "32x24", "--spp", "2", "--seed", "7", "-o", tmp_path / name)
-    files = sorted(path.relative_to(tmp_path / "a") for path in (tmp_path / "a").rglob("*") if path.is_file())
+        twinlens(
+            "render",
+            "cards",
+            "--size",
+            "32x24",
+            "--spp",
+            "2",
+            "--seed",
+            "7",
+            "-o",
+            tmp_path / name,
+        )
+    files = sorted(
+        path.relative_to(tmp_path / "a")
+        for path in (tmp_path / "a").rglob("*")
+        if path.is_file()
+    )
     assert len(files) > 8
-    assert all((tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes() for file in files)
+    assert all(
+        (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
+        for file in files
+    )
 
 
 def test_a_second_scene_joins_the_dataset(twinlens, ball, tmp_path):
     for scene in ("cards", ball):
-        assert twinlens("render", scene, "--size", "32x24", "--spp", "1", "--no-denoise", "-o", tmp_path / "o")[0] == 0
+        assert (
+            twinlens(
+                "render",
+                scene,
+                "--size",
+                "32x24",
+                "--spp",
+                "1",
+                "--no-denoise",
+                "-o",
+                tmp_path / "o",
+            )[0]
+            == 0
+        )
     assert [sample.name for sample in tl.Dataset(tmp_path / "o")] == ["cards", "ball"]
 
 
@@ -71,7 +111,9 @@ def test_match_then_score(twinlens, dataset, tmp_path):
     assert code == 0
     assert read_pfm(tmp_path / "d.pfm").shape == (48, 64)
     assert (tmp_path / "d.png").exists()
-    code, out, _ = twinlens("score", tmp_path / "d.pfm", "--truth", sample / "disp0.pfm", "--json")
+    code, out, _ = twinlens(
+        "score", tmp_path / "d.pfm", "--truth", sample / "disp0.pfm", "--json"
+    )
     direct = tl.evaluate(read_pfm(tmp_path / "d.pfm"), read_pfm(sample / "disp0.pfm"))
     assert code == 0
     assert json.loads(out)["regions"]["all"]["bad2.0"] == direct.all["bad2.0"]
@@ -84,7 +126,14 @@ def test_the_truth_scores_perfectly(twinlens, dataset):
 
 
 def test_benchmark_makes_a_board_and_a_page(twinlens, dataset, tmp_path):
-    code, out, _ = twinlens("benchmark", dataset, "--methods", "sad,zncc:block_size=5", "-o", tmp_path / "board")
+    code, out, _ = twinlens(
+        "benchmark",
+        dataset,
+        "--methods",
+        "sad,zncc:block_size=5",
+        "-o",
+        tmp_path / "board",
+    )
     assert code == 0
     assert "zncc:block_size=5" in out
     assert "page: file://" in out
@@ -95,7 +144,13 @@ def test_benchmark_makes_a_board_and_a_page(twinlens, dataset, tmp_path):
 
 def test_report_makes_the_page_again(twinlens, dataset, tmp_path):
     twinlens("benchmark", dataset, "--methods", "sad", "-o", tmp_path / "board")
-    code, out, _ = twinlens("report", tmp_path / "board" / "board.json", dataset, "-o", tmp_path / "page.html")
+    code, out, _ = twinlens(
+        "report",
+        tmp_path / "board" / "board.json",
+        dataset,
+        "-o",
+        tmp_path / "page.html",
+    )
     assert code == 0
     assert (tmp_path / "page.html").exists()
     assert "page.html" in out
@@ -117,20 +172,42 @@ def other(twinlens, tmp_path):
     """A dataset whose sample has the name of the fixture `dataset`'s, and other images."""
     quick = ("--size", "64x48", "--spp", "2", "--seed", "1")
     assert (
-        twinlens("render", "cards", "--lens", "pinhole", "--lens", "thin:30", *quick, "-o", tmp_path / "other")[0] == 0
+        twinlens(
+            "render",
+            "cards",
+            "--lens",
+            "pinhole",
+            "--lens",
+            "thin:30",
+            *quick,
+            "-o",
+            tmp_path / "other",
+        )[0]
+        == 0
     )
     return tmp_path / "other"
 
 
-def test_samples_that_are_not_the_board_s_are_refused(twinlens, dataset, other, tmp_path):
+def test_samples_that_are_not_the_board_s_are_refused(
+    twinlens, dataset, other, tmp_path
+):
     board, page = tmp_path / "board", tmp_path / "page.html"
     assert twinlens("benchmark", dataset, "--methods", "sad", "-o", board)[0] == 0
     before = (board / "board.json").read_bytes()
     for line, words in (
-        (("benchmark", other, "--methods", "sad", "-o", board), "is not the one that the board scores"),
+        (
+            ("benchmark", other, "--methods", "sad", "-o", board),
+            "is not the one that the board scores",
+        ),
         (("report", board, other, "-o", page), "is not the one that the board scores"),
-        (("report", board, "motorcycle", "-o", page), "motorcycle: none of its samples is on the board"),
-        (("report", board, dataset, "motorcycle", "-o", page), "motorcycle: none of its samples is on the board"),
+        (
+            ("report", board, "motorcycle", "-o", page),
+            "motorcycle: none of its samples is on the board",
+        ),
+        (
+            ("report", board, dataset, "motorcycle", "-o", page),
+            "motorcycle: none of its samples is on the board",
+        ),
         (("report", board, dataset, "-o", tmp_path / "notes.txt"), "must end in .html"),
     ):
         code, out, err = twinlens(*line)
@@ -140,12 +217,25 @@ def test_samples_that_are_not_the_board_s_are_refused(twinlens, dataset, other, 
     assert not page.exists()
 
 
-def test_samples_of_one_name_in_two_datasets_are_named_after_their_datasets(twinlens, dataset, other, tmp_path):
-    code, _, err = twinlens("benchmark", dataset, other, "motorcycle", "--methods", "sad", "-o", tmp_path / "board")
+def test_samples_of_one_name_in_two_datasets_are_named_after_their_datasets(
+    twinlens, dataset, other, tmp_path
+):
+    code, _, err = twinlens(
+        "benchmark",
+        dataset,
+        other,
+        "motorcycle",
+        "--methods",
+        "sad",
+        "-o",
+        tmp_path / "board",
+    )
     assert code == 0, err
     entries = json.loads((tmp_path / "board" / "board.json").read_text())["entries"]
     names = ["out/cards · pinhole", "other/cards · pinhole", "motorcycle"]
-    assert [name for name in names if name in {entry["sample"] for entry in entries}] == names
+    assert [
+        name for name in names if name in {entry["sample"] for entry in entries}
+    ] == names
     code, out, _ = twinlens("statistics", dataset, other)
     assert code == 0
     assert "4 pairs" in out
@@ -153,15 +243,30 @@ def test_samples_of_one_name_in_two_datasets_are_named_after_their_datasets(twin
 
 def test_a_folder_of_maps_is_scored_like_a_method(twinlens, dataset, tmp_path):
     twinlens("benchmark", dataset, "--methods", "sad", "-o", tmp_path / "board")
-    code, _, _ = twinlens("score", tmp_path / "board" / "maps", "--truth", dataset, "-o", tmp_path / "other")
-    boards = [json.loads((tmp_path / name / "board.json").read_text()) for name in ("board", "other")]
-    computed, submitted = ({e["sample"]: e["regions"] for e in board["entries"]} for board in boards)
+    code, _, _ = twinlens(
+        "score",
+        tmp_path / "board" / "maps",
+        "--truth",
+        dataset,
+        "-o",
+        tmp_path / "other",
+    )
+    boards = [
+        json.loads((tmp_path / name / "board.json").read_text())
+        for name in ("board", "other")
+    ]
+    computed, submitted = (
+        {e["sample"]: e["regions"] for e in board["entries"]} for board in boards
+    )
     assert code == 0
     assert computed == submitted
 
 
 def test_export(twinlens, dataset, tmp_path):
-    assert twinlens("export", dataset, "--to", "kitti2015", "-o", tmp_path / "kitti")[0] == 0
+    assert (
+        twinlens("export", dataset, "--to", "kitti2015", "-o", tmp_path / "kitti")[0]
+        == 0
+    )
     assert (tmp_path / "kitti" / "Kitti2015" / "training" / "disp_occ_0").is_dir()
 
 
@@ -190,19 +295,39 @@ def test_a_board_on_which_everything_failed_says_why(twinlens, dataset, tmp_path
     empty = tmp_path / "empty"
     empty.mkdir()
     (empty / "other.pfm").write_bytes((dataset / "cards" / "disp0.pfm").read_bytes())
-    code, out, _ = twinlens("score", empty, "--truth", dataset, "-o", tmp_path / "board")
+    code, out, _ = twinlens(
+        "score", empty, "--truth", dataset, "-o", tmp_path / "board"
+    )
     assert code == 1
     assert "no map of" in out
     assert "every method failed" in out
 
 
 @pytest.mark.parametrize("form", [(), ("--json",)])
-def test_the_exit_code_is_1_only_if_every_method_failed(twinlens, dataset, tmp_path, form):
+def test_the_exit_code_is_1_only_if_every_method_failed(
+    twinlens, dataset, tmp_path, form
+):
     """A function that does not accept images fails; a matcher in the same run succeeds."""
     bad = "function:function=math:cos"
-    assert twinlens("benchmark", dataset, "--methods", bad, "-o", tmp_path / "none", *form)[0] == 1
+    assert (
+        twinlens(
+            "benchmark", dataset, "--methods", bad, "-o", tmp_path / "none", *form
+        )[0]
+        == 1
+    )
     assert (tmp_path / "none" / "index.html").exists()
-    assert twinlens("benchmark", dataset, "--methods", f"{bad},sad", "-o", tmp_path / "some", *form)[0] == 0
+    assert (
+        twinlens(
+            "benchmark",
+            dataset,
+            "--methods",
+            f"{bad},sad",
+            "-o",
+            tmp_path / "some",
+            *form,
+        )[0]
+        == 0
+    )
 
 
 def test_a_demo_without_a_terminal_prints_its_stages(capsys, monkeypatch, tmp_path):

@@ -18,7 +18,10 @@ def test_verify_prints_each_finding_and_counts(twinlens, own):
     (own / "cards" / "disp0.pfm").unlink()
     code, out, _ = twinlens("verify", own)
     assert code == 1
-    assert out.splitlines() == ["cards: disp0.pfm: is missing", "1 sample, 1 with findings"]
+    assert out.splitlines() == [
+        "cards: disp0.pfm: is missing",
+        "1 sample, 1 with findings",
+    ]
     code, out, _ = twinlens("verify", own, "--json")
     assert code == 1
     assert json.loads(out) == {"cards": ["disp0.pfm: is missing"]}
@@ -29,7 +32,9 @@ def test_verify_reports_a_missing_dataset_json(twinlens, own):
     code, out, err = twinlens("verify", own)
     assert code == 1
     assert out.startswith("dataset.json: is missing")
-    assert out.endswith("\n1 sample, 0 with findings; 1 finding of the dataset as a whole\n")
+    assert out.endswith(
+        "\n1 sample, 0 with findings; 1 finding of the dataset as a whole\n"
+    )
     assert "no dataset.json: " in err
     code, out, err = twinlens("verify", own / "cards", "--json")
     assert (code, json.loads(out)) == (0, {"cards": []})
@@ -44,11 +49,16 @@ def test_verify_needs_a_dataset(twinlens, tmp_path):
 
 
 def test_export_reports_what_it_wrote(twinlens, dataset, tmp_path):
-    code, out, _ = twinlens("export", dataset, "--to", "carla", "-o", tmp_path / "out", "--json")
+    code, out, _ = twinlens(
+        "export", dataset, "--to", "carla", "-o", tmp_path / "out", "--json"
+    )
     assert code == 0
     answer = json.loads(out)
     assert answer["layout"] == "carla"
-    assert all((tmp_path / "out" / name).stat().st_size == size for name, size in answer["files"].items())
+    assert all(
+        (tmp_path / "out" / name).stat().st_size == size
+        for name, size in answer["files"].items()
+    )
 
 
 def test_exporting_again_needs_overwrite(twinlens, dataset, tmp_path):
@@ -68,8 +78,12 @@ def test_export_to_and_from_a_bucket(twinlens, dataset, tmp_path):
         if path.is_file():
             (bucket / path.relative_to(dataset)).write_bytes(path.read_bytes())
     assert twinlens("verify", bucket)[0] == 0
-    assert twinlens("export", bucket, "--to", "kitti2015", "-o", bucket / "kitti")[0] == 0
-    assert (bucket / "kitti" / "Kitti2015" / "training" / "image_2" / "000000_10.png").is_file()
+    assert (
+        twinlens("export", bucket, "--to", "kitti2015", "-o", bucket / "kitti")[0] == 0
+    )
+    assert (
+        bucket / "kitti" / "Kitti2015" / "training" / "image_2" / "000000_10.png"
+    ).is_file()
 
 
 def test_export_names_the_nearest_layout(twinlens, dataset, tmp_path):
@@ -79,31 +93,48 @@ def test_export_names_the_nearest_layout(twinlens, dataset, tmp_path):
 
 
 def test_export_of_an_unknown_split(twinlens, dataset, tmp_path):
-    code, _, err = twinlens("export", dataset, "--to", "carla", "-o", tmp_path / "out", "--split", "train")
+    code, _, err = twinlens(
+        "export", dataset, "--to", "carla", "-o", tmp_path / "out", "--split", "train"
+    )
     assert code == 2
     assert "has no splits, so no split 'train'" in err
 
 
 def test_describe_keeps_what_it_is_told(twinlens, own):
-    code, out, _ = twinlens("describe", own, "--license", "CC-BY-4.0", "--creator", "Ada")
+    code, out, _ = twinlens(
+        "describe", own, "--license", "CC-BY-4.0", "--creator", "Ada"
+    )
     assert code == 0
     assert [line.rpartition("/")[2] for line in out.splitlines()] == [
         *("README.md", "samples.jpg", "statistics.png", "croissant.json")
     ]
     assert twinlens("describe", own)[0] == 0
     assert "CC-BY-4.0" in (own / "README.md").read_text()
-    assert read_manifest(own).info["about"] == {"license": "CC-BY-4.0", "creator": "Ada"}
+    assert read_manifest(own).info["about"] == {
+        "license": "CC-BY-4.0",
+        "creator": "Ada",
+    }
     assert len(Dataset(own)) == 1
     assert twinlens("verify", own)[0] == 0
 
 
 def test_export_of_a_split_that_is_misspelt_lists_them(twinlens, own, tmp_path):
     manifest = read_manifest(own)
-    write_manifest(own, replace(manifest, rows=(replace(manifest.rows[0], info={"split": "train"}),)))
-    code, _, err = twinlens("export", own, "--to", "carla", "-o", tmp_path / "out", "--split", "trian")
+    write_manifest(
+        own,
+        replace(manifest, rows=(replace(manifest.rows[0], info={"split": "train"}),)),
+    )
+    code, _, err = twinlens(
+        "export", own, "--to", "carla", "-o", tmp_path / "out", "--split", "trian"
+    )
     assert code == 2
     assert "unknown split 'trian'; did you mean 'train'? (known: train)" in err
-    assert twinlens("export", own, "--to", "carla", "-o", tmp_path / "out", "--split", "train")[0] == 0
+    assert (
+        twinlens(
+            "export", own, "--to", "carla", "-o", tmp_path / "out", "--split", "train"
+        )[0]
+        == 0
+    )
 
 
 def test_a_bucket_is_rendered_into_and_looked_at(twinlens, tmp_path):
@@ -116,12 +147,25 @@ def test_a_bucket_is_rendered_into_and_looked_at(twinlens, tmp_path):
     assert code == 2
     assert "exists already" in err
     assert twinlens(*line, bucket, "--overwrite")[0] == 0
-    assert twinlens("show", "epipolar", f"{bucket}/cards", "-o", f"file://{tmp_path}/e.png")[0] == 0
+    assert (
+        twinlens(
+            "show", "epipolar", f"{bucket}/cards", "-o", f"file://{tmp_path}/e.png"
+        )[0]
+        == 0
+    )
     assert (tmp_path / "e.png").is_file()
     assert twinlens("rectify", f"{bucket}/cards", "-o", tmp_path / "rectified")[0] == 0
     assert twinlens("benchmark", bucket, "--methods", "sad", "-o", local)[0] == 0
     assert (tmp_path / "local" / "board.json").is_file()
-    assert twinlens("score", tmp_path / "rectified" / "disp0.pfm", "--truth", f"{bucket}/cards/disp0.pfm")[0] == 0
+    assert (
+        twinlens(
+            "score",
+            tmp_path / "rectified" / "disp0.pfm",
+            "--truth",
+            f"{bucket}/cards/disp0.pfm",
+        )[0]
+        == 0
+    )
     assert not [path.name for path in tmp_path.iterdir() if ":" in path.name]
 
 
@@ -139,5 +183,21 @@ def test_a_bucket_is_rendered_into_and_looked_at(twinlens, tmp_path):
 )
 def test_a_picture_of_a_few_pixels_verifies(twinlens, tmp_path, scene, size):
     """Thin bars, steps and steep walls: hardly a pixel shows what its neighbours show."""
-    assert twinlens("render", scene, "--size", size, "--spp", "1", "--no-denoise", "-o", tmp_path / "out")[0] == 0
-    assert twinlens("verify", tmp_path / "out")[:2] == (0, "1 sample, 0 with findings\n")
+    assert (
+        twinlens(
+            "render",
+            scene,
+            "--size",
+            size,
+            "--spp",
+            "1",
+            "--no-denoise",
+            "-o",
+            tmp_path / "out",
+        )[0]
+        == 0
+    )
+    assert twinlens("verify", tmp_path / "out")[:2] == (
+        0,
+        "1 sample, 0 with findings\n",
+    )

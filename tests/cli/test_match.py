@@ -24,7 +24,10 @@ def images(tmp_path):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--num-disparities", "80"), "num_disparities is 80: an image 40 pixels wide has disparities from -39 to 39"),
+        (
+            ("--num-disparities", "80"),
+            "num_disparities is 80: an image 40 pixels wide has disparities from -39 to 39",
+        ),
         (("--num-disparities", "1000000000"), "79 in all"),
         (("--min-disparity", "40"), "min_disparity is 40: an image 40 pixels wide"),
         (("--min-disparity", "-65536"), "from -39 to 39"),
@@ -36,11 +39,19 @@ def images(tmp_path):
         (("--method", "sad:median=81"), "median is 81"),
         (("--method", "census:census_window=81"), "census_window is 81"),
         (("--method", "opencv_sgbm:block_size=99999"), "block_size is 99999"),
-        (("--method", "onnx:model=n.onnx", "--num-disparities", "8"), "the search range of onnx:model=n.onnx is fixed"),
-        (("--method", "sad:num_disparities=4", "--num-disparities", "8"), "the search range of sad:num_disp"),
+        (
+            ("--method", "onnx:model=n.onnx", "--num-disparities", "8"),
+            "the search range of onnx:model=n.onnx is fixed",
+        ),
+        (
+            ("--method", "sad:num_disparities=4", "--num-disparities", "8"),
+            "the search range of sad:num_disp",
+        ),
     ],
 )
-def test_searches_larger_than_the_images_are_refused(twinlens, images, tmp_path, options, words):
+def test_searches_larger_than_the_images_are_refused(
+    twinlens, images, tmp_path, options, words
+):
     code, out, err = twinlens("match", *images, *options, "-o", tmp_path / "d.pfm")
     assert (code, out) == (2, "")
     assert words in err
@@ -55,11 +66,19 @@ def test_input_images_and_samples_are_not_overwritten(twinlens, images, tmp_path
     (sample / "sample.json").write_text("{}")
     for options, words in (
         (
-            ("-o", tmp_path / "d.pfm", "--picture", tmp_path / ".." / tmp_path.name / "l.png"),
+            (
+                "-o",
+                tmp_path / "d.pfm",
+                "--picture",
+                tmp_path / ".." / tmp_path.name / "l.png",
+            ),
             "is one of the two images",
         ),
         (("-o", sample / "disp0.pfm"), "is in a sample of a dataset"),
-        (("-o", tmp_path / "d.pfm", "--picture", sample / "im1.png"), "is in a sample of a dataset"),
+        (
+            ("-o", tmp_path / "d.pfm", "--picture", sample / "im1.png"),
+            "is in a sample of a dataset",
+        ),
     ):
         code, out, err = twinlens("match", *images, *options)
         assert (code, out, err.count("\n")) == (2, "", 1)
@@ -70,7 +89,12 @@ def test_input_images_and_samples_are_not_overwritten(twinlens, images, tmp_path
 
 
 @pytest.mark.parametrize(
-    "options", [("--num-disparities", "79", "--min-disparity", "-39"), (), ("--method", "sad:block_size=79")]
+    "options",
+    [
+        ("--num-disparities", "79", "--min-disparity", "-39"),
+        (),
+        ("--method", "sad:block_size=79"),
+    ],
 )
 def test_the_largest_useful_search_is_accepted(twinlens, images, tmp_path, options):
     code, _, err = twinlens("match", *images, *options, "-o", tmp_path / "d.pfm")
@@ -78,7 +102,9 @@ def test_the_largest_useful_search_is_accepted(twinlens, images, tmp_path, optio
 
 
 @pytest.mark.parametrize("ndisp", ["1", "2", "16"])
-def test_a_picture_of_few_disparities_has_a_colour_range(twinlens, images, tmp_path, ndisp):
+def test_a_picture_of_few_disparities_has_a_colour_range(
+    twinlens, images, tmp_path, ndisp
+):
     code, _, err = twinlens(
         "match", *images, "--num-disparities", ndisp, "--min-disparity", "3", "--method", "sad",
         "-o", tmp_path / "d.pfm", "--picture", tmp_path / "d.png",
@@ -91,25 +117,41 @@ def test_a_picture_of_few_disparities_has_a_colour_range(twinlens, images, tmp_p
 def test_colours_span_the_search_range_or_else_the_map():
     found = np.array([[2.5, np.inf, 7.0]], np.float32)
     network = OnnxNetwork("n.onnx")
-    assert disparity_limits(found, StereoMatcher(min_disparity=-4, num_disparities=10)) == (-4, 5)
+    assert disparity_limits(
+        found, StereoMatcher(min_disparity=-4, num_disparities=10)
+    ) == (-4, 5)
     assert disparity_limits(found, network) == (2.5, 7)
     assert disparity_limits(found[:, :1], network) == (2.5, 3.5)
     assert disparity_limits(found[:, 1:2], network) == (0, 1)
 
 
 @pytest.mark.parametrize("size", [(1, 1), (2, 2), (5, 3)])
-def test_default_options_match_images_smaller_than_their_windows(twinlens, tmp_path, size):
+def test_default_options_match_images_smaller_than_their_windows(
+    twinlens, tmp_path, size
+):
     """The default windows are larger than these images."""
     write_png(tmp_path / "a.png", np.zeros(size, np.uint8))
     for method in ("zncc", "cross", "sgm"):
-        arguments = ("match", tmp_path / "a.png", tmp_path / "a.png", "--method", method, "-o", tmp_path / "d.pfm")
+        arguments = (
+            "match",
+            tmp_path / "a.png",
+            tmp_path / "a.png",
+            "--method",
+            method,
+            "-o",
+            tmp_path / "d.pfm",
+        )
         code, _, err = twinlens(*arguments)
         assert code == 0, err
         assert read_pfm(tmp_path / "d.pfm").shape == size
 
 
 def test_the_largest_default_window():
-    defaults = [method.options.get(name) or 0 for method in METHODS.values() for name in WINDOW_OPTIONS]
+    defaults = [
+        method.options.get(name) or 0
+        for method in METHODS.values()
+        for name in WINDOW_OPTIONS
+    ]
     assert max(defaults) == LARGEST_DEFAULT_WINDOW
 
 
@@ -121,16 +163,37 @@ def test_a_function_that_prints_or_raises(twinlens, images, tmp_path):
         "def boom(left, right, **_):\n    raise RuntimeError('no\\nluck')\n"
     )
     disp = tmp_path / "disp.pfm"
-    code, out, err = twinlens("match", *images, "--method", f"function:{file}:flat", "--json", "-o", disp)
+    code, out, err = twinlens(
+        "match", *images, "--method", f"function:{file}:flat", "--json", "-o", disp
+    )
     assert (code, err) == (0, "hello\n")
     assert json.loads(out)["known_fraction"] == 1
-    code, out, err = twinlens("match", *images, "--method", f"function:{file}:boom", "-o", disp)
-    assert (code, out, err) == (1, "", f"twinlens: function '{file}:boom' failed: RuntimeError: no luck\n")
+    code, out, err = twinlens(
+        "match", *images, "--method", f"function:{file}:boom", "-o", disp
+    )
+    assert (code, out, err) == (
+        1,
+        "",
+        f"twinlens: function '{file}:boom' failed: RuntimeError: no luck\n",
+    )
 
 
 def test_the_confidence_is_written(twinlens, images, tmp_path):
-    arguments = "match", *images, "--ndisp", "8", "-o", tmp_path / "d.pfm", "--confidence"
-    assert twinlens(*arguments, tmp_path / "c.pfm", "--method", "sad:confidence=peak_ratio")[0] == 0
+    arguments = (
+        "match",
+        *images,
+        "--ndisp",
+        "8",
+        "-o",
+        tmp_path / "d.pfm",
+        "--confidence",
+    )
+    assert (
+        twinlens(
+            *arguments, tmp_path / "c.pfm", "--method", "sad:confidence=peak_ratio"
+        )[0]
+        == 0
+    )
     confidence = read_pfm(tmp_path / "c.pfm")
     assert confidence.shape == (30, 40)
     assert (confidence[5:-5, 15:-5] == 1).all(), "the shifted images differ nowhere"
@@ -145,9 +208,13 @@ def test_the_confidence_is_written(twinlens, images, tmp_path):
         ("c.png", "sad:confidence=ambiguity", "must end in .pfm"),
     ],
 )
-def test_a_confidence_that_cannot_be_written_is_refused(twinlens, images, tmp_path, name, method, words):
+def test_a_confidence_that_cannot_be_written_is_refused(
+    twinlens, images, tmp_path, name, method, words
+):
     arguments = "match", *images, "--ndisp", "8", "-o", tmp_path / "d.pfm"
-    code, _, err = twinlens(*arguments, "--confidence", tmp_path / name, "--method", method)
+    code, _, err = twinlens(
+        *arguments, "--confidence", tmp_path / name, "--method", method
+    )
     assert (code, err.count("\n")) == (2, 1)
     assert words in err
     assert not (tmp_path / "d.pfm").exists()

@@ -43,7 +43,17 @@ def test_unknown_option(refuses):
 
 @pytest.mark.parametrize("option", ["--sensor", "--size", "--baseline"])
 def test_an_option_given_twice(refuses, option):
-    refuses(f"option {option} is given 2 times; give it once", "render", "cards", option, "1", option, "2", "-o", "x")
+    refuses(
+        f"option {option} is given 2 times; give it once",
+        "render",
+        "cards",
+        option,
+        "1",
+        option,
+        "2",
+        "-o",
+        "x",
+    )
 
 
 def test_unknown_scene(refuses, tmp_path):
@@ -51,7 +61,9 @@ def test_unknown_scene(refuses, tmp_path):
 
 
 def test_a_name_longer_than_file_systems_allow(refuses, tmp_path):
-    refuses("more than 255 bytes", "render", "cards", "-o", tmp_path / ("é" * 128) / "o")
+    refuses(
+        "more than 255 bytes", "render", "cards", "-o", tmp_path / ("é" * 128) / "o"
+    )
 
 
 def test_missing_scene_file(refuses, tmp_path):
@@ -81,29 +93,56 @@ def test_missing_scene_file(refuses, tmp_path):
             "diffraction needs a disk aperture, got polygon",
         ),
         (("--distortion", "-3"), "--distortion BrownConrady(k1=-3"),
-        (("--distortion", "fisheye:"), "--distortion must be fisheye:k1[,k2,k3,k4], got ''"),
+        (
+            ("--distortion", "fisheye:"),
+            "--distortion must be fisheye:k1[,k2,k3,k4], got ''",
+        ),
         (("--distortion", "0.1,0.2,0.3"), "--distortion must be k1[,k2[,p1,p2["),
         (("--distortion", "0.1,"), "--distortion must be k1[,k2"),
         (("--baseline", "1e7"), "--baseline: must be <= 1e+06"),
         (("--baseline", "1e5"), "--baseline 100000: the views have nothing in common"),
         (("--lens", "F/2.8"), "did you mean 'f/2.8'?"),
         (("--lens", "f2.8@3"), "did you mean 'f/2.8@3'?"),
-        (("--aperture", "polygon:6"), "--aperture polygon:6: has no effect, every lens is a pinhole"),
-        (("--aperture", "disk", "--lens", "thin:0"), "--aperture disk: has no effect, every lens is a pinhole"),
+        (
+            ("--aperture", "polygon:6"),
+            "--aperture polygon:6: has no effect, every lens is a pinhole",
+        ),
+        (
+            ("--aperture", "disk", "--lens", "thin:0"),
+            "--aperture disk: has no effect, every lens is a pinhole",
+        ),
         (("--diffraction",), "--diffraction: has no effect, every lens is a pinhole"),
         (("--dual-pixel",), "--dual-pixel: has no effect, every lens is a pinhole"),
-        (("--dual-pixel", "--diffraction", "--lens", "thin:3"), "dual_pixel and diffraction exclude each other"),
-        (("--exposure", "1e9", "--mismatch", "time=2"), "the mismatch makes the exposure invalid"),
-        (("--exposure", "1,1e9", "--mismatch", "gain=2"), "the mismatch makes the exposure invalid"),
+        (
+            ("--dual-pixel", "--diffraction", "--lens", "thin:3"),
+            "dual_pixel and diffraction exclude each other",
+        ),
+        (
+            ("--exposure", "1e9", "--mismatch", "time=2"),
+            "the mismatch makes the exposure invalid",
+        ),
+        (
+            ("--exposure", "1,1e9", "--mismatch", "gain=2"),
+            "the mismatch makes the exposure invalid",
+        ),
         (("--focal-length-px", "0"), "--focal-length-px: must be > 0"),
         (("--focal-length-px", "70,-1"), "--focal-length-px: must be > 0"),
         (("--focal-length-px", "inf"), "--focal-length-px: must be a finite number"),
         (("--focal-length-px", "1,2,3"), "FX[,FY]"),
-        (("--focal-length-px", "70", "--fov", "40"), "--fov and --focal-length-px both set the focal length"),
+        (
+            ("--focal-length-px", "70", "--fov", "40"),
+            "--fov and --focal-length-px both set the focal length",
+        ),
         (("--principal-point", "3"), "CX,CY"),
         (("--principal-point", "3,inf"), "--principal-point: must be a finite number"),
-        (("--pixel-pitch-um", "0"), "--pixel-pitch-um must be a finite number > 0, got 0.0"),
-        (("--sensor-width-mm", "-36"), "--sensor-width-mm -36: must be a positive number or the name of a format"),
+        (
+            ("--pixel-pitch-um", "0"),
+            "--pixel-pitch-um must be a finite number > 0, got 0.0",
+        ),
+        (
+            ("--sensor-width-mm", "-36"),
+            "--sensor-width-mm -36: must be a positive number or the name of a format",
+        ),
         (
             ("--sensor-width-mm", "36", "--pixel-pitch-um", "5"),
             "--pixel-pitch-um and --sensor-width-mm both set",
@@ -112,7 +151,10 @@ def test_missing_scene_file(refuses, tmp_path):
         (("--mismatch", "gian=2"), "did you mean 'gain'"),
         (("--sensor", "phone:bit=16"), "did you mean 'bits'"),
         (("--bits", "12"), "--bits"),
-        (("--lens", "thin:2", "--lens", "f/2", "--lens", "thin:2"), "--lens thin:2: is given twice"),
+        (
+            ("--lens", "thin:2", "--lens", "f/2", "--lens", "thin:2"),
+            "--lens thin:2: is given twice",
+        ),
     ],
 )
 def test_bad_numbers(refuses, tmp_path, options, words):
@@ -144,7 +186,15 @@ def test_a_lens_needs_a_focus_where_the_scene_has_no_depth_range(refuses, tmp_pa
         '<scene version="3.0.0"><sensor type="perspective"><float name="fov" value="40"/></sensor>'
         '<shape type="sphere"/></scene>'
     )
-    refuses("add the focus distance", "render", scene, "--lens", "thin:20", "-o", tmp_path / "o")
+    refuses(
+        "add the focus distance",
+        "render",
+        scene,
+        "--lens",
+        "thin:20",
+        "-o",
+        tmp_path / "o",
+    )
 
 
 def test_an_existing_sample(refuses, tmp_path):
@@ -156,16 +206,29 @@ def test_images_of_different_sizes(refuses, dataset, tmp_path):
     from twinlens.dataset import write_png
 
     write_png(tmp_path / "small.png", np.zeros((5, 5), np.uint8))
-    refuses("size", "match", dataset / "cards" / "im0.png", tmp_path / "small.png", "-o", tmp_path / "d.pfm")
+    refuses(
+        "size",
+        "match",
+        dataset / "cards" / "im0.png",
+        tmp_path / "small.png",
+        "-o",
+        tmp_path / "d.pfm",
+    )
 
 
 @pytest.mark.parametrize(
     ("method", "words"),
     [
-        ("zncc:block_size=8", "twinlens: zncc:block_size=8: block_size is 8; it must be odd"),
+        (
+            "zncc:block_size=8",
+            "twinlens: zncc:block_size=8: block_size is 8; it must be odd",
+        ),
         ("mine=zncc:block_size=8", "twinlens: mine: block_size is 8; it must be odd"),
         ("znc", "did you mean 'zncc'"),
-        ("zncc:blok=9", "zncc:blok=9: unknown option of zncc 'blok'; did you mean 'block_size'?"),
+        (
+            "zncc:blok=9",
+            "zncc:blok=9: unknown option of zncc 'blok'; did you mean 'block_size'?",
+        ),
     ],
 )
 def test_bad_methods(refuses, dataset, tmp_path, method, words):
@@ -195,12 +258,26 @@ def test_nan_disparity(refuses, dataset, tmp_path):
 
 
 @pytest.mark.parametrize("output", [(), ("-o", "board")])
-def test_maps_that_do_not_exist_and_other_files_are_named(refuses, dataset, tmp_path, output):
+def test_maps_that_do_not_exist_and_other_files_are_named(
+    refuses, dataset, tmp_path, output
+):
     (tmp_path / "notes.txt").write_text("no map")
     truth = "--truth", dataset
     for name in ("none", "none.pfm", "none.zip"):
-        refuses(f"{tmp_path / name}: no such file or folder", "score", tmp_path / name, *truth, *output)
-    refuses("notes.txt: neither a folder nor a readable zip", "score", tmp_path / "notes.txt", *truth, *output)
+        refuses(
+            f"{tmp_path / name}: no such file or folder",
+            "score",
+            tmp_path / name,
+            *truth,
+            *output,
+        )
+    refuses(
+        "notes.txt: neither a folder nor a readable zip",
+        "score",
+        tmp_path / "notes.txt",
+        *truth,
+        *output,
+    )
 
 
 @pytest.mark.parametrize(
@@ -218,11 +295,18 @@ def test_maps_that_do_not_exist_and_other_files_are_named(refuses, dataset, tmp_
     ],
     ids=lambda value: value[0] if isinstance(value, tuple) else "",
 )
-def test_an_output_below_a_file_names_that_file(refuses, dataset, tmp_path, line, suffix):
+def test_an_output_below_a_file_names_that_file(
+    refuses, dataset, tmp_path, line, suffix
+):
     file, recipe = tmp_path / "file", tmp_path / "recipe.toml"
     file.touch()
     recipe.write_text('seed = 1\ncount = 1\nscenes = ["cards"]')
-    names = {"recipe": recipe, "set": dataset, "im0": dataset / "cards" / "im0.png", "tmp": tmp_path}
+    names = {
+        "recipe": recipe,
+        "set": dataset,
+        "im0": dataset / "cards" / "im0.png",
+        "tmp": tmp_path,
+    }
     words = f"twinlens: {file}: is a file where a folder is needed; choose another name"
     refuses(words, *(part.format(**names) for part in line), file / f"x{suffix}")
 
@@ -230,7 +314,11 @@ def test_an_output_below_a_file_names_that_file(refuses, dataset, tmp_path, line
 def test_a_file_in_place_of_a_dataset(refuses, tmp_path):
     (tmp_path / "file").touch()
     for command in ("verify", "statistics", "describe"):
-        refuses(f"{tmp_path / 'file'}: not a folder; a dataset is a folder of samples", command, tmp_path / "file")
+        refuses(
+            f"{tmp_path / 'file'}: not a folder; a dataset is a folder of samples",
+            command,
+            tmp_path / "file",
+        )
 
 
 def test_a_sample_of_one_view(refuses, tmp_path):
@@ -238,10 +326,22 @@ def test_a_sample_of_one_view(refuses, tmp_path):
     pair = dataset_scene.sample(width=16, height=12)
     shot = replace(pair.shots[0], images=pair.shots[0].images[:1])
     rig = Rig(pair.rig.cameras[:1], pair.rig.world_from_cams[:1])
-    write_sample(tmp_path / "set" / "a", replace(pair, rig=rig, shots=(shot,), truths=pair.truths[:1]))
-    for line in (("rectify", tmp_path / "set" / "a"), ("show", "epipolar", tmp_path / "set" / "a")):
+    write_sample(
+        tmp_path / "set" / "a",
+        replace(pair, rig=rig, shots=(shot,), truths=pair.truths[:1]),
+    )
+    for line in (
+        ("rectify", tmp_path / "set" / "a"),
+        ("show", "epipolar", tmp_path / "set" / "a"),
+    ):
         refuses("a: has one view; a pair needs two", *line, "-o", tmp_path / "x.png")
-    refuses("a: has one view; disparity needs two", "benchmark", tmp_path / "set", "-o", tmp_path / "board")
+    refuses(
+        "a: has one view; disparity needs two",
+        "benchmark",
+        tmp_path / "set",
+        "-o",
+        tmp_path / "board",
+    )
 
 
 def test_missing_dataset_and_board(refuses, tmp_path):
@@ -251,11 +351,23 @@ def test_missing_dataset_and_board(refuses, tmp_path):
 
 def test_an_estimate_of_another_size(refuses, dataset, tmp_path):
     write_pfm(tmp_path / "d.pfm", np.zeros((7, 9), np.float32))
-    refuses("shape", "score", tmp_path / "d.pfm", "--truth", dataset / "cards" / "disp0.pfm")
+    refuses(
+        "shape", "score", tmp_path / "d.pfm", "--truth", dataset / "cards" / "disp0.pfm"
+    )
 
 
 def test_an_unwritable_output(refuses, dataset):
-    refuses("/proc/nowhere", "render", "cards", "--size", "32x24", "--spp", "1", "-o", "/proc/nowhere")
+    refuses(
+        "/proc/nowhere",
+        "render",
+        "cards",
+        "--size",
+        "32x24",
+        "--spp",
+        "1",
+        "-o",
+        "/proc/nowhere",
+    )
     pair = dataset / "cards" / "im0.png", dataset / "cards" / "im1.png"
     refuses("/proc/d.pfm", "match", *pair, "-o", "/proc/d.pfm")
 
@@ -264,7 +376,10 @@ def test_an_unwritable_output(refuses, dataset):
 def test_a_full_disk_behind_the_output_stream():
     with Path("/dev/full").open("w") as full:
         child = subprocess.run(
-            [sys.executable, "-m", "twinlens", "scenes"], stdout=full, stderr=subprocess.PIPE, text=True
+            [sys.executable, "-m", "twinlens", "scenes"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
         )
     assert child.returncode == 2
     assert child.stderr.startswith("twinlens: ")
@@ -297,7 +412,9 @@ def test_an_unknown_backend():
     ],
     ids=lambda value: value[0] if isinstance(value, tuple) else "",
 )
-def test_a_missing_output_gives_the_same_error_everywhere(refuses, line, meaning, tmp_path, monkeypatch):
+def test_a_missing_output_gives_the_same_error_everywhere(
+    refuses, line, meaning, tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     refuses(f"twinlens: Missing option '-o' / '--output': {meaning}", *line)
 
@@ -319,7 +436,12 @@ def test_an_empty_output_is_refused(refuses, tmp_path, monkeypatch, line):
 def test_a_demo_in_a_folder_with_other_files(refuses, tmp_path):
     (tmp_path / "set").mkdir()
     (tmp_path / "set" / "dataset.json").touch()
-    refuses("contains 'dataset.json' and no board; choose a new or an empty folder", "demo", "-o", tmp_path / "set")
+    refuses(
+        "contains 'dataset.json' and no board; choose a new or an empty folder",
+        "demo",
+        "-o",
+        tmp_path / "set",
+    )
 
 
 def test_folders_above_an_output_are_made(twinlens, dataset, tmp_path):
@@ -350,18 +472,40 @@ def test_folders_above_an_output_are_made(twinlens, dataset, tmp_path):
 
 def test_a_folder_without_a_scene(refuses, tmp_path):
     (tmp_path / "scenes").mkdir()
-    refuses("the folder has no scene.toml; name a scene file, or one of", "render", tmp_path / "scenes", "-o", "x")
+    refuses(
+        "the folder has no scene.toml; name a scene file, or one of",
+        "render",
+        tmp_path / "scenes",
+        "-o",
+        "x",
+    )
 
 
 def test_disparities_beyond_the_image_width(refuses, dataset):
     truth = dataset / "cards" / "disp0.pfm"
     for first in ("64", "400", "-64"):
-        refuses("expected -63 to 63", "score", truth, "--truth", truth, "--min-disparity", first)
+        refuses(
+            "expected -63 to 63",
+            "score",
+            truth,
+            "--truth",
+            truth,
+            "--min-disparity",
+            first,
+        )
 
 
 def test_a_misalignment_beyond_a_quarter_turn(refuses, dataset, tmp_path):
     for turn in ("roll_deg=200", "yaw_deg=-90"):
-        refuses("from -89.999 to 89.999", "rectify", dataset / "cards", "--misalignment", turn, "-o", tmp_path / "o")
+        refuses(
+            "from -89.999 to 89.999",
+            "rectify",
+            dataset / "cards",
+            "--misalignment",
+            turn,
+            "-o",
+            tmp_path / "o",
+        )
 
 
 @pytest.mark.parametrize(
@@ -372,7 +516,9 @@ def test_a_misalignment_beyond_a_quarter_turn(refuses, dataset, tmp_path):
     ],
     ids=lambda line: line[0],
 )  # fmt: skip
-def test_a_bucket_address_is_refused_where_a_local_path_is_needed(refuses, tmp_path, monkeypatch, line):
+def test_a_bucket_address_is_refused_where_a_local_path_is_needed(
+    refuses, tmp_path, monkeypatch, line
+):
     monkeypatch.chdir(tmp_path)
     refuses("'memory://x/y' is a bucket's address", *line, "-o", "memory://x/y")
 
@@ -380,10 +526,18 @@ def test_a_bucket_address_is_refused_where_a_local_path_is_needed(refuses, tmp_p
 @pytest.mark.parametrize(
     ("option", "value", "words"),
     [
-        ("--published", "yesterday", "published: must be a date such as 2026-01-31, got 'yesterday'"),
+        (
+            "--published",
+            "yesterday",
+            "published: must be a date such as 2026-01-31, got 'yesterday'",
+        ),
         ("--published", "2026-02-30", "published: must be a date"),
         ("--published", "20260131", "published: must be a date"),
-        ("--url", "example.org/set", "url: must be an address such as https://example.org/set"),
+        (
+            "--url",
+            "example.org/set",
+            "url: must be an address such as https://example.org/set",
+        ),
         ("--url", "https://", "url: must be an address"),
         ("--url", "https://[x", "url: must be an address"),
         ("--url", "https://exam ple.org", "url: must be an address"),
@@ -395,4 +549,6 @@ def test_a_bucket_address_is_refused_where_a_local_path_is_needed(refuses, tmp_p
 def test_bad_descriptions(refuses, dataset, option, value, words):
     before = {path: path.read_bytes() for path in dataset.iterdir() if path.is_file()}
     refuses(words, "describe", dataset, option, value)
-    assert {path: path.read_bytes() for path in dataset.iterdir() if path.is_file()} == before
+    assert {
+        path: path.read_bytes() for path in dataset.iterdir() if path.is_file()
+    } == before

@@ -9,7 +9,15 @@ from tests.cli.conftest import BALL
 from tests.factory_recipes import write_sky
 from tests.scenes.gltf_files import square, with_extensions, write
 from twinlens.camera import BareAperture, BrownConrady, MaskAperture, ThinLens
-from twinlens.dataset import Dataset, Manifest, Row, place, read_manifest, write_manifest, write_png
+from twinlens.dataset import (
+    Dataset,
+    Manifest,
+    Row,
+    place,
+    read_manifest,
+    write_manifest,
+    write_png,
+)
 from twinlens.dataset.sample import sample_files
 from twinlens.factory import remake
 from twinlens.rendering import backend
@@ -22,7 +30,9 @@ def test_what_the_dataset_said_before_stays(twinlens, ball, tmp_path):
     """Its recipe and seed, its info, its rows with theirs; without a recipe, samples of two seeds share none."""
     out = tmp_path / "out"
     row = Row("old", {}, {"draw": 3})
-    write_manifest(out, Manifest((row,), recipe={"count": 1}, seed=9, info={"owner": "me"}))
+    write_manifest(
+        out, Manifest((row,), recipe={"count": 1}, seed=9, info={"owner": "me"})
+    )
     assert twinlens("render", ball, *QUICK, "-o", out)[0] == 0
     after = read_manifest(out)
     assert (after.recipe, after.seed, after.info) == ({"count": 1}, 9, {"owner": "me"})
@@ -30,7 +40,12 @@ def test_what_the_dataset_said_before_stays(twinlens, ball, tmp_path):
     assert after.rows[0] == row
     own = tmp_path / "own"
     for seed, shared in ((4, 4), (4, 4), (5, None)):
-        assert twinlens("render", ball, *QUICK, "--seed", seed, "--overwrite", "-o", own)[0] == 0
+        assert (
+            twinlens("render", ball, *QUICK, "--seed", seed, "--overwrite", "-o", own)[
+                0
+            ]
+            == 0
+        )
         assert read_manifest(own).seed == shared
 
 
@@ -62,7 +77,11 @@ def test_render_takes_the_whole_camera(twinlens, ball, tmp_path):
     assert sample.lens(1).lens == BareAperture(1e-3, 40e-3, shape)
     assert sample.im0.dtype == np.uint16
     left, right = sample.lens(0).record["exposures"]
-    assert (left["time_s"], left["gain"], left["sensor"]["prnu"]) == (1 / 500, 2.0, 0.02)
+    assert (left["time_s"], left["gain"], left["sensor"]["prnu"]) == (
+        1 / 500,
+        2.0,
+        0.02,
+    )
     assert right["gain"] / left["gain"] == pytest.approx(1.1)
     assert right["time_s"] / left["time_s"] == pytest.approx(1.05)
     assert right["black_level_dn"] - left["black_level_dn"] == pytest.approx(2.0)
@@ -73,20 +92,49 @@ def test_render_takes_the_whole_camera(twinlens, ball, tmp_path):
     assert twinlens("verify", tmp_path / "out")[0] == 0
 
 
-def test_render_says_what_no_lens_can_be_and_where_the_model_ends(twinlens, ball, tmp_path):
+def test_render_says_what_no_lens_can_be_and_where_the_model_ends(
+    twinlens, ball, tmp_path
+):
     """A line on each lens; warnings are one line each, and none is Python's."""
-    code, out, _ = twinlens("render", ball, *QUICK, "--lens", "thin:30", "--lens", "thin:0.05", "-o", tmp_path / "a")
+    code, out, _ = twinlens(
+        "render",
+        ball,
+        *QUICK,
+        "--lens",
+        "thin:30",
+        "--lens",
+        "thin:0.05",
+        "-o",
+        tmp_path / "a",
+    )
     lines = [line for line in out.splitlines() if line.startswith("  thin")]
     assert code == 0
     assert "--sensor-width-mm" in lines[0]
     assert "--sensor-width-mm" not in lines[1]
     width = lines[0].partition("--sensor-width-mm ")[2].split()[0]
     code, out, _ = twinlens(
-        "render", ball, *QUICK, "--lens", "thin:30", "--sensor-width-mm", width, "-o", tmp_path / "b"
+        "render",
+        ball,
+        *QUICK,
+        "--lens",
+        "thin:30",
+        "--sensor-width-mm",
+        width,
+        "-o",
+        tmp_path / "b",
     )
     assert "thin:30: f/1.4," in out
     code, out, err = twinlens(
-        "render", ball, *QUICK, "--lens", "thin:30", "--exposure", "1/1000", "--diffraction", "-o", tmp_path / "c"
+        "render",
+        ball,
+        *QUICK,
+        "--lens",
+        "thin:30",
+        "--exposure",
+        "1/1000",
+        "--diffraction",
+        "-o",
+        tmp_path / "c",
     )
     assert code == 0
     assert err.startswith("twinlens: warning: working f-number")
@@ -97,14 +145,20 @@ def test_a_lens_by_its_f_number_is_not_sent_to_a_wider_sensor(twinlens, ball, tm
     """There it would be as fast; and what can be bought is not called impossible."""
     lenses = ("--lens", "f/0.5@1000", "--lens", "f/0.96@1000", "--lens", "thin:0.0005")
     code, out, _ = twinlens("render", ball, *QUICK, *lenses, "-o", tmp_path / "out")
-    fast, sold, narrow = (line for line in out.splitlines() if re.match(r"  (f/|thin)", line))
+    fast, sold, narrow = (
+        line for line in out.splitlines() if re.match(r"  (f/|thin)", line)
+    )
     assert code == 0
-    assert fast.endswith("(the blur is as specified, but no lens on the market is this fast)")
+    assert fast.endswith(
+        "(the blur is as specified, but no lens on the market is this fast)"
+    )
     assert sold.endswith("gain 1")
     assert re.match(r"  thin:0.0005: f/\d{3,}, ", narrow)
 
 
-def test_what_was_finished_is_listed_when_the_next_scene_fails(twinlens, ball, tmp_path, monkeypatch):
+def test_what_was_finished_is_listed_when_the_next_scene_fails(
+    twinlens, ball, tmp_path, monkeypatch
+):
     from twinlens.cli import render
 
     make = render.make_sample
@@ -116,7 +170,10 @@ def test_what_was_finished_is_listed_when_the_next_scene_fails(twinlens, ball, t
 
     monkeypatch.setattr(render, "make_sample", interrupted)
     code, _, err = twinlens("render", ball, "cards", *QUICK, "-o", tmp_path / "out")
-    assert (code, err.strip()) == (130, "twinlens: interrupted; finished samples are kept")
+    assert (code, err.strip()) == (
+        130,
+        "twinlens: interrupted; finished samples are kept",
+    )
     assert [row.name for row in read_manifest(tmp_path / "out").rows] == ["ball"]
     assert twinlens("verify", tmp_path / "out")[0] == 0
 
@@ -133,11 +190,25 @@ def test_help_shows_options_in_groups_and_each_once(twinlens):
     from twinlens.cli.render import command
 
     _, out, _ = twinlens("render", "--help")
-    for heading in ("Lens:", "Camera:", "Light and sensor:", "Rendering:", "Output:", "Options:"):
+    for heading in (
+        "Lens:",
+        "Camera:",
+        "Light and sensor:",
+        "Rendering:",
+        "Output:",
+        "Options:",
+    ):
         assert out.count(f"\n{heading}\n") == 1
     for option in command.params:
         if option.param_type_name == "option":
-            assert len(re.findall(rf"^  (-\w, )?{option.opts[-1]}\b(?!-)", out, re.MULTILINE)) == 1, option.opts
+            assert (
+                len(
+                    re.findall(
+                        rf"^  (-\w, )?{option.opts[-1]}\b(?!-)", out, re.MULTILINE
+                    )
+                )
+                == 1
+            ), option.opts
     assert "TWINLENS_BACKEND" in out
 
 
@@ -146,23 +217,36 @@ def test_a_folder_of_other_things_is_left_alone(twinlens, ball, tmp_path, monkey
     from twinlens.cli import render
 
     make = render.make_sample
-    monkeypatch.setattr(render, "make_sample", lambda *_, **__: pytest.fail("a picture was taken"))
+    monkeypatch.setattr(
+        render, "make_sample", lambda *_, **__: pytest.fail("a picture was taken")
+    )
     home = tmp_path / "home"
     (home / "ball").mkdir(parents=True)
     (home / "letter.txt").write_text("mine")
     (home / "ball" / "photo.png").write_text("mine too")
     before = sorted(home.rglob("*"))
     for options, words in (
-        ((), f"{home / 'ball'}: exists already; choose another name, or add --overwrite"),
+        (
+            (),
+            f"{home / 'ball'}: exists already; choose another name, or add --overwrite",
+        ),
         (
             ("--overwrite",),
             f"{home / 'ball'}: exists and is not a sample, so it is not overwritten; choose another name",
         ),
     ):
-        assert twinlens("render", ball, *QUICK, *options, "-o", home) == (2, "", f"twinlens: {words}\n")
+        assert twinlens("render", ball, *QUICK, *options, "-o", home) == (
+            2,
+            "",
+            f"twinlens: {words}\n",
+        )
     (home / "ball" / "photo.png").unlink()
     refusal = f"{home}: contains 'letter.txt' and no dataset.json; choose a new or an empty folder"
-    assert twinlens("render", ball, *QUICK, "--overwrite", "-o", home) == (2, "", f"twinlens: {refusal}\n")
+    assert twinlens("render", ball, *QUICK, "--overwrite", "-o", home) == (
+        2,
+        "",
+        f"twinlens: {refusal}\n",
+    )
     (home / "ball" / "photo.png").write_text("mine too")
     assert sorted(home.rglob("*")) == before
     assert (home / "ball" / "photo.png").read_text() == "mine too"
@@ -192,10 +276,14 @@ def test_what_render_made_it_adds_to_and_replaces(twinlens, ball, tmp_path):
     assert [row.name for row in read_manifest(out).rows] == ["ball"]
 
 
-def test_a_folder_that_cannot_be_is_told_before_a_picture_is_taken(twinlens, ball, tmp_path, monkeypatch):
+def test_a_folder_that_cannot_be_is_told_before_a_picture_is_taken(
+    twinlens, ball, tmp_path, monkeypatch
+):
     from twinlens.cli import render
 
-    monkeypatch.setattr(render, "make_sample", lambda *_, **__: pytest.fail("a picture was taken"))
+    monkeypatch.setattr(
+        render, "make_sample", lambda *_, **__: pytest.fail("a picture was taken")
+    )
     (tmp_path / "file").touch()
     for out in (tmp_path / "file", tmp_path / "file" / "out"):
         refusal = f"twinlens: {tmp_path / 'file'}: is a file where a folder is needed; choose another name\n"
@@ -211,51 +299,109 @@ def test_a_bucket_of_other_things_is_left_alone(twinlens, ball):
     assert bucket.files() == ["letter.txt"]
 
 
-@pytest.mark.parametrize(("width", "millimetres"), [("36", 36.0), ("APS-C", 23.5), ("1/2.3", 6.17)])
-def test_a_sensor_width_is_a_number_or_a_format(twinlens, ball, tmp_path, width, millimetres):
-    assert twinlens("render", ball, *QUICK, "--sensor-width-mm", width, "-o", tmp_path / "out")[0] == 0
+@pytest.mark.parametrize(
+    ("width", "millimetres"), [("36", 36.0), ("APS-C", 23.5), ("1/2.3", 6.17)]
+)
+def test_a_sensor_width_is_a_number_or_a_format(
+    twinlens, ball, tmp_path, width, millimetres
+):
+    assert (
+        twinlens(
+            "render", ball, *QUICK, "--sensor-width-mm", width, "-o", tmp_path / "out"
+        )[0]
+        == 0
+    )
     camera = Dataset(tmp_path / "out")["ball"].rig.cameras[0]
     assert camera.pixel_pitch_um * camera.width == pytest.approx(1e3 * millimetres)
 
 
 def test_a_sensor_format_that_is_unknown(twinlens, ball, tmp_path):
-    code, _, err = twinlens("render", ball, *QUICK, "--sensor-width-mm", "APSC", "-o", tmp_path / "out")
+    code, _, err = twinlens(
+        "render", ball, *QUICK, "--sensor-width-mm", "APSC", "-o", tmp_path / "out"
+    )
     assert (code, err.count("\n")) == (2, 1)
-    assert "--sensor-width-mm APSC: unknown sensor format 'APSC'; did you mean 'APS-C'?" in err
+    assert (
+        "--sensor-width-mm APSC: unknown sensor format 'APSC'; did you mean 'APS-C'?"
+        in err
+    )
 
 
-def test_a_second_sensor_is_refused_and_a_phone_needs_no_extra(twinlens, ball, tmp_path):
-    code, _, err = twinlens("render", ball, *QUICK, "--sensor", "phone", "--sensor", "ideal", "-o", tmp_path / "out")
+def test_a_second_sensor_is_refused_and_a_phone_needs_no_extra(
+    twinlens, ball, tmp_path
+):
+    code, _, err = twinlens(
+        "render",
+        ball,
+        *QUICK,
+        "--sensor",
+        "phone",
+        "--sensor",
+        "ideal",
+        "-o",
+        tmp_path / "out",
+    )
     assert (code, err.count("\n")) == (2, 1)
     assert "--sensor is given 2 times" in err
-    assert twinlens("render", ball, *QUICK, "--sensor", "phone", "-o", tmp_path / "out")[0] == 0
+    assert (
+        twinlens("render", ball, *QUICK, "--sensor", "phone", "-o", tmp_path / "out")[0]
+        == 0
+    )
 
 
 def test_what_a_file_has_that_is_not_rendered_is_one_line(twinlens, tmp_path):
     write(tmp_path / "m.glb", square(), with_extensions(sheen={}))
     text = BALL.replace('shape = "sphere"\nmaterial = "grey"', 'file = "m.glb"')
     (tmp_path / "own.toml").write_text(text)
-    code, _, err = twinlens("render", tmp_path / "own.toml", *QUICK, "-o", tmp_path / "out")
+    code, _, err = twinlens(
+        "render", tmp_path / "own.toml", *QUICK, "-o", tmp_path / "out"
+    )
     assert code == 0
-    assert err == f"twinlens: warning: {tmp_path / 'm.glb'}: not rendered: KHR_materials_sheen\n"
+    assert (
+        err
+        == f"twinlens: warning: {tmp_path / 'm.glb'}: not rendered: KHR_materials_sheen\n"
+    )
 
 
 def test_a_camera_that_exists_under_a_sky(twinlens, ball, tmp_path):
     """Its size unless another is given, its baseline, and the picture's light; the record makes the sample again."""
     write_sky(tmp_path / "day" / "white.exr", np.full((4, 8, 3), 2.0))
-    options = ("--camera", "oak-d", "--size", "64x40", "--spp", "1", "--no-denoise", "--sensor-width-mm", "7.68")
+    options = (
+        "--camera",
+        "oak-d",
+        "--size",
+        "64x40",
+        "--spp",
+        "1",
+        "--no-denoise",
+        "--sensor-width-mm",
+        "7.68",
+    )
     code, _, err = twinlens(
-        "render", ball, *options, "--sky", tmp_path / "day" / "white.exr", "--radiance", "-o", tmp_path / "out"
+        "render",
+        ball,
+        *options,
+        "--sky",
+        tmp_path / "day" / "white.exr",
+        "--radiance",
+        "-o",
+        tmp_path / "out",
     )
     assert (code, err) == (0, "")
     stored = Dataset(tmp_path / "out")["ball"]
     camera = stored.rig.cameras[1]
-    assert (camera.width, camera.height, camera.pixel_pitch_um) == (64, 40, pytest.approx(120.0))
+    assert (camera.width, camera.height, camera.pixel_pitch_um) == (
+        64,
+        40,
+        pytest.approx(120.0),
+    )
     assert camera.fx == pytest.approx(64 * 2.35 / 7.68)
     assert stored.rig.baseline() == pytest.approx(0.075)
     assert stored.record["record"]["sky"]["file"] == "white.exr"
     credits = (tmp_path / "out" / "ASSETS.md").read_text()
-    assert f"| white.exr | `{stored.record['record']['sky']['sha256']}` | not stated |" in credits
+    assert (
+        f"| white.exr | `{stored.record['record']['sky']['sha256']}` | not stated |"
+        in credits
+    )
     assert "| ball/ball.toml |" in credits
     assert "ASSETS.md" in (tmp_path / "out" / "README.md").read_text()
     assert stored.lens(0).radiance(0).max() == pytest.approx(2.0, rel=1e-3)
@@ -266,9 +412,18 @@ def test_a_camera_that_exists_under_a_sky(twinlens, ball, tmp_path):
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        (("--camera", "oak"), "--camera oak: unknown camera 'oak'; did you mean 'oak-d'?"),
-        (("--camera", "oak", "--size", "64x40"), "--camera: unknown camera 'oak'; did you mean 'oak-d'?"),
-        (("--camera", "oak-d", "--size", "64x48"), "--camera: height: the sensor has 40 rows at a width of 64, got 48"),
+        (
+            ("--camera", "oak"),
+            "--camera oak: unknown camera 'oak'; did you mean 'oak-d'?",
+        ),
+        (
+            ("--camera", "oak", "--size", "64x40"),
+            "--camera: unknown camera 'oak'; did you mean 'oak-d'?",
+        ),
+        (
+            ("--camera", "oak-d", "--size", "64x48"),
+            "--camera: height: the sensor has 40 rows at a width of 64, got 48",
+        ),
         (("--sky", "none.exr"), "--sky: no file or folder 'none.exr'"),
         (("--sky", "/none/a.exr"), "--sky: no file or folder '/none/a.exr'"),
     ],

@@ -11,8 +11,12 @@ QUICK = ("--size", "48x36", "--spp", "1", "--no-denoise")
 
 def test_a_rig_of_a_file_photographs_the_scene_and_verifies(twinlens, tmp_path):
     file = tmp_path / "rig.toml"
-    file.write_text('layout = "arc"\ncount = 3\nangle_deg = 30\ncameras = [{}, { distortion = { k1 = -0.1 } }, {}]\n')
-    code, out, err = twinlens("render", "cards", "--rig", file, *QUICK, "-o", tmp_path / "out", "--json")
+    file.write_text(
+        'layout = "arc"\ncount = 3\nangle_deg = 30\ncameras = [{}, { distortion = { k1 = -0.1 } }, {}]\n'
+    )
+    code, out, err = twinlens(
+        "render", "cards", "--rig", file, *QUICK, "-o", tmp_path / "out", "--json"
+    )
     assert (code, err) == (0, "")
     assert {"im2.png", "truth2.exr"} <= set(json.loads(out)["samples"][0]["files"])
     rig = Dataset(tmp_path / "out")[0].rig
@@ -23,10 +27,23 @@ def test_a_rig_of_a_file_photographs_the_scene_and_verifies(twinlens, tmp_path):
 def test_a_mistake_in_the_file_is_named_by_file_and_key(twinlens, tmp_path):
     file = tmp_path / "rig.toml"
     file.write_text('layout = "arc"\ncount = "three"\n')
-    code, _, err = twinlens("render", "cards", "--rig", file, *QUICK, "-o", tmp_path / "out")
+    code, _, err = twinlens(
+        "render", "cards", "--rig", file, *QUICK, "-o", tmp_path / "out"
+    )
     assert code == 2
     assert f"{file}: count: must be a whole number" in err
-    assert twinlens("render", "cards", "--rig", tmp_path / "none.toml", *QUICK, "-o", tmp_path / "out")[0] == 2
+    assert (
+        twinlens(
+            "render",
+            "cards",
+            "--rig",
+            tmp_path / "none.toml",
+            *QUICK,
+            "-o",
+            tmp_path / "out",
+        )[0]
+        == 2
+    )
 
 
 PLANNED = """
@@ -51,7 +68,17 @@ def planned(tmp_path):
 
 
 def test_lenses_of_a_file_are_replaced_by_options(twinlens, ball, planned, tmp_path):
-    command = ("render", ball, "--rig", planned, "--spp", "1", "--no-denoise", "-o", tmp_path / "out")
+    command = (
+        "render",
+        ball,
+        "--rig",
+        planned,
+        "--spp",
+        "1",
+        "--no-denoise",
+        "-o",
+        tmp_path / "out",
+    )
     code, out, _ = twinlens(*command, "--lens", "pinhole")
     assert code == 0
     assert "sharp at every depth" in out
@@ -69,17 +96,38 @@ def test_lenses_of_a_file_are_replaced_by_options(twinlens, ball, planned, tmp_p
     assert f"{planned}: lenses[0]: unknown key 'aperture'" in err
 
 
-def test_render_takes_the_lenses_of_a_file_and_reports_their_optics(twinlens, ball, planned, tmp_path):
+def test_render_takes_the_lenses_of_a_file_and_reports_their_optics(
+    twinlens, ball, planned, tmp_path
+):
     """The same from rays through the lens: the image of z is at 1/v' = 1/f - 1/z, in front of or behind the film."""
-    command = ("render", ball, "--rig", planned, "--spp", "1", "--no-denoise", "--overwrite", "-o", tmp_path / "out")
+    command = (
+        "render",
+        ball,
+        "--rig",
+        planned,
+        "--spp",
+        "1",
+        "--no-denoise",
+        "--overwrite",
+        "-o",
+        tmp_path / "out",
+    )
     found = json.loads(twinlens(*command, "--json")[1])["samples"][0]["lenses"][0]
     sample = Dataset(tmp_path / "out")[0]
     camera = sample.rig.cameras[0]
-    assert (camera.width, camera.height, camera.fx, sample.rig.baseline()) == (48, 36, 60.0, 0.08)
+    assert (camera.width, camera.height, camera.fx, sample.rig.baseline()) == (
+        48,
+        36,
+        60.0,
+        0.08,
+    )
     assert sample.lens(0).lens == ThinLens(0.06, 1.5)
 
     film, aperture, pixel = 60 * 30e-6, 0.06, 30e-6
-    depth, hit = np.array(found["depths"]), sample.truth0.depth[np.isfinite(sample.truth0.depth)]
+    depth, hit = (
+        np.array(found["depths"]),
+        sample.truth0.depth[np.isfinite(sample.truth0.depth)],
+    )
     assert depth.tolist() == pytest.approx([hit.min(), hit.max()], rel=1e-6)
 
     def circle(depth, focus=1.5):
@@ -91,8 +139,12 @@ def test_render_takes_the_lenses_of_a_file_and_reports_their_optics(twinlens, ba
     assert [circle(near), circle(far)] == pytest.approx([1, 1])
     assert circle(1e9, found["hyperfocal_distance"]) == pytest.approx(1)
     disparity, step = 60 * 0.08 / depth, 1e-4
-    slope = (60 * 0.08 / (disparity - step) - 60 * 0.08 / (disparity + step)) / (2 * step)
+    slope = (60 * 0.08 / (disparity - step) - 60 * 0.08 / (disparity + step)) / (
+        2 * step
+    )
     assert found["depth_error"] == pytest.approx(0.1 * slope, rel=1e-5)
     out = twinlens(*command)[1]
     assert f"sharp to 1 px from {near:.3g} m to {far:.3g} m, hyperfocal distance" in out
-    assert f"depth error {1e3 * found['depth_error'][0]:.3g} mm at {depth[0]:.3g} m" in out
+    assert (
+        f"depth error {1e3 * found['depth_error'][0]:.3g} mm at {depth[0]:.3g} m" in out
+    )

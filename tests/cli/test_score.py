@@ -24,43 +24,75 @@ def maps(tmp_path):
     return tmp_path
 
 
-@pytest.mark.parametrize("extra", [("--region", "all"), ("-o", "board"), ("--time-limit", "3")])
+@pytest.mark.parametrize(
+    "extra", [("--region", "all"), ("-o", "board"), ("--time-limit", "3")]
+)
 def test_one_map_refuses_options_of_boards(twinlens, maps, extra):
-    code, out, err = twinlens("score", maps / "d.pfm", "--truth", maps / "gt.pfm", *extra)
+    code, out, err = twinlens(
+        "score", maps / "d.pfm", "--truth", maps / "gt.pfm", *extra
+    )
     assert (code, out) == (2, "")
     assert extra[0] in err
     assert err.count("\n") == 1
 
 
 def test_one_map_has_no_calibration(twinlens, maps):
-    code, _, err = twinlens("score", maps / "d.pfm", "--truth", maps / "gt.pfm", "--protocol", "points")
+    code, _, err = twinlens(
+        "score", maps / "d.pfm", "--truth", maps / "gt.pfm", "--protocol", "points"
+    )
     assert (code, err.count("\n")) == (2, 1)
-    assert "--protocol points: needs the pair's calibration; score a folder of maps, with --truth DATASET" in err
+    assert (
+        "--protocol points: needs the pair's calibration; score a folder of maps, with --truth DATASET"
+        in err
+    )
 
 
 @pytest.mark.parametrize("extra", [(), ("-o", "board")])
 def test_one_map_needs_a_truth_map(twinlens, maps, extra):
     code, _, err = twinlens("score", maps / "d.pfm", "--truth", maps, *extra)
     assert code == 2
-    assert f"{maps} is a dataset, and {maps / 'd.pfm'} is one map: give one truth map" in err
+    assert (
+        f"{maps} is a dataset, and {maps / 'd.pfm'} is one map: give one truth map"
+        in err
+    )
 
 
 @pytest.mark.parametrize(
-    "extra", [("--mask", "m.png"), ("--ndisp", "8"), ("--min-disparity", "-8"), ("--time-limit", "3")]
+    "extra",
+    [
+        ("--mask", "m.png"),
+        ("--ndisp", "8"),
+        ("--min-disparity", "-8"),
+        ("--time-limit", "3"),
+    ],
 )
 def test_boards_refuse_options_of_one_map(twinlens, maps, extra):
     """Also if a folder is named like a map."""
-    code, out, err = twinlens("score", maps / "mine.pfm", "--truth", "motorcycle", "-o", maps / "board", *extra)
+    code, out, err = twinlens(
+        "score",
+        maps / "mine.pfm",
+        "--truth",
+        "motorcycle",
+        "-o",
+        maps / "board",
+        *extra,
+    )
     assert (code, out) == (2, "")
     assert extra[0] in err
     assert err.count("\n") == 1
     assert not (maps / "board").exists()
 
 
-@pytest.mark.parametrize(("extra", "totbad"), [((), 0), (("--ndisp", 3), 0), (("--min-disparity", 0), 100)])
-def test_a_perfect_map_of_negative_disparities_is_perfect(twinlens, maps, extra, totbad):
+@pytest.mark.parametrize(
+    ("extra", "totbad"), [((), 0), (("--ndisp", 3), 0), (("--min-disparity", 0), 100)]
+)
+def test_a_perfect_map_of_negative_disparities_is_perfect(
+    twinlens, maps, extra, totbad
+):
     write_pfm(maps / "n.pfm", np.full((4, 5), -4.5, np.float32))
-    _, out, _ = twinlens("score", maps / "n.pfm", "--truth", maps / "n.pfm", "--json", *extra)
+    _, out, _ = twinlens(
+        "score", maps / "n.pfm", "--truth", maps / "n.pfm", "--json", *extra
+    )
     assert json.loads(out)["regions"]["all"]["totbad2.0"] == totbad
 
 
@@ -70,18 +102,33 @@ def test_an_earlier_map_is_dropped_after_a_failure(maps):
     kept = maps / "board" / "maps" / "s" / "mine.pfm"
     for shape in ((4, 5), (4, 6)):
         write_pfm(folder / "s.pfm", np.full(shape, 3, np.float32))
-        board = run_board(pairs, [open_submission(folder)], maps / "board", ["middlebury-v3"], ["all"])
+        board = run_board(
+            pairs, [open_submission(folder)], maps / "board", ["middlebury-v3"], ["all"]
+        )
         assert board.entries[0].ok == kept.exists() == (shape == gt.shape)
 
 
-@pytest.mark.parametrize(("protocol", "avgerr"), [("middlebury-v3", None), ("eth3d", "inf")])
+@pytest.mark.parametrize(
+    ("protocol", "avgerr"), [("middlebury-v3", None), ("eth3d", "inf")]
+)
 def test_a_metric_without_a_number_is_still_json(twinlens, maps, protocol, avgerr):
-    arguments = ("score", maps / "d.pfm", "--truth", maps / "gt.pfm", "--protocol", protocol, "--json")
+    arguments = (
+        "score",
+        maps / "d.pfm",
+        "--truth",
+        maps / "gt.pfm",
+        "--protocol",
+        protocol,
+        "--json",
+    )
     code, out, _ = twinlens(*arguments)
     found = json.loads(out, parse_constant=pytest.fail)["regions"]["all"]
     assert code == 0
     assert (found["avgerr"], found["coverage"], found["evaluated"]) == (avgerr, 0, 20)
-    assert all(value is None or value == "inf" or math.isfinite(value) for value in found.values())
+    assert all(
+        value is None or value == "inf" or math.isfinite(value)
+        for value in found.values()
+    )
 
 
 def test_missing_maps_are_counted_and_named(twinlens, dataset, tmp_path):
@@ -102,14 +149,25 @@ def test_missing_maps_are_counted_and_named(twinlens, dataset, tmp_path):
     code, out, err = twinlens(*arguments)
     found = {e["sample"]: e["failure"] for e in json.loads(out)["entries"]}
     assert code == 0
-    assert [failure and failure["kind"] for failure in found.values()] == [None, "missing", "missing"]
+    assert [failure and failure["kind"] for failure in found.values()] == [
+        None,
+        "missing",
+        "missing",
+    ]
     assert err == "mine: missing maps: 2 of 3 (cards/lens-1.pfm, motorcycle.pfm)\n"
 
 
 def test_unmatched_maps_are_counted_and_named(twinlens, dataset, tmp_path):
     """The first three are printed; the JSON, which is still a board, lists all."""
     truth = tl.Dataset(dataset)[0].disp0
-    for name in ("cards/lens-0", "cards/lens-1", "card", "cards/lens-2", "crads/lens-0", "fence"):
+    for name in (
+        "cards/lens-0",
+        "cards/lens-1",
+        "card",
+        "cards/lens-2",
+        "crads/lens-0",
+        "fence",
+    ):
         write_pfm(tmp_path / "mine" / f"{name}.pfm", truth)
     arguments = ("score", tmp_path / "mine", "--truth", dataset, "-o", tmp_path / "b")
     code, out, err = twinlens(*arguments, "--json")
@@ -138,21 +196,42 @@ def test_one_map_against_a_dataset_is_refused(twinlens, maps, dataset, word):
 
 
 @pytest.mark.parametrize("turned", [False, True])
-def test_one_map_that_matches_two_datasets_is_refused(twinlens, maps, dataset, tmp_path, turned):
+def test_one_map_that_matches_two_datasets_is_refused(
+    twinlens, maps, dataset, tmp_path, turned
+):
     """cards.pfm matches the first lens of one dataset's `cards`, and the other dataset's `cards`."""
     other = tmp_path / "other"
-    assert twinlens("render", "cards", "--size", "64x48", "--spp", "2", "--no-denoise", "-o", other)[0] == 0
+    assert (
+        twinlens(
+            "render",
+            "cards",
+            "--size",
+            "64x48",
+            "--spp",
+            "2",
+            "--no-denoise",
+            "-o",
+            other,
+        )[0]
+        == 0
+    )
     write_pfm(tmp_path / "mine" / "cards.pfm", tl.Dataset(dataset)[0].disp0)
     truths = (other, dataset) if turned else (dataset, other)
     options = [word for truth in truths for word in ("--truth", truth)]
-    code, out, err = twinlens("score", tmp_path / "mine", *options, "-o", tmp_path / "board")
+    code, out, err = twinlens(
+        "score", tmp_path / "mine", *options, "-o", tmp_path / "board"
+    )
     assert (code, out) == (2, "")
     assert "cards.pfm matches both" in err
     assert "'cards'" in err
     assert not (tmp_path / "board").exists()
     write_pfm(tmp_path / "mine" / "cards" / "lens-0.pfm", tl.Dataset(dataset)[0].disp0)
-    code, _, err = twinlens("score", tmp_path / "mine", *options, "-o", tmp_path / "board")
-    assert (code, err) == (0, "mine: missing maps: 1 of 3 (cards/lens-1.pfm)\n"), "each has a file of its own now"
+    code, _, err = twinlens(
+        "score", tmp_path / "mine", *options, "-o", tmp_path / "board"
+    )
+    assert (code, err) == (0, "mine: missing maps: 1 of 3 (cards/lens-1.pfm)\n"), (
+        "each has a file of its own now"
+    )
 
 
 def test_a_board_locked_by_another_run_is_not_changed(twinlens, dataset, tmp_path):
@@ -160,20 +239,34 @@ def test_a_board_locked_by_another_run_is_not_changed(twinlens, dataset, tmp_pat
     board = tmp_path / "board"
     maps = board / "maps" / "cards"
     maps.mkdir(parents=True)
-    commands = (("benchmark", dataset, "--methods", "sad"), ("score", maps, "--truth", dataset))
+    commands = (
+        ("benchmark", dataset, "--methods", "sad"),
+        ("score", maps, "--truth", dataset),
+    )
     with locked(board):
         before = sorted(board.rglob("*"))
         for command in commands:
             code, out, err = twinlens(*command, "-o", board)
             assert (code, out) == (2, "")
-            assert err == f"twinlens: {board}: another run is writing there; wait for it\n"
+            assert (
+                err == f"twinlens: {board}: another run is writing there; wait for it\n"
+            )
         assert sorted(board.rglob("*")) == before
 
 
 def test_boards_one_after_the_other_are_one_board(twinlens, dataset, tmp_path):
     for method in ("sad", "ssd"):
-        assert twinlens("benchmark", dataset, "--methods", method, "-o", tmp_path / "board")[0] == 0
-        assert sorted(path.name for path in (tmp_path / "board").iterdir()) == ["board.json", "index.html", "maps"]
+        assert (
+            twinlens(
+                "benchmark", dataset, "--methods", method, "-o", tmp_path / "board"
+            )[0]
+            == 0
+        )
+        assert sorted(path.name for path in (tmp_path / "board").iterdir()) == [
+            "board.json",
+            "index.html",
+            "maps",
+        ]
     entries = json.loads((tmp_path / "board" / "board.json").read_text())["entries"]
     assert {entry["method"] for entry in entries} == {"sad", "ssd"}
 
@@ -182,8 +275,19 @@ def test_a_table_without_terminal_is_not_truncated(twinlens, dataset, tmp_path):
     maps = tmp_path / ("m" * 200)
     for name in ("lens-0.pfm", "lens-1.pfm"):
         (maps / "cards").mkdir(parents=True, exist_ok=True)
-        (maps / "cards" / name).write_bytes((dataset / "cards" / "disp0.pfm").read_bytes())
-    code, out, err = twinlens("score", maps, "--truth", dataset, "-o", tmp_path / "board", "--protocol", "eth3d")
+        (maps / "cards" / name).write_bytes(
+            (dataset / "cards" / "disp0.pfm").read_bytes()
+        )
+    code, out, err = twinlens(
+        "score",
+        maps,
+        "--truth",
+        dataset,
+        "-o",
+        tmp_path / "board",
+        "--protocol",
+        "eth3d",
+    )
     assert code == 0, err
     lines = out.splitlines()
     assert sum(maps.name in line for line in lines) == 1
@@ -203,7 +307,9 @@ def test_matches_before_a_damaged_sample_are_kept(twinlens, dataset, tmp_path):
     assert (code, out) == (2, "")
     assert str(image) in err
     board = tmp_path / "board" / "board.json"
-    assert err.endswith(f"; 1 finished matches are in {board}: fix this and rerun to resume\n")
+    assert err.endswith(
+        f"; 1 finished matches are in {board}: fix this and rerun to resume\n"
+    )
     first = json.loads(board.read_text())["entries"]
     assert len(first) == 1
     image.write_bytes(whole)

@@ -32,19 +32,34 @@ def test_the_list_names_every_study(twinlens):
         "aperture", "pinhole", "focus", "defocus", "window", "baseline", "focal-length", "radiometric", "texture",
         "active",
     ]  # fmt: skip
-    assert set(json.loads(twinlens("study", "list", "--json")[1])) == {line.split()[0] for line in out.splitlines()}
+    assert set(json.loads(twinlens("study", "list", "--json")[1])) == {
+        line.split()[0] for line in out.splitlines()
+    }
 
 
 def test_a_study_from_a_file(twinlens, own, tmp_path):
-    code, out, err = twinlens("study", own, "--seeds", "3", "--first-seed", "4", "-o", tmp_path / "out")
+    code, out, err = twinlens(
+        "study", own, "--seeds", "3", "--first-seed", "4", "-o", tmp_path / "out"
+    )
     assert code == 0, err
-    assert "On average y is 4 (range of 3: 4 to 4).\n    holds; 3 of 3 seeds support it.\n" in out
-    assert (tmp_path / "out" / "table.csv").read_text().splitlines()[1:3] == ["none,4,1,2", "none,4,3,6"]
+    assert (
+        "On average y is 4 (range of 3: 4 to 4).\n    holds; 3 of 3 seeds support it.\n"
+        in out
+    )
+    assert (tmp_path / "out" / "table.csv").read_text().splitlines()[1:3] == [
+        "none,4,1,2",
+        "none,4,3,6",
+    ]
     assert (tmp_path / "out" / "index.html").exists()
 
 
 def test_json_has_the_findings(twinlens, own, tmp_path):
-    own.write_text("print('read')\n" + OWN.replace("def measure(setup):", "def measure(setup):\n    print('measured')"))
+    own.write_text(
+        "print('read')\n"
+        + OWN.replace(
+            "def measure(setup):", "def measure(setup):\n    print('measured')"
+        )
+    )
     code, out, _ = twinlens("study", own, "--json", "-o", tmp_path / "out")
     assert code == 0
     assert json.loads(out)["findings"][0]["measured"] == 4
@@ -62,7 +77,9 @@ def test_errors_are_one_line(twinlens, own, tmp_path):
     o = ("-o", tmp_path / "out")
     assert "did you mean 'pinhole'" in refused(twinlens, "pinhol", *o)
     assert "Missing option '-o' / '--output': " in refused(twinlens, "window")
-    assert "did you mean 'staircase'" in refused(twinlens, "window", "--scene", "stairs", *o)
+    assert "did you mean 'staircase'" in refused(
+        twinlens, "window", "--scene", "stairs", *o
+    )
     assert "did you mean 'zncc'" in refused(twinlens, "window", "--methods", "zncd", *o)
     assert "takes no scenes" in refused(twinlens, "texture", "--scene", "cards", *o)
     assert "seeds" in refused(twinlens, "window", "--seeds", "0", *o)
@@ -73,7 +90,11 @@ def test_errors_are_one_line(twinlens, own, tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "words"),
-    [("STUDY = 3", "no study found"), ("1/0", "ZeroDivisionError"), ("def", "SyntaxError")],
+    [
+        ("STUDY = 3", "no study found"),
+        ("1/0", "ZeroDivisionError"),
+        ("def", "SyntaxError"),
+    ],
 )
 def test_files_without_a_study_raise(twinlens, tmp_path, text, words):
     path = tmp_path / "mine.py"
@@ -85,12 +106,21 @@ def test_files_without_a_study_raise(twinlens, tmp_path, text, words):
 
 def test_an_undecided_claim_has_no_verdict(twinlens, tmp_path):
     path = tmp_path / "mine.py"
-    path.write_text(OWN.replace('mean_of(table, "y"), True', 'mean_of(table, "y"), False, decided=False'))
+    path.write_text(
+        OWN.replace(
+            'mean_of(table, "y"), True', 'mean_of(table, "y"), False, decided=False'
+        )
+    )
     code, out, err = twinlens("study", path, "-o", tmp_path / "out")
     assert code == 0, err
     assert "no verdict: not decided" in out
     assert "hold" not in out
-    assert json.loads((tmp_path / "out" / "study.json").read_text())["findings"][0]["holds"] is None
+    assert (
+        json.loads((tmp_path / "out" / "study.json").read_text())["findings"][0][
+            "holds"
+        ]
+        is None
+    )
     page = (tmp_path / "out" / "index.html").read_text()
     assert "No verdict" in page
     assert "not hold" not in page.lower()
@@ -117,10 +147,16 @@ def test_an_earlier_study_is_replaced_only_on_request(twinlens, own, tmp_path):
     own.write_text(OWN.replace('Figure("y"', 'Figure("other"'))
     table = (output / "table.csv").stat().st_mtime_ns
     error = refused(twinlens, own, "--seeds", "1", "-o", output)
-    assert error == f"twinlens: {output}: exists already; choose another name, or add --overwrite\n"
+    assert (
+        error
+        == f"twinlens: {output}: exists already; choose another name, or add --overwrite\n"
+    )
     assert (output / "table.csv").stat().st_mtime_ns == table
     assert twinlens("study", own, "--seeds", "1", "-o", output, "--overwrite")[0] == 0
-    assert sorted(path.name for path in (output / "figures").iterdir()) == ["other.png", "other.svg"]
+    assert sorted(path.name for path in (output / "figures").iterdir()) == [
+        "other.png",
+        "other.svg",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -137,7 +173,9 @@ def test_an_earlier_study_is_replaced_only_on_request(twinlens, own, tmp_path):
         ('"x", "y"),), Setup', '"x", "yy"),), Setup', "the figure 'y': unknown column 'yy'; did you mean 'y'?"),
     ],
 )  # fmt: skip
-def test_an_error_in_a_study_file_is_one_line_with_its_location(twinlens, own, tmp_path, line, instead, message):
+def test_an_error_in_a_study_file_is_one_line_with_its_location(
+    twinlens, own, tmp_path, line, instead, message
+):
     assert line in OWN
     own.write_text(OWN.replace(line, instead, 1))
     code, out, err = twinlens("study", own, "-o", tmp_path / "out")

@@ -17,19 +17,33 @@ WALL = np.array([0.1, 0.05, 1.0]) / 4.0  # wall: WALL . p = 1
 def rig(width=64, height=48, baseline=0.4, doffs=1.25) -> Rig:
     left = Camera(width, height, 70.0, 66.0, width / 2 - 1, height / 2 - 0.25)
     pose = geometry.look_at([0.5, -1.0, 1.5], [2.0, 3.0, 1.0])
-    return Rig.stereo(left, baseline, world_from_left=pose, right=left.replace(cx=left.cx + doffs))
+    return Rig.stereo(
+        left, baseline, world_from_left=pose, right=left.replace(cx=left.cx + doffs)
+    )
 
 
 def cast(origins, directions):
     """Depth along `directions` (z = 1) and object id, in the left camera's frame."""
     with np.errstate(divide="ignore", invalid="ignore"):
         wall = (1 - origins @ WALL) / (directions @ WALL)
-        wall = np.where((wall > 0) & ((origins + wall[..., None] * directions)[..., 1] > SKY_ABOVE), wall, np.inf)
+        wall = np.where(
+            (wall > 0) & ((origins + wall[..., None] * directions)[..., 1] > SKY_ABOVE),
+            wall,
+            np.inf,
+        )
         card = CARD[2] - origins[..., 2]
     x, y, _ = np.moveaxis(origins + card[..., None] * directions, -1, 0)
-    on_card = (x > CARD[0][0]) & (x < CARD[0][1]) & (y > CARD[1][0]) & (y < CARD[1][1]) & (card < wall)
+    on_card = (
+        (x > CARD[0][0])
+        & (x < CARD[0][1])
+        & (y > CARD[1][0])
+        & (y < CARD[1][1])
+        & (card < wall)
+    )
     depth = np.where(on_card, card, wall)
-    return depth, np.where(on_card, 2, np.where(np.isfinite(wall), 1, 0)).astype(np.int32)
+    return depth, np.where(on_card, 2, np.where(np.isfinite(wall), 1, 0)).astype(
+        np.int32
+    )
 
 
 def truths(pair: Rig) -> tuple[Truth, Truth]:
@@ -44,11 +58,15 @@ def _truth(pair: Rig, i: int) -> Truth:
     hit = ids > 0
     points = centres[i] + np.where(hit, depth, 1.0)[..., None] * directions
     px = partner.project(points - centres[1 - i])
-    visible = hit & partner.contains(px) & (first_hit(points, centres[1 - i]) > 1 - 1e-9)
+    visible = (
+        hit & partner.contains(px) & (first_hit(points, centres[1 - i]) > 1 - 1e-9)
+    )
     sign = 1 if i == 0 else -1
     disparity = np.where(hit, sign * (camera.pixel_grid()[..., 0] - px[..., 0]), np.inf)
     world = geometry.transform_points(pair.world_from_cams[0], points)
-    normal = np.where(hit[..., None], geometry.rotate(pair.world_from_cams[0], [0.0, 0.0, -1.0]), 0.0)
+    normal = np.where(
+        hit[..., None], geometry.rotate(pair.world_from_cams[0], [0.0, 0.0, -1.0]), 0.0
+    )
     return Truth(
         depth=depth,
         position=np.where(hit[..., None], world, np.inf),
@@ -61,7 +79,11 @@ def _truth(pair: Rig, i: int) -> Truth:
         material_kind=hit.astype(np.uint8),
         object_names=("wall", "card"),
         material_names=("plaster", "paper"),
-        objects=tuple(each for each in (_wall(pair, i, ids), _card(pair, i, ids)) if each is not None),
+        objects=tuple(
+            each
+            for each in (_wall(pair, i, ids), _card(pair, i, ids))
+            if each is not None
+        ),
     )
 
 
@@ -79,16 +101,29 @@ def _card(pair: Rig, i: int, ids) -> ObjectTruth | None:
     """The card, whose own axes are the left camera's, from its lower left corner."""
     (left, right), (top, bottom), z = CARD
     extent = np.array([[0.0, 0.0, 0.0], [right - left, bottom - top, 0.0]])
-    return _object(2, "fedcba9876543210", pair, i, np.array([left, top, z]), extent, ids == 2, ids == 2)
+    return _object(
+        2,
+        "fedcba9876543210",
+        pair,
+        i,
+        np.array([left, top, z]),
+        extent,
+        ids == 2,
+        ids == 2,
+    )
 
 
-def _object(number: int, model: str, pair: Rig, i: int, at, extent, whole, visible) -> ObjectTruth | None:
+def _object(
+    number: int, model: str, pair: Rig, i: int, at, extent, whole, visible
+) -> ObjectTruth | None:
     """The object in the image of a view; None if it has no pixel there."""
     if not whole.any():
         return None
     pose = geometry.rigid(np.eye(3), at - [i * pair.baseline(), 0.0, 0.0])
     grid = np.meshgrid(*extent.T, indexing="ij")
-    pixels = pair.cameras[i].project(geometry.transform_points(pose, np.stack(grid, axis=-1).reshape(-1, 3)))
+    pixels = pair.cameras[i].project(
+        geometry.transform_points(pose, np.stack(grid, axis=-1).reshape(-1, 3))
+    )
     return ObjectTruth(
         number, model, pose, extent, np.where(np.isnan(pixels), np.inf, pixels), encode_mask(whole),
         int(whole.sum()), box(whole), int(visible.sum()), box(visible),
@@ -98,7 +133,9 @@ def _object(number: int, model: str, pair: Rig, i: int, at, extent, whole, visib
 def box(mask) -> tuple[int, int, int, int]:
     if not mask.any():
         return (0, 0, 0, 0)
-    (v, u), (v1, u1) = (end(np.argwhere(mask), axis=0).tolist() for end in (np.min, np.max))
+    (v, u), (v1, u1) = (
+        end(np.argwhere(mask), axis=0).tolist() for end in (np.min, np.max)
+    )
     return (u, v, u1 - u + 1, v1 - v + 1)
 
 
@@ -113,11 +150,20 @@ def first_hit(points, origin):
 def images(pair: Rig, seed: int, dtype=np.uint8):
     rng = np.random.default_rng(seed)
     top = np.iinfo(dtype).max
-    return tuple(rng.integers(0, top, (c.height, c.width, 3), dtype, endpoint=True) for c in pair.cameras)
+    return tuple(
+        rng.integers(0, top, (c.height, c.width, 3), dtype, endpoint=True)
+        for c in pair.cameras
+    )
 
 
 def sample(num_lenses=1, **size) -> Sample:
     pair = rig(**size)
-    lenses = [LENS, *(LENS.replace(focus_distance=2.0 + k) for k in range(1, num_lenses))]
-    shots = tuple(Shot(lens, images(pair, k), record={"spp": 16 + k}) for k, lens in enumerate(lenses))
+    lenses = [
+        LENS,
+        *(LENS.replace(focus_distance=2.0 + k) for k in range(1, num_lenses)),
+    ]
+    shots = tuple(
+        Shot(lens, images(pair, k), record={"spp": 16 + k})
+        for k, lens in enumerate(lenses)
+    )
     return Sample(pair, shots, truths(pair), record={"seed": 7, "scene": "two planes"})

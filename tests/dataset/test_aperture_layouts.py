@@ -12,7 +12,16 @@ from scipy.spatial.transform import Rotation
 
 import twinlens as tl
 from twinlens.camera import layouts
-from twinlens.dataset import Dataset, Manifest, Row, Sample, Shot, read_pfm, write_manifest, write_sample
+from twinlens.dataset import (
+    Dataset,
+    Manifest,
+    Row,
+    Sample,
+    Shot,
+    read_pfm,
+    write_manifest,
+    write_sample,
+)
 from twinlens.dataset.export import export
 from twinlens.errors import InputError
 from twinlens.geometry import transform_points
@@ -28,13 +37,19 @@ def scene():
 
 
 def image(seed, dtype=np.uint8, shape=(30, 40, 3)):
-    return np.random.default_rng(seed).integers(0, np.iinfo(dtype).max + 1, shape, dtype=dtype)
+    return np.random.default_rng(seed).integers(
+        0, np.iinfo(dtype).max + 1, shape, dtype=dtype
+    )
 
 
 def light_field(scene, n=3, truths=False, rig=None):
     rig = rig or tl.light_field_rig(CAMERA, WIDE, n, scene.world_from_left)
     shot = Shot(tl.Pinhole(), tuple(map(image, range(len(rig)))))
-    return Sample(rig, (shot,), tuple(tl.ground_truth(scene, rig, objects=False)) if truths else ())
+    return Sample(
+        rig,
+        (shot,),
+        tuple(tl.ground_truth(scene, rig, objects=False)) if truths else (),
+    )
 
 
 def alone(scene, *shots):
@@ -44,15 +59,27 @@ def alone(scene, *shots):
 
 def dual(scene, dtype=np.uint16):
     halves = ((image(2, dtype), image(3, dtype)),)
-    return alone(scene, Shot(tl.Pinhole(), (image(0, dtype),)), Shot(WIDE, (image(1, dtype),), halves=halves))
+    return alone(
+        scene,
+        Shot(tl.Pinhole(), (image(0, dtype),)),
+        Shot(WIDE, (image(1, dtype),), halves=halves),
+    )
 
 
 @pytest.fixture
 def exported(tmp_path):
     def run(to, samples, splits=(), **options):
         rows = []
-        for name, sample, split in zip(samples, samples.values(), splits or [None] * len(samples), strict=True):
-            rows.append(Row(name, write_sample(tmp_path / "in" / name, sample), {"split": split} if split else {}))
+        for name, sample, split in zip(
+            samples, samples.values(), splits or [None] * len(samples), strict=True
+        ):
+            rows.append(
+                Row(
+                    name,
+                    write_sample(tmp_path / "in" / name, sample),
+                    {"split": split} if split else {},
+                )
+            )
         write_manifest(tmp_path / "in", Manifest(rows))
         export(Dataset(tmp_path / "in"), tmp_path / "out", to, **options)
         return tmp_path / "out"
@@ -62,17 +89,31 @@ def exported(tmp_path):
 
 def test_dpdd(scene, exported):
     """The reader sorts each folder, and opens the files of each index with cv2."""
-    out = exported("dpdd", {"a1": dual(scene), "a": dual(scene, np.uint8), "b": dual(scene)}, ["train", "val", "train"])
-    listed = [sorted((out / f"train_{name}").iterdir()) for name in ("c/source", "l/source", "r/source", "c/target")]
+    out = exported(
+        "dpdd",
+        {"a1": dual(scene), "a": dual(scene, np.uint8), "b": dual(scene)},
+        ["train", "val", "train"],
+    )
+    listed = [
+        sorted((out / f"train_{name}").iterdir())
+        for name in ("c/source", "l/source", "r/source", "c/target")
+    ]
     assert all([path.stem for path in paths] == ["a1", "b"] for paths in listed)
     for files in zip(*listed, strict=True):
         for path, seed in zip(files, (1, 2, 3, 0), strict=True):
             found = cv2.imread(str(path), -1)
             assert found.dtype == np.uint16
             np.testing.assert_array_equal(found[..., ::-1], image(seed, np.uint16))
-    np.testing.assert_array_equal(cv2.imread(str(out / "val_l/source/a.png"), -1)[..., ::-1], image(2) * np.uint16(257))
-    expected = tl.dual_pixel_disparity(tl.ground_truth(scene, dual(scene).rig)[0], CAMERA, WIDE)
-    np.testing.assert_allclose(read_pfm(out / "val_disparity/a.pfm"), expected, rtol=1e-6)
+    np.testing.assert_array_equal(
+        cv2.imread(str(out / "val_l/source/a.png"), -1)[..., ::-1],
+        image(2) * np.uint16(257),
+    )
+    expected = tl.dual_pixel_disparity(
+        tl.ground_truth(scene, dual(scene).rig)[0], CAMERA, WIDE
+    )
+    np.testing.assert_allclose(
+        read_pfm(out / "val_disparity/a.pfm"), expected, rtol=1e-6
+    )
 
 
 def test_dpdd_needs_dual_pixels_and_an_image_in_focus(scene, exported):
@@ -87,26 +128,51 @@ def test_hci4d(scene, exported):
     sample = light_field(scene, truths=True)
     out = exported("hci4d", {"s": sample}, ["test"]) / "test" / "s"
     for i in range(9):
-        np.testing.assert_array_equal(np.asarray(Image.open(out / f"input_Cam{i:03d}.png")), image(i))
+        np.testing.assert_array_equal(
+            np.asarray(Image.open(out / f"input_Cam{i:03d}.png")), image(i)
+        )
     text = configparser.ConfigParser()
     text.read(out / "parameters.cfg")
-    (inside, outside, meta) = (text[name] for name in ("intrinsics", "extrinsics", "meta"))
+    (inside, outside, meta) = (
+        text[name] for name in ("intrinsics", "extrinsics", "meta")
+    )
     number = {key: float(value) for key, value in {**inside, **outside}.items()}
-    assert (number["image_resolution_x_px"], number["image_resolution_y_px"], number["num_cams_x"]) == (40, 30, 3)
+    assert (
+        number["image_resolution_x_px"],
+        number["image_resolution_y_px"],
+        number["num_cams_x"],
+    ) == (40, 30, 3)
     disparity, truth = read_pfm(out / "gt_disp_lowres.pfm"), sample.truths[4]
     scale = number["baseline_mm"] * number["focal_length_mm"] * 40
-    depth = 1 / (1000 * number["sensor_size_mm"] * disparity / scale + 1 / number["focus_distance_m"])
+    depth = 1 / (
+        1000 * number["sensor_size_mm"] * disparity / scale
+        + 1 / number["focus_distance_m"]
+    )
     np.testing.assert_allclose(depth, truth.depth, rtol=1e-4)
-    np.testing.assert_allclose(read_pfm(out / "gt_depth_lowres.pfm"), truth.depth, rtol=1e-6)
-    assert float(meta["disp_min"]) <= disparity.min() < 0 < disparity.max() <= float(meta["disp_max"])
+    np.testing.assert_allclose(
+        read_pfm(out / "gt_depth_lowres.pfm"), truth.depth, rtol=1e-6
+    )
+    assert (
+        float(meta["disp_min"])
+        <= disparity.min()
+        < 0
+        < disparity.max()
+        <= float(meta["disp_max"])
+    )
     v, u = np.indices(disparity.shape)
     for view, (du, dv) in {5: (-1, 0), 7: (0, -1), 0: (1, 1)}.items():
         expected = np.stack([u + du * disparity, v + dv * disparity], axis=-1)
-        np.testing.assert_allclose(sample.rig.project(view, truth.position), expected, atol=1e-4)
+        np.testing.assert_allclose(
+            sample.rig.project(view, truth.position), expected, atol=1e-4
+        )
     angles = [number[f"center_cam_r{axis}_rad"] for axis in "xyz"]
     place = [number[f"center_cam_{axis}_m"] for axis in "xyz"]
-    pose = np.block([[Rotation.from_euler("xyz", angles).as_matrix(), np.c_[place]], [np.eye(4)[3]]])
-    x, y, z = transform_points(np.linalg.inv(pose), truth.position).T  # Blender: y up, z backward
+    pose = np.block(
+        [[Rotation.from_euler("xyz", angles).as_matrix(), np.c_[place]], [np.eye(4)[3]]]
+    )
+    x, y, z = transform_points(
+        np.linalg.inv(pose), truth.position
+    ).T  # Blender: y up, z backward
     focal = number["focal_length_mm"] / number["sensor_size_mm"] * 40
     np.testing.assert_allclose(19.5 - focal * x.T / z.T, u, atol=1e-4)
     np.testing.assert_allclose(14.5 + focal * y.T / z.T, v, atol=1e-4)
@@ -124,17 +190,24 @@ def test_eslf(scene, exported):
 
 def test_light_fields_of_other_rigs_are_refused(scene, exported):
     grid = layouts.grid(CAMERA, 2, 3, 0.01, 0.01, scene.world_from_left)
-    with pytest.raises(InputError, match="s: the 6 cameras are not the n x n views of a light field"):
+    with pytest.raises(
+        InputError, match="s: the 6 cameras are not the n x n views of a light field"
+    ):
         exported("eslf", {"s": light_field(scene, rig=grid)})
     skewed = layouts.grid(CAMERA, 3, 3, 0.01, 0.02, scene.world_from_left)
     with pytest.raises(InputError, match="t: the 9 cameras are not"):
         exported("eslf", {"t": light_field(scene, rig=skewed)})
-    with pytest.raises(InputError, match="u: hci4d needs an odd number of views per side and fx = fy, got 2 x 2"):
+    with pytest.raises(
+        InputError,
+        match="u: hci4d needs an odd number of views per side and fx = fy, got 2 x 2",
+    ):
         exported("hci4d", {"u": light_field(scene, 2)})
 
 
 def stack(scene, distances=DISTANCES):
-    thin = [Shot(tl.ThinLens(0.01, z), (image(10 + k),)) for k, z in enumerate(distances)]
+    thin = [
+        Shot(tl.ThinLens(0.01, z), (image(10 + k),)) for k, z in enumerate(distances)
+    ]
     return alone(scene, Shot(tl.Pinhole(), (image(0),)), *thin)
 
 
@@ -150,12 +223,17 @@ def test_fod500(scene, exported):
     with OpenEXR.File(str(out / depths[1]), separate_channels=True) as file:
         red = file.channels()["R"].pixels
     assert red.dtype == np.float16
-    np.testing.assert_allclose(red, tl.ground_truth(scene, stack(scene).rig)[0].depth, rtol=5e-4)
+    np.testing.assert_allclose(
+        red, tl.ground_truth(scene, stack(scene).rig)[0].depth, rtol=5e-4
+    )
     assert (out / "focus_distances.txt").read_text().split() == ["0.8", "1.3", "2.0"]
 
 
 def test_focal_stacks_of_different_distances_are_refused(scene, exported):
-    with pytest.raises(InputError, match=r"t: has images of thin lenses at 2 focus distances \[0\.8, 1\.5\] m; other"):
+    with pytest.raises(
+        InputError,
+        match=r"t: has images of thin lenses at 2 focus distances \[0\.8, 1\.5\] m; other",
+    ):
         exported("fod500", {"s": stack(scene), "t": stack(scene, (0.8, 1.5))})
     with pytest.raises(InputError, match="needs two or more"):
         exported("fod500", {"u": stack(scene, (0.8,))})

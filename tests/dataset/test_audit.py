@@ -6,7 +6,16 @@ import shutil
 import pytest
 
 from tests.dataset import dataset_scene
-from twinlens.dataset import Dataset, Manifest, Row, describe, place, verify_place, write_manifest, write_sample
+from twinlens.dataset import (
+    Dataset,
+    Manifest,
+    Row,
+    describe,
+    place,
+    verify_place,
+    write_manifest,
+    write_sample,
+)
 from twinlens.dataset.verify import missing_parts, repair_hint
 from twinlens.errors import FileError
 
@@ -19,7 +28,9 @@ def made(tmp_path_factory):
 
 
 def write(root):
-    rows = [Row(name, write_sample(root / name, dataset_scene.sample())) for name in NAMES]
+    rows = [
+        Row(name, write_sample(root / name, dataset_scene.sample())) for name in NAMES
+    ]
     write_manifest(root, Manifest(tuple(rows)))
     describe(root)
     return root
@@ -36,7 +47,10 @@ def wrong(where):
 
 def test_a_complete_dataset_has_no_findings(root):
     calls = []
-    assert [name for name, _ in verify_place(root, lambda *now: calls.append(now))] == ["dataset.json", *NAMES]
+    assert [name for name, _ in verify_place(root, lambda *now: calls.append(now))] == [
+        "dataset.json",
+        *NAMES,
+    ]
     assert calls == [(0.0, "a"), (0.5, "train/0")]
     (root / ".cache").mkdir()
     (root / "notes").mkdir()
@@ -86,8 +100,12 @@ def test_a_removed_list_is_reported(root):
     (root / "dataset.json").unlink()
     ((name, (finding,)),) = wrong(root).items()
     assert name == "dataset.json"
-    assert finding.startswith("is missing, so no checksums can be verified; 1 found without it; ")
-    assert finding.endswith("if `twinlens generate` made them, rerun it to restore the file")
+    assert finding.startswith(
+        "is missing, so no checksums can be verified; 1 found without it; "
+    )
+    assert finding.endswith(
+        "if `twinlens generate` made them, rerun it to restore the file"
+    )
     assert missing_parts(root).startswith("no dataset.json: ")
     # The folder of a single sample needs no dataset.json.
     assert wrong(root / "a") == {}
@@ -96,7 +114,9 @@ def test_a_removed_list_is_reported(root):
 def test_outdated_metadata_is_reported(root):
     write_manifest(root, Manifest(Dataset(root).manifest.rows, seed=1))
     assert wrong(root) == {
-        "dataset.json": ["croissant.json: describes another dataset.json; `twinlens describe` rewrites it"]
+        "dataset.json": [
+            "croissant.json: describes another dataset.json; `twinlens describe` rewrites it"
+        ]
     }
     describe(root)
     assert wrong(root) == {}
@@ -106,9 +126,21 @@ def test_outdated_metadata_is_reported(root):
     ("count", "info", "expected"),
     [
         (2, {"complete": True}, ""),
-        (5, {"complete": False}, "lists 2 of 5 samples; rerun `twinlens generate` to make"),
-        (5, {}, "lists 2 of 5 samples; rerun `twinlens generate` to make the missing samples"),
-        (5, {"failed": [{}]}, '1 failed ("failed" in it says why); rerun `twinlens generate`'),
+        (
+            5,
+            {"complete": False},
+            "lists 2 of 5 samples; rerun `twinlens generate` to make",
+        ),
+        (
+            5,
+            {},
+            "lists 2 of 5 samples; rerun `twinlens generate` to make the missing samples",
+        ),
+        (
+            5,
+            {"failed": [{}]},
+            '1 failed ("failed" in it says why); rerun `twinlens generate`',
+        ),
         (
             3,
             {"complete": True, "failed": [{}]},
@@ -118,7 +150,9 @@ def test_outdated_metadata_is_reported(root):
     ],
 )
 def test_missing_samples_are_counted_and_not_findings(root, count, info, expected):
-    write_manifest(root, Manifest(Dataset(root).manifest.rows, {"count": count}, info=info))
+    write_manifest(
+        root, Manifest(Dataset(root).manifest.rows, {"count": count}, info=info)
+    )
     describe(root)
     assert wrong(root) == {}
     assert expected in missing_parts(root)
@@ -143,7 +177,9 @@ def test_an_unreadable_row_is_reported_and_its_sample_checked(root):
     unlisted, row = wrong(root)["dataset.json"][::-1]
     assert unlisted == "0000000: is a sample that dataset.json does not list"
     assert row.startswith(".rows/0000001.json: not valid JSON")
-    assert row.endswith("the next `twinlens generate` makes it again, from the sample's files")
+    assert row.endswith(
+        "the next `twinlens generate` makes it again, from the sample's files"
+    )
     (root / "0000001" / "disp0.pfm").write_bytes(b"")
     assert wrong(root)["0000001"][0].startswith("disp0.pfm: not a PFM")
 
@@ -160,7 +196,9 @@ def test_repair_hint_for_samples_of_generate(root):
     (root / "a" / "notes.txt").touch()
     assert repair_hint(root, wrong(root)) == ""
     (root / "a" / "disp0.pfm").write_bytes(b"")
-    assert repair_hint(root, wrong(root)).startswith("1 sample is damaged: delete its folder and rerun")
+    assert repair_hint(root, wrong(root)).startswith(
+        "1 sample is damaged: delete its folder and rerun"
+    )
     shutil.rmtree(root / "train" / "0")
     assert repair_hint(root, wrong(root)).startswith("2 samples are damaged: ")
     write_manifest(root, Manifest(rows))
@@ -169,10 +207,14 @@ def test_repair_hint_for_samples_of_generate(root):
     assert repair_hint(root, wrong(root)) == ""
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"distribution": 7}', '{"distribution": [7]}', "[" * 5000])
+@pytest.mark.parametrize(
+    "text", ["", "[]", "{}", '{"distribution": 7}', '{"distribution": [7]}', "[" * 5000]
+)
 def test_damaged_metadata_is_reported(root, text):
     (root / "croissant.json").write_text(text)
-    assert wrong(root)["dataset.json"] == ["croissant.json: is damaged; `twinlens describe` rewrites it"]
+    assert wrong(root)["dataset.json"] == [
+        "croissant.json: is damaged; `twinlens describe` rewrites it"
+    ]
 
 
 def test_folders_without_samples_are_rejected(tmp_path):

@@ -5,7 +5,13 @@ from hypothesis import given, strategies as st
 from tests.dataset.dataset_damage import damaged
 from twinlens import geometry
 from twinlens.camera import Camera, Rig
-from twinlens.dataset.codecs.calib import Calibration, decode_calib, encode_calib, read_calib, write_calib
+from twinlens.dataset.codecs.calib import (
+    Calibration,
+    decode_calib,
+    encode_calib,
+    read_calib,
+    write_calib,
+)
 from twinlens.errors import FileError, InputError, TwinlensError
 
 MOTORCYCLE = """cam0=[3979.911 0 1244.772; 0 3979.911 1019.507; 0 0 1]
@@ -26,17 +32,36 @@ positive = st.floats(1e-3, 1e6)
 point = st.floats(-1e5, 1e5)
 
 
-@given(positive, positive, point, point, point, positive, st.integers(1, 9999), st.none() | st.integers(1, 999))
+@given(
+    positive,
+    positive,
+    point,
+    point,
+    point,
+    positive,
+    st.integers(1, 9999),
+    st.none() | st.integers(1, 999),
+)
 def test_every_float_reads_back_the_same(fx, fy, cx0, cx1, cy, baseline, width, ndisp):
-    calibration = Calibration((fx, fy, cx0, cy), (fx, fy, cx1, cy), baseline, width, 7, cx1 - cx0, ndisp)
+    calibration = Calibration(
+        (fx, fy, cx0, cy), (fx, fy, cx1, cy), baseline, width, 7, cx1 - cx0, ndisp
+    )
     assert decode_calib(encode_calib(calibration)) == calibration
 
 
 def test_middleburys_own_file():
     calibration = decode_calib(MOTORCYCLE)
     assert calibration.cam1 == (3979.911, 3979.911, 1369.115, 1019.507)
-    assert (calibration.baseline, calibration.doffs, calibration.ndisp) == (0.193001, 124.343, 270)
-    assert (calibration.vmin, calibration.vmax, calibration.isint) == (23.0, 245.0, False)
+    assert (calibration.baseline, calibration.doffs, calibration.ndisp) == (
+        0.193001,
+        124.343,
+        270,
+    )
+    assert (calibration.vmin, calibration.vmax, calibration.isint) == (
+        23.0,
+        245.0,
+        False,
+    )
     # A disparity of vmax is the nearest point: 3979.911 * 0.193001 / (245 + 124.343).
     assert float(calibration.depth(245.0)) == pytest.approx(2.0797, abs=1e-4)
 
@@ -58,7 +83,10 @@ def test_depth_is_where_the_two_rays_meet():
     left = Camera(640, 480, 700.0, 690.0, 300.0, 239.5)
     rig = Rig.stereo(left, 0.1, right=left.replace(cx=311.25))
     point = np.array([[0.3, -0.2, 2.5]])
-    left_px, right_px = (rig.cameras[i].project(geometry.transform_points(rig.b_from_a(0, i), point)) for i in (0, 1))
+    left_px, right_px = (
+        rig.cameras[i].project(geometry.transform_points(rig.b_from_a(0, i), point))
+        for i in (0, 1)
+    )
     disparity = left_px[0, 0] - right_px[0, 0]
     assert Calibration.from_rig(rig).depth(disparity) == pytest.approx(2.5, rel=1e-12)
 

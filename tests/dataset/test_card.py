@@ -37,7 +37,9 @@ def made(root, names=("a", "train/0"), split="train", **info):
         sample = dataset_scene.sample(num_lenses=1 + i % 2, baseline=0.3 + 0.1 * i)
         sums = write_sample(root / name, sample)
         rows.append(Row(name, sums, {"split": split}))
-    write_manifest(root, Manifest(tuple(rows), recipe={"count": len(names)}, seed=5, info=info))
+    write_manifest(
+        root, Manifest(tuple(rows), recipe={"count": len(names)}, seed=5, info=info)
+    )
     return root
 
 
@@ -47,8 +49,15 @@ def front_matter(text):
 
 
 def test_the_card_tells_what_there_is(tmp_path):
-    root = made(tmp_path / "set", rejections={"too dark": 3}, versions={"mitsuba": "3.9"})
-    assert describe(root) == ["README.md", "samples.jpg", "statistics.png", "croissant.json"]
+    root = made(
+        tmp_path / "set", rejections={"too dark": 3}, versions={"mitsuba": "3.9"}
+    )
+    assert describe(root) == [
+        "README.md",
+        "samples.jpg",
+        "statistics.png",
+        "croissant.json",
+    ]
     head, body = front_matter((root / "README.md").read_text())
     assert head["license"] == "unknown"
     assert head["size_categories"] == ["n<1K"]
@@ -83,7 +92,10 @@ def test_the_card_has_the_noise_of_the_renderer(tmp_path):
         plain["shots"][0]["record"]["light_paths_over_sensor"] = [0.1, ratio]
         file.write_text(json.dumps(plain))
     describe(root)
-    assert "| renderer noise | 0.2 to 0.4 x sensor noise, median 0.3" in (root / "README.md").read_text()
+    assert (
+        "| renderer noise | 0.2 to 0.4 x sensor noise, median 0.3"
+        in (root / "README.md").read_text()
+    )
 
 
 def test_the_same_dataset_gives_the_same_files(tmp_path):
@@ -121,7 +133,10 @@ def test_texts_of_the_maker_are_kept(tmp_path):
 def test_a_licence_may_be_an_address(tmp_path):
     describe(made(tmp_path), About(license="https://example.org/terms"))
     head, _ = front_matter((tmp_path / "README.md").read_text())
-    assert (head["license"], head["license_link"]) == ("other", "https://example.org/terms")
+    assert (head["license"], head["license_link"]) == (
+        "other",
+        "https://example.org/terms",
+    )
 
 
 @pytest.mark.parametrize(
@@ -206,11 +221,18 @@ def test_the_figure_omits_quantities_that_no_sample_has():
     # A pinhole: all blur circles have diameter 0.
     sharp = through_lenses | {"blur_px": [[0.0] * 33]}
     single = sharp | {"cameras": 1, "disparity": [], "occluded": 0.0}
-    assert drawn(through_lenses) == drawn(sharp, through_lenses) == ["disparity", "depth", "blur", "pixels"]
+    assert (
+        drawn(through_lenses)
+        == drawn(sharp, through_lenses)
+        == ["disparity", "depth", "blur", "pixels"]
+    )
     assert drawn(sharp, sharp) == ["disparity", "depth", "pixels"]
     assert drawn(single) == ["depth"]
     assert drawn({}) == drawn() == []
-    heights = [Image.open(io.BytesIO(statistics_figure(many))).height for many in ([sharp], [through_lenses])]
+    heights = [
+        Image.open(io.BytesIO(statistics_figure(many))).height
+        for many in ([sharp], [through_lenses])
+    ]
     assert heights[1] == 2 * heights[0], "one row of three panels, two rows of two"
 
 
@@ -221,18 +243,36 @@ def test_mlcroissant_reads_the_metadata(tmp_path):
     describe(data)
     read = mlc.Dataset(jsonld=str(tmp_path / "set" / "croissant.json"))
     assert not read.metadata.ctx.issues.errors
-    names = [{key: value.decode() for key, value in row.items()} for row in read.records("samples")]
-    assert names == [{"samples/name": name, "samples/split": "train"} for name in ("a", "train/0")]
-    images = {row["im0-png/folder"].decode(): row["im0-png/content"] for row in read.records("im0-png")}
+    names = [
+        {key: value.decode() for key, value in row.items()}
+        for row in read.records("samples")
+    ]
+    assert names == [
+        {"samples/name": name, "samples/split": "train"} for name in ("a", "train/0")
+    ]
+    images = {
+        row["im0-png/folder"].decode(): row["im0-png/content"]
+        for row in read.records("im0-png")
+    }
     assert set(images) == {"a", "train/0", "train/0/lens-1"}
-    np.testing.assert_array_equal(np.asarray(images["train/0/lens-1"]), data[1].lens(1).im0)
+    np.testing.assert_array_equal(
+        np.asarray(images["train/0/lens-1"]), data[1].lens(1).im0
+    )
     for row in read.records("disp1-pfm"):
-        np.testing.assert_array_equal(row["disp1-pfm/content"], data[row["disp1-pfm/folder"].decode()].disp1)
+        np.testing.assert_array_equal(
+            row["disp1-pfm/content"], data[row["disp1-pfm/folder"].decode()].disp1
+        )
     for row in read.records("truth0-exr"):
         path = data[row["truth0-exr/folder"].decode()].folder / "truth0.exr"
         assert row["truth0-exr/content"] == path.read_bytes()
-    described = {record_set.name for record_set in read.metadata.record_sets} - {"samples"}
-    assert described == {name.rpartition("/")[2].replace(".", "-") for s in data for name in s.row["files"]}
+    described = {record_set.name for record_set in read.metadata.record_sets} - {
+        "samples"
+    }
+    assert described == {
+        name.rpartition("/")[2].replace(".", "-")
+        for s in data
+        for name in s.row["files"]
+    }
 
 
 @rdflib_warns
@@ -256,4 +296,7 @@ def test_croissant_with_all_texts_has_no_warnings(tmp_path):
 def test_croissant_has_the_hash_of_the_manifest(tmp_path):
     describe(made(tmp_path))
     record = json.loads((tmp_path / "croissant.json").read_text())
-    assert record["distribution"][0]["sha256"] == hashlib.sha256((tmp_path / "dataset.json").read_bytes()).hexdigest()
+    assert (
+        record["distribution"][0]["sha256"]
+        == hashlib.sha256((tmp_path / "dataset.json").read_bytes()).hexdigest()
+    )

@@ -11,7 +11,16 @@ from hypothesis import HealthCheck, given, settings
 
 from tests.dataset import dataset_scene
 from tests.dataset.dataset_damage import damaged
-from twinlens.dataset import Dataset, Manifest, Row, read_manifest, write_manifest, write_pfm, write_png, write_sample
+from twinlens.dataset import (
+    Dataset,
+    Manifest,
+    Row,
+    read_manifest,
+    write_manifest,
+    write_pfm,
+    write_png,
+    write_sample,
+)
 from twinlens.dataset.codecs.calib import write_calib
 from twinlens.dataset.dataset import row_of
 from twinlens.dataset.files import hash_files
@@ -28,7 +37,9 @@ def folder(tmp_path_factory):
     for name in names:
         write_sample(folder / name, sample)
     rows = tuple(row_of(folder, name, {"split": "train"}) for name in names)
-    write_manifest(folder, Manifest(rows, recipe={"count": 3}, seed=5, info={"rejected": {}}))
+    write_manifest(
+        folder, Manifest(rows, recipe={"count": 3}, seed=5, info={"rejected": {}})
+    )
     return folder
 
 
@@ -40,7 +51,9 @@ def test_a_dataset_is_a_sequence_in_manifest_order(folder):
     assert data[0].row["info"] == {"split": "train"}
     with pytest.raises(IndexError):
         data[3]
-    with pytest.raises(InputError, match="unknown sample 'train/001'; did you mean 'train/0001'"):
+    with pytest.raises(
+        InputError, match="unknown sample 'train/001'; did you mean 'train/0001'"
+    ):
         data["train/001"]
 
 
@@ -60,7 +73,9 @@ def shape_of(sample):
 def test_it_works_in_worker_processes(folder):
     data = pickle.loads(pickle.dumps(Dataset(folder)[1:].map(shape_of)))
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        assert list(pool.map(data.__getitem__, range(2))) == [shape_of(s) for s in Dataset(folder)[1:]]
+        assert list(pool.map(data.__getitem__, range(2))) == [
+            shape_of(s) for s in Dataset(folder)[1:]
+        ]
 
 
 def test_mapped_items_can_be_collated(folder):
@@ -84,7 +99,11 @@ def test_arrays_are_read_from_the_file_each_time(folder):
 
 def test_the_manifest_reads_back(folder):
     manifest = read_manifest(folder)
-    assert (manifest.recipe, manifest.seed, manifest.info) == ({"count": 3}, 5, {"rejected": {}})
+    assert (manifest.recipe, manifest.seed, manifest.info) == (
+        {"count": 3},
+        5,
+        {"rejected": {}},
+    )
     assert manifest.rows[0].files == hash_files(folder / "b")
     before = (folder / "dataset.json").read_bytes()
     write_manifest(folder, manifest)
@@ -93,7 +112,9 @@ def test_the_manifest_reads_back(folder):
 
 def test_hashes_equal_those_of_sha256sum(folder):
     path = folder / "a" / "im0.png"
-    expected = subprocess.run(["sha256sum", str(path)], capture_output=True, text=True, check=True).stdout.split()[0]
+    expected = subprocess.run(
+        ["sha256sum", str(path)], capture_output=True, text=True, check=True
+    ).stdout.split()[0]
     assert hash_files(folder / "a")["im0.png"] == expected
 
 
@@ -155,14 +176,22 @@ def test_a_folder_above_datasets_names_them(tmp_path):
         (tmp_path / name / "im0.png").touch()
     with pytest.raises(FileError) as caught:
         Dataset(tmp_path)
-    assert str(caught.value).endswith(f"; these have: {tmp_path / 'a' / 'b'}, {tmp_path / 'trainingQ'}")
+    assert str(caught.value).endswith(
+        f"; these have: {tmp_path / 'a' / 'b'}, {tmp_path / 'trainingQ'}"
+    )
 
 
 def test_importing_the_dataset_package_loads_no_renderer():
+    heavy = "('mitsuba', 'drjit', 'numba', 'torch')"
     code = (
-        "import sys, twinlens.dataset; print([m for m in ('mitsuba', 'drjit', 'numba', 'torch') if m in sys.modules])"
+        f"import sys, twinlens.dataset; print([m for m in {heavy} if m in sys.modules])"
     )
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+    assert (
+        subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        ).stdout
+        == "[]\n"
+    )
 
 
 @pytest.mark.parametrize(
@@ -170,10 +199,19 @@ def test_importing_the_dataset_package_loads_no_renderer():
     [
         (lambda m: m.pop("samples"), "missing key 'samples'"),
         (lambda m: m.update(seed="x"), "seed: must be a whole number"),
-        (lambda m: m["samples"][0].update(name="../b"), r"samples\[0\]\.name: '../b' is not a plain relative name"),
+        (
+            lambda m: m["samples"][0].update(name="../b"),
+            r"samples\[0\]\.name: '../b' is not a plain relative name",
+        ),
         (lambda m: m["samples"][1].update(name="b"), "'b' twice"),
-        (lambda m: m["samples"][1].update(files={"/etc/passwd": ""}), "plain relative name"),
-        (lambda m: m["samples"][1].update(files={"a": 1}), r"samples\[1\]\.files\.a: must be a string, got 1"),
+        (
+            lambda m: m["samples"][1].update(files={"/etc/passwd": ""}),
+            "plain relative name",
+        ),
+        (
+            lambda m: m["samples"][1].update(files={"a": 1}),
+            r"samples\[1\]\.files\.a: must be a string, got 1",
+        ),
         (lambda m: m["samples"].append(7), r"samples\[3\]: must be a table"),
         (lambda m: m.update(version=9), "reads version 1"),
         (lambda m: m.update(format="other"), "not a twinlens-dataset file"),
@@ -187,8 +225,19 @@ def test_an_invalid_manifest_is_rejected(folder, tmp_path, change, message):
         Dataset(tmp_path)
 
 
-GOOD = json.dumps({"format": "twinlens-dataset", "version": 1, "seed": 1, "recipe": {}, "info": {}, "samples": []})
-GOOD = GOOD.replace("[]", '[{"name": "a", "files": {"im0.png": "00"}, "info": {}}]').encode()
+GOOD = json.dumps(
+    {
+        "format": "twinlens-dataset",
+        "version": 1,
+        "seed": 1,
+        "recipe": {},
+        "info": {},
+        "samples": [],
+    }
+)
+GOOD = GOOD.replace(
+    "[]", '[{"name": "a", "files": {"im0.png": "00"}, "info": {}}]'
+).encode()
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])

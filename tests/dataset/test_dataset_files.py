@@ -5,14 +5,23 @@ from pathlib import Path
 import pytest
 
 from twinlens.dataset import files
-from twinlens.dataset.files import read_bytes, remove_unfinished, write_file, write_folder
+from twinlens.dataset.files import (
+    read_bytes,
+    remove_unfinished,
+    write_file,
+    write_folder,
+)
 from twinlens.errors import FileError, InputError, OutputError
 
 CONTENT = {"a.txt": b"one", "deep/er/b.txt": b"two"}
 
 
 def tree(folder):
-    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+    return {
+        p.relative_to(folder).as_posix(): p.read_bytes()
+        for p in folder.rglob("*")
+        if p.is_file()
+    }
 
 
 def names(folder):
@@ -36,7 +45,9 @@ def fail_after(monkeypatch, count, error):
 
 def test_a_folder_appears_with_all_its_files(tmp_path):
     write_folder(tmp_path / "new" / "sample", CONTENT)
-    assert tree(tmp_path) == {f"new/sample/{name}": data for name, data in CONTENT.items()}
+    assert tree(tmp_path) == {
+        f"new/sample/{name}": data for name, data in CONTENT.items()
+    }
 
 
 @pytest.mark.parametrize("count", [0, 1])
@@ -49,14 +60,18 @@ def test_a_folder_appears_with_all_its_files(tmp_path):
         (KeyboardInterrupt(), KeyboardInterrupt, ".*"),
     ],
 )
-def test_a_failure_leaves_nothing_and_keeps_existing_files(tmp_path, monkeypatch, count, error, raised, remedy):
+def test_a_failure_leaves_nothing_and_keeps_existing_files(
+    tmp_path, monkeypatch, count, error, raised, remedy
+):
     write_folder(tmp_path / "old", {"x": b"kept"})
     fail_after(monkeypatch, count, error)
     for name, overwrite in (("new", False), ("old", True)):
         with pytest.raises(raised, match=remedy) as caught:
             write_folder(tmp_path / name, CONTENT, overwrite)
         if raised is OutputError:
-            assert str(caught.value).startswith(f"{tmp_path / name}: cannot be written; ")
+            assert str(caught.value).startswith(
+                f"{tmp_path / name}: cannot be written; "
+            )
             assert "\n" not in str(caught.value)
     assert tree(tmp_path) == {"old/x": b"kept"}
     assert names(tmp_path) == ["old"]
@@ -76,7 +91,11 @@ def test_a_failed_swap_restores_the_old_folder(tmp_path, monkeypatch):
     rename = type(tmp_path).rename
 
     def broken(self, target):
-        if files._TEMPORARY in self.name and target == tmp_path / "s" and (self / "a.txt").exists():
+        if (
+            files._TEMPORARY in self.name
+            and target == tmp_path / "s"
+            and (self / "a.txt").exists()
+        ):
             raise OSError(errno.EIO, "Input/output error")
         return rename(self, target)
 

@@ -20,7 +20,8 @@ def data(tmp_path_factory):
 
 
 @pytest.mark.parametrize(
-    ("layout", "folder"), [("kitti2015", "Kitti2015/training"), ("eth3d", "ETH3D/two_view_training")]
+    ("layout", "folder"),
+    [("kitti2015", "Kitti2015/training"), ("eth3d", "ETH3D/two_view_training")],
 )
 def test_an_export_is_read_back(data, tmp_path, layout, folder):
     export(data, tmp_path / "made", layout)
@@ -30,7 +31,9 @@ def test_an_export_is_read_back(data, tmp_path, layout, folder):
             np.testing.assert_array_equal(pair.im0, sample.im0)
             np.testing.assert_array_equal(pair.im1, sample.im1)
             np.testing.assert_array_equal(pair.mask0_nonocc, sample.mask0_nonocc)
-            np.testing.assert_allclose(pair.disp0, sample.disp0, atol=0 if layout == "eth3d" else 0.5 / 256)
+            np.testing.assert_allclose(
+                pair.disp0, sample.disp0, atol=0 if layout == "eth3d" else 0.5 / 256
+            )
     names = [pair.name for pair in open_pairs([str(inner)])]
     assert names == (["s0", "s1"] if layout == "eth3d" else ["000000_10", "000001_10"])
 
@@ -38,7 +41,9 @@ def test_an_export_is_read_back(data, tmp_path, layout, folder):
 def test_an_export_to_middlebury_is_read_back(data, tmp_path):
     export(data, tmp_path / "made", "middlebury")
     for folder in ("made", "made/Middlebury2014/train"):
-        for pair, sample in zip(open_pairs([str(tmp_path / folder)]), data, strict=True):
+        for pair, sample in zip(
+            open_pairs([str(tmp_path / folder)]), data, strict=True
+        ):
             assert pair.name == f"{sample.name}-perfect"
             np.testing.assert_array_equal(pair.im1, sample.im1)
             np.testing.assert_array_equal(pair.disp0, sample.disp0)
@@ -49,14 +54,23 @@ def test_kitti_2012_has_grey_images_of_its_own(tmp_path):
     occluded = np.array([[0, 512, 1280], [256, 0, 2560]], np.uint16)
     visible = np.array([[0, 512, 0], [256, 0, 2560]], np.uint16)
     grey = np.arange(6, dtype=np.uint8).reshape(2, 3)
-    for name, values in (("image_0", grey), ("image_1", grey), ("disp_occ", occluded), ("disp_noc", visible)):
+    for name, values in (
+        ("image_0", grey),
+        ("image_1", grey),
+        ("disp_occ", occluded),
+        ("disp_noc", visible),
+    ):
         (tmp_path / "training" / name).mkdir(parents=True)
         Image.fromarray(values).save(tmp_path / "training" / name / "000007_10.png")
     Image.fromarray(grey).save(tmp_path / "training" / "image_0" / "000007_11.png")
     (pair,) = downloaded_pairs(tmp_path)
     assert pair.disp0.tolist() == [[np.inf, 2.0, 5.0], [1.0, np.inf, 10.0]]
     assert pair.mask0_nonocc.tolist() == [[0, 255, 128], [255, 0, 255]]
-    assert (pair.name, pair.ndisp, load_pair(pair).calibration) == ("000007_10", 11, None)
+    assert (pair.name, pair.ndisp, load_pair(pair).calibration) == (
+        "000007_10",
+        11,
+        None,
+    )
 
 
 def test_other_folders_are_not_downloads(data, tmp_path):
@@ -64,7 +78,9 @@ def test_other_folders_are_not_downloads(data, tmp_path):
     assert downloaded_pairs(tmp_path / "missing") is None
 
 
-@pytest.mark.parametrize("missing", ["disp_noc_0", "image_3/000001_10.png", "disp_occ_0/000000_10.png"])
+@pytest.mark.parametrize(
+    "missing", ["disp_noc_0", "image_3/000001_10.png", "disp_occ_0/000000_10.png"]
+)
 def test_a_missing_part_is_named(data, tmp_path, missing):
     export(data, tmp_path / "made", "kitti2015")
     part = tmp_path / "made/Kitti2015/training" / missing

@@ -11,14 +11,20 @@ from twinlens.rendering.backends import mitsuba
 
 shapes = st.tuples(st.integers(1, 40), st.integers(1, 9))
 PLANE = np.arange(40 * 30, dtype=np.float32).reshape(40, 30)
-GOOD = encode_exr({"depth": PLANE, "id": PLANE.astype(np.int32)}, {"names": "wall\nball"})
+GOOD = encode_exr(
+    {"depth": PLANE, "id": PLANE.astype(np.int32)}, {"names": "wall\nball"}
+)
 
 
 @given(hnp.arrays(np.float32, shapes), hnp.arrays(np.uint32, st.just((3, 5))))
 def test_channels_read_back_bit_for_bit(floats, integers):
     back = decode_exr(encode_exr({"z": floats}))
-    np.testing.assert_array_equal(back.channels["z"].view(np.uint32), floats.view(np.uint32))
-    ids = decode_exr(encode_exr({"position.X": integers.astype(np.float32), "id": integers})).channels["id"]
+    np.testing.assert_array_equal(
+        back.channels["z"].view(np.uint32), floats.view(np.uint32)
+    )
+    ids = decode_exr(
+        encode_exr({"position.X": integers.astype(np.float32), "id": integers})
+    ).channels["id"]
     assert ids.dtype == np.uint32
     np.testing.assert_array_equal(ids, integers)
 
@@ -58,7 +64,9 @@ def test_mitsuba_reads_it(tmp_path):
 
 def test_half_floats_become_float32(tmp_path):
     half = PLANE.astype(np.float16)
-    OpenEXR.File({"compression": OpenEXR.PIZ_COMPRESSION}, {"R": half}).write(str(tmp_path / "h.exr"))
+    OpenEXR.File({"compression": OpenEXR.PIZ_COMPRESSION}, {"R": half}).write(
+        str(tmp_path / "h.exr")
+    )
     back = read_exr(tmp_path / "h.exr").channels["R"]
     assert back.dtype == np.float32
     np.testing.assert_array_equal(back, half)
@@ -91,7 +99,11 @@ def test_every_truncation_is_rejected(length):
 def test_a_small_file_with_a_large_header_allocates_no_memory(peak_below):
     place = GOOD.index(b"dataWindow\0box2i\0") + len(b"dataWindow\0box2i\0") + 4
     for corner in (1_000_000, 2_000_000_000, -5):
-        huge = GOOD[:place] + np.array([0, 0, corner, corner], "<i4").tobytes() + GOOD[place + 16 :]
+        huge = (
+            GOOD[:place]
+            + np.array([0, 0, corner, corner], "<i4").tobytes()
+            + GOOD[place + 16 :]
+        )
         with peak_below(1 << 22), pytest.raises(FileError):
             decode_exr(huge)
 
@@ -103,7 +115,9 @@ def test_damaged_files_are_read_or_rejected(data):
         image = decode_exr(data)
     except TwinlensError:
         return
-    assert sum(plane.nbytes for plane in image.channels.values()) <= 4 * 1100 * len(data)
+    assert sum(plane.nbytes for plane in image.channels.values()) <= 4 * 1100 * len(
+        data
+    )
 
 
 def test_damage_prints_nothing_to_stdout(capfd):

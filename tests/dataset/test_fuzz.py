@@ -17,7 +17,15 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 
 from tests.dataset import dataset_scene
 from tests.dataset.dataset_damage import damaged
-from twinlens.dataset import Dataset, Manifest, Row, describe, verify_place, write_manifest, write_sample
+from twinlens.dataset import (
+    Dataset,
+    Manifest,
+    Row,
+    describe,
+    verify_place,
+    write_manifest,
+    write_sample,
+)
 from twinlens.dataset.card import _card
 from twinlens.dataset.codecs.calib import Calibration, decode_calib, encode_calib
 from twinlens.dataset.codecs.exr import decode_exr, encode_exr
@@ -29,7 +37,9 @@ from twinlens.dataset.truth_files import read_truth
 from twinlens.errors import TwinlensError
 
 QUICK, CASES = 100, 10_000
-LONGEST_MS = 10_000  # no reader takes a hundredth of it on its own; the machine may be busy
+LONGEST_MS = (
+    10_000  # no reader takes a hundredth of it on its own; the machine may be busy
+)
 PLANE = np.arange(24 * 31, dtype=np.float32).reshape(24, 31)
 COLOR = np.stack([PLANE, PLANE[::-1], PLANE * 3], axis=-1)
 SAMPLE = dataset_scene.sample(num_lenses=2, width=16, height=12)
@@ -39,7 +49,10 @@ DECODERS = {
     "color pfm": (decode_pfm, encode_pfm(COLOR)),
     "png": (decode_png, encode_png(COLOR.astype(np.uint8))),
     "16-bit png": (decode_png, encode_png(COLOR.astype(np.uint16))),
-    "exr": (decode_exr, encode_exr({"depth": PLANE, "id": PLANE.astype(int)}, {"names": '["a"]'})),
+    "exr": (
+        decode_exr,
+        encode_exr({"depth": PLANE, "id": PLANE.astype(int)}, {"names": '["a"]'}),
+    ),
     "calib.txt": (
         lambda data: decode_calib(data.decode("utf-8", "replace")),
         encode_calib(Calibration.from_rig(SAMPLE.rig, ndisp=64)).encode(),
@@ -49,7 +62,11 @@ DECODERS = {
 
 def read_sample(root):
     sample = Dataset(root)["a"]
-    _ = sample.rig, [sample.lens(k).lens for k in range(sample.num_lenses)], stored_statistics(sample)
+    _ = (
+        sample.rig,
+        [sample.lens(k).lens for k in range(sample.num_lenses)],
+        stored_statistics(sample),
+    )
 
 
 def read_dataset(root):
@@ -78,16 +95,26 @@ FILES = {
 def made(tmp_path_factory):
     root = tmp_path_factory.mktemp("fuzzed")
     row = Row("a", write_sample(root / "a", SAMPLE), {"split": "train"})
-    texts = {"about": {"license": "MIT"}, "versions": {"numpy": "2"}, "rejected": {"dark": 1}}
+    texts = {
+        "about": {"license": "MIT"},
+        "versions": {"numpy": "2"},
+        "rejected": {"dark": 1},
+    }
     write_manifest(root, Manifest((row,), {"count": 1}, 3, texts))
     describe(root)
     return root
 
 
 SCALARS = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=9)
-NAMES = st.sampled_from(["type", "name", "files", "cameras", "fx", "about"]) | st.text(max_size=5)
+NAMES = st.sampled_from(["type", "name", "files", "cameras", "fx", "about"]) | st.text(
+    max_size=5
+)
 VALUES = st.recursive(
-    SCALARS, lambda below: st.lists(below, max_size=4) | st.dictionaries(NAMES, below, max_size=4), max_leaves=8
+    SCALARS,
+    lambda below: (
+        st.lists(below, max_size=4) | st.dictionaries(NAMES, below, max_size=4)
+    ),
+    max_leaves=8,
 )
 
 
@@ -97,9 +124,18 @@ def other_values(draw, good: bytes) -> bytes:
     record = json.loads(good)
     for _ in range(draw(st.integers(1, 3))):
         holder, key = record, draw(st.sampled_from(sorted(record))) if record else None
-        while key is not None and isinstance(holder[key], (dict, list)) and holder[key] and draw(st.integers(0, 3)):
+        while (
+            key is not None
+            and isinstance(holder[key], (dict, list))
+            and holder[key]
+            and draw(st.integers(0, 3))
+        ):
             holder = holder[key]
-            key = draw(st.sampled_from(sorted(holder) if isinstance(holder, dict) else range(len(holder))))
+            key = draw(
+                st.sampled_from(
+                    sorted(holder) if isinstance(holder, dict) else range(len(holder))
+                )
+            )
         if key is not None and draw(st.integers(0, 4)):
             holder[key] = draw(VALUES)
         elif key is not None:
@@ -127,7 +163,11 @@ def fuzz(read, strategy, cases):
         """The process's peak memory, in kB, after all cases. Hypothesis takes much of it."""
 
         @settings(
-            max_examples=cases, deadline=LONGEST_MS, database=None, derandomize=True, suppress_health_check=checks
+            max_examples=cases,
+            deadline=LONGEST_MS,
+            database=None,
+            derandomize=True,
+            suppress_health_check=checks,
         )
         @given(strategy)
         def each(data):
@@ -139,7 +179,10 @@ def fuzz(read, strategy, cases):
     outcomes = []
     warnings.simplefilter("error")
     unread = peak_after(len)
-    assert peak_after(lambda data: outcomes.append(rejected(read, data))) - unread < 200_000
+    assert (
+        peak_after(lambda data: outcomes.append(rejected(read, data))) - unread
+        < 200_000
+    )
     assert any(outcomes)
 
 
@@ -150,7 +193,9 @@ def fuzz_bytes(kind, cases):
 
 def fuzz_file(made, name, cases):
     good = (made / name).read_bytes()
-    strategy = damaged(good) | other_values(good) if name.endswith(".json") else damaged(good)
+    strategy = (
+        damaged(good) | other_values(good) if name.endswith(".json") else damaged(good)
+    )
 
     def read(data):
         (made / name).write_bytes(data)
@@ -175,7 +220,9 @@ def in_process():
     return call
 
 
-many = pytest.mark.parametrize("cases", [QUICK, pytest.param(CASES, marks=pytest.mark.slow)])
+many = pytest.mark.parametrize(
+    "cases", [QUICK, pytest.param(CASES, marks=pytest.mark.slow)]
+)
 
 
 @many

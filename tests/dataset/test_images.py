@@ -28,13 +28,17 @@ def test_lossy_formats_are_read(tmp_path, name):
     Image.new("RGB", (16, 8), (200, 100, 50)).save(tmp_path / name)
     read = read_image(tmp_path / name)
     assert read.shape == (8, 16, 3)
-    np.testing.assert_allclose(read, np.broadcast_to([200, 100, 50], read.shape), atol=6)
+    np.testing.assert_allclose(
+        read, np.broadcast_to([200, 100, 50], read.shape), atol=6
+    )
 
 
 @pytest.mark.parametrize("name", ["a.jpg", "a.png", "a.eps", "a.bmp"])
 def test_postscript_is_never_interpreted(tmp_path, monkeypatch, name):
     started = []
-    monkeypatch.setattr(EpsImagePlugin, "Ghostscript", lambda *given, **_: started.append(given))
+    monkeypatch.setattr(
+        EpsImagePlugin, "Ghostscript", lambda *given, **_: started.append(given)
+    )
     (tmp_path / name).write_bytes(POSTSCRIPT)
     with pytest.raises(FileError, match=name) as error:
         read_image(tmp_path / name)
@@ -51,8 +55,12 @@ def test_sixteen_bits_stay_sixteen(tmp_path, name):
     np.testing.assert_array_equal(read, pixels)
 
 
-@pytest.mark.parametrize("pixels", [np.zeros((4, 4, 4), np.uint8), np.ones((4, 4), np.float32)])
+@pytest.mark.parametrize(
+    "pixels", [np.zeros((4, 4, 4), np.uint8), np.ones((4, 4), np.float32)]
+)
 def test_alpha_and_floats_are_rejected(tmp_path, pixels):
     Image.fromarray(pixels).save(tmp_path / "a.tif")
-    with pytest.raises(FileError, match=r"a\.tif: image mode .* is not supported; save it as"):
+    with pytest.raises(
+        FileError, match=r"a\.tif: image mode .* is not supported; save it as"
+    ):
         read_image(tmp_path / "a.tif")

@@ -36,7 +36,10 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("made")
     sums = [write_sample(folder / f"s{i}", SAMPLE) for i in range(5)]
     splits = ("train", "test", "train", "train", "test")
-    rows = (Row(f"s{i}", s, {"split": split}) for i, (s, split) in enumerate(zip(sums, splits, strict=True)))
+    rows = (
+        Row(f"s{i}", s, {"split": split})
+        for i, (s, split) in enumerate(zip(sums, splits, strict=True))
+    )
     write_manifest(folder, Manifest(tuple(rows)))
     return folder
 
@@ -69,11 +72,23 @@ def test_every_name_reads_its_quantity(folder):
         "doffs": 1.25,
         "ndisp": sample.ndisp,
     }
-    arrays = ("depth", "position", "normal", "shading_normal", "visible", "object_id", "material_id", "material_kind")
+    arrays = (
+        "depth",
+        "position",
+        "normal",
+        "shading_normal",
+        "visible",
+        "object_id",
+        "material_id",
+        "material_kind",
+    )
     expected |= {f"{name}1": getattr(truth, name) for name in arrays}
     found = Dataset(folder).select(*expected)[1]
     assert list(found) == list(expected)
-    for name, value in expected.items():  # blur is in the file, and computed for other lenses
+    for (
+        name,
+        value,
+    ) in expected.items():  # blur is in the file, and computed for other lenses
         np.testing.assert_allclose(found[name], value, rtol=1e-6)
         np.testing.assert_array_equal(sample[name], found[name])
 
@@ -82,7 +97,11 @@ def test_a_truth_file_is_read_once_for_all_its_arrays(folder, monkeypatch):
     from twinlens.dataset import stored
 
     read = Counter()
-    monkeypatch.setattr(stored, "read_truth", lambda path: read.update([path.name]) or truth_files.read_truth(path))
+    monkeypatch.setattr(
+        stored,
+        "read_truth",
+        lambda path: read.update([path.name]) or truth_files.read_truth(path),
+    )
     _ = Dataset(folder).select("depth0", "normal0", "object_id1", "visible0")[0]
     assert read == {"truth0.exr": 1, "truth1.exr": 1}
 
@@ -91,7 +110,9 @@ def test_only_selected_files_are_read(tmp_path):
     write_sample(tmp_path / "s", SAMPLE)
     for name in ("disp1.pfm", "truth0.exr", "im1.png", "calib.txt"):
         (tmp_path / "s" / name).write_bytes(b"damaged")
-    np.testing.assert_array_equal(Dataset(tmp_path).select("disp0")[0]["disp0"], SAMPLE.truths[0].disparity)
+    np.testing.assert_array_equal(
+        Dataset(tmp_path).select("disp0")[0]["disp0"], SAMPLE.truths[0].disparity
+    )
 
 
 @pytest.mark.parametrize(
@@ -130,7 +151,9 @@ def test_the_table_of_the_page_has_every_quantity_with_its_dtype_and_shape(tmp_p
     table = page[page.index("| name | dtype |") :].partition("\n\n")[0]
     radiances = tuple(image.astype(np.float32) for image in SAMPLE.shots[0].images)
     halves = tuple((image, image) for image in SAMPLE.shots[0].images)
-    shots = tuple(replace(shot, radiances=radiances, halves=halves) for shot in SAMPLE.shots)
+    shots = tuple(
+        replace(shot, radiances=radiances, halves=halves) for shot in SAMPLE.shots
+    )
     light = Projection(np.zeros((48, 64, 2)), np.ones((48, 64), dtype=bool))
     truths = tuple(replace(truth, projections=(light,)) for truth in SAMPLE.truths)
     write_sample(tmp_path / "s", replace(SAMPLE, shots=shots, truths=truths))
@@ -143,7 +166,10 @@ def test_the_table_of_the_page_has_every_quantity_with_its_dtype_and_shape(tmp_p
             value = sample[name]
             if shapes:
                 assert str(value.dtype) in dtypes.split(" or "), name
-                assert str(value.shape).replace("48, 64", "H, W").replace("(1", "(P") in shapes, name
+                assert (
+                    str(value.shape).replace("48, 64", "H, W").replace("(1", "(P")
+                    in shapes
+                ), name
             else:
                 assert type(value).__name__ == dtypes, name
     with pytest.raises(InputError) as error:
@@ -185,7 +211,9 @@ def torch():
 @pytest.mark.parametrize(("workers", "start"), [(0, None), (2, "fork"), (2, "spawn")])
 def test_a_data_loader_accepts_the_dataset(torch, folder, workers, start):
     data = Dataset(folder)
-    loader = torch.utils.data.DataLoader(data, batch_size=2, num_workers=workers, multiprocessing_context=start)
+    loader = torch.utils.data.DataLoader(
+        data, batch_size=2, num_workers=workers, multiprocessing_context=start
+    )
     batches = list(loader)
     assert [batch["name"] for batch in batches] == [["s0", "s1"], ["s2", "s3"], ["s4"]]
     for batch, first in zip(batches, (0, 2, 4), strict=True):
@@ -198,8 +226,12 @@ def test_a_data_loader_accepts_the_dataset(torch, folder, workers, start):
 
 @pytest.mark.slow
 def test_a_data_loader_shuffles_slices_and_selects(torch, folder):
-    chosen = Dataset(folder)[1:].select("lens1.im0", "normal0", "object_id0", "visible0", "K0", "baseline")
-    loader = torch.utils.data.DataLoader(chosen, batch_size=4, shuffle=True, num_workers=1)
+    chosen = Dataset(folder)[1:].select(
+        "lens1.im0", "normal0", "object_id0", "visible0", "K0", "baseline"
+    )
+    loader = torch.utils.data.DataLoader(
+        chosen, batch_size=4, shuffle=True, num_workers=1
+    )
     (batch,) = loader
     assert batch["normal0"].shape == (4, 48, 64, 3)
     assert batch["visible0"].dtype == torch.bool
@@ -214,12 +246,16 @@ def test_a_data_loader_reads_every_file_once(torch, folder, monkeypatch):
 
     read = Counter()
     whole = pfm.read_bytes
-    monkeypatch.setattr(pfm, "read_bytes", lambda path: read.update([str(path)]) or whole(path))
+    monkeypatch.setattr(
+        pfm, "read_bytes", lambda path: read.update([str(path)]) or whole(path)
+    )
     for loader in (
         torch.utils.data.DataLoader(Dataset(folder), batch_size=5),
         torch.utils.data.DataLoader(Dataset(folder), batch_size=5, collate_fn=collate),
         torch.utils.data.DataLoader(Dataset(folder).map(dict), batch_size=None),
-        torch.utils.data.DataLoader(torch.utils.data.Subset(Dataset(folder), range(5)), batch_size=2),
+        torch.utils.data.DataLoader(
+            torch.utils.data.Subset(Dataset(folder), range(5)), batch_size=2
+        ),
     ):
         read.clear()
         list(loader)
@@ -233,7 +269,10 @@ def test_a_data_loader_reads_a_bucket(torch, tmp_path):
     for i in range(2):
         write_sample(bucket / f"s{i}", SAMPLE)
     loader = torch.utils.data.DataLoader(
-        Dataset(str(bucket)), batch_size=2, num_workers=1, multiprocessing_context="fork"
+        Dataset(str(bucket)),
+        batch_size=2,
+        num_workers=1,
+        multiprocessing_context="fork",
     )
     (batch,) = loader
     np.testing.assert_array_equal(batch["disp0"][1], SAMPLE.truths[0].disparity)

@@ -16,9 +16,13 @@ def folder(tmp_path):
 def test_exclusive_and_shared_locks(folder):
     with locked(folder):
         for shared in (False, True):
-            with pytest.raises(OutputError, match=r"set: another run is writing there; go away$"):
+            with pytest.raises(
+                OutputError, match=r"set: another run is writing there; go away$"
+            ):
                 locked(folder, shared, remedy="go away").__enter__()
-    rejected = pytest.raises(OutputError, match=r"another run is writing there; wait for it$")
+    rejected = pytest.raises(
+        OutputError, match=r"another run is writing there; wait for it$"
+    )
     with locked(folder, shared=True), locked(folder, shared=True), rejected:
         locked(folder).__enter__()
     with locked(folder):

@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 import twinlens as tl
-from twinlens.camera import ALIGNED, BrownConrady, Camera, Misalignment, Pinhole, layouts, misaligned
+from twinlens.camera import (
+    ALIGNED,
+    BrownConrady,
+    Camera,
+    Misalignment,
+    Pinhole,
+    layouts,
+    misaligned,
+)
 from twinlens.dataset import Dataset, Sample, Shot, read_pfm, write_pfm, write_sample
 from twinlens.dataset.verify import verify_sample
 from twinlens.geometry import rigid
@@ -30,7 +38,10 @@ def rigs():
 def sample(rig):
     scene = tl.load_scene("cards")
     truths = tuple(tl.ground_truth(scene, rig.nominal))
-    images = tuple(np.full((c.height, c.width, 3), 40 * i, np.uint8) for i, c in enumerate(rig.cameras))
+    images = tuple(
+        np.full((c.height, c.width, 3), 40 * i, np.uint8)
+        for i, c in enumerate(rig.cameras)
+    )
     return Sample(rig, (Shot(Pinhole(), images),), truths)
 
 
@@ -49,9 +60,15 @@ def names(dataset, name):
 def test_every_view_has_its_files_and_only_rectified_pairs_have_disparities(dataset):
     each = ("im{}.png", "truth{}.exr", "mask{}nocc.png")
     for name, rig in rigs().items():
-        expected = {"sample.json"} | {text.format(i) for i in range(len(rig)) for text in each}
-        rectified = {"line": range(3), "grid": range(4), "toed": (), "off": range(2)}[name]
-        expected |= {f"disp{i}.pfm" for i in rectified} | ({"calib.txt"} if rectified else set())
+        expected = {"sample.json"} | {
+            text.format(i) for i in range(len(rig)) for text in each
+        }
+        rectified = {"line": range(3), "grid": range(4), "toed": (), "off": range(2)}[
+            name
+        ]
+        expected |= {f"disp{i}.pfm" for i in rectified} | (
+            {"calib.txt"} if rectified else set()
+        )
         assert names(dataset, name) == expected
 
 
@@ -60,7 +77,12 @@ def test_samples_verify_and_read_back_to_the_same_rig(dataset):
         assert verify_sample(stored) == []
         rig = rigs()[stored.name].nominal
         assert stored.rig.cameras == rig.cameras
-        assert all(np.array_equal(a, b) for a, b in zip(stored.rig.world_from_cams, rig.world_from_cams, strict=True))
+        assert all(
+            np.array_equal(a, b)
+            for a, b in zip(
+                stored.rig.world_from_cams, rig.world_from_cams, strict=True
+            )
+        )
 
 
 def test_views_0_and_1_are_a_pair(dataset):
@@ -75,7 +97,9 @@ def test_a_misaligned_sample_stores_its_calibrated_rig(dataset):
     assert stored.rig.is_rectified()
     assert stored.calibration.doffs == 0
     assert stored.photographed_by.cameras == rig.cameras
-    assert np.array_equal(stored.photographed_by.world_from_cams[1], rig.world_from_cams[1])
+    assert np.array_equal(
+        stored.photographed_by.world_from_cams[1], rig.world_from_cams[1]
+    )
     assert dataset["line"].photographed_by.calibrated is None
 
 
@@ -85,17 +109,26 @@ def test_correspondences_of_stored_views_equal_those_of_the_scene(dataset):
         rig = stored.rig
         for source in range(len(rig)):
             for target in set(range(len(rig))) - {source}:
-                ours, exact = stored.correspondence(source, target), tl.correspondence(scene, rig, source, target)
+                ours, exact = (
+                    stored.correspondence(source, target),
+                    tl.correspondence(scene, rig, source, target),
+                )
                 known = np.isfinite(exact.pixels)
                 assert np.array_equal(known, np.isfinite(ours.pixels))
                 assert np.abs(ours.pixels[known] - exact.pixels[known]).max() < 1e-4
                 far = np.isfinite(exact.disparity)
                 assert np.array_equal(far, np.isfinite(ours.disparity))
-                assert np.abs(ours.disparity[far] - exact.disparity[far]).max(initial=0) < 1e-4
+                assert (
+                    np.abs(ours.disparity[far] - exact.disparity[far]).max(initial=0)
+                    < 1e-4
+                )
                 unlike = ours.visible != exact.visible
                 assert not (unlike.any() and rig.partner(source) == target)
                 assert unlike.mean() < 0.04
-                assert all(beside_an_edge(stored.truth(target).object_id, px) for px in exact.pixels[unlike])
+                assert all(
+                    beside_an_edge(stored.truth(target).object_id, px)
+                    for px in exact.pixels[unlike]
+                )
 
 
 def beside_an_edge(ids, pixel):
@@ -115,19 +148,25 @@ def damage(dataset, tmp_path, name):
 def test_a_disparity_map_of_unrectified_views_is_reported(dataset, tmp_path):
     folder = damage(dataset, tmp_path, "toed")
     write_pfm(folder / "disp0.pfm", np.ones((36, 48), np.float32))
-    assert any("not in a rectified pair" in line for line in verify_sample(Dataset(folder)[0]))
+    assert any(
+        "not in a rectified pair" in line for line in verify_sample(Dataset(folder)[0])
+    )
 
 
 def test_a_wrong_disparity_of_a_later_pair_is_reported(dataset, tmp_path):
     folder = damage(dataset, tmp_path, "grid")
     write_pfm(folder / "disp3.pfm", read_pfm(folder / "disp3.pfm") + 0.01)
-    assert any(line.startswith("disp3.pfm") for line in verify_sample(Dataset(folder)[0]))
+    assert any(
+        line.startswith("disp3.pfm") for line in verify_sample(Dataset(folder)[0])
+    )
 
 
 def test_a_missing_calibration_is_reported(dataset, tmp_path):
     folder = damage(dataset, tmp_path, "line")
     (folder / "calib.txt").unlink()
-    assert any("calib.txt: is missing" in line for line in verify_sample(Dataset(folder)[0]))
+    assert any(
+        "calib.txt: is missing" in line for line in verify_sample(Dataset(folder)[0])
+    )
 
 
 def test_a_wrong_pose_in_the_record_is_reported(dataset, tmp_path):
@@ -135,4 +174,6 @@ def test_a_wrong_pose_in_the_record_is_reported(dataset, tmp_path):
     record = json.loads((folder / "sample.json").read_text())
     record["rig"]["world_from_cams"][2][0][3] += 0.01
     (folder / "sample.json").write_text(json.dumps(record))
-    assert any(line.startswith("truth2.exr") for line in verify_sample(Dataset(folder)[0]))
+    assert any(
+        line.startswith("truth2.exr") for line in verify_sample(Dataset(folder)[0])
+    )

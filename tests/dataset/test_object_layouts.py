@@ -19,7 +19,10 @@ from twinlens.dataset.export import export
 from twinlens.dataset.sample import Sample
 from twinlens.errors import FileError, InputError
 
-CARD = (np.array([[0.0, 0, 0], [0.8, 0, 0], [0.8, 0.55, 0], [0, 0.55, 0]]), np.array([[0, 1, 2], [0, 2, 3]]))
+CARD = (
+    np.array([[0.0, 0, 0], [0.8, 0, 0], [0.8, 0.55, 0], [0, 0.55, 0]]),
+    np.array([[0, 1, 2], [0, 2, 3]]),
+)
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +31,12 @@ def data(tmp_path_factory):
     for i in range(2):
         sample = dataset_scene.sample(baseline=0.3 + 0.1 * i)
         models = {"fedcba9876543210": CARD} if i else {}
-        write_sample(folder / f"s{i}", Sample(sample.rig, sample.shots, sample.truths, None, sample.record, models))
+        write_sample(
+            folder / f"s{i}",
+            Sample(
+                sample.rig, sample.shots, sample.truths, None, sample.record, models
+            ),
+        )
     return Dataset(folder)
 
 
@@ -59,8 +67,12 @@ def test_objects_read_back_exactly(data):
                 assert getattr(back, name) == getattr(given, name)
             for name in ("cam_from_object", "extent", "corners_px"):
                 np.testing.assert_array_equal(getattr(back, name), getattr(given, name))
-        np.testing.assert_array_equal(stored.silhouette(stored.objects[1]), stored.object_id == 2)
-        assert (stored.silhouette(stored.objects[0]) & (stored.object_id == 2)).sum() > 50
+        np.testing.assert_array_equal(
+            stored.silhouette(stored.objects[1]), stored.object_id == 2
+        )
+        assert (
+            stored.silhouette(stored.objects[0]) & (stored.object_id == 2)
+        ).sum() > 50
 
 
 def test_samples_without_objects_are_read_and_not_exported(tmp_path):
@@ -80,11 +92,19 @@ def test_damaged_objects_are_errors_that_name_the_key(tmp_path):
     path = tmp_path / "in" / "s" / "sample.json"
     record = read_json(path)
     for key, value, message in (
-        ("cam_from_object", [[1, 2]], r"objects\[0\]\[1\]: cam_from_object must be a finite 4x4 matrix"),
+        (
+            "cam_from_object",
+            [[1, 2]],
+            r"objects\[0\]\[1\]: cam_from_object must be a finite 4x4 matrix",
+        ),
         ("extent", ["a", 2], r"objects\[0\]\[1\]"),
         ("box", [1, 2, 3], r"objects\[0\]\[1\].*box must have the shape"),
         ("pixel_count", 0, r"objects\[0\]\[1\].*an object must have 1 or more pixels"),
-        ("pixel_count", "many", r"objects\[0\]\[1\]\.pixel_count: must be a whole number"),
+        (
+            "pixel_count",
+            "many",
+            r"objects\[0\]\[1\]\.pixel_count: must be a whole number",
+        ),
     ):
         changed = json.loads(json.dumps(record))
         changed["objects"][0][1][key] = value
@@ -93,7 +113,9 @@ def test_damaged_objects_are_errors_that_name_the_key(tmp_path):
             _ = Dataset(tmp_path / "in")[0].truth0
 
 
-@pytest.mark.parametrize("text", ["", "0", "~~~~", "0000000000", "\xe9", "o" * 2000, "o" * 1_000_000, "P"])
+@pytest.mark.parametrize(
+    "text", ["", "0", "~~~~", "0000000000", "\xe9", "o" * 2000, "o" * 1_000_000, "P"]
+)
 def test_codes_of_other_masks_are_rejected(text):
     with pytest.raises(InputError, match="does not have 9 x 7 pixels"):
         decode_mask(text, 7, 9)
@@ -104,23 +126,35 @@ def test_masks_are_coded_as_pycocotools_does():
     rng = np.random.default_rng(3)
     for _ in range(200):
         height, width = rng.integers(1, 80, 2)
-        mask = np.kron(rng.random((height, width)) < rng.random() ** 3, np.ones(rng.integers(1, 20, 2))) > 0
+        mask = (
+            np.kron(
+                rng.random((height, width)) < rng.random() ** 3,
+                np.ones(rng.integers(1, 20, 2)),
+            )
+            > 0
+        )
         code = coco.encode(np.asfortranarray(mask.astype(np.uint8)))["counts"].decode()
         assert encode_mask(mask) == code
         np.testing.assert_array_equal(decode_mask(code, *mask.shape), mask)
 
 
-@pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning")  # of pycocotools 2.0.11
+@pytest.mark.filterwarnings(
+    "ignore:__array__ implementation:DeprecationWarning"
+)  # of pycocotools 2.0.11
 def test_pycocotools_reads_the_annotations(data, tmp_path):
     coco = pytest.importorskip("pycocotools.coco")
     export(data, tmp_path / "out", "coco")
     read = coco.COCO(tmp_path / "out" / "annotations" / "instances.json")
-    assert [each["name"] for each in read.loadCats(read.getCatIds())] == ["wall", "card"]
+    assert [each["name"] for each in read.loadCats(read.getCatIds())] == [
+        "wall",
+        "card",
+    ]
     assert len(read.getImgIds()) == 4
     for image in read.loadImgs(read.getImgIds()):
         sample, i = data[(image["id"] - 1) // 2], (image["id"] - 1) % 2
         np.testing.assert_array_equal(
-            cv2.imread(tmp_path / "out/images" / image["file_name"])[..., ::-1], sample.image(i)
+            cv2.imread(tmp_path / "out/images" / image["file_name"])[..., ::-1],
+            sample.image(i),
         )
         truth = sample.truth(i)
         found = read.loadAnns(read.getAnnIds(imgIds=image["id"]))
@@ -130,16 +164,22 @@ def test_pycocotools_reads_the_annotations(data, tmp_path):
             np.testing.assert_array_equal(visible, truth.object_id == thing.object_id)
             assert each["area"] == visible.sum()
             assert tuple(each["bbox"]) == dataset_scene.box(visible)
-            whole = read.annToMask({**each, "segmentation": each["amodal_segmentation"]}) > 0
+            whole = (
+                read.annToMask({**each, "segmentation": each["amodal_segmentation"]})
+                > 0
+            )
             np.testing.assert_array_equal(whole, truth.silhouette(thing))
             assert each["visible_fraction"] == visible.sum() / each["amodal_area"]
-            np.testing.assert_array_equal(each["cam_from_object"], thing.cam_from_object)
+            np.testing.assert_array_equal(
+                each["cam_from_object"], thing.cam_from_object
+            )
     # A detector that finds the annotations has a precision of 1.
     evaluation = pytest.importorskip("pycocotools.cocoeval").COCOeval(
         read,
         read.loadRes(
             [
-                {key: each[key] for key in ("image_id", "category_id", "segmentation")} | {"score": 1.0}
+                {key: each[key] for key in ("image_id", "category_id", "segmentation")}
+                | {"score": 1.0}
                 for each in read.loadAnns(read.getAnnIds())
             ]
         ),
@@ -155,60 +195,110 @@ def test_coco_annotations(data, tmp_path):
     content = read_json(tmp_path / "out" / "annotations" / "instances.json")
     assert [each["id"] for each in content["annotations"]] == [*range(1, 9)]
     for each in content["annotations"]:
-        mask = decode_mask(each["segmentation"]["counts"], *each["segmentation"]["size"])
-        assert (mask.sum(), dataset_scene.box(mask)) == (each["area"], tuple(each["bbox"]))
+        mask = decode_mask(
+            each["segmentation"]["counts"], *each["segmentation"]["size"]
+        )
+        assert (mask.sum(), dataset_scene.box(mask)) == (
+            each["area"],
+            tuple(each["bbox"]),
+        )
         assert each["area"] <= each["amodal_area"]
         assert len(each["corners_px"]) == 8
 
 
 def test_bop_poses_project_the_models_onto_the_masks(data, bop):
     info = read_json(bop / "models" / "models_info.json")
-    assert {key: each["name"] for key, each in info.items()} == {"1": "wall", "2": "card"}
+    assert {key: each["name"] for key, each in info.items()} == {
+        "1": "wall",
+        "2": "card",
+    }
     assert info["2"]["size_x"] == pytest.approx(800)
     assert info["2"]["diameter"] == pytest.approx(np.hypot(800, 550))
     assert "diameter" not in info["1"]
     for number, sample in enumerate(data):
         scene = bop / "train" / f"{number:06d}"
-        cameras, poses, infos = (read_json(scene / f"scene_{name}.json") for name in ("camera", "gt", "gt_info"))
+        cameras, poses, infos = (
+            read_json(scene / f"scene_{name}.json")
+            for name in ("camera", "gt", "gt_info")
+        )
         assert cameras.keys() == poses.keys() == infos.keys() == {"0", "1"}
         for i, camera in cameras.items():
             K, truth = np.reshape(camera["cam_K"], (3, 3)), sample.truth(int(i))
-            depth = cv2.imread(scene / "depth" / f"{int(i):06d}.png", cv2.IMREAD_UNCHANGED)
+            depth = cv2.imread(
+                scene / "depth" / f"{int(i):06d}.png", cv2.IMREAD_UNCHANGED
+            )
             assert depth.dtype == np.uint16
             np.testing.assert_array_equal(depth == 0, ~truth.hit)
-            error = np.abs(depth * camera["depth_scale"] - truth.depth * 1000)[truth.hit]
+            error = np.abs(depth * camera["depth_scale"] - truth.depth * 1000)[
+                truth.hit
+            ]
             assert error.max() <= 0.5 * camera["depth_scale"] + 1e-3
             world = np.eye(4)
             world[:3, :3] = np.reshape(camera["cam_R_w2c"], (3, 3))
             world[:3, 3] = np.array(camera["cam_t_w2c"]) / 1000
-            np.testing.assert_allclose(world, geometry.inverse(sample.rig.world_from_cams[int(i)]), atol=1e-12)
+            np.testing.assert_allclose(
+                world, geometry.inverse(sample.rig.world_from_cams[int(i)]), atol=1e-12
+            )
             assert [pose["obj_id"] for pose in poses[i]] == [1, 2]
             pose, facts = poses[i][1], infos[i][1]
-            points = CARD[0] * 1000 @ np.reshape(pose["cam_R_m2c"], (3, 3)).T + pose["cam_t_m2c"]
+            points = (
+                CARD[0] * 1000 @ np.reshape(pose["cam_R_m2c"], (3, 3)).T
+                + pose["cam_t_m2c"]
+            )
             u, v, w = K @ points.T
             fine = np.zeros((48 * 16, 64 * 16), np.uint8)
-            cv2.fillConvexPoly(fine, np.rint(np.stack([u / w, v / w], -1) * 16 * 16).astype(np.int32), 255, shift=4)
+            cv2.fillConvexPoly(
+                fine,
+                np.rint(np.stack([u / w, v / w], -1) * 16 * 16).astype(np.int32),
+                255,
+                shift=4,
+            )
             ours = fine[::16, ::16] > 0
-            mask = cv2.imread(scene / "mask" / f"{int(i):06d}_000001.png", cv2.IMREAD_UNCHANGED) > 0
+            mask = (
+                cv2.imread(
+                    scene / "mask" / f"{int(i):06d}_000001.png", cv2.IMREAD_UNCHANGED
+                )
+                > 0
+            )
             assert (ours & mask).sum() / (ours | mask).sum() >= 0.99
-            for k, (fact, thing) in enumerate(zip(infos[i], truth.objects, strict=True)):
+            for k, (fact, thing) in enumerate(
+                zip(infos[i], truth.objects, strict=True)
+            ):
                 whole, visible = (
-                    cv2.imread(scene / folder / f"{int(i):06d}_{k:06d}.png", cv2.IMREAD_UNCHANGED) > 0
+                    cv2.imread(
+                        scene / folder / f"{int(i):06d}_{k:06d}.png",
+                        cv2.IMREAD_UNCHANGED,
+                    )
+                    > 0
                     for folder in ("mask", "mask_visib")
                 )
-                np.testing.assert_array_equal(visible, truth.object_id == thing.object_id)
-                assert (fact["px_count_all"], fact["px_count_visib"]) == (whole.sum(), visible.sum())
+                np.testing.assert_array_equal(
+                    visible, truth.object_id == thing.object_id
+                )
+                assert (fact["px_count_all"], fact["px_count_visib"]) == (
+                    whole.sum(),
+                    visible.sum(),
+                )
                 assert fact["px_count_valid"] == (whole & (depth > 0)).sum()
                 assert fact["visib_fract"] == pytest.approx(visible.sum() / whole.sum())
                 rows, columns = np.nonzero(whole)
-                assert fact["bbox_obj"] == [columns.min(), rows.min(), np.ptp(columns), np.ptp(rows)]
+                assert fact["bbox_obj"] == [
+                    columns.min(),
+                    rows.min(),
+                    np.ptp(columns),
+                    np.ptp(rows),
+                ]
             assert facts["visib_fract"] == 1
 
 
 def test_bop_models_are_meshes_in_millimetres(bop):
     trimesh = pytest.importorskip("trimesh")
     assert [path.name for path in (bop / "models").glob("*.ply")] == ["obj_000002.ply"]
-    assert (bop / "models/obj_000002.ply").read_bytes().startswith(b"ply\nformat ascii 1.0")
+    assert (
+        (bop / "models/obj_000002.ply")
+        .read_bytes()
+        .startswith(b"ply\nformat ascii 1.0")
+    )
     mesh = trimesh.load_mesh(bop / "models/obj_000002.ply", process=False)
     np.testing.assert_allclose(mesh.vertices, CARD[0] * 1000, atol=1e-3)
     assert len(mesh.faces) == 2
@@ -232,47 +322,89 @@ def test_bop_toolkit_reads_the_export(data, bop):
         infos = inout.load_json(scene / "scene_gt_info.json", keys_to_int=True)
         assert list(cameras) == list(poses) == list(infos) == [0, 1]
         for i, camera in cameras.items():
-            depth = inout.load_depth(scene / f"depth/{i:06d}.png") * camera["depth_scale"]
+            depth = (
+                inout.load_depth(scene / f"depth/{i:06d}.png") * camera["depth_scale"]
+            )
             assert inout.load_im(scene / f"rgb/{i:06d}.png").shape == (*depth.shape, 3)
             card = poses[i][1]
             normal = card["cam_R_m2c"][:, 2]
             rays = (
-                np.stack([*np.indices(depth.shape)[::-1], np.ones(depth.shape)], -1) @ np.linalg.inv(camera["cam_K"]).T
+                np.stack([*np.indices(depth.shape)[::-1], np.ones(depth.shape)], -1)
+                @ np.linalg.inv(camera["cam_K"]).T
             )
             whole, visible = (
-                inout.load_im(scene / f"{name}/{i:06d}_000001.png") > 0 for name in ("mask", "mask_visib")
+                inout.load_im(scene / f"{name}/{i:06d}_000001.png") > 0
+                for name in ("mask", "mask_visib")
             )
             flat = np.where(
                 whole, normal @ card["cam_t_m2c"].ravel() / (rays @ normal), 0.0
             )  # depth of the card's plane
-            distances = (misc.depth_im_to_dist_im_fast(each, camera["cam_K"]) for each in (depth, flat))
-            np.testing.assert_array_equal(visibility.estimate_visib_mask_gt(*distances, 1.0), visible)
+            distances = (
+                misc.depth_im_to_dist_im_fast(each, camera["cam_K"])
+                for each in (depth, flat)
+            )
+            np.testing.assert_array_equal(
+                visibility.estimate_visib_mask_gt(*distances, 1.0), visible
+            )
             rows, columns = np.nonzero(visible)
-            assert tuple(infos[i][1]["bbox_visib"]) == tuple(misc.calc_2d_bbox(columns, rows))
+            assert tuple(infos[i][1]["bbox_visib"]) == tuple(
+                misc.calc_2d_bbox(columns, rows)
+            )
 
 
 def test_chosen_objects_only(data, tmp_path):
     for to in ("bop", "coco", "kitti2015"):
         export(data, tmp_path / to, to, objects=["card"])
-    assert {each["name"] for each in read_json(tmp_path / "bop/models/models_info.json").values()} == {"card"}
-    assert [len(poses) for poses in read_json(tmp_path / "bop/train/000001/scene_gt.json").values()] == [1, 1]
-    assert [each["name"] for each in read_json(tmp_path / "coco/annotations/instances.json")["categories"]] == ["card"]
-    objects = cv2.imread(tmp_path / "kitti2015/Kitti2015/training/obj_map/000001_10.png", cv2.IMREAD_UNCHANGED)
-    np.testing.assert_array_equal(objects, np.where(data[1].truth0.object_id == 2, 2, 0))
-    with pytest.raises(InputError, match=r"unknown object 'cart'; did you mean 'card'\? \(known: card, wall\)"):
+    assert {
+        each["name"]
+        for each in read_json(tmp_path / "bop/models/models_info.json").values()
+    } == {"card"}
+    assert [
+        len(poses)
+        for poses in read_json(tmp_path / "bop/train/000001/scene_gt.json").values()
+    ] == [1, 1]
+    assert [
+        each["name"]
+        for each in read_json(tmp_path / "coco/annotations/instances.json")[
+            "categories"
+        ]
+    ] == ["card"]
+    objects = cv2.imread(
+        tmp_path / "kitti2015/Kitti2015/training/obj_map/000001_10.png",
+        cv2.IMREAD_UNCHANGED,
+    )
+    np.testing.assert_array_equal(
+        objects, np.where(data[1].truth0.object_id == 2, 2, 0)
+    )
+    with pytest.raises(
+        InputError,
+        match=r"unknown object 'cart'; did you mean 'card'\? \(known: card, wall\)",
+    ):
         export(data, tmp_path / "none", "bop", objects=["cart"])
-    with pytest.raises(InputError, match="eth3d has no masks of objects; layouts with masks: bop, coco, kitti2015"):
+    with pytest.raises(
+        InputError,
+        match="eth3d has no masks of objects; layouts with masks: bop, coco, kitti2015",
+    ):
         export(data, tmp_path / "none", "eth3d", objects=["card"])
     assert not (tmp_path / "none").exists()
 
 
 def test_kitti_holds_255_objects(tmp_path):
     sample = dataset_scene.sample()
-    truth = replace(sample.truths[0], object_names=(*(f"rest[{i}]" for i in range(255)), "card"))
-    write_sample(tmp_path / "in" / "s", Sample(sample.rig, sample.shots, (truth, sample.truths[1])))
+    truth = replace(
+        sample.truths[0], object_names=(*(f"rest[{i}]" for i in range(255)), "card")
+    )
+    write_sample(
+        tmp_path / "in" / "s",
+        Sample(sample.rig, sample.shots, (truth, sample.truths[1])),
+    )
     export(Dataset(tmp_path / "in"), tmp_path / "rest", "kitti2015", objects=["rest"])
-    with pytest.raises(InputError, match="s: has object 256, and this layout holds 255"):
-        export(Dataset(tmp_path / "in"), tmp_path / "out", "kitti2015", objects=["card"])
+    with pytest.raises(
+        InputError, match="s: has object 256, and this layout holds 255"
+    ):
+        export(
+            Dataset(tmp_path / "in"), tmp_path / "out", "kitti2015", objects=["card"]
+        )
 
 
 def test_far_depths_get_a_coarser_unit(tmp_path):
@@ -291,6 +423,8 @@ def test_bop_rejects_lens_distortion(tmp_path):
     bent = sample.rig.cameras[0].replace(distortion=BrownConrady(k1=0.01))
     rig = type(sample.rig)((bent, bent), sample.rig.world_from_cams)
     write_sample(tmp_path / "in" / "s", Sample(rig, sample.shots, sample.truths))
-    with pytest.raises(InputError, match="s: view 0 has lens distortion, which BOP cannot hold"):
+    with pytest.raises(
+        InputError, match="s: view 0 has lens distortion, which BOP cannot hold"
+    ):
         export(Dataset(tmp_path / "in"), tmp_path / "out", "bop")
     assert export(Dataset(tmp_path / "in"), tmp_path / "out", "coco")

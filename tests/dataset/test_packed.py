@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 
 from twinlens.camera import MaskAperture, ThinLens
-from twinlens.dataset.record import LENS, PACKED_ABOVE, encode_json, pack, plain, read, unpack
+from twinlens.dataset.record import (
+    LENS,
+    PACKED_ABOVE,
+    encode_json,
+    pack,
+    plain,
+    read,
+    unpack,
+)
 from twinlens.errors import InputError
 
 SIDE = 256
@@ -40,16 +48,23 @@ def test_large_masks_read_back_equal_and_are_small(kind):
 
 
 def test_small_masks_and_whole_numbers_stay_readable():
-    assert plain(MaskAperture([[0.0, 0.5], [1.0, 0.25]]))["mask"] == [[0.0, 0.5], [1.0, 0.25]]
+    assert plain(MaskAperture([[0.0, 0.5], [1.0, 0.25]]))["mask"] == [
+        [0.0, 0.5],
+        [1.0, 0.25],
+    ]
     assert plain(np.arange(PACKED_ABOVE + 1)) == list(range(PACKED_ABOVE + 1))
-    assert plain({"user": np.full(PACKED_ABOVE + 1, 0.5)}) == {"user": [0.5] * (PACKED_ABOVE + 1)}  # not a field
+    assert plain({"user": np.full(PACKED_ABOVE + 1, 0.5)}) == {
+        "user": [0.5] * (PACKED_ABOVE + 1)
+    }  # not a field
     with pytest.raises(InputError, match="NaN"):
         plain(np.full(PACKED_ABOVE + 1, np.nan))
 
 
 def test_packed_arrays_follow_the_documented_format():
     kept = pack(MASKS["fine"] / 65535)
-    rows = np.frombuffer(zlib.decompress(base64.b64decode(kept["zlib"])), "<u2").reshape(kept["shape"])
+    rows = np.frombuffer(
+        zlib.decompress(base64.b64decode(kept["zlib"])), "<u2"
+    ).reshape(kept["shape"])
     assert np.array_equal(rows, MASKS["fine"])
     assert (kept["type"], kept["levels"]) == ("array", 65535)
 
@@ -91,13 +106,19 @@ def test_truncated_and_extended_data_and_nan_are_rejected():
 
 
 def test_unknown_fields_are_rejected_before_arrays_are_unpacked():
-    lens = plain(ThinLens(0.01, 2.0)) | {"x": [{"type": "array", "shape": "not looked at"}]}
+    lens = plain(ThinLens(0.01, 2.0)) | {
+        "x": [{"type": "array", "shape": "not looked at"}]
+    }
     with pytest.raises(InputError, match="unknown key 'x'"):
         lens_from_plain(lens)
 
 
 def test_an_array_is_not_a_lens():
-    with pytest.raises(InputError, match="must be one of Pinhole, ThinLens, BareAperture"):
+    with pytest.raises(
+        InputError, match="must be one of Pinhole, ThinLens, BareAperture"
+    ):
         lens_from_plain(pack(MASKS["any"]))
     with pytest.raises(InputError):
-        lens_from_plain(plain(ThinLens(0.01, 2.0)) | {"focus_distance": pack(MASKS["any"])})
+        lens_from_plain(
+            plain(ThinLens(0.01, 2.0)) | {"focus_distance": pack(MASKS["any"])}
+        )

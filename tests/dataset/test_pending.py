@@ -5,7 +5,16 @@ import shutil
 import pytest
 
 from tests.dataset import dataset_scene
-from twinlens.dataset import Dataset, Manifest, Row, place, verify, verify_place, write_manifest, write_sample
+from twinlens.dataset import (
+    Dataset,
+    Manifest,
+    Row,
+    place,
+    verify,
+    verify_place,
+    write_manifest,
+    write_sample,
+)
 from twinlens.dataset.files import hash_files, write_file
 from twinlens.dataset.record import encode_json
 from twinlens.dataset.verify import missing_parts, repair_hint
@@ -22,18 +31,34 @@ def wrong(where):
 def shards(root, count, **info):
     """A dataset of `count` samples made by shards: two samples and one failure, none listed yet."""
     rows = [
-        {"name": name, "files": write_sample(root / name, dataset_scene.sample())} for name in ("0000000", "0000002")
+        {"name": name, "files": write_sample(root / name, dataset_scene.sample())}
+        for name in ("0000000", "0000002")
     ]
-    for name, kept in (("0000000", {"row": rows[0]}), ("0000002", {"row": rows[1]}), ("0000004", {"failure": {}})):
-        write_file(root / ".rows" / f"{name}.json", encode_json({"format": "twinlens-row", "version": 1, **kept}))
-    write_manifest(root, Manifest((), {"count": count}, info={"complete": False, **info}))
+    for name, kept in (
+        ("0000000", {"row": rows[0]}),
+        ("0000002", {"row": rows[1]}),
+        ("0000004", {"failure": {}}),
+    ):
+        write_file(
+            root / ".rows" / f"{name}.json",
+            encode_json({"format": "twinlens-row", "version": 1, **kept}),
+        )
+    write_manifest(
+        root, Manifest((), {"count": count}, info={"complete": False, **info})
+    )
     return root
 
 
 @pytest.mark.parametrize("where", ["disk", "bucket"])
 def test_pending_samples_are_verified(tmp_path, where):
-    root = shards(tmp_path / "set" if where == "disk" else place(f"memory:/{tmp_path}/set"), 6)
-    assert dict(verify_place(root)) == {"dataset.json": [], "0000000": [], "0000002": []}
+    root = shards(
+        tmp_path / "set" if where == "disk" else place(f"memory:/{tmp_path}/set"), 6
+    )
+    assert dict(verify_place(root)) == {
+        "dataset.json": [],
+        "0000000": [],
+        "0000002": [],
+    }
     (root / "0000002" / "disp0.pfm").write_bytes(b"short")
     (root / "0000002" / "extra.txt").write_bytes(b"")
     assert wrong(root) == {
@@ -42,7 +67,10 @@ def test_pending_samples_are_verified(tmp_path, where):
             "extra.txt: is not listed in .rows/0000002.json",
         ]
     }
-    with pytest.raises(FileError, match="rerun `twinlens generate` to list the finished samples and make the others"):
+    with pytest.raises(
+        FileError,
+        match="rerun `twinlens generate` to list the finished samples and make the others",
+    ):
         Dataset(root)
 
 
@@ -54,7 +82,11 @@ def test_pending_samples_are_verified(tmp_path, where):
             [],
             "2 made but not listed yet; rerun `twinlens generate` to make the missing samples and list the finished",
         ),
-        (2, [], "2 made but not listed yet; rerun `twinlens generate` to list the finished ones"),
+        (
+            2,
+            [],
+            "2 made but not listed yet; rerun `twinlens generate` to list the finished ones",
+        ),
         (3, [{}], "rerun `twinlens generate` to list the finished ones"),
     ],
 )
@@ -65,7 +97,13 @@ def test_pending_samples_are_counted(tmp_path, count, failed, expected):
 
 
 def row_of_a_sample(files):
-    return encode_json({"format": "twinlens-row", "version": 1, "row": {"name": "0000000", "files": files}})
+    return encode_json(
+        {
+            "format": "twinlens-row",
+            "version": 1,
+            "row": {"name": "0000000", "files": files},
+        }
+    )
 
 
 @pytest.mark.parametrize("where", ["disk", "bucket"])
@@ -74,8 +112,15 @@ def test_a_sample_without_a_row_is_pending_in_an_unfinished_dataset(tmp_path, wh
     root = tmp_path / "set" if where == "disk" else place(f"memory:/{tmp_path}/set")
     shards(root, 6, **MADE_WITH)
     write_sample(root / sample_name(5), dataset_scene.sample())
-    assert dict(verify_place(root)) == {"dataset.json": [], "0000000": [], "0000002": [], "0000005": []}
-    assert "3 made but not listed yet (1 without checksums); rerun" in missing_parts(root)
+    assert dict(verify_place(root)) == {
+        "dataset.json": [],
+        "0000000": [],
+        "0000002": [],
+        "0000005": [],
+    }
+    assert "3 made but not listed yet (1 without checksums); rerun" in missing_parts(
+        root
+    )
     (root / "0000005" / "disp0.pfm").write_bytes(b"")
     assert wrong(root)["0000005"][0].startswith("disp0.pfm: not a PFM")
 
@@ -91,27 +136,45 @@ def test_samples_with_other_names_are_not_pending(tmp_path, where):
     assert wrong(root) == {"dataset.json": lines}
     for finished in ({"complete": True, **MADE_WITH}, {"complete": False}):
         write_manifest(root, Manifest((), {"count": 7}, info=finished))
-        assert wrong(root)["dataset.json"] == lines, "generate does not continue this dataset"
+        assert wrong(root)["dataset.json"] == lines, (
+            "generate does not continue this dataset"
+        )
 
 
 def test_incomplete_samples_are_reported_on_disk_only(tmp_path):
-    disk, bucket = (shards(root, 6, **MADE_WITH) for root in (tmp_path / "set", place(f"memory:/{tmp_path}/set")))
-    for root, name in ((disk, "im0.png"), (bucket, "im0.png"), (bucket, "lens-1/im0.png")):
+    disk, bucket = (
+        shards(root, 6, **MADE_WITH)
+        for root in (tmp_path / "set", place(f"memory:/{tmp_path}/set"))
+    )
+    for root, name in (
+        (disk, "im0.png"),
+        (bucket, "im0.png"),
+        (bucket, "lens-1/im0.png"),
+    ):
         write_file(root / "0000003" / name, b"some")
-    assert wrong(disk) == {"dataset.json": ["0000003: is a sample that dataset.json does not list"]}
+    assert wrong(disk) == {
+        "dataset.json": ["0000003: is a sample that dataset.json does not list"]
+    }
     assert wrong(bucket) == {}
     write_sample(disk / "0000001" / "deep", dataset_scene.sample())
-    assert "0000001/deep: is a sample that dataset.json does not list" in wrong(disk)["dataset.json"]
+    assert (
+        "0000001/deep: is a sample that dataset.json does not list"
+        in wrong(disk)["dataset.json"]
+    )
 
 
 def test_a_dataset_without_samples_yet_has_no_findings(tmp_path):
-    write_manifest(tmp_path, Manifest((), {"count": 3}, info={"complete": False, **MADE_WITH}))
+    write_manifest(
+        tmp_path, Manifest((), {"count": 3}, info={"complete": False, **MADE_WITH})
+    )
     assert list(verify_place(tmp_path)) == [("dataset.json", [])]
     assert missing_parts(tmp_path).startswith("dataset.json lists 0 of 3 samples; ")
 
 
 @pytest.mark.parametrize("step", ["_sample_folders", "pending_rows"])
-def test_samples_listed_during_verification_are_not_findings(tmp_path, monkeypatch, step):
+def test_samples_listed_during_verification_are_not_findings(
+    tmp_path, monkeypatch, step
+):
     """Shards may add a sample, a row, or the whole list at any moment."""
     root = shards(tmp_path / "set", 4, **MADE_WITH)
     write_sample(root / "0000001", dataset_scene.sample())
@@ -119,18 +182,27 @@ def test_samples_listed_during_verification_are_not_findings(tmp_path, monkeypat
 
     def look_and_change(*given):
         seen = list(look(*given))
-        rows = [Row(name, hash_files(root / name)) for name in ("0000000", "0000001", "0000002")]
-        rows.append(Row("0000003", write_sample(root / "0000003", dataset_scene.sample())))
+        rows = [
+            Row(name, hash_files(root / name))
+            for name in ("0000000", "0000001", "0000002")
+        ]
+        rows.append(
+            Row("0000003", write_sample(root / "0000003", dataset_scene.sample()))
+        )
         write_manifest(root, Manifest(rows, {"count": 4}, info={"complete": True}))
         shutil.rmtree(root / ".rows")
         return seen
 
     monkeypatch.setattr(verify, step, look_and_change)
-    assert dict(verify_place(root)) == {"dataset.json": []} | {f"000000{i}": [] for i in range(4)}
+    assert dict(verify_place(root)) == {"dataset.json": []} | {
+        f"000000{i}": [] for i in range(4)
+    }
 
 
 @pytest.mark.parametrize("step", ["_sample_folders", "pending_rows"])
-def test_a_sample_that_appears_during_verification_has_its_row_or_is_not_seen(tmp_path, monkeypatch, step):
+def test_a_sample_that_appears_during_verification_has_its_row_or_is_not_seen(
+    tmp_path, monkeypatch, step
+):
     root = shards(tmp_path / "set", 4, **MADE_WITH)
     look = getattr(verify, step)
 
@@ -167,11 +239,15 @@ def test_the_name_of_a_row_stays_below_the_folder(tmp_path, name):
     root = shards(tmp_path / "set", 4, **MADE_WITH)
     write_sample(tmp_path / "other", dataset_scene.sample())
     for other in (root, tmp_path):
-        (other / "sample.json").write_bytes((root / "0000000" / "sample.json").read_bytes())
+        (other / "sample.json").write_bytes(
+            (root / "0000000" / "sample.json").read_bytes()
+        )
     (root / ".rows" / f"{name}.json").write_bytes(row_of_a_sample({}))
     found = dict(verify_place(root))
     assert list(found) == ["dataset.json", "0000000", "0000002"]
-    assert found["dataset.json"] == [f".rows/{name}.json: {name!r} is not a plain relative name"]
+    assert found["dataset.json"] == [
+        f".rows/{name}.json: {name!r} is not a plain relative name"
+    ]
 
 
 @pytest.mark.parametrize(
@@ -184,7 +260,10 @@ def test_the_name_of_a_row_stays_below_the_folder(tmp_path, name):
         ),
         (row_of_a_sample({"im0.png": 7}), "row.files.im0.png: must be a string, got 7"),
         (row_of_a_sample(None), "row.files: must be a table"),
-        (encode_json({"format": "twinlens-row", "version": 1, "failure": {}}), "missing key 'row'"),
+        (
+            encode_json({"format": "twinlens-row", "version": 1, "failure": {}}),
+            "missing key 'row'",
+        ),
     ],
 )
 def test_an_unreadable_row_is_reported(tmp_path, row, expected):
@@ -199,4 +278,6 @@ def test_an_unreadable_row_is_reported(tmp_path, row, expected):
 def test_repair_hint_for_pending_samples(tmp_path):
     root = shards(tmp_path / "set", 4, **MADE_WITH)
     (root / "0000000" / "disp0.pfm").write_bytes(b"")
-    assert repair_hint(root, wrong(root)).startswith("1 sample is damaged: delete its folder")
+    assert repair_hint(root, wrong(root)).startswith(
+        "1 sample is damaged: delete its folder"
+    )

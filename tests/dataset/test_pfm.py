@@ -11,7 +11,9 @@ from twinlens.dataset.codecs.pfm import decode_pfm, encode_pfm, read_pfm, write_
 from twinlens.errors import FileError, InputError, OutputError, TwinlensError
 
 values = st.floats(width=32, allow_nan=False, allow_infinity=False) | st.just(np.inf)
-shapes = st.tuples(st.integers(1, 9), st.integers(1, 9)) | st.tuples(st.integers(1, 5), st.integers(1, 5), st.just(3))
+shapes = st.tuples(st.integers(1, 9), st.integers(1, 9)) | st.tuples(
+    st.integers(1, 5), st.integers(1, 5), st.just(3)
+)
 GOOD = encode_pfm(np.arange(35, dtype=np.float32).reshape(5, 7))
 
 
@@ -24,10 +26,22 @@ def test_round_trip_is_bit_exact(array):
     np.testing.assert_array_equal(back.view(np.uint32), array.view(np.uint32))
 
 
-@given(hnp.arrays(np.float32, st.tuples(st.integers(2, 9), st.integers(2, 9)), elements=values))
+@given(
+    hnp.arrays(
+        np.float32, st.tuples(st.integers(2, 9), st.integers(2, 9)), elements=values
+    )
+)
 def test_strides_and_byte_order_of_the_array_do_not_matter(array):
-    for view in (array[::-1, ::-1], array.T, array[::2, 1::2], array.astype(">f4"), array.astype(np.float64)):
-        np.testing.assert_array_equal(decode_pfm(encode_pfm(view)), np.array(view, np.float32))
+    for view in (
+        array[::-1, ::-1],
+        array.T,
+        array[::2, 1::2],
+        array.astype(">f4"),
+        array.astype(np.float64),
+    ):
+        np.testing.assert_array_equal(
+            decode_pfm(encode_pfm(view)), np.array(view, np.float32)
+        )
 
 
 @pytest.mark.parametrize("color", [False, True])
@@ -68,7 +82,14 @@ def test_nan_and_minus_infinity_are_rejected_in_both_directions(bad):
 
 @pytest.mark.parametrize(
     "array",
-    [np.zeros(3), np.zeros((2, 2, 2)), np.zeros((0, 3)), np.array([["a"]]), np.array([[1j]]), np.array([[1e39]])],
+    [
+        np.zeros(3),
+        np.zeros((2, 2, 2)),
+        np.zeros((0, 3)),
+        np.array([["a"]]),
+        np.array([[1j]]),
+        np.array([[1e39]]),
+    ],
 )
 def test_unsupported_arrays_are_rejected(array):
     with pytest.raises(InputError):
@@ -116,7 +137,11 @@ def test_comments_and_crlf_are_read_and_truncation_is_still_rejected(kind):
     pixels = b"\r\n\n#" + GOOD[-136:]
     expected = decode_pfm(b"Pf\n7 5\n-1.0\n" + pixels)
     np.testing.assert_array_equal(decode_pfm(HEADERS[kind] + pixels), expected)
-    for wrong in (HEADERS[kind] + pixels[:-1], HEADERS[kind] + pixels + b"\0", HEADERS[kind][:-1] + pixels):
+    for wrong in (
+        HEADERS[kind] + pixels[:-1],
+        HEADERS[kind] + pixels + b"\0",
+        HEADERS[kind][:-1] + pixels,
+    ):
         with pytest.raises(FileError):
             decode_pfm(wrong)
 

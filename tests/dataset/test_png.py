@@ -14,7 +14,9 @@ from tests.dataset.dataset_damage import damaged
 from twinlens.dataset.codecs.png import decode_png, encode_png, read_png, write_png
 from twinlens.errors import FileError, InputError, TwinlensError
 
-shapes = st.tuples(st.integers(1, 9), st.integers(1, 9)) | st.tuples(st.integers(1, 9), st.integers(1, 9), st.just(3))
+shapes = st.tuples(st.integers(1, 9), st.integers(1, 9)) | st.tuples(
+    st.integers(1, 9), st.integers(1, 9), st.just(3)
+)
 rng = np.random.default_rng(1)
 GOOD = encode_png(rng.integers(0, 256, (6, 5, 3), np.uint8))
 GOOD_16 = encode_png(rng.integers(0, 65536, (6, 5, 3), np.uint16))
@@ -35,7 +37,9 @@ def test_round_trip_with_our_reader_and_opencv(array):
 
 @given(hnp.arrays(st.sampled_from([np.uint8, np.uint16]), shapes))
 def test_we_read_what_opencv_writes(array):
-    data = cv2.imencode(".png", array[..., ::-1] if array.ndim == 3 else array)[1].tobytes()
+    data = cv2.imencode(".png", array[..., ::-1] if array.ndim == 3 else array)[
+        1
+    ].tobytes()
     np.testing.assert_array_equal(decode_png(data), array)
 
 
@@ -56,14 +60,24 @@ def test_skimage_and_pillow_read_it(tmp_path):
 
 def test_strides_and_byte_order_of_the_array_do_not_matter():
     array = rng.integers(0, 65536, (8, 6, 3), np.uint16)
-    for view in (array[::-1, ::2], array.transpose(1, 0, 2), array[..., ::-1], array.astype(">u2"), array[..., 0]):
+    for view in (
+        array[::-1, ::2],
+        array.transpose(1, 0, 2),
+        array[..., ::-1],
+        array.astype(">u2"),
+        array[..., 0],
+    ):
         np.testing.assert_array_equal(decode_png(encode_png(view)), view)
 
 
 def test_the_bytes_depend_on_the_pixels_only():
     array = rng.integers(0, 256, (9, 9), np.uint8)
     assert encode_png(array) == encode_png(np.asfortranarray(array))
-    assert [GOOD[i + 4 : i + 8] for i in chunk_starts(GOOD)] == [b"IHDR", b"IDAT", b"IEND"]
+    assert [GOOD[i + 4 : i + 8] for i in chunk_starts(GOOD)] == [
+        b"IHDR",
+        b"IDAT",
+        b"IEND",
+    ]
 
 
 def chunk_starts(data: bytes):
@@ -75,14 +89,22 @@ def chunk_starts(data: bytes):
 
 @pytest.mark.parametrize(
     ("mode", "expected"),
-    [("1", (255,)), ("L", (255,)), ("P", (204, 102, 51)), ("RGB", (204, 102, 51)), ("RGBA", (204, 102, 51))],
+    [
+        ("1", (255,)),
+        ("L", (255,)),
+        ("P", (204, 102, 51)),
+        ("RGB", (204, 102, 51)),
+        ("RGBA", (204, 102, 51)),
+    ],
 )
 def test_other_color_types_are_converted(mode, expected):
     picture = Image.new("RGB", (3, 2), (204, 102, 51))
     picture = Image.new("L", (3, 2), 255) if mode in "1L" else picture
     stream = io.BytesIO()
     picture.convert(mode).save(stream, "PNG")
-    assert np.unique(decode_png(stream.getvalue()).reshape(-1, len(expected)), axis=0).tolist() == [list(expected)]
+    assert np.unique(
+        decode_png(stream.getvalue()).reshape(-1, len(expected)), axis=0
+    ).tolist() == [list(expected)]
 
 
 @pytest.mark.parametrize("sixteen", [False, True])
@@ -94,7 +116,13 @@ def test_transparency_is_rejected(sixteen):
 
 
 @pytest.mark.parametrize(
-    "array", [np.zeros((2, 2)), np.zeros((2, 2), np.int32), np.zeros((2, 2, 4), np.uint8), np.zeros((0, 2), np.uint8)]
+    "array",
+    [
+        np.zeros((2, 2)),
+        np.zeros((2, 2), np.int32),
+        np.zeros((2, 2, 4), np.uint8),
+        np.zeros((0, 2), np.uint8),
+    ],
 )
 def test_unsupported_arrays_are_rejected(array):
     with pytest.raises(InputError, match="a PNG holds"):
@@ -108,7 +136,12 @@ def test_an_image_too_large_to_read_back_is_not_written():
 
 def header_only(width: int, height: int) -> bytes:
     body = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    chunk = struct.pack(">I", 13) + b"IHDR" + body + struct.pack(">I", zlib.crc32(b"IHDR" + body))
+    chunk = (
+        struct.pack(">I", 13)
+        + b"IHDR"
+        + body
+        + struct.pack(">I", zlib.crc32(b"IHDR" + body))
+    )
     return GOOD[:8] + chunk + GOOD[33:]
 
 

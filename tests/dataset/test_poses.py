@@ -29,13 +29,20 @@ def rig():
     """One camera of every distortion model, with random poses."""
     made, _ = random_rig(np.random.default_rng(4), count=4)
     models = (*DISTORTIONS, BrownConrady(0.01, 0.02, 1e-4, 2e-4, 0.003))
-    cameras = [camera.replace(distortion=model) for camera, model in zip(made.cameras, models, strict=True)]
+    cameras = [
+        camera.replace(distortion=model)
+        for camera, model in zip(made.cameras, models, strict=True)
+    ]
     return Rig(cameras, made.world_from_cams)
 
 
 def same(a, b):
     for mine, its in zip(a.cameras, b.cameras, strict=True):
-        assert (mine.width, mine.height, mine.distortion) == (its.width, its.height, its.distortion)
+        assert (mine.width, mine.height, mine.distortion) == (
+            its.width,
+            its.height,
+            its.distortion,
+        )
         assert pytest.approx(its.K, abs=1e-12) == mine.K
     assert np.allclose(a.world_from_cams, b.world_from_cams, rtol=0, atol=1e-12)
 
@@ -57,13 +64,17 @@ def test_transforms_round_trip(rig, tmp_path):
 
 @pytest.mark.parametrize(("a", "b"), [(0, 1), (2, 3)])
 def test_opencv_yaml_round_trip(rig, tmp_path, a, b):
-    pair = Rig([rig.cameras[i] for i in (a, b)], [rig.world_from_cams[i] for i in (a, b)])
+    pair = Rig(
+        [rig.cameras[i] for i in (a, b)], [rig.world_from_cams[i] for i in (a, b)]
+    )
     write_opencv(tmp_path / "pair.yml", pair)
     same(pair, read_opencv(tmp_path / "pair.yml"))
 
 
 def test_opencv_reads_our_file_and_we_read_its(rig, tmp_path):
-    pair = Rig([rig.cameras[1], rig.cameras[3]], [rig.world_from_cams[i] for i in (1, 3)])
+    pair = Rig(
+        [rig.cameras[1], rig.cameras[3]], [rig.world_from_cams[i] for i in (1, 3)]
+    )
     ours, theirs = tmp_path / "ours.yml", tmp_path / "theirs.yml"
     write_opencv(ours, pair)
     source, target = (
@@ -89,15 +100,21 @@ def test_colmap_quaternions_transform_from_world_to_camera(tmp_path):
     point = np.array([0.3, -0.7, 1.1])
     turned = point + 2 * np.cross(q, np.cross(q, point) + w * point)
     pose = arc(CAMERA, 3, 2.0, 90, POSE).world_from_cams[0]
-    assert np.allclose(turned + shift, geometry.transform_points(geometry.inverse(pose), point))
-    assert (tmp_path / "cameras.txt").read_text().splitlines()[0] == "1 PINHOLE 640 480 700.0 690.0 310.75 241.5"
+    assert np.allclose(
+        turned + shift, geometry.transform_points(geometry.inverse(pose), point)
+    )
+    assert (tmp_path / "cameras.txt").read_text().splitlines()[
+        0
+    ] == "1 PINHOLE 640 480 700.0 690.0 310.75 241.5"
 
 
 def test_the_nerf_matrix_has_y_up_and_z_backward(tmp_path):
     write_transforms(tmp_path / "t.json", Rig([CAMERA], [POSE]))
     frame = json.loads((tmp_path / "t.json").read_text())["frames"][0]
     matrix = np.array(frame["transform_matrix"])
-    assert np.allclose(matrix[:3, 2], np.subtract([1, 2, 3], [4, 5, 3.5]) / np.linalg.norm([3, 3, 0.5]))
+    assert np.allclose(
+        matrix[:3, 2], np.subtract([1, 2, 3], [4, 5, 3.5]) / np.linalg.norm([3, 3, 0.5])
+    )
     assert matrix[2, 1] > 0.9
     assert np.allclose(matrix[:, 0], POSE[:, 0])
     assert (frame["cx"], frame["cy"], frame["fl_y"]) == (310.75, 241.5, 690.0)
@@ -116,7 +133,9 @@ COLMAP_CAMERAS = {
     "SIMPLE_PINHOLE 640 480 700 320 240": None,
     "SIMPLE_RADIAL 640 480 700 320 240 -0.1": BrownConrady(-0.1),
     "RADIAL 640 480 700 320 240 -0.1 0.02": BrownConrady(-0.1, 0.02),
-    "OPENCV 640 480 700 700 320 240 -0.1 0.02 0.001 0.002": BrownConrady(-0.1, 0.02, 0.001, 0.002),
+    "OPENCV 640 480 700 700 320 240 -0.1 0.02 0.001 0.002": BrownConrady(
+        -0.1, 0.02, 0.001, 0.002
+    ),
     "RADIAL_FISHEYE 640 480 700 320 240 0.01 0.002": KannalaBrandt(0.01, 0.002),
 }
 
@@ -124,7 +143,9 @@ COLMAP_CAMERAS = {
 @pytest.mark.parametrize(("text", "model"), COLMAP_CAMERAS.items())
 def test_colmap_models_are_read(tmp_path, text, model):
     (tmp_path / "cameras.txt").write_text(f"# comment\n7 {text}\n")
-    (tmp_path / "images.txt").write_text("# one\n3 1 0 0 0 0 0 0 7 b.png\n10 20 -1\n2 1 0 0 0 1 0 0 7 a.png\n\n")
+    (tmp_path / "images.txt").write_text(
+        "# one\n3 1 0 0 0 0 0 0 7 b.png\n10 20 -1\n2 1 0 0 0 1 0 0 7 a.png\n\n"
+    )
     back = read_colmap(tmp_path)
     assert back.names == ("a.png", "b.png")
     assert back.rig.cameras[0] == Camera(640, 480, 700.0, 700.0, 319.5, 239.5, model)
@@ -139,7 +160,11 @@ def test_colmap_models_are_read(tmp_path, text, model):
         ("1 PINHOLE 640 480 7 7 1 1", "1 1 0 0 0 0 0 0 2 a", "camera 2"),
         ("1 PINHOLE 640 480 7 7 1 1", "1 0 0 0 0 0 0 0 1 a", "line 1 must read ID QW"),
         ("1 PINHOLE 640 480 7 7 1 1", "1 1 0 0 0 0 0 1", "line 1 must read ID QW"),
-        ("1 PINHOLE 640 480 7 7 1 1", "1 1 0 0 0 nan 0 0 1 a", "line 1 must read ID QW"),
+        (
+            "1 PINHOLE 640 480 7 7 1 1",
+            "1 1 0 0 0 nan 0 0 1 a",
+            "line 1 must read ID QW",
+        ),
         ("1 PINHOLE 640 480 7 7 1 1", "# none", "has no images"),
         ("1", "", "line 1 must read ID MODEL"),
     ],
@@ -157,7 +182,13 @@ SIZE = {"w": 640, "h": 480, "fl_x": 700}
 
 
 def test_a_camera_angle_beside_a_focal_length_is_ignored(tmp_path):
-    table = {**SIZE, "frames": [FRAME], "camera_angle_x": 0, "camera_angle_y": 1.0, "fl_y": 710}
+    table = {
+        **SIZE,
+        "frames": [FRAME],
+        "camera_angle_x": 0,
+        "camera_angle_y": 1.0,
+        "fl_y": 710,
+    }
     (tmp_path / "t.json").write_text(json.dumps(table))
     (camera,) = read_transforms(tmp_path / "t.json").rig.cameras
     assert (camera.fx, camera.fy) == (700, 710)
@@ -171,11 +202,26 @@ def test_a_camera_angle_beside_a_focal_length_is_ignored(tmp_path):
         ({}, "has no frames"),
         ([], "not a valid transforms.json"),
         ({**SIZE, "frames": []}, "one pose per camera"),
-        ({**SIZE, "frames": [{**FRAME, "transform_matrix": [[1, 2], [3, 4]]}]}, "not a valid transforms.json"),
-        ({**SIZE, "frames": [{**FRAME, "transform_matrix": (2 * np.eye(4)).tolist()}]}, "world_from_cams"),
-        ({**SIZE, "frames": [FRAME], "camera_model": "EQUIRECTANGULAR"}, "EQUIRECTANGULAR"),
+        (
+            {**SIZE, "frames": [{**FRAME, "transform_matrix": [[1, 2], [3, 4]]}]},
+            "not a valid transforms.json",
+        ),
+        (
+            {
+                **SIZE,
+                "frames": [{**FRAME, "transform_matrix": (2 * np.eye(4)).tolist()}],
+            },
+            "world_from_cams",
+        ),
+        (
+            {**SIZE, "frames": [FRAME], "camera_model": "EQUIRECTANGULAR"},
+            "EQUIRECTANGULAR",
+        ),
         ({**SIZE, "frames": [FRAME], "k4": 0.1}, "k4"),
-        ({"w": 640, "h": 480, "frames": [FRAME], "camera_angle_x": 0}, "not a valid transforms.json"),
+        (
+            {"w": 640, "h": 480, "frames": [FRAME], "camera_angle_x": 0},
+            "not a valid transforms.json",
+        ),
     ],
 )
 def test_invalid_transforms_raise(tmp_path, table, says):
@@ -189,7 +235,11 @@ def test_invalid_transforms_raise(tmp_path, table, says):
     [
         ("M1:", "N1:", "has no M1"),
         ("size1: [ 640, 480 ]", "", "has no image_width"),
-        ("D2: !!opencv-matrix\n   rows: 1\n   cols: 5", "D2: !!opencv-matrix\n   rows: 5\n   cols: 2", "has no D2"),
+        (
+            "D2: !!opencv-matrix\n   rows: 1\n   cols: 5",
+            "D2: !!opencv-matrix\n   rows: 5\n   cols: 2",
+            "has no D2",
+        ),
         ("fisheye1: 0", "fisheye1: 1", "4 coefficients"),
         ("data: [ 700.0, 0.0", "data: [ 700.0, 0.5", "without skew"),
         ("size1: [ 640, 480 ]", "size1: [ 0, 480 ]", "width"),
@@ -211,7 +261,10 @@ def test_unsupported_rigs_raise(rig, tmp_path):
         (lambda: write_transforms(tmp_path / "x.json", rational), "k4"),
         (lambda: write_colmap(tmp_path, rig, ["a"]), "image names"),
         (lambda: write_colmap(tmp_path, rig, ["a"] * 4), "image names"),
-        (lambda: write_colmap(tmp_path, rig, ["a", "b", "c", "d\n"]), "one printable line"),
+        (
+            lambda: write_colmap(tmp_path, rig, ["a", "b", "c", "d\n"]),
+            "one printable line",
+        ),
     ):
         with pytest.raises(InputError, match=says):
             refused()

@@ -8,7 +8,13 @@ from tests.dataset import dataset_scene
 from twinlens.camera import Pinhole
 from twinlens.dataset import Dataset, write_pfm, write_png, write_sample
 from twinlens.dataset.codecs.calib import write_calib
-from twinlens.dataset.quantities import KEY, mixed_counts, quantiles, statistics, stored_statistics
+from twinlens.dataset.quantities import (
+    KEY,
+    mixed_counts,
+    quantiles,
+    statistics,
+    stored_statistics,
+)
 from twinlens.scoring import motorcycle
 
 NUMBERS = st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=60)
@@ -19,16 +25,25 @@ def test_statistics_are_those_of_the_truth():
     truth = sample.truths[0]
     found = statistics(sample)
     known = np.isfinite(truth.disparity)
-    for name, values in (("disparity", truth.disparity[known]), ("depth", truth.depth[truth.hit])):
+    for name, values in (
+        ("disparity", truth.disparity[known]),
+        ("depth", truth.depth[truth.hit]),
+    ):
         assert found[name][0] == pytest.approx(values.min(), rel=1e-4)
         assert found[name][16] == pytest.approx(np.median(values), rel=1e-4)
         assert found[name][-1] == pytest.approx(values.max(), rel=1e-4)
     # The blur at infinity decides between two lenses that differ only in focus: c = A fx (1/z - 1/f).
-    far = 0.02 * 70.0 * np.abs(1 / truth.depth[truth.hit] - 1 / sample.shots[1].lens.focus_distance)
+    far = (
+        0.02
+        * 70.0
+        * np.abs(1 / truth.depth[truth.hit] - 1 / sample.shots[1].lens.focus_distance)
+    )
     assert found["blur_px"][1][-1] == pytest.approx(far.max(), rel=1e-4)
     mask = truth.mask_nonocc()
     assert found["occluded"] == pytest.approx((mask == 128).mean(), abs=1e-5)
-    assert found["visible"] + found["occluded"] + found["unknown"] == pytest.approx(1, abs=2e-5)
+    assert found["visible"] + found["occluded"] + found["unknown"] == pytest.approx(
+        1, abs=2e-5
+    )
     assert (found["size"], found["cameras"], found["lenses"]) == ([64, 48], 2, 2)
 
 
@@ -52,13 +67,20 @@ def test_missing_statistics_are_computed(tmp_path):
     stored = stored_statistics(Dataset(tmp_path)[0])
     for name in ("disparity", "depth"):
         np.testing.assert_allclose(stored.pop(name), found.pop(name), rtol=1e-4)
-    np.testing.assert_allclose(stored.pop("blur_px"), found.pop("blur_px"), rtol=2e-3, atol=1e-6)
+    np.testing.assert_allclose(
+        stored.pop("blur_px"), found.pop("blur_px"), rtol=2e-3, atol=1e-6
+    )
     assert stored == found
 
 
 @pytest.mark.parametrize(
     "spoil",
-    [lambda s: s.clear(), lambda s: s.update(depth=["far"]), lambda s: s.update(size=7), lambda s: s.pop("visible")],
+    [
+        lambda s: s.clear(),
+        lambda s: s.update(depth=["far"]),
+        lambda s: s.update(size=7),
+        lambda s: s.pop("visible"),
+    ],
 )
 def test_edited_statistics_are_not_trusted(tmp_path, spoil):
     sample = dataset_scene.sample()
@@ -67,13 +89,19 @@ def test_edited_statistics_are_not_trusted(tmp_path, spoil):
     record = json.loads(path.read_text())
     spoil(record[KEY])
     path.write_text(json.dumps(record))
-    assert stored_statistics(Dataset(tmp_path)[0])["depth"] == pytest.approx(statistics(sample)["depth"], rel=1e-4)
+    assert stored_statistics(Dataset(tmp_path)[0])["depth"] == pytest.approx(
+        statistics(sample)["depth"], rel=1e-4
+    )
 
 
 def test_plain_folders(tmp_path):
     pair = motorcycle()
     write_png(tmp_path / "m" / "im0.png", pair.im0)
-    assert stored_statistics(Dataset(tmp_path)[0]) == {"size": [741, 500], "cameras": 2, "lenses": 1}
+    assert stored_statistics(Dataset(tmp_path)[0]) == {
+        "size": [741, 500],
+        "cameras": 2,
+        "lenses": 1,
+    }
     write_pfm(tmp_path / "m" / "disp0GT.pfm", pair.disp0)
     write_calib(tmp_path / "m" / "calib.txt", pair.calibration)
     found = stored_statistics(Dataset(tmp_path)[0])
@@ -85,7 +113,10 @@ def test_plain_folders(tmp_path):
 def test_without_blur_or_anything_known(tmp_path):
     sample = dataset_scene.sample()
     shot = dataset_scene.Shot(Pinhole(), sample.shots[0].images)
-    truths = tuple(type(t)(**{**vars(t), "disparity": np.full_like(t.disparity, np.inf)}) for t in sample.truths)
+    truths = tuple(
+        type(t)(**{**vars(t), "disparity": np.full_like(t.disparity, np.inf)})
+        for t in sample.truths
+    )
     found = statistics(dataset_scene.Sample(sample.rig, (shot,), truths))
     assert found["disparity"] == []
     assert set(found["blur_px"][0]) == {0.0}
@@ -106,4 +137,6 @@ def test_mixtures_are_histograms_of_the_values():
     values = [rng.normal(0, 1, 100_000), rng.uniform(1, 3, 100_000)]
     edges = np.linspace(-6, 6, 13)
     true = sum(np.histogram(each, edges)[0] / each.size for each in values)
-    np.testing.assert_allclose(mixed_counts(edges, map(quantiles, values)), true, atol=0.03)
+    np.testing.assert_allclose(
+        mixed_counts(edges, map(quantiles, values)), true, atol=0.03
+    )

@@ -11,7 +11,17 @@ from typing_extensions import TypeAliasType
 from twinlens import camera, geometry
 from twinlens.camera import BareAperture, Camera, Pinhole, Rig, ThinLens
 from twinlens.dataset.files import check_relative
-from twinlens.dataset.record import LENS, RIG, TYPES, annotation_of, decode_json, encode_json, plain, read, read_json
+from twinlens.dataset.record import (
+    LENS,
+    RIG,
+    TYPES,
+    annotation_of,
+    decode_json,
+    encode_json,
+    plain,
+    read,
+    read_json,
+)
 from twinlens.errors import FileError, InputError
 
 
@@ -29,14 +39,26 @@ apertures = st.one_of(
     st.just(camera.Disk()),
     st.builds(camera.Polygon, st.integers(3, 12), st.floats(-360, 360), unit),
     st.builds(camera.Annulus, unit),
-    st.lists(unit, min_size=1, max_size=4).map(lambda row: camera.MaskAperture([row, [1.0] * len(row)])),
+    st.lists(unit, min_size=1, max_size=4).map(
+        lambda row: camera.MaskAperture([row, [1.0] * len(row)])
+    ),
 )
 lenses = st.one_of(
     st.just(Pinhole()),
-    st.builds(ThinLens, st.just(0.0) | positive, positive | st.just(math.inf), apertures),
+    st.builds(
+        ThinLens, st.just(0.0) | positive, positive | st.just(math.inf), apertures
+    ),
     st.builds(BareAperture, st.just(0.0) | positive, positive, apertures),
 )
-cameras = st.builds(Camera, st.integers(1, 9999), st.integers(1, 9999), positive, positive, st.floats(-9, 9), positive)
+cameras = st.builds(
+    Camera,
+    st.integers(1, 9999),
+    st.integers(1, 9999),
+    positive,
+    positive,
+    st.floats(-9, 9),
+    positive,
+)
 
 
 def through_text(value):
@@ -50,31 +72,46 @@ def test_lenses_read_back_equal(lens):
 
 @given(cameras, st.floats(1e-6, 10))
 def test_rigs_read_back_equal(one, baseline):
-    rig = Rig.stereo(one, baseline, world_from_left=geometry.look_at([1, 2, 3], [0.3, 0.1, 0]))
+    rig = Rig.stereo(
+        one, baseline, world_from_left=geometry.look_at([1, 2, 3], [0.3, 0.1, 0])
+    )
     back = rig_from_plain(through_text(rig))
     assert back.cameras == rig.cameras
     for pose, expected in zip(back.world_from_cams, rig.world_from_cams, strict=True):
         np.testing.assert_array_equal(pose, expected)
 
 
-@pytest.mark.parametrize("distortion", [camera.BrownConrady(k1=-0.1, p2=1e-3), camera.KannalaBrandt(k1=0.01)])
+@pytest.mark.parametrize(
+    "distortion", [camera.BrownConrady(k1=-0.1, p2=1e-3), camera.KannalaBrandt(k1=0.01)]
+)
 def test_distortion_reads_back_equal(distortion):
     one = Camera(64, 48, 70.0, 70.0, 31.5, 23.5, distortion=distortion)
     back = rig_from_plain(through_text(Rig([one], [np.eye(4)])))
     assert back.cameras[0] == one
     with pytest.raises(InputError):
-        rig_from_plain(plain(Rig([one], [np.eye(4)])) | {"cameras": [plain(one) | {"distortion": "none"}]})
+        rig_from_plain(
+            plain(Rig([one], [np.eye(4)]))
+            | {"cameras": [plain(one) | {"distortion": "none"}]}
+        )
 
 
 def test_all_public_camera_types_can_be_recorded():
-    assert {"Camera", "Rig", "Pinhole", "ThinLens", "BareAperture", "Disk"} <= set(TYPES)
+    assert {"Camera", "Rig", "Pinhole", "ThinLens", "BareAperture", "Disk"} <= set(
+        TYPES
+    )
     assert all(getattr(camera, name) is kind for name, kind in TYPES.items())
 
 
 @given(
     st.recursive(
-        st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(),
-        lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
+        st.none()
+        | st.booleans()
+        | st.integers()
+        | st.floats(allow_nan=False, allow_infinity=False)
+        | st.text(),
+        lambda inner: (
+            st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3)
+        ),
         max_leaves=8,
     )
 )
@@ -83,11 +120,17 @@ def test_plain_data_goes_through_json_unchanged(value):
 
 
 def test_numpy_values_become_plain_numbers():
-    given_values = {"a": np.float32(0.5), "b": np.arange(3), "c": (np.int64(1), np.bool_(True))}
+    given_values = {
+        "a": np.float32(0.5),
+        "b": np.arange(3),
+        "c": (np.int64(1), np.bool_(True)),
+    }
     assert plain(given_values) == {"a": 0.5, "b": [0, 1, 2], "c": [1, True]}
 
 
-@pytest.mark.parametrize("value", [math.nan, {1: 2}, object(), {"a": {1, 2}}, b"bytes", np.array([np.nan])])
+@pytest.mark.parametrize(
+    "value", [math.nan, {1: 2}, object(), {"a": {1, 2}}, b"bytes", np.array([np.nan])]
+)
 def test_values_that_json_cannot_hold_are_rejected(value):
     with pytest.raises(InputError):
         plain(value)
@@ -97,15 +140,32 @@ def test_values_that_json_cannot_hold_are_rejected(value):
     ("value", "message"),
     [
         ({"type": "ThinLenz"}, "did you mean 'ThinLens'"),
-        ({"type": "ThinLens", "aperture_diameter": 0.1, "focus": 1}, "did you mean 'focus_distance'"),
-        ({"type": "ThinLens", "aperture_diameter": 0.1}, "focus_distance"),
-        ({"type": "ThinLens", "aperture_diameter": "wide", "focus_distance": 1}, "aperture_diameter"),
-        ({"type": "ThinLens", "aperture_diameter": -1, "focus_distance": 1}, "aperture_diameter"),
         (
-            {"type": "ThinLens", "aperture_diameter": 1, "focus_distance": 1, "aperture": "round"},
+            {"type": "ThinLens", "aperture_diameter": 0.1, "focus": 1},
+            "did you mean 'focus_distance'",
+        ),
+        ({"type": "ThinLens", "aperture_diameter": 0.1}, "focus_distance"),
+        (
+            {"type": "ThinLens", "aperture_diameter": "wide", "focus_distance": 1},
+            "aperture_diameter",
+        ),
+        (
+            {"type": "ThinLens", "aperture_diameter": -1, "focus_distance": 1},
+            "aperture_diameter",
+        ),
+        (
+            {
+                "type": "ThinLens",
+                "aperture_diameter": 1,
+                "focus_distance": 1,
+                "aperture": "round",
+            },
             "aperture: must be a table of keys and values",
         ),
-        ({"type": "BareAperture", "diameter": 10**400, "film_distance": 1}, "diameter: must be a number"),
+        (
+            {"type": "BareAperture", "diameter": 10**400, "film_distance": 1},
+            "diameter: must be a number",
+        ),
         ({"type": ["Pinhole"]}, "must be one of Pinhole, ThinLens, BareAperture"),
         (7, "lens: must be a table of keys and values, got 7"),
         (None, "lens: must be a table of keys and values, got None"),
@@ -119,7 +179,13 @@ def test_an_invalid_lens_is_rejected(value, message):
 def test_a_rig_of_other_types_is_rejected():
     for cams in ([1], [plain(Pinhole())]):
         with pytest.raises(InputError, match=r"^sample\.json: rig\.cameras\[0\]"):
-            rig_from_plain({"type": "Rig", "cameras": cams, "world_from_cams": [np.eye(4).tolist()]})
+            rig_from_plain(
+                {
+                    "type": "Rig",
+                    "cameras": cams,
+                    "world_from_cams": [np.eye(4).tolist()],
+                }
+            )
 
 
 @pytest.mark.parametrize(
@@ -142,7 +208,9 @@ def test_records_of_another_format_are_rejected(tmp_path, text):
         read_json(tmp_path / "r.json", "kind", 1)
 
 
-@pytest.mark.parametrize("name", ["", ".", "..", "../a", "a/../b", "/a", "a//b", "a\\b", "a\0"])
+@pytest.mark.parametrize(
+    "name", ["", ".", "..", "../a", "a/../b", "/a", "a//b", "a\\b", "a\0"]
+)
 def test_names_outside_the_folder_are_rejected(name):
     with pytest.raises(InputError, match="plain relative name"):
         check_relative(name)
@@ -158,13 +226,18 @@ def test_a_rig_of_an_earlier_version_is_read():
 
 def test_json_constants_are_rejected():
     for text in (b'{"a": NaN}', b"[Infinity]", b"-Infinity"):
-        with pytest.raises(FileError, match=r'r\.json: .* is not JSON; write null for NaN, "inf" for infinity'):
+        with pytest.raises(
+            FileError,
+            match=r'r\.json: .* is not JSON; write null for NaN, "inf" for infinity',
+        ):
             decode_json(text, "r.json", "kind", 1)
 
 
 def test_an_alias_of_an_array_type_is_an_array():
     # NumPy 2.5 defines NDArray by a `type` statement.
     scalar = TypeVar("scalar", bound=np.generic)
-    alias = TypeAliasType("alias", np.ndarray[tuple[int, ...], np.dtype[scalar]], type_params=(scalar,))
+    alias = TypeAliasType(
+        "alias", np.ndarray[tuple[int, ...], np.dtype[scalar]], type_params=(scalar,)
+    )
     adapter = pydantic.TypeAdapter(annotation_of(alias[np.float64]))
     assert adapter.validate_python([[1.0, 2.0]]) == [[1.0, 2.0]]

@@ -37,8 +37,16 @@ def stored(sample, tmp_path_factory):
 
 
 def test_the_folder_has_the_documented_files(stored):
-    names = {path.relative_to(stored.folder).as_posix() for path in stored.folder.rglob("*") if path.is_file()}
-    per_view = {f.format(i) for i in (0, 1) for f in ("im{}.png", "disp{}.pfm", "mask{}nocc.png", "truth{}.exr")}
+    names = {
+        path.relative_to(stored.folder).as_posix()
+        for path in stored.folder.rglob("*")
+        if path.is_file()
+    }
+    per_view = {
+        f.format(i)
+        for i in (0, 1)
+        for f in ("im{}.png", "disp{}.pfm", "mask{}nocc.png", "truth{}.exr")
+    }
     lenses = {f"lens-{k}/im{i}.png" for k in (1, 2) for i in (0, 1)}
     assert names == per_view | lenses | {"calib.txt", "sample.json"}
 
@@ -47,25 +55,41 @@ def test_images_disparities_and_masks_read_back_exactly(stored, sample):
     for i in (0, 1):
         np.testing.assert_array_equal(stored.image(i), sample.shots[0].images[i])
         np.testing.assert_array_equal(stored.disparity(i), sample.truths[i].disparity)
-        np.testing.assert_array_equal(stored.mask_nonocc(i), sample.truths[i].mask_nonocc())
+        np.testing.assert_array_equal(
+            stored.mask_nonocc(i), sample.truths[i].mask_nonocc()
+        )
     assert {*np.unique(stored.mask0_nonocc)} == {0, 128, 255}
     np.testing.assert_array_equal(stored.im0, stored.image(0))
     np.testing.assert_array_equal(stored.disp1, stored.disparity(1))
 
 
 def test_the_truth_reads_back_in_float32_precision(stored, sample):
-    for truth, original in ((stored.truth0, sample.truths[0]), (stored.truth1, sample.truths[1])):
+    for truth, original in (
+        (stored.truth0, sample.truths[0]),
+        (stored.truth1, sample.truths[1]),
+    ):
         for name in ("depth", "position"):
             back, given = getattr(truth, name), getattr(original, name)
             assert back.dtype == np.float64
             np.testing.assert_array_equal(np.isinf(back), np.isinf(given))
             hit = np.isfinite(given)
             np.testing.assert_allclose(back[hit], given[hit], rtol=2**-24)
-        for name in ("disparity", "visible", "normal", "shading_normal", "object_id", "material_id", "material_kind"):
+        for name in (
+            "disparity",
+            "visible",
+            "normal",
+            "shading_normal",
+            "object_id",
+            "material_id",
+            "material_kind",
+        ):
             back, given = getattr(truth, name), getattr(original, name)
             assert back.dtype == given.dtype
             np.testing.assert_array_equal(back, given)
-        assert (truth.object_names, truth.material_names) == (original.object_names, original.material_names)
+        assert (truth.object_names, truth.material_names) == (
+            original.object_names,
+            original.material_names,
+        )
 
 
 def test_each_lens_has_its_images_its_record_and_its_blur(stored, sample):
@@ -75,7 +99,9 @@ def test_each_lens_has_its_images_its_record_and_its_blur(stored, sample):
         assert view.lens == shot.lens
         assert view.record == {"spp": 16 + k}
         np.testing.assert_array_equal(view.im1, shot.images[1])
-        c = circle_of_confusion_px(sample.truths[0].depth, 0.02, 70.0, shot.lens.vergence)
+        c = circle_of_confusion_px(
+            sample.truths[0].depth, 0.02, 70.0, shot.lens.vergence
+        )
         np.testing.assert_allclose(view.blur_circle_px(0), c, rtol=1e-5, atol=1e-6)
     with pytest.raises(InputError, match="lenses 0 to 2, no lens 3"):
         stored.lens(3)
@@ -84,7 +110,9 @@ def test_each_lens_has_its_images_its_record_and_its_blur(stored, sample):
 def test_the_record_reads_back(stored, sample):
     assert stored.record["record"] == {"seed": 7, "scene": "two planes"}
     assert stored.rig.cameras == sample.rig.cameras
-    np.testing.assert_array_equal(stored.rig.world_from_cams, sample.rig.world_from_cams)
+    np.testing.assert_array_equal(
+        stored.rig.world_from_cams, sample.rig.world_from_cams
+    )
     assert stored.calibration.baseline == 0.4
     assert stored.ndisp > stored.disp0[np.isfinite(stored.disp0)].max()
 
@@ -117,7 +145,9 @@ def test_sixteen_bits_grey_and_radiance(tmp_path, sample):
 def test_a_pair_that_is_not_rectified_has_no_calibration(tmp_path, sample):
     turned = sample.rig.world_from_cams[1] @ np.diag([-1.0, -1, 1, 1])
     rig = Rig(sample.rig.cameras, [sample.rig.world_from_cams[0], turned])
-    truths = tuple(replace(t, disparity=np.full_like(t.disparity, np.inf)) for t in sample.truths)
+    truths = tuple(
+        replace(t, disparity=np.full_like(t.disparity, np.inf)) for t in sample.truths
+    )
     write_sample(tmp_path / "s", replace(sample, rig=rig, truths=truths))
     stored = Dataset(tmp_path)[0]
     assert not stored.has("calib.txt")
@@ -142,7 +172,9 @@ def test_arrays_that_do_not_fit_the_rig_are_rejected(sample):
 
 
 def test_rejected_arrays_leave_nothing_behind(tmp_path, sample):
-    shot = replace(sample.shots[0], images=tuple(image / 255 for image in sample.shots[0].images))
+    shot = replace(
+        sample.shots[0], images=tuple(image / 255 for image in sample.shots[0].images)
+    )
     with pytest.raises(InputError, match="uint8 or uint16"):
         write_sample(tmp_path / "s", replace(sample, shots=(shot,)))
     nan = replace(sample.truths[0], disparity=np.full((48, 64), np.nan, np.float32))
@@ -247,7 +279,9 @@ def test_a_killed_writer_leaves_complete_samples_only(tmp_path):
     )
     rng = np.random.default_rng(0)
     for _ in range(5):
-        process = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE)
+        process = subprocess.Popen(
+            [sys.executable, "-c", program], stdout=subprocess.PIPE
+        )
         process.stdout.readline()
         with pytest.raises(subprocess.TimeoutExpired):
             process.wait(timeout=float(rng.uniform(0.01, 0.2)))

@@ -10,9 +10,21 @@ import pytest
 from fsspec.implementations.memory import MemoryFileSystem
 
 from tests.dataset import dataset_scene
-from twinlens.dataset import Dataset, Manifest, place, read_manifest, write_manifest, write_sample
+from twinlens.dataset import (
+    Dataset,
+    Manifest,
+    place,
+    read_manifest,
+    write_manifest,
+    write_sample,
+)
 from twinlens.dataset.dataset import row_of
-from twinlens.dataset.files import read_bytes, remove_unfinished, write_file, write_folder
+from twinlens.dataset.files import (
+    read_bytes,
+    remove_unfinished,
+    write_file,
+    write_folder,
+)
 from twinlens.dataset.sample import sample_files
 from twinlens.dataset.storage import MARK, RemotePath, is_whole, remove_objects
 from twinlens.dataset.verify import verify_sample
@@ -63,7 +75,9 @@ def test_addresses_and_paths():
     assert place("file:///tmp/with%20space") == Path("/tmp/with space")
     bucket = place("s3://bucket/set/")
     assert place(bucket) is bucket
-    assert str(bucket / "train/0001" / "im0.png") == "s3://bucket/set/train/0001/im0.png"
+    assert (
+        str(bucket / "train/0001" / "im0.png") == "s3://bucket/set/train/0001/im0.png"
+    )
     assert (bucket / "a.png").name == "a.png"
     assert (bucket / "a" / "b").parent == bucket / "a"
 
@@ -78,13 +92,20 @@ def test_a_dataset_in_a_bucket_reads_back(root):
     assert [sample.name for sample in data] == ["train/0", "b"]
     np.testing.assert_array_equal(data[0].disp0, SAMPLE.truths[0].disparity)
     np.testing.assert_array_equal(data["b"].lens(1).im1, SAMPLE.shots[1].images[1])
-    assert {sample.name: verify_sample(sample) for sample in data} == {"train/0": [], "b": []}
+    assert {sample.name: verify_sample(sample) for sample in data} == {
+        "train/0": [],
+        "b": [],
+    }
 
 
 def test_files_have_the_same_bytes_as_on_disk(root, tmp_path):
     assert write_sample(root / "s", SAMPLE) == write_sample(tmp_path / "here", SAMPLE)
     for name, data in sample_files(SAMPLE).items():
-        assert read_bytes(root / "s" / name) == data == read_bytes(tmp_path / "here" / name)
+        assert (
+            read_bytes(root / "s" / name)
+            == data
+            == read_bytes(tmp_path / "here" / name)
+        )
 
 
 def test_samples_are_found_without_a_manifest(root):
@@ -166,7 +187,9 @@ def test_missing_files_are_reported(root):
 def test_unknown_protocols_and_missing_packages_are_reported():
     with pytest.raises(InputError, match="not an address that fsspec knows"):
         Dataset("nowhere://bucket")
-    fsspec.register_implementation("lacking", "not_installed.Lacking", errtxt="Install lackfs", clobber=True)
+    fsspec.register_implementation(
+        "lacking", "not_installed.Lacking", errtxt="Install lackfs", clobber=True
+    )
     with pytest.raises(MissingExtraError, match="Install lackfs"):
         write_sample("lacking://bucket/s", SAMPLE)
 
@@ -176,5 +199,7 @@ def test_an_unreachable_server_is_reported(monkeypatch):
         raise socket.gaierror(-2, "Name or service not known")
 
     monkeypatch.setattr("fsspec.core.url_to_fs", fail)
-    with pytest.raises(FileError, match=r"ftp://nonexistent\.invalid/x: cannot be read .*not known"):
+    with pytest.raises(
+        FileError, match=r"ftp://nonexistent\.invalid/x: cannot be read .*not known"
+    ):
         place("ftp://nonexistent.invalid/x").exists()

@@ -17,7 +17,9 @@ pytestmark = pytest.mark.slow
 def data(tmp_path_factory):
     folder = tmp_path_factory.mktemp("made")
     for i, name in enumerate(("a", "b", "long-name.x")):
-        write_sample(folder / name, dataset_scene.sample(num_lenses=2, baseline=0.3 + 0.1 * i))
+        write_sample(
+            folder / name, dataset_scene.sample(num_lenses=2, baseline=0.3 + 0.1 * i)
+        )
     return Dataset(folder)
 
 
@@ -40,7 +42,9 @@ def same_images(sample, item):
     np.testing.assert_array_equal(np.asarray(item[1]), sample.im1)
 
 
-@pytest.mark.parametrize(("to", "name"), [("carla", "CarlaStereo"), ("sceneflow", "SceneFlowStereo")])
+@pytest.mark.parametrize(
+    ("to", "name"), [("carla", "CarlaStereo"), ("sceneflow", "SceneFlowStereo")]
+)
 def test_pfm_layouts(data, opened, to, name):
     for sample, item in zip(data, opened(to, name), strict=True):
         same_images(sample, item)
@@ -52,9 +56,13 @@ def test_middlebury(data, opened, tmp_path, calibration):
     if calibration == "both":
         pytest.importorskip("torchvision")
         with pytest.raises(FileNotFoundError):
-            opened("middlebury", "Middlebury2014Stereo", split="train", calibration="both")
+            opened(
+                "middlebury", "Middlebury2014Stereo", split="train", calibration="both"
+            )
         return
-    items = opened("middlebury", "Middlebury2014Stereo", split="train", calibration=calibration)
+    items = opened(
+        "middlebury", "Middlebury2014Stereo", split="train", calibration=calibration
+    )
     for sample, (*images, disparity, valid) in zip(data, items, strict=True):
         same_images(sample, images)
         known = np.isfinite(sample.disp0)
@@ -63,7 +71,9 @@ def test_middlebury(data, opened, tmp_path, calibration):
 
 
 def test_eth3d(data, opened):
-    for sample, (*images, disparity, valid) in zip(data, opened("eth3d", "ETH3DStereo"), strict=True):
+    for sample, (*images, disparity, valid) in zip(
+        data, opened("eth3d", "ETH3DStereo"), strict=True
+    ):
         same_images(sample, images)
         np.testing.assert_array_equal(disparity, sample.disp0[None])
         np.testing.assert_array_equal(valid, sample.mask0_nonocc > 0)
@@ -89,25 +99,50 @@ def test_sintel(data, opened, pass_name):
         assert np.abs(disparity[0][known] - sample.disp0[known]).max() <= 1 / 16384
 
 
-@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.filterwarnings(
+    "ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning"
+)
 def test_webdataset(data, tmp_path):
     webdataset = pytest.importorskip("webdataset")
     export(data, tmp_path / "out", "webdataset", lens=1)
-    items = webdataset.WebDataset(str(tmp_path / "out" / "shard-000000.tar"), shardshuffle=False).decode("pil")
+    items = webdataset.WebDataset(
+        str(tmp_path / "out" / "shard-000000.tar"), shardshuffle=False
+    ).decode("pil")
     for sample, item in zip(data, items, strict=True):
         assert item["__key__"] == sample.name.replace(".", "%2E")
         np.testing.assert_array_equal(np.asarray(item["im0.png"]), sample.lens(1).im0)
-        np.testing.assert_array_equal(np.asarray(item["mask1nocc.png"].convert("L")), sample.mask1_nonocc)
-        np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(item["disp1.pfm"]))), sample.disp1)
+        np.testing.assert_array_equal(
+            np.asarray(item["mask1nocc.png"].convert("L")), sample.mask1_nonocc
+        )
+        np.testing.assert_array_equal(
+            np.asarray(Image.open(io.BytesIO(item["disp1.pfm"]))), sample.disp1
+        )
         assert item["json"]["shots"][1]["folder"] == "lens-1/"
 
 
 def test_hugging_face(data, tmp_path):
     datasets = pytest.importorskip("datasets")
     export(data, tmp_path / "out", "parquet")
-    for given in ({"path": str(tmp_path / "out")}, {"path": "parquet", "data_dir": str(tmp_path / "out")}):
-        rows = datasets.load_dataset(**given, split="train", cache_dir=str(tmp_path / "cache"))
+    for given in (
+        {"path": str(tmp_path / "out")},
+        {"path": "parquet", "data_dir": str(tmp_path / "out")},
+    ):
+        rows = datasets.load_dataset(
+            **given, split="train", cache_dir=str(tmp_path / "cache")
+        )
         for sample, row in zip(data, rows, strict=True):
-            assert (row["name"], row["baseline"]) == (sample.name, sample.calibration.baseline)
-            for name in ("im0", "im1", "disp0", "disp1", "mask0_nonocc", "mask1_nonocc"):
-                np.testing.assert_array_equal(np.asarray(row[name]), getattr(sample, name))
+            assert (row["name"], row["baseline"]) == (
+                sample.name,
+                sample.calibration.baseline,
+            )
+            for name in (
+                "im0",
+                "im1",
+                "disp0",
+                "disp1",
+                "mask0_nonocc",
+                "mask1_nonocc",
+            ):
+                np.testing.assert_array_equal(
+                    np.asarray(row[name]), getattr(sample, name)
+                )

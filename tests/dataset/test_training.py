@@ -13,16 +13,37 @@ from twinlens.errors import InputError
 
 PAIR = dataset_scene.rig()
 W, H = PAIR.cameras[0].width, PAIR.cameras[0].height
-IMAGES = ("depth", "position", "normal", "shading_normal", "visible", "object_id", "material_id", "material_kind")
+IMAGES = (
+    "depth",
+    "position",
+    "normal",
+    "shading_normal",
+    "visible",
+    "object_id",
+    "material_id",
+    "material_kind",
+)
 
 
 def quantities(rig: Rig, images=None):
     """What a stored sample of the scene has, in float64, with images of random values."""
     images = images or dataset_scene.images(rig, seed=1)
-    sample = {"name": "s", "baseline": rig.baseline(), "doffs": rig.doffs(), "ndisp": 20}
+    sample = {
+        "name": "s",
+        "baseline": rig.baseline(),
+        "doffs": rig.doffs(),
+        "ndisp": 20,
+    }
     for i, truth in enumerate(dataset_scene.truths(rig)):
-        sample |= {f"im{i}": images[i], f"disp{i}": truth.disparity, f"mask{i}_nonocc": truth.mask_nonocc()}
-        sample |= {f"K{i}": rig.cameras[i].K, f"world_from_cam{i}": rig.world_from_cams[i]}
+        sample |= {
+            f"im{i}": images[i],
+            f"disp{i}": truth.disparity,
+            f"mask{i}_nonocc": truth.mask_nonocc(),
+        }
+        sample |= {
+            f"K{i}": rig.cameras[i].K,
+            f"world_from_cam{i}": rig.world_from_cams[i],
+        }
         sample |= {f"{name}{i}": getattr(truth, name) for name in IMAGES}
     return sample
 
@@ -33,16 +54,28 @@ SAMPLE = quantities(PAIR)
 def assert_same(found, expected):
     assert set(found) == set(expected)
     for name, value in expected.items():
-        np.testing.assert_allclose(found[name], value, rtol=1e-6, atol=1e-5, err_msg=name) if name != "name" else None
+        np.testing.assert_allclose(
+            found[name], value, rtol=1e-6, atol=1e-5, err_msg=name
+        ) if name != "name" else None
 
 
 def window_of(rig, x, y, width, height):
-    cameras = [c.replace(width=width, height=height, cx=c.cx - x, cy=c.cy - y) for c in rig.cameras]
+    cameras = [
+        c.replace(width=width, height=height, cx=c.cx - x, cy=c.cy - y)
+        for c in rig.cameras
+    ]
     return Rig(cameras, rig.world_from_cams)
 
 
 @pytest.mark.parametrize(
-    "window", [(0, 0, W, H), (0, 0, 20, 10), (W - 30, H - 25, 30, 25), (13, 7, 40, 33), (50, 20, 1, 1)]
+    "window",
+    [
+        (0, 0, W, H),
+        (0, 0, 20, 10),
+        (W - 30, H - 25, 30, 25),
+        (13, 7, 40, 33),
+        (50, 20, 1, 1),
+    ],
 )
 def test_a_crop_is_the_scene_seen_by_the_smaller_cameras(window):
     x, y, width, height = window
@@ -50,14 +83,19 @@ def test_a_crop_is_the_scene_seen_by_the_smaller_cameras(window):
     expected = quantities(window_of(PAIR, *window), images)
     assert_same(crop(SAMPLE, *window), expected)
     if width == 40:
-        assert (expected["mask0_nonocc"] == 128).sum() > (SAMPLE["mask0_nonocc"] == 128)[
-            y : y + height, x : x + width
-        ].sum()
+        assert (expected["mask0_nonocc"] == 128).sum() > (
+            SAMPLE["mask0_nonocc"] == 128
+        )[y : y + height, x : x + width].sum()
 
 
 @pytest.mark.parametrize("i", [0, 1])
 @pytest.mark.parametrize(
-    "change", [lambda s: crop(s, 13, 7, 40, 33), stereo_flip, lambda s: crop(stereo_flip(s), 5, 2, 50, 40)]
+    "change",
+    [
+        lambda s: crop(s, 13, 7, 40, 33),
+        stereo_flip,
+        lambda s: crop(stereo_flip(s), 5, 2, 50, 40),
+    ],
 )
 def test_pixels_reproject_to_their_positions_and_to_their_matches(change, i):
     sample = change(SAMPLE)
@@ -68,13 +106,19 @@ def test_pixels_reproject_to_their_positions_and_to_their_matches(change, i):
     points = sample[f"depth{i}"][hit][:, None] * rays[hit]
     world = geometry.transform_points(sample[f"world_from_cam{i}"], points)
     np.testing.assert_allclose(world, sample[f"position{i}"][hit], atol=1e-9)
-    partner = geometry.transform_points(np.linalg.inv(sample[f"world_from_cam{1 - i}"]), world)
+    partner = geometry.transform_points(
+        np.linalg.inv(sample[f"world_from_cam{1 - i}"]), world
+    )
     match = partner @ sample[f"K{1 - i}"].T
     sign = 1 - 2 * i
     expected = u[hit] - sign * sample[f"disp{i}"][hit]
     np.testing.assert_allclose(match[:, 0] / match[:, 2], expected, atol=1e-4)
     np.testing.assert_allclose(match[:, 1] / match[:, 2], v[hit], atol=1e-9)
-    depth = sample[f"K{i}"][0, 0] * sample["baseline"] / (sample[f"disp{i}"][hit] + sample["doffs"])
+    depth = (
+        sample[f"K{i}"][0, 0]
+        * sample["baseline"]
+        / (sample[f"disp{i}"][hit] + sample["doffs"])
+    )
     np.testing.assert_allclose(depth, sample[f"depth{i}"][hit], rtol=1e-5)
 
 
@@ -89,7 +133,9 @@ def test_a_stereo_flip_is_the_pair_of_the_mirrored_scene(monkeypatch):
     wall = dataset_scene.WALL / (1 - dataset_scene.WALL[0] * baseline)
     (left, right), rows, z = dataset_scene.CARD
     monkeypatch.setattr(dataset_scene, "WALL", wall * [-1, 1, 1])
-    monkeypatch.setattr(dataset_scene, "CARD", ((baseline - right, baseline - left), rows, z))
+    monkeypatch.setattr(
+        dataset_scene, "CARD", ((baseline - right, baseline - left), rows, z)
+    )
     expected = quantities(rig, [SAMPLE["im1"][:, ::-1], SAMPLE["im0"][:, ::-1]])
     normals = [name for name in SAMPLE if "normal" in name]
     for name in normals:  # `dataset_scene` has -z of the camera for all
@@ -102,7 +148,10 @@ def test_two_flips_restore_the_sample():
 
 
 def test_a_crop_of_the_flip_is_the_flip_of_the_mirrored_crop():
-    assert_same(crop(stereo_flip(SAMPLE), 10, 5, 30, 20), stereo_flip(crop(SAMPLE, W - 40, 5, 30, 20)))
+    assert_same(
+        crop(stereo_flip(SAMPLE), 10, 5, 30, 20),
+        stereo_flip(crop(SAMPLE, W - 40, 5, 30, 20)),
+    )
 
 
 @pytest.mark.parametrize("window", [(3, 2, 20, 10), (3, 2, 1, 10), (3, 2, 1, 1)])
@@ -127,7 +176,10 @@ def test_unknown_positions_stay_positive_infinity():
 
 
 def test_images_of_other_lenses_are_exchanged():
-    sample = {"lens10.im0": np.zeros((2, 3)), "lens10.im1": np.arange(6.0).reshape(2, 3)}
+    sample = {
+        "lens10.im0": np.zeros((2, 3)),
+        "lens10.im1": np.arange(6.0).reshape(2, 3),
+    }
     assert stereo_flip(sample)["lens10.im0"].tolist() == [[2, 1, 0], [5, 4, 3]]
     assert crop(sample, 1, 0, 2, 1)["lens10.im1"].tolist() == [[1, 2]]
 
@@ -174,7 +226,10 @@ def test_a_batch_stacks_arrays_and_keeps_their_types():
             r"im0 is uint8 \(48, 64, 3\) in sample 'a' and uint8 \(47, 64, 3\) in sample 'b'",
         ),
         ({"im0": SAMPLE["im0"].astype(np.uint16), "name": "b"}, "uint8 .* and uint16"),
-        ({"im0": SAMPLE["im0"]}, "samples 0 and 1 of a batch differ: only one has name"),
+        (
+            {"im0": SAMPLE["im0"]},
+            "samples 0 and 1 of a batch differ: only one has name",
+        ),
         ({"im0": SAMPLE["im0"], "name": "b", "disp0": 1.0}, "only one has disp0"),
     ],
 )
@@ -185,7 +240,9 @@ def test_a_batch_of_different_samples_is_an_error(other, message):
         collate([])
 
 
-@pytest.mark.parametrize("call", [collate, stereo_flip, lambda sample: crop(sample, 0, 0, 1, 1)])
+@pytest.mark.parametrize(
+    "call", [collate, stereo_flip, lambda sample: crop(sample, 0, 0, 1, 1)]
+)
 def test_what_is_no_sample_is_refused(call):
     for wrong in (None, 3, "im0"):
         with pytest.raises(InputError, match="sample"):

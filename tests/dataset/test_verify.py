@@ -54,12 +54,19 @@ def test_a_correct_sample_has_no_findings(listed, loose):
 @pytest.mark.parametrize("seed", range(3))
 def test_correct_samples_have_no_findings_at_any_pose(tmp_path, baseline, seed):
     rng = np.random.default_rng(seed)
-    pair = dataset_scene.rig(width=90, height=70, baseline=baseline, doffs=rng.uniform(-9, 9))
+    pair = dataset_scene.rig(
+        width=90, height=70, baseline=baseline, doffs=rng.uniform(-9, 9)
+    )
     far = geometry.rigid(np.eye(3), rng.uniform(-100, 100, 3))
-    truths = tuple(type(t)(**{**vars(t), "position": t.position + far[:3, 3]}) for t in dataset_scene.truths(pair))
+    truths = tuple(
+        type(t)(**{**vars(t), "position": t.position + far[:3, 3]})
+        for t in dataset_scene.truths(pair)
+    )
     moved = Rig(pair.cameras, [far @ pose for pose in pair.world_from_cams])
     sample = dataset_scene.Sample(
-        moved, (dataset_scene.Shot(dataset_scene.LENS, dataset_scene.images(pair, 0)),), truths
+        moved,
+        (dataset_scene.Shot(dataset_scene.LENS, dataset_scene.images(pair, 0)),),
+        truths,
     )
     write_sample(tmp_path / "s", sample)
     assert verify_sample(Dataset(tmp_path)[0]) == []
@@ -80,7 +87,16 @@ def test_missing_changed_and_added_files_are_reported(listed):
 
 
 @pytest.mark.parametrize(
-    "name", ["im0.png", "lens-1/im1.png", "disp0.pfm", "mask1nocc.png", "truth0.exr", "calib.txt", "sample.json"]
+    "name",
+    [
+        "im0.png",
+        "lens-1/im1.png",
+        "disp0.pfm",
+        "mask1nocc.png",
+        "truth0.exr",
+        "calib.txt",
+        "sample.json",
+    ],
 )
 def test_a_truncated_file_is_reported(loose, name):
     path = loose.folder / name
@@ -112,12 +128,22 @@ def test_exchanged_images_are_reported(tmp_path):
     # Images of a texture on the planes, evaluated at the position of each pixel.
     sample = dataset_scene.sample(num_lenses=2, width=160, height=120)
     left, right = (texture(truth) for truth in sample.truths)
-    for name, lenses in (("good", [(left, right)] * 2), ("bad", [(left, right), (right, left)])):
-        shots = [dataset_scene.Shot(s.lens, images) for s, images in zip(sample.shots, lenses, strict=True)]
-        write_sample(tmp_path / name, type(sample)(sample.rig, tuple(shots), sample.truths))
+    for name, lenses in (
+        ("good", [(left, right)] * 2),
+        ("bad", [(left, right), (right, left)]),
+    ):
+        shots = [
+            dataset_scene.Shot(s.lens, images)
+            for s, images in zip(sample.shots, lenses, strict=True)
+        ]
+        write_sample(
+            tmp_path / name, type(sample)(sample.rig, tuple(shots), sample.truths)
+        )
     assert verify_sample(Dataset(tmp_path)["good"]) == []
     (finding,) = verify_sample(Dataset(tmp_path)["bad"])
-    assert finding.startswith("lens-1/im0.png: looks exchanged with its partner's image: edges correlate by ")
+    assert finding.startswith(
+        "lens-1/im0.png: looks exchanged with its partner's image: edges correlate by "
+    )
 
 
 def test_images_of_different_widths_are_compared():
@@ -159,19 +185,30 @@ def swap(folder):
 @pytest.mark.parametrize(
     ("damage", "finding"),
     [
-        (lambda f: change_pfm(f, "disp0.pfm", nudge), "disp0.pfm: disparity differs from fx B / z - doffs at 1 of"),
+        (
+            lambda f: change_pfm(f, "disp0.pfm", nudge),
+            "disp0.pfm: disparity differs from fx B / z - doffs at 1 of",
+        ),
         (lambda f: change_pfm(f, "disp1.pfm", lambda d: d[:, ::-1]), "disp1.pfm: "),
-        (lambda f: change_exr(f, "truth0.exr", "depth", nudge), "truth0.exr: position's z differs from depth at 1 of"),
+        (
+            lambda f: change_exr(f, "truth0.exr", "depth", nudge),
+            "truth0.exr: position's z differs from depth at 1 of",
+        ),
         (
             lambda f: change_exr(f, "truth1.exr", "position.X", nudge),
             "truth1.exr: position does not project to its pixel",
         ),
         (lambda f: change_exr(f, "truth0.exr", "depth", np.negative), "truth0.exr: "),
         (
-            lambda f: change_exr(f, "truth0.exr", "depth", lambda z: np.where(z < 9, -z, z)),
+            lambda f: change_exr(
+                f, "truth0.exr", "depth", lambda z: np.where(z < 9, -z, z)
+            ),
             "truth0.exr: position is not",
         ),
-        (lambda f: change_exr(f, "truth0.exr", "position.Y", lambda y: y + 1e4), "truth0.exr: position"),
+        (
+            lambda f: change_exr(f, "truth0.exr", "position.Y", lambda y: y + 1e4),
+            "truth0.exr: position",
+        ),
         (
             lambda f: change_exr(f, "truth0.exr", "object_id", lambda x: x * 2),
             "truth0.exr: object_id has the value 4, but only 2",
@@ -180,17 +217,30 @@ def swap(folder):
             lambda f: change_exr(f, "truth1.exr", "material_kind", lambda x: x * 5),
             "truth1.exr: material_kind has the value 5",
         ),
-        (lambda f: change_exr(f, "truth0.exr", "blur_circle_px", nudge), "truth0.exr: blur_circle_px is not that of"),
-        (lambda f: change_exr(f, "truth0.exr", "object_id", np.zeros_like), "truth0.exr: depth is not finite exactly"),
         (
-            lambda f: write_png(f / "mask0nocc.png", 255 - read_png(f / "mask0nocc.png")),
+            lambda f: change_exr(f, "truth0.exr", "blur_circle_px", nudge),
+            "truth0.exr: blur_circle_px is not that of",
+        ),
+        (
+            lambda f: change_exr(f, "truth0.exr", "object_id", np.zeros_like),
+            "truth0.exr: depth is not finite exactly",
+        ),
+        (
+            lambda f: write_png(
+                f / "mask0nocc.png", 255 - read_png(f / "mask0nocc.png")
+            ),
             "mask0nocc.png: mask has other",
         ),
         (
-            lambda f: write_png(f / "mask0nocc.png", read_png(f / "mask0nocc.png")[:, ::-1]),
+            lambda f: write_png(
+                f / "mask0nocc.png", read_png(f / "mask0nocc.png")[:, ::-1]
+            ),
             "mask0nocc.png: mask differs",
         ),
-        (lambda f: edit(f / "calib.txt", "baseline=400.0", "baseline=401.0"), "calib.txt: baseline is 0.401"),
+        (
+            lambda f: edit(f / "calib.txt", "baseline=400.0", "baseline=401.0"),
+            "calib.txt: baseline is 0.401",
+        ),
         (swap, "truth0.exr: position"),
     ],
 )
@@ -210,12 +260,23 @@ def test_views_of_different_scenes_are_reported(tmp_path):
     sample = dataset_scene.sample(width=120, height=90)
     right = sample.truths[1]
     pose = sample.rig.world_from_cams[1]
-    cam = geometry.transform_points(geometry.inverse(pose), np.where(right.hit[..., None], right.position, 0.0))
-    position = np.where(right.hit[..., None], geometry.transform_points(pose, cam * 1.1), np.inf)
+    cam = geometry.transform_points(
+        geometry.inverse(pose), np.where(right.hit[..., None], right.position, 0.0)
+    )
+    position = np.where(
+        right.hit[..., None], geometry.transform_points(pose, cam * 1.1), np.inf
+    )
     depth = right.depth * 1.1
-    disparity = np.where(right.hit, 70.0 * 0.4 / depth - 1.25, np.inf).astype(np.float32)
-    larger = type(right)(**{**vars(right), "depth": depth, "position": position, "disparity": disparity})
-    write_sample(tmp_path / "s", type(sample)(sample.rig, sample.shots, (sample.truths[0], larger)))
+    disparity = np.where(right.hit, 70.0 * 0.4 / depth - 1.25, np.inf).astype(
+        np.float32
+    )
+    larger = type(right)(
+        **{**vars(right), "depth": depth, "position": position, "disparity": disparity}
+    )
+    write_sample(
+        tmp_path / "s",
+        type(sample)(sample.rig, sample.shots, (sample.truths[0], larger)),
+    )
     findings = verify_sample(Dataset(tmp_path)[0])
     assert findings[0].startswith("truth0.exr: only ")
     assert "are at a depth that the other view has there" in findings[0]
@@ -240,27 +301,38 @@ def test_correct_views_of_few_pixels_have_no_findings(size, baseline):
 @pytest.mark.parametrize("size", [(12, 9), (16, 12)])
 def test_different_scenes_are_reported_from_a_hundred_pixels(size, larger):
     pair, (left, right) = small_pair(size, 0.4)
-    (finding,) = consistency.check_views((left, {**right, "depth": larger * right["depth"]}), pair, (0, 1))
+    (finding,) = consistency.check_views(
+        (left, {**right, "depth": larger * right["depth"]}), pair, (0, 1)
+    )
     assert "are at a depth that the other view has there" in finding
 
 
 def shifted(truth, camera, pose, du, dv):
     """A view's truth shifted by whole pixels, with positions consistent with the new pixels."""
-    moved = {key: np.roll(value, (dv, du), (0, 1)) if np.ndim(value) > 1 else value for key, value in truth.items()}
+    moved = {
+        key: np.roll(value, (dv, du), (0, 1)) if np.ndim(value) > 1 else value
+        for key, value in truth.items()
+    }
     return as_seen_by(moved, camera, pose)
 
 
 def as_seen_by(truth, camera, pose):
     hit = truth["object_id"] > 0
     rays = camera.unproject(camera.pixel_grid())
-    points = geometry.transform_points(pose, np.where(hit, truth["depth"], 1.0)[..., None] * rays)
+    points = geometry.transform_points(
+        pose, np.where(hit, truth["depth"], 1.0)[..., None] * rays
+    )
     return {**truth, "position": np.where(hit[..., None], points, np.inf)}
 
 
 @pytest.mark.parametrize("views", [(0, 1), (1, 0)])
 @pytest.mark.parametrize(
     ("wall", "step", "axis"),
-    [((0.1, 0.05, 1.0), (1, 0), "u"), ((0.1, 0.05, 1.0), (-1, 0), "u"), ((0.02, 0.2, 1.0), (0, 1), "v")],
+    [
+        ((0.1, 0.05, 1.0), (1, 0), "u"),
+        ((0.1, 0.05, 1.0), (-1, 0), "u"),
+        ((0.02, 0.2, 1.0), (0, 1), "v"),
+    ],
 )
 def test_a_view_shifted_by_a_pixel_is_reported(monkeypatch, wall, step, axis, views):
     monkeypatch.setattr(dataset_scene, "WALL", np.array(wall) / 4.0)
@@ -269,7 +341,10 @@ def test_a_view_shifted_by_a_pixel_is_reported(monkeypatch, wall, step, axis, vi
     here, there = (truths[i] for i in views)
     camera, pose = pair.cameras[views[1]], pair.world_from_cams[views[1]]
     assert consistency.check_views((here, there), pair, views) == []
-    assert consistency.check_views((here, shifted(there, camera, pose, 0, 0)), pair, views) == []
+    assert (
+        consistency.check_views((here, shifted(there, camera, pose, 0, 0)), pair, views)
+        == []
+    )
     moved = shifted(there, camera, pose, *step)
     assert consistency.check_positions(moved, camera, pose) == []
     (finding,) = consistency.check_views((here, moved), pair, views)
@@ -278,10 +353,17 @@ def test_a_view_shifted_by_a_pixel_is_reported(monkeypatch, wall, step, axis, vi
 
 def test_a_view_with_another_pixel_convention_is_reported():
     """Pixel centres at integers in one view and at halves in the other."""
-    pair, other = (dataset_scene.rig(width=120, height=90, doffs=doffs) for doffs in (1.25, 1.75))
-    left, right = vars(dataset_scene.truths(pair)[0]), vars(dataset_scene.truths(other)[1])
+    pair, other = (
+        dataset_scene.rig(width=120, height=90, doffs=doffs) for doffs in (1.25, 1.75)
+    )
+    left, right = (
+        vars(dataset_scene.truths(pair)[0]),
+        vars(dataset_scene.truths(other)[1]),
+    )
     (finding,) = consistency.check_views(
-        (left, as_seen_by(right, pair.cameras[1], pair.world_from_cams[1])), pair, (0, 1)
+        (left, as_seen_by(right, pair.cameras[1], pair.world_from_cams[1])),
+        pair,
+        (0, 1),
     )
     assert " px along u against the other view's surfaces" in finding
 
@@ -290,7 +372,10 @@ def test_a_view_with_another_pixel_convention_is_reported():
 def test_views_of_a_curved_wall_have_no_findings(bend):
     """Only flat surfaces are tested: curvature is not mistaken for a shift."""
     pair = Rig.stereo(Camera.from_fov(160, 120, 60), 0.1)
-    truths = [waving(camera, x, bend) for camera, x in zip(pair.cameras, (0.0, 0.1), strict=True)]
+    truths = [
+        waving(camera, x, bend)
+        for camera, x in zip(pair.cameras, (0.0, 0.1), strict=True)
+    ]
     assert consistency.check_views((truths[0], truths[1]), pair, (0, 1)) == []
     assert consistency.check_views((truths[1], truths[0]), pair, (1, 0)) == []
 
@@ -304,7 +389,12 @@ def waving(camera, x, bend):
         z += 0.05 * (2.0 + 0.3 * across + bend * np.sin(60.0 * across) - z)
     points = z[..., None] * rays + [x, 0.0, 0.0]
     px = camera.project(points - [0.1 - x, 0.0, 0.0])
-    return {"depth": z, "position": points, "object_id": np.ones(z.shape, int), "visible": camera.contains(px)}
+    return {
+        "depth": z,
+        "position": points,
+        "object_id": np.ones(z.shape, int),
+        "visible": camera.contains(px),
+    }
 
 
 def test_a_record_with_another_rig_is_reported(loose):
@@ -314,7 +404,10 @@ def test_a_record_with_another_rig_is_reported(loose):
     path.write_text(json.dumps(record))
     findings = verify_sample(loose)
     assert findings[0].startswith("calib.txt: cam0 is")
-    assert any(line.startswith("truth0.exr: position does not project to its pixel") for line in findings)
+    assert any(
+        line.startswith("truth0.exr: position does not project to its pixel")
+        for line in findings
+    )
 
 
 @pytest.mark.parametrize("seed", range(40))
@@ -326,4 +419,6 @@ def test_damage_never_raises(loose, seed):
     for _ in range(3):
         data[rng.integers(len(data))] = rng.integers(256)
     path.write_bytes(data[: rng.integers(len(data) // 2, len(data) + 1)])
-    assert all(isinstance(line, str) and "\n" not in line for line in verify_sample(loose))
+    assert all(
+        isinstance(line, str) and "\n" not in line for line in verify_sample(loose)
+    )

@@ -26,9 +26,13 @@ def loop_from_one(disparity, sign):
         covers = [
             other
             for x, other in enumerate(disparity[y])
-            if np.isfinite(other) and match in (np.floor(x - sign * float(other)), np.ceil(x - sign * float(other)))
+            if np.isfinite(other)
+            and match
+            in (np.floor(x - sign * float(other)), np.ceil(x - sign * float(other)))
         ]
-        mask[y, u] = 255 if 0 <= match < width and max(covers, default=0) <= d + 1 else 128
+        mask[y, u] = (
+            255 if 0 <= match < width and max(covers, default=0) <= d + 1 else 128
+        )
     return mask
 
 
@@ -41,8 +45,12 @@ def test_mask_from_one_equals_loops(disparity, left):
 @given(maps)
 def test_the_right_view_is_the_mirrored_left_one(disparity):
     # Halves round the other way in a mirror: keep away from them.
-    disparity = disparity + np.float32(0.125) * (disparity * 2 == np.round(disparity * 2))
-    mirrored = mask_from_one(np.ascontiguousarray(disparity[:, ::-1]), left=False)[:, ::-1]
+    disparity = disparity + np.float32(0.125) * (
+        disparity * 2 == np.round(disparity * 2)
+    )
+    mirrored = mask_from_one(np.ascontiguousarray(disparity[:, ::-1]), left=False)[
+        :, ::-1
+    ]
     np.testing.assert_array_equal(mask_from_one(disparity), mirrored)
     both = mask_from_both(disparity[:, ::-1], disparity[:, ::-1], left=False)[:, ::-1]
     np.testing.assert_array_equal(mask_from_both(disparity, disparity), both)
@@ -51,7 +59,9 @@ def test_the_right_view_is_the_mirrored_left_one(disparity):
 @pytest.mark.parametrize("i", [0, 1])
 def test_masks_equal_exact_occlusions_except_at_edges(i):
     pair = dataset_scene.rig(width=320, height=240, baseline=0.4)
-    pair = type(pair).stereo(pair.cameras[0].replace(fx=350.0, fy=350.0, cx=160.0, cy=120.0), 0.4, right=None)
+    pair = type(pair).stereo(
+        pair.cameras[0].replace(fx=350.0, fy=350.0, cx=160.0, cy=120.0), 0.4, right=None
+    )
     truths = dataset_scene.truths(pair)
     exact = truths[i].mask_nonocc()
     assert (exact == 128).mean() > 0.1
@@ -69,7 +79,11 @@ def test_masks_equal_exact_occlusions_except_at_edges(i):
 
 def test_invalid_maps_are_rejected():
     good = np.zeros((2, 3), np.float32)
-    for bad in (np.zeros(3, np.float32), np.full((2, 3), np.nan, np.float32), good - np.inf):
+    for bad in (
+        np.zeros(3, np.float32),
+        np.full((2, 3), np.nan, np.float32),
+        good - np.inf,
+    ):
         with pytest.raises(InputError):
             mask_from_one(bad)
     with pytest.raises(InputError, match="equal shape"):

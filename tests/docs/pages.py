@@ -9,16 +9,29 @@ from pathlib import Path
 
 def blocks(page: Path, *kinds: str) -> list[tuple[str, str]]:
     """(kind, text) of the code blocks of these kinds ("sh", "python", ...), in order."""
-    return re.findall(rf"```({'|'.join(kinds)})\n(.*?)```", page.read_text(), flags=re.DOTALL)
+    return re.findall(
+        rf"```({'|'.join(kinds)})\n(.*?)```", page.read_text(), flags=re.DOTALL
+    )
 
 
 def run_block(kind: str, text: str, folder: Path) -> str:
     """Run a shell or Python block in `folder`, without lines of `make`, and return what it prints."""
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    lines = "\n".join(line for line in text.splitlines() if not line.startswith("make "))
-    command = ["bash", "-euc", lines] if kind == "sh" else [sys.executable, "-W", "error", "-c", text]
+    lines = "\n".join(
+        line for line in text.splitlines() if not line.startswith("make ")
+    )
+    command = (
+        ["bash", "-euc", lines]
+        if kind == "sh"
+        else [sys.executable, "-W", "error", "-c", text]
+    )
     child = subprocess.run(
-        command, cwd=folder, env={**os.environ, "PATH": path}, capture_output=True, text=True, timeout=300
+        command,
+        cwd=folder,
+        env={**os.environ, "PATH": path},
+        capture_output=True,
+        text=True,
+        timeout=300,
     )
     assert child.returncode == 0, child.stderr
     return child.stdout

@@ -31,9 +31,13 @@ def section(title):
 
 
 def test_every_region_and_protocol_is_listed():
-    found = re.findall(r"`([^`]+)`", "".join(re.findall(r"^\| (`.*?) \|", section("Regions"), re.M)))
+    found = re.findall(
+        r"`([^`]+)`", "".join(re.findall(r"^\| (`.*?) \|", section("Regions"), re.M))
+    )
     assert found == list(REGIONS)
-    assert re.findall(r"`([^`]+)`", re.search(r"^\| \| (.*) \|$", section("Protocols"), re.M)[1]) == list(PROTOCOLS)
+    assert re.findall(
+        r"`([^`]+)`", re.search(r"^\| \| (.*) \|$", section("Protocols"), re.M)[1]
+    ) == list(PROTOCOLS)
 
 
 def test_every_failure_is_listed_with_its_text():
@@ -44,11 +48,22 @@ def test_every_failure_is_listed_with_its_text():
 def test_every_key_of_a_board_is_listed():
     image = np.zeros((4, 5), np.uint8)
     pair = Pair("s", image, image, np.ones((4, 5), np.float32), None, 8)
-    board = json.loads(board_to_json(run_benchmark([pair], [Nothing("a"), Nothing("b", True)], warm_up=False)))
+    board = json.loads(
+        board_to_json(
+            run_benchmark([pair], [Nothing("a"), Nothing("b", True)], warm_up=False)
+        )
+    )
     text = section("board.json")
     failed = board["entries"][1]["failure"]
     region = board["entries"][0]["regions"]["all"]
-    for keys in (board, *board["entries"], failed, region, *board["protocols"].values(), board["meta"]):
+    for keys in (
+        board,
+        *board["entries"],
+        failed,
+        region,
+        *board["protocols"].values(),
+        board["meta"],
+    ):
         for key in keys:
             assert re.search(rf"\b{key}\b", text), key
 
@@ -59,7 +74,9 @@ def test_the_foreground_and_background_example():
     truth = rng.uniform(10, 30, (20, 30)).astype(np.float32)
     disp = truth + rng.choice([0, 5], truth.shape).astype(np.float32)
     ids = np.where(np.indices(truth.shape)[1] < 9, 7, 2)
-    scores = tl.evaluate(disp, truth, protocol="kitti2015", regions={"fg": ids == 7, "bg": ids != 7})
+    scores = tl.evaluate(
+        disp, truth, protocol="kitti2015", regions={"fg": ids == 7, "bg": ids != 7}
+    )
     fg, bg = scores.regions["fg"], scores.regions["bg"]
     both = (fg["D1"] * fg.evaluated + bg["D1"] * bg.evaluated) / scores.all.evaluated
     assert scores.all["D1"] == pytest.approx(both, rel=1e-12)

@@ -15,7 +15,9 @@ import twinlens as tl
 COURSE = Path(__file__).parents[2] / "docs" / "course"
 SCRIPTS = sorted(COURSE.glob("*.py"))
 ALLOWED = {"matplotlib", "numpy", "twinlens", *sys.stdlib_module_names}
-pytestmark = pytest.mark.skipif(not COURSE.is_dir(), reason="docs/ is not next to tests/")
+pytestmark = pytest.mark.skipif(
+    not COURSE.is_dir(), reason="docs/ is not next to tests/"
+)
 each_script = pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
 
 
@@ -39,7 +41,9 @@ def test_a_script_uses_public_names_only(script):
     for node in ast.walk(ast.parse(script.read_text())):
         if isinstance(node, ast.Import):
             assert {name.name.split(".")[0] for name in node.names} <= ALLOWED
-            assert not [name for name in node.names if name.name.startswith("twinlens.")]
+            assert not [
+                name for name in node.names if name.name.startswith("twinlens.")
+            ]
         elif isinstance(node, ast.ImportFrom):
             package, _, rest = node.module.partition(".")
             assert package in ALLOWED
@@ -48,7 +52,11 @@ def test_a_script_uses_public_names_only(script):
                 module = importlib.import_module(node.module)
                 assert all(hasattr(module, name.name) for name in node.names)
             assert not [name for name in node.names if name.name.startswith("_")]
-        elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "tl":
+        elif (
+            isinstance(node, ast.Attribute)
+            and isinstance(node.value, ast.Name)
+            and node.value.id == "tl"
+        ):
             assert node.attr in tl.__all__
 
 
@@ -56,8 +64,18 @@ def test_a_script_uses_public_names_only(script):
 @each_script
 def test_a_script_makes_one_figure(script):
     text = script.read_text()
-    if "needs the LLVM backend" in text and os.environ.get("TWINLENS_REQUIRE_LLVM") != "1":
+    if (
+        "needs the LLVM backend" in text
+        and os.environ.get("TWINLENS_REQUIRE_LLVM") != "1"
+    ):
         pytest.skip("needs LLVM; TWINLENS_REQUIRE_LLVM=1 runs it")
-    code = text.replace("plt.show()\n", "plt.gcf().canvas.draw()\nassert plt.get_fignums() == [1]\n")
+    code = text.replace(
+        "plt.show()\n", "plt.gcf().canvas.draw()\nassert plt.get_fignums() == [1]\n"
+    )
     env = {**os.environ, "MPLBACKEND": "agg"}
-    subprocess.run([sys.executable, "-W", "error", "-c", code], check=True, env=env, cwd=script.parent)
+    subprocess.run(
+        [sys.executable, "-W", "error", "-c", code],
+        check=True,
+        env=env,
+        cwd=script.parent,
+    )

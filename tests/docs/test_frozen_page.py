@@ -12,7 +12,10 @@ from twinlens.factory import read_recipe
 from twinlens.scoring import STATISTICS, read_board
 
 FOLDER = Path(__file__).parents[2] / "benchmarks" / "frozen"
-BOARDS = {name: read_board(FOLDER / f"{name}.json") for name in ("bundled", "families", "motorcycle")}
+BOARDS = {
+    name: read_board(FOLDER / f"{name}.json")
+    for name in ("bundled", "families", "motorcycle")
+}
 
 
 @pytest.fixture
@@ -29,7 +32,8 @@ def scripts(monkeypatch):
 def bad(board, method):
     """Mean of totbad2.0 over the non-occluded pixels of all samples, computed independently."""
     values = [
-        BOARDS[board].find(method, s, "middlebury-v3").value("nonocc", "totbad2.0") for s in BOARDS[board].samples
+        BOARDS[board].find(method, s, "middlebury-v3").value("nonocc", "totbad2.0")
+        for s in BOARDS[board].samples
     ]
     return sum(values) / len(values)
 
@@ -43,7 +47,9 @@ def test_the_page_follows_from_the_boards(scripts):
         assert set(board.methods) == set(run.METHODS)
         assert all(entry.ok for entry in board.entries)
     for method in run.METHODS:
-        (row,) = [line for line in page.splitlines() if line.startswith(f"| `{method}` |")]
+        (row,) = [
+            line for line in page.splitlines() if line.startswith(f"| `{method}` |")
+        ]
         assert f"{bad('motorcycle', method):.1f}" in row
 
 
@@ -60,18 +66,31 @@ def test_every_sample_of_the_recipes_is_on_the_boards(name):
 def test_costs_that_compare_brightness_are_worse_than_invariant_ones(board):
     """Two real cameras differ in brightness, and so do the two cameras of the benchmark."""
     for size in (7, 15):
-        assert bad(board, f"census:block_size={size}") < bad(board, f"sad:block_size={size}")
-        assert bad(board, f"zsad:block_size={size}") < bad(board, f"sad:block_size={size}")
-        assert bad(board, f"zssd:block_size={size}") < bad(board, f"ssd:block_size={size}")
+        assert bad(board, f"census:block_size={size}") < bad(
+            board, f"sad:block_size={size}"
+        )
+        assert bad(board, f"zsad:block_size={size}") < bad(
+            board, f"sad:block_size={size}"
+        )
+        assert bad(board, f"zssd:block_size={size}") < bad(
+            board, f"ssd:block_size={size}"
+        )
 
 
 @pytest.mark.parametrize(
-    "name", [name for name, each in STATISTICS.items() if math.isfinite(each.real[1]) and name != "kurtosis"]
+    "name",
+    [
+        name
+        for name, each in STATISTICS.items()
+        if math.isfinite(each.real[1]) and name != "kurtosis"
+    ],
 )
 def test_image_statistics_are_near_those_of_real_pairs(name):
     """The median is in the 10 % to 90 % range of the real pairs, and within a third of it from their median."""
     measured = json.loads((FOLDER / "results.json").read_text())["statistics"]
-    median = np.nanmedian([row[name] for board in measured.values() for row in board.values()])
+    median = np.nanmedian(
+        [row[name] for board in measured.values() for row in board.values()]
+    )
     middle, low, high = STATISTICS[name].real
     assert low <= median <= high
     assert abs(median - middle) <= (high - low) / 3

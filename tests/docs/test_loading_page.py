@@ -18,10 +18,14 @@ USES_TORCH = [" torch" in block for block in BLOCKS]
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("loading")
-    sums = write_sample(folder / "out/s0", dataset_scene.sample(num_lenses=2, width=280, height=200))
+    sums = write_sample(
+        folder / "out/s0", dataset_scene.sample(num_lenses=2, width=280, height=200)
+    )
     for i in range(1, 10):
         shutil.copytree(folder / "out/s0", folder / f"out/s{i}")
-    rows = [Row(f"s{i}", sums, {"scene": "ab"[i % 2], "split": "train"}) for i in range(10)]
+    rows = [
+        Row(f"s{i}", sums, {"scene": "ab"[i % 2], "split": "train"}) for i in range(10)
+    ]
     write_manifest(folder / "out", Manifest(tuple(rows)))
     return folder
 
@@ -39,7 +43,9 @@ def test_block_runs_as_printed(folder, names, number, monkeypatch):
         pytest.importorskip("torch")
     exec(BLOCKS[number], names)
     if USES_TORCH[number]:
-        (batch, _) = names["DataLoader"](names["augmented"], batch_size=4, collate_fn=names["tensors"])
+        (batch, _) = names["DataLoader"](
+            names["augmented"], batch_size=4, collate_fn=names["tensors"]
+        )
         assert batch["im0"].shape == (4, 192, 256, 3)
         assert batch["K1"].shape == (4, 3, 3)
         assert batch["disp0"].is_contiguous()
@@ -58,16 +64,24 @@ def test_the_recipes_keep_their_promises(folder, names, monkeypatch):
             exec(block, names)
     assert len(names["train"]) == 8
     assert len(names["validation"]) == 2
-    assert set(names["train"].names) | set(names["validation"].names) == set(names["data"].names)
+    assert set(names["train"].names) | set(names["validation"].names) == set(
+        names["data"].names
+    )
     assert names["held_out"].names == ("s0", "s2", "s4", "s6", "s8")
-    samples = names["data"].select(*names["PAIR"], "depth0", "depth1", "world_from_cam0", "world_from_cam1")
+    samples = names["data"].select(
+        *names["PAIR"], "depth0", "depth1", "world_from_cam0", "world_from_cam1"
+    )
     flipped = 0
     for seed in range(6):
         sample = names["augment"](samples[0], np.random.default_rng(seed))
         found = names["normalise"](sample)
         assert found["im0"].shape == (3, 192, 256)
         assert found["im0"].dtype == found["inverse0"].dtype == np.float32
-        np.testing.assert_allclose(found["inverse0"], sample["baseline"] / sample["depth0"], rtol=1e-5)  # 0 at infinity
+        np.testing.assert_allclose(
+            found["inverse0"], sample["baseline"] / sample["depth0"], rtol=1e-5
+        )  # 0 at infinity
         np.testing.assert_array_equal(found["known0"], np.isfinite(sample["depth0"]))
-        flipped += not np.array_equal(sample["world_from_cam0"], samples[0]["world_from_cam0"])
+        flipped += not np.array_equal(
+            sample["world_from_cam0"], samples[0]["world_from_cam0"]
+        )
     assert 0 < flipped < 6

@@ -29,7 +29,9 @@ def run(tmp_path_factory):
         assert large in text
         text = text.replace(large, small)
     recipe.write_text(text)
-    return folder, "".join(run_block(*block, folder) for block in blocks(PAGE, "sh", "python"))
+    return folder, "".join(
+        run_block(*block, folder) for block in blocks(PAGE, "sh", "python")
+    )
 
 
 def test_the_tables_of_the_page_are_those_of_the_files():
@@ -42,15 +44,21 @@ def test_the_tables_of_the_page_are_those_of_the_files():
 def test_the_part_has_its_own_size_and_its_poses_reproject_it(run):
     folder, printed = run
     assert "2 samples, 0 with findings" in printed
-    overlaps = [float(line.split("IoU ")[1]) for line in printed.splitlines() if "IoU" in line]
+    overlaps = [
+        float(line.split("IoU ")[1]) for line in printed.splitlines() if "IoU" in line
+    ]
     sample = open_sample(folder / "out" / "0000000")
     truth = sample.truth0
-    mounts = [thing for thing in truth.objects if truth.object_name(thing).startswith("mount")]
+    mounts = [
+        thing for thing in truth.objects if truth.object_name(thing).startswith("mount")
+    ]
     assert len(overlaps) == len(mounts) >= 3
     assert min(overlaps) >= 0.99
     table = next(thing for thing in truth.objects if thing not in mounts)
     for thing in mounts:
-        np.testing.assert_allclose(thing.extent * 1000, [[-30, -42.5, 0], [30, 7, 50]], atol=1e-4)
+        np.testing.assert_allclose(
+            thing.extent * 1000, [[-30, -42.5, 0], [30, 7, 50]], atol=1e-4
+        )
         vertices, _ = read_ply(sample.path(f"models/{thing.model}.ply"))
         table_from_part = np.linalg.inv(table.cam_from_object) @ thing.cam_from_object
         heights = transform_points(table_from_part, vertices)[:, 2] - table.extent[1, 2]
@@ -62,9 +70,15 @@ def test_the_part_has_its_own_size_and_its_poses_reproject_it(run):
 def test_the_exports_have_the_parts_only(run):
     folder, _ = run
     truth = open_sample(folder / "out" / "0000001").truth0
-    ids = [i for i, name in enumerate(truth.object_names, start=1) if name.startswith("mount")]
+    ids = [
+        i
+        for i, name in enumerate(truth.object_names, start=1)
+        if name.startswith("mount")
+    ]
     found = read_png(folder / "kitti/Kitti2015/training/obj_map/000001_10.png")
-    np.testing.assert_array_equal(found, np.where(np.isin(truth.object_id, ids), truth.object_id, 0))
+    np.testing.assert_array_equal(
+        found, np.where(np.isin(truth.object_id, ids), truth.object_id, 0)
+    )
     models = json.loads((folder / "bop/models/models_info.json").read_text())
     assert [model["name"] for model in models.values()] == ["mount"]
     coco = json.loads((folder / "coco/annotations/instances.json").read_text())

@@ -8,7 +8,13 @@ import numpy as np
 from tests.rendering.conftest import skip_without_llvm
 
 PAGE = (Path(__file__).parents[2] / "docs" / "projectors.md").read_text()
-SMALLER = {"848, 480": "212, 120", "(320, 240": "(80, 60", "512, 384": "64, 48", "spp=64": "spp=16", "spp=32": "spp=4"}
+SMALLER = {
+    "848, 480": "212, 120",
+    "(320, 240": "(80, 60",
+    "512, 384": "64, 48",
+    "spp=64": "spp=16",
+    "spp=32": "spp=4",
+}
 
 
 def test_blocks_run_and_decoded_columns_are_those_of_the_truth():

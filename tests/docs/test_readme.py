@@ -26,7 +26,9 @@ def small(text):
     return text
 
 
-@pytest.fixture(scope="module", params=["small", pytest.param("as printed", marks=pytest.mark.slow)])
+@pytest.fixture(
+    scope="module", params=["small", pytest.param("as printed", marks=pytest.mark.slow)]
+)
 def edit(request):
     """The function that is applied to the text of a block."""
     return small if request.param == "small" else str
@@ -39,15 +41,22 @@ def folder(edit, tmp_path_factory):
 
 def test_the_readme_shows_all_three_uses():
     shell = "".join(text for kind, text in BLOCKS if kind == "sh")
-    assert all(f"twinlens {command} " in shell for command in ("render", "benchmark", "score", "match", "verify"))
+    assert all(
+        f"twinlens {command} " in shell
+        for command in ("render", "benchmark", "score", "match", "verify")
+    )
     assert "make demo" in shell
     assert "make test" in shell
 
 
-@pytest.mark.parametrize("number", range(len(BLOCKS)), ids=lambda number: f"{number}-{BLOCKS[number][0]}")
+@pytest.mark.parametrize(
+    "number", range(len(BLOCKS)), ids=lambda number: f"{number}-{BLOCKS[number][0]}"
+)
 def test_block_works(folder, edit, number):
     kind, text = BLOCKS[number]
-    assert "no lens on the market" not in run_block(kind, edit(text), folder), "examples use realistic lenses"
+    assert "no lens on the market" not in run_block(kind, edit(text), folder), (
+        "examples use realistic lenses"
+    )
 
 
 def test_the_readme_gives_sizes_in_each_of_the_replaced_ways():

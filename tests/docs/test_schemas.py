@@ -18,7 +18,9 @@ SPEC.loader.exec_module(SCHEMAS)
 @pytest.mark.parametrize("name", SCHEMAS.MODELS)
 def test_the_schema_file_is_current(name):
     stored = (SCHEMAS.FOLDER / f"{name}.json").read_text()
-    assert json.loads(stored) == json.loads(SCHEMAS.schema(name)), "run: python docs/schemas.py"
+    assert json.loads(stored) == json.loads(SCHEMAS.schema(name)), (
+        "run: python docs/schemas.py"
+    )
 
 
 @pytest.mark.parametrize("name", bundled_scenes())

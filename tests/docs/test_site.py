@@ -21,26 +21,46 @@ ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 PAGES = sorted(
     page
-    for pattern in ("*.md", "docs/*.md", "docs/decisions/*.md", "benchmarks/**/*.md", "examples/*.md")
+    for pattern in (
+        "*.md",
+        "docs/*.md",
+        "docs/decisions/*.md",
+        "benchmarks/**/*.md",
+        "examples/*.md",
+    )
     for page in ROOT.glob(pattern)
 )
-SPEC = importlib.util.spec_from_file_location("sphinx_reference", DOCS / "sphinx_reference.py")
+SPEC = importlib.util.spec_from_file_location(
+    "sphinx_reference", DOCS / "sphinx_reference.py"
+)
 REFERENCE = importlib.util.module_from_spec(SPEC)
 SPEC.loader.exec_module(REFERENCE)
 
 
 def toctree():
-    blocks = re.findall(r"```\{toctree\}\n(.*?)```", (DOCS / "index.md").read_text(), re.S)
-    rows = [row for block in blocks for row in block.splitlines() if row and not row.startswith(":")]
+    blocks = re.findall(
+        r"```\{toctree\}\n(.*?)```", (DOCS / "index.md").read_text(), re.S
+    )
+    rows = [
+        row
+        for block in blocks
+        for row in block.splitlines()
+        if row and not row.startswith(":")
+    ]
     return [row.partition("<")[2].rstrip(">") or row for row in rows]
 
 
 def test_the_site_lists_every_page_once():
     listed = toctree()
     assert len(listed) == len(set(listed))
-    written = [name for name in listed if not name.startswith(("gallery/", "reference/"))]
+    written = [
+        name for name in listed if not name.startswith(("gallery/", "reference/"))
+    ]
     paths = {Path(os.path.normpath(DOCS / f"{name}.md")) for name in written}
-    children = {*DOCS.glob("decisions/*.md"), *ROOT.glob("benchmarks/*.md")}  # listed below their README
+    children = {
+        *DOCS.glob("decisions/*.md"),
+        *ROOT.glob("benchmarks/*.md"),
+    }  # listed below their README
     unlisted = {DOCS / "index.md", *ROOT.glob("benchmarks/*/about.md")}
     assert paths | children | unlisted == set(PAGES)
 
@@ -48,8 +68,13 @@ def test_the_site_lists_every_page_once():
 def anchors(page):
     """The anchors that GitHub gives to the headings of a page."""
     text = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.S | re.M)
-    headings = [re.sub(r"\]\([^)]*\)|[`*\[]", "", title) for title in re.findall(r"^#+ (.*)$", text, re.M)]
-    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in headings}
+    headings = [
+        re.sub(r"\]\([^)]*\)|[`*\[]", "", title)
+        for title in re.findall(r"^#+ (.*)$", text, re.M)
+    ]
+    return {
+        re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in headings
+    }
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
@@ -62,7 +87,11 @@ def test_links_lead_to_files_and_headings(page):
         assert not anchor or anchor in anchors(target), link
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if ">>> " in page.read_text()], ids=lambda page: page.stem)
+@pytest.mark.parametrize(
+    "page",
+    [page for page in PAGES if ">>> " in page.read_text()],
+    ids=lambda page: page.stem,
+)
 def test_examples_with_results_run_as_printed(page):
     failed, tried = doctest.testfile(str(page), module_relative=False)
     assert tried
@@ -75,9 +104,16 @@ def python_blocks(page):
 
 
 def test_the_examples_of_the_camera_page_run():
-    camera = tl.Camera.from_fov(64, 48, fov_x_deg=50).replace(pixel_pitch_um=500)  # so that v/A is above 1
+    camera = tl.Camera.from_fov(64, 48, fov_x_deg=50).replace(
+        pixel_pitch_um=500
+    )  # so that v/A is above 1
     image = np.random.default_rng(0).uniform(0, 1, (48, 64, 3)).astype(np.float32)
-    names = {"radiance": image, "im0": image, "im1": image, "rig": tl.Rig.stereo(camera, 0.1)}
+    names = {
+        "radiance": image,
+        "im0": image,
+        "im1": image,
+        "rig": tl.Rig.stereo(camera, 0.1),
+    }
     for block in python_blocks("camera.md"):
         exec(block, names)
         names |= {"camera": camera, "lens": tl.ThinLens(0.01, focus_distance=2.0)}
@@ -90,14 +126,22 @@ def test_the_examples_on_light_fields_run():
     names = {}
     for block in python_blocks("light_fields.md"):
         exec(block, names)
-    assert names["far"].shape == names["small"].shape == names["sharp"].shape == (72, 96, 3)
+    assert (
+        names["far"].shape
+        == names["small"].shape
+        == names["sharp"].shape
+        == (72, 96, 3)
+    )
     assert names["truth"].disparity.shape == names["index"].shape == (72, 96)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", ["index.md", "families.md"])
 def test_the_first_example_of_a_page_renders(page):
-    code = python_blocks(page)[0].replace("640, 480", "64, 48") + "\nassert left.shape == right.shape == (48, 64, 3)\n"
+    code = (
+        python_blocks(page)[0].replace("640, 480", "64, 48")
+        + "\nassert left.shape == right.shape == (48, 64, 3)\n"
+    )
     subprocess.run([sys.executable, "-W", "error", "-c", code], check=True)
 
 
@@ -112,7 +156,12 @@ def test_every_public_name_is_in_the_reference():
     assert "check_number" not in pages
 
 
-def example(x: ArrayLike, *rigs: "Rig | None", how: Literal["Rig"] = "Rig", n: Annotated[int, "n"] = 1) -> list[Rig]:
+def example(
+    x: ArrayLike,
+    *rigs: "Rig | None",
+    how: Literal["Rig"] = "Rig",
+    n: Annotated[int, "n"] = 1,
+) -> list[Rig]:
     """A function with annotations."""
 
 
@@ -124,8 +173,13 @@ def test_signatures_are_those_of_the_source():
         "(x: ArrayLike, *rigs: twinlens.Rig | None, how: Literal['Rig']='Rig', n: int=1)",
         "list[twinlens.Rig]",
     )
-    assert signature(tl.Dataset.select, "method") == ("(*names: str)", "Mapped[dict[str, Any]]")
-    assert signature(tl.ThinLens)[0].startswith("(aperture_diameter: float, focus_distance: float")
+    assert signature(tl.Dataset.select, "method") == (
+        "(*names: str)",
+        "Mapped[dict[str, Any]]",
+    )
+    assert signature(tl.ThinLens)[0].startswith(
+        "(aperture_diameter: float, focus_distance: float"
+    )
     assert ", *, " in signature(tl.StereoMatcher)[0]
     assert "Annotated" not in signature(tl.StereoMatcher)[0]
     assert signature(np.add) is None
@@ -152,9 +206,22 @@ def test_docstrings_become_restructured_text(lines, expected):
 
 def test_the_tables_of_a_schema(tmp_path):
     path = tmp_path / "toy.json"
-    lens = {"properties": {"kind": {"const": "a"}, "f": {"type": "number", "exclusiveMinimum": 0}}, "required": ["f"]}
-    lenses = {"type": "array", "items": {"$ref": "#/$defs/Lens"}, "default": [], "description": "a | b"}
-    path.write_text(json.dumps({"properties": {"lenses": lenses}, "$defs": {"Lens": lens}}))
+    lens = {
+        "properties": {
+            "kind": {"const": "a"},
+            "f": {"type": "number", "exclusiveMinimum": 0},
+        },
+        "required": ["f"],
+    }
+    lenses = {
+        "type": "array",
+        "items": {"$ref": "#/$defs/Lens"},
+        "default": [],
+        "description": "a | b",
+    }
+    path.write_text(
+        json.dumps({"properties": {"lenses": lenses}, "$defs": {"Lens": lens}})
+    )
     page = REFERENCE.schema_page(path)
     assert r"| `lenses` | array of [Lens](#lens) | `[]` | a \| b |" in page
     assert "## Lens\n" in page

@@ -7,11 +7,15 @@ import numpy as np
 import pytest
 
 FOLDER = Path(__file__).parents[2] / "examples"
-pytestmark = pytest.mark.skipif(not FOLDER.is_dir(), reason="the examples are not installed")
+pytestmark = pytest.mark.skipif(
+    not FOLDER.is_dir(), reason="the examples are not installed"
+)
 
 
 def example(name):
-    spec = importlib.util.spec_from_file_location(f"example_{name}", FOLDER / f"{name}.py")
+    spec = importlib.util.spec_from_file_location(
+        f"example_{name}", FOLDER / f"{name}.py"
+    )
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module

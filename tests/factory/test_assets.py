@@ -35,16 +35,22 @@ def recipe(tmp_path):
     return read_recipe(tmp_path / "recipe.toml")
 
 
-def test_broken_files_are_skipped_and_named_without_the_machines_paths(recipe, tmp_path):
+def test_broken_files_are_skipped_and_named_without_the_machines_paths(
+    recipe, tmp_path
+):
     assert generate(recipe, tmp_path / "set").complete
     skipped = read_manifest(tmp_path / "set").info["skipped_assets"]
-    assert [(entry["kind"], entry["file"]) for entry in skipped] == [("textures", "mine/deeper/broken.png")]
+    assert [(entry["kind"], entry["file"]) for entry in skipped] == [
+        ("textures", "mine/deeper/broken.png")
+    ]
     assert skipped[0]["reason"]
     assert str(tmp_path) not in (tmp_path / "set" / "dataset.json").read_text()
     assert verify_sample(Dataset(tmp_path / "set")[0]) == []
 
 
-@pytest.mark.parametrize("key", ["mesh_share = 1", "keep_scale = true", "keep_material = true"])
+@pytest.mark.parametrize(
+    "key", ["mesh_share = 1", "keep_scale = true", "keep_material = true"]
+)
 def test_keys_of_meshes_need_meshes(recipe, key):
     recipe.file.write_text(RECIPE.replace("[assets]", f"[assets]\n{key}"))
     with pytest.raises(InputError, match=f"assets: '{key.split()[0]}' needs 'meshes'"):

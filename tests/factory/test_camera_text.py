@@ -34,7 +34,11 @@ from twinlens.optics import middle_focus
 from twinlens.scenes import Scene
 from twinlens.sensor import Exposure, Mismatch, Sensor
 
-VIEW = View(Scene("made", (), {}, np.eye(4), (2.0, 6.0)), Camera(64, 48, 1000.0, 1000.0, 31.5, 23.5), ())
+VIEW = View(
+    Scene("made", (), {}, np.eye(4), (2.0, 6.0)),
+    Camera(64, 48, 1000.0, 1000.0, 31.5, 23.5),
+    (),
+)
 
 
 @pytest.mark.parametrize(
@@ -107,7 +111,10 @@ def test_apertures(text, shape):
 @pytest.mark.parametrize("colours", [(), (3,)], ids=["grey", "grey in three channels"])
 def test_a_mask_has_the_transmission_of_the_image(tmp_path, colours):
     cells = np.random.default_rng(0).integers(0, 256, (4, 6), dtype=np.uint8)
-    write_png(tmp_path / "code.png", np.broadcast_to(cells[..., None], (4, 6, 3)).copy() if colours else cells)
+    write_png(
+        tmp_path / "code.png",
+        np.broadcast_to(cells[..., None], (4, 6, 3)).copy() if colours else cells,
+    )
     assert parse_aperture(f"mask:{tmp_path / 'code.png'}") == MaskAperture(cells / 255)
 
 
@@ -158,7 +165,10 @@ def test_bad_masks_raise_errors(tmp_path, cells, message):
     ("text", "model"),
     [
         ("-0.2", BrownConrady(k1=-0.2)),
-        ("0.1,0.2,0.3,0.4,0.5,0.6,0.7,0.8", BrownConrady(0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)),
+        (
+            "0.1,0.2,0.3,0.4,0.5,0.6,0.7,0.8",
+            BrownConrady(0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8),
+        ),
         ("brown-conrady:0,0,0.01,0", BrownConrady(p1=0.01)),
         ("fisheye:0.1, -0.02", KannalaBrandt(k1=0.1, k2=-0.02)),
     ],
@@ -169,19 +179,30 @@ def test_distortion_coefficients_are_in_opencv_order(text, model):
 
 @pytest.mark.parametrize(
     ("text", "exposure"),
-    [("auto", None), ("0.01", Exposure(0.01)), ("1/60", Exposure(1 / 60)), ("2/3,4", Exposure(2 / 3, 4.0))],
+    [
+        ("auto", None),
+        ("0.01", Exposure(0.01)),
+        ("1/60", Exposure(1 / 60)),
+        ("2/3,4", Exposure(2 / 3, 4.0)),
+    ],
 )
 def test_exposures(text, exposure):
     assert parse_exposure(text) == exposure
 
 
 def test_mismatches():
-    assert parse_mismatch("gain=1.1,time=1.05,black_level=-2") == Mismatch(1.1, 1.05, -2.0)
+    assert parse_mismatch("gain=1.1,time=1.05,black_level=-2") == Mismatch(
+        1.1, 1.05, -2.0
+    )
     assert parse_mismatch("blur_px=0.5,time=2") == Mismatch(time=2.0, blur_px=0.5)
     drawn = Mismatch.draw("typical", 4)
-    assert parse_mismatch("typical", 4) == parse_mismatch(" typical , seed = 4") == drawn
+    assert (
+        parse_mismatch("typical", 4) == parse_mismatch(" typical , seed = 4") == drawn
+    )
     assert parse_mismatch("level=typical,seed=4", 5) == drawn
-    assert parse_mismatch("typical,blur_px=0", 4) == parse_mismatch("level=typical,blur_px=0", 4)
+    assert parse_mismatch("typical,blur_px=0", 4) == parse_mismatch(
+        "level=typical,blur_px=0", 4
+    )
     assert parse_mismatch("level=typical,blur_px=0", 4) == replace(drawn, blur_px=0.0)
 
 
@@ -189,9 +210,18 @@ def test_mismatches():
     ("text", "sensor"),
     [
         ("phone", Sensor.preset("phone")),
-        ("ideal:bits=16,output=raw,gamma=2", Sensor.preset("ideal", bits=16, output="raw", gamma=2.0)),
-        ("phone:shot_noise=no,vignetting=yes", Sensor.preset("phone", shot_noise=False, vignetting=True)),
-        ("phone:wavelengths=6e-7/5e-7/4e-7", Sensor.preset("phone", wavelengths=(6e-7, 5e-7, 4e-7))),
+        (
+            "ideal:bits=16,output=raw,gamma=2",
+            Sensor.preset("ideal", bits=16, output="raw", gamma=2.0),
+        ),
+        (
+            "phone:shot_noise=no,vignetting=yes",
+            Sensor.preset("phone", shot_noise=False, vignetting=True),
+        ),
+        (
+            "phone:wavelengths=6e-7/5e-7/4e-7",
+            Sensor.preset("phone", wavelengths=(6e-7, 5e-7, 4e-7)),
+        ),
     ],
 )
 def test_sensors(text, sensor):
@@ -214,10 +244,22 @@ def test_sensors(text, sensor):
         (parse_exposure, "1/0", "1/60"),
         (parse_exposure, "1/60,0", "gain"),
         (parse_exposure, "1/60,", "must be TIME_S"),
-        (parse_mismatch, "", r"NAME=VALUE, or a level \(none, .*\) alone or first; got ''"),
+        (
+            parse_mismatch,
+            "",
+            r"NAME=VALUE, or a level \(none, .*\) alone or first; got ''",
+        ),
         (parse_mismatch, "gain", "NAME=VALUE"),
-        (parse_mismatch, "gain=1.05,typical", "or a level .* alone or first; got 'typical'"),
-        (parse_mismatch, "typical,typical", "or a level .* alone or first; got 'typical'"),
+        (
+            parse_mismatch,
+            "gain=1.05,typical",
+            "or a level .* alone or first; got 'typical'",
+        ),
+        (
+            parse_mismatch,
+            "typical,typical",
+            "or a level .* alone or first; got 'typical'",
+        ),
         (parse_mismatch, "gain=1,gain=2", "gain is given twice"),
         (parse_mismatch, "seed=3", "seed needs a level"),
         (parse_mismatch, "gian=1", "did you mean 'gain'"),
@@ -232,7 +274,11 @@ def test_sensors(text, sensor):
         (parse_sensor, "phone:prn=1", "did you mean 'prnu'"),
         (parse_sensor, "phone:prnu=-1", "prnu"),
         (parse_sensor, "phone:adc_bits=8.5", "adc_bits"),
-        (parse_sensor, "phone:white_balance=maybe", "white_balance: must be true or false"),
+        (
+            parse_sensor,
+            "phone:white_balance=maybe",
+            "white_balance: must be true or false",
+        ),
         (parse_sensor, "phone:wavelengths=1/2", "a list of exactly 3 values"),
         (parse_sensor, "phone:wavelengths=-1e-7/1e-7/1e-7", "three positive"),
         (parse_sensor, "phone:filters=RGBG", "filters"),
@@ -248,7 +294,9 @@ def test_errors_begin_with_the_option(parse, text, message):
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize("text", ["640", "640x", "x480", "-1x4", "640x480x3", "6.4x480", "1" * 5000 + "x3"])
+@pytest.mark.parametrize(
+    "text", ["640", "640x", "x480", "-1x4", "640x480x3", "6.4x480", "1" * 5000 + "x3"]
+)
 def test_bad_sizes_raise_errors(text):
     with pytest.raises(InputError, match="WIDTHxHEIGHT") as error:
         parse_size(text)

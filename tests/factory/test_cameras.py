@@ -37,19 +37,31 @@ def test_a_preset_sets_the_pair_and_the_size_of_its_images():
 
 
 def test_a_smaller_width_bins_and_the_rig_may_change_the_baseline():
-    settings, rig = rig_of({"width": 320, "camera": {"preset": "realsense-d435"}, "rig": {"baseline": 0.2}})
+    settings, rig = rig_of(
+        {"width": 320, "camera": {"preset": "realsense-d435"}, "rig": {"baseline": 0.2}}
+    )
     assert (settings.width, settings.height) == (320, 200)
-    assert rig.cameras[0].fov_x_deg == pytest.approx(CAMERAS["realsense-d435"].camera.fov_x_deg)
+    assert rig.cameras[0].fov_x_deg == pytest.approx(
+        CAMERAS["realsense-d435"].camera.fov_x_deg
+    )
     assert rig.baseline() == pytest.approx(0.2)
 
 
-OWN = {"layout": "toed_in", "distance": 2.0, "baseline": 0.4, "fx": 80.0, "cameras": [{}, {"cx": 5.0, "fx": 90.0}]}
+OWN = {
+    "layout": "toed_in",
+    "distance": 2.0,
+    "baseline": 0.4,
+    "fx": 80.0,
+    "cameras": [{}, {"cx": 5.0, "fx": 90.0}],
+}
 
 
 def test_a_camera_replaces_that_of_the_rig_of_its_scene():
     camera = {"preset": "realsense-d435"}
     by_recipe = rig_of({"width": 320, "height": 200, "camera": camera}, own=OWN)[1]
-    by_option = default_rig(dataclasses.replace(SCENE, rig=OWN), 320, 200, intrinsics={"camera": camera})
+    by_option = default_rig(
+        dataclasses.replace(SCENE, rig=OWN), 320, 200, intrinsics={"camera": camera}
+    )
     for rig in (by_recipe, by_option):
         assert [each.fx for each in rig.cameras] == pytest.approx([1.93e3 / 12] * 2)
         assert rig.cameras[0] == rig.cameras[1]
@@ -60,11 +72,15 @@ def test_a_camera_replaces_that_of_the_rig_of_its_scene():
 def test_a_camera_without_a_pair_keeps_the_baseline_of_the_rig_of_its_scene():
     camera = {"fx": 300.0}
     assert rig_of({"camera": camera}, own=OWN)[1].baseline() == pytest.approx(0.4)
-    assert [each.fx for each in rig_of({"camera": camera}, own=OWN)[1].cameras] == [300.0] * 2
+    assert [each.fx for each in rig_of({"camera": camera}, own=OWN)[1].cameras] == [
+        300.0
+    ] * 2
 
 
 def test_a_fisheye_without_a_pair_has_the_baseline_of_the_scene():
-    _, rig = rig_of({"width": 96, "height": 54, "camera": {"preset": "gopro-hero9-wide"}})
+    _, rig = rig_of(
+        {"width": 96, "height": 54, "camera": {"preset": "gopro-hero9-wide"}}
+    )
     assert rig.baseline() == pytest.approx(SCENE.baseline)
     assert rig.cameras[0].distortion == KannalaBrandt(0.05, 0.07, -0.11, 0.05)
     assert rig.cameras[0].cx == pytest.approx((479.12 + 0.5) / 10 - 0.5)
@@ -86,15 +102,26 @@ def test_every_value_may_be_drawn():
     table = {"camera": {"preset": {"sweep": ["mer-pancam", "oak-d"]}}}
     sizes = [rig_of(table, i)[0] for i in (0, 1)]
     assert [(each.width, each.height) for each in sizes] == [(1024, 1024), (1280, 800)]
-    table = {"width": 64, "height": 48, "camera": {"sensor_width_mm": "1/3", "focal_length_mm": {"uniform": [4, 8]}}}
+    table = {
+        "width": 64,
+        "height": 48,
+        "camera": {"sensor_width_mm": "1/3", "focal_length_mm": {"uniform": [4, 8]}},
+    }
     assert len({rig_of(table, i)[1].cameras[0].fx for i in range(3)}) == 3
 
 
 def test_a_rig_names_a_camera_and_its_keys_change_it():
-    rig = rig_from_table({"camera": {"preset": "mer-pancam", "width": 256}}, SCENE, 640, 480)
+    rig = rig_from_table(
+        {"camera": {"preset": "mer-pancam", "width": 256}}, SCENE, 640, 480
+    )
     assert (rig.cameras[0].width, rig.cameras[0].height) == (256, 256)
     assert rig.baseline() == pytest.approx(0.3)
-    table = {"layout": "line", "count": 3, "camera": {"preset": "mer-pancam"}, "cameras": [{}, {"fov_x_deg": 30}, {}]}
+    table = {
+        "layout": "line",
+        "count": 3,
+        "camera": {"preset": "mer-pancam"},
+        "cameras": [{}, {"fov_x_deg": 30}, {}],
+    }
     rig = rig_from_table(table, SCENE, 640, 480)
     assert rig.baseline() == pytest.approx(0.3)
     assert rig.cameras[1].fov_x_deg == pytest.approx(30)

@@ -21,7 +21,10 @@ def draws(value, count=COUNT):
 CASES = {
     "uniform": ({"uniform": [0.5, 2.0]}, stats.uniform(0.5, 1.5)),
     "log_uniform": ({"log_uniform": [0.5, 50.0]}, stats.loguniform(0.5, 50.0)),
-    "normal": ({"normal": [3.0, 2.0], "clip": [2.0, 8.0]}, stats.truncnorm(-0.5, 2.5, 3.0, 2.0)),
+    "normal": (
+        {"normal": [3.0, 2.0], "clip": [2.0, 8.0]},
+        stats.truncnorm(-0.5, 2.5, 3.0, 2.0),
+    ),
 }
 
 
@@ -62,8 +65,15 @@ def test_ends_are_never_passed():
 
 def test_a_template_is_resolved_leaf_by_leaf():
     tree = read({"a": {"uniform": [1, 2]}, "b": [{"sweep": [7, 8]}, "text"], "c": True})
-    assert [leaf.key for leaf in leaves(tree)] == ["rig.baseline.a", "rig.baseline.b[0]"]
-    assert resolve(tree, lambda leaf: leaf.distribution.kind) == {"a": "uniform", "b": ["sweep", "text"], "c": True}
+    assert [leaf.key for leaf in leaves(tree)] == [
+        "rig.baseline.a",
+        "rig.baseline.b[0]",
+    ]
+    assert resolve(tree, lambda leaf: leaf.distribution.kind) == {
+        "a": "uniform",
+        "b": ["sweep", "text"],
+        "c": True,
+    }
 
 
 def test_corners_show_every_end_and_every_choice():
@@ -76,7 +86,10 @@ def test_corners_show_every_end_and_every_choice():
 @pytest.mark.parametrize(
     ("value", "message"),
     [
-        ({"uniform": [2, 1]}, r"recipe.toml: rig.baseline.uniform: must be \[low, high\] with low <= high"),
+        (
+            {"uniform": [2, 1]},
+            r"recipe.toml: rig.baseline.uniform: must be \[low, high\] with low <= high",
+        ),
         ({"uniform": [1]}, "rig.baseline.uniform: must be a list of exactly 2 values"),
         ({"uniform": [1, "2"]}, r"rig.baseline.uniform\[1\]: must be a number"),
         ({"uniform": [1, 2], "wieghts": [1]}, "rig.baseline: unknown key 'wieghts'"),
@@ -90,7 +103,10 @@ def test_corners_show_every_end_and_every_choice():
             {"choice": [1, 2], "weights": [1]},
             "rig.baseline: weights: must have length 2, got .1",
         ),
-        ({"choice": [1, 2], "weights": [0, 0]}, "rig.baseline: weights: at least one must be > 0"),
+        (
+            {"choice": [1, 2], "weights": [0, 0]},
+            "rig.baseline: weights: at least one must be > 0",
+        ),
         ({"choice": [{"uniform": [1, 2]}]}, "must be constants, not distributions"),
         ({"uniform": [-1.7e308, 1.7e308]}, "with low <= high"),
     ],

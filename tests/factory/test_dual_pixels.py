@@ -11,7 +11,13 @@ from twinlens.dataset import Dataset, read_pfm, write_pfm
 from twinlens.dataset.sample import sample_files
 from twinlens.dataset.verify import verify_sample
 from twinlens.errors import FileError, InputError
-from twinlens.factory import generate, make_sample, read_recipe, remake, worker_processes
+from twinlens.factory import (
+    generate,
+    make_sample,
+    read_recipe,
+    remake,
+    worker_processes,
+)
 from twinlens.rendering import backend
 
 pytestmark = pytest.mark.usefixtures("parts_supported")
@@ -61,7 +67,10 @@ def sample(made):
 
 def test_lenses_with_an_aperture_have_two_halves_and_their_disparity(made, sample):
     new = {f"dp-{part}{i}" for part in ("left", "right", "disp") for i in (0, 1)}
-    assert {path.stem for path in (sample.folder / "lens-1").iterdir()} == {"im0", "im1"} | new
+    assert {path.stem for path in (sample.folder / "lens-1").iterdir()} == {
+        "im0",
+        "im1",
+    } | new
     assert not any(path.name.startswith("dp") for path in sample.folder.iterdir())
     assert verify_sample(sample) == []
     assert "dp-left0.png" in (made / "croissant.json").read_text()
@@ -80,17 +89,27 @@ def test_the_whole_image_is_the_mean_of_the_halves(sample):
 def test_the_halves_are_apart_by_the_true_disparity(sample):
     """On the textured wall behind the focus, the shift with the least difference is that of the truth."""
     shot, rows, columns = sample.lens(1), slice(0, 36), slice(30, 46)
-    left, right = (np.asarray(image, float).mean(axis=-1) for image in (shot.dp_left0, shot.dp_right0))
+    left, right = (
+        np.asarray(image, float).mean(axis=-1)
+        for image in (shot.dp_left0, shot.dp_right0)
+    )
     expected = shot.dp_disp0[rows, columns]
     assert expected.max() < -0.5
     shifts = np.arange(-3, 3.01, 0.1)
     at = np.arange(48.0)
-    errors = [np.square(left - [np.interp(at - d, at, row) for row in right])[rows, columns].sum() for d in shifts]
+    errors = [
+        np.square(left - [np.interp(at - d, at, row) for row in right])[
+            rows, columns
+        ].sum()
+        for d in shifts
+    ]
     assert shifts[np.argmin(errors)] == pytest.approx(np.median(expected), abs=0.35)
 
 
 def test_quantities_by_name(sample):
-    row = tl.Dataset(sample.folder.parent).select("lens1.dp_left0", "lens1.dp_right1", "lens1.dp_disp0")[0]
+    row = tl.Dataset(sample.folder.parent).select(
+        "lens1.dp_left0", "lens1.dp_right1", "lens1.dp_disp0"
+    )[0]
     shot = sample.lens(1)
     np.testing.assert_array_equal(row["lens1.dp_left0"], shot.dp_left0)
     np.testing.assert_array_equal(row["lens1.dp_right1"], shot.dp_right(1))
@@ -109,16 +128,27 @@ def test_a_sample_made_again_has_the_same_bytes(made, sample):
 @pytest.mark.slow
 def test_processes_give_the_same_bytes(made):
     other = made.parent / "parallel"
-    generate(read_recipe(made.parent / "recipe.toml"), other, engine=worker_processes(2))
+    generate(
+        read_recipe(made.parent / "recipe.toml"), other, engine=worker_processes(2)
+    )
     assert digests(other) == digests(made)
 
 
 @pytest.mark.parametrize(
     ("damage", "finding"),
     [
-        (lambda folder: (folder / "dp-right1.png").unlink(), "lens-1/dp-right1.png: is missing"),
-        (lambda folder: (folder / "dp-disp0.pfm").unlink(), "lens-1/dp-disp0.pfm: is missing"),
-        (lambda folder: _with_opposite_sign(folder), "lens-1/dp-disp0.pfm: disparity is not that of the lens"),
+        (
+            lambda folder: (folder / "dp-right1.png").unlink(),
+            "lens-1/dp-right1.png: is missing",
+        ),
+        (
+            lambda folder: (folder / "dp-disp0.pfm").unlink(),
+            "lens-1/dp-disp0.pfm: is missing",
+        ),
+        (
+            lambda folder: _with_opposite_sign(folder),
+            "lens-1/dp-disp0.pfm: disparity is not that of the lens",
+        ),
     ],
 )
 def test_damage_is_found(sample, tmp_path, damage, finding):
@@ -135,5 +165,9 @@ def _with_opposite_sign(folder):
 def test_diffraction_is_refused():
     scene = tl.load_scene("cards")
     rig = tl.Rig.stereo(tl.Camera.from_fov(16, 12, 50), 0.1, scene.world_from_left)
-    with pytest.raises(InputError, match="dual_pixel and diffraction exclude each other"):
-        make_sample(scene, rig, [tl.ThinLens(0.01, 1.0)], diffraction=True, dual_pixel=True)
+    with pytest.raises(
+        InputError, match="dual_pixel and diffraction exclude each other"
+    ):
+        make_sample(
+            scene, rig, [tl.ThinLens(0.01, 1.0)], diffraction=True, dual_pixel=True
+        )

@@ -5,7 +5,15 @@ import pytest
 
 import twinlens as tl
 from twinlens.dataset import Sample, Shot
-from twinlens.factory.gates import WINDOW, Gates, Rejected, check_photographs, check_truth, grey, textured_windows
+from twinlens.factory.gates import (
+    WINDOW,
+    Gates,
+    Rejected,
+    check_photographs,
+    check_truth,
+    grey,
+    textured_windows,
+)
 from twinlens.factory.produce import NoiseWarning, warn_of_noise
 from twinlens.rendering import ground_truth
 from twinlens.scenes import Mesh, Scene, SceneObject
@@ -39,7 +47,9 @@ def truth_of(made, baseline=0.1):
 
 
 def photographed(rig, truths, left, right):
-    images = tuple((np.clip(image, 0, 1) * 255).astype(np.uint8) for image in (left, right))
+    images = tuple(
+        (np.clip(image, 0, 1) * 255).astype(np.uint8) for image in (left, right)
+    )
     return Sample(rig, (Shot(tl.Pinhole(), images),), tuple(truths))
 
 
@@ -53,7 +63,9 @@ def test_a_camera_in_a_box_is_refused_and_one_before_it_is_not():
 
 
 def test_a_furnished_room_is_no_object_to_be_inside_of():
-    rig, truths = truth_of(made := scene(box("walls", 12.0, 0.0), box("chair", 1.0, 3.0)))
+    rig, truths = truth_of(
+        made := scene(box("walls", 12.0, 0.0), box("chair", 1.0, 3.0))
+    )
     check_truth(GATES, made, rig, truths, None)
 
 
@@ -87,7 +99,9 @@ def test_views_that_share_too_little_are_refused():
         check_truth(GATES, made, rig, truths, None)
 
 
-@pytest.mark.parametrize(("level", "reason"), [(0.0, "black image"), (1.0, "burnt image")])
+@pytest.mark.parametrize(
+    ("level", "reason"), [(0.0, "black image"), (1.0, "burnt image")]
+)
 def test_black_and_burnt_pictures_are_refused_in_either_eye(level, reason):
     rig, truths = truth_of(scene(wall()))
     good = np.random.default_rng(0).uniform(0.1, 0.9, (*SIZE[::-1], 3))
@@ -112,10 +126,17 @@ def test_renderer_noise_has_a_limit_in_every_view():
     rig, truths = truth_of(scene(wall()))
     image = np.random.default_rng(0).uniform(0.1, 0.9, (*SIZE[::-1], 3))
     shot = photographed(rig, truths, image, image).shots[0]
-    sample = Sample(rig, (replace(shot, record={"light_paths_over_sensor": [0.2, 0.6]}),), tuple(truths))
+    sample = Sample(
+        rig,
+        (replace(shot, record={"light_paths_over_sensor": [0.2, 0.6]}),),
+        tuple(truths),
+    )
     check_photographs(Gates(texture=0.0, noise=0.6), sample, Sensor())
     check_photographs(Gates(texture=0.0), sample, Sensor())
-    with pytest.raises(Rejected, match=r"too much renderer noise: 0\.6 x sensor noise in the images of lens 0"):
+    with pytest.raises(
+        Rejected,
+        match=r"too much renderer noise: 0\.6 x sensor noise in the images of lens 0",
+    ):
         check_photographs(Gates(texture=0.0, noise=0.5), sample, Sensor())
 
 
@@ -123,7 +144,8 @@ def test_a_limit_of_the_noise_that_is_not_met_is_said():
     rig, truths = truth_of(scene(wall()))
     image = np.random.default_rng(0).uniform(0.1, 0.9, (*SIZE[::-1], 3))
     shot = replace(
-        photographed(rig, truths, image, image).shots[0], record={"light_paths_over_sensor": [0.2, 0.6], "spp": 768}
+        photographed(rig, truths, image, image).shots[0],
+        record={"light_paths_over_sensor": [0.2, 0.6], "spp": 768},
     )
     for limit in (None, 0.6):
         warn_of_noise(Sample(rig, (shot,), tuple(truths), record={"noise": limit}), 7)
@@ -144,11 +166,15 @@ def test_noise_is_no_texture_and_paint_is(noise):
 
     flat = np.full(shape, 0.5)
     with pytest.raises(Rejected, match="too little texture"):
-        check_photographs(GATES, photographed(rig, truths, noisy(flat), noisy(flat)), Sensor())
+        check_photographs(
+            GATES, photographed(rig, truths, noisy(flat), noisy(flat)), Sensor()
+        )
     disparity = round(float(truths[0].disparity.max()))
     paint = 0.5 + 0.1 * rng.standard_normal((shape[0], shape[1] + disparity))
     left, right = paint[:, :-disparity], paint[:, disparity:]
-    check_photographs(GATES, photographed(rig, truths, noisy(left), noisy(right)), Sensor())
+    check_photographs(
+        GATES, photographed(rig, truths, noisy(left), noisy(right)), Sensor()
+    )
 
 
 @pytest.mark.parametrize("noise", [0.03, 0.1, 0.2])
@@ -159,7 +185,9 @@ def test_texture_is_told_from_noise_where_it_is_about_half_of_it(noise):
     texture = rng.normal(0, 1, shape)
 
     def share(part):
-        left, right = (0.5 + part * noise * texture + rng.normal(0, noise, shape) for _ in range(2))
+        left, right = (
+            0.5 + part * noise * texture + rng.normal(0, noise, shape) for _ in range(2)
+        )
         return textured_windows(left, right, np.ones(shape, bool))
 
     assert share(0.0) < 0.01
@@ -175,7 +203,10 @@ def test_the_colours_of_a_raw_mosaic_are_no_texture(shift):
     sensor = Sensor(filters="RGGB", output="raw")
     red = np.zeros((4 * WINDOW, 4 * WINDOW + shift))
     red[::2, ::2] = 3000
-    left, right = (grey(each.astype(np.uint16), sensor) for each in (red[:, shift:], red[:, :-shift]))
+    left, right = (
+        grey(each.astype(np.uint16), sensor)
+        for each in (red[:, shift:], red[:, :-shift])
+    )
     assert textured_windows(left, right, np.ones(left.shape, bool)) == 0.0
 
 

@@ -9,13 +9,29 @@ import numpy as np
 import pytest
 
 from tests.factory_recipes import RECIPE, digests, write_recipe, write_sky
-from twinlens.dataset import About, Dataset, Manifest, Row, describe, read_image, read_manifest, write_manifest
+from twinlens.dataset import (
+    About,
+    Dataset,
+    Manifest,
+    Row,
+    describe,
+    read_image,
+    read_manifest,
+    write_manifest,
+)
 from twinlens.dataset.files import locked
 from twinlens.dataset.metadata import about
 from twinlens.dataset.sample import sample_files
 from twinlens.dataset.verify import verify_sample
 from twinlens.errors import BackendError, FileError, InputError, OutputError
-from twinlens.factory import estimate, generate, make, produce, read_recipe, recipe_from_table
+from twinlens.factory import (
+    estimate,
+    generate,
+    make,
+    produce,
+    read_recipe,
+    recipe_from_table,
+)
 from twinlens.factory.plan import SampleSpec
 from twinlens.factory.produce import Exhausted, check_backend
 from twinlens.rendering import sensors
@@ -32,7 +48,12 @@ def whole(recipe, tmp_path_factory):
     """The dataset of one uninterrupted run."""
     folder = tmp_path_factory.mktemp("whole") / "set"
     outcome = generate(recipe, folder)
-    assert (outcome.made, outcome.before, outcome.complete, outcome.failures) == (4, 0, True, ())
+    assert (outcome.made, outcome.before, outcome.complete, outcome.failures) == (
+        4,
+        0,
+        True,
+        (),
+    )
     return folder
 
 
@@ -55,7 +76,9 @@ def interrupting(number):
 
 def test_the_dataset_is_true_and_has_no_leftovers(whole):
     assert [verify_sample(sample) for sample in Dataset(whole)] == [[]] * 4
-    assert {"dataset.json", "preview.png", "README.md", "croissant.json"} <= {entry.name for entry in whole.iterdir()}
+    assert {"dataset.json", "preview.png", "README.md", "croissant.json"} <= {
+        entry.name for entry in whole.iterdir()
+    }
     assert not [entry.name for entry in whole.iterdir() if entry.name.startswith(".")]
 
 
@@ -89,13 +112,19 @@ def test_the_manifest_names_recipe_tools_and_splits(recipe, whole):
 
 
 @pytest.mark.parametrize("calls", [0, 1, 2, 3, 5, 8])
-def test_an_interrupted_run_leaves_whole_samples_and_resumes(recipe, whole, folder, calls):
+def test_an_interrupted_run_leaves_whole_samples_and_resumes(
+    recipe, whole, folder, calls
+):
     with pytest.raises(KeyboardInterrupt):
         generate(recipe, folder, report=interrupting(calls))
     assert not list(folder.glob(".*unfinished*"))
     there = [entry.name for entry in folder.iterdir() if entry.name.isdecimal()]
     again = generate(recipe, folder)
-    assert (again.before, again.made, again.complete) == (len(there), 4 - len(there), True)
+    assert (again.before, again.made, again.complete) == (
+        len(there),
+        4 - len(there),
+        True,
+    )
     assert digests(folder) == digests(whole)
 
 
@@ -114,12 +143,18 @@ def test_shards_make_the_whole_in_any_order(recipe, whole, folder):
     made = [generate(recipe, folder, shard=(i, 3)) for i in (2, 3, 1)]
     assert [outcome.made for outcome in made] == [1, 1, 2]
     assert [outcome.complete for outcome in made] == [False, False, True]
-    assert [(outcome.before, outcome.there) for outcome in made] == [(0, 1), (1, 2), (2, 4)]
+    assert [(outcome.before, outcome.there) for outcome in made] == [
+        (0, 1),
+        (1, 2),
+        (2, 4),
+    ]
     assert [outcome.left for outcome in made] == [0, 0, 0]
     assert digests(folder) == digests(whole)
 
 
-def test_shards_made_apart_are_merged_by_a_run_of_the_whole(recipe, whole, folder, tmp_path):
+def test_shards_made_apart_are_merged_by_a_run_of_the_whole(
+    recipe, whole, folder, tmp_path
+):
     for i in (1, 2):
         generate(recipe, tmp_path / str(i) / "set", shard=(i, 2))
         for part in (tmp_path / str(i) / "set").iterdir():
@@ -163,7 +198,11 @@ def test_a_set_may_grow_and_its_samples_stay(recipe, folder, tmp_path):
     before = digests(folder)
     grown = read_recipe(write_recipe(tmp_path, count=6))
     assert generate(grown, folder).made == 2
-    kept = {name: digest for name, digest in digests(folder).items() if name in before and name[0] == "0"}
+    kept = {
+        name: digest
+        for name, digest in digests(folder).items()
+        if name in before and name[0] == "0"
+    }
     assert kept == {name: digest for name, digest in before.items() if name[0] == "0"}
     assert len(Dataset(folder)) == 6
 
@@ -172,29 +211,47 @@ def test_described_values_are_kept_and_replace_those_of_the_recipe(recipe, folde
     generate(recipe, folder, limit=1)
     describe(folder, About(license="CC0-1.0"))
     describe(folder, About(name="My set", creator="Ada"))
-    texts = {"name": "Recipe's", "description": "Cards.", "creator": "Bob", "license": "MIT"}
+    texts = {
+        "name": "Recipe's",
+        "description": "Cards.",
+        "creator": "Bob",
+        "license": "MIT",
+    }
     changed = read_recipe(recipe.file, {"about": texts, "count": 2})
     for _ in range(2):
         generate(changed, folder)
         given, manifest = about(Dataset(folder))
-        assert given == About(name="My set", description="Cards.", license="CC0-1.0", creator="Ada")
-        assert manifest.info["about"] == {"license": "CC0-1.0", "name": "My set", "creator": "Ada"}
+        assert given == About(
+            name="My set", description="Cards.", license="CC0-1.0", creator="Ada"
+        )
+        assert manifest.info["about"] == {
+            "license": "CC0-1.0",
+            "name": "My set",
+            "creator": "Ada",
+        }
         assert "# My set\n\nCards.\n" in (folder / "README.md").read_text()
 
 
 def test_a_set_does_not_shrink(recipe, folder, tmp_path):
     generate(recipe, folder, limit=2)
     before = digests(folder)
-    with pytest.raises(InputError, match=r"holds 1 sample\(s\) beyond the recipe's count of 1; a count may grow"):
+    with pytest.raises(
+        InputError,
+        match=r"holds 1 sample\(s\) beyond the recipe's count of 1; a count may grow",
+    ):
         generate(read_recipe(write_recipe(tmp_path, count=1)), folder)
     assert digests(folder) == before
 
 
-def test_a_folder_in_which_nothing_was_made_takes_another_recipe(recipe, folder, tmp_path):
+def test_a_folder_in_which_nothing_was_made_takes_another_recipe(
+    recipe, folder, tmp_path
+):
     """As after a mistake that only the first sample shows."""
     with pytest.raises(KeyboardInterrupt):
         generate(recipe, folder, report=interrupting(0))
-    other = read_recipe(write_recipe(tmp_path, RECIPE.replace("spp = 1", "spp = 2"), count=1))
+    other = read_recipe(
+        write_recipe(tmp_path, RECIPE.replace("spp = 1", "spp = 2"), count=1)
+    )
     assert generate(other, folder).complete
     assert read_manifest(folder).recipe["spp"] == 2
 
@@ -202,19 +259,28 @@ def test_a_folder_in_which_nothing_was_made_takes_another_recipe(recipe, folder,
 def test_another_recipe_is_refused_and_the_difference_named(recipe, folder, tmp_path):
     generate(recipe, folder, limit=1)
     before = digests(folder)
-    other = read_recipe(write_recipe(tmp_path, RECIPE.replace("[0.05, 0.2]", "[0.05, 0.3]")))
-    with pytest.raises(InputError, match=r"another dataset \(rig.baseline.uniform: .*0\.2\] -> .*0\.3\]\)"):
+    other = read_recipe(
+        write_recipe(tmp_path, RECIPE.replace("[0.05, 0.2]", "[0.05, 0.3]"))
+    )
+    with pytest.raises(
+        InputError,
+        match=r"another dataset \(rig.baseline.uniform: .*0\.2\] -> .*0\.3\]\)",
+    ):
         generate(other, folder)
     assert digests(folder) == before
 
 
 @pytest.mark.parametrize("rows_too", [False, True])
-def test_samples_of_another_recipe_are_not_taken_for_its_own(recipe, folder, tmp_path, rows_too):
+def test_samples_of_another_recipe_are_not_taken_for_its_own(
+    recipe, folder, tmp_path, rows_too
+):
     generate(recipe, folder, limit=1)
     (folder / "dataset.json").unlink()
     for row in (folder / ".rows").iterdir() if rows_too else ():
         row.unlink()
-    other = read_recipe(write_recipe(tmp_path, RECIPE.replace("seed = 11", "seed = 12")))
+    other = read_recipe(
+        write_recipe(tmp_path, RECIPE.replace("seed = 11", "seed = 12"))
+    )
     with pytest.raises(InputError, match="another recipe made it"):
         generate(other, folder)
 
@@ -249,23 +315,36 @@ def test_a_folder_of_something_else_is_left_alone(recipe, folder):
 
 def test_a_dataset_of_render_is_named_as_such(recipe, folder):
     write_manifest(folder, Manifest((Row("cards", {}, {"scene": "cards"}),), seed=0))
-    with pytest.raises(InputError, match="holds a dataset that `twinlens generate` did not make; name a new folder"):
+    with pytest.raises(
+        InputError,
+        match="holds a dataset that `twinlens generate` did not make; name a new folder",
+    ):
         generate(recipe, folder)
 
 
 def test_only_one_run_writes_at_a_time(recipe, folder):
-    with locked(folder), pytest.raises(OutputError, match=r"writing there; wait for it, or split .* --shard"):
+    with (
+        locked(folder),
+        pytest.raises(
+            OutputError, match=r"writing there; wait for it, or split .* --shard"
+        ),
+    ):
         generate(recipe, folder)
     with locked(folder, shared=True):
         generate(recipe, folder, shard=(1, 2))
 
 
-def test_shards_that_end_together_finish_one_after_the_other(recipe, folder, monkeypatch):
+def test_shards_that_end_together_finish_one_after_the_other(
+    recipe, folder, monkeypatch
+):
     module = importlib.import_module("twinlens.factory.generate")
     finish, refused = module.finish, []
 
     def finish_while_another_tries(ledger):
-        with pytest.raises(OutputError, match="another run"), locked(folder, shared=True):
+        with (
+            pytest.raises(OutputError, match="another run"),
+            locked(folder, shared=True),
+        ):
             pass
         refused.append(True)
         finish(ledger)
@@ -289,7 +368,9 @@ def test_a_bucket_holds_the_same_samples(recipe, whole):
     assert (outcome.before, outcome.made, outcome.complete) == (2, 2, True)
     system = fsspec.filesystem("memory")
     root = f"/{os.getpid()}/set/"
-    there = {name.removeprefix(root): system.cat_file(name) for name in system.find(root)}
+    there = {
+        name.removeprefix(root): system.cat_file(name) for name in system.find(root)
+    }
     assert {name: data for name, data in there.items() if name[0] == "0"} == {
         name: (whole / name).read_bytes() for name in digests(whole) if name[0] == "0"
     }
@@ -304,15 +385,24 @@ def test_draws_that_gates_turn_away_are_drawn_anew_counted_and_told(folder, tmp_
     turned = outcome.rejections["disparity beyond ndisp"]
     assert turned > 0
     rows = read_manifest(folder).rows
-    assert sum(len(row.info["rejections"]) for row in rows) + sum(len(f.rejections) for f in outcome.failures) == turned
+    assert (
+        sum(len(row.info["rejections"]) for row in rows)
+        + sum(len(f.rejections) for f in outcome.failures)
+        == turned
+    )
     assert any(row.info["attempt"] > 0 for row in rows)
     for sample in Dataset(folder):
         assert sample.disp0[np.isfinite(sample.disp0)].max() < 3
         assert sample.calibration.ndisp == 3
 
 
-def test_a_sample_that_cannot_be_is_told_with_what_to_change_and_the_rest_is_made(folder, tmp_path):
-    text = RECIPE.replace("uniform = [0.05, 0.2]", "sweep = [0.1, 2.5]") + "[gates]\nattempts = 3\nvisible = 0.5\n"
+def test_a_sample_that_cannot_be_is_told_with_what_to_change_and_the_rest_is_made(
+    folder, tmp_path
+):
+    text = (
+        RECIPE.replace("uniform = [0.05, 0.2]", "sweep = [0.1, 2.5]")
+        + "[gates]\nattempts = 3\nvisible = 0.5\n"
+    )
     recipe = read_recipe(write_recipe(tmp_path, text))
     outcome = generate(recipe, folder)
     assert [failure.index for failure in outcome.failures] == [1, 3]
@@ -343,16 +433,27 @@ def test_an_estimate_knows_the_size_of_a_sample(recipe, whole, folder):
     assert estimated.bytes_each == size
 
 
-def test_a_draw_that_cannot_be_built_is_counted_and_the_next_one_taken(folder, tmp_path):
+def test_a_draw_that_cannot_be_built_is_counted_and_the_next_one_taken(
+    folder, tmp_path
+):
     """Either coefficient alone keeps the image unfolded (1 + 3 k1 r^2 + 5 k2 r^4 > 0), both together do not."""
     bent = "[rig.distortion]\nk1.choice = [0.0, -0.4, -0.4]\nk2.choice = [0.0, -0.5, -0.5]\n\n[[lenses]]"
-    recipe = read_recipe(write_recipe(tmp_path, RECIPE.replace("[[lenses]]", bent, 1), count=6))
+    recipe = read_recipe(
+        write_recipe(tmp_path, RECIPE.replace("[[lenses]]", bent, 1), count=6)
+    )
     outcome = generate(recipe, folder)
     assert set(outcome.rejections) == {"impossible draw"}
-    bends = [sample.record["record"]["spec"]["drawn"]["rig"]["distortion"] for sample in Dataset(folder)]
+    bends = [
+        sample.record["record"]["spec"]["drawn"]["rig"]["distortion"]
+        for sample in Dataset(folder)
+    ]
     assert len(bends) == 6
     assert {"k1": -0.4, "k2": -0.5} not in bends
-    found = [turned["found"] for row in read_manifest(folder).rows for turned in row.info["rejections"]]
+    found = [
+        turned["found"]
+        for row in read_manifest(folder).rows
+        for turned in row.info["rejections"]
+    ]
     assert not [text for text in found if str(tmp_path) in text]
 
 
@@ -361,19 +462,28 @@ def test_a_damaged_sample_is_told_with_what_to_do(recipe, whole, folder, file):
     shutil.copytree(whole, folder)
     (folder / "0000001" / file).write_bytes(b"torn")
     if file == "sample.json":
-        for path in filter(Path.is_file, folder.iterdir()):  # so that its row is made of its files again
+        for path in filter(
+            Path.is_file, folder.iterdir()
+        ):  # so that its row is made of its files again
             path.unlink()
     with pytest.raises(FileError) as caught:
         generate(recipe, folder)
     assert f"{folder / '0000001' / file}" in str(caught.value)
-    assert f"delete the folder {folder / '0000001'} and run the same command again" in str(caught.value)
+    assert (
+        f"delete the folder {folder / '0000001'} and run the same command again"
+        in str(caught.value)
+    )
     shutil.rmtree(folder / "0000001")
     assert generate(recipe, folder).complete
     assert digests(folder) == digests(whole)
 
 
-@pytest.mark.parametrize("files", [("calib.txt",), ("im0.png", "im1.png"), ("lens-1/im0.png",)])
-def test_a_sample_that_lost_a_file_is_told_with_what_to_do(recipe, whole, folder, tmp_path, files):
+@pytest.mark.parametrize(
+    "files", [("calib.txt",), ("im0.png", "im1.png"), ("lens-1/im0.png",)]
+)
+def test_a_sample_that_lost_a_file_is_told_with_what_to_do(
+    recipe, whole, folder, tmp_path, files
+):
     """Else it would be counted among those that are there."""
     if "/" in files[0]:
         text = RECIPE.replace("[sensor]", "[[lenses]]\nkind = 'pinhole'\n\n[sensor]")
@@ -386,7 +496,10 @@ def test_a_sample_that_lost_a_file_is_told_with_what_to_do(recipe, whole, folder
         (folder / "0000001" / file).unlink()
     more = r" \(and 1 more\)" if len(files) > 1 else ""
     for way in (generate, estimate):
-        with pytest.raises(FileError, match=f"{files[0]}: is missing{more}; delete the folder .*0000001 and run"):
+        with pytest.raises(
+            FileError,
+            match=f"{files[0]}: is missing{more}; delete the folder .*0000001 and run",
+        ):
             way(recipe, folder)
     shutil.rmtree(folder / "0000001")
     assert generate(recipe, folder).made == 1
@@ -397,7 +510,9 @@ def test_a_sample_in_a_bucket_that_lost_a_file_is_told(recipe):
     url = f"memory://{os.getpid()}/lost"
     generate(recipe, url, limit=2)
     fsspec.filesystem("memory").rm(f"/{os.getpid()}/lost/0000001/calib.txt")
-    with pytest.raises(FileError, match=r"0000001/calib.txt: is missing; delete the folder"):
+    with pytest.raises(
+        FileError, match=r"0000001/calib.txt: is missing; delete the folder"
+    ):
         generate(recipe, url)
 
 
@@ -405,7 +520,8 @@ def test_a_folder_without_its_mark_is_told_with_what_to_do(recipe, folder):
     (folder / "0000000").mkdir(parents=True)
     (folder / "0000000" / "im0.png").touch()
     with pytest.raises(
-        OutputError, match=r"is not a whole sample; delete the folder .*0000000 and run the same command"
+        OutputError,
+        match=r"is not a whole sample; delete the folder .*0000000 and run the same command",
     ):
         generate(recipe, folder, limit=1)
 
@@ -413,15 +529,25 @@ def test_a_folder_without_its_mark_is_told_with_what_to_do(recipe, folder):
 def test_where_nothing_is_left_to_chance_the_first_draw_tells(folder, tmp_path):
     """Twenty draws of a scene from a file with one rig are one draw; but photographs have noise, and are taken anew."""
     fixed = "seed = 1\ncount = {count}\nscenes = ['tiny']\nwidth = 32\nheight = 24\nspp = 1\n"
-    recipe = read_recipe(write_recipe(tmp_path, fixed + "ndisp = 1\nrig.baseline.sweep = [0.1, 0.001]\n", count=2))
+    recipe = read_recipe(
+        write_recipe(
+            tmp_path, fixed + "ndisp = 1\nrig.baseline.sweep = [0.1, 0.001]\n", count=2
+        )
+    )
     outcome = generate(recipe, folder)
-    assert [(failure.index, len(failure.rejections)) for failure in outcome.failures] == [(0, 1)]
+    assert [
+        (failure.index, len(failure.rejections)) for failure in outcome.failures
+    ] == [(0, 1)]
     assert outcome.failures[0].rejections[0]["reason"] == "disparity beyond ndisp"
     assert outcome.there == 1
     bent = "[rig.distortion]\nk1.sweep = [0.0, -0.4]\nk2.sweep = [0.0, -0.5]\n"  # each valid, not both together
     with pytest.raises(Exhausted, match="1 draws rejected"):
         make(read_recipe(write_recipe(tmp_path, fixed + bent)), 3)
-    noisy = read_recipe(write_recipe(tmp_path, fixed + "exposure.time = 1e-9\n[gates]\nattempts = 3\n", count=1))
+    noisy = read_recipe(
+        write_recipe(
+            tmp_path, fixed + "exposure.time = 1e-9\n[gates]\nattempts = 3\n", count=1
+        )
+    )
     with pytest.raises(Exhausted, match="3 draws rejected"):
         make(noisy, 0)
     drawn = "ndisp = 1\nrig.baseline.uniform = [0.1, 0.2]\n[gates]\nattempts = 3\n"
@@ -435,7 +561,9 @@ THIN = 'kind = "thin"\naperture_mm = {{ choice = [0, 2, 8] }}\nfocus = "object"'
 @pytest.fixture
 def scalar(monkeypatch):
     """Lenses are judged as where no LLVM works."""
-    monkeypatch.setattr(sensors, "backend", lambda: Backend("scalar", "scalar_rgb", "a test says so"))
+    monkeypatch.setattr(
+        sensors, "backend", lambda: Backend("scalar", "scalar_rgb", "a test says so")
+    )
 
 
 @pytest.mark.parametrize(
@@ -446,7 +574,9 @@ def scalar(monkeypatch):
         'kind = "thin"\naperture_mm = {{ uniform = [2, 8] }}\nfocus = inf',
     ],
 )
-def test_lenses_that_the_backend_cannot_do_leave_no_folder_behind(scalar, tmp_path, folder, lens):
+def test_lenses_that_the_backend_cannot_do_leave_no_folder_behind(
+    scalar, tmp_path, folder, lens
+):
     """The recipe's own aperture may be shut; these are open, in every draw."""
     assert THIN in RECIPE
     refused = read_recipe(write_recipe(tmp_path, RECIPE.replace(THIN, lens)))
@@ -455,10 +585,20 @@ def test_lenses_that_the_backend_cannot_do_leave_no_folder_behind(scalar, tmp_pa
     assert not folder.exists()
 
 
-def test_a_mismatch_that_the_backend_cannot_do_leaves_no_folder_behind(scalar, tmp_path, folder):
+def test_a_mismatch_that_the_backend_cannot_do_leaves_no_folder_behind(
+    scalar, tmp_path, folder
+):
     write_recipe(tmp_path)
-    table = {"seed": 1, "count": 1, "scenes": ["tiny"], "sensor": {"mismatch": "typical"}}
-    with pytest.raises(BackendError, match=r"distortion_px=\S+ needs the LLVM or CUDA .* use distortion_px=0"):
+    table = {
+        "seed": 1,
+        "count": 1,
+        "scenes": ["tiny"],
+        "sensor": {"mismatch": "typical"},
+    }
+    with pytest.raises(
+        BackendError,
+        match=r"distortion_px=\S+ needs the LLVM or CUDA .* use distortion_px=0",
+    ):
         generate(recipe_from_table(table, tmp_path / "recipe.toml"), folder)
     assert not folder.exists()
     table["sensor"] = {"mismatch": {"level": "typical", "distortion_px": 0}}
@@ -467,8 +607,17 @@ def test_a_mismatch_that_the_backend_cannot_do_leaves_no_folder_behind(scalar, t
 
 def test_a_focus_error_that_the_backend_cannot_do_is_named(scalar, tmp_path, folder):
     lenses = [{"kind": "thin", "aperture_mm": 8, "focus": 5.0}]
-    table = {"seed": 1, "count": 1, "scenes": ["cards"], "sensor": {"mismatch": {"focus_um": -200}}, "lenses": lenses}
-    with pytest.raises(BackendError, match=r"focus_um of a mismatch focuses beyond infinity needs .* use focus_um=0"):
+    table = {
+        "seed": 1,
+        "count": 1,
+        "scenes": ["cards"],
+        "sensor": {"mismatch": {"focus_um": -200}},
+        "lenses": lenses,
+    }
+    with pytest.raises(
+        BackendError,
+        match=r"focus_um of a mismatch focuses beyond infinity needs .* use focus_um=0",
+    ):
         generate(recipe_from_table(table, tmp_path / "recipe.toml"), folder)
     assert not folder.exists()
     table["sensor"] = {"mismatch": {"focus_um": 0}}
@@ -479,26 +628,49 @@ def test_a_focus_error_that_the_backend_cannot_do_is_named(scalar, tmp_path, fol
 @pytest.mark.parametrize(
     ("mismatch", "message"),
     [
-        (["typical", "typical"], "number of mismatches of the sensor must be 1, .* got 2"),
+        (
+            ["typical", "typical"],
+            "number of mismatches of the sensor must be 1, .* got 2",
+        ),
         ([], "must be 1, .* got 0"),
-        ({"scale_px": -90}, "scale_px=-90: too large for an image of 64x48 pixels, its corners are 40 px from"),
+        (
+            {"scale_px": -90},
+            "scale_px=-90: too large for an image of 64x48 pixels, its corners are 40 px from",
+        ),
         ({"focus_um": -1e5}, "focus_um=-100000 moves the film to the lens"),
     ],
 )
-def test_a_constant_impossible_mismatch_leaves_no_folder_behind(tmp_path, folder, subject, mismatch, message):
+def test_a_constant_impossible_mismatch_leaves_no_folder_behind(
+    tmp_path, folder, subject, mismatch, message
+):
     lenses = [{"kind": "thin", "aperture_mm": 8}]
-    table = {"seed": 1, "count": 2, "width": 64, "height": 48, "lenses": lenses, "sensor": {"mismatch": mismatch}}
+    table = {
+        "seed": 1,
+        "count": 2,
+        "width": 64,
+        "height": 48,
+        "lenses": lenses,
+        "sensor": {"mismatch": mismatch},
+    }
     with pytest.raises(InputError, match=f"^recipe.toml: .*{message}"):
-        generate(recipe_from_table({**table, **subject}, tmp_path / "recipe.toml"), folder)
+        generate(
+            recipe_from_table({**table, **subject}, tmp_path / "recipe.toml"), folder
+        )
     assert not folder.exists()
 
 
 PROJECTOR = "projectors = [{{ band = 'rgb', aperture_mm = 2 }}]"
 
 
-@pytest.mark.parametrize("rig", ["fx = 40\nfy = 41", "cx = 3.3", "distortion = {{ k1 = -0.1 }}", PROJECTOR])
-def test_rigs_that_the_backend_cannot_do_leave_no_folder_behind(scalar, tmp_path, folder, rig):
-    refused = read_recipe(write_recipe(tmp_path, RECIPE.replace("[rig]", f"[rig]\n{rig}")))
+@pytest.mark.parametrize(
+    "rig", ["fx = 40\nfy = 41", "cx = 3.3", "distortion = {{ k1 = -0.1 }}", PROJECTOR]
+)
+def test_rigs_that_the_backend_cannot_do_leave_no_folder_behind(
+    scalar, tmp_path, folder, rig
+):
+    refused = read_recipe(
+        write_recipe(tmp_path, RECIPE.replace("[rig]", f"[rig]\n{rig}"))
+    )
     with pytest.raises(BackendError, match="needs the LLVM or CUDA backend"):
         generate(refused, folder)
     assert not folder.exists()
@@ -507,8 +679,12 @@ def test_rigs_that_the_backend_cannot_do_leave_no_folder_behind(scalar, tmp_path
 def test_a_scene_without_light_needs_a_sky(tmp_path, folder):
     path = write_recipe(tmp_path, count=1)
     scene = tmp_path / "tiny" / "scene.toml"
-    scene.write_text(scene.read_text().replace('[lights.sky]\ntype = "constant"\nradiance = 1.0', ""))
-    with pytest.raises(InputError, match=r"scenes: the scene 'tiny' has no light: .*or a sky"):
+    scene.write_text(
+        scene.read_text().replace('[lights.sky]\ntype = "constant"\nradiance = 1.0', "")
+    )
+    with pytest.raises(
+        InputError, match=r"scenes: the scene 'tiny' has no light: .*or a sky"
+    ):
         generate(read_recipe(path), folder)
     assert not folder.exists()
     write_sky(tmp_path / "day.exr", np.full((4, 8, 3), 0.5))
@@ -531,8 +707,15 @@ def test_lenses_that_some_draw_could_do_are_tried(scalar, tmp_path, folder):
 
 
 def test_progress_names_the_reason_of_the_last_rejected_draw(folder, tmp_path):
-    recipe = read_recipe(write_recipe(tmp_path, RECIPE + "[gates]\nattempts = 2\nvisible = 1.0\n", count=1))
+    recipe = read_recipe(
+        write_recipe(
+            tmp_path, RECIPE + "[gates]\nattempts = 2\nvisible = 1.0\n", count=1
+        )
+    )
     texts = []
     outcome = generate(recipe, folder, report=lambda _, text: texts.append(text))
     assert texts[0] == "0/1"
-    assert texts[-1] == f"0/1 draw 2 of 2; last rejected: {outcome.failures[0].rejections[0]['reason']}"
+    assert (
+        texts[-1]
+        == f"0/1 draw 2 of 2; last rejected: {outcome.failures[0].rejections[0]['reason']}"
+    )

@@ -10,15 +10,22 @@ POINTS = RNG.uniform(-1.5, 1.5, (300, 3))
 
 
 def one(shape, pose=None, instances=()):
-    thing = SceneObject("it", shape, "grey", np.eye(4) if pose is None else pose, instances=instances)
+    thing = SceneObject(
+        "it", shape, "grey", np.eye(4) if pose is None else pose, instances=instances
+    )
     return Scene("made", (thing,), {"grey": {"type": "diffuse"}}, np.eye(4), (1, 2))
 
 
 def test_a_torus_encloses_what_its_equation_says():
-    torus = trimesh.creation.torus(major_radius=1.0, minor_radius=0.4, major_sections=256, minor_sections=128)
+    torus = trimesh.creation.torus(
+        major_radius=1.0, minor_radius=0.4, major_sections=256, minor_sections=128
+    )
     tube = np.hypot(np.hypot(POINTS[:, 0], POINTS[:, 1]) - 1.0, POINTS[:, 2])
     clear = np.abs(tube - 0.4) > 0.01  # the mesh lies a little inside
-    odd = [crossings(torus.vertices, torus.faces.astype(np.uint32), point) % 2 == 1 for point in POINTS]
+    odd = [
+        crossings(torus.vertices, torus.faces.astype(np.uint32), point) % 2 == 1
+        for point in POINTS
+    ]
     assert np.array_equal(np.array(odd)[clear], (tube < 0.4)[clear])
     assert 20 < sum(odd) < 280
 
@@ -26,7 +33,10 @@ def test_a_torus_encloses_what_its_equation_says():
 @pytest.mark.parametrize(
     ("shape", "inside"),
     [
-        ({"type": "sphere", "center": (0.2, 0, 0), "radius": 0.8}, lambda p: np.linalg.norm(p - (0.2, 0, 0)) < 0.8),
+        (
+            {"type": "sphere", "center": (0.2, 0, 0), "radius": 0.8},
+            lambda p: np.linalg.norm(p - (0.2, 0, 0)) < 0.8,
+        ),
         ({"type": "sphere"}, lambda p: np.linalg.norm(p) < 1),
         ({"type": "cube"}, lambda p: np.abs(p).max() < 1),
         ({"type": "rectangle"}, lambda p: False),
@@ -34,7 +44,9 @@ def test_a_torus_encloses_what_its_equation_says():
     ],
 )
 def test_analytic_shapes_know_their_inside(shape, inside):
-    assert [encloses(one(shape), "it", point) for point in POINTS[:60]] == [bool(inside(p)) for p in POINTS[:60]]
+    assert [encloses(one(shape), "it", point) for point in POINTS[:60]] == [
+        bool(inside(p)) for p in POINTS[:60]
+    ]
 
 
 def test_scaled_and_instanced_bodies_are_found_where_they_stand():

@@ -9,7 +9,15 @@ import time
 import numpy as np
 import pytest
 
-from tests.factory_recipes import PATIENCE_S, RECIPE, digests, finish, rows_in, start, write_recipe
+from tests.factory_recipes import (
+    PATIENCE_S,
+    RECIPE,
+    digests,
+    finish,
+    rows_in,
+    start,
+    write_recipe,
+)
 
 
 def kill_after(process, folder, rows, delay):
@@ -28,7 +36,9 @@ def killed_and_resumed(folder, recipe, kills, rng):
     killed = 0
     for k in range(kills):
         process = start(recipe, folder)
-        killed += kill_after(process, folder, rows_in(folder) + int(k > 0), float(rng.uniform(0, 0.15)))
+        killed += kill_after(
+            process, folder, rows_in(folder) + int(k > 0), float(rng.uniform(0, 0.15))
+        )
     finish(start(recipe, folder))
     return killed
 
@@ -37,16 +47,28 @@ def killed_and_resumed(folder, recipe, kills, rng):
 def test_three_kills_change_nothing(tmp_path):
     recipe = write_recipe(tmp_path, count=6)
     finish(start(recipe, tmp_path / "whole" / "set"))
-    assert killed_and_resumed(tmp_path / "killed" / "set", recipe, 3, np.random.default_rng(0)) >= 2
+    assert (
+        killed_and_resumed(
+            tmp_path / "killed" / "set", recipe, 3, np.random.default_rng(0)
+        )
+        >= 2
+    )
     assert digests(tmp_path / "killed" / "set") == digests(tmp_path / "whole" / "set")
 
 
 @pytest.mark.slow
 def test_twenty_kills_of_thirty_samples_change_nothing(tmp_path):
-    slow = RECIPE.replace("spp = 1", "spp = 64")  # or the thirty would be made before the twentieth kill
+    slow = RECIPE.replace(
+        "spp = 1", "spp = 64"
+    )  # or the thirty would be made before the twentieth kill
     recipe = write_recipe(tmp_path, slow, count=30)
     finish(start(recipe, tmp_path / "whole" / "set"))
-    assert killed_and_resumed(tmp_path / "killed" / "set", recipe, 20, np.random.default_rng(1)) >= 18
+    assert (
+        killed_and_resumed(
+            tmp_path / "killed" / "set", recipe, 20, np.random.default_rng(1)
+        )
+        >= 18
+    )
     assert digests(tmp_path / "killed" / "set") == digests(tmp_path / "whole" / "set")
 
 
@@ -63,4 +85,10 @@ def test_an_interrupt_leaves_whole_samples_and_says_how_to_go_on(tmp_path, kind)
     assert "run the same command to resume" in err
     assert "Traceback" not in err
     assert not list(folder.glob(".*unfinished*"))
-    assert rows_in(folder) == len([entry for entry in folder.iterdir() if entry.is_dir() and entry.name != ".rows"])
+    assert rows_in(folder) == len(
+        [
+            entry
+            for entry in folder.iterdir()
+            if entry.is_dir() and entry.name != ".rows"
+        ]
+    )

@@ -9,7 +9,15 @@ import pytest
 from pydantic import TypeAdapter
 
 from tests.factory_recipes import write_recipe
-from twinlens.camera import Annulus, BareAperture, Disk, MaskAperture, Pinhole, Polygon, ThinLens
+from twinlens.camera import (
+    Annulus,
+    BareAperture,
+    Disk,
+    MaskAperture,
+    Pinhole,
+    Polygon,
+    ThinLens,
+)
 from twinlens.dataset import write_png
 from twinlens.errors import InputError
 from twinlens.factory import make, plan, read_recipe, recipe_from_table
@@ -45,7 +53,9 @@ class Lenses(StrictModel):
 
 
 def lens_from_table(table, find=Path):
-    return make_lens(read(Lenses, {"lenses": [table]}, "recipe.toml").lenses[0], None, find)
+    return make_lens(
+        read(Lenses, {"lenses": [table]}, "recipe.toml").lenses[0], None, find
+    )
 
 
 @pytest.mark.parametrize(("table", "lens"), LENSES)
@@ -59,33 +69,63 @@ def test_no_quantity_of_a_lens_or_an_aperture_is_left_out():
     for lens in (lens for _, lens in LENSES):
         for thing in (lens, lens.aperture):
             for field in dataclasses.fields(thing):
-                is_set = field.default is dataclasses.MISSING or getattr(thing, field.name) != field.default
+                is_set = (
+                    field.default is dataclasses.MISSING
+                    or getattr(thing, field.name) != field.default
+                )
                 if field.init and is_set:
                     reached.add((type(thing), field.name))
     kinds = (Pinhole, ThinLens, BareAperture, Disk, Polygon, Annulus, MaskAperture)
-    fields = {(kind, field.name) for kind in kinds for field in dataclasses.fields(kind) if field.init}
+    fields = {
+        (kind, field.name)
+        for kind in kinds
+        for field in dataclasses.fields(kind)
+        if field.init
+    }
     assert reached == fields - {(ThinLens, "defocus")}
     tables = TypeAdapter(ShapeTable).json_schema()["discriminator"]["mapping"]
-    assert set(tables) == {shape.name for shape in (Disk, Polygon, Annulus, MaskAperture)}
+    assert set(tables) == {
+        shape.name for shape in (Disk, Polygon, Annulus, MaskAperture)
+    }
 
 
 def test_every_quantity_may_be_drawn(tmp_path):
     (tmp_path / "codes").mkdir()
     for k in range(2):
-        write_png(tmp_path / "codes" / f"{k}.png", np.roll(np.eye(4, dtype=np.uint8) * 255, k, axis=1))
+        write_png(
+            tmp_path / "codes" / f"{k}.png",
+            np.roll(np.eye(4, dtype=np.uint8) * 255, k, axis=1),
+        )
     shapes = [
-        {"kind": "polygon", "blades": {"integers": [5, 9]}, "rotation_deg": {"uniform": [0, 72]}, "roundness": 0.5},
+        {
+            "kind": "polygon",
+            "blades": {"integers": [5, 9]},
+            "rotation_deg": {"uniform": [0, 72]},
+            "roundness": 0.5,
+        },
         {"kind": "annulus", "inner": {"uniform": [0.1, 0.6]}},
         {"kind": "mask", "file": {"sweep": ["codes/0.png", "codes/1.png"]}},
         {"kind": "mask", "cells": [[{"uniform": [0.2, 1]}, 1]]},
         {"choice": [{"kind": "disk"}, {"kind": "mask", "file": "codes/1.png"}]},
     ]
-    lens = {"kind": "hole", "aperture_mm": {"log_uniform": [0.2, 2]}, "film_mm": {"uniform": [30, 60]}}
-    written = {"seed": 1, "count": 30, "scenes": ["cards"], "lenses": [{**lens, "shape": shape} for shape in shapes]}
+    lens = {
+        "kind": "hole",
+        "aperture_mm": {"log_uniform": [0.2, 2]},
+        "film_mm": {"uniform": [30, 60]},
+    }
+    written = {
+        "seed": 1,
+        "count": 30,
+        "scenes": ["cards"],
+        "lenses": [{**lens, "shape": shape} for shape in shapes],
+    }
     recipe = recipe_from_table(written, tmp_path / "recipe.toml")
     drawn = [plan(recipe, index).drawn["lenses"] for index in range(30)]
     for k in range(len(shapes)):
-        made = {repr(lens_from_table(tables[k], lambda name: tmp_path / name).aperture) for tables in drawn}
+        made = {
+            repr(lens_from_table(tables[k], lambda name: tmp_path / name).aperture)
+            for tables in drawn
+        }
         assert len(made) > 1
     assert tuple(recipe.sources.named) == ("codes/0.png", "codes/1.png")
 
@@ -106,15 +146,24 @@ def test_a_mask_of_a_recipe_reaches_the_sample(tmp_path):
     ("shape", "message"),
     [
         ({"kind": "mask"}, r"lenses\[0\].shape: a mask needs exactly one of 'file'"),
-        ({"kind": "mask", "file": "a.png", "cells": [[1]]}, "a mask needs exactly one of 'file'"),
+        (
+            {"kind": "mask", "file": "a.png", "cells": [[1]]},
+            "a mask needs exactly one of 'file'",
+        ),
         (
             {"kind": "mask", "file": "nowhere.png"},
             r"recipe\.toml: lenses\[0\]: .*nowhere\.png: no such file",
         ),
-        ({"kind": "mask", "file": "blue.png"}, r"lenses\[0\]: .*blue\.png: is coloured; an aperture mask"),
+        (
+            {"kind": "mask", "file": "blue.png"},
+            r"lenses\[0\]: .*blue\.png: is coloured; an aperture mask",
+        ),
         ({"kind": "mask", "file": "black.png"}, r"lenses\[0\]: .*black\.png: .*black"),
         ({"kind": "mask", "file": ""}, r"shape: file must be the name of a picture"),
-        ({"kind": "mask", "file": "a\nb.png"}, r"shape: file must be the name of a picture"),
+        (
+            {"kind": "mask", "file": "a\nb.png"},
+            r"shape: file must be the name of a picture",
+        ),
         ({"kind": "mask", "cells": [[0, 0]]}, "mask is black"),
         ({"kind": "mask", "cells": [[0, 2]]}, r"shape\.cells\[0\]\[1\]: must be <= 1"),
         ({"kind": "mask", "cells": [[1, 0], [1]]}, "unequal"),
@@ -130,5 +179,8 @@ def test_invalid_aperture_shapes_are_errors(tmp_path, shape, message):
     write_png(tmp_path / "black.png", np.zeros((3, 3), np.uint8))
     lens = {"kind": "thin", "aperture_mm": 8, "shape": shape}
     with pytest.raises(InputError, match=message) as caught:
-        recipe_from_table({"seed": 1, "count": 1, "scenes": ["cards"], "lenses": [lens]}, tmp_path / "recipe.toml")
+        recipe_from_table(
+            {"seed": 1, "count": 1, "scenes": ["cards"], "lenses": [lens]},
+            tmp_path / "recipe.toml",
+        )
     assert "\n" not in str(caught.value)

@@ -12,9 +12,17 @@ def test_samples_give_their_list_back(tmp_path):
     generate(recipe, folder)
     before = digests(folder)
     (folder / "dataset.json").unlink()
-    with pytest.raises(InputError, match=r"if dataset\.json was lost, move that file away"):
+    with pytest.raises(
+        InputError, match=r"if dataset\.json was lost, move that file away"
+    ):
         generate(recipe, folder)
-    for name in ("README.md", "samples.jpg", "statistics.png", "ASSETS.md", "croissant.json"):
+    for name in (
+        "README.md",
+        "samples.jpg",
+        "statistics.png",
+        "ASSETS.md",
+        "croissant.json",
+    ):
         (folder / name).rename(tmp_path / name)
     outcome = generate(recipe, folder)
     assert (outcome.made, outcome.before, outcome.complete) == (0, 2, True)

@@ -10,7 +10,14 @@ from twinlens.dataset import Dataset, write_sample
 from twinlens.dataset.sample import sample_files
 from twinlens.dataset.verify import verify_sample
 from twinlens.errors import InputError
-from twinlens.factory import make, make_sample, plan, recipe_from_table, rectified_sample, remake
+from twinlens.factory import (
+    make,
+    make_sample,
+    plan,
+    recipe_from_table,
+    rectified_sample,
+    remake,
+)
 from twinlens.factory.camera_text import parse_mismatch
 from twinlens.factory.settings import ANY_SCENE, sensor_for
 from twinlens.scenes import rig_from_table
@@ -19,7 +26,15 @@ from twinlens.sensor import Mismatch, Sensor
 LINE = {"layout": "line", "count": 4, "spacing": 0.05}
 ONE = {"layout": "line", "count": 1}
 LIGHT_FIELD = {"layout": "light_field", "n": 3, "aperture_mm": 12.0}
-BASE = {"seed": 1, "count": 2, "scenes": ["cards"], "width": 48, "height": 36, "spp": 1, "denoise": False}
+BASE = {
+    "seed": 1,
+    "count": 2,
+    "scenes": ["cards"],
+    "width": 48,
+    "height": 36,
+    "spp": 1,
+    "denoise": False,
+}
 
 
 def sensor(rig, seed=5, **table):
@@ -43,19 +58,31 @@ def test_each_camera_after_the_first_has_its_own_draw():
 
 def test_cameras_differ_as_much_as_those_of_a_pair():
     """Draws of 300 rigs: the spread of the level, and no correlation between cameras."""
-    gains = np.array([[each.gain for each in sensor(LINE, seed, mismatch="typical").mismatch] for seed in range(300)])
+    gains = np.array(
+        [
+            [each.gain for each in sensor(LINE, seed, mismatch="typical").mismatch]
+            for seed in range(300)
+        ]
+    )
     assert gains.std(axis=0) == pytest.approx([0.01] * 3, rel=0.12)
     assert np.abs(np.corrcoef(gains.T) - np.eye(3)).max() < 0.2
 
 
 def test_a_seed_gives_all_samples_the_same_cameras():
-    first, second = (sensor(LINE, seed, mismatch={"level": "typical", "seed": 3}).mismatch for seed in (1, 2))
+    first, second = (
+        sensor(LINE, seed, mismatch={"level": "typical", "seed": 3}).mismatch
+        for seed in (1, 2)
+    )
     assert first == second == sensor(LINE, 3, mismatch="typical").mismatch
 
 
 def test_values_without_a_level_are_those_of_all_cameras_after_the_first():
     assert sensor(LINE, mismatch={"gain": 1.1}).mismatch == Mismatch(gain=1.1)
-    assert sensor(LINE, mismatch="none").mismatch == sensor(LINE, preset="ideal").mismatch == Mismatch()
+    assert (
+        sensor(LINE, mismatch="none").mismatch
+        == sensor(LINE, preset="ideal").mismatch
+        == Mismatch()
+    )
 
 
 def test_a_list_has_the_mismatch_of_each_camera():
@@ -64,7 +91,11 @@ def test_a_list_has_the_mismatch_of_each_camera():
     assert drawn[:2] == (Mismatch.draw("typical", 5), Mismatch(gain=1.1))
     assert drawn[2].level == "calibrated"
     recipe = recipe_from_table(
-        {**BASE, "rig": LINE, "sensor": {"mismatch": [*given[:2], {"gain": {"uniform": [2, 3]}}]}}
+        {
+            **BASE,
+            "rig": LINE,
+            "sensor": {"mismatch": [*given[:2], {"gain": {"uniform": [2, 3]}}]},
+        }
     )
     gains = [plan(recipe, i).drawn["sensor"]["mismatch"][2]["gain"] for i in range(2)]
     assert 2 < min(gains) < max(gains) < 3
@@ -73,13 +104,29 @@ def test_a_list_has_the_mismatch_of_each_camera():
 @pytest.mark.parametrize(
     ("rig", "mismatch", "message"),
     [
-        (LINE, ["typical", "none"], "recipe.toml: number of mismatches of the sensor must be 3, one for each .* got 2"),
-        ({"baseline": 0.1}, ["typical"] * 2, "must be 1, one for each camera after the first, got 2"),
+        (
+            LINE,
+            ["typical", "none"],
+            "recipe.toml: number of mismatches of the sensor must be 3, one for each .* got 2",
+        ),
+        (
+            {"baseline": 0.1},
+            ["typical"] * 2,
+            "must be 1, one for each camera after the first, got 2",
+        ),
         (LINE, ["typical", "typcal", "none"], "did you mean 'typical'"),
         (LINE, [{"gain": 0}] * 3, r"sensor.mismatch\[0\]"),
-        (LIGHT_FIELD, "typical", "recipe.toml: sensor.mismatch: the views of a light field are of one camera"),
+        (
+            LIGHT_FIELD,
+            "typical",
+            "recipe.toml: sensor.mismatch: the views of a light field are of one camera",
+        ),
         (LIGHT_FIELD, {"gain": 1.1}, "the views of a light field are of one camera"),
-        (ONE, {"roll_px": 1}, "recipe.toml: sensor.mismatch: the rig has one camera, and only those after the first"),
+        (
+            ONE,
+            {"roll_px": 1},
+            "recipe.toml: sensor.mismatch: the rig has one camera, and only those after the first",
+        ),
     ],
 )
 def test_mismatches_that_do_not_fit_the_rig(rig, mismatch, message):
@@ -88,17 +135,30 @@ def test_mismatches_that_do_not_fit_the_rig(rig, mismatch, message):
 
 
 def test_the_views_of_a_light_field_are_of_one_camera():
-    assert sensor(LIGHT_FIELD).mismatch == sensor(LIGHT_FIELD, mismatch="none").mismatch == Mismatch()
+    assert (
+        sensor(LIGHT_FIELD).mismatch
+        == sensor(LIGHT_FIELD, mismatch="none").mismatch
+        == Mismatch()
+    )
     rig = rig_from_table({}, ANY_SCENE, 48, 36)
     assert sensor_for(rig, {}, 5, LIGHT_FIELD).mismatch == Mismatch()
-    with pytest.raises(InputError, match="--mismatch 'typical': the views of a light field"):
+    with pytest.raises(
+        InputError, match="--mismatch 'typical': the views of a light field"
+    ):
         parse_mismatch("typical", 4, 9, "light_field")
     assert parse_mismatch("none", 4, 9, "light_field") == Mismatch()
 
 
 def test_a_rig_of_one_camera_has_no_mismatch():
-    assert sensor(ONE).mismatch == sensor(ONE, mismatch="none").mismatch == parse_mismatch("none", 4, 1) == Mismatch()
-    with pytest.raises(InputError, match="--mismatch 'roll_px=1': the rig has one camera"):
+    assert (
+        sensor(ONE).mismatch
+        == sensor(ONE, mismatch="none").mismatch
+        == parse_mismatch("none", 4, 1)
+        == Mismatch()
+    )
+    with pytest.raises(
+        InputError, match="--mismatch 'roll_px=1': the rig has one camera"
+    ):
         parse_mismatch("roll_px=1", 4, 1)
 
 
@@ -107,20 +167,29 @@ def test_the_option_draws_as_a_recipe_does():
         parse_mismatch("typical,blur_px=0.25", 5, 4)
         == sensor(LINE, mismatch={"level": "typical", "blur_px": 0.25}).mismatch
     )
-    assert parse_mismatch("typical,seed=3", 5, 4) == sensor(LINE, 3, mismatch="typical").mismatch
+    assert (
+        parse_mismatch("typical,seed=3", 5, 4)
+        == sensor(LINE, 3, mismatch="typical").mismatch
+    )
     assert parse_mismatch("gain=1.1", 5, 4) == Mismatch(gain=1.1)
 
 
 def test_a_sample_records_the_mismatch_of_each_camera_and_is_made_again(tmp_path):
     """The rig that takes the images, the photos, the record and `rectified_sample` have the same mismatches."""
-    table = {**BASE, "rig": LINE, "sensor": {"mismatch": {"level": "consumer", "distortion_px": 0}}}
+    table = {
+        **BASE,
+        "rig": LINE,
+        "sensor": {"mismatch": {"level": "consumer", "distortion_px": 0}},
+    }
     recipe = recipe_from_table(table)
     sample = make(recipe, 0)
     files = sample_files(sample)
     record = json.loads(files["sample.json"])
     drawn = Sensor.from_record(record["record"]["sensor"]).mismatch
     assert len(set(drawn)) == 3
-    expected = sensor_for(sample.rig.nominal, recipe.drawn, record["record"]["spec"]["seed"])
+    expected = sensor_for(
+        sample.rig.nominal, recipe.drawn, record["record"]["spec"]["seed"]
+    )
     assert drawn == expected.mismatch
     for i, mismatch in enumerate(drawn, start=1):
         alone = mismatch.misalign(sample.rig.nominal)
@@ -129,11 +198,15 @@ def test_a_sample_records_the_mismatch_of_each_camera_and_is_made_again(tmp_path
         first = sample.shots[0].record["exposures"][0]
         assert Mismatch(**taken["sensor"]["mismatch"]) == mismatch
         assert taken["gain"] == pytest.approx(first["gain"] * mismatch.gain)
-        assert taken["black_level_dn"] == pytest.approx(first["black_level_dn"] + mismatch.black_level)
+        assert taken["black_level_dn"] == pytest.approx(
+            first["black_level_dn"] + mismatch.black_level
+        )
     assert sample_files(remake(record)) == files
     write_sample(tmp_path / "cards", sample)
     assert verify_sample(Dataset(tmp_path / "cards")[0]) == []
-    rectified = rectified_sample(Dataset(tmp_path / "cards")[0], left=1, right=3, pictures="render")
+    rectified = rectified_sample(
+        Dataset(tmp_path / "cards")[0], left=1, right=3, pictures="render"
+    )
     assert Sensor.from_record(rectified.record["sensor"]).mismatch == drawn[2]
 
 
@@ -143,5 +216,12 @@ def test_old_samples_have_one_mismatch_for_all_cameras():
     sample = make_sample(tl.load_scene("cards"), rig, [tl.Pinhole()], spp=1, sensor=old)
     gains = [exposure["gain"] for exposure in sample.shots[0].record["exposures"]]
     assert np.array(gains) / gains[0] == pytest.approx([1, 1.2, 1.2, 1.2])
-    with pytest.raises(InputError, match="must be 3, one for each camera after the first, got 1"):
-        make_sample(tl.load_scene("cards"), rig, [tl.Pinhole()], sensor=old.replace(mismatch=(Mismatch(),)))
+    with pytest.raises(
+        InputError, match="must be 3, one for each camera after the first, got 1"
+    ):
+        make_sample(
+            tl.load_scene("cards"),
+            rig,
+            [tl.Pinhole()],
+            sensor=old.replace(mismatch=(Mismatch(),)),
+        )

@@ -24,7 +24,9 @@ def made(tmp_path_factory):
     scene = random_scene("tabletop", 3, object_count=4)
     rig = default_rig(scene, 320, 240)
     shot = Shot(tl.Pinhole(), (np.zeros((240, 320, 3), np.uint8),) * 2)
-    sample = Sample(rig, (shot,), tuple(tl.ground_truth(scene, rig)), models=object_models(scene))
+    sample = Sample(
+        rig, (shot,), tuple(tl.ground_truth(scene, rig)), models=object_models(scene)
+    )
     write_sample(folder / "in" / "s", sample)
     export(tl.Dataset(folder / "in"), folder / "bop", "bop")
     return folder
@@ -42,15 +44,30 @@ def painted(vertices, faces, K, shape):
 
 def test_bop_poses_reproject_the_models_onto_the_masks(made):
     scene = made / "bop/train/000000"
-    cameras, poses, infos = (json.loads((scene / f"scene_{n}.json").read_text()) for n in ("camera", "gt", "gt_info"))
+    cameras, poses, infos = (
+        json.loads((scene / f"scene_{n}.json").read_text())
+        for n in ("camera", "gt", "gt_info")
+    )
     tested = 0
     for i, camera in cameras.items():
         K = np.reshape(camera["cam_K"], (3, 3))
         for k, (pose, info) in enumerate(zip(poses[i], infos[i], strict=True)):
-            mask = cv2.imread(scene / f"mask/{int(i):06d}_{k:06d}.png", cv2.IMREAD_UNCHANGED) > 0
-            mesh = trimesh.load_mesh(made / f"bop/models/obj_{pose['obj_id']:06d}.ply", process=False)
-            points = mesh.vertices @ np.reshape(pose["cam_R_m2c"], (3, 3)).T + pose["cam_t_m2c"]
-            if points[:, 2].min() <= 0 or mask.sum() < 400:  # behind the camera; or its border has most of its pixels
+            mask = (
+                cv2.imread(
+                    scene / f"mask/{int(i):06d}_{k:06d}.png", cv2.IMREAD_UNCHANGED
+                )
+                > 0
+            )
+            mesh = trimesh.load_mesh(
+                made / f"bop/models/obj_{pose['obj_id']:06d}.ply", process=False
+            )
+            points = (
+                mesh.vertices @ np.reshape(pose["cam_R_m2c"], (3, 3)).T
+                + pose["cam_t_m2c"]
+            )
+            if (
+                points[:, 2].min() <= 0 or mask.sum() < 400
+            ):  # behind the camera; or its border has most of its pixels
                 continue
             ours = painted(points, mesh.faces, K, mask.shape)
             assert (ours & mask).sum() / (ours | mask).sum() >= 0.99
@@ -72,4 +89,7 @@ def test_the_dataset_is_consistent_and_damage_is_found(made):
     path.write_text(json.dumps(record))
     (finding,) = verify_sample(sample)
     path.write_text(text)
-    assert finding == f"sample.json: objects[0]: object {first['object_id']} differs from the object ids of the truth"
+    assert (
+        finding
+        == f"sample.json: objects[0]: object {first['object_id']} differs from the object ids of the truth"
+    )

@@ -38,24 +38,41 @@ RECIPE = {"families": ["tabletop"], **SIZE}
 def folder(tmp_path):
     """parts/deep/m.gltf with its .bin and .png, and parts/box.obj with its .mtl."""
     header, binary = unpacked(
-        trimesh.Scene(square(baseColorTexture=picture(np.ones((2, 2, 3))))).export(file_type="glb")
+        trimesh.Scene(square(baseColorTexture=picture(np.ones((2, 2, 3))))).export(
+            file_type="glb"
+        )
     )
     (tmp_path / "parts" / "deep").mkdir(parents=True)
     (tmp_path / "parts" / "deep" / "m.bin").write_bytes(binary)
-    (tmp_path / "parts" / "deep" / "tiles.png").write_bytes(png(np.full((2, 2, 3), 0.5)))
+    (tmp_path / "parts" / "deep" / "tiles.png").write_bytes(
+        png(np.full((2, 2, 3), 0.5))
+    )
     header["buffers"][0]["uri"] = "m.bin"
     header["images"] = [{"uri": "tiles.png"}]
     (tmp_path / "parts" / "deep" / "m.gltf").write_text(json.dumps(header))
-    (tmp_path / "parts" / "box.obj").write_text("mtllib box.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n")
+    (tmp_path / "parts" / "box.obj").write_text(
+        "mtllib box.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n"
+    )
     (tmp_path / "parts" / "box.mtl").write_text("newmtl a\nKd 1 0 0\n")
     return tmp_path
 
 
 def test_files_that_meshes_name_are_sources(folder):
-    recipe = recipe_from_table({**RECIPE, "assets": {"meshes": "parts", "keep_material": True}}, folder / "recipe.toml")
-    expected = ["parts/box.mtl", "parts/box.obj", "parts/deep/m.bin", "parts/deep/m.gltf", "parts/deep/tiles.png"]
+    recipe = recipe_from_table(
+        {**RECIPE, "assets": {"meshes": "parts", "keep_material": True}},
+        folder / "recipe.toml",
+    )
+    expected = [
+        "parts/box.mtl",
+        "parts/box.obj",
+        "parts/deep/m.bin",
+        "parts/deep/m.gltf",
+        "parts/deep/tiles.png",
+    ]
     assert list(recipe.sources.digests) == expected
-    plain = recipe_from_table({**RECIPE, "assets": {"meshes": "parts"}}, folder / "recipe.toml")
+    plain = recipe_from_table(
+        {**RECIPE, "assets": {"meshes": "parts"}}, folder / "recipe.toml"
+    )
     assert "parts/box.mtl" not in plain.sources.digests
     assert "parts/deep/m.bin" in plain.sources.digests  # its geometry
 
@@ -64,15 +81,28 @@ def test_a_change_of_a_material_file_is_noticed(folder):
     sources = Sources(folder, assets={"meshes": ("parts/box.obj",)}, keep_material=True)
     assert set(sources.digests) == {"parts/box.obj", "parts/box.mtl"}
     (folder / "parts" / "box.mtl").write_text("newmtl a\nKd 0 1 0 \n")
-    with pytest.raises(FileError, match=r"box\.mtl: has changed while samples were made from it"):
+    with pytest.raises(
+        FileError, match=r"box\.mtl: has changed while samples were made from it"
+    ):
         sources.families_assets.draw("meshes", np.random.default_rng(0))
 
 
 USES = {
-    "families": {"families": ["cards"], "assets": {"meshes": "parts", "keep_material": True, "mesh_share": 1.0}},
+    "families": {
+        "families": ["cards"],
+        "assets": {"meshes": "parts", "keep_material": True, "mesh_share": 1.0},
+    },
     "objects": {
         "scenes": ["cards"],
-        "scene": {"objects": {"own": {"file": "parts/deep/cut.obj", "translate": [0, 0, 1], "scale": 0.1}}},
+        "scene": {
+            "objects": {
+                "own": {
+                    "file": "parts/deep/cut.obj",
+                    "translate": [0, 0, 1],
+                    "scale": 0.1,
+                }
+            }
+        },
     },
 }
 
@@ -83,9 +113,16 @@ def shared(tmp_path, request):
     for name in ("parts/deep", "paints", "pictures"):
         (tmp_path / name).mkdir(parents=True)
     (tmp_path / "parts" / "deep" / "cut.obj").write_text(OBJ)
-    (tmp_path / "paints" / "a.mtl").write_text("newmtl a\nmap_Kd ../pictures/tiles.png\n")
+    (tmp_path / "paints" / "a.mtl").write_text(
+        "newmtl a\nmap_Kd ../pictures/tiles.png\n"
+    )
     (tmp_path / "pictures" / "tiles.png").write_bytes(png(np.full((2, 2, 3), 0.5)))
-    written = {**SIZE, **USES[request.param], "denoise": False, "gates": {"texture": 0.0, "visible": 0.0}}
+    written = {
+        **SIZE,
+        **USES[request.param],
+        "denoise": False,
+        "gates": {"texture": 0.0, "visible": 0.0},
+    }
     return recipe_from_table(written, tmp_path / "recipe.toml")
 
 
@@ -95,7 +132,9 @@ NAMED = {"paints/a.mtl", "parts/deep/cut.obj", "pictures/tiles.png"}
 def test_files_in_other_folders_of_the_recipe_are_sources(shared):
     assert {*shared.sources.digests} >= NAMED
     if shared.kind == "family":
-        _, mesh = shared.sources.families_assets.draw("meshes", np.random.default_rng(0))
+        _, mesh = shared.sources.families_assets.draw(
+            "meshes", np.random.default_rng(0)
+        )
         assert list(mesh.materials) == ["parts/deep/cut.obj:a"]
     else:
         shared.sources.check_contents()
@@ -133,7 +172,9 @@ def test_without_a_recipe_meshes_name_files_of_their_own_folder(folder):
     linked.symlink_to(folder / "parts" / "box.obj")
     (folder / "box.mtl").write_text("newmtl a\nKd 0 0 1\n")
     assert named_by_mesh(linked, True, None) == [folder / "box.mtl"]
-    assert named_by_mesh(folder / "parts" / "box.obj", True, folder / "elsewhere") == [folder / "parts" / "box.mtl"]
+    assert named_by_mesh(folder / "parts" / "box.obj", True, folder / "elsewhere") == [
+        folder / "parts" / "box.mtl"
+    ]
 
 
 def test_a_mesh_with_and_without_a_material_has_the_files_of_its_own(folder):
@@ -142,4 +183,7 @@ def test_a_mesh_with_and_without_a_material_has_the_files_of_its_own(folder):
     painted = {**own, "material": {"type": "diffuse", "reflectance": 0.5}}
     for objects in ({"a": painted, "b": own}, {"a": own, "b": painted}):
         written = {**SIZE, "scenes": ["cards"], "scene": {"objects": objects}}
-        assert "parts/box.mtl" in recipe_from_table(written, folder / "recipe.toml").sources.digests
+        assert (
+            "parts/box.mtl"
+            in recipe_from_table(written, folder / "recipe.toml").sources.digests
+        )

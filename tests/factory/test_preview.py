@@ -27,4 +27,10 @@ def test_colours_rise_with_disparity_and_unknown_is_black():
 @pytest.mark.parametrize("value", [0, 200, 255, 256, 30_000, 65_535])
 def test_sixteen_bits_are_shown_by_their_upper_eight_however_dark(tmp_path, value):
     write_png(tmp_path / "im0.png", np.full((6, 8, 3), value, np.uint16))
-    assert np.abs(np.asarray(sample_tile(StoredSample(tmp_path, "dark"))).astype(int) - value // 257).max() <= 1
+    assert (
+        np.abs(
+            np.asarray(sample_tile(StoredSample(tmp_path, "dark"))).astype(int)
+            - value // 257
+        ).max()
+        <= 1
+    )

@@ -51,7 +51,10 @@ def test_samples_store_projectors_and_their_truth(data):
     (projector,) = sample.rig.projectors
     assert 50 <= projector.power <= 100
     drawn = sample.record["record"]["spec"]["drawn"]["rig"]["projectors"][0]
-    assert (drawn["power"], drawn["pattern"]["type"] in ("dots", "stripes")) == (projector.power, True)
+    assert (drawn["power"], drawn["pattern"]["type"] in ("dots", "stripes")) == (
+        projector.power,
+        True,
+    )
     for i in (0, 1):
         truth = sample.truth(i)
         (found,) = truth.projections
@@ -66,10 +69,15 @@ def test_samples_store_projectors_and_their_truth(data):
 def test_ambient_scales_the_light_of_the_scene_only(data):
     """With no ambient light, what the projector does not light directly or by reflection is black."""
     ambient, dark = data
-    assert (ambient.record["record"]["ambient"], dark.record["record"]["ambient"]) == (0.25, 0)
+    assert (ambient.record["record"]["ambient"], dark.record["record"]["ambient"]) == (
+        0.25,
+        0,
+    )
     scene = load_scene(data.path.parent / "tiny")
     rig = tl.Rig.stereo(tl.Camera.from_fov(24, 16, 50), 0.1, scene.world_from_left)
-    whole, half = (tl.render(each, rig, spp=4)[0] for each in (scene, scene.with_ambient(0.5)))
+    whole, half = (
+        tl.render(each, rig, spp=4)[0] for each in (scene, scene.with_ambient(0.5))
+    )
     assert np.allclose(half, whole / 2, rtol=1e-5)
 
 
@@ -80,23 +88,33 @@ def test_verify_checks_the_truth_of_projection(data, tmp_path):
     (light,) = first.projections
     assert light.lit.any()
     wrong = {
-        "projector0.u and .v": {"projections": (dataclasses.replace(light, pixels=light.pixels + 1),)},
-        "outside its pattern": {"projections": (dataclasses.replace(light, lit=light.lit | True),)},
+        "projector0.u and .v": {
+            "projections": (dataclasses.replace(light, pixels=light.pixels + 1),)
+        },
+        "outside its pattern": {
+            "projections": (dataclasses.replace(light, lit=light.lit | True),)
+        },
         "faces away from it": {"normal": -first.normal},
     }
     samples = {
-        what: dataclasses.replace(stored, truths=(dataclasses.replace(first, **changes), second))
+        what: dataclasses.replace(
+            stored, truths=(dataclasses.replace(first, **changes), second)
+        )
         for what, changes in wrong.items()
     }
     unseen = [dataclasses.replace(each, band="nir") for each in stored.rig.projectors]
-    samples["no camera sees"] = dataclasses.replace(stored, rig=stored.rig.with_projectors(unseen))
+    samples["no camera sees"] = dataclasses.replace(
+        stored, rig=stored.rig.with_projectors(unseen)
+    )
     for what, sample in samples.items():
         folder = tmp_path / what.replace(" ", "")
         folder.mkdir()
         for name, content in sample_files(sample).items():
             (folder / name).write_bytes(content)
         (finding,) = verify_sample(tl.Dataset(folder)[0])
-        assert finding.startswith("sample.json: " if what == "no camera sees" else "truth0.exr: ")
+        assert finding.startswith(
+            "sample.json: " if what == "no camera sees" else "truth0.exr: "
+        )
         assert what in finding
 
 
@@ -104,7 +122,9 @@ def test_remade_samples_are_the_same_to_the_byte(data):
     sample = data[1]
     scene = load_scene(data.path.parent / "tiny")
     files = sample_files(remake(sample.record, scene))
-    assert all(sample.path(name).read_bytes() == content for name, content in files.items())
+    assert all(
+        sample.path(name).read_bytes() == content for name, content in files.items()
+    )
 
 
 def test_the_card_and_exports_know_projectors(data, tmp_path):
@@ -118,11 +138,17 @@ def test_the_card_and_exports_know_projectors(data, tmp_path):
 def test_a_picture_is_a_pattern_and_a_file_of_the_recipe(data, tmp_path):
     folder = data.path.parent
     Image.fromarray(np.eye(30, 40, dtype=np.uint8) * 255).save(folder / "dots.png")
-    text = (folder / "recipe.toml").read_text().replace('{ type = "stripes", period = 4 }', "DOTS")
+    text = (
+        (folder / "recipe.toml")
+        .read_text()
+        .replace('{ type = "stripes", period = 4 }', "DOTS")
+    )
     text = text.replace('{ type = "dots", density = 0.3 }', "DOTS").replace(
         "width = 40\nheight = 30\n", "aperture_mm = 5\n"
     )
-    (folder / "pictured.toml").write_text(text.replace("DOTS", '{ type = "picture", file = "dots.png" }'))
+    (folder / "pictured.toml").write_text(
+        text.replace("DOTS", '{ type = "picture", file = "dots.png" }')
+    )
     recipe = read_recipe(folder / "pictured.toml")
     assert "dots.png" in recipe.sources.files
     (projector,) = make(recipe, 0).rig.projectors

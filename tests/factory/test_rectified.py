@@ -45,14 +45,24 @@ def stored(scene, middle, tmp_path_factory):
 
 
 @pytest.mark.parametrize("distortion", [None, BrownConrady(-0.15, 0.03, 1e-3, -5e-4)])
-def test_truth_equals_that_of_the_pair_built_rectified_and_rows_agree(scene, middle, distortion):
+def test_truth_equals_that_of_the_pair_built_rectified_and_rows_agree(
+    scene, middle, distortion
+):
     result = tl.rectify(toed_in(middle, distortion))
     ours = tl.ground_truth(scene, result.rectified_rig)
-    built = Rig.stereo(result.rectified_rig.cameras[0], BASELINE, middle @ rigid(np.eye(3), [-0.5 * BASELINE, 0, 0]))
-    for side, (truth, expected) in enumerate(zip(ours, tl.ground_truth(scene, built), strict=True)):
+    built = Rig.stereo(
+        result.rectified_rig.cameras[0],
+        BASELINE,
+        middle @ rigid(np.eye(3), [-0.5 * BASELINE, 0, 0]),
+    )
+    for side, (truth, expected) in enumerate(
+        zip(ours, tl.ground_truth(scene, built), strict=True)
+    ):
         same = truth.object_id == expected.object_id
         assert same.mean() > 0.9995
-        assert np.array_equal(np.isfinite(truth.disparity[same]), np.isfinite(expected.disparity[same]))
+        assert np.array_equal(
+            np.isfinite(truth.disparity[same]), np.isfinite(expected.disparity[same])
+        )
         near = same & np.isfinite(truth.disparity) & np.isfinite(expected.disparity)
         assert np.abs(truth.disparity[near] - expected.disparity[near]).max() < 1e-4
         matches = tl.correspondence(scene, result.rectified_rig, side, 1 - side).pixels
@@ -72,19 +82,25 @@ def test_what_is_written_verifies_and_is_a_rectified_pair(stored, tmp_path):
 
 
 def test_warped_pictures_are_those_that_the_rectified_cameras_take(stored):
-    warped, taken = (rectified_sample(stored, pictures=pictures) for pictures in ("maps", "render"))
+    warped, taken = (
+        rectified_sample(stored, pictures=pictures) for pictures in ("maps", "render")
+    )
     result = tl.rectify(stored.rig)
     for side in (0, 1):
         valid = result.valid(side)
         a, b = (s.shots[0].images[side][valid].astype(float) for s in (warped, taken))
         assert np.corrcoef(a.ravel(), b.ravel())[0, 1] > 0.97
-        assert not warped.shots[0].images[side][~valid][:, 0].any() or (~valid).sum() < 400
+        assert (
+            not warped.shots[0].images[side][~valid][:, 0].any() or (~valid).sum() < 400
+        )
         assert not warped.truths[side].visible[~valid].any()
 
 
 def test_an_error_left_in_is_in_the_pictures_and_not_in_the_truth(stored):
     error = Misalignment(vertical_px=2.0)
-    plain, off = (rectified_sample(stored, misalignment=m) for m in (Misalignment(), error))
+    plain, off = (
+        rectified_sample(stored, misalignment=m) for m in (Misalignment(), error)
+    )
     assert np.array_equal(plain.truths[0].disparity, off.truths[0].disparity)
     assert off.rig.calibrated is not None
     a, b = (s.shots[0].images[1].astype(int) for s in (plain, off))
@@ -99,14 +115,21 @@ def test_pixels_that_a_picture_lacks_are_not_called_visible(stored):
         valid, visible = result.valid(side), made.truths[side].visible
         assert not visible[~valid].any()
         lost = exact[side].visible & valid & ~visible
-        u, v = np.rint(tl.correspondence(tl.load_scene("cards"), result.aligned_rig, side, 1 - side).pixels[lost]).T
+        u, v = np.rint(
+            tl.correspondence(
+                tl.load_scene("cards"), result.aligned_rig, side, 1 - side
+            ).pixels[lost]
+        ).T
         assert not result.valid(1 - side)[v.astype(int), u.astype(int)].any()
         assert not (visible & ~exact[side].visible).any()
 
 
 def test_warping_is_bilinear_and_black_outside():
     image = np.arange(12, dtype=np.uint8).reshape(3, 4) * 10
-    x, y = np.array([[0.5, 3.0, -9.0]], np.float32), np.array([[1.0, 0.5, 0.0]], np.float32)
+    x, y = (
+        np.array([[0.5, 3.0, -9.0]], np.float32),
+        np.array([[1.0, 0.5, 0.0]], np.float32),
+    )
     assert warp(image, x, y).tolist() == [[45, 50, 0]]
     assert warp(np.stack([image] * 3, axis=2), x, y).shape == (1, 3, 3)
     with pytest.raises(InputError, match="the same shape"):
@@ -115,12 +138,21 @@ def test_warping_is_bilinear_and_black_outside():
 
 @pytest.mark.parametrize("pictures", ["maps", "render"])
 def test_what_a_recipe_drew_is_not_said_of_the_new_cameras(stored, tmp_path, pictures):
-    record = {**stored.record["record"], "spp": 1, "spec": {"ndisp": 5}, "rejections": []}
+    record = {
+        **stored.record["record"],
+        "spp": 1,
+        "spec": {"ndisp": 5},
+        "rejections": [],
+    }
     (tmp_path / "s").mkdir()
     for path in stored.folder.iterdir():
         (tmp_path / "s" / path.name).write_bytes(path.read_bytes())
-    (tmp_path / "s" / "sample.json").write_text(json.dumps({**stored.record, "record": record}))
-    sample = rectified_sample(Dataset(tmp_path / "s")[0], pictures=pictures, zero_doffs=False)
+    (tmp_path / "s" / "sample.json").write_text(
+        json.dumps({**stored.record, "record": record})
+    )
+    sample = rectified_sample(
+        Dataset(tmp_path / "s")[0], pictures=pictures, zero_doffs=False
+    )
     assert sample.record["rectified_from"]["pictures"] == pictures
     assert not {"spec", "rejections"} & sample.record.keys()
     assert sample.ndisp is None

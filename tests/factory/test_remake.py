@@ -23,7 +23,12 @@ SHAPED = (
     tl.BareAperture(0.002, 0.05, Polygon(5, rotation_deg=10.0, roundness=0.25)),
 )
 SENSOR = Sensor.preset(
-    "phone", filters="rgb", bits=16, output="gamma", serial=4, mismatch=Mismatch(gain=1.1, time=1.05, black_level=2.0)
+    "phone",
+    filters="rgb",
+    bits=16,
+    output="gamma",
+    serial=4,
+    mismatch=Mismatch(gain=1.1, time=1.05, black_level=2.0),
 )
 
 
@@ -37,7 +42,9 @@ def rig(scene):
     left = (
         default_rig(scene, 40, 30)
         .cameras[0]
-        .replace(fy=45.0, cx=18.25, distortion=BrownConrady(k1=-0.1), pixel_pitch_um=1000.0)
+        .replace(
+            fy=45.0, cx=18.25, distortion=BrownConrady(k1=-0.1), pixel_pitch_um=1000.0
+        )
     )
     return tl.Rig.stereo(left, 0.07, scene.world_from_left, right=left.replace(cx=21.0))
 
@@ -54,10 +61,20 @@ def shaped(scene, rig):
 
 def diffracted(scene, rig):
     lenses = (tl.Pinhole(), tl.ThinLens(2e-4, 1.2))
-    return make_sample(scene, default_rig(scene, 40, 30), lenses, spp=3, denoise=True, sensor=SENSOR, diffraction=True)
+    return make_sample(
+        scene,
+        default_rig(scene, 40, 30),
+        lenses,
+        spp=3,
+        denoise=True,
+        sensor=SENSOR,
+        diffraction=True,
+    )
 
 
-@pytest.mark.parametrize("made", [shaped, pytest.param(diffracted, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "made", [shaped, pytest.param(diffracted, marks=pytest.mark.slow)]
+)
 def test_the_record_alone_gives_the_same_bytes(made, scene, rig):
     files = sample_files(made(scene, rig))
     assert any(name.startswith("models/") for name in files) == (made is shaped)
@@ -66,7 +83,9 @@ def test_the_record_alone_gives_the_same_bytes(made, scene, rig):
 
 @pytest.fixture(scope="module")
 def record(scene):
-    sample = make_sample(scene, default_rig(scene, 8, 6), [tl.ThinLens(0.01, 1.2)], spp=1)
+    sample = make_sample(
+        scene, default_rig(scene, 8, 6), [tl.ThinLens(0.01, 1.2)], spp=1
+    )
     return json.loads(sample_files(sample)["sample.json"])
 
 
@@ -74,7 +93,9 @@ def test_a_scene_of_ones_own_has_to_be_given(scene, tmp_path):
     mine = tmp_path / "mine"
     mine.mkdir()
     (mine / "scene.toml").write_text(SCENE)
-    made = make_sample(tl.load_scene(mine), default_rig(scene, 8, 6), [tl.Pinhole()], spp=1)
+    made = make_sample(
+        tl.load_scene(mine), default_rig(scene, 8, 6), [tl.Pinhole()], spp=1
+    )
     files = sample_files(made)
     own = json.loads(files["sample.json"])
     with pytest.raises(InputError, match="'mine' is not bundled; load it"):
@@ -90,13 +111,31 @@ def test_a_scene_of_ones_own_has_to_be_given(scene, tmp_path):
     [
         (lambda r: r.pop("record"), "missing key 'record'"),
         (lambda r: r["record"].pop("spp"), "record: missing key 'spp'"),
-        (lambda r: r["record"].update(spp=True), "record.spp: must be a whole number, got True"),
+        (
+            lambda r: r["record"].update(spp=True),
+            "record.spp: must be a whole number, got True",
+        ),
         (lambda r: r["record"].update(scene="card"), "'card' is not bundled"),
-        (lambda r: r["record"].update(scene="spheres"), "not the one that the record names"),
-        (lambda r: r["record"]["sensor"].update(full_wel=3), "did you mean 'full_well'"),
-        (lambda r: r["record"]["sensor"].update(mismatch=3), "record.sensor.mismatch: must be a table"),
-        (lambda r: r["record"].update(exposure=0.1), "record.exposure: must be a table"),
-        (lambda r: r["record"].update(exposure={"time": 0}), "exposure.time: must be > 0"),
+        (
+            lambda r: r["record"].update(scene="spheres"),
+            "not the one that the record names",
+        ),
+        (
+            lambda r: r["record"]["sensor"].update(full_wel=3),
+            "did you mean 'full_well'",
+        ),
+        (
+            lambda r: r["record"]["sensor"].update(mismatch=3),
+            "record.sensor.mismatch: must be a table",
+        ),
+        (
+            lambda r: r["record"].update(exposure=0.1),
+            "record.exposure: must be a table",
+        ),
+        (
+            lambda r: r["record"].update(exposure={"time": 0}),
+            "exposure.time: must be > 0",
+        ),
         (lambda r: r.update(rig=None), "rig: must be a table"),
         (lambda r: r["shots"].append({}), "lens: must be a table"),
     ],
@@ -111,7 +150,10 @@ def test_a_record_that_is_none_is_refused_in_one_line(record, change, says):
 
 @pytest.mark.parametrize("given", ["out/cards", tl.Dataset, None], ids=str)
 def test_what_is_no_record_is_refused_with_where_to_find_one(given):
-    with pytest.raises(InputError, match=r"^record must be a sample's, such as Dataset\('out'\)\[0\].record, got "):
+    with pytest.raises(
+        InputError,
+        match=r"^record must be a sample's, such as Dataset\('out'\)\[0\].record, got ",
+    ):
         remake(given)
 
 
@@ -127,34 +169,59 @@ def test_a_level_of_mismatch_is_drawn_for_each_sample_and_recorded(tmp_path):
     """The left image, truth and calibration are those without mismatch; values in the recipe replace drawn ones."""
     table = 'mismatch = {{ level = "LEVEL", blur_px = 0.25, distortion_px = 0 }}'
     text = (
-        RECIPE.replace("[sensor]", f"[sensor]\n{table}").replace("{{ choice = [0, 2, 8] }}", "0")
+        RECIPE.replace("[sensor]", f"[sensor]\n{table}").replace(
+            "{{ choice = [0, 2, 8] }}", "0"
+        )
         + "\n[exposure]\ntime = 0.02\n"
     )
     typical, none = (
-        read_recipe(write_recipe(tmp_path / level, text.replace("LEVEL", level))) for level in ("typical", "none")
+        read_recipe(write_recipe(tmp_path / level, text.replace("LEVEL", level)))
+        for level in ("typical", "none")
     )
     files, other = (sample_files(make(typical, i)) for i in (1, 2))
-    record, second = (json.loads(each["sample.json"])["record"] for each in (files, other))
+    record, second = (
+        json.loads(each["sample.json"])["record"] for each in (files, other)
+    )
     drawn = Mismatch.draw("typical", record["spec"]["seed"])
-    assert Mismatch(**record["sensor"]["mismatch"]) == dataclasses.replace(drawn, blur_px=0.25, distortion_px=0.0)
+    assert Mismatch(**record["sensor"]["mismatch"]) == dataclasses.replace(
+        drawn, blur_px=0.25, distortion_px=0.0
+    )
     assert second["sensor"]["mismatch"]["gain"] != drawn.gain
     plain = sample_files(make(none, 1))
-    for name in ("im0.png", "disp0.pfm", "disp1.pfm", "calib.txt", "truth0.exr", "truth1.exr"):
+    for name in (
+        "im0.png",
+        "disp0.pfm",
+        "disp1.pfm",
+        "calib.txt",
+        "truth0.exr",
+        "truth1.exr",
+    ):
         assert files[name] == plain[name], name
     assert files["im1.png"] != plain["im1.png"]
-    again = remake(json.loads(files["sample.json"]), tl.load_scene(tmp_path / "typical" / "tiny"))
+    again = remake(
+        json.loads(files["sample.json"]), tl.load_scene(tmp_path / "typical" / "tiny")
+    )
     assert sample_files(again) == files
 
 
-@pytest.mark.parametrize(("sensor", "level"), [('filters = "mono"', "typical"), ('preset = "ideal"', "none")])
-def test_recipes_without_a_mismatch_make_typical_pairs_unless_the_sensor_is_ideal(tmp_path, sensor, level):
+@pytest.mark.parametrize(
+    ("sensor", "level"), [('filters = "mono"', "typical"), ('preset = "ideal"', "none")]
+)
+def test_recipes_without_a_mismatch_make_typical_pairs_unless_the_sensor_is_ideal(
+    tmp_path, sensor, level
+):
     text = re.sub(r"\[sensor\]\n(?:[^\[\n].*\n|\n)*", f"[sensor]\n{sensor}\n\n", RECIPE)
     record = make(read_recipe(write_recipe(tmp_path, text)), 0).record
-    drawn = Mismatch.draw(level, record["spec"]["seed"], distortion_px=0.0, focus_um=0.0)
+    drawn = Mismatch.draw(
+        level, record["spec"]["seed"], distortion_px=0.0, focus_um=0.0
+    )
     assert Mismatch(**record["sensor"]["mismatch"]) == drawn
 
 
 def test_warped_pictures_cannot_be_photographed_again(record):
-    warped = {**record, "record": {**record["record"], "rectified_from": {"pictures": "maps"}}}
+    warped = {
+        **record,
+        "record": {**record["record"], "rectified_from": {"pictures": "maps"}},
+    }
     with pytest.raises(InputError, match="rectify that sample again"):
         remake(warped)

@@ -12,41 +12,71 @@ from twinlens.schema import read
 BASE = {"seed": 1, "count": 4, "scenes": ["cards"], "width": 320, "height": 240}
 
 
-@pytest.mark.parametrize(("width", "millimetres"), [(36, 36.0), ("35mm", 36.0), ("1/2.3", 6.17), ("APS-C", 23.5)])
+@pytest.mark.parametrize(
+    ("width", "millimetres"),
+    [(36, 36.0), ("35mm", 36.0), ("1/2.3", 6.17), ("APS-C", 23.5)],
+)
 def test_a_sensor_width_is_the_width_of_all_pixels(width, millimetres):
     rig = rig_from_table({"sensor_width_mm": width}, load_scene("cards"), 320, 240)
-    assert [camera.pixel_pitch_um * camera.width for camera in rig.cameras] == pytest.approx([1e3 * millimetres] * 2)
+    assert [
+        camera.pixel_pitch_um * camera.width for camera in rig.cameras
+    ] == pytest.approx([1e3 * millimetres] * 2)
 
 
 def test_a_camera_may_have_a_sensor_of_its_own():
     cameras = [{}, {"sensor_width_mm": "1", "width": 160}]
-    first, second = rig_from_table({"sensor_width_mm": 8.0, "cameras": cameras}, load_scene("cards"), 320, 240).cameras
+    first, second = rig_from_table(
+        {"sensor_width_mm": 8.0, "cameras": cameras}, load_scene("cards"), 320, 240
+    ).cameras
     assert (first.pixel_pitch_um, second.pixel_pitch_um) == pytest.approx((25.0, 82.5))
 
 
 def test_a_format_may_be_drawn():
-    recipe = recipe_from_table({**BASE, "rig": {"sensor_width_mm": {"sweep": ["35mm", 12]}}})
-    assert [plan(recipe, i).drawn["rig"]["sensor_width_mm"] for i in range(3)] == ["35mm", 12, "35mm"]
+    recipe = recipe_from_table(
+        {**BASE, "rig": {"sensor_width_mm": {"sweep": ["35mm", 12]}}}
+    )
+    assert [plan(recipe, i).drawn["rig"]["sensor_width_mm"] for i in range(3)] == [
+        "35mm",
+        12,
+        "35mm",
+    ]
 
 
 def test_near_infrared_cameras_have_a_sensor_of_their_own():
-    table = {"filters": "RGGB", "nir": {"preset": "phone", "read_noise": {"sweep": [2.0, 3.0]}}}
-    recipe = recipe_from_table({**BASE, "rig": {"camera": {"band": "nir"}}, "sensor": table})
+    table = {
+        "filters": "RGGB",
+        "nir": {"preset": "phone", "read_noise": {"sweep": [2.0, 3.0]}},
+    }
+    recipe = recipe_from_table(
+        {**BASE, "rig": {"camera": {"band": "nir"}}, "sensor": table}
+    )
     settings = [read(Settings, plan(recipe, i).drawn, "recipe.toml") for i in range(2)]
     assert [each.sensor.nir.read_noise for each in settings] == [2.0, 3.0]
     assert settings[0].sensor.nir.full_well == 6000.0
-    with pytest.raises(InputError, match=r"sensor.nir: unknown key 'read_nois'; did you mean 'read_noise'"):
+    with pytest.raises(
+        InputError,
+        match=r"sensor.nir: unknown key 'read_nois'; did you mean 'read_noise'",
+    ):
         recipe_from_table({**BASE, "sensor": {"nir": {"read_nois": 3}}})
 
 
 @pytest.mark.parametrize(
     ("rig", "message"),
     [
-        ({"sensor_width_mm": "APSC"}, "unknown sensor format 'APSC'; did you mean 'APS-C'"),
-        ({"sensor_width_mm": 0}, "sensor_width_mm: must be a positive number or the name of a format, got 0"),
+        (
+            {"sensor_width_mm": "APSC"},
+            "unknown sensor format 'APSC'; did you mean 'APS-C'",
+        ),
+        (
+            {"sensor_width_mm": 0},
+            "sensor_width_mm: must be a positive number or the name of a format, got 0",
+        ),
         ({"sensor_width_mm": True}, "must be a positive number"),
         ({"sensor_width_mm": 36, "pixel_pitch_um": 5}, "keep one"),
-        ({"cameras": [{}, {"sensor_width_mm": -1}]}, r"rig\.cameras\[1\]\.sensor_width_mm: must be"),
+        (
+            {"cameras": [{}, {"sensor_width_mm": -1}]},
+            r"rig\.cameras\[1\]\.sensor_width_mm: must be",
+        ),
     ],
 )
 def test_widths_that_cannot_be(rig, message):
@@ -59,6 +89,6 @@ def test_a_width_replaces_the_pixel_pitch_of_the_scene(monkeypatch):
     scene = load_scene("cards")
     own = rig_from_table({"pixel_pitch_um": 3.45}, scene, 320, 240).cameras[0]
     assert own.pixel_pitch_um == 3.45
-    assert default_rig(scene, 320, 240, intrinsics={"sensor_width_mm": "4/3"}).cameras[0].pixel_pitch_um == (
-        pytest.approx(1e3 * SENSOR_WIDTHS_MM["4/3"] / 320)
-    )
+    assert default_rig(scene, 320, 240, intrinsics={"sensor_width_mm": "4/3"}).cameras[
+        0
+    ].pixel_pitch_um == (pytest.approx(1e3 * SENSOR_WIDTHS_MM["4/3"] / 320))

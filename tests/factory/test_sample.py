@@ -22,7 +22,9 @@ def scene():
 
 @pytest.fixture(scope="module")
 def sample(scene):
-    return make_sample(scene, default_rig(scene, 48, 36), LENSES, spp=4, seed=0, keep_radiance=True)
+    return make_sample(
+        scene, default_rig(scene, 48, 36), LENSES, spp=4, seed=0, keep_radiance=True
+    )
 
 
 def test_the_rig_is_the_one_the_scene_was_composed_for(scene):
@@ -30,13 +32,17 @@ def test_the_rig_is_the_one_the_scene_was_composed_for(scene):
     assert rig.is_rectified()
     assert rig.baseline() == pytest.approx(scene.baseline)
     assert rig.cameras[0].fov_x_deg == pytest.approx(scene.fov_x_deg)
-    assert default_rig(scene, 48, 36, fov_x_deg=30, baseline=0.2).baseline() == pytest.approx(0.2)
+    assert default_rig(
+        scene, 48, 36, fov_x_deg=30, baseline=0.2
+    ).baseline() == pytest.approx(0.2)
 
 
 def test_every_lens_and_eye_has_noise_of_its_own(sample):
     first, again = sample.shots[0].radiances, sample.shots[1].radiances
     assert not np.array_equal(first[0], again[0])
-    noise = [(a - b).ravel() - (a - b).mean() for a, b in zip(first, again, strict=True)]
+    noise = [
+        (a - b).ravel() - (a - b).mean() for a, b in zip(first, again, strict=True)
+    ]
     assert abs(np.corrcoef(noise[0], noise[1])[0, 1]) < 5 / np.sqrt(noise[0].size)
 
 
@@ -52,7 +58,14 @@ def test_the_record_says_what_is_needed_to_make_it_again(scene, sample):
     assert record["seed"] == 0
     assert record["spp"] == 4
     assert {"twinlens", "mitsuba", "drjit", "numpy"} == set(record["versions"])
-    again = make_sample(scene, sample.rig, LENSES, spp=record["spp"], seed=record["seed"], keep_radiance=True)
+    again = make_sample(
+        scene,
+        sample.rig,
+        LENSES,
+        spp=record["spp"],
+        seed=record["seed"],
+        keep_radiance=True,
+    )
     assert sample_files(again) == sample_files(sample)
 
 
@@ -63,7 +76,9 @@ def test_another_seed_is_another_photograph_of_the_same_truth(scene, sample):
 
 
 def test_the_sensor_is_the_users(scene, sample):
-    deep = make_sample(scene, sample.rig, LENSES[:1], spp=1, sensor=Sensor.preset("ideal", bits=16))
+    deep = make_sample(
+        scene, sample.rig, LENSES[:1], spp=1, sensor=Sensor.preset("ideal", bits=16)
+    )
     assert deep.shots[0].images[0].dtype == np.uint16
 
 
@@ -86,16 +101,30 @@ def test_under_one_exposure_a_smaller_aperture_is_darker(scene, sample):
     rig = tl.Rig.stereo(camera, scene.baseline, scene.world_from_left)
     auto = make_sample(scene, rig, lenses, spp=64, sensor=sensor)
     time = auto.shots[0].record["exposures"][0]["time_s"]
-    fixed = make_sample(scene, rig, lenses, spp=64, sensor=sensor, exposure=Exposure(time))
-    assert mean_level(fixed.shots[1]) / mean_level(fixed.shots[0]) == pytest.approx(0.25, rel=0.02)
-    assert mean_level(auto.shots[1]) / mean_level(auto.shots[0]) == pytest.approx(1.0, rel=0.02)
+    fixed = make_sample(
+        scene, rig, lenses, spp=64, sensor=sensor, exposure=Exposure(time)
+    )
+    assert mean_level(fixed.shots[1]) / mean_level(fixed.shots[0]) == pytest.approx(
+        0.25, rel=0.02
+    )
+    assert mean_level(auto.shots[1]) / mean_level(auto.shots[0]) == pytest.approx(
+        1.0, rel=0.02
+    )
 
 
 def test_diffraction_blurs_what_the_lens_and_not_what_the_pinhole_sees(scene, sample):
     lenses = (tl.Pinhole(), tl.ThinLens(1e-5, 1.2))
     sensor = Sensor(wavelengths=(700e-9, 550e-9, 400e-9))
     plain, blurred = (
-        make_sample(scene, sample.rig, lenses, spp=4, sensor=sensor, diffraction=on, keep_radiance=True)
+        make_sample(
+            scene,
+            sample.rig,
+            lenses,
+            spp=4,
+            sensor=sensor,
+            diffraction=on,
+            keep_radiance=True,
+        )
         for on in (False, True)
     )
     assert np.array_equal(plain.shots[0].radiances[1], blurred.shots[0].radiances[1])
@@ -103,14 +132,20 @@ def test_diffraction_blurs_what_the_lens_and_not_what_the_pinhole_sees(scene, sa
         sharp, soft = plain.shots[1].radiances[eye], blurred.shots[1].radiances[eye]
         assert soft.mean() == pytest.approx(sharp.mean(), rel=0.02)
         detail = [
-            np.abs(np.diff(soft[..., c], axis=1)).mean() / np.abs(np.diff(sharp[..., c], axis=1)).mean() for c in (0, 2)
+            np.abs(np.diff(soft[..., c], axis=1)).mean()
+            / np.abs(np.diff(sharp[..., c], axis=1)).mean()
+            for c in (0, 2)
         ]
         assert detail[0] < detail[1] < 0.9  # longer waves spread further
 
 
 def test_the_eyes_differ_as_the_sensor_says(scene, sample):
     sensor = Sensor(mismatch=Mismatch(gain=1.5))
-    exposures = make_sample(scene, sample.rig, LENSES[:1], spp=1, sensor=sensor).shots[0].record["exposures"]
+    exposures = (
+        make_sample(scene, sample.rig, LENSES[:1], spp=1, sensor=sensor)
+        .shots[0]
+        .record["exposures"]
+    )
     assert exposures[1]["gain"] == pytest.approx(1.5 * exposures[0]["gain"])
 
 
@@ -119,11 +154,17 @@ def test_the_eyes_differ_as_the_sensor_says(scene, sample):
     [
         ([], {}, "at least one lens"),
         (["pinhole"], {}, "a lens must be a Pinhole"),
-        ([tl.ThinLens(0.01, 1.0, Polygon(6))], {"diffraction": True}, "needs a disk aperture, got polygon"),
+        (
+            [tl.ThinLens(0.01, 1.0, Polygon(6))],
+            {"diffraction": True},
+            "needs a disk aperture, got polygon",
+        ),
         ([tl.Pinhole()], {"exposure": 0.1}, "an Exposure or None"),
     ],
 )
-def test_what_cannot_be_photographed_is_refused_before_the_first_picture(scene, sample, lenses, options, says):
+def test_what_cannot_be_photographed_is_refused_before_the_first_picture(
+    scene, sample, lenses, options, says
+):
     with pytest.raises(InputError, match=says):
         make_sample(scene, sample.rig, lenses, **options)
 
@@ -131,17 +172,26 @@ def test_what_cannot_be_photographed_is_refused_before_the_first_picture(scene, 
 def test_a_scene_may_bring_a_rig_of_its_own(scene):
     own = replace(scene, rig={"layout": "line", "count": 3})
     assert len(default_rig(own, 48, 36)) == 3
-    assert default_rig(replace(scene, rig={}), 48, 36, baseline=0.2).baseline() == pytest.approx(0.2)
+    assert default_rig(
+        replace(scene, rig={}), 48, 36, baseline=0.2
+    ).baseline() == pytest.approx(0.2)
 
 
 def test_what_is_asked_of_every_camera_goes_before_what_a_table_says_of_one(scene):
-    cameras = [{"fx": 20, "fy": 22}, {"fov_x_deg": 40, "distortion": {"k1": 0.2}, "cx": 3.0}]
+    cameras = [
+        {"fx": 20, "fy": 22},
+        {"fov_x_deg": 40, "distortion": {"k1": 0.2}, "cx": 3.0},
+    ]
     own = replace(scene, rig={"cameras": cameras})
-    first, second = default_rig(own, 48, 36, intrinsics={"fx": 60.0, "fy": 61.0}).cameras
+    first, second = default_rig(
+        own, 48, 36, intrinsics={"fx": 60.0, "fy": 61.0}
+    ).cameras
     assert (first.fx, first.fy, second.fx, second.fy) == (60.0, 61.0, 60.0, 61.0)
     assert (second.cx, second.distortion.k1) == (3.0, 0.2)
     plain = {"cx": 20.0, "cy": 21.0, "distortion": {"k1": -0.01}}
-    for camera, fx in zip(default_rig(own, 48, 36, intrinsics=plain).cameras, (20, None), strict=True):
+    for camera, fx in zip(
+        default_rig(own, 48, 36, intrinsics=plain).cameras, (20, None), strict=True
+    ):
         assert (camera.cx, camera.cy, camera.distortion.k1) == (20.0, 21.0, -0.01)
         assert fx in (None, camera.fx)
     assert default_rig(own, 48, 36, fov_x_deg=90).cameras[0].fx == pytest.approx(24)
@@ -151,45 +201,75 @@ def test_what_is_asked_of_every_camera_goes_before_what_a_table_says_of_one(scen
 def test_an_error_left_in_moves_the_picture_and_leaves_the_truth(scene):
     straight = default_rig(scene, 48, 36)
     off = misaligned(straight, (ALIGNED, Misalignment(vertical_px=3.0)))
-    a, b = (make_sample(scene, rig, LENSES[:1], spp=64, keep_radiance=True) for rig in (straight, off))
+    a, b = (
+        make_sample(scene, rig, LENSES[:1], spp=64, keep_radiance=True)
+        for rig in (straight, off)
+    )
     assert np.array_equal(a.truths[1].depth, b.truths[1].depth)
     left, right = ([sample.shots[0].radiances[i] for sample in (a, b)] for i in (0, 1))
     assert np.array_equal(*left)
-    assert np.abs(right[1][3:] - right[0][:-3]).mean() < 0.5 * np.abs(right[1] - right[0]).mean()
+    assert (
+        np.abs(right[1][3:] - right[0][:-3]).mean()
+        < 0.5 * np.abs(right[1] - right[0]).mean()
+    )
 
 
 def test_what_was_left_in_is_made_again_from_the_record(scene, tmp_path):
     from twinlens.dataset import Dataset, write_sample
     from twinlens.factory import remake
 
-    off = misaligned(default_rig(scene, 24, 18), (ALIGNED, Misalignment(vertical_px=3.0, yaw_deg=0.5)))
+    off = misaligned(
+        default_rig(scene, 24, 18),
+        (ALIGNED, Misalignment(vertical_px=3.0, yaw_deg=0.5)),
+    )
     made = make_sample(scene, off, LENSES[:1], spp=2)
     write_sample(tmp_path / "cards", made)
     assert sample_files(remake(Dataset(tmp_path)[0].record)) == sample_files(made)
 
 
-def test_a_mismatch_that_no_exposure_can_have_is_refused_before_the_first_picture(scene, monkeypatch):
+def test_a_mismatch_that_no_exposure_can_have_is_refused_before_the_first_picture(
+    scene, monkeypatch
+):
     from twinlens import rendering
 
     monkeypatch.setattr(rendering, "render", lambda *_, **__: pytest.fail("rendered"))
     sensor = Sensor(mismatch=Mismatch(time=100.0))
-    with pytest.raises(InputError, match="the mismatch makes the exposure invalid: exposure time must be"):
-        make_sample(scene, default_rig(scene, 48, 36), LENSES, sensor=sensor, exposure=Exposure(1e8))
+    with pytest.raises(
+        InputError,
+        match="the mismatch makes the exposure invalid: exposure time must be",
+    ):
+        make_sample(
+            scene,
+            default_rig(scene, 48, 36),
+            LENSES,
+            sensor=sensor,
+            exposure=Exposure(1e8),
+        )
 
 
 @pytest.mark.parametrize("filters", ["rgb", "mono"])
 @pytest.mark.parametrize("vignetting", [False, True])
-def test_the_noise_ratio_is_that_of_the_electrons_in_a_pixel(scene, filters, vignetting):
+def test_the_noise_ratio_is_that_of_the_electrons_in_a_pixel(
+    scene, filters, vignetting
+):
     """A uniform image without readout noise: the error in electrons over the root of the electrons."""
     sensor = Sensor(filters=filters, vignetting=vignetting, read_noise=0.0, adc_bits=16)
     rig = default_rig(scene, 24, 24, fov_x_deg=90)
-    views = [NoisyImage(np.full((24, 24, 3), 0.5, np.float32), np.full((24, 24, 3), 0.1, np.float32))] * 2
+    views = [
+        NoisyImage(
+            np.full((24, 24, 3), 0.5, np.float32), np.full((24, 24, 3), 0.1, np.float32)
+        )
+    ] * 2
     exposure = Exposure(0.01)
     rate = 0.01 * sensor.electrons_per_radiance(rig.cameras[0], tl.Pinhole())
     if filters == "mono":
         rate = rate.sum(keepdims=True)
-    shade = np.median(light.vignetting(rig.cameras[0], tl.Pinhole())) if vignetting else 1.0
+    shade = (
+        np.median(light.vignetting(rig.cameras[0], tl.Pinhole())) if vignetting else 1.0
+    )
     expected = np.sqrt(np.mean(0.1**2 * rate * shade / 0.5))
-    photos = sensor.expose_rig([view.image for view in views], rig=rig, lens=tl.Pinhole(), exposure=exposure)
+    photos = sensor.expose_rig(
+        [view.image for view in views], rig=rig, lens=tl.Pinhole(), exposure=exposure
+    )
     found = _noise_ratios(views, photos, sensor, rig, tl.Pinhole())
     np.testing.assert_allclose(found, expected, rtol=0.05)

@@ -9,7 +9,14 @@ import pytest
 import twinlens as tl
 from tests.dataset import dataset_scene
 from tests.factory_recipes import write_recipe, write_sky
-from twinlens.dataset import About, Manifest, Row, describe, write_manifest, write_sample
+from twinlens.dataset import (
+    About,
+    Manifest,
+    Row,
+    describe,
+    write_manifest,
+    write_sample,
+)
 from twinlens.dataset.sample import sample_files
 from twinlens.errors import FileError, InputError
 from twinlens.factory import generate, make, read_recipe, remake
@@ -52,18 +59,31 @@ def test_a_sky_replaces_the_scenes_own_and_is_recorded(recipe, tmp_path):
     samples = [make(read_recipe(recipe), i) for i in (0, 1)]
     for sample, scale in zip(samples, (1.0, 2.0), strict=True):
         sky = sample.record["sky"]
-        assert (sky["file"], sky["scale"], sky["visible"], sky["lamps"]) == ("skies/day.exr", scale, True, True)
-        assert sky["sha256"] == hashlib.sha256((tmp_path / "skies" / "day.exr").read_bytes()).hexdigest()
+        assert (sky["file"], sky["scale"], sky["visible"], sky["lamps"]) == (
+            "skies/day.exr",
+            scale,
+            True,
+            True,
+        )
+        assert (
+            sky["sha256"]
+            == hashlib.sha256((tmp_path / "skies" / "day.exr").read_bytes()).hexdigest()
+        )
         assert 0 <= sky["turn_deg"] <= 360
     one, two = (sample.shots[0].radiances[0] for sample in samples)
-    assert two.mean() / one.mean() == pytest.approx(2, rel=0.15)  # equal but for the noise
+    assert two.mean() / one.mean() == pytest.approx(
+        2, rel=0.15
+    )  # equal but for the noise
 
 
 def test_licence_and_author_of_each_file_are_in_the_dataset(recipe, tmp_path):
     generate(read_recipe(recipe), tmp_path / "set")
     text = (tmp_path / "set" / "ASSETS.md").read_text()
     digest = hashlib.sha256((tmp_path / "skies" / "day.exr").read_bytes()).hexdigest()
-    assert f"| skies/day.exr | `{digest}` | CC0-1.0 | Ada \\| Bob | https://example.org/sky |" in text
+    assert (
+        f"| skies/day.exr | `{digest}` | CC0-1.0 | Ada \\| Bob | https://example.org/sky |"
+        in text
+    )
     assert "| tiny/scene.toml |" in text
     assert "| not stated |" in text
     card = (tmp_path / "set" / "README.md").read_text()
@@ -77,7 +97,10 @@ def test_licence_and_author_of_each_file_are_in_the_dataset(recipe, tmp_path):
 
 def test_bundled_scenes_are_credited(tmp_path):
     row = Row("a", write_sample(tmp_path / "a", dataset_scene.sample()), {})
-    info = {"sources": {"cards/scene.toml": "0" * 64, "mine.png": "1" * 64}, "bundled": ["cards"]}
+    info = {
+        "sources": {"cards/scene.toml": "0" * 64, "mine.png": "1" * 64},
+        "bundled": ["cards"],
+    }
     write_manifest(tmp_path, Manifest((row,), {}, 3, info))
     assert "ASSETS.md" in describe(tmp_path)
     text = (tmp_path / "ASSETS.md").read_text()
@@ -85,13 +108,23 @@ def test_bundled_scenes_are_credited(tmp_path):
     assert f"| mine.png | `{'1' * 64}` | not stated |" in text
 
 
-@pytest.mark.parametrize("family", ["room", *(pytest.param(f, marks=pytest.mark.slow) for f in ("tabletop", "cards"))])
+@pytest.mark.parametrize(
+    "family",
+    ["room", *(pytest.param(f, marks=pytest.mark.slow) for f in ("tabletop", "cards"))],
+)
 def test_every_family_is_lit_by_a_sky_alone(family):
     """Twice the sky is twice the light: nothing else is lit."""
     scene = random_scene(family, 5, own_lights=False, width=32, object_count=4)
-    rig = tl.Rig.stereo(tl.Camera.from_fov(32, 24, scene.fov_x_deg), scene.baseline, scene.world_from_left)
+    rig = tl.Rig.stereo(
+        tl.Camera.from_fov(32, 24, scene.fov_x_deg),
+        scene.baseline,
+        scene.world_from_left,
+    )
     white = np.ones((4, 8, 3), np.float32)
-    one, two = (tl.render(scene.lit_by(Sky(white, scale=s), lamps=False), rig, spp=4)[0] for s in (1.0, 2.0))
+    one, two = (
+        tl.render(scene.lit_by(Sky(white, scale=s), lamps=False), rig, spp=4)[0]
+        for s in (1.0, 2.0)
+    )
     assert one.mean() > 0.02
     assert np.allclose(two, 2 * one, rtol=1e-3, atol=1e-5)
 
@@ -101,10 +134,20 @@ def test_a_sample_is_made_again_only_under_its_own_sky(recipe):
     stored = json.loads(sample_files(sample)["sample.json"])
     scene = load_scene(recipe.parent / "tiny")
     sky = sample.record["sky"]
-    lit = scene.lit_by(Sky(np.full((4, 8, 3), 0.5, np.float32), sky["turn_deg"], sky["scale"], record=sky))
+    lit = scene.lit_by(
+        Sky(
+            np.full((4, 8, 3), 0.5, np.float32),
+            sky["turn_deg"],
+            sky["scale"],
+            record=sky,
+        )
+    )
     for again in (remake(stored, lit), remake(stored, scene, folder=recipe.parent)):
         assert np.array_equal(again.shots[0].images[0], sample.shots[0].images[0])
-    with pytest.raises(InputError, match=r"sample\.json: record\.sky: no file or folder 'skies/day\.exr'"):
+    with pytest.raises(
+        InputError,
+        match=r"sample\.json: record\.sky: no file or folder 'skies/day\.exr'",
+    ):
         remake(stored, scene, folder=recipe.parent / "tiny")
     write_sky(recipe.parent / "skies" / "day.exr", np.full((4, 8, 3), 0.4))
     with pytest.raises(InputError, match="lit by another sky"):
@@ -135,5 +178,7 @@ def test_a_damaged_sky_ends_the_run(recipe, tmp_path):
 
 def test_a_black_sky_ends_the_run(recipe, tmp_path):
     write_sky(tmp_path / "skies" / "day.exr", np.zeros((4, 8, 3)))
-    with pytest.raises(FileError, match=r"day\.exr: is black, and a sky needs some light"):
+    with pytest.raises(
+        FileError, match=r"day\.exr: is black, and a sky needs some light"
+    ):
         make(read_recipe(recipe), 0)

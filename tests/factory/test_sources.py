@@ -47,13 +47,17 @@ def unfinished_dataset(tmp_path):
     return recipe, tmp_path / "set"
 
 
-def test_a_scene_edited_between_two_runs_is_an_error_until_it_is_restored(unfinished_dataset, tmp_path):
+def test_a_scene_edited_between_two_runs_is_an_error_until_it_is_restored(
+    unfinished_dataset, tmp_path
+):
     recipe, folder = unfinished_dataset
     before = digests(folder)
     scene = recipe.parent / "tiny" / "scene.toml"
     scene.write_text(SCENE.replace("reflectance = 0.4", "reflectance = 0.5"))
     for call in (generate, estimate):
-        with pytest.raises(InputError, match=r"tiny/scene\.toml has changed.*restore them, or name") as caught:
+        with pytest.raises(
+            InputError, match=r"tiny/scene\.toml has changed.*restore them, or name"
+        ) as caught:
             call(read_recipe(recipe), folder)
         assert "\n" not in str(caught.value)
     assert digests(folder) == before
@@ -92,7 +96,10 @@ def test_a_changed_added_or_removed_asset_is_named(tmp_path, edit, message):
         picture(tmp_path / "mine" / name, seed)
     (tmp_path / "recipe.toml").write_text(ASSETS)
     generate(read_recipe(tmp_path / "recipe.toml"), tmp_path / "set", limit=1)
-    assert set(read_manifest(tmp_path / "set").info["sources"]) == {"mine/a.png", "mine/b.png"}
+    assert set(read_manifest(tmp_path / "set").info["sources"]) == {
+        "mine/a.png",
+        "mine/b.png",
+    }
     edit(tmp_path / "mine")
     again = read_recipe(tmp_path / "recipe.toml")
     if message is None:
@@ -103,7 +110,11 @@ def test_a_changed_added_or_removed_asset_is_named(tmp_path, edit, message):
 
 
 def test_a_run_hashes_each_file_once(tmp_path, monkeypatch):
-    recipe, hashed, digest = read_recipe(write_recipe(tmp_path)), [], hashlib.file_digest
+    recipe, hashed, digest = (
+        read_recipe(write_recipe(tmp_path)),
+        [],
+        hashlib.file_digest,
+    )
 
     def counting(file, *rest):
         hashed.append(Path(file.name).name)
@@ -115,7 +126,9 @@ def test_a_run_hashes_each_file_once(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("damage", ["edited", "gone"])
-def test_an_asset_that_changes_in_the_middle_is_told_and_is_no_bad_draw(tmp_path, damage):
+def test_an_asset_that_changes_in_the_middle_is_told_and_is_no_bad_draw(
+    tmp_path, damage
+):
     picture(tmp_path / "mine" / "a.png", 0)
     (tmp_path / "recipe.toml").write_text(ASSETS)
     recipe = read_recipe(tmp_path / "recipe.toml")
@@ -123,7 +136,10 @@ def test_an_asset_that_changes_in_the_middle_is_told_and_is_no_bad_draw(tmp_path
     picture(tmp_path / "mine" / "a.png", 1)
     if damage == "gone":
         (tmp_path / "mine" / "a.png").unlink()
-    with pytest.raises(FileError, match=r"mine/a\.png: (has changed while|cannot be read \(No such file)"):
+    with pytest.raises(
+        FileError,
+        match=r"mine/a\.png: (has changed while|cannot be read \(No such file)",
+    ):
         make(recipe, 0)
 
 
@@ -140,20 +156,33 @@ WALL = """<scene version="3.0.0">
 def test_a_mitsuba_file_that_changes_in_the_middle_is_told(tmp_path, rendered):
     """Mitsuba opens it when it is first rendered, after twinlens has read it."""
     (tmp_path / "wall.xml").write_text(WALL.format(z=3))
-    lines = ("seed = 4", "count = 2", 'scenes = ["wall.xml"]', "width = 9", "height = 9", "spp = 1")
-    (tmp_path / "recipe.toml").write_text("\n".join((*lines, "gates = { texture = 0, burnt = 1 }")))
+    lines = (
+        "seed = 4",
+        "count = 2",
+        'scenes = ["wall.xml"]',
+        "width = 9",
+        "height = 9",
+        "spp = 1",
+    )
+    (tmp_path / "recipe.toml").write_text(
+        "\n".join((*lines, "gates = { texture = 0, burnt = 1 }"))
+    )
     recipe = read_recipe(tmp_path / "recipe.toml")
     _ = recipe.sources.digests
     if rendered:
         make(recipe, 0)
     (tmp_path / "wall.xml").write_text(WALL.format(z=7))
-    with pytest.raises(FileError, match=r"wall\.xml: has changed while samples were made"):
+    with pytest.raises(
+        FileError, match=r"wall\.xml: has changed while samples were made"
+    ):
         make(recipe, 1)
 
 
 def test_a_mask_that_goes_in_the_middle_ends_the_run_and_keeps_what_was_made(tmp_path):
     lens = 'kind = "thin"\naperture_mm = 8\nshape = {{ kind = "mask", file = "code.png" }}\n'
-    text = RECIPE.replace(RECIPE[RECIPE.index('kind = "thin"') : RECIPE.index("[sensor]")], lens + "\n")
+    text = RECIPE.replace(
+        RECIPE[RECIPE.index('kind = "thin"') : RECIPE.index("[sensor]")], lens + "\n"
+    )
     write_png(tmp_path / "code.png", np.eye(3, dtype=np.uint8) * 255)
     recipe = read_recipe(write_recipe(tmp_path, text, count=3))
     assert set(recipe.sources.digests) == {"code.png", "tiny/scene.toml"}
@@ -179,28 +208,54 @@ def test_a_worker_with_other_files_refuses(tmp_path):
     recipe = read_recipe(write_recipe(tmp_path))
     from twinlens.factory.sample import made_with
 
-    order = Order(recipe.written, tmp_path / "recipe.toml", tmp_path, made_with(), {"a.png": "00"}, 1)
+    order = Order(
+        recipe.written,
+        tmp_path / "recipe.toml",
+        tmp_path,
+        made_with(),
+        {"a.png": "00"},
+        1,
+    )
     with pytest.raises(
-        InputError, match=r"this worker has other source files .*: a\.png is gone, tiny/scene\.toml is new"
+        InputError,
+        match=r"this worker has other source files .*: a\.png is gone, tiny/scene\.toml is new",
     ):
         make_one(order, 0)
 
 
-def test_a_scenes_files_have_the_same_names_however_its_folder_is_written(tmp_path, monkeypatch):
+def test_a_scenes_files_have_the_same_names_however_its_folder_is_written(
+    tmp_path, monkeypatch
+):
     """Two of one name in two folders stay two."""
     (tmp_path / "scene").mkdir()
     for seed, folder in enumerate(("a", "b")):
         picture(tmp_path / "scene" / folder / "t.png", seed)
-    textures = "".join(f'[textures.{k}]\ntype = "bitmap"\nfilename = "{k}/t.png"\n' for k in ("a", "b"))
-    painted = SCENE.replace('"noise"', '"a"').replace("reflectance = 0.4", 'reflectance = "b"')
-    (tmp_path / "scene" / "scene.toml").write_text(painted.replace("[textures.noise]", f"{textures}[textures.noise]"))
+    textures = "".join(
+        f'[textures.{k}]\ntype = "bitmap"\nfilename = "{k}/t.png"\n' for k in ("a", "b")
+    )
+    painted = SCENE.replace('"noise"', '"a"').replace(
+        "reflectance = 0.4", 'reflectance = "b"'
+    )
+    (tmp_path / "scene" / "scene.toml").write_text(
+        painted.replace("[textures.noise]", f"{textures}[textures.noise]")
+    )
     monkeypatch.chdir(tmp_path)
-    found = [file_digests(load_scene(where)) for where in ("scene", tmp_path / "scene", "./scene/scene.toml")]
+    found = [
+        file_digests(load_scene(where))
+        for where in ("scene", tmp_path / "scene", "./scene/scene.toml")
+    ]
     assert found[0] == found[1] == found[2]
     assert set(found[0]) == {"scene.toml", "a/t.png", "b/t.png"}
     sources = Sources(tmp_path, ("scene",))
-    assert set(sources.digests) == {"scene/scene.toml", "scene/a/t.png", "scene/b/t.png"}
-    assert sources.digests["scene/a/t.png"] == hashlib.sha256((tmp_path / "scene/a/t.png").read_bytes()).hexdigest()
+    assert set(sources.digests) == {
+        "scene/scene.toml",
+        "scene/a/t.png",
+        "scene/b/t.png",
+    }
+    assert (
+        sources.digests["scene/a/t.png"]
+        == hashlib.sha256((tmp_path / "scene/a/t.png").read_bytes()).hexdigest()
+    )
 
 
 def test_a_bundled_scene_is_named_after_itself():
@@ -208,7 +263,10 @@ def test_a_bundled_scene_is_named_after_itself():
 
 
 def test_of_many_changes_three_are_named():
-    assert changed_files({}, {str(k): "" for k in range(5)}) == "0 is new, 1 is new, 2 is new, and 2 more"
+    assert (
+        changed_files({}, {str(k): "" for k in range(5)})
+        == "0 is new, 1 is new, 2 is new, and 2 more"
+    )
     assert changed_files({"a": "1"}, {"a": "1"}) == ""
 
 
@@ -236,7 +294,9 @@ def test_an_output_folder_below_the_recipes_files_is_refused(tmp_path):
     write_sky(tmp_path / "skies" / "day.exr", np.ones((4, 8, 3)))
     (tmp_path / "parts").mkdir()
     trimesh.creation.box([0.1, 0.1, 0.1]).export(tmp_path / "parts" / "a.glb")
-    with pytest.raises(InputError, match="set: is below 'skies', from which the recipe draws files"):
+    with pytest.raises(
+        InputError, match="set: is below 'skies', from which the recipe draws files"
+    ):
         generate(read_recipe(recipe), tmp_path / "skies" / "set")
 
 

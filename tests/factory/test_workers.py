@@ -14,14 +14,28 @@ from concurrent.futures import Future
 import psutil
 import pytest
 
-from tests.factory_recipes import PATIENCE_S, RECIPE, digests, finish, rows_in, start, write_recipe
+from tests.factory_recipes import (
+    PATIENCE_S,
+    RECIPE,
+    digests,
+    finish,
+    rows_in,
+    start,
+    write_recipe,
+)
 from tests.rendering.conftest import skip_without_llvm
 from twinlens import rendering
 from twinlens.dataset import place
 from twinlens.dataset.record import plain
 from twinlens.errors import BackendError, InputError, MissingExtraError
 from twinlens.factory import generate, read_recipe, sample, workers
-from twinlens.factory.workers import Order, dask_cluster, make_one, usual_workers, worker_processes
+from twinlens.factory.workers import (
+    Order,
+    dask_cluster,
+    make_one,
+    usual_workers,
+    worker_processes,
+)
 from twinlens.rendering import sensors
 from twinlens.rendering.backends import Backend
 from twinlens.scenes.model_files import MaterialWarning
@@ -61,7 +75,10 @@ def killing_one(process, folder):
 
 
 def test_a_number_of_processes_below_one_is_refused():
-    with pytest.raises(InputError, match="number of worker processes must be a whole number >= 1, got 0"):
+    with pytest.raises(
+        InputError,
+        match="number of worker processes must be a whole number >= 1, got 0",
+    ):
         worker_processes(0)
 
 
@@ -73,12 +90,20 @@ def test_a_killed_worker_costs_nothing(recipe, whole, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_worker_that_dies_idle_while_another_one_works_costs_nothing(tmp_path, monkeypatch):
+def test_a_worker_that_dies_idle_while_another_one_works_costs_nothing(
+    tmp_path, monkeypatch
+):
     monkeypatch.setenv("TWINLENS_BACKEND", "scalar")
     recipe = write_recipe(tmp_path, count=4)
-    recipe.write_text(recipe.read_text().replace("spp = 1", "spp = { sweep = [2000, 1, 1] }"))
+    recipe.write_text(
+        recipe.read_text().replace("spp = 1", "spp = { sweep = [2000, 1, 1] }")
+    )
     for module in (rendering, sensors):
-        monkeypatch.setattr(module, "backend", lambda: Backend("scalar", "scalar_rgb", "as in the workers"))
+        monkeypatch.setattr(
+            module,
+            "backend",
+            lambda: Backend("scalar", "scalar_rgb", "as in the workers"),
+        )
     read, end = read_recipe(recipe), time.monotonic() + PATIENCE_S
 
     def report(fraction, text):
@@ -87,7 +112,10 @@ def test_a_worker_that_dies_idle_while_another_one_works_costs_nothing(tmp_path,
     work = workers.Work(read, place(tmp_path / "set"), plain(sample.made_with()))
     results = worker_processes(2)(work, range(3), report)
     assert next(results)[0] == 1
-    idle = min(multiprocessing.active_children(), key=lambda child: sum(psutil.Process(child.pid).cpu_times()[:2]))
+    idle = min(
+        multiprocessing.active_children(),
+        key=lambda child: sum(psutil.Process(child.pid).cpu_times()[:2]),
+    )
     idle.kill()
     assert sorted(index for index, _ in results) == [0, 2]
 
@@ -122,7 +150,13 @@ def test_a_script_without_a_guard_is_named_as_the_cause(recipe, tmp_path):
         f"generate(read_recipe({str(recipe)!r}), {str(tmp_path / 'set')!r}, engine=worker_processes(1))\n"
     )
     environment = {**os.environ, "TWINLENS_BACKEND": "scalar"}
-    done = subprocess.run([sys.executable, script], capture_output=True, text=True, env=environment, timeout=PATIENCE_S)
+    done = subprocess.run(
+        [sys.executable, script],
+        capture_output=True,
+        text=True,
+        env=environment,
+        timeout=PATIENCE_S,
+    )
     assert 'the guard `if __name__ == "__main__":`' in done.stderr.splitlines()[-1]
 
 
@@ -145,52 +179,87 @@ def test_large_runs_of_random_scenes_get_several_processes(
 ):
     monkeypatch.setattr(workers, "processor_count", lambda: processors)
     monkeypatch.setattr(workers, "memory_bytes", lambda: gib << 30)
-    monkeypatch.setattr(workers, "backend", lambda: Backend(backend, f"{backend}_rgb", "as in the test"))
-    family = read_recipe(write_recipe(tmp_path, 'seed = 1\ncount = {count}\nfamilies = ["flying"]\n', count=1000))
+    monkeypatch.setattr(
+        workers, "backend", lambda: Backend(backend, f"{backend}_rgb", "as in the test")
+    )
+    family = read_recipe(
+        write_recipe(
+            tmp_path, 'seed = 1\ncount = {count}\nfamilies = ["flying"]\n', count=1000
+        )
+    )
     assert usual_workers(family, samples) == count
-    same_scene = read_recipe(write_recipe(tmp_path, 'seed = 1\ncount = {count}\nscenes = ["cards"]\n', count=1000))
+    same_scene = read_recipe(
+        write_recipe(
+            tmp_path, 'seed = 1\ncount = {count}\nscenes = ["cards"]\n', count=1000
+        )
+    )
     assert usual_workers(same_scene, samples) == 0
 
 
 def test_the_usual_engine_counts_the_samples_that_are_left(tmp_path, monkeypatch):
-    read = read_recipe(write_recipe(tmp_path, 'seed = 1\ncount = {count}\nfamilies = ["flying"]\n', count=100))
+    read = read_recipe(
+        write_recipe(
+            tmp_path, 'seed = 1\ncount = {count}\nfamilies = ["flying"]\n', count=100
+        )
+    )
     work = workers.Work(read, place(tmp_path / "set"), {})
     monkeypatch.setattr(workers, "usual_workers", lambda recipe, samples: samples // 10)
-    monkeypatch.setattr(workers, "worker_processes", lambda count: lambda *_: iter([(count, "several")]))
+    monkeypatch.setattr(
+        workers, "worker_processes", lambda count: lambda *_: iter([(count, "several")])
+    )
     monkeypatch.setattr(workers, "in_process", lambda *_: iter([(0, "alone")]))
-    assert list(workers.usual_engine(work, range(30), lambda *_: None)) == [(3, "several")]
-    assert list(workers.usual_engine(work, range(95, 100), lambda *_: None)) == [(0, "alone")]
+    assert list(workers.usual_engine(work, range(30), lambda *_: None)) == [
+        (3, "several")
+    ]
+    assert list(workers.usual_engine(work, range(95, 100), lambda *_: None)) == [
+        (0, "alone")
+    ]
 
 
 @pytest.mark.slow
-def test_random_scenes_are_the_same_by_default_and_in_one_process(tmp_path, monkeypatch):
+def test_random_scenes_are_the_same_by_default_and_in_one_process(
+    tmp_path, monkeypatch
+):
     skip_without_llvm()
     monkeypatch.setattr(workers, "processor_count", lambda: 2)
     family = 'seed = 1\ncount = {count}\nfamilies = ["flying"]\nwidth = 64\nheight = 48\nspp = 2\n'
     recipe = write_recipe(tmp_path, family, count=20)
-    for name, engine in (("usual", workers.usual_engine), ("alone", workers.in_process)):
+    for name, engine in (
+        ("usual", workers.usual_engine),
+        ("alone", workers.in_process),
+    ):
         assert generate(read_recipe(recipe), tmp_path / name, engine=engine).complete
     assert digests(tmp_path / "usual") == digests(tmp_path / "alone")
 
 
 @pytest.mark.slow
-def test_a_process_is_replaced_after_some_samples_and_makes_the_same_bytes(recipe, whole, tmp_path, monkeypatch):
+def test_a_process_is_replaced_after_some_samples_and_makes_the_same_bytes(
+    recipe, whole, tmp_path, monkeypatch
+):
     monkeypatch.setattr(workers, "RENEWED_AFTER", 3)
     monkeypatch.setenv("TWINLENS_BACKEND", "scalar")
     for module in (rendering, sensors):
-        monkeypatch.setattr(module, "backend", lambda: Backend("scalar", "scalar_rgb", "as in the workers"))
+        monkeypatch.setattr(
+            module,
+            "backend",
+            lambda: Backend("scalar", "scalar_rgb", "as in the workers"),
+        )
     seen = set()
 
     def report(fraction, text):
         seen.update(child.pid for child in multiprocessing.active_children())
 
-    assert generate(read_recipe(recipe), tmp_path / "set", engine=worker_processes(1), report=report).complete
+    assert generate(
+        read_recipe(recipe), tmp_path / "set", engine=worker_processes(1), report=report
+    ).complete
     assert len(seen) == 3, "eight samples, three a process"
     assert digests(tmp_path / "set") == digests(whole)
 
 
 @pytest.mark.slow
-def test_ctrl_c_in_a_terminal_ends_the_workers_too_and_keeps_finished_samples(recipe, whole, tmp_path):
+def test_ctrl_c_in_a_terminal_ends_the_workers_too_and_keeps_finished_samples(
+    recipe, whole, tmp_path
+):
     """A terminal sends SIGINT to every process of the command."""
     many = write_recipe(tmp_path, count=500)
     process = start(many, tmp_path / "set", "--workers", "2", start_new_session=True)
@@ -232,15 +301,36 @@ def test_thirty_samples_with_a_worker_killed(tmp_path, workers):
 @pytest.mark.slow
 def test_a_scheduler_of_the_users_serves_as_well(recipe, whole, tmp_path):
     environment = {**os.environ, "TWINLENS_BACKEND": "scalar"}
-    quiet = {"env": environment, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": tmp_path}
+    quiet = {
+        "env": environment,
+        "stdout": subprocess.DEVNULL,
+        "stderr": subprocess.DEVNULL,
+        "cwd": tmp_path,
+    }
     scheduler = tmp_path / "scheduler.json"
-    dask = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--scheduler-file", str(scheduler), "--port", "0"]
+    dask = [
+        sys.executable,
+        "-m",
+        "distributed.cli.dask_scheduler",
+        "--scheduler-file",
+        str(scheduler),
+        "--port",
+        "0",
+    ]
     serving = [subprocess.Popen([*dask, "--no-dashboard"], **quiet)]
     try:
         while not scheduler.exists():
             time.sleep(0.05)
-        worker = [sys.executable, "-m", "distributed.cli.dask_worker", "--scheduler-file", str(scheduler)]
-        serving.append(subprocess.Popen([*worker, "--nthreads", "2", "--no-dashboard"], **quiet))
+        worker = [
+            sys.executable,
+            "-m",
+            "distributed.cli.dask_worker",
+            "--scheduler-file",
+            str(scheduler),
+        ]
+        serving.append(
+            subprocess.Popen([*worker, "--nthreads", "2", "--no-dashboard"], **quiet)
+        )
         address = json.loads(scheduler.read_text())["address"]
         finish(start(recipe, tmp_path / "set", "--scheduler", address))
     finally:
@@ -251,8 +341,12 @@ def test_a_scheduler_of_the_users_serves_as_well(recipe, whole, tmp_path):
 
 
 def test_nobody_at_the_address_is_told(recipe, tmp_path):
-    with pytest.raises(BackendError, match="no Dask scheduler answers at 'nonsense://x'"):
-        generate(read_recipe(recipe), tmp_path / "set", engine=dask_cluster("nonsense://x"))
+    with pytest.raises(
+        BackendError, match="no Dask scheduler answers at 'nonsense://x'"
+    ):
+        generate(
+            read_recipe(recipe), tmp_path / "set", engine=dask_cluster("nonsense://x")
+        )
     assert not (tmp_path / "set").exists()
 
 
@@ -264,8 +358,18 @@ def test_without_dask_the_extra_is_named(monkeypatch):
 
 def test_a_worker_with_other_tools_refuses(recipe, tmp_path):
     read = read_recipe(recipe)
-    order = Order(read.written, recipe, tmp_path, {"backend": "abacus", "versions": {}}, {}, THREADS)
-    with pytest.raises(InputError, match=r"this worker has another backend .* than the dataset: backend: 'abacus'"):
+    order = Order(
+        read.written,
+        recipe,
+        tmp_path,
+        {"backend": "abacus", "versions": {}},
+        {},
+        THREADS,
+    )
+    with pytest.raises(
+        InputError,
+        match=r"this worker has another backend .* than the dataset: backend: 'abacus'",
+    ):
         make_one(order, 0)
     assert not list(tmp_path.iterdir())
 
@@ -278,6 +382,12 @@ def test_warnings_of_a_worker_are_given_again_in_the_callers_process(monkeypatch
     monkeypatch.setattr(workers, "_rendered", rendered)
     monkeypatch.setattr(workers, "written", lambda *_: "entry")
     made = Future()
-    made.set_result(pickle.loads(pickle.dumps(make_one(Order({}, None, None, {}, {}, threads=1), 0))))
+    made.set_result(
+        pickle.loads(
+            pickle.dumps(make_one(Order({}, None, None, {}, {}, threads=1), 0))
+        )
+    )
     with pytest.warns(MaterialWarning, match=r"^m\.glb: not rendered: skins$"):
-        assert list(workers._collected(lambda _: made, lambda: 1, [0], lambda *_: None)) == [(0, "entry")]
+        assert list(
+            workers._collected(lambda _: made, lambda: 1, [0], lambda *_: None)
+        ) == [(0, "entry")]

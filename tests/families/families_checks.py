@@ -15,7 +15,10 @@ SURROUNDINGS = {"table", "wall", "floor", "key-light", "fill-light", "sun"}
 def bodies(scene):
     """name -> (vertices in the world, faces) of the bodies on the table."""
     return {
-        thing.name: (transform_points(thing.world_from_object, thing.shape.vertices), thing.shape.faces)
+        thing.name: (
+            transform_points(thing.world_from_object, thing.shape.vertices),
+            thing.shape.faces,
+        )
         for thing in scene.objects
         if thing.name not in SURROUNDINGS
     }
@@ -32,7 +35,9 @@ def winding(points, body):
         above = np.einsum("nfc,nfc->nf", a, np.cross(b, c))
         dot = lambda p, q: np.einsum("nfc,nfc->nf", p, q)  # noqa: E731
         below = la * lb * lc + dot(a, b) * lc + dot(b, c) * la + dot(c, a) * lb
-        total[start : start + 64] = 2 * np.arctan2(above, below).sum(axis=1) / (4 * np.pi)
+        total[start : start + 64] = (
+            2 * np.arctan2(above, below).sum(axis=1) / (4 * np.pi)
+        )
     return total
 
 
@@ -68,7 +73,12 @@ def crossing(scene):
     Source: Moeller and Trumbore, Fast, Minimum Storage Ray/Triangle Intersection, JGT 2(1), 1997.
     """
     found = {name: vertices[faces] for name, (vertices, faces) in bodies(scene).items()}
-    return [(one, other) for one in found for other in found if one != other and _crosses(found[one], found[other])]
+    return [
+        (one, other)
+        for one in found
+        for other in found
+        if one != other and _crosses(found[one], found[other])
+    ]
 
 
 def _crosses(edged, faced):
@@ -83,14 +93,20 @@ def _crosses(edged, faced):
     turned = np.cross(offset, u_axis)
     with np.errstate(divide="ignore", invalid="ignore"):
         scale = 1 / (u_axis * across).sum(axis=-1)
-        u, v = scale * (offset * across).sum(axis=-1), scale * (along[:, None] * turned).sum(axis=-1)
+        u, v = (
+            scale * (offset * across).sum(axis=-1),
+            scale * (along[:, None] * turned).sum(axis=-1),
+        )
         t = scale * (v_axis * turned).sum(axis=-1)
         return bool(((u >= 0) & (v >= 0) & (u + v <= 1) & (t >= 0) & (t <= 1)).any())
 
 
 def _near(triangles, others):
     low, high = others.min(axis=(0, 1)), others.max(axis=(0, 1))
-    return triangles[(triangles.max(axis=1) >= low).all(axis=1) & (triangles.min(axis=1) <= high).all(axis=1)]
+    return triangles[
+        (triangles.max(axis=1) >= low).all(axis=1)
+        & (triangles.min(axis=1) <= high).all(axis=1)
+    ]
 
 
 def floating(scene, table):
@@ -135,5 +151,11 @@ def camera_inside(scene):
     return [
         thing.name
         for thing in scene.objects
-        if inside(eye, (transform_points(thing.world_from_object, thing.shape.vertices), thing.shape.faces))[0]
+        if inside(
+            eye,
+            (
+                transform_points(thing.world_from_object, thing.shape.vertices),
+                thing.shape.faces,
+            ),
+        )[0]
     ]

@@ -22,9 +22,13 @@ def folder(tmp_path):
     trimesh.creation.icosphere(subdivisions=2, radius=7).export(tmp_path / "globe.glb")
     (tmp_path / "torn.ply").write_bytes(b"ply\nformat ascii 1.0\nelement vertex 9\n")
     (tmp_path / "empty.obj").write_text("# nothing\n")
-    trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]).export(tmp_path / "flat.ply")
+    trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]).export(
+        tmp_path / "flat.ply"
+    )
     rng = np.random.default_rng(0)
-    Image.fromarray(rng.integers(0, 255, (40, 60, 3), dtype=np.uint8)).save(tmp_path / "cloth.png")
+    Image.fromarray(rng.integers(0, 255, (40, 60, 3), dtype=np.uint8)).save(
+        tmp_path / "cloth.png"
+    )
     (tmp_path / "torn.png").write_bytes(b"\x89PNG broken")
     return tmp_path
 
@@ -33,14 +37,21 @@ def test_broken_files_are_listed_with_the_reason(folder):
     assets = Assets.from_folders(meshes=[folder], textures=[folder], hdris=[folder])
     assert assets.broken == ()  # no file was read yet
     assets.check()
-    assert {path.name for path, _ in assets.broken} == {"torn.ply", "empty.obj", "flat.ply", "torn.png"}
+    assert {path.name for path, _ in assets.broken} == {
+        "torn.ply",
+        "empty.obj",
+        "flat.ply",
+        "torn.png",
+    }
     assert all(reason and "\n" not in reason for _, reason in assets.broken)
     assert "flat" in {path.name: reason for path, reason in assets.broken}["flat.ply"]
 
 
 def test_memory_does_not_grow_with_the_folder(tmp_path):
     for i in range(12):
-        Image.fromarray(np.full((500, 500, 3), 20 * i, np.uint8)).save(tmp_path / f"{i}.png")
+        Image.fromarray(np.full((500, 500, 3), 20 * i, np.uint8)).save(
+            tmp_path / f"{i}.png"
+        )
     assets = Assets.from_folders(textures=[tmp_path])
     tracemalloc.start()
     assets.check()
@@ -65,7 +76,9 @@ def test_meshes_are_scaled_to_extent_one(folder):
     assert set(drawn) == {"crate", "pill", "globe"}
     for mesh in drawn.values():
         assert np.ptp(mesh.vertices, axis=0).max() == pytest.approx(1.0)
-        np.testing.assert_allclose(mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0), 0, atol=1e-9)
+        np.testing.assert_allclose(
+            mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0), 0, atol=1e-9
+        )
 
 
 def test_user_meshes_rest_on_the_table(folder):
@@ -101,8 +114,12 @@ def test_a_missing_or_empty_folder_is_an_error(tmp_path):
 def write_part(path, size):
     """A box of `size` metres (3,), y up, of red metal; trimesh writes it."""
     made = trimesh.creation.box(size)
-    paint = trimesh.visual.material.PBRMaterial(name="red", baseColorFactor=[255, 0, 0, 255], metallicFactor=1.0)
-    made.visual = trimesh.visual.TextureVisuals(uv=np.zeros((len(made.vertices), 2)), material=paint)
+    paint = trimesh.visual.material.PBRMaterial(
+        name="red", baseColorFactor=[255, 0, 0, 255], metallicFactor=1.0
+    )
+    made.visual = trimesh.visual.TextureVisuals(
+        uv=np.zeros((len(made.vertices), 2)), material=paint
+    )
     made.export(path)
 
 
@@ -114,7 +131,9 @@ def test_meshes_keep_their_size_and_materials_if_asked(tmp_path, family):
     parts = [thing for thing in scene.objects if thing.name.startswith("part")]
     assert len(parts) > 2
     for thing in parts:
-        sides = np.linalg.norm(thing.world_from_object[:3, :3], axis=0) * np.ptp(thing.shape.vertices, axis=0)
+        sides = np.linalg.norm(thing.world_from_object[:3, :3], axis=0) * np.ptp(
+            thing.shape.vertices, axis=0
+        )
         np.testing.assert_allclose(sides, [0.012, 0.05, 0.08], rtol=1e-6)
         (name,) = thing.materials
         assert scene.materials[name]["base_color"].rgb == (1.0, 0.0, 0.0)
@@ -131,30 +150,46 @@ def test_files_of_one_name_keep_their_own_materials(tmp_path):
         write_part(tmp_path / name / "part.glb", [side, side, side])
     assets = Assets.from_folders(meshes=[tmp_path], keep_scale=True, keep_material=True)
     scene = random_scene("tabletop", 3, assets=assets, width=80)
-    names = {thing.materials for thing in scene.objects if thing.name.startswith("part")}
+    names = {
+        thing.materials for thing in scene.objects if thing.name.startswith("part")
+    }
     assert names == {("part.glb:red",), ("part.glb:red-2",)}
 
 
 def test_a_kept_size_excludes_a_depth_range(tmp_path):
     write_part(tmp_path / "part.glb", [0.1, 0.1, 0.1])
     assets = Assets.from_folders(meshes=[tmp_path], keep_scale=True)
-    with pytest.raises(InputError, match="depth_range scales the whole scene; it cannot be used with keep_scale"):
+    with pytest.raises(
+        InputError,
+        match="depth_range scales the whole scene; it cannot be used with keep_scale",
+    ):
         random_scene("tabletop", 3, assets=assets, width=80, depth_range=(1.0, 4.0))
 
 
 def test_own_materials_do_not_depend_on_what_was_read_before(tmp_path):
     """More files than are kept in memory: one that is read twice for a scene has its materials once."""
     for i in range(MAX_CACHED + 3):
-        write(tmp_path / f"m{i}.glb", trimesh.creation.box([0.1, 0.2, 0.3]), add_material)
+        write(
+            tmp_path / f"m{i}.glb", trimesh.creation.box([0.1, 0.2, 0.3]), add_material
+        )
     before = Assets.from_folders(meshes=[tmp_path], keep_material=True, mesh_share=1.0)
     random_scene("tabletop", 1, assets=before, width=64)
     again = 0
     for seed in (2, 3):
-        fresh = Assets.from_folders(meshes=[tmp_path], keep_material=True, mesh_share=1.0)
-        first, second = (random_scene("tabletop", seed, assets=each, width=64) for each in (fresh, before))
+        fresh = Assets.from_folders(
+            meshes=[tmp_path], keep_material=True, mesh_share=1.0
+        )
+        first, second = (
+            random_scene("tabletop", seed, assets=each, width=64)
+            for each in (fresh, before)
+        )
         assert list(first.materials) == list(second.materials)
-        assert [each.material for each in first.objects] == [each.material for each in second.objects]
-        own = [each.material for each in first.objects if isinstance(each.material, tuple)]
+        assert [each.material for each in first.objects] == [
+            each.material for each in second.objects
+        ]
+        own = [
+            each.material for each in first.objects if isinstance(each.material, tuple)
+        ]
         again += len(own) - len(set(own))
         assert not any("-2" in name for names in own for name in names)
     assert again > 0

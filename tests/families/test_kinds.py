@@ -30,12 +30,17 @@ def test_every_body_is_watertight_with_outward_normals(name):
         assert np.ptp(mesh.vertices, axis=0).max() == pytest.approx(1.0)
         np.testing.assert_allclose(centre_of_mass(mesh), solid.center_mass, atol=1e-5)
         a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
-        facing = np.einsum("nc,nc->n", np.cross(b - a, c - a), mesh.normals[mesh.faces].mean(axis=1))
+        facing = np.einsum(
+            "nc,nc->n", np.cross(b - a, c - a), mesh.normals[mesh.faces].mean(axis=1)
+        )
         assert (facing >= -1e-12).all()
         np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-6)
 
 
 @pytest.mark.parametrize("name", KINDS)
 def test_bodies_have_fewer_than_8000_faces(name):
-    faces = [len(KINDS[name].make(np.random.default_rng(seed)).mesh.faces) for seed in RNG_SEEDS]
+    faces = [
+        len(KINDS[name].make(np.random.default_rng(seed)).mesh.faces)
+        for seed in RNG_SEEDS
+    ]
     assert max(faces) < 8000

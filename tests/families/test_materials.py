@@ -15,17 +15,27 @@ from twinlens.families.surfaces import FLOORS, TOPS, WALLS, surface_pattern
 from twinlens.scoring import STATISTICS, open_pairs, pair_statistics, summarize
 
 DRAWS = 3000
-GLASS_INDEX = 1.567  # of the standard of gloss meters, polished black glass of 100 units
+GLASS_INDEX = (
+    1.567  # of the standard of gloss meters, polished black glass of 100 units
+)
 
 
 def finish_of(plugin):
     """The finish that a material has according to its parameters."""
     if plugin["type"] != "principled":
         return {"dielectric": "glass", "conductor": "mirror"}[plugin["type"]]
-    for finish, key in (("metal", "metallic"), ("fabric", "sheen"), ("clearcoat", "clearcoat")):
+    for finish, key in (
+        ("metal", "metallic"),
+        ("fabric", "sheen"),
+        ("clearcoat", "clearcoat"),
+    ):
         if plugin[key] > 0.1:
             return finish
-    return next(name for name in ("matte", "satin", "glossy") if plugin["roughness"] >= FINISHES[name][1])
+    return next(
+        name
+        for name in ("matte", "satin", "glossy")
+        if plugin["roughness"] >= FINISHES[name][1]
+    )
 
 
 def within(count, draws, share):
@@ -36,15 +46,22 @@ def within(count, draws, share):
 @pytest.fixture(scope="module")
 def balls():
     """Materials of balls, which may have every finish."""
-    scene = Composition("balls", np.random.SeedSequence(1), Assets(), None, (1, 1), 4 / 3, 80)
+    scene = Composition(
+        "balls", np.random.SeedSequence(1), Assets(), None, (1, 1), 4 / 3, 80
+    )
     solid = KINDS["ball"].make(np.random.default_rng(0))
-    return [Body("ball", "ball", solid, 0.1, scene, (index,)).material(0.01) for index in range(DRAWS)]
+    return [
+        Body("ball", "ball", solid, 0.1, scene, (index,)).material(0.01)
+        for index in range(DRAWS)
+    ]
 
 
 def test_finishes_have_the_stated_shares(balls):
     counts = Counter(map(finish_of, balls))
     assert counts.keys() == FINISHES.keys()
-    assert all(within(counts[name], DRAWS, share) for name, (share, *_) in FINISHES.items())
+    assert all(
+        within(counts[name], DRAWS, share) for name, (share, *_) in FINISHES.items()
+    )
 
 
 def test_roughness_spans_the_stated_ranges(balls):
@@ -55,20 +72,37 @@ def test_roughness_spans_the_stated_ranges(balls):
 
 
 def test_only_suitable_kinds_are_of_fabric_or_metal():
-    scene = Composition("mixed", np.random.SeedSequence(2), Assets(), None, (1, 1), 4 / 3, 80)
+    scene = Composition(
+        "mixed", np.random.SeedSequence(2), Assets(), None, (1, 1), 4 / 3, 80
+    )
     for kind in ("apple", "book", "gear"):
         solid = KINDS[kind].make(np.random.default_rng(0))
-        found = {finish_of(Body(kind, kind, solid, 0.1, scene, (kind, i)).material(0.01)) for i in range(200)}
+        found = {
+            finish_of(Body(kind, kind, solid, 0.1, scene, (kind, i)).material(0.01))
+            for i in range(200)
+        }
         assert ("fabric" in found, "metal" in found) == (kind in SOFT, kind in METALLIC)
 
 
 def test_a_stated_share_of_bodies_and_surfaces_is_plain(balls):
     """A plain body has one colour, of varying lightness; the patterns of balls have more."""
-    dull = [plugin["base_color"].pixels for plugin in balls if finish_of(plugin) in ("matte", "satin", "fabric")]
-    unclipped = [pixels[((pixels > 0.0101) & (pixels < 0.8799)).all(axis=-1)].astype(float) for pixels in dull]
-    plain = sum(float((texels / texels.sum(axis=-1, keepdims=True)).std(axis=0).max()) < 1e-4 for texels in unclipped)
+    dull = [
+        plugin["base_color"].pixels
+        for plugin in balls
+        if finish_of(plugin) in ("matte", "satin", "fabric")
+    ]
+    unclipped = [
+        pixels[((pixels > 0.0101) & (pixels < 0.8799)).all(axis=-1)].astype(float)
+        for pixels in dull
+    ]
+    plain = sum(
+        float((texels / texels.sum(axis=-1, keepdims=True)).std(axis=0).max()) < 1e-4
+        for texels in unclipped
+    )
     listed = KINDS["ball"].patterns
-    assert within(plain, len(dull), PLAIN + (1 - PLAIN) * listed.count("plain") / len(listed))
+    assert within(
+        plain, len(dull), PLAIN + (1 - PLAIN) * listed.count("plain") / len(listed)
+    )
     rng = np.random.default_rng(3)
     for share, patterns in (WALLS, TOPS, FLOORS):
         names = [surface_pattern(rng, (share, patterns))[0] for _ in range(DRAWS)]
@@ -78,18 +112,25 @@ def test_a_stated_share_of_bodies_and_surfaces_is_plain(balls):
 def grain(name, n, seed=0):
     """The standard deviation of the logarithm of a pattern of one grey, averaged to 128 texels."""
     texels = pattern(name, n, np.random.default_rng(seed), np.full((4, 3), 0.3))[..., 0]
-    return float(np.log(texels.reshape(128, n // 128, 128, n // 128).mean(axis=(1, 3))).std())
+    return float(
+        np.log(texels.reshape(128, n // 128, 128, n // 128).mean(axis=(1, 3))).std()
+    )
 
 
 def test_plain_paint_has_fainter_grain_than_other_surfaces():
-    plain, cloudy = (np.array([grain(name, 128, seed) for seed in range(40)]) for name in ("plain", "cloudy"))
+    plain, cloudy = (
+        np.array([grain(name, 128, seed) for seed in range(40)])
+        for name in ("plain", "cloudy")
+    )
     assert 0.005 < plain.min() < 0.03
     assert 0.08 < plain.max() < 0.14
     assert cloudy.min() > 0.1
 
 
 def test_grain_of_a_size_has_the_same_contrast_at_every_resolution():
-    assert [grain("plain", n) for n in (256, 512, 1024)] == pytest.approx([grain("plain", 128)] * 3, rel=0.05)
+    assert [grain("plain", n) for n in (256, 512, 1024)] == pytest.approx(
+        [grain("plain", 128)] * 3, rel=0.05
+    )
 
 
 def gloss(roughness, rays=400_000):
@@ -109,16 +150,32 @@ def gloss(roughness, rays=400_000):
 
     angle = np.pi / 3 + np.radians(rng.uniform(-0.375, 0.375, rays))
     aside = np.radians(rng.uniform(-1.25, 1.25, rays))
-    light = np.stack([-np.sin(angle) * np.cos(aside), np.sin(aside), np.cos(angle) * np.cos(aside)])
+    light = np.stack(
+        [-np.sin(angle) * np.cos(aside), np.sin(aside), np.cos(angle) * np.cos(aside)]
+    )
     u, turn = rng.random(rays), rng.uniform(0, 2 * np.pi, rays)
     tilt = np.arctan(alpha * np.sqrt(u / (1 - u)))
-    facet = np.stack([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
+    facet = np.stack(
+        [np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)]
+    )
     cosine = (light * facet).sum(axis=0)
     out = 2 * cosine * facet - light
-    ahead, side = np.degrees(np.arctan2(out[0], out[2])) - 60, np.degrees(np.arcsin(np.clip(out[1], -1, 1)))
+    ahead, side = (
+        np.degrees(np.arctan2(out[0], out[2])) - 60,
+        np.degrees(np.arcsin(np.clip(out[1], -1, 1))),
+    )
     seen = (np.abs(ahead) < 2.2) & (np.abs(side) < 5.85) & (cosine > 0) & (out[2] > 0)
-    weight = fresnel(np.clip(cosine, 1e-3, 1), 1.5) * shadowing(light[2]) * shadowing(out[2]) * cosine
-    return 100 * np.mean(np.where(seen, weight / (light[2] * facet[2]), 0)) / fresnel(0.5, GLASS_INDEX)
+    weight = (
+        fresnel(np.clip(cosine, 1e-3, 1), 1.5)
+        * shadowing(light[2])
+        * shadowing(out[2])
+        * cosine
+    )
+    return (
+        100
+        * np.mean(np.where(seen, weight / (light[2] * facet[2]), 0))
+        / fresnel(0.5, GLASS_INDEX)
+    )
 
 
 def test_finishes_have_the_gloss_of_paints_of_these_names():
@@ -143,24 +200,32 @@ def held_out(tmp_path_factory):
     return summarize([pair_statistics(pair) for pair in open_pairs([folder / "data"])])
 
 
-COMPARED = sorted(set(STATISTICS) - {"width", "largest_disparity"})  # the rig decides these two
+COMPARED = sorted(
+    set(STATISTICS) - {"width", "largest_disparity"}
+)  # the rig decides these two
 
 
 def unmet(names, missed, reason):
     """Parameters, of which those in `missed` are known to fail."""
     marks = pytest.mark.xfail(strict=True, reason=reason)
-    return [pytest.param(name, marks=marks) if name in missed else name for name in names]
+    return [
+        pytest.param(name, marks=marks) if name in missed else name for name in names
+    ]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", unmet(COMPARED, {"correlation"}, "0.9801; real pairs have 0.98 at most"))
+@pytest.mark.parametrize(
+    "name", unmet(COMPARED, {"correlation"}, "0.9801; real pairs have 0.98 at most")
+)
 def test_medians_of_random_scenes_are_in_the_range_of_real_pairs(held_out, name):
     _, low, high = STATISTICS[name].real
     assert low <= held_out[name][0] <= high
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", unmet(COMPARED, {"kurtosis"}, "41; 23 of real pairs, 38 would be near"))
+@pytest.mark.parametrize(
+    "name", unmet(COMPARED, {"kurtosis"}, "41; 23 of real pairs, 38 would be near")
+)
 def test_medians_of_random_scenes_are_near_those_of_real_pairs(held_out, name):
     middle, low, high = STATISTICS[name].real
     assert abs(held_out[name][0] - middle) <= (high - low) / 3

@@ -23,20 +23,36 @@ def scene_of(family, seed):
 
 def fingerprint(scene):
     """All numbers of a scene in order."""
-    parts = [scene.world_from_left.ravel(), [scene.fov_x_deg, scene.baseline, *scene.depth_range]]
+    parts = [
+        scene.world_from_left.ravel(),
+        [scene.fov_x_deg, scene.baseline, *scene.depth_range],
+    ]
     for thing in scene.objects:
-        parts += [thing.world_from_object.ravel(), thing.shape.vertices.ravel(), thing.shape.uv.ravel()]
+        parts += [
+            thing.world_from_object.ravel(),
+            thing.shape.vertices.ravel(),
+            thing.shape.uv.ravel(),
+        ]
     for plugin in [*scene.materials.values(), *scene.lights.values()]:
-        parts += [part.pixels.ravel() for part in plugin.values() if isinstance(part, Bitmap)]
+        parts += [
+            part.pixels.ravel() for part in plugin.values() if isinstance(part, Bitmap)
+        ]
         parts += [[part] for part in plugin.values() if isinstance(part, float)]
-    return np.concatenate([np.asarray(part, dtype=np.float64).ravel() for part in parts])
+    return np.concatenate(
+        [np.asarray(part, dtype=np.float64).ravel() for part in parts]
+    )
 
 
 def depths(scene, objects):
     """The depth of some of a scene's objects at 4:3."""
     view = View(scene.world_from_left, scene.fov_x_deg, 4 / 3)
     world = [
-        (t.shape.vertices @ t.world_from_object[:3, :3].T + t.world_from_object[:3, 3], t.shape.faces) for t in objects
+        (
+            t.shape.vertices @ t.world_from_object[:3, :3].T
+            + t.world_from_object[:3, 3],
+            t.shape.faces,
+        )
+        for t in objects
     ]
     return rasterize(view, world)
 
@@ -55,9 +71,15 @@ def test_the_same_seed_gives_the_same_scene(family):
     first, again = scene_of(family, 11), random_scene(family, 11, width=80)
     numbers = fingerprint(first)
     np.testing.assert_array_equal(numbers, fingerprint(again))
-    assert (numbers.size, numbers.mean()) == (SEED_11[family][0], pytest.approx(SEED_11[family][1], rel=1e-7))
+    assert (numbers.size, numbers.mean()) == (
+        SEED_11[family][0],
+        pytest.approx(SEED_11[family][1], rel=1e-7),
+    )
     other = scene_of(family, 5)
-    assert fingerprint(other).shape != fingerprint(first).shape or (fingerprint(other) != fingerprint(first)).any()
+    assert (
+        fingerprint(other).shape != fingerprint(first).shape
+        or (fingerprint(other) != fingerprint(first)).any()
+    )
     assert first.name == f"{family}-11"
 
 
@@ -65,8 +87,15 @@ def test_a_seed_sequence_is_a_seed_and_is_not_changed():
     sequence = np.random.SeedSequence(5, spawn_key=(3,))
     first = random_scene("cards", sequence, width=80)
     sequence.spawn(2)
-    np.testing.assert_array_equal(fingerprint(first), fingerprint(random_scene("cards", sequence, width=80)))
-    assert first.name != random_scene("cards", np.random.SeedSequence(5, spawn_key=(4,)), width=80).name
+    np.testing.assert_array_equal(
+        fingerprint(first), fingerprint(random_scene("cards", sequence, width=80))
+    )
+    assert (
+        first.name
+        != random_scene(
+            "cards", np.random.SeedSequence(5, spawn_key=(4,)), width=80
+        ).name
+    )
     np.testing.assert_array_equal(
         fingerprint(scene_of("cards", 5)),
         fingerprint(random_scene("cards", np.random.SeedSequence(5), width=80)),
@@ -82,14 +111,19 @@ def test_the_requested_depth_range_is_that_of_the_picture(family, wanted):
     assert far == pytest.approx(wanted[1], rel=0.06)
     depth = depths(scene, scene.objects)
     visible = depth[np.isfinite(depth)]
-    np.testing.assert_allclose((visible.min(), visible.max()), scene.depth_range, rtol=1e-6)
+    np.testing.assert_allclose(
+        (visible.min(), visible.max()), scene.depth_range, rtol=1e-6
+    )
 
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_scenes_are_small_textured_meshes_with_unique_names(family):
     scene = scene_of(family, 4)
     assert all(isinstance(thing.shape, Mesh) for thing in scene.objects)
-    assert all(thing.shape.uv is not None and thing.shape.normals is not None for thing in scene.objects)
+    assert all(
+        thing.shape.uv is not None and thing.shape.normals is not None
+        for thing in scene.objects
+    )
     assert sum(len(thing.shape.faces) for thing in scene.objects) < 100_000
     assert len({thing.name for thing in scene.objects}) == len(scene.objects)
     assert camera_inside(scene) == []
@@ -107,25 +141,53 @@ def test_all_materials_have_the_same_form(family):
         plugins = list(scene_of(family, seed).materials.values())
         coated = [plugin for plugin in plugins if plugin["type"] == "principled"]
         assert len({tuple(plugin) for plugin in coated}) == 1
-        assert all(value > 0 for plugin in coated for value in plugin.values() if isinstance(value, float))
+        assert all(
+            value > 0
+            for plugin in coated
+            for value in plugin.values()
+            if isinstance(value, float)
+        )
         lamps = [plugin for plugin in plugins if plugin["type"] == "diffuse"]
-        assert all(isinstance(lamp["reflectance"], Bitmap) and not lamp["reflectance"].pixels.any() for lamp in lamps)
-        assert {plugin["type"] for plugin in plugins} <= {"principled", "diffuse", "conductor", "dielectric"}
-        textures = [value for plugin in plugins for value in plugin.values() if isinstance(value, Bitmap)]
+        assert all(
+            isinstance(lamp["reflectance"], Bitmap)
+            and not lamp["reflectance"].pixels.any()
+            for lamp in lamps
+        )
+        assert {plugin["type"] for plugin in plugins} <= {
+            "principled",
+            "diffuse",
+            "conductor",
+            "dielectric",
+        }
+        textures = [
+            value
+            for plugin in plugins
+            for value in plugin.values()
+            if isinstance(value, Bitmap)
+        ]
         assert all(np.array_equal(texture.to_uv, np.eye(4)) for texture in textures)
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-@pytest.mark.parametrize("seeds", [range(3), pytest.param(range(3, 200), marks=pytest.mark.slow)], ids=["3", "197"])
+@pytest.mark.parametrize(
+    "seeds",
+    [range(3), pytest.param(range(3, 200), marks=pytest.mark.slow)],
+    ids=["3", "197"],
+)
 def test_every_object_and_material_has_a_declared_name(family, seeds):
     for seed in seeds:
         scene = random_scene(family, seed, width=64, object_count=1)
         names = {thing.name for thing in scene.objects} | scene.materials.keys()
-        assert {re.sub(r"(-\d+)+$", "", name) for name in names} <= FAMILIES[family].names | KINDS.keys()
+        assert {re.sub(r"(-\d+)+$", "", name) for name in names} <= FAMILIES[
+            family
+        ].names | KINDS.keys()
 
 
 def test_a_larger_object_count_gives_more_objects():
-    few, many = (len(random_scene("flying", 3, object_count=n, width=80).objects) for n in (4, 16))
+    few, many = (
+        len(random_scene("flying", 3, object_count=n, width=80).objects)
+        for n in (4, 16)
+    )
     assert few < many
     assert few <= 4 + 3  # a wall or a moon, and lamps
 
@@ -137,17 +199,21 @@ def test_disparities_are_spread_over_the_range(family):
     for seed in range(6):
         scene = scene_of(family, seed)
         depth = depths(scene, scene.objects)
-        share = (1 / depth[np.isfinite(depth)] - 1 / depth[np.isfinite(depth)].max()) / np.ptp(
-            1 / depth[np.isfinite(depth)]
-        )
+        share = (
+            1 / depth[np.isfinite(depth)] - 1 / depth[np.isfinite(depth)].max()
+        ) / np.ptp(1 / depth[np.isfinite(depth)])
         filled.append((np.histogram(share, 3, (0, 1))[0] > 0).mean())
     assert np.mean(filled) > 0.9
 
 
 def test_added_textures_move_no_object(tmp_path):
-    Image.fromarray(np.random.default_rng(0).integers(0, 255, (32, 32, 3), dtype=np.uint8)).save(tmp_path / "a.png")
+    Image.fromarray(
+        np.random.default_rng(0).integers(0, 255, (32, 32, 3), dtype=np.uint8)
+    ).save(tmp_path / "a.png")
     plain = scene_of("tabletop", 5)
-    dressed = random_scene("tabletop", 5, width=80, assets=Assets.from_folders(textures=[tmp_path]))
+    dressed = random_scene(
+        "tabletop", 5, width=80, assets=Assets.from_folders(textures=[tmp_path])
+    )
     assert [t.name for t in plain.objects] == [t.name for t in dressed.objects]
     for one, other in zip(plain.objects, dressed.objects, strict=True):
         np.testing.assert_array_equal(one.world_from_object, other.world_from_object)
@@ -178,12 +244,18 @@ def test_bad_settings_raise_one_line_errors(bad, message):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("seed", [4, 5, 9, 16, 26])  # 4: a lamp before the camera; the others: none
+@pytest.mark.parametrize(
+    "seed", [4, 5, 9, 16, 26]
+)  # 4: a lamp before the camera; the others: none
 def test_the_main_lights_of_a_room_are_not_visible(seed):
     """The ceiling lamp and a window beside the camera give more light than all visible windows and lamp shades."""
     scene = scene_of("room", seed)
     nearest = depths(scene, scene.objects)
-    shown = {t.name for t in scene.objects if (np.isfinite(nearest) & (depths(scene, [t]) <= nearest)).any()}
+    shown = {
+        t.name
+        for t in scene.objects
+        if (np.isfinite(nearest) & (depths(scene, [t]) <= nearest)).any()
+    }
     flux = {}
     for thing in scene.objects:
         if thing.emitter is not None:
@@ -192,7 +264,9 @@ def test_the_main_lights_of_a_room_are_not_visible(seed):
             flux[thing.name] = area * float(np.mean(thing.emitter["radiance"].rgb))
     filling = {"ceiling-light", "side-window"} & set(flux)
     assert not filling & shown
-    assert sum(flux[name] for name in filling) > sum(flux[name] for name in set(flux) - filling)
+    assert sum(flux[name] for name in filling) > sum(
+        flux[name] for name in set(flux) - filling
+    )
     assert sum(flux[name] for name in filling) > 15
 
 
@@ -201,16 +275,26 @@ def test_plain_surfaces_may_be_left_out(family):
     """Where a surface was plain, its contrast is higher; all other surfaces, and all objects, are the same."""
     changed = []
     for seed in (4, 5, 11):
-        plain, textured = scene_of(family, seed), random_scene(family, seed, width=80, plain_surfaces=False)
-        assert [thing.name for thing in plain.objects] == [thing.name for thing in textured.objects]
+        plain, textured = (
+            scene_of(family, seed),
+            random_scene(family, seed, width=80, plain_surfaces=False),
+        )
+        assert [thing.name for thing in plain.objects] == [
+            thing.name for thing in textured.objects
+        ]
         for one, other in zip(plain.objects, textured.objects, strict=True):
             assert np.array_equal(one.world_from_object, other.world_from_object)
             assert np.array_equal(one.shape.vertices, other.shape.vertices)
             maps = [
-                scene.materials[thing.material].get("base_color") for scene, thing in ((plain, one), (textured, other))
+                scene.materials[thing.material].get("base_color")
+                for scene, thing in ((plain, one), (textured, other))
             ]
-            if isinstance(maps[0], Bitmap) and not np.array_equal(maps[0].pixels, maps[1].pixels):
-                before, after = (np.log(each.pixels).std(axis=(0, 1)).max() for each in maps)
+            if isinstance(maps[0], Bitmap) and not np.array_equal(
+                maps[0].pixels, maps[1].pixels
+            ):
+                before, after = (
+                    np.log(each.pixels).std(axis=(0, 1)).max() for each in maps
+                )
                 changed.append(one.name)
                 assert after > before, (seed, one.name)
     assert 2 <= len(changed) < 12

@@ -29,7 +29,9 @@ def test_a_low_sun_reddens_the_horizon():
 @pytest.mark.parametrize("seed", [3, 4])
 def test_the_sky_is_brightest_around_the_sun(seed):
     """A camera that looks at the sun sees the brightest part of the sky in the middle of its image."""
-    composed = Composition("sky", np.random.SeedSequence(seed), Assets(), None, (1, 1), 1.0, 64)
+    composed = Composition(
+        "sky", np.random.SeedSequence(seed), Assets(), None, (1, 1), 1.0, 64
+    )
     daylight(composed, np.random.default_rng(seed), np.zeros(3), 1.0)
     sun = composed.objects[0].world_from_object[:3, 3]
     sky = {"environment": composed.lights["environment"]}

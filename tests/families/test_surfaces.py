@@ -14,13 +14,19 @@ VIEW = View(look_at([0, 0, 0.6], [0, 3, 0]), 50.0, 4 / 3, 320)
 def seen(texture, x, y):
     """Bilinear values of the floor's texture at picture positions x, y in [-1, 1]."""
     directions = (
-        np.stack([x * VIEW.half[0], y * VIEW.half[1], np.ones_like(x)], axis=-1) @ VIEW.world_from_cam[:3, :3].T
+        np.stack([x * VIEW.half[0], y * VIEW.half[1], np.ones_like(x)], axis=-1)
+        @ VIEW.world_from_cam[:3, :3].T
     )
     t = -VIEW.eye[2] / directions[..., 2]
     point = VIEW.eye + t[..., None] * directions
     s, up = (point[..., 0] + 20) / 40, (point[..., 1] - 0.2) / 20
     rows, columns = texture.shape[:2]
-    return map_coordinates(texture[..., 0], [(1 - up) * rows - 0.5, s * columns - 0.5], order=1, mode="nearest")
+    return map_coordinates(
+        texture[..., 0],
+        [(1 - up) * rows - 0.5, s * columns - 0.5],
+        order=1,
+        mode="nearest",
+    )
 
 
 def roughness(texture, row):
@@ -46,5 +52,10 @@ def test_a_checkered_floor_does_not_alias_far_away_and_keeps_contrast_nearby():
 
 
 def test_baking_keeps_the_mean():
-    noise = np.random.default_rng(0).random((64, 64, 1)).astype(np.float32).repeat(3, axis=2)
+    noise = (
+        np.random.default_rng(0)
+        .random((64, 64, 1))
+        .astype(np.float32)
+        .repeat(3, axis=2)
+    )
     assert abs(bake(noise, 0.5, FLOOR, VIEW).mean() - 0.5) < 0.02

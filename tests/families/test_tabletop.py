@@ -5,11 +5,19 @@ import functools
 import numpy as np
 import pytest
 
-from tests.families.families_checks import camera_inside, floating, intersecting, table_height
+from tests.families.families_checks import (
+    camera_inside,
+    floating,
+    intersecting,
+    table_height,
+)
 from twinlens.families import random_scene
 
 QUICK = (0, 1, 136)  # 136: a pebble overhangs the box below it, next to a taller vase
-SCENES = [pytest.param(seed, marks=[] if seed in QUICK else pytest.mark.slow) for seed in range(200)]
+SCENES = [
+    pytest.param(seed, marks=[] if seed in QUICK else pytest.mark.slow)
+    for seed in range(200)
+]
 
 
 @functools.lru_cache(maxsize=4)
@@ -51,9 +59,13 @@ def test_some_bodies_are_stacked():
     for seed in (0, 1):
         scene = scene_of(seed)
         low = [
-            (thing.shape.vertices @ thing.world_from_object[2, :3] + thing.world_from_object[2, 3]).min()
+            (
+                thing.shape.vertices @ thing.world_from_object[2, :3]
+                + thing.world_from_object[2, 3]
+            ).min()
             for thing in scene.objects
-            if thing.name not in ("wall", "floor", "table", "key-light", "fill-light", "sun")
+            if thing.name
+            not in ("wall", "floor", "table", "key-light", "fill-light", "sun")
         ]
         stacked += sum(height > 0.01 for height in low)
     assert stacked > 0

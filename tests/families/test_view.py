@@ -30,7 +30,9 @@ def test_a_slanted_plane_has_its_closed_form_depth():
 
 
 def test_a_floor_under_the_camera_is_clipped_and_visible_to_the_horizon():
-    floor = np.array([[-500, -500, -1], [500, -500, -1], [500, 500, -1], [-500, 500, -1.0]])
+    floor = np.array(
+        [[-500, -500, -1], [500, -500, -1], [500, 500, -1], [-500, 500, -1.0]]
+    )
     seen = rasterize(view(), [(floor, QUAD)])
     _, y = rays(160)
     expected = np.where((y > 1 / 500), 1 / np.where(y > 0, y, 1), np.inf)

@@ -25,7 +25,10 @@ def centres(rig):
 
 def residual(F, a, b):
     """|p_b^T F p_a| of pixels scaled to unit norm."""
-    first, second = (p / np.linalg.norm(p, axis=-1, keepdims=True) for p in map(geometry.homogeneous, (a, b)))
+    first, second = (
+        p / np.linalg.norm(p, axis=-1, keepdims=True)
+        for p in map(geometry.homogeneous, (a, b))
+    )
     return np.abs(np.einsum("ni,ij,nj->n", second, F, first))
 
 
@@ -38,11 +41,21 @@ def test_matches_of_a_hundred_rigs_satisfy_the_epipolar_constraint(rigs):
     for rig, points in rigs:
         a, b = (ideal(rig, points, i) for i in (0, 1))
         assert residual(multiview.fundamental_matrix(rig), a, b).max() < 1e-9
-        assert epipolar.sampson_distance(multiview.fundamental_matrix(rig), a, b).max() < 1e-8
+        assert (
+            epipolar.sampson_distance(multiview.fundamental_matrix(rig), a, b).max()
+            < 1e-8
+        )
         lines = epipolar.epipolar_lines(multiview.fundamental_matrix(rig), a)
         assert np.abs((lines * geometry.homogeneous(b)).sum(axis=1)).max() < 1e-8
         rays = [rig.cameras[i].unproject(seen(rig, points, i)) for i in (0, 1)]
-        assert np.abs(np.einsum("ni,ij,nj->n", rays[1], multiview.essential_matrix(rig), rays[0])).max() < 1e-10
+        assert (
+            np.abs(
+                np.einsum(
+                    "ni,ij,nj->n", rays[1], multiview.essential_matrix(rig), rays[0]
+                )
+            ).max()
+            < 1e-10
+        )
 
 
 def test_distance_from_the_epipolar_line_is_in_pixels(rigs):
@@ -50,8 +63,12 @@ def test_distance_from_the_epipolar_line_is_in_pixels(rigs):
         a, b = (ideal(rig, points, i) for i in (0, 1))
         lines = epipolar.epipolar_lines(multiview.fundamental_matrix(rig), a)
         moved = b + 2.5 * lines[:, :2]
-        assert np.allclose((lines * geometry.homogeneous(moved)).sum(axis=1), 2.5, atol=1e-8)
-        assert (epipolar.sampson_distance(multiview.fundamental_matrix(rig), a, moved) > 0.5).all()
+        assert np.allclose(
+            (lines * geometry.homogeneous(moved)).sum(axis=1), 2.5, atol=1e-8
+        )
+        assert (
+            epipolar.sampson_distance(multiview.fundamental_matrix(rig), a, moved) > 0.5
+        ).all()
 
 
 def same_up_to_scale(a, b, tolerance):
@@ -63,8 +80,14 @@ def test_fundamental_matrix_equals_opencvs_estimate_from_matches(rigs):
     for rig, points in rigs[:20]:
         a, b = (ideal(rig, points, i) for i in (0, 1))
         theirs, _ = cv2.findFundamentalMat(a, b, cv2.FM_8POINT)
-        shift = np.array([[100.0, 0, 319.5], [0, 100.0, 239.5], [0, 0, 1.0]])  # compared in balanced coordinates
-        assert same_up_to_scale(shift.T @ multiview.fundamental_matrix(rig) @ shift, shift.T @ theirs @ shift, 1e-6)
+        shift = np.array(
+            [[100.0, 0, 319.5], [0, 100.0, 239.5], [0, 0, 1.0]]
+        )  # compared in balanced coordinates
+        assert same_up_to_scale(
+            shift.T @ multiview.fundamental_matrix(rig) @ shift,
+            shift.T @ theirs @ shift,
+            1e-6,
+        )
 
 
 def test_opencv_recovers_the_pose_from_the_essential_matrix(rigs):
@@ -75,20 +98,31 @@ def test_opencv_recovers_the_pose_from_the_essential_matrix(rigs):
         b_from_a = rig.b_from_a(0, 1)
         assert np.allclose(turn, b_from_a[:3, :3], atol=1e-6)
         assert np.allclose(towards[:, 0] * rig.baseline(), b_from_a[:3, 3], atol=1e-6)
-        assert np.allclose(np.linalg.svd(matrix)[1], [rig.baseline()] * 2 + [0], atol=1e-12)
+        assert np.allclose(
+            np.linalg.svd(matrix)[1], [rig.baseline()] * 2 + [0], atol=1e-12
+        )
 
 
 def test_lines_equal_opencv(rigs):
     for rig, points in rigs[:20]:
         a = ideal(rig, points, 0)
-        theirs = cv2.computeCorrespondEpilines(a[:, None], 1, multiview.fundamental_matrix(rig))[:, 0]
-        assert np.allclose(epipolar.epipolar_lines(multiview.fundamental_matrix(rig), a), theirs, atol=1e-6, rtol=1e-9)
+        theirs = cv2.computeCorrespondEpilines(
+            a[:, None], 1, multiview.fundamental_matrix(rig)
+        )[:, 0]
+        assert np.allclose(
+            epipolar.epipolar_lines(multiview.fundamental_matrix(rig), a),
+            theirs,
+            atol=1e-6,
+            rtol=1e-9,
+        )
 
 
 def test_exchanging_the_cameras_transposes_f(rigs):
     for rig, _ in rigs[:20]:
         assert same_up_to_scale(
-            multiview.fundamental_matrix(rig, 1, 0), multiview.fundamental_matrix(rig, 0, 1).T, 1e-12
+            multiview.fundamental_matrix(rig, 1, 0),
+            multiview.fundamental_matrix(rig, 0, 1).T,
+            1e-12,
         )
 
 
@@ -106,7 +140,9 @@ def test_an_epipolar_plane_contains_both_centres_and_the_point(rigs):
     for rig, points in rigs[:20]:
         planes = epipolar.epipolar_planes(*centres(rig), points)
         for held in (points, *centres(rig)):
-            assert np.abs((planes[:, :3] * held).sum(axis=1) + planes[:, 3]).max() < 1e-12
+            assert (
+                np.abs((planes[:, :3] * held).sum(axis=1) + planes[:, 3]).max() < 1e-12
+            )
         assert np.allclose(np.linalg.norm(planes[:, :3], axis=1), 1)
 
 
@@ -120,7 +156,9 @@ def test_the_epipolar_curve_contains_the_match_in_the_distorted_image(rigs):
 
 def test_a_rectified_pair_has_horizontal_lines_and_epipoles_at_infinity():
     rig = line(CAMERA, 2, 0.1)
-    lines = epipolar.epipolar_lines(multiview.fundamental_matrix(rig), [[100.0, 50.0], [3.0, 400.0]])
+    lines = epipolar.epipolar_lines(
+        multiview.fundamental_matrix(rig), [[100.0, 50.0], [3.0, 400.0]]
+    )
     assert np.allclose(np.abs(lines), [[0, 1, 50], [0, 1, 400]], atol=1e-12)
     assert [e[2] for e in multiview.epipoles(rig)] == [0, 0]
     assert multiview.epipole_in_image(rig) is None
@@ -132,31 +170,57 @@ def test_the_epipole_is_the_image_of_the_other_camera_in_front_or_behind():
         epipole, F = [CAMERA.cx, CAMERA.cy], multiview.fundamental_matrix(ahead, a, b)
         assert np.allclose(multiview.epipole_in_image(ahead, a, b), epipole)
         assert (epipolar.epipolar_lines(F, epipole) == 0).all()
-        assert np.allclose(geometry.dehomogeneous(multiview.epipoles(ahead, a, b)[0]), epipole)
-        assert epipolar.sampson_distance(F, epipole, [1.0, 2.0]) == pytest.approx(0, abs=1e-12)
+        assert np.allclose(
+            geometry.dehomogeneous(multiview.epipoles(ahead, a, b)[0]), epipole
+        )
+        assert epipolar.sampson_distance(F, epipole, [1.0, 2.0]) == pytest.approx(
+            0, abs=1e-12
+        )
 
 
 def test_a_point_on_the_baseline_has_no_epipolar_plane():
     rig = toed_in(CAMERA, 0.4, 2.0)
-    assert (epipolar.epipolar_planes(*centres(rig), [[0.05, 0, 0], [0.3, 0, 0]]) == 0).all()
+    assert (
+        epipolar.epipolar_planes(*centres(rig), [[0.05, 0, 0], [0.3, 0, 0]]) == 0
+    ).all()
 
 
 def test_a_line_at_infinity_is_0_0_1():
     """b's image plane is parallel to the epipolar plane and does not intersect it."""
     up = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
     rig = Rig([CAMERA] * 2, [np.eye(4), geometry.rigid(up, [0.5, 0, 0])])
-    assert np.allclose(epipolar.epipolar_lines(multiview.fundamental_matrix(rig), [100.0, CAMERA.cy]), [0, 0, 1])
+    assert np.allclose(
+        epipolar.epipolar_lines(multiview.fundamental_matrix(rig), [100.0, CAMERA.cy]),
+        [0, 0, 1],
+    )
 
 
 @pytest.mark.parametrize(
     ("make", "says"),
     [
-        (lambda: multiview.essential_matrix(Rig([CAMERA] * 2, [np.eye(4)] * 2)), "centres coincide"),
-        (lambda: multiview.fundamental_matrix(line(CAMERA, 2, 0.1), 0, 0), "two different cameras"),
-        (lambda: multiview.fundamental_matrix(line(CAMERA, 2, 0.1), 0, 2), "from 0 to 1"),
+        (
+            lambda: multiview.essential_matrix(Rig([CAMERA] * 2, [np.eye(4)] * 2)),
+            "centres coincide",
+        ),
+        (
+            lambda: multiview.fundamental_matrix(line(CAMERA, 2, 0.1), 0, 0),
+            "two different cameras",
+        ),
+        (
+            lambda: multiview.fundamental_matrix(line(CAMERA, 2, 0.1), 0, 2),
+            "from 0 to 1",
+        ),
         (lambda: multiview.ideal_pixels(CAMERA, [[np.nan, 0]]), "finite"),
-        (lambda: multiview.epipolar_curve(line(CAMERA, 2, 0.1), [0, 0], [0.0]), "positive"),
-        (lambda: epipolar.epipolar_planes(*centres(line(CAMERA, 2, 0.1)), [[np.inf] * 3]), "infinity"),
+        (
+            lambda: multiview.epipolar_curve(line(CAMERA, 2, 0.1), [0, 0], [0.0]),
+            "positive",
+        ),
+        (
+            lambda: epipolar.epipolar_planes(
+                *centres(line(CAMERA, 2, 0.1)), [[np.inf] * 3]
+            ),
+            "infinity",
+        ),
     ],
 )
 def test_invalid_input_raises(make, says):

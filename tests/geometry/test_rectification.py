@@ -23,8 +23,13 @@ def pairs():
 def alike(rng):
     rig, _ = random_rig(rng, distorted=True)
     world = geometry.rigid(rotation(rng), rng.uniform(-5, 5, 3))
-    poses = [geometry.rigid(rotation(rng, 0.15), place) for place in ([0, 0, 0], [0.4, *rng.uniform(-0.1, 0.1, 2)])]
-    points = geometry.transform_points(world, rng.uniform([-0.3, -0.3, 2], [0.5, 0.3, 4], (20, 3)))
+    poses = [
+        geometry.rigid(rotation(rng, 0.15), place)
+        for place in ([0, 0, 0], [0.4, *rng.uniform(-0.1, 0.1, 2)])
+    ]
+    points = geometry.transform_points(
+        world, rng.uniform([-0.3, -0.3, 2], [0.5, 0.3, 4], (20, 3))
+    )
     return Rig(rig.cameras, [world @ pose for pose in poses]), points
 
 
@@ -39,7 +44,9 @@ def test_rows_agree_and_disparity_gives_depth(pairs):
         left, right = (rectified(result, points, side) for side in (0, 1))
         assert np.abs(left[:, 1] - right[:, 1]).max() < 1e-6
         new = result.rectified_rig
-        depth = geometry.transform_points(geometry.inverse(new.world_from_cams[0]), points)[:, 2]
+        depth = geometry.transform_points(
+            geometry.inverse(new.world_from_cams[0]), points
+        )[:, 2]
         disparity = new.cameras[0].fx * result.baseline / depth - result.doffs
         assert np.allclose(left[:, 0] - right[:, 0], disparity, atol=1e-6)
 
@@ -51,21 +58,37 @@ def test_rectified_cameras_and_pixel_maps_agree(pairs):
         for side in (0, 1):
             cast = seen(result.rectified_rig, points, side)
             assert np.allclose(cast, rectified(result, points, side), atol=1e-8)
-            assert np.allclose(result.source_pixels(side, cast), seen(rig, points, side), atol=1e-8)
+            assert np.allclose(
+                result.source_pixels(side, cast), seen(rig, points, side), atol=1e-8
+            )
 
 
 def opencv(rig, size=(640, 480)):
     right_from_left = rig.b_from_a(0, 1)
-    coefficients = [np.zeros(5) if c.distortion is None else np.array(c.distortion.coefficients) for c in rig.cameras]
+    coefficients = [
+        np.zeros(5) if c.distortion is None else np.array(c.distortion.coefficients)
+        for c in rig.cameras
+    ]
     (k0, k1), (d0, d1) = (camera.K for camera in rig.cameras), coefficients
     return cv2.stereoRectify(
-        k0, d0, k1, d1, size, right_from_left[:3, :3], right_from_left[:3, 3:].copy(), flags=0, alpha=-1
+        k0,
+        d0,
+        k1,
+        d1,
+        size,
+        right_from_left[:3, :3],
+        right_from_left[:3, 3:].copy(),
+        flags=0,
+        alpha=-1,
     ), coefficients
 
 
 def test_rotations_and_rows_equal_opencv(pairs):
     for rig, points in pairs:
-        if any(camera.distortion is not None and camera.distortion.name == "kannala-brandt" for camera in rig.cameras):
+        if any(
+            camera.distortion is not None and camera.distortion.name == "kannala-brandt"
+            for camera in rig.cameras
+        ):
             continue
         (turn0, turn1, p0, p1, *_), coefficients = opencv(rig)
         result = rectify(rig)
@@ -75,10 +98,17 @@ def test_rotations_and_rows_equal_opencv(pairs):
         for side, turn, p in ((0, turn0, p0), (1, turn1, p1)):
             pixels, camera = seen(rig, points, side)[:, None], rig.cameras[side]
             often = (cv2.TERM_CRITERIA_COUNT, 50, 0.0)
-            theirs = cv2.undistortPoints(pixels, camera.K, coefficients[side], None, turn, p, often)
+            theirs = cv2.undistortPoints(
+                pixels, camera.K, coefficients[side], None, turn, p, often
+            )
             new = result.rectified_rig.cameras[side]
-            ours = (rectified(result, points, side) - (new.cx, new.cy)) / (new.fx, new.fy)
-            assert np.allclose(ours, (theirs[:, 0] - p[:2, 2]) / np.diag(p)[:2], atol=1e-6)
+            ours = (rectified(result, points, side) - (new.cx, new.cy)) / (
+                new.fx,
+                new.fy,
+            )
+            assert np.allclose(
+                ours, (theirs[:, 0] - p[:2, 2]) / np.diag(p)[:2], atol=1e-6
+            )
 
 
 def test_maps_equal_opencv():
@@ -87,10 +117,20 @@ def test_maps_equal_opencv():
     for side in (0, 1):
         new = result.rectified_rig.cameras[side]
         theirs = cv2.initUndistortRectifyMap(
-            camera.K, np.array(camera.distortion.coefficients), result.rotation(side), new.K, (640, 480), cv2.CV_32FC1
+            camera.K,
+            np.array(camera.distortion.coefficients),
+            result.rotation(side),
+            new.K,
+            (640, 480),
+            cv2.CV_32FC1,
         )
-        assert all(np.allclose(a, b, atol=1e-3) for a, b in zip(result.maps(side), theirs, strict=True))
-        inside = [(m >= 0) & (m <= n - 1) for m, n in zip(theirs, (640, 480), strict=True)]
+        assert all(
+            np.allclose(a, b, atol=1e-3)
+            for a, b in zip(result.maps(side), theirs, strict=True)
+        )
+        inside = [
+            (m >= 0) & (m <= n - 1) for m, n in zip(theirs, (640, 480), strict=True)
+        ]
         assert (result.valid(side) != (inside[0] & inside[1])).mean() < 1e-4
 
 
@@ -101,7 +141,11 @@ def test_a_toed_in_pair_rectifies_to_the_parallel_pair(distortion):
     new = result.rectified_rig.cameras[0]
     built = Rig.stereo(new, 0.3, pose @ geometry.rigid(np.eye(3), [-0.15, 0, 0]))
     for side in (0, 1):
-        assert np.allclose(px_from_world(result.rectified_rig, side), px_from_world(built, side), atol=1e-9)
+        assert np.allclose(
+            px_from_world(result.rectified_rig, side),
+            px_from_world(built, side),
+            atol=1e-9,
+        )
 
 
 def test_a_parallel_pair_does_not_change():
@@ -115,7 +159,9 @@ def test_a_parallel_pair_does_not_change():
 def test_a_vertical_pair_is_rotated_by_90_degrees():
     result = rectify(grid(CAMERA, 2, 1, 0.1, 0.1), width=480, height=640)
     assert result.rectified_rig.is_rectified()
-    assert np.allclose(np.abs(result.rotation(0)), [[0, 1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12)
+    assert np.allclose(
+        np.abs(result.rotation(0)), [[0, 1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12
+    )
 
 
 def test_without_zero_doffs_each_image_is_centred_on_its_view():
@@ -133,7 +179,9 @@ def test_fit_all_shows_every_pixel_and_fit_valid_has_no_empty_ones(pairs):
         whole = rectify(rig, fit="all", zero_doffs=False)
         full = rectify(rig, fit="valid", zero_doffs=False)
         for side in (0, 1):
-            corners = whole.rectified_pixels(side, [[0, 0], [639, 0], [0, 479], [639, 479]])
+            corners = whole.rectified_pixels(
+                side, [[0, 0], [639, 0], [0, 479], [639, 479]]
+            )
             assert (corners > -1e-6).all()
             assert (corners < (639 + 1e-6, 479 + 1e-6)).all()
             assert full.valid(side).mean() > 1 - 1e-5
@@ -148,7 +196,9 @@ def wider(rig, factor):
     shorter = []
     for camera in rig.cameras:
         cx, cy = middle + factor * (np.array([camera.cx, camera.cy]) - middle)
-        shorter.append(camera.replace(fx=camera.fx * factor, fy=camera.fy * factor, cx=cx, cy=cy))
+        shorter.append(
+            camera.replace(fx=camera.fx * factor, fy=camera.fy * factor, cx=cx, cy=cy)
+        )
     return Rig(shorter, rig.world_from_cams)
 
 
@@ -165,9 +215,24 @@ def test_vertical_misalignment_shifts_rows():
 @pytest.mark.parametrize(
     ("turn", "moved"),
     [
-        ({"pitch_deg": 0.5}, lambda x, y: (x / (np.cos(A) - y * np.sin(A)), (y + np.tan(A)) / (1 - y * np.tan(A)))),
-        ({"yaw_deg": 0.5}, lambda x, y: ((x - np.tan(A)) / (1 + x * np.tan(A)), y / (np.cos(A) + x * np.sin(A)))),
-        ({"roll_deg": 0.5}, lambda x, y: (x * np.cos(A) + y * np.sin(A), y * np.cos(A) - x * np.sin(A))),
+        (
+            {"pitch_deg": 0.5},
+            lambda x, y: (
+                x / (np.cos(A) - y * np.sin(A)),
+                (y + np.tan(A)) / (1 - y * np.tan(A)),
+            ),
+        ),
+        (
+            {"yaw_deg": 0.5},
+            lambda x, y: (
+                (x - np.tan(A)) / (1 + x * np.tan(A)),
+                y / (np.cos(A) + x * np.sin(A)),
+            ),
+        ),
+        (
+            {"roll_deg": 0.5},
+            lambda x, y: (x * np.cos(A) + y * np.sin(A), y * np.cos(A) - x * np.sin(A)),
+        ),
     ],
 )
 def test_rotational_misalignment_affects_the_second_camera_only(turn, moved):
@@ -175,7 +240,11 @@ def test_rotational_misalignment_affects_the_second_camera_only(turn, moved):
     rig = line(CAMERA, 2, 0.2)
     pixels = np.array([[100.0, 100.0], [500.0, 300.0]])
     straight, turned = rectify(rig), rectify(rig, misalignment=Misalignment(**turn))
-    assert np.allclose(straight.rectified_pixels(0, pixels), turned.rectified_pixels(0, pixels), atol=1e-12)
+    assert np.allclose(
+        straight.rectified_pixels(0, pixels),
+        turned.rectified_pixels(0, pixels),
+        atol=1e-12,
+    )
     camera = straight.rectified_rig.cameras[1]
     x, y = camera.unproject(straight.rectified_pixels(1, pixels))[:, :2].T
     expected = np.stack(moved(x, y), axis=1) * camera.fx + (camera.cx, camera.cy)
@@ -186,7 +255,10 @@ A = np.radians(0.5)
 
 
 def two(place, turn=(0, 0, 0)):
-    return Rig([CAMERA] * 2, [np.eye(4), geometry.rigid(cv2.Rodrigues(np.array(turn, float))[0], place)])
+    return Rig(
+        [CAMERA] * 2,
+        [np.eye(4), geometry.rigid(cv2.Rodrigues(np.array(turn, float))[0], place)],
+    )
 
 
 @pytest.mark.parametrize(
@@ -200,7 +272,10 @@ def two(place, turn=(0, 0, 0)):
         (lambda: rectify(two([0.5, 0, 0]), 0, 2), "from 0 to 1"),
         (lambda: rectify(two([0.5, 0, 0]), fit="al"), "did you mean 'all'"),
         (lambda: rectify(two([0.5, 0, 0]), width=0), "width"),
-        (lambda: rectify(two([0.1, 0, 0], (0, 0.9, 0)), fit="valid"), "zero_doffs=False"),
+        (
+            lambda: rectify(two([0.1, 0, 0], (0, 0.9, 0)), fit="valid"),
+            "zero_doffs=False",
+        ),
         (lambda: Misalignment(roll_deg=np.nan), "roll_deg"),
     ],
 )
@@ -210,7 +285,9 @@ def test_pairs_that_cannot_be_rectified_raise(make, says):
 
 
 def test_every_fit_gives_a_rectified_pair():
-    assert {rectify(two([0.5, 0, 0]), fit=fit).rectified_rig.is_rectified() for fit in FITS} == {True}
+    assert {
+        rectify(two([0.5, 0, 0]), fit=fit).rectified_rig.is_rectified() for fit in FITS
+    } == {True}
 
 
 @pytest.mark.parametrize("fit", ["valid", "all"])
@@ -218,4 +295,7 @@ def test_the_principal_point_of_a_rectified_pair_stays_in_the_middle(fit):
     """Exactly, since the scalar backend renders no others; rotations alone leave rounding errors."""
     pose = geometry.rigid(rotation(np.random.default_rng(0)), (0.3, -0.2, 1.1))
     pair = Rig.stereo(Camera.from_fov(320, 240, fov_x_deg=50), 0.1, pose)
-    assert [(camera.cx, camera.cy) for camera in rectify(pair, fit=fit).rectified_rig.cameras] == [(159.5, 119.5)] * 2
+    assert [
+        (camera.cx, camera.cy)
+        for camera in rectify(pair, fit=fit).rectified_rig.cameras
+    ] == [(159.5, 119.5)] * 2

@@ -15,7 +15,9 @@ from twinlens.errors import InputError
 coordinate = st.floats(-50, 50)
 vectors = arrays(np.float64, 3, elements=coordinate)
 clouds = arrays(np.float64, (7, 3), elements=coordinate)
-quaternions = arrays(np.float64, 4, elements=st.floats(-1, 1)).filter(lambda q: np.linalg.norm(q) > 1e-3)
+quaternions = arrays(np.float64, 4, elements=st.floats(-1, 1)).filter(
+    lambda q: np.linalg.norm(q) > 1e-3
+)
 
 
 def rotation_of(quaternion: np.ndarray) -> np.ndarray:
@@ -45,23 +47,35 @@ def test_inverse_is_the_left_and_right_inverse(b_from_a):
 @given(poses, poses, poses, clouds)
 def test_composition_is_associative(d_from_c, c_from_b, b_from_a, points_a):
     in_one = g.transform_points(d_from_c @ (c_from_b @ b_from_a), points_a)
-    in_steps = g.transform_points(d_from_c, g.transform_points(c_from_b, g.transform_points(b_from_a, points_a)))
+    in_steps = g.transform_points(
+        d_from_c, g.transform_points(c_from_b, g.transform_points(b_from_a, points_a))
+    )
     assert np.allclose(in_one, in_steps, atol=1e-10)
-    assert np.allclose((d_from_c @ c_from_b) @ b_from_a, d_from_c @ (c_from_b @ b_from_a), atol=1e-10)
+    assert np.allclose(
+        (d_from_c @ c_from_b) @ b_from_a, d_from_c @ (c_from_b @ b_from_a), atol=1e-10
+    )
 
 
 @given(poses, clouds)
 def test_points_and_directions_equal_homogeneous_products(b_from_a, points):
     column = np.concatenate([points.T, np.ones((1, len(points)))])
-    assert np.allclose(g.transform_points(b_from_a, points), (b_from_a @ column)[:3].T, atol=1e-12)
-    assert np.allclose(g.rotate(b_from_a, points), g.transform_points(b_from_a, points) - b_from_a[:3, 3], atol=1e-11)
+    assert np.allclose(
+        g.transform_points(b_from_a, points), (b_from_a @ column)[:3].T, atol=1e-12
+    )
+    assert np.allclose(
+        g.rotate(b_from_a, points),
+        g.transform_points(b_from_a, points) - b_from_a[:3, 3],
+        atol=1e-11,
+    )
 
 
 @given(poses, clouds)
 def test_rigid_transforms_preserve_distances_and_handedness(b_from_a, points):
     moved = g.transform_points(b_from_a, points)
     apart = np.linalg.norm(points[:, None] - points[None], axis=-1)
-    assert np.allclose(np.linalg.norm(moved[:, None] - moved[None], axis=-1), apart, atol=1e-10)
+    assert np.allclose(
+        np.linalg.norm(moved[:, None] - moved[None], axis=-1), apart, atol=1e-10
+    )
     x, y, z = g.rotate(b_from_a, np.eye(3))
     assert np.allclose(np.cross(x, y), z, atol=1e-12)
 
@@ -72,7 +86,11 @@ def test_a_pose_with_seven_digits_is_made_orthonormal(b_from_a, points):
     typed = g.check_rigid(np.round(b_from_a, 7), "pose")
     assert np.abs(typed - b_from_a).max() < 2e-7
     assert np.allclose(g.inverse(typed) @ typed, np.eye(4), atol=1e-12)
-    assert np.allclose(g.transform_points(g.inverse(typed), g.transform_points(typed, points)), points, atol=1e-10)
+    assert np.allclose(
+        g.transform_points(g.inverse(typed), g.transform_points(typed, points)),
+        points,
+        atol=1e-10,
+    )
 
 
 @given(poses)
@@ -102,7 +120,9 @@ def test_look_at_points_at_its_target_with_up_above(eye, target, up):
     sight = target - eye
     if min(np.linalg.norm(sight), np.linalg.norm(up)) < 1e-6:
         return
-    if np.linalg.norm(np.cross(sight, up)) <= 1e-3 * np.linalg.norm(sight) * np.linalg.norm(up):
+    if np.linalg.norm(np.cross(sight, up)) <= 1e-3 * np.linalg.norm(
+        sight
+    ) * np.linalg.norm(up):
         return
     world_from_cam = g.look_at(eye, target, up)
     seen = g.transform_points(g.inverse(world_from_cam), target)
@@ -115,7 +135,11 @@ def test_look_at_points_at_its_target_with_up_above(eye, target, up):
 
 def test_look_at_north_from_the_origin_by_hand():
     """Looking along +y with +z up: right is +x, down is -z."""
-    assert g.look_at([0, 0, 0], [0, 3, 0])[:3, :3].T.tolist() == [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
+    assert g.look_at([0, 0, 0], [0, 3, 0])[:3, :3].T.tolist() == [
+        [1, 0, 0],
+        [0, 0, -1],
+        [0, 1, 0],
+    ]
 
 
 @pytest.mark.parametrize(
@@ -141,10 +165,14 @@ def test_projection_equals_opencv(rng):
         points_cam = rng.uniform([-2, -2, 0.5], [2, 2, 9], size=(50, 3))
         points = g.transform_points(g.inverse(cam_from_world), points_cam)
         turn, _ = cv2.Rodrigues(cam_from_world[:3, :3])
-        theirs, _ = cv2.projectPoints(points, turn, cam_from_world[:3, 3], camera.K, None)
+        theirs, _ = cv2.projectPoints(
+            points, turn, cam_from_world[:3, 3], camera.K, None
+        )
         ours = camera.project(g.transform_points(cam_from_world, points))
         assert np.allclose(ours, theirs[:, 0], atol=1e-8)
-        by_matrix = g.dehomogeneous(g.homogeneous(points) @ (camera.K @ cam_from_world[:3]).T)
+        by_matrix = g.dehomogeneous(
+            g.homogeneous(points) @ (camera.K @ cam_from_world[:3]).T
+        )
         assert np.allclose(by_matrix, ours, atol=1e-8)
 
 
@@ -153,7 +181,9 @@ def test_the_film_of_a_real_camera_gives_the_same_pixels_as_fx():
     density = np.array([1 / 4e-6, 1 / 5e-6])
     film = np.array([0.05 * 0.3 / 1.5, -0.05 * 0.2 / 1.5])
     camera = Camera(6000, 4000, 0.05 * density[0], 0.05 * density[1], 3001.25, 1999.5)
-    assert np.allclose(camera.project([0.3, -0.2, 1.5]), film * density + (3001.25, 1999.5), rtol=1e-13)
+    assert np.allclose(
+        camera.project([0.3, -0.2, 1.5]), film * density + (3001.25, 1999.5), rtol=1e-13
+    )
 
 
 def test_points_behind_the_aperture_have_no_image():
@@ -170,17 +200,27 @@ def test_disparity_and_depth_are_inverse(depth, fx, baseline, doffs):
     if disparity + doffs < 1e-6:
         return
     back = g.depth_from_disparity(disparity, fx, baseline, doffs)
-    lost = 4e-16 * (abs(doffs) + abs(disparity)) / (disparity + doffs)  # the subtraction's own rounding
+    lost = (
+        4e-16 * (abs(doffs) + abs(disparity)) / (disparity + doffs)
+    )  # the subtraction's own rounding
     assert abs(back / depth - 1) < 1e-12 + lost
 
 
-@given(st.floats(-3, 3), st.floats(-3, 3), st.floats(0.5, 50), st.floats(-30, 30), st.floats(0.01, 1))
+@given(
+    st.floats(-3, 3),
+    st.floats(-3, 3),
+    st.floats(0.5, 50),
+    st.floats(-30, 30),
+    st.floats(0.01, 1),
+)
 def test_the_depth_of_the_difference_of_two_projections(x, y, z, doffs, baseline):
     left = Camera(640, 480, 700, 650, 300, 240)
     right = left.replace(cx=left.cx + doffs)
     difference = left.project([x, y, z])[0] - right.project([x - baseline, y, z])[0]
     assert 700 * baseline / z - doffs == pytest.approx(difference, abs=1e-9)
-    assert g.depth_from_disparity(difference, 700, baseline, doffs) == pytest.approx(z, rel=1e-9)
+    assert g.depth_from_disparity(difference, 700, baseline, doffs) == pytest.approx(
+        z, rel=1e-9
+    )
 
 
 def test_unknown_stays_unknown():
@@ -190,11 +230,15 @@ def test_unknown_stays_unknown():
 
 @pytest.mark.parametrize("disparity", [-5.1, math.nan, -math.inf])
 def test_disparities_behind_the_camera_raise(disparity):
-    refuses(lambda: g.depth_from_disparity([3.0, disparity], 700, 0.1, doffs=5.0), "disparity")
+    refuses(
+        lambda: g.depth_from_disparity([3.0, disparity], 700, 0.1, doffs=5.0),
+        "disparity",
+    )
 
 
 @pytest.mark.parametrize(
-    ("fx", "baseline"), [(0, 0.1), (700, 0), (-700, 0.1), (700, -0.1), (math.nan, 1), (7, math.inf)]
+    ("fx", "baseline"),
+    [(0, 0.1), (700, 0), (-700, 0.1), (700, -0.1), (math.nan, 1), (7, math.inf)],
 )
 def test_invalid_fx_and_baseline_raise(fx, baseline):
     refuses(lambda: g.depth_from_disparity(1.0, fx, baseline), "fx and baseline")
@@ -223,12 +267,19 @@ def not_rigid() -> dict[str, object]:
 
 @pytest.mark.parametrize("kind", not_rigid())
 def test_invalid_poses_raise_with_their_name(kind):
-    refuses(lambda: g.check_rigid(not_rigid()[kind], "world_from_left"), "world_from_left")
+    refuses(
+        lambda: g.check_rigid(not_rigid()[kind], "world_from_left"), "world_from_left"
+    )
 
 
 @pytest.mark.parametrize(
     ("rotation", "translation"),
-    [(np.eye(2), [0, 0, 0]), (np.eye(3), [0, 0]), (np.eye(3), "abc"), (np.eye(3) * 2, [0, 0, 0])],
+    [
+        (np.eye(2), [0, 0, 0]),
+        (np.eye(3), [0, 0]),
+        (np.eye(3), "abc"),
+        (np.eye(3) * 2, [0, 0, 0]),
+    ],
 )
 def test_rigid_raises_for_wrong_shapes(rotation, translation):
     refuses(lambda: g.rigid(rotation, translation), "rigid transform")

@@ -28,12 +28,17 @@ def test_exact_pixels_of_two_cameras_give_the_point(method):
 def test_exact_pixels_of_more_cameras_give_the_point(method):
     for seed in range(10):
         rig, points = random_rig(np.random.default_rng(seed), count=4, distorted=True)
-        back = triangulate(rig, [seen(rig, points, i) for i in (2, 0, 3)], (2, 0, 3), method)
+        back = triangulate(
+            rig, [seen(rig, points, i) for i in (2, 0, 3)], (2, 0, 3), method
+        )
         assert np.abs(back - points).max() < 1e-9
 
 
 def noisy(rig, points, rng, sigma=1.0):
-    return [seen(rig, points, i) + rng.normal(0, sigma, (len(points), 2)) for i in range(len(rig))]
+    return [
+        seen(rig, points, i) + rng.normal(0, sigma, (len(points), 2))
+        for i in range(len(rig))
+    ]
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -43,8 +48,14 @@ def test_triangulation_of_corrected_matches_equals_opencv(method):
         rng = np.random.default_rng(seed)
         rig, points = random_rig(rng)
         matches = correct_matches(fundamental_matrix(rig), *noisy(rig, points, rng))
-        theirs = cv2.triangulatePoints(px_from_world(rig, 0), px_from_world(rig, 1), *(m.T.copy() for m in matches)).T
-        assert np.allclose(triangulate(rig, matches, method=method), geometry.dehomogeneous(theirs), atol=1e-6)
+        theirs = cv2.triangulatePoints(
+            px_from_world(rig, 0), px_from_world(rig, 1), *(m.T.copy() for m in matches)
+        ).T
+        assert np.allclose(
+            triangulate(rig, matches, method=method),
+            geometry.dehomogeneous(theirs),
+            atol=1e-6,
+        )
 
 
 @pytest.mark.parametrize("sigma", [0.3, 5.0])
@@ -53,8 +64,14 @@ def test_corrected_matches_equal_opencv(sigma):
         rng = np.random.default_rng(seed)
         rig, points = random_rig(rng)
         matrix, (a, b) = fundamental_matrix(rig), noisy(rig, points, rng, sigma)
-        ours, theirs = correct_matches(matrix, a, b), cv2.correctMatches(matrix, a[None], b[None])
-        assert all(np.allclose(mine, its[0], atol=1e-6) for mine, its in zip(ours, theirs, strict=True))
+        ours, theirs = (
+            correct_matches(matrix, a, b),
+            cv2.correctMatches(matrix, a[None], b[None]),
+        )
+        assert all(
+            np.allclose(mine, its[0], atol=1e-6)
+            for mine, its in zip(ours, theirs, strict=True)
+        )
 
 
 def test_corrected_matches_move_no_further_than_opencvs_for_large_noise():
@@ -63,17 +80,31 @@ def test_corrected_matches_move_no_further_than_opencvs_for_large_noise():
         rng = np.random.default_rng(seed)
         rig, points = random_rig(rng)
         matrix, given = fundamental_matrix(rig), np.stack(noisy(rig, points, rng, 40.0))
-        ours, theirs = correct_matches(matrix, *given), cv2.correctMatches(matrix, *given[:, None])
-        moved = [((np.reshape(each, given.shape) - given) ** 2).sum(axis=(0, 2)) for each in (ours, theirs)]
+        ours, theirs = (
+            correct_matches(matrix, *given),
+            cv2.correctMatches(matrix, *given[:, None]),
+        )
+        moved = [
+            ((np.reshape(each, given.shape) - given) ** 2).sum(axis=(0, 2))
+            for each in (ours, theirs)
+        ]
         assert (moved[0] <= moved[1] + 1e-8).all()
         assert np.allclose(ours, np.reshape(theirs, given.shape), atol=0.05)
 
 
 def off_lines(matrix, a, b):
-    return np.abs(np.einsum("ni,ij,nj->n", geometry.homogeneous(b), matrix, geometry.homogeneous(a)))
+    return np.abs(
+        np.einsum(
+            "ni,ij,nj->n", geometry.homogeneous(b), matrix, geometry.homogeneous(a)
+        )
+    )
 
 
-@pytest.mark.parametrize("rig", [line(CAMERA, 2, 0.2), toed_in(CAMERA, 0.3, 2.0)], ids=["rectified", "toed-in"])
+@pytest.mark.parametrize(
+    "rig",
+    [line(CAMERA, 2, 0.2), toed_in(CAMERA, 0.3, 2.0)],
+    ids=["rectified", "toed-in"],
+)
 def test_random_search_finds_no_nearer_match(rig):
     rng = np.random.default_rng(1)
     a = rng.uniform(100, 400, (5, 2))
@@ -82,27 +113,42 @@ def test_random_search_finds_no_nearer_match(rig):
     near_a, near_b = correct_matches(matrix, a, b)
     assert off_lines(matrix, near_a, near_b).max() < 1e-12
     cost = ((near_a - a) ** 2 + (near_b - b) ** 2).sum(axis=1)
-    for i in range(5):  # matches all about: a's pixel anywhere near, b's the foot on its line
+    for i in range(
+        5
+    ):  # matches all about: a's pixel anywhere near, b's the foot on its line
         tries = a[i] + rng.normal(0, 2, (4000, 2))
         lines = geometry.homogeneous(tries) @ matrix.T
-        off = geometry.homogeneous(b[i]) @ lines.T / np.linalg.norm(lines[:, :2], axis=1)
+        off = (
+            geometry.homogeneous(b[i]) @ lines.T / np.linalg.norm(lines[:, :2], axis=1)
+        )
         assert cost[i] <= (((tries - a[i]) ** 2).sum(axis=1) + off**2).min() + 1e-9
 
 
 def test_a_vertical_error_is_divided_between_the_images():
-    near_a, near_b = correct_matches(fundamental_matrix(line(CAMERA, 2, 0.2)), [[100.0, 50.0]], [[80.0, 53.0]])
+    near_a, near_b = correct_matches(
+        fundamental_matrix(line(CAMERA, 2, 0.2)), [[100.0, 50.0]], [[80.0, 53.0]]
+    )
     assert np.allclose(near_a, [[100, 51.5]], atol=1e-9)
     assert np.allclose(near_b, [[80, 51.5]], atol=1e-9)
 
 
 def test_the_midpoint_is_the_middle_of_the_shortest_segment_between_two_rays():
     rig = line(CAMERA, 2, 1.0)
-    above = seen(rig, np.array([[0.5, -0.25, 2.0]]), 0), seen(rig, np.array([[0.5, 0.25, 2.0]]), 1)
+    above = (
+        seen(rig, np.array([[0.5, -0.25, 2.0]]), 0),
+        seen(rig, np.array([[0.5, 0.25, 2.0]]), 1),
+    )
     got = triangulate(rig, above, method="midpoint")[0]
     ends = [[0.5, -0.25, 2.0], [-0.5, 0.25, 2.0]]
     normal = np.cross(*ends)
-    s, _, t = np.linalg.solve(np.stack([ends[0], normal, np.negative(ends[1])], axis=1), [1.0, 0, 0])
-    assert np.allclose(got, 0.5 * (s * np.array(ends[0]) + [1, 0, 0] + t * np.array(ends[1])), atol=1e-12)
+    s, _, t = np.linalg.solve(
+        np.stack([ends[0], normal, np.negative(ends[1])], axis=1), [1.0, 0, 0]
+    )
+    assert np.allclose(
+        got,
+        0.5 * (s * np.array(ends[0]) + [1, 0, 0] + t * np.array(ends[1])),
+        atol=1e-12,
+    )
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -113,7 +159,9 @@ def test_covariance_of_noisy_points_equals_the_prediction(method):
     draws = np.repeat(points[:1], 20000 if method == "optimal" else 4000, axis=0)
     got = triangulate(rig, noisy(rig, draws, rng, 0.3), method=method)
     if method != "optimal":  # no promise but that they do no better than the bound
-        assert np.trace(np.cov(got.T)) > 0.93 * np.trace(covariance(rig, points[:1], 0.3)[0])
+        assert np.trace(np.cov(got.T)) > 0.93 * np.trace(
+            covariance(rig, points[:1], 0.3)[0]
+        )
         return
     root = np.linalg.cholesky(covariance(rig, points[:1], 0.3)[0])
     whitened = np.linalg.solve(root, (got - points[0]).T)
@@ -124,7 +172,9 @@ def test_depth_error_is_z_squared_over_fb():
     rig, depths = line(CAMERA, 2, 0.1), np.array([1.0, 2.0, 8.0])
     points = np.stack([0.05 + 0 * depths, 0 * depths, depths], axis=1)
     sigma = np.sqrt(covariance(rig, points, 0.25)[:, 2, 2])
-    assert np.allclose(sigma, depths**2 / (CAMERA.fx * 0.1) * np.sqrt(2) * 0.25, rtol=0.01)
+    assert np.allclose(
+        sigma, depths**2 / (CAMERA.fx * 0.1) * np.sqrt(2) * 0.25, rtol=0.01
+    )
 
 
 def test_more_cameras_and_less_noise_reduce_the_covariance():
@@ -133,13 +183,18 @@ def test_more_cameras_and_less_noise_reduce_the_covariance():
     assert (np.linalg.eigvalsh(two - three) > -1e-15).all()
     assert (np.trace(three, axis1=1, axis2=2) < np.trace(two, axis1=1, axis2=2)).all()
     assert np.allclose(covariance(rig, points, [2.0, 2.0]), 4 * two)
-    assert (np.linalg.eigvalsh(two - covariance(rig, points, [1.0, 0.5])) > -1e-15).all()
+    assert (
+        np.linalg.eigvalsh(two - covariance(rig, points, [1.0, 0.5])) > -1e-15
+    ).all()
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_rays_without_an_intersection_in_front_give_inf(method):
     rig = line(CAMERA, 2, 0.1)
-    parallel, parting = ([[300.0, 200.0]], [[300.0, 200.0]]), ([[300.0, 200.0]], [[301.0, 200.0]])
+    parallel, parting = (
+        ([[300.0, 200.0]], [[300.0, 200.0]]),
+        ([[300.0, 200.0]], [[301.0, 200.0]]),
+    )
     for pixels in (parallel, parting):
         assert np.isposinf(triangulate(rig, pixels, method=method)).all()
     toed = toed_in(CAMERA, 0.5, 2.0)
@@ -150,14 +205,20 @@ def test_rays_without_an_intersection_in_front_give_inf(method):
 @pytest.mark.parametrize("method", METHODS)
 def test_rays_along_the_baseline_give_inf(method):
     ahead = Rig([CAMERA] * 2, [np.eye(4), geometry.rigid(np.eye(3), [0.0, 0.0, 1.0])])
-    assert np.isposinf(triangulate(ahead, [[[CAMERA.cx, CAMERA.cy]]] * 2, method=method)).all()
+    assert np.isposinf(
+        triangulate(ahead, [[[CAMERA.cx, CAMERA.cy]]] * 2, method=method)
+    ).all()
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_distant_point_is_finite(method):
     rig = line(CAMERA, 2, 0.1)
     far = np.array([[100.0, 50.0, 1000.0]])
-    assert np.allclose(triangulate(rig, [seen(rig, far, i) for i in (0, 1)], method=method), far, rtol=1e-8)
+    assert np.allclose(
+        triangulate(rig, [seen(rig, far, i) for i in (0, 1)], method=method),
+        far,
+        rtol=1e-8,
+    )
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -171,14 +232,25 @@ def test_no_pixels_give_no_points(method):
 def test_accuracy_far_from_the_origin_is_that_of_float64(method):
     rig, points = random_rig(np.random.default_rng(0), distorted=True)
     away = 1e5
-    moved = Rig(rig.cameras, [geometry.rigid(pose[:3, :3], pose[:3, 3] + away) for pose in rig.world_from_cams])
+    moved = Rig(
+        rig.cameras,
+        [
+            geometry.rigid(pose[:3, :3], pose[:3, 3] + away)
+            for pose in rig.world_from_cams
+        ],
+    )
     pixels = [seen(moved, points + away, i) for i in (0, 1)]
-    assert np.abs(triangulate(moved, pixels, method=method) - points - away).max() < 1e-9
+    assert (
+        np.abs(triangulate(moved, pixels, method=method) - points - away).max() < 1e-9
+    )
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_random_pixels_give_points_or_inf(method):
-    rng, ahead = np.random.default_rng(1), Rig([CAMERA] * 2, [np.eye(4), geometry.rigid(np.eye(3), [0.0, 0.0, 1.0])])
+    rng, ahead = (
+        np.random.default_rng(1),
+        Rig([CAMERA] * 2, [np.eye(4), geometry.rigid(np.eye(3), [0.0, 0.0, 1.0])]),
+    )
     for rig in (line(CAMERA, 2, 0.1), toed_in(CAMERA, 0.5, 2.0), ahead):
         points = triangulate(rig, rng.uniform(0, 480, (2, 500, 2)), method=method)
         assert (np.isfinite(points).all(axis=1) | np.isposinf(points).all(axis=1)).all()
@@ -188,19 +260,36 @@ def test_random_pixels_give_points_or_inf(method):
 @pytest.mark.parametrize(
     ("make", "says"),
     [
-        (lambda r: triangulate(r, [[[1.0, 2.0]]] * 2, method="optical"), "did you mean 'optimal'"),
+        (
+            lambda r: triangulate(r, [[[1.0, 2.0]]] * 2, method="optical"),
+            "did you mean 'optimal'",
+        ),
         (lambda r: triangulate(r, [[[1.0, 2.0]]] * 2, (0, 0)), "different cameras"),
         (lambda r: triangulate(r, [[[1.0, 2.0]]] * 2, (0, 3)), "from 0 to 2"),
-        (lambda r: triangulate(r, [[[1.0, 2.0]]] * 3, (0, 1, 2)), "'midpoint' or 'dlt'"),
+        (
+            lambda r: triangulate(r, [[[1.0, 2.0]]] * 3, (0, 1, 2)),
+            "'midpoint' or 'dlt'",
+        ),
         (lambda r: triangulate(r, [[[1.0, np.nan]]] * 2), "finite"),
         (lambda r: triangulate(r, [[[1.0, 2.0]], [[1.0, 2.0]] * 2]), "same N"),
-        (lambda r: triangulate(Rig([CAMERA] * 2, [np.eye(4)] * 2), [[[1.0, 2.0]]] * 2), "centres coincide"),
+        (
+            lambda r: triangulate(
+                Rig([CAMERA] * 2, [np.eye(4)] * 2), [[[1.0, 2.0]]] * 2
+            ),
+            "centres coincide",
+        ),
         (lambda r: covariance(r, [[0.0, 0, -1]]), "z > 0"),
         (lambda r: covariance(r, [[0.0, 0, np.inf]]), "infinity"),
         (lambda r: covariance(r, [[0.0, 0, 1]], 0.0), "sigma_px"),
         (lambda r: covariance(r, FAR * 1e9), "do not determine"),
-        (lambda r: correct_matches(np.diag([1.0, 0, 0]), [[1.0, 2]], [[1.0, 2]]), "rank 2"),
-        (lambda r: correct_matches(np.eye(3), [[1.0, 2]], [[1.0, 2, 3]]), "equally many pixels"),
+        (
+            lambda r: correct_matches(np.diag([1.0, 0, 0]), [[1.0, 2]], [[1.0, 2]]),
+            "rank 2",
+        ),
+        (
+            lambda r: correct_matches(np.eye(3), [[1.0, 2]], [[1.0, 2, 3]]),
+            "equally many pixels",
+        ),
         (lambda r: correct_matches(np.eye(3), [[np.inf, 2]], [[1.0, 2]]), "finite"),
     ],
 )
@@ -212,14 +301,18 @@ def test_invalid_input_raises(make, says):
 def test_a_pixel_on_the_epipole_does_not_change():
     ahead = Rig([CAMERA] * 2, [np.eye(4), geometry.rigid(np.eye(3), [0.0, 0.0, 1.0])])
     pair = np.array([[CAMERA.cx, CAMERA.cy]]), np.array([[5.0, 7.0]])
-    for given, got in zip(pair, correct_matches(fundamental_matrix(ahead), *pair), strict=True):
+    for given, got in zip(
+        pair, correct_matches(fundamental_matrix(ahead), *pair), strict=True
+    ):
         assert np.array_equal(given, got)
 
 
 def test_triangulation_returns_the_points_and_equals_opencv(rng):
     for _ in range(20):
         matrices, points = two_cameras(rng)
-        pixels = [geometry.dehomogeneous(geometry.homogeneous(points) @ m.T) for m in matrices]
+        pixels = [
+            geometry.dehomogeneous(geometry.homogeneous(points) @ m.T) for m in matrices
+        ]
         ours = triangulate_dlt(matrices, pixels)
         assert np.allclose(ours, points, atol=1e-9)
         theirs = cv2.triangulatePoints(*matrices, *(p.T for p in pixels))
@@ -232,9 +325,14 @@ def test_more_views_reduce_the_error_of_noisy_pixels(rng):
     K = np.array([[500, 0, 0], [0, 500, 0], [0, 0, 1.0]])
     matrices = [K @ np.hstack([np.eye(3), [[-0.1 * i], [0], [0]]]) for i in range(9)]
     pixels = [
-        geometry.dehomogeneous(geometry.homogeneous(points) @ m.T) + rng.normal(0, 0.2, (200, 2)) for m in matrices
+        geometry.dehomogeneous(geometry.homogeneous(points) @ m.T)
+        + rng.normal(0, 0.2, (200, 2))
+        for m in matrices
     ]
-    error = {n: np.abs(triangulate_dlt(matrices[:n], pixels[:n]) - points)[:, 2].mean() for n in (2, 5, 9)}
+    error = {
+        n: np.abs(triangulate_dlt(matrices[:n], pixels[:n]) - points)[:, 2].mean()
+        for n in (2, 5, 9)
+    }
     assert error[2] > 2 * error[5] > 2 * error[9]
 
 
@@ -248,4 +346,7 @@ def two_cameras(rng):
     K = np.array([[600, 0, 320], [0, 620, 240], [0, 0, 1.0]])
     points = rng.uniform([-1, -1, 3], [1, 1, 6], size=(40, 3))
     turns = [cv2.Rodrigues(rng.normal(0, 0.1, 3))[0] for _ in range(2)]
-    return [K @ np.hstack([turn, [[-0.3 * i], [0.05 * i], [0]]]) for i, turn in enumerate(turns)], points
+    return [
+        K @ np.hstack([turn, [[-0.3 * i], [0.05 * i], [0]]])
+        for i, turn in enumerate(turns)
+    ], points

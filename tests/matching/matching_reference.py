@@ -21,7 +21,9 @@ WINDOW_COSTS: dict[str, Callable[[np.ndarray, np.ndarray], float]] = {
     "zsad": lambda a, b: np.abs((a - a.mean()) - (b - b.mean())).sum(),
     "ssd": lambda a, b: ((a - b) ** 2).sum(),
     "zssd": lambda a, b: a.size * ((a - b - (a - b).mean()) ** 2).sum(),
-    "ncc": lambda a, b: _ratio((a * b).sum(), np.sqrt((a * a).sum() * (b * b).sum()), 1.0),
+    "ncc": lambda a, b: _ratio(
+        (a * b).sum(), np.sqrt((a * a).sum() * (b * b).sum()), 1.0
+    ),
     "zncc": _zncc,
     "jaccard": lambda a, b: _ratio(np.minimum(a, b).sum(), np.maximum(a, b).sum(), 0.0),
 }
@@ -70,7 +72,11 @@ def naive_pixel_window_volume(left, right, name, side, low, count, descriptor=3)
         u = x - low - i
         if 0 <= u < width:
             volume[y, x, i] = sum(
-                difference(np.clip(y + v, 0, height - 1), np.clip(x + h, 0, width - 1), np.clip(u + h, 0, width - 1))
+                difference(
+                    np.clip(y + v, 0, height - 1),
+                    np.clip(x + h, 0, width - 1),
+                    np.clip(u + h, 0, width - 1),
+                )
                 for v in reach
                 for h in reach
             )
@@ -79,7 +85,9 @@ def naive_pixel_window_volume(left, right, name, side, low, count, descriptor=3)
 
 def naive_pixel_costs(left, right, low, count):
     """(H, W, count): absolute differences; a partner outside the image is its edge pixel."""
-    columns = np.clip(np.arange(left.shape[1])[:, None] - low - np.arange(count), 0, left.shape[1] - 1)
+    columns = np.clip(
+        np.arange(left.shape[1])[:, None] - low - np.arange(count), 0, left.shape[1] - 1
+    )
     return np.abs(left[:, :, None].astype(float) - right[:, columns].astype(float))
 
 
@@ -94,16 +102,29 @@ def naive_paths(costs, directions, small, large):
     total = np.zeros(costs.shape, int)
     for dy, dx in directions:
         path = np.zeros(costs.shape, int)
-        rows = range(height) if dy < 0 or (dy == 0 and dx < 0) else range(height - 1, -1, -1)
-        columns = range(width) if dy < 0 or (dy == 0 and dx < 0) else range(width - 1, -1, -1)
+        rows = (
+            range(height)
+            if dy < 0 or (dy == 0 and dx < 0)
+            else range(height - 1, -1, -1)
+        )
+        columns = (
+            range(width) if dy < 0 or (dy == 0 and dx < 0) else range(width - 1, -1, -1)
+        )
         for y in rows:
             for x in columns:
                 path[y, x] = costs[y, x]
                 if not (0 <= y + dy < height and 0 <= x + dx < width):
                     continue
                 before = path[y + dy, x + dx].astype(float)
-                steps = [before, np.append(np.inf, before[:-1]) + small, np.append(before[1:], np.inf) + small]
-                path[y, x] += (np.minimum(np.min(steps, axis=0), before.min() + large) - before.min()).astype(int)
+                steps = [
+                    before,
+                    np.append(np.inf, before[:-1]) + small,
+                    np.append(before[1:], np.inf) + small,
+                ]
+                path[y, x] += (
+                    np.minimum(np.min(steps, axis=0), before.min() + large)
+                    - before.min()
+                ).astype(int)
         total += path
     return total
 
@@ -112,7 +133,9 @@ def naive_volume(left, right, name, side, low, count):
     """(H, W, count): the cost of every candidate over whole windows of edge-continued images; +inf: not a candidate."""
     cost, radius = WINDOW_COSTS[name], side // 2
     height, width = left.shape
-    padded_left, padded_right = (np.pad(image.astype(np.float64), radius, mode="edge") for image in (left, right))
+    padded_left, padded_right = (
+        np.pad(image.astype(np.float64), radius, mode="edge") for image in (left, right)
+    )
     volume = np.full((height, width, count), np.inf)
     for y in range(height):
         for x in range(width):
@@ -120,7 +143,9 @@ def naive_volume(left, right, name, side, low, count):
                 u = x - low - i
                 if 0 <= u < width:
                     window = padded_left[y : y + side, x : x + side]
-                    volume[y, x, i] = cost(window, padded_right[y : y + side, u : u + side])
+                    volume[y, x, i] = cost(
+                        window, padded_right[y : y + side, u : u + side]
+                    )
     return volume
 
 
@@ -134,12 +159,18 @@ def naive_fit(volume, winners, kind):
             if not np.isfinite(volume[y, x, k]):
                 continue
             result[y, x] = k
-            if not (0 < k < count - 1 and np.isfinite(volume[y, x, [k - 1, k + 1]]).all()):
+            if not (
+                0 < k < count - 1 and np.isfinite(volume[y, x, [k - 1, k + 1]]).all()
+            ):
                 continue
             before, here, after = volume[y, x, k - 1 : k + 2]
             if kind == "v":
                 slope = max(before, after) - here
                 result[y, x] += 0.5 * (before - after) / slope if slope > 0 else 0
             else:
-                result[y, x] += 0.5 * (before - after) / (before - 2 * here + after) if before + after > 2 * here else 0
+                result[y, x] += (
+                    0.5 * (before - after) / (before - 2 * here + after)
+                    if before + after > 2 * here
+                    else 0
+                )
     return result

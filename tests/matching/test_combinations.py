@@ -31,8 +31,14 @@ def grey_levels(left, right):
     """Both as whole levels 0..255."""
     if left.dtype.kind == "f":
         low, high = min(left.min(), right.min()), max(left.max(), right.max())
-        return [np.rint((image.astype(float) - low) * (255 / (float(high) - low))) for image in (left, right)]
-    return [np.rint(image / (257 if image.dtype == np.uint16 else 1)) for image in (left, right)]
+        return [
+            np.rint((image.astype(float) - low) * (255 / (float(high) - low)))
+            for image in (left, right)
+        ]
+    return [
+        np.rint(image / (257 if image.dtype == np.uint16 else 1))
+        for image in (left, right)
+    ]
 
 
 def window_cost(name, left, right):
@@ -49,7 +55,9 @@ def window_cost(name, left, right):
         if whole:
             a, b = left[np.ix_(rows, ours)], right[np.ix_(rows, theirs)]
             return WINDOW_COSTS[name](a.astype(float), b.astype(float))
-        return sum(difference(v, h, k) for v in rows for h, k in zip(ours, theirs, strict=True))
+        return sum(
+            difference(v, h, k) for v in rows for h, k in zip(ours, theirs, strict=True)
+        )
 
     return cost
 
@@ -68,7 +76,9 @@ def without_partners(volume):
 
 
 def around(y, x, radius):
-    return np.s_[max(0, y - radius) : y + radius + 1, max(0, x - radius) : x + radius + 1]
+    return np.s_[
+        max(0, y - radius) : y + radius + 1, max(0, x - radius) : x + radius + 1
+    ]
 
 
 def fixed(cost, _left, _right, _growth):
@@ -101,9 +111,14 @@ def adaptive(cost, left, _right, growth):
         chosen.add(side)
         quarter = {9: 5, 7: 3, 5: 3}[side]
         step = side // 2 - quarter // 2
-        rows, columns = (max(y - step, 0), min(y + step, height - 1)), (max(x - step, 0), min(x + step, width - 1))
+        rows, columns = (
+            (max(y - step, 0), min(y + step, height - 1)),
+            (max(x - step, 0), min(x + step, width - 1)),
+        )
         for i in range(COUNT):
-            corners = sorted(cost(v, h, LOW + i, quarter) for v in rows for h in columns)
+            corners = sorted(
+                cost(v, h, LOW + i, quarter) for v in rows for h in columns
+            )
             total = cost(y, x, LOW + i, quarter) + corners[0] + corners[1]
             volume[y, x, i] = total * (25 / quarter**2) ** growth
     assert len(chosen) > 1
@@ -117,7 +132,10 @@ def arms(image, y, x):
         reach = 0
         while reach < RADIUS:
             v, u = y + dy * (reach + 1), x + dx * (reach + 1)
-            if not (0 <= v < SHAPE[0] and 0 <= u < SHAPE[1]) or abs(image[v, u] - image[y, x]) > 20:
+            if (
+                not (0 <= v < SHAPE[0] and 0 <= u < SHAPE[1])
+                or abs(image[v, u] - image[y, x]) > 20
+            ):
                 break
             reach += 1
         result.append(reach)
@@ -192,11 +210,17 @@ def found(dtype, name, support):
 
 def test_the_references_cover_all_there_is():
     assert set(REFERENCES) == set(SUPPORTS)
-    assert set(PIXELWISE) == {name for name, support in SUPPORTS.items() if support.pixelwise}
-    assert set(NORMALISED) == {name for name, cost in COSTS.items() if cost.scoring != "sum"}
+    assert set(PIXELWISE) == {
+        name for name, support in SUPPORTS.items() if support.pixelwise
+    }
+    assert set(NORMALISED) == {
+        name for name, cost in COSTS.items() if cost.scoring != "sum"
+    }
 
 
-@pytest.mark.parametrize("dtype", ["uint8", "float32", pytest.param("uint16", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "dtype", ["uint8", "float32", pytest.param("uint16", marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("support", REFERENCES)
 @pytest.mark.parametrize("name", COSTS)
 def test_every_measure_with_every_support_equals_plain_loops(name, support, dtype):
@@ -205,7 +229,9 @@ def test_every_measure_with_every_support_equals_plain_loops(name, support, dtyp
             found(dtype, name, support)
         return
     left, right = images(dtype)
-    volume = REFERENCES[support](window_cost(name, left, right), *grey_levels(left, right), growth(name))
+    volume = REFERENCES[support](
+        window_cost(name, left, right), *grey_levels(left, right), growth(name)
+    )
     volume = without_partners(volume)
     disparity = found(dtype, name, support)
     least = volume.min(axis=-1)
@@ -215,6 +241,10 @@ def test_every_measure_with_every_support_equals_plain_loops(name, support, dtyp
     known = np.isfinite(least)
     scale = 1.0 if growth(name) == 0 else float(np.abs(least[known]).max())
     np.testing.assert_allclose(chosen[known], least[known], atol=1e-6 * scale)
-    if dtype != "float32" and name in ("sad", "ssd", "census", "rank") and support in ("fixed", "shiftable"):
+    if (
+        dtype != "float32"
+        and name in ("sad", "ssd", "census", "rank")
+        and support in ("fixed", "shiftable")
+    ):
         expected = np.where(known, volume.argmin(-1) + LOW, np.inf)
         np.testing.assert_array_equal(disparity, expected)

@@ -7,7 +7,12 @@ import pytest
 
 import twinlens as tl
 from twinlens.errors import InputError
-from twinlens.matching import CONFIDENCES, StereoMatcher, confidence_map, match_with_confidence
+from twinlens.matching import (
+    CONFIDENCES,
+    StereoMatcher,
+    confidence_map,
+    match_with_confidence,
+)
 from twinlens.matching.external import WrongAnswerError
 from twinlens.scoring import motorcycle
 
@@ -40,7 +45,10 @@ def naive_curvature(volume, y, x, low):
     row = volume[y, x]
     known, best, _ = candidates(row)
     sides = [row[j] if j in known else None for j in (best - 1, best + 1)]
-    first, last = (sides[0] if sides[0] is not None else sides[1]), (sides[1] if sides[1] is not None else sides[0])
+    first, last = (
+        (sides[0] if sides[0] is not None else sides[1]),
+        (sides[1] if sides[1] is not None else sides[0]),
+    )
     return 0.0 if first is None else first + last - 2 * row[best]
 
 
@@ -50,10 +58,15 @@ def naive_left_right(volume, y, x, low):
     second = min((volume[y, x, j] for j in rivals), default=finite.max())
     right = x - (low + best)
     of_right = min(
-        volume[y, u, j] for u in range(volume.shape[1]) for j in range(volume.shape[2]) if u - (low + j) == right
+        volume[y, u, j]
+        for u in range(volume.shape[1])
+        for j in range(volume.shape[2])
+        if u - (low + j) == right
     )
     lowest = volume[y, x, best]
-    return (second - lowest) / (lowest - of_right + 0.001 * (finite.max() - finite.min()))
+    return (second - lowest) / (
+        lowest - of_right + 0.001 * (finite.max() - finite.min())
+    )
 
 
 def naive_entropy(volume, y, x, low):
@@ -77,7 +90,9 @@ def test_measures_equal_naive_loops(name, low):
     assert found.dtype == np.float32
     for y, x in np.ndindex(found.shape):
         known = np.isfinite(volume[y, x]).any()
-        assert found[y, x] == pytest.approx(NAIVE[name](volume, y, x, low) if known else 0.0, rel=1e-5), (y, x)
+        assert found[y, x] == pytest.approx(
+            NAIVE[name](volume, y, x, low) if known else 0.0, rel=1e-5
+        ), (y, x)
 
 
 def test_ambiguity_equals_a_naive_sum():
@@ -89,9 +104,13 @@ def test_ambiguity_equals_a_naive_sum():
     unit = (volume - finite.min()) / (finite.max() - finite.min())
     counts = np.zeros(volume.shape[:2])
     for eta in np.arange(70) / 100 + 1e-5:
-        counts += ((unit <= unit.min(axis=2, keepdims=True) + eta) | np.isinf(unit)).sum(axis=2)
+        counts += (
+            (unit <= unit.min(axis=2, keepdims=True) + eta) | np.isinf(unit)
+        ).sum(axis=2)
     low, high = np.percentile(counts, (1, 99))
-    np.testing.assert_allclose(found, 1 - (np.clip(counts, low, high) - low) / (high - low), atol=1e-6)
+    np.testing.assert_allclose(
+        found, 1 - (np.clip(counts, low, high) - low) / (high - low), atol=1e-6
+    )
 
 
 PANDORA = {
@@ -122,7 +141,9 @@ def test_ambiguity_equals_pandoras(method):
     pair = motorcycle()
     matcher = tl.matching.parse_method(method).matcher(**pair.search)
     found = confidence_map(matcher.cost_volume(pair.im0, pair.im1), "ambiguity")
-    np.testing.assert_allclose(found[50::100, 100:600:150].ravel(), PANDORA[method], atol=1e-6)
+    np.testing.assert_allclose(
+        found[50::100, 100:600:150].ravel(), PANDORA[method], atol=1e-6
+    )
 
 
 @pytest.mark.parametrize("name", CONFIDENCES)
@@ -140,8 +161,12 @@ def test_right_matches_are_more_confident(name):
     rng = np.random.default_rng(4)
     right = rng.integers(0, 256, (30, 60), dtype=np.uint8)
     right[:, 30:] = 128 + rng.integers(-1, 2, (30, 30))  # hardly any texture
-    left = np.clip(np.roll(right, 3, axis=1) + rng.integers(-3, 4, right.shape), 0, 255).astype(np.uint8)
-    disparity, confidence = match_with_confidence(left, right, "sad", num_disparities=12, confidence=name)
+    left = np.clip(
+        np.roll(right, 3, axis=1) + rng.integers(-3, 4, right.shape), 0, 255
+    ).astype(np.uint8)
+    disparity, confidence = match_with_confidence(
+        left, right, "sad", num_disparities=12, confidence=name
+    )
     bad = np.abs(disparity - 3) > 1
     inside = np.s_[4:-4, 16:-4]
     assert 0.1 < bad[inside].mean() < 0.9
@@ -154,9 +179,13 @@ def test_the_confidence_is_that_of_the_cost_volume(method):
     right = np.random.default_rng(0).integers(0, 256, (16, 40), dtype=np.uint8)
     images = np.roll(right, 3, axis=1), right
     options = {"num_disparities": 8, "min_disparity": 1}
-    disparity, confidence = match_with_confidence(*images, method, confidence="left_right", **options)
+    disparity, confidence = match_with_confidence(
+        *images, method, confidence="left_right", **options
+    )
     matcher = tl.matching.parse_method(method).matcher(**options)
-    np.testing.assert_array_equal(confidence, confidence_map(matcher.cost_volume(*images), "left_right", 1))
+    np.testing.assert_array_equal(
+        confidence, confidence_map(matcher.cost_volume(*images), "left_right", 1)
+    )
     np.testing.assert_array_equal(disparity, tl.match(*images, method, **options))
     assert match_with_confidence(*images, method, **options)[1] is None
 
@@ -171,7 +200,9 @@ def test_a_match_without_confidence_computes_none(monkeypatch):
     matcher.match(image, image)
     tl.match(image, image, matcher)
     tl.match(image, image, "sad:confidence=curvature", num_disparities=4)
-    tl.matching.parse_method("sad:confidence=curvature,num_disparities=4").match(image, image)
+    tl.matching.parse_method("sad:confidence=curvature,num_disparities=4").match(
+        image, image
+    )
     with pytest.raises(AssertionError, match="was computed"):
         match_with_confidence(image, image, matcher)
 
@@ -193,14 +224,22 @@ def test_objects_and_functions_may_return_a_confidence():
     assert found.dtype == np.float32
     assert tl.match(image, image, Confident(trust))[0, 0] == 5
     assert match_with_confidence(image, image, Confident(None))[1] is None
-    function = tl.matching.METHODS["function"].make(function=lambda a, b, **_: (np.ones((4, 6)), trust))
-    np.testing.assert_array_equal(function.match_with_confidence(image, image)[1], trust)
+    function = tl.matching.METHODS["function"].make(
+        function=lambda a, b, **_: (np.ones((4, 6)), trust)
+    )
+    np.testing.assert_array_equal(
+        function.match_with_confidence(image, image)[1], trust
+    )
     assert function.match(image, image)[0, 0] == 1
 
 
 @pytest.mark.parametrize(
     ("confidence", "kind"),
-    [(np.zeros((3, 6)), "wrong-shape"), (np.full((4, 6), np.nan), "not-a-number"), ("high", "wrong-type")],
+    [
+        (np.zeros((3, 6)), "wrong-shape"),
+        (np.full((4, 6), np.nan), "not-a-number"),
+        ("high", "wrong-type"),
+    ],
 )
 def test_wrong_confidences_are_refused(confidence, kind):
     image = np.zeros((4, 6), np.uint8)
@@ -211,7 +250,10 @@ def test_wrong_confidences_are_refused(confidence, kind):
 
 def test_only_a_confidence_changes_what_a_board_stores():
     assert "confidence" not in tl.matching.parse_method("sad").spec
-    assert "confidence='ambiguity'" in tl.matching.parse_method("sad:confidence=ambiguity").spec
+    assert (
+        "confidence='ambiguity'"
+        in tl.matching.parse_method("sad:confidence=ambiguity").spec
+    )
 
 
 def test_wrong_names_and_volumes_are_refused():

@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 
 import twinlens as tl
-from tests.matching.matching_reference import naive_descriptors, naive_paths, naive_pixel_window_volume
+from tests.matching.matching_reference import (
+    naive_descriptors,
+    naive_paths,
+    naive_pixel_window_volume,
+)
 from twinlens.matching import METHODS, StereoMatcher, measures
 
 OWN = [name for name, method in METHODS.items() if method.matcher is StereoMatcher]
@@ -15,7 +19,11 @@ def shifted_pair(dtype=np.uint8, shape=(20, 44)):
     """A random pair with disparities 3 and 7, and noise."""
     rng = np.random.default_rng(5)
     right = rng.integers(10, 240, shape)
-    left = np.where(np.arange(shape[0])[:, None] < 10, np.roll(right, 3, axis=1), np.roll(right, 7, axis=1))
+    left = np.where(
+        np.arange(shape[0])[:, None] < 10,
+        np.roll(right, 3, axis=1),
+        np.roll(right, 7, axis=1),
+    )
     left = np.clip(left + rng.integers(-6, 7, shape), 0, 255)
     if dtype == np.float32:
         return (left / 255).astype(dtype), (right / 255).astype(dtype)
@@ -29,7 +37,9 @@ def test_a_curve_is_the_measure_of_two_windows(name, place):
     left, right = shifted_pair()
     u, v = place
     method = f"{name}:block_size=5"
-    curve = tl.cost_curve(left, right, u, v, method, num_disparities=12, min_disparity=-2)[method]
+    curve = tl.cost_curve(
+        left, right, u, v, method, num_disparities=12, min_disparity=-2
+    )[method]
     a, b = (np.pad(image, 2, mode="edge") for image in (left, right))
     measure = getattr(measures, name)
     for d, cost in zip(curve.disparities, curve.costs, strict=True):
@@ -58,9 +68,13 @@ def test_the_curves_winner_is_that_of_the_map(name):
     unrefined = f"{name}:lr_check=none,speckle_size=0"
     disparity = tl.match(left, right, unrefined, num_disparities=12, min_disparity=-1)
     for u, v in ((20, 9), (0, 0), (43, 19), (2, 10), (30, 11)):
-        curve = tl.cost_curve(left, right, u, v, [name], num_disparities=12, min_disparity=-1)[name]
+        curve = tl.cost_curve(
+            left, right, u, v, [name], num_disparities=12, min_disparity=-1
+        )[name]
         assert curve.disparity == disparity[v, u]
-        assert curve.cost_at(curve.winner) == pytest.approx(curve.costs.min(), rel=1e-9, abs=1e-9)
+        assert curve.cost_at(curve.winner) == pytest.approx(
+            curve.costs.min(), rel=1e-9, abs=1e-9
+        )
 
 
 @pytest.mark.parametrize("dtype", [np.uint16, np.float32])
@@ -69,14 +83,19 @@ def test_other_dtypes_have_the_maps_winner(name, dtype):
     left, right = shifted_pair(dtype)
     disparity = tl.match(left, right, name, num_disparities=12)
     for u, v in ((20, 9), (43, 19), (2, 10)):
-        assert tl.cost_curve(left, right, u, v, name, num_disparities=12)[name].disparity == disparity[v, u]
+        assert (
+            tl.cost_curve(left, right, u, v, name, num_disparities=12)[name].disparity
+            == disparity[v, u]
+        )
 
 
 def test_float_ties_go_to_the_smallest_disparity_as_in_the_map():
     """A periodic texture repeats after 4 px; rounding must not choose between the equal costs."""
     row = np.tile(np.float32([0.1, 0.7, 0.3, 0.9]), 10)
     image = np.tile(row, (9, 1))
-    curve = tl.cost_curve(image, image, 30, 4, "sad:block_size=5", num_disparities=12)["sad:block_size=5"]
+    curve = tl.cost_curve(image, image, 30, 4, "sad:block_size=5", num_disparities=12)[
+        "sad:block_size=5"
+    ]
     assert (curve.winner, curve.rival) == (0, 4)
 
 
@@ -99,7 +118,9 @@ def test_a_semi_global_curve_is_the_mean_over_its_paths():
 @pytest.mark.parametrize("method", ["zssd", "sgm", "adaptive", "sad"])
 def test_a_volume_holds_the_curves(method):
     left, right = shifted_pair()
-    matcher = tl.matching.parse_method(method).matcher(num_disparities=60, min_disparity=-8)
+    matcher = tl.matching.parse_method(method).matcher(
+        num_disparities=60, min_disparity=-8
+    )
     volume = matcher.cost_volume(left, right)
     assert (volume.shape, volume.dtype) == ((20, 44, 60), np.float32)
     for u, v in ((20, 9), (0, 19)):
@@ -108,26 +129,47 @@ def test_a_volume_holds_the_curves(method):
 
 
 def test_the_rival_is_the_second_minimum():
-    curve = tl.matching.CostCurve(0, 0, StereoMatcher(), np.arange(4), np.array([4.0, 1.0, 2.0, np.inf]), 1, None, 1.1)
+    curve = tl.matching.CostCurve(
+        0,
+        0,
+        StereoMatcher(),
+        np.arange(4),
+        np.array([4.0, 1.0, 2.0, np.inf]),
+        1,
+        None,
+        1.1,
+    )
     assert curve.cost_at(1.4) == 1.0
     assert (curve.cost_at(7.0), curve.cost_at(np.inf)) == (np.inf, np.inf)
     left, right = shifted_pair()
     found = tl.cost_curve(left, right, 30, 15, "sad", num_disparities=12)["sad"]
-    minima = [d for d in range(1, 11) if found.costs[d] <= min(found.costs[d - 1], found.costs[d + 1])]
+    minima = [
+        d
+        for d in range(1, 11)
+        if found.costs[d] <= min(found.costs[d - 1], found.costs[d + 1])
+    ]
     ends = [d for d, near in ((0, 1), (11, 10)) if found.costs[d] <= found.costs[near]]
-    assert found.rival == min((d for d in minima + ends if abs(d - found.winner) >= 2), key=lambda d: found.costs[d])
+    assert found.rival == min(
+        (d for d in minima + ends if abs(d - found.winner) >= 2),
+        key=lambda d: found.costs[d],
+    )
     assert found.winner == 7
 
 
 def test_without_candidates_there_is_no_winner():
     left, right = shifted_pair()
-    curve = tl.cost_curve(left, right, 3, 5, "sad", num_disparities=4, min_disparity=10)["sad"]
+    curve = tl.cost_curve(
+        left, right, 3, 5, "sad", num_disparities=4, min_disparity=10
+    )["sad"]
     assert (curve.winner, curve.rival, curve.disparity) == (None, None, np.inf)
     assert np.isinf(curve.costs).all()
 
 
 def test_objects_of_one_cost_have_given_names():
-    matchers = {"small": StereoMatcher("sad", 3, num_disparities=6), "large": StereoMatcher("sad", 7)}
+    matchers = {
+        "small": StereoMatcher("sad", 3, num_disparities=6),
+        "large": StereoMatcher("sad", 7),
+    }
     curves = tl.cost_curve(*shifted_pair(), 20, 9, matchers)
     assert [(name, len(curve.costs), curve.matcher) for name, curve in curves.items()] == [
         ("small", 6, matchers["small"]), ("large", 64, matchers["large"]),

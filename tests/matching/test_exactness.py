@@ -18,7 +18,11 @@ def costs_of(left, right, name, side, low, count):
     volume = np.zeros((*left.shape, box.depth))
     box.fill(volume, 0, 1.0, COSTS[name].offset)
     blank(volume, box.low, box.count)
-    return np.pad(volume[..., :count], [(0, 0), (0, 0), (0, max(0, count - box.depth))], constant_values=np.inf)
+    return np.pad(
+        volume[..., :count],
+        [(0, 0), (0, 0), (0, max(0, count - box.depth))],
+        constant_values=np.inf,
+    )
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
@@ -35,7 +39,9 @@ def test_constant_windows_of_floats_have_the_documented_cost(name, value, scale)
     expected = naive_volume(left, right, name, 5, 0, 4)[dark]
     known = np.isfinite(expected)
     np.testing.assert_allclose(got[known], expected[known], atol=1e-6)
-    np.testing.assert_allclose(expected[known], 1 if name == "zncc" or value == 0 else 0, atol=1e-12)
+    np.testing.assert_allclose(
+        expected[known], 1 if name == "zncc" or value == 0 else 0, atol=1e-12
+    )
     if name == "zncc" or value == 0:
         disparity = tm.match(left, right, name, block_size=5, num_disparities=4)
         assert (disparity[dark] == 0).all()
@@ -45,7 +51,9 @@ def test_constant_windows_of_floats_have_the_documented_cost(name, value, scale)
 def test_of_equal_windows_of_floats_the_smallest_disparity_wins(name):
     tile = np.random.default_rng(1).random((70, 4)).astype(np.float32) / 3
     image = np.tile(tile, (1, 12))
-    found = tm.match(image, image, name, block_size=5, num_disparities=12, subpixel="none", threads=1)
+    found = tm.match(
+        image, image, name, block_size=5, num_disparities=12, subpixel="none", threads=1
+    )
     np.testing.assert_array_equal(found[:, 16:-4], np.zeros((70, 28)))
 
 
@@ -61,8 +69,13 @@ def test_windows_too_wide_for_64_bits_are_refused_in_a_line(name, most):
 
 @pytest.mark.parametrize(("name", "side"), [("zncc", 41), ("zssd", 41)])
 def test_wide_windows_of_16_bits_are_exact(name, side):
-    left, right = np.random.default_rng(2).choice([0, 65535], (2, 3, 9)).astype(np.uint16)
-    got, expected = costs_of(left, right, name, side, 0, 3), naive_volume(left, right, name, side, 0, 3)
+    left, right = (
+        np.random.default_rng(2).choice([0, 65535], (2, 3, 9)).astype(np.uint16)
+    )
+    got, expected = (
+        costs_of(left, right, name, side, 0, 3),
+        naive_volume(left, right, name, side, 0, 3),
+    )
     known = np.isfinite(expected)
     np.testing.assert_allclose(got[known], expected[known], rtol=1e-12, atol=1e-9)
 
@@ -74,7 +87,9 @@ def test_a_winner_is_not_its_own_rival():
     right[0, :] = 0
     x = width - 5
     right[0, x - d], right[0, x - d + 1], right[0, x - d - 1] = 40000, 39999, 0
-    matcher = tm.StereoMatcher(cost="sad", block_size=1, min_disparity=d - 3, num_disparities=7, uniqueness=50)
+    matcher = tm.StereoMatcher(
+        cost="sad", block_size=1, min_disparity=d - 3, num_disparities=7, uniqueness=50
+    )
     found = matcher.match(left, right)
     assert found[0, x] == pytest.approx(d - 0.5, abs=1e-3)
     box = BoxMatch(left, right, COSTS["sad"], 1, d - 3, d + 4, 1)
@@ -84,14 +99,25 @@ def test_a_winner_is_not_its_own_rival():
 def test_the_prefilter_equals_that_of_opencv():
     cv2 = pytest.importorskip("cv2")
     image = np.random.default_rng(3).integers(0, 256, (12, 20), dtype=np.uint8)
-    expected = np.clip(cv2.Sobel(image, cv2.CV_16S, 1, 0, ksize=3, borderType=cv2.BORDER_REPLICATE), -31, 31) + 31
+    expected = (
+        np.clip(
+            cv2.Sobel(
+                image, cv2.CV_16S, 1, 0, ksize=3, borderType=cv2.BORDER_REPLICATE
+            ),
+            -31,
+            31,
+        )
+        + 31
+    )
     np.testing.assert_array_equal(clipped_slope(image.astype(np.int32)), expected)
 
 
 def test_the_prefilter_is_invariant_to_a_brightness_offset():
     scene = np.random.default_rng(4).integers(0, 200, (30, 80), dtype=np.uint8)
     left, right = scene[:, 5:65], scene[:, 9:69] + np.uint8(50)
-    found = tm.match(left, right, "sad", block_size=5, num_disparities=9, prefilter="xsobel")
+    found = tm.match(
+        left, right, "sad", block_size=5, num_disparities=9, prefilter="xsobel"
+    )
     assert np.mean(np.abs(found[3:-3, 14:-4] - 4) < 0.5) > 0.99
 
 
@@ -120,7 +146,10 @@ def test_adaptive_windows_beat_fixed_ones_at_edges_and_on_faint_texture():
     edges[:, :38] = edges[:, 62 + PILLAR :] = edges[:10] = edges[-10:] = False
 
     def bad(**options):
-        wrong = np.abs(tm.match(left, right, "sad", num_disparities=32, **options) - truth) > 1
+        wrong = (
+            np.abs(tm.match(left, right, "sad", num_disparities=32, **options) - truth)
+            > 1
+        )
         return wrong[edges].mean(), wrong[10:-10, 112:145].mean()
 
     at_edges, on_walls = bad(support="adaptive", block_size=15)

@@ -15,12 +15,17 @@ cv2 = pytest.importorskip("cv2")
 
 
 def scene(shift=5):
-    texture = cv2.GaussianBlur(np.random.default_rng(0).normal(128, 160, (60, 160)), (0, 0), 1.2)
+    texture = cv2.GaussianBlur(
+        np.random.default_rng(0).normal(128, 160, (60, 160)), (0, 0), 1.2
+    )
     texture = np.clip(texture, 0, 255).astype(np.uint8)
     return texture[:, 20:140], texture[:, 20 + shift : 140 + shift]
 
 
-@pytest.mark.parametrize("method", ["opencv_bm", "opencv_sgbm", "opencv_sgbm:mode=hh", "opencv_bm:prefilter=false"])
+@pytest.mark.parametrize(
+    "method",
+    ["opencv_bm", "opencv_sgbm", "opencv_sgbm:mode=hh", "opencv_bm:prefilter=false"],
+)
 @pytest.mark.parametrize(("shift", "low"), [(5, 0), (-6, -16)])
 def test_opencv_matchers_find_a_shift(method, shift, low):
     left, right = scene(shift)
@@ -43,13 +48,20 @@ def test_opencv_sgbm_equals_a_direct_call():
 def test_opencv_sgbm_refuses_a_range_wider_than_the_image(mode):
     """At 34 columns it is refused, at 35 it is matched."""
     method = f"opencv_sgbm:mode={mode}"
-    wide, narrow = ([np.ascontiguousarray(image[:, :width]) for image in scene()] for width in (35, 34))
-    assert tm.match(*wide, method, num_disparities=32, block_size=5).shape == wide[0].shape
+    wide, narrow = (
+        [np.ascontiguousarray(image[:, :width]) for image in scene()]
+        for width in (35, 34)
+    )
+    assert (
+        tm.match(*wide, method, num_disparities=32, block_size=5).shape == wide[0].shape
+    )
     with pytest.raises(InputError, match="wider than 34 pixels"):
         tm.match(*narrow, method, num_disparities=32, block_size=5)
 
 
-@pytest.mark.parametrize("text", ["opencv_bm:texture=1000000000000", "opencv_sgbm:uniqueness=1000000000000"])
+@pytest.mark.parametrize(
+    "text", ["opencv_bm:texture=1000000000000", "opencv_sgbm:uniqueness=1000000000000"]
+)
 def test_errors_of_opencv_are_one_line(text):
     with pytest.raises(InputError, match=r"^OpenCV's Stereo\w+ failed: [^\n]+$"):
         tm.match(*scene(), text)
@@ -59,7 +71,10 @@ def test_without_opencv_the_error_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "cv2", None)
     with pytest.raises(MissingExtraError, match=r"twinlens\[opencv\]"):
         tm.match(*scene(), "opencv_bm")
-    for text in ("opencv_bm", "opencv_sgbm"):  # so a board refuses it before it runs anything
+    for text in (
+        "opencv_bm",
+        "opencv_sgbm",
+    ):  # so a board refuses it before it runs anything
         with pytest.raises(MissingExtraError, match="opencv"):
             tm.parse_method(text).check_parts()
 
@@ -70,15 +85,33 @@ def constant(left, _right, num_disparities, min_disparity):
 
 def test_a_function_receives_the_range():
     left, right = scene()
-    got = tm.match(left, right, f"function:function={__name__}:constant", num_disparities=7, min_disparity=2)
+    got = tm.match(
+        left,
+        right,
+        f"function:function={__name__}:constant",
+        num_disparities=7,
+        min_disparity=2,
+    )
     np.testing.assert_array_equal(got, np.full(left.shape, 9, np.float32))
 
 
 RESULTS = {
-    "wrong shape": (lambda left, *_a, **_k: left[1:], r"shape \(59, 120\); the left image has \(60, 120\)"),
-    "not a number": (lambda left, *_a, **_k: np.where(left == left[3, 4], np.nan, 1.0), "returned nan at"),
-    "minus infinity": (lambda left, *_a, **_k: np.full(left.shape, -np.inf), r"-inf at \[0, 0\]; unknown .* \+inf"),
-    "complex numbers": (lambda left, *_a, **_k: left * 1j, "returned ndarray, not an array of real"),
+    "wrong shape": (
+        lambda left, *_a, **_k: left[1:],
+        r"shape \(59, 120\); the left image has \(60, 120\)",
+    ),
+    "not a number": (
+        lambda left, *_a, **_k: np.where(left == left[3, 4], np.nan, 1.0),
+        "returned nan at",
+    ),
+    "minus infinity": (
+        lambda left, *_a, **_k: np.full(left.shape, -np.inf),
+        r"-inf at \[0, 0\]; unknown .* \+inf",
+    ),
+    "complex numbers": (
+        lambda left, *_a, **_k: left * 1j,
+        "returned ndarray, not an array of real",
+    ),
     "words": (lambda *_a, **_k: "a disparity", "not an array"),
 }
 
@@ -94,7 +127,9 @@ def test_an_exception_of_a_function_is_named_after_the_function():
     def boom(*_images, **_range):
         raise ValueError("no luck")
 
-    with pytest.raises(FunctionError, match=r"^function 'boom' failed: ValueError: no luck$") as caught:
+    with pytest.raises(
+        FunctionError, match=r"^function 'boom' failed: ValueError: no luck$"
+    ) as caught:
         tm.match(*scene(), PythonFunction(boom))
     assert isinstance(caught.value.__cause__, ValueError)
 
@@ -141,13 +176,16 @@ def test_a_program_may_write_a_confidence(tmp_path):
     np.testing.assert_array_equal(disparity, left + np.float32(1))
     np.testing.assert_array_equal(confidence, disparity)
     with pytest.raises(InputError, match=r"wrote no file at \{confidence\}"):
-        tm.Program(f"{program(tmp_path, COPY.replace('value = sys', 'value, _ = sys'), '1')} {{confidence}}").match(
-            left, right
-        )
+        tm.Program(
+            f"{program(tmp_path, COPY.replace('value = sys', 'value, _ = sys'), '1')} {{confidence}}"
+        ).match(left, right)
 
 
 FAULTS = {
-    "is killed": ("import os; os.kill(os.getpid(), 9)", r"killed by SIGKILL \(out of memory\?\)"),
+    "is killed": (
+        "import os; os.kill(os.getpid(), 9)",
+        r"killed by SIGKILL \(out of memory\?\)",
+    ),
     "breaks": ("import ctypes; ctypes.string_at(0)", "killed by SIGSEGV"),
     "fails at length": (
         "import os, sys\nfor _ in range(2000): os.write(1, b'x' * 65535 + b'\\n')\nsys.exit('so much for that')",
@@ -156,7 +194,10 @@ FAULTS = {
     "fails": ("import sys; sys.exit('no model found')", "status 1: no model found"),
     "writes nothing": ("pass", "wrote no file"),
     "hangs": ("import time; time.sleep(60)", "longer than 0.5 s"),
-    "writes rubbish": ("import sys; open(sys.argv[3], 'wb').write(b'hello')", "not a PFM"),
+    "writes rubbish": (
+        "import sys; open(sys.argv[3], 'wb').write(b'hello')",
+        "not a PFM",
+    ),
     "is cut short": (
         "import sys; open(sys.argv[3], 'wb').write(b'Pf\\n120 60\\n-1.0\\nabc')",
         "of the size in its header",
@@ -184,7 +225,9 @@ def test_the_output_of_a_program_is_not_kept_in_memory(tmp_path):
     """The program prints 200 MB."""
     left, right = scene()
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    found = tm.Program(program(tmp_path, TALK + COPY), num_disparities=3).match(left, right)
+    found = tm.Program(program(tmp_path, TALK + COPY), num_disparities=3).match(
+        left, right
+    )
     np.testing.assert_array_equal(found, left + np.float32(3))
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50_000  # kB
 
@@ -220,15 +263,23 @@ values = image.astype(np.float32).reshape(*image.shape[:2], -1) @ np.float32([4,
 with open(sys.argv[3], "wb") as file:
     file.write(b"Pf\\n%d %d\\n-1.0\\n" % values.shape[::-1] + values[::-1].astype("<f4").tobytes())
 """
-    image = np.random.default_rng(3).integers(0, np.iinfo(dtype).max, (7, 9, *tail), dtype)
+    image = np.random.default_rng(3).integers(
+        0, np.iinfo(dtype).max, (7, 9, *tail), dtype
+    )
     found = tm.Program(program(tmp_path, code)).match(image, image)
-    wanted = image.astype(np.float32).reshape(7, 9, -1) @ np.float32([1, 2, 4] if tail == (3,) else [1])
+    wanted = image.astype(np.float32).reshape(7, 9, -1) @ np.float32(
+        [1, 2, 4] if tail == (3,) else [1]
+    )
     np.testing.assert_array_equal(found, wanted)
 
 
 @pytest.mark.parametrize(
     ("command", "message"),
-    [("prog {left} {right}", "{out}"), ("'prog {left} {right} {out}", "cannot be read"), ("", "{left}")],
+    [
+        ("prog {left} {right}", "{out}"),
+        ("'prog {left} {right} {out}", "cannot be read"),
+        ("", "{left}"),
+    ],
 )
 def test_a_command_without_its_placeholders_is_refused(command, message):
     with pytest.raises(InputError, match=message):
@@ -264,4 +315,8 @@ def test_the_content_of_a_function_is_its_file(tmp_path, monkeypatch):
         place.write_text(text)
         seen.add(PythonFunction("somebodys_matcher:f").content)
     assert len(seen) == 2
-    assert PythonFunction("no_such_module.at_all:f").content == PythonFunction(constant).content == ""
+    assert (
+        PythonFunction("no_such_module.at_all:f").content
+        == PythonFunction(constant).content
+        == ""
+    )

@@ -14,16 +14,28 @@ from twinlens.matching.options import MissingExtraError
 BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "learned"
 
 
-def textured(height: int = 60, width: int = 140, shift: int = 6) -> tuple[np.ndarray, np.ndarray]:
+def textured(
+    height: int = 60, width: int = 140, shift: int = 6
+) -> tuple[np.ndarray, np.ndarray]:
     """Smooth noise, and the same moved by `shift` pixels with another gain, offset and noise."""
     random = np.random.default_rng(5)
     noise = random.normal(size=(height // 4 + 1, width // 4 + 1))
-    right = np.kron(noise, np.ones((4, 4)))[:height, :width] * 30 + random.normal(size=(height, width)) * 6 + 120
-    left = np.roll(right, shift, axis=1) * 0.8 + 30 + random.normal(size=(height, width)) * 2
+    right = (
+        np.kron(noise, np.ones((4, 4)))[:height, :width] * 30
+        + random.normal(size=(height, width)) * 6
+        + 120
+    )
+    left = (
+        np.roll(right, shift, axis=1) * 0.8
+        + 30
+        + random.normal(size=(height, width)) * 2
+    )
     return left.clip(0, 255).astype(np.uint8), right.clip(0, 255).astype(np.uint8)
 
 
-@pytest.mark.parametrize("method", ["learned", "sgm:cost=learned", "learned:support=cross,block_size=25"])
+@pytest.mark.parametrize(
+    "method", ["learned", "sgm:cost=learned", "learned:support=cross,block_size=25"]
+)
 def test_the_shipped_network_matches(method):
     pytest.importorskip("onnxruntime")
     found = tm.match(*textured(), method, num_disparities=16)
@@ -54,7 +66,9 @@ def training_pairs(torch) -> dict:
     disparity = np.full(left.shape, 6, np.float32)
     disparity[:, :6] = -1
     arrays = {"left": left, "right": right, "disparity": disparity}
-    return {name: torch.from_numpy(values)[None] for name, values in arrays.items()} | {"noise": torch.zeros(256)}
+    return {name: torch.from_numpy(values)[None] for name, values in arrays.items()} | {
+        "noise": torch.zeros(256)
+    }
 
 
 def test_a_step_of_training_and_the_onnx_file(tmp_path, benchmark_path):
@@ -65,7 +79,9 @@ def test_a_step_of_training_and_the_onnx_file(tmp_path, benchmark_path):
     settings = network.Training(channels=8, steps=2, columns=96)
     checkpoint = tmp_path / "net.pt"
     net = network.train([pairs], settings, 0, checkpoint)
-    again = network.train([pairs], settings, 0, checkpoint)  # the checkpoint is complete: no step is left
+    again = network.train(
+        [pairs], settings, 0, checkpoint
+    )  # the checkpoint is complete: no step is left
     for one, other in zip(net.parameters(), again.parameters(), strict=True):
         assert torch.equal(one, other)
     network.export(net, tmp_path / "net.onnx")
@@ -82,7 +98,9 @@ def test_the_loss_of_equal_descriptors_is_that_of_a_guess(benchmark_path):
 
     def loss(products, disparity, **changes):
         match = torch.arange(disparity.shape[2]) - disparity
-        entropy = network.cross_entropy(products / 0.1, match.clamp(0, disparity.shape[2] - 1))
+        entropy = network.cross_entropy(
+            products / 0.1, match.clamp(0, disparity.shape[2] - 1)
+        )
         return float(entropy[(disparity >= 0) & (match >= 0)].mean())
 
     same = torch.ones(1, 2, 10, 10)
@@ -91,7 +109,9 @@ def test_the_loss_of_equal_descriptors_is_that_of_a_guess(benchmark_path):
     unit = torch.eye(10).expand(1, 2, 10, 10)  # each column has its own descriptor
     half = torch.full((1, 2, 10), 0.5)
     half[..., 0] = -1
-    expected = -np.log(np.exp(10.0) / (np.exp(10.0) + 9)) / 2 + np.log(np.exp(10.0) + 9) / 2
+    expected = (
+        -np.log(np.exp(10.0) / (np.exp(10.0) + 9)) / 2 + np.log(np.exp(10.0) + 9) / 2
+    )
     assert loss(unit, half) == pytest.approx(expected, rel=1e-4)
 
 
@@ -102,9 +122,13 @@ def test_the_loss_of_windows_adds_that_of_their_candidates(benchmark_path):
     same = torch.zeros(1, 4, 3, 10)
     same[:, 0] = 1
     disparity = torch.full((1, 3, 10), -1.0)
-    disparity[:, :, 6] = 2  # of pixels, 10 candidates; of windows, the 4 below the depth
+    disparity[:, :, 6] = (
+        2  # of pixels, 10 candidates; of windows, the 4 below the depth
+    )
     settings = network.Training(window=3, window_depth=4)
-    assert float(network.loss_of(same, same, disparity, settings)) == pytest.approx(np.log(10) + np.log(4), rel=1e-5)
+    assert float(network.loss_of(same, same, disparity, settings)) == pytest.approx(
+        np.log(10) + np.log(4), rel=1e-5
+    )
 
 
 def test_products_of_windows_are_means_over_squares(benchmark_path):
@@ -129,10 +153,24 @@ def test_crops_of_every_scale_and_shape_keep_their_matches(benchmark_path):
     image = torch.from_numpy(smooth.astype(np.uint8))[None]
     disparity = torch.full(image.shape, 8.0)
     disparity[:, :, :8] = -1
-    pairs = {"left": image, "right": image.roll(-8, 2), "disparity": disparity, "noise": torch.zeros(256)}
-    crops = random_crops(pairs, 8, (48, 160), scale=1.8, shapes=3, random=torch.Generator().manual_seed(1))
+    pairs = {
+        "left": image,
+        "right": image.roll(-8, 2),
+        "disparity": disparity,
+        "noise": torch.zeros(256),
+    }
+    crops = random_crops(
+        pairs,
+        8,
+        (48, 160),
+        scale=1.8,
+        shapes=3,
+        random=torch.Generator().manual_seed(1),
+    )
     at = torch.arange(160) - crops.disparity
-    matched = looked_up(crops.right, at, torch.arange(48.0)[:, None].expand(8, 48, 160))[:, 0]
+    matched = looked_up(
+        crops.right, at, torch.arange(48.0)[:, None].expand(8, 48, 160)
+    )[:, 0]
     known = (crops.disparity >= 0) & (at >= 0)
     errors = (matched - crops.left[:, 0]).abs()[known]
     assert len(torch.unique(crops.disparity[known])) > 16
@@ -162,11 +200,15 @@ def test_the_noise_of_a_level_is_that_of_its_pixels(benchmark_path):
     noise = random.normal(size=clean.shape) * np.where(clean.numpy() == 40, 2, 4)
     noisy = torch.from_numpy(np.round(clean.numpy() + noise).astype(np.uint8))
     found = 255 * data.noise_of_levels(noisy, clean).numpy()
-    np.testing.assert_allclose(found[[44, 204]], [2, 4], rtol=0.03)  # the centres of the levels' bins
+    np.testing.assert_allclose(
+        found[[44, 204]], [2, 4], rtol=0.03
+    )  # the centres of the levels' bins
     assert found[124] == pytest.approx(3, rel=0.03)
 
 
-def test_an_interrupted_training_resumes_to_the_same_weights(tmp_path, benchmark_path, monkeypatch):
+def test_an_interrupted_training_resumes_to_the_same_weights(
+    tmp_path, benchmark_path, monkeypatch
+):
     torch = benchmark_path
     import network
 
@@ -203,10 +245,17 @@ def test_held_out_scenes_have_other_seeds_than_the_recipe(tmp_path, script):
     published = script.held_out_changes(BENCHMARK / "recipe.toml")
     assert [changes["seed"] for changes in published.values()] == [22, 23, 24]
     recipe = tmp_path / "my.toml"
-    recipe.write_text((BENCHMARK / "recipe.toml").read_text().replace("seed = 21", "seed = 22"))
+    recipe.write_text(
+        (BENCHMARK / "recipe.toml").read_text().replace("seed = 21", "seed = 22")
+    )
     own = script.held_out_changes(recipe)
-    assert {name: changes["seed"] for name, changes in own.items()} == {"validation": 23, "test": 25}
-    assert not any("width" in changes for changes in own.values())  # images have the size of the user's cameras
+    assert {name: changes["seed"] for name, changes in own.items()} == {
+        "validation": 23,
+        "test": 25,
+    }
+    assert not any(
+        "width" in changes for changes in own.values()
+    )  # images have the size of the user's cameras
 
 
 def test_networks_of_other_settings_are_refused(tmp_path, script):
@@ -224,7 +273,10 @@ def test_the_published_page_is_made_from_its_results(monkeypatch):
     assert (BENCHMARK / "README.md").read_text() == tables.page()
 
 
-@pytest.mark.parametrize("changed", [["--trial"], ["--choose"], ["--pairs", "folder"], ["--recipe", "my.toml"]])
+@pytest.mark.parametrize(
+    "changed",
+    [["--trial"], ["--choose"], ["--pairs", "folder"], ["--recipe", "my.toml"]],
+)
 def test_other_protocols_are_not_published(changed, script, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["run.py", "--publish", *changed])
     with pytest.raises(SystemExit) as stopped:
@@ -233,8 +285,12 @@ def test_other_protocols_are_not_published(changed, script, monkeypatch, capsys)
     assert "--publish is for the published protocol" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("largest", "depth", "columns"), [(40.0, 64, 176), (61.9, 64, 176), (80.2, 83, 228)])
-def test_larger_disparities_have_more_candidates_and_wider_crops(largest, depth, columns, script):
+@pytest.mark.parametrize(
+    ("largest", "depth", "columns"), [(40.0, 64, 176), (61.9, 64, 176), (80.2, 83, 228)]
+)
+def test_larger_disparities_have_more_candidates_and_wider_crops(
+    largest, depth, columns, script
+):
     settings = script.TRAINING.covering(largest)
     assert (settings.window_depth, settings.columns) == (depth, columns)
 
@@ -248,7 +304,9 @@ def stored(tmp_path_factory):
         "[exposure]\ntime = 0.004\n"
         '[sensor]\nmismatch = { level = "calibrated", gain = 1.3, distortion_px = 0.0, focus_um = 0.0 }\n'
     )
-    assert tl.factory.generate(tl.factory.read_recipe(folder / "my.toml"), folder / "out").complete
+    assert tl.factory.generate(
+        tl.factory.read_recipe(folder / "my.toml"), folder / "out"
+    ).complete
     return tl.Dataset(folder / "out")[0]
 
 
@@ -259,15 +317,22 @@ def test_the_exposure_of_training_is_that_of_the_sample(stored, benchmark_path):
     photographs = [tm.grey(stored.image(view)).astype(float) for view in (0, 1)]
     for side, photograph in zip(("left", "right"), photographs, strict=True):
         assert found[side].mean() == pytest.approx(photograph.mean(), rel=0.03)
-    assert photographs[1].mean() > 1.08 * photographs[0].mean()  # so that another gain would not pass
+    assert (
+        photographs[1].mean() > 1.08 * photographs[0].mean()
+    )  # so that another gain would not pass
 
 
-def test_each_draw_has_new_differences_of_colour_but_those_of_the_recipe(stored, benchmark_path):
+def test_each_draw_has_new_differences_of_colour_but_those_of_the_recipe(
+    stored, benchmark_path
+):
     import data
 
     written = stored.record["record"]
     sensor = tl.Sensor.from_record(written["sensor"])
-    one, other = (data.Exposed().mismatch(sensor, written["spec"]["drawn"], seed) for seed in (1, 2))
+    one, other = (
+        data.Exposed().mismatch(sensor, written["spec"]["drawn"], seed)
+        for seed in (1, 2)
+    )
     assert one.gain == other.gain == 1.3
     assert one.yaw_px == other.yaw_px == sensor.mismatch_of(1).yaw_px != 0
     assert one.white_balance_red != other.white_balance_red
@@ -279,15 +344,25 @@ def test_each_draw_has_new_differences_of_colour_but_those_of_the_recipe(stored,
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('families = ["cards", "flying", "room", "tabletop"]', 'scenes = ["cards"]', "families"),
+        (
+            'families = ["cards", "flying", "room", "tabletop"]',
+            'scenes = ["cards"]',
+            "families",
+        ),
         ("keep =", "#", "keep"),
         ("[rig]", '[rig]\nlayout = "toed_in"\ndistance = 2.0', "rectified pair"),
         ("[rig]", '[rig]\nlayout = "line"\ncount = 3\nspacing = 0.1', "rectified pair"),
         ("[sensor]", "[sensor]\nbits = 16", "sensor.bits: training needs 8, got 16"),
-        ("[sensor]", "[sensor]\nbits = { sweep = [8, 16] }", "sensor.bits: training needs 8, got 16"),
+        (
+            "[sensor]",
+            "[sensor]\nbits = { sweep = [8, 16] }",
+            "sensor.bits: training needs 8, got 16",
+        ),
     ],
 )
-def test_a_recipe_that_training_cannot_use_is_refused(tmp_path, script, old, new, message):
+def test_a_recipe_that_training_cannot_use_is_refused(
+    tmp_path, script, old, new, message
+):
     recipe = tmp_path / "my.toml"
     recipe.write_text((BENCHMARK / "recipe.toml").read_text().replace(old, new))
     with pytest.raises(tl.errors.InputError, match=message):
@@ -296,12 +371,23 @@ def test_a_recipe_that_training_cannot_use_is_refused(tmp_path, script, old, new
 
 def test_scores_are_kept_for_the_same_pairs_alone(tmp_path, script, monkeypatch):
     left, right = textured(24, 48)
-    pairs = [tl.scoring.Pair("a", left, right, np.full(left.shape, 6, np.float32), np.ones(left.shape, bool), 8)]
+    pairs = [
+        tl.scoring.Pair(
+            "a",
+            left,
+            right,
+            np.full(left.shape, 6, np.float32),
+            np.ones(left.shape, bool),
+            8,
+        )
+    ]
     monkeypatch.setattr(script, "COSTS", ("sad",))
     monkeypatch.setattr(script, "SUPPORTS", {})
     monkeypatch.setattr(script, "PENALTIES", ((0.2, 0.9),))
     calls = []
-    monkeypatch.setattr(script.score, "bad2", lambda method, pairs: calls.append(method) or [7.0])
+    monkeypatch.setattr(
+        script.score, "bad2", lambda method, pairs: calls.append(method) or [7.0]
+    )
     found = script.hand_made(pairs, tmp_path / "scores.json")
     scored = len(calls)
     assert script.hand_made(pairs, tmp_path / "scores.json") == found
@@ -316,4 +402,6 @@ def test_intervals_are_those_of_normal_means(script, number, deviations):
     differences = np.random.default_rng(2).normal(3, 2, (400, 1))
     half = deviations * differences.std() / np.sqrt(400)
     expected = differences.mean() + np.array([-half, half])
-    np.testing.assert_allclose(script.score.interval(differences, number), expected, atol=0.1 * half)
+    np.testing.assert_allclose(
+        script.score.interval(differences, number), expected, atol=0.1 * half
+    )

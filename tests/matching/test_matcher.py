@@ -20,12 +20,22 @@ def problems(draw, dtypes=("uint8", "uint16", "float32")):
     height, width = draw(st.integers(1, 5)), draw(st.integers(1, 12))
     dtype = np.dtype(draw(st.sampled_from(dtypes)))
     rng = np.random.default_rng(draw(st.integers(0, 2**32)))
-    top = draw(st.sampled_from([2, 255])) if dtype != np.uint16 else draw(st.sampled_from([3, 65535]))
+    top = (
+        draw(st.sampled_from([2, 255]))
+        if dtype != np.uint16
+        else draw(st.sampled_from([3, 65535]))
+    )
     images = rng.random((2, height, width)) * top
     if dtype.kind != "f":
         images = np.rint(images)
     left, right = images.astype(dtype)
-    return left, right, draw(st.sampled_from([1, 3, 5, 7])), draw(st.integers(-16, 8)), draw(st.integers(1, 16))
+    return (
+        left,
+        right,
+        draw(st.sampled_from([1, 3, 5, 7])),
+        draw(st.integers(-16, 8)),
+        draw(st.integers(1, 16)),
+    )
 
 
 def chosen_costs(volume, disparity, low):
@@ -42,11 +52,22 @@ def test_integer_costs_choose_the_same_as_naive_loops(cost, problem):
     left, right, side, low, count = problem
     volume = naive_volume(left, right, cost, side, low, count)
     disparity = tm.match(
-        left, right, cost, block_size=side, min_disparity=low, num_disparities=count, subpixel="none", threads=1
+        left,
+        right,
+        cost,
+        block_size=side,
+        min_disparity=low,
+        num_disparities=count,
+        subpixel="none",
+        threads=1,
     )
     expected = np.where(np.isfinite(volume.min(-1)), volume.argmin(-1) + low, np.inf)
     np.testing.assert_array_equal(disparity, expected)
-    best = BoxMatch(left, right, COSTS[cost], side, low, low + count, 1).winners("none").cost
+    best = (
+        BoxMatch(left, right, COSTS[cost], side, low, low + count, 1)
+        .winners("none")
+        .cost
+    )
     known = np.isfinite(expected)
     np.testing.assert_array_equal(best[known], volume.min(-1)[known])
 
@@ -58,13 +79,29 @@ def test_every_cost_chooses_a_minimum_of_plain_loops(cost, problem):
     left, right, side, low, count = problem
     volume = naive_volume(left, right, cost, side, low, count)
     disparity = tm.match(
-        left, right, cost, block_size=side, min_disparity=low, num_disparities=count, subpixel="none", threads=1
+        left,
+        right,
+        cost,
+        block_size=side,
+        min_disparity=low,
+        num_disparities=count,
+        subpixel="none",
+        threads=1,
     )
     least = volume.min(-1)
     known = np.isfinite(least)
     np.testing.assert_array_equal(np.isfinite(disparity), known)
-    scale = 1.0 if cost in ("ncc", "zncc", "jaccard") else max(1.0, float(least[known].max(initial=0)))
-    np.testing.assert_allclose(chosen_costs(volume, disparity, low)[known], least[known], atol=1e-5 * scale, rtol=1e-5)
+    scale = (
+        1.0
+        if cost in ("ncc", "zncc", "jaccard")
+        else max(1.0, float(least[known].max(initial=0)))
+    )
+    np.testing.assert_allclose(
+        chosen_costs(volume, disparity, low)[known],
+        least[known],
+        atol=1e-5 * scale,
+        rtol=1e-5,
+    )
 
 
 @pytest.mark.parametrize("cost", ["sad", "ssd", "zncc"])
@@ -73,16 +110,28 @@ def test_every_cost_chooses_a_minimum_of_plain_loops(cost, problem):
 def test_sub_pixel_fit_is_the_one_of_the_cost(cost, problem):
     left, right, side, low, count = problem
     volume = naive_volume(left, right, cost, side, low, count)
-    options = {"block_size": side, "min_disparity": low, "num_disparities": count, "threads": 1}
+    options = {
+        "block_size": side,
+        "min_disparity": low,
+        "num_disparities": count,
+        "threads": 1,
+    }
     whole = tm.match(left, right, cost, subpixel="none", **options)
     fine = tm.match(left, right, cost, **options)
     winners = np.where(np.isfinite(whole), whole - low, 0).astype(int)
     expected = naive_fit(volume, winners, COSTS[cost].fit) + low
     # Where three costs lie on a line to within rounding the fit is undetermined.
-    near = [np.take_along_axis(volume, np.clip(winners + i, 0, count - 1)[..., None], -1)[..., 0] for i in (-1, 0, 1)]
+    near = [
+        np.take_along_axis(volume, np.clip(winners + i, 0, count - 1)[..., None], -1)[
+            ..., 0
+        ]
+        for i in (-1, 0, 1)
+    ]
     with np.errstate(invalid="ignore"):
         sharp = ~(np.maximum(near[0], near[2]) - near[1] < 1e-3)
-    np.testing.assert_allclose(fine[sharp], expected[sharp], atol=2e-3 if cost == "zncc" else 1e-5)
+    np.testing.assert_allclose(
+        fine[sharp], expected[sharp], atol=2e-3 if cost == "zncc" else 1e-5
+    )
 
 
 @pytest.mark.parametrize("cost", ALL)
@@ -92,18 +141,39 @@ def test_a_shifted_random_image_gives_its_shift_everywhere_inside(cost, dtype):
     scene = rng.integers(0, 256, (40, 120)).astype(dtype)
     for shift, low in ((0, -8), (7, 0), (-5, -9)):
         left, right = scene[:, 20:100], scene[:, 20 + shift : 100 + shift]
-        disparity = tm.match(left, right, cost, block_size=5, min_disparity=low, num_disparities=16)
-        assert np.array_equal(np.rint(disparity[3:-3, 14:-14]), np.full((34, 52), shift))
+        disparity = tm.match(
+            left, right, cost, block_size=5, min_disparity=low, num_disparities=16
+        )
+        assert np.array_equal(
+            np.rint(disparity[3:-3, 14:-14]), np.full((34, 52), shift)
+        )
 
 
-@pytest.mark.parametrize(("cost", "count"), [("sad", 64), ("sad", 129), ("sad", 300), ("zncc", 129)])
+@pytest.mark.parametrize(
+    ("cost", "count"), [("sad", 64), ("sad", 129), ("sad", 300), ("zncc", 129)]
+)
 def test_long_ranges_are_searched_in_passes_without_seams(cost, count):
     rng = np.random.default_rng(count)
     left, right = rng.integers(0, 256, (2, 2, 330), dtype=np.uint8)
     volume = naive_volume(left, right, cost, 3, -5, count)
-    fine = tm.match(left, right, cost, block_size=3, min_disparity=-5, num_disparities=count, threads=1)
+    fine = tm.match(
+        left,
+        right,
+        cost,
+        block_size=3,
+        min_disparity=-5,
+        num_disparities=count,
+        threads=1,
+    )
     whole = tm.match(
-        left, right, cost, block_size=3, min_disparity=-5, num_disparities=count, threads=1, subpixel="none"
+        left,
+        right,
+        cost,
+        block_size=3,
+        min_disparity=-5,
+        num_disparities=count,
+        threads=1,
+        subpixel="none",
     )
     np.testing.assert_array_equal(whole, volume.argmin(-1) - 5.0)
     expected = naive_fit(volume, volume.argmin(-1), COSTS[cost].fit) - 5
@@ -117,8 +187,17 @@ def test_wide_windows_of_saturated_images_do_not_overflow(side):
     left[:, ::7], right[:, 3::7] = 0, 255
     for cost in ("sad", "ssd", "zncc", "zssd"):
         volume = naive_volume(left[:3], right[:3], cost, side, 0, 6)
-        got = tm.match(left[:3], right[:3], cost, block_size=side, num_disparities=6, subpixel="none")
-        np.testing.assert_allclose(chosen_costs(volume, got, 0), volume.min(-1), atol=1e-5, rtol=1e-6)
+        got = tm.match(
+            left[:3],
+            right[:3],
+            cost,
+            block_size=side,
+            num_disparities=6,
+            subpixel="none",
+        )
+        np.testing.assert_allclose(
+            chosen_costs(volume, got, 0), volume.min(-1), atol=1e-5, rtol=1e-6
+        )
 
 
 @pytest.mark.parametrize("side", [3, 11])
@@ -126,13 +205,26 @@ def test_wide_windows_of_saturated_images_do_not_overflow(side):
 def test_candidates_outside_the_image_never_win_over_negative_correlations(side, low):
     """Light that grows to the right in one eye and to the left in the other, then black: costs of 2, and of 1."""
     ramp = 7 * np.arange(44) + np.random.default_rng(7).integers(0, 5, (6, 44))
-    left, right = np.where(np.arange(44) < 30, ramp, 0).astype(np.uint8), (255 - ramp // 2).astype(np.uint8)
+    left, right = (
+        np.where(np.arange(44) < 30, ramp, 0).astype(np.uint8),
+        (255 - ramp // 2).astype(np.uint8),
+    )
     volume = naive_volume(left, right, "zncc", side, low, 16)
-    got = tm.match(left, right, "zncc", block_size=side, min_disparity=low, num_disparities=16, subpixel="none")
+    got = tm.match(
+        left,
+        right,
+        "zncc",
+        block_size=side,
+        min_disparity=low,
+        num_disparities=16,
+        subpixel="none",
+    )
     known = np.isfinite(volume.min(-1))
     np.testing.assert_array_equal(np.isfinite(got), known)
     assert {1, 2} <= set(np.round(volume.min(-1)[known], 1))
-    np.testing.assert_allclose(chosen_costs(volume, got, low)[known], volume.min(-1)[known], atol=1e-5)
+    np.testing.assert_allclose(
+        chosen_costs(volume, got, low)[known], volume.min(-1)[known], atol=1e-5
+    )
 
 
 @pytest.mark.parametrize("cost", ALL)
@@ -144,16 +236,30 @@ def test_constant_images_tie_and_the_smallest_disparity_wins(cost):
 
 def test_only_pixels_without_a_candidate_are_unknown():
     left, right = np.random.default_rng(0).integers(0, 256, (2, 5, 20), dtype=np.uint8)
-    known = np.isfinite(tm.match(left, right, "sad", block_size=3, min_disparity=4, num_disparities=3))
+    known = np.isfinite(
+        tm.match(left, right, "sad", block_size=3, min_disparity=4, num_disparities=3)
+    )
     np.testing.assert_array_equal(known, np.broadcast_to(np.arange(20) >= 4, (5, 20)))
-    known = np.isfinite(tm.match(left, right, "sad", block_size=3, min_disparity=-6, num_disparities=3))
+    known = np.isfinite(
+        tm.match(left, right, "sad", block_size=3, min_disparity=-6, num_disparities=3)
+    )
     np.testing.assert_array_equal(known, np.broadcast_to(np.arange(20) < 16, (5, 20)))
-    assert not np.isfinite(tm.match(left, right, "sad", min_disparity=20, num_disparities=9)).any()
+    assert not np.isfinite(
+        tm.match(left, right, "sad", min_disparity=20, num_disparities=9)
+    ).any()
 
 
 def test_a_range_or_window_wider_than_the_image_is_no_error():
     left, right = np.random.default_rng(0).integers(0, 256, (2, 4, 9), dtype=np.uint8)
-    wide = tm.match(left, right, "ssd", block_size=31, num_disparities=1000, min_disparity=-500, subpixel="none")
+    wide = tm.match(
+        left,
+        right,
+        "ssd",
+        block_size=31,
+        num_disparities=1000,
+        min_disparity=-500,
+        subpixel="none",
+    )
     volume = naive_volume(left, right, "ssd", 31, -8, 17)
     np.testing.assert_array_equal(wide, volume.argmin(-1) - 8.0)
 
@@ -161,9 +267,14 @@ def test_a_range_or_window_wider_than_the_image_is_no_error():
 @pytest.mark.parametrize("cost", ALL)
 @pytest.mark.parametrize("dtype", ["uint8", "float32"])
 def test_the_answer_is_the_same_bytes_for_any_number_of_threads(cost, dtype):
-    left, right = np.random.default_rng(3).integers(0, 256, (2, 150, 70)).astype(dtype) / np.dtype(dtype).type(1)
+    left, right = np.random.default_rng(3).integers(0, 256, (2, 150, 70)).astype(
+        dtype
+    ) / np.dtype(dtype).type(1)
     left, right = left.astype(dtype), right.astype(dtype)
-    answers = [tm.match(left, right, cost, num_disparities=12, threads=n).tobytes() for n in (1, 2, 3, 7)]
+    answers = [
+        tm.match(left, right, cost, num_disparities=12, threads=n).tobytes()
+        for n in (1, 2, 3, 7)
+    ]
     assert len(set(answers)) == 1
 
 
@@ -171,7 +282,10 @@ def test_the_right_map_is_the_left_map_of_the_mirrored_pair():
     scene = np.random.default_rng(1).integers(0, 256, (12, 80), dtype=np.uint8)
     left, right = scene[:, 10:70], scene[:, 14:74]
     matcher = tm.StereoMatcher(cost="sad", block_size=3, num_disparities=9)
-    ours, theirs = matcher.match(left, right), matcher.match(right[:, ::-1], left[:, ::-1])[:, ::-1]
+    ours, theirs = (
+        matcher.match(left, right),
+        matcher.match(right[:, ::-1], left[:, ::-1])[:, ::-1],
+    )
     assert np.array_equal(np.rint(ours[1:-1, 6:-6]), np.full((10, 48), 4))
     assert np.array_equal(np.rint(theirs[1:-1, 6:-6]), np.full((10, 48), 4))
 
@@ -181,7 +295,15 @@ def test_left_right_check_keeps_pixels_on_which_both_maps_agree():
     background, front = rng.integers(0, 256, (2, 20, 120), dtype=np.uint8)
     left, right = background[:, 4:104].copy(), background[:, 8:108].copy()
     left[:, 50:70], right[:, 38:58] = front[:, :20], front[:, :20]
-    checked = tm.match(left, right, "sad", block_size=3, num_disparities=16, lr_check=1.0, subpixel="none")
+    checked = tm.match(
+        left,
+        right,
+        "sad",
+        block_size=3,
+        num_disparities=16,
+        lr_check=1.0,
+        subpixel="none",
+    )
     assert np.all(checked[2:-2, 52:68] == 12)
     assert np.all(checked[2:-2, 24:40] == 4)
     hidden = checked[2:-2, 43:49]
@@ -196,7 +318,8 @@ def test_colour_becomes_luma_and_integers_stay_integers():
     assert np.abs(grey - expected).max() <= 1
     other = colour[:, ::-1].copy()
     np.testing.assert_array_equal(
-        tm.match(colour, other, "sad", num_disparities=4), tm.match(grey, tm.grey(other), "sad", num_disparities=4)
+        tm.match(colour, other, "sad", num_disparities=4),
+        tm.match(grey, tm.grey(other), "sad", num_disparities=4),
     )
 
 
@@ -204,9 +327,12 @@ def test_signed_images_match_as_their_values_do():
     left, right = np.random.default_rng(0).integers(0, 256, (2, 8, 30), dtype=np.uint8)
     shifted = [(image.astype(np.int16) - 128) for image in (left, right)]
     for cost in ("sad", "ssd", "zncc"):
-        expected = tm.match(left, right, cost, block_size=5, num_disparities=8, subpixel="none")
+        expected = tm.match(
+            left, right, cost, block_size=5, num_disparities=8, subpixel="none"
+        )
         np.testing.assert_array_equal(
-            tm.match(*shifted, cost, block_size=5, num_disparities=8, subpixel="none"), expected
+            tm.match(*shifted, cost, block_size=5, num_disparities=8, subpixel="none"),
+            expected,
         )
 
 
@@ -220,13 +346,21 @@ WRONG = {
     "sizes differ": ((GOOD, GOOD[:3]), {}, "6x4 and 6x3"),
     "dtypes differ": ((GOOD, GOOD.astype(np.uint16)), {}, "one dtype"),
     "wide integers": ((GOOD.astype(np.int64),) * 2, {}, "use uint8, uint16 or float32"),
-    "not a number": ((GOOD.astype(float), np.full((4, 6), np.nan)), {}, r"right image holds nan at \[0, 0\]"),
+    "not a number": (
+        (GOOD.astype(float), np.full((4, 6), np.nan)),
+        {},
+        r"right image holds nan at \[0, 0\]",
+    ),
     "no image": ((GOOD[:0], GOOD[:0]), {}, r"shape \(0, 6\)"),
     "four channels": ((np.zeros((4, 6, 4), np.uint8),) * 2, {}, "H, W, 3"),
     "unknown method": ((GOOD, GOOD), {"method": "znc"}, "did you mean 'zncc'"),
     "unknown option": ((GOOD, GOOD), {"blocksize": 5}, "did you mean 'block_size'"),
     "misspelt method": ((GOOD, GOOD), {"methd": "sad"}, "did you mean 'method'"),
-    "a path": (("a.png", "b.png"), {}, r"left image is 'a.png'; give an array: twinlens.dataset.read_image"),
+    "a path": (
+        ("a.png", "b.png"),
+        {},
+        r"left image is 'a.png'; give an array: twinlens.dataset.read_image",
+    ),
     "unknown fit": ((GOOD, GOOD), {"subpixel": "parabolla"}, "did you mean 'parabola'"),
     "negative check": ((GOOD, GOOD), {"lr_check": -1}, ">= 0"),
     "negative light": ((GOOD - 1.0, GOOD - 1.0), {"method": "jaccard"}, "values >= 0"),

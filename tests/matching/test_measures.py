@@ -11,10 +11,18 @@ from tests.matching.matching_reference import naive_descriptors, pixel_differenc
 from twinlens.errors import InputError
 
 VALUES = st.integers(0, 255)
-PAIRS = hnp.arrays(np.float64, st.tuples(st.just(2), st.integers(1, 5), st.integers(1, 5)), elements=VALUES)
+PAIRS = hnp.arrays(
+    np.float64,
+    st.tuples(st.just(2), st.integers(1, 5), st.integers(1, 5)),
+    elements=VALUES,
+)
 ODD = st.sampled_from([1, 3, 5])
-CENTRED_PAIRS = hnp.arrays(np.float64, st.tuples(st.just(2), ODD, ODD), elements=st.integers(0, 9))
-SQUARE_PAIRS = hnp.arrays(np.float64, ODD.map(lambda side: (2, side, side)), elements=st.integers(0, 9))
+CENTRED_PAIRS = hnp.arrays(
+    np.float64, st.tuples(st.just(2), ODD, ODD), elements=st.integers(0, 9)
+)
+SQUARE_PAIRS = hnp.arrays(
+    np.float64, ODD.map(lambda side: (2, side, side)), elements=st.integers(0, 9)
+)
 DISTANCES = ("sad", "ssd", "zsad", "zssd", "birchfield_tomasi")
 ORDINAL = ("census", "rank")
 SIMILARITIES = ("ncc", "zncc", "jaccard")
@@ -54,14 +62,18 @@ def test_equal_windows_with_structure_are_wholly_similar(name, windows):
 @given(windows=PAIRS, offset=st.integers(-50, 50))
 def test_blind_to_offset(name, windows, offset):
     measure = getattr(tm, name)
-    assert measure(windows[0], windows[1] + offset) == pytest.approx(measure(*windows), abs=1e-6)
+    assert measure(windows[0], windows[1] + offset) == pytest.approx(
+        measure(*windows), abs=1e-6
+    )
 
 
 @pytest.mark.parametrize("name", BLIND_TO_GAIN)
 @given(windows=PAIRS, gain=st.floats(0.1, 10))
 def test_blind_to_gain(name, windows, gain):
     measure = getattr(tm, name)
-    assert measure(windows[0], windows[1] * gain) == pytest.approx(measure(*windows), abs=1e-9)
+    assert measure(windows[0], windows[1] * gain) == pytest.approx(
+        measure(*windows), abs=1e-9
+    )
 
 
 @given(windows=PAIRS)
@@ -82,7 +94,10 @@ def test_jaccard_follows_from_sad_and_sums(windows):
 def test_census_and_rank_equal_plain_loops(windows):
     side = windows.shape[1]
     for name in ORDINAL:
-        a, b = (naive_descriptors(window, side, name)[side // 2, side // 2] for window in windows)
+        a, b = (
+            naive_descriptors(window, side, name)[side // 2, side // 2]
+            for window in windows
+        )
         assert getattr(tm, name)(*windows) == np.abs(a - b).sum()
 
 
@@ -115,7 +130,9 @@ def test_birchfield_tomasi_equals_plain_loops(windows):
     assert tm.birchfield_tomasi(*windows) <= tm.sad(*windows)
 
 
-@pytest.mark.parametrize(("shift", "each"), [(-0.5, 0.0), (0.25, 0.0), (0.5, 0.0), (0.8, 3.0), (-1.5, 10.0)])
+@pytest.mark.parametrize(
+    ("shift", "each"), [(-0.5, 0.0), (0.25, 0.0), (0.5, 0.0), (0.8, 3.0), (-1.5, 10.0)]
+)
 def test_birchfield_tomasi_forgives_a_ramp_half_a_pixel(shift, each):
     ramp = 10.0 * np.arange(7)
     assert tm.birchfield_tomasi(ramp, ramp + 10 * shift) == pytest.approx(7 * each)

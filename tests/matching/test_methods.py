@@ -29,8 +29,18 @@ def test_text_names_a_method_and_its_options():
 
 
 def test_a_range_in_the_text_takes_precedence_over_the_data_set():
-    assert tm.parse_method("sad").matcher(num_disparities=100, nothing_known=1).num_disparities == 100
-    assert tm.parse_method("sad:num_disparities=32").matcher(num_disparities=100).num_disparities == 32
+    assert (
+        tm.parse_method("sad")
+        .matcher(num_disparities=100, nothing_known=1)
+        .num_disparities
+        == 100
+    )
+    assert (
+        tm.parse_method("sad:num_disparities=32")
+        .matcher(num_disparities=100)
+        .num_disparities
+        == 32
+    )
 
 
 @pytest.mark.parametrize(
@@ -50,7 +60,11 @@ def test_a_wrong_text_is_refused_before_anything_runs(text, message):
 
 def test_a_method_can_be_named():
     spec = tm.parse_method("mine=zncc:block_size=11")
-    assert (spec.name, spec.method.name, spec.matcher().block_size) == ("mine", "zncc", 11)
+    assert (spec.name, spec.method.name, spec.matcher().block_size) == (
+        "mine",
+        "zncc",
+        11,
+    )
     assert tm.parse_method("zncc:block_size=11").name == "zncc:block_size=11"
     assert tm.split_methods(["a=sad,b=zncc:block_size=5,lr_check=1,c=sad", "sgm:block_size=3,cost=sad,ssd"]) == [
         "a=sad", "b=zncc:block_size=5,lr_check=1", "c=sad", "sgm:block_size=3,cost=sad", "ssd",
@@ -71,7 +85,10 @@ def test_a_function_in_a_file_is_a_method_from_any_folder(tmp_path, monkeypatch)
     (tmp_path / "helper.py").write_text("VALUE = 100")
     image = np.zeros((6, 9), np.uint8)
     monkeypatch.setattr(sys, "path", list(sys.path))
-    for folder, place in ((tmp_path, "their_method.py"), (Path("/"), str(tmp_path / "their_method.py"))):
+    for folder, place in (
+        (tmp_path, "their_method.py"),
+        (Path("/"), str(tmp_path / "their_method.py")),
+    ):
         monkeypatch.chdir(folder)
         spec = tm.parse_method(f"mine=function:{place}:flat")
         assert spec.name == "mine"
@@ -89,7 +106,9 @@ def test_a_function_in_a_file_is_a_method_from_any_folder(tmp_path, monkeypatch)
         ("right.py", "write path/to/file.py:name"),
     ],
 )
-def test_a_function_that_cannot_be_imported_is_refused(place, message, tmp_path, monkeypatch):
+def test_a_function_that_cannot_be_imported_is_refused(
+    place, message, tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))
     Path("wrong.py").write_text("def f(:")
@@ -102,8 +121,12 @@ def test_a_function_that_cannot_be_imported_is_refused(place, message, tmp_path,
 def test_the_range_of_a_call_replaces_that_of_the_matcher(name):
     left, right = np.random.default_rng(0).integers(0, 256, (2, 30, 90), dtype=np.uint8)
     matcher = tm.METHODS[name].make(num_disparities=16)
-    expected = tm.METHODS[name].make(num_disparities=32, min_disparity=-3).match(left, right)
-    np.testing.assert_array_equal(matcher.match(left, right, num_disparities=32, min_disparity=-3), expected)
+    expected = (
+        tm.METHODS[name].make(num_disparities=32, min_disparity=-3).match(left, right)
+    )
+    np.testing.assert_array_equal(
+        matcher.match(left, right, num_disparities=32, min_disparity=-3), expected
+    )
 
 
 def test_the_reference_has_the_default_and_meaning_of_every_option():
@@ -114,17 +137,25 @@ def test_the_reference_has_the_default_and_meaning_of_every_option():
 
 
 def test_the_typed_options_of_match_are_those_of_all_methods():
-    assert set(Options.__annotations__) == {name for method in tm.METHODS.values() for name in method.options}
+    assert set(Options.__annotations__) == {
+        name for method in tm.METHODS.values() for name in method.options
+    }
 
 
 def test_the_page_of_methods_is_current():
     page = Path(__file__).parents[2] / "docs" / "methods.md"
-    assert page.read_text().endswith(method_tables()), "replace them with the output of: twinlens methods --markdown"
+    assert page.read_text().endswith(method_tables()), (
+        "replace them with the output of: twinlens methods --markdown"
+    )
 
 
 def run_python(code: str, **environment: str) -> str:
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, env={**os.environ, **environment}, check=False
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        env={**os.environ, **environment},
+        check=False,
     )
     assert done.returncode == 0, done.stderr
     return done.stdout
@@ -162,12 +193,20 @@ m.match(image, image, sys.argv[2], num_disparities=2)
 """
 
 
-@pytest.mark.parametrize("method", [pytest.param("sad", marks=pytest.mark.slow), "sgm:block_size=1"])
-def test_kernels_are_loaded_by_a_second_process_and_compiled_after_an_edit(method, tmp_path):
+@pytest.mark.parametrize(
+    "method", [pytest.param("sad", marks=pytest.mark.slow), "sgm:block_size=1"]
+)
+def test_kernels_are_loaded_by_a_second_process_and_compiled_after_an_edit(
+    method, tmp_path
+):
     def cached(digest):
         command = [sys.executable, "-c", CACHED, digest, method]
-        subprocess.run(command, env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}, check=True)
-        return {(path.name, path.stat().st_mtime_ns) for path in tmp_path.rglob("*.nb[ci]")}
+        subprocess.run(
+            command, env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}, check=True
+        )
+        return {
+            (path.name, path.stat().st_mtime_ns) for path in tmp_path.rglob("*.nb[ci]")
+        }
 
     first = cached("before")
     assert first
@@ -191,8 +230,12 @@ def other_package(tmp_path, monkeypatch):
     )
     meta = tmp_path / "theirs-1.0.dist-info"
     meta.mkdir()
-    (meta / "METADATA").write_text("Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n")
-    (meta / "entry_points.txt").write_text("[twinlens.methods]\nflat = theirs:flat\nbroken = theirs:none\n")
+    (meta / "METADATA").write_text(
+        "Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n"
+    )
+    (meta / "entry_points.txt").write_text(
+        "[twinlens.methods]\nflat = theirs:flat\nbroken = theirs:none\n"
+    )
     monkeypatch.syspath_prepend(str(tmp_path))
     return tmp_path
 
@@ -200,7 +243,8 @@ def other_package(tmp_path, monkeypatch):
 def test_a_package_s_entry_point_is_a_method(other_package):
     image = np.zeros((6, 9), np.uint8)
     np.testing.assert_array_equal(
-        tm.match(image, image, "flat", num_disparities=7, min_disparity=2), np.full((6, 9), 9)
+        tm.match(image, image, "flat", num_disparities=7, min_disparity=2),
+        np.full((6, 9), 9),
     )
     spec = tm.parse_method("flat")
     assert spec.runs_user_code
@@ -222,11 +266,18 @@ class Flat:
 def test_an_object_is_a_method():
     image = np.random.default_rng(0).integers(0, 256, (12, 30), dtype=np.uint8)
     assert set(tm.match(image, image, Flat()).ravel()) == {64.0}
-    assert set(tm.match(image, image, Flat(), num_disparities=7, min_disparity=2).ravel()) == {207.0}
+    assert set(
+        tm.match(image, image, Flat(), num_disparities=7, min_disparity=2).ravel()
+    ) == {207.0}
     matcher = tm.StereoMatcher(cost="sad", num_disparities=4, min_disparity=1)
-    np.testing.assert_array_equal(tm.match(image, image, matcher), matcher.match(image, image))
+    np.testing.assert_array_equal(
+        tm.match(image, image, matcher), matcher.match(image, image)
+    )
     with pytest.raises(InputError, match="option of a matcher object"):
         tm.match(image, image, Flat(), block_size=5)
     for wrong in (3, Flat, None):
-        with pytest.raises(InputError, match="method must be a name such as 'zncc', or an object with match"):
+        with pytest.raises(
+            InputError,
+            match="method must be a name such as 'zncc', or an object with match",
+        ):
             tm.match(image, image, wrong)

@@ -18,11 +18,25 @@ COLOUR = np.random.default_rng(1).integers(0, 256, (10, 14, 3), dtype=np.uint8)
 FREE = (1, 3, "h", "w")
 
 
-def save(path, nodes, *, inputs=("left", "right"), shape=FREE, outputs=("out",), constants=()):
-    places = [helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name in inputs]
-    ends = [helper.make_tensor_value_info(name, TensorProto.FLOAT, None) for name in outputs]
-    graph = helper.make_graph(nodes, "tiny", places, ends, [numpy_helper.from_array(a, n) for n, a in constants])
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+def save(
+    path, nodes, *, inputs=("left", "right"), shape=FREE, outputs=("out",), constants=()
+):
+    places = [
+        helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name in inputs
+    ]
+    ends = [
+        helper.make_tensor_value_info(name, TensorProto.FLOAT, None) for name in outputs
+    ]
+    graph = helper.make_graph(
+        nodes,
+        "tiny",
+        places,
+        ends,
+        [numpy_helper.from_array(a, n) for n, a in constants],
+    )
+    model = helper.make_model(
+        graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8
+    )
     onnx.save(model, str(path))
     return f"onnx:model={path}"
 
@@ -42,10 +56,18 @@ def block_matcher(path, count, side):
     for d in range(count):
         nodes += [
             helper.make_node("Pad", ["right", f"pads{d}"], [f"moved{d}"], mode="edge"),
-            helper.make_node("Slice", [f"moved{d}", "zero", "end", "last"], [f"there{d}"]),
+            helper.make_node(
+                "Slice", [f"moved{d}", "zero", "end", "last"], [f"there{d}"]
+            ),
             helper.make_node("Sub", ["left", f"there{d}"], [f"gap{d}"]),
             helper.make_node("Abs", [f"gap{d}"], [f"size{d}"]),
-            helper.make_node("AveragePool", [f"size{d}"], [f"cost{d}"], kernel_shape=[side] * 2, pads=[side // 2] * 4),
+            helper.make_node(
+                "AveragePool",
+                [f"size{d}"],
+                [f"cost{d}"],
+                kernel_shape=[side] * 2,
+                pads=[side // 2] * 4,
+            ),
         ]
         costs.append(f"cost{d}")
     nodes += [
@@ -54,7 +76,11 @@ def block_matcher(path, count, side):
         helper.make_node("Cast", ["best"], ["out"], to=TensorProto.FLOAT),
     ]
     constants = [(f"pads{d}", np.array([0, 0, 0, d, 0, 0, 0, 0])) for d in range(count)]
-    constants += [("zero", np.array([0])), ("end", np.array([64])), ("last", np.array([3]))]
+    constants += [
+        ("zero", np.array([0])),
+        ("end", np.array([64])),
+        ("last", np.array([3])),
+    ]
     return save(path, nodes, shape=(1, 1, 32, 64), constants=constants)
 
 
@@ -69,20 +95,34 @@ def test_a_matcher_made_of_layers_finds_the_shift(tmp_path):
 
 @pytest.mark.parametrize(("scale", "unit"), [(1.0, 1 / 255), (255.0, 1.0)])
 @pytest.mark.parametrize("bits", [8, 16])
-def test_the_network_sees_the_images_left_first_in_its_units(tmp_path, scale, unit, bits):
-    left, right = (image if bits == 8 else image.astype(np.uint16) * 257 for image in (COLOUR, COLOUR[::-1]))
-    found = tm.match(left, right, f"{difference(tmp_path / 'net.onnx')},scale={scale},multiple=8")
+def test_the_network_sees_the_images_left_first_in_its_units(
+    tmp_path, scale, unit, bits
+):
+    left, right = (
+        image if bits == 8 else image.astype(np.uint16) * 257
+        for image in (COLOUR, COLOUR[::-1])
+    )
+    found = tm.match(
+        left, right, f"{difference(tmp_path / 'net.onnx')},scale={scale},multiple=8"
+    )
     wanted = (COLOUR.astype(float) - COLOUR[::-1]).sum(axis=2) * unit
     np.testing.assert_allclose(found, wanted, atol=1e-4 * scale)
 
 
 def test_grey_images_fill_three_channels_and_colour_becomes_luma_for_one(tmp_path):
-    three, one = difference(tmp_path / "3.onnx"), difference(tmp_path / "1.onnx", shape=(1, 1, "h", "w"))
+    three, one = (
+        difference(tmp_path / "3.onnx"),
+        difference(tmp_path / "1.onnx", shape=(1, 1, "h", "w")),
+    )
     flat = GREY.astype(float) - GREY[::-1]
-    np.testing.assert_allclose(tm.match(GREY, GREY[::-1], three), 3 * flat / 255, atol=1e-4)
+    np.testing.assert_allclose(
+        tm.match(GREY, GREY[::-1], three), 3 * flat / 255, atol=1e-4
+    )
     np.testing.assert_allclose(tm.match(GREY, GREY[::-1], one), flat / 255, atol=1e-4)
     luma = COLOUR @ np.array([0.299, 0.587, 0.114]) / 255
-    np.testing.assert_allclose(tm.match(COLOUR, COLOUR[::-1], one), luma - luma[::-1], atol=1e-4)
+    np.testing.assert_allclose(
+        tm.match(COLOUR, COLOUR[::-1], one), luma - luma[::-1], atol=1e-4
+    )
 
 
 @pytest.mark.parametrize("axes", [(), (0,), (0, 1)])
@@ -94,7 +134,9 @@ def test_every_layout_of_the_answer_comes_back_the_same(tmp_path, axes):
         constants.append(("axes", np.array(axes)))
     else:
         nodes.append(helper.make_node("Identity", ["flat"], ["out"]))
-    found = tm.match(COLOUR, COLOUR, save(tmp_path / "net.onnx", nodes, constants=constants))
+    found = tm.match(
+        COLOUR, COLOUR, save(tmp_path / "net.onnx", nodes, constants=constants)
+    )
     np.testing.assert_allclose(found, COLOUR.sum(axis=2) / 255, atol=1e-5)
 
 
@@ -104,13 +146,21 @@ def test_the_output_and_its_sign_are_chosen(tmp_path):
         helper.make_node("ReduceSum", ["right", "one"], ["last"], keepdims=1),
     ]
     path = tmp_path / "net.onnx"
-    text = save(path, nodes, outputs=("first", "last"), constants=[("one", np.array([1]))])
+    text = save(
+        path, nodes, outputs=("first", "last"), constants=[("one", np.array([1]))]
+    )
     first, last = COLOUR.sum(axis=2) / 255, COLOUR[::-1].sum(axis=2) / 255
     np.testing.assert_allclose(tm.match(COLOUR, COLOUR[::-1], text), last, atol=1e-5)
-    np.testing.assert_allclose(tm.match(COLOUR, COLOUR[::-1], f"{text},output=0"), first, atol=1e-5)
-    np.testing.assert_allclose(tm.match(COLOUR, COLOUR[::-1], f"{text},sign=-1"), -last, atol=1e-5)
+    np.testing.assert_allclose(
+        tm.match(COLOUR, COLOUR[::-1], f"{text},output=0"), first, atol=1e-5
+    )
+    np.testing.assert_allclose(
+        tm.match(COLOUR, COLOUR[::-1], f"{text},sign=-1"), -last, atol=1e-5
+    )
     assert tm.match_with_confidence(COLOUR, COLOUR[::-1], text)[1] is None
-    disparity, confidence = tm.match_with_confidence(COLOUR, COLOUR[::-1], f"{text},confidence=0,sign=-1")
+    disparity, confidence = tm.match_with_confidence(
+        COLOUR, COLOUR[::-1], f"{text},confidence=0,sign=-1"
+    )
     np.testing.assert_allclose(disparity, -last, atol=1e-5)
     np.testing.assert_allclose(confidence, first, atol=1e-5)
     assert "confidence" not in tm.parse_method(text).spec
@@ -131,7 +181,11 @@ def test_a_network_of_fixed_size_takes_what_fits(tmp_path):
 def test_another_file_of_the_same_name_is_read_anew(tmp_path):
     path = tmp_path / "net.onnx"
     before = tm.match(COLOUR, COLOUR[::-1], difference(path))
-    save(path, [helper.make_node("ReduceSum", ["right", "one"], ["out"])], constants=[("one", np.array([1]))])
+    save(
+        path,
+        [helper.make_node("ReduceSum", ["right", "one"], ["out"])],
+        constants=[("one", np.array([1]))],
+    )
     assert not np.allclose(tm.match(COLOUR, COLOUR[::-1], f"onnx:model={path}"), before)
 
 
@@ -162,7 +216,11 @@ def constant_output(path, value, shape):
     [
         (np.nan, (1, 1, 32, 32), "returned nan at"),
         (-np.inf, (1, 32, 32), "returned -inf at"),
-        (1.0, (1, 1, 16, 16), r"returned shape \(16, 16\); the left image has \(32, 32\)"),
+        (
+            1.0,
+            (1, 1, 16, 16),
+            r"returned shape \(16, 16\); the left image has \(32, 32\)",
+        ),
         (1.0, (1, 2, 32, 32), r"expected \(1, 1, H, W\)"),
         (1.0, (32,), r"expected \(1, 1, H, W\)"),
     ],
@@ -173,21 +231,36 @@ def test_a_wrong_answer_is_refused(tmp_path, value, shape, message):
 
 
 def test_an_unknown_disparity_is_infinite(tmp_path):
-    found = tm.match(COLOUR, COLOUR, constant_output(tmp_path / "net.onnx", np.inf, (32, 32)))
+    found = tm.match(
+        COLOUR, COLOUR, constant_output(tmp_path / "net.onnx", np.inf, (32, 32))
+    )
     assert np.isposinf(found).all()
 
 
 def test_models_that_are_no_stereo_networks_are_refused(tmp_path):
-    one = save(tmp_path / "one.onnx", [helper.make_node("Identity", ["left"], ["out"])], inputs=("left",))
-    with pytest.raises(InputError, match=r"has 1 inputs; a stereo model has two, left and right; .* sgm:cost=onnx:"):
+    one = save(
+        tmp_path / "one.onnx",
+        [helper.make_node("Identity", ["left"], ["out"])],
+        inputs=("left",),
+    )
+    with pytest.raises(
+        InputError,
+        match=r"has 1 inputs; a stereo model has two, left and right; .* sgm:cost=onnx:",
+    ):
         tm.match(COLOUR, COLOUR, one)
     with pytest.raises(InputError, match="has 4 channels; images have 1 or 3"):
-        tm.match(COLOUR, COLOUR, difference(tmp_path / "four.onnx", shape=(1, 4, "h", "w")))
+        tm.match(
+            COLOUR, COLOUR, difference(tmp_path / "four.onnx", shape=(1, 4, "h", "w"))
+        )
     with pytest.raises(InputError, match=r"expected float \(1, C, H, W\)"):
         tm.match(
             COLOUR,
             COLOUR,
-            save(tmp_path / "flat.onnx", [helper.make_node("Add", ["left", "right"], ["out"])], shape=("h", "w")),
+            save(
+                tmp_path / "flat.onnx",
+                [helper.make_node("Add", ["left", "right"], ["out"])],
+                shape=("h", "w"),
+            ),
         )
 
 
@@ -195,7 +268,10 @@ def test_files_that_are_no_models_are_named(tmp_path):
     (tmp_path / "bad.onnx").write_bytes(b"hello")
     with pytest.raises(FileError, match=r"bad\.onnx: not an ONNX model"):
         tm.match(COLOUR, COLOUR, f"onnx:model={tmp_path / 'bad.onnx'}")
-    for method in (f"onnx:model={tmp_path / 'bad.onnx'}", f"sgm:cost=onnx:{tmp_path / 'bad.onnx'}"):
+    for method in (
+        f"onnx:model={tmp_path / 'bad.onnx'}",
+        f"sgm:cost=onnx:{tmp_path / 'bad.onnx'}",
+    ):
         with pytest.raises(FileError, match=r"bad\.onnx: not an ONNX model"):
             tm.parse_method(method).check_parts()  # before a benchmark starts
     with pytest.raises(FileError, match=r"none\.onnx: No such file"):

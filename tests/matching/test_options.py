@@ -32,4 +32,7 @@ def test_an_even_block_size_suggests_sizes_that_are_allowed():
 
 
 def test_none_switches_an_option_off():
-    assert parse_method("sad:uniqueness=none,texture=none").matcher() == parse_method("sad").matcher()
+    assert (
+        parse_method("sad:uniqueness=none,texture=none").matcher()
+        == parse_method("sad").matcher()
+    )

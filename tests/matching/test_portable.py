@@ -30,14 +30,20 @@ np.save(sys.argv[2], maps)
 @pytest.fixture(scope="module")
 def pair():
     """Shifted texture, partly black or white, next to a wall of one value, where candidates tie."""
-    scene = np.clip(np.random.default_rng(0).normal(128, 120, (2, 9, 90)), 0, 255).astype(np.uint8)
+    scene = np.clip(
+        np.random.default_rng(0).normal(128, 120, (2, 9, 90)), 0, 255
+    ).astype(np.uint8)
     left, right = scene[0, :, 9:79].copy(), scene[0, :, 16:86].copy()
     left[:, 40:], right[:, 35:] = 77, 77
     return np.stack([left, right])
 
 
-@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="names processors of x86-64")
-@pytest.mark.parametrize("processor", ["generic", pytest.param("haswell", marks=pytest.mark.slow)])
+@pytest.mark.skipif(
+    platform.machine() not in ("x86_64", "AMD64"), reason="names processors of x86-64"
+)
+@pytest.mark.parametrize(
+    "processor", ["generic", pytest.param("haswell", marks=pytest.mark.slow)]
+)
 def test_older_processors_choose_the_same(processor, pair, tmp_path):
     given, found = tmp_path / "pair.npy", tmp_path / "maps.npy"
     np.save(given, pair)

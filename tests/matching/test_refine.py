@@ -39,7 +39,9 @@ def test_speckles_are_the_small_components_that_scipy_labels(disparity, size):
         for label in range(1, count + 1):
             if (labels == label).sum() >= size:
                 expected[labels == label] = value
-    np.testing.assert_array_equal(refine.without_speckles(disparity, size, 0.5), expected)
+    np.testing.assert_array_equal(
+        refine.without_speckles(disparity, size, 0.5), expected
+    )
 
 
 @given(disparity=MAPS)
@@ -57,7 +59,11 @@ def test_uniqueness_removes_repetitive_texture():
     tile = rng.integers(0, 256, (12, 6), dtype=np.uint8)
     repeated = np.tile(tile, (1, 8))
     free = rng.integers(0, 256, (12, 48), dtype=np.uint8)
-    for method in ("sad:block_size=3", "zncc:block_size=3", "sad:block_size=3,support=adaptive"):
+    for method in (
+        "sad:block_size=3",
+        "zncc:block_size=3",
+        "sad:block_size=3,support=adaptive",
+    ):
         matcher = tm.parse_method(method).matcher(num_disparities=14, uniqueness=5)
         again = matcher.match(repeated, repeated)
         assert np.isinf(again[2:-2, 14:-2]).all(), method
@@ -67,18 +73,31 @@ def test_uniqueness_removes_repetitive_texture():
 def test_texture_removes_surfaces_without_texture():
     image = np.full((20, 40), 90, np.uint8)
     image[:, :20] = np.random.default_rng(0).integers(0, 256, (20, 20))
-    got = np.isfinite(tm.match(image, image, "sad", block_size=5, num_disparities=4, texture=5))
+    got = np.isfinite(
+        tm.match(image, image, "sad", block_size=5, num_disparities=4, texture=5)
+    )
     assert got[:, :18].all()
     assert not got[:, 24:].any()
 
 
 @pytest.mark.parametrize(
-    "option", [{"uniqueness": 10}, {"texture": 4}, {"lr_check": 1}, {"speckle_size": 30}, {"median": 3}]
+    "option",
+    [
+        {"uniqueness": 10},
+        {"texture": 4},
+        {"lr_check": 1},
+        {"speckle_size": 30},
+        {"median": 3},
+    ],
 )
 def test_no_refinement_but_filling_makes_a_pixel_known(option):
     left, right = np.random.default_rng(1).integers(0, 256, (2, 30, 50), dtype=np.uint8)
-    plain = tm.StereoMatcher(cost="sad", block_size=5, num_disparities=10, min_disparity=3)
+    plain = tm.StereoMatcher(
+        cost="sad", block_size=5, num_disparities=10, min_disparity=3
+    )
     unknown = np.isinf(plain.match(left, right))
     refined = plain.replace(**option).match(left, right)
     assert np.isinf(refined[unknown]).all()
-    assert np.isfinite(plain.replace(**option, fill="background").match(left, right)).all()
+    assert np.isfinite(
+        plain.replace(**option, fill="background").match(left, right)
+    ).all()

@@ -9,7 +9,10 @@ SHIFT = 5
 
 
 @pytest.mark.parametrize("glints_in", ["left", "right"])
-@pytest.mark.parametrize(("method", "glint"), [("sgm:cost=sad,block_size=3", 4.0), ("sgm4:cost=ssd,block_size=3", 2.0)])
+@pytest.mark.parametrize(
+    ("method", "glint"),
+    [("sgm:cost=sad,block_size=3", 4.0), ("sgm4:cost=ssd,block_size=3", 2.0)],
+)
 def test_highlights_in_one_image_do_not_overflow_the_costs(method, glint, glints_in):
     rng = np.random.default_rng(3)
     right = rng.random((40, 80)).astype(np.float32)
@@ -23,4 +26,6 @@ def test_highlights_in_one_image_do_not_overflow_the_costs(method, glint, glints
 
 def test_flat_float_images_do_not_divide_by_zero():
     flat = np.full((12, 30), 0.3, np.float32)
-    assert (match(flat, flat, method="sgm:cost=sad", num_disparities=8)[:, 8:] == 0).all()
+    assert (
+        match(flat, flat, method="sgm:cost=sad", num_disparities=8)[:, 8:] == 0
+    ).all()

@@ -28,7 +28,9 @@ def pairs(draw):
     """Two small images with edges in them, and the first of five candidates."""
     height, width = draw(st.integers(1, 40)), draw(st.integers(1, 12))
     rng = np.random.default_rng(draw(st.integers(0, 2**32)))
-    scene = rng.integers(0, 40, (2, height, width)) + 90 * (np.arange(width) > width // 2)
+    scene = rng.integers(0, 40, (2, height, width)) + 90 * (
+        np.arange(width) > width // 2
+    )
     left, right = scene.astype(np.uint8)
     return left, right, draw(st.integers(-6, 4))
 
@@ -44,17 +46,30 @@ def assert_minimal(volume, disparity, low, tolerance=1e-4):
 
 
 def whole(left, right, cost, low, count=5, **options):
-    return tm.match(left, right, cost, min_disparity=low, num_disparities=count, subpixel="none", threads=1, **options)
+    return tm.match(
+        left,
+        right,
+        cost,
+        min_disparity=low,
+        num_disparities=count,
+        subpixel="none",
+        threads=1,
+        **options,
+    )
 
 
-@pytest.mark.parametrize(("cost", "descriptor"), [("census", 3), ("census", 7), ("census", 9), ("rank", 5)])
+@pytest.mark.parametrize(
+    ("cost", "descriptor"), [("census", 3), ("census", 7), ("census", 9), ("rank", 5)]
+)
 @settings(max_examples=6, deadline=None)
 @given(problem=pairs(), side=st.sampled_from([1, 3]))
 def test_transformed_costs_equal_plain_loops(cost, descriptor, problem, side):
     left, right, low = problem[0][:4], problem[1][:4], problem[2]
     volume = naive_pixel_window_volume(left, right, cost, side, low, 5, descriptor)
     got = whole(left, right, cost, low, block_size=side, census_window=descriptor)
-    np.testing.assert_array_equal(got, np.where(np.isfinite(volume.min(-1)), volume.argmin(-1) + low, np.inf))
+    np.testing.assert_array_equal(
+        got, np.where(np.isfinite(volume.min(-1)), volume.argmin(-1) + low, np.inf)
+    )
 
 
 @settings(max_examples=10, deadline=None)
@@ -62,14 +77,18 @@ def test_transformed_costs_equal_plain_loops(cost, descriptor, problem, side):
 def test_birchfield_tomasi_equals_plain_loops(problem, side):
     left, right, low = problem[0][:4], problem[1][:4], problem[2]
     volume = naive_pixel_window_volume(left, right, "birchfield_tomasi", side, low, 5)
-    assert_minimal(volume, whole(left, right, "birchfield_tomasi", low, block_size=side), low)
+    assert_minimal(
+        volume, whole(left, right, "birchfield_tomasi", low, block_size=side), low
+    )
 
 
 def shiftable(left, right, low):
     volume = naive_volume(left, right, "sad", SIDE, low, 5)
     best = volume.copy()
     for y, x in np.ndindex(left.shape):
-        near = volume[max(0, y - RADIUS) : y + RADIUS + 1, max(0, x - RADIUS) : x + RADIUS + 1]
+        near = volume[
+            max(0, y - RADIUS) : y + RADIUS + 1, max(0, x - RADIUS) : x + RADIUS + 1
+        ]
         best[y, x] = near.min(axis=(0, 1))
     return best
 
@@ -113,7 +132,9 @@ def weighted(left, right, low):
             for h in range(max(-RADIUS, -x), min(RADIUS, width - 1 - x) + 1):
                 near = np.exp(-2 * np.hypot(v - y, h) / 12.0)
                 ours = abs(int(left[y, x]) - int(left[v, x + h]))
-                theirs = abs(int(right[y, u]) - int(right[v, np.clip(u + h, 0, width - 1)]))
+                theirs = abs(
+                    int(right[y, u]) - int(right[v, np.clip(u + h, 0, width - 1)])
+                )
                 weight = near * np.exp(-(ours + theirs) / 12.0)
                 top, bottom = top + weight * costs[v, x + h, i], bottom + weight
         volume[y, x, i] = top / bottom
@@ -123,7 +144,9 @@ def weighted(left, right, low):
 def box_mean(values):
     out = np.empty_like(values)
     for y, x in np.ndindex(values.shape[:2]):
-        near = values[max(0, y - RADIUS) : y + RADIUS + 1, max(0, x - RADIUS) : x + RADIUS + 1]
+        near = values[
+            max(0, y - RADIUS) : y + RADIUS + 1, max(0, x - RADIUS) : x + RADIUS + 1
+        ]
         out[y, x] = near.mean(axis=(0, 1))
     return out
 
@@ -150,7 +173,9 @@ def test_every_support_equals_plain_loops(support, problem):
     left, right, low = problem
     volume = REFERENCES[support](left, right, low)
     volume[~is_candidate(left.shape, low, 5)] = np.inf
-    assert_minimal(volume, whole(left, right, "sad", low, support=support, block_size=SIDE), low)
+    assert_minimal(
+        volume, whole(left, right, "sad", low, support=support, block_size=SIDE), low
+    )
 
 
 def test_sums_over_crosses_are_exact_where_prefix_sums_wrap_around():
@@ -162,8 +187,12 @@ def test_sums_over_crosses_are_exact_where_prefix_sums_wrap_around():
 
 @pytest.mark.parametrize("support", SUPPORTS)
 @pytest.mark.parametrize("cost", COSTS)
-def test_every_cost_with_every_support_finds_a_shift_or_is_refused_with_the_reason(cost, support):
-    scene = ndimage.gaussian_filter(np.random.default_rng(4).normal(128, 200, (20, 60)), 1.0)
+def test_every_cost_with_every_support_finds_a_shift_or_is_refused_with_the_reason(
+    cost, support
+):
+    scene = ndimage.gaussian_filter(
+        np.random.default_rng(4).normal(128, 200, (20, 60)), 1.0
+    )
     scene = np.clip(scene, 0, 255).astype(np.uint8)
     left, right = scene[:, 4:54], scene[:, 7:57]
     if SUPPORTS[support].pixelwise and COSTS[cost].scoring != "sum":
@@ -171,7 +200,15 @@ def test_every_cost_with_every_support_finds_a_shift_or_is_refused_with_the_reas
             tm.match(left, right, cost, support=support)
         return
     for optimisation in ("wta", "sgm8"):
-        got = tm.match(left, right, cost, support=support, block_size=5, num_disparities=8, optimisation=optimisation)
+        got = tm.match(
+            left,
+            right,
+            cost,
+            support=support,
+            block_size=5,
+            num_disparities=8,
+            optimisation=optimisation,
+        )
         assert np.mean(np.abs(got[4:-4, 12:-4] - 3) < 0.5) > 0.85, optimisation
 
 
@@ -180,14 +217,22 @@ def test_every_cost_with_every_support_finds_a_shift_or_is_refused_with_the_reas
 @pytest.mark.parametrize("paths", [4, 8])
 def test_path_costs_equal_paths_followed_one_by_one(depth, paths, large):
     costs = np.random.default_rng(depth).integers(0, 60, (5, 110, depth))
-    ways = [(0, -1), (0, 1), (-1, 0), (1, 0), (-1, -1), (1, 1), (-1, 1), (1, -1)][:paths]
+    ways = [(0, -1), (0, 1), (-1, 0), (1, 0), (-1, -1), (1, 1), (-1, 1), (1, -1)][
+        :paths
+    ]
     total = naive_paths(costs, ways, 7, large).astype(float)
     total[~is_candidate((5, 110), 0, depth)] = np.inf
     penalties = Penalties(7, large, 60)
     volume = costs.astype(penalties.dtype)
-    got = Sweeps(lambda start, stop: volume[start:stop], costs.shape, paths, penalties, 0, depth, "none").winners(
-        2, rivals=True
-    )
+    got = Sweeps(
+        lambda start, stop: volume[start:stop],
+        costs.shape,
+        paths,
+        penalties,
+        0,
+        depth,
+        "none",
+    ).winners(2, rivals=True)
     near = np.abs(np.arange(depth) - total.argmin(-1)[..., None]) < 2
     np.testing.assert_array_equal(got.disparity, total.argmin(-1))
     np.testing.assert_array_equal(got.cost, total.min(-1))
@@ -197,22 +242,51 @@ def test_path_costs_equal_paths_followed_one_by_one(depth, paths, large):
 @pytest.mark.parametrize("paths", [4, 8])
 @pytest.mark.parametrize("low", [-3, 2])
 def test_semi_global_matching_of_census_equals_its_formula(paths, low):
-    left, right = np.random.default_rng(paths).integers(0, 256, (2, 6, 14), dtype=np.uint8)
+    left, right = np.random.default_rng(paths).integers(
+        0, 256, (2, 6, 14), dtype=np.uint8
+    )
     volume = naive_pixel_window_volume(left, right, "census", 1, low, 7, 5)
     candidate = np.isfinite(volume)
     # The lanes beyond the range are as costly as a candidate without a partner.
-    costs = np.pad(np.where(candidate, volume, 24).astype(int), ((0, 0), (0, 0), (0, 9)), constant_values=24)
+    costs = np.pad(
+        np.where(candidate, volume, 24).astype(int),
+        ((0, 0), (0, 0), (0, 9)),
+        constant_values=24,
+    )
     small, large = round(0.2 * 24), round(0.9 * 24)
-    ways = [(0, -1), (0, 1), (-1, 0), (1, 0), (-1, -1), (1, 1), (-1, 1), (1, -1)][:paths]
+    ways = [(0, -1), (0, 1), (-1, 0), (1, 0), (-1, -1), (1, 1), (-1, 1), (1, -1)][
+        :paths
+    ]
     total = np.where(candidate, naive_paths(costs, ways, small, large)[..., :7], np.inf)
     got = whole(
-        left, right, "census", low, 7, block_size=1, census_window=5, optimisation=f"sgm{paths}", p1=0.2, p2=0.9
+        left,
+        right,
+        "census",
+        low,
+        7,
+        block_size=1,
+        census_window=5,
+        optimisation=f"sgm{paths}",
+        p1=0.2,
+        p2=0.9,
     )
-    np.testing.assert_array_equal(got, np.where(candidate.any(-1), total.argmin(-1) + low, np.inf))
+    np.testing.assert_array_equal(
+        got, np.where(candidate.any(-1), total.argmin(-1) + low, np.inf)
+    )
 
 
 @pytest.mark.parametrize(
-    "method", ["census", "rank", "cross", "guided", "adaptive", "sgm", "birchfield_tomasi", "zsad"]
+    "method",
+    [
+        "census",
+        "rank",
+        "cross",
+        "guided",
+        "adaptive",
+        "sgm",
+        "birchfield_tomasi",
+        "zsad",
+    ],
 )
 @pytest.mark.parametrize("dtype", ["uint16", "float32"])
 def test_wide_and_float_images_are_matched_and_threads_change_nothing(method, dtype):
@@ -227,8 +301,12 @@ def test_wide_and_float_images_are_matched_and_threads_change_nothing(method, dt
 @pytest.mark.parametrize("method", ["cross", "adaptive", "sgm", "shiftable", "census"])
 def test_degenerate_images_are_answered(method):
     flat = np.full((3, 4), 255, np.uint8)
-    got = tm.match(flat, flat, method, num_disparities=100, min_disparity=-50, block_size=15)
+    got = tm.match(
+        flat, flat, method, num_disparities=100, min_disparity=-50, block_size=15
+    )
     assert np.isfinite(got).all()
     dot = np.zeros((1, 1), np.uint8)
     assert tm.match(dot, dot, method, num_disparities=3)[0, 0] == 0
-    assert np.isinf(tm.match(dot, dot, method, num_disparities=3, min_disparity=1)[0, 0])
+    assert np.isinf(
+        tm.match(dot, dot, method, num_disparities=3, min_disparity=1)[0, 0]
+    )

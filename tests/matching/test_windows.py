@@ -3,22 +3,38 @@
 import numpy as np
 import pytest
 
-from twinlens.matching.kernels.windows import DEVIATIONS, NORMS, TOTALS, window_statistics
+from twinlens.matching.kernels.windows import (
+    DEVIATIONS,
+    NORMS,
+    TOTALS,
+    window_statistics,
+)
 
 
 @pytest.mark.parametrize("side", [1, 3, 9, 21])
 @pytest.mark.parametrize("mode", [TOTALS, DEVIATIONS, NORMS])
-@pytest.mark.parametrize(("dtype", "kind"), [(np.uint8, np.float64), (np.uint8, np.int32), (np.uint16, np.int64)])
+@pytest.mark.parametrize(
+    ("dtype", "kind"),
+    [(np.uint8, np.float64), (np.uint8, np.int32), (np.uint16, np.int64)],
+)
 def test_statistics_are_those_of_each_window(side, mode, dtype, kind):
     if kind == np.int32 and side == 21:
         return  # its sums do not fit: see costs.numbers
-    image = np.random.default_rng(side).integers(0, np.iinfo(dtype).max, (side + 4, side + 6)).astype(dtype)
+    image = (
+        np.random.default_rng(side)
+        .integers(0, np.iinfo(dtype).max, (side + 4, side + 6))
+        .astype(dtype)
+    )
     totals, scales = np.empty((5, 7), kind), np.empty((5, 7))
     window_statistics(image, side, mode, totals, scales)
-    windows = np.lib.stride_tricks.sliding_window_view(image.astype(np.int64), (side, side))
+    windows = np.lib.stride_tricks.sliding_window_view(
+        image.astype(np.int64), (side, side)
+    )
     sums, squares = windows.sum((-1, -2)), (windows**2).sum((-1, -2))
     np.testing.assert_array_equal(totals, sums)
-    roots = {TOTALS: None, DEVIATIONS: side**2 * squares - sums**2, NORMS: squares}[mode]
+    roots = {TOTALS: None, DEVIATIONS: side**2 * squares - sums**2, NORMS: squares}[
+        mode
+    ]
     with np.errstate(divide="ignore"):
         expected = sums if roots is None else np.where(roots > 0, roots, np.inf) ** -0.5
     np.testing.assert_allclose(scales, expected, rtol=1e-12)

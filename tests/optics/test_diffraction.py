@@ -21,7 +21,12 @@ SHARP = ThinLens(CAMERA.film_distance / 16, focus_distance=1.0)
 def airy(x: float, y: float, wavelength: float, f_number: float) -> float:
     """Irradiance, W/m^2, of a point light of one watt."""
     t = math.pi * math.hypot(x, y) / (wavelength * f_number)
-    return math.pi / 4 / (wavelength * f_number) ** 2 * ((2 * j1(t) / t) ** 2 if t else 1.0)
+    return (
+        math.pi
+        / 4
+        / (wavelength * f_number) ** 2
+        * ((2 * j1(t) / t) ** 2 if t else 1.0)
+    )
 
 
 @pytest.mark.parametrize("pitch", [(2e-6, 2e-6), (6e-6, 4e-6)])
@@ -67,7 +72,9 @@ def test_first_dark_ring_measured_on_the_kernel(wavelength, f_number):
     """The first minimum of the central row is at 1.22 lambda N within 2%."""
     pitch = wavelength * f_number / 100
     row = df.airy_kernel((pitch, pitch), wavelength, f_number, 200)[200, 200:]
-    assert argrelmin(row)[0][0] * pitch == pytest.approx(1.22 * wavelength * f_number, rel=0.02)
+    assert argrelmin(row)[0][0] * pitch == pytest.approx(
+        1.22 * wavelength * f_number, rel=0.02
+    )
 
 
 def test_encircled_energy_equals_rayleighs():
@@ -84,11 +91,16 @@ def test_a_point_of_light_gives_the_kernel_of_each_colour():
     widths = []
     for c, wavelength in enumerate(df.CHANNEL_WAVELENGTHS):
         kernel = df.airy_kernel(
-            (3e-6, 3e-6), wavelength, 16.0, min(df.kernel_radius_px((3e-6, 3e-6), wavelength, 16), 64)
+            (3e-6, 3e-6),
+            wavelength,
+            16.0,
+            min(df.kernel_radius_px((3e-6, 3e-6), wavelength, 16), 64),
         )
         middle = len(kernel) // 2
         assert blurred[20:29, 28:37, c] == pytest.approx(
-            kernel[middle - 4 : middle + 5, middle - 4 : middle + 5] * (c + 1), rel=0.01, abs=1e-5
+            kernel[middle - 4 : middle + 5, middle - 4 : middle + 5] * (c + 1),
+            rel=0.01,
+            abs=1e-5,
         )
         widths.append(1 / kernel.max())
     assert widths == sorted(widths, reverse=True)
@@ -97,9 +109,14 @@ def test_a_point_of_light_gives_the_kernel_of_each_colour():
 def test_diffraction_conserves_light():
     """With reflection at the borders a uniform image does not change, and every image keeps its sum."""
     image = np.random.default_rng(0).random((48, 64, 3)).astype(np.float32)
-    light, kept = (picture.sum(axis=(0, 1), dtype=float) for picture in (image, diffract(image, CAMERA, SHARP)))
+    light, kept = (
+        picture.sum(axis=(0, 1), dtype=float)
+        for picture in (image, diffract(image, CAMERA, SHARP))
+    )
     assert kept == pytest.approx(light, rel=1e-6)
-    assert diffract(np.full_like(image, 0.7), CAMERA, SHARP) == pytest.approx(0.7, rel=1e-6)
+    assert diffract(np.full_like(image, 0.7), CAMERA, SHARP) == pytest.approx(
+        0.7, rel=1e-6
+    )
 
 
 def test_diffraction_is_negligible_for_a_wide_lens_and_large_pixels():
@@ -125,15 +142,23 @@ def true_and_modelled_pattern(n: float) -> tuple[np.ndarray, np.ndarray, float]:
     line = np.linspace(-reach, reach, 501)
     r = np.hypot(*np.meshgrid(line, line))
     radii = np.linspace(0, r.max(), 3000)
-    field = (np.exp(1j * np.pi * n * s**2) * s * w) @ j0(2 * np.pi * n * np.outer(s, radii))
+    field = (np.exp(1j * np.pi * n * s**2) * s * w) @ j0(
+        2 * np.pi * n * np.outer(s, radii)
+    )
     true = np.interp(r, radii, np.abs(2 * np.pi * n * field) ** 2 / np.pi)
     x = 2 * np.pi * n * np.maximum(r, 1e-9)
     step = line[1] - line[0]
     disk = np.clip((1 - r) / step + 0.5, 0, 1) / np.pi
-    return true, fftconvolve(disk, (2 * j1(x) / x) ** 2 * np.pi * n**2, mode="same") * step**2, step**2
+    return (
+        true,
+        fftconvolve(disk, (2 * j1(x) / x) ** 2 * np.pi * n**2, mode="same") * step**2,
+        step**2,
+    )
 
 
-@pytest.mark.parametrize(("n", "share"), [(0.1, 0.03), (0.2, 0.09), (0.5, 0.28), (1.0, 0.24), (5.0, 0.19)])
+@pytest.mark.parametrize(
+    ("n", "share"), [(0.1, 0.03), (0.2, 0.09), (0.5, 0.28), (1.0, 0.24), (5.0, 0.19)]
+)
 def test_the_share_of_misplaced_light_is_as_documented(n, share):
     true, modelled, area = true_and_modelled_pattern(n)
     assert 0.5 * np.abs(true - modelled).sum() * area == pytest.approx(share, abs=0.012)
@@ -144,7 +169,9 @@ def test_the_true_peak_of_the_sharpest_pinhole():
     assert true[250, 250] / modelled[250, 250] == pytest.approx(4.4, abs=0.1)
 
 
-@pytest.mark.parametrize(("number", "warns"), [(0.1, False), (1.0, True), (30.0, True), (200.0, False)])
+@pytest.mark.parametrize(
+    ("number", "warns"), [(0.1, False), (1.0, True), (30.0, True), (200.0, False)]
+)
 def test_a_bare_aperture_warns_at_intermediate_fresnel_numbers(number, warns):
     hole = BareAperture(2 * math.sqrt(number * 549e-9 * 0.05), 0.05)
     assert df.fresnel_number(hole.diameter, 549e-9, 0.05) == pytest.approx(number)
@@ -197,7 +224,16 @@ def test_invalid_kernel_sizes_raise(radius):
 
 
 @pytest.mark.parametrize(
-    "wavelengths", [(5e-7, 5e-7), (5e-7,) * 4, (5e-7, math.nan, 5e-7), (5e-7, 0.0, 5e-7), (1, 2, math.inf), 5e-7, None]
+    "wavelengths",
+    [
+        (5e-7, 5e-7),
+        (5e-7,) * 4,
+        (5e-7, math.nan, 5e-7),
+        (5e-7, 0.0, 5e-7),
+        (1, 2, math.inf),
+        5e-7,
+        None,
+    ],
 )
 def test_invalid_wavelengths_raise(wavelengths):
     with pytest.raises(InputError, match="three positive numbers of metres") as refusal:

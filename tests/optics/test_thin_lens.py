@@ -26,7 +26,9 @@ def test_depth_of_field_equals_the_textbook(f, n, s, c_px):
     c = c_px * pitch
     hyperfocal = f * f / (n * c) + f
     near, far = optics.depth_of_field(f / n, fx=v / pitch, k=1 / s, circle_px=c_px)
-    assert near == pytest.approx(s * (hyperfocal - f) / (hyperfocal + s - 2 * f), rel=1e-9)
+    assert near == pytest.approx(
+        s * (hyperfocal - f) / (hyperfocal + s - 2 * f), rel=1e-9
+    )
     if s < hyperfocal * (1 - 1e-9):
         assert far == pytest.approx(s * (hyperfocal - f) / (hyperfocal - s), rel=1e-6)
     elif s > hyperfocal * (1 + 1e-9):
@@ -39,7 +41,9 @@ def test_hyperfocal_distance_equals_the_textbook(f, n, c_px):
     pitch = 5e-6
     hyperfocal = f * f / (n * c_px * pitch) + f
     v = f * hyperfocal / (hyperfocal - f)
-    assert optics.hyperfocal_distance(f / n, v / pitch, c_px) == pytest.approx(hyperfocal, rel=1e-9)
+    assert optics.hyperfocal_distance(f / n, v / pitch, c_px) == pytest.approx(
+        hyperfocal, rel=1e-9
+    )
 
 
 @given(st.floats(1e-4, 0.05), st.floats(100, 5000), pixels)
@@ -55,11 +59,19 @@ def test_blur_at_the_limits_is_the_circle(a, fx, k, c_px):
     limits = optics.depth_of_field(a, fx, k, c_px)
     for depth, sign in zip(limits, (1, -1), strict=True):
         if depth < math.inf:
-            assert optics.circle_of_confusion_px(depth, a, fx, k) == pytest.approx(sign * c_px, rel=1e-6)
+            assert optics.circle_of_confusion_px(depth, a, fx, k) == pytest.approx(
+                sign * c_px, rel=1e-6
+            )
     assert limits[0] <= limits[1]
 
 
-@given(st.floats(1e-4, 0.05), st.floats(100, 5000), st.floats(-20.0, 5.0), pixels, st.floats(1e-3, 1e3))
+@given(
+    st.floats(1e-4, 0.05),
+    st.floats(100, 5000),
+    st.floats(-20.0, 5.0),
+    pixels,
+    st.floats(1e-3, 1e3),
+)
 def test_in_focus_is_true_between_the_limits(a, fx, k, c_px, z):
     near, far = optics.depth_of_field(a, fx, k, c_px)
     if min(abs(z / near - 1), abs(z / far - 1)) > 1e-9:
@@ -70,13 +82,19 @@ def test_in_focus_in_limiting_cases():
     """A pinhole, infinite depth, and a bare aperture."""
     depths = np.array([[0.1, 1.0], [100.0, np.inf]])
     assert optics.in_focus(depths, 0.0, 700, 0.5).all()
-    assert optics.in_focus(depths, 0.01, 700, 0.0).tolist() == [[False, False], [True, True]]
+    assert optics.in_focus(depths, 0.01, 700, 0.0).tolist() == [
+        [False, False],
+        [True, True],
+    ]
     assert not optics.in_focus(depths, 0.01, 700, -20.0).any()
 
 
 def test_depth_of_field_in_limiting_cases():
     assert optics.depth_of_field(0.0, 700, 0.5) == (0.0, math.inf)
-    assert optics.depth_of_field(0.01, 700, k=-20.0) == (math.inf, math.inf)  # an open box: nothing is sharp
+    assert optics.depth_of_field(0.01, 700, k=-20.0) == (
+        math.inf,
+        math.inf,
+    )  # an open box: nothing is sharp
     near, far = optics.depth_of_field(0.01, 700, k=0.0)
     assert (near, far) == (7.0, math.inf)
 
@@ -85,16 +103,22 @@ def test_depth_of_field_in_limiting_cases():
 def test_blur_equals_traced_rays(f):
     """Rays through the two edges of the aperture, deflected by -y/f and traced to the film."""
     v, a, z, fx = 0.06, 0.012, 0.8, 1200.0
-    landings = [y + v * (y / z - y / f) for y in (-a / 2, a / 2)]  # paraxial: slope from the point, then the bend
+    landings = [
+        y + v * (y / z - y / f) for y in (-a / 2, a / 2)
+    ]  # paraxial: slope from the point, then the bend
     spread_px = (landings[1] - landings[0]) * fx / v
     k = optics.vergence(0.0 if f == math.inf else 1 / f, v)
-    assert optics.circle_of_confusion_px(z, a, fx, k) == pytest.approx(spread_px, rel=1e-12)
+    assert optics.circle_of_confusion_px(z, a, fx, k) == pytest.approx(
+        spread_px, rel=1e-12
+    )
 
 
 @given(st.floats(0.05, 100.0), st.floats(0.001, 0.3))
 def test_focal_length_obeys_the_thin_lens_equation(s, v):
     assert 1 / optics.focal_length(s, v) == pytest.approx(1 / s + 1 / v)
-    assert optics.vergence(1 / optics.focal_length(s, v), v) == pytest.approx(1 / s, abs=1e-9 / v)
+    assert optics.vergence(1 / optics.focal_length(s, v), v) == pytest.approx(
+        1 / s, abs=1e-9 / v
+    )
     assert optics.focal_length(math.inf, v) == pytest.approx(v)
 
 
@@ -103,12 +127,16 @@ def test_blur_is_linear_in_disparity():
     fx, a, b, focus = 700.0, 0.02, 0.12, 1.5
     z = np.linspace(0.4, 20, 50)
     disparity, at_focus = fx * b / z, fx * b / focus
-    assert optics.circle_of_confusion_px(z, a, fx, 1 / focus) == pytest.approx(a / b * (disparity - at_focus))
+    assert optics.circle_of_confusion_px(z, a, fx, 1 / focus) == pytest.approx(
+        a / b * (disparity - at_focus)
+    )
 
 
 def test_film_distance_and_fov_of_a_full_frame_camera():
     """36 mm of film at 50 mm: 39.6 degrees."""
-    camera = Camera.from_fov(6000, 4000, fov_x_deg=math.degrees(2 * math.atan(18 / 50)), pixel_pitch_um=6.0)
+    camera = Camera.from_fov(
+        6000, 4000, fov_x_deg=math.degrees(2 * math.atan(18 / 50)), pixel_pitch_um=6.0
+    )
     assert camera.film_distance == pytest.approx(0.05)
     assert camera.fov_x_deg == pytest.approx(39.6, abs=0.01)
 
@@ -130,7 +158,9 @@ def test_invalid_circles_raise(circle):
 
 
 INVALID_APERTURES = {
-    "aperture_diameter": [{"aperture_diameter": a} for a in (-0.01, math.nan, math.inf, "wide", None)],
+    "aperture_diameter": [
+        {"aperture_diameter": a} for a in (-0.01, math.nan, math.inf, "wide", None)
+    ],
     "fx": [{"fx": fx} for fx in (0.0, -700.0, math.nan, math.inf, "700")],
     "k": [{"k": k} for k in (math.nan, math.inf, None)],
 }
@@ -138,15 +168,26 @@ INVALID_APERTURES = {
 
 @pytest.mark.parametrize(
     ("named", "change"),
-    [(named, change) for named, changes in INVALID_APERTURES.items() for change in changes],
+    [
+        (named, change)
+        for named, changes in INVALID_APERTURES.items()
+        for change in changes
+    ],
     ids=str,
 )
 def test_invalid_apertures_raise(named, change):
     aperture = {"aperture_diameter": 0.01, "fx": 700.0, "k": 0.5} | change
-    calls = [lambda: optics.circle_of_confusion_px(1.0, **aperture), lambda: optics.depth_of_field(**aperture)]
+    calls = [
+        lambda: optics.circle_of_confusion_px(1.0, **aperture),
+        lambda: optics.depth_of_field(**aperture),
+    ]
     calls.append(lambda: optics.in_focus([1.0, 2.0], **aperture))
     if named != "k":
-        calls.append(lambda: optics.hyperfocal_distance(aperture["aperture_diameter"], aperture["fx"]))
+        calls.append(
+            lambda: optics.hyperfocal_distance(
+                aperture["aperture_diameter"], aperture["fx"]
+            )
+        )
     for call in calls:
         with pytest.raises(InputError, match=f"^{named} must be") as refusal:
             call()

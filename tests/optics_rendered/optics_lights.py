@@ -6,7 +6,9 @@ import twinlens as tl
 from twinlens.scenes import Scene, SceneObject
 
 BLACK = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
-FACING = np.diag([1.0, -1.0, -1.0, 1.0])  # Mitsuba's flat shapes look along +z: turned towards the camera
+FACING = np.diag(
+    [1.0, -1.0, -1.0, 1.0]
+)  # Mitsuba's flat shapes look along +z: turned towards the camera
 HERE = np.eye(4)
 
 
@@ -18,18 +20,39 @@ def lamps(places, radius, radiance=1.0) -> Scene:
         pose = FACING @ np.diag([radius, radius, 1.0, 1.0])
         pose[:3, 3] = place
         objects.append(SceneObject(f"lamp {i}", {"type": "disk"}, "black", pose, light))
-    return Scene("lamps", tuple(objects), {"black": BLACK}, HERE, (0.2, 20.0), {}, {"type": "path", "max_depth": 2})
+    return Scene(
+        "lamps",
+        tuple(objects),
+        {"black": BLACK},
+        HERE,
+        (0.2, 20.0),
+        {},
+        {"type": "path", "max_depth": 2},
+    )
 
 
 def sky(radiance=1.0) -> Scene:
     """A uniform sky."""
-    lights = {"sky": {"type": "constant", "radiance": {"type": "rgb", "value": radiance}}}
-    return Scene("sky", (), {"black": BLACK}, HERE, (0.2, 20.0), lights, {"type": "path", "max_depth": 2})
+    lights = {
+        "sky": {"type": "constant", "radiance": {"type": "rgb", "value": radiance}}
+    }
+    return Scene(
+        "sky",
+        (),
+        {"black": BLACK},
+        HERE,
+        (0.2, 20.0),
+        lights,
+        {"type": "path", "max_depth": 2},
+    )
 
 
 def chequered_room() -> Scene:
     """A tilted chequered card and a ball before a chequered wall, under a sky and a small lamp."""
-    check = {"type": "diffuse", "reflectance": {"type": "checkerboard", "to_uv": np.diag([9.0, 9.0, 1.0, 1.0])}}
+    check = {
+        "type": "diffuse",
+        "reflectance": {"type": "checkerboard", "to_uv": np.diag([9.0, 9.0, 1.0, 1.0])},
+    }
     wall = FACING @ np.diag([3.0, 3.0, 1.0, 1.0])
     wall[2, 3] = 5.0
     tilt = np.array([[0.8, 0, 0.6, 0], [0, 1, 0, 0], [-0.6, 0, 0.8, 0], [0, 0, 0, 1.0]])
@@ -48,7 +71,15 @@ def chequered_room() -> Scene:
     )
     lights = {"sky": {"type": "constant", "radiance": {"type": "rgb", "value": 0.4}}}
     materials = {"check": check, "chalk": {"type": "diffuse"}, "black": BLACK}
-    return Scene("room", objects, materials, HERE, (1.0, 6.0), lights, {"type": "path", "max_depth": 5})
+    return Scene(
+        "room",
+        objects,
+        materials,
+        HERE,
+        (1.0, 6.0),
+        lights,
+        {"type": "path", "max_depth": 5},
+    )
 
 
 def square_camera(side: int, fx: float, **changes) -> tl.Camera:

@@ -8,7 +8,14 @@ import pytest
 import twinlens as tl
 from twinlens.studies.stage import centred_camera, noise_planes
 
-CAMERA, DEPTH, APERTURE, SIGMA, SIDE, RIM = centred_camera(64, 48, 200.0), 1.9, 0.03, 0.05, 9, 12
+CAMERA, DEPTH, APERTURE, SIGMA, SIDE, RIM = (
+    centred_camera(64, 48, 200.0),
+    1.9,
+    0.03,
+    0.05,
+    9,
+    12,
+)
 RIG = tl.Rig([CAMERA], [np.eye(4)])
 STACK = [tl.ThinLens(APERTURE, 1 / k) for k in (0.2, 0.36, 0.52, 0.68, 0.84)]
 
@@ -25,7 +32,9 @@ def plane():
 
 
 def noisy(image, seed):
-    return image / image.mean() + SIGMA * np.random.default_rng(seed).standard_normal(image.shape)
+    return image / image.mean() + SIGMA * np.random.default_rng(seed).standard_normal(
+        image.shape
+    )
 
 
 def samples(lens, parts=None):
@@ -35,20 +44,31 @@ def samples(lens, parts=None):
 
 def ratio(found, sharp, apertures):
     """The rms error of 1/z over its bound."""
-    bound = tl.inverse_depth_bound(sharp / sharp.mean(), apertures, CAMERA.fx, 1 / DEPTH, SIGMA, block_size=SIDE)
+    bound = tl.inverse_depth_bound(
+        sharp / sharp.mean(), apertures, CAMERA.fx, 1 / DEPTH, SIGMA, block_size=SIDE
+    )
     return math.sqrt(np.mean(((found - 1 / DEPTH) / bound)[RIM:-RIM, RIM:-RIM] ** 2))
 
 
 def test_a_focal_stack_is_near_its_bound(plane):
     scene, sharp = plane
-    stack = [noisy(grey(tl.render(scene, RIG, lens, 512, 10 + k)[0]), k) for k, lens in enumerate(STACK)]
+    stack = [
+        noisy(grey(tl.render(scene, RIG, lens, 512, 10 + k)[0]), k)
+        for k, lens in enumerate(STACK)
+    ]
     apertures = [samples(lens)[0] for lens in STACK]
-    found = tl.inverse_depth_from_defocus(stack, apertures, CAMERA.fx, 1.1, 10.0, steps=24, block_size=SIDE)
+    found = tl.inverse_depth_from_defocus(
+        stack, apertures, CAMERA.fx, 1.1, 10.0, steps=24, block_size=SIDE
+    )
     assert ratio(found, sharp, apertures) < 1.5
     vergences = [lens.vergence for lens in STACK]
-    sharpest = tl.inverse_depth_from_focus(stack, vergences, block_size=SIDE, neighbours=2)
+    sharpest = tl.inverse_depth_from_focus(
+        stack, vergences, block_size=SIDE, neighbours=2
+    )
     quarter_step = 0.25 * (vergences[1] - vergences[0])
-    assert np.median(sharpest[RIM:-RIM, RIM:-RIM]) == pytest.approx(1 / DEPTH, abs=quarter_step)
+    assert np.median(sharpest[RIM:-RIM, RIM:-RIM]) == pytest.approx(
+        1 / DEPTH, abs=quarter_step
+    )
 
 
 @pytest.mark.slow
@@ -58,5 +78,7 @@ def test_dual_pixels_are_near_their_bound(plane):
     halves = tl.render(scene, RIG, lens, spp=512, seed=3, parts=tl.Dual())[0]
     images = [noisy(grey(half), 20 + k) for k, half in enumerate(halves)]
     apertures = samples(lens, tl.Dual())
-    found = tl.inverse_depth_from_defocus(images, apertures, CAMERA.fx, 1.1, 10.0, steps=32, block_size=SIDE)
+    found = tl.inverse_depth_from_defocus(
+        images, apertures, CAMERA.fx, 1.1, 10.0, steps=32, block_size=SIDE
+    )
     assert ratio(found, sharp, apertures) < 1.5

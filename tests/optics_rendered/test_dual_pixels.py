@@ -26,10 +26,20 @@ def slanted_plane() -> tl.Scene:
     texture = np.float32(noise_texture(720, 720, 2.5, 0.5, 3))
     light = {"type": "area", "radiance": Bitmap(texture)}
     plane = SceneObject("plane", {"type": "rectangle"}, "black", pose, light)
-    return Scene("plane", (plane,), {"black": BLACK}, HERE, (0.5, 2.0), {}, {"type": "path", "max_depth": 2})
+    return Scene(
+        "plane",
+        (plane,),
+        {"black": BLACK},
+        HERE,
+        (0.5, 2.0),
+        {},
+        {"type": "path", "max_depth": 2},
+    )
 
 
-def measured_disparity(halves: np.ndarray, row: int, column: int, across: float, slant: np.ndarray) -> float:
+def measured_disparity(
+    halves: np.ndarray, row: int, column: int, across: float, slant: np.ndarray
+) -> float:
     """The shift along x between the halves around a pixel: the slope of the phase of the cross spectrum of two windows.
 
     The windows follow the shift, by half of it each, and `slant`, its change per row and column. Only low frequencies
@@ -39,14 +49,31 @@ def measured_disparity(halves: np.ndarray, row: int, column: int, across: float,
     v, u = np.mgrid[:SIDE, :SIDE] - 0.5 * (SIDE - 1)
     taper = np.outer(np.hanning(SIDE + 2)[1:-1], np.hanning(SIDE + 2)[1:-1])
     omega, other = np.meshgrid(*2 * [2 * np.pi * np.fft.fftfreq(SIDE)])
-    used = (omega > 0) & (0.5 * across * omega < 1.8) & (omega < 1.2) & (np.abs(other) < 1.5 * 2 * np.pi / SIDE)
+    used = (
+        (omega > 0)
+        & (0.5 * across * omega < 1.8)
+        & (omega < 1.2)
+        & (np.abs(other) < 1.5 * 2 * np.pi / SIDE)
+    )
     shift = 0.0
     for _ in range(8):
-        places = [(row + v, column + u + side * (shift + slant[0] * v + slant[1] * u) / 2) for side in (1, -1)]
-        windows = [map_coordinates(half, place, order=3) for half, place in zip(halves, places, strict=True)]
-        first, second = (np.fft.fft2(taper * (each / np.average(each, weights=taper) - 1)) for each in windows)
+        places = [
+            (row + v, column + u + side * (shift + slant[0] * v + slant[1] * u) / 2)
+            for side in (1, -1)
+        ]
+        windows = [
+            map_coordinates(half, place, order=3)
+            for half, place in zip(halves, places, strict=True)
+        ]
+        first, second = (
+            np.fft.fft2(taper * (each / np.average(each, weights=taper) - 1))
+            for each in windows
+        )
         cross = (first * second.conj())[used]
-        shift -= float((np.abs(cross) * omega[used] * np.angle(cross)).sum() / (np.abs(cross) * omega[used] ** 2).sum())
+        shift -= float(
+            (np.abs(cross) * omega[used] * np.angle(cross)).sum()
+            / (np.abs(cross) * omega[used] ** 2).sum()
+        )
     return shift
 
 
@@ -59,14 +86,20 @@ def test_disparity_on_a_slanted_plane_follows_the_law(axis):
     halves = np.stack([grey(image) for image in images])
     if axis == "y":
         law, halves = law.T, halves.transpose(0, 2, 1)
-    rows, columns = np.mgrid[24 : law.shape[0] - 23 : 12, 28 : law.shape[1] - 27 : 12].reshape(2, -1)
+    rows, columns = np.mgrid[
+        24 : law.shape[0] - 23 : 12, 28 : law.shape[1] - 27 : 12
+    ].reshape(2, -1)
     expected = law[rows, columns]
     circle = np.abs(expected) * 3 * math.pi / 4
     slant = np.zeros(2)
     for _ in range(3):
         places = zip(rows, columns, circle, strict=True)
-        measured = np.array([measured_disparity(halves, *place, slant) for place in places])
-        slant = np.linalg.lstsq(np.stack([rows, columns, np.ones(len(rows))], axis=1), measured)[0][:2]
+        measured = np.array(
+            [measured_disparity(halves, *place, slant) for place in places]
+        )
+        slant = np.linalg.lstsq(
+            np.stack([rows, columns, np.ones(len(rows))], axis=1), measured
+        )[0][:2]
     assert expected[circle > 2].min() < -2
     assert expected[circle > 2].max() > 2
     np.testing.assert_allclose(measured[circle > 2], expected[circle > 2], rtol=0.02)
@@ -92,7 +125,9 @@ def test_disparity_where_nothing_was_hit_is_unknown():
 
 def test_disparity_along_y_has_the_focal_length_along_y():
     camera, depth = CAMERA.replace(fy=300.0), np.array([[0.5]])
-    across, down = (tl.dual_pixel_disparity(depth, camera, LENS, axis)[0, 0] for axis in "xy")
+    across, down = (
+        tl.dual_pixel_disparity(depth, camera, LENS, axis)[0, 0] for axis in "xy"
+    )
     assert down == pytest.approx(2 * across, rel=1e-3)
 
 

@@ -30,10 +30,19 @@ def test_sharpness_of_a_wall_peaks_at_its_focus():
     """The wall of the room is at 5 m; pixels whose windows and blur reach a nearer object are left out."""
     focuses = [2.0, 3.0, 5.0, 9.0, 20.0]
     scene, lens = chequered_room(), tl.ThinLens(0.2, 1.0)
-    stack = [images[0] for images in tl.focal_stack(scene, RIG, lens, focuses, spp=64, seed=1)]
-    grid = tl.render_lens_grid(scene, RIG, [lens.replace(focus_distance=f) for f in focuses], spp=64, seed=1)
+    stack = [
+        images[0]
+        for images in tl.focal_stack(scene, RIG, lens, focuses, spp=64, seed=1)
+    ]
+    grid = tl.render_lens_grid(
+        scene, RIG, [lens.replace(focus_distance=f) for f in focuses], spp=64, seed=1
+    )
     np.testing.assert_array_equal(stack, [images[0] for images in grid])
-    wall = binary_erosion(np.isclose(tl.ground_truth(scene, RIG)[0].depth, 5.0), iterations=10, border_value=1)
+    wall = binary_erosion(
+        np.isclose(tl.ground_truth(scene, RIG)[0].depth, 5.0),
+        iterations=10,
+        border_value=1,
+    )
     assert wall.sum() > 200
     means = [tl.sharpness(image)[wall].mean() for image in stack]
     assert int(np.argmax(means)) == 2
@@ -41,7 +50,9 @@ def test_sharpness_of_a_wall_peaks_at_its_focus():
     assert sharp.shape == stack[0].shape
     assert (index[wall] == 2).mean() > 0.7
     pinhole = tl.render(scene, RIG, spp=64, seed=2)[0]
-    errors = [np.mean((image - pinhole)[wall] ** 2) for image in (sharp, stack[0], stack[4])]
+    errors = [
+        np.mean((image - pinhole)[wall] ** 2) for image in (sharp, stack[0], stack[4])
+    ]
     assert errors[0] < 0.5 * min(errors[1:])
 
 

@@ -17,10 +17,20 @@ def wall(depth: float) -> Scene:
     pose = FACING @ np.diag([5.0, 5.0, 1.0, 1.0])
     pose[2, 3] = depth
     surface = SceneObject("wall", {"type": "rectangle"}, "chalk", pose)
-    return Scene("wall", (surface,), {"chalk": {"type": "diffuse"}}, HERE, (0.2, 20.0), sky().lights, {"type": "path"})
+    return Scene(
+        "wall",
+        (surface,),
+        {"chalk": {"type": "diffuse"}},
+        HERE,
+        (0.2, 20.0),
+        sky().lights,
+        {"type": "path"},
+    )
 
 
-@pytest.mark.parametrize("view", [0, 5, *(pytest.param(view, marks=pytest.mark.slow) for view in (1, 8))])
+@pytest.mark.parametrize(
+    "view", [0, 5, *(pytest.param(view, marks=pytest.mark.slow) for view in (1, 8))]
+)
 def test_a_view_is_what_the_lens_sees_through_a_small_hole(view):
     """A mask with one open cell of 1/63 of the aperture, rendered by the lens, against the view: equal within noise.
 
@@ -32,9 +42,17 @@ def test_a_view_is_what_the_lens_sees_through_a_small_hole(view):
     mask[10 + 21 * row, 10 + 21 * column] = 1.0
     through = lens.replace(aperture=tl.MaskAperture(mask))
     alone, rig = tl.Rig([CAMERA], [HERE]), tl.light_field_rig(CAMERA, lens, 3)
-    holes = [block_means(tl.render(scene, alone, through, spp=128, seed=seed)[0]) for seed in (1, 2)]
-    views = [[block_means(image) for image in tl.render(scene, rig, spp=128, seed=seed)] for seed in (3, 4)]
-    ratios = [error_over_noise(holes, [images[i] for images in views]) for i in range(9)]
+    holes = [
+        block_means(tl.render(scene, alone, through, spp=128, seed=seed)[0])
+        for seed in (1, 2)
+    ]
+    views = [
+        [block_means(image) for image in tl.render(scene, rig, spp=128, seed=seed)]
+        for seed in (3, 4)
+    ]
+    ratios = [
+        error_over_noise(holes, [images[i] for images in views]) for i in range(9)
+    ]
     assert 0.5 < ratios[view] < 2
     assert min(ratios[:view] + ratios[view + 1 :]) > 20
 
@@ -49,7 +67,9 @@ def block_means(image: np.ndarray) -> np.ndarray:
     return grey(image).reshape(image.shape[0] // 4, 4, -1, 4).mean(axis=(1, 3))
 
 
-@pytest.mark.parametrize("lens", [LENS, tl.ThinLens(0.05, np.inf), tl.BareAperture(0.02, 0.5)])
+@pytest.mark.parametrize(
+    "lens", [LENS, tl.ThinLens(0.05, np.inf), tl.BareAperture(0.02, 0.5)]
+)
 @pytest.mark.parametrize("depth", [1.0, 3.0])
 def test_disparity_of_a_plane_follows_from_the_aperture(lens, depth):
     """Between neighbours in x and in y: f A/n (1/Z - k), to 1e-4 px, from the truth of the renderer."""
@@ -64,7 +84,12 @@ def test_disparity_of_a_plane_follows_from_the_aperture(lens, depth):
         v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
         known = np.isfinite(found).all(axis=-1)
         shift = np.stack([u, v], axis=-1)[known] - found[known]
-        np.testing.assert_allclose(shift, np.broadcast_to(np.multiply(step, expected), shift.shape), rtol=0, atol=1e-4)
+        np.testing.assert_allclose(
+            shift,
+            np.broadcast_to(np.multiply(step, expected), shift.shape),
+            rtol=0,
+            atol=1e-4,
+        )
         assert known.mean() > 0.9
 
 
@@ -92,32 +117,49 @@ def test_refocusing_equals_a_naive_sum_over_the_views_of_a_ramp():
     views = [level[i] + slope[i, 0] * u + slope[i, 1] * v for i in range(n * n)]
     x, y = 0.03 * rng.uniform(-1, 1, (2, 400_000))
     inside = np.hypot(x, y) <= 0.03
-    column, row = (np.clip(np.rint(p[inside] * n / 0.09 + 2), 0, 4).astype(int) for p in (x, y))
+    column, row = (
+        np.clip(np.rint(p[inside] * n / 0.09 + 2), 0, 4).astype(int) for p in (x, y)
+    )
     weights = np.bincount(row * n + column, minlength=n * n) / inside.sum()
     expected = 0.0
     for i in range(n * n):
         ax, ay = 0.09 / n * (i % n - 2), 0.09 / n * (i // n - 2)
         du, dv = (50.0 * (1 / 1.5 - 1 / 2.0) * a for a in (ax, ay))
-        expected = expected + weights[i] * (level[i] + slope[i, 0] * (u - du) + slope[i, 1] * (v - dv))
+        expected = expected + weights[i] * (
+            level[i] + slope[i, 0] * (u - du) + slope[i, 1] * (v - dv)
+        )
     found = tl.refocus(views, rig, target)
     np.testing.assert_allclose(found[8:-8, 8:-8], expected[8:-8, 8:-8], atol=2e-3)
 
 
 @pytest.mark.parametrize(
     "aperture",
-    [tl.Disk(), *(pytest.param(each, marks=pytest.mark.slow) for each in (tl.Polygon(5), tl.Annulus(0.5)))],
+    [
+        tl.Disk(),
+        *(
+            pytest.param(each, marks=pytest.mark.slow)
+            for each in (tl.Polygon(5), tl.Annulus(0.5))
+        ),
+    ],
 )
 def test_refocused_views_equal_the_lens(aperture):
     """9 x 9 views at their own focus against the traced lens, in a room with sharp edges."""
     scene, lens = chequered_room(), tl.ThinLens(0.04, 2.5, aperture)
     views = tl.render(scene, tl.light_field_rig(CAMERA, lens, 9), spp=16, seed=1)
     traced = tl.render(scene, tl.Rig([CAMERA], [HERE]), lens, spp=1024, seed=2)[0]
-    assert psnr(tl.refocus(views, tl.light_field_rig(CAMERA, lens, 9), lens), traced) >= 38
+    assert (
+        psnr(tl.refocus(views, tl.light_field_rig(CAMERA, lens, 9), lens), traced) >= 38
+    )
 
 
 def psnr(image: np.ndarray, reference: np.ndarray) -> float:
     """In dB; the peak is the reference's largest value."""
-    return float(10 * np.log10(reference.max() ** 2 / np.mean((image.astype(float) - reference) ** 2)))
+    return float(
+        10
+        * np.log10(
+            reference.max() ** 2 / np.mean((image.astype(float) - reference) ** 2)
+        )
+    )
 
 
 @pytest.mark.slow
@@ -126,14 +168,18 @@ def test_refocusing_17x17_views_equals_the_traced_lens(focus, cards_views):
     """The bundled cards, 96 x 72 px, raw images: 289 views focused at 1.22 m, and the lens at three distances."""
     scene, camera, rig, views = cards_views
     lens = tl.ThinLens(0.016, focus)
-    traced = tl.render(scene, tl.Rig([camera], [scene.world_from_left]), lens, spp=1024, seed=2)[0]
+    traced = tl.render(
+        scene, tl.Rig([camera], [scene.world_from_left]), lens, spp=1024, seed=2
+    )[0]
     assert psnr(tl.refocus(views, rig, lens), traced) >= 40
 
 
 @pytest.fixture(scope="module")
 def cards_views():
     scene, camera = tl.load_scene("cards"), tl.Camera.from_fov(96, 72, fov_x_deg=50)
-    rig = tl.light_field_rig(camera, tl.ThinLens(0.016, 1.22), 17, scene.world_from_left)
+    rig = tl.light_field_rig(
+        camera, tl.ThinLens(0.016, 1.22), 17, scene.world_from_left
+    )
     return scene, camera, rig, tl.render(scene, rig, spp=8, seed=1)
 
 
@@ -141,7 +187,9 @@ def test_a_camera_array_is_a_synthetic_aperture():
     """Parallel cameras with equal principal points, refocused at a wall: every view moves by its disparity."""
     rig = grid(CAMERA, 3, 3, 0.03, 0.03)
     u = np.arange(CAMERA.width, dtype=float)[None, :] + np.zeros((CAMERA.height, 1))
-    views = [u + 50.0 * pose[0, 3] / 1.5 for pose in rig.world_from_cams]  # texture of a wall at 1.5 m
+    views = [
+        u + 50.0 * pose[0, 3] / 1.5 for pose in rig.world_from_cams
+    ]  # texture of a wall at 1.5 m
     found = tl.refocus([np.sin(view) for view in views], rig, tl.ThinLens(0.09, 1.5))
     expected = np.sin(u + 50.0 * 0.03 / 1.5)
     np.testing.assert_allclose(found[:, 8:-8], expected[:, 8:-8], atol=0.02)
@@ -156,7 +204,9 @@ def test_what_has_no_light_field_is_refused():
     images = [np.zeros((36, 48))] * 9
     with pytest.raises(InputError, match="needs 9 images of 48x36 pixels, got 8"):
         tl.refocus(images[:8], rig, LENS)
-    with pytest.raises(InputError, match=r"got 9 of shapes \[\(36, 48\), \(36, 48, 3\)\]"):
+    with pytest.raises(
+        InputError, match=r"got 9 of shapes \[\(36, 48\), \(36, 48, 3\)\]"
+    ):
         tl.refocus([*images[:8], np.zeros((36, 48, 3))], rig, LENS)
     with pytest.raises(InputError, match="a list of images of numbers, got None"):
         tl.refocus(None, rig, LENS)

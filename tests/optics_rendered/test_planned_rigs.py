@@ -37,11 +37,15 @@ def errors(camera, baseline, lens, depth, seed, sensor=None, exposure=None):
         radiance = stage.photograph(lens, 16, seed + k)
         if lens.aperture_diameter:
             radiance = [diffract(image, camera, lens) for image in radiance]
-        disparity = stage.match(stage.expose(radiance, lens, seed + k, sensor, exposure), "zncc").astype(np.float64)
+        disparity = stage.match(
+            stage.expose(radiance, lens, seed + k, sensor, exposure), "zncc"
+        ).astype(np.float64)
         true = stage.truth.disparity
         used = stage.truth.visible & (np.abs(disparity - true) < 1)
         used[:RIM] = used[-RIM:] = used[:, :RIM] = used[:, -RIM:] = False
-        z = depth_from_disparity(disparity[used], camera.fx, baseline, stage.rig.doffs())
+        z = depth_from_disparity(
+            disparity[used], camera.fx, baseline, stage.rig.doffs()
+        )
         found.append(np.abs([z - stage.truth.depth[used], (disparity - true)[used]]))
     return 1.4826 * np.median(np.hstack(found), axis=1)
 
@@ -54,12 +58,16 @@ def disparity_error():
 def assert_predicted(name, depths, seed):
     known = {"width": 128, "height": 96, "pixel_pitch_um": 5.0, **TASKS[name]}
     best = plan_rig(RigTask(**known, disparity_error_px=disparity_error())).best
-    camera = centred_camera(128, 96, best.fx).replace(pixel_pitch_um=best.task.pixel_pitch_um)
+    camera = centred_camera(128, 96, best.fx).replace(
+        pixel_pitch_um=best.task.pixel_pitch_um
+    )
     lens = ThinLens(best.aperture_diameter, best.focus_distance)
     near, far = best.task.depth_range
     for depth in 1 / np.linspace(1 / near, 1 / far, depths):
         measured = errors(camera, best.baseline, lens, float(depth), seed)[0]
-        assert measured == pytest.approx(float(best.depth_error(depth)), rel=0.25), depth
+        assert measured == pytest.approx(float(best.depth_error(depth)), rel=0.25), (
+            depth
+        )
     return best
 
 
@@ -81,6 +89,8 @@ def test_noise_at_the_default_limit_raises_the_disparity_error_little():
     electrons = sensor.electrons_per_radiance(camera, Pinhole())[1] * 0.5
     found = []
     for ratio in (10.0, 80.0):
-        exposure = Exposure(ratio**2 / electrons, gain=0.5 * sensor.full_well / ratio**2)
+        exposure = Exposure(
+            ratio**2 / electrons, gain=0.5 * sensor.full_well / ratio**2
+        )
         found.append(errors(camera, 0.1, Pinhole(), 1.5, 5, sensor, exposure)[1])
     assert 1 < found[0] / found[1] < 1.25

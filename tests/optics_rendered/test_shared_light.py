@@ -25,7 +25,11 @@ SURFACES = {
     "glaze": {"type": "plastic"},
     "glass": {"type": "dielectric"},
     "frosted glass": {"type": "roughdielectric", "alpha": 0.3},
-    "gauze": {"type": "mask", "opacity": 0.5, "nested": {"type": "twosided", "bsdf": {"type": "diffuse"}}},
+    "gauze": {
+        "type": "mask",
+        "opacity": 0.5,
+        "nested": {"type": "twosided", "bsdf": {"type": "diffuse"}},
+    },
     "paper": {"type": "principledthin", "diff_trans": 1.0},
 }
 
@@ -34,18 +38,35 @@ def room(surface: str) -> Scene:
     """The chequered room, whose card and ball are of this surface."""
     scene = chequered_room()
     things = (
-        SceneObject(each.name, each.shape, "surface", each.world_from_object) if each.name in ("card", "ball") else each
+        SceneObject(each.name, each.shape, "surface", each.world_from_object)
+        if each.name in ("card", "ball")
+        else each
         for each in scene.objects
     )
     materials = {**scene.materials, "surface": SURFACES[surface]}
-    return Scene("room", tuple(things), materials, HERE, (1.0, 6.0), scene.lights, scene.integrator)
+    return Scene(
+        "room",
+        tuple(things),
+        materials,
+        HERE,
+        (1.0, 6.0),
+        scene.lights,
+        scene.integrator,
+    )
 
 
 def ratio(scene: Scene, rig: tl.Rig, view: int, spp: int = 128) -> float:
     """The squared error of a view's means over 4 x 4 pixels against pinholes, over its expectation from noise."""
-    alone = tl.Rig([rig.cameras[view]], [rig.world_from_cams[view]], projectors=rig.projectors)
-    theirs = [block_means(tl.render(scene, alone, spp=spp, seed=seed)[0]) for seed in (1, 2)]
-    ours = [block_means(tl.render_light_field(scene, rig, spp, seed)[view]) for seed in (3, 4)]
+    alone = tl.Rig(
+        [rig.cameras[view]], [rig.world_from_cams[view]], projectors=rig.projectors
+    )
+    theirs = [
+        block_means(tl.render(scene, alone, spp=spp, seed=seed)[0]) for seed in (1, 2)
+    ]
+    ours = [
+        block_means(tl.render_light_field(scene, rig, spp, seed)[view])
+        for seed in (3, 4)
+    ]
     return error_over_noise(ours, theirs)
 
 
@@ -60,9 +81,17 @@ def test_views_of_a_matte_room_differ_by_parallax(view, lens):
     """Another view's pinhole differs, where views are far apart."""
     scene, rig = chequered_room(), tl.light_field_rig(CAMERA, lens, 3)
     assert ratio(scene, rig, view) < 2
-    moved = tl.Rig([*rig.cameras[1:], rig.cameras[0]], [*rig.world_from_cams[1:], rig.world_from_cams[0]])
-    theirs = [block_means(tl.render(scene, moved, spp=32, seed=seed)[view]) for seed in (1, 2)]
-    ours = [block_means(tl.render_light_field(scene, rig, 32, seed)[view]) for seed in (3, 4)]
+    moved = tl.Rig(
+        [*rig.cameras[1:], rig.cameras[0]],
+        [*rig.world_from_cams[1:], rig.world_from_cams[0]],
+    )
+    theirs = [
+        block_means(tl.render(scene, moved, spp=32, seed=seed)[view]) for seed in (1, 2)
+    ]
+    ours = [
+        block_means(tl.render_light_field(scene, rig, 32, seed)[view])
+        for seed in (3, 4)
+    ]
     assert lens is NARROW or error_over_noise(ours, theirs) > 20
 
 
@@ -72,9 +101,20 @@ def test_highlights_move_between_views():
     wall[2, 3] = 2.0
     glow = {"type": "area", "radiance": {"type": "rgb", "value": 100.0}}
     bulb = {"type": "sphere", "center": [0.2, 0.1, -1.0], "radius": 0.1}
-    things = SceneObject("wall", {"type": "rectangle"}, "metal", wall), SceneObject("bulb", bulb, "metal", emitter=glow)
+    things = (
+        SceneObject("wall", {"type": "rectangle"}, "metal", wall),
+        SceneObject("bulb", bulb, "metal", emitter=glow),
+    )
     metal = {"type": "roughconductor", "material": "Cu", "alpha": 0.2}
-    scene = Scene("wall", things, {"metal": metal}, HERE, (1.0, 3.0), {}, {"type": "path", "max_depth": 2})
+    scene = Scene(
+        "wall",
+        things,
+        {"metal": metal},
+        HERE,
+        (1.0, 3.0),
+        {},
+        {"type": "path", "max_depth": 2},
+    )
     rig = tl.light_field_rig(CAMERA, tl.ThinLens(0.1, 2.0), 3)
     ours, theirs = (np.array(images, np.float64) for images in (
         tl.render_light_field(scene, rig, 256), tl.render(scene, rig, spp=256, seed=1)
@@ -82,7 +122,9 @@ def test_highlights_move_between_views():
     for a, b in ((3, 5), (1, 7), (0, 4)):
         found, expected = (images[b] - images[a] for images in (ours, theirs))
         assert np.abs(expected).mean() > 0.005 * theirs.mean()
-        assert (found * expected).sum() / np.square(expected).sum() == pytest.approx(1, abs=0.05)
+        assert (found * expected).sum() / np.square(expected).sum() == pytest.approx(
+            1, abs=0.05
+        )
 
 
 def test_a_matte_plane_under_a_uniform_sky_has_its_albedo():
@@ -91,9 +133,21 @@ def test_a_matte_plane_under_a_uniform_sky_has_its_albedo():
     pose[2, 3] = 2.0
     grey = {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.6, 0.3, 0.1]}}
     wall = SceneObject("wall", {"type": "rectangle"}, "grey", pose)
-    scene = Scene("wall", (wall,), {"grey": grey}, HERE, (1.0, 3.0), sky().lights, {"type": "path", "max_depth": 4})
-    views = np.array(tl.render_light_field(scene, tl.light_field_rig(CAMERA, WIDE, 3), 64))
-    np.testing.assert_allclose(views.mean(axis=(1, 2)), np.tile([0.6, 0.3, 0.1], (9, 1)), rtol=2e-3)
+    scene = Scene(
+        "wall",
+        (wall,),
+        {"grey": grey},
+        HERE,
+        (1.0, 3.0),
+        sky().lights,
+        {"type": "path", "max_depth": 4},
+    )
+    views = np.array(
+        tl.render_light_field(scene, tl.light_field_rig(CAMERA, WIDE, 3), 64)
+    )
+    np.testing.assert_allclose(
+        views.mean(axis=(1, 2)), np.tile([0.6, 0.3, 0.1], (9, 1)), rtol=2e-3
+    )
 
 
 @pytest.mark.parametrize("views", [1, 2])
@@ -105,7 +159,15 @@ def test_black_parts_of_a_texture_do_not_darken_the_rest(views):
     check = {"type": "checkerboard", **ends, "to_uv": np.diag([120.0, 120.0, 1.0, 1.0])}
     materials = {"check": {"type": "diffuse", "reflectance": check}}
     thing = SceneObject("wall", {"type": "rectangle"}, "check", wall)
-    scene = Scene("wall", (thing,), materials, HERE, (1.0, 3.0), sky().lights, {"type": "path", "max_depth": 2})
+    scene = Scene(
+        "wall",
+        (thing,),
+        materials,
+        HERE,
+        (1.0, 3.0),
+        sky().lights,
+        {"type": "path", "max_depth": 2},
+    )
     rig = tl.light_field_rig(CAMERA, NARROW, views)
     means = [np.mean(tl.render_light_field(scene, rig, 16, seed)) for seed in range(8)]
     assert np.mean(means) == pytest.approx(0.5, rel=0.02)
@@ -114,10 +176,23 @@ def test_black_parts_of_a_texture_do_not_darken_the_rest(views):
 def test_a_plane_between_the_views_reflects_its_albedo():
     """A white floor of two sides, that some views see from above and others from below, under a sky of 1."""
     floor = np.array([[3.0, 0, 0, 0], [0, 0, 1, 0.12], [0, -3, 0, 3.2], [0, 0, 0, 1]])
-    white = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 1.0}}}
+    white = {
+        "type": "twosided",
+        "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 1.0}},
+    }
     thing = SceneObject("floor", {"type": "rectangle"}, "white", floor)
-    scene = Scene("floor", (thing,), {"white": white}, HERE, (0.2, 6.0), sky().lights, {"type": "path", "max_depth": 2})
-    views = np.array(tl.render_light_field(scene, tl.light_field_rig(CAMERA, WIDE, 5), 64))
+    scene = Scene(
+        "floor",
+        (thing,),
+        {"white": white},
+        HERE,
+        (0.2, 6.0),
+        sky().lights,
+        {"type": "path", "max_depth": 2},
+    )
+    views = np.array(
+        tl.render_light_field(scene, tl.light_field_rig(CAMERA, WIDE, 5), 64)
+    )
     np.testing.assert_allclose(views.mean(axis=(1, 2, 3)), 1, rtol=5e-3)
 
 
@@ -138,7 +213,9 @@ def test_near_infrared_is_added_to_colours():
 def test_a_hidden_sky_lights_but_is_not_seen():
     scene = chequered_room().lit_by(Sky(np.ones((4, 8, 3), np.float32), visible=False))
     up = np.diag([1.0, -1.0, -1.0, 1.0])  # away from the room
-    assert not np.any(tl.render_light_field(scene, tl.light_field_rig(CAMERA, NARROW, 2, up), 4))
+    assert not np.any(
+        tl.render_light_field(scene, tl.light_field_rig(CAMERA, NARROW, 2, up), 4)
+    )
     assert ratio(scene, tl.light_field_rig(CAMERA, NARROW, 3), 8) < 2
 
 
@@ -159,7 +236,13 @@ def test_images_do_not_depend_on_the_number_of_threads():
 def test_paths_end_where_they_do_in_other_images(depth):
     scene = room("lacquer")
     scene = Scene(
-        "room", scene.objects, scene.materials, HERE, (1.0, 6.0), scene.lights, {"type": "path", "max_depth": depth}
+        "room",
+        scene.objects,
+        scene.materials,
+        HERE,
+        (1.0, 6.0),
+        scene.lights,
+        {"type": "path", "max_depth": depth},
     )
     assert ratio(scene, tl.light_field_rig(CAMERA, NARROW, 3), 4) < 2
 
@@ -170,10 +253,20 @@ def test_what_shares_no_light_is_refused():
     with pytest.raises(InputError, match="parallel axes"):
         tl.render_light_field(scene, tl.Rig([CAMERA, CAMERA], [HERE, turned]))
     with pytest.raises(InputError, match="see the same bands"):
-        tl.render_light_field(scene, tl.Rig([CAMERA, CAMERA.replace(band="nir")], [HERE, HERE]))
+        tl.render_light_field(
+            scene, tl.Rig([CAMERA, CAMERA.replace(band="nir")], [HERE, HERE])
+        )
     with pytest.raises(InputError, match="spp"):
         tl.render_light_field(scene, rig, 0)
-    direct = Scene("room", scene.objects, scene.materials, HERE, (1.0, 6.0), scene.lights, {"type": "direct"})
+    direct = Scene(
+        "room",
+        scene.objects,
+        scene.materials,
+        HERE,
+        (1.0, 6.0),
+        scene.lights,
+        {"type": "direct"},
+    )
     with pytest.raises(InputError, match="another integrator than 'path'"):
         tl.render_light_field(direct, rig)
 
@@ -182,5 +275,11 @@ def test_the_scalar_backend_is_refused():
     command = "import twinlens as tl; s = tl.load_scene('cards'); c = tl.Camera.from_fov(8, 6, 50);"
     command += "tl.render_light_field(s, tl.light_field_rig(c, tl.ThinLens(0.01, 1.0), 2, s.world_from_left))"
     scalar = {**os.environ, "TWINLENS_BACKEND": "scalar"}
-    done = subprocess.run([sys.executable, "-c", command], env=scalar, capture_output=True, text=True, timeout=300)
+    done = subprocess.run(
+        [sys.executable, "-c", command],
+        env=scalar,
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
     assert "BackendError: shared light needs the LLVM or CUDA backend" in done.stderr

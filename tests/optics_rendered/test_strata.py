@@ -52,7 +52,10 @@ def pair(sampler):
 
 
 def cells_of(values, grid) -> np.ndarray:
-    return (np.floor(values[..., 0] * grid[0]) + grid[0] * np.floor(values[..., 1] * grid[1])).astype(int)
+    return (
+        np.floor(values[..., 0] * grid[0])
+        + grid[0] * np.floor(values[..., 1] * grid[1])
+    ).astype(int)
 
 
 def white_squares(grid) -> np.ndarray:
@@ -62,16 +65,27 @@ def white_squares(grid) -> np.ndarray:
 def uniform(counts) -> bool:
     """Whether counts of equally likely outcomes are: chi square within its central 99.9%."""
     expected = counts.sum() / counts.size
-    return bool(((counts - expected) ** 2).sum() / expected < chi2.ppf(0.999, counts.size - 1))
+    return bool(
+        ((counts - expected) ** 2).sum() / expected < chi2.ppf(0.999, counts.size - 1)
+    )
 
 
 @pytest.mark.parametrize("count", [1, 2, 8, 11, 25, 64])
 @pytest.mark.parametrize("name", DIMENSIONS)
-def test_every_stratum_of_every_pixel_gets_one_sample_and_so_does_every_row_and_column(count, name):
-    (values, _), (columns, rows) = drawn(count, 3, pair, DIMENSIONS[name]), stratum_grid(count)
+def test_every_stratum_of_every_pixel_gets_one_sample_and_so_does_every_row_and_column(
+    count, name
+):
+    (values, _), (columns, rows) = (
+        drawn(count, 3, pair, DIMENSIONS[name]),
+        stratum_grid(count),
+    )
     n = columns * rows
     assert count <= n <= 1.2 * count + 1
-    for cells in (cells_of(values, (columns, rows)), np.floor(values[..., 0] * n), np.floor(values[..., 1] * n)):
+    for cells in (
+        cells_of(values, (columns, rows)),
+        np.floor(values[..., 0] * n),
+        np.floor(values[..., 1] * n),
+    ):
         assert (np.sort(cells, axis=1) == np.arange(n)).all()
 
 
@@ -85,7 +99,9 @@ def test_single_numbers_are_stratified(count):
 @pytest.mark.parametrize("count", [1, 11, 32])
 def test_film_and_aperture_points_are_stratified(count):
     grid = stratum_grid(count)
-    places = multijitter(random_cells(grid, np.random.default_rng(0)), grid, np.random.default_rng(1))
+    places = multijitter(
+        random_cells(grid, np.random.default_rng(0)), grid, np.random.default_rng(1)
+    )
     points, _ = shared_points(grid, 2)
     n = len(points)
     radius2 = ((points[:, 2:] ** 2).sum(axis=1) - 0.05**2) / (0.2**2 - 0.05**2)
@@ -125,7 +141,11 @@ def test_pixels_differ_where_nothing_shears():
         values, shifts = drawn(30, 6, pair, dimension, flat)
         assert (shifts == 0).all()
         cell = cells_of(values, (6, 5))
-        agreement = (cell[:, None] == cell[None]).mean(axis=-1)[~np.eye(PIXELS, dtype=bool)].mean()
+        agreement = (
+            (cell[:, None] == cell[None])
+            .mean(axis=-1)[~np.eye(PIXELS, dtype=bool)]
+            .mean()
+        )
         assert agreement == pytest.approx(1 / 15 + 14 / 15 / rows, rel=0.1)
 
 
@@ -135,7 +155,9 @@ def test_dimensions_and_seeds_do_not_repeat_each_other():
     for seed in range(6):
         sampler = sampler_for((8, 8), shared_points((8, 8), 0)[1], seed, pixels=1)
         orders += [np.floor(np.array(sampler.next_1d()) * 64) for _ in range(12)]
-    agreement = (np.array(orders)[:, None] == np.array(orders)[None]).mean(axis=-1)[~np.eye(72, dtype=bool)]
+    agreement = (np.array(orders)[:, None] == np.array(orders)[None]).mean(axis=-1)[
+        ~np.eye(72, dtype=bool)
+    ]
     assert agreement.max() < 0.2
     assert agreement.mean() == pytest.approx(1 / 64, rel=0.15)
 
@@ -146,7 +168,9 @@ def test_dimensions_are_independent():
     counts = {pair: np.zeros((6, 6)) for pair in ((0, 2), (1, 3), (2, 6))}
     for seed in range(800):
         sampler = sampler_for((2, 3), shared_points((2, 3), seed)[1], seed, pixels=1)
-        cells = [cells_of(np.array(sampler.next_2d()).T, (2, 3))[seed % 6] for _ in range(7)]
+        cells = [
+            cells_of(np.array(sampler.next_2d()).T, (2, 3))[seed % 6] for _ in range(7)
+        ]
         for (one, other), found in counts.items():
             found[cells[one], cells[other]] += 1
     assert all(uniform(found) for found in counts.values())
@@ -157,22 +181,36 @@ def test_dimensions_beyond_the_tables_are_random():
     sampler.dimension = dr.opaque(mi.UInt32, 16)
     x = np.array(sampler.next_1d())
     assert uniform(np.histogram(x, bins=20, range=(0, 1))[0])
-    assert (np.sort(np.floor(x.reshape(64, 64) * 64), axis=1) != np.arange(64)).any(axis=1).all()
+    assert (
+        (np.sort(np.floor(x.reshape(64, 64) * 64), axis=1) != np.arange(64))
+        .any(axis=1)
+        .all()
+    )
 
 
 def test_every_stratum_is_equally_likely_for_every_sample():
     classes, dealt = 2 * np.array([0, 1, 0, 1, 0, 1, 1, 0]) + (np.arange(8) >= 4), []
     for seed in range(2000):
         random = np.random.default_rng(seed)
-        dealt.append(random_cells((4, 2), random)[shuffle_within(classes, 3, random)][seed % 3])
+        dealt.append(
+            random_cells((4, 2), random)[shuffle_within(classes, 3, random)][seed % 3]
+        )
     dealt = np.array(dealt)
     assert uniform(np.array([(dealt[:, 3] == stratum).sum() for stratum in range(8)]))
-    assert uniform(np.array([((dealt[:, 3] == 5) & (dealt[:, 2] == other)).sum() for other in (0, 2, 7)]))
+    assert uniform(
+        np.array(
+            [((dealt[:, 3] == 5) & (dealt[:, 2] == other)).sum() for other in (0, 2, 7)]
+        )
+    )
 
 
 def test_places_are_uniform_at_every_aperture_point_over_seeds():
     """Jointly in 4x4 parts of the pixel and the quadrants of the aperture; where they start, and where they land."""
-    random, starts, lands = np.random.default_rng(0), np.zeros((4, 4, 2, 2)), np.zeros((4, 4, 2, 2))
+    random, starts, lands = (
+        np.random.default_rng(0),
+        np.zeros((4, 4, 2, 2)),
+        np.zeros((4, 4, 2, 2)),
+    )
     for seed in range(2500):
         points, _ = shared_points((4, 3), seed)
         point = points[random.integers(12)].astype(float)
@@ -182,13 +220,19 @@ def test_places_are_uniform_at_every_aperture_point_over_seeds():
         lands[(*np.minimum(4 * landing, 3).astype(int), *quadrant)] += 1
     assert uniform(starts)
     assert uniform(lands)
-    assert not uniform(starts * np.where(np.arange(2) == 0, 1.3, 0.7))  # it would notice
+    assert not uniform(
+        starts * np.where(np.arange(2) == 0, 1.3, 0.7)
+    )  # it would notice
 
 
 def test_samples_land_at_their_shifts():
     points, shifts = shared_points((4, 3), 1)
     for focus, vergence in enumerate(RING.vergences):
-        inside = points[:, :2] + points[:, 2:] * (vergence - 0.15) * np.array((40.0, 45.0)) - shifts[:, focus]
+        inside = (
+            points[:, :2]
+            + points[:, 2:] * (vergence - 0.15) * np.array((40.0, 45.0))
+            - shifts[:, focus]
+        )
         assert (inside > -1e-5).all()
         assert (inside < 1 + 1e-5).all()
 
@@ -196,7 +240,9 @@ def test_samples_land_at_their_shifts():
 def test_gathering_puts_every_ray_where_it_lands():
     """Beside a naive loop over rays."""
     camera = tl.Camera(7, 5, 4.0, 6.0, 3.0, 2.0)
-    paths = SharedPaths(None, camera, np.eye(4), ApertureAnnulus(0.0, 1.0, (0.0, 1.0), 6), "multijitter")
+    paths = SharedPaths(
+        None, camera, np.eye(4), ApertureAnnulus(0.0, 1.0, (0.0, 1.0), 6), "multijitter"
+    )
     assert paths.annulus.film_size(camera) == (11, 11)  # margins of 2 and 3
     random = np.random.default_rng(0)
     shifts = random.integers(-2, 3, size=(6, 2, 2)).astype(np.int32)
@@ -207,7 +253,9 @@ def test_gathering_puts_every_ray_where_it_lands():
         column, row = x - 2 + shifts[m, focus, 0], y - 3 + shifts[m, focus, 1]
         if 0 <= column < 7 and 0 <= row < 5:
             expected[int(m >= 3), focus, :, row, column] += values[:, y, x, m]
-            weighted[int(m >= 3), focus, :, row, column] += weights[m, focus] * values[:, y, x, m]
+            weighted[int(m >= 3), focus, :, row, column] += (
+                weights[m, focus] * values[:, y, x, m]
+            )
     radiance = mi.Color3f(*(mi.Float(plane.ravel()) for plane in values))
     assert np.array(paths._gather(radiance, shifts, None)) == pytest.approx(expected)
     assert np.array(paths._gather(radiance, shifts, weights)) == pytest.approx(weighted)
@@ -221,6 +269,9 @@ def test_dimensions_advance_within_compiled_loops():
         return i + 1, sampler, total + dr.select(i == 0, 1.0, -1.0) * sampler.next_1d()
 
     _, sampler, total = dr.while_loop(
-        (mi.UInt32(0), sampler, mi.Float(0.0)), lambda i, *_: i < 2, step, mode="symbolic"
+        (mi.UInt32(0), sampler, mi.Float(0.0)),
+        lambda i, *_: i < 2,
+        step,
+        mode="symbolic",
     )
     assert np.abs(np.array(total)).mean() > 0.1

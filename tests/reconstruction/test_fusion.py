@@ -33,7 +33,10 @@ def ring():
     for camera, pose in zip(rig.cameras, rig.world_from_cams, strict=True):
         view = DepthView(camera, pose, sphere_depth(camera, pose))
         height = np.where(view.known, view.positions()[..., 1], 0.0)
-        image = np.stack([np.uint8(127 + 250 * height), *[np.full(height.shape, 40, np.uint8)] * 2], axis=-1)
+        image = np.stack(
+            [np.uint8(127 + 250 * height), *[np.full(height.shape, 40, np.uint8)] * 2],
+            axis=-1,
+        )
         views.append(DepthView(camera, pose, view.depth, image))
     return views
 
@@ -57,7 +60,10 @@ def test_triangles_face_outwards_and_have_the_colours_of_the_images(surface):
     outwards = np.einsum("nc,nc->n", solid.face_normals, solid.triangles_center)
     assert (outwards[level] > 0).mean() > 0.999
     belt = np.abs(surface.vertices[:, 1]) < 0.3
-    assert np.abs(surface.colors[belt, 0] - (127 + 250 * surface.vertices[belt, 1])).max() < 12
+    assert (
+        np.abs(surface.colors[belt, 0] - (127 + 250 * surface.vertices[belt, 1])).max()
+        < 12
+    )
     assert (surface.colors[belt, 1] == 40).all()
 
 
@@ -65,7 +71,9 @@ def test_unseen_parts_have_no_triangles(ring):
     volume = integrate(ring[:1], 0.02)
     half = surface_of(volume)
     towards = ring[0].world_from_cam[:3, 3] / DISTANCE
-    assert (half.vertices @ towards > 0).all()  # the far side is unknown: no wall closes it
+    assert (
+        half.vertices @ towards > 0
+    ).all()  # the far side is unknown: no wall closes it
     inside = (volume.weight > 0) & (volume.distance < -0.999)
     assert not inside.any() or volume.distance.min() >= -1
 
@@ -74,13 +82,22 @@ def test_smaller_cells_are_more_accurate(ring):
     off = []
     for cell in (0.04, 0.02):
         vertices = surface_of(integrate(ring, cell)).vertices
-        off.append(np.abs(np.linalg.norm(vertices[np.abs(vertices[:, 1]) < 0.25], axis=1) - RADIUS).mean())
+        off.append(
+            np.abs(
+                np.linalg.norm(vertices[np.abs(vertices[:, 1]) < 0.25], axis=1) - RADIUS
+            ).mean()
+        )
     assert off[1] < 0.6 * off[0]
 
 
 def test_fusing_many_views_reduces_noise(ring):
     rng = np.random.default_rng(3)
-    noisy = [DepthView(v.camera, v.world_from_cam, v.depth + rng.normal(0, 0.01, v.depth.shape)) for v in ring]
+    noisy = [
+        DepthView(
+            v.camera, v.world_from_cam, v.depth + rng.normal(0, 0.01, v.depth.shape)
+        )
+        for v in ring
+    ]
     vertices = surface_of(integrate(noisy, 0.02, reach=0.08)).vertices
     off = np.linalg.norm(vertices[np.abs(vertices[:, 1]) < 0.25], axis=1) - RADIUS
     assert off.std() < 0.005
@@ -90,7 +107,11 @@ def test_fusing_many_views_reduces_noise(ring):
 def test_fusing_keeps_points_that_other_views_agree_on(ring):
     wrong = ring[3].depth.copy()
     wrong[50:70, 50:70] *= 0.9  # a bump that only one view believes in
-    views = [*ring[:3], DepthView(ring[3].camera, ring[3].world_from_cam, wrong), *ring[4:]]
+    views = [
+        *ring[:3],
+        DepthView(ring[3].camera, ring[3].world_from_cam, wrong),
+        *ring[4:],
+    ]
     loose, strict = fuse(views), fuse(views, min_views=2)
     assert len(loose) == sum(view.known.sum() for view in views)
     assert np.abs(np.linalg.norm(strict.points, axis=1) - RADIUS).max() < 1e-9
@@ -99,14 +120,17 @@ def test_fusing_keeps_points_that_other_views_agree_on(ring):
 
 def test_thinning_keeps_the_mean_of_each_cell():
     rng = np.random.default_rng(0)
-    cloud = Cloud(rng.uniform(-1, 1, (500, 3)), rng.integers(0, 255, (500, 3), np.uint8))
+    cloud = Cloud(
+        rng.uniform(-1, 1, (500, 3)), rng.integers(0, 255, (500, 3), np.uint8)
+    )
     thin = thinned(cloud, 0.5)
     cells = {}
     for point, color in zip(cloud.points, cloud.colors, strict=True):
         cells.setdefault(tuple(np.floor(point / 0.5)), []).append((point, color))
     assert len(thin) == len(cells)
     expected = {
-        key: (np.mean([p for p, _ in v], axis=0), np.mean([c for _, c in v], axis=0)) for key, v in cells.items()
+        key: (np.mean([p for p, _ in v], axis=0), np.mean([c for _, c in v], axis=0))
+        for key, v in cells.items()
     }
     for point, color in zip(thin.points, thin.colors, strict=True):
         mean, mean_color = expected[tuple(np.floor(point / 0.5))]
@@ -120,11 +144,18 @@ def grid_plane(z, width=1.0, step=0.01):
 
 
 def test_comparison_of_a_shifted_half_plane():
-    found = compare(grid_plane(0.003, 0.5), grid_plane(0.0), tolerances_mm=(2, 4), max_distance_mm=20)
+    found = compare(
+        grid_plane(0.003, 0.5),
+        grid_plane(0.0),
+        tolerances_mm=(2, 4),
+        max_distance_mm=20,
+    )
     assert found.accuracy_mean_mm == pytest.approx(3)
     assert found.accuracy_median_mm == pytest.approx(3)
     assert found.accuracy_outliers == 0
-    assert found.completeness_outliers == pytest.approx(0.49)  # all but the columns that lie within 2 cm
+    assert found.completeness_outliers == pytest.approx(
+        0.49
+    )  # all but the columns that lie within 2 cm
     assert [s.accuracy for s in found.shares] == [0, 1]
     assert [s.completeness for s in found.shares] == [0, pytest.approx(0.5)]
     assert found.shares[0].f_score == 0
@@ -135,17 +166,29 @@ def test_distances_equal_a_naive_loop():
     rng = np.random.default_rng(0)
     a, b = rng.normal(size=(40, 3)), rng.normal(size=(30, 3))
     naive = 1e3 * np.array([min(np.linalg.norm(p - q) for q in b) for p in a])
-    found = compare(Cloud(a), Cloud(b), max_distance_mm=1e9, tolerances_mm=np.sort(naive) + 1e-6)
+    found = compare(
+        Cloud(a), Cloud(b), max_distance_mm=1e9, tolerances_mm=np.sort(naive) + 1e-6
+    )
     assert found.accuracy_mean_mm == pytest.approx(naive.mean())
-    assert [share.accuracy for share in found.shares] == pytest.approx(np.arange(1, 41) / 40)
+    assert [share.accuracy for share in found.shares] == pytest.approx(
+        np.arange(1, 41) / 40
+    )
 
 
 def test_comparison_of_equal_and_distant_clouds():
     plane = grid_plane(0.0)
     same, far = compare(plane, plane, spacing_mm=20), compare(grid_plane(5.0), plane)
-    assert (same.accuracy_mean_mm, same.completeness_mean_mm, same.shares[0].f_score) == (0, 0, 1)
+    assert (
+        same.accuracy_mean_mm,
+        same.completeness_mean_mm,
+        same.shares[0].f_score,
+    ) == (0, 0, 1)
     assert same.points < len(plane)
-    assert (far.accuracy_mean_mm, far.accuracy_outliers, far.shares[-1].f_score) == (np.inf, 1, 0)
+    assert (far.accuracy_mean_mm, far.accuracy_outliers, far.shares[-1].f_score) == (
+        np.inf,
+        1,
+        0,
+    )
 
 
 @pytest.mark.parametrize(
@@ -159,10 +202,21 @@ def test_comparison_of_equal_and_distant_clouds():
         (lambda ring: integrate(ring, 0.1, reach=0.05), "one cell or more"),
         (lambda ring: integrate(ring, 0.1, bounds=[[0, 0, 0], [1, 1, 0]]), "lowest"),
         (lambda ring: integrate(ring, 1e-300), "64 million"),
-        (lambda ring: surface_of(integrate(ring, 0.1, bounds=[[5, 5, 5], [6, 6, 6]])), "no surface crosses"),
+        (
+            lambda ring: surface_of(
+                integrate(ring, 0.1, bounds=[[5, 5, 5], [6, 6, 6]])
+            ),
+            "no surface crosses",
+        ),
         (lambda ring: surface_of(integrate(ring, 100.0)), "no surface crosses"),
-        (lambda ring: compare(Cloud(np.zeros((0, 3))), grid_plane(0)), "points in both"),
-        (lambda ring: compare(grid_plane(0), grid_plane(0), tolerances_mm=[0]), "tolerances_mm"),
+        (
+            lambda ring: compare(Cloud(np.zeros((0, 3))), grid_plane(0)),
+            "points in both",
+        ),
+        (
+            lambda ring: compare(grid_plane(0), grid_plane(0), tolerances_mm=[0]),
+            "tolerances_mm",
+        ),
     ],
 )
 def test_invalid_input_raises(ring, make, says):

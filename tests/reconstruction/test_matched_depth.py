@@ -10,7 +10,9 @@ from twinlens.reconstruction import view_of_disparity
 WIDTH, HEIGHT, FX = 160, 100, 200.0
 MATCHERS = {
     "zncc": matching.StereoMatcher(cost="zncc", block_size=9, num_disparities=40),
-    "sgm": matching.StereoMatcher(cost="census", block_size=1, num_disparities=40, optimisation="sgm8"),
+    "sgm": matching.StereoMatcher(
+        cost="census", block_size=1, num_disparities=40, optimisation="sgm8"
+    ),
 }
 
 
@@ -19,7 +21,9 @@ def texture(rng):
     angle, phase = rng.uniform(0, 2 * np.pi, (2, 60))
     k = 2 * np.pi / rng.uniform(4, 20, 60)
     kx, ky = k * np.cos(angle), k * np.sin(angle)
-    return lambda u, v: 128 + 14 * np.cos(kx * u[..., None] + ky * v[..., None] + phase).sum(axis=-1)
+    return lambda u, v: (
+        128 + 14 * np.cos(kx * u[..., None] + ky * v[..., None] + phase).sum(axis=-1)
+    )
 
 
 def pair(rng, middle, slope=0.03):
@@ -27,9 +31,13 @@ def pair(rng, middle, slope=0.03):
     v, u = np.mgrid[:HEIGHT, :WIDTH].astype(float)
     disparity = middle + slope * (u - 0.5 * (WIDTH - 1))
     paint = texture(rng)
-    source = (u + middle - slope * 0.5 * (WIDTH - 1)) / (1 - slope)  # the left pixel that each right one shows
+    source = (u + middle - slope * 0.5 * (WIDTH - 1)) / (
+        1 - slope
+    )  # the left pixel that each right one shows
     photos = [paint(x, v) + rng.normal(0, 2, u.shape) for x in (u, source)]
-    return [np.clip(np.rint(photo), 0, 255).astype(np.uint8) for photo in photos], disparity
+    return [
+        np.clip(np.rint(photo), 0, 255).astype(np.uint8) for photo in photos
+    ], disparity
 
 
 def depth_errors(matcher, baseline, depth, seeds=2):

@@ -11,7 +11,15 @@ from twinlens.errors import InputError
 from twinlens.geometry import look_at
 from twinlens.reconstruction import mesh_of, points_of, view_of_disparity
 from twinlens.reconstruction.picture import orbit, splat
-from twinlens.reconstruction.surface import Cloud, DepthView, Surface, sampled, view_of_truth, write_glb, write_ply
+from twinlens.reconstruction.surface import (
+    Cloud,
+    DepthView,
+    Surface,
+    sampled,
+    view_of_truth,
+    write_glb,
+    write_ply,
+)
 
 POSE = look_at([1.0, -2.0, 1.5], [0.2, 3.0, 1.0])
 CAMERA = Camera(40, 30, 45.0, 44.0, 18.5, 15.25, BrownConrady(-0.1, 0.02))
@@ -35,8 +43,12 @@ def test_points_of_true_disparity_are_on_the_surface_within_float32_rounding():
     off = np.linalg.norm(found.positions()[known] - truth.position[known], axis=1)
     ray = np.linalg.norm(truth.position[known] - scene.world_from_left[:3, 3], axis=1)
     disparity = truth.disparity[known].astype(float)
-    assert (off <= 0.51 * EPS * ray * np.abs(disparity) / (disparity + rig.doffs()) + 1e-12).all()
-    assert off.max() > 0.05 * EPS * ray.max()  # it is float32 that limits, and nothing else
+    assert (
+        off <= 0.51 * EPS * ray * np.abs(disparity) / (disparity + rig.doffs()) + 1e-12
+    ).all()
+    assert (
+        off.max() > 0.05 * EPS * ray.max()
+    )  # it is float32 that limits, and nothing else
 
 
 def test_points_project_to_their_pixels_and_have_their_colours():
@@ -45,7 +57,10 @@ def test_points_project_to_their_pixels_and_have_their_colours():
     one = view(depth)
     cloud = points_of(one)
     assert len(cloud) == 30 * 40 - 30
-    assert np.abs(one.rig.project(0, cloud.points) - CAMERA.pixel_grid()[one.known]).max() < 1e-9
+    assert (
+        np.abs(one.rig.project(0, cloud.points) - CAMERA.pixel_grid()[one.known]).max()
+        < 1e-9
+    )
     assert np.array_equal(cloud.colors, one.image[one.known])
     assert np.isposinf(one.positions()[4, 12]).all()
 
@@ -60,7 +75,9 @@ def test_a_plane_gives_all_triangles_facing_the_camera():
     mesh = mesh_of(one)
     assert len(mesh.faces) == 2 * 29 * 39
     solid = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
-    normal = POSE[:3, :3] @ (np.array([-0.3, 0.2, -1.0]) / np.linalg.norm([0.3, 0.2, 1.0]))
+    normal = POSE[:3, :3] @ (
+        np.array([-0.3, 0.2, -1.0]) / np.linalg.norm([0.3, 0.2, 1.0])
+    )
     assert np.allclose(solid.face_normals, normal, atol=1e-6)
     assert np.array_equal(mesh.colors, one.image.reshape(-1, 3))
 
@@ -70,8 +87,13 @@ def test_no_triangles_across_discontinuities_and_unknown_depths():
     depth[:, 20:] = 3.0
     depth[10, 5] = np.inf
     mesh = mesh_of(view(depth))
-    assert len(mesh.faces) == 2 * 29 * 38 - 6  # one column of cells, and the six triangles at one pixel
-    side = np.linalg.norm(mesh.vertices[mesh.faces] - np.roll(mesh.vertices[mesh.faces], 1, axis=1), axis=2)
+    assert (
+        len(mesh.faces) == 2 * 29 * 38 - 6
+    )  # one column of cells, and the six triangles at one pixel
+    side = np.linalg.norm(
+        mesh.vertices[mesh.faces] - np.roll(mesh.vertices[mesh.faces], 1, axis=1),
+        axis=2,
+    )
     assert side.max() < 0.2
     assert len(np.unique(mesh.faces)) == len(mesh.vertices)
 
@@ -103,7 +125,9 @@ def test_files_are_read_by_trimesh(make, tmp_path):
 
 def test_a_view_of_truth_has_its_depth_and_an_8_bit_image():
     scene = tl.load_scene("cards")
-    rig = toed_in(Camera(24, 18, 26.0, 26.0, 11.5, 8.5), 0.2, 1.5, scene.world_from_left)
+    rig = toed_in(
+        Camera(24, 18, 26.0, 26.0, 11.5, 8.5), 0.2, 1.5, scene.world_from_left
+    )
     truth = tl.ground_truth(scene, rig)[1]
     one = view_of_truth(truth, rig, 1, np.full((18, 24), 7 << 8, np.uint16))
     assert np.abs(one.positions() - truth.position)[truth.hit].max() < 1e-12
@@ -120,9 +144,22 @@ FLAT = np.full((30, 40), 2.0)
         (lambda: view(np.where(FLAT > 1, np.nan, 0)), "NaN"),
         (lambda: view(-FLAT), "positive"),
         (lambda: view(FLAT[1:]), "needs depth"),
-        (lambda: view_of_disparity(FLAT, toed_in(CAMERA, 0.3, 2.0)), "rectify them first"),
-        (lambda: view_of_disparity(-np.inf * FLAT, Rig.stereo(CAMERA.replace(distortion=None), 0.1)), "-inf"),
-        (lambda: view_of_disparity("x", Rig.stereo(CAMERA.replace(distortion=None), 0.1)), "array of numbers"),
+        (
+            lambda: view_of_disparity(FLAT, toed_in(CAMERA, 0.3, 2.0)),
+            "rectify them first",
+        ),
+        (
+            lambda: view_of_disparity(
+                -np.inf * FLAT, Rig.stereo(CAMERA.replace(distortion=None), 0.1)
+            ),
+            "-inf",
+        ),
+        (
+            lambda: view_of_disparity(
+                "x", Rig.stereo(CAMERA.replace(distortion=None), 0.1)
+            ),
+            "array of numbers",
+        ),
         (lambda: mesh_of(view(FLAT), 90), "max_angle_deg"),
         (lambda: Cloud(np.array([[np.inf, 0, 0]])), "finite"),
         (lambda: Cloud(np.zeros((2, 3)), np.zeros((1, 3), np.uint8)), "colours"),
@@ -136,7 +173,9 @@ def test_invalid_input_raises(make, says):
 
 def test_disparities_at_or_beyond_infinity_are_unknown():
     rig = Rig.stereo(CAMERA.replace(distortion=None), 0.1)
-    found = view_of_disparity(np.where(np.arange(40) < 20, [[0.0]], [[-3.0]]) * np.ones((30, 1)), rig)
+    found = view_of_disparity(
+        np.where(np.arange(40) < 20, [[0.0]], [[-3.0]]) * np.ones((30, 1)), rig
+    )
     assert not found.known.any()
     assert not len(points_of(found))
     assert not len(mesh_of(found).faces)
@@ -167,6 +206,13 @@ def test_splatted_points_are_at_their_projections_and_occlude_farther_ones():
         assert (picture[round(v), round(u)] == [0, 0, 255]).all()
         assert (picture == 255).all(axis=2).sum() == 40 * 30 - 8
     carried = orbit(POSE, [0.2, 3.0, 1.0], 30.0, 10.0)
-    distance = [np.linalg.norm(pose[:3, 3] - [0.2, 3.0, 1.0]) for pose in (POSE, carried)]
+    distance = [
+        np.linalg.norm(pose[:3, 3] - [0.2, 3.0, 1.0]) for pose in (POSE, carried)
+    ]
     assert distance[0] == pytest.approx(distance[1])
-    assert np.allclose(Camera(9, 9, 9.0, 9.0, 4.0, 4.0).project(np.linalg.inv(carried)[:3] @ [0.2, 3.0, 1.0, 1]), 4)
+    assert np.allclose(
+        Camera(9, 9, 9.0, 9.0, 4.0, 4.0).project(
+            np.linalg.inv(carried)[:3] @ [0.2, 3.0, 1.0, 1]
+        ),
+        4,
+    )

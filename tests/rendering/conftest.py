@@ -51,11 +51,20 @@ class Renderer:
             file = self._folder / f"{group}.npz"
             command = [sys.executable, "-m", WORKER, str(file), *GROUPS[group]]
             environment = {**os.environ, "TWINLENS_BACKEND": self.backend}
-            child = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=300)
+            child = subprocess.run(
+                command,
+                cwd=ROOT,
+                env=environment,
+                capture_output=True,
+                text=True,
+                timeout=300,
+            )
             assert child.returncode == 0, child.stderr
             with np.load(file) as arrays:
                 prefix = f"{group}/" if len(GROUPS[group]) == 1 else ""
-                self.answers[key] = {name.removeprefix(prefix): array for name, array in arrays.items()}
+                self.answers[key] = {
+                    name.removeprefix(prefix): array for name, array in arrays.items()
+                }
         return self.answers[key]
 
 
@@ -65,5 +74,7 @@ def skip_without_llvm():
 
     if os.environ.get("TWINLENS_REQUIRE_LLVM") == "1":
         return
-    if not any(llvm.probe("llvm_ad_rgb", library).works for library in llvm.candidates()):
+    if not any(
+        llvm.probe("llvm_ad_rgb", library).works for library in llvm.candidates()
+    ):
         pytest.skip("no LLVM that works on this machine")

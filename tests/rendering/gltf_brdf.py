@@ -9,7 +9,11 @@ def reflected(view, sky, *, color, metallic, roughness, steps=192):
     The diffuse part is a midpoint sum over directions l of equal projected solid angle; the specular part one over
     half-vectors h of equal D(h) cos(h), whose reflection of the view is l.
     """
-    view, color, alpha = np.asarray(view, float), np.asarray(color, float), max(roughness**2, 1e-3)
+    view, color, alpha = (
+        np.asarray(view, float),
+        np.asarray(color, float),
+        max(roughness**2, 1e-3),
+    )
     share = (np.arange(steps) + 0.5) / steps
     u, phi = np.meshgrid(share, 2 * np.pi * share, indexing="ij")
 
@@ -31,7 +35,12 @@ def reflected(view, sky, *, color, metallic, roughness, steps=192):
     def masked(cosine):
         return 2 * cosine / (cosine + np.sqrt(alpha**2 + (1 - alpha**2) * cosine**2))
 
-    visible = masked(view[2]) * masked(np.abs(light[..., 2])) * v_dot_h / (view[2] * half[..., 2])
+    visible = (
+        masked(view[2])
+        * masked(np.abs(light[..., 2]))
+        * v_dot_h
+        / (view[2] * half[..., 2])
+    )
     weight = np.where(seen, visible, 0)[..., None] * sky(light)
     schlick = np.clip(1 - v_dot_h, 0, 1)[..., None] ** 5
     glossy = (weight * (0.04 + 0.96 * schlick)).mean(axis=(0, 1))

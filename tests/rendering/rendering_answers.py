@@ -34,7 +34,9 @@ class View:
 
     def pixels(self):
         c = self.camera
-        return np.array([(u, v) for v in range(c.height) for u in range(c.width)], dtype=float)
+        return np.array(
+            [(u, v) for v in range(c.height) for u in range(c.width)], dtype=float
+        )
 
     def directions(self, pixels):
         c = self.camera
@@ -62,7 +64,9 @@ class View:
         c = self.rig.cameras[self.other]
         u, v = self.partner_pixels(points).T
         inside = (u >= -0.5) & (u < c.width - 0.5) & (v >= -0.5) & (v < c.height - 0.5)
-        seen[body >= 0] = inside & seen_from(self.bodies, self.rig.world_from_cams[self.other][:3, 3], points)
+        seen[body >= 0] = inside & seen_from(
+            self.bodies, self.rig.world_from_cams[self.other][:3, 3], points
+        )
         return seen
 
     @cached_property

@@ -38,7 +38,10 @@ class Tube:
     relative = 3e-6
 
     def crossings(self, o, d):
-        m, w = np.cross(o - self.start, self.axis), np.cross(d, self.axis)  # distance to the axis as a vector
+        m, w = (
+            np.cross(o - self.start, self.axis),
+            np.cross(d, self.axis),
+        )  # distance to the axis as a vector
         a, b, c = (w * w).sum(-1), (m * w).sum(-1), (m * m).sum(-1) - self.radius**2
         half = root(b * b - a * c)
         t = np.stack([(-b - half) / a, (-b + half) / a])
@@ -79,7 +82,13 @@ class Coin:
 
     def crossings(self, o, d):
         t, p = on_plane(o, d, self.centre, self.axis)
-        return clean([np.where(np.linalg.norm(p - self.centre, axis=-1) <= self.radius, t, np.nan)])
+        return clean(
+            [
+                np.where(
+                    np.linalg.norm(p - self.centre, axis=-1) <= self.radius, t, np.nan
+                )
+            ]
+        )
 
     def normal(self, p):
         return np.broadcast_to(self.axis, p.shape)
@@ -95,8 +104,12 @@ class Hull:
 
     @classmethod
     def of_triangles(cls, corners: np.ndarray) -> "Hull":
-        normals = unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
-        normals *= np.sign(((corners[:, 0] - corners.mean(axis=(0, 1))) * normals).sum(-1))[:, None]
+        normals = unit(
+            np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        )
+        normals *= np.sign(
+            ((corners[:, 0] - corners.mean(axis=(0, 1))) * normals).sum(-1)
+        )[:, None]
         return cls(normals, (normals * corners[:, 0]).sum(-1))
 
     def crossings(self, o, d):
@@ -120,14 +133,21 @@ class Soup:
 
     def crossings(self, o, d):
         a, b, c = np.moveaxis(self.corners - o, 1, 0)
-        volumes = np.stack([np.cross(b, c) @ d.T, np.cross(c, a) @ d.T, np.cross(a, b) @ d.T])
+        volumes = np.stack(
+            [np.cross(b, c) @ d.T, np.cross(c, a) @ d.T, np.cross(a, b) @ d.T]
+        )
         inside = (volumes >= 0).all(axis=0) | (volumes <= 0).all(axis=0)
         with np.errstate(divide="ignore", invalid="ignore"):
             t = (a * np.cross(b, c)).sum(-1)[:, None] / volumes.sum(axis=0)
         return clean(np.where(inside, t, np.nan))
 
     def normal(self, p):
-        n = unit(np.cross(self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0]))
+        n = unit(
+            np.cross(
+                self.corners[:, 1] - self.corners[:, 0],
+                self.corners[:, 2] - self.corners[:, 0],
+            )
+        )
         off = np.abs(p @ n.T - (self.corners[:, 0] * n).sum(-1))
         return n[np.argmin(off, axis=-1)]
 

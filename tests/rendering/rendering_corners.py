@@ -39,22 +39,43 @@ def edge_on() -> dict[str, tuple]:
         axis = unit(np.array([1.0, 0.0, lean]))
         across = unit(np.cross([0, 1, 0], axis))
         at = np.array([0.5 - 3 * lean + 10 ** rng.uniform(-5, -2), 0.1, 3.0])
-        placed = world_from_left @ pose(np.stack([across, np.cross(axis, across), axis], 1), at)
+        placed = world_from_left @ pose(
+            np.stack([across, np.cross(axis, across), axis], 1), at
+        )
         x, y, z, centre = placed[:3].T
         body = Plate(centre, x, y) if number % 2 else Coin(centre, z, 1.0)
-        scene_object = SceneObject("flat", {"type": "rectangle" if number % 2 else "disk"}, "chalk", placed)
-        found[f"edge on {number}"] = [body], scene_object, Rig.stereo(CAMERA, 0.5, world_from_left)
+        scene_object = SceneObject(
+            "flat", {"type": "rectangle" if number % 2 else "disk"}, "chalk", placed
+        )
+        found[f"edge on {number}"] = (
+            [body],
+            scene_object,
+            Rig.stereo(CAMERA, 0.5, world_from_left),
+        )
     return found
 
 
 def instances() -> dict[str, tuple]:
     rng = np.random.default_rng(12)
     found = {}
-    for name, scale in (("grown", 1.7), ("mirrored", [-1, 1, 1]), ("stretched", [1, 0.5, 2])):
-        inner, outer = pose(turn(rng), [0.05, 0, 0.1], [0.3, 0.4, 0.5]), pose(turn(rng), [0.1, 0.2, 0.3], scale)
+    for name, scale in (
+        ("grown", 1.7),
+        ("mirrored", [-1, 1, 1]),
+        ("stretched", [1, 0.5, 2]),
+    ):
+        inner, outer = (
+            pose(turn(rng), [0.05, 0, 0.1], [0.3, 0.4, 0.5]),
+            pose(turn(rng), [0.1, 0.2, 0.3], scale),
+        )
         cube = trimesh.creation.box(extents=(2, 2, 2))
-        body = Hull.of_triangles(moved(outer @ inner, np.asarray(cube.vertices)[cube.faces]))
-        found[f"{name} instance"] = [body], SceneObject("cube", {"type": "cube"}, "chalk", inner, None, (outer,)), rig()
+        body = Hull.of_triangles(
+            moved(outer @ inner, np.asarray(cube.vertices)[cube.faces])
+        )
+        found[f"{name} instance"] = (
+            [body],
+            SceneObject("cube", {"type": "cube"}, "chalk", inner, None, (outer,)),
+            rig(),
+        )
     return found
 
 
@@ -64,9 +85,17 @@ def fine_balls() -> dict[str, tuple]:
     mesh = trimesh.creation.icosphere(subdivisions=3)
     points, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces, dtype=np.uint32)
     found = {}
-    for name, scale, wound in (("plain", 0.9, 1), ("mirrored", [-0.9, 0.9, 0.9], 1), ("inside out", 0.9, -1)):
+    for name, scale, wound in (
+        ("plain", 0.9, 1),
+        ("mirrored", [-0.9, 0.9, 0.9], 1),
+        ("inside out", 0.9, -1),
+    ):
         placed = pose(turn(rng), [0, 0, 0], scale)
-        shape = Mesh(points, np.ascontiguousarray(faces[:, ::wound]), np.asarray(mesh.vertex_normals))
+        shape = Mesh(
+            points,
+            np.ascontiguousarray(faces[:, ::wound]),
+            np.asarray(mesh.vertex_normals),
+        )
         found[f"{name} ball"] = (
             [Hull.of_triangles(moved(placed, points[faces]))],
             SceneObject("ball", shape, "chalk", placed),
@@ -76,4 +105,10 @@ def fine_balls() -> dict[str, tuple]:
 
 
 def scene(thing: SceneObject) -> Scene:
-    return Scene("corner", (thing,), {"chalk": {"type": "diffuse"}}, rig().world_from_cams[0], (1.0, 9.0))
+    return Scene(
+        "corner",
+        (thing,),
+        {"chalk": {"type": "diffuse"}},
+        rig().world_from_cams[0],
+        (1.0, 9.0),
+    )

@@ -11,7 +11,11 @@ from pathlib import Path
 import numpy as np
 
 import twinlens as tl
-from tests.rendering import rendering_cases as cases, rendering_corners as corners, rendering_photos as photos
+from tests.rendering import (
+    rendering_cases as cases,
+    rendering_corners as corners,
+    rendering_photos as photos,
+)
 from twinlens.camera import Camera, Rig
 
 
@@ -22,11 +26,19 @@ def truth_job() -> dict[str, np.ndarray]:
     for name, rig in [*enumerate(cases.rigs()), ("crossed", cases.crossed_rig())]:
         truths = tl.ground_truth(scene, rig, objects=False)
         for view, truth in enumerate(truths):
-            found |= {f"{name}/{view}/{field.name}": np.asarray(getattr(truth, field.name)) for field in fields(truth)}
+            found |= {
+                f"{name}/{view}/{field.name}": np.asarray(getattr(truth, field.name))
+                for field in fields(truth)
+            }
         if name != "crossed":
-            found |= {f"{name}/again/{key}": value for key, value in seen_again(scene, rig, truths[0]).items()}
+            found |= {
+                f"{name}/again/{key}": value
+                for key, value in seen_again(scene, rig, truths[0]).items()
+            }
     sky = tl.ground_truth(scene, cases.rigs()[0], sky_disparity=True, objects=False)
-    return found | {f"sky/{view}/disparity": truth.disparity for view, truth in enumerate(sky)}
+    return found | {
+        f"sky/{view}/disparity": truth.disparity for view, truth in enumerate(sky)
+    }
 
 
 def seen_again(scene, rig, left) -> dict[str, np.ndarray]:
@@ -36,8 +48,13 @@ def seen_again(scene, rig, left) -> dict[str, np.ndarray]:
     rows, columns = rows[chosen], columns[chosen]
     right = rig.cameras[1]
     u = columns - left.disparity[rows, columns].astype(float)
-    single = [Camera(1, 1, right.fx, right.fy, right.cx - a, right.cy - b) for a, b in zip(u, rows, strict=True)]
-    truths = tl.ground_truth(scene, Rig(single, [rig.world_from_cams[1]] * len(single)), objects=False)
+    single = [
+        Camera(1, 1, right.fx, right.fy, right.cx - a, right.cy - b)
+        for a, b in zip(u, rows, strict=True)
+    ]
+    truths = tl.ground_truth(
+        scene, Rig(single, [rig.world_from_cams[1]] * len(single)), objects=False
+    )
     return {
         "left": left.position[rows, columns],
         "right": np.array([truth.position[0, 0] for truth in truths]),
@@ -50,8 +67,13 @@ def corner_job() -> dict[str, np.ndarray]:
     """The truth of the hard cases and of an XML file."""
     found = {}
     for name, (_, thing, rig) in corners.cases().items():
-        for view, truth in enumerate(tl.ground_truth(corners.scene(thing), rig, objects=False)):
-            found |= {f"{name}/{view}/{field.name}": np.asarray(getattr(truth, field.name)) for field in fields(truth)}
+        for view, truth in enumerate(
+            tl.ground_truth(corners.scene(thing), rig, objects=False)
+        ):
+            found |= {
+                f"{name}/{view}/{field.name}": np.asarray(getattr(truth, field.name))
+                for field in fields(truth)
+            }
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "ball.xml"
         file.write_text(corners.XML)
@@ -71,14 +93,20 @@ def edge_job() -> dict[str, np.ndarray]:
 
 def edge(camera, lens, z, axis, position) -> np.ndarray:
     scene = photos.half_plane(z, **{axis: position})
-    return tl.render(scene, Rig([camera], [photos.POSE]), lens_of(lens), spp=1024, seed=1)[0]
+    return tl.render(
+        scene, Rig([camera], [photos.POSE]), lens_of(lens), spp=1024, seed=1
+    )[0]
 
 
 def lens_of(parameters):
     if parameters is None:
         return tl.Pinhole()
     diameter, distance = parameters
-    return tl.ThinLens(diameter, distance) if distance > 0 else tl.BareAperture(diameter, -distance)
+    return (
+        tl.ThinLens(diameter, distance)
+        if distance > 0
+        else tl.BareAperture(diameter, -distance)
+    )
 
 
 def bokeh_job() -> dict[str, np.ndarray]:
@@ -90,7 +118,9 @@ def bokeh_job() -> dict[str, np.ndarray]:
     rig = Rig([camera], [photos.POSE])
     return {
         "far": tl.render(photos.dot(z, 0.02), rig, lens, spp=2048)[0],
-        "near": tl.render(photos.dot(z, 0.02), rig, lens.replace(focus_distance=50.0), spp=2048)[0],
+        "near": tl.render(
+            photos.dot(z, 0.02), rig, lens.replace(focus_distance=50.0), spp=2048
+        )[0],
     }
 
 
@@ -103,9 +133,14 @@ def lens_job() -> dict[str, np.ndarray]:
     found = {
         "ours": [tl.render(scene, rig, wide, spp=36, seed=seed)[0] for seed in seeds],
         "theirs": [mitsubas(scene, camera, wide, 36, seed + 100) for seed in seeds],
-        "wrong focus": [mitsubas(scene, camera, wide.replace(focus_distance=2.0), 36, seed + 200) for seed in seeds],
+        "wrong focus": [
+            mitsubas(scene, camera, wide.replace(focus_distance=2.0), 36, seed + 200)
+            for seed in seeds
+        ],
         "our pinhole": [tl.render(scene, rig, spp=36, seed=seed)[0] for seed in seeds],
-        "their pinhole": [mitsubas(scene, camera, tl.Pinhole(), 36, seed + 300) for seed in seeds],
+        "their pinhole": [
+            mitsubas(scene, camera, tl.Pinhole(), 36, seed + 300) for seed in seeds
+        ],
     }
     return {name: np.array(images, dtype=float) for name, images in found.items()}
 
@@ -121,7 +156,10 @@ def mitsubas(scene, camera, lens, spp, seed) -> np.ndarray:
     eye, ahead, down = (photos.POSE[:3, column] for column in (3, 2, 1))
     kind = "thinlens" if lens.aperture_diameter else "perspective"
     opening = (
-        {"aperture_radius": lens.aperture_diameter / 2, "focus_distance": 1 / lens.vergence}
+        {
+            "aperture_radius": lens.aperture_diameter / 2,
+            "focus_distance": 1 / lens.vergence,
+        }
         if kind == "thinlens"
         else {}
     )
@@ -129,12 +167,25 @@ def mitsubas(scene, camera, lens, spp, seed) -> np.ndarray:
         "type": kind,
         "fov": math.degrees(2 * math.atan(camera.width / 2 / camera.fx)),
         "near_clip": 0.01,
-        "to_world": mi.ScalarTransform4f().look_at(origin=eye, target=eye + ahead, up=-down),
-        "film": {"type": "hdrfilm", "width": camera.width, "height": camera.height, "rfilter": {"type": "box"}},
+        "to_world": mi.ScalarTransform4f().look_at(
+            origin=eye, target=eye + ahead, up=-down
+        ),
+        "film": {
+            "type": "hdrfilm",
+            "width": camera.width,
+            "height": camera.height,
+            "rfilter": {"type": "box"},
+        },
         "sampler": {"type": "multijitter", "sample_count": spp},
     } | opening
     integrator = mi.load_dict(dict(scene.integrator))
-    image = mi.render(build(scene).mi_scene, sensor=mi.load_dict(sensor), integrator=integrator, spp=spp, seed=seed)
+    image = mi.render(
+        build(scene).mi_scene,
+        sensor=mi.load_dict(sensor),
+        integrator=integrator,
+        spp=spp,
+        seed=seed,
+    )
     return np.asarray(image)[..., :3]
 
 
@@ -146,8 +197,13 @@ def crop_job() -> dict[str, np.ndarray]:
     large = Rig.stereo(whole, 0.2, photos.POSE)
     seeds = range(6)
     return {
-        "parts": np.array([tl.render(scene, left, spp=16, seed=seed) for seed in seeds], dtype=float),
-        "wholes": np.array([tl.render(scene, large, spp=16, seed=seed + 50) for seed in seeds], dtype=float),
+        "parts": np.array(
+            [tl.render(scene, left, spp=16, seed=seed) for seed in seeds], dtype=float
+        ),
+        "wholes": np.array(
+            [tl.render(scene, large, spp=16, seed=seed + 50) for seed in seeds],
+            dtype=float,
+        ),
     }
 
 
@@ -181,30 +237,55 @@ def denoise_job() -> dict[str, np.ndarray]:
         edge_camera = edge_camera.replace(height=48, cy=23.5)
         edge_scene = photos.painted_edge(z, **{axis: position})
         found[f"edge/{name}"] = tl.render(
-            edge_scene, Rig([edge_camera], [photos.POSE]), lens_of(lens), spp=16, denoise=True
+            edge_scene,
+            Rig([edge_camera], [photos.POSE]),
+            lens_of(lens),
+            spp=16,
+            denoise=True,
         )[0]
     wide = tl.ThinLens(0.1, 2.5)
     for name, lens in (("pinhole", tl.Pinhole()), ("lens", wide)):
-        found[f"{name}/raw"] = tl.render(scene, rig, lens, spp=2, seed=3, denoise=False)[0]
-        found[f"{name}/denoised"] = tl.render(scene, rig, lens, spp=2, seed=3, denoise=True)[0]
+        found[f"{name}/raw"] = tl.render(
+            scene, rig, lens, spp=2, seed=3, denoise=False
+        )[0]
+        found[f"{name}/denoised"] = tl.render(
+            scene, rig, lens, spp=2, seed=3, denoise=True
+        )[0]
         found[f"{name}/reference"] = tl.render(scene, rig, lens, spp=512, seed=4)[0]
     found["pinhole/raw by default"] = tl.render(scene, rig, spp=2, seed=3)[0]
-    found["lens/grid"] = tl.render_lens_grid(scene, rig, [tl.Pinhole(), wide], spp=2, denoise=True)[1][0]
-    found["own guides"] = np.array([own_guides(scene, camera, wide, *key) for key in ((3, 0), (3, 1), (4, 0))])
+    found["lens/grid"] = tl.render_lens_grid(
+        scene, rig, [tl.Pinhole(), wide], spp=2, denoise=True
+    )[1][0]
+    found["own guides"] = np.array(
+        [own_guides(scene, camera, wide, *key) for key in ((3, 0), (3, 1), (4, 0))]
+    )
     for name, shown in photos.guided().items():
         guides = guides_of(shown, photos.camera(24, 24, 60.0))
-        found |= {f"guide/{name}/albedo": guides.albedo, f"guide/{name}/normal": guides.normal}
+        found |= {
+            f"guide/{name}/albedo": guides.albedo,
+            f"guide/{name}/normal": guides.normal,
+        }
         if backend().is_jit:
-            found |= {f"path guide/{name}/{kind}": image for kind, image in guides_of_paths(shown).items()}
+            found |= {
+                f"path guide/{name}/{kind}": image
+                for kind, image in guides_of_paths(shown).items()
+            }
     passes = [("multijitter", 4, 1), ("independent", 3, 2)]
-    found["guide/net/in passes"] = guides_of(photos.guided()["net"], photos.camera(24, 24, 60.0), passes).albedo
+    found["guide/net/in passes"] = guides_of(
+        photos.guided()["net"], photos.camera(24, 24, 60.0), passes
+    ).albedo
     _, far, z, _, x = photos.EDGES["far"]
     lamp, passes = photos.half_plane(z, x=x), [("multijitter", 4, 6)]
-    found["lamp/normal"] = guides_of(lamp, photos.camera(), passes, lens_of(far)).normal @ -photos.POSE[:3, 2]
+    found["lamp/normal"] = (
+        guides_of(lamp, photos.camera(), passes, lens_of(far)).normal
+        @ -photos.POSE[:3, 2]
+    )
     found["lamp/image"] = image_of(lamp, photos.camera(), lens_of(far), *passes[0])
     for threads in (1, 3):
         drjit.set_thread_count(threads)
-        found[f"threads {threads}"] = tl.render(scene, rig, wide, spp=4, denoise=True)[0]
+        found[f"threads {threads}"] = tl.render(scene, rig, wide, spp=4, denoise=True)[
+            0
+        ]
     return found
 
 
@@ -216,15 +297,30 @@ def estimate_job() -> dict[str, np.ndarray]:
     rig, wide = Rig([camera], [photos.POSE]), tl.ThinLens(0.1, 2.5)
     references = [tl.render(scene, rig, wide, spp=256, seed=seed)[0] for seed in (4, 5)]
     found = {}
-    for name, denoise, spp in (("raw", False, 4), ("denoised", True, 16 if backend().is_jit else 4)):
-        views = [render_measured(scene, rig, wide, spp, seed, denoise=denoise)[0][0] for seed in range(8)]
-        found[f"{name}/squared estimate"] = np.array([view.error for view in views]) ** 2
-        apart = [np.array([view.image - reference for view in views]) for reference in references]
-        found[f"{name}/squared error"] = apart[0] * apart[1]  # without the noise of the references
+    for name, denoise, spp in (
+        ("raw", False, 4),
+        ("denoised", True, 16 if backend().is_jit else 4),
+    ):
+        views = [
+            render_measured(scene, rig, wide, spp, seed, denoise=denoise)[0][0]
+            for seed in range(8)
+        ]
+        found[f"{name}/squared estimate"] = (
+            np.array([view.error for view in views]) ** 2
+        )
+        apart = [
+            np.array([view.image - reference for view in views])
+            for reference in references
+        ]
+        found[f"{name}/squared error"] = (
+            apart[0] * apart[1]
+        )  # without the noise of the references
     tiny = Rig([photos.camera(8, 6)], [photos.POSE])
     rounds = iter([False, False, True])
     bounds = [lambda _: True, lambda _: next(rounds), lambda _: False]
-    counts = [render_measured(scene, tiny, wide, 4, 0, enough=bound)[1] for bound in bounds]
+    counts = [
+        render_measured(scene, tiny, wide, 4, 0, enough=bound)[1] for bound in bounds
+    ]
     return found | {"counts": np.array(counts)}
 
 
@@ -235,16 +331,28 @@ def denoised_optics_job() -> dict[str, np.ndarray]:
     found = {}
     for name, lens in photos.SLANTED_LENSES.items():
         rig = Rig([photos.camera(64, 64)], [rolled])
-        images = [tl.render(edge_scene, rig, lens_of(lens), 16, seed, denoise=True)[0] for seed in range(96)]
+        images = [
+            tl.render(edge_scene, rig, lens_of(lens), 16, seed, denoise=True)[0]
+            for seed in range(96)
+        ]
         found[f"slanted/{name}"] = np.mean(images, axis=0)
     camera, lens, z, radius = photos.DISK
     rig = Rig([camera], [photos.POSE])
-    found["disk"] = tl.render(photos.dot(z, radius), rig, lens_of(lens), spp=256, denoise=True)[0]
-    found["disk/raw"] = tl.render(photos.dot(z, radius), rig, lens_of(lens), spp=1024, seed=1)[0]
-    scene, pair = photos.room(), Rig.stereo(photos.camera(64, 48, 60.0), 0.2, photos.POSE)
+    found["disk"] = tl.render(
+        photos.dot(z, radius), rig, lens_of(lens), spp=256, denoise=True
+    )[0]
+    found["disk/raw"] = tl.render(
+        photos.dot(z, radius), rig, lens_of(lens), spp=1024, seed=1
+    )[0]
+    scene, pair = (
+        photos.room(),
+        Rig.stereo(photos.camera(64, 48, 60.0), 0.2, photos.POSE),
+    )
     wide, truth = tl.ThinLens(0.03, 2.5), tl.ground_truth(scene, pair, objects=False)[0]
     found |= {"disparity": truth.disparity, "visible": truth.visible}
-    found["pair/denoised"] = np.array([tl.render(scene, pair, wide, 16, seed, denoise=True) for seed in range(8)])
+    found["pair/denoised"] = np.array(
+        [tl.render(scene, pair, wide, 16, seed, denoise=True) for seed in range(8)]
+    )
     found["pair/reference"] = np.array([tl.render(scene, pair, wide, spp=4096, seed=9)])
     return found
 
@@ -268,9 +376,17 @@ def guides_of_paths(scene):
     from twinlens.rendering.radiance import image_passes, raw_image, views_of
 
     camera = photos.camera(24, 24, 60.0)
-    (view,) = views_of(scene, Rig([camera], [photos.POSE]), [tl.Pinhole()], 0, denoise=True)
-    _, guides = raw_image(view, list(image_passes(camera, 256, 0, 0, "sobol")), None, lambda _: None)
-    return {"albedo": guides.albedo, "normal": guides.normal, "random": guides.random_share}
+    (view,) = views_of(
+        scene, Rig([camera], [photos.POSE]), [tl.Pinhole()], 0, denoise=True
+    )
+    _, guides = raw_image(
+        view, list(image_passes(camera, 256, 0, 0, "sobol")), None, lambda _: None
+    )
+    return {
+        "albedo": guides.albedo,
+        "normal": guides.normal,
+        "random": guides.random_share,
+    }
 
 
 def image_of(scene, camera, lens, sampler, spp, seed):
@@ -280,7 +396,9 @@ def image_of(scene, camera, lens, sampler, spp, seed):
 
     built = build(scene)
     sensor = make_sensor(camera, photos.POSE, lens, spp, sampler)
-    return np.array(built.integrator.render(built.mi_scene, sensor, seed=seed, spp=spp))[..., 0]
+    return np.array(
+        built.integrator.render(built.mi_scene, sensor, seed=seed, spp=spp)
+    )[..., 0]
 
 
 def count_job() -> dict[str, np.ndarray]:
@@ -292,7 +410,9 @@ def count_job() -> dict[str, np.ndarray]:
     found = {}
     for sampler in samplers.SAMPLERS if backend().is_jit else photos.SCALAR_SAMPLERS:
         for spp in (1, 2, 3, 7, 8, 13, 32):
-            found[f"{sampler}/{spp}"] = tl.render(scene, rig, lens, spp=spp, sampler=sampler)[0]
+            found[f"{sampler}/{spp}"] = tl.render(
+                scene, rig, lens, spp=spp, sampler=sampler
+            )[0]
     samplers.RAYS_PER_PASS = 5 * 40 * 6  # room for five samples a pixel: passes of four
     done: list[float] = []
     found["narrow/13"] = tl.render(scene, rig, lens, spp=13, progress=done.append)[0]
@@ -336,7 +456,9 @@ def refusal_job() -> dict[str, np.ndarray]:
     found = {}
     for name, (inside, front, options) in requests.items():
         try:
-            tl.render(scene, Rig([inside], [photos.POSE]), front, **{"spp": 1, **options})
+            tl.render(
+                scene, Rig([inside], [photos.POSE]), front, **{"spp": 1, **options}
+            )
             found[name] = ""
         except TwinlensError as error:
             found[name] = f"{type(error).__name__}: {error}"
@@ -360,4 +482,11 @@ JOBS = {
 
 if __name__ == "__main__":
     file, *jobs = sys.argv[1:]
-    np.savez(Path(file), **{f"{job}/{name}": array for job in jobs for name, array in JOBS[job]().items()})
+    np.savez(
+        Path(file),
+        **{
+            f"{job}/{name}": array
+            for job in jobs
+            for name, array in JOBS[job]().items()
+        },
+    )

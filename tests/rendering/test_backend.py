@@ -12,7 +12,9 @@ import pytest
 from twinlens.errors import BackendError, InputError
 from twinlens.rendering import llvm
 
-backend = importlib.import_module("twinlens.rendering.backends")  # the room's `backend` is the function
+backend = importlib.import_module(
+    "twinlens.rendering.backends"
+)  # the room's `backend` is the function
 DEBIAN = Path("/usr/lib/x86_64-linux-gnu")
 
 
@@ -29,7 +31,9 @@ def own_cache(monkeypatch, tmp_path):
 @pytest.fixture
 def offer(monkeypatch):
     """Set the LLVM libraries of the machine."""
-    return lambda *files: monkeypatch.setattr(llvm, "candidates", lambda: [Path(file) for file in files])
+    return lambda *files: monkeypatch.setattr(
+        llvm, "candidates", lambda: [Path(file) for file in files]
+    )
 
 
 @pytest.fixture
@@ -55,7 +59,11 @@ def broken(folder) -> Path:
 
 
 def old_ones() -> list[Path]:
-    return [file for file in (DEBIAN / "libLLVM-15.so.1", DEBIAN / "libLLVM-14.so.1") if file.exists()]
+    return [
+        file
+        for file in (DEBIAN / "libLLVM-15.so.1", DEBIAN / "libLLVM-14.so.1")
+        if file.exists()
+    ]
 
 
 def test_broken_and_old_libraries_are_reported(offer, tmp_path):
@@ -63,7 +71,11 @@ def test_broken_and_old_libraries_are_reported(offer, tmp_path):
     files = [broken(tmp_path), *old_ones()]
     offer(*files)
     chosen = backend.doctor()
-    assert (chosen.name, chosen.variant, chosen.is_jit) == ("scalar", "scalar_rgb", False)
+    assert (chosen.name, chosen.variant, chosen.is_jit) == (
+        "scalar",
+        "scalar_rgb",
+        False,
+    )
     assert [Path(probe.path) for probe in chosen.probes] == files
     assert not any(probe.works for probe in chosen.probes)
     for file in files:
@@ -72,7 +84,9 @@ def test_broken_and_old_libraries_are_reported(offer, tmp_path):
     assert "\n" not in chosen.reason + chosen.advice
 
 
-@pytest.mark.skipif(not (DEBIAN / "libLLVM-15.so.1").exists(), reason="no LLVM 15 on this machine")
+@pytest.mark.skipif(
+    not (DEBIAN / "libLLVM-15.so.1").exists(), reason="no LLVM 15 on this machine"
+)
 def test_an_llvm_path_that_aborts_falls_back_to_scalar(tmp_path):
     """The whole way, in a process that must not die: DRJIT_LIBLLVM_PATH names LLVM 15, and there is no other."""
     script = (
@@ -83,7 +97,11 @@ def test_an_llvm_path_that_aborts_falls_back_to_scalar(tmp_path):
         "scene = mi.load_dict(mi.cornell_box()); mi.render(scene, spp=1)\n"
         "print(chosen.variant, '|', b.doctor().reason, '|', chosen.reason)"
     )
-    child = run_python(script, DRJIT_LIBLLVM_PATH=str(DEBIAN / "libLLVM-15.so.1"), DRJIT_CACHE_DIR=str(tmp_path))
+    child = run_python(
+        script,
+        DRJIT_LIBLLVM_PATH=str(DEBIAN / "libLLVM-15.so.1"),
+        DRJIT_CACHE_DIR=str(tmp_path),
+    )
     assert child.returncode == 0, child.stderr
     assert child.stdout.startswith("scalar_rgb | libLLVM-15.so.1 ")
     assert child.stdout.endswith(" | no usable LLVM; see `twinlens doctor`\n")
@@ -104,12 +122,25 @@ def test_a_library_name_without_a_folder_is_found_by_the_loader(monkeypatch):
 
 
 def test_a_working_llvm_is_chosen_after_a_broken_one(offer, answers, tmp_path):
-    offer(broken(tmp_path), "/nowhere/libLLVM-16.so", "/nowhere/libLLVM-42.so", "/nowhere/libLLVM-43.so")
+    offer(
+        broken(tmp_path),
+        "/nowhere/libLLVM-16.so",
+        "/nowhere/libLLVM-42.so",
+        "/nowhere/libLLVM-43.so",
+    )
     probed = answers(
-        {"libLLVM-99.so": "fails: x", "libLLVM-16.so": "aborts the process (signal 6)", "libLLVM-42.so": "works"}
+        {
+            "libLLVM-99.so": "fails: x",
+            "libLLVM-16.so": "aborts the process (signal 6)",
+            "libLLVM-42.so": "works",
+        }
     )
     chosen = backend.doctor()
-    assert (chosen.name, chosen.variant, chosen.library) == ("llvm", "llvm_ad_rgb", "/nowhere/libLLVM-42.so")
+    assert (chosen.name, chosen.variant, chosen.library) == (
+        "llvm",
+        "llvm_ad_rgb",
+        "/nowhere/libLLVM-42.so",
+    )
     assert probed == ["libLLVM-99.so", "libLLVM-16.so", "libLLVM-42.so"]
     assert chosen.is_jit
 
@@ -122,15 +153,26 @@ def test_a_missing_llvm_is_reported(offer):
     assert chosen.advice
 
 
-def test_commands_report_missing_llvm_briefly_and_doctor_in_full(monkeypatch, offer, answers):
+def test_commands_report_missing_llvm_briefly_and_doctor_in_full(
+    monkeypatch, offer, answers
+):
     """Every command prints the backend in one line, however long the probes' answers."""
     offer("/nowhere/libLLVM-42.so", "/nowhere/libLLVM-43.so")
-    answers({"libLLVM-42.so": "fails: " + "word " * 70, "libLLVM-43.so": "aborts the process (signal 6)"})
+    answers(
+        {
+            "libLLVM-42.so": "fails: " + "word " * 70,
+            "libLLVM-43.so": "aborts the process (signal 6)",
+        }
+    )
     monkeypatch.setattr(backend, "_already_set", lambda: None)
     monkeypatch.setattr(backend, "_activate", lambda chosen: None)
     chosen, full = backend.backend.__wrapped__(), backend.doctor()
     assert chosen.reason == "no usable LLVM; see `twinlens doctor`"
-    assert (chosen.variant, chosen.advice, chosen.probes) == (full.variant, full.advice, full.probes)
+    assert (chosen.variant, chosen.advice, chosen.probes) == (
+        full.variant,
+        full.advice,
+        full.probes,
+    )
     assert "word word" in full.reason
     assert "libLLVM-43.so aborts" in full.reason
 
@@ -150,14 +192,30 @@ def test_a_cuda_driver_without_a_device_is_not_used(monkeypatch, offer, answers)
 
 
 def test_candidates_are_the_users_library_then_the_newest(monkeypatch, tmp_path):
-    for name in ("libLLVM-9.so", "libLLVM-14.so.1", "libLLVM.so.19.1", "libLLVM-20.so", "libc.so"):
+    for name in (
+        "libLLVM-9.so",
+        "libLLVM-14.so.1",
+        "libLLVM.so.19.1",
+        "libLLVM-20.so",
+        "libc.so",
+    ):
         (tmp_path / name).write_text("")
     monkeypatch.setattr(llvm, "_FOLDERS", (str(tmp_path),))
-    newest_first = ["libLLVM-20.so", "libLLVM.so.19.1", "libLLVM-14.so.1", "libLLVM-9.so"]
+    newest_first = [
+        "libLLVM-20.so",
+        "libLLVM.so.19.1",
+        "libLLVM-14.so.1",
+        "libLLVM-9.so",
+    ]
     assert [file.name for file in llvm.candidates()] == newest_first
     monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(tmp_path / "libLLVM-14.so.1"))
     names = [file.name for file in llvm.candidates()]
-    assert names == ["libLLVM-14.so.1", "libLLVM-20.so", "libLLVM.so.19.1", "libLLVM-9.so"]
+    assert names == [
+        "libLLVM-14.so.1",
+        "libLLVM-20.so",
+        "libLLVM.so.19.1",
+        "libLLVM-9.so",
+    ]
 
 
 def test_links_to_one_library_are_one_candidate(monkeypatch, tmp_path):
@@ -179,14 +237,18 @@ def test_a_probe_is_cached_until_the_library_changes(answers, tmp_path):
     assert len(probed) == 2
 
 
-@pytest.mark.parametrize("damage", ["", "{", "[1, 2]", '"text"', "null", "\x00\xff", "rows"])
+@pytest.mark.parametrize(
+    "damage", ["", "{", "[1, 2]", '"text"', "null", "\x00\xff", "rows"]
+)
 def test_a_damaged_probe_cache_is_ignored(answers, own_cache, tmp_path, damage):
     library = broken(tmp_path)
     probed = answers({"libLLVM-99.so": "works"})
     llvm.probe("llvm_ad_rgb", library)
     memory = own_cache / "twinlens-backends.json"
     rows = {key: ["not", "a", "row"] for key in json.loads(memory.read_text())}
-    memory.write_bytes(json.dumps(rows).encode() if damage == "rows" else damage.encode("latin-1"))
+    memory.write_bytes(
+        json.dumps(rows).encode() if damage == "rows" else damage.encode("latin-1")
+    )
     assert llvm.probe("llvm_ad_rgb", library).works
     assert len(probed) == 2
     assert llvm.probe("llvm_ad_rgb", library).works
@@ -213,7 +275,10 @@ def test_a_probe_that_hangs_is_reported_as_a_timeout(monkeypatch, tmp_path):
 
 
 def test_a_timeout_is_not_cached(answers, tmp_path):
-    probed, library = answers({"libLLVM-99.so": "did not answer within 120 s"}), broken(tmp_path)
+    probed, library = (
+        answers({"libLLVM-99.so": "did not answer within 120 s"}),
+        broken(tmp_path),
+    )
     for _ in range(2):
         llvm.probe("llvm_ad_rgb", library)
     assert len(probed) == 2
@@ -225,9 +290,18 @@ def test_a_timeout_is_not_cached(answers, tmp_path):
         ("raise SystemExit(0)", "works"),
         ("import os; os.abort()", "aborts the process (signal 6)"),
         ("raise RuntimeError('two\\nlines')", "fails: lines"),
-        ("raise RuntimeError('word ' * 70 + 'end.')", f"fails: RuntimeError: {'word ' * 70}end."),
-        ("raise RuntimeError('word ' * 200)", f"fails: RuntimeError: {'word ' * 76}..."),
-        ("raise ImportError('no LLVM was found! Set the variable.')", "fails: ImportError: no LLVM was found!"),
+        (
+            "raise RuntimeError('word ' * 70 + 'end.')",
+            f"fails: RuntimeError: {'word ' * 70}end.",
+        ),
+        (
+            "raise RuntimeError('word ' * 200)",
+            f"fails: RuntimeError: {'word ' * 76}...",
+        ),
+        (
+            "raise ImportError('no LLVM was found! Set the variable.')",
+            "fails: ImportError: no LLVM was found!",
+        ),
         ("raise SystemExit(3)", "fails with exit code 3"),
     ],
 )
@@ -271,7 +345,8 @@ def test_requested_scalar_probes_nothing(monkeypatch, offer, answers):
 
 
 HOST = (
-    "import mitsuba; mitsuba.set_variant('{variant}'); from twinlens.rendering import backend; print(backend().variant)"
+    "import mitsuba; mitsuba.set_variant('{variant}'); "
+    "from twinlens.rendering import backend; print(backend().variant)"
 )
 
 
@@ -283,13 +358,18 @@ def test_a_variant_set_by_the_host_is_kept():
 def test_an_unsupported_variant_is_an_error():
     child = run_python(HOST.format(variant="scalar_spectral"))
     assert child.returncode == 1
-    assert "BackendError: mitsuba's variant is already scalar_spectral" in child.stderr.splitlines()[-1]
+    assert (
+        "BackendError: mitsuba's variant is already scalar_spectral"
+        in child.stderr.splitlines()[-1]
+    )
 
 
 def test_the_working_llvm_of_this_machine_is_used(both):
     """Where an LLVM works, `auto` finds it: the machine's own candidates, real probes."""
     both["llvm"]("truth")
-    child = run_python("from twinlens.rendering import backend; b = backend(); print(b.name, b.library)")
+    child = run_python(
+        "from twinlens.rendering import backend; b = backend(); print(b.name, b.library)"
+    )
     name, library = child.stdout.split()
     assert name in ("llvm", "cuda")
     assert name == "cuda" or Path(library).exists()
@@ -312,7 +392,10 @@ def test_a_host_that_imported_mitsuba_with_a_broken_path_gets_one_line(both):
     script = "import mitsuba; from twinlens.rendering import backend; backend()"
     child = run_python(script, DRJIT_LIBLLVM_PATH="/nonexistent")
     last = child.stderr.splitlines()[-1] if child.stderr else ""
-    assert child.returncode == 0 or "BackendError: llvm_ad_rgb does not work in this process" in last
+    assert (
+        child.returncode == 0
+        or "BackendError: llvm_ad_rgb does not work in this process" in last
+    )
 
 
 def test_importing_twinlens_imports_no_renderer():
@@ -323,7 +406,15 @@ def test_importing_twinlens_imports_no_renderer():
 
 
 def run_python(script, **environment):
-    usual = {key: value for key, value in os.environ.items() if key not in ("TWINLENS_BACKEND", "DRJIT_CACHE_DIR")}
+    usual = {
+        key: value
+        for key, value in os.environ.items()
+        if key not in ("TWINLENS_BACKEND", "DRJIT_CACHE_DIR")
+    }
     return subprocess.run(
-        [sys.executable, "-c", script], env=usual | environment, capture_output=True, text=True, timeout=200
+        [sys.executable, "-c", script],
+        env=usual | environment,
+        capture_output=True,
+        text=True,
+        timeout=200,
     )

@@ -43,7 +43,8 @@ def test_two_eyes_do_not_agree_better_than_converged_images(found):
     """The right image, taken where the left pixels are seen, minus the left one; mean over eight pairs. Removed texture
     would lower it. A single pair's residual varies by 3 %."""
     denoised, reference = (
-        np.mean([residual(found, pair) for pair in found[f"pair/{name}"]]) for name in ("denoised", "reference")
+        np.mean([residual(found, pair) for pair in found[f"pair/{name}"]])
+        for name in ("denoised", "reference")
     )
     assert reference < denoised
     assert denoised < 2 * reference

@@ -32,11 +32,14 @@ def squared_error(image, reference):
 
 
 @pytest.mark.parametrize(
-    ("lens", "kind", "share"), [("pinhole", "denoised", 0.25), ("lens", "denoised", 0.25), ("lens", "grid", 0.5)]
+    ("lens", "kind", "share"),
+    [("pinhole", "denoised", 0.25), ("lens", "denoised", 0.25), ("lens", "grid", 0.5)],
 )
 def test_the_error_falls_to_a_fraction(found, lens, kind, share):
     """In the mean square, from 2 samples. Neighbouring pixels of a grid share samples: their noise is correlated."""
-    denoised, raw, reference = (found[f"{lens}/{name}"] for name in (kind, "raw", "reference"))
+    denoised, raw, reference = (
+        found[f"{lens}/{name}"] for name in (kind, "raw", "reference")
+    )
     assert squared_error(denoised, reference) < share * squared_error(raw, reference)
     assert np.mean(denoised) == pytest.approx(np.mean(reference), rel=0.02)
 
@@ -61,16 +64,22 @@ def test_guides_show_the_texture_and_the_normals(found):
     inside = np.isclose(albedo, 0.4, atol=1e-4) | np.isclose(albedo, 0.2, atol=1e-4)
     assert inside.mean() > 0.6
     assert 0.25 < np.mean(albedo > 0.3) < 0.75
-    np.testing.assert_allclose(normal, np.broadcast_to(-photos.POSE[:3, 2], normal.shape), atol=1e-4)
+    np.testing.assert_allclose(
+        normal, np.broadcast_to(-photos.POSE[:3, 2], normal.shape), atol=1e-4
+    )
 
 
 def test_guides_follow_mirrors_and_openings(both):
     """A mirror of reflectance 0.8 before paint of 0.5, and a half open net of black cloth: nothing is random."""
     found = both["llvm"]("denoise")
     middle = (slice(8, 16), slice(8, 16))
-    np.testing.assert_allclose(found["guide/mirror/albedo"][middle], 0.8 * 0.5, atol=1e-4)
+    np.testing.assert_allclose(
+        found["guide/mirror/albedo"][middle], 0.8 * 0.5, atol=1e-4
+    )
     np.testing.assert_allclose(found["guide/net/albedo"], 0.5 * 0.5, atol=1e-6)
-    np.testing.assert_allclose(found["guide/mirror/normal"][middle][0, 0], photos.POSE[:3, 2], atol=1e-4)
+    np.testing.assert_allclose(
+        found["guide/mirror/normal"][middle][0, 0], photos.POSE[:3, 2], atol=1e-4
+    )
 
 
 def test_guides_of_glass_are_weighted_by_fresnel(both):
@@ -84,15 +93,30 @@ def test_guides_of_glass_are_weighted_by_fresnel(both):
 def test_paths_find_the_same_guides(both):
     """In the mean: they choose at random at nets and glass. These are 16,384 paths of a Sobol sequence."""
     found = both["llvm"]("denoise")
-    for name, share in (("wall", 0), ("mirror", 0), ("net", 0.5), ("hole", 0), ("pane", 1)):
-        np.testing.assert_allclose(found[f"path guide/{name}/random"][8:16, 8:16].mean(), share, atol=2e-4)
+    for name, share in (
+        ("wall", 0),
+        ("mirror", 0),
+        ("net", 0.5),
+        ("hole", 0),
+        ("pane", 1),
+    ):
+        np.testing.assert_allclose(
+            found[f"path guide/{name}/random"][8:16, 8:16].mean(), share, atol=2e-4
+        )
         for kind in ("albedo", "normal"):
-            own, expected = (found[f"{of}/{name}/{kind}"][8:16, 8:16] for of in ("path guide", "guide"))
-            np.testing.assert_allclose(own.mean((0, 1)), expected.mean((0, 1)), atol=2e-4)
+            own, expected = (
+                found[f"{of}/{name}/{kind}"][8:16, 8:16]
+                for of in ("path guide", "guide")
+            )
+            np.testing.assert_allclose(
+                own.mean((0, 1)), expected.mean((0, 1)), atol=2e-4
+            )
 
 
 def test_guides_do_not_depend_on_passes(found):
-    np.testing.assert_allclose(found["guide/net/in passes"], found["guide/net/albedo"], atol=1e-6)
+    np.testing.assert_allclose(
+        found["guide/net/in passes"], found["guide/net/albedo"], atol=1e-6
+    )
 
 
 def test_guides_have_the_samples_of_the_image(both):
@@ -114,11 +138,17 @@ def test_a_lamp_does_not_change_the_texture_around_it():
     from twinlens.rendering.denoising import _with_lost_texture
 
     rows, columns = np.mgrid[:90, :120]
-    texture = np.where((rows // 5 + columns // 5) % 2, 0.7, 0.9).astype(np.float32)[..., None].repeat(3, axis=2)
+    texture = (
+        np.where((rows // 5 + columns // 5) % 2, 0.7, 0.9)
+        .astype(np.float32)[..., None]
+        .repeat(3, axis=2)
+    )
     image = texture.copy()
     image[40:50, 55:65] = 1000.0
     noise = np.random.default_rng(0).exponential(1.0, texture.shape).astype(np.float32)
-    np.testing.assert_allclose(_with_lost_texture(image, noise * image, texture), image, rtol=0.05)
+    np.testing.assert_allclose(
+        _with_lost_texture(image, noise * image, texture), image, rtol=0.05
+    )
 
 
 @pytest.mark.parametrize("value", [np.inf, np.nan])
@@ -128,7 +158,10 @@ def test_radiance_that_is_not_finite_does_not_spread(value):
 
     image = np.full((48, 64, 3), 0.5, np.float32)
     image[20, 30] = value
-    guides = Guides(np.broadcast_to(np.array([0.5, 0.5, 0.5, 0, 0, 1, 0], np.float32), (48, 64, 7)), 1)
+    guides = Guides(
+        np.broadcast_to(np.array([0.5, 0.5, 0.5, 0, 0, 1, 0], np.float32), (48, 64, 7)),
+        1,
+    )
     np.testing.assert_allclose(denoise_image(image, guides), 0.5, rtol=0.05)
 
 
@@ -140,7 +173,10 @@ def test_an_albedo_that_is_not_finite_does_not_spread():
     means = np.broadcast_to(np.array([0.5, 0.5, 0.5, 0, 0, 1, 0]), (48, 64, 7)).copy()
     guides = Guides.from_means(means, 1, None)
     means[20, 30] = np.nan
-    changed = np.abs(denoise_image(image, guides, Guides.from_means(means, 1, None)) - 0.5) > 0.05
+    changed = (
+        np.abs(denoise_image(image, guides, Guides.from_means(means, 1, None)) - 0.5)
+        > 0.05
+    )
     assert changed[18:23, 28:33].sum() == changed.sum()
 
 
@@ -151,12 +187,19 @@ def test_most_of_the_texture_that_a_filter_blurred_is_restored():
     from twinlens.rendering.denoising import _with_lost_texture
 
     rows, columns = np.mgrid[:90, :120]
-    texture = np.where((rows // 5 + columns // 5) % 2, 0.4, 0.9).astype(np.float32)[..., None].repeat(3, axis=2)
+    texture = (
+        np.where((rows // 5 + columns // 5) % 2, 0.4, 0.9)
+        .astype(np.float32)[..., None]
+        .repeat(3, axis=2)
+    )
     light = (1 + columns / 120).astype(np.float32)[..., None]
     noise = np.random.default_rng(0).normal(0, 0.2, texture.shape).astype(np.float32)
     blurred = light * gaussian_filter(texture, (0.6, 0.6, 0))
     restored = _with_lost_texture(blurred, light * (texture + noise), texture)
-    errors = [np.sqrt(np.mean((image - light * texture) ** 2)) for image in (restored, blurred)]
+    errors = [
+        np.sqrt(np.mean((image - light * texture) ** 2))
+        for image in (restored, blurred)
+    ]
     assert errors[0] < 0.5 * errors[1]
 
 
@@ -165,7 +208,11 @@ def test_an_image_without_texture_is_not_changed_by_its_noise():
 
     flat = np.full((48, 64, 3), 0.5, np.float32)
     noise = np.random.default_rng(0).normal(0, 0.2, flat.shape).astype(np.float32)
-    np.testing.assert_allclose(_with_lost_texture(flat, flat + noise, 0.7 * np.ones_like(flat)), flat, atol=1e-3)
+    np.testing.assert_allclose(
+        _with_lost_texture(flat, flat + noise, 0.7 * np.ones_like(flat)),
+        flat,
+        atol=1e-3,
+    )
 
 
 def test_the_processor_denoises_where_the_gpu_is_not_supported(monkeypatch):
@@ -180,7 +227,9 @@ def test_the_processor_denoises_where_the_gpu_is_not_supported(monkeypatch):
 
     device = mitsuba_oidn.Device
     monkeypatch.setattr(mitsuba_oidn, "Device", no_gpu)
-    monkeypatch.setattr(denoising, "backend", lambda: SimpleNamespace(name="cuda", is_jit=True))
+    monkeypatch.setattr(
+        denoising, "backend", lambda: SimpleNamespace(name="cuda", is_jit=True)
+    )
     denoising._device.cache_clear()
     assert denoising.denoiser_record()["device"] == "cpu"
     denoising._device.cache_clear()

@@ -18,8 +18,15 @@ GRAZING = 0.02  # cosine of the angle of incidence
 def answers():
     """The closed forms of every view: (case, view) -> View, pixels, depth, body; computed once for both backends."""
     bodies = cases.bodies()
-    views = {(name, i): View(bodies, rig, i) for name, rig in RIGS.items() for i in range(len(rig.cameras))}
-    return {key: (view, pixels := view.pixels(), *view.hits(pixels)[:2]) for key, view in views.items()}
+    views = {
+        (name, i): View(bodies, rig, i)
+        for name, rig in RIGS.items()
+        for i in range(len(rig.cameras))
+    }
+    return {
+        key: (view, pixels := view.pixels(), *view.hits(pixels)[:2])
+        for key, view in views.items()
+    }
 
 
 @pytest.fixture
@@ -97,7 +104,9 @@ def test_disparity_is_fx_b_over_z_less_doffs(compare):
         if len(view.rig.cameras) != 2:
             assert np.isinf(truth["disparity"]).all()
             continue
-        baseline = np.linalg.norm(view.rig.world_from_cams[1][:3, 3] - view.rig.world_from_cams[0][:3, 3])
+        baseline = np.linalg.norm(
+            view.rig.world_from_cams[1][:3, 3] - view.rig.world_from_cams[0][:3, 3]
+        )
         expected = left.fx * baseline / truth["depth"] - (right.cx - left.cx)
         known = np.isfinite(truth["depth"])
         assert np.abs(truth["disparity"] - expected)[known].max() <= 1e-4
@@ -111,12 +120,18 @@ def test_visibility_equals_the_closed_form(compare):
         expected = view.all_visible
         wrong = truth["visible"] != expected
         assert view.near_edge(view.visible, pixels[wrong], 0.01).all()
-        seen, excused, total = seen + expected.sum(), excused + wrong.sum(), total + len(pixels)
+        seen, excused, total = (
+            seen + expected.sum(),
+            excused + wrong.sum(),
+            total + len(pixels),
+        )
     assert 0.3 * total < seen < 0.9 * total
     assert excused < 1e-4 * total
 
 
-def test_positions_project_onto_their_own_pixels_and_at_their_disparity_into_the_partner(compare):
+def test_positions_project_onto_their_own_pixels_and_at_their_disparity_into_the_partner(
+    compare,
+):
     for truth, view, pixels, _, _ in compare():
         hit = truth["object_id"] > 0
         position = truth["position"][hit]
@@ -140,7 +155,9 @@ def test_both_views_agree_on_points_visible_in_both(renderer):
             continue
         left, right = truth[f"{name}/again/left"], truth[f"{name}/again/right"]
         assert len(left) == 40
-        assert np.array_equal(truth[f"{name}/again/left_id"], truth[f"{name}/again/right_id"])
+        assert np.array_equal(
+            truth[f"{name}/again/left_id"], truth[f"{name}/again/right_id"]
+        )
         distance = np.linalg.norm(left - rig.world_from_cams[1][:3, 3], axis=1)
         assert (np.linalg.norm(left - right, axis=1) <= 3e-6 * distance).all()
 
@@ -152,11 +169,15 @@ def test_normals_are_unit_face_the_camera_and_equal_the_closed_form(compare):
         for field in ("normal", "shading_normal"):
             assert np.abs(np.linalg.norm(truth[field][hit], axis=1) - 1).max() < 1e-6
             assert not truth[field][~hit].any()
-        assert ((truth["normal"][hit] * view.directions(pixels[hit])).sum(-1) <= 1e-6).all()
+        assert (
+            (truth["normal"][hit] * view.directions(pixels[hit])).sum(-1) <= 1e-6
+        ).all()
         same = hit & (truth["object_id"] == body + 1)
         expected = view.all_normals
         wrong = same & (np.abs(truth["normal"] - expected).max(axis=-1) > 1e-4)
-        assert (near_crease(view, pixels[wrong]) | (view.cosine(pixels[wrong]) < GRAZING)).all()
+        assert (
+            near_crease(view, pixels[wrong]) | (view.cosine(pixels[wrong]) < GRAZING)
+        ).all()
         checked, total = checked + wrong.sum(), total + same.sum()
         assert np.allclose(
             truth["normal"], truth["shading_normal"], atol=1e-6
@@ -167,7 +188,10 @@ def test_normals_are_unit_face_the_camera_and_equal_the_closed_form(compare):
 def near_crease(view, pixels):
     """Whether the closed form's own normal jumps within a thousandth of a pixel."""
     here = view.normals(pixels)
-    jumps = [np.abs(view.normals(pixels + 1e-3 * np.array(step)) - here).max(-1) > 0.01 for step in ((1, 1), (-1, -1))]
+    jumps = [
+        np.abs(view.normals(pixels + 1e-3 * np.array(step)) - here).max(-1) > 0.01
+        for step in ((1, 1), (-1, -1))
+    ]
     return jumps[0] | jumps[1]
 
 
@@ -176,8 +200,14 @@ def test_names_and_materials_belong_to_the_ids(compare):
     kinds = {}
     for thing in cases.things():
         name = thing.scene_object.name
-        own = [f"{name}[{i}]" for i in range(len(thing.bodies))] if thing.scene_object.instances else [name]
-        kinds |= dict.fromkeys(own, (thing.scene_object.material, cases.KINDS[thing.scene_object.material]))
+        own = (
+            [f"{name}[{i}]" for i in range(len(thing.bodies))]
+            if thing.scene_object.instances
+            else [name]
+        )
+        kinds |= dict.fromkeys(
+            own, (thing.scene_object.material, cases.KINDS[thing.scene_object.material])
+        )
         names += own
     for truth, *_ in compare():
         assert truth._arrays[f"{truth._prefix}/object_names"].tolist() == names
@@ -185,7 +215,10 @@ def test_names_and_materials_belong_to_the_ids(compare):
         for index in np.unique(truth["object_id"]):
             mine = truth["object_id"] == index
             material, kind = kinds[names[index - 1]] if index else ("", "none")
-            assert (truth["material_id"][mine] == (materials.index(material) + 1 if index else 0)).all()
+            assert (
+                truth["material_id"][mine]
+                == (materials.index(material) + 1 if index else 0)
+            ).all()
             assert (truth["material_kind"][mine] == MATERIAL_KINDS.index(kind)).all()
 
 
@@ -232,7 +265,9 @@ def test_arrays_have_the_documented_shapes_and_types(renderer):
                 array = truth[f"{name}/{index}/{field}"]
                 assert array.dtype == np.dtype(dtype)
                 assert array.shape[:2] == (camera.height, camera.width)
-                assert array.shape[2:] == ((3,) if field in ("position", "normal", "shading_normal") else ())
+                assert array.shape[2:] == (
+                    (3,) if field in ("position", "normal", "shading_normal") else ()
+                )
 
 
 def test_both_backends_give_the_same_truth(both, answers):

@@ -19,9 +19,19 @@ def truth(renderer):
     def of(name, index=0):
         bodies, _, rig = CASES[name]
         view = View(bodies, rig, index)
-        fields = ("depth", "visible", "normal", "shading_normal", "object_id", "position")
+        fields = (
+            "depth",
+            "visible",
+            "normal",
+            "shading_normal",
+            "object_id",
+            "position",
+        )
         flat = {field: arrays[f"{name}/{index}/{field}"] for field in fields}
-        return {field: array.reshape(len(view.pixels()), *array.shape[2:]) for field, array in flat.items()}, view
+        return {
+            field: array.reshape(len(view.pixels()), *array.shape[2:])
+            for field, array in flat.items()
+        }, view
 
     return of
 
@@ -34,7 +44,9 @@ def test_a_plane_does_not_occlude_itself_at_grazing_angles(truth, name):
     assert view.near_edge(view.visible, view.pixels()[wrong], 0.01).all()
 
 
-@pytest.mark.parametrize("name", [name for name in CASES if not name.startswith("edge on")])
+@pytest.mark.parametrize(
+    "name", [name for name in CASES if not name.startswith("edge on")]
+)
 @pytest.mark.parametrize("index", [0, 1])
 def test_placed_meshes_equal_their_closed_form(truth, name, index):
     found, view = truth(name, index)
@@ -55,7 +67,11 @@ def test_smooth_normals_are_interpolated_and_face_the_camera(truth, name):
     """Those of a ball are its radii, to the square of the triangles' size, whichever way its faces are wound."""
     found, _ = truth(name)
     hit = found["object_id"] > 0
-    radius, smooth, flat = unit(found["position"][hit]), found["shading_normal"][hit], found["normal"][hit]
+    radius, smooth, flat = (
+        unit(found["position"][hit]),
+        found["shading_normal"][hit],
+        found["normal"][hit],
+    )
     assert np.abs(smooth - radius).max() < 0.007
     assert np.abs(flat - radius).max() > 0.05
     assert ((smooth * flat).sum(axis=-1) > 0.99).all()

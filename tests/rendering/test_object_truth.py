@@ -26,7 +26,9 @@ def view(objects, camera=CAMERA, pose=TURNED):
         else replace(each, world_from_object=pose @ each.world_from_object)
         for each in objects
     )
-    scene = Scene("test", placed, GREY, pose, (0.5, 10.0), lights={"sky": {"type": "constant"}})
+    scene = Scene(
+        "test", placed, GREY, pose, (0.5, 10.0), lights={"sky": {"type": "constant"}}
+    )
     rig = tl.Rig.stereo(camera, 0.1, world_from_left=pose)
     return tl.ground_truth(scene, rig)[0], scene, rig
 
@@ -39,7 +41,9 @@ def thing(name, shape, at=(0, 0, 0), linear=None, instances=()):
 
 def wide_grid(camera):
     """Pixel centres of a frame of three times the image's size, centred on it."""
-    v, u = np.mgrid[-camera.height : 2 * camera.height, -camera.width : 2 * camera.width]
+    v, u = np.mgrid[
+        -camera.height : 2 * camera.height, -camera.width : 2 * camera.width
+    ]
     return np.stack([u, v], axis=-1).astype(float)
 
 
@@ -55,7 +59,12 @@ def in_image(mask, camera):
 
 def bounds(mask, camera):
     v, u = np.nonzero(mask)
-    return (u.min() - camera.width, v.min() - camera.height, np.ptp(u) + 1, np.ptp(v) + 1)
+    return (
+        u.min() - camera.width,
+        v.min() - camera.height,
+        np.ptp(u) + 1,
+        np.ptp(v) + 1,
+    )
 
 
 def proper(seed):
@@ -70,7 +79,9 @@ def painted(truth, each, mesh, camera, factor=8):
     pixels = camera.project(points)
     canvas = np.zeros((camera.height * factor, camera.width * factor), np.uint8)
     for triangle in pixels[mesh[1]]:
-        cv2.fillConvexPoly(canvas, np.rint(triangle * factor * 16).astype(np.int32), 255, shift=4)
+        cv2.fillConvexPoly(
+            canvas, np.rint(triangle * factor * 16).astype(np.int32), 255, shift=4
+        )
     return canvas[::factor, ::factor] > 0
 
 
@@ -84,8 +95,18 @@ def painted(truth, each, mesh, camera, factor=8):
     ids=["pinhole", "Brown-Conrady", "Kannala-Brandt"],
 )
 def test_balls_cover_their_closed_form_also_where_hidden_and_outside(camera):
-    balls = {"front": ((0.05, 0.0, 2.0), 0.3), "behind": ((0.2, 0.1, 3.0), 0.5), "left": ((-1.2, 0.0, 2.2), 0.35)}
-    truth, _, _ = view([thing(name, {"type": "sphere", "radius": r}, at) for name, (at, r) in balls.items()], camera)
+    balls = {
+        "front": ((0.05, 0.0, 2.0), 0.3),
+        "behind": ((0.2, 0.1, 3.0), 0.5),
+        "left": ((-1.2, 0.0, 2.2), 0.35),
+    }
+    truth, _, _ = view(
+        [
+            thing(name, {"type": "sphere", "radius": r}, at)
+            for name, (at, r) in balls.items()
+        ],
+        camera,
+    )
     assert [truth.object_name(each) for each in truth.objects] == [*balls]
     for each, (at, radius) in zip(truth.objects, balls.values(), strict=True):
         whole = ball_mask(camera, np.array(at), radius)
@@ -94,7 +115,9 @@ def test_balls_cover_their_closed_form_also_where_hidden_and_outside(camera):
         assert np.count_nonzero(truth.silhouette(each) != in_image(whole, camera)) <= 1
         np.testing.assert_allclose(each.box, bounds(whole, camera), atol=1)
         np.testing.assert_allclose(each.cam_from_object[:3, 3], at, atol=1e-12)
-        np.testing.assert_allclose(each.extent, [[-radius] * 3, [radius] * 3], atol=1e-12)
+        np.testing.assert_allclose(
+            each.extent, [[-radius] * 3, [radius] * 3], atol=1e-12
+        )
     front, behind, left = truth.objects
     assert front.visible_fraction == 1
     hidden = in_image(ball_mask(camera, np.array(balls["behind"][0]), 0.5), camera)
@@ -108,17 +131,27 @@ def test_balls_cover_their_closed_form_also_where_hidden_and_outside(camera):
 
 def test_a_box_behind_another_one_covers_its_projected_faces():
     front = thing("front", shapes.box(np.array([0.5, 0.4, 0.1])), (0.0, 0.0, 1.5))
-    behind = thing("behind", shapes.box(np.array([0.6, 0.3, 0.3])), (0.1, 0.05, 2.5), proper(1))
+    behind = thing(
+        "behind", shapes.box(np.array([0.6, 0.3, 0.3])), (0.1, 0.05, 2.5), proper(1)
+    )
     truth, _, _ = view([front, behind])
     each = truth.objects[1]
     corners = np.array(list(itertools.product(*each.extent.T)))
-    np.testing.assert_allclose(each.extent, np.array([[-0.3, -0.15, -0.15], [0.3, 0.15, 0.15]]), atol=1e-12)
     np.testing.assert_allclose(
-        each.corners_px, CAMERA.project(geometry.transform_points(each.cam_from_object, corners)), atol=1e-9
+        each.extent, np.array([[-0.3, -0.15, -0.15], [0.3, 0.15, 0.15]]), atol=1e-12
     )
-    hull = cv2.convexHull(each.corners_px.astype(np.float32))  # the silhouette of a convex body
+    np.testing.assert_allclose(
+        each.corners_px,
+        CAMERA.project(geometry.transform_points(each.cam_from_object, corners)),
+        atol=1e-9,
+    )
+    hull = cv2.convexHull(
+        each.corners_px.astype(np.float32)
+    )  # the silhouette of a convex body
     grid = CAMERA.pixel_grid().reshape(-1, 2)
-    distance = np.array([cv2.pointPolygonTest(hull, point, True) for point in grid.tolist()]).reshape(72, 96)
+    distance = np.array(
+        [cv2.pointPolygonTest(hull, point, True) for point in grid.tolist()]
+    ).reshape(72, 96)
     mask, sure = truth.silhouette(each), np.abs(distance) > 1e-3
     np.testing.assert_array_equal(mask[sure], (distance > 0)[sure])
     assert 0.05 < each.visible_fraction < 0.6
@@ -127,9 +160,15 @@ def test_a_box_behind_another_one_covers_its_projected_faces():
 
 def test_a_body_that_is_hidden_completely_is_listed():
     wall = thing("wall", {"type": "rectangle"}, (0, 0, 1.0), np.diag([4.0, 4.0, 1.0]))
-    truth, _, _ = view([wall, thing("ball", {"type": "sphere", "radius": 0.2}, (0, 0, 2.0))])
+    truth, _, _ = view(
+        [wall, thing("ball", {"type": "sphere", "radius": 0.2}, (0, 0, 2.0))]
+    )
     ball = truth.objects[1]
-    assert (ball.visible_pixel_count, ball.visible_box, ball.visible_fraction) == (0, (0, 0, 0, 0), 0.0)
+    assert (ball.visible_pixel_count, ball.visible_box, ball.visible_fraction) == (
+        0,
+        (0, 0, 0, 0),
+        0.0,
+    )
     assert ball.pixel_count > 100
 
 
@@ -147,10 +186,17 @@ def test_bodies_outside_the_image_are_left_out_and_those_around_the_camera_are_c
 
 
 SHAPES = {
-    "bunched mesh": shapes.lathe(np.array([[0, 0], [0.3, 0.1], [0.1, 0.5], [0.2, 0.7], [0, 0.8]]), 48),
+    "bunched mesh": shapes.lathe(
+        np.array([[0, 0], [0.3, 0.1], [0.1, 0.5], [0.2, 0.7], [0, 0.8]]), 48
+    ),
     "box": shapes.box(np.array([0.4, 0.6, 0.2])),
     "ball": {"type": "sphere", "center": (0.1, 0.0, 0.2), "radius": 0.4},
-    "tube": {"type": "cylinder", "p0": (0.0, 0.1, 0.0), "p1": (0.3, 0.2, 0.6), "radius": 0.2},
+    "tube": {
+        "type": "cylinder",
+        "p0": (0.0, 0.1, 0.0),
+        "p1": (0.3, 0.2, 0.6),
+        "radius": 0.2,
+    },
     "disk": {"type": "disk"},
     "rectangle": {"type": "rectangle"},
     "cube": {"type": "cube"},
@@ -161,7 +207,10 @@ PLACES = {
     "mirrored": (-0.7 * proper(4), ()),
     "copies": (
         0.8 * proper(5),
-        (geometry.rigid(proper(6), [-0.3, 0, 0.2]), geometry.rigid(proper(7), [0.4, 0.1, 0.5])),
+        (
+            geometry.rigid(proper(6), [-0.3, 0, 0.2]),
+            geometry.rigid(proper(7), [0.4, 0.1, 0.5]),
+        ),
     ),
 }
 
@@ -182,7 +231,9 @@ def test_poses_reproject_the_models_onto_the_masks(name, place):
         mask = truth.silhouette(each)
         assert (ours & mask).sum() / (ours | mask).sum() >= 0.99
         vertices = models[each.model][0]
-        np.testing.assert_allclose(each.extent, [vertices.min(axis=0), vertices.max(axis=0)], atol=1e-12)
+        np.testing.assert_allclose(
+            each.extent, [vertices.min(axis=0), vertices.max(axis=0)], atol=1e-12
+        )
 
 
 def test_stretched_meshes_have_rigid_poses_and_stretched_models():
@@ -195,9 +246,19 @@ def test_stretched_meshes_have_rigid_poses_and_stretched_models():
 
 def test_the_same_mesh_has_the_same_model_in_every_pose_and_another_one_in_another_size():
     def models(linear):
-        return [each.model for each in view([thing("mesh", SHAPES["bunched mesh"], (0, 0, 2.5), linear)])[0].objects]
+        return [
+            each.model
+            for each in view(
+                [thing("mesh", SHAPES["bunched mesh"], (0, 0, 2.5), linear)]
+            )[0].objects
+        ]
 
-    assert models(proper(1)) == models(proper(2)) == models(np.eye(3)) != models(2 * proper(1))
+    assert (
+        models(proper(1))
+        == models(proper(2))
+        == models(np.eye(3))
+        != models(2 * proper(1))
+    )
     assert models(0.7 * proper(1)) == models(0.7 * proper(2))
 
 
@@ -227,9 +288,18 @@ def test_shapes_of_a_mitsuba_file_have_the_worlds_axes(tmp_path):
     truth = tl.ground_truth(scene, rig)[0]
     models = rendering.object_models(scene)
     for each in truth.objects:
-        ours, mask = painted(truth, each, models[each.model], LARGE), truth.silhouette(each)
+        ours, mask = (
+            painted(truth, each, models[each.model], LARGE),
+            truth.silhouette(each),
+        )
         assert (ours & mask).sum() / (ours | mask).sum() >= 0.99
-    assert abs(truth.objects[0].pixel_count - ball_mask(LARGE, np.array([0.1, 0, 3.0]), 0.5).sum()) <= 1
+    assert (
+        abs(
+            truth.objects[0].pixel_count
+            - ball_mask(LARGE, np.array([0.1, 0, 3.0]), 0.5).sum()
+        )
+        <= 1
+    )
 
 
 def test_an_object_of_several_materials_is_one_object():
@@ -239,9 +309,27 @@ def test_an_object_of_several_materials_is_one_object():
     pose = geometry.rigid(proper(1), (0, 0, 2.0))
     rig = tl.Rig.stereo(CAMERA, 0.1, world_from_left=np.eye(4))
     found = []
-    for each in (SceneObject("box", mesh, "grey", pose), SceneObject("box", parts, ("grey", "dark"), pose)):
-        scene = Scene("test", (each,), two, np.eye(4), (0.5, 10.0), lights={"sky": {"type": "constant"}})
+    for each in (
+        SceneObject("box", mesh, "grey", pose),
+        SceneObject("box", parts, ("grey", "dark"), pose),
+    ):
+        scene = Scene(
+            "test",
+            (each,),
+            two,
+            np.eye(4),
+            (0.5, 10.0),
+            lights={"sky": {"type": "constant"}},
+        )
         found.append(tl.ground_truth(scene, rig)[0].objects)
     (whole,), (joined,) = found
-    for name in ("object_id", "model", "silhouette", "pixel_count", "box", "visible_pixel_count", "visible_box"):
+    for name in (
+        "object_id",
+        "model",
+        "silhouette",
+        "pixel_count",
+        "box",
+        "visible_pixel_count",
+        "visible_box",
+    ):
         assert getattr(joined, name) == getattr(whole, name)

@@ -17,7 +17,11 @@ def photo(renderer):
 def profile(camera, lens, z, axis, position):
     """What a row of pixels sees of the half plane of light: a step at the edge's image, each point of which a lens
     spreads evenly over a disk of diameter A f |1/z - 1/focus|, averaged over the pixel's width."""
-    size, f, centre = (camera.width, camera.fx, camera.cx) if axis == "x" else (camera.height, camera.fy, camera.cy)
+    size, f, centre = (
+        (camera.width, camera.fx, camera.cx)
+        if axis == "x"
+        else (camera.height, camera.fy, camera.cy)
+    )
     edge = f * position / z + centre
     inside = np.arange(size)[:, None] - 0.5 + (np.arange(400) + 0.5) / 400
     diameter, focus = lens or (0.0, z)
@@ -31,14 +35,18 @@ def profile(camera, lens, z, axis, position):
 def seen(image, axis):
     """(mean, spread) along an edge."""
     grey = image.mean(axis=-1)
-    return grey.mean(axis=0 if axis == "x" else 1), np.ptp(grey, axis=0 if axis == "x" else 1).max()
+    return grey.mean(axis=0 if axis == "x" else 1), np.ptp(
+        grey, axis=0 if axis == "x" else 1
+    ).max()
 
 
 @pytest.mark.parametrize("name", photos.EDGES | photos.JIT_EDGES)
 def test_a_blurred_edge_has_the_expected_position_and_width(photo, renderer, name):
     """To a hundredth of a pixel, so that no half pixel, sign or factor of two can hide; off-centre and tall too."""
     if renderer.backend == "scalar" and name in photos.JIT_EDGES:
-        pytest.skip("the scalar backend has no such camera, and says so: see the refusals")
+        pytest.skip(
+            "the scalar backend has no such camera, and says so: see the refusals"
+        )
     row = (photos.EDGES | photos.JIT_EDGES)[name]
     across, spread = seen(photo[f"edge/{name}"], row[3])
     expected = profile(*row)
@@ -50,7 +58,9 @@ def test_a_blurred_edge_has_the_expected_position_and_width(photo, renderer, nam
 
 def test_a_wall_at_the_focus_distance_is_as_sharp_as_through_the_pinhole(photo):
     """A lens 0.3 m wide, and the same edge: no wider than through a point."""
-    sharp, blurred, pinhole = (seen(photo[f"edge/{name}"], "x")[0] for name in ("in focus", "far", "pinhole x"))
+    sharp, blurred, pinhole = (
+        seen(photo[f"edge/{name}"], "x")[0] for name in ("in focus", "far", "pinhole x")
+    )
     assert np.abs(sharp - pinhole).max() < 2e-3
     assert np.abs(blurred - pinhole).max() > 0.2
 
@@ -66,12 +76,20 @@ def test_a_small_light_out_of_focus_draws_the_aperture(both, name, focus):
     grains = np.random.default_rng(0).uniform(-1, 1, (100, 2))
     u, v = [], []
     for x, y in grains[np.hypot(*grains.T) < 1] * 0.02:
-        u.append(camera.fx * (x / z - 0.5 * diameter * ax * (1 / z - 1 / focus)) + camera.cx)
-        v.append(camera.fy * (y / z - 0.5 * diameter * ay * (1 / z - 1 / focus)) + camera.cy)
+        u.append(
+            camera.fx * (x / z - 0.5 * diameter * ax * (1 / z - 1 / focus)) + camera.cx
+        )
+        v.append(
+            camera.fy * (y / z - 0.5 * diameter * ay * (1 / z - 1 / focus)) + camera.cy
+        )
     edges = [np.arange(n + 1) - 0.5 for n in (camera.height, camera.width)]
-    share, _, _ = np.histogram2d(np.ravel(v), np.ravel(u), edges, weights=np.tile(weight, len(u)))
+    share, _, _ = np.histogram2d(
+        np.ravel(v), np.ravel(u), edges, weights=np.tile(weight, len(u))
+    )
     expected = share / (weight.sum() * len(u)) * np.pi * (camera.fx * 0.02 / z) ** 2
-    assert np.abs(image - expected).sum() < 0.2 * expected.sum()  # the noise of some 6000 samples
+    assert (
+        np.abs(image - expected).sum() < 0.2 * expected.sum()
+    )  # the noise of some 6000 samples
     assert np.abs(image - expected[::-1, ::-1]).sum() > 0.5 * expected.sum()
 
 
@@ -88,7 +106,9 @@ def mean_squared_z(a, b, block=4):
         return cut.reshape(n, h // block, block, w // block, block).mean(axis=(2, 4))
 
     a, b = blocks(a), blocks(b)
-    t2 = (a.mean(0) - b.mean(0)) ** 2 / (a.var(0, ddof=1) / len(a) + b.var(0, ddof=1) / len(b))
+    t2 = (a.mean(0) - b.mean(0)) ** 2 / (
+        a.var(0, ddof=1) / len(a) + b.var(0, ddof=1) / len(b)
+    )
     nu = len(a) + len(b) - 2
     expected = nu / (nu - 2)
     spread = np.sqrt(2 * nu**2 * (nu - 1) / ((nu - 2) ** 2 * (nu - 4)) / t2.size)
@@ -144,12 +164,23 @@ def test_noise_of_the_two_cameras_is_independent(photo):
 
 def test_noise_of_two_seeds_is_independent(photo):
     long = photo["noise/long"].astype(float)
-    assert abs(shared_noise(photo["noise/first"][0] - long[0], photo["noise/other seed"][0] - long[1])) < 4
+    assert (
+        abs(
+            shared_noise(
+                photo["noise/first"][0] - long[0],
+                photo["noise/other seed"][0] - long[1],
+            )
+        )
+        < 4
+    )
 
 
 def test_bytes_depend_on_the_seed_and_not_on_the_threads(photo):
     for threads in (1, 3, 64):  # more threads than a small film has blocks
-        assert photo["noise/first"].tobytes() == photo[f"noise/threads {threads}"].tobytes()
+        assert (
+            photo["noise/first"].tobytes()
+            == photo[f"noise/threads {threads}"].tobytes()
+        )
     assert photo["noise/first"].tobytes() != photo["noise/other seed"].tobytes()
     assert photo["noise/first"].dtype == np.float32
 
@@ -168,7 +199,9 @@ SPP = (1, 2, 3, 7, 8, 13, 32)
 @pytest.mark.parametrize("sampler", [*photos.SCALAR_SAMPLERS, "sobol"])
 def test_the_number_of_samples_is_exact(photo, renderer, sampler, spp):
     if renderer.backend == "scalar" and sampler == "sobol":
-        pytest.skip("the scalar backend does not have it, and says so: see the refusals")
+        pytest.skip(
+            "the scalar backend does not have it, and says so: see the refusals"
+        )
     assert whole_number_of_samples(photo[f"count/{sampler}/{spp}"], spp)
 
 
@@ -181,15 +214,34 @@ def test_passes_are_bounded_and_their_mean_is_right(photo):
     assert np.abs(seen(photo["count/narrow mean"], "x")[0] - profile(*row)).max() < 0.01
 
 
-WRONG = ("spp 0", "spp -4", "spp 1.5", "spp True", "seed -1", "seed 0.5", "sampler multijiter")
-NEEDS_JIT = ("sobol", "tall pixels", "odd centre", "distortion", "polygon", "infinity", "bare hole")
+WRONG = (
+    "spp 0",
+    "spp -4",
+    "spp 1.5",
+    "spp True",
+    "seed -1",
+    "seed 0.5",
+    "sampler multijiter",
+)
+NEEDS_JIT = (
+    "sobol",
+    "tall pixels",
+    "odd centre",
+    "distortion",
+    "polygon",
+    "infinity",
+    "bare hole",
+)
 FINE = ("closed bare hole", "closed polygon", "half-pixel centre", "numpy numbers")
 
 
 @pytest.mark.parametrize("name", WRONG)
 def test_invalid_requests_are_one_line_errors(photo, name):
     message = str(photo[f"refusal/{name}"])
-    assert message.startswith(f"InputError: {name.split()[0]}") or "did you mean 'multijitter'" in message
+    assert (
+        message.startswith(f"InputError: {name.split()[0]}")
+        or "did you mean 'multijitter'" in message
+    )
     assert name.split()[1] in message
     assert "\n" not in message
 

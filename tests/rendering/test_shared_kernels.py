@@ -7,7 +7,11 @@ import sys
 
 import pytest
 
-SCENES = [["tabletop", 0], ["tabletop", 1], ["cards", 4]]  # other numbers of objects, types of materials and skies
+SCENES = [
+    ["tabletop", 0],
+    ["tabletop", 1],
+    ["cards", 4],
+]  # other numbers of objects, types of materials and skies
 RENDER = """
 import hashlib, json, os, sys
 from pathlib import Path
@@ -34,9 +38,15 @@ print(json.dumps(rows))
 
 def rows(which, scenes, folder):
     """[path tracing kernels compiled, digest of the image] of each scene."""
-    environment = {**os.environ, "DRJIT_CACHE_DIR": str(folder), "TWINLENS_BACKEND": "llvm"}
+    environment = {
+        **os.environ,
+        "DRJIT_CACHE_DIR": str(folder),
+        "TWINLENS_BACKEND": "llvm",
+    }
     command = [sys.executable, "-c", RENDER, which, json.dumps(scenes)]
-    child = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
+    child = subprocess.run(
+        command, env=environment, capture_output=True, text=True, timeout=300
+    )
     assert child.returncode == 0, child.stderr
     return json.loads(child.stdout)
 
@@ -54,6 +64,8 @@ def test_scenes_of_families_share_a_kernel_and_keep_their_images(both, tmp_path)
 @pytest.mark.slow
 def test_the_order_of_scenes_changes_neither_kernels_nor_images(both, tmp_path):
     both["llvm"]("truth")
-    forward, backward = (rows("shared", scenes, tmp_path) for scenes in (SCENES, SCENES[::-1]))
+    forward, backward = (
+        rows("shared", scenes, tmp_path) for scenes in (SCENES, SCENES[::-1])
+    )
     assert [digest for _, digest in forward] == [digest for _, digest in backward[::-1]]
     assert sum(kernels for kernels, _ in backward) == 0

@@ -6,7 +6,10 @@ import pytest
 import twinlens as tl
 from twinlens.scenes import Mesh, SceneObject
 
-WALL = Mesh(np.array([[-1.0, -9, 3], [0, -9, 3], [0, 9, 3], [-1, 9, 3]]), np.array([[0, 1, 2], [0, 2, 3]], np.uint32))
+WALL = Mesh(
+    np.array([[-1.0, -9, 3], [0, -9, 3], [0, 9, 3], [-1, 9, 3]]),
+    np.array([[0, 1, 2], [0, 2, 3]], np.uint32),
+)
 CAMERA = tl.Camera(40, 30, 30.0, 30.0, 19.5, 14.5)
 BASELINE = 0.5
 
@@ -16,10 +19,17 @@ def truths():
     """A wall over the left half of the view, and sky."""
     wall = SceneObject("wall", WALL, "grey")
     scene = tl.Scene(
-        "half", (wall,), {"grey": {"type": "twosided", "bsdf": {"type": "diffuse"}}}, np.eye(4), (1.0, 9.0)
+        "half",
+        (wall,),
+        {"grey": {"type": "twosided", "bsdf": {"type": "diffuse"}}},
+        np.eye(4),
+        (1.0, 9.0),
     )
     rig = tl.Rig.stereo(CAMERA, BASELINE, right=CAMERA.replace(cx=CAMERA.cx + 3))
-    return [tl.ground_truth(scene, rig, sky_disparity=with_sky) for with_sky in (False, True)]
+    return [
+        tl.ground_truth(scene, rig, sky_disparity=with_sky)
+        for with_sky in (False, True)
+    ]
 
 
 def test_sky_is_unknown_by_default(truths):
@@ -30,14 +40,18 @@ def test_sky_is_unknown_by_default(truths):
         assert (truth.mask_nonocc()[~truth.hit] == 0).all()
 
 
-def test_sky_has_the_disparity_of_infinity_and_is_seen_where_the_partner_sees_it(truths):
+def test_sky_has_the_disparity_of_infinity_and_is_seen_where_the_partner_sees_it(
+    truths,
+):
     _, with_sky = truths
     for index, truth in enumerate(with_sky):
         sky = ~truth.hit
         assert (truth.disparity[sky] == -3.0).all()
         u = CAMERA.pixel_grid()[..., 0]
         partner_cx, to_partner = (CAMERA.cx + 3, 3) if index == 0 else (CAMERA.cx, -3)
-        seen_at = u + to_partner  # a point at infinity moves by the principal points' difference alone
+        seen_at = (
+            u + to_partner
+        )  # a point at infinity moves by the principal points' difference alone
         x = (seen_at - partner_cx) / CAMERA.fx
         partner_x = BASELINE if index == 0 else 0.0
         behind_wall = (partner_x + 3 * x > -1) & (partner_x + 3 * x < 0)
@@ -48,9 +62,15 @@ def test_sky_has_the_disparity_of_infinity_and_is_seen_where_the_partner_sees_it
 
 def test_sky_of_a_rig_without_doffs_has_disparity_zero_without_a_sign():
     scene = tl.Scene(
-        "empty", (SceneObject("wall", WALL, "grey"),), {"grey": {"type": "diffuse"}}, np.eye(4), (1.0, 9.0)
+        "empty",
+        (SceneObject("wall", WALL, "grey"),),
+        {"grey": {"type": "diffuse"}},
+        np.eye(4),
+        (1.0, 9.0),
     )
-    for truth in tl.ground_truth(scene, tl.Rig.stereo(CAMERA, BASELINE), sky_disparity=True):
+    for truth in tl.ground_truth(
+        scene, tl.Rig.stereo(CAMERA, BASELINE), sky_disparity=True
+    ):
         sky = truth.disparity[~truth.hit]
         assert sky.size
         assert (sky == 0).all()

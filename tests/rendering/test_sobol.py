@@ -24,8 +24,13 @@ def numbers(seed, calls, spp=SPP):
 
     sampler = load_sampler("sobol", spp, WIDTH)
     sampler.seed(seed, WIDTH * HEIGHT * spp)
-    found = [np.array(sampler.next_2d() if size == 2 else sampler.next_1d()) for size in calls]
-    return [values.T.reshape(HEIGHT, WIDTH, spp, *values.T.shape[1:]) for values in found]
+    found = [
+        np.array(sampler.next_2d() if size == 2 else sampler.next_1d())
+        for size in calls
+    ]
+    return [
+        values.T.reshape(HEIGHT, WIDTH, spp, *values.T.shape[1:]) for values in found
+    ]
 
 
 def is_net(points):
@@ -42,14 +47,18 @@ def is_net(points):
 @pytest.mark.parametrize("side", [1, 2, 4, 8])
 def test_the_pairs_of_blocks_are_nets(seed, side):
     for pairs in numbers(seed, (2, 1, 2))[::2]:
-        blocks = pairs.reshape(HEIGHT // side, side, WIDTH // side, side, SPP, 2).transpose(0, 2, 1, 3, 4, 5)
+        blocks = pairs.reshape(
+            HEIGHT // side, side, WIDTH // side, side, SPP, 2
+        ).transpose(0, 2, 1, 3, 4, 5)
         assert all(is_net(block) for block in blocks.reshape(-1, side * side * SPP, 2))
 
 
 @pytest.mark.parametrize("side", [1, 2, 4, 8])
 def test_single_numbers_of_blocks_are_stratified(side):
     (values,) = numbers(3, (1,))
-    blocks = values.reshape(HEIGHT // side, side, WIDTH // side, side, SPP).transpose(0, 2, 1, 3, 4)
+    blocks = values.reshape(HEIGHT // side, side, WIDTH // side, side, SPP).transpose(
+        0, 2, 1, 3, 4
+    )
     count = side * side * SPP
     for block in blocks.reshape(-1, count):
         assert np.array_equal(np.sort(np.floor(block * count)), np.arange(count))
@@ -62,7 +71,8 @@ def test_numbers_of_samples_that_are_no_powers_of_two_consist_of_nets(spp, part)
     intervals = WIDTH * HEIGHT * part
     for each in (values, *np.moveaxis(pairs, -1, 0)):
         assert np.array_equal(
-            np.bincount(np.floor(each.ravel() * intervals).astype(int)), np.full(intervals, spp // part)
+            np.bincount(np.floor(each.ravel() * intervals).astype(int)),
+            np.full(intervals, spp // part),
         )
 
 
@@ -74,9 +84,13 @@ def test_the_second_dimension_is_that_of_another_implementation():
 
     from twinlens.rendering.sobol import _second_dimension
 
-    found = np.array(dr.brev(_second_dimension(dr.arange(mi.UInt32, 1 << 10)))) / 2.0**32
+    found = (
+        np.array(dr.brev(_second_dimension(dr.arange(mi.UInt32, 1 << 10)))) / 2.0**32
+    )
     theirs = qmc.Sobol(2, scramble=False).random_base2(10)
-    ours = np.stack([[int(f"{i:010b}"[::-1], 2) / 2**10 for i in range(1 << 10)], found], axis=-1)
+    ours = np.stack(
+        [[int(f"{i:010b}"[::-1], 2) / 2**10 for i in range(1 << 10)], found], axis=-1
+    )
     assert np.array_equal(ours[np.lexsort(ours.T)], theirs[np.lexsort(theirs.T)])
 
 
@@ -91,7 +105,9 @@ def test_the_largest_number_is_below_1():
 
 def test_numbers_of_one_ray_are_uniform_and_independent():
     """Two numbers are equally often in each of 4x4 boxes: of a pair, of two calls, of two seeds, of two pixels."""
-    rays = np.array([[pair[2, 5, 3] for pair in numbers(seed, (2, 2))] for seed in range(1600)])
+    rays = np.array(
+        [[pair[2, 5, 3] for pair in numbers(seed, (2, 2))] for seed in range(1600)]
+    )
     other = np.array([numbers(seed, (2,))[0][2, 6, 3] for seed in range(1600)])
     (x, y), (z, _), (far, _) = rays[:, 0].T, rays[:, 1].T, other.T
     for a, b in ((x, y), (x, z), (y, z), (x[1:], x[:-1]), (y, far)):
@@ -105,14 +121,30 @@ def test_means_of_blocks_have_less_noise_than_with_multijitter():
     wall_pose, lamp_pose = np.diag([9.0, 9.0, -1.0, 1.0]), np.eye(4)
     wall_pose[2, 3], lamp_pose[:3, 3] = 6.0, (0.0, -3.0, 3.0)
     wall = SceneObject("wall", {"type": "rectangle"}, "grey", wall_pose)
-    lamp = SceneObject("lamp", {"type": "rectangle"}, "grey", lamp_pose, emitter={"type": "area", "radiance": light})
+    lamp = SceneObject(
+        "lamp",
+        {"type": "rectangle"},
+        "grey",
+        lamp_pose,
+        emitter={"type": "area", "radiance": light},
+    )
     materials = {"grey": {"type": "diffuse", "reflectance": grey}}
-    scene, rig = Scene("lit", (wall, lamp), materials, HERE, (5.0, 7.0)), Rig([Camera.from_fov(64, 64, 40)], [HERE])
+    scene, rig = (
+        Scene("lit", (wall, lamp), materials, HERE, (5.0, 7.0)),
+        Rig([Camera.from_fov(64, 64, 40)], [HERE]),
+    )
     noise = {}
     for sampler in ("multijitter", "sobol"):
-        images = np.array([tl.render(scene, rig, spp=8, seed=seed, sampler=sampler)[0][..., 0] for seed in range(8)])
+        images = np.array(
+            [
+                tl.render(scene, rig, spp=8, seed=seed, sampler=sampler)[0][..., 0]
+                for seed in range(8)
+            ]
+        )
         assert images.min() > 0
-        noise[sampler] = images.reshape(8, 8, 8, 8, 8).mean(axis=(2, 4)).std(axis=0, ddof=1).mean()
+        noise[sampler] = (
+            images.reshape(8, 8, 8, 8, 8).mean(axis=(2, 4)).std(axis=0, ddof=1).mean()
+        )
     assert noise["sobol"] < noise["multijitter"]
 
 
@@ -122,7 +154,11 @@ def test_twelve_samples_are_one_pass_whose_loop_is_recorded_once(monkeypatch):
 
     recorded = []
     original = paths.matte_part
-    monkeypatch.setattr(paths, "matte_part", lambda *arguments: recorded.append(1) or original(*arguments))
+    monkeypatch.setattr(
+        paths,
+        "matte_part",
+        lambda *arguments: recorded.append(1) or original(*arguments),
+    )
     scene = tl.load_scene("spheres")
     camera = Camera.from_fov(32, 24, 60)
     tl.render(scene, Rig([camera], [scene.world_from_left]), spp=12, denoise=True)

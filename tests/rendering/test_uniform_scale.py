@@ -9,7 +9,10 @@ from twinlens.scenes.scene import SceneObject
 UPRIGHT = {"type": "cylinder"}
 LYING = {"type": "cylinder", "p0": [0.0, 0.0, 0.0], "p1": [1.0, 0.0, 0.0]}
 SLANTED = {"type": "cylinder", "p0": [0.2, 0.0, 0.0], "p1": [1.2, 1.0, 0.0]}
-TURNED = {"type": "cylinder", "to_world": np.array([[0, 0, 1, 0], [0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 1.0]])}
+TURNED = {
+    "type": "cylinder",
+    "to_world": np.array([[0, 0, 1, 0], [0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 1.0]]),
+}
 BALL = {"type": "sphere"}
 
 
@@ -19,7 +22,13 @@ def thing(shape, scales, instances=()):
 
 @pytest.mark.parametrize(
     ("shape", "scales"),
-    [(UPRIGHT, (1, 1, 3)), (LYING, (3, 1, 1)), (SLANTED, (2, 2, 2)), (TURNED, (3, 1, 1)), (BALL, (2, 2, 2))],
+    [
+        (UPRIGHT, (1, 1, 3)),
+        (LYING, (3, 1, 1)),
+        (SLANTED, (2, 2, 2)),
+        (TURNED, (3, 1, 1)),
+        (BALL, (2, 2, 2)),
+    ],
 )
 def test_allowed_scales_of_spheres_and_cylinders(shape, scales):
     thing(shape, scales)

@@ -23,18 +23,32 @@ def card(shape, scale):
     materials = {"card": {"type": "diffuse", "reflectance": picture}}
     lights = {"sky": {"type": "constant", "radiance": {"type": "rgb", "value": 1.0}}}
     objects = (SceneObject("card", shape, "card", POSE),)
-    return Scene("card", objects, materials, np.eye(4), (1.0, 4.0), lights, {"type": "path", "max_depth": 2})
+    return Scene(
+        "card",
+        objects,
+        materials,
+        np.eye(4),
+        (1.0, 4.0),
+        lights,
+        {"type": "path", "max_depth": 2},
+    )
 
 
 def photograph(scene):
     camera = tl.Camera.from_fov(64, 48, 40)
-    return tl.render(scene, tl.Rig((camera,), (np.eye(4),)), tl.Pinhole(), spp=16, seed=2)[0]
+    return tl.render(
+        scene, tl.Rig((camera,), (np.eye(4),)), tl.Pinhole(), spp=16, seed=2
+    )[0]
 
 
 def test_texture_repeats_on_a_mesh_look_as_on_a_rectangle():
-    on_mesh, on_rectangle = (photograph(card(shape, (3.0, 2.0))) for shape in (QUAD, {"type": "rectangle"}))
+    on_mesh, on_rectangle = (
+        photograph(card(shape, (3.0, 2.0))) for shape in (QUAD, {"type": "rectangle"})
+    )
     in_uv = photograph(card(replace(QUAD, uv=QUAD.uv * [3.0, 2.0]), (1.0, 1.0)))
     once = photograph(card(QUAD, (1.0, 1.0)))
     for other in (on_rectangle, in_uv):
-        assert np.mean(np.abs(on_mesh - other) > 1e-3) < 0.01  # rounding at the edges between the picture's pixels
+        assert (
+            np.mean(np.abs(on_mesh - other) > 1e-3) < 0.01
+        )  # rounding at the edges between the picture's pixels
     assert np.mean(np.abs(on_mesh - once) > 1e-3) > 0.5

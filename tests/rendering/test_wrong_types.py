@@ -8,7 +8,9 @@ from twinlens.rendering import render_measured
 @pytest.fixture(scope="module")
 def view():
     scene = tl.load_scene("cards")
-    return scene, tl.Rig.stereo(tl.Camera.from_fov(16, 12, 50), 0.1, scene.world_from_left)
+    return scene, tl.Rig.stereo(
+        tl.Camera.from_fov(16, 12, 50), 0.1, scene.world_from_left
+    )
 
 
 def test_arguments_of_wrong_types_are_input_errors(view):

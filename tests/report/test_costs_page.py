@@ -54,7 +54,9 @@ def textured_pair(name, dtype, low=0, seed=0):
     right[8:14, 10:30] = top  # also flat and saturated windows
     right[16:20, 10:24] = 0
     left = np.roll(right, 4, axis=1)
-    return Pair(name, left, right, np.full((26, 40), 4, np.float32), None, 12, min_disparity=low)
+    return Pair(
+        name, left, right, np.full((26, 40), 4, np.float32), None, 12, min_disparity=low
+    )
 
 
 def scene():
@@ -63,13 +65,24 @@ def scene():
     height, width = 132, 200
 
     def texture(*shape):
-        return np.clip(128 + 60 * ndimage.gaussian_filter(rng.normal(size=shape), 0.9) / 0.3, 0, 240)
+        return np.clip(
+            128 + 60 * ndimage.gaussian_filter(rng.normal(size=shape), 0.9) / 0.3,
+            0,
+            240,
+        )
 
-    left, truth, cause = texture(height, width), np.full((height, width), 6), np.full((height, width), "", object)
+    left, truth, cause = (
+        texture(height, width),
+        np.full((height, width), 6),
+        np.full((height, width), "", object),
+    )
     columns = np.arange(width)
 
     def region(kind, rows, cols):
-        inner = np.s_[rows.start + RADIUS : rows.stop - RADIUS, cols.start + RADIUS : cols.stop - RADIUS]
+        inner = np.s_[
+            rows.start + RADIUS : rows.stop - RADIUS,
+            cols.start + RADIUS : cols.stop - RADIUS,
+        ]
         cause[inner] = kind
         return rows, cols
 
@@ -88,14 +101,21 @@ def scene():
         if u >= 0 and truth[y, x] > nearest[y, u]:
             right[y, u], nearest[y, u] = left[y, x], truth[y, x]
     partner = columns - truth
-    visible = (partner >= 0) & (np.take_along_axis(nearest, np.clip(partner, 0, width - 1), axis=1) == truth)
+    visible = (partner >= 0) & (
+        np.take_along_axis(nearest, np.clip(partner, 0, width - 1), axis=1) == truth
+    )
     shifted = blurred[0], slice(blurred[1].start - 6, blurred[1].stop - 6)
     right[shifted] = ndimage.gaussian_filter(right, 2.5)[shifted]
     cause[~visible] = "occluded"
-    edge = ndimage.binary_dilation(truth == 15, np.ones((7, 7))) & (truth == 6) & visible
+    edge = (
+        ndimage.binary_dilation(truth == 15, np.ones((7, 7))) & (truth == 6) & visible
+    )
     cause[edge] = "discontinuity"
     noisy = [
-        np.clip(np.rint(image + rng.normal(0, 1.2, image.shape)), 0, 255).astype(np.uint8) for image in (left, right)
+        np.clip(np.rint(image + rng.normal(0, 1.2, image.shape)), 0, 255).astype(
+            np.uint8
+        )
+        for image in (left, right)
     ]
     mask = np.where(visible, 255, 128).astype(np.uint8)
     return Pair("scene", *noisy, truth.astype(np.float32), mask, NDISP), cause
@@ -104,13 +124,18 @@ def scene():
 @pytest.fixture(scope="module")
 def listed():
     """(board, samples, maps) of two textured pairs and all methods."""
-    samples = [textured_pair("eight", np.uint8, -3), textured_pair("sixteen", np.uint16, 0, 1)]
+    samples = [
+        textured_pair("eight", np.uint8, -3),
+        textured_pair("sixteen", np.uint16, 0, 1),
+    ]
     return matched(samples, [Listed(text) for text in METHODS])
 
 
 def matched(samples, methods):
     maps = {}
-    board = run_benchmark(samples, methods, warm_up=False, on_map=lambda m, s, d: maps.update({(m, s): d}))
+    board = run_benchmark(
+        samples, methods, warm_up=False, on_map=lambda m, s, d: maps.update({(m, s): d})
+    )
     return board, samples, maps
 
 
@@ -170,7 +195,9 @@ function finish() {
 def asked_page(board, samples, maps, folder, **asked):
     """The answers of the page's script to `asked`."""
     text = re.sub(r"<meta http-equiv=[^>]+>", "", page_html(board, samples, maps))
-    driver = DRIVER.replace("ASKED", json.dumps({"methods": [], "curves": [], "reasons": [], **asked}))
+    driver = DRIVER.replace(
+        "ASKED", json.dumps({"methods": [], "curves": [], "reasons": [], **asked})
+    )
     dom = browse(folder / "page.html", text.replace("</body>", driver + "</body>"))
     found = re.search(r'<pre id="results">(.*?)</pre>', dom, re.S)
     assert found, re.search(r"<title>(.*?)</title>", dom, re.S)[1]
@@ -189,19 +216,34 @@ def asked_page(board, samples, maps, folder, **asked):
 def test_curves_equal_pythons(listed, tmp_path, sample, texts):
     pair, places = listed[1][sample], ((20, 10), (0, 0), (39, 25), (17, 17), (30, 5))
     names = [parse_method(text).name for text in texts]
-    results = asked_page(*listed, tmp_path, methods=names, curves=[(pair.name, *place) for place in places])
+    results = asked_page(
+        *listed,
+        tmp_path,
+        methods=names,
+        curves=[(pair.name, *place) for place in places],
+    )
     for (u, v), curves in zip(places, results["curves"], strict=True):
         expected = tl.cost_curve(pair.im0, pair.im1, u, v, texts, **pair.search)
         for name, curve in zip(names, curves, strict=True):
-            costs = np.array([np.inf if cost is None else cost for cost in curve], float)
-            np.testing.assert_allclose(costs, expected[name].costs, rtol=1e-4, atol=1e-4, err_msg=f"{name} {u} {v}")
+            costs = np.array(
+                [np.inf if cost is None else cost for cost in curve], float
+            )
+            np.testing.assert_allclose(
+                costs,
+                expected[name].costs,
+                rtol=1e-4,
+                atol=1e-4,
+                err_msg=f"{name} {u} {v}",
+            )
 
 
 def pythons_reason(pair, maps, name, u, v):
     """Of the estimate as the page stores it, in steps of 1/16 px."""
     text = {"mine": "zncc:block_size=9", "sad9": "sad:block_size=9"}[name]
     (curve,) = tl.cost_curve(pair.im0, pair.im1, u, v, [text], **pair.search).values()
-    return tl.scoring.reason_of(pair, curve, float(np.rint(maps[name, pair.name][v, u] * 16) / 16))
+    return tl.scoring.reason_of(
+        pair, curve, float(np.rint(maps[name, pair.name][v, u] * 16) / 16)
+    )
 
 
 def assert_same_reason(page, python, where):
@@ -209,9 +251,13 @@ def assert_same_reason(page, python, where):
     number = r"[0-9]+(?:\.[0-9]+)?(?:e[+-]?[0-9]+)?"
     assert page[0] == python.kind, where
     assert re.sub(number, "#", page[1]) == re.sub(number, "#", python.text), where
-    pairs = zip(re.findall(number, page[1]), re.findall(number, python.text), strict=True)
+    pairs = zip(
+        re.findall(number, page[1]), re.findall(number, python.text), strict=True
+    )
     for a, b in pairs:
-        assert float(a) == pytest.approx(float(b), rel=0.01, abs=0.11 if "." in a else 1), (where, *page)
+        assert float(a) == pytest.approx(
+            float(b), rel=0.01, abs=0.11 if "." in a else 1
+        ), (where, *page)
 
 
 @needs_chromium
@@ -223,7 +269,9 @@ def test_reasons_are_the_known_causes(tmp_path):
         "occluded", "texture", "repetition", "discontinuity", "saturation", "range", "blur",
     }  # fmt: skip
     rng = np.random.default_rng(2)
-    others = [("mine", int(rng.integers(200)), int(rng.integers(132))) for _ in range(60)]
+    others = [
+        ("mine", int(rng.integers(200)), int(rng.integers(132))) for _ in range(60)
+    ]
     asked = [pixel[:3] for pixel in labelled] + others
     results = asked_page(*page, tmp_path, reasons=asked)
     for pixel, answer in zip(asked, results["reasons"], strict=True):
@@ -236,7 +284,12 @@ def test_reasons_are_the_known_causes(tmp_path):
     assert results["clicked"] == ["84", "60"]
     assert (results["rows"], results["windows"]) == (2, 4)
     assert results["marks"] >= 2
-    assert results["names"] == ["window left", "window true", "window estimate", "window rival"]
+    assert results["names"] == [
+        "window left",
+        "window true",
+        "window estimate",
+        "window rival",
+    ]
 
 
 def test_a_page_without_room_has_no_full_images(listed):
@@ -244,7 +297,9 @@ def test_a_page_without_room_has_no_full_images(listed):
 
     def grey(**options):
         document = json.loads(Elements(page_html(board, samples, maps, **options)).data)
-        return [sample["pictures"]["grey"] is not None for sample in document["samples"]]
+        return [
+            sample["pictures"]["grey"] is not None for sample in document["samples"]
+        ]
 
     assert grey() == [True, True]
     assert grey(budget_bytes=2000) == [True, False]
@@ -252,8 +307,15 @@ def test_a_page_without_room_has_no_full_images(listed):
 
 
 def test_the_page_knows_the_cost_of_a_method():
-    matcher = matcher_of_spec(parse_method("mine=census:block_size=3,census_window=5,p1=none").spec)
-    assert (matcher.cost, matcher.block_size, matcher.census_window, matcher.p1) == ("census", 3, 5, None)
+    matcher = matcher_of_spec(
+        parse_method("mine=census:block_size=3,census_window=5,p1=none").spec
+    )
+    assert (matcher.cost, matcher.block_size, matcher.census_window, matcher.p1) == (
+        "census",
+        3,
+        5,
+        None,
+    )
     assert matcher_of_spec(parse_method("opencv_bm").spec) is None
     assert matcher_of_spec("constant 3") is None
     assert matcher_of_spec("twinlens 9.9 zncc:unheard_of=3") is None

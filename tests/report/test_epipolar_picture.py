@@ -43,7 +43,10 @@ def test_the_curve_of_each_point_passes_through_its_match(distortion):
 def test_the_epipole_is_the_image_of_the_other_camera():
     rig = Rig([CAMERA] * 2, [np.eye(4), rigid(np.eye(3), [0.1, 0.0, 1.0])])
     left, right = drawn(rig, np.empty((0, 2)))
-    for half, (u, v) in ((left, rig.project(0, [0.1, 0.0, 1.0])), (right, (79.5 + 15.0, 59.5))):
+    for half, (u, v) in (
+        (left, rig.project(0, [0.1, 0.0, 1.0])),
+        (right, (79.5 + 15.0, 59.5)),
+    ):
         rows, columns = np.nonzero(half)
         assert columns.mean() == pytest.approx(u, abs=0.6)
         assert rows.mean() == pytest.approx(v, abs=0.6)
@@ -51,8 +54,14 @@ def test_the_epipole_is_the_image_of_the_other_camera():
 
 
 def test_images_may_be_grey_16_bit_and_of_different_sizes():
-    rig = Rig([CAMERA, CAMERA.replace(width=100, height=140)], line(CAMERA, 2, 0.1).world_from_cams)
-    grey, deep = np.full((120, 160), 77, np.uint8), np.full((140, 100, 3), 55 << 8, np.uint16)
+    rig = Rig(
+        [CAMERA, CAMERA.replace(width=100, height=140)],
+        line(CAMERA, 2, 0.1).world_from_cams,
+    )
+    grey, deep = (
+        np.full((120, 160), 77, np.uint8),
+        np.full((140, 100, 3), 55 << 8, np.uint16),
+    )
     picture = epipolar_picture((grey, deep), rig, np.empty((0, 2)))
     assert picture.shape == (140, 160 + GAP + 100, 3)
     assert (picture[:120, :160] == 77).all()
@@ -64,7 +73,9 @@ def test_points_are_allowed_and_spread_evenly():
     points = spread_points(allowed, 12)
     assert len(points) == 12
     assert allowed[points[:, 1], points[:, 0]].all()
-    apart = np.linalg.norm(points[:, None] - points[None], axis=2)[~np.eye(12, dtype=bool)]
+    apart = np.linalg.norm(points[:, None] - points[None], axis=2)[
+        ~np.eye(12, dtype=bool)
+    ]
     assert apart.min() > 12
     assert len(spread_points(np.zeros((4, 5), bool), 3)) == 0
     assert spread_points(np.eye(3, dtype=bool)[:1], 5).tolist() == [[0, 0]]

@@ -24,7 +24,9 @@ disparities = hnp.arrays(
 
 def unpack(packed):
     """Decode as the page's script does: (H, W) pixels, +inf unknown."""
-    planes = np.frombuffer(zlib.decompress(base64.b64decode(packed["data"])), np.uint8).astype(np.uint16)
+    planes = np.frombuffer(
+        zlib.decompress(base64.b64decode(packed["data"])), np.uint8
+    ).astype(np.uint16)
     low, high = planes.reshape(2, packed["h"], packed["w"])
     codes = np.cumsum(low | (high << 8), axis=1, dtype=np.uint16)
     return np.where(codes == UNKNOWN, np.inf, packed["offset"] + codes * packed["step"])
@@ -57,7 +59,9 @@ def test_an_image_round_trips_approximately(shape):
         assert np.abs(np.asarray(back, int) - 90).max() <= 3
 
 
-@pytest.mark.parametrize(("name", "code"), [("viridis", cv2.COLORMAP_VIRIDIS), ("magma", cv2.COLORMAP_MAGMA)])
+@pytest.mark.parametrize(
+    ("name", "code"), [("viridis", cv2.COLORMAP_VIRIDIS), ("magma", cv2.COLORMAP_MAGMA)]
+)
 def test_the_tables_are_the_published_ones(name, code):
     ramp = np.arange(256, dtype=np.uint8)[None]
     published = cv2.applyColorMap(ramp, code)[0, :, ::-1].astype(int)
@@ -86,7 +90,10 @@ def test_unknown_is_unlike_every_colour_of_a_map():
 
 
 def test_colourise_saturates_and_refuses():
-    assert colourise([[-9, 0, 1, 9]], 0, 1)[0].tolist() == [*[[68, 1, 84]] * 2, *[[253, 231, 37]] * 2]
+    assert colourise([[-9, 0, 1, 9]], 0, 1)[0].tolist() == [
+        *[[68, 1, 84]] * 2,
+        *[[253, 231, 37]] * 2,
+    ]
     with pytest.raises(InputError, match="did you mean 'viridis'"):
         colourise([[1]], 0, 1, "virids")
     with pytest.raises(InputError, match="low < high"):

@@ -19,7 +19,15 @@ from hypothesis import given, settings, strategies as st
 from twinlens.errors import OutputError
 from twinlens.report import write_page
 from twinlens.report.page import page_html
-from twinlens.scoring import PROTOCOLS, Board, Pair, board_csv, board_latex, board_to_json, run_benchmark
+from twinlens.scoring import (
+    PROTOCOLS,
+    Board,
+    Pair,
+    board_csv,
+    board_latex,
+    board_to_json,
+    run_benchmark,
+)
 
 EVIL = "</script><img src=x onerror=\"document.title='pwned'\"><!--<script>&lt;'`${1}{{data}}\u2028"
 
@@ -84,10 +92,12 @@ class Elements(HTMLParser):
 
 def test_names_cannot_inject_markup():
     plain = Elements(page_html(*made(("a", "b", "c"))))
-    evil = page_html(*made((EVIL, "b" + EVIL, "c" + EVIL), sample="s" + EVIL, title="t" + EVIL))
-    assert Elements(evil).tags == [(tag, tuple((k, v) for k, v in attributes)) for tag, attributes in plain.tags], (
-        "a name added or changed an element"
+    evil = page_html(
+        *made((EVIL, "b" + EVIL, "c" + EVIL), sample="s" + EVIL, title="t" + EVIL)
     )
+    assert Elements(evil).tags == [
+        (tag, tuple((k, v) for k, v in attributes)) for tag, attributes in plain.tags
+    ], "a name added or changed an element"
     assert "<img src=x" not in evil
     document = json.loads(Elements(evil).data)
     assert [m["name"] for m in document["methods"]] == [EVIL, "b" + EVIL, "c" + EVIL]
@@ -100,7 +110,9 @@ def test_names_cannot_inject_markup():
 def test_any_name_arrives_as_it_is(name):
     board = run_benchmark([pair(name)], [Flat(name, 5)], warm_up=False, title=name)
     found = Elements(page_html(board))
-    assert [(m["name"], m["spec"]) for m in json.loads(found.data)["methods"]] == [(name, name)]
+    assert [(m["name"], m["spec"]) for m in json.loads(found.data)["methods"]] == [
+        (name, name)
+    ]
     assert len(found.tags) == len(Elements(page_html(Board())).tags)
 
 
@@ -123,9 +135,14 @@ def test_scripts_never_write_markup():
 def test_the_page_needs_nothing_from_elsewhere():
     text = page_html(*made())
     assert [
-        a for _, attributes in Elements(text).tags for k, a in attributes if k in ("src", "href") and a[0] != "#"
+        a
+        for _, attributes in Elements(text).tags
+        for k, a in attributes
+        if k in ("src", "href") and a[0] != "#"
     ] == []
-    assert set(re.findall(r"https?://[^\s\"'`)]+", text)) <= {"http://www.w3.org/2000/svg"}
+    assert set(re.findall(r"https?://[^\s\"'`)]+", text)) <= {
+        "http://www.w3.org/2000/svg"
+    }
     assert "@import" not in text
     assert "url(" not in text
 
@@ -143,17 +160,28 @@ def test_the_page_says_what_the_board_says():
     board, samples, maps = made(("low", "high", "none"))
     document = json.loads(Elements(page_html(board, samples, maps)).data)
     mean = board.mean("low", "middlebury-v3", "near").metrics
-    assert document["means"]["middlebury-v3"]["near"]["low"]["v"]["totbad2.0"] == pytest.approx(
-        mean["totbad2.0"], rel=1e-5
-    )
+    assert document["means"]["middlebury-v3"]["near"]["low"]["v"][
+        "totbad2.0"
+    ] == pytest.approx(mean["totbad2.0"], rel=1e-5)
     assert inflated(document["downloads"]["csv"]) == board_csv(board)
     assert inflated(document["downloads"]["json"]) == board_to_json(board)
-    assert inflated(document["downloads"]["latex"]["eth3d"]["near"]) == board_latex(board, "eth3d", "near")
-    entry, place = document["entries"][0], PROTOCOLS["middlebury-v3"].metrics.index("avgerr")
-    assert entry["regions"]["all"]["v"][place] == pytest.approx(board.entries[0].value("all", "avgerr"), rel=1e-5)
+    assert inflated(document["downloads"]["latex"]["eth3d"]["near"]) == board_latex(
+        board, "eth3d", "near"
+    )
+    entry, place = (
+        document["entries"][0],
+        PROTOCOLS["middlebury-v3"].metrics.index("avgerr"),
+    )
+    assert entry["regions"]["all"]["v"][place] == pytest.approx(
+        board.entries[0].value("all", "avgerr"), rel=1e-5
+    )
     assert document["means"]["eth3d"]["all"]["none"]["v"]["bad1.0"] is None
     assert set(document["samples"][0]["pictures"]["maps"]) == {"low", "high"}
-    assert [p["name"] for p in document["protocols"]] == ["middlebury-v3", "eth3d", "kitti2015"]
+    assert [p["name"] for p in document["protocols"]] == [
+        "middlebury-v3",
+        "eth3d",
+        "kitti2015",
+    ]
 
 
 def inflated(packed):
@@ -164,31 +192,53 @@ class Ranked(Flat):
     """Returns a constant with a confidence that falls from left to right."""
 
     def match(self, left, right, *, num_disparities, min_disparity):
-        disp = super().match(left, right, num_disparities=num_disparities, min_disparity=min_disparity)
-        return disp, np.broadcast_to(-np.arange(disp.shape[1], dtype=np.float32), disp.shape)
+        disp = super().match(
+            left, right, num_disparities=num_disparities, min_disparity=min_disparity
+        )
+        return disp, np.broadcast_to(
+            -np.arange(disp.shape[1], dtype=np.float32), disp.shape
+        )
 
 
 def ranked_board():
-    return run_benchmark([pair(), pair("lane")], [Ranked("ranked", 5), Flat("plain", 5)], warm_up=False)
+    return run_benchmark(
+        [pair(), pair("lane")], [Ranked("ranked", 5), Flat("plain", 5)], warm_up=False
+    )
 
 
 def test_a_page_has_the_sparsification_of_methods_with_a_confidence():
     board = ranked_board()
     document = json.loads(Elements(page_html(board)).data)
-    regions = {e["method"]: e["regions"]["all"] for e in document["entries"] if e["sample"] == "lane"}
+    regions = {
+        e["method"]: e["regions"]["all"]
+        for e in document["entries"]
+        if e["sample"] == "lane"
+    }
     scores = board.find("ranked", "lane", "middlebury-v3").regions["all"]
     assert regions["ranked"]["s"] == pytest.approx(scores.sparsification, rel=1e-5)
-    assert regions["ranked"]["v"][-2:] == pytest.approx([scores["auc2.0"], scores["auc2.0_opt"]], rel=1e-5)
+    assert regions["ranked"]["v"][-2:] == pytest.approx(
+        [scores["auc2.0"], scores["auc2.0_opt"]], rel=1e-5
+    )
     assert "s" not in regions["plain"]
     assert document["protocols"][0]["columns"][-2:] == ["auc2.0", "auc2.0_opt"]
     without = json.loads(Elements(page_html(made()[0])).data)["protocols"][0]
-    assert not [name for name in without["metrics"] + without["columns"] if name.startswith("auc")]
+    assert not [
+        name
+        for name in without["metrics"] + without["columns"]
+        if name.startswith("auc")
+    ]
 
 
 def test_the_page_lists_samples_a_method_was_not_run_on():
     """A method run on one of two samples has no mean, and the page names the other sample."""
     board, samples, _ = made()
-    both = run_benchmark(samples[:1], [Flat("late", 5)], protocol=board.protocols, regions=board.regions, board=board)
+    both = run_benchmark(
+        samples[:1],
+        [Flat("late", 5)],
+        protocol=board.protocols,
+        regions=board.regions,
+        board=board,
+    )
     mean = json.loads(Elements(page_html(both)).data)["means"]["eth3d"]["all"]["late"]
     assert (mean["n"], mean["failed"], mean["missing"]) == (1, [], ["street again"])
     assert mean["v"]["bad1.0"] is None
@@ -198,30 +248,41 @@ def test_samples_and_maps_are_optional_and_unknown_samples_ignored():
     board, samples, _ = made()
     assert json.loads(Elements(page_html(board)).data)["samples"][0]["pictures"] is None
     assert len(page_html(board, [pair("unknown")])) == len(page_html(board))
-    pictures = json.loads(Elements(page_html(board, samples)).data)["samples"][0]["pictures"]
+    pictures = json.loads(Elements(page_html(board, samples)).data)["samples"][0][
+        "pictures"
+    ]
     assert (pictures["maps"], pictures["noise"]) == ({}, "")
 
 
 def test_the_page_gives_the_noise_of_the_renderer():
     board, samples, _ = made()
     noisy = [replace(samples[0], renderer_noise=0.234)]
-    assert json.loads(Elements(page_html(board, noisy)).data)["samples"][0]["pictures"]["noise"] == (
-        "light paths 0.23 × sensor noise"
-    )
+    assert json.loads(Elements(page_html(board, noisy)).data)["samples"][0]["pictures"][
+        "noise"
+    ] == ("light paths 0.23 × sensor noise")
 
 
 def test_large_maps_are_subsampled():
     board, samples, maps = made()
     for options in ({"max_width": 20}, {"budget_bytes": 2000}):
-        truth = json.loads(Elements(page_html(board, samples, maps, **options)).data)["samples"][0]["pictures"]["truth"]
+        truth = json.loads(Elements(page_html(board, samples, maps, **options)).data)[
+            "samples"
+        ][0]["pictures"]["truth"]
         assert (truth["w"], truth["h"], truth["stride"]) == (20, 12, 2)
 
 
-@pytest.mark.parametrize(("max_width", "stride"), [(40, 1), (39, 2), (14, 3), (13, 4), (1, 40)])
+@pytest.mark.parametrize(
+    ("max_width", "stride"), [(40, 1), (39, 2), (14, 3), (13, 4), (1, 40)]
+)
 def test_a_map_is_at_most_as_wide_as_asked(max_width, stride):
     board, samples, maps = made()
-    document = json.loads(Elements(page_html(board, samples, maps, max_width=max_width)).data)
-    for packed in (document["samples"][0]["pictures"]["truth"], document["samples"][0]["pictures"]["maps"]["low"]):
+    document = json.loads(
+        Elements(page_html(board, samples, maps, max_width=max_width)).data
+    )
+    for packed in (
+        document["samples"][0]["pictures"]["truth"],
+        document["samples"][0]["pictures"]["maps"]["low"],
+    ):
         assert packed["stride"] == stride
         assert packed["w"] <= max_width
 
@@ -241,7 +302,9 @@ def test_a_page_is_written_atomically(tmp_path):
 def luminance(colour):
     """Relative luminance of #rrggbb (WCAG 2.2)."""
     values = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
-    linear = [v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4 for v in values]
+    linear = [
+        v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4 for v in values
+    ]
     return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
 
@@ -249,15 +312,33 @@ def luminance(colour):
 def test_text_has_enough_contrast(theme):
     """At least 4.5 to 1, as WCAG 2.2 requires for small text (level AA)."""
     css = resources.files("twinlens.report").joinpath("page", "page.css").read_text()
-    colours = dict(re.findall(r"--([a-z-]+): (#[0-9a-f]{6})", css.partition(theme)[2].partition("}")[0]))
-    pairs = [(text, ground) for text in ("ink", "soft", "faint", "accent", "best", "bad") for ground in ("bg", "card")]
-    for text, ground in [*pairs, ("ink", "hover"), ("ink", "bar"), ("accent", "accent-soft"), ("bad", "bad-soft")]:
+    colours = dict(
+        re.findall(
+            r"--([a-z-]+): (#[0-9a-f]{6})", css.partition(theme)[2].partition("}")[0]
+        )
+    )
+    pairs = [
+        (text, ground)
+        for text in ("ink", "soft", "faint", "accent", "best", "bad")
+        for ground in ("bg", "card")
+    ]
+    for text, ground in [
+        *pairs,
+        ("ink", "hover"),
+        ("ink", "bar"),
+        ("accent", "accent-soft"),
+        ("bad", "bad-soft"),
+    ]:
         low, high = sorted(luminance(colours[name]) for name in (text, ground))
         assert (high + 0.05) / (low + 0.05) >= 4.5, (text, ground)
 
 
 LOST = "0 of 2 samples, 2 failed"
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+CHROMIUM = (
+    shutil.which("chromium")
+    or shutil.which("chromium-browser")
+    or shutil.which("google-chrome")
+)
 DRIVER = """
 <script>
 window.addEventListener("error", (e) => { document.title = "error: " + e.message; });
@@ -337,13 +418,26 @@ const pixel = (canvas, x, y) => [...canvas.getContext("2d").getImageData(x, y, 1
 def browse(path, html):
     """The page's elements after its script has run, from Chromium's DOM dump."""
     path.write_text(html)
-    command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=20000", "--dump-dom"]
-    answer = subprocess.run([*command, f"{path.as_uri()}#theme=light"], capture_output=True, timeout=120, check=True)
+    command = [
+        CHROMIUM,
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--virtual-time-budget=20000",
+        "--dump-dom",
+    ]
+    answer = subprocess.run(
+        [*command, f"{path.as_uri()}#theme=light"],
+        capture_output=True,
+        timeout=120,
+        check=True,
+    )
     return answer.stdout.decode()
 
 
 needs_chromium = pytest.mark.skipif(
-    CHROMIUM is None and not os.environ.get("TWINLENS_REQUIRE_CHROMIUM"), reason="no Chromium on this machine"
+    CHROMIUM is None and not os.environ.get("TWINLENS_REQUIRE_CHROMIUM"),
+    reason="no Chromium on this machine",
 )
 """Where a browser is required, as in continuous integration, its absence is a failure instead of a skip."""
 
@@ -352,31 +446,54 @@ needs_chromium = pytest.mark.skipif(
 def test_sorting_selecting_inspecting_and_downloading(tmp_path):
     html = page_html(*made(("low", "high", "none")))
     # The page's own policy would stop this test's script; the next test runs under it.
-    html = re.sub(r"<meta http-equiv=[^>]+>", "", html).replace("</body>", DRIVER + "</body>")
+    html = re.sub(r"<meta http-equiv=[^>]+>", "", html).replace(
+        "</body>", DRIVER + "</body>"
+    )
     dom = browse(tmp_path / "page.html", html)
     results = json.loads(
-        re.search(r'<pre id="results">(.*?)</pre>', dom, re.S)[1].replace("&lt;", "<").replace("&gt;", ">")
+        re.search(r'<pre id="results">(.*?)</pre>', dom, re.S)[1]
+        .replace("&lt;", "<")
+        .replace("&gt;", ">")
     )
     # Of the 23 known rows 11 are at 9 px and 12 at 5 px: "low" is right more often, and wrong wherever it is near.
     assert results["first"] == ["low", "high", LOST]
     assert results["flipped"] == ["high", "low", LOST]
-    assert results["near"] == ["low", "high", LOST], "worst first, as the reader had asked"
+    assert results["near"] == ["low", "high", LOST], (
+        "worst first, as the reader had asked"
+    )
     assert results["head"][-1] == "time/MP"
-    assert results["panels"] == ["Left image", "Right image", "True disparity", "Disparity", "|Error|", "Signed error"]
+    assert results["panels"] == [
+        "Left image",
+        "Right image",
+        "True disparity",
+        "Disparity",
+        "|Error|",
+        "Signed error",
+    ]
     assert results["unknown"] == [196, 200, 206]
     assert results["hole"] == [102, 112, 127]
     assert max(results["zero"]) < 30
     assert results["off"][2] > 200 > results["off"][0]
     assert results["readout"] == "x 20  y 5:  truth 9.00 px, 5.00 px, error −4.00"
     assert results["files"][0] == ["board.csv", "method,sample,"]
-    assert [name for name, _ in results["files"]] == ["board.csv", "board.json", "board.tex"]
+    assert [name for name, _ in results["files"]] == [
+        "board.csv",
+        "board.json",
+        "board.tex",
+    ]
     assert results["versus"] == 6
     for k, (best, worst) in enumerate(results["scales"]):
-        numbers = [float(row[k][0]) for row in results["cells"] if not row[k][0].isalpha()]
-        assert (float(best), float(worst)) == (min(numbers), max(numbers)), "the scale ends where its column does"
+        numbers = [
+            float(row[k][0]) for row in results["cells"] if not row[k][0].isalpha()
+        ]
+        assert (float(best), float(worst)) == (min(numbers), max(numbers)), (
+            "the scale ends where its column does"
+        )
     assert results["ends"] == [2, 2], "in the colours of the best cell and the worst"
     assert results["stops"] == 1
-    assert results["walked"] == ["street again", "high"], "by arrows to the second row and column"
+    assert results["walked"] == ["street again", "high"], (
+        "by arrows to the second row and column"
+    )
     assert results["row"] == "low"
     assert results["wide"] == 1
     assert results["over"] == ["street again", "crash"]
@@ -386,7 +503,13 @@ def test_sorting_selecting_inspecting_and_downloading(tmp_path):
 @needs_chromium
 def test_a_method_that_was_not_run_everywhere_says_so(tmp_path):
     board, samples, _ = made()
-    both = run_benchmark(samples[:1], [Flat("late", 5)], protocol=board.protocols, regions=board.regions, board=board)
+    both = run_benchmark(
+        samples[:1],
+        [Flat("late", 5)],
+        protocol=board.protocols,
+        regions=board.regions,
+        board=board,
+    )
     dom = browse(tmp_path / "page.html", page_html(both))
     assert "1 of 2 samples<" in dom
     assert "street again: not run" in dom
@@ -395,7 +518,9 @@ def test_a_method_that_was_not_run_everywhere_says_so(tmp_path):
 @needs_chromium
 def test_sparsification_is_drawn_for_methods_with_a_confidence(tmp_path):
     dom = browse(tmp_path / "page.html", page_html(ranked_board()))
-    card = re.search(r'<figure class="card chart whole" id="sparse-card">.*?</figure>', dom, re.S)[0]
+    card = re.search(
+        r'<figure class="card chart whole" id="sparse-card">.*?</figure>', dom, re.S
+    )[0]
     assert "errors above 2 px" in card
     assert re.findall(r'<polyline class="curve ([a-z]*)"', card) == ["ideal", "on"]
     best, curve = (
@@ -404,13 +529,21 @@ def test_sparsification_is_drawn_for_methods_with_a_confidence(tmp_path):
     )
     assert len(curve) == 20
     assert curve[-1] == best[-1], "both end at the error rate of all pixels"
-    assert all(a[1] <= b[1] + 0.1 for a, b in zip(curve, best, strict=True)), "no curve is below the lowest possible"
-    assert 'id="sparse-card" hidden' in browse(tmp_path / "plain.html", page_html(made()[0]))
+    assert all(a[1] <= b[1] + 0.1 for a, b in zip(curve, best, strict=True)), (
+        "no curve is below the lowest possible"
+    )
+    assert 'id="sparse-card" hidden' in browse(
+        tmp_path / "plain.html", page_html(made()[0])
+    )
 
 
 @needs_chromium
 def test_a_board_on_which_everything_failed_lists_every_failure(tmp_path):
-    board = run_benchmark([pair(), pair("lane")], [Flat("first", None), Flat("second", None)], warm_up=False)
+    board = run_benchmark(
+        [pair(), pair("lane")],
+        [Flat("first", None), Flat("second", None)],
+        warm_up=False,
+    )
     dom = browse(tmp_path / "page.html", page_html(board))
     assert 'data-ready="1"' in dom
     listed = re.search(r'<div id="failed">(.*?)</div>', dom, re.S)[1]
@@ -423,9 +556,15 @@ def test_a_board_on_which_everything_failed_lists_every_failure(tmp_path):
 
 @needs_chromium
 def test_names_with_markup_are_shown_as_text(tmp_path):
-    board, samples, maps = made((EVIL, "b" + EVIL, "c" + EVIL), sample="s" + EVIL, title="t" + EVIL)
+    board, samples, maps = made(
+        (EVIL, "b" + EVIL, "c" + EVIL), sample="s" + EVIL, title="t" + EVIL
+    )
     dom = browse(tmp_path / "page.html", page_html(board, samples, maps))
     assert 'data-ready="1"' in dom
     assert "<title>pwned</title>" not in dom
-    assert not [tag for tag, attributes in Elements(dom).tags if tag == "img" and ("src", "x") in attributes]
+    assert not [
+        tag
+        for tag, attributes in Elements(dom).tags
+        if tag == "img" and ("src", "x") in attributes
+    ]
     assert dom.count("&lt;/script&gt;&lt;img src=x") > 10

@@ -12,10 +12,16 @@ TASK = RigTask(640, 480, 5.0, (1.0, 4.0), fov_x_deg=60, depth_error=0.03)
 
 def test_curves_and_limits_of_each_panel(monkeypatch):
     sheets = []
-    monkeypatch.setattr(module, "encode", lambda sheet, kind: sheets.append(sheet) or b"")
+    monkeypatch.setattr(
+        module, "encode", lambda sheet, kind: sheets.append(sheet) or b""
+    )
     module.plan_figure(plan_rig(TASK))
     error, blur, disparity = sheets[0].axes
-    assert [axes.get_ylabel() for axes in sheets[0].axes] == ["depth error (mm)", "diameter (px)", "disparity (px)"]
+    assert [axes.get_ylabel() for axes in sheets[0].axes] == [
+        "depth error (mm)",
+        "diameter (px)",
+        "disparity (px)",
+    ]
     x, y = error.lines[1].get_data()
     assert (y / x**2).std() < 1e-9  # proportional to the squared depth
     assert {text.get_text() for axes in (error, blur, disparity) for text in axes.texts} == {
@@ -28,4 +34,6 @@ def test_bytes_are_reproducible_and_an_infeasible_task_has_no_figure():
     figures = {module.plan_figure(plan_rig(TASK), "png") for _ in range(2)}
     assert len(figures) == 1
     with pytest.raises(InputError, match="infeasible"):
-        module.plan_figure(plan_rig(RigTask(640, 480, 5.0, (1.0, 4.0), fov_x_deg=60, depth_error=1e-5)))
+        module.plan_figure(
+            plan_rig(RigTask(640, 480, 5.0, (1.0, 4.0), fov_x_deg=60, depth_error=1e-5))
+        )

@@ -43,12 +43,17 @@ def test_axes_say_quantity_and_unit_and_panels_their_value():
 
 
 def test_a_panel_may_name_its_own_axis():
-    sheet = draw(Figure("f", "t", "z_m", "error", panel="place", x_of={"far": "how far"}), table())
+    sheet = draw(
+        Figure("f", "t", "z_m", "error", panel="place", x_of={"far": "how far"}),
+        table(),
+    )
     assert [axes.get_xlabel() for axes in sheet.axes] == ["depth (m)", "how far"]
 
 
 def test_the_least_is_ringed():
-    axes = draw(Figure("f", "t", "z_m", "error", by="method", best="least"), table()).axes[0]
+    axes = draw(
+        Figure("f", "t", "z_m", "error", by="method", best="least"), table()
+    ).axes[0]
     rings = [line for line in axes.lines if line.get_markersize() == 10]
     assert [float(ring.get_xdata()[0]) for ring in rings] == [1.0, 1.0]
 
@@ -62,7 +67,13 @@ def test_the_least_is_ringed():
     ],
 )  # fmt: skip
 def test_a_panel_of_which_nothing_was_measured_says_so_and_makes_up_no_scale(figure):
-    rows = Table(COLUMNS, tuple({**row, "error": np.nan} if row["place"] == "near" else row for row in table()))
+    rows = Table(
+        COLUMNS,
+        tuple(
+            {**row, "error": np.nan} if row["place"] == "near" else row
+            for row in table()
+        ),
+    )
     sheet = draw(figure, rows)
     near = sheet.axes[0]
     assert near.get_title() == "near"
@@ -75,8 +86,21 @@ def test_a_panel_of_which_nothing_was_measured_says_so_and_makes_up_no_scale(fig
 
 
 def test_residuals_are_measured_over_predicted():
-    rows = Table(COLUMNS, tuple({**row, "error": 1.1 * row["predicted"]} for row in table()))
-    sheet = draw(Figure("f", "t", "z_m", "error", by="method", residual_of="predicted", also=("predicted",)), rows)
+    rows = Table(
+        COLUMNS, tuple({**row, "error": 1.1 * row["predicted"]} for row in table())
+    )
+    sheet = draw(
+        Figure(
+            "f",
+            "t",
+            "z_m",
+            "error",
+            by="method",
+            residual_of="predicted",
+            also=("predicted",),
+        ),
+        rows,
+    )
     assert sheet.axes[1].get_ylabel() == "residual (%)"
     assert np.allclose(sheet.axes[1].lines[0].get_ydata(), 10.0)
 
@@ -91,17 +115,30 @@ def test_a_map_has_a_cell_for_each_pair():
 @pytest.mark.parametrize("kind", ["png", "svg"])
 @pytest.mark.parametrize("look", ["line", "scatter", "heatmap"])
 def test_the_same_table_gives_the_same_bytes(look, kind):
-    figure = Figure("f", "t", "z_m", "seed" if look == "heatmap" else "error", kind=look, z="error", log_x=True)
+    figure = Figure(
+        "f",
+        "t",
+        "z_m",
+        "seed" if look == "heatmap" else "error",
+        kind=look,
+        z="error",
+        log_x=True,
+    )
     first, second = (encode(draw(figure, table()), kind) for _ in range(2))
     assert first == second
     assert first[:4] == (b"\x89PNG" if kind == "png" else b"<?xm")
 
 
 def test_logarithmic_ticks_read_as_numbers_and_keep_apart():
-    rows = Table(COLUMNS, tuple({**row, "z_m": z} for row in table() for z in (1.0, 1.01, 2.0, 30.0)))
+    rows = Table(
+        COLUMNS,
+        tuple({**row, "z_m": z} for row in table() for z in (1.0, 1.01, 2.0, 30.0)),
+    )
     axes = draw(Figure("f", "t", "z_m", "error", log_x=True, log_y=True), rows).axes[0]
     assert [label.get_text() for label in axes.get_xticklabels()] == ["1", "2", "30"]
-    assert not any("\\mathdefault" in label.get_text() for label in axes.get_yticklabels())
+    assert not any(
+        "\\mathdefault" in label.get_text() for label in axes.get_yticklabels()
+    )
 
 
 def linear(colour):
@@ -110,11 +147,17 @@ def linear(colour):
 
 
 # Viénot, Brettel and Mollon, Digital video colourmaps for checking the legibility of displays by dichromats, 1999.
-DEUTERANOPE = np.array([[0.29275, 0.70725, 0.0], [0.29275, 0.70725, 0.0], [-0.02234, 0.02234, 1.0]])
-PROTANOPE = np.array([[0.11238, 0.88762, 0.0], [0.11238, 0.88762, 0.0], [0.00401, -0.00401, 1.0]])
+DEUTERANOPE = np.array(
+    [[0.29275, 0.70725, 0.0], [0.29275, 0.70725, 0.0], [-0.02234, 0.02234, 1.0]]
+)
+PROTANOPE = np.array(
+    [[0.11238, 0.88762, 0.0], [0.11238, 0.88762, 0.0], [0.00401, -0.00401, 1.0]]
+)
 
 
-@pytest.mark.parametrize("eye", [DEUTERANOPE, PROTANOPE], ids=["deuteranope", "protanope"])
+@pytest.mark.parametrize(
+    "eye", [DEUTERANOPE, PROTANOPE], ids=["deuteranope", "protanope"]
+)
 def test_the_first_colours_stay_apart_for_the_colour_blind(eye):
     seen = np.clip([eye @ linear(colour) for colour in PALETTE[:6]], 0, 1) ** (1 / 2.4)
     apart = [np.abs(a - b).max() for k, a in enumerate(seen) for b in seen[:k]]
@@ -143,4 +186,9 @@ def test_figures_that_cannot_be_drawn_are_refused(figure, words):
 @pytest.mark.parametrize("column", ["z_m", "error"])
 def test_a_logarithmic_axis_may_have_nothing_to_show(nothing, column):
     rows = Table(COLUMNS, tuple({**row, column: nothing} for row in table()))
-    encode(draw(Figure("f", "t", "z_m", "error", by="method", log_x=True, log_y=True), rows), "png")
+    encode(
+        draw(
+            Figure("f", "t", "z_m", "error", by="method", log_x=True, log_y=True), rows
+        ),
+        "png",
+    )

@@ -53,26 +53,43 @@ def rendered(name):
     rig = tl.Rig.stereo(camera, baseline=0.12, world_from_left=scene.world_from_left)
     radiance = tl.render(scene, rig, tl.Pinhole(), spp=16, seed=0, denoise=True)
     photos = [
-        tl.Sensor().expose_pair(*radiance, rig=rig, lens=tl.Pinhole(), seed=seed) for seed in range(9)
+        tl.Sensor().expose_pair(*radiance, rig=rig, lens=tl.Pinhole(), seed=seed)
+        for seed in range(9)
     ]  # the mean of eight more exposures has hardly any noise
     truth = tl.ground_truth(scene, rig)[0]
-    clean = np.mean([tl.matching.grey(left.image.astype(np.float32)) for left, _ in photos[1:]], axis=0)
+    clean = np.mean(
+        [tl.matching.grey(left.image.astype(np.float32)) for left, _ in photos[1:]],
+        axis=0,
+    )
     mask = np.where(truth.visible, 255, 128).astype(np.uint8)
     disparity = truth.disparity.astype(np.float32)
     ndisp = int(np.ceil(disparity[np.isfinite(disparity)].max())) + 4
-    return Pair("scene", *(photo.image for photo in photos[0]), disparity, mask, ndisp), clean, truth.visible
+    return (
+        Pair("scene", *(photo.image for photo in photos[0]), disparity, mask, ndisp),
+        clean,
+        truth.visible,
+    )
 
 
 def answers(pair, clean, visible, folder):
     """[(label, kind on the page, sentence)] of wrong pixels."""
     page = matched([pair], METHODS)
-    cause, rng, chosen = labels(pair.disp0, visible, clean, pair.ndisp), np.random.default_rng(3), []
+    cause, rng, chosen = (
+        labels(pair.disp0, visible, clean, pair.ndisp),
+        np.random.default_rng(3),
+        [],
+    )
     for (name, _), disparity in page[2].items():
         wrong = ~(np.abs(disparity - np.where(cause == "", 0, pair.disp0)) <= WRONG_PX)
         for kind in sorted(KINDS):
             pixels = np.argwhere(wrong & (cause == kind))
-            chosen += [(name, int(x), int(y), kind) for y, x in pixels[rng.permutation(len(pixels))[:PER_LABEL]]]
-    found = asked_page(*page, folder, reasons=[pixel[:3] for pixel in chosen])["reasons"]
+            chosen += [
+                (name, int(x), int(y), kind)
+                for y, x in pixels[rng.permutation(len(pixels))[:PER_LABEL]]
+            ]
+    found = asked_page(*page, folder, reasons=[pixel[:3] for pixel in chosen])[
+        "reasons"
+    ]
     return [(pixel, *reason) for pixel, reason in zip(chosen, found, strict=True)]
 
 
@@ -84,8 +101,17 @@ def test_reasons_of_rendered_scenes_are_those_of_the_truth(tmp_path):
         found += [(name, *each) for each in answers(pair, clean, visible, tmp_path)]
         if name == "cards":
             known = pair.disp0[np.isfinite(pair.disp0)]
-            short = Pair("scene", pair.im0, pair.im1, pair.disp0, pair.mask0_nonocc, int(np.median(known)))
-            found += [("narrow", *each) for each in answers(short, clean, visible, tmp_path)]
+            short = Pair(
+                "scene",
+                pair.im0,
+                pair.im1,
+                pair.disp0,
+                pair.mask0_nonocc,
+                int(np.median(known)),
+            )
+            found += [
+                ("narrow", *each) for each in answers(short, clean, visible, tmp_path)
+            ]
     assert {pixel[3] for _, pixel, *_ in found} == KINDS
     misses = [each for each in found if each[1][3] != each[2]]
     assert len(misses) <= 0.1 * len(found), misses

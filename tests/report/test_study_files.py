@@ -20,15 +20,32 @@ EVIL = "<script>alert('a')</script>"
 
 
 def measure(setup):
-    rows = [{"scene": EVIL, "seed": seed, "x": x, "y": x * x + seed} for seed in setup.seeds for x in (1.0, 2.0)]
-    picture = Picture("shown", EVIL, (np.zeros((20, 30), np.uint8),) * 3, ("one", "two", EVIL), columns=2)
+    rows = [
+        {"scene": EVIL, "seed": seed, "x": x, "y": x * x + seed}
+        for seed in setup.seeds
+        for x in (1.0, 2.0)
+    ]
+    picture = Picture(
+        "shown",
+        EVIL,
+        (np.zeros((20, 30), np.uint8),) * 3,
+        ("one", "two", EVIL),
+        columns=2,
+    )
     return Measured(rows, (picture,), {"note": 1.5}, {"remark": EVIL})
 
 
 def conclude(table):
     least = float(table.numbers("y").min())
     return [
-        Finding("The least is {} of all", Interval(least, math.nan, math.nan), least < 1.5, "m", 1.0, 0.05),
+        Finding(
+            "The least is {} of all",
+            Interval(least, math.nan, math.nan),
+            least < 1.5,
+            "m",
+            1.0,
+            0.05,
+        ),
         Finding(f"{EVIL} is {{}}", Interval(2.0, 1.0, 3.0), False),
     ]
 
@@ -47,7 +64,9 @@ def folder(tmp_path_factory):
 
 
 def test_files_of_a_study(folder):
-    names = sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
+    names = sorted(
+        str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()
+    )
     assert names == [
         "figures/plot.png", "figures/plot.svg", "index.html", "pictures/shown.png", "study.json", "table.csv",
     ]  # fmt: skip
@@ -57,12 +76,16 @@ def test_the_same_result_gives_the_same_files(folder, tmp_path):
     write_study(tmp_path, run_study(STUDY))
     for path in folder.rglob("*"):
         if path.is_file():
-            assert (tmp_path / path.relative_to(folder)).read_bytes() == path.read_bytes()
+            assert (
+                tmp_path / path.relative_to(folder)
+            ).read_bytes() == path.read_bytes()
 
 
 def test_a_figure_that_cannot_be_drawn_costs_no_measurements(folder, tmp_path):
     result = run_study(STUDY)
-    broken = replace(STUDY, figures=(Figure("none", "Nothing", "x", "y", where={"x": 99.0}),))
+    broken = replace(
+        STUDY, figures=(Figure("none", "Nothing", "x", "y", where={"x": 99.0}),)
+    )
     with pytest.raises(InputError, match="no rows"):
         write_study(tmp_path, replace(result, study=broken))
     for name in ("table.csv", "study.json"):
@@ -78,7 +101,10 @@ def test_names_are_escaped(folder):
 def test_the_page_is_self_contained(folder):
     page = (folder / "index.html").read_text()
     assert "default-src 'none'" in page
-    assert all(link.startswith("data:image/png;base64,") for link in re.findall(r'src="([^"]*)"', page))
+    assert all(
+        link.startswith("data:image/png;base64,")
+        for link in re.findall(r'src="([^"]*)"', page)
+    )
     links = re.findall(r'href="([^"]*)"', page)
     assert sorted(set(links)) == [
         "figures/plot.png", "figures/plot.svg", "pictures/shown.png", "study.json", "table.csv",
@@ -97,8 +123,13 @@ def test_the_page_reports_verdicts(folder):
 def test_the_page_gives_the_reason_for_no_verdict(tmp_path):
     """Grey: neither confirmed nor refuted."""
     nothing = Interval(math.nan, math.nan, math.nan)
-    findings = [Finding("It is {}", nothing, False), Finding("So is {}", Interval(1.0, 0.0, 2.0), False, decided=False)]
-    page = write_study(tmp_path, run_study(replace(STUDY, conclude=lambda table: findings))).read_text()
+    findings = [
+        Finding("It is {}", nothing, False),
+        Finding("So is {}", Interval(1.0, 0.0, 2.0), False, decided=False),
+    ]
+    page = write_study(
+        tmp_path, run_study(replace(STUDY, conclude=lambda table: findings))
+    ).read_text()
     html = '<div class="finding"><p>{}.</p><p class=note>No verdict: {}.</p></div>'
     assert html.format("It is <b>(not measured)</b>", "not measured") in page
     assert html.format("So is <b>1 [0, 2]</b>", "not decided") in page
@@ -117,7 +148,9 @@ def test_the_protocol_is_complete(folder):
 
 
 def test_pictures_are_below_their_captions(folder):
-    sheet = np.asarray(Image.open(io.BytesIO((folder / "pictures/shown.png").read_bytes())))
+    sheet = np.asarray(
+        Image.open(io.BytesIO((folder / "pictures/shown.png").read_bytes()))
+    )
     black = tiles(Picture("p", "t", (np.zeros((20, 30), np.uint8),), ("",)))
     assert black.shape[1] == 30
     assert (black[-20:] == 0).all()

@@ -18,7 +18,8 @@ SQUARE_UV = [[0.0, 0.0], [1, 0], [1, 1], [0, 1]]
 def square(**material: Any) -> trimesh.Trimesh:
     """A square of 1 m in the plane z = 0 of the file, facing +z, its texture upright along +y."""
     visual = trimesh.visual.TextureVisuals(
-        uv=SQUARE_UV, material=trimesh.visual.material.PBRMaterial(**({"name": "paint"} | material))
+        uv=SQUARE_UV,
+        material=trimesh.visual.material.PBRMaterial(**({"name": "paint"} | material)),
     )
     return trimesh.Trimesh(SQUARE, [[0, 1, 2], [0, 2, 3]], visual=visual, process=False)
 
@@ -40,7 +41,12 @@ def glb(header: dict[str, Any], binary: bytes) -> bytes:
     text += b" " * (-len(text) % 4)
     binary += bytes(-len(binary) % 4)
     size = 12 + 8 + len(text) + 8 + len(binary)
-    chunks = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(binary), 0x004E4942) + binary
+    chunks = (
+        struct.pack("<II", len(text), 0x4E4F534A)
+        + text
+        + struct.pack("<II", len(binary), 0x004E4942)
+        + binary
+    )
     return struct.pack("<4sII", b"glTF", 2, size) + chunks
 
 
@@ -50,7 +56,9 @@ def unpacked(data: bytes) -> tuple[dict[str, Any], bytes]:
     return json.loads(data[20 : 20 + size]), data[20 + size + 8 :]
 
 
-def write(path: Path, what: Any, change: Callable[[dict[str, Any]], object] | None = None) -> Path:
+def write(
+    path: Path, what: Any, change: Callable[[dict[str, Any]], object] | None = None
+) -> Path:
     """Export a trimesh mesh or scene as .glb, after `change` of its header."""
     scene = what if isinstance(what, trimesh.Scene) else trimesh.Scene(what)
     header, binary = unpacked(scene.export(file_type="glb"))
@@ -63,4 +71,6 @@ def write(path: Path, what: Any, change: Callable[[dict[str, Any]], object] | No
 def with_extensions(**extensions: Any) -> Callable[[dict[str, Any]], None]:
     """A change that adds extensions KHR_materials_* to the first material."""
     named = {f"KHR_materials_{name}": table for name, table in extensions.items()}
-    return lambda header: header["materials"][0].setdefault("extensions", {}).update(named)
+    return lambda header: (
+        header["materials"][0].setdefault("extensions", {}).update(named)
+    )

@@ -35,18 +35,30 @@ def test_files_below_the_folder_are_found_and_recorded(place: SceneContext) -> N
 @pytest.mark.parametrize(
     "name",
     [
-        *("../out.png", "deep/../../out.png", "link.png", "folder/out.png", "/etc/passwd", "C:/x.png", "..\\out.png"),
+        *(
+            "../out.png",
+            "deep/../../out.png",
+            "link.png",
+            "folder/out.png",
+            "/etc/passwd",
+            "C:/x.png",
+            "..\\out.png",
+        ),
         *("", ".", "deep", "a\0b", "missing.png"),
     ],
 )
 def test_other_asset_paths_are_errors(place: SceneContext, name: str) -> None:
-    with pytest.raises(InputError, match=r"must be a file name relative|leads outside|no file"):
+    with pytest.raises(
+        InputError, match=r"must be a file name relative|leads outside|no file"
+    ):
         find_asset(name, place)
     assert place.files == []
 
 
 def test_two_dots_are_refused_with_the_name_to_write(place: SceneContext) -> None:
-    with pytest.raises(InputError, match=r"'\.\.' is not allowed; write 'deep/in\.png'"):
+    with pytest.raises(
+        InputError, match=r"'\.\.' is not allowed; write 'deep/in\.png'"
+    ):
         find_asset("deep/../deep/in.png", place)
 
 
@@ -58,7 +70,9 @@ def test_postscript_named_as_a_picture_is_not_interpreted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     started: list[object] = []
-    monkeypatch.setattr(EpsImagePlugin, "Ghostscript", lambda *given, **_: started.append(given))
+    monkeypatch.setattr(
+        EpsImagePlugin, "Ghostscript", lambda *given, **_: started.append(given)
+    )
     (tmp_path / name).write_bytes(POSTSCRIPT)
     with Image.open(tmp_path / name) as image:
         assert image.format == "EPS", "Pillow itself would take the file for what it is"
@@ -86,7 +100,9 @@ def write_exr(path: Path, *sizes: tuple[int, int]) -> None:
     OpenEXR.File(parts).write(str(path))
 
 
-def test_pictures_of_too_many_pixels_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pictures_of_too_many_pixels_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     write_exr(tmp_path / "t.exr", (8, 5))
     Image.new("RGB", (8, 5)).save(tmp_path / "t.png")
     head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 5 +X 8\n"
@@ -95,7 +111,9 @@ def test_pictures_of_too_many_pixels_are_refused(tmp_path: Path, monkeypatch: py
         monkeypatch.setattr(assets, "_MOST_PIXELS", 40)
         assert read_picture(tmp_path / name).shape == (5, 8, 3)
         monkeypatch.setattr(assets, "_MOST_PIXELS", 39)
-        with pytest.raises(FileError, match=rf"{name}: a picture may have 1 to 39 pixels, got 8x5"):
+        with pytest.raises(
+            FileError, match=rf"{name}: a picture may have 1 to 39 pixels, got 8x5"
+        ):
             read_picture(tmp_path / name)
 
 
@@ -103,7 +121,10 @@ def test_an_exr_is_refused_from_its_header_alone(tmp_path: Path) -> None:
     """The header promises 2^40 pixels, the file has none of them."""
     write_exr(tmp_path / "t.exr", (8, 5))
     data = (tmp_path / "t.exr").read_bytes()
-    small, huge = (np.array([0, 0, w - 1, h - 1], "<i4").tobytes() for w, h in ((8, 5), (1 << 20, 1 << 20)))
+    small, huge = (
+        np.array([0, 0, w - 1, h - 1], "<i4").tobytes()
+        for w, h in ((8, 5), (1 << 20, 1 << 20))
+    )
     assert data.count(small) == 2  # the data window and the display window
     (tmp_path / "t.exr").write_bytes(data.replace(small, huge))
     with pytest.raises(FileError, match="got 1048576x1048576"):
@@ -116,7 +137,10 @@ def test_an_exr_of_many_parts_is_refused(tmp_path: Path) -> None:
         read_picture(tmp_path / "t.exr")
 
 
-SKY = ('[lights.sky]\ntype = "constant"\nradiance = 1.0', "[lights.sky]\ntype = 'envmap'\nfilename = '{}'")
+SKY = (
+    '[lights.sky]\ntype = "constant"\nradiance = 1.0',
+    "[lights.sky]\ntype = 'envmap'\nfilename = '{}'",
+)
 
 
 @pytest.mark.parametrize(
@@ -125,13 +149,23 @@ SKY = ('[lights.sky]\ntype = "constant"\nradiance = 1.0', "[lights.sky]\ntype = 
         ("sky.exr", b"v/1\x01 damaged", "cannot be read"),
         ("sky.png", POSTSCRIPT, "cannot be read"),
         ("sky.ps", POSTSCRIPT, "pictures may be"),
-        ("sky.hdr", b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 99999 +X 99999\n", "a picture may have 1 to"),
-        ("sky.hdr", b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 4\n" + bytes(16), "needs 2x3 pixels or more"),
+        (
+            "sky.hdr",
+            b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 99999 +X 99999\n",
+            "a picture may have 1 to",
+        ),
+        (
+            "sky.hdr",
+            b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 4\n" + bytes(16),
+            "needs 2x3 pixels or more",
+        ),
     ],
 )
 def test_environment_maps_are_checked_before_mitsuba_reads_them(
     tmp_path: Path, read_scene: Read, name: str, content: bytes, message: str
 ) -> None:
     (tmp_path / name).write_bytes(content)
-    with pytest.raises(InputError, match=rf"lights.sky.filename: .*{name}: .*{message}"):
+    with pytest.raises(
+        InputError, match=rf"lights.sky.filename: .*{name}: .*{message}"
+    ):
         read_scene("", (SKY[0], SKY[1].format(name)))

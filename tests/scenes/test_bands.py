@@ -53,7 +53,9 @@ def test_the_band_of_a_scene_file(tmp_path):
     assert dyed == pytest.approx(0.3 + 0.25 / 0.32 * 0.3)
     assert near.objects[0].emitter is None
     assert near.lights["sun"]["irradiance"].rgb == pytest.approx([0.22 * 3] * 3)
-    assert near.lights["warm"]["intensity"].rgb[0] / 0.968 == pytest.approx(0.91, abs=0.01)  # CIE illuminant A
+    assert near.lights["warm"]["intensity"].rgb[0] / 0.968 == pytest.approx(
+        0.91, abs=0.01
+    )  # CIE illuminant A
     assert near.lights["sky"]["sun_scale"] == 0.234
     assert "nir" not in str(near.materials) + str(near.lights)
     file.write_text(TOML.replace('nir = "daylight"', 'nir = "sunny"'))
@@ -64,7 +66,9 @@ def test_the_band_of_a_scene_file(tmp_path):
 def test_greys_keep_their_reflectance_and_colours_become_no_darker():
     rgb = np.random.default_rng(1).random((100, 3))
     near = bands.nir_reflectance(rgb)
-    assert ((near >= rgb.max(axis=-1)) & (near <= np.maximum(rgb.max(axis=-1), 0.6))).all()
+    assert (
+        (near >= rgb.max(axis=-1)) & (near <= np.maximum(rgb.max(axis=-1), 0.6))
+    ).all()
     grey = np.linspace(0, 1, 5)
     assert (bands.nir_reflectance(np.stack([grey] * 3, axis=-1)) == grey).all()
 
@@ -72,8 +76,14 @@ def test_greys_keep_their_reflectance_and_colours_become_no_darker():
 def test_a_sky_has_the_share_of_its_mean_colour_or_its_own():
     pixels = np.tile(np.array([0.3, 0.5, 1.0], np.float32), (4, 8, 1))
     scene = Scene("one", (), {}, np.eye(4), (1.0, 2.0), sky=Sky(pixels, scale=2.0))
-    assert bands.near_infrared(scene).sky.scale == pytest.approx(2 * bands.nir_share(pixels[0, 0]))
-    assert bands.nir_share(pixels[0, 0]) < bands.nir_share(np.ones(3)) < bands.nir_share(np.array([1.0, 0.5, 0.2]))
+    assert bands.near_infrared(scene).sky.scale == pytest.approx(
+        2 * bands.nir_share(pixels[0, 0])
+    )
+    assert (
+        bands.nir_share(pixels[0, 0])
+        < bands.nir_share(np.ones(3))
+        < bands.nir_share(np.array([1.0, 0.5, 0.2]))
+    )
     dark = Scene("one", (), {}, np.eye(4), (1.0, 2.0), sky=Sky(pixels, nir=0.0))
     assert not bands.near_infrared(dark).is_lit
 
@@ -81,6 +91,11 @@ def test_a_sky_has_the_share_of_its_mean_colour_or_its_own():
 def test_a_texture_of_two_materials_stays_one():
     picture = Bitmap(np.random.default_rng(1).random((4, 4, 3)).astype(np.float32))
     plugin = {"type": "diffuse", "reflectance": picture}
-    things = (SceneObject("a", {"type": "sphere"}, "a"), SceneObject("b", {"type": "sphere"}, "b"))
-    near = bands.near_infrared(Scene("two", things, {"a": plugin, "b": plugin}, np.eye(4), (1.0, 2.0)))
+    things = (
+        SceneObject("a", {"type": "sphere"}, "a"),
+        SceneObject("b", {"type": "sphere"}, "b"),
+    )
+    near = bands.near_infrared(
+        Scene("two", things, {"a": plugin, "b": plugin}, np.eye(4), (1.0, 2.0))
+    )
     assert near.materials["a"]["reflectance"] is near.materials["b"]["reflectance"]

@@ -29,8 +29,13 @@ def exr(folder):
 
 def hdr(folder):
     """Run-length encoded as literal runs; Source: G. Ward, Real Pixels, Graphics Gems II, 1991."""
-    rgbe = np.concatenate([PIXELS * 255, np.full((12, 24, 1), 128)], axis=2).astype(np.uint8)
-    lines = (b"\x02\x02\x00\x18" + b"".join(b"\x18" + row[:, c].tobytes() for c in range(4)) for row in rgbe)
+    rgbe = np.concatenate([PIXELS * 255, np.full((12, 24, 1), 128)], axis=2).astype(
+        np.uint8
+    )
+    lines = (
+        b"\x02\x02\x00\x18" + b"".join(b"\x18" + row[:, c].tobytes() for c in range(4))
+        for row in rgbe
+    )
     return b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 12 +X 24\n" + b"".join(lines)
 
 
@@ -61,20 +66,28 @@ def test_damaged_skies(in_process, suffix, cases):  # noqa: F811
 
 def test_an_hdr_that_promises_more_pixels_than_it_has_is_refused(tmp_path):
     path = tmp_path / "sky.hdr"
-    path.write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 8192 +X 16384\n" + b"\x02\x02\x40\x00" + bytes(99))
+    path.write_bytes(
+        b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 8192 +X 16384\n"
+        b"\x02\x02\x40\x00" + bytes(99)
+    )
     with pytest.raises(FileError, match="cannot be read"):
         read_sky(path)
 
 
 def test_an_exr_of_many_large_channels_is_refused_from_its_header(tmp_path):
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    flat = {name: np.zeros((5, 8), np.float32) for name in ("R", "G", "B", *(f"x{i}" for i in range(20)))}
+    flat = {
+        name: np.zeros((5, 8), np.float32)
+        for name in ("R", "G", "B", *(f"x{i}" for i in range(20)))
+    }
     with OpenEXR.File(header, flat) as file:
         file.write(str(tmp_path / "sky.exr"))
     data = (tmp_path / "sky.exr").read_bytes()
     small, large = struct.pack("<4i", 0, 0, 7, 4), struct.pack("<4i", 0, 0, 8191, 8191)
     (tmp_path / "sky.exr").write_bytes(data.replace(small, large))
-    with pytest.raises(FileError, match="23 channels of 8192x8192 pixels are too many values"):
+    with pytest.raises(
+        FileError, match="23 channels of 8192x8192 pixels are too many values"
+    ):
         read_sky(tmp_path / "sky.exr")
 
 

@@ -12,20 +12,35 @@ from PIL import Image
 from tests.scenes.scene_text import Read
 from twinlens.camera import Camera, Rig
 from twinlens.errors import FileError, InputError
-from twinlens.scenes import Bitmap, Mesh, Scene, bundled_folder, bundled_headings, bundled_scenes, load_scene
+from twinlens.scenes import (
+    Bitmap,
+    Mesh,
+    Scene,
+    bundled_folder,
+    bundled_headings,
+    bundled_scenes,
+    load_scene,
+)
 
 PROMISED = {"cards", "fence", "room", "spheres", "staircase", "tabletop"}
 
 
 def test_the_documented_scenes_are_bundled() -> None:
     assert set(bundled_scenes()) >= PROMISED
-    size = sum(path.stat().st_size for path in bundled_folder().rglob("*") if path.is_file())
+    size = sum(
+        path.stat().st_size for path in bundled_folder().rglob("*") if path.is_file()
+    )
     assert size < 4_000_000
 
 
-@pytest.mark.parametrize(("wrong", "right"), [("stairs", "staircase"), ("Fence", "fence"), ("table", "tabletop")])
+@pytest.mark.parametrize(
+    ("wrong", "right"),
+    [("stairs", "staircase"), ("Fence", "fence"), ("table", "tabletop")],
+)
 def test_an_unknown_name_suggests_the_nearest(wrong: str, right: str) -> None:
-    with pytest.raises(InputError, match=f"unknown scene '{wrong}'; did you mean '{right}'"):
+    with pytest.raises(
+        InputError, match=f"unknown scene '{wrong}'; did you mean '{right}'"
+    ):
         load_scene(wrong)
 
 
@@ -51,7 +66,9 @@ def bundled(request: pytest.FixtureRequest) -> Scene:
 
 
 def test_a_heading_equals_the_scenes_data(bundled: Scene) -> None:
-    (heading,) = (heading for heading in bundled_headings() if heading["name"] == bundled.name)
+    (heading,) = (
+        heading for heading in bundled_headings() if heading["name"] == bundled.name
+    )
     for field in ("depth_range", "baseline", "description"):
         assert heading[field] == getattr(bundled, field)
 
@@ -80,13 +97,17 @@ def test_a_bundled_scene_is_physically_plausible(bundled: Scene) -> None:
                 assert 0 <= value.pixels.min() <= value.pixels.max() <= 1
 
 
-def test_the_depth_range_brackets_the_truth_and_disparities_are_useful(bundled: Scene) -> None:
+def test_the_depth_range_brackets_the_truth_and_disparities_are_useful(
+    bundled: Scene,
+) -> None:
     rendering = pytest.importorskip("twinlens.rendering")
     camera = Camera.from_fov(320, 240, fov_x_deg=bundled.fov_x_deg)
     rig = Rig.stereo(camera, bundled.baseline, bundled.world_from_left)
     near, far = bundled.depth_range
     for truth in rendering.ground_truth(bundled, rig):
-        assert np.isfinite(truth.depth).all()  # indoors or out, something is hit everywhere
+        assert np.isfinite(
+            truth.depth
+        ).all()  # indoors or out, something is hit everywhere
         assert near <= truth.depth.min() <= 1.5 * near
         assert far / 1.5 <= truth.depth.max() <= far
         at_640 = 2 * truth.disparity

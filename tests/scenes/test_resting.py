@@ -8,7 +8,14 @@ from twinlens.scenes.resting import Placed, level_faces, world_triangles
 from twinlens.scenes.scene import Mesh, SceneObject
 from twinlens.scenes.stable_poses import outline, stable_poses
 
-_L = np.array([[(0, 0), (2, 0), (2, 1)], [(0, 0), (2, 1), (0, 1)], [(0, 1), (1, 1), (1, 2)], [(0, 1), (1, 2), (0, 2)]])
+_L = np.array(
+    [
+        [(0, 0), (2, 0), (2, 1)],
+        [(0, 0), (2, 1), (0, 1)],
+        [(0, 1), (1, 1), (1, 2)],
+        [(0, 1), (1, 2), (0, 2)],
+    ]
+)
 
 
 def test_a_face_holds_what_is_inside_its_outline():
@@ -46,11 +53,17 @@ def test_a_prism_that_meets_a_triangle_is_found():
     points = rng.dirichlet(np.ones(3), 300) @ triangles
     polygon = trial.moved(rest.footprint)
     edge = np.roll(polygon, -1, axis=0) - polygon
-    side = edge[:, 0] * (points[..., None, 1] - polygon[:, 1]) - edge[:, 1] * (points[..., None, 0] - polygon[:, 0])
-    inside = (side > 0).all(axis=-1) & (points[..., 2] > 0) & (points[..., 2] < rest.height)
+    side = edge[:, 0] * (points[..., None, 1] - polygon[:, 1]) - edge[:, 1] * (
+        points[..., None, 0] - polygon[:, 0]
+    )
+    inside = (
+        (side > 0).all(axis=-1) & (points[..., 2] > 0) & (points[..., 2] < rest.height)
+    )
     assert not (inside.any(axis=1) & ~met).any()
     assert (~met).mean() > 0.05
-    assert met[~inside.any(axis=1)].mean() < 0.3  # few of those that are clear are refused
+    assert (
+        met[~inside.any(axis=1)].mean() < 0.3
+    )  # few of those that are clear are refused
 
 
 @pytest.mark.parametrize("shape", [
@@ -59,8 +72,14 @@ def test_a_prism_that_meets_a_triangle_is_found():
 def test_triangles_of_round_shapes_enclose_them(shape):
     """Their planes are outside of the sphere, or of the circle around the axis, and close to it."""
     triangles = world_triangles(SceneObject("round", shape, "grey"))[0]
-    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normal = np.cross(
+        triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    )
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    distance = np.abs(((triangles[:, 0] - np.array(shape.get("center", [0.0] * 3))) * normal).sum(axis=1))
+    distance = np.abs(
+        ((triangles[:, 0] - np.array(shape.get("center", [0.0] * 3))) * normal).sum(
+            axis=1
+        )
+    )
     assert (distance >= shape["radius"]).all()
     assert (distance <= 1.002 * shape["radius"]).all()

@@ -50,16 +50,24 @@ def test_an_empty_table_is_the_pair_that_the_scene_was_composed_for():
 
 CAMERA = Camera.from_fov(64, 48, 40.0)
 PLACED = {
-    'layout = "line"\ncount = 3\nspacing = 0.1': lambda: layouts.line(CAMERA, 3, 0.1, POSE),
+    'layout = "line"\ncount = 3\nspacing = 0.1': lambda: layouts.line(
+        CAMERA, 3, 0.1, POSE
+    ),
     'layout = "vertical"': lambda: layouts.grid(CAMERA, 2, 1, 0.25, 0.25, POSE),
-    'layout = "grid"\nrows = 2\ncolumns = 3\nspacing_y = 0.3': lambda: layouts.grid(CAMERA, 2, 3, 0.25, 0.3, POSE),
-    'layout = "arc"\ncount = 5\nradius = 2\nangle_deg = 60': lambda: layouts.arc(CAMERA, 5, 2.0, 60.0, POSE),
-    'layout = "arc"\ncount = 5\nangle_deg = 60': lambda: layouts.arc(CAMERA, 5, 1.5, 60.0, POSE),
+    'layout = "grid"\nrows = 2\ncolumns = 3\nspacing_y = 0.3': lambda: layouts.grid(
+        CAMERA, 2, 3, 0.25, 0.3, POSE
+    ),
+    'layout = "arc"\ncount = 5\nradius = 2\nangle_deg = 60': lambda: layouts.arc(
+        CAMERA, 5, 2.0, 60.0, POSE
+    ),
+    'layout = "arc"\ncount = 5\nangle_deg = 60': lambda: layouts.arc(
+        CAMERA, 5, 1.5, 60.0, POSE
+    ),
     'layout = "toed_in"\ndistance = 2\nbaseline = 0.3': lambda: layouts.toed_in(
         CAMERA, 0.3, 2.0, POSE @ geometry.rigid(np.eye(3), [0.15, 0, 0])
     ),
-    'layout = "line"\ncount = 2\nposition = [0, 0, 1]\nlook_at = [1, 1, 1]': lambda: layouts.line(
-        CAMERA, 2, 0.25, geometry.look_at([0, 0, 1], [1, 1, 1])
+    'layout = "line"\ncount = 2\nposition = [0, 0, 1]\nlook_at = [1, 1, 1]': lambda: (
+        layouts.line(CAMERA, 2, 0.25, geometry.look_at([0, 0, 1], [1, 1, 1]))
     ),
 }
 
@@ -69,10 +77,16 @@ def test_each_layout_equals_its_function(text):
     same(rig(text), PLACED[text]())
 
 
-@pytest.mark.parametrize(("text", "focus"), [("focus = 2", 2.0), ("focus = inf", np.inf), ("", 1.5)])
+@pytest.mark.parametrize(
+    ("text", "focus"), [("focus = 2", 2.0), ("focus = inf", np.inf), ("", 1.5)]
+)
 def test_the_light_field_of_a_lens(text, focus):
-    ours = rig(f'layout = "light_field"\nn = 3\naperture_mm = 12\nfx = 50\nfy = 60\ncx = 30\n{text}')
-    theirs = light_field_rig(Camera(64, 48, 50.0, 60.0, 30.0, 23.5), ThinLens(0.012, focus), 3, POSE)
+    ours = rig(
+        f'layout = "light_field"\nn = 3\naperture_mm = 12\nfx = 50\nfy = 60\ncx = 30\n{text}'
+    )
+    theirs = light_field_rig(
+        Camera(64, 48, 50.0, 60.0, 30.0, 23.5), ThinLens(0.012, focus), 3, POSE
+    )
     for a, b in zip(ours.cameras, theirs.cameras, strict=True):
         assert (a.fx, a.fy) == (b.fx, b.fy)
         assert (a.cx, a.cy) == pytest.approx((b.cx, b.cy), abs=1e-12)
@@ -118,9 +132,14 @@ def test_a_misalignment_moves_the_second_camera_and_keeps_the_calibrated_rig():
     same(ours.calibrated, rig(""))
     same(ours, misaligned(rig(""), (ALIGNED, Misalignment(1.5, roll_deg=0.2))))
     assert not ours.is_rectified()
-    all_of_them = rig('layout = "line"\ncount = 3\nmisalignment = [{ yaw_deg = 1 }, {}, { vertical_px = -2 }]')
+    all_of_them = rig(
+        'layout = "line"\ncount = 3\nmisalignment = [{ yaw_deg = 1 }, {}, { vertical_px = -2 }]'
+    )
     assert all_of_them.cameras[2].cy == pytest.approx(21.5)
-    turned = geometry.inverse(all_of_them.calibrated.world_from_cams[0]) @ all_of_them.world_from_cams[0]
+    turned = (
+        geometry.inverse(all_of_them.calibrated.world_from_cams[0])
+        @ all_of_them.world_from_cams[0]
+    )
     assert turned[0, 2] == pytest.approx(np.sin(np.radians(1)))
 
 
@@ -141,15 +160,24 @@ def test_a_misalignment_moves_the_second_camera_and_keeps_the_calibrated_rig():
         ('layout = "grid"\nrows = 100\ncolumns = 100', "at most 1000"),
         ('layout = "light_field"\nn = 3', "missing key 'aperture_mm'"),
         ('layout = "light_field"\nn = 40\naperture_mm = 5', "n: must be <= 31"),
-        ('layout = "light_field"\nn = 2\naperture_mm = 5\ndistortion = { k1 = -0.1 }', "without lens distortion"),
+        (
+            'layout = "light_field"\nn = 2\naperture_mm = 5\ndistortion = { k1 = -0.1 }',
+            "without lens distortion",
+        ),
         ("misalignment = { vertical = 1 }", "did you mean 'vertical_px'"),
-        ("misalignment = [{}]", "misalignment: a rig of 2 cameras needs 2 misalignments, got 1"),
+        (
+            "misalignment = [{}]",
+            "misalignment: a rig of 2 cameras needs 2 misalignments, got 1",
+        ),
         ('layout = "line"\ncount = 1\nmisalignment = {}', "give a list"),
         ('distortion = { model = "fisheye" }', "kannala-brandt"),
         ('distortion = { model = "kannala-brandt", p1 = 1 }', "unknown key 'p1'"),
         ("distortion = { k1 = -5.0 }", "folds"),
         ('layout = "cameras"', "missing key 'cameras'"),
-        ('layout = "cameras"\ncameras = [{ translate = [1, 0, 0], position = [0, 0, 0] }]', "keep one"),
+        (
+            'layout = "cameras"\ncameras = [{ translate = [1, 0, 0], position = [0, 0, 0] }]',
+            "keep one",
+        ),
         (
             'layout = "cameras"\ncameras = [{ world_from_cam = [[1,0,0,0],[0,1,0,0],[0,0,2,0],[0,0,0,1]] }]',
             "rotation",
@@ -193,7 +221,9 @@ def test_a_scene_file_may_describe_its_rig(tmp_path):
     scene = load_scene(file)
     assert len(rig_from_table(scene.rig, scene, 64, 48)) == 4
     file.write_text(TOML.replace("angle_deg = 40", "angle_deg = 400"))
-    with pytest.raises(InputError, match=r"scene.toml: rig.angle_deg: must be <= 360, got 400"):
+    with pytest.raises(
+        InputError, match=r"scene.toml: rig.angle_deg: must be <= 360, got 400"
+    ):
         load_scene(file)
 
 
@@ -219,10 +249,16 @@ def test_projectors_have_intrinsics_pose_pattern_and_light():
     first, second = made.projectors
     turn = rotation([0, 1, 0], -5)[:3, :3]
     assert np.allclose(first.pose, geometry.rigid(turn, [0.05, 0, 0]))
-    assert first.intrinsics == Camera.from_fov(64, 48, 60).replace(distortion=BrownConrady(-0.1))
+    assert first.intrinsics == Camera.from_fov(64, 48, 60).replace(
+        distortion=BrownConrady(-0.1)
+    )
     assert (first.pattern == patterns.dots(64, 48, density=0.25, seed=3)).all()
     assert (first.power, first.filter) == (2.5, "nearest")
-    assert (first.aperture_diameter, first.focus_distance, second.aperture_diameter) == (0.02, 1.5, 0)
+    assert (
+        first.aperture_diameter,
+        first.focus_distance,
+        second.aperture_diameter,
+    ) == (0.02, 1.5, 0)
     assert second.intrinsics == CAMERA
     assert second.power == Projector(None, CAMERA, band="rgb").with_lux(100).power
     assert np.allclose(made.world_from_projectors[1], made.world_from_cams[0])
@@ -232,14 +268,29 @@ def test_projectors_have_intrinsics_pose_pattern_and_light():
     ("keys", "says"),
     [
         ("power = nan", "projectors[0].power: must be a finite number"),
-        ("power = 1\nlux = 2", "projectors[0]: 'power' and 'lux' both set the light; keep one"),
+        (
+            "power = 1\nlux = 2",
+            "projectors[0]: 'power' and 'lux' both set the light; keep one",
+        ),
         ("aperture_mm = -1", "projectors[0].aperture_mm: must be >= 0"),
         ("lux = 2", "projectors[0]: lux is a unit of visible light"),
-        ("power = 2", "projectors[0] has the band 'nir', which no camera sees: give a camera band = 'nir'"),
+        (
+            "power = 2",
+            "projectors[0] has the band 'nir', which no camera sees: give a camera band = 'nir'",
+        ),
         ("pattern = { type = 'dot' }", "did you mean 'dots'?"),
-        ("pattern = { type = 'dots', densty = 1 }", "unknown key 'densty'; did you mean 'density'?"),
-        ("pattern = { type = 'gray_code', frame = 12 }", "projectors[0]: the frame of a Gray code"),
-        ("pattern = { type = 'dot_grid', period = 1 }", "projectors[0]: the period of a dot grid"),
+        (
+            "pattern = { type = 'dots', densty = 1 }",
+            "unknown key 'densty'; did you mean 'density'?",
+        ),
+        (
+            "pattern = { type = 'gray_code', frame = 12 }",
+            "projectors[0]: the frame of a Gray code",
+        ),
+        (
+            "pattern = { type = 'dot_grid', period = 1 }",
+            "projectors[0]: the period of a dot grid",
+        ),
     ],
 )
 def test_a_mistake_in_a_projector_is_reported_in_one_line(keys, says):
@@ -257,15 +308,27 @@ def test_a_mistake_in_a_rig_of_cameras_is_reported_at_its_key():
         "cameras = [{}, {}]\nmisalignment = { focal = 0.0 }": "rig.toml: rig.misalignment.focal: ",
     }.items():
         with pytest.raises(InputError) as caught:
-            rig_from_table(tomllib.loads(f'layout = "cameras"\n{keys}'), SCENE, 64, 48, "rig.toml", "rig")
+            rig_from_table(
+                tomllib.loads(f'layout = "cameras"\n{keys}'),
+                SCENE,
+                64,
+                48,
+                "rig.toml",
+                "rig",
+            )
         assert str(caught.value).startswith(where)
 
 
 def test_a_grey_picture_is_the_pattern_of_a_projector(tmp_path):
     dots = np.random.default_rng(0).integers(0, 256, (30, 40), dtype=np.uint8)
-    for name, pixels in (("dots", dots), ("red", np.stack([dots, 0 * dots, dots], axis=-1))):
+    for name, pixels in (
+        ("dots", dots),
+        ("red", np.stack([dots, 0 * dots, dots], axis=-1)),
+    ):
         Image.fromarray(pixels).save(tmp_path / f"{name}.png")
-    projector = '[[projectors]]\nband = "rgb"\npattern = {{ type = "picture", file = {} }}'
+    projector = (
+        '[[projectors]]\nband = "rgb"\npattern = {{ type = "picture", file = {} }}'
+    )
 
     def read(text):
         (tmp_path / "rig.toml").write_text(text)
@@ -277,7 +340,9 @@ def test_a_grey_picture_is_the_pattern_of_a_projector(tmp_path):
     assert np.allclose(made.pattern, dots / 255)
     wrong = {
         projector.format("'red.png'"): "a projector's pattern is a grey picture",
-        projector.format("'none.png'"): "rig.toml: projectors[0].pattern.file: no file 'none.png'",
+        projector.format(
+            "'none.png'"
+        ): "rig.toml: projectors[0].pattern.file: no file 'none.png'",
         projector.format("'../dots.png'"): "leads outside the folder",
         projector.format("3"): "projectors[0].pattern.file",
         projector.format("'dots.png'") + "\nwidth = 20": "must have the shape (30, 20)",

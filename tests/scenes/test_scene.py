@@ -13,7 +13,11 @@ FACE = np.array([[0, 1, 2]], dtype=np.uint32)
 
 
 def test_a_mesh_holds_float64_and_uint32() -> None:
-    mesh = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], uv=CORNERS[:, :2].astype(np.float32))  # type: ignore[arg-type]
+    mesh = Mesh(
+        [[0, 0, 0], [1, 0, 0], [0, 1, 0]],
+        [[0, 1, 2]],
+        uv=CORNERS[:, :2].astype(np.float32),
+    )  # type: ignore[arg-type]
     assert mesh.vertices.dtype == np.float64
     assert mesh.faces.dtype == np.uint32
     assert mesh.uv is not None
@@ -22,11 +26,17 @@ def test_a_mesh_holds_float64_and_uint32() -> None:
 
 
 BROKEN: list[tuple[dict[str, Any], str]] = [
-    ({"vertices": CORNERS[:, :2]}, r"vertices must have the shape \(3, 3\), got \(3, 2\)"),
+    (
+        {"vertices": CORNERS[:, :2]},
+        r"vertices must have the shape \(3, 3\), got \(3, 2\)",
+    ),
     ({"vertices": CORNERS.ravel()}, "vertices must have the shape"),
     ({"vertices": [[0, 0, 0], [1, 0]]}, "vertices must be numbers"),
     ({"vertices": [["a", "b", "c"]]}, "vertices must be numbers"),
-    ({"vertices": [[0, 0, 0], [1, np.nan, 0], [0, 1, 0]]}, "vertices must be finite; row 1 is not"),
+    (
+        {"vertices": [[0, 0, 0], [1, np.nan, 0], [0, 1, 0]]},
+        "vertices must be finite; row 1 is not",
+    ),
     ({"faces": FACE.astype(np.float64)}, "faces must be integers"),
     ({"faces": FACE[0]}, "faces must be integers"),
     ({"faces": [[0, 1, 2, 2]]}, "faces must be integers"),

@@ -22,21 +22,44 @@ _MAP: pydantic.TypeAdapter[Bitmap] = pydantic.TypeAdapter(TextureMap)
 
 def paint(table: Any, folder: Path = Path(), **named: Any) -> Bitmap:
     context = SceneContext(folder)
-    context.textures.update({name: read(_TABLE, entry, "scene.toml", name, context) for name, entry in named.items()})
+    context.textures.update(
+        {
+            name: read(_TABLE, entry, "scene.toml", name, context)
+            for name, entry in named.items()
+        }
+    )
     return read(_MAP, table, "scene.toml", "t", context)
 
 
 def test_colors_are_spread_evenly_and_are_linear() -> None:
-    made = paint({"type": "stripes", "count": 1, "size": [4, 1], "colors": ["#000000", "#808080"]}).pixels
-    np.testing.assert_allclose(made[0, 0], 0.2158605, rtol=1e-5)  # sRGB 128/255, IEC 61966-2-1
+    made = paint(
+        {
+            "type": "stripes",
+            "count": 1,
+            "size": [4, 1],
+            "colors": ["#000000", "#808080"],
+        }
+    ).pixels
+    np.testing.assert_allclose(
+        made[0, 0], 0.2158605, rtol=1e-5
+    )  # sRGB 128/255, IEC 61966-2-1
     np.testing.assert_array_equal(made[0, 3], 0)
-    ramp = paint({"type": "gradient", "along": "u", "size": [5, 1], "colors": [0.0, 1.0, 0.0]}).pixels
+    ramp = paint(
+        {"type": "gradient", "along": "u", "size": [5, 1], "colors": [0.0, 1.0, 0.0]}
+    ).pixels
     np.testing.assert_allclose(ramp[0, :, 0], [0.2, 0.6, 1.0, 0.6, 0.2], atol=1e-6)
 
 
 def test_range_repeat_and_wrap_are_kept() -> None:
     made = paint(
-        {"type": "checker", "cells": 2, "size": 8, "range": [0.2, 0.7], "repeat": [3, 5], "wrap_mode": "mirror"}
+        {
+            "type": "checker",
+            "cells": 2,
+            "size": 8,
+            "range": [0.2, 0.7],
+            "repeat": [3, 5],
+            "wrap_mode": "mirror",
+        }
     )
     assert made.pixels.shape == (8, 8)
     np.testing.assert_allclose(np.unique(made.pixels), [0.2, 0.7], rtol=1e-6)
@@ -46,16 +69,22 @@ def test_range_repeat_and_wrap_are_kept() -> None:
 
 def test_mix_and_multiply_follow_their_formulas() -> None:
     left, right = {"type": "stripes", "count": 1}, {"type": "gradient", "along": "u"}
-    mixed = paint({"type": "mix", "size": [8, 2], "low": 0.1, "high": 0.9, "weight": left}).pixels
+    mixed = paint(
+        {"type": "mix", "size": [8, 2], "low": 0.1, "high": 0.9, "weight": left}
+    ).pixels
     np.testing.assert_allclose(mixed[0, :, 1], [0.9] * 4 + [0.1] * 4, rtol=1e-6)
-    product = paint({"type": "multiply", "size": [4, 1], "factors": [left, "ramp", 0.5]}, ramp=right).pixels
+    product = paint(
+        {"type": "multiply", "size": [4, 1], "factors": [left, "ramp", 0.5]}, ramp=right
+    ).pixels
     np.testing.assert_allclose(product[0, :, 2], [0.0625, 0.1875, 0, 0], atol=1e-7)
 
 
 def test_a_warp_moves_texels_only() -> None:
     plain = {"type": "value_noise", "cells": 9, "size": 64, "seed": 2}
     straight = paint(plain).pixels
-    np.testing.assert_allclose(paint({**plain, "warp": {"amount": 0}}).pixels, straight, atol=1e-6)
+    np.testing.assert_allclose(
+        paint({**plain, "warp": {"amount": 0}}).pixels, straight, atol=1e-6
+    )
     bent = paint({**plain, "warp": {"amount": 0.2}}).pixels
     assert np.abs(bent - straight).max() > 0.1
     assert straight.min() - 1e-6 <= bent.min()
@@ -64,7 +93,11 @@ def test_a_warp_moves_texels_only() -> None:
 
 def test_circular_texture_references_are_an_error() -> None:
     with pytest.raises(InputError, match="deep"):
-        paint("a", a={"type": "multiply", "size": 4, "factors": ["b"]}, b={"type": "multiply", "factors": ["a"]})
+        paint(
+            "a",
+            a={"type": "multiply", "size": 4, "factors": ["b"]},
+            b={"type": "multiply", "factors": ["a"]},
+        )
 
 
 @pytest.mark.parametrize("name", PATTERNS)
@@ -86,10 +119,14 @@ def test_pictures_are_read_with_their_own_encoding(tmp_path: Path) -> None:
     assert made.pixels.shape == (3, 5, 3)
     np.testing.assert_allclose(made.pixels, 0.2158605, rtol=1e-5)
     np.testing.assert_allclose(
-        paint({"type": "bitmap", "filename": "a.png", "raw": True}, tmp_path).pixels, 128 / 255, rtol=1e-6
+        paint({"type": "bitmap", "filename": "a.png", "raw": True}, tmp_path).pixels,
+        128 / 255,
+        rtol=1e-6,
     )
     light = np.random.default_rng(1).random((4, 6, 3)).astype(np.float32) * 9
-    OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGB": light}).write(str(tmp_path / "b.exr"))
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGB": light}).write(
+        str(tmp_path / "b.exr")
+    )
     np.testing.assert_array_equal(read_picture(tmp_path / "b.exr"), light)
 
 

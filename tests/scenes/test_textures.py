@@ -22,14 +22,23 @@ PATTERNS: dict[str, Pattern] = {
     "wood": lambda seed: textures.wood(96, 64, 5, seed),
     "gradient": lambda seed: textures.gradient(96, 64, seed),
 }
-RANDOM = ["value_noise", "value_cells", "fractal_noise", "random_dots", "bricks", "wood"]
+RANDOM = [
+    "value_noise",
+    "value_cells",
+    "fractal_noise",
+    "random_dots",
+    "bricks",
+    "wood",
+]
 SMOOTH_PERIODIC = ["value_noise", "fractal_noise", "sine", "random_dots"]
 
 
 @pytest.mark.parametrize("name", PATTERNS)
 @settings(max_examples=10, deadline=None)
 @given(seed=st.integers(0, 2**31))
-def test_values_stay_in_the_unit_interval_and_repeat_with_their_seed(name: str, seed: int) -> None:
+def test_values_stay_in_the_unit_interval_and_repeat_with_their_seed(
+    name: str, seed: int
+) -> None:
     made = PATTERNS[name](seed)
     assert made.shape == (64, 96)
     assert made.dtype == np.float32
@@ -55,13 +64,20 @@ def test_periodic_patterns_have_no_seam(name: str) -> None:
 
 def test_dots_that_cross_the_border_come_back_on_the_other_side() -> None:
     """Rolling the picture keeps every dot whole: the area is what separate discs have, wherever they lie."""
-    areas = [textures.random_dots(200, 200, 1, (0.1, 0.1), seed).sum() for seed in range(40)]
+    areas = [
+        textures.random_dots(200, 200, 1, (0.1, 0.1), seed).sum() for seed in range(40)
+    ]
     np.testing.assert_allclose(areas, np.pi * 20**2, rtol=0.01)
 
 
 def test_dots_cover_what_independent_discs_cover() -> None:
     """1 - exp(-n pi r^2): the coverage of a Boolean model of discs."""
-    cover = np.mean([textures.random_dots(256, 256, 200, (0.03, 0.03), seed).mean() for seed in range(12)])
+    cover = np.mean(
+        [
+            textures.random_dots(256, 256, 200, (0.03, 0.03), seed).mean()
+            for seed in range(12)
+        ]
+    )
     assert cover == pytest.approx(1 - np.exp(-200 * np.pi * 0.03**2), abs=0.02)
 
 
@@ -70,7 +86,9 @@ def test_value_noise_passes_through_its_lattice() -> None:
     coarse = textures.value_noise(8, 8, (8, 8), 4, "nearest")
     fine = textures.value_noise(8 * 101, 8 * 101, (8, 8), 4)
     np.testing.assert_allclose(fine[::101, ::101], coarse, atol=1e-3)
-    means = [float(textures.value_noise(64, 64, (16, 16), seed).mean()) for seed in range(64)]
+    means = [
+        float(textures.value_noise(64, 64, (16, 16), seed).mean()) for seed in range(64)
+    ]
     assert np.mean(means) == pytest.approx(0.5, abs=4 * float(np.std(means)) / 8)
 
 
@@ -79,18 +97,27 @@ def test_fractal_noise_falls_off_as_its_gain_says(gain: float) -> None:
     """The radial power spectrum of a sum of octaves has slope -(2 + 2H), H = -log2(gain)."""
     power = np.zeros((512, 512))
     for seed in range(12):
-        made = textures.fractal_noise(512, 512, (4, 4), seed, octaves=8, gain=gain, contrast=0.5)
+        made = textures.fractal_noise(
+            512, 512, (4, 4), seed, octaves=8, gain=gain, contrast=0.5
+        )
         power += np.abs(np.fft.fft2(made - made.mean())) ** 2
-    frequency = np.hypot(*np.meshgrid(np.fft.fftfreq(512, 1 / 512), np.fft.fftfreq(512, 1 / 512)))
+    frequency = np.hypot(
+        *np.meshgrid(np.fft.fftfreq(512, 1 / 512), np.fft.fftfreq(512, 1 / 512))
+    )
     octaves = 2.0 ** np.arange(3, 8)
-    rings = [power[(frequency >= low) & (frequency < 2 * low)].mean() for low in octaves]
+    rings = [
+        power[(frequency >= low) & (frequency < 2 * low)].mean() for low in octaves
+    ]
     slope = np.polyfit(np.log2(octaves), np.log2(rings), 1)[0]
     assert slope == pytest.approx(-2 - 2 * -np.log2(gain), abs=0.3)
 
 
 @pytest.mark.parametrize("gain", [0.4, 0.8])
 def test_fractal_noise_has_the_contrast_asked_for(gain: float) -> None:
-    spread = [textures.fractal_noise(256, 256, (16, 16), s, gain=gain, contrast=0.6).std() for s in range(8)]
+    spread = [
+        textures.fractal_noise(256, 256, (16, 16), s, gain=gain, contrast=0.6).std()
+        for s in range(8)
+    ]
     assert np.mean(spread) == pytest.approx(0.6 / 5, rel=0.08)
 
 
@@ -111,8 +138,16 @@ def test_an_edge_inside_a_texel_is_grey_by_the_share_it_covers() -> None:
 def test_the_star_has_its_spokes_and_blurs_to_grey_in_the_middle() -> None:
     star = textures.siemens_star(401, 401, 18)
     angle = (np.arange(7200) + 0.5) / 7200 * 2 * np.pi
-    ring = star[(200 + 150 * np.sin(angle)).round().astype(int), (200 + 150 * np.cos(angle)).round().astype(int)] > 0.5
-    assert np.count_nonzero(ring != np.roll(ring, 1)) >= 36  # an edge on both sides of every spoke
+    ring = (
+        star[
+            (200 + 150 * np.sin(angle)).round().astype(int),
+            (200 + 150 * np.cos(angle)).round().astype(int),
+        ]
+        > 0.5
+    )
+    assert (
+        np.count_nonzero(ring != np.roll(ring, 1)) >= 36
+    )  # an edge on both sides of every spoke
     assert np.abs(np.fft.rfft(ring - ring.mean())).argmax() == 18
     assert star[198:203, 198:203].mean() == pytest.approx(0.5, abs=0.1)
     assert star[0, 0] == 0.5

@@ -14,7 +14,13 @@ from tests.scenes.scene_text import Read
 from twinlens.camera import Camera, Rig
 from twinlens.scenes import Scene, load_scene
 from twinlens.scenes.objects import ANALYTIC_SHAPES
-from twinlens.scenes.plugins import AREA_LIGHTS, DIELECTRICS, INTEGRATORS, LIGHTS, MATERIALS
+from twinlens.scenes.plugins import (
+    AREA_LIGHTS,
+    DIELECTRICS,
+    INTEGRATORS,
+    LIGHTS,
+    MATERIALS,
+)
 
 rendering = pytest.importorskip("twinlens.rendering")
 build = pytest.importorskip("twinlens.rendering.build").build
@@ -50,7 +56,11 @@ VALUES: dict[str, str] = {
     "albedo": "0.3",
 }
 WHOLE = {"max_depth", "rr_depth", "shading_samples", "emitter_samples", "bsdf_samples"}
-NEEDS = {"twosided": ["bsdf"], "mask": ["bsdf", "opacity"], "blendbsdf": ["bsdfs", "weight"]}
+NEEDS = {
+    "twosided": ["bsdf"],
+    "mask": ["bsdf", "opacity"],
+    "blendbsdf": ["bsdfs", "weight"],
+}
 NEEDS |= {"bumpmap": ["bsdf", "bump"], "normalmap": ["bsdf", "normalmap"]}
 
 
@@ -63,7 +73,11 @@ def line(key: str) -> str:
 
 
 def cases(plugins: dict[str, dict[str, Any]]) -> list[Any]:
-    return [pytest.param(kind, key, id=f"{kind}-{key}") for kind, keys in plugins.items() for key in [None, *keys]]
+    return [
+        pytest.param(kind, key, id=f"{kind}-{key}")
+        for kind, keys in plugins.items()
+        for key in [None, *keys]
+    ]
 
 
 def lines(kind: str, key: str | None) -> str:
@@ -76,7 +90,9 @@ def lines(kind: str, key: str | None) -> str:
 
 
 @pytest.mark.parametrize(("kind", "key"), cases(MATERIALS))
-def test_mitsuba_accepts_the_material(read_scene: Read, kind: str, key: str | None) -> None:
+def test_mitsuba_accepts_the_material(
+    read_scene: Read, kind: str, key: str | None
+) -> None:
     build(read_scene(f"[materials.m]\n{lines(kind, key)}"))
 
 
@@ -97,29 +113,47 @@ def test_a_texture_may_replace_a_colour(read_scene: Read, kind: str, key: str) -
     build(read_scene(f"[materials.m]\n{lines(kind, None)}\n{key} = {NOISE}"))
 
 
-@pytest.mark.parametrize(("kind", "key"), [c for c in cases(LIGHTS) if c.values[0] != "envmap"])
-def test_mitsuba_accepts_the_light(read_scene: Read, kind: str, key: str | None) -> None:
-    build(read_scene(f"[lights.l]\n{lines(kind, key)}", ('[lights.sky]\ntype = "constant"\nradiance = 1.0', "")))
+@pytest.mark.parametrize(
+    ("kind", "key"), [c for c in cases(LIGHTS) if c.values[0] != "envmap"]
+)
+def test_mitsuba_accepts_the_light(
+    read_scene: Read, kind: str, key: str | None
+) -> None:
+    build(
+        read_scene(
+            f"[lights.l]\n{lines(kind, key)}",
+            ('[lights.sky]\ntype = "constant"\nradiance = 1.0', ""),
+        )
+    )
 
 
 @pytest.mark.parametrize(("kind", "key"), cases(AREA_LIGHTS))
-def test_mitsuba_accepts_the_area_light(read_scene: Read, kind: str, key: str | None) -> None:
+def test_mitsuba_accepts_the_area_light(
+    read_scene: Read, kind: str, key: str | None
+) -> None:
     table = ", ".join(lines(kind, key).split("\n"))
     build(read_scene(f"emitter = {{ {table} }}"))
 
 
 @pytest.mark.parametrize(("kind", "key"), cases(INTEGRATORS))
-def test_mitsuba_accepts_the_integrator(read_scene: Read, kind: str, key: str | None) -> None:
+def test_mitsuba_accepts_the_integrator(
+    read_scene: Read, kind: str, key: str | None
+) -> None:
     build(read_scene(f"[integrator]\n{lines(kind, key)}"))
 
 
 @pytest.mark.parametrize(("kind", "key"), cases(ANALYTIC_SHAPES))
-def test_mitsuba_accepts_the_shape(read_scene: Read, kind: str, key: str | None) -> None:
+def test_mitsuba_accepts_the_shape(
+    read_scene: Read, kind: str, key: str | None
+) -> None:
     extra = f"\n{line(key)}" if key else ""
     build(read_scene(f"[objects.s]\nshape = '{kind}'\nmaterial = 'grey'{extra}"))
 
 
-FRONTAL = ("position = [0, -3, 1]\nlook_at = [0, 0, 0.5]", "position = [0, -3, 0]\nlook_at = [0, 0, 0]")
+FRONTAL = (
+    "position = [0, -3, 1]\nlook_at = [0, 0, 0.5]",
+    "position = [0, -3, 0]\nlook_at = [0, 0, 0]",
+)
 WALL = """
 [objects.wall]
 shape = "rectangle"
@@ -135,7 +169,9 @@ reflectance = { type = "gradient", size = 64, %s }
 def photograph(read_scene: Read, texture: str) -> np.ndarray[Any, Any]:
     scene = read_scene(WALL % texture, FRONTAL)
     camera = Camera.from_fov(32, 32, fov_x_deg=40)
-    image: np.ndarray[Any, Any] = rendering.render(scene, Rig([camera], [scene.world_from_left]), spp=4, seed=1)[0]
+    image: np.ndarray[Any, Any] = rendering.render(
+        scene, Rig([camera], [scene.world_from_left]), spp=4, seed=1
+    )[0]
     return image.mean(axis=2)
 
 
@@ -147,18 +183,28 @@ def test_the_top_of_a_texture_is_up_and_its_left_is_left(read_scene: Read) -> No
 
 
 def test_repeat_repeats(read_scene: Read) -> None:
-    twice = photograph(read_scene, "range = [0.1, 0.9], along = 'u', repeat = [2, 1]").mean(axis=0)
+    twice = photograph(
+        read_scene, "range = [0.1, 0.9], along = 'u', repeat = [2, 1]"
+    ).mean(axis=0)
     assert (np.diff(twice) < 0).sum() >= 1  # it falls back once in the middle
-    np.testing.assert_allclose(twice[3:13], twice[3:13].mean() + (twice[19:29] - twice[19:29].mean()), rtol=0.25)
+    np.testing.assert_allclose(
+        twice[3:13],
+        twice[3:13].mean() + (twice[19:29] - twice[19:29].mean()),
+        rtol=0.25,
+    )
 
 
 def below_a_sky(read_scene: Read, folder: Path) -> Scene:
     """The minimal scene, lit by the upper half of an EXR file."""
     sky = np.zeros((16, 32, 3), np.float32)
     sky[:8] = 1.0
-    OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGB": sky}).write(str(folder / "sky.exr"))
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGB": sky}).write(
+        str(folder / "sky.exr")
+    )
     light = "[lights.sky]\ntype = 'envmap'\nfilename = 'sky.exr'"
-    return read_scene("", ('[lights.sky]\ntype = "constant"\nradiance = 1.0', light), FRONTAL)
+    return read_scene(
+        "", ('[lights.sky]\ntype = "constant"\nradiance = 1.0', light), FRONTAL
+    )
 
 
 def test_one_thread_reads_exr_files(read_scene: Read, tmp_path: Path) -> None:
@@ -177,13 +223,20 @@ def test_one_thread_reads_exr_files(read_scene: Read, tmp_path: Path) -> None:
     """
     for file in ("scene.toml", "sky.xml"):
         command = [sys.executable, "-c", code, str(tmp_path / file)]
-        subprocess.run(command, env={**os.environ, "TWINLENS_BACKEND": "scalar"}, check=True, timeout=100)
+        subprocess.run(
+            command,
+            env={**os.environ, "TWINLENS_BACKEND": "scalar"},
+            check=True,
+            timeout=100,
+        )
 
 
 def test_the_top_of_an_environment_map_is_up(read_scene: Read, tmp_path: Path) -> None:
     scene = below_a_sky(read_scene, tmp_path)
     camera = Camera.from_fov(32, 32, fov_x_deg=18)
-    ball = rendering.render(scene, Rig([camera], [scene.world_from_left]), spp=16, seed=1)[0].mean(axis=2)
+    ball = rendering.render(
+        scene, Rig([camera], [scene.world_from_left]), spp=16, seed=1
+    )[0].mean(axis=2)
     assert ball[6, 16] > 2 * ball[-7, 16]
 
 
@@ -204,4 +257,8 @@ def test_a_checked_mitsuba_file_is_seen_from_its_own_sensor(tmp_path: Path) -> N
 
 @pytest.mark.parametrize("name", DIELECTRICS)
 def test_mitsuba_knows_the_dielectric(read_scene: Read, name: str) -> None:
-    build(read_scene(f"[materials.m]\ntype = 'dielectric'\nint_ior = '{name}'\next_ior = 2.0"))
+    build(
+        read_scene(
+            f"[materials.m]\ntype = 'dielectric'\nint_ior = '{name}'\next_ior = 2.0"
+        )
+    )

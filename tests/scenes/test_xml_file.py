@@ -33,22 +33,32 @@ def write(folder: Path, sensor: str, transform: str = "") -> Path:
     path = folder / "s.xml"
     film = '<film type="hdrfilm"><integer name="width" value="90"/><integer name="height" value="60"/></film>'
     to_world = f'<transform name="to_world">{transform}</transform>'
-    path.write_text(f'<scene version="3.0.0"><sensor type="perspective">{sensor}{to_world}{film}</sensor></scene>')
+    path.write_text(
+        f'<scene version="3.0.0"><sensor type="perspective">{sensor}{to_world}{film}</sensor></scene>'
+    )
     return path
 
 
 @pytest.mark.parametrize("transform", SENSORS)
 @pytest.mark.parametrize("field", FIELDS)
-def test_pose_and_field_of_view_are_those_mitsuba_builds(tmp_path: Path, transform: str, field: str) -> None:
+def test_pose_and_field_of_view_are_those_mitsuba_builds(
+    tmp_path: Path, transform: str, field: str
+) -> None:
     mi = pytest.importorskip("mitsuba")
     if mi.variant() is None:
         mi.set_variant("scalar_rgb")
     path = write(tmp_path, FIELDS[field], SENSORS[transform])
     scene = load_scene(path)
     sensor = mi.load_file(str(path)).sensors()[0]
-    theirs = np.array(mi.traverse(sensor)["to_world"].matrix, dtype=float).reshape(-1)[:16].reshape(4, 4)
+    theirs = (
+        np.array(mi.traverse(sensor)["to_world"].matrix, dtype=float)
+        .reshape(-1)[:16]
+        .reshape(4, 4)
+    )
     axes = theirs[:3, :3] / np.linalg.norm(theirs[:3, :3], axis=0)
-    np.testing.assert_allclose(scene.world_from_left[:3, :3], axes @ np.diag([-1, -1, 1]), atol=1e-6)
+    np.testing.assert_allclose(
+        scene.world_from_left[:3, :3], axes @ np.diag([-1, -1, 1]), atol=1e-6
+    )
     np.testing.assert_allclose(scene.world_from_left[:3, 3], theirs[:3, 3], atol=1e-5)
     their_fov = float(np.ravel(mi.traverse(sensor)["x_fov"])[0])
     assert scene.fov_x_deg == pytest.approx(their_fov, rel=1e-5)
@@ -67,7 +77,10 @@ def test_depth_range_is_the_clipping_range(tmp_path: Path) -> None:
     assert scene.name == "s"
 
 
-@pytest.mark.parametrize("clip", ["", '<float name="near_clip" value="1"/>', '<float name="farClip" value="7"/>'])
+@pytest.mark.parametrize(
+    "clip",
+    ["", '<float name="near_clip" value="1"/>', '<float name="farClip" value="7"/>'],
+)
 def test_a_missing_depth_range_is_unknown(tmp_path: Path, clip: str) -> None:
     scene = load_scene(write(tmp_path, clip))
     assert not scene.depth_range_known
@@ -89,12 +102,20 @@ BAD = [
     ("", '<scale value="0"/>', "mirrored or singular"),
     ("", '<rotate angle="3"/>', "needs an axis"),
     ("", '<lookat origin="0 0 0" target="0 0 0"/>', "different origin and target"),
-    ("", '<matrix value="1 1 0 0  0 1 0 0  0 0 1 0  0 0 0 1"/>', "right-handed rotation"),
+    (
+        "",
+        '<matrix value="1 1 0 0  0 1 0 0  0 0 1 0  0 0 0 1"/>',
+        "right-handed rotation",
+    ),
 ]
 
 
-@pytest.mark.parametrize(("sensor", "transform", "message"), BAD, ids=[b[2] for b in BAD])
-def test_an_unsupported_sensor_is_an_error(tmp_path: Path, sensor: str, transform: str, message: str) -> None:
+@pytest.mark.parametrize(
+    ("sensor", "transform", "message"), BAD, ids=[b[2] for b in BAD]
+)
+def test_an_unsupported_sensor_is_an_error(
+    tmp_path: Path, sensor: str, transform: str, message: str
+) -> None:
     with pytest.raises(InputError) as caught:
         load_scene(write(tmp_path, sensor, transform))
     assert message in str(caught.value)

@@ -42,7 +42,9 @@ def eth3d(disp, gt, mask):
                 errors.append(abs(disp[y][x] - true))
     out = {"coverage": share(len(errors), n)}
     for t in (0.5, 1.0, 2.0, 4.0):
-        out[f"bad{t}"] = share(sum(1 for e in errors if e > t), len(errors)) if errors else 100.0
+        out[f"bad{t}"] = (
+            share(sum(1 for e in errors if e > t), len(errors)) if errors else 100.0
+        )
     return out | sizes(errors, INF)
 
 
@@ -55,12 +57,18 @@ def kitti(disp, gt, mask):
                 continue
             n += 1
             e = abs(np.float32(filled[y][x]) - np.float32(true))
-            outlier = e > np.float32(3) and (true == 0 or float(e / abs(np.float32(true))) > 0.05)
+            outlier = e > np.float32(3) and (
+                true == 0 or float(e / abs(np.float32(true))) > 0.05
+            )
             outliers += outlier
             if 0 <= disp[y][x] < INF:
                 given += 1
                 outliers_given += outlier
-    return {"D1": share(outliers, n), "D1_est": share(outliers_given, given), "coverage": share(given, n)}
+    return {
+        "D1": share(outliers, n),
+        "D1_est": share(outliers_given, given),
+        "coverage": share(given, n),
+    }
 
 
 def fill(disp):

@@ -91,7 +91,9 @@ class Starts:
         if self.deaf:
             signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
         with tempfile.TemporaryDirectory(dir=self.note.parent):
-            process = subprocess.Popen(["sleep", "1000"], start_new_session=self.session)
+            process = subprocess.Popen(
+                ["sleep", "1000"], start_new_session=self.session
+            )
             self.note.write_text(str(process.pid))
             try:
                 process.wait()
@@ -203,7 +205,9 @@ class Starving:
     def match(self, left, right, *, num_disparities, min_disparity):
         import resource
 
-        resource.setrlimit(resource.RLIMIT_DATA, (2**17, resource.getrlimit(resource.RLIMIT_DATA)[1]))
+        resource.setrlimit(
+            resource.RLIMIT_DATA, (2**17, resource.getrlimit(resource.RLIMIT_DATA)[1])
+        )
         kept = []
         with contextlib.suppress(MemoryError):
             while True:

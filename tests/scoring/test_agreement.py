@@ -21,9 +21,23 @@ HEADLINE = PROTOCOLS["middlebury-v3"].headline
 
 
 def entry(method, sample, value, failure=None):
-    scores = RegionScores(100, 100, 100, dict.fromkeys(METRICS, 0.0) | {HEADLINE: value})
+    scores = RegionScores(
+        100, 100, 100, dict.fromkeys(METRICS, 0.0) | {HEADLINE: value}
+    )
     regions = {} if failure else {"nonocc": scores}
-    return Entry(method, method, sample, "0" * 64, "middlebury-v3", 10, 10, 16, 0.1, failure, regions)
+    return Entry(
+        method,
+        method,
+        sample,
+        "0" * 64,
+        "middlebury-v3",
+        10,
+        10,
+        16,
+        0.1,
+        failure,
+        regions,
+    )
 
 
 def board(values, title="board", scenes=None):
@@ -36,21 +50,30 @@ def board(values, title="board", scenes=None):
             for i, row in enumerate(values)
             for j, value in enumerate(row)
         ),
-        scenes={f"s{i}": str(scene) for i, scene in enumerate([] if scenes is None else scenes)},
+        scenes={
+            f"s{i}": str(scene)
+            for i, scene in enumerate([] if scenes is None else scenes)
+        },
     )
 
 
 def clustered(seed, scenes, views, methods=6, spread=2.0):
     """(samples, methods) of scenes whose views differ little, and the scene of each sample."""
     rng = np.random.default_rng(seed)
-    of_scenes = np.arange(methods) + 20 + spread * rng.standard_normal((scenes, methods))
-    values = np.repeat(of_scenes, views, axis=0) + 0.1 * rng.standard_normal((scenes * views, methods))
+    of_scenes = (
+        np.arange(methods) + 20 + spread * rng.standard_normal((scenes, methods))
+    )
+    values = np.repeat(of_scenes, views, axis=0) + 0.1 * rng.standard_normal(
+        (scenes * views, methods)
+    )
     return values, np.repeat(np.arange(scenes), views).tolist()
 
 
 def noisy(seed, samples=12, methods=8, noise=1.0):
     rng = np.random.default_rng(seed)
-    return np.abs(np.arange(methods) + 5 + noise * rng.standard_normal((samples, methods)))
+    return np.abs(
+        np.arange(methods) + 5 + noise * rng.standard_normal((samples, methods))
+    )
 
 
 def test_tau_and_rho_equal_scipys_with_ties():
@@ -58,9 +81,16 @@ def test_tau_and_rho_equal_scipys_with_ties():
     for seed in range(20):
         a, b = (np.round(noisy(seed + offset, 3, 7, 3.0)) for offset in (0, 100))
         result = agreement(board(a), board(b), resamples=2)
-        means = [np.mean([stats.rankdata(row) for row in values], axis=0) for values in (a, b)]
-        assert result.tau.value == pytest.approx(stats.kendalltau(*means).statistic, abs=1e-12)
-        assert result.rho.value == pytest.approx(stats.spearmanr(*means).statistic, abs=1e-12)
+        means = [
+            np.mean([stats.rankdata(row) for row in values], axis=0)
+            for values in (a, b)
+        ]
+        assert result.tau.value == pytest.approx(
+            stats.kendalltau(*means).statistic, abs=1e-12
+        )
+        assert result.rho.value == pytest.approx(
+            stats.spearmanr(*means).statistic, abs=1e-12
+        )
 
 
 def test_tau_b_by_its_definition():
@@ -70,21 +100,30 @@ def test_tau_b_by_its_definition():
     pairs = [(i, j) for i in range(5) for j in range(i)]
     score = sum(np.sign(x[i] - x[j]) * np.sign(y[i] - y[j]) for i, j in pairs)
     free = [sum(v[i] != v[j] for i, j in pairs) for v in (x, y)]
-    assert agreement(board(a), board(b), resamples=1).tau.value == pytest.approx(score / math.sqrt(free[0] * free[1]))
+    assert agreement(board(a), board(b), resamples=1).tau.value == pytest.approx(
+        score / math.sqrt(free[0] * free[1])
+    )
 
 
 def test_a_board_agrees_with_itself_and_is_opposite_to_its_reverse():
     a = noisy(1, noise=0.0)
     assert agreement(board(a), board(a), resamples=5).tau.value == pytest.approx(1.0)
-    assert agreement(board(a), board(a[:, ::-1]), resamples=5).tau.value == pytest.approx(-1.0)
-    assert str(agreement(board(a), board(a), resamples=5).reliability_a) == "1.00 (1.00 to 1.00)"
+    assert agreement(
+        board(a), board(a[:, ::-1]), resamples=5
+    ).tau.value == pytest.approx(-1.0)
+    assert (
+        str(agreement(board(a), board(a), resamples=5).reliability_a)
+        == "1.00 (1.00 to 1.00)"
+    )
 
 
 @pytest.mark.slow
 def test_the_bootstrap_covers_the_long_run_value():
     """95 % intervals from 16 samples contain the tau of 4000 samples in most of 40 repetitions."""
     order = [2, 0, 5, 1, 3, 7, 4, 6]
-    truth = agreement(board(noisy(0, 4000)), board(noisy(1, 4000)[:, order]), resamples=1).tau.value
+    truth = agreement(
+        board(noisy(0, 4000)), board(noisy(1, 4000)[:, order]), resamples=1
+    ).tau.value
     covered = 0
     for seed in range(40):
         a, b = noisy(1000 + 2 * seed, 16), noisy(1001 + 2 * seed, 16)[:, order]
@@ -101,16 +140,25 @@ def test_the_interval_is_that_of_scipys_bootstrap_of_scenes():
     ranks, other = stats.rankdata(values, axis=1), stats.rankdata(noisy(6, 1, 6)[0])
 
     def tau(chosen):
-        rows = np.concatenate([np.flatnonzero(np.array(scenes) == scene) for scene in chosen])
+        rows = np.concatenate(
+            [np.flatnonzero(np.array(scenes) == scene) for scene in chosen]
+        )
         return stats.kendalltau(ranks[rows].mean(axis=0).round(9), other).statistic
 
     limits = stats.bootstrap(
-        (np.arange(8),), tau, n_resamples=4000, vectorized=False, method="percentile", rng=np.random.default_rng(1)
+        (np.arange(8),),
+        tau,
+        n_resamples=4000,
+        vectorized=False,
+        method="percentile",
+        rng=np.random.default_rng(1),
     ).confidence_interval
     step = 2 / 15  # of tau, for six methods
     assert found.low == pytest.approx(limits.low, abs=step + 1e-9)
     assert found.high == pytest.approx(limits.high, abs=step + 1e-9)
-    rows = agreement(board(values), fixed, resamples=4000).tau  # each image a scene of its own
+    rows = agreement(
+        board(values), fixed, resamples=4000
+    ).tau  # each image a scene of its own
     assert rows.low > limits.low + 1.5 * step
 
 
@@ -121,14 +169,29 @@ def test_copies_of_a_scenes_images_add_no_information():
     repeated = np.repeat(values, 4, axis=0)
     copied = agreement(board(repeated, scenes=np.repeat(range(8), 4)), others)
     assert (copied.samples_a, copied.scenes_a) == (32, 8)
-    assert (copied.tau, copied.rho, copied.reliability_a) == (once.tau, once.rho, once.reliability_a)
+    assert (copied.tau, copied.rho, copied.reliability_a) == (
+        once.tau,
+        once.rho,
+        once.reliability_a,
+    )
     assert agreement(board(repeated), others).reliability_a.low > once.reliability_a.low
 
 
 def test_without_recorded_scenes_the_lenses_of_a_view_are_one_scene():
-    names = [f"{view} · {lens}" for view in range(5) for lens in ("pinhole", "lens 10 mm at 1 m")]
+    names = [
+        f"{view} · {lens}"
+        for view in range(5)
+        for lens in ("pinhole", "lens 10 mm at 1 m")
+    ]
     values = noisy(3, 10)
-    plain = Board("b", tuple(entry(f"m{j}", names[i], v) for i, row in enumerate(values) for j, v in enumerate(row)))
+    plain = Board(
+        "b",
+        tuple(
+            entry(f"m{j}", names[i], v)
+            for i, row in enumerate(values)
+            for j, v in enumerate(row)
+        ),
+    )
     result = agreement(plain, plain, resamples=5)
     assert (result.samples_a, result.scenes_a) == (10, 5)
 
@@ -143,12 +206,17 @@ def test_boards_of_few_scenes_have_no_interval():
     assert len(both.notes(("a", "b"))) == 2
     one = agreement(few, many)
     assert one.tau.low <= one.tau.value <= one.tau.high
-    assert one.notes(("a", "b")) == ["no interval contains the uncertainty of a, which has fewer than 4 scenes"]
+    assert one.notes(("a", "b")) == [
+        "no interval contains the uncertainty of a, which has fewer than 4 scenes"
+    ]
     assert agreement(many, many).notes(("a", "b")) == []
 
 
 def test_split_half_reliability_grows_with_less_noise():
-    clean, rough = (agreement(board(noisy(3, 20, noise=n)), board(noisy(4)), resamples=100) for n in (0.5, 8.0))
+    clean, rough = (
+        agreement(board(noisy(3, 20, noise=n)), board(noisy(4)), resamples=100)
+        for n in (0.5, 8.0)
+    )
     assert clean.reliability_a.value > 0.9 > rough.reliability_a.value
 
 
@@ -156,7 +224,9 @@ def test_failures_share_the_last_rank_and_missing_samples_are_left_out():
     values = noisy(0, 3, 4, noise=0.0)
     values[0, 0] = values[0, 1] = math.nan
     a = board(values)
-    ranks = sample_ranks(a, ("m0", "m1", "m2", "m3"), "middlebury-v3", "nonocc", HEADLINE)
+    ranks = sample_ranks(
+        a, ("m0", "m1", "m2", "m3"), "middlebury-v3", "nonocc", HEADLINE
+    )
     assert ranks[0].tolist() == [[3.5, 3.5, 1.0, 2.0]]
     fewer = a.without(lambda e: (e.method, e.sample) == ("m3", "s1"))
     assert agreement(fewer, a, resamples=1).samples_a == 2
@@ -165,13 +235,19 @@ def test_failures_share_the_last_rank_and_missing_samples_are_left_out():
 def test_rho_by_its_definition():
     """Without ties, 1 - 6 sum(d^2) / (n (n^2 - 1))."""
     a, b = np.array([[1.0, 2, 3, 4, 5]]), np.array([[2.0, 1, 5, 3, 4]])
-    assert agreement(board(a), board(b), resamples=1).rho.value == pytest.approx(1 - 6 * (1 + 1 + 4 + 1 + 1) / 120)
+    assert agreement(board(a), board(b), resamples=1).rho.value == pytest.approx(
+        1 - 6 * (1 + 1 + 4 + 1 + 1) / 120
+    )
 
 
 def test_resamples_without_an_order_are_left_out():
     """Scenes that rank in opposite order, drawn equally often, tie all methods."""
-    opposite = board(np.array([[1.0, 2, 3], [3.0, 2, 1], [1.0, 2, 3], [3.0, 2, 1], [1.0, 2, 3]]))
-    result = agreement(opposite, board(np.array([[1.0, 2, 3], [1.0, 3, 2]])), resamples=200)
+    opposite = board(
+        np.array([[1.0, 2, 3], [3.0, 2, 1], [1.0, 2, 3], [3.0, 2, 1], [1.0, 2, 3]])
+    )
+    result = agreement(
+        opposite, board(np.array([[1.0, 2, 3], [1.0, 3, 2]])), resamples=200
+    )
     assert -1 <= result.tau.low <= result.tau.value <= result.tau.high <= 1
     never = agreement(board(np.array([[1.0, 1, 1]])), opposite, resamples=3)
     assert math.isnan(never.tau.value)
@@ -189,7 +265,9 @@ def test_a_move_is_listed_first():
 
 def test_the_seed_decides_the_interval():
     a, b = board(noisy(1, noise=4.0)), board(noisy(2, noise=4.0))
-    first, again, other = (agreement(a, b, resamples=50, seed=seed) for seed in (1, 1, 2))
+    first, again, other = (
+        agreement(a, b, resamples=50, seed=seed) for seed in (1, 1, 2)
+    )
     assert first == again
     assert first.tau != other.tau
 
@@ -224,7 +302,9 @@ def test_boards_with_too_few_common_methods_are_refused():
 def test_the_command_prints_and_draws(tmp_path, capsys):
     write_board(board(noisy(0)), tmp_path / "a" / "board.json")
     write_board(board(noisy(1)), tmp_path / "b.json")
-    assert agreement(str(tmp_path / "a"), tmp_path / "b.json") == agreement(board(noisy(0)), board(noisy(1)))
+    assert agreement(str(tmp_path / "a"), tmp_path / "b.json") == agreement(
+        board(noisy(0)), board(noisy(1))
+    )
     arguments = ["agree", str(tmp_path / "a"), str(tmp_path / "b.json")]
     assert run([*arguments, "-o", str(tmp_path / "agree.svg")]) == 0
     text = capsys.readouterr().out
@@ -240,7 +320,10 @@ def test_the_command_prints_and_draws(tmp_path, capsys):
     assert "Kendall's tau-b  1.00 (-)\n" in text
     assert text.count("one.json, which has fewer than 4 scenes") == 2
     assert text.endswith("no mean ranks differ\n")
-    assert run(["agree", str(tmp_path / "one.json"), str(tmp_path / "one.json"), "--json"]) == 0
+    assert (
+        run(["agree", str(tmp_path / "one.json"), str(tmp_path / "one.json"), "--json"])
+        == 0
+    )
     assert json.loads(capsys.readouterr().out)["tau"]["low"] is None
     assert run([*arguments, "-o", str(tmp_path / "agree.pdf")]) == 2
 

@@ -38,13 +38,30 @@ NAN = math.nan
 
 
 def entry(method, sample, bad, *, evaluated=10, failure=None, region="all"):
-    metrics = dict.fromkeys(PROTOCOLS["middlebury-v3"].metrics, 1.0) | {"totbad2.0": bad, "coverage": abs(100 - bad)}
+    metrics = dict.fromkeys(PROTOCOLS["middlebury-v3"].metrics, 1.0) | {
+        "totbad2.0": bad,
+        "coverage": abs(100 - bad),
+    }
     regions = {} if failure else {region: RegionScores(12, evaluated, 9, metrics)}
-    return Entry(method, method, sample, "0" * 64, "middlebury-v3", 4, 3, 8, 0.5, failure, regions)
+    return Entry(
+        method,
+        method,
+        sample,
+        "0" * 64,
+        "middlebury-v3",
+        4,
+        3,
+        8,
+        0.5,
+        failure,
+        regions,
+    )
 
 
 def board(*entries):
-    return Board("t", entries, {"numpy": "2"}, {entry.sample: "hall" for entry in entries})
+    return Board(
+        "t", entries, {"numpy": "2"}, {entry.sample: "hall" for entry in entries}
+    )
 
 
 def test_a_mean_is_plain_unless_weighted():
@@ -52,7 +69,9 @@ def test_a_mean_is_plain_unless_weighted():
     assert b.mean("m", "middlebury-v3", "all").metrics["totbad2.0"] == 25
     assert b.mean("m", "middlebury-v3", "all", {"t": 0.5}).metrics["totbad2.0"] == 20
     assert b.mean("m", "middlebury-v3", "all", {"t": 0}).metrics["totbad2.0"] == 10
-    assert b.mean("m", "middlebury-v3", "all").metrics["time/MP"] == pytest.approx(0.5 / 12e-6)
+    assert b.mean("m", "middlebury-v3", "all").metrics["time/MP"] == pytest.approx(
+        0.5 / 12e-6
+    )
 
 
 def test_a_failure_leaves_no_mean_and_comes_last():
@@ -61,14 +80,20 @@ def test_a_failure_leaves_no_mean_and_comes_last():
         *(entry("n", "s", 90), entry("n", "t", 90)),
     )
     assert math.isnan(b.mean("m", "middlebury-v3", "all").metrics["totbad2.0"])
-    assert [(m.method, m.failed) for m in standings(b, "middlebury-v3")] == [("n", ()), ("m", ("t",))]
+    assert [(m.method, m.failed) for m in standings(b, "middlebury-v3")] == [
+        ("n", ()),
+        ("m", ("t",)),
+    ]
 
 
 def test_a_pair_that_was_not_run_is_missing_and_leaves_no_mean():
     """A method run on the easy sample only must not rank above one run on both."""
     b = board(entry("easy", "s", 1), entry("both", "s", 10), entry("both", "t", 90))
     ranked = standings(b, "middlebury-v3")
-    assert [(m.method, m.counted, m.missing, m.total) for m in ranked] == [("both", 2, (), 2), ("easy", 1, ("t",), 2)]
+    assert [(m.method, m.counted, m.missing, m.total) for m in ranked] == [
+        ("both", 2, (), 2),
+        ("easy", 1, ("t",), 2),
+    ]
     assert math.isnan(ranked[1].metrics["totbad2.0"])
     assert math.isnan(ranked[1].metrics["time"])
     console = Console(width=200, file=io.StringIO(), color_system=None)
@@ -77,15 +102,28 @@ def test_a_pair_that_was_not_run_is_missing_and_leaves_no_mean():
 
 
 def test_a_region_not_scored_is_missing_only_where_another_has_it():
-    b = board(entry("m", "s", 1), entry("m", "t", 1, region="near"), entry("n", "s", 2), entry("n", "t", 3))
+    b = board(
+        entry("m", "s", 1),
+        entry("m", "t", 1, region="near"),
+        entry("n", "s", 2),
+        entry("n", "t", 3),
+    )
     assert b.mean("m", "middlebury-v3", "all").missing == ("t",)
     assert b.mean("n", "middlebury-v3", "all").metrics["totbad2.0"] == 2.5
     b = board(entry("m", "s", 1), entry("m", "t", 1, region="near"), entry("n", "s", 2))
-    assert b.mean("m", "middlebury-v3", "all").total == b.mean("n", "middlebury-v3", "all").total == 1
+    assert (
+        b.mean("m", "middlebury-v3", "all").total
+        == b.mean("n", "middlebury-v3", "all").total
+        == 1
+    )
 
 
 def test_a_sample_without_the_region_is_not_counted():
-    b = board(entry("m", "s", 10), entry("m", "t", 30, region="near"), entry("m", "u", 50, evaluated=0))
+    b = board(
+        entry("m", "s", 10),
+        entry("m", "t", 30, region="near"),
+        entry("m", "u", 50, evaluated=0),
+    )
     mean = b.mean("m", "middlebury-v3", "all")
     assert (mean.metrics["totbad2.0"], mean.counted) == (10, 1)
 
@@ -93,7 +131,11 @@ def test_a_sample_without_the_region_is_not_counted():
 def test_standings_sort_each_metric_its_own_way():
     b = board(entry("m", "s", 10), entry("n", "s", 5), entry("o", "s", NAN))
     assert [m.method for m in standings(b, "middlebury-v3")] == ["n", "m", "o"]
-    assert [m.method for m in standings(b, "middlebury-v3", sort="coverage")] == ["n", "m", "o"]
+    assert [m.method for m in standings(b, "middlebury-v3", sort="coverage")] == [
+        "n",
+        "m",
+        "o",
+    ]
     b = board(entry("m", "s", 10), entry("n", "s", 5))
     assert standings(b, "middlebury-v3", sort="coverage")[0].metrics["coverage"] == 95
 
@@ -107,12 +149,21 @@ def test_two_entries_of_one_key_are_refused():
     ("call", "says"),
     [
         (lambda b: standings(b, "eth3d"), "unknown protocol on this board 'eth3d'"),
-        (lambda b: standings(b, "middlebury-v3", "near"), "unknown region on this board 'near'"),
+        (
+            lambda b: standings(b, "middlebury-v3", "near"),
+            "unknown region on this board 'near'",
+        ),
         (lambda b: standings(b, "middlebury-v3", sort="bad2"), "did you mean 'bad2.0'"),
         (lambda b: standings(b, "middlebury-v3", sort="D1"), "unknown metric 'D1'"),
-        (lambda b: leaderboard_table(b, "middlebury-v3", columns=["D1"]), "unknown metric 'D1'"),
+        (
+            lambda b: leaderboard_table(b, "middlebury-v3", columns=["D1"]),
+            "unknown metric 'D1'",
+        ),
         (lambda b: b.mean("m", "middlebury-v3", "all", {"x": 1}), "unknown sample 'x'"),
-        (lambda b: b.mean("m", "middlebury-v3", "all", {"s": -1}), "weight of 's' is -1"),
+        (
+            lambda b: b.mean("m", "middlebury-v3", "all", {"s": -1}),
+            "weight of 's' is -1",
+        ),
     ],
 )
 def test_unknown_names_are_refused(call, says):
@@ -127,12 +178,21 @@ numbers = st.one_of(st.floats(0, 1e9), st.just(math.inf), st.just(NAN))
 @given(method=texts, sample=texts, bad=numbers, message=texts, failed=st.booleans())
 @settings(max_examples=60, deadline=None)
 def test_json_round_trip(method, sample, bad, message, failed):
-    b = board(entry(method, sample, bad, failure=Failure("crash", message) if failed else None))
+    b = board(
+        entry(
+            method, sample, bad, failure=Failure("crash", message) if failed else None
+        )
+    )
     text = board_to_json(b)
     json.loads(text, parse_constant=pytest.fail)
     again = board_from_json(text)
     assert board_to_json(again) == text
-    assert (again.title, again.meta, again.methods, again.samples) == (b.title, b.meta, b.methods, b.samples)
+    assert (again.title, again.meta, again.methods, again.samples) == (
+        b.title,
+        b.meta,
+        b.methods,
+        b.samples,
+    )
     assert again.scenes == b.scenes
     if not failed:
         np.testing.assert_equal(again.entries[0].value("all", "totbad2.0"), bad)
@@ -140,7 +200,13 @@ def test_json_round_trip(method, sample, bad, message, failed):
 
 def documents():
     """(JSON with one error, part of the expected message)."""
-    good = json.loads(board_to_json(board(entry("m", "s", 10), entry("n", "s", 0, failure=Failure("crash", "x")))))
+    good = json.loads(
+        board_to_json(
+            board(
+                entry("m", "s", 10), entry("n", "s", 0, failure=Failure("crash", "x"))
+            )
+        )
+    )
 
     def changed(path, value):
         copy = json.loads(json.dumps(good))
@@ -163,17 +229,38 @@ def documents():
     yield changed(["title"], None), "missing key 'title'"
     yield changed(["meta", "a"], 3), "meta.a: must be a string, got 3"
     yield changed(["entries", 0], 3), r"entries\[0\]: must be a table"
-    yield changed(["entries", 0, "methd"], "x"), r"entries\[0\]: unknown key 'methd'; did you mean 'method'"
-    yield changed(["entries", 0, "width"], True), "width: must be a whole number, got True"
+    yield (
+        changed(["entries", 0, "methd"], "x"),
+        r"entries\[0\]: unknown key 'methd'; did you mean 'method'",
+    )
+    yield (
+        changed(["entries", 0, "width"], True),
+        "width: must be a whole number, got True",
+    )
     yield changed(["entries", 0, "width"], -3), "width: must be >= 1, got -3"
     yield changed(["entries", 0, "ndisp"], 0), "ndisp: must be >= 1"
-    yield changed(["entries", 0, "min_disparity"], 0.5), "min_disparity: must be a whole number, got 0.5"
+    yield (
+        changed(["entries", 0, "min_disparity"], 0.5),
+        "min_disparity: must be a whole number, got 0.5",
+    )
     yield changed(["entries", 0, "seconds"], -1), "seconds: must be >= 0"
-    yield changed(["entries", 0, "seconds"], 10**400), "seconds: must be a number, got 1000"
-    yield changed(["entries", 0, "seconds"], 1e300), "seconds: must be < 1e280, got 1e\\+300"
-    yield changed(["entries", 0, "regions", "all", "metrics", "rms"], 1e308), "rms: must be < 1e280, got 1e\\+308"
+    yield (
+        changed(["entries", 0, "seconds"], 10**400),
+        "seconds: must be a number, got 1000",
+    )
+    yield (
+        changed(["entries", 0, "seconds"], 1e300),
+        "seconds: must be < 1e280, got 1e\\+300",
+    )
+    yield (
+        changed(["entries", 0, "regions", "all", "metrics", "rms"], 1e308),
+        "rms: must be < 1e280, got 1e\\+308",
+    )
     yield changed(["entries", 0, "protocol"], "eth"), "did you mean 'eth3d'"
-    yield changed(["entries", 0, "regions", "all", "metrics", "bad2"], 3), "did you mean 'bad2.0'"
+    yield (
+        changed(["entries", 0, "regions", "all", "metrics", "bad2"], 3),
+        "did you mean 'bad2.0'",
+    )
     yield (
         changed(["entries", 0, "regions", "all", "metrics", "rms"], "3"),
         "rms: must be a number, got '3'",
@@ -182,11 +269,16 @@ def documents():
         changed(["entries", 0, "regions", "all", "metrics", "rms"], 10**400),
         "rms: must be a number, got 1000",
     )
-    yield changed(["entries", 1, "failure", "kind"], "bad luck"), "unknown failure 'bad luck'"
+    yield (
+        changed(["entries", 1, "failure", "kind"], "bad luck"),
+        "unknown failure 'bad luck'",
+    )
     yield changed(["entries", 1, "method"], "m"), "two entries"
 
 
-@pytest.mark.parametrize(("text", "says"), list(documents()), ids=[says for _, says in documents()])
+@pytest.mark.parametrize(
+    ("text", "says"), list(documents()), ids=[says for _, says in documents()]
+)
 def test_the_reader_is_strict(text, says, tmp_path):
     path = tmp_path / "b.json"
     path.write_text(text)
@@ -201,7 +293,11 @@ def test_the_reader_is_strict(text, says, tmp_path):
 def test_a_damaged_board_is_read_or_refused(data):
     text = board_to_json(board(entry("m", "s", 10)))
     at = data.draw(st.integers(0, len(text) - 1))
-    with_damage = text[:at] + data.draw(st.text(max_size=3)) + text[at + data.draw(st.integers(0, 8)) :]
+    with_damage = (
+        text[:at]
+        + data.draw(st.text(max_size=3))
+        + text[at + data.draw(st.integers(0, 8)) :]
+    )
     with contextlib.suppress(TwinlensError):
         assert isinstance(board_from_json(with_damage), Board)
 
@@ -210,7 +306,9 @@ def test_a_board_file_that_is_too_large_is_refused(tmp_path, monkeypatch):
     write_board(board(), tmp_path / "b.json")
     read_board(tmp_path / "b.json")
     monkeypatch.setattr(board_file, "MAX_BYTES", 2**6)
-    with pytest.raises(FileError, match=r"b\.json: larger than .* MiB, the limit for a board$"):
+    with pytest.raises(
+        FileError, match=r"b\.json: larger than .* MiB, the limit for a board$"
+    ):
         read_board(tmp_path / "b.json")
 
 
@@ -244,16 +342,27 @@ def test_a_missing_or_binary_board_is_refused(tmp_path):
 
 
 def real_board():
-    methods = [Constant("[red]off[/] & 50%_#", 6.5, 3), Constant("=exact", 4), Trouble("raises")]
+    methods = [
+        Constant("[red]off[/] & 50%_#", 6.5, 3),
+        Constant("=exact", 4),
+        Trouble("raises"),
+    ]
     protocols = ["middlebury-v3", "eth3d", "kitti2015"]
-    return run_benchmark([pair("s"), pair("t", 1)], methods, protocol=protocols, regions=["all", "nonocc", "far"])
+    return run_benchmark(
+        [pair("s"), pair("t", 1)],
+        methods,
+        protocol=protocols,
+        regions=["all", "nonocc", "far"],
+    )
 
 
 def test_the_terminal_shows_order_numbers_and_protocol():
     console = Console(width=200, file=io.StringIO(), color_system=None)
     console.print(leaderboard_table(real_board(), "middlebury-v3", "nonocc"))
     text = console.file.getvalue()
-    assert text.index("=exact") < text.index("[red]off[/] & 50%_#") < text.index("raises")
+    assert (
+        text.index("=exact") < text.index("[red]off[/] & 50%_#") < text.index("raises")
+    )
     assert "2 failed" in text
     for line in caption(real_board(), "middlebury-v3", "nonocc").splitlines():
         assert line in text
@@ -265,13 +374,24 @@ NAMED = ("protocol", "region", "denominator", "invalid", "clip", "resolution", "
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 def test_every_table_names_the_rules_of_its_numbers(protocol):
     """In the terminal, in LaTeX and in the board's file, for every protocol."""
-    calibration = Calibration((9.0, 9.0, 1.0, 1.0), (9.0, 9.0, 1.0, 1.0), 0.1, 30, 40, 0.0)
-    b = run_benchmark([replace(pair("s"), calibration=calibration)], [Constant("c", 4)], protocol=protocol)
-    words = [line.partition(": ") for line in caption(b, protocol, "nonocc").splitlines()]
+    calibration = Calibration(
+        (9.0, 9.0, 1.0, 1.0), (9.0, 9.0, 1.0, 1.0), 0.1, 30, 40, 0.0
+    )
+    b = run_benchmark(
+        [replace(pair("s"), calibration=calibration)],
+        [Constant("c", 4)],
+        protocol=protocol,
+    )
+    words = [
+        line.partition(": ") for line in caption(b, protocol, "nonocc").splitlines()
+    ]
     assert tuple(name for name, _, text in words if text.strip()) == NAMED
     console = Console(width=160, file=io.StringIO(), color_system=None)
     console.print(leaderboard_table(b, protocol, "nonocc"))
-    latex, shown = board_latex(b, protocol, "nonocc"), " ".join(console.file.getvalue().split())
+    latex, shown = (
+        board_latex(b, protocol, "nonocc"),
+        " ".join(console.file.getvalue().split()),
+    )
     for name, _, text in words:
         assert f"{name}: {' '.join(text.split())}" in shown
         assert f"{name}: " in latex
@@ -283,14 +403,22 @@ def test_a_table_of_weighted_means_says_so():
     b, console = real_board(), Console(width=200, file=io.StringIO(), color_system=None)
     console.print(leaderboard_table(b, "eth3d", "all", weights={"s": 2.0}))
     assert "weighted mean over samples" in console.file.getvalue()
-    assert "weighted mean over samples" in board_latex(b, "eth3d", "all", weights={"s": 2.0})
+    assert "weighted mean over samples" in board_latex(
+        b, "eth3d", "all", weights={"s": 2.0}
+    )
 
 
 def test_csv_keeps_every_number_and_escapes_formulas():
     b = real_board()
     rows = list(csv.DictReader(io.StringIO(board_csv(b))))
     assert len(rows) == 3 * 2 * 2 * 3 + 2 * 3
-    off = next(r for r in rows if r["method"].startswith("[red]") and r["region"] == "all" and r["sample"] == "s")
+    off = next(
+        r
+        for r in rows
+        if r["method"].startswith("[red]")
+        and r["region"] == "all"
+        and r["sample"] == "s"
+    )
     assert float(off["avgerr"]) == b.entries[0].value("all", "avgerr") == 2.5
     assert {r["method"] for r in rows} == {"'=exact", "[red]off[/] & 50%_#", "raises"}
     assert {r["status"] for r in rows} == {"ok", "crash"}
@@ -305,9 +433,18 @@ def test_latex_escapes_names_and_marks_the_best():
 
 
 def test_failures_are_listed_once_per_method_and_kind():
-    assert failures(real_board()) == ["raises on s and 1 more: crash (RuntimeError: out of luck)"]
-    assert failures(real_board().subset("s")) == ["raises on s: crash (RuntimeError: out of luck)"]
-    late = [entry("m", name, 1, failure=Failure("time-limit", "late")) for name in "abc"]
+    assert failures(real_board()) == [
+        "raises on s and 1 more: crash (RuntimeError: out of luck)"
+    ]
+    assert failures(real_board().subset("s")) == [
+        "raises on s: crash (RuntimeError: out of luck)"
+    ]
+    late = [
+        entry("m", name, 1, failure=Failure("time-limit", "late")) for name in "abc"
+    ]
     died = entry("m", "d", 1, failure=Failure("crash", "signal 11"))
-    assert failures(board(*late, died)) == ["m on a and 2 more: time-limit (late)", "m on d: crash (signal 11)"]
+    assert failures(board(*late, died)) == [
+        "m on a and 2 more: time-limit (late)",
+        "m on d: crash (signal 11)",
+    ]
     assert failures(board(died), ["other"]) == []

@@ -13,15 +13,22 @@ from twinlens.scoring import PROTOCOLS, evaluate, sparsification
 from twinlens.scoring.protocols import interpolate_background
 
 INF = np.float32(np.inf)
-CALIBRATION = Calibration((90.0, 80.0, 5.5, 4.0), (90.0, 80.0, 8.5, 4.0), 0.2, 12, 12, 3.0)
+CALIBRATION = Calibration(
+    (90.0, 80.0, 5.5, 4.0), (90.0, 80.0, 8.5, 4.0), 0.2, 12, 12, 3.0
+)
 
 
 def random_case(seed, height=None, width=None, holes=None):
     """A truth and an estimate with gaps, outliers, exact values, and errors exactly at the thresholds."""
     rng = np.random.default_rng(seed)
-    height, width = height or int(rng.integers(1, 14)), width or int(rng.integers(1, 14))
+    height, width = (
+        height or int(rng.integers(1, 14)),
+        width or int(rng.integers(1, 14)),
+    )
     gt = (rng.integers(0, 16 * 30, (height, width)) / 16).astype(np.float32)
-    error = rng.choice([0, 0.25, 0.5, 1, 2, 3, 4, -0.5, -2, -30, 40, 0.3, 1e-3], (height, width))
+    error = rng.choice(
+        [0, 0.25, 0.5, 1, 2, 3, 4, -0.5, -2, -30, 40, 0.3, 1e-3], (height, width)
+    )
     disp = (gt + error).astype(np.float32)
     holes = rng.choice([0.0, 0.3, 1.0], p=[0.3, 0.6, 0.1]) if holes is None else holes
     disp[rng.random(gt.shape) < holes] = INF
@@ -35,7 +42,9 @@ def random_case(seed, height=None, width=None, holes=None):
 def same(found, wanted):
     assert set(found) == set(wanted)
     for name, value in wanted.items():
-        assert found[name] == pytest.approx(value, rel=1e-9, abs=1e-9, nan_ok=True), name
+        assert found[name] == pytest.approx(value, rel=1e-9, abs=1e-9, nan_ok=True), (
+            name
+        )
 
 
 @given(seed=st.integers(0, 2**32 - 1), ndisp=st.integers(1, 40), rounded=st.booleans())
@@ -45,7 +54,10 @@ def test_middlebury_equals_the_loops(seed, ndisp, rounded):
     scores = evaluate(disp, gt, mask, ndisp, round_disparity=rounded)
     ones = np.ones(gt.shape, bool)
     same(scores.all, naive.middlebury(disp.tolist(), gt.tolist(), ones, ndisp, rounded))
-    same(scores.nonocc, naive.middlebury(disp.tolist(), gt.tolist(), mask == 255, ndisp, rounded))
+    same(
+        scores.nonocc,
+        naive.middlebury(disp.tolist(), gt.tolist(), mask == 255, ndisp, rounded),
+    )
 
 
 @given(seed=st.integers(0, 2**32 - 1))
@@ -54,7 +66,9 @@ def test_eth3d_equals_the_loops(seed):
     disp, gt, mask = random_case(seed)
     scores = evaluate(disp, gt, mask, 8, protocol="eth3d")
     if np.isfinite(gt).any():
-        same(scores.all, naive.eth3d(disp.tolist(), gt.tolist(), np.ones(gt.shape, bool)))
+        same(
+            scores.all, naive.eth3d(disp.tolist(), gt.tolist(), np.ones(gt.shape, bool))
+        )
     if (np.isfinite(gt) & (mask == 255)).any():
         same(scores.nonocc, naive.eth3d(disp.tolist(), gt.tolist(), mask == 255))
 
@@ -67,7 +81,9 @@ def test_kitti_equals_the_loops(seed):
     same(scores.all, naive.kitti(disp.tolist(), gt.tolist(), np.ones(gt.shape, bool)))
     same(scores.nonocc, naive.kitti(disp.tolist(), gt.tolist(), mask == 255))
     kept = np.where(disp >= 0, disp, INF)
-    np.testing.assert_array_equal(interpolate_background(kept), naive.fill(disp.tolist()))
+    np.testing.assert_array_equal(
+        interpolate_background(kept), naive.fill(disp.tolist())
+    )
 
 
 @pytest.mark.parametrize("scale", [2, 4])
@@ -77,7 +93,10 @@ def test_middlebury_takes_a_smaller_map(scale, seed, rounded):
     small, _, _ = random_case(seed, 3, 5)
     _, gt, mask = random_case(seed + 1, 3 * scale, 5 * scale)
     scores = evaluate(small, gt, mask, 20, round_disparity=rounded)
-    same(scores.nonocc, naive.middlebury(small.tolist(), gt.tolist(), mask == 255, 20, rounded, scale))
+    same(
+        scores.nonocc,
+        naive.middlebury(small.tolist(), gt.tolist(), mask == 255, 20, rounded, scale),
+    )
 
 
 def test_every_protocol_measures_what_it_lists():
@@ -85,7 +104,13 @@ def test_every_protocol_measures_what_it_lists():
     for name, protocol in PROTOCOLS.items():
         scores = evaluate(disp, gt, mask, 30, protocol=name, calibration=CALIBRATION)
         assert set(scores.all) == set(protocol.metrics) - set(protocol.auc_metrics)
-        scores = evaluate(disp, gt, protocol=name, calibration=CALIBRATION, confidence=np.ones(gt.shape))
+        scores = evaluate(
+            disp,
+            gt,
+            protocol=name,
+            calibration=CALIBRATION,
+            confidence=np.ones(gt.shape),
+        )
         assert set(scores.all) == set(protocol.metrics)
         assert protocol.name == name
         assert protocol.headline in protocol.metrics
@@ -150,7 +175,10 @@ def test_d1_counts_errors_of_exactly_5_percent_but_not_of_3_pixels():
 @pytest.mark.parametrize("sign", [1, -1])
 def test_d1_of_every_png_value_with_an_error_of_exactly_5_percent(sign):
     codes = np.arange(15_380, 62_401, 20)[None]  # 5% is above 3 px
-    gt, disp = ((values / 256).astype(np.float32) for values in (codes, codes + sign * codes // 20))
+    gt, disp = (
+        (values / 256).astype(np.float32)
+        for values in (codes, codes + sign * codes // 20)
+    )
     assert evaluate(disp, gt, protocol="kitti2015").all["D1"] == 100
     nearer = disp - np.float32(sign / 256)
     assert evaluate(nearer, gt, protocol="kitti2015").all["D1"] == 0
@@ -180,8 +208,15 @@ def test_middlebury_counts_estimates_above_1000_ndisp_as_invalid():
     gt = np.full((1, 4), 10, np.float32)
     disp = np.array([[10, 60, 12000, 12001]], np.float32)
     scores = evaluate(disp, gt, ndisp=12).all
-    assert (scores["invalid"], scores["bad1.0"], scores["avgerr"]) == (25, 50, pytest.approx((0 + 2 + 2) / 3))
-    same(scores, naive.middlebury(disp.tolist(), gt.tolist(), np.ones(gt.shape, bool), 12))
+    assert (scores["invalid"], scores["bad1.0"], scores["avgerr"]) == (
+        25,
+        50,
+        pytest.approx((0 + 2 + 2) / 3),
+    )
+    same(
+        scores,
+        naive.middlebury(disp.tolist(), gt.tolist(), np.ones(gt.shape, bool), 12),
+    )
 
 
 @given(seed=st.integers(0, 2**32 - 1), isint=st.booleans())
@@ -191,10 +226,17 @@ def test_isint_rounds_estimates_under_middlebury_only(seed, isint):
     calibration = CALIBRATION.replace(isint=isint)
     scores = evaluate(disp, gt, mask, 20, calibration=calibration)
     assert scores.rounded == isint
-    same(scores.all, naive.middlebury(disp.tolist(), gt.tolist(), np.ones(gt.shape, bool), 20, isint))
+    same(
+        scores.all,
+        naive.middlebury(
+            disp.tolist(), gt.tolist(), np.ones(gt.shape, bool), 20, isint
+        ),
+    )
     eth3d = evaluate(disp, gt, mask, 20, protocol="eth3d", calibration=calibration)
     assert not eth3d.rounded
-    assert not evaluate(disp, gt, mask, 20, calibration=calibration, round_disparity=False).rounded
+    assert not evaluate(
+        disp, gt, mask, 20, calibration=calibration, round_disparity=False
+    ).rounded
 
 
 def test_d1_fills_what_eth3d_leaves_out_and_middlebury_counts_bad():
@@ -229,7 +271,9 @@ def test_regions_carry_their_counts():
 def test_an_empty_region_has_no_score():
     disp, gt, _ = random_case(1, 5, 5, 0.0)
     for name in PROTOCOLS:
-        scores = evaluate(disp, gt, np.zeros(gt.shape, bool), protocol=name, calibration=CALIBRATION).nonocc
+        scores = evaluate(
+            disp, gt, np.zeros(gt.shape, bool), protocol=name, calibration=CALIBRATION
+        ).nonocc
         assert scores.evaluated == 0
         assert all(math.isnan(v) for v in scores.values())
 
@@ -252,10 +296,18 @@ def poked(value):
 @pytest.mark.parametrize(
     ("args", "options", "says"),
     [
-        ((poked(np.nan), FLAT), {}, r"disp holds NaN at 1 of 24 pixels, the first at x=3, y=2"),
+        (
+            (poked(np.nan), FLAT),
+            {},
+            r"disp holds NaN at 1 of 24 pixels, the first at x=3, y=2",
+        ),
         ((FLAT, poked(np.nan)), {}, "gt holds NaN"),
         (("a.pfm", "b.pfm"), {}, "^gt is str: expected an array of real numbers"),
-        ((FLAT.astype(complex), FLAT), {}, "disp is complex128: expected an array of real numbers"),
+        (
+            (FLAT.astype(complex), FLAT),
+            {},
+            "disp is complex128: expected an array of real numbers",
+        ),
         ((poked(-np.inf), FLAT), {}, r"disp holds -inf"),
         ((FLAT, poked(-np.inf)), {"protocol": "eth3d"}, r"gt holds -inf"),
         ((FLAT[:, :5], FLAT), {}, r"disp has shape \(4, 5\)"),
@@ -302,15 +354,23 @@ def test_a_confidence_adds_the_area_of_its_sparsification():
         assert scores.sparsification[-1] == pytest.approx(100 * bad.mean())
         assert not evaluate(disp, gt, protocol=protocol).all.sparsification
         assert f"auc{limit}" not in evaluate(disp, gt, protocol=protocol).all
-    assert not evaluate(disp, gt, protocol="kitti2015", confidence=trust).all.sparsification
+    assert not evaluate(
+        disp, gt, protocol="kitti2015", confidence=trust
+    ).all.sparsification
 
 
 def test_a_confidence_of_a_small_map_is_enlarged_but_not_scaled():
     disp, gt, _ = random_case(3, 6, 8, 0.0)
     trust = np.random.default_rng(2).random(gt.shape)
-    large = [np.repeat(np.repeat(values, 2, axis=0), 2, axis=1) for values in (disp * 2, gt * 2, trust)]
+    large = [
+        np.repeat(np.repeat(values, 2, axis=0), 2, axis=1)
+        for values in (disp * 2, gt * 2, trust)
+    ]
     small = evaluate(disp, large[1], confidence=trust).all
-    assert small.sparsification == evaluate(*large[:2], confidence=large[2]).all.sparsification
+    assert (
+        small.sparsification
+        == evaluate(*large[:2], confidence=large[2]).all.sparsification
+    )
 
 
 def test_wrong_confidences_are_refused():

@@ -36,7 +36,12 @@ def test_a_nested_run_of_the_same_board_is_refused(tmp_path):
 
     def again():
         with pytest.raises(OutputError):
-            run_benchmark([pair()], [Flat()], save=tmp_path / "x" / ".." / "board.json", warm_up=False)
+            run_benchmark(
+                [pair()],
+                [Flat()],
+                save=tmp_path / "x" / ".." / "board.json",
+                warm_up=False,
+            )
         heard.append("refused")
 
     def progress(step):

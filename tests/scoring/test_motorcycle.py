@@ -46,11 +46,15 @@ def test_the_calibration_fits_the_data(pair):
 def test_visible_pixels_match_in_colour(pair):
     width = pair.disp0.shape[1]
     rows, columns = np.nonzero(pair.mask0_nonocc == 255)
-    right = np.clip(np.round(columns - pair.disp0[rows, columns]).astype(int), 0, width - 1)
+    right = np.clip(
+        np.round(columns - pair.disp0[rows, columns]).astype(int), 0, width - 1
+    )
     here, there = (image.astype(float).mean(axis=-1) for image in (pair.im0, pair.im1))
     visible = np.median(np.abs(here[rows, columns] - there[rows, right]))
     rows, columns = np.nonzero(pair.mask0_nonocc == 128)
-    right = np.clip(np.round(columns - pair.disp0[rows, columns]).astype(int), 0, width - 1)
+    right = np.clip(
+        np.round(columns - pair.disp0[rows, columns]).astype(int), 0, width - 1
+    )
     hidden = np.median(np.abs(here[rows, columns] - there[rows, right]))
     assert visible < 4
     assert hidden > 3 * visible

@@ -20,7 +20,14 @@ def crop(rows, columns):
     real = motorcycle()
     box = np.s_[rows : rows + 48, columns : columns + 150]
     # Disparities are at most 60 px, so the matches of these columns are inside the crop's right image or masked.
-    return Pair("crop", real.im0[box], real.im1[box], real.disp0[box], real.mask0_nonocc[box], 70)
+    return Pair(
+        "crop",
+        real.im0[box],
+        real.im1[box],
+        real.disp0[box],
+        real.mask0_nonocc[box],
+        70,
+    )
 
 
 def plane_pair(gain=1.0, offset=0.0, noise=0.0, shade=0.0, seed=0, size=(80, 120)):
@@ -32,7 +39,10 @@ def plane_pair(gain=1.0, offset=0.0, noise=0.0, shade=0.0, seed=0, size=(80, 120
     wave = shade * np.sin(2 * np.pi * np.arange(width) / width)
     left = gain * texture[:, :width] + offset + wave + noise * rng.normal(size=size)
     right = texture[:, 4:] + noise * rng.normal(size=size)
-    levels = [np.clip(np.rint(257 * image), 0, 65535).astype(np.uint16) for image in (left, right)]
+    levels = [
+        np.clip(np.rint(257 * image), 0, 65535).astype(np.uint16)
+        for image in (left, right)
+    ]
     truth = np.full(size, 4.0, np.float32)
     mask = np.where(np.arange(width) >= 4, 255, 128) * np.ones(size)
     return Pair("plane", *levels, truth, mask.astype(np.uint8), 16)
@@ -40,12 +50,17 @@ def plane_pair(gain=1.0, offset=0.0, noise=0.0, shade=0.0, seed=0, size=(80, 120
 
 def naive(pair):
     """Each statistic in loops over pixels or with another library; without the noise from wavelets."""
-    left, right = (0.299 * i[..., 0] + 0.587 * i[..., 1] + 0.114 * i[..., 2] for i in (pair.im0 / 1.0, pair.im1 / 1.0))
+    left, right = (
+        0.299 * i[..., 0] + 0.587 * i[..., 1] + 0.114 * i[..., 2]
+        for i in (pair.im0 / 1.0, pair.im1 / 1.0)
+    )
     height, width = left.shape
     truth, mask = pair.disp0, pair.mask0_nonocc
     warped, used = np.full(left.shape, np.nan), np.zeros(left.shape, bool)
     # SciPy's FITPACK spline through all pixels has other ends than ndimage's: the two differ near the border.
-    spline = interpolate.RectBivariateSpline(np.arange(height), np.arange(width), right, kx=3, ky=3)
+    spline = interpolate.RectBivariateSpline(
+        np.arange(height), np.arange(width), right, kx=3, ky=3
+    )
     for v in range(height):
         for u in range(width):
             if np.isfinite(truth[v, u]) and 0 <= u - truth[v, u] <= width - 1:
@@ -55,7 +70,11 @@ def naive(pair):
     for v in range(height):
         for u in range(width):
             for b, a in ((v + 1, u), (v, u + 1)):
-                known = b < height and a < width and np.isfinite([truth[v, u], truth[b, a]]).all()
+                known = (
+                    b < height
+                    and a < width
+                    and np.isfinite([truth[v, u], truth[b, a]]).all()
+                )
                 if known and abs(truth[v, u] - truth[b, a]) > 1:
                     jump[v, u] = jump[b, a] = True
     for v, u in np.argwhere(jump):
@@ -65,24 +84,39 @@ def naive(pair):
     for v, u in np.argwhere(used):
         box = np.s_[max(v - 10, 0) : v + 11, max(u - 10, 0) : u + 11]
         low.append(difference[box][used[box]].mean())
-    windows = [left[v : v + 9, u : u + 9] for v in range(height - 8) for u in range(width - 8)]
+    windows = [
+        left[v : v + 9, u : u + 9] for v in range(height - 8) for u in range(width - 8)
+    ]
     correlations = []
     for v in range(height - 8):
         for u in range(width - 8):
             box = np.s_[v : v + 9, u : u + 9]
             if used[box].all():
-                correlations.append(np.corrcoef(left[box].ravel(), warped[box].ravel())[0, 1])
+                correlations.append(
+                    np.corrcoef(left[box].ravel(), warped[box].ravel())[0, 1]
+                )
     gradients = []
     for v in range(height):
         for u in range(width):
-            above, below, before, after = max(v - 1, 0), min(v + 1, height - 1), max(u - 1, 0), min(u + 1, width - 1)
+            above, below, before, after = (
+                max(v - 1, 0),
+                min(v + 1, height - 1),
+                max(u - 1, 0),
+                min(u + 1, width - 1),
+            )
             across = (left[v, after] - left[v, before]) / (after - before)
-            gradients.append(math.hypot(across, (left[below, u] - left[above, u]) / (below - above)))
+            gradients.append(
+                math.hypot(across, (left[below, u] - left[above, u]) / (below - above))
+            )
     known = np.isfinite(truth)
     steps = left[:, 1:] - left[:, :-1]
     gain, offset = huber_line(warped[used], left[used])
     rest = left[used] - gain * warped[used] - offset - (np.array(low) - np.median(low))
-    loops = [textureless_pixel(np.rint(left), v, u) for v in range(height) for u in range(width)]
+    loops = [
+        textureless_pixel(np.rint(left), v, u)
+        for v in range(height)
+        for u in range(width)
+    ]
     return {
         "gain": abs(gain - 1),
         "offset": offset,
@@ -95,7 +129,8 @@ def naive(pair):
         "bias": abs(np.median(difference[used])),
         "contrast": np.median([w.std() for w in windows]),
         "flat": np.mean([w.std() < 3 for w in windows]),
-        "kurtosis": np.mean((steps - steps.mean()) ** 4) / np.mean((steps - steps.mean()) ** 2) ** 2,
+        "kurtosis": np.mean((steps - steps.mean()) ** 4)
+        / np.mean((steps - steps.mean()) ** 2) ** 2,
         "correlation": np.median(correlations),
         "gradient": np.median(gradients),
         "occluded": (mask == 128).sum() / known.sum(),
@@ -109,8 +144,14 @@ def huber_line(x, y):
     delta = 1.345 * 1.482602218505602 * np.median(abs(y - x - np.median(y - x)))
     line = np.array([1.0, 0.0])
     for _ in range(500):
-        weights = np.sqrt(np.minimum(1, delta / np.maximum(abs(y - line[0] * x - line[1]), 1e-12)))
-        line = np.linalg.lstsq(np.stack([x, np.ones_like(x)], 1) * weights[:, None], y * weights, rcond=None)[0]
+        weights = np.sqrt(
+            np.minimum(1, delta / np.maximum(abs(y - line[0] * x - line[1]), 1e-12))
+        )
+        line = np.linalg.lstsq(
+            np.stack([x, np.ones_like(x)], 1) * weights[:, None],
+            y * weights,
+            rcond=None,
+        )[0]
     return line
 
 
@@ -135,22 +176,34 @@ def flattest_blocks(image):
     for v in range(0, height - 7, 8):
         for u in range(0, width - 7, 8):
             responses = [
-                abs((padded[y : y + 3, x : x + 3] * mask).sum()) for y in range(v, v + 8) for x in range(u, u + 8)
+                abs((padded[y : y + 3, x : x + 3] * mask).sum())
+                for y in range(v, v + 8)
+                for x in range(u, u + 8)
             ]
             blocks.append((image[v : v + 8, u : u + 8].var(), np.mean(responses)))
     blocks.sort()
-    return math.sqrt(math.pi / 2) / 6 * np.mean([response for _, response in blocks[: len(blocks) // 5]])
+    return (
+        math.sqrt(math.pi / 2)
+        / 6
+        * np.mean([response for _, response in blocks[: len(blocks) // 5]])
+    )
 
 
 def slope_of_power(image, low, high):
     """Slope of the logarithm of the mean power in rings as wide as the lowest frequency of the shorter side."""
     height, width = image.shape
-    hann = [0.5 - 0.5 * np.cos(2 * math.pi * np.arange(n) / (n - 1)) for n in (height, width)]
+    hann = [
+        0.5 - 0.5 * np.cos(2 * math.pi * np.arange(n) / (n - 1))
+        for n in (height, width)
+    ]
     power = abs(np.fft.fft2((image - image.mean()) * hann[0][:, None] * hann[1])) ** 2
     rings = {}
     for i in range(height):
         for j in range(width):
-            f = math.hypot((i if i < height / 2 else i - height) / height, (j if j < width / 2 else j - width) / width)
+            f = math.hypot(
+                (i if i < height / 2 else i - height) / height,
+                (j if j < width / 2 else j - width) / width,
+            )
             rings.setdefault(round(f * min(height, width)), []).append(power[i, j])
     points = [
         (math.log(k / min(height, width)), math.log(np.mean(values)))
@@ -167,7 +220,9 @@ def test_statistics_equal_naive_code(corner):
     for name, value in expected.items():
         # The splines' ends reach a few pixels into the image.
         rough = name in ("low_sd", "bias", "gain", "offset", "residual", "correlation")
-        assert found[name] == pytest.approx(value, rel=0.02 if rough else 1e-6, abs=0.02 if rough else 1e-9), name
+        assert found[name] == pytest.approx(
+            value, rel=0.02 if rough else 1e-6, abs=0.02 if rough else 1e-9
+        ), name
     assert {*expected, "noise"} == {*found}
 
 
@@ -177,7 +232,9 @@ def test_wavelet_noise_equals_scikit_images():
     for shape in ((40, 51), (33, 64)):
         levels = rng.integers(0, 256, shape).astype(np.uint8)
         pair = Pair("noise", levels, levels, np.zeros(shape, np.float32), None, 8)
-        assert pair_statistics(pair)["noise"] == pytest.approx(float(estimate_sigma(levels / 1.0)), rel=1e-12)
+        assert pair_statistics(pair)["noise"] == pytest.approx(
+            float(estimate_sigma(levels / 1.0)), rel=1e-12
+        )
 
 
 def test_gain_and_offset_are_found():
@@ -190,7 +247,9 @@ def test_gain_and_offset_are_found():
 def test_shading_is_low_sd():
     """A sine of amplitude a has s.d. a / sqrt(2); the 21 px mean over 120 px keeps sinc(21/120) = 0.951 of it."""
     found = pair_statistics(plane_pair(shade=4.0))
-    assert found["low_sd"] == pytest.approx(4 / math.sqrt(2) * np.sinc(21 / 120), rel=0.05)
+    assert found["low_sd"] == pytest.approx(
+        4 / math.sqrt(2) * np.sinc(21 / 120), rel=0.05
+    )
 
 
 def test_white_noise_is_measured_three_ways():
@@ -209,15 +268,22 @@ def test_the_slope_of_a_power_law():
     f[0, 0] = 1.0
     image = np.fft.ifft2(np.fft.fft2(rng.normal(size=(size, size))) * f**-1.3).real
     levels = np.rint(30000 + 20000 * image / np.abs(image).max()).astype(np.uint16)
-    found = pair_statistics(Pair("power", levels, levels, np.zeros((size, size), np.float32), None, 8))
+    found = pair_statistics(
+        Pair("power", levels, levels, np.zeros((size, size), np.float32), None, 8)
+    )
     assert found["spectrum_low"] == pytest.approx(-2.6, abs=0.15)
     assert found["spectrum_high"] == pytest.approx(-2.6, abs=0.15)
 
 
 def test_a_pair_without_truth_or_texture_has_no_differences():
     grey = np.full((40, 40), 100, np.uint8)
-    found = pair_statistics(Pair("empty", grey, grey, np.full((40, 40), np.inf, np.float32), None, 8))
-    assert all(math.isnan(found[name]) for name in ("low_sd", "gain", "correlation", "occluded", "kurtosis"))
+    found = pair_statistics(
+        Pair("empty", grey, grey, np.full((40, 40), np.inf, np.float32), None, 8)
+    )
+    assert all(
+        math.isnan(found[name])
+        for name in ("low_sd", "gain", "correlation", "occluded", "kurtosis")
+    )
     assert (found["textureless"], found["flat"]) == (1.0, 1.0)
     assert found["noise"] == pytest.approx(0.0, abs=1e-9)
 
@@ -225,7 +291,9 @@ def test_a_pair_without_truth_or_texture_has_no_differences():
 def test_a_small_image_is_refused():
     small = np.zeros((20, 40), np.uint8)
     with pytest.raises(InputError, match="statistics need 32 x 32"):
-        pair_statistics(Pair("small", small, small, np.zeros((20, 40), np.float32), None, 8))
+        pair_statistics(
+            Pair("small", small, small, np.zeros((20, 40), np.float32), None, 8)
+        )
 
 
 def test_the_summary_skips_missing_values():

@@ -9,14 +9,22 @@ from hypothesis import given, settings, strategies as st
 from twinlens.dataset import Calibration
 from twinlens.scoring import evaluate
 
-CALIBRATION = Calibration((90.0, 80.0, 5.5, 4.0), (90.0, 80.0, 8.5, 4.0), 0.2, 12, 9, 3.0)
+CALIBRATION = Calibration(
+    (90.0, 80.0, 5.5, 4.0), (90.0, 80.0, 8.5, 4.0), 0.2, 12, 9, 3.0
+)
 
 
 def reproject(u, v, d):
     """Pixel and disparity to a 3-D point, by OpenCV's Q matrix for these two cameras."""
     fx, fy, cx, cy = CALIBRATION.cam0
     q = np.array(
-        [[1, 0, 0, -cx], [0, fx / fy, 0, -cy * fx / fy], [0, 0, 0, fx], [0, 0, 1 / 0.2, 3.0 / 0.2]], dtype=np.float64
+        [
+            [1, 0, 0, -cx],
+            [0, fx / fy, 0, -cy * fx / fy],
+            [0, 0, 0, fx],
+            [0, 0, 1 / 0.2, 3.0 / 0.2],
+        ],
+        dtype=np.float64,
     )
     x, y, z, w = q @ [u, v, d, 1]
     return np.array([x, y, z]) / w
@@ -40,13 +48,19 @@ def test_point_errors_are_distances_of_reprojected_points(seed):
         known += 1
         if disp[v, u] + 3.0 > 0 and np.isfinite(disp[v, u]):
             true = reproject(u, v, float(gt[v, u]))
-            distances.append(float(np.linalg.norm(reproject(u, v, float(disp[v, u])) - true)))
+            distances.append(
+                float(np.linalg.norm(reproject(u, v, float(disp[v, u])) - true))
+            )
             shares.append(distances[-1] / float(np.linalg.norm(true)))
     scores = evaluate(disp, gt, protocol="points", calibration=CALIBRATION).all
     assert scores["coverage"] == pytest.approx(100 * len(distances) / known)
     assert scores["point_avgerr"] == pytest.approx(np.mean(distances), rel=1e-9)
-    assert scores["point_rms"] == pytest.approx(math.sqrt(np.mean(np.square(distances))), rel=1e-9)
-    assert scores["point_A90"] == pytest.approx(sorted(distances)[len(distances) * 9 // 10], rel=1e-9)
+    assert scores["point_rms"] == pytest.approx(
+        math.sqrt(np.mean(np.square(distances))), rel=1e-9
+    )
+    assert scores["point_A90"] == pytest.approx(
+        sorted(distances)[len(distances) * 9 // 10], rel=1e-9
+    )
     assert scores["point_rel"] == pytest.approx(100 * np.mean(shares), rel=1e-9)
 
 

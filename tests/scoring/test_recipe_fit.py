@@ -15,14 +15,39 @@ from twinlens.cli import run
 from twinlens.dataset import Dataset
 from twinlens.errors import InputError
 from twinlens.factory import generate, recipe_from_table
-from twinlens.scoring import Pair, fit_recipe, open_pairs, pair_statistics, recipe_toml, summarize
-from twinlens.scoring.recipe_fit import LIGHT, _distributions, _fitted_noise, _fitted_weights, light_difference
+from twinlens.scoring import (
+    Pair,
+    fit_recipe,
+    open_pairs,
+    pair_statistics,
+    recipe_toml,
+    summarize,
+)
+from twinlens.scoring.recipe_fit import (
+    LIGHT,
+    _distributions,
+    _fitted_noise,
+    _fitted_weights,
+    light_difference,
+)
 from twinlens.sensor import Exposure, Mismatch, Sensor
 
 SHIFT = 6
-MISMATCH = {"gain": 1.08, "shading_right": -0.06, "shading_down": 0.04, "shading_corner": 0.05, "black_level": 30.0}
+MISMATCH = {
+    "gain": 1.08,
+    "shading_right": -0.06,
+    "shading_down": 0.04,
+    "shading_corner": 0.05,
+    "black_level": 30.0,
+}
 # Ten times the variance of the noise of the default sensor; both cameras always differ in the same direction.
-NOISE = {"full_well": 1070, "dark_current": 0.1, "radiance_scale": 0.1, "read_noise": 2.3 / 10**0.5, "dsnu": 10**-0.5}
+NOISE = {
+    "full_well": 1070,
+    "dark_current": 0.1,
+    "radiance_scale": 0.1,
+    "read_noise": 2.3 / 10**0.5,
+    "dsnu": 10**-0.5,
+}
 DRAWN = {
     "gain": {"normal": [1.05, 0.02], "clip": [0.99, 1.11]},
     "shading_right": {"normal": [-0.04, 0.03], "clip": [-0.13, 0.05]},
@@ -37,21 +62,31 @@ RECIPE = {
     "width": 96,
     "height": 72,
     "spp": 4,
-    "scene": {"jitter": {"right": {"uniform": [-0.3, 0.3]}, "yaw_deg": {"uniform": [-5, 5]}}},
+    "scene": {
+        "jitter": {"right": {"uniform": [-0.3, 0.3]}, "yaw_deg": {"uniform": [-5, 5]}}
+    },
 }
-REAL = {**RECIPE, "seed": 2, "sensor": {**NOISE, "prnu": 0.005 * 10**0.5, "mismatch": DRAWN}}
+REAL = {
+    **RECIPE,
+    "seed": 2,
+    "sensor": {**NOISE, "prnu": 0.005 * 10**0.5, "mismatch": DRAWN},
+}
 
 
 def plane_pair(sensor, size=(120, 160), seed=0):
     """A texture at a disparity of 6 px, seen by two cameras of the sensor."""
     height, width = size
-    texture = ndimage.gaussian_filter(np.random.default_rng(seed).normal(size=(height, width + SHIFT)), 3.0)
+    texture = ndimage.gaussian_filter(
+        np.random.default_rng(seed).normal(size=(height, width + SHIFT)), 3.0
+    )
     light = 0.25 * np.exp(texture / texture.std())[..., None] * np.ones(3)
     camera = Camera.from_fov(width, height, fov_x_deg=50)
     rate = sensor.level_rate(np.ones((height, width, 3)), camera=camera, lens=Pinhole())
     exposure = Exposure(float(1 / rate.max()))
     left, right = (
-        sensor.expose(part, camera=camera, lens=Pinhole(), exposure=exposure, eye=eye).image
+        sensor.expose(
+            part, camera=camera, lens=Pinhole(), exposure=exposure, eye=eye
+        ).image
         for eye, part in enumerate((light[:, :width], light[:, SHIFT:]))
     )
     truth = np.full(size, float(SHIFT), np.float32)
@@ -59,12 +94,17 @@ def plane_pair(sensor, size=(120, 160), seed=0):
     return Pair("plane", left, right, truth, mask.astype(np.uint8), 16)
 
 
-@pytest.mark.parametrize("curve", [{"output": "srgb"}, {"output": "gamma", "gamma": 2.0}, {"output": "linear"}])
+@pytest.mark.parametrize(
+    "curve",
+    [{"output": "srgb"}, {"output": "gamma", "gamma": 2.0}, {"output": "linear"}],
+)
 @pytest.mark.parametrize("filters", ["rgb", "mono"])
 def test_light_of_the_second_camera_is_measured(curve, filters):
     """Without noise, errors are products of two differences, such as 0.08 * 0.06."""
     sensor = Sensor.preset("ideal", shot_noise=False, bits=16, filters=filters, **curve)
-    found, *_ = light_difference(plane_pair(sensor.replace(mismatch=Mismatch(**MISMATCH))), sensor)
+    found, *_ = light_difference(
+        plane_pair(sensor.replace(mismatch=Mismatch(**MISMATCH))), sensor
+    )
     *others, black = MISMATCH.values()
     assert found[:4] == pytest.approx(others, abs=0.06 * 0.08)
     assert found[4] == pytest.approx(black, abs=black * (0.06 + 0.08))
@@ -72,7 +112,9 @@ def test_light_of_the_second_camera_is_measured(curve, filters):
 
 def test_gain_contains_time_and_f_number():
     sensor = Sensor.preset("ideal", shot_noise=False, bits=16)
-    found, *_ = light_difference(plane_pair(sensor.replace(mismatch=Mismatch(time=1.02, f_number=0.98))), sensor)
+    found, *_ = light_difference(
+        plane_pair(sensor.replace(mismatch=Mismatch(time=1.02, f_number=0.98))), sensor
+    )
     assert found[0] == pytest.approx(1.02 / 0.98**2, rel=1e-3)
     assert found[1:4] == pytest.approx([0, 0, 0], abs=1e-3)
 
@@ -87,7 +129,10 @@ def test_slow_differences_are_measured_apart_from_shading():
     height, width = 420, 200
     flat = 100 + np.random.default_rng(0).normal(size=(height, width)) * 0.1
     wave = 4 * np.sin(2 * np.pi * np.arange(height) / 40)[:, None]
-    levels = [np.rint(257 * image).astype(np.uint16) for image in (flat - wave / 2, flat + wave / 2)]
+    levels = [
+        np.rint(257 * image).astype(np.uint16)
+        for image in (flat - wave / 2, flat + wave / 2)
+    ]
     pair = Pair("flat", *levels, np.zeros((height, width), np.float32), None, 8)
     _, rest, unit = light_difference(pair, sensor)
     assert rest == pytest.approx(8 * np.sinc(21 / 40) ** 2, rel=0.1)
@@ -100,54 +145,87 @@ def test_too_few_pixels_are_refused():
     pair = plane_pair(sensor, size=(40, 60))
     light_difference(pair, sensor)
     pair.disp0[18:] = np.inf
-    with pytest.raises(InputError, match=r"plane: \d+ pixels with truth, .* a fit needs 1000"):
+    with pytest.raises(
+        InputError, match=r"plane: \d+ pixels with truth, .* a fit needs 1000"
+    ):
         light_difference(pair, sensor)
 
 
 def test_fitted_sensors_multiply_the_variance_of_the_noise():
     """A flat field in linear 16-bit output at three levels: the ratio of sample variances is 4 within 5 s.d."""
     camera, count = Camera.from_fov(200, 200, fov_x_deg=50), 200 * 200 * 3
-    sensor = Sensor(output="linear", bits=16, adc_bits=16, read_noise=20.0, prnu=0.01, dsnu=5.0, dark_current=100.0)
+    sensor = Sensor(
+        output="linear",
+        bits=16,
+        adc_bits=16,
+        read_noise=20.0,
+        prnu=0.01,
+        dsnu=5.0,
+        dark_current=100.0,
+    )
     fields, _ = _fitted_noise([sensor], noise=3.0, growth=1.0, target=6.0)
     noisier = sensor.replace(**fields)
     for level in (0.02, 0.2, 0.6):
         variances, means = [], []
         for each in (sensor, noisier):
-            rate = each.level_rate(np.ones((200, 200, 3)), camera=camera, lens=Pinhole()).mean()
+            rate = each.level_rate(
+                np.ones((200, 200, 3)), camera=camera, lens=Pinhole()
+            ).mean()
             # The exposure is that of the first sensor: the second must reach the same level with it.
             exposure = Exposure(1.0, 1.0)
             light = np.full((200, 200, 3), level / rate)
-            image = each.replace(white_balance=False).expose(light, camera=camera, lens=Pinhole(), exposure=exposure)
+            image = each.replace(white_balance=False).expose(
+                light, camera=camera, lens=Pinhole(), exposure=exposure
+            )
             channels = image.image.reshape(-1, 3).astype(float)
             variances.append(channels.var(axis=0).mean())
             means.append(channels.mean())
         assert means[1] == pytest.approx(means[0], rel=1e-3)
-        assert variances[1] / variances[0] == pytest.approx(4.0, rel=5 * math.sqrt(4 / count))
+        assert variances[1] / variances[0] == pytest.approx(
+            4.0, rel=5 * math.sqrt(4 / count)
+        )
 
 
 def test_noise_that_no_sensor_reaches_is_not_fitted():
     fields, note = _fitted_noise([Sensor()], noise=3.0, growth=1.0, target=1.9)
-    assert (fields, note) == ({}, "Noise is not fitted: s.d. 1.38, and 1.41 here without the sensor's.")
-    fields, note = _fitted_noise([Sensor(), Sensor(prnu=0.1)], noise=3.0, growth=1.0, target=2.9)
-    assert (fields, note) == ({}, "Noise is not fitted: the sensor differs between samples.")
+    assert (fields, note) == (
+        {},
+        "Noise is not fitted: s.d. 1.38, and 1.41 here without the sensor's.",
+    )
+    fields, note = _fitted_noise(
+        [Sensor(), Sensor(prnu=0.1)], noise=3.0, growth=1.0, target=2.9
+    )
+    assert (fields, note) == (
+        {},
+        "Noise is not fitted: the sensor differs between samples.",
+    )
 
 
 def test_distributions_have_the_moments_without_those_of_the_errors():
     """Values of known mean and variance plus errors of known mean and variance, uncorrelated in the sample."""
     sign = np.array([1.0, 1, -1, -1])[:, None] * math.sqrt(3) / 2  # sample variance 1
     other = np.array([1.0, -1, 1, -1])[:, None] * math.sqrt(3) / 2
-    true, bias = np.array([1.05, 0.02, -0.03, 0.0, 4.0]), np.array([0.01, 0.0, 0.01, 0.0, 3.0])
+    true, bias = (
+        np.array([1.05, 0.02, -0.03, 0.0, 4.0]),
+        np.array([0.01, 0.0, 0.01, 0.0, 3.0]),
+    )
     errors = bias + 0.004 * other
     fields = _distributions(true + 0.02 * sign + errors, errors, 0.0)
     for (name, field), mean in zip(fields.items(), true, strict=True):
         assert field["normal"] == pytest.approx([mean, 0.02], abs=2e-4), name
-        assert field["clip"] == pytest.approx([mean - 0.06, mean + 0.06], abs=5e-4), name
-    assert _distributions(true + errors, errors, 0.0) == pytest.approx(dict(zip(LIGHT, true, strict=True)))
+        assert field["clip"] == pytest.approx([mean - 0.06, mean + 0.06], abs=5e-4), (
+            name
+        )
+    assert _distributions(true + errors, errors, 0.0) == pytest.approx(
+        dict(zip(LIGHT, true, strict=True))
+    )
     more = _distributions(true + 0.02 * sign + errors, errors, 0.03**2)
     assert [more[name]["normal"][1] for name in LIGHT] == pytest.approx(
         [0.02, *[math.hypot(0.02, 0.03)] * 3, 0.02], rel=0.01
     )
-    wide = _distributions(np.array([[0.6, -0.4, 0, 0, 0], [1.4, 0.6, 0, 0, 0]]), 0 * errors, 0.0)
+    wide = _distributions(
+        np.array([[0.6, -0.4, 0, 0, 0], [1.4, 0.6, 0, 0, 0]]), 0 * errors, 0.0
+    )
     assert wide["shading_right"]["clip"] == [-0.3, 0.3]
     assert wide["gain"]["clip"][0] == 0.001
 
@@ -174,11 +252,22 @@ def test_toml_has_the_same_recipe():
         "scenes": ["staircase", 'a "b": c', "ü"],
         "denoise": False,
         "noise": 1e-7,
-        "scene": {"jitter": {"right": {"uniform": [-0.1, 0.1]}, "down": 0.5}, "depth_range": [1, 2.5]},
-        "lenses": [{"kind": "thin", "f_number": 2, "focus": "inf"}, {"kind": "pinhole"}],
+        "scene": {
+            "jitter": {"right": {"uniform": [-0.1, 0.1]}, "down": 0.5},
+            "depth_range": [1, 2.5],
+        },
+        "lenses": [
+            {"kind": "thin", "f_number": 2, "focus": "inf"},
+            {"kind": "pinhole"},
+        ],
         "assets": {"meshes": ["m"], "textures": ["t"]},
         "splits": {"train": 0.7, "my test": 0.3},
-        "sensor": {"mismatch": {"level": "typical", "gain": {"normal": [1, 0.1], "clip": [0.9, 1.1]}}},
+        "sensor": {
+            "mismatch": {
+                "level": "typical",
+                "gain": {"normal": [1, 0.1], "clip": [0.9, 1.1]},
+            }
+        },
         "gates": {},
     }
     text = recipe_toml(recipe)
@@ -200,13 +289,22 @@ def folder(tmp_path_factory):
 
 
 def statistics(path):
-    return {name: values[0] for name, values in summarize([*map(pair_statistics, open_pairs([str(path)]))]).items()}
+    return {
+        name: values[0]
+        for name, values in summarize(
+            [*map(pair_statistics, open_pairs([str(path)]))]
+        ).items()
+    }
 
 
 def errors_of(dataset):
     """Errors of `light_difference` beside the recorded mismatches, and these, (N, 5) each."""
-    found = np.array([light_difference(pair, Sensor())[0] for pair in open_pairs([str(dataset)])])
-    records = [sample.record["record"]["sensor"]["mismatch"] for sample in Dataset(dataset)]
+    found = np.array(
+        [light_difference(pair, Sensor())[0] for pair in open_pairs([str(dataset)])]
+    )
+    records = [
+        sample.record["record"]["sensor"]["mismatch"] for sample in Dataset(dataset)
+    ]
     true = np.array([[record[name] for name in LIGHT] for record in records])
     return found - true, true
 
@@ -222,47 +320,90 @@ def test_a_fit_recovers_cameras_and_noise_and_its_dataset_resembles_the_pairs(fo
     """
     real = open_pairs([str(folder / "real")])
     fitted, notes = fit_recipe(Dataset(folder / "start"), real)
-    (errors, _), (others, true) = errors_of(folder / "start"), errors_of(folder / "real")
+    (errors, _), (others, true) = (
+        errors_of(folder / "start"),
+        errors_of(folder / "real"),
+    )
     both = np.sqrt(errors.var(axis=0, ddof=1) + others.var(axis=0, ddof=1))
     for name, error, values in zip(LIGHT, both, true.T, strict=True):
         field = fitted["sensor"]["mismatch"][name]
         mean, spread = field["normal"] if isinstance(field, dict) else (field, 0.0)
         assert mean == pytest.approx(values.mean(), abs=3 * error / math.sqrt(6)), name
-        assert spread == pytest.approx(values.std(ddof=1), abs=3 * error / math.sqrt(5)), name
-    assert float(notes[2].split()[-1].rstrip(".")) == pytest.approx(10, rel=3 * math.hypot(0.023, 0.046))
-    assert fitted["sensor"]["full_well"] == pytest.approx(1070, rel=3 * math.hypot(0.023, 0.046))
+        assert spread == pytest.approx(
+            values.std(ddof=1), abs=3 * error / math.sqrt(5)
+        ), name
+    assert float(notes[2].split()[-1].rstrip(".")) == pytest.approx(
+        10, rel=3 * math.hypot(0.023, 0.046)
+    )
+    assert fitted["sensor"]["full_well"] == pytest.approx(
+        1070, rel=3 * math.hypot(0.023, 0.046)
+    )
     generate(recipe_from_table(fitted, folder / "recipe.toml"), folder / "fitted")
-    start, after, target = (statistics(folder / name) for name in ("start", "fitted", "real"))
-    for name in ("low_sd", "bias", "gain", "offset", "noise", "flat_noise", "residual", "textureless"):
+    start, after, target = (
+        statistics(folder / name) for name in ("start", "fitted", "real")
+    )
+    for name in (
+        "low_sd",
+        "bias",
+        "gain",
+        "offset",
+        "noise",
+        "flat_noise",
+        "residual",
+        "textureless",
+    ):
         assert abs(after[name] - target[name]) < abs(start[name] - target[name]), name
     again, _ = fit_recipe(Dataset(folder / "fitted"), real)
-    assert again["sensor"]["full_well"] == pytest.approx(1070, rel=3 * math.hypot(0.023, 0.046))
+    assert again["sensor"]["full_well"] == pytest.approx(
+        1070, rel=3 * math.hypot(0.023, 0.046)
+    )
 
 
 def test_other_fields_of_the_recipe_stay(folder, tmp_path):
-    recipe = {**RECIPE, "count": 2, "sensor": {"preset": "phone", "filters": "mono", "mismatch": "typical"}}
+    recipe = {
+        **RECIPE,
+        "count": 2,
+        "sensor": {"preset": "phone", "filters": "mono", "mismatch": "typical"},
+    }
     shutil.copy(folder / "tiny.toml", tmp_path)
     generate(recipe_from_table(recipe, tmp_path / "recipe.toml"), tmp_path / "set")
-    fitted, _ = fit_recipe(Dataset(tmp_path / "set"), open_pairs([str(folder / "real")]))
+    fitted, _ = fit_recipe(
+        Dataset(tmp_path / "set"), open_pairs([str(folder / "real")])
+    )
     mismatch = fitted["sensor"].pop("mismatch")
     assert {name: mismatch[name] for name in ("level", "time", "f_number")} == {
         "level": "typical",
         "time": 1,
         "f_number": 1,
     }
-    assert fitted.pop("sensor").items() >= {"preset": "phone", "filters": "mono"}.items()
+    assert (
+        fitted.pop("sensor").items() >= {"preset": "phone", "filters": "mono"}.items()
+    )
     assert fitted == {name: value for name, value in recipe.items() if name != "sensor"}
 
 
 def test_the_command_prints_a_recipe(folder, capsys):
-    assert run(["statistics", str(folder / "start"), "--like", str(folder / "real")]) == 0
+    assert (
+        run(["statistics", str(folder / "start"), "--like", str(folder / "real")]) == 0
+    )
     text = capsys.readouterr().out
     assert text.startswith("# statistic")
     assert "# Fitted to 6 pairs." in text
     expected = fit_recipe(Dataset(folder / "start"), open_pairs([str(folder / "real")]))
     assert tomllib.loads(text) == expected[0]
     assert recipe_from_table(tomllib.loads(text), folder / "like.toml").count == 6
-    assert run(["statistics", str(folder / "start"), "--like", str(folder / "real"), "--json"]) == 0
+    assert (
+        run(
+            [
+                "statistics",
+                str(folder / "start"),
+                "--like",
+                str(folder / "real"),
+                "--json",
+            ]
+        )
+        == 0
+    )
     document = json.loads(capsys.readouterr().out)
     assert (document["recipe"], tuple(document["notes"])) == expected
     assert len(document["like"]["pairs"]) == 6
@@ -281,17 +422,36 @@ def test_what_cannot_be_fitted_is_refused_in_one_line(folder, tmp_path, capsys):
         shutil.copytree(folder / "start", folder_changed)
         for file in folder_changed.rglob("*.json"):
             text = file.read_text()
-            text = text.replace('"output": "srgb"', '"output": "raw"') if change is None else text
-            text = text.replace('"seed": 1,\n  "count"', f'{change},\n  "seed": 1,\n  "count"') if change else text
+            text = (
+                text.replace('"output": "srgb"', '"output": "raw"')
+                if change is None
+                else text
+            )
+            text = (
+                text.replace(
+                    '"seed": 1,\n  "count"', f'{change},\n  "seed": 1,\n  "count"'
+                )
+                if change
+                else text
+            )
             file.write_text(text)
     for arguments, message in (
         ((start, start, "--like", str(real)), "--like fits the recipe of one DATASET"),
-        (("motorcycle", "--like", str(real)), "motorcycle: has no dataset.json; --like needs a dataset of"),
-        ((start, "--like", "motorcycle"), "a fit needs two pairs or more in both sets, got 6 and 1"),
+        (
+            ("motorcycle", "--like", str(real)),
+            "motorcycle: has no dataset.json; --like needs a dataset of",
+        ),
+        (
+            (start, "--like", "motorcycle"),
+            "a fit needs two pairs or more in both sets, got 6 and 1",
+        ),
         ((start, "--like", str(blind)), "disp0.pfm"),
         ((start, "--like", str(tmp_path / "none")), "no such folder"),
         ((str(drawn), "--like", str(real)), "draws sensor or mismatch as a whole"),
-        ((str(raw), "--like", str(real)), "has raw images; a fit needs srgb, linear, gamma"),
+        (
+            (str(raw), "--like", str(real)),
+            "has raw images; a fit needs srgb, linear, gamma",
+        ),
     ):
         assert run(["statistics", *arguments]) == 2, message
         out, err = capsys.readouterr()

@@ -33,7 +33,19 @@ def truth(disparity, depth):
     ids = np.ones(shape, np.int32)
     kinds = np.full(shape, MATERIAL_KINDS.index("glossy"), np.uint8)
     position = np.zeros((*shape, 3))
-    return Truth(depth, position, disparity, np.ones(shape, bool), vectors, vectors, ids, ids, kinds, ("wall",), ("m",))
+    return Truth(
+        depth,
+        position,
+        disparity,
+        np.ones(shape, bool),
+        vectors,
+        vectors,
+        ids,
+        ids,
+        kinds,
+        ("wall",),
+        ("m",),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -41,19 +53,32 @@ def dataset(tmp_path_factory):
     """Two samples of a wall 2 m away: one with one lens, one with three lenses, two of them equal."""
     rig = Rig.stereo(Camera(24, 16, 100.0, 100.0, 11.5, 7.5), baseline=0.1)
     image = np.random.default_rng(0).integers(0, 255, (16, 24, 3), np.uint8)
-    views = [truth(np.full((16, 24), 5, np.float32), np.full((16, 24), 2.0)) for _ in range(2)]
+    views = [
+        truth(np.full((16, 24), 5, np.float32), np.full((16, 24), 2.0))
+        for _ in range(2)
+    ]
     lenses = [Pinhole(), ThinLens(0.2, 1.0), ThinLens(0.2, 1.0)]
     folder = tmp_path_factory.mktemp("data")
     for name, count in (("one", 1), ("three", 3)):
-        shots = tuple(Shot(lens, (image + np.uint8(k), image)) for k, lens in enumerate(lenses[:count]))
+        shots = tuple(
+            Shot(lens, (image + np.uint8(k), image))
+            for k, lens in enumerate(lenses[:count])
+        )
         record = {"scene": "hall"} if name == "three" else {}
-        write_sample(folder / name, Sample(rig, shots, tuple(views), ndisp=8, record=record))
+        write_sample(
+            folder / name, Sample(rig, shots, tuple(views), ndisp=8, record=record)
+        )
     return Dataset(folder)
 
 
 def test_every_lens_of_a_sample_is_a_pair(dataset):
     pairs = DatasetPairs(dataset)
-    names = ("one", "three · pinhole", "three · lens 200 mm at 1 m (1)", "three · lens 200 mm at 1 m (2)")
+    names = (
+        "one",
+        "three · pinhole",
+        "three · lens 200 mm at 1 m (1)",
+        "three · lens 200 mm at 1 m (2)",
+    )
     assert tuple(pairs.aliases) == tuple(p.name for p in pairs) == names
     assert len(pairs) == 4
     assert (pairs[3].im0 - pairs[1].im0 == 2).all()
@@ -100,13 +125,19 @@ def test_a_stored_sample_itself_can_be_benchmarked(dataset):
 
     board = run_benchmark(dataset, [Five()], protocol=["middlebury-v3", "points"])
     assert board.samples == ("one", "three")
-    assert [e.regions["all"].get("avgerr", e.regions["all"].get("point_avgerr")) for e in board.entries] == [0] * 4
+    assert [
+        e.regions["all"].get("avgerr", e.regions["all"].get("point_avgerr"))
+        for e in board.entries
+    ] == [0] * 4
 
 
 def test_the_real_pair_is_a_sample():
     real = load_pair(motorcycle())
     assert (real.name, real.ndisp, real.im0.shape) == ("motorcycle", 70, (500, 741, 3))
-    assert list(region_masks(real, ["nonocc", "occluded", "out-of-focus"])) == ["nonocc", "occluded"]
+    assert list(region_masks(real, ["nonocc", "occluded", "out-of-focus"])) == [
+        "nonocc",
+        "occluded",
+    ]
 
 
 def test_methods_are_named_by_text_and_survive_pickling():
@@ -122,7 +153,9 @@ def test_methods_are_named_by_text_and_survive_pickling():
 
 def test_a_named_method_finds_a_shift():
     right = np.random.default_rng(1).integers(0, 255, (30, 60), np.uint8)
-    found = parse_method("sad:block_size=5").match(np.roll(right, 6, axis=1), right, num_disparities=16)
+    found = parse_method("sad:block_size=5").match(
+        np.roll(right, 6, axis=1), right, num_disparities=16
+    )
     assert np.median(found[5:-5, 20:-5]) == pytest.approx(6, abs=0.01)
 
 
@@ -130,9 +163,18 @@ def test_a_dataset_with_negative_disparities_is_searched_and_scored_there(tmp_pa
     """A rig whose principal points differ: all disparities are -5 px."""
     rig = Rig.stereo(Camera(60, 30, 100.0, 100.0, 29.5, 14.5), baseline=0.1)
     right = np.random.default_rng(1).integers(0, 255, (30, 60, 3), np.uint8)
-    views = [truth(np.full((30, 60), -5, np.float32), np.full((30, 60), 2.0)) for _ in range(2)]
+    views = [
+        truth(np.full((30, 60), -5, np.float32), np.full((30, 60), 2.0))
+        for _ in range(2)
+    ]
     write_sample(
-        tmp_path / "n", Sample(rig, (Shot(Pinhole(), (np.roll(right, -5, axis=1), right)),), tuple(views), ndisp=8)
+        tmp_path / "n",
+        Sample(
+            rig,
+            (Shot(Pinhole(), (np.roll(right, -5, axis=1), right)),),
+            tuple(views),
+            ndisp=8,
+        ),
     )
     pairs = DatasetPairs(Dataset(tmp_path))
     assert pairs[0].search == {"num_disparities": 13, "min_disparity": -5}
@@ -158,7 +200,9 @@ open(out, "wb").write(b"Pf\\n%d %d\\n-1.0\\n" % (width, height) + struct.pack("<
     errors, board = [], None
     for value in (4, 6, 6):
         script.write_text(code.replace("VALUE", str(value)))
-        method = parse_program(f"mine={sys.executable} {script} {{left}} {{out}} {{right}}")
+        method = parse_program(
+            f"mine={sys.executable} {script} {{left}} {{out}} {{right}}"
+        )
         board = run_benchmark([pair()], [method], board=board, warm_up=False)
         errors.append(board.entries[0].regions["all"]["avgerr"])
         seconds = board.entries[0].seconds
@@ -204,7 +248,11 @@ def test_maps_round_trip_under_any_name(tmp_path):
 
 
 def test_plain_names_stay_themselves():
-    assert [file_name(n) for n in ("sad-9", "SGBM_HH", "census.5=x")] == ["sad-9", "SGBM_HH", "census.5=x"]
+    assert [file_name(n) for n in ("sad-9", "SGBM_HH", "census.5=x")] == [
+        "sad-9",
+        "SGBM_HH",
+        "census.5=x",
+    ]
 
 
 def test_a_damaged_map_is_named(tmp_path):

@@ -33,7 +33,9 @@ def test_no_order_has_a_smaller_area_than_the_oracle():
 def test_a_random_confidence_has_the_error_rate():
     rng = np.random.default_rng(2)
     bad = rng.random(200_000) < 0.3
-    assert sparsification(rng.random(bad.size), bad).auc == pytest.approx(bad.mean(), abs=0.01)
+    assert sparsification(rng.random(bad.size), bad).auc == pytest.approx(
+        bad.mean(), abs=0.01
+    )
 
 
 def test_equal_confidences_have_the_error_rate_at_every_density():
@@ -55,7 +57,9 @@ def test_the_area_is_that_of_a_fine_sum_over_random_orders(pixels):
         for _ in range(split * (values == v).sum())
     ]
     parts = np.array([part for _, part in rows])
-    area = np.mean((np.cumsum(parts) - parts / 2) / (np.arange(len(parts)) + 0.5))  # of middles: exact to second order
+    area = np.mean(
+        (np.cumsum(parts) - parts / 2) / (np.arange(len(parts)) + 0.5)
+    )  # of middles: exact to second order
     curve = sparsification(values, bad)
     assert curve.auc == pytest.approx(area, abs=1e-4)
     assert curve.error_rates[-1] == pytest.approx(bad.mean())
@@ -65,7 +69,9 @@ def test_the_curve_is_the_error_rate_of_the_most_confident():
     rng = np.random.default_rng(3)
     values, bad = rng.permutation(200).astype(float), rng.random(200) < 0.4
     order = np.argsort(-values)
-    for density, rate in zip(DENSITIES, sparsification(values, bad).error_rates, strict=True):
+    for density, rate in zip(
+        DENSITIES, sparsification(values, bad).error_rates, strict=True
+    ):
         assert rate == pytest.approx(bad[order][: round(density * 200)].mean())
 
 

@@ -18,7 +18,9 @@ from twinlens.dataset.codecs.png import encode_png
 from twinlens.errors import FileError
 from twinlens.scoring import Pair, open_submission, run_benchmark
 
-CALIBRATION = Calibration((90.0, 80.0, 5.5, 4.0), (90.0, 80.0, 5.5, 4.0), 0.2, 32, 40, 0.0)
+CALIBRATION = Calibration(
+    (90.0, 80.0, 5.5, 4.0), (90.0, 80.0, 5.5, 4.0), 0.2, 32, 40, 0.0
+)
 DISP = np.array([[1.5, np.inf, 3.25], [4.0, 5.0, 6.0]], np.float32)
 SHAPE = (2, 3)
 
@@ -39,14 +41,24 @@ PNG = np.where(np.isfinite(DISP), DISP * 256, 0).astype(np.uint16)
 
 @pytest.mark.parametrize(
     "name",
-    ["s.pfm", "s/disp0.pfm", "s/disp0METHOD.pfm", "s/some-method-1f.pfm", "all/s.pfm", "all/s/x.pfm", "s/lens-0.pfm"],
+    [
+        "s.pfm",
+        "s/disp0.pfm",
+        "s/disp0METHOD.pfm",
+        "s/some-method-1f.pfm",
+        "all/s.pfm",
+        "all/s/x.pfm",
+        "s/lens-0.pfm",
+    ],
 )
 @pytest.mark.parametrize("packed", [True, False])
 def test_every_layout_is_found(tmp_path, name, packed):
     if packed:
         submission = zipped(
             tmp_path / "my.zip",
-            [(name, encode_pfm(DISP)), (f"{name.split('/')[0]}/readme.txt", b"hi")][: 1 + ("/" in name)],
+            [(name, encode_pfm(DISP)), (f"{name.split('/')[0]}/readme.txt", b"hi")][
+                : 1 + ("/" in name)
+            ],
         )
     else:
         write_pfm(tmp_path / "my" / name, DISP)
@@ -73,7 +85,10 @@ def test_hidden_files_and_macosx_folders_are_ignored(tmp_path, packed):
 def test_a_name_keeps_its_dots(tmp_path, monkeypatch):
     write_pfm(tmp_path / "results.v2" / "s.pfm", DISP)
     assert open_submission(tmp_path / "results.v2").name == "results.v2"
-    assert zipped(tmp_path / "results.v2.ZIP", [("s.pfm", encode_pfm(DISP))]).name == "results.v2"
+    assert (
+        zipped(tmp_path / "results.v2.ZIP", [("s.pfm", encode_pfm(DISP))]).name
+        == "results.v2"
+    )
     monkeypatch.chdir(tmp_path / "results.v2")
     assert open_submission(".").name == "results.v2"
 
@@ -112,12 +127,16 @@ def test_a_confidence_beside_the_map_is_scored(tmp_path, name):
     assert submission.spec != plain
     assert submission.unmatched_files({"s": ()}) == ()
     (entry,) = run_benchmark([pair("s")], [submission]).entries
-    expected = tl.evaluate(disp, pair("s").disp0, ndisp=pair("s").ndisp, confidence=np.abs(disp - 8)).all["auc2.0"]
+    expected = tl.evaluate(
+        disp, pair("s").disp0, ndisp=pair("s").ndisp, confidence=np.abs(disp - 8)
+    ).all["auc2.0"]
     assert entry.regions["all"]["auc2.0"] == pytest.approx(expected)
     damaged = b"Pf\n30 40\n-1.0\n" + np.full((40, 30), np.nan, "<f4").tobytes()
     for wrong in (encode_pfm(np.zeros((20, 15))), damaged):
         trust.write_bytes(wrong)
-        (entry,) = run_benchmark([pair("s")], [open_submission(tmp_path, "mine")]).entries
+        (entry,) = run_benchmark(
+            [pair("s")], [open_submission(tmp_path, "mine")]
+        ).entries
         assert entry.failure.kind == "refused"
         assert "-confidence.pfm: " in entry.failure.message
 
@@ -126,8 +145,14 @@ def test_a_submission_is_scored_like_a_method_without_a_time(tmp_path):
     samples = [pair("s"), pair("t"), pair("u")]
     write_pfm(tmp_path / "s.pfm", np.full((40, 30), 6, np.float32))
     write_pfm(tmp_path / "t.pfm", np.full((40, 31), 6, np.float32))
-    board = run_benchmark(samples, [open_submission(tmp_path, "mine")], protocol="eth3d")
-    assert [e.failure and e.failure.kind for e in board.entries] == [None, "refused", "missing"]
+    board = run_benchmark(
+        samples, [open_submission(tmp_path, "mine")], protocol="eth3d"
+    )
+    assert [e.failure and e.failure.kind for e in board.entries] == [
+        None,
+        "refused",
+        "missing",
+    ]
     assert board.entries[0].regions["all"]["avgerr"] == 2
     assert board.entries[0].seconds is None
     assert "t.pfm: is 31 x 40; the truth is 30 x 40" in board.entries[1].failure.message
@@ -137,21 +162,31 @@ def test_a_submission_is_scored_like_a_method_without_a_time(tmp_path):
 def test_a_smaller_map_is_scored_as_a_single_one(tmp_path, scale):
     """By protocols that scale it up; the others refuse it. The map passed on has the truth's size."""
     rng = np.random.default_rng(scale)
-    gt, image = rng.uniform(0, 15, (40, 32)).astype(np.float32), np.zeros((40, 32), np.uint8)
+    gt, image = (
+        rng.uniform(0, 15, (40, 32)).astype(np.float32),
+        np.zeros((40, 32), np.uint8),
+    )
     sample = Pair("s", image, image, gt, None, 16, CALIBRATION.replace(isint=True))
     small = rng.uniform(0, 20 / scale, (40 // scale, 32 // scale)).astype(np.float32)
     small[1, 1] = np.inf
     write_pfm(tmp_path / "s.pfm", small)
     kept = []
     board = run_benchmark(
-        [sample], [open_submission(tmp_path)], protocol=["middlebury-v3", "eth3d"], on_map=lambda *map: kept.append(map)
+        [sample],
+        [open_submission(tmp_path)],
+        protocol=["middlebury-v3", "eth3d"],
+        on_map=lambda *map: kept.append(map),
     )
     entry, refused = board.entries
-    wanted = naive.middlebury(small.tolist(), gt.tolist(), np.ones(gt.shape, bool), 16 / scale, True, scale)
+    wanted = naive.middlebury(
+        small.tolist(), gt.tolist(), np.ones(gt.shape, bool), 16 / scale, True, scale
+    )
     assert dict(entry.regions["all"]) == pytest.approx(wanted)
     assert refused.failure.kind == "refused"
     assert "ETH3D two-view expects (40, 32)" in refused.failure.message
-    np.testing.assert_array_equal(kept[0][2], scale * small.repeat(scale, 0).repeat(scale, 1))
+    np.testing.assert_array_equal(
+        kept[0][2], scale * small.repeat(scale, 0).repeat(scale, 1)
+    )
 
 
 def test_other_maps_are_another_method(tmp_path):
@@ -159,7 +194,9 @@ def test_other_maps_are_another_method(tmp_path):
     for value in (1, 2):
         write_pfm(tmp_path / "s.pfm", DISP + value)
         specs.add(open_submission(tmp_path).spec)
-        specs.add(zipped(tmp_path / "z.zip", [("s.pfm", encode_pfm(DISP + value))]).spec)
+        specs.add(
+            zipped(tmp_path / "z.zip", [("s.pfm", encode_pfm(DISP + value))]).spec
+        )
         (tmp_path / "z.zip").unlink()
     assert len(specs) == 4
     before = open_submission(tmp_path).spec
@@ -167,12 +204,18 @@ def test_other_maps_are_another_method(tmp_path):
     assert open_submission(tmp_path).spec == before
 
 
-@pytest.mark.parametrize(("one", "other"), [("s.pfm", "S.pfm"), ("a/s.pfm", "A/s.pfm"), ("\u00e9.pfm", "e\u0301.pfm")])
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [("s.pfm", "S.pfm"), ("a/s.pfm", "A/s.pfm"), ("\u00e9.pfm", "e\u0301.pfm")],
+)
 @pytest.mark.parametrize("packed", [True, False])
 def test_names_that_some_systems_treat_as_one_are_refused(tmp_path, one, other, packed):
     if packed:
         with pytest.raises(FileError, match="same name on some systems") as error:
-            zipped(tmp_path / "evil.zip", [(one, encode_pfm(DISP)), (other, encode_pfm(DISP + 1))])
+            zipped(
+                tmp_path / "evil.zip",
+                [(one, encode_pfm(DISP)), (other, encode_pfm(DISP + 1))],
+            )
     else:
         for name in (one, other):
             write_pfm(tmp_path / "evil" / name, DISP)
@@ -184,7 +227,10 @@ def test_names_that_some_systems_treat_as_one_are_refused(tmp_path, one, other, 
     assert other in str(error.value)
 
 
-LENSES = {"s · pinhole": ("s/lens-0", "s-lens-0", "s"), "s · wide": ("s/lens-1", "s-lens-1")}
+LENSES = {
+    "s · pinhole": ("s/lens-0", "s-lens-0", "s"),
+    "s · wide": ("s/lens-1", "s-lens-1"),
+}
 
 
 @pytest.mark.parametrize(
@@ -208,18 +254,25 @@ def test_every_lens_of_a_sample_has_a_plain_name(tmp_path, first, second):
         disp = DISP if name == first else DISP + 1
         if name.endswith("png"):
             (tmp_path / name).parent.mkdir(exist_ok=True)
-            write_png(tmp_path / name, np.where(np.isfinite(disp), disp * 256, 0).astype(np.uint16))
+            write_png(
+                tmp_path / name,
+                np.where(np.isfinite(disp), disp * 256, 0).astype(np.uint16),
+            )
         else:
             write_pfm(tmp_path / name, disp)
     submission = open_submission(tmp_path)
     for k, (sample, aliases) in enumerate(LENSES.items()):
-        np.testing.assert_array_equal(submission.map_of(sample, SHAPE, aliases), DISP + k)
+        np.testing.assert_array_equal(
+            submission.map_of(sample, SHAPE, aliases), DISP + k
+        )
 
 
 def test_a_map_of_one_lens_is_not_used_for_another(tmp_path):
     write_pfm(tmp_path / "s" / "lens-1.pfm", DISP)
     submission = open_submission(tmp_path)
-    with pytest.raises(FileError, match=r"no map of 's · pinhole': expected s/lens-0\.pfm"):
+    with pytest.raises(
+        FileError, match=r"no map of 's · pinhole': expected s/lens-0\.pfm"
+    ):
         submission.map_of("s · pinhole", SHAPE, LENSES["s · pinhole"])
     assert submission.find("s · wide", LENSES["s · wide"]) == "s/lens-1.pfm"
 
@@ -244,8 +297,14 @@ def test_a_zip_with_names_or_links_that_leave_it_is_refused(tmp_path, name, edit
 
 
 def test_a_duplicate_name_is_refused(tmp_path):
-    with pytest.warns(UserWarning, match="Duplicate name"), pytest.raises(FileError, match="occurs twice"):
-        zipped(tmp_path / "evil.zip", [("s.pfm", encode_pfm(DISP)), ("s.pfm", encode_pfm(DISP + 1))])
+    with (
+        pytest.warns(UserWarning, match="Duplicate name"),
+        pytest.raises(FileError, match="occurs twice"),
+    ):
+        zipped(
+            tmp_path / "evil.zip",
+            [("s.pfm", encode_pfm(DISP)), ("s.pfm", encode_pfm(DISP + 1))],
+        )
 
 
 def test_an_encrypted_member_is_refused(tmp_path):
@@ -274,7 +333,9 @@ def opened_members(monkeypatch):
     opened = []
     original = zipfile.ZipFile.open
     monkeypatch.setattr(
-        zipfile.ZipFile, "open", lambda self, name, *more: opened.append(name) or original(self, name, *more)
+        zipfile.ZipFile,
+        "open",
+        lambda self, name, *more: opened.append(name) or original(self, name, *more),
     )
     return opened
 
@@ -289,12 +350,16 @@ def test_a_bomb_that_states_its_size_is_not_opened(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("compression", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
-def test_a_compression_that_unpacks_whole_is_refused(tmp_path, monkeypatch, compression):
+def test_a_compression_that_unpacks_whole_is_refused(
+    tmp_path, monkeypatch, compression
+):
     """zipfile decompresses a bz2 or LZMA member whole, even if fewer bytes are requested."""
     with zipfile.ZipFile(tmp_path / "bomb.zip", "w", compression) as archive:
         archive.writestr("s.pfm", BOMB)
     opened = opened_members(monkeypatch)
-    with pytest.raises(FileError, match=r"bomb\.zip: s\.pfm uses a compression other than deflate"):
+    with pytest.raises(
+        FileError, match=r"bomb\.zip: s\.pfm uses a compression other than deflate"
+    ):
         open_submission(tmp_path / "bomb.zip").map_of("s", SHAPE)
     assert opened == []
 
@@ -309,7 +374,11 @@ def test_a_bomb_with_a_false_size_is_not_unpacked(tmp_path, monkeypatch):
     submission = open_submission(tmp_path / "bomb.zip")
     read = []
     original = zipfile.ZipExtFile.read
-    monkeypatch.setattr(zipfile.ZipExtFile, "read", lambda self, n=-1: read.append(n) or original(self, n))
+    monkeypatch.setattr(
+        zipfile.ZipExtFile,
+        "read",
+        lambda self, n=-1: read.append(n) or original(self, n),
+    )
     with pytest.raises(FileError, match=r"s\.pfm"):
         submission.map_of("s", SHAPE)
     assert max(read) <= 65561
@@ -333,7 +402,13 @@ def test_a_small_png_that_claims_a_large_picture_is_refused_by_its_header(tmp_pa
     [
         ("s.pfm", encode_pfm(DISP)[:-4], "damaged"),
         ("s.pfm", b"", "not a PFM"),
-        ("s.pfm", encode_pfm(DISP).replace(np.float32(4).tobytes(), np.float32(np.nan).tobytes()), "NaN"),
+        (
+            "s.pfm",
+            encode_pfm(DISP).replace(
+                np.float32(4).tobytes(), np.float32(np.nan).tobytes()
+            ),
+            "NaN",
+        ),
         ("s.pfm", encode_pfm(np.zeros((2, 3, 3), np.float32)), "colour channels"),
         ("s.pfm", encode_pfm(DISP.T), "is 2 x 3; the truth is 3 x 2"),
         ("s.png", b"not a png", "not a PNG"),
@@ -394,30 +469,61 @@ def test_a_damaged_zip_is_read_or_refused(tmp_path):
 def test_unmatched_maps_are_listed(tmp_path, packed, top):
     """Other names and lenses that do not exist; not further files of a sample, and not images."""
     ours = ["s/lens-0.pfm", "s/lens-1.pfm", "s/disp1.pfm", "s.png", "t/mine.pfm"]
-    strange = ["S2.pfm", "s-lens-2.pfm", "s/lens-2.pfm", "s/lens-3/disp0.pfm", "t-.png", "u/disp0.pfm"]
+    strange = [
+        "S2.pfm",
+        "s-lens-2.pfm",
+        "s/lens-2.pfm",
+        "s/lens-3/disp0.pfm",
+        "t-.png",
+        "u/disp0.pfm",
+    ]
     pixels = {".pfm": encode_pfm(DISP), ".png": encode_png(PNG)}
     files = {f"{top}{name}": pixels[name[-4:]] for name in ours + strange}
-    files |= {f"{top}u/preview.png": encode_png(np.zeros((2, 3), np.uint8)), f"{top}notes.txt": b"hi"}
+    files |= {
+        f"{top}u/preview.png": encode_png(np.zeros((2, 3), np.uint8)),
+        f"{top}notes.txt": b"hi",
+    }
     files |= {f"{top}cut.png": encode_png(PNG)[:20]}
-    submission = zipped(tmp_path / "my.zip", files.items()) if packed else _filled(tmp_path / "my", files)
-    assert submission.unmatched_files(LENSES | {"t": ()}) == tuple(f"{top}{name}" for name in sorted(strange))
+    submission = (
+        zipped(tmp_path / "my.zip", files.items())
+        if packed
+        else _filled(tmp_path / "my", files)
+    )
+    assert submission.unmatched_files(LENSES | {"t": ()}) == tuple(
+        f"{top}{name}" for name in sorted(strange)
+    )
 
 
 def test_a_single_sample_folder_is_not_a_top_folder(tmp_path):
-    submission = _filled(tmp_path / "my", {f"s/{name}.pfm": encode_pfm(DISP) for name in ("disp0", "old", "lens-2")})
+    submission = _filled(
+        tmp_path / "my",
+        {f"s/{name}.pfm": encode_pfm(DISP) for name in ("disp0", "old", "lens-2")},
+    )
     assert submission.unmatched_files({"s": (), "t": ()}) == ("s/lens-2.pfm",)
-    assert submission.unmatched_files({"t": ()}) == ("s/disp0.pfm", "s/lens-2.pfm", "s/old.pfm")
+    assert submission.unmatched_files({"t": ()}) == (
+        "s/disp0.pfm",
+        "s/lens-2.pfm",
+        "s/old.pfm",
+    )
 
 
 @pytest.mark.parametrize(
-    "call", [lambda each: len(each.unmatched_files({"s": ()})), lambda each: len(each.spec) and 40]
+    "call",
+    [
+        lambda each: len(each.unmatched_files({"s": ()})),
+        lambda each: len(each.spec) and 40,
+    ],
 )
 def test_a_zip_is_opened_once_for_all_its_maps(tmp_path, monkeypatch, call):
     """Opening reads the whole list of members, which per map would take hours."""
     zipped(tmp_path / "my.zip", [(f"no-{k}.png", encode_png(PNG)) for k in range(40)])
     opened = []
     original = zipfile.ZipFile.__init__
-    monkeypatch.setattr(zipfile.ZipFile, "__init__", lambda self, *more: opened.append(more) or original(self, *more))
+    monkeypatch.setattr(
+        zipfile.ZipFile,
+        "__init__",
+        lambda self, *more: opened.append(more) or original(self, *more),
+    )
     assert call(open_submission(tmp_path / "my.zip")) == 40
     assert len(opened) == 1
 

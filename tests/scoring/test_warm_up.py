@@ -24,7 +24,10 @@ class Noting:
 
 @pytest.mark.parametrize(
     ("warm_up", "calls"),
-    [(True, [(32, 16), (40, 16), (40, 16), (32, 20), (40, 20)]), (False, [(40, 16), (40, 16), (40, 20)])],
+    [
+        (True, [(32, 16), (40, 16), (40, 16), (32, 20), (40, 20)]),
+        (False, [(40, 16), (40, 16), (40, 20)]),
+    ],
 )
 def test_a_method_is_warmed_up_once_for_each_range(warm_up, calls):
     method = Noting()

@@ -27,10 +27,18 @@ def flat(*electrons: float) -> np.ndarray:
 def levels(sensor: Sensor, electrons: tuple[float, float], frames: int) -> np.ndarray:
     """Levels above black of left, right and whole pixels, in DN, (3, frames, H, W)."""
     shots = [
-        sensor.expose_dual(flat(*electrons), camera=CAMERA, lens=LENS, seed=seed, exposure=Exposure(TIME, 0.8))
+        sensor.expose_dual(
+            flat(*electrons),
+            camera=CAMERA,
+            lens=LENS,
+            seed=seed,
+            exposure=Exposure(TIME, 0.8),
+        )
         for seed in range(frames)
     ]
-    return np.array([[photo.image.astype(float) - 300 for photo in photos] for photos in shots]).swapaxes(0, 1)
+    return np.array(
+        [[photo.image.astype(float) - 300 for photo in photos] for photos in shots]
+    ).swapaxes(0, 1)
 
 
 def test_mean_and_variance_of_the_halves():
@@ -40,11 +48,15 @@ def test_mean_and_variance_of_the_halves():
     for half, electrons in zip(found[:2], (1500.0, 900.0), strict=True):
         collected = electrons + dark / 2
         variance = (2 * gain) ** 2 * (collected + 6.0**2) + 1 / 12
-        assert half.mean() == pytest.approx(2 * gain * collected, abs=4 * np.sqrt(variance / half.size))
+        assert half.mean() == pytest.approx(
+            2 * gain * collected, abs=4 * np.sqrt(variance / half.size)
+        )
         assert half.var() == pytest.approx(variance, rel=4 * np.sqrt(2 / half.size))
     collected = 2400.0 + dark
     variance = gain**2 * (collected + 6.0**2) + 1 / 12
-    assert found[2].mean() == pytest.approx(gain * collected, abs=4 * np.sqrt(variance / found[2].size))
+    assert found[2].mean() == pytest.approx(
+        gain * collected, abs=4 * np.sqrt(variance / found[2].size)
+    )
     assert found[2].var() == pytest.approx(variance, rel=4 * np.sqrt(2 / found[2].size))
 
 
@@ -61,7 +73,12 @@ def test_a_whole_image_has_the_noise_of_a_sensor_with_single_photodiodes():
     radiance = flat(1500.0, 900.0).sum(axis=0)
     exposure = Exposure(TIME, 0.8)
     single = np.array(
-        [SENSOR.expose(radiance, camera=CAMERA, lens=LENS, seed=s, exposure=exposure).image for s in range(16)]
+        [
+            SENSOR.expose(
+                radiance, camera=CAMERA, lens=LENS, seed=s, exposure=exposure
+            ).image
+            for s in range(16)
+        ]
     )
     assert whole.mean() == pytest.approx(single.mean() - 300.0, rel=2e-3)
     assert whole.var() == pytest.approx(single.var(), rel=0.05)
@@ -84,7 +101,9 @@ def test_fixed_patterns_of_the_halves_differ_and_stay():
 
 
 def test_crosstalk_mixes_the_light_of_the_halves():
-    quiet = SENSOR.replace(shot_noise=False, read_noise=0.0, dark_current=0.0, dual_crosstalk=0.1)
+    quiet = SENSOR.replace(
+        shot_noise=False, read_noise=0.0, dark_current=0.0, dual_crosstalk=0.1
+    )
     left, right, whole = levels(quiet, (3000.0, 1000.0), 1).mean(axis=(1, 2, 3))
     gain = 0.8 * (2**16 - 1 - 300) / 9000
     assert left == pytest.approx(2 * gain * 2800, abs=1)
@@ -94,8 +113,13 @@ def test_crosstalk_mixes_the_light_of_the_halves():
 
 def test_near_infrared_halves_have_the_levels_of_their_own_sensor():
     quiet = SENSOR.replace(shot_noise=False, read_noise=0.0, dark_current=0.0)
-    camera, sensor = CAMERA.replace(band="nir"), quiet.replace(nir=quiet.replace(full_well=2000.0))
-    photos = sensor.expose_dual(flat(900.0, 900.0), camera=camera, lens=LENS, exposure=Exposure(TIME))
+    camera, sensor = (
+        CAMERA.replace(band="nir"),
+        quiet.replace(nir=quiet.replace(full_well=2000.0)),
+    )
+    photos = sensor.expose_dual(
+        flat(900.0, 900.0), camera=camera, lens=LENS, exposure=Exposure(TIME)
+    )
     left, right, whole = (photo.image.mean() - 300 for photo in photos)
     assert whole > 1000
     assert left == pytest.approx(whole, abs=1)
@@ -118,7 +142,9 @@ def test_invalid_halves_are_refused():
         SENSOR.expose_dual(None, camera=CAMERA, lens=LENS)
     with pytest.raises(InputError, match="a pinhole has none"):
         SENSOR.expose_dual(halves, camera=CAMERA, lens=tl.Pinhole())
-    with pytest.raises(InputError, match=r"dual_crosstalk must be from 0 to 0\.5, got 0\.6"):
+    with pytest.raises(
+        InputError, match=r"dual_crosstalk must be from 0 to 0\.5, got 0\.6"
+    ):
         SENSOR.replace(dual_crosstalk=0.6)
     with pytest.raises(InputError, match="radiance"):
         SENSOR.expose_dual(halves[:, :4], camera=CAMERA, lens=LENS)

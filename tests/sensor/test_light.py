@@ -8,9 +8,23 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from twinlens.camera import Annulus, BareAperture, Camera, MaskAperture, Pinhole, Polygon, Rig, ThinLens
+from twinlens.camera import (
+    Annulus,
+    BareAperture,
+    Camera,
+    MaskAperture,
+    Pinhole,
+    Polygon,
+    Rig,
+    ThinLens,
+)
 from twinlens.sensor import Exposure, Sensor
-from twinlens.sensor.light import ParaxialWarning, irradiance_factor, vignetting, working_f_number
+from twinlens.sensor.light import (
+    ParaxialWarning,
+    irradiance_factor,
+    vignetting,
+    working_f_number,
+)
 
 CAMERA = Camera(96, 64, 100.0, 100.0, 47.5, 31.5)
 WIDTHS = [0.01, 0.5, 1.0, 5.0, 20.0, 100.0]
@@ -29,11 +43,21 @@ def hole(width: float, *shape) -> BareAperture:
 @pytest.mark.parametrize("width", WIDTHS)
 def test_a_bare_aperture_integrates_cosines_over_its_cone(width):
     """dE = L cos(theta) dOmega over the cone of the aperture: integrated over angles, not over the area."""
-    expected, _ = quad(lambda t: 2 * math.cos(t) * math.sin(t), 0, math.atan(width / 2), epsabs=0, epsrel=1e-12)
+    expected, _ = quad(
+        lambda t: 2 * math.cos(t) * math.sin(t),
+        0,
+        math.atan(width / 2),
+        epsabs=0,
+        epsrel=1e-12,
+    )
     assert share(hole(width)) == pytest.approx(expected, rel=1e-9)
 
 
-@pytest.mark.parametrize("shape", [(), (MaskAperture([[1.0]]),), (Polygon(5),)], ids=["disk", "mask", "polygon"])
+@pytest.mark.parametrize(
+    "shape",
+    [(), (MaskAperture([[1.0]]),), (Polygon(5),)],
+    ids=["disk", "mask", "polygon"],
+)
 def test_no_bare_aperture_exceeds_the_physical_limit(shape):
     shares = [share(hole(width, *shape)) for width in [*WIDTHS, 1e4, 1e8]]
     assert shares[:6] == sorted(shares[:6])
@@ -42,29 +66,41 @@ def test_no_bare_aperture_exceeds_the_physical_limit(shape):
 
 @pytest.mark.parametrize("width", WIDTHS)
 def test_a_bare_ring_is_the_difference_of_two_disks(width):
-    assert share(hole(width, Annulus(0.6))) == pytest.approx(share(hole(width)) - share(hole(0.6 * width)), rel=1e-3)
+    assert share(hole(width, Annulus(0.6))) == pytest.approx(
+        share(hole(width)) - share(hole(0.6 * width)), rel=1e-3
+    )
 
 
 @pytest.mark.parametrize("width", WIDTHS)
-@pytest.mark.parametrize("shape", [Polygon(4), MaskAperture([[1.0]])], ids=lambda shape: shape.name)
+@pytest.mark.parametrize(
+    "shape", [Polygon(4), MaskAperture([[1.0]])], ids=lambda shape: shape.name
+)
 def test_a_bare_square_equals_the_view_factor_of_a_rectangle(width, shape):
     """Four corners of Howell's B-3: F = 1/(2 pi) (X/s atan(Y/s) + Y/t atan(X/t)), s^2 = 1 + X^2, t^2 = 1 + Y^2."""
     half = width / 2 / (math.sqrt(2) if shape.name == "polygon" else 1)
     s = math.hypot(1, half)
-    assert share(hole(width, shape)) == pytest.approx(4 / math.pi * half / s * math.atan(half / s), rel=1e-3)
+    assert share(hole(width, shape)) == pytest.approx(
+        4 / math.pi * half / s * math.atan(half / s), rel=1e-3
+    )
 
 
 @pytest.mark.parametrize("width", [0.02, 0.05, 0.1, 0.15])
 def test_a_small_bare_aperture_equals_the_lens(width):
-    assert share(hole(width)) / share(hole(0.01)) == pytest.approx((width / 0.01) ** 2, rel=0.01)
-    assert share(hole(width)) == pytest.approx(share(ThinLens(width * CAMERA.film_distance, 1.0)), rel=0.01)
+    assert share(hole(width)) / share(hole(0.01)) == pytest.approx(
+        (width / 0.01) ** 2, rel=0.01
+    )
+    assert share(hole(width)) == pytest.approx(
+        share(ThinLens(width * CAMERA.film_distance, 1.0)), rel=0.01
+    )
 
 
 def test_a_bare_aperture_of_zero_width_is_exposed_as_the_pinhole():
     assert share(BareAperture(0.0, 0.05)) == share(Pinhole()) == pytest.approx(1 / 256)
 
 
-@pytest.mark.parametrize(("number", "warns"), [(0.5, True), (0.99, True), (1.0, False), (4.0, False)])
+@pytest.mark.parametrize(
+    ("number", "warns"), [(0.5, True), (0.99, True), (1.0, False), (4.0, False)]
+)
 def test_a_lens_below_f1_gives_a_paraxial_warning(number, warns):
     """For a given exposure, once per image or rig, attributed to the calling line."""
     lens = ThinLens(CAMERA.film_distance / number, 1.0)
@@ -79,7 +115,9 @@ def test_a_lens_below_f1_gives_a_paraxial_warning(number, warns):
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             call()
-        assert [(w.category, w.filename) for w in caught] == [(ParaxialWarning, __file__)] * warns
+        assert [(w.category, w.filename) for w in caught] == [
+            (ParaxialWarning, __file__)
+        ] * warns
         assert all("\n" not in str(w.message) for w in caught)
 
 
@@ -99,7 +137,9 @@ def test_an_automatic_exposure_compensates_for_the_paraxial_formula():
     """f/0.05 and f/4 give the same grey, without a warning (warnings are errors here)."""
     wide, narrow = (
         Sensor(shot_noise=False).expose(
-            np.ones((64, 96, 3)), camera=CAMERA, lens=ThinLens(CAMERA.film_distance / number, 1.0)
+            np.ones((64, 96, 3)),
+            camera=CAMERA,
+            lens=ThinLens(CAMERA.film_distance / number, 1.0),
         )
         for number in (0.05, 4.0)
     )
@@ -108,17 +148,23 @@ def test_an_automatic_exposure_compensates_for_the_paraxial_formula():
 
 @pytest.mark.parametrize("exposure", [None, Exposure(1e-6)])
 def test_a_wide_bare_aperture_does_not_warn(exposure):
-    photo = Sensor().expose(np.ones((64, 96, 3)), camera=CAMERA, lens=hole(20.0), exposure=exposure)
+    photo = Sensor().expose(
+        np.ones((64, 96, 3)), camera=CAMERA, lens=hole(20.0), exposure=exposure
+    )
     assert photo.record["working_f_number"] == pytest.approx(0.05)
 
 
 def test_the_record_has_the_working_f_number():
     """v/A = f/A (1 + v/s) for a focus distance s."""
     camera = CAMERA.replace(pixel_pitch_um=500.0)
-    lens = ThinLens.from_f_number(2.8, focus_distance=0.1, film_distance=camera.film_distance)
+    lens = ThinLens.from_f_number(
+        2.8, focus_distance=0.1, film_distance=camera.film_distance
+    )
     record = Sensor().expose(np.ones((64, 96, 3)), camera=camera, lens=lens).record
     assert "f_number" not in record
-    assert record["working_f_number"] == pytest.approx(2.8 * (1 + camera.film_distance / 0.1))
+    assert record["working_f_number"] == pytest.approx(
+        2.8 * (1 + camera.film_distance / 0.1)
+    )
     assert working_f_number(camera, lens, 8.0) == record["working_f_number"]
     json.dumps(record)
 
@@ -130,19 +176,25 @@ def test_mechanical_vignetting_equals_rays_traced_through_stop_and_rim(f_number)
     v = camera.film_distance
     diameter = v / f_number
     rng = np.random.default_rng(5)
-    radius, angle = diameter / 2 * np.sqrt(rng.random(100_000)), rng.uniform(0, 2 * np.pi, 100_000)
+    radius, angle = (
+        diameter / 2 * np.sqrt(rng.random(100_000)),
+        rng.uniform(0, 2 * np.pi, 100_000),
+    )
     x, y = radius * np.cos(angle), radius * np.sin(angle)
     tangent = (np.arange(101) - 50) / 60
     passed = [np.mean(np.hypot(x + 0.5 * v * t, y) <= v / 1.4 / 2) for t in tangent]
     found = vignetting(camera, ThinLens(diameter, 2.0))[0]
-    assert found == pytest.approx(np.cos(np.arctan(tangent)) ** 4 * passed, abs=5 * 0.5 / math.sqrt(100_000))
+    assert found == pytest.approx(
+        np.cos(np.arctan(tangent)) ** 4 * passed, abs=5 * 0.5 / math.sqrt(100_000)
+    )
 
 
 def test_vignetting_of_the_corners_falls_by_stopping_down():
     camera = Camera.from_fov(640, 480, fov_x_deg=50)
     natural = vignetting(camera, Pinhole())
     corner = [
-        (vignetting(camera, ThinLens(camera.film_distance / n, 2.0)) / natural)[0, 0] for n in (0.1, 1.4, 2, 2.8, 4, 8)
+        (vignetting(camera, ThinLens(camera.film_distance / n, 2.0)) / natural)[0, 0]
+        for n in (0.1, 1.4, 2, 2.8, 4, 8)
     ]
     assert corner[0] > 0.95  # wider than any barrel: only cos^4 is left
     assert 0.4 < corner[1] < 0.6
@@ -163,4 +215,6 @@ def test_lenses_of_some_width_have_vignetting_by_default(lens, on, dark):
     flat = np.ones((64, 96, 3))
     image = sensor.expose(flat, camera=CAMERA, lens=lens).image.mean(axis=-1)
     ratio = image[:4, :4].mean() / image[28:36, 44:52].mean()
-    assert ratio == pytest.approx(1 / (1 + 0.46**2 + 0.3**2) ** 2 if dark else 1, rel=0.02)
+    assert ratio == pytest.approx(
+        1 / (1 + 0.46**2 + 0.3**2) ** 2 if dark else 1, rel=0.02
+    )

@@ -17,8 +17,12 @@ RIG = Rig.stereo(CAMERA, 0.1)
 QUIET = Sensor.preset("ideal", shot_noise=False, output="linear", bits=16)
 WHITE = np.ones((64, 96, 3))
 
+PINHOLE = Pinhole()
 
-def pair(sensor: Sensor, image, exposure: float = 0.5, lens=Pinhole(), **mismatch) -> tuple[np.ndarray, np.ndarray]:  # noqa: B008
+
+def pair(
+    sensor: Sensor, image, exposure: float = 0.5, lens=PINHOLE, **mismatch
+) -> tuple[np.ndarray, np.ndarray]:
     """Linear values of both cameras, of which `exposure` is that of a radiance of 1."""
     rate = sensor.level_rate(WHITE, camera=CAMERA, lens=lens).max()
     photos = sensor.replace(mismatch=Mismatch(**mismatch)).expose_pair(
@@ -38,7 +42,9 @@ def test_the_f_number_is_that_of_a_narrower_lens():
     wide = ThinLens(CAMERA.film_distance / 4, 2.0)
     narrow = wide.replace(aperture_diameter=wide.aperture_diameter / 1.2)
     exposure = Exposure(0.5 / QUIET.level_rate(WHITE, camera=CAMERA, lens=wide).max())
-    expected = QUIET.expose(WHITE, camera=CAMERA, lens=narrow, exposure=exposure).image.mean()
+    expected = QUIET.expose(
+        WHITE, camera=CAMERA, lens=narrow, exposure=exposure
+    ).image.mean()
     _, right = pair(QUIET, WHITE, lens=wide, f_number=1.2)
     assert right.mean() * 65535 == pytest.approx(expected, rel=1e-3)
 
@@ -46,12 +52,18 @@ def test_the_f_number_is_that_of_a_narrower_lens():
 def test_shading_from_a_noisy_flat_field():
     """A least-squares fit of 1, x, y and r^2, with distances in pixels."""
     left, right = pair(
-        Sensor(output="linear", bits=16), WHITE, shading_right=0.1, shading_down=-0.05, shading_corner=0.2
+        Sensor(output="linear", bits=16),
+        WHITE,
+        shading_right=0.1,
+        shading_down=-0.05,
+        shading_corner=0.2,
     )
     v, u = np.mgrid[:64, :96]
     x, y = (u - 47.5).ravel(), (v - 31.5).ravel()
     ratio = right.mean(axis=-1).ravel() / left.mean()
-    one, across, down, round_ = np.linalg.lstsq(np.stack([x**0, x, y, x**2 + y**2], 1), ratio, rcond=None)[0]
+    one, across, down, round_ = np.linalg.lstsq(
+        np.stack([x**0, x, y, x**2 + y**2], 1), ratio, rcond=None
+    )[0]
     assert one == pytest.approx(1, abs=0.02)
     assert across * 47.5 == pytest.approx(0.1, abs=0.002)
     assert down * 31.5 == pytest.approx(-0.05, abs=0.002)
@@ -76,14 +88,22 @@ def test_veiling_glare_is_even_on_a_film_with_vignetting():
 
 def test_the_record_has_the_f_number_of_each_camera():
     sensor = QUIET.replace(mismatch=Mismatch(f_number=1.2))
-    left, right = (photo.record for photo in sensor.expose_pair(WHITE, WHITE, rig=RIG, lens=Pinhole()))
+    left, right = (
+        photo.record
+        for photo in sensor.expose_pair(WHITE, WHITE, rig=RIG, lens=Pinhole())
+    )
     assert right["working_f_number"] == pytest.approx(1.2 * left["working_f_number"])
     assert right["ev"] == pytest.approx(left["ev"] + 2 * math.log2(1.2))
     ratio = right["mean_electrons"] / left["mean_electrons"]
-    assert np.divide(right["electrons_per_radiance"], left["electrons_per_radiance"]) == pytest.approx(ratio)
+    assert np.divide(
+        right["electrons_per_radiance"], left["electrons_per_radiance"]
+    ) == pytest.approx(ratio)
 
 
-@pytest.mark.parametrize(("degrees", "bright"), [(0, (32, 95)), (90, (63, 48)), (180, (32, 0)), (225, (0, 0))])
+@pytest.mark.parametrize(
+    ("degrees", "bright"),
+    [(0, (32, 95)), (90, (63, 48)), (180, (32, 0)), (225, (0, 0))],
+)
 def test_stray_light_grows_towards_its_direction(degrees, bright):
     black = WHITE.copy()
     black[20:40, 20:40] = 0
@@ -102,8 +122,12 @@ def test_blur_has_its_standard_deviation_and_conserves_light():
     v, u = np.mgrid[:64, :96]
     light = right[..., 1]
     assert light.sum() == pytest.approx(left[..., 1].sum(), rel=1e-3)
-    assert (light * (u - 50) ** 2).sum() / light.sum() == pytest.approx(1.5**2, rel=0.02)
-    assert (light * (v - 30) ** 2).sum() / light.sum() == pytest.approx(1.5**2, rel=0.02)
+    assert (light * (u - 50) ** 2).sum() / light.sum() == pytest.approx(
+        1.5**2, rel=0.02
+    )
+    assert (light * (v - 30) ** 2).sum() / light.sum() == pytest.approx(
+        1.5**2, rel=0.02
+    )
     corner = np.zeros((64, 96, 3))
     corner[0, 0] = 1
     left, right = pair(QUIET, corner, exposure=0.9, blur_px=1.5)
@@ -113,7 +137,9 @@ def test_blur_has_its_standard_deviation_and_conserves_light():
 def test_blur_comes_before_the_noise():
     _, right = pair(Sensor(output="linear", bits=16), WHITE, blur_px=2.0)
     noise = right[..., 1] - right[..., 1].mean()
-    assert abs(np.corrcoef(noise[:, 1:].ravel(), noise[:, :-1].ravel())[0, 1]) < 5 / math.sqrt(noise.size)
+    assert abs(
+        np.corrcoef(noise[:, 1:].ravel(), noise[:, :-1].ravel())[0, 1]
+    ) < 5 / math.sqrt(noise.size)
 
 
 @pytest.mark.parametrize(
@@ -132,8 +158,15 @@ def test_shifted_filters_mix_neighbouring_bands(shift, colour, expected):
 
 @pytest.mark.parametrize("filters", ["rgb", "RGGB"])
 def test_white_balance_scales_the_developed_channels(filters):
-    left, right = pair(QUIET.replace(filters=filters), WHITE, white_balance_red=1.1, white_balance_blue=0.8)
-    assert (right / left)[8:-8, 8:-8] == pytest.approx(np.broadcast_to([1.1, 1, 0.8], (48, 80, 3)), abs=1e-3)
+    left, right = pair(
+        QUIET.replace(filters=filters),
+        WHITE,
+        white_balance_red=1.1,
+        white_balance_blue=0.8,
+    )
+    assert (right / left)[8:-8, 8:-8] == pytest.approx(
+        np.broadcast_to([1.1, 1, 0.8], (48, 80, 3)), abs=1e-3
+    )
 
 
 def test_the_tone_exponent_is_the_slope_of_the_logarithms():
@@ -148,7 +181,9 @@ def test_raw_and_mono_output_has_no_white_balance():
     changed = {"white_balance_red": 1.3, "tone_exponent": 1.2}
     left, right = pair(QUIET.replace(output="raw"), WHITE, **changed)
     assert np.array_equal(left, right)
-    left, right = pair(QUIET.replace(filters="mono"), WHITE, exposure=0.2, white_balance_red=1.3)
+    left, right = pair(
+        QUIET.replace(filters="mono"), WHITE, exposure=0.2, white_balance_red=1.3
+    )
     assert np.array_equal(left, right)
 
 
@@ -157,12 +192,16 @@ def test_the_first_camera_stays_as_it_is(level):
     v, u = np.mgrid[:64, :96]
     image = np.stack([1 + np.sin(u / 7), 1 + np.cos(v / 5), 0.2 + u / 96], axis=-1)
     plain, drawn = (
-        Sensor(mismatch=Mismatch.draw(name, 3)).expose_pair(image, image, rig=RIG, lens=Pinhole(), seed=1)
+        Sensor(mismatch=Mismatch.draw(name, 3)).expose_pair(
+            image, image, rig=RIG, lens=Pinhole(), seed=1
+        )
         for name in ("none", level)
     )
     assert plain[0].image.tobytes() == drawn[0].image.tobytes()
     assert plain[1].image.tobytes() != drawn[1].image.tobytes()
-    again = Sensor(mismatch=Mismatch.draw(level, 3)).expose_pair(image, image, rig=RIG, lens=Pinhole(), seed=1)
+    again = Sensor(mismatch=Mismatch.draw(level, 3)).expose_pair(
+        image, image, rig=RIG, lens=Pinhole(), seed=1
+    )
     assert again[1].image.tobytes() == drawn[1].image.tobytes()
     assert drawn[1].record["sensor"]["mismatch"]["level"] == level
 
@@ -183,16 +222,22 @@ def test_draws_have_the_spreads_of_the_table(level):
 
 
 def test_a_seed_gives_the_same_pair_at_every_level():
-    typical, consumer = (vars(Mismatch.draw(level, 8)) for level in ("typical", "consumer"))
+    typical, consumer = (
+        vars(Mismatch.draw(level, 8)) for level in ("typical", "consumer")
+    )
     for name, (_, low, high) in SPREADS.items():
         neutral = getattr(Mismatch(), name)
-        assert (consumer[name] - neutral) * low == pytest.approx((typical[name] - neutral) * high), name
+        assert (consumer[name] - neutral) * low == pytest.approx(
+            (typical[name] - neutral) * high
+        ), name
 
 
 def test_the_center_and_the_corners_move_by_the_given_pixels():
     """Points far away, projected by the rig that takes the images and by the calibrated one."""
     rig = Rig.stereo(Camera(700, 500, 800.0, 800.0, 349.5, 249.5), 0.1)
-    pixels = np.array([[349.5, 249.5], [699.5, 249.5], [699.5, 499.5], [-0.5, -0.5], [524.5, 374.5]])
+    pixels = np.array(
+        [[349.5, 249.5], [699.5, 249.5], [699.5, 499.5], [-0.5, -0.5], [524.5, 374.5]]
+    )
     points = rig.unproject(1, pixels, np.full(5, 3.0))
 
     def moved(**mismatch: float) -> np.ndarray:
@@ -207,7 +252,9 @@ def test_the_center_and_the_corners_move_by_the_given_pixels():
     out = np.array([350.0, 250.0]) / math.hypot(350, 250)
     for name, half in (("scale_px", 0.5), ("distortion_px", 0.125)):
         found = moved(**{name: 0.3})
-        assert found[2:] == pytest.approx(np.array([0.3 * out, -0.3 * out, half * 0.3 * out]), abs=1e-6)
+        assert found[2:] == pytest.approx(
+            np.array([0.3 * out, -0.3 * out, half * 0.3 * out]), abs=1e-6
+        )
 
 
 @pytest.mark.parametrize(
@@ -221,7 +268,10 @@ def test_the_center_and_the_corners_move_by_the_given_pixels():
 def test_a_lens_that_no_camera_has_is_named_by_its_fields(mismatch, given):
     rig = Rig.stereo(CAMERA, 0.1)
     corner = math.hypot(CAMERA.width, CAMERA.height) / 2
-    with pytest.raises(InputError, match=rf"^mismatch {given}: too large .* are {corner:.3g} px from the centre; use"):
+    with pytest.raises(
+        InputError,
+        match=rf"^mismatch {given}: too large .* are {corner:.3g} px from the centre; use",
+    ):
         mismatch.misalign(rig)
 
 
@@ -248,18 +298,35 @@ def test_translations_are_as_large_as_those_of_calibrations():
 
     views = []
     while len(views) < 20:
-        turn, place = rng.uniform(-0.5, 0.5, 3), rng.uniform([-0.15, -0.15, 0.5], [0.25, 0.15, 1.0])
+        turn, place = (
+            rng.uniform(-0.5, 0.5, 3),
+            rng.uniform([-0.15, -0.15, 0.5], [0.25, 0.15, 1.0]),
+        )
         pair = [seen(turn, place, x) for x in (0.0, 0.1)]
-        if all((points > 5).all() and (points < np.subtract(size, 5)).all() for points in pair):
+        if all(
+            (points > 5).all() and (points < np.subtract(size, 5)).all()
+            for points in pair
+        ):
             views.append(pair)
     for level, noise in enumerate((0.03, 0.1, 0.3)):
         found = []
         for _ in range(12):
             noisy = [
-                [(view[i] + rng.normal(0, noise, view[i].shape)).astype(np.float32) for view in views] for i in (0, 1)
+                [
+                    (view[i] + rng.normal(0, noise, view[i].shape)).astype(np.float32)
+                    for view in views
+                ]
+                for i in (0, 1)
             ]
             result = cv2.stereoCalibrate(
-                [board] * 20, *noisy, k, np.zeros(5), k, np.zeros(5), size, flags=cv2.CALIB_FIX_INTRINSIC
+                [board] * 20,
+                *noisy,
+                k,
+                np.zeros(5),
+                k,
+                np.zeros(5),
+                size,
+                flags=cv2.CALIB_FIX_INTRINSIC,
             )
             found.append(-result[5].T @ result[6].ravel() - [0.1, 0, 0])
         spread = 1e3 * np.sqrt(np.square(found).mean())
@@ -275,15 +342,21 @@ def test_lenses_of_displaced_films():
     for focus_um in (20.0, -20.0):
         lens = Mismatch(focus_um=focus_um, f_number=1.25).lens(nominal, camera)
         film = 0.008 + 1e-6 * focus_um
-        assert 1 / lens.vergence == pytest.approx(focal * film / (film - focal), rel=1e-9)
+        assert 1 / lens.vergence == pytest.approx(
+            focal * film / (film - focal), rel=1e-9
+        )
         assert lens.aperture_diameter == pytest.approx(0.002 / 1.25)
     beyond = Mismatch(focus_um=-5.0).lens(ThinLens(0.002, math.inf), camera)
     assert beyond.vergence < 0
     hole = BareAperture(0.001, 0.05)
-    assert Mismatch(focus_um=5.0, f_number=1.25).lens(hole, camera) == BareAperture(0.0008, 0.05)
+    assert Mismatch(focus_um=5.0, f_number=1.25).lens(hole, camera) == BareAperture(
+        0.0008, 0.05
+    )
     assert Mismatch(focus_um=5.0, f_number=1.25).lens(Pinhole(), camera) == Pinhole()
     assert Mismatch(gain=1.1).lens(nominal, camera) is nominal
-    with pytest.raises(InputError, match="focus_um=-8000 moves the film to the lens, 8000 um away"):
+    with pytest.raises(
+        InputError, match="focus_um=-8000 moves the film to the lens, 8000 um away"
+    ):
         Mismatch(focus_um=-8000.0).lens(nominal, camera)
 
 
@@ -293,7 +366,9 @@ def test_impossible_f_numbers_have_the_blur_of_one():
     for f_number, blur_um in ((2.0, 2.5), (1.0, 5.0), (0.1, 5.0)):
         nominal = ThinLens(camera.film_distance / f_number, 2.0)
         lens = Mismatch(focus_um=5.0).lens(nominal, camera)
-        blur_px = camera.fx * lens.aperture_diameter * (lens.vergence - nominal.vergence)
+        blur_px = (
+            camera.fx * lens.aperture_diameter * (lens.vergence - nominal.vergence)
+        )
         assert blur_px * camera.pixel_pitch_um == pytest.approx(blur_um, rel=0.003)
 
 
@@ -305,7 +380,9 @@ def test_lenses_of_a_rig_are_those_of_its_mismatches():
     assert first is lens
     assert second == own.mismatch.lens(lens, CAMERA)
     assert Sensor().lenses(RIG, lens) == (lens, lens)
-    with pytest.raises(InputError, match="must be 1, one for each camera after the first, got 2"):
+    with pytest.raises(
+        InputError, match="must be 1, one for each camera after the first, got 2"
+    ):
         own.replace(mismatch=(Mismatch(), Mismatch())).lenses(RIG, lens)
 
 
@@ -331,12 +408,18 @@ def test_a_rig_without_errors_of_alignment_is_returned():
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"shading_right": 0.4}, "mismatch shading_right must be from -0.3 to 0.3, got 0.4"),
+        (
+            {"shading_right": 0.4},
+            "mismatch shading_right must be from -0.3 to 0.3, got 0.4",
+        ),
         ({"blur_px": -1}, "mismatch blur_px must be"),
         ({"veiling_glare": 1.1}, "mismatch veiling_glare must be"),
         ({"tone_exponent": math.nan}, "mismatch tone_exponent must be"),
         ({"roll_px": "a"}, "mismatch roll_px must be"),
-        ({"level": "typcal"}, "unknown mismatch level 'typcal'; did you mean 'typical'"),
+        (
+            {"level": "typcal"},
+            "unknown mismatch level 'typcal'; did you mean 'typical'",
+        ),
         ({"level": 3}, "unknown mismatch level"),
     ],
 )
@@ -351,7 +434,12 @@ def test_invalid_mismatches_raise(change, says):
         ("consummer", 1, {}, "did you mean 'consumer'"),
         ("typical", -1, {}, "seed must be a whole number >= 0, got -1"),
         ("typical", None, {}, "seed must be a whole number >= 0, got None"),
-        ("typical", 1, {"gian": 1.0}, "unknown mismatch field 'gian'; did you mean 'gain'"),
+        (
+            "typical",
+            1,
+            {"gian": 1.0},
+            "unknown mismatch field 'gian'; did you mean 'gain'",
+        ),
     ],
 )
 def test_invalid_draws_raise(level, seed, given, says):
@@ -364,22 +452,34 @@ def test_an_edge_is_blurred_as_the_normal_distribution():
     edge[:, :48] = 0
     _, right = pair(QUIET, edge, exposure=0.9, blur_px=4.0)
     distance = np.arange(96) - 47.5
-    assert right[32, 20:76, 1] == pytest.approx(0.9 * ndtr(distance[20:76] / 4.0), abs=0.004)
+    assert right[32, 20:76, 1] == pytest.approx(
+        0.9 * ndtr(distance[20:76] / 4.0), abs=0.004
+    )
 
 
 def test_each_camera_of_a_rig_may_have_its_own_mismatch():
     rig = Rig([CAMERA] * 3, [np.eye(4)] * 3)
     own = QUIET.replace(mismatch=(Mismatch(gain=1.1, pitch_px=1.0), Mismatch(gain=0.8)))
-    exposure = Exposure(0.5 / QUIET.level_rate(WHITE, camera=CAMERA, lens=Pinhole()).max())
+    exposure = Exposure(
+        0.5 / QUIET.level_rate(WHITE, camera=CAMERA, lens=Pinhole()).max()
+    )
     first, second, third = (
-        photo.image.mean() for photo in own.expose_rig([WHITE] * 3, rig=rig, lens=Pinhole(), exposure=exposure)
+        photo.image.mean()
+        for photo in own.expose_rig(
+            [WHITE] * 3, rig=rig, lens=Pinhole(), exposure=exposure
+        )
     )
     assert [second / first, third / first] == pytest.approx([1.1, 0.8], rel=1e-3)
     off = own.misalign(rig)
     assert off.project(1, [0, 0, 1]) == pytest.approx([47.5, 32.5])
     assert np.array_equal(off.world_from_cams[2], np.eye(4))
-    for call in (lambda: own.misalign(RIG), lambda: own.expose_pair(WHITE, WHITE, rig=RIG, lens=Pinhole())):
-        with pytest.raises(InputError, match="must be 1, one for each camera after the first, got 2"):
+    for call in (
+        lambda: own.misalign(RIG),
+        lambda: own.expose_pair(WHITE, WHITE, rig=RIG, lens=Pinhole()),
+    ):
+        with pytest.raises(
+            InputError, match="must be 1, one for each camera after the first, got 2"
+        ):
             call()
     with pytest.raises(InputError, match="those of 2 cameras after the first, not 3"):
         own.expose(WHITE, camera=CAMERA, lens=Pinhole(), eye=3)

@@ -28,7 +28,9 @@ def frame(level: float, seed: int) -> np.ndarray:
     per_unit = SENSOR.electrons_per_radiance(CAMERA, LENS)[1] * 1e-3
     flat = np.zeros((300, 300, 3))
     flat[..., 1] = level * SENSOR.full_well / per_unit
-    photo = SENSOR.expose(flat, camera=CAMERA, lens=LENS, seed=seed, exposure=Exposure(1e-3, GAIN))
+    photo = SENSOR.expose(
+        flat, camera=CAMERA, lens=LENS, seed=seed, exposure=Exposure(1e-3, GAIN)
+    )
     return photo.image.astype(np.float64)
 
 
@@ -36,7 +38,9 @@ def frame(level: float, seed: int) -> np.ndarray:
 def transfer() -> tuple[np.ndarray, np.ndarray]:
     """Mean and temporal variance (half the variance of a difference) at 12 levels up to 70% of saturation."""
     levels = np.linspace(0, 0.7, 12)
-    pairs = [(frame(level, 2 * i), frame(level, 2 * i + 1)) for i, level in enumerate(levels)]
+    pairs = [
+        (frame(level, 2 * i), frame(level, 2 * i + 1)) for i, level in enumerate(levels)
+    ]
     mean = np.array([(a.mean() + b.mean()) / 2 for a, b in pairs])
     variance = np.array([(a - b).var() / 2 for a, b in pairs])
     return mean, variance
@@ -56,13 +60,17 @@ def test_gain(system_gain):
 
 def test_read_noise(transfer, system_gain):
     """sigma_d^2 = (sigma_y.dark^2 - 1/12) / K^2."""
-    assert np.sqrt(transfer[1][0] - 1 / 12) / system_gain == pytest.approx(3.1, rel=0.02)
+    assert np.sqrt(transfer[1][0] - 1 / 12) / system_gain == pytest.approx(
+        3.1, rel=0.02
+    )
 
 
 def test_full_well(transfer, system_gain):
     saturated = frame(3.0, seed=99)
     assert saturated.max() < 2**14 - 1
-    assert (saturated.mean() - transfer[0][0]) / system_gain == pytest.approx(9000, rel=0.02)
+    assert (saturated.mean() - transfer[0][0]) / system_gain == pytest.approx(
+        9000, rel=0.02
+    )
 
 
 def test_black_level(transfer):
@@ -72,14 +80,18 @@ def test_black_level(transfer):
 def spatial_variance(level: float, count: int = 16) -> tuple[float, float]:
     """Spatial variance of the mean of `count` frames, without the remaining temporal noise; and the mean."""
     frames = np.stack([frame(level, 1000 + i) for i in range(count)])
-    return frames.mean(axis=0).var() - frames.var(axis=0, ddof=1).mean() / count, frames.mean()
+    return frames.mean(axis=0).var() - frames.var(
+        axis=0, ddof=1
+    ).mean() / count, frames.mean()
 
 
 def test_prnu_and_dsnu(system_gain):
     """PRNU^2 = (s_50^2 - s_dark^2) / (mean_50 - mean_dark)^2, DSNU = s_dark / K."""
     dark_variance, dark_mean = spatial_variance(0.0)
     variance, mean = spatial_variance(0.5)
-    assert np.sqrt(variance - dark_variance) / (mean - dark_mean) == pytest.approx(0.011, rel=0.02)
+    assert np.sqrt(variance - dark_variance) / (mean - dark_mean) == pytest.approx(
+        0.011, rel=0.02
+    )
     assert np.sqrt(dark_variance) / system_gain == pytest.approx(2.4, rel=0.02)
 
 
@@ -90,7 +102,9 @@ def test_quantum_efficiency(system_gain):
     photons = 50.34 * 3.45**2 * time_ms * 0.549 * irradiance
     flat = np.full((300, 300, 3), radiance)
     dim = SENSOR.replace(full_well=photons)
-    photo = dim.expose(flat, camera=CAMERA, lens=LENS, exposure=Exposure(time_ms * 1e-3, GAIN))
+    photo = dim.expose(
+        flat, camera=CAMERA, lens=LENS, exposure=Exposure(time_ms * 1e-3, GAIN)
+    )
     electrons = (photo.image.mean() - 300) / dim.system_gain(GAIN)
     assert electrons / photons == pytest.approx(0.62, rel=0.005)
     assert photo.record["mean_electrons"] == pytest.approx(electrons, rel=0.001)

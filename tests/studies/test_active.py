@@ -30,14 +30,20 @@ def test_the_light_of_the_dots_on_the_wall_is_the_power_over_the_lit_area(wall):
     radiance = active.GREY / (3 * math.pi) / lit_area
     inner = wall.dots[0][12:-12, 24:-24]
     assert inner.mean() == pytest.approx(radiance, rel=0.03)  # 4,000 dots: 1.6 %
-    assert wall.ambient[0].mean() == pytest.approx(active.GREY / (3 * math.pi), rel=1e-3)
+    assert wall.ambient[0].mean() == pytest.approx(
+        active.GREY / (3 * math.pi), rel=1e-3
+    )
 
 
 def test_the_wall_has_the_disparity_of_its_distance(wall):
-    assert np.unique(wall.truth) == pytest.approx(wall.rig.cameras[0].fx * 0.05, rel=1e-6)
+    assert np.unique(wall.truth) == pytest.approx(
+        wall.rig.cameras[0].fx * 0.05, rel=1e-6
+    )
 
 
-def test_the_depth_camera_leaves_a_wall_without_dots_unknown_and_finds_it_with_them(wall):
+def test_the_depth_camera_leaves_a_wall_without_dots_unknown_and_finds_it_with_them(
+    wall,
+):
     for power, least, most in ((0.0, 0.0, 0.4), (active.POWER_W, 0.8, 1.0)):
         pair = wall.pictures(active.OFFICE_KLUX, power, active.SENSOR, 0)
         found = tl.match(*pair, method="depth_camera", num_disparities=32)[:, 32:]
@@ -48,7 +54,11 @@ def test_the_depth_camera_leaves_a_wall_without_dots_unknown_and_finds_it_with_t
 
 def test_a_rig_in_the_docs_is_the_depth_camera():
     text = (Path(__file__).parents[2] / "docs" / "projectors.md").read_text()
-    block = re.search(r'```toml\n(\[rig\]\ncamera = \{ preset = "realsense-d435".*?)```', text, re.DOTALL)
+    block = re.search(
+        r'```toml\n(\[rig\]\ncamera = \{ preset = "realsense-d435".*?)```',
+        text,
+        re.DOTALL,
+    )
     rig = rig_from_table(tomllib.loads(block[1])["rig"], load_scene("room"), 320, 240)
     made = depth_camera(world_from_left=rig.world_from_cams[0])
     assert rig.cameras == made.cameras
@@ -62,12 +72,17 @@ def test_a_rig_in_the_docs_is_the_depth_camera():
 
 def _rows(active_wrong):
     for klux, wrong in ((active.OFFICE_KLUX, active_wrong), (active.SUN_KLUX, 80.0)):
-        for light, method, bad in (("passive", "zncc", 90.0), ("active", "depth_camera", wrong)):
+        for light, method, bad in (
+            ("passive", "zncc", 90.0),
+            ("active", "depth_camera", wrong),
+        ):
             yield {"scene": "wall", "seed": 0, "swept": "ambient", "daylight_klux": klux, "light": light,
                    "method": method, "bad2": bad, "unknown_or_wrong": bad}  # fmt: skip
 
 
-@pytest.mark.parametrize(("wrong", "holds"), [(1.0, [True, True, True]), (3.0, [True, False, True])])
+@pytest.mark.parametrize(
+    ("wrong", "holds"), [(1.0, [True, True, True]), (3.0, [True, False, True])]
+)
 def test_findings_follow_from_the_table(wrong, holds):
     findings = STUDY.conclude(table(STUDY.all_columns, list(_rows(wrong))))
     assert [finding.holds for finding in findings] == holds
@@ -75,4 +90,7 @@ def test_findings_follow_from_the_table(wrong, holds):
 
 def test_without_its_matchers_the_claims_are_open():
     rows = [{**row, "method": "sad"} for row in _rows(1.0)]
-    assert not any(finding.has_verdict for finding in STUDY.conclude(table(STUDY.all_columns, rows)))
+    assert not any(
+        finding.has_verdict
+        for finding in STUDY.conclude(table(STUDY.all_columns, rows))
+    )

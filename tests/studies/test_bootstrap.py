@@ -13,13 +13,22 @@ TRIALS = 200
 
 
 def make(rows):
-    return Table(COLUMNS, tuple(dict(zip(("scene", "seed", "kind", "value"), row, strict=True)) for row in rows))
+    return Table(
+        COLUMNS,
+        tuple(
+            dict(zip(("scene", "seed", "kind", "value"), row, strict=True))
+            for row in rows
+        ),
+    )
 
 
 def coverage(draw, truth, units, seed):
     """The share of trials whose interval contains the truth."""
     random = np.random.default_rng(seed)
-    found = [bootstrap(mean, draw(random, units)[:, None], seed=trial) for trial in range(TRIALS)]
+    found = [
+        bootstrap(mean, draw(random, units)[:, None], seed=trial)
+        for trial in range(TRIALS)
+    ]
     return np.mean([interval.low <= truth <= interval.high for interval in found])
 
 
@@ -44,9 +53,18 @@ def test_the_range_of_three_units_covers_the_mean_three_times_in_four():
 def test_seeds_of_one_scene_are_not_counted_as_scenes():
     """The interval spans the differences between scenes, however many seeds agree."""
     many = make(
-        [(scene, seed, "a", value) for scene, value in (("x", 0.0), ("y", 1.0), ("z", 2.0)) for seed in range(10)]
+        [
+            (scene, seed, "a", value)
+            for scene, value in (("x", 0.0), ("y", 1.0), ("z", 2.0))
+            for seed in range(10)
+        ]
     )
-    few = make([(scene, 0, "a", value) for scene, value in (("x", 0.0), ("y", 1.0), ("z", 2.0))])
+    few = make(
+        [
+            (scene, 0, "a", value)
+            for scene, value in (("x", 0.0), ("y", 1.0), ("z", 2.0))
+        ]
+    )
     assert mean_of(many, "value") == mean_of(few, "value")
     assert (mean_of(many, "value").low, mean_of(many, "value").high) == (0.0, 2.0)
 
@@ -80,18 +98,29 @@ def test_the_same_units_give_the_same_interval():
 
 
 def test_paired_differences_cancel_differences_between_scenes():
-    rows = [(scene, 0, kind, base + (kind == "b")) for scene, base in (("x", 0.0), ("y", 50.0)) for kind in "ab"]
+    rows = [
+        (scene, 0, kind, base + (kind == "b"))
+        for scene, base in (("x", 0.0), ("y", 50.0))
+        for kind in "ab"
+    ]
     found = paired_difference(make(rows), "value", "kind", "b", "a")
     assert (found.low, found.value, found.high) == (1.0, 1.0, 1.0)
 
 
 def test_log_slope_of_powers():
     rows = make([(k, 0, "a", 3.0 * (k + 1.0) ** -1.7) for k in range(5)])
-    grown = Table(rows.columns, tuple({**row, "scene": row["scene"] + 1.0} for row in rows))
+    grown = Table(
+        rows.columns, tuple({**row, "scene": row["scene"] + 1.0} for row in rows)
+    )
     assert log_slope("scene", "value")(grown) == pytest.approx(-1.7)
     assert math.isnan(log_slope("seed", "value")(grown))
 
 
 def test_other_statistics():
     rows = make([(scene, 0, "a", value) for scene, value in (("x", 5.0), ("y", 1.0))])
-    assert over_scenes(rows, lambda unit: unit.numbers("value"), lambda values: float(values.min())).value == 1.0
+    assert (
+        over_scenes(
+            rows, lambda unit: unit.numbers("value"), lambda values: float(values.min())
+        ).value
+        == 1.0
+    )

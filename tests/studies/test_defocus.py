@@ -19,7 +19,9 @@ def test_all_cues_have_equal_glass_and_their_lenses_fit_side_by_side(diameter):
         lenses = {}
         for shot in shots:
             lenses[shot.x] = max(lenses.get(shot.x, 0.0), shot.lens.aperture_diameter)
-        assert sum(each**2 for each in lenses.values()) == pytest.approx(diameter**2), cue
+        assert sum(each**2 for each in lenses.values()) == pytest.approx(diameter**2), (
+            cue
+        )
         if len(lenses) > 1:
             assert max(lenses) - min(lenses) == pytest.approx(baseline)
             assert baseline >= max(lenses.values()) * (1 - 1e-9)
@@ -29,7 +31,9 @@ def test_images_share_the_light_equally(monkeypatch):
     """The noise of n flat images has n times the variance of one image with all photons."""
     seen = []
     monkeypatch.setattr(
-        defocus, "inverse_depth_from_defocus", lambda images, *_, **__: seen.extend(images) or images[0]
+        defocus,
+        "inverse_depth_from_defocus",
+        lambda images, *_, **__: seen.extend(images) or images[0],
     )
     for _, _, shots in defocus.cues(0.01):
         samples = [each for shot in shots for each in shot.apertures()]
@@ -40,15 +44,22 @@ def test_images_share_the_light_equally(monkeypatch):
 
 
 @pytest.mark.parametrize("diameter", defocus.DIAMETERS)
-def test_the_bound_of_dual_pixels_in_focus_is_that_of_a_pair_with_the_centroids_baseline(diameter):
+def test_the_bound_of_dual_pixels_in_focus_is_that_of_a_pair_with_the_centroids_baseline(
+    diameter,
+):
     """Pinholes at the centroids of half disks, 4/(3 pi) of the diameter apart; two apertures are blind."""
     sharp = 1.0 + noise_texture(96, 72, 1.5, 0.5, 0)
-    pinholes = [tl.ApertureSamples([[side * 2 / (3 * math.pi) * diameter, 0.0]]) for side in (-1, 1)]
+    pinholes = [
+        tl.ApertureSamples([[side * 2 / (3 * math.pi) * diameter, 0.0]])
+        for side in (-1, 1)
+    ]
     bounds = {cue: _bound(sharp, [each for shot in shots for each in shot.apertures()])
               for cue, _, shots in defocus.cues(diameter)}  # fmt: skip
     expected = _bound(sharp, pinholes)
     assert bounds[defocus.HALVES] == pytest.approx(expected, rel=0.01)
-    assert bounds[defocus.TOUCHING] == pytest.approx(expected * 4 * math.sqrt(2) / (3 * math.pi), rel=0.01)
+    assert bounds[defocus.TOUCHING] == pytest.approx(
+        expected * 4 * math.sqrt(2) / (3 * math.pi), rel=0.01
+    )
     assert bounds[defocus.APERTURES] > 1e3 * expected
 
 
@@ -66,7 +77,9 @@ def rows(crossing_px=None, halves=1.0):
                 error = 1.0 / baseline if baseline else 1.0
                 error *= halves if cue == defocus.HALVES else 1.0
                 if crossing_px and cue in (defocus.TOUCHING, defocus.FOCI) and blur:
-                    error = math.exp(blur - crossing_px) if cue == defocus.TOUCHING else 1.0
+                    error = (
+                        math.exp(blur - crossing_px) if cue == defocus.TOUCHING else 1.0
+                    )
                 found.append({"scene": "plane", "seed": 0, "cue": cue, "aperture_mm": 1e3 * diameter, "z_m": 2.0,
                               "baseline_mm": 1e3 * baseline, "blur_px": blur, "depth_error_mm": error,
                               "bound_mm": error, "in_bounds": 1.2})  # fmt: skip
@@ -76,7 +89,9 @@ def rows(crossing_px=None, halves=1.0):
 def test_findings_of_known_tables():
     found = STUDY.conclude(rows(5.0))
     assert [finding.holds for finding in found] == [True, True, True]
-    assert [finding.measured.value for finding in found] == pytest.approx([1.0, 5.0, 1.2])
+    assert [finding.measured.value for finding in found] == pytest.approx(
+        [1.0, 5.0, 1.2]
+    )
     assert not STUDY.conclude(rows(5.0, halves=1.2))[0].holds
 
 
@@ -93,17 +108,27 @@ SETUP = Setup((), (), (0,), width=160, height=120, spp=256)
 @pytest.mark.parametrize("seed", [200, 201])
 def test_dual_pixels_in_focus_are_a_pair_under_new_seeds(seed):
     camera = defocus.centred_camera(160, 120, defocus.FX)
-    found = [row for k in range(2) for row in defocus._rows(SETUP, camera, seed + 10 * k, 0.0)]
+    found = [
+        row
+        for k in range(2)
+        for row in defocus._rows(SETUP, camera, seed + 10 * k, 0.0)
+    ]
     finding = STUDY.conclude(table(STUDY.all_columns, found))[0]
     assert finding.holds, finding.sentence
     assert (finding.expected, finding.tolerance) == (1.0, 0.15)
 
 
 @pytest.mark.slow
-def test_the_focal_stack_passes_the_pair_where_the_bounds_cross_under_new_seeds(monkeypatch):
+def test_the_focal_stack_passes_the_pair_where_the_bounds_cross_under_new_seeds(
+    monkeypatch,
+):
     monkeypatch.setattr(defocus, "DIAMETERS", (0.04,))
     camera = defocus.centred_camera(160, 120, defocus.FX)
-    found = [row for offset in (-0.2, -0.1, 0.1, 0.2) for row in defocus._rows(SETUP, camera, 300, offset)]
+    found = [
+        row
+        for offset in (-0.2, -0.1, 0.1, 0.2)
+        for row in defocus._rows(SETUP, camera, 300, offset)
+    ]
     finding = STUDY.conclude(table(STUDY.all_columns, found))[1]
     assert finding.holds, finding.sentence
     assert finding.tolerance == 0.15

@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from twinlens.studies.radiometric import CHANGES, SENSOR, changed_pair, image_pair, is_local
+from twinlens.studies.radiometric import (
+    CHANGES,
+    SENSOR,
+    changed_pair,
+    image_pair,
+    is_local,
+)
 from twinlens.studies.stage import Stage
 
 GREY = np.full((61, 81, 3), 100, np.uint8)
@@ -53,10 +59,14 @@ def test_noise_is_independent_in_both_images():
     left, right = (picture.astype(float) - 100 for picture in changed("noise", 8.0))
     for noise in (left, right):
         # Relative standard error 1/sqrt(2 n); rounding adds a variance of 1/12.
-        assert noise.std() == pytest.approx(np.hypot(8.0, 12**-0.5), rel=4 / np.sqrt(2 * noise.size))
+        assert noise.std() == pytest.approx(
+            np.hypot(8.0, 12**-0.5), rel=4 / np.sqrt(2 * noise.size)
+        )
     assert abs(np.corrcoef(left.ravel(), right.ravel())[0, 1]) < 4 / np.sqrt(left.size)
     assert np.array_equal(changed("noise", 8.0)[1], changed("noise", 8.0)[1])
-    assert not np.array_equal(changed("noise", 8.0)[1], changed("noise", 8.0, seed=1)[1])
+    assert not np.array_equal(
+        changed("noise", 8.0)[1], changed("noise", 8.0, seed=1)[1]
+    )
 
 
 @pytest.mark.slow

@@ -26,10 +26,19 @@ from twinlens.studies import (
     window,
 )
 
-METHODS = {"active": ("zncc", "depth_camera"), "window": ("sad", "census"), "radiometric": ("sad", "census")}
+METHODS = {
+    "active": ("zncc", "depth_camera"),
+    "window": ("sad", "census"),
+    "radiometric": ("sad", "census"),
+}
 QUICK = ("texture", "radiometric")
 """Studies that are run twice; the others only in slow tests."""
-SOME = [pytest.param(name, marks=pytest.mark.slow if name in ("pinhole", "focal-length") else ()) for name in STUDIES]
+SOME = [
+    pytest.param(
+        name, marks=pytest.mark.slow if name in ("pinhole", "focal-length") else ()
+    )
+    for name in STUDIES
+]
 """All studies; the test of `baseline` runs the same code as that of `focal-length`."""
 TINY = {"width": 96, "height": 72, "spp": 2}
 
@@ -38,7 +47,16 @@ TINY = {"width": 96, "height": 72, "spp": 2}
 def _fewer():
     """Shorter sweeps."""
     patch = pytest.MonkeyPatch()
-    patch.setattr(active, "SWEEPS", {"ambient": (0.5, 109.0), "distance": (1.0,), "power": (0.36,), "texture": (0.2,)})
+    patch.setattr(
+        active,
+        "SWEEPS",
+        {
+            "ambient": (0.5, 109.0),
+            "distance": (1.0,),
+            "power": (0.36,),
+            "texture": (0.2,),
+        },
+    )
     patch.setattr(defocus, "OFFSETS", (0.0, 0.2))
     patch.setattr(defocus, "DIAMETERS", (0.01,))
     patch.setattr(defocus, "STEPS", 9)
@@ -49,7 +67,10 @@ def _fewer():
     patch.setattr(pinhole, "DIAMETERS_MM", (2.0, 0.6, 0.29, 0.23, 0.15, 0.07))
     patch.setattr(pinhole, "SHOWN_MM", (pinhole.BOX_MM, 0.35))
     patch.setattr(pinhole, "_PLATE_SPP", 4)
-    for name, whole in (("baseline", depth_error.BY_BASELINE), ("focal-length", depth_error.BY_FOCAL_LENGTH)):
+    for name, whole in (
+        ("baseline", depth_error.BY_BASELINE),
+        ("focal-length", depth_error.BY_FOCAL_LENGTH),
+    ):
         part = replace(whole, planes=whole.planes[::2], factors=whole.factors[1::2])
         patch.setitem(STUDIES, name, replace(STUDIES[name], measure=part.measure))
     patch.setattr(focus, "_LINE_SPP", 64)
@@ -74,7 +95,9 @@ def run(name, **more):
     study = STUDIES[name]
     scenes = study.defaults.scenes[:1]
     methods = study.defaults.methods and METHODS.get(name, ("zncc", "census"))
-    return run_study(study, scenes=scenes, methods=methods, **{"seeds": 1, **TINY, **more})
+    return run_study(
+        study, scenes=scenes, methods=methods, **{"seeds": 1, **TINY, **more}
+    )
 
 
 @pytest.mark.parametrize("name", SOME)
@@ -112,7 +135,9 @@ def test_every_seed_tests_the_same_claims(results, name):
     both = replace(result.table, rows=(*result.table.rows, *again))
     single = result.study.conclude(both.where(seed=1.0))
     assert len(single) == len(result.study.conclude(both)) == len(result.findings)
-    assert [finding.text for finding in single] == [support.finding.text for support in result.findings]
+    assert [finding.text for finding in single] == [
+        support.finding.text for support in result.findings
+    ]
 
 
 @pytest.mark.parametrize("name", SOME)
@@ -138,7 +163,15 @@ def test_figures_are_drawn_from_the_csv_read_back(results, name):
 
 
 @pytest.mark.parametrize(
-    "name", [*QUICK, *(pytest.param(name, marks=pytest.mark.slow) for name in STUDIES if name not in QUICK)]
+    "name",
+    [
+        *QUICK,
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in STUDIES
+            if name not in QUICK
+        ),
+    ],
 )
 def test_the_same_seed_gives_the_same_bytes(results, name):
     assert to_csv(run(name).table) == to_csv(results(name).table)
@@ -159,7 +192,9 @@ def test_the_panel_of_window(results):
         "adaptive window",
         "semi-global",
     )
-    assert all(image.shape[:2] == (TINY["height"], TINY["width"]) for image in panel.images)
+    assert all(
+        image.shape[:2] == (TINY["height"], TINY["width"]) for image in panel.images
+    )
 
 
 def test_progress_increases_from_zero():
@@ -187,9 +222,21 @@ def test_study_returns_the_table():
         ("window", {"first_seed": -1}, "at least one seed"),
         ("window", {"scenes": ("cards", "cards")}, "must be distinct"),
         ("window", {"spp": 0}, "spp"),
-        ("window", {"sedes": 3}, "unknown choice of a study 'sedes'; did you mean 'seeds'"),
-        ("texture", {"width": 63}, "width of a study must be a whole number >= 64, got 63"),
-        ("window", {"width": 64, "height": 47}, "height of a study must be a whole number >= 48, got 47"),
+        (
+            "window",
+            {"sedes": 3},
+            "unknown choice of a study 'sedes'; did you mean 'seeds'",
+        ),
+        (
+            "texture",
+            {"width": 63},
+            "width of a study must be a whole number >= 64, got 63",
+        ),
+        (
+            "window",
+            {"width": 64, "height": 47},
+            "height of a study must be a whole number >= 48, got 47",
+        ),
         ("no/such.py", {}, "no such file"),
     ],
 )
@@ -211,8 +258,13 @@ def test_a_claim_that_the_methods_leave_open_has_no_verdict():
         for method, wrong in (("sad", 30.0), ("census", 10.0))
     )
     columns = STUDIES["radiometric"].all_columns
-    both, one = (STUDIES["radiometric"].conclude(Table(columns, part))[-1] for part in (rows, rows[::2]))
-    none = STUDIES["radiometric"].conclude(Table(columns, tuple({**row, "method": "sgm"} for row in rows[::2])))
+    both, one = (
+        STUDIES["radiometric"].conclude(Table(columns, part))[-1]
+        for part in (rows, rows[::2])
+    )
+    none = STUDIES["radiometric"].conclude(
+        Table(columns, tuple({**row, "method": "sgm"} for row in rows[::2]))
+    )
     assert [finding.has_verdict for finding in none] == 5 * [False]
     assert both.has_verdict
     assert both.holds

@@ -15,12 +15,30 @@ pytestmark = pytest.mark.skipif(not PAGE.exists(), reason="docs/ is not availabl
 
 
 def test_the_example_study_is_short_and_runs(tmp_path):
-    text = next(block for _, block in blocks(PAGE, "python") if "STUDY = Study(" in block)
+    text = next(
+        block for _, block in blocks(PAGE, "python") if "STUDY = Study(" in block
+    )
     assert len(text.splitlines()) < 60
     path = tmp_path / "low_light.py"
     path.write_text(text)
     out = tmp_path / "out"
-    assert run(["study", str(path), "--seeds", "1", "--size", "96x72", "--spp", "2", "-o", str(out)]) == 0
+    assert (
+        run(
+            [
+                "study",
+                str(path),
+                "--seeds",
+                "1",
+                "--size",
+                "96x72",
+                "--spp",
+                "2",
+                "-o",
+                str(out),
+            ]
+        )
+        == 0
+    )
     assert len(json.loads((out / "study.json").read_text())["findings"]) == 2
     assert (out / "figures" / "light.svg").exists()
 

@@ -11,12 +11,16 @@ from twinlens.studies import Column, Table, from_csv, to_csv
 from twinlens.studies.table import table
 
 COLUMNS = (Column("name", "", "what"), Column("z_m", "m", "depth"))
-WORDS = st.text(st.characters(codec="utf-8", exclude_categories=("Cs", "Cc")), min_size=1).map(lambda word: f"w{word}")
+WORDS = st.text(
+    st.characters(codec="utf-8", exclude_categories=("Cs", "Cc")), min_size=1
+).map(lambda word: f"w{word}")
 
 
 @given(st.lists(st.tuples(WORDS, st.floats(allow_nan=True, allow_infinity=True))))
 def test_csv_round_trip(rows):
-    text = to_csv(Table(COLUMNS, tuple({"name": word, "z_m": value} for word, value in rows)))
+    text = to_csv(
+        Table(COLUMNS, tuple({"name": word, "z_m": value} for word, value in rows))
+    )
     assert to_csv(from_csv(text, COLUMNS)) == text
 
 
@@ -33,7 +37,9 @@ def test_line_ends_and_quotes():
 
 
 def test_unknown_values_are_nan_in_the_file():
-    text = to_csv(Table(COLUMNS, ({"name": "", "z_m": math.nan}, {"name": "x", "z_m": -math.inf})))
+    text = to_csv(
+        Table(COLUMNS, ({"name": "", "z_m": math.nan}, {"name": "x", "z_m": -math.inf}))
+    )
     assert text == "name,z_m\n,nan\nx,-inf\n"
 
 
@@ -70,7 +76,9 @@ def test_where_and_groups():
     rows = tuple({"name": word, "z_m": float(k)} for k, word in enumerate("abcab"))
     whole = Table(COLUMNS, rows)
     assert len(whole.where(name=("a", "b"))) == 4
-    assert whole.where(lambda row: row["z_m"] > 2, name="a").numbers("z_m").tolist() == [3.0]
+    assert whole.where(lambda row: row["z_m"] > 2, name="a").numbers(
+        "z_m"
+    ).tolist() == [3.0]
     assert {key[0]: part.numbers("z_m").tolist() for key, part in whole.groups("name")} == {
         "a": [0.0, 3.0], "b": [1.0, 4.0], "c": [2.0],
     }  # fmt: skip

@@ -39,6 +39,12 @@ def test_a_plane_fills_both_views(depth, base):
 
 
 def test_a_plane_has_the_same_number_of_texels_at_every_distance():
-    near, far = (noise_planes(CAMERA, 1e-6, depth, 1)[0].scene.objects[0] for depth in (1.0, 8.0))
-    assert np.array_equal(near.emitter["radiance"].pixels, far.emitter["radiance"].pixels)
-    assert far.world_from_object[1, 1] == pytest.approx(8 * near.world_from_object[1, 1])
+    near, far = (
+        noise_planes(CAMERA, 1e-6, depth, 1)[0].scene.objects[0] for depth in (1.0, 8.0)
+    )
+    assert np.array_equal(
+        near.emitter["radiance"].pixels, far.emitter["radiance"].pixels
+    )
+    assert far.world_from_object[1, 1] == pytest.approx(
+        8 * near.world_from_object[1, 1]
+    )

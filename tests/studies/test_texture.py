@@ -18,7 +18,11 @@ def waves(seed, shift=0.0, size=(63, 210)):
     v, u = np.mgrid[: size[0], : size[1]]
     light, slope = np.full(size, 1.0), np.zeros(size)
     for _ in range(60):
-        across, down, phase = random.uniform(-0.16, 0.16), random.uniform(-0.16, 0.16), random.uniform(0, 2 * np.pi)
+        across, down, phase = (
+            random.uniform(-0.16, 0.16),
+            random.uniform(-0.16, 0.16),
+            random.uniform(0, 2 * np.pi),
+        )
         angle = 2 * np.pi * (across * (u - shift) + down * v) + phase
         light += 0.01 * np.cos(angle)
         slope -= 0.01 * 2 * np.pi * across * np.sin(angle)
@@ -28,7 +32,9 @@ def waves(seed, shift=0.0, size=(63, 210)):
 def test_slopes_are_those_of_the_radiance_in_grey_levels():
     light, slope = waves(0)
     picture = GAIN * light + np.random.default_rng(1).normal(0.0, SIGMA, light.shape)
-    found = texture._slopes(picture, np.repeat(light[..., None], 3, axis=2).astype(np.float32))
+    found = texture._slopes(
+        picture, np.repeat(light[..., None], 3, axis=2).astype(np.float32)
+    )
     error = (found - GAIN * slope)[:, 4:-4]
     assert np.abs(error).max() < 0.02 * np.abs(GAIN * slope).max()
 
@@ -40,11 +46,20 @@ def test_least_squares_reach_the_bound():
         light, _ = waves(seed)
         random = np.random.default_rng(100 + seed)
         left = GAIN * light + random.normal(0.0, SIGMA, light.shape)
-        right = GAIN * waves(seed, shift=SHIFT)[0] + random.normal(0.0, SIGMA, light.shape)
-        slopes = texture._slopes(GAIN * light, np.repeat(light[..., None], 3, axis=2).astype(np.float32))
+        right = GAIN * waves(seed, shift=SHIFT)[0] + random.normal(
+            0.0, SIGMA, light.shape
+        )
+        slopes = texture._slopes(
+            GAIN * light, np.repeat(light[..., None], 3, axis=2).astype(np.float32)
+        )
         window = np.ones((SIDE, SIDE))
-        found = ndimage.convolve(slopes * (left - right), window) / ndimage.convolve(slopes**2, window)
-        apart = (slice(SIDE, -SIDE, SIDE), slice(SIDE, -SIDE, SIDE))  # windows that share no pixel
+        found = ndimage.convolve(slopes * (left - right), window) / ndimage.convolve(
+            slopes**2, window
+        )
+        apart = (
+            slice(SIDE, -SIDE, SIDE),
+            slice(SIDE, -SIDE, SIDE),
+        )  # windows that share no pixel
         errors.append((found - SHIFT)[apart].ravel())
         bounds.append(texture._bounds(slopes, SIGMA, SIDE)[apart].ravel())
     error, bound = np.concatenate(errors), np.concatenate(bounds)
@@ -69,14 +84,18 @@ def test_the_exponent_names_its_contrasts():
     finding = texture.conclude(rows())[-1]
     assert finding.holds
     assert "0.03, 0.04, 0.06, 0.08" in finding.text
-    fewer = texture.conclude(rows(blunders=lambda contrast: 5.0 * (contrast < 0.035)))[-1]
+    fewer = texture.conclude(rows(blunders=lambda contrast: 5.0 * (contrast < 0.035)))[
+        -1
+    ]
     assert fewer.decided
     assert "0.04, 0.06, 0.08" in fewer.text
     assert "0.03" not in fewer.text
 
 
 def test_two_contrasts_do_not_decide_the_exponent():
-    finding = texture.conclude(rows(blunders=lambda contrast: 5.0 * (contrast < 0.05)))[-1]
+    finding = texture.conclude(rows(blunders=lambda contrast: 5.0 * (contrast < 0.05)))[
+        -1
+    ]
     assert not finding.decided
     assert "{}" not in finding.text
 

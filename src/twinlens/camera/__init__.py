@@ -16,7 +16,10 @@ from twinlens.camera.distortion import (
     KannalaBrandt as KannalaBrandt,
 )
 from twinlens.camera.film import film_image as film_image
-from twinlens.camera.intrinsics import Camera as Camera, undistort_maps as undistort_maps
+from twinlens.camera.intrinsics import (
+    Camera as Camera,
+    undistort_maps as undistort_maps,
+)
 from twinlens.camera.lens import (
     BareAperture as BareAperture,
     Lens as Lens,
@@ -37,7 +40,12 @@ from twinlens.camera.parts import (
     dual_pixel_disparity as dual_pixel_disparity,
 )
 from twinlens.camera.projector import Projector as Projector
-from twinlens.camera.rig import ALIGNED as ALIGNED, Misalignment as Misalignment, Rig as Rig, misaligned as misaligned
+from twinlens.camera.rig import (
+    ALIGNED as ALIGNED,
+    Misalignment as Misalignment,
+    Rig as Rig,
+    misaligned as misaligned,
+)
 from twinlens.camera.structured_light import (
     Decoded as Decoded,
     GrayCode as GrayCode,

@@ -55,7 +55,9 @@ def _from_polar(radius: Any, turn: Any, xp: Any) -> tuple[Any, Any]:
     return radius * xp.cos(2 * math.pi * turn), radius * xp.sin(2 * math.pi * turn)
 
 
-def invert_cdf(table: Float, cells: int, start: Any, u: Any, xp: Any) -> tuple[Any, Any]:
+def invert_cdf(
+    table: Float, cells: int, start: Any, u: Any, xp: Any
+) -> tuple[Any, Any]:
     """The cell of the cumulative distribution ``table[start:start + cells + 1]`` that contains u, and u's place in it.
 
     A bisection of fixed length, which compilers unroll. A cell of zero probability is never chosen.
@@ -67,7 +69,10 @@ def invert_cdf(table: Float, cells: int, start: Any, u: Any, xp: Any) -> tuple[A
         low = xp.where(right, middle, low)
         high = xp.where(right, high, middle)
     low = xp.minimum(low, cells - 1.0)
-    left_edge, right_edge = xp.gather(table, start + low), xp.gather(table, start + low + 1.0)
+    left_edge, right_edge = (
+        xp.gather(table, start + low),
+        xp.gather(table, start + low + 1.0),
+    )
     span = right_edge - left_edge
     return low, xp.minimum((u - left_edge) / xp.where(span > 0.0, span, 1.0), 1.0)
 
@@ -80,7 +85,9 @@ class Disk:
     area_fraction: ClassVar[float] = 1.0
 
     def transmission(self, x: ArrayLike, y: ArrayLike) -> Float:
-        return np.asarray(np.square(x, dtype=float) + np.square(y, dtype=float) <= 1.0, np.float64)
+        return np.asarray(
+            np.square(x, dtype=float) + np.square(y, dtype=float) <= 1.0, np.float64
+        )
 
     def sample(self, u1: Any, u2: Any, xp: Any = NUMPY) -> tuple[Any, Any]:
         return _from_polar(*concentric(u1, u2, xp), xp)
@@ -105,8 +112,20 @@ class Polygon:
 
     def __post_init__(self) -> None:
         check_int("polygon aperture: blades", self.blades, 3, 1000)
-        check_number("polygon aperture: rotation_deg", self.rotation_deg, "a finite number", least=-1e6, most=1e6)
-        check_number("polygon aperture: roundness", self.roundness, "a number between 0 and 1", least=0, most=1)
+        check_number(
+            "polygon aperture: rotation_deg",
+            self.rotation_deg,
+            "a finite number",
+            least=-1e6,
+            most=1e6,
+        )
+        check_number(
+            "polygon aperture: roundness",
+            self.roundness,
+            "a number between 0 and 1",
+            least=0,
+            most=1,
+        )
 
     @property
     def area_fraction(self) -> float:
@@ -125,7 +144,10 @@ class Polygon:
 
     def transmission(self, x: ArrayLike, y: ArrayLike) -> Float:
         alpha, beta = self._half_angles
-        radius, angle = np.hypot(x, y), np.arctan2(y, x) - math.radians(self.rotation_deg)
+        radius, angle = (
+            np.hypot(x, y),
+            np.arctan2(y, x) - math.radians(self.rotation_deg),
+        )
         off_middle = np.mod(angle, 2 * alpha) - alpha
         along = radius * np.cos(off_middle) * math.cos(beta) / math.cos(alpha)
         across = radius * np.sin(off_middle) * math.sin(beta) / math.sin(alpha)
@@ -153,7 +175,9 @@ class Annulus:
 
     def __post_init__(self) -> None:
         allowed = "a fraction of the radius from 0 to 0.999999"
-        check_number("annulus aperture: inner", self.inner, allowed, least=0, most=1 - 1e-6)
+        check_number(
+            "annulus aperture: inner", self.inner, allowed, least=0, most=1 - 1e-6
+        )
 
     @property
     def area_fraction(self) -> float:
@@ -188,7 +212,11 @@ class MaskAperture:
         row_cdf = np.append(0.0, np.cumsum(rows))
         cell_cdf = np.hstack([np.zeros((len(rows), 1)), np.cumsum(cells, axis=1)])
         cell_cdf /= np.where(rows > 0, cell_cdf[:, -1], 1.0)[:, None]
-        for name, table in (("mask", cells), ("_row_cdf", row_cdf / row_cdf[-1]), ("_cell_cdf", cell_cdf.ravel())):
+        for name, table in (
+            ("mask", cells),
+            ("_row_cdf", row_cdf / row_cdf[-1]),
+            ("_cell_cdf", cell_cdf.ravel()),
+        ):
             table.setflags(write=False)
             object.__setattr__(self, name, table)
 
@@ -222,14 +250,19 @@ class MaskAperture:
         column = np.floor(np.asarray(x, dtype=np.float64) / self._cell + 0.5 * width)
         row = np.floor(np.asarray(y, dtype=np.float64) / self._cell + 0.5 * height)
         inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-        cells = self.mask[np.where(inside, row, 0).astype(np.intp), np.where(inside, column, 0).astype(np.intp)]
+        cells = self.mask[
+            np.where(inside, row, 0).astype(np.intp),
+            np.where(inside, column, 0).astype(np.intp),
+        ]
         return np.where(inside, cells, 0.0)
 
     def sample(self, u1: Any, u2: Any, xp: Any = NUMPY) -> tuple[Any, Any]:
         height, width = self.mask.shape
         row, down = invert_cdf(self._row_cdf, height, 0.0, u2, xp)
         column, right = invert_cdf(self._cell_cdf, width, row * (width + 1.0), u1, xp)
-        return (column + right - 0.5 * width) * self._cell, (row + down - 0.5 * height) * self._cell
+        return (column + right - 0.5 * width) * self._cell, (
+            row + down - 0.5 * height
+        ) * self._cell
 
 
 Aperture = Disk | Polygon | Annulus | MaskAperture
@@ -241,18 +274,30 @@ def _checked_mask(mask: ArrayLike) -> Float:
     try:
         cells = np.asarray(mask)
     except (TypeError, ValueError) as error:
-        raise InputError("aperture mask must be one array (H, W) of numbers, got rows of unequal length") from error
+        raise InputError(
+            "aperture mask must be one array (H, W) of numbers, got rows of unequal length"
+        ) from error
     if cells.ndim != 2 or not cells.size or max(cells.shape) > _LARGEST_MASK_SIDE:
-        allowed = f"a grey-scale image (H, W) of at most {_LARGEST_MASK_SIDE} cells a side"
+        allowed = (
+            f"a grey-scale image (H, W) of at most {_LARGEST_MASK_SIDE} cells a side"
+        )
         raise InputError(f"aperture mask must be {allowed}, got shape {cells.shape}")
     if cells.dtype.kind not in "bufi":
         raise InputError(f"aperture mask must hold numbers, got {cells.dtype}")
-    clear = float(np.iinfo(cells.dtype).max) if cells.dtype in (np.uint8, np.uint16) else 1.0
+    clear = (
+        float(np.iinfo(cells.dtype).max)
+        if cells.dtype in (np.uint8, np.uint16)
+        else 1.0
+    )
     cells = cells.astype(np.float64) / clear
     if not ((cells >= 0) & (cells <= 1)).all():
-        raise InputError("aperture mask must hold transmissions from 0 to 1, got NaN, negative or larger values")
+        raise InputError(
+            "aperture mask must hold transmissions from 0 to 1, got NaN, negative or larger values"
+        )
     if not cells.any():
-        raise InputError("aperture mask is black: at least one cell must transmit light")
+        raise InputError(
+            "aperture mask is black: at least one cell must transmit light"
+        )
     return np.ascontiguousarray(cells)
 
 

@@ -36,7 +36,9 @@ class _Model:
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
             allowed = "a finite number, from -1e6 to 1e6"
-            check_number(f"{self.name} distortion: {name}", value, allowed, least=-1e6, most=1e6)
+            check_number(
+                f"{self.name} distortion: {name}", value, allowed, least=-1e6, most=1e6
+            )
 
     @property
     def coefficients(self) -> tuple[float, ...]:
@@ -89,7 +91,10 @@ class _Model:
         """J^-1 error for (N, 2) points; not finite where J has no inverse."""
         (a, b), (c, d) = np.moveaxis(self.jacobian(xy), 0, -1)
         ex, ey = error.T
-        return np.asarray(np.stack([d * ex - b * ey, a * ey - c * ex], axis=1) / (a * d - b * c)[:, None])
+        return np.asarray(
+            np.stack([d * ex - b * ey, a * ey - c * ex], axis=1)
+            / (a * d - b * c)[:, None]
+        )
 
 
 @dataclass(frozen=True)
@@ -133,7 +138,9 @@ class BrownConrady(_Model):
         mixed = slope * x * y + 2 * self.p1 * x + 2 * self.p2 * y
         dxx = radial + slope * x * x + 2 * self.p1 * y + 6 * self.p2 * x
         dyy = radial + slope * y * y + 6 * self.p1 * y + 2 * self.p2 * x
-        return np.stack([np.stack([dxx, mixed], axis=-1), np.stack([mixed, dyy], axis=-1)], axis=-2)
+        return np.stack(
+            [np.stack([dxx, mixed], axis=-1), np.stack([mixed, dyy], axis=-1)], axis=-2
+        )
 
     def valid(self, xy: ArrayLike) -> NDArray[np.bool_]:
         # the radial part increases, and det J > 0
@@ -145,7 +152,9 @@ class BrownConrady(_Model):
     @cached_property
     def _parts(self) -> tuple[Polynomial, Polynomial]:
         """The numerator and the denominator of R, of r^2."""
-        return Polynomial([1.0, self.k1, self.k2, self.k3]), Polynomial([1.0, self.k4, self.k5, self.k6])
+        return Polynomial([1.0, self.k1, self.k2, self.k3]), Polynomial(
+            [1.0, self.k4, self.k5, self.k6]
+        )
 
     @cached_property
     def _fold_radius2(self) -> float:
@@ -174,7 +183,9 @@ class KannalaBrandt(_Model):
         xy = np.asarray(xy, dtype=np.float64)
         radius = np.linalg.norm(xy, axis=-1, keepdims=True)
         angle = self._angle(np.arctan(radius))
-        return np.asarray(xy * np.divide(angle, radius, out=np.ones_like(radius), where=radius > 0))
+        return np.asarray(
+            xy * np.divide(angle, radius, out=np.ones_like(radius), where=radius > 0)
+        )
 
     def valid(self, xy: ArrayLike) -> NDArray[np.bool_]:
         radius = np.linalg.norm(np.asarray(xy, dtype=np.float64), axis=-1)
@@ -186,14 +197,23 @@ class KannalaBrandt(_Model):
         radius = np.linalg.norm(xy, axis=-1)
         angle = np.arctan(radius)
         along = self._angle.deriv()(angle) / (1.0 + radius**2)
-        across = np.divide(self._angle(angle), radius, out=np.ones_like(radius), where=radius > 0)
-        unit = np.divide(xy, radius[..., None], out=np.zeros_like(xy), where=radius[..., None] > 0)
+        across = np.divide(
+            self._angle(angle), radius, out=np.ones_like(radius), where=radius > 0
+        )
+        unit = np.divide(
+            xy, radius[..., None], out=np.zeros_like(xy), where=radius[..., None] > 0
+        )
         radial = unit[..., :, None] * unit[..., None, :]
-        return np.asarray(across[..., None, None] * np.eye(2) + (along - across)[..., None, None] * radial)
+        return np.asarray(
+            across[..., None, None] * np.eye(2)
+            + (along - across)[..., None, None] * radial
+        )
 
     @cached_property
     def _angle(self) -> Polynomial:
-        return Polynomial([0.0, 1.0, 0.0, self.k1, 0.0, self.k2, 0.0, self.k3, 0.0, self.k4])
+        return Polynomial(
+            [0.0, 1.0, 0.0, self.k1, 0.0, self.k2, 0.0, self.k3, 0.0, self.k4]
+        )
 
     @cached_property
     def _fold_angle(self) -> float:
@@ -216,10 +236,14 @@ def check_invertible(distortion: Distortion, K: Float, width: int, height: int) 
         u, v = border[np.argmax(lost)]
         remedy = "use smaller coefficients, a smaller image, or a larger fx and fy"
         where = f"before pixel ({u:g}, {v:g}): no ray, or more than one, reaches it"
-        raise InputError(f"distortion {distortion} folds the image over itself {where}; {remedy}")
+        raise InputError(
+            f"distortion {distortion} folds the image over itself {where}; {remedy}"
+        )
 
 
 def _first_positive_root(polynomial: Polynomial) -> float:
     roots = polynomial.trim(_NEGLIGIBLE).roots()
-    real = roots.real[(np.abs(roots.imag) <= 1e-9 * np.abs(roots.real)) & (roots.real > 0)]
+    real = roots.real[
+        (np.abs(roots.imag) <= 1e-9 * np.abs(roots.real)) & (roots.real > 0)
+    ]
     return float(real.min()) if real.size else math.inf

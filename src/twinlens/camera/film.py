@@ -40,7 +40,9 @@ def film_image(image: NDArray[Any]) -> NDArray[Any]:
     return np.ascontiguousarray(image[::-1, ::-1])
 
 
-def checked_radiance(name: str, radiance: ArrayLike, camera: Camera) -> NDArray[np.float64]:
+def checked_radiance(
+    name: str, radiance: ArrayLike, camera: Camera
+) -> NDArray[np.float64]:
     """`radiance` as a float64 (H, W, 3) image of the camera's size.
 
     Raises InputError, starting with `name`, unless it is an array of that shape of finite real numbers >= 0.
@@ -51,16 +53,29 @@ def checked_radiance(name: str, radiance: ArrayLike, camera: Camera) -> NDArray[
     try:
         image = np.asarray(radiance)
     except ValueError as error:
-        raise InputError(f"{name} must be {allowed}, got rows of unequal length") from error
-    if image.dtype.kind not in "buif" or image.shape != (camera.height, camera.width, 3):
-        raise InputError(f"{name} must be {allowed}, got {image.dtype} of shape {image.shape}")
+        raise InputError(
+            f"{name} must be {allowed}, got rows of unequal length"
+        ) from error
+    if image.dtype.kind not in "buif" or image.shape != (
+        camera.height,
+        camera.width,
+        3,
+    ):
+        raise InputError(
+            f"{name} must be {allowed}, got {image.dtype} of shape {image.shape}"
+        )
     if not (np.isfinite(image).all() and (image >= 0).all()):
-        raise InputError(f"{name} must be finite and >= 0 (linear radiance), got NaN, infinite or negative values")
+        raise InputError(
+            f"{name} must be finite and >= 0 (linear radiance), got NaN, infinite or negative values"
+        )
     return image.astype(np.float64, copy=False)
 
 
 def diffract(
-    image: ArrayLike, camera: Camera, lens: Lens, wavelengths: tuple[float, float, float] = CHANNEL_WAVELENGTHS
+    image: ArrayLike,
+    camera: Camera,
+    lens: Lens,
+    wavelengths: tuple[float, float, float] = CHANNEL_WAVELENGTHS,
 ) -> NDArray[np.float32]:
     """`image`, linear radiance (H, W, 3), blurred by diffraction at the circular aperture of `lens`; float32 (H, W, 3).
 
@@ -79,12 +94,23 @@ def diffract(
     waves = check_wavelengths("wavelengths", wavelengths)
     check_lens(lens)
     if lens.aperture_diameter == 0:
-        raise InputError("a pinhole (zero width) has no diffraction pattern; give the aperture a diameter")
+        raise InputError(
+            "a pinhole (zero width) has no diffraction pattern; give the aperture a diameter"
+        )
     if lens.aperture.name != "disk":
-        raise InputError(f"diffraction is available for a disk aperture only, got {lens.aperture.name}")
+        raise InputError(
+            f"diffraction is available for a disk aperture only, got {lens.aperture.name}"
+        )
     distance = film_distance(camera, lens)
-    numbers = [fresnel_number(lens.aperture_diameter, wavelength, distance) for wavelength in waves]
-    if isinstance(lens, BareAperture) and max(numbers) > FRESNEL_LOW and min(numbers) < FRESNEL_HIGH:
+    numbers = [
+        fresnel_number(lens.aperture_diameter, wavelength, distance)
+        for wavelength in waves
+    ]
+    if (
+        isinstance(lens, BareAperture)
+        and max(numbers) > FRESNEL_LOW
+        and min(numbers) < FRESNEL_HIGH
+    ):
         warnings.warn(
             f"bare aperture with Fresnel number {numbers[len(numbers) // 2]:.3g}: between {FRESNEL_LOW:g} and "
             f"{FRESNEL_HIGH:g} blur and diffraction are not separable; more than a tenth of the light is misplaced",
@@ -93,7 +119,9 @@ def diffract(
         )
     pitch = (distance / camera.fx, distance / camera.fy)
     blurred = [
-        convolve_airy(radiance[..., c], pitch, wavelength, distance / lens.aperture_diameter)
+        convolve_airy(
+            radiance[..., c], pitch, wavelength, distance / lens.aperture_diameter
+        )
         for c, wavelength in enumerate(waves)
     ]
     return np.stack(blurred, axis=-1).astype(np.float32)
@@ -110,6 +138,12 @@ def sensor_width_mm(value: Any) -> float:
     if isinstance(value, str):
         check_known("sensor format", value, SENSOR_WIDTHS_MM)
         return SENSOR_WIDTHS_MM[value]
-    if not isinstance(value, (int, float)) or isinstance(value, bool) or not 0 < value < math.inf:
-        raise InputError(f"must be a positive number or the name of a format, got {format_value(value)}")
+    if (
+        not isinstance(value, (int, float))
+        or isinstance(value, bool)
+        or not 0 < value < math.inf
+    ):
+        raise InputError(
+            f"must be a positive number or the name of a format, got {format_value(value)}"
+        )
     return float(value)

@@ -8,7 +8,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twinlens.camera.distortion import Distortion, check_invertible
-from twinlens.errors import InputError, check_int, check_known, check_number, check_ranges, format_value, located
+from twinlens.errors import (
+    InputError,
+    check_int,
+    check_known,
+    check_number,
+    check_ranges,
+    format_value,
+    located,
+)
 from twinlens.geometry import Float, rigid
 from twinlens.optics import fx_from_fov
 
@@ -51,26 +59,46 @@ class Camera:
         check_ranges(self, "camera")
         if not isinstance(self.distortion, Distortion | None):
             got = format_value(self.distortion)
-            raise InputError(f"camera distortion must be BrownConrady, KannalaBrandt or None, got {got}")
+            raise InputError(
+                f"camera distortion must be BrownConrady, KannalaBrandt or None, got {got}"
+            )
         if self.distortion is not None:
             check_invertible(self.distortion, self.K, self.width, self.height)
 
     @classmethod
-    def from_fov(cls, width: int, height: int, fov_x_deg: float, pixel_pitch_um: float = 5.0) -> "Camera":
+    def from_fov(
+        cls, width: int, height: int, fov_x_deg: float, pixel_pitch_um: float = 5.0
+    ) -> "Camera":
         """A centred camera with square pixels and the given horizontal field of view, edge to edge of the image.
 
         >>> round(Camera.from_fov(640, 480, fov_x_deg=90).fx, 6)
         320.0
         """
         check_size(width, height)
-        check_number("fov_x_deg", fov_x_deg, "between 0 and 180 degrees", least=1e-6, most=180 - 1e-6)
+        check_number(
+            "fov_x_deg",
+            fov_x_deg,
+            "between 0 and 180 degrees",
+            least=1e-6,
+            most=180 - 1e-6,
+        )
         fx = fx_from_fov(width, fov_x_deg)
-        return cls(width, height, fx, fx, 0.5 * (width - 1), 0.5 * (height - 1), pixel_pitch_um=pixel_pitch_um)
+        return cls(
+            width,
+            height,
+            fx,
+            fx,
+            0.5 * (width - 1),
+            0.5 * (height - 1),
+            pixel_pitch_um=pixel_pitch_um,
+        )
 
     @property
     def K(self) -> Float:  # noqa: N802
         """The calibration matrix px_from_cam, (3, 3)."""
-        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+        return np.array(
+            [[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]]
+        )
 
     @property
     def bands(self) -> tuple[str, ...]:
@@ -85,7 +113,9 @@ class Camera:
     @property
     def fov_x_deg(self) -> float:
         """Horizontal field of view between the image's edges, in the row of the principal point, degrees."""
-        left, right = np.arctan(self.unproject([(-0.5, self.cy), (self.width - 0.5, self.cy)])[:, 0])
+        left, right = np.arctan(
+            self.unproject([(-0.5, self.cy), (self.width - 0.5, self.cy)])[:, 0]
+        )
         return math.degrees(right - left)
 
     def project(self, points_cam: ArrayLike) -> Float:
@@ -95,9 +125,13 @@ class Camera:
         """
         points = np.asarray(points_cam, dtype=np.float64)
         with np.errstate(divide="ignore", invalid="ignore"):
-            xy = np.where(points[..., 2:] > 0, points[..., :2] / points[..., 2:], np.nan)
+            xy = np.where(
+                points[..., 2:] > 0, points[..., :2] / points[..., 2:], np.nan
+            )
         if self.distortion is not None:
-            xy = self.distortion.distort(np.where(self.distortion.valid(xy)[..., None], xy, np.nan))
+            xy = self.distortion.distort(
+                np.where(self.distortion.valid(xy)[..., None], xy, np.nan)
+            )
         return np.asarray(xy * (self.fx, self.fy) + (self.cx, self.cy))
 
     def unproject(self, pixels: ArrayLike) -> Float:
@@ -119,13 +153,17 @@ class Camera:
         """
         points = np.asarray(points_cam, dtype=np.float64)
         if not (np.isfinite(points).all() and (points[..., 2] > 0).all()):
-            raise InputError("a projection's derivative needs finite points with z > 0: leave out the others")
+            raise InputError(
+                "a projection's derivative needs finite points with z > 0: leave out the others"
+            )
         xy, z = points[..., :2] / points[..., 2:], points[..., 2, None, None]
         inner = np.zeros((*points.shape[:-1], 2, 3))
         inner[..., :2], inner[..., 2] = np.eye(2), -xy
         if self.distortion is not None:
             if not self.distortion.valid(xy).all():
-                raise InputError("a projection's derivative needs points before the fold: leave out the others")
+                raise InputError(
+                    "a projection's derivative needs points before the fold: leave out the others"
+                )
             inner = self.distortion.jacobian(xy) @ inner
         return np.asarray(np.array([[self.fx], [self.fy]]) * inner / z)
 
@@ -137,7 +175,9 @@ class Camera:
     def contains(self, pixels: ArrayLike) -> NDArray[np.bool_]:
         """Whether pixels (..., 2) are in the image, [-0.5, W-0.5) x [-0.5, H-0.5); False for NaN."""
         u, v = np.moveaxis(np.asarray(pixels, dtype=np.float64), -1, 0)
-        return np.asarray((u >= -0.5) & (u < self.width - 0.5) & (v >= -0.5) & (v < self.height - 0.5))
+        return np.asarray(
+            (u >= -0.5) & (u < self.width - 0.5) & (v >= -0.5) & (v < self.height - 0.5)
+        )
 
     def replace(self, **changes: object) -> "Camera":
         """A copy with some fields changed, checked again."""
@@ -154,11 +194,17 @@ def undistort_maps(
     """
     for each in (camera, to_camera):
         if not isinstance(each, Camera):
-            raise InputError(f"undistort_maps needs two cameras, got {format_value(each)}")
+            raise InputError(
+                f"undistort_maps needs two cameras, got {format_value(each)}"
+            )
     with located("to_from_camera"):
-        pose = rigid(np.eye(3) if to_from_camera is None else to_from_camera, np.zeros(3))
+        pose = rigid(
+            np.eye(3) if to_from_camera is None else to_from_camera, np.zeros(3)
+        )
     directions = to_camera.unproject(to_camera.pixel_grid()) @ pose[:3, :3]
-    pixels = np.nan_to_num(camera.project(directions), nan=_OUTSIDE_PX).astype(np.float32)
+    pixels = np.nan_to_num(camera.project(directions), nan=_OUTSIDE_PX).astype(
+        np.float32
+    )
     return pixels[..., 0].copy(), pixels[..., 1].copy()
 
 

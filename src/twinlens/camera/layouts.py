@@ -21,7 +21,12 @@ from twinlens.optics import check_length
 Cameras = Camera | Sequence[Camera]
 
 
-def line(cameras: Cameras, count: int, spacing: float, world_from_first: ArrayLike | None = None) -> Rig:
+def line(
+    cameras: Cameras,
+    count: int,
+    spacing: float,
+    world_from_first: ArrayLike | None = None,
+) -> Rig:
     """`count` parallel cameras, `spacing` metres apart along the first one's x axis, left to right.
 
     Any two of them with the same camera, the left one first, are a rectified pair.
@@ -48,12 +53,20 @@ def grid(
     check_int("columns", columns, 1)
     check_length("spacing_x", spacing_x)
     check_length("spacing_y", spacing_y)
-    places = [rigid(np.eye(3), [j * spacing_x, i * spacing_y, 0.0]) for i in range(rows) for j in range(columns)]
+    places = [
+        rigid(np.eye(3), [j * spacing_x, i * spacing_y, 0.0])
+        for i in range(rows)
+        for j in range(columns)
+    ]
     return _placed(cameras, places, world_from_first)
 
 
 def arc(
-    cameras: Cameras, count: int, radius: float, angle_deg: float, world_from_middle: ArrayLike | None = None
+    cameras: Cameras,
+    count: int,
+    radius: float,
+    angle_deg: float,
+    world_from_middle: ArrayLike | None = None,
 ) -> Rig:
     """`count` cameras on an arc, left to right, all looking at the point `radius` metres in front of the arc's middle.
 
@@ -62,16 +75,24 @@ def arc(
     """
     check_int("count", count, 1)
     check_length("radius", radius)
-    check_number("angle_deg", angle_deg, "above 0 and at most 360 degrees", above=0, most=360)
+    check_number(
+        "angle_deg", angle_deg, "above 0 and at most 360 degrees", above=0, most=360
+    )
     steps = count if angle_deg == 360 else max(count - 1, 1)
     angles = math.radians(angle_deg) / steps * (np.arange(count) - 0.5 * (count - 1))
     places = [
-        rigid(_about_y(-a), [radius * math.sin(a), 0.0, radius * (1.0 - math.cos(a))]) for a in map(float, angles)
+        rigid(_about_y(-a), [radius * math.sin(a), 0.0, radius * (1.0 - math.cos(a))])
+        for a in map(float, angles)
     ]
     return _placed(cameras, places, world_from_middle)
 
 
-def toed_in(cameras: Cameras, baseline: float, distance: float, world_from_middle: ArrayLike | None = None) -> Rig:
+def toed_in(
+    cameras: Cameras,
+    baseline: float,
+    distance: float,
+    world_from_middle: ArrayLike | None = None,
+) -> Rig:
     """Two cameras `baseline` metres apart whose axes intersect `distance` metres in front of their middle.
 
     Each is rotated inwards by atan(baseline / (2 distance)). The pose is that of the middle, looking straight ahead.
@@ -79,12 +100,18 @@ def toed_in(cameras: Cameras, baseline: float, distance: float, world_from_middl
     check_length("baseline", baseline)
     check_length("distance", distance)
     turn = math.atan2(0.5 * baseline, distance)
-    places = [rigid(_about_y(side * turn), [-side * 0.5 * baseline, 0.0, 0.0]) for side in (1, -1)]
+    places = [
+        rigid(_about_y(side * turn), [-side * 0.5 * baseline, 0.0, 0.0])
+        for side in (1, -1)
+    ]
     return _placed(cameras, places, world_from_middle)
 
 
 def depth_camera(
-    width: int = 848, height: int = 480, world_from_left: ArrayLike | None = None, power: float = 0.36
+    width: int = 848,
+    height: int = 480,
+    world_from_left: ArrayLike | None = None,
+    power: float = 0.36,
 ) -> Rig:
     """The near infrared pair of an active stereo camera, Intel's RealSense D435, with its projector of dots.
 
@@ -100,16 +127,25 @@ def depth_camera(
     (0.05, 0.36)
     """
     check_size(width, height)
-    check_number("power", power, "a number of watts > 0, at most 1e7", above=0, most=1e7)
+    check_number(
+        "power", power, "a number of watts > 0, at most 1e7", above=0, most=1e7
+    )
     preset = CAMERAS["realsense-d435"]
-    camera = preset.resized(width).replace(height=height, cy=0.5 * (height - 1), band="nir")
+    camera = preset.resized(width).replace(
+        height=height, cy=0.5 * (height - 1), band="nir"
+    )
     baseline = preset.baseline or 0.0
     columns, rows = 1280, 720
-    fx, fy = (0.5 * n / math.tan(math.radians(0.5 * angle)) for n, angle in ((columns, 86.0), (rows, 57.0)))
+    fx, fy = (
+        0.5 * n / math.tan(math.radians(0.5 * angle))
+        for n, angle in ((columns, 86.0), (rows, 57.0))
+    )
     light = Camera(columns, rows, fx, fy, 0.5 * (columns - 1), 0.5 * (rows - 1))
     pattern = dots(columns, rows, density=5000 / (columns * rows / 4), size=2)
     middle = rigid(np.eye(3), [0.5 * baseline, 0.0, 0.0])
-    projector = Projector(middle, light, pattern, power / float(pattern.mean(dtype=np.float64)))
+    projector = Projector(
+        middle, light, pattern, power / float(pattern.mean(dtype=np.float64))
+    )
     return Rig.stereo(camera, baseline, world_from_left).with_projectors([projector])
 
 
@@ -119,10 +155,18 @@ def _about_y(angle: float) -> Float:
     return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
 
-def _placed(cameras: Cameras, places: Sequence[Float], world_from_layout: ArrayLike | None) -> Rig:
-    pose = np.eye(4) if world_from_layout is None else check_rigid(world_from_layout, "the pose of a layout")
+def _placed(
+    cameras: Cameras, places: Sequence[Float], world_from_layout: ArrayLike | None
+) -> Rig:
+    pose = (
+        np.eye(4)
+        if world_from_layout is None
+        else check_rigid(world_from_layout, "the pose of a layout")
+    )
     each = [cameras] * len(places) if isinstance(cameras, Camera) else list(cameras)
     if len(each) != len(places):
         count = len(places)
-        raise InputError(f"this layout has {count} places: give one camera for all, or {count}, got {len(each)}")
+        raise InputError(
+            f"this layout has {count} places: give one camera for all, or {count}, got {len(each)}"
+        )
     return Rig(each, [pose @ place for place in places])

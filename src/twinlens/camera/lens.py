@@ -31,7 +31,9 @@ class _OpenLens:
         optics.check_diameter(name, getattr(self, name))
         if not isinstance(self.aperture, Aperture):
             got = format_value(self.aperture)
-            raise InputError(f"aperture must be Disk, Polygon, Annulus or MaskAperture, got {got}")
+            raise InputError(
+                f"aperture must be Disk, Polygon, Annulus or MaskAperture, got {got}"
+            )
 
     def replace(self, **changes: object) -> Self:
         """A copy with some fields changed, checked again."""
@@ -57,18 +59,34 @@ class ThinLens(_OpenLens):
     def __post_init__(self) -> None:
         self._check_aperture("aperture_diameter")
         optics.check_focus(self.focus_distance)
-        check_number("defocus", self.defocus, "a number of 1/m from -1e6 to 1e6", least=-1e6, most=1e6)
+        check_number(
+            "defocus",
+            self.defocus,
+            "a number of 1/m from -1e6 to 1e6",
+            least=-1e6,
+            most=1e6,
+        )
 
     @classmethod
     def from_f_number(
-        cls, f_number: float, focus_distance: float, film_distance: float, aperture: Aperture = FULL_DISK
+        cls,
+        f_number: float,
+        focus_distance: float,
+        film_distance: float,
+        aperture: Aperture = FULL_DISK,
     ) -> "ThinLens":
         """The lens of f-number N = f/A and focal length f = 1/(1/focus_distance + 1/film_distance).
 
         `film_distance` is in metres, as `Camera.film_distance`. Raises InputError unless all three are positive.
         """
-        check_number("f_number", f_number, "positive, from 1e-6 to 1e9", least=1e-6, most=1e9)
-        return cls(optics.focal_length(focus_distance, film_distance) / f_number, focus_distance, aperture)
+        check_number(
+            "f_number", f_number, "positive, from 1e-6 to 1e9", least=1e-6, most=1e9
+        )
+        return cls(
+            optics.focal_length(focus_distance, film_distance) / f_number,
+            focus_distance,
+            aperture,
+        )
 
     @property
     def vergence(self) -> float:
@@ -110,7 +128,9 @@ Lens = Pinhole | ThinLens | BareAperture
 def check_lens(lens: Lens) -> None:
     """Raise InputError unless `lens` is a lens."""
     if not isinstance(lens, Lens):
-        raise InputError(f"a lens must be a Pinhole, ThinLens or BareAperture, got {format_value(lens)}")
+        raise InputError(
+            f"a lens must be a Pinhole, ThinLens or BareAperture, got {format_value(lens)}"
+        )
 
 
 def film_distance(camera: Camera, lens: Lens) -> float:
@@ -120,4 +140,6 @@ def film_distance(camera: Camera, lens: Lens) -> float:
     >>> round(film_distance(camera, Pinhole()), 9), film_distance(camera, BareAperture(1e-3, film_distance=0.05))
     (0.0016, 0.05)
     """
-    return lens.film_distance if isinstance(lens, BareAperture) else camera.film_distance
+    return (
+        lens.film_distance if isinstance(lens, BareAperture) else camera.film_distance
+    )

@@ -25,7 +25,9 @@ _ALIGNED = 1e-9
 _TOLERANCE = 1e-6  # of the distance of neighbours; pixels
 
 
-def light_field_rig(camera: Camera, lens: Lens, n: int, world_from_cam: ArrayLike | None = None) -> Rig:
+def light_field_rig(
+    camera: Camera, lens: Lens, n: int, world_from_cam: ArrayLike | None = None
+) -> Rig:
     """The n x n views of the light field that `lens` sees in front of `camera`, row by row from the top left.
 
     View (row, column) is a pinhole camera at ax = A (column - (n-1)/2) / n, ay = A (row - (n-1)/2) / n, in metres: the
@@ -45,15 +47,24 @@ def light_field_rig(camera: Camera, lens: Lens, n: int, world_from_cam: ArrayLik
     check_lens(lens)
     check_int("n", n, 1, 32)
     if lens.aperture_diameter == 0:
-        raise InputError("a light field needs a lens with an aperture; a pinhole has none")
+        raise InputError(
+            "a light field needs a lens with an aperture; a pinhole has none"
+        )
     if camera.distortion is not None:
         raise InputError("a light field needs a camera without lens distortion")
-    pose = np.eye(4) if world_from_cam is None else check_rigid(world_from_cam, "world_from_cam")
+    pose = (
+        np.eye(4)
+        if world_from_cam is None
+        else check_rigid(world_from_cam, "world_from_cam")
+    )
     places = lens.aperture_diameter * (np.arange(n) - 0.5 * (n - 1)) / n
     cameras, poses = [], []
     for y in places:
         for x in places:
-            cx, cy = camera.cx + camera.fx * lens.vergence * x, camera.cy + camera.fy * lens.vergence * y
+            cx, cy = (
+                camera.cx + camera.fx * lens.vergence * x,
+                camera.cy + camera.fy * lens.vergence * y,
+            )
             cameras.append(camera.replace(cx=cx, cy=cy))
             poses.append(pose @ rigid(np.eye(3), [x, y, 0.0]))
     return Rig(cameras, poses)
@@ -72,11 +83,17 @@ def light_field_grid(rig: Rig) -> tuple[int, float, float]:
     n, camera = math.isqrt(len(rig)), rig.cameras[0]
     if n > 1 and n**2 == len(rig):
         places, spacing = places_in_plane(rig), rig.baseline(0, 1)
-        shifts = np.array([(each.cx - camera.cx, each.cy - camera.cy) for each in rig.cameras])
+        shifts = np.array(
+            [(each.cx - camera.cx, each.cy - camera.cy) for each in rig.cameras]
+        )
         vergence = float(shifts[1, 0]) / (camera.fx * spacing)
         steps = spacing * np.stack([np.arange(n**2) % n, np.arange(n**2) // n], axis=-1)
-        on_grid = np.allclose(places - places[0], steps, rtol=0, atol=_TOLERANCE * spacing)
-        if on_grid and np.allclose(shifts, steps * vergence * [camera.fx, camera.fy], rtol=0, atol=_TOLERANCE):
+        on_grid = np.allclose(
+            places - places[0], steps, rtol=0, atol=_TOLERANCE * spacing
+        )
+        if on_grid and np.allclose(
+            shifts, steps * vergence * [camera.fx, camera.fy], rtol=0, atol=_TOLERANCE
+        ):
             return n, spacing, vergence
     raise InputError(f"the {len(rig)} cameras are not the n x n views of a light field")
 
@@ -111,35 +128,59 @@ def refocus(images: Sequence[ArrayLike], rig: Rig, lens: Lens) -> NDArray[np.flo
     """
     check_lens(lens)
     if not isinstance(rig, Rig):
-        raise InputError(f"rig must be a Rig, as of light_field_rig, got {format_value(rig)}")
+        raise InputError(
+            f"rig must be a Rig, as of light_field_rig, got {format_value(rig)}"
+        )
     places = places_in_plane(rig)
     first = rig.cameras[0]
     try:
         stack = [np.asarray(image, dtype=np.float64) for image in images]
     except (TypeError, ValueError) as error:
-        raise InputError(f"refocus needs a list of images of numbers, got {format_value(images)}") from error
+        raise InputError(
+            f"refocus needs a list of images of numbers, got {format_value(images)}"
+        ) from error
     shapes = sorted({image.shape for image in stack})
-    if len(stack) != len(rig) or len(shapes) > 1 or shapes[0][:2] != (first.height, first.width):
+    if (
+        len(stack) != len(rig)
+        or len(shapes) > 1
+        or shapes[0][:2] != (first.height, first.width)
+    ):
         got = f"{len(stack)} of shapes {shapes}"
-        raise InputError(f"refocus needs {len(rig)} images of {first.width}x{first.height} pixels, got {got}")
+        raise InputError(
+            f"refocus needs {len(rig)} images of {first.width}x{first.height} pixels, got {got}"
+        )
     principal = np.array([(camera.cx, camera.cy) for camera in rig.cameras])
-    offsets = principal.mean(axis=0) - principal + np.array([first.fx, first.fy]) * lens.vergence * places
+    offsets = (
+        principal.mean(axis=0)
+        - principal
+        + np.array([first.fx, first.fy]) * lens.vergence * places
+    )
     total = np.zeros_like(stack[0])
-    for image, weight, (du, dv) in zip(stack, _weights(places, lens), offsets, strict=True):
+    for image, weight, (du, dv) in zip(
+        stack, _weights(places, lens), offsets, strict=True
+    ):
         for channel in np.ndindex(image.shape[2:] if weight else 0):
-            total[:, :, *channel] += weight * shift(image[:, :, *channel], (dv, du), order=3, mode="nearest")
+            total[:, :, *channel] += weight * shift(
+                image[:, :, *channel], (dv, du), order=3, mode="nearest"
+            )
     return total.astype(np.float32)
 
 
 def places_in_plane(rig: Rig) -> Float:
     """The x and y (n, 2) of the cameras in their common plane, from their middle. Raises InputError for other rigs."""
     first = rig.cameras[0]
-    alike = all((c.fx, c.fy, c.width, c.height) == (first.fx, first.fy, first.width, first.height) for c in rig.cameras)
+    alike = all(
+        (c.fx, c.fy, c.width, c.height)
+        == (first.fx, first.fy, first.width, first.height)
+        for c in rig.cameras
+    )
     poses = np.array([rig.b_from_a(i, 0) for i in range(len(rig))])
     places = poses[:, :3, 3] - poses[:, :3, 3].mean(axis=0)
     extent = np.abs(places).max()
     parallel = np.abs(poses[:, :3, :3] - np.eye(3)).max() <= _ALIGNED
-    if not (alike and parallel and np.abs(places[:, 2]).max() <= _ALIGNED * max(extent, 1.0)):
+    if not (
+        alike and parallel and np.abs(places[:, 2]).max() <= _ALIGNED * max(extent, 1.0)
+    ):
         raise InputError(
             "a light field needs cameras in one plane, with parallel axes and equal fx, fy and image sizes"
         )
@@ -151,9 +192,16 @@ def _weights(places: Float, lens: Lens) -> Float:
     """The fraction (n,) of the lens's light that is nearest to each view; they add up to 1."""
     tree = cKDTree(places)
     u1, u2 = (np.mgrid[:_POINTS, :_POINTS].reshape(2, -1) + 0.5) / _POINTS
-    points = 0.5 * lens.aperture_diameter * np.stack(lens.aperture.sample(u1, u2), axis=-1)
+    points = (
+        0.5 * lens.aperture_diameter * np.stack(lens.aperture.sample(u1, u2), axis=-1)
+    )
     _, nearest = tree.query(points)
     pitch = tree.query(places, k=2)[0][:, 1].max() if len(places) > 1 else 0.0
-    if np.abs(points - places[nearest]).max() > (0.5 + _ROUNDING) * pitch and lens.aperture_diameter > 0:
-        raise InputError(f"the aperture of {format_value(lens)} is larger than the light field's views reach")
+    if (
+        np.abs(points - places[nearest]).max() > (0.5 + _ROUNDING) * pitch
+        and lens.aperture_diameter > 0
+    ):
+        raise InputError(
+            f"the aperture of {format_value(lens)} is larger than the light field's views reach"
+        )
     return np.bincount(nearest, minlength=len(places)) / len(points)

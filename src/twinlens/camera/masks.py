@@ -57,6 +57,8 @@ def decode_mask(text: str, height: int, width: int) -> NDArray[np.bool_]:
         elif shift > _MOST_BITS:
             break
     if shift or min(counts, default=0) < 0 or sum(counts) != height * width:
-        raise InputError(f"the run-length code of a mask does not have {width} x {height} pixels")
+        raise InputError(
+            f"the run-length code of a mask does not have {width} x {height} pixels"
+        )
     runs = np.repeat(np.arange(len(counts)) % 2 == 1, counts)
     return runs.reshape((height, width), order="F")

@@ -20,7 +20,9 @@ _SINGULAR = 1e-12  # relative to the largest singular value
 def check_pair(rig: Rig, a: int, b: int) -> None:
     """Raise InputError unless a and b are two cameras of the rig with a baseline between them."""
     if not (0 <= a < len(rig) and 0 <= b < len(rig)) or a == b:
-        raise InputError(f"a pair needs two different cameras from 0 to {len(rig) - 1}, got {a} and {b}")
+        raise InputError(
+            f"a pair needs two different cameras from 0 to {len(rig) - 1}, got {a} and {b}"
+        )
     epipolar.check_baseline(rig.world_from_cams[a], rig.world_from_cams[b])
 
 
@@ -32,7 +34,9 @@ def essential_matrix(rig: Rig, a: int = 0, b: int = 1) -> Float:
 
 def fundamental_matrix(rig: Rig, a: int = 0, b: int = 1) -> Float:
     """F of cameras a and b, (3, 3); see `geometry.epipolar`. Raises InputError where there is no baseline."""
-    return epipolar.fundamental_matrix(essential_matrix(rig, a, b), rig.cameras[a].K, rig.cameras[b].K)
+    return epipolar.fundamental_matrix(
+        essential_matrix(rig, a, b), rig.cameras[a].K, rig.cameras[b].K
+    )
 
 
 def ideal_pixels(camera: Camera, pixels: ArrayLike) -> Float:
@@ -42,16 +46,25 @@ def ideal_pixels(camera: Camera, pixels: ArrayLike) -> Float:
     """
     measured = np.asarray(pixels, dtype=np.float64)
     if measured.shape[-1:] != (2,) or not np.isfinite(measured).all():
-        raise InputError(f"pixels must be finite, of shape (..., 2), got {measured.shape}: leave out invisible points")
+        raise InputError(
+            f"pixels must be finite, of shape (..., 2), got {measured.shape}: leave out invisible points"
+        )
     if camera.distortion is None:
         return measured
-    ideal = camera.unproject(measured)[..., :2] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+    ideal = camera.unproject(measured)[..., :2] * (camera.fx, camera.fy) + (
+        camera.cx,
+        camera.cy,
+    )
     if np.isnan(ideal).any():
-        raise InputError("a pixel is outside the range of the camera's distortion: leave it out")
+        raise InputError(
+            "a pixel is outside the range of the camera's distortion: leave it out"
+        )
     return ideal
 
 
-def epipolar_curve(rig: Rig, pixel: ArrayLike, depths: ArrayLike, a: int = 0, b: int = 1) -> Float:
+def epipolar_curve(
+    rig: Rig, pixel: ArrayLike, depths: ArrayLike, a: int = 0, b: int = 1
+) -> Float:
     """Pixels (M, 2) in camera b, distorted, of the points at `depths` (M,) metres on the ray of camera a's pixel (2,).
 
     NaN where b does not see the point. Raises InputError for a depth that is not positive and finite.
@@ -83,13 +96,18 @@ def epipole_in_image(rig: Rig, a: int = 0, b: int = 1) -> Float | None:
     A view that contains its epipole cannot be rectified.
     """
     check_pair(rig, a, b)
-    direction = epipolar.centre_direction(rig.world_from_cams[a], rig.world_from_cams[b])
+    direction = epipolar.centre_direction(
+        rig.world_from_cams[a], rig.world_from_cams[b]
+    )
     pixel = rig.cameras[a].project(direction * np.sign(direction[2]))
     return pixel if rig.cameras[a].contains(pixel) else None
 
 
 def triangulate(
-    rig: Rig, pixels: Sequence[ArrayLike], cameras: Sequence[int] = (0, 1), method: str = "optimal"
+    rig: Rig,
+    pixels: Sequence[ArrayLike],
+    cameras: Sequence[int] = (0, 1),
+    method: str = "optimal",
 ) -> Float:
     """World points, float64 (N, 3), metres, from their measured `pixels`: one (N, 2) array for each of `cameras`.
 
@@ -101,17 +119,27 @@ def triangulate(
     """
     check_known("triangulation method", method, triangulation.METHODS)
     chosen = _checked_cameras(rig, pixels, cameras)
-    ideal = [ideal_pixels(rig.cameras[i], measured) for i, measured in zip(chosen, pixels, strict=True)]
+    ideal = [
+        ideal_pixels(rig.cameras[i], measured)
+        for i, measured in zip(chosen, pixels, strict=True)
+    ]
     shapes = [each.shape for each in ideal]
     if len(set(shapes)) != 1 or ideal[0].ndim != 2:
-        raise InputError(f"pixels must be (N, 2), with the same N in every camera, got {shapes}")
+        raise InputError(
+            f"pixels must be (N, 2), with the same N in every camera, got {shapes}"
+        )
     poses = [rig.world_from_cams[i] for i in chosen]
-    points = triangulation.METHODS[method]([rig.cameras[i].K for i in chosen], poses, ideal)
+    points = triangulation.METHODS[method](
+        [rig.cameras[i].K for i in chosen], poses, ideal
+    )
     return np.where(triangulation.in_front(poses, points)[:, None], points, np.inf)
 
 
 def covariance(
-    rig: Rig, points_world: ArrayLike, sigma_px: float | Sequence[float] = 1.0, cameras: Sequence[int] = (0, 1)
+    rig: Rig,
+    points_world: ArrayLike,
+    sigma_px: float | Sequence[float] = 1.0,
+    cameras: Sequence[int] = (0, 1),
 ) -> Float:
     """Covariance (N, 3, 3), square metres in world axes, of points (N, 3) triangulated from noisy pixels.
 
@@ -128,25 +156,39 @@ def covariance(
     if not (np.isfinite(sigmas).all() and (sigmas > 0).all()):
         raise InputError(f"sigma_px must be positive numbers of pixels, got {sigma_px}")
     if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
-        raise InputError("covariance needs finite points (N, 3): leave out those at infinity")
+        raise InputError(
+            "covariance needs finite points (N, 3): leave out those at infinity"
+        )
     rows = []
     for i, sigma in zip(chosen, sigmas, strict=True):
         cam_from_world = inverse(rig.world_from_cams[i])
-        jacobian = rig.cameras[i].projection_jacobian(transform_points(cam_from_world, points))
+        jacobian = rig.cameras[i].projection_jacobian(
+            transform_points(cam_from_world, points)
+        )
         rows.append(jacobian @ cam_from_world[:3, :3] / sigma)
     _, singular, axes = np.linalg.svd(np.concatenate(rows, axis=1))
     if (singular[:, 2] <= _SINGULAR * singular[:, 0]).any():
-        raise InputError("the pixels do not determine a point near the line of the cameras or very far away")
+        raise InputError(
+            "the pixels do not determine a point near the line of the cameras or very far away"
+        )
     return np.asarray(np.einsum("nki,nk,nkj->nij", axes, singular**-2, axes))
 
 
-def _checked_cameras(rig: Rig, pixels: Sequence[object], cameras: Sequence[int]) -> tuple[int, ...]:
+def _checked_cameras(
+    rig: Rig, pixels: Sequence[object], cameras: Sequence[int]
+) -> tuple[int, ...]:
     """The cameras. InputError unless they differ, each has pixels, and two of them have a baseline."""
     chosen = tuple(cameras)
     if len(chosen) < 2 or len(chosen) != len(pixels) or len(set(chosen)) != len(chosen):
         got = f"cameras {list(chosen)} and {len(pixels)} arrays"
-        raise InputError(f"triangulation needs pixels of two or more different cameras, got {got}")
+        raise InputError(
+            f"triangulation needs pixels of two or more different cameras, got {got}"
+        )
     if not all(0 <= i < len(rig) for i in chosen):
-        raise InputError(f"cameras must be from 0 to {len(rig) - 1}, got {list(chosen)}")
-    check_pair(rig, chosen[0], max(chosen[1:], key=lambda i: rig.baseline(chosen[0], i)))
+        raise InputError(
+            f"cameras must be from 0 to {len(rig) - 1}, got {list(chosen)}"
+        )
+    check_pair(
+        rig, chosen[0], max(chosen[1:], key=lambda i: rig.baseline(chosen[0], i))
+    )
     return chosen

@@ -103,17 +103,25 @@ class Masks(Parts):
         try:
             shares = np.array(masks, dtype=np.float64)
         except (TypeError, ValueError) as error:
-            raise InputError("parts must be masks of numbers with equal shapes (H, W)") from error
+            raise InputError(
+                "parts must be masks of numbers with equal shapes (H, W)"
+            ) from error
         if shares.ndim != 3 or not 0 < shares.size <= _MOST_CELLS:
-            raise InputError(f"parts must be masks (P, H, W) of at most {_MOST_CELLS} cells, got {shares.shape}")
+            raise InputError(
+                f"parts must be masks (P, H, W) of at most {_MOST_CELLS} cells, got {shares.shape}"
+            )
         if not ((shares >= 0) & (shares.sum(axis=0) <= 1 + 1e-9)).all():
             found = f"shares from {shares.min():g} to {shares.max():g}, sums up to {shares.sum(axis=0).max():g}"
-            raise InputError(f"parts must have shares from 0 to 1 that add up to 1 at most, got {found}")
+            raise InputError(
+                f"parts must have shares from 0 to 1 that add up to 1 at most, got {found}"
+            )
         shares.setflags(write=False)
         object.__setattr__(self, "masks", shares)
 
 
-def aperture_points(lens: Lens, parts: Parts | None = None, n: int = 24) -> tuple[Float, Float]:
+def aperture_points(
+    lens: Lens, parts: Parts | None = None, n: int = 24
+) -> tuple[Float, Float]:
     """Points (n^2, 2) of the aperture in metres, each with the same area, and the share (P, n^2) of each part in them.
 
     They are the `ApertureSamples` of depth from defocus. Without parts P is 1 and the shares are 1. n points resolve
@@ -135,12 +143,16 @@ def aperture_points(lens: Lens, parts: Parts | None = None, n: int = 24) -> tupl
 def check_parts(parts: Parts, lens: Lens) -> None:
     """Raise InputError unless `parts` are parts of an aperture, and `lens` has one."""
     if not isinstance(parts, Parts):
-        raise InputError(f"parts must be Dual, Quad, Grid or Masks, got {format_value(parts)}")
+        raise InputError(
+            f"parts must be Dual, Quad, Grid or Masks, got {format_value(parts)}"
+        )
     if lens.aperture_diameter == 0:
         raise InputError("parts need a lens with an aperture; a pinhole has none")
 
 
-def dual_pixel_disparity(truth: Truth | ArrayLike, camera: Camera, lens: Lens, axis: str = "x") -> NDArray[np.float32]:
+def dual_pixel_disparity(
+    truth: Truth | ArrayLike, camera: Camera, lens: Lens, axis: str = "x"
+) -> NDArray[np.float32]:
     """True disparity of the halves of an aperture, float32 (H, W), pixels; +inf where nothing was hit.
 
     d = f b (1/z - k) for the depth z along the chief ray of each pixel, with the distance b of the centroids of the
@@ -163,5 +175,7 @@ def dual_pixel_disparity(truth: Truth | ArrayLike, camera: Camera, lens: Lens, a
     if not np.isfinite(second - first):
         raise InputError("dual pixels need an aperture with light in both halves")
     width = 0.5 * lens.aperture_diameter * float(second - first)
-    disparity = optics.circle_of_confusion_px(depth, width, (camera.fx, camera.fy)[column], lens.vergence)
+    disparity = optics.circle_of_confusion_px(
+        depth, width, (camera.fx, camera.fy)[column], lens.vergence
+    )
     return np.where(np.isposinf(depth), np.inf, disparity).astype(np.float32)

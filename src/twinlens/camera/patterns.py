@@ -22,20 +22,31 @@ def white(width: int, height: int) -> Pattern:
     return np.ones((height, width), dtype=np.float32)
 
 
-def dots(width: int, height: int, density: float = 0.1, size: int = 1, seed: int = 0, tiles: int = 1) -> Pattern:
+def dots(
+    width: int,
+    height: int,
+    density: float = 0.1,
+    size: int = 1,
+    seed: int = 0,
+    tiles: int = 1,
+) -> Pattern:
     """Pseudo-random square dots of `size` pixels on a grid of that step; `density` is the share of lit cells.
 
     Exactly round(density * cells) cells are lit, so the pattern's mean does not depend on the seed.
 
     tiles : copies of one tile side by side and above each other, as the orders of a diffractive element.
     """
-    check_number("the density of dots", density, "a number from 0 to 1", least=0, most=1)
+    check_number(
+        "the density of dots", density, "a number from 0 to 1", least=0, most=1
+    )
     check_int("the seed of dots", seed, 0)
     rows, columns = _cells(width, height, size)
     check_int("the tiles of dots", tiles, 1, min(rows, columns))
     tile = -(-rows // tiles), -(-columns // tiles)
     cells = np.zeros(tile[0] * tile[1], dtype=np.float32)
-    lit = np.random.default_rng(seed).permutation(len(cells))[: round(density * len(cells))]
+    lit = np.random.default_rng(seed).permutation(len(cells))[
+        : round(density * len(cells))
+    ]
     cells[lit] = 1.0
     return _enlarged(np.tile(cells.reshape(tile), (tiles, tiles)), size, width, height)
 
@@ -58,7 +69,9 @@ def stripes(width: int, height: int, period: int = 16, axis: str = "u") -> Patte
 def checker(width: int, height: int, size: int = 16) -> Pattern:
     """A checkerboard with squares of `size` pixels: the first is lit."""
     rows, columns = _cells(width, height, size)
-    cells = (np.add.outer(np.arange(rows), np.arange(columns)) % 2 == 0).astype(np.float32)
+    cells = (np.add.outer(np.arange(rows), np.arange(columns)) % 2 == 0).astype(
+        np.float32
+    )
     return _enlarged(cells, size, width, height)
 
 
@@ -74,12 +87,24 @@ def speckle(width: int, height: int, grain: float = 4.0, seed: int = 0) -> Patte
     Source: Goodman, Speckle Phenomena in Optics, 2007, chapters 3 and 5.
     """
     check_size(width, height)
-    most = max(2.0, 0.5 * min(width, height))  # larger: fewer than 5 waves make the pattern
-    check_number("the grain of speckle", grain, f"a number of pixels from 2 to {most:g}", least=2, most=most)
+    most = max(
+        2.0, 0.5 * min(width, height)
+    )  # larger: fewer than 5 waves make the pattern
+    check_number(
+        "the grain of speckle",
+        grain,
+        f"a number of pixels from 2 to {most:g}",
+        least=2,
+        most=most,
+    )
     check_int("the seed of speckle", seed, 0)
-    aperture = np.hypot(np.fft.fftfreq(height)[:, None], np.fft.fftfreq(width)) <= 0.5 / grain
+    aperture = (
+        np.hypot(np.fft.fftfreq(height)[:, None], np.fft.fftfreq(width)) <= 0.5 / grain
+    )
     real, imaginary = np.random.default_rng(seed).standard_normal((2, height, width))
-    intensity = np.abs(np.fft.fft2(np.where(aperture, real + 1j * imaginary, 0.0))) ** 2 / (2 * aperture.sum())
+    intensity = np.abs(
+        np.fft.fft2(np.where(aperture, real + 1j * imaginary, 0.0))
+    ) ** 2 / (2 * aperture.sum())
     pattern: Pattern = np.minimum(SPECKLE_MEAN * intensity, 1.0).astype(np.float32)
     return pattern
 
@@ -100,13 +125,25 @@ def gray_code_bits(count: int) -> int:
 
 
 def phase_shift(
-    width: int, height: int, frame: int = 0, period: float = 16.0, steps: int = 4, axis: str = "u"
+    width: int,
+    height: int,
+    frame: int = 0,
+    period: float = 16.0,
+    steps: int = 4,
+    axis: str = "u",
 ) -> Pattern:
     """Image `frame` of a sinusoid shifted `steps` times, see `structured_light.PhaseShift`."""
-    check_number("the period of a phase shift", period, "a number of pixels > 2", above=2)
+    check_number(
+        "the period of a phase shift", period, "a number of pixels > 2", above=2
+    )
     check_int("the steps of a phase shift", steps, 3)
     check_int("the frame of a phase shift", frame, 0, steps - 1)
-    return along(width, height, axis, lambda u: 0.5 + 0.5 * np.cos(2 * np.pi * (u / period - frame / steps)))
+    return along(
+        width,
+        height,
+        axis,
+        lambda u: 0.5 + 0.5 * np.cos(2 * np.pi * (u / period - frame / steps)),
+    )
 
 
 PATTERNS: dict[str, Callable[..., Pattern]] = {
@@ -135,12 +172,18 @@ def named(name: str, width: int, height: int, /, **options: Any) -> Pattern:
         raise InputError(f"pattern {name!r}: {error}") from error
 
 
-def along(width: int, height: int, axis: str, value: Callable[[NDArray[np.int64]], Any]) -> Pattern:
+def along(
+    width: int, height: int, axis: str, value: Callable[[NDArray[np.int64]], Any]
+) -> Pattern:
     """The pattern that has `value(position)` at each column ("u") or row ("v")."""
     check_size(width, height)
     check_known("axis", axis, AXES)
-    values = np.asarray(value(np.arange(width if axis == "u" else height)), dtype=np.float32)
-    return np.array(np.broadcast_to(values if axis == "u" else values[:, None], (height, width)))
+    values = np.asarray(
+        value(np.arange(width if axis == "u" else height)), dtype=np.float32
+    )
+    return np.array(
+        np.broadcast_to(values if axis == "u" else values[:, None], (height, width))
+    )
 
 
 def _cells(width: int, height: int, size: int) -> tuple[int, int]:

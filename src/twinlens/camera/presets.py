@@ -28,10 +28,14 @@ class CameraPreset:
     f_number: float | None = None
     baseline: float | None = None
 
-    def size(self, width: int | None = None, height: int | None = None) -> tuple[int, int]:
+    def size(
+        self, width: int | None = None, height: int | None = None
+    ) -> tuple[int, int]:
         """The given size; without a width that of the sensor, without a height the one of all rows."""
         width = width or self.camera.width
-        return width, height or max(1, round(self.camera.height * width / self.camera.width))
+        return width, height or max(
+            1, round(self.camera.height * width / self.camera.width)
+        )
 
     def resized(self, width: int | None = None, height: int | None = None) -> Camera:
         """The camera with all columns of the sensor binned to `width` pixels, and the `height` rows in its middle.
@@ -49,10 +53,20 @@ class CameraPreset:
                 f"height: the sensor has {most} rows at a width of {width}, got {height}; use at most {most}"
             )
         scale = width / own.width
-        cx, cy = (own.cx + 0.5) * scale - 0.5, 0.5 * (height - 1) + (own.cy - 0.5 * (own.height - 1)) * scale
+        cx, cy = (
+            (own.cx + 0.5) * scale - 0.5,
+            0.5 * (height - 1) + (own.cy - 0.5 * (own.height - 1)) * scale,
+        )
         pitch = own.pixel_pitch_um / scale
         return replace(
-            own, width=width, height=height, fx=own.fx * scale, fy=own.fy * scale, cx=cx, cy=cy, pixel_pitch_um=pitch
+            own,
+            width=width,
+            height=height,
+            fx=own.fx * scale,
+            fy=own.fy * scale,
+            cx=cx,
+            cy=cy,
+            pixel_pitch_um=pitch,
         )
 
     def reference(self, name: str) -> dict[str, Any]:
@@ -68,7 +82,9 @@ class CameraPreset:
             "fov_x_deg": camera.fov_x_deg,
             "f_number": self.f_number,
             "baseline": self.baseline,
-            "distortion": None if distortion is None else {"model": distortion.name, **asdict(distortion)},
+            "distortion": None
+            if distortion is None
+            else {"model": distortion.name, **asdict(distortion)},
             "source": self.source,
         }
 
@@ -108,7 +124,16 @@ CAMERAS: dict[str, CameraPreset] = {
     ),
     "gopro-hero9-wide": CameraPreset(
         "action camera with a fisheye lens, GoPro HERO9 Black, video at 960x540 with the wide field of view",
-        Camera(960, 540, 435.45, 435.45, 479.12, 274.46, KannalaBrandt(0.05, 0.07, -0.11, 0.05), 6.43),
+        Camera(
+            960,
+            540,
+            435.45,
+            435.45,
+            479.12,
+            274.46,
+            KannalaBrandt(0.05, 0.07, -0.11, 0.05),
+            6.43,
+        ),
         "S. Urban, OpenImuCameraCalibrator, github.com/urbste/OpenImuCameraCalibrator, Readme.md of commit 0a06c13, "
         "dataset 3: calibration of one unit, fisheye model, coefficients rounded to 0.01. "
         "cameradecision.com/faq/what-is-the-Sensor-Size-of-GoPro-Hero9-Black: a sensor of 6.17 mm, here over the 960 "

@@ -63,16 +63,31 @@ class Projector:
         focus_distance: float = math.inf,
     ) -> None:
         if not isinstance(intrinsics, Camera):
-            raise InputError(f"a projector's intrinsics must be a Camera, got {format_value(intrinsics)}")
-        check_number("a projector's power", power, "a number of watts >= 0, at most 1e9", least=0, most=1e9)
+            raise InputError(
+                f"a projector's intrinsics must be a Camera, got {format_value(intrinsics)}"
+            )
+        check_number(
+            "a projector's power",
+            power,
+            "a number of watts >= 0, at most 1e9",
+            least=0,
+            most=1e9,
+        )
         check_known("band of a projector", band, BANDS)
         check_known("filter of a projector", filter, FILTERS)
-        check_number("a projector's aperture_diameter", aperture_diameter, "a number of metres >= 0", least=0)
+        check_number(
+            "a projector's aperture_diameter",
+            aperture_diameter,
+            "a number of metres >= 0",
+            least=0,
+        )
         check_focus(focus_distance)
         if isinstance(pattern, str):
             pattern = named(pattern, intrinsics.width, intrinsics.height)
         values = {
-            "pose": check_rigid(np.eye(4) if pose is None else pose, "a projector's pose"),
+            "pose": check_rigid(
+                np.eye(4) if pose is None else pose, "a projector's pose"
+            ),
             "intrinsics": intrinsics,
             "pattern": _checked_pattern(pattern, intrinsics),
             "power": float(power),
@@ -91,8 +106,13 @@ class Projector:
 
     def agrees_with(self, other: "Projector") -> bool:
         """Whether all values are equal, but for the rounding of poses."""
-        own, values = ([getattr(each, item.name) for item in fields(self)[1:]] for each in (self, other))
-        equal = all(np.array_equal(one, value) for one, value in zip(own, values, strict=True))
+        own, values = (
+            [getattr(each, item.name) for item in fields(self)[1:]]
+            for each in (self, other)
+        )
+        equal = all(
+            np.array_equal(one, value) for one, value in zip(own, values, strict=True)
+        )
         return equal and np.allclose(self.pose, other.pose, rtol=1e-12, atol=1e-9)
 
     def with_pattern(self, pattern: ArrayLike | str) -> "Projector":
@@ -106,11 +126,15 @@ class Projector:
         `LUMENS_PER_WATT` converts lux to W/m^2. Raises InputError for a near infrared projector.
         """
         if self.band == "nir":
-            raise InputError("lux is a unit of visible light: use band='rgb', or give the power in watts")
+            raise InputError(
+                "lux is a unit of visible light: use band='rgb', or give the power in watts"
+            )
         check_number("lux", lux, "a number of lux >= 0", least=0)
         check_number("distance", distance, "a number of metres > 0", above=0)
         camera = self.intrinsics
-        lit_area = camera.width * camera.height / (camera.fx * camera.fy) * distance**2  # of a plane, m^2
+        lit_area = (
+            camera.width * camera.height / (camera.fx * camera.fy) * distance**2
+        )  # of a plane, m^2
         return replace(self, power=lux / LUMENS_PER_WATT * lit_area)
 
 
@@ -118,8 +142,12 @@ def _checked_pattern(pattern: ArrayLike, intrinsics: Camera) -> NDArray[np.float
     values = float_array("a projector's pattern", pattern).astype(np.float32)
     size = intrinsics.height, intrinsics.width
     if values.shape != size:
-        raise InputError(f"a projector's pattern must have the shape {size} of its intrinsics, got {values.shape}")
+        raise InputError(
+            f"a projector's pattern must have the shape {size} of its intrinsics, got {values.shape}"
+        )
     if not ((values >= 0) & (values <= 1)).all():
-        raise InputError("a projector's pattern must have values from 0 to 1, and no NaN")
+        raise InputError(
+            "a projector's pattern must have values from 0 to 1, and no NaN"
+        )
     values.setflags(write=False)
     return values

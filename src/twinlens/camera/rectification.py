@@ -55,7 +55,11 @@ class Rectification:
 
     def maps(self, side: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """(map_x, map_y), float32 (H, W): the original pixel of each rectified one, for `cv2.remap`."""
-        return undistort_maps(self.pair.cameras[side], self.rectified_rig.cameras[side], self.rotation(side))
+        return undistort_maps(
+            self.pair.cameras[side],
+            self.rectified_rig.cameras[side],
+            self.rotation(side),
+        )
 
     def warp(self, side: int, image: NDArray[Any]) -> NDArray[Any]:
         """The original image (H, W[, C]) rectified, bilinear, of its dtype; 0 outside the original image."""
@@ -63,11 +67,16 @@ class Rectification:
 
     def valid(self, side: int) -> NDArray[np.bool_]:
         """Whether the source of a rectified pixel is between the outermost pixel centres of its image, bool (H, W)."""
-        return _within(self.pair.cameras[side], self.source_pixels(side, self.rectified_rig.cameras[side].pixel_grid()))
+        return _within(
+            self.pair.cameras[side],
+            self.source_pixels(side, self.rectified_rig.cameras[side].pixel_grid()),
+        )
 
     def source_pixels(self, side: int, rectified: ArrayLike) -> Float:
         """Original pixels (..., 2), float64, of rectified pixels (..., 2); NaN where there are none."""
-        rays = self.rectified_rig.cameras[side].unproject(rectified) @ self.rotation(side)
+        rays = self.rectified_rig.cameras[side].unproject(rectified) @ self.rotation(
+            side
+        )
         return self.pair.cameras[side].project(rays)
 
     def rectified_pixels(self, side: int, source: ArrayLike) -> Float:
@@ -109,19 +118,43 @@ def rectify(
     world_from_rect = rectified_orientation(*pair.world_from_cams)
     outlines = [_outline(pair, side, world_from_rect) for side in (0, 1)]
     first = pair.cameras[0]
-    size = first.width if width is None else width, first.height if height is None else height
+    size = (
+        first.width if width is None else width,
+        first.height if height is None else height,
+    )
     # The direction (x, y) at the middle of each rectified image; y is that of both.
-    centres = [0.5 * (outline.min(axis=0) + outline.max(axis=0)) for outline in outlines]
+    centres = [
+        0.5 * (outline.min(axis=0) + outline.max(axis=0)) for outline in outlines
+    ]
     mean = 0.5 * (centres[0] + centres[1])
-    centres = [np.array([mean[0] if zero_doffs else centre[0], mean[1]]) for centre in centres]
+    centres = [
+        np.array([mean[0] if zero_doffs else centre[0], mean[1]]) for centre in centres
+    ]
     focal = _focal_length(fit, pair, world_from_rect, outlines, centres, size)
     cameras = []
     for centre, old in zip(centres, pair.cameras, strict=True):
-        cx, cy = np.round(0.5 * (np.array(size) - 1) - focal * centre, 9)  # exact half pixels, for the scalar backend
-        cameras.append(Camera(*size, focal, focal, float(cx), float(cy), None, old.pixel_pitch_um, old.band))
+        cx, cy = np.round(
+            0.5 * (np.array(size) - 1) - focal * centre, 9
+        )  # exact half pixels, for the scalar backend
+        cameras.append(
+            Camera(
+                *size,
+                focal,
+                focal,
+                float(cx),
+                float(cy),
+                None,
+                old.pixel_pitch_um,
+                old.band,
+            )
+        )
     poses = [rigid(world_from_rect, pose[:3, 3]) for pose in pair.world_from_cams]
     aligned = Rig(cameras, poses, projectors=pair.projectors_from(poses[0]))
-    rectified = aligned if misalignment == ALIGNED else misaligned(aligned, (ALIGNED, misalignment))
+    rectified = (
+        aligned
+        if misalignment == ALIGNED
+        else misaligned(aligned, (ALIGNED, misalignment))
+    )
     return Rectification(pair, aligned, rectified)
 
 
@@ -132,32 +165,51 @@ def _outline(pair: Rig, side: int, world_from_rect: Float) -> Float:
     x, y, z = (rays @ pair.world_from_cams[side][:3, :3].T @ world_from_rect).T
     if not (np.hypot(x, y) < _MAX_TAN * z).all():
         remedy = "use a narrower field of view, or cameras with more similar directions"
-        raise InputError(f"camera {side} of the pair sees 85 degrees or more from the rectified axis: {remedy}")
+        raise InputError(
+            f"camera {side} of the pair sees 85 degrees or more from the rectified axis: {remedy}"
+        )
     return np.stack([x / z, y / z], axis=1)
 
 
 def _focal_length(
-    fit: str, pair: Rig, world_from_rect: Float, outlines: list[Float], centres: list[Float], size: tuple[int, int]
+    fit: str,
+    pair: Rig,
+    world_from_rect: Float,
+    outlines: list[Float],
+    centres: list[Float],
+    size: tuple[int, int],
 ) -> float:
     """The focal length of the rectified cameras in pixels; see `rectify`."""
     mean = float(np.mean([(camera.fx, camera.fy) for camera in pair.cameras]))
     if fit == "focal":
         return mean
-    reach = np.max([np.abs(outline - centre).max(axis=0) for outline, centre in zip(outlines, centres, strict=True)], 0)
+    reach = np.max(
+        [
+            np.abs(outline - centre).max(axis=0)
+            for outline, centre in zip(outlines, centres, strict=True)
+        ],
+        0,
+    )
     low, high = float((0.5 * (np.array(size) - 1) / reach).min()), 1e3 * mean
     if fit == "all":
         return low
     offsets = image_border(*size) - 0.5 * (np.array(size) - 1)
 
     def covered(focal: float) -> bool:
-        for camera, pose, centre in zip(pair.cameras, pair.world_from_cams, centres, strict=True):
-            rays = homogeneous(centre + offsets / focal) @ world_from_rect.T @ pose[:3, :3]
+        for camera, pose, centre in zip(
+            pair.cameras, pair.world_from_cams, centres, strict=True
+        ):
+            rays = (
+                homogeneous(centre + offsets / focal) @ world_from_rect.T @ pose[:3, :3]
+            )
             if not _within(camera, camera.project(rays)).all():
                 return False
         return True
 
     if not covered(high):
-        raise InputError("fit='valid' needs the middle of the rectified image in both views: try zero_doffs=False")
+        raise InputError(
+            "fit='valid' needs the middle of the rectified image in both views: try zero_doffs=False"
+        )
     for _ in range(_BISECTIONS):
         middle = math.sqrt(low * high)
         low, high = (low, middle) if covered(middle) else (middle, high)
@@ -166,7 +218,9 @@ def _focal_length(
 
 def _within(camera: Camera, pixels: Float) -> NDArray[np.bool_]:
     """Whether pixels (..., 2) are between the outermost pixel centres; False for NaN."""
-    return np.asarray(((pixels >= 0) & (pixels <= (camera.width - 1, camera.height - 1))).all(axis=-1))
+    return np.asarray(
+        ((pixels >= 0) & (pixels <= (camera.width - 1, camera.height - 1))).all(axis=-1)
+    )
 
 
 def rectified_orientation(world_from_left: Float, world_from_right: Float) -> Float:
@@ -174,31 +228,48 @@ def rectified_orientation(world_from_left: Float, world_from_right: Float) -> Fl
 
     Raises InputError if the right camera is left of the left one.
     """
-    left, right = (Rotation.from_matrix(pose[:3, :3]) for pose in (world_from_left, world_from_right))
-    mean = (left * Rotation.from_rotvec(0.5 * (left.inv() * right).as_rotvec())).as_matrix()
+    left, right = (
+        Rotation.from_matrix(pose[:3, :3])
+        for pose in (world_from_left, world_from_right)
+    )
+    mean = (
+        left * Rotation.from_rotvec(0.5 * (left.inv() * right).as_rotvec())
+    ).as_matrix()
     baseline = world_from_right[:3, 3] - world_from_left[:3, 3]
     x = baseline / np.linalg.norm(baseline)
     cosine = float(mean[:, 0] @ x)
     if cosine < -1e-6:
-        raise InputError("the second camera is left of the first: exchange the two cameras")
-    v = skew(np.cross(mean[:, 0], x))  # Rodrigues' formula: I + v + v v / (1 + cosine) rotates the mean x to x
+        raise InputError(
+            "the second camera is left of the first: exchange the two cameras"
+        )
+    v = skew(
+        np.cross(mean[:, 0], x)
+    )  # Rodrigues' formula: I + v + v v / (1 + cosine) rotates the mean x to x
     z = (mean + v @ mean + v @ v @ mean / (1.0 + cosine))[:, 2]
     y = np.cross(z - (z @ x) * x, x)
     y /= np.linalg.norm(y)
     return np.stack([x, y, np.cross(x, y)], axis=1)
 
 
-def warp(image: NDArray[Any], map_x: NDArray[np.float32], map_y: NDArray[np.float32]) -> NDArray[Any]:
+def warp(
+    image: NDArray[Any], map_x: NDArray[np.float32], map_y: NDArray[np.float32]
+) -> NDArray[Any]:
     """Sample `image` (H, W[, C]) bilinearly at pixels (map_x, map_y); 0 beyond the outermost pixel centres; same dtype.
 
     Raises InputError if the maps differ in shape.
     """
     if map_x.shape != map_y.shape:
-        raise InputError(f"map_x and map_y must have the same shape, got {map_x.shape} and {map_y.shape}")
+        raise InputError(
+            f"map_x and map_y must have the same shape, got {map_x.shape} and {map_y.shape}"
+        )
     planes = image[..., None] if image.ndim == 2 else image
     yx = np.stack([map_y, map_x]).astype(np.float64)
     warped = np.stack(
-        [map_coordinates(planes[..., c].astype(np.float64), yx, order=1) for c in range(planes.shape[-1])], axis=-1
+        [
+            map_coordinates(planes[..., c].astype(np.float64), yx, order=1)
+            for c in range(planes.shape[-1])
+        ],
+        axis=-1,
     )
     rounded = np.rint(warped) if np.issubdtype(image.dtype, np.integer) else warped
     return rounded.astype(image.dtype).reshape(*map_x.shape, *image.shape[2:])

@@ -14,8 +14,12 @@ from twinlens.errors import InputError, check_ranges, format_value
 from twinlens.geometry import Float, check_rigid, inverse, rigid, transform_points
 from twinlens.optics import check_length
 
-_ALIGNED = 1e-9  # relative to the baseline, and for unit axes: tolerance of a rectified pair
-_ROUNDING = 1e-15  # relative to the distance from the world's origin: rounding of float64 poses
+_ALIGNED = (
+    1e-9  # relative to the baseline, and for unit axes: tolerance of a rectified pair
+)
+_ROUNDING = (
+    1e-15  # relative to the distance from the world's origin: rounding of float64 poses
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,23 +49,46 @@ class Rig:
         if len(cameras) != len(world_from_cams) or not cameras:
             got = f"{len(cameras)} cameras and {len(world_from_cams)} poses"
             raise InputError(f"a rig needs one pose per camera, got {got}")
-        poses = tuple(check_rigid(pose, f"world_from_cams[{i}]") for i, pose in enumerate(world_from_cams))
+        poses = tuple(
+            check_rigid(pose, f"world_from_cams[{i}]")
+            for i, pose in enumerate(world_from_cams)
+        )
         if calibrated is not None:
             if not isinstance(calibrated, Rig) or calibrated.calibrated is not None:
-                raise InputError("calibrated must be a Rig that has no calibrated rig itself")
-            if [(c.width, c.height) for c in calibrated.cameras] != [(c.width, c.height) for c in cameras]:
-                raise InputError("a rig and its calibrated rig must have as many cameras, of the same image sizes")
-        if not isinstance(projectors, Sequence) or not all(isinstance(each, Projector) for each in projectors):
-            raise InputError(f"the projectors of a rig must be a list of Projectors, got {format_value(projectors)}")
-        values = {"cameras": tuple(cameras), "world_from_cams": poses, "calibrated": calibrated}
+                raise InputError(
+                    "calibrated must be a Rig that has no calibrated rig itself"
+                )
+            if [(c.width, c.height) for c in calibrated.cameras] != [
+                (c.width, c.height) for c in cameras
+            ]:
+                raise InputError(
+                    "a rig and its calibrated rig must have as many cameras, of the same image sizes"
+                )
+        if not isinstance(projectors, Sequence) or not all(
+            isinstance(each, Projector) for each in projectors
+        ):
+            raise InputError(
+                f"the projectors of a rig must be a list of Projectors, got {format_value(projectors)}"
+            )
+        values = {
+            "cameras": tuple(cameras),
+            "world_from_cams": poses,
+            "calibrated": calibrated,
+        }
         for name, value in (values | {"projectors": tuple(projectors)}).items():
             object.__setattr__(self, name, value)
         if calibrated is not None and not _same_projectors(self, calibrated):
-            raise InputError("a rig and its calibrated rig must have the same projectors, at the same places")
+            raise InputError(
+                "a rig and its calibrated rig must have the same projectors, at the same places"
+            )
 
     @classmethod
     def stereo(
-        cls, camera: Camera, baseline: float, world_from_left: ArrayLike | None = None, right: Camera | None = None
+        cls,
+        camera: Camera,
+        baseline: float,
+        world_from_left: ArrayLike | None = None,
+        right: Camera | None = None,
     ) -> "Rig":
         """A rectified pair: the right camera is `baseline` metres along the left one's x axis, with parallel axes.
 
@@ -70,9 +97,20 @@ class Rig:
         """
         check_length("baseline", baseline)
         right = right or camera
-        if (camera.fx, camera.fy, camera.cy, camera.height) != (right.fx, right.fy, right.cy, right.height):
-            raise InputError("the cameras of a rectified pair must have equal fx, fy, cy and height")
-        left_pose = np.eye(4) if world_from_left is None else check_rigid(world_from_left, "world_from_left")
+        if (camera.fx, camera.fy, camera.cy, camera.height) != (
+            right.fx,
+            right.fy,
+            right.cy,
+            right.height,
+        ):
+            raise InputError(
+                "the cameras of a rectified pair must have equal fx, fy, cy and height"
+            )
+        left_pose = (
+            np.eye(4)
+            if world_from_left is None
+            else check_rigid(world_from_left, "world_from_left")
+        )
         left_from_right = rigid(np.eye(3), [baseline, 0.0, 0.0])
         return cls((camera, right), (left_pose, left_pose @ left_from_right))
 
@@ -90,7 +128,9 @@ class Rig:
 
     def project(self, index: int, points_world: ArrayLike) -> Float:
         """Pixels (..., 2) of world points (..., 3) in camera `index`, distorted; NaN as in `Camera.project`."""
-        return self.cameras[index].project(transform_points(inverse(self.world_from_cams[index]), points_world))
+        return self.cameras[index].project(
+            transform_points(inverse(self.world_from_cams[index]), points_world)
+        )
 
     def unproject(self, index: int, pixels: ArrayLike, depth: ArrayLike) -> Float:
         """The world points (..., 3) at `depth` (...,) metres of the pixels (..., 2) of camera `index`.
@@ -99,13 +139,17 @@ class Rig:
         >>> rig.project(1, rig.unproject(1, [10.0, 20.0], 2.0)).round(9).tolist()
         [10.0, 20.0]
         """
-        points_cam = np.asarray(depth, dtype=np.float64)[..., None] * self.cameras[index].unproject(pixels)
+        points_cam = np.asarray(depth, dtype=np.float64)[..., None] * self.cameras[
+            index
+        ].unproject(pixels)
         return transform_points(self.world_from_cams[index], points_cam)
 
     @property
     def world_from_projectors(self) -> tuple[Float, ...]:
         """The poses of the projectors in the world, (4, 4) each."""
-        return tuple(self.world_from_cams[0] @ projector.pose for projector in self.projectors)
+        return tuple(
+            self.world_from_cams[0] @ projector.pose for projector in self.projectors
+        )
 
     def with_projectors(self, projectors: Sequence[Projector]) -> "Rig":
         """The same cameras with these projectors; a `calibrated` rig gets them at the same places in the world."""
@@ -119,7 +163,10 @@ class Rig:
         """The projectors where they are, for a rig whose first camera has this pose."""
         first_from_world = inverse(world_from_first)
         poses = self.world_from_projectors
-        return tuple(replace(p, pose=first_from_world @ pose) for p, pose in zip(self.projectors, poses, strict=True))
+        return tuple(
+            replace(p, pose=first_from_world @ pose)
+            for p, pose in zip(self.projectors, poses, strict=True)
+        )
 
     @property
     def views(self) -> "Rig":
@@ -127,7 +174,10 @@ class Rig:
 
         For geometry between cameras and projectors, as `camera.multiview.triangulate`.
         """
-        cameras = [*self.cameras, *(projector.intrinsics for projector in self.projectors)]
+        cameras = [
+            *self.cameras,
+            *(projector.intrinsics for projector in self.projectors),
+        ]
         return Rig(cameras, [*self.world_from_cams, *self.world_from_projectors])
 
     def partner(self, index: int) -> int | None:
@@ -135,7 +185,11 @@ class Rig:
 
         The count is among the cameras of its band, or among all where it is the only one of its band.
         """
-        alike = [i for i, camera in enumerate(self.cameras) if camera.band == self.cameras[index].band]
+        alike = [
+            i
+            for i, camera in enumerate(self.cameras)
+            if camera.band == self.cameras[index].band
+        ]
         if len(alike) == 1:
             alike = list(range(len(self)))
         if len(alike) == 1:
@@ -149,14 +203,23 @@ class Rig:
         Projectors whose light neither of the two sees are left out.
         """
         calibrated = None if self.calibrated is None else self.calibrated.pair(a, b)
-        cameras, poses = [self.cameras[i] for i in (a, b)], [self.world_from_cams[i] for i in (a, b)]
+        cameras, poses = (
+            [self.cameras[i] for i in (a, b)],
+            [self.world_from_cams[i] for i in (a, b)],
+        )
         seen = {band for camera in cameras for band in camera.bands}
-        projectors = [each for each in self.projectors_from(poses[0]) if each.band in seen]
+        projectors = [
+            each for each in self.projectors_from(poses[0]) if each.band in seen
+        ]
         return Rig(cameras, poses, calibrated, projectors)
 
     def baseline(self, a: int = 0, b: int = 1) -> float:
         """Distance of two camera centres, metres."""
-        return float(np.linalg.norm(self.world_from_cams[b][:3, 3] - self.world_from_cams[a][:3, 3]))
+        return float(
+            np.linalg.norm(
+                self.world_from_cams[b][:3, 3] - self.world_from_cams[a][:3, 3]
+            )
+        )
 
     def doffs(self, left: int = 0, right: int = 1) -> float:
         """cx_right - cx_left, pixels."""
@@ -165,13 +228,24 @@ class Rig:
     def is_rectified(self, left: int = 0, right: int = 1) -> bool:
         """Whether the two are a rectified pair in this order: equal rows, parallel axes, the right one along +x."""
         a, b = self.cameras[left], self.cameras[right]
-        if a.distortion or b.distortion or (a.fx, a.fy, a.cy, a.height) != (b.fx, b.fy, b.cy, b.height):
+        if (
+            a.distortion
+            or b.distortion
+            or (a.fx, a.fy, a.cy, a.height) != (b.fx, b.fy, b.cy, b.height)
+        ):
             return False
         left_from_right = self.b_from_a(right, left)
         x, y, z = left_from_right[:3, 3]
         parallel = np.abs(left_from_right[:3, :3] - np.eye(3)).max() <= _ALIGNED
-        extent = max(np.abs(pose[:3, 3]).max() for pose in (self.world_from_cams[left], self.world_from_cams[right]))
-        return bool(parallel and x > 0 and max(abs(y), abs(z)) <= _ALIGNED * x + _ROUNDING * extent)
+        extent = max(
+            np.abs(pose[:3, 3]).max()
+            for pose in (self.world_from_cams[left], self.world_from_cams[right])
+        )
+        return bool(
+            parallel
+            and x > 0
+            and max(abs(y), abs(z)) <= _ALIGNED * x + _ROUNDING * extent
+        )
 
 
 def _same_projectors(a: Rig, b: Rig) -> bool:
@@ -187,7 +261,9 @@ def check_seen(rig: Rig) -> None:
     for i, projector in enumerate(rig.projectors):
         if projector.band not in seen:
             remedy = f"give a camera band = {projector.band!r}, or the projector another band"
-            raise InputError(f"projectors[{i}] has the band {projector.band!r}, which no camera sees: {remedy}")
+            raise InputError(
+                f"projectors[{i}] has the band {projector.band!r}, which no camera sees: {remedy}"
+            )
 
 
 @dataclass(frozen=True)
@@ -223,7 +299,11 @@ class Misalignment:
         if self.k1:
             distortion = distortion or BrownConrady()
             distortion = replace(distortion, k1=distortion.k1 + self.k1)
-        fx, fy, cy = camera.fx * self.focal, camera.fy * self.focal, camera.cy + self.vertical_px
+        fx, fy, cy = (
+            camera.fx * self.focal,
+            camera.fy * self.focal,
+            camera.cy + self.vertical_px,
+        )
         return camera.replace(fx=fx, fy=fy, cy=cy, distortion=distortion)
 
 
@@ -235,12 +315,18 @@ def misaligned(rig: Rig, errors: Sequence[Misalignment]) -> Rig:
     from scipy.spatial.transform import Rotation  # 0.3 s to import
 
     if len(errors) != len(rig):
-        raise InputError(f"a rig of {len(rig)} cameras needs {len(rig)} misalignments, got {len(errors)}")
+        raise InputError(
+            f"a rig of {len(rig)} cameras needs {len(rig)} misalignments, got {len(errors)}"
+        )
     cameras, poses = [], []
-    for camera, pose, error in zip(rig.cameras, rig.world_from_cams, errors, strict=True):
+    for camera, pose, error in zip(
+        rig.cameras, rig.world_from_cams, errors, strict=True
+    ):
         angles = (error.pitch_deg, error.yaw_deg, error.roll_deg)
         step = 1e-3 * np.array([error.right_mm, error.down_mm, error.forward_mm])
-        motion = rigid(Rotation.from_euler("xyz", angles, degrees=True).as_matrix(), step)
+        motion = rigid(
+            Rotation.from_euler("xyz", angles, degrees=True).as_matrix(), step
+        )
         cameras.append(error.camera(camera))
         poses.append(pose @ motion)
     return Rig(cameras, poses, rig.nominal, rig.projectors_from(poses[0]))

@@ -15,8 +15,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twinlens.camera.intrinsics import check_size
-from twinlens.camera.patterns import AXES, Pattern, gray_code, gray_code_bits, phase_shift
-from twinlens.errors import InputError, check_int, check_known, check_number, format_value
+from twinlens.camera.patterns import (
+    AXES,
+    Pattern,
+    gray_code,
+    gray_code_bits,
+    phase_shift,
+)
+from twinlens.errors import (
+    InputError,
+    check_int,
+    check_known,
+    check_number,
+    format_value,
+)
 from twinlens.geometry import Float, float_array
 
 _BRIGHT_PERCENTILE = 99
@@ -47,7 +59,10 @@ class GrayCode:
     @property
     def patterns(self) -> list[Pattern]:
         """2 * bits patterns float32 (H, W): the highest bit first, each followed by its inverse."""
-        return [gray_code(self.width, self.height, frame, self.axis) for frame in range(2 * self.bits)]
+        return [
+            gray_code(self.width, self.height, frame, self.axis)
+            for frame in range(2 * self.bits)
+        ]
 
     def _decode(self, images: Float) -> tuple[Float, Float]:
         """Positions, +inf for a code that is not in use, and modulation (H, W)."""
@@ -64,11 +79,19 @@ class GrayCode:
         def size_at(border: NDArray[np.int64]) -> Float:
             """Of the bit that changes between the pixels border - 1 and border; the modulation where there is none."""
             inner = (border > 0) & (border < self.count)
-            changing = np.log2(np.where(inner, border & -border, 1)).astype(np.int64)  # the lowest set bit
-            found: Float = np.take_along_axis(sizes, (self.bits - 1 - changing)[None], axis=0)[0]
+            changing = np.log2(np.where(inner, border & -border, 1)).astype(
+                np.int64
+            )  # the lowest set bit
+            found: Float = np.take_along_axis(
+                sizes, (self.bits - 1 - changing)[None], axis=0
+            )[0]
             return np.where(inner, found, modulation)
 
-        step = 0.5 * (size_at(pixel) - size_at(pixel + 1)) / np.where(known, modulation, 1.0)
+        step = (
+            0.5
+            * (size_at(pixel) - size_at(pixel + 1))
+            / np.where(known, modulation, 1.0)
+        )
         return np.where(known, pixel + step, np.inf), modulation
 
 
@@ -89,20 +112,30 @@ class PhaseShift:
     def __post_init__(self) -> None:
         check_size(self.width, self.height)
         check_known("axis", self.axis, AXES)
-        check_number("the period of a phase shift", self.period, "a number of pixels > 2", above=2)
+        check_number(
+            "the period of a phase shift",
+            self.period,
+            "a number of pixels > 2",
+            above=2,
+        )
         check_int("the steps of a phase shift", self.steps, 3)
 
     @property
     def patterns(self) -> list[Pattern]:
         """`steps` patterns, float32 (H, W)."""
         frames = range(self.steps)
-        return [phase_shift(self.width, self.height, k, self.period, self.steps, self.axis) for k in frames]
+        return [
+            phase_shift(self.width, self.height, k, self.period, self.steps, self.axis)
+            for k in frames
+        ]
 
     def _decode(self, images: Float) -> tuple[Float, Float]:
         """Positions in [-0.5, period - 0.5) and modulation (H, W)."""
         turns = np.exp(2j * np.pi * np.arange(self.steps) / self.steps)
         phasor = np.tensordot(turns, images, axes=1)
-        position = (np.angle(phasor) / (2 * np.pi) * self.period + 0.5) % self.period - 0.5
+        position = (
+            np.angle(phasor) / (2 * np.pi) * self.period + 0.5
+        ) % self.period - 0.5
         return position, np.abs(phasor) * (4 / self.steps)
 
 
@@ -124,7 +157,10 @@ class Decoded:
 
 
 def decode(
-    images: Sequence[ArrayLike], code: GrayCode | PhaseShift, coarse: ArrayLike | None = None, least: float = 0.05
+    images: Sequence[ArrayLike],
+    code: GrayCode | PhaseShift,
+    coarse: ArrayLike | None = None,
+    least: float = 0.05,
 ) -> Decoded:
     """The projector position that each pixel of a camera sees, from one image per pattern of `code`.
 
@@ -138,27 +174,37 @@ def decode(
     `coarse` with a Gray code.
     """
     if not isinstance(code, GrayCode | PhaseShift):
-        raise InputError(f"decode needs a GrayCode or a PhaseShift, got {format_value(code)}")
+        raise InputError(
+            f"decode needs a GrayCode or a PhaseShift, got {format_value(code)}"
+        )
     if not isinstance(images, Sequence | np.ndarray):
         raise InputError(f"decode needs a list of images, got {format_value(images)}")
     check_number("least", least, "a fraction from 0 to 1", least=0, most=1)
     if coarse is not None and isinstance(code, GrayCode):
-        raise InputError("coarse positions unwrap a phase shift; a Gray code has none to unwrap: leave them out")
+        raise InputError(
+            "coarse positions unwrap a phase shift; a Gray code has none to unwrap: leave them out"
+        )
     arrays = [float_array(f"images[{i}]", image) for i, image in enumerate(images)]
     expected = 2 * code.bits if isinstance(code, GrayCode) else code.steps
     if len(arrays) != expected:
         raise InputError(f"this code has {expected} patterns, got {len(arrays)} images")
     shapes = sorted({array.shape for array in arrays})
     if len(shapes) != 1 or arrays[0].ndim not in (2, 3) or not arrays[0].size:
-        raise InputError(f"decode needs images (H, W) or (H, W, 3) of one shape, got {' and '.join(map(str, shapes))}")
-    stack = np.stack([array if array.ndim == 2 else array.mean(axis=2) for array in arrays])
+        raise InputError(
+            f"decode needs images (H, W) or (H, W, 3) of one shape, got {' and '.join(map(str, shapes))}"
+        )
+    stack = np.stack(
+        [array if array.ndim == 2 else array.mean(axis=2) for array in arrays]
+    )
     if not np.isfinite(stack).all():
         raise InputError("decode needs finite images")
     position, modulation = code._decode(stack)
     if coarse is not None and isinstance(code, PhaseShift):
         rough = float_array("coarse positions", coarse)
         if rough.shape != position.shape:
-            raise InputError(f"coarse positions must have the shape {position.shape} of the images, got {rough.shape}")
+            raise InputError(
+                f"coarse positions must have the shape {position.shape} of the images, got {rough.shape}"
+            )
         known = np.isfinite(rough)
         turns = np.round((np.where(known, rough, 0.0) - position) / code.period)
         position = np.where(known, position + code.period * turns, np.inf)

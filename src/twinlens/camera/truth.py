@@ -44,15 +44,33 @@ class ObjectTruth:
     visible_box: tuple[int, ...]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "cam_from_object", check_rigid(self.cam_from_object, "cam_from_object"))
-        for name, shape in (("extent", (2, 3)), ("corners_px", (8, 2)), ("box", (4,)), ("visible_box", (4,))):
+        object.__setattr__(
+            self,
+            "cam_from_object",
+            check_rigid(self.cam_from_object, "cam_from_object"),
+        )
+        for name, shape in (
+            ("extent", (2, 3)),
+            ("corners_px", (8, 2)),
+            ("box", (4,)),
+            ("visible_box", (4,)),
+        ):
             value = np.asarray(getattr(self, name), dtype=np.float64)
             if value.shape != shape:
-                raise InputError(f"{name} must have the shape {shape}, got {value.shape}")
-            object.__setattr__(self, name, tuple(getattr(self, name)) if len(shape) == 1 else value)
-        if not 0 <= self.visible_pixel_count <= self.pixel_count or self.pixel_count == 0:
+                raise InputError(
+                    f"{name} must have the shape {shape}, got {value.shape}"
+                )
+            object.__setattr__(
+                self, name, tuple(getattr(self, name)) if len(shape) == 1 else value
+            )
+        if (
+            not 0 <= self.visible_pixel_count <= self.pixel_count
+            or self.pixel_count == 0
+        ):
             counts = f"{self.visible_pixel_count} of {self.pixel_count}"
-            raise InputError(f"an object must have 1 or more pixels, of which 0 to all are visible, got {counts}")
+            raise InputError(
+                f"an object must have 1 or more pixels, of which 0 to all are visible, got {counts}"
+            )
 
     @property
     def visible_fraction(self) -> float:
@@ -108,7 +126,9 @@ class Truth:
     def mask_nonocc(self) -> NDArray[np.uint8]:
         """Middlebury's mask, uint8 (H, W): 255 visible in both views, 128 occluded or out of frame, 0 unknown."""
         known = self.hit | np.isfinite(self.disparity)
-        return np.where(self.visible & known, 255, np.where(known, 128, 0)).astype(np.uint8)
+        return np.where(self.visible & known, 255, np.where(known, 128, 0)).astype(
+            np.uint8
+        )
 
 
 @dataclass(frozen=True, eq=False)

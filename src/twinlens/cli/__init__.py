@@ -58,8 +58,12 @@ class _Group(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in COMMANDS:
             raise click.UsageError(str(unknown("command", cmd_name, COMMANDS)))
-        with deferred_interrupts():  # an interrupt within an import may be raised as another exception
-            command: click.Command = importlib.import_module(f"twinlens.cli.{cmd_name}").command
+        with (
+            deferred_interrupts()
+        ):  # an interrupt within an import may be raised as another exception
+            command: click.Command = importlib.import_module(
+                f"twinlens.cli.{cmd_name}"
+            ).command
         return command
 
     def resolve_command(
@@ -70,12 +74,17 @@ class _Group(click.Group):
             refuse_repeated(command, rest, ctx)
         return name, command, rest
 
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+    def format_commands(
+        self, ctx: click.Context, formatter: click.HelpFormatter
+    ) -> None:
         with formatter.section("Commands"):
             formatter.write_dl(list(COMMANDS.items()))
 
 
-@click.command(cls=_Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.command(
+    cls=_Group,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+)
 @click.version_option(twinlens.__version__, prog_name="twinlens")
 def cli() -> None:
     """Physically based synthetic stereo images, their exact ground truth, and a benchmark for stereo matchers.
@@ -92,7 +101,9 @@ def console() -> None:
         signal.signal(signal.SIGTERM, signal.default_int_handler)
     code = run()
     for kind in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(kind, signal.SIG_IGN)  # the result is printed: a late interrupt must not change the exit code
+        signal.signal(
+            kind, signal.SIG_IGN
+        )  # the result is printed: a late interrupt must not change the exit code
     sys.exit(code)
 
 
@@ -100,14 +111,18 @@ def run(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code. An error becomes one line on the error stream."""
     try:
         with _warnings_as_lines():
-            result = cli.main(args=arguments, prog_name="twinlens", standalone_mode=False)
+            result = cli.main(
+                args=arguments, prog_name="twinlens", standalone_mode=False
+            )
         sys.stdout.flush()
     except click.exceptions.NoArgsIsHelpError as help_page:
         help_page.show()
         return 2
     except click.MissingParameter as error:
         meaning = getattr(error.param, "help", None)
-        return _report_error(error.format_message().rstrip(".") + (f": {meaning}" if meaning else ""), 2)
+        return _report_error(
+            error.format_message().rstrip(".") + (f": {meaning}" if meaning else ""), 2
+        )
     except click.ClickException as error:
         return _report_error(error.format_message(), 2)
     except TwinlensError as error:
@@ -115,15 +130,27 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except MemoryError as error:
         return _report_error(f"not enough memory ({error}); make the images smaller", 2)
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader has closed the pipe
+        os.dup2(
+            os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno()
+        )  # the reader has closed the pipe
         return 1
     except OSError as error:
-        if error.errno in (errno.ENOSPC, errno.EROFS, errno.EACCES, errno.EPERM, errno.EDQUOT):
+        if error.errno in (
+            errno.ENOSPC,
+            errno.EROFS,
+            errno.EACCES,
+            errno.EPERM,
+            errno.EDQUOT,
+        ):
             return _report_error(f"{error.filename or 'output'}: {error.strerror}", 2)
         raise
     except (KeyboardInterrupt, click.Abort) as error:
-        cause = error if isinstance(error, KeyboardInterrupt) else error.__cause__  # click wraps it
-        return _report_error("; ".join(filter(None, ("interrupted", str(cause or "")))), INTERRUPTED)
+        cause = (
+            error if isinstance(error, KeyboardInterrupt) else error.__cause__
+        )  # click wraps it
+        return _report_error(
+            "; ".join(filter(None, ("interrupted", str(cause or "")))), INTERRUPTED
+        )
     return result if isinstance(result, int) else 0
 
 

@@ -18,13 +18,28 @@ MOVES = 5  # methods listed, those whose rank differs most
 @click.command("agree")
 @click.argument("board_a", type=PATH)
 @click.argument("board_b", type=PATH)
-@click.option("--protocol", help="Scoring rules.  [default: the first that both boards have]")
-@click.option("--region", default="nonocc", show_default=True, help="Region whose scores are compared.")
-@click.option("--metric", help="Metric to rank by.  [default: the protocol's headline metric]")
-@click.option("--seed", type=Whole(0), default=0, show_default=True, help="Seed of the bootstrap.")
-@click.option("-o", "--output", type=FIGURE_FILE, help="Write a figure, a PNG or SVG file.")
+@click.option(
+    "--protocol", help="Scoring rules.  [default: the first that both boards have]"
+)
+@click.option(
+    "--region",
+    default="nonocc",
+    show_default=True,
+    help="Region whose scores are compared.",
+)
+@click.option(
+    "--metric", help="Metric to rank by.  [default: the protocol's headline metric]"
+)
+@click.option(
+    "--seed", type=Whole(0), default=0, show_default=True, help="Seed of the bootstrap."
+)
+@click.option(
+    "-o", "--output", type=FIGURE_FILE, help="Write a figure, a PNG or SVG file."
+)
 @json_option("the result")
-def command(board_a: Path, board_b: Path, output: Path | None, as_json: bool, **options: Any) -> None:
+def command(
+    board_a: Path, board_b: Path, output: Path | None, as_json: bool, **options: Any
+) -> None:
     """Compare how two boards rank the methods that both have, three or more.
 
     BOARD_A and BOARD_B are board.json files or their folders. Prints Kendall's tau-b and Spearman's rho of the methods'
@@ -40,15 +55,28 @@ def command(board_a: Path, board_b: Path, output: Path | None, as_json: bool, **
     if as_json:
         print_json(asdict(result))
         return
-    click.echo(f"{len(result.moves)} methods ranked by {result.metric}, {result.region}, {result.protocol}")
+    click.echo(
+        f"{len(result.moves)} methods ranked by {result.metric}, {result.region}, {result.protocol}"
+    )
     click.echo(f"Kendall's tau-b  {result.tau}\nSpearman's rho   {result.rho}")
     click.echo("tau-b between random halves of the scenes of one board:")
-    click.echo(f"  {names[0]}: {result.reliability_a}; samples: {result.samples_a}, scenes: {result.scenes_a}")
-    click.echo(f"  {names[1]}: {result.reliability_b}; samples: {result.samples_b}, scenes: {result.scenes_b}")
+    click.echo(
+        f"  {names[0]}: {result.reliability_a}; samples: {result.samples_a}, scenes: {result.scenes_a}"
+    )
+    click.echo(
+        f"  {names[1]}: {result.reliability_b}; samples: {result.samples_b}, scenes: {result.scenes_b}"
+    )
     for note in result.notes(names):
         click.echo(note)
-    ranks = [(move.method, f"{move.rank_a:.1f}", f"{move.rank_b:.1f}") for move in result.moves[:MOVES]]
+    ranks = [
+        (move.method, f"{move.rank_a:.1f}", f"{move.rank_b:.1f}")
+        for move in result.moves[:MOVES]
+    ]
     differ = [f"  {method}: {a} and {b}" for method, a, b in ranks if a != b]
-    click.echo("\n".join(["largest differences of mean rank:", *differ]) if differ else "no mean ranks differ")
+    click.echo(
+        "\n".join(["largest differences of mean rank:", *differ])
+        if differ
+        else "no mean ranks differ"
+    )
     if output is not None:
         click.echo(f"figure: {output}")

@@ -34,10 +34,16 @@ FOREIGN_LIMIT_S = 600.0
     help="Seconds per match, warm-up excluded. Runs matchers in a subprocess.  [default: 600 if a network or a Python "
     "function is among them]",
 )  # fmt: skip
-@click.option("--memory-limit", type=Positive(2.0**20), help="GiB per matcher. Runs matchers in a subprocess.")
+@click.option(
+    "--memory-limit",
+    type=Positive(2.0**20),
+    help="GiB per matcher. Runs matchers in a subprocess.",
+)
 @click.option("--warm-up-limit", type=SECONDS, default=120.0, show_default=True,
               help="Seconds for the first, untimed match of a method in a subprocess.")  # fmt: skip
-@click.option("--retry-failed", is_flag=True, help="Rerun matches that failed in an earlier run.")
+@click.option(
+    "--retry-failed", is_flag=True, help="Rerun matches that failed in an earlier run."
+)
 @protocol_option
 @region_option
 @json_option("the board")
@@ -65,7 +71,9 @@ def command(
     names = methods or (() if commands else (DEFAULT_METHODS,))
     matchers: list[Any] = [*parse_methods(names)] if names else []
     matchers += [parse_program(text, time_limit) for text in commands]
-    if time_limit is None and any(getattr(matcher, "runs_user_code", False) for matcher in matchers):
+    if time_limit is None and any(
+        getattr(matcher, "runs_user_code", False) for matcher in matchers
+    ):
         time_limit = FOREIGN_LIMIT_S
     board = run_board(
         open_pairs(datasets), matchers, output, time_limit=time_limit,

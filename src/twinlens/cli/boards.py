@@ -54,7 +54,10 @@ def run_board(
         with progress_bar("matching") as report, _note(output, finished):
 
             def progress(step: scoring.Step) -> None:
-                report(step.done / (step.total or step.done), f"{step.sample}: {step.method}")
+                report(
+                    step.done / (step.total or step.done),
+                    f"{step.sample}: {step.method}",
+                )
                 if step.skipped:
                     skipped.add((step.method, step.sample))
                 else:
@@ -67,7 +70,9 @@ def run_board(
         write_page(output / "index.html", board, pairs, maps, **page_options(board))
     kept = len({(e.method, e.sample) for e in board.entries if not e.ok} & skipped)
     if kept:
-        click.echo(f"earlier failures kept: {kept}; use --retry-failed to rerun them", err=True)
+        click.echo(
+            f"earlier failures kept: {kept}; use --retry-failed to rerun them", err=True
+        )
     return board
 
 
@@ -75,7 +80,9 @@ def run_board(
 def _note(output: Path, finished: Sequence[str]) -> Iterator[None]:
     """Add to an interrupt, or to an error of a sample that cannot be read, that finished matches are kept."""
     try:
-        with interrupt_note(lambda: "finished matches are kept; rerun to resume" if finished else ""):
+        with interrupt_note(
+            lambda: "finished matches are kept; rerun to resume" if finished else ""
+        ):
             yield
     except InputError as error:
         if not finished:
@@ -110,16 +117,25 @@ def print_board(
     for line in scoring.failures(board, methods):
         click.echo(f"failed: {line}")
     if not region:
-        click.echo("nothing was scored: " + ("every method failed" if code else "no sample has these regions"))
+        click.echo(
+            "nothing was scored: "
+            + ("every method failed" if code else "no sample has these regions")
+        )
     click.echo(f"page: {(output / 'index.html').resolve().as_uri()}")
     return code
 
 
-def _print_table(board: scoring.Board, protocol: str, region: str, groups: scoring.Groups | None) -> None:
+def _print_table(
+    board: scoring.Board, protocol: str, region: str, groups: scoring.Groups | None
+) -> None:
     """Print a table, with columns chosen for the terminal's width; without a terminal, all columns untruncated."""
     terminal = Console()
-    narrow = terminal.is_terminal and protocol == "middlebury-v3" and terminal.width < _WIDE
-    table = scoring.leaderboard_table(board, protocol, region, columns=_NARROW if narrow else None)
+    narrow = (
+        terminal.is_terminal and protocol == "middlebury-v3" and terminal.width < _WIDE
+    )
+    table = scoring.leaderboard_table(
+        board, protocol, region, columns=_NARROW if narrow else None
+    )
     if groups is not None:
         table = scoring.comparison_table(board, protocol, region, groups)
     if terminal.is_terminal:

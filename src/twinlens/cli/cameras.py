@@ -20,11 +20,22 @@ def command(as_json: bool) -> None:
         print_json({"cameras": cameras, "sensor_widths_mm": SENSOR_WIDTHS_MM})
         return
     for each in cameras:
-        size = f"{each['width']}x{each['height']} pixels of {each['pixel_pitch_um']:g} um"
-        lens = f"{each['focal_length_mm']:.4g} mm" + (f" f/{each['f_number']:g}" if each["f_number"] else "")
-        baseline = [f"baseline {1e3 * each['baseline']:g} mm"] if each["baseline"] else []
+        size = (
+            f"{each['width']}x{each['height']} pixels of {each['pixel_pitch_um']:g} um"
+        )
+        lens = f"{each['focal_length_mm']:.4g} mm" + (
+            f" f/{each['f_number']:g}" if each["f_number"] else ""
+        )
+        baseline = (
+            [f"baseline {1e3 * each['baseline']:g} mm"] if each["baseline"] else []
+        )
         click.echo(f"{each['name']}: {each['description']}")
-        click.echo("  " + ", ".join([size, lens, f"{each['fov_x_deg']:.1f} degrees", *baseline]))
+        click.echo(
+            "  "
+            + ", ".join([size, lens, f"{each['fov_x_deg']:.1f} degrees", *baseline])
+        )
         click.echo(f"  Source: {each['source']}")
-    formats = ", ".join(f"{name} ({width:g} mm)" for name, width in SENSOR_WIDTHS_MM.items())
+    formats = ", ".join(
+        f"{name} ({width:g} mm)" for name, width in SENSOR_WIDTHS_MM.items()
+    )
     click.echo(f"\nSensor formats and their widths: {formats}")

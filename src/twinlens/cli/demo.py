@@ -11,7 +11,14 @@ from twinlens.cli.boards import print_board, run_board
 from twinlens.cli.options import denoise_option, json_option
 from twinlens.cli.places import PATH, check_samples, refuse_others
 from twinlens.cli.progress import progress_bar
-from twinlens.dataset import Dataset, Manifest, Row, describe, write_manifest, write_sample
+from twinlens.dataset import (
+    Dataset,
+    Manifest,
+    Row,
+    describe,
+    write_manifest,
+    write_sample,
+)
 from twinlens.factory import default_rig, make_sample
 from twinlens.optics import middle_focus
 from twinlens.rendering import backend
@@ -20,15 +27,29 @@ from twinlens.scoring import Board, DatasetPairs, Groups, group_means, motorcycl
 from twinlens.sensor import DEFAULT_MISMATCH, Mismatch, Sensor
 
 SCENES = ("staircase", "cards", "spheres")
-METHODS = ("sad:block_size=7", "sad:block_size=21", "zncc:block_size=7", "zncc:block_size=21")
+METHODS = (
+    "sad:block_size=7",
+    "sad:block_size=21",
+    "zncc:block_size=7",
+    "zncc:block_size=21",
+)
 WIDTH, HEIGHT = 400, 300
 SPP = 16
-APERTURE_OVER_BASELINE = 0.5  # blur circle: half a pixel per pixel of disparity from the focus
+APERTURE_OVER_BASELINE = (
+    0.5  # blur circle: half a pixel per pixel of disparity from the focus
+)
 PROTOCOL, REGION = "middlebury-v3", "nonocc"
 
 
 @click.command("demo")
-@click.option("-o", "--output", default="demo", show_default=True, type=PATH, help="Folder of the results.")
+@click.option(
+    "-o",
+    "--output",
+    default="demo",
+    show_default=True,
+    type=PATH,
+    help="Folder of the results.",
+)
 @denoise_option
 @json_option("the board")
 def command(output: Path, denoise: bool, as_json: bool) -> None:
@@ -42,14 +63,23 @@ def command(output: Path, denoise: bool, as_json: bool) -> None:
     """
     refuse_others(output, ("dataset",), "board")
     used, start = backend(), time.perf_counter()
-    click.echo(f"rendering with {used.variant} ({used.reason}) {used.advice}".strip(), err=True)
-    denoise = denoise and used.is_jit  # denoised, even 8 samples take over 60 s without a JIT backend
+    click.echo(
+        f"rendering with {used.variant} ({used.reason}) {used.advice}".strip(), err=True
+    )
+    denoise = (
+        denoise and used.is_jit
+    )  # denoised, even 8 samples take over 60 s without a JIT backend
     if not denoise:
-        click.echo("the images are not denoised: the renderer's noise raises all errors", err=True)
+        click.echo(
+            "the images are not denoised: the renderer's noise raises all errors",
+            err=True,
+        )
     dataset, board_folder = output / "dataset", output / "board"
     check_samples(dataset, SCENES, overwrite=True)
     _render(dataset, denoise)
-    if (board_folder / "board.json").exists():  # of an earlier demo, perhaps with another backend
+    if (
+        board_folder / "board.json"
+    ).exists():  # of an earlier demo, perhaps with another backend
         shutil.rmtree(board_folder)
     rendered = time.perf_counter()
     pairs = DatasetPairs(Dataset(dataset), [motorcycle()])
@@ -63,9 +93,14 @@ def command(output: Path, denoise: bool, as_json: bool) -> None:
         pairs, METHODS, board_folder, (PROTOCOL,), ("all", REGION), title="twinlens demo",
         page_options=lambda board: {"groups": groups, "notes": _notes(board, groups)},
     )  # fmt: skip
-    print_board(board, board_folder, as_json, groups=groups, notes=_notes(board, groups))
+    print_board(
+        board, board_folder, as_json, groups=groups, notes=_notes(board, groups)
+    )
     seconds = time.perf_counter() - rendered
-    click.echo(f"rendered in {rendered - start:.0f} s, matched and scored in {seconds:.0f} s", err=True)
+    click.echo(
+        f"rendered in {rendered - start:.0f} s, matched and scored in {seconds:.0f} s",
+        err=True,
+    )
 
 
 def _render(dataset: Path, denoise: bool) -> None:
@@ -76,14 +111,23 @@ def _render(dataset: Path, denoise: bool) -> None:
             click.echo(f"rendering {name}, scene {i + 1} of {len(SCENES)}", err=True)
             scene = load_scene(name)
             rig = default_rig(scene, WIDTH, HEIGHT)
-            wide = ThinLens(APERTURE_OVER_BASELINE * rig.baseline(), middle_focus(*scene.depth_range))
+            wide = ThinLens(
+                APERTURE_OVER_BASELINE * rig.baseline(),
+                middle_focus(*scene.depth_range),
+            )
             mismatch = Mismatch.draw(seed=i, **DEFAULT_MISMATCH)
             sample = make_sample(
                 scene, mismatch.misalign(rig), (Pinhole(), wide),
                 spp=SPP, denoise=denoise, sensor=Sensor(mismatch=mismatch),
                 progress=lambda fraction, i=i, name=name: report((i + fraction) / len(SCENES), name),  # type: ignore[misc]
             )  # fmt: skip
-            rows.append(Row(name, write_sample(dataset / name, sample, overwrite=True), {"scene": name}))
+            rows.append(
+                Row(
+                    name,
+                    write_sample(dataset / name, sample, overwrite=True),
+                    {"scene": name},
+                )
+            )
     write_manifest(dataset, Manifest(tuple(rows), seed=0))
     describe(dataset)
 
@@ -91,7 +135,9 @@ def _render(dataset: Path, denoise: bool) -> None:
 def _notes(board: Board, groups: Groups) -> list[str]:
     """The effects of the lens and of the real cameras on the scores, one sentence or two each."""
     pinhole, wide, real = group_means(board, PROTOCOL, REGION, groups).values()
-    best, best_wide, best_real = (next(iter(column)) for column in (pinhole, wide, real))
+    best, best_wide, best_real = (
+        next(iter(column)) for column in (pinhole, wide, real)
+    )
     worst = max(pinhole, key=lambda method: abs(wide[method] - pinhole[method]))
     rank = list(real).index(best) + 1
     lens = (

@@ -10,7 +10,11 @@ from twinlens.dataset import About, Place, describe
 @click.argument("dataset", type=PLACE)
 @click.option("--name", help="Name of the dataset.  [default: stereo dataset]")
 @click.option("--description", help="One or more sentences.")
-@click.option("--license", "license", help="A licence, such as CC-BY-4.0, or the address of its text.")
+@click.option(
+    "--license",
+    "license",
+    help="A licence, such as CC-BY-4.0, or the address of its text.",
+)
 @click.option("--creator", help="Author or organisation.")
 @click.option("--url", help="Address of the dataset.")
 @click.option("--published", help="Date of publication, such as 2026-01-31.")

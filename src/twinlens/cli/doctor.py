@@ -10,7 +10,16 @@ import click
 from twinlens.cli.options import json_option, print_json
 from twinlens.rendering import doctor
 
-_PACKAGES = ("twinlens", "mitsuba", "drjit", "numpy", "numba", "OpenEXR", "trimesh", "scikit-image")
+_PACKAGES = (
+    "twinlens",
+    "mitsuba",
+    "drjit",
+    "numpy",
+    "numba",
+    "OpenEXR",
+    "trimesh",
+    "scikit-image",
+)
 
 
 @click.command("doctor")
@@ -30,13 +39,20 @@ def command(as_json: bool) -> None:
         print_json({"backend": asdict(chosen), "versions": versions})
         return
     failed = chosen.probes and not chosen.is_jit  # for the reasons listed below
-    click.echo(f"backend   {chosen.variant}: {'no LLVM library or CUDA device works' if failed else chosen.reason}")
+    click.echo(
+        f"backend   {chosen.variant}: {'no LLVM library or CUDA device works' if failed else chosen.reason}"
+    )
     if chosen.advice:
         click.echo(f"advice    {chosen.advice}")
     for probe in chosen.probes:
         click.echo(f"tried     {probe.path}: {probe.answer}")
-    click.echo(f"machine   {platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}")
-    click.echo("packages  " + ", ".join(f"{name} {number}" for name, number in versions.items()))
+    click.echo(
+        f"machine   {platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
+    )
+    click.echo(
+        "packages  "
+        + ", ".join(f"{name} {number}" for name, number in versions.items())
+    )
 
 
 def _version(package: str) -> str:

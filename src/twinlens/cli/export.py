@@ -15,7 +15,13 @@ from twinlens.dataset.export import LAYOUTS, export
 @click.argument("dataset", type=PLACE)
 @click.option("--to", "layout", required=True, help=", ".join(LAYOUTS) + ".")
 @click.option("-o", "--output", required=True, type=PLACE, help="Folder of the export.")
-@click.option("--lens", type=Whole(0), default=0, show_default=True, help="Lens to export; 0 is first.")
+@click.option(
+    "--lens",
+    type=Whole(0),
+    default=0,
+    show_default=True,
+    help="Lens to export; 0 is first.",
+)
 @click.option(
     "--object",
     "objects",
@@ -26,7 +32,14 @@ from twinlens.dataset.export import LAYOUTS, export
 @click.option("--split", help="Export only the samples of this split.")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier export.")
 @json_option("the files and their sizes")
-def command(dataset: Place, layout: str, output: Place, as_json: bool, split: str | None, **options: Any) -> None:
+def command(
+    dataset: Place,
+    layout: str,
+    output: Place,
+    as_json: bool,
+    split: str | None,
+    **options: Any,
+) -> None:
     """Write DATASET in the layout of another dataset, so that readers of that layout (such as torchvision's) open it.
 
     \b
@@ -39,4 +52,6 @@ def command(dataset: Place, layout: str, output: Place, as_json: bool, split: st
     size = sum(sizes.values()) / 1e6
     count = f"{len(samples)} sample" + "s" * (len(samples) != 1)
     text = f"{output}: {count}, {len(sizes)} files, {size:.1f} MB in the layout of {layout}"
-    print_result(as_json, {"output": str(output), "layout": layout, "files": sizes}, text)
+    print_result(
+        as_json, {"output": str(output), "layout": layout, "files": sizes}, text
+    )

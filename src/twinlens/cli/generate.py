@@ -21,20 +21,49 @@ from twinlens.scoring import recipe_toml
 
 @click.command("generate")
 @click.argument("recipe", type=PATH)
-@click.option("-o", "--output", required=True, type=PLACE, help="Dataset folder or bucket address (s3://...).")
 @click.option(
-    "--dry-run", is_flag=True, help="Make one sample without writing it, and print the time and disk space needed."
+    "-o",
+    "--output",
+    required=True,
+    type=PLACE,
+    help="Dataset folder or bucket address (s3://...).",
 )
-@click.option("--limit", type=Whole(1), help="Make at most this many samples in this run.")
-@click.option("--shard", default="1/1", show_default=True, help="i/n: make every n-th sample, starting with the i-th.")
 @click.option(
-    "--workers", type=Whole(1), help="Number of worker processes on this machine.  [default: up to 4 for random scenes]"
+    "--dry-run",
+    is_flag=True,
+    help="Make one sample without writing it, and print the time and disk space needed.",
 )
-@click.option("--scheduler", help="Use the Dask cluster of this scheduler, such as tcp://host:8786.")
+@click.option(
+    "--limit", type=Whole(1), help="Make at most this many samples in this run."
+)
+@click.option(
+    "--shard",
+    default="1/1",
+    show_default=True,
+    help="i/n: make every n-th sample, starting with the i-th.",
+)
+@click.option(
+    "--workers",
+    type=Whole(1),
+    help="Number of worker processes on this machine.  [default: up to 4 for random scenes]",
+)
+@click.option(
+    "--scheduler",
+    help="Use the Dask cluster of this scheduler, such as tcp://host:8786.",
+)
 @noise_option
-@click.option("--denoise/--no-denoise", default=None, help="Override the recipe's `denoise`.")
+@click.option(
+    "--denoise/--no-denoise", default=None, help="Override the recipe's `denoise`."
+)
 @json_option("the result")
-def command(recipe: Path, output: Place, dry_run: bool, limit: int | None, as_json: bool, **options: Any) -> int:
+def command(
+    recipe: Path,
+    output: Place,
+    dry_run: bool,
+    limit: int | None,
+    as_json: bool,
+    **options: Any,
+) -> int:
     """Make the dataset that RECIPE (a .toml file) describes.
 
     The run may be stopped at any time. The same command resumes it, and the finished dataset has the same bytes as
@@ -46,7 +75,9 @@ def command(recipe: Path, output: Place, dry_run: bool, limit: int | None, as_js
     Example:  twinlens generate recipe.toml -o out
               twinlens generate recipe.toml -o out --dry-run
     """
-    changes = {key: options[key] for key in ("denoise", "noise") if options[key] is not None}
+    changes = {
+        key: options[key] for key in ("denoise", "noise") if options[key] is not None
+    }
     read = factory.read_recipe(recipe, changes)
     if dry_run:
         _print_estimate(factory.estimate(read, output), output, as_json)
@@ -56,13 +87,20 @@ def command(recipe: Path, output: Place, dry_run: bool, limit: int | None, as_js
         raise InputError("--workers and --scheduler exclude each other")
     part = re.fullmatch("([0-9]+)/([0-9]+)", options["shard"])
     if part is None or not 1 <= int(part[1]) <= int(part[2]):
-        raise InputError(f"--shard must be i/n with i from 1 to n, such as 2/8, got {options['shard']!r}")
-    shard, kept = (int(part[1]), int(part[2])), "finished samples are kept; run the same command to resume"
+        raise InputError(
+            f"--shard must be i/n with i from 1 to n, such as 2/8, got {options['shard']!r}"
+        )
+    shard, kept = (
+        (int(part[1]), int(part[2])),
+        "finished samples are kept; run the same command to resume",
+    )
     engine = factory.worker_processes(workers) if workers else factory.usual_engine
     if scheduler:
         engine = factory.dask_cluster(scheduler)
     with progress_bar("generating") as report, interrupt_note(lambda: kept):
-        outcome = factory.generate(read, output, limit=limit, shard=shard, report=report, engine=engine)
+        outcome = factory.generate(
+            read, output, limit=limit, shard=shard, report=report, engine=engine
+        )
     _print(outcome, output, as_json)
     return 1 if outcome.failures else 0
 
@@ -73,15 +111,24 @@ def _print(outcome: factory.Outcome, output: Place, as_json: bool) -> None:
         return
     for failure in outcome.failures:
         last, draws = failure.rejections[-1], len(failure.rejections)
-        why = (f"{draws} draws rejected; last reason: " if draws > 1 else "") + f"{last['reason']} ({last['found']})"
-        click.echo(f"sample {failure.index} failed: {why}; change {failure.remedy}", err=True)
-    rejected = ", ".join(f"{count} {reason}" for reason, count in outcome.rejections.items())
+        why = (
+            f"{draws} draws rejected; last reason: " if draws > 1 else ""
+        ) + f"{last['reason']} ({last['found']})"
+        click.echo(
+            f"sample {failure.index} failed: {why}; change {failure.remedy}", err=True
+        )
+    rejected = ", ".join(
+        f"{count} {reason}" for reason, count in outcome.rejections.items()
+    )
     made = f"{output}: {outcome.there} of {outcome.count} samples, {outcome.made} made by this run"
     click.echo(made + (f"; draws rejected: {rejected}" if rejected else ""))
     if outcome.left:
         click.echo("run the same command to make the rest", err=True)
     elif not outcome.complete:
-        click.echo("this shard is done; the dataset is complete when the other shards are done", err=True)
+        click.echo(
+            "this shard is done; the dataset is complete when the other shards are done",
+            err=True,
+        )
 
 
 def _print_estimate(found: factory.Estimate, output: Place, as_json: bool) -> None:
@@ -93,8 +140,12 @@ def _print_estimate(found: factory.Estimate, output: Place, as_json: bool) -> No
     if found.next is None:
         return
     split = f", split {found.next['split']}" if found.next["split"] else ""
-    click.echo(f"next: sample {found.next['index']}, {found.next['kind']} {found.next['scene']}{split}")
-    tables = dict.fromkeys(recipe_toml(found.next["drawn"]).strip().split("\n\n"))  # equal copies of an object once
+    click.echo(
+        f"next: sample {found.next['index']}, {found.next['kind']} {found.next['scene']}{split}"
+    )
+    tables = dict.fromkeys(
+        recipe_toml(found.next["drawn"]).strip().split("\n\n")
+    )  # equal copies of an object once
     click.echo(textwrap.indent("\n\n".join(tables), "  "))
     rest = f"{timedelta(seconds=round(found.seconds))} (h:mm:ss) and {decimal(found.bytes)} on this machine"
     click.echo(

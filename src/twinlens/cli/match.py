@@ -16,7 +16,11 @@ from twinlens.dataset.pictures import colourise, disparity_limits
 from twinlens.errors import InputError
 from twinlens.matching import Program, parse_method
 from twinlens.matching.external import checked_pair
-from twinlens.matching.options import DEFAULT_DISPARITIES, check_image_size, match_with_confidence
+from twinlens.matching.options import (
+    DEFAULT_DISPARITIES,
+    check_image_size,
+    match_with_confidence,
+)
 
 DEFAULT_METHOD = "zncc"
 
@@ -25,17 +29,39 @@ DEFAULT_METHOD = "zncc"
 @click.argument("left", type=PATH)
 @click.argument("right", type=PATH)
 @click.option(
-    "-o", "--output", required=True, type=PlaceType(suffixes=(".pfm",)), help="The disparity map, a .pfm file."
+    "-o",
+    "--output",
+    required=True,
+    type=PlaceType(suffixes=(".pfm",)),
+    help="The disparity map, a .pfm file.",
 )
-@click.option("--method", help=f"A matcher, such as zncc or sad:block_size=15,lr_check=1.  [default: {DEFAULT_METHOD}]")
+@click.option(
+    "--method",
+    help=f"A matcher, such as zncc or sad:block_size=15,lr_check=1.  [default: {DEFAULT_METHOD}]",
+)
 @click.option(
     "--command", "program", metavar="COMMAND",
     help="A program in place of --method, such as 'prog {left} {right} {out}': it reads two PNG files and writes a PFM "
     "file. {num_disparities} and {min_disparity} are replaced too. Not run by a shell.",
 )  # fmt: skip
-@click.option("--time-limit", type=SECONDS, help="Time limit of the program, seconds.  [default: 600]")
-@click.option("--num-disparities", "--ndisp", type=Whole(1), help="Number of disparities to search.  [default: 64]")
-@click.option("--min-disparity", type=DISPARITY, default=0, show_default=True, help="The smallest disparity, pixels.")
+@click.option(
+    "--time-limit",
+    type=SECONDS,
+    help="Time limit of the program, seconds.  [default: 600]",
+)
+@click.option(
+    "--num-disparities",
+    "--ndisp",
+    type=Whole(1),
+    help="Number of disparities to search.  [default: 64]",
+)
+@click.option(
+    "--min-disparity",
+    type=DISPARITY,
+    default=0,
+    show_default=True,
+    help="The smallest disparity, pixels.",
+)
 @click.option(
     "--confidence", type=PlaceType(suffixes=(".pfm",)),
     help="Also write the confidence, a .pfm file; the method needs one, such as zncc:confidence=ambiguity.",
@@ -43,7 +69,13 @@ DEFAULT_METHOD = "zncc"
 @click.option("--picture", type=PNG_FILE, help="Also write the map as a colour PNG.")
 @json_option("the result")
 def command(
-    left: Path, right: Path, output: Path, confidence: Path | None, picture: Path | None, as_json: bool, **options: Any
+    left: Path,
+    right: Path,
+    output: Path,
+    confidence: Path | None,
+    picture: Path | None,
+    as_json: bool,
+    **options: Any,
 ) -> None:
     """Match LEFT and RIGHT, a rectified pair, and write the left image's disparity map (+inf where unknown).
 
@@ -51,23 +83,35 @@ def command(
     Example:  twinlens match out/staircase/im0.png out/staircase/im1.png --num-disparities 64 -o disp.pfm
               twinlens match im0.png im1.png --command "./prog {left} {right} {out}" -o disp.pfm
     """
-    _check_outputs((left, right), {"--output": output, "--confidence": confidence, "--picture": picture})
+    _check_outputs(
+        (left, right),
+        {"--output": output, "--confidence": confidence, "--picture": picture},
+    )
     matcher, name = _matcher(**options)
     images = [read_image(path) for path in (left, right)]
     check_image_size(matcher, images[0].shape[:2])
     start = time.perf_counter()
     with progress_bar("matching"):
-        disparity, trust = checked_pair(match_with_confidence(matcher, *images), images[0].shape[:2], name)
+        disparity, trust = checked_pair(
+            match_with_confidence(matcher, *images), images[0].shape[:2], name
+        )
     seconds = time.perf_counter() - start
     if confidence is not None:
         if trust is None:
-            raise InputError(f"--confidence: {name} computes none; use a method such as zncc:confidence=ambiguity")
+            raise InputError(
+                f"--confidence: {name} computes none; use a method such as zncc:confidence=ambiguity"
+            )
         write_pfm(confidence, trust)
     write_pfm(output, disparity)
     if picture is not None:
         write_png(picture, colourise(disparity, *disparity_limits(disparity, matcher)))
     known = float(np.isfinite(disparity).mean())
-    record = {"output": str(output), "method": name, "known_fraction": known, "seconds": seconds}
+    record = {
+        "output": str(output),
+        "method": name,
+        "known_fraction": known,
+        "seconds": seconds,
+    }
     text = f"{output}: {name}, {known:.1%} of the pixels matched, {seconds:.2f} s including compilation"
     print_result(as_json, record, text)
 
@@ -80,27 +124,47 @@ def _check_outputs(images: tuple[Path, ...], outputs: dict[str, Path | None]) ->
             continue
         if (other := taken.setdefault(path.absolute(), option)) != option:
             raise InputError(f"{option} {path}: is also {other}; choose another file")
-        if any(path.exists() and image.exists() and path.samefile(image) for image in images):
-            raise InputError(f"{option} {path}: is one of the two images; choose another file")
+        if any(
+            path.exists() and image.exists() and path.samefile(image)
+            for image in images
+        ):
+            raise InputError(
+                f"{option} {path}: is one of the two images; choose another file"
+            )
         if (path.absolute().parent / "sample.json").exists():
-            raise InputError(f"{option} {path}: is in a sample of a dataset; choose another folder")
+            raise InputError(
+                f"{option} {path}: is in a sample of a dataset; choose another folder"
+            )
         check_creatable(path.parent)
 
 
 def _matcher(
-    method: str | None, program: str | None, time_limit: float | None, num_disparities: int | None, min_disparity: int
+    method: str | None,
+    program: str | None,
+    time_limit: float | None,
+    num_disparities: int | None,
+    min_disparity: int,
 ) -> tuple[Any, str]:
     """The matcher and its name."""
-    search = {"num_disparities": num_disparities or DEFAULT_DISPARITIES, "min_disparity": min_disparity}
+    search = {
+        "num_disparities": num_disparities or DEFAULT_DISPARITIES,
+        "min_disparity": min_disparity,
+    }
     if program is not None:
         if method is not None:
-            raise InputError("--method and --command both name a matcher; use one of them")
+            raise InputError(
+                "--method and --command both name a matcher; use one of them"
+            )
         runner = Program(program, **search)
-        return (runner if time_limit is None else replace(runner, timeout_s=time_limit)), program
+        return (
+            runner if time_limit is None else replace(runner, timeout_s=time_limit)
+        ), program
     if time_limit is not None:
         raise InputError("--time-limit applies to programs only; use it with --command")
     spec = parse_method(method or DEFAULT_METHOD)
     matcher = spec.matcher(**search)
-    if num_disparities is not None and ("num_disparities" in spec.options or not hasattr(matcher, "num_disparities")):
+    if num_disparities is not None and (
+        "num_disparities" in spec.options or not hasattr(matcher, "num_disparities")
+    ):
         raise InputError(f"--num-disparities: the search range of {spec.name} is fixed")
     return matcher, spec.name

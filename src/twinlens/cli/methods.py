@@ -28,6 +28,8 @@ def command(names: tuple[str, ...], as_json: bool, markdown: bool) -> None:
     for entry in methods:
         click.echo(f"{entry['method']:18}{entry['description']}")
         for row in entry["options"] if names else ():
-            click.echo(f"  {row['option']:16}{option_text(row['default']):12}{row['meaning']}")
+            click.echo(
+                f"  {row['option']:16}{option_text(row['default']):12}{row['meaning']}"
+            )
     if not names:
         click.echo("\nFor the options of a method: twinlens methods NAME")

@@ -20,45 +20,72 @@ class PlaceType(click.ParamType):  # type: ignore[type-arg]
     """
 
     def __init__(self, remote: bool = False, suffixes: Sequence[str] = ()) -> None:
-        self.remote, self.name, self.suffixes = remote, "path or address" if remote else "path", suffixes
+        self.remote, self.name, self.suffixes = (
+            remote,
+            "path or address" if remote else "path",
+            suffixes,
+        )
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Place:
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> Place:
         if value == "":
             self.fail("the name is empty; is a shell variable unset?", param, ctx)
         location = place(value)
         if isinstance(location, RemotePath) and not self.remote:
-            self.fail(f"{value!r} is a bucket's address; only a path on this machine is supported here", param, ctx)
-        if isinstance(location, Path) and any(len(os.fsencode(part)) > 255 for part in location.parts):
-            self.fail(f"{format_value(value)} has a name of more than 255 bytes", param, ctx)
+            self.fail(
+                f"{value!r} is a bucket's address; only a path on this machine is supported here",
+                param,
+                ctx,
+            )
+        if isinstance(location, Path) and any(
+            len(os.fsencode(part)) > 255 for part in location.parts
+        ):
+            self.fail(
+                f"{format_value(value)} has a name of more than 255 bytes", param, ctx
+            )
         if self.suffixes and not str(location).lower().endswith(tuple(self.suffixes)):
             self.fail(f"{value!r} must end in {' or '.join(self.suffixes)}", param, ctx)
         return location
 
-    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
         return [CompletionItem(incomplete, type="file")]
 
 
 _EXISTS = "exists already; choose another name, or add --overwrite"
 PATH, PLACE = PlaceType(), PlaceType(remote=True)
-PNG_FILE, FIGURE_FILE = PlaceType(suffixes=(".png",)), PlaceType(suffixes=(".png", ".svg"))
+PNG_FILE, FIGURE_FILE = (
+    PlaceType(suffixes=(".png",)),
+    PlaceType(suffixes=(".png", ".svg")),
+)
 HTML_FILE = PlaceType(suffixes=(".html", ".htm"))
 
 
 def missing_output() -> click.MissingParameter:
     """The error of click for a missing -o, for commands that need it in some cases only."""
     context = click.get_current_context()
-    option = next(option for option in context.command.params if option.name == "output")
+    option = next(
+        option for option in context.command.params if option.name == "output"
+    )
     return click.MissingParameter(ctx=context, param=option)
 
 
-def check_new(output: Place, overwrite: bool, mark: str = "sample.json", kind: str = "a sample") -> None:
+def check_new(
+    output: Place, overwrite: bool, mark: str = "sample.json", kind: str = "a sample"
+) -> None:
     """Raise OutputError where the output exists, unless it may be overwritten: an empty folder, or one with `mark`.
 
     Whether a bucket has files of other kinds is checked when it is written.
     """
-    if not overwrite and (os.path.lexists(output) if isinstance(output, Path) else output.exists()):
+    if not overwrite and (
+        os.path.lexists(output) if isinstance(output, Path) else output.exists()
+    ):
         raise OutputError(f"{output}: {_EXISTS}")
-    check_replaceable(output, not isinstance(output, Path) or (output / mark).is_file(), kind)
+    check_replaceable(
+        output, not isinstance(output, Path) or (output / mark).is_file(), kind
+    )
 
 
 def check_results(folder: Path, mark: str, overwrite: bool = True) -> None:
@@ -81,10 +108,14 @@ def check_samples(output: Place, names: Sequence[str], overwrite: bool) -> None:
     Raises InputError for a repeated name, FileError for a damaged dataset.json, OutputError.
     """
     if (output / "dataset.json").exists() and "made_with" in read_manifest(output).info:
-        raise OutputError(f"{output}: is a dataset of `twinlens generate`; choose another folder")
+        raise OutputError(
+            f"{output}: is a dataset of `twinlens generate`; choose another folder"
+        )
     for name in names:
         if names.count(name) > 1:
-            raise InputError(f"two scenes are named {name!r}; a sample's folder is named after its scene")
+            raise InputError(
+                f"two scenes are named {name!r}; a sample's folder is named after its scene"
+            )
     if isinstance(output, Path):
         check_creatable(output)
     for name in names:
@@ -94,10 +125,14 @@ def check_samples(output: Place, names: Sequence[str], overwrite: bool) -> None:
 
 def refuse_others(folder: Place, names: Sequence[str], mark: str) -> None:
     """Raise OutputError if a folder without `mark` has files other than `names` and hidden ones."""
-    present = sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else []
+    present = (
+        sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else []
+    )
     for name in () if mark in present else present:
         if not name.startswith(".") and name not in names:
-            raise OutputError(f"{folder}: contains {name!r} and no {mark}; choose a new or an empty folder")
+            raise OutputError(
+                f"{folder}: contains {name!r} and no {mark}; choose a new or an empty folder"
+            )
 
 
 def check_creatable(folder: Path) -> None:
@@ -106,4 +141,6 @@ def check_creatable(folder: Path) -> None:
     if not existing.is_dir():
         raise OutputError(f"{existing}: {A_FILE}")
     if existing != folder and not os.access(existing, os.W_OK | os.X_OK):
-        raise OutputError(f"{folder}: cannot be created; no permission to write to {existing.absolute()}")
+        raise OutputError(
+            f"{folder}: cannot be created; no permission to write to {existing.absolute()}"
+        )

@@ -35,33 +35,105 @@ _OPTIONS = {"fov_x_deg": "--fov", "depth_range": "--depth", "depth_error": "--de
 
 
 @click.command("plan", cls=Sectioned, sections=_SECTIONS)
-@click.option("--depth", required=True, metavar="NEAR,FAR", help="Depths to measure, metres.")
-@click.option("--size", help="Image size, WIDTHxHEIGHT.  [default: 640x480, or the camera's]")
-@click.option("--camera", help="A camera of `twinlens cameras`: its size, pixels, lens and baseline, unless given.")
-@click.option("--fov", metavar="DEG[,DEG]", help="Horizontal field of view, or its least and most, degrees.")
-@click.option("--focal-length-mm", metavar="MM[,MM]", help="Focal length of the lens, instead of --fov.")
-@click.option("--pixel-pitch-um", type=POSITIVE, help="Pixel width, micrometres.  [default: 5, or the camera's]")
-@click.option("--sensor-width-mm", metavar="MM|FORMAT", help=camera_text.SENSOR_WIDTH_HELP)
+@click.option(
+    "--depth", required=True, metavar="NEAR,FAR", help="Depths to measure, metres."
+)
+@click.option(
+    "--size", help="Image size, WIDTHxHEIGHT.  [default: 640x480, or the camera's]"
+)
+@click.option(
+    "--camera",
+    help="A camera of `twinlens cameras`: its size, pixels, lens and baseline, unless given.",
+)
+@click.option(
+    "--fov",
+    metavar="DEG[,DEG]",
+    help="Horizontal field of view, or its least and most, degrees.",
+)
+@click.option(
+    "--focal-length-mm",
+    metavar="MM[,MM]",
+    help="Focal length of the lens, instead of --fov.",
+)
+@click.option(
+    "--pixel-pitch-um",
+    type=POSITIVE,
+    help="Pixel width, micrometres.  [default: 5, or the camera's]",
+)
+@click.option(
+    "--sensor-width-mm", metavar="MM|FORMAT", help=camera_text.SENSOR_WIDTH_HELP
+)
 @click.option("--disparity-error-px", type=POSITIVE, default=RigTask.disparity_error_px, show_default=True,
               help="Standard deviation of the matcher's disparities.")  # fmt: skip
-@click.option("--baseline", metavar="M[,M]", help="Baseline, or its least and most, metres.  [default: 0.01,1]")
-@click.option("--f-number", metavar="N[,N]", help="Working f-number, or its least and most.  [default: 1.4,16]")
-@click.option("--focus", type=POSITIVE, help="Focus distance, metres.  [default: the middle of the disparities]")
-@click.option("--depth-error-mm", type=POSITIVE, help="Tolerated depth error.  [default: as small as possible]")
-@click.option("--blur-px", type=POSITIVE, default=RigTask.blur_px, show_default=True, help="Largest blur circle.")
-@click.option("--airy-px", type=POSITIVE, default=RigTask.airy_px, show_default=True, help="Largest Airy disk.")
+@click.option(
+    "--baseline",
+    metavar="M[,M]",
+    help="Baseline, or its least and most, metres.  [default: 0.01,1]",
+)
+@click.option(
+    "--f-number",
+    metavar="N[,N]",
+    help="Working f-number, or its least and most.  [default: 1.4,16]",
+)
+@click.option(
+    "--focus",
+    type=POSITIVE,
+    help="Focus distance, metres.  [default: the middle of the disparities]",
+)
+@click.option(
+    "--depth-error-mm",
+    type=POSITIVE,
+    help="Tolerated depth error.  [default: as small as possible]",
+)
+@click.option(
+    "--blur-px",
+    type=POSITIVE,
+    default=RigTask.blur_px,
+    show_default=True,
+    help="Largest blur circle.",
+)
+@click.option(
+    "--airy-px",
+    type=POSITIVE,
+    default=RigTask.airy_px,
+    show_default=True,
+    help="Largest Airy disk.",
+)
 @click.option("--overlap", type=float, default=RigTask.overlap, show_default=True,
               help="Least share of the left image that the right camera sees at the nearest depth.")  # fmt: skip
 @click.option("--max-disparities", type=Whole(3, 1_000_000), default=RigTask.max_disparities, show_default=True,
               help="Most disparities that the matcher searches.")  # fmt: skip
-@click.option("--lux", type=POSITIVE, help="Illuminance of the scene.  [default: enough light]")
-@click.option("--longest-exposure", metavar="S", help="Longest exposure, seconds; with --lux.  [default: 1/50]")
-@click.option("--sensor", help=f"With --lux: {camera_text.SENSOR_HELP}  [default: machine_vision]")
-@click.option("--snr", type=POSITIVE, help="Least signal-to-noise ratio of mid-grey; with --lux.  [default: 10]")
-@click.option("-o", "--output", type=PATH, help="A .toml file for `twinlens render --rig` and for recipes.")
-@click.option("--figure", type=FIGURE_FILE, help="Figure of error, blur and disparity against depth, PNG or SVG.")
+@click.option(
+    "--lux", type=POSITIVE, help="Illuminance of the scene.  [default: enough light]"
+)
+@click.option(
+    "--longest-exposure",
+    metavar="S",
+    help="Longest exposure, seconds; with --lux.  [default: 1/50]",
+)
+@click.option(
+    "--sensor", help=f"With --lux: {camera_text.SENSOR_HELP}  [default: machine_vision]"
+)
+@click.option(
+    "--snr",
+    type=POSITIVE,
+    help="Least signal-to-noise ratio of mid-grey; with --lux.  [default: 10]",
+)
+@click.option(
+    "-o",
+    "--output",
+    type=PATH,
+    help="A .toml file for `twinlens render --rig` and for recipes.",
+)
+@click.option(
+    "--figure",
+    type=FIGURE_FILE,
+    help="Figure of error, blur and disparity against depth, PNG or SVG.",
+)
 @json_option("the plan")
-def command(output: Path | None, figure: Path | None, as_json: bool, **options: Any) -> int:
+def command(
+    output: Path | None, figure: Path | None, as_json: bool, **options: Any
+) -> int:
     """Plan a stereo rig: baseline, focal length, aperture and focus.
 
     With --depth-error-mm the best rig has the smallest baseline that meets it over all depths; otherwise the smallest
@@ -90,7 +162,9 @@ def command(output: Path | None, figure: Path | None, as_json: bool, **options: 
 
 def _task(options: Mapping[str, Any]) -> RigTask:
     given = {name: value for name, value in options.items() if value is not None}
-    depths = camera_text.parse_numbers("--depth", given["depth"], (2,), "NEAR,FAR in metres, such as 0.5,3")
+    depths = camera_text.parse_numbers(
+        "--depth", given["depth"], (2,), "NEAR,FAR in metres, such as 0.5,3"
+    )
     known = {"depth_range": (depths[0], depths[1]), **_camera(given)}
     for name in ("fov", "focal_length_mm", "baseline", "f_number"):
         if name in given:
@@ -105,11 +179,17 @@ def _task(options: Mapping[str, Any]) -> RigTask:
         known["focus_distance"] = given["focus"]
     same = ("disparity_error_px", "blur_px", "airy_px", "overlap", "max_disparities")
     try:
-        return RigTask(**known, **{name: given[name] for name in same}, light=_light(given, known["pixel_pitch_um"]))
+        return RigTask(
+            **known,
+            **{name: given[name] for name in same},
+            light=_light(given, known["pixel_pitch_um"]),
+        )
     except InputError as error:
         field, _, rest = str(error).partition(" ")
         if field == "give":
-            raise InputError("give exactly one of --fov and --focal-length-mm, or a --camera") from error
+            raise InputError(
+                "give exactly one of --fov and --focal-length-mm, or a --camera"
+            ) from error
         option = f"--{field.replace('_', '-')}" if field in known | given else field
         raise InputError(f"{_OPTIONS.get(field, option)} {rest}") from error
 
@@ -121,10 +201,19 @@ def _camera(given: Mapping[str, Any]) -> dict[str, Any]:
     if "camera" in given:
         preset = find_camera(given["camera"])
         camera = preset.resized(width, height)
-        known |= {"pixel_pitch_um": camera.pixel_pitch_um, "fov_x_deg": fov_x_deg(width, camera.fx)}
-        known |= {name: value for name in ("baseline", "f_number") if (value := getattr(preset, name)) is not None}
+        known |= {
+            "pixel_pitch_um": camera.pixel_pitch_um,
+            "fov_x_deg": fov_x_deg(width, camera.fx),
+        }
+        known |= {
+            name: value
+            for name in ("baseline", "f_number")
+            if (value := getattr(preset, name)) is not None
+        }
     pixel = ("pixel_pitch_um", "sensor_width_mm")
-    intrinsics = camera_text.parse_intrinsics({name: given[name] for name in pixel if name in given})
+    intrinsics = camera_text.parse_intrinsics(
+        {name: given[name] for name in pixel if name in given}
+    )
     if len(intrinsics) > 1:
         raise InputError("--pixel-pitch-um and --sensor-width-mm exclude each other")
     if "sensor_width_mm" in intrinsics:
@@ -141,19 +230,34 @@ def _light(given: Mapping[str, Any], pixel_pitch_um: float) -> Light | None:
     text = given.get("longest_exposure", "1/50")
     exposure = camera_text.parse_exposure(text)
     if exposure is None or exposure.gain != 1:
-        raise InputError(f"--longest-exposure must be seconds, such as 1/50, got {text!r}")
+        raise InputError(
+            f"--longest-exposure must be seconds, such as 1/50, got {text!r}"
+        )
     sensor = camera_text.parse_sensor(given.get("sensor", "machine_vision"))
-    return light_on_grey(sensor, given["lux"], pixel_pitch_um, exposure.time, given.get("snr", 10.0))
+    return light_on_grey(
+        sensor, given["lux"], pixel_pitch_um, exposure.time, given.get("snr", 10.0)
+    )
 
 
 def _range(option: str, text: str) -> Any:
-    numbers = camera_text.parse_numbers(option, text, (1, 2), "one number, or the least and the most, such as 2,4")
+    numbers = camera_text.parse_numbers(
+        option, text, (1, 2), "one number, or the least and the most, such as 2,4"
+    )
     return numbers[0] if len(numbers) == 1 else (numbers[0], numbers[1])
 
 
 def _record(plan: RigPlan) -> dict[str, Any]:
-    record = {"task": asdict(plan.task), "objective": plan.objective, "feasible": plan.best is not None}
-    record |= {"limits": plan.limits, "used": plan.used, "ranges": plan.feasible, "binding": plan.binding}
+    record = {
+        "task": asdict(plan.task),
+        "objective": plan.objective,
+        "feasible": plan.best is not None,
+    }
+    record |= {
+        "limits": plan.limits,
+        "used": plan.used,
+        "ranges": plan.feasible,
+        "binding": plan.binding,
+    }
     record |= {"reasons": plan.reasons, "changes": plan.changes, "best": None}
     if (best := plan.best) is not None:
         names = (
@@ -161,6 +265,12 @@ def _record(plan: RigPlan) -> dict[str, Any]:
             "depth_of_field", "hyperfocal_distance", "airy_px", "search", "smallest_distance", "exposure", "snr",
         )  # fmt: skip
         depths = even_depths(best)
-        curves = {name: getattr(best, name)(depths) for name in ("disparity", "depth_error", "blur_px", "overlap")}
-        record["best"] = {name: getattr(best, name) for name in names} | {"depths": depths, **curves}
+        curves = {
+            name: getattr(best, name)(depths)
+            for name in ("disparity", "depth_error", "blur_px", "overlap")
+        }
+        record["best"] = {name: getattr(best, name) for name in names} | {
+            "depths": depths,
+            **curves,
+        }
     return record

@@ -18,15 +18,45 @@ from twinlens.reconstruction.of_sample import RECORD, reconstruct
 
 @click.command("reconstruct")
 @click.argument("sample", type=PLACE, metavar="DATASET/SAMPLE")
-@click.option("-o", "--output", required=True, type=PATH, help="Folder of the reconstruction.")
-@click.option("--method", default="truth", show_default=True, help="truth, or a matcher: sgm, zncc:block_size=11, ...")
-@click.option("--cell-mm", type=POSITIVE, help="Cell size of the surface.  [default: 1/160 of the points' extent]")
-@click.option("--min-views", type=Whole(1), default=1, show_default=True, help="Views required per point.")
-@click.option("--far", type=POSITIVE, help="Largest depth to use, metres.  [default: no limit]")
-@click.option("--spacing-mm", type=POSITIVE, help="Point spacing of the comparison.  [default: half a cell]")
+@click.option(
+    "-o", "--output", required=True, type=PATH, help="Folder of the reconstruction."
+)
+@click.option(
+    "--method",
+    default="truth",
+    show_default=True,
+    help="truth, or a matcher: sgm, zncc:block_size=11, ...",
+)
+@click.option(
+    "--cell-mm",
+    type=POSITIVE,
+    help="Cell size of the surface.  [default: 1/160 of the points' extent]",
+)
+@click.option(
+    "--min-views",
+    type=Whole(1),
+    default=1,
+    show_default=True,
+    help="Views required per point.",
+)
+@click.option(
+    "--far", type=POSITIVE, help="Largest depth to use, metres.  [default: no limit]"
+)
+@click.option(
+    "--spacing-mm",
+    type=POSITIVE,
+    help="Point spacing of the comparison.  [default: half a cell]",
+)
 @click.option("--overwrite", is_flag=True, help="Replace an earlier reconstruction.")
 @json_option("the comparison")
-def command(sample: Place, output: Path, method: str, overwrite: bool, as_json: bool, **options: Any) -> None:
+def command(
+    sample: Place,
+    output: Path,
+    method: str,
+    overwrite: bool,
+    as_json: bool,
+    **options: Any,
+) -> None:
     """Reconstruct a sample from the true or matched depth maps of all its views.
 
     Matched depths are computed between neighbouring views. Neighbours that are not a rectified pair are rectified
@@ -45,12 +75,24 @@ def command(sample: Place, output: Path, method: str, overwrite: bool, as_json: 
     options["far"] = options["far"] or math.inf
     with progress_bar("reconstructing") as report:
         result = reconstruct(open_sample(sample), matcher, progress=report, **options)
-    record = {"sample": str(sample), "method": method, "min_views": options["min_views"], **result.record()}
+    record = {
+        "sample": str(sample),
+        "method": method,
+        "min_views": options["min_views"],
+        **result.record(),
+    }
     write_folder(output, result.files(record), overwrite)
     maps = f"{record['views']} depth map" + "s" * (record["views"] != 1)
-    lines = [f"{output}: {record['points']} points, {record['faces']} triangles from {maps}"]
+    lines = [
+        f"{output}: {record['points']} points, {record['faces']} triangles from {maps}"
+    ]
     for name, scores in record["against_truth"].items():
         means = f"accuracy {scores['accuracy_mean_mm']:.3g} mm, completeness {scores['completeness_mean_mm']:.3g} mm"
-        shares = ", ".join(f"{share['f_score']:.1%} at {share['tolerance_mm']:g} mm" for share in scores["shares"])
-        lines.append(f"{name}: {means} (means up to {scores['max_distance_mm']:g} mm), F {shares}")
+        shares = ", ".join(
+            f"{share['f_score']:.1%} at {share['tolerance_mm']:g} mm"
+            for share in scores["shares"]
+        )
+        lines.append(
+            f"{name}: {means} (means up to {scores['max_distance_mm']:g} mm), F {shares}"
+        )
     print_result(as_json, record, *lines)

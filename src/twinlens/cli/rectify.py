@@ -16,22 +16,42 @@ from twinlens.scenes import load_scene
 
 @click.command("rectify")
 @click.argument("sample", type=PLACE, metavar="DATASET/SAMPLE")
-@click.option("-o", "--output", required=True, type=PATH, help="Folder of the new sample.")
-@click.option("--cameras", default="0,1", show_default=True, help="The left and the right view, counted from 0.")
-@click.option("--pictures", default="maps", show_default=True, help="maps: warp the images; render: render new ones.")
+@click.option(
+    "-o", "--output", required=True, type=PATH, help="Folder of the new sample."
+)
+@click.option(
+    "--cameras",
+    default="0,1",
+    show_default=True,
+    help="The left and the right view, counted from 0.",
+)
+@click.option(
+    "--pictures",
+    default="maps",
+    show_default=True,
+    help="maps: warp the images; render: render new ones.",
+)
 @click.option("--fit", default="focal", show_default=True,
               help="Focal length: focal (mean of both), all (both images fit) or valid (no empty pixels).")  # fmt: skip
 @click.option("--own-centres", is_flag=True,
               help="Centre each new view on what its camera sees; doffs is then not 0.")  # fmt: skip
 @click.option("--misalignment", metavar="NAME=VALUE,...",
               help="Errors of the right camera: vertical_px, pitch_deg, yaw_deg, roll_deg, focal, k1.")  # fmt: skip
-@click.option("--scene", metavar="FILE", help="Scene file; required if the scene is not bundled.")
+@click.option(
+    "--scene", metavar="FILE", help="Scene file; required if the scene is not bundled."
+)
 @click.option("--folder", type=PATH, default=".", show_default=True,
               help="Folder of the recipe, if the sample has objects or a sky of it.")  # fmt: skip
 @click.option("--overwrite", is_flag=True, help="Replace an existing sample.")
 @json_option("what was written")
 def command(
-    sample: Place, output: Path, cameras: str, scene: str | None, overwrite: bool, as_json: bool, **options: Any
+    sample: Place,
+    output: Path,
+    cameras: str,
+    scene: str | None,
+    overwrite: bool,
+    as_json: bool,
+    **options: Any,
 ) -> None:
     """Rectify two views of a sample, so that matching pixels share a row, with new ground truth.
 
@@ -51,4 +71,8 @@ def command(
     rig = made.rig.nominal
     fx, doffs = rig.cameras[0].fx, rig.doffs()
     record = {"sample": str(output), "files": sorted(files), "fx": fx, "doffs": doffs}
-    print_result(as_json, record, f"{output}: {len(files)} files, fx {fx:.6g} px, doffs {doffs:.6g} px")
+    print_result(
+        as_json,
+        record,
+        f"{output}: {len(files)} files, fx {fx:.6g} px, doffs {doffs:.6g} px",
+    )

@@ -6,12 +6,27 @@ import click
 from click.core import ParameterSource
 
 from twinlens.camera import Lens, Rig
-from twinlens.cli.options import POSITIVE, Sectioned, Whole, denoise_option, json_option, noise_option, print_json
+from twinlens.cli.options import (
+    POSITIVE,
+    Sectioned,
+    Whole,
+    denoise_option,
+    json_option,
+    noise_option,
+    print_json,
+)
 from twinlens.cli.places import PATH, PLACE, check_samples
 from twinlens.cli.progress import interrupt_note, progress_bar
 from twinlens.dataset import Place, Row
 from twinlens.errors import InputError, located
-from twinlens.factory import add_sample, camera_text, check_common_view, default_rig, make_sample, under_sky
+from twinlens.factory import (
+    add_sample,
+    camera_text,
+    check_common_view,
+    default_rig,
+    make_sample,
+    under_sky,
+)
 from twinlens.factory.settings import View, make_lens, read_rig_file
 from twinlens.rendering import backend
 from twinlens.scenes import Scene, load_scene, scene_with_rig
@@ -19,7 +34,9 @@ from twinlens.sensor import Sensor
 
 _Made = tuple[Row, list[str], list[dict[str, Any]]]
 """A sample's row, the exposure through each lens, and `optics_of` each lens."""
-_NO_APERTURE = "has no effect, every lens is a pinhole; add a lens such as --lens thin:20"
+_NO_APERTURE = (
+    "has no effect, every lens is a pinhole; add a lens such as --lens thin:20"
+)
 
 _SECTIONS = {
     "Lens": ("lenses", "aperture", "diffraction", "dual_pixel"),
@@ -35,37 +52,128 @@ _SECTIONS = {
 
 @click.command("render", cls=Sectioned, sections=_SECTIONS)
 @click.argument("scenes", nargs=-1, required=True, metavar="SCENE...")
-@click.option("-o", "--output", required=True, type=PLACE, help="Dataset folder or bucket address (s3://...).")
-@click.option("--lens", "lenses", multiple=True, default=("pinhole",), show_default=True, help=camera_text.LENS_HELP)
-@click.option("--aperture", default="disk", show_default=True, help=camera_text.APERTURE_HELP)
-@click.option("--diffraction", is_flag=True, help="Apply each lens's Airy pattern; disk apertures only.")
-@click.option("--dual-pixel", is_flag=True, help="Also write the images of the halves of each lens (dp-left0.png ...).")
-@click.option("--camera", metavar="NAME", help="A camera that exists, with its baseline; see `twinlens cameras`.")
-@click.option("--size", help="Image size, WIDTHxHEIGHT.  [default: 640x480, or that of --camera]")
-@click.option("--fov", type=POSITIVE, help="Horizontal field of view, at most 179 degrees.  [default: the scene's]")
-@click.option("--focal-length-px", metavar="FX[,FY]", help="Focal length in pixels, instead of --fov.")
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    type=PLACE,
+    help="Dataset folder or bucket address (s3://...).",
+)
+@click.option(
+    "--lens",
+    "lenses",
+    multiple=True,
+    default=("pinhole",),
+    show_default=True,
+    help=camera_text.LENS_HELP,
+)
+@click.option(
+    "--aperture", default="disk", show_default=True, help=camera_text.APERTURE_HELP
+)
+@click.option(
+    "--diffraction",
+    is_flag=True,
+    help="Apply each lens's Airy pattern; disk apertures only.",
+)
+@click.option(
+    "--dual-pixel",
+    is_flag=True,
+    help="Also write the images of the halves of each lens (dp-left0.png ...).",
+)
+@click.option(
+    "--camera",
+    metavar="NAME",
+    help="A camera that exists, with its baseline; see `twinlens cameras`.",
+)
+@click.option(
+    "--size", help="Image size, WIDTHxHEIGHT.  [default: 640x480, or that of --camera]"
+)
+@click.option(
+    "--fov",
+    type=POSITIVE,
+    help="Horizontal field of view, at most 179 degrees.  [default: the scene's]",
+)
+@click.option(
+    "--focal-length-px",
+    metavar="FX[,FY]",
+    help="Focal length in pixels, instead of --fov.",
+)
 @click.option("--principal-point", metavar="CX,CY",
               help="Principal point; pixel centres are at integers.  [default: the image centre]")  # fmt: skip
 @click.option("--distortion", metavar="K", help=camera_text.DISTORTION_HELP)
-@click.option("--pixel-pitch-um", type=POSITIVE, help="Pixel width, micrometres.  [default: 5]")
-@click.option("--sensor-width-mm", metavar="MM|FORMAT", help=camera_text.SENSOR_WIDTH_HELP)
-@click.option("--baseline", type=POSITIVE, help="Baseline, metres.  [default: the scene's]")
-@click.option("--rig", type=PATH, help="A .toml file with the rig and, without --lens, its lenses; see docs/rigs.md.")
-@click.option("--sky", type=PATH, help="A .exr, .hdr or .png panorama that lights the scenes instead of their lights.")
-@click.option("--sensor", default="machine_vision", show_default=True, help=camera_text.SENSOR_HELP)
-@click.option("--bits", type=click.Choice(["8", "16"]), help="Bits per channel.  [default: 8]")
-@click.option("--exposure", default="auto", metavar="TIME_S[,GAIN]", help=camera_text.EXPOSURE_HELP)
-@click.option("--mismatch", metavar="LEVEL|NAME=VALUE,...", help=camera_text.MISMATCH_HELP)
-@click.option("--spp", type=Whole(1, 1_000_000), default=12, show_default=True, help="Samples per pixel.")
+@click.option(
+    "--pixel-pitch-um", type=POSITIVE, help="Pixel width, micrometres.  [default: 5]"
+)
+@click.option(
+    "--sensor-width-mm", metavar="MM|FORMAT", help=camera_text.SENSOR_WIDTH_HELP
+)
+@click.option(
+    "--baseline", type=POSITIVE, help="Baseline, metres.  [default: the scene's]"
+)
+@click.option(
+    "--rig",
+    type=PATH,
+    help="A .toml file with the rig and, without --lens, its lenses; see docs/rigs.md.",
+)
+@click.option(
+    "--sky",
+    type=PATH,
+    help="A .exr, .hdr or .png panorama that lights the scenes instead of their lights.",
+)
+@click.option(
+    "--sensor",
+    default="machine_vision",
+    show_default=True,
+    help=camera_text.SENSOR_HELP,
+)
+@click.option(
+    "--bits", type=click.Choice(["8", "16"]), help="Bits per channel.  [default: 8]"
+)
+@click.option(
+    "--exposure",
+    default="auto",
+    metavar="TIME_S[,GAIN]",
+    help=camera_text.EXPOSURE_HELP,
+)
+@click.option(
+    "--mismatch", metavar="LEVEL|NAME=VALUE,...", help=camera_text.MISMATCH_HELP
+)
+@click.option(
+    "--spp",
+    type=Whole(1, 1_000_000),
+    default=12,
+    show_default=True,
+    help="Samples per pixel.",
+)
 @denoise_option
 @noise_option
-@click.option("--seed", type=Whole(0), default=0, show_default=True, help="Random seed.")
-@click.option("--radiance", is_flag=True, help="Also write the linear images (radiance0.exr, radiance1.exr).")
-@click.option("--models", is_flag=True, help="Also write the triangles of the objects (models/*.ply).")
-@click.option("--sky-disparity", is_flag=True, help="Give the sky the disparity at infinity instead of unknown.")
+@click.option(
+    "--seed", type=Whole(0), default=0, show_default=True, help="Random seed."
+)
+@click.option(
+    "--radiance",
+    is_flag=True,
+    help="Also write the linear images (radiance0.exr, radiance1.exr).",
+)
+@click.option(
+    "--models",
+    is_flag=True,
+    help="Also write the triangles of the objects (models/*.ply).",
+)
+@click.option(
+    "--sky-disparity",
+    is_flag=True,
+    help="Give the sky the disparity at infinity instead of unknown.",
+)
 @click.option("--overwrite", is_flag=True, help="Replace existing samples.")
 @json_option("the files written")
-def command(scenes: tuple[str, ...], output: Place, overwrite: bool, as_json: bool, **options: Any) -> None:
+def command(
+    scenes: tuple[str, ...],
+    output: Place,
+    overwrite: bool,
+    as_json: bool,
+    **options: Any,
+) -> None:
     """Render SCENE... (bundled names, scene.toml or Mitsuba .xml files) with a stereo rig.
 
     Each scene becomes one sample, OUTPUT/<scene>: im0.png and im1.png for the first lens, lens-1/, lens-2/, ... for
@@ -83,7 +191,15 @@ def command(scenes: tuple[str, ...], output: Place, overwrite: bool, as_json: bo
     sensor = camera_text.parse_sensor(options["sensor"])
     if options["bits"] is not None:
         sensor = sensor.replace(bits=int(options["bits"]))
-    names = ("spp", "denoise", "noise", "seed", "sky_disparity", "diffraction", "dual_pixel")
+    names = (
+        "spp",
+        "denoise",
+        "noise",
+        "seed",
+        "sky_disparity",
+        "diffraction",
+        "dual_pixel",
+    )
     how: dict[str, Any] = {name: options[name] for name in names}
     how |= {"keep_radiance": options["radiance"], "keep_models": options["models"]}
     how |= {"exposure": camera_text.parse_exposure(options["exposure"])}
@@ -97,26 +213,44 @@ def command(scenes: tuple[str, ...], output: Place, overwrite: bool, as_json: bo
                 used = tuple(lens for _, lens in lenses)
                 sample = make_sample(scene, own.misalign(rig), used, sensor=own, **how)
             row = add_sample(output, scene.name, sample, options["seed"], overwrite)
-            exposures = [camera_text.format_exposure(sample, k, text) for k, (text, _) in enumerate(lenses)]
-            made.append((row, exposures, [camera_text.optics_of(sample, k) for k in range(len(lenses))]))
+            exposures = [
+                camera_text.format_exposure(sample, k, text)
+                for k, (text, _) in enumerate(lenses)
+            ]
+            made.append(
+                (
+                    row,
+                    exposures,
+                    [camera_text.optics_of(sample, k) for k in range(len(lenses))],
+                )
+            )
     _print(output, made, as_json)
 
 
-def _job(scene: Scene, sensor: Sensor, options: dict[str, Any]) -> tuple[Scene, Rig, list[tuple[str, Lens]], Sensor]:
+def _job(
+    scene: Scene, sensor: Sensor, options: dict[str, Any]
+) -> tuple[Scene, Rig, list[tuple[str, Lens]], Sensor]:
     """The scene, the rig, the lenses that the options describe, with their texts, and the sensor with its mismatch."""
     width, height = camera_text.parse_size(options["size"], options["camera"])
     if options["sky"] is not None:
         with located("--sky"):
             if not options["sky"].exists():
                 raise InputError(f"no file or folder {str(options['sky'])!r}")
-            scene = under_sky(scene, {"file": options["sky"].name}, options["sky"].parent, options["seed"])
+            scene = under_sky(
+                scene,
+                {"file": options["sky"].name},
+                options["sky"].parent,
+                options["seed"],
+            )
     tables: list[Any] = []
     if options["rig"] is not None:
         table, key, tables = read_rig_file(options["rig"])
         scene = scene_with_rig(scene, options["rig"], table, key)
     intrinsics = camera_text.parse_intrinsics(options)
     with camera_text.options_named(options):
-        rig = default_rig(scene, width, height, options["fov"], options["baseline"], intrinsics)
+        rig = default_rig(
+            scene, width, height, options["fov"], options["baseline"], intrinsics
+        )
     if options["baseline"] is not None and scene.depth_range_known:
         check_common_view(rig, scene)
     lenses = _lenses(View(scene, rig.cameras[0], ()), tables, options)
@@ -128,40 +262,61 @@ def _job(scene: Scene, sensor: Sensor, options: dict[str, Any]) -> tuple[Scene, 
                 raise InputError(f"--{name.replace('_', '-')}: {_NO_APERTURE}")
     if options["mismatch"] is not None:
         layout = (scene.rig or {}).get("layout", "")
-        mismatch = camera_text.parse_mismatch(options["mismatch"], options["seed"], len(rig), layout)
+        mismatch = camera_text.parse_mismatch(
+            options["mismatch"], options["seed"], len(rig), layout
+        )
         sensor = sensor.replace(mismatch=mismatch)
     return scene, rig, lenses, sensor
 
 
-def _lenses(view: View, tables: list[Any], options: dict[str, Any]) -> list[tuple[str, Lens]]:
+def _lenses(
+    view: View, tables: list[Any], options: dict[str, Any]
+) -> list[tuple[str, Lens]]:
     """The lenses of the options, or those of the rig's file in `tables`, with their texts."""
     if tables and not _is_given("lenses"):
         if _is_given("aperture"):
-            raise InputError("--aperture is for --lens; the lenses of a file have a 'shape'")
-        made = [make_lens(table, view, lambda name: options["rig"].parent / name) for table in tables]
+            raise InputError(
+                "--aperture is for --lens; the lenses of a file have a 'shape'"
+            )
+        made = [
+            make_lens(table, view, lambda name: options["rig"].parent / name)
+            for table in tables
+        ]
         return [(camera_text.format_lens(lens), lens) for lens in made]
     aperture = camera_text.parse_aperture(options["aperture"])
     lenses: list[tuple[str, Lens]] = []
     for text in options["lenses"]:
         lens = camera_text.parse_lens(text, view, aperture)
         if lens in (other for _, other in lenses):
-            raise InputError(f"--lens {text}: is given twice; it would make the same images")
+            raise InputError(
+                f"--lens {text}: is given twice; it would make the same images"
+            )
         lenses.append((text, lens))
     return lenses
 
 
 def _is_given(name: str) -> bool:
-    return click.get_current_context().get_parameter_source(name) is not ParameterSource.DEFAULT
+    return (
+        click.get_current_context().get_parameter_source(name)
+        is not ParameterSource.DEFAULT
+    )
 
 
 def _print(output: Place, made: list[_Made], as_json: bool) -> None:
     used = backend()
     if as_json:
         samples = [
-            {"name": row.name, "folder": str(output / row.name), "files": sorted(row.files), "lenses": found}
+            {
+                "name": row.name,
+                "folder": str(output / row.name),
+                "files": sorted(row.files),
+                "lenses": found,
+            }
             for row, _, found in made
         ]
-        print_json({"dataset": str(output), "backend": used.variant, "samples": samples})
+        print_json(
+            {"dataset": str(output), "backend": used.variant, "samples": samples}
+        )
         return
     for row, exposures, found in made:
         click.echo(f"{output / row.name}: {len(row.files)} files")
@@ -169,4 +324,7 @@ def _print(output: Place, made: list[_Made], as_json: bool) -> None:
             click.echo(f"  {exposure}\n    {camera_text.format_optics(each)}")
         if error := camera_text.format_depth_error(found[0]):
             click.echo(f"  {error}")
-    click.echo(f"rendered with {used.variant} ({used.reason})" + (f"; {used.advice}" if used.advice else ""))
+    click.echo(
+        f"rendered with {used.variant} ({used.reason})"
+        + (f"; {used.advice}" if used.advice else "")
+    )

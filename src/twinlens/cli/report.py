@@ -12,7 +12,12 @@ from twinlens.scoring import MapFolder, open_pairs, read_board
 @click.command("report")
 @click.argument("board", type=PATH)
 @click.argument("datasets", nargs=-1, metavar="[DATASET...]")
-@click.option("-o", "--output", type=HTML_FILE, help="The page.  [default: index.html next to the board]")
+@click.option(
+    "-o",
+    "--output",
+    type=HTML_FILE,
+    help="The page.  [default: index.html next to the board]",
+)
 def command(board: Path, datasets: tuple[str, ...], output: Path | None) -> None:
     """Write the leaderboard page of BOARD (board.json or its folder), with images, truth and maps of DATASET...
 
@@ -21,5 +26,7 @@ def command(board: Path, datasets: tuple[str, ...], output: Path | None) -> None
     """
     scores, folder = read_board(board), board if board.is_dir() else board.parent
     pairs = open_pairs(datasets).on(scores) if datasets else ()
-    page = write_page(output or folder / "index.html", scores, pairs, MapFolder(folder / "maps"))
+    page = write_page(
+        output or folder / "index.html", scores, pairs, MapFolder(folder / "maps")
+    )
     click.echo(f"page: {page.resolve().as_uri()}")

@@ -21,4 +21,6 @@ def command(as_json: bool) -> None:
     width = max(len(scene["name"]) for scene in scenes)
     for scene in scenes:
         near, far = scene["depth_range"]
-        click.echo(f"{scene['name']:<{width}}  {near:5.2f} to {far:5.2f} m  {scene['description']}")
+        click.echo(
+            f"{scene['name']:<{width}}  {near:5.2f} to {far:5.2f} m  {scene['description']}"
+        )

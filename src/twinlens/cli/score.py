@@ -12,22 +12,48 @@ from twinlens.cli.options import DISPARITY, Whole, json_option, print_json
 from twinlens.cli.places import PATH, missing_output
 from twinlens.dataset import place, read_disparity, read_png
 from twinlens.errors import FileError, InputError
-from twinlens.scoring import Scores, evaluate, find_metric, open_pairs, open_submission, search_range
+from twinlens.scoring import (
+    Scores,
+    evaluate,
+    find_metric,
+    open_pairs,
+    open_submission,
+    search_range,
+)
 from twinlens.scoring.board_file import UNSCORED
 from twinlens.scoring.protocols import find_protocol
 
 FIRST_FEW = 3  # file names listed in a warning
 _MAPS = (".pfm", ".png")
 _FOR_BOARDS = {"output": "-o", "regions": "--region"}
-_FOR_ONE_MAP = {"mask": "--mask", "ndisp": "--ndisp", "min_disparity": "--min-disparity"}
+_FOR_ONE_MAP = {
+    "mask": "--mask",
+    "ndisp": "--ndisp",
+    "min_disparity": "--min-disparity",
+}
 
 
 @click.command("score")
 @click.argument("submissions", nargs=-1, required=True, metavar="MAPS...", type=PATH)
-@click.option("--truth", "truths", multiple=True, required=True, help="Dataset, or the truth of one map. Repeatable.")
-@click.option("-o", "--output", type=PATH, help="Folder of the board.  [required, except for one map]")
-@click.option("--mask", type=PATH, help="For one map: PNG, 255 where visible in both cameras.")
-@click.option("--ndisp", type=Whole(1), help="For one map: estimates are clipped to [0, ndisp].")
+@click.option(
+    "--truth",
+    "truths",
+    multiple=True,
+    required=True,
+    help="Dataset, or the truth of one map. Repeatable.",
+)
+@click.option(
+    "-o",
+    "--output",
+    type=PATH,
+    help="Folder of the board.  [required, except for one map]",
+)
+@click.option(
+    "--mask", type=PATH, help="For one map: PNG, 255 where visible in both cameras."
+)
+@click.option(
+    "--ndisp", type=Whole(1), help="For one map: estimates are clipped to [0, ndisp]."
+)
 @click.option(
     "--min-disparity", type=DISPARITY, help="For one map: lower end of the clipping range.  [default: 0, or the "
     "truth's minimum if negative]",
@@ -35,7 +61,12 @@ _FOR_ONE_MAP = {"mask": "--mask", "ndisp": "--ndisp", "min_disparity": "--min-di
 @protocol_option
 @region_option
 @json_option("the board")
-def command(submissions: tuple[Path, ...], truths: tuple[str, ...], as_json: bool, **options: Any) -> int:
+def command(
+    submissions: tuple[Path, ...],
+    truths: tuple[str, ...],
+    as_json: bool,
+    **options: Any,
+) -> int:
     """Score MAPS against --truth.
 
     Each of MAPS is a folder or zip file with one map per sample, and becomes one row of the leaderboard. Names of maps:
@@ -51,40 +82,80 @@ def command(submissions: tuple[Path, ...], truths: tuple[str, ...], as_json: boo
             raise FileError(f"{path}: no such file or folder")
     one_map = submissions[0].suffix.lower() in _MAPS and not submissions[0].is_dir()
     for truth in truths if one_map else ():
-        if place(truth).is_dir() or (truth == "motorcycle" and not place(truth).exists()):
+        if place(truth).is_dir() or (
+            truth == "motorcycle" and not place(truth).exists()
+        ):
             raise InputError(
                 f"{truth} is a dataset, and {submissions[0]} is one map: give one truth map, as --truth "
                 "SAMPLE/disp0.pfm, or a folder of maps"
             )
     for name, option in (_FOR_BOARDS if one_map else _FOR_ONE_MAP).items():
-        if click.get_current_context().get_parameter_source(name) is not ParameterSource.DEFAULT:
-            only = "folders or zip files scored against datasets" if one_map else "one map scored against one truth map"
+        if (
+            click.get_current_context().get_parameter_source(name)
+            is not ParameterSource.DEFAULT
+        ):
+            only = (
+                "folders or zip files scored against datasets"
+                if one_map
+                else "one map scored against one truth map"
+            )
             raise InputError(f"{option}: is only for {only}")
     if not one_map:
         return _score_submissions(submissions, truths, as_json, options)
     if len(submissions) > 1 or len(truths) > 1 or len(options["protocols"]) > 1:
-        raise InputError("one map is scored against one truth by one --protocol; for more, give folders and datasets")
+        raise InputError(
+            "one map is scored against one truth by one --protocol; for more, give folders and datasets"
+        )
     _print(_score_map(submissions[0], truths[0], options), as_json)
     return 0
 
 
-def _score_submissions(paths: Sequence[Path], truths: Sequence[str], as_json: bool, options: dict[str, Any]) -> int:
+def _score_submissions(
+    paths: Sequence[Path], truths: Sequence[str], as_json: bool, options: dict[str, Any]
+) -> int:
     submissions, output = [open_submission(path) for path in paths], options["output"]
     if output is None:
         raise missing_output()
     pairs = open_pairs(truths)
     for submission in submissions:
         submission.check_unambiguous(pairs.aliases)
-    unmatched = {submission.name: submission.unmatched_files(pairs.aliases) for submission in submissions}
-    board = run_board(pairs, submissions, output, options["protocols"], options["regions"], retry_failed=True)
-    code = print_board(board, output, as_json, [submission.name for submission in submissions], {UNSCORED: unmatched})
+    unmatched = {
+        submission.name: submission.unmatched_files(pairs.aliases)
+        for submission in submissions
+    }
+    board = run_board(
+        pairs,
+        submissions,
+        output,
+        options["protocols"],
+        options["regions"],
+        retry_failed=True,
+    )
+    code = print_board(
+        board,
+        output,
+        as_json,
+        [submission.name for submission in submissions],
+        {UNSCORED: unmatched},
+    )
     for submission in submissions:
-        missing, extra = submission.missing_files(pairs.aliases), unmatched[submission.name]
+        missing, extra = (
+            submission.missing_files(pairs.aliases),
+            unmatched[submission.name],
+        )
         count = f"missing maps: {len(missing)} of {len(pairs)}"
-        for what, names in ((count, missing), (f"maps that match no sample: {len(extra)}", extra)):
-            more = f" and {len(names) - FIRST_FEW} more" if len(names) > FIRST_FEW else ""
+        for what, names in (
+            (count, missing),
+            (f"maps that match no sample: {len(extra)}", extra),
+        ):
+            more = (
+                f" and {len(names) - FIRST_FEW} more" if len(names) > FIRST_FEW else ""
+            )
             if names:
-                click.echo(f"{submission.name}: {what} ({', '.join(names[:FIRST_FEW])}{more})", err=True)
+                click.echo(
+                    f"{submission.name}: {what} ({', '.join(names[:FIRST_FEW])}{more})",
+                    err=True,
+                )
     return code
 
 
@@ -97,7 +168,9 @@ def _score_map(estimate: Path, truth: str, options: dict[str, Any]) -> Scores:
     true, mask, low = read_disparity(truth), options["mask"], options["min_disparity"]
     width = true.shape[1]
     if low is not None and not -width < low < width:
-        raise InputError(f"--min-disparity {low}: expected {1 - width} to {width - 1} for {truth}")
+        raise InputError(
+            f"--min-disparity {low}: expected {1 - width} to {width - 1} for {truth}"
+        )
     return evaluate(
         read_disparity(estimate), true, None if mask is None else read_png(mask), options["ndisp"],
         protocol=name,
@@ -107,12 +180,17 @@ def _score_map(estimate: Path, truth: str, options: dict[str, Any]) -> Scores:
 
 def _print(scores: Scores, as_json: bool) -> None:
     if as_json:
-        rows = {name: {**region, "evaluated": region.evaluated} for name, region in scores.regions.items()}
+        rows = {
+            name: {**region, "evaluated": region.evaluated}
+            for name, region in scores.regions.items()
+        }
         print_json({"protocol": scores.protocol.name, "regions": rows})
         return
     click.echo(scores.protocol.title)
     for name, region in scores.regions.items():
-        click.echo(f"{name}: {region.evaluated} of {region.image} pixels evaluated, {region.estimated} estimated")
+        click.echo(
+            f"{name}: {region.evaluated} of {region.image} pixels evaluated, {region.estimated} estimated"
+        )
         for key, value in region.items():
             metric = find_metric(key)
             click.echo(f"  {key:<10} {metric.show(value):>10} {metric.unit}")

@@ -6,7 +6,13 @@ import click
 import numpy as np
 
 from twinlens.camera.multiview import epipoles, fundamental_matrix, ideal_pixels
-from twinlens.cli.options import Whole, json_option, parse_pair, parse_pixel, print_result
+from twinlens.cli.options import (
+    Whole,
+    json_option,
+    parse_pair,
+    parse_pixel,
+    print_result,
+)
 from twinlens.cli.places import FIGURE_FILE, PLACE, PNG_FILE, missing_output
 from twinlens.cli.progress import progress_bar
 from twinlens.dataset import Place, open_sample, place, write_png
@@ -35,11 +41,23 @@ def command() -> None:
 
 @command.command("epipolar")
 @click.argument("sample", type=PLACE, metavar="DATASET/SAMPLE")
-@click.option("-o", "--output", required=True, type=PNG_FILE, help="The picture, a PNG file.")
-@click.option("--cameras", default="0,1", show_default=True, help="The two views, counted from 0.")
-@click.option("--points", type=Whole(1, 100), default=9, show_default=True, help="Number of points.")
+@click.option(
+    "-o", "--output", required=True, type=PNG_FILE, help="The picture, a PNG file."
+)
+@click.option(
+    "--cameras", default="0,1", show_default=True, help="The two views, counted from 0."
+)
+@click.option(
+    "--points",
+    type=Whole(1, 100),
+    default=9,
+    show_default=True,
+    help="Number of points.",
+)
 @json_option("the points, F and the epipoles")
-def epipolar(sample: Place, output: Path, cameras: str, points: int, as_json: bool) -> None:
+def epipolar(
+    sample: Place, output: Path, cameras: str, points: int, as_json: bool
+) -> None:
     """Draw points of two views, the epipolar curves that contain their matches, and the epipoles.
 
     The points are true matches visible in both views. The curves follow from the calibration, so in a sample
@@ -52,9 +70,14 @@ def epipolar(sample: Place, output: Path, cameras: str, points: int, as_json: bo
     rig = stored.rig
     a, b = parse_pair(cameras, sample, len(rig))
     here, there = true_matches(stored, a, b, points)
-    write_png(output, epipolar_picture((stored.image(a), stored.image(b)), rig, here, there, a, b))
+    write_png(
+        output,
+        epipolar_picture((stored.image(a), stored.image(b)), rig, here, there, a, b),
+    )
     F = fundamental_matrix(rig, a, b)
-    off = sampson_distance(F, ideal_pixels(rig.cameras[a], here), ideal_pixels(rig.cameras[b], there))
+    off = sampson_distance(
+        F, ideal_pixels(rig.cameras[a], here), ideal_pixels(rig.cameras[b], there)
+    )
     record = {
         "picture": str(output), "cameras": [a, b], "points": {"a": here, "b": there},
         "off_px": off, "fundamental_matrix": F, "epipoles": epipoles(rig, a, b),
@@ -65,14 +88,40 @@ def epipolar(sample: Place, output: Path, cameras: str, points: int, as_json: bo
 
 @command.command("costs")
 @click.argument("sample", metavar="DATASET/SAMPLE")
-@click.option("--at", "pixel", required=True, metavar="U,V", help="The left image's pixel: column and row, from 0.")
-@click.option("-o", "--output", type=FIGURE_FILE, help="The figure, a PNG or SVG file.  [required without --json]")
 @click.option(
-    "--methods", multiple=True, help=f"Comma-separated methods of twinlens. Repeatable.  [default: {COST_METHODS}]"
+    "--at",
+    "pixel",
+    required=True,
+    metavar="U,V",
+    help="The left image's pixel: column and row, from 0.",
 )
-@click.option("--lens", type=Whole(0), default=0, show_default=True, help="The sample's lens, counted from 0.")
+@click.option(
+    "-o",
+    "--output",
+    type=FIGURE_FILE,
+    help="The figure, a PNG or SVG file.  [required without --json]",
+)
+@click.option(
+    "--methods",
+    multiple=True,
+    help=f"Comma-separated methods of twinlens. Repeatable.  [default: {COST_METHODS}]",
+)
+@click.option(
+    "--lens",
+    type=Whole(0),
+    default=0,
+    show_default=True,
+    help="The sample's lens, counted from 0.",
+)
 @json_option("the curves")
-def costs(sample: str, pixel: str, output: Path | None, methods: tuple[str, ...], lens: int, as_json: bool) -> None:
+def costs(
+    sample: str,
+    pixel: str,
+    output: Path | None,
+    methods: tuple[str, ...],
+    lens: int,
+    as_json: bool,
+) -> None:
     """Draw the cost of a pixel as a function of disparity, for each method, and print why it is right or wrong.
 
     SAMPLE may also be "motorcycle". Beside each curve are the pixel's window in the left image, and the windows in
@@ -87,10 +136,20 @@ def costs(sample: str, pixel: str, output: Path | None, methods: tuple[str, ...]
     pair = _pair(sample, lens)
     height, width = pair.disp0.shape
     u, v = parse_pixel(pixel, width, height)
-    curves = cost_curve(pair.im0, pair.im1, u, v, methods or (COST_METHODS,), **pair.search)
-    truth, reasons = float(pair.disp0[v, u]), {name: reason_of(pair, curve) for name, curve in curves.items()}
+    curves = cost_curve(
+        pair.im0, pair.im1, u, v, methods or (COST_METHODS,), **pair.search
+    )
+    truth, reasons = (
+        float(pair.disp0[v, u]),
+        {name: reason_of(pair, curve) for name, curve in curves.items()},
+    )
     if output is not None:
-        write_file(output, cost_picture((pair.im0, pair.im1), curves, truth, output.suffix.lower()[1:]))
+        write_file(
+            output,
+            cost_picture(
+                (pair.im0, pair.im1), curves, truth, output.suffix.lower()[1:]
+            ),
+        )
     record = {
         "picture": None if output is None else str(output), "at": [u, v], "truth": truth,
         "curves": {
@@ -104,21 +163,41 @@ def costs(sample: str, pixel: str, output: Path | None, methods: tuple[str, ...]
     for name, curve in curves.items():
         winner, rival = (
             "none" if place is None else f"{shown} px (cost {curve.cost_at(place):.4g})"
-            for place, shown in ((curve.winner, f"{curve.disparity:.2f}"), (curve.rival, curve.rival))
+            for place, shown in (
+                (curve.winner, f"{curve.disparity:.2f}"),
+                (curve.rival, curve.rival),
+            )
         )
         cost = curve.cost_at(truth) if np.isfinite(truth) else np.inf
         at_truth = f", cost at the truth {cost:.4g}" if np.isfinite(cost) else ""
-        lines.append(f"{name}: winner {winner}, rival {rival}{at_truth}. {reasons[name].text}")
+        lines.append(
+            f"{name}: winner {winner}, rival {rival}{at_truth}. {reasons[name].text}"
+        )
     print_result(as_json, record, *lines)
 
 
 @command.command("confidence")
 @click.argument("sample", metavar="DATASET/SAMPLE")
-@click.option("-o", "--output", type=FIGURE_FILE, help="The figure, a PNG or SVG file.  [required without --json]")
-@click.option("--method", default="zncc", show_default=True, help="A method of twinlens.")
-@click.option("--lens", type=Whole(0), default=0, show_default=True, help="The sample's lens, counted from 0.")
+@click.option(
+    "-o",
+    "--output",
+    type=FIGURE_FILE,
+    help="The figure, a PNG or SVG file.  [required without --json]",
+)
+@click.option(
+    "--method", default="zncc", show_default=True, help="A method of twinlens."
+)
+@click.option(
+    "--lens",
+    type=Whole(0),
+    default=0,
+    show_default=True,
+    help="The sample's lens, counted from 0.",
+)
 @json_option("the areas and the curves")
-def confidence(sample: str, output: Path | None, method: str, lens: int, as_json: bool) -> None:
+def confidence(
+    sample: str, output: Path | None, method: str, lens: int, as_json: bool
+) -> None:
     """Draw the confidence measures of a method on a sample, and their sparsification curves.
 
     SAMPLE may also be "motorcycle". The curves are of pixels visible in both views, or of all if the sample has no
@@ -134,9 +213,16 @@ def confidence(sample: str, output: Path | None, method: str, lens: int, as_json
         found = score_confidences(pair, spec.matcher(**pair.search))
     if output is not None:
         kind = output.suffix.lower()[1:]
-        write_file(output, confidence_picture(pair.im0, found, f"{spec.name} on {pair.name}", kind))
+        write_file(
+            output,
+            confidence_picture(pair.im0, found, f"{spec.name} on {pair.name}", kind),
+        )
     first = next(iter(found.scores.values()))
-    rate, pixels, smallest = first.sparsification[-1], first.estimated, first["auc2.0_opt"]
+    rate, pixels, smallest = (
+        first.sparsification[-1],
+        first.estimated,
+        first["auc2.0_opt"],
+    )
     record = {
         "picture": None if output is None else str(output), "method": spec.name, "pixels": pixels,
         "bad2.0": rate, "auc2.0_opt": smallest,
@@ -145,8 +231,13 @@ def confidence(sample: str, output: Path | None, method: str, lens: int, as_json
             for name, scores in found.scores.items()
         },
     }  # fmt: skip
-    lines = [f"{output}: {spec.name}, {rate:.2f} % of {pixels} estimates are off by more than 2 px"]
-    lines += [f"{name:12} auc2.0 {scores['auc2.0']:.2f} %" for name, scores in found.scores.items()]
+    lines = [
+        f"{output}: {spec.name}, {rate:.2f} % of {pixels} estimates are off by more than 2 px"
+    ]
+    lines += [
+        f"{name:12} auc2.0 {scores['auc2.0']:.2f} %"
+        for name, scores in found.scores.items()
+    ]
     print_result(as_json, record, *lines, f"{'smallest':12} auc2.0 {smallest:.2f} %")
 
 

@@ -13,15 +13,29 @@ from twinlens.dataset.files import write_file
 from twinlens.dataset.storage import place
 from twinlens.errors import InputError
 from twinlens.report.plots import pair_figure
-from twinlens.scoring import STATISTICS, fit_recipe, open_pairs, pair_statistics, recipe_toml, summarize
+from twinlens.scoring import (
+    STATISTICS,
+    fit_recipe,
+    open_pairs,
+    pair_statistics,
+    recipe_toml,
+    summarize,
+)
 
 
 @click.command("statistics")
 @click.argument("datasets", nargs=-1, required=True, metavar="DATASET...")
-@click.option("-o", "--output", type=FIGURE_FILE, help="Write a figure, a PNG or SVG file.")
-@click.option("--like", help="Fit the recipe of DATASET to the pairs of this folder; print it below the statistics.")
+@click.option(
+    "-o", "--output", type=FIGURE_FILE, help="Write a figure, a PNG or SVG file."
+)
+@click.option(
+    "--like",
+    help="Fit the recipe of DATASET to the pairs of this folder; print it below the statistics.",
+)
 @json_option("the statistics of each pair and their summary")
-def command(datasets: tuple[str, ...], output: Path | None, like: str | None, as_json: bool) -> None:
+def command(
+    datasets: tuple[str, ...], output: Path | None, like: str | None, as_json: bool
+) -> None:
     """Measure noise, texture and left-right differences of the pairs of DATASET..., beside those of 24 real pairs.
 
     DATASET is a folder with images and true disparity, or "motorcycle". Prints medians with 10 % and 90 % quantiles.
@@ -35,7 +49,9 @@ def command(datasets: tuple[str, ...], output: Path | None, like: str | None, as
     if like is not None and len(datasets) > 1:
         raise click.UsageError("--like fits the recipe of one DATASET")
     if like is not None and not (place(datasets[0]) / "dataset.json").is_file():
-        raise InputError(f"{datasets[0]}: has no dataset.json; --like needs a dataset of `twinlens generate`")
+        raise InputError(
+            f"{datasets[0]}: has no dataset.json; --like needs a dataset of `twinlens generate`"
+        )
     sets = [open_pairs(names) for names in (datasets, *([[like]] if like else []))]
     rows: list[dict[str, dict[str, float]]] = [{} for _ in sets]
     with progress_bar("measuring") as report:
@@ -47,29 +63,59 @@ def command(datasets: tuple[str, ...], output: Path | None, like: str | None, as
         recipe, notes = fit_recipe(Dataset(datasets[0]), sets[1]) if like else ({}, ())
     summaries = [summarize(list(found.values())) for found in rows]
     if output is not None:
-        write_file(output, pair_figure(list(rows[0].values()), output.suffix.lower()[1:]))
+        write_file(
+            output, pair_figure(list(rows[0].values()), output.suffix.lower()[1:])
+        )
     if as_json:
-        record = {"pairs": rows[0], "summary": summaries[0], "real": {name: s.real for name, s in STATISTICS.items()}}
-        fit = {"like": {"pairs": rows[-1], "summary": summaries[-1]}, "recipe": recipe, "notes": notes}
+        record = {
+            "pairs": rows[0],
+            "summary": summaries[0],
+            "real": {name: s.real for name, s in STATISTICS.items()},
+        }
+        fit = {
+            "like": {"pairs": rows[-1], "summary": summaries[-1]},
+            "recipe": recipe,
+            "notes": notes,
+        }
         print_json(record | (fit if like else {}))
         return
     counts = [f"{len(found)} pair{'s' * (len(found) != 1)}" for found in rows]
-    lines = [("statistic", "unit", counts[0], *(f"like: {count}" for count in counts[1:]), "24 real pairs", "")]
+    lines = [
+        (
+            "statistic",
+            "unit",
+            counts[0],
+            *(f"like: {count}" for count in counts[1:]),
+            "24 real pairs",
+            "",
+        )
+    ]
     for name, statistic in STATISTICS.items():
         values = [_text(summary[name]) for summary in summaries]
-        lines.append((name, statistic.unit, *values, _text(statistic.real), statistic.text))
+        lines.append(
+            (name, statistic.unit, *values, _text(statistic.real), statistic.text)
+        )
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     comment = "# " if like else ""
     for line in lines:
-        click.echo(comment + "  ".join(f"{text:{width}}" for text, width in zip(line, widths, strict=True)).rstrip())
+        click.echo(
+            comment
+            + "  ".join(
+                f"{text:{width}}" for text, width in zip(line, widths, strict=True)
+            ).rstrip()
+        )
     if output is not None:
         click.echo(f"{comment}figure: {output}")
     if like:
-        click.echo("".join(f"# {note}\n" for note in notes) + recipe_toml(recipe), nl=False)
+        click.echo(
+            "".join(f"# {note}\n" for note in notes) + recipe_toml(recipe), nl=False
+        )
 
 
 def _text(values: tuple[float, float, float]) -> str:
     """Median (10 % to 90 %)."""
     if math.isnan(values[0]):
         return "-"
-    return f"{values[0]:.3g}" + ("" if math.isnan(values[1]) else f" ({values[1]:.3g} to {values[2]:.3g})")
+    return f"{values[0]:.3g}" + (
+        "" if math.isnan(values[1]) else f" ({values[1]:.3g} to {values[2]:.3g})"
+    )

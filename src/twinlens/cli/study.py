@@ -12,17 +12,39 @@ from twinlens.cli.progress import progress_bar
 
 @click.command("study")
 @click.argument("name")
-@click.option("-o", "--output", type=PATH, help="Output folder.  [required, except for 'list']")
-@click.option("--scene", "scenes", multiple=True, help="Bundled name or scene file; repeatable.")
-@click.option("--methods", "methods", multiple=True, help="Matchers, e.g. sad,zncc:block_size=15; repeatable.")
-@click.option("--seeds", type=Whole(1, 1000), help="Number of repetitions.  [default: the study's]")
-@click.option("--first-seed", type=Whole(0), default=0, show_default=True, help="First seed.")
+@click.option(
+    "-o", "--output", type=PATH, help="Output folder.  [required, except for 'list']"
+)
+@click.option(
+    "--scene", "scenes", multiple=True, help="Bundled name or scene file; repeatable."
+)
+@click.option(
+    "--methods",
+    "methods",
+    multiple=True,
+    help="Matchers, e.g. sad,zncc:block_size=15; repeatable.",
+)
+@click.option(
+    "--seeds",
+    type=Whole(1, 1000),
+    help="Number of repetitions.  [default: the study's]",
+)
+@click.option(
+    "--first-seed", type=Whole(0), default=0, show_default=True, help="First seed."
+)
 @click.option("--size", help="Image size, WIDTHxHEIGHT.  [default: the study's]")
-@click.option("--spp", type=Whole(1, 1_000_000), help="Samples per pixel.  [default: the study's]")
+@click.option(
+    "--spp", type=Whole(1, 1_000_000), help="Samples per pixel.  [default: the study's]"
+)
 @click.option("--overwrite", is_flag=True, help="Replace an earlier study.")
 @json_option("protocol and findings")
 def command(
-    name: str, output: Path | None, methods: tuple[str, ...], overwrite: bool, as_json: bool, **options: Any
+    name: str,
+    output: Path | None,
+    methods: tuple[str, ...],
+    overwrite: bool,
+    as_json: bool,
+    **options: Any,
 ) -> None:
     """Run the study NAME and write OUTPUT/table.csv, study.json, figures/ and index.html.
 
@@ -41,7 +63,11 @@ def command(
 
     if name == "list":
         questions = {name: study.question for name, study in STUDIES.items()}
-        print_result(as_json, questions, *(f"{name:<14}{question}" for name, question in questions.items()))
+        print_result(
+            as_json,
+            questions,
+            *(f"{name:<14}{question}" for name, question in questions.items()),
+        )
         return
     with progress_bar("loading"):
         study = find_study(name)

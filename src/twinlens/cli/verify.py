@@ -36,8 +36,14 @@ def command(dataset: Place, as_json: bool) -> int:
     if as_json:
         print_json(({"dataset.json": whole} if whole else {}) | findings)
     else:
-        of_dataset = f"; {_count(len(whole), 'finding')} of the dataset as a whole" if whole else ""
-        click.echo(f"{_count(len(findings), 'sample')}, {damaged} with findings{of_dataset}")
+        of_dataset = (
+            f"; {_count(len(whole), 'finding')} of the dataset as a whole"
+            if whole
+            else ""
+        )
+        click.echo(
+            f"{_count(len(findings), 'sample')}, {damaged} with findings{of_dataset}"
+        )
     if repair := repair_hint(dataset, findings):
         click.echo(f"{dataset}: {repair}", err=True)
     return 1 if damaged or whole else 0

@@ -24,7 +24,12 @@ from twinlens.dataset.dataset import MANIFEST, Dataset, Manifest, write_manifest
 from twinlens.dataset.files import read_bytes, write_file
 from twinlens.dataset.metadata import KEY, About, Credit, about, stated, write_croissant
 from twinlens.dataset.pictures import contact_sheet, tile
-from twinlens.dataset.quantities import Statistics, mixed_counts, quantiles, stored_statistics
+from twinlens.dataset.quantities import (
+    Statistics,
+    mixed_counts,
+    quantiles,
+    stored_statistics,
+)
 from twinlens.dataset.record import plain
 from twinlens.dataset.storage import Place, Where
 from twinlens.errors import FileError
@@ -34,7 +39,10 @@ _Lights = tuple[tuple[str, ...], list[float]]
 
 SHEET, FIGURE, ASSETS = "samples.jpg", "statistics.png", "ASSETS.md"
 _MARKER = "<!-- Written by twinlens; `twinlens describe` rewrites it. -->"
-_MARKERS = (_MARKER, "<!-- This card is twinlens's: it is written anew with the dataset. -->")
+_MARKERS = (
+    _MARKER,
+    "<!-- This card is twinlens's: it is written anew with the dataset. -->",
+)
 _SPDX = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+-]*$")
 _SIZES = ("n<1K", "1K<n<10K", "10K<n<100K", "100K<n<1M", "n>1M")
 _MAX_RECIPE = 20_000
@@ -104,9 +112,14 @@ def describe(dataset: Where | Dataset, given: About | None = None) -> list[str]:
     if given is not None and given.plain():
         texts = About.of(texts.plain() | given.plain())
         stored = manifest.info.get(KEY, {}) | given.plain()
-        manifest = dataclasses.replace(dataset.manifest, info={**manifest.info, KEY: stored})
+        manifest = dataclasses.replace(
+            dataset.manifest, info={**manifest.info, KEY: stored}
+        )
         write_manifest(dataset.path, manifest)
-    written = [*_write_card(dataset, texts, manifest), *write_assets(dataset.path, manifest)]
+    written = [
+        *_write_card(dataset, texts, manifest),
+        *write_assets(dataset.path, manifest),
+    ]
     return [*written, write_croissant(dataset, texts, manifest)]
 
 
@@ -118,14 +131,25 @@ def write_assets(folder: Place, manifest: Manifest) -> list[str]:
     sources, given = _sources(manifest), stated(manifest, folder / MANIFEST)
     if not sources or not _is_own(folder / ASSETS):
         return []
-    bundled = [Credit(files=name, license="MIT", creator="twinlens") for name in manifest.info.get("bundled", ())]
+    bundled = [
+        Credit(files=name, license="MIT", creator="twinlens")
+        for name in manifest.info.get("bundled", ())
+    ]
     rows = []
     for name, digest in sources:
-        credit = next((each for each in (*given.credits, *bundled) if each.covers(name)), None)
-        texts = (credit.license or "not stated", credit.creator, credit.url) if credit else ("not stated", "", "")
+        credit = next(
+            (each for each in (*given.credits, *bundled) if each.covers(name)), None
+        )
+        texts = (
+            (credit.license or "not stated", credit.creator, credit.url)
+            if credit
+            else ("not stated", "", "")
+        )
         rows.append([_cell(text) for text in (name, f"`{digest}`", *texts)])
     heads = ["file", "SHA-256", "licence", "author", "source"]
-    table = "\n".join(f"| {' | '.join(row)} |" for row in (heads, ["---"] * len(heads), *rows))
+    table = "\n".join(
+        f"| {' | '.join(row)} |" for row in (heads, ["---"] * len(heads), *rows)
+    )
     text = f"{_MARKER}\n\n# Assets\n\nThe files that this dataset was made from. They are not part of it.\n\n{table}\n"
     write_file(folder / ASSETS, text.encode())
     return [ASSETS]
@@ -133,19 +157,34 @@ def write_assets(folder: Place, manifest: Manifest) -> list[str]:
 
 def _sources(manifest: Manifest) -> list[tuple[str, str]]:
     """Names and SHA-256 of the files of the recipe, and of samples that were made without one."""
-    tables = [manifest.info.get("sources"), *(row.info.get("sources") for row in manifest.rows)]
-    pairs = ((name, str(digest)) for table in tables if isinstance(table, Mapping) for name, digest in table.items())
+    tables = [
+        manifest.info.get("sources"),
+        *(row.info.get("sources") for row in manifest.rows),
+    ]
+    pairs = (
+        (name, str(digest))
+        for table in tables
+        if isinstance(table, Mapping)
+        for name, digest in table.items()
+    )
     return list(dict.fromkeys(pairs))
 
 
 def _cell(text: str) -> str:
     """One line of a Markdown table's cell."""
-    return " ".join(text.split()).replace("\\", "\\\\").replace("|", "\\|").replace("<", "&lt;")
+    return (
+        " ".join(text.split())
+        .replace("\\", "\\\\")
+        .replace("|", "\\|")
+        .replace("<", "&lt;")
+    )
 
 
 def _is_own(path: Place) -> bool:
     """Whether a text file is missing or was written by twinlens."""
-    return not path.is_file() or any(marker.encode() in read_bytes(path) for marker in _MARKERS)
+    return not path.is_file() or any(
+        marker.encode() in read_bytes(path) for marker in _MARKERS
+    )
 
 
 def _write_card(dataset: Dataset, given: About, manifest: Manifest) -> list[str]:
@@ -158,7 +197,9 @@ def _write_card(dataset: Dataset, given: About, manifest: Manifest) -> list[str]
             ratios = [sample.lens(k).renderer_noise for k in range(sample.num_lenses)]
             noise += [ratio for ratio in ratios if ratio is not None]
             bands = tuple(camera.band for camera in sample.rig.cameras)
-            rigs.append((bands, [projector.power for projector in sample.rig.projectors]))
+            rigs.append(
+                (bands, [projector.power for projector in sample.rig.projectors])
+            )
     tiles = []
     for i in np.linspace(0, len(many) - 1, min(len(many), TILES)).round().astype(int):
         with contextlib.suppress(FileError):
@@ -172,7 +213,10 @@ def _write_card(dataset: Dataset, given: About, manifest: Manifest) -> list[str]
     readme = dataset.path / "README.md"
     name = readme.name if _is_own(readme) else "CARD.md"
     unreadable = [name for name in dataset.names if name not in many]
-    write_file(dataset.path / name, _card(given, manifest, list(many.values()), noise, unreadable, rigs).encode())
+    write_file(
+        dataset.path / name,
+        _card(given, manifest, list(many.values()), noise, unreadable, rigs).encode(),
+    )
     return [name, SHEET, FIGURE]
 
 
@@ -184,14 +228,22 @@ def _card(
     unreadable: Sequence[str],
     rigs: Sequence[_Lights] = (),
 ) -> str:
-    texts = [given.license or "Not stated by the maker of this dataset: ask before you redistribute it."]
+    texts = [
+        given.license
+        or "Not stated by the maker of this dataset: ask before you redistribute it."
+    ]
     texts += [f"Made by {given.creator}."] if given.creator else []
     if given.cite_as:
-        texts.append("Citation:\n\n" + "\n".join(f"    {line}" for line in given.cite_as.splitlines()))
+        texts.append(
+            "Citation:\n\n"
+            + "\n".join(f"    {line}" for line in given.cite_as.splitlines())
+        )
     if _sources(manifest):
         texts.append(f"{ASSETS} lists the files that the dataset was made from.")
         for each in given.credits:
-            stated = filter(None, (each.license or "licence not stated", each.creator, each.url))
+            stated = filter(
+                None, (each.license or "licence not stated", each.creator, each.url)
+            )
             texts.append(f"- {_cell(each.files)}: {_cell(', '.join(stated))}")
     body = _TEXT.format(
         sheet=SHEET,
@@ -199,39 +251,81 @@ def _card(
         version=twinlens.__version__,
         count=len(many),
         samples="samples" if len(many) > 1 else "sample",
-        facts="\n".join(f"| {key} | {value} |" for key, value in _facts(manifest, many, noise, rigs).items()),
-        made=_made(manifest) + (f"\n\nUnreadable, and not counted: {', '.join(unreadable)}." if unreadable else ""),
+        facts="\n".join(
+            f"| {key} | {value} |"
+            for key, value in _facts(manifest, many, noise, rigs).items()
+        ),
+        made=_made(manifest)
+        + (
+            f"\n\nUnreadable, and not counted: {', '.join(unreadable)}."
+            if unreadable
+            else ""
+        ),
         license="\n\n".join(texts),
     )
-    head = f"# {given.title}\n" + (f"\n{given.description}\n" if given.description else "")
+    head = f"# {given.title}\n" + (
+        f"\n{given.description}\n" if given.description else ""
+    )
     return f"{_front_matter(given, len(many))}{_MARKER}\n\n{head}{body}"
 
 
 def _front_matter(given: About, count: int) -> str:
-    name = given.license.lower() if _SPDX.match(given.license) else "other" if given.license else "unknown"
+    name = (
+        given.license.lower()
+        if _SPDX.match(given.license)
+        else "other"
+        if given.license
+        else "unknown"
+    )
     entries: dict[str, Any] = {"pretty_name": given.title, "license": name}
     if name == "other":
         entries["license_link"] = given.license
-    entries |= {"task_categories": ["depth-estimation"], "tags": ["stereo", "synthetic", "twinlens"]}
-    entries["size_categories"] = [_SIZES[bisect.bisect((1_000, 10_000, 100_000, 1_000_000), count)]]
+    entries |= {
+        "task_categories": ["depth-estimation"],
+        "tags": ["stereo", "synthetic", "twinlens"],
+    }
+    entries["size_categories"] = [
+        _SIZES[bisect.bisect((1_000, 10_000, 100_000, 1_000_000), count)]
+    ]
     # JSON is valid YAML, and escapes line breaks in the maker's texts.
-    return "---\n" + "".join(f"{key}: {json.dumps(value)}\n" for key, value in entries.items()) + "---\n"
+    return (
+        "---\n"
+        + "".join(f"{key}: {json.dumps(value)}\n" for key, value in entries.items())
+        + "---\n"
+    )
 
 
 def _facts(
-    manifest: Manifest, many: Sequence[Statistics], noise: Sequence[float], rigs: Sequence[_Lights]
+    manifest: Manifest,
+    many: Sequence[Statistics],
+    noise: Sequence[float],
+    rigs: Sequence[_Lights],
 ) -> dict[str, str]:
-    facts = {"samples": str(len(many)), "image size": _counted(tuple(each["size"]) for each in many)}
-    facts |= {f"{kind} of a sample": _counted(each[kind] for each in many) for kind in ("cameras", "lenses")}
+    facts = {
+        "samples": str(len(many)),
+        "image size": _counted(tuple(each["size"]) for each in many),
+    }
+    facts |= {
+        f"{kind} of a sample": _counted(each[kind] for each in many)
+        for kind in ("cameras", "lenses")
+    }
     if {band for bands, _ in rigs for band in bands} - {"rgb"}:
         facts["bands of the cameras"] = _counted(", ".join(bands) for bands, _ in rigs)
     powers = [each for _, each in rigs]
     if any(powers):
         facts["projectors of a sample"] = _counted(map(len, powers))
-        facts["power of a projector"] = _range([quantiles([power]) for each in powers for power in each], "W")
-    splits = Counter(str(row.info["split"]) for row in manifest.rows if row.info.get("split") is not None)
+        facts["power of a projector"] = _range(
+            [quantiles([power]) for each in powers for power in each], "W"
+        )
+    splits = Counter(
+        str(row.info["split"])
+        for row in manifest.rows
+        if row.info.get("split") is not None
+    )
     if splits:
-        facts["splits"] = ", ".join(f"{name}: {count}" for name, count in sorted(splits.items()))
+        facts["splits"] = ", ".join(
+            f"{name}: {count}" for name, count in sorted(splits.items())
+        )
     known = [each for each in many if "disparity" in each]
     disparities, depths, blurs = _quantiles(many)
     facts |= {"disparity": _range(disparities, "px"), "depth": _range(depths, "m")}
@@ -239,17 +333,32 @@ def _facts(
     if noise:
         facts["renderer noise"] = _range([quantiles(noise)], "x sensor noise")
     if any("dp-disp" in name for row in manifest.rows for name in row.files):
-        facts["dual pixels"] = "halves and their disparity, for every lens with an aperture"
-    shares = {"visible": "visible in both views", "occluded": "visible in one view", "unknown": "unknown"}
+        facts["dual pixels"] = (
+            "halves and their disparity, for every lens with an aperture"
+        )
+    shares = {
+        "visible": "visible in both views",
+        "occluded": "visible in one view",
+        "unknown": "unknown",
+    }
     for name, text in shares.items():
-        facts[f"pixels {text}"] = f"{100 * float(np.mean([each[name] for each in known])):.1f}%" if known else "-"
+        facts[f"pixels {text}"] = (
+            f"{100 * float(np.mean([each[name] for each in known])):.1f}%"
+            if known
+            else "-"
+        )
     return facts
 
 
 def _counted(values: Any) -> str:
     """The values by frequency: ``640 x 480``, or ``2 (9), 3 (1)`` with their counts."""
-    counts = Counter(" x ".join(map(str, v)) if isinstance(v, tuple) else str(v) for v in values).most_common()
-    shown = [f"{value} ({count})" if len(counts) > 1 else value for value, count in counts[:6]]
+    counts = Counter(
+        " x ".join(map(str, v)) if isinstance(v, tuple) else str(v) for v in values
+    ).most_common()
+    shown = [
+        f"{value} ({count})" if len(counts) > 1 else value
+        for value, count in counts[:6]
+    ]
     return ", ".join(shown + ["..."] * (len(counts) > 6))
 
 
@@ -269,12 +378,18 @@ def _made(manifest: Manifest) -> str:
     parts = [f"Seed: {manifest.seed}."] if manifest.seed is not None else []
     versions = manifest.info.get("versions")
     if isinstance(versions, Mapping):
-        parts.append("Versions: " + ", ".join(f"{name} {number}" for name, number in versions.items()) + ".")
+        parts.append(
+            "Versions: "
+            + ", ".join(f"{name} {number}" for name, number in versions.items())
+            + "."
+        )
     rejected = manifest.info.get("rejections")
     if isinstance(rejected, Mapping) and rejected:
         counts = ", ".join(f"{reason}: {count}" for reason, count in rejected.items())
         parts.append(f"Rejected draws - {counts}.")
-    parts.append("sample.json of each sample lists its cameras, lenses, sensor, seed and backend.")
+    parts.append(
+        "sample.json of each sample lists its cameras, lenses, sensor, seed and backend."
+    )
     recipe = json.dumps(plain(manifest.recipe), indent=2, ensure_ascii=False)
     if manifest.recipe and len(recipe) <= _MAX_RECIPE:
         parts.append("The recipe:\n\n" + textwrap.indent(recipe, "    "))
@@ -301,7 +416,9 @@ def statistics_figure(many: Sequence[Statistics]) -> bytes:
     if not drawn:
         figure.text(0.5, 0.5, "no sample has truth", ha="center", color=_AXES)
     else:
-        for panel, axes in zip(drawn, figure.subplots(rows, columns, squeeze=False).ravel(), strict=True):
+        for panel, axes in zip(
+            drawn, figure.subplots(rows, columns, squeeze=False).ravel(), strict=True
+        ):
             _draw(axes, *panel)
     stream = io.BytesIO()
     figure.savefig(stream, format="png", metadata={"Software": None})
@@ -312,17 +429,32 @@ def panels(many: Sequence[Statistics]) -> list[Panel]:
     """The panels of the figure that have data."""
     share = "share of the pixels (%)"
     disparities, depths, blurs = _quantiles(many)
-    occluded = [100 * each["occluded"] for each in many if "disparity" in each and each["cameras"] > 1]
+    occluded = [
+        100 * each["occluded"]
+        for each in many
+        if "disparity" in each and each["cameras"] > 1
+    ]
     every = (
         ("disparity (px)", share, disparities, np.inf),
         ("depth (m)", share, depths, _LOG_ABOVE),
         ("blur circle diameter (px)", share, blurs, np.inf),
-        ("pixels visible in one view only (%)", "share of samples (%)", [[each, each] for each in occluded], np.inf),
+        (
+            "pixels visible in one view only (%)",
+            "share of samples (%)",
+            [[each, each] for each in occluded],
+            np.inf,
+        ),
     )
     return [panel for panel in every if panel[2]]
 
 
-def _draw(axes: Any, xlabel: str, ylabel: str, many: Sequence[Sequence[float]], log_above: float) -> None:
+def _draw(
+    axes: Any,
+    xlabel: str,
+    ylabel: str,
+    many: Sequence[Sequence[float]],
+    log_above: float,
+) -> None:
     from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
     axes.set_xlabel(xlabel, color=_LABELS)
@@ -335,18 +467,30 @@ def _draw(axes: Any, xlabel: str, ylabel: str, many: Sequence[Sequence[float]], 
     if high - low < 1e-9 * max(abs(low), abs(high), 1.0):
         low, high = low - 0.5, high + 0.5
     edges = (np.geomspace if logarithmic else np.linspace)(low, high, _BINS + 1)
-    axes.stairs(100 * mixed_counts(edges, many) / len(many), edges, fill=True, color=_FILL)
-    if logarithmic:  # plain numbers at 1, 2, 5 of each decade, or at 1 only over many decades
+    axes.stairs(
+        100 * mixed_counts(edges, many) / len(many), edges, fill=True, color=_FILL
+    )
+    if (
+        logarithmic
+    ):  # plain numbers at 1, 2, 5 of each decade, or at 1 only over many decades
         axes.set_xscale("log")
-        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 1000 * low else (1.0,)))
+        axes.xaxis.set_major_locator(
+            LogLocator(subs=(1.0, 2.0, 5.0) if high < 1000 * low else (1.0,))
+        )
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axes.xaxis.set_minor_locator(NullLocator())
     axes.set_xlim(edges[0], edges[-1])
 
 
-def _quantiles(many: Sequence[Statistics]) -> tuple[list[list[float]], list[list[float]], list[list[float]]]:
+def _quantiles(
+    many: Sequence[Statistics],
+) -> tuple[list[list[float]], list[list[float]], list[list[float]]]:
     """Those of disparity, depth, and blur circle, of the samples that have them."""
     known = [each for each in many if "disparity" in each]
-    blurs = [blur for each in known for blur in each["blur_px"] if blur and blur[-1] > 0]
-    disparities, depths = ([each[name] for each in known if each[name]] for name in ("disparity", "depth"))
+    blurs = [
+        blur for each in known for blur in each["blur_px"] if blur and blur[-1] > 0
+    ]
+    disparities, depths = (
+        [each[name] for each in known if each[name]] for name in ("disparity", "depth")
+    )
     return disparities, depths, blurs

@@ -26,69 +26,111 @@ Findings = list[str]
 _PX = 1e-4
 _GRAZING = 1e-3  # cosine of the angle to a surface that counts as lit from its edge
 _ROUNDING = 4 * float(np.finfo(np.float32).eps)
-_DEPTH_TOLERANCE = 1e-3  # relative: how much depth may vary between neighbouring pixel centres
+_DEPTH_TOLERANCE = (
+    1e-3  # relative: how much depth may vary between neighbouring pixel centres
+)
 _ALLOWED_FAILURES = 0.05  # of the pixels inside one object, which may hide parts of itself and curve between centres
 _SIGNIFICANCE = 1e-6
-_FLATNESS_PX = 0.05  # shift that curvature and float32 may cause on a surface that counts as flat
+_FLATNESS_PX = (
+    0.05  # shift that curvature and float32 may cause on a surface that counts as flat
+)
 _MIN_FLAT_PIXELS = 100
 _MAX_SHIFT_PX = 0.25  # wrong pixel conventions shift a view by half a pixel
-_MAX_PIXELS, _MIN_PIXELS = 50_000, 1_000  # of correlations; at a thousand pixels chance alone gives 0.03
+_MAX_PIXELS, _MIN_PIXELS = (
+    50_000,
+    1_000,
+)  # of correlations; at a thousand pixels chance alone gives 0.03
 _MIN_DIFFERENCE = 0.15  # between two correlations
 
 
-def check_positions(truth: Arrays, camera: Camera, world_from_cam: NDArray[np.float64]) -> Findings:
+def check_positions(
+    truth: Arrays, camera: Camera, world_from_cam: NDArray[np.float64]
+) -> Findings:
     """Every position is at its depth, on the ray through its pixel centre."""
     hit = truth["object_id"] > 0
     if not np.array_equal(hit, np.isfinite(truth["depth"])):
         return ["depth is not finite exactly where object_id > 0"]
     world = truth["position"][hit].astype(np.float64)
     if not np.isfinite(world).all() or not (truth["depth"][hit] > 0).all():
-        return ["position is not finite, or depth not positive, where something was hit"]
+        return [
+            "position is not finite, or depth not positive, where something was hit"
+        ]
     cam = geometry.transform_points(geometry.inverse(world_from_cam), world)
     scale = np.abs(world).sum(axis=-1) + np.abs(world_from_cam[:3, 3]).sum()
     depth = truth["depth"][hit].astype(np.float64)
     allowed_px = scale * _ROUNDING * max(camera.fx, camera.fy) / depth + _PX
-    error_px = np.abs(camera.project(cam) - camera.pixel_grid()[hit]).max(axis=-1, initial=0.0)
+    error_px = np.abs(camera.project(cam) - camera.pixel_grid()[hit]).max(
+        axis=-1, initial=0.0
+    )
     return [
-        *_compare("position's z differs from depth", np.abs(cam[:, 2] - depth), (scale + depth) * _ROUNDING, "m"),
+        *_compare(
+            "position's z differs from depth",
+            np.abs(cam[:, 2] - depth),
+            (scale + depth) * _ROUNDING,
+            "m",
+        ),
         *_compare("position does not project to its pixel", error_px, allowed_px, "px"),
     ]
 
 
-def check_disparity(truth: Arrays, disparity: NDArray[np.float32], calibration: Calibration) -> Findings:
+def check_disparity(
+    truth: Arrays, disparity: NDArray[np.float32], calibration: Calibration
+) -> Findings:
     """d = fx B / z - doffs where something was hit; elsewhere +inf, or the disparity of infinity."""
     hit = truth["object_id"] > 0
     sky = disparity[~hit]
     if not (np.isposinf(sky) | (np.abs(sky + calibration.doffs) <= _PX)).all():
         return ["disparity is neither unknown nor -doffs where nothing was hit"]
     depth, d = truth["depth"][hit], disparity[hit].astype(np.float64)
-    expected = calibration.fx * calibration.baseline / depth.astype(np.float64) - calibration.doffs
+    expected = (
+        calibration.fx * calibration.baseline / depth.astype(np.float64)
+        - calibration.doffs
+    )
     allowed = _PX + _ROUNDING * (np.abs(expected) + abs(calibration.doffs))
-    return _compare("disparity differs from fx B / z - doffs", np.abs(d - expected), allowed, "px")
+    return _compare(
+        "disparity differs from fx B / z - doffs", np.abs(d - expected), allowed, "px"
+    )
 
 
-def check_mask(mask: NDArray[Any], known: NDArray[np.bool_], visible: NDArray[np.bool_]) -> Findings:
+def check_mask(
+    mask: NDArray[Any], known: NDArray[np.bool_], visible: NDArray[np.bool_]
+) -> Findings:
     """The mask is 0 where nothing is known, 255 where the partner sees the point, 128 elsewhere."""
     if not np.isin(mask, (UNKNOWN, HIDDEN, VISIBLE)).all():
         return [f"mask has other values than {UNKNOWN}, {HIDDEN} and {VISIBLE}"]
     wrong = np.count_nonzero(mask != mask_of(known, visible))
-    return [f"mask differs from the truth at {wrong} of {mask.size} pixels"] if wrong else []
+    return (
+        [f"mask differs from the truth at {wrong} of {mask.size} pixels"]
+        if wrong
+        else []
+    )
 
 
 def check_ids(truth: Arrays) -> Findings:
     """Ids are at most the number of names in the file; kinds index MATERIAL_KINDS."""
-    limits = {"object_id": len(truth["object_names"]), "material_id": len(truth["material_names"])}
+    limits = {
+        "object_id": len(truth["object_names"]),
+        "material_id": len(truth["material_names"]),
+    }
     limits["material_kind"] = len(MATERIAL_KINDS) - 1
     largest = {name: truth[name].max() for name in limits}
     text = "{} has the value {}, but only {} names exist"
-    return [text.format(name, value, limits[name]) for name, value in largest.items() if value > limits[name]]
+    return [
+        text.format(name, value, limits[name])
+        for name, value in largest.items()
+        if value > limits[name]
+    ]
 
 
 def check_objects(objects: Sequence[ObjectTruth], truth: Arrays, key: str) -> Findings:
     """Objects have rising ids of the file; their visible pixels are those of the ids, and inside their silhouettes."""
     ids = [each.object_id for each in objects]
-    if ids and not (ids == sorted(set(ids)) and ids[0] > 0 and ids[-1] <= len(truth["object_names"])):
-        return [f"{key}: object ids are not rising numbers from 1 to {len(truth['object_names'])}"]
+    if ids and not (
+        ids == sorted(set(ids)) and ids[0] > 0 and ids[-1] <= len(truth["object_names"])
+    ):
+        return [
+            f"{key}: object ids are not rising numbers from 1 to {len(truth['object_names'])}"
+        ]
     findings = []
     for each in objects:
         visible = truth["object_id"] == each.object_id
@@ -97,8 +139,13 @@ def check_objects(objects: Sequence[ObjectTruth], truth: Arrays, key: str) -> Fi
         except InputError as error:
             findings.append(f"{key}: object {each.object_id}: {error}")
             continue
-        if np.count_nonzero(visible) != each.visible_pixel_count or (visible & ~whole).any():
-            findings.append(f"{key}: object {each.object_id} differs from the object ids of the truth")
+        if (
+            np.count_nonzero(visible) != each.visible_pixel_count
+            or (visible & ~whole).any()
+        ):
+            findings.append(
+                f"{key}: object {each.object_id} differs from the object ids of the truth"
+            )
     return findings
 
 
@@ -106,16 +153,26 @@ def check_blur(truth: Arrays, camera: Camera, lens: Lens) -> Findings:
     """The blur circles are those of the lens in sample.json."""
     expected = blur_circle_px(truth["depth"], camera, lens).astype(np.float64)
     error = np.abs(truth["blur_circle_px"] - expected)
-    return _compare("blur_circle_px is not that of the lens", error, _PX + 10 * _ROUNDING * np.abs(expected), "px")
+    return _compare(
+        "blur_circle_px is not that of the lens",
+        error,
+        _PX + 10 * _ROUNDING * np.abs(expected),
+        "px",
+    )
 
 
-def check_dual_pixels(truth: Arrays, disparity: NDArray[np.float32], camera: Camera, lens: Lens) -> Findings:
+def check_dual_pixels(
+    truth: Arrays, disparity: NDArray[np.float32], camera: Camera, lens: Lens
+) -> Findings:
     """The disparity of dual pixels is that of the depth and of the lens in sample.json."""
     expected = dual_pixel_disparity(truth["depth"], camera, lens).astype(np.float64)
     hit = np.isfinite(expected)
     if not np.array_equal(disparity[~hit], expected[~hit]):
         return ["disparity is known where nothing was hit"]
-    error, allowed = np.abs(disparity[hit] - expected[hit]), _PX + 10 * _ROUNDING * np.abs(expected[hit])
+    error, allowed = (
+        np.abs(disparity[hit] - expected[hit]),
+        _PX + 10 * _ROUNDING * np.abs(expected[hit]),
+    )
     return _compare("disparity is not that of the lens", error, allowed, "px")
 
 
@@ -127,7 +184,9 @@ def check_projections(truth: Arrays, rig: Rig) -> Findings:
     findings = []
     hit = truth["object_id"] > 0
     world = truth["position"][hit].astype(np.float64)
-    for i, (projector, pose) in enumerate(zip(rig.projectors, rig.world_from_projectors, strict=True)):
+    for i, (projector, pose) in enumerate(
+        zip(rig.projectors, rig.world_from_projectors, strict=True)
+    ):
         camera, found = projector.intrinsics, pixels[i][hit].astype(np.float64)
         cam = geometry.transform_points(geometry.inverse(pose), world)
         expected = camera.project(cam)
@@ -136,19 +195,31 @@ def check_projections(truth: Arrays, rig: Rig) -> Findings:
         farthest = 2.0 * max(camera.fx, camera.fy, camera.width, camera.height)
         allowed = _PX + _ROUNDING * farthest * (1 + scale[inside] / cam[inside, 2])
         error = np.abs(found - expected)[inside].max(axis=-1, initial=0.0)
-        findings += _compare(f"position does not project to projector{i}.u and .v", error, allowed, "px")
+        findings += _compare(
+            f"position does not project to projector{i}.u and .v", error, allowed, "px"
+        )
         reached = np.zeros(hit.shape, dtype=bool)
-        reached[hit] = inside | camera.contains(found - _PX) | camera.contains(found + _PX)
+        reached[hit] = (
+            inside | camera.contains(found - _PX) | camera.contains(found + _PX)
+        )
         if wrong := np.count_nonzero(lit[i] & ~reached):
-            findings.append(f"projector{i}.lit is 1 at {wrong} pixels outside its pattern")
+            findings.append(
+                f"projector{i}.lit is 1 at {wrong} pixels outside its pattern"
+            )
         towards = pose[:3, 3] - world
-        cosine = (truth["normal"][hit] * towards).sum(axis=-1) / np.linalg.norm(towards, axis=-1)
+        cosine = (truth["normal"][hit] * towards).sum(axis=-1) / np.linalg.norm(
+            towards, axis=-1
+        )
         if wrong := np.count_nonzero(lit[i][hit] & (cosine < -_GRAZING)):
-            findings.append(f"projector{i}.lit is 1 at {wrong} pixels whose surface faces away from it")
+            findings.append(
+                f"projector{i}.lit is 1 at {wrong} pixels whose surface faces away from it"
+            )
     return findings
 
 
-def check_views(truths: tuple[Arrays, Arrays], rig: Rig, views: tuple[int, int]) -> Findings:
+def check_views(
+    truths: tuple[Arrays, Arrays], rig: Rig, views: tuple[int, int]
+) -> Findings:
     """Points of one view that are visible in the other project into it, at a depth and place that it has there.
 
     Depth: a point must be between the minimum and the maximum of the 3x3 depths around its projection. Only pixels with
@@ -163,29 +234,50 @@ def check_views(truths: tuple[Arrays, Arrays], rig: Rig, views: tuple[int, int])
     camera = rig.cameras[views[1]]
     seen = here["visible"] & (here["object_id"] > 0)
     world = here["position"][seen].astype(np.float64)
-    cam = geometry.transform_points(geometry.inverse(rig.world_from_cams[views[1]]), world)
+    cam = geometry.transform_points(
+        geometry.inverse(rig.world_from_cams[views[1]]), world
+    )
     px = camera.project(cam)
     # A projection on the border may be outside by rounding.
-    inside = camera.contains(px) | camera.contains(px - 1e-3) | camera.contains(px + 1e-3)
+    inside = (
+        camera.contains(px) | camera.contains(px - 1e-3) | camera.contains(px + 1e-3)
+    )
     if not inside.all():
-        return [f"{np.count_nonzero(~inside)} visible pixels project outside the other view"]
+        return [
+            f"{np.count_nonzero(~inside)} visible pixels project outside the other view"
+        ]
     v, u = _nearest(px, camera)
-    tested = _inside_one_object(here["object_id"])[seen] & _inside_one_object(there["object_id"])[v, u]
+    tested = (
+        _inside_one_object(here["object_id"])[seen]
+        & _inside_one_object(there["object_id"])[v, u]
+    )
     px, cam, world = px[tested], cam[tested], world[tested]
     v, u = _nearest(px, camera)
-    around = np.stack([there["depth"][v + dv, u + du] for dv in (-1, 0, 1) for du in (-1, 0, 1)])
+    around = np.stack(
+        [there["depth"][v + dv, u + du] for dv in (-1, 0, 1) for du in (-1, 0, 1)]
+    )
     low, high = around.min(axis=0), around.max(axis=0)
-    agree = (cam[:, 2] >= low * (1 - _DEPTH_TOLERANCE)) & (cam[:, 2] <= high * (1 + _DEPTH_TOLERANCE))
+    agree = (cam[:, 2] >= low * (1 - _DEPTH_TOLERANCE)) & (
+        cam[:, 2] <= high * (1 + _DEPTH_TOLERANCE)
+    )
     wrong = int(np.count_nonzero(~agree))
     if wrong and bdtrc(wrong - 1, agree.size, _ALLOWED_FAILURES) < _SIGNIFICANCE:
-        return [f"only {agree.mean():.1%} of its visible pixels are at a depth that the other view has there"]
-    scale = np.abs(world).sum(axis=-1) + np.abs(rig.world_from_cams[views[1]][:3, 3]).sum()
+        return [
+            f"only {agree.mean():.1%} of its visible pixels are at a depth that the other view has there"
+        ]
+    scale = (
+        np.abs(world).sum(axis=-1) + np.abs(rig.world_from_cams[views[1]][:3, 3]).sum()
+    )
     some = slice(None, None, max(1, len(px) // _MAX_PIXELS))
     return _check_shift(around[:, some], px[some], cam[some, 2], scale[some], camera)
 
 
 def _check_shift(
-    around: NDArray[Any], px: NDArray[np.float64], z: NDArray[np.float64], scale: NDArray[np.float64], camera: Camera
+    around: NDArray[Any],
+    px: NDArray[np.float64],
+    z: NDArray[np.float64],
+    scale: NDArray[np.float64],
+    camera: Camera,
 ) -> Findings:
     """Shift of points from the flat surfaces of a view; 1/z is linear in u and v on a plane.
 
@@ -193,11 +285,16 @@ def _check_shift(
     (N,): magnitude of the coordinates, metres, which sets their rounding error.
     """
     rounding = _ROUNDING * scale / z
-    with np.errstate(all="ignore"):  # depths of a damaged file; the results do not count as flat
+    with np.errstate(
+        all="ignore"
+    ):  # depths of a damaged file; the results do not count as flat
         inverse = 1.0 / around.astype(np.float64)
         slope = 0.5 * np.stack([inverse[5] - inverse[3], inverse[7] - inverse[1]])
         steps = np.array([(du, dv) for dv in (-1, 0, 1) for du in (-1, 0, 1)])
-        curvature = np.abs(inverse - inverse[4] - steps @ slope).max(axis=0) + (rounding + _ROUNDING) * inverse[4]
+        curvature = (
+            np.abs(inverse - inverse[4] - steps @ slope).max(axis=0)
+            + (rounding + _ROUNDING) * inverse[4]
+        )
         steepness = np.hypot(*slope)
         flat = curvature <= _FLATNESS_PX * steepness
         flat &= (steepness > 0) & (rounding * max(camera.fx, camera.fy) <= _FLATNESS_PX)
@@ -208,12 +305,16 @@ def _check_shift(
     for name, chosen in (("u", sideways), ("v", ~sideways)):
         along = shift_px[flat & chosen]
         if along.size >= _MIN_FLAT_PIXELS and np.median(along) > _MAX_SHIFT_PX:
-            findings.append(f"is shifted by {np.median(along):.2g} px along {name} against the other view's surfaces")
+            findings.append(
+                f"is shifted by {np.median(along):.2g} px along {name} against the other view's surfaces"
+            )
     return findings
 
 
 def check_exchange(
-    images: tuple[NDArray[Any], NDArray[Any]], disparity: NDArray[np.float32], mask: NDArray[Any]
+    images: tuple[NDArray[Any], NDArray[Any]],
+    disparity: NDArray[np.float32],
+    mask: NDArray[Any],
 ) -> Findings:
     """The left and right images are not exchanged: their edges correlate better at the true disparity than swapped.
 
@@ -232,7 +333,10 @@ def check_exchange(
     grey = [image.reshape(*image.shape[:2], -1).mean(axis=-1) for image in images]
     left, right = (np.diff(each, axis=1, append=each[:, -1:]) for each in grey)
     edges = [(a[v, u], b[v, match]) for a, b in ((left, right), (right, left))]
-    straight, swapped = (float(np.corrcoef(a, b)[0, 1]) if np.ptp(a) and np.ptp(b) else 0.0 for a, b in edges)
+    straight, swapped = (
+        float(np.corrcoef(a, b)[0, 1]) if np.ptp(a) and np.ptp(b) else 0.0
+        for a, b in edges
+    )
     if swapped < straight + _MIN_DIFFERENCE:
         return []
     values = f"edges correlate by {straight:.2f} at the true disparity, and by {swapped:.2f} if swapped"
@@ -245,12 +349,22 @@ def check_calibration(calibration: Calibration, rig: Rig) -> Findings:
         return ["describes a rectified pair, but the rig of sample.json is not one"]
     expected = Calibration.from_rig(rig)
     names = ("cam0", "cam1", "baseline", "width", "height", "doffs")
-    pairs = [(name, getattr(calibration, name), getattr(expected, name)) for name in names]
-    wrong = [pair for pair in pairs if not np.allclose(pair[1], pair[2], rtol=1e-9, atol=1e-9)]
-    return [f"{name} is {value}, but {right} in sample.json" for name, value, right in wrong]
+    pairs = [
+        (name, getattr(calibration, name), getattr(expected, name)) for name in names
+    ]
+    wrong = [
+        pair
+        for pair in pairs
+        if not np.allclose(pair[1], pair[2], rtol=1e-9, atol=1e-9)
+    ]
+    return [
+        f"{name} is {value}, but {right} in sample.json" for name, value, right in wrong
+    ]
 
 
-def _nearest(px: NDArray[np.float64], camera: Camera) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _nearest(
+    px: NDArray[np.float64], camera: Camera
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Row and column of the pixel nearest to each of px (N, 2)."""
     u, v = np.floor(px + 0.5).astype(int).T
     return v.clip(0, camera.height - 1), u.clip(0, camera.width - 1)
@@ -263,9 +377,13 @@ def _inside_one_object(ids: NDArray[Any]) -> NDArray[np.bool_]:
     return np.asarray((windows == ids[..., None, None]).all(axis=(2, 3)))
 
 
-def _compare(what: str, error: NDArray[np.float64], allowed: NDArray[np.float64], unit: str) -> Findings:
+def _compare(
+    what: str, error: NDArray[np.float64], allowed: NDArray[np.float64], unit: str
+) -> Findings:
     wrong = ~(error <= allowed)
     if not wrong.any():
         return []
     worst = np.where(np.isnan(error), np.inf, error).max()
-    return [f"{what} at {np.count_nonzero(wrong)} of {wrong.size} pixels, by up to {worst:.3g} {unit}"]
+    return [
+        f"{what} at {np.count_nonzero(wrong)} of {wrong.size} pixels, by up to {worst:.3g} {unit}"
+    ]

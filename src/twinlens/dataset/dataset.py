@@ -17,10 +17,28 @@ import pydantic
 from numpy.typing import NDArray
 
 import twinlens
-from twinlens.dataset.files import check_relative, files_below, hash_files, read_bytes, write_file
-from twinlens.dataset.record import FileModel, decode_json, encode_json, read, read_json, read_part
+from twinlens.dataset.files import (
+    check_relative,
+    files_below,
+    hash_files,
+    read_bytes,
+    write_file,
+)
+from twinlens.dataset.record import (
+    FileModel,
+    decode_json,
+    encode_json,
+    read,
+    read_json,
+    read_part,
+)
 from twinlens.dataset.storage import Place, Where, is_whole, place
-from twinlens.dataset.stored import StoredSample, parse_quantity, read_quantities, samples_in
+from twinlens.dataset.stored import (
+    StoredSample,
+    parse_quantity,
+    read_quantities,
+    samples_in,
+)
 from twinlens.errors import FileError, InputError, check_known, format_value, unknown
 
 MANIFEST, _KIND, _VERSION = "dataset.json", "twinlens-dataset", 1
@@ -39,7 +57,9 @@ class Row:
     __pydantic_config__ = pydantic.ConfigDict(strict=False)  # so that a mapping is read
 
     name: RelativeName
-    files: Mapping[RelativeName, Annotated[str, pydantic.Field(description="SHA-256, hexadecimal")]]
+    files: Mapping[
+        RelativeName, Annotated[str, pydantic.Field(description="SHA-256, hexadecimal")]
+    ]
     info: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -58,7 +78,9 @@ class DatasetFile(FileModel):
 
     format: Literal["twinlens-dataset"]
     version: Literal[1]
-    twinlens: str = pydantic.Field(default="", description="version that wrote the file")
+    twinlens: str = pydantic.Field(
+        default="", description="version that wrote the file"
+    )
     seed: int | None = None
     recipe: dict[str, Any]
     info: dict[str, Any]
@@ -67,7 +89,11 @@ class DatasetFile(FileModel):
     @pydantic.field_validator("samples")
     @classmethod
     def _check_unique(cls, samples: list[Row]) -> list[Row]:
-        twice = [name for name, count in Counter(row.name for row in samples).items() if count > 1]
+        twice = [
+            name
+            for name, count in Counter(row.name for row in samples).items()
+            if count > 1
+        ]
         if twice:
             raise InputError(f"lists the sample {twice[0]!r} twice")
         return samples
@@ -78,9 +104,16 @@ _ROW = pydantic.TypeAdapter(Row)
 
 def write_manifest(folder: Where, manifest: Manifest) -> None:
     """Write `folder`/dataset.json atomically. The same manifest gives the same bytes. Raises OutputError."""
-    record: dict[str, Any] = {"format": _KIND, "version": _VERSION, "twinlens": twinlens.__version__}
+    record: dict[str, Any] = {
+        "format": _KIND,
+        "version": _VERSION,
+        "twinlens": twinlens.__version__,
+    }
     record |= {"seed": manifest.seed, "recipe": manifest.recipe, "info": manifest.info}
-    record["samples"] = [{"name": row.name, "files": row.files, "info": row.info} for row in manifest.rows]
+    record["samples"] = [
+        {"name": row.name, "files": row.files, "info": row.info}
+        for row in manifest.rows
+    ]
     write_file(place(folder) / MANIFEST, encode_json(record))
 
 
@@ -96,7 +129,9 @@ def row_of(dataset: Where, name: str, info: Mapping[str, Any] | None = None) -> 
     return Row(name, hash_files(place(dataset) / name), info or {})
 
 
-def pending_rows(folder: Place, listed: Collection[str]) -> tuple[dict[str, Row | None], dict[str, str]]:
+def pending_rows(
+    folder: Place, listed: Collection[str]
+) -> tuple[dict[str, Row | None], dict[str, str]]:
     """The rows of the pending samples by name, None for an unreadable row; and the errors of unreadable rows by name.
 
     `listed` are the names in dataset.json.
@@ -104,7 +139,11 @@ def pending_rows(folder: Place, listed: Collection[str]) -> tuple[dict[str, Row 
     rows: dict[str, Row | None] = {}
     errors: dict[str, str] = {}
     files = files_below(folder / ROWS) if (folder / ROWS).is_dir() else []
-    for name in [file.removesuffix(".json") for file in files if file.endswith(".json") and "/" not in file]:
+    for name in [
+        file.removesuffix(".json")
+        for file in files
+        if file.endswith(".json") and "/" not in file
+    ]:
         path = f"{ROWS}/{name}.json"
         try:
             if name in listed or not is_whole(folder / check_relative(name)):
@@ -113,9 +152,13 @@ def pending_rows(folder: Place, listed: Collection[str]) -> tuple[dict[str, Row 
             record = decode_json(read_bytes(folder / path), path, ROW_KIND, ROW_VERSION)
             rows[name] = replace(read_part(_ROW, record, "row", path), name=name)
         except FileError as error:
-            if (folder / path).exists():  # else it has been moved to dataset.json meanwhile
+            if (
+                folder / path
+            ).exists():  # else it has been moved to dataset.json meanwhile
                 message = str(error).removeprefix(f"{folder}/")
-                errors[name] = f"{message}; the next `twinlens generate` makes it again, from the sample's files"
+                errors[name] = (
+                    f"{message}; the next `twinlens generate` makes it again, from the sample's files"
+                )
         except InputError as error:
             errors[name] = f"{path}: {error}"
     return rows, errors
@@ -146,7 +189,9 @@ class Dataset(Sequence[StoredSample]):
             manifest = read_manifest(self.path)
             self._samples = tuple(stored(self.path, row) for row in manifest.rows)
             if not self._samples:
-                raise FileError(f"{self.path / MANIFEST}: lists no sample{_why_empty(self.path, manifest.info)}")
+                raise FileError(
+                    f"{self.path / MANIFEST}: lists no sample{_why_empty(self.path, manifest.info)}"
+                )
             return
         self._samples = samples_in(self.path)
         if not self._samples:
@@ -171,17 +216,23 @@ class Dataset(Sequence[StoredSample]):
         try:
             return self._samples[index]
         except IndexError:
-            raise SampleIndexError(f"{self.path}: has {len(self)} samples, no sample {index}") from None
+            raise SampleIndexError(
+                f"{self.path}: has {len(self)} samples, no sample {index}"
+            ) from None
 
     def __getitems__(self, indices: Sequence[int]) -> list[dict[str, Any]]:
         """The samples of a batch as dicts. DataLoader of torch calls this; each file is then read once."""
         return [dict(self[index]) for index in indices]
 
-    def _chosen(self, index: list[int] | list[str] | NDArray[Any]) -> tuple[StoredSample, ...]:
+    def _chosen(
+        self, index: list[int] | list[str] | NDArray[Any]
+    ) -> tuple[StoredSample, ...]:
         """The samples at numbers or names or of a mask, as NumPy indexes an array."""
         picked = np.asarray(index)
         if picked.ndim != 1:
-            raise SampleIndexError(f"{self.path}: an index is a number, a name, a slice or a 1-D array of these")
+            raise SampleIndexError(
+                f"{self.path}: an index is a number, a name, a slice or a 1-D array of these"
+            )
         if picked.size and picked.dtype.kind == "U":
             numbers = {name: i for i, name in enumerate(self.names)}
             for name in picked.tolist():
@@ -190,7 +241,9 @@ class Dataset(Sequence[StoredSample]):
         try:
             chosen = np.arange(len(self))[picked if picked.size else []]
         except IndexError as error:
-            raise SampleIndexError(f"{self.path}: has {len(self)} samples; {error}") from None
+            raise SampleIndexError(
+                f"{self.path}: has {len(self)} samples; {error}"
+            ) from None
         return tuple(self._samples[i] for i in chosen.tolist())
 
     def __repr__(self) -> str:
@@ -211,12 +264,24 @@ class Dataset(Sequence[StoredSample]):
 
     def split(self, name: str) -> "Dataset":
         """The samples whose row in dataset.json names the split. Raises InputError if there are none."""
-        splits = [str(sample.row.get("info", {}).get("split") or "") for sample in self._samples]
+        splits = [
+            str(sample.row.get("info", {}).get("split") or "")
+            for sample in self._samples
+        ]
         if not any(splits):
-            raise InputError(f"{self.path}: has no splits, so no split {name!r}; [splits] in a recipe defines them")
+            raise InputError(
+                f"{self.path}: has no splits, so no split {name!r}; [splits] in a recipe defines them"
+            )
         if name not in splits or not name:
             raise unknown("split", name, set(splits) - {""})
-        return _view(self.path, tuple(s for s, split in zip(self._samples, splits, strict=True) if split == name))
+        return _view(
+            self.path,
+            tuple(
+                s
+                for s, split in zip(self._samples, splits, strict=True)
+                if split == name
+            ),
+        )
 
     def select(self, *names: str) -> "Mapped[dict[str, Any]]":
         """The dataset as dicts of the named quantities, read on access; docs/loading.md lists the names.
@@ -225,7 +290,9 @@ class Dataset(Sequence[StoredSample]):
         without names.
         """
         if not names:
-            raise InputError('select needs the names of quantities, such as select("im0", "disp0")')
+            raise InputError(
+                'select needs the names of quantities, such as select("im0", "disp0")'
+            )
         for name in names:
             parse_quantity(name)
         return self.map(partial(read_quantities, names))
@@ -238,9 +305,13 @@ class Dataset(Sequence[StoredSample]):
 class Mapped(Sequence[T], Generic[T]):
     """A dataset with a function applied to each sample on access. A slice or an array of indices gives a Mapped."""
 
-    def __init__(self, dataset: "Dataset | Mapped[Any]", function: Callable[[Any], T]) -> None:
+    def __init__(
+        self, dataset: "Dataset | Mapped[Any]", function: Callable[[Any], T]
+    ) -> None:
         if not callable(function):
-            raise InputError(f"map needs a function of a sample, got {format_value(function)}")
+            raise InputError(
+                f"map needs a function of a sample, got {format_value(function)}"
+            )
         self.dataset, self.function = dataset, function
 
     def __len__(self) -> int:
@@ -262,7 +333,11 @@ class Mapped(Sequence[T], Generic[T]):
 
 def stored(folder: Place, row: Row, listed_in: str = MANIFEST) -> StoredSample:
     """The sample of a row, and the file that lists it."""
-    return StoredSample(folder / row.name, row.name, {"files": row.files, "info": row.info, "listed_in": listed_in})
+    return StoredSample(
+        folder / row.name,
+        row.name,
+        {"files": row.files, "info": row.info, "listed_in": listed_in},
+    )
 
 
 def _view(path: Place, samples: tuple[StoredSample, ...]) -> Dataset:
@@ -279,7 +354,9 @@ def open_sample(path: Where) -> StoredSample:
     dataset = Dataset(path)
     if len(dataset) > 1:
         example = dataset.path / dataset[0].name
-        raise InputError(f"{path}: is a dataset of {len(dataset)} samples; name one of them, such as {example}")
+        raise InputError(
+            f"{path}: is a dataset of {len(dataset)} samples; name one of them, such as {example}"
+        )
     return dataset[0]
 
 
@@ -287,8 +364,14 @@ def _datasets_below(path: Place) -> str:
     """Which folders one or two levels below have samples; empty for a bucket, where a search is slow."""
     if not isinstance(path, Path):
         return ""
-    found = {image.parent.parent for level in ("*/*", "*/*/*") for image in path.glob(f"{level}/im0.png")}
-    names = [str(folder) for folder in sorted(found) if not (folder / "im0.png").exists()]  # else lenses of a sample
+    found = {
+        image.parent.parent
+        for level in ("*/*", "*/*/*")
+        for image in path.glob(f"{level}/im0.png")
+    }
+    names = [
+        str(folder) for folder in sorted(found) if not (folder / "im0.png").exists()
+    ]  # else lenses of a sample
     return f"; these have: {', '.join(names[:3])}" if names else ""
 
 
@@ -298,6 +381,10 @@ def _why_empty(path: Place, info: Mapping[str, Any]) -> str:
     if isinstance(failed, list) and failed:
         return f'; {len(failed)} samples failed ("failed" in it says why)'
     if info.get("complete") is False:
-        action = "list the finished samples and make the others" if pending_rows(path, ())[0] else "make them"
+        action = (
+            "list the finished samples and make the others"
+            if pending_rows(path, ())[0]
+            else "make them"
+        )
         return f"; rerun `twinlens generate` to {action}"
     return ""

@@ -65,7 +65,18 @@ _COLMAP_HEADERS = {
 _FILE_BYTES = 256 * 1024 * 1024
 _END = bytes(2 * tarfile.BLOCKSIZE)
 IMAGES = ("im0", "im1", "disp0", "disp1", "mask0_nonocc", "mask1_nonocc")
-NUMBERS = ("width", "height", "fx", "fy", "cx0", "cx1", "cy", "baseline", "doffs", "ndisp")
+NUMBERS = (
+    "width",
+    "height",
+    "fx",
+    "fy",
+    "cx0",
+    "cx1",
+    "cy",
+    "baseline",
+    "doffs",
+    "ndisp",
+)
 NOTE = "EXPORT.md"
 _FIRST_LINE = "# Exported by twinlens"
 
@@ -121,13 +132,22 @@ class Source:
 
     def record(self) -> bytes:
         """The sample's sample.json, empty if it has none."""
-        return read_bytes(self.sample.folder / "sample.json") if self.sample.has("sample.json") else b""
+        return (
+            read_bytes(self.sample.folder / "sample.json")
+            if self.sample.has("sample.json")
+            else b""
+        )
 
     def files(self, disparity: str = "disp{}.pfm", least: float = 0.0) -> Files:
         """Images, disparities and masks of both views, and calib.txt, with Middlebury's names."""
         yield from ((f"im{i}.png", self.image(i)) for i in (0, 1))
-        yield from ((disparity.format(i), encode_pfm(self.disparity(i, least=least))) for i in (0, 1))
-        yield from ((f"mask{i}nocc.png", encode_png(self.sample.mask_nonocc(i))) for i in (0, 1))
+        yield from (
+            (disparity.format(i), encode_pfm(self.disparity(i, least=least)))
+            for i in (0, 1)
+        )
+        yield from (
+            (f"mask{i}nocc.png", encode_png(self.sample.mask_nonocc(i))) for i in (0, 1)
+        )
         yield "calib.txt", self.calib()
 
 
@@ -135,13 +155,18 @@ def middlebury(source: Source) -> Files:
     """Middlebury2014/train/<name>-perfect/: im0 im1 .png, disp0 disp1 .pfm, mask0nocc mask1nocc .png, calib.txt."""
     if source.index == 0:
         yield _MIDDLEBURY_MARKER, _MIDDLEBURY_NOTE
-    yield from ((f"{MIDDLEBURY_FOLDER}/{source.name}-perfect/{name}", data) for name, data in source.files())
+    yield from (
+        (f"{MIDDLEBURY_FOLDER}/{source.name}-perfect/{name}", data)
+        for name, data in source.files()
+    )
 
 
 def carla(source: Source) -> Files:
     """carla-highres/trainingF/<name>/: as `middlebury`, with disp0GT.pfm and disp1GT.pfm, as in MiddEval3."""
     files = source.files("disp{}GT.pfm")
-    yield from ((f"carla-highres/trainingF/{source.name}/{name}", data) for name, data in files)
+    yield from (
+        (f"carla-highres/trainingF/{source.name}/{name}", data) for name, data in files
+    )
 
 
 def eth3d(source: Source) -> Files:
@@ -149,12 +174,16 @@ def eth3d(source: Source) -> Files:
 
     cameras.txt, images.txt and an empty points3D.txt form a COLMAP model.
     """
-    scene, truth = (f"ETH3D/two_view_training{part}/{source.name}" for part in ("", "_gt"))
+    scene, truth = (
+        f"ETH3D/two_view_training{part}/{source.name}" for part in ("", "_gt")
+    )
     rig, model = source.sample.rig, dict(_COLMAP_HEADERS)
     for i in (0, 1):
         yield f"{scene}/im{i}.png", source.image(i)
         model["cameras"] += f"{i} {colmap_camera(rig.cameras[i])}\n"
-        model["images"] += f"{i} {colmap_pose(rig.world_from_cams[i])} {i} im{i}.png\n\n"
+        model["images"] += (
+            f"{i} {colmap_pose(rig.world_from_cams[i])} {i} im{i}.png\n\n"
+        )
     yield f"{scene}/calib.txt", source.calib()
     yield from ((f"{scene}/{name}.txt", text.encode()) for name, text in model.items())
     yield f"{truth}/disp0GT.pfm", encode_pfm(source.disparity(0))
@@ -171,13 +200,23 @@ def kitti2015(source: Source) -> Files:
     """
     root, number = "Kitti2015/training", f"{source.index:06d}"
     for i in (0, 1):
-        counts = _fixed_point(source.disparity(i, 65535 / _KITTI_SCALE), _KITTI_SCALE).astype(np.uint16)
-        visible = np.where(source.sample.mask_nonocc(i) == VISIBLE, counts, np.uint16(0))
+        counts = _fixed_point(
+            source.disparity(i, 65535 / _KITTI_SCALE), _KITTI_SCALE
+        ).astype(np.uint16)
+        visible = np.where(
+            source.sample.mask_nonocc(i) == VISIBLE, counts, np.uint16(0)
+        )
         yield f"{root}/image_{2 + i}/{number}_10.png", source.image(i)
         yield f"{root}/disp_occ_{i}/{number}_10.png", encode_png(counts)
         yield f"{root}/disp_noc_{i}/{number}_10.png", encode_png(visible)
-    yield f"{root}/obj_map/{number}_10.png", encode_png(_kitti_objects(source, counts.shape))
-    yield f"{root}/calib_cam_to_cam/{number}.txt", _kitti_calibration(source.sample.calibration)
+    yield (
+        f"{root}/obj_map/{number}_10.png",
+        encode_png(_kitti_objects(source, counts.shape)),
+    )
+    yield (
+        f"{root}/calib_cam_to_cam/{number}.txt",
+        _kitti_calibration(source.sample.calibration),
+    )
 
 
 def sceneflow(source: Source) -> Files:
@@ -188,7 +227,10 @@ def sceneflow(source: Source) -> Files:
     root, scene = "SceneFlow/FlyingThings3D", f"TRAIN/A/{source.index:04d}"
     for i, side in enumerate(("left", "right")):
         yield f"{root}/frames_cleanpass/{scene}/{side}/0006.png", source.image(i)
-        yield f"{root}/disparity/{scene}/{side}/0006.pfm", encode_pfm(source.disparity(i))
+        yield (
+            f"{root}/disparity/{scene}/{side}/0006.pfm",
+            encode_pfm(source.disparity(i)),
+        )
     yield f"{root}/disparity/{scene}/calib.txt", source.calib()
 
 
@@ -205,16 +247,28 @@ def sintel(source: Source) -> Files:
             yield f"{root}/{kind}_{side}/{frame}", source.image(i)
     disparity = source.disparity(0, (2**24 - 1) / _SINTEL_SCALE)
     counts = _fixed_point(disparity, _SINTEL_SCALE)
-    rgb = np.stack([counts >> 16, counts >> 8 & 255, counts & 255], axis=-1).astype(np.uint8)
-    outside = np.isfinite(disparity) & (np.arange(disparity.shape[1]) - disparity < -0.5)
+    rgb = np.stack([counts >> 16, counts >> 8 & 255, counts & 255], axis=-1).astype(
+        np.uint8
+    )
+    outside = np.isfinite(disparity) & (
+        np.arange(disparity.shape[1]) - disparity < -0.5
+    )
     occluded = (source.sample.mask_nonocc(0) != VISIBLE) & ~outside
     yield f"{root}/disparities/{frame}", encode_png(rgb)
-    yield f"{root}/occlusions/{frame}", encode_png(np.where(occluded, np.uint8(255), np.uint8(0)))
-    yield f"{root}/outofframe/{frame}", encode_png(np.where(outside, np.uint8(255), np.uint8(0)))
+    yield (
+        f"{root}/occlusions/{frame}",
+        encode_png(np.where(occluded, np.uint8(255), np.uint8(0))),
+    )
+    yield (
+        f"{root}/outofframe/{frame}",
+        encode_png(np.where(outside, np.uint8(255), np.uint8(0))),
+    )
     yield f"{root}/calib/{source.name}/calib.txt", source.calib()
 
 
-def webdataset(sources: Iterable[Source], shard_bytes: int = _FILE_BYTES) -> Iterator[tuple[str, bytes]]:
+def webdataset(
+    sources: Iterable[Source], shard_bytes: int = _FILE_BYTES
+) -> Iterator[tuple[str, bytes]]:
     """shard-000000.tar and so on; a shard ends with the sample that reaches `shard_bytes`.
 
     Files of a sample follow each other under a common key: ``train/0001.im0.png`` is entry "im0.png" of sample
@@ -223,11 +277,17 @@ def webdataset(sources: Iterable[Source], shard_bytes: int = _FILE_BYTES) -> Ite
     number, stream = 0, io.BytesIO()
     for source in sources:
         key = source.sample.name.replace("%", "%25").replace(".", "%2E")
-        for name, data in itertools.chain(source.files(least=-np.inf), [("json", source.record())]):
+        for name, data in itertools.chain(
+            source.files(least=-np.inf), [("json", source.record())]
+        ):
             header = tarfile.TarInfo(f"{key}.{name}")
             header.size, header.mode = len(data), 0o644
             if data:
-                stream.write(header.tobuf(tarfile.PAX_FORMAT) + data + bytes(-len(data) % tarfile.BLOCKSIZE))
+                stream.write(
+                    header.tobuf(tarfile.PAX_FORMAT)
+                    + data
+                    + bytes(-len(data) % tarfile.BLOCKSIZE)
+                )
         if stream.tell() >= shard_bytes:
             yield f"shard-{number:06d}.tar", stream.getvalue() + _END
             number, stream = number + 1, io.BytesIO()
@@ -235,7 +295,9 @@ def webdataset(sources: Iterable[Source], shard_bytes: int = _FILE_BYTES) -> Ite
         yield f"shard-{number:06d}.tar", stream.getvalue() + _END
 
 
-def parquet(sources: Iterable[Source], file_bytes: int = _FILE_BYTES) -> Iterator[tuple[str, bytes]]:
+def parquet(
+    sources: Iterable[Source], file_bytes: int = _FILE_BYTES
+) -> Iterator[tuple[str, bytes]]:
     """train-00000.parquet and so on; a file ends with the sample that reaches `file_bytes`.
 
     One row and row group per sample: images and maps as encoded files (PNG, and PFM, which Pillow opens as mode F),
@@ -245,11 +307,15 @@ def parquet(sources: Iterable[Source], file_bytes: int = _FILE_BYTES) -> Iterato
         import pyarrow as pa
         from pyarrow.parquet import ParquetWriter
     except ImportError:
-        raise MissingExtraError("exporting to parquet needs pyarrow: pip install 'twinlens[parquet]'") from None
+        raise MissingExtraError(
+            "exporting to parquet needs pyarrow: pip install 'twinlens[parquet]'"
+        ) from None
     schema = _schema(pa)
     number, stream, writer = 0, io.BytesIO(), None
     for source in sources:
-        writer = writer or ParquetWriter(stream, schema, compression="NONE")  # content is compressed
+        writer = writer or ParquetWriter(
+            stream, schema, compression="NONE"
+        )  # content is compressed
         writer.write_table(pa.Table.from_pylist([_row(source)], schema=schema))
         if stream.tell() >= file_bytes:
             writer.close()
@@ -264,7 +330,17 @@ def _folders(layout: Callable[[Source], Files]) -> Callable[[Iterable[Source]], 
     return lambda sources: (file for source in sources for file in layout(source))
 
 
-FOLDER_LAYOUTS = (carla, dpdd, eslf, eth3d, hci4d, kitti2015, middlebury, sceneflow, sintel)
+FOLDER_LAYOUTS = (
+    carla,
+    dpdd,
+    eslf,
+    eth3d,
+    hci4d,
+    kitti2015,
+    middlebury,
+    sceneflow,
+    sintel,
+)
 LAYOUTS: dict[str, Callable[[Iterable[Source]], Files]] = {
     **{layout.__name__: _folders(layout) for layout in FOLDER_LAYOUTS},
     "bop": bop,
@@ -297,16 +373,28 @@ def export(
     """
     check_known("layout", to, LAYOUTS)
     if objects and to not in OBJECT_LAYOUTS:
-        raise InputError(f"{to} has no masks of objects; layouts with masks: {', '.join(OBJECT_LAYOUTS)}")
+        raise InputError(
+            f"{to} has no masks of objects; layouts with masks: {', '.join(OBJECT_LAYOUTS)}"
+        )
     if not len(dataset):
         raise InputError("export needs one or more samples")
     folder = place(folder)
-    around = () if isinstance(folder, RemotePath) else (folder.absolute(), *folder.absolute().parents)
+    around = (
+        ()
+        if isinstance(folder, RemotePath)
+        else (folder.absolute(), *folder.absolute().parents)
+    )
     for home in (Path(str(sample.folder)).absolute() for sample in dataset):
-        if home in around or (home.parent in around and (home.parent / MANIFEST).is_file()):  # it would be more samples
-            raise OutputError(f"{folder}: is inside the dataset to export; choose a folder outside of it")
+        if home in around or (
+            home.parent in around and (home.parent / MANIFEST).is_file()
+        ):  # it would be more samples
+            raise OutputError(
+                f"{folder}: is inside the dataset to export; choose a folder outside of it"
+            )
     if overwrite:
-        own = (folder / NOTE).is_file() and read_bytes(folder / NOTE).startswith(_FIRST_LINE.encode())
+        own = (folder / NOTE).is_file() and read_bytes(folder / NOTE).startswith(
+            _FIRST_LINE.encode()
+        )
         check_replaceable(folder, own, "an earlier export")
     sizes: dict[str, int] = {}
     known: set[str] = set()
@@ -314,11 +402,19 @@ def export(
     def sources() -> Iterator[Source]:
         for i, sample in enumerate(dataset):
             progress(i / len(dataset), sample.name)
-            if to not in UNRECTIFIED_LAYOUTS and sample.has("sample.json") and not sample.has("calib.txt"):
+            if (
+                to not in UNRECTIFIED_LAYOUTS
+                and sample.has("sample.json")
+                and not sample.has("calib.txt")
+            ):
                 others = ", ".join(UNRECTIFIED_LAYOUTS)
-                raise InputError(f"{sample.name}: is not a rectified pair; layouts for other rigs: {others}")
+                raise InputError(
+                    f"{sample.name}: is not a rectified pair; layouts for other rigs: {others}"
+                )
             if objects and sample.has("sample.json"):
-                known.update(category(name) for name in sample.record.get("object_names", []))
+                known.update(
+                    category(name) for name in sample.record.get("object_names", [])
+                )
             yield Source(sample, i, lens, frozenset(objects) if objects else None)
         for name in objects:
             check_known("object", name, known)
@@ -345,39 +441,83 @@ def _kitti_objects(source: Source, shape: tuple[int, ...]) -> NDArray[np.uint8]:
     if source.objects is None:
         return np.zeros(shape, np.uint8)
     truth = source.sample.truth(0)
-    chosen = [0, *(i for i, name in enumerate(truth.object_names, start=1) if category(name) in source.objects)]
+    chosen = [
+        0,
+        *(
+            i
+            for i, name in enumerate(truth.object_names, start=1)
+            if category(name) in source.objects
+        ),
+    ]
     if max(chosen) > 255:
-        raise InputError(f"{source.sample.name}: has object {max(chosen)}, and this layout holds 255")
-    return np.where(np.isin(truth.object_id, chosen), truth.object_id, 0).astype(np.uint8)
+        raise InputError(
+            f"{source.sample.name}: has object {max(chosen)}, and this layout holds 255"
+        )
+    return np.where(np.isin(truth.object_id, chosen), truth.object_id, 0).astype(
+        np.uint8
+    )
 
 
 def _kitti_calibration(calibration: Calibration) -> bytes:
     """S_rect, R_rect and P_rect = K [I | t] of cameras 02 and 03; t_x is minus the baseline for the right camera."""
     lines = []
     shifts = (0.0, -calibration.baseline)
-    for name, camera, shift in zip(("02", "03"), calibration.rig().cameras, shifts, strict=True):
+    for name, camera, shift in zip(
+        ("02", "03"), calibration.rig().cameras, shifts, strict=True
+    ):
         projection = camera.K @ np.hstack([np.eye(3), [[shift], [0.0], [0.0]]])
         size = [calibration.width, calibration.height]
-        for key, values in (("S_rect", size), ("R_rect", np.eye(3).ravel()), ("P_rect", projection.ravel())):
-            lines.append(f"{key}_{name}: " + " ".join(f"{value:.12e}" for value in values))
+        for key, values in (
+            ("S_rect", size),
+            ("R_rect", np.eye(3).ravel()),
+            ("P_rect", projection.ravel()),
+        ):
+            lines.append(
+                f"{key}_{name}: " + " ".join(f"{value:.12e}" for value in values)
+            )
     return ("\n".join(lines) + "\n").encode()
 
 
 def _schema(pa: Any) -> Any:
     image = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
     fields = [("name", pa.string()), *((name, image) for name in IMAGES)]
-    fields += [(name, pa.int32() if name in ("width", "height", "ndisp") else pa.float64()) for name in NUMBERS]
+    fields += [
+        (name, pa.int32() if name in ("width", "height", "ndisp") else pa.float64())
+        for name in NUMBERS
+    ]
     fields.append(("record", pa.string()))
-    types = {name: {"dtype": str(kind).replace("double", "float64"), "_type": "Value"} for name, kind in fields}
+    types = {
+        name: {"dtype": str(kind).replace("double", "float64"), "_type": "Value"}
+        for name, kind in fields
+    }
     features = types | {name: {"_type": "Image"} for name in IMAGES}
-    return pa.schema(fields, metadata={"huggingface": json.dumps({"info": {"features": features}})})
+    return pa.schema(
+        fields, metadata={"huggingface": json.dumps({"info": {"features": features}})}
+    )
 
 
 def _row(source: Source) -> dict[str, Any]:
     sample, calibration = source.sample, source.sample.calibration
-    images = [{"bytes": data, "path": f"{source.name}/{name}"} for name, data in source.files(least=-np.inf)]
+    images = [
+        {"bytes": data, "path": f"{source.name}/{name}"}
+        for name, data in source.files(least=-np.inf)
+    ]
     fx, fy, cx0, cy = calibration.cam0
     size = (calibration.width, calibration.height)
-    numbers = (*size, fx, fy, cx0, calibration.cam1[2], cy, calibration.baseline, calibration.doffs, sample.ndisp)
+    numbers = (
+        *size,
+        fx,
+        fy,
+        cx0,
+        calibration.cam1[2],
+        cy,
+        calibration.baseline,
+        calibration.doffs,
+        sample.ndisp,
+    )
     row: dict[str, Any] = {"name": sample.name, "record": source.record().decode()}
-    return row | dict(zip(IMAGES, images, strict=False)) | dict(zip(NUMBERS, numbers, strict=True))
+    return (
+        row
+        | dict(zip(IMAGES, images, strict=False))
+        | dict(zip(NUMBERS, numbers, strict=True))
+    )

@@ -14,15 +14,28 @@ import shutil
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
-from twinlens.dataset.storage import EXISTS, Place, RemotePath, Where, fill_remote, place
+from twinlens.dataset.storage import (
+    EXISTS,
+    Place,
+    RemotePath,
+    Where,
+    fill_remote,
+    place,
+)
 from twinlens.errors import FileError, InputError, OutputError
 
 A_FILE = "is a file where a folder is needed; choose another name"
 _TEMPORARY = ".unfinished-"
 
 _REMEDIES = {
-    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT), "the disk is full: free some space or write elsewhere"),
-    **dict.fromkeys((errno.EACCES, errno.EPERM), "no permission: choose a folder that you may write to"),
+    **dict.fromkeys(
+        (errno.ENOSPC, errno.EDQUOT),
+        "the disk is full: free some space or write elsewhere",
+    ),
+    **dict.fromkeys(
+        (errno.EACCES, errno.EPERM),
+        "no permission: choose a folder that you may write to",
+    ),
     errno.EROFS: "the file system is read-only: write elsewhere",
     errno.ENOTEMPTY: "another process has written there: choose another name",
     errno.ENAMETOOLONG: "the name is too long: choose a shorter one",
@@ -38,7 +51,9 @@ def read_bytes(path: Where) -> bytes:
     except FileError:
         raise
     except (OSError, ValueError) as error:
-        raise FileError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})") from None
+        raise FileError(
+            f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})"
+        ) from None
 
 
 def read_text(path: Where) -> str:
@@ -63,7 +78,9 @@ def write_file(path: Where, data: bytes) -> None:
 
 
 def write_folder(
-    folder: Where, files: Mapping[str, bytes] | Iterable[tuple[str, bytes]], overwrite: bool = False
+    folder: Where,
+    files: Mapping[str, bytes] | Iterable[tuple[str, bytes]],
+    overwrite: bool = False,
 ) -> None:
     """Write a folder of `files` (relative name with / and content), atomically. Raises OutputError.
 
@@ -73,7 +90,9 @@ def write_folder(
     folder = place(folder)
     checked = _checked(files.items() if isinstance(files, Mapping) else files)
     if isinstance(folder, RemotePath):
-        fill_remote(folder, dict(checked) if isinstance(files, Mapping) else checked, overwrite)
+        fill_remote(
+            folder, dict(checked) if isinstance(files, Mapping) else checked, overwrite
+        )
         return
     if not overwrite and os.path.lexists(folder):
         raise OutputError(f"{folder}: {EXISTS}")
@@ -103,9 +122,13 @@ def write_folder(
 
 def check_replaceable(folder: Place, own: bool, kind: str) -> None:
     """Raise OutputError for an existing file or non-empty folder, unless `own` says that it is `kind`."""
-    exists = folder.exists() if isinstance(folder, RemotePath) else os.path.lexists(folder)
+    exists = (
+        folder.exists() if isinstance(folder, RemotePath) else os.path.lexists(folder)
+    )
     if exists and not own and (not folder.is_dir() or any(folder.iterdir())):
-        raise OutputError(f"{folder}: exists and is not {kind}, so it is not overwritten; choose another name")
+        raise OutputError(
+            f"{folder}: exists and is not {kind}, so it is not overwritten; choose another name"
+        )
 
 
 def existing_part(path: Path) -> Path:
@@ -116,7 +139,11 @@ def existing_part(path: Path) -> Path:
 def remove_unfinished(folder: Where) -> list[str]:
     """Remove the temporary files of killed processes from a local `folder`; their names. No process may be writing."""
     folder = place(folder)
-    found = [] if isinstance(folder, RemotePath) else sorted(folder.glob(f".*{_TEMPORARY}*"))
+    found = (
+        []
+        if isinstance(folder, RemotePath)
+        else sorted(folder.glob(f".*{_TEMPORARY}*"))
+    )
     for entry in found:
         _remove(entry)
     return [entry.name for entry in found]
@@ -124,7 +151,11 @@ def remove_unfinished(folder: Where) -> list[str]:
 
 @contextlib.contextmanager
 def locked(
-    folder: Place, shared: bool = False, wait: bool = False, remedy: str = "wait for it", file: str = ""
+    folder: Place,
+    shared: bool = False,
+    wait: bool = False,
+    remedy: str = "wait for it",
+    file: str = "",
 ) -> Iterator[None]:
     """Lock `folder`, or one `file` in it. Several processes can hold a `shared` lock, as shards do.
 
@@ -138,7 +169,9 @@ def locked(
     import fcntl  # not on Windows, where everything that needs no lock works
 
     lock = folder / (f".{file}.lock" if file else ".lock")
-    operation = (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | (0 if wait else fcntl.LOCK_NB)
+    operation = (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | (
+        0 if wait else fcntl.LOCK_NB
+    )
     created = [each for each in (folder, *folder.parents) if not each.is_dir()]
     while True:
         try:
@@ -151,7 +184,9 @@ def locked(
             try:
                 fcntl.flock(descriptor, operation)
             except BlockingIOError:
-                raise OutputError(f"{folder / file}: another run is writing there; {remedy}") from None
+                raise OutputError(
+                    f"{folder / file}: another run is writing there; {remedy}"
+                ) from None
             except OSError:
                 pass  # a file system without locks
             if os.fstat(descriptor).st_nlink == 0:
@@ -173,7 +208,11 @@ def files_below(folder: Place) -> list[str]:
     """Relative names, with /, of all files below `folder`, sorted."""
     if isinstance(folder, RemotePath):
         return folder.files()
-    return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+    return sorted(
+        path.relative_to(folder).as_posix()
+        for path in folder.rglob("*")
+        if path.is_file()
+    )
 
 
 def hash_files(folder: Where) -> dict[str, str]:
@@ -182,7 +221,9 @@ def hash_files(folder: Where) -> dict[str, str]:
     if not folder.is_dir():
         raise FileError(f"{folder}: no such folder")
     names = [name for name in files_below(folder) if not is_hidden(name)]
-    return {name: hashlib.sha256(read_bytes(folder / name)).hexdigest() for name in names}
+    return {
+        name: hashlib.sha256(read_bytes(folder / name)).hexdigest() for name in names
+    }
 
 
 def is_hidden(name: str) -> bool:
@@ -192,7 +233,10 @@ def is_hidden(name: str) -> bool:
 
 def check_relative(name: str) -> str:
     """`name` if it is a relative path with / that stays below its folder. Raises InputError."""
-    if any(part in ("", ".", "..") or "\\" in part or "\0" in part for part in name.split("/")):
+    if any(
+        part in ("", ".", "..") or "\\" in part or "\0" in part
+        for part in name.split("/")
+    ):
         raise InputError(f"{name!r} is not a plain relative name")
     return name
 
@@ -201,7 +245,9 @@ def _checked(files: Iterable[tuple[str, bytes]]) -> Iterator[tuple[str, bytes]]:
     names = set()
     for name, data in files:
         if check_relative(name) in names:
-            raise InputError(f"two files would be named {name}; rename one of the samples")
+            raise InputError(
+                f"two files would be named {name}; rename one of the samples"
+            )
         names.add(name)
         yield name, data
 
@@ -222,7 +268,9 @@ def _flush_folder(folder: Path) -> None:
 
 
 def _temporary_name(path: Path) -> Path:
-    return path.with_name(f".{path.name[:40]}{_TEMPORARY}{os.getpid()}-{secrets.token_hex(4)}")
+    return path.with_name(
+        f".{path.name[:40]}{_TEMPORARY}{os.getpid()}-{secrets.token_hex(4)}"
+    )
 
 
 def _remove(path: Path) -> None:
@@ -247,7 +295,12 @@ def _temporary(path: Path) -> Iterator[Path]:
 
 
 def _not_written(path: Path, error: Exception) -> OutputError:
-    number, reason = getattr(error, "errno", None) or 0, getattr(error, "strerror", None) or error
+    number, reason = (
+        getattr(error, "errno", None) or 0,
+        getattr(error, "strerror", None) or error,
+    )
     if number in (errno.ENOTDIR, errno.EEXIST):
         return OutputError(f"{existing_part(path)}: {A_FILE}")
-    return OutputError(f"{path}: cannot be written; {_REMEDIES.get(number, f'{reason}: check the path')}")
+    return OutputError(
+        f"{path}: cannot be written; {_REMEDIES.get(number, f'{reason}: check the path')}"
+    )

@@ -29,15 +29,43 @@ _VERSION = "1.0.0"
 
 # mlcroissant decodes few formats; with a second media type, text/plain, it returns the bytes of the others.
 _PNG, _PFM = ["image/png"], ["image/x-portable-floatmap", "text/plain"]
-_EXR, _TEXT, _JSON = ["image/x-exr", "text/plain"], ["text/plain"], ["text/plain", "application/json"]
+_EXR, _TEXT, _JSON = (
+    ["image/x-exr", "text/plain"],
+    ["text/plain"],
+    ["text/plain", "application/json"],
+)
 _KINDS = {
     "im": ("image of view {}", _PNG, "sc:ImageObject"),
-    "disp": ("true disparity of view {}: float32 pixels, +inf unknown", _PFM, "sc:ImageObject"),
-    "dp-left": ("image of the left halves of view {}'s dual pixels", _PNG, "sc:ImageObject"),
-    "dp-right": ("image of the right halves of view {}'s dual pixels", _PNG, "sc:ImageObject"),
-    "dp-disp": ("true disparity of view {}'s dual pixels: float32 pixels, +inf unknown", _PFM, "sc:ImageObject"),
-    "mask": ("view {}: 255 visible in both, 128 occluded or out of frame, 0 unknown", _PNG, "sc:ImageObject"),
-    "truth": ("truth of view {}: depth, position, normals, ids, blur circle", _EXR, "sc:Text"),
+    "disp": (
+        "true disparity of view {}: float32 pixels, +inf unknown",
+        _PFM,
+        "sc:ImageObject",
+    ),
+    "dp-left": (
+        "image of the left halves of view {}'s dual pixels",
+        _PNG,
+        "sc:ImageObject",
+    ),
+    "dp-right": (
+        "image of the right halves of view {}'s dual pixels",
+        _PNG,
+        "sc:ImageObject",
+    ),
+    "dp-disp": (
+        "true disparity of view {}'s dual pixels: float32 pixels, +inf unknown",
+        _PFM,
+        "sc:ImageObject",
+    ),
+    "mask": (
+        "view {}: 255 visible in both, 128 occluded or out of frame, 0 unknown",
+        _PNG,
+        "sc:ImageObject",
+    ),
+    "truth": (
+        "truth of view {}: depth, position, normals, ids, blur circle",
+        _EXR,
+        "sc:Text",
+    ),
     "radiance": ("linear image of view {}", _EXR, "sc:Text"),
     "calib": ("calibration of the pair, as Middlebury's calib.txt", _TEXT, "sc:Text"),
     "sample": ("how the sample was made", _JSON, "sc:Text"),
@@ -72,37 +100,63 @@ def _is_date(text: str) -> bool:
     return date.fromisoformat(text).isoformat() == text
 
 
-Text = Annotated[str, schema.satisfies(str.strip, "must be a text that is not empty, got {}")]
-Url = Annotated[str, schema.satisfies(_is_url, "must be an address such as https://example.org/set, got {}")]
-Date = Annotated[str, schema.satisfies(_is_date, "must be a date such as 2026-01-31, got {}")]
+Text = Annotated[
+    str, schema.satisfies(str.strip, "must be a text that is not empty, got {}")
+]
+Url = Annotated[
+    str,
+    schema.satisfies(
+        _is_url, "must be an address such as https://example.org/set, got {}"
+    ),
+]
+Date = Annotated[
+    str, schema.satisfies(_is_date, "must be a date such as 2026-01-31, got {}")
+]
 
 
 class Credit(schema.StrictModel):
     """Who made some of the files that a dataset was made from, and under which licence they may be used."""
 
-    files: str = pydantic.Field(min_length=1, description="file or folder, or a pattern such as hdris/*.exr")
-    license: Text = pydantic.Field(default="", description="SPDX name, such as CC0-1.0, or the address of the text")
+    files: str = pydantic.Field(
+        min_length=1, description="file or folder, or a pattern such as hdris/*.exr"
+    )
+    license: Text = pydantic.Field(
+        default="", description="SPDX name, such as CC0-1.0, or the address of the text"
+    )
     creator: Text = pydantic.Field(default="", description="author")
     url: Url = pydantic.Field(default="", description="where it is from")
 
     def covers(self, name: str) -> bool:
         """Whether a file, by its name relative to the recipe, is one of `files`."""
         pattern = self.files.removeprefix("./").rstrip("/")
-        return name == pattern or name.startswith(f"{pattern}/") or fnmatch.fnmatchcase(name, pattern)
+        return (
+            name == pattern
+            or name.startswith(f"{pattern}/")
+            or fnmatch.fnmatchcase(name, pattern)
+        )
 
 
 class About(schema.StrictModel):
     """The part of the card and of croissant.json that is not derived from files. Texts that are not given are empty."""
 
-    name: Text = pydantic.Field(default="", description="of the dataset; 'stereo dataset' if not given")
+    name: Text = pydantic.Field(
+        default="", description="of the dataset; 'stereo dataset' if not given"
+    )
     description: Text = pydantic.Field(default="", description="one or more sentences")
-    license: Text = pydantic.Field(default="", description="SPDX name, such as CC-BY-4.0, or the address of the text")
+    license: Text = pydantic.Field(
+        default="",
+        description="SPDX name, such as CC-BY-4.0, or the address of the text",
+    )
     creator: Text = pydantic.Field(default="", description="who made it")
     url: Url = pydantic.Field(default="", description="where to get it")
-    published: Date = pydantic.Field(default="", description="date of publication, such as 2026-01-31")
+    published: Date = pydantic.Field(
+        default="", description="date of publication, such as 2026-01-31"
+    )
     cite_as: Text = pydantic.Field(default="", description="BibTeX entry")
 
-    credits: list[Credit] = pydantic.Field(default_factory=list, description="licences of the files it was made from")
+    credits: list[Credit] = pydantic.Field(
+        default_factory=list, description="licences of the files it was made from"
+    )
 
     @classmethod
     def of(cls, values: Any) -> "About":
@@ -130,7 +184,10 @@ def about(dataset: Dataset) -> tuple[About, Manifest]:
 
 def stated(manifest: Manifest, path: Place) -> About:
     """The recipe's About with the changes in `info`; `path` is named in messages. Raises FileError."""
-    written, given = (read(About, each.get(KEY, {}), path, KEY).plain() for each in (manifest.recipe, manifest.info))
+    written, given = (
+        read(About, each.get(KEY, {}), path, KEY).plain()
+        for each in (manifest.recipe, manifest.info)
+    )
     return About.of(written | given)
 
 
@@ -141,12 +198,28 @@ def write_croissant(dataset: Dataset, given: About, manifest: Manifest) -> str:
     """
     paths = {name for row in manifest.rows for name in row.files}
     if not manifest.rows:
-        plain = ("im0.png", "im1.png", "disp0.pfm", "disp1.pfm", "disp0GT.pfm", "disp1GT.pfm", "calib.txt")
+        plain = (
+            "im0.png",
+            "im1.png",
+            "disp0.pfm",
+            "disp1.pfm",
+            "disp0GT.pfm",
+            "disp1GT.pfm",
+            "calib.txt",
+        )
         paths = {name for name in plain if dataset[0].has(name)}
-    files = sorted({name.rpartition("/")[2] for name in paths})  # without the folders of lenses
-    described = [_file_records(match) for match in map(_FILE.match, files) if match and match[1] in _KINDS]
+    files = sorted(
+        {name.rpartition("/")[2] for name in paths}
+    )  # without the folders of lenses
+    described = [
+        _file_records(match)
+        for match in map(_FILE.match, files)
+        if match and match[1] in _KINDS
+    ]
     if (dataset.path / MANIFEST).is_file():
-        described.insert(0, _manifest_records(read_bytes(dataset.path / MANIFEST), manifest))
+        described.insert(
+            0, _manifest_records(read_bytes(dataset.path / MANIFEST), manifest)
+        )
     record: dict[str, Any] = {
         "@context": CONTEXT,
         "@type": "sc:Dataset",
@@ -156,25 +229,51 @@ def write_croissant(dataset: Dataset, given: About, manifest: Manifest) -> str:
         or f"{given.title}: stereo pairs rendered by twinlens, with exact ground truth.",
         "version": _VERSION,
     }
-    keys = {"license": "license", "url": "url", "datePublished": "published", "citeAs": "cite_as"}
-    record |= {key: value for key, name in keys.items() if (value := getattr(given, name))}
+    keys = {
+        "license": "license",
+        "url": "url",
+        "datePublished": "published",
+        "citeAs": "cite_as",
+    }
+    record |= {
+        key: value for key, name in keys.items() if (value := getattr(given, name))
+    }
     if given.creator:
         record["creator"] = {"@type": "sc:Person", "name": given.creator}
     record["distribution"] = [files for files, _ in described]
     record["recordSet"] = [content for _, content in described]
-    write_file(dataset.path / CROISSANT, (json.dumps(record, indent=1, ensure_ascii=False) + "\n").encode())
+    write_file(
+        dataset.path / CROISSANT,
+        (json.dumps(record, indent=1, ensure_ascii=False) + "\n").encode(),
+    )
     return CROISSANT
 
 
-def _manifest_records(data: bytes, manifest: Manifest) -> tuple[dict[str, Any], dict[str, Any]]:
+def _manifest_records(
+    data: bytes, manifest: Manifest
+) -> tuple[dict[str, Any], dict[str, Any]]:
     """The FileObject of dataset.json, and the RecordSet of its samples."""
-    text, digest = "The samples, and the SHA-256 of each of their files.", hashlib.sha256(data).hexdigest()
-    file = _node("FileObject", MANIFEST, description=text, contentUrl=MANIFEST, contentSize=f"{len(data)} B")
+    text, digest = (
+        "The samples, and the SHA-256 of each of their files.",
+        hashlib.sha256(data).hexdigest(),
+    )
+    file = _node(
+        "FileObject",
+        MANIFEST,
+        description=text,
+        contentUrl=MANIFEST,
+        contentSize=f"{len(data)} B",
+    )
     fields = [("name", "the sample's folder", "$.samples[*].name")]
     if manifest.rows and all("split" in row.info for row in manifest.rows):
         fields.append(("split", "the split of the dataset", "$.samples[*].info.split"))
     entries = [
-        _field(f"samples/{name}", text, "sc:Text", {"fileObject": {"@id": MANIFEST}, "extract": {"jsonPath": path}})
+        _field(
+            f"samples/{name}",
+            text,
+            "sc:Text",
+            {"fileObject": {"@id": MANIFEST}, "extract": {"jsonPath": path}},
+        )
         for name, text, path in fields
     ]
     samples = _node("RecordSet", "samples", field=entries, key={"@id": "samples/name"})
@@ -187,13 +286,27 @@ def _file_records(match: re.Match[str]) -> tuple[dict[str, Any], dict[str, Any]]
     text, encoding, kind = _KINDS[match[1]]
     text = text.format(match[2])
     # The star also matches slashes, so nested samples and images of other lenses are found.
-    files = _node("FileSet", f"{name}-files", description=text, includes=f"*/{name}", encodingFormat=encoding)
+    files = _node(
+        "FileSet",
+        f"{name}-files",
+        description=text,
+        includes=f"*/{name}",
+        encodingFormat=encoding,
+    )
     source = {"fileSet": {"@id": f"{name}-files"}}
-    folder = {"extract": {"fileProperty": "fullpath"}, "transform": {"regex": f"^(.*)/{re.escape(name)}$"}}
+    folder = {
+        "extract": {"fileProperty": "fullpath"},
+        "transform": {"regex": f"^(.*)/{re.escape(name)}$"},
+    }
     where = "the sample's name, and the folder of the lens if it is not the first"
     fields = [
         _field(f"{ident}/folder", where, "sc:Text", source | folder),
-        _field(f"{ident}/content", text, kind, source | {"extract": {"fileProperty": "content"}}),
+        _field(
+            f"{ident}/content",
+            text,
+            kind,
+            source | {"extract": {"fileProperty": "content"}},
+        ),
     ]
     return files, _node("RecordSet", ident, description=text, field=fields)
 

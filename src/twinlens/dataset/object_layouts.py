@@ -53,18 +53,40 @@ def coco(sources: Iterable["Source"]) -> Iterator[tuple[str, bytes]]:
             height, width = truth.object_id.shape
             name = f"{source.name}-im{i}.png"
             camera, pose = rig.cameras[i], rig.world_from_cams[i]
-            about = {"id": len(images) + 1, "file_name": name, "width": width, "height": height}
-            images.append(about | {"cam_K": camera.K.tolist(), "world_from_cam": pose.tolist()})
+            about = {
+                "id": len(images) + 1,
+                "file_name": name,
+                "width": width,
+                "height": height,
+            }
+            images.append(
+                about | {"cam_K": camera.K.tolist(), "world_from_cam": pose.tolist()}
+            )
             yield f"images/{name}", source.image(i)
             for thing in truth.objects:
                 if thing.visible_pixel_count:
                     label = truth.object_name(thing)
                     number = categories.setdefault(category(label), len(categories) + 1)
-                    ids = {"id": len(annotations) + 1, "image_id": len(images), "category_id": number}
-                    annotations.append(ids | {"name": label} | _annotation(truth, thing))
-    named = [{"id": number, "name": name, "supercategory": ""} for name, number in categories.items()]
+                    ids = {
+                        "id": len(annotations) + 1,
+                        "image_id": len(images),
+                        "category_id": number,
+                    }
+                    annotations.append(
+                        ids | {"name": label} | _annotation(truth, thing)
+                    )
+    named = [
+        {"id": number, "name": name, "supercategory": ""}
+        for name, number in categories.items()
+    ]
     info = {"description": "exported by twinlens"}
-    content = {"info": info, "licenses": [], "images": images, "annotations": annotations, "categories": named}
+    content = {
+        "info": info,
+        "licenses": [],
+        "images": images,
+        "annotations": annotations,
+        "categories": named,
+    }
     yield "annotations/instances.json", json.dumps(content, allow_nan=False).encode()
 
 
@@ -75,14 +97,19 @@ def _annotation(truth: Truth, thing: ObjectTruth) -> dict[str, Any]:
         "iscrowd": 0,
         "bbox": list(thing.visible_box),
         "area": thing.visible_pixel_count,
-        "segmentation": {"size": size, "counts": encode_mask(truth.object_id == thing.object_id)},
+        "segmentation": {
+            "size": size,
+            "counts": encode_mask(truth.object_id == thing.object_id),
+        },
         "amodal_bbox": list(thing.box),
         "amodal_area": thing.pixel_count,
         "amodal_segmentation": {"size": size, "counts": thing.silhouette},
         "visible_fraction": thing.visible_fraction,
         "cam_from_object": thing.cam_from_object.tolist(),
         "extent": thing.extent.tolist(),
-        "corners_px": [point if np.isfinite(point).all() else None for point in corners],
+        "corners_px": [
+            point if np.isfinite(point).all() else None for point in corners
+        ],
     }
 
 
@@ -102,13 +129,21 @@ def bop(sources: Iterable["Source"]) -> Iterator[tuple[str, bytes]]:
         for i, truth in enumerate(_truths(source)):
             depth, scale = _depth_image(truth.depth)
             if source.sample.rig.cameras[i].distortion is not None:
-                raise InputError(f"{source.sample.name}: view {i} has lens distortion, which BOP cannot hold")
+                raise InputError(
+                    f"{source.sample.name}: view {i} has lens distortion, which BOP cannot hold"
+                )
             cameras[str(i)] = _scene_camera(source, i, scale)
             yield f"{scene}/rgb/{i:06d}.png", source.image(i)
             yield f"{scene}/depth/{i:06d}.png", encode_png(depth)
             for k, thing in enumerate(truth.objects):
-                whole, visible = truth.silhouette(thing), truth.object_id == thing.object_id
-                yield f"{scene}/mask/{i:06d}_{k:06d}.png", encode_png(np.where(whole, np.uint8(255), np.uint8(0)))
+                whole, visible = (
+                    truth.silhouette(thing),
+                    truth.object_id == thing.object_id,
+                )
+                yield (
+                    f"{scene}/mask/{i:06d}_{k:06d}.png",
+                    encode_png(np.where(whole, np.uint8(255), np.uint8(0))),
+                )
                 yield (
                     f"{scene}/mask_visib/{i:06d}_{k:06d}.png",
                     encode_png(np.where(visible, np.uint8(255), np.uint8(0))),
@@ -117,17 +152,35 @@ def bop(sources: Iterable["Source"]) -> Iterator[tuple[str, bytes]]:
                 if number not in models:
                     name = category(truth.object_name(thing))
                     models[number] = {"name": name, **_box_mm(thing.extent)}
-                if "diameter" not in models[number] and source.sample.has(f"models/{thing.model}.ply"):
-                    vertices, faces = read_ply(source.sample.path(f"models/{thing.model}.ply"))
+                if "diameter" not in models[number] and source.sample.has(
+                    f"models/{thing.model}.ply"
+                ):
+                    vertices, faces = read_ply(
+                        source.sample.path(f"models/{thing.model}.ply")
+                    )
                     models[number]["diameter"] = _diameter(vertices) * _MM
-                    yield f"models/obj_{number:06d}.ply", encode_ply(vertices * _MM, faces, text=True)
-                poses.setdefault(str(i), []).append({"obj_id": number, **_pose_mm(thing.cam_from_object, "m2c")})
-                infos.setdefault(str(i), []).append(_gt_info(thing, int(np.count_nonzero(whole & (depth > 0)))))
-        for name, content in (("scene_camera", cameras), ("scene_gt", poses), ("scene_gt_info", infos)):
+                    yield (
+                        f"models/obj_{number:06d}.ply",
+                        encode_ply(vertices * _MM, faces, text=True),
+                    )
+                poses.setdefault(str(i), []).append(
+                    {"obj_id": number, **_pose_mm(thing.cam_from_object, "m2c")}
+                )
+                infos.setdefault(str(i), []).append(
+                    _gt_info(thing, int(np.count_nonzero(whole & (depth > 0))))
+                )
+        for name, content in (
+            ("scene_camera", cameras),
+            ("scene_gt", poses),
+            ("scene_gt_info", infos),
+        ):
             yield f"{scene}/{name}.json", _lines(content)
         if source.index == 0:
             yield "camera.json", json.dumps(_camera_json(source)).encode()
-    yield "models/models_info.json", _lines({str(number): model for number, model in models.items()})
+    yield (
+        "models/models_info.json",
+        _lines({str(number): model for number, model in models.items()}),
+    )
 
 
 def _truths(source: "Source") -> Iterator[Truth]:
@@ -136,11 +189,14 @@ def _truths(source: "Source") -> Iterator[Truth]:
     for i in range(len(sample.rig)):
         truth = sample.truth(i)
         if not truth.objects and truth.hit.any():
-            raise InputError(f"{sample.name}: has no poses of objects; make the sample again with this version")
+            raise InputError(
+                f"{sample.name}: has no poses of objects; make the sample again with this version"
+            )
         chosen = [
             thing
             for thing in truth.objects
-            if source.objects is None or category(truth.object_name(thing)) in source.objects
+            if source.objects is None
+            or category(truth.object_name(thing)) in source.objects
         ]
         yield replace(truth, objects=tuple(chosen))
 
@@ -158,17 +214,26 @@ def _depth_image(depth: Float) -> tuple[NDArray[np.uint16], float]:
 def _scene_camera(source: "Source", i: int, depth_scale: float) -> dict[str, Any]:
     rig = source.sample.rig
     pose = _pose_mm(inverse(rig.world_from_cams[i]), "w2c")
-    return {"cam_K": rig.cameras[i].K.ravel().tolist(), "depth_scale": depth_scale, **pose}
+    return {
+        "cam_K": rig.cameras[i].K.ravel().tolist(),
+        "depth_scale": depth_scale,
+        **pose,
+    }
 
 
 def _camera_json(source: "Source") -> dict[str, Any]:
     camera = source.sample.rig.cameras[0]
     names = ("width", "height", "fx", "fy", "cx", "cy")
-    return {name: getattr(camera, name) for name in names} | {"depth_scale": _DEPTH_SCALE}
+    return {name: getattr(camera, name) for name in names} | {
+        "depth_scale": _DEPTH_SCALE
+    }
 
 
 def _pose_mm(pose: Float, name: str) -> dict[str, list[float]]:
-    return {f"cam_R_{name}": pose[:3, :3].ravel().tolist(), f"cam_t_{name}": (pose[:3, 3] * _MM).tolist()}
+    return {
+        f"cam_R_{name}": pose[:3, :3].ravel().tolist(),
+        f"cam_t_{name}": (pose[:3, 3] * _MM).tolist(),
+    }
 
 
 def _box_mm(extent: Float) -> dict[str, float]:
@@ -183,7 +248,10 @@ def _gt_info(thing: ObjectTruth, valid: int) -> dict[str, Any]:
     boxes = {"bbox_obj": thing.box, "bbox_visib": thing.visible_box}
     seen = thing.visible_pixel_count > 0
     return {
-        **{name: [box[0], box[1], box[2] - 1, box[3] - 1] if seen else [-1] * 4 for name, box in boxes.items()},
+        **{
+            name: [box[0], box[1], box[2] - 1, box[3] - 1] if seen else [-1] * 4
+            for name, box in boxes.items()
+        },
         "px_count_all": thing.pixel_count,
         "px_count_valid": valid,
         "px_count_visib": thing.visible_pixel_count,
@@ -194,11 +262,21 @@ def _gt_info(thing: ObjectTruth, valid: int) -> dict[str, Any]:
 def _diameter(vertices: Float) -> float:
     """The largest distance between two vertices, which are on the convex hull."""
     if len(vertices) > 4:
-        vertices = vertices[ConvexHull(vertices, qhull_options="QJ").vertices]  # QJ: flat sets have a hull too
-    return float(max(cdist(vertices[i : i + 512], vertices).max() for i in range(0, len(vertices), 512)))
+        vertices = vertices[
+            ConvexHull(vertices, qhull_options="QJ").vertices
+        ]  # QJ: flat sets have a hull too
+    return float(
+        max(
+            cdist(vertices[i : i + 512], vertices).max()
+            for i in range(0, len(vertices), 512)
+        )
+    )
 
 
 def _lines(content: dict[str, Any]) -> bytes:
     """A JSON object with one key a line, as the toolkit writes them."""
-    entries = ",\n".join(f"  {json.dumps(key)}: {json.dumps(value, allow_nan=False)}" for key, value in content.items())
+    entries = ",\n".join(
+        f"  {json.dumps(key)}: {json.dumps(value, allow_nan=False)}"
+        for key, value in content.items()
+    )
     return f"{{\n{entries}\n}}\n".encode()

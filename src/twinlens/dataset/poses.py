@@ -48,7 +48,8 @@ _CORNER = 0.5  # added to cx and cy where pixels are counted from the image's co
 _OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 _NERF_MODELS = ("OPENCV", "OPENCV_FISHEYE", "PINHOLE", "SIMPLE_PINHOLE")
 _YAML_MATRIX = re.compile(
-    r"^(\w+):\s*!!opencv-matrix\s+rows:\s*(\d+)\s+cols:\s*(\d+)\s+dt:\s*\S+\s+data:\s*\[([^\]]*)\]", re.M
+    r"^(\w+):\s*!!opencv-matrix\s+rows:\s*(\d+)\s+cols:\s*(\d+)\s+dt:\s*\S+\s+data:\s*\[([^\]]*)\]",
+    re.M,
 )
 _YAML_NUMBERS = re.compile(r"^(\w+):(?:\s*\[([^\]]*)\]|[ \t]*([-+.\w]+)[ \t]*$)", re.M)
 
@@ -61,16 +62,25 @@ class NamedRig:
     names: tuple[str, ...]
 
 
-def write_colmap(folder: FilePath, rig: Rig, names: Sequence[str] | None = None) -> None:
+def write_colmap(
+    folder: FilePath, rig: Rig, names: Sequence[str] | None = None
+) -> None:
     """Write the model of `rig`, without points, into `folder`; image names are im0.png ... by default.
 
     Raises InputError for invalid names, and OutputError.
     """
-    cameras = [f"{i} {colmap_camera(camera)}" for i, camera in enumerate(rig.cameras, 1)]
-    named = enumerate(zip(rig.world_from_cams, _image_names(rig, names), strict=True), 1)
+    cameras = [
+        f"{i} {colmap_camera(camera)}" for i, camera in enumerate(rig.cameras, 1)
+    ]
+    named = enumerate(
+        zip(rig.world_from_cams, _image_names(rig, names), strict=True), 1
+    )
     images = [f"{i} {colmap_pose(pose)} {i} {name}\n" for i, (pose, name) in named]
     for file, lines in (("cameras", cameras), ("images", images), ("points3D", [])):
-        write_file(Path(folder) / f"{file}.txt", "".join(f"{line}\n" for line in lines).encode())
+        write_file(
+            Path(folder) / f"{file}.txt",
+            "".join(f"{line}\n" for line in lines).encode(),
+        )
 
 
 def read_colmap(folder: FilePath) -> NamedRig:
@@ -82,34 +92,63 @@ def read_colmap(folder: FilePath) -> NamedRig:
         try:
             if words:
                 numbers = [float(word) for word in words[4:]]
-                cameras[int(words[0])] = _colmap_camera(words[1], int(words[2]), int(words[3]), numbers)
+                cameras[int(words[0])] = _colmap_camera(
+                    words[1], int(words[2]), int(words[3]), numbers
+                )
         except (ValueError, IndexError) as error:
-            raise FileError(f"{path}: line {number} must read ID MODEL WIDTH HEIGHT PARAMS: {error}") from None
+            raise FileError(
+                f"{path}: line {number} must read ID MODEL WIDTH HEIGHT PARAMS: {error}"
+            ) from None
     path = Path(folder) / "images.txt"
     images = sorted(_colmap_images(path), key=lambda image: image[0])
     if not images:
         raise FileError(f"{path}: has no images")
     _, used, names, poses = zip(*images, strict=True)
     if missing := [camera for camera in used if camera not in cameras]:
-        raise FileError(f"{path}: refers to camera {missing[0]}, which cameras.txt does not have")
+        raise FileError(
+            f"{path}: refers to camera {missing[0]}, which cameras.txt does not have"
+        )
     return NamedRig(Rig([cameras[camera] for camera in used], poses), names)
 
 
-def write_transforms(path: FilePath, rig: Rig, names: Sequence[str] | None = None) -> None:
+def write_transforms(
+    path: FilePath, rig: Rig, names: Sequence[str] | None = None
+) -> None:
     """Write `rig` as transforms.json; file_path is im0.png ... by default.
 
     Raises InputError for invalid names and for rational distortion (k4, k5, k6), which the format cannot hold, and
     OutputError.
     """
     frames = []
-    for name, camera, pose in zip(_image_names(rig, names), rig.cameras, rig.world_from_cams, strict=True):
-        size = {"w": camera.width, "h": camera.height, "fl_x": camera.fx, "fl_y": camera.fy}
+    for name, camera, pose in zip(
+        _image_names(rig, names), rig.cameras, rig.world_from_cams, strict=True
+    ):
+        size = {
+            "w": camera.width,
+            "h": camera.height,
+            "fl_x": camera.fx,
+            "fl_y": camera.fy,
+        }
         center = {"cx": camera.cx + _CORNER, "cy": camera.cy + _CORNER}
-        model = "OPENCV_FISHEYE" if isinstance(camera.distortion, KannalaBrandt) else "OPENCV"
+        model = (
+            "OPENCV_FISHEYE"
+            if isinstance(camera.distortion, KannalaBrandt)
+            else "OPENCV"
+        )
         values = asdict(camera.distortion) if camera.distortion is not None else {}
-        if model == "OPENCV" and any(values.pop(name, 0.0) for name in ("k4", "k5", "k6")):
-            raise InputError("transforms.json cannot hold k4, k5, k6 (rational distortion): use COLMAP or OpenCV files")
-        frame = {"file_path": name, **size, **center, "camera_model": model, **dict(sorted(values.items()))}
+        if model == "OPENCV" and any(
+            values.pop(name, 0.0) for name in ("k4", "k5", "k6")
+        ):
+            raise InputError(
+                "transforms.json cannot hold k4, k5, k6 (rational distortion): use COLMAP or OpenCV files"
+            )
+        frame = {
+            "file_path": name,
+            **size,
+            **center,
+            "camera_model": model,
+            **dict(sorted(values.items())),
+        }
         frames.append(frame | {"transform_matrix": (pose @ _OPENGL).tolist()})
     table = {"camera_model": frames[0]["camera_model"], "frames": frames}
     write_file(path, (json.dumps(table, indent=1) + "\n").encode())
@@ -122,8 +161,13 @@ def read_transforms(path: FilePath) -> NamedRig:
         table = json.loads(text)
         frames = table["frames"]
         cameras = [_nerf_camera({**table, **frame}) for frame in frames]
-        poses = [np.array(frame["transform_matrix"], dtype=np.float64) @ _OPENGL for frame in frames]
-        return NamedRig(Rig(cameras, poses), tuple(str(frame["file_path"]) for frame in frames))
+        poses = [
+            np.array(frame["transform_matrix"], dtype=np.float64) @ _OPENGL
+            for frame in frames
+        ]
+        return NamedRig(
+            Rig(cameras, poses), tuple(str(frame["file_path"]) for frame in frames)
+        )
     except KeyError as error:
         raise FileError(f"{path}: has no {error.args[0]}") from None
     except (ValueError, TypeError, ArithmeticError, RecursionError) as error:
@@ -133,15 +177,25 @@ def read_transforms(path: FilePath) -> NamedRig:
 def write_opencv(path: FilePath, rig: Rig) -> None:
     """Write a pair for `cv2.FileStorage`. Raises InputError unless the rig has two cameras, and OutputError."""
     if len(rig) != 2:
-        raise InputError(f"OpenCV's stereo files describe a pair, got {len(rig)} cameras: write COLMAP's text instead")
+        raise InputError(
+            f"OpenCV's stereo files describe a pair, got {len(rig)} cameras: write COLMAP's text instead"
+        )
     text = ["%YAML:1.0", "---"]
     for i, camera in enumerate(rig.cameras, 1):
-        coefficients = (0.0,) * 5 if camera.distortion is None else camera.distortion.coefficients
+        coefficients = (
+            (0.0,) * 5 if camera.distortion is None else camera.distortion.coefficients
+        )
         fisheye = int(isinstance(camera.distortion, KannalaBrandt))
-        text += [f"size{i}: [ {camera.width}, {camera.height} ]", f"fisheye{i}: {fisheye}"]
+        text += [
+            f"size{i}: [ {camera.width}, {camera.height} ]",
+            f"fisheye{i}: {fisheye}",
+        ]
         text += [_yaml_matrix(f"M{i}", camera.K), _yaml_matrix(f"D{i}", [coefficients])]
     second_from_first = rig.b_from_a(0, 1)
-    text += [_yaml_matrix("R", second_from_first[:3, :3]), _yaml_matrix("T", second_from_first[:3, 3:])]
+    text += [
+        _yaml_matrix("R", second_from_first[:3, :3]),
+        _yaml_matrix("T", second_from_first[:3, 3:]),
+    ]
     text += [_yaml_matrix("world_from_1", rig.world_from_cams[0])]
     write_file(path, ("\n".join(text) + "\n").encode())
 
@@ -159,19 +213,32 @@ def read_opencv(path: FilePath, size: tuple[int, int] | None = None) -> Rig:
         cameras = [_opencv_camera(nodes, i, size) for i in (1, 2)]
         return Rig(cameras, [pose, pose @ inverse(second_from_first)])
     except KeyError as error:
-        raise FileError(f"{path}: has no {error.args[0]}; it needs M1, D1, M2, D2, R, T and the images' size") from None
+        raise FileError(
+            f"{path}: has no {error.args[0]}; it needs M1, D1, M2, D2, R, T and the images' size"
+        ) from None
     except ValueError as error:
         raise FileError(f"{path}: {error}") from None
 
 
 def colmap_camera(camera: Camera) -> str:
     """``MODEL WIDTH HEIGHT PARAMS``."""
-    values = {"fx": camera.fx, "fy": camera.fy, "cx": camera.cx + _CORNER, "cy": camera.cy + _CORNER}
+    values = {
+        "fx": camera.fx,
+        "fy": camera.fy,
+        "cx": camera.cx + _CORNER,
+        "cy": camera.cy + _CORNER,
+    }
     model = "PINHOLE"
     if camera.distortion is not None:
         values |= asdict(camera.distortion)
-        model = "OPENCV_FISHEYE" if isinstance(camera.distortion, KannalaBrandt) else "FULL_OPENCV"
-    numbers = " ".join(repr(float(values[name])) for name in COLMAP_MODELS[model].split())
+        model = (
+            "OPENCV_FISHEYE"
+            if isinstance(camera.distortion, KannalaBrandt)
+            else "FULL_OPENCV"
+        )
+    numbers = " ".join(
+        repr(float(values[name])) for name in COLMAP_MODELS[model].split()
+    )
     return f"{model} {camera.width} {camera.height} {numbers}"
 
 
@@ -179,16 +246,24 @@ def colmap_pose(world_from_cam: Float) -> str:
     """``QW QX QY QZ TX TY TZ`` of cam_from_world."""
     cam_from_world = inverse(world_from_cam)
     x, y, z, w = Rotation.from_matrix(cam_from_world[:3, :3]).as_quat()
-    return " ".join(repr(float(number)) for number in (w, x, y, z, *cam_from_world[:3, 3]))
+    return " ".join(
+        repr(float(number)) for number in (w, x, y, z, *cam_from_world[:3, 3])
+    )
 
 
 def _image_names(rig: Rig, names: Sequence[str] | None) -> tuple[str, ...]:
-    chosen = tuple(f"im{i}.png" for i in range(len(rig))) if names is None else tuple(names)
+    chosen = (
+        tuple(f"im{i}.png" for i in range(len(rig))) if names is None else tuple(names)
+    )
     if len(chosen) != len(rig) or len(set(chosen)) != len(chosen):
-        raise InputError(f"a rig of {len(rig)} cameras needs as many different image names, got {list(chosen)}")
+        raise InputError(
+            f"a rig of {len(rig)} cameras needs as many different image names, got {list(chosen)}"
+        )
     for name in chosen:
         if not name or name != name.strip() or not name.isprintable():
-            raise InputError(f"an image name must be one printable line without spaces around it, got {name!r}")
+            raise InputError(
+                f"an image name must be one printable line without spaces around it, got {name!r}"
+            )
     return chosen
 
 
@@ -203,7 +278,15 @@ def _colmap_camera(model: str, width: int, height: int, numbers: list[float]) ->
     cx, cy = values.pop("cx") - _CORNER, values.pop("cy") - _CORNER
     if "FISHEYE" in model:
         return Camera(width, height, fx, fy, cx, cy, KannalaBrandt(**values))
-    return Camera(width, height, fx, fy, cx, cy, BrownConrady(**values) if any(values.values()) else None)
+    return Camera(
+        width,
+        height,
+        fx,
+        fy,
+        cx,
+        cy,
+        BrownConrady(**values) if any(values.values()) else None,
+    )
 
 
 def _colmap_images(path: Path) -> Iterator[tuple[int, int, str, Float]]:
@@ -216,16 +299,25 @@ def _colmap_images(path: Path) -> Iterator[tuple[int, int, str, Float]]:
         try:
             w, x, y, z, *shift = (float(word) for word in words[1:8])
             rotation = Rotation.from_quat([x, y, z, w]).as_matrix()
-            yield int(words[0]), int(words[8]), words[9].strip(), inverse(rigid(rotation, shift))
+            yield (
+                int(words[0]),
+                int(words[8]),
+                words[9].strip(),
+                inverse(rigid(rotation, shift)),
+            )
         except (ValueError, IndexError) as error:
             form = "ID QW QX QY QZ TX TY TZ CAMERA_ID NAME"
-            raise FileError(f"{path}: line {number} must read {form}: {error}") from None
+            raise FileError(
+                f"{path}: line {number} must read {form}: {error}"
+            ) from None
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
     """The lines without comments, numbered from 1."""
     numbered = enumerate(read_text(path).splitlines(), 1)
-    return ((number, line) for number, line in numbered if not line.lstrip().startswith("#"))
+    return (
+        (number, line) for number, line in numbered if not line.lstrip().startswith("#")
+    )
 
 
 def _nerf_camera(values: Mapping[str, Any]) -> Camera:
@@ -241,12 +333,21 @@ def _nerf_camera(values: Mapping[str, Any]) -> Camera:
     if fx is None:
         raise KeyError("fl_x")
     fy = fx if fy is None else fy
-    cx, cy = (float(values.get(name, size / 2)) - _CORNER for name, size in (("cx", width), ("cy", height)))
+    cx, cy = (
+        float(values.get(name, size / 2)) - _CORNER
+        for name, size in (("cx", width), ("cy", height))
+    )
     model = values.get("camera_model", "OPENCV")
     if model not in _NERF_MODELS:
-        raise InputError(f"camera_model must be one of {', '.join(_NERF_MODELS)}, got {model!r}")
-    k1, k2, k3, k4, p1, p2 = (float(values.get(name, 0.0)) for name in ("k1", "k2", "k3", "k4", "p1", "p2"))
-    distortion: Distortion | None = BrownConrady(k1, k2, p1, p2, k3) if any((k1, k2, k3, p1, p2)) else None
+        raise InputError(
+            f"camera_model must be one of {', '.join(_NERF_MODELS)}, got {model!r}"
+        )
+    k1, k2, k3, k4, p1, p2 = (
+        float(values.get(name, 0.0)) for name in ("k1", "k2", "k3", "k4", "p1", "p2")
+    )
+    distortion: Distortion | None = (
+        BrownConrady(k1, k2, p1, p2, k3) if any((k1, k2, k3, p1, p2)) else None
+    )
     if model == "OPENCV_FISHEYE":
         distortion = KannalaBrandt(k1, k2, k3, k4)
     elif k4:
@@ -257,38 +358,65 @@ def _nerf_camera(values: Mapping[str, Any]) -> Camera:
 def _yaml_matrix(name: str, values: ArrayLike) -> str:
     matrix = np.atleast_2d(np.asarray(values, dtype=np.float64))
     rows, cols = matrix.shape
-    lines = ",\n       ".join(", ".join(repr(float(number)) for number in row) for row in matrix)
+    lines = ",\n       ".join(
+        ", ".join(repr(float(number)) for number in row) for row in matrix
+    )
     return f"{name}: !!opencv-matrix\n   rows: {rows}\n   cols: {cols}\n   dt: d\n   data: [ {lines} ]"
 
 
 def _yaml_nodes(text: str) -> dict[str, Float]:
     """Matrices, lists of numbers and numbers at the top level, by name; other nodes are ignored."""
     nodes: dict[str, Float] = {}
-    matrices = ((name, (int(rows), int(cols)), data) for name, rows, cols, data in _YAML_MATRIX.findall(text))
-    numbers = ((name, (-1,), many or one) for name, many, one in _YAML_NUMBERS.findall(text))
+    matrices = (
+        (name, (int(rows), int(cols)), data)
+        for name, rows, cols, data in _YAML_MATRIX.findall(text)
+    )
+    numbers = (
+        (name, (-1,), many or one) for name, many, one in _YAML_NUMBERS.findall(text)
+    )
     for name, shape, data in (*matrices, *numbers):
-        with contextlib.suppress(ValueError):  # not numbers, or not as many as the shape needs
-            nodes.setdefault(name, np.array([float(word) for word in data.replace(",", " ").split()]).reshape(shape))
+        with contextlib.suppress(
+            ValueError
+        ):  # not numbers, or not as many as the shape needs
+            nodes.setdefault(
+                name,
+                np.array(
+                    [float(word) for word in data.replace(",", " ").split()]
+                ).reshape(shape),
+            )
     return nodes
 
 
-def _opencv_camera(nodes: Mapping[str, Float], i: int, size: tuple[int, int] | None) -> Camera:
+def _opencv_camera(
+    nodes: Mapping[str, Float], i: int, size: tuple[int, int] | None
+) -> Camera:
     if size is None and f"size{i}" in nodes:
         width, height = map(int, nodes[f"size{i}"])
     else:
-        width, height = size or (int(nodes["image_width"][0]), int(nodes["image_height"][0]))
+        width, height = size or (
+            int(nodes["image_width"][0]),
+            int(nodes["image_height"][0]),
+        )
     k = nodes[f"M{i}"]
     if k.shape != (3, 3) or k[0, 1] or k[1, 0] or k[2].tolist() != [0, 0, 1]:
-        raise InputError(f"M{i} must be a camera matrix fx 0 cx, 0 fy cy, 0 0 1, without skew")
+        raise InputError(
+            f"M{i} must be a camera matrix fx 0 cx, 0 fy cy, 0 0 1, without skew"
+        )
     numbers = [float(number) for number in nodes[f"D{i}"].ravel()]
     distortion: Distortion | None = None
     if nodes.get(f"fisheye{i}", np.zeros(1))[0]:
         if len(numbers) != 4:
-            raise InputError(f"D{i} of a fisheye has 4 coefficients, got {len(numbers)}")
+            raise InputError(
+                f"D{i} of a fisheye has 4 coefficients, got {len(numbers)}"
+            )
         distortion = KannalaBrandt(*numbers)
     elif len(numbers) not in (4, 5, 8, 12, 14) or any(numbers[8:]):
-        raise InputError(f"D{i} must hold 4, 5 or 8 coefficients (no thin prism, no tilt), got {numbers}")
+        raise InputError(
+            f"D{i} must hold 4, 5 or 8 coefficients (no thin prism, no tilt), got {numbers}"
+        )
     elif any(numbers):
         distortion = BrownConrady(*numbers[:8])
-    fx, fy, cx, cy = (float(k[row, column]) for row, column in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    fx, fy, cx, cy = (
+        float(k[row, column]) for row, column in ((0, 0), (1, 1), (0, 2), (1, 2))
+    )
     return Camera(width, height, fx, fy, cx, cy, distortion)

@@ -26,7 +26,10 @@ _KITTI = (
     ("image_0", "image_1", "disp_occ", "disp_noc"),
 )
 _ETH3D = "two_view_training"
-_EXPORTS = ("Kitti2015", "ETH3D")  # the folders that `twinlens export` makes for torchvision
+_EXPORTS = (
+    "Kitti2015",
+    "ETH3D",
+)  # the folders that `twinlens export` makes for torchvision
 _VISIBLE = "disp_noc"  # KITTI's map of the pixels that are visible in both views
 
 
@@ -42,9 +45,14 @@ class DownloadedPair(StoredSample):
     def mask_nonocc(self, i: int) -> Mask:
         if i != 0 or _VISIBLE not in self.files:
             return super().mask_nonocc(i)
-        seen, known = np.isfinite(read_disparity(self.files[_VISIBLE])), np.isfinite(self.disp0)
+        seen, known = (
+            np.isfinite(read_disparity(self.files[_VISIBLE])),
+            np.isfinite(self.disp0),
+        )
         if seen.shape != known.shape:
-            raise FileError(f"{self.files[_VISIBLE]}: has another size than {self.path('disp0.pfm')}")
+            raise FileError(
+                f"{self.files[_VISIBLE]}: has another size than {self.path('disp0.pfm')}"
+            )
         return mask_of(known, seen)
 
 
@@ -62,26 +70,52 @@ def downloaded_pairs(path: Where) -> Sequence[DownloadedPair] | None:
             return _checked(_eth3d(folder), folder)
     for folder in (root, root / "training"):
         for names in _KITTI:
-            if all((folder / name).is_dir() for name in names[:2]) and not (folder / "im0.png").is_file():
+            if (
+                all((folder / name).is_dir() for name in names[:2])
+                and not (folder / "im0.png").is_file()
+            ):
                 return _checked(_kitti(folder, names), folder / names[0])
     return None
 
 
 def _eth3d(folder: Place) -> list[DownloadedPair]:
     pairs = []
-    for scene in sorted((entry for entry in folder.iterdir() if (entry / "im0.png").is_file()), key=str):
+    for scene in sorted(
+        (entry for entry in folder.iterdir() if (entry / "im0.png").is_file()), key=str
+    ):
         truth = folder.parent / "two_view_training_gt" / scene.name
-        files = {"disp0.pfm": truth / "disp0GT.pfm", "mask0nocc.png": truth / "mask0nocc.png"}
-        pairs.append(DownloadedPair(scene, scene.name, files={"im1.png": scene / "im1.png", **files}))
+        files = {
+            "disp0.pfm": truth / "disp0GT.pfm",
+            "mask0nocc.png": truth / "mask0nocc.png",
+        }
+        pairs.append(
+            DownloadedPair(
+                scene, scene.name, files={"im1.png": scene / "im1.png", **files}
+            )
+        )
     return pairs
 
 
 def _kitti(folder: Place, names: Sequence[str]) -> list[DownloadedPair]:
-    folders = dict(zip(("im0.png", "im1.png", "disp0.pfm", _VISIBLE), (folder / name for name in names), strict=True))
+    folders = dict(
+        zip(
+            ("im0.png", "im1.png", "disp0.pfm", _VISIBLE),
+            (folder / name for name in names),
+            strict=True,
+        )
+    )
     # The frames _11 of the next point in time have no truth.
-    frames = sorted(entry.name for entry in folders["im0.png"].iterdir() if entry.name.endswith("_10.png"))
+    frames = sorted(
+        entry.name
+        for entry in folders["im0.png"].iterdir()
+        if entry.name.endswith("_10.png")
+    )
     return [
-        DownloadedPair(folder, frame.removesuffix(".png"), files={name: each / frame for name, each in folders.items()})
+        DownloadedPair(
+            folder,
+            frame.removesuffix(".png"),
+            files={name: each / frame for name, each in folders.items()},
+        )
         for frame in frames
     ]
 
@@ -92,5 +126,7 @@ def _checked(pairs: list[DownloadedPair], folder: Place) -> list[DownloadedPair]
     for pair in pairs:
         for file in pair.files.values():
             if not file.is_file():
-                raise FileError(f"{file}: no such file, needed by the pair {pair.name!r}")
+                raise FileError(
+                    f"{file}: no such file, needed by the pair {pair.name!r}"
+                )
     return pairs

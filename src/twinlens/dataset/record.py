@@ -28,7 +28,9 @@ from twinlens.dataset.files import read_bytes
 from twinlens.dataset.storage import Where
 from twinlens.errors import FileError, InputError
 
-TYPES: dict[str, type] = {name: public for name, public in vars(camera).items() if isinstance(public, type)}
+TYPES: dict[str, type] = {
+    name: public for name, public in vars(camera).items() if isinstance(public, type)
+}
 """The public dataclasses of twinlens.camera by name: those that a record can contain."""
 
 RENAMED = {("Rig", "believed"): "calibrated"}
@@ -51,7 +53,9 @@ _LEVELS: dict[int | None, str] = {255: "<u1", 65535: "<u2", None: "<f8"}
 
 _NUMBER = Annotated[
     float,
-    pydantic.BeforeValidator(lambda value: float(value) if value in ("inf", "-inf") else value),
+    pydantic.BeforeValidator(
+        lambda value: float(value) if value in ("inf", "-inf") else value
+    ),
     pydantic.WithJsonSchema({"anyOf": [{"type": "number"}, {"enum": ["inf", "-inf"]}]}),
 ]
 
@@ -61,14 +65,18 @@ T = TypeVar("T")
 class FileModel(pydantic.BaseModel):
     """Base of the models of files that twinlens writes: strict types, and unknown keys are ignored."""
 
-    model_config = pydantic.ConfigDict(extra="ignore", frozen=True, strict=True, allow_inf_nan=False)
+    model_config = pydantic.ConfigDict(
+        extra="ignore", frozen=True, strict=True, allow_inf_nan=False
+    )
 
 
 class PackedArray(schema.StrictModel):
     """A large array as `pack` writes it."""
 
     type: Literal["array"]
-    shape: list[Annotated[int, pydantic.Field(ge=1)]] = pydantic.Field(min_length=1, max_length=4)
+    shape: list[Annotated[int, pydantic.Field(ge=1)]] = pydantic.Field(
+        min_length=1, max_length=4
+    )
     levels: int | None
     zlib: str
 
@@ -77,10 +85,17 @@ def _unpacked(value: Any) -> Any:
     return unpack(value) if isinstance(value, Mapping) else value
 
 
-_ARRAY = Annotated[Any, pydantic.BeforeValidator(_unpacked, json_schema_input_type=list[list[float]] | PackedArray)]
+_ARRAY = Annotated[
+    Any,
+    pydantic.BeforeValidator(
+        _unpacked, json_schema_input_type=list[list[float]] | PackedArray
+    ),
+]
 
 
-def read(model: type[T] | pydantic.TypeAdapter[T], data: Any, file: Where, key: str = "") -> T:
+def read(
+    model: type[T] | pydantic.TypeAdapter[T], data: Any, file: Where, key: str = ""
+) -> T:
     """`schema.read` for files: raises FileError, one line with file, key and what is allowed."""
     try:
         return schema.read(model, data, str(file), key)
@@ -88,7 +103,9 @@ def read(model: type[T] | pydantic.TypeAdapter[T], data: Any, file: Where, key: 
         raise FileError(str(error)) from None
 
 
-def read_part(model: pydantic.TypeAdapter[T], record: Mapping[str, Any], key: str, file: Where) -> T:
+def read_part(
+    model: pydantic.TypeAdapter[T], record: Mapping[str, Any], key: str, file: Where
+) -> T:
     """`read` one key of a record. Raises FileError, also where the key is missing."""
     if key not in record:
         raise FileError(f"{file}: missing key {key!r}")
@@ -111,7 +128,11 @@ def plain(value: Any, nan_as_null: bool = False) -> Any:
             if key in ADDED and each == ADDED[key]:
                 continue
             is_float = isinstance(each, np.ndarray) and each.dtype.kind == "f"
-            is_large = is_float and PACKED_ABOVE < each.size <= MAX_PACKED and not np.isnan(each).any()
+            is_large = (
+                is_float
+                and PACKED_ABOVE < each.size <= MAX_PACKED
+                and not np.isnan(each).any()
+            )
             # Only fields of dataclasses are unpacked.
             record[name] = pack(each) if is_large else plain(each, nan_as_null)
         return record
@@ -133,7 +154,9 @@ def plain(value: Any, nan_as_null: bool = False) -> Any:
         return None if math.isnan(value) else str(value)
     if value is None or isinstance(value, (bool, int, float, str)):
         return value
-    raise InputError(f"a record holds numbers, strings, lists, mappings and dataclasses, got {type(value)}")
+    raise InputError(
+        f"a record holds numbers, strings, lists, mappings and dataclasses, got {type(value)}"
+    )
 
 
 def annotation_of(hint: Any) -> Any:
@@ -141,16 +164,29 @@ def annotation_of(hint: Any) -> Any:
     if hint is float:
         return _NUMBER
     if hint in TYPES.values():
-        return Annotated[_model(hint), pydantic.AfterValidator(lambda model: _rebuilt(hint, model))]
+        return Annotated[
+            _model(hint), pydantic.AfterValidator(lambda model: _rebuilt(hint, model))
+        ]
     origin = typing.get_origin(hint)
-    if np.ndarray in (origin, typing.get_origin(getattr(origin, "__value__", None))):  # NDArray of NumPy >= 2.5
+    if np.ndarray in (
+        origin,
+        typing.get_origin(getattr(origin, "__value__", None)),
+    ):  # NDArray of NumPy >= 2.5
         return _ARRAY
     if origin is tuple:
         return list[annotation_of(typing.get_args(hint)[0])]  # type: ignore[misc]
     if origin in (typing.Union, types.UnionType):
-        members = [annotation_of(each) for each in typing.get_args(hint) if each is not type(None)]
+        members = [
+            annotation_of(each)
+            for each in typing.get_args(hint)
+            if each is not type(None)
+        ]
         union = functools.reduce(operator.or_, members)
-        union = Annotated[union, pydantic.Field(discriminator="type")] if members[1:] else union
+        union = (
+            Annotated[union, pydantic.Field(discriminator="type")]
+            if members[1:]
+            else union
+        )
         return union | None if type(None) in typing.get_args(hint) else union
     return hint
 
@@ -162,11 +198,20 @@ def _model(kind: type) -> type[pydantic.BaseModel]:
     fields: dict[str, Any] = {"type": (Literal[kind.__name__], ...)}
     for each in dataclasses.fields(kind):
         if each.init and hints[each.name] != kind | None:
-            required = each.default is dataclasses.MISSING and each.default_factory is dataclasses.MISSING
-            default = pydantic.Field() if required else pydantic.Field(default_factory=lambda: None)
+            required = (
+                each.default is dataclasses.MISSING
+                and each.default_factory is dataclasses.MISSING
+            )
+            default = (
+                pydantic.Field()
+                if required
+                else pydantic.Field(default_factory=lambda: None)
+            )
             fields[each.name] = (annotation_of(hints[each.name]), default)
         elif each.init:  # a Rig in a Rig, whose model does not exist yet
-            optional = pydantic.AfterValidator(lambda value: value and RIG.validate_python(value))
+            optional = pydantic.AfterValidator(
+                lambda value: value and RIG.validate_python(value)
+            )
             fields[each.name] = (Annotated[Any, optional], None)
     return pydantic.create_model(kind.__name__, __base__=_DescriptionModel, **fields)
 
@@ -179,12 +224,16 @@ class _DescriptionModel(schema.StrictModel):
     def _rename(cls, data: Any) -> Any:
         if not isinstance(data, Mapping):
             return data
-        return {RENAMED.get((cls.__name__, key), key): value for key, value in data.items()}
+        return {
+            RENAMED.get((cls.__name__, key), key): value for key, value in data.items()
+        }
 
 
 def _rebuilt(kind: type[T], model: pydantic.BaseModel) -> T:
     try:
-        return kind(**{name: getattr(model, name) for name in model.model_fields_set - {"type"}})
+        return kind(
+            **{name: getattr(model, name) for name in model.model_fields_set - {"type"}}
+        )
     except InputError:
         raise
     except (TypeError, ValueError, AttributeError, ArithmeticError) as error:
@@ -218,7 +267,9 @@ def decode_json(data: bytes, path: str, kind: str, version: int) -> dict[str, An
         raise FileError(f'{path}: not a {kind} file (it needs "format": "{kind}")')
     if record.get("version") != version:
         value = json.dumps(record.get("version"))[:40]
-        raise FileError(f"{path}: has version {value}; this twinlens reads version {version}: update twinlens")
+        raise FileError(
+            f"{path}: has version {value}; this twinlens reads version {version}: update twinlens"
+        )
     return record
 
 
@@ -228,11 +279,15 @@ def pack(array: NDArray[Any]) -> dict[str, Any]:
     levels: int | None
     for levels in (255, 65535):
         numbers = np.rint(array * levels)
-        if ((numbers >= 0) & (numbers <= levels)).all() and np.array_equal(numbers / levels, array):
+        if ((numbers >= 0) & (numbers <= levels)).all() and np.array_equal(
+            numbers / levels, array
+        ):
             break
     else:
         levels, numbers = None, array
-    body = base64.b64encode(zlib.compress(numbers.astype(_LEVELS[levels]).tobytes(), 9)).decode()
+    body = base64.b64encode(
+        zlib.compress(numbers.astype(_LEVELS[levels]).tobytes(), 9)
+    ).decode()
     return {"type": "array", "shape": list(array.shape), "levels": levels, "zlib": body}
 
 
@@ -245,17 +300,25 @@ def unpack(value: Mapping[str, Any]) -> NDArray[np.float64]:
     """
     packed = schema.read(PackedArray, value, "packed array")
     if packed.levels not in _LEVELS:
-        raise InputError(f"packed array: levels must be 255, 65535 or null, got {packed.levels}")
+        raise InputError(
+            f"packed array: levels must be 255, 65535 or null, got {packed.levels}"
+        )
     dtype, count = np.dtype(_LEVELS[packed.levels]), math.prod(packed.shape)
     if count > MAX_PACKED:
-        raise InputError(f"packed array: has {count} numbers, at most {MAX_PACKED} are allowed")
+        raise InputError(
+            f"packed array: has {count} numbers, at most {MAX_PACKED} are allowed"
+        )
     try:
         reader = zlib.decompressobj()
-        data = reader.decompress(base64.b64decode(packed.zlib, validate=True), count * dtype.itemsize + 1)
+        data = reader.decompress(
+            base64.b64decode(packed.zlib, validate=True), count * dtype.itemsize + 1
+        )
     except (binascii.Error, ValueError, zlib.error) as error:
         raise InputError(f"packed array: damaged ({error})") from None
     if len(data) != count * dtype.itemsize or not reader.eof or reader.unused_data:
-        raise InputError(f"packed array: damaged (its shape needs {count * dtype.itemsize} bytes)")
+        raise InputError(
+            f"packed array: damaged (its shape needs {count * dtype.itemsize} bytes)"
+        )
     numbers = np.frombuffer(data, dtype).reshape(packed.shape).astype(np.float64)
     if np.isnan(numbers).any():
         raise InputError("packed array: damaged (it contains NaN)")
@@ -263,10 +326,18 @@ def unpack(value: Mapping[str, Any]) -> NDArray[np.float64]:
 
 
 def _depth(value: Any) -> int:
-    below = value.values() if isinstance(value, dict) else value if isinstance(value, list) else None
+    below = (
+        value.values()
+        if isinstance(value, dict)
+        else value
+        if isinstance(value, list)
+        else None
+    )
     if below is None:
         return 0
-    return 1 + max([_depth(each) for each in below if isinstance(each, (dict, list))], default=0)
+    return 1 + max(
+        [_depth(each) for each in below if isinstance(each, (dict, list))], default=0
+    )
 
 
 def _reject_constant(name: str) -> float:
@@ -282,6 +353,15 @@ def _indented(value: Any, depth: int) -> str:
         return json.dumps(value, ensure_ascii=False, allow_nan=False)
     gap, end = "\n" + " " * (depth + 1), "\n" + " " * depth
     if isinstance(value, list):
-        return "[" + gap + f",{gap}".join(_indented(entry, depth + 1) for entry in value) + end + "]"
-    entries = (f"{json.dumps(key, ensure_ascii=False)}: {_indented(entry, depth + 1)}" for key, entry in value.items())
+        return (
+            "["
+            + gap
+            + f",{gap}".join(_indented(entry, depth + 1) for entry in value)
+            + end
+            + "]"
+        )
+    entries = (
+        f"{json.dumps(key, ensure_ascii=False)}: {_indented(entry, depth + 1)}"
+        for key, entry in value.items()
+    )
     return "{" + gap + f",{gap}".join(entries) + end + "}"

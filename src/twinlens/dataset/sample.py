@@ -81,22 +81,38 @@ class Sample:
     truths: tuple[Truth, ...] = ()
     ndisp: int | None = None
     record: Mapping[str, Any] = field(default_factory=dict)
-    models: Mapping[str, tuple[NDArray[Any], NDArray[Any]]] = field(default_factory=dict)
+    models: Mapping[str, tuple[NDArray[Any], NDArray[Any]]] = field(
+        default_factory=dict
+    )
 
     def __post_init__(self) -> None:
         if not self.shots:
             raise InputError("a sample needs one or more shots")
-        groups: dict[str, Any] = {"truths": [truth.depth for truth in self.truths] or None}
+        groups: dict[str, Any] = {
+            "truths": [truth.depth for truth in self.truths] or None
+        }
         for k, shot in enumerate(self.shots):
-            groups |= {f"images of shot {k}": shot.images, f"radiances of shot {k}": shot.radiances}
-            groups |= {f"{half} halves of shot {k}": images for half, images in _halves(shot).items()}
+            groups |= {
+                f"images of shot {k}": shot.images,
+                f"radiances of shot {k}": shot.radiances,
+            }
+            groups |= {
+                f"{half} halves of shot {k}": images
+                for half, images in _halves(shot).items()
+            }
         for what, arrays in groups.items():
             if arrays is not None and len(arrays) != len(self.rig):
-                raise InputError(f"{what}: got {len(arrays)}, but the rig has {len(self.rig)} cameras")
-            for i, (array, camera) in enumerate(zip(arrays or (), self.rig.cameras, strict=False)):
+                raise InputError(
+                    f"{what}: got {len(arrays)}, but the rig has {len(self.rig)} cameras"
+                )
+            for i, (array, camera) in enumerate(
+                zip(arrays or (), self.rig.cameras, strict=False)
+            ):
                 if array.shape[:2] != (camera.height, camera.width):
                     size = f"{camera.width} x {camera.height}"
-                    raise InputError(f"{what}: camera {i} is {size}, its array is {array.shape}")
+                    raise InputError(
+                        f"{what}: camera {i} is {size}, its array is {array.shape}"
+                    )
 
     @property
     def is_rectified(self) -> bool:
@@ -108,15 +124,23 @@ def sample_files(sample: Sample) -> dict[str, bytes]:
     """All files of the sample, relative name -> content. The same sample gives the same bytes."""
     files: dict[str, bytes] = {}
     for k, shot in enumerate(sample.shots):
-        files |= {f"{lens_folder(k)}im{i}.png": encode_png(image) for i, image in enumerate(shot.images)}
+        files |= {
+            f"{lens_folder(k)}im{i}.png": encode_png(image)
+            for i, image in enumerate(shot.images)
+        }
         for i, radiance in enumerate(shot.radiances or ()):
             channels = dict(zip("RGB", np.moveaxis(radiance, -1, 0), strict=True))
             files[f"{lens_folder(k)}radiance{i}.exr"] = encode_exr(channels)
         for half, images in _halves(shot).items():
-            files |= {f"{lens_folder(k)}dp-{half}{i}.png": encode_png(image) for i, image in enumerate(images)}
+            files |= {
+                f"{lens_folder(k)}dp-{half}{i}.png": encode_png(image)
+                for i, image in enumerate(images)
+            }
     rig = sample.rig.nominal
     for i, truth in enumerate(sample.truths):
-        files[f"truth{i}.exr"] = encode_truth(truth, rig.cameras[i], sample.shots[0].lens)
+        files[f"truth{i}.exr"] = encode_truth(
+            truth, rig.cameras[i], sample.shots[0].lens
+        )
         if rig.partner(i) is not None:
             files[f"mask{i}nocc.png"] = encode_png(truth.mask_nonocc())
         if rectified_pair(rig, i) is not None:
@@ -133,14 +157,18 @@ def sample_files(sample: Sample) -> dict[str, bytes]:
     return files
 
 
-def write_sample(folder: Where, sample: Sample, overwrite: bool = False) -> dict[str, str]:
+def write_sample(
+    folder: Where, sample: Sample, overwrite: bool = False
+) -> dict[str, str]:
     """Write the sample as `folder`, atomically; returns relative name -> SHA-256 of its files, sorted by name.
 
     Raises OutputError if the folder cannot be written, or exists (unless `overwrite` is set and it is a sample or
     empty); nothing is left behind. Raises InputError if an array does not fit its file format.
     """
     folder = place(folder)
-    if overwrite and not isinstance(folder, RemotePath):  # `fill_remote` checks remote ones
+    if overwrite and not isinstance(
+        folder, RemotePath
+    ):  # `fill_remote` checks remote ones
         check_replaceable(folder, (folder / MARK).is_file(), "a sample")
     files = sample_files(sample)
     write_folder(folder, files, overwrite)
@@ -163,17 +191,25 @@ def lens_folder(k: int) -> str:
 
 def _halves(shot: Shot) -> dict[str, Sequence[NDArray[Any]]]:
     """The images of the left and of the right halves of dual pixels, one per camera; empty for other sensors."""
-    return {} if shot.halves is None else dict(zip(("left", "right"), zip(*shot.halves, strict=True), strict=True))
+    return (
+        {}
+        if shot.halves is None
+        else dict(zip(("left", "right"), zip(*shot.halves, strict=True), strict=True))
+    )
 
 
 def _calibration(sample: Sample) -> Calibration:
-    known = [truth.disparity[np.isfinite(truth.disparity)] for truth in sample.truths[:2]]
+    known = [
+        truth.disparity[np.isfinite(truth.disparity)] for truth in sample.truths[:2]
+    ]
     values = np.concatenate([*known, np.empty(0, np.float32)])
     if not values.size:
         return Calibration.from_rig(sample.rig.nominal, sample.ndisp)
     low, high = math.floor(values.min()), math.ceil(values.max())
     ndisp = sample.ndisp or max(high + 1, 1)
-    return Calibration.from_rig(sample.rig.nominal, ndisp).replace(vmin=float(low), vmax=float(high))
+    return Calibration.from_rig(sample.rig.nominal, ndisp).replace(
+        vmin=float(low), vmax=float(high)
+    )
 
 
 def _record(sample: Sample) -> dict[str, Any]:
@@ -186,9 +222,15 @@ def _record(sample: Sample) -> dict[str, Any]:
         "conventions": CONVENTIONS,
         "rig": plain(sample.rig),
         "rectified": sample.is_rectified,
-        "pair": {"baseline": tidy(rig.baseline()), "doffs_px": rig.doffs()} if len(rig) > 1 else None,
+        "pair": {"baseline": tidy(rig.baseline()), "doffs_px": rig.doffs()}
+        if len(rig) > 1
+        else None,
         "shots": [
-            {"folder": lens_folder(k) or "./", "lens": plain(shot.lens), "record": plain(shot.record)}
+            {
+                "folder": lens_folder(k) or "./",
+                "lens": plain(shot.lens),
+                "record": plain(shot.record),
+            }
             for k, shot in enumerate(sample.shots)
         ],
         "object_names": first.object_names if first else (),

@@ -14,7 +14,13 @@ from pathlib import Path
 from typing import Any, Union
 from urllib.parse import unquote, urlsplit
 
-from twinlens.errors import FileError, InputError, MissingExtraError, OutputError, TwinlensError
+from twinlens.errors import (
+    FileError,
+    InputError,
+    MissingExtraError,
+    OutputError,
+    TwinlensError,
+)
 
 MARK = "sample.json"
 
@@ -70,7 +76,10 @@ class RemotePath:
 
     def iterdir(self) -> Iterator["RemotePath"]:
         with self.store(FileError, "listed") as (system, path):
-            names = [entry["name"].rstrip("/").rpartition("/")[2] for entry in system.ls(path, detail=True)]
+            names = [
+                entry["name"].rstrip("/").rpartition("/")[2]
+                for entry in system.ls(path, detail=True)
+            ]
         return (self / name for name in names if name)
 
     def files(self) -> list[str]:
@@ -79,7 +88,9 @@ class RemotePath:
             return sorted(found.removeprefix(f"{path}/") for found in system.find(path))
 
     @contextlib.contextmanager
-    def store(self, kind: type[TwinlensError], action: str) -> Iterator[tuple[Any, str]]:
+    def store(
+        self, kind: type[TwinlensError], action: str
+    ) -> Iterator[tuple[Any, str]]:
         """fsspec's file system, with an empty cache since other processes may write, and the path in it.
 
         Errors of the store's client become `kind`, except FileNotFoundError.
@@ -90,9 +101,13 @@ class RemotePath:
             try:
                 system, path = url_to_fs(self.url)
             except ImportError as error:
-                raise MissingExtraError(f"{self}: a package is missing ({error})") from None
+                raise MissingExtraError(
+                    f"{self}: a package is missing ({error})"
+                ) from None
             except ValueError as error:
-                raise InputError(f"{self}: not an address that fsspec knows ({error})") from None
+                raise InputError(
+                    f"{self}: not an address that fsspec knows ({error})"
+                ) from None
             system.invalidate_cache()
             yield system, path.rstrip("/")
         except (TwinlensError, FileNotFoundError):
@@ -139,7 +154,11 @@ def write_objects(folder: RemotePath, files: Mapping[str, bytes]) -> None:
             system.pipe(objects)
 
 
-def fill_remote(folder: RemotePath, files: Mapping[str, bytes] | Iterable[tuple[str, bytes]], overwrite: bool) -> None:
+def fill_remote(
+    folder: RemotePath,
+    files: Mapping[str, bytes] | Iterable[tuple[str, bytes]],
+    overwrite: bool,
+) -> None:
     """Write `files` below `folder` and remove all others; on failure what was written is removed. Raises OutputError.
 
     An existing folder is rejected unless `overwrite` is set. A sample is a mapping with `MARK`. The files of an
@@ -151,13 +170,24 @@ def fill_remote(folder: RemotePath, files: Mapping[str, bytes] | Iterable[tuple[
     if (existing if sample is None else MARK in existing) and not overwrite:
         raise OutputError(f"{folder}: {EXISTS}")
     if sample and MARK not in existing and existing - set(sample):
-        raise OutputError(f"{folder}: exists and is not a sample, so it is not overwritten; choose another name")
+        raise OutputError(
+            f"{folder}: exists and is not a sample, so it is not overwritten; choose another name"
+        )
     written: list[str] = []
     try:
         if sample:
-            remove_objects(folder, [name for name in (MARK, *sorted(existing - set(sample))) if name in existing])
+            remove_objects(
+                folder,
+                [
+                    name
+                    for name in (MARK, *sorted(existing - set(sample)))
+                    if name in existing
+                ],
+            )
             written += sample
-            write_objects(folder, {name: data for name, data in sample.items() if name != MARK})
+            write_objects(
+                folder, {name: data for name, data in sample.items() if name != MARK}
+            )
             write_objects(folder, {MARK: sample[MARK]})
             return
         for name, data in files.items() if isinstance(files, Mapping) else files:

@@ -23,11 +23,31 @@ from twinlens.dataset.codecs.exr import read_exr
 from twinlens.dataset.codecs.pfm import read_disparity
 from twinlens.dataset.codecs.png import read_png
 from twinlens.dataset.files import check_relative
-from twinlens.dataset.record import LENS, RIG, FileModel, annotation_of, read, read_json, read_part
+from twinlens.dataset.record import (
+    LENS,
+    RIG,
+    FileModel,
+    annotation_of,
+    read,
+    read_json,
+    read_part,
+)
 from twinlens.dataset.sample import KIND, VERSION
 from twinlens.dataset.storage import Place, RemotePath, is_whole
-from twinlens.dataset.truth_files import PROJECTIONS, SCALARS, VECTORS, blur_circle_px, read_truth
-from twinlens.dataset.visibility import Disparity, Mask, correspondence_of, mask_from_both, mask_from_one
+from twinlens.dataset.truth_files import (
+    PROJECTIONS,
+    SCALARS,
+    VECTORS,
+    blur_circle_px,
+    read_truth,
+)
+from twinlens.dataset.visibility import (
+    Disparity,
+    Mask,
+    correspondence_of,
+    mask_from_both,
+    mask_from_one,
+)
 from twinlens.errors import FileError, InputError, format_value, unknown
 
 Image = NDArray[Any]
@@ -38,7 +58,10 @@ class _PlainShot(FileModel):
     """A `ShotEntry` whose lens is kept as plain data."""
 
     folder: Annotated[
-        str, pydantic.AfterValidator(lambda name: name if name == "./" else check_relative(name.rstrip("/")))
+        str,
+        pydantic.AfterValidator(
+            lambda name: name if name == "./" else check_relative(name.rstrip("/"))
+        ),
     ]
     lens: dict[str, Any]
     record: dict[str, Any] | None = None
@@ -51,7 +74,9 @@ class ShotEntry(_PlainShot):
 
 
 _OBJECT: Any = annotation_of(ObjectTruth)
-_OBJECTS: pydantic.TypeAdapter[list[list[ObjectTruth]]] = pydantic.TypeAdapter(list[list[_OBJECT]])
+_OBJECTS: pydantic.TypeAdapter[list[list[ObjectTruth]]] = pydantic.TypeAdapter(
+    list[list[_OBJECT]]
+)
 _SHOTS = pydantic.TypeAdapter(Annotated[list[_PlainShot], pydantic.Field(min_length=1)])
 
 
@@ -60,7 +85,9 @@ class SampleFile(FileModel):
 
     format: Literal["twinlens-sample"]
     version: Literal[1]
-    twinlens: str = pydantic.Field(default="", description="version that wrote the file")
+    twinlens: str = pydantic.Field(
+        default="", description="version that wrote the file"
+    )
     conventions: dict[str, str] = pydantic.Field(default={})
     rig: annotation_of(Rig)  # type: ignore[valid-type]
     rectified: bool | None = None
@@ -71,7 +98,9 @@ class SampleFile(FileModel):
     object_names: list[str] = pydantic.Field(default=[])
     material_names: list[str] = pydantic.Field(default=[])
     material_kinds: list[str] = pydantic.Field(default=[])
-    objects: list[list[_OBJECT]] = pydantic.Field(default=[], description="the objects in the image of each view")
+    objects: list[list[_OBJECT]] = pydantic.Field(
+        default=[], description="the objects in the image of each view"
+    )
     statistics: Any = None
     record: dict[str, Any] = pydantic.Field(
         default={}, description="seed, scene, backend, versions and everything else"
@@ -128,9 +157,17 @@ class StoredSample(Mapping[str, Any]):
     def disparity(self, i: int) -> Disparity:
         """True disparity of view i, u_left - u_right, float32 (H, W), pixels; +inf unknown."""
         path = self._disparity_path(i)
-        if not path.exists() and self.has("sample.json") and self.record.get("rectified") is False:
-            problem = "the pair is not rectified and has no disparity; run `twinlens rectify`"
-            raise FileError(f"{self.folder}: {problem if len(self.rig) > 1 else 'has one view; disparity needs two'}")
+        if (
+            not path.exists()
+            and self.has("sample.json")
+            and self.record.get("rectified") is False
+        ):
+            problem = (
+                "the pair is not rectified and has no disparity; run `twinlens rectify`"
+            )
+            raise FileError(
+                f"{self.folder}: {problem if len(self.rig) > 1 else 'has one view; disparity needs two'}"
+            )
         return read_disparity(path)
 
     def has_disparity(self, i: int) -> bool:
@@ -155,18 +192,27 @@ class StoredSample(Mapping[str, Any]):
     def truth(self, i: int) -> Truth:
         """Truth of view i; depth, position and the pixels of projectors have float32 precision."""
         fields = read_truth(self.path(f"truth{i}.exr"))
-        fields |= {name: fields[name].astype(np.float64) for name in ("depth", "position")}
+        fields |= {
+            name: fields[name].astype(np.float64) for name in ("depth", "position")
+        }
         del fields["blur_circle_px"]
         unknown = np.full(fields["depth"].shape, np.inf, np.float32)
         disparity = self.disparity(i) if self.has_disparity(i) else unknown
         pixels, lit = (fields.pop(name) for name in PROJECTIONS)
         projections = tuple(map(Projection, pixels.astype(np.float64), lit))
-        return Truth(**fields, disparity=disparity, objects=self.objects(i), projections=projections)
+        return Truth(
+            **fields,
+            disparity=disparity,
+            objects=self.objects(i),
+            projections=projections,
+        )
 
     def objects(self, i: int) -> tuple[ObjectTruth, ...]:
         """The objects in the image of view i; empty in samples of versions before 0.2. Raises FileError."""
         record = self.record if self.has("sample.json") else {}
-        views = read(_OBJECTS, record.get("objects", []), self.folder / "sample.json", "objects")
+        views = read(
+            _OBJECTS, record.get("objects", []), self.folder / "sample.json", "objects"
+        )
         return tuple(views[i]) if i < len(views) else ()
 
     im0, im1 = _view(image, 0), _view(image, 1)
@@ -176,7 +222,9 @@ class StoredSample(Mapping[str, Any]):
 
     def correspondence(self, source: int, target: int) -> Correspondence:
         """Where the pixels of view `source` are in view `target`, from their truths. See `correspondence_of`."""
-        return correspondence_of((self.truth(source), self.truth(target)), self.rig, source, target)
+        return correspondence_of(
+            (self.truth(source), self.truth(target)), self.rig, source, target
+        )
 
     def radiance(self, i: int) -> NDArray[np.float32]:
         """Linear image of view i, float32 (H, W, 3), if it was stored."""
@@ -233,7 +281,9 @@ class StoredSample(Mapping[str, Any]):
         """The images taken through lens k; 0 is the sample's own im0 and im1. Raises InputError beyond the last."""
         shots = self._shots()
         if not 0 <= k < len(shots):
-            raise InputError(f"{self.name}: has lenses 0 to {len(shots) - 1}, no lens {k}")
+            raise InputError(
+                f"{self.name}: has lenses 0 to {len(shots) - 1}, no lens {k}"
+            )
         return StoredShot(self, self.folder / shots[k].folder, k, shots[k])
 
     def _shots(self) -> list[_PlainShot]:
@@ -272,7 +322,9 @@ class StoredShot:
     def renderer_noise(self) -> float | None:
         """Renderer noise over sensor noise in the noisiest view, or None where it was not measured."""
         ratios = self.record.get("light_paths_over_sensor")
-        known = isinstance(ratios, list) and all(isinstance(ratio, (int, float)) for ratio in ratios)
+        known = isinstance(ratios, list) and all(
+            isinstance(ratio, (int, float)) for ratio in ratios
+        )
         return max(ratios) if known and ratios else None
 
     def path(self, name: str) -> Place:
@@ -297,15 +349,23 @@ class StoredShot:
         """True disparity of view i's dual pixels, u_left - u_right, float32 (H, W), pixels; +inf unknown."""
         return read_disparity(self.path(f"dp-disp{i}.pfm"))
 
-    dp_left0, dp_right0, dp_disp0 = _view(dp_left, 0), _view(dp_right, 0), _view(dp_disparity, 0)
+    dp_left0, dp_right0, dp_disp0 = (
+        _view(dp_left, 0),
+        _view(dp_right, 0),
+        _view(dp_disparity, 0),
+    )
 
     def radiance(self, i: int) -> NDArray[np.float32]:
         """Linear image of view i, float32 (H, W, 3), if it was stored."""
         path = self.path(f"radiance{i}.exr")
         channels = read_exr(path).channels
         if not {"R", "G", "B"} <= set(channels):
-            raise FileError(f"{path}: needs channels R, G and B, has {', '.join(channels)}")
-        return np.stack([np.asarray(channels[name], np.float32) for name in "RGB"], axis=-1)
+            raise FileError(
+                f"{path}: needs channels R, G and B, has {', '.join(channels)}"
+            )
+        return np.stack(
+            [np.asarray(channels[name], np.float32) for name in "RGB"], axis=-1
+        )
 
     def blur_circle_px(self, i: int) -> NDArray[np.float32]:
         """Signed blur circle of view i for this lens, pixels, float32 (H, W): `optics.circle_of_confusion_px`."""
@@ -317,9 +377,13 @@ def samples_in(path: Place) -> tuple[StoredSample, ...]:
     """The samples in the subfolders of `path`, or `path` itself; dataset.json is not read."""
     if (path / "im0.png").is_file():
         return (StoredSample(path, path.resolve().name),)
-    folders = sorted((entry for entry in path.iterdir() if not entry.name.startswith(".")), key=str)
+    folders = sorted(
+        (entry for entry in path.iterdir() if not entry.name.startswith(".")), key=str
+    )
     folders = [folder for folder in folders if (folder / "im0.png").is_file()]
-    if isinstance(path, RemotePath):  # twinlens writes a mark last: samples without it are incomplete
+    if isinstance(
+        path, RemotePath
+    ):  # twinlens writes a mark last: samples without it are incomplete
         folders = [folder for folder in folders if is_whole(folder)] or folders
     return tuple(StoredSample(folder, folder.name) for folder in folders)
 
@@ -328,9 +392,23 @@ _SAMPLE_QUANTITIES = ("name", "ndisp")
 _CALIBRATION_QUANTITIES = ("baseline", "doffs")
 _CAMERA_QUANTITIES = ("K", "world_from_cam")
 _TRUTH_QUANTITIES = (*SCALARS, *VECTORS, *PROJECTIONS)
-_DUAL_METHODS = {"dp_left": "dp_left", "dp_right": "dp_right", "dp_disp": "dp_disparity"}
-_VIEW_METHODS = {"im": "image", "disp": "disparity", "mask_nonocc": "mask_nonocc", "radiance": "radiance"}
-_LENS_METHODS = {"im": "image", "radiance": "radiance", "blur_circle_px": "blur_circle_px", **_DUAL_METHODS}
+_DUAL_METHODS = {
+    "dp_left": "dp_left",
+    "dp_right": "dp_right",
+    "dp_disp": "dp_disparity",
+}
+_VIEW_METHODS = {
+    "im": "image",
+    "disp": "disparity",
+    "mask_nonocc": "mask_nonocc",
+    "radiance": "radiance",
+}
+_LENS_METHODS = {
+    "im": "image",
+    "radiance": "radiance",
+    "blur_circle_px": "blur_circle_px",
+    **_DUAL_METHODS,
+}
 """The quantities of docs/loading.md. The last three tables give the methods that read them."""
 
 _NAME = re.compile(r"(?:lens(\d{1,4})\.)?([A-Za-z_]+?)(\d{1,4})(_nonocc)?")
@@ -343,16 +421,35 @@ def parse_quantity(name: str) -> tuple[str, int | None, int]:
     (('im', 1, 0), ('mask_nonocc', None, 1))
     """
     if not isinstance(name, str):
-        raise InputError(f"the name of a quantity is a text, such as 'im0', got {format_value(name)}")
+        raise InputError(
+            f"the name of a quantity is a text, such as 'im0', got {format_value(name)}"
+        )
     if name in (*_SAMPLE_QUANTITIES, *_CALIBRATION_QUANTITIES):
         return name, None, 0
     match = _NAME.fullmatch(name)
-    lens, quantity, view = (match[1], match[2] + (match[4] or ""), int(match[3])) if match else (None, "", 0)
-    view_quantities = (*_VIEW_METHODS, *_DUAL_METHODS, *_CAMERA_QUANTITIES, *_TRUTH_QUANTITIES)
+    lens, quantity, view = (
+        (match[1], match[2] + (match[4] or ""), int(match[3]))
+        if match
+        else (None, "", 0)
+    )
+    view_quantities = (
+        *_VIEW_METHODS,
+        *_DUAL_METHODS,
+        *_CAMERA_QUANTITIES,
+        *_TRUTH_QUANTITIES,
+    )
     if quantity in (_LENS_METHODS if lens else view_quantities):
         return quantity, int(lens) if lens else None, view
-    examples = (*(f"{each}0" for each in view_quantities if each != "mask_nonocc"), "mask0_nonocc", "lens1.im0")
-    raise unknown("quantity of a sample", name, (*_SAMPLE_QUANTITIES, *_CALIBRATION_QUANTITIES, *examples))
+    examples = (
+        *(f"{each}0" for each in view_quantities if each != "mask_nonocc"),
+        "mask0_nonocc",
+        "lens1.im0",
+    )
+    raise unknown(
+        "quantity of a sample",
+        name,
+        (*_SAMPLE_QUANTITIES, *_CALIBRATION_QUANTITIES, *examples),
+    )
 
 
 def read_quantities(names: Iterable[str], sample: StoredSample) -> dict[str, Any]:
@@ -365,15 +462,30 @@ def read_quantities(names: Iterable[str], sample: StoredSample) -> dict[str, Any
     for name in names:
         quantity, lens, view = parse_quantity(name)
         if lens is not None or quantity in _VIEW_METHODS | _DUAL_METHODS:
-            owner = sample if lens is None and quantity in _VIEW_METHODS else sample.lens(lens or 0)
-            values[name] = getattr(owner, (_VIEW_METHODS | _LENS_METHODS)[quantity])(view)
+            owner = (
+                sample
+                if lens is None and quantity in _VIEW_METHODS
+                else sample.lens(lens or 0)
+            )
+            values[name] = getattr(owner, (_VIEW_METHODS | _LENS_METHODS)[quantity])(
+                view
+            )
         elif quantity in _TRUTH_QUANTITIES:
             values[name] = truth(view)[quantity]
         elif quantity in _CAMERA_QUANTITIES:
             rig = sample.rig
             if view >= len(rig):
-                raise InputError(f"{sample.name}: has cameras 0 to {len(rig) - 1}, no camera {view}")
-            values[name] = rig.cameras[view].K if quantity == "K" else rig.world_from_cams[view].copy()
+                raise InputError(
+                    f"{sample.name}: has cameras 0 to {len(rig) - 1}, no camera {view}"
+                )
+            values[name] = (
+                rig.cameras[view].K
+                if quantity == "K"
+                else rig.world_from_cams[view].copy()
+            )
         else:
-            values[name] = getattr(sample.calibration if quantity in _CALIBRATION_QUANTITIES else sample, quantity)
+            values[name] = getattr(
+                sample.calibration if quantity in _CALIBRATION_QUANTITIES else sample,
+                quantity,
+            )
     return values

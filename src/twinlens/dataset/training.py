@@ -20,7 +20,9 @@ _NOT_IMAGES = (*_OF_THE_PAIR, "world_from_cam", "K")
 _MIRROR = np.diag([-1.0, 1.0, 1.0, 1.0])
 
 
-def crop(sample: Mapping[str, Any], x: int, y: int, width: int, height: int) -> dict[str, Any]:
+def crop(
+    sample: Mapping[str, Any], x: int, y: int, width: int, height: int
+) -> dict[str, Any]:
     """A window of both views of a sample; pixel (x, y) becomes (0, 0).
 
     Disparity, doffs, depth and poses do not change. The principal points of K0 and K1 move by (-x, -y), and pixels
@@ -39,9 +41,16 @@ def crop(sample: Mapping[str, Any], x: int, y: int, width: int, height: int) -> 
             cropped[name] = value
         else:
             rows, columns = value.shape[:2]
-            if min(x, y) < 0 or min(width, height) < 1 or x + width > columns or y + height > rows:
+            if (
+                min(x, y) < 0
+                or min(width, height) < 1
+                or x + width > columns
+                or y + height > rows
+            ):
                 window = f"{width} x {height} pixels at ({x}, {y})"
-                raise InputError(f"a crop of {window} is not inside {name} of {columns} x {rows} pixels")
+                raise InputError(
+                    f"a crop of {window} is not inside {name} of {columns} x {rows} pixels"
+                )
             cropped[name] = value[y : y + height, x : x + width].copy()
     for view in (0, 1):
         _hide_unmatched(cropped, view)
@@ -65,7 +74,9 @@ def stereo_flip(sample: Mapping[str, Any]) -> dict[str, Any]:
             continue
         other = _of_view(name, view, 1 - view)
         if other not in sample:
-            raise InputError(f"a flip of {name} needs {other} too, which becomes {name}; select both")
+            raise InputError(
+                f"a flip of {name} needs {other} too, which becomes {name}; select both"
+            )
         flipped[name] = _mirrored(sample, other, quantity, 1 - view)
     return flipped
 
@@ -82,26 +93,41 @@ def collate(samples: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
     (['a', 'b'], (2, 1, 2), dtype('float32'))
     """
     if isinstance(samples, (Mapping, str)) or not isinstance(samples, Iterable):
-        raise InputError(f"a batch is made of a list of samples, got {format_value(samples)}")
+        raise InputError(
+            f"a batch is made of a list of samples, got {format_value(samples)}"
+        )
     rows = [_items(sample) for sample in samples]
     if not rows:
         raise InputError("a batch needs one sample or more")
     for i, row in enumerate(rows):
         if different := rows[0].keys() ^ row.keys():
-            raise InputError(f"samples 0 and {i} of a batch differ: only one has {', '.join(sorted(different))}")
-    names = [repr(row["name"]) if "name" in row else str(i) for i, row in enumerate(rows)]
-    return {quantity: _stacked(quantity, [row[quantity] for row in rows], names) for quantity in rows[0]}
+            raise InputError(
+                f"samples 0 and {i} of a batch differ: only one has {', '.join(sorted(different))}"
+            )
+    names = [
+        repr(row["name"]) if "name" in row else str(i) for i, row in enumerate(rows)
+    ]
+    return {
+        quantity: _stacked(quantity, [row[quantity] for row in rows], names)
+        for quantity in rows[0]
+    }
 
 
 def _items(sample: Any) -> dict[str, Any]:
     """The quantities of a sample. Raises InputError for what is no sample."""
     if not isinstance(sample, Mapping):
-        raise InputError(f"a sample is a dict of quantities, as Dataset.select gives, got {format_value(sample)}")
+        raise InputError(
+            f"a sample is a dict of quantities, as Dataset.select gives, got {format_value(sample)}"
+        )
     return dict(sample)
 
 
-def _stacked(name: str, values: list[Any], samples: list[str]) -> NDArray[Any] | list[Any]:
-    if not all(isinstance(value, (np.ndarray, np.generic, int, float)) for value in values):
+def _stacked(
+    name: str, values: list[Any], samples: list[str]
+) -> NDArray[Any] | list[Any]:
+    if not all(
+        isinstance(value, (np.ndarray, np.generic, int, float)) for value in values
+    ):
         return values
     arrays = [np.asarray(value) for value in values]
     first = arrays[0]
@@ -129,11 +155,15 @@ def _of_view(name: str, view: int, other: int) -> str:
 
 def _hide_unmatched(sample: dict[str, Any], view: int) -> None:
     """Mark the pixels of a view whose match is outside the partner image, as `Camera.contains` defines it."""
-    masks = [name for name in (f"mask{view}_nonocc", f"visible{view}") if name in sample]
+    masks = [
+        name for name in (f"mask{view}_nonocc", f"visible{view}") if name in sample
+    ]
     if not masks:
         return
     if f"disp{view}" not in sample:
-        raise InputError(f"a crop of {masks[0]} needs disp{view}, since pixels lose their match; select it too")
+        raise InputError(
+            f"a crop of {masks[0]} needs disp{view}, since pixels lose their match; select it too"
+        )
     disparity = sample[f"disp{view}"]
     width = disparity.shape[1]
     match = np.arange(width) + (disparity if view else -disparity)
@@ -144,7 +174,9 @@ def _hide_unmatched(sample: dict[str, Any], view: int) -> None:
         visible[outside] = False
 
 
-def _mirrored(sample: Mapping[str, Any], name: str, quantity: str, view: int) -> NDArray[Any]:
+def _mirrored(
+    sample: Mapping[str, Any], name: str, quantity: str, view: int
+) -> NDArray[Any]:
     value = sample[name]
     if quantity == "world_from_cam":
         return np.asarray(_MIRROR @ value @ _MIRROR)
@@ -165,4 +197,6 @@ def _width(sample: Mapping[str, Any], view: int) -> int:
         quantity, of = parse_quantity(name)[::2]
         if of == view and quantity not in _NOT_IMAGES:
             return int(value.shape[1])
-    raise InputError(f"a flip of K{view} needs the width of its view; select im{view} too")
+    raise InputError(
+        f"a flip of K{view} needs the width of its view; select im{view} too"
+    )

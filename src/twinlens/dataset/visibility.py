@@ -34,7 +34,10 @@ def mask_from_both(disparity: Disparity, partner: Disparity, left: bool = True) 
     _, target, inside = _matches(disparity, partner, left)
     matched = np.take_along_axis(partner, target, axis=1)
     known = np.isfinite(disparity)
-    agree = np.abs(np.where(inside, matched, np.inf) - np.where(known, disparity, 0)) <= _CROSS_CHECK_PX
+    agree = (
+        np.abs(np.where(inside, matched, np.inf) - np.where(known, disparity, 0))
+        <= _CROSS_CHECK_PX
+    )
     return mask_of(known, inside & agree)
 
 
@@ -52,13 +55,21 @@ def mask_from_one(disparity: Disparity, left: bool = True) -> Mask:
     winners = np.full(disparity.shape, -np.inf, np.float32)
     for columns in (np.floor(matches), np.ceil(matches)):
         covered = (columns >= 0) & (columns < disparity.shape[1])
-        np.maximum.at(winners, (np.nonzero(covered)[0], columns[covered].astype(np.intp)), disparity[covered])
+        np.maximum.at(
+            winners,
+            (np.nonzero(covered)[0], columns[covered].astype(np.intp)),
+            disparity[covered],
+        )
     known = np.isfinite(disparity)
     winner = np.take_along_axis(winners, target, axis=1)
-    return mask_of(known, inside & (winner <= np.where(known, disparity, 0) + _CROSS_CHECK_PX))
+    return mask_of(
+        known, inside & (winner <= np.where(known, disparity, 0) + _CROSS_CHECK_PX)
+    )
 
 
-def correspondence_of(truths: tuple[Truth, Truth], rig: Rig, source: int, target: int) -> Correspondence:
+def correspondence_of(
+    truths: tuple[Truth, Truth], rig: Rig, source: int, target: int
+) -> Correspondence:
     """Where each pixel of camera `source` is in camera `target`; `truths` are those of the two, in this order.
 
     Positions are float32 in a file, so pixels are within 1e-7 fx |X| / z of `tl.correspondence`. If the target is the
@@ -69,30 +80,54 @@ def correspondence_of(truths: tuple[Truth, Truth], rig: Rig, source: int, target
     Raises InputError unless the two are different cameras of the rig.
     """
     if not (0 <= source < len(rig) and 0 <= target < len(rig)) or source == target:
-        raise InputError(f"a pair needs two different cameras from 0 to {len(rig) - 1}, got {source} and {target}")
+        raise InputError(
+            f"a pair needs two different cameras from 0 to {len(rig) - 1}, got {source} and {target}"
+        )
     here, there = truths
-    points = geometry.transform_points(geometry.inverse(rig.world_from_cams[target]), here.position[here.hit])
+    points = geometry.transform_points(
+        geometry.inverse(rig.world_from_cams[target]), here.position[here.hit]
+    )
     projected = rig.cameras[target].project(points)
     pixels = np.full((*here.hit.shape, 2), np.inf)
     pixels[here.hit] = np.where(np.isnan(projected), np.inf, projected)
     is_partner = rig.partner(source) == target
-    visible = here.visible & here.hit if is_partner else _visible_in(here, there, rig, target, pixels)
+    visible = (
+        here.visible & here.hit
+        if is_partner
+        else _visible_in(here, there, rig, target, pixels)
+    )
     disparity = np.full(here.hit.shape, np.inf)
-    sign = 1 if rig.is_rectified(source, target) else -1 if rig.is_rectified(target, source) else 0
+    sign = (
+        1
+        if rig.is_rectified(source, target)
+        else -1
+        if rig.is_rectified(target, source)
+        else 0
+    )
     if sign:
-        disparity[here.hit] = sign * (rig.cameras[source].pixel_grid()[here.hit, 0] - pixels[here.hit, 0])
+        disparity[here.hit] = sign * (
+            rig.cameras[source].pixel_grid()[here.hit, 0] - pixels[here.hit, 0]
+        )
     return Correspondence(pixels, visible, disparity.astype(np.float32))
 
 
-def _visible_in(here: Truth, there: Truth, rig: Rig, target: int, pixels: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _visible_in(
+    here: Truth, there: Truth, rig: Rig, target: int, pixels: NDArray[np.float64]
+) -> NDArray[np.bool_]:
     """Whether the target's truth shows the surface of each point at the pixel nearest to it."""
-    inside = here.hit & rig.cameras[target].contains(np.where(np.isfinite(pixels), pixels, np.nan))
+    inside = here.hit & rig.cameras[target].contains(
+        np.where(np.isfinite(pixels), pixels, np.nan)
+    )
     points, ids = here.position[inside], here.object_id[inside]
-    tolerance = _PLANE_TOLERANCE * np.linalg.norm(points - rig.world_from_cams[target][:3, 3], axis=1)
+    tolerance = _PLANE_TOLERANCE * np.linalg.norm(
+        points - rig.world_from_cams[target][:3, 3], axis=1
+    )
     u, v = np.floor(pixels[inside] + 0.5).astype(int).T
     same = there.object_id[v, u] == ids
     step = points - np.where(same[:, None], there.position[v, u], points)
-    distance = np.abs(np.einsum("nc,nc->n", step, there.normal[v, u].astype(np.float64)))
+    distance = np.abs(
+        np.einsum("nc,nc->n", step, there.normal[v, u].astype(np.float64))
+    )
     visible = np.zeros(here.hit.shape, dtype=bool)
     visible[inside] = same & (distance <= tolerance)
     return visible
@@ -103,15 +138,25 @@ def _matches(
 ) -> tuple[NDArray[np.float64], NDArray[np.intp], NDArray[np.bool_]]:
     """Each pixel's match u -+ d, the pixel nearest to it (0 outside), and whether it is inside the image."""
     if disparity.ndim != 2 or disparity.shape != partner.shape:
-        raise InputError(f"disparity maps must be (H, W) of equal shape, got {disparity.shape} and {partner.shape}")
+        raise InputError(
+            f"disparity maps must be (H, W) of equal shape, got {disparity.shape} and {partner.shape}"
+        )
     if not ((disparity > -np.inf).all() and (partner > -np.inf).all()):
-        raise InputError("a disparity map contains NaN or -inf; unknown pixels must be +inf")
+        raise InputError(
+            "a disparity map contains NaN or -inf; unknown pixels must be +inf"
+        )
     u = np.arange(disparity.shape[1], dtype=np.float64)
     matches = u - disparity if left else u + disparity
     inside = (matches >= -0.5) & (matches < disparity.shape[1] - 0.5)
-    return matches, np.floor(np.where(inside, matches, 0.0) + 0.5).astype(np.intp), inside
+    return (
+        matches,
+        np.floor(np.where(inside, matches, 0.0) + 0.5).astype(np.intp),
+        inside,
+    )
 
 
 def mask_of(known: NDArray[np.bool_], visible: NDArray[np.bool_]) -> Mask:
     """The mask, uint8 (H, W), of pixels whose truth is known and whose point the partner sees."""
-    return np.where(known & visible, VISIBLE, np.where(known, HIDDEN, UNKNOWN)).astype(np.uint8)
+    return np.where(known & visible, VISIBLE, np.where(known, HIDDEN, UNKNOWN)).astype(
+        np.uint8
+    )

@@ -7,9 +7,19 @@ from twinlens.factory.generate import (
     generate as generate,
 )
 from twinlens.factory.plan import plan as plan
-from twinlens.factory.produce import make as make, produce as produce, under_sky as under_sky
-from twinlens.factory.recipe import read_recipe as read_recipe, recipe_from_table as recipe_from_table
-from twinlens.factory.remake import rectified_sample as rectified_sample, remake as remake
+from twinlens.factory.produce import (
+    make as make,
+    produce as produce,
+    under_sky as under_sky,
+)
+from twinlens.factory.recipe import (
+    read_recipe as read_recipe,
+    recipe_from_table as recipe_from_table,
+)
+from twinlens.factory.remake import (
+    rectified_sample as rectified_sample,
+    remake as remake,
+)
 from twinlens.factory.sample import (
     add_sample as add_sample,
     check_common_view as check_common_view,

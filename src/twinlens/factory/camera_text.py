@@ -42,7 +42,10 @@ _LENSES = {
     "pinhole": ("pinhole", "pinhole"),
     "thin": ("thin:DIAMETER_MM[@FOCUS_M]", f"thin:(?P<aperture_mm>[^@]+){_FOCUS}"),
     "f/": ("f/N[@FOCUS_M]", f"f/(?P<f_number>[^@]+){_FOCUS}"),
-    "hole": ("hole:DIAMETER_MM@FILM_MM", "hole:(?P<aperture_mm>[^@]+)@(?P<film_mm>[^@]+)"),
+    "hole": (
+        "hole:DIAMETER_MM@FILM_MM",
+        "hole:(?P<aperture_mm>[^@]+)@(?P<film_mm>[^@]+)",
+    ),
 }
 LENS_HELP = (
     " | ".join(form for form, _ in _LENSES.values()) + "; may be given several times. "
@@ -50,12 +53,16 @@ LENS_HELP = (
 )
 _APERTURES: dict[str, tuple[str, tuple[str, ...]]] = {
     "disk": ("disk", ()),
-    "polygon": ("polygon:BLADES[:ROTATION_DEG[:ROUNDNESS]]", ("blades", "rotation_deg", "roundness")),
+    "polygon": (
+        "polygon:BLADES[:ROTATION_DEG[:ROUNDNESS]]",
+        ("blades", "rotation_deg", "roundness"),
+    ),
     "annulus": ("annulus:INNER", ("inner",)),
     "mask": ("mask:FILE", ("file",)),
 }
 APERTURE_HELP = (
-    " | ".join(form for form, _ in _APERTURES.values()) + ". Shape of the opening of every lens and hole. "
+    " | ".join(form for form, _ in _APERTURES.values())
+    + ". Shape of the opening of every lens and hole. "
     "ROUNDNESS is 0 to 1, INNER a fraction of the radius, FILE a grey image, white where light passes."
 )
 _BROWN_CONRADY, _FISHEYE = "k1[,k2[,p1,p2[,k3[,k4,k5,k6]]]]", "fisheye:k1[,k2,k3,k4]"
@@ -69,11 +76,14 @@ MISMATCH_HELP = (
     "gain=1.1,time=1.05 (factors), black_level=2 (DN); typical,blur_px=0 combines them. Fields: docs/realism.md."
 )
 SENSOR_WIDTH_HELP = (
-    f"Width of the sensor in mm, or its format ({', '.join(SENSOR_WIDTHS_MM)}), instead of --pixel-pitch-um."
+    f"Width of the sensor in mm, or its format ({', '.join(SENSOR_WIDTHS_MM)}), "
+    "instead of --pixel-pitch-um."
 )
 SENSOR_HELP = f"{', '.join(PRESETS)}; parameters follow a colon: phone:prnu=0.01,filters=mono,output=linear."
 
-_SENSOR_PARAMETERS = [field.name for field in fields(Sensor) if field.name not in ("mismatch", "nir")]
+_SENSOR_PARAMETERS = [
+    field.name for field in fields(Sensor) if field.name not in ("mismatch", "nir")
+]
 _MISMATCHES = [*(field.name for field in fields(Mismatch)), "seed"]
 _PAIRS = "NAME=VALUE,NAME=VALUE"
 _MISMATCH = f"{_PAIRS}, or a level ({', '.join(LEVELS)}) alone or first"
@@ -91,11 +101,15 @@ def parse_size(text: str | None, camera: str | None = None) -> tuple[int, int]:
     text = text or "640x480"
     sides = re.fullmatch(r"([1-9][0-9]{0,8})[xX]([1-9][0-9]{0,8})", text)
     if sides is None:
-        raise InputError(f"--size must be WIDTHxHEIGHT, such as 640x480, got {format_value(text)}")
+        raise InputError(
+            f"--size must be WIDTHxHEIGHT, such as 640x480, got {format_value(text)}"
+        )
     return int(sides[1]), int(sides[2])
 
 
-def parse_lens(text: str, view: settings.View, aperture: Aperture | None = None) -> Lens:
+def parse_lens(
+    text: str, view: settings.View, aperture: Aperture | None = None
+) -> Lens:
     """A lens in the syntax of LENS_HELP; `aperture` is the shape of its opening.
 
     Raises InputError where the text has no focus distance and the scene no depth range.
@@ -104,20 +118,41 @@ def parse_lens(text: str, view: settings.View, aperture: Aperture | None = None)
     kind = "f/" if text.startswith("f/") else text.partition(":")[0]
     if kind not in _LENSES:
         if meant := re.fullmatch(r"[fF]/?([0-9.].*)", text):
-            raise InputError(f"{where}: an f-number is f/N[@FOCUS_M]; did you mean 'f/{meant[1]}'?")
+            raise InputError(
+                f"{where}: an f-number is f/N[@FOCUS_M]; did you mean 'f/{meant[1]}'?"
+            )
         forms = " | ".join(form for form, _ in _LENSES.values())
-        raise InputError(f"{where}: {unknown('lens', kind, _LENSES)}; a lens is one of {forms}")
+        raise InputError(
+            f"{where}: {unknown('lens', kind, _LENSES)}; a lens is one of {forms}"
+        )
     form, pattern = _LENSES[kind]
     match = re.fullmatch(pattern, text)
     if match is None:
         raise InputError(f"{where}: must be {form}")
-    given = {key: value for key, value in match.groupdict().items() if value is not None}
-    if kind in ("thin", "f/") and "focus" not in given and not view.scene.depth_range_known:
-        raise InputError(f"{where}: the scene has no depth range; add the focus distance, such as {text}@2.5")
-    table = read(settings.LensTable, {"kind": "thin" if kind == "f/" else kind, **given}, where, strict=False)
+    given = {
+        key: value for key, value in match.groupdict().items() if value is not None
+    }
+    if (
+        kind in ("thin", "f/")
+        and "focus" not in given
+        and not view.scene.depth_range_known
+    ):
+        raise InputError(
+            f"{where}: the scene has no depth range; add the focus distance, such as {text}@2.5"
+        )
+    table = read(
+        settings.LensTable,
+        {"kind": "thin" if kind == "f/" else kind, **given},
+        where,
+        strict=False,
+    )
     with located(where):
         lens = settings.make_lens(table, view)
-    return lens if isinstance(lens, Pinhole) or aperture is None else lens.replace(aperture=aperture)
+    return (
+        lens
+        if isinstance(lens, Pinhole) or aperture is None
+        else lens.replace(aperture=aperture)
+    )
 
 
 def parse_aperture(text: str) -> Aperture:
@@ -132,7 +167,12 @@ def parse_aperture(text: str) -> Aperture:
         parts = [rest] if kind == "mask" else rest.split(":")
     if len(parts) > len(keys) or (keys and not parts):
         raise InputError(f"{where}: must be {form}")
-    shape = read(settings.ShapeTable, {"kind": kind, **dict(zip(keys, parts, strict=False))}, where, strict=False)
+    shape = read(
+        settings.ShapeTable,
+        {"kind": kind, **dict(zip(keys, parts, strict=False))},
+        where,
+        strict=False,
+    )
     with located(where):
         return settings.make_aperture(shape)
 
@@ -142,9 +182,13 @@ def parse_distortion(text: str) -> Distortion:
     model, colon, rest = text.rpartition(":")
     where = f"--distortion {text!r}"
     if colon and model not in ("fisheye", KannalaBrandt.name, BrownConrady.name):
-        raise InputError(f"{where}: {unknown('model', model, ('fisheye', BrownConrady.name))}")
+        raise InputError(
+            f"{where}: {unknown('model', model, ('fisheye', BrownConrady.name))}"
+        )
     fisheye = model in ("fisheye", KannalaBrandt.name)
-    counts, form = ((1, 2, 3, 4), _FISHEYE) if fisheye else ((1, 2, 4, 5, 8), _BROWN_CONRADY)
+    counts, form = (
+        ((1, 2, 3, 4), _FISHEYE) if fisheye else ((1, 2, 4, 5, 8), _BROWN_CONRADY)
+    )
     numbers = parse_numbers("--distortion", rest, counts, form)
     with located(where):
         return KannalaBrandt(*numbers) if fisheye else BrownConrady(*numbers)
@@ -156,12 +200,16 @@ def parse_exposure(text: str) -> Exposure | None:
         return None
     match = re.fullmatch(rf"({_NUMBER})(?:/({_NUMBER}))?(?:,({_NUMBER}))?", text)
     if match is None or not float(match[2] or 1) > 0:
-        raise InputError(f"--exposure must be TIME_S[,GAIN], such as 1/60 or 0.01,4, got {format_value(text)}")
+        raise InputError(
+            f"--exposure must be TIME_S[,GAIN], such as 1/60 or 0.01,4, got {format_value(text)}"
+        )
     with located(f"--exposure {text!r}"):
         return Exposure(float(match[1]) / float(match[2] or 1), float(match[3] or 1))
 
 
-def parse_mismatch(text: str, seed: int = 0, cameras: int = 2, layout: str = "") -> Mismatch | tuple[Mismatch, ...]:
+def parse_mismatch(
+    text: str, seed: int = 0, cameras: int = 2, layout: str = ""
+) -> Mismatch | tuple[Mismatch, ...]:
     """The mismatch of a sensor in the syntax of MISMATCH_HELP; `seed` draws the values of a level for each camera.
 
     cameras, layout : of the rig. Raises InputError where there is `settings.only_one_camera`.
@@ -171,13 +219,19 @@ def parse_mismatch(text: str, seed: int = 0, cameras: int = 2, layout: str = "")
     if first.isidentifier() and first not in _MISMATCHES:
         text = f"level={text}"
     given: dict[str, Any] = dict(_pairs(where, text, _MISMATCHES, _MISMATCH))
-    if (problem := settings.only_one_camera(cameras, layout)) and given != {"level": "none"}:
+    if (problem := settings.only_one_camera(cameras, layout)) and given != {
+        "level": "none"
+    }:
         raise InputError(f"{where}: {problem}")
     if "seed" in given:
         given["seed"] = read(settings.Seed, given["seed"], where, "seed", strict=False)
     one, each = (settings.mismatches_for(given, count, seed) for count in (2, cameras))
-    mismatch = read(settings.MismatchTables, one, where, strict=False)  # messages without the number of the camera
-    return mismatch if each == one else read(settings.MismatchTables, each, where, strict=False)  # type: ignore[no-any-return]
+    mismatch = read(
+        settings.MismatchTables, one, where, strict=False
+    )  # messages without the number of the camera
+    if each != one:
+        mismatch = read(settings.MismatchTables, each, where, strict=False)
+    return mismatch  # type: ignore[no-any-return]
 
 
 def parse_misalignment(text: str | None) -> Misalignment:
@@ -194,19 +248,28 @@ def parse_sensor(text: str) -> Sensor:
     preset, colon, rest = text.partition(":")
     where = f"--sensor {text!r}"
     pairs = _pairs(where, rest, _SENSOR_PARAMETERS) if colon else {}
-    values = {name: value.split("/") if "/" in value else value for name, value in pairs.items()}
+    values = {
+        name: value.split("/") if "/" in value else value
+        for name, value in pairs.items()
+    }
     return read(settings.SensorTable, {"preset": preset, **values}, where, strict=False)  # type: ignore[no-any-return]
 
 
-def parse_numbers(option: str, text: str, counts: Collection[int], form: str) -> list[float]:
+def parse_numbers(
+    option: str, text: str, counts: Collection[int], form: str
+) -> list[float]:
     """Numbers separated by commas, as many as one of `counts`; `form` describes them in errors."""
     parts = [part.strip() for part in text.split(",")]
-    if len(parts) not in counts or not all(re.fullmatch(rf"{_NUMBER}|[-+]?inf", part) for part in parts):
+    if len(parts) not in counts or not all(
+        re.fullmatch(rf"{_NUMBER}|[-+]?inf", part) for part in parts
+    ):
         raise InputError(f"{option} must be {form}, got {format_value(text)}")
     return [float(part) for part in parts]
 
 
-def _pairs(where: str, text: str, known: Collection[str], form: str = _PAIRS) -> dict[str, str]:
+def _pairs(
+    where: str, text: str, known: Collection[str], form: str = _PAIRS
+) -> dict[str, str]:
     """The values of `a=1,b=2` by their names, which must be known; each name once. `form` describes them in errors."""
     pairs: dict[str, str] = {}
     for part in text.split(","):
@@ -233,10 +296,14 @@ def parse_intrinsics(options: Mapping[str, Any]) -> dict[str, Any]:
         values["camera"] = {"preset": given["camera"]}
     if "focal_length_px" in given:
         form = "FX[,FY] in pixels, such as 700 or 700,690"
-        focal = parse_numbers("--focal-length-px", given["focal_length_px"], (1, 2), form)
+        focal = parse_numbers(
+            "--focal-length-px", given["focal_length_px"], (1, 2), form
+        )
         values |= {"fx": focal[0], "fy": focal[-1]}
     if "principal_point" in given:
-        values["cx"], values["cy"] = parse_numbers("--principal-point", given["principal_point"], (2,), "CX,CY")
+        values["cx"], values["cy"] = parse_numbers(
+            "--principal-point", given["principal_point"], (2,), "CX,CY"
+        )
     if "distortion" in given:
         model = parse_distortion(given["distortion"])
         values["distortion"] = {"model": model.name, **asdict(model)}
@@ -245,7 +312,9 @@ def parse_intrinsics(options: Mapping[str, Any]) -> dict[str, Any]:
     if "sensor_width_mm" in given:
         text = given["sensor_width_mm"]
         with located(f"--sensor-width-mm {text}"):
-            values["sensor_width_mm"] = sensor_width_mm(float(text) if re.fullmatch(_NUMBER, text) else text)
+            values["sensor_width_mm"] = sensor_width_mm(
+                float(text) if re.fullmatch(_NUMBER, text) else text
+            )
     return values
 
 
@@ -294,7 +363,11 @@ def optics_of(sample: Sample, k: int) -> dict[str, Any]:
     depth_error : for `TYPICAL_DISPARITY_ERROR`; None also unless the first two cameras are a rectified pair.
     """
     lens, camera, rig = sample.shots[k].lens, sample.rig.cameras[0], sample.rig.nominal
-    diameter, fx, depth = lens.aperture_diameter, camera.fx, sample.truths[0].depth[sample.truths[0].hit]
+    diameter, fx, depth = (
+        lens.aperture_diameter,
+        camera.fx,
+        sample.truths[0].depth[sample.truths[0].hit],
+    )
     found: dict[str, Any] = {
         "depths": None, "blur_px": None, "depth_error": None,
         "depth_of_field": optics.depth_of_field(diameter, fx, lens.vergence),
@@ -305,7 +378,9 @@ def optics_of(sample: Sample, k: int) -> dict[str, Any]:
         blur = np.abs(optics.circle_of_confusion_px(ends, diameter, fx, lens.vergence))
         found |= {"depths": ends, "blur_px": blur.tolist()}
         if sample.is_rectified:
-            found["depth_error"] = depth_error(ends, fx, rig.baseline(), TYPICAL_DISPARITY_ERROR).tolist()
+            found["depth_error"] = depth_error(
+                ends, fx, rig.baseline(), TYPICAL_DISPARITY_ERROR
+            ).tolist()
     return found
 
 
@@ -315,7 +390,11 @@ def format_optics(found: Mapping[str, Any]) -> str:
     if near == 0:
         return "sharp at every depth"
     until = "infinity" if far == math.inf else f"{far:.3g} m"
-    parts = ["not sharp to 1 px at any depth" if near == math.inf else f"sharp to 1 px from {near:.3g} m to {until}"]
+    parts = [
+        "not sharp to 1 px at any depth"
+        if near == math.inf
+        else f"sharp to 1 px from {near:.3g} m to {until}"
+    ]
     if found["hyperfocal_distance"] is not None:
         parts.append(f"hyperfocal distance {found['hyperfocal_distance']:.3g} m")
     if found["depths"] is not None:
@@ -327,14 +406,21 @@ def format_depth_error(found: Mapping[str, Any]) -> str:
     """The expected depth error of `optics_of`; empty if it is unknown."""
     if found["depth_error"] is None:
         return ""
-    millimetres = {**found, "depth_error": [1e3 * error for error in found["depth_error"]]}
+    millimetres = {
+        **found,
+        "depth_error": [1e3 * error for error in found["depth_error"]],
+    }
     errors = _at_depths(millimetres, "depth_error", "mm", 3)
-    return f"depth error {errors}, for a disparity error of {TYPICAL_DISPARITY_ERROR:g} px"
+    return (
+        f"depth error {errors}, for a disparity error of {TYPICAL_DISPARITY_ERROR:g} px"
+    )
 
 
 def _at_depths(found: Mapping[str, Any], name: str, unit: str, digits: int) -> str:
     pairs = zip(found[name], found["depths"], strict=True)
-    return " and ".join(f"{value:.{digits}g} {unit} at {depth:.3g} m" for value, depth in pairs)
+    return " and ".join(
+        f"{value:.{digits}g} {unit} at {depth:.3g} m" for value, depth in pairs
+    )
 
 
 _FASTEST = 0.95

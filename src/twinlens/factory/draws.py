@@ -16,17 +16,28 @@ from pydantic import Field, model_validator
 from scipy.special import ndtr, ndtri
 
 from twinlens.errors import InputError, format_value
-from twinlens.schema import NonNegative, Number, Positive, StrictModel, dotted, exactly, read, satisfies
+from twinlens.schema import (
+    NonNegative,
+    Number,
+    Positive,
+    StrictModel,
+    dotted,
+    exactly,
+    read,
+    satisfies,
+)
 
 _DEEPEST = 12
 _LEAST_SHARE = 1e-6  # of a normal distribution within its clip; below, float64 does not resolve its values
 
 
 _ORDERED = satisfies(
-    lambda ends: ends[0] <= ends[1] and np.isfinite(ends[1] - ends[0]), "must be [low, high] with low <= high, got {}"
+    lambda ends: ends[0] <= ends[1] and np.isfinite(ends[1] - ends[0]),
+    "must be [low, high] with low <= high, got {}",
 )
 _CONSTANT = satisfies(
-    lambda values: not leaves(template(values, "")), "the values of a distribution must be constants, not distributions"
+    lambda values: not leaves(template(values, "")),
+    "the values of a distribution must be constants, not distributions",
 )
 Whole = Annotated[int, Field(ge=-(2**53), le=2**53)]
 Values = Annotated[list[Any], Field(min_length=1, max_length=1000), _CONSTANT]
@@ -67,7 +78,13 @@ class LogUniform(Distribution):
 
     def draw(self, rng: np.random.Generator) -> Any:
         low, high = np.log(self.log_uniform)
-        return float(np.clip(np.exp(low + (high - low) * rng.random()), self.values[0], self.values[1]))
+        return float(
+            np.clip(
+                np.exp(low + (high - low) * rng.random()),
+                self.values[0],
+                self.values[1],
+            )
+        )
 
 
 class Integers(Distribution):
@@ -89,10 +106,14 @@ class Normal(Distribution):
     def _check(self) -> "Normal":
         mean, deviation = self.normal
         if not deviation > 0:
-            raise InputError(f"normal must be [mean, standard deviation > 0], got {self.normal}")
+            raise InputError(
+                f"normal must be [mean, standard deviation > 0], got {self.normal}"
+            )
         below = self._shares()
         if not below[1] - below[0] >= _LEAST_SHARE:
-            raise InputError(f"clip {self.clip} excludes nearly all of a normal around {mean:g} +- {deviation:g}")
+            raise InputError(
+                f"clip {self.clip} excludes nearly all of a normal around {mean:g} +- {deviation:g}"
+            )
         return self
 
     @property
@@ -102,7 +123,9 @@ class Normal(Distribution):
     def draw(self, rng: np.random.Generator) -> Any:
         below, (mean, deviation) = self._shares(), self.normal
         share = below[0] + (below[1] - below[0]) * rng.random()
-        return float(np.clip(mean + deviation * ndtri(share), self.clip[0], self.clip[1]))
+        return float(
+            np.clip(mean + deviation * ndtri(share), self.clip[0], self.clip[1])
+        )
 
     def _shares(self) -> Any:
         """The distribution function at the ends of `clip`, (2,)."""
@@ -124,7 +147,9 @@ class Choice(Distribution):
 
     def draw(self, rng: np.random.Generator) -> Any:
         count = len(self.choice)
-        return self.choice[int(rng.choice(count, p=normalized(self.weights or [1.0] * count, count)))]
+        return self.choice[
+            int(rng.choice(count, p=normalized(self.weights or [1.0] * count, count)))
+        ]
 
 
 class Sweep(Distribution):
@@ -140,7 +165,8 @@ class PerScene(Distribution):
 
 
 KINDS: dict[str, type[Distribution]] = {
-    next(iter(kind.model_fields)): kind for kind in (Uniform, LogUniform, Integers, Normal, Choice, Sweep, PerScene)
+    next(iter(kind.model_fields)): kind
+    for kind in (Uniform, LogUniform, Integers, Normal, Choice, Sweep, PerScene)
 }
 """Every distribution, by the key that names it."""
 
@@ -166,9 +192,15 @@ def template(value: Any, file: str | Path, key: str = "", depth: int = 0) -> Any
         kind = next((kind for kind in KINDS if kind in value), None)
         if kind is not None:
             return Leaf(key, read(KINDS[kind], value, file, key))
-        return {name: template(entry, file, dotted((name,), key), depth + 1) for name, entry in value.items()}
+        return {
+            name: template(entry, file, dotted((name,), key), depth + 1)
+            for name, entry in value.items()
+        }
     if isinstance(value, list):
-        return [template(entry, file, dotted((i,), key), depth + 1) for i, entry in enumerate(value)]
+        return [
+            template(entry, file, dotted((i,), key), depth + 1)
+            for i, entry in enumerate(value)
+        ]
     return value
 
 
@@ -196,7 +228,11 @@ def corners(tree: Any) -> Iterator[Any]:
     for one in leaves(tree):
         for value in one.distribution.values[1:]:
             chosen = {one.key: value}
-            yield resolve(tree, lambda leaf, chosen=chosen: chosen.get(leaf.key, leaf.distribution.values[0]))  # type: ignore[misc]
+
+            def choose(leaf: Any, chosen: dict[Any, Any] = chosen) -> Any:
+                return chosen.get(leaf.key, leaf.distribution.values[0])
+
+            yield resolve(tree, choose)
 
 
 def hint(message: str, tree: Any) -> str:
@@ -208,21 +244,37 @@ def hint(message: str, tree: Any) -> str:
     key, _, problem = message.partition(": ")
     if found := re.search(r"must be .*, got \{(.*)", problem):
         near = [
-            kind for word in re.findall(r"'(\w+)':", found[1]) for kind in difflib.get_close_matches(word, KINDS, 1)
+            kind
+            for word in re.findall(r"'(\w+)':", found[1])
+            for kind in difflib.get_close_matches(word, KINDS, 1)
         ]
-        return f"; did you mean the distribution {near[0]!r}?" if near else f"; distributions are {', '.join(KINDS)}"
+        return (
+            f"; did you mean the distribution {near[0]!r}?"
+            if near
+            else f"; distributions are {', '.join(KINDS)}"
+        )
     kinds = {leaf.key: leaf.kind for leaf in leaves(tree)}
-    if "must be a whole number" in problem and kinds.get(key) in ("uniform", "log_uniform", "normal"):
+    if "must be a whole number" in problem and kinds.get(key) in (
+        "uniform",
+        "log_uniform",
+        "normal",
+    ):
         return f"; {kinds[key]!r} draws any number, use {{ integers = [low, high] }}"
     return ""
 
 
-def normalized(weights: list[float], count: int) -> "np.ndarray[Any, np.dtype[np.float64]]":
+def normalized(
+    weights: list[float], count: int
+) -> "np.ndarray[Any, np.dtype[np.float64]]":
     """`count` weights divided by their sum. Raises InputError for another number of weights, or if all are 0."""
     if len(weights) != count:
-        raise InputError(f"weights: must have length {count}, got {format_value(weights)}")
+        raise InputError(
+            f"weights: must have length {count}, got {format_value(weights)}"
+        )
     largest = max(weights)
     if not largest > 0:
-        raise InputError(f"weights: at least one must be > 0, got {format_value(weights)}")
+        raise InputError(
+            f"weights: at least one must be > 0, got {format_value(weights)}"
+        )
     shares = np.array(weights) / largest
     return np.asarray(shares / shares.sum())

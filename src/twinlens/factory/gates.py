@@ -36,7 +36,9 @@ class Rejected(Exception):  # noqa: N818  no failure: the draw was a bad one
     `noisy`: the measurement depends on image noise, which differs in another draw.
     """
 
-    def __init__(self, reason: str, found: str, remedy: str, noisy: bool = False) -> None:
+    def __init__(
+        self, reason: str, found: str, remedy: str, noisy: bool = False
+    ) -> None:
         super().__init__(f"{reason}: {found}")
         self.reason, self.found, self.remedy, self.noisy = reason, found, remedy, noisy
 
@@ -63,17 +65,25 @@ class Gates(StrictModel):
     noise: Positive | None = None
 
 
-def check_truth(gates: Gates, scene: Scene, rig: Rig, truths: Sequence[Truth], ndisp: int | None) -> None:
+def check_truth(
+    gates: Gates, scene: Scene, rig: Rig, truths: Sequence[Truth], ndisp: int | None
+) -> None:
     """The gates that need no images. Raises Rejected."""
     for i, (truth, pose) in enumerate(zip(truths, rig.world_from_cams, strict=True)):
-        seen = np.unique(truth.object_id)  # a body that encloses the camera is all that it sees, unlike a room
+        seen = np.unique(
+            truth.object_id
+        )  # a body that encloses the camera is all that it sees, unlike a room
         name = truth.object_names[seen[0] - 1] if seen.size == 1 and seen[0] else ""
         if gates.inside and name and encloses(scene, name, pose[:3, 3]):
             remedy = "scene.jitter, rig.baseline, or gates.inside"
             raise Rejected("camera inside an object", f"camera {i} in {name!r}", remedy)
     for i, truth in enumerate(truths[:2]):
         known = truth.disparity[np.isfinite(truth.disparity)]
-        if ndisp and known.size and ((known < 0) | (known >= ndisp)).mean() > gates.beyond_ndisp:
+        if (
+            ndisp
+            and known.size
+            and ((known < 0) | (known >= ndisp)).mean() > gates.beyond_ndisp
+        ):
             raise Rejected(
                 "disparity beyond ndisp",
                 f"view {i} has {known.min():.4g} to {known.max():.4g} px, and ndisp is {ndisp}",
@@ -89,7 +99,9 @@ def check_truth(gates: Gates, scene: Scene, rig: Rig, truths: Sequence[Truth], n
             )
 
 
-_DIRECTION = np.array([0.30151134, 0.90453403, 0.30151134])  # unlikely to be parallel to an edge
+_DIRECTION = np.array(
+    [0.30151134, 0.90453403, 0.30151134]
+)  # unlikely to be parallel to an edge
 
 
 def encloses(scene: Scene, name: str, point: Float) -> bool:
@@ -98,7 +110,10 @@ def encloses(scene: Scene, name: str, point: Float) -> bool:
     Only spheres, cubes and meshes have an inside. False for scenes from Mitsuba files, whose shapes are not read.
     """
     for thing in scene.objects:
-        poses = {f"{thing.name}[{i}]": pose @ thing.world_from_object for i, pose in enumerate(thing.instances)}
+        poses = {
+            f"{thing.name}[{i}]": pose @ thing.world_from_object
+            for i, pose in enumerate(thing.instances)
+        }
         pose = (poses or {thing.name: thing.world_from_object}).get(name)
         if pose is None:
             continue
@@ -142,9 +157,15 @@ def check_photographs(gates: Gates, sample: Sample, sensor: Sensor) -> None:
                 "spp or noise (more samples), or gates.noise",
             )
         cameras = sample.rig.cameras
-        greys = [grey(image, sensor.for_band(camera.band)) for image, camera in zip(shot.images, cameras, strict=True)]
+        greys = [
+            grey(image, sensor.for_band(camera.band))
+            for image, camera in zip(shot.images, cameras, strict=True)
+        ]
         for i, picture in enumerate(greys):
-            for gate, most, bad in (("dark", gates.dark, picture <= _DARK), ("burnt", gates.burnt, picture >= _BURNT)):
+            for gate, most, bad in (
+                ("dark", gates.dark, picture <= _DARK),
+                ("burnt", gates.burnt, picture >= _BURNT),
+            ):
                 share = float(bad.mean())
                 if share > most:
                     raise Rejected(
@@ -169,7 +190,11 @@ def grey(image: NDArray[Any], sensor: Sensor) -> Grey:
     black, white = 0.0, float(np.iinfo(image.dtype).max)
     if sensor.output == "raw":
         black, white = sensor.black_level, float(sensor.largest_dn)
-    mean = image.mean(axis=-1, dtype=np.float32) if image.ndim == 3 else image.astype(np.float32)
+    mean = (
+        image.mean(axis=-1, dtype=np.float32)
+        if image.ndim == 3
+        else image.astype(np.float32)
+    )
     if sensor.output == "raw" and sensor.filters in BAYER:
         below = np.pad(mean, ((0, 1), (0, 1)), mode="reflect")
         mean = (below[:-1, :-1] + below[1:, :-1] + below[:-1, 1:] + below[1:, 1:]) / 4
@@ -187,7 +212,9 @@ def textured(greys: Sequence[Grey], rig: Rig, truths: Sequence[Truth]) -> float:
     known, camera = truths[0].visible & truths[0].hit, rig.cameras[partner]
     u, v = np.floor(rig.project(partner, truths[0].position[known]) + 0.5).astype(int).T
     warped = np.zeros(known.shape, np.float32)  # to the first view, nearest pixel
-    warped[known] = greys[partner][v.clip(0, camera.height - 1), u.clip(0, camera.width - 1)]
+    warped[known] = greys[partner][
+        v.clip(0, camera.height - 1), u.clip(0, camera.width - 1)
+    ]
     return textured_windows(greys[0], warped, known)
 
 
@@ -202,9 +229,13 @@ def textured_windows(left: Grey, right: Grey, known: NDArray[np.bool_]) -> float
     judged = weight >= _LEAST_KNOWN * WINDOW**2
     if not judged.any():
         return 1.0
-    a, b = (np.where(known, picture, 0.0).astype(np.float64) for picture in (left, right))
+    a, b = (
+        np.where(known, picture, 0.0).astype(np.float64) for picture in (left, right)
+    )
     count = weight[judged]
-    mean_a, mean_b, ab, aa, bb = (_sums(product)[judged] / count for product in (a, b, a * b, a * a, b * b))
+    mean_a, mean_b, ab, aa, bb = (
+        _sums(product)[judged] / count for product in (a, b, a * b, a * a, b * b)
+    )
     shared = ab - mean_a * mean_b
     chance = np.sqrt(np.maximum((aa - mean_a**2) * (bb - mean_b**2), 0.0) / count)
     return float((shared > np.maximum(_LEAST_CONTRAST**2, _CHANCE * chance)).mean())

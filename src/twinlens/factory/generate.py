@@ -89,7 +89,9 @@ def generate(
     root, shared = place(folder), shard != (1, 1)
     if isinstance(root, Path):
         recipe.sources.check_output(root)
-    _ = recipe.sources.digests  # an unreadable file is an error before anything is written
+    _ = (
+        recipe.sources.digests
+    )  # an unreadable file is an error before anything is written
     if not whole_samples(root):
         recipe.sources.check_contents()
     tools = made_with()  # and so is a missing backend
@@ -120,16 +122,29 @@ def generate(
             finish(ledger)
     missing = ledger.missing()
     if shared and not missing:
-        with locked(root, wait=True):  # several shards may find at the same time that everything is made
+        with locked(
+            root, wait=True
+        ):  # several shards may find at the same time that everything is made
             finish(ledger)
     left = sum(index % n == i - 1 for index in missing)
     failures, rejections = tuple(ledger.failures), ledger.rejections
-    return Outcome(recipe.count, made, before, len(ledger.rows), failures, rejections, not missing, left)
+    return Outcome(
+        recipe.count,
+        made,
+        before,
+        len(ledger.rows),
+        failures,
+        rejections,
+        not missing,
+        left,
+    )
 
 
 def _collect(ledger: Ledger, results: Results, exclusive: bool) -> int:
     """Add results to the ledger; the number of samples made. `exclusive`: keep dataset.json and the preview current."""
-    importlib.import_module("matplotlib")  # for the preview: an import that an interrupt stops cannot be repeated
+    importlib.import_module(
+        "matplotlib"
+    )  # for the preview: an import that an interrupt stops cannot be repeated
     tiles: dict[str, Image.Image] = {}
     made, due = 0, time.monotonic() + _WRITE_EVERY_S
 
@@ -144,7 +159,9 @@ def _collect(ledger: Ledger, results: Results, exclusive: bool) -> int:
                 made += isinstance(entry, Row)
                 if exclusive and (start := time.monotonic()) >= due:
                     write()
-                    due = start + max(_WRITE_EVERY_S, 50 * (time.monotonic() - start))  # the files grow
+                    due = start + max(
+                        _WRITE_EVERY_S, 50 * (time.monotonic() - start)
+                    )  # the files grow
     finally:
         if exclusive:
             write()
@@ -166,13 +183,24 @@ def _unusable_assets(recipe: Recipe) -> list[dict[str, str]]:
     found = []
     for kind, files in recipe.sources.asset_files.items():
         for name, path in files.items():
-            keep = {"keep_material": recipe.sources.keep_material, "folder": recipe.sources.folder}
+            keep = {
+                "keep_material": recipe.sources.keep_material,
+                "folder": recipe.sources.folder,
+            }
             single: dict[str, Any] = {kind: (path,), **keep}
-            with warnings.catch_warnings():  # samples have given those of the files that they use
+            with (
+                warnings.catch_warnings()
+            ):  # samples have given those of the files that they use
                 warnings.simplefilter("ignore", MaterialWarning)
                 checked = Assets(**single).check()
             for broken, reason in checked.broken:
-                found.append({"kind": kind, "file": name, "reason": reason.replace(str(broken), name)})
+                found.append(
+                    {
+                        "kind": kind,
+                        "file": name,
+                        "reason": reason.replace(str(broken), name),
+                    }
+                )
     return found
 
 
@@ -212,11 +240,22 @@ def estimate(recipe: Recipe, folder: Where) -> Estimate:
     made = rendered(work, missing[0])
     if isinstance(made, Failure):
         last = made.rejections[-1]
-        raise InputError(f"{recipe.file}: sample {made.index} fails: {last['found']}; change {made.remedy}")
+        raise InputError(
+            f"{recipe.file}: sample {made.index} fails: {last['found']}; change {made.remedy}"
+        )
     size = sum(map(len, sample_files(made).values()))
     seconds = time.perf_counter() - start
     todo = len(missing)
-    return Estimate(recipe.count, before, todo, made.record["spec"], seconds, size, seconds * todo, size * todo)
+    return Estimate(
+        recipe.count,
+        before,
+        todo,
+        made.record["spec"],
+        seconds,
+        size,
+        seconds * todo,
+        size * todo,
+    )
 
 
 def write_preview(ledger: Ledger, tiles: dict[str, Image.Image]) -> None:
@@ -232,7 +271,10 @@ def write_preview(ledger: Ledger, tiles: dict[str, Image.Image]) -> None:
         with repairable(sample):
             tiles[name] = known.get(name) or sample_tile(StoredSample(sample, name))
     if tiles:
-        write_file(ledger.folder / "preview.png", encode_png(np.asarray(contact_sheet(list(tiles.values())))))
+        write_file(
+            ledger.folder / "preview.png",
+            encode_png(np.asarray(contact_sheet(list(tiles.values())))),
+        )
 
 
 def chosen(count: int) -> list[int]:
@@ -257,4 +299,6 @@ def colored(disparity: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Disparity in the colour map `turbo`, from its 1st to its 99th percentile; black where unknown."""
     known = disparity[np.isfinite(disparity)]
     low, high = np.percentile(known, (1, 99)) if known.size else (0.0, 1.0)
-    return colourise(disparity, low, max(high, low + 1e-6), "turbo", unknown_colour=(0, 0, 0))
+    return colourise(
+        disparity, low, max(high, low + 1e-6), "turbo", unknown_colour=(0, 0, 0)
+    )

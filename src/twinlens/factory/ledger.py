@@ -20,7 +20,13 @@ from typing import Any
 from twinlens.dataset import Manifest, Row, read_manifest, write_manifest
 from twinlens.dataset.card import ASSETS, write_assets
 from twinlens.dataset.dataset import MANIFEST, ROW_KIND, ROW_VERSION, ROWS, row_of
-from twinlens.dataset.files import files_below, is_hidden, read_bytes, remove_unfinished, write_file
+from twinlens.dataset.files import (
+    files_below,
+    is_hidden,
+    read_bytes,
+    remove_unfinished,
+    write_file,
+)
 from twinlens.dataset.metadata import KEY as ABOUT
 from twinlens.dataset.record import decode_json, encode_json, plain, read_json
 from twinlens.dataset.sample import KIND as SAMPLE_KIND, VERSION as SAMPLE_VERSION
@@ -50,7 +56,9 @@ class Ledger:
     Raises InputError if the folder has a dataset of another recipe, of other versions, or of other source files.
     """
 
-    def __init__(self, folder: Place, recipe: Recipe, made_with: Mapping[str, Any]) -> None:
+    def __init__(
+        self, folder: Place, recipe: Recipe, made_with: Mapping[str, Any]
+    ) -> None:
         self.folder, self.recipe = folder, recipe
         self.made_with = plain(made_with)
         self.entries: dict[int, Entry] = {}
@@ -58,40 +66,78 @@ class Ledger:
         self.has_file = (folder / MANIFEST).is_file()
         if not self.has_file:
             for entry in folder.iterdir() if folder.is_dir() else ():
-                if not (is_hidden(entry.name) or entry.name.isdecimal() or entry.name in ("preview.png", ASSETS)):
+                if not (
+                    is_hidden(entry.name)
+                    or entry.name.isdecimal()
+                    or entry.name in ("preview.png", ASSETS)
+                ):
                     remedy = "name a new or empty folder; if dataset.json was lost, move that file away and run again"
-                    raise InputError(f"{folder}: is not a dataset and contains {entry.name!r}; {remedy}")
+                    raise InputError(
+                        f"{folder}: is not a dataset and contains {entry.name!r}; {remedy}"
+                    )
             return
         known = read_manifest(folder)
-        empty = "made_with" in known.info and not known.rows and not known.info.get("failed")
-        if not empty or whole_samples(folder):  # where nothing was made, another recipe may use the folder
+        empty = (
+            "made_with" in known.info
+            and not known.rows
+            and not known.info.get("failed")
+        )
+        if not empty or whole_samples(
+            folder
+        ):  # where nothing was made, another recipe may use the folder
             self._load(known)
 
     @property
     def rows(self) -> list[Row]:
         """The samples that are made, in order."""
-        return [entry for _, entry in sorted(self.entries.items()) if isinstance(entry, Row)]
+        return [
+            entry for _, entry in sorted(self.entries.items()) if isinstance(entry, Row)
+        ]
 
     @property
     def failures(self) -> list[Failure]:
         """The failed samples, in order."""
-        return [entry for _, entry in sorted(self.entries.items()) if isinstance(entry, Failure)]
+        return [
+            entry
+            for _, entry in sorted(self.entries.items())
+            if isinstance(entry, Failure)
+        ]
 
     @property
     def rejections(self) -> dict[str, int]:
         """The number of rejected draws by reason."""
-        lists = [row.info.get("rejections", ()) for row in self.rows] + [each.rejections for each in self.failures]
-        return dict(sorted(Counter(rejected["reason"] for each in lists for rejected in each).items()))
+        lists = [row.info.get("rejections", ()) for row in self.rows] + [
+            each.rejections for each in self.failures
+        ]
+        return dict(
+            sorted(
+                Counter(
+                    rejected["reason"] for each in lists for rejected in each
+                ).items()
+            )
+        )
 
     def recover(self) -> None:
         """Add every row and every whole sample that earlier runs left, and drop samples that are gone."""
         existing = whole_samples(self.folder)
-        pending = dict(self._pending_rows()) if self.has_file else {}  # else the rows may be another recipe's
+        pending = (
+            dict(self._pending_rows()) if self.has_file else {}
+        )  # else the rows may be another recipe's
         found = (self.entries | pending).items()
-        self.entries = {i: each for i, each in found if isinstance(each, Failure) or each.name in existing}
+        self.entries = {
+            i: each
+            for i, each in found
+            if isinstance(each, Failure) or each.name in existing
+        }
         for name in sorted(existing - {sample_name(index) for index in self.entries}):
-            if name.isdecimal() and sample_name(int(name)) == name and int(name) < self.recipe.count:
-                self.entries[int(name)] = recovered_row(self.folder, self.recipe, int(name), self.made_with)
+            if (
+                name.isdecimal()
+                and sample_name(int(name)) == name
+                and int(name) < self.recipe.count
+            ):
+                self.entries[int(name)] = recovered_row(
+                    self.folder, self.recipe, int(name), self.made_with
+                )
 
     def check_files(self) -> None:
         """Raise FileError where a file that a row lists is missing. `verify` checks their contents."""
@@ -100,11 +146,15 @@ class Ledger:
             if lost := [name for name in row.files if not exists(f"{row.name}/{name}")]:
                 more = f" (and {len(lost) - 1} more)" if len(lost) > 1 else ""
                 sample = self.folder / row.name
-                raise FileError(f"{sample / lost[0]}: is missing{more}; {repair_hint(sample)}")
+                raise FileError(
+                    f"{sample / lost[0]}: is missing{more}; {repair_hint(sample)}"
+                )
 
     def missing(self) -> list[int]:
         """The indices of the samples that are still to be made."""
-        return [index for index in range(self.recipe.count) if index not in self.entries]
+        return [
+            index for index in range(self.recipe.count) if index not in self.entries
+        ]
 
     def write(self, **info: Any) -> None:
         """Write dataset.json, to which `info` is added, and ASSETS.md."""
@@ -138,19 +188,32 @@ class Ledger:
         """Take the entries of dataset.json, if it is of this recipe, these versions and these source files."""
         made_with, sources = known.info.get("made_with"), known.info.get("sources")
         if not isinstance(made_with, Mapping) or not isinstance(sources, Mapping):
-            raise InputError(f"{self.folder}: holds a dataset that `twinlens generate` did not make; name a new folder")
-        changed = differences(known.recipe, plain(self.recipe.written)) + differences(made_with, self.made_with)
+            raise InputError(
+                f"{self.folder}: holds a dataset that `twinlens generate` did not make; name a new folder"
+            )
+        changed = differences(known.recipe, plain(self.recipe.written)) + differences(
+            made_with, self.made_with
+        )
         if changed:
             what = "; ".join(changed[:3])
-            raise InputError(f"{self.folder}: holds another dataset ({what}); name another folder, or undo the change")
+            raise InputError(
+                f"{self.folder}: holds another dataset ({what}); name another folder, or undo the change"
+            )
         if edited := changed_files(sources, self.recipe.sources.digests):
-            raise InputError(f"{self.folder}: has other source files ({edited}); restore them, or name another folder")
+            raise InputError(
+                f"{self.folder}: has other source files ({edited}); restore them, or name another folder"
+            )
         self.described = {key: known.info[key] for key in (ABOUT,) if key in known.info}
         try:
             self.entries |= {int(row.info["index"]): row for row in known.rows}
-            self.entries |= {int(failed["index"]): Failure(**failed) for failed in known.info.get("failed", ())}
+            self.entries |= {
+                int(failed["index"]): Failure(**failed)
+                for failed in known.info.get("failed", ())
+            }
         except (KeyError, TypeError, ValueError) as error:
-            raise FileError(f"{self.folder / MANIFEST}: was not written by `twinlens generate` ({error})") from None
+            raise FileError(
+                f"{self.folder / MANIFEST}: was not written by `twinlens generate` ({error})"
+            ) from None
         if more := sum(index >= self.recipe.count for index in self.entries):
             raise InputError(
                 f"{self.folder}: holds {more} sample(s) beyond the recipe's count of {self.recipe.count}; a count may "
@@ -161,11 +224,22 @@ class Ledger:
         """Rows of samples that have no entry yet. A row that cannot be read is made from the sample's files again."""
         folder = self.folder / ROWS
         for name in files_below(folder) if folder.is_dir() else ():
-            index = int(name[:-5]) if name.endswith(".json") and name[:-5].isdecimal() else self.recipe.count
+            index = (
+                int(name[:-5])
+                if name.endswith(".json") and name[:-5].isdecimal()
+                else self.recipe.count
+            )
             if index < self.recipe.count and index not in self.entries:
                 with contextlib.suppress(FileError, KeyError, TypeError):
-                    record = decode_json(read_bytes(folder / name), name, ROW_KIND, ROW_VERSION)
-                    yield index, Failure(**record["failure"]) if "failure" in record else Row(**record["row"])
+                    record = decode_json(
+                        read_bytes(folder / name), name, ROW_KIND, ROW_VERSION
+                    )
+                    yield (
+                        index,
+                        Failure(**record["failure"])
+                        if "failure" in record
+                        else Row(**record["row"]),
+                    )
 
 
 def write_row(folder: Place, index: int, entry: Entry) -> None:
@@ -187,24 +261,39 @@ def row_info(record: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def recovered_row(folder: Place, recipe: Recipe, index: int, made_with: Mapping[str, Any]) -> Row:
+def recovered_row(
+    folder: Place, recipe: Recipe, index: int, made_with: Mapping[str, Any]
+) -> Row:
     """The row of a whole sample, from its files. Raises InputError if another recipe or other versions made it."""
     name = sample_name(index)
     sample = folder / name
     with repairable(sample):
         record = read_json(sample / MARK, SAMPLE_KIND, SAMPLE_VERSION).get("record", {})
     try:
-        changed = differences(record["spec"], plain(asdict(plan(recipe, index, record["spec"]["attempt"]))))[:2]
+        changed = differences(
+            record["spec"],
+            plain(asdict(plan(recipe, index, record["spec"]["attempt"]))),
+        )[:2]
         if changed:
-            raise InputError(f"{sample}: another recipe made it ({'; '.join(changed)}); name another folder")
-        if changed := differences({key: record[key] for key in made_with}, made_with)[:2]:
-            raise InputError(f"{sample}: other versions made it ({'; '.join(changed)}); name another folder")
+            raise InputError(
+                f"{sample}: another recipe made it ({'; '.join(changed)}); name another folder"
+            )
+        if changed := differences({key: record[key] for key in made_with}, made_with)[
+            :2
+        ]:
+            raise InputError(
+                f"{sample}: other versions made it ({'; '.join(changed)}); name another folder"
+            )
         if record["sources_sha256"] != recipe.sources.digest:
             files = "other source files (scenes, assets, masks)"
-            raise InputError(f"{sample}: was made from {files}; restore them, or name another folder")
+            raise InputError(
+                f"{sample}: was made from {files}; restore them, or name another folder"
+            )
         return row_of(folder, name, row_info(record))
     except (KeyError, TypeError, AttributeError) as error:
-        raise FileError(f"{sample}: was not made from a recipe; name another folder") from error
+        raise FileError(
+            f"{sample}: was not made from a recipe; name another folder"
+        ) from error
 
 
 def repair_hint(sample: Place) -> str:
@@ -225,7 +314,11 @@ def whole_samples(folder: Place) -> set[str]:
     """The names of the whole samples in a folder."""
     exists = _existence(folder)
     entries = folder.iterdir() if folder.is_dir() else ()
-    return {entry.name for entry in entries if not is_hidden(entry.name) and exists(f"{entry.name}/{MARK}")}
+    return {
+        entry.name
+        for entry in entries
+        if not is_hidden(entry.name) and exists(f"{entry.name}/{MARK}")
+    }
 
 
 def _existence(folder: Place) -> Callable[[str], bool]:

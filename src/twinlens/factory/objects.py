@@ -23,7 +23,13 @@ from twinlens.factory.sources import meshes_in
 from twinlens.geometry import Float, inverse, rigid, transform_points
 from twinlens.scenes import Mesh, Plugin, Scene, SceneObject, read_toml
 from twinlens.scenes.assets import SceneContext
-from twinlens.scenes.objects import ANALYTIC_SHAPES, MESH_SHAPES, MeshFile, ObjectBase, ObjectTable
+from twinlens.scenes.objects import (
+    ANALYTIC_SHAPES,
+    MESH_SHAPES,
+    MeshFile,
+    ObjectBase,
+    ObjectTable,
+)
 from twinlens.scenes.placement import Placement, rotation
 from twinlens.scenes.plugins import Material
 from twinlens.scenes.resting import (
@@ -45,13 +51,19 @@ _SURFACE_POINTS = 256
 _UPRIGHT = 0.9  # cosine of the largest tilt of an upright body
 _LEAST_FRONT = 0.3  # length of a front axis seen from above, below which the next axis is the front
 _RANGE = Annotated[
-    list[Number], exactly(2, Number), satisfies(lambda ends: ends[0] < ends[1], "must be [low, high], got {}")
+    list[Number],
+    exactly(2, Number),
+    satisfies(lambda ends: ends[0] < ends[1], "must be [low, high], got {}"),
 ]
 _TURNS = ("rotate", "euler_deg", "look_at")
 _MATERIAL: TypeAdapter[Plugin] = TypeAdapter(Material)
 _OBJECT: TypeAdapter[ObjectBase] = TypeAdapter(ObjectTable)
 _SHAPES: dict[str, dict[str, Any]] = {**ANALYTIC_SHAPES, **MESH_SHAPES}
-_OBJECT_KEYS = {"shape", *MeshFile.model_fields, *(key for keys in _SHAPES.values() for key in keys)}
+_OBJECT_KEYS = {
+    "shape",
+    *MeshFile.model_fields,
+    *(key for keys in _SHAPES.values() for key in keys),
+}
 
 
 class Placing(StrictModel):
@@ -86,7 +98,9 @@ class _ObjectKeys(Placing, Placement):
 
 def _tables(value: Any) -> Any:
     if not isinstance(value, (Mapping, list)):
-        raise InputError(f"must be a table of keys and values, got {format_value(value)}")
+        raise InputError(
+            f"must be a table of keys and values, got {format_value(value)}"
+        )
     return [value] if isinstance(value, Mapping) else value
 
 
@@ -118,7 +132,12 @@ class Draft:
 
 
 def drafts(
-    name: str, tables: Sequence[Mapping[str, Any]], known: Mapping[str, Any], home: Path, folder: Path, file: Path
+    name: str,
+    tables: Sequence[Mapping[str, Any]],
+    known: Mapping[str, Any],
+    home: Path,
+    folder: Path,
+    file: Path,
 ) -> list[Draft]:
     """The checked copies of the object `name`, of a scene whose scene.toml in `home` has the objects `known`.
 
@@ -127,8 +146,17 @@ def drafts(
     found = []
     for i, table in enumerate(tables):
         key = f"scene.objects.{name}" + (f"[{i}]" if len(tables) > 1 else "")
-        place = read(Placing, {word: table[word] for word in Placing.model_fields if word in table}, file, key)
-        own = {word: value for word, value in table.items() if word not in Placing.model_fields}
+        place = read(
+            Placing,
+            {word: table[word] for word in Placing.model_fields if word in table},
+            file,
+            key,
+        )
+        own = {
+            word: value
+            for word, value in table.items()
+            if word not in Placing.model_fields
+        }
         new = bool({"file", "shape", "folder"} & table.keys())
         for word in own.keys() - _OBJECT_KEYS:
             with located(f"{file}: {key}"):
@@ -136,9 +164,13 @@ def drafts(
         with located(f"{file}: {key}"):
             if name not in known and not new:
                 hint = f"; the scene has {', '.join(sorted(known))}" if known else ""
-                raise InputError(f"a new object needs one of 'file', 'folder' and 'shape'{hint}")
+                raise InputError(
+                    f"a new object needs one of 'file', 'folder' and 'shape'{hint}"
+                )
             own = _merged(dict(known.get(name, {})), own, new)
-            if place.folder is not None and "file" not in own:  # a plan has added a file
+            if (
+                place.folder is not None and "file" not in own
+            ):  # a plan has added a file
                 own = {**own, "file": meshes_in(folder, place.folder)[0]}
             _check_pose(place, table, own)
             material, inline = own.get("material"), None
@@ -155,9 +187,17 @@ def drafts(
 def _merged(known: dict[str, Any], own: Mapping[str, Any], new: bool) -> dict[str, Any]:
     """An object's table with some keys replaced; those that the new ones exclude are left out."""
     if new:
-        known = {key: value for key, value in known.items() if key in ObjectBase.model_fields}
-    if "matrix" in own or ("matrix" in known.keys() - own.keys() and {"translate", *_TURNS} & own.keys()):
-        known = {key: value for key, value in known.items() if key not in ("matrix", "translate", *_TURNS)}
+        known = {
+            key: value for key, value in known.items() if key in ObjectBase.model_fields
+        }
+    if "matrix" in own or (
+        "matrix" in known.keys() - own.keys() and {"translate", *_TURNS} & own.keys()
+    ):
+        known = {
+            key: value
+            for key, value in known.items()
+            if key not in ("matrix", "translate", *_TURNS)
+        }
     if {*_TURNS} & own.keys():
         known = {key: value for key, value in known.items() if key not in _TURNS}
     return {**known, **own}
@@ -172,10 +212,14 @@ def _check_pose(place: Placing, table: Mapping[str, Any], own: dict[str, Any]) -
     else:
         for key in ("translate", "matrix"):
             if key in table:
-                raise InputError(f"{key!r} and 'resting_on' exclude each other; 'within' limits the place")
+                raise InputError(
+                    f"{key!r} and 'resting_on' exclude each other; 'within' limits the place"
+                )
             own.pop(key, None)
         if own.get("instances"):
-            raise InputError("an object with instances cannot have 'resting_on'; use 'count'")
+            raise InputError(
+                "an object with instances cannot have 'resting_on'; use 'count'"
+            )
     if place.looking_at is not None:
         if given := {*_TURNS, "matrix"} & table.keys():
             raise InputError(f"{min(given)!r} and 'looking_at' exclude each other")
@@ -190,12 +234,19 @@ def written_objects(scene: Path | None) -> tuple[Path, dict[str, Any]]:
     if scene is None:
         return Path(), {}
     if scene.suffix == ".xml":
-        raise InputError(f"scene.objects: {scene.name} is a Mitsuba file; only scene.toml files and families have it")
+        raise InputError(
+            f"scene.objects: {scene.name} is a Mitsuba file; only scene.toml files and families have it"
+        )
     return scene.parent, read_toml(scene).get("objects", {})
 
 
 def with_objects(
-    scene: Scene, objects: Mapping[str, Sequence[Mapping[str, Any]]], rig: Rig, seed: int, folder: Path, file: Path
+    scene: Scene,
+    objects: Mapping[str, Sequence[Mapping[str, Any]]],
+    rig: Rig,
+    seed: int,
+    folder: Path,
+    file: Path,
 ) -> Scene:
     """The scene with a recipe's objects in it, as one drawn sample has them. The same arguments give the same scene.
 
@@ -205,15 +256,24 @@ def with_objects(
     """
     if not objects:
         return scene
-    home, known = written_objects(scene.xml or (scene.files[0] if scene.files else None))
-    copies = {name: drafts(name, tables, known, home, folder, file) for name, tables in objects.items()}
-    stage = _Stage(scene, [thing for thing in scene.objects if thing.name not in copies], rig, seed)
+    home, known = written_objects(
+        scene.xml or (scene.files[0] if scene.files else None)
+    )
+    copies = {
+        name: drafts(name, tables, known, home, folder, file)
+        for name, tables in objects.items()
+    }
+    stage = _Stage(
+        scene, [thing for thing in scene.objects if thing.name not in copies], rig, seed
+    )
     for name in in_order(copies, file):
         stage.added[name] = []
         for i, draft in enumerate(copies[name]):
             with located(f"{file}: scene.objects.{name}"):
                 stage.add(name, i, draft)
-    files = dict.fromkeys(path for group in copies.values() for draft in group for path in draft.files)
+    files = dict.fromkeys(
+        path for group in copies.values() for draft in group for path in draft.files
+    )
     order = [*dict.fromkeys([thing.name for thing in scene.objects] + list(copies))]
     placed = {thing.name: [thing] for thing in scene.objects} | stage.added
     with located(str(file)):
@@ -229,16 +289,30 @@ def with_objects(
 def in_order(copies: Mapping[str, Sequence[Draft]], file: Path) -> list[str]:
     """The names of objects: those with a pose first, the others after those that they rest on or look at."""
     before = {
-        name: copies.keys() & {other for each in group for other in (each.place.resting_on, each.place.looking_at)}
+        name: copies.keys()
+        & {
+            other
+            for each in group
+            for other in (each.place.resting_on, each.place.looking_at)
+        }
         for name, group in copies.items()
     }
-    posed = {name for name in copies if not before[name] and not any(each.place.resting_on for each in copies[name])}
-    before = {name: others if name in posed else others | posed for name, others in before.items()}
+    posed = {
+        name
+        for name in copies
+        if not before[name] and not any(each.place.resting_on for each in copies[name])
+    }
+    before = {
+        name: others if name in posed else others | posed
+        for name, others in before.items()
+    }
     try:
         return list(graphlib.TopologicalSorter(before).static_order())
     except graphlib.CycleError as error:
         ring = " -> ".join(error.args[1])
-        raise InputError(f"{file}: scene.objects: {ring} rest on or look at each other; remove one") from error
+        raise InputError(
+            f"{file}: scene.objects: {ring} rest on or look at each other; remove one"
+        ) from error
 
 
 @dataclass(eq=False)
@@ -262,7 +336,9 @@ class _Stage:
 
     def things(self, name: str) -> list[SceneObject]:
         """The objects of that name: all copies of one that was added."""
-        return self.added.get(name) or [thing for thing in self.kept if thing.name == name]
+        return self.added.get(name) or [
+            thing for thing in self.kept if thing.name == name
+        ]
 
     def add(self, name: str, index: int, draft: Draft) -> None:
         """Place one copy."""
@@ -272,10 +348,17 @@ class _Stage:
             table = table.model_copy(update={"look_at": target.tolist()})
         thing = self.built(table, draft)
         if place.resting_on is not None:
-            thing = self.at_rest(thing, place, target, generator(self.seed, "objects", name, index))
-        elif place.in_view is not None and (share := self.share_in_view(thing)) < place.in_view:
+            thing = self.at_rest(
+                thing, place, target, generator(self.seed, "objects", name, index)
+            )
+        elif (
+            place.in_view is not None
+            and (share := self.share_in_view(thing)) < place.in_view
+        ):
             remedy = f"scene.objects.{name}.translate, or scene.objects.{name}.in_view"
-            raise Rejected("object out of view", f"{share:.1%} of {draft.name!r} in view", remedy)
+            raise Rejected(
+                "object out of view", f"{share:.1%} of {draft.name!r} in view", remedy
+            )
         self.added[name].append(thing)
         self.triangles[thing.name] = world_triangles(thing)
 
@@ -283,12 +366,25 @@ class _Stage:
         """The object of a table, at its own pose. Copies of a mesh file share one mesh and its materials."""
         file = getattr(table, "file", None)
         shared = file is not None and not table.merge
-        key = repr((file, table.model_dump(exclude=set(Placement.placing_keys)))) if shared else draft.name
+        key = (
+            repr((file, table.model_dump(exclude=set(Placement.placing_keys))))
+            if shared
+            else draft.name
+        )
         if key not in self.models:
             thing = table.build(draft.context)
-            names = {name: free_name(name, self.materials) for name in draft.context.materials}
-            self.materials |= {names[name]: plugin for name, plugin in draft.context.materials.items()}
-            own = thing.material if isinstance(thing.material, str) else tuple(names[name] for name in thing.material)
+            names = {
+                name: free_name(name, self.materials)
+                for name in draft.context.materials
+            }
+            self.materials |= {
+                names[name]: plugin for name, plugin in draft.context.materials.items()
+            }
+            own = (
+                thing.material
+                if isinstance(thing.material, str)
+                else tuple(names[name] for name in thing.material)
+            )
             self.models[key] = replace(thing, material=own)
         made = self.models[key]
         if draft.material is not None:
@@ -296,7 +392,11 @@ class _Stage:
             self.materials[material] = draft.material
             made = replace(made, material=material)
         return replace(
-            made, name=draft.name, world_from_object=table.world_from_object() if shared else made.world_from_object
+            made,
+            name=draft.name,
+            world_from_object=table.world_from_object()
+            if shared
+            else made.world_from_object,
         )
 
     def target(self, name: str | None) -> Float | None:
@@ -310,15 +410,27 @@ class _Stage:
 
     def support(self, name: str, key: str) -> list[Float]:
         """The triangles of the objects of that name. Raises InputError if there is none."""
-        found = [part for thing in self.things(name) for part in self.triangles[thing.name]]
+        found = [
+            part for thing in self.things(name) for part in self.triangles[thing.name]
+        ]
         if not found and name in self.added:
-            raise Rejected(f"no object for {key}", f"0 copies of {name!r}", f"scene.objects.{name}.count (larger)")
+            raise Rejected(
+                f"no object for {key}",
+                f"0 copies of {name!r}",
+                f"scene.objects.{name}.count (larger)",
+            )
         if not found:
             with located(key):
-                check_known("object", name, [thing.name for thing in self.kept] + list(self.added))
+                check_known(
+                    "object",
+                    name,
+                    [thing.name for thing in self.kept] + list(self.added),
+                )
         return found
 
-    def at_rest(self, thing: SceneObject, place: Placing, target: Float | None, rng: Rng) -> SceneObject:
+    def at_rest(
+        self, thing: SceneObject, place: Placing, target: Float | None, rng: Rng
+    ) -> SceneObject:
         """The object in a stable pose at a random free place. Raises Rejected if none is found."""
         carrier = str(place.resting_on)
         faces = self.level(carrier)
@@ -331,8 +443,14 @@ class _Stage:
             if not (face.holds(trial.moved(rest.support)) and trial.balanced()):
                 continue
             if chosen not in near:
-                near[chosen] = near_triangles([part for parts in self.triangles.values() for part in parts], face, rest)
-            if trial.meets(near[chosen]) or self.enclosed(trial.place + trial.spin @ rest.centre):
+                near[chosen] = near_triangles(
+                    [part for parts in self.triangles.values() for part in parts],
+                    face,
+                    rest,
+                )
+            if trial.meets(near[chosen]) or self.enclosed(
+                trial.place + trial.spin @ rest.centre
+            ):
                 continue
             turn = trial.spin @ rest.turn
             low = float((vertices @ turn.T)[:, 2].min())
@@ -346,9 +464,14 @@ class _Stage:
     def no_free_place(self, name: str, place: Placing, rest: StablePose) -> Rejected:
         """Why an object in a stable pose has no place on its carrier."""
         carrier = str(place.resting_on)
-        points = np.concatenate([face.triangles.reshape(-1, 2) for face, _ in self.level(carrier)])
+        points = np.concatenate(
+            [face.triangles.reshape(-1, 2) for face, _ in self.level(carrier)]
+        )
         low, high = points.min(axis=0), points.max(axis=0)
-        wide, free = float(np.ptp(rest.footprint, axis=0).max()), float((high - low).max())
+        wide, free = (
+            float(np.ptp(rest.footprint, axis=0).max()),
+            float((high - low).max()),
+        )
         found = f"{name!r}, {wide:.3g} m wide, on {carrier!r}, {free:.3g} m, in {_TRIES} tries"
         remedy = f"the 'count', 'within' or 'in_view' of objects on {carrier!r}"
         if wide > free:
@@ -357,8 +480,14 @@ class _Stage:
         elif place.within is not None:
             first, last = np.transpose(place.within)
             if (last < low).any() or (first > high).any():
-                spans = " and ".join(f"{axis} {a:.3g} to {b:.3g}" for axis, a, b in zip("xy", low, high, strict=True))
-                found, remedy = f"'within' is off {carrier!r}, which spans {spans} m", f"the 'within' of {name!r}"
+                spans = " and ".join(
+                    f"{axis} {a:.3g} to {b:.3g}"
+                    for axis, a, b in zip("xy", low, high, strict=True)
+                )
+                found, remedy = (
+                    f"'within' is off {carrier!r}, which spans {spans} m",
+                    f"the 'within' of {name!r}",
+                )
         return Rejected("no free place", found, remedy)
 
     def level(self, carrier: str) -> list[tuple[LevelFace, Placed | None]]:
@@ -372,37 +501,52 @@ class _Stage:
                 for face in level_faces(part)
             ]
             if not found:
-                raise InputError(f"resting_on: {carrier!r} has no level face; name an object with one")
+                raise InputError(
+                    f"resting_on: {carrier!r} has no level face; name an object with one"
+                )
             area = np.array([face.area.sum() for face, _ in found])
             self.faces[carrier], self.shares[carrier] = found, area / area.sum()
         return self.faces[carrier]
 
-    def stable(self, thing: SceneObject, place: Placing, rng: Rng) -> tuple[StablePose, Float]:
+    def stable(
+        self, thing: SceneObject, place: Placing, rng: Rng
+    ) -> tuple[StablePose, Float]:
         """A stable pose of an object and its vertices (N, 3), relative to its own position and orientation."""
         if isinstance(thing.shape, Mesh):
             key, faces = thing.shape.vertices.tobytes(), thing.shape.faces
             vertices = transform_points(thing.world_from_object, thing.shape.vertices)
         elif thing.shape["type"] == "cube":
             vertices = world_triangles(thing)[0].reshape(-1, 3)
-            key, faces = b"cube", np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3)
+            key, faces = (
+                b"cube",
+                np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3),
+            )
         else:
-            raise InputError(f"resting_on: needs a mesh or a cube, got a {thing.shape['type']}; use a mesh's shape")
+            raise InputError(
+                f"resting_on: needs a mesh or a cube, got a {thing.shape['type']}; use a mesh's shape"
+            )
         known = hash(key), thing.world_from_object.tobytes()
         if known not in self.poses:
             size = float(np.ptp(vertices, axis=0).max())
             try:
                 self.poses[known] = stable_poses(Mesh(vertices / size, faces), size)
             except (QhullError, ZeroDivisionError, InputError) as error:
-                raise InputError("resting_on: needs a mesh with an extent in all three dimensions") from error
+                raise InputError(
+                    "resting_on: needs a mesh with an extent in all three dimensions"
+                ) from error
         found = self.poses[known]
         if place.upright:
             found = [pose for pose in found if pose.turn[2, 2] > _UPRIGHT]
             found = sorted(found, key=lambda pose: -float(pose.turn[2, 2]))[:1]
         if not found:
             remedy = (
-                "remove 'upright', or turn it with 'euler_deg'" if place.upright else "check that the mesh is closed"
+                "remove 'upright', or turn it with 'euler_deg'"
+                if place.upright
+                else "check that the mesh is closed"
             )
-            raise InputError(f"resting_on: {thing.name!r} has no {'upright ' * place.upright}stable pose; {remedy}")
+            raise InputError(
+                f"resting_on: {thing.name!r} has no {'upright ' * place.upright}stable pose; {remedy}"
+            )
         weights = np.array([pose.probability for pose in found])
         return found[int(rng.choice(len(found), p=weights / weights.sum()))], vertices
 
@@ -420,13 +564,27 @@ class _Stage:
     def share_in_view(self, thing: SceneObject) -> float:
         """The least share, over the cameras, of points of an object's surface that are inside the picture."""
         triangles = np.concatenate(world_triangles(thing))
-        area = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
+        area = np.linalg.norm(
+            np.cross(
+                triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+            ),
+            axis=1,
+        )
         rng = generator(0, "surface")
         u, v = rng.random((2, _SURFACE_POINTS, 1))
-        a, b, c = np.moveaxis(triangles[rng.choice(len(area), _SURFACE_POINTS, p=area / area.sum())], 1, 0)
-        points = a + np.where(u + v < 1, u, 1 - u) * (b - a) + np.where(u + v < 1, v, 1 - v) * (c - a)
+        a, b, c = np.moveaxis(
+            triangles[rng.choice(len(area), _SURFACE_POINTS, p=area / area.sum())], 1, 0
+        )
+        points = (
+            a
+            + np.where(u + v < 1, u, 1 - u) * (b - a)
+            + np.where(u + v < 1, v, 1 - v) * (c - a)
+        )
         pixels = [self.rig.project(i, points) for i in range(len(self.rig))]
-        return min(float(camera.contains(each).mean()) for camera, each in zip(self.rig.cameras, pixels, strict=True))
+        return min(
+            float(camera.contains(each).mean())
+            for camera, each in zip(self.rig.cameras, pixels, strict=True)
+        )
 
     def depth_range(self) -> tuple[float, float]:
         """The scene's range of depths, extended to the vertices of the added objects in the first view."""
@@ -441,33 +599,62 @@ class _Stage:
 
 
 def _trial(
-    rest: StablePose, face: LevelFace, below: Placed | None, place: Placing, target: Float | None, rng: Rng
+    rest: StablePose,
+    face: LevelFace,
+    below: Placed | None,
+    place: Placing,
+    target: Float | None,
+    rng: Rng,
 ) -> Placed:
     """A random place on a face, turned to a target."""
     angle = float(rng.uniform(0, 2 * np.pi))
-    point = random_point(face, rng) if place.within is None else rng.uniform(*np.transpose(place.within))
+    point = (
+        random_point(face, rng)
+        if place.within is None
+        else rng.uniform(*np.transpose(place.within))
+    )
     if target is not None:
-        front = rest.turn[:2, 1] * -1 if np.linalg.norm(rest.turn[:2, 1]) > _LEAST_FRONT else rest.turn[:2, 2]
+        front = (
+            rest.turn[:2, 1] * -1
+            if np.linalg.norm(rest.turn[:2, 1]) > _LEAST_FRONT
+            else rest.turn[:2, 2]
+        )
         away = target[:2] - point
         angle = math.atan2(away[1], away[0]) - math.atan2(front[1], front[0])
     spin = rotation([0, 0, 1], math.degrees(angle))[:3, :3]
     corner = point - spin[:2, :2] @ rest.support.mean(axis=0)
-    return Placed(rest, spin, np.append(corner, face.height + CLEARANCE * rest.size), below)
+    return Placed(
+        rest, spin, np.append(corner, face.height + CLEARANCE * rest.size), below
+    )
 
 
 def _inside(triangles: Float, point: Float) -> bool:
     """Whether rays from a point (3,) in two opposite directions both cross the triangles (F, 3, 3) an odd number of
     times: true inside a closed surface, and not next to an open one.
     """
-    vertices, faces = triangles.reshape(-1, 3), np.arange(3 * len(triangles), dtype=np.uint32).reshape(-1, 3)
-    return all(crossings(sign * vertices, faces, sign * point) % 2 == 1 for sign in (1, -1))
+    vertices, faces = (
+        triangles.reshape(-1, 3),
+        np.arange(3 * len(triangles), dtype=np.uint32).reshape(-1, 3),
+    )
+    return all(
+        crossings(sign * vertices, faces, sign * point) % 2 == 1 for sign in (1, -1)
+    )
 
 
-def check_seen(objects: Mapping[str, Sequence[Mapping[str, Any]]], truths: Sequence[Truth]) -> None:
+def check_seen(
+    objects: Mapping[str, Sequence[Mapping[str, Any]]], truths: Sequence[Truth]
+) -> None:
     """Raise Rejected unless the first view shows a pixel of each copy of the objects with `in_view`."""
     names = truths[0].object_names
     for name, tables in objects.items():
         for i, table in enumerate(tables):
             label = f"{name}[{i}]" if "count" in table else name
-            if table.get("in_view") and not (truths[0].object_id == 1 + names.index(label)).any():
-                raise Rejected("object hidden", f"{label!r} in view 0", f"scene.objects.{name}.within or in_view")
+            if (
+                table.get("in_view")
+                and not (truths[0].object_id == 1 + names.index(label)).any()
+            ):
+                raise Rejected(
+                    "object hidden",
+                    f"{label!r} in view 0",
+                    f"scene.objects.{name}.within or in_view",
+                )

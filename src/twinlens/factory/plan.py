@@ -58,12 +58,20 @@ def plan(recipe: Recipe, index: int, attempt: int = 0) -> SampleSpec:
     """
     check_int("the index of a sample", index, 0)
     sizes = {} if recipe.weights else {"": len(recipe.names)}
-    sizes |= {leaf.key: len(leaf.distribution.values) for leaf in leaves(recipe.drawn) if leaf.kind == "sweep"}
+    sizes |= {
+        leaf.key: len(leaf.distribution.values)
+        for leaf in leaves(recipe.drawn)
+        if leaf.kind == "sweep"
+    }
     digits, rest = {}, index
     for key, size in sizes.items():
         rest, digits[key] = divmod(rest, size)
     if recipe.weights:
-        chosen = int(generator(recipe.seed, "subject", index, attempt).choice(len(recipe.names), p=recipe.weights))
+        chosen = int(
+            generator(recipe.seed, "subject", index, attempt).choice(
+                len(recipe.names), p=recipe.weights
+            )
+        )
     else:
         chosen = digits[""]
 
@@ -72,9 +80,13 @@ def plan(recipe: Recipe, index: int, attempt: int = 0) -> SampleSpec:
             return leaf.distribution.values[digits[leaf.key]]
         if leaf.kind == "per_scene":
             return leaf.distribution.values[chosen]
-        return leaf.distribution.draw(generator(recipe.seed, "draw", index, attempt, leaf.key, *copy))
+        return leaf.distribution.draw(
+            generator(recipe.seed, "draw", index, attempt, leaf.key, *copy)
+        )
 
-    seed = int(generator(recipe.seed, "sample", index, attempt).integers(1 << _SEED_BITS))
+    seed = int(
+        generator(recipe.seed, "sample", index, attempt).integers(1 << _SEED_BITS)
+    )
     return SampleSpec(
         index=index,
         attempt=attempt,
@@ -83,31 +95,43 @@ def plan(recipe: Recipe, index: int, attempt: int = 0) -> SampleSpec:
         seed=seed,
         kind=recipe.kind,
         scene=recipe.names[chosen],
-        drawn=_with_copies(recipe, resolve(recipe.drawn, choose), choose, (index, attempt)),
+        drawn=_with_copies(
+            recipe, resolve(recipe.drawn, choose), choose, (index, attempt)
+        ),
         ndisp=recipe.ndisp,
         keep=recipe.keep,
     )
 
 
 def _with_copies(
-    recipe: Recipe, drawn: dict[str, Any], choose: Callable[..., Any], draw: tuple[int, int]
+    recipe: Recipe,
+    drawn: dict[str, Any],
+    choose: Callable[..., Any],
+    draw: tuple[int, int],
 ) -> dict[str, Any]:
     """The drawn values with a list of tables for each of the recipe's objects, one for each copy, and its mesh."""
     scene = drawn.get("scene", {})
     if not scene.get("objects"):
         return drawn
     written: Any = recipe.drawn["scene"]
-    written = written.get("objects") if isinstance(written, dict) else None  # a choice has constants only
+    written = (
+        written.get("objects") if isinstance(written, dict) else None
+    )  # a choice has constants only
     copies = {}
     for name, table in scene["objects"].items():
         tree = written[name] if isinstance(written, dict) else table
         several = {"count": table["count"]} if "count" in table else {}
-        drawn_tables = (resolve(tree, partial(_of_copy, choose, i)) for i in range(table.get("count", 1)))
+        drawn_tables = (
+            resolve(tree, partial(_of_copy, choose, i))
+            for i in range(table.get("count", 1))
+        )
         copies[name] = [each | several for each in drawn_tables]
         for i, each in enumerate(copies[name]):
             if "folder" in each:
                 meshes = recipe.sources.meshes(each["folder"])
-                each["file"] = meshes[generator(recipe.seed, "mesh", *draw, name, i).integers(len(meshes))]
+                each["file"] = meshes[
+                    generator(recipe.seed, "mesh", *draw, name, i).integers(len(meshes))
+                ]
     return {**drawn, "scene": {**scene, "objects": copies}}
 
 
@@ -119,7 +143,9 @@ def _of_copy(choose: Callable[..., Any], copy: int, leaf: Leaf) -> Any:
 def is_fixed(recipe: Recipe) -> bool:
     """Whether all draws of a sample differ in noise only: the scene is from a file, and nothing else is random."""
     chosen = recipe.weights is None or len(recipe.names) == 1
-    random = any(leaf.kind not in ("sweep", "per_scene") for leaf in leaves(recipe.drawn))
+    random = any(
+        leaf.kind not in ("sweep", "per_scene") for leaf in leaves(recipe.drawn)
+    )
     random |= recipe.random_places
     return chosen and recipe.kind == "scene" and not random
 
@@ -135,4 +161,6 @@ def split_of(recipe: Recipe, index: int) -> str | None:
         return None
     bounds = np.cumsum(list(recipe.splits.values()))
     drawn = generator(recipe.seed, "split", index).random()
-    return list(recipe.splits)[min(int(np.searchsorted(bounds, drawn, side="right")), len(bounds) - 1)]
+    return list(recipe.splits)[
+        min(int(np.searchsorted(bounds, drawn, side="right")), len(bounds) - 1)
+    ]

@@ -16,7 +16,14 @@ from twinlens.factory.objects import check_seen, with_objects
 from twinlens.factory.plan import SampleSpec, is_fixed, plan
 from twinlens.factory.recipe import Recipe
 from twinlens.factory.sample import make_sample
-from twinlens.factory.settings import ANY_SCENE, Settings, SkyTable, View, make_lenses, sensor_for
+from twinlens.factory.settings import (
+    ANY_SCENE,
+    Settings,
+    SkyTable,
+    View,
+    make_lenses,
+    sensor_for,
+)
 from twinlens.factory.sources import Sources
 from twinlens.families import random_scene
 from twinlens.rendering import (
@@ -39,13 +46,20 @@ from twinlens.seeds import generator
 class Exhausted(Exception):  # noqa: N818  the run continues without this sample
     """Every draw of a sample was rejected, for the reasons in `rejections`; `remedy` names what to change."""
 
-    def __init__(self, index: int, rejections: list[dict[str, Any]], remedy: str) -> None:
-        super().__init__(f"sample {index}: {len(rejections)} draws rejected; last reason: {rejections[-1]['found']}")
+    def __init__(
+        self, index: int, rejections: list[dict[str, Any]], remedy: str
+    ) -> None:
+        super().__init__(
+            f"sample {index}: {len(rejections)} draws rejected; last reason: {rejections[-1]['found']}"
+        )
         self.index, self.rejections, self.remedy = index, rejections, remedy
 
 
 def make(
-    recipe: Recipe, index: int, progress: Progress | None = None, note: Callable[[str], object] | None = None
+    recipe: Recipe,
+    index: int,
+    progress: Progress | None = None,
+    note: Callable[[str], object] | None = None,
 ) -> Sample:
     """Make a sample of a recipe from the first of its draws that passes the gates.
 
@@ -60,22 +74,36 @@ def make(
     remedy = ""
     for attempt in range(recipe.gates.attempts):
         if rejections and note is not None:
-            note(f"draw {attempt + 1} of {recipe.gates.attempts}; last rejected: {rejections[-1]['reason']}")
+            note(
+                f"draw {attempt + 1} of {recipe.gates.attempts}; last rejected: {rejections[-1]['reason']}"
+            )
         spec = plan(recipe, index, attempt)
         if spec.kind == "scene":
-            recipe.sources.scene(spec.scene)  # an unreadable file is an error, not a rejected draw
+            recipe.sources.scene(
+                spec.scene
+            )  # an unreadable file is an error, not a rejected draw
         try:
-            sample = produce(spec, recipe.sources, recipe.gates, progress, Path(recipe.file.name))
+            sample = produce(
+                spec, recipe.sources, recipe.gates, progress, Path(recipe.file.name)
+            )
             if spec.kind == "scene":
-                recipe.sources.scene(spec.scene)  # rendering has opened a scene.xml again
+                recipe.sources.scene(
+                    spec.scene
+                )  # rendering has opened a scene.xml again
         except Rejected as rejected:
-            rejections.append({"attempt": attempt, "reason": rejected.reason, "found": rejected.found})
+            rejections.append(
+                {"attempt": attempt, "reason": rejected.reason, "found": rejected.found}
+            )
             remedy, by_chance = rejected.remedy, rejected.noisy
         except FileError:
             raise
         except InputError as error:
-            found = str(error).replace(f"{recipe.file.parent}/", "")  # datasets record no local paths
-            rejections.append({"attempt": attempt, "reason": "impossible draw", "found": found})
+            found = str(error).replace(
+                f"{recipe.file.parent}/", ""
+            )  # datasets record no local paths
+            rejections.append(
+                {"attempt": attempt, "reason": "impossible draw", "found": found}
+            )
             remedy, by_chance = "the value that the message names", False
         else:
             warn_of_noise(sample, index)
@@ -92,7 +120,11 @@ class NoiseWarning(UserWarning):
 
 def warn_of_noise(sample: Sample, index: int) -> None:
     """Give a NoiseWarning if the sample's noise is above its limit."""
-    ratios = [ratio for shot in sample.shots for ratio in shot.record.get("light_paths_over_sensor", ())]
+    ratios = [
+        ratio
+        for shot in sample.shots
+        for ratio in shot.record.get("light_paths_over_sensor", ())
+    ]
     limit = sample.record["noise"]
     if limit is not None and max(ratios) > limit:
         used = max(shot.record["spp"] for shot in sample.shots)
@@ -125,10 +157,14 @@ def produce(
     moved = base.at(base.world_from_left @ settings.scene.jitter.pose())
     rig = settings.rig_of(moved, base.rig, file, sources.file)
     sensor = sensor_for(rig, spec.drawn, spec.seed, base.rig, file)
-    scene = with_objects(base, settings.scene.objects, rig.nominal, spec.seed, sources.folder, file)
+    scene = with_objects(
+        base, settings.scene.objects, rig.nominal, spec.seed, sources.folder, file
+    )
     if scene is not base:
         sources.check_files(scene)
-    truths = ground_truth(scene, rig.nominal, sky_disparity=settings.sky_disparity, objects=False)
+    truths = ground_truth(
+        scene, rig.nominal, sky_disparity=settings.sky_disparity, objects=False
+    )
     if gates is not None:
         check_truth(gates, scene, rig, truths, spec.ndisp)
         check_seen(settings.scene.objects, truths)
@@ -153,7 +189,11 @@ def produce(
     )
     if gates is not None:
         check_photographs(gates, sample, sensor)
-    return dataclasses.replace(sample, ndisp=spec.ndisp, record={**sample.record, "spec": dataclasses.asdict(spec)})
+    return dataclasses.replace(
+        sample,
+        ndisp=spec.ndisp,
+        record={**sample.record, "spec": dataclasses.asdict(spec)},
+    )
 
 
 def check_backend(recipe: Recipe, index: int) -> None:
@@ -162,12 +202,17 @@ def check_backend(recipe: Recipe, index: int) -> None:
     Raises InputError if all draws are impossible, as with a constant mismatch that does not fit the rig, and for a
     scene without light. A family's scene is not made; what depends on it is checked when the sample is made.
     """
-    last, file = 0 if is_fixed(recipe) else recipe.gates.attempts - 1, Path(recipe.file.name)
+    last, file = (
+        0 if is_fixed(recipe) else recipe.gates.attempts - 1,
+        Path(recipe.file.name),
+    )
     for attempt in range(last + 1):
         try:
             spec = plan(recipe, index, attempt)
             settings = read(Settings, dict(spec.drawn), file)
-            scene = recipe.sources.scene(spec.scene) if spec.kind == "scene" else ANY_SCENE
+            scene = (
+                recipe.sources.scene(spec.scene) if spec.kind == "scene" else ANY_SCENE
+            )
             rig = settings.rig_of(scene, scene.rig, file, recipe.sources.file)
             for camera in rig.cameras:
                 check_camera_supported(camera)
@@ -184,14 +229,19 @@ def check_backend(recipe: Recipe, index: int) -> None:
                 check_mismatch_supported(mismatch.distortion_px)
             if settings.dual_pixel:
                 check_parts_supported()
-        except (BackendError, InputError):  # the dataset records impossible draws, if another one is possible
+        except (
+            BackendError,
+            InputError,
+        ):  # the dataset records impossible draws, if another one is possible
             if attempt == last:
                 raise
         else:
             is_lit = settings.sky or settings.scene.objects or rig.projectors
             if not is_lit and scene is not ANY_SCENE:
                 with located(f"{recipe.file}: scenes"):
-                    for band in {band for camera in rig.cameras for band in camera.bands}:
+                    for band in {
+                        band for camera in rig.cameras for band in camera.bands
+                    }:
                         check_lit(scene, band)
             return
 
@@ -207,7 +257,9 @@ def _scene(spec: SampleSpec, settings: Settings, sources: Sources) -> Scene:
     )  # fmt: skip
 
 
-def under_sky(scene: Scene, table: Mapping[str, Any], folder: Path, seed: int = 0) -> Scene:
+def under_sky(
+    scene: Scene, table: Mapping[str, Any], folder: Path, seed: int = 0
+) -> Scene:
     """The scene lit by the `[sky]` of a recipe in `folder`; `seed` draws one of several files. Raises InputError."""
     checked = read(SkyTable, table, "sky")
     return _lit(scene, checked, Sources(folder, skies=(checked.file,)), seed)
@@ -215,6 +267,13 @@ def under_sky(scene: Scene, table: Mapping[str, Any], folder: Path, seed: int = 
 
 def _lit(scene: Scene, table: SkyTable, sources: Sources, seed: int) -> Scene:
     name, pixels = sources.sky(table.file, generator(seed, "sky"))
-    record = {"file": name, "sha256": sources.digests[name], **table.model_dump(exclude={"file"}, exclude_none=True)}
+    record = {
+        "file": name,
+        "sha256": sources.digests[name],
+        **table.model_dump(exclude={"file"}, exclude_none=True),
+    }
     share = NIR_SHARES[table.nir] if isinstance(table.nir, str) else table.nir
-    return scene.lit_by(Sky(pixels, table.turn_deg, table.scale, table.visible, record, share), table.lamps)
+    return scene.lit_by(
+        Sky(pixels, table.turn_deg, table.scale, table.visible, record, share),
+        table.lamps,
+    )

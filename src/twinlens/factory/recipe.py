@@ -11,7 +11,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, create_model, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    create_model,
+    model_validator,
+)
 
 from twinlens.dataset.metadata import About
 from twinlens.errors import InputError, format_value, located, unknown
@@ -30,8 +36,16 @@ from twinlens.schema import Fraction, NonNegative, StrictModel, one_of, read
 def _check_splits(splits: dict[str, float]) -> dict[str, float]:
     for name in splits:
         printable = name.isprintable() and name == name.strip()
-        if not printable or not 0 < len(name.encode()) <= 255 or name.startswith(".") or "/" in name or "\\" in name:
-            raise InputError(f"a split's name must be usable as a folder's, such as train, got {format_value(name)}")
+        if (
+            not printable
+            or not 0 < len(name.encode()) <= 255
+            or name.startswith(".")
+            or "/" in name
+            or "\\" in name
+        ):
+            raise InputError(
+                f"a split's name must be usable as a folder's, such as train, got {format_value(name)}"
+            )
     if not splits or abs(sum(splits.values()) - 1.0) > 1e-6:
         raise InputError(f"the shares must add up to 1, got {format_value(splits)}")
     return splits
@@ -43,17 +57,25 @@ Family = Annotated[str, one_of("family", FAMILIES)]
 def _check_unique(names: list[str]) -> list[str]:
     for i, name in enumerate(names):
         if name in names[:i]:
-            raise InputError(f"{name!r} is listed twice; 'weights' sets how often each is drawn")
+            raise InputError(
+                f"{name!r} is listed twice; 'weights' sets how often each is drawn"
+            )
     return names
 
 
 def _check_scene(name: str, info: Any) -> str:
     folder = info.context
-    if name in bundled_scenes() or (name not in ("", ".") and os.path.lexists(folder / name)):
+    if name in bundled_scenes() or (
+        name not in ("", ".") and os.path.lexists(folder / name)
+    ):
         return name
     if Path(name).suffix or any(letter in name for letter in "/\\"):
-        raise InputError(f"no such file next to the recipe, in {folder.absolute()}: {name!r}")
-    raise InputError(f"{unknown('scene', name, bundled_scenes())}, nor a scene file next to the recipe")
+        raise InputError(
+            f"no such file next to the recipe, in {folder.absolute()}: {name!r}"
+        )
+    raise InputError(
+        f"{unknown('scene', name, bundled_scenes())}, nor a scene file next to the recipe"
+    )
 
 
 def _check_assets(names: list[str], info: Any) -> list[str]:
@@ -75,12 +97,16 @@ Subject = Annotated[str, AfterValidator(_check_scene)]
 
 def _as_list(value: Any) -> Any:
     if not isinstance(value, (str, list)):
-        raise InputError(f"must be a string or a list of strings, got {format_value(value)}")
+        raise InputError(
+            f"must be a string or a list of strings, got {format_value(value)}"
+        )
     return [value] if isinstance(value, str) else value
 
 
 _listed = BeforeValidator(_as_list, str | list[str])
-Folders = Annotated[list[str], Field(min_length=1), AfterValidator(_check_assets), _listed]
+Folders = Annotated[
+    list[str], Field(min_length=1), AfterValidator(_check_assets), _listed
+]
 
 
 class AssetsTable(StrictModel):
@@ -114,7 +140,14 @@ def _check_families(families: list[str] | None, info: Any) -> list[str] | None:
 
 class _Constants(StrictModel):
     # Scenes and families come first: a table without both, such as an empty one, gets the message that names all.
-    scenes: Annotated[list[Subject], Field(min_length=1, max_length=1000), AfterValidator(_check_unique)] | None = None
+    scenes: (
+        Annotated[
+            list[Subject],
+            Field(min_length=1, max_length=1000),
+            AfterValidator(_check_unique),
+        ]
+        | None
+    ) = None
     families: Annotated[list[Family] | None, AfterValidator(_check_families)] = Field(
         None, min_length=1, validate_default=True
     )
@@ -142,7 +175,9 @@ class _Constants(StrictModel):
 DRAWN = tuple(Settings.model_fields)
 """The keys of a recipe that are drawn for every sample."""
 
-RecipeTable: Any = create_model("RecipeTable", __base__=_Constants, **dict.fromkeys(DRAWN, (Any, None)))  # type: ignore[call-overload]
+RecipeTable: Any = create_model(
+    "RecipeTable", __base__=_Constants, **dict.fromkeys(DRAWN, (Any, None))
+)  # type: ignore[call-overload]
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,18 +209,24 @@ class Recipe:
         return self.kind == "family" or self.random_places or drawn
 
 
-def read_recipe(path: str | os.PathLike[str], changes: Mapping[str, Any] | None = None) -> Recipe:
+def read_recipe(
+    path: str | os.PathLike[str], changes: Mapping[str, Any] | None = None
+) -> Recipe:
     """Read a recipe, with some keys changed. Raises InputError naming the file, the key, and what is allowed."""
     path = Path(path)
     return recipe_from_table({**read_toml(path), **(changes or {})}, path)
 
 
-def recipe_from_table(written: Mapping[str, Any], path: Path = Path("recipe.toml")) -> Recipe:
+def recipe_from_table(
+    written: Mapping[str, Any], path: Path = Path("recipe.toml")
+) -> Recipe:
     """The recipe of a table as TOML has it; `path` is named in messages, and other files are relative to it."""
     table = read(RecipeTable, dict(written), path, context=path.parent)
     names = table.families or table.scenes
     given = table.assets.model_dump(exclude_none=True)
-    keep = {key: given.pop(key) for key in ("keep_scale", "keep_material", "mesh_share")}
+    keep = {
+        key: given.pop(key) for key in ("keep_scale", "keep_material", "mesh_share")
+    }
     assets = {kind: tuple(folders) for kind, folders in given.items()}
     drawn = {key: template(written[key], path, key) for key in DRAWN if key in written}
     for leaf in leaves(drawn):
@@ -195,10 +236,14 @@ def recipe_from_table(written: Mapping[str, Any], path: Path = Path("recipe.toml
                 f"got {len(leaf.distribution.values)}"
             )
     named, skies, random_places = _check_drawn(drawn, path, table)
-    sources = Sources(path.parent, tuple(table.scenes or ()), assets, named, skies, **keep)
+    sources = Sources(
+        path.parent, tuple(table.scenes or ()), assets, named, skies, **keep
+    )
     for k, credit in enumerate(About.of(table.about or {}).credits):
         if not any(map(credit.covers, sources.files)):
-            raise InputError(f"{path}: about.credits[{k}].files: {credit.files!r} is none of the recipe's files")
+            raise InputError(
+                f"{path}: about.credits[{k}].files: {credit.files!r} is none of the recipe's files"
+            )
     return Recipe(
         file=path,
         written=dict(written),
@@ -206,7 +251,9 @@ def recipe_from_table(written: Mapping[str, Any], path: Path = Path("recipe.toml
         count=table.count,
         kind="scene" if table.families is None else "family",
         names=tuple(names),
-        weights=None if table.weights is None else tuple(map(float, normalized(table.weights, len(names)))),
+        weights=None
+        if table.weights is None
+        else tuple(map(float, normalized(table.weights, len(names)))),
         drawn=drawn,
         ndisp=table.ndisp,
         keep=tuple(table.keep),
@@ -217,7 +264,9 @@ def recipe_from_table(written: Mapping[str, Any], path: Path = Path("recipe.toml
     )
 
 
-def _check_drawn(drawn: Mapping[str, Any], path: Path, recipe: Any) -> tuple[dict[str, bool], tuple[str, ...], bool]:
+def _check_drawn(
+    drawn: Mapping[str, Any], path: Path, recipe: Any
+) -> tuple[dict[str, bool], tuple[str, ...], bool]:
     """Check the `corners` of a template.
 
     Returns the files that lenses and objects name, those of skies, and whether it has objects at random places.
@@ -232,27 +281,57 @@ def _check_drawn(drawn: Mapping[str, Any], path: Path, recipe: Any) -> tuple[dic
             objects = checked[-1][0].scene.objects
             for name in objects:
                 if not isinstance(one := table["scene"]["objects"][name], Mapping):
-                    raise InputError(f"{path}: scene.objects.{name}: must be one table, got {format_value(one)}")
+                    raise InputError(
+                        f"{path}: scene.objects.{name}: must be one table, got {format_value(one)}"
+                    )
             for name, own in check_objects(objects, files or families, path).items():
                 named[name] = named.get(name, False) or own
-            random_places |= any({"resting_on", "folder"} & one.keys() for each in objects.values() for one in each)
+            random_places |= any(
+                {"resting_on", "folder"} & one.keys()
+                for each in objects.values()
+                for one in each
+            )
         except InputError as error:
-            raise type(error)(f"{error}{hint(str(error).removeprefix(f'{path}: '), drawn)}") from error
-    if gates.noise is not None and any(s.spp < 2 or not (s.denoise or s.noise) for s, _ in checked):
-        raise InputError(f"{path}: gates.noise: the noise is measured with spp >= 2 and denoise = true or noise only")
+            raise type(error)(
+                f"{error}{hint(str(error).removeprefix(f'{path}: '), drawn)}"
+            ) from error
+    if gates.noise is not None and any(
+        s.spp < 2 or not (s.denoise or s.noise) for s, _ in checked
+    ):
+        raise InputError(
+            f"{path}: gates.noise: the noise is measured with spp >= 2 and denoise = true or noise only"
+        )
     wide = any(lens.aperture_diameter > 0 for _, lenses in checked for lens in lenses)
     for key in ("diffraction", "dual_pixel"):
         if any(getattr(settings, key) for settings, _ in checked) and not wide:
             remedy = "add [[lenses]] with an aperture or remove it"
-            raise InputError(f"{path}: {key}: has no effect, every lens is a pinhole; {remedy}")
-    shapes = (getattr(lens, "shape", None) for settings, _ in checked for lens in settings.lenses)
-    masks = [Path(shape.file).as_posix() for shape in shapes if isinstance(shape, MaskTable) and shape.file]
-    pictures = [Path(name).as_posix() for settings, _ in checked for name in picture_names(settings.rig)]
+            raise InputError(
+                f"{path}: {key}: has no effect, every lens is a pinhole; {remedy}"
+            )
+    shapes = (
+        getattr(lens, "shape", None)
+        for settings, _ in checked
+        for lens in settings.lenses
+    )
+    masks = [
+        Path(shape.file).as_posix()
+        for shape in shapes
+        if isinstance(shape, MaskTable) and shape.file
+    ]
+    pictures = [
+        Path(name).as_posix()
+        for settings, _ in checked
+        for name in picture_names(settings.rig)
+    ]
     skies = dict.fromkeys(settings.sky.file for settings, _ in checked if settings.sky)
     for name in skies:
         with located(f"{path}: sky.file"):
             _check_listed("hdris", name, path.parent)
-    return dict.fromkeys([*masks, *pictures], False) | named, tuple(skies), random_places
+    return (
+        dict.fromkeys([*masks, *pictures], False) | named,
+        tuple(skies),
+        random_places,
+    )
 
 
 def _scene_file(path: Path, name: str) -> Path:
@@ -260,7 +339,9 @@ def _scene_file(path: Path, name: str) -> Path:
     return path / "scene.toml" if path.is_dir() else path
 
 
-def differences(old: Mapping[str, Any], new: Mapping[str, Any], key: str = "") -> list[str]:
+def differences(
+    old: Mapping[str, Any], new: Mapping[str, Any], key: str = ""
+) -> list[str]:
     """Where two recipes differ: one `key: old -> new` each. `count` and `about` may differ.
 
     >>> differences({"spp": 16, "rig": {"baseline": 0.1}}, {"spp": 16, "rig": {"baseline": 0.2}})
@@ -275,6 +356,9 @@ def differences(old: Mapping[str, Any], new: Mapping[str, Any], key: str = "") -
         if isinstance(a, Mapping) and isinstance(b, Mapping):
             found += differences(a, b, path)
         elif a != b:
-            texts = (format_value(table[name]) if name in table else "absent" for table in (old, new))
+            texts = (
+                format_value(table[name]) if name in table else "absent"
+                for table in (old, new)
+            )
             found.append(f"{path}: {' -> '.join(texts)}")
     return found

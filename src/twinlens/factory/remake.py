@@ -51,14 +51,22 @@ def remake(
     from others; or if `make_sample` did not write the record.
     """
     if not isinstance(record, Mapping):
-        raise InputError(f"record must be a sample's, such as Dataset('out')[0].record, got {format_value(record)}")
+        raise InputError(
+            f"record must be a sample's, such as Dataset('out')[0].record, got {format_value(record)}"
+        )
     settings = read(_Record, record, _FILE).record
     if (settings.rectified_from or {}).get("pictures") == "maps":
-        raise InputError("its images were warped from another sample's; rectify that sample again")
+        raise InputError(
+            "its images were warped from another sample's; rectify that sample again"
+        )
     scene = scene_of(record, scene, folder)
     if settings.sky != (scene.sky.record if scene.sky else None):
-        raise InputError("the sample was lit by another sky than the scene's; its file has changed")
-    written = record["record"]  # plain values: the models convert whole numbers to float
+        raise InputError(
+            "the sample was lit by another sky than the scene's; its file has changed"
+        )
+    written = record[
+        "record"
+    ]  # plain values: the models convert whole numbers to float
     sample = make_sample(
         scene,
         read(RIG, record.get("rig"), _FILE, "rig"),
@@ -79,7 +87,9 @@ def remake(
     )
     origin = {key: written[key] for key in ORIGIN if key in written}
     return replace(
-        sample, ndisp=None if settings.spec is None else settings.spec.ndisp, record={**sample.record, **origin}
+        sample,
+        ndisp=None if settings.spec is None else settings.spec.ndisp,
+        record={**sample.record, **origin},
     )
 
 
@@ -125,7 +135,10 @@ _FILE = Path("sample.json")
 
 
 def scene_of(
-    record: Mapping[str, Any], given: Scene | None = None, folder: str | Path = ".", lit: bool = True
+    record: Mapping[str, Any],
+    given: Scene | None = None,
+    folder: str | Path = ".",
+    lit: bool = True,
 ) -> Scene:
     """The scene of a sample's record: the given one, or the bundled one of that name. Its files must be unchanged.
 
@@ -137,18 +150,26 @@ def scene_of(
     try:
         scene = given or load_scene(settings.scene)
     except InputError as error:
-        raise InputError(f"scene {settings.scene!r} is not bundled; load it with load_scene and pass it") from error
+        raise InputError(
+            f"scene {settings.scene!r} is not bundled; load it with load_scene and pass it"
+        ) from error
     if lit and settings.sky is not None and scene.sky is None:
         table = {key: value for key, value in settings.sky.items() if key != "sha256"}
         with located(f"{_FILE}: record.sky"):
             scene = under_sky(scene, table, Path(folder))
     scene = replace(scene, ambient=settings.ambient)
     if settings.spec is not None and "scene" in settings.spec.drawn:
-        objects = read(SceneTable, settings.spec.drawn["scene"], _FILE, "record.spec.drawn.scene").objects
+        objects = read(
+            SceneTable, settings.spec.drawn["scene"], _FILE, "record.spec.drawn.scene"
+        ).objects
         rig = read(RIG, record.get("rig"), _FILE, "rig").nominal
-        scene = with_objects(scene, objects, rig, settings.spec.seed, Path(folder), _FILE)
+        scene = with_objects(
+            scene, objects, rig, settings.spec.seed, Path(folder), _FILE
+        )
     if (scene.name, file_digests(scene)) != (settings.scene, settings.scene_files):
-        raise InputError(f"scene {scene.name!r} is not the one that the record names: its files have changed")
+        raise InputError(
+            f"scene {scene.name!r} is not the one that the record names: its files have changed"
+        )
     return scene
 
 
@@ -178,9 +199,27 @@ def rectified_sample(
     """
     check_known("pictures", pictures, PICTURES)
     scene = scene_of(stored.record, scene, folder, lit=pictures == "render")
-    settings = {key: value for key, value in stored.record["record"].items() if key not in ORIGIN}
-    result = rectify(stored.rig, left, right, fit=fit, zero_doffs=zero_doffs, misalignment=misalignment)
-    origin = {"rectified_from": {"sample": stored.name, "views": [left, right], "fit": fit, "pictures": pictures}}
+    settings = {
+        key: value
+        for key, value in stored.record["record"].items()
+        if key not in ORIGIN
+    }
+    result = rectify(
+        stored.rig,
+        left,
+        right,
+        fit=fit,
+        zero_doffs=zero_doffs,
+        misalignment=misalignment,
+    )
+    origin = {
+        "rectified_from": {
+            "sample": stored.name,
+            "views": [left, right],
+            "fit": fit,
+            "pictures": pictures,
+        }
+    }
     if pictures == "render":
         mismatch = Sensor.from_record(settings["sensor"]).mismatch_of(right or left)
         settings["sensor"] = {**settings["sensor"], "mismatch": asdict(mismatch)}
@@ -189,21 +228,38 @@ def rectified_sample(
         return replace(sample, record={**sample.record, **origin})
     shots = []
     for shot in map(stored.lens, range(stored.num_lenses)):
-        images = tuple(result.warp(side, shot.image(view)) for side, view in enumerate((left, right)))
+        images = tuple(
+            result.warp(side, shot.image(view))
+            for side, view in enumerate((left, right))
+        )
         shots.append(Shot(shot.lens, images, record=shot.record))
     truths, valid = [], [result.valid(side) for side in (0, 1)]
-    for side, truth in enumerate(ground_truth(scene, result.aligned_rig, sky_disparity=settings["sky_disparity"])):
+    for side, truth in enumerate(
+        ground_truth(scene, result.aligned_rig, sky_disparity=settings["sky_disparity"])
+    ):
         in_both = _in_both(truth, side, result.aligned_rig, valid)
         truths.append(replace(truth, visible=truth.visible & in_both))
-    record = {**settings, "dual_pixel": False, "keep_radiance": False, "keep_models": False, **origin}
+    record = {
+        **settings,
+        "dual_pixel": False,
+        "keep_radiance": False,
+        "keep_models": False,
+        **origin,
+    }
     return Sample(result.rectified_rig, tuple(shots), tuple(truths), record=record)
 
 
-def _in_both(truth: Truth, side: int, rig: Rig, valid: list[NDArray[np.bool_]]) -> NDArray[np.bool_]:
+def _in_both(
+    truth: Truth, side: int, rig: Rig, valid: list[NDArray[np.bool_]]
+) -> NDArray[np.bool_]:
     """Whether the point of each pixel is in the valid area of both rectified images, bool (H, W)."""
     other = 1 - side
     pixels = rig.project(other, np.where(truth.hit[..., None], truth.position, np.nan))
     inside = rig.cameras[other].contains(pixels)
-    u, v = np.floor(np.where(inside[..., None], pixels, 0.0) + 0.5).astype(int).transpose(2, 0, 1)
+    u, v = (
+        np.floor(np.where(inside[..., None], pixels, 0.0) + 0.5)
+        .astype(int)
+        .transpose(2, 0, 1)
+    )
     in_other = inside & valid[other][v, u]
     return np.asarray(valid[side] & (in_other | ~truth.hit))

@@ -21,7 +21,17 @@ from twinlens.camera import Disk, Dual, Lens, Rig
 from twinlens.camera.film import diffract
 from twinlens.camera.lens import check_lens
 from twinlens.camera.truth import Truth
-from twinlens.dataset import Manifest, Place, Row, Sample, Shot, describe, read_manifest, write_manifest, write_sample
+from twinlens.dataset import (
+    Manifest,
+    Place,
+    Row,
+    Sample,
+    Shot,
+    describe,
+    read_manifest,
+    write_manifest,
+    write_sample,
+)
 from twinlens.errors import InputError, check_number
 from twinlens.factory.sources import file_digests
 from twinlens.scenes import Scene, bundled_scenes, load_scene, rig_from_table
@@ -83,7 +93,9 @@ def make_sample(
         raise InputError("a sample needs at least one lens")
     check_exposure(exposure)
     if noise is not None:
-        check_number("noise", noise, "a positive multiple of the sensor's noise", above=0)
+        check_number(
+            "noise", noise, "a positive multiple of the sensor's noise", above=0
+        )
     sensor.check_mismatches(rig)
     for mismatch in sensor.mismatches:
         if exposure is not None:
@@ -94,15 +106,27 @@ def make_sample(
         raise InputError(NOT_DIFFRACTED)
     for lens in lenses:
         check_lens(lens)
-        if diffraction and lens.aperture_diameter > 0 and not isinstance(lens.aperture, Disk):
+        if (
+            diffraction
+            and lens.aperture_diameter > 0
+            and not isinstance(lens.aperture, Disk)
+        ):
             shape = lens.aperture.name
-            raise InputError(f"diffraction needs a disk aperture, got {shape}; disable it or change the aperture")
+            raise InputError(
+                f"diffraction needs a disk aperture, got {shape}; disable it or change the aperture"
+            )
     shots = []
     for k, lens in enumerate(lenses):
-        stream = derived_seed(seed, _SHOT_STREAM, scene.name, k)  # so that no two images share noise
-        report = rendering.partial_progress(progress, k / len(lenses), (k + 1) / len(lenses))
+        stream = derived_seed(
+            seed, _SHOT_STREAM, scene.name, k
+        )  # so that no two images share noise
+        report = rendering.partial_progress(
+            progress, k / len(lenses), (k + 1) / len(lenses)
+        )
         own = sensor.lenses(rig, lens)
-        expose = partial(sensor.expose_rig, rig=rig, lens=lens, seed=stream, exposure=exposure)
+        expose = partial(
+            sensor.expose_rig, rig=rig, lens=lens, seed=stream, exposure=exposure
+        )
         parts = Dual() if dual_pixel and lens.aperture_diameter > 0 else None
         views: Sequence[rendering.NoisyImage] = ()
         used = spp
@@ -115,7 +139,15 @@ def make_sample(
             images = [view.image for view in views]
         else:
             images = rendering.render(
-                scene, rig, own, spp, stream, denoise=denoise, parts=parts, sampler=sampler, progress=report
+                scene,
+                rig,
+                own,
+                spp,
+                stream,
+                denoise=denoise,
+                parts=parts,
+                sampler=sampler,
+                progress=report,
             )
         radiances = tuple(_wholes(images))
         if diffraction and lens.aperture_diameter > 0:
@@ -127,12 +159,28 @@ def make_sample(
         if parts is None:
             photos = expose(radiances)
         else:
-            dual = sensor.expose_dual_rig(images, rig=rig, lens=lens, seed=stream, exposure=exposure)
-            photos, halves = [whole for *_, whole in dual], tuple((left.image, right.image) for left, right, _ in dual)
-        ratios = {"light_paths_over_sensor": _noise_ratios(views, photos, sensor, rig, lens)} if views else {}
-        taken = {"spp": used, **ratios, "seed": stream, "exposures": [photo.record for photo in photos]}
+            dual = sensor.expose_dual_rig(
+                images, rig=rig, lens=lens, seed=stream, exposure=exposure
+            )
+            photos, halves = (
+                [whole for *_, whole in dual],
+                tuple((left.image, right.image) for left, right, _ in dual),
+            )
+        ratios = (
+            {"light_paths_over_sensor": _noise_ratios(views, photos, sensor, rig, lens)}
+            if views
+            else {}
+        )
+        taken = {
+            "spp": used,
+            **ratios,
+            "seed": stream,
+            "exposures": [photo.record for photo in photos],
+        }
         kept = radiances if keep_radiance else None
-        shots.append(Shot(lens, tuple(photo.image for photo in photos), kept, taken, halves))
+        shots.append(
+            Shot(lens, tuple(photo.image for photo in photos), kept, taken, halves)
+        )
     record = {
         "scene": scene.name,
         "scene_files": file_digests(scene),
@@ -150,7 +198,11 @@ def make_sample(
         "keep_radiance": keep_radiance,
         "keep_models": keep_models,
         "sampler": sampler,
-        "integrator": {key: value for key, value in scene.integrator.items() if isinstance(value, (str, int, float))},
+        "integrator": {
+            key: value
+            for key, value in scene.integrator.items()
+            if isinstance(value, (str, int, float))
+        },
         **made_with(),
         "llvm": Path(rendering.backend().library or "").name or None,
     }
@@ -173,7 +225,11 @@ def _denoise_record(scene: Scene, rig: Rig) -> dict[str, Any] | None:
 
 
 def _noise_ratios(
-    views: Sequence[rendering.NoisyImage], photos: Sequence[Photo], sensor: Sensor, rig: Rig, lens: Lens
+    views: Sequence[rendering.NoisyImage],
+    photos: Sequence[Photo],
+    sensor: Sensor,
+    rig: Rig,
+    lens: Lens,
 ) -> list[float]:
     """Per view: noise of the light paths over noise of the sensor at the exposure of its photo, median over pixels.
 
@@ -183,10 +239,18 @@ def _noise_ratios(
     found = []
     for view, photo, camera in zip(views, photos, rig.cameras, strict=True):
         rate = sensor.pixel_rates(camera, lens) * photo.record["time_s"]
-        electrons, error = np.maximum(_wholes([view.image])[0] * rate, 0), view.error * rate
+        electrons, error = (
+            np.maximum(_wholes([view.image])[0] * rate, 0),
+            view.error * rate,
+        )
         if sensor.for_band(camera.band).filters == "mono":
-            electrons, error = (part.sum(axis=-1, keepdims=True) for part in (electrons, error))
-        least = sensor.read_noise**2 + (1 / photo.record["system_gain_dn_per_electron"]) ** 2 / 12
+            electrons, error = (
+                part.sum(axis=-1, keepdims=True) for part in (electrons, error)
+            )
+        least = (
+            sensor.read_noise**2
+            + (1 / photo.record["system_gain_dn_per_electron"]) ** 2 / 12
+        )
         excess = np.nan_to_num(error**2 / (electrons + least)).mean(axis=-1)
         found.append(float(np.sqrt(np.median(uniform_filter(excess, 9)))))
     return found
@@ -195,7 +259,10 @@ def _noise_ratios(
 def made_with() -> dict[str, Any]:
     """Backend and versions of this process; samples made with equal ones are the same to the byte."""
     others = {name: metadata.version(name) for name in ("mitsuba", "drjit", "numpy")}
-    return {"backend": rendering.backend().variant, "versions": {"twinlens": twinlens.__version__, **others}}
+    return {
+        "backend": rendering.backend().variant,
+        "versions": {"twinlens": twinlens.__version__, **others},
+    }
 
 
 def default_rig(
@@ -234,7 +301,9 @@ def check_common_view(rig: Rig, scene: Scene) -> None:
         )
 
 
-def add_sample(output: Place, name: str, sample: Sample, seed: int, overwrite: bool = False) -> Row:
+def add_sample(
+    output: Place, name: str, sample: Sample, seed: int, overwrite: bool = False
+) -> Row:
     """Write a sample into a dataset that no recipe made: its folder, its row in dataset.json, and the card.
 
     dataset.json keeps its recipe, its other info and its other rows. It has a seed only while all samples share it. The
@@ -246,9 +315,15 @@ def add_sample(output: Place, name: str, sample: Sample, seed: int, overwrite: b
         sources |= {f"{name}/{file}": digest for file, digest in files.items()}
     info = {"scene": name, **({"sources": sources} if sources else {})}
     row = Row(name, write_sample(output / name, sample, overwrite), info)
-    before = read_manifest(output) if (output / "dataset.json").exists() else Manifest((), seed=seed)
+    before = (
+        read_manifest(output)
+        if (output / "dataset.json").exists()
+        else Manifest((), seed=seed)
+    )
     known = {each.name: each for each in before.rows} | {name: row}
     shared = before.seed if before.recipe or before.seed == seed else None
-    write_manifest(output, Manifest(tuple(known.values()), before.recipe, shared, before.info))
+    write_manifest(
+        output, Manifest(tuple(known.values()), before.recipe, shared, before.info)
+    )
     describe(output)
     return row

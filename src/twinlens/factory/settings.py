@@ -10,9 +10,27 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field, PlainValidator, Strict, TypeAdapter, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    PlainValidator,
+    Strict,
+    TypeAdapter,
+    model_validator,
+)
 
-from twinlens.camera import Annulus, Camera, Disk, Lens, MaskAperture, Pinhole, Polygon, Rig, ThinLens
+from twinlens.camera import (
+    Annulus,
+    Camera,
+    Disk,
+    Lens,
+    MaskAperture,
+    Pinhole,
+    Polygon,
+    Rig,
+    ThinLens,
+)
 from twinlens.camera.aperture import Aperture
 from twinlens.camera.intrinsics import MAX_SIDE
 from twinlens.camera.lens import BareAperture
@@ -27,10 +45,34 @@ from twinlens.geometry import Float, rigid
 from twinlens.optics import middle_focus
 from twinlens.scenes import Scene, read_toml, rig_from_table
 from twinlens.scenes.placement import rotation
-from twinlens.scenes.rigs import ALTERNATIVES, CameraTable, Intrinsics, with_pictures, with_values
-from twinlens.schema import NEAR_FAR, Fraction, NonNegative, Number, Positive, StrictModel, read, table_of
+from twinlens.scenes.rigs import (
+    ALTERNATIVES,
+    CameraTable,
+    Intrinsics,
+    with_pictures,
+    with_values,
+)
+from twinlens.schema import (
+    NEAR_FAR,
+    Fraction,
+    NonNegative,
+    Number,
+    Positive,
+    StrictModel,
+    read,
+    table_of,
+)
 from twinlens.seeds import derived_seed, generator
-from twinlens.sensor import DEFAULT_MISMATCH, LEVELS, PRESETS, Exposure, Mismatch, Sensor, level_table, mismatch_table
+from twinlens.sensor import (
+    DEFAULT_MISMATCH,
+    LEVELS,
+    PRESETS,
+    Exposure,
+    Mismatch,
+    Sensor,
+    level_table,
+    mismatch_table,
+)
 
 Step = Annotated[Number, Field(ge=-1e6, le=1e6)]
 Degrees = Annotated[Number, Field(ge=-360, le=360)]
@@ -48,7 +90,9 @@ class JitterTable(StrictModel):
 
     def pose(self) -> Float:
         """4x4, multiplied from the right: ``world_from_left @ pose``."""
-        x, y, z = map(rotation, np.eye(3), (self.pitch_deg, self.yaw_deg, self.roll_deg))
+        x, y, z = map(
+            rotation, np.eye(3), (self.pitch_deg, self.yaw_deg, self.roll_deg)
+        )
         return rigid((y @ x @ z)[:3, :3], [self.right, self.down, self.forward])
 
 
@@ -58,7 +102,9 @@ class SceneTable(StrictModel):
 
     ambient: Annotated[NonNegative, Field(le=1e9)] = 1.0
     jitter: JitterTable = JitterTable()
-    depth_range: Annotated[tuple[Positive, Positive], Strict(strict=False), NEAR_FAR] | None = None
+    depth_range: (
+        Annotated[tuple[Positive, Positive], Strict(strict=False), NEAR_FAR] | None
+    ) = None
     object_count: Annotated[int, Field(ge=0, le=10_000)] | None = None
     objects: Objects = Field(default_factory=dict)
 
@@ -66,7 +112,13 @@ class SceneTable(StrictModel):
 class SkyTable(StrictModel):
     """A picture that lights the scene in place of its own lights. Without `lamps`, objects that emit light are dark."""
 
-    file: Annotated[str, Field(min_length=1, description="an .exr, .hdr or .png file next to the recipe, or a folder")]
+    file: Annotated[
+        str,
+        Field(
+            min_length=1,
+            description="an .exr, .hdr or .png file next to the recipe, or a folder",
+        ),
+    ]
     turn_deg: Degrees = 0.0
     scale: Annotated[Positive, Field(ge=1e-9, le=1e9)] = 1.0
     visible: bool = True
@@ -85,11 +137,14 @@ def _mismatch(level: str = "none", seed: int | None = None, **given: float) -> M
     return Mismatch.draw(level, seed or 0, **given)
 
 
-MismatchTable: Any = table_of(Mismatch, make=_mismatch, level=(Literal[LEVELS], "none"), seed=(Seed | None, None))
+MismatchTable: Any = table_of(
+    Mismatch, make=_mismatch, level=(Literal[LEVELS], "none"), seed=(Seed | None, None)
+)
 """The fields of `Mismatch`, of which those not given are drawn at a level."""
 _level = BeforeValidator(level_table, str | MismatchTable)
 MismatchTables: Any = (
-    Annotated[MismatchTable, _level] | Annotated[list[Annotated[MismatchTable, _level]], AfterValidator(tuple)]
+    Annotated[MismatchTable, _level]
+    | Annotated[list[Annotated[MismatchTable, _level]], AfterValidator(tuple)]
 )
 """A level or a table for all cameras after the first, or a list with one for each."""
 _SENSOR: dict[str, Any] = {
@@ -97,7 +152,9 @@ _SENSOR: dict[str, Any] = {
     "preset": (Literal[tuple(PRESETS)], _PRESET),
     "mismatch": (MismatchTables, DEFAULT_MISMATCH),
 }
-_NirSensorTable: Any = table_of(Sensor, **_SENSOR, title="NirSensorTable", nir=(None, None))
+_NirSensorTable: Any = table_of(
+    Sensor, **_SENSOR, title="NirSensorTable", nir=(None, None)
+)
 SensorTable: Any = table_of(Sensor, **_SENSOR, nir=(_NirSensorTable | None, None))
 """A preset, and every field of `Sensor` under its own name, as a Sensor."""
 
@@ -127,22 +184,34 @@ class MaskTable(StrictModel):
     @model_validator(mode="after")
     def _check(self) -> "MaskTable":
         if (self.file is None) == (self.cells is None):
-            raise InputError("a mask needs exactly one of 'file' (a grey image) and 'cells' (rows of numbers, 0 to 1)")
+            raise InputError(
+                "a mask needs exactly one of 'file' (a grey image) and 'cells' (rows of numbers, 0 to 1)"
+            )
         if self.file is not None and not (self.file and self.file.isprintable()):
-            raise InputError(f"file must be the name of a picture next to the recipe, got {format_value(self.file)}")
+            raise InputError(
+                f"file must be the name of a picture next to the recipe, got {format_value(self.file)}"
+            )
         return self
 
 
 _DISK: Any = table_of(Disk, kind=(Literal["disk"], ...))
 _POLYGON: Any = table_of(
-    Polygon, kind=(Literal["polygon"], ...), blades=(int, Field(ge=3, le=1000)), roundness=(Fraction, 0.0)
+    Polygon,
+    kind=(Literal["polygon"], ...),
+    blades=(int, Field(ge=3, le=1000)),
+    roundness=(Fraction, 0.0),
 )
 _ANNULUS: Any = table_of(Annulus, kind=(Literal["annulus"], ...), inner=(Fraction, ...))
-ShapeTable: Any = Annotated[_DISK | _POLYGON | _ANNULUS | MaskTable, Field(discriminator="kind")]
+ShapeTable: Any = Annotated[
+    _DISK | _POLYGON | _ANNULUS | MaskTable, Field(discriminator="kind")
+]
 """The shape of an aperture: the aperture, or a mask whose file is read later."""
 
 _LEAST_SEEN = 0.005  # of the image: an object that is large enough to focus on
-Focus = Annotated[float, Field(gt=0, allow_inf_nan=True)] | Literal["near", "middle", "far", "centre", "object"]
+Focus = (
+    Annotated[float, Field(gt=0, allow_inf_nan=True)]
+    | Literal["near", "middle", "far", "centre", "object"]
+)
 
 
 class ThinTable(StrictModel):
@@ -157,7 +226,9 @@ class ThinTable(StrictModel):
     @model_validator(mode="after")
     def _check(self) -> "ThinTable":
         if (self.aperture_mm is None) == (self.f_number is None):
-            raise InputError("a thin lens needs exactly one of 'aperture_mm' and 'f_number'")
+            raise InputError(
+                "a thin lens needs exactly one of 'aperture_mm' and 'f_number'"
+            )
         return self
 
 
@@ -171,7 +242,9 @@ class HoleTable(StrictModel):
 
 
 _PINHOLE: Any = table_of(Pinhole, kind=(Literal["pinhole"], "pinhole"))
-LensTable: Any = Annotated[_PINHOLE | ThinTable | HoleTable, Field(discriminator="kind")]
+LensTable: Any = Annotated[
+    _PINHOLE | ThinTable | HoleTable, Field(discriminator="kind")
+]
 
 
 def make_lens(table: Any, view: View | None, find: Find = Path) -> Lens:
@@ -186,10 +259,14 @@ def make_lens(table: Any, view: View | None, find: Find = Path) -> Lens:
         focus = FOCUSES[focus](view) if view else 1.0
         if view and not 0 < focus < math.inf:
             where = f"in scene {view.scene.name!r}"
-            raise InputError(f"focus {table.focus!r} finds nothing to focus on {where}; give metres instead")
+            raise InputError(
+                f"focus {table.focus!r} finds nothing to focus on {where}; give metres instead"
+            )
     if table.f_number is None:
         return ThinLens(1e-3 * table.aperture_mm, focus, shape)
-    return ThinLens.from_f_number(table.f_number, focus, view.camera.film_distance if view else 1e-3, shape)
+    return ThinLens.from_f_number(
+        table.f_number, focus, view.camera.film_distance if view else 1e-3, shape
+    )
 
 
 def make_aperture(shape: Any, find: Find = Path) -> Aperture:
@@ -202,7 +279,9 @@ def make_aperture(shape: Any, find: Find = Path) -> Aperture:
     mask = read_image(path)
     if mask.ndim == 3:
         if not (mask == mask[..., :1]).all():
-            raise FileError(f"{path}: is coloured; an aperture mask is a grey picture, white where light passes")
+            raise FileError(
+                f"{path}: is coloured; an aperture mask is a grey picture, white where light passes"
+            )
         mask = mask[..., 0]
     try:
         return MaskAperture(np.ascontiguousarray(mask))
@@ -215,7 +294,9 @@ def _known_range(view: View) -> tuple[float, float]:
     if view.scene.depth_range_known:
         return view.scene.depth_range
     depth = view.truths[0].depth[view.truths[0].hit]
-    return (float(depth.min()), float(depth.max())) if depth.size else (math.inf, math.inf)
+    return (
+        (float(depth.min()), float(depth.max())) if depth.size else (math.inf, math.inf)
+    )
 
 
 def _object(view: View) -> float:
@@ -234,7 +315,9 @@ FOCUSES: dict[str, Callable[[View], float]] = {
     "near": lambda view: _known_range(view)[0],
     "middle": lambda view: middle_focus(*_known_range(view)),
     "far": lambda view: _known_range(view)[1],
-    "centre": lambda view: float(view.truths[0].depth[tuple(side // 2 for side in view.truths[0].depth.shape)]),
+    "centre": lambda view: float(
+        view.truths[0].depth[tuple(side // 2 for side in view.truths[0].depth.shape)]
+    ),
     "object": _object,
 }
 """Focus distances by name: of the scene's depth range, of the first view's central pixel, or of some object in it."""
@@ -242,11 +325,15 @@ FOCUSES: dict[str, Callable[[View], float]] = {
 
 def _as_list(value: Any) -> Any:
     if isinstance(value, Mapping):
-        raise InputError("must be a list of tables: write [[lenses]] above each lens, not [lenses]")
+        raise InputError(
+            "must be a list of tables: write [[lenses]] above each lens, not [lenses]"
+        )
     return value
 
 
-Lenses = Annotated[list[LensTable], Field(min_length=1, max_length=100), BeforeValidator(_as_list)]
+Lenses = Annotated[
+    list[LensTable], Field(min_length=1, max_length=100), BeforeValidator(_as_list)
+]
 
 
 class RigFile(StrictModel):
@@ -267,19 +354,27 @@ def read_rig_file(path: Path) -> tuple[dict[str, Any], str, list[Any]]:
     if not isinstance(table.get("rig"), Mapping):
         return table, "", []
     part = read(RigFile, table, path)
-    size = {key: getattr(part, key) for key in ("width", "height") if getattr(part, key) is not None}
+    size = {
+        key: getattr(part, key)
+        for key in ("width", "height")
+        if getattr(part, key) is not None
+    }
     return size | part.rig, "rig", part.lenses or []
 
 
 def _check_camera(table: Any) -> Any:
     checked = _CAMERA.validate_python(table)
     if checked.width or checked.height:
-        raise InputError("'width' and 'height' of a recipe are not in [camera]; write them above the first table")
+        raise InputError(
+            "'width' and 'height' of a recipe are not in [camera]; write them above the first table"
+        )
     return table
 
 
 _CAMERA: TypeAdapter[CameraTable] = TypeAdapter(CameraTable)
-RecipeCamera = Annotated[dict[str, Any], PlainValidator(_check_camera, json_schema_input_type=CameraTable)]
+RecipeCamera = Annotated[
+    dict[str, Any], PlainValidator(_check_camera, json_schema_input_type=CameraTable)
+]
 
 
 ANY_SCENE = Scene("any", (), {}, np.eye(4), (1.0, 10.0))
@@ -312,9 +407,14 @@ class Settings(StrictModel):
         camera = data.get("camera") if isinstance(data, Mapping) else None
         preset = camera.get("preset") if isinstance(camera, Mapping) else None
         width = data.get("width") if preset is not None else None
-        if not (isinstance(preset, str) and preset in CAMERAS) or not (width is None or type(width) is int):
+        if not (isinstance(preset, str) and preset in CAMERAS) or not (
+            width is None or type(width) is int
+        ):
             return data
-        return dict(zip(("width", "height"), CAMERAS[preset].size(width), strict=True)) | data
+        return (
+            dict(zip(("width", "height"), CAMERAS[preset].size(width), strict=True))
+            | data
+        )
 
     @model_validator(mode="after")
     def _check_camera_and_rig(self) -> "Settings":
@@ -322,25 +422,47 @@ class Settings(StrictModel):
             raise InputError(NOT_DIFFRACTED)
         if preset := (self.camera or {}).get("preset"):
             find_camera(preset).resized(self.width, self.height)
-        groups = [*ALTERNATIVES, *({key} for key in Intrinsics.model_fields if not any(key in g for g in ALTERNATIVES))]
+        groups = [
+            *ALTERNATIVES,
+            *(
+                {key}
+                for key in Intrinsics.model_fields
+                if not any(key in g for g in ALTERNATIVES)
+            ),
+        ]
         for keys in groups:
-            camera, rig = ([key for key in table if key in keys] for table in (self.camera or {}, self.rig))
+            camera, rig = (
+                [key for key in table if key in keys]
+                for table in (self.camera or {}, self.rig)
+            )
             if camera and rig:
-                raise InputError(f"camera.{camera[0]} and rig.{rig[0]} exclude each other; keep one")
+                raise InputError(
+                    f"camera.{camera[0]} and rig.{rig[0]} exclude each other; keep one"
+                )
         return self
 
-    def rig_of(self, scene: Scene, own: Mapping[str, Any] | None, file: Path, find: Find) -> Rig:
+    def rig_of(
+        self, scene: Scene, own: Mapping[str, Any] | None, file: Path, find: Find
+    ) -> Rig:
         """The rig in `scene`: that of the recipe, or `own`, the table of the scene, with the camera of the recipe."""
         given = with_pictures(self.rig, find)
         table = given or own or {}
         if self.camera is not None:
             camera = {**self.camera, "width": self.width, "height": self.height}
-            table = {**given, "camera": camera} if given else with_values(table, {"camera": camera})
+            table = (
+                {**given, "camera": camera}
+                if given
+                else with_values(table, {"camera": camera})
+            )
         return rig_from_table(table, scene, self.width, self.height, file, "rig")
 
 
 def sensor_for(
-    rig: Rig, drawn: Mapping[str, Any], seed: int, own: Mapping[str, Any] | None = None, file: Path = Path()
+    rig: Rig,
+    drawn: Mapping[str, Any],
+    seed: int,
+    own: Mapping[str, Any] | None = None,
+    file: Path = Path(),
 ) -> Sensor:
     """The sensor of a drawn table for a rig; a level of mismatch is drawn for each camera after the first.
 
@@ -349,7 +471,9 @@ def sensor_for(
     """
     table = drawn.get("sensor", {})
     mismatch = mismatch_table(table)
-    if problem := only_one_camera(len(rig), (drawn.get("rig") or own or {}).get("layout")):
+    if problem := only_one_camera(
+        len(rig), (drawn.get("rig") or own or {}).get("layout")
+    ):
         if "mismatch" in table and mismatch != {"level": "none"}:
             raise InputError(f"{file}: sensor.mismatch: {problem}")
         mismatch = {"level": "none"}
@@ -364,14 +488,22 @@ def only_one_camera(count: int, layout: str | None) -> str:
     """Why a rig of `count` cameras has no mismatch; empty if it may have one."""
     remedy = "leave the mismatch out"
     if layout == "light_field":
-        return f"the views of a light field are of one camera and do not differ; {remedy}"
-    return f"the rig has one camera, and only those after the first differ; {remedy}" if count == 1 else ""
+        return (
+            f"the views of a light field are of one camera and do not differ; {remedy}"
+        )
+    return (
+        f"the rig has one camera, and only those after the first differ; {remedy}"
+        if count == 1
+        else ""
+    )
 
 
 def mismatches_for(table: Any, cameras: int, seed: int) -> Any:
     """A mismatch's table, or a list of them, with seeds. A level is drawn for each camera after the first."""
     if isinstance(table, list):
-        return [_seeded(each, camera, seed) for camera, each in enumerate(table, start=1)]
+        return [
+            _seeded(each, camera, seed) for camera, each in enumerate(table, start=1)
+        ]
     if cameras < 3 or table.get("level", "none") == "none":
         return _seeded(table, 1, seed)
     return [_seeded(table, camera, seed) for camera in range(1, cameras)]
@@ -382,10 +514,15 @@ def _seeded(table: Mapping[str, Any], camera: int, seed: int) -> Mapping[str, An
     if table.get("level", "none") == "none":
         return table
     seed = table.get("seed", seed)
-    return {**table, "seed": seed if camera == 1 else derived_seed(seed, "camera", camera)}
+    return {
+        **table,
+        "seed": seed if camera == 1 else derived_seed(seed, "camera", camera),
+    }
 
 
-def check_settings(drawn: Mapping[str, Any], file: Path, families: Sequence[str]) -> tuple[Settings, list[Lens]]:
+def check_settings(
+    drawn: Mapping[str, Any], file: Path, families: Sequence[str]
+) -> tuple[Settings, list[Lens]]:
     """The settings and lenses of a drawn table, or InputError where no scene (of these families) could be its sample.
 
     Focus distances that depend on the scene are 1 m.
@@ -394,19 +531,31 @@ def check_settings(drawn: Mapping[str, Any], file: Path, families: Sequence[str]
     for name in families:
         with located(str(file)):
             depths = settings.scene.depth_range
-            check_view(name, settings.width / settings.height, settings.width, depths, "scene.depth_range")
+            check_view(
+                name,
+                settings.width / settings.height,
+                settings.width,
+                depths,
+                "scene.depth_range",
+            )
             if settings.scene.object_count == 0 and not FAMILIES[name].may_be_empty:
-                raise InputError(f"scene.object_count must be >= 1 in {name} scenes, got 0")
+                raise InputError(
+                    f"scene.object_count must be >= 1 in {name} scenes, got 0"
+                )
     given = settings.scene.model_fields_set & {"depth_range", "object_count"}
     if given and not families:
-        raise InputError(f"{file}: scene.{min(given)}: can be used with 'families' only")
+        raise InputError(
+            f"{file}: scene.{min(given)}: can be used with 'families' only"
+        )
     rig = settings.rig_of(ANY_SCENE, None, file, lambda name: file.parent / name)
     if settings.rig:
         sensor_for(rig, drawn, 0, file=file)
     return settings, make_lenses(settings, None, file, lambda name: file.parent / name)
 
 
-def make_lenses(settings: Settings, view: View | None, file: Path, find: Find) -> list[Lens]:
+def make_lenses(
+    settings: Settings, view: View | None, file: Path, find: Find
+) -> list[Lens]:
     """The lenses of a sample; without a view they are only checked."""
     lenses = []
     for k, table in enumerate(settings.lenses):

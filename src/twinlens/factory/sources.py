@@ -46,7 +46,9 @@ class Sources:
     keep_scale: bool = False
     keep_material: bool = False
     mesh_share: float = MESH_SHARE
-    _known: dict[Path, tuple[tuple[int, int, int], str]] = field(default_factory=dict, init=False, repr=False)
+    _known: dict[Path, tuple[tuple[int, int, int], str]] = field(
+        default_factory=dict, init=False, repr=False
+    )
     _loaded: dict[str, Scene] = field(default_factory=dict, init=False, repr=False)
     _meshes: dict[str, list[str]] = field(default_factory=dict, init=False, repr=False)
     _skies: dict[Path, Any] = field(default_factory=dict, init=False, repr=False)
@@ -56,12 +58,21 @@ class Sources:
         """Every file by its name relative to the recipe, sorted. Raises InputError for unreadable scenes."""
         files = {Path(name).as_posix(): self.folder / name for name in self.named}
         for name in self.scenes:
-            home, shown = bundled_folder() / name if name in bundled_scenes() else self.folder / name, Path(name)
+            home, shown = (
+                bundled_folder() / name
+                if name in bundled_scenes()
+                else self.folder / name,
+                Path(name),
+            )
             if not home.is_dir():
                 home, shown = home.parent, shown.parent
             below = _names_below(home, self.scene(name).files)
             files |= {(shown / file).as_posix(): path for file, path in below.items()}
-        for several in (*self.asset_files.values(), *self.sky_files.values(), self._named_by_meshes()):
+        for several in (
+            *self.asset_files.values(),
+            *self.sky_files.values(),
+            self._named_by_meshes(),
+        ):
             files |= several
         return dict(sorted(files.items()))
 
@@ -86,7 +97,9 @@ class Sources:
 
         Raises FileError if its files have changed. Rendering opens a Mitsuba .xml again; call this again after it.
         """
-        scene = self._loaded.get(name) or load_scene(name if name in bundled_scenes() else self.folder / name)
+        scene = self._loaded.get(name) or load_scene(
+            name if name in bundled_scenes() else self.folder / name
+        )
         self.check_files(scene)
         self._loaded[name] = scene
         if len(self._loaded) > _SCENES_KEPT:
@@ -95,7 +108,10 @@ class Sources:
 
     def check_files(self, scene: Scene) -> None:
         """Raise FileError if a file of the scene has changed."""
-        _digests[scene] = {file: self.unchanged(path) for file, path in _names_below(None, scene.files).items()}
+        _digests[scene] = {
+            file: self.unchanged(path)
+            for file, path in _names_below(None, scene.files).items()
+        }
 
     def meshes(self, name: str) -> list[str]:
         """The mesh files of a folder, as `meshes_in`; listed once."""
@@ -122,7 +138,9 @@ class Sources:
         for name, path in self.asset_files.get("meshes", {}).items():
             for each in named_by_mesh(path, self.keep_material, self.folder):
                 relative = os.path.relpath(each, path.parent.resolve())
-                found[Path(os.path.normpath(Path(name).parent / relative)).as_posix()] = each
+                found[
+                    Path(os.path.normpath(Path(name).parent / relative)).as_posix()
+                ] = each
         return found
 
     @cached_property
@@ -151,7 +169,9 @@ class Sources:
         Raises FileError.
         """
         meshes = {
-            self.folder / name: own for name, own in self.named.items() if Path(name).suffix.lower() in MESH_FILES
+            self.folder / name: own
+            for name, own in self.named.items()
+            if Path(name).suffix.lower() in MESH_FILES
         }
         skies = {path for files in self.sky_files.values() for path in files.values()}
         left = _READ_AT_FIRST
@@ -163,25 +183,44 @@ class Sources:
                 with located("sky.file"):
                     _read_sky(path)
             elif meshes[path] or path.suffix.lower() in GLTF_FILES:
-                with warnings.catch_warnings():  # samples give those of the files that they use
+                with (
+                    warnings.catch_warnings()
+                ):  # samples give those of the files that they use
                     warnings.simplefilter("ignore", MaterialWarning)
-                    read_model(path, SceneContext(self.folder), None, with_materials=meshes[path])
+                    read_model(
+                        path,
+                        SceneContext(self.folder),
+                        None,
+                        with_materials=meshes[path],
+                    )
             else:
                 read_mesh(path)
 
     def check_output(self, output: Path) -> None:
         """Raise InputError for an output folder below one whose files the recipe draws from."""
-        for name in (*(name for names in self.assets.values() for name in names), *self.skies):
+        for name in (
+            *(name for names in self.assets.values() for name in names),
+            *self.skies,
+        ):
             folder = (self.folder / name).resolve()
             if folder.is_dir() and output.resolve().is_relative_to(folder):
                 remedy = "its images would become the recipe's files; name a folder elsewhere"
-                raise InputError(f"{output}: is below {name!r}, from which the recipe draws files; {remedy}")
+                raise InputError(
+                    f"{output}: is below {name!r}, from which the recipe draws files; {remedy}"
+                )
 
     @cached_property
     def families_assets(self) -> Assets:
         """The assets as families use them."""
-        listed: dict[str, Any] = {kind: tuple(sorted(set(found.values()))) for kind, found in self.asset_files.items()}
-        listed |= {"keep_scale": self.keep_scale, "keep_material": self.keep_material, "mesh_share": self.mesh_share}
+        listed: dict[str, Any] = {
+            kind: tuple(sorted(set(found.values())))
+            for kind, found in self.asset_files.items()
+        }
+        listed |= {
+            "keep_scale": self.keep_scale,
+            "keep_material": self.keep_material,
+            "mesh_share": self.mesh_share,
+        }
         return Assets(**listed, folder=self.folder, before_reading=self.unchanged)
 
     def unchanged(self, path: Path) -> str:
@@ -197,14 +236,18 @@ class Sources:
         except OSError as error:
             raise FileError(f"{path}: cannot be read ({error.strerror})") from error
         if known is not None and now != known[1]:
-            raise FileError(f"{path}: has changed while samples were made from it; restore it and run the same command")
+            raise FileError(
+                f"{path}: has changed while samples were made from it; restore it and run the same command"
+            )
         self._known[path] = (stamp, now)
         return now
 
 
 def _read_sky(path: Path) -> Any:
     pixels = read_sky(path)
-    if not pixels.any():  # here and not where the sky is made: each draw would be rejected
+    if (
+        not pixels.any()
+    ):  # here and not where the sky is made: each draw would be rejected
         raise FileError(f"{path}: is black, and a sky needs some light")
     return pixels
 
@@ -216,7 +259,9 @@ def meshes_in(folder: Path, name: str) -> list[str]:
     """
     with located("folder"):
         if not (folder / name).resolve().is_relative_to(folder.resolve()):
-            raise InputError(f"{name!r} leads outside the recipe's folder; copy the files below it")
+            raise InputError(
+                f"{name!r} leads outside the recipe's folder; copy the files below it"
+            )
         return list(listed("meshes", name, folder))
 
 
@@ -227,14 +272,20 @@ def listed(kind: str, name: str, folder: Path) -> dict[str, Path]:
     """
     home = folder / name
     try:
-        paths: tuple[Path, ...] = getattr(Assets.from_folders(**dict[str, Any]({kind: [home]})), kind)
+        paths: tuple[Path, ...] = getattr(
+            Assets.from_folders(**dict[str, Any]({kind: [home]})), kind
+        )
     except InputError as error:
-        message = str(error).removeprefix(f"{kind}: ").replace(repr(str(home)), repr(name))
+        message = (
+            str(error).removeprefix(f"{kind}: ").replace(repr(str(home)), repr(name))
+        )
         raise InputError(message) from None
     return {(Path(name) / path.relative_to(home)).as_posix(): path for path in paths}
 
 
-_digests: "weakref.WeakKeyDictionary[Scene, dict[str, str]]" = weakref.WeakKeyDictionary()
+_digests: "weakref.WeakKeyDictionary[Scene, dict[str, str]]" = (
+    weakref.WeakKeyDictionary()
+)
 
 
 def file_digests(scene: Scene) -> dict[str, str]:
@@ -244,7 +295,9 @@ def file_digests(scene: Scene) -> dict[str, str]:
     """
     if scene not in _digests:
         named = _names_below(None, scene.files).items()
-        _digests[scene] = {name: hashlib.sha256(read_bytes(path)).hexdigest() for name, path in named}
+        _digests[scene] = {
+            name: hashlib.sha256(read_bytes(path)).hexdigest() for name, path in named
+        }
     return dict(_digests[scene])
 
 
@@ -253,7 +306,11 @@ def _names_below(home: Path | None, files: tuple[Path, ...]) -> dict[str, Path]:
     found = {}
     for path in files:
         folder, whole = (home or files[0].parent).resolve(), path.resolve()
-        found[whole.relative_to(folder).as_posix() if whole.is_relative_to(folder) else path.name] = path
+        found[
+            whole.relative_to(folder).as_posix()
+            if whole.is_relative_to(folder)
+            else path.name
+        ] = path
     return found
 
 

@@ -25,15 +25,34 @@ import pebble
 from twinlens.dataset import Place, Row, Sample, write_sample
 from twinlens.dataset.record import plain
 from twinlens.dataset.storage import is_whole
-from twinlens.errors import BackendError, InputError, MissingExtraError, OutputError, check_int
-from twinlens.factory.ledger import Entry, Failure, recovered_row, repair_hint, row_info, write_row
+from twinlens.errors import (
+    BackendError,
+    InputError,
+    MissingExtraError,
+    OutputError,
+    check_int,
+)
+from twinlens.factory.ledger import (
+    Entry,
+    Failure,
+    recovered_row,
+    repair_hint,
+    row_info,
+    write_row,
+)
 from twinlens.factory.plan import sample_name
 from twinlens.factory.produce import Exhausted, make
 from twinlens.factory.recipe import Recipe, differences, recipe_from_table
 from twinlens.factory.sample import made_with
 from twinlens.factory.sources import changed_files
 from twinlens.machine import memory_bytes, processor_count
-from twinlens.rendering import Progress, backend, forget_kernels, share_kernels, use_threads
+from twinlens.rendering import (
+    Progress,
+    backend,
+    forget_kernels,
+    share_kernels,
+    use_threads,
+)
 
 RENEWED_AFTER = 300
 """Samples that a worker process makes before a new one replaces it. LLVM keeps about 15 KiB for each random scene that
@@ -65,7 +84,10 @@ Engine = Callable[[Work, Sequence[int], Report], Results]
 
 
 def rendered(
-    work: Work, index: int, progress: Progress | None = None, note: Callable[[str], object] | None = None
+    work: Work,
+    index: int,
+    progress: Progress | None = None,
+    note: Callable[[str], object] | None = None,
 ) -> Sample | Failure:
     """One sample in memory, or why all its draws were rejected; `note` as for `make`."""
     try:
@@ -83,12 +105,18 @@ def written(work: Work, index: int, made: Sample | Failure | None) -> Entry:
     entry: Entry | None = made if isinstance(made, Failure) else None
     if isinstance(made, Sample):
         try:
-            entry = Row(folder.name, write_sample(folder, made), plain(row_info(plain(made.record))))
+            entry = Row(
+                folder.name,
+                write_sample(folder, made),
+                plain(row_info(plain(made.record))),
+            )
         except OutputError:
             if not folder.exists():
                 raise
             if not is_whole(folder):
-                raise OutputError(f"{folder}: exists and is not a whole sample; {repair_hint(folder)}") from None
+                raise OutputError(
+                    f"{folder}: exists and is not a whole sample; {repair_hint(folder)}"
+                ) from None
     if entry is None:
         entry = recovered_row(work.folder, work.recipe, index, work.made_with)
     write_row(work.folder, index, entry)
@@ -124,7 +152,9 @@ def _fewer_objects_collected() -> Iterator[None]:
         gc.unfreeze()
 
 
-def _reported(report: Report, done: int, count: int) -> tuple[Progress, Callable[[str], None]]:
+def _reported(
+    report: Report, done: int, count: int
+) -> tuple[Progress, Callable[[str], None]]:
     """`progress` and `note` of `make`, that report the sample after `done` of `count`."""
     last = ""
 
@@ -156,7 +186,14 @@ class Order:
         """With absolute paths: a worker has another working folder."""
         recipe = work.recipe
         path, folder = recipe.file.absolute(), work.folder.resolve()
-        return cls(dict(recipe.written), path, folder, work.made_with, recipe.sources.digests, threads)
+        return cls(
+            dict(recipe.written),
+            path,
+            folder,
+            work.made_with,
+            recipe.sources.digests,
+            threads,
+        )
 
 
 def usual_engine(work: Work, indices: Sequence[int], report: Report) -> Results:
@@ -173,7 +210,12 @@ def usual_workers(recipe: Recipe, samples: int) -> int:
     """
     if not recipe.varied_scenes:
         return 0
-    several = min(_MOST_WORKERS, processor_count(), memory_bytes() // _WORKER_BYTES, samples // _LEAST_SAMPLES)
+    several = min(
+        _MOST_WORKERS,
+        processor_count(),
+        memory_bytes() // _WORKER_BYTES,
+        samples // _LEAST_SAMPLES,
+    )
     if several > 1 and backend().name == "llvm":
         return several
     return 1 if samples > RENEWED_AFTER else 0
@@ -205,7 +247,9 @@ def worker_processes(count: int) -> Engine:
                     free.stop()  # type: ignore[no-untyped-call]
                     free.join()
             with _interrupts_blocked():
-                pool = pebble.ProcessPool(1, RENEWED_AFTER, initializer=_end_with_parent, context=context)
+                pool = pebble.ProcessPool(
+                    1, RENEWED_AFTER, initializer=_end_with_parent, context=context
+                )
                 _ = pool.active  # starts the process
             pools[pool] = pool.schedule(make_one, (order, index))
             return pools[pool]
@@ -251,7 +295,9 @@ def dask_cluster(address: str) -> Engine:
     try:
         import distributed
     except ImportError as error:
-        raise MissingExtraError("--scheduler needs Dask distributed: pip install 'twinlens[cluster]'") from error
+        raise MissingExtraError(
+            "--scheduler needs Dask distributed: pip install 'twinlens[cluster]'"
+        ) from error
 
     def connect() -> Any:
         try:
@@ -268,7 +314,12 @@ def dask_cluster(address: str) -> Engine:
             executor = client.get_executor(pure=False)
             queued = lambda: _QUEUED * max(1, sum(client.nthreads().values()))  # noqa: E731
             try:
-                yield from _collected(lambda i: executor.submit(make_one, order, i), queued, indices, report)
+                yield from _collected(
+                    lambda i: executor.submit(make_one, order, i),
+                    queued,
+                    indices,
+                    report,
+                )
             finally:
                 executor.shutdown(wait=False)
 
@@ -276,7 +327,10 @@ def dask_cluster(address: str) -> Engine:
 
 
 def _collected(
-    submit: Callable[[int], Future[Made]], most: Callable[[], int], indices: Sequence[int], report: Report
+    submit: Callable[[int], Future[Made]],
+    most: Callable[[], int],
+    indices: Sequence[int],
+    report: Report,
 ) -> Results:
     """Keep up to `most()` samples submitted and yield what is finished. A sample that lost its worker is resubmitted.
 
@@ -337,24 +391,36 @@ def make_one(order: Order, index: int) -> Made:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
         work, made = _RENDERER.submit(_rendered, order, index, threads).result()
-    return written(work, index, made), [each.category(str(each.message)) for each in caught]
+    return written(work, index, made), [
+        each.category(str(each.message)) for each in caught
+    ]
 
 
-def _rendered(order: Order, index: int, threads: int) -> tuple[Work, Sample | Failure | None]:
+def _rendered(
+    order: Order, index: int, threads: int
+) -> tuple[Work, Sample | Failure | None]:
     """The sample, why there is none, or None where it is written already."""
     work = _work(order, threads)
-    return work, None if is_whole(order.folder / sample_name(index)) else rendered(work, index)
+    return work, None if is_whole(order.folder / sample_name(index)) else rendered(
+        work, index
+    )
 
 
 @functools.lru_cache(1)
 def _work(order: Order, threads: int) -> Work:
     """Prepare this worker. Raises InputError where its versions, backend or files are not the dataset's."""
     use_threads(threads)
-    work = Work(recipe_from_table(order.written, order.path), order.folder, order.made_with)
+    work = Work(
+        recipe_from_table(order.written, order.path), order.folder, order.made_with
+    )
     if changed := differences(work.made_with, plain(made_with())):
-        raise InputError(f"this worker has another backend or other versions than the dataset: {'; '.join(changed)}")
+        raise InputError(
+            f"this worker has another backend or other versions than the dataset: {'; '.join(changed)}"
+        )
     if changed_sources := changed_files(order.sources, work.recipe.sources.digests):
-        raise InputError(f"this worker has other source files than the dataset's: {changed_sources}")
+        raise InputError(
+            f"this worker has other source files than the dataset's: {changed_sources}"
+        )
     if work.recipe.kind == "family":
         share_kernels()
     gc.freeze()  # collections after each sample would visit the objects of all modules, in 70 ms

@@ -4,18 +4,41 @@ from typing import Any
 
 import numpy as np
 
-from twinlens.errors import InputError, check_int, check_known, check_number, format_value
+from twinlens.errors import (
+    InputError,
+    check_int,
+    check_known,
+    check_number,
+    format_value,
+)
 from twinlens.families import cards, flying, room, tabletop
 from twinlens.families.assets import Assets as Assets
 from twinlens.families.composition import Composition, Family
 from twinlens.scenes.scene import Scene
 
 FAMILIES: dict[str, Family] = {
-    "tabletop": Family("bodies at rest on a table", (12, 22), tabletop.compose, 1.8, tabletop.NAMES, True),
-    "flying": Family("things in the air, at disparities spread evenly", (14, 26), flying.compose, 1.3, flying.NAMES),
+    "tabletop": Family(
+        "bodies at rest on a table",
+        (12, 22),
+        tabletop.compose,
+        1.8,
+        tabletop.NAMES,
+        True,
+    ),
+    "flying": Family(
+        "things in the air, at disparities spread evenly",
+        (14, 26),
+        flying.compose,
+        1.3,
+        flying.NAMES,
+    ),
     "room": Family("a furnished room", (18, 36), room.compose, 2.5, room.NAMES, True),
     "cards": Family(
-        "test charts, steps and waves at set distances and slants", (7, 13), cards.compose, 1.8, cards.NAMES
+        "test charts, steps and waves at set distances and slants",
+        (7, 13),
+        cards.compose,
+        1.8,
+        cards.NAMES,
     ),
 }
 """Every family by its name."""
@@ -87,8 +110,12 @@ def random_scene(
     check_int("object_count", counts[1], counts[0], _MAX_OBJECTS)
     check_view(family, aspect, width, depth_range, "depth_range")
     if depth_range is not None and assets is not None and assets.keep_scale:
-        raise InputError("depth_range scales the whole scene; it cannot be used with keep_scale")
-    depths = None if depth_range is None else (float(depth_range[0]), float(depth_range[1]))
+        raise InputError(
+            "depth_range scales the whole scene; it cannot be used with keep_scale"
+        )
+    depths = (
+        None if depth_range is None else (float(depth_range[0]), float(depth_range[1]))
+    )
     scene = Composition(
         f"{family}-{label}", root, assets or Assets(), depths, counts, float(aspect), int(width), own_lights,
         plain_surfaces,
@@ -97,12 +124,16 @@ def random_scene(
     return scene.scene(chosen.about)
 
 
-def check_view(family: str, aspect: float, width: int, depths: tuple[float, float] | None, key: str) -> None:
+def check_view(
+    family: str, aspect: float, width: int, depths: tuple[float, float] | None, key: str
+) -> None:
     """Raise InputError unless a family has scenes for these settings of `random_scene`; `key` names the depths."""
     check_number("width", width, "a number of pixels >= 16", least=16)
     check_number("aspect (width / height)", aspect, "from 0.2 to 5", least=0.2, most=5)
     if depths is not None:
         (near, far), ratio = depths, FAMILIES[family].least_ratio
-        check_number(key, near, "two positive numbers of metres, (near, far)", above=0.0)
+        check_number(
+            key, near, "two positive numbers of metres, (near, far)", above=0.0
+        )
         allowed = f"(near, far) with far >= {ratio:g} near in {family} scenes"
         check_number(key, far, allowed, least=ratio * near)

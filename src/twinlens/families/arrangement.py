@@ -19,7 +19,14 @@ from twinlens.scenes.stable_poses import StablePose, gap, inside_by, stable_pose
 
 _TRIES, _TRIES_ON_TOP = 60, 6
 _HIGHEST_STACK = 4
-_LYING = {"bottle": 0.12, "cup": 0.08, "candle": 0.1, "tin": 0.08, "pawn": 0.15, "cone": 0.1}
+_LYING = {
+    "bottle": 0.12,
+    "cup": 0.08,
+    "candle": 0.1,
+    "tin": 0.08,
+    "pawn": 0.15,
+    "cone": 0.1,
+}
 """Probabilities that upright bodies of these kinds lie on their side."""
 
 
@@ -33,7 +40,9 @@ class Placement:
     @property
     def pose(self) -> Float:
         turn = self.at.spin @ self.at.rest.turn
-        low = float((self.body.solid.mesh.vertices @ turn.T)[:, 2].min()) * self.body.size
+        low = (
+            float((self.body.solid.mesh.vertices @ turn.T)[:, 2].min()) * self.body.size
+        )
         return similarity(turn, self.at.place - [0, 0, low], self.body.size)
 
 
@@ -54,7 +63,10 @@ class Area:
 
 
 def bodies_at_rest(
-    scene: Composition, name: str, parts: Iterable[tuple[int, ...]], among: tuple[str, ...] | None = None
+    scene: Composition,
+    name: str,
+    parts: Iterable[tuple[int, ...]],
+    among: tuple[str, ...] | None = None,
 ) -> list[tuple[Body, StablePose, Rng]]:
     """A body for each of the `parts`, a stable pose drawn by its probability, and a random stream for its place."""
     made = []
@@ -64,13 +76,19 @@ def bodies_at_rest(
         best = max(found, key=lambda rest: rest.turn[2, 2], default=None)
         if best is None:
             continue
-        if not (body.solid.upright and best.turn[2, 2] > 0.9 and rng.random() >= _LYING.get(body.kind, 0.0)):
+        if not (
+            body.solid.upright
+            and best.turn[2, 2] > 0.9
+            and rng.random() >= _LYING.get(body.kind, 0.0)
+        ):
             best = weighted(rng, found, [rest.probability for rest in found])
         made.append((body, best, scene.rng("place", *part)))
     return made
 
 
-def arrange(bodies: Sequence[tuple[Body, StablePose, Rng]], area: Area) -> list[Placement]:
+def arrange(
+    bodies: Sequence[tuple[Body, StablePose, Rng]], area: Area
+) -> list[Placement]:
     """Place bodies one after the other, each with its own random stream; bodies without a free place are left out."""
     placed: list[Placed] = []
     found = []
@@ -78,7 +96,8 @@ def arrange(bodies: Sequence[tuple[Body, StablePose, Rng]], area: Area) -> list[
         for trial in _trials(body, rest, rng, placed, area):
             if all(
                 other.top < trial.place[2]
-                or np.linalg.norm(trial.place[:2] - other.place[:2]) > rest.reach + other.rest.reach + area.spacing
+                or np.linalg.norm(trial.place[:2] - other.place[:2])
+                > rest.reach + other.rest.reach + area.spacing
                 or gap(trial.footprint, other.footprint) > area.spacing
                 for other in placed
             ):
@@ -88,7 +107,9 @@ def arrange(bodies: Sequence[tuple[Body, StablePose, Rng]], area: Area) -> list[
     return found
 
 
-def _trials(body: Body, rest: StablePose, rng: Rng, placed: list[Placed], area: Area) -> Iterator[Placed]:
+def _trials(
+    body: Body, rest: StablePose, rng: Rng, placed: list[Placed], area: Area
+) -> Iterator[Placed]:
     """Random placements on level tops that carry nothing yet, for a share of the bodies, then on the area itself."""
     if placed and rng.random() < area.stacked:
         for index in rng.permutation(len(placed)):
@@ -101,8 +122,14 @@ def _trials(body: Body, rest: StablePose, rng: Rng, placed: list[Placed], area: 
                 spin = _random_spin(body, rng)
                 offset = spin[:2, :2] @ rest.support.mean(axis=0)
                 xy = slab.mean(axis=0) - offset + rng.normal(0, 0.06, 2) * body.size
-                trial = Placed(rest, spin, np.append(xy, below.top + CLEARANCE * body.size), below)
-                if min(inside_by(slab, corner) for corner in trial.moved(rest.support)) > 0 and trial.balanced():
+                trial = Placed(
+                    rest, spin, np.append(xy, below.top + CLEARANCE * body.size), below
+                )
+                if (
+                    min(inside_by(slab, corner) for corner in trial.moved(rest.support))
+                    > 0
+                    and trial.balanced()
+                ):
                     yield trial
     for _ in range(_TRIES):
         spin = _random_spin(body, rng)

@@ -14,7 +14,13 @@ import numpy as np
 from twinlens.errors import FileError, InputError
 from twinlens.families.draws import Rng
 from twinlens.scenes.assets import SceneContext, read_mesh, read_picture, read_sky
-from twinlens.scenes.model_files import GLTF_FILES, WITH_MATERIALS, Model, named_files, read_model
+from twinlens.scenes.model_files import (
+    GLTF_FILES,
+    WITH_MATERIALS,
+    Model,
+    named_files,
+    read_model,
+)
 from twinlens.scenes.scene import Mesh, Plugin
 from twinlens.scenes.textures import Image
 
@@ -76,14 +82,26 @@ class Assets:
 
         Raises InputError when a folder is missing, or contains no file of its type.
         """
-        listed = _listed("meshes", meshes), _listed("textures", textures), _listed("hdris", hdris)
+        listed = (
+            _listed("meshes", meshes),
+            _listed("textures", textures),
+            _listed("hdris", hdris),
+        )
         below = None if folder is None else Path(folder)
-        return cls(*listed, keep_scale=keep_scale, keep_material=keep_material, mesh_share=mesh_share, folder=below)
+        return cls(
+            *listed,
+            keep_scale=keep_scale,
+            keep_material=keep_material,
+            mesh_share=mesh_share,
+            folder=below,
+        )
 
     @property
     def broken(self) -> tuple[tuple[Path, str], ...]:
         """(path, reason) of every file that was drawn and could not be used."""
-        return tuple(sorted({(path, reason) for (_, path), reason in self._failed.items()}))
+        return tuple(
+            sorted({(path, reason) for (_, path), reason in self._failed.items()})
+        )
 
     def check(self) -> "Assets":
         """Read every file now, so that `broken` lists all that cannot be used."""
@@ -107,10 +125,19 @@ class Assets:
         key = kind, path
         if key not in self._read and key not in self._failed:
             if self.before_reading is not None:
-                for each in (path, *(named_by_mesh(path, self.keep_material, self.folder) if kind == "meshes" else ())):
+                for each in (
+                    path,
+                    *(
+                        named_by_mesh(path, self.keep_material, self.folder)
+                        if kind == "meshes"
+                        else ()
+                    ),
+                ):
                     self.before_reading(each)
             try:
-                self._read[key] = _READERS[kind](path) if kind != "meshes" else self._read_mesh(path)
+                self._read[key] = (
+                    _READERS[kind](path) if kind != "meshes" else self._read_mesh(path)
+                )
             except (InputError, OSError) as error:
                 self._failed[key] = str(error).removeprefix(f"{path}: ")
             if len(self._read) > MAX_CACHED:
@@ -121,7 +148,12 @@ class Assets:
         context = SceneContext(_root(path, self.folder))
         suffix = path.suffix.lower()
         if suffix in GLTF_FILES or (self.keep_material and suffix in WITH_MATERIALS):
-            model = read_model(path, context, None if self.keep_material else 30.0, with_materials=self.keep_material)
+            model = read_model(
+                path,
+                context,
+                None if self.keep_material else 30.0,
+                with_materials=self.keep_material,
+            )
         else:
             model = Model(read_mesh(path), {})
         return _normalized(path, model)
@@ -133,12 +165,20 @@ def named_by_mesh(path: Path, keep_material: bool, folder: Path | None) -> list[
     `folder` is that of `Assets`.
     """
     suffixes = WITH_MATERIALS if keep_material else (".gltf",)
-    return named_files(path, SceneContext(_root(path, folder))) if path.suffix.lower() in suffixes else []
+    return (
+        named_files(path, SceneContext(_root(path, folder)))
+        if path.suffix.lower() in suffixes
+        else []
+    )
 
 
 def _root(path: Path, folder: Path | None) -> Path:
     """The folder below which the mesh file at `path` may name files."""
-    return folder if folder is not None and path.parent.resolve().is_relative_to(folder.resolve()) else path.parent
+    return (
+        folder
+        if folder is not None and path.parent.resolve().is_relative_to(folder.resolve())
+        else path.parent
+    )
 
 
 def _listed(kind: str, folders: Iterable[str | Path]) -> tuple[Path, ...]:
@@ -152,7 +192,9 @@ def _listed(kind: str, folders: Iterable[str | Path]) -> tuple[Path, ...]:
         inside = {path for path in listed if path.suffix.lower() in SUFFIXES[kind]}
         if not inside:
             what = "is not a" if folder.is_file() else "contains no"
-            raise InputError(f"{kind}: {str(folder)!r} {what} {', '.join(SUFFIXES[kind])} file")
+            raise InputError(
+                f"{kind}: {str(folder)!r} {what} {', '.join(SUFFIXES[kind])} file"
+            )
         found |= {path for path in inside if path.is_file()}
     return tuple(sorted(found))
 
@@ -161,12 +203,20 @@ def _normalized(path: Path, model: Model) -> UserMesh:
     """A mesh of largest extent 1 m, centred, z up."""
     mesh = model.mesh
     if len(mesh.faces) > MAX_TRIANGLES:
-        raise FileError(f"{path}: {len(mesh.faces)} triangles, at most {MAX_TRIANGLES} are allowed; simplify the mesh")
+        raise FileError(
+            f"{path}: {len(mesh.faces)} triangles, at most {MAX_TRIANGLES} are allowed; simplify the mesh"
+        )
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     size = float((high - low).max())
     if not size > 0 or np.count_nonzero(high - low > 1e-6 * size) < 3:
-        raise FileError(f"{path}: is flat; a mesh needs an extent in all three dimensions")
-    turn = np.eye(3) if path.suffix.lower() in (".ply", ".stl") else np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+        raise FileError(
+            f"{path}: is flat; a mesh needs an extent in all three dimensions"
+        )
+    turn = (
+        np.eye(3)
+        if path.suffix.lower() in (".ply", ".stl")
+        else np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+    )
     kept = {each.name: getattr(mesh, each.name) for each in fields(mesh)}
     kept["vertices"] = (mesh.vertices - (low + high) / 2) @ turn.T / size
     kept["normals"] = None if mesh.normals is None else mesh.normals @ turn.T
@@ -189,4 +239,7 @@ def _read_hdri(path: Path) -> Image:
     return pixels
 
 
-_READERS: dict[str, Callable[[Path], Any]] = {"textures": _read_texture, "hdris": _read_hdri}
+_READERS: dict[str, Callable[[Path], Any]] = {
+    "textures": _read_texture,
+    "hdris": _read_hdri,
+}

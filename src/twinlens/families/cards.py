@@ -9,23 +9,53 @@ from twinlens.families import lighting
 from twinlens.families.composition import Composition
 from twinlens.families.draws import Rng, one_of, weighted
 from twinlens.families.furniture import board
-from twinlens.families.materials import material, metal_pixels, resized, texels, user_texture
+from twinlens.families.materials import (
+    material,
+    metal_pixels,
+    resized,
+    texels,
+    user_texture,
+)
 from twinlens.families.patterns import draw_chart
-from twinlens.families.surfaces import FLOORS, QUAD, WALLS, Sheet, quad, surface, surface_pattern, wall_colors
+from twinlens.families.surfaces import (
+    FLOORS,
+    QUAD,
+    WALLS,
+    Sheet,
+    quad,
+    surface,
+    surface_pattern,
+    wall_colors,
+)
 from twinlens.geometry import Float, transform_points
 from twinlens.scenes import shapes
 from twinlens.scenes.placement import rotation, translation
 from twinlens.scenes.scene import Bitmap, Mesh
 from twinlens.scenes.stable_poses import gap, outline
 
-NAMES = frozenset(("wall", "floor", "chart", "chart-foot", "steps", "wedge", "wave", "sun", "key-light", "fill-light"))
+NAMES = frozenset(
+    (
+        "wall",
+        "floor",
+        "chart",
+        "chart-foot",
+        "steps",
+        "wedge",
+        "wave",
+        "sun",
+        "key-light",
+        "fill-light",
+    )
+)
 """Names of what scenes have besides bodies, without numbers."""
 
 
 def compose(scene: Composition) -> None:
     """Add charts at even steps of 1/depth, the floor they stand on, the wall behind, lights."""
     depth_ratio = scene.depth_ratio(2.2, 6.0)
-    rng = scene.rng("view")  # level or looking down a little along +y; the floor is z = 0
+    rng = scene.rng(
+        "view"
+    )  # level or looking down a little along +y; the floor is z = 0
     eye = np.array([0.0, 0.0, rng.uniform(0.45, 0.7)])
     target = eye + np.array([0.0, 1.0, -rng.uniform(0.05, 0.3)])
     scene.look(eye, target, rng.uniform(45, 62))
@@ -50,19 +80,34 @@ def _add_charts(scene: Composition, depth_ratio: float) -> None:
         for attempt in range(30):
             side = (-1) ** (index + attempt) * place.uniform(0.05, 0.95)
             at = view.at(side, 0.0, depth) * [1, 1, 0]
-            pose = translation(at) @ rotation([0, 0, 1], np.clip(place.normal(0, 28), -60, 60))
+            pose = translation(at) @ rotation(
+                [0, 0, 1], np.clip(place.normal(0, 28), -60, 60)
+            )
             ground = transform_points(pose, mesh.vertices)
             footprint = outline(ground[:, :2])
-            if float(view.depth(ground).min()) > 0.92 and all(gap(footprint, other) > 0.01 for other in taken):
+            if float(view.depth(ground).min()) > 0.92 and all(
+                gap(footprint, other) > 0.01 for other in taken
+            ):
                 taken.append(footprint)
                 n = texels(height, scene.pixel_at(pose[:3, 3], 0.3))
                 own = user_texture(scene, "chart", index)
-                picture = draw_chart(scene.rng("chart", index), n, accents) if own is None else resized(own, n)
+                picture = (
+                    draw_chart(scene.rng("chart", index), n, accents)
+                    if own is None
+                    else resized(own, n)
+                )
                 finish = one_of(place, ["matte", "matte", "satin", "clearcoat"])
-                scene.add(name, mesh, material(place, finish, Bitmap(picture, wrap="mirror")), pose)
+                scene.add(
+                    name,
+                    mesh,
+                    material(place, finish, Bitmap(picture, wrap="mirror")),
+                    pose,
+                )
                 if name == "chart":
                     steel = Bitmap(metal_pixels(scene.rng("foot", index), 32, "metal"))
-                    scene.add("chart-foot", _foot(mesh), material(place, "metal", steel), pose)
+                    scene.add(
+                        "chart-foot", _foot(mesh), material(place, "metal", steel), pose
+                    )
                 break
 
 
@@ -71,7 +116,9 @@ def _chart(rng: Rng, size: float) -> tuple[Mesh, float]:
     made = board((w, thick, h), (0, 0, 0))
     uv = np.column_stack([made.vertices[:, 0] / w + 0.5, made.vertices[:, 2] / h + 0.5])
     lean = rotation([1, 0, 0], rng.uniform(-25, 35))
-    leaning = shapes.transformed(Mesh(made.vertices, made.faces, made.normals, uv), lean)
+    leaning = shapes.transformed(
+        Mesh(made.vertices, made.faces, made.normals, uv), lean
+    )
     rise = 0.12 * size - float(leaning.vertices[:, 2].min())
     return shapes.transformed(leaning, translation([0, 0, rise])), size
 
@@ -79,29 +126,61 @@ def _chart(rng: Rng, size: float) -> tuple[Mesh, float]:
 def _foot(chart: Mesh) -> Mesh:
     low, high = chart.vertices.min(axis=0), chart.vertices.max(axis=0)
     w = high[0] - low[0]
-    edge = chart.vertices[chart.vertices[:, 2] < low[2] + 0.03 * (high[2] - low[2])].mean(axis=0)
+    edge = chart.vertices[
+        chart.vertices[:, 2] < low[2] + 0.03 * (high[2] - low[2])
+    ].mean(axis=0)
     thick = 0.02 * w
-    posts = [board((thick, thick, low[2] + 0.2 * thick), (s * 0.3 * w, edge[1], low[2] / 2)) for s in (-1, 1)]
-    return shapes.merged([board((0.8 * w, 0.3 * w, 0.5 * thick), (0, edge[1], 0.25 * thick)), *posts])
+    posts = [
+        board((thick, thick, low[2] + 0.2 * thick), (s * 0.3 * w, edge[1], low[2] / 2))
+        for s in (-1, 1)
+    ]
+    return shapes.merged(
+        [board((0.8 * w, 0.3 * w, 0.5 * thick), (0, edge[1], 0.25 * thick)), *posts]
+    )
 
 
 def _extruded(profile: Float, width: float) -> Mesh:
     """A strip of (y, z) points, bottom to top as seen from the front, extruded along x, with sides and back."""
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(profile, axis=0), axis=1))])
+    length = np.concatenate(
+        [[0.0], np.cumsum(np.linalg.norm(np.diff(profile, axis=0), axis=1))]
+    )
     x = np.array([-width / 2, width / 2, width / 2, -width / 2])
     parts = []
     for (a, b), (low, high) in zip(pairwise(profile), pairwise(length), strict=True):
-        uv = np.column_stack([x / width + 0.5, np.array([low, low, high, high]) / length[-1]])
-        parts.append(quad(np.column_stack([x, [a[0], a[0], b[0], b[0]], [a[1], a[1], b[1], b[1]]]), uv))
+        uv = np.column_stack(
+            [x / width + 0.5, np.array([low, low, high, high]) / length[-1]]
+        )
+        parts.append(
+            quad(
+                np.column_stack(
+                    [x, [a[0], a[0], b[0], b[0]], [a[1], a[1], b[1], b[1]]]
+                ),
+                uv,
+            )
+        )
     rear = profile[:, 0].max()
     for side, faces in ((-1.0, QUAD[:, ::-1]), (1.0, QUAD)):
         for a, b in pairwise(profile):
             yz = np.array([a, [rear, a[1]], [rear, b[1]], b])
             corners = np.column_stack([np.full(4, side * width / 2), yz])
-            parts.append(Mesh(corners, faces, np.tile([side, 0.0, 0.0], (4, 1)), (yz - profile.min(axis=0)) / width))
+            parts.append(
+                Mesh(
+                    corners,
+                    faces,
+                    np.tile([side, 0.0, 0.0], (4, 1)),
+                    (yz - profile.min(axis=0)) / width,
+                )
+            )
     back = np.column_stack([x, np.full(4, rear), profile[[0, 0, -1, -1], 1]])
     normals = np.tile([0.0, 1.0, 0.0], (4, 1))
-    parts.append(Mesh(back, np.array([[0, 2, 1], [0, 3, 2]], dtype=np.uint32), normals, np.zeros((4, 2))))
+    parts.append(
+        Mesh(
+            back,
+            np.array([[0, 2, 1], [0, 3, 2]], dtype=np.uint32),
+            normals,
+            np.zeros((4, 2)),
+        )
+    )
     return shapes.merged(parts)
 
 
@@ -110,11 +189,15 @@ def _steps(rng: Rng, size: float) -> tuple[Mesh, float]:
     rise, run = 0.8 * size / count, size * rng.uniform(0.6, 1.2) / count
     corners = [(i * run, j * rise) for i in range(count) for j in (i, i + 1)]
     profile = np.array([*corners, (count * run, count * rise)])
-    return _extruded(profile - [0.5 * count * run, 0], size * rng.uniform(0.7, 1.1)), size * 1.6
+    return _extruded(
+        profile - [0.5 * count * run, 0], size * rng.uniform(0.7, 1.1)
+    ), size * 1.6
 
 
 def _wedge(rng: Rng, size: float) -> tuple[Mesh, float]:
-    return _extruded(np.array([(-0.5, 0.0), (-0.5, 0.02), (0.5, rng.uniform(0.5, 0.9))]) * size, size), size
+    return _extruded(
+        np.array([(-0.5, 0.0), (-0.5, 0.02), (0.5, rng.uniform(0.5, 0.9))]) * size, size
+    ), size
 
 
 def _wave(rng: Rng, size: float) -> tuple[Mesh, float]:
@@ -122,7 +205,9 @@ def _wave(rng: Rng, size: float) -> tuple[Mesh, float]:
     t = np.linspace(0, 1, 16 * count + 1)
     width = size * rng.uniform(1.0, 1.5)
     profile = np.column_stack([deep * np.sin(2 * np.pi * count * t), (t - 0.5) * width])
-    upright = shapes.transformed(_extruded(profile, 0.85 * size), rotation([0, 1, 0], 90.0))
+    upright = shapes.transformed(
+        _extruded(profile, 0.85 * size), rotation([0, 1, 0], 90.0)
+    )
     return shapes.transformed(upright, translation([0, 0, 0.425 * size])), size
 
 
@@ -138,14 +223,31 @@ def _add_surroundings(scene: Composition, depth_ratio: float) -> None:
     def sheets(distance: float) -> tuple[Sheet, Sheet]:
         wide = 2.2 * view.covered(distance)[0]
         middle = np.array([0.0, distance, 0.0])
-        wall = Sheet(middle - 0.5 * wide * along, wide * along, np.array([0, 0, 1.6 * view.covered(distance)[1] + 1]))
-        return Sheet(*np.array([[-wide / 2, -0.2, 0], [wide, 0, 0], [0, 1.6 * distance + 0.2, 0]])), wall
+        wall = Sheet(
+            middle - 0.5 * wide * along,
+            wide * along,
+            np.array([0, 0, 1.6 * view.covered(distance)[1] + 1]),
+        )
+        return Sheet(
+            *np.array(
+                [[-wide / 2, -0.2, 0], [wide, 0, 0], [0, 1.6 * distance + 0.2, 0]]
+            )
+        ), wall
 
     far = scene.visible_range([sheets(depth_ratio)[0].mesh()])[0] * depth_ratio
-    distance = scene.backdrop_distance(lambda d: [sheet.mesh() for sheet in sheets(d)], far, far)
+    distance = scene.backdrop_distance(
+        lambda d: [sheet.mesh() for sheet in sheets(d)], far, far
+    )
     floor, wall = sheets(distance)
-    for name, sheet, kinds, contrast in (("floor", floor, FLOORS, 0.55), ("wall", wall, WALLS, 0.4)):
+    for name, sheet, kinds, contrast in (
+        ("floor", floor, FLOORS, 0.55),
+        ("wall", wall, WALLS, 0.4),
+    ):
         kind, tile = surface_pattern(rng, kinds, scene.plain_surfaces)
         colors = wall_colors(scene.rng(name, "colours"), scene.palette, contrast)
         tile *= 0.3 * view.covered(distance)[0]
-        scene.add(name, sheet.mesh(), surface(scene, scene.rng(name), sheet, kind, colors, tile))
+        scene.add(
+            name,
+            sheet.mesh(),
+            surface(scene, scene.rng(name), sheet, kind, colors, tile),
+        )

@@ -60,7 +60,10 @@ class View:
 
     def at(self, x: float, y: float, depth: float) -> Float:
         """The world point (3,) at (x, y) of the picture, each in [-1, 1] from left to right and from top to bottom."""
-        return transform_points(self.world_from_cam, np.array([x * self.half[0], y * self.half[1], 1.0]) * depth)
+        return transform_points(
+            self.world_from_cam,
+            np.array([x * self.half[0], y * self.half[1], 1.0]) * depth,
+        )
 
     def covered(self, depth: float) -> Float:
         """Width and height in metres of the picture's field at this depth."""
@@ -74,22 +77,37 @@ def rasterize(view: View, meshes: Iterable[Triangles], columns: int = 160) -> Fl
     """
     rows = max(1, round(columns / view.aspect))
     limit = np.array([[columns], [rows]])
-    corners = [transform_points(view.cam_from_world, vertices)[faces] for vertices, faces in meshes]
-    xyz = np.ascontiguousarray(_clipped(np.concatenate([np.empty((0, 3, 3)), *corners])).T)  # axis, corner, triangle
-    uv = (xyz[:2] / xyz[2] / np.reshape(view.half, (2, 1, 1)) + 1) / 2 * limit[..., None] - 0.5
+    corners = [
+        transform_points(view.cam_from_world, vertices)[faces]
+        for vertices, faces in meshes
+    ]
+    xyz = np.ascontiguousarray(
+        _clipped(np.concatenate([np.empty((0, 3, 3)), *corners])).T
+    )  # axis, corner, triangle
+    uv = (xyz[:2] / xyz[2] / np.reshape(view.half, (2, 1, 1)) + 1) / 2 * limit[
+        ..., None
+    ] - 0.5
     low = np.clip(np.ceil(uv.min(axis=1)), 0, limit).astype(np.int64)
     high = np.clip(np.floor(uv.max(axis=1)), -1, limit - 1).astype(np.int64)
     wide, tall = np.maximum(high - low + 1, 0)
     count = wide * tall
-    tri = np.repeat(np.arange(len(count)), count)  # every triangle with every pixel of its bounding box
-    down, right = np.divmod(np.arange(len(tri)) - np.repeat(np.cumsum(count) - count, count), wide[tri])
+    tri = np.repeat(
+        np.arange(len(count)), count
+    )  # every triangle with every pixel of its bounding box
+    down, right = np.divmod(
+        np.arange(len(tri)) - np.repeat(np.cumsum(count) - count, count), wide[tri]
+    )
     x, y = low[0, tri] + right, low[1, tri] + down
     to_u, to_v = np.stack([x, y])[:, None] - uv[..., tri]
-    weights = np.stack([to_u[i - 2] * to_v[i - 1] - to_v[i - 2] * to_u[i - 1] for i in range(3)])  # edge functions
+    weights = np.stack(
+        [to_u[i - 2] * to_v[i - 1] - to_v[i - 2] * to_u[i - 1] for i in range(3)]
+    )  # edge functions
     area = weights.sum(axis=0)  # twice the triangle's
     inside = (weights * np.sign(area) >= 0).all(axis=0) & (area != 0)
     tri, weights, area = tri[inside], weights[:, inside], area[inside]
-    z = 1 / (weights / area / xyz[2][:, tri]).sum(axis=0)  # 1/depth is linear in the picture
+    z = 1 / (weights / area / xyz[2][:, tri]).sum(
+        axis=0
+    )  # 1/depth is linear in the picture
     depth = np.full((rows, columns), np.inf)
     np.minimum.at(depth.reshape(-1), y[inside] * columns + x[inside], z)
     return depth
@@ -102,10 +120,17 @@ def _clipped(corners: Float) -> Float:
     kept = [corners[count == 3]]
     for number in (1, 2):
         cut = count == number
-        single = np.argmax(beyond[cut] if number == 1 else ~beyond[cut], axis=1)  # the corner alone on its side
-        ordered = np.take_along_axis(corners[cut], (single[:, None] + np.arange(3))[..., None] % 3, axis=1)
+        single = np.argmax(
+            beyond[cut] if number == 1 else ~beyond[cut], axis=1
+        )  # the corner alone on its side
+        ordered = np.take_along_axis(
+            corners[cut], (single[:, None] + np.arange(3))[..., None] % 3, axis=1
+        )
         a, b, c = ordered[:, 0], ordered[:, 1], ordered[:, 2]
-        ab, ac = (a + (_NEAR * 1.0001 - a[:, 2:]) / (p[:, 2:] - a[:, 2:]) * (p - a) for p in (b, c))
+        ab, ac = (
+            a + (_NEAR * 1.0001 - a[:, 2:]) / (p[:, 2:] - a[:, 2:]) * (p - a)
+            for p in (b, c)
+        )
         triangles = [(a, ab, ac)] if number == 1 else [(ab, b, c), (ab, c, ac)]
         kept += [np.stack(triangle, axis=1) for triangle in triangles]
     return np.concatenate(kept)
@@ -157,24 +182,41 @@ class Composition:
         return log_uniform(self.rng("depth"), low, high)
 
     def look(self, eye: Float, target: Float, fov_x_deg: float) -> None:
-        self.view = View(look_at(eye, target), float(fov_x_deg), self.aspect, self.width_px)
+        self.view = View(
+            look_at(eye, target), float(fov_x_deg), self.aspect, self.width_px
+        )
 
     def add(
-        self, name: str, mesh: Mesh, material: Plugin, pose: Float | None = None, emitter: Plugin | None = None
+        self,
+        name: str,
+        mesh: Mesh,
+        material: Plugin,
+        pose: Float | None = None,
+        emitter: Plugin | None = None,
     ) -> None:
         """Add an object with its own material, or those of a user's mesh. Names become unique: bottle, bottle-2, ..."""
         plain = re.sub(r"[^A-Za-z0-9_]+", "-", name).strip("-") or "body"
-        unique = free_name(plain, {*self.materials, *(each.name for each in self.objects)})
+        unique = free_name(
+            plain, {*self.materials, *(each.name for each in self.objects)}
+        )
         own = tuple(self._own_materials(mesh)) if isinstance(mesh, UserMesh) else ()
         for key, value in material.items():
-            if isinstance(value, Bitmap) and not own:  # Mitsuba would compile a kernel for each value of `to_uv`
+            if (
+                isinstance(value, Bitmap) and not own
+            ):  # Mitsuba would compile a kernel for each value of `to_uv`
                 mesh = replace(mesh, uv=np.asarray(mesh.uv) * np.diag(value.to_uv)[:2])
                 material = {**material, key: replace(value, to_uv=np.eye(4))}
         if not own:
             self.materials[unique] = material
-        world_from_object = np.eye(4) if pose is None else np.asarray(pose, dtype=np.float64)
-        self.objects.append(SceneObject(unique, mesh, own or unique, world_from_object, emitter))
-        self.triangles.append((transform_points(world_from_object, mesh.vertices), mesh.faces))
+        world_from_object = (
+            np.eye(4) if pose is None else np.asarray(pose, dtype=np.float64)
+        )
+        self.objects.append(
+            SceneObject(unique, mesh, own or unique, world_from_object, emitter)
+        )
+        self.triangles.append(
+            (transform_points(world_from_object, mesh.vertices), mesh.faces)
+        )
 
     def _own_materials(self, mesh: UserMesh) -> Iterator[str]:
         """The names of the materials of a user's mesh. A file that was read again has the same ones."""
@@ -189,17 +231,23 @@ class Composition:
         """Width in metres of a pixel at a world point (3,), whose depth is taken as at least `min_depth`."""
         return self.view.pixel(max(float(self.view.depth(point[None])[0]), min_depth))
 
-    def visible_range(self, others: Iterable[Mesh] = (), columns: int = 160) -> tuple[float, float]:
+    def visible_range(
+        self, others: Iterable[Mesh] = (), columns: int = 160
+    ) -> tuple[float, float]:
         """The smallest and the largest depth in the picture of all objects and of `others`, meshes in the world."""
         depth = rasterize(self.view, [*self.triangles, *_triangles(others)], columns)
         finite = depth[np.isfinite(depth)]
         return float(finite.min()), float(finite.max())
 
-    def backdrop_distance(self, backdrop: Callable[[float], list[Mesh]], far: float, start: float) -> float:
+    def backdrop_distance(
+        self, backdrop: Callable[[float], list[Mesh]], far: float, start: float
+    ) -> float:
         """The distance of a backdrop, meshes in the world, that makes `far` metres the largest depth in the picture."""
         distance, before = start, rasterize(self.view, self.triangles, 96)
         for _ in range(5):
-            depth = np.minimum(before, rasterize(self.view, _triangles(backdrop(distance)), 96))
+            depth = np.minimum(
+                before, rasterize(self.view, _triangles(backdrop(distance)), 96)
+            )
             farthest = float(depth[np.isfinite(depth)].max())
             if abs(farthest - far) < 0.005 * far:
                 break
@@ -216,7 +264,10 @@ class Composition:
         if self.depth_range is not None:
             scale = self.depth_range[0] / near
             about_eye = similarity(np.eye(3), (1 - scale) * view.eye, scale)
-            objects = [replace(each, world_from_object=about_eye @ each.world_from_object) for each in objects]
+            objects = [
+                replace(each, world_from_object=about_eye @ each.world_from_object)
+                for each in objects
+            ]
             near, far = near * scale, far * scale
         return Scene(
             name=self.name,
@@ -225,7 +276,9 @@ class Composition:
             lights=self.lights,
             world_from_left=view.world_from_cam,
             fov_x_deg=view.fov_x_deg,
-            baseline=float(self.rng("baseline").uniform(0.08, 0.12) * 2 * view.half[0] * near),
+            baseline=float(
+                self.rng("baseline").uniform(0.08, 0.12) * 2 * view.half[0] * near
+            ),
             depth_range=(near, far),
             description=about,
         )

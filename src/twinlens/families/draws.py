@@ -33,7 +33,9 @@ def log_uniform(rng: Rng, low: float, high: float) -> float:
 def varied(rng: Rng, colors: Float, amount: float = 0.12) -> Float:
     """The colours (N, 3) with random changes of lightness and warmth, clipped to the albedo of paint."""
     light = np.exp(rng.normal(0, amount, (len(colors), 1)))
-    warm = 1 + rng.normal(0, 0.35 * amount, (len(colors), 1)) * np.array([1.0, 0.0, -1.0])
+    warm = 1 + rng.normal(0, 0.35 * amount, (len(colors), 1)) * np.array(
+        [1.0, 0.0, -1.0]
+    )
     return np.asarray(np.clip(colors * light * warm, 0.012, 0.86))
 
 
@@ -47,7 +49,9 @@ class Palette:
 
 def _linear(words: str) -> Float:
     """Linear RGB (N, 3) of hexadecimal sRGB colours."""
-    encoded = [[int(word[i : i + 2], 16) / 255 for i in (0, 2, 4)] for word in words.split()]
+    encoded = [
+        [int(word[i : i + 2], 16) / 255 for i in (0, 2, 4)] for word in words.split()
+    ]
     return np.asarray(linear_from_srgb(encoded), dtype=np.float64)
 
 

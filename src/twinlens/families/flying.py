@@ -34,9 +34,13 @@ def compose(scene: Composition) -> None:
     if scene.assets.hdris and lighting.user_environment(scene, rng):
         return
     if open_air:
-        lighting.environment(scene, lighting.painted_sky(rng), float(rng.uniform(0, 360)))
+        lighting.environment(
+            scene, lighting.painted_sky(rng), float(rng.uniform(0, 360))
+        )
     else:
-        lighting.key_and_fill(scene, rng, scene.view.at(0, 0, 0.5 * depth_ratio), 0.6 * depth_ratio)
+        lighting.key_and_fill(
+            scene, rng, scene.view.at(0, 0, 0.5 * depth_ratio), 0.6 * depth_ratio
+        )
 
 
 def _add_bodies(scene: Composition, depth_ratio: float) -> None:
@@ -56,10 +60,18 @@ def _add_bodies(scene: Composition, depth_ratio: float) -> None:
         for _ in range(40):
             x, y = rng.uniform(-1, 1, 2) * (1.0, 0.95)
             centre = view.at(float(x), float(y), depth + reach)
-            if all(np.linalg.norm(centre - other) > reach + radius for other, radius in taken):
+            if all(
+                np.linalg.norm(centre - other) > reach + radius
+                for other, radius in taken
+            ):
                 taken.append((centre, reach))
                 pose = similarity(_random_rotation(rng), centre, size)
-                scene.add(body.name, body.solid.mesh, body.material(view.pixel(depth) / size * body.size), pose)
+                scene.add(
+                    body.name,
+                    body.solid.mesh,
+                    body.material(view.pixel(depth) / size * body.size),
+                    pose,
+                )
                 break
 
 
@@ -73,7 +85,11 @@ def _add_wall(scene: Composition, far: float) -> None:
     yaw, pitch = np.radians(rng.uniform(-25, 25)), np.radians(rng.uniform(-8, 8))
     pose = view.world_from_cam[:3, :3]
     u = pose @ [math.cos(yaw), 0, math.sin(yaw)]
-    v = pose @ [math.sin(yaw) * math.sin(pitch), -math.cos(pitch), -math.sin(pitch) * math.cos(yaw)]
+    v = pose @ [
+        math.sin(yaw) * math.sin(pitch),
+        -math.cos(pitch),
+        -math.sin(pitch) * math.cos(yaw),
+    ]
     v = v - (v @ u) * u
 
     def sheet(distance: float) -> Sheet:
@@ -85,7 +101,11 @@ def _add_wall(scene: Composition, far: float) -> None:
     name, tile = one_of(rng, WALLS[1])  # never plain: other scenes have a plain sky
     tile *= 0.25 * view.covered(distance)[0]
     wall, colors = sheet(distance), wall_colors(rng, scene.palette)
-    scene.add("backdrop", wall.mesh(), surface(scene, scene.rng("wall"), wall, name, colors, tile))
+    scene.add(
+        "backdrop",
+        wall.mesh(),
+        surface(scene, scene.rng("wall"), wall, name, colors, tile),
+    )
 
 
 def _add_moon(scene: Composition, far: float) -> None:
@@ -95,10 +115,17 @@ def _add_moon(scene: Composition, far: float) -> None:
     solid, turn = KINDS["ball"].make(rng), _random_rotation(rng)
 
     def pose(distance: float) -> Float:
-        return similarity(turn, view.at(x, y, distance), 2 * share * float(view.covered(distance)[0]))
+        return similarity(
+            turn, view.at(x, y, distance), 2 * share * float(view.covered(distance)[0])
+        )
 
-    distance = scene.backdrop_distance(lambda d: [shapes.transformed(solid.mesh, pose(d))], far, far)
-    size, names = 2 * share * float(view.covered(distance)[0]), ("granite", "marble", "stripes", "cloudy", "cloudy")
+    distance = scene.backdrop_distance(
+        lambda d: [shapes.transformed(solid.mesh, pose(d))], far, far
+    )
+    size, names = (
+        2 * share * float(view.covered(distance)[0]),
+        ("granite", "marble", "stripes", "cloudy", "cloudy"),
+    )
     stream, pixel = scene.rng("moon", "texture"), view.pixel(distance)
     made = body_material(stream, solid, size, pixel, scene.palette, "matte", names)
     scene.add("moon", solid.mesh, made, pose(distance))

@@ -13,7 +13,17 @@ from numpy.typing import ArrayLike
 from twinlens.families.composition import Composition
 from twinlens.families.draws import Rng, log_uniform, one_of, weighted
 from twinlens.families.materials import FINISHES, body_material, user_texture
-from twinlens.families.solids import Solid, box_mapped, closed_grid, extruded, hard_edged, hull, lathed, polar, unit
+from twinlens.families.solids import (
+    Solid,
+    box_mapped,
+    closed_grid,
+    extruded,
+    hard_edged,
+    hull,
+    lathed,
+    polar,
+    unit,
+)
 from twinlens.geometry import Float
 from twinlens.scenes import shapes
 from twinlens.scenes.scene import Plugin
@@ -29,9 +39,13 @@ def _hollow(outside: list[tuple[float, float]], wall: float, floor: float) -> Fl
     return np.array([*outer, lip, *inner, (0.7 * end, floor), (0.0, floor)])
 
 
-def _drawn(ranges: Sequence[Sequence[float]], make: Callable[..., Solid]) -> Callable[[Rng], Solid]:
+def _drawn(
+    ranges: Sequence[Sequence[float]], make: Callable[..., Solid]
+) -> Callable[[Rng], Solid]:
     """A maker of bodies from measures drawn in order: uniform in a tuple (low, high), or one of another sequence."""
-    return lambda rng: make(*(rng.uniform(*m) if isinstance(m, tuple) else one_of(rng, m) for m in ranges))
+    return lambda rng: make(
+        *(rng.uniform(*m) if isinstance(m, tuple) else one_of(rng, m) for m in ranges)
+    )
 
 
 def _turned(
@@ -47,7 +61,9 @@ def _cuboid(extents: ArrayLike, radius: float = 0.012, upright: bool = True) -> 
 
 def _block(rng: Rng) -> Solid:
     extents = rng.uniform(0.35, 1.0, 3) if rng.random() < 0.7 else np.ones(3)
-    return _cuboid(extents, rng.uniform(0.02, 0.14) * float(extents.min()), upright=False)
+    return _cuboid(
+        extents, rng.uniform(0.02, 0.14) * float(extents.min()), upright=False
+    )
 
 
 def _sphere_angles(rows: int = 28, columns: int = 48) -> tuple[Float, Float]:
@@ -58,7 +74,12 @@ def _sphere_angles(rows: int = 28, columns: int = 48) -> tuple[Float, Float]:
 
 def _sphere() -> Float:
     lat, lon = _sphere_angles()
-    xyz = np.stack(np.broadcast_arrays(np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)), -1)
+    xyz = np.stack(
+        np.broadcast_arrays(
+            np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)
+        ),
+        -1,
+    )
     xyz[[0, -1]] = [[[0, 0, -1]], [[0, 0, 1]]]
     return xyz
 
@@ -73,7 +94,11 @@ def _superquadric(rng: Rng) -> Solid:
 
     ring = power(np.cos(lat), e1)
     ring[[0, -1]] = 0.0
-    x, y, z = ring * power(np.cos(lon), e2), ring * power(np.sin(lon), e2), power(np.sin(lat), e1)
+    x, y, z = (
+        ring * power(np.cos(lon), e2),
+        ring * power(np.sin(lon), e2),
+        power(np.sin(lat), e1),
+    )
     xyz = np.stack(np.broadcast_arrays(x, y, z), -1)
     return closed_grid(xyz * rng.uniform(0.55, 1.0, 3), (4.8, 2.8))
 
@@ -83,15 +108,28 @@ def _pebble(rng: Rng) -> Solid:
     r = np.ones(xyz.shape[:2])
     for frequency in (1.5, 2.5, 4.0, 7.0):
         waves = rng.normal(0, 1, (4, 3)) * frequency
-        r += 0.09 / frequency**0.8 * np.sin(xyz @ waves.T + rng.uniform(0, 6.28, 4)).sum(axis=-1)
+        r += (
+            0.09
+            / frequency**0.8
+            * np.sin(xyz @ waves.T + rng.uniform(0, 6.28, 4)).sum(axis=-1)
+        )
     return closed_grid(xyz * r[..., None] * rng.uniform(0.6, 1.0, 3), (4.6, 2.7))
 
 
 def _blob(rng: Rng) -> Solid:
     lat, lon = _sphere_angles(36, 72)
-    count, twist, depth = int(rng.integers(5, 11)), rng.uniform(-2, 2), rng.uniform(0.05, 0.18)
+    count, twist, depth = (
+        int(rng.integers(5, 11)),
+        rng.uniform(-2, 2),
+        rng.uniform(0.05, 0.18),
+    )
     r = 1 + depth * np.cos(count * lon + twist * lat) * np.cos(lat) ** 0.7
-    xyz = np.stack(np.broadcast_arrays(r * np.cos(lat) * np.cos(lon), r * np.cos(lat) * np.sin(lon), np.sin(lat)), -1)
+    xyz = np.stack(
+        np.broadcast_arrays(
+            r * np.cos(lat) * np.cos(lon), r * np.cos(lat) * np.sin(lon), np.sin(lat)
+        ),
+        -1,
+    )
     xyz[[0, -1], :, :2] = 0.0
     return closed_grid(xyz * [1, 1, rng.uniform(0.6, 1.1)], (5.0, 2.8))
 
@@ -103,7 +141,12 @@ def _ring(rng: Rng) -> Solid:
     phi = np.linspace(0, 2 * math.pi, 72, endpoint=False)[None, :]
     r = thick * (1 + depth * np.cos(count * phi))
     across = 1 + r * np.cos(theta)
-    xyz = np.stack(np.broadcast_arrays(across * np.cos(phi), across * np.sin(phi), r * np.sin(theta)), -1)
+    xyz = np.stack(
+        np.broadcast_arrays(
+            across * np.cos(phi), across * np.sin(phi), r * np.sin(theta)
+        ),
+        -1,
+    )
     return closed_grid(xyz, (6.28, 6.28 * thick), wrap_v=True)
 
 
@@ -123,11 +166,15 @@ def _knot(rng: Rng) -> Solid:
     bend /= np.linalg.norm(bend, axis=1, keepdims=True)
     side = np.cross(tangent, bend)
     a = np.linspace(0, 2 * math.pi, 14, endpoint=False)[None, :, None]
-    points = curve(t)[:, None] + 0.42 * (np.cos(a) * bend[:, None] + np.sin(a) * side[:, None])
+    points = curve(t)[:, None] + 0.42 * (
+        np.cos(a) * bend[:, None] + np.sin(a) * side[:, None]
+    )
     return closed_grid(points.swapaxes(0, 1)[::-1], (24.0, 2.6), wrap_v=True)
 
 
-def _cyclic(first: tuple[float, ...], second: tuple[float, ...]) -> list[tuple[float, float, float]]:
+def _cyclic(
+    first: tuple[float, ...], second: tuple[float, ...]
+) -> list[tuple[float, float, float]]:
     return [p for a in first for b in second for p in ((0, a, b), (a, b, 0), (b, 0, a))]
 
 
@@ -157,21 +204,58 @@ class Kind:
     make: Callable[[Rng], Solid]
 
 
-_GLAZED = ("plain", "cloudy", "speckled", "stripes", "zigzag", "dots", "scales", "triangles", "marble")
+_GLAZED = (
+    "plain",
+    "cloudy",
+    "speckled",
+    "stripes",
+    "zigzag",
+    "dots",
+    "scales",
+    "triangles",
+    "marble",
+)
 _FRUIT = ("cloudy", "speckled", "plain")
 _PRINTED = ("art", "stripes", "triangles", "dots", "plain", "camouflage", "checks")
-_TOY = ("plain", "wood", "stripes", "dots", "triangles", "checks", "cloudy", "mosaic", "camouflage")
+_TOY = (
+    "plain",
+    "wood",
+    "stripes",
+    "dots",
+    "triangles",
+    "checks",
+    "cloudy",
+    "mosaic",
+    "camouflage",
+)
 _RIM = 0.018  # of a tin
-_QUARTER = np.stack([np.cos(np.linspace(-np.pi / 2, 0, 7)), np.sin(np.linspace(-np.pi / 2, 0, 7))], axis=-1)
+_QUARTER = np.stack(
+    [np.cos(np.linspace(-np.pi / 2, 0, 7)), np.sin(np.linspace(-np.pi / 2, 0, 7))],
+    axis=-1,
+)
 _QUARTER[0, 0] = 0.0
 _LATITUDE = np.linspace(-np.pi / 2, np.pi / 2, 12)
-_EGG = np.stack([0.38 * np.cos(_LATITUDE) * (1 - 0.12 * np.sin(_LATITUDE)), 0.52 * np.sin(_LATITUDE)], axis=-1)
+_EGG = np.stack(
+    [
+        0.38 * np.cos(_LATITUDE) * (1 - 0.12 * np.sin(_LATITUDE)),
+        0.52 * np.sin(_LATITUDE),
+    ],
+    axis=-1,
+)
 _EGG[[0, -1], 0] = 0.0
 _TURN = np.linspace(0, 2 * math.pi, 100, endpoint=False)
-_HEART_Y = 13 * np.cos(_TURN) - 5 * np.cos(2 * _TURN) - 2 * np.cos(3 * _TURN) - np.cos(4 * _TURN) + 1.5
+_HEART_Y = (
+    13 * np.cos(_TURN)
+    - 5 * np.cos(2 * _TURN)
+    - 2 * np.cos(3 * _TURN)
+    - np.cos(4 * _TURN)
+    + 1.5
+)
 _HEART = np.stack([16 * np.sin(_TURN) ** 3, _HEART_Y], axis=-1)[::-1] / 16
 _SIXTIETHS = np.arange(60) * math.pi / 30
-_NUT = (np.cos(math.pi / 6) / np.cos((_SIXTIETHS % (math.pi / 3)) - math.pi / 6))[:, None] * _directions(60)
+_NUT = (np.cos(math.pi / 6) / np.cos((_SIXTIETHS % (math.pi / 3)) - math.pi / 6))[
+    :, None
+] * _directions(60)
 
 # fmt: off
 KINDS: dict[str, Kind] = {
@@ -271,7 +355,20 @@ KINDS: dict[str, Kind] = {
     "nut": Kind((0.07, 0.16), 0.5, ("plain", "granite"), lambda rng: extruded(_NUT, rng.uniform(0.5, 0.9), 0.52)),
 }
 # fmt: on
-METALLIC = ("gear", "nut", "knot", "ring", "vase", "goblet", "tin", "ball", "crystal", "bowl", "capsule", "blob")
+METALLIC = (
+    "gear",
+    "nut",
+    "knot",
+    "ring",
+    "vase",
+    "goblet",
+    "tin",
+    "ball",
+    "crystal",
+    "bowl",
+    "capsule",
+    "blob",
+)
 SOFT = ("book", "block", "ball", "blob", "ring", "star", "flower", "heart")
 GLASSY = ("vase", "bottle", "goblet", "ball", "cup", "crystal")
 _USER_SIZE = (0.14, 0.34)
@@ -292,27 +389,64 @@ class Body:
     def material(self, pixel: float) -> Plugin:
         """Its material where a pixel covers `pixel` metres: no texel is smaller than that."""
         scene, part = self.scene, self.part
-        limited = {"metal": METALLIC, "mirror": METALLIC, "glass": GLASSY, "fabric": SOFT}
-        finishes = [name for name in FINISHES if self.kind in limited.get(name, (self.kind,))]
-        finish = weighted(scene.rng(*part, "finish"), finishes, [FINISHES[name][0] for name in finishes])
-        own = None if finish in ("metal", "glass", "mirror") else user_texture(scene, *part)
+        limited = {
+            "metal": METALLIC,
+            "mirror": METALLIC,
+            "glass": GLASSY,
+            "fabric": SOFT,
+        }
+        finishes = [
+            name for name in FINISHES if self.kind in limited.get(name, (self.kind,))
+        ]
+        finish = weighted(
+            scene.rng(*part, "finish"),
+            finishes,
+            [FINISHES[name][0] for name in finishes],
+        )
+        own = (
+            None
+            if finish in ("metal", "glass", "mirror")
+            else user_texture(scene, *part)
+        )
         names = KINDS[self.kind].patterns if self.kind else _USER_PATTERNS
         stream = scene.rng(*part, "texture")
-        return body_material(stream, self.solid, self.size, pixel, scene.palette, finish, names if own is None else own)
+        return body_material(
+            stream,
+            self.solid,
+            self.size,
+            pixel,
+            scene.palette,
+            finish,
+            names if own is None else own,
+        )
 
 
-def draw_body(scene: Composition, part: tuple[str | int, ...], among: tuple[str, ...] | None = None) -> Body:
+def draw_body(
+    scene: Composition,
+    part: tuple[str | int, ...],
+    among: tuple[str, ...] | None = None,
+) -> Body:
     """The body of one part of a scene, of one of the kinds `among`. Without `among`: of any kind, or a user's mesh."""
     rng = scene.rng(*part, "shape")
-    if among is None and scene.assets.meshes and scene.rng(*part, "own").random() < scene.assets.mesh_share:
+    if (
+        among is None
+        and scene.assets.meshes
+        and scene.rng(*part, "own").random() < scene.assets.mesh_share
+    ):
         drawn = scene.assets.draw("meshes", scene.rng(*part, "mesh"))
         if drawn is not None:
             name, mesh = drawn
-            size = mesh.size if scene.assets.keep_scale else float(rng.uniform(*_USER_SIZE))
+            size = (
+                mesh.size
+                if scene.assets.keep_scale
+                else float(rng.uniform(*_USER_SIZE))
+            )
             if not mesh.materials and (mesh.normals is None or mesh.uv is None):
                 mesh = box_mapped(mesh.vertices, mesh.faces, 30.0)
             return Body(name, "", Solid(mesh, True), size, scene, part)
     names = among or tuple(KINDS)
-    name = weighted(scene.rng(*part, "kind"), names, [KINDS[each].weight for each in names])
+    name = weighted(
+        scene.rng(*part, "kind"), names, [KINDS[each].weight for each in names]
+    )
     size = log_uniform(scene.rng(*part, "size"), *KINDS[name].size)
     return Body(name, name, KINDS[name].make(rng), size, scene, part)

@@ -27,7 +27,9 @@ PLAIN = 0.35  # probability that a body of a kind that may be plain has no patte
 _SHEEN, _COAT_GLOSS = (0.3, 1.0), (0.6, 0.9)
 _ABSENT = 1e-4  # of sheen, clearcoat, metal: at 0 Mitsuba would compile another kernel
 _MAX_TEXELS, _MIN_TEXELS = 512, 8
-_USER_TEXTURES = 0.4  # probability of a user's texture on a surface, if the user has any
+_USER_TEXTURES = (
+    0.4  # probability of a user's texture on a surface, if the user has any
+)
 
 
 def material(rng: Rng, finish: str, color: Bitmap) -> Plugin:
@@ -49,25 +51,37 @@ def material(rng: Rng, finish: str, color: Bitmap) -> Plugin:
 
 def texels(length: float, pixel: float, most: int = _MAX_TEXELS) -> int:
     """Texels of a tile of `length` metres: a power of two, none smaller than a pixel of `pixel` metres."""
-    return int(np.clip(1 << math.floor(math.log2(max(length / pixel, 1.0))), _MIN_TEXELS, most))
+    return int(
+        np.clip(1 << math.floor(math.log2(max(length / pixel, 1.0))), _MIN_TEXELS, most)
+    )
 
 
 def body_material(
-    rng: Rng, solid: Solid, size: float, pixel: float, palette: Palette, finish: str, names: Sequence[str] | Image
+    rng: Rng,
+    solid: Solid,
+    size: float,
+    pixel: float,
+    palette: Palette,
+    finish: str,
+    names: Sequence[str] | Image,
 ) -> Plugin:
     """A material for a body `size` metres large, with one of the patterns `names` or a user's picture."""
     if isinstance(names, np.ndarray):
         tile = size * one_of(rng, [0.5, 1.0])
         pixels = resized(names, texels(tile, pixel))
     else:
-        name = "plain" if "plain" in names and rng.random() < PLAIN else one_of(rng, names)
+        name = (
+            "plain" if "plain" in names and rng.random() < PLAIN else one_of(rng, names)
+        )
         tile = size * one_of(rng, [0.35, 0.5, 0.7, 1.0])
         tile = size if name in ("art", "wood", "marble", "cloudy") else tile
         n = texels(tile, pixel)
         if finish in ("metal", "mirror"):
             pixels = metal_pixels(rng, n, finish)
         else:
-            pixels = pattern(name, n, rng, varied(rng, rng.permutation(palette.accents)), tile)
+            pixels = pattern(
+                name, n, rng, varied(rng, rng.permutation(palette.accents)), tile
+            )
     u, v = (span * size / tile for span in solid.span)
     u, v = (float(max(1, round(u))), max(v, 0.25)) if solid.around else (u, v)
     return material(rng, finish, Bitmap(pixels, to_uv=np.diag([u, v, 1.0, 1.0])))
@@ -83,7 +97,10 @@ def metal_pixels(rng: Rng, n: int, finish: str) -> Image:
 
 def user_texture(scene: Composition, *part: str | int) -> Image | None:
     """One of the user's textures for a share of the surfaces; None for the others, and if no file can be read."""
-    if not scene.assets.textures or scene.rng(*part, "own texture").random() >= _USER_TEXTURES:
+    if (
+        not scene.assets.textures
+        or scene.rng(*part, "own texture").random() >= _USER_TEXTURES
+    ):
         return None
     drawn = scene.assets.draw("textures", scene.rng(*part, "picture"))
     return None if drawn is None else drawn[1]
@@ -93,22 +110,55 @@ def resized(pixels: Image, side: int) -> Image:
     """A picture as a square of at most `side` texels: halved while it is twice as large, then linear interpolation."""
     while min(pixels.shape[:2]) >= 2 * side:
         pixels = half_size(pixels)
-    factors = (min(side, _MAX_TEXELS) / pixels.shape[0], min(side, _MAX_TEXELS) / pixels.shape[1], 1)
-    return np.ascontiguousarray(np.clip(zoom(pixels, factors, order=1, grid_mode=True, mode="grid-wrap"), 0, 0.95))
+    factors = (
+        min(side, _MAX_TEXELS) / pixels.shape[0],
+        min(side, _MAX_TEXELS) / pixels.shape[1],
+        1,
+    )
+    return np.ascontiguousarray(
+        np.clip(
+            zoom(pixels, factors, order=1, grid_mode=True, mode="grid-wrap"), 0, 0.95
+        )
+    )
 
 
 FURNITURE = {  # patterns, tile in metres, finishes
     "wood": (("wood",), 0.6, ("satin", "satin", "clearcoat")),
-    "fabric": (("plain", "plain", "weave", "weave", "cloudy", "stripes"), 0.22, ("fabric",)),
-    "pattern": (("plain", "stripes", "zigzag", "dots", "gingham", "scales", "weave"), 0.4, ("fabric",)),
+    "fabric": (
+        ("plain", "plain", "weave", "weave", "cloudy", "stripes"),
+        0.22,
+        ("fabric",),
+    ),
+    "pattern": (
+        ("plain", "stripes", "zigzag", "dots", "gingham", "scales", "weave"),
+        0.4,
+        ("fabric",),
+    ),
     "paint": (("plain",), 0.8, ("matte", "satin", "satin")),
     "white": (("plain",), 0.8, ("satin",)),
     "metal": (("plain",), 0.5, ("metal",)),
     "glaze": (("plain", "plain", "speckled", "cloudy", "stripes"), 0.5, ("glossy",)),
     "leaf": (("cloudy",), 0.4, ("satin",)),
     "card": (("plain",), 0.6, ("matte",)),
-    "rug": (("plain", "triangles", "zigzag", "stripes", "scales", "checks", "weave", "mosaic"), 0.9, ("fabric",)),
-    "picture": (("art", "camouflage", "triangles", "marble", "cloudy", "cloudy"), 1.0, ("matte", "clearcoat")),
+    "rug": (
+        (
+            "plain",
+            "triangles",
+            "zigzag",
+            "stripes",
+            "scales",
+            "checks",
+            "weave",
+            "mosaic",
+        ),
+        0.9,
+        ("fabric",),
+    ),
+    "picture": (
+        ("art", "camouflage", "triangles", "marble", "cloudy", "cloudy"),
+        1.0,
+        ("matte", "clearcoat"),
+    ),
 }
 """Materials of the parts of furniture. The parts' (u, v) are in metres, those of pictures and spines in [0, 1]."""
 
@@ -120,32 +170,60 @@ _FIXED_COLORS = {
 
 
 def furniture_material(
-    scene: Composition, part: tuple[str | int, ...], word: str, pixel: float, shared: int = 0
+    scene: Composition,
+    part: tuple[str | int, ...],
+    word: str,
+    pixel: float,
+    shared: int = 0,
 ) -> Plugin:
     """The material of one part of a piece of furniture; parts with the same `word` and `shared` look alike."""
     if word == "spines":
-        return material(scene.rng("spines", *part), "satin", Bitmap(_spines(scene, part), filter="nearest"))
+        return material(
+            scene.rng("spines", *part),
+            "satin",
+            Bitmap(_spines(scene, part), filter="nearest"),
+        )
     names, tile, finishes = FURNITURE[word]
-    rng = scene.rng("dress", *(part if word in ("pattern", "picture", "rug") else (word, shared)))
+    rng = scene.rng(
+        "dress", *(part if word in ("pattern", "picture", "rug") else (word, shared))
+    )
     palette = scene.palette
     n = texels(tile, pixel, 256)
-    own = user_texture(scene, *part) if word in ("picture", "rug", "pattern", "fabric") else None
+    own = (
+        user_texture(scene, *part)
+        if word in ("picture", "rug", "pattern", "fabric")
+        else None
+    )
     if own is not None:
         pixels = resized(own, n)
     elif word == "metal":
         pixels = metal_pixels(rng, n, "metal")
     else:
         name = one_of(rng, names)
-        tones = np.vstack([palette.accents, palette.grounds]) if word in ("fabric", "paint") else palette.accents
+        tones = (
+            np.vstack([palette.accents, palette.grounds])
+            if word in ("fabric", "paint")
+            else palette.accents
+        )
         fixed = _FIXED_COLORS.get(word)
-        colors = varied(rng, rng.permutation(tones), 0.1) if fixed is None else varied(rng, fixed)
+        colors = (
+            varied(rng, rng.permutation(tones), 0.1)
+            if fixed is None
+            else varied(rng, fixed)
+        )
         pixels = pattern(name, n, rng, colors, tile)
-    return material(rng, one_of(rng, finishes), Bitmap(pixels, to_uv=np.diag([1 / tile, 1 / tile, 1.0, 1.0])))
+    return material(
+        rng,
+        one_of(rng, finishes),
+        Bitmap(pixels, to_uv=np.diag([1 / tile, 1 / tile, 1.0, 1.0])),
+    )
 
 
 def _spines(scene: Composition, part: tuple[str | int, ...]) -> Image:
     rng, palette = scene.rng("spines", *part), scene.palette
-    cloth = varied(rng, np.vstack([palette.accents, palette.accents, palette.grounds]), 0.15)
+    cloth = varied(
+        rng, np.vstack([palette.accents, palette.accents, palette.grounds]), 0.15
+    )
     columns = cloth[rng.integers(len(cloth), size=32)]
     pixels = np.repeat(columns[None], 64, axis=0)
     for book in range(32):

@@ -32,12 +32,22 @@ class Solid:
     around: bool = False
 
 
-def unit(mesh: Mesh, upright: bool, span: tuple[float, float] = (1.0, 1.0), around: bool = False) -> Solid:
+def unit(
+    mesh: Mesh,
+    upright: bool,
+    span: tuple[float, float] = (1.0, 1.0),
+    around: bool = False,
+) -> Solid:
     """A mesh scaled to extent 1 and centred."""
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     size = float((high - low).max())
     vertices = (mesh.vertices - (low + high) / 2) / size
-    return Solid(replace(mesh, vertices=vertices), upright, (span[0] / size, span[1] / size), around)
+    return Solid(
+        replace(mesh, vertices=vertices),
+        upright,
+        (span[0] / size, span[1] / size),
+        around,
+    )
 
 
 def lathed(profile: ArrayLike, upright: bool = True, smooth: bool = True) -> Solid:
@@ -45,7 +55,12 @@ def lathed(profile: ArrayLike, upright: bool = True, smooth: bool = True) -> Sol
     points = np.asarray(profile, dtype=np.float64)
     mesh = shapes.lathe(points, 56, smooth, samples=5)
     length = float(np.hypot(*np.diff(points, axis=0).T).sum())
-    return unit(mesh, upright, (2 * math.pi * float(points[:, 0].max()) * 0.8, length), around=True)
+    return unit(
+        mesh,
+        upright,
+        (2 * math.pi * float(points[:, 0].max()) * 0.8, length),
+        around=True,
+    )
 
 
 def hard_edged(profile: ArrayLike) -> Float:
@@ -63,11 +78,18 @@ def hull(points: Float) -> Solid:
     return unit(box_mapped(points, faces, 0.0), False)
 
 
-def extruded(outline: Float, height: float, hole: float = 0.0, bevel: float = 0.03) -> Solid:
+def extruded(
+    outline: Float, height: float, hole: float = 0.0, bevel: float = 0.03
+) -> Solid:
     """A prism with bevelled edges over an outline (N, 2), star-shaped about the origin; `hole` is a bore's radius."""
     n = len(outline)
     inner = outline * (1 - bevel / np.linalg.norm(outline, axis=1, keepdims=True))
-    rings = [(inner, -height / 2), (outline, -height / 2 + bevel), (outline, height / 2 - bevel), (inner, height / 2)]
+    rings = [
+        (inner, -height / 2),
+        (outline, -height / 2 + bevel),
+        (outline, height / 2 - bevel),
+        (inner, height / 2),
+    ]
     if hole > 0:
         angle = np.arctan2(outline[:, 1], outline[:, 0])
         rim = hole * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -89,7 +111,9 @@ def extruded(outline: Float, height: float, hole: float = 0.0, bevel: float = 0.
 def polar(radius: Callable[[Float], Float], count: int = 120) -> Float:
     """Outline (N, 2) of a radius that depends on the angle."""
     angle = np.linspace(0, 2 * math.pi, count, endpoint=False)
-    return np.asarray(radius(angle)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
+    return np.asarray(
+        radius(angle)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    )
 
 
 def box_mapped(vertices: Float, faces: NDArray[Any], smooth_deg: float) -> Mesh:
@@ -103,26 +127,39 @@ def box_mapped(vertices: Float, faces: NDArray[Any], smooth_deg: float) -> Mesh:
     order = np.argsort(index, kind="stable")
     start, valence = np.unique(index[order], return_index=True, return_counts=True)[1:]
     mates = np.repeat(valence, valence)
-    left = np.repeat(np.arange(len(index)), mates)  # every pair of triangle corners at one vertex
+    left = np.repeat(
+        np.arange(len(index)), mates
+    )  # every pair of triangle corners at one vertex
     right = np.arange(len(left)) - np.repeat(np.cumsum(mates) - mates, mates)
     right += np.repeat(np.repeat(start, valence), mates)
     a, b = order[left] // 3, order[right] // 3
-    alike = np.einsum("nc,nc->n", unit_cross[a], unit_cross[b]) > math.cos(math.radians(max(smooth_deg, 0.1)))
+    alike = np.einsum("nc,nc->n", unit_cross[a], unit_cross[b]) > math.cos(
+        math.radians(max(smooth_deg, 0.1))
+    )
     total = np.zeros((len(index), 3))
     np.add.at(total, order[left[alike]], cross[b[alike]])
     corner = vertices[faces].reshape(-1, 3)
     main = np.abs(np.repeat(unit_cross, 3, axis=0)).argmax(axis=1)
     uv = np.take_along_axis(corner, np.array([(1, 2), (0, 2), (0, 1)])[main], axis=1)
-    return Mesh(corner, np.arange(len(corner), dtype=np.uint32).reshape(-1, 3), _normalized(total), uv)
+    return Mesh(
+        corner,
+        np.arange(len(corner), dtype=np.uint32).reshape(-1, 3),
+        _normalized(total),
+        uv,
+    )
 
 
-def closed_grid(points: Float, span: tuple[float, float], wrap_v: bool = False) -> Solid:
+def closed_grid(
+    points: Float, span: tuple[float, float], wrap_v: bool = False
+) -> Solid:
     """A body from a grid (rows, columns, 3) of wrapping columns; rows end at poles or, with `wrap_v`, wrap too."""
     columns = points.shape[1]
     closed = np.concatenate([points, points[:, :1]], axis=1)
     if wrap_v:
         closed = np.concatenate([closed, closed[:1]], axis=0)
-    v, u = np.meshgrid(np.linspace(0, 1, len(closed)), np.linspace(0, 1, columns + 1), indexing="ij")
+    v, u = np.meshgrid(
+        np.linspace(0, 1, len(closed)), np.linspace(0, 1, columns + 1), indexing="ij"
+    )
     vertices, faces = closed.reshape(-1, 3), shapes.grid(columns + 1, len(closed))
     cross = shapes.face_cross(vertices, faces)
     kept = np.linalg.norm(cross, axis=1) > 1e-12
@@ -132,14 +169,23 @@ def closed_grid(points: Float, span: tuple[float, float], wrap_v: bool = False) 
     for corner in range(3):
         np.add.at(total, same.ravel()[faces[:, corner]], cross)
     normals = _normalized(total[same.ravel()])
-    return unit(Mesh(vertices, faces, normals, np.stack([u, v], axis=-1).reshape(-1, 2)), False, span, around=True)
+    return unit(
+        Mesh(vertices, faces, normals, np.stack([u, v], axis=-1).reshape(-1, 2)),
+        False,
+        span,
+        around=True,
+    )
 
 
 def _normalized(vectors: Float) -> Float:
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-15))
+    return np.asarray(
+        vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-15)
+    )
 
 
-def double_sided(vertices: Float, faces: NDArray[Any], normals: Float, uv: Float, thickness: float) -> Mesh:
+def double_sided(
+    vertices: Float, faces: NDArray[Any], normals: Float, uv: Float, thickness: float
+) -> Mesh:
     """A thin sheet that is seen from both sides, the back `thickness` behind the front."""
     back = Mesh(vertices - thickness * normals, faces[:, ::-1], -normals, uv)
     return shapes.merged([Mesh(vertices, faces, normals, uv), back])

@@ -51,10 +51,15 @@ class Sheet:
             return Mesh(corners, QUAD, np.tile(self.normal, (4, 1)), _SQUARE)
         behind = corners - thickness * self.normal
         sides = [
-            quad(np.stack([corners[i], behind[i], behind[i - 3], corners[i - 3]]), _SQUARE[[i, i, i - 3, i - 3]])
+            quad(
+                np.stack([corners[i], behind[i], behind[i - 3], corners[i - 3]]),
+                _SQUARE[[i, i, i - 3, i - 3]],
+            )
             for i in range(4)
         ]
-        return shapes.merged([quad(corners, _SQUARE), quad(behind[::-1], _SQUARE[::-1]), *sides])
+        return shapes.merged(
+            [quad(corners, _SQUARE), quad(behind[::-1], _SQUARE[::-1]), *sides]
+        )
 
 
 def quad(corners: Float, uv: Float) -> Mesh:
@@ -64,29 +69,47 @@ def quad(corners: Float, uv: Float) -> Mesh:
 
 
 def surface(
-    scene: Composition, rng: Rng, sheet: Sheet, name: str, colors: Float, tile: float, finish: str = "matte"
+    scene: Composition,
+    rng: Rng,
+    sheet: Sheet,
+    name: str,
+    colors: Float,
+    tile: float,
+    finish: str = "matte",
 ) -> Plugin:
     """The material of a sheet: a pattern that repeats every `tile` metres, filtered for the scene's view."""
     view = scene.view
-    depth, inside = _project(sheet, view, np.linspace(0.02, 0.98, 25), np.linspace(0.02, 0.98, 25))
+    depth, inside = _project(
+        sheet, view, np.linspace(0.02, 0.98, 25), np.linspace(0.02, 0.98, 25)
+    )
     chosen = depth[inside] if inside.any() else depth[depth > 0]
     near = max(view.pixel(float(chosen.min()) if chosen.size else 1.0), 1e-6)
     if name == "cloudy":
         colors = np.vstack([colors[:1], 0.55 * colors[:1] + 0.45 * colors[1:]])
     image = pattern(name, texels(tile, near, 1024), rng, colors, tile)
     baked = bake(image, tile, sheet, view)
-    slow = textures.fractal_noise(baked.shape[1], baked.shape[0], (2, 2), texture_seed(rng), 2, contrast=0.5)
+    slow = textures.fractal_noise(
+        baked.shape[1], baked.shape[0], (2, 2), texture_seed(rng), 2, contrast=0.5
+    )
     wear = np.float32(0.05 if name == "plain" else 0.3)
-    baked = np.clip(baked * (1 + wear * (slow - np.float32(0.5)))[..., None], 0.005, 0.88)
-    return material(rng, "fabric" if name in _CLOTH else finish, Bitmap(baked, wrap="clamp"))
+    baked = np.clip(
+        baked * (1 + wear * (slow - np.float32(0.5)))[..., None], 0.005, 0.88
+    )
+    return material(
+        rng, "fabric" if name in _CLOTH else finish, Bitmap(baked, wrap="clamp")
+    )
 
 
-def _project(sheet: Sheet, view: View, s: Float, t: Float, reach: float = 1.05) -> tuple[Float, Mask]:
+def _project(
+    sheet: Sheet, view: View, s: Float, t: Float, reach: float = 1.05
+) -> tuple[Float, Mask]:
     """Depth (rows, columns) at fractions t, s of the sides, and whether the point is within `reach` half pictures."""
     points = sheet.corner + s[None, :, None] * sheet.u + t[:, None, None] * sheet.v
     cam = (points - view.eye) @ view.world_from_cam[:3, :3]
     depth = cam[..., 2]
-    x, y = (np.abs(cam[..., i]) / np.maximum(depth, 1e-9) / view.half[i] for i in range(2))
+    x, y = (
+        np.abs(cam[..., i]) / np.maximum(depth, 1e-9) / view.half[i] for i in range(2)
+    )
     return depth, (depth > 1e-6) & (x < reach) & (y < reach)
 
 
@@ -94,13 +117,19 @@ def bake(image: Image, tile: float, sheet: Sheet, view: View) -> Image:
     """A periodic image repeated over a sheet, filtered to the size of a pixel there; coarser outside the picture."""
     texel = tile / len(image)
     most = min(_MAX_TEXELS, 3 * view.width_px // 4 * 4)
-    columns, rows = (int(np.clip(math.ceil(length / texel / 4) * 4, 8, most)) for length in sheet.lengths)
+    columns, rows = (
+        int(np.clip(math.ceil(length / texel / 4) * 4, 8, most))
+        for length in sheet.lengths
+    )
     pyramid = [image]
     while len(pyramid[-1]) > 2:
         pyramid.append(half_size(pyramid[-1]))
     coarse = _sampled(pyramid, tile, sheet, view, rows // 4, columns // 4, None)
     out = np.repeat(np.repeat(coarse, 4, axis=0), 4, axis=1)
-    s, t = (np.arange(columns // 4) + 0.5) / (columns // 4), 1 - (np.arange(rows // 4) + 0.5) / (rows // 4)
+    s, t = (
+        (np.arange(columns // 4) + 0.5) / (columns // 4),
+        1 - (np.arange(rows // 4) + 0.5) / (rows // 4),
+    )
     inside = _project(sheet, view, s, t, _BEYOND)[1]
     inside = np.repeat(np.repeat(inside, 4, axis=0), 4, axis=1)
     if inside.any():
@@ -109,19 +138,41 @@ def bake(image: Image, tile: float, sheet: Sheet, view: View) -> Image:
 
 
 def _sampled(
-    pyramid: list[Image], tile: float, sheet: Sheet, view: View, rows: int, columns: int, inside: Mask | None
+    pyramid: list[Image],
+    tile: float,
+    sheet: Sheet,
+    view: View,
+    rows: int,
+    columns: int,
+    inside: Mask | None,
 ) -> Image:
     """The image at a grid of texels (rows, columns, 3), or at those `inside` (N, 3): trilinear in the pyramid."""
     row, column = np.indices((rows, columns)) if inside is None else np.nonzero(inside)
-    s, t = ((column + 0.5) / columns).astype(np.float32), (1 - (row + 0.5) / rows).astype(np.float32)
+    s, t = (
+        ((column + 0.5) / columns).astype(np.float32),
+        (1 - (row + 0.5) / rows).astype(np.float32),
+    )
     wide, high = sheet.lengths
-    origin, u, v = (view.cam_from_world[:3, :3] @ vector for vector in (sheet.corner - view.eye, sheet.u, sheet.v))
-    x, y, z = (np.float32(origin[i]) + s * np.float32(u[i]) + t * np.float32(v[i]) for i in range(3))
+    origin, u, v = (
+        view.cam_from_world[:3, :3] @ vector
+        for vector in (sheet.corner - view.eye, sheet.u, sheet.v)
+    )
+    x, y, z = (
+        np.float32(origin[i]) + s * np.float32(u[i]) + t * np.float32(v[i])
+        for i in range(3)
+    )
     off = abs(float((sheet.corner - view.eye) @ sheet.normal))
-    cosine = np.maximum(np.float32(off) / np.sqrt(x * x + y * y + z * z), np.float32(_MIN_COSINE))
-    footprint = np.float32(view.pixel(1.0)) * np.maximum(z, np.float32(1e-6)) / cosine  # the longer side of a pixel's
+    cosine = np.maximum(
+        np.float32(off) / np.sqrt(x * x + y * y + z * z), np.float32(_MIN_COSINE)
+    )
+    footprint = (
+        np.float32(view.pixel(1.0)) * np.maximum(z, np.float32(1e-6)) / cosine
+    )  # the longer side of a pixel's
     footprint = np.maximum(footprint, np.float32(max(wide / columns, high / rows)))
-    level = np.asarray(np.log2(np.maximum(footprint / np.float32(tile / len(pyramid[0])), 1.0)), np.float32)
+    level = np.asarray(
+        np.log2(np.maximum(footprint / np.float32(tile / len(pyramid[0])), 1.0)),
+        np.float32,
+    )
     level = np.clip(level, 0, len(pyramid) - 1.001)
     x, y = s * np.float32(wide / tile), (1 - t) * np.float32(high / tile)
     out = np.zeros((*level.shape, 3), dtype=np.float32)
@@ -144,15 +195,25 @@ def _wrapped(picture: Image, y: Image, x: Image) -> Image:
     below, right = (i + 1) % n * n, (j + 1) % n
     i, j = i % n * n, j % n
     flat = picture.reshape(-1, 3)
-    upper = np.take(flat, i + j, axis=0) * (1 - fx) + np.take(flat, i + right, axis=0) * fx
-    lower = np.take(flat, below + j, axis=0) * (1 - fx) + np.take(flat, below + right, axis=0) * fx
+    upper = (
+        np.take(flat, i + j, axis=0) * (1 - fx) + np.take(flat, i + right, axis=0) * fx
+    )
+    lower = (
+        np.take(flat, below + j, axis=0) * (1 - fx)
+        + np.take(flat, below + right, axis=0) * fx
+    )
     return np.asarray(upper * (1 - fy) + lower * fy)
 
 
 Patterns = tuple[float, tuple[tuple[str, float], ...]]
 """The probability that a surface is plain, and patterns with the size in metres of a tile."""
 
-_CLOTH = ("weave", "gingham", "stripes", "zigzag")  # of table cloths, carpets and wall hangings
+_CLOTH = (
+    "weave",
+    "gingham",
+    "stripes",
+    "zigzag",
+)  # of table cloths, carpets and wall hangings
 # fmt: off
 WALLS: Patterns = (0.5, (
     ("cloudy", 1.6), ("weave", 0.5), ("stripes", 0.7), ("bricks", 1.0), ("scales", 0.8), ("dots", 0.8), ("tiles", 0.8),
@@ -169,18 +230,24 @@ FLOORS: Patterns = (0.2, (
 # fmt: on
 
 
-def surface_pattern(rng: Rng, patterns: Patterns, may_be_plain: bool = True) -> tuple[str, float]:
+def surface_pattern(
+    rng: Rng, patterns: Patterns, may_be_plain: bool = True
+) -> tuple[str, float]:
     """The pattern of a wall, table top or floor, and the size of its tile in metres."""
     plain, others = patterns
     if rng.random() >= plain:
         return one_of(rng, others)
-    return ("plain", 1.6) if may_be_plain else one_of(rng.spawn(1)[0], others)  # keeps the draws that follow
+    return (
+        ("plain", 1.6) if may_be_plain else one_of(rng.spawn(1)[0], others)
+    )  # keeps the draws that follow
 
 
 def wall_colors(rng: Rng, palette: Palette, contrast: float = 0.35) -> Float:
     """Colours of a wall: a ground, and others mixed with it so that the pattern keeps a low contrast."""
     ground = varied(rng, rng.permutation(palette.grounds), 0.06)
     if rng.random() < 0.15:
-        ground[0] = 0.75 * varied(rng, rng.permutation(palette.accents)[:1], 0.1)[0] + 0.02
+        ground[0] = (
+            0.75 * varied(rng, rng.permutation(palette.accents)[:1], 0.1)[0] + 0.02
+        )
     others = np.vstack([ground[1:], palette.accents])
     return np.vstack([ground[:1], ground[0] + (others - ground[0]) * (contrast + 0.15)])

@@ -29,7 +29,9 @@ Float = NDArray[np.float64]
 _ROTATION_TOLERANCE = 1e-6  # a matrix written with seven digits is accepted
 _ROUNDING = 1e-13  # products of exact rotations deviate by less
 _BORDER_POINTS = 33  # per side of an image
-_BLOCK = 1 << 14  # points: OpenBLAS multiplies larger arrays in threads, which takes ten times the processor time
+_BLOCK = (
+    1 << 14
+)  # points: OpenBLAS multiplies larger arrays in threads, which takes ten times the processor time
 
 
 def rigid(rotation: ArrayLike, translation: ArrayLike) -> Float:
@@ -38,9 +40,13 @@ def rigid(rotation: ArrayLike, translation: ArrayLike) -> Float:
     >>> rigid(np.eye(3), [1, 2, 3])[:3, 3].tolist()
     [1.0, 2.0, 3.0]
     """
-    r, t = (float_array("rigid transform", values) for values in (rotation, translation))
+    r, t = (
+        float_array("rigid transform", values) for values in (rotation, translation)
+    )
     if r.shape != (3, 3) or t.shape != (3,):
-        raise InputError(f"rigid transform needs a 3x3 rotation and 3 numbers, got shapes {r.shape}, {t.shape}")
+        raise InputError(
+            f"rigid transform needs a 3x3 rotation and 3 numbers, got shapes {r.shape}, {t.shape}"
+        )
     b_from_a = np.eye(4)
     b_from_a[:3, :3], b_from_a[:3, 3] = r, t
     return check_rigid(b_from_a, "rigid transform")
@@ -52,12 +58,20 @@ def check_rigid(matrix: ArrayLike, name: str) -> Float:
     A rotation written with few digits is replaced by the nearest orthonormal matrix. An orthonormal one is unchanged.
     """
     pose = float_array(name, matrix)
-    if pose.shape != (4, 4) or not np.isfinite(pose).all() or not np.array_equal(pose[3], [0, 0, 0, 1]):
-        raise InputError(f"{name} must be a finite 4x4 matrix with last row 0 0 0 1, got shape {pose.shape}")
+    if (
+        pose.shape != (4, 4)
+        or not np.isfinite(pose).all()
+        or not np.array_equal(pose[3], [0, 0, 0, 1])
+    ):
+        raise InputError(
+            f"{name} must be a finite 4x4 matrix with last row 0 0 0 1, got shape {pose.shape}"
+        )
     rotation = pose[:3, :3]
     error = np.abs(rotation @ rotation.T - np.eye(3)).max()
     if error > _ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
-        raise InputError(f"{name} must hold a right-handed rotation (orthonormal, determinant +1)")
+        raise InputError(
+            f"{name} must hold a right-handed rotation (orthonormal, determinant +1)"
+        )
     if error > _ROUNDING:
         u, _, vt = np.linalg.svd(rotation)
         pose[:3, :3] = u @ vt
@@ -73,7 +87,9 @@ def inverse(b_from_a: ArrayLike) -> Float:
     return a_from_b
 
 
-def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) -> Float:
+def look_at(
+    eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)
+) -> Float:
     """world_from_cam (4, 4) of a camera at `eye` whose z axis points at `target` and whose -y axis points along `up`.
 
     Raises InputError when eye and target coincide, or `up` is parallel to the viewing direction.
@@ -83,12 +99,16 @@ def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) 
     """
     eye, target, up = (float_array("look_at", v) for v in (eye, target, up))
     if not all(v.shape == (3,) and np.isfinite(v).all() for v in (eye, target, up)):
-        raise InputError("look_at needs three finite numbers each for eye, target and up")
+        raise InputError(
+            "look_at needs three finite numbers each for eye, target and up"
+        )
     forward = target - eye
     right = np.cross(forward, up)
     if not np.linalg.norm(right) > 1e-9 * np.linalg.norm(forward) * np.linalg.norm(up):
         got = f"eye {eye.tolist()} and target {target.tolist()}"
-        raise InputError(f"look_at needs {got} to differ, and up not parallel to the viewing direction")
+        raise InputError(
+            f"look_at needs {got} to differ, and up not parallel to the viewing direction"
+        )
     z = forward / np.linalg.norm(forward)
     x = right / np.linalg.norm(right)
     return rigid(np.stack([x, np.cross(z, x), z], axis=1), eye)
@@ -120,7 +140,10 @@ def rotate(b_from_a: ArrayLike, directions_a: ArrayLike) -> Float:
     rows = directions.reshape(-1, 3)
     if len(rows) <= _BLOCK:
         return np.asarray(directions @ rotation.T)
-    parts = [rows[start : start + _BLOCK] @ rotation.T for start in range(0, len(rows), _BLOCK)]
+    parts = [
+        rows[start : start + _BLOCK] @ rotation.T
+        for start in range(0, len(rows), _BLOCK)
+    ]
     return np.concatenate(parts).reshape(directions.shape)
 
 
@@ -144,7 +167,9 @@ def float_array(name: str, values: ArrayLike) -> Float:
     raise InputError(f"{name} must be an array of real numbers, got complex ones")
 
 
-def depth_from_disparity(disparity: ArrayLike, fx: float, baseline: float, doffs: float = 0.0) -> Float:
+def depth_from_disparity(
+    disparity: ArrayLike, fx: float, baseline: float, doffs: float = 0.0
+) -> Float:
     """z = fx B / (d + doffs), in metres. +inf (unknown) gives +inf, and so does d + doffs = 0, a point at infinity.
 
     Raises InputError for NaN, -inf, or d + doffs < 0, a point behind the camera, and unless fx and B are positive.
@@ -154,14 +179,20 @@ def depth_from_disparity(disparity: ArrayLike, fx: float, baseline: float, doffs
     """
     shifted = np.asarray(disparity, dtype=np.float64) + doffs
     if not (fx > 0 and baseline > 0 and np.isfinite([fx, baseline]).all()):
-        raise InputError(f"fx and baseline must be positive and finite, got fx={fx}, baseline={baseline}")
+        raise InputError(
+            f"fx and baseline must be positive and finite, got fx={fx}, baseline={baseline}"
+        )
     if np.isnan(shifted).any() or (shifted < 0).any():
-        raise InputError("disparity + doffs must be >= 0 (or +inf for unknown); NaN and negative values have no depth")
+        raise InputError(
+            "disparity + doffs must be >= 0 (or +inf for unknown); NaN and negative values have no depth"
+        )
     with np.errstate(divide="ignore"):
         return np.where(np.isposinf(shifted), np.inf, fx * baseline / shifted)
 
 
-def depth_error(depth: ArrayLike, fx: float, baseline: float, disparity_error_px: float) -> Float:
+def depth_error(
+    depth: ArrayLike, fx: float, baseline: float, disparity_error_px: float
+) -> Float:
     """sigma_z = z^2 sigma_d / (fx B), in metres: the depth error, to first order, of an error of the disparity.
 
     Source: Gallup, Frahm, Mordohai and Pollefeys, Variable Baseline/Resolution Stereo, CVPR 2008, equation 3.
@@ -169,7 +200,11 @@ def depth_error(depth: ArrayLike, fx: float, baseline: float, disparity_error_px
     >>> depth_error([1.0, 2.0], fx=500, baseline=0.2, disparity_error_px=0.1).tolist()
     [0.001, 0.004]
     """
-    return np.asarray(np.square(np.asarray(depth, dtype=np.float64)) * disparity_error_px / (fx * baseline))
+    return np.asarray(
+        np.square(np.asarray(depth, dtype=np.float64))
+        * disparity_error_px
+        / (fx * baseline)
+    )
 
 
 def image_border(width: int, height: int, margin: float = 0.0) -> Float:
@@ -179,6 +214,11 @@ def image_border(width: int, height: int, margin: float = 0.0) -> Float:
     [-0.5, -0.5]
     """
     left, right, top, bottom = -margin, width - 1 + margin, -margin, height - 1 + margin
-    u, v = np.linspace(left, right, _BORDER_POINTS), np.linspace(top, bottom, _BORDER_POINTS)
-    sides = [(u, np.full_like(u, y)) for y in (top, bottom)] + [(np.full_like(v, x), v) for x in (left, right)]
+    u, v = (
+        np.linspace(left, right, _BORDER_POINTS),
+        np.linspace(top, bottom, _BORDER_POINTS),
+    )
+    sides = [(u, np.full_like(u, y)) for y in (top, bottom)] + [
+        (np.full_like(v, x), v) for x in (left, right)
+    ]
     return np.concatenate([np.stack(side, axis=1) for side in sides])

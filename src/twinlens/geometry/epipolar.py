@@ -20,7 +20,9 @@ def check_baseline(world_from_a: Float, world_from_b: Float) -> None:
     centre_a, centre_b = world_from_a[:3, 3], world_from_b[:3, 3]
     extent = np.linalg.norm(centre_a) + np.linalg.norm(centre_b)
     if not np.linalg.norm(centre_b - centre_a) > _COINCIDENT * extent:
-        raise InputError("the camera centres coincide: without a baseline there is no epipolar geometry")
+        raise InputError(
+            "the camera centres coincide: without a baseline there is no epipolar geometry"
+        )
 
 
 def essential_matrix(world_from_a: Float, world_from_b: Float) -> Float:
@@ -31,7 +33,11 @@ def essential_matrix(world_from_a: Float, world_from_b: Float) -> Float:
     check_baseline(world_from_a, world_from_b)
     b_from_world = world_from_b[:3, :3].T
     # The difference of the centres comes first: a rig far from the world's origin loses no digits.
-    return skew(b_from_world @ (world_from_a[:3, 3] - world_from_b[:3, 3])) @ b_from_world @ world_from_a[:3, :3]
+    return (
+        skew(b_from_world @ (world_from_a[:3, 3] - world_from_b[:3, 3]))
+        @ b_from_world
+        @ world_from_a[:3, :3]
+    )
 
 
 def fundamental_matrix(essential: Float, K_a: Float, K_b: Float) -> Float:
@@ -62,9 +68,13 @@ def sampson_distance(F: Float, pixels_a: ArrayLike, pixels_b: ArrayLike) -> Floa
     """
     first, second = homogeneous(pixels_a), homogeneous(pixels_b)
     lines_b, lines_a = first @ F.T, second @ F
-    slope = np.linalg.norm(np.concatenate([lines_b[..., :2], lines_a[..., :2]], axis=-1), axis=-1)
+    slope = np.linalg.norm(
+        np.concatenate([lines_b[..., :2], lines_a[..., :2]], axis=-1), axis=-1
+    )
     residual = np.abs(np.einsum("...i,...i->...", second, lines_b))
-    return np.asarray(np.divide(residual, slope, out=np.zeros_like(residual), where=slope > 0))
+    return np.asarray(
+        np.divide(residual, slope, out=np.zeros_like(residual), where=slope > 0)
+    )
 
 
 def centre_direction(world_from_a: Float, world_from_b: Float) -> Float:
@@ -81,11 +91,18 @@ def epipolar_planes(centre_a: Float, centre_b: Float, points_world: ArrayLike) -
     (..., 4). A point on the line through the centres determines no plane: (0, 0, 0, 0).
     Raises InputError for points that are not finite.
     """
-    to_point, to_b = np.asarray(points_world, dtype=np.float64) - centre_a, centre_b - centre_a
+    to_point, to_b = (
+        np.asarray(points_world, dtype=np.float64) - centre_a,
+        centre_b - centre_a,
+    )
     if not np.isfinite(to_point).all():
-        raise InputError("epipolar planes need finite points: leave out those at infinity")
+        raise InputError(
+            "epipolar planes need finite points: leave out those at infinity"
+        )
     across: Float = np.cross(to_b, to_point)
     size = np.linalg.norm(across, axis=-1, keepdims=True)
-    distinct = size > _COINCIDENT * np.linalg.norm(to_point, axis=-1, keepdims=True) * np.linalg.norm(to_b)
+    distinct = size > _COINCIDENT * np.linalg.norm(
+        to_point, axis=-1, keepdims=True
+    ) * np.linalg.norm(to_b)
     normal = np.divide(across, size, out=np.zeros_like(across), where=distinct)
     return np.concatenate([normal, -(normal @ centre_a)[..., None]], axis=-1)

@@ -17,7 +17,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twinlens.errors import InputError
-from twinlens.geometry import Float, dehomogeneous, homogeneous, inverse, rotate, transform_points
+from twinlens.geometry import (
+    Float,
+    dehomogeneous,
+    homogeneous,
+    inverse,
+    rotate,
+    transform_points,
+)
 from twinlens.geometry.epipolar import essential_matrix, fundamental_matrix
 
 _PARALLEL = 1e-12  # sine of the angle between rays that do not intersect
@@ -44,7 +51,9 @@ def triangulate_dlt(px_from_worlds: Sequence[Float], pixels: Sequence[Float]) ->
     return dehomogeneous(np.linalg.svd(system)[2][:, -1])
 
 
-def midpoint(Ks: Sequence[Float], world_from_cams: Sequence[Float], pixels: Sequence[Float]) -> Float:
+def midpoint(
+    Ks: Sequence[Float], world_from_cams: Sequence[Float], pixels: Sequence[Float]
+) -> Float:
     """The point with the smallest sum of squared distances from the rays.
 
     The projections I - d d^T orthogonal to each ray are stacked and solved by their singular values. The normal
@@ -54,29 +63,52 @@ def midpoint(Ks: Sequence[Float], world_from_cams: Sequence[Float], pixels: Sequ
     origin, scale = centres[0], np.abs(centres - centres[0]).max()
     count, equations = rays.shape[1], 3 * len(rays)
     orthogonal = np.eye(3) - rays[..., :, None] * rays[..., None, :]
-    offsets = np.einsum("knij,kxj->nki", orthogonal, (centres - origin) / scale).reshape(count, equations)
-    left, size, axes = np.linalg.svd(orthogonal.swapaxes(0, 1).reshape(count, equations, 3), full_matrices=False)
+    offsets = np.einsum(
+        "knij,kxj->nki", orthogonal, (centres - origin) / scale
+    ).reshape(count, equations)
+    left, size, axes = np.linalg.svd(
+        orthogonal.swapaxes(0, 1).reshape(count, equations, 3), full_matrices=False
+    )
     intersecting = size[:, 2:] > _PARALLEL
     along = np.einsum("nki,nk->ni", left, offsets) / np.where(intersecting, size, 1.0)
-    return np.where(intersecting, origin + scale * np.einsum("nki,nk->ni", axes, along), np.inf)
+    return np.where(
+        intersecting, origin + scale * np.einsum("nki,nk->ni", axes, along), np.inf
+    )
 
 
-def dlt(Ks: Sequence[Float], world_from_cams: Sequence[Float], pixels: Sequence[Float]) -> Float:
+def dlt(
+    Ks: Sequence[Float], world_from_cams: Sequence[Float], pixels: Sequence[Float]
+) -> Float:
     """`triangulate_dlt` in the frame of the first camera and in units of the largest baseline, for its conditioning."""
     first = world_from_cams[0]
-    scale = max(float(np.linalg.norm(pose[:3, 3] - first[:3, 3])) for pose in world_from_cams[1:])
-    matrices = [(inverse(pose) @ first)[:3] / [1.0, 1.0, 1.0, scale] for pose in world_from_cams]
-    points = triangulate_dlt(matrices, [_directions(*view)[:, :2] for view in zip(Ks, pixels, strict=True)])
+    scale = max(
+        float(np.linalg.norm(pose[:3, 3] - first[:3, 3]))
+        for pose in world_from_cams[1:]
+    )
+    matrices = [
+        (inverse(pose) @ first)[:3] / [1.0, 1.0, 1.0, scale] for pose in world_from_cams
+    ]
+    points = triangulate_dlt(
+        matrices, [_directions(*view)[:, :2] for view in zip(Ks, pixels, strict=True)]
+    )
     _, rays = _rays(Ks, world_from_cams, pixels)
-    intersecting = (np.linalg.norm(np.cross(rays[0], rays[1:]), axis=-1) > _PARALLEL).any(axis=0)
+    intersecting = (
+        np.linalg.norm(np.cross(rays[0], rays[1:]), axis=-1) > _PARALLEL
+    ).any(axis=0)
     known = (intersecting & np.isfinite(points).all(axis=1))[:, None]
-    return np.where(known, transform_points(first, scale * np.where(known, points, 0.0)), np.inf)
+    return np.where(
+        known, transform_points(first, scale * np.where(known, points, 0.0)), np.inf
+    )
 
 
-def optimal(Ks: Sequence[Float], world_from_cams: Sequence[Float], pixels: Sequence[Float]) -> Float:
+def optimal(
+    Ks: Sequence[Float], world_from_cams: Sequence[Float], pixels: Sequence[Float]
+) -> Float:
     """The point of the two rays after the smallest move of the pixels that makes the rays intersect."""
     if len(Ks) != 2:
-        raise InputError(f"the optimal method takes two cameras, got {len(Ks)}: use 'midpoint' or 'dlt' for more")
+        raise InputError(
+            f"the optimal method takes two cameras, got {len(Ks)}: use 'midpoint' or 'dlt' for more"
+        )
     matrix = fundamental_matrix(essential_matrix(*world_from_cams), *Ks)
     return midpoint(Ks, world_from_cams, correct_matches(matrix, *pixels))
 
@@ -97,20 +129,31 @@ def _directions(K: Float, pixels: Float) -> Float:
     return homogeneous((pixels - K[:2, 2]) / (K[0, 0], K[1, 1]))
 
 
-def _rays(Ks: Sequence[Float], poses: Sequence[Float], pixels: Sequence[Float]) -> tuple[Float, Float]:
+def _rays(
+    Ks: Sequence[Float], poses: Sequence[Float], pixels: Sequence[Float]
+) -> tuple[Float, Float]:
     """Centres (V, 1, 3) and unit directions (V, N, 3) in world axes."""
     centres = np.stack([pose[:3, 3] for pose in poses])[:, None]
-    rays = np.stack([rotate(pose, _directions(K, uv)) for K, pose, uv in zip(Ks, poses, pixels, strict=True)])
+    rays = np.stack(
+        [
+            rotate(pose, _directions(K, uv))
+            for K, pose, uv in zip(Ks, poses, pixels, strict=True)
+        ]
+    )
     return centres, rays / np.linalg.norm(rays, axis=-1, keepdims=True)
 
 
-def correct_matches(F: ArrayLike, pixels_a: ArrayLike, pixels_b: ArrayLike) -> tuple[Float, Float]:
+def correct_matches(
+    F: ArrayLike, pixels_a: ArrayLike, pixels_b: ArrayLike
+) -> tuple[Float, Float]:
     """The pixels (N, 2), (N, 2) that satisfy p_b^T F p_a = 0 with the smallest sum of squared moves.
 
     F (3, 3) has any scale. Pixels are ideal (undistorted). A pixel on the epipole matches every pixel: its pair is
     returned unchanged. Raises InputError for shapes that do not fit, numbers that are not finite, or F of rank 1.
     """
-    matrix, seen_a, seen_b = (np.array(values, dtype=np.float64) for values in (F, pixels_a, pixels_b))
+    matrix, seen_a, seen_b = (
+        np.array(values, dtype=np.float64) for values in (F, pixels_a, pixels_b)
+    )
     _check(matrix, seen_a, seen_b)
     left, size, right = np.linalg.svd(matrix[:2, :2])
     bend = np.concatenate([size, -size])
@@ -121,10 +164,15 @@ def correct_matches(F: ArrayLike, pixels_a: ArrayLike, pixels_b: ArrayLike) -> t
     steepness = np.square(slope).sum(axis=1, keepdims=True)
     # The residual's derivative is at least steepness / 8 where 1 + m b > 0 for every b.
     bound, least = 8.0 * offset, np.maximum(steepness, 8.0 * size[0] * np.abs(offset))
-    near, far = np.zeros_like(offset), _INSIDE * np.divide(bound, least, out=np.zeros_like(offset), where=least > 0)
+    near, far = (
+        np.zeros_like(offset),
+        _INSIDE * np.divide(bound, least, out=np.zeros_like(offset), where=least > 0),
+    )
     for _ in range(_HALVINGS):
         m = 0.5 * (near + far)
-        residual = offset - (m * slope**2 * (1.0 + 0.5 * m * bend) / (1.0 + m * bend) ** 2).sum(axis=1, keepdims=True)
+        residual = offset - (
+            m * slope**2 * (1.0 + 0.5 * m * bend) / (1.0 + m * bend) ** 2
+        ).sum(axis=1, keepdims=True)
         beyond = residual * offset < 0
         near, far = np.where(beyond, near, m), np.where(beyond, m, far)
     moves = -math.sqrt(0.5) * near * slope / (1.0 + near * bend)
@@ -133,11 +181,22 @@ def correct_matches(F: ArrayLike, pixels_a: ArrayLike, pixels_b: ArrayLike) -> t
 
 
 def _check(matrix: Float, seen_a: Float, seen_b: Float) -> None:
-    if matrix.shape != (3, 3) or seen_a.ndim != 2 or seen_a.shape[1:] != (2,) or seen_a.shape != seen_b.shape:
+    if (
+        matrix.shape != (3, 3)
+        or seen_a.ndim != 2
+        or seen_a.shape[1:] != (2,)
+        or seen_a.shape != seen_b.shape
+    ):
         shapes = f"{matrix.shape}, {seen_a.shape}, {seen_b.shape}"
-        raise InputError(f"correct_matches needs F (3, 3) and equally many pixels (N, 2) twice, got shapes {shapes}")
+        raise InputError(
+            f"correct_matches needs F (3, 3) and equally many pixels (N, 2) twice, got shapes {shapes}"
+        )
     if not all(np.isfinite(values).all() for values in (matrix, seen_a, seen_b)):
-        raise InputError("correct_matches needs finite numbers: leave out points that a camera does not see")
+        raise InputError(
+            "correct_matches needs finite numbers: leave out points that a camera does not see"
+        )
     size = np.linalg.svd(matrix, compute_uv=False)
     if not size[1] > _ZERO * size[0]:
-        raise InputError("correct_matches needs F of rank 2, that of two cameras with a baseline")
+        raise InputError(
+            "correct_matches needs F of rank 2, that of two cameras with a baseline"
+        )

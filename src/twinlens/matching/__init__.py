@@ -4,7 +4,10 @@ Importing it does not import Numba; the kernels compile at the first match and a
 which runs other people's matchers, uses files.
 """
 
-from twinlens.matching.confidence import CONFIDENCES as CONFIDENCES, confidence_map as confidence_map
+from twinlens.matching.confidence import (
+    CONFIDENCES as CONFIDENCES,
+    confidence_map as confidence_map,
+)
 from twinlens.matching.curves import CostCurve as CostCurve, cost_curve as cost_curve
 from twinlens.matching.defocus import (
     ApertureSamples as ApertureSamples,

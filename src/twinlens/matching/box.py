@@ -25,7 +25,9 @@ Rows = Callable[[int, int], Volume]
 """rows(start, stop): those rows of a cost volume, (stop - start, W, depth), depth a multiple of LANES."""
 
 
-def in_strips(work: Callable[[int, int], None], height: int, rows: int, threads: int) -> None:
+def in_strips(
+    work: Callable[[int, int], None], height: int, rows: int, threads: int
+) -> None:
     """Call work(y0, y1) for every strip of at most `rows` rows, on `threads` threads.
 
     After an error or a KeyboardInterrupt no further strip is started.
@@ -53,7 +55,11 @@ class Winners:
     @staticmethod
     def empty(shape: tuple[int, ...], costs: bool = True) -> "Winners":
         size = shape if costs else (shape[0], 0)
-        return Winners(np.full(shape, np.inf, np.float32), np.full(size, np.inf), np.full(size, np.inf))
+        return Winners(
+            np.full(shape, np.inf, np.float32),
+            np.full(size, np.inf),
+            np.full(size, np.inf),
+        )
 
     def rows(self, start: int, stop: int) -> tuple[NDArray[Any], ...]:
         """(cost, rival, disparity) of these rows, as `kernels.winners.winners_of_rows` takes them."""
@@ -68,7 +74,9 @@ def in_lanes(count: int) -> int:
 def limits(dtype: Any, slack: float = 0.0) -> tuple[Any, Any]:
     """(slack, largest number) of a cost dtype, as `kernels.winners.winners_of_row` takes them."""
     kind = np.dtype(dtype).type
-    return kind(slack), kind(np.inf if np.dtype(dtype).kind == "f" else np.iinfo(dtype).max)
+    return kind(slack), kind(
+        np.inf if np.dtype(dtype).kind == "f" else np.iinfo(dtype).max
+    )
 
 
 def fence(dtype: Any, count: int) -> NDArray[Any]:
@@ -90,16 +98,32 @@ def aligned_zeros(count: int, dtype: Any) -> NDArray[Any]:
 class BoxMatch:
     """One cost of one pair over one window; left and right are unsigned integers or float64, (..., H, W)."""
 
-    def __init__(self, left: Image, right: Image, cost: Cost, side: int, low: int, high: int, threads: int) -> None:
+    def __init__(
+        self,
+        left: Image,
+        right: Image,
+        cost: Cost,
+        side: int,
+        low: int,
+        high: int,
+        threads: int,
+    ) -> None:
         """Search disparities low..high-1."""
         width = left.shape[-1]
-        self.shape, self.cost, self.side, self.threads = left.shape[-2:], cost, side, threads
+        self.shape, self.cost, self.side, self.threads = (
+            left.shape[-2:],
+            cost,
+            side,
+            threads,
+        )
         self.low, self.high = max(low, 1 - width), min(high, width)
         self.count = max(self.high - self.low, 0)
         self.depth = in_lanes(self.count)
         self.numbers: Numbers = numbers(cost, left.dtype, side)
         self.floats = left.dtype.kind == "f"
-        self.left, self.right = _conditioned(left, right, cost) if self.floats else (left, right)
+        self.left, self.right = (
+            _conditioned(left, right, cost) if self.floats else (left, right)
+        )
         self.slack = self._slack() if self.floats else 0.0
         self.rows = FLOAT_ROWS if self.floats else -(-self.shape[0] // max(threads, 1))
 
@@ -108,28 +132,52 @@ class BoxMatch:
         if not self.cost.growth:
             return ROUNDING
         span = 2 * max(float(np.abs(self.left).max()), float(np.abs(self.right).max()))
-        return ROUNDING * float(self.side) ** (2 * self.cost.growth) * (span**2 if self.cost.term == "square" else span)
+        return (
+            ROUNDING
+            * float(self.side) ** (2 * self.cost.growth)
+            * (span**2 if self.cost.term == "square" else span)
+        )
 
     def winners(self, fit: str, *, costs: bool = True) -> Winners:
         """The candidate of lowest cost at each pixel, of equal ones the smallest disparity, with sub-pixel `fit`."""
-        winners, ends = Winners.empty(self.shape, costs), limits(self.numbers.scores, self.slack)
+        winners, ends = (
+            Winners.empty(self.shape, costs),
+            limits(self.numbers.scores, self.slack),
+        )
 
         def work(y0: int, y1: int) -> None:
-            self._slide(self._laid_out(y0, y1), 0, y1 - y0, (FITS[fit], ends, *winners.rows(y0, y1)))
+            self._slide(
+                self._laid_out(y0, y1),
+                0,
+                y1 - y0,
+                (FITS[fit], ends, *winners.rows(y0, y1)),
+            )
 
         if self.count:
             in_strips(work, self.shape[0], self.rows, self.threads)
         return winners
 
-    def fill(self, volume: Volume, y0: int, gain: float = 1.0, offset: float = 0.0) -> None:
+    def fill(
+        self, volume: Volume, y0: int, gain: float = 1.0, offset: float = 0.0
+    ) -> None:
         """Write the rows from y0 on of the cost volume, (rows, W, depth), as cost * gain + offset.
 
         Candidates without a partner in the right image have the cost of edge-continued images.
         """
-        kind = np.result_type(self.numbers.scores, np.float64 if volume.dtype == np.float64 else np.float32)
-        self._slide(self._whole, y0, len(volume), (volume.reshape(-1), np.array([gain, offset], kind)))
+        kind = np.result_type(
+            self.numbers.scores,
+            np.float64 if volume.dtype == np.float64 else np.float32,
+        )
+        self._slide(
+            self._whole,
+            y0,
+            len(volume),
+            (volume.reshape(-1), np.array([gain, offset], kind)),
+        )
 
-    def _slide(self, images: tuple[Image, Image], top: int, rows: int, result: tuple[Any, ...]) -> None:
+    def _slide(
+        self, images: tuple[Image, Image], top: int, rows: int, result: tuple[Any, ...]
+    ) -> None:
         """Run the kernel over the rows from `top` on of padded images."""
         from twinlens.matching.kernels.slide import slide_kernel
 
@@ -138,23 +186,45 @@ class BoxMatch:
         span = slice(top, top + rows + side - 1)
         layout = left.shape[-1], right.shape[-1], width + side - 2
         volumes = len(result) == 2
-        columns = aligned_zeros((left.shape[-1] + side) * self.depth if side > 1 else 0, self.numbers.sums)
+        columns = aligned_zeros(
+            (left.shape[-1] + side) * self.depth if side > 1 else 0, self.numbers.sums
+        )
         costs = aligned_zeros(0 if volumes else width * self.depth, self.numbers.scores)
-        statistics = *self._statistics(left[..., span, :]), *self._statistics(right[..., span, :])
+        statistics = (
+            *self._statistics(left[..., span, :]),
+            *self._statistics(right[..., span, :]),
+        )
         search = self.low, self.count, self.depth
         kernel = slide_kernel(self.cost.term, self.cost.scoring, volumes)
-        buffers = columns, costs, fence(self.numbers.scores, self.depth if volumes else self.count)
-        kernel((left.ravel(), right.ravel(), layout), (side, top, rows), search, *buffers, statistics, result)
+        buffers = (
+            columns,
+            costs,
+            fence(self.numbers.scores, self.depth if volumes else self.count),
+        )
+        kernel(
+            (left.ravel(), right.ravel(), layout),
+            (side, top, rows),
+            search,
+            *buffers,
+            statistics,
+            result,
+        )
 
     def _statistics(self, image: Image) -> tuple[NDArray[Any], NDArray[Any]]:
         """(totals, scales), flat, of the windows of padded rows."""
         mode = STATISTICS.get(self.cost.scoring)
         if mode is None:
             return np.zeros(1, self.numbers.totals), np.zeros(1, self.numbers.scores)
-        from twinlens.matching.kernels.windows import window_statistics, zero_flat_scales
+        from twinlens.matching.kernels.windows import (
+            window_statistics,
+            zero_flat_scales,
+        )
 
         shape = image.shape[0] - self.side + 1, image.shape[1] - self.side + 1
-        totals, scales = np.empty(shape, self.numbers.totals), np.empty(shape, self.numbers.scores)
+        totals, scales = (
+            np.empty(shape, self.numbers.totals),
+            np.empty(shape, self.numbers.scores),
+        )
         window_statistics(image, self.side, mode, totals, scales)
         if self.floats and self.cost.scoring in ("zncc", "ncc"):
             zero_flat_scales(image, self.side, self.cost.scoring == "ncc", scales)
@@ -175,7 +245,9 @@ class BoxMatch:
         return self._laid_out(0, self.shape[0])
 
 
-def box_sums(boxes: tuple[BoxMatch, ...], gain: float, offset: float, dtype: Any = np.float64) -> Rows:
+def box_sums(
+    boxes: tuple[BoxMatch, ...], gain: float, offset: float, dtype: Any = np.float64
+) -> Rows:
     """The sum of the boxes' costs (a census of many bits has several words), as cost * gain + offset."""
 
     def rows(start: int, stop: int) -> Volume:
@@ -194,9 +266,14 @@ def blank(volume: Volume, low: int, count: int, value: float = np.inf) -> None:
     """Set candidates (disparity low + j for j < count) without a partner in the image, and later ones, to `value`."""
     width = volume.shape[1]
     volume[..., count:] = value
-    for columns in (slice(0, max(low + count - 1, 0)), slice(max(low + width, 0), width)):
+    for columns in (
+        slice(0, max(low + count - 1, 0)),
+        slice(max(low + width, 0), width),
+    ):
         partner = np.arange(width)[columns, None] - low - np.arange(count)
-        np.copyto(volume[:, columns, :count], value, where=(partner < 0) | (partner >= width))
+        np.copyto(
+            volume[:, columns, :count], value, where=(partner < 0) | (partner >= width)
+        )
 
 
 def _conditioned(left: Image, right: Image, cost: Cost) -> tuple[Image, Image]:
@@ -210,7 +287,9 @@ def _conditioned(left: Image, right: Image, cost: Cost) -> tuple[Image, Image]:
     return np.rint(left / step) * step, np.rint(right / step) * step
 
 
-def zero_mean_absolute(left: Image, right: Image, side: int, low: int, depth: int) -> Rows:
+def zero_mean_absolute(
+    left: Image, right: Image, side: int, low: int, depth: int
+) -> Rows:
     """ZSAD over windows, sum |(a - mean a) - (b - mean b)|; the means do not separate: W H D side^2 operations."""
 
     def means(padded: Image) -> NDArray[np.float64]:
@@ -223,12 +302,18 @@ def zero_mean_absolute(left: Image, right: Image, side: int, low: int, depth: in
         radius, width = side // 2, left.shape[1]
         span, last = (start - radius, stop + radius), low + depth - 1
         ours = extended(left, span, (-radius, width + radius)).astype(np.float64)
-        theirs = extended(right, span, (-radius - last, width + radius - low)).astype(np.float64)
-        reversed_means, theirs = (np.ascontiguousarray(array[:, ::-1]) for array in (means(theirs), theirs))
+        theirs = extended(right, span, (-radius - last, width + radius - low)).astype(
+            np.float64
+        )
+        reversed_means, theirs = (
+            np.ascontiguousarray(array[:, ::-1]) for array in (means(theirs), theirs)
+        )
         volume = np.empty((stop - start, width, depth))
         # Reversed, candidate 0 of the window's first column is at `start`; its window's mean is 2 r columns before.
         places = width + 2 * radius - 1, width - 1
-        zero_mean_absolute(ours, theirs, means(ours), reversed_means, *places, radius, volume)
+        zero_mean_absolute(
+            ours, theirs, means(ours), reversed_means, *places, radius, volume
+        )
         return volume
 
     return rows

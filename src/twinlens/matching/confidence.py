@@ -22,13 +22,19 @@ LEAST_DIFFERENCE = 1e-3
 """What `left_right` adds to its denominator, which is 0 for most right matches; a part of the volume's cost range."""
 
 
-def beside(costs: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def beside(
+    costs: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The costs of the candidates before and after each of (..., D); +inf beyond the ends."""
     end = np.full((*costs.shape[:-1], 1), np.inf)
-    return np.concatenate([end, costs[..., :-1]], axis=-1), np.concatenate([costs[..., 1:], end], axis=-1)
+    return np.concatenate([end, costs[..., :-1]], axis=-1), np.concatenate(
+        [costs[..., 1:], end], axis=-1
+    )
 
 
-def rivals(costs: NDArray[np.float64], winner: NDArray[np.intp], *, minima: bool = True) -> NDArray[np.bool_]:
+def rivals(
+    costs: NDArray[np.float64], winner: NDArray[np.intp], *, minima: bool = True
+) -> NDArray[np.bool_]:
     """Which of the candidates (..., D) are rivals of the winner (...), an index: two or more from it, local minima."""
     far: NDArray[np.bool_] = np.abs(np.arange(costs.shape[-1]) - winner[..., None]) >= 2
     before, after = beside(costs)
@@ -61,15 +67,23 @@ def _peak_ratio(pixels: _Pixels) -> NDArray[Any]:
     """1 - c1 / c2, with c2 the lowest local minimum of a rival; 1 without one. c2 / c1 has the same order."""
     lowest, rival = np.maximum(pixels.lowest, 0.0), pixels.rival(minima=True)
     some = np.isfinite(rival) & (rival > 0)
-    ratio = np.divide(lowest, rival, out=np.where(np.isfinite(rival), 1.0, 0.0), where=some)
+    ratio = np.divide(
+        lowest, rival, out=np.where(np.isfinite(rival), 1.0, 0.0), where=some
+    )
     return 1.0 - ratio
 
 
 def _curvature(pixels: _Pixels) -> NDArray[Any]:
     """c(d1 - 1) - 2 c1 + c(d1 + 1); at an end of the range the only neighbour counts twice."""
     place = pixels.winner[..., None]
-    before, after = (np.take_along_axis(side, place, axis=-1)[..., 0] for side in beside(pixels.costs))
-    first, last = np.where(np.isfinite(before), before, after), np.where(np.isfinite(after), after, before)
+    before, after = (
+        np.take_along_axis(side, place, axis=-1)[..., 0]
+        for side in beside(pixels.costs)
+    )
+    first, last = (
+        np.where(np.isfinite(before), before, after),
+        np.where(np.isfinite(after), after, before),
+    )
     bend = first + last - 2.0 * pixels.lowest
     return np.where(np.isfinite(bend), bend, 0.0)
 
@@ -81,7 +95,9 @@ def _left_right(pixels: _Pixels, of_right: NDArray[np.float64]) -> NDArray[Any]:
     """
     rival = pixels.rival(minima=False)
     margin = np.where(np.isfinite(rival), rival, pixels.high) - pixels.lowest
-    return margin / (pixels.lowest - of_right + LEAST_DIFFERENCE * (pixels.high - pixels.low))
+    return margin / (
+        pixels.lowest - of_right + LEAST_DIFFERENCE * (pixels.high - pixels.low)
+    )
 
 
 def _entropy(pixels: _Pixels) -> NDArray[Any]:
@@ -89,7 +105,11 @@ def _entropy(pixels: _Pixels) -> NDArray[Any]:
     weights = np.exp(pixels.lowest[..., None] - pixels.costs)
     share = weights / weights.sum(axis=-1, keepdims=True)
     entropy = -np.sum(share * np.log(np.where(share > 0, share, 1.0)), axis=-1)
-    return np.asarray(np.log(np.log(max(share.shape[-1], 2)) / np.maximum(entropy, np.finfo(float).tiny)))
+    return np.asarray(
+        np.log(
+            np.log(max(share.shape[-1], 2)) / np.maximum(entropy, np.finfo(float).tiny)
+        )
+    )
 
 
 CONFIDENCES: dict[str, str] = {
@@ -104,7 +124,9 @@ CONFIDENCES: dict[str, str] = {
 _OF_COSTS = {"peak_ratio": _peak_ratio, "curvature": _curvature, "entropy": _entropy}
 
 
-def confidence_map(volume: NDArray[np.floating[Any]], measure: str, min_disparity: int = 0) -> Confidence:
+def confidence_map(
+    volume: NDArray[np.floating[Any]], measure: str, min_disparity: int = 0
+) -> Confidence:
     """The confidence (H, W) by the measure, a name of `CONFIDENCES`; min_disparity is the disparity of candidate 0.
 
     It is 0 where there is no candidate, and everywhere if all costs are equal.
@@ -124,7 +146,9 @@ def confidence_map(volume: NDArray[np.floating[Any]], measure: str, min_disparit
     """
     check_known("confidence", measure, CONFIDENCES)
     if volume.ndim != 3 or 0 in volume.shape:
-        raise InputError(f"a cost volume has shape {volume.shape}; expected (height, width, disparities)")
+        raise InputError(
+            f"a cost volume has shape {volume.shape}; expected (height, width, disparities)"
+        )
     finite = np.isfinite(volume)
     low = float(np.min(volume, where=finite, initial=np.inf))
     high = float(np.max(volume, where=finite, initial=-np.inf))
@@ -138,7 +162,9 @@ def confidence_map(volume: NDArray[np.floating[Any]], measure: str, min_disparit
         pixels = _Pixels(row[candidates].astype(np.float64), low, high)
         if measure == "left_right":
             columns = np.flatnonzero(candidates) - min_disparity - pixels.winner
-            result[y, candidates] = _left_right(pixels, _right_lowest(row, min_disparity)[columns])
+            result[y, candidates] = _left_right(
+                pixels, _right_lowest(row, min_disparity)[columns]
+            )
         else:
             result[y, candidates] = _OF_COSTS[measure](pixels)
     return result
@@ -152,7 +178,9 @@ def _right_lowest(row: NDArray[Any], min_disparity: int) -> NDArray[np.float64]:
         shift = min_disparity + j
         first, last = max(0, -shift), min(width, width - shift)
         if first < last:
-            lowest[first:last] = np.minimum(lowest[first:last], row[first + shift : last + shift, j])
+            lowest[first:last] = np.minimum(
+                lowest[first:last], row[first + shift : last + shift, j]
+            )
     return lowest
 
 
@@ -164,7 +192,10 @@ def _ambiguity(volume: NDArray[np.float32], low: float, high: float) -> Confiden
     counts = np.empty(volume.shape[:2], np.float32)
     for y, row in enumerate(volume):
         near_counts((row - np.float32(low)) / span, AMBIGUITY_STEPS, counts[y])
-    ends = np.percentile(counts, AMBIGUITY_PERCENT), np.percentile(counts, 100.0 - AMBIGUITY_PERCENT)
+    ends = (
+        np.percentile(counts, AMBIGUITY_PERCENT),
+        np.percentile(counts, 100.0 - AMBIGUITY_PERCENT),
+    )
     clipped = np.clip(counts, *ends, dtype=np.float32)
     least, most = clipped.min(), clipped.max()
     if least == most:

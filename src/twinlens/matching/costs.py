@@ -42,23 +42,79 @@ class Cost:
 
 COSTS: dict[str, Cost] = {
     "sad": Cost("absolute", "sum", V, "sum of absolute differences"),
-    "ssd": Cost("square", "sum", PARABOLA, "sum of squared differences", p1=0.002, p2=0.02),
-    "ncc": Cost("product", "ncc", PARABOLA, "1 - cosine of the windows' angle: invariant to gain", offset=1.0),
-    "zsad": Cost("absolute", "zsad", V, "SAD of mean-free windows: invariant to offset"),
-    "zssd": Cost("square", "zssd", PARABOLA, "SSD of mean-free windows: invariant to offset", p1=0.0005, p2=0.005),
-    "zncc": Cost("product", "zncc", PARABOLA, "1 - correlation coefficient: invariant to gain and offset", offset=1.0),
+    "ssd": Cost(
+        "square", "sum", PARABOLA, "sum of squared differences", p1=0.002, p2=0.02
+    ),
+    "ncc": Cost(
+        "product",
+        "ncc",
+        PARABOLA,
+        "1 - cosine of the windows' angle: invariant to gain",
+        offset=1.0,
+    ),
+    "zsad": Cost(
+        "absolute", "zsad", V, "SAD of mean-free windows: invariant to offset"
+    ),
+    "zssd": Cost(
+        "square",
+        "zssd",
+        PARABOLA,
+        "SSD of mean-free windows: invariant to offset",
+        p1=0.0005,
+        p2=0.005,
+    ),
+    "zncc": Cost(
+        "product",
+        "zncc",
+        PARABOLA,
+        "1 - correlation coefficient: invariant to gain and offset",
+        offset=1.0,
+    ),
     "jaccard": Cost("absolute", "jaccard", V, "1 - weighted Jaccard similarity"),
     "census": Cost(
-        "hamming", "sum", V, "Hamming distance of census codes: invariant to monotonic change", "census", p1=0.2, p2=0.9
+        "hamming",
+        "sum",
+        V,
+        "Hamming distance of census codes: invariant to monotonic change",
+        "census",
+        p1=0.2,
+        p2=0.9,
     ),
-    "rank": Cost("absolute", "sum", V, "SAD of rank transforms: invariant to monotonic change", "rank", p1=0.1, p2=0.4),
-    "birchfield_tomasi": Cost("interpolated", "sum", V, "absolute differences, insensitive to sampling", "bounds"),
+    "rank": Cost(
+        "absolute",
+        "sum",
+        V,
+        "SAD of rank transforms: invariant to monotonic change",
+        "rank",
+        p1=0.1,
+        p2=0.4,
+    ),
+    "birchfield_tomasi": Cost(
+        "interpolated",
+        "sum",
+        V,
+        "absolute differences, insensitive to sampling",
+        "bounds",
+    ),
 }
 
 MODEL_PREFIX = "onnx:"
-DESCRIPTOR = Cost("descriptor", "sum", PARABOLA, "1 - product of a network's descriptors", p1=0.2, p2=0.9)
-LEARNED = replace(DESCRIPTOR, description="descriptors of a trained network smoothed by a guided filter (extra onnx)")
-LEARNED_NAME, LEARNED_FILE = "learned", Path(__file__).parent / "weights" / "learned.onnx"
+DESCRIPTOR = Cost(
+    "descriptor",
+    "sum",
+    PARABOLA,
+    "1 - product of a network's descriptors",
+    p1=0.2,
+    p2=0.9,
+)
+LEARNED = replace(
+    DESCRIPTOR,
+    description="descriptors of a trained network smoothed by a guided filter (extra onnx)",
+)
+LEARNED_NAME, LEARNED_FILE = (
+    "learned",
+    Path(__file__).parent / "weights" / "learned.onnx",
+)
 
 
 def descriptor_model(name: str) -> str | None:
@@ -81,7 +137,9 @@ def find_cost(name: str) -> Cost:
         check_known("cost", name, [*COSTS, LEARNED_NAME])
         return COSTS[name]
     if not model.endswith(".onnx"):
-        raise InputError(f"cost is {name!r}; name an .onnx file, as in cost=onnx:net.onnx")
+        raise InputError(
+            f"cost is {name!r}; name an .onnx file, as in cost=onnx:net.onnx"
+        )
     return DESCRIPTOR
 
 
@@ -107,22 +165,40 @@ def numbers(cost: Cost, dtype: np.dtype[Any], side: int) -> Numbers:
     area, largest = side * side, int(np.iinfo(dtype).max)
     bytewise = dtype.itemsize == 1
     if cost.term == "product":
-        _check_room(cost, dtype, side, (area * largest) ** 2 // 4 if cost.scoring == "zncc" else area * largest**2, 63)
+        _check_room(
+            cost,
+            dtype,
+            side,
+            (area * largest) ** 2 // 4 if cost.scoring == "zncc" else area * largest**2,
+            63,
+        )
         if not bytewise:
             return Numbers(np.int64, np.int64, np.float64)
         totals = np.int32 if (area * largest) ** 2 // 4 < 1 << 31 else np.float64
-        return Numbers(np.int32 if area * largest**2 < 1 << 31 else np.int64, totals, np.float32)
-    top = {"absolute": largest, "square": largest**2, "hamming": 8 * dtype.itemsize}[cost.term] * area
-    sums = next(kind for kind in (np.uint16, np.uint32, np.uint64) if top < np.iinfo(kind).max)
+        return Numbers(
+            np.int32 if area * largest**2 < 1 << 31 else np.int64, totals, np.float32
+        )
+    top = {"absolute": largest, "square": largest**2, "hamming": 8 * dtype.itemsize}[
+        cost.term
+    ] * area
+    sums = next(
+        kind for kind in (np.uint16, np.uint32, np.uint64) if top < np.iinfo(kind).max
+    )
     if cost.scoring == "zssd":
         _check_room(cost, dtype, side, (area * largest) ** 2, 64)
-        return Numbers(np.uint32, np.float64, np.float64) if bytewise else Numbers(np.uint64, np.uint64, np.uint64)
+        return (
+            Numbers(np.uint32, np.float64, np.float64)
+            if bytewise
+            else Numbers(np.uint64, np.uint64, np.uint64)
+        )
     if cost.scoring == "jaccard":
         return Numbers(sums, np.float64, np.float32 if top < 1 << 24 else np.float64)
     return Numbers(sums, np.float64, sums)
 
 
-def _check_room(cost: Cost, dtype: np.dtype[Any], side: int, bound: int, bits: int) -> None:
+def _check_room(
+    cost: Cost, dtype: np.dtype[Any], side: int, bound: int, bits: int
+) -> None:
     """InputError if `bound`, which grows with the fourth power of the side, does not fit."""
     if bound < 1 << bits:
         return
@@ -135,7 +211,9 @@ def _check_room(cost: Cost, dtype: np.dtype[Any], side: int, bound: int, bits: i
     )
 
 
-def largest_cost(cost: Cost, left: NDArray[Any], right: NDArray[Any], side: int, descriptor: int) -> float:
+def largest_cost(
+    cost: Cost, left: NDArray[Any], right: NDArray[Any], side: int, descriptor: int
+) -> float:
     """The largest value of this cost for windows of these images: the unit of p1 and p2."""
     area = side * side
     if cost.term == "descriptor":
@@ -147,7 +225,10 @@ def largest_cost(cost: Cost, left: NDArray[Any], right: NDArray[Any], side: int,
     if left.dtype.kind == "u":
         span = float(np.iinfo(left.dtype).max)
     else:  # 1 where all pixels are equal
-        span = float(max(left.max(), right.max())) - float(min(left.min(), right.min())) or 1.0
+        span = (
+            float(max(left.max(), right.max())) - float(min(left.min(), right.min()))
+            or 1.0
+        )
     if cost.term == "square":
         # The kernel's ZSSD is n times the sum of squares; differences reach from -span to span.
         return (area * span) ** 2 if cost.scoring == "zssd" else area * span**2

@@ -47,7 +47,10 @@ def cost_curve(
     right: Any,
     u: int,
     v: int,
-    methods: str | StereoMatcher | Sequence[str | StereoMatcher] | Mapping[str, StereoMatcher] = ("zncc",),
+    methods: str
+    | StereoMatcher
+    | Sequence[str | StereoMatcher]
+    | Mapping[str, StereoMatcher] = ("zncc",),
     *,
     num_disparities: int = DEFAULT_DISPARITIES,
     min_disparity: int = 0,
@@ -85,33 +88,46 @@ def cost_curve(
     check_int("u", u, 0, width - 1)
     check_int("v", v, 0, height - 1)
     curves = {}
-    for name, matcher in _matchers([methods] if isinstance(methods, str | StereoMatcher) else methods, search).items():
+    for name, matcher in _matchers(
+        [methods] if isinstance(methods, str | StereoMatcher) else methods, search
+    ).items():
         check_image_size(matcher, images[0].shape)
         curves[name] = _curve(matcher, *images, int(u), int(v))
     return curves
 
 
 def _matchers(
-    methods: Sequence[str | StereoMatcher] | Mapping[str, StereoMatcher], search: dict[str, int]
+    methods: Sequence[str | StereoMatcher] | Mapping[str, StereoMatcher],
+    search: dict[str, int],
 ) -> dict[str, StereoMatcher]:
-    found: list[tuple[str, Any]] = list(methods.items()) if isinstance(methods, Mapping) else []
+    found: list[tuple[str, Any]] = (
+        list(methods.items()) if isinstance(methods, Mapping) else []
+    )
     for method in () if isinstance(methods, Mapping) else methods:
         if isinstance(method, str):
-            found += [(spec.name, spec.matcher(**search)) for spec in parse_methods([method])]
+            found += [
+                (spec.name, spec.matcher(**search)) for spec in parse_methods([method])
+            ]
         else:
             found.append((str(getattr(method, "cost", format_value(method))), method))
     if not found:
         raise InputError("no method is named")
     for name, matcher in found:
         if not isinstance(matcher, StereoMatcher):
-            raise InputError(f"{name} has no cost curve; use a method of twinlens, such as zncc or sgm")
+            raise InputError(
+                f"{name} has no cost curve; use a method of twinlens, such as zncc or sgm"
+            )
         if [other for other, _ in found].count(name) > 1:
             remedy = 'small=zncc:block_size=5, or objects by name: {"small": StereoMatcher(...), ...}'
-            raise InputError(f"two methods are named {name!r}; give them names, such as {remedy}")
+            raise InputError(
+                f"two methods are named {name!r}; give them names, such as {remedy}"
+            )
     return dict(found)
 
 
-def _curve(matcher: StereoMatcher, left: NDArray[Any], right: NDArray[Any], u: int, v: int) -> CostCurve:
+def _curve(
+    matcher: StereoMatcher, left: NDArray[Any], right: NDArray[Any], u: int, v: int
+) -> CostCurve:
     disparities = matcher.min_disparity + np.arange(matcher.num_disparities)
     costs = np.full(len(disparities), np.inf)
     search = matcher.search(left, right)
@@ -121,6 +137,12 @@ def _curve(matcher: StereoMatcher, left: NDArray[Any], right: NDArray[Any], u: i
         costs[first : first + search.count], place, disparity = search.winner_at(u, v)
         if np.isfinite(disparity):
             winner = search.low + place
-            others = np.where(rivals(costs, np.asarray(winner - matcher.min_disparity)), costs, np.inf)
-            rival = int(disparities[np.argmin(others)]) if np.isfinite(others).any() else None
+            others = np.where(
+                rivals(costs, np.asarray(winner - matcher.min_disparity)), costs, np.inf
+            )
+            rival = (
+                int(disparities[np.argmin(others)])
+                if np.isfinite(others).any()
+                else None
+            )
     return CostCurve(u, v, matcher, disparities, costs, winner, rival, disparity)

@@ -44,16 +44,34 @@ class ApertureSamples:
     weights: Float
     vergence: float
 
-    def __init__(self, points: ArrayLike, weights: ArrayLike | None = None, vergence: float = 0.0) -> None:
+    def __init__(
+        self, points: ArrayLike, weights: ArrayLike | None = None, vergence: float = 0.0
+    ) -> None:
         places = _numbers("points of aperture samples", points, 2)
-        light = np.ones(len(places)) if weights is None else _numbers("weights of aperture samples", weights, 1)
+        light = (
+            np.ones(len(places))
+            if weights is None
+            else _numbers("weights of aperture samples", weights, 1)
+        )
         if places.ndim != 2 or places.shape[1] != 2 or light.shape != places.shape[:1]:
-            raise InputError(f"aperture samples need points (N, 2) and weights (N,), got {places.shape}, {light.shape}")
-        if not (np.isfinite(places).all() and (light >= 0).all() and 0 < light.sum() < math.inf):
-            raise InputError("aperture samples need finite points, and weights >= 0 with a positive sum")
+            raise InputError(
+                f"aperture samples need points (N, 2) and weights (N,), got {places.shape}, {light.shape}"
+            )
+        if not (
+            np.isfinite(places).all()
+            and (light >= 0).all()
+            and 0 < light.sum() < math.inf
+        ):
+            raise InputError(
+                "aperture samples need finite points, and weights >= 0 with a positive sum"
+            )
         check_number("vergence", vergence, "a finite number of 1/m")
         lit = light > 0
-        fields = {"points": places[lit], "weights": light[lit] / light.sum(), "vergence": float(vergence)}
+        fields = {
+            "points": places[lit],
+            "weights": light[lit] / light.sum(),
+            "vergence": float(vergence),
+        }
         for name, value in fields.items():
             object.__setattr__(self, name, value)
 
@@ -114,7 +132,9 @@ def inverse_depth_from_defocus(
     for k, candidate in enumerate(candidates):
         kernels = plane.kernels(apertures, fx, candidate)
         differences = spectra - kernels * _best_texture(kernels, spectra)
-        costs[k] = plane.energy(differences * plane.centring(apertures, fx, candidate), block_size)
+        costs[k] = plane.energy(
+            differences * plane.centring(apertures, fx, candidate), block_size
+        )
     return _maximum(-costs, candidates)
 
 
@@ -142,15 +162,23 @@ def inverse_depth_bound(
     check_number("noise", noise, "a positive number", above=0)
     check_number("inverse_depth", inverse_depth, "a finite number of 1/m")
     plane = _Plane(picture.shape[1:], _reach(apertures, fx, np.array([inverse_depth])))
-    kernels, slopes = (find(apertures, fx, inverse_depth) for find in (plane.kernels, plane.slopes))
-    visible = (slopes - kernels * _best_texture(kernels, slopes)) * plane.centring(apertures, fx, inverse_depth)
+    kernels, slopes = (
+        find(apertures, fx, inverse_depth) for find in (plane.kernels, plane.slopes)
+    )
+    visible = (slopes - kernels * _best_texture(kernels, slopes)) * plane.centring(
+        apertures, fx, inverse_depth
+    )
     information = plane.energy(visible * plane.spectra(picture)[0], block_size)
     with np.errstate(divide="ignore"):
         return np.asarray(noise / np.sqrt(information))
 
 
 def inverse_depth_from_focus(
-    stack: Sequence[ArrayLike], vergences: ArrayLike, *, block_size: int = 15, neighbours: int = 1
+    stack: Sequence[ArrayLike],
+    vergences: ArrayLike,
+    *,
+    block_size: int = 15,
+    neighbours: int = 1,
 ) -> InverseDepth:
     """The inverse focus distance at which a window of a focal stack is sharpest.
 
@@ -184,12 +212,20 @@ def inverse_depth_from_focus(
     """
     pictures = _stack(stack, 3)
     places = _numbers("vergences", vergences)
-    if places.shape != (len(pictures),) or not np.isfinite(places).all() or not _is_monotonic(places):
-        raise InputError(f"vergences must be {len(pictures)} increasing or decreasing numbers, one for each image")
+    if (
+        places.shape != (len(pictures),)
+        or not np.isfinite(places).all()
+        or not _is_monotonic(places)
+    ):
+        raise InputError(
+            f"vergences must be {len(pictures)} increasing or decreasing numbers, one for each image"
+        )
     check_int("neighbours", neighbours, 1)
     _check_block(block_size)
     measures = np.array([sharpness(picture, block_size) for picture in pictures])
-    return _maximum(np.log(np.maximum(measures, np.finfo(np.float64).tiny)), places, neighbours)
+    return _maximum(
+        np.log(np.maximum(measures, np.finfo(np.float64).tiny)), places, neighbours
+    )
 
 
 def sharpness(image: ArrayLike, window: int = 9) -> Float:
@@ -206,12 +242,17 @@ def sharpness(image: ArrayLike, window: int = 9) -> Float:
         raise InputError(f"window must be odd, got {window}")
     pixels = _colour_stack([image])[0]
     pixels = pixels.mean(axis=-1) if pixels.ndim == 3 else pixels
-    modified = sum(np.abs(ndimage.correlate1d(pixels, [-1.0, 2.0, -1.0], axis=axis)) for axis in (0, 1))
+    modified = sum(
+        np.abs(ndimage.correlate1d(pixels, [-1.0, 2.0, -1.0], axis=axis))
+        for axis in (0, 1)
+    )
     total: Float = window**2 * ndimage.uniform_filter(modified, window)
     return total
 
 
-def all_in_focus(images: Sequence[ArrayLike], window: int = 9) -> tuple[NDArray[np.float32], NDArray[np.intp]]:
+def all_in_focus(
+    images: Sequence[ArrayLike], window: int = 9
+) -> tuple[NDArray[np.float32], NDArray[np.intp]]:
     """The image of the sharpest pixels of one camera's focal stack, and the number (H, W) of each pixel's image.
 
     Raises InputError for images of different sizes, and as `sharpness`.
@@ -229,7 +270,11 @@ def _colour_stack(images: Sequence[ArrayLike]) -> Float:
         stack = np.array(images, np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(f"{needed}, got {format_value(images)}") from error
-    if not (stack.ndim == 3 or stack.shape[3:] == (3,)) or not stack.size or not np.isfinite(stack).all():
+    if (
+        not (stack.ndim == 3 or stack.shape[3:] == (3,))
+        or not stack.size
+        or not np.isfinite(stack).all()
+    ):
         raise InputError(f"{needed}, got shape {stack.shape}")
     return stack
 
@@ -242,9 +287,17 @@ def _maximum(scores: NDArray[Any], places: Float, neighbours: int = 1) -> Invers
         here, near = best == k, slice(max(k - neighbours, 0), k + neighbours + 1)
         if here.any():
             unit = places[k + 1] - places[k]
-            bend, slope, _ = np.polyfit((places[near] - places[k]) / unit, scores[near, here].astype(np.float64), 2)
+            bend, slope, _ = np.polyfit(
+                (places[near] - places[k]) / unit,
+                scores[near, here].astype(np.float64),
+                2,
+            )
             peaked = bend < 0
-            offset = np.clip(np.divide(-0.5 * slope, bend, out=np.zeros_like(bend), where=peaked), -1.0, 1.0)
+            offset = np.clip(
+                np.divide(-0.5 * slope, bend, out=np.zeros_like(bend), where=peaked),
+                -1.0,
+                1.0,
+            )
             found[here] = np.where(peaked, places[k] + unit * offset, np.inf)
     return found
 
@@ -252,27 +305,50 @@ def _maximum(scores: NDArray[Any], places: Float, neighbours: int = 1) -> Invers
 def _stack(images: Sequence[ArrayLike], least: int) -> Float:
     """The images as grey float64 (N, H, W)."""
     if not isinstance(images, Sequence | np.ndarray):
-        raise InputError(f"at least {least} images of one size are needed, got {format_value(images)}")
+        raise InputError(
+            f"at least {least} images of one size are needed, got {format_value(images)}"
+        )
     try:
         arrays = [np.asarray(image) for image in images]
     except ValueError as error:
-        raise InputError("an image has rows of unequal length; (H, W) or (H, W, 3) is needed") from error
-    pictures = [grey(to_working_dtype(array, f"{k}.")).astype(np.float64) for k, array in enumerate(arrays)]
-    if len(pictures) < least or any(picture.shape != pictures[0].shape for picture in pictures):
+        raise InputError(
+            "an image has rows of unequal length; (H, W) or (H, W, 3) is needed"
+        ) from error
+    pictures = [
+        grey(to_working_dtype(array, f"{k}.")).astype(np.float64)
+        for k, array in enumerate(arrays)
+    ]
+    if len(pictures) < least or any(
+        picture.shape != pictures[0].shape for picture in pictures
+    ):
         sizes = ", ".join(str(picture.shape) for picture in pictures)
-        raise InputError(f"at least {least} images of one size are needed, got {sizes or 'none'}")
+        raise InputError(
+            f"at least {least} images of one size are needed, got {sizes or 'none'}"
+        )
     return np.array(pictures)
 
 
 def _check(
-    pictures: Float, apertures: Sequence[ApertureSamples], fx: float, block_size: int, count: int | None = None
+    pictures: Float,
+    apertures: Sequence[ApertureSamples],
+    fx: float,
+    block_size: int,
+    count: int | None = None,
 ) -> None:
     if not isinstance(apertures, Sequence):
-        raise InputError(f"apertures must be a list of ApertureSamples, got {format_value(apertures)}")
+        raise InputError(
+            f"apertures must be a list of ApertureSamples, got {format_value(apertures)}"
+        )
     wrong = [each for each in apertures if not isinstance(each, ApertureSamples)]
     if wrong or len(apertures) != (count or len(pictures)):
-        got = format_value(wrong[0]) if wrong else f"{len(apertures)} for {len(pictures)} images"
-        raise InputError(f"apertures must be ApertureSamples, one for each image, got {got}")
+        got = (
+            format_value(wrong[0])
+            if wrong
+            else f"{len(apertures)} for {len(pictures)} images"
+        )
+        raise InputError(
+            f"apertures must be ApertureSamples, one for each image, got {got}"
+        )
     check_number("fx", fx, "a positive number of pixels", above=0)
     _check_block(block_size)
 
@@ -290,7 +366,9 @@ def _is_monotonic(values: Float) -> bool:
 def _candidates(near: float, far: float, steps: int) -> Float:
     check_number("near", near, "a positive number of metres", above=0)
     if not (isinstance(far, Real) and far > near):
-        raise InputError(f"far must be greater than near, {near:g} m, got {format_value(far)}")
+        raise InputError(
+            f"far must be greater than near, {near:g} m, got {format_value(far)}"
+        )
     check_int("steps", steps, 3)
     return np.linspace(1.0 / far, 1.0 / near, steps)
 
@@ -299,15 +377,22 @@ def _numbers(name: str, values: ArrayLike, least_dimensions: int = 0) -> Float:
     try:
         return np.array(values, np.float64, ndmin=least_dimensions)
     except (TypeError, ValueError) as error:
-        raise InputError(f"{name} must be an array of numbers, got {format_value(values)}") from error
+        raise InputError(
+            f"{name} must be an array of numbers, got {format_value(values)}"
+        ) from error
 
 
 def _reach(apertures: Sequence[ApertureSamples], fx: float, candidates: Float) -> int:
     """The largest distance, in whole pixels, by which the apertures move light."""
-    moves = [np.abs(candidates - each.vergence).max() * np.abs(each.points).max() for each in apertures]
+    moves = [
+        np.abs(candidates - each.vergence).max() * np.abs(each.points).max()
+        for each in apertures
+    ]
     reach = fx * float(max(moves))
     if reach > _LARGEST_REACH:
-        raise InputError(f"the apertures move light by up to {reach:.0f} px; use a larger near, or check fx and metres")
+        raise InputError(
+            f"the apertures move light by up to {reach:.0f} px; use a larger near, or check fx and metres"
+        )
     return math.ceil(reach)
 
 
@@ -317,38 +402,69 @@ class _Plane:
     def __init__(self, size: tuple[int, ...], radius: int) -> None:
         self.size, self.radius = size, radius
         self.padded = [fft.next_fast_len(side + 2 * radius, real=True) for side in size]
-        self.rows, self.columns = 2 * np.pi * fft.fftfreq(self.padded[0]), 2 * np.pi * fft.rfftfreq(self.padded[1])
+        self.rows, self.columns = (
+            2 * np.pi * fft.fftfreq(self.padded[0]),
+            2 * np.pi * fft.rfftfreq(self.padded[1]),
+        )
 
     def spectra(self, images: Float) -> NDArray[Any]:
-        ends = [(self.radius, whole - side - self.radius) for side, whole in zip(self.size, self.padded, strict=True)]
+        ends = [
+            (self.radius, whole - side - self.radius)
+            for side, whole in zip(self.size, self.padded, strict=True)
+        ]
         return np.asarray(fft.rfft2(np.pad(images, ((0, 0), *ends), mode="symmetric")))
 
     def energy(self, spectra: NDArray[Any], side: int) -> Float:
         """The sum of squares of all images over windows, (H, W)."""
         inner = tuple(slice(self.radius, self.radius + size) for size in self.size)
         squares = np.square(fft.irfft2(spectra, self.padded)).sum(axis=0)
-        return np.asarray(side**2 * ndimage.uniform_filter(squares, side, mode="nearest")[inner])
+        return np.asarray(
+            side**2 * ndimage.uniform_filter(squares, side, mode="nearest")[inner]
+        )
 
-    def kernels(self, apertures: Sequence[ApertureSamples], fx: float, inverse_depth: float) -> NDArray[Any]:
+    def kernels(
+        self, apertures: Sequence[ApertureSamples], fx: float, inverse_depth: float
+    ) -> NDArray[Any]:
         """The spectra (N, H, W) of the kernels at a depth."""
-        return np.array([self._sum(each, fx, inverse_depth, each.weights) for each in apertures])
+        return np.array(
+            [self._sum(each, fx, inverse_depth, each.weights) for each in apertures]
+        )
 
-    def slopes(self, apertures: Sequence[ApertureSamples], fx: float, inverse_depth: float) -> NDArray[Any]:
+    def slopes(
+        self, apertures: Sequence[ApertureSamples], fx: float, inverse_depth: float
+    ) -> NDArray[Any]:
         """The derivatives (N, H, W) of these spectra by 1/z."""
         parts = [
-            [self._sum(each, fx, inverse_depth, each.weights * axis) for axis in each.points.T] for each in apertures
+            [
+                self._sum(each, fx, inverse_depth, each.weights * axis)
+                for axis in each.points.T
+            ]
+            for each in apertures
         ]
-        return np.array([1j * fx * (self.columns * x + self.rows[:, None] * y) for x, y in parts])
+        return np.array(
+            [1j * fx * (self.columns * x + self.rows[:, None] * y) for x, y in parts]
+        )
 
-    def centring(self, apertures: Sequence[ApertureSamples], fx: float, inverse_depth: float) -> NDArray[Any]:
+    def centring(
+        self, apertures: Sequence[ApertureSamples], fx: float, inverse_depth: float
+    ) -> NDArray[Any]:
         """The spectra (N, H, W) of the moves of the kernels' centres to the origin."""
-        centres = [ApertureSamples(each.weights @ each.points, None, each.vergence) for each in apertures]
+        centres = [
+            ApertureSamples(each.weights @ each.points, None, each.vergence)
+            for each in apertures
+        ]
         return np.asarray(np.conj(self.kernels(centres, fx, inverse_depth)))
 
-    def _sum(self, aperture: ApertureSamples, fx: float, inverse_depth: float, weights: Float) -> NDArray[Any]:
+    def _sum(
+        self, aperture: ApertureSamples, fx: float, inverse_depth: float, weights: Float
+    ) -> NDArray[Any]:
         """The sum over the points a of weight exp(i fx (1/z - k) a . frequency)."""
-        x, y = 1j * fx * (inverse_depth - aperture.vergence) * aperture.points.T[..., None]
-        return np.asarray((weights[:, None] * np.exp(y * self.rows)).T @ np.exp(x * self.columns))
+        x, y = (
+            1j * fx * (inverse_depth - aperture.vergence) * aperture.points.T[..., None]
+        )
+        return np.asarray(
+            (weights[:, None] * np.exp(y * self.rows)).T @ np.exp(x * self.columns)
+        )
 
 
 def _best_texture(kernels: NDArray[Any], spectra: NDArray[Any]) -> NDArray[Any]:

@@ -23,14 +23,25 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.errors import FileError, InputError, TwinlensError, check_int, check_number
+from twinlens.errors import (
+    FileError,
+    InputError,
+    TwinlensError,
+    check_int,
+    check_number,
+)
 from twinlens.interrupts import deferred_interrupts
 from twinlens.matching.images import Confidence, Disparity, Image, grey, pair
 from twinlens.matching.options import RangeMatcher, as_pair, import_extra
 
 HASH_DIGITS = 16  # hexadecimal digits kept of a file's SHA-256
 TAIL_BYTES = 4096  # of a program's output, kept for the message if it fails
-_PROGRAM_FILES = "left.png", "right.png", "out.pfm", "confidence.pfm"  # by the placeholders of a command
+_PROGRAM_FILES = (
+    "left.png",
+    "right.png",
+    "out.pfm",
+    "confidence.pfm",
+)  # by the placeholders of a command
 CHILD_S = 0.1  # seconds to wait for output after a program has ended: its children may keep the pipe open
 
 
@@ -64,15 +75,22 @@ def checked_result(result: Any, shape: tuple[int, ...], name: str) -> Disparity:
     Raises WrongAnswerError for another type or shape, and for NaN and -inf; unknown disparities are +inf.
     """
     try:
-        values = np.asarray("None" if result is None else result)  # NumPy converts None to NaN
+        values = np.asarray(
+            "None" if result is None else result
+        )  # NumPy converts None to NaN
         if values.dtype.kind == "c":
             raise TypeError
         disparity = values.astype(np.float32, copy=False)
     except (TypeError, ValueError):
-        message = f"{name} returned {type(result).__name__}, not an array of real disparities"
+        message = (
+            f"{name} returned {type(result).__name__}, not an array of real disparities"
+        )
         raise WrongAnswerError("wrong-type", message) from None
     if disparity.shape != shape:
-        raise WrongAnswerError("wrong-shape", f"{name} returned shape {disparity.shape}; the left image has {shape}")
+        raise WrongAnswerError(
+            "wrong-shape",
+            f"{name} returned shape {disparity.shape}; the left image has {shape}",
+        )
     wrong = np.isnan(disparity) | np.isneginf(disparity)
     if wrong.any():
         y, x = np.argwhere(wrong)[0]
@@ -81,7 +99,9 @@ def checked_result(result: Any, shape: tuple[int, ...], name: str) -> Disparity:
     return disparity
 
 
-def checked_pair(result: Any, shape: tuple[int, ...], name: str) -> tuple[Disparity, Confidence | None]:
+def checked_pair(
+    result: Any, shape: tuple[int, ...], name: str
+) -> tuple[Disparity, Confidence | None]:
     """The map, or the pair (disparity, confidence), that `name` returned, as float32 of this shape (H, W).
 
     Raises WrongAnswerError as `checked_result` does, and for a confidence of another type or shape, or with NaN.
@@ -92,9 +112,15 @@ def checked_pair(result: Any, shape: tuple[int, ...], name: str) -> tuple[Dispar
         return checked, None
     values = np.asarray(confidence)
     if values.dtype.kind not in "biuf":
-        raise WrongAnswerError("wrong-type", f"{name} returned a confidence of {values.dtype}, not real numbers")
+        raise WrongAnswerError(
+            "wrong-type",
+            f"{name} returned a confidence of {values.dtype}, not real numbers",
+        )
     if values.shape != shape:
-        raise WrongAnswerError("wrong-shape", f"{name} returned a confidence of shape {values.shape}; expected {shape}")
+        raise WrongAnswerError(
+            "wrong-shape",
+            f"{name} returned a confidence of shape {values.shape}; expected {shape}",
+        )
     values = values.astype(np.float32, copy=False)
     if np.isnan(values).any():
         raise WrongAnswerError("not-a-number", f"{name} returned a confidence with NaN")
@@ -142,7 +168,9 @@ class PythonFunction(RangeMatcher):
     def __post_init__(self) -> None:
         super().__post_init__()
         if isinstance(self.function, str) and not all(self._module_and_name):
-            raise InputError(f"function is {self.function!r}; write path/to/file.py:name or module:name")
+            raise InputError(
+                f"function is {self.function!r}; write path/to/file.py:name or module:name"
+            )
 
     @property
     def _module_and_name(self) -> tuple[str, str]:
@@ -157,9 +185,15 @@ class PythonFunction(RangeMatcher):
         if module.endswith(".py"):
             return file_hashes([Path(module)])
         spec = None
-        with contextlib.suppress(Exception):  # imports the parent packages, which may raise anything
+        with contextlib.suppress(
+            Exception
+        ):  # imports the parent packages, which may raise anything
             spec = importlib.util.find_spec(module)
-        return file_hashes([Path(spec.origin)]) if spec and spec.has_location and spec.origin else ""
+        return (
+            file_hashes([Path(spec.origin)])
+            if spec and spec.has_location and spec.origin
+            else ""
+        )
 
     def check_parts(self) -> None:
         """InputError if there is no such function. Imports its module."""
@@ -171,31 +205,58 @@ class PythonFunction(RangeMatcher):
         source, name = self._module_and_name
         path, is_file = Path(source).resolve(), source.endswith(".py")
         if is_file and not path.is_file():
-            raise InputError(f"function {self.function!r} cannot be imported: no file {source}")
+            raise InputError(
+                f"function {self.function!r} cannot be imported: no file {source}"
+            )
         try:
-            module = _import_file(path, path.stat().st_mtime_ns) if is_file else importlib.import_module(source)
+            module = (
+                _import_file(path, path.stat().st_mtime_ns)
+                if is_file
+                else importlib.import_module(source)
+            )
         except (ImportError, AttributeError, OSError, SyntaxError) as problem:
-            reason = "its module has a syntax error; " if isinstance(problem, SyntaxError) else ""
-            raise InputError(f"function {self.function!r} cannot be imported: {reason}{problem}") from None
+            reason = (
+                "its module has a syntax error; "
+                if isinstance(problem, SyntaxError)
+                else ""
+            )
+            raise InputError(
+                f"function {self.function!r} cannot be imported: {reason}{problem}"
+            ) from None
         try:
             function = operator.attrgetter(name)(module)
         except AttributeError:
             reason = f"{source} has no function {name!r}"
-            raise InputError(f"function {self.function!r} cannot be imported: {reason}") from None
+            raise InputError(
+                f"function {self.function!r} cannot be imported: {reason}"
+            ) from None
         if not callable(function):
-            raise InputError(f"function {self.function!r} is {type(function).__name__}, which cannot be called")
+            raise InputError(
+                f"function {self.function!r} is {type(function).__name__}, which cannot be called"
+            )
         return function  # type: ignore[no-any-return]
 
     def _match(self, left: Any, right: Any) -> tuple[Disparity, Confidence | None]:
         try:
             function = self._load()
-            result = function(left, right, num_disparities=self.num_disparities, min_disparity=self.min_disparity)
+            result = function(
+                left,
+                right,
+                num_disparities=self.num_disparities,
+                min_disparity=self.min_disparity,
+            )
         except (TwinlensError, MemoryError):
             raise
         except (Exception, SystemExit) as error:
             name = getattr(self.function, "__name__", self.function)
-            raise FunctionError(f"function {name!r} failed: {type(error).__name__}: {error}") from error
-        return checked_pair(result, np.shape(left)[:2], f"function {getattr(function, '__name__', function)!r}")
+            raise FunctionError(
+                f"function {name!r} failed: {type(error).__name__}: {error}"
+            ) from error
+        return checked_pair(
+            result,
+            np.shape(left)[:2],
+            f"function {getattr(function, '__name__', function)!r}",
+        )
 
 
 @functools.lru_cache(maxsize=32)
@@ -226,18 +287,24 @@ class Program(RangeMatcher):
         "{confidence}, another one, {num_disparities} and {min_disparity}.",
     ] = ""
     _: KW_ONLY
-    timeout_s: Annotated[float, "Seconds per match, after which the program is killed."] = 600.0
+    timeout_s: Annotated[
+        float, "Seconds per match, after which the program is killed."
+    ] = 600.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
         check_number("timeout_s", self.timeout_s, "a number above 0", above=0)
         for placeholder in ("{left}", "{right}", "{out}"):
             if placeholder not in self.command:
-                raise InputError(f"command {self.command!r} needs {placeholder}: 'prog {{left}} {{right}} {{out}}'")
+                raise InputError(
+                    f"command {self.command!r} needs {placeholder}: 'prog {{left}} {{right}} {{out}}'"
+                )
         try:
             shlex.split(self.command)
         except ValueError as problem:
-            raise InputError(f"command {self.command!r} cannot be read: {problem}") from None
+            raise InputError(
+                f"command {self.command!r} cannot be read: {problem}"
+            ) from None
 
     @property
     def content(self) -> str:
@@ -246,14 +313,20 @@ class Program(RangeMatcher):
         Files in folders that it names, and files that those files load, are not hashed.
         """
         program, *words = shlex.split(self.command)
-        named = [shutil.which(program), *(part for word in words for part in {word, word.rpartition("=")[2]})]
-        return file_hashes(Path(name) for name in named if name and os.path.isfile(name))  # noqa: PTH113 # never raises
+        named = [
+            shutil.which(program),
+            *(part for word in words for part in {word, word.rpartition("=")[2]}),
+        ]
+        files = [name for name in named if name and os.path.isfile(name)]  # noqa: PTH113
+        return file_hashes(map(Path, files))  # never raises
 
     def check_parts(self) -> None:
         """InputError if the program does not exist or is not executable. Other files are not checked."""
         program = shlex.split(self.command)[0]
         if shutil.which(program) is None:
-            reason = "it is not executable" if Path(program).is_file() else "no such program"
+            reason = (
+                "it is not executable" if Path(program).is_file() else "no such program"
+            )
             raise InputError(f"program {program!r} cannot be started: {reason}")
 
     def _match(self, left: Any, right: Any) -> tuple[Disparity, Confidence | None]:
@@ -266,15 +339,22 @@ class Program(RangeMatcher):
             files = {Path(file).stem: Path(folder, file) for file in _PROGRAM_FILES}
             for key, image in (("left", left), ("right", right)):
                 pixels = np.asarray(image)
-                write_png(files[key], pixels[..., 0] if pixels.shape[2:] == (1,) else pixels)
-            search = {"num_disparities": self.num_disparities, "min_disparity": self.min_disparity}
+                write_png(
+                    files[key], pixels[..., 0] if pixels.shape[2:] == (1,) else pixels
+                )
+            search = {
+                "num_disparities": self.num_disparities,
+                "min_disparity": self.min_disparity,
+            }
             for key, value in {**files, **search}.items():
                 words = [word.replace(f"{{{key}}}", str(value)) for word in words]
             status, printed = _run_process(words, self.timeout_s, name)
             if status != 0:
                 last = (printed.strip() or "it printed nothing").splitlines()[-1]
                 raise MatcherFailedError(f"{name} {format_status(status)}: {last}")
-            written = ("out", "confidence") if "{confidence}" in self.command else ("out",)
+            written = (
+                ("out", "confidence") if "{confidence}" in self.command else ("out",)
+            )
             maps = [_read_pfm(files[key], shape, name) for key in written]
             return checked_pair((*maps, None)[:2], shape, name)
 
@@ -283,7 +363,9 @@ def format_status(status: int) -> str:
     """How a process ended, from its exit status; negative: a signal."""
     if status >= 0:
         return f"exited with status {status}"
-    name = next((each.name for each in signal.Signals if each == -status), f"signal {-status}")
+    name = next(
+        (each.name for each in signal.Signals if each == -status), f"signal {-status}"
+    )
     return f"was killed by {name}" + (" (out of memory?)" if name == "SIGKILL" else "")
 
 
@@ -293,11 +375,17 @@ def _run_process(words: list[str], timeout_s: float, name: str) -> tuple[int, st
     It runs in its own session, so that its children are killed with it at the time limit. If memory runs out, Linux
     kills it before other processes.
     """
-    pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
+    pipes = {
+        "stdin": subprocess.DEVNULL,
+        "stdout": subprocess.PIPE,
+        "stderr": subprocess.STDOUT,
+    }
     try:
         process = subprocess.Popen(words, **pipes, start_new_session=True, bufsize=0)  # type: ignore[call-overload]
     except (OSError, ValueError) as problem:
-        raise InputError(f"{name} cannot be started: {getattr(problem, 'strerror', None) or problem}") from None
+        raise InputError(
+            f"{name} cannot be started: {getattr(problem, 'strerror', None) or problem}"
+        ) from None
     with contextlib.suppress(OSError):
         Path(f"/proc/{process.pid}/oom_score_adj").write_text("1000")
     tail = bytearray()
@@ -313,7 +401,9 @@ def _run_process(words: list[str], timeout_s: float, name: str) -> tuple[int, st
     try:
         process.wait(timeout_s)
     except subprocess.TimeoutExpired:
-        raise ProgramTimeoutError(f"{name} took longer than {timeout_s:g} s and was killed") from None
+        raise ProgramTimeoutError(
+            f"{name} took longer than {timeout_s:g} s and was killed"
+        ) from None
     finally:
         with deferred_interrupts():  # a second Ctrl-C
             if process.poll() is None:
@@ -333,14 +423,24 @@ def _read_pfm(path: Path, shape: tuple[int, ...], name: str) -> Disparity:
         head = [file.readline(64).split() for _ in range(3)]
         try:
             (magic,), (width, height), (scale,) = head
-            size, order = (int(height), int(width)), "<f4" if float(scale) < 0 else ">f4"
+            size, order = (
+                (int(height), int(width)),
+                "<f4" if float(scale) < 0 else ">f4",
+            )
         except ValueError:
-            raise MatcherFailedError(f"{name}: {what} is not a PFM file: its header cannot be read") from None
+            raise MatcherFailedError(
+                f"{name}: {what} is not a PFM file: its header cannot be read"
+            ) from None
         if magic == b"Pf" and size != shape:
-            raise WrongAnswerError("wrong-shape", f"{name} returned shape {size}; the left image has {shape}")
+            raise WrongAnswerError(
+                "wrong-shape",
+                f"{name} returned shape {size}; the left image has {shape}",
+            )
         body = file.read(4 * size[0] * size[1] + 1) if magic == b"Pf" else b""
     if len(body) != 4 * size[0] * size[1]:
-        raise MatcherFailedError(f"{name}: {what} is not a grey PFM file of the size in its header")
+        raise MatcherFailedError(
+            f"{name}: {what} is not a grey PFM file of the size in its header"
+        )
     return np.frombuffer(body, order).reshape(size)[::-1].astype(np.float32)
 
 
@@ -355,23 +455,36 @@ class OnnxNetwork:
     """
 
     model: Annotated[str, "The .onnx file."] = ""
-    scale: Annotated[float, "Largest input value for 8-bit and 16-bit images: 1 for 0..1, 255 for 0..255."] = 1.0
-    multiple: Annotated[int, "Images are padded to a multiple of this, in pixels, where the model's size is free."] = 32
-    output: Annotated[int, "Index of the output that is the disparity; -1: the last."] = -1
+    scale: Annotated[
+        float,
+        "Largest input value for 8-bit and 16-bit images: 1 for 0..1, 255 for 0..255.",
+    ] = 1.0
+    multiple: Annotated[
+        int,
+        "Images are padded to a multiple of this, in pixels, where the model's size is free.",
+    ] = 32
+    output: Annotated[
+        int, "Index of the output that is the disparity; -1: the last."
+    ] = -1
     sign: Annotated[int, "1, or -1 for a network whose disparities are negative."] = 1
-    confidence: Annotated[int | None, "Index of the output that is the confidence, of the same shape; none: none."] = (
-        None
-    )
+    confidence: Annotated[
+        int | None,
+        "Index of the output that is the confidence, of the same shape; none: none.",
+    ] = None
 
     def __post_init__(self) -> None:
         if not str(self.model).endswith(".onnx"):
-            raise InputError(f"model is {self.model!r}; name an .onnx file, as in onnx:net.onnx")
+            raise InputError(
+                f"model is {self.model!r}; name an .onnx file, as in onnx:net.onnx"
+            )
         check_number("scale", self.scale, "a number above 0", above=0)
         check_int("multiple", self.multiple, 1)
         check_int("output", self.output)
         check_int("confidence", 0 if self.confidence is None else self.confidence)
         if self.sign not in (1, -1):
-            raise InputError(f"sign is {self.sign!r}; use 1, or -1 for a network whose disparities are negative")
+            raise InputError(
+                f"sign is {self.sign!r}; use 1, or -1 for a network whose disparities are negative"
+            )
 
     @property
     def content(self) -> str:
@@ -383,13 +496,23 @@ class OnnxNetwork:
         check_model(self.model)
 
     def match(
-        self, left: Any, right: Any, *, num_disparities: int | None = None, min_disparity: int | None = None
+        self,
+        left: Any,
+        right: Any,
+        *,
+        num_disparities: int | None = None,
+        min_disparity: int | None = None,
     ) -> Disparity:
         """The network's disparities; see `matching.Matcher.match`. The range is not used."""
         return replace(self, confidence=None).match_with_confidence(left, right)[0]
 
     def match_with_confidence(
-        self, left: Any, right: Any, *, num_disparities: int | None = None, min_disparity: int | None = None
+        self,
+        left: Any,
+        right: Any,
+        *,
+        num_disparities: int | None = None,
+        min_disparity: int | None = None,
     ) -> tuple[Disparity, Confidence | None]:
         """As `match`, with the confidence if an output is chosen for it."""
         pair(left, right)
@@ -397,22 +520,37 @@ class OnnxNetwork:
         inputs, outputs = session.get_inputs(), session.get_outputs()
         self._check(inputs, outputs)
         images = np.asarray(left), np.asarray(right)
-        feeds = {node.name: self._tensor(image, node) for node, image in zip(inputs, images, strict=True)}
+        feeds = {
+            node.name: self._tensor(image, node)
+            for node, image in zip(inputs, images, strict=True)
+        }
         try:
-            results = session.run([outputs[index].name for index in self._outputs], feeds)
-        except Exception as problem:  # the errors of onnxruntime have no common base class
-            raise MatcherFailedError(f"{self._name} failed: {_one_line(problem)}") from None
+            results = session.run(
+                [outputs[index].name for index in self._outputs], feeds
+            )
+        except (
+            Exception
+        ) as problem:  # the errors of onnxruntime have no common base class
+            raise MatcherFailedError(
+                f"{self._name} failed: {_one_line(problem)}"
+            ) from None
         disparity, *rest = (self._plane(np.asarray(result)) for result in results)
         found = self.sign * disparity, rest[0] if rest else None
         full, trust = checked_pair(found, feeds[inputs[0].name].shape[2:], self._name)
         height, width = np.shape(left)[:2]
         inside = np.s_[-height:, :width]
-        return np.ascontiguousarray(full[inside]), None if trust is None else np.ascontiguousarray(trust[inside])
+        return np.ascontiguousarray(
+            full[inside]
+        ), None if trust is None else np.ascontiguousarray(trust[inside])
 
     @property
     def _outputs(self) -> tuple[int, ...]:
         """The indices of the outputs that are read."""
-        return (self.output,) if self.confidence is None else (self.output, self.confidence)
+        return (
+            (self.output,)
+            if self.confidence is None
+            else (self.output, self.confidence)
+        )
 
     def _plane(self, output: Image) -> Image:
         if not 2 <= output.ndim <= 4 or any(size != 1 for size in output.shape[:-2]):
@@ -427,17 +565,29 @@ class OnnxNetwork:
     def _check(self, inputs: list[Any], outputs: list[Any]) -> None:
         """InputError unless the model has two images as inputs, and the selected output."""
         if len(inputs) != 2:
-            remedy = f"; a descriptor network is a cost: sgm:cost=onnx:{self.model}" if len(inputs) == 1 else ""
-            raise InputError(f"{self.model}: has {len(inputs)} inputs; a stereo model has two, left and right{remedy}")
+            remedy = (
+                f"; a descriptor network is a cost: sgm:cost=onnx:{self.model}"
+                if len(inputs) == 1
+                else ""
+            )
+            raise InputError(
+                f"{self.model}: has {len(inputs)} inputs; a stereo model has two, left and right{remedy}"
+            )
         for node in inputs:
             where = f"{self.model}: input {node.name!r}"
             if node.type != "tensor(float)" or len(node.shape) != 4:
-                raise InputError(f"{where} is {node.type} {node.shape}; expected float (1, C, H, W)")
+                raise InputError(
+                    f"{where} is {node.type} {node.shape}; expected float (1, C, H, W)"
+                )
             if isinstance(node.shape[1], int) and node.shape[1] not in (1, 3):
-                raise InputError(f"{where} has {node.shape[1]} channels; images have 1 or 3")
+                raise InputError(
+                    f"{where} has {node.shape[1]} channels; images have 1 or 3"
+                )
         for option, index in zip(("output", "confidence"), self._outputs, strict=False):
             if not -len(outputs) <= index < len(outputs):
-                raise InputError(f"{self._name} has {len(outputs)} outputs; {option} is {index}")
+                raise InputError(
+                    f"{self._name} has {len(outputs)} outputs; {option} is {index}"
+                )
 
     def _tensor(self, image: Image, node: Any) -> Image:
         """The padded image for an input, (1, C, H, W). Integers are divided by their largest value; floats are 0..1."""
@@ -451,8 +601,17 @@ class OnnxNetwork:
         padding = []
         for size, wanted in zip(image.shape[:2], node.shape[2:], strict=True):
             if isinstance(wanted, int) and wanted < size:
-                raise InputError(f"{self._name} takes images of up to {wanted} pixels a side; this one has {size}")
-            padding.append((wanted if isinstance(wanted, int) else -(-size // self.multiple) * self.multiple) - size)
+                raise InputError(
+                    f"{self._name} takes images of up to {wanted} pixels a side; this one has {size}"
+                )
+            padding.append(
+                (
+                    wanted
+                    if isinstance(wanted, int)
+                    else -(-size // self.multiple) * self.multiple
+                )
+                - size
+            )
         padded = np.pad(levels, ((padding[0], 0), (0, padding[1]), (0, 0)), mode="edge")
         return np.ascontiguousarray(np.moveaxis(padded, 2, 0)[None])
 
@@ -479,9 +638,13 @@ def descriptors(model: str, image: Image) -> NDArray[np.float32]:
     """
     session, name = _session(model, _written_ns(model)), f"model {Path(model).name!r}"
     inputs = session.get_inputs()
-    if [(node.type, len(node.shape), node.shape[1:2]) for node in inputs] != [("tensor(float)", 4, [1])]:
+    if [(node.type, len(node.shape), node.shape[1:2]) for node in inputs] != [
+        ("tensor(float)", 4, [1])
+    ]:
         found = ", ".join(f"{node.type} {node.shape}" for node in inputs)
-        raise InputError(f"{model}: a descriptor network has one input, float (1, 1, H, W); this one has {found}")
+        raise InputError(
+            f"{model}: a descriptor network has one input, float (1, 1, H, W); this one has {found}"
+        )
     largest = np.iinfo(image.dtype).max if image.dtype.kind == "u" else 1
     tensor = np.ascontiguousarray(image[None, None] / np.float32(largest), np.float32)
     try:
@@ -490,7 +653,9 @@ def descriptors(model: str, image: Image) -> NDArray[np.float32]:
         raise MatcherFailedError(f"{name} failed: {_one_line(problem)}") from None
     if output.ndim != 4 or len(output) != 1 or output.shape[2:] != image.shape:
         wanted = f"(1, C, {image.shape[0]}, {image.shape[1]})"
-        raise MatcherFailedError(f"{name} returned descriptors of shape {output.shape}; expected {wanted}")
+        raise MatcherFailedError(
+            f"{name} returned descriptors of shape {output.shape}; expected {wanted}"
+        )
     if not np.isfinite(output).all():
         raise MatcherFailedError(f"{name} returned descriptors that are not finite")
     return np.ascontiguousarray(np.moveaxis(output[0], 0, 2), np.float32)
@@ -511,9 +676,13 @@ def _session(model: str, _written_ns: int) -> Any:
     options = runtime.SessionOptions()
     options.log_severity_level = 4  # fatal only: its errors are raised
     try:
-        return runtime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+        return runtime.InferenceSession(
+            model, options, providers=["CPUExecutionProvider"]
+        )
     except Exception as problem:  # see match
-        raise FileError(f"{model}: not an ONNX model that can be run: {_one_line(problem)}") from None
+        raise FileError(
+            f"{model}: not an ONNX model that can be run: {_one_line(problem)}"
+        ) from None
 
 
 def _one_line(problem: Exception) -> str:

@@ -32,12 +32,18 @@ def grey(image: Image) -> Image:
     if image.ndim == 3 and image.shape[2] == 1:
         return image[:, :, 0]
     if image.ndim != 3 or image.shape[2] != 3:
-        raise InputError(f"an image has shape {image.shape}; (H, W) or (H, W, 3) can be matched")
+        raise InputError(
+            f"an image has shape {image.shape}; (H, W) or (H, W, 3) can be matched"
+        )
     red, green, blue = (image[:, :, channel] for channel in range(3))
     if image.dtype.kind not in "iu":
         return np.asarray(0.299 * red + 0.587 * green + 0.114 * blue, dtype=image.dtype)
     r, g, b = LUMA_14_BIT
-    wide = red.astype(np.int32) * r + green.astype(np.int32) * g + blue.astype(np.int32) * b
+    wide = (
+        red.astype(np.int32) * r
+        + green.astype(np.int32) * g
+        + blue.astype(np.int32) * b
+    )
     return ((wide + (1 << 13)) >> 14).astype(image.dtype)
 
 
@@ -51,11 +57,15 @@ def to_working_dtype(image: Image, name: str) -> Image:
     if image.dtype in (np.uint8, np.uint16):
         return image
     if image.dtype.kind != "f" and image.dtype not in (np.int8, np.int16):
-        raise InputError(f"the {name} image is {image.dtype}; use uint8, uint16 or float32")
+        raise InputError(
+            f"the {name} image is {image.dtype}; use uint8, uint16 or float32"
+        )
     bad = np.argwhere(~np.isfinite(image))
     if len(bad):
         place = ", ".join(str(i) for i in bad[0])
-        raise InputError(f"the {name} image holds {image[tuple(bad[0])]} at [{place}]; every pixel must be finite")
+        raise InputError(
+            f"the {name} image holds {image[tuple(bad[0])]} at [{place}]; every pixel must be finite"
+        )
     return image.astype(np.float64)
 
 
@@ -66,14 +76,25 @@ def pair(left: Any, right: Any) -> tuple[Image, Image]:
             remedy = "give an array: twinlens.dataset.read_image(path)"
             raise InputError(f"the {name} image is {os.fspath(given)!r}; {remedy}")
         if np.ndim(given) not in (2, 3) or 0 in np.shape(given):
-            raise InputError(f"the {name} image has shape {np.shape(given)}; (H, W) or (H, W, 3) can be matched")
+            raise InputError(
+                f"the {name} image has shape {np.shape(given)}; (H, W) or (H, W, 3) can be matched"
+            )
     left, right = np.asarray(left), np.asarray(right)
     if left.shape[:2] != right.shape[:2]:
-        sizes = " and ".join(f"{image.shape[1]}x{image.shape[0]}" for image in (left, right))
-        raise InputError(f"the left and right images are {sizes}; both must have one size")
+        sizes = " and ".join(
+            f"{image.shape[1]}x{image.shape[0]}" for image in (left, right)
+        )
+        raise InputError(
+            f"the left and right images are {sizes}; both must have one size"
+        )
     if left.dtype != right.dtype:
-        raise InputError(f"the left image is {left.dtype}, the right {right.dtype}; both must have one dtype")
-    left, right = grey(to_working_dtype(left, "left")), grey(to_working_dtype(right, "right"))
+        raise InputError(
+            f"the left image is {left.dtype}, the right {right.dtype}; both must have one dtype"
+        )
+    left, right = (
+        grey(to_working_dtype(left, "left")),
+        grey(to_working_dtype(right, "right")),
+    )
     return np.ascontiguousarray(left), np.ascontiguousarray(right)
 
 
@@ -85,7 +106,9 @@ def levels(left: Image, right: Image) -> tuple[NDArray[np.int32], NDArray[np.int
     if left.dtype.kind == "f":
         low, high = min(left.min(), right.min()), max(left.max(), right.max())
     scale = 255.0 / (high - low) if high > low else 0.0
-    one, other = (np.rint((image - low) * scale).astype(np.int32) for image in (left, right))
+    one, other = (
+        np.rint((image - low) * scale).astype(np.int32) for image in (left, right)
+    )
     return one, other
 
 
@@ -109,7 +132,11 @@ def described(image: Image, transform: str, side: int) -> list[Image]:
         return [image]
     if transform == "bounds":
         wide = np.pad(image.astype(np.float64), ((0, 0), (1, 1)), mode="edge")
-        near = wide[:, 1:-1], (wide[:, :-2] + wide[:, 1:-1]) / 2, (wide[:, 1:-1] + wide[:, 2:]) / 2
+        near = (
+            wide[:, 1:-1],
+            (wide[:, :-2] + wide[:, 1:-1]) / 2,
+            (wide[:, 1:-1] + wide[:, 2:]) / 2,
+        )
         return [np.stack([near[0], np.min(near, axis=0), np.max(near, axis=0)])]
     radius, (height, width) = side // 2, image.shape
     padded = extended(image, (-radius, height + radius), (-radius, width + radius))

@@ -11,12 +11,36 @@ from numpy.typing import NDArray
 from twinlens.errors import InputError, check_int, check_known, check_number
 from twinlens.machine import processor_count
 from twinlens.matching import box, refine
-from twinlens.matching.box import FITS, BoxMatch, Rows, Volume, Winners, blank, in_lanes, in_strips, limits
+from twinlens.matching.box import (
+    FITS,
+    BoxMatch,
+    Rows,
+    Volume,
+    Winners,
+    blank,
+    in_lanes,
+    in_strips,
+    limits,
+)
 from twinlens.matching.confidence import CONFIDENCES, confidence_map
-from twinlens.matching.costs import COSTS, descriptor_model, find_cost, largest_cost, numbers
+from twinlens.matching.costs import (
+    COSTS,
+    descriptor_model,
+    find_cost,
+    largest_cost,
+    numbers,
+)
 from twinlens.matching.descriptors import descriptor_costs
 from twinlens.matching.external import check_model, descriptors, model_hashes
-from twinlens.matching.images import Confidence, Disparity, Image, clipped_slope, described, levels, pair
+from twinlens.matching.images import (
+    Confidence,
+    Disparity,
+    Image,
+    clipped_slope,
+    described,
+    levels,
+    pair,
+)
 from twinlens.matching.options import RangeMatcher, check_block_size
 from twinlens.matching.semiglobal import Penalties, Sweeps, quantised, stored
 from twinlens.matching.supports import SUPPORTS, Strip
@@ -62,30 +86,80 @@ class StereoMatcher(RangeMatcher):
     64
     """
 
-    cost: Annotated[str, f"Matching cost: {', '.join(COSTS)}, learned, or a descriptor network, onnx:FILE."] = "zncc"
+    cost: Annotated[
+        str,
+        f"Matching cost: {', '.join(COSTS)}, learned, or a descriptor network, onnx:FILE.",
+    ] = "zncc"
     block_size: Annotated[int, "Side of the window in pixels; odd."] = 9
     _: KW_ONLY
-    support: Annotated[str, f"Support region over which costs are aggregated: {', '.join(SUPPORTS)}."] = "fixed"
-    census_window: Annotated[int, "Side of the window of the census and rank transforms; odd."] = 7
-    prefilter: Annotated[str, "none; xsobel: compare clipped horizontal Sobel derivatives, as StereoBM does."] = "none"
-    contrast: Annotated[float, "Support cross: difference in grey levels of 0..255 at which an arm ends."] = 20.0
-    gamma_similar: Annotated[float, "Support weighted: grey levels over which a weight falls to 1/e."] = 12.0
-    gamma_near: Annotated[float, "Support weighted: pixels over which a weight falls to 1/e."] = 12.0
-    epsilon: Annotated[float, "Support guided: variance below which the filter smooths, of grey levels in 0..1."] = 1e-4
-    noise: Annotated[float, "Support adaptive: standard deviation of the image noise, in grey levels of 0..255."] = 2.0
-    optimisation: Annotated[str, "; ".join(f"{name}: {text}" for name, text in OPTIMISATIONS.items()) + "."] = "wta"
-    p1: Annotated[float | None, "Penalty for one-pixel steps, as a fraction of the largest cost; none: by cost."] = None
-    p2: Annotated[float | None, "Penalty for larger steps, as a fraction of the largest cost; none: by cost."] = None
-    subpixel: Annotated[str, "Sub-pixel fit: v, parabola, none, or auto: the fit that suits the cost."] = "auto"
-    uniqueness: Annotated[float, "Percent by which costs two or more pixels away must exceed the least; 0: off."] = 0.0
-    texture: Annotated[float, "Least RMS horizontal difference in the window, in grey levels of 0..255; 0: off."] = 0.0
-    lr_check: Annotated[float | None, "Largest difference of left and right disparity in pixels; none: off."] = None
+    support: Annotated[
+        str, f"Support region over which costs are aggregated: {', '.join(SUPPORTS)}."
+    ] = "fixed"
+    census_window: Annotated[
+        int, "Side of the window of the census and rank transforms; odd."
+    ] = 7
+    prefilter: Annotated[
+        str,
+        "none; xsobel: compare clipped horizontal Sobel derivatives, as StereoBM does.",
+    ] = "none"
+    contrast: Annotated[
+        float,
+        "Support cross: difference in grey levels of 0..255 at which an arm ends.",
+    ] = 20.0
+    gamma_similar: Annotated[
+        float, "Support weighted: grey levels over which a weight falls to 1/e."
+    ] = 12.0
+    gamma_near: Annotated[
+        float, "Support weighted: pixels over which a weight falls to 1/e."
+    ] = 12.0
+    epsilon: Annotated[
+        float,
+        "Support guided: variance below which the filter smooths, of grey levels in 0..1.",
+    ] = 1e-4
+    noise: Annotated[
+        float,
+        "Support adaptive: standard deviation of the image noise, in grey levels of 0..255.",
+    ] = 2.0
+    optimisation: Annotated[
+        str, "; ".join(f"{name}: {text}" for name, text in OPTIMISATIONS.items()) + "."
+    ] = "wta"
+    p1: Annotated[
+        float | None,
+        "Penalty for one-pixel steps, as a fraction of the largest cost; none: by cost.",
+    ] = None
+    p2: Annotated[
+        float | None,
+        "Penalty for larger steps, as a fraction of the largest cost; none: by cost.",
+    ] = None
+    subpixel: Annotated[
+        str, "Sub-pixel fit: v, parabola, none, or auto: the fit that suits the cost."
+    ] = "auto"
+    uniqueness: Annotated[
+        float,
+        "Percent by which costs two or more pixels away must exceed the least; 0: off.",
+    ] = 0.0
+    texture: Annotated[
+        float,
+        "Least RMS horizontal difference in the window, in grey levels of 0..255; 0: off.",
+    ] = 0.0
+    lr_check: Annotated[
+        float | None,
+        "Largest difference of left and right disparity in pixels; none: off.",
+    ] = None
     speckle_size: Annotated[int, "Patches of fewer pixels become unknown; 0: off."] = 0
-    speckle_range: Annotated[float, "Largest difference in pixels between neighbours of one patch."] = 1.0
-    median: Annotated[int, "Side of a median filter over known pixels; odd; 0: off."] = 0
-    fill: Annotated[str, "none; background: the smaller of the two nearest known disparities in the row."] = "none"
+    speckle_range: Annotated[
+        float, "Largest difference in pixels between neighbours of one patch."
+    ] = 1.0
+    median: Annotated[
+        int, "Side of a median filter over known pixels; odd; 0: off."
+    ] = 0
+    fill: Annotated[
+        str,
+        "none; background: the smaller of the two nearest known disparities in the row.",
+    ] = "none"
     confidence: Annotated[
-        str, f"none, or also return the confidence of the winner before refinement: {', '.join(CONFIDENCES)}."
+        str,
+        f"none, or also return the confidence of the winner before refinement: {', '.join(CONFIDENCES)}.",
     ] = "none"
     threads: Annotated[int | None, "Number of threads; none: all processors."] = None
 
@@ -105,14 +179,23 @@ class StereoMatcher(RangeMatcher):
         for name in ("contrast", "noise", "speckle_range", "texture", "uniqueness"):
             check_number(name, getattr(self, name), "a number >= 0", least=0)
         for name in ("lr_check", "p1", "p2"):
-            check_number(name, 0 if getattr(self, name) is None else getattr(self, name), "a number >= 0", least=0)
+            check_number(
+                name,
+                0 if getattr(self, name) is None else getattr(self, name),
+                "a number >= 0",
+                least=0,
+            )
         for name in ("gamma_similar", "gamma_near", "epsilon"):
             check_number(name, getattr(self, name), "a number above 0", above=0)
         if self.uniqueness >= 100:
-            raise InputError(f"uniqueness is {self.uniqueness}; it is a percentage below 100")
+            raise InputError(
+                f"uniqueness is {self.uniqueness}; it is a percentage below 100"
+            )
         small, large = self.penalties
         if not small <= large <= 1:
-            raise InputError(f"p1 and p2 are {small} and {large}; they are parts of the largest cost, p1 <= p2 <= 1")
+            raise InputError(
+                f"p1 and p2 are {small} and {large}; they are parts of the largest cost, p1 <= p2 <= 1"
+            )
         if SUPPORTS[self.support].pixelwise and cost.scoring != "sum":
             raise InputError(
                 f"cost {self.cost!r} compares statistics of whole windows, but support {self.support!r} aggregates "
@@ -123,12 +206,19 @@ class StereoMatcher(RangeMatcher):
     def penalties(self) -> tuple[float, float]:
         """(p1, p2) of the semi-global optimisation, in parts of the largest cost."""
         cost = find_cost(self.cost)
-        return cost.p1 if self.p1 is None else self.p1, cost.p2 if self.p2 is None else self.p2
+        return (
+            cost.p1 if self.p1 is None else self.p1,
+            cost.p2 if self.p2 is None else self.p2,
+        )
 
     @property
     def window(self) -> int:
         """Side of the window of pixels that a cost reads before any semi-global optimisation: with the transform's."""
-        return self.block_size + (self.census_window - 1 if find_cost(self.cost).transform in ("census", "rank") else 0)
+        return self.block_size + (
+            self.census_window - 1
+            if find_cost(self.cost).transform in ("census", "rank")
+            else 0
+        )
 
     @property
     def content(self) -> str:
@@ -153,7 +243,9 @@ class StereoMatcher(RangeMatcher):
             first = search.low - self.min_disparity
 
             def keep(y: int, rows: Volume) -> None:
-                volume[y : y + len(rows), :, first : first + search.count] = rows[..., : search.count]
+                volume[y : y + len(rows), :, first : first + search.count] = rows[
+                    ..., : search.count
+                ]
 
             search.costs(0, len(volume), keep)
         return volume
@@ -166,32 +258,51 @@ class StereoMatcher(RangeMatcher):
         disparity = self._refined(left, right)
         if self.confidence == "none":
             return disparity, None
-        return disparity, confidence_map(self.cost_volume(left, right), self.confidence, self.min_disparity)
+        return disparity, confidence_map(
+            self.cost_volume(left, right), self.confidence, self.min_disparity
+        )
 
     def _refined(self, left: Image, right: Image) -> Disparity:
         disparity = self._raw_disparity(left, right)
         if self.lr_check is not None:
             # Mirrored, the right image becomes a left image: u' = W - 1 - u keeps u_left - u_right.
-            of_right = _mirrored(self._raw_disparity(_mirrored(right), _mirrored(left), mirrored=True))
+            of_right = _mirrored(
+                self._raw_disparity(_mirrored(right), _mirrored(left), mirrored=True)
+            )
             disparity = refine.consistent(disparity, of_right, self.lr_check)
         if self.speckle_size > 0:
-            disparity = refine.without_speckles(disparity, self.speckle_size, self.speckle_range)
+            disparity = refine.without_speckles(
+                disparity, self.speckle_size, self.speckle_range
+            )
         if self.median > 1:
             disparity = refine.median(disparity, self.median)
         return refine.filled(disparity) if self.fill == "background" else disparity
 
     def search(self, left: Image, right: Image, *, mirrored: bool = False) -> "Search":
         """The search of two images as `images.pair` returns them, or `mirrored` ones, which no network describes."""
-        if self.cost == "jaccard" and (lowest := min(float(left.min()), float(right.min()))) < 0:
-            raise InputError(f"an image holds {lowest}; the Jaccard similarity is defined for values >= 0")
-        images = [clipped_slope(grey) for grey in levels(left, right)] if self.prefilter == "xsobel" else [left, right]
+        if (
+            self.cost == "jaccard"
+            and (lowest := min(float(left.min()), float(right.min()))) < 0
+        ):
+            raise InputError(
+                f"an image holds {lowest}; the Jaccard similarity is defined for values >= 0"
+            )
+        images = (
+            [clipped_slope(grey) for grey in levels(left, right)]
+            if self.prefilter == "xsobel"
+            else [left, right]
+        )
         return Search(self, *images, mirrored=mirrored)
 
-    def _raw_disparity(self, left: Image, right: Image, *, mirrored: bool = False) -> Disparity:
+    def _raw_disparity(
+        self, left: Image, right: Image, *, mirrored: bool = False
+    ) -> Disparity:
         winners = self.search(left, right, mirrored=mirrored).winners()
         disparity = winners.disparity
         if self.uniqueness > 0:
-            disparity = refine.unique(disparity, winners.cost, winners.rival, self.uniqueness)
+            disparity = refine.unique(
+                disparity, winners.cost, winners.rival, self.uniqueness
+            )
         if self.texture > 0:
             disparity = refine.textured(disparity, left, self.block_size, self.texture)
         return disparity
@@ -204,12 +315,26 @@ def _mirrored(image: Any) -> Any:
 class Search:
     """The search of one image pair: cost, support and optimisation, strip by strip."""
 
-    def __init__(self, matcher: StereoMatcher, left: Image, right: Image, *, mirrored: bool = False) -> None:
+    def __init__(
+        self,
+        matcher: StereoMatcher,
+        left: Image,
+        right: Image,
+        *,
+        mirrored: bool = False,
+    ) -> None:
         width, low = left.shape[1], matcher.min_disparity
         self.matcher, self.left, self.right = matcher, left, right
-        self.cost, self.support, self.side = find_cost(matcher.cost), SUPPORTS[matcher.support], matcher.block_size
+        self.cost, self.support, self.side = (
+            find_cost(matcher.cost),
+            SUPPORTS[matcher.support],
+            matcher.block_size,
+        )
         self.mirrored = mirrored
-        self.low, self.high = max(low, 1 - width), min(low + matcher.num_disparities, width)
+        self.low, self.high = (
+            max(low, 1 - width),
+            min(low + matcher.num_disparities, width),
+        )
         self.count = self.high - self.low
         self.depth = in_lanes(self.count)
         # The windows whose costs the support aggregates, the widest first.
@@ -232,7 +357,13 @@ class Search:
                 if not self.cost.offset:
                     return best
                 # Similarities that differ by rounding alone become equal.
-                return Winners(best.disparity, *(np.round(s + self.cost.offset, 6) for s in (best.cost, best.rival)))
+                return Winners(
+                    best.disparity,
+                    *(
+                        np.round(s + self.cost.offset, 6)
+                        for s in (best.cost, best.rival)
+                    ),
+                )
         return self._semiglobal(()) if self.paths else self._local()
 
     def costs(self, start: int, stop: int, keep: Callable[[int, Volume], None]) -> None:
@@ -264,10 +395,20 @@ class Search:
         exact = self.paths or not self._in_boxes
         slack = 0.0 if exact else self._boxes(self.side)[0].slack / self._unit
         best = Winners.empty((1, self.left.shape[1]))
-        settings = self.depth, self.low, self.count, FITS[self.fit], limits(np.float64, slack)
+        settings = (
+            self.depth,
+            self.low,
+            self.count,
+            FITS[self.fit],
+            limits(np.float64, slack),
+        )
         winners_of_rows(parts[0].reshape(-1), *settings, *best.rows(0, 1))
         costs = parts[0][0, u, : self.count]
-        return costs, int(np.argmax(costs <= costs.min() + slack)), float(best.disparity[0, u])
+        return (
+            costs,
+            int(np.argmax(costs <= costs.min() + slack)),
+            float(best.disparity[0, u]),
+        )
 
     @property
     def _unit(self) -> float:
@@ -282,21 +423,35 @@ class Search:
 
     def _boxes(self, side: int) -> tuple[BoxMatch, ...]:
         transform, window = self.cost.transform, self.matcher.census_window
-        pairs = zip(*(described(image, transform, window) for image in (self.left, self.right)), strict=True)
-        return tuple(BoxMatch(a, b, self.cost, side, self.low, self.high, self.threads) for a, b in pairs)
+        pairs = zip(
+            *(described(image, transform, window) for image in (self.left, self.right)),
+            strict=True,
+        )
+        return tuple(
+            BoxMatch(a, b, self.cost, side, self.low, self.high, self.threads)
+            for a, b in pairs
+        )
 
     @functools.cached_property
     def _descriptors(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """The descriptors (H, W, C) of both images, computed once and never of mirrored images."""
-        model, step = descriptor_model(self.matcher.cost) or "", -1 if self.mirrored else 1
-        one, other = (descriptors(model, image[:, ::step])[:, ::step] for image in (self.left, self.right))
+        model, step = (
+            descriptor_model(self.matcher.cost) or "",
+            -1 if self.mirrored else 1,
+        )
+        one, other = (
+            descriptors(model, image[:, ::step])[:, ::step]
+            for image in (self.left, self.right)
+        )
         return one, other
 
     def _source(self, side: int) -> Rows:
         if self.cost.term == "descriptor":
             return descriptor_costs(*self._descriptors, side, self.low, self.depth)
         if self.cost.scoring == "zsad":
-            return box.zero_mean_absolute(self.left, self.right, side, self.low, self.depth)
+            return box.zero_mean_absolute(
+                self.left, self.right, side, self.low, self.depth
+            )
         boxes = self._boxes(side)
         kind: type[np.generic] = np.float64
         if self.support.integer_sums:
@@ -315,7 +470,11 @@ class Search:
             volumes = tuple(source(first, last) for source in sources)
             for each in volumes if support.masked else ():
                 blank(each, self.low, self.count)
-            costs = support.aggregate(Strip(volumes, first, start, stop, *rest)) if support.aggregate else volumes[0]
+            costs = (
+                support.aggregate(Strip(volumes, first, start, stop, *rest))
+                if support.aggregate
+                else volumes[0]
+            )
             blank(costs, self.low, self.count)
             return costs
 
@@ -328,7 +487,9 @@ class Search:
         settings = self.depth, self.low, self.count, FITS[self.fit], limits(np.float64)
 
         def work(start: int, stop: int) -> None:
-            winners_of_rows(rows(start, stop).reshape(-1), *settings, *winners.rows(start, stop))
+            winners_of_rows(
+                rows(start, stop).reshape(-1), *settings, *winners.rows(start, stop)
+            )
 
         in_strips(work, len(self.left), self.support.strip, self.threads)
         return winners
@@ -340,16 +501,27 @@ class Search:
         """The semi-global search of the boxes' costs or, without boxes, of the aggregated ones; and the costs' gain."""
         whole_numbers = bool(boxes) and np.dtype(boxes[0].numbers.scores).kind != "f"
         side, parts = (self.side, 1) if boxes else (self.sides[0], self.support.parts)
-        full = largest_cost(self.cost, self.left, self.right, side, self.matcher.census_window) * parts
+        full = (
+            largest_cost(
+                self.cost, self.left, self.right, side, self.matcher.census_window
+            )
+            * parts
+        )
         gain, penalties = Penalties.scaled(self.matcher.penalties, full, whole_numbers)
         shape = *self.left.shape, self.depth
         if boxes:
-            costs = quantised(boxes, gain, self.cost.offset * gain, penalties, self.threads)
+            costs = quantised(
+                boxes, gain, self.cost.offset * gain, penalties, self.threads
+            )
         else:
             rows = self._aggregated()
 
             def scaled(start: int, stop: int) -> Volume:
-                return np.minimum(np.rint(np.maximum(rows(start, stop), 0) * gain), penalties.top)
+                return np.minimum(
+                    np.rint(np.maximum(rows(start, stop), 0) * gain), penalties.top
+                )
 
             costs = stored(shape, penalties, scaled, self.support.strip, self.threads)
-        return Sweeps(costs, shape, self.paths, penalties, self.low, self.count, self.fit), gain
+        return Sweeps(
+            costs, shape, self.paths, penalties, self.low, self.count, self.fit
+        ), gain

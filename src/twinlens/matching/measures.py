@@ -16,10 +16,14 @@ from twinlens.errors import InputError
 Window = NDArray[Any]
 
 
-def _windows(w0: ArrayLike, w1: ArrayLike, *, centred: bool = False) -> tuple[Window, Window]:
+def _windows(
+    w0: ArrayLike, w1: ArrayLike, *, centred: bool = False
+) -> tuple[Window, Window]:
     a, b = np.asarray(w0), np.asarray(w1)
     if a.shape != b.shape:
-        raise InputError(f"the windows have shapes {a.shape} and {b.shape}; both must have one shape")
+        raise InputError(
+            f"the windows have shapes {a.shape} and {b.shape}; both must have one shape"
+        )
     if a.size == 0:
         raise InputError("the windows are empty; a measure needs at least one pixel")
     a, b = a.astype(np.float64), b.astype(np.float64)
@@ -101,7 +105,9 @@ def jaccard(w0: ArrayLike, w1: ArrayLike) -> float:
     """
     a, b = _windows(w0, w1)
     if min(a.min(), b.min()) < 0:
-        raise InputError("a window holds negative values; the Jaccard similarity is defined for values >= 0")
+        raise InputError(
+            "a window holds negative values; the Jaccard similarity is defined for values >= 0"
+        )
     union = np.maximum(a, b).sum()
     return float(np.minimum(a, b).sum() / union) if union > 0 else 1.0
 
@@ -110,7 +116,9 @@ def _darker(w0: ArrayLike, w1: ArrayLike) -> list[NDArray[np.bool_]]:
     """Of each window the mask of the pixels that are darker than the centre pixel."""
     a, b = _windows(w0, w1)
     if a.ndim != 2 or a.shape[0] % 2 == 0 or a.shape[1] % 2 == 0:
-        raise InputError(f"the windows have shape {a.shape}; a window with a centre is 2-D, odd in height and width")
+        raise InputError(
+            f"the windows have shape {a.shape}; a window with a centre is 2-D, odd in height and width"
+        )
     return [window < window[a.shape[0] // 2, a.shape[1] // 2] for window in (a, b)]
 
 
@@ -153,10 +161,16 @@ def birchfield_tomasi(w0: ArrayLike, w1: ArrayLike) -> float:
     """
     a, b = _windows(w0, w1)
     if a.ndim == 0:
-        raise InputError("the windows are single numbers; Birchfield-Tomasi needs rows of pixels")
+        raise InputError(
+            "the windows are single numbers; Birchfield-Tomasi needs rows of pixels"
+        )
     distances = []
     for here, there in ((a, b), (b, a)):
         padded = np.concatenate([there[..., :1], there, there[..., -1:]], axis=-1)
         near = there, (there + padded[..., :-2]) / 2, (there + padded[..., 2:]) / 2
-        distances.append(np.maximum(0, np.maximum(here - np.max(near, axis=0), np.min(near, axis=0) - here)))
+        distances.append(
+            np.maximum(
+                0, np.maximum(here - np.max(near, axis=0), np.min(near, axis=0) - here)
+            )
+        )
     return float(np.minimum(*distances).sum())

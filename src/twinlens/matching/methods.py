@@ -14,14 +14,26 @@ import numpy as np
 import twinlens
 from twinlens.errors import InputError, check_known, format_value, located, unknown
 from twinlens.matching.costs import COSTS, LEARNED, LEARNED_NAME, descriptor_model
-from twinlens.matching.external import OnnxNetwork, Program, PythonFunction, checked_pair
+from twinlens.matching.external import (
+    OnnxNetwork,
+    Program,
+    PythonFunction,
+    checked_pair,
+)
 from twinlens.matching.images import Confidence, Disparity
 from twinlens.matching.matcher import StereoMatcher
 from twinlens.matching.opencv import OpenCVBlock, OpenCVSemiGlobal
-from twinlens.matching.options import DEFAULT_DISPARITIES, Matcher, match_alone, match_with_confidence as answer_of
+from twinlens.matching.options import (
+    DEFAULT_DISPARITIES,
+    Matcher,
+    match_alone,
+    match_with_confidence as answer_of,
+)
 
 ENTRY_POINTS = "twinlens.methods"
-PROGRAM_GRACE_S = 5.0  # beyond the limit, for a program's matcher, which ends the program itself
+PROGRAM_GRACE_S = (
+    5.0  # beyond the limit, for a program's matcher, which ends the program itself
+)
 
 
 @dataclass(frozen=True)
@@ -37,13 +49,25 @@ class Method:
     @property
     def options(self) -> dict[str, Any]:
         """Every option with its default."""
-        return {item.name: item.default for item in dataclasses.fields(self.matcher)} | dict(self.defaults)
+        return {
+            item.name: item.default for item in dataclasses.fields(self.matcher)
+        } | dict(self.defaults)
 
     def reference(self) -> dict[str, Any]:
         """{"method", "description", "options": [{"option", "default", "meaning"}]}."""
-        hints, given = typing.get_type_hints(self.matcher, include_extras=True), self.options.items()
-        options = [{"option": name, "default": value, "meaning": hints[name].__metadata__[0]} for name, value in given]
-        return {"method": self.name, "description": self.description, "options": options}
+        hints, given = (
+            typing.get_type_hints(self.matcher, include_extras=True),
+            self.options.items(),
+        )
+        options = [
+            {"option": name, "default": value, "meaning": hints[name].__metadata__[0]}
+            for name, value in given
+        ]
+        return {
+            "method": self.name,
+            "description": self.description,
+            "options": options,
+        }
 
     def make(self, **options: Any) -> Any:
         """The matcher with these options: a `matching.Matcher`. Raises InputError for an unknown option."""
@@ -58,14 +82,57 @@ def _own(name: str, description: str, cost: str, **options: Any) -> Method:
 
 _METHODS = (
     *(_own(name, cost.description, name) for name, cost in COSTS.items()),
-    _own("shiftable", "SAD of the best window that contains the pixel", "sad", support="shiftable"),
-    _own("adaptive", "ZNCC in windows that adapt to texture and edges", "zncc", support="adaptive", block_size=21),
-    _own("cross", "census over cross-shaped regions of similar pixels", "census", support="cross", block_size=35),
-    _own("weighted", "census weighted by similarity and proximity; slow", "census", support="weighted", block_size=15),
-    _own("guided", "census smoothed by a guided filter", "census", support="guided", block_size=19),
-    _own(LEARNED_NAME, LEARNED.description, LEARNED_NAME, support="guided", block_size=11),
-    _own("sgm", "semi-global matching of census costs, 8 paths", "census", block_size=1, optimisation="sgm8"),
-    _own("sgm4", "semi-global matching of census costs, 4 paths", "census", block_size=1, optimisation="sgm4"),
+    _own(
+        "shiftable",
+        "SAD of the best window that contains the pixel",
+        "sad",
+        support="shiftable",
+    ),
+    _own(
+        "adaptive",
+        "ZNCC in windows that adapt to texture and edges",
+        "zncc",
+        support="adaptive",
+        block_size=21,
+    ),
+    _own(
+        "cross",
+        "census over cross-shaped regions of similar pixels",
+        "census",
+        support="cross",
+        block_size=35,
+    ),
+    _own(
+        "weighted",
+        "census weighted by similarity and proximity; slow",
+        "census",
+        support="weighted",
+        block_size=15,
+    ),
+    _own(
+        "guided",
+        "census smoothed by a guided filter",
+        "census",
+        support="guided",
+        block_size=19,
+    ),
+    _own(
+        LEARNED_NAME, LEARNED.description, LEARNED_NAME, support="guided", block_size=11
+    ),
+    _own(
+        "sgm",
+        "semi-global matching of census costs, 8 paths",
+        "census",
+        block_size=1,
+        optimisation="sgm8",
+    ),
+    _own(
+        "sgm4",
+        "semi-global matching of census costs, 4 paths",
+        "census",
+        block_size=1,
+        optimisation="sgm4",
+    ),
     _own(
         "depth_camera",
         "sgm in windows that contain a dot, with holes where its checks fail",
@@ -77,9 +144,23 @@ _METHODS = (
     ),
     Method("opencv_bm", "OpenCV's StereoBM (extra opencv)", {}, OpenCVBlock),
     Method("opencv_sgbm", "OpenCV's StereoSGBM (extra opencv)", {}, OpenCVSemiGlobal),
-    Method("onnx", "an ONNX model (extra onnx): onnx:net.onnx", {}, OnnxNetwork, "model"),
-    Method("program", "a program: program:'prog {left} {right} {out}'", {}, Program, "command"),
-    Method("function", "a Python function: function:path/to/file.py:name", {}, PythonFunction, "function"),
+    Method(
+        "onnx", "an ONNX model (extra onnx): onnx:net.onnx", {}, OnnxNetwork, "model"
+    ),
+    Method(
+        "program",
+        "a program: program:'prog {left} {right} {out}'",
+        {},
+        Program,
+        "command",
+    ),
+    Method(
+        "function",
+        "a Python function: function:path/to/file.py:name",
+        {},
+        PythonFunction,
+        "function",
+    ),
 )
 METHODS: dict[str, Method] = {method.name: method for method in _METHODS}
 
@@ -98,7 +179,11 @@ class MethodSpec:
 
     def matcher(self, **defaults: Any) -> Any:
         """The matcher; `defaults`, such as a data set's num_disparities, apply to options that are not given."""
-        known = {name: value for name, value in defaults.items() if name in self.method.options}
+        known = {
+            name: value
+            for name, value in defaults.items()
+            if name in self.method.options
+        }
         return self.method.make(**{**known, **self.options})
 
     @property
@@ -110,9 +195,16 @@ class MethodSpec:
     def spec(self) -> str:
         """Twinlens's version, all options except time limits, and the hashes of the method's files."""
         options = {**self.method.options, **self.options}
-        if options.get("confidence", "none") in ("none", None):  # boards made before this option keep their results
+        if options.get("confidence", "none") in (
+            "none",
+            None,
+        ):  # boards made before this option keep their results
             options.pop("confidence", None)
-        text = ",".join(f"{name}={value!r}" for name, value in sorted(options.items()) if name != "timeout_s")
+        text = ",".join(
+            f"{name}={value!r}"
+            for name, value in sorted(options.items())
+            if name != "timeout_s"
+        )
         content = f" [{self.content}]" if self.content else ""
         return f"twinlens {twinlens.__version__} {self.method.name}:{text}{content}"
 
@@ -129,7 +221,12 @@ class MethodSpec:
         return network or self.method.matcher in (PythonFunction, OnnxNetwork)
 
     def match(
-        self, left: Any, right: Any, *, num_disparities: int | None = None, min_disparity: int | None = None
+        self,
+        left: Any,
+        right: Any,
+        *,
+        num_disparities: int | None = None,
+        min_disparity: int | None = None,
     ) -> Disparity:
         """See `matching.Matcher.match`. A range among the method's options takes precedence over the arguments."""
         search = {"num_disparities": num_disparities, "min_disparity": min_disparity}
@@ -137,16 +234,30 @@ class MethodSpec:
         return disparity
 
     def match_with_confidence(
-        self, left: Any, right: Any, *, num_disparities: int | None = None, min_disparity: int | None = None
+        self,
+        left: Any,
+        right: Any,
+        *,
+        num_disparities: int | None = None,
+        min_disparity: int | None = None,
     ) -> tuple[Disparity, Confidence | None]:
         """As `match`, with the confidence if the method computes one."""
         search = {"num_disparities": num_disparities, "min_disparity": min_disparity}
         return self._answer(answer_of, left, right, search)
 
     def _answer(
-        self, call: Callable[..., tuple[Any, Any]], left: Any, right: Any, search: dict[str, int | None]
+        self,
+        call: Callable[..., tuple[Any, Any]],
+        left: Any,
+        right: Any,
+        search: dict[str, int | None],
     ) -> tuple[Any, Any]:
-        return call(self.matcher(), left, right, **{k: search[k] for k in search.keys() - self.options})
+        return call(
+            self.matcher(),
+            left,
+            right,
+            **{k: search[k] for k in search.keys() - self.options},
+        )
 
 
 def matcher_of_spec(spec: str) -> StereoMatcher | None:
@@ -174,9 +285,14 @@ def find_method(name: str) -> Method:
     """
     if name in METHODS:
         return METHODS[name]
-    found = {point.name: point for point in importlib.metadata.entry_points(group=ENTRY_POINTS)}
+    found = {
+        point.name: point
+        for point in importlib.metadata.entry_points(group=ENTRY_POINTS)
+    }
     if name in found:
-        return Method(name, found[name].value, {"function": found[name].value}, PythonFunction)
+        return Method(
+            name, found[name].value, {"function": found[name].value}, PythonFunction
+        )
     raise unknown("method", name, [*METHODS, *found])
 
 
@@ -201,7 +317,12 @@ def split_methods(texts: Iterable[str]) -> list[str]:
     methods: list[str] = []
     for part in (part for text in texts for part in split_commas(text)):
         option = re.match(r"(\w+)\s*=", part)
-        if methods and option and ":" in methods[-1] and not _starts_method(part, methods[-1], option[1]):
+        if (
+            methods
+            and option
+            and ":" in methods[-1]
+            and not _starts_method(part, methods[-1], option[1])
+        ):
             methods[-1] += f",{part}"
         else:
             methods.append(part)
@@ -228,7 +349,9 @@ def _parts(text: str) -> tuple[str, str, str]:
     if not equals:
         return text.strip(), head.strip(), tail
     if not re.fullmatch(r"[\w.-]+", name):
-        raise InputError(f"{text.strip()!r}: the name {name!r} must be of letters, digits, '.', '_' and '-'")
+        raise InputError(
+            f"{text.strip()!r}: the name {name!r} must be of letters, digits, '.', '_' and '-'"
+        )
     return name, method, tail
 
 
@@ -245,7 +368,10 @@ def parse_method(text: str) -> MethodSpec:
     """
     name, head, tail = _parts(text)
     method = find_method(head)
-    options = dict(_option(part, text.strip(), method, index == 0) for index, part in enumerate(split_commas(tail)))
+    options = dict(
+        _option(part, text.strip(), method, index == 0)
+        for index, part in enumerate(split_commas(tail))
+    )
     spec = MethodSpec(name, method, options)
     with located(spec.name):
         spec.matcher()
@@ -268,8 +394,12 @@ def parse_program(text: str, time_limit: float | None = None) -> MethodSpec:
     given = re.fullmatch(r"([\w.-]+)=(.*)", text.strip(), re.DOTALL)
     command = (given[2] if given else text).strip()
     executable = (command.split() or ["program"])[0].rsplit("/", 1)[-1].strip("'\"")
-    options = {"command": command} | ({} if time_limit is None else {"timeout_s": time_limit})
-    program = MethodSpec(given[1] if given else executable, METHODS["program"], options, PROGRAM_GRACE_S)
+    options = {"command": command} | (
+        {} if time_limit is None else {"timeout_s": time_limit}
+    )
+    program = MethodSpec(
+        given[1] if given else executable, METHODS["program"], options, PROGRAM_GRACE_S
+    )
     program.matcher()
     return program
 
@@ -300,14 +430,25 @@ def method_tables() -> str:
     """The tables of docs/methods.md: all methods, and the options of each class of matchers."""
     lines = ["| method | description | defaults that differ |", "| --- | --- | --- |"]
     for method in METHODS.values():
-        own = ", ".join(f"{option}={option_text(value)}" for option, value in method.defaults.items())
-        lines.append(f"| `{method.name}` | {method.description} | {own and f'`{own}`'} |")
+        own = ", ".join(
+            f"{option}={option_text(value)}"
+            for option, value in method.defaults.items()
+        )
+        lines.append(
+            f"| `{method.name}` | {method.description} | {own and f'`{own}`'} |"
+        )
     for kind in dict.fromkeys(method.matcher for method in METHODS.values()):
         names = [method.name for method in METHODS.values() if method.matcher is kind]
         title = "Methods of twinlens" if len(names) > 1 else f"`{names[0]}`"
-        lines += [f"\n## Options: {title}\n", "| option | default | meaning |", "| --- | --- | --- |"]
+        lines += [
+            f"\n## Options: {title}\n",
+            "| option | default | meaning |",
+            "| --- | --- | --- |",
+        ]
         for row in Method(names[0], "", {}, kind).reference()["options"]:
-            lines.append(f"| `{row['option']}` | {option_text(row['default'])} | {row['meaning']} |")
+            lines.append(
+                f"| `{row['option']}` | {option_text(row['default'])} | {row['meaning']} |"
+            )
     return "\n".join([*lines, ""])
 
 
@@ -350,7 +491,9 @@ class Options(TypedDict, total=False):
     uniqueness: float
 
 
-def match(left: Any, right: Any, method: str | Matcher = "zncc", **options: Unpack[Options]) -> Disparity:
+def match(
+    left: Any, right: Any, method: str | Matcher = "zncc", **options: Unpack[Options]
+) -> Disparity:
     """Match two rectified images.
 
     Parameters
@@ -398,18 +541,28 @@ def match_with_confidence(
 
 
 def _matched(
-    call: Callable[..., tuple[Any, Any]], left: Any, right: Any, method: Any, options: Mapping[str, Any]
+    call: Callable[..., tuple[Any, Any]],
+    left: Any,
+    right: Any,
+    method: Any,
+    options: Mapping[str, Any],
 ) -> tuple[Disparity, Confidence | None]:
     if not isinstance(method, str):
         return _matched_by(call, method, left, right, options)
     spec = parse_method(method)
     for name in options:
-        check_known(f"option of {spec.method.name}", name, ["method", *spec.method.options])
+        check_known(
+            f"option of {spec.method.name}", name, ["method", *spec.method.options]
+        )
     return call(spec.method.make(**{**options, **spec.options}), left, right)
 
 
 def _matched_by(
-    call: Callable[..., tuple[Any, Any]], matcher: Any, left: Any, right: Any, options: Mapping[str, Any]
+    call: Callable[..., tuple[Any, Any]],
+    matcher: Any,
+    left: Any,
+    right: Any,
+    options: Mapping[str, Any],
 ) -> tuple[Disparity, Confidence | None]:
     if isinstance(matcher, type) or not hasattr(matcher, "match"):
         allowed = "a name such as 'zncc', or an object with match(left, right, *, num_disparities, min_disparity)"
@@ -417,6 +570,9 @@ def _matched_by(
     search = {"num_disparities": DEFAULT_DISPARITIES, "min_disparity": 0}
     for name in options:
         check_known("option of a matcher object", name, search)
-    given = {name: options.get(name, getattr(matcher, name, default)) for name, default in search.items()}
+    given = {
+        name: options.get(name, getattr(matcher, name, default))
+        for name, default in search.items()
+    }
     result = call(matcher, left, right, **given)
     return checked_pair(result, np.shape(left)[:2], type(matcher).__name__)

@@ -9,15 +9,23 @@ from twinlens.errors import InputError, check_int, check_known
 from twinlens.matching.images import Disparity, levels, pair
 from twinlens.matching.options import RangeMatcher, check_block_size, import_extra
 
-SIXTEENTHS = 16  # the unit of OpenCV's fixed-point disparities, and the multiple of its ranges
-MODES = {"default": "STEREO_SGBM_MODE_SGBM", "hh": "STEREO_SGBM_MODE_HH", "3way": "STEREO_SGBM_MODE_SGBM_3WAY"}
+SIXTEENTHS = (
+    16  # the unit of OpenCV's fixed-point disparities, and the multiple of its ranges
+)
+MODES = {
+    "default": "STEREO_SGBM_MODE_SGBM",
+    "hh": "STEREO_SGBM_MODE_HH",
+    "3way": "STEREO_SGBM_MODE_SGBM_3WAY",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
 class _OpenCVMatcher(RangeMatcher):
     """Base of both matchers; `_create` checks the size of the images and makes OpenCV's matcher."""
 
-    num_disparities: Annotated[int, "Number of disparities to search; rounded up to a multiple of 16."] = 64
+    num_disparities: Annotated[
+        int, "Number of disparities to search; rounded up to a multiple of 16."
+    ] = 64
 
     def check_parts(self) -> None:
         """MissingExtraError if OpenCV is not installed."""
@@ -27,15 +35,26 @@ class _OpenCVMatcher(RangeMatcher):
         raise NotImplementedError
 
     def _match(self, left: Any, right: Any) -> Disparity:
-        cv2, images = import_extra("cv2", "opencv"), [image.astype(np.uint8) for image in levels(*pair(left, right))]
+        cv2, images = (
+            import_extra("cv2", "opencv"),
+            [image.astype(np.uint8) for image in levels(*pair(left, right))],
+        )
         count = -(-self.num_disparities // SIXTEENTHS) * SIXTEENTHS
         try:
             fixed = self._create(cv2, images[0].shape, count).compute(*images)
         except InputError:
             raise
-        except (cv2.error, ValueError, OverflowError) as problem:  # the last two: numbers too large for a C int
-            raise InputError(f"OpenCV's StereoMatcher failed: {' '.join(str(problem).split())[:200]}") from None
-        return np.where(fixed < self.min_disparity * SIXTEENTHS, np.inf, fixed / SIXTEENTHS).astype(np.float32)
+        except (
+            cv2.error,
+            ValueError,
+            OverflowError,
+        ) as problem:  # the last two: numbers too large for a C int
+            raise InputError(
+                f"OpenCV's StereoMatcher failed: {' '.join(str(problem).split())[:200]}"
+            ) from None
+        return np.where(
+            fixed < self.min_disparity * SIXTEENTHS, np.inf, fixed / SIXTEENTHS
+        ).astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -43,7 +62,9 @@ class OpenCVBlock(_OpenCVMatcher):
     """OpenCV's StereoBM: SAD of clipped Sobel images or, with prefilter=False, of locally normalised images."""
 
     block_size: Annotated[int, "Side of the window in pixels; odd, 5 or more."] = 9
-    prefilter: Annotated[bool, "true: clipped Sobel images; false: locally normalised images."] = True
+    prefilter: Annotated[
+        bool, "true: clipped Sobel images; false: locally normalised images."
+    ] = True
     texture: Annotated[int, "OpenCV's textureThreshold; 0: off."] = 10
     uniqueness: Annotated[int, "OpenCV's uniquenessRatio in percent; 0: off."] = 15
 
@@ -55,7 +76,9 @@ class OpenCVBlock(_OpenCVMatcher):
 
     def _create(self, cv2: Any, shape: tuple[int, ...], count: int) -> Any:
         if self.block_size >= min(shape):
-            raise InputError(f"block_size is {self.block_size}; OpenCV's StereoBM needs a larger image")
+            raise InputError(
+                f"block_size is {self.block_size}; OpenCV's StereoBM needs a larger image"
+            )
         matcher = cv2.StereoBM.create(count, self.block_size)
         matcher.setMinDisparity(self.min_disparity)
         matcher.setTextureThreshold(self.texture)
@@ -83,11 +106,23 @@ class OpenCVSemiGlobal(_OpenCVMatcher):
 
     def _create(self, cv2: Any, shape: tuple[int, ...], count: int) -> Any:
         # OpenCV matches only columns for which the whole range is inside; its 3-way mode does not check this.
-        least = max(self.min_disparity + count, 0) - min(self.min_disparity, 0) + self.block_size // 2
+        least = (
+            max(self.min_disparity + count, 0)
+            - min(self.min_disparity, 0)
+            + self.block_size // 2
+        )
         if shape[1] <= least:
             got = f"got {shape[1]}: use fewer num_disparities"
-            raise InputError(f"OpenCV's StereoSGBM needs images wider than {least} pixels for these options, {got}")
-        side, area, mode = self.block_size, self.block_size**2, getattr(cv2, MODES[self.mode])
-        matcher = cv2.StereoSGBM.create(self.min_disparity, count, side, 8 * area, 32 * area, mode=mode)
+            raise InputError(
+                f"OpenCV's StereoSGBM needs images wider than {least} pixels for these options, {got}"
+            )
+        side, area, mode = (
+            self.block_size,
+            self.block_size**2,
+            getattr(cv2, MODES[self.mode]),
+        )
+        matcher = cv2.StereoSGBM.create(
+            self.min_disparity, count, side, 8 * area, 32 * area, mode=mode
+        )
         matcher.setUniquenessRatio(self.uniqueness)
         return matcher

@@ -31,9 +31,13 @@ class Matcher(Protocol):
         ...
 
 
-def match_with_confidence(matcher: Any, left: Any, right: Any, **search: Any) -> tuple[Any, Any]:
+def match_with_confidence(
+    matcher: Any, left: Any, right: Any, **search: Any
+) -> tuple[Any, Any]:
     """(disparity, confidence) that the matcher returns, not checked; None if it computes no confidence."""
-    return as_pair(getattr(matcher, "match_with_confidence", matcher.match)(left, right, **search))
+    return as_pair(
+        getattr(matcher, "match_with_confidence", matcher.match)(left, right, **search)
+    )
 
 
 def match_alone(matcher: Any, left: Any, right: Any, **search: Any) -> tuple[Any, Any]:
@@ -51,22 +55,34 @@ def import_extra(module: str, extra: str) -> Any:
     try:
         return importlib.import_module(module)
     except ImportError:
-        raise MissingExtraError(f"{module} is not installed; pip install 'twinlens[{extra}]'") from None
+        raise MissingExtraError(
+            f"{module} is not installed; pip install 'twinlens[{extra}]'"
+        ) from None
 
 
 @dataclass(frozen=True, kw_only=True)
 class RangeMatcher:
     """Base of the matchers with a search range among their options, which are frozen dataclasses."""
 
-    num_disparities: Annotated[int, "Number of disparities to search."] = DEFAULT_DISPARITIES
-    min_disparity: Annotated[int, "Smallest disparity to search, in pixels: u_left - u_right. May be negative."] = 0
+    num_disparities: Annotated[int, "Number of disparities to search."] = (
+        DEFAULT_DISPARITIES
+    )
+    min_disparity: Annotated[
+        int,
+        "Smallest disparity to search, in pixels: u_left - u_right. May be negative.",
+    ] = 0
 
     def __post_init__(self) -> None:
         check_int("num_disparities", self.num_disparities, 1)
         check_int("min_disparity", self.min_disparity)
 
     def match(
-        self, left: Any, right: Any, *, num_disparities: int | None = None, min_disparity: int | None = None
+        self,
+        left: Any,
+        right: Any,
+        *,
+        num_disparities: int | None = None,
+        min_disparity: int | None = None,
     ) -> Disparity:
         """See `matching.Matcher.match`; the disparity alone, without computing a confidence."""
         matcher = self._searching(num_disparities, min_disparity)._without_confidence()
@@ -74,19 +90,32 @@ class RangeMatcher:
         return disparity
 
     def match_with_confidence(
-        self, left: Any, right: Any, *, num_disparities: int | None = None, min_disparity: int | None = None
+        self,
+        left: Any,
+        right: Any,
+        *,
+        num_disparities: int | None = None,
+        min_disparity: int | None = None,
     ) -> tuple[Disparity, Confidence | None]:
         """The disparity, and the confidence if the matcher computes one; see `matching.Matcher.match`."""
-        return as_pair(self._searching(num_disparities, min_disparity)._match(left, right))
+        return as_pair(
+            self._searching(num_disparities, min_disparity)._match(left, right)
+        )
 
-    def _searching(self, num_disparities: int | None, min_disparity: int | None) -> Self:
+    def _searching(
+        self, num_disparities: int | None, min_disparity: int | None
+    ) -> Self:
         given = {"num_disparities": num_disparities, "min_disparity": min_disparity}
-        return self.replace(**{name: value for name, value in given.items() if value is not None})
+        return self.replace(
+            **{name: value for name, value in given.items() if value is not None}
+        )
 
     def _without_confidence(self) -> Self:
         return self
 
-    def _match(self, left: Any, right: Any) -> Disparity | tuple[Disparity, Confidence | None]:
+    def _match(
+        self, left: Any, right: Any
+    ) -> Disparity | tuple[Disparity, Confidence | None]:
         raise NotImplementedError
 
     def replace(self, **changes: Any) -> Self:
@@ -98,7 +127,9 @@ def check_block_size(name: str, value: Any, least: int = 1) -> None:
     """InputError unless it is the side of a window centred on a pixel: an odd whole number >= least."""
     check_int(name, value, least)
     if value % 2 == 0:
-        raise InputError(f"{name} is {value}; it must be odd: use {value - 1} or {value + 1}")
+        raise InputError(
+            f"{name} is {value}; it must be odd: use {value - 1} or {value + 1}"
+        )
 
 
 def check_image_size(matcher: Any, size: tuple[int, ...]) -> None:
@@ -108,10 +139,17 @@ def check_image_size(matcher: Any, size: tuple[int, ...]) -> None:
     2 max(H, W) - 1 covers the whole image at every pixel. Defaults are always allowed. Raises InputError.
     """
     height, width = size
-    disparities = f"an image {width} pixels wide has disparities from {1 - width} to {width - 1}"
-    count, first = getattr(matcher, "num_disparities", 1), getattr(matcher, "min_disparity", 0)
+    disparities = (
+        f"an image {width} pixels wide has disparities from {1 - width} to {width - 1}"
+    )
+    count, first = (
+        getattr(matcher, "num_disparities", 1),
+        getattr(matcher, "min_disparity", 0),
+    )
     if count > max(2 * width - 1, DEFAULT_DISPARITIES):
-        raise InputError(f"num_disparities is {count}: {disparities}, {2 * width - 1} in all")
+        raise InputError(
+            f"num_disparities is {count}: {disparities}, {2 * width - 1} in all"
+        )
     if not -width < first < width:
         raise InputError(f"min_disparity is {first}: {disparities}")
     largest = max(2 * max(size) - 1, LARGEST_DEFAULT_WINDOW)

@@ -35,7 +35,9 @@ def consistent(left: Disparity, right: Disparity, tolerance: float) -> Disparity
     return _kept(left, agree)
 
 
-def unique(disparity: Disparity, cost: NDArray[Any], rival: NDArray[Any], percent: float) -> Disparity:
+def unique(
+    disparity: Disparity, cost: NDArray[Any], rival: NDArray[Any], percent: float
+) -> Disparity:
     """Keep a pixel that costs less than its best rival by more than `percent`: cost < (1 - percent/100) rival.
 
     A rival is a candidate two or more disparities away; a pixel without one is kept.
@@ -47,7 +49,9 @@ def textured(disparity: Disparity, image: Image, side: int, least: float) -> Dis
     """Keep a pixel in whose window the RMS difference of neighbours in a row is at least `least` levels of 0..255."""
     grey = levels(image, image)[0].astype(np.float64)
     squares = np.square(np.diff(grey, axis=1, append=grey[:, -1:]))
-    return _kept(disparity, ndimage.uniform_filter(squares, side, mode="nearest") >= least**2)
+    return _kept(
+        disparity, ndimage.uniform_filter(squares, side, mode="nearest") >= least**2
+    )
 
 
 def without_speckles(disparity: Disparity, size: int, difference: float) -> Disparity:
@@ -59,8 +63,12 @@ def without_speckles(disparity: Disparity, size: int, difference: float) -> Disp
             near = np.abs(disparity[one] - disparity[other]) <= difference
         edges.append((place[one][near], place[other][near]))
     ends = [np.concatenate(part) for part in zip(*edges, strict=True)]
-    graph = sparse.coo_array((np.ones(len(ends[0]), bool), tuple(ends)), shape=(disparity.size,) * 2)
-    labels = sparse.csgraph.connected_components(graph, directed=False)[1].reshape(disparity.shape)
+    graph = sparse.coo_array(
+        (np.ones(len(ends[0]), bool), tuple(ends)), shape=(disparity.size,) * 2
+    )
+    labels = sparse.csgraph.connected_components(graph, directed=False)[1].reshape(
+        disparity.shape
+    )
     return _kept(disparity, np.bincount(labels.ravel())[labels] >= size)
 
 
@@ -89,8 +97,12 @@ def filled(disparity: Disparity) -> Disparity:
     rows_known = np.flatnonzero(np.isfinite(disparity).any(axis=1))
     if not len(rows_known):
         return disparity.copy()
-    result = np.minimum(carried_right(disparity), carried_right(disparity[:, ::-1])[:, ::-1])
-    nearest = rows_known[np.abs(np.arange(len(result))[:, None] - rows_known).argmin(axis=1)]
+    result = np.minimum(
+        carried_right(disparity), carried_right(disparity[:, ::-1])[:, ::-1]
+    )
+    nearest = rows_known[
+        np.abs(np.arange(len(result))[:, None] - rows_known).argmin(axis=1)
+    ]
     return np.asarray(result[nearest])
 
 

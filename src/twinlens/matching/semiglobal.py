@@ -13,7 +13,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.matching.box import FITS, BoxMatch, Rows, Volume, Winners, blank, box_sums, fence, in_strips, limits
+from twinlens.matching.box import (
+    FITS,
+    BoxMatch,
+    Rows,
+    Volume,
+    Winners,
+    blank,
+    box_sums,
+    fence,
+    in_strips,
+    limits,
+)
 
 PATH_TOP = 8191  # largest cost of a path: the sum of eight fits 16 bits
 STRIP_BYTES = 1 << 20  # size of a strip of costs, which stays in a processor's cache
@@ -28,7 +39,9 @@ class Penalties:
     top: int
 
     @classmethod
-    def scaled(cls, parts: tuple[float, float], full: float, whole: bool) -> tuple[float, "Penalties"]:
+    def scaled(
+        cls, parts: tuple[float, float], full: float, whole: bool
+    ) -> tuple[float, "Penalties"]:
         """(gain, penalties) for costs that reach `full`, P1 and P2 as parts of it; whole costs that fit have gain 1."""
         top = int(PATH_TOP / (1.0 + parts[1])) - 1
         gain, top = (1.0, int(full)) if whole and full <= top else (top / full, top)
@@ -37,10 +50,20 @@ class Penalties:
     @property
     def dtype(self) -> type[np.unsignedinteger[Any]]:
         """The dtype that holds a path's cost plus P1, and the detours of four paths, at most P2 each."""
-        return np.uint8 if self.top + self.large + self.small < 256 and 4 * self.large < 256 else np.uint16
+        return (
+            np.uint8
+            if self.top + self.large + self.small < 256 and 4 * self.large < 256
+            else np.uint16
+        )
 
 
-def quantised(boxes: tuple[BoxMatch, ...], gain: float, offset: float, penalties: Penalties, threads: int) -> Rows:
+def quantised(
+    boxes: tuple[BoxMatch, ...],
+    gain: float,
+    offset: float,
+    penalties: Penalties,
+    threads: int,
+) -> Rows:
     """The sum of the boxes' costs, as round(cost * gain + offset); the largest cost where there is no partner.
 
     Costs of single pixels are computed in each sweep, which takes less time than reading them from memory; those of
@@ -54,10 +77,20 @@ def quantised(boxes: tuple[BoxMatch, ...], gain: float, offset: float, penalties
         part = costs(y0, y1)
         return np.maximum(part, outside, out=part)
 
-    return rows if box.side == 1 else stored((*box.shape, box.depth), penalties, rows, box.rows, threads)
+    return (
+        rows
+        if box.side == 1
+        else stored((*box.shape, box.depth), penalties, rows, box.rows, threads)
+    )
 
 
-def stored(shape: tuple[int, int, int], penalties: Penalties, rows: Rows, strip: int, threads: int) -> Rows:
+def stored(
+    shape: tuple[int, int, int],
+    penalties: Penalties,
+    rows: Rows,
+    strip: int,
+    threads: int,
+) -> Rows:
     """The same rows, all computed once, in strips, and stored in memory."""
     volume = np.empty(shape, penalties.dtype)
 
@@ -84,22 +117,40 @@ class Sweeps:
     fit: str
 
     def winners(
-        self, threads: int, *, rivals: bool, on_row: Callable[[int, NDArray[np.uint16]], None] | None = None
+        self,
+        threads: int,
+        *,
+        rivals: bool,
+        on_row: Callable[[int, NDArray[np.uint16]], None] | None = None,
     ) -> Winners:
         """The winners. on_row: called with each row's number and its sums of path costs (W, depth), before reuse."""
         height, width, _ = self.shape
         winners = Winners.empty((height, width), rivals)
         kept = np.empty(self.shape, self.penalties.dtype)
-        runs, middle = [self._run(turned, kept, winners, on_row) for turned in (False, True)], height // 2
+        runs, middle = (
+            [self._run(turned, kept, winners, on_row) for turned in (False, True)],
+            height // 2,
+        )
         for finish in (False, True):
-            spans = ((middle, height), (0, middle)) if finish else ((0, middle), (middle, height))
+            spans = (
+                ((middle, height), (0, middle))
+                if finish
+                else ((0, middle), (middle, height))
+            )
             with ThreadPoolExecutor(min(threads, 2)) as pool:
-                for done in [pool.submit(run, *span, finish) for run, span in zip(runs, spans, strict=True)]:
+                for done in [
+                    pool.submit(run, *span, finish)
+                    for run, span in zip(runs, spans, strict=True)
+                ]:
                     done.result()
         return winners
 
     def _run(
-        self, turned: bool, kept: Volume, winners: Winners, on_row: Callable[[int, NDArray[np.uint16]], None] | None
+        self,
+        turned: bool,
+        kept: Volume,
+        winners: Winners,
+        on_row: Callable[[int, NDArray[np.uint16]], None] | None,
     ) -> Callable[[int, int, bool], None]:
         """run(y0, y1, finish): carry one sweep through these rows, in strips."""
         from twinlens.matching.kernels.semiglobal import GUARD, slot_count, sweep_kernel
@@ -111,8 +162,16 @@ class Sweeps:
         flat = np.append(slots.ravel(), slots[0, :GUARD])
         minima, sums = np.zeros(len(slots), dtype), np.zeros(width * depth, np.uint16)
         penalties = dtype(self.penalties.small), dtype(self.penalties.large)
-        kernel, ends, bars = sweep_kernel(self.paths == 8), limits(np.uint16), fence(np.uint16, self.count)
-        rows = 1 if on_row else max(1, STRIP_BYTES // (width * depth * np.dtype(dtype).itemsize))
+        kernel, ends, bars = (
+            sweep_kernel(self.paths == 8),
+            limits(np.uint16),
+            fence(np.uint16, self.count),
+        )
+        rows = (
+            1
+            if on_row
+            else max(1, STRIP_BYTES // (width * depth * np.dtype(dtype).itemsize))
+        )
 
         def run(first: int, last: int, finish: bool) -> None:
             tops = range(first, last, rows)
@@ -121,7 +180,16 @@ class Sweeps:
                 span = height - y1 if turned else y0, y1 - y0, *self.shape
                 volumes = self.costs(y0, y1).reshape(-1), kept[y0:y1].reshape(-1)
                 state = flat, minima, span, penalties, turned, finish, sums
-                kernel(*volumes, *state, self.low, self.count, FITS[self.fit], ends, bars, *winners.rows(y0, y1))
+                kernel(
+                    *volumes,
+                    *state,
+                    self.low,
+                    self.count,
+                    FITS[self.fit],
+                    ends,
+                    bars,
+                    *winners.rows(y0, y1),
+                )
                 if on_row and finish:
                     on_row(y0, sums.reshape(width, depth))
 

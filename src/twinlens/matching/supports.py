@@ -79,7 +79,12 @@ def family(side: int) -> tuple[int, ...]:
     The sub-windows of a window of 5 have a side of 3; smaller ones hardly distinguish candidates.
     """
     least = min(side, 5)
-    return tuple(sorted({max(2 * int(part * side // 2) + 1, least) for part in (1, 0.75, 0.5)}, reverse=True))
+    return tuple(
+        sorted(
+            {max(2 * int(part * side // 2) + 1, least) for part in (1, 0.75, 0.5)},
+            reverse=True,
+        )
+    )
 
 
 def quarter(side: int) -> int:
@@ -105,14 +110,20 @@ def _shiftable(strip: Strip) -> Volume:
 UNCERTAINTY = 0.05  # pixels: standard deviation of the disparity for which an adaptive window is large enough
 
 
-def window_sizes(image: NDArray[Any], sides: tuple[int, ...], noise: float) -> NDArray[np.int64]:
+def window_sizes(
+    image: NDArray[Any], sides: tuple[int, ...], noise: float
+) -> NDArray[np.int64]:
     """(H, W): the index in `sides` (the widest first) of the window at each pixel of an image in grey levels.
 
     Noise of standard deviation s in both images gives a window's disparity the variance 2 s^2 / sum Ix^2, with the
     horizontal derivatives Ix in it (central differences): Okutomi and Kanade, "A locally adaptive window for signal
     matching", IJCV 1992. The smallest window with a standard deviation below `UNCERTAINTY` is taken, or the widest.
     """
-    squares = np.square(np.gradient(image.astype(np.float64), axis=1) if image.shape[1] > 1 else np.zeros(image.shape))
+    squares = np.square(
+        np.gradient(image.astype(np.float64), axis=1)
+        if image.shape[1] > 1
+        else np.zeros(image.shape)
+    )
     needed = 2.0 * noise**2 / UNCERTAINTY**2
     sizes = np.zeros(image.shape, np.int64)
     for index, side in enumerate(sides):
@@ -134,10 +145,14 @@ def _adaptive(strip: Strip) -> Volume:
 
     sides = family(strip.side)
     rows = slice(max(0, strip.start - strip.side), strip.stop + strip.side)
-    sizes = window_sizes(strip.left[rows], sides, strip.matcher.noise)[strip.start - rows.start :]
+    sizes = window_sizes(strip.left[rows], sides, strip.matcher.noise)[
+        strip.start - rows.start :
+    ]
     out = strip.empty()
     for index, (side, volume) in enumerate(zip(sides, strip.volumes, strict=True)):
-        scale = (quarter(sides[0]) / quarter(side)) ** (2 * find_cost(strip.matcher.cost).growth)
+        scale = (quarter(sides[0]) / quarter(side)) ** (
+            2 * find_cost(strip.matcher.cost).growth
+        )
         step = side // 2 - quarter(side) // 2
         best_quarters(volume, step, strip.top, sizes, index, scale, out)
     return out
@@ -161,16 +176,32 @@ def _weighted(strip: Strip) -> Volume:
     """Yoon and Kweon, "Adaptive support-weight approach for correspondence search", PAMI 2006, on grey levels."""
     from twinlens.matching.kernels.supports import adaptive_weights
 
-    radius, width, depth = strip.side // 2, strip.left.shape[1], strip.volumes[0].shape[2]
+    radius, width, depth = (
+        strip.side // 2,
+        strip.left.shape[1],
+        strip.volumes[0].shape[2],
+    )
     last = strip.low + depth - 1
-    right = extended(strip.right, (strip.rows.start, strip.rows.stop), (-last, width - strip.low))[:, ::-1].copy()
+    right = extended(
+        strip.right, (strip.rows.start, strip.rows.stop), (-last, width - strip.low)
+    )[:, ::-1].copy()
     offsets = np.arange(-radius, radius + 1)
     distances = np.hypot(offsets[:, None], offsets[None, :])
     nearness = np.exp(-2.0 * distances / strip.matcher.gamma_near)  # of both windows
     similar = np.exp(-np.arange(256) / strip.matcher.gamma_similar)
     out = strip.empty()
     left = np.ascontiguousarray(strip.left[strip.rows])
-    adaptive_weights(strip.volumes[0], left, right, width - 1, nearness, similar, radius, strip.top, out)
+    adaptive_weights(
+        strip.volumes[0],
+        left,
+        right,
+        width - 1,
+        nearness,
+        similar,
+        radius,
+        strip.top,
+        out,
+    )
     return out
 
 
@@ -178,13 +209,20 @@ def _guided(strip: Strip) -> Volume:
     """Hosni et al., "Fast cost-volume filtering for visual correspondence and beyond", PAMI 2013, with a grey guide."""
     radius, volume, first = strip.side // 2, strip.volumes[0], strip.first
     guide = strip.left[strip.rows, :, None] / 255.0
-    start, stop = max(first, strip.start - radius), min(first + len(guide), strip.stop + radius)
+    start, stop = (
+        max(first, strip.start - radius),
+        min(first + len(guide), strip.stop + radius),
+    )
     arrays = guide, guide**2, volume, volume * guide
-    mean_guide, mean_square, cost, product = (_means(array, first, start, stop, radius) for array in arrays)
+    mean_guide, mean_square, cost, product = (
+        _means(array, first, start, stop, radius) for array in arrays
+    )
     variance = np.maximum(mean_square - mean_guide**2, 0.0)
     slope = (product - mean_guide * cost) / (variance + strip.matcher.epsilon)
     lines = slope, cost - slope * mean_guide
-    slope, intercept = (_means(array, start, strip.start, strip.stop, radius) for array in lines)
+    slope, intercept = (
+        _means(array, start, strip.start, strip.stop, radius) for array in lines
+    )
     return np.asarray(slope * guide[strip.top : strip.top + len(slope)] + intercept)
 
 
@@ -200,7 +238,12 @@ def _means(volume: Volume, first: int, start: int, stop: int, radius: int) -> Vo
 SUPPORTS: dict[str, Support] = {
     "fixed": Support(),
     "shiftable": Support(_shiftable, halo=1, masked=True),
-    "adaptive": Support(_adaptive, halo=1, windows=lambda side: tuple(map(quarter, family(side))), parts=3),
+    "adaptive": Support(
+        _adaptive,
+        halo=1,
+        windows=lambda side: tuple(map(quarter, family(side))),
+        parts=3,
+    ),
     "cross": Support(_cross, halo=1, pixelwise=True, integer_sums=True, strip=32),
     "weighted": Support(_weighted, halo=1, pixelwise=True),
     "guided": Support(_guided, halo=2, pixelwise=True),

@@ -16,7 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from twinlens.errors import InputError, check_number, format_value
 
-SHORTEST, LONGEST = 1e-12, 1e9  # accepted lengths in metres, without overflow of squares and ratios
+SHORTEST, LONGEST = (
+    1e-12,
+    1e9,
+)  # accepted lengths in metres, without overflow of squares and ratios
 
 
 def vergence(power: float, film_distance: float) -> float:
@@ -82,10 +85,17 @@ def check_diameter(name: str, value: float) -> None:
 def check_focus(value: float) -> None:
     """Raise InputError unless `value` is a focus distance: a positive number of metres, or inf."""
     if not (isinstance(value, Real) and value == math.inf):
-        check_number("focus_distance", value, f"a positive number of metres from {SHORTEST:g} (or inf)", least=SHORTEST)
+        check_number(
+            "focus_distance",
+            value,
+            f"a positive number of metres from {SHORTEST:g} (or inf)",
+            least=SHORTEST,
+        )
 
 
-def circle_of_confusion_px(depth: ArrayLike, aperture_diameter: float, fx: float, k: float) -> NDArray[np.float64]:
+def circle_of_confusion_px(
+    depth: ArrayLike, aperture_diameter: float, fx: float, k: float
+) -> NDArray[np.float64]:
     """Signed diameter of the blur circle on the film, in pixels: c = A fx (1/z - k), the shape of `depth` (metres).
 
     It is positive in front of the plane of focus, where the image of a point light is the aperture rotated by 180
@@ -99,16 +109,24 @@ def circle_of_confusion_px(depth: ArrayLike, aperture_diameter: float, fx: float
     try:
         z = np.asarray(depth, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"depth must be a number or an array of metres, got {format_value(depth)}") from error
+        raise InputError(
+            f"depth must be a number or an array of metres, got {format_value(depth)}"
+        ) from error
     if not (z > 0).all():
-        raise InputError("depth must be positive (+inf where nothing was hit), got NaN or values <= 0")
+        raise InputError(
+            "depth must be positive (+inf where nothing was hit), got NaN or values <= 0"
+        )
     with np.errstate(over="ignore"):
         circle: NDArray[np.float64] = aperture_diameter * fx * (1.0 / z - k)
     return circle
 
 
 def in_focus(
-    depth: ArrayLike, aperture_diameter: float, fx: float, k: float, circle_px: float = 1.0
+    depth: ArrayLike,
+    aperture_diameter: float,
+    fx: float,
+    k: float,
+    circle_px: float = 1.0,
 ) -> NDArray[np.bool_]:
     """Whether |c| <= circle_px, bool, the shape of `depth`; see `circle_of_confusion_px` and `depth_of_field`.
 
@@ -116,10 +134,14 @@ def in_focus(
     [False, True, True, True, False]
     """
     _check_circle(circle_px)
-    return np.asarray(np.abs(circle_of_confusion_px(depth, aperture_diameter, fx, k)) <= circle_px)
+    return np.asarray(
+        np.abs(circle_of_confusion_px(depth, aperture_diameter, fx, k)) <= circle_px
+    )
 
 
-def depth_of_field(aperture_diameter: float, fx: float, k: float, circle_px: float = 1.0) -> tuple[float, float]:
+def depth_of_field(
+    aperture_diameter: float, fx: float, k: float, circle_px: float = 1.0
+) -> tuple[float, float]:
     """(near, far) depths in metres between which the blur circle is at most `circle_px` pixels wide.
 
     1/z = k +- c / (A fx). A pinhole gives (0, inf). Far is inf for a focus beyond the hyperfocal distance. Both are inf
@@ -138,7 +160,9 @@ def depth_of_field(aperture_diameter: float, fx: float, k: float, circle_px: flo
     return (1.0 / near if near > 0 else math.inf), (1.0 / far if far > 0 else math.inf)
 
 
-def hyperfocal_distance(aperture_diameter: float, fx: float, circle_px: float = 1.0) -> float:
+def hyperfocal_distance(
+    aperture_diameter: float, fx: float, circle_px: float = 1.0
+) -> float:
     """The nearest focus distance at which infinity is within `circle_px`: H = A fx / c, in metres.
 
     It equals the textbook's f^2/(N c) + f, c in metres, for a fixed lens that focuses H on a film at v = f H/(H - f).
@@ -154,6 +178,8 @@ def _check_circle(circle_px: float) -> None:
 
 
 def _check_aperture(aperture_diameter: float, fx: float, k: float) -> None:
-    check_number("aperture_diameter", aperture_diameter, "a number of metres >= 0", least=0)
+    check_number(
+        "aperture_diameter", aperture_diameter, "a number of metres >= 0", least=0
+    )
     check_number("fx", fx, "a positive number of pixels", above=0)
     check_number("k", k, "a finite vergence in 1/m")

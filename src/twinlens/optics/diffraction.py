@@ -16,7 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twinlens.errors import InputError, check_int, check_number, check_triple, format_value
+from twinlens.errors import (
+    InputError,
+    check_int,
+    check_number,
+    check_triple,
+    format_value,
+)
 from twinlens.geometry import Float
 from twinlens.optics import LONGEST, SHORTEST, check_diameter, check_length
 
@@ -42,7 +48,10 @@ def encircled_energy(radius: ArrayLike) -> Float:
     >>> round(float(encircled_energy(1.22)), 4)
     0.8378
     """
-    from scipy.special import j0, j1  # slow to import, and the sensor needs this module's wavelengths only
+    from scipy.special import (
+        j0,
+        j1,
+    )  # slow to import, and the sensor needs this module's wavelengths only
 
     x = math.pi * np.asarray(radius, dtype=np.float64)
     return np.asarray(1.0 - j0(x) ** 2 - j1(x) ** 2)
@@ -58,7 +67,9 @@ def airy_diameter(wavelength: float, working_f_number: float) -> float:
     return 2 * _FIRST_ZERO * wavelength * working_f_number
 
 
-def fresnel_number(aperture_diameter: float, wavelength: float, distance: float) -> float:
+def fresnel_number(
+    aperture_diameter: float, wavelength: float, distance: float
+) -> float:
     """a^2 / (lambda v) with a = A/2: large in the limit of geometric optics, small in that of the Airy pattern.
 
     >>> round(fresnel_number(0.35e-3, 550e-9, 0.05), 3)
@@ -70,7 +81,9 @@ def fresnel_number(aperture_diameter: float, wavelength: float, distance: float)
     return (0.5 * aperture_diameter) ** 2 / (wavelength * distance)
 
 
-def airy_kernel(pixel_pitch: Pitch, wavelength: float, working_f_number: float, radius_px: int) -> Float:
+def airy_kernel(
+    pixel_pitch: Pitch, wavelength: float, working_f_number: float, radius_px: int
+) -> Float:
     """The Airy pattern of a point at the centre of a pixel, integrated over the pixels: (2 R + 1, 2 R + 1), sum 1.
 
     By the divergence theorem the integral over a pixel is the flux of the radial field E(r) / (2 pi r) through its four
@@ -82,66 +95,119 @@ def airy_kernel(pixel_pitch: Pitch, wavelength: float, working_f_number: float, 
     return _airy_kernel(pixel_pitch, wavelength, working_f_number, radius_px).copy()
 
 
-def kernel_radius_px(pixel_pitch: Pitch, wavelength: float, working_f_number: float, tail: float = TAIL) -> int:
+def kernel_radius_px(
+    pixel_pitch: Pitch, wavelength: float, working_f_number: float, tail: float = TAIL
+) -> int:
     """The radius in pixels beyond which less than `tail` of the light falls, from 1 - E = 2 / (pi x) at large x."""
     _check(wavelength, working_f_number, pixel_pitch)
-    check_number("tail", tail, "a positive share of the light, 1e-9 to 1", least=1e-9, most=1)
-    return math.ceil(2.0 * wavelength * working_f_number / (math.pi**2 * tail * min(pixel_pitch)))
+    check_number(
+        "tail", tail, "a positive share of the light, 1e-9 to 1", least=1e-9, most=1
+    )
+    return math.ceil(
+        2.0 * wavelength * working_f_number / (math.pi**2 * tail * min(pixel_pitch))
+    )
 
 
-def convolve_airy(channel: Float, pixel_pitch: Pitch, wavelength: float, working_f_number: float) -> Float:
+def convolve_airy(
+    channel: Float, pixel_pitch: Pitch, wavelength: float, working_f_number: float
+) -> Float:
     """`channel` (H, W) convolved with the Airy kernel, continued by reflection at its borders; float64 (H, W), >= 0."""
     from scipy.fft import irfft2, next_fast_len, rfft2
 
-    radius = min(kernel_radius_px(pixel_pitch, wavelength, working_f_number), max(channel.shape))
+    radius = min(
+        kernel_radius_px(pixel_pitch, wavelength, working_f_number), max(channel.shape)
+    )
     kernel = airy_kernel(pixel_pitch, wavelength, working_f_number, radius)
     padded = np.pad(channel, radius, mode="symmetric")
     size = [next_fast_len(n, real=True) for n in padded.shape]
     blurred: Float = irfft2(rfft2(padded, size) * rfft2(kernel, size), size)
-    inner = blurred[2 * radius : padded.shape[0], 2 * radius : padded.shape[1]]  # the part without wrap-around
-    return np.maximum(inner, 0.0)  # rounding of the transform may give small negative values
+    inner = blurred[
+        2 * radius : padded.shape[0], 2 * radius : padded.shape[1]
+    ]  # the part without wrap-around
+    return np.maximum(
+        inner, 0.0
+    )  # rounding of the transform may give small negative values
 
 
 def check_wavelengths(name: str, values: Any) -> tuple[float, float, float]:
     """`values` as three wavelengths in metres. Raises InputError otherwise, also for nanometres."""
-    three = check_triple(name, values, "three positive numbers of metres (red, green, blue)")
+    three = check_triple(
+        name, values, "three positive numbers of metres (red, green, blue)"
+    )
     if not all(_SHORTEST_WAVE <= value <= _LONGEST_WAVE for value in three):
-        raise InputError(f"{name} must be metres from {_SHORTEST_WAVE:g} to {_LONGEST_WAVE:g}, as 550e-9, got {three}")
+        raise InputError(
+            f"{name} must be metres from {_SHORTEST_WAVE:g} to {_LONGEST_WAVE:g}, as 550e-9, got {three}"
+        )
     return three
 
 
 @lru_cache(maxsize=16)
-def _airy_kernel(pixel_pitch: Pitch, wavelength: float, working_f_number: float, radius_px: int) -> Float:
+def _airy_kernel(
+    pixel_pitch: Pitch, wavelength: float, working_f_number: float, radius_px: int
+) -> Float:
     px, py = (pitch / (wavelength * working_f_number) for pitch in pixel_pitch)
-    right = _edge_flux(px, py, radius_px).T  # [y, x]: through the right edges of the pixels of one quadrant
+    right = _edge_flux(
+        px, py, radius_px
+    ).T  # [y, x]: through the right edges of the pixels of one quadrant
     below = _edge_flux(py, px, radius_px)
     quadrant = right + below
     quadrant[:, 1:] -= right[:, :-1]
     quadrant[:, 0] += right[:, 0]
     quadrant[1:] -= below[:-1]
     quadrant[0] += below[0]
-    kernel = np.pad(np.maximum(quadrant, 0.0), ((radius_px, 0), (radius_px, 0)), mode="reflect")
+    kernel = np.pad(
+        np.maximum(quadrant, 0.0), ((radius_px, 0), (radius_px, 0)), mode="reflect"
+    )
     return np.asarray(kernel / kernel.sum())
 
 
 def _edge_flux(across: float, along: float, radius_px: int) -> Float:
     """Flux [i, j] through the edge at (i + 1/2) across, from (j - 1/2) to (j + 1/2) along; lengths in lambda N."""
-    nodes, weights = np.polynomial.legendre.leggauss(min(_MOST_NODES, 8 + math.ceil(math.pi * along)))
+    nodes, weights = np.polynomial.legendre.leggauss(
+        min(_MOST_NODES, 8 + math.ceil(math.pi * along))
+    )
     steps = np.arange(radius_px + 1)
     y = (steps[:, None] + 0.5 * nodes) * along
     flux = np.empty((len(steps), len(steps)))
     for i in steps:
         x = (i + 0.5) * across
         r2 = x * x + y * y
-        flux[i] = x * 0.5 * along / (2 * math.pi) * (encircled_energy(np.sqrt(r2)) / r2) @ weights
+        flux[i] = (
+            x
+            * 0.5
+            * along
+            / (2 * math.pi)
+            * (encircled_energy(np.sqrt(r2)) / r2)
+            @ weights
+        )
     return flux
 
 
-def _check(wavelength: float, working_f_number: float, pixel_pitch: Pitch = (1.0, 1.0)) -> None:
-    allowed = f"a positive number of metres, from {_SHORTEST_WAVE:g} to {_LONGEST_WAVE:g}"
-    check_number("wavelength", wavelength, allowed, least=_SHORTEST_WAVE, most=_LONGEST_WAVE)
-    check_number("working_f_number", working_f_number, "a positive number", least=1e-24, most=1e24)
+def _check(
+    wavelength: float, working_f_number: float, pixel_pitch: Pitch = (1.0, 1.0)
+) -> None:
+    allowed = (
+        f"a positive number of metres, from {_SHORTEST_WAVE:g} to {_LONGEST_WAVE:g}"
+    )
+    check_number(
+        "wavelength", wavelength, allowed, least=_SHORTEST_WAVE, most=_LONGEST_WAVE
+    )
+    check_number(
+        "working_f_number",
+        working_f_number,
+        "a positive number",
+        least=1e-24,
+        most=1e24,
+    )
     if not isinstance(pixel_pitch, (tuple, list)) or len(pixel_pitch) != 2:
-        raise InputError(f"pixel_pitch must be two positive numbers of metres, got {format_value(pixel_pitch)}")
+        raise InputError(
+            f"pixel_pitch must be two positive numbers of metres, got {format_value(pixel_pitch)}"
+        )
     for pitch in pixel_pitch:
-        check_number("pixel_pitch", pitch, "two positive numbers of metres", least=SHORTEST, most=LONGEST)
+        check_number(
+            "pixel_pitch",
+            pitch,
+            "two positive numbers of metres",
+            least=SHORTEST,
+            most=LONGEST,
+        )

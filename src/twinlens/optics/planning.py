@@ -15,7 +15,9 @@ from twinlens.geometry import depth_error
 from twinlens.optics.diffraction import airy_diameter
 from twinlens.optics.rig_task import EXTRA_DISPARITIES, RigChoice, RigTask
 
-_TRIAL = 1.1  # a limit binds if the best choice improves when it is loosened by this factor
+_TRIAL = (
+    1.1  # a limit binds if the best choice improves when it is loosened by this factor
+)
 _LOOSEST = 1e30
 _HALVINGS = 64
 
@@ -75,7 +77,16 @@ def plan_rig(task: RigTask) -> RigPlan:
         return RigPlan(task, None, shown, {}, {}, {}, tuple(reasons), tuple(changes))
     best = _best(task, region)
     used = _in_task_units(task, _used(best, limits))
-    return RigPlan(task, best, shown, used, _feasible(task, region, best), _binding(task, limits), (), ())
+    return RigPlan(
+        task,
+        best,
+        shown,
+        used,
+        _feasible(task, region, best),
+        _binding(task, limits),
+        (),
+        (),
+    )
 
 
 @dataclass(frozen=True)
@@ -113,10 +124,14 @@ _SUBJECTS = {
 def _limits(task: RigTask) -> dict[str, float]:
     """Every limit that the task has; focal lengths as fx in pixels, noise as the longest exposure."""
     if task.fov_x_deg is not None:
-        longest, shortest = (optics.fx_from_fov(task.width, fov) for fov in task.ends("fov_x_deg"))
+        longest, shortest = (
+            optics.fx_from_fov(task.width, fov) for fov in task.ends("fov_x_deg")
+        )
     else:
         lengths = (1e-3 * length for length in task.ends("focal_length_mm"))
-        shortest, longest = (1 / (1 / length - 1 / task.focus) / task.pitch for length in lengths)
+        shortest, longest = (
+            1 / (1 / length - 1 / task.focus) / task.pitch for length in lengths
+        )
     baseline, f_number = task.ends("baseline"), task.ends("f_number")
     limits = {} if task.depth_error is None else {"depth error": task.depth_error}
     limits |= {
@@ -153,7 +168,9 @@ def _f_numbers(task: RigTask, limits: Mapping[str, float]) -> dict[str, float]:
     """The largest f-number that each limit allows."""
     most = {
         "largest f-number": limits["largest f-number"],
-        "diffraction": limits["diffraction"] * task.pitch / airy_diameter(task.wavelength, 1.0),
+        "diffraction": limits["diffraction"]
+        * task.pitch
+        / airy_diameter(task.wavelength, 1.0),
     }
     if task.light is not None:
         most["noise"] = task.light.largest_f_number(limits["noise"])
@@ -164,7 +181,8 @@ def _products(task: RigTask, limits: Mapping[str, float]) -> dict[str, float]:
     """The largest fx * baseline that each limit allows."""
     near, far = task.depth_range
     return {
-        "disparities": (limits["disparities"] - EXTRA_DISPARITIES) / (1 / near - 1 / far),
+        "disparities": (limits["disparities"] - EXTRA_DISPARITIES)
+        / (1 / near - 1 / far),
         "overlap": (1 - limits["overlap"]) * task.width * near,
     }
 
@@ -187,7 +205,10 @@ def _needed_product(task: RigTask, limits: Mapping[str, float]) -> float:
     """The smallest fx * baseline that meets the tolerated depth error."""
     if "depth error" not in limits:
         return 0.0
-    return float(depth_error(task.depth_range[1], 1.0, 1.0, task.disparity_error_px)) / limits["depth error"]
+    return (
+        float(depth_error(task.depth_range[1], 1.0, 1.0, task.disparity_error_px))
+        / limits["depth error"]
+    )
 
 
 def _best(task: RigTask, region: _Region) -> RigChoice:
@@ -199,15 +220,23 @@ def _best(task: RigTask, region: _Region) -> RigChoice:
         baseline = max(region.baseline[0], needed / longest)
     fx = min(longest, most / baseline)
     sharpest = fx * task.pitch * math.sqrt(task.defocus / task.wavelength)
-    f_number = min(max(sharpest, region.f_number[0], region.spread * fx**2), region.f_number[1])
+    f_number = min(
+        max(sharpest, region.f_number[0], region.spread * fx**2), region.f_number[1]
+    )
     return RigChoice(task, baseline, fx, f_number)
 
 
 def _objective(task: RigTask, best: RigChoice) -> float:
-    return best.baseline if task.depth_error is not None else float(best.depth_error(task.depth_range[1]))
+    return (
+        best.baseline
+        if task.depth_error is not None
+        else float(best.depth_error(task.depth_range[1]))
+    )
 
 
-def _feasible(task: RigTask, region: _Region, best: RigChoice) -> dict[str, tuple[float, float]]:
+def _feasible(
+    task: RigTask, region: _Region, best: RigChoice
+) -> dict[str, tuple[float, float]]:
     (f0, f1), (b0, b1), (needed, most) = region.fx, region.baseline, region.product
     fx = max(f0, needed / b1), min(f1, most / b0)
     lengths = tuple(1e3 * optics.focal_length(task.focus, f * task.pitch) for f in fx)
@@ -219,15 +248,25 @@ def _feasible(task: RigTask, region: _Region, best: RigChoice) -> dict[str, tupl
     return {
         "baseline": (max(b0, needed / f1), min(b1, most / f0)),
         "focal_length_mm": (lengths[0], lengths[1]),
-        "fov_x_deg": (optics.fov_x_deg(task.width, fx[1]), optics.fov_x_deg(task.width, fx[0])),
-        "f_number": (max(region.f_number[0], region.spread * fx[0] ** 2), region.f_number[1]),
+        "fov_x_deg": (
+            optics.fov_x_deg(task.width, fx[1]),
+            optics.fov_x_deg(task.width, fx[0]),
+        ),
+        "f_number": (
+            max(region.f_number[0], region.spread * fx[0] ** 2),
+            region.f_number[1],
+        ),
         "focus_distance": focus,
     }
 
 
-def _loosened(limits: Mapping[str, float], names: tuple[str, ...], factor: float) -> dict[str, float]:
+def _loosened(
+    limits: Mapping[str, float], names: tuple[str, ...], factor: float
+) -> dict[str, float]:
     return {
-        name: value * (factor if name in _UPPER else 1 / factor) if name in names else value
+        name: value * (factor if name in _UPPER else 1 / factor)
+        if name in names
+        else value
         for name, value in limits.items()
     }
 
@@ -239,7 +278,11 @@ def _binding(task: RigTask, limits: Mapping[str, float]) -> dict[str, float]:
     for name in limits:
         other = _region(task, _loosened(limits, (name,), _TRIAL))
         gains[name] = 1 - _objective(task, _best(task, other)) / now
-    return dict(sorted(((n, g) for n, g in gains.items() if g > 1e-9), key=lambda pair: -pair[1]))
+    return dict(
+        sorted(
+            ((n, g) for n, g in gains.items() if g > 1e-9), key=lambda pair: -pair[1]
+        )
+    )
 
 
 def _changes(task: RigTask, limits: Mapping[str, float]) -> list[dict[str, float]]:
@@ -262,14 +305,22 @@ def _changes(task: RigTask, limits: Mapping[str, float]) -> list[dict[str, float
 
 
 def _tightened(
-    task: RigTask, limits: Mapping[str, float], loose: Mapping[str, float], names: tuple[str, ...]
+    task: RigTask,
+    limits: Mapping[str, float],
+    loose: Mapping[str, float],
+    names: tuple[str, ...],
 ) -> dict[str, float]:
     """Feasible limits between `limits` and `loose` ones, of which the named ones deviate from `limits` the least."""
     low, high = 0.0, math.log(_LOOSEST)
     tightened = dict(loose)
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        trial = {**loose, **{name: _loosened(limits, names, math.exp(middle))[name] for name in names}}
+        trial = {
+            **loose,
+            **{
+                name: _loosened(limits, names, math.exp(middle))[name] for name in names
+            },
+        }
         if _region(task, trial).feasible:
             high, tightened = middle, trial
         else:
@@ -285,23 +336,37 @@ def _in_task_units(task: RigTask, limits: Mapping[str, float]) -> dict[str, floa
             return optics.fov_x_deg(task.width, fx)
         return 1e3 * optics.focal_length(task.focus, fx * task.pitch)
 
-    return {name: shown(value) if name.endswith("focal length") else value for name, value in limits.items()}
+    return {
+        name: shown(value) if name.endswith("focal length") else value
+        for name, value in limits.items()
+    }
 
 
 def _reasons(task: RigTask, limits: Mapping[str, float], region: _Region) -> list[str]:
     """What the limits need and what they allow, a sentence for each conflict."""
     stops, products = _f_numbers(task, limits), _products(task, limits)
-    stop, room = min(stops, key=lambda name: stops[name]), min(products, key=lambda name: products[name])
-    (shortest, sharp), (needed, most), (near, far) = region.fx, region.product, task.depth_range
+    stop, room = (
+        min(stops, key=lambda name: stops[name]),
+        min(products, key=lambda name: products[name]),
+    )
+    (shortest, sharp), (needed, most), (near, far) = (
+        region.fx,
+        region.product,
+        task.depth_range,
+    )
     allowed_stop = f"{_SUBJECTS[stop]} allows at most f/{stops[stop]:.3g}"
     allowed_disparity = f"{_SUBJECTS[room]} allows at most {most / near:.4g} px"
     reasons = []
     if region.f_number[0] > region.f_number[1]:
-        reasons.append(f"the smallest f-number is f/{region.f_number[0]:.3g}, and {allowed_stop}")
+        reasons.append(
+            f"the smallest f-number is f/{region.f_number[0]:.3g}, and {allowed_stop}"
+        )
     elif shortest > sharp:
         number = region.spread * shortest**2
         needs = f"a blur circle of at most {task.blur_px:g} px from {near:g} to {far:g} m needs f/{number:.3g} or more"
-        reasons.append(f"{needs}, even with the shortest focal length, and {allowed_stop}")
+        reasons.append(
+            f"{needs}, even with the shortest focal length, and {allowed_stop}"
+        )
     if needed > 0:
         error = f"a depth error of {1e3 * limits['depth error']:.3g} mm at {far:g} m"
         longest, baseline = max(sharp, shortest), region.baseline[1]
@@ -312,7 +377,9 @@ def _reasons(task: RigTask, limits: Mapping[str, float], region: _Region) -> lis
         if longest * baseline < needed:
             length = 1e3 * optics.focal_length(task.focus, longest * task.pitch)
             needs = f"{error} needs a baseline of {needed / longest:.3g} m with the longest usable focal length"
-            reasons.append(f"{needs}, {length:.3g} mm, and the largest baseline is {baseline:g} m")
+            reasons.append(
+                f"{needs}, {length:.3g} mm, and the largest baseline is {baseline:g} m"
+            )
     if shortest * region.baseline[0] > most:
         least = shortest * region.baseline[0] / near
         gives = f"the smallest baseline and the shortest focal length give a disparity of {least:.4g} px at {near:g} m"

@@ -56,11 +56,25 @@ class Light:
 
     def __post_init__(self) -> None:
         for name in ("electrons_per_second", "longest_exposure", "least_snr"):
-            check_number(name, getattr(self, name), "a positive number, up to 1e12", least=1e-12, most=1e12)
-        check_number("read_noise", self.read_noise, "a number of electrons from 0 to 1e6", least=0, most=1e6)
+            check_number(
+                name,
+                getattr(self, name),
+                "a positive number, up to 1e12",
+                least=1e-12,
+                most=1e12,
+            )
+        check_number(
+            "read_noise",
+            self.read_noise,
+            "a number of electrons from 0 to 1e6",
+            least=0,
+            most=1e6,
+        )
         best = self.snr(self.most_electrons)
         if not best >= self.least_snr:
-            raise InputError(f"least_snr must be at most {best:.3g}, where white saturates, got {self.least_snr:g}")
+            raise InputError(
+                f"least_snr must be at most {best:.3g}, where white saturates, got {self.least_snr:g}"
+            )
 
     def snr(self, electrons: float) -> float:
         """n / sqrt(n + r^2): shot noise and read noise.
@@ -68,7 +82,11 @@ class Light:
         >>> Light(1e6, 0.01).snr(100.0)
         10.0
         """
-        return electrons / math.sqrt(electrons + self.read_noise**2) if electrons < math.inf else math.inf
+        return (
+            electrons / math.sqrt(electrons + self.read_noise**2)
+            if electrons < math.inf
+            else math.inf
+        )
 
     def largest_f_number(self, exposure: float) -> float:
         """The f-number at which mid-grey has `least_snr` after `exposure` seconds."""
@@ -78,7 +96,10 @@ class Light:
 
     def exposure(self, f_number: float) -> float:
         """The longest exposure in seconds that does not saturate white."""
-        return min(self.longest_exposure, self.most_electrons * f_number**2 / self.electrons_per_second)
+        return min(
+            self.longest_exposure,
+            self.most_electrons * f_number**2 / self.electrons_per_second,
+        )
 
 
 @dataclass(frozen=True)
@@ -123,16 +144,31 @@ class RigTask:
     def __post_init__(self) -> None:
         check_int("width", self.width, 1, 65536)
         check_int("height", self.height, 1, 65536)
-        check_number("pixel_pitch_um", self.pixel_pitch_um, "micrometres, 0.01 to 1e4", least=0.01, most=1e4)
+        check_number(
+            "pixel_pitch_um",
+            self.pixel_pitch_um,
+            "micrometres, 0.01 to 1e4",
+            least=0.01,
+            most=1e4,
+        )
         allowed = "two numbers from 0.0001 to 1e+06 metres, near and far"
-        if not isinstance(self.depth_range, (tuple, list)) or len(self.depth_range) != 2:
-            raise InputError(f"depth_range must be {allowed}, got {format_value(self.depth_range)}")
+        if (
+            not isinstance(self.depth_range, (tuple, list))
+            or len(self.depth_range) != 2
+        ):
+            raise InputError(
+                f"depth_range must be {allowed}, got {format_value(self.depth_range)}"
+            )
         for depth in self.depth_range:
             check_number("depth_range", depth, allowed, least=1e-4, most=1e6)
         if not self.depth_range[0] < self.depth_range[1]:
-            raise InputError(f"depth_range must be (near, far) with near < far, got {format_value(self.depth_range)}")
+            raise InputError(
+                f"depth_range must be (near, far) with near < far, got {format_value(self.depth_range)}"
+            )
         if (self.fov_x_deg is None) == (self.focal_length_mm is None):
-            raise InputError("give exactly one of fov_x_deg and focal_length_mm, a number or (least, most)")
+            raise InputError(
+                "give exactly one of fov_x_deg and focal_length_mm, a number or (least, most)"
+            )
         _check_range("baseline", self.baseline, 1e-6, 1e6, "metres")
         _check_range("f_number", self.f_number, 0.1, 1000, "")
         if self.focus_distance is not None:
@@ -140,17 +176,40 @@ class RigTask:
         if self.fov_x_deg is not None:
             _check_range("fov_x_deg", self.fov_x_deg, 0.01, 179, "degrees")
         else:
-            _check_range("focal_length_mm", self.focal_length_mm, 0.01, 1e6, "millimetres")
+            _check_range(
+                "focal_length_mm", self.focal_length_mm, 0.01, 1e6, "millimetres"
+            )
             most = 1e3 * self.focus
             longest = self.ends("focal_length_mm")[1]
-            check_number("focal_length_mm", longest, f"below the focus distance, {most:g} mm", below=most)
+            check_number(
+                "focal_length_mm",
+                longest,
+                f"below the focus distance, {most:g} mm",
+                below=most,
+            )
         if self.depth_error is not None:
-            check_number("depth_error", self.depth_error, "a number of metres, 1e-9 to 1e9", least=1e-9, most=1e9)
+            check_number(
+                "depth_error",
+                self.depth_error,
+                "a number of metres, 1e-9 to 1e9",
+                least=1e-9,
+                most=1e9,
+            )
         for name in ("disparity_error_px", "blur_px", "airy_px"):
-            check_number(name, getattr(self, name), "a number of pixels, 1e-6 to 1e6", least=1e-6, most=1e6)
-        check_number("overlap", self.overlap, "a share from 0 to below 1", least=0, below=1)
+            check_number(
+                name,
+                getattr(self, name),
+                "a number of pixels, 1e-6 to 1e6",
+                least=1e-6,
+                most=1e6,
+            )
+        check_number(
+            "overlap", self.overlap, "a share from 0 to below 1", least=0, below=1
+        )
         check_int("max_disparities", self.max_disparities, 3, 1_000_000)
-        check_number("wavelength", self.wavelength, "metres, 1e-9 to 1e-3", least=1e-9, most=1e-3)
+        check_number(
+            "wavelength", self.wavelength, "metres, 1e-9 to 1e-3", least=1e-9, most=1e-3
+        )
 
     @property
     def focus(self) -> float:
@@ -160,7 +219,9 @@ class RigTask:
     def ends(self, name: str) -> tuple[float, float]:
         """(least, most) of a field that is a `Range`."""
         value = getattr(self, name)
-        return (value[0], value[1]) if isinstance(value, (tuple, list)) else (value, value)
+        return (
+            (value[0], value[1]) if isinstance(value, (tuple, list)) else (value, value)
+        )
 
     @property
     def defocus(self) -> float:
@@ -215,24 +276,34 @@ class RigChoice:
     @property
     def depth_of_field(self) -> tuple[float, float]:
         """(near, far) between which the blur circle is at most the task's `blur_px`."""
-        return optics.depth_of_field(self.aperture_diameter, self.fx, 1 / self.focus_distance, self.task.blur_px)
+        return optics.depth_of_field(
+            self.aperture_diameter, self.fx, 1 / self.focus_distance, self.task.blur_px
+        )
 
     @property
     def hyperfocal_distance(self) -> float:
         """The nearest focus distance at which infinity is blurred by at most the task's `blur_px`."""
-        return optics.hyperfocal_distance(self.aperture_diameter, self.fx, self.task.blur_px)
+        return optics.hyperfocal_distance(
+            self.aperture_diameter, self.fx, self.task.blur_px
+        )
 
     @property
     def exposure(self) -> float | None:
         """The longest exposure in seconds that meets the task's light; None without one."""
-        return None if self.task.light is None else self.task.light.exposure(self.f_number)
+        return (
+            None if self.task.light is None else self.task.light.exposure(self.f_number)
+        )
 
     @property
     def snr(self) -> float | None:
         """The signal-to-noise ratio of mid-grey after `exposure`; None without a light."""
         if (light := self.task.light) is None:
             return None
-        return light.snr(light.electrons_per_second * light.exposure(self.f_number) / self.f_number**2)
+        return light.snr(
+            light.electrons_per_second
+            * light.exposure(self.f_number)
+            / self.f_number**2
+        )
 
     @property
     def search(self) -> tuple[int, int]:
@@ -253,7 +324,10 @@ class RigChoice:
     @property
     def smallest_distance(self) -> tuple[float, str]:
         """The nearest depth that meets the limits, metres, and the limit there: disparities, overlap or blur."""
-        nearest = {name: self.fx * self.baseline / d for name, d in self.largest_disparity.items()}
+        nearest = {
+            name: self.fx * self.baseline / d
+            for name, d in self.largest_disparity.items()
+        }
         nearest["blur"] = self.depth_of_field[0]
         limit = max(nearest, key=lambda name: nearest[name])
         return nearest[limit], limit
@@ -269,7 +343,9 @@ class RigChoice:
     def blur_px(self, depth: ArrayLike) -> Float:
         """Diameter of the blur circle, pixels."""
         k = 1 / self.focus_distance
-        return np.abs(optics.circle_of_confusion_px(depth, self.aperture_diameter, self.fx, k))
+        return np.abs(
+            optics.circle_of_confusion_px(depth, self.aperture_diameter, self.fx, k)
+        )
 
     def overlap(self, depth: ArrayLike) -> Float:
         """Share of the left image's columns that the right camera sees."""
@@ -279,18 +355,36 @@ class RigChoice:
     def tables(self) -> dict[str, Any]:
         """The size, `rig` and `lenses` of a recipe, and of a file for `twinlens render --rig`."""
         task = self.task
-        rig = {"baseline": self.baseline, "fx": self.fx, "pixel_pitch_um": task.pixel_pitch_um}
-        lens = {"kind": "thin", "aperture_mm": 1e3 * self.aperture_diameter, "focus": self.focus_distance}
-        return {"width": task.width, "height": task.height, "rig": rig, "lenses": [lens]}
+        rig = {
+            "baseline": self.baseline,
+            "fx": self.fx,
+            "pixel_pitch_um": task.pixel_pitch_um,
+        }
+        lens = {
+            "kind": "thin",
+            "aperture_mm": 1e3 * self.aperture_diameter,
+            "focus": self.focus_distance,
+        }
+        return {
+            "width": task.width,
+            "height": task.height,
+            "rig": rig,
+            "lenses": [lens],
+        }
 
 
 def _check_range(name: str, value: Any, least: float, most: float, unit: str) -> None:
     """Raise InputError unless `value` is a `Range` within least to most."""
     ends = tuple(value) if isinstance(value, (tuple, list)) else (value, value)
-    allowed = f"a number from {least:g} to {most:g} {unit}".rstrip() + ", or (least, most) of them"
+    allowed = (
+        f"a number from {least:g} to {most:g} {unit}".rstrip()
+        + ", or (least, most) of them"
+    )
     for end in ends:
         check_number(name, end, allowed, least=least, most=most)
     if len(ends) != 2:
         raise InputError(f"{name} must be {allowed}, got {format_value(value)}")
     if ends[0] > ends[1]:
-        raise InputError(f"{name} must be (least, most) with least <= most, got {format_value(value)}")
+        raise InputError(
+            f"{name} must be (least, most) with least <= most, got {format_value(value)}"
+        )

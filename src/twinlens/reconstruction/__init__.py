@@ -3,8 +3,15 @@
 The formulas and their sources are in docs/reconstruction.md.
 """
 
-from twinlens.reconstruction.evaluation import Comparison as Comparison, compare as compare
-from twinlens.reconstruction.fusion import fuse as fuse, integrate as integrate, surface_of as surface_of
+from twinlens.reconstruction.evaluation import (
+    Comparison as Comparison,
+    compare as compare,
+)
+from twinlens.reconstruction.fusion import (
+    fuse as fuse,
+    integrate as integrate,
+    surface_of as surface_of,
+)
 from twinlens.reconstruction.surface import (
     Cloud as Cloud,
     DepthView as DepthView,

@@ -64,22 +64,33 @@ def compare(
     Distances are between points: they are not meaningful below half the spacing of the true points.
     Raises InputError for an empty cloud or a number that is not positive.
     """
-    for name, value in [("max_distance_mm", max_distance_mm), *(("tolerances_mm", t) for t in tolerances_mm)]:
+    for name, value in [
+        ("max_distance_mm", max_distance_mm),
+        *(("tolerances_mm", t) for t in tolerances_mm),
+    ]:
         check_number(name, value, "positive numbers of millimetres", above=0)
     if not len(reconstructed) or not len(true):
         raise InputError("comparing needs points in both clouds")
     if spacing_mm is not None:
-        check_number("spacing_mm", spacing_mm, "a positive number of millimetres", above=0)
-        reconstructed, true = (thinned(cloud, 1e-3 * spacing_mm) for cloud in (reconstructed, true))
+        check_number(
+            "spacing_mm", spacing_mm, "a positive number of millimetres", above=0
+        )
+        reconstructed, true = (
+            thinned(cloud, 1e-3 * spacing_mm) for cloud in (reconstructed, true)
+        )
     to_truth = 1e3 * cKDTree(true.points).query(reconstructed.points)[0]
     from_truth = 1e3 * cKDTree(reconstructed.points).query(true.points)[0]
     near, near_truth = (d[d <= max_distance_mm] for d in (to_truth, from_truth))
     (mean, median), (mean_of_truth, median_of_truth) = (
-        (float(np.mean(d)), float(np.median(d))) if d.size else (math.inf, math.inf) for d in (near, near_truth)
+        (float(np.mean(d)), float(np.median(d))) if d.size else (math.inf, math.inf)
+        for d in (near, near_truth)
     )
     shares = []
     for tolerance in map(float, tolerances_mm):
-        a, c = float((to_truth <= tolerance).mean()), float((from_truth <= tolerance).mean())
+        a, c = (
+            float((to_truth <= tolerance).mean()),
+            float((from_truth <= tolerance).mean()),
+        )
         shares.append(Share(tolerance, a, c, 2 * a * c / (a + c) if a + c else 0.0))
     return Comparison(
         accuracy_mean_mm=mean,

@@ -23,7 +23,10 @@ _MIN_WEIGHT = 0.05
 
 
 def fuse(
-    views: Sequence[DepthView], spacing: float | None = None, min_views: int = 1, tolerance: float = 0.01
+    views: Sequence[DepthView],
+    spacing: float | None = None,
+    min_views: int = 1,
+    tolerance: float = 0.01,
 ) -> Cloud:
     """The points of all views as one cloud, `thinned` if a `spacing` (metres) is given.
 
@@ -38,11 +41,17 @@ def fuse(
     for i, view in enumerate(views):
         others = (*views[:i], *views[i + 1 :]) if min_views > 1 else ()
         cloud = points_of(view)
-        agree = sum((_agrees(other, cloud.points, tolerance).astype(int) for other in others), np.ones(len(cloud), int))
+        agree = sum(
+            (_agrees(other, cloud.points, tolerance).astype(int) for other in others),
+            np.ones(len(cloud), int),
+        )
         points.append(cloud.points[agree >= min_views])
         if cloud.colors is not None:
             colors.append(cloud.colors[agree >= min_views])
-    whole = Cloud(np.concatenate(points), np.concatenate(colors) if len(colors) == len(views) else None)
+    whole = Cloud(
+        np.concatenate(points),
+        np.concatenate(colors) if len(colors) == len(views) else None,
+    )
     return whole if spacing is None else thinned(whole, spacing)
 
 
@@ -51,10 +60,22 @@ def thinned(cloud: Cloud, spacing: float) -> Cloud:
     check_number("spacing", spacing, "a positive number of metres", above=0)
     if not len(cloud):
         return cloud
-    cell = np.unique(np.floor(cloud.points / spacing).astype(np.int64), axis=0, return_inverse=True)[1].reshape(-1)
-    values = cloud.points if cloud.colors is None else np.hstack([cloud.points, cloud.colors])
-    means = np.stack([ndimage.mean(each, cell, np.arange(cell.max() + 1)) for each in values.T], axis=1)
-    return Cloud(means[:, :3], None if cloud.colors is None else np.rint(means[:, 3:]).astype(np.uint8))
+    cell = np.unique(
+        np.floor(cloud.points / spacing).astype(np.int64), axis=0, return_inverse=True
+    )[1].reshape(-1)
+    values = (
+        cloud.points
+        if cloud.colors is None
+        else np.hstack([cloud.points, cloud.colors])
+    )
+    means = np.stack(
+        [ndimage.mean(each, cell, np.arange(cell.max() + 1)) for each in values.T],
+        axis=1,
+    )
+    return Cloud(
+        means[:, :3],
+        None if cloud.colors is None else np.rint(means[:, 3:]).astype(np.uint8),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +96,10 @@ class Volume:
 
 
 def integrate(
-    views: Sequence[DepthView], cell: float, reach: float | None = None, bounds: ArrayLike | None = None
+    views: Sequence[DepthView],
+    cell: float,
+    reach: float | None = None,
+    bounds: ArrayLike | None = None,
 ) -> Volume:
     """The TSDF of `views`.
 
@@ -89,22 +113,43 @@ def integrate(
     reach = _REACH * cell if reach is None else reach
     check_number("reach", reach, "a number of metres, one cell or more", least=cell)
     if bounds is None:
-        points = np.vstack([np.empty((0, 3)), *(points_of(view).points for view in views)])
+        points = np.vstack(
+            [np.empty((0, 3)), *(points_of(view).points for view in views)]
+        )
         if not len(points):
             raise InputError("integrating needs at least one view with a known depth")
         bounds = points.min(axis=0) - reach, points.max(axis=0) + reach
     corners = np.asarray(bounds, dtype=np.float64)
-    if corners.shape != (2, 3) or not np.isfinite(corners).all() or not (corners[0] < corners[1]).all():
-        raise InputError(f"bounds must be the lowest and highest corner, (2, 3), got {corners.tolist()}")
+    if (
+        corners.shape != (2, 3)
+        or not np.isfinite(corners).all()
+        or not (corners[0] < corners[1]).all()
+    ):
+        raise InputError(
+            f"bounds must be the lowest and highest corner, (2, 3), got {corners.tolist()}"
+        )
     low = corners[0]
     with np.errstate(over="ignore"):
         shape = (np.ceil((corners[1] - low) / cell) + 1).tolist()
     if not math.prod(shape) <= _MOST_CELLS:
         count = " x ".join(f"{side:g}" for side in shape)
-        raise InputError(f"cells of {cell} m make {count}, more than 64 million: use larger cells or smaller bounds")
+        raise InputError(
+            f"cells of {cell} m make {count}, more than 64 million: use larger cells or smaller bounds"
+        )
     shape = [int(side) for side in shape]
-    colors = np.zeros((*shape, 3), np.float32) if all(view.image is not None for view in views) else None
-    volume = Volume(low, cell, reach, np.zeros(shape, np.float32), np.zeros(shape, np.float32), colors)
+    colors = (
+        np.zeros((*shape, 3), np.float32)
+        if all(view.image is not None for view in views)
+        else None
+    )
+    volume = Volume(
+        low,
+        cell,
+        reach,
+        np.zeros(shape, np.float32),
+        np.zeros(shape, np.float32),
+        colors,
+    )
     weighted = [(view, _pixel_weights(view)) for view in views]
     j, k = np.mgrid[: shape[1], : shape[2]]
     for i in range(shape[0]):  # one slab at a time bounds the memory
@@ -122,17 +167,32 @@ def surface_of(volume: Volume) -> Surface:
     from skimage.measure import marching_cubes
 
     distance = np.where(volume.weight > 0, volume.distance, np.float32(1.0))
-    cube = np.ones((2, 2, 2))  # of a cell and the seven before it; marching cubes takes masks at the last corner
+    cube = np.ones(
+        (2, 2, 2)
+    )  # of a cell and the seven before it; marching cubes takes masks at the last corner
     known_cubes, outside, inside = (
-        ndimage.binary_erosion(flags, cube) for flags in (volume.weight > 0, distance > 0, distance <= 0)
+        ndimage.binary_erosion(flags, cube)
+        for flags in (volume.weight > 0, distance > 0, distance <= 0)
     )
     if not (known_cubes & ~outside & ~inside).any():
-        raise InputError("no surface crosses the grid: check the bounds, and that the cells are smaller than the scene")
-    vertices, faces, _, _ = marching_cubes(distance, 0.0, mask=known_cubes, gradient_direction="descent")
+        raise InputError(
+            "no surface crosses the grid: check the bounds, and that the cells are smaller than the scene"
+        )
+    vertices, faces, _, _ = marching_cubes(
+        distance, 0.0, mask=known_cubes, gradient_direction="descent"
+    )
     colors = None
     if volume.colors is not None:  # of the nearest cell
-        colors = np.rint(volume.colors[tuple(np.rint(vertices).astype(int).T)]).clip(0, 255).astype(np.uint8)
-    return Surface(volume.origin + volume.cell * vertices.astype(np.float64), faces.astype(np.int64), colors)
+        colors = (
+            np.rint(volume.colors[tuple(np.rint(vertices).astype(int).T)])
+            .clip(0, 255)
+            .astype(np.uint8)
+        )
+    return Surface(
+        volume.origin + volume.cell * vertices.astype(np.float64),
+        faces.astype(np.int64),
+        colors,
+    )
 
 
 def _agrees(view: DepthView, points: Float, tolerance: float) -> NDArray[np.bool_]:
@@ -141,7 +201,9 @@ def _agrees(view: DepthView, points: Float, tolerance: float) -> NDArray[np.bool
     pixels = view.camera.project(cam)
     inside = view.camera.contains(pixels)
     u, v = np.floor(np.where(inside[:, None], pixels, 0.0) + 0.5).astype(int).T
-    return np.asarray(inside & (np.abs(view.depth[v, u] - cam[:, 2]) <= tolerance * cam[:, 2]))
+    return np.asarray(
+        inside & (np.abs(view.depth[v, u] - cam[:, 2]) <= tolerance * cam[:, 2])
+    )
 
 
 def _pixel_weights(view: DepthView) -> Float:
@@ -155,7 +217,9 @@ def _pixel_weights(view: DepthView) -> Float:
     return np.asarray(np.maximum(np.nan_to_num(cosine, nan=0.0), _MIN_WEIGHT))
 
 
-def _add_view(view: DepthView, pixel_weights: Float, centres: Float, volume: Volume, i: int) -> None:
+def _add_view(
+    view: DepthView, pixel_weights: Float, centres: Float, volume: Volume, i: int
+) -> None:
     """Add one view to the cells of slab i, with centres (Y, Z, 3)."""
     cam = transform_points(inverse(view.world_from_cam), centres)
     pixels = view.camera.project(cam)
@@ -165,15 +229,24 @@ def _add_view(view: DepthView, pixel_weights: Float, centres: Float, volume: Vol
     depth = np.full(inside.shape, np.inf)
     depth[inside] = _depth_at(view, pixels[inside], volume.reach)
     # The difference of depths, as a distance along the ray.
-    away = (depth - cam[..., 2]) * np.linalg.norm(cam, axis=-1) / np.where(inside, cam[..., 2], 1.0)
+    away = (
+        (depth - cam[..., 2])
+        * np.linalg.norm(cam, axis=-1)
+        / np.where(inside, cam[..., 2], 1.0)
+    )
     seen = inside & np.isfinite(depth) & (away >= -volume.reach)
     u, v = np.floor(pixels[seen] + 0.5).astype(int).T
     before, weight = volume.weight[i][seen], pixel_weights[v, u]
     after = before + weight
     truncated = np.minimum(away[seen] / volume.reach, 1.0)
-    volume.distance[i][seen] = (volume.distance[i][seen] * before + truncated * weight) / after
+    volume.distance[i][seen] = (
+        volume.distance[i][seen] * before + truncated * weight
+    ) / after
     if volume.colors is not None and view.image is not None:
-        mixed = volume.colors[i][seen] * before[:, None] + view.image[v, u] * weight[:, None]
+        mixed = (
+            volume.colors[i][seen] * before[:, None]
+            + view.image[v, u] * weight[:, None]
+        )
         volume.colors[i][seen] = mixed / after[:, None]
     volume.weight[i][seen] = after
 
@@ -183,10 +256,17 @@ def _depth_at(view: DepthView, pixels: Float, reach: float) -> Float:
     height, width = view.depth.shape
     u, v = pixels.clip(0, (width - 1, height - 1)).T
     left, top = np.floor(u).astype(int), np.floor(v).astype(int)
-    columns, rows = (left, np.minimum(left + 1, width - 1)), (top, np.minimum(top + 1, height - 1))
+    columns, rows = (
+        (left, np.minimum(left + 1, width - 1)),
+        (top, np.minimum(top + 1, height - 1)),
+    )
     corners = np.stack([view.depth[row, column] for row in rows for column in columns])
-    shares = np.stack([y * x for y in (1 - (v - top), v - top) for x in (1 - (u - left), u - left)])
+    shares = np.stack(
+        [y * x for y in (1 - (v - top), v - top) for x in (1 - (u - left), u - left)]
+    )
     nearest = np.take_along_axis(corners, shares.argmax(axis=0)[None], axis=0)[0]
     with np.errstate(invalid="ignore"):  # inf - inf
         smooth = np.ptp(corners, axis=0) <= reach
-    return np.asarray(np.where(smooth, (np.where(smooth, corners, 0.0) * shares).sum(axis=0), nearest))
+    return np.asarray(
+        np.where(smooth, (np.where(smooth, corners, 0.0) * shares).sum(axis=0), nearest)
+    )

@@ -67,10 +67,20 @@ class Reconstruction:
     def picture(self) -> NDArray[np.uint8]:
         """The points above the surface, each from two viewpoints: uint8 (H, W, 3)."""
         middle = self.views[len(self.views) // 2]
-        camera, target = middle.camera.replace(distortion=None), np.median(self.points.points, axis=0)
-        poses = [orbit(middle.world_from_cam, target, angle, 10.0) for angle in _ORBIT_DEG]
+        camera, target = (
+            middle.camera.replace(distortion=None),
+            np.median(self.points.points, axis=0),
+        )
+        poses = [
+            orbit(middle.world_from_cam, target, angle, 10.0) for angle in _ORBIT_DEG
+        ]
         clouds = (self.points, sampled(self.surface, 0.5 * self.cell))
-        return np.vstack([np.hstack([splat(cloud, camera, pose, 3) for pose in poses]) for cloud in clouds])
+        return np.vstack(
+            [
+                np.hstack([splat(cloud, camera, pose, 3) for pose in poses])
+                for cloud in clouds
+            ]
+        )
 
 
 def reconstruct(
@@ -99,7 +109,9 @@ def reconstruct(
     progress(0.4, "fusing")
     points = fuse(views, min_views=min_views)
     if not len(points):
-        raise InputError(f"{stored.folder}: no point is left; allow larger depths, or require fewer views per point")
+        raise InputError(
+            f"{stored.folder}: no point is left; allow larger depths, or require fewer views per point"
+        )
     if cell is None:
         cell = float(np.ptp(points.points, axis=0).max()) / _CELLS
     surface = surface_of(integrate(views, cell))
@@ -109,28 +121,47 @@ def reconstruct(
     if stored.has("truth0.exr"):
         true = fuse(depth_views(stored, None, far))
         spacing_mm = 1e3 * (0.5 * cell if spacing is None else spacing)
-        against_truth = {name: asdict(compare(cloud, true, spacing_mm=spacing_mm)) for name, cloud in clouds.items()}
+        against_truth = {
+            name: asdict(compare(cloud, true, spacing_mm=spacing_mm))
+            for name, cloud in clouds.items()
+        }
     return Reconstruction(views, points, surface, cell, against_truth)
 
 
-def depth_views(stored: StoredSample, matcher: MatcherFactory | None, far: float) -> list[DepthView]:
+def depth_views(
+    stored: StoredSample, matcher: MatcherFactory | None, far: float
+) -> list[DepthView]:
     """The depth maps of a sample up to `far`: of each view from truth, or of each pair of neighbours from matching."""
     rig = stored.rig
     if matcher is None:
-        views = [view_of_truth(stored.truth(i), rig, i, stored.image(i)) for i in range(len(rig))]
+        views = [
+            view_of_truth(stored.truth(i), rig, i, stored.image(i))
+            for i in range(len(rig))
+        ]
     elif len(rig) < 2:
-        raise InputError(f"{stored.folder}: matching needs two views, the sample has one; use its truth")
+        raise InputError(
+            f"{stored.folder}: matching needs two views, the sample has one; use its truth"
+        )
     else:
         views = [_matched(stored, matcher, i) for i in range(len(rig) - 1)]
-    return [replace(view, depth=np.where(view.depth <= far, view.depth, np.inf)) for view in views]
+    return [
+        replace(view, depth=np.where(view.depth <= far, view.depth, np.inf))
+        for view in views
+    ]
 
 
 def _matched(stored: StoredSample, matcher: MatcherFactory, left: int) -> DepthView:
     """The depths from matching views `left` and `left` + 1, rectified; the search range is from truth or calib.txt."""
-    rig, images = stored.rig.pair(left, left + 1), [stored.image(i) for i in (left, left + 1)]
+    rig, images = (
+        stored.rig.pair(left, left + 1),
+        [stored.image(i) for i in (left, left + 1)],
+    )
     if not rig.is_rectified():
         result = rectify(rig, zero_doffs=False)
-        images, rig = [result.warp(side, image) for side, image in enumerate(images)], result.rectified_rig
+        images, rig = (
+            [result.warp(side, image) for side, image in enumerate(images)],
+            result.rectified_rig,
+        )
     if not stored.has(f"truth{left}.exr"):
         first, count = 0, stored.ndisp
     else:
@@ -138,7 +169,9 @@ def _matched(stored: StoredSample, matcher: MatcherFactory, left: int) -> DepthV
         x = [rig.project(side, truth.position[truth.hit])[:, 0] for side in (0, 1)]
         inside = np.isfinite(x[0]) & np.isfinite(x[1])
         if not inside.any():
-            raise InputError(f"{stored.folder}: view {left} has no surface that both cameras can see; leave it out")
+            raise InputError(
+                f"{stored.folder}: view {left} has no surface that both cameras can see; leave it out"
+            )
         low, high = np.percentile((x[0] - x[1])[inside], (0.1, 99.9))
         first, count = int(np.floor(low)) - 2, int(np.ceil(high) - np.floor(low)) + 5
     disparity = matcher(num_disparities=count, min_disparity=first).match(*images)

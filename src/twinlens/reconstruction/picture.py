@@ -9,7 +9,9 @@ from twinlens.geometry import Float, check_rigid, inverse, rigid, transform_poin
 from twinlens.reconstruction.surface import Cloud
 
 
-def splat(cloud: Cloud, camera: Camera, world_from_cam: ArrayLike, size_px: int = 2) -> NDArray[np.uint8]:
+def splat(
+    cloud: Cloud, camera: Camera, world_from_cam: ArrayLike, size_px: int = 2
+) -> NDArray[np.uint8]:
     """The image uint8 (H, W, 3) of the cloud: white background, grey points if it has no colours.
 
     size_px : side of a point's square, pixels.
@@ -23,16 +25,30 @@ def splat(cloud: Cloud, camera: Camera, world_from_cam: ArrayLike, size_px: int 
     u, v = (columns + corner[:, 0]).reshape(-1), (rows + corner[:, 1]).reshape(-1)
     point = np.tile(np.flatnonzero(inside), size_px**2)
     fits = (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
-    order = np.flatnonzero(fits)[np.argsort(-cam[point[fits], 2], kind="stable")]  # near points last: they stay
-    colors = np.full((len(cloud), 3), 128, np.uint8) if cloud.colors is None else cloud.colors
+    order = np.flatnonzero(fits)[
+        np.argsort(-cam[point[fits], 2], kind="stable")
+    ]  # near points last: they stay
+    colors = (
+        np.full((len(cloud), 3), 128, np.uint8)
+        if cloud.colors is None
+        else cloud.colors
+    )
     picture = np.full((camera.height, camera.width, 3), 255, np.uint8)
     picture[v[order], u[order]] = colors[point[order]]
     return picture
 
 
-def orbit(world_from_cam: ArrayLike, target: ArrayLike, angle_deg: float, rise_deg: float = 0.0) -> Float:
+def orbit(
+    world_from_cam: ArrayLike,
+    target: ArrayLike,
+    angle_deg: float,
+    rise_deg: float = 0.0,
+) -> Float:
     """The camera's pose rotated about `target` (3,): `angle_deg` about the camera's y axis, `rise_deg` about x."""
-    pose, centre = check_rigid(world_from_cam, "world_from_cam"), np.asarray(target, dtype=np.float64)
+    pose, centre = (
+        check_rigid(world_from_cam, "world_from_cam"),
+        np.asarray(target, dtype=np.float64),
+    )
     own = Rotation.from_euler("YX", [angle_deg, rise_deg], degrees=True).as_matrix()
     turn = pose[:3, :3] @ own @ pose[:3, :3].T
     return rigid(turn @ pose[:3, :3], centre + turn @ (pose[:3, 3] - centre))

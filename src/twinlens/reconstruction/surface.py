@@ -34,15 +34,26 @@ class DepthView:
     image: NDArray[Any] | None = None
 
     def __post_init__(self) -> None:
-        pose, depth = check_rigid(self.world_from_cam, "world_from_cam"), np.asarray(self.depth, dtype=np.float64)
+        pose, depth = (
+            check_rigid(self.world_from_cam, "world_from_cam"),
+            np.asarray(self.depth, dtype=np.float64),
+        )
         image = None if self.image is None else rgb8(self.image)
         size = self.camera.height, self.camera.width
         if depth.shape != size or (image is not None and image.shape != (*size, 3)):
             found = f"{depth.shape}, {None if image is None else image.shape}"
-            raise InputError(f"a view of {size} pixels needs depth (H, W), image (H, W, 3); got {found}")
+            raise InputError(
+                f"a view of {size} pixels needs depth (H, W), image (H, W, 3); got {found}"
+            )
         if not (depth > 0).all():
-            raise InputError("depths must be positive, or +inf where unknown; got NaN or values <= 0")
-        for name, value in (("world_from_cam", pose), ("depth", depth), ("image", image)):
+            raise InputError(
+                "depths must be positive, or +inf where unknown; got NaN or values <= 0"
+            )
+        for name, value in (
+            ("world_from_cam", pose),
+            ("depth", depth),
+            ("image", image),
+        ):
             object.__setattr__(self, name, value)
 
     @property
@@ -62,13 +73,19 @@ class DepthView:
         return np.where(self.known[..., None], points, np.inf)
 
 
-def view_of_truth(truth: Truth, rig: Rig, index: int, image: NDArray[Any] | None = None) -> DepthView:
+def view_of_truth(
+    truth: Truth, rig: Rig, index: int, image: NDArray[Any] | None = None
+) -> DepthView:
     """The true depths of camera `index`, with its image."""
     return DepthView(rig.cameras[index], rig.world_from_cams[index], truth.depth, image)
 
 
 def view_of_disparity(
-    disparity: ArrayLike, rig: Rig, left: int = 0, right: int = 1, image: NDArray[Any] | None = None
+    disparity: ArrayLike,
+    rig: Rig,
+    left: int = 0,
+    right: int = 1,
+    image: NDArray[Any] | None = None,
 ) -> DepthView:
     """Depths z = fx B / (d + doffs) of the left view of a rectified pair, from its disparity map (H, W), +inf unknown.
 
@@ -77,12 +94,16 @@ def view_of_disparity(
     """
     values = float_array("a disparity map", disparity)
     if not rig.is_rectified(left, right):
-        raise InputError(f"cameras {left} and {right} are not a rectified pair in this order: rectify them first")
+        raise InputError(
+            f"cameras {left} and {right} are not a rectified pair in this order: rectify them first"
+        )
     if np.isnan(values).any() or np.isneginf(values).any():
         raise InputError("unknown disparities must be +inf, got NaN or -inf")
     doffs = rig.doffs(left, right)
     finite = np.where(values + doffs > 0, values, np.inf)
-    depth = depth_from_disparity(finite, rig.cameras[left].fx, rig.baseline(left, right), doffs)
+    depth = depth_from_disparity(
+        finite, rig.cameras[left].fx, rig.baseline(left, right), doffs
+    )
     return DepthView(rig.cameras[left], rig.world_from_cams[left], depth, image)
 
 
@@ -113,16 +134,26 @@ class Surface:
     def __post_init__(self) -> None:
         _check("a surface's vertices", self.vertices, self.colors)
         corners = self.faces
-        if corners.ndim != 2 or corners.shape[1] != 3 or (corners.size and not corners.min() >= 0):
-            raise InputError(f"a surface's faces must be (F, 3) indices of vertices, got shape {corners.shape}")
+        if (
+            corners.ndim != 2
+            or corners.shape[1] != 3
+            or (corners.size and not corners.min() >= 0)
+        ):
+            raise InputError(
+                f"a surface's faces must be (F, 3) indices of vertices, got shape {corners.shape}"
+            )
         if corners.size and corners.max() >= len(self.vertices):
-            raise InputError(f"a face refers to vertex {corners.max()} of {len(self.vertices)}")
+            raise InputError(
+                f"a face refers to vertex {corners.max()} of {len(self.vertices)}"
+            )
 
 
 def points_of(view: DepthView) -> Cloud:
     """One point per pixel of known depth, row by row from the top left."""
     known = view.known
-    return Cloud(view.positions()[known], None if view.image is None else view.image[known])
+    return Cloud(
+        view.positions()[known], None if view.image is None else view.image[known]
+    )
 
 
 def mesh_of(view: DepthView, max_angle_deg: float = 85.0) -> Surface:
@@ -131,18 +162,26 @@ def mesh_of(view: DepthView, max_angle_deg: float = 85.0) -> Surface:
     A triangle is omitted when the angle between its normal and the viewing ray exceeds `max_angle_deg`: a depth step
     between neighbouring pixels of more than tan(max_angle) pixel footprints z / fx (11 at 85 degrees).
     """
-    check_number("max_angle_deg", max_angle_deg, "between 0 and 90 degrees", above=0, below=90)
+    check_number(
+        "max_angle_deg", max_angle_deg, "between 0 and 90 degrees", above=0, below=90
+    )
     known = view.known.reshape(-1)
     positions = np.where(known[:, None], view.positions().reshape(-1, 3), 0.0)
     pixel = np.arange(known.size).reshape(view.known.shape)
-    a, b, c, d = (part.reshape(-1) for part in (pixel[:-1, :-1], pixel[:-1, 1:], pixel[1:, :-1], pixel[1:, 1:]))
+    a, b, c, d = (
+        part.reshape(-1)
+        for part in (pixel[:-1, :-1], pixel[:-1, 1:], pixel[1:, :-1], pixel[1:, 1:])
+    )
     faces = np.concatenate([np.stack([a, c, b], axis=1), np.stack([b, c, d], axis=1)])
     faces = faces[known[faces].all(axis=1)]
     corners = positions[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     ray = view.world_from_cam[:3, 3] - corners.mean(axis=1)
     size = np.linalg.norm(normal, axis=1) * np.linalg.norm(ray, axis=1)
-    faces = faces[np.einsum("nc,nc->n", normal, ray) > math.cos(math.radians(max_angle_deg)) * size]
+    faces = faces[
+        np.einsum("nc,nc->n", normal, ray)
+        > math.cos(math.radians(max_angle_deg)) * size
+    ]
     used, renamed = np.unique(faces, return_inverse=True)
     colors = None if view.image is None else view.image.reshape(-1, 3)[used]
     return Surface(positions[used], renamed.reshape(faces.shape), colors)
@@ -155,17 +194,23 @@ def sampled(surface: Surface, spacing: float, seed: int = 0) -> Cloud:
     """
     check_number("spacing", spacing, "a positive number of metres", above=0)
     a, b, c = (surface.vertices[surface.faces[:, k]] for k in range(3))
-    counts = np.ceil(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1) / spacing**2).astype(np.int64)
+    counts = np.ceil(
+        0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1) / spacing**2
+    ).astype(np.int64)
     if (count := counts.sum()) > _MOST_SAMPLES:
         limit = f"{count} points, more than {_MOST_SAMPLES}"
         raise InputError(f"a spacing of {spacing} m makes {limit}: use a wider spacing")
     face = np.repeat(np.arange(len(counts)), counts)
     r, s = np.random.default_rng(seed).random((2, len(face)))
-    shares = np.stack([1 - np.sqrt(r), np.sqrt(r) * (1 - s), np.sqrt(r) * s], axis=1)  # uniform: Osada et al. 2002
+    shares = np.stack(
+        [1 - np.sqrt(r), np.sqrt(r) * (1 - s), np.sqrt(r) * s], axis=1
+    )  # uniform: Osada et al. 2002
     points = np.einsum("nk,nkc->nc", shares, surface.vertices[surface.faces[face]])
     if surface.colors is None:
         return Cloud(points)
-    mixed = np.einsum("nk,nkc->nc", shares, surface.colors[surface.faces[face]].astype(np.float64))
+    mixed = np.einsum(
+        "nk,nkc->nc", shares, surface.colors[surface.faces[face]].astype(np.float64)
+    )
     return Cloud(points, np.rint(mixed).astype(np.uint8))
 
 
@@ -174,7 +219,9 @@ def write_ply(path: Where, thing: Cloud | Surface) -> None:
     write_file(path, ply_bytes(thing))
 
 
-def write_glb(path: Where, thing: Cloud | Surface, world_from_cam: ArrayLike | None = None) -> None:
+def write_glb(
+    path: Where, thing: Cloud | Surface, world_from_cam: ArrayLike | None = None
+) -> None:
     """Write `glb_bytes`. Raises OutputError."""
     write_file(path, glb_bytes(thing, world_from_cam))
 
@@ -190,10 +237,16 @@ def glb_bytes(thing: Cloud | Surface, world_from_cam: ArrayLike | None = None) -
     glTF's axes are x right, y up, z towards the viewer. With `world_from_cam` (4, 4) the camera looks along -z with
     its up direction along y; without it, the world's z axis is up: (x, z, -y).
     """
-    gltf_from_world = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+    gltf_from_world = np.array(
+        [[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]]
+    )
     if world_from_cam is not None:
-        gltf_from_world = np.diag([1.0, -1.0, -1.0, 1.0]) @ np.linalg.inv(np.asarray(world_from_cam))
-    return bytes(_trimesh(thing).apply_transform(gltf_from_world).scene().export(file_type="glb"))
+        gltf_from_world = np.diag([1.0, -1.0, -1.0, 1.0]) @ np.linalg.inv(
+            np.asarray(world_from_cam)
+        )
+    return bytes(
+        _trimesh(thing).apply_transform(gltf_from_world).scene().export(file_type="glb")
+    )
 
 
 def _trimesh(thing: Cloud | Surface) -> Any:
@@ -201,11 +254,17 @@ def _trimesh(thing: Cloud | Surface) -> Any:
 
     if isinstance(thing, Cloud):
         return trimesh.PointCloud(thing.points, colors=thing.colors)
-    return trimesh.Trimesh(thing.vertices, thing.faces, vertex_colors=thing.colors, process=False)
+    return trimesh.Trimesh(
+        thing.vertices, thing.faces, vertex_colors=thing.colors, process=False
+    )
 
 
 def _check(name: str, points: Float, colors: NDArray[np.uint8] | None) -> None:
     if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
         raise InputError(f"{name} must be finite (N, 3), got shape {points.shape}")
-    if colors is not None and (colors.shape != points.shape or colors.dtype != np.uint8):
-        raise InputError(f"{name} need colours uint8 {points.shape}, got {colors.dtype} {colors.shape}")
+    if colors is not None and (
+        colors.shape != points.shape or colors.dtype != np.uint8
+    ):
+        raise InputError(
+            f"{name} need colours uint8 {points.shape}, got {colors.dtype} {colors.shape}"
+        )

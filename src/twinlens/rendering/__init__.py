@@ -14,7 +14,10 @@ from twinlens.rendering.ground_truth import (
     projection as projection,
     with_object_truth as with_object_truth,
 )
-from twinlens.rendering.lens_grid import LensGrid as LensGrid, render_lens_grid as render_lens_grid
+from twinlens.rendering.lens_grid import (
+    LensGrid as LensGrid,
+    render_lens_grid as render_lens_grid,
+)
 from twinlens.rendering.light_field import render_light_field as render_light_field
 from twinlens.rendering.object_truth import object_models as object_models
 from twinlens.rendering.projectors import ProjectorWarning as ProjectorWarning
@@ -29,7 +32,10 @@ from twinlens.rendering.radiance import (
     render as render,
     render_measured as render_measured,
 )
-from twinlens.rendering.samplers import Sampler as Sampler, default_sampler as default_sampler
+from twinlens.rendering.samplers import (
+    Sampler as Sampler,
+    default_sampler as default_sampler,
+)
 from twinlens.rendering.sensors import (
     check_camera_supported as check_camera_supported,
     check_lens_supported as check_lens_supported,

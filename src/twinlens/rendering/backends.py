@@ -50,7 +50,9 @@ def backend() -> Backend:
     wanted = _wanted()
     chosen = _already_set() or _choose(wanted)
     if chosen.probes and not chosen.is_jit:
-        chosen = replace(chosen, reason="no usable LLVM; see `twinlens doctor`")  # one line, for every command
+        chosen = replace(
+            chosen, reason="no usable LLVM; see `twinlens doctor`"
+        )  # one line, for every command
     _activate(chosen)
     return chosen
 
@@ -66,7 +68,9 @@ def mitsuba() -> Any:
     import mitsuba
 
     if mitsuba.variant() != chosen:
-        raise BackendError(f"mitsuba's variant was changed from {chosen} to {mitsuba.variant()}; set it back")
+        raise BackendError(
+            f"mitsuba's variant was changed from {chosen} to {mitsuba.variant()}; set it back"
+        )
     return mitsuba
 
 
@@ -117,8 +121,12 @@ def _already_set() -> Backend | None:
         return None
     for name, known in VARIANTS.items():
         if variant == known:
-            return _activated.get(known) or Backend(name, known, "set by the host program")
-    raise BackendError(f"mitsuba's variant is already {variant}; twinlens renders with {', '.join(VARIANTS.values())}")
+            return _activated.get(known) or Backend(
+                name, known, "set by the host program"
+            )
+    raise BackendError(
+        f"mitsuba's variant is already {variant}; twinlens renders with {', '.join(VARIANTS.values())}"
+    )
 
 
 def _choose(wanted: str) -> Backend:
@@ -135,15 +143,23 @@ def _choose(wanted: str) -> Backend:
         if probes[-1].works:
             reason = f"{library.name} works" if library else "a CUDA device works"
             path = str(library) if library else None
-            return Backend(name, VARIANTS[name], reason, library=path, probes=tuple(probes))
+            return Backend(
+                name, VARIANTS[name], reason, library=path, probes=tuple(probes)
+            )
     why = "; ".join(f"{Path(probe.path).name} {probe.answer}" for probe in probes)
     if wanted == "cuda":
         why = why or "no NVIDIA driver (libcuda.so.1) was found"
-        raise BackendError(f"TWINLENS_BACKEND=cuda does not work: {why}; unset it to use LLVM")
+        raise BackendError(
+            f"TWINLENS_BACKEND=cuda does not work: {why}; unset it to use LLVM"
+        )
     why = why or "no LLVM library and no CUDA device was found"
     if wanted == "llvm":
-        raise BackendError(f"TWINLENS_BACKEND=llvm does not work: {why}; {_INSTALL_LLVM}")
-    return Backend("scalar", VARIANTS["scalar"], why, advice=_INSTALL_LLVM, probes=tuple(probes))
+        raise BackendError(
+            f"TWINLENS_BACKEND=llvm does not work: {why}; {_INSTALL_LLVM}"
+        )
+    return Backend(
+        "scalar", VARIANTS["scalar"], why, advice=_INSTALL_LLVM, probes=tuple(probes)
+    )
 
 
 def _has_cuda_driver() -> bool:

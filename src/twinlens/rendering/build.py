@@ -80,7 +80,9 @@ def build(scene: Scene, band: str = "rgb") -> BuiltScene:
     with _building:
         scene = in_band(scene, band)
         if scene not in _cache:
-            built = _build_xml(scene) if scene.xml is not None else _build_objects(scene)
+            built = (
+                _build_xml(scene) if scene.xml is not None else _build_objects(scene)
+            )
             if scene.ambient != 1:
                 _scale_light(built.mi_scene, scene.ambient)
             _cache[scene] = built
@@ -101,26 +103,52 @@ def _need_two_threads() -> None:
 def _build_objects(scene: Scene) -> BuiltScene:
     mi = mitsuba()
     materials = {
-        name: _load({key: value for key, value in plugin.items() if key not in HINTS}, f"material {name!r}")
+        name: _load(
+            {key: value for key, value in plugin.items() if key not in HINTS},
+            f"material {name!r}",
+        )
         for name, plugin in scene.materials.items()
     }
     material_names = tuple(materials)
     # Made before lamps: the id of an environment map is a literal of kernels, and should be equal in all scenes.
     plugins = scene.lights if scene.sky is None else {"sky": scene.sky.plugin()}
-    lights = {f"light{i:04d}": _load(plugins[name], f"light {name!r}") for i, name in enumerate(plugins)}
+    lights = {
+        f"light{i:04d}": _load(plugins[name], f"light {name!r}")
+        for i, name in enumerate(plugins)
+    }
     parts: dict[str, Any] = {"type": "scene", "embree_use_robust_intersections": True}
-    placed: list[tuple[int, str, int, int, Any, SceneObject, Float]] = []  # ids and kinds of parts, and what they are
+    placed: list[
+        tuple[int, str, int, int, Any, SceneObject, Float]
+    ] = []  # ids and kinds of parts, and what they are
     names: list[str] = []
     for index, thing in enumerate(scene.objects):
-        copies = [f"{thing.name}[{i}]" for i in range(len(thing.instances))] or [thing.name]
-        poses = [pose @ thing.world_from_object for pose in thing.instances] or [thing.world_from_object]
+        copies = [f"{thing.name}[{i}]" for i in range(len(thing.instances))] or [
+            thing.name
+        ]
+        poses = [pose @ thing.world_from_object for pose in thing.instances] or [
+            thing.world_from_object
+        ]
         for k, (material, leaf) in enumerate(_leaves(thing, scene, materials)):
             material_id = 1 + material_names.index(material)
-            kind = material_kind(leaf.bsdf(), bool(scene.materials[material].get("matte")))
+            kind = material_kind(
+                leaf.bsdf(), bool(scene.materials[material].get("matte"))
+            )
             label = f"{index:04d}" if k == 0 else f"{index:04d}-{k}"
-            for copy, (key, part) in enumerate(_parts(thing, label, leaf, parts), start=1):
+            for copy, (key, part) in enumerate(
+                _parts(thing, label, leaf, parts), start=1
+            ):
                 parts[key] = part
-                placed.append((len(names) + copy, key, material_id, kind, leaf, thing, poses[copy - 1]))
+                placed.append(
+                    (
+                        len(names) + copy,
+                        key,
+                        material_id,
+                        kind,
+                        leaf,
+                        thing,
+                        poses[copy - 1],
+                    )
+                )
         names += copies
     parts |= lights
     mi_scene = mi.load_dict(parts, optimize=False)
@@ -130,12 +158,16 @@ def _build_objects(scene: Scene) -> BuiltScene:
         for object_id, key, material_id, kind, leaf, thing, pose in placed
         for instance in [None if shapes[key] is leaf else shapes[key]]
     )
-    return BuiltScene(mi_scene, _integrator(scene), bodies, tuple(names), material_names, parts)
+    return BuiltScene(
+        mi_scene, _integrator(scene), bodies, tuple(names), material_names, parts
+    )
 
 
 def _integrator(scene: Scene) -> Any:
     """The scene's integrator. A fixed block size makes scalar images independent of the number of threads."""
-    return sky_hidden(scene, _load({"block_size": BLOCK_PX, **scene.integrator}, "integrator"))
+    return sky_hidden(
+        scene, _load({"block_size": BLOCK_PX, **scene.integrator}, "integrator")
+    )
 
 
 def sky_hidden(scene: Scene, integrator: Any) -> Any:
@@ -147,7 +179,9 @@ def sky_hidden(scene: Scene, integrator: Any) -> Any:
     return HiddenSky(integrator, BLOCK_PX)
 
 
-def _parts(thing: SceneObject, label: str, leaf: Any, parts: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+def _parts(
+    thing: SceneObject, label: str, leaf: Any, parts: dict[str, Any]
+) -> Iterator[tuple[str, Any]]:
     """(key, Mitsuba part) of each copy of a leaf; instances share a shape group, which is added to `parts`."""
     if not thing.instances:
         yield f"object{label}", leaf
@@ -156,45 +190,83 @@ def _parts(thing: SceneObject, label: str, leaf: Any, parts: dict[str, Any]) -> 
     group = mi.load_dict({"type": "shapegroup", "leaf": leaf})
     parts[f"group{label}"] = group
     for i, pose in enumerate(thing.instances):
-        yield f"object{label}_{i:05d}", {"type": "instance", "to_world": mi.ScalarTransform4f(pose), "group": group}
+        yield (
+            f"object{label}_{i:05d}",
+            {
+                "type": "instance",
+                "to_world": mi.ScalarTransform4f(pose),
+                "group": group,
+            },
+        )
 
 
-def _leaves(thing: SceneObject, scene: Scene, bsdfs: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+def _leaves(
+    thing: SceneObject, scene: Scene, bsdfs: Mapping[str, Any]
+) -> Iterator[tuple[str, Any]]:
     """The material and the Mitsuba shape of each surface of an object."""
     mesh = thing.shape
     for number, material in enumerate(thing.materials):
         emitter = thing.emitter or scene.materials[material].get("emitter")
         if emitter is not None and thing.instances:
-            raise InputError(f"object {thing.name!r}: an object with instances cannot shine, as {material!r} does")
+            raise InputError(
+                f"object {thing.name!r}: an object with instances cannot shine, as {material!r} does"
+            )
         shape = mesh
-        if isinstance(mesh, Mesh) and mesh.surface is not None and len(thing.materials) > 1:
+        if (
+            isinstance(mesh, Mesh)
+            and mesh.surface is not None
+            and len(thing.materials) > 1
+        ):
             shape = _subset(mesh, mesh.surface == number)
             if not len(shape.faces):
                 continue
-        yield material, _leaf(replace(thing, shape=shape, emitter=emitter), bsdfs[material])
+        yield (
+            material,
+            _leaf(replace(thing, shape=shape, emitter=emitter), bsdfs[material]),
+        )
 
 
 def _subset(mesh: Mesh, chosen: NDArray[np.bool_]) -> Mesh:
     """The chosen faces (F,) of a mesh, and their vertices."""
     used, faces = np.unique(mesh.faces[chosen], return_inverse=True)
-    normals, uv = (None if values is None else values[used] for values in (mesh.normals, mesh.uv))
+    normals, uv = (
+        None if values is None else values[used] for values in (mesh.normals, mesh.uv)
+    )
     attributes = {name: values[used] for name, values in mesh.attributes.items()}
-    return Mesh(mesh.vertices[used], faces.reshape(-1, 3).astype(np.uint32), normals, uv, attributes=attributes)
+    return Mesh(
+        mesh.vertices[used],
+        faces.reshape(-1, 3).astype(np.uint32),
+        normals,
+        uv,
+        attributes=attributes,
+    )
 
 
 def _leaf(thing: SceneObject, bsdf: Any) -> Any:
     mi = mitsuba()
-    emitter = None if thing.emitter is None else _load(thing.emitter, f"emitter of object {thing.name!r}")
+    emitter = (
+        None
+        if thing.emitter is None
+        else _load(thing.emitter, f"emitter of object {thing.name!r}")
+    )
     if isinstance(thing.shape, Mesh):
-        return mitsuba_mesh(thing.name, thing.shape, thing.world_from_object, bsdf, emitter)
+        return mitsuba_mesh(
+            thing.name, thing.shape, thing.world_from_object, bsdf, emitter
+        )
     own = mi.ScalarTransform4f(thing.shape.get("to_world", np.eye(4)))
-    plugin = {**thing.shape, "to_world": mi.ScalarTransform4f(thing.world_from_object) @ own, "bsdf": bsdf}
+    plugin = {
+        **thing.shape,
+        "to_world": mi.ScalarTransform4f(thing.world_from_object) @ own,
+        "bsdf": bsdf,
+    }
     if emitter is not None:
         plugin["emitter"] = emitter
     return _load(plugin, f"shape of object {thing.name!r}")
 
 
-def mitsuba_mesh(name: str, mesh: Mesh, world_from_object: Float, bsdf: Any, emitter: Any) -> Any:
+def mitsuba_mesh(
+    name: str, mesh: Mesh, world_from_object: Float, bsdf: Any, emitter: Any
+) -> Any:
     """A Mitsuba mesh in world coordinates, transformed in float64."""
     mi = mitsuba()
     properties = mi.Properties()
@@ -265,14 +337,18 @@ def mitsuba_value(value: Any, textures: dict[int, Any] | None = None) -> Any:
 
 def _bitmap(texture: Bitmap) -> dict[str, Any]:
     mi = mitsuba()
-    upside = np.ascontiguousarray(texture.pixels[::-1], dtype=np.float32)  # Mitsuba's row 0 is v = 0
+    upside = np.ascontiguousarray(
+        texture.pixels[::-1], dtype=np.float32
+    )  # Mitsuba's row 0 is v = 0
     return {
         "type": "bitmap",
         "bitmap": mi.Bitmap(upside),
         "raw": True,
         "filter_type": texture.filter,
         "wrap_mode": texture.wrap,
-        "to_uv": mi.ScalarTransform3f(np.asarray(texture.to_uv)[np.ix_([0, 1, 3], [0, 1, 3])]),
+        "to_uv": mi.ScalarTransform3f(
+            np.asarray(texture.to_uv)[np.ix_([0, 1, 3], [0, 1, 3])]
+        ),
     }
 
 
@@ -286,11 +362,17 @@ def _input_errors(message: str) -> Iterator[None]:
     try:
         yield
     except RuntimeError as error:
-        raise InputError(f"{message}: {str(error).strip().splitlines()[-1].strip()}") from error
+        raise InputError(
+            f"{message}: {str(error).strip().splitlines()[-1].strip()}"
+        ) from error
 
 
 _SCALES = {"scale", "sun_scale", "sky_scale"}
-_EMISSION = {f"{name}.{key}" for name in ("radiance", "intensity", "irradiance") for key in ("value", "data", "scale")}
+_EMISSION = {
+    f"{name}.{key}"
+    for name in ("radiance", "intensity", "irradiance")
+    for key in ("value", "data", "scale")
+}
 
 
 def _scale_light(mi_scene: Any, factor: float) -> None:
@@ -299,15 +381,27 @@ def _scale_light(mi_scene: Any, factor: float) -> None:
 
     traverse = mitsuba().traverse
     bsdfs = dict.fromkeys(shape.bsdf() for shape in mi_scene.shapes())
-    used = {node for bsdf in bsdfs if bsdf is not None for node in traverse(bsdf).hierarchy}
+    used = {
+        node for bsdf in bsdfs if bsdf is not None for node in traverse(bsdf).hierarchy
+    }
     for emitter in mi_scene.emitters():
         parameters = traverse(emitter)
-        keys = _SCALES.intersection(parameters.keys()) or _EMISSION.intersection(parameters.keys())
+        keys = _SCALES.intersection(parameters.keys()) or _EMISSION.intersection(
+            parameters.keys()
+        )
         if not keys or any(dr.is_integral_v(parameters[key]) for key in keys):
-            what = "light with a picture of 8 bits" if keys else f"light of type {type(emitter).__name__}"
-            raise InputError(f"ambient cannot scale a {what}; give it a colour or a picture in .exr")
+            what = (
+                "light with a picture of 8 bits"
+                if keys
+                else f"light of type {type(emitter).__name__}"
+            )
+            raise InputError(
+                f"ambient cannot scale a {what}; give it a colour or a picture in .exr"
+            )
         if not used.isdisjoint(parameters.hierarchy):
-            raise InputError("ambient cannot scale a light whose picture has another use; give it one of its own")
+            raise InputError(
+                "ambient cannot scale a light whose picture has another use; give it one of its own"
+            )
         used.update(parameters.hierarchy)
         for key in keys:
             parameters[key] = parameters[key] * factor
@@ -326,12 +420,18 @@ def _build_xml(scene: Scene) -> BuiltScene:
         parts["type"] = "scene"
     if scene.sky is not None:
         if parts is None:
-            raise InputError(f"{scene.xml}: has instances; a sky can light only Mitsuba files without any")
+            raise InputError(
+                f"{scene.xml}: has instances; a sky can light only Mitsuba files without any"
+            )
         parts["sky"] = _load(scene.sky.plugin(), "sky")
         mi_scene = mitsuba().load_dict(parts, optimize=False)
     elif parts is not None:
         on_surface = int(mitsuba().EmitterFlags.Surface)
-        lights = [light for light in mi_scene.emitters() if not int(light.flags()) & on_surface]
+        lights = [
+            light
+            for light in mi_scene.emitters()
+            if not int(light.flags()) & on_surface
+        ]
         parts |= {f"light{i:04d}": light for i, light in enumerate(lights)}
     materials: dict[str, int] = {}
     names: list[str] = []
@@ -339,22 +439,48 @@ def _build_xml(scene: Scene) -> BuiltScene:
     for index, shape in enumerate(mi_scene.shapes(), start=1):
         names.append(shape.id() or f"shape{index}")
         bsdf = shape.bsdf()
-        material = materials.setdefault(bsdf.id() or f"material of {names[-1]}", len(materials) + 1)
+        material = materials.setdefault(
+            bsdf.id() or f"material of {names[-1]}", len(materials) + 1
+        )
         is_instance = shape.shape_type() == _INSTANCE
-        kind = 0 if is_instance else material_kind(bsdf)  # Mitsuba does not expose the material of an instance
-        bodies.append(Body(index, material, kind, None if is_instance else shape, shape if is_instance else None))
+        kind = (
+            0 if is_instance else material_kind(bsdf)
+        )  # Mitsuba does not expose the material of an instance
+        bodies.append(
+            Body(
+                index,
+                material,
+                kind,
+                None if is_instance else shape,
+                shape if is_instance else None,
+            )
+        )
     integrator = _integrator(scene) if own is None else sky_hidden(scene, own)
-    return BuiltScene(mi_scene, integrator, tuple(bodies), tuple(names), tuple(materials), parts)
+    return BuiltScene(
+        mi_scene, integrator, tuple(bodies), tuple(names), tuple(materials), parts
+    )
 
 
 def material_kind(bsdf: Any, matte: bool = False) -> int:
     """Index into MATERIAL_KINDS from the flags of a BSDF: transmissive, mirror, glossy, or diffuse if `matte`."""
     flags = mitsuba().BSDFFlags
     has = int(bsdf.flags()).__and__
-    if has(int(flags.DiffuseTransmission | flags.GlossyTransmission | flags.DeltaTransmission | flags.Null)):
+    if has(
+        int(
+            flags.DiffuseTransmission
+            | flags.GlossyTransmission
+            | flags.DeltaTransmission
+            | flags.Null
+        )
+    ):
         return 4
     if has(int(flags.DiffuseReflection)):
-        return 2 if has(int(flags.GlossyReflection | flags.DeltaReflection)) and not (matte or _is_matte(bsdf)) else 1
+        return (
+            2
+            if has(int(flags.GlossyReflection | flags.DeltaReflection))
+            and not (matte or _is_matte(bsdf))
+            else 1
+        )
     if has(int(flags.GlossyReflection)):
         return 2
     return 3 if has(int(flags.DeltaReflection)) else 1

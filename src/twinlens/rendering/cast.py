@@ -55,25 +55,43 @@ class Exact(NamedTuple):
     shading_normal: Float
 
 
-def refine(surface: Surface, origin: Float, directions: Float, prim: NDArray[np.uint32], t: Float) -> Exact:
+def refine(
+    surface: Surface,
+    origin: Float,
+    directions: Float,
+    prim: NDArray[np.uint32],
+    t: Float,
+) -> Exact:
     """Hits of origin + t directions with `surface`, near the float32 parameters t (N,)."""
     local_from_world: Float = np.linalg.inv(surface.world_from_local).astype(np.float64)
     o = local_from_world[:3, :3] @ origin + local_from_world[:3, 3]
     d = directions @ local_from_world[:3, :3].T
     with np.errstate(divide="ignore", invalid="ignore"):
-        exact = _on_triangles(surface, o, d, prim) if isinstance(surface, Triangles) else _on_unit(surface, o, d, t)
+        exact = (
+            _on_triangles(surface, o, d, prim)
+            if isinstance(surface, Triangles)
+            else _on_unit(surface, o, d, t)
+        )
         good = np.abs(exact.t - t) <= _MAX_CORRECTION * t
     normals = []
     for local in (exact.normal, exact.shading_normal):
-        turned = local @ local_from_world[:3, :3]  # the inverse transpose of world_from_local
+        turned = (
+            local @ local_from_world[:3, :3]
+        )  # the inverse transpose of world_from_local
         turned /= np.linalg.norm(turned, axis=1, keepdims=True)
         normals.append(turned)
     return Exact(np.where(good, exact.t, t), *normals)
 
 
-def _on_triangles(mesh: Triangles, o: Float, d: Float, prim: NDArray[np.uint32]) -> Exact:
+def _on_triangles(
+    mesh: Triangles, o: Float, d: Float, prim: NDArray[np.uint32]
+) -> Exact:
     corners = mesh.vertices[mesh.faces[prim]]
-    a, ab, ac = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    a, ab, ac = (
+        corners[:, 0],
+        corners[:, 1] - corners[:, 0],
+        corners[:, 2] - corners[:, 0],
+    )
     normal = np.cross(ab, ac)
     t = _dot(a - o, normal) / _dot(d, normal)
     if mesh.normals is None:
@@ -82,7 +100,9 @@ def _on_triangles(mesh: Triangles, o: Float, d: Float, prim: NDArray[np.uint32])
     b = _dot(np.cross(p, ac), normal) / area
     c = _dot(np.cross(ab, p), normal) / area
     weights = np.stack([1 - b - c, b, c], axis=1)
-    return Exact(t, normal, np.einsum("nk,nkc->nc", weights, mesh.normals[mesh.faces[prim]]))
+    return Exact(
+        t, normal, np.einsum("nk,nkc->nc", weights, mesh.normals[mesh.faces[prim]])
+    )
 
 
 def _on_unit(surface: Quadric, o: Float, d: Float, t: Float) -> Exact:
@@ -91,7 +111,11 @@ def _on_unit(surface: Quadric, o: Float, d: Float, t: Float) -> Exact:
         return Exact(-o[2] / d[:, 2], normal, normal)
     axes = _ROUND_AXES[surface.kind]
     o_round, d_round = o[:axes], d[:, :axes]
-    roots = _quadratic(_dot(d_round, d_round), _dot(d_round, o_round), np.broadcast_to(o_round @ o_round - 1, len(d)))
+    roots = _quadratic(
+        _dot(d_round, d_round),
+        _dot(d_round, o_round),
+        np.broadcast_to(o_round @ o_round - 1, len(d)),
+    )
     nearest = np.argmin(np.abs(np.nan_to_num(roots, nan=np.inf) - t), axis=0)
     exact = np.take_along_axis(roots, nearest[None], axis=0)[0]
     normal = (o + exact[:, None] * d) * (np.arange(3) < axes)
@@ -117,8 +141,13 @@ def surfaces(built: BuiltScene) -> list[Surface | None]:
             if id(body.shape) not in read:
                 read[id(body.shape)] = _read_surface(body.shape)
             surface = read[id(body.shape)]
-            if surface is not None and body.instance is not None:  # instances share the vertices of their shape
-                surface = replace(surface, world_from_local=_pose(body.instance) @ surface.world_from_local)
+            if (
+                surface is not None and body.instance is not None
+            ):  # instances share the vertices of their shape
+                surface = replace(
+                    surface,
+                    world_from_local=_pose(body.instance) @ surface.world_from_local,
+                )
             placed.append(surface)
         built.cache["surfaces"] = placed
     return built.cache["surfaces"]  # type: ignore[no-any-return]
@@ -136,7 +165,9 @@ def _read_surface(shape: Any) -> Surface | None:
     return Triangles(
         np.asarray(buffers["vertex_positions"], dtype=np.float64).reshape(-1, 3),
         np.asarray(buffers["faces"], dtype=np.uint32).reshape(-1, 3),
-        normals if len(normals) and shape.has_vertex_normals() and not shape.has_face_normals() else None,
+        normals
+        if len(normals) and shape.has_vertex_normals() and not shape.has_face_normals()
+        else None,
         np.eye(4),
     )
 
@@ -163,7 +194,9 @@ class Hits:
 def cast(built: BuiltScene, origin: Float, directions: Float) -> Hits:
     """First hits along origin + t directions; origin (3,), directions (N, 3), world coordinates."""
     count = len(directions)
-    hits = Hits(np.full(count, -1, np.int32), np.full(count, np.inf), np.zeros(count, np.uint32))
+    hits = Hits(
+        np.full(count, -1, np.int32), np.full(count, np.inf), np.zeros(count, np.uint32)
+    )
     trace = _trace_bundle if backend().is_jit else _trace_singly
     lengths = np.sqrt(np.einsum("nc,nc->n", directions, directions))
     for start in range(0, count, _BUNDLE):
@@ -173,20 +206,28 @@ def cast(built: BuiltScene, origin: Float, directions: Float) -> Hits:
     return Hits(hits.body, hits.t / lengths, hits.prim)
 
 
-def _trace_bundle(built: BuiltScene, origin: Float, unit: NDArray[np.float32], out: Hits) -> None:
+def _trace_bundle(
+    built: BuiltScene, origin: Float, unit: NDArray[np.float32], out: Hits
+) -> None:
     import drjit as dr
 
     mi, count = mitsuba(), len(unit)
     if not count:
         return
-    step = 1 << max(count.bit_length() - 3, 6)  # Dr.Jit compiles a kernel in 15 ms for each number of rays: use few
+    step = 1 << max(
+        count.bit_length() - 3, 6
+    )  # Dr.Jit compiles a kernel in 15 ms for each number of rays: use few
     padded = np.empty((3, -(-count // step) * step), dtype=np.float32)
     padded[:, :count], padded[:, count:] = unit.T, unit[-1:].T
     ray = mi.Ray3f(mi.Point3f(origin), mi.Vector3f(padded))
     pi = built.mi_scene.ray_intersect_preliminary(ray)
-    shape, instance = (dr.reinterpret_array(mi.UInt32, pointer) for pointer in (pi.shape, pi.instance))
+    shape, instance = (
+        dr.reinterpret_array(mi.UInt32, pointer) for pointer in (pi.shape, pi.instance)
+    )
     dr.eval(pi.t, pi.prim_index, shape, instance)
-    instance, shape, t, prim = (np.asarray(each)[:count] for each in (instance, shape, pi.t, pi.prim_index))
+    instance, shape, t, prim = (
+        np.asarray(each)[:count] for each in (instance, shape, pi.t, pi.prim_index)
+    )
     keys = np.where(instance > 0, instance, shape)  # prefer the instance
     out.body[:] = _row_of_handle(built)[keys]
     hit = keys > 0
@@ -200,17 +241,26 @@ def _row_of_handle(built: BuiltScene) -> NDArray[np.int32]:
 
         mi = mitsuba()
         pointers = [mi.ShapePtr(body.hit_object) for body in built.bodies]
-        handles = [int(np.asarray(dr.reinterpret_array(mi.UInt32, pointer))[0]) for pointer in pointers]
+        handles = [
+            int(np.asarray(dr.reinterpret_array(mi.UInt32, pointer))[0])
+            for pointer in pointers
+        ]
         rows = np.full(max(handles, default=0) + 1, -1, dtype=np.int32)
         rows[handles] = np.arange(len(handles))
         built.cache["rows"] = rows
     return built.cache["rows"]  # type: ignore[no-any-return]
 
 
-def _trace_singly(built: BuiltScene, origin: Float, unit: NDArray[np.float32], out: Hits) -> None:
+def _trace_singly(
+    built: BuiltScene, origin: Float, unit: NDArray[np.float32], out: Hits
+) -> None:
     mi = mitsuba()
     rows = {body.hit_object: row for row, body in enumerate(built.bodies)}
-    intersect, ray_type, vector = built.mi_scene.ray_intersect_preliminary, mi.Ray3f, mi.Vector3f
+    intersect, ray_type, vector = (
+        built.mi_scene.ray_intersect_preliminary,
+        mi.Ray3f,
+        mi.Vector3f,
+    )
     start = mi.Point3f(origin)
     for i, (x, y, z) in enumerate(unit.tolist()):
         pi = intersect(ray_type(start, vector(x, y, z)))
@@ -220,7 +270,13 @@ def _trace_singly(built: BuiltScene, origin: Float, unit: NDArray[np.float32], o
             out.prim[i] = pi.prim_index
 
 
-def exact_hits(built: BuiltScene, origin: Float, directions: Float, hits: Hits, measure: bool = True) -> Exact:
+def exact_hits(
+    built: BuiltScene,
+    origin: Float,
+    directions: Float,
+    hits: Hits,
+    measure: bool = True,
+) -> Exact:
     """Refined hits: t, geometric and shading normals.
 
     Shapes without a closed form keep Mitsuba's t; their normals are Mitsuba's with `measure`, else zero.
@@ -233,28 +289,45 @@ def exact_hits(built: BuiltScene, origin: Float, directions: Float, hits: Hits, 
         if not len(chosen):
             continue
         if surface is not None:
-            part = refine(surface, origin, directions[chosen], hits.prim[chosen], hits.t[chosen])
+            part = refine(
+                surface, origin, directions[chosen], hits.prim[chosen], hits.t[chosen]
+            )
             for whole, values in zip(exact, part, strict=True):
                 whole[chosen] = values
         elif measure:
-            exact.normal[chosen], exact.shading_normal[chosen] = _mitsuba_normals(built, origin, directions[chosen])
+            exact.normal[chosen], exact.shading_normal[chosen] = _mitsuba_normals(
+                built, origin, directions[chosen]
+            )
     return exact
 
 
-def _mitsuba_normals(built: BuiltScene, origin: Float, directions: Float) -> tuple[Float, Float]:
+def _mitsuba_normals(
+    built: BuiltScene, origin: Float, directions: Float
+) -> tuple[Float, Float]:
     """(geometric, shading) normals (N, 3) in float32."""
     mi = mitsuba()
     if backend().is_jit:
         towards = mi.Vector3f(np.ascontiguousarray(directions.T, dtype=np.float32))
         si = built.mi_scene.ray_intersect(mi.Ray3f(mi.Point3f(origin), towards))
-        return np.asarray(si.n, dtype=np.float64).T, np.asarray(si.sh_frame.n, dtype=np.float64).T
-    rays = [mi.Ray3f(mi.Point3f(origin), mi.Vector3f(*direction)) for direction in directions]
+        return np.asarray(si.n, dtype=np.float64).T, np.asarray(
+            si.sh_frame.n, dtype=np.float64
+        ).T
+    rays = [
+        mi.Ray3f(mi.Point3f(origin), mi.Vector3f(*direction))
+        for direction in directions
+    ]
     found = [built.mi_scene.ray_intersect(ray) for ray in rays]
-    return np.array([si.n for si in found], np.float64), np.array([si.sh_frame.n for si in found], np.float64)
+    return np.array([si.n for si in found], np.float64), np.array(
+        [si.sh_frame.n for si in found], np.float64
+    )
 
 
 def visible_from(
-    built: BuiltScene, centre: Float, points: Float, body: NDArray[np.int32], prim: NDArray[np.uint32]
+    built: BuiltScene,
+    centre: Float,
+    points: Float,
+    body: NDArray[np.int32],
+    prim: NDArray[np.uint32],
 ) -> NDArray[np.bool_]:
     """Whether each point is the first hit of the ray from `centre` to it: on the same plane, or at the same distance.
 
@@ -262,11 +335,26 @@ def visible_from(
     """
     rays = points - centre
     hits = cast(built, centre, rays)
-    triangles = np.array([*(isinstance(surface, Triangles) for surface in surfaces(built)), False])
-    flat = np.array([*(isinstance(surface, Quadric) and surface.is_flat for surface in surfaces(built)), False])
-    same_plane = (hits.body == body) & (flat[body] | (triangles[body] & (hits.prim == prim)))
+    triangles = np.array(
+        [*(isinstance(surface, Triangles) for surface in surfaces(built)), False]
+    )
+    flat = np.array(
+        [
+            *(
+                isinstance(surface, Quadric) and surface.is_flat
+                for surface in surfaces(built)
+            ),
+            False,
+        ]
+    )
+    same_plane = (hits.body == body) & (
+        flat[body] | (triangles[body] & (hits.prim == prim))
+    )
     clear: NDArray[np.bool_] = same_plane | (hits.t >= 1 - _SAME_POINT)
     doubtful = np.flatnonzero(~clear & (hits.t >= 1 - 2 * _MAX_CORRECTION))
     near = Hits(hits.body[doubtful], hits.t[doubtful], hits.prim[doubtful])
-    clear[doubtful] = exact_hits(built, centre, rays[doubtful], near, measure=False).t >= 1 - _SAME_POINT
+    clear[doubtful] = (
+        exact_hits(built, centre, rays[doubtful], near, measure=False).t
+        >= 1 - _SAME_POINT
+    )
     return clear

@@ -46,7 +46,10 @@ _MOST_SURROUNDINGS = np.float32(2.0)
 
 
 def denoise_image(
-    image: NDArray[np.float32], guides: Guides, own: Guides | None = None, fast: bool = False
+    image: NDArray[np.float32],
+    guides: Guides,
+    own: Guides | None = None,
+    fast: bool = False,
 ) -> NDArray[np.float32]:
     """A linear radiance image (H, W, 3), denoised.
 
@@ -86,7 +89,10 @@ def denoise_image(
 
 
 def denoise_parts(
-    images: NDArray[np.float32], guides: Guides, own: Guides | None, fractions: Float | None
+    images: NDArray[np.float32],
+    guides: Guides,
+    own: Guides | None,
+    fractions: Float | None,
 ) -> NDArray[np.float32]:
     """The images (P, H, W, 3) of parts of an aperture, denoised; `fractions` (P,) are their shares of the light.
 
@@ -102,10 +108,14 @@ def denoise_parts(
         if fraction > 0:
             image = images[part] / np.float32(fraction)
             found[part] = fraction * denoise_image(
-                image, guides.of_part(part, fraction), own and own.of_part(part, fraction)
+                image,
+                guides.of_part(part, fraction),
+                own and own.of_part(part, fraction),
             )
     total = denoise_image(images.sum(axis=0), guides.of_parts(), own and own.of_parts())
-    shares = np.broadcast_to((fractions / fractions.sum())[:, None, None, None], found.shape).copy()
+    shares = np.broadcast_to(
+        (fractions / fractions.sum())[:, None, None, None], found.shape
+    ).copy()
     np.divide(found, found.sum(axis=0), out=shares, where=found.sum(axis=0) > 0)
     return np.asarray(shares * total, np.float32)
 
@@ -113,12 +123,18 @@ def denoise_parts(
 def _replace_texture(
     image: NDArray[np.float32], own: NDArray[np.float32], albedo: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    irradiance = uniform_filter(image, _WINDOW) / np.maximum(uniform_filter(own, _WINDOW), LEAST_ALBEDO)
-    return np.asarray(np.maximum(image + irradiance * (albedo - own), 0, dtype=np.float32))
+    irradiance = uniform_filter(image, _WINDOW) / np.maximum(
+        uniform_filter(own, _WINDOW), LEAST_ALBEDO
+    )
+    return np.asarray(
+        np.maximum(image + irradiance * (albedo - own), 0, dtype=np.float32)
+    )
 
 
 def _with_lost_texture(
-    filtered: NDArray[np.float32], unfiltered: NDArray[np.float32], texture: NDArray[np.float32]
+    filtered: NDArray[np.float32],
+    unfiltered: NDArray[np.float32],
+    texture: NDArray[np.float32],
 ) -> NDArray[np.float32]:
     """`filtered` and what the filter removed of the details of `texture` from `unfiltered`; all are (H, W, 3).
 
@@ -127,18 +143,36 @@ def _with_lost_texture(
     gets details of its surroundings' brightness: its own, from the filter, is already blurred at edges.
     """
     brightness = np.maximum(filtered, np.float32(_DARK))
-    surroundings = np.minimum(_blurred(filtered, _SURROUNDINGS_PX) / brightness, _MOST_SURROUNDINGS)
-    removed = np.divide(unfiltered - filtered, brightness, dtype=np.float32).clip(-1, 1)  # limits outliers
-    fine, coarse = (surroundings * (texture - _blurred(texture, scale)) / texture for scale in _DETAIL_PX)
+    surroundings = np.minimum(
+        _blurred(filtered, _SURROUNDINGS_PX) / brightness, _MOST_SURROUNDINGS
+    )
+    removed = np.divide(unfiltered - filtered, brightness, dtype=np.float32).clip(
+        -1, 1
+    )  # limits outliers
+    fine, coarse = (
+        surroundings * (texture - _blurred(texture, scale)) / texture
+        for scale in _DETAIL_PX
+    )
 
-    def covariance(a: NDArray[np.float32], b: NDArray[np.float32]) -> float:  # that of BLAS depends on its threads
-        return float(np.mean((a - a.mean(dtype=np.float64)) * (b - b.mean(dtype=np.float64))))
+    def covariance(
+        a: NDArray[np.float32], b: NDArray[np.float32]
+    ) -> float:  # that of BLAS depends on its threads
+        return float(
+            np.mean((a - a.mean(dtype=np.float64)) * (b - b.mean(dtype=np.float64)))
+        )
 
     both = covariance(fine, coarse)
-    matrix = np.array([[covariance(fine, fine), both], [both, covariance(coarse, coarse)]])
+    matrix = np.array(
+        [[covariance(fine, fine), both], [both, covariance(coarse, coarse)]]
+    )
     of_removed = np.array([covariance(fine, removed), covariance(coarse, removed)])
-    of_fine, of_coarse = np.linalg.lstsq(matrix, of_removed, rcond=None)[0].astype(np.float32)
-    return np.asarray(np.maximum(filtered + brightness * (of_fine * fine + of_coarse * coarse), 0), np.float32)
+    of_fine, of_coarse = np.linalg.lstsq(matrix, of_removed, rcond=None)[0].astype(
+        np.float32
+    )
+    return np.asarray(
+        np.maximum(filtered + brightness * (of_fine * fine + of_coarse * coarse), 0),
+        np.float32,
+    )
 
 
 def _blurred(image: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:
@@ -157,7 +191,11 @@ def _filled(image: NDArray[np.float32]) -> NDArray[np.float32]:
 
 def _pad(image: NDArray[np.float32]) -> NDArray[np.float32]:
     """The image with a mirrored margin. Without it the filter is wrong by up to 15 % in the corners of plain images."""
-    return np.pad(image, ((_MARGIN_PX, _MARGIN_PX), (_MARGIN_PX, _MARGIN_PX), (0, 0)), mode="symmetric")
+    return np.pad(
+        image,
+        ((_MARGIN_PX, _MARGIN_PX), (_MARGIN_PX, _MARGIN_PX), (0, 0)),
+        mode="symmetric",
+    )
 
 
 def _exposure(image: NDArray[np.float32]) -> float:
@@ -167,8 +205,13 @@ def _exposure(image: NDArray[np.float32]) -> float:
     """
     luminance = image.astype(np.float64) @ _LUMINANCE
     rows, columns = (np.arange(0, size, _EXPOSURE_BLOCK) for size in luminance.shape)
-    counts = np.add.reduceat(np.add.reduceat(np.ones_like(luminance), rows, axis=0), columns, axis=1)
-    means = np.add.reduceat(np.add.reduceat(luminance, rows, axis=0), columns, axis=1) / counts
+    counts = np.add.reduceat(
+        np.add.reduceat(np.ones_like(luminance), rows, axis=0), columns, axis=1
+    )
+    means = (
+        np.add.reduceat(np.add.reduceat(luminance, rows, axis=0), columns, axis=1)
+        / counts
+    )
     lit = means[np.isfinite(means) & (means > _DARK)]
     return float(0.18 / np.exp(np.log(lit).mean())) if lit.size else 1.0
 
@@ -191,7 +234,9 @@ def denoiser_record() -> dict[str, Any]:
 def _device() -> Any:
     from mitsuba_oidn import Device, DeviceType, Error
 
-    atexit.register(_device.cache_clear)  # nanobind reports what the interpreter's end finds alive
+    atexit.register(
+        _device.cache_clear
+    )  # nanobind reports what the interpreter's end finds alive
     if backend().name == "cuda":
         with contextlib.suppress(Error):  # the library may lack support for this GPU
             return Device(DeviceType.CUDA)

@@ -31,8 +31,14 @@ def focal_stack(
     if not isinstance(lens, ThinLens):
         raise InputError(f"a focal stack needs a ThinLens, got {format_value(lens)}")
     if np.ndim(focus_distances) != 1:
-        raise InputError(f"focus_distances must be a list of metres, got {format_value(focus_distances)}")
+        raise InputError(
+            f"focus_distances must be a list of metres, got {format_value(focus_distances)}"
+        )
     for distance in focus_distances:
         check_focus(distance)
-    lenses = [lens.replace(focus_distance=float(distance)) for distance in focus_distances]
-    return render_lens_grid(scene, rig, lenses, spp, seed, denoise=denoise, progress=progress)
+    lenses = [
+        lens.replace(focus_distance=float(distance)) for distance in focus_distances
+    ]
+    return render_lens_grid(
+        scene, rig, lenses, spp, seed, denoise=denoise, progress=progress
+    )

@@ -29,7 +29,9 @@ class _View:
     position: Float
 
 
-def ground_truth(scene: Scene, rig: Rig, *, sky_disparity: bool = False, objects: bool = True) -> list[Truth]:
+def ground_truth(
+    scene: Scene, rig: Rig, *, sky_disparity: bool = False, objects: bool = True
+) -> list[Truth]:
     """The exact ground truth of every camera of `rig`, with disparity to its partner (`Rig.partner`).
 
     It does not depend on lens or samples.
@@ -48,7 +50,9 @@ def ground_truth(scene: Scene, rig: Rig, *, sky_disparity: bool = False, objects
     """
     check_view(scene, rig)
     built = build(scene)
-    truths = [_view_truth(built, rig, index, sky_disparity) for index in range(len(rig))]
+    truths = [
+        _view_truth(built, rig, index, sky_disparity) for index in range(len(rig))
+    ]
     return with_object_truth(scene, rig, truths) if objects else truths
 
 
@@ -56,11 +60,14 @@ def with_object_truth(scene: Scene, rig: Rig, truths: Sequence[Truth]) -> list[T
     """The truths of `ground_truth` for the same scene and rig, with `Truth.objects`."""
     built = build(scene)
     return [
-        replace(each, objects=object_truths(built, rig, i, each.object_id, each.depth)) for i, each in enumerate(truths)
+        replace(each, objects=object_truths(built, rig, i, each.object_id, each.depth))
+        for i, each in enumerate(truths)
     ]
 
 
-def correspondence(scene: Scene, rig: Rig, source: int = 0, target: int = 1, *, sky: bool = False) -> Correspondence:
+def correspondence(
+    scene: Scene, rig: Rig, source: int = 0, target: int = 1, *, sky: bool = False
+) -> Correspondence:
     """The position of every pixel of camera `source` in the image of camera `target`, and its visibility there.
 
     The hits of the source's chief rays are projected into the target. Any poses and distortions are allowed, also two
@@ -75,16 +82,24 @@ def correspondence(scene: Scene, rig: Rig, source: int = 0, target: int = 1, *, 
     """
     check_view(scene, rig)
     if not (0 <= source < len(rig) and 0 <= target < len(rig)) or source == target:
-        raise InputError(f"a pair needs two different cameras from 0 to {len(rig) - 1}, got {source} and {target}")
+        raise InputError(
+            f"a pair needs two different cameras from 0 to {len(rig) - 1}, got {source} and {target}"
+        )
     built = build(scene)
-    pixels, disparity, visible = _project_into(built, rig, _cast_view(built, rig, source), target, sky)
+    pixels, disparity, visible = _project_into(
+        built, rig, _cast_view(built, rig, source), target, sky
+    )
     shape = rig.cameras[source].height, rig.cameras[source].width
     return Correspondence(
-        pixels.reshape(*shape, 2), visible.reshape(shape), disparity.astype(np.float32).reshape(shape)
+        pixels.reshape(*shape, 2),
+        visible.reshape(shape),
+        disparity.astype(np.float32).reshape(shape),
     )
 
 
-def projection(scene: Scene, rig: Rig, camera: int = 0, projector: int = 0) -> Projection:
+def projection(
+    scene: Scene, rig: Rig, camera: int = 0, projector: int = 0
+) -> Projection:
     """The position in the pattern of `projector` that lights what each pixel of `camera` sees, and whether it does.
 
     A chief ray through each pixel's centre, and a ray from the projector's centre to where it hits. Projector i is
@@ -123,18 +138,28 @@ def _cast_view(built: BuiltScene, rig: Rig, index: int) -> _View:
 
 
 def _view_truth(built: BuiltScene, rig: Rig, index: int, sky_disparity: bool) -> Truth:
-    view, camera, other = _cast_view(built, rig, index), rig.cameras[index], rig.partner(index)
+    view, camera, other = (
+        _cast_view(built, rig, index),
+        rig.cameras[index],
+        rig.partner(index),
+    )
     disparity = np.full(len(view.position), np.inf)
     visible = np.zeros(len(view.position), dtype=bool)
     if other is not None:
         sky = sky_disparity and rig.is_rectified(*_in_order(rig, index, other))
         _, disparity, visible = _project_into(built, rig, view, other, sky)
-    ids = [(body.object_id, body.material_id, body.material_kind) for body in built.bodies]
-    object_id, material_id, material_kind = np.array([*ids, (0, 0, 0)]).T[:, view.hits.body]  # row -1 is no hit
+    ids = [
+        (body.object_id, body.material_id, body.material_kind) for body in built.bodies
+    ]
+    object_id, material_id, material_kind = np.array([*ids, (0, 0, 0)]).T[
+        :, view.hits.body
+    ]  # row -1 is no hit
     normal = _facing(view.exact.normal, -view.directions)
 
     def image(values: NDArray[Any], dtype: type[np.generic]) -> NDArray[Any]:
-        return values.astype(dtype, copy=False).reshape(camera.height, camera.width, *values.shape[1:])
+        return values.astype(dtype, copy=False).reshape(
+            camera.height, camera.width, *values.shape[1:]
+        )
 
     return Truth(
         depth=image(view.exact.t, np.float64),
@@ -148,7 +173,9 @@ def _view_truth(built: BuiltScene, rig: Rig, index: int, sky_disparity: bool) ->
         material_kind=image(material_kind, np.uint8),
         object_names=built.object_names,
         material_names=built.material_names,
-        projections=tuple(_projection(built, rig, view, i) for i in range(len(rig.projectors))),
+        projections=tuple(
+            _projection(built, rig, view, i) for i in range(len(rig.projectors))
+        ),
     )
 
 
@@ -167,8 +194,16 @@ def _project_into(
     centre, cam_from_world = pose[:3, 3], inverse(pose)
     pixels = np.full((len(found), 2), np.inf)
     visible = np.zeros(len(found), dtype=bool)
-    pixels[found] = camera.project(transform_points(cam_from_world, view.position[found]))
-    visible[found] = visible_from(built, centre, view.position[found], view.hits.body[found], view.hits.prim[found])
+    pixels[found] = camera.project(
+        transform_points(cam_from_world, view.position[found])
+    )
+    visible[found] = visible_from(
+        built,
+        centre,
+        view.position[found],
+        view.hits.body[found],
+        view.hits.prim[found],
+    )
     if sky:
         directions = view.directions[~found]
         pixels[~found] = camera.project(rotate(cam_from_world, directions))
@@ -179,7 +214,9 @@ def _project_into(
     left, right = _in_order(rig, view.index, other)
     if rig.is_rectified(left, right):
         u = rig.cameras[view.index].pixel_grid()[..., 0].reshape(-1)
-        disparity[found] = (u[found] - pixels[found, 0]) * (1 if view.index == left else -1)
+        disparity[found] = (u[found] - pixels[found, 0]) * (
+            1 if view.index == left else -1
+        )
         disparity[~found] = 0.0 - rig.doffs(left, right) if sky else np.inf  # not -0.0
     return pixels, disparity, visible
 

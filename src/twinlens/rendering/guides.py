@@ -51,7 +51,11 @@ class Guides:
         features = np.nan_to_num(means).astype(np.float32)
         np.clip(features[..., :3], 0, 1, out=features[..., :3])
         np.clip(features[..., 3:6], -1, 1, out=features[..., 3:6])
-        return cls(features, count) if parts is None else cls(features[..., :-1], count, features[..., -1:])
+        return (
+            cls(features, count)
+            if parts is None
+            else cls(features[..., :-1], count, features[..., -1:])
+        )
 
     @property
     def albedo(self) -> NDArray[np.float32]:
@@ -71,7 +75,9 @@ class Guides:
 
     def replaced_where_random(self, other: "Guides") -> "Guides":
         """These guides, but those of `other` where samples chose at random: glass would have specks."""
-        return Guides(np.where(self.random_share > 0, other.features, self.features), self.count)
+        return Guides(
+            np.where(self.random_share > 0, other.features, self.features), self.count
+        )
 
     def __add__(self, other: "Guides") -> "Guides":
         """The guides of both sets of samples."""
@@ -85,7 +91,11 @@ class Guides:
     def of_part(self, part: int, fraction: float) -> "Guides":
         """The guides of one part, which gets this fraction of the light; of all where no sample is in the part."""
         assert self.shares is not None
-        surface = _ratio(self.features[part], self.shares[part], self.of_parts().features[..., :_SURFACE_CHANNELS])
+        surface = _ratio(
+            self.features[part],
+            self.shares[part],
+            self.of_parts().features[..., :_SURFACE_CHANNELS],
+        )
         projected = self.features[part][..., _SURFACE_CHANNELS:] / np.float32(fraction)
         return Guides(np.concatenate([surface, projected], axis=-1), self.count)
 
@@ -94,7 +104,10 @@ class Guides:
         assert self.shares is not None
         total = self.features.sum(axis=0)
         surface = _ratio(total, self.shares.sum(axis=0), np.array(_NOTHING, np.float32))
-        return Guides(np.concatenate([surface, total[..., _SURFACE_CHANNELS:]], axis=-1), self.count)
+        return Guides(
+            np.concatenate([surface, total[..., _SURFACE_CHANNELS:]], axis=-1),
+            self.count,
+        )
 
     def binned(self) -> "Guides":
         """At half the resolution."""
@@ -102,17 +115,31 @@ class Guides:
 
 
 def _ratio(
-    features: NDArray[np.float32], share: NDArray[np.float32], unknown: NDArray[np.float32]
+    features: NDArray[np.float32],
+    share: NDArray[np.float32],
+    unknown: NDArray[np.float32],
 ) -> NDArray[np.float32]:
     """Albedo, normal and random share over the share of samples; `unknown` where it is 0."""
-    return np.where(share > 0, features[..., :_SURFACE_CHANNELS] / np.where(share > 0, share, 1), unknown)
+    return np.where(
+        share > 0,
+        features[..., :_SURFACE_CHANNELS] / np.where(share > 0, share, 1),
+        unknown,
+    )
 
 
 def binned(image: NDArray[np.float32]) -> NDArray[np.float32]:
     """Means over 2x2 pixels of an image (H, W, C); the last row and column are repeated if their number is odd."""
     height, width = (size + size % 2 for size in image.shape[:2])
-    even = np.pad(image, ((0, height - len(image)), (0, width - image.shape[1]), (0, 0)), mode="edge")
-    return np.asarray(even.reshape(height // 2, 2, width // 2, 2, -1).mean(axis=(1, 3), dtype=np.float32))
+    even = np.pad(
+        image,
+        ((0, height - len(image)), (0, width - image.shape[1]), (0, 0)),
+        mode="edge",
+    )
+    return np.asarray(
+        even.reshape(height // 2, 2, width // 2, 2, -1).mean(
+            axis=(1, 3), dtype=np.float32
+        )
+    )
 
 
 def render_guides(
@@ -132,31 +159,49 @@ def render_guides(
     total: Any = 0.0
     count = 0
     for sampler, size, seed in passes:
-        total = total + size * render(built, make_sensor(camera, pose, lens, size, sampler), camera, size, seed)
+        total = total + size * render(
+            built, make_sensor(camera, pose, lens, size, sampler), camera, size, seed
+        )
         count += size
     return Guides.from_means(total / count, count, parts)
 
 
-def _render_scalar(built: BuiltScene, sensor: Any, camera: Camera, count: int, seed: int) -> Float:
+def _render_scalar(
+    built: BuiltScene, sensor: Any, camera: Camera, count: int, seed: int
+) -> Float:
     emission = {"type": "path", "max_depth": 1}
-    integrator = mitsuba().load_dict({"type": "aov", "aovs": "albedo:albedo,normal:sh_normal", "emission": emission})
-    image = np.asarray(integrator.render(_grouped(built), sensor, seed=seed, spp=count), dtype=np.float64)
+    integrator = mitsuba().load_dict(
+        {"type": "aov", "aovs": "albedo:albedo,normal:sh_normal", "emission": emission}
+    )
+    image = np.asarray(
+        integrator.render(_grouped(built), sensor, seed=seed, spp=count),
+        dtype=np.float64,
+    )
     albedo, normal = image[..., -6:-3], image[..., -3:]
     albedo += image[..., :3]
-    if _has_openings(built):  # Mitsuba gives mirrors and glass albedo 0, which would demodulate what they show
+    if _has_openings(
+        built
+    ):  # Mitsuba gives mirrors and glass albedo 0, which would demodulate what they show
         albedo[(albedo == 0).all(axis=-1) & normal.any(axis=-1)] = 1
     return np.concatenate([albedo, normal, np.zeros((*albedo.shape[:2], 1))], axis=-1)
 
 
 def _grouped(built: BuiltScene) -> Any:
     """The scene with its bodies, but not instances, in one shape group: `aov` copies the list of shapes each time."""
-    if any(body.shape is None for body in built.bodies):  # an instance of a Mitsuba file, whose shape is not known
+    if any(
+        body.shape is None for body in built.bodies
+    ):  # an instance of a Mitsuba file, whose shape is not known
         return built.mi_scene
     if "grouped" not in built.cache:
         mi = mitsuba()
         # Shapes are named by their first body, so that names do not differ between runs.
-        first = {id(body.shape): row for row, body in reversed(list(enumerate(built.bodies)))}
-        parts: dict[str, Any] = {"type": "scene", "embree_use_robust_intersections": True}
+        first = {
+            id(body.shape): row for row, body in reversed(list(enumerate(built.bodies)))
+        }
+        parts: dict[str, Any] = {
+            "type": "scene",
+            "embree_use_robust_intersections": True,
+        }
         for row, body in enumerate(built.bodies):
             if body.instance is None and body.shape.is_emitter():
                 parts[f"light{row}"] = body.shape
@@ -164,9 +209,19 @@ def _grouped(built: BuiltScene) -> Any:
             copied = body.instance is not None
             shape = first[id(body.shape)]
             group = f"group{shape}" if copied else "group"
-            parts.setdefault(group, {"type": "shapegroup"})[f"shape{shape}"] = body.shape
-            pose = mi.traverse(body.instance)["to_world"] if copied else mi.ScalarTransform4f()
-            placed = {"type": "instance", "to_world": pose, "group": {"type": "ref", "id": group}}
+            parts.setdefault(group, {"type": "shapegroup"})[f"shape{shape}"] = (
+                body.shape
+            )
+            pose = (
+                mi.traverse(body.instance)["to_world"]
+                if copied
+                else mi.ScalarTransform4f()
+            )
+            placed = {
+                "type": "instance",
+                "to_world": pose,
+                "group": {"type": "ref", "id": group},
+            }
             parts[f"copy{row}" if copied else "all"] = placed
         if built.mi_scene.environment() is not None:
             parts["sky"] = built.mi_scene.environment()
@@ -176,11 +231,18 @@ def _grouped(built: BuiltScene) -> Any:
 
 def _has_openings(built: BuiltScene) -> bool:
     """Whether there may be mirrors, glass or masks."""
-    return any(body.material_kind in (_UNKNOWN_KIND, *_SPECULAR_KINDS) for body in built.bodies)
+    return any(
+        body.material_kind in (_UNKNOWN_KIND, *_SPECULAR_KINDS) for body in built.bodies
+    )
 
 
 def _render_jit(
-    built: BuiltScene, sensor: Any, camera: Camera, count: int, seed: int, parts: Parts | None = None
+    built: BuiltScene,
+    sensor: Any,
+    camera: Camera,
+    count: int,
+    seed: int,
+    parts: Parts | None = None,
 ) -> Float:
     """Means of the features; with `parts`, of their shares after these."""
     import drjit
@@ -191,10 +253,17 @@ def _render_jit(
     albedo, normal = _first_rough_surfaces(built, mitsuba().Ray3f(ray))
     channels = [*albedo, *normal, drjit.zeros(mitsuba().Float, drjit.width(x))]
     if built.projected is not None:
-        channels.extend(built.projected.direct_light(built.mi_scene, sensor.sampler(), ray))
+        channels.extend(
+            built.projected.direct_light(built.mi_scene, sensor.sampler(), ray)
+        )
     if parts is None:
         return pixel_means(channels, count, camera)
-    return pixel_means([*channels, mitsuba().Float(1.0)], count, camera, parts.shares(x, y, sensor.math))
+    return pixel_means(
+        [*channels, mitsuba().Float(1.0)],
+        count,
+        camera,
+        parts.shares(x, y, sensor.math),
+    )
 
 
 def _first_rough_surfaces(built: BuiltScene, ray: Any) -> tuple[Any, Any]:
@@ -213,7 +282,15 @@ def _first_rough_surfaces(built: BuiltScene, ray: Any) -> tuple[Any, Any]:
         return surface_features(si, si.bsdf(), mi.Bool(True))
 
     def step(
-        active: Any, ray: Any, tint: Any, part: Any, other: Any, is_split: Any, albedo: Any, normal: Any, depth: Any
+        active: Any,
+        ray: Any,
+        tint: Any,
+        part: Any,
+        other: Any,
+        is_split: Any,
+        albedo: Any,
+        normal: Any,
+        depth: Any,
     ) -> tuple[Any, ...]:
         """One surface. `part` is the share of the ray, `tint` its share and colour; `other` is a ray that waits."""
         si = scene.ray_intersect(ray, mi.RayFlags.All, True, active)
@@ -222,7 +299,9 @@ def _first_rough_surfaces(built: BuiltScene, ray: Any) -> tuple[Any, Any]:
         specular = may_pass & is_specular(bsdf)
         sampled = specular | (may_pass & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Null))
         # The largest number below 1 chooses transmission, unless nothing is transmitted.
-        sample, weight = bsdf.sample(mi.BSDFContext(), si, 1 - 2.0**-24, mi.Point2f(0.5), sampled)
+        sample, weight = bsdf.sample(
+            mi.BSDFContext(), si, 1 - 2.0**-24, mi.Point2f(0.5), sampled
+        )
         on = specular | (sampled & is_null(sample))
         share = dr.select(on, dr.select(specular & is_split, 1.0, sample.pdf), 0.0)
         stays = dr.select(active & ~specular, 1 - share, 0.0)
@@ -230,19 +309,36 @@ def _first_rough_surfaces(built: BuiltScene, ray: Any) -> tuple[Any, Any]:
         albedo, normal = albedo + stays * tint * found, normal + stays * part * facing
         splits = specular & (share < 1)
         reflected = si.spawn_ray(si.to_world(mi.reflect(si.wi)))
-        other = dr.select(splits, (reflected, (1 - share) * tint, (1 - share) * part), other)
+        other = dr.select(
+            splits, (reflected, (1 - share) * tint, (1 - share) * part), other
+        )
         ray = dr.select(on, si.spawn_ray(si.to_world(sample.wo)), ray)
-        tint, part = dr.select(on, share * weight * tint, tint), dr.select(on, share * part, part)
+        tint, part = (
+            dr.select(on, share * weight * tint, tint),
+            dr.select(on, share * part, part),
+        )
         turns = active & ~on & (other[2] > 0)
         ray, tint, part = dr.select(turns, other, (ray, tint, part))
         other = other[0], other[1], dr.select(turns, 0.0, other[2])
         depth = dr.select(turns, 0, depth + 1)
-        return on | turns, ray, tint, part, other, is_split | splits, albedo, normal, depth
+        return (
+            on | turns,
+            ray,
+            tint,
+            part,
+            other,
+            is_split | splits,
+            albedo,
+            normal,
+            depth,
+        )
 
     none = ray, mi.Color3f(0.0), mi.Float(0.0)
     start = mi.Bool(True), ray, mi.Color3f(1.0), mi.Float(1.0), none, mi.Bool(False)
     empty = mi.Color3f(0.0), mi.Vector3f(0.0), mi.UInt32(0)
-    *_, albedo, normal, _ = dr.while_loop((*start, *empty), lambda active, *_: active, step)
+    *_, albedo, normal, _ = dr.while_loop(
+        (*start, *empty), lambda active, *_: active, step
+    )
     return albedo, normal
 
 
@@ -252,15 +348,21 @@ def surface_features(si: Any, bsdf: Any, active: Any) -> tuple[Any, Any]:
 
     mi = mitsuba()
     hit = active & si.is_valid()
-    diffuse = hit & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse) & ~si.shape.is_emitter()
+    diffuse = (
+        hit & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse) & ~si.shape.is_emitter()
+    )
     albedo = dr.select(diffuse, bsdf.eval_diffuse_reflectance(si, diffuse), 1.0)
-    return dr.select(active, albedo, 0.0), mi.Vector3f(dr.select(hit, si.sh_frame.n, 0.0))
+    return dr.select(active, albedo, 0.0), mi.Vector3f(
+        dr.select(hit, si.sh_frame.n, 0.0)
+    )
 
 
 def is_specular(bsdf: Any) -> Any:
     """Whether a surface is a mirror or smooth glass."""
     mi = mitsuba()
-    return mi.has_flag(bsdf.flags(), mi.BSDFFlags.Delta) & ~mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+    return mi.has_flag(bsdf.flags(), mi.BSDFFlags.Delta) & ~mi.has_flag(
+        bsdf.flags(), mi.BSDFFlags.Smooth
+    )
 
 
 def is_null(sample: Any) -> Any:

@@ -20,10 +20,16 @@ class HiddenSky(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
         super().__init__(properties)
         self.inner = inner
 
-    def sample(self, scene: Any, sampler: Any, ray: Any, medium: Any = None, active: Any = True) -> tuple[Any, ...]:
+    def sample(
+        self, scene: Any, sampler: Any, ray: Any, medium: Any = None, active: Any = True
+    ) -> tuple[Any, ...]:
         """Radiance, whether it is valid, and the further channels of `inner`."""
-        radiance, valid, channels = self.inner.sample(scene, sampler, ray, medium, active)
-        hit = scene.ray_intersect_preliminary(ray, coherent=True, active=active).is_valid()
+        radiance, valid, channels = self.inner.sample(
+            scene, sampler, ray, medium, active
+        )
+        hit = scene.ray_intersect_preliminary(
+            ray, coherent=True, active=active
+        ).is_valid()
         return dr.select(hit, radiance, 0.0), valid & hit, channels
 
     def aov_names(self) -> list[str]:

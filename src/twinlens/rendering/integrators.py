@@ -20,7 +20,12 @@ from twinlens.seeds import derived_seed
 def own_paths(scene: Scene, lamps: Sequence[Any], gives_guides: bool = False) -> Any:
     """`rendering.paths.Paths` in the place of the scene's integrator. None where it does not do the same."""
     plugin = scene.integrator
-    if not backend().is_jit or scene.xml is not None or plugin["type"] != "path" or plugin.get("hide_emitters"):
+    if (
+        not backend().is_jit
+        or scene.xml is not None
+        or plugin["type"] != "path"
+        or plugin.get("hide_emitters")
+    ):
         return None
     from twinlens.rendering.paths import Paths  # sets up the backend
 
@@ -28,12 +33,18 @@ def own_paths(scene: Scene, lamps: Sequence[Any], gives_guides: bool = False) ->
     return Paths(lamps, BLOCK_PX, **options, gives_guides=gives_guides)
 
 
-def for_denoising(built: BuiltScene, scene: Scene, rig: Rig, band: str, seed: int) -> BuiltScene:
+def for_denoising(
+    built: BuiltScene, scene: Scene, rig: Rig, band: str, seed: int
+) -> BuiltScene:
     """`built` with an integrator that gives guides and has an irradiance cache, `built` itself where it is not ours.
 
     The cache is made from what the cameras of `rig` in `band` see; without a third surface, paths do not need one.
     """
-    paths = own_paths(scene, () if built.projected is None else built.projected.lamps, gives_guides=True)
+    paths = own_paths(
+        scene,
+        () if built.projected is None else built.projected.lamps,
+        gives_guides=True,
+    )
     if paths is None:
         return built
     depth = scene.integrator.get("max_depth", -1)
@@ -43,8 +54,12 @@ def for_denoising(built: BuiltScene, scene: Scene, rig: Rig, band: str, seed: in
     return replace(built, integrator=sky_hidden(scene, paths), projected=projected)
 
 
-def _irradiance_cache(built: BuiltScene, rig: Rig, band: str, seed: int, lamps: Sequence[Any], depth: int) -> Any:
-    from twinlens.rendering.irradiance_cache import IrradianceCache  # sets up the backend
+def _irradiance_cache(
+    built: BuiltScene, rig: Rig, band: str, seed: int, lamps: Sequence[Any], depth: int
+) -> Any:
+    from twinlens.rendering.irradiance_cache import (
+        IrradianceCache,
+    )  # sets up the backend
 
     rays = _camera_rays(rig.nominal, band, derived_seed(seed, 0))
     bounces = depth - 3 if depth >= 0 else -1
@@ -58,7 +73,11 @@ def _camera_rays(rig: Rig, band: str, seed: int) -> Any:
     from twinlens.rendering.irradiance_cache import PATHS
 
     mi = mitsuba()
-    views = [view for view in zip(rig.cameras, rig.world_from_cams, strict=True) if band in view[0].bands]
+    views = [
+        view
+        for view in zip(rig.cameras, rig.world_from_cams, strict=True)
+        if band in view[0].bands
+    ]
     pixels = sum(camera.width * camera.height for camera, _ in views)
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(seed, math.ceil(min(PATHS, pixels) / len(views)))
@@ -67,5 +86,8 @@ def _camera_rays(rig: Rig, band: str, seed: int) -> Any:
         sensor = make_sensor(camera, pose, Pinhole(), 1, "independent")
         ray, _ = sensor.sample_ray(0.0, 0.5, sampler.next_2d(), sampler.next_2d())
         rays.append((ray.o, ray.d))
-    origin, direction = ([dr.concat([ray[i] for ray in of]) for i in range(3)] for of in zip(*rays, strict=True))
+    origin, direction = (
+        [dr.concat([ray[i] for ray in of]) for i in range(3)]
+        for of in zip(*rays, strict=True)
+    )
     return mi.Ray3f(mi.Point3f(*origin), mi.Vector3f(*direction))

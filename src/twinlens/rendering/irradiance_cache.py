@@ -42,7 +42,10 @@ _CONVERGED = 1e-4  # last change of the irradiance, relative to its mean
 _MOST_BOUNCES = 256
 _FEW_BOUNCES = 8  # after more, a change that grows will not converge
 _NOT_TRACED, _NOTHING, _SURFACE = 0, 1, 2  # what paths meet
-_NOWHERE, _UNKNOWN = -1, -2  # in the place of a cell: nothing there; a surface without a cell, or not traced
+_NOWHERE, _UNKNOWN = (
+    -1,
+    -2,
+)  # in the place of a cell: nothing there; a surface without a cell, or not traced
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,23 +75,37 @@ class IrradianceCache:
     bounces : the most that are needed; -1 is no limit.
     """
 
-    def __init__(self, scene: Any, rays: Any, seed: int, lamps: Sequence[Any], bounces: int) -> None:
+    def __init__(
+        self, scene: Any, rays: Any, seed: int, lamps: Sequence[Any], bounces: int
+    ) -> None:
         paths = _trace(scene, rays, seed, lamps)
         # First surfaces are no samples: cameras choose them. Neither are last ones: nothing is known of what they face.
         on_surface = paths.met == _SURFACE
         middle = on_surface[1:-1]
-        reached = paths.position[1:-1][middle] if middle.any() else np.zeros((1, 3), np.float32)
-        low, high = np.percentile(reached.astype(np.float64), (_OUTSIDE, 100 - _OUTSIDE), axis=0)
+        reached = (
+            paths.position[1:-1][middle]
+            if middle.any()
+            else np.zeros((1, 3), np.float32)
+        )
+        low, high = np.percentile(
+            reached.astype(np.float64), (_OUTSIDE, 100 - _OUTSIDE), axis=0
+        )
         size = max(float((high - low).max()) / _CELLS, 1e-6)
         shape = np.ceil((high - low) / size).astype(np.int64) + 2
         self._low = [dr.opaque(mi.Float, value) for value in low - size]
         self._size = dr.opaque(mi.Float, size)
         self._shape = [dr.opaque(mi.UInt32, int(count)) for count in shape]
 
-        places, normals = (mi.Vector3f(of.reshape(-1, 3).T) for of in (paths.position, paths.normal))
-        inside, boxes = (np.array(of).reshape(paths.met.shape) for of in self._box(places, normals))
+        places, normals = (
+            mi.Vector3f(of.reshape(-1, 3).T) for of in (paths.position, paths.normal)
+        )
+        inside, boxes = (
+            np.array(of).reshape(paths.met.shape) for of in self._box(places, normals)
+        )
         inside &= on_surface
-        used, cells, samples = np.unique(boxes[1:-1][inside[1:-1]], return_inverse=True, return_counts=True)
+        used, cells, samples = np.unique(
+            boxes[1:-1][inside[1:-1]], return_inverse=True, return_counts=True
+        )
         count = max(len(used), 1)  # Dr.Jit does not read from empty arrays
         cell = np.full(boxes.shape, _UNKNOWN)
         cell[1:-1][inside[1:-1]] = cells
@@ -100,8 +117,13 @@ class IrradianceCache:
         known = np.flatnonzero(samples >= _LEAST_SAMPLES)
         rows = np.zeros(math.prod(shape) * _FACES * _LAYERS, np.uint32)
         rows[used[known]] = 1 + known
-        self._rows, self._tables = mi.UInt32(rows), mi.Float(tables.astype(np.float32).ravel())
-        self._count, self._top = (dr.opaque(mi.UInt32, value) for value in (count, len(tables) - 1))
+        self._rows, self._tables = (
+            mi.UInt32(rows),
+            mi.Float(tables.astype(np.float32).ravel()),
+        )
+        self._count, self._top = (
+            dr.opaque(mi.UInt32, value) for value in (count, len(tables) - 1)
+        )
 
     def _box(self, place: Any, normal: Any) -> tuple[Any, Any]:
         """Whether a surface is in a cell, and its number: of the cell, the direction of its normal, and its layer."""
@@ -110,12 +132,20 @@ class IrradianceCache:
         inside = mi.Bool(True)
         for at, count in zip((x, y, z), self._shape, strict=True):
             inside &= (at >= 0) & (at < mi.Float(count))
-        offset = dr.dot(normal, mi.Vector3f(*places) - mi.Vector3f(x, y, z) - 0.5)  # of its plane from the middle
-        layer = mi.UInt32(dr.clip(_LAYERS * (offset / math.sqrt(3) + 0.5), 0, _LAYERS - 1))
-        cell = (mi.UInt32(z) * self._shape[1] + mi.UInt32(y)) * self._shape[0] + mi.UInt32(x)
+        offset = dr.dot(
+            normal, mi.Vector3f(*places) - mi.Vector3f(x, y, z) - 0.5
+        )  # of its plane from the middle
+        layer = mi.UInt32(
+            dr.clip(_LAYERS * (offset / math.sqrt(3) + 0.5), 0, _LAYERS - 1)
+        )
+        cell = (mi.UInt32(z) * self._shape[1] + mi.UInt32(y)) * self._shape[
+            0
+        ] + mi.UInt32(x)
         return inside, (cell * _FACES + _face(normal)) * _LAYERS + layer
 
-    def look_up(self, si: Any, ray: Any, drawn: Any, bounces: Any, active: Any) -> tuple[Any, Any]:
+    def look_up(
+        self, si: Any, ray: Any, drawn: Any, bounces: Any, active: Any
+    ) -> tuple[Any, Any]:
         """Whether the irradiance at `si` is known, and its value after at most `bounces`.
 
         The place is moved by up to half a cell along the surface, so that cells do not show. Surfaces nearer to the
@@ -123,7 +153,9 @@ class IrradianceCache:
         """
         normal = _facing(si, ray)
         frame = mi.Frame3f(normal)
-        place = si.p + self._size * ((drawn.x - 0.5) * frame.s + (drawn.y - 0.5) * frame.t)
+        place = si.p + self._size * (
+            (drawn.x - 0.5) * frame.s + (drawn.y - 0.5) * frame.t
+        )
         inside, box = self._box(place, normal)
         known = active & inside & (si.t > self._size)
         row = dr.gather(mi.UInt32, self._rows, box, known)
@@ -141,7 +173,14 @@ def _trace(scene: Any, rays: Any, seed: int, lamps: Sequence[Any]) -> _Paths:
     path, paths = dr.arange(mi.UInt32, count), dr.opaque(mi.UInt32, count)
 
     def step(
-        active: Any, sampler: Any, ray: Any, last: Any, arrival: Any, emission: Any, passed: Any, k: Any
+        active: Any,
+        sampler: Any,
+        ray: Any,
+        last: Any,
+        arrival: Any,
+        emission: Any,
+        passed: Any,
+        k: Any,
     ) -> tuple[Any, ...]:
         """One surface. `passed` counts the mirrors and glass since the last one that scatters light.
 
@@ -152,48 +191,89 @@ def _trace(scene: Any, rays: Any, seed: int, lamps: Sequence[Any]) -> _Paths:
         shown = arrival * shines.emitter.eval(si)
         emission = emission + dr.select(active & (passed > 0), shown, 0.0)
         follows = active & (k > 0) & (passed == 0)
-        found = math.pi * shown * mis(last[1], scene.pdf_emitter_direction(last[0], shines, follows))
+        found = (
+            math.pi
+            * shown
+            * mis(last[1], scene.pdf_emitter_direction(last[0], shines, follows))
+        )
         dr.scatter(lit, mi.Color3f(last[2] + found), (k - 1) * paths + path, follows)
         there = active & si.is_valid()
         bsdf, context, normal = si.bsdf(), mi.BSDFContext(), _facing(si, ray)
-        chosen, factor = bsdf.sample(context, si, sampler.next_1d(), sampler.next_2d(), there)
+        chosen, factor = bsdf.sample(
+            context, si, sampler.next_1d(), sampler.next_2d(), there
+        )
         onwards = mi.BSDFFlags.Transmission | mi.BSDFFlags.Null
         flags = bsdf.flags()
-        is_glass = mi.has_flag(flags, mi.BSDFFlags.Transmission) & ~mi.has_flag(flags, mi.BSDFFlags.Diffuse)
+        is_glass = mi.has_flag(flags, mi.BSDFFlags.Transmission) & ~mi.has_flag(
+            flags, mi.BSDFFlags.Diffuse
+        )
         scatters = mi.has_flag(flags, mi.BSDFFlags.Smooth) & ~is_glass
         scatters &= ~mi.has_flag(chosen.sampled_type, onwards)
         on_surface = there & scatters
-        ds, light = scene.sample_emitter_direction(si, sampler.next_2d(), True, on_surface)
+        ds, light = scene.sample_emitter_direction(
+            si, sampler.next_2d(), True, on_surface
+        )
         cosine = dr.maximum(dr.dot(ds.d, normal), 0.0)
         weight = dr.select(ds.delta, 1.0, mis(ds.pdf, cosine / math.pi))
         irradiance = dr.select(ds.pdf != 0, light * cosine * weight, 0.0)
         for lamp in lamps:
             ds, light = lamp.sample_direction(si, sampler.next_2d(), on_surface)
             dark = scene.ray_test(si.spawn_ray_to(ds.p), on_surface)
-            irradiance += dr.select(dark, 0.0, light * dr.maximum(dr.dot(ds.d, normal), 0.0))
+            irradiance += dr.select(
+                dark, 0.0, light * dr.maximum(dr.dot(ds.d, normal), 0.0)
+            )
 
         after = arrival * factor
         passes = there & ~scatters & dr.any(after != 0)
         ends = active & ~on_surface & ~passes
-        row, met = k * paths + path, dr.select(on_surface, mi.UInt32(_SURFACE), mi.UInt32(_NOTHING))
+        row, met = (
+            k * paths + path,
+            dr.select(on_surface, mi.UInt32(_SURFACE), mi.UInt32(_NOTHING)),
+        )
         dr.scatter(kinds, met, row, on_surface | ends)
-        for buffer, value in zip(vectors, (si.p, normal, factor, arrival, emission), strict=True):
+        for buffer, value in zip(
+            vectors, (si.p, normal, factor, arrival, emission), strict=True
+        ):
             dr.scatter(buffer, mi.Color3f(value), row, on_surface | ends)
 
         spread = mi.warp.square_to_cosine_hemisphere(sampler.next_2d())
-        ray = si.spawn_ray(dr.select(on_surface, mi.Frame3f(normal).to_world(spread), si.to_world(chosen.wo)))
-        here = mi.Interaction3f(si), mi.warp.square_to_cosine_hemisphere_pdf(spread), mi.Spectrum(irradiance)
+        ray = si.spawn_ray(
+            dr.select(
+                on_surface, mi.Frame3f(normal).to_world(spread), si.to_world(chosen.wo)
+            )
+        )
+        here = (
+            mi.Interaction3f(si),
+            mi.warp.square_to_cosine_hemisphere_pdf(spread),
+            mi.Spectrum(irradiance),
+        )
         last = dr.select(on_surface, here, last)
-        arrival, emission = dr.select(on_surface, 1.0, after), dr.select(on_surface, 0.0, emission)
-        passed, k = dr.select(on_surface, 0, passed + 1), dr.select(on_surface, k + 1, k)
+        arrival, emission = (
+            dr.select(on_surface, 1.0, after),
+            dr.select(on_surface, 0.0, emission),
+        )
+        passed, k = (
+            dr.select(on_surface, 0, passed + 1),
+            dr.select(on_surface, k + 1, k),
+        )
         active = (on_surface & (k < _SURFACES)) | (passes & (passed < MAX_SPECULAR))
         return active, sampler, ray, last, arrival, emission, passed, k
 
     none = dr.zeros(mi.Interaction3f), mi.Float(1.0), mi.Spectrum(0.0)
-    start = mi.Bool(True), sampler, mi.Ray3f(rays), none, mi.Spectrum(1.0), mi.Spectrum(0.0)
+    start = (
+        mi.Bool(True),
+        sampler,
+        mi.Ray3f(rays),
+        none,
+        mi.Spectrum(1.0),
+        mi.Spectrum(0.0),
+    )
     dr.while_loop((*start, mi.UInt32(0), mi.UInt32(0)), lambda active, *_: active, step)
     dr.eval(kinds, vectors, lit)
-    found = (np.nan_to_num(np.array(buffer)).reshape(_SURFACES, count, 3) for buffer in (*vectors, lit))
+    found = (
+        np.nan_to_num(np.array(buffer)).reshape(_SURFACES, count, 3)
+        for buffer in (*vectors, lit)
+    )
     return _Paths(np.array(kinds).reshape(_SURFACES, count), *found)
 
 
@@ -206,15 +286,22 @@ def _tables(paths: _Paths, cell: NDArray[np.int64], count: int, bounces: int) ->
 
     def means(values: Float, of: NDArray[np.int64]) -> Float:
         sums = [np.bincount(of, channel, count) for channel in values.T]
-        return np.stack(sums, axis=-1) / np.maximum(np.bincount(of, minlength=count), 1)[:, None]
+        return (
+            np.stack(sums, axis=-1)
+            / np.maximum(np.bincount(of, minlength=count), 1)[:, None]
+        )
 
     own, ends = cell[1:-1], np.where(paths.met[2:] == _NOTHING, _NOWHERE, cell[2:])
     is_sample = own >= 0
-    tables = [means(paths.irradiance[1:-1][is_sample].astype(np.float64), own[is_sample])]
+    tables = [
+        means(paths.irradiance[1:-1][is_sample].astype(np.float64), own[is_sample])
+    ]
     is_sample &= ends != _UNKNOWN
     own, ends = own[is_sample], ends[is_sample]
     lights = math.pi * paths.emission[2:][is_sample].astype(np.float64)
-    gains = np.where((ends >= 0)[:, None], (paths.arrival * paths.reflectance)[2:][is_sample], 0.0)
+    gains = np.where(
+        (ends >= 0)[:, None], (paths.arrival * paths.reflectance)[2:][is_sample], 0.0
+    )
     least = _CONVERGED * tables[0].mean()
     before = math.inf
     for bounce in range(bounces if 0 <= bounces < _MOST_BOUNCES else _MOST_BOUNCES):

@@ -121,16 +121,31 @@ def render_lens_grid(
     single, members = split_bands(rig)
     if len(single) > len(rig):
         grid = render_lens_grid(
-            scene, single, lenses, spp, seed, denoise=denoise, parts=parts, sampler=sampler, progress=progress
+            scene,
+            single,
+            lenses,
+            spp,
+            seed,
+            denoise=denoise,
+            parts=parts,
+            sampler=sampler,
+            progress=progress,
         )
-        joined = tuple([sum_of([images[i] for i in indices]) for indices in members] for images in grid)
+        joined = tuple(
+            [sum_of([images[i] for i in indices]) for indices in members]
+            for images in grid
+        )
         squares = np.square(grid.standard_error)
-        errors = np.stack([squares[:, indices].sum(axis=1) for indices in members], axis=1)
+        errors = np.stack(
+            [squares[:, indices].sum(axis=1) for indices in members], axis=1
+        )
         return LensGrid(joined, np.sqrt(errors), grid.rays)
     if parts is not None:
         check_parts_request(scene, rig, lenses, parts)
     bands = {camera.band for camera in rig.cameras}
-    denoise = denoise and not any(each.emitted_power and each.band in bands for each in rig.projectors)
+    denoise = denoise and not any(
+        each.emitted_power and each.band in bands for each in rig.projectors
+    )
     views = views_of(scene, rig, [lenses[0]] * len(rig), int(seed), denoise)
     builts = [view.built for view in views]
     built = builts[0]
@@ -139,7 +154,11 @@ def render_lens_grid(
     separate = [i for i in range(len(lenses)) if i not in shared]
     images: dict[int, list[Image]] = {}
     variance = np.zeros((len(lenses), len(rig)))
-    rays = spp * len(separate) * sum(camera.width * camera.height for camera in rig.cameras)
+    rays = (
+        spp
+        * len(separate)
+        * sum(camera.width * camera.height for camera in rig.cameras)
+    )
     if shared:
         report = partial_progress(progress, 0.0, len(shared) / len(lenses))
         chosen = [lenses[i] for i in shared]
@@ -149,18 +168,26 @@ def render_lens_grid(
         rays += paths
         images |= zip(shared, found, strict=True)
     for done, i in enumerate(separate, len(shared)):
-        report = partial_progress(progress, done / len(lenses), (done + 1) / len(lenses))
+        report = partial_progress(
+            progress, done / len(lenses), (done + 1) / len(lenses)
+        )
         own_seed = derived_seed(seed, _GRID_STREAM, i)
-        images[i], variance[i] = _render_separately(views, lenses[i], spp, own_seed, parts, alone, report)
+        images[i], variance[i] = _render_separately(
+            views, lenses[i], spp, own_seed, parts, alone, report
+        )
     if denoise:
         for (i, lens), index in product(enumerate(lenses), range(len(rig))):
             if not views[index].denoised:
                 continue
             view = replace(views[index], lens=lens)
-            guides = other_guides(*view.optics, GUIDE_SAMPLES, seed, index, i, parts=parts)
+            guides = other_guides(
+                *view.optics, GUIDE_SAMPLES, seed, index, i, parts=parts
+            )
             fractions = None if parts is None else parts.light(lens.aperture)[0]
             images[i][index] = denoise_parts(images[i][index], guides, None, fractions)
-    return LensGrid(tuple(images[i] for i in range(len(lenses))), np.sqrt(variance), rays)
+    return LensGrid(
+        tuple(images[i] for i in range(len(lenses))), np.sqrt(variance), rays
+    )
 
 
 def _shareable(built: BuiltScene, rig: Rig, lenses: Sequence[Lens]) -> list[int]:
@@ -169,13 +196,27 @@ def _shareable(built: BuiltScene, rig: Rig, lenses: Sequence[Lens]) -> list[int]
     None on the scalar backend, with lens distortion, or with an integrator that does not follow camera rays.
     """
     undistorted = all(camera.distortion is None for camera in rig.cameras)
-    if not (backend().is_jit and undistorted and isinstance(built.integrator, mitsuba().SamplingIntegrator)):
+    if not (
+        backend().is_jit
+        and undistorted
+        and isinstance(built.integrator, mitsuba().SamplingIntegrator)
+    ):
         return []
-    return [i for i, lens in enumerate(lenses) if isinstance(lens.aperture, Disk) or lens.aperture_diameter == 0]
+    return [
+        i
+        for i, lens in enumerate(lenses)
+        if isinstance(lens.aperture, Disk) or lens.aperture_diameter == 0
+    ]
 
 
 def _render_separately(
-    views: Sequence[View], lens: Lens, spp: int, seed: int, parts: Parts | None, sampler: str, progress: Progress
+    views: Sequence[View],
+    lens: Lens,
+    spp: int,
+    seed: int,
+    parts: Parts | None,
+    sampler: str,
+    progress: Progress,
 ) -> tuple[list[Image], list[float]]:
     """Images of one lens before denoising, and variances from halves of their samples, which are NaN with `parts`."""
     views = [replace(view, lens=lens, denoised=False) for view in views]
@@ -183,11 +224,22 @@ def _render_separately(
         images = []
         for i, view in enumerate(views):
             report = partial_progress(progress, i / len(views), (i + 1) / len(views))
-            images.append(raw_image(view, list(image_passes(view.camera, spp, seed, i, sampler)), parts, report)[0])
+            images.append(
+                raw_image(
+                    view,
+                    list(image_passes(view.camera, spp, seed, i, sampler)),
+                    parts,
+                    report,
+                )[0]
+            )
         return images, [math.nan] * len(views)
-    found, _ = measured(views, spp, seed, parts=None, sampler=sampler, progress=progress)
+    found, _ = measured(
+        views, spp, seed, parts=None, sampler=sampler, progress=progress
+    )
     squares = [np.square(view.error, dtype=np.float64) for view in found]
-    return [view.image for view in found], [float(each[np.isfinite(each)].mean()) for each in squares]
+    return [view.image for view in found], [
+        float(each[np.isfinite(each)].mean()) for each in squares
+    ]
 
 
 def _render_shared(
@@ -207,18 +259,34 @@ def _render_shared(
     variances, rays = np.zeros((len(lenses), len(rig))), 0
     annuli = plan_annuli(lenses, spp)
     size = 1 if parts is None else 1 + len(parts)  # the whole image, then its parts
-    for index, (camera, pose) in enumerate(zip(rig.cameras, rig.world_from_cams, strict=True)):
+    for index, (camera, pose) in enumerate(
+        zip(rig.cameras, rig.world_from_cams, strict=True)
+    ):
         seeds = seed_sequence(seed, _GRID_STREAM, index, 0)
         totals = np.zeros((len(lenses), size, camera.height, camera.width, 3))
         for place, annulus in enumerate(annuli):
             for group in split_vergences(annulus, camera):
                 radii = [0.5 * lens.aperture_diameter for lens in lenses]
                 fractions = [area_fraction(annulus, radius) for radius in radii]
-                users = [i for i, lens in enumerate(lenses) if fractions[i] and lens.vergence in group.vergences]
-                outputs = [(group.vergences.index(lenses[i].vergence), radii[i] if parts else 0.0) for i in users]
+                users = [
+                    i
+                    for i, lens in enumerate(lenses)
+                    if fractions[i] and lens.vergence in group.vergences
+                ]
+                outputs = [
+                    (
+                        group.vergences.index(lenses[i].vergence),
+                        radii[i] if parts else 0.0,
+                    )
+                    for i in users
+                ]
                 distinct = list(dict.fromkeys(outputs))
                 focuses = [focus for focus, _ in distinct for _ in range(size)]
-                shares = None if parts is None else _shares(parts, [radius for _, radius in distinct])
+                shares = (
+                    None
+                    if parts is None
+                    else _shares(parts, [radius for _, radius in distinct])
+                )
                 traced = SharedPaths(builts[index], camera, pose, group, sampler)
                 means, variance, paths = traced.images(seeds, focuses, shares)
                 rays += paths
@@ -228,7 +296,11 @@ def _render_shared(
                     variances[i, index] += fractions[i] ** 2 * variance[first]
             progress((index + (place + 1) / len(annuli)) / len(rig))
         for several, total in zip(images, totals, strict=True):
-            several.append(in_channels(total[0] if parts is None else total[1:], camera).astype(np.float32))
+            several.append(
+                in_channels(total[0] if parts is None else total[1:], camera).astype(
+                    np.float32
+                )
+            )
     return images, variances, rays
 
 
@@ -237,7 +309,11 @@ def _shares(parts: Parts, radii: Sequence[float]) -> Shares:
 
     def weights(points: NDArray[np.float32]) -> Float:
         x, y = points.T.astype(np.float64)
-        each = [weight for radius in radii for weight in (np.ones(len(x)), *parts.shares(x / radius, y / radius))]
+        each = [
+            weight
+            for radius in radii
+            for weight in (np.ones(len(x)), *parts.shares(x / radius, y / radius))
+        ]
         return np.stack(each, axis=1)
 
     return weights

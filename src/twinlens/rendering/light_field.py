@@ -11,7 +11,13 @@ from twinlens.errors import BackendError, InputError
 from twinlens.rendering.backends import backend
 from twinlens.rendering.integrators import own_paths
 from twinlens.rendering.projectors import build_lit
-from twinlens.rendering.radiance import Progress, check_request, in_channels, partial_progress, sum_of
+from twinlens.rendering.radiance import (
+    Progress,
+    check_request,
+    in_channels,
+    partial_progress,
+    sum_of,
+)
 from twinlens.rendering.samplers import PLAIN_SAMPLER
 from twinlens.rendering.sensors import NEEDS_JIT
 from twinlens.scenes import Scene
@@ -22,7 +28,12 @@ CAMERA_SAMPLES_PER_PATH = 16
 
 
 def render_light_field(
-    scene: Scene, rig: Rig, spp: int = 64, seed: int = 0, *, progress: Progress | None = None
+    scene: Scene,
+    rig: Rig,
+    spp: int = 64,
+    seed: int = 0,
+    *,
+    progress: Progress | None = None,
 ) -> list[NDArray[np.float32]]:
     """Render the views of a light field, which share the light that rough surfaces reflect.
 
@@ -56,28 +67,52 @@ def render_light_field(
     check_request(scene, rig, [Pinhole()], spp, seed, PLAIN_SAMPLER)
     places_in_plane(rig)
     first = rig.cameras[0]
-    if any(camera.distortion is not None or camera.bands != first.bands for camera in rig.cameras):
-        raise InputError("a light field needs cameras without lens distortion that see the same bands")
+    if any(
+        camera.distortion is not None or camera.bands != first.bands
+        for camera in rig.cameras
+    ):
+        raise InputError(
+            "a light field needs cameras without lens distortion that see the same bands"
+        )
     if not backend().is_jit:
         raise BackendError(f"shared light {NEEDS_JIT}; or use render")
-    from twinlens.rendering.shared_light import SharedLight, Views, shared_images  # sets up the backend
+    from twinlens.rendering.shared_light import (
+        SharedLight,
+        Views,
+        shared_images,
+    )  # sets up the backend
 
     views = Views(rig)
     bands = []
     for number, band in enumerate(first.bands):
         built = build_lit(scene, rig, band)
-        paths = own_paths(scene, () if built.projected is None else built.projected.lamps)
+        paths = own_paths(
+            scene, () if built.projected is None else built.projected.lamps
+        )
         if paths is None:
             raise InputError(
                 f"the scene {scene.name!r} is a Mitsuba file or has another integrator than 'path'; use render"
             )
-        report = partial_progress(progress, number / len(first.bands), (number + 1) / len(first.bands))
+        report = partial_progress(
+            progress, number / len(first.bands), (number + 1) / len(first.bands)
+        )
         samples = math.ceil(spp / CAMERA_SAMPLES_PER_PATH)
-        light = SharedLight(built.mi_scene, paths, views, samples, derived_seed(seed, number, 0))
+        light = SharedLight(
+            built.mi_scene, paths, views, samples, derived_seed(seed, number, 0)
+        )
         sees_sky = scene.sky is None or scene.sky.visible
         images = []
-        for image in shared_images(built.mi_scene, paths, light, int(spp), derived_seed(seed, number, 1), sees_sky):
-            images.append(in_channels(image, first.replace(band=band)).astype(np.float32))
+        for image in shared_images(
+            built.mi_scene,
+            paths,
+            light,
+            int(spp),
+            derived_seed(seed, number, 1),
+            sees_sky,
+        ):
+            images.append(
+                in_channels(image, first.replace(band=band)).astype(np.float32)
+            )
             report(len(images) / len(rig))
         bands.append(images)
     return [sum_of(images) for images in zip(*bands, strict=True)]

@@ -29,9 +29,16 @@ _FOLDERS = (
 )
 _NAMES = ("libLLVM.so*", "libLLVM-*.so*", "libLLVM.dylib")
 _PROBE_SECONDS = 120
-_STOPPED = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)  # sent by a user or the system, not by the library
+_STOPPED = (
+    signal.SIGKILL,
+    signal.SIGTERM,
+    signal.SIGINT,
+)  # sent by a user or the system, not by the library
 _MAX_MESSAGE = 400  # characters of the last line of output
-_TRANSIENT = ("did not answer", "was stopped")  # results that may differ next time, and are not cached
+_TRANSIENT = (
+    "did not answer",
+    "was stopped",
+)  # results that may differ next time, and are not cached
 
 _PROBE = """
 import resource
@@ -67,8 +74,14 @@ def candidates() -> list[Path]:
         for name in _NAMES
         for file in glob.glob(f"{folder}/{name}")  # noqa: PTH207
     }
-    ranked = sorted(found, key=lambda path: ([int(n) for n in re.findall(r"\d+", path.name)], str(path)), reverse=True)
-    return ([Path(named)] if named else []) + [path for path in ranked if str(path) != named]
+    ranked = sorted(
+        found,
+        key=lambda path: ([int(n) for n in re.findall(r"\d+", path.name)], str(path)),
+        reverse=True,
+    )
+    return ([Path(named)] if named else []) + [
+        path for path in ranked if str(path) != named
+    ]
 
 
 def probe(variant: str, library: Path | None = None) -> Probe:
@@ -84,7 +97,9 @@ def probe(variant: str, library: Path | None = None) -> Probe:
     answer = _run(variant, library)
     result = Probe(str(library or variant), answer == "works", answer)
     if not answer.startswith(_TRANSIENT):
-        with contextlib.suppress(OSError):  # without a writable folder, every process probes again
+        with contextlib.suppress(
+            OSError
+        ):  # without a writable folder, every process probes again
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(_ROWS.dump_json(known | {key: result}, indent=1))
     return result
@@ -99,7 +114,11 @@ def _stamp(library: Path | None) -> str:
         driver = Path("/proc/driver/nvidia/version").read_text().partition("\n")[0]
     except OSError:
         driver = ""
-    return "" if library else f"{driver}|{os.environ.get('CUDA_VISIBLE_DEVICES', '')}|{os.uname().nodename}"
+    return (
+        ""
+        if library
+        else f"{driver}|{os.environ.get('CUDA_VISIBLE_DEVICES', '')}|{os.uname().nodename}"
+    )
 
 
 def _run(variant: str, library: Path | None) -> str:
@@ -111,7 +130,13 @@ def _run(variant: str, library: Path | None) -> str:
         environment["DRJIT_LIBLLVM_PATH"] = str(library)
     command = [sys.executable, "-P", "-c", _PROBE.format(variant=variant)]
     try:
-        child = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=_PROBE_SECONDS)
+        child = subprocess.run(
+            command,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=_PROBE_SECONDS,
+        )
     except subprocess.TimeoutExpired:
         return f"did not answer within {_PROBE_SECONDS} s"
     if child.returncode == 0:

@@ -32,7 +32,10 @@ Window = tuple[int, int, int, int]
 
 def object_models(scene: Scene) -> dict[str, tuple[Float, NDArray[Any]]]:
     """The triangles of every object of a scene in its own axes, by `ObjectTruth.model`: vertices, metres, and faces."""
-    return {name: (mesh.vertices, mesh.faces) for mesh, name, _ in models(build(scene)).values()}
+    return {
+        name: (mesh.vertices, mesh.faces)
+        for mesh, name, _ in models(build(scene)).values()
+    }
 
 
 def models(built: BuiltScene) -> dict[int, tuple[Mesh, str, Float]]:
@@ -46,7 +49,10 @@ def models(built: BuiltScene) -> dict[int, tuple[Mesh, str, Float]]:
             source: Mesh | Plugin | None
             source, affine = body.model, body.world_from_model
             if isinstance(surface, Triangles) and source is None:
-                source, affine = Mesh(surface.vertices, surface.faces), surface.world_from_local
+                source, affine = (
+                    Mesh(surface.vertices, surface.faces),
+                    surface.world_from_local,
+                )
             elif isinstance(surface, Quadric) and source is None:
                 source, affine = {"type": surface.kind}, surface.world_from_local
             if source is None or affine is None:
@@ -75,7 +81,9 @@ def _model(source: Mesh | Plugin, scale: Float) -> tuple[Mesh, str]:
     faces = mesh.faces if np.linalg.det(scale) > 0 else mesh.faces[:, ::-1]
     mesh = Mesh(mesh.vertices @ scale[:3, :3], faces)  # scale is symmetric
     vertices = np.ascontiguousarray(mesh.vertices, dtype="<f4") + 0.0  # no -0.0
-    return mesh, hashlib.sha256(vertices.tobytes() + mesh.faces.astype("<u4").tobytes()).hexdigest()[:16]
+    return mesh, hashlib.sha256(
+        vertices.tobytes() + mesh.faces.astype("<u4").tobytes()
+    ).hexdigest()[:16]
 
 
 def object_truths(
@@ -86,23 +94,35 @@ def object_truths(
     found = []
     bodies: dict[int, list[Body]] = {}
     for body in built.bodies:
-        bodies.setdefault(body.object_id, []).append(body)  # one for each of its materials
+        bodies.setdefault(body.object_id, []).append(
+            body
+        )  # one for each of its materials
     for number, (mesh, digest, world_from_model) in models(built).items():
         extent = np.stack([mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)])
         cam_from_object = inverse(world_from_cam) @ world_from_model
-        corners = transform_points(cam_from_object, np.array(list(itertools.product(*extent.T))))
+        corners = transform_points(
+            cam_from_object, np.array(list(itertools.product(*extent.T)))
+        )
         window = _window(camera, corners)
         if window is None:
             continue
         mask, visible = np.zeros(object_id.shape, dtype=bool), object_id == number
         u0, v0, u1, v1 = window
         rows, columns = slice(max(v0, 0), max(v1, 0)), slice(max(u0, 0), max(u1, 0))
-        image = slice(max(-v0, 0), min(camera.height, v1) - v0), slice(max(-u0, 0), min(camera.width, u1) - u0)
+        image = (
+            slice(max(-v0, 0), min(camera.height, v1) - v0),
+            slice(max(-u0, 0), min(camera.width, u1) - u0),
+        )
         unknown = np.ones((v1 - v0, u1 - u0), dtype=bool)
-        if bodies[number][0].instance is None:  # rays at the edge of an instance may differ by rounding: its own axes
+        if (
+            bodies[number][0].instance is None
+        ):  # rays at the edge of an instance may differ by rounding: its own axes
             farthest = _BEYOND * corners[:, 2].max()
             unknown[image] = (depth[rows, columns] < farthest) & ~visible[rows, columns]
-        casts = [_cast_alone(built, body, camera, world_from_cam, window, unknown) for body in bodies[number]]
+        casts = [
+            _cast_alone(built, body, camera, world_from_cam, window, unknown)
+            for body in bodies[number]
+        ]
         whole = np.any(casts, axis=0)
         whole[image] |= visible[rows, columns]
         mask[rows, columns] = whole[image]
@@ -135,15 +155,26 @@ def _window(camera: Camera, corners: Float) -> Window | None:
     whole = 0, 0, width, height
     if (corners[:, 2] <= 0).any():
         return whole
-    low, high = (end(corners[:, :2] / corners[:, 2:], axis=0) for end in (np.min, np.max))
+    low, high = (
+        end(corners[:, :2] / corners[:, 2:], axis=0) for end in (np.min, np.max)
+    )
     along = np.linspace(low, high, _SIDE_POINTS)
-    sides = [np.column_stack([along[:, 0], np.full(_SIDE_POINTS, v)]) for v in (low[1], high[1])]
-    sides += [np.column_stack([np.full(_SIDE_POINTS, u), along[:, 1]]) for u in (low[0], high[0])]
+    sides = [
+        np.column_stack([along[:, 0], np.full(_SIDE_POINTS, v)])
+        for v in (low[1], high[1])
+    ]
+    sides += [
+        np.column_stack([np.full(_SIDE_POINTS, u), along[:, 1]])
+        for u in (low[0], high[0])
+    ]
     border = np.concatenate(sides)
     pixels = camera.project(np.column_stack([border, np.ones(len(border))]))
     if np.isnan(pixels).any():
         return whole
-    (u0, v0), (u1, v1) = np.floor(pixels.min(axis=0)) - 1, np.ceil(pixels.max(axis=0)) + 2
+    (u0, v0), (u1, v1) = (
+        np.floor(pixels.min(axis=0)) - 1,
+        np.ceil(pixels.max(axis=0)) + 2,
+    )
     if u0 >= width or v0 >= height or u1 <= 0 or v1 <= 0:
         return None
     if u0 < -width or v0 < -height or u1 > 2 * width or v1 > 2 * height:
@@ -152,7 +183,12 @@ def _window(camera: Camera, corners: Float) -> Window | None:
 
 
 def _cast_alone(
-    built: BuiltScene, body: Body, camera: Camera, world_from_cam: Float, window: Window, chosen: NDArray[np.bool_]
+    built: BuiltScene,
+    body: Body,
+    camera: Camera,
+    world_from_cam: Float,
+    window: Window,
+    chosen: NDArray[np.bool_],
 ) -> NDArray[np.bool_]:
     """Whether the chief rays of the `chosen` pixels (h, w) of the window hit the body, (h, w) bool; False elsewhere.
 
@@ -164,15 +200,22 @@ def _cast_alone(
     alone = _scene_of(built, body)
     local_from_cam = world_from_cam
     if body.instance is not None:
-        pose = np.asarray(mitsuba().traverse(body.instance)["to_world"].matrix, dtype=np.float64).reshape(4, 4)
+        pose = np.asarray(
+            mitsuba().traverse(body.instance)["to_world"].matrix, dtype=np.float64
+        ).reshape(4, 4)
         local_from_cam = np.linalg.inv(pose) @ world_from_cam
     step = max(1, _RAYS // chosen.shape[1])
     for start in range(0, len(chosen), step):
         v, u = np.nonzero(chosen[start : start + step])
         v += start
-        rays = rotate(local_from_cam, camera.unproject(np.stack([u + window[0], v + window[1]], axis=-1)))
+        rays = rotate(
+            local_from_cam,
+            camera.unproject(np.stack([u + window[0], v + window[1]], axis=-1)),
+        )
         known = np.isfinite(rays).all(axis=1)
-        hit[v[known], u[known]] = cast(alone, local_from_cam[:3, 3], rays[known]).body >= 0
+        hit[v[known], u[known]] = (
+            cast(alone, local_from_cam[:3, 3], rays[known]).body >= 0
+        )
     return hit
 
 
@@ -180,7 +223,11 @@ def _scene_of(built: BuiltScene, body: Body) -> BuiltScene:
     """A scene with only the shape of a body, made once for each shape."""
     scenes = built.cache.setdefault("alone", {})
     if id(body.shape) not in scenes:
-        parts = {"type": "scene", "embree_use_robust_intersections": True, "shape": body.shape}
+        parts = {
+            "type": "scene",
+            "embree_use_robust_intersections": True,
+            "shape": body.shape,
+        }
         scene = mitsuba().load_dict(parts, optimize=False)
         only = Body(body.object_id, body.material_id, body.material_kind, body.shape)
         scenes[id(body.shape)] = BuiltScene(scene, None, (only,), (), ())

@@ -16,14 +16,21 @@ from collections.abc import Sequence
 from typing import Any
 
 from twinlens.rendering.backends import mitsuba
-from twinlens.rendering.guides import MAX_SPECULAR, is_null, is_specular, surface_features
+from twinlens.rendering.guides import (
+    MAX_SPECULAR,
+    is_null,
+    is_specular,
+    surface_features,
+)
 from twinlens.rendering.irradiance_cache import IrradianceCache, mis
 
 mi = mitsuba()
 import drjit as dr  # noqa: E402, Dr.Jit reads DRJIT_LIBLLVM_PATH when it is imported
 
 _MOST_SURVIVE = 0.95  # of the paths, in Russian roulette: as in Mitsuba's `path`
-_LEAST_REST = 1e-3  # share of a reflectance that is not worth another ray: rounding errors
+_LEAST_REST = (
+    1e-3  # share of a reflectance that is not worth another ray: rounding errors
+)
 
 
 class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
@@ -49,22 +56,44 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
         self.lamps = tuple(lamps)
         self.gives_guides = gives_guides
         self.cache: IrradianceCache | None = None
-        self.max_depth = dr.opaque(mi.UInt32, max_depth if max_depth >= 0 else 0xFFFFFFFF)
+        self.max_depth = dr.opaque(
+            mi.UInt32, max_depth if max_depth >= 0 else 0xFFFFFFFF
+        )
         self.rr_depth = dr.opaque(mi.UInt32, rr_depth)
 
-    def sample(self, scene: Any, sampler: Any, ray: Any, medium: Any = None, active: Any = True) -> tuple[Any, ...]:
+    def sample(
+        self, scene: Any, sampler: Any, ray: Any, medium: Any = None, active: Any = True
+    ) -> tuple[Any, ...]:
         """Radiance, True, and the features of the guides."""
         first = mi.Point3f(0.0), mi.Float(1.0), mi.Bool(True)
-        start = mi.Bool(active), sampler, (ray.o, ray.d), mi.Spectrum(1.0), mi.Float(1.0), mi.UInt32(0), first
+        start = (
+            mi.Bool(active),
+            sampler,
+            (ray.o, ray.d),
+            mi.Spectrum(1.0),
+            mi.Float(1.0),
+            mi.UInt32(0),
+            first,
+        )
         guides: tuple[Any, ...] = ()
         if self.gives_guides:
-            features = mi.Color3f(0.0), mi.Vector3f(0.0), mi.Float(0.0), *[mi.Spectrum(0.0)] * bool(self.lamps)
+            features = (
+                mi.Color3f(0.0),
+                mi.Vector3f(0.0),
+                mi.Float(0.0),
+                *[mi.Spectrum(0.0)] * bool(self.lamps),
+            )
             guides = mi.Bool(True), *features
         radiance, guides = self.follow(scene, *start, mi.Bool(False), guides)
         if not guides:
             return radiance, mi.Bool(True), []
         _, albedo, normal, is_random, *projected = guides
-        channels = [*albedo, *normal, is_random, *(channel for light in projected for channel in light)]
+        channels = [
+            *albedo,
+            *normal,
+            is_random,
+            *(channel for light in projected for channel in light),
+        ]
         return radiance, mi.Bool(True), channels
 
     def aov_names(self) -> list[str]:
@@ -103,49 +132,85 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
             si = scene.ray_intersect(ray, mi.RayFlags.All, depth == 0, active)
             shines = mi.DirectionSample3f(scene, si, before)
             pdf = scene.pdf_emitter_direction(before, shines, ~last[2])
-            sum_ = sum_ + weight * shines.emitter.eval(si) * mis(last[1], dr.select(last[2], 0.0, pdf))
+            sum_ = sum_ + weight * shines.emitter.eval(si) * mis(
+                last[1], dr.select(last[2], 0.0, pdf)
+            )
 
-            arrives, active = active, active & si.is_valid() & (depth + 1 < self.max_depth)
+            arrives, active = (
+                active,
+                active & si.is_valid() & (depth + 1 < self.max_depth),
+            )
             bsdf, context = si.bsdf(ray), mi.BSDFContext()
             smooth = active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-            for_light, for_lobe, for_direction = sampler.next_2d(), sampler.next_1d(), sampler.next_2d()
+            for_light, for_lobe, for_direction = (
+                sampler.next_2d(),
+                sampler.next_1d(),
+                sampler.next_2d(),
+            )
             known, matte = mi.Bool(False), mi.Spectrum(0.0)
             if self.cache is not None:
-                known = active & diffuse & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse)
-                known, irradiance = self.cache.look_up(si, ray, for_direction, self.max_depth - 2 - depth, known)
+                known = (
+                    active & diffuse & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse)
+                )
+                known, irradiance = self.cache.look_up(
+                    si, ray, for_direction, self.max_depth - 2 - depth, known
+                )
                 matte = matte_part(bsdf, si, known)
                 sum_ = sum_ + weight * matte * irradiance
 
             ds, light = scene.sample_emitter_direction(si, for_light, False, smooth)
             wo = si.to_local(ds.d)
-            value, pdf, chosen, factor = bsdf.eval_pdf_sample(context, si, wo, for_lobe, for_direction, active)
-            light = light * (value - matte * shading_cosine(si, wo)) * dr.select(ds.delta, 1.0, mis(ds.pdf, pdf))
+            value, pdf, chosen, factor = bsdf.eval_pdf_sample(
+                context, si, wo, for_lobe, for_direction, active
+            )
+            light = (
+                light
+                * (value - matte * shading_cosine(si, wo))
+                * dr.select(ds.delta, 1.0, mis(ds.pdf, pdf))
+            )
             matters = smooth & (ds.pdf != 0) & dr.any(light != 0)
             matters &= ~scene.ray_test(si.spawn_ray_to(ds.p), matters)
             sum_ = sum_ + weight * dr.select(matters, light, 0.0)
             from_lamps = mi.Spectrum(0.0)
             for lamp in self.lamps:
-                from_lamps += lit_by(scene, lamp, bsdf, si, sampler.next_2d(), smooth, matte)
+                from_lamps += lit_by(
+                    scene, lamp, bsdf, si, sampler.next_2d(), smooth, matte
+                )
             sum_ = sum_ + weight * from_lamps
 
             is_delta = mi.has_flag(chosen.sampled_type, mi.BSDFFlags.Delta)
             if guides:
                 is_open, albedo, normal, is_random, *projected = guides
-                passes = is_open & active & (depth < MAX_SPECULAR) & (is_specular(bsdf) | is_null(chosen))
+                passes = (
+                    is_open
+                    & active
+                    & (depth < MAX_SPECULAR)
+                    & (is_specular(bsdf) | is_null(chosen))
+                )
                 ends = is_open & arrives & ~passes
                 found, facing = surface_features(si, bsdf, ends)
-                albedo, normal = albedo + dr.select(ends, weight * found, 0.0), normal + facing
+                albedo, normal = (
+                    albedo + dr.select(ends, weight * found, 0.0),
+                    normal + facing,
+                )
                 is_random = dr.select(passes & (chosen.pdf < 1), 1.0, is_random)
-                projected = [light + dr.select(depth == 0, from_lamps, 0.0) for light in projected]
+                projected = [
+                    light + dr.select(depth == 0, from_lamps, 0.0)
+                    for light in projected
+                ]
                 guides = passes, albedo, normal, is_random, *projected
             survives = mi.Float(1.0)
             if self.cache is not None:
                 from_cache = dr.select(
-                    known & ~is_delta & (chosen.pdf > 0), shading_cosine(si, chosen.wo) / chosen.pdf, 0.0
+                    known & ~is_delta & (chosen.pdf > 0),
+                    shading_cosine(si, chosen.wo) / chosen.pdf,
+                    0.0,
                 )
                 rest = factor - matte * from_cache
                 share = dr.minimum(dr.max(dr.abs(rest)) / dr.max(factor), 1.0)
-                survives = dr.select(known & ~is_delta, dr.select(share > _LEAST_REST, share, 0.0), 1.0)
+                survives = dr.select(
+                    known & ~is_delta, dr.select(share > _LEAST_REST, share, 0.0), 1.0
+                )
                 factor = rest
             weight, eta, depth = weight * factor, eta * chosen.eta, depth + 1
             active = active & dr.any(weight != 0)
@@ -156,18 +221,39 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
             ray = si.spawn_ray(si.to_world(chosen.wo))
             last = mi.Point3f(si.p), chosen.pdf, is_delta
             diffuse = diffuse | mi.has_flag(chosen.sampled_type, mi.BSDFFlags.Diffuse)
-            return active, sampler, (ray.o, ray.d), weight, eta, depth, last, diffuse, guides, sum_
+            return (
+                active,
+                sampler,
+                (ray.o, ray.d),
+                weight,
+                eta,
+                depth,
+                last,
+                diffuse,
+                guides,
+                sum_,
+            )
 
-        *_, guides, radiance = dr.while_loop((*start, mi.Spectrum(0.0)), lambda active, *_: active, step)
+        *_, guides, radiance = dr.while_loop(
+            (*start, mi.Spectrum(0.0)), lambda active, *_: active, step
+        )
         return radiance, guides
 
     def direct_light(self, scene: Any, sampler: Any, ray: Any) -> Any:
         """The part of `sample` that comes directly from the lamps to the first surface."""
         si = scene.ray_intersect(mi.Ray3f(ray), mi.RayFlags.All, True)
         bsdf = si.bsdf()
-        smooth = si.is_valid() & (self.max_depth > 1) & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+        smooth = (
+            si.is_valid()
+            & (self.max_depth > 1)
+            & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+        )
         return sum(
-            (lit_by(scene, lamp, bsdf, si, sampler.next_2d(), smooth, 0.0) for lamp in self.lamps), mi.Spectrum(0.0)
+            (
+                lit_by(scene, lamp, bsdf, si, sampler.next_2d(), smooth, 0.0)
+                for lamp in self.lamps
+            ),
+            mi.Spectrum(0.0),
         )
 
     def to_string(self) -> str:
@@ -186,7 +272,11 @@ def matte_part(bsdf: Any, si: Any, active: Any) -> Any:
     cosine = dr.copysign(mi.Float(0.5), mi.Frame3f.cos_theta(si.wi))
     aside = mi.Vector3f(math.sqrt(0.75) * across.x, math.sqrt(0.75) * across.y, cosine)
     least = bsdf.eval(mi.BSDFContext(), si, aside, active) / 0.5
-    return dr.select(active, dr.minimum(bsdf.eval_diffuse_reflectance(si, active) / math.pi, least), 0.0)
+    return dr.select(
+        active,
+        dr.minimum(bsdf.eval_diffuse_reflectance(si, active) / math.pi, least),
+        0.0,
+    )
 
 
 def shading_cosine(si: Any, wo: Any) -> Any:
@@ -195,7 +285,9 @@ def shading_cosine(si: Any, wo: Any) -> Any:
     return dr.select(own * other > 0, dr.abs(other), 0.0)
 
 
-def lit_by(scene: Any, lamp: Any, bsdf: Any, si: Any, drawn: Any, active: Any, matte: Any) -> Any:
+def lit_by(
+    scene: Any, lamp: Any, bsdf: Any, si: Any, drawn: Any, active: Any, matte: Any
+) -> Any:
     """The radiance that leaves the surface along its ray by light directly from `lamp`, without that of `matte`."""
     ds, light = lamp.sample_direction(si, drawn, active)
     seen = active & (dr.max(light) > 0)

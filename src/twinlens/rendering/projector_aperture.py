@@ -21,10 +21,15 @@ class ApertureProjector(mi.Emitter):  # type: ignore[misc, name-defined]
     def __init__(self, lamp: Any, diameter: float, vergence: float) -> None:
         super().__init__(mi.Properties())
         self.lamp = lamp
-        self.radius, self.k = dr.opaque(mi.Float, 0.5 * diameter), dr.opaque(mi.Float, vergence)
+        self.radius, self.k = (
+            dr.opaque(mi.Float, 0.5 * diameter),
+            dr.opaque(mi.Float, vergence),
+        )
         self.m_flags = mi.EmitterFlags.DeltaPosition
 
-    def sample_direction(self, it: Any, sample: Any, active: Any = True) -> tuple[Any, Any]:
+    def sample_direction(
+        self, it: Any, sample: Any, active: Any = True
+    ) -> tuple[Any, Any]:
         """The direction to a uniform point of the disk, and the irradiance for light from there alone."""
         world_from_lamp = self.lamp.world_transform()
         at = self.radius * mi.warp.square_to_uniform_disk_concentric(sample)
@@ -32,7 +37,9 @@ class ApertureProjector(mi.Emitter):  # type: ignore[misc, name-defined]
         step = self.k * local.z - 1.0
         seen = dr.zeros(mi.Interaction3f, dr.width(it.p))
         seen.wavelengths, seen.time = it.wavelengths, it.time
-        seen.p = world_from_lamp @ mi.Point3f(local.x + step * at.x, local.y + step * at.y, local.z)
+        seen.p = world_from_lamp @ mi.Point3f(
+            local.x + step * at.x, local.y + step * at.y, local.z
+        )
         ds, weight = self.lamp.sample_direction(seen, sample, active)
         shifted = ds.d
         ds.p = world_from_lamp @ mi.Point3f(at.x, at.y, 0.0)
@@ -40,7 +47,9 @@ class ApertureProjector(mi.Emitter):  # type: ignore[misc, name-defined]
         ds.dist = dr.norm(ds.d)
         ds.d /= ds.dist
         ds.emitter = mi.EmitterPtr(self)
-        return ds, weight * dr.dot(ds.n, shifted) / dr.dot(ds.n, ds.d)  # 1 / (Z^2 cos b) of the ray itself
+        return ds, weight * dr.dot(ds.n, shifted) / dr.dot(
+            ds.n, ds.d
+        )  # 1 / (Z^2 cos b) of the ray itself
 
     def pdf_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
         """0: no other ray finds the disk."""

@@ -60,13 +60,18 @@ def build_lit(scene: Scene, rig: Rig, band: str) -> BuiltScene:
         return built
     shown = tuple(projector for projector, _ in placed)
     mi = mitsuba()
-    kinds = [(each.intrinsics, each.filter, each.aperture_diameter, each.focus_distance) for each in shown]
+    kinds = [
+        (each.intrinsics, each.filter, each.aperture_diameter, each.focus_distance)
+        for each in shown
+    ]
     lit: _Lit | None = built.cache.get("projectors")
     if lit is None or lit.kinds != kinds:
         lamps = [mi.load_dict(_plugin(each)) for each in shown]
         lights = [_opened(*each) for each in zip(lamps, shown, strict=True)]
         lit = built.cache["projectors"] = _Lit(
-            kinds, _with_lights(scene, built, lights), [mi.traverse(lamp) for lamp in lamps]
+            kinds,
+            _with_lights(scene, built, lights),
+            [mi.traverse(lamp) for lamp in lamps],
         )
     poses = [pose.tolist() for _, pose in placed]
     if lit.poses != poses:
@@ -74,7 +79,9 @@ def build_lit(scene: Scene, rig: Rig, band: str) -> BuiltScene:
     if lit.shown != shown or lit.poses != poses:
         for lamp, (projector, pose) in zip(lit.lamps, placed, strict=True):
             lamp["irradiance.data"] = _texture(projector)[0][..., None]
-            lamp["to_world"] = mi.ScalarTransform4f(pose @ np.diag([-1.0, -1.0, 1.0, 1.0]))  # x left, y up
+            lamp["to_world"] = mi.ScalarTransform4f(
+                pose @ np.diag([-1.0, -1.0, 1.0, 1.0])
+            )  # x left, y up
             lamp.update()
         lit.shown, lit.poses = shown, poses
     return lit.built
@@ -87,15 +94,24 @@ def _warn_of_glass(built: BuiltScene, rig: Rig, band: str) -> None:
     """
     flags = mitsuba().BSDFFlags
     smooth = int(flags.DeltaTransmission | flags.Null)
-    for i, (projector, pose) in enumerate(zip(rig.projectors, rig.world_from_projectors, strict=True)):
+    for i, (projector, pose) in enumerate(
+        zip(rig.projectors, rig.world_from_projectors, strict=True)
+    ):
         if projector.band != band:
             continue
         camera = projector.intrinsics
-        v, u = (np.linspace(0, side - 1, min(side, _RAYS_ACROSS)) for side in (camera.height, camera.width))
+        v, u = (
+            np.linspace(0, side - 1, min(side, _RAYS_ACROSS))
+            for side in (camera.height, camera.width)
+        )
         pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
         hits = cast(built, pose[:3, 3], rotate(pose, camera.unproject(pixels)))
         bodies = [built.bodies[row] for row in np.unique(hits.body[hits.body >= 0])]
-        blocking = {each.material_id for each in bodies if each.shape and int(each.shape.bsdf().flags()) & smooth}
+        blocking = {
+            each.material_id
+            for each in bodies
+            if each.shape and int(each.shape.bsdf().flags()) & smooth
+        }
         for material in sorted(blocking):
             name = built.material_names[material - 1]
             message = (
@@ -110,7 +126,9 @@ def can_denoise(built: BuiltScene, rig: Rig, band: str) -> bool:
 
     Gives a `ProjectorWarning` where they would not: there the projectors' light is not known apart from the scene's.
     """
-    if built.projected is not None or not any(each.emitted_power and each.band == band for each in rig.projectors):
+    if built.projected is not None or not any(
+        each.emitted_power and each.band == band for each in rig.projectors
+    ):
         return True
     message = (
         "images with the light of projectors are not denoised here, as their patterns would be lost: use the LLVM or"
@@ -126,9 +144,13 @@ def _with_lights(scene: Scene, built: BuiltScene, lights: list[Any]) -> BuiltSce
     if paths is not None:
         return replace(built, integrator=sky_hidden(scene, paths), projected=paths)
     if built.parts is None:
-        raise InputError(f"{scene.xml}: has instances; projectors can light only Mitsuba files without any")
+        raise InputError(
+            f"{scene.xml}: has instances; projectors can light only Mitsuba files without any"
+        )
     parts = {f"projector{i:04d}": light for i, light in enumerate(lights)}
-    return replace(built, mi_scene=mitsuba().load_dict({**built.parts, **parts}, optimize=False))
+    return replace(
+        built, mi_scene=mitsuba().load_dict({**built.parts, **parts}, optimize=False)
+    )
 
 
 def _opened(lamp: Any, projector: Projector) -> Any:
@@ -136,9 +158,13 @@ def _opened(lamp: Any, projector: Projector) -> Any:
     if not projector.aperture_diameter:
         return lamp
     check_projector_supported(projector)
-    from twinlens.rendering.projector_aperture import ApertureProjector  # sets up the backend
+    from twinlens.rendering.projector_aperture import (
+        ApertureProjector,
+    )  # sets up the backend
 
-    return ApertureProjector(lamp, projector.aperture_diameter, 1.0 / projector.focus_distance)
+    return ApertureProjector(
+        lamp, projector.aperture_diameter, 1.0 / projector.focus_distance
+    )
 
 
 def _plugin(projector: Projector) -> dict[str, Any]:
@@ -172,17 +198,30 @@ def _plugin(projector: Projector) -> dict[str, Any]:
     }
 
 
-def _texture(projector: Projector) -> tuple[NDArray[np.float32], tuple[float, float, float, float]]:
+def _texture(
+    projector: Projector,
+) -> tuple[NDArray[np.float32], tuple[float, float, float, float]]:
     """The irradiance over pi at depth 1, W/m^2, with a border of 0, and its fx, fy, cx, cy."""
     camera = projector.intrinsics
-    light = projector.power / (_CHANNELS * camera.width * camera.height) * camera.fx * camera.fy / math.pi
-    pattern, (fx, fy, cx, cy) = projector.pattern.astype(np.float64), (camera.fx, camera.fy, camera.cx, camera.cy)
+    light = (
+        projector.power
+        / (_CHANNELS * camera.width * camera.height)
+        * camera.fx
+        * camera.fy
+        / math.pi
+    )
+    pattern, (fx, fy, cx, cy) = (
+        projector.pattern.astype(np.float64),
+        (camera.fx, camera.fy, camera.cx, camera.cy),
+    )
     if camera.distortion is not None:
         pattern, (fx, fy, cx, cy) = _undistorted(projector, camera.distortion)
     return (light * np.pad(pattern, 1)).astype(np.float32), (fx, fy, cx + 1, cy + 1)
 
 
-def _undistorted(projector: Projector, distortion: Distortion) -> tuple[Float, tuple[float, float, float, float]]:
+def _undistorted(
+    projector: Projector, distortion: Distortion
+) -> tuple[Float, tuple[float, float, float, float]]:
     """The flux per pixel without distortion (h, w), relative to power / (W H), and its fx, fy, cx, cy.
 
     Where the distortion stretches a pixel, its flux covers more directions: the factor is the Jacobian's determinant.
@@ -190,18 +229,26 @@ def _undistorted(projector: Projector, distortion: Distortion) -> tuple[Float, t
     from scipy.ndimage import map_coordinates
 
     camera = projector.intrinsics
-    border = camera.unproject(image_border(camera.width, camera.height, margin=0.5))[:, :2]
+    border = camera.unproject(image_border(camera.width, camera.height, margin=0.5))[
+        :, :2
+    ]
     fx, fy = _FINER * camera.fx, _FINER * camera.fy
     low = np.floor(border.min(axis=0) * (fx, fy))
     width, height = (np.ceil(border.max(axis=0) * (fx, fy)) - low + 1).astype(int)
     if width * height > _MOST_SAMPLES:
-        raise InputError(f"a projector's distortion needs {width} x {height} samples: use fewer pixels, or less of it")
+        raise InputError(
+            f"a projector's distortion needs {width} x {height} samples: use fewer pixels, or less of it"
+        )
     x, y = (np.arange(width) + low[0]) / fx, (np.arange(height) + low[1]) / fy
     xy = np.stack(np.meshgrid(x, y), axis=-1)
     inside = distortion.valid(xy)
     xy = np.where(inside[..., None], xy, 0.0)
-    u, v = np.moveaxis(distortion.distort(xy) * (camera.fx, camera.fy) + (camera.cx, camera.cy), -1, 0)
+    u, v = np.moveaxis(
+        distortion.distort(xy) * (camera.fx, camera.fy) + (camera.cx, camera.cy), -1, 0
+    )
     order = 1 if projector.filter == "bilinear" else 0
-    light = map_coordinates(projector.pattern.astype(np.float64), [v, u], order=order, mode="grid-constant")
+    light = map_coordinates(
+        projector.pattern.astype(np.float64), [v, u], order=order, mode="grid-constant"
+    )
     light *= np.abs(np.linalg.det(distortion.jacobian(xy))) * inside
     return light, (fx, fy, -low[0], -low[1])

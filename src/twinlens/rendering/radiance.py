@@ -27,7 +27,13 @@ from twinlens.rendering.denoising import GUIDE_SAMPLES, denoise_image, denoise_p
 from twinlens.rendering.guides import Guides, binned, render_guides
 from twinlens.rendering.integrators import for_denoising
 from twinlens.rendering.projectors import build_lit, can_denoise
-from twinlens.rendering.samplers import PLAIN_SAMPLER, SAMPLERS, Pass, default_sampler, passes_of
+from twinlens.rendering.samplers import (
+    PLAIN_SAMPLER,
+    SAMPLERS,
+    Pass,
+    default_sampler,
+    passes_of,
+)
 from twinlens.rendering.sensors import NEEDS_JIT, check_sampler_supported, make_sensor
 from twinlens.scenes import Scene
 from twinlens.seeds import derived_seed, seed_sequence
@@ -111,7 +117,9 @@ def render(
         passes = list(image_passes(view.camera, int(spp), int(seed), index, sampler))
         mean, own = raw_image(view, passes, parts, report)
         if view.denoised:
-            other = other_guides(*view.optics, GUIDE_SAMPLES, int(seed), index, parts=parts)
+            other = other_guides(
+                *view.optics, GUIDE_SAMPLES, int(seed), index, parts=parts
+            )
             fractions = None if parts is None else parts.light(view.lens.aperture)[0]
             mean = denoise_parts(mean, other, own, fractions)
         images.append(mean)
@@ -133,7 +141,9 @@ class View:
         return self.built, self.camera, self.pose, self.lens
 
 
-def views_of(scene: Scene, rig: Rig, lenses: Sequence[Lens], seed: int, denoise: bool) -> list[View]:
+def views_of(
+    scene: Scene, rig: Rig, lenses: Sequence[Lens], seed: int, denoise: bool
+) -> list[View]:
     """The views of a rig whose cameras have one band each.
 
     Where images are denoised, light between surfaces comes from an irradiance cache, which the cameras of a band share.
@@ -143,10 +153,14 @@ def views_of(scene: Scene, rig: Rig, lenses: Sequence[Lens], seed: int, denoise:
         built = build_lit(scene, rig, band)
         denoised = denoise and can_denoise(built, rig, band)
         if denoised:
-            built = for_denoising(built, scene, rig, band, derived_seed(seed, _CACHE_STREAM))
+            built = for_denoising(
+                built, scene, rig, band, derived_seed(seed, _CACHE_STREAM)
+            )
         builts[band] = built, denoised
     views = zip(rig.cameras, rig.world_from_cams, lenses, strict=True)
-    return [View(builts[view[0].band][0], *view, builts[view[0].band][1]) for view in views]
+    return [
+        View(builts[view[0].band][0], *view, builts[view[0].band][1]) for view in views
+    ]
 
 
 def raw_image(
@@ -159,7 +173,9 @@ def raw_image(
     for kind, count, stream in passes:
         sensor = make_sensor(camera, pose, lens, count, kind)
         if parts is None:
-            image = built.integrator.render(built.mi_scene, sensor, seed=stream, spp=count)
+            image = built.integrator.render(
+                built.mi_scene, sensor, seed=stream, spp=count
+            )
         else:
             image = _render_parts(built, sensor, camera, count, stream, parts)
         total += np.multiply(image, count, dtype=np.float64)
@@ -226,7 +242,9 @@ def render_measured(
     if parts is not None:
         check_parts_request(scene, rig, lenses, parts)
     views = views_of(scene, rig, lenses, seed, denoise)
-    return measured(views, spp, seed, parts=parts, sampler=sampler, enough=enough, progress=progress)
+    return measured(
+        views, spp, seed, parts=parts, sampler=sampler, enough=enough, progress=progress
+    )
 
 
 def measured(
@@ -241,13 +259,22 @@ def measured(
 ) -> tuple[list[NoisyImage], int]:
     """The images of `views`, as `render_measured`."""
     others = [
-        [other_guides(*view.optics, GUIDE_SAMPLES // 2, seed, i, k, parts=parts) for k in (0, 1) if view.denoised]
+        [
+            other_guides(*view.optics, GUIDE_SAMPLES // 2, seed, i, k, parts=parts)
+            for k in (0, 1)
+            if view.denoised
+        ]
         for i, view in enumerate(views)
     ]
-    fractions = [None if parts is None else parts.light(view.lens.aperture)[0] for view in views]
+    fractions = [
+        None if parts is None else parts.light(view.lens.aperture)[0] for view in views
+    ]
     owns: list[list[Guides | None]] = [[None, None] for _ in views]
     several = () if parts is None else (len(parts),)
-    totals = [np.zeros((2, *several, view.camera.height, view.camera.width, 3)) for view in views]
+    totals = [
+        np.zeros((2, *several, view.camera.height, view.camera.width, 3))
+        for view in views
+    ]
     counts = np.zeros(2)
     extra = spp
     while True:
@@ -261,7 +288,10 @@ def measured(
                 totals[i][half] += count * image.astype(np.float64)
                 owns[i][half] = _joined(owns[i][half], own)
             counts[half] += count
-        found = [_measured(*each, counts) for each in zip(totals, others, owns, fractions, strict=True)]
+        found = [
+            _measured(*each, counts)
+            for each in zip(totals, others, owns, fractions, strict=True)
+        ]
         extra = int(counts.sum())
         if enough(found) or 2 * extra > MAX_SPP:
             return found, extra
@@ -269,9 +299,17 @@ def measured(
 
 def denoised_cameras(scene: Scene, rig: Rig) -> list[int]:
     """Indices of the cameras whose images `render` denoises if asked; `can_denoise` says where it does not."""
-    builts = {band: build_lit(scene, rig, band) for camera in rig.cameras for band in camera.bands}
+    builts = {
+        band: build_lit(scene, rig, band)
+        for camera in rig.cameras
+        for band in camera.bands
+    }
     keeps = {band: can_denoise(built, rig, band) for band, built in builts.items()}
-    return [i for i, camera in enumerate(rig.cameras) if any(keeps[band] for band in camera.bands)]
+    return [
+        i
+        for i, camera in enumerate(rig.cameras)
+        if any(keeps[band] for band in camera.bands)
+    ]
 
 
 def split_bands(rig: Rig) -> tuple[Rig, list[list[int]]]:
@@ -283,11 +321,20 @@ def split_bands(rig: Rig) -> tuple[Rig, list[list[int]]]:
         members.append(list(range(len(cameras), len(cameras) + len(camera.bands))))
         cameras += [camera.replace(band=band) for band in camera.bands]
         poses += [pose] * len(camera.bands)
-    return (rig if len(cameras) == len(rig) else Rig(cameras, poses, projectors=rig.projectors)), members
+    return (
+        rig
+        if len(cameras) == len(rig)
+        else Rig(cameras, poses, projectors=rig.projectors)
+    ), members
 
 
 def _checked_lenses(
-    scene: Scene, rig: Rig, lens: Lens | Sequence[Lens], spp: int, seed: int, sampler: str
+    scene: Scene,
+    rig: Rig,
+    lens: Lens | Sequence[Lens],
+    spp: int,
+    seed: int,
+    sampler: str,
 ) -> list[Lens]:
     """The lens of each camera, after `check_request`. Raises InputError for another number of lenses than cameras."""
     if isinstance(lens, str) or not isinstance(lens, Sequence):
@@ -295,13 +342,17 @@ def _checked_lenses(
         return [lens] * len(rig)
     check_request(scene, rig, lens, spp, seed, sampler)
     if len(lens) != len(rig):
-        raise InputError(f"a rig of {len(rig)} cameras needs one lens, or one for each camera, got {len(lens)}")
+        raise InputError(
+            f"a rig of {len(rig)} cameras needs one lens, or one for each camera, got {len(lens)}"
+        )
     return list(lens)
 
 
 def _per_band(lenses: Sequence[Lens], members: Sequence[Sequence[int]]) -> list[Lens]:
     """The lenses of the cameras of `split_bands`, in their order, from those of the cameras of a rig."""
-    return [lens for lens, indices in zip(lenses, members, strict=True) for _ in indices]
+    return [
+        lens for lens, indices in zip(lenses, members, strict=True) for _ in indices
+    ]
 
 
 def sum_of(images: Sequence[NDArray[np.float32]]) -> NDArray[np.float32]:
@@ -311,7 +362,9 @@ def sum_of(images: Sequence[NDArray[np.float32]]) -> NDArray[np.float32]:
 
 def _joined_bands(views: Sequence[NoisyImage]) -> NoisyImage:
     errors = np.stack([view.error for view in views])
-    return NoisyImage(sum_of([view.image for view in views]), np.sqrt(np.square(errors).sum(axis=0)))
+    return NoisyImage(
+        sum_of([view.image for view in views]), np.sqrt(np.square(errors).sum(axis=0))
+    )
 
 
 def in_channels(image: Float, camera: Camera) -> Float:
@@ -333,16 +386,23 @@ def _measured(
     whole = total if fractions is None else total.sum(axis=1)
     a, b = (whole / counts[:, None, None, None]).astype(np.float32)
     if not others:
-        return NoisyImage(mean, np.abs(a - b) * np.float32(math.sqrt(counts.prod()) / counts.sum()))
+        return NoisyImage(
+            mean, np.abs(a - b) * np.float32(math.sqrt(counts.prod()) / counts.sum())
+        )
     denoised = denoise_parts(mean, others[0] + others[1], _joined(*owns), fractions)
     if fractions is not None:
-        others, owns = [each.of_parts() for each in others], [own and own.of_parts() for own in owns]
+        others, owns = (
+            [each.of_parts() for each in others],
+            [own and own.of_parts() for own in owns],
+        )
     small = [
         denoise_image(binned(image), other.binned(), own and own.binned(), fast=True)
         for image, other, own in zip((a, b), others, owns, strict=True)
     ]
     error = np.abs(small[0] - small[1]) / np.float32(_HALVES_PER_ERROR)
-    return NoisyImage(denoised, error.repeat(2, axis=0).repeat(2, axis=1)[: len(a), : a.shape[1]])
+    return NoisyImage(
+        denoised, error.repeat(2, axis=0).repeat(2, axis=1)[: len(a), : a.shape[1]]
+    )
 
 
 def _joined(a: Guides | None, b: Guides | None) -> Guides | None:
@@ -351,10 +411,14 @@ def _joined(a: Guides | None, b: Guides | None) -> Guides | None:
 
 def _follows_rays(built: BuiltScene) -> bool:
     """Whether the samples of an image are known: those of the JIT backends, unless light is traced from the lamps."""
-    return backend().is_jit and isinstance(built.integrator, mitsuba().SamplingIntegrator)
+    return backend().is_jit and isinstance(
+        built.integrator, mitsuba().SamplingIntegrator
+    )
 
 
-def check_parts_request(scene: Scene, rig: Rig, lenses: Iterable[Lens], parts: Parts) -> None:
+def check_parts_request(
+    scene: Scene, rig: Rig, lenses: Iterable[Lens], parts: Parts
+) -> None:
     """Raise InputError for parts that a lens has not, BackendError where images of parts are not supported."""
     for lens in lenses:
         check_parts(parts, lens)
@@ -366,10 +430,14 @@ def check_parts_supported(built: BuiltScene | None = None) -> None:
     if not backend().is_jit:
         raise BackendError(f"rendering parts of an aperture {NEEDS_JIT}")
     if built is not None and not _follows_rays(built):
-        raise BackendError("parts of an aperture need an integrator that follows camera rays, such as 'path'")
+        raise BackendError(
+            "parts of an aperture need an integrator that follows camera rays, such as 'path'"
+        )
 
 
-def _render_parts(built: BuiltScene, sensor: Any, camera: Camera, count: int, seed: int, parts: Parts) -> Float:
+def _render_parts(
+    built: BuiltScene, sensor: Any, camera: Camera, count: int, seed: int, parts: Parts
+) -> Float:
     """The images (P, H, W, C) of the parts of an aperture, from the samples with which Mitsuba renders the image.
 
     If the integrator gives guides, their features follow after the radiance, and the share of each part.
@@ -377,7 +445,9 @@ def _render_parts(built: BuiltScene, sensor: Any, camera: Camera, count: int, se
     from twinlens.rendering.ray_generation import pixel_means  # sets up the backend
 
     ray, x, y = sensor.film_rays(count, seed)
-    radiance, _, features = built.integrator.sample(built.mi_scene, sensor.sampler(), ray)
+    radiance, _, features = built.integrator.sample(
+        built.mi_scene, sensor.sampler(), ray
+    )
     channels = [*radiance, *features, mitsuba().Float(1.0)] if features else radiance
     return pixel_means(channels, count, camera, parts.shares(x, y, sensor.math))
 
@@ -393,21 +463,31 @@ def other_guides(
     parts: Parts | None = None,
 ) -> Guides:
     """The guides of `count` samples per pixel; `seed` and `key` name their random stream."""
-    passes = passes_of(camera, count, seed_sequence(seed, _GUIDE_STREAM, *key), PLAIN_SAMPLER)
+    passes = passes_of(
+        camera, count, seed_sequence(seed, _GUIDE_STREAM, *key), PLAIN_SAMPLER
+    )
     return render_guides(built, camera, pose, lens, passes, parts)
 
 
-def image_passes(camera: Camera, spp: int, seed: int, index: int, sampler: str) -> Iterator[Pass]:
+def image_passes(
+    camera: Camera, spp: int, seed: int, index: int, sampler: str
+) -> Iterator[Pass]:
     """The passes in which `render` renders camera `index` of a rig."""
     return passes_of(camera, spp, seed_sequence(seed, _RENDER_STREAM, index), sampler)
 
 
-def check_request(scene: Scene, rig: Rig, lenses: Iterable[Lens], spp: int, seed: int, sampler: str) -> None:
+def check_request(
+    scene: Scene, rig: Rig, lenses: Iterable[Lens], spp: int, seed: int, sampler: str
+) -> None:
     """Raise InputError for invalid arguments of `render`."""
     check_view(scene, rig)
     check_seen(rig)
     for band in dict.fromkeys(band for camera in rig.cameras for band in camera.bands):
-        if not any(projector.emitted_power for projector in rig.projectors if projector.band == band):
+        if not any(
+            projector.emitted_power
+            for projector in rig.projectors
+            if projector.band == band
+        ):
             check_lit(scene, band)
     for lens in lenses:
         check_lens(lens)
@@ -428,9 +508,13 @@ def check_lit(scene: Scene, band: str = "rgb") -> None:
 def check_view(scene: Scene, rig: Rig) -> None:
     """Raise InputError unless the arguments are a Scene and a Rig."""
     if not isinstance(scene, Scene):
-        raise InputError(f"scene must be a Scene, got {scene!r:.60}; load_scene makes one from a name or a file")
+        raise InputError(
+            f"scene must be a Scene, got {scene!r:.60}; load_scene makes one from a name or a file"
+        )
     if not isinstance(rig, Rig):
-        raise InputError(f"rig must be a Rig, got {rig!r:.60}; Rig.stereo makes one from a camera, Rig from several")
+        raise InputError(
+            f"rig must be a Rig, got {rig!r:.60}; Rig.stereo makes one from a camera, Rig from several"
+        )
 
 
 def partial_progress(progress: Progress | None, start: float, end: float) -> Progress:

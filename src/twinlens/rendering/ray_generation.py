@@ -29,7 +29,10 @@ def sampling_functions() -> SimpleNamespace:
 
     def gather(table: Float, index: Any) -> Any:
         if id(table) not in tables:
-            tables[id(table)] = table, mi.Float(np.ascontiguousarray(table, dtype=np.float32))
+            tables[id(table)] = (
+                table,
+                mi.Float(np.ascontiguousarray(table, dtype=np.float32)),
+            )
         return dr.gather(mi.Float, tables[id(table)][1], mi.UInt32(index))
 
     return SimpleNamespace(
@@ -53,7 +56,11 @@ class CornerTable:
         steps = (0, 1, self._columns, self._columns + 1)
         corner = [dr.gather(mi.Point2f, self._values, index + step) for step in steps]
         right, below = across - column, down - row
-        return dr.lerp(dr.lerp(corner[0], corner[1], right), dr.lerp(corner[2], corner[3], right), below)
+        return dr.lerp(
+            dr.lerp(corner[0], corner[1], right),
+            dr.lerp(corner[2], corner[3], right),
+            below,
+        )
 
 
 class RayGenerator:
@@ -65,24 +72,34 @@ class RayGenerator:
         self.undistorted = None
         if camera.distortion is not None:
             rows, columns = np.mgrid[: camera.height + 1, : camera.width + 1]
-            self.undistorted = CornerTable(camera.unproject(np.stack([columns, rows], axis=-1) - 0.5)[..., :2])
+            self.undistorted = CornerTable(
+                camera.unproject(np.stack([columns, rows], axis=-1) - 0.5)[..., :2]
+            )
         self.x, self.y, self.z, self.origin = (
-            mi.Vector3f(*(opaque(world_from_cam[row, column]) for row in range(3))) for column in range(4)
+            mi.Vector3f(*(opaque(world_from_cam[row, column]) for row in range(3)))
+            for column in range(4)
         )
 
     def ray(self, u: Any, v: Any, ax: Any, ay: Any, k: Any) -> tuple[Any, Any]:
         """Origin and unit direction in the world, from pixels (u, v) and metres (ax, ay), at vergence `k` in 1/m."""
-        x, y = (u - self.principal[0]) / self.focal[0], (v - self.principal[1]) / self.focal[1]
+        x, y = (
+            (u - self.principal[0]) / self.focal[0],
+            (v - self.principal[1]) / self.focal[1],
+        )
         if self.undistorted is not None:
             x, y = self.undistorted(u + 0.5, v + 0.5)
         direction = (x - k * ax) * self.x + (y - k * ay) * self.y + self.z
-        return mi.Point3f(self.origin + ax * self.x + ay * self.y), dr.normalize(direction)
+        return mi.Point3f(self.origin + ax * self.x + ay * self.y), dr.normalize(
+            direction
+        )
 
 
 class TwinlensCamera(mi.Sensor):  # type: ignore[misc, name-defined]
     """A Mitsuba sensor: the rays of a camera at a pose through the aperture of a lens."""
 
-    def __init__(self, camera: Camera, world_from_cam: Float, lens: Lens, film: Any, sampler: Any) -> None:
+    def __init__(
+        self, camera: Camera, world_from_cam: Float, lens: Lens, film: Any, sampler: Any
+    ) -> None:
         properties = mi.Properties()
         properties["film"], properties["sampler"] = film, sampler
         super().__init__(properties)
@@ -95,20 +112,35 @@ class TwinlensCamera(mi.Sensor):  # type: ignore[misc, name-defined]
         self.k = opaque(lens.vergence)
 
     def sample_ray(
-        self, time: Any, wavelength: Any, position: Any, aperture: Any, active: Any = True
+        self,
+        time: Any,
+        wavelength: Any,
+        position: Any,
+        aperture: Any,
+        active: Any = True,
     ) -> tuple[Any, Any]:
         """A ray through a film position in [0, 1)^2 and a uniform aperture sample, and its weight."""
         # Mitsuba's film counts pixel edges, twinlens pixel centres.
         u, v = position.x * self.size[0] - 0.5, position.y * self.size[1] - 0.5
-        ax, ay = (self.radius * a for a in self.aperture.sample(aperture.x, aperture.y, self.math))
+        ax, ay = (
+            self.radius * a
+            for a in self.aperture.sample(aperture.x, aperture.y, self.math)
+        )
         origin, direction = self.rays.ray(u, v, ax, ay, self.k)
         ray = mi.Ray3f(origin, direction, time)
-        wavelengths, weight = self.sample_wavelengths(dr.zeros(mi.SurfaceInteraction3f), wavelength, active)
+        wavelengths, weight = self.sample_wavelengths(
+            dr.zeros(mi.SurfaceInteraction3f), wavelength, active
+        )
         ray.wavelengths = wavelengths
         return ray, weight
 
     def sample_ray_differential(
-        self, time: Any, wavelength: Any, position: Any, aperture: Any, active: Any = True
+        self,
+        time: Any,
+        wavelength: Any,
+        position: Any,
+        aperture: Any,
+        active: Any = True,
     ) -> tuple[Any, Any]:
         """The same ray without differentials: Mitsuba's textures have no mipmaps."""
         ray, weight = self.sample_ray(time, wavelength, position, aperture, active)
@@ -124,10 +156,14 @@ class TwinlensCamera(mi.Sensor):  # type: ignore[misc, name-defined]
         sampler.set_samples_per_wavefront(count)
         sampler.seed(seed, width * height * count)
         columns = dr.opaque(mi.UInt32, width)
-        pixel = dr.arange(mi.UInt32, width * height * count) // dr.opaque(mi.UInt32, count)
+        pixel = dr.arange(mi.UInt32, width * height * count) // dr.opaque(
+            mi.UInt32, count
+        )
         row = pixel // columns
         corner = mi.Point2f(mi.Float(pixel - row * columns), mi.Float(row))
-        reciprocal = mi.Point2f(opaque(1 / np.float32(width)), opaque(1 / np.float32(height)))
+        reciprocal = mi.Point2f(
+            opaque(1 / np.float32(width)), opaque(1 / np.float32(height))
+        )
         film = (corner + sampler.next_2d()) * reciprocal
         lens = sampler.next_2d()
         ray, _ = self.sample_ray(0.0, 0.5, film, lens)
@@ -137,13 +173,23 @@ class TwinlensCamera(mi.Sensor):  # type: ignore[misc, name-defined]
         return "TwinlensCamera[]"
 
 
-def pixel_means(channels: Iterable[Any], count: int, camera: Camera, shares: Sequence[Any] | None = None) -> Float:
+def pixel_means(
+    channels: Iterable[Any],
+    count: int,
+    camera: Camera,
+    shares: Sequence[Any] | None = None,
+) -> Float:
     """Means over the `count` rays of each pixel, float64 (H, W, C); (P, H, W, C) of the channels times each share."""
     channels = list(channels)
     dr.eval(channels, shares)  # else each sum would trace the rays again
 
     def means(share: Any) -> Float:
-        sums = [np.asarray(dr.block_sum(channel * share, count), dtype=np.float64) for channel in channels]
+        sums = [
+            np.asarray(dr.block_sum(channel * share, count), dtype=np.float64)
+            for channel in channels
+        ]
         return np.stack(sums, axis=-1).reshape(camera.height, camera.width, -1) / count
 
-    return means(1.0) if shares is None else np.stack([means(share) for share in shares])
+    return (
+        means(1.0) if shares is None else np.stack([means(share) for share in shares])
+    )

@@ -12,7 +12,9 @@ from twinlens.rendering.backends import backend, mitsuba
 Pass = tuple[str, int, int]
 """Sampler, samples per pixel, seed."""
 
-Sampler = Literal["multijitter", "sobol", "independent", "stratified", "orthogonal", "ldsampler"]
+Sampler = Literal[
+    "multijitter", "sobol", "independent", "stratified", "orthogonal", "ldsampler"
+]
 """Mitsuba's, and `sobol`, which is ours and needs a JIT backend."""
 
 SAMPLERS: tuple[str, ...] = get_args(Sampler)
@@ -45,7 +47,9 @@ def sampler_supports(kind: str, count: int) -> bool:
     return bool(load_sampler(kind, count, 1).sample_count() == count)
 
 
-def passes_of(camera: Camera, spp: int, seeds: np.random.SeedSequence, sampler: str) -> Iterator[Pass]:
+def passes_of(
+    camera: Camera, spp: int, seeds: np.random.SeedSequence, sampler: str
+) -> Iterator[Pass]:
     """(sampler, samples per pixel, seed) of each pass; `spp` samples in total, bounded in memory.
 
     Mitsuba's samplers round sample counts, so each of their passes has a power of two that its sampler does not round.
@@ -54,10 +58,19 @@ def passes_of(camera: Camera, spp: int, seeds: np.random.SeedSequence, sampler: 
     largest = max(1, RAYS_PER_PASS // (camera.width * camera.height))
     remaining = spp
     while remaining:
-        sizes = [1 << power for power in reversed(range(min(remaining, largest).bit_length()))]
+        sizes = [
+            1 << power
+            for power in reversed(range(min(remaining, largest).bit_length()))
+        ]
         if sampler == "sobol" and remaining <= largest:
             sizes = [remaining]
-        count = next((count for count in sizes if sampler_supports(sampler, count)), None)
-        kind, size = ("independent", min(remaining, largest)) if count is None else (sampler, count)
+        count = next(
+            (count for count in sizes if sampler_supports(sampler, count)), None
+        )
+        kind, size = (
+            ("independent", min(remaining, largest))
+            if count is None
+            else (sampler, count)
+        )
         yield kind, size, int(seeds.spawn(1)[0].generate_state(1)[0])
         remaining -= size

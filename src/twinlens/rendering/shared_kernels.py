@@ -15,9 +15,20 @@ from twinlens.rendering.backends import backend, mitsuba
 from twinlens.rendering.build import mitsuba_mesh
 from twinlens.scenes import Mesh
 
-_BODIES, _LIGHTS = 256, 16  # ids for a scene's objects; a larger scene has kernels of its own
-_SKY_HEIGHTS = (4, 128, 256)  # kernels depend on the number of levels of an environment map
-_MESHES = ((2, False), (2, True), (80, True))  # and on the logarithm of the number of faces of a light
+_BODIES, _LIGHTS = (
+    256,
+    16,
+)  # ids for a scene's objects; a larger scene has kernels of its own
+_SKY_HEIGHTS = (
+    4,
+    128,
+    256,
+)  # kernels depend on the number of levels of an environment map
+_MESHES = (
+    (2, False),
+    (2, True),
+    (80, True),
+)  # and on the logarithm of the number of faces of a light
 
 _placeholders: list[Any] = []
 
@@ -37,23 +48,43 @@ def _make_placeholders() -> list[Any]:
 
     def texture(wrap: str, filter_type: str = "bilinear") -> dict[str, Any]:
         grey = mi.Bitmap(np.full((2, 2, 3), 0.5, dtype=np.float32))
-        return {"type": "bitmap", "bitmap": grey, "raw": True, "wrap_mode": wrap, "filter_type": filter_type}
+        return {
+            "type": "bitmap",
+            "bitmap": grey,
+            "raw": True,
+            "wrap_mode": wrap,
+            "filter_type": filter_type,
+        }
 
     repeated = texture("repeat")
     lobes = ("roughness", "metallic", "sheen", "clearcoat", "clearcoat_gloss")
     principled = {"type": "principled", **dict.fromkeys(lobes, 0.5)}
     materials = [
         {"type": "diffuse", "reflectance": repeated},
-        *({**principled, "base_color": texture(wrap)} for wrap in ("repeat", "clamp", "mirror")),
+        *(
+            {**principled, "base_color": texture(wrap)}
+            for wrap in ("repeat", "clamp", "mirror")
+        ),
         {**principled, "base_color": texture("repeat", "nearest")},
         {"type": "conductor", "material": "Ag", "specular_reflectance": repeated},
         {"type": "dielectric", "int_ior": 1.5},
     ]
     bsdfs = [mi.load_dict(material) for material in materials]
-    parts = {f"body{i}": _square(bsdfs[0], faces, emits) for i, (faces, emits) in enumerate(_MESHES)}
-    skies = [mi.Bitmap(np.ones((height, 2 * height, 3), dtype=np.float32)) for height in _SKY_HEIGHTS]
+    parts = {
+        f"body{i}": _square(bsdfs[0], faces, emits)
+        for i, (faces, emits) in enumerate(_MESHES)
+    }
+    skies = [
+        mi.Bitmap(np.ones((height, 2 * height, 3), dtype=np.float32))
+        for height in _SKY_HEIGHTS
+    ]
     # Each in a scene of its own, which sets the bounds that a sky needs.
-    scenes = [mi.load_dict({"type": "scene", **parts, "sky": {"type": "envmap", "bitmap": sky}}) for sky in skies]
+    scenes = [
+        mi.load_dict(
+            {"type": "scene", **parts, "sky": {"type": "envmap", "bitmap": sky}}
+        )
+        for sky in skies
+    ]
     # All but the last of these are freed, and with them ids for the objects of scenes.
     fillers = [mi.load_dict(materials[0]) for _ in range(_BODIES)]
     lights = [_square(bsdfs[0], 2, emits=True) for _ in range(_LIGHTS)]
@@ -66,5 +97,9 @@ def _square(bsdf: Any, faces: int, emits: bool) -> Any:
     corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
     triangles = np.resize([[0, 1, 2], [0, 2, 3]], (faces, 3))
     square = Mesh(corners, triangles, np.tile([0, 0, 1], (4, 1)), corners[:, :2])
-    lamp = mitsuba().load_dict({"type": "area", "radiance": {"type": "rgb", "value": 1.0}}) if emits else None
+    lamp = (
+        mitsuba().load_dict({"type": "area", "radiance": {"type": "rgb", "value": 1.0}})
+        if emits
+        else None
+    )
     return mitsuba_mesh("", square, np.eye(4), bsdf, lamp)

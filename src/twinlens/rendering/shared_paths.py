@@ -57,7 +57,10 @@ class SharedPaths:
     sampler: str
 
     def images(
-        self, seeds: np.random.SeedSequence, focuses: Sequence[int], shares: Shares | None = None
+        self,
+        seeds: np.random.SeedSequence,
+        focuses: Sequence[int],
+        shares: Shares | None = None,
     ) -> tuple[Float, Float, int]:
         """Mean images (K, H, W, 3), their mean variances (K,), and the number of paths.
 
@@ -68,42 +71,82 @@ class SharedPaths:
         so it is an upper bound: exact for noise, and about twice the variance where stratification works best.
         """
         film = math.prod(self.annulus.film_size(self.camera))
-        passes = math.ceil(self.annulus.spp / min(MAX_SAMPLES, max(1, RAYS_PER_PASS // film)))
+        passes = math.ceil(
+            self.annulus.spp / min(MAX_SAMPLES, max(1, RAYS_PER_PASS // film))
+        )
         grid = stratum_grid(math.ceil(self.annulus.spp / passes))
         count = passes * math.prod(grid)
-        total, squares = np.zeros((2, len(focuses), 3, self.camera.height, self.camera.width))
+        total, squares = np.zeros(
+            (2, len(focuses), 3, self.camera.height, self.camera.width)
+        )
         for _ in range(passes):
             pattern_seed, path_seed = map(int, seeds.spawn(1)[0].generate_state(2))
-            points, shifts = self._film_and_aperture(grid, np.random.default_rng(pattern_seed))
+            points, shifts = self._film_and_aperture(
+                grid, np.random.default_rng(pattern_seed)
+            )
             weights = None if shares is None else shares(points[:, 2:])
             # The radiance is not bound to a name, so that its memory is freed before the next pass.
             first, second = self._gather(
-                self._radiance(grid, points, shifts, path_seed), shifts[:, np.asarray(focuses)], weights
+                self._radiance(grid, points, shifts, path_seed),
+                shifts[:, np.asarray(focuses)],
+                weights,
             )
             total += first + second
             squares += (first - second) ** 2 if count > 1 else math.nan
-        variance = [of[np.isfinite(of)].mean() if np.isfinite(of).any() else math.nan for of in squares]
-        return np.moveaxis(total, 1, -1) / count, np.array(variance) / count**2, count * film
+        variance = [
+            of[np.isfinite(of)].mean() if np.isfinite(of).any() else math.nan
+            for of in squares
+        ]
+        return (
+            np.moveaxis(total, 1, -1) / count,
+            np.array(variance) / count**2,
+            count * film,
+        )
 
-    def _film_and_aperture(self, grid: Grid, random: np.random.Generator) -> tuple[NDArray[np.float32], Shifts]:
+    def _film_and_aperture(
+        self, grid: Grid, random: np.random.Generator
+    ) -> tuple[NDArray[np.float32], Shifts]:
         """Positions in the pixel and aperture points (n, 4), and shifts (n, F, 2) in pixels, of n shared samples."""
-        places = np.hstack([multijitter(random_cells(grid, random), grid, random) for _ in range(2)])
+        places = np.hstack(
+            [multijitter(random_cells(grid, random), grid, random) for _ in range(2)]
+        )
         x, y, across, down = ((places + random.random(places.shape)) / len(places)).T
-        aperture = on_ring(across, down, self.annulus.inner**2, self.annulus.outer**2, NUMPY)
+        aperture = on_ring(
+            across, down, self.annulus.inner**2, self.annulus.outer**2, NUMPY
+        )
         points = np.stack([x, y, *aperture], axis=-1).astype(np.float32)
-        shears = np.subtract(self.annulus.vergences, self.annulus.middle)[:, None] * (self.camera.fx, self.camera.fy)
-        return points, np.floor(points[:, None, :2] + points[:, None, 2:] * shears).astype(np.int32)
+        shears = np.subtract(self.annulus.vergences, self.annulus.middle)[:, None] * (
+            self.camera.fx,
+            self.camera.fy,
+        )
+        return points, np.floor(
+            points[:, None, :2] + points[:, None, 2:] * shears
+        ).astype(np.int32)
 
-    def _radiance(self, grid: Grid, points: NDArray[np.float32], shifts: Shifts, seed: int) -> Any:
+    def _radiance(
+        self, grid: Grid, points: NDArray[np.float32], shifts: Shifts, seed: int
+    ) -> Any:
         """Radiance of every ray. Sample m of n of a pixel is ray ``m + n * pixel``."""
         (width, height), n = self.annulus.film_size(self.camera), len(points)
         ray_index = dr.arange(mi.UInt32, width * height * n)
         samples, columns = dr.opaque(mi.UInt32, n), dr.opaque(mi.UInt32, width)
         pixel, sample = ray_index // samples, ray_index % samples
-        x, y, ax, ay = (dr.gather(mi.Float, mi.Float(values.copy()), sample) for values in points.T)
-        u = mi.Float(pixel % columns) - opaque((width - self.camera.width) // 2 + 0.5) + x
-        v = mi.Float(pixel // columns) - opaque((height - self.camera.height) // 2 + 0.5) + y
-        origin, direction = RayGenerator(self.camera, self.pose).ray(u, v, ax, ay, opaque(self.annulus.middle))
+        x, y, ax, ay = (
+            dr.gather(mi.Float, mi.Float(values.copy()), sample) for values in points.T
+        )
+        u = (
+            mi.Float(pixel % columns)
+            - opaque((width - self.camera.width) // 2 + 0.5)
+            + x
+        )
+        v = (
+            mi.Float(pixel // columns)
+            - opaque((height - self.camera.height) // 2 + 0.5)
+            + y
+        )
+        origin, direction = RayGenerator(self.camera, self.pose).ray(
+            u, v, ax, ay, opaque(self.annulus.middle)
+        )
         ray = mi.RayDifferential3f(mi.Ray3f(origin, direction))
         if self.sampler == "multijitter":
             sampler = StratifiedSampler(grid, shifts, pixel, sample, seed)
@@ -112,31 +155,52 @@ class SharedPaths:
             sampler = load_sampler(kind, n, width)
             sampler.set_samples_per_wavefront(n)
             sampler.seed(seed, width * height * n)
-        radiance, valid, _ = self.built.integrator.sample(self.built.mi_scene, sampler, ray, None, True)
+        radiance, valid, _ = self.built.integrator.sample(
+            self.built.mi_scene, sampler, ray, None, True
+        )
         radiance = dr.select(valid, radiance, 0.0)
         dr.eval(radiance)
         return radiance
 
-    def _gather(self, radiance: Any, shifts: Shifts, weights: Float | None) -> tuple[Float, Float]:
+    def _gather(
+        self, radiance: Any, shifts: Shifts, weights: Float | None
+    ) -> tuple[Float, Float]:
         """Sums (K, 3, H, W) of the radiance landing on each pixel, over the first and second half of the samples."""
-        (n, images, _), (columns, rows) = shifts.shape, self.annulus.film_size(self.camera)
+        (n, images, _), (columns, rows) = (
+            shifts.shape,
+            self.annulus.film_size(self.camera),
+        )
         shape = (images, self.camera.height, self.camera.width)
         image, down, across = np.indices(shape)
-        pixel = across + (columns - shape[2]) // 2 + columns * (down + (rows - shape[1]) // 2)
+        pixel = (
+            across
+            + (columns - shape[2]) // 2
+            + columns * (down + (rows - shape[1]) // 2)
+        )
         step = np.arange(n)[:, None] - n * (shifts[..., 0] + columns * shifts[..., 1])
-        start, own, steps = (mi.Int32(of.astype(np.int32).ravel()) for of in (n * pixel, image, step))
-        first, end, images = (dr.opaque(mi.Int32, count) for count in (n - n // 2, n, images))
-        factors = None if weights is None else mi.Float(weights.astype(np.float32).ravel())
+        start, own, steps = (
+            mi.Int32(of.astype(np.int32).ravel()) for of in (n * pixel, image, step)
+        )
+        first, end, images = (
+            dr.opaque(mi.Int32, count) for count in (n - n // 2, n, images)
+        )
+        factors = (
+            None if weights is None else mi.Float(weights.astype(np.float32).ravel())
+        )
 
         def add(m: Any, total: Any) -> tuple[Any, Any]:
             ray = mi.UInt32(start + dr.gather(mi.Int32, steps, m * images + own))
-            seen = mi.Color3d(*(dr.gather(mi.Float, channel, ray) for channel in radiance))
+            seen = mi.Color3d(
+                *(dr.gather(mi.Float, channel, ray) for channel in radiance)
+            )
             if factors is not None:
                 seen *= mi.Float64(dr.gather(mi.Float, factors, m * images + own))
             return m + 1, total + seen
 
         def add_samples(m: Any, last: Any) -> Float:
-            _, total = dr.while_loop((m, dr.zeros(mi.Color3d, image.size)), lambda m, _: m < last, add)
+            _, total = dr.while_loop(
+                (m, dr.zeros(mi.Color3d, image.size)), lambda m, _: m < last, add
+            )
             return np.moveaxis(np.array(total).reshape(3, *shape), 0, 1)
 
         return add_samples(mi.Int32(0), first), add_samples(first, end)
@@ -149,7 +213,10 @@ def stratum_grid(wanted: int) -> Grid:
     ((8, 4), (4, 3), (1, 1))
     """
     side = math.isqrt(wanted)
-    grids = ((2 * math.ceil(wanted / (2 * rows)), rows) for rows in range(side, side // 2, -1))
+    grids = (
+        (2 * math.ceil(wanted / (2 * rows)), rows)
+        for rows in range(side, side // 2, -1)
+    )
     return min(grids, key=math.prod) if wanted > 1 else (1, 1)
 
 
@@ -163,7 +230,9 @@ def random_cells(grid: Grid, random: np.random.Generator) -> Cells:
 def shuffle_within(classes: Cells, count: int, random: np.random.Generator) -> Cells:
     """Random permutations (count, n) of samples that exchange only samples of equal classes."""
     orders = np.empty((count, len(classes)), np.int64)
-    orders[:, np.argsort(classes, kind="stable")] = np.argsort(classes + random.random(orders.shape), axis=1)
+    orders[:, np.argsort(classes, kind="stable")] = np.argsort(
+        classes + random.random(orders.shape), axis=1
+    )
     return orders
 
 
@@ -177,10 +246,14 @@ def multijitter(cells: Cells, grid: Grid, random: np.random.Generator) -> Cells:
 class StratifiedSampler(mi.Sampler):  # type: ignore[misc, name-defined]
     """Numbers for rays of the given `pixel` and `sample`. Each pixel has one row of a table of orders per dimension."""
 
-    def __init__(self, grid: Grid, shifts: Shifts, pixel: Any, sample: Any, seed: int) -> None:
+    def __init__(
+        self, grid: Grid, shifts: Shifts, pixel: Any, sample: Any, seed: int
+    ) -> None:
         super().__init__(mi.Properties())
         random, n = np.random.default_rng(seed), len(shifts)
-        groups = np.unique(shifts.reshape(n, -1), axis=0, return_inverse=True)[1].ravel()
+        groups = np.unique(shifts.reshape(n, -1), axis=0, return_inverse=True)[
+            1
+        ].ravel()
         self.set_sample_count(n)
         rows = max(_MIN_ROWS, _TABLE_SIZE // (_DIMENSIONS * n))
         half = np.arange(n) >= n - n // 2
@@ -191,9 +264,14 @@ class StratifiedSampler(mi.Sampler):  # type: ignore[misc, name-defined]
             x, y = np.moveaxis(multijitter(cells, grid, random), -1, 0)
             tables.append(x | y << 16)
         self.table = mi.UInt32(np.ravel(tables).astype(np.uint32))
-        self.table_size, self.count = dr.opaque(mi.UInt32, rows * n), dr.opaque(mi.UInt32, n)
+        self.table_size, self.count = (
+            dr.opaque(mi.UInt32, rows * n),
+            dr.opaque(mi.UInt32, n),
+        )
         self.key, self.dimension = dr.opaque(mi.UInt32, seed), dr.opaque(mi.UInt32, 0)
-        row = mi.sample_tea_32(pixel, self.key - _DIMENSION_KEY, _ROUNDS)[0] % dr.opaque(mi.UInt32, rows)
+        row = mi.sample_tea_32(pixel, self.key - _DIMENSION_KEY, _ROUNDS)[
+            0
+        ] % dr.opaque(mi.UInt32, rows)
         self.position = row * self.count + sample
         self.ray = dr.arange(mi.UInt32, dr.width(pixel))
 
@@ -205,11 +283,22 @@ class StratifiedSampler(mi.Sampler):  # type: ignore[misc, name-defined]
 
     def _next(self) -> list[Any]:
         in_table = self.dimension < _DIMENSIONS
-        places = dr.gather(mi.UInt32, self.table, self.position + self.dimension * self.table_size, in_table)
-        random = mi.sample_tea_32(self.ray, self.key + self.dimension * _DIMENSION_KEY, _ROUNDS)
+        places = dr.gather(
+            mi.UInt32,
+            self.table,
+            self.position + self.dimension * self.table_size,
+            in_table,
+        )
+        random = mi.sample_tea_32(
+            self.ray, self.key + self.dimension * _DIMENSION_KEY, _ROUNDS
+        )
         units = [mi.Float(bits >> 8) * 2.0**-24 for bits in random]
         self.dimension += 1
         return [
-            dr.select(in_table, dr.minimum((mi.Float(place) + unit) / self.count, 1 - 2.0**-24), unit)
+            dr.select(
+                in_table,
+                dr.minimum((mi.Float(place) + unit) / self.count, 1 - 2.0**-24),
+                unit,
+            )
             for place, unit in zip((places & 0xFFFF, places >> 16), units, strict=True)
         ]

@@ -39,7 +39,10 @@ class SobolSampler(mi.Sampler):  # type: ignore[misc, name-defined]
         super().__init__(mi.Properties())
         self.set_sample_count(count)
         self.width = _Constant(dr.opaque(mi.UInt32, width))
-        self.place, self.key = _Constant(dr.zeros(mi.UInt32)), _Constant(dr.zeros(mi.UInt32))
+        self.place, self.key = (
+            _Constant(dr.zeros(mi.UInt32)),
+            _Constant(dr.zeros(mi.UInt32)),
+        )
         self.number = dr.zeros(mi.UInt32)
 
     def clone(self) -> "SobolSampler":
@@ -69,18 +72,22 @@ class SobolSampler(mi.Sampler):  # type: ignore[misc, name-defined]
 
     def next_1d(self, active: Any = True) -> Any:
         order, for_x, _ = self._keys()
-        return _unit(dr.brev(_scrambled(dr.brev(_scrambled(self.place.value, order)), for_x)))
+        return _unit(
+            dr.brev(_scrambled(dr.brev(_scrambled(self.place.value, order)), for_x))
+        )
 
     def next_2d(self, active: Any = True) -> Any:
         order, for_x, for_y = self._keys()
         place = dr.brev(_scrambled(self.place.value, order))
         return mi.Point2f(
-            _unit(dr.brev(_scrambled(place, for_x))), _unit(dr.brev(_scrambled(_second_dimension(place), for_y)))
+            _unit(dr.brev(_scrambled(place, for_x))),
+            _unit(dr.brev(_scrambled(_second_dimension(place), for_y))),
         )
 
     def _keys(self) -> tuple[Any, Any, Any]:
         first, second = (
-            mi.sample_tea_32(self.key.value, _KEYS_PER_NUMBER * self.number + each) for each in range(_KEYS_PER_NUMBER)
+            mi.sample_tea_32(self.key.value, _KEYS_PER_NUMBER * self.number + each)
+            for each in range(_KEYS_PER_NUMBER)
         )
         self.number += 1
         return first[0], first[1], second[0]
@@ -104,13 +111,23 @@ def _scrambled(bits: Any, key: Any) -> Any:
 def _second_dimension(place: Any) -> Any:
     """The reversed bits of the second coordinate of Sobol's point `place`: Pascal's triangle times its bits."""
     bits = place ^ (place >> 16)
-    for shift, upper in ((8, 0xFF00FF00), (4, 0xF0F0F0F0), (2, 0xCCCCCCCC), (1, 0xAAAAAAAA)):
+    for shift, upper in (
+        (8, 0xFF00FF00),
+        (4, 0xF0F0F0F0),
+        (2, 0xCCCCCCCC),
+        (1, 0xAAAAAAAA),
+    ):
         bits = bits ^ ((bits & upper) >> shift)
     return bits
 
 
 def _spread(bits: Any) -> Any:
     """The lowest 16 bits, with a 0 before each."""
-    for shift, kept in ((8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555)):
+    for shift, kept in (
+        (8, 0x00FF00FF),
+        (4, 0x0F0F0F0F),
+        (2, 0x33333333),
+        (1, 0x55555555),
+    ):
         bits = (bits | (bits << shift)) & kept
     return bits

@@ -18,18 +18,27 @@ _ERROR_PX = 4.0  # end of the colours of errors
 _PERCENT = (2, 98)  # ends of the colours of a confidence, percentiles
 
 
-def confidence_picture(image: NDArray[Any], found: ConfidenceScores, title: str, kind: str = "png") -> bytes:
+def confidence_picture(
+    image: NDArray[Any], found: ConfidenceScores, title: str, kind: str = "png"
+) -> bytes:
     """The left image, the errors, each confidence map, and the sparsification curves, as PNG or SVG."""
     maps = found.maps
     columns = -(-(len(maps) + 2) // 2)
     height = 2.7 * image.shape[0] / image.shape[1] + 0.35
     with matplotlib.rc_context(RC_PARAMS):
-        sheet = Sheet(figsize=(2.7 * columns + 0.3, 2 * height + 3.4), layout="constrained")
+        sheet = Sheet(
+            figsize=(2.7 * columns + 0.3, 2 * height + 3.4), layout="constrained"
+        )
         grid = sheet.add_gridspec(3, columns, height_ratios=(height, height, 3.0))
-        ends = {name: np.percentile(confidence, _PERCENT) for name, confidence in maps.items()}
+        ends = {
+            name: np.percentile(confidence, _PERCENT)
+            for name, confidence in maps.items()
+        }
         pictures = {
             "left image": rgb8(image),
-            f"error, 0 to {_ERROR_PX:g} px": colourise(found.errors, 0, _ERROR_PX, "magma"),
+            f"error, 0 to {_ERROR_PX:g} px": colourise(
+                found.errors, 0, _ERROR_PX, "magma"
+            ),
         }
         for name, confidence in maps.items():
             low, high = ends[name]
@@ -49,12 +58,18 @@ def _draw_curves(axes: Any, scores: Mapping[str, RegionScores]) -> None:
     first = next(iter(scores.values()))
     for colour, (name, region) in zip(PALETTE, scores.items(), strict=False):
         label = f"{name}, area {region['auc2.0']:.2f} %"
-        axes.plot(shares, region.sparsification, color=colour, linewidth=1.6, label=label)
+        axes.plot(
+            shares, region.sparsification, color=colour, linewidth=1.6, label=label
+        )
     rate = first.sparsification[-1] / 100
     best = 100 * np.maximum(0, 1 - (1 - rate) / np.array(DENSITIES))
     label = f"lowest possible, area {first['auc2.0_opt']:.2f} %"
     axes.plot(shares, best, color="#444444", linestyle="--", linewidth=1.2, label=label)
-    axes.set(xlabel="most confident pixels (%)", ylabel="errors above 2 px (%)", xlim=(0, 100))
+    axes.set(
+        xlabel="most confident pixels (%)",
+        ylabel="errors above 2 px (%)",
+        xlim=(0, 100),
+    )
     axes.set_ylim(bottom=0)
     axes.grid(True, color="#DDDDDD", linewidth=0.6)
     axes.legend(fontsize=8, frameon=False, loc="upper left")

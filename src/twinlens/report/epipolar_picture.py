@@ -15,7 +15,15 @@ from twinlens.errors import InputError
 from twinlens.geometry import Float
 
 # Okabe and Ito's colours, distinguishable with colour blindness, without black.
-COLORS = ((230, 159, 0), (86, 180, 233), (0, 158, 115), (240, 228, 66), (0, 114, 178), (213, 94, 0), (204, 121, 167))
+COLORS = (
+    (230, 159, 0),
+    (86, 180, 233),
+    (0, 158, 115),
+    (240, 228, 66),
+    (0, 114, 178),
+    (213, 94, 0),
+    (204, 121, 167),
+)
 
 _SCALE = 3  # drawn at this scale and reduced, for smooth lines
 _GAP = 12  # pixels between the images
@@ -43,17 +51,39 @@ def epipolar_picture(
     """
     check_pair(rig, a, b)
     first = np.asarray(points_a, dtype=np.float64)
-    second = np.empty((0, 2)) if points_b is None else np.asarray(points_b, dtype=np.float64)
-    if first.ndim != 2 or first.shape[1] != 2 or (points_b is not None and second.shape != first.shape):
-        raise InputError(f"points must be (N, 2), with the same N in both images, got {first.shape} and {second.shape}")
+    second = (
+        np.empty((0, 2)) if points_b is None else np.asarray(points_b, dtype=np.float64)
+    )
+    if (
+        first.ndim != 2
+        or first.shape[1] != 2
+        or (points_b is not None and second.shape != first.shape)
+    ):
+        raise InputError(
+            f"points must be (N, 2), with the same N in both images, got {first.shape} and {second.shape}"
+        )
     if not (np.isfinite(first).all() and np.isfinite(second).all()):
-        raise InputError("points must be finite pixels: leave out those that a camera does not see")
+        raise InputError(
+            "points must be finite pixels: leave out those that a camera does not see"
+        )
     depths = rig.baseline(a, b) * np.geomspace(_NEAR, _FAR, _STEPS)
     left, right = (
-        _panel(rgb8(image), [epipolar_curve(rig, p, depths, j, i) for p in others], own, epipole_in_image(rig, i, j))
-        for image, own, others, i, j in ((images[0], first, second, a, b), (images[1], second, first, b, a))
+        _panel(
+            rgb8(image),
+            [epipolar_curve(rig, p, depths, j, i) for p in others],
+            own,
+            epipole_in_image(rig, i, j),
+        )
+        for image, own, others, i, j in (
+            (images[0], first, second, a, b),
+            (images[1], second, first, b, a),
+        )
     )
-    whole = Image.new("RGB", (left.width + _GAP + right.width, max(left.height, right.height)), (255, 255, 255))
+    whole = Image.new(
+        "RGB",
+        (left.width + _GAP + right.width, max(left.height, right.height)),
+        (255, 255, 255),
+    )
     whole.paste(left, (0, 0))
     whole.paste(right, (left.width + _GAP, 0))
     return np.asarray(whole)
@@ -70,12 +100,19 @@ def spread_points(allowed: ArrayLike, count: int) -> NDArray[np.int64]:
     if not len(pixels):
         return pixels
     size = np.array(np.shape(allowed)[::-1]) - 1
-    wanted = size * (_MARGIN + (1 - 2 * _MARGIN) * ((0.5 + np.outer(np.arange(1, count + 1), _R2)) % 1.0))
-    nearest = [int(np.argmin(np.square(pixels - point).sum(axis=1))) for point in wanted]
+    wanted = size * (
+        _MARGIN
+        + (1 - 2 * _MARGIN) * ((0.5 + np.outer(np.arange(1, count + 1), _R2)) % 1.0)
+    )
+    nearest = [
+        int(np.argmin(np.square(pixels - point).sum(axis=1))) for point in wanted
+    ]
     return pixels[list(dict.fromkeys(nearest))]
 
 
-def true_matches(stored: StoredSample, a: int, b: int, count: int) -> tuple[Float, Float]:
+def true_matches(
+    stored: StoredSample, a: int, b: int, count: int
+) -> tuple[Float, Float]:
     """Pixels (N, 2) of view a and of view b that show the same points, N <= `count`, spread over the image.
 
     They come from the sample's truth or, in a folder without it, from the left disparity map. Raises InputError where
@@ -83,40 +120,72 @@ def true_matches(stored: StoredSample, a: int, b: int, count: int) -> tuple[Floa
     """
     if not stored.has(f"truth{a}.exr"):
         if (a, b) != (0, 1):
-            raise InputError(f"{stored.folder}: has no truth{a}.exr; its disparity map matches cameras 0,1 only")
+            raise InputError(
+                f"{stored.folder}: has no truth{a}.exr; its disparity map matches cameras 0,1 only"
+            )
         disparity = stored.disp0
-        here = spread_points(np.isfinite(disparity) & (stored.mask0_nonocc == 255), count)
-        shift = np.stack([disparity[here[:, 1], here[:, 0]], np.zeros(len(here))], axis=1)
+        here = spread_points(
+            np.isfinite(disparity) & (stored.mask0_nonocc == 255), count
+        )
+        shift = np.stack(
+            [disparity[here[:, 1], here[:, 0]], np.zeros(len(here))], axis=1
+        )
         return here.astype(np.float64), here - shift
     truth, pictured = stored.truth(a), stored.photographed_by
     points = np.where(truth.hit[..., None], truth.position, np.nan)
     pixels = [pictured.project(view, points) for view in (a, b)]
-    inside = pictured.cameras[a].contains(pixels[0]) & pictured.cameras[b].contains(pixels[1])
+    inside = pictured.cameras[a].contains(pixels[0]) & pictured.cameras[b].contains(
+        pixels[1]
+    )
     chosen = spread_points(stored.correspondence(a, b).visible & inside, count)
     if not len(chosen):
-        raise InputError(f"{stored.folder}: views {a} and {b} see no common point; choose other cameras")
+        raise InputError(
+            f"{stored.folder}: views {a} and {b} see no common point; choose other cameras"
+        )
     return pixels[0][chosen[:, 1], chosen[:, 0]], pixels[1][chosen[:, 1], chosen[:, 0]]
 
 
-def _panel(image: NDArray[np.uint8], curves: list[Float], points: Float, epipole: Float | None) -> Image.Image:
+def _panel(
+    image: NDArray[np.uint8], curves: list[Float], points: Float, epipole: Float | None
+) -> Image.Image:
     height, width = image.shape[:2]
-    large = Image.fromarray(image).resize((width * _SCALE, height * _SCALE), Image.Resampling.BICUBIC)
+    large = Image.fromarray(image).resize(
+        (width * _SCALE, height * _SCALE), Image.Resampling.BICUBIC
+    )
     draw = ImageDraw.Draw(large)
     stroke = _SCALE * max(1.0, height / 400)
     for k, curve in enumerate(curves):
         for part in _parts(curve, width, height):
             path = _canvas(part)
             draw.line(path, fill=_EDGE, width=round(2.6 * stroke), joint="curve")
-            draw.line(path, fill=COLORS[k % len(COLORS)], width=round(1.4 * stroke), joint="curve")
+            draw.line(
+                path,
+                fill=COLORS[k % len(COLORS)],
+                width=round(1.4 * stroke),
+                joint="curve",
+            )
     for k, (x, y) in enumerate(_canvas(points)):
         color = COLORS[k % len(COLORS)]
         for radius, fill in ((4.2, _EDGE), (3.2, color), (1.1, _EDGE)):
             draw.circle((x, y), radius * stroke, fill=fill)
-        place, font = (x + 5 * stroke, y - 14 * stroke), ImageFont.load_default(10 * stroke)
-        draw.text(place, str(k + 1), fill=color, font=font, stroke_width=round(stroke), stroke_fill=_EDGE)
+        place, font = (
+            (x + 5 * stroke, y - 14 * stroke),
+            ImageFont.load_default(10 * stroke),
+        )
+        draw.text(
+            place,
+            str(k + 1),
+            fill=color,
+            font=font,
+            stroke_width=round(stroke),
+            stroke_fill=_EDGE,
+        )
     if epipole is not None:
         ((x, y),), r = _canvas(epipole), 9 * stroke
-        for size, fill in ((round(3.2 * stroke), _EDGE), (round(1.6 * stroke), (255, 255, 255))):
+        for size, fill in (
+            (round(3.2 * stroke), _EDGE),
+            (round(1.6 * stroke), (255, 255, 255)),
+        ):
             draw.circle((x, y), r, outline=fill, width=size)
             draw.line((x - r, y, x + r, y), fill=fill, width=size)
             draw.line((x, y - r, x, y + r), fill=fill, width=size)
@@ -125,7 +194,12 @@ def _panel(image: NDArray[np.uint8], curves: list[Float], points: Float, epipole
 
 def _parts(curve: Float, width: int, height: int) -> list[Float]:
     """The connected parts of a curve in the image and one image size around it."""
-    near = np.all(np.isfinite(curve) & (curve > (-width, -height)) & (curve < (2 * width, 2 * height)), axis=1)
+    near = np.all(
+        np.isfinite(curve)
+        & (curve > (-width, -height))
+        & (curve < (2 * width, 2 * height)),
+        axis=1,
+    )
     steps = np.linalg.norm(np.diff(np.where(near[:, None], curve, 0.0), axis=0), axis=1)
     broken = ~(near[1:] & near[:-1]) | (steps > _MAX_STEP * np.hypot(width, height))
     pieces = np.split(np.arange(len(curve)), np.flatnonzero(broken) + 1)
@@ -134,4 +208,6 @@ def _parts(curve: Float, width: int, height: int) -> list[Float]:
 
 def _canvas(points: Float) -> list[tuple[float, float]]:
     """Pixels (N, 2) in the coordinates of the enlarged image, whose origin is its corner."""
-    return [(float(u), float(v)) for u, v in (np.atleast_2d(points) + 0.5) * _SCALE - 0.5]
+    return [
+        (float(u), float(v)) for u, v in (np.atleast_2d(points) + 0.5) * _SCALE - 0.5
+    ]

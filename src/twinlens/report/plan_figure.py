@@ -25,22 +25,33 @@ def plan_figure(plan: RigPlan, kind: str = "png") -> bytes:
     with matplotlib.rc_context(RC_PARAMS):
         sheet = Sheet(figsize=(6.4, 7.6), layout="constrained")
         axes = sheet.subplots(3, sharex=True)
-        for draw, each in zip((_draw_error, _draw_blur, _draw_disparity), axes, strict=True):
+        for draw, each in zip(
+            (_draw_error, _draw_blur, _draw_disparity), axes, strict=True
+        ):
             each.axvspan(near, far, color="#F0F0F0", linewidth=0)
-            each.axvline(plan.best.focus_distance, color=_GREY, linestyle=":", linewidth=1.2)
+            each.axvline(
+                plan.best.focus_distance, color=_GREY, linestyle=":", linewidth=1.2
+            )
             draw(each, plan.best, depth)
             each.grid(True, color="#DDDDDD", linewidth=0.6)
             each.set_axisbelow(True)
             each.legend(frameon=False, loc="upper left", fontsize=8)
         axes[-1].set_xscale("log")
-        axes[-1].set(xlim=(depth[0], depth[-1]), xlabel="depth (m); grey: the depths to measure, dotted: the focus")
+        axes[-1].set(
+            xlim=(depth[0], depth[-1]),
+            xlabel="depth (m); grey: the depths to measure, dotted: the focus",
+        )
         axes[-1].xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axes[-1].xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axes[-1].xaxis.set_minor_formatter(NullFormatter())
         best = plan.best
         title = f"Baseline {1e3 * best.baseline:.4g} mm, {1e3 * best.focal_length:.4g} mm f/{best.f_number:.3g}"
         sheet.suptitle(
-            f"{title}, focus {best.focus_distance:.3g} m", fontsize=11.5, fontweight="bold", x=0.012, ha="left"
+            f"{title}, focus {best.focus_distance:.3g} m",
+            fontsize=11.5,
+            fontweight="bold",
+            x=0.012,
+            ha="left",
         )
         return encode(sheet, kind)
 
@@ -62,7 +73,10 @@ def _draw_blur(axes: Any, best: RigChoice, depth: Any) -> None:
     axes.axhline(best.airy_px, color=PALETTE[2], label="Airy disk")
     _draw_limit(axes, best.task.blur_px, "largest blur circle", PALETTE[0])
     _draw_limit(axes, best.task.airy_px, "largest Airy disk", PALETTE[2])
-    axes.set(ylabel="diameter (px)", ylim=(0, 1.5 * max(best.task.airy_px, best.task.blur_px)))
+    axes.set(
+        ylabel="diameter (px)",
+        ylim=(0, 1.5 * max(best.task.airy_px, best.task.blur_px)),
+    )
 
 
 def _draw_disparity(axes: Any, best: RigChoice, depth: Any) -> None:

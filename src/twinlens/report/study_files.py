@@ -32,7 +32,11 @@ def write_study(folder: str | os.PathLike[str], result: Result) -> Path:
     target = Path(folder)
     files: dict[str, bytes] = {}
     if (target / "study.json").exists():
-        for old in (*target.glob("figures/*.png"), *target.glob("figures/*.svg"), *target.glob("pictures/*.png")):
+        for old in (
+            *target.glob("figures/*.png"),
+            *target.glob("figures/*.svg"),
+            *target.glob("pictures/*.png"),
+        ):
             old.unlink()
 
     def write(name: str, data: bytes) -> None:
@@ -58,12 +62,22 @@ def tiles(picture: Picture) -> NDArray[np.uint8]:
     from PIL import Image, ImageDraw, ImageFont
 
     colour = [rgb8(image) for image in picture.images]
-    tallest, widest = max(image.shape[0] for image in colour), max(image.shape[1] for image in colour)
+    tallest, widest = (
+        max(image.shape[0] for image in colour),
+        max(image.shape[1] for image in colour),
+    )
     columns = min(picture.columns, len(colour))
     size = int(np.clip(widest // 14, 10, 16))
     height, width = tallest + _GAP + 2 * size, widest + _GAP
-    sheet = Image.new("RGB", (columns * width - _GAP, math.ceil(len(colour) / columns) * height - _GAP), "white")
-    pen, font = ImageDraw.Draw(sheet), ImageFont.truetype(font_manager.findfont("DejaVu Sans"), size)
+    sheet = Image.new(
+        "RGB",
+        (columns * width - _GAP, math.ceil(len(colour) / columns) * height - _GAP),
+        "white",
+    )
+    pen, font = (
+        ImageDraw.Draw(sheet),
+        ImageFont.truetype(font_manager.findfont("DejaVu Sans"), size),
+    )
     for k, (image, caption) in enumerate(zip(colour, picture.captions, strict=True)):
         x, y = k % columns * width, k // columns * height
         pen.text((x + 1, y + size // 3), caption, fill="black", font=font)
@@ -92,13 +106,19 @@ def _plain(support: SeedSupport) -> dict[str, Any]:
 
 def _page(result: Result, files: Mapping[str, bytes]) -> str:
     study = result.study
-    parts = [f"<h1>{html.escape(study.name)}</h1><p class=lead>{html.escape(study.question)}</p>"]
-    parts.append("<h2>Findings</h2>" + "".join(_finding(support) for support in result.findings))
+    parts = [
+        f"<h1>{html.escape(study.name)}</h1><p class=lead>{html.escape(study.question)}</p>"
+    ]
+    parts.append(
+        "<h2>Findings</h2>" + "".join(_finding(support) for support in result.findings)
+    )
     parts += ["<h2>Figures</h2>"] if study.figures else []
     for figure in study.figures:
         name = html.escape(f"figures/{figure.name}")
         links = f'<a href="{name}.png">PNG</a> <a href="{name}.svg">SVG</a>'
-        parts.append(_image(files[f"figures/{figure.name}.png"], figure.title, links, 96 / DPI))
+        parts.append(
+            _image(files[f"figures/{figure.name}.png"], figure.title, links, 96 / DPI)
+        )
     parts += ["<h2>Pictures</h2>"] if result.pictures else []
     for picture in result.pictures:
         name = f"pictures/{picture.name}.png"
@@ -115,10 +135,15 @@ def _page(result: Result, files: Mapping[str, bytes]) -> str:
         "rows": f"{len(result.table)}",
         **result.remarks,
     }
-    lines = "".join(f"<tr><th>{html.escape(name)}</th><td>{html.escape(text)}</td></tr>" for name, text in rows.items())
+    lines = "".join(
+        f"<tr><th>{html.escape(name)}</th><td>{html.escape(text)}</td></tr>"
+        for name, text in rows.items()
+    )
     links = 'Complete protocol: <a href="study.json">study.json</a>; measurements: <a href="table.csv">table.csv</a>.'
     parts.append(f"<h2>Protocol</h2><table>{lines}</table><p class=note>{links}</p>")
-    skeleton = resources.files("twinlens.report").joinpath("page/study.html").read_text()
+    skeleton = (
+        resources.files("twinlens.report").joinpath("page/study.html").read_text()
+    )
     title = html.escape(f"twinlens study: {study.name}")
     return skeleton.replace("{{title}}", title).replace("{{body}}", "\n".join(parts))
 
@@ -126,7 +151,11 @@ def _page(result: Result, files: Mapping[str, bytes]) -> str:
 def _finding(support: SeedSupport) -> str:
     finding = support.finding
     before, _, after = (html.escape(part) for part in finding.template.partition("{}"))
-    number = f"<b>{html.escape(finding.measured.format(finding.unit))}</b>" if "{}" in finding.template else ""
+    number = (
+        f"<b>{html.escape(finding.measured.format(finding.unit))}</b>"
+        if "{}" in finding.template
+        else ""
+    )
     good = " good" if support.supporting >= support.seeds else " shaky"
     kind = "" if not finding.has_verdict else good if finding.holds else " bad"
     text, verdict = f"{before}{number}{after}", html.escape(support.verdict)

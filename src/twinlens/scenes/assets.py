@@ -56,16 +56,24 @@ class SceneContext:
 
 def find_asset(name: str, context: SceneContext) -> Path:
     """The path of an existing file below the scene's folder, noted in `context.files`. Raises InputError."""
-    named = isinstance(name, str) and 0 < len(name) < 256 and not ("\0" in name or "\\" in name)
+    named = (
+        isinstance(name, str)
+        and 0 < len(name) < 256
+        and not ("\0" in name or "\\" in name)
+    )
     if not named or PurePosixPath(name).is_absolute() or PureWindowsPath(name).drive:
         rule = "must be a file name relative to the file that names it, with forward slashes"
         raise InputError(f"{rule}, got {format_value(name)}")
     folder = context.folder.resolve()
     path = (folder / name).resolve()
     if not path.is_relative_to(folder):
-        raise InputError(f"{name!r} leads outside the folder {folder.name!r}; copy the file below it")
+        raise InputError(
+            f"{name!r} leads outside the folder {folder.name!r}; copy the file below it"
+        )
     if ".." in PurePosixPath(name).parts:
-        raise InputError(f"{name!r}: '..' is not allowed; write {path.relative_to(folder).as_posix()!r}")
+        raise InputError(
+            f"{name!r}: '..' is not allowed; write {path.relative_to(folder).as_posix()!r}"
+        )
     if not os.path.isfile(path):  # noqa: PTH113 (a name that is too long is no file; Path.is_file raises)
         raise InputError(f"no file {name!r} in the folder {folder.name!r}")
     context.files.append(path)
@@ -79,7 +87,10 @@ def _sky(name: Any, info: Any) -> str:
 
 
 Asset = Annotated[
-    Path, pydantic.PlainValidator(lambda name, info: find_asset(name, info.context), json_schema_input_type=str)
+    Path,
+    pydantic.PlainValidator(
+        lambda name, info: find_asset(name, info.context), json_schema_input_type=str
+    ),
 ]
 """The name of a file below the scene's folder."""
 
@@ -90,7 +101,9 @@ Sky = Annotated[str, pydantic.PlainValidator(_sky, json_schema_input_type=str)]
 def linear_from_srgb(encoded: ArrayLike) -> NDArray[np.float32]:
     """Linear light from sRGB-encoded values in [0, 1]; float32, same shape. Source: IEC 61966-2-1:1999."""
     v = np.asarray(encoded, dtype=np.float64)
-    return np.where(v <= 0.04045, v / 12.92, ((np.maximum(v, 0.04045) + 0.055) / 1.055) ** 2.4).astype(np.float32)
+    return np.where(
+        v <= 0.04045, v / 12.92, ((np.maximum(v, 0.04045) + 0.055) / 1.055) ** 2.4
+    ).astype(np.float32)
 
 
 def read_picture(path: Path, raw: bool = False) -> NDArray[np.float32]:
@@ -108,7 +121,9 @@ def decode_picture(path: Path) -> tuple[NDArray[np.float32], bool]:
     """The stored values (H, W, 3) of a picture, and whether they are sRGB-encoded. Raises FileError."""
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
-        raise FileError(f"{path}: pictures may be {', '.join(sorted(_READERS))}, got {path.suffix!r}")
+        raise FileError(
+            f"{path}: pictures may be {', '.join(sorted(_READERS))}, got {path.suffix!r}"
+        )
     with reading(path, "picture"):
         return reader(path)
 
@@ -123,7 +138,9 @@ def reading(path: Path, kind: str) -> Iterator[None]:
         raise FileError(f"{path}: {reason[:_LONGEST_REASON]}") from error
     except Exception as error:
         reason = " ".join(str(error).split())[:_LONGEST_REASON]
-        raise FileError(f"{path}: cannot be read as a {path.suffix} {kind} ({reason})") from error
+        raise FileError(
+            f"{path}: cannot be read as a {path.suffix} {kind} ({reason})"
+        ) from error
 
 
 def read_limited(path: Path, limit: int) -> bytes:
@@ -141,14 +158,18 @@ def read_sky(path: Path) -> NDArray[np.float32]:
     pixels = read_picture(path)
     rows, columns = pixels.shape[:2]
     if rows < 3 or columns < 2:  # Mitsuba's own limit
-        raise FileError(f"{path}: an environment map needs 2x3 pixels or more, got {columns}x{rows}")
+        raise FileError(
+            f"{path}: an environment map needs 2x3 pixels or more, got {columns}x{rows}"
+        )
     return pixels
 
 
 def check_picture_size(name: object, width: int, height: int) -> None:
     """Raise FileError for a picture of no or too many pixels."""
     if not (width > 0 and height > 0 and width * height <= _MOST_PIXELS):
-        raise FileError(f"{name}: a picture may have 1 to {_MOST_PIXELS} pixels, got {width}x{height}")
+        raise FileError(
+            f"{name}: a picture may have 1 to {_MOST_PIXELS} pixels, got {width}x{height}"
+        )
 
 
 def _read_8bit(path: Path) -> tuple[NDArray[np.float32], bool]:
@@ -159,7 +180,9 @@ def _read_8bit(path: Path) -> tuple[NDArray[np.float32], bool]:
         if image.mode.startswith("I"):
             grey = np.asarray(image, dtype=np.float32) / np.float32(65535)
             return np.repeat(grey[..., None], 3, axis=2), True
-        return np.asarray(image.convert("RGB"), dtype=np.float32) / np.float32(255), True
+        return np.asarray(image.convert("RGB"), dtype=np.float32) / np.float32(
+            255
+        ), True
 
 
 @contextmanager
@@ -178,25 +201,38 @@ def _silent() -> Iterator[None]:
 def _read_exr(path: Path) -> tuple[NDArray[np.float32], bool]:
     import OpenEXR
 
-    with OpenEXR.File(str(path), header_only=True) as file:  # all parts and channels are read, without a limit of size
+    with OpenEXR.File(
+        str(path), header_only=True
+    ) as file:  # all parts and channels are read, without a limit of size
         if len(file.parts) != 1:
             raise FileError(f"{path}: needs one part, got {len(file.parts)}")
         header = dict(file.header())  # closing the file empties its own
     if header["type"] not in (OpenEXR.scanlineimage, OpenEXR.tiledimage):
         raise FileError(f"{path}: deep pictures are not supported; flatten it")
     if len(header["channels"]) > _MOST_CHANNELS:
-        raise FileError(f"{path}: at most {_MOST_CHANNELS} channels are supported, got {len(header['channels'])}")
+        raise FileError(
+            f"{path}: at most {_MOST_CHANNELS} channels are supported, got {len(header['channels'])}"
+        )
     (left, top), (right, bottom) = (corner.tolist() for corner in header["dataWindow"])
     width, height = right - left + 1, bottom - top + 1
     check_picture_size(path, width, height)
     if width * height * len(header["channels"]) > _MOST_VALUES:
-        raise FileError(f"{path}: {len(header['channels'])} channels of {width}x{height} pixels are too many values")
+        raise FileError(
+            f"{path}: {len(header['channels'])} channels of {width}x{height} pixels are too many values"
+        )
     with _silent(), OpenEXR.File(str(path), separate_channels=True) as file:
-        channels = {name: np.asarray(channel.pixels, dtype=np.float32) for name, channel in file.channels().items()}
+        channels = {
+            name: np.asarray(channel.pixels, dtype=np.float32)
+            for name, channel in file.channels().items()
+        }
     names = "RGB" if {"R", "G", "B"} <= channels.keys() else "YYY"
     if not set(names) <= channels.keys():
-        raise FileError(f"{path}: needs the channels R, G, B or Y, got {', '.join(sorted(channels))}")
-    return np.ascontiguousarray(np.stack([channels[name] for name in names], axis=-1)), False
+        raise FileError(
+            f"{path}: needs the channels R, G, B or Y, got {', '.join(sorted(channels))}"
+        )
+    return np.ascontiguousarray(
+        np.stack([channels[name] for name in names], axis=-1)
+    ), False
 
 
 def _read_hdr(path: Path) -> tuple[NDArray[np.float32], bool]:
@@ -205,14 +241,20 @@ def _read_hdr(path: Path) -> tuple[NDArray[np.float32], bool]:
     head, _, body = data.partition(b"\n\n")
     size, _, body = body.partition(b"\n")
     words = size.split()
-    if not data.startswith(b"#?") or len(words) != 4 or (words[0], words[2]) != (b"-Y", b"+X"):
+    if (
+        not data.startswith(b"#?")
+        or len(words) != 4
+        or (words[0], words[2]) != (b"-Y", b"+X")
+    ):
         raise FileError(f"{path}: not a Radiance picture in -Y +X order")
     height, width = int(words[1]), int(words[3])
     check_picture_size(path, width, height)
     if b"FORMAT=32-bit_rle_rgbe" not in head:
         raise FileError(f"{path}: needs FORMAT=32-bit_rle_rgbe")
     rgbe = _unpack_rgbe(np.frombuffer(body, dtype=np.uint8), height, width)
-    scale = np.where(rgbe[..., 3:] > 0, np.exp2(rgbe[..., 3:].astype(np.float32) - 136), 0)
+    scale = np.where(
+        rgbe[..., 3:] > 0, np.exp2(rgbe[..., 3:].astype(np.float32) - 136), 0
+    )
     return (rgbe[..., :3] * scale).astype(np.float32), False
 
 
@@ -220,7 +262,9 @@ def _unpack_rgbe(body: NDArray[np.uint8], height: int, width: int) -> NDArray[np
     """(H, W, 4) from run-length-encoded scanlines, or from flat pixels where the file is not encoded."""
     if not (8 <= width < 32768 and body[:2].tolist() == [2, 2]):
         if len(body) < height * width * 4:
-            raise InputError(f"ends after {len(body)} of {height * width * 4} bytes of pixels; copy the file again")
+            raise InputError(
+                f"ends after {len(body)} of {height * width * 4} bytes of pixels; copy the file again"
+            )
         return body[: height * width * 4].reshape(height, width, 4)
     out = np.empty((height, 4, width), dtype=np.uint8)
     cursor = 0
@@ -241,7 +285,13 @@ def _unpack_rgbe(body: NDArray[np.uint8], height: int, width: int) -> NDArray[np
     return np.moveaxis(out, 1, 2)
 
 
-_READERS = {".png": _read_8bit, ".jpg": _read_8bit, ".jpeg": _read_8bit, ".exr": _read_exr, ".hdr": _read_hdr}
+_READERS = {
+    ".png": _read_8bit,
+    ".jpg": _read_8bit,
+    ".jpeg": _read_8bit,
+    ".exr": _read_exr,
+    ".hdr": _read_hdr,
+}
 
 
 def read_mesh(path: Path, crease_deg: float = 30.0) -> Mesh:
@@ -250,7 +300,9 @@ def read_mesh(path: Path, crease_deg: float = 30.0) -> Mesh:
     Materials and other files it names are ignored. Raises FileError for a damaged or too large file.
     """
     if path.suffix.lower() not in MESH_FILES:
-        raise FileError(f"{path}: meshes may be {', '.join(sorted(MESH_FILES))}, got {path.suffix!r}")
+        raise FileError(
+            f"{path}: meshes may be {', '.join(sorted(MESH_FILES))}, got {path.suffix!r}"
+        )
     with reading(path, "mesh"):
         import trimesh
 
@@ -259,10 +311,15 @@ def read_mesh(path: Path, crease_deg: float = 30.0) -> Mesh:
         if path.suffix.lower() == ".obj":
             check_obj(path, data)
         stream = BytesIO(data)
-        loaded = trimesh.load_scene(stream, file_type=path.suffix[1:].lower(), process=False)
+        loaded = trimesh.load_scene(
+            stream, file_type=path.suffix[1:].lower(), process=False
+        )
         for part in loaded.geometry.values():  # joining the parts shifts vertex numbers
             check_faces(path, part)
-        placed = (loaded.geometry[loaded.graph[node][1]] for node in loaded.graph.nodes_geometry)
+        placed = (
+            loaded.geometry[loaded.graph[node][1]]
+            for node in loaded.graph.nodes_geometry
+        )
         check_face_count(path, sum(len(getattr(part, "faces", ())) for part in placed))
         made = loaded.to_mesh()
         if not len(made.faces) or not np.isfinite(made.vertices).all():
@@ -276,17 +333,23 @@ def check_obj(path: Path, data: bytes) -> None:
         raise FileError(f"{path}: a face has the vertex number 0; OBJ counts from 1")
     negative = _OBJ_NEGATIVE.search(data)
     if negative and _OBJ_VERTEX.search(data, negative.end()):
-        raise FileError(f"{path}: has negative vertex numbers before its last vertex; export it with positive ones")
+        raise FileError(
+            f"{path}: has negative vertex numbers before its last vertex; export it with positive ones"
+        )
 
 
 def check_faces(path: Path, part: Any) -> None:
     """Raise FileError if a face of trimesh's mesh refers to a missing vertex."""
     faces = getattr(part, "faces", ())
     if len(faces) and not 0 <= np.min(faces) <= np.max(faces) < len(part.vertices):
-        raise FileError(f"{path}: a face refers to a vertex outside 0 to {len(part.vertices) - 1}")
+        raise FileError(
+            f"{path}: a face refers to a vertex outside 0 to {len(part.vertices) - 1}"
+        )
 
 
 def check_face_count(path: Path, count: int) -> None:
     """Raise FileError for too many triangles, counted as placed: one part may be placed many times."""
     if count > MOST_FACES:
-        raise FileError(f"{path}: {count} triangles are more than {MOST_FACES}; simplify the mesh")
+        raise FileError(
+            f"{path}: {count} triangles are more than {MOST_FACES}; simplify the mesh"
+        )

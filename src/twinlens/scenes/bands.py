@@ -21,16 +21,28 @@ from twinlens.scenes.scene import Bitmap, Color, Mesh, Plugin, Scene, SceneObjec
 NIR_SHARES = {"daylight": 0.22, "tungsten": 0.91, "led": 0.0}
 """Power at 800 to 900 nm over that at 400 to 700 nm, by the kind of a light."""
 
-_DYED = 0.6  # reflectance of what dyes and most pigments colour, where they do not absorb
-_GREY = 0.02  # of the largest channel: differences as small as this do not count as colour
+_DYED = (
+    0.6  # reflectance of what dyes and most pigments colour, where they do not absorb
+)
+_GREY = (
+    0.02  # of the largest channel: differences as small as this do not count as colour
+)
 _SUN, _SKY = 0.234, 0.124  # shares of the direct and the diffuse part of daylight
 _T_RANGE = (2000.0, 25000.0)  # colour temperatures, K
 _PLANCK_NM_K = 1.438777e7  # h c / k
-_XYZ_FROM_RGB = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+_XYZ_FROM_RGB = np.array(
+    [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
+)
 
-_MAIN = {"diffuse": "reflectance", "plastic": "diffuse_reflectance", "roughplastic": "diffuse_reflectance"}
+_MAIN = {
+    "diffuse": "reflectance",
+    "plastic": "diffuse_reflectance",
+    "roughplastic": "diffuse_reflectance",
+}
 _MAIN |= dict.fromkeys(("principled", "principledthin"), "base_color")
-_MAIN |= dict.fromkeys(("dielectric", "thindielectric", "roughdielectric"), "specular_transmittance")
+_MAIN |= dict.fromkeys(
+    ("dielectric", "thindielectric", "roughdielectric"), "specular_transmittance"
+)
 """The parameter that the `nir` of a material sets, by its type."""
 
 _REFLECTANCES = {*_MAIN.values(), "specular_reflectance"}
@@ -60,7 +72,9 @@ def nir_reflectance(rgb: NDArray[Any]) -> NDArray[Any]:
     [0.39, 0.04]
     """
     most, least = rgb.max(axis=-1), rgb.min(axis=-1)
-    return np.asarray(most + (most - least) / (most + _GREY) * np.maximum(_DYED - most, 0))
+    return np.asarray(
+        most + (most - least) / (most + _GREY) * np.maximum(_DYED - most, 0)
+    )
 
 
 def nir_share(rgb: NDArray[Any]) -> float:
@@ -92,10 +106,18 @@ def near_infrared(scene: Scene) -> Scene:
     """
     if scene.xml is not None:
         remedy = "use a scene.toml, or cameras with band = 'rgb'"
-        raise InputError(f"{scene.xml}: near infrared images of Mitsuba files are not supported; {remedy}")
+        raise InputError(
+            f"{scene.xml}: near infrared images of Mitsuba files are not supported; {remedy}"
+        )
     converter = _Converter()
-    materials = {name: converter.material(plugin) for name, plugin in scene.materials.items()}
-    lights = {name: lamp for name, light in scene.lights.items() if (lamp := converter.light(light)) is not None}
+    materials = {
+        name: converter.material(plugin) for name, plugin in scene.materials.items()
+    }
+    lights = {
+        name: lamp
+        for name, light in scene.lights.items()
+        if (lamp := converter.light(light)) is not None
+    }
     objects = tuple(converter.thing(thing) for thing in scene.objects)
     sky = None if scene.sky is None else _sky(scene.sky)
     return replace(scene, objects=objects, materials=materials, lights=lights, sky=sky)
@@ -110,19 +132,31 @@ class _Converter:
     def thing(self, thing: SceneObject) -> SceneObject:
         emitter = None if thing.emitter is None else self.light(thing.emitter)
         shape = thing.shape
-        if isinstance(shape, Mesh) and any(values.shape[1] == 3 for values in shape.attributes.values()):
-            attributes = {name: self.vertices(values) for name, values in shape.attributes.items()}
+        if isinstance(shape, Mesh) and any(
+            values.shape[1] == 3 for values in shape.attributes.values()
+        ):
+            attributes = {
+                name: self.vertices(values) for name, values in shape.attributes.items()
+            }
             shape = replace(shape, attributes=attributes)
         return replace(thing, shape=shape, emitter=emitter)
 
     def vertices(self, values: Float) -> Float:
         """Colours of vertices (V, 3) as reflectances; other attributes are as they were."""
-        return np.repeat(nir_reflectance(values)[:, None], 3, axis=1) if values.shape[1] == 3 else values
+        return (
+            np.repeat(nir_reflectance(values)[:, None], 3, axis=1)
+            if values.shape[1] == 3
+            else values
+        )
 
     def material(self, plugin: Plugin, given: Any = None) -> dict[str, Any]:
         """The material with grey reflectances; `given` is the `nir` of a material around it."""
         given = plugin.get("nir", given)
-        made = {key: self.part(key, value, given) for key, value in plugin.items() if key != "nir"}
+        made = {
+            key: self.part(key, value, given)
+            for key, value in plugin.items()
+            if key != "nir"
+        }
         if made.get("emitter") is None:
             made.pop("emitter", None)
         if "conductor" in plugin["type"]:
@@ -133,9 +167,14 @@ class _Converter:
 
     def metal(self, plugin: dict[str, Any], given: Any) -> dict[str, Any]:
         """A conductor with its refractive index in this band; of an index given as a colour, that of red."""
-        index = {key: plugin.pop(key) for key in ("eta", "k", "material") if key in plugin}
+        index = {
+            key: plugin.pop(key) for key in ("eta", "k", "material") if key in plugin
+        }
         if given is not None:
-            return plugin | {"material": "none", "specular_reflectance": self.grey(given)}
+            return plugin | {
+                "material": "none",
+                "specular_reflectance": self.grey(given),
+            }
         if index.get("material") in _METALS:
             eta, k = _METALS[index["material"]]
             return plugin | {"eta": Color((eta,) * 3), "k": Color((k,) * 3)}
@@ -158,11 +197,18 @@ class _Converter:
             if value.pixels.ndim == 2:
                 return value
             if id(value) not in self.bitmaps:
-                self.bitmaps[id(value)] = replace(value, pixels=nir_reflectance(value.pixels).astype(np.float32))
+                self.bitmaps[id(value)] = replace(
+                    value, pixels=nir_reflectance(value.pixels).astype(np.float32)
+                )
             return self.bitmaps[id(value)]
         if isinstance(value, Mapping):
             if value.get("type") == "rgb" and np.ndim(value["value"]):
-                return {**value, "value": float(nir_reflectance(np.asarray(value["value"], dtype=np.float64)))}
+                return {
+                    **value,
+                    "value": float(
+                        nir_reflectance(np.asarray(value["value"], dtype=np.float64))
+                    ),
+                }
             return {key: self.grey(part) for key, part in value.items()}
         return value
 
@@ -176,7 +222,10 @@ class _Converter:
             return None
         if plugin["type"] == "sunsky":
             sun, sky = (_SUN, _SKY) if given is None else (given, given)
-            return made | {"sun_scale": sun * made.get("sun_scale", 1.0), "sky_scale": sky * made.get("sky_scale", 1.0)}
+            return made | {
+                "sun_scale": sun * made.get("sun_scale", 1.0),
+                "sky_scale": sky * made.get("sky_scale", 1.0),
+            }
         if plugin["type"] == "envmap":
             share = _mean_share(_panorama(made)) if given is None else given
             return made | {"scale": share * made.get("scale", 1.0)}
@@ -192,13 +241,19 @@ def _sky(sky: Sky) -> Sky | None:
 
 def _panorama(plugin: Plugin) -> NDArray[np.float32]:
     """The pixels of an environment map."""
-    return plugin["bitmap"].pixels if "bitmap" in plugin else read_picture(Path(plugin["filename"]))
+    return (
+        plugin["bitmap"].pixels
+        if "bitmap" in plugin
+        else read_picture(Path(plugin["filename"]))
+    )
 
 
 def _mean_share(pixels: NDArray[np.float32]) -> float:
     """The share of a panorama (H, W, 3), by its mean over all directions."""
     height = np.sin((np.arange(len(pixels)) + 0.5) / len(pixels) * math.pi)
-    return nir_share(np.average(pixels.mean(axis=1, dtype=np.float64), axis=0, weights=height))
+    return nir_share(
+        np.average(pixels.mean(axis=1, dtype=np.float64), axis=0, weights=height)
+    )
 
 
 def _mean(value: Any) -> Float:
@@ -206,8 +261,12 @@ def _mean(value: Any) -> Float:
     if isinstance(value, Mapping):
         value = value.get("value", 1.0)
     if isinstance(value, Bitmap):
-        value = value.pixels.reshape(-1, *value.pixels.shape[2:]).mean(axis=0, dtype=np.float64)
-    return np.broadcast_to(np.asarray(getattr(value, "rgb", value), dtype=np.float64), 3)
+        value = value.pixels.reshape(-1, *value.pixels.shape[2:]).mean(
+            axis=0, dtype=np.float64
+        )
+    return np.broadcast_to(
+        np.asarray(getattr(value, "rgb", value), dtype=np.float64), 3
+    )
 
 
 def _scaled(value: Any, factor: float) -> Any:

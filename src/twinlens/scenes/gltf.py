@@ -24,16 +24,36 @@ from scipy.spatial.transform import Rotation
 from twinlens.errors import FileError, InputError
 from twinlens.geometry import Float
 from twinlens.scenes.assets import LARGEST_MESH_FILE, read_limited
-from twinlens.scenes.gltf_tables import EXTENSIONS, Image, Lenient, PbrMaterial, Sampler, Texture
+from twinlens.scenes.gltf_tables import (
+    EXTENSIONS,
+    Image,
+    Lenient,
+    PbrMaterial,
+    Sampler,
+    Texture,
+)
 from twinlens.schema import dotted, exactly, read, satisfies
 
 MOST_NODES = 50_000
 _MOST_MATERIALS = 10_000
 _MOST_BYTES = 2 << 30  # of decoded accessors
 _JSON, _BIN = 0x4E4F534A, 0x004E4942
-_COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+_COLUMNS = {
+    "SCALAR": 1,
+    "VEC2": 2,
+    "VEC3": 3,
+    "VEC4": 4,
+    "MAT2": 4,
+    "MAT3": 9,
+    "MAT4": 16,
+}
 _BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
-_ATTRIBUTES = {"POSITION": ("VEC3",), "NORMAL": ("VEC3",), "TEXCOORD_0": ("VEC2",), "COLOR_0": ("VEC3", "VEC4")}
+_ATTRIBUTES = {
+    "POSITION": ("VEC3",),
+    "NORMAL": ("VEC3",),
+    "TEXCOORD_0": ("VEC2",),
+    "COLOR_0": ("VEC3", "VEC4"),
+}
 _TRIANGLES = (4, 5)  # modes: a list, a strip
 
 _INDICES = (5121, 5123, 5125)  # unsigned bytes, shorts, integers
@@ -57,7 +77,10 @@ _Index = Annotated[int, pydantic.Field(ge=0)]
 
 
 class _Asset(Lenient):
-    version: Annotated[str, satisfies(lambda version: version.split(".")[0] == "2", "must be 2.0, got {}")]
+    version: Annotated[
+        str,
+        satisfies(lambda version: version.split(".")[0] == "2", "must be 2.0, got {}"),
+    ]
 
 
 class _Buffer(Lenient):
@@ -125,10 +148,14 @@ class Header(Lenient):
     bufferViews: list[_View] = pydantic.Field(default=[])
     accessors: list[_Accessor] = pydantic.Field(default=[])
     meshes: list[_Mesh] = pydantic.Field(default=[])
-    nodes: Annotated[list[_Node], pydantic.Field(max_length=MOST_NODES)] = pydantic.Field(default=[])
+    nodes: Annotated[list[_Node], pydantic.Field(max_length=MOST_NODES)] = (
+        pydantic.Field(default=[])
+    )
     scenes: list[_Scene] = pydantic.Field(default=[])
     scene: _Index | None = None
-    materials: Annotated[list[PbrMaterial], pydantic.Field(max_length=_MOST_MATERIALS)] = pydantic.Field(default=[])
+    materials: Annotated[
+        list[PbrMaterial], pydantic.Field(max_length=_MOST_MATERIALS)
+    ] = pydantic.Field(default=[])
     textures: list[Texture] = pydantic.Field(default=[])
     images: list[Image] = pydantic.Field(default=[])
     samplers: list[Sampler] = pydantic.Field(default=[])
@@ -161,18 +188,37 @@ class Gltf:
     @property
     def face_count(self) -> int:
         """Triangles of all placed primitives; a mesh may be placed many times."""
-        return sum(self._face_count(primitive) for mesh, _ in self._placed for _, primitive in self._triangles(mesh))
+        return sum(
+            self._face_count(primitive)
+            for mesh, _ in self._placed
+            for _, primitive in self._triangles(mesh)
+        )
 
     @property
     def lost(self) -> list[str]:
         """What is not rendered, besides parts of materials."""
-        primitives = [each for mesh, _ in self._placed for each in self.header.meshes[mesh].primitives]
-        tables = [(each.model_extra or {}).get("extensions") for each in (self.header, *self.header.nodes, *primitives)]
-        unknown = {name for table in tables if isinstance(table, dict) for name in table}
+        primitives = [
+            each
+            for mesh, _ in self._placed
+            for each in self.header.meshes[mesh].primitives
+        ]
+        tables = [
+            (each.model_extra or {}).get("extensions")
+            for each in (self.header, *self.header.nodes, *primitives)
+        ]
+        unknown = {
+            name for table in tables if isinstance(table, dict) for name in table
+        }
         found = {
-            "points, lines and triangle fans": any(each.mode not in _TRIANGLES for each in primitives),
-            "morph targets": any("targets" in (each.model_extra or {}) for each in primitives),
-            "skins": any("skin" in (each.model_extra or {}) for each in self.header.nodes),
+            "points, lines and triangle fans": any(
+                each.mode not in _TRIANGLES for each in primitives
+            ),
+            "morph targets": any(
+                "targets" in (each.model_extra or {}) for each in primitives
+            ),
+            "skins": any(
+                "skin" in (each.model_extra or {}) for each in self.header.nodes
+            ),
         }
         return [*(name for name, has in found.items() if has), *sorted(unknown)]
 
@@ -184,9 +230,20 @@ class Gltf:
             for name, primitive in self._triangles(mesh):
                 if name not in loaded:
                     continue
-                made, color = loaded[name], loaded[name].visual.vertex_attributes.get("color")
+                made, color = (
+                    loaded[name],
+                    loaded[name].visual.vertex_attributes.get("color"),
+                )
                 colors = None if color is None else _rgba(np.asarray(color))
-                found.append(Part(made, pose, primitive.material, "NORMAL" in primitive.attributes, colors))
+                found.append(
+                    Part(
+                        made,
+                        pose,
+                        primitive.material,
+                        "NORMAL" in primitive.attributes,
+                        colors,
+                    )
+                )
         return found
 
     def picture(self, index: int) -> bytes:
@@ -195,7 +252,9 @@ class Gltf:
         if image.bufferView is None:
             return read_uri(image.uri or "", self.open_file)
         view = self.header.bufferViews[image.bufferView]
-        return self.buffers[view.buffer][view.byteOffset : view.byteOffset + view.byteLength]
+        return self.buffers[view.buffer][
+            view.byteOffset : view.byteOffset + view.byteLength
+        ]
 
     def _triangles(self, mesh: int) -> Iterator[tuple[str, _Primitive]]:
         for i, primitive in enumerate(self.header.meshes[mesh].primitives):
@@ -203,7 +262,11 @@ class Gltf:
                 yield f"{mesh}/{i}", primitive
 
     def _face_count(self, primitive: _Primitive) -> int:
-        accessor = primitive.attributes["POSITION"] if primitive.indices is None else primitive.indices
+        accessor = (
+            primitive.attributes["POSITION"]
+            if primitive.indices is None
+            else primitive.indices
+        )
         count = self.header.accessors[accessor].count
         return count // 3 if primitive.mode == 4 else max(count - 2, 0)
 
@@ -232,7 +295,9 @@ class Gltf:
                 pose = parent @ node.pose()
             if not np.isfinite(pose).all():
                 raise FileError(f"{self.path}: nodes[{index}] has no finite pose")
-            if node.mesh is not None and np.linalg.det(pose[:3, :3]) != 0:  # a scale of 0 hides a part
+            if (
+                node.mesh is not None and np.linalg.det(pose[:3, :3]) != 0
+            ):  # a scale of 0 hides a part
                 found.append((node.mesh, pose))
             waiting += [(child, pose) for child in reversed(node.children)]
         return found
@@ -242,50 +307,94 @@ class Gltf:
         import trimesh
 
         header = self.header
-        size = sum(each.count * _COLUMNS[each.type] * _BYTES[each.componentType] for each in header.accessors)
+        size = sum(
+            each.count * _COLUMNS[each.type] * _BYTES[each.componentType]
+            for each in header.accessors
+        )
         if size > _MOST_BYTES:
-            raise FileError(f"{self.path}: accessors of {size >> 20} MiB are more than {_MOST_BYTES >> 20} MiB")
+            raise FileError(
+                f"{self.path}: accessors of {size >> 20} MiB are more than {_MOST_BYTES >> 20} MiB"
+            )
         meshes = []
         for index in sorted({mesh for mesh, _ in self._placed}):
             for name, primitive in self._triangles(index):
-                given = {**primitive.attributes, "TEXCOORD_0": self._coordinates(primitive)}
-                kept = {key: given[key] for key in _ATTRIBUTES if given.get(key) is not None}
+                given = {
+                    **primitive.attributes,
+                    "TEXCOORD_0": self._coordinates(primitive),
+                }
+                kept = {
+                    key: given[key] for key in _ATTRIBUTES if given.get(key) is not None
+                }
                 self._check_attributes(f"meshes[{index}]", kept)
-                numbers = None if primitive.indices is None else header.accessors[primitive.indices]
-                if numbers and (numbers.type != "SCALAR" or numbers.componentType not in _INDICES):
-                    raise FileError(f"{self.path}: meshes[{index}]: indices must be SCALAR, of unsigned integers")
+                numbers = (
+                    None
+                    if primitive.indices is None
+                    else header.accessors[primitive.indices]
+                )
+                if numbers and (
+                    numbers.type != "SCALAR" or numbers.componentType not in _INDICES
+                ):
+                    raise FileError(
+                        f"{self.path}: meshes[{index}]: indices must be SCALAR, of unsigned integers"
+                    )
                 table = {"attributes": kept, "mode": primitive.mode, "material": 0}
-                table |= {} if primitive.indices is None else {"indices": primitive.indices}
+                table |= (
+                    {} if primitive.indices is None else {"indices": primitive.indices}
+                )
                 meshes.append({"name": name, "primitives": [table]})
         cleaned = {
             "asset": {"version": "2.0"},
             "buffers": [{"uri": str(i)} for i in range(len(self.buffers))],
-            "bufferViews": [view.model_dump(exclude_none=True) for view in header.bufferViews],
-            "accessors": [accessor.model_dump(exclude_none=True) for accessor in header.accessors],
+            "bufferViews": [
+                view.model_dump(exclude_none=True) for view in header.bufferViews
+            ],
+            "accessors": [
+                accessor.model_dump(exclude_none=True) for accessor in header.accessors
+            ],
             "meshes": meshes,
-            "materials": [{}],  # without a material trimesh reads no texture coordinates
+            "materials": [
+                {}
+            ],  # without a material trimesh reads no texture coordinates
         }
         stream = BytesIO(json.dumps(cleaned).encode())
         buffers = {str(i): data for i, data in enumerate(self.buffers)}
-        return trimesh.load_scene(stream, file_type="gltf", resolver=buffers, process=False).geometry
+        return trimesh.load_scene(
+            stream, file_type="gltf", resolver=buffers, process=False
+        ).geometry
 
     def _check_attributes(self, mesh: str, attributes: dict[str, Any]) -> None:
         if "POSITION" not in attributes:
             raise FileError(f"{self.path}: {mesh} has a primitive without POSITION")
-        accessors = {key: self.header.accessors[index] for key, index in attributes.items()}
+        accessors = {
+            key: self.header.accessors[index] for key, index in attributes.items()
+        }
         for key, accessor in accessors.items():
-            if accessor.type not in _ATTRIBUTES[key] or accessor.count != accessors["POSITION"].count:
+            if (
+                accessor.type not in _ATTRIBUTES[key]
+                or accessor.count != accessors["POSITION"].count
+            ):
                 allowed = f"{' or '.join(_ATTRIBUTES[key])}, one for each position"
                 raise FileError(f"{self.path}: {mesh}: {key} must be {allowed}")
             if "sparse" in (accessor.model_extra or {}):
-                raise FileError(f"{self.path}: {mesh}: {key} is sparse, which twinlens cannot read; export without it")
+                raise FileError(
+                    f"{self.path}: {mesh}: {key} is sparse, which twinlens cannot read; export without it"
+                )
 
     def _coordinates(self, primitive: _Primitive) -> int | None:
         """The accessor of the texture coordinates that the material uses."""
-        chosen = 0 if primitive.material is None else self.header.materials[primitive.material].coordinate_set
+        chosen = (
+            0
+            if primitive.material is None
+            else self.header.materials[primitive.material].coordinate_set
+        )
         accessor = primitive.attributes.get(f"TEXCOORD_{chosen}")
-        if accessor is not None and self.header.accessors[accessor].componentType != 5126:
-            raise FileError(f"{self.path}: texture coordinates must be float32; export the file without quantization")
+        if (
+            accessor is not None
+            and self.header.accessors[accessor].componentType != 5126
+        ):
+            raise FileError(
+                f"{self.path}: texture coordinates must be float32; export the file without quantization"
+            )
         return accessor
 
 
@@ -310,13 +419,18 @@ def read_uri(uri: str, open_file: Callable[[str], bytes]) -> bytes:
 def read_header(path: Path) -> tuple[Header, bytes | None]:
     """The header of a .glb or .gltf file, and the binary part of a .glb file. Raises FileError."""
     data = read_limited(path, LARGEST_MESH_FILE)
-    text, binary = _chunks(path, data) if path.suffix.lower() == ".glb" else (data, None)
+    text, binary = (
+        _chunks(path, data) if path.suffix.lower() == ".glb" else (data, None)
+    )
     return read(Header, json.loads(text), path), binary
 
 
 def named_by(header: Header) -> list[str]:
     """The names of files in a header."""
-    uris = [*(each.uri for each in header.buffers), *(each.uri for each in header.images)]
+    uris = [
+        *(each.uri for each in header.buffers),
+        *(each.uri for each in header.images),
+    ]
     return [unquote(uri) for uri in uris if uri and not uri.startswith("data:")]
 
 
@@ -324,26 +438,38 @@ def open_gltf(path: Path, open_file: Callable[[str], bytes]) -> Gltf:
     """The checked header and the buffers of a .glb or .gltf file. Raises FileError."""
     header, binary = read_header(path)
     if unknown := sorted(set(header.extensionsRequired) - EXTENSIONS):
-        raise FileError(f"{path}: requires {', '.join(unknown)}, which twinlens cannot read; export without it")
+        raise FileError(
+            f"{path}: requires {', '.join(unknown)}, which twinlens cannot read; export without it"
+        )
     for where, table, index in _indices(header):
         if index >= (count := len(getattr(header, table))):
-            raise FileError(f"{path}: {dotted(where)} is {index}, but the length of {table!r} is {count}")
+            raise FileError(
+                f"{path}: {dotted(where)} is {index}, but the length of {table!r} is {count}"
+            )
     buffers = []
     for i, buffer in enumerate(header.buffers):
         if buffer.uri is None and (binary is None or i > 0):
             raise FileError(f"{path}: buffers[{i}] has no data")
-        buffers.append(binary if buffer.uri is None else read_uri(buffer.uri, open_file))
+        buffers.append(
+            binary if buffer.uri is None else read_uri(buffer.uri, open_file)
+        )
     for i, view in enumerate(header.bufferViews):
         if view.byteOffset + view.byteLength > len(buffers[view.buffer] or b""):
-            raise FileError(f"{path}: bufferViews[{i}] ends after its buffer; is the file complete?")
+            raise FileError(
+                f"{path}: bufferViews[{i}] ends after its buffer; is the file complete?"
+            )
     return Gltf(path, header, [each or b"" for each in buffers], open_file)
 
 
-def _indices(value: Any, where: tuple[str | int, ...] = (), table: str = "") -> Iterator[tuple[Any, str, int]]:
+def _indices(
+    value: Any, where: tuple[str | int, ...] = (), table: str = ""
+) -> Iterator[tuple[Any, str, int]]:
     """The place, the table and the value of every index in a header or a part of it."""
     if isinstance(value, pydantic.BaseModel):
         for name in type(value).model_fields:
-            yield from _indices(getattr(value, name), (*where, name), _TABLES.get(name, ""))
+            yield from _indices(
+                getattr(value, name), (*where, name), _TABLES.get(name, "")
+            )
     elif isinstance(value, list | dict):
         for key, each in value.items() if isinstance(value, dict) else enumerate(value):
             yield from _indices(each, (*where, key), table)
@@ -359,13 +485,17 @@ def _chunks(path: Path, data: bytes) -> tuple[bytes, bytes | None]:
     if version != 2:
         raise FileError(f"{path}: glTF version {version} is not supported, only 2")
     if length > len(data):
-        raise FileError(f"{path}: has {len(data)} of {length} bytes; is the file complete?")
+        raise FileError(
+            f"{path}: has {len(data)} of {length} bytes; is the file complete?"
+        )
     chunks: dict[int, bytes] = {}
     at = 12
     while at + 8 <= length:
         size, kind = struct.unpack_from("<II", data, at)
         if at + 8 + size > len(data):
-            raise FileError(f"{path}: a chunk ends after the file; is the file complete?")
+            raise FileError(
+                f"{path}: a chunk ends after the file; is the file complete?"
+            )
         chunks.setdefault(kind, data[at + 8 : at + 8 + size])
         at += 8 + size
     if _JSON not in chunks:

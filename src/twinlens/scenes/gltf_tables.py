@@ -17,7 +17,9 @@ from twinlens.schema import Fraction, NonNegative, exactly
 class Lenient(pydantic.BaseModel):
     """A table of a file that others write: unknown keys are allowed, NaN and infinity are not."""
 
-    model_config = pydantic.ConfigDict(extra="allow", frozen=True, strict=True, allow_inf_nan=False)
+    model_config = pydantic.ConfigDict(
+        extra="allow", frozen=True, strict=True, allow_inf_nan=False
+    )
 
 
 _Factor = Annotated[list[Fraction], exactly(3, Fraction)]
@@ -60,7 +62,9 @@ class TextureInfo(Lenient):
 
 
 class _Roughness(Lenient):
-    baseColorFactor: Annotated[list[Fraction], exactly(4, Fraction)] = pydantic.Field(default=[1.0] * 4)
+    baseColorFactor: Annotated[list[Fraction], exactly(4, Fraction)] = pydantic.Field(
+        default=[1.0] * 4
+    )
     baseColorTexture: TextureInfo | None = None
     metallicFactor: Fraction = 1.0
     roughnessFactor: Fraction = 1.0
@@ -79,7 +83,9 @@ class _Ior(Lenient):
 class _Specular(Lenient):
     specularFactor: Fraction = 1.0
     specularTexture: TextureInfo | None = None
-    specularColorFactor: Annotated[list[NonNegative], exactly(3, NonNegative)] = pydantic.Field(default=[1.0] * 3)
+    specularColorFactor: Annotated[list[NonNegative], exactly(3, NonNegative)] = (
+        pydantic.Field(default=[1.0] * 3)
+    )
     specularColorTexture: TextureInfo | None = None
 
 
@@ -151,7 +157,12 @@ class PbrMaterial(Lenient):
     @property
     def _infos(self) -> list[TextureInfo]:
         rough = self.pbrMetallicRoughness
-        infos = (rough.baseColorTexture, rough.metallicRoughnessTexture, self.normalTexture, self.emissiveTexture)
+        infos = (
+            rough.baseColorTexture,
+            rough.metallicRoughnessTexture,
+            self.normalTexture,
+            self.emissiveTexture,
+        )
         return [info for info in infos if info is not None]
 
     @property
@@ -167,4 +178,7 @@ class PbrMaterial(Lenient):
     @property
     def has_normal_maps(self) -> bool:
         """Whether the surface or its clear coat has a normal map."""
-        return (self.normalTexture or self.extensions.KHR_materials_clearcoat.clearcoatNormalTexture) is not None
+        return (
+            self.normalTexture
+            or self.extensions.KHR_materials_clearcoat.clearcoatNormalTexture
+        ) is not None

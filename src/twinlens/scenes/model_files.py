@@ -50,7 +50,10 @@ class Model:
 
 
 def read_model(
-    path: Path, context: SceneContext, crease_deg: float | None = None, with_materials: bool = True
+    path: Path,
+    context: SceneContext,
+    crease_deg: float | None = None,
+    with_materials: bool = True,
 ) -> Model:
     """The mesh and the materials of a .glb, .gltf or .obj file, named ``file:material``.
 
@@ -60,7 +63,9 @@ def read_model(
     open_file = _opener(path, context)
     with reading(path, "mesh"):
         is_gltf = path.suffix.lower() in GLTF_FILES
-        parts, materials, textures = (_open_gltf if is_gltf else _open_obj)(path, open_file)
+        parts, materials, textures = (_open_gltf if is_gltf else _open_obj)(
+            path, open_file
+        )
         meshes = [part_mesh(part, crease_deg) for part in parts]
         plugins: dict[str, Plugin] = {}
         if with_materials:
@@ -75,7 +80,11 @@ def read_model(
 
 
 def _painted(
-    parts: list[Part], meshes: list[Mesh], materials: list[PbrMaterial], textures: Textures, file: str
+    parts: list[Part],
+    meshes: list[Mesh],
+    materials: list[PbrMaterial],
+    textures: Textures,
+    file: str,
 ) -> tuple[list[Mesh], dict[str, Plugin]]:
     """The meshes of parts with their `surface` and attributes, and the materials that are used."""
     made: dict[tuple[int | None, bool], Plugin] = {}
@@ -90,7 +99,10 @@ def _painted(
                 f"material {(material.name or part.material)!r} has textures, but {where}; give the object a 'material'"
             )
         colors = mesh.attributes.get("color")
-        if colors is not None and material.pbrMetallicRoughness.baseColorTexture is not None:
+        if (
+            colors is not None
+            and material.pbrMetallicRoughness.baseColorTexture is not None
+        ):
             textures.lost.append("vertex colours multiplied with a texture")
             colors = None
         key = part.material, colors is not None
@@ -98,12 +110,18 @@ def _painted(
         if key not in made or colors is not None:
             plugin, attributes = plugin_of(material, textures, colors)
             made.setdefault(key, plugin)
-        flipped = _is_mirrored(mesh) if material.has_normal_maps else np.zeros(len(mesh.faces), dtype=bool)
+        flipped = (
+            _is_mirrored(mesh)
+            if material.has_normal_maps
+            else np.zeros(len(mesh.faces), dtype=bool)
+        )
         surface = np.empty(len(mesh.faces), dtype=np.uint16)
         for side in np.unique(flipped).tolist():
             if (*key, side) not in used:
                 used[*key, side] = len(plugins)
-                name = free_name(f"{file}:{material.name or part.material or 0}", plugins)
+                name = free_name(
+                    f"{file}:{material.name or part.material or 0}", plugins
+                )
                 plugins[name] = mirrored(made[key]) if side else made[key]
             surface[flipped == side] = used[*key, side]
         painted.append(replace(mesh, attributes=attributes, surface=surface))
@@ -134,8 +152,12 @@ def _opener(path: Path, context: SceneContext) -> Callable[[str], bytes]:
 def _find(name: str, path: Path, context: SceneContext) -> Path:
     """The file that the file at `path` names; `..` may lead to other folders below the context's."""
     if "://" in name:
-        raise InputError(f"web addresses are not read; save the file beside this one, got {format_value(name)}")
-    return find_asset(posixpath.normpath(_folder(path, context) / name) if name else "", context)
+        raise InputError(
+            f"web addresses are not read; save the file beside this one, got {format_value(name)}"
+        )
+    return find_asset(
+        posixpath.normpath(_folder(path, context) / name) if name else "", context
+    )
 
 
 def _folder(path: Path, context: SceneContext) -> Path:
@@ -147,7 +169,11 @@ def named_files(path: Path, context: SceneContext) -> list[Path]:
     """The files that a .glb, .gltf or .obj file names; not all of them if it is damaged."""
     with contextlib.suppress(InputError), reading(path, "mesh"):
         is_gltf = path.suffix.lower() in GLTF_FILES
-        names = named_by(read_header(path)[0]) if is_gltf else _obj_materials(path, _opener(path, context))[2]
+        names = (
+            named_by(read_header(path)[0])
+            if is_gltf
+            else _obj_materials(path, _opener(path, context))[2]
+        )
         for name in names:
             _find(name, path, context)
     return list(dict.fromkeys(context.files))
@@ -158,7 +184,9 @@ Opened = tuple[list[Part], list[PbrMaterial], Textures]
 
 def _open_gltf(path: Path, open_file: Callable[[str], bytes]) -> Opened:
     file = open_gltf(path, open_file)
-    textures = Textures(file.header.textures, file.header.samplers, file.picture, file.lost)
+    textures = Textures(
+        file.header.textures, file.header.samplers, file.picture, file.lost
+    )
     return file_parts(file), file.header.materials, textures
 
 
@@ -180,14 +208,21 @@ def _open_obj(path: Path, open_file: Callable[[str], bytes]) -> Opened:
     lines, materials, pictures, lost = _obj_materials(path, open_file)
     number = {material.name: i for i, material in enumerate(materials)}
     names = dict.fromkeys(
-        line.split(None, 1)[1].strip() for line in lines if line.startswith("usemtl ") and line[7:].strip()
+        line.split(None, 1)[1].strip()
+        for line in lines
+        if line.startswith("usemtl ") and line[7:].strip()
     )
     if missing := [name for name in names if name not in number]:
         raise FileError(f"{path}: its .mtl file has no material {missing[0]!r}")
-    text = "\n".join(["mtllib names", *(line for line in lines if not line.startswith("mtllib"))])
+    text = "\n".join(
+        ["mtllib names", *(line for line in lines if not line.startswith("mtllib"))]
+    )
     listed = "\n".join(f"newmtl {name}\nKd 1 1 1" for name in names)
     loaded = trimesh.load_scene(
-        BytesIO(text.encode()), file_type="obj", resolver={"names": listed.encode()}, process=False
+        BytesIO(text.encode()),
+        file_type="obj",
+        resolver={"names": listed.encode()},
+        process=False,
     )
     parts = []
     for mesh in loaded.geometry.values():
@@ -198,8 +233,15 @@ def _open_obj(path: Path, open_file: Callable[[str], bytes]) -> Opened:
     check_face_count(path, sum(len(part.mesh.faces) for part in parts))
     if not parts:
         raise FileError(f"{path}: has no triangles")
-    parts.sort(key=lambda part: -1 if part.material is None else part.material)  # trimesh's order is that of a set
-    textures = Textures([Texture(source=i) for i in range(len(pictures))], [], lambda i: open_file(pictures[i]), lost)
+    parts.sort(
+        key=lambda part: -1 if part.material is None else part.material
+    )  # trimesh's order is that of a set
+    textures = Textures(
+        [Texture(source=i) for i in range(len(pictures))],
+        [],
+        lambda i: open_file(pictures[i]),
+        lost,
+    )
     return parts, materials, textures
 
 
@@ -210,7 +252,11 @@ def _obj_materials(
     data = read_limited(path, LARGEST_MESH_FILE)
     check_obj(path, data)
     lines = data.decode("utf-8", "replace").splitlines()
-    libraries = [line[7:].strip() for line in lines if line.startswith("mtllib ") and line[7:].strip()]
+    libraries = [
+        line[7:].strip()
+        for line in lines
+        if line.startswith("mtllib ") and line[7:].strip()
+    ]
     if not libraries:
         raise FileError(f"{path}: names no material file; give the object a 'material'")
     return lines, *read_mtl({name: open_file(name) for name in libraries})
@@ -224,16 +270,35 @@ def part_mesh(part: Part, crease_deg: float | None) -> Mesh:
     made = part.mesh
     uv = getattr(made.visual, "uv", None)
     if part.colors is not None or (part.has_normals and crease_deg is None):
-        vertices, faces = np.array(made.vertices, dtype=np.float64), np.array(made.faces, dtype=np.uint32)
+        vertices, faces = (
+            np.array(made.vertices, dtype=np.float64),
+            np.array(made.faces, dtype=np.uint32),
+        )
         normals = np.array(made.vertex_normals, dtype=np.float64)
         if (zero := ~normals.any(axis=1)).any():
             sums = np.zeros_like(normals)
-            np.add.at(sums, faces.ravel(), np.repeat(shapes.face_cross(vertices, faces), 3, axis=0))
-            normals[zero] = np.where(sums.any(axis=1, keepdims=True), sums, [0.0, 0.0, 1.0])[zero]
+            np.add.at(
+                sums,
+                faces.ravel(),
+                np.repeat(shapes.face_cross(vertices, faces), 3, axis=0),
+            )
+            normals[zero] = np.where(
+                sums.any(axis=1, keepdims=True), sums, [0.0, 0.0, 1.0]
+            )[zero]
         attributes = {} if part.colors is None else {"color": part.colors}
-        mesh = Mesh(vertices, faces, normals, None if uv is None else np.array(uv), attributes=attributes)
+        mesh = Mesh(
+            vertices,
+            faces,
+            normals,
+            None if uv is None else np.array(uv),
+            attributes=attributes,
+        )
         mesh = mesh if uv is not None else shapes.with_longitude(mesh)
     else:
         mesh = shapes.from_trimesh(made, 30.0 if crease_deg is None else crease_deg)
     placed = shapes.transformed(mesh, part.pose)
-    return replace(placed, faces=placed.faces[:, ::-1]) if np.linalg.det(part.pose[:3, :3]) < 0 else placed
+    return (
+        replace(placed, faces=placed.faces[:, ::-1])
+        if np.linalg.det(part.pose[:3, :3]) < 0
+        else placed
+    )

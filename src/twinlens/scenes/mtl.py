@@ -14,7 +14,9 @@ _MAPS = {"map_kd": "base", "map_ke": "emissive", "norm": "normal"}
 _IGNORED = {"newmtl", "ka", "illum", "map_ka", "sharpness"}
 
 
-def read_mtl(files: Mapping[str, bytes]) -> tuple[list[PbrMaterial], list[str], list[str]]:
+def read_mtl(
+    files: Mapping[str, bytes],
+) -> tuple[list[PbrMaterial], list[str], list[str]]:
     """The materials of .mtl files (name, content), the names of their pictures, and the keys that are not rendered.
 
     Pictures are named relative to the folder of their .mtl file; the names returned start with that folder. Without
@@ -32,7 +34,12 @@ def read_mtl(files: Mapping[str, bytes]) -> tuple[list[PbrMaterial], list[str], 
             elif values:
                 table[key.lower()] = values
     pictures: list[str] = []
-    lost = {key for each in tables.values() for key in each} - {*_COLORS, *_NUMBERS, *_MAPS, *_IGNORED}
+    lost = {key for each in tables.values() for key in each} - {
+        *_COLORS,
+        *_NUMBERS,
+        *_MAPS,
+        *_IGNORED,
+    }
     materials = []
     for name, each in tables.items():
         infos = {}
@@ -41,16 +48,30 @@ def read_mtl(files: Mapping[str, bytes]) -> tuple[list[PbrMaterial], list[str], 
                 if len(each[key]) > 1 and each[key][0].startswith("-"):
                     lost.add(f"options of {key}")
                 infos[slot] = {"index": len(pictures)}
-                picture = each[key][-1] if each[key][0].startswith("-") else " ".join(each[key])
+                picture = (
+                    each[key][-1]
+                    if each[key][0].startswith("-")
+                    else " ".join(each[key])
+                )
                 pictures.append(posixpath.join(folders[name], picture))
-        materials.append(read(PbrMaterial, _as_gltf(name, each, infos), f"material {name}"))
-    lost |= {"the colour of Ks" for each in tables.values() if len(set(map(float, each.get("ks", [])[:3]))) > 1}
+        materials.append(
+            read(PbrMaterial, _as_gltf(name, each, infos), f"material {name}")
+        )
+    lost |= {
+        "the colour of Ks"
+        for each in tables.values()
+        if len(set(map(float, each.get("ks", [])[:3]))) > 1
+    }
     return materials, pictures, sorted(lost)
 
 
-def _as_gltf(name: str, table: dict[str, list[str]], infos: dict[str, dict[str, int]]) -> dict[str, object]:
+def _as_gltf(
+    name: str, table: dict[str, list[str]], infos: dict[str, dict[str, int]]
+) -> dict[str, object]:
     try:
-        colors = {key: [float(v) for v in table[key][:3]] for key in _COLORS if key in table}
+        colors = {
+            key: [float(v) for v in table[key][:3]] for key in _COLORS if key in table
+        }
         numbers = {key: float(table[key][0]) for key in _NUMBERS if key in table}
     except ValueError as error:
         raise InputError(f"material {name!r}: {error}") from error
@@ -66,7 +87,9 @@ def _as_gltf(name: str, table: dict[str, list[str]], infos: dict[str, dict[str, 
     matte = "ks" in colors and not any(colors["ks"]) and "pr" not in numbers
     glow = colors.get("ke", [0.0] * 3)
     strength = max(1.0, *glow)
-    extensions: dict[str, object] = {"KHR_materials_emissive_strength": {"emissiveStrength": strength}}
+    extensions: dict[str, object] = {
+        "KHR_materials_emissive_strength": {"emissiveStrength": strength}
+    }
     if "ni" in numbers:
         extensions["KHR_materials_ior"] = {"ior": max(numbers["ni"], 1.0)}
     if matte:

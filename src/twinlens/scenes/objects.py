@@ -11,9 +11,25 @@ import pydantic
 
 from twinlens.errors import InputError
 from twinlens.scenes import shapes
-from twinlens.scenes.assets import MESH_FILES, MOST_FACES, Asset, SceneContext, read_mesh
+from twinlens.scenes.assets import (
+    MESH_FILES,
+    MOST_FACES,
+    Asset,
+    SceneContext,
+    read_mesh,
+)
 from twinlens.scenes.model_files import GLTF_FILES, WITH_MATERIALS, Model, read_model
-from twinlens.scenes.placement import Coordinate, Copies, CopyGrid, Length, Placement, Scale, Vector2, Vector3, rotation
+from twinlens.scenes.placement import (
+    Coordinate,
+    Copies,
+    CopyGrid,
+    Length,
+    Placement,
+    Scale,
+    Vector2,
+    Vector3,
+    rotation,
+)
 from twinlens.scenes.plugins import AreaLight
 from twinlens.scenes.scene import Mesh, Plugin, SceneObject
 from twinlens.scenes.texture_tables import TextureMap
@@ -37,20 +53,34 @@ class ObjectBase(Placement):
         """The object of the scene, without a name. Raises InputError for combinations of keys that are not possible."""
         mesh, material = self.looks(context)
         pose, given = self.world_from_object(), self.instances or ()
-        copies = given.poses() if isinstance(given, CopyGrid) else tuple(copy.world_from_object() for copy in given)
+        copies = (
+            given.poses()
+            if isinstance(given, CopyGrid)
+            else tuple(copy.world_from_object() for copy in given)
+        )
         thing = SceneObject("", mesh, material, pose, self.emitter, copies)
         if copies and self.emitter is not None:
-            raise InputError("an object with instances cannot have an emitter; make each light an object")
+            raise InputError(
+                "an object with instances cannot have an emitter; make each light an object"
+            )
         if not self.merge:
             return thing
         if not isinstance(mesh, Mesh) or not copies:
-            raise InputError("'merge' joins the instances of a mesh; this object is no mesh or has no instances")
+            raise InputError(
+                "'merge' joins the instances of a mesh; this object is no mesh or has no instances"
+            )
         if len(mesh.faces) * len(copies) > MOST_FACES:
-            raise InputError(f"'merge' makes more than {MOST_FACES} triangles; keep the instances apart")
-        merged = shapes.merged([shapes.transformed(mesh, copy @ pose) for copy in copies])
+            raise InputError(
+                f"'merge' makes more than {MOST_FACES} triangles; keep the instances apart"
+            )
+        merged = shapes.merged(
+            [shapes.transformed(mesh, copy @ pose) for copy in copies]
+        )
         return replace(thing, shape=merged, world_from_object=np.eye(4), instances=())
 
-    def looks(self, context: SceneContext) -> tuple[Mesh | Plugin, str | tuple[str, ...]]:
+    def looks(
+        self, context: SceneContext
+    ) -> tuple[Mesh | Plugin, str | tuple[str, ...]]:
         """The shape in the object's own coordinates, and the names of its materials."""
         return self.geometry(), self.material
 
@@ -84,15 +114,22 @@ class MeshBase(ObjectBase):
         if self.uv_scale is None and self.uv_offset is None:
             return mesh
         if mesh.uv is None:
-            raise InputError("'uv_scale' and 'uv_offset' need a mesh with texture coordinates")
-        return replace(mesh, uv=mesh.uv * (self.uv_scale or [1.0, 1.0]) + (self.uv_offset or [0.0, 0.0]))
+            raise InputError(
+                "'uv_scale' and 'uv_offset' need a mesh with texture coordinates"
+            )
+        return replace(
+            mesh,
+            uv=mesh.uv * (self.uv_scale or [1.0, 1.0]) + (self.uv_offset or [0.0, 0.0]),
+        )
 
     def mesh(self) -> Mesh:
         """The mesh from the keys that were given, by a function of `twinlens.scenes.shapes`, or else by trimesh's."""
         kind = self.shape  # type: ignore[attr-defined]  # every mesh but one of a file has one
         given = self.model_fields_set - MeshBase.model_fields.keys() - {"shape"}
         name = "cylinder" if kind == "solid_cylinder" else kind
-        made: Mesh = getattr(shapes, name, partial(shapes.creation, name))(**{key: getattr(self, key) for key in given})
+        made: Mesh = getattr(shapes, name, partial(shapes.creation, name))(
+            **{key: getattr(self, key) for key in given}
+        )
         return made
 
     @pydantic.model_validator(mode="after")
@@ -101,16 +138,24 @@ class MeshBase(ObjectBase):
         for less, more in (("r_min", "r_max"), ("minor_radius", "major_radius")):
             if less in given and given[less] >= given[more]:
                 raise InputError(f"{less} must be less than {more}")
-        if given.get("shape") == "rounded_box" and given["radius"] > 0.5 * min(given["extents"]):
-            raise InputError(f"radius must be at most half the shortest side, got {given['radius']:g}")
+        if given.get("shape") == "rounded_box" and given["radius"] > 0.5 * min(
+            given["extents"]
+        ):
+            raise InputError(
+                f"radius must be at most half the shortest side, got {given['radius']:g}"
+            )
         if "profile" in given and min(radius for radius, _ in given["profile"]) < 0:
             raise InputError("profile: radii must be >= 0")
-        if "profile" in given and all(point == given["profile"][0] for point in given["profile"]):
+        if "profile" in given and all(
+            point == given["profile"][0] for point in given["profile"]
+        ):
             raise InputError("profile: needs two different points")
         if given.get("shape") == "tube":
             points, radius = given["points"], given["radius"]
             if isinstance(radius, list) and len(radius) != len(points):
-                raise InputError(f"radius: needs one value for each of the {len(points)} points, got {len(radius)}")
+                raise InputError(
+                    f"radius: needs one value for each of the {len(points)} points, got {len(radius)}"
+                )
             if any(a == b for a, b in itertools.pairwise(points)):
                 raise InputError("points: two neighbours are equal")
         return self
@@ -126,27 +171,40 @@ class MeshFile(MeshBase):
     file: Asset
     material: str = ""
     face_normals: bool = False
-    crease_deg: Annotated[float, pydantic.Field(ge=0, le=180), pydantic.AfterValidator(float)] | None = None
+    crease_deg: (
+        Annotated[float, pydantic.Field(ge=0, le=180), pydantic.AfterValidator(float)]
+        | None
+    ) = None
     up_axis: Literal["y", "z"] | None = None
 
     @pydantic.model_validator(mode="after")
     def _check_file(self) -> "MeshFile":
         suffix = self.file.suffix.lower()
         if suffix not in MESH_FILES:
-            raise InputError(f"file: meshes may be {', '.join(sorted(MESH_FILES))}, got {self.file.name!r}")
+            raise InputError(
+                f"file: meshes may be {', '.join(sorted(MESH_FILES))}, got {self.file.name!r}"
+            )
         if not self.material and suffix not in WITH_MATERIALS:
-            raise InputError(f"missing key 'material'; only {', '.join(WITH_MATERIALS)} files have materials")
+            raise InputError(
+                f"missing key 'material'; only {', '.join(WITH_MATERIALS)} files have materials"
+            )
         return self
 
-    def looks(self, context: SceneContext) -> tuple[Mesh | Plugin, str | tuple[str, ...]]:
+    def looks(
+        self, context: SceneContext
+    ) -> tuple[Mesh | Plugin, str | tuple[str, ...]]:
         suffix = self.file.suffix.lower()
         crease_deg = 0.0 if self.face_normals else self.crease_deg
         key = self.file, crease_deg, not self.material
         if key not in context.models:
             context.models[key] = (
-                read_model(self.file, context, crease_deg, with_materials=not self.material)
+                read_model(
+                    self.file, context, crease_deg, with_materials=not self.material
+                )
                 if suffix in GLTF_FILES or not self.material
-                else Model(read_mesh(self.file, 30.0 if crease_deg is None else crease_deg), {})
+                else Model(
+                    read_mesh(self.file, 30.0 if crease_deg is None else crease_deg), {}
+                )
             )
         model: Model = context.models[key]
         context.materials.update(model.materials)
@@ -159,7 +217,12 @@ class MeshFile(MeshBase):
 _FLIP = {"flip_normals": bool | None}
 ANALYTIC_SHAPES: dict[str, dict[str, Any]] = {
     "sphere": {"center": Vector3 | None, "radius": Length | None, **_FLIP},
-    "cylinder": {"p0": Vector3 | None, "p1": Vector3 | None, "radius": Length | None, **_FLIP},
+    "cylinder": {
+        "p0": Vector3 | None,
+        "p1": Vector3 | None,
+        "radius": Length | None,
+        **_FLIP,
+    },
     **dict.fromkeys(("rectangle", "disk", "cube"), _FLIP),
 }
 _ROUND = {"radius": Length, "height": Length, "sections": _SIDES}
@@ -192,31 +255,48 @@ MESH_SHAPES: dict[str, dict[str, Any]] = {
         "smooth": bool | None,
         "closed": bool | None,
     },
-    "height_field": {"extents": Area, "height": TextureMap, "amplitude": Coordinate, "grid": _GRID},
-    "bent_sheet": {"extents": Area, "angle_deg": number(0.1, 360), "segments": whole(1, 4096) | None},
+    "height_field": {
+        "extents": Area,
+        "height": TextureMap,
+        "amplitude": Coordinate,
+        "grid": _GRID,
+    },
+    "bent_sheet": {
+        "extents": Area,
+        "angle_deg": number(0.1, 360),
+        "segments": whole(1, 4096) | None,
+    },
 }
 
 
-_VARIANTS = [*variants(AnalyticBase, "shape", ANALYTIC_SHAPES), *variants(MeshBase, "shape", MESH_SHAPES)]
+_VARIANTS = [
+    *variants(AnalyticBase, "shape", ANALYTIC_SHAPES),
+    *variants(MeshBase, "shape", MESH_SHAPES),
+]
 _SHAPE_OBJECT = tagged("ShapeObject", "shape", _VARIANTS)
 _ADAPTER: pydantic.TypeAdapter[ObjectBase] = pydantic.TypeAdapter(_SHAPE_OBJECT)
 
 
 def _read_table(value: Any, info: Any) -> ObjectBase:
     if isinstance(value, Mapping) and ("file" in value) == ("shape" in value):
-        raise InputError("needs exactly one of 'shape' (a name) and 'file' (a mesh file)")
+        raise InputError(
+            "needs exactly one of 'shape' (a name) and 'file' (a mesh file)"
+        )
     if isinstance(value, Mapping) and "file" in value:
         return MeshFile.model_validate(value, context=info.context)
     return _ADAPTER.validate_python(value, context=info.context)
 
 
 _TABLE: Any = _SHAPE_OBJECT | MeshFile
-ObjectTable = Annotated[ObjectBase, pydantic.PlainValidator(_read_table, json_schema_input_type=_TABLE)]
+ObjectTable = Annotated[
+    ObjectBase, pydantic.PlainValidator(_read_table, json_schema_input_type=_TABLE)
+]
 """The keys of an object, checked; files are found but not read before `ObjectBase.build`."""
 Object = Annotated[
     SceneObject,
     pydantic.PlainValidator(
-        lambda value, info: _read_table(value, info).build(info.context), json_schema_input_type=_TABLE
+        lambda value, info: _read_table(value, info).build(info.context),
+        json_schema_input_type=_TABLE,
     ),
 ]
 """An entry of [objects]; its name is set where the file is read."""

@@ -53,7 +53,12 @@ class _Frame:
     def bitmap(self, pixels: NDArray[Any]) -> Bitmap:
         matrix = np.eye(4)
         matrix[np.ix_([0, 1, 3], [0, 1, 3])] = self.to_uv
-        return Bitmap(np.ascontiguousarray(pixels, dtype=np.float32), self.filter, self.wrap, matrix)
+        return Bitmap(
+            np.ascontiguousarray(pixels, dtype=np.float32),
+            self.filter,
+            self.wrap,
+            matrix,
+        )
 
 
 @dataclass(eq=False)
@@ -67,7 +72,11 @@ class Textures:
     _decoded: dict[int, Stored] = field(default_factory=dict)
 
     def read(
-        self, info: TextureInfo | None, coordinate_set: int, channels: slice, srgb: bool = False
+        self,
+        info: TextureInfo | None,
+        coordinate_set: int,
+        channels: slice,
+        srgb: bool = False,
     ) -> tuple[Pixels, _Frame] | None:
         """Channels of the texels (H, W, C) in [0, 1], and how they lie; None if there is nothing to render.
 
@@ -82,29 +91,41 @@ class Textures:
         if info.coordinate_set != coordinate_set:
             self.lost.append("a second set of texture coordinates")
         if texture.source not in self._decoded:
-            self._decoded[texture.source] = _decoded(self.picture(texture.source), texture.source)
+            self._decoded[texture.source] = _decoded(
+                self.picture(texture.source), texture.source
+            )
             check_picture_size(
-                f"images[{texture.source}]", 1, sum(each[..., 0].size for each in self._decoded.values())
+                f"images[{texture.source}]",
+                1,
+                sum(each[..., 0].size for each in self._decoded.values()),
             )
         stored = self._decoded[texture.source][..., channels]
         most = np.iinfo(stored.dtype).max
         pixels: Pixels = np.divide(stored, most, dtype=np.float32)
         linear = linear_from_srgb(np.linspace(0, 1, most + 1))
-        for channel in range(3 if srgb else 0):  # one by one: NumPy converts indices to 8 bytes each
+        for channel in range(
+            3 if srgb else 0
+        ):  # one by one: NumPy converts indices to 8 bytes each
             pixels[..., channel] = linear[stored[..., channel]]
-        sampler = Sampler() if texture.sampler is None else self.samplers[texture.sampler]
+        sampler = (
+            Sampler() if texture.sampler is None else self.samplers[texture.sampler]
+        )
         if sampler.wrapS != sampler.wrapT:
             self.lost.append("different wrapping along u and v")
         wrap = {_CLAMP: "clamp", _MIRROR: "mirror"}.get(sampler.wrapS, "repeat")
         matrix = info.extensions.KHR_texture_transform.matrix()
-        return pixels, _Frame(matrix, wrap, "nearest" if sampler.magFilter == _NEAREST else "bilinear")
+        return pixels, _Frame(
+            matrix, wrap, "nearest" if sampler.magFilter == _NEAREST else "bilinear"
+        )
 
 
 def _decoded(data: bytes, index: int) -> Stored:
     """A .png or .jpg picture as stored values (H, W, 4), whatever its suffix and media type."""
     from PIL import Image as Pillow
 
-    kind = next((name for magic, name in _FORMATS.items() if data.startswith(magic)), None)
+    kind = next(
+        (name for magic, name in _FORMATS.items() if data.startswith(magic)), None
+    )
     if kind is None:
         raise InputError(f"images[{index}] must be a .png or .jpg picture")
     with Pillow.open(BytesIO(data), formats=[kind]) as image:
@@ -121,7 +142,9 @@ class _Maps:
     With vertex colours the values are computed at vertices, as (1, V, C), and go into `attributes` (V, C).
     """
 
-    def __init__(self, material: PbrMaterial, textures: Textures, colors: Float | None) -> None:
+    def __init__(
+        self, material: PbrMaterial, textures: Textures, colors: Float | None
+    ) -> None:
         self.material, self.textures, self.colors = material, textures, colors
         self.frame: _Frame | None = None
         self.attributes: dict[str, Float] = {}
@@ -130,10 +153,14 @@ class _Maps:
         """The base colour and alpha (H, W, 4)."""
         rough = self.material.pbrMetallicRoughness
         if self.colors is None:
-            return self.shared(rough.baseColorTexture, rough.baseColorFactor, slice(0, 4), srgb=True)
+            return self.shared(
+                rough.baseColorTexture, rough.baseColorFactor, slice(0, 4), srgb=True
+            )
         return np.asarray(self.colors[None] * rough.baseColorFactor, dtype=np.float32)
 
-    def shared(self, info: TextureInfo | None, factor: Any, channels: slice, srgb: bool = False) -> Pixels:
+    def shared(
+        self, info: TextureInfo | None, factor: Any, channels: slice, srgb: bool = False
+    ) -> Pixels:
         """`factor` times the texture's `channels`, (H, W, C), or (1, 1, C) without a texture.
 
         Values that are computed together need one frame. A texture with another one is replaced by its mean.
@@ -143,17 +170,29 @@ class _Maps:
         if found is None:
             return scale
         pixels, frame = found
-        if self.colors is not None or not (self.frame is None or frame.agrees(self.frame)):
-            self.textures.lost.append("textures of one material placed in different ways")
+        if self.colors is not None or not (
+            self.frame is None or frame.agrees(self.frame)
+        ):
+            self.textures.lost.append(
+                "textures of one material placed in different ways"
+            )
             pixels = pixels.mean(axis=(0, 1), keepdims=True)
         else:
             self.frame = frame
         return np.asarray(scale * pixels, dtype=np.float32)
 
-    def own(self, info: TextureInfo | None, factor: float, channel: int) -> float | Bitmap:
+    def own(
+        self, info: TextureInfo | None, factor: float, channel: int
+    ) -> float | Bitmap:
         """`factor`, or `factor` times a channel of a texture, in the texture's own frame."""
-        found = self.textures.read(info, self.material.coordinate_set, slice(channel, channel + 1))
-        return factor if found is None else found[1].bitmap(np.float32(factor) * found[0][..., 0])
+        found = self.textures.read(
+            info, self.material.coordinate_set, slice(channel, channel + 1)
+        )
+        return (
+            factor
+            if found is None
+            else found[1].bitmap(np.float32(factor) * found[0][..., 0])
+        )
 
     def value(self, name: str, pixels: Pixels) -> Any:
         """A Mitsuba value of (H, W, C): a number or a colour if it is uniform, else a mesh attribute or a Bitmap."""
@@ -163,7 +202,9 @@ class _Maps:
             self.attributes[f"vertex_{name}"] = pixels[0].astype(np.float64)
             return {"type": "mesh_attribute", "name": f"vertex_{name}"}
         if pixels.shape[:2] != (1, 1):
-            return (self.frame or _Frame()).bitmap(pixels[..., 0] if pixels.shape[2] == 1 else pixels)
+            return (self.frame or _Frame()).bitmap(
+                pixels[..., 0] if pixels.shape[2] == 1 else pixels
+            )
         if pixels.shape[2] == 1:
             return float(pixels[0, 0, 0])
         if pixels.max() > 1:  # Mitsuba refuses such a colour, but not such a picture
@@ -176,9 +217,14 @@ def _fitted(*maps: Pixels) -> list[Pixels]:
     height, width = (max(each.shape[axis] for each in maps) for axis in (0, 1))
     fitted = []
     for each in maps:
-        rows, columns = ((np.arange(n) + 0.5) * size // n for n, size in zip((height, width), each.shape, strict=False))
+        rows, columns = (
+            (np.arange(n) + 0.5) * size // n
+            for n, size in zip((height, width), each.shape, strict=False)
+        )
         whole = each.shape[:2] in ((1, 1), (height, width))
-        fitted.append(each if whole else each[rows.astype(int)[:, None], columns.astype(int)])
+        fitted.append(
+            each if whole else each[rows.astype(int)[:, None], columns.astype(int)]
+        )
     return fitted
 
 
@@ -206,7 +252,12 @@ class Lobes:
 
 
 def lobes(
-    color: Pixels, metallic: Pixels, roughness: Pixels, dielectric: Pixels, grazing: Pixels, coat: Pixels
+    color: Pixels,
+    metallic: Pixels,
+    roughness: Pixels,
+    dielectric: Pixels,
+    grazing: Pixels,
+    coat: Pixels,
 ) -> Lobes:
     """The lobes of base colour, metalness, roughness, a dielectric's reflectance at normal and grazing incidence, coat.
 
@@ -221,7 +272,9 @@ def lobes(
     diffuse = (1 - metallic) * (1 - _brightest(dielectric)) * color
     most = np.ones_like(coat)
     if coat.any():  # at grazing angles a coat reflects its weight; what is below is divided by the rest
-        most = np.clip(1 - (1 - _COAT_F0) * _brightest(diffuse + at_normal), _COAT_F0, _COAT_MOST)
+        most = np.clip(
+            1 - (1 - _COAT_F0) * _brightest(diffuse + at_normal), _COAT_F0, _COAT_MOST
+        )
         below = (1 - _COAT_F0 * coat) / (1 - coat * most)
         at_normal, diffuse = below * at_normal, below * diffuse
     lambert = np.clip((roughness - _LAMBERT_FROM) / (1 - _LAMBERT_FROM), 0, 1)
@@ -231,11 +284,17 @@ def lobes(
     share = _brightest(diffuse) / unit / (1 + (_LAMBERT_MOST - 1) * lambert)
     with np.errstate(divide="ignore", invalid="ignore"):
         least = np.where(at_grazing > 0, _brightest(at_normal) / at_grazing, 0)
-        weight = np.where(at_grazing > 0, np.clip(1 - share, least, 1), 0).astype(np.float32)
+        weight = np.where(at_grazing > 0, np.clip(1 - share, least, 1), 0).astype(
+            np.float32
+        )
         schlick = np.minimum(at_grazing / (weight + (1 - weight) * (1 - lambert)), 1)
         schlick = np.where(at_grazing > 0, schlick, 0)
-        facets = np.where(weight * schlick > 0, np.clip(at_normal / (weight * schlick), 0, 1), 0)
-        rest = diffuse - weight * (1 - schlick) * facets  # a metal has a diffuse lobe where schlick < 1
+        facets = np.where(
+            weight * schlick > 0, np.clip(at_normal / (weight * schlick), 0, 1), 0
+        )
+        rest = (
+            diffuse - weight * (1 - schlick) * facets
+        )  # a metal has a diffuse lobe where schlick < 1
         diffuse = np.where(weight < 1, np.maximum(rest, 0) / ((1 - weight) * unit), 0)
     found = diffuse, lambert, weight, facets, schlick, coat * most, _COAT_F0 / most
     return Lobes(*(np.asarray(each, dtype=np.float32) for each in found))
@@ -253,28 +312,61 @@ def plugin_of(
     textures.lost += sorted(more.model_extra or {})
     base = maps.base()
     found, metallic, matte = _lobes_of(material, maps, base[..., :3])
-    plugin = _transmissive(material, maps, base[..., :3], metallic, _sides(material, _opaque(material, maps, found)))
+    plugin = _transmissive(
+        material,
+        maps,
+        base[..., :3],
+        metallic,
+        _sides(material, _opaque(material, maps, found)),
+    )
     plugin = _normal_mapped(material.normalTexture, maps, plugin)
     plugin = _coated(material, maps, found, plugin)
     if material.alphaMode != "OPAQUE":
         alpha = base[..., 3:]
-        opacity = (alpha >= material.alphaCutoff).astype(np.float32) if material.alphaMode == "MASK" else alpha
-        plugin = {"type": "mask", "opacity": maps.value("opacity", opacity), "bsdf": plugin}
-    return {**plugin, **_emission(material, maps), **({"matte": True} if matte else {})}, maps.attributes
+        opacity = (
+            (alpha >= material.alphaCutoff).astype(np.float32)
+            if material.alphaMode == "MASK"
+            else alpha
+        )
+        plugin = {
+            "type": "mask",
+            "opacity": maps.value("opacity", opacity),
+            "bsdf": plugin,
+        }
+    return {
+        **plugin,
+        **_emission(material, maps),
+        **({"matte": True} if matte else {}),
+    }, maps.attributes
 
 
 def _sides(material: PbrMaterial, plugin: Plugin) -> Plugin:
     return {"type": "twosided", "bsdf": plugin} if material.doubleSided else plugin
 
 
-def _lobes_of(material: PbrMaterial, maps: _Maps, color: Pixels) -> tuple[Lobes, Pixels, bool]:
+def _lobes_of(
+    material: PbrMaterial, maps: _Maps, color: Pixels
+) -> tuple[Lobes, Pixels, bool]:
     """The reflecting surface, the metalness (H, W, 1), and whether it is as matte as matte paint."""
-    rough, coat = material.pbrMetallicRoughness, material.extensions.KHR_materials_clearcoat
+    rough, coat = (
+        material.pbrMetallicRoughness,
+        material.extensions.KHR_materials_clearcoat,
+    )
     factors = [rough.roughnessFactor, rough.metallicFactor]
-    roughness, metallic = np.split(maps.shared(rough.metallicRoughnessTexture, factors, slice(1, 3)), 2, axis=-1)
+    roughness, metallic = np.split(
+        maps.shared(rough.metallicRoughnessTexture, factors, slice(1, 3)), 2, axis=-1
+    )
     coated = maps.shared(coat.clearcoatTexture, coat.clearcoatFactor, slice(0, 1))
-    matte = bool(roughness.min() >= MATTE_ROUGHNESS and metallic.max() < 0.01 and not coated.any())
-    return lobes(color, metallic, roughness, *_dielectric(material, maps), coated), metallic, matte
+    matte = bool(
+        roughness.min() >= MATTE_ROUGHNESS
+        and metallic.max() < 0.01
+        and not coated.any()
+    )
+    return (
+        lobes(color, metallic, roughness, *_dielectric(material, maps), coated),
+        metallic,
+        matte,
+    )
 
 
 def _opaque(material: PbrMaterial, maps: _Maps, found: Lobes) -> Plugin:
@@ -285,13 +377,20 @@ def _opaque(material: PbrMaterial, maps: _Maps, found: Lobes) -> Plugin:
         "roughness": maps.own(rough.metallicRoughnessTexture, rough.roughnessFactor, 1),
         "eta": 1.01,  # almost no Fresnel reflectance; 1 would switch the facets off
     }
-    diffuse, schlick = maps.value("diffuse", found.diffuse), maps.value("schlick", found.schlick)
+    diffuse, schlick = (
+        maps.value("diffuse", found.diffuse),
+        maps.value("schlick", found.schlick),
+    )
     lower = _blend(
         maps.value("lambert", found.lambert),
         {**facets, "base_color": diffuse, "spec_tint": schlick},
         {"type": "diffuse", "reflectance": diffuse},
     )
-    metal = {**facets, "base_color": maps.value("facets", found.facets), "metallic": schlick}
+    metal = {
+        **facets,
+        "base_color": maps.value("facets", found.facets),
+        "metallic": schlick,
+    }
     return _blend(maps.value("weight", found.weight), lower, metal)
 
 
@@ -304,7 +403,9 @@ def _coated(material: PbrMaterial, maps: _Maps, found: Lobes, plugin: Plugin) ->
         "type": "principled",
         "base_color": maps.value("coat_facets", found.coat_facets),
         "metallic": 1.0,
-        "roughness": maps.own(coat.clearcoatRoughnessTexture, coat.clearcoatRoughnessFactor, 1),
+        "roughness": maps.own(
+            coat.clearcoatRoughnessTexture, coat.clearcoatRoughnessFactor, 1
+        ),
     }
     layer = _normal_mapped(coat.clearcoatNormalTexture, maps, _sides(material, layer))
     return _blend(maps.value("coat_weight", found.coat_weight), plugin, layer)
@@ -318,23 +419,46 @@ def _blend(weight: Any, first: Plugin, second: Plugin) -> Plugin:
 
 def _dielectric(material: PbrMaterial, maps: _Maps) -> tuple[Pixels, Pixels]:
     """Reflectance of the dielectric at normal (H, W, 3) and at grazing incidence (H, W, 1)."""
-    specular, ior = material.extensions.KHR_materials_specular, material.extensions.KHR_materials_ior.ior
+    specular, ior = (
+        material.extensions.KHR_materials_specular,
+        material.extensions.KHR_materials_ior.ior,
+    )
     factor = maps.shared(specular.specularTexture, specular.specularFactor, slice(3, 4))
-    tint = maps.shared(specular.specularColorTexture, specular.specularColorFactor, slice(0, 3), srgb=True)
-    f0 = 1.0 if ior == 0 else ((ior - 1) / (ior + 1)) ** 2  # 0 stands for an infinite index
+    tint = maps.shared(
+        specular.specularColorTexture,
+        specular.specularColorFactor,
+        slice(0, 3),
+        srgb=True,
+    )
+    f0 = (
+        1.0 if ior == 0 else ((ior - 1) / (ior + 1)) ** 2
+    )  # 0 stands for an infinite index
     tint, factor = _fitted(tint, factor)
     return np.minimum(np.float32(f0) * tint, 1) * factor, factor
 
 
-def _transmissive(material: PbrMaterial, maps: _Maps, color: Pixels, metallic: Pixels, opaque: Plugin) -> Plugin:
+def _transmissive(
+    material: PbrMaterial, maps: _Maps, color: Pixels, metallic: Pixels, opaque: Plugin
+) -> Plugin:
     """`opaque` blended with glass: a thin pane, or a solid with KHR_materials_volume."""
-    glass, volume = material.extensions.KHR_materials_transmission, material.extensions.KHR_materials_volume
-    amount = maps.shared(glass.transmissionTexture, glass.transmissionFactor, slice(0, 1))
+    glass, volume = (
+        material.extensions.KHR_materials_transmission,
+        material.extensions.KHR_materials_volume,
+    )
+    amount = maps.shared(
+        glass.transmissionTexture, glass.transmissionFactor, slice(0, 1)
+    )
     if not amount.any():
         return opaque
-    roughness, solid = material.pbrMetallicRoughness.roughnessFactor, volume.thicknessFactor > 0
+    roughness, solid = (
+        material.pbrMetallicRoughness.roughnessFactor,
+        volume.thicknessFactor > 0,
+    )
     ior = max(material.extensions.KHR_materials_ior.ior, 1.0)
-    keys = {"int_ior": max(ior, 1.0001), "specular_transmittance": maps.value("transmittance", color)}
+    keys = {
+        "int_ior": max(ior, 1.0001),
+        "specular_transmittance": maps.value("transmittance", color),
+    }
     if volume.attenuationDistance is not None:
         maps.textures.lost.append("the absorption of KHR_materials_volume")
     if solid and material.pbrMetallicRoughness.metallicRoughnessTexture is not None:
@@ -344,7 +468,12 @@ def _transmissive(material: PbrMaterial, maps: _Maps, color: Pixels, metallic: P
     if not solid:
         pane: Plugin = {"type": "thindielectric", **keys}
     elif roughness > _SMOOTHEST:
-        pane = {"type": "roughdielectric", "distribution": "ggx", "alpha": roughness**2, **keys}
+        pane = {
+            "type": "roughdielectric",
+            "distribution": "ggx",
+            "alpha": roughness**2,
+            **keys,
+        }
     else:
         pane = {"type": "dielectric", **keys}
     amount, metallic = _fitted(amount, metallic)
@@ -356,26 +485,48 @@ def _normal_mapped(info: TextureInfo | None, maps: _Maps, plugin: Plugin) -> Plu
     found = maps.textures.read(info, maps.material.coordinate_set, slice(0, 3))
     if info is None or found is None:
         return plugin
-    normal = (2 * found[0] - 1) * np.array([info.scale, info.scale, 1], dtype=np.float32)
+    normal = (2 * found[0] - 1) * np.array(
+        [info.scale, info.scale, 1], dtype=np.float32
+    )
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
-    return {"type": "normalmap", "normalmap": found[1].bitmap((normal + 1) / 2), "bsdf": plugin}
+    return {
+        "type": "normalmap",
+        "normalmap": found[1].bitmap((normal + 1) / 2),
+        "bsdf": plugin,
+    }
 
 
 def mirrored(plugin: Plugin) -> Plugin:
     """A plugin of `plugin_of` for mirrored texture coordinates, where Mitsuba's green axis points to the bottom."""
-    made = {key: mirrored(value) if isinstance(value, Mapping) else value for key, value in plugin.items()}
+    made = {
+        key: mirrored(value) if isinstance(value, Mapping) else value
+        for key, value in plugin.items()
+    }
     if plugin.get("type") == "normalmap":
         upright = plugin["normalmap"]
-        made["normalmap"] = replace(upright, pixels=np.abs(upright.pixels - np.array([0, 1, 0], dtype=np.float32)))
+        made["normalmap"] = replace(
+            upright,
+            pixels=np.abs(upright.pixels - np.array([0, 1, 0], dtype=np.float32)),
+        )
     return made
 
 
 def _emission(material: PbrMaterial, maps: _Maps) -> Plugin:
     """The `emitter` of a material that shines, under that key."""
-    factor = np.float32(material.extensions.KHR_materials_emissive_strength.emissiveStrength)
-    rgb = factor * np.asarray(material.emissiveFactor, dtype=np.float32).reshape(1, 1, 3)
+    factor = np.float32(
+        material.extensions.KHR_materials_emissive_strength.emissiveStrength
+    )
+    rgb = factor * np.asarray(material.emissiveFactor, dtype=np.float32).reshape(
+        1, 1, 3
+    )
     if not rgb.any():
         return {}
-    found = maps.textures.read(material.emissiveTexture, material.coordinate_set, slice(0, 3), srgb=True)
-    radiance = Color(tuple(rgb[0, 0].astype(float).tolist())) if found is None else found[1].bitmap(rgb * found[0])
+    found = maps.textures.read(
+        material.emissiveTexture, material.coordinate_set, slice(0, 3), srgb=True
+    )
+    radiance = (
+        Color(tuple(rgb[0, 0].astype(float).tolist()))
+        if found is None
+        else found[1].bitmap(rgb * found[0])
+    )
     return {"emitter": {"type": "area", "radiance": radiance}}

@@ -12,7 +12,9 @@ from twinlens.errors import InputError
 from twinlens.geometry import Float, look_at, skew
 from twinlens.schema import NonNegative, Number, StrictModel, exactly, number, satisfies
 
-_COPIES = satisfies(lambda count: math.prod(count) <= 100_000, "makes more than 100000 copies, got {}")
+_COPIES = satisfies(
+    lambda count: math.prod(count) <= 100_000, "makes more than 100000 copies, got {}"
+)
 
 _FARTHEST = 1e9  # metres; Mitsuba's float32 has steps of 64 m there
 Coordinate: Any = number(-_FARTHEST, _FARTHEST)
@@ -40,7 +42,10 @@ def rotation(axis: ArrayLike, deg: float) -> Float:
 
 def euler_rotation(angles_deg: ArrayLike) -> Float:
     """The 4x4 rotation about the fixed axes x, then y, then z, by `angles_deg` (3,) degrees."""
-    x, y, z = (rotation(axis, deg) for axis, deg in zip(np.eye(3), np.asarray(angles_deg), strict=True))
+    x, y, z = (
+        rotation(axis, deg)
+        for axis, deg in zip(np.eye(3), np.asarray(angles_deg), strict=True)
+    )
     return np.asarray(z @ y @ x)
 
 
@@ -51,7 +56,9 @@ def translation(offset: ArrayLike) -> Float:
     return pose
 
 
-def view_pose(position: ArrayLike, target: ArrayLike, up: ArrayLike | None = None) -> Float:
+def view_pose(
+    position: ArrayLike, target: ArrayLike, up: ArrayLike | None = None
+) -> Float:
     """world_from_cam (4, 4) of a camera; `up` is the world's z by default. Raises InputError as for a scene file."""
     try:
         return look_at(position, target, (0.0, 0.0, 1.0) if up is None else up)
@@ -65,7 +72,9 @@ def view_pose(position: ArrayLike, target: ArrayLike, up: ArrayLike | None = Non
 class Rotation(StrictModel):
     """A right-handed rotation by `deg` degrees about `axis`."""
 
-    axis: Annotated[Vector3, satisfies(lambda axis: np.linalg.norm(axis) > 1e-9, "must not be zero")]
+    axis: Annotated[
+        Vector3, satisfies(lambda axis: np.linalg.norm(axis) > 1e-9, "must not be zero")
+    ]
     deg: Number
 
 
@@ -81,14 +90,24 @@ class Pose(StrictModel):
     look_at: Vector3 | None = None
     matrix: Matrix | None = None
 
-    placing_keys: ClassVar[tuple[str, ...]] = ("translate", "rotate", "euler_deg", "look_at", "matrix")
+    placing_keys: ClassVar[tuple[str, ...]] = (
+        "translate",
+        "rotate",
+        "euler_deg",
+        "look_at",
+        "matrix",
+    )
     """The keys that set the pose; other keys of a table describe the object itself."""
 
     @pydantic.model_validator(mode="after")
     def _check(self) -> "Pose":
         given = [key for key in self.placing_keys if key in self.model_fields_set]
         for one, other in itertools.combinations(given, 2):
-            if "matrix" in (one, other) or {one, other} <= {"rotate", "euler_deg", "look_at"}:
+            if "matrix" in (one, other) or {one, other} <= {
+                "rotate",
+                "euler_deg",
+                "look_at",
+            }:
                 raise InputError(f"{one!r} and {other!r} exclude each other")
         self.world_from_object()
         return self
@@ -97,8 +116,13 @@ class Pose(StrictModel):
         """(4, 4); the identity where no key is given."""
         if self.matrix is not None:
             matrix = np.array(self.matrix, dtype=np.float64)
-            if matrix[3].tolist() != [0, 0, 0, 1] or not np.linalg.det(matrix[:3, :3]) > 1e-12:
-                raise InputError("matrix must be 4 rows of 4 with last row 0 0 0 1 and determinant > 0 (not mirrored)")
+            if (
+                matrix[3].tolist() != [0, 0, 0, 1]
+                or not np.linalg.det(matrix[:3, :3]) > 1e-12
+            ):
+                raise InputError(
+                    "matrix must be 4 rows of 4 with last row 0 0 0 1 and determinant > 0 (not mirrored)"
+                )
             return matrix
         position = np.array(self.translate or [0.0] * 3)
         turn = np.eye(4)
@@ -107,11 +131,23 @@ class Pose(StrictModel):
         elif self.look_at is not None:
             forward = self.look_at - position
             if not np.linalg.norm(forward) > 1e-9:
-                raise InputError(f"look_at: the target {self.look_at} must differ from the object's own position")
+                raise InputError(
+                    f"look_at: the target {self.look_at} must differ from the object's own position"
+                )
             vertical = np.linalg.norm(forward[:2]) < 1e-6 * np.linalg.norm(forward)
-            turn = look_at(position, self.look_at, up=(0.0, 1.0, 0.0) if vertical else (0.0, 0.0, 1.0))
+            turn = look_at(
+                position,
+                self.look_at,
+                up=(0.0, 1.0, 0.0) if vertical else (0.0, 0.0, 1.0),
+            )
             turn[:3, 3] = 0.0
-        for step in self.rotate if isinstance(self.rotate, list) else [self.rotate] if self.rotate else []:
+        for step in (
+            self.rotate
+            if isinstance(self.rotate, list)
+            else [self.rotate]
+            if self.rotate
+            else []
+        ):
             turn = rotation(step.axis, step.deg) @ turn
         return translation(position) @ turn
 
@@ -135,17 +171,23 @@ class CopyGrid(StrictModel):
     count: Annotated[list[_COUNT], exactly(3, _COUNT), _COPIES]
     step: Vector3
     jitter: Annotated[list[_JITTER], exactly(3, _JITTER, or_one=True)] = [0.0] * 3
-    jitter_deg: Annotated[list[_JITTER_DEG], exactly(3, _JITTER_DEG, or_one=True)] = [0.0] * 3
+    jitter_deg: Annotated[list[_JITTER_DEG], exactly(3, _JITTER_DEG, or_one=True)] = [
+        0.0
+    ] * 3
     seed: int = pydantic.Field(0, ge=0, lt=2**32)
 
     def poses(self) -> tuple[Float, ...]:
         rng = np.random.default_rng(self.seed)
         count = np.array(self.count)
-        cells = np.stack(np.meshgrid(*(np.arange(n) for n in count), indexing="ij"), axis=-1).reshape(-1, 3)
+        cells = np.stack(
+            np.meshgrid(*(np.arange(n) for n in count), indexing="ij"), axis=-1
+        ).reshape(-1, 3)
         poses = []
         for offset in (cells - (count - 1) / 2) * self.step:
             turn = euler_rotation(rng.uniform(-1, 1, 3) * self.jitter_deg)
-            poses.append(translation(offset + rng.uniform(-1, 1, 3) * self.jitter) @ turn)
+            poses.append(
+                translation(offset + rng.uniform(-1, 1, 3) * self.jitter) @ turn
+            )
         return tuple(poses)
 
 

@@ -15,7 +15,18 @@ from twinlens.scenes.assets import Sky
 from twinlens.scenes.placement import Placement, Pose, Vector3, rotation
 from twinlens.scenes.scene import Plugin
 from twinlens.scenes.texture_tables import TextureMap, number_or_texture, spectrum
-from twinlens.schema import Fraction, NonNegative, StrictModel, exactly, number, one_of, reads, tagged, variants, whole
+from twinlens.schema import (
+    Fraction,
+    NonNegative,
+    StrictModel,
+    exactly,
+    number,
+    one_of,
+    reads,
+    tagged,
+    variants,
+    whole,
+)
 
 # fmt: off
 CONDUCTORS = (
@@ -30,7 +41,9 @@ DIELECTRICS = (
 )
 # fmt: on
 _DIELECTRIC = Annotated[
-    str, one_of("dielectric", DIELECTRICS), pydantic.AfterValidator(lambda name: name.replace("_", " "))
+    str,
+    one_of("dielectric", DIELECTRICS),
+    pydantic.AfterValidator(lambda name: name.replace("_", " ")),
 ]
 _IOR = number(1, 5) | _DIELECTRIC | None
 _REFLECTANCE: Any = spectrum(1.0) | None
@@ -42,7 +55,10 @@ _FLAG = bool | None
 _POSITIVE_DEG = number(0, 180, above=True) | None
 _FACETS = Literal["beckmann", "ggx"] | None
 _BSDF = Annotated[
-    Any, pydantic.PlainValidator(lambda table, info: _NESTED.validate_python(table, context=info.context))
+    Any,
+    pydantic.PlainValidator(
+        lambda table, info: _NESTED.validate_python(table, context=info.context)
+    ),
 ]
 
 
@@ -54,7 +70,11 @@ class PluginTable(StrictModel):
     def plugin(self) -> dict[str, Any]:
         """Mitsuba's dictionary, with the parameters that were given."""
         given = self.model_fields_set - self.extra_keys | {"type"}
-        return {key: getattr(self, key) for key in ("type", *type(self).model_fields) if key in given}
+        return {
+            key: getattr(self, key)
+            for key in ("type", *type(self).model_fields)
+            if key in given
+        }
 
 
 class MaterialBase(PluginTable):
@@ -67,9 +87,14 @@ class MaterialBase(PluginTable):
     @pydantic.model_validator(mode="after")
     def _check_pairs(self) -> "MaterialBase":
         given, known = self.model_fields_set, type(self).model_fields
-        for one, other, instead in (("alpha_u", "alpha_v", "alpha"), ("eta", "k", "material")):
+        for one, other, instead in (
+            ("alpha_u", "alpha_v", "alpha"),
+            ("eta", "k", "material"),
+        ):
             if other in known and (one in given) != (other in given):
-                raise InputError(f"{one!r} and {other!r} go together; give both or neither")
+                raise InputError(
+                    f"{one!r} and {other!r} go together; give both or neither"
+                )
             if {one, instead} <= given:
                 raise InputError(f"{instead!r} excludes {one!r} and {other!r}")
         return self
@@ -81,8 +106,17 @@ class MaterialBase(PluginTable):
 
 
 _IORS = {"int_ior": _IOR, "ext_ior": _IOR}
-_GLASS = {**_IORS, "specular_reflectance": _REFLECTANCE, "specular_transmittance": _REFLECTANCE}
-_PLASTIC = {**_IORS, "diffuse_reflectance": _REFLECTANCE, "specular_reflectance": _REFLECTANCE, "nonlinear": _FLAG}
+_GLASS = {
+    **_IORS,
+    "specular_reflectance": _REFLECTANCE,
+    "specular_transmittance": _REFLECTANCE,
+}
+_PLASTIC = {
+    **_IORS,
+    "diffuse_reflectance": _REFLECTANCE,
+    "specular_reflectance": _REFLECTANCE,
+    "nonlinear": _FLAG,
+}
 _METAL = {
     "material": Annotated[str, one_of("conductor", CONDUCTORS)] | None,
     "eta": _METAL_INDEX,
@@ -90,8 +124,21 @@ _METAL = {
     "specular_reflectance": _REFLECTANCE,
 }
 _FACET_KEYS = {"distribution": _FACETS, "sample_visible": _FLAG}
-_ROUGH = {"alpha": _ALPHA_MAP, "alpha_u": _ALPHA_MAP, "alpha_v": _ALPHA_MAP, **_FACET_KEYS}
-_MAPPED = ("roughness", "anisotropic", "spec_trans", "spec_tint", "sheen", "sheen_tint", "flatness")
+_ROUGH = {
+    "alpha": _ALPHA_MAP,
+    "alpha_u": _ALPHA_MAP,
+    "alpha_v": _ALPHA_MAP,
+    **_FACET_KEYS,
+}
+_MAPPED = (
+    "roughness",
+    "anisotropic",
+    "spec_trans",
+    "spec_tint",
+    "sheen",
+    "sheen_tint",
+    "flatness",
+)
 _PRINCIPLED = {
     "base_color": _REFLECTANCE,
     **dict.fromkeys(_MAPPED, _FRACTION_MAP | None),
@@ -109,12 +156,17 @@ MATERIALS: dict[str, dict[str, Any]] = {
     "principled": {
         **_PRINCIPLED,
         "specular": Fraction | None,
-        **dict.fromkeys(("metallic", "clearcoat", "clearcoat_gloss"), _FRACTION_MAP | None),
+        **dict.fromkeys(
+            ("metallic", "clearcoat", "clearcoat_gloss"), _FRACTION_MAP | None
+        ),
     },
     "principledthin": {**_PRINCIPLED, "diff_trans": number_or_texture(0.0, 2.0) | None},
     "twosided": {"bsdf": _BSDF},
     "mask": {"bsdf": _BSDF, "opacity": _FRACTION_MAP},
-    "blendbsdf": {"bsdfs": Annotated[list[_BSDF], exactly(2, _BSDF)], "weight": _FRACTION_MAP},
+    "blendbsdf": {
+        "bsdfs": Annotated[list[_BSDF], exactly(2, _BSDF)],
+        "weight": _FRACTION_MAP,
+    },
     "bumpmap": {"bsdf": _BSDF, "bump": TextureMap, "scale": number(0, 1000) | None},
     "normalmap": {"bsdf": _BSDF, "normalmap": TextureMap},
     "null": {},
@@ -137,9 +189,13 @@ class LightBase(PluginTable):
             if key in plugin and not np.linalg.norm(plugin[key]) > 1e-9:
                 raise InputError(f"{key} must not be zero")
         if "direction" in plugin and "to_world" in plugin:
-            raise InputError("'direction' and the keys that place the light exclude each other")
+            raise InputError(
+                "'direction' and the keys that place the light exclude each other"
+            )
         if plugin.get("beam_width", 0.0) > plugin.get("cutoff_angle", 20.0):
-            raise InputError("beam_width must not be wider than cutoff_angle (default: 20)")
+            raise InputError(
+                "beam_width must not be wider than cutoff_angle (default: 20)"
+            )
         return self
 
 
@@ -150,7 +206,9 @@ class PlacedLight(LightBase, Placement):
 
     def plugin(self) -> dict[str, Any]:
         placed = not self.extra_keys.isdisjoint(self.model_fields_set)
-        return super().plugin() | ({"to_world": self.world_from_object()} if placed else {})
+        return super().plugin() | (
+            {"to_world": self.world_from_object()} if placed else {}
+        )
 
 
 class EnvironmentMap(LightBase, Pose):
@@ -159,12 +217,18 @@ class EnvironmentMap(LightBase, Pose):
     extra_keys = frozenset(Pose.placing_keys)
 
     def plugin(self) -> dict[str, Any]:
-        upright = rotation([1.0, 0.0, 0.0], 90.0)  # Mitsuba's maps are y up, twinlens's worlds z up
+        upright = rotation(
+            [1.0, 0.0, 0.0], 90.0
+        )  # Mitsuba's maps are y up, twinlens's worlds z up
         return super().plugin() | {"to_world": self.world_from_object() @ upright}
 
 
 _PLACED_LIGHTS: dict[str, dict[str, Any]] = {
-    "spot": {"intensity": _RADIANCE, "cutoff_angle": _POSITIVE_DEG, "beam_width": _POSITIVE_DEG},
+    "spot": {
+        "intensity": _RADIANCE,
+        "cutoff_angle": _POSITIVE_DEG,
+        "beam_width": _POSITIVE_DEG,
+    },
     "directional": {"direction": Vector3 | None, "irradiance": _RADIANCE},
 }
 _OTHER_LIGHTS: dict[str, dict[str, Any]] = {
@@ -179,13 +243,22 @@ _OTHER_LIGHTS: dict[str, dict[str, Any]] = {
         "sun_aperture": number(0, 90, above=True) | None,
     },
 }
-_ENVIRONMENT: dict[str, dict[str, Any]] = {"envmap": {"filename": Sky, "scale": NonNegative | None}}
+_ENVIRONMENT: dict[str, dict[str, Any]] = {
+    "envmap": {"filename": Sky, "scale": NonNegative | None}
+}
 LIGHTS = {**_PLACED_LIGHTS, **_OTHER_LIGHTS, **_ENVIRONMENT}
 SURROUNDING_LIGHTS = ("constant", "envmap", "sunsky")
-AREA_LIGHTS = {"area": {"radiance": _RADIANCE}, "directionalarea": {"radiance": _RADIANCE}}
+AREA_LIGHTS = {
+    "area": {"radiance": _RADIANCE},
+    "directionalarea": {"radiance": _RADIANCE},
+}
 _RENDER_KEYS = {"hide_emitters": _FLAG}
 INTEGRATORS: dict[str, dict[str, Any]] = {
-    "path": {"max_depth": whole(-1, 1024) | None, "rr_depth": whole(1, 1024) | None, **_RENDER_KEYS},
+    "path": {
+        "max_depth": whole(-1, 1024) | None,
+        "rr_depth": whole(1, 1024) | None,
+        **_RENDER_KEYS,
+    },
     "direct": {
         "shading_samples": whole(1, 1024) | None,
         **dict.fromkeys(("emitter_samples", "bsdf_samples"), whole(0, 1024) | None),
@@ -195,12 +268,26 @@ INTEGRATORS: dict[str, dict[str, Any]] = {
 
 
 _as_plugin = methodcaller("plugin")
-_BASES = ((PlacedLight, _PLACED_LIGHTS), (LightBase, _OTHER_LIGHTS), (EnvironmentMap, _ENVIRONMENT))
+_BASES = (
+    (PlacedLight, _PLACED_LIGHTS),
+    (LightBase, _OTHER_LIGHTS),
+    (EnvironmentMap, _ENVIRONMENT),
+)
 _LIGHTS = [light for base, tables in _BASES for light in variants(base, "type", tables)]
 _AREA_LIGHTS = variants(LightBase, "type", AREA_LIGHTS, "area")
 _INTEGRATORS = variants(PluginTable, "type", INTEGRATORS, "path")
-Material = Annotated[Plugin, reads(tagged("Material", "type", variants(MaterialBase, "type", MATERIALS)), _as_plugin)]
+Material = Annotated[
+    Plugin,
+    reads(
+        tagged("Material", "type", variants(MaterialBase, "type", MATERIALS)),
+        _as_plugin,
+    ),
+]
 Light = Annotated[Plugin, reads(tagged("Light", "type", _LIGHTS), _as_plugin)]
-AreaLight = Annotated[Plugin, reads(tagged("AreaLight", "type", _AREA_LIGHTS, "area"), _as_plugin)]
-Integrator = Annotated[Plugin, reads(tagged("Integrator", "type", _INTEGRATORS, "path"), _as_plugin)]
+AreaLight = Annotated[
+    Plugin, reads(tagged("AreaLight", "type", _AREA_LIGHTS, "area"), _as_plugin)
+]
+Integrator = Annotated[
+    Plugin, reads(tagged("Integrator", "type", _INTEGRATORS, "path"), _as_plugin)
+]
 _NESTED: pydantic.TypeAdapter[Plugin] = pydantic.TypeAdapter(Material)

@@ -26,8 +26,12 @@ def world_triangles(thing: SceneObject) -> list[Float]:
     """The triangles (F, 3, 3) of each copy of an object, in the world; those of a sphere or cylinder enclose it."""
     mesh = thing.shape
     if not isinstance(mesh, Mesh):
-        mesh = shapes.tessellated({**mesh, "radius": _OUTSIDE * mesh.get("radius", 1.0)})
-    poses = [pose @ thing.world_from_object for pose in thing.instances] or [thing.world_from_object]
+        mesh = shapes.tessellated(
+            {**mesh, "radius": _OUTSIDE * mesh.get("radius", 1.0)}
+        )
+    poses = [pose @ thing.world_from_object for pose in thing.instances] or [
+        thing.world_from_object
+    ]
     return [transform_points(pose, mesh.vertices)[mesh.faces] for pose in poses]
 
 
@@ -44,7 +48,9 @@ class LevelFace:
         """Whether a convex polygon (N, 2), counter-clockwise, lies within the face."""
         a, b, c = np.moveaxis(self.triangles, 1, 0)
         point = polygon.mean(axis=0)
-        turns = np.stack([_cross(q - p, point - p) for p, q in ((a, b), (b, c), (c, a))])
+        turns = np.stack(
+            [_cross(q - p, point - p) for p, q in ((a, b), (b, c), (c, a))]
+        )
         if not ((turns >= 0).all(axis=0) | (turns <= 0).all(axis=0)).any():
             return False
         return not _segments_meet(self.edges, polygon).any()
@@ -58,7 +64,9 @@ def _segments_meet(segments: Float, polygon: Float) -> Float:
     """Whether segments (E, 2, 2) enter a convex polygon. Source: Cyrus and Beck, Computer Graphics 7(4), 1978."""
     normals = edge_normals(polygon)
     offset = (polygon * normals).sum(axis=1)
-    start, end = (segments[:, i] @ normals.T - offset for i in (0, 1))  # distances outside of each edge
+    start, end = (
+        segments[:, i] @ normals.T - offset for i in (0, 1)
+    )  # distances outside of each edge
     with np.errstate(divide="ignore", invalid="ignore"):
         crossing = start / (start - end)
     enters = np.where(start > 0, np.where(end > 0, np.inf, crossing), 0.0).max(axis=1)
@@ -68,7 +76,9 @@ def _segments_meet(segments: Float, polygon: Float) -> Float:
 
 def level_faces(triangles: Float) -> list[LevelFace]:
     """The level faces of triangles (F, 3, 3) that face upwards, or downwards if none does; the largest one first."""
-    cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    cross = np.cross(
+        triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    )
     length = np.linalg.norm(cross, axis=1)
     level = (np.abs(cross[:, 2]) > (1 - _LEVEL) * length) & (length > 0)
     up = level & (cross[:, 2] > 0)
@@ -79,19 +89,27 @@ def level_faces(triangles: Float) -> list[LevelFace]:
     order = np.argsort(heights, kind="stable")
     same = _SAME_HEIGHT * float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
     groups = np.split(chosen[order], 1 + np.flatnonzero(np.diff(heights[order]) > same))
-    faces = [_level_face(triangles[group], 0.5 * length[group], same) for group in groups]
+    faces = [
+        _level_face(triangles[group], 0.5 * length[group], same) for group in groups
+    ]
     return sorted(faces, key=lambda face: -float(face.area.sum()))
 
 
 def _level_face(triangles: Float, area: Float, same: float) -> LevelFace:
     flat = triangles[..., :2]
-    corners = np.round(flat / same).astype(np.int64)  # vertices of neighbours are equal up to rounding
+    corners = np.round(flat / same).astype(
+        np.int64
+    )  # vertices of neighbours are equal up to rounding
     _, ids = np.unique(corners.reshape(-1, 2), axis=0, return_inverse=True)
     ids = ids.reshape(-1, 3)
     pairs = np.concatenate([ids[:, [0, 1]], ids[:, [1, 2]], ids[:, [2, 0]]])
     ends = np.concatenate([flat[:, [0, 1]], flat[:, [1, 2]], flat[:, [2, 0]]])
-    _, first, count = np.unique(np.sort(pairs, axis=1), axis=0, return_index=True, return_counts=True)
-    return LevelFace(flat, float(triangles[..., 2].max()), area, ends[first[count == 1]])
+    _, first, count = np.unique(
+        np.sort(pairs, axis=1), axis=0, return_index=True, return_counts=True
+    )
+    return LevelFace(
+        flat, float(triangles[..., 2].max()), area, ends[first[count == 1]]
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +141,10 @@ class Placed:
     def balanced(self) -> bool:
         """Whether its centre of mass is above the contact of every body that carries it."""
         centre = self.moved(self.rest.centre[None, :2])[0]
-        return all(inside_by(each.moved(each.rest.support), centre) > 0 for each in self.stack[1:])
+        return all(
+            inside_by(each.moved(each.rest.support), centre) > 0
+            for each in self.stack[1:]
+        )
 
     def meets(self, triangles: Float) -> bool:
         """Whether the prism over the footprint, and a margin around it, meets any of the triangles (F, 3, 3).
@@ -136,10 +157,14 @@ class Placed:
         bottom, top = self.place[2], self.top
         low = np.append(outline.min(axis=0) - margin, bottom)
         high = np.append(outline.max(axis=0) + margin, top)
-        near = (triangles.max(axis=1) >= low).all(axis=1) & (triangles.min(axis=1) <= high).all(axis=1)
+        near = (triangles.max(axis=1) >= low).all(axis=1) & (
+            triangles.min(axis=1) <= high
+        ).all(axis=1)
         found, flat = triangles[near], triangles[near][..., :2]
         normals = edge_normals(outline)
-        apart = ((flat @ normals.T).min(axis=1) > (outline * normals).sum(axis=1) + margin).any(axis=1)
+        apart = (
+            (flat @ normals.T).min(axis=1) > (outline * normals).sum(axis=1) + margin
+        ).any(axis=1)
         found, flat = found[~apart], flat[~apart]
         edges = np.roll(flat, -1, axis=1) - flat
         across = np.stack([edges[..., 1], -edges[..., 0]], axis=-1)
@@ -153,18 +178,29 @@ class Placed:
         level = (normal * found[:, 0]).sum(axis=1)
         reach = normal[:, :2] @ outline.T
         rise = normal[:, 2:] * [bottom, top]
-        least, most = reach.min(axis=1) + rise.min(axis=1), reach.max(axis=1) + rise.max(axis=1)
+        least, most = (
+            reach.min(axis=1) + rise.min(axis=1),
+            reach.max(axis=1) + rise.max(axis=1),
+        )
         slack = margin * np.linalg.norm(normal[:, :2], axis=1)
         return bool(((least - slack <= level) & (level <= most + slack)).any())
 
 
-def near_triangles(obstacles: Sequence[Float], face: LevelFace, rest: StablePose) -> Float:
+def near_triangles(
+    obstacles: Sequence[Float], face: LevelFace, rest: StablePose
+) -> Float:
     """The triangles (F, 3, 3) of all obstacles that a body in this pose on this face could meet."""
     reach = rest.reach + _SPACING * rest.size
     flat = face.triangles.reshape(-1, 2)
     low = np.append(flat.min(axis=0) - reach, face.height)
     high = np.append(flat.max(axis=0) + reach, face.height + 2 * rest.height)
-    kept = [part[(part.max(axis=1) >= low).all(axis=1) & (part.min(axis=1) <= high).all(axis=1)] for part in obstacles]
+    kept = [
+        part[
+            (part.max(axis=1) >= low).all(axis=1)
+            & (part.min(axis=1) <= high).all(axis=1)
+        ]
+        for part in obstacles
+    ]
     return np.concatenate(kept) if kept else np.empty((0, 3, 3))
 
 
@@ -172,4 +208,8 @@ def random_point(face: LevelFace, rng: np.random.Generator) -> Float:
     """A point (2,) of the face, uniform in its area."""
     a, b, c = face.triangles[rng.choice(len(face.area), p=face.area / face.area.sum())]
     u, v = rng.random(2)
-    return np.asarray(a + (b - a) * (u if u + v < 1 else 1 - u) + (c - a) * (v if u + v < 1 else 1 - v))
+    return np.asarray(
+        a
+        + (b - a) * (u if u + v < 1 else 1 - u)
+        + (c - a) * (v if u + v < 1 else 1 - v)
+    )

@@ -54,7 +54,9 @@ from twinlens.schema import (
 _MOST_CAMERAS = 1000
 _CAMERAS = pydantic.Field(min_length=1, max_length=_MOST_CAMERAS)
 Pixels = Annotated[int, pydantic.Field(ge=1, le=MAX_SIDE)]
-SensorWidth = Annotated[Positive, pydantic.BeforeValidator(sensor_width_mm, Number | str)]
+SensorWidth = Annotated[
+    Positive, pydantic.BeforeValidator(sensor_width_mm, Number | str)
+]
 """A width in mm, or the name of a sensor format."""
 RigLength: Any = number(0, 1e6, above=True)
 """Metres between cameras: at most as far as a recipe's `scene.jitter` moves them."""
@@ -65,12 +67,17 @@ _DISTORTIONS = (
     table_of(BrownConrady, model=(Literal["brown-conrady"], "brown-conrady")),
     table_of(KannalaBrandt, model=(Literal["kannala-brandt"], ...)),
 )
-DistortionTable = Annotated[Distortion, reads(tagged("Distortion", "model", _DISTORTIONS, BrownConrady.name))]
+DistortionTable = Annotated[
+    Distortion, reads(tagged("Distortion", "model", _DISTORTIONS, BrownConrady.name))
+]
 CalibrationError: Any = table_of(Misalignment)
 """How far a camera is off its calibration."""
 
 
-ALTERNATIVES = ({"fov_x_deg", "fx", "fy", "focal_length_mm"}, {"pixel_pitch_um", "sensor_width_mm"})
+ALTERNATIVES = (
+    {"fov_x_deg", "fx", "fy", "focal_length_mm"},
+    {"pixel_pitch_um", "sensor_width_mm"},
+)
 """Keys of which a table's own replace all those of the table below it."""
 
 
@@ -82,7 +89,10 @@ class Intrinsics(StrictModel):
 
     width: Pixels | None = None
     height: Pixels | None = None
-    fov_x_deg: Annotated[float, pydantic.Field(gt=0, le=179), pydantic.AfterValidator(float)] | None = None
+    fov_x_deg: (
+        Annotated[float, pydantic.Field(gt=0, le=179), pydantic.AfterValidator(float)]
+        | None
+    ) = None
     fx: Positive | None = None
     fy: Positive | None = None
     focal_length_mm: Positive | None = None
@@ -95,36 +105,58 @@ class Intrinsics(StrictModel):
 
     @pydantic.model_validator(mode="after")
     def _check_focal_length(self) -> "Intrinsics":
-        given = [key for key in ("fov_x_deg", "fx", "focal_length_mm") if getattr(self, key) is not None]
+        given = [
+            key
+            for key in ("fov_x_deg", "fx", "focal_length_mm")
+            if getattr(self, key) is not None
+        ]
         if len(given) > 1:
-            raise InputError(f"{given[0]!r} and {given[1]!r} both set the focal length; keep one")
+            raise InputError(
+                f"{given[0]!r} and {given[1]!r} both set the focal length; keep one"
+            )
         if self.fy is not None and self.fx is None:
             raise InputError("'fy' needs 'fx'")
         if self.pixel_pitch_um is not None and self.sensor_width_mm is not None:
-            raise InputError("'pixel_pitch_um' and 'sensor_width_mm' both set the size of a pixel; keep one")
+            raise InputError(
+                "'pixel_pitch_um' and 'sensor_width_mm' both set the size of a pixel; keep one"
+            )
         return self
 
     def given(self) -> dict[str, Any]:
         """The values that the table sets, by the names of `Camera` and of `Camera.from_fov`."""
-        return {key: getattr(self, key) for key in Intrinsics.model_fields if key in self.model_fields_set}
+        return {
+            key: getattr(self, key)
+            for key in Intrinsics.model_fields
+            if key in self.model_fields_set
+        }
 
     def over(self, shared: Mapping[str, Any]) -> dict[str, Any]:
         """This table's values, and `shared` ones where it has none."""
         own = self.given()
         replaced = {key for keys in ALTERNATIVES if own.keys() & keys for key in keys}
-        replaced |= {key for key, size in (("cx", "width"), ("cy", "height")) if size in own}
-        return {key: value for key, value in shared.items() if key not in replaced} | own
+        replaced |= {
+            key for key, size in (("cx", "width"), ("cy", "height")) if size in own
+        }
+        return {
+            key: value for key, value in shared.items() if key not in replaced
+        } | own
 
     def made(self, shared: Mapping[str, Any]) -> Camera:
         """The camera with this table's values, and `shared` ones where it has none."""
         values = self.over(shared)
         fov = values.pop("fov_x_deg", 90.0)
         if "sensor_width_mm" in values:
-            values["pixel_pitch_um"] = 1e3 * values.pop("sensor_width_mm") / values["width"]
+            values["pixel_pitch_um"] = (
+                1e3 * values.pop("sensor_width_mm") / values["width"]
+            )
         if "focal_length_mm" in values:
             if "pixel_pitch_um" not in values:
-                raise InputError("focal_length_mm needs the size of a pixel: add 'pixel_pitch_um' or 'sensor_width_mm'")
-            values["fx"] = 1e3 * values.pop("focal_length_mm") / values["pixel_pitch_um"]
+                raise InputError(
+                    "focal_length_mm needs the size of a pixel: add 'pixel_pitch_um' or 'sensor_width_mm'"
+                )
+            values["fx"] = (
+                1e3 * values.pop("focal_length_mm") / values["pixel_pitch_um"]
+            )
         if "fx" in values:
             values.setdefault("fy", values["fx"])
         return Camera.from_fov(values["width"], values["height"], fov).replace(**values)
@@ -142,12 +174,21 @@ class CameraTable(Intrinsics):
         if self.preset is None:
             return super().over(shared)
         camera = find_camera(self.preset).resized(self.width, self.height)
-        values = {field.name: getattr(camera, field.name) for field in dataclasses.fields(camera)}
+        values = {
+            field.name: getattr(camera, field.name)
+            for field in dataclasses.fields(camera)
+        }
         del values["fx"], values["fy"]
         values["focal_length_mm"] = 1e3 * camera.film_distance
-        own = {key: value for key, value in super().given().items() if key not in ("width", "height")}
+        own = {
+            key: value
+            for key, value in super().given().items()
+            if key not in ("width", "height")
+        }
         replaced = {key for keys in ALTERNATIVES if own.keys() & keys for key in keys}
-        return {key: value for key, value in values.items() if key not in replaced} | own
+        return {
+            key: value for key, value in values.items() if key not in replaced
+        } | own
 
 
 class Viewed(Intrinsics):
@@ -162,9 +203,15 @@ class Viewed(Intrinsics):
         keys = ("position", "world_from_cam", "translate", "euler_deg")
         given = [key for key in keys if getattr(self, key, None)]
         if len(given) > 1 and given != ["translate", "euler_deg"]:
-            raise InputError(f"{given[0]!r} and {given[1]!r} both set the camera's pose; keep one")
-        if (self.position is None) != (self.look_at is None) or (self.position is None and self.up is not None):
-            raise InputError("'position' and 'look_at' go together; give both or neither")
+            raise InputError(
+                f"{given[0]!r} and {given[1]!r} both set the camera's pose; keep one"
+            )
+        if (self.position is None) != (self.look_at is None) or (
+            self.position is None and self.up is not None
+        ):
+            raise InputError(
+                "'position' and 'look_at' go together; give both or neither"
+            )
         return self
 
     def pose(self, default: Float) -> Float:
@@ -203,10 +250,18 @@ _PATTERNS = {
     "checker": {"size": _SIZE},
     "speckle": {"grain": Positive | None, "seed": _SEED},
     "gray_code": {"frame": _FRAME, "axis": _AXIS},
-    "phase_shift": {"frame": _FRAME, "period": Positive | None, "steps": _SIZE, "axis": _AXIS},
+    "phase_shift": {
+        "frame": _FRAME,
+        "period": Positive | None,
+        "steps": _SIZE,
+        "axis": _AXIS,
+    },
     "picture": {"file": str},
 }
-PatternTable = Annotated[StrictModel, reads(tagged("Pattern", "type", variants(StrictModel, "type", _PATTERNS)))]
+PatternTable = Annotated[
+    StrictModel,
+    reads(tagged("Pattern", "type", variants(StrictModel, "type", _PATTERNS))),
+]
 """A pattern of `twinlens.camera.patterns`, by its `type`, and its options; or a grey picture."""
 
 
@@ -232,17 +287,30 @@ class ProjectorTable(Intrinsics):
         """The projector, with the intrinsics in `shared` where the table has none."""
         if self.power is not None and self.lux is not None:
             raise InputError("'power' and 'lux' both set the light; keep one")
-        options = {"type": "white"} if self.pattern is None else self.pattern.model_dump(exclude_none=True)
+        options = (
+            {"type": "white"}
+            if self.pattern is None
+            else self.pattern.model_dump(exclude_none=True)
+        )
         kind, picture = options.pop("type"), None
         if kind == "picture":
             picture = _grey_picture(Path(options["file"]))
             shared = {**shared, "height": len(picture), "width": len(picture[0])}
         intrinsics = self.made(shared).replace(band="rgb")
-        pattern = named(kind, intrinsics.width, intrinsics.height, **options) if picture is None else picture
-        pose = rigid(euler_rotation(self.euler_deg or [0.0] * 3)[:3, :3], self.translate or [0.0] * 3)
+        pattern = (
+            named(kind, intrinsics.width, intrinsics.height, **options)
+            if picture is None
+            else picture
+        )
+        pose = rigid(
+            euler_rotation(self.euler_deg or [0.0] * 3)[:3, :3],
+            self.translate or [0.0] * 3,
+        )
         power = 1.0 if self.power is None else self.power
         lens = 1e-3 * self.aperture_mm, self.focus
-        made = Projector(pose, intrinsics, pattern, power, self.band, self.filter, *lens)
+        made = Projector(
+            pose, intrinsics, pattern, power, self.band, self.filter, *lens
+        )
         return made if self.lux is None else made.with_lux(self.lux)
 
 
@@ -250,24 +318,34 @@ def _grey_picture(path: Path) -> NDArray[np.float32]:
     """The values (H, W) of a picture as they are stored, 1 for white. Raises FileError."""
     pixels, _ = decode_picture(path)
     if not (pixels == pixels[..., :1]).all():
-        raise FileError(f"{path}: is coloured; a projector's pattern is a grey picture, white where light is sent")
+        raise FileError(
+            f"{path}: is coloured; a projector's pattern is a grey picture, white where light is sent"
+        )
     return pixels[..., 0]
 
 
-def with_pictures(table: Mapping[str, Any], find: Callable[[str], Path]) -> dict[str, Any]:
+def with_pictures(
+    table: Mapping[str, Any], find: Callable[[str], Path]
+) -> dict[str, Any]:
     """The table of a rig with the paths `find(name)` of the pictures that are patterns of its projectors."""
 
     def found(i: int, projector: Any) -> Any:
         match projector:
             case {"pattern": {"type": "picture", "file": str(name)} as pattern}:
                 with located(f"projectors[{i}].pattern.file"):
-                    return {**projector, "pattern": {**pattern, "file": str(find(name))}}
+                    return {
+                        **projector,
+                        "pattern": {**pattern, "file": str(find(name))},
+                    }
         return projector
 
     given = table.get("projectors")
     if not isinstance(given, list):
         return dict(table)
-    return {**table, "projectors": [found(i, projector) for i, projector in enumerate(given)]}
+    return {
+        **table,
+        "projectors": [found(i, projector) for i, projector in enumerate(given)],
+    }
 
 
 def picture_names(table: Mapping[str, Any]) -> list[str]:
@@ -288,7 +366,9 @@ class RigBase(Viewed):
     camera: CameraTable | None = None
     cameras: Annotated[list[Intrinsics], _CAMERAS] | None = None
     misalignment: CalibrationError | list[CalibrationError] | None = None
-    projectors: Annotated[list[ProjectorTable], pydantic.Field(max_length=_MOST_CAMERAS)] | None = None
+    projectors: (
+        Annotated[list[ProjectorTable], pydantic.Field(max_length=_MOST_CAMERAS)] | None
+    ) = None
 
     def rig(self, scene: Scene, width: int, height: int) -> Rig:
         of_scene = {"width": width, "height": height, "fov_x_deg": scene.fov_x_deg}
@@ -296,15 +376,22 @@ class RigBase(Viewed):
         if self.camera is not None:
             with located("camera"):
                 shared = self.camera.over(shared)
-            if self.camera.preset and (baseline := find_camera(self.camera.preset).baseline):
+            if self.camera.preset and (
+                baseline := find_camera(self.camera.preset).baseline
+            ):
                 scene = replace(scene, baseline=baseline)
         shared = self.over(shared)
         placed = _placed(self, scene, self.pose(scene.world_from_left))
         count = len(placed)
         tables = self.cameras or [Intrinsics()] * count
         if len(tables) != count:
-            raise InputError(f"cameras: this layout has {count} cameras, got {len(tables)} tables")
-        cameras = [_shifted(table.made(shared), one) for table, one in zip(tables, placed.cameras, strict=True)]
+            raise InputError(
+                f"cameras: this layout has {count} cameras, got {len(tables)} tables"
+            )
+        cameras = [
+            _shifted(table.made(shared), one)
+            for table, one in zip(tables, placed.cameras, strict=True)
+        ]
         projectors = []
         for i, projector in enumerate(self.projectors or []):
             with located(f"projectors[{i}]"):
@@ -316,7 +403,9 @@ class RigBase(Viewed):
         errors = self.misalignment
         if not isinstance(errors, list):
             if count < 2:
-                raise InputError("misalignment: a table is for the second camera, and this rig has one; give a list")
+                raise InputError(
+                    "misalignment: a table is for the second camera, and this rig has one; give a list"
+                )
             errors = [errors if i == 1 else Misalignment() for i in range(count)]
         with located("misalignment"):
             return misaligned(rig, errors)
@@ -339,26 +428,45 @@ def _placed(table: Any, scene: Scene, pose: Float) -> Rig:
         case "parallel":
             return layouts.line(camera, 2, table.baseline or step, pose)
         case "vertical":
-            return layouts.grid(camera, 2, 1, table.baseline or step, table.baseline or step, pose)
+            return layouts.grid(
+                camera, 2, 1, table.baseline or step, table.baseline or step, pose
+            )
         case "line":
             return layouts.line(camera, table.count, table.spacing or step, pose)
         case "grid":
             if (count := table.rows * table.columns) > _MOST_CAMERAS:
-                raise InputError(f"rows and columns make {count} cameras; at most {_MOST_CAMERAS} are allowed")
+                raise InputError(
+                    f"rows and columns make {count} cameras; at most {_MOST_CAMERAS} are allowed"
+                )
             across = table.spacing_x or step
-            return layouts.grid(camera, table.rows, table.columns, across, table.spacing_y or across, pose)
+            return layouts.grid(
+                camera,
+                table.rows,
+                table.columns,
+                across,
+                table.spacing_y or across,
+                pose,
+            )
         case "cameras":
-            return Rig([camera] * len(table.cameras), [one.pose(pose) for one in table.cameras])
+            return Rig(
+                [camera] * len(table.cameras), [one.pose(pose) for one in table.cameras]
+            )
     key = {"toed_in": "distance", "arc": "radius", "light_field": "focus"}[table.layout]
     if not (getattr(table, key) or scene.depth_range_known):
-        raise InputError(f"missing key {key!r}; the scene has no depth range to derive it from")
+        raise InputError(
+            f"missing key {key!r}; the scene has no depth range to derive it from"
+        )
     length = getattr(table, key) or middle_focus(*scene.depth_range)
     if table.layout == "light_field":
-        return light_field_rig(camera, ThinLens(1e-3 * table.aperture_mm, length), table.n, pose)
+        return light_field_rig(
+            camera, ThinLens(1e-3 * table.aperture_mm, length), table.n, pose
+        )
     if table.layout == "arc":
         return layouts.arc(camera, table.count, length, table.angle_deg, pose)
     baseline = table.baseline or step  # the scene's pose is that of a left camera
-    return layouts.toed_in(camera, baseline, length, pose @ rigid(np.eye(3), [0.5 * baseline, 0.0, 0.0]))
+    return layouts.toed_in(
+        camera, baseline, length, pose @ rigid(np.eye(3), [0.5 * baseline, 0.0, 0.0])
+    )
 
 
 _KEYS: dict[str, dict[str, Any]] = {
@@ -366,9 +474,22 @@ _KEYS: dict[str, dict[str, Any]] = {
     "toed_in": {"baseline": RigLength | None, "distance": RigLength | None},
     "vertical": {"baseline": RigLength | None},
     "line": {"count": Count, "spacing": RigLength | None},
-    "grid": {"rows": Count, "columns": Count, "spacing_x": RigLength | None, "spacing_y": RigLength | None},
-    "arc": {"count": Count, "radius": RigLength | None, "angle_deg": number(0, 360, above=True)},
-    "light_field": {"n": Annotated[int, pydantic.Field(ge=1, le=31)], "aperture_mm": Positive, "focus": _Focus | None},
+    "grid": {
+        "rows": Count,
+        "columns": Count,
+        "spacing_x": RigLength | None,
+        "spacing_y": RigLength | None,
+    },
+    "arc": {
+        "count": Count,
+        "radius": RigLength | None,
+        "angle_deg": number(0, 360, above=True),
+    },
+    "light_field": {
+        "n": Annotated[int, pydantic.Field(ge=1, le=31)],
+        "aperture_mm": Positive,
+        "focus": _Focus | None,
+    },
     "cameras": {"cameras": Annotated[list[PosedIntrinsics], _CAMERAS]},
 }
 _RIGS = variants(RigBase, "layout", _KEYS, "parallel")
@@ -386,12 +507,18 @@ def with_values(table: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str,
     replaced = set(given).union(*(keys for keys in ALTERNATIVES if keys & given.keys()))
     if "camera" in given:
         replaced |= Intrinsics.model_fields.keys()
-        preset = CAMERAS.get(given["camera"].get("preset"))  # an unknown one is an error where the table is read
+        preset = CAMERAS.get(
+            given["camera"].get("preset")
+        )  # an unknown one is an error where the table is read
         if preset and preset.baseline:
             replaced.add("baseline")
 
     def kept(part: Any) -> Any:
-        return {key: part[key] for key in part if key not in replaced} if isinstance(part, Mapping) else part
+        return (
+            {key: part[key] for key in part if key not in replaced}
+            if isinstance(part, Mapping)
+            else part
+        )
 
     own: dict[str, Any] = kept(table)
     if isinstance(own.get("cameras"), list):
@@ -400,7 +527,12 @@ def with_values(table: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str,
 
 
 def rig_from_table(
-    table: Mapping[str, Any], scene: Scene, width: int, height: int, file: str | Path = "rig", key: str = ""
+    table: Mapping[str, Any],
+    scene: Scene,
+    width: int,
+    height: int,
+    file: str | Path = "rig",
+    key: str = "",
 ) -> Rig:
     """The rig that `table` describes, at the viewpoint of the scene unless the table has one.
 

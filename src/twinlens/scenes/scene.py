@@ -79,18 +79,24 @@ class Mesh:
             try:
                 rows = np.asarray(values, dtype=np.float64)
             except (TypeError, ValueError) as error:
-                raise InputError(f"a mesh's {name} must be numbers (N, {width}): {error}") from error
+                raise InputError(
+                    f"a mesh's {name} must be numbers (N, {width}): {error}"
+                ) from error
             if name == "vertices" and rows.ndim:
                 count = len(rows)
             if rows.shape != (count, width):
-                raise InputError(f"a mesh's {name} must have the shape ({count}, {width}), got {rows.shape}")
+                raise InputError(
+                    f"a mesh's {name} must have the shape ({count}, {width}), got {rows.shape}"
+                )
             if not np.isfinite(rows).all():
                 row = int((~np.isfinite(rows)).any(axis=1).argmax())
                 raise InputError(f"a mesh's {name} must be finite; row {row} is not")
             object.__setattr__(self, name, rows)
         faces = np.asarray(self.faces)
         if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
-            raise InputError(f"a mesh's faces must be integers (F, 3), got {faces.dtype} {faces.shape}")
+            raise InputError(
+                f"a mesh's faces must be integers (F, 3), got {faces.dtype} {faces.shape}"
+            )
         if faces.size and not 0 <= faces.min() <= faces.max() < count:
             raise InputError(
                 f"a mesh's faces must have vertex numbers 0 to {count - 1}, got {faces.min()} to {faces.max()}"
@@ -127,19 +133,30 @@ class SceneObject:
         shape = self.shape
         if isinstance(shape, Mesh) or (kind := shape.get("type")) not in _EQUAL_SCALES:
             return
-        along = np.asarray(shape.get("p1", (0, 0, 1)), float) - np.asarray(shape.get("p0", (0, 0, 0)), float)
+        along = np.asarray(shape.get("p1", (0, 0, 1)), float) - np.asarray(
+            shape.get("p0", (0, 0, 0)), float
+        )
         if not np.isfinite(along).all() or not along.any():
-            raise InputError(f"a {kind} needs p0 and p1 finite and different, got {shape}")
-        own = np.linalg.qr(np.column_stack([along, np.eye(3)]))[0][:, [1, 2, 0]]  # orthonormal, `along` last
+            raise InputError(
+                f"a {kind} needs p0 and p1 finite and different, got {shape}"
+            )
+        own = np.linalg.qr(np.column_stack([along, np.eye(3)]))[0][
+            :, [1, 2, 0]
+        ]  # orthonormal, `along` last
         own = np.asarray(shape.get("to_world", np.eye(4)), float)[:3, :3] @ own
         for pose in (self.world_from_object, *self.instances):
             axes = np.asarray(pose)[:3, :3] @ own
             gram = axes.T @ axes
             scales = np.diag(gram)[: _EQUAL_SCALES[kind]]  # squared
-            if np.abs(gram - np.diag(np.diag(gram))).max() + np.ptp(scales) > 1e-6 * gram.max():
+            if (
+                np.abs(gram - np.diag(np.diag(gram))).max() + np.ptp(scales)
+                > 1e-6 * gram.max()
+            ):
                 name = f"object {self.name!r}: " if self.name else ""
                 may = " (its axis may be longer)" if kind == "cylinder" else ""
-                raise InputError(f"{name}a {kind} needs a uniform scale{may}; use a mesh to stretch it")
+                raise InputError(
+                    f"{name}a {kind} needs a uniform scale{may}; use a mesh to stretch it"
+                )
 
 
 def free_name(name: str, taken: Container[str]) -> str:
@@ -148,7 +165,9 @@ def free_name(name: str, taken: Container[str]) -> str:
     >>> free_name("nut", ["nut", "nut-2"])
     'nut-3'
     """
-    names = itertools.chain([name], (f"{name}-{number}" for number in itertools.count(2)))
+    names = itertools.chain(
+        [name], (f"{name}-{number}" for number in itertools.count(2))
+    )
     return next(each for each in names if each not in taken)
 
 
@@ -176,11 +195,20 @@ class Sky:
 
     def __post_init__(self) -> None:
         pixels = np.asarray(self.pixels)
-        if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.shape[0] < 3 or pixels.shape[1] < 2:
-            raise InputError(f"a sky must be an image (H >= 3, W >= 2, 3), got the shape {pixels.shape}")
+        if (
+            pixels.ndim != 3
+            or pixels.shape[2] != 3
+            or pixels.shape[0] < 3
+            or pixels.shape[1] < 2
+        ):
+            raise InputError(
+                f"a sky must be an image (H >= 3, W >= 2, 3), got the shape {pixels.shape}"
+            )
         if not (np.isfinite(pixels).all() and (pixels >= 0).all() and pixels.any()):
             raise InputError("a sky must have finite values >= 0, and some light")
-        check_number("the turn_deg of a sky", self.turn_deg, "a finite number of degrees")
+        check_number(
+            "the turn_deg of a sky", self.turn_deg, "a finite number of degrees"
+        )
         check_number("the scale of a sky", self.scale, "a finite number > 0", above=0)
         if self.nir is not None:
             check_number("the nir of a sky", self.nir, "a finite number >= 0", least=0)
@@ -190,7 +218,8 @@ class Sky:
         return {
             "type": "envmap",
             "bitmap": Bitmap(self.pixels),
-            "to_world": rotation([0, 0, 1], self.turn_deg) @ rotation([1, 0, 0], 90.0),  # maps have y up, worlds z
+            "to_world": rotation([0, 0, 1], self.turn_deg)
+            @ rotation([1, 0, 0], 90.0),  # maps have y up, worlds z
             **({} if self.scale == 1 else {"scale": float(self.scale)}),
         }
 
@@ -231,11 +260,19 @@ class Scene:
     ambient: float = 1.0
 
     def __post_init__(self) -> None:
-        check_number("the ambient of a scene", self.ambient, "a finite number >= 0", least=0)
-        object.__setattr__(self, "world_from_left", check_rigid(self.world_from_left, "world_from_left"))
+        check_number(
+            "the ambient of a scene", self.ambient, "a finite number >= 0", least=0
+        )
+        object.__setattr__(
+            self,
+            "world_from_left",
+            check_rigid(self.world_from_left, "world_from_left"),
+        )
         near, far = self.depth_range
         if not 0 < near < far:
-            raise InputError(f"scene {self.name!r}: depth_range must be 0 < near < far in metres, got [{near}, {far}]")
+            raise InputError(
+                f"scene {self.name!r}: depth_range must be 0 < near < far in metres, got [{near}, {far}]"
+            )
         for thing in self.objects:
             with located(f"objects.{thing.name}.material"):
                 for name in thing.materials:
@@ -245,13 +282,19 @@ class Scene:
     def is_lit(self) -> bool:
         """Whether it has a light, an object or a material that emits light, or a sky; a Mitsuba file may have any."""
         emitters = [
-            thing.emitter or self.materials[name].get("emitter") for thing in self.objects for name in thing.materials
+            thing.emitter or self.materials[name].get("emitter")
+            for thing in self.objects
+            for name in thing.materials
         ]
-        return bool(self.ambient and (self.xml or self.sky or self.lights or any(emitters)))
+        return bool(
+            self.ambient and (self.xml or self.sky or self.lights or any(emitters))
+        )
 
     def at(self, world_from_left: ArrayLike) -> "Scene":
         """The same scene with another pose of the left camera."""
-        return replace(self, world_from_left=np.asarray(world_from_left, dtype=np.float64))
+        return replace(
+            self, world_from_left=np.asarray(world_from_left, dtype=np.float64)
+        )
 
     def with_ambient(self, factor: float) -> "Scene":
         """The same scene with its light multiplied by this factor, >= 0. Raises InputError."""
@@ -263,7 +306,9 @@ class Scene:
         if lamps:
             return replace(self, sky=sky)
         objects = tuple(replace(thing, emitter=None) for thing in self.objects)
-        materials = {name: _without_emitter(plugin) for name, plugin in self.materials.items()}
+        materials = {
+            name: _without_emitter(plugin) for name, plugin in self.materials.items()
+        }
         return replace(self, objects=objects, materials=materials, sky=sky)
 
 

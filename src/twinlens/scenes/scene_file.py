@@ -21,7 +21,10 @@ from twinlens.scenes.xml_file import read_scene_xml
 from twinlens.schema import NEAR_FAR, StrictModel, exactly, read
 
 _SCENE_FILE = "scene.toml"
-_ANY_SIZE = 64, 48  # pixels; a rig is built once with images of this size to check its table
+_ANY_SIZE = (
+    64,
+    48,
+)  # pixels; a rig is built once with images of this size to check its table
 
 
 class ViewTable(StrictModel):
@@ -30,7 +33,9 @@ class ViewTable(StrictModel):
     position: Vector3
     look_at: Vector3
     up: Vector3 = pydantic.Field([0.0, 0.0, 1.0])
-    fov_x_deg: Annotated[float, pydantic.Field(ge=1, le=170), pydantic.AfterValidator(float)] = 50.0
+    fov_x_deg: Annotated[
+        float, pydantic.Field(ge=1, le=170), pydantic.AfterValidator(float)
+    ] = 50.0
     baseline: RigLength = 0.1
     depth_range: Annotated[list[Length], exactly(2, Length), NEAR_FAR]
 
@@ -49,7 +54,9 @@ class SceneFile(StrictModel):
     """The keys of a scene.toml. Textures come first: the fields after it refer to them by name."""
 
     description: str = ""
-    textures: Annotated[dict[str, Texture], pydantic.AfterValidator(_register_textures)] = pydantic.Field({})
+    textures: Annotated[
+        dict[str, Texture], pydantic.AfterValidator(_register_textures)
+    ] = pydantic.Field({})
     materials: dict[str, Material] = pydantic.Field({})
     objects: dict[str, Object]
     camera: ViewTable
@@ -59,8 +66,13 @@ class SceneFile(StrictModel):
 
     @pydantic.model_validator(mode="after")
     def _check_scene(self) -> "SceneFile":
-        if sum(light["type"] in SURROUNDING_LIGHTS for light in self.lights.values()) > 1:
-            raise InputError(f"lights: at most one of {', '.join(SURROUNDING_LIGHTS)} is allowed")
+        if (
+            sum(light["type"] in SURROUNDING_LIGHTS for light in self.lights.values())
+            > 1
+        ):
+            raise InputError(
+                f"lights: at most one of {', '.join(SURROUNDING_LIGHTS)} is allowed"
+            )
         return self
 
 
@@ -70,10 +82,17 @@ def read_toml(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(data.decode("utf-8-sig"))
     except tomllib.TOMLDecodeError as error:
-        message = str(error).replace("at end of document", f"at end of document, line {len(data.splitlines())}")
-        message = message.replace("Cannot overwrite a value", "the key is defined twice")
+        message = str(error).replace(
+            "at end of document", f"at end of document, line {len(data.splitlines())}"
+        )
+        message = message.replace(
+            "Cannot overwrite a value", "the key is defined twice"
+        )
         raise FileError(f"{path}: not valid TOML: {message}") from error
-    except (ValueError, RecursionError) as error:  # not UTF-8, an integer of thousands of digits, nested too deep
+    except (
+        ValueError,
+        RecursionError,
+    ) as error:  # not UTF-8, an integer of thousands of digits, nested too deep
         raise FileError(f"{path}: not valid TOML: {error}") from error
 
 
@@ -86,7 +105,9 @@ def read_scene_toml(path: Path, name: str) -> Scene:
     with located(str(path)):
         scene = Scene(
             name=name,
-            objects=tuple(replace(thing, name=key) for key, thing in file.objects.items()),
+            objects=tuple(
+                replace(thing, name=key) for key, thing in file.objects.items()
+            ),
             materials={**file.materials, **context.materials},
             lights=file.lights,
             integrator=file.integrator,
@@ -132,7 +153,9 @@ def bundled_folder() -> Path:
 
 def bundled_scenes() -> list[str]:
     """The names of the bundled scenes, sorted."""
-    return sorted(path.parent.name for path in bundled_folder().glob(f"*/{_SCENE_FILE}"))
+    return sorted(
+        path.parent.name for path in bundled_folder().glob(f"*/{_SCENE_FILE}")
+    )
 
 
 def bundled_headings() -> list[dict[str, Any]]:
@@ -145,7 +168,11 @@ def bundled_headings() -> list[dict[str, Any]]:
         path = bundled_folder() / name / _SCENE_FILE
         data = read_toml(path)
         view = read(ViewTable, data["camera"], path, "camera")
-        heading = {"name": name, "depth_range": tuple(view.depth_range), "baseline": view.baseline}
+        heading = {
+            "name": name,
+            "depth_range": tuple(view.depth_range),
+            "baseline": view.baseline,
+        }
         headings.append(heading | {"description": data["description"]})
     return headings
 
@@ -160,7 +187,11 @@ def load_scene(name_or_path: str | Path) -> Scene:
     """
     path, known = Path(name_or_path), bundled_scenes()
     if str(name_or_path) in known:
-        return replace(_read_bundled(bundled_folder() / name_or_path / _SCENE_FILE, str(name_or_path)))
+        return replace(
+            _read_bundled(
+                bundled_folder() / name_or_path / _SCENE_FILE, str(name_or_path)
+            )
+        )
     if path.is_dir():
         path = path / _SCENE_FILE
         if not path.is_file():
@@ -170,7 +201,13 @@ def load_scene(name_or_path: str | Path) -> Scene:
         if not path.is_file():
             raise FileError(f"{path}: no such scene file")
         name = path.resolve().parent.name if path.name == _SCENE_FILE else path.stem
-        return read_scene_xml(path) if path.suffix == ".xml" else read_scene_toml(path, name)
+        return (
+            read_scene_xml(path)
+            if path.suffix == ".xml"
+            else read_scene_toml(path, name)
+        )
     if path.is_file():
-        raise InputError(f"{path}: a scene is a .toml or a Mitsuba .xml file, got {path.suffix!r}")
+        raise InputError(
+            f"{path}: a scene is a .toml or a Mitsuba .xml file, got {path.suffix!r}"
+        )
     raise unknown("scene", str(name_or_path), known)

@@ -27,24 +27,42 @@ def box(extents: Float, tile: float | None = None) -> Mesh:
     u, v = np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]]).T
     own = np.eye(3, dtype=bool)
     faces = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
-    return _six_sides(u, v, faces, lambda cube, axis: (cube / 2 * extents, np.where(own[axis], cube, 0)), extents, tile)
+    return _six_sides(
+        u,
+        v,
+        faces,
+        lambda cube, axis: (cube / 2 * extents, np.where(own[axis], cube, 0)),
+        extents,
+        tile,
+    )
 
 
-def rounded_box(extents: Float, radius: float, subdivisions: int = 6, tile: float | None = None) -> Mesh:
+def rounded_box(
+    extents: Float, radius: float, subdivisions: int = 6, tile: float | None = None
+) -> Mesh:
     """A box with edges and corners rounded by `radius` metres (<= half the shortest side); (u, v) as for `box`."""
-    line = np.concatenate([-1 - np.linspace(1, 0, subdivisions + 1), 1 + np.linspace(0, 1, subdivisions + 1)])
+    line = np.concatenate(
+        [
+            -1 - np.linspace(1, 0, subdivisions + 1),
+            1 + np.linspace(0, 1, subdivisions + 1),
+        ]
+    )
     v, u = (each.ravel() for each in np.meshgrid(line, line, indexing="ij"))
 
     def place(cube: Float, axis: int) -> tuple[Float, Float]:
         inner = np.clip(cube, -1, 1)
-        away = np.tan((cube - inner) * (math.pi / 4))  # even steps of angle, not of length
+        away = np.tan(
+            (cube - inner) * (math.pi / 4)
+        )  # even steps of angle, not of length
         normals = away / np.linalg.norm(away, axis=-1, keepdims=True)
         return inner * (np.asarray(extents) / 2 - radius) + radius * normals, normals
 
     return _six_sides(u, v, grid(len(line), len(line)), place, extents, tile)
 
 
-def _six_sides(u: Float, v: Float, faces: Faces, place: Place, extents: Float, tile: float | None) -> Mesh:
+def _six_sides(
+    u: Float, v: Float, faces: Faces, place: Place, extents: Float, tile: float | None
+) -> Mesh:
     """A box. `faces` and the vertices u, v (N,) are one side of a cube; `place` moves vertices from cube to box."""
     sides: list[tuple[Float, Faces, Float, Float]] = []
     for axis, a, b in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):  # right-handed
@@ -57,7 +75,9 @@ def _six_sides(u: Float, v: Float, faces: Faces, place: Place, extents: Float, t
             uv = (points[:, across] + size / 2) / (size if tile is None else tile)
             own = faces + np.uint32(len(sides) * len(u))
             sides.append((points, own if end > 0 else own[:, ::-1], normals, uv))
-    vertices, faces, normals, uv = (np.concatenate(arrays) for arrays in zip(*sides, strict=True))
+    vertices, faces, normals, uv = (
+        np.concatenate(arrays) for arrays in zip(*sides, strict=True)
+    )
     return Mesh(vertices, faces, normals, uv)
 
 
@@ -69,7 +89,9 @@ def grid(columns: int, rows: int) -> Faces:
     return quads.reshape(-1, 3).astype(np.uint32)
 
 
-def lathe(profile: Float, segments: int = 96, smooth: bool = True, samples: int = 12) -> Mesh:
+def lathe(
+    profile: Float, segments: int = 96, smooth: bool = True, samples: int = 12
+) -> Mesh:
     """The surface of revolution of a `profile` of (radius, height) points, from the bottom up, about the z axis.
 
     `smooth` interpolates by a Catmull-Rom curve, `samples` steps a span; a point given twice is a sharp corner. u is
@@ -78,16 +100,28 @@ def lathe(profile: Float, segments: int = 96, smooth: bool = True, samples: int 
     points = np.asarray(profile, dtype=np.float64)
     corners = np.flatnonzero((np.diff(points, axis=0) == 0).all(axis=1)) + 1
     pieces = [piece for piece in np.split(points, corners) if len(piece) > 1]
-    curves = [_catmull_rom(piece, samples) if smooth and len(piece) > 2 else piece for piece in pieces]
+    curves = [
+        _catmull_rom(piece, samples) if smooth and len(piece) > 2 else piece
+        for piece in pieces
+    ]
     lengths = np.cumsum([0.0] + [_arc_length(curve)[-1] for curve in curves])
     angle = np.linspace(0, 2 * math.pi, segments + 1)
     cos, sin = np.cos(angle), np.sin(angle)
     parts = []
-    for curve, start, end in zip(curves, lengths[:-1] / lengths[-1], lengths[1:] / lengths[-1], strict=True):
+    for curve, start, end in zip(
+        curves, lengths[:-1] / lengths[-1], lengths[1:] / lengths[-1], strict=True
+    ):
         tangent, length = _tangents(curve), _arc_length(curve)
         radius, height = np.maximum(curve[:, :1], 0.0), curve[:, 1:]
-        vertices = np.stack(np.broadcast_arrays(radius * cos, radius * sin, height), axis=-1)
-        normals = np.stack(np.broadcast_arrays(tangent[:, 1:] * cos, tangent[:, 1:] * sin, -tangent[:, :1]), axis=-1)
+        vertices = np.stack(
+            np.broadcast_arrays(radius * cos, radius * sin, height), axis=-1
+        )
+        normals = np.stack(
+            np.broadcast_arrays(
+                tangent[:, 1:] * cos, tangent[:, 1:] * sin, -tangent[:, :1]
+            ),
+            axis=-1,
+        )
         v = start + (end - start) * length / length[-1]
         uv = np.stack(np.broadcast_arrays(angle / (2 * math.pi), v[:, None]), axis=-1)
         parts.append(_sheet(vertices, normals, uv))
@@ -98,20 +132,40 @@ def cone(radius: float, height: float, sections: int = 64) -> Mesh:
     """A cone on the plane z = 0, round from 16 sections on, a flat-sided pyramid below."""
     if sections < _ROUND_FROM:
         return creation("cone", radius=radius, height=height, sections=sections)
-    return lathe(np.array([[0, 0], [radius, 0], [radius, 0], [0, height]]), sections, smooth=False)
+    return lathe(
+        np.array([[0, 0], [radius, 0], [radius, 0], [0, height]]),
+        sections,
+        smooth=False,
+    )
 
 
 def merged(parts: list[Mesh]) -> Mesh:
     """Several meshes as one. Normals, (u, v) and surfaces are kept if all have them; missing attributes are 0."""
     starts = np.cumsum([0] + [len(part.vertices) for part in parts])
-    faces = np.concatenate([part.faces + np.uint32(start) for part, start in zip(parts, starts, strict=False)])
+    faces = np.concatenate(
+        [
+            part.faces + np.uint32(start)
+            for part, start in zip(parts, starts, strict=False)
+        ]
+    )
     arrays: dict[str, Any] = {}
     for name in ("vertices", "normals", "uv", "surface"):
         each = [getattr(part, name) for part in parts]
-        arrays[name] = None if any(values is None for values in each) else np.concatenate(each)
-    widths = {name: values.shape[1] for part in parts for name, values in part.attributes.items()}
+        arrays[name] = (
+            None if any(values is None for values in each) else np.concatenate(each)
+        )
+    widths = {
+        name: values.shape[1]
+        for part in parts
+        for name, values in part.attributes.items()
+    }
     attributes = {
-        name: np.concatenate([part.attributes.get(name, np.zeros((len(part.vertices), width))) for part in parts])
+        name: np.concatenate(
+            [
+                part.attributes.get(name, np.zeros((len(part.vertices), width)))
+                for part in parts
+            ]
+        )
         for name, width in widths.items()
     }
     return Mesh(faces=faces, attributes=attributes, **arrays)
@@ -124,7 +178,9 @@ def transformed(mesh: Mesh, b_from_a: Float) -> Mesh:
         normals = normals @ np.linalg.inv(b_from_a[:3, :3])
         length = np.linalg.norm(normals, axis=1, keepdims=True)
         normals = normals / np.where(length > 0, length, 1.0)
-    return replace(mesh, vertices=transform_points(b_from_a, mesh.vertices), normals=normals)
+    return replace(
+        mesh, vertices=transform_points(b_from_a, mesh.vertices), normals=normals
+    )
 
 
 def tessellated(shape: Plugin) -> Mesh:
@@ -133,7 +189,9 @@ def tessellated(shape: Plugin) -> Mesh:
     if kind == "cube":
         made = box(np.full(3, 2.0))
     elif kind == "rectangle":
-        made = Mesh(np.array([[-1.0, -1, 0], [1, -1, 0], [-1, 1, 0], [1, 1, 0]]), grid(2, 2))
+        made = Mesh(
+            np.array([[-1.0, -1, 0], [1, -1, 0], [-1, 1, 0], [1, 1, 0]]), grid(2, 2)
+        )
     elif kind == "disk":
         made = lathe(np.array([[1.0, 0], [0, 0]]), 128, smooth=False)
     elif kind == "cylinder":
@@ -141,15 +199,25 @@ def tessellated(shape: Plugin) -> Mesh:
         start = np.asarray(shape.get("p0", (0, 0, 0)), dtype=np.float64)
         along = shape.get("p1", (0, 0, 1)) - start
         across = np.linalg.svd(along[None])[2][1]
-        pose[:3] = np.column_stack([across, np.cross(along, across) / np.linalg.norm(along), along, start])
+        pose[:3] = np.column_stack(
+            [across, np.cross(along, across) / np.linalg.norm(along), along, start]
+        )
     else:
         angle = np.linspace(-math.pi / 2, math.pi / 2, 65)
-        made = lathe(radius * np.column_stack([np.cos(angle), np.sin(angle)]), 128, smooth=False)
+        made = lathe(
+            radius * np.column_stack([np.cos(angle), np.sin(angle)]), 128, smooth=False
+        )
         pose[:3, 3] = shape.get("center", (0, 0, 0))
     return transformed(made, np.asarray(shape.get("to_world", np.eye(4))) @ pose)
 
 
-def tube(points: Float, radius: Float, sides: int = 16, smooth: bool = True, closed: bool = False) -> Mesh:
+def tube(
+    points: Float,
+    radius: Float,
+    sides: int = 16,
+    smooth: bool = True,
+    closed: bool = False,
+) -> Mesh:
     """A round pipe along `points` (N, 3); `radius` is one number or one per point. u is the angle, v the length.
 
     Source: Wang et al., Computation of Rotation Minimizing Frames, ACM TOG 27(1), 2008 (first-order form).
@@ -161,7 +229,9 @@ def tube(points: Float, radius: Float, sides: int = 16, smooth: bool = True, clo
     centre, radii = path[:, :3], np.maximum(path[:, 3], 1e-9)
     tangent = _tangents(centre)
     if closed:
-        tangent[[0, -1]] = (tangent[0] + tangent[-1]) / np.linalg.norm(tangent[0] + tangent[-1])
+        tangent[[0, -1]] = (tangent[0] + tangent[-1]) / np.linalg.norm(
+            tangent[0] + tangent[-1]
+        )
     normals, last = [], np.eye(3)[np.argmin(np.abs(tangent[0]))]
     for t in tangent:
         last = last - (last @ t) * t
@@ -172,11 +242,21 @@ def tube(points: Float, radius: Float, sides: int = 16, smooth: bool = True, clo
     angle = np.linspace(0, 2 * math.pi, sides + 1)[None, :, None]
     around = np.cos(angle) * normal[:, None] + np.sin(angle) * binormal[:, None]
     length = _arc_length(centre)
-    uv = np.stack(np.broadcast_arrays(angle[..., 0] / (2 * math.pi), (length / length[-1])[:, None]), axis=-1)
+    uv = np.stack(
+        np.broadcast_arrays(
+            angle[..., 0] / (2 * math.pi), (length / length[-1])[:, None]
+        ),
+        axis=-1,
+    )
     return _sheet(centre[:, None] + radii[:, None, None] * around, around, uv)
 
 
-def height_field(extents: Float, height: Bitmap, amplitude: float = 1.0, grid: list[int] | None = None) -> Mesh:
+def height_field(
+    extents: Float,
+    height: Bitmap,
+    amplitude: float = 1.0,
+    grid: list[int] | None = None,
+) -> Mesh:
     """A smooth sheet of `extents` = (x, y) metres with vertices at z = amplitude * height, rows from +y to -y.
 
     `grid` is the number of vertices along x and y, by default one per texel up to 257.
@@ -184,7 +264,9 @@ def height_field(extents: Float, height: Bitmap, amplitude: float = 1.0, grid: l
     heights = height.pixels if height.pixels.ndim == 2 else height.pixels.mean(axis=2)
     rows, columns = heights.shape
     nx, ny = grid or (min(columns, 257), min(rows, 257))
-    picked = heights[np.linspace(0, rows - 1, ny).astype(int)][:, np.linspace(0, columns - 1, nx).astype(int)]
+    picked = heights[np.linspace(0, rows - 1, ny).astype(int)][
+        :, np.linspace(0, columns - 1, nx).astype(int)
+    ]
     x = np.linspace(-0.5, 0.5, nx) * extents[0]
     y = np.linspace(-0.5, 0.5, ny) * extents[1]
     z = (amplitude * picked)[::-1].astype(np.float64)
@@ -204,7 +286,10 @@ def bent_sheet(extents: Float, angle_deg: float, segments: int = 64) -> Mesh:
     x, z = radius * np.sin(s * angle), radius * (np.cos(s * angle) - 1)
     y = np.array([-0.5, 0.5]) * extents[1]
     vertices = np.stack(np.broadcast_arrays(x, y[:, None], z), axis=-1)
-    normals = np.stack(np.broadcast_arrays(np.sin(s * angle), np.zeros((2, 1)), np.cos(s * angle)), axis=-1)
+    normals = np.stack(
+        np.broadcast_arrays(np.sin(s * angle), np.zeros((2, 1)), np.cos(s * angle)),
+        axis=-1,
+    )
     uv = np.stack(np.broadcast_arrays(s + 0.5, np.array([[0.0], [1.0]])), axis=-1)
     return _sheet(vertices, normals, uv)
 
@@ -224,7 +309,9 @@ def from_trimesh(made: Any, crease_deg: float = 30.0) -> Mesh:
         made = trimesh.graph.smooth_shade(made, angle=math.radians(crease_deg))
     vertices = np.array(made.vertices, dtype=np.float64)
     faces = np.array(made.faces, dtype=np.uint32)
-    normals = np.array(made.vertex_normals, dtype=np.float64) if crease_deg > 0 else None
+    normals = (
+        np.array(made.vertex_normals, dtype=np.float64) if crease_deg > 0 else None
+    )
     uv = getattr(made.visual, "uv", None)
     if uv is None or len(uv) != len(vertices):
         return with_longitude(Mesh(vertices, faces, normals))
@@ -247,9 +334,16 @@ def with_longitude(mesh: Mesh) -> Mesh:
     u = (triangles + crossing).reshape(-1)
     unrolled = np.arange(len(corner), dtype=np.uint32).reshape(-1, 3)
     normals = None if mesh.normals is None else mesh.normals[faces].reshape(-1, 3)
-    attributes = {name: values[faces.ravel()] for name, values in mesh.attributes.items()}
+    attributes = {
+        name: values[faces.ravel()] for name, values in mesh.attributes.items()
+    }
     return replace(
-        mesh, vertices=corner, faces=unrolled, normals=normals, uv=np.column_stack([u, v]), attributes=attributes
+        mesh,
+        vertices=corner,
+        faces=unrolled,
+        normals=normals,
+        uv=np.column_stack([u, v]),
+        attributes=attributes,
     )
 
 
@@ -265,11 +359,15 @@ def _sheet(vertices: Float, normals: Float, uv: Float) -> Mesh:
     points, faces = vertices.reshape(-1, 3), grid(columns, rows)
     area = np.linalg.norm(face_cross(points, faces), axis=1)
     size = np.ptp(points, axis=0).max()
-    return Mesh(points, faces[area > 1e-12 * size**2], normals.reshape(-1, 3), uv.reshape(-1, 2))
+    return Mesh(
+        points, faces[area > 1e-12 * size**2], normals.reshape(-1, 3), uv.reshape(-1, 2)
+    )
 
 
 def _arc_length(curve: Float) -> Float:
-    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))])
+    return np.concatenate(
+        [[0.0], np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))]
+    )
 
 
 def _tangents(curve: Float) -> Float:
@@ -278,14 +376,27 @@ def _tangents(curve: Float) -> Float:
     steps /= np.linalg.norm(steps, axis=1, keepdims=True)
     mean = np.concatenate([steps[:1], steps[1:] + steps[:-1], steps[-1:]])
     length = np.linalg.norm(mean, axis=1, keepdims=True)
-    return np.where(length > 1e-9, mean / np.maximum(length, 1e-9), np.concatenate([steps[:1], steps]))
+    return np.where(
+        length > 1e-9,
+        mean / np.maximum(length, 1e-9),
+        np.concatenate([steps[:1], steps]),
+    )
 
 
 def _catmull_rom(points: Float, samples: int, closed: bool = False) -> Float:
     """A curve through all points (N, n), `samples` steps per span. Source: Catmull and Rom 1974."""
-    before, after = (points[-2], points[1]) if closed else (2 * points[0] - points[1], 2 * points[-1] - points[-2])
+    before, after = (
+        (points[-2], points[1])
+        if closed
+        else (2 * points[0] - points[1], 2 * points[-1] - points[-2])
+    )
     p = np.vstack([before, points, after])
     t = (np.arange(samples) / samples)[None, :, None]
     a, b, c, d = (p[i : len(p) - 3 + i, None] for i in range(4))
-    spans = 0.5 * (2 * b + (c - a) * t + (2 * a - 5 * b + 4 * c - d) * t**2 + (3 * b - 3 * c + d - a) * t**3)
+    spans = 0.5 * (
+        2 * b
+        + (c - a) * t
+        + (2 * a - 5 * b + 4 * c - d) * t**2
+        + (3 * b - 3 * c + d - a) * t**3
+    )
     return np.vstack([spans.reshape(-1, points.shape[1]), points[-1:]])

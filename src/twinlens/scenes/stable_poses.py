@@ -14,9 +14,13 @@ from twinlens.geometry import Float
 from twinlens.scenes import shapes
 from twinlens.scenes.scene import Mesh
 
-_SAME_PLANE = 1e-5  # of the body's size: hull triangles whose planes differ by less are one face
+_SAME_PLANE = (
+    1e-5  # of the body's size: hull triangles whose planes differ by less are one face
+)
 _MAX_FACES = 12
-_SAME_CENTRE = 1e-3  # of the body's size: the centroids of a closed mesh differ by rounding only
+_SAME_CENTRE = (
+    1e-3  # of the body's size: the centroids of a closed mesh differ by rounding only
+)
 _MIN_MARGIN = 2e-3  # of the body's size: least distance of the centre of mass from the edge of the contact
 
 
@@ -61,8 +65,14 @@ def outline(points: Float) -> Float:
 def centre_of_mass(mesh: Mesh) -> Float:
     """The centroid (3,) of a closed mesh's volume, or of the surface of a mesh that is not closed: a thin shell."""
     triangles = mesh.vertices[mesh.faces]
-    solid, other = _solid_centroid(triangles), _solid_centroid(triangles - mesh.vertices.max(axis=0))
-    if np.abs(other + mesh.vertices.max(axis=0) - solid).max() < _SAME_CENTRE * np.ptp(mesh.vertices, axis=0).max():
+    solid, other = (
+        _solid_centroid(triangles),
+        _solid_centroid(triangles - mesh.vertices.max(axis=0)),
+    )
+    if (
+        np.abs(other + mesh.vertices.max(axis=0) - solid).max()
+        < _SAME_CENTRE * np.ptp(mesh.vertices, axis=0).max()
+    ):
         return solid
     area = np.linalg.norm(shapes.face_cross(mesh.vertices, mesh.faces), axis=1)
     return np.asarray(area @ triangles.mean(axis=1) / area.sum())
@@ -73,7 +83,9 @@ def _solid_centroid(triangles: Float) -> Float:
     a, b, c = np.moveaxis(triangles, 1, 0)
     volume = np.einsum("nc,nc->n", a, np.cross(b, c))
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray((volume[:, None] * (a + b + c)).sum(axis=0) / (4 * volume.sum()))
+        return np.asarray(
+            (volume[:, None] * (a + b + c)).sum(axis=0) / (4 * volume.sum())
+        )
 
 
 def stable_poses(mesh: Mesh, size: float = 1.0) -> list[StablePose]:
@@ -85,14 +97,26 @@ def stable_poses(mesh: Mesh, size: float = 1.0) -> list[StablePose]:
     if np.any(hull.equations[:, :3] @ centre + hull.equations[:, 3] > 0):
         centre = points.mean(axis=0)  # parts of the mesh are inside out
     scaled = hull.equations / [1, 1, 1, size]
-    _, first, same = np.unique(np.round(scaled / (10 * _SAME_PLANE)), axis=0, return_index=True, return_inverse=True)
-    area = np.bincount(same.ravel(), np.linalg.norm(shapes.face_cross(hull.points, hull.simplices), axis=1))
+    _, first, same = np.unique(
+        np.round(scaled / (10 * _SAME_PLANE)),
+        axis=0,
+        return_index=True,
+        return_inverse=True,
+    )
+    area = np.bincount(
+        same.ravel(),
+        np.linalg.norm(shapes.face_cross(hull.points, hull.simplices), axis=1),
+    )
     largest = np.argsort(-np.round(area / size**2, 9), kind="stable")[:_MAX_FACES]
-    nearest = np.argsort(-np.round(hull.equations[first] @ [*centre, 1.0] / size, 9), kind="stable")[:_MAX_FACES]
+    nearest = np.argsort(
+        -np.round(hull.equations[first] @ [*centre, 1.0] / size, 9), kind="stable"
+    )[:_MAX_FACES]
     cross, corner = shapes.face_cross(vertices, mesh.faces), vertices[mesh.faces[:, 0]]
     length = np.linalg.norm(cross, axis=1)
     found = []
-    for index in np.unique(np.concatenate([largest, nearest])):  # the face nearest to the centre of mass is stable
+    for index in np.unique(
+        np.concatenate([largest, nearest])
+    ):  # the face nearest to the centre of mass is stable
         pose = _pose(points, centre, hull.equations[first[index]], size)
         if pose is None:
             continue
@@ -110,16 +134,29 @@ def stable_poses(mesh: Mesh, size: float = 1.0) -> list[StablePose]:
 def _pose(points: Float, centre: Float, plane: Float, size: float) -> StablePose | None:
     """The pose with `plane` on the ground, None where it is not stable; `top` is the outline of the highest points."""
     x, y, z = plane[:3] / np.linalg.norm(plane[:3])
-    turn = np.diag([1.0, -1.0, -1.0])  # the smallest rotation that takes the plane's normal to -z
+    turn = np.diag(
+        [1.0, -1.0, -1.0]
+    )  # the smallest rotation that takes the plane's normal to -z
     if z <= 1 - 1e-12:
         k = 1 / (1 - z)
-        turn = np.array([[1 - k * x * x, -k * x * y, x], [-k * x * y, 1 - k * y * y, y], [-x, -y, -z]])
+        turn = np.array(
+            [
+                [1 - k * x * x, -k * x * y, x],
+                [-k * x * y, 1 - k * y * y, y],
+                [-x, -y, -z],
+            ]
+        )
     turned, balanced = points @ turn.T, turn @ centre
     floor = turned[:, 2].min()
     turned[:, 2] -= floor
     balanced = balanced - [0, 0, floor]
     contact = turned[turned[:, 2] < _SAME_PLANE * size, :2]
-    if np.minimum(balanced[:2] - contact.min(axis=0), contact.max(axis=0) - balanced[:2]).min() < _MIN_MARGIN * size:
+    if (
+        np.minimum(
+            balanced[:2] - contact.min(axis=0), contact.max(axis=0) - balanced[:2]
+        ).min()
+        < _MIN_MARGIN * size
+    ):
         return None  # not even inside the contact's bounding box
     support = _polygon(contact)
     if support is None or inside_by(support, balanced[:2]) < _MIN_MARGIN * size:
@@ -135,7 +172,13 @@ def _area(convex: Float) -> float:
 
 
 def _polygon(points: Float) -> Float | None:
-    if len(points) < 3 or np.linalg.matrix_rank(points - points.mean(axis=0), tol=1e-7 * max(1e-9, np.ptp(points))) < 2:
+    if (
+        len(points) < 3
+        or np.linalg.matrix_rank(
+            points - points.mean(axis=0), tol=1e-7 * max(1e-9, np.ptp(points))
+        )
+        < 2
+    ):
         return None
     return outline(points)
 
@@ -156,5 +199,7 @@ def gap(a: Float, b: Float) -> float:
     best = -np.inf
     for p, q in ((a, b), (b, a)):
         normal = edge_normals(p)
-        best = max(best, float(((q @ normal.T).min(axis=0) - (p * normal).sum(axis=1)).max()))
+        best = max(
+            best, float(((q @ normal.T).min(axis=0) - (p * normal).sum(axis=1)).max())
+        )
     return best

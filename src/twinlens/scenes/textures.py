@@ -19,14 +19,22 @@ _SMOOTH_VARIANCE = 0.05116252195061102
 """Variance of smooth value noise: (mean of w^2 + (1 - w)^2)^2 / 12, w being the quintic weight over a cell."""
 
 
-def value_noise(width: int, height: int, cells: tuple[int, int], seed: int, interpolation: str = "smooth") -> Image:
+def value_noise(
+    width: int,
+    height: int,
+    cells: tuple[int, int],
+    seed: int,
+    interpolation: str = "smooth",
+) -> Image:
     """Uniform random values on a lattice of `cells` = (nx, ny), periodic, mean 1/2; "smooth" (quintic) or "nearest".
 
     Source: K. Perlin, Improving Noise, SIGGRAPH 2002, for the quintic.
     """
     nx, ny = cells
     lattice = np.random.default_rng(seed).random((ny, nx)).astype(np.float32)
-    return _interpolated(_interpolated(lattice, height, 0, interpolation), width, 1, interpolation)
+    return _interpolated(
+        _interpolated(lattice, height, 0, interpolation), width, 1, interpolation
+    )
 
 
 def _interpolated(values: Image, size: int, axis: int, interpolation: str) -> Image:
@@ -47,7 +55,13 @@ def _interpolated(values: Image, size: int, axis: int, interpolation: str) -> Im
 
 
 def fractal_noise(
-    width: int, height: int, cells: tuple[int, int], seed: int, octaves: int = 6, gain: float = 0.5, contrast: float = 1
+    width: int,
+    height: int,
+    cells: tuple[int, int],
+    seed: int,
+    octaves: int = 6,
+    gain: float = 0.5,
+    contrast: float = 1,
 ) -> Image:
     """Octaves of value noise, each twice as fine and `gain` times as strong; periodic, mean near 1/2.
 
@@ -61,13 +75,17 @@ def fractal_noise(
         if fine[0] > width or fine[1] > height:
             break  # cells finer than a texel would alias
         strength = gain**octave
-        total += np.float32(strength) * (value_noise(width, height, fine, seed + 7919 * octave) - np.float32(0.5))
+        total += np.float32(strength) * (
+            value_noise(width, height, fine, seed + 7919 * octave) - np.float32(0.5)
+        )
         variance += strength**2 * _SMOOTH_VARIANCE
     scale = np.float32(0.2 * contrast / math.sqrt(variance or 1.0))
     return np.asarray(np.clip(np.float32(0.5) + scale * total, 0, 1))
 
 
-def random_dots(width: int, height: int, count: int, radius: tuple[float, float], seed: int) -> Image:
+def random_dots(
+    width: int, height: int, count: int, radius: tuple[float, float], seed: int
+) -> Image:
     """`count` round dots, 1 on 0, radii uniform in `radius` = (least, most) as fractions of the width; periodic."""
     rng = np.random.default_rng(seed)
     centres = rng.random((count, 2)) * (width, height)
@@ -78,29 +96,45 @@ def random_dots(width: int, height: int, count: int, radius: tuple[float, float]
         rows = np.arange(math.floor(y - r) - 1, math.ceil(y + r) + 2)
         distance = np.hypot(columns + 0.5 - x, rows[:, None] + 0.5 - y)
         dot = np.clip(r - distance + 0.5, 0, 1)
-        np.maximum.at(out, np.ix_(rows % height, columns % width), dot.astype(np.float32))
+        np.maximum.at(
+            out, np.ix_(rows % height, columns % width), dot.astype(np.float32)
+        )
     return out
 
 
 def checker(width: int, height: int, cells: tuple[int, int], seed: int = 0) -> Image:
     """A chessboard of `cells` = (nx, ny) squares, 1 at the top left; periodic if both counts are even."""
     nx, ny = cells
-    return _averaged(width, height, lambda u, v: (np.floor(u * nx) + np.floor(v * ny)) % 2 == 0)
+    return _averaged(
+        width, height, lambda u, v: (np.floor(u * nx) + np.floor(v * ny)) % 2 == 0
+    )
 
 
 def stripes(
-    width: int, height: int, count: int, seed: int = 0, duty: float = 0.5, profile: str = "square", along: str = "u"
+    width: int,
+    height: int,
+    count: int,
+    seed: int = 0,
+    duty: float = 0.5,
+    profile: str = "square",
+    along: str = "u",
 ) -> Image:
     """`count` stripes across the picture, "square" (1 for the first `duty` of each period) or "sine"; periodic."""
 
     def pattern(u: Float, v: Float) -> Float:
         phase = (u if along == "u" else v) * count % 1.0
-        return 0.5 - 0.5 * np.cos(2 * np.pi * phase) if profile == "sine" else (phase < duty).astype(np.float64)
+        return (
+            0.5 - 0.5 * np.cos(2 * np.pi * phase)
+            if profile == "sine"
+            else (phase < duty).astype(np.float64)
+        )
 
     return _averaged(width, height, pattern)
 
 
-def siemens_star(width: int, height: int, spokes: int, seed: int = 0, radius: float = 0.48) -> Image:
+def siemens_star(
+    width: int, height: int, spokes: int, seed: int = 0, radius: float = 0.48
+) -> Image:
     """`spokes` bright wedges around the centre, grey 1/2 outside `radius` (in widths)."""
 
     def pattern(u: Float, v: Float) -> Float:
@@ -112,7 +146,12 @@ def siemens_star(width: int, height: int, spokes: int, seed: int = 0, radius: fl
 
 
 def bricks(
-    width: int, height: int, cells: tuple[int, int], seed: int, mortar: float = 0.08, variation: float = 0.5
+    width: int,
+    height: int,
+    cells: tuple[int, int],
+    seed: int,
+    mortar: float = 0.08,
+    variation: float = 0.5,
 ) -> Image:
     """Running bond of `cells` = (bricks across, courses): mortar 0, bricks random in [1 - variation, 1].
 
@@ -126,31 +165,59 @@ def bricks(
         course = np.floor(v * ny).astype(int)
         across = u * nx + 0.5 * (course % 2)
         x, y = across % 1.0, v * ny % 1.0
-        brick = (np.abs(x - 0.5) * aspect < 0.5 * aspect - 0.5 * mortar) & (np.abs(y - 0.5) < 0.5 - 0.5 * mortar)
-        return np.where(brick, tones[course % ny, np.floor(across).astype(int) % nx], 0.0)
+        brick = (np.abs(x - 0.5) * aspect < 0.5 * aspect - 0.5 * mortar) & (
+            np.abs(y - 0.5) < 0.5 - 0.5 * mortar
+        )
+        return np.where(
+            brick, tones[course % ny, np.floor(across).astype(int) % nx], 0.0
+        )
 
     return _averaged(width, height, pattern)
 
 
-def wood(width: int, height: int, rings: int, seed: int, waviness: float = 0.6, grain: float = 0.35) -> Image:
+def wood(
+    width: int,
+    height: int,
+    rings: int,
+    seed: int,
+    waviness: float = 0.6,
+    grain: float = 0.35,
+) -> Image:
     """Wood with fibres along v: `rings` wavy growth rings across u, and fine fibres; periodic."""
     wave = fractal_noise(width, height, (2, 1), seed, octaves=4, gain=0.45) - 0.5
     u = (np.arange(width) + 0.5) / width
     phase = (u * rings + wave * waviness * rings) % 1.0
-    ring = np.where(phase < 0.85, phase / 0.85, (1 - phase) / 0.15)  # gradual early wood, abrupt late wood
-    fibre = fractal_noise(width, height, (max(width // 16, 1), max(height // 256, 1)), seed + 1, octaves=4, gain=0.75)
-    return np.clip((1 - grain) * ring + grain * (2.2 * (fibre - 0.5) + 0.5), 0, 1).astype(np.float32)
+    ring = np.where(
+        phase < 0.85, phase / 0.85, (1 - phase) / 0.15
+    )  # gradual early wood, abrupt late wood
+    fibre = fractal_noise(
+        width,
+        height,
+        (max(width // 16, 1), max(height // 256, 1)),
+        seed + 1,
+        octaves=4,
+        gain=0.75,
+    )
+    return np.clip(
+        (1 - grain) * ring + grain * (2.2 * (fibre - 0.5) + 0.5), 0, 1
+    ).astype(np.float32)
 
 
 def ramp(grey: NDArray[Any], colors: NDArray[Any]) -> Image:
     """Grey values in [0, 1] mapped to a gradient through colours (K, 3) at even steps."""
     stops = np.linspace(0, 1, len(colors))
-    return np.stack([np.interp(grey, stops, colors[:, c]) for c in range(3)], axis=-1).astype(np.float32)
+    return np.stack(
+        [np.interp(grey, stops, colors[:, c]) for c in range(3)], axis=-1
+    ).astype(np.float32)
 
 
 def gradient(width: int, height: int, seed: int = 0, along: str = "v") -> Image:
     """A ramp: 0 at the bottom and 1 at the top (along v), or left to right (along u)."""
-    ramp = (np.arange(width) + 0.5) / width if along == "u" else 1 - (np.arange(height)[:, None] + 0.5) / height
+    ramp = (
+        (np.arange(width) + 0.5) / width
+        if along == "u"
+        else 1 - (np.arange(height)[:, None] + 0.5) / height
+    )
     return np.broadcast_to(ramp, (height, width)).astype(np.float32)
 
 

@@ -3,7 +3,10 @@
 from twinlens.scoring.agreement import agreement as agreement
 from twinlens.scoring.benchmark import Step as Step, run_benchmark as run_benchmark
 from twinlens.scoring.board import Board as Board, Entry as Entry
-from twinlens.scoring.board_file import board_to_json as board_to_json, read_board as read_board
+from twinlens.scoring.board_file import (
+    board_to_json as board_to_json,
+    read_board as read_board,
+)
 from twinlens.scoring.confidences import score_confidences as score_confidences
 from twinlens.scoring.evaluate import Scores as Scores, evaluate as evaluate
 from twinlens.scoring.metrics import METRICS as METRICS, find_metric as find_metric
@@ -14,7 +17,10 @@ from twinlens.scoring.pair_statistics import (
 )
 from twinlens.scoring.protocols import PROTOCOLS as PROTOCOLS
 from twinlens.scoring.reasons import Reason as Reason, reason_of as reason_of
-from twinlens.scoring.recipe_fit import fit_recipe as fit_recipe, recipe_toml as recipe_toml
+from twinlens.scoring.recipe_fit import (
+    fit_recipe as fit_recipe,
+    recipe_toml as recipe_toml,
+)
 from twinlens.scoring.regions import REGIONS as REGIONS, region_masks as region_masks
 from twinlens.scoring.samples import (
     DatasetPairs as DatasetPairs,
@@ -25,8 +31,14 @@ from twinlens.scoring.samples import (
     open_pairs as open_pairs,
     search_range as search_range,
 )
-from twinlens.scoring.sparsification import Sparsification as Sparsification, sparsification as sparsification
-from twinlens.scoring.submission import MapFolder as MapFolder, open_submission as open_submission
+from twinlens.scoring.sparsification import (
+    Sparsification as Sparsification,
+    sparsification as sparsification,
+)
+from twinlens.scoring.submission import (
+    MapFolder as MapFolder,
+    open_submission as open_submission,
+)
 from twinlens.scoring.tables import (
     Groups as Groups,
     board_csv as board_csv,

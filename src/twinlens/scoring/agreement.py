@@ -75,8 +75,17 @@ class Agreement:
         scenes = zip(names, (self.scenes_a, self.scenes_b), strict=True)
         few = [name for name, count in scenes if count < LEAST_SCENES]
         lacks = f"which has fewer than {LEAST_SCENES} scenes"
-        found = [f"no interval contains the uncertainty of {name}, {lacks}" for name in few]
-        return [*found, *(["no correlation: all methods of a board tie"] if math.isnan(self.tau.value) else [])]
+        found = [
+            f"no interval contains the uncertainty of {name}, {lacks}" for name in few
+        ]
+        return [
+            *found,
+            *(
+                ["no correlation: all methods of a board tie"]
+                if math.isnan(self.tau.value)
+                else []
+            ),
+        ]
 
 
 def agreement(
@@ -106,11 +115,19 @@ def agreement(
     """
     if resamples < 1:
         raise InputError(f"resamples is {resamples}: expected 1 or more")
-    boards = [board if isinstance(board, Board) else read_board(board) for board in (board_a, board_b)]
-    names = [board.title if isinstance(board, Board) else str(board) for board in (board_a, board_b)]
+    boards = [
+        board if isinstance(board, Board) else read_board(board)
+        for board in (board_a, board_b)
+    ]
+    names = [
+        board.title if isinstance(board, Board) else str(board)
+        for board in (board_a, board_b)
+    ]
     for name, board in zip(names, boards, strict=True):
         if not board.entries:
-            raise InputError(f"{name}: has no entries; run `twinlens benchmark` into it")
+            raise InputError(
+                f"{name}: has no entries; run `twinlens benchmark` into it"
+            )
     shared = [name for name in boards[0].protocols if name in boards[1].protocols]
     if protocol is None and not shared:
         has = "; ".join(", ".join(board.protocols) for board in boards)
@@ -121,7 +138,9 @@ def agreement(
     methods = tuple(name for name in boards[0].methods if name in boards[1].methods)
     if len(methods) < 3:
         count = f"{len(methods)} method" + "s" * (len(methods) != 1)
-        raise InputError(f"the boards share {count}: a comparison of rankings needs 3 or more")
+        raise InputError(
+            f"the boards share {count}: a comparison of rankings needs 3 or more"
+        )
     ranks = []
     for name, board in zip(names, boards, strict=True):
         with located(name):
@@ -129,8 +148,14 @@ def agreement(
     (a, b), (mean_a, mean_b) = ranks, map(_mean, ranks)
     rng, tau, rho = generator(seed), scipy.stats.kendalltau, scipy.stats.spearmanr
     varies = max(len(a), len(b)) >= LEAST_SCENES
-    drawn = [[_resampled(a, rng), _resampled(b, rng)] for _ in range(resamples if varies else 0)]
-    moves = [Move(m, float(x), float(y)) for m, x, y in zip(methods, mean_a, mean_b, strict=True)]
+    drawn = [
+        [_resampled(a, rng), _resampled(b, rng)]
+        for _ in range(resamples if varies else 0)
+    ]
+    moves = [
+        Move(m, float(x), float(y))
+        for m, x, y in zip(methods, mean_a, mean_b, strict=True)
+    ]
     return Agreement(
         protocol,
         region,
@@ -139,15 +164,23 @@ def agreement(
         sum(map(len, b)),
         len(a),
         len(b),
-        _interval(_correlation(tau, mean_a, mean_b), [_correlation(tau, x, y) for x, y in drawn]),
-        _interval(_correlation(rho, mean_a, mean_b), [_correlation(rho, x, y) for x, y in drawn]),
+        _interval(
+            _correlation(tau, mean_a, mean_b),
+            [_correlation(tau, x, y) for x, y in drawn],
+        ),
+        _interval(
+            _correlation(rho, mean_a, mean_b),
+            [_correlation(rho, x, y) for x, y in drawn],
+        ),
         _reliability(a, resamples, rng),
         _reliability(b, resamples, rng),
         tuple(sorted(moves, key=lambda move: -abs(move.rank_a - move.rank_b))),
     )
 
 
-def sample_ranks(board: Board, methods: Sequence[str], protocol: str, region: str, metric: str) -> list[Ranks]:
+def sample_ranks(
+    board: Board, methods: Sequence[str], protocol: str, region: str, metric: str
+) -> list[Ranks]:
     """For each scene of the board, the ranks of the methods on its samples, (samples, methods); 1 is the best.
 
     Ties share their mean rank, failed methods the last ranks. Samples on which one of the methods was not run, or
@@ -159,12 +192,21 @@ def sample_ranks(board: Board, methods: Sequence[str], protocol: str, region: st
     for sample in board.samples:
         row = [entries.get((sample, method)) for method in methods]
         present = [entry for entry in row if entry is not None]
-        if len(present) == len(methods) and any(entry.evaluated(region) for entry in present):
-            scenes.setdefault(board.scene(sample), []).append([sign * e.value(region, metric) for e in present])
+        if len(present) == len(methods) and any(
+            entry.evaluated(region) for entry in present
+        ):
+            scenes.setdefault(board.scene(sample), []).append(
+                [sign * e.value(region, metric) for e in present]
+            )
     if not scenes:
-        raise InputError(f"no sample has scores of all {len(methods)} shared methods in {region!r}")
+        raise InputError(
+            f"no sample has scores of all {len(methods)} shared methods in {region!r}"
+        )
     values = map(np.asarray, scenes.values())
-    return [scipy.stats.rankdata(np.where(np.isnan(rows), np.inf, rows), axis=1) for rows in values]
+    return [
+        scipy.stats.rankdata(np.where(np.isnan(rows), np.inf, rows), axis=1)
+        for rows in values
+    ]
 
 
 def _mean(scenes: Iterable[Ranks]) -> Ranks:
@@ -175,26 +217,41 @@ def _mean(scenes: Iterable[Ranks]) -> Ranks:
 def _resampled(scenes: Sequence[Ranks], rng: np.random.Generator) -> Ranks:
     """Mean ranks of as many scenes, drawn with replacement; of the scenes themselves if they are too few."""
     count = len(scenes)
-    return _mean(scenes[i] for i in (rng.integers(count, size=count) if count >= LEAST_SCENES else range(count)))
+    return _mean(
+        scenes[i]
+        for i in (
+            rng.integers(count, size=count) if count >= LEAST_SCENES else range(count)
+        )
+    )
 
 
-def _reliability(scenes: Sequence[Ranks], splits: int, rng: np.random.Generator) -> CorrelationInterval:
+def _reliability(
+    scenes: Sequence[Ranks], splits: int, rng: np.random.Generator
+) -> CorrelationInterval:
     if len(scenes) < LEAST_SCENES:
         return CorrelationInterval(math.nan, math.nan, math.nan)
     halves = (np.array_split(rng.permutation(len(scenes)), 2) for _ in range(splits))
     pairs = ([_mean(scenes[i] for i in half) for half in both] for both in halves)
     taus = [_correlation(scipy.stats.kendalltau, *pair) for pair in pairs]
-    return _interval(float(np.nanmean(taus)) if not np.isnan(taus).all() else math.nan, taus)
+    return _interval(
+        float(np.nanmean(taus)) if not np.isnan(taus).all() else math.nan, taus
+    )
 
 
 def _interval(value: float, values: Sequence[float]) -> CorrelationInterval:
     if np.isnan(values).all():
         return CorrelationInterval(value, math.nan, math.nan)
     tail = 50.0 * (1.0 - LEVEL)
-    low, high = np.nanpercentile(values, (tail, 100.0 - tail))  # without resamples in which all mean ranks are equal
+    low, high = np.nanpercentile(
+        values, (tail, 100.0 - tail)
+    )  # without resamples in which all mean ranks are equal
     return CorrelationInterval(value, float(low), float(high))
 
 
 def _correlation(function: Callable[[Ranks, Ranks], Any], x: Ranks, y: Ranks) -> float:
     x, y = np.round(x, 9), np.round(y, 9)  # tied mean ranks may differ in the last bit
-    return math.nan if np.ptp(x) == 0 or np.ptp(y) == 0 else float(function(x, y).statistic)
+    return (
+        math.nan
+        if np.ptp(x) == 0 or np.ptp(y) == 0
+        else float(function(x, y).statistic)
+    )

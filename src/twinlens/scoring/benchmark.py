@@ -15,7 +15,13 @@ from twinlens.scoring.evaluate import RESERVED, evaluate, upsampled, upsampling
 from twinlens.scoring.metrics import Disparity, Mask
 from twinlens.scoring.protocols import Protocol, find_protocol
 from twinlens.scoring.regions import region_masks
-from twinlens.scoring.runners import WARM_UP_LIMIT_S, Answer, Method, MethodError, Runner
+from twinlens.scoring.runners import (
+    WARM_UP_LIMIT_S,
+    Answer,
+    Method,
+    MethodError,
+    Runner,
+)
 from twinlens.scoring.samples import Pair, Sample, fingerprint, load_pair
 from twinlens.scoring.submission import Submission
 
@@ -88,14 +94,24 @@ def run_benchmark(
     for method in runs:
         if not isinstance(getattr(method, "name", None), str):
             hint = "give it one, or name a method as text, such as 'zncc:block_size=15'"
-            raise InputError(f"{type(method).__name__} has no name for the board: {hint}")
+            raise InputError(
+                f"{type(method).__name__} has no name for the board: {hint}"
+            )
         _check_unique("method", method.name, taken)
     total = len(samples) * len(runs) if isinstance(samples, Sized) else None
     runner = Runner(time_limit, memory_limit, warm_up, warm_up_limit)
-    lock = nullcontext() if save is None else locked(Path(save).absolute().parent, file=Path(save).name)
+    lock = (
+        nullcontext()
+        if save is None
+        else locked(Path(save).absolute().parent, file=Path(save).name)
+    )
     with lock, closing(runner):
         if board is None:
-            board = read_board(save) if save is not None and Path(save).exists() else Board()
+            board = (
+                read_board(save)
+                if save is not None and Path(save).exists()
+                else Board()
+            )
         with BoardWriter(replace(board, title=title), save) as writer:
             for method in runs:
                 runner.check_parts(method)
@@ -103,19 +119,30 @@ def run_benchmark(
             for sample in samples:
                 _check_unique("sample", sample.name, taken)
                 pair = load_pair(sample)
-                applicable = [p for p in protocols if pair.calibration is not None or not p.needs_calibration]
+                applicable = [
+                    p
+                    for p in protocols
+                    if pair.calibration is not None or not p.needs_calibration
+                ]
                 sha, masks = fingerprint(pair), region_masks(pair, regions)
                 run = _Run(
                     runner, writer, retry_failed, on_map or (lambda *_: None), on_drop or (lambda *_: None),
                     sample=pair, sha=sha, masks=masks, protocols=applicable,
                 )  # fmt: skip
                 writer.board.check_sample(pair.name, sha)
-                writer.board = replace(writer.board, scenes={**writer.board.scenes, pair.name: pair.scene or pair.name})
+                writer.board = replace(
+                    writer.board,
+                    scenes={**writer.board.scenes, pair.name: pair.scene or pair.name},
+                )
                 for method in runs:
                     skipped, failure = run.match(method)
                     done += 1
                     if progress is not None:
-                        progress(Step(done, total, method.name, sample.name, skipped, failure))
+                        progress(
+                            Step(
+                                done, total, method.name, sample.name, skipped, failure
+                            )
+                        )
         return writer.board
 
 
@@ -126,7 +153,9 @@ def spec_of(method: Method | Submission) -> str:
 
 def _check_unique(kind: str, name: str, taken: set[tuple[str, str]]) -> None:
     if (kind, name) in taken:
-        raise InputError(f"two {kind}s are named {name!r}: names on a board must be unique")
+        raise InputError(
+            f"two {kind}s are named {name!r}: names on a board must be unique"
+        )
     taken.add((kind, name))
 
 
@@ -147,9 +176,16 @@ class _Run:
     def match(self, method: Method | Submission) -> tuple[bool, Failure | None]:
         """Run and score a match unless the board has it: (skipped, failure)."""
         sample, board = self.sample, self._without_stale(method)
-        earlier = [board.find(method.name, sample.name, rules.name) for rules in self.protocols]
+        earlier = [
+            board.find(method.name, sample.name, rules.name) for rules in self.protocols
+        ]
         if all(
-            entry and (entry.regions.keys() >= self.masks.keys() if entry.ok else not self.retry_failed)
+            entry
+            and (
+                entry.regions.keys() >= self.masks.keys()
+                if entry.ok
+                else not self.retry_failed
+            )
             for entry in earlier
         ):
             return True, None
@@ -162,17 +198,23 @@ class _Run:
         else:
             scale = sample.disp0.shape[0] // answer.disp.shape[0]
             self.on_map(method.name, sample.name, upsampled(answer.disp, scale))
-        self.writer.update(board)  # after the map, so that the board lists no map that is missing
+        self.writer.update(
+            board
+        )  # after the map, so that the board lists no map that is missing
         return False, next((entry.failure for entry in entries if not entry.ok), None)
 
     def _without_stale(self, method: Method | Submission) -> Board:
         """The board without entries of an earlier method with the same name but another spec."""
         spec = spec_of(method)
-        kept = self.writer.board.without(lambda e: e.method == method.name and e.spec != spec)
+        kept = self.writer.board.without(
+            lambda e: e.method == method.name and e.spec != spec
+        )
         before = self.writer.board.entries
         if len(kept.entries) < len(before):
             self.writer.update(kept)
-        for pair in sorted({e.key[:2] for e in before} - {e.key[:2] for e in kept.entries}):
+        for pair in sorted(
+            {e.key[:2] for e in before} - {e.key[:2] for e in kept.entries}
+        ):
             self.on_drop(*pair)
         return kept
 
@@ -180,10 +222,18 @@ class _Run:
         """The map that the method computes, or that a submission contains; the latter has no run time."""
         sample = self.sample
         if isinstance(method, Submission):
-            kind = "missing" if method.find(sample.name, sample.aliases) is None else "refused"
+            kind = (
+                "missing"
+                if method.find(sample.name, sample.aliases) is None
+                else "refused"
+            )
             try:
                 disp = method.map_of(sample.name, sample.disp0.shape, sample.aliases)
-                return Answer(disp, None, method.confidence_of(sample.name, disp.shape, sample.aliases))
+                return Answer(
+                    disp,
+                    None,
+                    method.confidence_of(sample.name, disp.shape, sample.aliases),
+                )
             except FileError as error:
                 return Failure(kind, str(error))
         try:
@@ -191,13 +241,17 @@ class _Run:
         except MethodError as error:
             return error.failure
 
-    def _entry(self, method: Method | Submission, rules: Protocol, answer: Answer | Failure) -> Entry:
+    def _entry(
+        self, method: Method | Submission, rules: Protocol, answer: Answer | Failure
+    ) -> Entry:
         sample, (height, width) = self.sample, self.sample.disp0.shape
         ndisp, first = int(sample.ndisp), int(sample.min_disparity)
         key = method.name, spec_of(method), sample.name, self.sha, rules.name
         if isinstance(answer, Failure):
             return Entry(*key, width, height, ndisp, None, answer, min_disparity=first)
-        entry = Entry(*key, width, height, ndisp, answer.seconds, None, min_disparity=first)
+        entry = Entry(
+            *key, width, height, ndisp, answer.seconds, None, min_disparity=first
+        )
         try:
             scale = upsampling(answer.disp.shape, sample.disp0.shape, rules)
         except InputError as error:
@@ -208,9 +262,13 @@ class _Run:
             self.masks.get("nonocc"),
             sample.ndisp / scale,
             protocol=rules,
-            regions={name: mask for name, mask in self.masks.items() if name not in RESERVED},
+            regions={
+                name: mask for name, mask in self.masks.items() if name not in RESERVED
+            },
             min_disparity=sample.min_disparity / scale,
             calibration=sample.calibration,
             confidence=answer.confidence,
         )
-        return replace(entry, regions={name: scores.regions[name] for name in self.masks})
+        return replace(
+            entry, regions={name: scores.regions[name] for name in self.masks}
+        )

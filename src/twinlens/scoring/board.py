@@ -70,13 +70,21 @@ class Entry:
         """time in s; time/MP in s per 10^6 pixels; time/GD in s per 10^9 pixels x ndisp. NaN if not measured."""
         seconds = math.nan if self.seconds is None else self.seconds
         pixels = self.width * self.height
-        return {"time": seconds, "time/MP": seconds / pixels * 1e6, "time/GD": seconds / (pixels * self.ndisp) * 1e9}
+        return {
+            "time": seconds,
+            "time/MP": seconds / pixels * 1e6,
+            "time/GD": seconds / (pixels * self.ndisp) * 1e9,
+        }
 
     def value(self, region: str, metric: str) -> float:
         """One metric or time of this entry; NaN if it is missing."""
         if metric in TIMES:
             return self.times()[metric]
-        return self.regions[region].get(metric, math.nan) if region in self.regions else math.nan
+        return (
+            self.regions[region].get(metric, math.nan)
+            if region in self.regions
+            else math.nan
+        )
 
 
 @dataclass(frozen=True)
@@ -112,7 +120,9 @@ class Board:
         seen: set[tuple[str, str, str]] = set()
         for entry in self.entries:
             if entry.key in seen:
-                raise InputError(f"the board has two entries for {' / '.join(entry.key)}: names must be unique")
+                raise InputError(
+                    f"the board has two entries for {' / '.join(entry.key)}: names must be unique"
+                )
             check_known("protocol", entry.protocol, PROTOCOLS)
             seen.add(entry.key)
 
@@ -135,16 +145,26 @@ class Board:
         return _unique(name for entry in self.entries for name in entry.regions)
 
     def rules(
-        self, protocol: str, region: str, metric: str | None = None, where: str = "this board"
+        self,
+        protocol: str,
+        region: str,
+        metric: str | None = None,
+        where: str = "this board",
     ) -> tuple[Protocol, Metric]:
         """The protocol and the metric of these names; the metric is the protocol's headline by default.
 
         Raises InputError if the board has no such protocol or region, or the protocol no such metric.
         """
-        for kind, name, known in (("protocol", protocol, self.protocols), ("region", region, self.regions)):
+        for kind, name, known in (
+            ("protocol", protocol, self.protocols),
+            ("region", region, self.regions),
+        ):
             check_known(f"{kind} on {where}", name, known)
         rules = PROTOCOLS[protocol]
-        chosen, measured = find_metric(metric or rules.headline), (*rules.metrics, *TIMES)
+        chosen, measured = (
+            find_metric(metric or rules.headline),
+            (*rules.metrics, *TIMES),
+        )
         check_known("metric", chosen.name, measured)
         return rules, chosen
 
@@ -154,11 +174,21 @@ class Board:
 
     def find(self, method: str, sample: str, protocol: str) -> Entry | None:
         """The entry with that key, or None."""
-        return next((entry for entry in self.entries if entry.key == (method, sample, protocol)), None)
+        return next(
+            (
+                entry
+                for entry in self.entries
+                if entry.key == (method, sample, protocol)
+            ),
+            None,
+        )
 
     def check_sample(self, name: str, sha256: str) -> None:
         """Raise InputError if this board's entries of the sample have another fingerprint (`samples.fingerprint`)."""
-        if any(entry.sample == name and entry.sample_sha256 != sha256 for entry in self.entries):
+        if any(
+            entry.sample == name and entry.sample_sha256 != sha256
+            for entry in self.entries
+        ):
             what = f"sample {name!r} is not the one that the board scores: its images, truth or search range differ"
             raise InputError(f"{what}; use the board's dataset, or another board")
 
@@ -173,9 +203,17 @@ class Board:
 
     def without(self, unwanted: Callable[[Entry], bool]) -> "Board":
         """A board without the entries for which `unwanted` is True."""
-        return replace(self, entries=tuple(entry for entry in self.entries if not unwanted(entry)))
+        return replace(
+            self, entries=tuple(entry for entry in self.entries if not unwanted(entry))
+        )
 
-    def mean(self, method: str, protocol: str, region: str, weights: Mapping[str, float] | None = None) -> Mean:
+    def mean(
+        self,
+        method: str,
+        protocol: str,
+        region: str,
+        weights: Mapping[str, float] | None = None,
+    ) -> Mean:
         """The weighted mean over samples with pixels in the region, sum(w x) / sum(w), with weight 1 by default.
 
         Raises InputError for a weight of an unknown sample, or a negative weight.
@@ -184,22 +222,34 @@ class Board:
         for name, weight in (weights or {}).items():
             check_known("sample", name, samples)
             if not (math.isfinite(weight) and weight >= 0):
-                raise InputError(f"the weight of {name!r} is {weight}: expected a finite number >= 0")
+                raise InputError(
+                    f"the weight of {name!r} is {weight}: expected a finite number >= 0"
+                )
         entries = [e for e in self.entries if e.protocol == protocol]
         mine = [e for e in entries if e.method == method]
         failed = tuple(e.sample for e in mine if not e.ok)
         scored = [e for e in mine if e.evaluated(region)]
         succeeded = {e.sample for e in entries if e.ok}
-        expected = _unique(e.sample for e in entries if e.evaluated(region) or e.sample not in succeeded)
+        expected = _unique(
+            e.sample
+            for e in entries
+            if e.evaluated(region) or e.sample not in succeeded
+        )
         covered = {*failed, *(e.sample for e in scored)}
         missing = tuple(name for name in expected if name not in covered)
         names = (*PROTOCOLS[protocol].metrics, *TIMES)
         if failed or missing:
-            return Mean(method, dict.fromkeys(names, math.nan), len(scored), failed, missing)
+            return Mean(
+                method, dict.fromkeys(names, math.nan), len(scored), failed, missing
+            )
         factors = [(e, (weights or {}).get(e.sample, 1.0)) for e in scored]
         counted = [(e, weight) for e, weight in factors if weight > 0]
         total = math.fsum(weight for _, weight in counted) or math.nan
-        means = {name: math.fsum(e.value(region, name) * weight for e, weight in counted) / total for name in names}
+        means = {
+            name: math.fsum(e.value(region, name) * weight for e, weight in counted)
+            / total
+            for name in names
+        }
         return Mean(method, means, len(scored), ())
 
 

@@ -26,7 +26,9 @@ from twinlens.scoring.sparsification import DENSITIES
 FORMAT, VERSION = "twinlens-board", 1
 UNSCORED = "unscored"  # key that `twinlens score --json` adds: maps that match no sample; `read_board` ignores it
 MAX_BYTES = 256 * 2**20
-WRITE_EVERY_S = 2.0  # at least: the time of a write is proportional to the number of entries
+WRITE_EVERY_S = (
+    2.0  # at least: the time of a write is proportional to the number of entries
+)
 MIXED = "entries of several machines or versions"
 
 _COUNT = (Annotated[int, pydantic.Field(ge=0, lt=2**53)], ...)
@@ -34,20 +36,37 @@ _SIZE = (Annotated[int, pydantic.Field(ge=1, lt=2**53)], ...)
 
 
 def _bounded(value: float) -> float:
-    if 1e280 <= value < math.inf:  # sums over samples, and seconds per 10^9 pixels, would overflow
+    if (
+        1e280 <= value < math.inf
+    ):  # sums over samples, and seconds per 10^9 pixels, would overflow
         raise InputError(f"must be < 1e280, got {value:g}")
     return float(value)
 
 
 _Metric = Annotated[
-    Annotated[float, pydantic.Field(ge=0, allow_inf_nan=True), pydantic.AfterValidator(_bounded)] | None,
+    Annotated[
+        float,
+        pydantic.Field(ge=0, allow_inf_nan=True),
+        pydantic.AfterValidator(_bounded),
+    ]
+    | None,
     pydantic.BeforeValidator(lambda value: math.inf if value == "inf" else value),
     pydantic.AfterValidator(lambda value: math.nan if value is None else value),
-    pydantic.WithJsonSchema({"anyOf": [{"type": "number", "minimum": 0}, {"const": "inf"}, {"type": "null"}]}),
+    pydantic.WithJsonSchema(
+        {
+            "anyOf": [
+                {"type": "number", "minimum": 0},
+                {"const": "inf"},
+                {"type": "null"},
+            ]
+        }
+    ),
 ]
 
 
-_FailureTable: Any = table_of(Failure, kind=(Annotated[str, one_of("failure", FAILURES)], ...))
+_FailureTable: Any = table_of(
+    Failure, kind=(Annotated[str, one_of("failure", FAILURES)], ...)
+)
 _RegionTable: Any = table_of(
     RegionScores, image=_COUNT, evaluated=_COUNT, estimated=_COUNT, metrics=(dict[str, _Metric], ...),
     sparsification=(Annotated[list[_Metric], exactly(len(DENSITIES), _Metric), pydantic.AfterValidator(tuple)], ()),
@@ -96,10 +115,14 @@ def board_to_json(board: Board) -> str:
         "title": board.title,
         "meta": dict(board.meta),
         "protocols": {name: dict(PROTOCOLS[name].lines()) for name in board.protocols},
-        "scenes": {name: board.scenes[name] for name in board.samples if name in board.scenes},
+        "scenes": {
+            name: board.scenes[name] for name in board.samples if name in board.scenes
+        },
         "entries": [_record(entry) for entry in board.entries],
     }
-    return json.dumps(plain(document, nan_as_null=True), indent=1, allow_nan=False) + "\n"
+    return (
+        json.dumps(plain(document, nan_as_null=True), indent=1, allow_nan=False) + "\n"
+    )
 
 
 def _record(entry: Entry) -> dict[str, Any]:
@@ -129,7 +152,9 @@ def read_board(path: str | os.PathLike[str]) -> Board:
             f"{path}: no such file; a board is a folder that `twinlens benchmark` writes, or its board.json"
         )
     if path.is_file() and path.stat().st_size > MAX_BYTES:
-        raise FileError(f"{path}: larger than {MAX_BYTES / 2**20:g} MiB, the limit for a board")
+        raise FileError(
+            f"{path}: larger than {MAX_BYTES / 2**20:g} MiB, the limit for a board"
+        )
     return board_from_json(read_bytes(path), path)
 
 
@@ -180,8 +205,13 @@ def _joined(before: Mapping[str, str], now: Mapping[str, str]) -> dict[str, str]
     if dict(before) == dict(now):
         return dict(now)
     names = (name for name in dict.fromkeys([*now, *before]) if name != "mixed")
-    found = {name: [*before.get(name, "unknown").split("; "), now.get(name, "unknown")] for name in names}
-    return {name: "; ".join(dict.fromkeys(values)) for name, values in found.items()} | {"mixed": MIXED}
+    found = {
+        name: [*before.get(name, "unknown").split("; "), now.get(name, "unknown")]
+        for name in names
+    }
+    return {
+        name: "; ".join(dict.fromkeys(values)) for name, values in found.items()
+    } | {"mixed": MIXED}
 
 
 def _machine() -> dict[str, str]:

@@ -33,13 +33,21 @@ def score_confidences(pair: Pair, matcher: Any) -> ConfidenceScores:
     Raises InputError unless it is a `StereoMatcher`, the only one with a cost volume, and if there is nothing to score.
     """
     if not isinstance(matcher, StereoMatcher):
-        raise InputError("this method has no cost volume; use a method of twinlens, such as zncc or sgm")
+        raise InputError(
+            "this method has no cost volume; use a method of twinlens, such as zncc or sgm"
+        )
     check_image_size(matcher, pair.disp0.shape)
-    disparity, volume = matcher.match(pair.im0, pair.im1), matcher.cost_volume(pair.im0, pair.im1)
+    disparity, volume = (
+        matcher.match(pair.im0, pair.im1),
+        matcher.cost_volume(pair.im0, pair.im1),
+    )
     known = np.isfinite(pair.disp0) & np.isfinite(disparity)
     errors = np.full(disparity.shape, np.inf)
     errors[known] = np.abs(disparity[known] - pair.disp0[known])
-    maps = {name: confidence_map(volume, name, matcher.min_disparity) for name in CONFIDENCES}
+    maps = {
+        name: confidence_map(volume, name, matcher.min_disparity)
+        for name in CONFIDENCES
+    }
     scores = {}
     for name, confidence in maps.items():
         found = evaluate(
@@ -48,5 +56,7 @@ def score_confidences(pair: Pair, matcher: Any) -> ConfidenceScores:
         )  # fmt: skip
         scores[name] = found.all if pair.mask0_nonocc is None else found.nonocc
         if not scores[name].estimated:
-            raise InputError(f"{pair.name}: no pixel has a true disparity and an estimate")
+            raise InputError(
+                f"{pair.name}: no pixel has a true disparity and an estimate"
+            )
     return ConfidenceScores(errors, maps, scores)

@@ -60,7 +60,9 @@ class Scores:
     def nonocc(self) -> RegionScores:
         """Pixels with known truth visible in both cameras; InputError without a mask_nonocc."""
         if "nonocc" not in self.regions:
-            raise InputError("no scores for region 'nonocc': pass evaluate(..., mask_nonocc=mask)")
+            raise InputError(
+                "no scores for region 'nonocc': pass evaluate(..., mask_nonocc=mask)"
+            )
         return self.regions["nonocc"]
 
 
@@ -114,66 +116,123 @@ def evaluate(
     """
     rules = find_protocol(protocol)
     if rules.needs_calibration and calibration is None:
-        raise InputError(f"{rules.title} needs the pair's calibration: evaluate(..., calibration=...)")
+        raise InputError(
+            f"{rules.title} needs the pair's calibration: evaluate(..., calibration=...)"
+        )
     if ndisp is not None and not (math.isfinite(ndisp) and ndisp > 0):
         raise InputError(f"ndisp is {ndisp}: expected a positive number of disparities")
     if not math.isfinite(min_disparity):
-        raise InputError(f"min_disparity is {min_disparity}: expected a finite number of pixels")
+        raise InputError(
+            f"min_disparity is {min_disparity}: expected a finite number of pixels"
+        )
     for name in set(RESERVED) & set(regions or {}):
-        raise InputError(f"region {name!r} is reserved: pass mask_nonocc, or use another name")
+        raise InputError(
+            f"region {name!r} is reserved: pass mask_nonocc, or use another name"
+        )
     truth, estimate = disparity_map("gt", gt), disparity_map("disp", disp)
     scale = upsampling(estimate.shape, truth.shape, rules)
-    trust = None if confidence is None else _confidence_map(confidence, estimate.shape, scale)
-    allowed = scale * min_disparity, math.inf if ndisp is None else scale * (min_disparity + ndisp)
+    trust = (
+        None
+        if confidence is None
+        else _confidence_map(confidence, estimate.shape, scale)
+    )
+    allowed = (
+        scale * min_disparity,
+        math.inf if ndisp is None else scale * (min_disparity + ndisp),
+    )
     estimate, given = rules.prepare(upsampled(estimate, scale), *allowed)
     if round_disparity is None:
-        round_disparity = rules.rounds_integers and calibration is not None and calibration.isint
-    if round_disparity:  # as C's round(), halves away from zero; numpy rounds them to even
+        round_disparity = (
+            rules.rounds_integers and calibration is not None and calibration.isint
+        )
+    if (
+        round_disparity
+    ):  # as C's round(), halves away from zero; numpy rounds them to even
         wide = estimate.astype(np.float64)
-        estimate = np.copysign(np.floor(np.abs(wide) + 0.5), wide).astype(estimate.dtype)
+        estimate = np.copysign(np.floor(np.abs(wide) + 0.5), wide).astype(
+            estimate.dtype
+        )
     masks: dict[str, Mask] = {"all": np.ones(truth.shape, np.bool_)}
     if mask_nonocc is not None:
         masks["nonocc"] = boolean_mask("mask_nonocc", mask_nonocc, truth.shape)
-    masks |= {name: boolean_mask(f"region {name!r}", mask, truth.shape) for name, mask in (regions or {}).items()}
+    masks |= {
+        name: boolean_mask(f"region {name!r}", mask, truth.shape)
+        for name, mask in (regions or {}).items()
+    }
     scores = {}
     for name, mask in masks.items():
         chosen = mask & np.isfinite(truth)
-        pixels = Pixels(estimate[chosen].astype(np.float64), truth[chosen].astype(np.float64), given[chosen])
+        pixels = Pixels(
+            estimate[chosen].astype(np.float64),
+            truth[chosen].astype(np.float64),
+            given[chosen],
+        )
         if trust is not None:
             pixels = replace(pixels, confidence=trust[chosen])
         if rules.needs_calibration and calibration is not None:
-            metres = _point_errors(pixels.estimate, pixels.truth, np.argwhere(chosen), calibration)
+            metres = _point_errors(
+                pixels.estimate, pixels.truth, np.argwhere(chosen), calibration
+            )
             pixels = replace(pixels, metres=metres)
         estimated = int(np.count_nonzero(pixels.given))
-        scores[name] = RegionScores(truth.size, pixels.truth.size, estimated, rules.measure(pixels))
-        curve = None if rules.auc_threshold is None else pixels.sparsified(rules.auc_threshold)
+        scores[name] = RegionScores(
+            truth.size, pixels.truth.size, estimated, rules.measure(pixels)
+        )
+        curve = (
+            None
+            if rules.auc_threshold is None
+            else pixels.sparsified(rules.auc_threshold)
+        )
         if curve is not None:
-            areas = dict(zip(rules.auc_metrics, (100 * curve.auc, 100 * curve.optimal_auc), strict=True))
+            areas = dict(
+                zip(
+                    rules.auc_metrics,
+                    (100 * curve.auc, 100 * curve.optimal_auc),
+                    strict=True,
+                )
+            )
             rates = tuple(100 * rate for rate in curve.error_rates)
-            scores[name] = replace(scores[name], metrics={**scores[name].metrics, **areas}, sparsification=rates)
+            scores[name] = replace(
+                scores[name],
+                metrics={**scores[name].metrics, **areas},
+                sparsification=rates,
+            )
     return Scores(rules, scores, allowed, scale, round_disparity)
 
 
-def upsampling(estimate_shape: tuple[int, ...], truth_shape: tuple[int, ...], rules: Protocol) -> int:
+def upsampling(
+    estimate_shape: tuple[int, ...], truth_shape: tuple[int, ...], rules: Protocol
+) -> int:
     """Ratio of the truth's size to the map's; InputError unless the protocol allows it."""
     for scale in rules.upsampling:
         if tuple(scale * n for n in estimate_shape) == truth_shape:
             return scale
-    whole = [scale for scale in rules.upsampling if all(n % scale == 0 for n in truth_shape)]
-    allowed = " or ".join(str(tuple(n // scale for n in truth_shape)) for scale in whole)
-    raise InputError(f"disp has shape {estimate_shape}: {rules.title} expects {allowed} for a truth of {truth_shape}")
+    whole = [
+        scale for scale in rules.upsampling if all(n % scale == 0 for n in truth_shape)
+    ]
+    allowed = " or ".join(
+        str(tuple(n // scale for n in truth_shape)) for scale in whole
+    )
+    raise InputError(
+        f"disp has shape {estimate_shape}: {rules.title} expects {allowed} for a truth of {truth_shape}"
+    )
 
 
 def _confidence_map(confidence: ArrayLike, shape: tuple[int, ...], scale: int) -> Float:
     values = np.asarray(confidence)
     if values.dtype.kind not in "biuf" or values.shape != shape:
-        raise InputError(f"confidence holds {values.dtype} {values.shape}: expected numbers of disp's shape, {shape}")
+        raise InputError(
+            f"confidence holds {values.dtype} {values.shape}: expected numbers of disp's shape, {shape}"
+        )
     return np.repeat(np.repeat(values.astype(np.float64), scale, axis=0), scale, axis=1)
 
 
 def upsampled(disp: Disparity, scale: int) -> Disparity:
     """The map repeated `scale` times in both directions, its values multiplied by `scale`."""
-    return np.asarray(np.repeat(np.repeat(disp, scale, axis=0), scale, axis=1) * disp.dtype.type(scale))
+    return np.asarray(
+        np.repeat(np.repeat(disp, scale, axis=0), scale, axis=1)
+        * disp.dtype.type(scale)
+    )
 
 
 def _point_errors(
@@ -185,9 +244,15 @@ def _point_errors(
     (unknown disparity, or d + doffs <= 0).
     """
     fx, fy, cx, cy = calibration.cam0
-    length = np.sqrt(1.0 + ((pixels[:, 1] - cx) / fx) ** 2 + ((pixels[:, 0] - cy) / fy) ** 2)  # of a ray to z = 1
+    length = np.sqrt(
+        1.0 + ((pixels[:, 1] - cx) / fx) ** 2 + ((pixels[:, 0] - cy) / fy) ** 2
+    )  # of a ray to z = 1
     doffs = calibration.doffs
-    z_estimate, z_true = (calibration.depth(np.where(d + doffs > 0, d, np.inf)) for d in (estimate, true))
+    z_estimate, z_true = (
+        calibration.depth(np.where(d + doffs > 0, d, np.inf)) for d in (estimate, true)
+    )
     defined = np.isfinite(z_estimate) & np.isfinite(z_true)
     with np.errstate(invalid="ignore"):
-        return np.where(defined, np.abs(z_estimate - z_true) * length, np.inf), z_true * length
+        return np.where(
+            defined, np.abs(z_estimate - z_true) * length, np.inf
+        ), z_true * length

@@ -17,7 +17,12 @@ Disparity = NDArray[np.floating[Any]]
 Mask = NDArray[np.bool_]
 
 EVALUATED = 255  # in a uint8 mask (Middlebury v3, ETH3D)
-THRESHOLDS = (0.5, 1.0, 2.0, 4.0)  # of bad pixels, in pixels of the truth's resolution (Middlebury v3, ETH3D)
+THRESHOLDS = (
+    0.5,
+    1.0,
+    2.0,
+    4.0,
+)  # of bad pixels, in pixels of the truth's resolution (Middlebury v3, ETH3D)
 QUANTILES = (50, 90, 95, 99)
 TIMES = ("time", "time/MP", "time/GD")
 
@@ -27,9 +32,13 @@ def disparity_map(name: str, values: ArrayLike) -> Disparity:
     array = np.asarray(values)
     if array.dtype.kind not in "fiu":
         what = type(values).__name__ if array.ndim == 0 else array.dtype
-        raise InputError(f"{name} is {what}: expected an array of real numbers, float32 pixels with +inf where unknown")
+        raise InputError(
+            f"{name} is {what}: expected an array of real numbers, float32 pixels with +inf where unknown"
+        )
     if array.ndim != 2 or array.size == 0:
-        raise InputError(f"{name} has shape {array.shape}: expected (height, width), neither of them 0")
+        raise InputError(
+            f"{name} has shape {array.shape}: expected (height, width), neither of them 0"
+        )
     if array.dtype.kind != "f":
         return array.astype(np.float32 if array.dtype.itemsize <= 2 else np.float64)
     for what, wrong in (("NaN", np.isnan(array)), ("-inf", np.isneginf(array))):
@@ -46,11 +55,15 @@ def boolean_mask(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Mask:
     """`values` as an (H, W) boolean mask, where 255 is True for uint8; InputError for another shape or dtype."""
     array = np.asarray(values)
     if array.shape != shape:
-        raise InputError(f"{name} has shape {array.shape}: expected the truth's, {shape}")
+        raise InputError(
+            f"{name} has shape {array.shape}: expected the truth's, {shape}"
+        )
     if array.dtype == np.bool_:
         return array
     if array.dtype != np.uint8:
-        raise InputError(f"{name} holds {array.dtype}: expected bool, or uint8 with 255 where a pixel is evaluated")
+        raise InputError(
+            f"{name} holds {array.dtype}: expected bool, or uint8 with 255 where a pixel is evaluated"
+        )
     return np.asarray(array == EVALUATED)
 
 
@@ -69,7 +82,11 @@ def error_sizes(errors: NDArray[np.float64]) -> dict[str, float]:
         return dict.fromkeys(SIZES, math.nan)
     ranks = [errors.size * q // 100 for q in QUANTILES]
     quantiles = np.partition(errors, sorted(set(ranks)))[ranks].tolist()
-    values = (float(errors.mean()), math.sqrt(float(np.mean(errors * errors))), *quantiles)
+    values = (
+        float(errors.mean()),
+        math.sqrt(float(np.mean(errors * errors))),
+        *quantiles,
+    )
     return dict(zip(SIZES, values, strict=True))
 
 
@@ -107,26 +124,51 @@ class Metric:
 
 _METRICS = (
     *(Metric(f"bad{t}", "%", f"error above {t} px") for t in THRESHOLDS),
-    *(Metric(f"totbad{t}", "%", f"error above {t} px, or no estimate") for t in THRESHOLDS),
+    *(
+        Metric(f"totbad{t}", "%", f"error above {t} px, or no estimate")
+        for t in THRESHOLDS
+    ),
     Metric("avgerr", "px", "mean absolute error"),
     Metric("rms", "px", "root mean squared error"),
     *(Metric(f"A{q}", "px", f"{q}% quantile of the absolute error") for q in QUANTILES),
     Metric("invalid", "%", "pixels without an estimate"),
     Metric("coverage", "%", "pixels with an estimate", lower_is_better=False),
-    Metric("D1", "%", "outliers after filling: error above 3 px and above 5% of the truth"),
+    Metric(
+        "D1", "%", "outliers after filling: error above 3 px and above 5% of the truth"
+    ),
     Metric("D1_est", "%", "outliers among the estimated pixels"),
-    *(Metric(f"point_A{q}", "m", f"{q}% quantile of the point distance") for q in QUANTILES),
-    Metric("point_avgerr", "m", "mean distance between estimated and true point"),
-    Metric("point_rms", "m", "root mean squared distance between estimated and true point"),
-    Metric("point_rel", "%", "mean point distance relative to the true point's distance from the camera"),
     *(
-        Metric(auc_names(t)[0], "%", f"area under the sparsification curve of errors above {t} px, of estimated pixels")
+        Metric(f"point_A{q}", "m", f"{q}% quantile of the point distance")
+        for q in QUANTILES
+    ),
+    Metric("point_avgerr", "m", "mean distance between estimated and true point"),
+    Metric(
+        "point_rms", "m", "root mean squared distance between estimated and true point"
+    ),
+    Metric(
+        "point_rel",
+        "%",
+        "mean point distance relative to the true point's distance from the camera",
+    ),
+    *(
+        Metric(
+            auc_names(t)[0],
+            "%",
+            f"area under the sparsification curve of errors above {t} px, of estimated pixels",
+        )
         for t in AUC_THRESHOLDS
     ),
-    *(Metric(auc_names(t)[1], "%", f"auc{t} of a confidence that ranks without mistakes") for t in AUC_THRESHOLDS),
+    *(
+        Metric(
+            auc_names(t)[1], "%", f"auc{t} of a confidence that ranks without mistakes"
+        )
+        for t in AUC_THRESHOLDS
+    ),
     Metric("time", "s", "wall time of one match"),
     Metric("time/MP", "s/MP", "seconds per megapixel"),
-    Metric("time/GD", "s/GD", "seconds per 10^9 disparity evaluations (pixels x ndisp)"),
+    Metric(
+        "time/GD", "s/GD", "seconds per 10^9 disparity evaluations (pixels x ndisp)"
+    ),
 )
 METRICS: Mapping[str, Metric] = {metric.name: metric for metric in _METRICS}
 

@@ -26,8 +26,13 @@ _LOW_WINDOW, _WINDOW, _BLOCK = 21, 9, 8
 _FLAT_SD = 3.0
 _MEDIAN_OF_UNIT_NORMAL = 0.6744897501960817  # of the absolute values
 _HUBER = 1.345
-_DB2 = np.array([-(1 + 3**0.5), 3 + 3**0.5, -(3 - 3**0.5), 1 - 3**0.5]) / 32**0.5  # high-pass filter of the wavelet db2
-_BANDS = {"spectrum_low": (0.02, 0.15), "spectrum_high": (0.2, 0.45)}  # of the fitted slopes, cycles per pixel
+_DB2 = (
+    np.array([-(1 + 3**0.5), 3 + 3**0.5, -(3 - 3**0.5), 1 - 3**0.5]) / 32**0.5
+)  # high-pass filter of the wavelet db2
+_BANDS = {
+    "spectrum_low": (0.02, 0.15),
+    "spectrum_high": (0.2, 0.45),
+}  # of the fitted slopes, cycles per pixel
 
 
 @dataclass(frozen=True)
@@ -40,23 +45,49 @@ class Statistic:
 
 
 STATISTICS: Mapping[str, Statistic] = {
-    "low_sd": Statistic("grey", "s.d. of the 21x21 mean of left - warped", (2.4, 1.4, 5.4)),
+    "low_sd": Statistic(
+        "grey", "s.d. of the 21x21 mean of left - warped", (2.4, 1.4, 5.4)
+    ),
     "bias": Statistic("grey", "|median of left - warped|", (1.3, 0.2, 8.3)),
-    "gain": Statistic("", "|g - 1| of the robust line left = g warped + o", (0.013, 0.002, 0.028)),
+    "gain": Statistic(
+        "", "|g - 1| of the robust line left = g warped + o", (0.013, 0.002, 0.028)
+    ),
     "offset": Statistic("grey", "o of that line", (0.3, -3.4, 4.2)),
-    "noise": Statistic("grey", "noise of the left image from its wavelets", (0.95, 0.5, 2.0)),
-    "flat_noise": Statistic("grey", "noise in the flattest fifth of its 8x8 blocks", (0.5, 0.3, 1.6)),
-    "residual": Statistic("grey", "1.48 MAD of left - g warped - o - low", (1.4, 0.8, 2.1)),
+    "noise": Statistic(
+        "grey", "noise of the left image from its wavelets", (0.95, 0.5, 2.0)
+    ),
+    "flat_noise": Statistic(
+        "grey", "noise in the flattest fifth of its 8x8 blocks", (0.5, 0.3, 1.6)
+    ),
+    "residual": Statistic(
+        "grey", "1.48 MAD of left - g warped - o - low", (1.4, 0.8, 2.1)
+    ),
     "textureless": Statistic("", "share of textureless windows", (0.67, 0.27, 0.90)),
-    "flat": Statistic("", "share of 9x9 windows with a s.d. below 3", (0.28, 0.04, 0.50)),
+    "flat": Statistic(
+        "", "share of 9x9 windows with a s.d. below 3", (0.28, 0.04, 0.50)
+    ),
     "contrast": Statistic("grey", "median s.d. of 9x9 windows", (8.0, 4.1, 15.4)),
-    "gradient": Statistic("grey/px", "median magnitude of the gradient", (2.8, 1.6, 5.9)),
+    "gradient": Statistic(
+        "grey/px", "median magnitude of the gradient", (2.8, 1.6, 5.9)
+    ),
     "kurtosis": Statistic("", "kurtosis of horizontal differences", (23.0, 14.0, 60.0)),
-    "spectrum_low": Statistic("", "slope of the power spectrum, 0.02 to 0.15 cycles/px", (-2.6, -3.0, -2.4)),
-    "spectrum_high": Statistic("", "slope of the power spectrum, 0.2 to 0.45 cycles/px", (-3.8, -5.3, -3.0)),
-    "correlation": Statistic("", "median correlation of 9x9 windows at the true disparity", (0.96, 0.90, 0.98)),
-    "occluded": Statistic("", "occluded share of the pixels with known truth", (0.11, 0.03, 0.18)),
-    "largest_disparity": Statistic("", "largest true disparity over the image width", (0.09, math.nan, math.nan)),
+    "spectrum_low": Statistic(
+        "", "slope of the power spectrum, 0.02 to 0.15 cycles/px", (-2.6, -3.0, -2.4)
+    ),
+    "spectrum_high": Statistic(
+        "", "slope of the power spectrum, 0.2 to 0.45 cycles/px", (-3.8, -5.3, -3.0)
+    ),
+    "correlation": Statistic(
+        "",
+        "median correlation of 9x9 windows at the true disparity",
+        (0.96, 0.90, 0.98),
+    ),
+    "occluded": Statistic(
+        "", "occluded share of the pixels with known truth", (0.11, 0.03, 0.18)
+    ),
+    "largest_disparity": Statistic(
+        "", "largest true disparity over the image width", (0.09, math.nan, math.nan)
+    ),
     "width": Statistic("px", "image width", (695.0, 450.0, 740.0)),
 }
 
@@ -69,12 +100,16 @@ def pair_statistics(pair: Pair) -> dict[str, float]:
     """
     height, width = pair.disp0.shape
     if min(height, width) < 32:
-        raise InputError(f"{pair.name}: {width} x {height} pixels; statistics need 32 x 32 or more")
+        raise InputError(
+            f"{pair.name}: {width} x {height} pixels; statistics need 32 x 32 or more"
+        )
     left, warped, used, hidden = compared(pair)
     known, (noise, share) = np.isfinite(pair.disp0), appearance(left)
     down, across = np.gradient(left)
     windows = np.lib.stride_tricks.sliding_window_view(left, (_WINDOW, _WINDOW))
-    contrast = np.stack([row.std(axis=(1, 2)) for row in windows])  # row by row, to save memory
+    contrast = np.stack(
+        [row.std(axis=(1, 2)) for row in windows]
+    )  # row by row, to save memory
     return {
         **_differences(left, warped, used),
         "noise": math.sqrt(noise),
@@ -83,16 +118,22 @@ def pair_statistics(pair: Pair) -> dict[str, float]:
         "flat": float((contrast < _FLAT_SD).mean()),
         "contrast": float(np.median(contrast)),
         "gradient": float(np.median(np.hypot(down, across))),
-        "kurtosis": float(scipy.stats.kurtosis(np.diff(left, axis=1), axis=None, fisher=False)),
+        "kurtosis": float(
+            scipy.stats.kurtosis(np.diff(left, axis=1), axis=None, fisher=False)
+        ),
         **_spectrum_slopes(left),
         "correlation": _correlation(left, warped, used),
         "occluded": float(hidden.sum() / known.sum()) if known.any() else math.nan,
-        "largest_disparity": float(pair.disp0[known].max() / width) if known.any() else math.nan,
+        "largest_disparity": float(pair.disp0[known].max() / width)
+        if known.any()
+        else math.nan,
         "width": float(width),
     }
 
 
-def summarize(rows: Sequence[Mapping[str, float]]) -> dict[str, tuple[float, float, float]]:
+def summarize(
+    rows: Sequence[Mapping[str, float]],
+) -> dict[str, tuple[float, float, float]]:
     """Median, 10 % and 90 % quantile of each statistic over pairs; pairs without a value are not counted.
 
     >>> summarize([{"noise": 1.0}, {"noise": 3.0}])
@@ -101,7 +142,11 @@ def summarize(rows: Sequence[Mapping[str, float]]) -> dict[str, tuple[float, flo
     summary = {}
     for name in rows[0] if rows else ():
         values = [row[name] for row in rows if not math.isnan(row[name])]
-        summary[name] = tuple(np.percentile(values, (50, 10, 90)).tolist()) if values else (math.nan,) * 3
+        summary[name] = (
+            tuple(np.percentile(values, (50, 10, 90)).tolist())
+            if values
+            else (math.nan,) * 3
+        )
     return summary
 
 
@@ -109,14 +154,20 @@ def compared(pair: Pair) -> tuple[Grey, Grey, NDArray[np.bool_], NDArray[np.bool
     """Grey levels of the left and the warped right image, the pixels to compare, and the occluded ones; (H, W) each."""
     left, warped = grey_levels(pair.im0), warp_right(grey_levels(pair.im1), pair.disp0)
     known = np.isfinite(pair.disp0)
-    hidden = np.zeros_like(known) if pair.mask0_nonocc is None else known & occluded(pair.mask0_nonocc)
+    hidden = (
+        np.zeros_like(known)
+        if pair.mask0_nonocc is None
+        else known & occluded(pair.mask0_nonocc)
+    )
     jump = discontinuity(pair.disp0, _JUMP_WINDOW, _JUMP_PX)
     return left, warped, np.isfinite(warped) & ~hidden & ~jump, hidden
 
 
 def appearance(image: Grey) -> tuple[float, float]:
     """Variance of the noise, from wavelets, and share of textureless windows of grey levels (H, W)."""
-    return _wavelet_noise(image) ** 2, float(textureless(np.rint(image).astype(np.uint8)).mean())
+    return _wavelet_noise(image) ** 2, float(
+        textureless(np.rint(image).astype(np.uint8)).mean()
+    )
 
 
 def grey_levels(image: NDArray[Any]) -> Grey:
@@ -130,7 +181,9 @@ def warp_right(right: Grey, disparity: NDArray[np.floating[Any]]) -> Grey:
     columns = np.arange(width) - np.where(np.isfinite(disparity), disparity, np.inf)
     inside = (columns >= 0) & (columns <= width - 1)
     rows = np.broadcast_to(np.arange(height, dtype=np.float64)[:, None], columns.shape)
-    warped = ndimage.map_coordinates(right, (rows, np.where(inside, columns, 0.0)), order=3, mode="nearest")
+    warped = ndimage.map_coordinates(
+        right, (rows, np.where(inside, columns, 0.0)), order=3, mode="nearest"
+    )
     return np.where(inside, warped, np.nan)
 
 
@@ -155,18 +208,28 @@ def low_pass(values: Grey, used: NDArray[np.bool_]) -> Grey:
     """21x21 mean of the values of the pixels `used` (H, W), at these pixels; (N,), as `values`."""
     image = np.zeros(used.shape)
     image[used] = values
-    total, weight = (ndimage.uniform_filter(each, _LOW_WINDOW, mode="constant") for each in (image, used * 1.0))
+    total, weight = (
+        ndimage.uniform_filter(each, _LOW_WINDOW, mode="constant")
+        for each in (image, used * 1.0)
+    )
     return np.asarray(total[used] / weight[used])
 
 
-def robust_fit(design: Grey, y: Grey, start: Sequence[float], steps: Any = "jac") -> Grey:
+def robust_fit(
+    design: Grey, y: Grey, start: Sequence[float], steps: Any = "jac"
+) -> Grey:
     """The p of y = design p by Huber's loss, (M,); its scale is from the median absolute residual at `start`.
 
     steps : sizes of typical changes of p; by default from the columns of `design`, (N, M).
     """
     scale = max(_HUBER * _mad(y - design @ np.array(start)), 1e-6)
     fit = scipy.optimize.least_squares(
-        lambda p: design @ p - y, start, jac=lambda p: design, loss="huber", f_scale=scale, x_scale=steps
+        lambda p: design @ p - y,
+        start,
+        jac=lambda p: design,
+        loss="huber",
+        f_scale=scale,
+        x_scale=steps,
     )
     return np.asarray(fit.x)
 
@@ -179,8 +242,13 @@ def _wavelet_noise(image: Grey) -> float:
     """Median of the non-zero diagonal detail coefficients over that of a unit normal, as scikit-image has it."""
     details = image
     for axis, size in enumerate(image.shape):
-        padded = np.pad(details, [(3, 3) if a == axis else (0, 0) for a in (0, 1)], mode="symmetric")
-        details = sum(h * padded.take(range(4 - k, size + 6 - k, 2), axis) for k, h in enumerate(_DB2))
+        padded = np.pad(
+            details, [(3, 3) if a == axis else (0, 0) for a in (0, 1)], mode="symmetric"
+        )
+        details = sum(
+            h * padded.take(range(4 - k, size + 6 - k, 2), axis)
+            for k, h in enumerate(_DB2)
+        )
     sizes = np.abs(details[details != 0])
     return float(np.median(sizes) / _MEDIAN_OF_UNIT_NORMAL) if sizes.size else 0.0
 
@@ -189,10 +257,14 @@ def _flat_noise(image: Grey) -> float:
     """Immerkaer's estimate, sqrt(pi/2) mean|I * N| / 6, over the fifth of the blocks with the least variance."""
     kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]])
     both = np.stack([image, np.abs(ndimage.convolve(image, kernel, mode="mirror"))])
-    windows = np.lib.stride_tricks.sliding_window_view(both, (_BLOCK, _BLOCK), axis=(1, 2))[:, ::_BLOCK, ::_BLOCK]
+    windows = np.lib.stride_tricks.sliding_window_view(
+        both, (_BLOCK, _BLOCK), axis=(1, 2)
+    )[:, ::_BLOCK, ::_BLOCK]
     blocks, responses = windows.reshape(2, -1, _BLOCK * _BLOCK)
     order = np.argsort(blocks.var(axis=1), kind="stable")
-    return float(math.sqrt(math.pi / 2) / 6 * responses[order[: max(len(order) // 5, 1)]].mean())
+    return float(
+        math.sqrt(math.pi / 2) / 6 * responses[order[: max(len(order) // 5, 1)]].mean()
+    )
 
 
 def _spectrum_slopes(image: Grey) -> dict[str, float]:
@@ -209,7 +281,11 @@ def _spectrum_slopes(image: Grey) -> dict[str, float]:
     for name, (low, high) in _BANDS.items():
         chosen = (frequency >= low) & (frequency <= high) & (mean > 0)
         fits = np.count_nonzero(chosen) > 1
-        slopes[name] = float(np.polyfit(np.log(frequency[chosen]), np.log(mean[chosen]), 1)[0]) if fits else math.nan
+        slopes[name] = (
+            float(np.polyfit(np.log(frequency[chosen]), np.log(mean[chosen]), 1)[0])
+            if fits
+            else math.nan
+        )
     return slopes
 
 
@@ -225,4 +301,8 @@ def _correlation(left: Grey, warped: Grey, used: NDArray[np.bool_]) -> float:
     variances = (mean(left**2) - a**2) * (mean(warped**2) - b**2)
     covariance = mean(left * warped) - a * b
     textured = variances > 1e-6
-    return float(np.median(covariance[textured] / np.sqrt(variances[textured]))) if textured.any() else math.nan
+    return (
+        float(np.median(covariance[textured] / np.sqrt(variances[textured])))
+        if textured.any()
+        else math.nan
+    )

@@ -49,7 +49,9 @@ class Pixels:
         """The curve of errors above the threshold, over the pixels with an estimate; None without a confidence."""
         if self.confidence is None:
             return None
-        return sparsification(self.confidence[self.given], self.given_errors > threshold)
+        return sparsification(
+            self.confidence[self.given], self.given_errors > threshold
+        )
 
     @property
     def given_errors(self) -> NDArray[np.float64]:
@@ -94,7 +96,10 @@ class Protocol:
     def lines(self) -> Mapping[str, str]:
         """Description for tables and board files, label -> text."""
         names = ("denominator", "invalid", "clip", "resolution", "source")
-        return {"protocol": f"{self.title} ({self.name})", **{name: getattr(self, name) for name in names}}
+        return {
+            "protocol": f"{self.title} ({self.name})",
+            **{name: getattr(self, name) for name in names},
+        }
 
 
 def find_protocol(name: str | Protocol) -> Protocol:
@@ -105,17 +110,24 @@ def find_protocol(name: str | Protocol) -> Protocol:
     return PROTOCOLS[name]
 
 
-def _middlebury_prepare(disp: Disparity, low: float, high: float) -> tuple[Disparity, Mask]:
+def _middlebury_prepare(
+    disp: Disparity, low: float, high: float
+) -> tuple[Disparity, Mask]:
     given = np.isfinite(disp) & (disp <= MIDDLEBURY_INVALID * (high - low))
     return np.where(given, np.clip(disp, low, high), np.inf), given
 
 
 def _middlebury_measure(pixels: Pixels) -> dict[str, float]:
     errors, total = pixels.given_errors, pixels.truth.size
-    bad, missing = {f"bad{t}": np.count_nonzero(errors > t) for t in THRESHOLDS}, total - errors.size
+    bad, missing = (
+        {f"bad{t}": np.count_nonzero(errors > t) for t in THRESHOLDS},
+        total - errors.size,
+    )
     return {
         **{name: percent(count, total) for name, count in bad.items()},
-        **{f"tot{name}": percent(count + missing, total) for name, count in bad.items()},
+        **{
+            f"tot{name}": percent(count + missing, total) for name, count in bad.items()
+        },
         **error_sizes(errors),
         "invalid": percent(missing, total),
         "coverage": percent(errors.size, total),
@@ -131,8 +143,15 @@ def _eth3d_prepare(disp: Disparity, low: float, high: float) -> tuple[Disparity,
 def _eth3d_measure(pixels: Pixels) -> dict[str, float]:
     errors, total = pixels.given_errors, pixels.truth.size
     if total and not errors.size:  # ETH3D's result for a map without any estimate
-        return {**dict.fromkeys(BAD, 100.0), **dict.fromkeys(SIZES, math.inf), "coverage": 0.0}
-    bad = {f"bad{t}": percent(np.count_nonzero(errors > t), errors.size) for t in THRESHOLDS}
+        return {
+            **dict.fromkeys(BAD, 100.0),
+            **dict.fromkeys(SIZES, math.inf),
+            "coverage": 0.0,
+        }
+    bad = {
+        f"bad{t}": percent(np.count_nonzero(errors > t), errors.size)
+        for t in THRESHOLDS
+    }
     return {**bad, **error_sizes(errors), "coverage": percent(errors.size, total)}
 
 
@@ -160,12 +179,20 @@ def _kitti_measure(pixels: Pixels) -> dict[str, float]:
 
 def _points_measure(pixels: Pixels) -> dict[str, float]:
     if pixels.metres is None:
-        raise InputError("errors in metres need a calibration: evaluate(..., calibration=...)")
+        raise InputError(
+            "errors in metres need a calibration: evaluate(..., calibration=...)"
+        )
     known = pixels.given & np.isfinite(pixels.metres[0])
     distances, ranges = pixels.metres[0][known], pixels.metres[1][known]
     sizes = {f"point_{name}": value for name, value in error_sizes(distances).items()}
-    relative = 100.0 * float(np.mean(distances / ranges)) if distances.size else math.nan
-    return {**sizes, "point_rel": relative, "coverage": percent(distances.size, pixels.truth.size)}
+    relative = (
+        100.0 * float(np.mean(distances / ranges)) if distances.size else math.nan
+    )
+    return {
+        **sizes,
+        "point_rel": relative,
+        "coverage": percent(distances.size, pixels.truth.size),
+    }
 
 
 def interpolate_background(disp: Disparity) -> Disparity:
@@ -180,10 +207,14 @@ def interpolate_background(disp: Disparity) -> Disparity:
     [[5.0, 5.0, 3.0, 3.0, 3.0]]
     """
     disp = disparity_map("disp", disp)
-    rows = np.minimum(carried_right(disp), carried_right(disp[:, ::-1])[:, ::-1])  # +inf beyond the ends of a row
+    rows = np.minimum(
+        carried_right(disp), carried_right(disp[:, ::-1])[:, ::-1]
+    )  # +inf beyond the ends of a row
     known = np.isfinite(rows)
     first, last = known.argmax(axis=0), len(rows) - 1 - known[::-1].argmax(axis=0)
-    return np.take_along_axis(rows, np.clip(np.arange(len(rows))[:, None], first, last), axis=0)
+    return np.take_along_axis(
+        rows, np.clip(np.arange(len(rows))[:, None], first, last), axis=0
+    )
 
 
 _PROTOCOLS = (
@@ -191,7 +222,14 @@ _PROTOCOLS = (
         name="middlebury-v3",
         title="Middlebury v3",
         source="Scharstein et al., GCPR 2014; MiddEval3 SDK, evaldisp.cpp",
-        metrics=(*BAD, *(f"tot{b}" for b in BAD), *SIZES, "invalid", "coverage", *auc_names(2.0)),
+        metrics=(
+            *BAD,
+            *(f"tot{b}" for b in BAD),
+            *SIZES,
+            "invalid",
+            "coverage",
+            *auc_names(2.0),
+        ),
         prepare=_middlebury_prepare,
         measure=_middlebury_measure,
         denominator="bad, totbad, invalid, coverage: pixels with known truth; avgerr, rms, A: those with an estimate",
@@ -240,7 +278,15 @@ _PROTOCOLS = (
         denominator="all errors: pixels with known truth and an estimate; coverage: pixels with known truth",
         invalid="pixels without an estimate are in no error, only in coverage; d + doffs <= 0 is no estimate",
         headline="point_avgerr",
-        columns=("point_avgerr", "point_rms", "point_A50", "point_A90", "point_A99", "point_rel", "coverage"),
+        columns=(
+            "point_avgerr",
+            "point_rms",
+            "point_A50",
+            "point_A90",
+            "point_A99",
+            "point_rel",
+            "coverage",
+        ),
         needs_calibration=True,
     ),
 )

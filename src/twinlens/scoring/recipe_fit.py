@@ -25,7 +25,13 @@ from numpy.typing import NDArray
 from twinlens.camera import Camera, Pinhole
 from twinlens.dataset import Dataset, StoredSample
 from twinlens.errors import InputError
-from twinlens.scoring.pair_statistics import appearance, compared, grey_levels, low_pass, robust_fit
+from twinlens.scoring.pair_statistics import (
+    appearance,
+    compared,
+    grey_levels,
+    low_pass,
+    robust_fit,
+)
 from twinlens.scoring.samples import Pair, load_pair
 from twinlens.sensor import Exposure, Sensor, mismatch_table
 from twinlens.sensor.picture import CURVES, encode
@@ -37,11 +43,24 @@ LIGHT = {
 }  # fmt: skip
 """The fitted fields of a `Mismatch` and their limits; gain includes time and f-number."""
 
-_NOISE = {"full_well": -1, "dark_current": -1, "radiance_scale": -1, "read_noise": -0.5, "dsnu": -0.5, "prnu": 0.5}
-_LEAST_PIXELS, _DARKEST, _BRIGHTEST = 1000, 2.0, 250.0  # grey levels beyond these may be clipped
+_NOISE = {
+    "full_well": -1,
+    "dark_current": -1,
+    "radiance_scale": -1,
+    "read_noise": -0.5,
+    "dsnu": -0.5,
+    "prnu": 0.5,
+}
+_LEAST_PIXELS, _DARKEST, _BRIGHTEST = (
+    1000,
+    2.0,
+    250.0,
+)  # grey levels beyond these may be clipped
 
 
-def fit_recipe(dataset: Dataset, like: Sequence[Pair]) -> tuple[dict[str, Any], tuple[str, ...]]:
+def fit_recipe(
+    dataset: Dataset, like: Sequence[Pair]
+) -> tuple[dict[str, Any], tuple[str, ...]]:
     """The recipe of `dataset`, changed so that its pairs have the statistics of the pairs `like`; and notes on the fit.
 
     Fitted are gain, shading and black level of the second camera, the sensor's noise, and the weights of scenes or
@@ -53,24 +72,47 @@ def fit_recipe(dataset: Dataset, like: Sequence[Pair]) -> tuple[dict[str, Any], 
     """
     recipe = dict(dataset.manifest.recipe)
     if not recipe:
-        raise InputError(f"{dataset.path}: has no recipe; only datasets of `twinlens generate` have one")
+        raise InputError(
+            f"{dataset.path}: has no recipe; only datasets of `twinlens generate` have one"
+        )
     table = recipe.get("sensor", {})
     mismatch = mismatch_table(table)
-    if isinstance(mismatch, list) or {"choice", "sweep", "per_scene"} & {*table, *mismatch}:
+    if isinstance(mismatch, list) or {"choice", "sweep", "per_scene"} & {
+        *table,
+        *mismatch,
+    }:
         problem = "draws sensor or mismatch as a whole, or has a list of mismatches"
-        raise InputError(f"{dataset.path}: its recipe {problem}; a fit needs the fields of one")
+        raise InputError(
+            f"{dataset.path}: its recipe {problem}; a fit needs the fields of one"
+        )
     shots = [(sample, k) for sample in dataset for k in range(sample.num_lenses)]
     if len(shots) < 2 or len(like) < 2:
-        raise InputError(f"a fit needs two pairs or more in both sets, got {len(shots)} and {len(like)}")
-    sensors, scenes, errors, shares, numbers = zip(*(_measure(*shot) for shot in shots), strict=True)
+        raise InputError(
+            f"a fit needs two pairs or more in both sets, got {len(shots)} and {len(like)}"
+        )
+    sensors, scenes, errors, shares, numbers = zip(
+        *(_measure(*shot) for shot in shots), strict=True
+    )
     rest, response, noise, growth = np.mean(numbers, axis=0).tolist()
-    found, slow, _ = zip(*(light_difference(pair, sensors[0]) for pair in like), strict=True)
+    found, slow, _ = zip(
+        *(light_difference(pair, sensors[0]) for pair in like), strict=True
+    )
     extra = max(float(np.mean(slow)) - rest, 0.0) / response
-    target, share = np.mean([appearance(grey_levels(pair.im0)) for pair in like], axis=0).tolist()
+    target, share = np.mean(
+        [appearance(grey_levels(pair.im0)) for pair in like], axis=0
+    ).tolist()
     fields, noise_note = _fitted_noise(sensors, noise, growth, target)
     weights, weights_note = _fitted_weights(recipe, scenes, shares, share)
-    fixed = {"time": 1.0, "f_number": 1.0} if mismatch.get("level", "none") != "none" else {}
-    mismatch = {**mismatch, **fixed, **_distributions(np.array(found), np.array(errors), extra)}
+    fixed = (
+        {"time": 1.0, "f_number": 1.0}
+        if mismatch.get("level", "none") != "none"
+        else {}
+    )
+    mismatch = {
+        **mismatch,
+        **fixed,
+        **_distributions(np.array(found), np.array(errors), extra),
+    }
     notes = (
         f"Fitted to {len(like)} pairs. Standard deviations are uncertain by {100 / (2 * len(like) - 2) ** 0.5:.0f} %.",
         f"Shading: a standard deviation of {extra**0.5:.2g} is added for other slow differences.",
@@ -78,7 +120,11 @@ def fit_recipe(dataset: Dataset, like: Sequence[Pair]) -> tuple[dict[str, Any], 
         weights_note,
         "Not fitted: brightness, blur, glare, colours and alignment of the cameras, materials of the scenes.",
     )
-    return {**recipe, **weights, "sensor": {**table, **fields, "mismatch": mismatch}}, notes
+    return {
+        **recipe,
+        **weights,
+        "sensor": {**table, **fields, "mismatch": mismatch},
+    }, notes
 
 
 def light_difference(pair: Pair, sensor: Sensor) -> tuple[Float, float, float]:
@@ -91,32 +137,54 @@ def light_difference(pair: Pair, sensor: Sensor) -> tuple[Float, float, float]:
     used &= (np.fmin(left, warped) > _DARKEST) & (np.fmax(left, warped) < _BRIGHTEST)
     if (count := np.count_nonzero(used)) < _LEAST_PIXELS:
         where = "with truth, visible in both views and not saturated"
-        raise InputError(f"{pair.name}: {count} pixels {where}; a fit needs {_LEAST_PIXELS}")
+        raise InputError(
+            f"{pair.name}: {count} pixels {where}; a fit needs {_LEAST_PIXELS}"
+        )
     energy, grey = _tone_curve(sensor)
     slope = np.gradient(grey, energy)
     middle = (left + warped)[used] / 2
-    offset, scale = np.interp(middle, grey, slope), np.interp(middle, grey, energy * slope)
+    offset, scale = (
+        np.interp(middle, grey, slope),
+        np.interp(middle, grey, energy * slope),
+    )
     (rows, columns), (height, width) = np.nonzero(used), left.shape
-    x, y = 2 * (columns - pair.disp0[used]) / (width - 1) - 1, 2 * rows / (height - 1) - 1
+    x, y = (
+        2 * (columns - pair.disp0[used]) / (width - 1) - 1,
+        2 * rows / (height - 1) - 1,
+    )
     r2 = ((width * x) ** 2 + (height * y) ** 2) / (width**2 + height**2)
     design = np.stack([scale, scale * x, scale * y, -scale * r2, offset], axis=1)
     difference = (warped - left)[used]
     fit = robust_fit(design, difference, [0.0] * 5)
     rest = difference - design @ fit
     slow = low_pass(rest, used)
-    slow_variance = float(slow.var() - (rest - slow).var() / 21**2)  # without what remains of noise
+    slow_variance = float(
+        slow.var() - (rest - slow).var() / 21**2
+    )  # without what remains of noise
     unit = float(sum(low_pass(column, used).var() for column in design.T[1:4]))
-    light_per_dn = grey_levels(sensor.balance()[None, None])[0, 0] / (sensor.largest_dn - sensor.black_level)
-    return np.array([math.exp(fit[0]), *fit[1:4], fit[4] / light_per_dn]), slow_variance, unit
+    light_per_dn = grey_levels(sensor.balance()[None, None])[0, 0] / (
+        sensor.largest_dn - sensor.black_level
+    )
+    return (
+        np.array([math.exp(fit[0]), *fit[1:4], fit[4] / light_per_dn]),
+        slow_variance,
+        unit,
+    )
 
 
 def recipe_toml(recipe: Mapping[str, Any]) -> str:
     """A recipe as TOML, each list of numbers on one line. The text "inf" in a record becomes the number inf."""
     text = tomli_w.dumps(json.loads(json.dumps(recipe).replace('"inf"', "Infinity")))
-    return re.sub(r"\[\n([^\[\]{\"]+),\n *\]", lambda numbers: f"[{' '.join(numbers[1].split())}]", text)
+    return re.sub(
+        r"\[\n([^\[\]{\"]+),\n *\]",
+        lambda numbers: f"[{' '.join(numbers[1].split())}]",
+        text,
+    )
 
 
-def _measure(sample: StoredSample, k: int) -> tuple[Sensor, str, Float, float, tuple[float, ...]]:
+def _measure(
+    sample: StoredSample, k: int
+) -> tuple[Sensor, str, Float, float, tuple[float, ...]]:
     """Sensor, scene, errors of light, textureless share; variances: of low-pass differences, noise, and its growth."""
     try:
         left, right = sample.lens(k).record["exposures"][:2]
@@ -126,13 +194,26 @@ def _measure(sample: StoredSample, k: int) -> tuple[Sensor, str, Float, float, t
         known["gain"] *= known["time"] / known["f_number"] ** 2
         exposure = Exposure(left["time_s"], left["gain"])
     except (KeyError, TypeError) as error:
-        raise InputError(f"{sample.folder}: sample.json is not of this version of `twinlens generate`") from error
+        raise InputError(
+            f"{sample.folder}: sample.json is not of this version of `twinlens generate`"
+        ) from error
     if sensor.output not in CURVES:
-        raise InputError(f"{sample.folder}: has {sensor.output} images; a fit needs {', '.join(CURVES)}")
+        raise InputError(
+            f"{sample.folder}: has {sensor.output} images; a fit needs {', '.join(CURVES)}"
+        )
     pair = load_pair(sample, k)
     grey, (found, *slow) = grey_levels(pair.im0), light_difference(pair, sensor)
-    (noise, share), (more, _) = appearance(grey), appearance(grey + _sensor_noise(pair.im0, sensor, exposure))
-    return sensor, scene, found - [known[name] for name in LIGHT], share, (*slow, noise, more - noise)
+    (noise, share), (more, _) = (
+        appearance(grey),
+        appearance(grey + _sensor_noise(pair.im0, sensor, exposure)),
+    )
+    return (
+        sensor,
+        scene,
+        found - [known[name] for name in LIGHT],
+        share,
+        (*slow, noise, more - noise),
+    )
 
 
 def _tone_curve(sensor: Sensor) -> tuple[Float, Float]:
@@ -144,12 +225,26 @@ def _tone_curve(sensor: Sensor) -> tuple[Float, Float]:
 def _sensor_noise(image: NDArray[Any], sensor: Sensor, exposure: Exposure) -> Float:
     """Noise in grey levels (H, W), without rounding, of a camera that sees `image`."""
     energy, grey = _tone_curve(sensor)
-    light = np.atleast_3d(np.interp(image * (255 / np.iinfo(image.dtype).max), grey, energy)) * np.ones(3)
-    view: Any = {"camera": Camera.from_fov(light.shape[1], light.shape[0], fov_x_deg=50), "lens": Pinhole()}
-    noisy = sensor.replace(adc_bits=16, bits=16, vignetting=False, serial=sensor.serial + 1)
-    clean = noisy.replace(shot_noise=False, read_noise=0.0, dark_current=0.0, prnu=0.0, dsnu=0.0)
-    radiance = light / (noisy.level_rate(np.ones_like(light), **view) * exposure.time * exposure.gain)
-    images = [grey_levels(each.expose(radiance, exposure=exposure, **view).image) for each in (noisy, clean)]
+    light = np.atleast_3d(
+        np.interp(image * (255 / np.iinfo(image.dtype).max), grey, energy)
+    ) * np.ones(3)
+    view: Any = {
+        "camera": Camera.from_fov(light.shape[1], light.shape[0], fov_x_deg=50),
+        "lens": Pinhole(),
+    }
+    noisy = sensor.replace(
+        adc_bits=16, bits=16, vignetting=False, serial=sensor.serial + 1
+    )
+    clean = noisy.replace(
+        shot_noise=False, read_noise=0.0, dark_current=0.0, prnu=0.0, dsnu=0.0
+    )
+    radiance = light / (
+        noisy.level_rate(np.ones_like(light), **view) * exposure.time * exposure.gain
+    )
+    images = [
+        grey_levels(each.expose(radiance, exposure=exposure, **view).image)
+        for each in (noisy, clean)
+    ]
     return np.asarray(images[0] - images[1])
 
 
@@ -159,9 +254,18 @@ def _distributions(found: Float, errors: Float, extra: float) -> dict[str, Any]:
     variances = np.maximum(found.var(axis=0, ddof=1) - errors.var(axis=0, ddof=1), 0.0)
     variances[1:4] += extra
     fields: dict[str, Any] = {}
-    for (name, limits), mean, spread in zip(LIGHT.items(), means, np.sqrt(variances), strict=True):
-        low, middle, high = (_rounded(value) for value in np.clip(mean + spread * np.array([-3, 0, 3]), *limits))
-        fields[name] = {"normal": [middle, _rounded(spread)], "clip": [low, high]} if low < high else middle
+    for (name, limits), mean, spread in zip(
+        LIGHT.items(), means, np.sqrt(variances), strict=True
+    ):
+        low, middle, high = (
+            _rounded(value)
+            for value in np.clip(mean + spread * np.array([-3, 0, 3]), *limits)
+        )
+        fields[name] = (
+            {"normal": [middle, _rounded(spread)], "clip": [low, high]}
+            if low < high
+            else middle
+        )
     return fields
 
 
@@ -173,18 +277,30 @@ def _fitted_noise(
         return {}, "Noise is not fitted: the sensor differs between samples."
     if growth <= 0 or target <= noise - growth:
         rest = math.sqrt(max(noise - growth, 0.0))
-        return {}, f"Noise is not fitted: s.d. {target**0.5:.3g}, and {rest:.3g} here without the sensor's."
+        return (
+            {},
+            f"Noise is not fitted: s.d. {target**0.5:.3g}, and {rest:.3g} here without the sensor's.",
+        )
     q = 1 + (target - noise) / growth
-    fields = {name: _rounded(getattr(sensors[0], name) * q**power) for name, power in _NOISE.items()}
+    fields = {
+        name: _rounded(getattr(sensors[0], name) * q**power)
+        for name, power in _NOISE.items()
+    }
     return fields, f"Noise: the variance of the sensor's is multiplied by {q:.3g}."
 
 
 def _fitted_weights(
-    recipe: Mapping[str, Any], scenes: Sequence[str], shares: Sequence[float], target: float
+    recipe: Mapping[str, Any],
+    scenes: Sequence[str],
+    shares: Sequence[float],
+    target: float,
 ) -> tuple[dict[str, list[float]], str]:
     """Weights of mean textureless share `target`, nearest to the present ones in least squares, and a note."""
     names = recipe.get("families") or recipe["scenes"]
-    groups = [[share for scene, share in zip(scenes, shares, strict=True) if scene == name] for name in names]
+    groups = [
+        [share for scene, share in zip(scenes, shares, strict=True) if scene == name]
+        for name in names
+    ]
     means = np.array([np.mean(group) if group else math.nan for group in groups])
     weights = np.array(recipe.get("weights") or np.ones(len(names)))
     weights, apart = weights / weights.sum(), means - means.mean()

@@ -29,9 +29,17 @@ def textureless(image: NDArray[np.uint8], window: int = 3, limit: float = 4.0) -
     """
     channels = image.reshape(*image.shape[:2], -1).astype(np.int64)
     steps = (np.diff(channels, axis=1) ** 2).sum(axis=2)
-    largest = np.maximum(np.pad(steps, ((0, 0), (1, 0)), mode="edge"), np.pad(steps, ((0, 0), (0, 1)), mode="edge"))
+    largest = np.maximum(
+        np.pad(steps, ((0, 0), (1, 0)), mode="edge"),
+        np.pad(steps, ((0, 0), (0, 1)), mode="edge"),
+    )
     ones = np.ones(window, np.int64)
-    sums = ndimage.correlate1d(ndimage.correlate1d(largest, ones, axis=0, mode="nearest"), ones, axis=1, mode="nearest")
+    sums = ndimage.correlate1d(
+        ndimage.correlate1d(largest, ones, axis=0, mode="nearest"),
+        ones,
+        axis=1,
+        mode="nearest",
+    )
     # Integer sums: the rounding of a floating-point mean would decide ties.
     return np.asarray(sums < limit * limit * window * window * channels.shape[2])
 
@@ -46,12 +54,16 @@ def discontinuity(gt: ArrayLike, window: int = 9, jump: float = 2.0) -> Mask:
             steps = np.abs(np.diff(line, axis=0)) >= jump
         marked[1:] |= steps
         marked[:-1] |= steps
-    return np.asarray(ndimage.binary_dilation(edge, np.ones((window, window), np.bool_)))
+    return np.asarray(
+        ndimage.binary_dilation(edge, np.ones((window, window), np.bool_))
+    )
 
 
 def occluded(mask_nonocc: NDArray[Any]) -> Mask:
     """Known pixels not visible in the right camera: 128 of a uint8 mask (255 visible), False of a bool mask."""
-    return np.asarray(mask_nonocc == (False if mask_nonocc.dtype == np.bool_ else HIDDEN))
+    return np.asarray(
+        mask_nonocc == (False if mask_nonocc.dtype == np.bool_ else HIDDEN)
+    )
 
 
 def out_of_focus(blur_px: ArrayLike) -> Mask:
@@ -64,7 +76,11 @@ def distance_bands(gt: ArrayLike) -> tuple[Mask, Mask, Mask]:
     """(near, mid, far): the upper, middle and lower third of the range of the known true disparities."""
     truth = disparity_map("gt", gt)
     known = np.isfinite(truth)
-    least, most = (float(truth[known].min()), float(truth[known].max())) if known.any() else (0.0, 0.0)
+    least, most = (
+        (float(truth[known].min()), float(truth[known].max()))
+        if known.any()
+        else (0.0, 0.0)
+    )
     far = known & (truth <= least + (most - least) / 3)
     near = known & (truth > least + (most - least) * 2 / 3)
     return near, known & ~far & ~near, far
@@ -89,19 +105,35 @@ def _textureless(sample: Any) -> Mask | None:
     image = sample.im0
     if image.shape[1] < 2:
         return None
-    return _nonocc(sample) & textureless((image >> 8).astype(np.uint8) if image.dtype == np.uint16 else image)
+    return _nonocc(sample) & textureless(
+        (image >> 8).astype(np.uint8) if image.dtype == np.uint16 else image
+    )
 
 
 def _material(kind: str) -> Region:
     number = MATERIAL_KINDS.index(kind)
-    return Region(kind, f"{kind} materials", lambda s: np.equal(s.material_kind0, number), ("material_kind0",))
+    return Region(
+        kind,
+        f"{kind} materials",
+        lambda s: np.equal(s.material_kind0, number),
+        ("material_kind0",),
+    )
 
 
 _SEEN = ("mask0_nonocc",)
 _REGIONS = (
-    Region("all", "every pixel with known truth", lambda s: np.ones(s.disp0.shape, np.bool_)),
+    Region(
+        "all",
+        "every pixel with known truth",
+        lambda s: np.ones(s.disp0.shape, np.bool_),
+    ),
     Region("nonocc", "visible in both cameras", _nonocc, _SEEN),
-    Region("occluded", "known, but hidden from or outside the right view", lambda s: occluded(s.mask0_nonocc), _SEEN),
+    Region(
+        "occluded",
+        "known, but hidden from or outside the right view",
+        lambda s: occluded(s.mask0_nonocc),
+        _SEEN,
+    ),
     Region(
         "textureless",
         "non-occluded; mean squared horizontal difference over 3x3 below 16 (Middlebury 2002)",
@@ -114,10 +146,27 @@ _REGIONS = (
         lambda s: _nonocc(s) & discontinuity(s.disp0),
         _SEEN,
     ),
-    Region("out-of-focus", f"blur circle wider than {BLUR_LIMIT_PX:g} px", lambda s: out_of_focus(s.blur0), ("blur0",)),
-    Region("near", "upper third of the range of true disparities", lambda s: distance_bands(s.disp0)[0]),
-    Region("mid", "middle third of the range of true disparities", lambda s: distance_bands(s.disp0)[1]),
-    Region("far", "lower third of the range of true disparities", lambda s: distance_bands(s.disp0)[2]),
+    Region(
+        "out-of-focus",
+        f"blur circle wider than {BLUR_LIMIT_PX:g} px",
+        lambda s: out_of_focus(s.blur0),
+        ("blur0",),
+    ),
+    Region(
+        "near",
+        "upper third of the range of true disparities",
+        lambda s: distance_bands(s.disp0)[0],
+    ),
+    Region(
+        "mid",
+        "middle third of the range of true disparities",
+        lambda s: distance_bands(s.disp0)[1],
+    ),
+    Region(
+        "far",
+        "lower third of the range of true disparities",
+        lambda s: distance_bands(s.disp0)[2],
+    ),
     *map(_material, MATERIAL_KINDS[1:]),
 )
 REGIONS: Mapping[str, Region] = {region.name: region for region in _REGIONS}

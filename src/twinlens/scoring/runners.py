@@ -24,7 +24,12 @@ from numpy.typing import NDArray
 
 from twinlens.errors import InputError, TwinlensError
 from twinlens.matching import Matcher
-from twinlens.matching.external import FunctionError, WrongAnswerError, checked_pair, format_status
+from twinlens.matching.external import (
+    FunctionError,
+    WrongAnswerError,
+    checked_pair,
+    format_status,
+)
 from twinlens.matching.options import match_with_confidence
 from twinlens.scoring.board import Failure
 from twinlens.scoring.samples import Pair
@@ -58,7 +63,9 @@ class MethodError(Exception):
     """A method failed on a pair; see `failure`."""
 
     def __init__(self, kind: str, message: str) -> None:
-        super().__init__(kind, message)  # both, because the worker sends the exception as a pickle
+        super().__init__(
+            kind, message
+        )  # both, because the worker sends the exception as a pickle
         self.failure = Failure(kind, " ".join(message.split())[:300] or kind)
 
 
@@ -75,16 +82,31 @@ class Runner:
     `warm_up_limit`, or took longer than `limit` and the match failed nevertheless.
     """
 
-    def __init__(self, limit: float | None, memory_limit: float | None, warms_up: bool, warm_up_limit: float) -> None:
+    def __init__(
+        self,
+        limit: float | None,
+        memory_limit: float | None,
+        warms_up: bool,
+        warm_up_limit: float,
+    ) -> None:
         if limit is None and memory_limit is not None:
             limit = WORKER_LIMIT_S
-        if limit is not None and not (0 < limit <= LONGEST_LIMIT_S and 0 < warm_up_limit <= LONGEST_LIMIT_S):
+        if limit is not None and not (
+            0 < limit <= LONGEST_LIMIT_S and 0 < warm_up_limit <= LONGEST_LIMIT_S
+        ):
             raise InputError(
                 f"time limits are {limit} and {warm_up_limit} s: expected more than 0, at most {LONGEST_LIMIT_S:g}"
             )
         if memory_limit is not None and not memory_limit > 0:
-            raise InputError(f"memory_limit is {memory_limit} bytes: expected more than 0")
-        self.limit, self.memory_limit, self.warms_up, self.warm_up_limit = limit, memory_limit, warms_up, warm_up_limit
+            raise InputError(
+                f"memory_limit is {memory_limit} bytes: expected more than 0"
+            )
+        self.limit, self.memory_limit, self.warms_up, self.warm_up_limit = (
+            limit,
+            memory_limit,
+            warms_up,
+            warm_up_limit,
+        )
         self._pool: pebble.ProcessPool | None = None
         self._pid = 0
         self._warm: set[tuple[str, int]] = set()
@@ -102,12 +124,19 @@ class Runner:
 
     def match(self, method: Method, sample: Pair) -> Answer:
         """One timed match; MethodError for any exception, an invalid result, or an exceeded limit."""
-        arguments = np.array(sample.im0), np.array(sample.im1), sample.search  # copies: a method may write into them
+        arguments = (
+            np.array(sample.im0),
+            np.array(sample.im1),
+            sample.search,
+        )  # copies: a method may write into them
         if self.warms_up:
             self._warm_up(method, *arguments)
         if self.limit is None:
             return _timed_match(method, *arguments)
-        took, skipped = self._warm_up_s.get(method.name), method.name in self._skip_warm_up
+        took, skipped = (
+            self._warm_up_s.get(method.name),
+            method.name in self._skip_warm_up,
+        )
         limit = self.limit + float(getattr(method, "grace_s", 0.0))
         try:
             answer: Answer = self._run(limit, _timed_match, method, *arguments)
@@ -116,17 +145,24 @@ class Runner:
                 self._skip_warm_up.add(method.name)
             if took is None or error.failure.kind != "time-limit":
                 raise
-            note = f"; the warm-up took {took:.3g} s" + (" and was not repeated" if skipped else "")
+            note = f"; the warm-up took {took:.3g} s" + (
+                " and was not repeated" if skipped else ""
+            )
             raise MethodError("time-limit", error.failure.message + note) from error
         return answer
 
-    def _warm_up(self, method: Method, left: Image, right: Image, search: Mapping[str, int]) -> None:
+    def _warm_up(
+        self, method: Method, left: Image, right: Image, search: Mapping[str, int]
+    ) -> None:
         if self.limit is not None:
             self._started()
         name, key = method.name, (method.name, search["num_disparities"])
         if key in self._warm or name in self._skip_warm_up:
             return
-        rows, start = (left[:WARM_UP_ROWS].copy(), right[:WARM_UP_ROWS].copy()), time.monotonic()
+        rows, start = (
+            (left[:WARM_UP_ROWS].copy(), right[:WARM_UP_ROWS].copy()),
+            time.monotonic(),
+        )
         try:
             self._run(self.warm_up_limit, _untimed_match, method, *rows, search)
             self._warm.add(key)
@@ -135,7 +171,9 @@ class Runner:
                 self._skip_warm_up.add(name)
         self._warm_up_s[name] = time.monotonic() - start
 
-    def _run(self, limit: float, function: Callable[..., Any], method: Any, *arguments: Any) -> Any:
+    def _run(
+        self, limit: float, function: Callable[..., Any], method: Any, *arguments: Any
+    ) -> Any:
         """`function(method, *arguments)`; if the worker has to be stopped, MethodError."""
         if self.limit is None:
             return function(method, *arguments)
@@ -144,15 +182,24 @@ class Runner:
         except Exception as error:
             message = f"cannot be sent to a worker process, run it without a time limit: {error}"
             raise MethodError("crash", message) from error
-        future = self._started().schedule(_run_in_worker, (function, pickled, *arguments), timeout=limit)
+        future = self._started().schedule(
+            _run_in_worker, (function, pickled, *arguments), timeout=limit
+        )
         try:
             return future.result(limit + START_LIMIT_S)
         except TimeoutError:
-            failure = MethodError("time-limit", f"exceeded the time limit of {limit:g} s")
+            failure = MethodError(
+                "time-limit", f"exceeded the time limit of {limit:g} s"
+            )
         except pebble.ProcessExpired as expired:
-            failure = MethodError("crash", f"its process {format_status(expired.exitcode)}")
+            failure = MethodError(
+                "crash", f"its process {format_status(expired.exitcode)}"
+            )
         except BrokenProcessPool:
-            failure = MethodError("memory", "its process died while it received the images, probably out of memory")
+            failure = MethodError(
+                "memory",
+                "its process died while it received the images, probably out of memory",
+            )
         self.close()
         raise failure
 
@@ -160,8 +207,12 @@ class Runner:
         if self._pool is not None and self._pool.active:
             return self._pool
         self.close()
-        pool = self._pool = pebble.ProcessPool(max_workers=1, context=multiprocessing.get_context("spawn"))
-        future = pool.schedule(_prepare_worker, (self.memory_limit,), timeout=START_LIMIT_S)
+        pool = self._pool = pebble.ProcessPool(
+            max_workers=1, context=multiprocessing.get_context("spawn")
+        )
+        future = pool.schedule(
+            _prepare_worker, (self.memory_limit,), timeout=START_LIMIT_S
+        )
         try:
             self._pid = future.result(2 * START_LIMIT_S)
         except MethodError:
@@ -186,14 +237,17 @@ class Runner:
                 os.killpg(pid, signal.SIGKILL)
 
 
-def _timed_match(method: Method, left: Image, right: Image, search: Mapping[str, int]) -> Answer:
+def _timed_match(
+    method: Method, left: Image, right: Image, search: Mapping[str, int]
+) -> Answer:
     start = time.perf_counter()
     try:
         result = match_with_confidence(method, left, right, **search)
         seconds = time.perf_counter() - start
         if isinstance(result[0], np.ndarray) and result[0].dtype.kind != "f":
             raise WrongAnswerError(
-                "wrong-type", f"returned an array of {result[0].dtype}: expected float32 disparities"
+                "wrong-type",
+                f"returned an array of {result[0].dtype}: expected float32 disparities",
             )
         disparity, confidence = checked_pair(result, left.shape[:2], method.name)
         return Answer(disparity, seconds, confidence)
@@ -206,7 +260,9 @@ def _timed_match(method: Method, left: Image, right: Image, search: Mapping[str,
         raise _method_error(error) from error
 
 
-def _untimed_match(method: Method, left: Image, right: Image, search: Mapping[str, int]) -> None:
+def _untimed_match(
+    method: Method, left: Image, right: Image, search: Mapping[str, int]
+) -> None:
     with contextlib.suppress(Exception, SystemExit):
         match_with_confidence(method, left, right, **search)
 
@@ -224,12 +280,22 @@ def _check_parts(method: Any) -> None:
 def _method_error(error: BaseException, prefix: str = "") -> MethodError:
     """Kind "memory" if a lack of memory is among the causes of the exception, else "crash"."""
     causes = [error]
-    while (cause := causes[-1].__cause__ or causes[-1].__context__) is not None and cause not in causes:
+    while (
+        cause := causes[-1].__cause__ or causes[-1].__context__
+    ) is not None and cause not in causes:
         causes.append(cause)
     for cause in causes:
-        unmapped = isinstance(cause, ImportError) and "failed to map segment" in str(cause)  # by the dynamic loader
-        if isinstance(cause, MemoryError) or getattr(cause, "errno", None) == errno.ENOMEM or unmapped:
-            return MethodError("memory", f"{prefix}ran out of memory: {cause}".rstrip(": "))
+        unmapped = isinstance(cause, ImportError) and "failed to map segment" in str(
+            cause
+        )  # by the dynamic loader
+        if (
+            isinstance(cause, MemoryError)
+            or getattr(cause, "errno", None) == errno.ENOMEM
+            or unmapped
+        ):
+            return MethodError(
+                "memory", f"{prefix}ran out of memory: {cause}".rstrip(": ")
+            )
     return MethodError("crash", f"{prefix}{type(error).__name__}: {error}")
 
 
@@ -244,7 +310,9 @@ def _prepare_worker(memory_limit: float | None) -> int:
     with Path(os.devnull).open("w") as null:
         for stream in (1, 2):
             os.dup2(null.fileno(), stream)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # KeyboardInterrupt: no `except Exception` handles it
+    signal.signal(
+        signal.SIGTERM, signal.default_int_handler
+    )  # KeyboardInterrupt: no `except Exception` handles it
     with contextlib.suppress(OSError):  # Linux only
         Path("/proc/self/oom_score_adj").write_text("1000")
     if memory_limit is not None:
@@ -258,7 +326,9 @@ def _limit_memory(limit: float) -> None:
 
     used = 0
     with contextlib.suppress(OSError):  # Linux only; what RLIMIT_DATA counts
-        match = re.search(r"^VmData:\s*(\d+) kB", Path("/proc/self/status").read_text(), re.MULTILINE)
+        match = re.search(
+            r"^VmData:\s*(\d+) kB", Path("/proc/self/status").read_text(), re.MULTILINE
+        )
         used = int(match[1]) * 1024 if match else 0
     if used > limit:
         needs = f"a worker process needs {used / 2**30:.2f} GiB before the first match"
@@ -268,12 +338,16 @@ def _limit_memory(limit: float) -> None:
     resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
 
 
-def _run_in_worker(function: Callable[..., Any], pickled: bytes, *arguments: Any) -> Any:
+def _run_in_worker(
+    function: Callable[..., Any], pickled: bytes, *arguments: Any
+) -> Any:
     try:
         try:
             method = _load(pickled)
         except Exception as error:
-            raise _method_error(error, "cannot be loaded in a worker process: ") from error
+            raise _method_error(
+                error, "cannot be loaded in a worker process: "
+            ) from error
         return function(method, *arguments)
     except KeyboardInterrupt:
         os._exit(128 + signal.SIGTERM)

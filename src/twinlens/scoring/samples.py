@@ -74,24 +74,38 @@ class Pair:
     def _check(self) -> None:
         size = disparity_map("disp0", self.disp0).shape
         for name, image in (("im0", self.im0), ("im1", self.im1)):
-            if image.dtype not in (np.uint8, np.uint16) or image.shape[:2] != size or image.shape[2:] not in ((), (3,)):
+            if (
+                image.dtype not in (np.uint8, np.uint16)
+                or image.shape[:2] != size
+                or image.shape[2:] not in ((), (3,))
+            ):
                 raise InputError(
                     f"{name} is {image.dtype} {image.shape}: expected uint8 or uint16 {size} or {(*size, 3)}"
                 )
         if self.mask0_nonocc is not None:
             boolean_mask("mask0_nonocc", self.mask0_nonocc, size)
-        for name, extra in (("blur0", self.blur0), ("material_kind0", self.material_kind0)):
+        for name, extra in (
+            ("blur0", self.blur0),
+            ("material_kind0", self.material_kind0),
+        ):
             if extra is not None and extra.shape != size:
-                raise InputError(f"{name} has shape {extra.shape}: expected the truth's, {size}")
+                raise InputError(
+                    f"{name} has shape {extra.shape}: expected the truth's, {size}"
+                )
         if self.ndisp < 1:
             raise InputError(f"ndisp is {self.ndisp}: expected 1 or more")
         if not float(self.min_disparity).is_integer():
-            raise InputError(f"min_disparity is {self.min_disparity}: expected a whole number of pixels")
+            raise InputError(
+                f"min_disparity is {self.min_disparity}: expected a whole number of pixels"
+            )
 
     @property
     def search(self) -> dict[str, int]:
         """Keyword arguments of a matcher: num_disparities and min_disparity."""
-        return {"num_disparities": int(self.ndisp), "min_disparity": int(self.min_disparity)}
+        return {
+            "num_disparities": int(self.ndisp),
+            "min_disparity": int(self.min_disparity),
+        }
 
 
 def motorcycle() -> Pair:
@@ -105,9 +119,17 @@ def motorcycle() -> Pair:
     left, right, disparity = stereo_motorcycle()
     # scikit-image documents NaN for unknown pixels, its file has +inf.
     known = np.where(np.isfinite(disparity), disparity, np.inf).astype(np.float32)
-    cam0, cam1, ndisp = (994.978, 994.978, 311.193, 254.877), (994.978, 994.978, 342.279, 254.877), 70
-    calibration = Calibration(cam0, cam1, 0.193001, 741, 500, doffs=31.086, ndisp=ndisp, vmin=7.0, vmax=60.0)
-    return Pair("motorcycle", left, right, known, mask_from_one(known), ndisp, calibration)
+    cam0, cam1, ndisp = (
+        (994.978, 994.978, 311.193, 254.877),
+        (994.978, 994.978, 342.279, 254.877),
+        70,
+    )
+    calibration = Calibration(
+        cam0, cam1, 0.193001, 741, 500, doffs=31.086, ndisp=ndisp, vmin=7.0, vmax=60.0
+    )
+    return Pair(
+        "motorcycle", left, right, known, mask_from_one(known), ndisp, calibration
+    )
 
 
 def load_pair(sample: Sample | StoredSample, lens: int = 0) -> Pair:
@@ -115,26 +137,53 @@ def load_pair(sample: Sample | StoredSample, lens: int = 0) -> Pair:
     if isinstance(sample, Pair):
         return sample
     images: Any = sample.lens(lens) if isinstance(sample, StoredSample) else sample
-    noise, scene = getattr(images, "renderer_noise", None), str(getattr(sample, "scene", ""))
+    noise, scene = (
+        getattr(images, "renderer_noise", None),
+        str(getattr(sample, "scene", "")),
+    )
     if isinstance(sample, StoredSample):
-        blur, kinds = _optional(lambda: images.blur_circle_px(0)), _optional(lambda: sample.truth0.material_kind)
+        blur, kinds = (
+            _optional(lambda: images.blur_circle_px(0)),
+            _optional(lambda: sample.truth0.material_kind),
+        )
     else:
         blur = _optional(lambda: getattr(sample, "blur0", None))
         kinds = _optional(lambda: getattr(sample, "material_kind0", None))
-    calibration, truth = _optional(lambda: getattr(sample, "calibration", None)), sample.disp0
+    calibration, truth = (
+        _optional(lambda: getattr(sample, "calibration", None)),
+        sample.disp0,
+    )
     first = getattr(sample, "min_disparity", None)
-    ndisp, low = (sample.ndisp, first) if first is not None else search_range(sample.ndisp, calibration, truth)
+    ndisp, low = (
+        (sample.ndisp, first)
+        if first is not None
+        else search_range(sample.ndisp, calibration, truth)
+    )
     nonocc = sample.mask0_nonocc
     arrays = images.im0, images.im1, truth, nonocc
-    return Pair(sample.name, *arrays, ndisp, calibration, blur, kinds, low, renderer_noise=noise, scene=scene)
+    return Pair(
+        sample.name,
+        *arrays,
+        ndisp,
+        calibration,
+        blur,
+        kinds,
+        low,
+        renderer_noise=noise,
+        scene=scene,
+    )
 
 
-def search_range(bound: int, calibration: Calibration | None, truth: Disparity) -> tuple[int, int]:
+def search_range(
+    bound: int, calibration: Calibration | None, truth: Disparity
+) -> tuple[int, int]:
     """(ndisp, min_disparity) below `bound`; the latter is negative if the calibration's vmin, or else the truth, is."""
     low = None if calibration is None else calibration.vmin
     if low is None or not math.isfinite(low):
         low = float(np.min(truth, initial=0.0))
-    first = max(min(math.floor(low), 0), -truth.shape[1])  # disparities beyond the image's width match nothing
+    first = max(
+        min(math.floor(low), 0), -truth.shape[1]
+    )  # disparities beyond the image's width match nothing
     return bound - first, first
 
 
@@ -148,20 +197,38 @@ def _optional(read: Callable[[], Any]) -> Any:
 
 def fingerprint(sample: Pair) -> str:
     """SHA-256 of everything a score depends on: images, truth, mask, search range, calibration and region maps."""
-    search = {"ndisp": int(sample.ndisp)} | ({"min_disparity": sample.min_disparity} if sample.min_disparity else {})
+    search = {"ndisp": int(sample.ndisp)} | (
+        {"min_disparity": sample.min_disparity} if sample.min_disparity else {}
+    )
     digest = hashlib.sha256(f"{search} {sample.calibration}".encode())
-    for array in (sample.im0, sample.im1, sample.disp0, sample.mask0_nonocc, sample.blur0, sample.material_kind0):
-        digest.update(b"none" if array is None else f"{array.dtype.str}{array.shape}".encode())
+    for array in (
+        sample.im0,
+        sample.im1,
+        sample.disp0,
+        sample.mask0_nonocc,
+        sample.blur0,
+        sample.material_kind0,
+    ):
+        digest.update(
+            b"none" if array is None else f"{array.dtype.str}{array.shape}".encode()
+        )
         digest.update(b"" if array is None else np.ascontiguousarray(array).data)
     return digest.hexdigest()
 
 
 def lens_label(lens: object) -> str:
     """A lens in a few words: its aperture and focus distance."""
-    diameter, focus = getattr(lens, "aperture_diameter", None), getattr(lens, "focus_distance", None)
+    diameter, focus = (
+        getattr(lens, "aperture_diameter", None),
+        getattr(lens, "focus_distance", None),
+    )
     if not diameter:
         return "pinhole"
-    return f"hole {1e3 * diameter:.3g} mm" if focus is None else f"lens {1e3 * diameter:.3g} mm at {focus:.3g} m"
+    return (
+        f"hole {1e3 * diameter:.3g} mm"
+        if focus is None
+        else f"lens {1e3 * diameter:.3g} mm at {focus:.3g} m"
+    )
 
 
 class DatasetPairs(Sequence[Pair]):
@@ -173,21 +240,35 @@ class DatasetPairs(Sequence[Pair]):
     if two pairs have the same name.
     """
 
-    def __init__(self, *datasets: Sequence[StoredSample | Sample], labels: Sequence[str] | None = None) -> None:
+    def __init__(
+        self,
+        *datasets: Sequence[StoredSample | Sample],
+        labels: Sequence[str] | None = None,
+    ) -> None:
         self._places: dict[str, tuple[StoredSample | Sample, int, tuple[str, ...]]] = {}
         self._sources: list[tuple[int, str]] = []
         found = [
-            [(sample, k, *names) for sample in samples for k, names in enumerate(_names(sample))]
+            [
+                (sample, k, *names)
+                for sample in samples
+                for k, names in enumerate(_names(sample))
+            ]
             for samples in datasets
         ]
         counts = Counter(name for pairs in found for _, _, name, _ in pairs)
-        for source, (label, pairs) in enumerate(zip(labels or [""] * len(found), found, strict=True)):
+        for source, (label, pairs) in enumerate(
+            zip(labels or [""] * len(found), found, strict=True)
+        ):
             taken = {name for _, _, name, _ in pairs}
             for sample, k, name, aliases in pairs:
                 prefix = f"{label}/" if label and counts[name] > 1 else ""
                 if prefix + name in self._places:
-                    raise InputError(f"two samples are named {prefix + name!r}: run each dataset separately")
-                others = tuple(prefix + alias for alias in aliases if alias not in taken)
+                    raise InputError(
+                        f"two samples are named {prefix + name!r}: run each dataset separately"
+                    )
+                others = tuple(
+                    prefix + alias for alias in aliases if alias not in taken
+                )
                 self._places[prefix + name] = sample, k, others
                 self._sources.append((source, label))
         self._pairs = list(self._places.items())
@@ -210,10 +291,17 @@ class DatasetPairs(Sequence[Pair]):
     def on(self, board: Board) -> Iterator[Pair]:
         """The pairs that the board scores. Raises InputError if a dataset has none, or if one has changed."""
         shared = [k for k, name in enumerate(self._places) if name in board.samples]
-        others = [label for k, label in sorted({*self._sources} - {self._sources[k] for k in shared})]
+        others = [
+            label
+            for k, label in sorted(
+                {*self._sources} - {self._sources[k] for k in shared}
+            )
+        ]
         if others or not shared:
             name, has = "".join(others[:1]) or "dataset", ", ".join(board.samples[:3])
-            raise InputError(f"{name}: none of its samples is on the board, which has {has}")
+            raise InputError(
+                f"{name}: none of its samples is on the board, which has {has}"
+            )
         for pair in (self[k] for k in shared):
             board.check_sample(pair.name, fingerprint(pair))
             yield pair
@@ -230,7 +318,10 @@ def open_pairs(names: Iterable[str]) -> DatasetPairs:
     The last part of a folder's name is its label.
     """
     folders = list(names)
-    return DatasetPairs(*map(_open, folders), labels=[str(name).rstrip("/").rpartition("/")[2] for name in folders])
+    return DatasetPairs(
+        *map(_open, folders),
+        labels=[str(name).rstrip("/").rpartition("/")[2] for name in folders],
+    )
 
 
 def _open(name: str) -> Sequence[Any]:
@@ -248,9 +339,18 @@ def _names(sample: Any) -> list[tuple[str, tuple[str, ...]]]:
     if count == 1:
         return [(sample.name, ())]
     labels = [lens_label(sample.lens(k).lens) for k in range(count)]
-    numbers = [f" ({k})" if labels.count(label) > 1 else "" for k, label in enumerate(labels)]
-    aliases = [(f"{sample.name}/lens-{k}", f"{sample.name}-lens-{k}") for k in range(count)]
+    numbers = [
+        f" ({k})" if labels.count(label) > 1 else "" for k, label in enumerate(labels)
+    ]
+    aliases = [
+        (f"{sample.name}/lens-{k}", f"{sample.name}-lens-{k}") for k in range(count)
+    ]
     return [
-        (f"{sample.name}{LENS_SEPARATOR}{label}{number}", (*names, sample.name) if k == 0 else names)
-        for k, (label, number, names) in enumerate(zip(labels, numbers, aliases, strict=True))
+        (
+            f"{sample.name}{LENS_SEPARATOR}{label}{number}",
+            (*names, sample.name) if k == 0 else names,
+        )
+        for k, (label, number, names) in enumerate(
+            zip(labels, numbers, aliases, strict=True)
+        )
     ]

@@ -44,16 +44,23 @@ def sparsification(confidence: ArrayLike, bad: ArrayLike) -> Sparsification:
     values, wrong = np.asarray(confidence, np.float64).ravel(), np.asarray(bad)
     if wrong.dtype != np.bool_ or np.shape(confidence) != wrong.shape:
         what = f"{np.shape(confidence)} and {wrong.dtype} {wrong.shape}"
-        raise InputError(f"confidence and bad have shapes {what}: expected one shape, and bad of bool")
+        raise InputError(
+            f"confidence and bad have shapes {what}: expected one shape, and bad of bool"
+        )
     if np.isnan(values).any():
         raise InputError("the confidence holds NaN: every pixel needs a number")
     if not values.size:
         return Sparsification((math.nan,) * len(DENSITIES), math.nan, math.nan)
     kept, faults = _counts_by_rank(values, wrong.ravel())
     total, rate = kept[-1], float(faults[-1] / kept[-1])
-    rates = tuple(float(np.interp(share * total, kept, faults) / (share * total)) for share in DENSITIES)
+    rates = tuple(
+        float(np.interp(share * total, kept, faults) / (share * total))
+        for share in DENSITIES
+    )
     good = 1.0 - rate
-    return Sparsification(rates, _area(kept, faults), rate + (good * math.log(good) if good > 0 else 0.0))
+    return Sparsification(
+        rates, _area(kept, faults), rate + (good * math.log(good) if good > 0 else 0.0)
+    )
 
 
 def _counts_by_rank(

@@ -24,10 +24,17 @@ from twinlens.dataset import read_pfm, write_pfm
 from twinlens.dataset.codecs.pfm import decode_disparity
 from twinlens.errors import FileError, InputError, OutputError
 
-SCALES = (1, 2, 4)  # ratios of the truth's size to a map's; the protocol decides which of them it accepts
+SCALES = (
+    1,
+    2,
+    4,
+)  # ratios of the truth's size to a map's; the protocol decides which of them it accepts
 MAX_FILES, _COMPRESSIONS = 100_000, (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 SLACK_BYTES = 65536  # of a file beyond four bytes a pixel: headers, and chunks of an incompressible PNG
-PNG_SIZE, PNG_KIND = slice(16, 24), slice(24, 26)  # of its header (ISO 15948, IHDR); the kind: bit depth, colour type
+PNG_SIZE, PNG_KIND = (
+    slice(16, 24),
+    slice(24, 26),
+)  # of its header (ISO 15948, IHDR); the kind: bit depth, colour type
 GREY_16 = b"\x10\x00"
 Samples = Mapping[str, Sequence[str]]  # name -> aliases
 
@@ -55,7 +62,9 @@ class MapFolder:
         try:
             path.unlink(missing_ok=True)
         except OSError as error:
-            raise OutputError(f"{path}: cannot be removed ({error.strerror or error})") from error
+            raise OutputError(
+                f"{path}: cannot be removed ({error.strerror or error})"
+            ) from error
 
     def get(self, key: tuple[str, str], /) -> NDArray[np.floating[Any]] | None:
         """The map of (method, sample), None if it is missing; FileError if the file is damaged."""
@@ -84,21 +93,37 @@ class Submission:
     @cached_property
     def files(self) -> Mapping[str, int]:
         """Every file that is not hidden: relative name with slashes -> size in bytes."""
-        sizes = _folder_files(self.path) if self.path.is_dir() else _zip_files(self.path, self._archive.infolist())
+        sizes = (
+            _folder_files(self.path)
+            if self.path.is_dir()
+            else _zip_files(self.path, self._archive.infolist())
+        )
         spellings: dict[str, str] = {}
         for name in list(sizes):
-            if any(part.startswith(".") or part == "__MACOSX" for part in name.split("/")):
+            if any(
+                part.startswith(".") or part == "__MACOSX" for part in name.split("/")
+            ):
                 del sizes[name]
-            elif (other := spellings.setdefault(unicodedata.normalize("NFC", name).casefold(), name)) != name:
-                raise FileError(f"{self.path}: {other} and {name} are the same name on some systems; remove one")
+            elif (
+                other := spellings.setdefault(
+                    unicodedata.normalize("NFC", name).casefold(), name
+                )
+            ) != name:
+                raise FileError(
+                    f"{self.path}: {other} and {name} are the same name on some systems; remove one"
+                )
         return sizes
 
     @cached_property
     def spec(self) -> str:
         """SHA-256 of the maps' names and contents (for a zip, of its checksums)."""
         digest = hashlib.sha256()
-        for name in sorted(name for name in self.files if name.endswith((".pfm", ".png"))):
-            digest.update(f"{name} {self.files[name]}\n".encode("utf-8", "surrogatepass"))
+        for name in sorted(
+            name for name in self.files if name.endswith((".pfm", ".png"))
+        ):
+            digest.update(
+                f"{name} {self.files[name]}\n".encode("utf-8", "surrogatepass")
+            )
             if self.path.is_dir():
                 with (self.path / name).open("rb") as file:
                     digest.update(hashlib.file_digest(file, "sha256").digest())
@@ -106,7 +131,9 @@ class Submission:
                 digest.update(self._archive.getinfo(name).CRC.to_bytes(4, "big"))
         return f"submission {digest.hexdigest()}"
 
-    def map_of(self, sample: str, shape: tuple[int, ...], aliases: Sequence[str] = ()) -> NDArray[np.float32]:
+    def map_of(
+        self, sample: str, shape: tuple[int, ...], aliases: Sequence[str] = ()
+    ) -> NDArray[np.float32]:
         """The sample's map, float32 pixels, +inf unknown; FileError for a missing or damaged map, or another size.
 
         shape: that of the truth, (H, W). The map may also have 1/2 or 1/4 of its height and width.
@@ -114,7 +141,9 @@ class Submission:
         name = self.find(sample, aliases)
         if name is None:
             best = aliases[0] if aliases else sample
-            raise FileError(f"{self.path}: no map of {sample!r}: expected {best}.pfm, {best}.png or {best}/disp0.pfm")
+            raise FileError(
+                f"{self.path}: no map of {sample!r}: expected {best}.pfm, {best}.png or {best}/disp0.pfm"
+            )
         return self._decoded(name, shape)
 
     def confidence_of(
@@ -133,9 +162,13 @@ class Submission:
         return confidence
 
     def _decoded(self, name: str, shape: tuple[int, ...]) -> NDArray[np.float32]:
-        where = f"{self.path}: {name}" if not self.path.is_dir() else str(self.path / name)
+        where = (
+            f"{self.path}: {name}" if not self.path.is_dir() else str(self.path / name)
+        )
         data = self._read(name, 4 * shape[0] * shape[1] + SLACK_BYTES, where)
-        if name.endswith(".png") and len(data) > PNG_SIZE.stop:  # a small file may decode to a very large image
+        if (
+            name.endswith(".png") and len(data) > PNG_SIZE.stop
+        ):  # a small file may decode to a very large image
             _check_size(struct.unpack(">II", data[PNG_SIZE])[::-1], shape, where)
         disp = decode_disparity(data, where)
         _check_size(disp.shape, shape, where)
@@ -153,7 +186,9 @@ class Submission:
             file = self.find(sample, aliases)
             if file is not None and owners.setdefault(file, sample) != sample:
                 both = f"{owners[file]!r} and {sample!r}"
-                raise InputError(f"{self.path}: {file} matches both {both}: score each dataset separately")
+                raise InputError(
+                    f"{self.path}: {file} matches both {both}: score each dataset separately"
+                )
 
     def unmatched_files(self, samples: Samples) -> tuple[str, ...]:
         """Maps that belong to no sample, sorted.
@@ -162,7 +197,11 @@ class Submission:
         """
         maps = {self.find(name, aliases) for name, aliases in samples.items()}
         used = maps | {_confidence_name(name) for name in maps if name}
-        names = {each for name, aliases in samples.items() for each in (name, file_name(name), *aliases)}
+        names = {
+            each
+            for name, aliases in samples.items()
+            for each in (name, file_name(name), *aliases)
+        }
         folders = {name.partition("/")[0] for name in names}
         top = "" if self._top_folder.rstrip("/") in folders else self._top_folder
 
@@ -172,28 +211,50 @@ class Submission:
                 return lens[0] in names
             return folder in folders if slash else name.rpartition(".")[0] in names
 
-        unmatched = (name for name in sorted(self.files.keys() - used) if not belongs(name.removeprefix(top)))
+        unmatched = (
+            name
+            for name in sorted(self.files.keys() - used)
+            if not belongs(name.removeprefix(top))
+        )
         return tuple(name for name in unmatched if self._is_map(name))
 
     def _is_map(self, name: str) -> bool:
         """Whether the file is a PFM, or a 16-bit grey PNG by its header."""
         if not name.endswith(".png"):
             return name.endswith(".pfm")
-        with contextlib.suppress(Exception), self._open(name) as file:  # a damaged file is not a map
+        with (
+            contextlib.suppress(Exception),
+            self._open(name) as file,
+        ):  # a damaged file is not a map
             return file.read(PNG_KIND.stop)[PNG_KIND] == GREY_16
         return False
 
     def find(self, sample: str, aliases: Sequence[str] = ()) -> str | None:
         """The file name of the sample's map, the first that exists; None if there is none."""
         tops = dict.fromkeys(("", self._top_folder))
-        for stem in dict.fromkeys(f"{top}{name}" for name in (sample, file_name(sample), *aliases) for top in tops):
-            for name in (f"{stem}.pfm", f"{stem}.png", f"{stem}/disp0.pfm", f"{stem}/disp0.png"):
+        for stem in dict.fromkeys(
+            f"{top}{name}"
+            for name in (sample, file_name(sample), *aliases)
+            for top in tops
+        ):
+            for name in (
+                f"{stem}.pfm",
+                f"{stem}.png",
+                f"{stem}/disp0.pfm",
+                f"{stem}/disp0.png",
+            ):
                 if name in self.files:
                     return name
             inside = [
-                name for name in self.files if re.fullmatch(rf"{re.escape(stem)}/[^/]+(?<!-confidence)\.pfm", name)
+                name
+                for name in self.files
+                if re.fullmatch(rf"{re.escape(stem)}/[^/]+(?<!-confidence)\.pfm", name)
             ]
-            first_lens = [name for name in inside if not re.search(r"/lens-0*[1-9]\d*\.pfm$", name)]
+            first_lens = [
+                name
+                for name in inside
+                if not re.search(r"/lens-0*[1-9]\d*\.pfm$", name)
+            ]
             if len(first_lens) == 1:
                 return first_lens[0]
         return None
@@ -212,10 +273,16 @@ class Submission:
         except FileNotFoundError:
             raise FileError(f"{self.path}: no such file or folder") from None
         except Exception as error:
-            raise FileError(f"{self.path}: neither a folder nor a readable zip ({error})") from None
+            raise FileError(
+                f"{self.path}: neither a folder nor a readable zip ({error})"
+            ) from None
 
     def _open(self, name: str) -> IO[bytes]:
-        return (self.path / name).open("rb") if self.path.is_dir() else self._archive.open(name)
+        return (
+            (self.path / name).open("rb")
+            if self.path.is_dir()
+            else self._archive.open(name)
+        )
 
     def _read(self, name: str, limit: int, where: str) -> bytes:
         """The file's bytes; FileError if it states, or has, more than `limit`."""
@@ -227,16 +294,22 @@ class Submission:
         except Exception as error:  # zipfile, zlib and other decoders raise many types for damaged data
             raise FileError(f"{where}: cannot be read ({error})") from None
         if max(size, len(data)) > limit:
-            raise FileError(f"{where}: more than {limit} bytes, too large for a map of the truth's size")
+            raise FileError(
+                f"{where}: more than {limit} bytes, too large for a map of the truth's size"
+            )
         return data
 
 
-def open_submission(path: str | os.PathLike[str], name: str | None = None) -> Submission:
+def open_submission(
+    path: str | os.PathLike[str], name: str | None = None
+) -> Submission:
     """The submission in a folder or .zip; its default name is the folder's, or the file's without .zip."""
     source = Path(path)
     own = source.absolute().name
     is_zip = own.lower().endswith(".zip") and not source.is_dir()
-    return Submission(source, name if name is not None else own[: -len(".zip")] if is_zip else own)
+    return Submission(
+        source, name if name is not None else own[: -len(".zip")] if is_zip else own
+    )
 
 
 def _confidence_name(map_name: str) -> str:
@@ -245,12 +318,18 @@ def _confidence_name(map_name: str) -> str:
 
 def _check_size(shape: tuple[int, ...], truth: tuple[int, ...], where: str) -> None:
     if not any(tuple(scale * n for n in shape) == truth for scale in SCALES):
-        raise FileError(f"{where}: is {shape[1]} x {shape[0]}; the truth is {truth[1]} x {truth[0]}")
+        raise FileError(
+            f"{where}: is {shape[1]} x {shape[0]}; the truth is {truth[1]} x {truth[0]}"
+        )
 
 
 def _folder_files(folder: Path) -> dict[str, int]:
     sizes = {}
-    for path in (path for depth in ("*", "*/*", "*/*/*", "*/*/*/*") for path in sorted(folder.glob(depth))):
+    for path in (
+        path
+        for depth in ("*", "*/*", "*/*/*", "*/*/*/*")
+        for path in sorted(folder.glob(depth))
+    ):
         if path.is_file():
             if not path.resolve().is_relative_to(folder.resolve()):
                 raise FileError(f"{path}: is a link that leaves {folder}")
@@ -264,13 +343,23 @@ def _zip_files(path: Path, members: Sequence[zipfile.ZipInfo]) -> dict[str, int]
         raise FileError(f"{path}: contains {len(members)} files, more than {MAX_FILES}")
     for member in members:
         name = member.filename
-        if name.startswith("/") or "\\" in name or ":" in name or ".." in PurePosixPath(name).parts:
-            raise FileError(f"{path}: contains {name!r}, a name that leaves the archive")
+        if (
+            name.startswith("/")
+            or "\\" in name
+            or ":" in name
+            or ".." in PurePosixPath(name).parts
+        ):
+            raise FileError(
+                f"{path}: contains {name!r}, a name that leaves the archive"
+            )
         # zipfile decompresses members of other compressions whole, even if fewer bytes are requested.
         for fault, present in (
             ("is a link", stat.S_ISLNK(member.external_attr >> 16)),
             ("is encrypted", member.flag_bits & 1),
-            ("uses a compression other than deflate", member.compress_type not in _COMPRESSIONS),
+            (
+                "uses a compression other than deflate",
+                member.compress_type not in _COMPRESSIONS,
+            ),
             ("occurs twice", name in sizes),
         ):
             if present:

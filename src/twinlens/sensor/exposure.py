@@ -34,8 +34,16 @@ class Exposure:
     gain: float = 1.0
 
     def __post_init__(self) -> None:
-        check_number("exposure time", self.time, "a positive number of seconds, 1e-30 to 1e9", least=1e-30, most=1e9)
-        check_number("exposure gain", self.gain, "positive, 1e-9 to 1e9", least=1e-9, most=1e9)
+        check_number(
+            "exposure time",
+            self.time,
+            "a positive number of seconds, 1e-30 to 1e9",
+            least=1e-30,
+            most=1e9,
+        )
+        check_number(
+            "exposure gain", self.gain, "positive, 1e-9 to 1e9", least=1e-9, most=1e9
+        )
 
     def value(self, working_f_number: float) -> float:
         """The exposure value EV = log2(N^2 / t), N = v/A.
@@ -43,18 +51,30 @@ class Exposure:
         >>> Exposure(time=1 / 64).value(8.0)
         12.0
         """
-        check_number("working_f_number", working_f_number, "a positive number", least=1e-24, most=1e24)
+        check_number(
+            "working_f_number",
+            working_f_number,
+            "a positive number",
+            least=1e-24,
+            most=1e24,
+        )
         return math.log2(working_f_number**2 / self.time)
 
 
 def check_exposure(exposure: Exposure | None) -> None:
     """Raise InputError unless `exposure` is an Exposure, or None (automatic)."""
     if not isinstance(exposure, Exposure | None):
-        raise InputError(f"exposure must be an Exposure or None (automatic), got {format_value(exposure)}")
+        raise InputError(
+            f"exposure must be an Exposure or None (automatic), got {format_value(exposure)}"
+        )
 
 
 def auto_exposure(
-    images: Sequence[ArrayLike], *, sensor: "Sensor", cameras: Sequence[Camera] | Camera, lens: Lens
+    images: Sequence[ArrayLike],
+    *,
+    sensor: "Sensor",
+    cameras: Sequence[Camera] | Camera,
+    lens: Lens,
 ) -> Exposure:
     """One exposure for all `images` (linear radiance (H, W, 3)), so that a stereo pair is exposed equally.
 
@@ -62,14 +82,21 @@ def auto_exposure(
     exceed 90% of white, the exposure is reduced by up to two stops. Time is increased first, up to the sensor's
     `longest_exposure`, then gain, up to its `largest_gain`. A black image gets both limits.
     """
-    per_image = [cameras] * len(images) if isinstance(cameras, Camera) else list(cameras)
+    per_image = (
+        [cameras] * len(images) if isinstance(cameras, Camera) else list(cameras)
+    )
     if not images or len(per_image) != len(images):
-        raise InputError(f"auto exposure needs images and one camera each, got {len(images)} and {len(per_image)}")
+        raise InputError(
+            f"auto exposure needs images and one camera each, got {len(images)} and {len(per_image)}"
+        )
     levels = [
-        sensor.level_rate(image, camera=c, lens=lens).reshape(-1, 3) for image, c in zip(images, per_image, strict=True)
+        sensor.level_rate(image, camera=c, lens=lens).reshape(-1, 3)
+        for image, c in zip(images, per_image, strict=True)
     ]
     shares = np.concatenate(levels)  # (N, 3), of white per second at gain 1
-    highlight = float(np.percentile(shares.max(axis=1), _HIGHLIGHT_PERCENTILE)) or float(shares.max())
+    highlight = float(
+        np.percentile(shares.max(axis=1), _HIGHLIGHT_PERCENTILE)
+    ) or float(shares.max())
     product = math.inf  # time times gain, seconds
     if highlight > 0:
         luminance = shares @ _LUMINANCE
@@ -96,14 +123,30 @@ def light_on_grey(
     >>> round(light_on_grey(Sensor(), 500, pixel_pitch_um=3.45, longest_exposure=0.01).electrons_per_second)
     434120
     """
-    check_number("illuminance_lux", illuminance_lux, "a number of lux, 1e-6 to 1e9", least=1e-6, most=1e9)
-    efficacy = sum(683.0 * _luminosity(1e9 * wavelength) for wavelength in sensor.wavelengths)
-    radiance = _MIDDLE_GREY * illuminance_lux / math.pi / efficacy / sensor.radiance_scale
+    check_number(
+        "illuminance_lux",
+        illuminance_lux,
+        "a number of lux, 1e-6 to 1e9",
+        least=1e-6,
+        most=1e9,
+    )
+    efficacy = sum(
+        683.0 * _luminosity(1e9 * wavelength) for wavelength in sensor.wavelengths
+    )
+    radiance = (
+        _MIDDLE_GREY * illuminance_lux / math.pi / efficacy / sensor.radiance_scale
+    )
     camera = Camera.from_fov(1, 1, 90, pixel_pitch_um)
     lens = ThinLens(camera.film_distance, math.inf)  # f/1
     rates = radiance * sensor.electrons_per_radiance(camera, lens)
     rate = float(rates.sum() if sensor.filters == "mono" else rates[1])
-    return Light(rate, longest_exposure, sensor.read_noise, _MIDDLE_GREY * sensor.full_well, least_snr)
+    return Light(
+        rate,
+        longest_exposure,
+        sensor.read_noise,
+        _MIDDLE_GREY * sensor.full_well,
+        least_snr,
+    )
 
 
 def _luminosity(nm: float) -> float:

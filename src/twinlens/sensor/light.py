@@ -34,7 +34,11 @@ class ParaxialWarning(UserWarning):
 
 def warn_below_f1(camera: Camera, lens: Lens, stacklevel: int) -> None:
     """Give a `ParaxialWarning` for a lens of v/A < 1; for given exposures, as automatic ones compensate."""
-    number = math.inf if isinstance(lens, BareAperture) else working_f_number(camera, lens, math.inf)
+    number = (
+        math.inf
+        if isinstance(lens, BareAperture)
+        else working_f_number(camera, lens, math.inf)
+    )
     if number < 1:
         warnings.warn(
             f"working f-number v/A = {number:.3g} is below 1, where the paraxial formula pi/4 (A/v)^2 L gives too much "
@@ -87,11 +91,16 @@ def vignetting(camera: Camera, lens: Lens) -> Float:
     """
     x = (np.arange(camera.width) - camera.cx) / camera.fx
     y = (np.arange(camera.height) - camera.cy) / camera.fy
-    natural, radius = 1.0 / (1.0 + x[None, :] ** 2 + y[:, None] ** 2) ** 2, 0.5 * lens.aperture_diameter
+    natural, radius = (
+        1.0 / (1.0 + x[None, :] ** 2 + y[:, None] ** 2) ** 2,
+        0.5 * lens.aperture_diameter,
+    )
     if not isinstance(lens, ThinLens) or radius == 0:
         return natural
     rim = max(0.5 * camera.film_distance / _OPEN, radius)
-    shift = _RIM * camera.film_distance * np.sqrt(natural**-0.5 - 1)  # natural^-1/2 = 1 + tan^2
+    shift = (
+        _RIM * camera.film_distance * np.sqrt(natural**-0.5 - 1)
+    )  # natural^-1/2 = 1 + tan^2
     return natural * _overlap(shift, radius, rim)
 
 

@@ -11,7 +11,16 @@ from typing import Annotated, Any, get_type_hints
 
 import numpy as np
 
-from twinlens.camera import ALIGNED, BareAperture, Camera, Lens, Misalignment, Pinhole, Rig, misaligned
+from twinlens.camera import (
+    ALIGNED,
+    BareAperture,
+    Camera,
+    Lens,
+    Misalignment,
+    Pinhole,
+    Rig,
+    misaligned,
+)
 from twinlens.errors import InputError, check_int, check_known, check_ranges, located
 from twinlens.geometry import Float
 from twinlens.seeds import generator
@@ -20,7 +29,11 @@ from twinlens.sensor.exposure import Exposure
 LEVELS = ("none", "calibrated", "typical", "consumer")
 """After "none": a fresh calibration with equalised gains and flat fields, two cameras of one model, cheap modules."""
 
-DEFAULT_MISMATCH: Mapping[str, Any] = {"level": "typical", "distortion_px": 0.0, "focus_um": 0.0}
+DEFAULT_MISMATCH: Mapping[str, Any] = {
+    "level": "typical",
+    "distortion_px": 0.0,
+    "focus_um": 0.0,
+}
 """The mismatch of recipes that give none; every backend can render it."""
 
 _MAX_SIGMAS = 2.5  # limit of a drawn value, in standard deviations
@@ -106,10 +119,21 @@ class Mismatch:
         values: dict[str, Any] = {**given, "level": level}
         if level == "none":
             return cls(**values)
-        values.setdefault("stray_direction_deg", float(generator(seed, "mismatch", "direction").uniform(0, 360)))
+        values.setdefault(
+            "stray_direction_deg",
+            float(generator(seed, "mismatch", "direction").uniform(0, 360)),
+        )
         for name, spreads in SPREADS.items():
-            z = float(np.clip(generator(seed, "mismatch", name).standard_normal(), -_MAX_SIGMAS, _MAX_SIGMAS))
-            difference = spreads[LEVELS.index(level) - 1] * (abs(z) if name in _NOT_NEGATIVE else z)
+            z = float(
+                np.clip(
+                    generator(seed, "mismatch", name).standard_normal(),
+                    -_MAX_SIGMAS,
+                    _MAX_SIGMAS,
+                )
+            )
+            difference = spreads[LEVELS.index(level) - 1] * (
+                abs(z) if name in _NOT_NEGATIVE else z
+            )
             values.setdefault(name, vars(cls)[name] + difference)
         return cls(**values)
 
@@ -124,31 +148,55 @@ class Mismatch:
 
     def light(self, light: Float) -> Float:
         """The light (H, W, 3) on the sensor, from that of a camera without differences."""
-        x, y = np.linspace(-1, 1, light.shape[1]), np.linspace(-1, 1, light.shape[0])[:, None]
+        x, y = (
+            np.linspace(-1, 1, light.shape[1]),
+            np.linspace(-1, 1, light.shape[0])[:, None],
+        )
         if self.shading_right or self.shading_down or self.shading_corner:
             height, width = light.shape[:2]
             r2 = ((width * x) ** 2 + (height * y) ** 2) / (width**2 + height**2)
-            field = 1 + self.shading_right * x + self.shading_down * y - self.shading_corner * r2
+            field = (
+                1
+                + self.shading_right * x
+                + self.shading_down * y
+                - self.shading_corner * r2
+            )
             light = light * field[..., None]
         if self.blur_px:
             from scipy.ndimage import gaussian_filter  # slow to import
 
-            light = gaussian_filter(light, (self.blur_px, self.blur_px, 0), mode="reflect")
+            light = gaussian_filter(
+                light, (self.blur_px, self.blur_px, 0), mode="reflect"
+            )
         if self.veiling_glare or self.stray_light:
             angle = math.radians(self.stray_direction_deg)
             across, down = math.cos(angle), math.sin(angle)
-            veil = self.veiling_glare + self.stray_light * (1 + (across * x + down * y) / (abs(across) + abs(down)))
-            light = (1 - self.veiling_glare) * light + veil[..., None] * light.mean(axis=(0, 1))
+            veil = self.veiling_glare + self.stray_light * (
+                1 + (across * x + down * y) / (abs(across) + abs(down))
+            )
+            light = (1 - self.veiling_glare) * light + veil[..., None] * light.mean(
+                axis=(0, 1)
+            )
         if self.filter_shift:
-            source = light[..., [0, 0, 1]] if self.filter_shift > 0 else light[..., [1, 2, 2]]
+            source = (
+                light[..., [0, 0, 1]]
+                if self.filter_shift > 0
+                else light[..., [1, 2, 2]]
+            )
             light = light + abs(self.filter_shift) * (source - light)
         return light / self.f_number**2
 
     def developed(self, linear: Float) -> Float:
         """Apply white balance and tone exponent to linear values (H, W, 3) or (H, W), where 1 is white."""
         if linear.ndim == 3:
-            linear = linear * np.array([self.white_balance_red, 1.0, self.white_balance_blue])
-        return linear if self.tone_exponent == 1 else np.clip(linear, 0.0, 1.0) ** self.tone_exponent
+            linear = linear * np.array(
+                [self.white_balance_red, 1.0, self.white_balance_blue]
+            )
+        return (
+            linear
+            if self.tone_exponent == 1
+            else np.clip(linear, 0.0, 1.0) ** self.tone_exponent
+        )
 
     def lens(self, lens: Lens, camera: Camera) -> Lens:
         """The lens of a camera of this mismatch, with its f-number and its focus, from the nominal one.
@@ -172,9 +220,13 @@ class Mismatch:
         if isinstance(lens, BareAperture):
             return lens.replace(diameter=diameter)
         film = camera.film_distance
-        step = 1e-6 * self.focus_um * min(1.0, film / max(lens.aperture_diameter, 1e-12))
+        step = (
+            1e-6 * self.focus_um * min(1.0, film / max(lens.aperture_diameter, 1e-12))
+        )
         if film + step <= 0:
-            raise InputError(f"mismatch focus_um={self.focus_um:g} moves the film to the lens, {1e6 * film:g} um away")
+            raise InputError(
+                f"mismatch focus_um={self.focus_um:g} moves the film to the lens, {1e6 * film:g} um away"
+            )
         defocus = lens.defocus + step / (film * (film + step))
         return lens.replace(aperture_diameter=diameter, defocus=defocus)
 
@@ -191,7 +243,9 @@ class Mismatch:
 
         Raises InputError where scale or distortion is too large for the camera.
         """
-        radius = math.hypot(camera.width / camera.fx, camera.height / camera.fy) / 2  # of the corners
+        radius = (
+            math.hypot(camera.width / camera.fx, camera.height / camera.fy) / 2
+        )  # of the corners
         try:
             error = Misalignment(
                 pitch_deg=math.degrees(math.atan(self.pitch_px / camera.fy)),
@@ -205,18 +259,28 @@ class Mismatch:
             )
             error.camera(camera)
         except InputError as problem:
-            names = [name for name in ("scale_px", "distortion_px") if getattr(self, name)]
+            names = [
+                name for name in ("scale_px", "distortion_px") if getattr(self, name)
+            ]
             given = " and ".join(f"{name}={getattr(self, name):g}" for name in names)
             corner = f"its corners are {camera.fx * radius:.3g} px from the centre"
             size = f"an image of {camera.width}x{camera.height} pixels, {corner}"
-            raise InputError(f"mismatch {given}: too large for {size}; use a value nearer to 0") from problem
+            raise InputError(
+                f"mismatch {given}: too large for {size}; use a value nearer to 0"
+            ) from problem
         return error
 
 
 def misalign(rig: Rig, mismatches: Sequence[Mismatch]) -> Rig:
     """The rig that takes the images, whose cameras after the first have these mismatches, one each."""
     cameras = rig.cameras[1:]
-    errors = [ALIGNED, *(each.misalignment(camera) for each, camera in zip(mismatches, cameras, strict=True))]
+    errors = [
+        ALIGNED,
+        *(
+            each.misalignment(camera)
+            for each, camera in zip(mismatches, cameras, strict=True)
+        ),
+    ]
     return misaligned(rig, errors) if any(error != ALIGNED for error in errors) else rig
 
 
@@ -226,8 +290,15 @@ def mismatch_table(sensor: Mapping[str, Any]) -> Any:
     >>> mismatch_table({}), mismatch_table({"preset": "ideal"}), mismatch_table({"mismatch": "consumer"})
     ({'level': 'typical', 'distortion_px': 0.0, 'focus_um': 0.0}, {'level': 'none'}, {'level': 'consumer'})
     """
-    mismatch = sensor.get("mismatch", "none" if sensor.get("preset") == "ideal" else dict(DEFAULT_MISMATCH))
-    return [level_table(each) for each in mismatch] if isinstance(mismatch, list) else level_table(mismatch)
+    mismatch = sensor.get(
+        "mismatch",
+        "none" if sensor.get("preset") == "ideal" else dict(DEFAULT_MISMATCH),
+    )
+    return (
+        [level_table(each) for each in mismatch]
+        if isinstance(mismatch, list)
+        else level_table(mismatch)
+    )
 
 
 def level_table(mismatch: Any) -> Any:

@@ -22,7 +22,15 @@ from twinlens.camera import Camera, Lens, Rig, film_distance
 from twinlens.camera.film import checked_radiance
 from twinlens.camera.intrinsics import BANDS
 from twinlens.camera.lens import check_lens
-from twinlens.errors import InputError, check_int, check_known, check_number, check_ranges, check_triple, format_value
+from twinlens.errors import (
+    InputError,
+    check_int,
+    check_known,
+    check_number,
+    check_ranges,
+    check_triple,
+    format_value,
+)
 from twinlens.geometry import Float
 from twinlens.optics.diffraction import CHANNEL_WAVELENGTHS, check_wavelengths
 from twinlens.seeds import derived_seed, generator
@@ -33,7 +41,9 @@ from twinlens.sensor.picture import Image
 from twinlens.sensor.presets import PRESETS
 
 OUTPUTS = (*picture.CURVES, "raw")
-_MAX_WELLS = 4.0  # limit of expected electrons, in full wells; such pixels are saturated anyway
+_MAX_WELLS = (
+    4.0  # limit of expected electrons, in full wells; such pixels are saturated anyway
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,11 +117,19 @@ class Sensor:
 
     def __post_init__(self) -> None:
         allowed = "three positive numbers (red, green, blue)"
-        efficiency = check_triple("sensor quantum_efficiency", self.quantum_efficiency, allowed)
+        efficiency = check_triple(
+            "sensor quantum_efficiency", self.quantum_efficiency, allowed
+        )
         if max(efficiency) > 1:
-            raise InputError(f"sensor quantum_efficiency must be at most 1 electron per photon, got {efficiency}")
+            raise InputError(
+                f"sensor quantum_efficiency must be at most 1 electron per photon, got {efficiency}"
+            )
         object.__setattr__(self, "quantum_efficiency", efficiency)
-        object.__setattr__(self, "wavelengths", check_wavelengths("sensor wavelengths", self.wavelengths))
+        object.__setattr__(
+            self,
+            "wavelengths",
+            check_wavelengths("sensor wavelengths", self.wavelengths),
+        )
         check_ranges(self, "sensor")
         check_int("sensor adc_bits", self.adc_bits, 8, 16)
         check_int("sensor bits", self.bits, 8, 16)
@@ -119,21 +137,37 @@ class Sensor:
             raise InputError(f"sensor bits must be 8 or 16, got {self.bits}")
         for name in ("white_balance", "shot_noise", "vignetting"):
             value = getattr(self, name)
-            if not isinstance(value, (bool, np.bool_)) and not (name == "vignetting" and value is None):
-                raise InputError(f"sensor {name} must be True or False, got {format_value(value)}")
+            if not isinstance(value, (bool, np.bool_)) and not (
+                name == "vignetting" and value is None
+            ):
+                raise InputError(
+                    f"sensor {name} must be True or False, got {format_value(value)}"
+                )
         check_known("sensor filters", self.filters, picture.FILTERS)
         check_known("sensor output", self.output, OUTPUTS)
         for mismatch in self.mismatches:
             if not isinstance(mismatch, Mismatch):
-                allowed = "a Mismatch, or a tuple with one for each camera after the first"
-                raise InputError(f"sensor mismatch must be {allowed}, got {format_value(self.mismatch)}")
+                allowed = (
+                    "a Mismatch, or a tuple with one for each camera after the first"
+                )
+                raise InputError(
+                    f"sensor mismatch must be {allowed}, got {format_value(self.mismatch)}"
+                )
             mismatch.applied(Exposure(self.longest_exposure, self.largest_gain))
-        check_number("sensor black_level", self.black_level, "a number of DN >= 0", least=0)
+        check_number(
+            "sensor black_level", self.black_level, "a number of DN >= 0", least=0
+        )
         if self.black_level >= self.largest_dn:
-            raise InputError(f"sensor black_level must be below {self.largest_dn} DN, got {self.black_level}")
+            raise InputError(
+                f"sensor black_level must be below {self.largest_dn} DN, got {self.black_level}"
+            )
         check_int("sensor serial", self.serial, 0)
-        if self.nir is not None and (not isinstance(self.nir, Sensor) or self.nir.nir is not None):
-            raise InputError("sensor nir must be a Sensor that has no nir itself, or None")
+        if self.nir is not None and (
+            not isinstance(self.nir, Sensor) or self.nir.nir is not None
+        ):
+            raise InputError(
+                "sensor nir must be a Sensor that has no nir itself, or None"
+            )
 
     @classmethod
     def preset(cls, name: str, **changes: Any) -> "Sensor":
@@ -155,7 +189,9 @@ class Sensor:
         nir, mismatch = record.get("nir"), record.get("mismatch", {})
         several = isinstance(mismatch, (list, tuple))
         parts = {
-            "mismatch": tuple(Mismatch(**each) for each in mismatch) if several else Mismatch(**mismatch),
+            "mismatch": tuple(Mismatch(**each) for each in mismatch)
+            if several
+            else Mismatch(**mismatch),
             "nir": None if nir is None else cls.from_record(nir),
         }
         return cls(**{**record, **parts})
@@ -181,7 +217,10 @@ class Sensor:
         if band != "nir":
             return self
         own = self.nir or self
-        changes = {"quantum_efficiency": (own.nir_efficiency,) * 3, "wavelengths": (own.nir_wavelength,) * 3}
+        changes = {
+            "quantum_efficiency": (own.nir_efficiency,) * 3,
+            "wavelengths": (own.nir_wavelength,) * 3,
+        }
         return own.replace(**changes, filters="mono", mismatch=self.mismatch, nir=None)
 
     @property
@@ -201,7 +240,9 @@ class Sensor:
         if not isinstance(self.mismatch, tuple):
             return self.mismatch
         if eye > len(self.mismatch):
-            raise InputError(f"sensor mismatch has those of {len(self.mismatch)} cameras after the first, not {eye}")
+            raise InputError(
+                f"sensor mismatch has those of {len(self.mismatch)} cameras after the first, not {eye}"
+            )
         return self.mismatch[eye - 1]
 
     def misalign(self, rig: Rig) -> Rig:
@@ -219,13 +260,18 @@ class Sensor:
         """
         check_lens(lens)
         self.check_mismatches(rig)
-        return tuple(self.mismatch_of(i).lens(lens, camera) for i, camera in enumerate(rig.nominal.cameras))
+        return tuple(
+            self.mismatch_of(i).lens(lens, camera)
+            for i, camera in enumerate(rig.nominal.cameras)
+        )
 
     def check_mismatches(self, rig: Rig) -> None:
         """Raise InputError for a tuple of mismatches of another number of cameras than the rig has."""
         if isinstance(self.mismatch, tuple) and len(self.mismatch) != len(rig) - 1:
             needed = f"{len(rig) - 1}, one for each camera after the first"
-            raise InputError(f"number of mismatches of the sensor must be {needed}, got {len(self.mismatch)}")
+            raise InputError(
+                f"number of mismatches of the sensor must be {needed}, got {len(self.mismatch)}"
+            )
 
     @property
     def largest_dn(self) -> int:
@@ -240,15 +286,21 @@ class Sensor:
         """Electrons per second in a pixel on the axis, per unit of rendered radiance, (3,) for red, green and blue."""
         distance = film_distance(camera, lens)
         pixel_area = distance / camera.fx * distance / camera.fy
-        joules = light.irradiance_factor(camera, lens, self.pinhole_f_number) * pixel_area
+        joules = (
+            light.irradiance_factor(camera, lens, self.pinhole_f_number) * pixel_area
+        )
         own = self.for_band(camera.band)
         photons = np.array(own.wavelengths) / (light.PLANCK * light.SPEED)
-        return np.asarray(self.radiance_scale * joules * photons * np.array(own.quantum_efficiency))
+        return np.asarray(
+            self.radiance_scale * joules * photons * np.array(own.quantum_efficiency)
+        )
 
     def level_rate(self, radiance: ArrayLike, *, camera: Camera, lens: Lens) -> Float:
         """Signal per second at gain 1 over the full well, (H, W, 3), of a radiance image; for automatic exposure."""
         check_lens(lens)
-        rates = checked_radiance("radiance", radiance, camera) * self.pixel_rates(camera, lens)
+        rates = checked_radiance("radiance", radiance, camera) * self.pixel_rates(
+            camera, lens
+        )
         own = self.for_band(camera.band)
         if own.filters == "mono":
             rates = np.repeat(rates.sum(axis=-1, keepdims=True), 3, axis=-1)
@@ -275,25 +327,45 @@ class Sensor:
         return self._expose([(radiance, camera, eye)], lens, seed, exposure)[0]
 
     def _expose(
-        self, views: Sequence[tuple[ArrayLike, Camera, int]], lens: Lens, seed: int, exposure: Exposure | None
+        self,
+        views: Sequence[tuple[ArrayLike, Camera, int]],
+        lens: Lens,
+        seed: int,
+        exposure: Exposure | None,
     ) -> list[Photo]:
         """One photo for each radiance, camera and eye; cameras of the same band have the same exposure."""
-        images = [checked_radiance("radiance", radiance, camera) for radiance, camera, _ in views]
-        exposures = self._nominal(images, [camera for _, camera, _ in views], lens, seed, exposure)
+        images = [
+            checked_radiance("radiance", radiance, camera)
+            for radiance, camera, _ in views
+        ]
+        exposures = self._nominal(
+            images, [camera for _, camera, _ in views], lens, seed, exposure
+        )
         return [
             self.for_band(camera.band)._take(image, camera, lens, nominal, seed, eye)
-            for image, (_, camera, eye), nominal in zip(images, views, exposures, strict=True)
+            for image, (_, camera, eye), nominal in zip(
+                images, views, exposures, strict=True
+            )
         ]
 
     def _nominal(
-        self, images: Sequence[Float], cameras: Sequence[Camera], lens: Lens, seed: int, exposure: Exposure | None
+        self,
+        images: Sequence[Float],
+        cameras: Sequence[Camera],
+        lens: Lens,
+        seed: int,
+        exposure: Exposure | None,
     ) -> list[Exposure]:
         """For each image the given exposure, or the automatic one of the images of its band, after checks."""
         check_lens(lens)
         check_exposure(exposure)
         check_int("seed", seed, 0)
         if exposure is not None:
-            light.warn_below_f1(min(cameras, key=lambda camera: film_distance(camera, lens)), lens, stacklevel=5)
+            light.warn_below_f1(
+                min(cameras, key=lambda camera: film_distance(camera, lens)),
+                lens,
+                stacklevel=5,
+            )
             return [exposure] * len(images)
         found = {}
         for band in {camera.band for camera in cameras}:
@@ -327,23 +399,42 @@ class Sensor:
         return self._expose_dual([(halves, camera, eye)], lens, seed, exposure)[0]
 
     def expose_dual_rig(
-        self, images: Sequence[ArrayLike], *, rig: Rig, lens: Lens, seed: int = 0, exposure: Exposure | None = None
+        self,
+        images: Sequence[ArrayLike],
+        *,
+        rig: Rig,
+        lens: Lens,
+        seed: int = 0,
+        exposure: Exposure | None = None,
     ) -> list[tuple[Photo, Photo, Photo]]:
         """`expose_dual` for the halves of each camera of a rig, with one exposure."""
         return self._expose_dual(self._views(images, rig), lens, seed, exposure)
 
     def _expose_dual(
-        self, views: Sequence[tuple[ArrayLike, Camera, int]], lens: Lens, seed: int, exposure: Exposure | None
+        self,
+        views: Sequence[tuple[ArrayLike, Camera, int]],
+        lens: Lens,
+        seed: int,
+        exposure: Exposure | None,
     ) -> list[tuple[Photo, Photo, Photo]]:
         check_lens(lens)
         if lens.aperture_diameter == 0:
-            raise InputError("dual pixels need a lens with an aperture; a pinhole has none")
-        halves = [[checked_radiance("radiance", each, camera) for each in _two(given)] for given, camera, _ in views]
+            raise InputError(
+                "dual pixels need a lens with an aperture; a pinhole has none"
+            )
+        halves = [
+            [checked_radiance("radiance", each, camera) for each in _two(given)]
+            for given, camera, _ in views
+        ]
         cameras = [camera for _, camera, _ in views]
-        exposures = self._nominal([left + right for left, right in halves], cameras, lens, seed, exposure)
+        exposures = self._nominal(
+            [left + right for left, right in halves], cameras, lens, seed, exposure
+        )
         streams = [derived_seed(seed, "dual pixel", i) for i in (0, 1)]
         found = []
-        for images, (_, camera, eye), nominal in zip(halves, views, exposures, strict=True):
+        for images, (_, camera, eye), nominal in zip(
+            halves, views, exposures, strict=True
+        ):
             photos, wells = [], []
             own = self.for_band(camera.band)
             for i, (stream, image) in enumerate(zip(streams, images, strict=True)):
@@ -359,18 +450,54 @@ class Sensor:
             found.append((photos[0], photos[1], whole))
         return found
 
-    def _take(self, image: Float, camera: Camera, lens: Lens, nominal: Exposure, seed: int, eye: int) -> Photo:
-        return self._read(self._collect(image, camera, lens, nominal, seed, eye), camera, lens, nominal, seed, eye)
+    def _take(
+        self,
+        image: Float,
+        camera: Camera,
+        lens: Lens,
+        nominal: Exposure,
+        seed: int,
+        eye: int,
+    ) -> Photo:
+        return self._read(
+            self._collect(image, camera, lens, nominal, seed, eye),
+            camera,
+            lens,
+            nominal,
+            seed,
+            eye,
+        )
 
-    def _collect(self, image: Float, camera: Camera, lens: Lens, nominal: Exposure, seed: int, eye: int) -> Float:
+    def _collect(
+        self,
+        image: Float,
+        camera: Camera,
+        lens: Lens,
+        nominal: Exposure,
+        seed: int,
+        eye: int,
+    ) -> Float:
         """Electrons of each pixel at the end of the exposure, (H, W, 3) or (H, W), from radiance."""
         mismatch = self.mismatch_of(eye)
         true = mismatch.applied(nominal)
         # Glare is spread evenly over the film: it comes after vignetting.
         film = mismatch.light(self._vignetted(image, camera, lens))
-        return self._wells(film * self.electrons_per_radiance(camera, lens) * true.time, true.time, seed, eye)
+        return self._wells(
+            film * self.electrons_per_radiance(camera, lens) * true.time,
+            true.time,
+            seed,
+            eye,
+        )
 
-    def _read(self, wells: Float, camera: Camera, lens: Lens, nominal: Exposure, seed: int, eye: int) -> Photo:
+    def _read(
+        self,
+        wells: Float,
+        camera: Camera,
+        lens: Lens,
+        nominal: Exposure,
+        seed: int,
+        eye: int,
+    ) -> Photo:
         """Read and develop the electrons of each pixel."""
         mismatch = self.mismatch_of(eye)
         true = mismatch.applied(nominal)
@@ -378,13 +505,20 @@ class Sensor:
         rates = self.electrons_per_radiance(camera, lens)
         electrons = wells
         if self.dsnu:
-            electrons = electrons + self.dsnu * generator(self.serial, "dsnu", eye).standard_normal(wells.shape)
+            electrons = electrons + self.dsnu * generator(
+                self.serial, "dsnu", eye
+            ).standard_normal(wells.shape)
         if self.read_noise:
-            electrons = electrons + self.read_noise * generator(seed, "read", eye).standard_normal(wells.shape)
+            electrons = electrons + self.read_noise * generator(
+                seed, "read", eye
+            ).standard_normal(wells.shape)
         numbers = np.rint(self.system_gain(true.gain) * electrons + black)
         numbers = np.clip(numbers, 0, self.largest_dn).astype(np.uint16)
         saturated = (wells >= self.full_well) | (numbers >= self.largest_dn)
-        number = light.working_f_number(camera, lens, self.pinhole_f_number) * mismatch.f_number
+        number = (
+            light.working_f_number(camera, lens, self.pinhole_f_number)
+            * mismatch.f_number
+        )
         record = {
             "time_s": true.time,
             "gain": true.gain,
@@ -392,10 +526,16 @@ class Sensor:
             "ev": true.value(number),
             "system_gain_dn_per_electron": self.system_gain(true.gain),
             "black_level_dn": black,
-            "electrons_per_radiance": (rates * true.time / mismatch.f_number**2).tolist(),
+            "electrons_per_radiance": (
+                rates * true.time / mismatch.f_number**2
+            ).tolist(),
             "seed": int(seed),
             "eye": int(eye),
-            "sensor": (replace(self, mismatch=mismatch) if isinstance(self.mismatch, tuple) else self).record(),
+            "sensor": (
+                replace(self, mismatch=mismatch)
+                if isinstance(self.mismatch, tuple)
+                else self
+            ).record(),
             "saturated_fraction": float(saturated.mean()),
             "mean_electrons": float(electrons.mean()),
         }
@@ -412,11 +552,19 @@ class Sensor:
         exposure: Exposure | None = None,
     ) -> tuple[Photo, Photo]:
         """`expose_rig` for a stereo pair."""
-        photos = self.expose_rig([left, right], rig=rig, lens=lens, seed=seed, exposure=exposure)
+        photos = self.expose_rig(
+            [left, right], rig=rig, lens=lens, seed=seed, exposure=exposure
+        )
         return photos[0], photos[1]
 
     def expose_rig(
-        self, images: Sequence[ArrayLike], *, rig: Rig, lens: Lens, seed: int = 0, exposure: Exposure | None = None
+        self,
+        images: Sequence[ArrayLike],
+        *,
+        rig: Rig,
+        lens: Lens,
+        seed: int = 0,
+        exposure: Exposure | None = None,
     ) -> list[Photo]:
         """Expose one image per camera of a rig, with one exposure for the cameras of each band; see `expose`.
 
@@ -424,11 +572,15 @@ class Sensor:
         """
         return self._expose(self._views(images, rig), lens, seed, exposure)
 
-    def _views(self, images: Sequence[ArrayLike], rig: Rig) -> list[tuple[ArrayLike, Camera, int]]:
+    def _views(
+        self, images: Sequence[ArrayLike], rig: Rig
+    ) -> list[tuple[ArrayLike, Camera, int]]:
         """The image, camera and index of each view."""
         self.check_mismatches(rig)
         if len(images) != len(rig):
-            raise InputError(f"expose_rig needs one image per camera, got {len(images)} images and {len(rig)} cameras")
+            raise InputError(
+                f"expose_rig needs one image per camera, got {len(images)} images and {len(rig)} cameras"
+            )
         return list(zip(images, rig.cameras, range(len(rig)), strict=True))
 
     def pixel_rates(self, camera: Camera, lens: Lens) -> Float:
@@ -447,7 +599,9 @@ class Sensor:
         elif self.filters in picture.BAYER:
             expected = picture.mosaic(expected, self.filters)
         if self.prnu:
-            pattern = generator(self.serial, "prnu", eye).standard_normal(expected.shape)
+            pattern = generator(self.serial, "prnu", eye).standard_normal(
+                expected.shape
+            )
             expected = expected * (1.0 + self.prnu * pattern)
         expected = np.clip(expected, 0.0, _MAX_WELLS * self.full_well)
         dark = self.dark_current * time
@@ -456,7 +610,9 @@ class Sensor:
         electrons = generator(seed, "shot", eye).poisson(expected).astype(np.float64)
         if dark > 0:
             dark = min(dark, _MAX_WELLS * self.full_well)
-            electrons += generator(seed, "dark current", eye).poisson(dark, expected.shape)
+            electrons += generator(seed, "dark current", eye).poisson(
+                dark, expected.shape
+            )
         return np.minimum(electrons, self.full_well)
 
     def balance(self) -> Float:
@@ -469,18 +625,24 @@ class Sensor:
     def _develop(self, numbers: NDArray[np.uint16], mismatch: Mismatch) -> Image:
         if self.output == "raw":
             return numbers.astype(np.uint8) if self.adc_bits == 8 else numbers
-        linear = (numbers.astype(np.float64) - self.black_level) / (self.largest_dn - self.black_level)
+        linear = (numbers.astype(np.float64) - self.black_level) / (
+            self.largest_dn - self.black_level
+        )
         if self.filters in picture.BAYER:
             factors = self.balance()[picture.channel_map(self.filters, *linear.shape)]
             linear = picture.demosaic(linear * factors, self.filters)
         elif self.filters == "rgb":
             linear = linear * self.balance()
-        return picture.encode(mismatch.developed(linear), self.output, self.gamma, self.bits)
+        return picture.encode(
+            mismatch.developed(linear), self.output, self.gamma, self.bits
+        )
 
 
 def _two(halves: Any) -> list[Any]:
     """The images of two halves. Raises InputError for another number of them."""
     found = list(halves) if isinstance(halves, Sequence) or np.ndim(halves) else []
     if len(found) != 2:
-        raise InputError(f"expose_dual needs the images of two halves, got {len(found) or format_value(halves)}")
+        raise InputError(
+            f"expose_dual needs the images of two halves, got {len(found) or format_value(halves)}"
+        )
     return found

@@ -14,9 +14,42 @@ FILTERS = ("rgb", "mono", *BAYER)
 """`rgb`: three values per pixel, as of a three-chip camera. `mono`: one value, the sum of the three bands."""
 
 # Malvar, He and Cutler, High-quality linear interpolation for demosaicing of Bayer-patterned color images, ICASSP 2004.
-_GREEN = np.array([[0, 0, -1, 0, 0], [0, 0, 2, 0, 0], [-1, 2, 4, 2, -1], [0, 0, 2, 0, 0], [0, 0, -1, 0, 0]]) / 8
-_IN_ROW = np.array([[0, 0, 1, 0, 0], [0, -2, 0, -2, 0], [-2, 8, 10, 8, -2], [0, -2, 0, -2, 0], [0, 0, 1, 0, 0]]) / 16
-_OPPOSITE = np.array([[0, 0, -3, 0, 0], [0, 4, 0, 4, 0], [-3, 0, 12, 0, -3], [0, 4, 0, 4, 0], [0, 0, -3, 0, 0]]) / 16
+_GREEN = (
+    np.array(
+        [
+            [0, 0, -1, 0, 0],
+            [0, 0, 2, 0, 0],
+            [-1, 2, 4, 2, -1],
+            [0, 0, 2, 0, 0],
+            [0, 0, -1, 0, 0],
+        ]
+    )
+    / 8
+)
+_IN_ROW = (
+    np.array(
+        [
+            [0, 0, 1, 0, 0],
+            [0, -2, 0, -2, 0],
+            [-2, 8, 10, 8, -2],
+            [0, -2, 0, -2, 0],
+            [0, 0, 1, 0, 0],
+        ]
+    )
+    / 16
+)
+_OPPOSITE = (
+    np.array(
+        [
+            [0, 0, -3, 0, 0],
+            [0, 4, 0, 4, 0],
+            [-3, 0, 12, 0, -3],
+            [0, 4, 0, 4, 0],
+            [0, 0, -3, 0, 0],
+        ]
+    )
+    / 16
+)
 
 
 CURVES = ("srgb", "linear", "gamma")
@@ -49,14 +82,17 @@ def demosaic(values: Float, pattern: str) -> Float:
     values = np.clip(values, 0.0, 1.0)
     channel = channel_map(pattern, *values.shape)
     green, in_row, in_column, opposite = (
-        convolve(values, kernel, mode="mirror") for kernel in (_GREEN, _IN_ROW, _IN_ROW.T, _OPPOSITE)
+        convolve(values, kernel, mode="mirror")
+        for kernel in (_GREEN, _IN_ROW, _IN_ROW.T, _OPPOSITE)
     )
     full = np.stack([values] * 3, axis=-1)
     full[..., 1] = np.where(channel == 1, values, green)
     for c, letter in ((0, "R"), (2, "B")):
         same_row = (np.arange(len(values)) % 2 == pattern.index(letter) // 2)[:, None]
         at_green = np.where(same_row, in_row, in_column)
-        full[..., c] = np.select([channel == c, channel == 1], [values, at_green], opposite)
+        full[..., c] = np.select(
+            [channel == c, channel == 1], [values, at_green], opposite
+        )
     return full
 
 

@@ -16,7 +16,12 @@ from twinlens.studies.model import (
     predicted as predicted,
     sweep as sweep,
 )
-from twinlens.studies.run import STUDIES as STUDIES, find_study as find_study, run_study as run_study, study as study
+from twinlens.studies.run import (
+    STUDIES as STUDIES,
+    find_study as find_study,
+    run_study as run_study,
+    study as study,
+)
 from twinlens.studies.stage import Stage as Stage, stream as stream
 from twinlens.studies.table import (
     Column as Column,

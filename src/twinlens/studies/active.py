@@ -21,14 +21,27 @@ from twinlens.scenes import Scene, SceneObject, load_scene
 from twinlens.scoring import evaluate
 from twinlens.scoring.regions import textureless
 from twinlens.sensor import Sensor
-from twinlens.studies.model import Figure, Finding, Measured, Picture, Setup, Study, compared, open_claim, sweep
+from twinlens.studies.model import (
+    Figure,
+    Finding,
+    Measured,
+    Picture,
+    Setup,
+    Study,
+    compared,
+    open_claim,
+    sweep,
+)
 from twinlens.studies.stage import Image, glowing, plane_texture, stream
 from twinlens.studies.table import Column, Row, Table, mean_of, paired_difference
 
 SENSOR = Sensor(pinhole_f_number=2.0, longest_exposure=1 / 30, largest_gain=16.0)
 NDISP = 128
 WALL, GREY = "wall", 0.5
-SUN_W, SUN_KLUX = 94.5, 109.0  # W/m^2 at 800 to 900 nm, and kilolux, of ASTM G173-03's global daylight
+SUN_W, SUN_KLUX = (
+    94.5,
+    109.0,
+)  # W/m^2 at 800 to 900 nm, and kilolux, of ASTM G173-03's global daylight
 OFFICE_KLUX, DISTANCE_M, POWER_W, CONTRAST = 0.5, 1.0, 0.36, 0.0
 SWEEPS: Mapping[str, tuple[float, ...]] = {
     "ambient": (0.005, 0.05, 0.5, 5.0, 30.0, SUN_KLUX),
@@ -52,11 +65,21 @@ class Lit:
     visible: Image
     rig: Rig
 
-    def pictures(self, klux: float, power: float, sensor: Sensor, seed: int) -> list[Image]:
+    def pictures(
+        self, klux: float, power: float, sensor: Sensor, seed: int
+    ) -> list[Image]:
         """The exposed images of both cameras."""
         daylight = klux * SUN_W / SUN_KLUX
-        light = [daylight * one + power * other for one, other in zip(self.ambient, self.dots, strict=True)]
-        return [shot.image for shot in sensor.expose_rig(light, rig=self.rig, lens=Pinhole(), seed=seed)]
+        light = [
+            daylight * one + power * other
+            for one, other in zip(self.ambient, self.dots, strict=True)
+        ]
+        return [
+            shot.image
+            for shot in sensor.expose_rig(
+                light, rig=self.rig, lens=Pinhole(), seed=seed
+            )
+        ]
 
 
 def measure(setup: Setup) -> Measured:
@@ -68,7 +91,11 @@ def measure(setup: Setup) -> Measured:
         for swept, klux, distance, power, contrast in _cases(name):
             key = distance, contrast
             if key not in made:
-                made[key] = _wall(setup, *key, seed) if name == WALL else _scene(setup, name, seed)
+                made[key] = (
+                    _wall(setup, *key, seed)
+                    if name == WALL
+                    else _scene(setup, name, seed)
+                )
             lit = made[key]
             case = {"scene": name, "seed": seed, "swept": swept, "daylight_klux": klux, "distance_m": distance,
                     "power_w": power, "contrast": contrast}  # fmt: skip
@@ -80,7 +107,9 @@ def measure(setup: Setup) -> Measured:
                 left, right = lit.pictures(klux, watts, SENSOR, stream(seed, 3, number))
                 shown.append(left)
                 for method in setup.methods:
-                    found = parse_method(method).match(left, right, num_disparities=NDISP)
+                    found = parse_method(method).match(
+                        left, right, num_disparities=NDISP
+                    )
                     shown.append(found)
                     rows.append(
                         {
@@ -112,22 +141,39 @@ def _cases(name: str) -> Iterator[tuple[str, float, float, float, float]]:
 def _wall(setup: Setup, distance: float, contrast: float, seed: int) -> Lit:
     rig = layouts.depth_camera(setup.width, setup.height, power=1.0)
     camera = rig.cameras[0]
-    pose, texture = plane_texture(camera, rig.baseline(), distance, seed, scale_px=1.0, contrast=contrast)
+    pose, texture = plane_texture(
+        camera, rig.baseline(), distance, seed, scale_px=1.0, contrast=contrast
+    )
     shape = {"type": "rectangle"}
     glow = glowing(WALL, [(WALL, shape, pose, texture)], distance)
     paint = {"paint": {"type": "diffuse", "reflectance": texture}}
-    painted = replace(glow, objects=(SceneObject(WALL, shape, "paint", pose),), materials=paint)
+    painted = replace(
+        glow, objects=(SceneObject(WALL, shape, "paint", pose),), materials=paint
+    )
     visible = Rig([camera.replace(band="rgb")] * 2, rig.world_from_cams)
     ambient = render(glow, visible, Pinhole(), setup.spp, stream(seed, 0))
     dots = render(painted, rig, Pinhole(), setup.spp, stream(seed, 1))
-    return _lit(painted, rig, [image / (_CHANNELS * math.pi) for image in ambient], list(dots))
+    return _lit(
+        painted, rig, [image / (_CHANNELS * math.pi) for image in ambient], list(dots)
+    )
 
 
 def _scene(setup: Setup, name: str, seed: int) -> Lit:
     scene = load_scene(name)
-    rig = layouts.depth_camera(setup.width, setup.height, scene.world_from_left, power=1.0)
-    own = render(scene, rig.with_projectors([]), Pinhole(), setup.spp, stream(seed, 0), denoise=True)
-    dots = render(scene.with_ambient(_PROJECTED), rig, Pinhole(), setup.spp, stream(seed, 1))
+    rig = layouts.depth_camera(
+        setup.width, setup.height, scene.world_from_left, power=1.0
+    )
+    own = render(
+        scene,
+        rig.with_projectors([]),
+        Pinhole(),
+        setup.spp,
+        stream(seed, 0),
+        denoise=True,
+    )
+    dots = render(
+        scene.with_ambient(_PROJECTED), rig, Pinhole(), setup.spp, stream(seed, 1)
+    )
     scale = GREY / (_CHANNELS * math.pi) / float(own[0].mean())
     return _lit(scene, rig, [scale * image for image in own], list(dots))
 
@@ -139,7 +185,9 @@ def _lit(scene: Scene, rig: Rig, ambient: list[Image], dots: list[Image]) -> Lit
 
 def _scores(found: Image, lit: Lit, where: Image) -> Row:
     """Of the pixels of the region that both cameras see: wrong ones by more than 2 px, and ones without disparity."""
-    scores = evaluate(found, lit.truth, lit.visible, NDISP, regions={"plain": where & lit.visible})
+    scores = evaluate(
+        found, lit.truth, lit.visible, NDISP, regions={"plain": where & lit.visible}
+    )
     region = scores.regions["plain"]
     return {
         "bad2": region["bad2.0"],
@@ -152,26 +200,51 @@ def _scores(found: Image, lit: Lit, where: Image) -> Row:
 def _picture(name: str, setup: Setup, lit: Lit, shown: list[Image]) -> Picture:
     known = lit.truth[np.isfinite(lit.truth)]
     span = 0.0, 1.1 * float(known.max())
-    images = [image if image.dtype == np.uint8 else colourise(image, *span) for image in shown]
-    captions = [f"{light}, {what}" for light in (PASSIVE, ACTIVE) for what in ("left image", *setup.methods)]
+    images = [
+        image if image.dtype == np.uint8 else colourise(image, *span) for image in shown
+    ]
+    captions = [
+        f"{light}, {what}"
+        for light in (PASSIVE, ACTIVE)
+        for what in ("left image", *setup.methods)
+    ]
     return Picture(
-        name, f"{name}, {OFFICE_KLUX:g} klux of daylight", tuple(images), tuple(captions), columns=len(images) // 2
+        name,
+        f"{name}, {OFFICE_KLUX:g} klux of daylight",
+        tuple(images),
+        tuple(captions),
+        columns=len(images) // 2,
     )
 
 
 def conclude(table: Table) -> list[Finding]:
     """Passive and active errors indoors, and the effect of the sun."""
-    return [finding for name in table.values("scene") for finding in _of_scene(str(name), table.where(scene=name))]
+    return [
+        finding
+        for name in table.values("scene")
+        for finding in _of_scene(str(name), table.where(scene=name))
+    ]
 
 
 def _of_scene(name: str, table: Table) -> list[Finding]:
     rows = table.where(swept="ambient")
     indoors = rows.where(daylight_klux=OFFICE_KLUX)
-    passive, active = indoors.where(light=PASSIVE, method="zncc"), indoors.where(light=ACTIVE, method="depth_camera")
+    passive, active = (
+        indoors.where(light=PASSIVE, method="zncc"),
+        indoors.where(light=ACTIVE, method="depth_camera"),
+    )
     place = f"On textureless surfaces of the {name}, indoors,"
     claims = [
-        (f"{place} ZNCC without the projector has at least {_LEAST_WRONG:g} % wrong pixels", passive, False),
-        (f"{place} the depth camera has at most {_MOST_WRONG:g} % wrong pixels", active, True),
+        (
+            f"{place} ZNCC without the projector has at least {_LEAST_WRONG:g} % wrong pixels",
+            passive,
+            False,
+        ),
+        (
+            f"{place} the depth camera has at most {_MOST_WRONG:g} % wrong pixels",
+            active,
+            True,
+        ),
     ]
     findings = []
     for text, part, below in claims:
@@ -181,10 +254,14 @@ def _of_scene(name: str, table: Table) -> list[Finding]:
             continue
         holds = wrong.value <= _MOST_WRONG if below else wrong.value >= _LEAST_WRONG
         findings.append(Finding(text, wrong, holds, "%", result="{}"))
-    dots = rows.where(light=ACTIVE, method="depth_camera", daylight_klux=(OFFICE_KLUX, SUN_KLUX))
+    dots = rows.where(
+        light=ACTIVE, method="depth_camera", daylight_klux=(OFFICE_KLUX, SUN_KLUX)
+    )
     text = f"In the sun, the depth camera finds fewer pixels of the {name} than indoors"
     if len(dots):
-        lost = paired_difference(dots, "unknown_or_wrong", "daylight_klux", SUN_KLUX, OFFICE_KLUX)
+        lost = paired_difference(
+            dots, "unknown_or_wrong", "daylight_klux", SUN_KLUX, OFFICE_KLUX
+        )
         findings.append(compared(text, lost, "fewer", "more", ""))
     else:
         findings.append(open_claim(text))

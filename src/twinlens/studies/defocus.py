@@ -20,26 +20,55 @@ import numpy as np
 from twinlens.camera import Camera, Dual, Lens, Pinhole, Rig, ThinLens
 from twinlens.camera.parts import Parts, aperture_points
 from twinlens.geometry import Float, depth_error, rigid
-from twinlens.matching import ApertureSamples, inverse_depth_bound, inverse_depth_from_defocus
+from twinlens.matching import (
+    ApertureSamples,
+    inverse_depth_bound,
+    inverse_depth_from_defocus,
+)
 from twinlens.rendering import render
 from twinlens.scenes import Scene
 from twinlens.seeds import generator
-from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, predicted, sweep
+from twinlens.studies.model import (
+    Figure,
+    Finding,
+    Measured,
+    Setup,
+    Study,
+    predicted,
+    sweep,
+)
 from twinlens.studies.stage import centred_camera, noise_plane, stream
 from twinlens.studies.table import Column, Interval, Row, Table, over_scenes
 
 FX = 1000.0
 FOCUS = 0.5  # 1/m, of all cues; the middle of a focal stack
 OFFSETS = (-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3)  # 1/m, of the planes from the focus
-STACK = (-0.3, -0.15, 0.0, 0.15, 0.3)  # 1/m, of the images of a focal stack from its middle
+STACK = (
+    -0.3,
+    -0.15,
+    0.0,
+    0.15,
+    0.3,
+)  # 1/m, of the images of a focal stack from its middle
 DIAMETERS = (0.01, 0.02, 0.04)  # of a single lens, metres
-WIDER, WIDER_DIAMETER = (2.0, 4.0, 8.0), 0.01  # baselines of more pairs, in those of touching lenses
+WIDER, WIDER_DIAMETER = (
+    (2.0, 4.0, 8.0),
+    0.01,
+)  # baselines of more pairs, in those of touching lenses
 PHOTONS = 1000.0  # per pixel, in all images of a cue together
 BLOCK_SIZE = 9
 SEARCH, STEPS = 0.1, 33  # 1/m to both sides of the plane
-TOUCHING, WIDE, HALVES, APERTURES, FOCI = "touching pair", "wider pair", "dual pixels", "two apertures", "focal stack"
+TOUCHING, WIDE, HALVES, APERTURES, FOCI = (
+    "touching pair",
+    "wider pair",
+    "dual pixels",
+    "two apertures",
+    "focal stack",
+)
 _RIM = 18  # pixels along the edges that are left out
-_MORE_SAMPLES = 4  # of parts: the samples of a pixel are stratified as a whole, not in each part
+_MORE_SAMPLES = (
+    4  # of parts: the samples of a pixel are stratified as a whole, not in each part
+)
 _BLIND = 0.25  # of the search; cues with a greater bound are left out of the comparison with it
 _TOLERANCE, _MOST = 0.15, 1.5
 
@@ -54,7 +83,10 @@ class Shot:
 
     def images(self, camera: Camera, scene: Scene, spp: int, seed: int) -> list[Float]:
         """The radiance (H, W) of each part; the principal point moves so that points in focus do not."""
-        rig = Rig([camera.replace(cx=camera.cx + camera.fx * FOCUS * self.x)], [rigid(np.eye(3), [self.x, 0.0, 0.0])])
+        rig = Rig(
+            [camera.replace(cx=camera.cx + camera.fx * FOCUS * self.x)],
+            [rigid(np.eye(3), [self.x, 0.0, 0.0])],
+        )
         spp *= 1 if self.parts is None else _MORE_SAMPLES
         image = render(scene, rig, self.lens, spp, seed, parts=self.parts)[0]
         images = image[None] if self.parts is None else len(self.parts) * image
@@ -62,28 +94,50 @@ class Shot:
 
     def apertures(self) -> list[ApertureSamples]:
         """Where the light of the images passed the plane of the apertures; about a pixel apart in the largest blur."""
-        largest = FX * self.lens.aperture_diameter * (max(OFFSETS) + max(STACK) + SEARCH)
-        points, shares = aperture_points(self.lens, self.parts, max(16, 2 * math.ceil(0.5 * largest)))
-        return [ApertureSamples(points + np.array([self.x, 0.0]), share, self.lens.vergence) for share in shares]
+        largest = (
+            FX * self.lens.aperture_diameter * (max(OFFSETS) + max(STACK) + SEARCH)
+        )
+        points, shares = aperture_points(
+            self.lens, self.parts, max(16, 2 * math.ceil(0.5 * largest))
+        )
+        return [
+            ApertureSamples(points + np.array([self.x, 0.0]), share, self.lens.vergence)
+            for share in shares
+        ]
 
 
 def cues(diameter: float) -> Iterator[tuple[str, float, list[Shot]]]:
     """(name, baseline in metres, shots) of every cue whose glass has the area of a disk of this diameter."""
-    lens, half = ThinLens(diameter, 1 / FOCUS), ThinLens(diameter / math.sqrt(2), 1 / FOCUS)
+    lens, half = (
+        ThinLens(diameter, 1 / FOCUS),
+        ThinLens(diameter / math.sqrt(2), 1 / FOCUS),
+    )
     factors = (1.0, *(WIDER if diameter == WIDER_DIAMETER else ()))
     for factor in factors:
         baseline = factor * half.aperture_diameter
         pair = [Shot(half, side * baseline / 2) for side in (-1, 1)]
         yield TOUCHING if factor == 1 else WIDE, baseline, pair
     yield HALVES, 4 / (3 * math.pi) * diameter, [Shot(lens, parts=Dual())]
-    yield APERTURES, 0.0, [Shot(lens), Shot(lens.replace(aperture_diameter=diameter / 2))]
-    yield FOCI, 0.0, [Shot(lens.replace(focus_distance=1 / (FOCUS + offset))) for offset in STACK]
+    yield (
+        APERTURES,
+        0.0,
+        [Shot(lens), Shot(lens.replace(aperture_diameter=diameter / 2))],
+    )
+    yield (
+        FOCI,
+        0.0,
+        [Shot(lens.replace(focus_distance=1 / (FOCUS + offset))) for offset in STACK],
+    )
 
 
 def measure(setup: Setup) -> Measured:
     """A row for every seed, plane, diameter and cue."""
     camera = centred_camera(setup.width, setup.height, FX)
-    rows = [row for seed, offset in sweep(setup, setup.seeds, OFFSETS) for row in _rows(setup, camera, seed, offset)]
+    rows = [
+        row
+        for seed, offset in sweep(setup, setup.seeds, OFFSETS)
+        for row in _rows(setup, camera, seed, offset)
+    ]
     return Measured(rows, notes={"fx_px": FX, "focus_per_m": FOCUS, "stack_per_m": STACK, "photons": PHOTONS,
                                  "block_size": BLOCK_SIZE, "search_per_m": SEARCH})  # fmt: skip
 
@@ -99,11 +153,18 @@ def _rows(setup: Setup, camera: Camera, seed: int, offset: float) -> Iterator[Ro
             images = [
                 image / sharp.mean()
                 for k, shot in enumerate(shots)
-                for image in shot.images(camera, scene, setup.spp, stream(seed, 2, *key, k))
+                for image in shot.images(
+                    camera, scene, setup.spp, stream(seed, 2, *key, k)
+                )
             ]
             apertures = [samples for shot in shots for samples in shot.apertures()]
-            error, bound = _error_and_bound(images, sharp / sharp.mean(), apertures, true, stream(seed, 3, *key))
-            error_mm, bound_mm = (1e3 * float(depth_error(1 / true, 1.0, 1.0, each)) for each in (error, bound))
+            error, bound = _error_and_bound(
+                images, sharp / sharp.mean(), apertures, true, stream(seed, 3, *key)
+            )
+            error_mm, bound_mm = (
+                1e3 * float(depth_error(1 / true, 1.0, 1.0, each))
+                for each in (error, bound)
+            )
             yield {
                 "scene": "plane", "seed": seed, "cue": cue, "aperture_mm": 1e3 * diameter, "z_m": 1 / true,
                 "baseline_mm": 1e3 * baseline, "blur_px": FX * diameter * abs(offset),
@@ -113,15 +174,27 @@ def _rows(setup: Setup, camera: Camera, seed: int, offset: float) -> Iterator[Ro
 
 
 def _error_and_bound(
-    images: list[Float], sharp: Float, apertures: list[ApertureSamples], true: float, seed: int
+    images: list[Float],
+    sharp: Float,
+    apertures: list[ApertureSamples],
+    true: float,
+    seed: int,
 ) -> tuple[float, float]:
     """The robust standard deviation of the errors of 1/z, SEARCH if unknown, and its median bound, both in 1/m."""
     photons, random = PHOTONS / len(images), generator(seed)
     noisy = [random.poisson(photons * image) / photons for image in images]
     found = inverse_depth_from_defocus(
-        noisy, apertures, FX, 1 / (true + SEARCH), 1 / (true - SEARCH), steps=STEPS, block_size=BLOCK_SIZE
+        noisy,
+        apertures,
+        FX,
+        1 / (true + SEARCH),
+        1 / (true - SEARCH),
+        steps=STEPS,
+        block_size=BLOCK_SIZE,
     )
-    bound = inverse_depth_bound(sharp, apertures, FX, true, 1 / math.sqrt(photons), block_size=BLOCK_SIZE)
+    bound = inverse_depth_bound(
+        sharp, apertures, FX, true, 1 / math.sqrt(photons), block_size=BLOCK_SIZE
+    )
     inner = (slice(_RIM, -_RIM),) * 2
     errors = np.minimum(np.abs(found[inner] - true), SEARCH)
     return 1.4826 * float(np.median(errors)), float(np.median(bound[inner]))
@@ -139,11 +212,16 @@ def _effective_baseline(table: Table) -> Finding:
         found: list[float] = []
         for _, rows in unit.where(blur_px=0.0).groups("aperture_mm"):
             parts = (rows.where(cue=HALVES), rows.where(cue=(TOUCHING, WIDE)))
-            halves, pairs = (part.numbers("depth_error_mm") * part.numbers("baseline_mm") for part in parts)
+            halves, pairs = (
+                part.numbers("depth_error_mm") * part.numbers("baseline_mm")
+                for part in parts
+            )
             found += np.log(halves / pairs).tolist() if halves.size else []
         return found
 
-    measured = over_scenes(table, ratios, lambda logarithms: math.exp(float(logarithms.mean())))
+    measured = over_scenes(
+        table, ratios, lambda logarithms: math.exp(float(logarithms.mean()))
+    )
     text = "In focus, the depth error of dual pixels is {} times that of a pair with the baseline 4/(3 pi) D"
     return predicted(text, measured, 1.0, _TOLERANCE)
 
@@ -151,8 +229,12 @@ def _effective_baseline(table: Table) -> Finding:
 def _crossing(table: Table) -> Finding:
     """The blur at which the focal stack passes the touching pair, at the largest aperture."""
     largest = table.where(aperture_mm=1e3 * max(DIAMETERS))
-    expected = over_scenes(largest, lambda unit: crossing(unit, TOUCHING, FOCI, "bound_mm")).value
-    measured = over_scenes(largest, lambda unit: crossing(unit, TOUCHING, FOCI, "depth_error_mm"))
+    expected = over_scenes(
+        largest, lambda unit: crossing(unit, TOUCHING, FOCI, "bound_mm")
+    ).value
+    measured = over_scenes(
+        largest, lambda unit: crossing(unit, TOUCHING, FOCI, "depth_error_mm")
+    )
     text = (
         f"With {1e3 * max(DIAMETERS):g} mm of glass, the pair of touching lenses is more precise than the focal stack"
         " up to a blur circle of {}, and less beyond, where their bounds cross"
@@ -167,7 +249,9 @@ def crossing(rows: Table, first: str, second: str, column: str) -> float:
     """
     points = []
     for (blur,), part in rows.groups("blur_px"):
-        values = [np.log(part.where(cue=cue).numbers(column)) for cue in (first, second)]
+        values = [
+            np.log(part.where(cue=cue).numbers(column)) for cue in (first, second)
+        ]
         if all(each.size for each in values):
             points.append((float(blur), float(values[0].mean() - values[1].mean())))
     points.sort()
@@ -180,10 +264,19 @@ def crossing(rows: Table, first: str, second: str, column: str) -> float:
 def _efficiency(table: Table) -> Finding:
     """The largest error over its bound, of the means over seeds."""
     groups = table.groups("cue", "aperture_mm", "baseline_mm", "z_m")
-    cases = [over_scenes(rows, lambda unit: unit.numbers("in_bounds")) for _, rows in groups]
-    most = max((each.value for each in cases if not math.isnan(each.value)), default=math.nan)
+    cases = [
+        over_scenes(rows, lambda unit: unit.numbers("in_bounds")) for _, rows in groups
+    ]
+    most = max(
+        (each.value for each in cases if not math.isnan(each.value)), default=math.nan
+    )
     text = f"No depth error exceeds {_MOST:g} times its Cramer-Rao bound"
-    return Finding(text, Interval(most, math.nan, math.nan), most <= _MOST, result="the largest is {} times the bound")
+    return Finding(
+        text,
+        Interval(most, math.nan, math.nan),
+        most <= _MOST,
+        result="the largest is {} times the bound",
+    )
 
 
 _SHOWN = (1.25, 2.0, 5.0)

@@ -16,7 +16,16 @@ from twinlens.camera import Camera, Pinhole
 from twinlens.geometry import Float, depth_error
 from twinlens.scenes import Scene, load_scene
 from twinlens.sensor import Sensor
-from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, is_above, power_law, sweep
+from twinlens.studies.model import (
+    Figure,
+    Finding,
+    Measured,
+    Setup,
+    Study,
+    is_above,
+    power_law,
+    sweep,
+)
 from twinlens.studies.stage import Stage, centred_camera, noise_planes, stream
 from twinlens.studies.table import Column, Row, Table, log_slope, over_scenes
 
@@ -47,14 +56,18 @@ class Sweep:
         rows = [row for seed, pair in places for row in plane_rows(setup, seed, *pair)]
         for name, factor, seed in sweep(setup, self.factors, setup.seeds):
             baseline, fov_x_deg = self.pair(load_scene(name), factor)
-            stage = Stage.of(name, setup.width, setup.height, fov_x_deg=fov_x_deg, baseline=baseline)
+            stage = Stage.of(
+                name, setup.width, setup.height, fov_x_deg=fov_x_deg, baseline=baseline
+            )
             radiance = stage.photograph(Pinhole(), setup.spp, stream(seed, 0))
             pictures = stage.expose(radiance, Pinhole(), stream(seed, 1), SENSOR)
             place = {"scene": name, "part": SCENES, "seed": seed, "baseline_mm": 1e3 * baseline,
                      "fx_px": stage.camera.fx, "occluded": occluded_percent(stage)}  # fmt: skip
             for method, scores in stage.errors(pictures, setup.methods).items():
                 rows.append({**place, "method": method, "totbad2": scores["totbad2"]})
-        return Measured(rows, notes={"plane_pairs": self.planes, "factors": self.factors})
+        return Measured(
+            rows, notes={"plane_pairs": self.planes, "factors": self.factors}
+        )
 
     def conclude(self, table: Table) -> list[Finding]:
         """Exponents of the depth error in z and in the swept quantity, and the deviation from the formula."""
@@ -66,15 +79,21 @@ class Sweep:
         ]  # fmt: skip
         text = f"The depth error is proportional to {self.symbol}^p with p = {{}}"
         fixed = ["method", "z_m", *({"baseline_mm", "fx_px"} - {self.column})]
-        swept = power_law(text, planes, self.column, "depth_error_mm", -1.0, TOLERANCE, fixed)
+        swept = power_law(
+            text, planes, self.column, "depth_error_mm", -1.0, TOLERANCE, fixed
+        )
         rms = over_scenes(
             planes,
-            lambda unit: np.log(unit.numbers("depth_error_mm") / unit.numbers("predicted_mm")),
+            lambda unit: np.log(
+                unit.numbers("depth_error_mm") / unit.numbers("predicted_mm")
+            ),
             lambda logarithms: 100 * math.sqrt(float(np.mean(logarithms**2))),
         )
         most = f"Depth errors deviate by at most {100 * TOLERANCE:g} % rms"
         text = f"{most} from z^2/(f B) times one disparity error per matcher and camera pair"
-        residual = Finding(text, rms, rms.value <= 100 * TOLERANCE, "%", result="{} rms")
+        residual = Finding(
+            text, rms, rms.value <= 100 * TOLERANCE, "%", result="{} rms"
+        )
         return [*exponents, residual, swept]
 
     def figures(self, quantity: str) -> tuple[Figure, ...]:
@@ -101,20 +120,32 @@ BY_FOCAL_LENGTH = Sweep(
 def plane_rows(setup: Setup, seed: int, baseline: float, fov_x_deg: float) -> list[Row]:
     """A row for every matcher and depth, from rendered planes."""
     fx = Camera.from_fov(setup.width, setup.height, fov_x_deg).fx
-    errors: dict[tuple[str, float], list[Float]] = {place: [] for place in itertools.product(setup.methods, DEPTHS)}
+    errors: dict[tuple[str, float], list[Float]] = {
+        place: [] for place in itertools.product(setup.methods, DEPTHS)
+    }
     for k, z in enumerate(DEPTHS):
-        for j, stage in enumerate(noise_planes(centred_camera(*PLANE_SIZE, fx), baseline, z, stream(seed, k))):
+        for j, stage in enumerate(
+            noise_planes(centred_camera(*PLANE_SIZE, fx), baseline, z, stream(seed, k))
+        ):
             draw = stream(seed, k, j)
-            pictures = stage.expose(stage.photograph(Pinhole(), setup.spp, draw), Pinhole(), draw, SENSOR)
+            pictures = stage.expose(
+                stage.photograph(Pinhole(), setup.spp, draw), Pinhole(), draw, SENSOR
+            )
             for method in setup.methods:
                 errors[method, z].append(_errors(stage, stage.match(pictures, method)))
     deviations = {}  # the standard deviation of normal errors is 1.4826 times their median absolute value
     for place, each in errors.items():
         magnitudes = np.abs(np.hstack(each))
-        deviations[place] = 1.4826 * np.median(magnitudes, axis=1) if magnitudes.size else np.full(2, math.nan)
+        deviations[place] = (
+            1.4826 * np.median(magnitudes, axis=1)
+            if magnitudes.size
+            else np.full(2, math.nan)
+        )
     rows: list[Row] = []
     for (method, z), (metres, pixels) in deviations.items():
-        typical = math.sqrt(float(np.mean([deviations[method, depth][1] ** 2 for depth in DEPTHS])))
+        typical = math.sqrt(
+            float(np.mean([deviations[method, depth][1] ** 2 for depth in DEPTHS]))
+        )
         rows.append({
             "scene": "plane", "part": PLANES, "seed": seed, "method": method, "baseline_mm": 1e3 * baseline,
             "fx_px": fx, "z_m": z, "depth_error_mm": 1e3 * metres,
@@ -125,10 +156,17 @@ def plane_rows(setup: Setup, seed: int, baseline: float, fov_x_deg: float) -> li
 
 def _errors(stage: Stage, matched: NDArray[np.float32]) -> Float:
     """Errors of depth (m) and disparity (px), (2, N), of inner pixels with disparity errors below one pixel."""
-    true, disparity = stage.truth.disparity.astype(np.float64), matched.astype(np.float64)
+    true, disparity = (
+        stage.truth.disparity.astype(np.float64),
+        matched.astype(np.float64),
+    )
     used = stage.truth.visible & np.isfinite(disparity) & (np.abs(disparity - true) < 1)
     used[:_RIM] = used[-_RIM:] = used[:, :_RIM] = used[:, -_RIM:] = False
-    depth = stage.camera.fx * stage.rig.baseline(0, 1) / (disparity[used] + stage.rig.doffs())
+    depth = (
+        stage.camera.fx
+        * stage.rig.baseline(0, 1)
+        / (disparity[used] + stage.rig.doffs())
+    )
     return np.stack([depth - stage.truth.depth[used], (disparity - true)[used]])
 
 
@@ -136,7 +174,9 @@ def occluded_percent(stage: Stage) -> float:
     """Percentage of occluded pixels among the left pixels whose partner is inside the right image."""
     disparity = stage.truth.disparity
     partner = np.arange(stage.camera.width) - disparity
-    inside = np.isfinite(disparity) & (partner >= 0) & (partner <= stage.camera.width - 1)
+    inside = (
+        np.isfinite(disparity) & (partner >= 0) & (partner <= stage.camera.width - 1)
+    )
     return 100.0 * float((inside & ~stage.truth.visible).sum() / inside.sum())
 
 
@@ -144,7 +184,12 @@ def occlusion(table: Table) -> Finding:
     """Growth of the occlusion: proportional to B for isolated edges, slower for gaps narrower than the strip."""
     growth = over_scenes(table.where(part=SCENES), log_slope("baseline_mm", "occluded"))
     text = f"The occluded share is proportional to B^p with p between 0 and {1 + TOLERANCE:g}"
-    return Finding(text, growth, is_above(growth) and growth.value <= 1 + TOLERANCE, result="p = {}")
+    return Finding(
+        text,
+        growth,
+        is_above(growth) and growth.value <= 1 + TOLERANCE,
+        result="p = {}",
+    )
 
 
 _COLUMNS = (
@@ -159,7 +204,9 @@ _COLUMNS = (
     Column("occluded", "%", "occluded in the right view"),
     Column("totbad2", "%", "wrong by > 2 px or unknown"),
 )
-_DEFAULTS = Setup(("staircase", "tabletop", "cards"), ("sad", "zncc", "census", "sgm"), (0, 1, 2))
+_DEFAULTS = Setup(
+    ("staircase", "tabletop", "cards"), ("sad", "zncc", "census", "sgm"), (0, 1, 2)
+)
 BASELINE = Study(
     name="baseline",
     question="How do depth error and occlusion depend on the baseline?",

@@ -13,12 +13,32 @@ from twinlens.camera import Lens, Rig, ThinLens
 from twinlens.geometry import Float
 from twinlens.rendering import render, render_lens_grid
 from twinlens.sensor import Sensor
-from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, compared, predicted, sweep
+from twinlens.studies.model import (
+    Figure,
+    Finding,
+    Measured,
+    Setup,
+    Study,
+    compared,
+    predicted,
+    sweep,
+)
 from twinlens.studies.stage import GLOW, Stage, centred_camera, glowing, stream
 from twinlens.studies.table import Column, Row, Table, over_scenes, paired_difference
 
-FOCI = (0.0, 0.25, 0.5, 0.75, 1.0)  # in 1/z, from the far end (0) to the near end (1) of the depth range
-BLURS_PX = (1.5, 3.0, 6.0, 12.0)  # apertures, as the blur of the near end with the focus at the far end
+FOCI = (
+    0.0,
+    0.25,
+    0.5,
+    0.75,
+    1.0,
+)  # in 1/z, from the far end (0) to the near end (1) of the depth range
+BLURS_PX = (
+    1.5,
+    3.0,
+    6.0,
+    12.0,
+)  # apertures, as the blur of the near end with the focus at the far end
 MISMATCH_BLUR_PX = 6.0
 LINE_APERTURE, LINE_BASELINE, LINE_FOCUS = 0.08, 0.08, 2.0
 LINE_DEPTHS = (0.8, 1.0, 1.25, 1.6, 2.6, 3.5, 5.0, 9.0)
@@ -43,21 +63,30 @@ def _line(seed: int) -> list[Row]:
     rig = Rig.stereo(camera, LINE_BASELINE, np.eye(4))
     rows: list[Row] = []
     for k, depth in enumerate(LINE_DEPTHS):
-        blur, disparity = blur_and_disparity(rig, lens, depth, _LINE_SPP, stream(seed, 2, k))
+        blur, disparity = blur_and_disparity(
+            rig, lens, depth, _LINE_SPP, stream(seed, 2, k)
+        )
         defocus = disparity - camera.fx * LINE_BASELINE / LINE_FOCUS
         rows.append({"scene": "lamps", "seed": seed, "part": "line", "blur_px": blur, "defocus_px": defocus,
                      "predicted_px": LINE_APERTURE / LINE_BASELINE * abs(defocus)})  # fmt: skip
     return rows
 
 
-def blur_and_disparity(rig: Rig, lens: Lens, depth: float, spp: int, seed: int) -> tuple[float, float]:
+def blur_and_disparity(
+    rig: Rig, lens: Lens, depth: float, spp: int, seed: int
+) -> tuple[float, float]:
     """(blur diameter, disparity) in pixels, measured on rendered images of a lamp between the two cameras."""
     pose = np.eye(4)
     pose[:3, :3] *= 0.5 * LAMP_PX * depth / rig.cameras[0].fx
     pose[:3, 3] = 0.5 * rig.baseline(0, 1), 0.0, depth
     scene = glowing("lamp", [("lamp", {"type": "sphere"}, pose, GLOW)], depth)
-    images = [image.mean(axis=-1).astype(np.float64) for image in render(scene, rig, lens, spp, seed)]
-    disparity = ndimage.center_of_mass(images[0])[1] - ndimage.center_of_mass(images[1])[1]
+    images = [
+        image.mean(axis=-1).astype(np.float64)
+        for image in render(scene, rig, lens, spp, seed)
+    ]
+    disparity = (
+        ndimage.center_of_mass(images[0])[1] - ndimage.center_of_mass(images[1])[1]
+    )
     return float(np.mean([disk_diameter(image) for image in images])), disparity
 
 
@@ -75,21 +104,45 @@ def disk_diameter(image: Float, own: float = LAMP_PX) -> float:
 def _rows(setup: Setup, stage: Stage, seed: int) -> list[Row]:
     """Every lens, then both cameras focused at the far end, both at the near end, and one at each."""
     lenses = [stage.lens(focus, blur) for blur in BLURS_PX for focus in FOCI]
-    grid = render_lens_grid(stage.scene, stage.rig, lenses, setup.spp, stream(seed, 0), denoise=True)
-    blurs = [float(np.abs(stage.blur(lens))[np.isfinite(stage.truth.depth)].mean()) for lens in lenses]
+    grid = render_lens_grid(
+        stage.scene, stage.rig, lenses, setup.spp, stream(seed, 0), denoise=True
+    )
+    blurs = [
+        float(np.abs(stage.blur(lens))[np.isfinite(stage.truth.depth)].mean())
+        for lens in lenses
+    ]
     far = BLURS_PX.index(MISMATCH_BLUR_PX) * len(FOCI)
     near = far + len(FOCI) - 1
-    eyes = {"both far": (far, far), "both near": (near, near), "far and near": (far, near)}
+    eyes = {
+        "both far": (far, far),
+        "both near": (near, near),
+        "far and near": (far, near),
+    }
     shots: list[tuple[Row, int, int, tuple[int, ...]]]
-    shots = [({"part": "map", "focus": FOCI[k % len(FOCI)]}, k, k, (1, k)) for k in range(len(lenses))]
-    shots += [({"part": "eyes", "eyes": name}, *pair, (3, *pair)) for name, pair in eyes.items()]
+    shots = [
+        ({"part": "map", "focus": FOCI[k % len(FOCI)]}, k, k, (1, k))
+        for k in range(len(lenses))
+    ]
+    shots += [
+        ({"part": "eyes", "eyes": name}, *pair, (3, *pair))
+        for name, pair in eyes.items()
+    ]
     rows: list[Row] = []
     for case, left, right, key in shots:
-        pictures = stage.expose([grid[left][0], grid[right][1]], lenses[left], stream(seed, *key), SENSOR)
+        pictures = stage.expose(
+            [grid[left][0], grid[right][1]], lenses[left], stream(seed, *key), SENSOR
+        )
         place = {"scene": stage.scene.name, "seed": seed, **case, "aperture_px": BLURS_PX[left // len(FOCI)],
                  "mean_blur_px": 0.5 * (blurs[left] + blurs[right])}  # fmt: skip
         for method, scores in stage.errors(pictures, setup.methods).items():
-            rows.append({**place, "method": method, "totbad2": scores["totbad2"], "avgerr": scores["avgerr"]})
+            rows.append(
+                {
+                    **place,
+                    "method": method,
+                    "totbad2": scores["totbad2"],
+                    "avgerr": scores["avgerr"],
+                }
+            )
     return rows
 
 
@@ -99,7 +152,9 @@ def conclude(table: Table) -> list[Finding]:
     text = "The blur of lamps is linear in the disparity from the focus, with slope A/B: the slope is {}"
     measured = over_scenes(
         table.where(part="line"),
-        lambda unit: np.polyfit(np.abs(unit.numbers("defocus_px")), unit.numbers("blur_px"), 1)[0],
+        lambda unit: np.polyfit(
+            np.abs(unit.numbers("defocus_px")), unit.numbers("blur_px"), 1
+        )[0],
     )
     return [
         predicted(text, measured, LINE_APERTURE / LINE_BASELINE, _SLOPE_TOLERANCE),
@@ -111,17 +166,34 @@ def conclude(table: Table) -> list[Finding]:
 def _best_focus(table: Table, method: str) -> Finding:
     """At the widest aperture: the focus with the fewest wrong pixels, compared with the better end of the range."""
     rows = table.where(part="map", method=method, aperture_px=BLURS_PX[-1])
-    best = min(FOCI, key=lambda focus: float(rows.where(focus=focus).numbers("totbad2").mean()))
-    gains = [paired_difference(rows, "totbad2", "focus", end, best) for end in (FOCI[0], FOCI[-1])]
+    best = min(
+        FOCI, key=lambda focus: float(rows.where(focus=focus).numbers("totbad2").mean())
+    )
+    gains = [
+        paired_difference(rows, "totbad2", "focus", end, best)
+        for end in (FOCI[0], FOCI[-1])
+    ]
     text = f"{method}, widest aperture: a focus inside the depth range gives fewer wrong pixels than either end"
     rest = f"at the best focus, {100 * best:.0f} % of the way from far to near in 1/z, than at the better end"
-    return compared(text, min(gains, key=lambda gain: gain.value), "fewer", "more", rest, answer=f"{best:g}")
+    return compared(
+        text,
+        min(gains, key=lambda gain: gain.value),
+        "fewer",
+        "more",
+        rest,
+        answer=f"{best:g}",
+    )
 
 
 def _worse_if_different(table: Table, method: str) -> Finding:
     def gap(unit: Table) -> float:
-        wrong = {eyes: unit.where(eyes=eyes).numbers("totbad2").mean() for eyes in unit.values("eyes")}
-        return float(wrong["far and near"] - 0.5 * (wrong["both far"] + wrong["both near"]))
+        wrong = {
+            eyes: unit.where(eyes=eyes).numbers("totbad2").mean()
+            for eyes in unit.values("eyes")
+        }
+        return float(
+            wrong["far and near"] - 0.5 * (wrong["both far"] + wrong["both near"])
+        )
 
     difference = over_scenes(table.where(part="eyes", method=method), gap)
     text = f"{method}: cameras with different focus give more wrong pixels than with equal focus and mean blur"

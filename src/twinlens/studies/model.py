@@ -10,7 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.errors import InputError, check_int, unknown
-from twinlens.studies.table import Column, Interval, Row, Table, Value, brief, log_slope, over_scenes, paired_difference
+from twinlens.studies.table import (
+    Column,
+    Interval,
+    Row,
+    Table,
+    Value,
+    brief,
+    log_slope,
+    over_scenes,
+    paired_difference,
+)
 
 Progress = Callable[[float, str], None]
 
@@ -39,7 +49,9 @@ class Setup:
         for name in ("scenes", "methods", "seeds"):
             values = getattr(self, name)
             if len(set(values)) < len(values):
-                raise InputError(f"{name} of a study must be distinct, got {', '.join(map(str, values))}")
+                raise InputError(
+                    f"{name} of a study must be distinct, got {', '.join(map(str, values))}"
+                )
         for name, least in (("width", 64), ("height", 48), ("spp", 1)):
             check_int(f"{name} of a study", getattr(self, name), least)
 
@@ -75,7 +87,9 @@ class Finding:
     @property
     def has_verdict(self) -> bool:
         """Whether the claim was decided; it is open where its number could not be measured (NaN)."""
-        return self.decided and not ("{}" in self.text + self.result and math.isnan(self.measured.value))
+        return self.decided and not (
+            "{}" in self.text + self.result and math.isnan(self.measured.value)
+        )
 
     @property
     def template(self) -> str:
@@ -100,33 +114,66 @@ def compared(
     """
     size, word = difference, above
     if difference.value < 0:
-        size, word = Interval(-difference.value, -difference.high, -difference.low, difference.units), below
-    return Finding(claim, size, is_above(difference), unit, answer=answer, result=f"{{}} {word} {rest}".strip())
+        size, word = (
+            Interval(
+                -difference.value, -difference.high, -difference.low, difference.units
+            ),
+            below,
+        )
+    return Finding(
+        claim,
+        size,
+        is_above(difference),
+        unit,
+        answer=answer,
+        result=f"{{}} {word} {rest}".strip(),
+    )
 
 
-def fewer_wrong(claim: str, rows: Table, best: Value, other: Value, rest: str, *, answer: str = "") -> Finding:
+def fewer_wrong(
+    claim: str, rows: Table, best: Value, other: Value, rest: str, *, answer: str = ""
+) -> Finding:
     """`compared`: the claim that the matcher `best` has fewer wrong pixels (totbad2) than the matcher `other`."""
     margin = paired_difference(rows, "totbad2", "method", other, best)
     return compared(claim, margin, "fewer", "more", rest, answer=answer)
 
 
-def predicted(text: str, measured: Interval, expected: float, tolerance: float, unit: str = "") -> Finding:
+def predicted(
+    text: str, measured: Interval, expected: float, tolerance: float, unit: str = ""
+) -> Finding:
     """The claim that a value equals a prediction; it holds within the relative tolerance."""
-    return Finding(text, measured, abs(measured.value / expected - 1) <= tolerance, unit, expected, tolerance)
+    return Finding(
+        text,
+        measured,
+        abs(measured.value / expected - 1) <= tolerance,
+        unit,
+        expected,
+        tolerance,
+    )
 
 
 def power_law(
-    text: str, rows: Table, x: str, y: str, expected: float, tolerance: float, each: Sequence[str] = ()
+    text: str,
+    rows: Table,
+    x: str,
+    y: str,
+    expected: float,
+    tolerance: float,
+    each: Sequence[str] = (),
 ) -> Finding:
     """`predicted`: the exponent p of y ~ x^p, fitted for each scene, seed, and value of the columns `each`."""
     slope = log_slope(x, y)
-    measured = over_scenes(rows, lambda unit: [slope(part) for _, part in unit.groups(*each)])
+    measured = over_scenes(
+        rows, lambda unit: [slope(part) for _, part in unit.groups(*each)]
+    )
     return predicted(text, measured, expected, tolerance)
 
 
 def open_claim(text: str) -> Finding:
     """A claim that the chosen methods or scenes cannot decide, and that has no number."""
-    return Finding(text, Interval(math.nan, math.nan, math.nan), holds=False, decided=False)
+    return Finding(
+        text, Interval(math.nan, math.nan, math.nan), holds=False, decided=False
+    )
 
 
 def is_above(measured: Interval, floor: float = 0.0) -> bool:
@@ -165,8 +212,19 @@ class Figure:
     @property
     def columns(self) -> tuple[str, ...]:
         """The names of all columns that are drawn."""
-        named = (self.x, self.y, self.by, self.panel, self.z, self.residual_of, *self.where, *self.also)
-        return tuple(name for name in (*named, *(column for column, _ in self.marks)) if name)
+        named = (
+            self.x,
+            self.y,
+            self.by,
+            self.panel,
+            self.z,
+            self.residual_of,
+            *self.where,
+            *self.also,
+        )
+        return tuple(
+            name for name in (*named, *(column for column, _ in self.marks)) if name
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,7 +268,9 @@ class Study:
         known = [column.name for column in self.all_columns]
         for figure in self.figures:
             for name in sorted(set(figure.columns).difference(known)):
-                raise InputError(f"the figure {figure.name!r}: {unknown('column', name, known)}")
+                raise InputError(
+                    f"the figure {figure.name!r}: {unknown('column', name, known)}"
+                )
 
     @property
     def all_columns(self) -> tuple[Column, ...]:
@@ -231,12 +291,22 @@ class SeedSupport:
         """The verdict in words, with the expected value and the number of supporting seeds."""
         finding = self.finding
         if not finding.has_verdict:
-            return "no verdict: " + ("not measured" if math.isnan(finding.measured.value) else "not decided")
+            return "no verdict: " + (
+                "not measured" if math.isnan(finding.measured.value) else "not decided"
+            )
         parts = ["holds" if finding.holds else "does not hold"]
         if finding.expected is not None:
-            within = "" if finding.tolerance is None else f" within {100 * finding.tolerance:.3g} %"
-            parts.append(f"expected {brief(finding.expected)} {finding.unit}".strip() + within)
-        return "; ".join([*parts, f"{self.supporting} of {self.seeds} seeds support it"])
+            within = (
+                ""
+                if finding.tolerance is None
+                else f" within {100 * finding.tolerance:.3g} %"
+            )
+            parts.append(
+                f"expected {brief(finding.expected)} {finding.unit}".strip() + within
+            )
+        return "; ".join(
+            [*parts, f"{self.supporting} of {self.seeds} seeds support it"]
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,16 @@ from numpy.random import default_rng
 from twinlens.camera import Pinhole
 from twinlens.matching import StereoMatcher, parse_method
 from twinlens.sensor import Sensor, auto_exposure
-from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, fewer_wrong, open_claim, sweep
+from twinlens.studies.model import (
+    Figure,
+    Finding,
+    Measured,
+    Setup,
+    Study,
+    fewer_wrong,
+    open_claim,
+    sweep,
+)
 from twinlens.studies.stage import SCORES, Image, Stage, stream
 from twinlens.studies.table import Column, Row, Table, brief, mean_of
 
@@ -58,12 +67,24 @@ def measure(setup: Setup) -> Measured:
         for name, change in CHANGES.items():
             for amount in change.amounts:
                 place = {"scene": scene, "seed": seed, "change": name, "amount": amount}
-                found = stage.errors(changed_pair(pictures, change, amount, seed), setup.methods)
-                rows += [{**place, "method": method, **scores} for method, scores in found.items()]
-    totals = {scene: float(np.sqrt(np.mean(np.square(values)))) for scene, values in noise.items()}
+                found = stage.errors(
+                    changed_pair(pictures, change, amount, seed), setup.methods
+                )
+                rows += [
+                    {**place, "method": method, **scores}
+                    for method, scores in found.items()
+                ]
+    totals = {
+        scene: float(np.sqrt(np.mean(np.square(values))))
+        for scene, values in noise.items()
+    }
     text = ", ".join(f"{scene} {brief(total)}" for scene, total in totals.items())
-    remarks = {"rendering noise": f"{text}; rms grey levels of 255, before any difference is applied"}
-    return Measured(rows, (), {"sensor": asdict(SENSOR), "light_path_noise": totals}, remarks)
+    remarks = {
+        "rendering noise": f"{text}; rms grey levels of 255, before any difference is applied"
+    }
+    return Measured(
+        rows, (), {"sensor": asdict(SENSOR), "light_path_noise": totals}, remarks
+    )
 
 
 def image_pair(stage: Stage, spp: int, seed: int) -> tuple[tuple[Image, Image], float]:
@@ -71,30 +92,47 @@ def image_pair(stage: Stage, spp: int, seed: int) -> tuple[tuple[Image, Image], 
 
     The noise is half the difference of two renders with half the samples each, whose mean is the image.
     """
-    halves = [stage.photograph(Pinhole(), max(spp // 2, 1), stream(seed, 0, half)) for half in range(2)]
+    halves = [
+        stage.photograph(Pinhole(), max(spp // 2, 1), stream(seed, 0, half))
+        for half in range(2)
+    ]
     light = [0.5 * (first + second) for first, second in zip(*halves, strict=True)]
-    exposure = auto_exposure(light, sensor=SENSOR, cameras=stage.rig.cameras, lens=Pinhole())
-    first, second, whole = (
-        stage.expose(radiance, Pinhole(), stream(seed, 1), SENSOR, exposure) for radiance in (*halves, light)
+    exposure = auto_exposure(
+        light, sensor=SENSOR, cameras=stage.rig.cameras, lens=Pinhole()
     )
-    return whole, 0.5 * float(np.sqrt(np.mean((first[0].astype(np.float64) - second[0]) ** 2)))
+    first, second, whole = (
+        stage.expose(radiance, Pinhole(), stream(seed, 1), SENSOR, exposure)
+        for radiance in (*halves, light)
+    )
+    return whole, 0.5 * float(
+        np.sqrt(np.mean((first[0].astype(np.float64) - second[0]) ** 2))
+    )
 
 
-def changed_pair(pictures: Sequence[Image], change: Change, amount: float, seed: int) -> tuple[Image, Image]:
+def changed_pair(
+    pictures: Sequence[Image], change: Change, amount: float, seed: int
+) -> tuple[Image, Image]:
     """The pair with this difference between its images, rounded and clipped to 8 bits."""
-    levels = [change.levels(picture, amount, stream(seed, 2 + k)) for k, picture in enumerate(pictures)]
+    levels = [
+        change.levels(picture, amount, stream(seed, 2 + k))
+        for k, picture in enumerate(pictures)
+    ]
     left, right = (np.rint(np.clip(each, 0, 255)).astype(np.uint8) for each in levels)
     return (left if change.both else pictures[0]), right
 
 
 def conclude(table: Table) -> list[Finding]:
     """The best local cost under each difference, and whether census is the best over all of them."""
-    changed = table.where(lambda row: row["amount"] != CHANGES[str(row["change"])].neutral)
+    changed = table.where(
+        lambda row: row["amount"] != CHANGES[str(row["change"])].neutral
+    )
     local = changed.where(lambda row: is_local(str(row["method"])))
     findings = [_fewest(local.where(change=change), change) for change in CHANGES]
     text = "Over all four differences census has the fewest wrong pixels (Hirschmueller and Scharstein 2009)"
     ranking = _ranking(local)
-    census = next((method for method in ranking if method.partition(":")[0] == "census"), None)
+    census = next(
+        (method for method in ranking if method.partition(":")[0] == "census"), None
+    )
     rival = next((method for method in ranking if method != census), None)
     if census is None or rival is None:
         return [*findings, open_claim(f"{text}: needs census and another local cost")]
@@ -105,22 +143,33 @@ def is_local(method: str) -> bool:
     """Whether the method takes the least cost over one fixed block; networks and external programs do not."""
     spec = parse_method(method)
     matcher = spec.matcher() if spec.method.matcher is StereoMatcher else None
-    return matcher is not None and matcher.optimisation == "wta" and matcher.support == "fixed"
+    return (
+        matcher is not None
+        and matcher.optimisation == "wta"
+        and matcher.support == "fixed"
+    )
 
 
 def _ranking(rows: Table) -> list[str]:
     """The methods by increasing share of wrong pixels."""
-    wrong = {str(method): float(part.numbers("totbad2").mean()) for (method,), part in rows.groups("method")}
+    wrong = {
+        str(method): float(part.numbers("totbad2").mean())
+        for (method,), part in rows.groups("method")
+    }
     return sorted(wrong, key=lambda method: wrong[method])
 
 
 def _fewest(rows: Table, change: str) -> Finding:
     """The cost with the fewest wrong pixels, averaged over the amounts, and its margin over the second best."""
     if not len(rows):
-        return open_claim(f"Under {change}, one local cost has the fewest wrong pixels: no local cost was run")
+        return open_claim(
+            f"Under {change}, one local cost has the fewest wrong pixels: no local cost was run"
+        )
     best, *others = _ranking(rows)
     if not others:
-        text = f"Under {change}, {best} is the only local cost; it has {{}} wrong pixels"
+        text = (
+            f"Under {change}, {best} is the only local cost; it has {{}} wrong pixels"
+        )
         return Finding(text, mean_of(rows, "totbad2"), True, "%", answer=best)
     text = f"Under {change}, {best} has the fewest wrong pixels of the local costs"
     return fewer_wrong(text, rows, best, others[0], f"than {others[0]}", answer=best)

@@ -19,7 +19,14 @@ from twinlens.studies.aperture import STUDY as APERTURE
 from twinlens.studies.defocus import STUDY as DEFOCUS
 from twinlens.studies.depth_error import BASELINE, FOCAL_LENGTH
 from twinlens.studies.focus import STUDY as FOCUS
-from twinlens.studies.model import Finding, Measured, Progress, Result, SeedSupport, Study
+from twinlens.studies.model import (
+    Finding,
+    Measured,
+    Progress,
+    Result,
+    SeedSupport,
+    Study,
+)
 from twinlens.studies.pinhole import STUDY as PINHOLE
 from twinlens.studies.radiometric import STUDY as RADIOMETRIC
 from twinlens.studies.table import Table, table
@@ -28,7 +35,18 @@ from twinlens.studies.window import STUDY as WINDOW
 
 STUDIES: dict[str, Study] = {
     study.name: study
-    for study in (APERTURE, PINHOLE, FOCUS, DEFOCUS, WINDOW, BASELINE, FOCAL_LENGTH, RADIOMETRIC, TEXTURE, ACTIVE)
+    for study in (
+        APERTURE,
+        PINHOLE,
+        FOCUS,
+        DEFOCUS,
+        WINDOW,
+        BASELINE,
+        FOCAL_LENGTH,
+        RADIOMETRIC,
+        TEXTURE,
+        ACTIVE,
+    )
 }
 ENTRY_POINTS = "twinlens.studies"
 
@@ -43,7 +61,10 @@ def find_study(name: str | os.PathLike[str]) -> Study:
         return STUDIES[text]
     if text.endswith(".py"):
         return _from_file(Path(text))
-    installed = {point.name: point for point in importlib.metadata.entry_points(group=ENTRY_POINTS)}
+    installed = {
+        point.name: point
+        for point in importlib.metadata.entry_points(group=ENTRY_POINTS)
+    }
     if text not in installed:
         raise unknown("study", text, [*STUDIES, *installed])
     return _checked(installed[text].load(), f"the entry point {installed[text].value}")
@@ -77,36 +98,70 @@ def run_study(study: Study, **choices: Unpack[Choices]) -> Result:
     for name in choices:
         check_known("choice of a study", name, Choices.__annotations__)
     defaults = study.defaults
-    given: dict[str, Any] = {name: value for name, value in choices.items() if value not in (None, (), [])}
-    count, first_seed = given.pop("seeds", len(defaults.seeds)), given.pop("first_seed", 0)
+    given: dict[str, Any] = {
+        name: value for name, value in choices.items() if value not in (None, (), [])
+    }
+    count, first_seed = (
+        given.pop("seeds", len(defaults.seeds)),
+        given.pop("first_seed", 0),
+    )
     if count < 1 or first_seed < 0:
-        raise InputError(f"a study needs at least one seed, each >= 0; got {count} from {first_seed}")
+        raise InputError(
+            f"a study needs at least one seed, each >= 0; got {count} from {first_seed}"
+        )
     for name in given.keys() & {"scenes", "methods"}:
-        given[name] = (given[name],) if isinstance(given[name], str) else tuple(given[name])
+        given[name] = (
+            (given[name],) if isinstance(given[name], str) else tuple(given[name])
+        )
         if not getattr(defaults, name):
             raise InputError(f"the study {study.name} takes no {name}")
-    setup = dataclasses.replace(defaults, seeds=tuple(range(first_seed, first_seed + count)), **given)
+    setup = dataclasses.replace(
+        defaults, seeds=tuple(range(first_seed, first_seed + count)), **given
+    )
     specs = {text: parse_method(text) for text in setup.methods}
     for name in setup.scenes:
         load_scene(name)
     measured = study.measure(setup)
     if not isinstance(measured, Measured) or not measured.rows:
         got = "no rows" if isinstance(measured, Measured) else f"{measured!r:.60}"
-        raise InputError(f"the study {study.name}: `measure` must return Measured(rows) with rows, got {got}")
-    if missing := {column.name for column in study.all_columns}.difference(*measured.rows):
-        raise InputError(f"the study {study.name}: no row has the column {min(missing)!r}")
+        raise InputError(
+            f"the study {study.name}: `measure` must return Measured(rows) with rows, got {got}"
+        )
+    if missing := {column.name for column in study.all_columns}.difference(
+        *measured.rows
+    ):
+        raise InputError(
+            f"the study {study.name}: no row has the column {min(missing)!r}"
+        )
     rows = table(study.all_columns, measured.rows)
     protocol = {
         "study": study.name,
         "question": study.question,
-        **{name: getattr(setup, name) for name in ("scenes", "seeds", "width", "height", "spp")},
-        "methods": {text: {**spec.method.options, **spec.options} for text, spec in specs.items()},
+        **{
+            name: getattr(setup, name)
+            for name in ("scenes", "seeds", "width", "height", "spp")
+        },
+        "methods": {
+            text: {**spec.method.options, **spec.options}
+            for text, spec in specs.items()
+        },
         **made_with(),
-        "columns": {column.name: {"unit": column.unit, "text": column.text} for column in study.all_columns},
+        "columns": {
+            column.name: {"unit": column.unit, "text": column.text}
+            for column in study.all_columns
+        },
         **measured.notes,
         **measured.remarks,
     }
-    return Result(study, setup, rows, _findings(study, rows), measured.pictures, protocol, measured.remarks)
+    return Result(
+        study,
+        setup,
+        rows,
+        _findings(study, rows),
+        measured.pictures,
+        protocol,
+        measured.remarks,
+    )
 
 
 def _findings(study: Study, rows: Table) -> tuple[SeedSupport, ...]:
@@ -114,24 +169,42 @@ def _findings(study: Study, rows: Table) -> tuple[SeedSupport, ...]:
 
     def conclude(part: Table) -> Sequence[Finding]:
         findings = study.conclude(part)
-        if not isinstance(findings, Sequence) or not all(isinstance(each, Finding) for each in findings):
-            raise InputError(f"the study {study.name}: `conclude` must return a list of Findings, got {findings!r:.60}")
+        if not isinstance(findings, Sequence) or not all(
+            isinstance(each, Finding) for each in findings
+        ):
+            raise InputError(
+                f"the study {study.name}: `conclude` must return a list of Findings, got {findings!r:.60}"
+            )
         return findings
 
-    whole, *single = map(conclude, (rows, *(rows.where(seed=seed) for seed in rows.values("seed"))))
+    whole, *single = map(
+        conclude, (rows, *(rows.where(seed=seed) for seed in rows.values("seed")))
+    )
     if any(len(each) != len(whole) for each in single):
-        raise InputError(f"the study {study.name}: `conclude` must return as many findings for one seed as for all")
+        raise InputError(
+            f"the study {study.name}: `conclude` must return as many findings for one seed as for all"
+        )
     return tuple(
-        SeedSupport(finding, sum(each[k].holds and each[k].answer == finding.answer for each in single), len(single))
+        SeedSupport(
+            finding,
+            sum(each[k].holds and each[k].answer == finding.answer for each in single),
+            len(single),
+        )
         for k, finding in enumerate(whole)
     )
 
 
 def _from_file(path: Path) -> Study:
     if not path.is_file():
-        raise FileError(f"{path}: no such file; a study file is a Python file that defines STUDY = Study(...)")
+        raise FileError(
+            f"{path}: no such file; a study file is a Python file that defines STUDY = Study(...)"
+        )
     study = _checked(_located(path)(runpy.run_path)(str(path)).get("STUDY"), str(path))
-    return dataclasses.replace(study, measure=_located(path)(study.measure), conclude=_located(path)(study.conclude))
+    return dataclasses.replace(
+        study,
+        measure=_located(path)(study.measure),
+        conclude=_located(path)(study.conclude),
+    )
 
 
 @contextlib.contextmanager
@@ -145,10 +218,14 @@ def _located(path: Path) -> Iterator[None]:
         frames = traceback.extract_tb(error.__traceback__)
         lines = [frame.lineno for frame in frames if frame.filename == str(path)]
         line = f", line {lines[-1]}" if lines else ""
-        raise FileError(f"{path}{line}: {type(error).__name__}: {' '.join(str(error).split())}") from error
+        raise FileError(
+            f"{path}{line}: {type(error).__name__}: {' '.join(str(error).split())}"
+        ) from error
 
 
 def _checked(study: Any, where: str) -> Study:
     if not isinstance(study, Study):
-        raise InputError(f"{where}: no study found; define STUDY = twinlens.studies.Study(...)")
+        raise InputError(
+            f"{where}: no study found; define STUDY = twinlens.studies.Study(...)"
+        )
     return study

@@ -33,7 +33,12 @@ SCORES = (
     Column("totbad1", "%", "wrong by > 1 px or unknown"),
     Column("avgerr", "px", "mean error"),
 )
-PHASES = (0.0, 0.25, 0.5, 0.75)  # shifts of the right principal point in pixels, to average over sub-pixel positions
+PHASES = (
+    0.0,
+    0.25,
+    0.5,
+    0.75,
+)  # shifts of the right principal point in pixels, to average over sub-pixel positions
 GLOW: Plugin = {"type": "rgb", "value": 1.0}
 _BLACK: Plugin = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
 _TEXELS_PER_PIXEL = 2.0
@@ -65,7 +70,13 @@ class Stage:
         scene = load_scene(name)
         rig = default_rig(scene, width, height, fov_x_deg, baseline)
         if pixel_pitch_um is not None:
-            rig = Rig([camera.replace(pixel_pitch_um=pixel_pitch_um) for camera in rig.cameras], rig.world_from_cams)
+            rig = Rig(
+                [
+                    camera.replace(pixel_pitch_um=pixel_pitch_um)
+                    for camera in rig.cameras
+                ],
+                rig.world_from_cams,
+            )
         return Stage(scene, rig)
 
     @cached_property
@@ -96,7 +107,9 @@ class Stage:
     def blur(self, lens: Lens) -> Float:
         """The signed blur circle of every left pixel, (H, W), pixels."""
         depth = np.where(np.isfinite(self.truth.depth), self.truth.depth, 1e9)
-        return circle_of_confusion_px(depth, lens.aperture_diameter, self.camera.fx, lens.vergence)
+        return circle_of_confusion_px(
+            depth, lens.aperture_diameter, self.camera.fx, lens.vergence
+        )
 
     def photograph(self, lens: Lens, spp: int, seed: int) -> list[NDArray[np.float32]]:
         """The radiance of both views through one lens."""
@@ -107,31 +120,62 @@ class Stage:
         exposure: Exposure | None = None,
     ) -> tuple[Image, Image]:  # fmt: skip
         """The digital images of both views; automatic exposure unless one is given."""
-        shots = (sensor or Sensor()).expose_pair(*radiance, rig=self.rig, lens=lens, seed=seed, exposure=exposure)
+        shots = (sensor or Sensor()).expose_pair(
+            *radiance, rig=self.rig, lens=lens, seed=seed, exposure=exposure
+        )
         return shots[0].image, shots[1].image
 
     def match(self, pictures: Sequence[Image], method: str) -> NDArray[np.float32]:
         """The left disparity map of one matcher over this scene's disparity range, (H, W)."""
-        return parse_method(method).match(pictures[0], pictures[1], num_disparities=self.ndisp)
+        return parse_method(method).match(
+            pictures[0], pictures[1], num_disparities=self.ndisp
+        )
 
     def score(
-        self, disparity: Image, pictures: Sequence[Image], regions: Sequence[str] = (), lens: Lens | None = None
+        self,
+        disparity: Image,
+        pictures: Sequence[Image],
+        regions: Sequence[str] = (),
+        lens: Lens | None = None,
     ) -> Scores:
         """Middlebury v3 scores of a disparity map, also in these regions; the lens defines the blur."""
-        blur, truth, visible = None if lens is None else self.blur(lens), self.truth.disparity, self.truth.visible
-        pair = Pair(self.scene.name, pictures[0], pictures[1], truth, visible, self.ndisp, blur0=blur)
-        masks = region_masks(pair, [name for name in regions if name not in ("all", "nonocc")])
+        blur, truth, visible = (
+            None if lens is None else self.blur(lens),
+            self.truth.disparity,
+            self.truth.visible,
+        )
+        pair = Pair(
+            self.scene.name,
+            pictures[0],
+            pictures[1],
+            truth,
+            visible,
+            self.ndisp,
+            blur0=blur,
+        )
+        masks = region_masks(
+            pair, [name for name in regions if name not in ("all", "nonocc")]
+        )
         return evaluate(disparity, truth, visible, self.ndisp, regions=masks)
 
-    def errors(self, pictures: Sequence[Image], methods: Sequence[str]) -> Mapping[str, dict[str, float]]:
+    def errors(
+        self, pictures: Sequence[Image], methods: Sequence[str]
+    ) -> Mapping[str, dict[str, float]]:
         """The `score_columns` of every matcher."""
-        return {method: score_columns(self.score(self.match(pictures, method), pictures)) for method in methods}
+        return {
+            method: score_columns(self.score(self.match(pictures, method), pictures))
+            for method in methods
+        }
 
 
 def score_columns(scores: Scores, region: str = "nonocc") -> dict[str, float]:
     """The columns SCORES of one region."""
     found = scores.regions[region]
-    return {"totbad1": found["totbad1.0"], "totbad2": found["totbad2.0"], "avgerr": found["avgerr"]}
+    return {
+        "totbad1": found["totbad1.0"],
+        "totbad2": found["totbad2.0"],
+        "avgerr": found["avgerr"],
+    }
 
 
 def centred_camera(width: int, height: int, fx: float) -> Camera:
@@ -139,48 +183,97 @@ def centred_camera(width: int, height: int, fx: float) -> Camera:
     return Camera(width, height, fx, fx, 0.5 * (width - 1), 0.5 * (height - 1))
 
 
-def glowing(name: str, parts: Sequence[tuple[str, Plugin, Float, Any]], depth: float) -> Scene:
+def glowing(
+    name: str, parts: Sequence[tuple[str, Plugin, Float, Any]], depth: float
+) -> Scene:
     """A scene of black area lights, seen from the origin; parts: (name, shape, world_from_object, radiance)."""
     objects = tuple(
         SceneObject(part, shape, "black", pose, {"type": "area", "radiance": radiance})
         for part, shape, pose, radiance in parts
     )
     span = (0.5 * depth, 2.0 * depth)
-    return Scene(name, objects, {"black": _BLACK}, np.eye(4), span, integrator={"type": "path", "max_depth": 2})
+    return Scene(
+        name,
+        objects,
+        {"black": _BLACK},
+        np.eye(4),
+        span,
+        integrator={"type": "path", "max_depth": 2},
+    )
 
 
-def noise_texture(width: int, height: int, scale: float, contrast: float, seed: int) -> Float:
+def noise_texture(
+    width: int, height: int, scale: float, contrast: float, seed: int
+) -> Float:
     """White noise smoothed by a Gaussian (s.d. `scale` texels), (height, width): mean 0.5, s.d. 0.5 `contrast`."""
     white = np.random.default_rng(seed).standard_normal((height, width))
     smooth = ndimage.gaussian_filter(white, scale, mode="wrap")
-    return np.asarray(np.clip(0.5 + 0.5 * contrast * (smooth - smooth.mean()) / smooth.std(), 0.0, 1.0))
+    return np.asarray(
+        np.clip(
+            0.5 + 0.5 * contrast * (smooth - smooth.mean()) / smooth.std(), 0.0, 1.0
+        )
+    )
 
 
 def noise_planes(
-    camera: Camera, baseline: float, depth: float, seed: int, *, scale_px: float = 0.8, contrast: float = 0.5
+    camera: Camera,
+    baseline: float,
+    depth: float,
+    seed: int,
+    *,
+    scale_px: float = 0.8,
+    contrast: float = 0.5,
 ) -> list[Stage]:
     """The `noise_plane` at `depth` (m) as a pair sees it, at each of the PHASES."""
-    scene = noise_plane(camera, baseline, depth, seed, scale_px=scale_px, contrast=contrast)
+    scene = noise_plane(
+        camera, baseline, depth, seed, scale_px=scale_px, contrast=contrast
+    )
     rights = [camera.replace(cx=camera.cx + phase) for phase in PHASES]
-    return [Stage(scene, Rig.stereo(camera, baseline, right=right), denoise=False) for right in rights]
+    return [
+        Stage(scene, Rig.stereo(camera, baseline, right=right), denoise=False)
+        for right in rights
+    ]
 
 
 def noise_plane(
-    camera: Camera, baseline: float, depth: float, seed: int, *, scale_px: float = 0.8, contrast: float = 0.5
+    camera: Camera,
+    baseline: float,
+    depth: float,
+    seed: int,
+    *,
+    scale_px: float = 0.8,
+    contrast: float = 0.5,
 ) -> Scene:
     """A plane that glows with the `plane_texture`."""
-    pose, texture = plane_texture(camera, baseline, depth, seed, scale_px=scale_px, contrast=contrast)
+    pose, texture = plane_texture(
+        camera, baseline, depth, seed, scale_px=scale_px, contrast=contrast
+    )
     return glowing("plane", [("plane", {"type": "rectangle"}, pose, texture)], depth)
 
 
 def plane_texture(
-    camera: Camera, baseline: float, depth: float, seed: int, *, scale_px: float = 0.8, contrast: float = 0.5
+    camera: Camera,
+    baseline: float,
+    depth: float,
+    seed: int,
+    *,
+    scale_px: float = 0.8,
+    contrast: float = 0.5,
 ) -> tuple[Float, Bitmap]:
     """`noise_texture`, and the pose of a rectangle at `depth` (m) that fills both images of a pair at the origin."""
-    width = 1.15 * ((camera.width + 32) * depth / camera.fx) + 2 * baseline  # margins of 15 % and 16 pixels
+    width = (
+        1.15 * ((camera.width + 32) * depth / camera.fx) + 2 * baseline
+    )  # margins of 15 % and 16 pixels
     height = 1.15 * (camera.height + 32) * depth / camera.fx
-    columns, rows = (math.ceil(side / (depth / camera.fx / _TEXELS_PER_PIXEL)) for side in (width, height))
-    texture = noise_texture(columns, rows, scale_px * _TEXELS_PER_PIXEL, contrast, stream(seed, 100))
-    pose = np.diag([0.5 * width, -0.5 * height, -1.0, 1.0])  # turned towards a camera with y down
+    columns, rows = (
+        math.ceil(side / (depth / camera.fx / _TEXELS_PER_PIXEL))
+        for side in (width, height)
+    )
+    texture = noise_texture(
+        columns, rows, scale_px * _TEXELS_PER_PIXEL, contrast, stream(seed, 100)
+    )
+    pose = np.diag(
+        [0.5 * width, -0.5 * height, -1.0, 1.0]
+    )  # turned towards a camera with y down
     pose[:3, 3] = 0.5 * baseline, 0.0, depth
     return pose, Bitmap(texture.astype(np.float32))

@@ -56,7 +56,9 @@ class Table:
         names = {column.name for column in self.columns}
         for number, row in enumerate(self.rows):
             if odd := names ^ set(row):
-                raise InputError(f"row {number} of the table does not fit its columns: {', '.join(sorted(odd))}")
+                raise InputError(
+                    f"row {number} of the table does not fit its columns: {', '.join(sorted(odd))}"
+                )
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -80,13 +82,25 @@ class Table:
         self.column(name)
         return list(dict.fromkeys(row[name] for row in self.rows))
 
-    def where(self, condition: Callable[[Row], bool] | None = None, /, **equal: Any) -> "Table":
+    def where(
+        self, condition: Callable[[Row], bool] | None = None, /, **equal: Any
+    ) -> "Table":
         """The rows that satisfy the condition and have these values (one of them, for a tuple, list or set)."""
-        wanted = {name: (value,) if np.isscalar(value) else value for name, value in equal.items()}
+        wanted = {
+            name: (value,) if np.isscalar(value) else value
+            for name, value in equal.items()
+        }
         for name in wanted:
             self.column(name)
-        rows = (row for row in self.rows if all(row[name] in values for name, values in wanted.items()))
-        return Table(self.columns, tuple(row for row in rows if condition is None or condition(row)))
+        rows = (
+            row
+            for row in self.rows
+            if all(row[name] in values for name, values in wanted.items())
+        )
+        return Table(
+            self.columns,
+            tuple(row for row in rows if condition is None or condition(row)),
+        )
 
     def groups(self, *names: str) -> Iterator[tuple[tuple[Value, ...], "Table"]]:
         """Groups of rows with equal values in these columns, in order of their first rows."""
@@ -109,7 +123,12 @@ def to_csv(table: Table) -> str:
     writer.writerow([column.name for column in table.columns])
     for row in table.rows:
         values = (row[column.name] for column in table.columns)
-        writer.writerow([value if isinstance(value, str) else f"{float(value):.9g}" for value in values])
+        writer.writerow(
+            [
+                value if isinstance(value, str) else f"{float(value):.9g}"
+                for value in values
+            ]
+        )
     return text.getvalue()
 
 
@@ -119,17 +138,28 @@ def from_csv(text: str, columns: Sequence[Column]) -> Table:
     header = next(lines, [])
     known = {column.name: column for column in columns}
     if sorted(header) != sorted(known):
-        raise InputError(f"the CSV has the columns {', '.join(header)}; expected {', '.join(known)}")
-    rows = tuple({name: _parse(cell) for name, cell in zip(header, line, strict=True)} for line in lines)
+        raise InputError(
+            f"the CSV has the columns {', '.join(header)}; expected {', '.join(known)}"
+        )
+    rows = tuple(
+        {name: _parse(cell) for name, cell in zip(header, line, strict=True)}
+        for line in lines
+    )
     return Table(tuple(known[name] for name in header), rows)
 
 
 def table(columns: Iterable[Column], rows: Sequence[Row]) -> Table:
     """A table with numbers rounded as in its CSV. Missing values become "" in columns of words, NaN in others."""
     chosen = tuple(columns)
-    words = {name for row in rows for name, value in row.items() if isinstance(value, str)}
-    empty: dict[str, Value] = {column.name: "" if column.name in words else math.nan for column in chosen}
-    return from_csv(to_csv(Table(chosen, tuple({**empty, **row} for row in rows))), chosen)
+    words = {
+        name for row in rows for name, value in row.items() if isinstance(value, str)
+    }
+    empty: dict[str, Value] = {
+        column.name: "" if column.name in words else math.nan for column in chosen
+    }
+    return from_csv(
+        to_csv(Table(chosen, tuple({**empty, **row} for row in rows))), chosen
+    )
 
 
 def _parse(cell: str) -> Value:
@@ -179,33 +209,51 @@ def mean(values: Float) -> float:
     return float(values.mean())
 
 
-def bootstrap(statistic: Statistic, units: Sequence[ArrayLike], seed: int = 0) -> Interval:
+def bootstrap(
+    statistic: Statistic, units: Sequence[ArrayLike], seed: int = 0
+) -> Interval:
     """The statistic of all measurements, with its interval from resampling units, arrays in which NaN is ignored.
 
     >>> bootstrap(mean, [[1.0], [2.0], [3.0]])
     Interval(value=2.0, low=1.0, high=3.0, units=3)
     """
     flat = (np.asarray(unit, np.float64).ravel() for unit in units)
-    arrays = [values[~np.isnan(values)] for values in flat if not np.isnan(values).all()]
+    arrays = [
+        values[~np.isnan(values)] for values in flat if not np.isnan(values).all()
+    ]
     count = len(arrays)
     value = statistic(np.concatenate(arrays)) if count else math.nan
     if count < 2:
         return Interval(value, math.nan, math.nan, count)
     picks = np.sort(generator(seed, _STREAM).integers(0, count, (DRAWS, count)), axis=1)
-    distinct, copies = np.unique(picks, axis=0, return_counts=True)  # equal resamples are evaluated once
-    resampled = [statistic(np.concatenate([arrays[i] for i in pick])) for pick in distinct]
-    tail = float(ndtr(math.sqrt(count / (count - 1)) * stdtrit(count - 1, 0.5 - LEVEL / 2)))
+    distinct, copies = np.unique(
+        picks, axis=0, return_counts=True
+    )  # equal resamples are evaluated once
+    resampled = [
+        statistic(np.concatenate([arrays[i] for i in pick])) for pick in distinct
+    ]
+    tail = float(
+        ndtr(math.sqrt(count / (count - 1)) * stdtrit(count - 1, 0.5 - LEVEL / 2))
+    )
     low, high = np.quantile(np.repeat(resampled, copies), (tail, 1.0 - tail))
     return Interval(value, float(low), float(high), count)
 
 
-def over_scenes(table: Table, measure: Callable[[Table], ArrayLike], statistic: Statistic = mean) -> Interval:
+def over_scenes(
+    table: Table, measure: Callable[[Table], ArrayLike], statistic: Statistic = mean
+) -> Interval:
     """The statistic of `measure`, applied to the rows of each scene and seed; interval over scenes, or one's seeds."""
     found = [
-        [np.asarray(measure(unit), np.float64).ravel() for _, unit in part.groups("seed")]
+        [
+            np.asarray(measure(unit), np.float64).ravel()
+            for _, unit in part.groups("seed")
+        ]
         for _, part in table.groups("scene")
     ]
-    return bootstrap(statistic, found[0] if len(found) == 1 else [np.concatenate(seeds) for seeds in found])
+    return bootstrap(
+        statistic,
+        found[0] if len(found) == 1 else [np.concatenate(seeds) for seeds in found],
+    )
 
 
 def mean_of(table: Table, name: str) -> Interval:
@@ -213,7 +261,9 @@ def mean_of(table: Table, name: str) -> Interval:
     return over_scenes(table, lambda unit: unit.numbers(name))
 
 
-def paired_difference(table: Table, name: str, by: str, first: Value, second: Value) -> Interval:
+def paired_difference(
+    table: Table, name: str, by: str, first: Value, second: Value
+) -> Interval:
     """Mean of column `name` where `by` equals `first`, minus that where it equals `second`, over scenes and seeds."""
 
     def difference(unit: Table) -> Float:
@@ -250,4 +300,8 @@ def log_parabola_minimum(x: Float, y: Float) -> float:
     if k in (0, len(x) - 1) or not np.isfinite(y[near]).all():
         return float(x[k])
     a, b, _ = np.polyfit(np.log(x[near]), y[near], 2)
-    return math.exp(np.clip(-b / (2 * a), *np.log(x[[k - 1, k + 1]]))) if a > 0 else float(x[k])
+    return (
+        math.exp(np.clip(-b / (2 * a), *np.log(x[[k - 1, k + 1]])))
+        if a > 0
+        else float(x[k])
+    )

@@ -15,7 +15,16 @@ from twinlens.camera import Camera, Pinhole
 from twinlens.geometry import Float
 from twinlens.matching import grey, parse_method
 from twinlens.sensor import Exposure, Sensor
-from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, open_claim, power_law, sweep
+from twinlens.studies.model import (
+    Figure,
+    Finding,
+    Measured,
+    Setup,
+    Study,
+    open_claim,
+    power_law,
+    sweep,
+)
 from twinlens.studies.stage import noise_planes, stream
 from twinlens.studies.table import Column, Interval, Row, Table, over_scenes
 
@@ -23,13 +32,20 @@ CONTRASTS = (0.01, 0.02, 0.03, 0.04, 0.06, 0.08, 0.16, 0.32)
 SCALES_PX = (0.7, 1.0, 1.5, 2.5, 4.0)
 SCALE_PX, CONTRAST = 1.0, 0.16  # while the other is swept
 DEPTH, BASELINE = 2.0, 0.1
-SENSOR = Sensor.preset("machine_vision", filters="mono", output="linear", bits=16, prnu=0.0, dsnu=0.0)
+SENSOR = Sensor.preset(
+    "machine_vision", filters="mono", output="linear", bits=16, prnu=0.0, dsnu=0.0
+)
 _RIM = 16  # pixels along the edges that are left out
 _GROSS_PX = 1.0
 _MAX_GROSS = 2.0  # percentage from which a case is excluded
 _EXPONENT_TOLERANCE = 0.15
 _MIDDLE = 0.04  # contrast at which matchers are compared
-_NOISY = (0.03, 0.04, 0.06, 0.08)  # the bound is well below a pixel and above the bias of sub-pixel fits
+_NOISY = (
+    0.03,
+    0.04,
+    0.06,
+    0.08,
+)  # the bound is well below a pixel and above the bias of sub-pixel fits
 _MIN_CONTRASTS = 3  # needed to fit an exponent
 
 
@@ -37,25 +53,52 @@ def measure(setup: Setup) -> Measured:
     """A row for every seed, matcher, contrast and grain."""
     cases = [(contrast, SCALE_PX, "contrast") for contrast in CONTRASTS]
     cases += [(CONTRAST, scale, "grain") for scale in SCALES_PX]
-    rows = [row for seed, case in sweep(setup, setup.seeds, cases) for row in _case(setup, seed, *case)]
+    rows = [
+        row
+        for seed, case in sweep(setup, setup.seeds, cases)
+        for row in _case(setup, seed, *case)
+    ]
     remark = f"cases with {_MAX_GROSS:g} % or more errors of {_GROSS_PX:g} px or more are excluded from the findings"
-    return Measured(rows, notes={"depth_m": DEPTH, "baseline_m": BASELINE}, remarks={"gross errors": remark})
+    return Measured(
+        rows,
+        notes={"depth_m": DEPTH, "baseline_m": BASELINE},
+        remarks={"gross errors": remark},
+    )
 
 
-def _case(setup: Setup, seed: int, contrast: float, scale: float, swept: str) -> list[Row]:
+def _case(
+    setup: Setup, seed: int, contrast: float, scale: float, swept: str
+) -> list[Row]:
     camera = Camera.from_fov(setup.width, setup.height, 50.0)
     samples: dict[str, list[Float]] = {method: [] for method in setup.methods}
-    for k, stage in enumerate(noise_planes(camera, BASELINE, DEPTH, seed, scale_px=scale, contrast=contrast)):
+    for k, stage in enumerate(
+        noise_planes(camera, BASELINE, DEPTH, seed, scale_px=scale, contrast=contrast)
+    ):
         radiance = stage.photograph(Pinhole(), setup.spp, stream(seed, 0, k))
-        rate = float(SENSOR.level_rate(radiance[0], camera=camera, lens=Pinhole()).mean())
+        rate = float(
+            SENSOR.level_rate(radiance[0], camera=camera, lens=Pinhole()).mean()
+        )
         exposure = Exposure(0.25 / rate)  # the mean is a quarter of the full well
-        shots = [stage.expose(radiance, Pinhole(), stream(seed, 1, k, repeat), SENSOR, exposure) for repeat in range(2)]
-        sigma = float(np.std(grey(shots[0][0]).astype(np.float64) - grey(shots[1][0]))) / math.sqrt(2)
-        slopes = _slopes(0.5 * (shots[0][0] + shots[1][0].astype(np.float64)), radiance[0])
+        shots = [
+            stage.expose(
+                radiance, Pinhole(), stream(seed, 1, k, repeat), SENSOR, exposure
+            )
+            for repeat in range(2)
+        ]
+        sigma = float(
+            np.std(grey(shots[0][0]).astype(np.float64) - grey(shots[1][0]))
+        ) / math.sqrt(2)
+        slopes = _slopes(
+            0.5 * (shots[0][0] + shots[1][0].astype(np.float64)), radiance[0]
+        )
         for method in setup.methods:
-            errors = (stage.match(shots[0], method) - stage.truth.disparity).astype(np.float64)
+            errors = (stage.match(shots[0], method) - stage.truth.disparity).astype(
+                np.float64
+            )
             bounds = _bounds(slopes, sigma, parse_method(method).matcher().block_size)
-            samples[method].append(np.stack([errors, bounds])[:, _RIM:-_RIM, _RIM:-_RIM].reshape(2, -1))
+            samples[method].append(
+                np.stack([errors, bounds])[:, _RIM:-_RIM, _RIM:-_RIM].reshape(2, -1)
+            )
     rows: list[Row] = []
     for method, each in samples.items():
         errors, bounds = np.hstack(each)
@@ -85,9 +128,16 @@ def _bounds(slopes: Float, sigma: float, side: int) -> Float:
 def conclude(table: Table) -> list[Finding]:
     """No error is below the bound; the matcher nearest to it; the error's dependence on contrast."""
     sound = table.where(lambda row: float(row["blunders"]) < _MAX_GROSS)
-    least = Interval(float(min(_ratios(sound), default=math.nan)), math.nan, math.nan)  # a minimum has no interval
+    least = Interval(
+        float(min(_ratios(sound), default=math.nan)), math.nan, math.nan
+    )  # a minimum has no interval
     text = f"No matcher beats the Cramer-Rao bound in cases with fewer than {_MAX_GROSS:g} % gross errors"
-    above = Finding(text, least, least.value >= 1.0, result="the least error of all cases is {} times the bound")
+    above = Finding(
+        text,
+        least,
+        least.value >= 1.0,
+        result="the least error of all cases is {} times the bound",
+    )
     return [above, _nearest(sound), _inverse(table)]
 
 
@@ -97,10 +147,15 @@ def _ratios(rows: Table) -> Float:
 
 def _nearest(rows: Table) -> Finding:
     middle = rows.where(swept="contrast", contrast=_MIDDLE)
-    ratios = {str(method): over_scenes(part, _ratios) for (method,), part in middle.groups("method")}
+    ratios = {
+        str(method): over_scenes(part, _ratios)
+        for (method,), part in middle.groups("method")
+    }
     claim = f"At contrast {_MIDDLE:g}, "
     if not ratios:
-        return open_claim(f"{claim}one matcher is nearest to its bound: all have too many gross errors")
+        return open_claim(
+            f"{claim}one matcher is nearest to its bound: all have too many gross errors"
+        )
     best = min(ratios, key=lambda method: ratios[method].value)
     text = f"{claim}{best} is the nearest to its bound, with an error of {{}} times the bound"
     return Finding(text, ratios[best], True, answer=best)
@@ -109,20 +164,51 @@ def _nearest(rows: Table) -> Finding:
 def _inverse(table: Table) -> Finding:
     """The error's exponent in contrast, over low contrasts where no matcher and seed has too many gross errors."""
     low = table.where(swept="contrast", contrast=_NOISY)
-    sound = [float(c) for c in low.values("contrast") if max(low.where(contrast=c).numbers("blunders")) < _MAX_GROSS]
-    words = ", ".join(f"{contrast:g}" for contrast in (sound if len(sound) >= _MIN_CONTRASTS else _NOISY))
+    sound = [
+        float(c)
+        for c in low.values("contrast")
+        if max(low.where(contrast=c).numbers("blunders")) < _MAX_GROSS
+    ]
+    words = ", ".join(
+        f"{contrast:g}"
+        for contrast in (sound if len(sound) >= _MIN_CONTRASTS else _NOISY)
+    )
     claim = "At low contrast, the error is proportional to contrast^p with p = "
     if len(sound) < _MIN_CONTRASTS:
-        return open_claim(f"{claim}-1: needs {_MIN_CONTRASTS} of the contrasts {words} without gross errors")
+        return open_claim(
+            f"{claim}-1: needs {_MIN_CONTRASTS} of the contrasts {words} without gross errors"
+        )
     rows = low.where(contrast=sound)
     return power_law(
-        f"{claim}{{}} (contrasts {words})", rows, "contrast", "error_px", -1.0, _EXPONENT_TOLERANCE, ["method"]
+        f"{claim}{{}} (contrasts {words})",
+        rows,
+        "contrast",
+        "error_px",
+        -1.0,
+        _EXPONENT_TOLERANCE,
+        ["method"],
     )
 
 
-def _figure(name: str, title: str, x: str, y: str = "error_px", also: tuple[str, ...] = ("bound_px",)) -> Figure:
+def _figure(
+    name: str,
+    title: str,
+    x: str,
+    y: str = "error_px",
+    also: tuple[str, ...] = ("bound_px",),
+) -> Figure:
     swept = "grain" if name == "grain" else "contrast"
-    return Figure(name, title, x, y, by="method", log_x=True, log_y=bool(also), where={"swept": swept}, also=also)
+    return Figure(
+        name,
+        title,
+        x,
+        y,
+        by="method",
+        log_x=True,
+        log_y=bool(also),
+        where={"swept": swept},
+        also=also,
+    )
 
 
 STUDY = Study(
@@ -140,9 +226,19 @@ STUDY = Study(
     measure=measure,
     conclude=conclude,
     figures=(
-        _figure("contrast", "Sub-pixel error and its bound against contrast", "contrast"),
-        _figure("grain", "Sub-pixel error and its bound against the texture's grain", "grain_px"),
-        _figure("blunders", "Gross errors against contrast", "contrast", "blunders", ()),
+        _figure(
+            "contrast", "Sub-pixel error and its bound against contrast", "contrast"
+        ),
+        _figure(
+            "grain",
+            "Sub-pixel error and its bound against the texture's grain",
+            "grain_px",
+        ),
+        _figure(
+            "blunders", "Gross errors against contrast", "contrast", "blunders", ()
+        ),
     ),
-    defaults=Setup((), ("sad", "ssd", "zncc", "census"), (0, 1, 2), width=240, height=180, spp=64),
+    defaults=Setup(
+        (), ("sad", "ssd", "zncc", "census"), (0, 1, 2), width=240, height=180, spp=64
+    ),
 )

@@ -13,13 +13,27 @@ from numpy.typing import NDArray
 
 from twinlens.dataset.pictures import colourise
 from twinlens.sensor import Sensor
-from twinlens.studies.model import Figure, Finding, Measured, Picture, Setup, Study, fewer_wrong, is_above, sweep
+from twinlens.studies.model import (
+    Figure,
+    Finding,
+    Measured,
+    Picture,
+    Setup,
+    Study,
+    fewer_wrong,
+    is_above,
+    sweep,
+)
 from twinlens.studies.stage import SCORES, Stage, score_columns, stream
 from twinlens.studies.table import Column, Row, Table, over_scenes
 
 SIZES = (3, 5, 7, 9, 13, 17, 21, 31)
 REGIONS = ("nonocc", "textureless", "discontinuity", "out-of-focus")
-COMPARED = {"ssd:block_size=21": "SSD, fixed 21x21", "adaptive": "adaptive window", "sgm": "semi-global"}
+COMPARED = {
+    "ssd:block_size=21": "SSD, fixed 21x21",
+    "adaptive": "adaptive window",
+    "sgm": "semi-global",
+}
 BLUR_PX = 6.0  # at the ends of a scene's depth range
 SENSOR = Sensor.preset("machine_vision", vignetting=False)
 _MAX_ERROR_PX = 4.0
@@ -34,8 +48,15 @@ def measure(setup: Setup) -> Measured:
         lens = stage.lens(0.5, 2 * BLUR_PX)
         radiance = stage.photograph(lens, setup.spp, stream(seed, 0))
         pictures = stage.expose(radiance, lens, stream(seed, 1), SENSOR)
-        options = {method: f"{method}," if ":" in method else f"{method}:" for method in setup.methods}
-        runs = [(m, float(size), f"{options[m]}block_size={size}") for m in setup.methods for size in SIZES]
+        options = {
+            method: f"{method}," if ":" in method else f"{method}:"
+            for method in setup.methods
+        }
+        runs = [
+            (m, float(size), f"{options[m]}block_size={size}")
+            for m in setup.methods
+            for size in SIZES
+        ]
         runs += [(method, math.nan, method) for method in COMPARED]
         maps: dict[str, NDArray[np.float32]] = {}
         for method, size, text in runs:
@@ -43,22 +64,44 @@ def measure(setup: Setup) -> Measured:
             scores = stage.score(maps[text], pictures, REGIONS, lens)
             place = {"scene": scene, "seed": seed, "method": method, "block_size": size}
             regions = [region for region in REGIONS if region in scores.regions]
-            rows += [{**place, "region": region, **score_columns(scores, region)} for region in regions]
+            rows += [
+                {**place, "region": region, **score_columns(scores, region)}
+                for region in regions
+            ]
         if seed == setup.seeds[0]:
-            panels.append(_panel(stage, pictures, [maps[method] for method in COMPARED]))
-    return Measured(rows, tuple(panels), {"blur_px": BLUR_PX, "compared": tuple(COMPARED)})
+            panels.append(
+                _panel(stage, pictures, [maps[method] for method in COMPARED])
+            )
+    return Measured(
+        rows, tuple(panels), {"blur_px": BLUR_PX, "compared": tuple(COMPARED)}
+    )
 
 
-def _panel(stage: Stage, pictures: Sequence[NDArray[Any]], maps: Sequence[NDArray[np.float32]]) -> Picture:
+def _panel(
+    stage: Stage, pictures: Sequence[NDArray[Any]], maps: Sequence[NDArray[np.float32]]
+) -> Picture:
     """Images, disparity maps, and errors from white (0) to black (4 px or unknown); grey where truth is unknown."""
     truth, most = stage.truth.disparity, _MAX_ERROR_PX
     with np.errstate(invalid="ignore"):
-        errors = [np.where(np.isfinite(found), np.abs(found - truth), most) for found in maps]
+        errors = [
+            np.where(np.isfinite(found), np.abs(found - truth), most) for found in maps
+        ]
     shown = [colourise(found, 0, stage.ndisp) for found in (truth, *maps)]
-    shown += [colourise(np.where(np.isfinite(truth), error, np.nan), 0, most, "gray_r") for error in errors]
-    captions = ("left", "right", "true disparity", *COMPARED.values(), *[f"error, black: {most:g} px"] * len(maps))
+    shown += [
+        colourise(np.where(np.isfinite(truth), error, np.nan), 0, most, "gray_r")
+        for error in errors
+    ]
+    captions = (
+        "left",
+        "right",
+        "true disparity",
+        *COMPARED.values(),
+        *[f"error, black: {most:g} px"] * len(maps),
+    )
     title = f"{stage.scene.name}: fixed block, adaptive window, semi-global"
-    return Picture(f"panel-{stage.scene.name}", title, (*pictures, *shown), captions, columns=3)
+    return Picture(
+        f"panel-{stage.scene.name}", title, (*pictures, *shown), captions, columns=3
+    )
 
 
 def conclude(table: Table) -> list[Finding]:
@@ -66,11 +109,22 @@ def conclude(table: Table) -> list[Finding]:
     swept = table.where(lambda row: math.isfinite(float(row["block_size"])))
     methods = [str(method) for method in swept.values("method")]
     regions = (("textureless", "without texture"), ("out-of-focus", "out of focus"))
-    findings = [_larger(swept.where(method=method), method, *region) for region in regions for method in methods]
-    edges = table.where(lambda row: math.isnan(float(row["block_size"])), region="discontinuity")
-    for better, name in (("adaptive", "an adaptive window"), ("sgm", "semi-global matching")):
+    findings = [
+        _larger(swept.where(method=method), method, *region)
+        for region in regions
+        for method in methods
+    ]
+    edges = table.where(
+        lambda row: math.isnan(float(row["block_size"])), region="discontinuity"
+    )
+    for better, name in (
+        ("adaptive", "an adaptive window"),
+        ("sgm", "semi-global matching"),
+    ):
         text = f"At discontinuities, {name} has fewer wrong pixels than SSD with a fixed 21x21 block"
-        findings.append(fewer_wrong(text, edges, better, next(iter(COMPARED)), f"with {name}"))
+        findings.append(
+            fewer_wrong(text, edges, better, next(iter(COMPARED)), f"with {name}")
+        )
     return findings
 
 
@@ -78,7 +132,10 @@ def _larger(rows: Table, method: str, region: str, words: str) -> Finding:
     """The ratio of the best block size in a region to the best one at discontinuities."""
     times = over_scenes(
         rows,
-        lambda unit: math.log(best_size(unit.where(region=region)) / best_size(unit.where(region="discontinuity"))),
+        lambda unit: math.log(
+            best_size(unit.where(region=region))
+            / best_size(unit.where(region="discontinuity"))
+        ),
         lambda values: math.exp(float(values.mean())),
     )
     text = f"{method}: the best block {words} is larger than at discontinuities"
@@ -88,7 +145,10 @@ def _larger(rows: Table, method: str, region: str, words: str) -> Finding:
 def best_size(rows: Table) -> float:
     """The block size with the fewest wrong pixels; NaN if there are no scores."""
     known = rows.where(lambda row: math.isfinite(float(row["totbad2"])))
-    wrong = {float(size): float(part.numbers("totbad2").mean()) for (size,), part in known.groups("block_size")}
+    wrong = {
+        float(size): float(part.numbers("totbad2").mean())
+        for (size,), part in known.groups("block_size")
+    }
     return min(wrong, key=lambda size: wrong[size], default=math.nan)
 
 

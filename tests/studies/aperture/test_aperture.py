@@ -36,7 +36,11 @@ def test_the_standard_deviation_of_a_disk_is_a_quarter_of_its_diameter():
 
 def test_the_gaussian_matches_the_peak_of_the_airy_pattern():
     """(2 J1(v)/v)^2, v = pi r / (lambda N), near its middle."""
-    camera, number, pitch_um = Camera.from_fov(96, 72, 50.0, pixel_pitch_um=3.45), 16.0, 3.45
+    camera, number, pitch_um = (
+        Camera.from_fov(96, 72, 50.0, pixel_pitch_um=3.45),
+        16.0,
+        3.45,
+    )
     lens = ThinLens(camera.film_distance / number, 2.0)
     radius = np.linspace(1e-3, 0.3, 50)
     phase = math.pi * radius * 1e-6 * pitch_um / (aperture_theory.WAVELENGTH * number)
@@ -51,15 +55,25 @@ def test_noise_of_images_of_a_grey_wall(wells):
     stage = Stage.of("cards", 160, 120, pixel_pitch_um=3.45)
     lens, sensor = Model(stage, 1.0).lens(4.0), aperture_theory.SENSOR
     wall = np.full((120, 160, 3), 0.2, np.float32)
-    rate = float(sensor.level_rate(wall, camera=stage.camera, lens=lens)[0, 0, 1]) * sensor.full_well
+    rate = (
+        float(sensor.level_rate(wall, camera=stage.camera, lens=lens)[0, 0, 1])
+        * sensor.full_well
+    )
 
     def greens(held):
         exposure = Exposure(held / rate)
-        shots = [sensor.expose(wall, camera=stage.camera, lens=lens, seed=k, exposure=exposure) for k in range(4)]
+        shots = [
+            sensor.expose(
+                wall, camera=stage.camera, lens=lens, seed=k, exposure=exposure
+            )
+            for k in range(4)
+        ]
         return np.stack([shot.image[..., 1] for shot in shots]).astype(np.float64)
 
     rise = (greens(1.1 * wells).mean() - greens(0.9 * wells).mean()) / (0.2 * wells)
-    assert greens(wells).std() / rise == pytest.approx(float(aperture_theory.noise_electrons(wells)), rel=0.1)
+    assert greens(wells).std() / rise == pytest.approx(
+        float(aperture_theory.noise_electrons(wells)), rel=0.1
+    )
 
 
 def test_least_squares_reach_the_bound_under_blur():
@@ -72,7 +86,10 @@ def test_least_squares_reach_the_bound_under_blur():
         misses = []
         for _ in range(150):
             texture = (
-                gaussian_filter(random.normal(size=(size, size)), grain, mode="wrap") * 2 * grain * math.sqrt(math.pi)
+                gaussian_filter(random.normal(size=(size, size)), grain, mode="wrap")
+                * 2
+                * grain
+                * math.sqrt(math.pi)
             )
             first = gaussian_filter(texture, blur, mode="wrap")
             second = np.fft.ifft2(fourier_shift(np.fft.fft2(first), (0, shift))).real
@@ -84,7 +101,9 @@ def test_least_squares_reach_the_bound_under_blur():
     sharp = error(0.0, 0.05)
     for blur, noise in ((2.0, 0.05), (3.0, 0.05), (0.0, 0.15)):
         bound = aperture_theory.shift_bound(grain, [0.0, blur**2], 1.0, [0.05, noise])
-        assert error(blur, noise) / sharp == pytest.approx(bound[1] / bound[0], rel=0.25)
+        assert error(blur, noise) / sharp == pytest.approx(
+            bound[1] / bound[0], rel=0.25
+        )
 
 
 def test_the_blur_at_full_size_equals_the_models():
@@ -96,7 +115,9 @@ def test_the_blur_at_full_size_equals_the_models():
     small = model.lens(1.0)
     assert stage.camera.film_distance / small.aperture_diameter == pytest.approx(1.0)
     depths = model.scale * stage.truth.depth[known]
-    own = circle_of_confusion_px(depths, small.aperture_diameter, stage.camera.fx, small.vergence)
+    own = circle_of_confusion_px(
+        depths, small.aperture_diameter, stage.camera.fx, small.vergence
+    )
     np.testing.assert_allclose(np.abs(own), blur, rtol=1e-9)
 
 
@@ -109,8 +130,13 @@ def shrunk(stage, scale):
         else replace(thing, world_from_object=size @ thing.world_from_object)
         for thing in stage.scene.objects
     )
-    poses = [np.vstack([pose[:3] * [1, 1, 1, scale], pose[3:]]) for pose in stage.rig.world_from_cams]
-    return Stage(replace(stage.scene, objects=things), Rig(stage.rig.cameras, tuple(poses)))
+    poses = [
+        np.vstack([pose[:3] * [1, 1, 1, scale], pose[3:]])
+        for pose in stage.rig.world_from_cams
+    ]
+    return Stage(
+        replace(stage.scene, objects=things), Rig(stage.rig.cameras, tuple(poses))
+    )
 
 
 @pytest.mark.slow
@@ -121,7 +147,10 @@ def test_the_image_at_full_size_equals_the_models():
     assert np.allclose(small.truth.disparity, whole.truth.disparity, rtol=1e-3)
     model = Model(whole, 0.2)
     lens = model.lens(0.05)
-    big, little = whole.photograph(model.full_size(lens), 32, 1)[0], small.photograph(lens, 32, 1)[0]
+    big, little = (
+        whole.photograph(model.full_size(lens), 32, 1)[0],
+        small.photograph(lens, 32, 1)[0],
+    )
     assert np.abs(big - little).mean() < 0.02 * big.mean()
 
 
@@ -129,8 +158,12 @@ def test_the_optimum_between_blur_and_shot_noise():
     """With shot noise only, the optimum of a wall with blur c at f/1 is c / (4 s)."""
     numbers = np.array(F_NUMBERS)
     wells = 4000.0 / numbers**2
-    errors = aperture_theory.shift_bound(1.2, (12.0 / 4 / numbers) ** 2, wells, np.sqrt(wells))
-    assert log_parabola_minimum(numbers, errors) == pytest.approx(12.0 / 4 / 1.2, rel=0.05)
+    errors = aperture_theory.shift_bound(
+        1.2, (12.0 / 4 / numbers) ** 2, wells, np.sqrt(wells)
+    )
+    assert log_parabola_minimum(numbers, errors) == pytest.approx(
+        12.0 / 4 / 1.2, rel=0.05
+    )
 
 
 def test_an_optimum_next_to_unknown_errors_is_not_refined():
@@ -175,7 +208,9 @@ def test_theory_holds_if_every_scene_is_near():
     assert "f/5.6" in found.sentence
 
 
-@pytest.mark.parametrize("best", [{"a": 11.0, "b": 11.0, "c": 11.0}, {"a": 2.0, "b": 5.6, "c": 16.0}])
+@pytest.mark.parametrize(
+    "best", [{"a": 11.0, "b": 11.0, "c": 11.0}, {"a": 2.0, "b": 5.6, "c": 16.0}]
+)
 def test_theory_does_not_hold_if_one_scene_is_far(best):
     found = verdict(table(best))
     assert found.decided
@@ -191,7 +226,9 @@ def test_a_curve_flatter_than_its_noise_does_not_decide():
 def test_a_curve_flat_on_one_side_still_refutes_theory_on_the_other():
     made = table({"a": 8.0, "b": 8.0, "c": 8.0}, theory=2.0)
     flat = tuple(
-        {**row, "totbad2": 9.0 + 0.2 * (row["seed"] - 0.5) * (row["f_number"] - 8)} if row["f_number"] > 8 else row
+        {**row, "totbad2": 9.0 + 0.2 * (row["seed"] - 0.5) * (row["f_number"] - 8)}
+        if row["f_number"] > 8
+        else row
         for row in made
     )
     found = verdict(Table(made.columns, flat))
@@ -205,7 +242,9 @@ def test_an_optimum_at_an_end_of_the_sweep_is_reported():
     assert not found.holds
 
 
-@pytest.mark.parametrize(("median", "holds"), [(2.0, True), (3.0, True), (4.0, False), (1.0, False)])
+@pytest.mark.parametrize(
+    ("median", "holds"), [(2.0, True), (3.0, True), (4.0, False), (1.0, False)]
+)
 def test_the_median_error_is_compared_with_the_bound(median, holds):
     found = conclude(table({"a": 11.0, "b": 8.0}, median=median))[-3]
     assert found.holds == holds
@@ -216,7 +255,9 @@ def test_the_median_error_is_compared_with_the_bound(median, holds):
 def test_a_median_error_flatter_than_its_noise_does_not_decide():
     made = table({"a": 4.0, "b": 4.0}, median=11.0)
     random = np.random.default_rng(4)
-    flat = Table(made.columns, tuple({**row, "a50": 1 + 0.1 * random.normal()} for row in made))
+    flat = Table(
+        made.columns, tuple({**row, "a50": 1 + 0.1 * random.normal()} for row in made)
+    )
     found = conclude(flat)[-3]
     assert not found.decided
     assert not found.holds
@@ -235,7 +276,12 @@ def test_rendering_noise_is_reported_for_each_exposure():
 def test_the_whole_interval_of_rendering_noise_must_be_small(ratios, holds):
     made = table(dict.fromkeys("abc", 4.0))
     scenes = dict(zip("abc", ratios, strict=True))
-    found = conclude(Table(made.columns, tuple({**row, "path_noise": scenes[row["scene"]]} for row in made)))
+    found = conclude(
+        Table(
+            made.columns,
+            tuple({**row, "path_noise": scenes[row["scene"]]} for row in made),
+        )
+    )
     assert found[-2].holds == holds
     assert found[-2].measured.value == pytest.approx(np.mean(ratios))
 

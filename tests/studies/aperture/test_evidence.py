@@ -10,7 +10,13 @@ from scipy.ndimage import convolve, gaussian_filter
 from twinlens.camera import ThinLens
 from twinlens.sensor import Exposure
 from twinlens.studies.aperture import theory as aperture_theory
-from twinlens.studies.aperture.theory import SIDE, Evidence, Model, Texture, shared_texture
+from twinlens.studies.aperture.theory import (
+    SIDE,
+    Evidence,
+    Model,
+    Texture,
+    shared_texture,
+)
 from twinlens.studies.stage import Stage
 
 GRAIN, NDISP = 1.2, 32
@@ -19,14 +25,23 @@ LEFT_EDGE, RIGHT_EDGE = 60, 130
 
 
 def sheet(random, shape, grain=GRAIN):
-    return gaussian_filter(random.normal(size=shape), grain, mode="wrap") * 2 * grain * math.sqrt(math.pi)
+    return (
+        gaussian_filter(random.normal(size=shape), grain, mode="wrap")
+        * 2
+        * grain
+        * math.sqrt(math.pi)
+    )
 
 
-@pytest.mark.parametrize(("grain", "noise"), [(1.2, 0.0), (1.2, 0.7), (2.0, 0.0), (2.0, 0.7)])
+@pytest.mark.parametrize(
+    ("grain", "noise"), [(1.2, 0.0), (1.2, 0.7), (2.0, 0.0), (2.0, 0.7)]
+)
 def test_shared_texture_excludes_noise(grain, noise):
     random = np.random.default_rng(4)
     texture = 0.3 * sheet(random, (240, 320), grain)
-    left, right = (1.0 + texture + random.normal(0, 0.3 * noise, texture.shape) for _ in range(2))
+    left, right = (
+        1.0 + texture + random.normal(0, 0.3 * noise, texture.shape) for _ in range(2)
+    )
     depth = np.full(texture.shape, 7)
     depth[:, :40] = -1
     found, variance = shared_texture(left, right, depth)
@@ -45,12 +60,17 @@ def test_an_edge_between_two_depths_belongs_to_the_nearer_one():
 
 
 def test_images_without_common_texture():
-    grain, variance = shared_texture(np.ones((20, 30)), np.ones((20, 30)), np.ones((20, 30), np.int64))
+    grain, variance = shared_texture(
+        np.ones((20, 30)), np.ones((20, 30)), np.ones((20, 30), np.int64)
+    )
     assert grain == 1.0
     assert (variance == 0).all()
 
 
-@pytest.mark.parametrize(("colour", "gain"), [((0.2, 0.2, 0.2), 1.0), ((0.3, 0.1, 0.05), 1.0), ((0.05, 0.1, 0.3), 8.0)])
+@pytest.mark.parametrize(
+    ("colour", "gain"),
+    [((0.2, 0.2, 0.2), 1.0), ((0.3, 0.1, 0.05), 1.0), ((0.05, 0.1, 0.3), 8.0)],
+)
 @pytest.mark.parametrize("level", [0.005, 0.05, 0.3])
 def test_luma_noise_of_images_of_a_coloured_wall(colour, gain, level):
     from twinlens.matching import grey
@@ -63,7 +83,12 @@ def test_luma_noise_of_images_of_a_coloured_wall(colour, gain, level):
 
     def lumas(times):
         exposure = Exposure(times * time, gain)
-        shots = [sensor.expose(wall, camera=stage.camera, lens=lens, seed=k, exposure=exposure) for k in range(4)]
+        shots = [
+            sensor.expose(
+                wall, camera=stage.camera, lens=lens, seed=k, exposure=exposure
+            )
+            for k in range(4)
+        ]
         return np.stack([grey(shot.image) for shot in shots]).astype(np.float64)
 
     rise = (lumas(1.1).mean() - lumas(0.9).mean()) / (0.2 * level)
@@ -72,7 +97,9 @@ def test_luma_noise_of_images_of_a_coloured_wall(colour, gain, level):
 
 
 def test_luma_noise_of_saturated_channels():
-    some, all_of_them = aperture_theory.luma_noise(np.array([[1.0, 0.5, 0.5], [1.0, 1.0, 1.0]]))
+    some, all_of_them = aperture_theory.luma_noise(
+        np.array([[1.0, 0.5, 0.5], [1.0, 1.0, 1.0]])
+    )
     assert math.isfinite(some)
     assert math.isinf(all_of_them)
 
@@ -90,8 +117,12 @@ def pair(near_disk, far_disk, wall, card):
     pictures = []
     for near, far in ((0, 0), (NEAR, FAR)):
         behind = convolve(np.roll(wall, -far, axis=1), disk(far_disk), mode="wrap")
-        before = convolve(np.roll(card * mask, -near, axis=1), disk(near_disk), mode="wrap")
-        through = 1.0 - convolve(np.roll(mask, -near, axis=1), disk(near_disk), mode="wrap")
+        before = convolve(
+            np.roll(card * mask, -near, axis=1), disk(near_disk), mode="wrap"
+        )
+        through = 1.0 - convolve(
+            np.roll(mask, -near, axis=1), disk(near_disk), mode="wrap"
+        )
         pictures.append((before + through * behind)[:, :200])
     return pictures
 
@@ -102,12 +133,17 @@ def matched(left, right):
     costs = np.full((NDISP, *left.shape), np.inf)
     for d in range(NDISP):
         squares = (left[:, d:] - right[:, : left.shape[1] - d]) ** 2
-        windows = np.lib.stride_tricks.sliding_window_view(squares, (SIDE, SIDE)).sum(axis=(2, 3))
+        windows = np.lib.stride_tricks.sliding_window_view(squares, (SIDE, SIDE)).sum(
+            axis=(2, 3)
+        )
         costs[d, half:-half, d + half : left.shape[1] - half] = windows
     return costs.argmin(axis=0)
 
 
-@pytest.mark.parametrize(("near_disk", "far_disk", "pixels"), [(0.6, 12.0, 1.0), (0.6, 0.6, 1.0), (12.0, 0.6, 2.0)])
+@pytest.mark.parametrize(
+    ("near_disk", "far_disk", "pixels"),
+    [(0.6, 12.0, 1.0), (0.6, 0.6, 1.0), (12.0, 0.6, 2.0)],
+)
 def test_the_strip_of_wrong_depth_along_an_edge(near_disk, far_disk, pixels):
     """At the card's right edge, where the wall is visible in both images.
 
@@ -115,16 +151,22 @@ def test_the_strip_of_wrong_depth_along_an_edge(near_disk, far_disk, pixels):
     """
     random = np.random.default_rng(8)
     x = np.arange(200)
-    truth = np.broadcast_to(np.where((x >= LEFT_EDGE) & (x < RIGHT_EDGE), NEAR, FAR), (96, 200)).astype(np.int64)
+    truth = np.broadcast_to(
+        np.where((x >= LEFT_EDGE) & (x < RIGHT_EDGE), NEAR, FAR), (96, 200)
+    ).astype(np.int64)
     blur = np.where(truth == NEAR, near_disk, far_disk).astype(np.float64)
     band = np.zeros(truth.shape, bool)
     band[10:-10, RIGHT_EDGE - 16 : RIGHT_EDGE + 16] = True
     found, expected = [], []
     for _ in range(3):
         sheets = sheet(random, (96, 260)), sheet(random, (96, 260))
-        found.append(np.abs(matched(*pair(near_disk, far_disk, *sheets)) - truth)[band] > 2)
+        found.append(
+            np.abs(matched(*pair(near_disk, far_disk, *sheets)) - truth)[band] > 2
+        )
         left, right = pair(0.6, 0.6, *sheets)
-        grain, texture = shared_texture(left, np.take_along_axis(right, np.maximum(x - truth, 0), axis=1), truth)
+        grain, texture = shared_texture(
+            left, np.take_along_axis(right, np.maximum(x - truth, 0), axis=1), truth
+        )
         theory = Texture(grain, texture, truth, band, NDISP)
         expected.append(np.abs(theory.majority(blur, grain**2)[0] - truth[band]) > 2)
     assert 32 * np.mean(expected) == pytest.approx(32 * np.mean(found), abs=pixels)
@@ -151,17 +193,31 @@ def test_wrong_pixels_depend_on_light_blur_and_diffraction():
     assert wrong(lens, time, blur=np.hypot(sharp, 12.0)) > few
     assert wrong(lens, time, blur=0.0 * sharp) == few
     assert wrong(model.lens(32.0), time * (32 / 11) ** 2, diffracts=True) > few
-    assert wrong(ThinLens(4 * lens.aperture_diameter, lens.focus_distance), time / 16) == pytest.approx(few)
-    assert theory.expected(lens, Exposure(time), sharp, diffracts=False, paths=0.5)[0] == few
+    assert wrong(
+        ThinLens(4 * lens.aperture_diameter, lens.focus_distance), time / 16
+    ) == pytest.approx(few)
+    assert (
+        theory.expected(lens, Exposure(time), sharp, diffracts=False, paths=0.5)[0]
+        == few
+    )
 
 
 def refined(left, right):
     """As `matched`, refined by a parabola, at every fourth pixel whose partners are all in the image, (N,)."""
-    squares = np.stack([(left[:, NDISP:] - np.roll(right, d, axis=1)[:, NDISP:]) ** 2 for d in range(NDISP)])
-    costs = np.lib.stride_tricks.sliding_window_view(squares, (SIDE, SIDE), axis=(1, 2))[:, ::4, ::4].sum(axis=(3, 4))
+    squares = np.stack(
+        [
+            (left[:, NDISP:] - np.roll(right, d, axis=1)[:, NDISP:]) ** 2
+            for d in range(NDISP)
+        ]
+    )
+    costs = np.lib.stride_tricks.sliding_window_view(
+        squares, (SIDE, SIDE), axis=(1, 2)
+    )[:, ::4, ::4].sum(axis=(3, 4))
     best = costs.argmin(axis=0)
     inner = np.clip(best, 1, NDISP - 2)
-    below, least, above = (np.take_along_axis(costs, (inner + k)[None], axis=0)[0] for k in (-1, 0, 1))
+    below, least, above = (
+        np.take_along_axis(costs, (inner + k)[None], axis=0)[0] for k in (-1, 0, 1)
+    )
     bend = np.maximum(below - 2 * least + above, 1)
     return np.where(best == inner, best + 0.5 * (below - above) / bend, best).ravel()
 
@@ -182,22 +238,33 @@ def test_wrong_pixels_of_a_flat_sheet(grain, contrast, level, blur):
     stage = Stage.of("cards", 320, 240, pixel_pitch_um=3.45)
     lens, sensor, away = Model(stage, 1.0).lens(11.0), aperture_theory.SENSOR, 14
     everywhere = np.ones((240, 320))
-    truth = SimpleNamespace(visible=np.indices(everywhere.shape)[1] >= away, disparity=away * everywhere)
+    truth = SimpleNamespace(
+        visible=np.indices(everywhere.shape)[1] >= away, disparity=away * everywhere
+    )
     flat = SimpleNamespace(camera=stage.camera, truth=truth, ndisp=NDISP)
     shares = []
 
     def both(texture):
         pictures = texture[:, :320], texture[:, away:]
-        return [np.repeat(0.2 * picture[..., None], 3, axis=2).astype(np.float32) for picture in pictures]
+        return [
+            np.repeat(0.2 * picture[..., None], 3, axis=2).astype(np.float32)
+            for picture in pictures
+        ]
 
     for seed in range(2):
-        sharp = 1.0 + contrast * sheet(np.random.default_rng(seed), (240, 320 + away), grain)
+        sharp = 1.0 + contrast * sheet(
+            np.random.default_rng(seed), (240, 320 + away), grain
+        )
         blurred = convolve(sharp, disk(blur), mode="wrap") if blur else sharp
         theory = Evidence.of(flat, lens, 0.0 * everywhere, both(sharp))
         exposure = Exposure(level / float(theory.levels.mean()))
-        photos = sensor.expose_pair(*both(blurred), rig=stage.rig, lens=lens, seed=seed, exposure=exposure)
+        photos = sensor.expose_pair(
+            *both(blurred), rig=stage.rig, lens=lens, seed=seed, exposure=exposure
+        )
         found = refined(*(grey(photo.image).astype(np.float64) for photo in photos))
-        expected = theory.expected(lens, exposure, blur * everywhere, diffracts=False)[0]
+        expected = theory.expected(lens, exposure, blur * everywhere, diffracts=False)[
+            0
+        ]
         shares.append((100 * float((np.abs(found - away) > 2).mean()), expected))
     counted, expected = np.mean(shares, axis=0)
     assert expected == pytest.approx(counted, abs=5.0)
@@ -210,5 +277,10 @@ def test_the_ratio_of_rendering_noise_to_shot_noise():
     wall = [np.full((72, 96, 3), 0.2, np.float32)] * 2
     theory = Evidence.of(stage, lens, np.zeros((72, 96)), wall)
     time = 0.5 / float(theory.levels.mean())
-    ratio = theory.expected(lens, Exposure(time), np.zeros((72, 96)), diffracts=False, paths=0.1)[1]
-    assert ratio == pytest.approx(0.1 * math.sqrt(0.5 * aperture_theory.SENSOR.full_well) / math.sqrt(0.45), rel=0.2)
+    ratio = theory.expected(
+        lens, Exposure(time), np.zeros((72, 96)), diffracts=False, paths=0.1
+    )[1]
+    assert ratio == pytest.approx(
+        0.1 * math.sqrt(0.5 * aperture_theory.SENSOR.full_well) / math.sqrt(0.45),
+        rel=0.2,
+    )

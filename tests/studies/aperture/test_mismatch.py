@@ -10,7 +10,12 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from twinlens.studies.aperture.theory import RIGHT_PX, drawn_sums, mismatch, mismatch_share
+from twinlens.studies.aperture.theory import (
+    RIGHT_PX,
+    drawn_sums,
+    mismatch,
+    mismatch_share,
+)
 
 SIDE, NDISP = 9, 32
 STEP = 8
@@ -19,7 +24,9 @@ STEP = 8
 def textures(grain, count, size, random):
     """Pairs of Gaussian textures of variance 1, the right one shifted by 14 px."""
     for _ in range(count):
-        sheet = gaussian_filter(random.normal(size=(size, size + NDISP)), grain, mode="wrap")
+        sheet = gaussian_filter(
+            random.normal(size=(size, size + NDISP)), grain, mode="wrap"
+        )
         sheet *= 2.0 * grain * math.sqrt(math.pi)
         yield sheet[:, :size], sheet[:, 14 : size + 14]
 
@@ -29,11 +36,17 @@ def counted(grain, snr, seed):
     random = np.random.default_rng(seed)
     wrong = []
     for one, other in textures(grain, 3, 160, random):
-        left, right = (eye + random.normal(0, 1 / math.sqrt(snr), eye.shape) for eye in (one, other))
+        left, right = (
+            eye + random.normal(0, 1 / math.sqrt(snr), eye.shape)
+            for eye in (one, other)
+        )
         for y in range(0, 160 - SIDE, STEP):
             for x in range(NDISP, 160 - SIDE, STEP):
                 block = left[y : y + SIDE, x : x + SIDE]
-                costs = [((block - right[y : y + SIDE, x - d : x - d + SIDE]) ** 2).sum() for d in range(NDISP)]
+                costs = [
+                    ((block - right[y : y + SIDE, x - d : x - d + SIDE]) ** 2).sum()
+                    for d in range(NDISP)
+                ]
                 best = int(np.argmin(costs))
                 if 0 < best < NDISP - 1:
                     below, least, above = costs[best - 1 : best + 2]
@@ -49,7 +62,9 @@ def counted(grain, snr, seed):
 ])  # fmt: skip
 def test_counted_mismatches_equal_the_prediction(grain, snr):
     share = np.mean([counted(grain, snr, seed) for seed in range(3, 9)])
-    assert mismatch(np.array([snr]), grain, SIDE, NDISP)[0] == pytest.approx(share, abs=0.03)
+    assert mismatch(np.array([snr]), grain, SIDE, NDISP)[0] == pytest.approx(
+        share, abs=0.03
+    )
 
 
 def isserlis(grain, first, second):
@@ -59,7 +74,12 @@ def isserlis(grain, first, second):
         return np.exp(-(x**2) / (4 * grain**2))
 
     along = np.arange(SIDE)[:, None] - np.arange(SIDE)
-    across = alike(along) - alike(along - second) - alike(along + first) + alike(along + first - second)
+    across = (
+        alike(along)
+        - alike(along - second)
+        - alike(along + first)
+        + alike(along + first - second)
+    )
     return 2 * (across**2).sum() * (alike(along) ** 2).sum()
 
 
@@ -70,7 +90,9 @@ def test_mean_and_covariance_of_the_texture_sum(grain):
     mean = 2 * SIDE**2 * (1 - np.exp(-(shifts**2) / (4 * grain**2)))
     np.testing.assert_allclose(energies.mean(axis=0), mean, rtol=0.05, atol=1e-6)
     for one, other in ((8, 8), (8, 7), (8, -8), (3, 12)):
-        found = np.cov(energies[:, one + NDISP // 2], energies[:, other + NDISP // 2])[0, 1]
+        found = np.cov(energies[:, one + NDISP // 2], energies[:, other + NDISP // 2])[
+            0, 1
+        ]
         scale = math.sqrt(isserlis(grain, one, one) * isserlis(grain, other, other))
         assert found == pytest.approx(isserlis(grain, one, other), abs=0.1 * scale)
 
@@ -78,7 +100,9 @@ def test_mean_and_covariance_of_the_texture_sum(grain):
 def test_variances_of_the_noise_sums():
     (texture, both, noise), far = drawn_sums(1.2, SIDE, NDISP), NDISP // 2 + 11
     assert both[:, far].var() == pytest.approx(8 * texture[:, far].mean(), rel=0.1)
-    assert (noise[:, far] - noise[:, NDISP // 2]).var() == pytest.approx(12 * SIDE**2, rel=0.1)
+    assert (noise[:, far] - noise[:, NDISP // 2]).var() == pytest.approx(
+        12 * SIDE**2, rel=0.1
+    )
 
 
 @pytest.mark.parametrize("spread", [0.7, 2.0, 8.0])
@@ -93,4 +117,6 @@ def test_interpolation_in_the_table():
     at = np.array([0.2, 1.0, 5.0])
     for spread in (1.3, 4.0):
         expected = mismatch(at, spread, SIDE, NDISP)
-        np.testing.assert_allclose(mismatch_share(at, spread, SIDE, NDISP), expected, atol=0.04)
+        np.testing.assert_allclose(
+            mismatch_share(at, spread, SIDE, NDISP), expected, atol=0.04
+        )

@@ -10,15 +10,21 @@ from twinlens.studies.pinhole.film import convolved, fresnel_kernel, intensity, 
 FILM, WAVE = 0.05, 550e-9
 
 
-@pytest.mark.parametrize(("diameter", "depth"), [(0.15e-3, np.inf), (0.26e-3, 10.0), (0.6e-3, 2.0)])
+@pytest.mark.parametrize(
+    ("diameter", "depth"), [(0.15e-3, np.inf), (0.26e-3, 10.0), (0.6e-3, 2.0)]
+)
 def test_the_fourier_transform_is_hopkins_transfer_function(diameter, depth):
     """Independent computations: the pattern from the wave, the transfer function from the pupil's overlap."""
     pitch = 10e-6
     kernel = fresnel_kernel(diameter, FILM, depth, WAVE, pitch)
     frequency = np.linspace(0.0, 0.7 * diameter / (WAVE * FILM), 12)[1:]
     places = (np.arange(kernel.shape[0]) - kernel.shape[0] // 2) * pitch
-    found = np.array([(kernel.sum(axis=0) * np.cos(2 * np.pi * f * places)).sum() for f in frequency])
-    theory = transfer(frequency, diameter, FILM, depth, WAVE) * np.sinc(frequency * pitch)
+    found = np.array(
+        [(kernel.sum(axis=0) * np.cos(2 * np.pi * f * places)).sum() for f in frequency]
+    )
+    theory = transfer(frequency, diameter, FILM, depth, WAVE) * np.sinc(
+        frequency * pitch
+    )
     assert np.abs(found - theory).max() < 0.03
 
 
@@ -46,7 +52,12 @@ def test_fresnel_zones_on_the_axis():
     """On the axis |U|^2 = (lambda v / pi)^2 sin^2(pi F / 2): bright for odd Fresnel numbers, dark for even ones."""
     numbers = np.array([0.5, 1.0, 1.5, 2.0, 3.0])
     holes = 2 * np.sqrt(numbers * WAVE * FILM)
-    found = np.array([intensity(np.array([0.0, 1e-6]), hole, FILM, np.inf, WAVE)[0] for hole in holes])
+    found = np.array(
+        [
+            intensity(np.array([0.0, 1e-6]), hole, FILM, np.inf, WAVE)[0]
+            for hole in holes
+        ]
+    )
     theory = (WAVE * FILM / np.pi) ** 2 * np.sin(np.pi * numbers / 2) ** 2
     assert np.allclose(found, theory, atol=1e-6 * theory.max())
 
@@ -65,7 +76,9 @@ def test_a_sampled_pattern_excludes_the_pixel():
     kernel = fresnel_kernel(diameter, FILM, depth, WAVE, pitch, sub=1)
     frequency = np.linspace(0.0, 0.9 * diameter / (WAVE * FILM), 12)[1:]
     places = (np.arange(kernel.shape[0]) - kernel.shape[0] // 2) * pitch
-    found = np.array([(kernel.sum(axis=0) * np.cos(2 * np.pi * f * places)).sum() for f in frequency])
+    found = np.array(
+        [(kernel.sum(axis=0) * np.cos(2 * np.pi * f * places)).sum() for f in frequency]
+    )
     assert np.abs(found - transfer(frequency, diameter, FILM, depth, WAVE)).max() < 0.01
 
 
@@ -74,7 +87,10 @@ def test_the_light_outside_forty_rings():
     diameter, pitch = 0.05e-3, 100e-6
     few = fresnel_kernel(diameter, FILM, np.inf, WAVE, pitch)
     many = airy_kernel((pitch, pitch), WAVE, FILM / diameter, 4 * (few.shape[0] // 2))
-    middle = slice(many.shape[0] // 2 - few.shape[0] // 2, many.shape[0] // 2 + few.shape[0] // 2 + 1)
+    middle = slice(
+        many.shape[0] // 2 - few.shape[0] // 2,
+        many.shape[0] // 2 + few.shape[0] // 2 + 1,
+    )
     assert 0.002 < 1.0 - many[middle, middle].sum() < 0.006
 
 

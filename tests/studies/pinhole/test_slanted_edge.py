@@ -5,7 +5,12 @@ import pytest
 from scipy import special
 
 from twinlens.errors import InputError
-from twinlens.studies.pinhole.film import crossing, edge_spread, frequency_at, modulation_transfer
+from twinlens.studies.pinhole.film import (
+    crossing,
+    edge_spread,
+    frequency_at,
+    modulation_transfer,
+)
 
 WIDTH, HEIGHT = 121, 90
 SLOPE = np.tan(np.radians(5.0))
@@ -43,13 +48,19 @@ def test_mtf_of_closed_forms(name):
 def test_mtf50_is_within_one_percent(name):
     make, theory = EDGES[name]
     fine = np.linspace(1e-4, 0.5, 50001)
-    assert frequency_at(make(), 0.5) == pytest.approx(crossing(fine, theory(fine), 0.5), rel=0.01)
+    assert frequency_at(make(), 0.5) == pytest.approx(
+        crossing(fine, theory(fine), 0.5), rel=0.01
+    )
 
 
 def test_inverted_and_scaled_contrast():
     picture = EDGES["disk"][0]()
-    assert frequency_at(1.0 - picture, 0.5) == pytest.approx(frequency_at(picture, 0.5), rel=1e-9)
-    assert frequency_at(0.1 + 0.3 * picture, 0.5) == pytest.approx(frequency_at(picture, 0.5), rel=1e-9)
+    assert frequency_at(1.0 - picture, 0.5) == pytest.approx(
+        frequency_at(picture, 0.5), rel=1e-9
+    )
+    assert frequency_at(0.1 + 0.3 * picture, 0.5) == pytest.approx(
+        frequency_at(picture, 0.5), rel=1e-9
+    )
 
 
 def test_a_bigger_blur_is_a_lower_frequency():

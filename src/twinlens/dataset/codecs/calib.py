@@ -52,23 +52,48 @@ class Calibration:
 
     def __post_init__(self) -> None:
         numbers = (*self.cam0, *self.cam1, self.baseline, self.doffs)
-        if len(self.cam0) != 4 or len(self.cam1) != 4 or not all(math.isfinite(number) for number in numbers):
-            raise InputError("a calibration needs finite numbers: fx, fy, cx, cy of two cameras, baseline and doffs")
-        if min(*self.cam0[:2], *self.cam1[:2], self.baseline) <= 0 or min(self.width, self.height) < 1:
-            raise InputError("a calibration needs positive fx, fy, baseline, width and height")
+        if (
+            len(self.cam0) != 4
+            or len(self.cam1) != 4
+            or not all(math.isfinite(number) for number in numbers)
+        ):
+            raise InputError(
+                "a calibration needs finite numbers: fx, fy, cx, cy of two cameras, baseline and doffs"
+            )
+        if (
+            min(*self.cam0[:2], *self.cam1[:2], self.baseline) <= 0
+            or min(self.width, self.height) < 1
+        ):
+            raise InputError(
+                "a calibration needs positive fx, fy, baseline, width and height"
+            )
         if self.ndisp is not None and self.ndisp < 1:
             raise InputError(f"ndisp must be 1 or more, got {self.ndisp}")
         if abs(self.cam1[2] - self.cam0[2] - self.doffs) > _DOFFS_TOLERANCE:
-            raise InputError(f"doffs must be cx1 - cx0 = {self.cam1[2] - self.cam0[2]}, got {self.doffs}")
+            raise InputError(
+                f"doffs must be cx1 - cx0 = {self.cam1[2] - self.cam0[2]}, got {self.doffs}"
+            )
 
     @classmethod
     def from_rig(cls, rig: Rig, ndisp: int | None = None) -> "Calibration":
         """The calibration of a rig's first two cameras. Raises InputError if they are not a rectified pair."""
         if len(rig) < 2 or not rig.is_rectified():
-            raise InputError("calib.txt describes a rectified pair; these cameras are none")
+            raise InputError(
+                "calib.txt describes a rectified pair; these cameras are none"
+            )
         left, right = rig.cameras[:2]
-        cam0, cam1 = ((float(c.fx), float(c.fy), float(c.cx), float(c.cy)) for c in (left, right))
-        return cls(cam0, cam1, tidy(rig.baseline()), left.width, left.height, float(rig.doffs()), ndisp)
+        cam0, cam1 = (
+            (float(c.fx), float(c.fy), float(c.cx), float(c.cy)) for c in (left, right)
+        )
+        return cls(
+            cam0,
+            cam1,
+            tidy(rig.baseline()),
+            left.width,
+            left.height,
+            float(rig.doffs()),
+            ndisp,
+        )
 
     @property
     def fx(self) -> float:
@@ -77,12 +102,16 @@ class Calibration:
 
     def rig(self) -> Rig:
         """The pair as a Rig; the world frame is the left camera's."""
-        left, right = (Camera(self.width, self.height, *cam) for cam in (self.cam0, self.cam1))
+        left, right = (
+            Camera(self.width, self.height, *cam) for cam in (self.cam0, self.cam1)
+        )
         return Rig.stereo(left, self.baseline, right=right)
 
     def depth(self, disparity: ArrayLike) -> NDArray[np.float64]:
         """z = fx B / (d + doffs), metres; +inf stays +inf. See `geometry.depth_from_disparity`."""
-        return geometry.depth_from_disparity(disparity, self.fx, self.baseline, self.doffs)
+        return geometry.depth_from_disparity(
+            disparity, self.fx, self.baseline, self.doffs
+        )
 
     def replace(self, **changes: object) -> "Calibration":
         """A checked copy with some fields changed."""
@@ -104,7 +133,9 @@ def encode_calib(calibration: Calibration) -> str:
     isint=0
     """
     # A shift of the decimal point is exact: metres to millimetres and back lose no bit.
-    millimetres = format(Decimal(repr(float(calibration.baseline))).scaleb(3).normalize(), "f")
+    millimetres = format(
+        Decimal(repr(float(calibration.baseline))).scaleb(3).normalize(), "f"
+    )
     fields: dict[str, object] = {}
     for name in ("cam0", "cam1"):
         fx, fy, cx, cy = map(float, getattr(calibration, name))
@@ -114,7 +145,9 @@ def encode_calib(calibration: Calibration) -> str:
     fields |= {name: int(getattr(calibration, name)) for name in ("width", "height")}
     fields |= {"ndisp": calibration.ndisp, "isint": int(calibration.isint)}
     fields |= {"vmin": calibration.vmin, "vmax": calibration.vmax}
-    return "".join(f"{key}={value}\n" for key, value in fields.items() if value is not None)
+    return "".join(
+        f"{key}={value}\n" for key, value in fields.items() if value is not None
+    )
 
 
 def decode_calib(text: str, name: str = "calib.txt") -> Calibration:
@@ -126,20 +159,28 @@ def decode_calib(text: str, name: str = "calib.txt") -> Calibration:
     for number, line in enumerate(text.splitlines(), 1):
         key, equals, value = (part.strip() for part in line.partition("="))
         if line.strip() and not equals:
-            raise FileError(f"{name}: line {number} must read name=value, got {line.strip()[:40]!r}")
+            raise FileError(
+                f"{name}: line {number} must read name=value, got {line.strip()[:40]!r}"
+            )
         if key in fields:
             raise FileError(f"{name}: line {number} repeats the key {key}")
         if equals:
             fields[key] = value
     if missing := [key for key in _REQUIRED if key not in fields]:
-        raise FileError(f"{name}: has no {missing[0]}= line; required are {', '.join(_REQUIRED)}")
+        raise FileError(
+            f"{name}: has no {missing[0]}= line; required are {', '.join(_REQUIRED)}"
+        )
     try:
-        return Calibration(**{key: _READ[key](value) for key, value in fields.items() if key in _READ})
+        return Calibration(
+            **{key: _READ[key](value) for key, value in fields.items() if key in _READ}
+        )
     except ValueError as error:
         raise FileError(f"{name}: {error}") from None
     except ArithmeticError:
         got = fields["baseline"][:40]
-        raise FileError(f"{name}: the baseline must be a number of millimetres, got {got!r}") from None
+        raise FileError(
+            f"{name}: the baseline must be a number of millimetres, got {got!r}"
+        ) from None
 
 
 def read_calib(path: Where) -> Calibration:
@@ -158,9 +199,18 @@ def tidy(length: float) -> float:
 
 
 def _camera(text: str) -> tuple[float, float, float, float]:
-    rows = [[float(entry) for entry in row.split()] for row in re.sub(r"^\[|\]$", "", text).split(";")]
-    if [len(row) for row in rows] != [3, 3, 3] or (rows[0][1], rows[1][0], rows[2]) != (0.0, 0.0, [0.0, 0.0, 1.0]):
-        raise ValueError(f"a camera must read [fx 0 cx; 0 fy cy; 0 0 1], without skew, got {text[:80]!r}")
+    rows = [
+        [float(entry) for entry in row.split()]
+        for row in re.sub(r"^\[|\]$", "", text).split(";")
+    ]
+    if [len(row) for row in rows] != [3, 3, 3] or (rows[0][1], rows[1][0], rows[2]) != (
+        0.0,
+        0.0,
+        [0.0, 0.0, 1.0],
+    ):
+        raise ValueError(
+            f"a camera must read [fx 0 cx; 0 fy cy; 0 0 1], without skew, got {text[:80]!r}"
+        )
     return rows[0][0], rows[1][1], rows[0][2], rows[1][2]
 
 

@@ -24,7 +24,9 @@ from twinlens.errors import FileError, InputError
 
 Channel = NDArray[np.float16] | NDArray[np.float32] | NDArray[np.uint32]
 
-_MAX_RATIO = 1100  # decoded pixels to bytes: the limit of DEFLATE, plus the headers of blocks
+_MAX_RATIO = (
+    1100  # decoded pixels to bytes: the limit of DEFLATE, plus the headers of blocks
+)
 _PREFIX = "twinlens."  # of the string attributes
 _READING = threading.Lock()
 
@@ -37,7 +39,9 @@ class Exr:
     text: Mapping[str, str] = field(default_factory=dict)
 
 
-def encode_exr(channels: Mapping[str, ArrayLike], text: Mapping[str, str] | None = None) -> bytes:
+def encode_exr(
+    channels: Mapping[str, ArrayLike], text: Mapping[str, str] | None = None
+) -> bytes:
     """Encode named (H, W) channels: floats as float16 or float32, booleans and integers as uint32, without loss.
 
     `text` becomes string attributes named ``twinlens.<name>``. Raises InputError when shapes differ, there is no
@@ -46,8 +50,13 @@ def encode_exr(channels: Mapping[str, ArrayLike], text: Mapping[str, str] | None
     planes = {name: _to_channel(name, values) for name, values in channels.items()}
     shapes = {plane.shape for plane in planes.values()}
     if len(shapes) != 1:
-        raise InputError(f"an EXR needs one or more channels of the same shape, got shapes {sorted(shapes)}")
-    header: dict[str, Any] = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+        raise InputError(
+            f"an EXR needs one or more channels of the same shape, got shapes {sorted(shapes)}"
+        )
+    header: dict[str, Any] = {
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+    }
     header |= {_PREFIX + name: value for name, value in (text or {}).items()}
     stream = io.BytesIO()
     OpenEXR.File(header, planes).write(stream)
@@ -62,16 +71,31 @@ def decode_exr(data: bytes, name: str = "EXR data") -> Exr:
     low, high = header["dataWindow"]
     width, height = (int(b) - int(a) + 1 for a, b in zip(low, high, strict=True))
     count = len(header["channels"])
-    if width < 1 or height < 1 or width * height * count > _MAX_RATIO * len(data):  # before memory is allocated
+    if (
+        width < 1 or height < 1 or width * height * count > _MAX_RATIO * len(data)
+    ):  # before memory is allocated
         size = f"{count} channels of {width} x {height} pixels"
-        raise FileError(f"{name}: {len(data)} bytes cannot hold {size}; the file is damaged")
+        raise FileError(
+            f"{name}: {len(data)} bytes cannot hold {size}; the file is damaged"
+        )
     part = _open(data, name)
     channels = {key: channel.pixels for key, channel in sorted(part.channels.items())}
-    if not channels or any(pixels is None or pixels.ndim != 2 for pixels in channels.values()):
+    if not channels or any(
+        pixels is None or pixels.ndim != 2 for pixels in channels.values()
+    ):
         raise FileError(f"{name}: has no readable channels; the file is damaged")
-    planes = {key: each if each.dtype == np.uint32 else each.astype(np.float32) for key, each in channels.items()}
-    text = {key: value for key, value in part.header.items() if key.startswith(_PREFIX) and isinstance(value, str)}
-    return Exr(planes, {key.removeprefix(_PREFIX): value for key, value in text.items()})
+    planes = {
+        key: each if each.dtype == np.uint32 else each.astype(np.float32)
+        for key, each in channels.items()
+    }
+    text = {
+        key: value
+        for key, value in part.header.items()
+        if key.startswith(_PREFIX) and isinstance(value, str)
+    }
+    return Exr(
+        planes, {key.removeprefix(_PREFIX): value for key, value in text.items()}
+    )
 
 
 def read_exr(path: Where) -> Exr:
@@ -83,10 +107,16 @@ def _to_channel(name: str, values: ArrayLike) -> Channel:
     """float16, float32 or uint32 (H, W), contiguous: OpenEXR ignores the strides of a buffer."""
     array = np.asarray(values)
     if array.ndim != 2 or 0 in array.shape:
-        raise InputError(f"EXR channel {name!r} must be (H, W), got shape {array.shape}")
+        raise InputError(
+            f"EXR channel {name!r} must be (H, W), got shape {array.shape}"
+        )
     if array.dtype.kind in "biu":
-        if array.dtype.kind != "b" and (array.min() < 0 or array.max() > np.iinfo(np.uint32).max):
-            raise InputError(f"EXR channel {name!r} holds integers outside 0 to 2^32 - 1")
+        if array.dtype.kind != "b" and (
+            array.min() < 0 or array.max() > np.iinfo(np.uint32).max
+        ):
+            raise InputError(
+                f"EXR channel {name!r} holds integers outside 0 to 2^32 - 1"
+            )
         return np.ascontiguousarray(array, dtype=np.uint32)
     if array.dtype.kind != "f":
         raise InputError(f"EXR channel {name!r} must hold numbers, got {array.dtype}")
@@ -104,9 +134,15 @@ def _open(data: bytes, name: str, header_only: bool = False) -> Any:
     # lock keeps two threads from restoring each other's stream.
     with _READING, contextlib.redirect_stdout(sys.stderr):
         try:
-            parts = OpenEXR.File(io.BytesIO(data), separate_channels=True, header_only=header_only).parts
-        except Exception as error:  # RuntimeError, ValueError, UnicodeDecodeError or MemoryError
-            raise FileError(f"{name}: not a readable OpenEXR file; the file is damaged ({error})") from None
+            parts = OpenEXR.File(
+                io.BytesIO(data), separate_channels=True, header_only=header_only
+            ).parts
+        except (
+            Exception
+        ) as error:  # RuntimeError, ValueError, UnicodeDecodeError or MemoryError
+            raise FileError(
+                f"{name}: not a readable OpenEXR file; the file is damaged ({error})"
+            ) from None
     if len(parts) != 1:
         raise FileError(f"{name}: needs exactly one readable part, has {len(parts)}")
     return parts[0]

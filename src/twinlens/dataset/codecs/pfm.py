@@ -18,7 +18,11 @@ from twinlens.dataset.files import read_bytes, write_file
 from twinlens.dataset.storage import Where
 from twinlens.errors import FileError, InputError
 
-_HEADER = re.compile(rb"(P[fF])#(\d{1,9})#(\d{1,9})#([-+0-9.eE]{1,32})".replace(b"#", rb"(?:\s|#[^\n]*\n)+"))
+_HEADER = re.compile(
+    rb"(P[fF])#(\d{1,9})#(\d{1,9})#([-+0-9.eE]{1,32})".replace(
+        b"#", rb"(?:\s|#[^\n]*\n)+"
+    )
+)
 _LINE_END = re.compile(rb"[ \t]*(?:#[^\n]*)?\r?\n|[ \t]")
 _HEADER_LIMIT = 1000
 _INVALID = "contains NaN or -inf; unknown pixels must be +inf"
@@ -35,14 +39,25 @@ def encode_pfm(values: ArrayLike) -> bytes:
     given = np.asarray(values)
     if given.dtype.kind not in "fiub":
         raise InputError(f"a PFM holds real numbers, got an array of {given.dtype}")
-    if given.ndim not in (2, 3) or 0 in given.shape or (given.ndim == 3 and given.shape[2] != 3):
-        raise InputError(f"a PFM holds (H, W) or (H, W, 3) values, got shape {given.shape}")
+    if (
+        given.ndim not in (2, 3)
+        or 0 in given.shape
+        or (given.ndim == 3 and given.shape[2] != 3)
+    ):
+        raise InputError(
+            f"a PFM holds (H, W) or (H, W, 3) values, got shape {given.shape}"
+        )
     if not (given > -np.inf).all():
         raise InputError(f"PFM values: {_INVALID}")
     with np.errstate(over="ignore"):
         array = given.astype("<f4")
-    if given.dtype != np.float32 and np.isposinf(array).sum() != np.isposinf(given).sum():
-        raise InputError("PFM values: a number is too large for float32; only +inf means unknown")
+    if (
+        given.dtype != np.float32
+        and np.isposinf(array).sum() != np.isposinf(given).sum()
+    ):
+        raise InputError(
+            "PFM values: a number is too large for float32; only +inf means unknown"
+        )
     header = f"{'Pf' if array.ndim == 2 else 'PF'}\n{array.shape[1]} {array.shape[0]}\n-1.0\n".encode()
     return header + np.ascontiguousarray(array[::-1]).tobytes()
 
@@ -51,11 +66,19 @@ def decode_pfm(data: bytes, name: str = "PFM data") -> NDArray[np.float32]:
     """Decode a PFM to float32 (H, W) or (H, W, 3), top row first. Raises FileError, starting with `name`."""
     header = _HEADER.match(data[:_HEADER_LIMIT])
     if header is None:
-        raise FileError(f"{name}: not a PFM (a line Pf or PF, a line 'width height', a line with the scale)")
-    width, height, channels = int(header[2]), int(header[3]), 3 if header[1] == b"PF" else 1
+        raise FileError(
+            f"{name}: not a PFM (a line Pf or PF, a line 'width height', a line with the scale)"
+        )
+    width, height, channels = (
+        int(header[2]),
+        int(header[3]),
+        3 if header[1] == b"PF" else 1,
+    )
     size = 4 * width * height * channels
     start, scale = len(data) - size, 0.0
-    if size < 1 or not _LINE_END.fullmatch(data, header.end(), max(start, header.end())):
+    if size < 1 or not _LINE_END.fullmatch(
+        data, header.end(), max(start, header.end())
+    ):
         raise FileError(
             f"{name}: {max(len(data) - header.end() - 1, 0)} bytes of pixels, but the header specifies {width} x"
             f" {height} x {channels} float32 ({size} bytes); the file is damaged"
@@ -63,8 +86,12 @@ def decode_pfm(data: bytes, name: str = "PFM data") -> NDArray[np.float32]:
     with contextlib.suppress(ValueError):
         scale = float(header[4])
     if not (scale and math.isfinite(scale)):
-        raise FileError(f"{name}: the scale must be a number other than 0 (negative: little-endian), got {header[4]!r}")
-    rows = np.frombuffer(data, "<f4" if scale < 0 else ">f4", offset=start).reshape(height, width, channels)
+        raise FileError(
+            f"{name}: the scale must be a number other than 0 (negative: little-endian), got {header[4]!r}"
+        )
+    rows = np.frombuffer(data, "<f4" if scale < 0 else ">f4", offset=start).reshape(
+        height, width, channels
+    )
     array = rows[::-1].astype(np.float32)
     if not (array > -np.inf).all():
         raise FileError(f"{name}: {_INVALID}")
@@ -89,11 +116,15 @@ def decode_disparity(data: bytes, name: str) -> NDArray[np.float32]:
     if name.lower().endswith(".png"):
         codes = decode_png(data, name)
         if codes.ndim != 2 or codes.dtype != np.uint16:
-            raise FileError(f"{name}: a disparity PNG must be 16-bit grey (256 d, 0 unknown), as KITTI's are")
+            raise FileError(
+                f"{name}: a disparity PNG must be 16-bit grey (256 d, 0 unknown), as KITTI's are"
+            )
         return np.where(codes > 0, codes / np.float32(256), np.inf).astype(np.float32)
     disparity = decode_pfm(data, name)
     if disparity.ndim != 2:
-        raise FileError(f"{name}: has colour channels; a disparity map has one value per pixel")
+        raise FileError(
+            f"{name}: has colour channels; a disparity map has one value per pixel"
+        )
     return disparity
 
 

@@ -28,9 +28,23 @@ _GREY, _RGB, _ALPHA_BIT = 0, 2, 4
 _PAETH = 4
 _DEFLATE_RATIO = 1032  # the most bytes that one deflated byte can encode
 _MAX_PIXELS = 80_000_000  # Pillow warns of a decompression bomb slightly above
-_CONVERSIONS = {"1": "L", "L": "L", "P": "RGB", "RGB": "RGB", "YCbCr": "RGB", "CMYK": "RGB"}
+_CONVERSIONS = {
+    "1": "L",
+    "L": "L",
+    "P": "RGB",
+    "RGB": "RGB",
+    "YCbCr": "RGB",
+    "CMYK": "RGB",
+}
 _SIXTEEN_BIT_MODES = ("I;16", "I;16B", "I")
-_FORMATS = ["PNG", "JPEG", "TIFF", "BMP", "WEBP", "PPM"]  # not PostScript, which Pillow passes to Ghostscript
+_FORMATS = [
+    "PNG",
+    "JPEG",
+    "TIFF",
+    "BMP",
+    "WEBP",
+    "PPM",
+]  # not PostScript, which Pillow passes to Ghostscript
 
 
 def encode_png(pixels: Pixels) -> bytes:
@@ -38,17 +52,43 @@ def encode_png(pixels: Pixels) -> bytes:
     array = np.asarray(pixels)
     if array.dtype.kind != "u" or array.dtype.itemsize > 2:
         raise InputError(f"a PNG holds uint8 or uint16 pixels, got {array.dtype}")
-    if array.ndim not in (2, 3) or 0 in array.shape or (array.ndim == 3 and array.shape[2] != 3):
-        raise InputError(f"a PNG holds (H, W) or (H, W, 3) pixels, got shape {array.shape}")
+    if (
+        array.ndim not in (2, 3)
+        or 0 in array.shape
+        or (array.ndim == 3 and array.shape[2] != 3)
+    ):
+        raise InputError(
+            f"a PNG holds (H, W) or (H, W, 3) pixels, got shape {array.shape}"
+        )
     height, width = array.shape[:2]
     if width * height > _MAX_PIXELS:
-        raise InputError(f"a PNG holds at most {_MAX_PIXELS} pixels, got {width} x {height}")
+        raise InputError(
+            f"a PNG holds at most {_MAX_PIXELS} pixels, got {width} x {height}"
+        )
     color, channels = (_GREY, 1) if array.ndim == 2 else (_RGB, 3)
-    header = struct.pack(">IIBBBBB", width, height, 8 * array.dtype.itemsize, color, 0, 0, 0)
-    rows = np.ascontiguousarray(array.astype(array.dtype.newbyteorder(">"))).view(np.uint8).reshape(height, -1)
-    deflate = zlib.compressobj(1, zlib.DEFLATED, zlib.MAX_WBITS, zlib.DEF_MEM_LEVEL, zlib.Z_RLE)
-    body = deflate.compress(_paeth_filtered(rows, channels * array.dtype.itemsize).tobytes()) + deflate.flush()
-    return _SIGNATURE + _chunk(b"IHDR", header) + _chunk(b"IDAT", body) + _chunk(b"IEND", b"")
+    header = struct.pack(
+        ">IIBBBBB", width, height, 8 * array.dtype.itemsize, color, 0, 0, 0
+    )
+    rows = (
+        np.ascontiguousarray(array.astype(array.dtype.newbyteorder(">")))
+        .view(np.uint8)
+        .reshape(height, -1)
+    )
+    deflate = zlib.compressobj(
+        1, zlib.DEFLATED, zlib.MAX_WBITS, zlib.DEF_MEM_LEVEL, zlib.Z_RLE
+    )
+    body = (
+        deflate.compress(
+            _paeth_filtered(rows, channels * array.dtype.itemsize).tobytes()
+        )
+        + deflate.flush()
+    )
+    return (
+        _SIGNATURE
+        + _chunk(b"IHDR", header)
+        + _chunk(b"IDAT", body)
+        + _chunk(b"IEND", b"")
+    )
 
 
 def decode_png(data: bytes, name: str = "PNG data") -> Pixels:
@@ -61,25 +101,45 @@ def decode_png(data: bytes, name: str = "PNG data") -> Pixels:
         raise FileError(f"{name}: not a PNG")
     width, height, depth, color = struct.unpack(">IIBB", data[16:26])
     if not 0 < width * height <= _MAX_PIXELS:
-        raise FileError(f"{name}: a PNG must have 1 to {_MAX_PIXELS} pixels, got {width} x {height}")
-    if width * height * depth > 8 * _DEFLATE_RATIO * len(data):  # before memory is allocated
-        raise FileError(f"{name}: {len(data)} bytes cannot hold {width} x {height} pixels; the file is damaged")
+        raise FileError(
+            f"{name}: a PNG must have 1 to {_MAX_PIXELS} pixels, got {width} x {height}"
+        )
+    if width * height * depth > 8 * _DEFLATE_RATIO * len(
+        data
+    ):  # before memory is allocated
+        raise FileError(
+            f"{name}: {len(data)} bytes cannot hold {width} x {height} pixels; the file is damaged"
+        )
     if depth == 16 and color & _ALPHA_BIT:
-        raise FileError(f"{name}: has 16 bits and an alpha channel; save it without the alpha channel")
+        raise FileError(
+            f"{name}: has 16 bits and an alpha channel; save it without the alpha channel"
+        )
     start, kind = len(_SIGNATURE), b""
     while kind != b"IEND":  # Pillow ignores some truncated and changed chunks
         length = int.from_bytes(data[start : start + 4], "big")
         kind, end = data[start + 4 : start + 8], start + 8 + length
         crc = data[end : end + 4]
-        if len(crc) < 4 or int.from_bytes(crc, "big") != zlib.crc32(memoryview(data)[start + 4 : end]):
-            raise FileError(f"{name}: a chunk does not match its checksum; the file is damaged")
+        if len(crc) < 4 or int.from_bytes(crc, "big") != zlib.crc32(
+            memoryview(data)[start + 4 : end]
+        ):
+            raise FileError(
+                f"{name}: a chunk does not match its checksum; the file is damaged"
+            )
         start = end + 4
     try:
-        return _decode_sixteen_bit_rgb(data) if depth == 16 and color == _RGB else _decode(data, name)
+        return (
+            _decode_sixteen_bit_rgb(data)
+            if depth == 16 and color == _RGB
+            else _decode(data, name)
+        )
     except FileError:
         raise
-    except Exception as error:  # Pillow raises half a dozen types, depending on where the damage is
-        raise FileError(f"{name}: not a readable PNG; the file is damaged ({error})") from None
+    except (
+        Exception
+    ) as error:  # Pillow raises half a dozen types, depending on where the damage is
+        raise FileError(
+            f"{name}: not a readable PNG; the file is damaged ({error})"
+        ) from None
 
 
 def read_png(path: Where) -> Pixels:
@@ -104,13 +164,21 @@ def read_image(path: Path) -> NDArray[Any]:
             if image.mode in _CONVERSIONS:
                 return np.asarray(image.convert(_CONVERSIONS[image.mode]))
             pixels = np.asarray(image) if image.mode in _SIXTEEN_BIT_MODES else None
-            if pixels is None or pixels.min() < 0 or pixels.max() > np.iinfo(np.uint16).max:
-                raise FileError(f"{path}: image mode {image.mode} is not supported; save it as grey or RGB PNG")
+            if (
+                pixels is None
+                or pixels.min() < 0
+                or pixels.max() > np.iinfo(np.uint16).max
+            ):
+                raise FileError(
+                    f"{path}: image mode {image.mode} is not supported; save it as grey or RGB PNG"
+                )
             return pixels.astype(np.uint16)
     except FileError:
         raise
     except (OSError, Image.DecompressionBombError, ValueError) as error:
-        reason = "unknown format" if isinstance(error, UnidentifiedImageError) else error
+        reason = (
+            "unknown format" if isinstance(error, UnidentifiedImageError) else error
+        )
         raise FileError(f"{path}: not a readable image ({reason})") from None
 
 
@@ -130,7 +198,12 @@ def _paeth_filtered(rows: NDArray[np.uint8], step: int) -> NDArray[np.uint8]:
 
 
 def _chunk(kind: bytes, body: bytes) -> bytes:
-    return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+    return (
+        struct.pack(">I", len(body))
+        + kind
+        + body
+        + struct.pack(">I", zlib.crc32(kind + body))
+    )
 
 
 def _decode(data: bytes, name: str) -> Pixels:
@@ -141,7 +214,9 @@ def _decode(data: bytes, name: str) -> Pixels:
         if image.has_transparency_data:
             image = image.convert("RGBA")
             if image.getchannel("A").getextrema()[0] != 255:
-                raise FileError(f"{name}: is partly transparent; save it without an alpha channel")
+                raise FileError(
+                    f"{name}: is partly transparent; save it without an alpha channel"
+                )
         grey = image.mode in ("1", "L", "LA")
         return np.array(image.convert("L" if grey else "RGB"))
 

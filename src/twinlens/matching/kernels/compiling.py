@@ -18,7 +18,9 @@ def source_digest() -> str:
     Numba's file cache checks only the file that defines a function, not the files that it imports.
     """
     files = sorted(Path(__file__).parent.glob("*.py"))
-    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12]
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[
+        :12
+    ]
 
 
 def jit(function: Function) -> Function:

@@ -12,7 +12,13 @@ from typing import Any
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba import types
 from numba.core import cgutils
-from numba.extending import intrinsic, lower_builtin, models, register_model, type_callable
+from numba.extending import (
+    intrinsic,
+    lower_builtin,
+    models,
+    register_model,
+    type_callable,
+)
 
 from twinlens.matching.kernels import LANES
 
@@ -50,13 +56,21 @@ class LanesModel(models.PrimitiveModel):
 def _splat(builder: Any, scalar: Any) -> Any:
     undefined = ir.Constant(ir.VectorType(scalar.type, LANES), ir.Undefined)
     first = builder.insert_element(undefined, scalar, INT32(0))
-    return builder.shuffle_vector(first, undefined, ir.Constant(ir.VectorType(INT32, LANES), [0] * LANES))
+    return builder.shuffle_vector(
+        first, undefined, ir.Constant(ir.VectorType(INT32, LANES), [0] * LANES)
+    )
 
 
-def _call(builder: Any, name: str, result: Any, args: list[Any], flags: tuple[str, ...] = ()) -> Any:
+def _call(
+    builder: Any, name: str, result: Any, args: list[Any], flags: tuple[str, ...] = ()
+) -> Any:
     """Call an LLVM intrinsic."""
     signature = ir.FunctionType(result, [arg.type for arg in args])
-    return builder.call(cgutils.get_or_insert_function(builder.module, signature, name), args, fastmath=flags)
+    return builder.call(
+        cgutils.get_or_insert_function(builder.module, signature, name),
+        args,
+        fastmath=flags,
+    )
 
 
 def _place(context: Any, builder: Any, kind: Any, array: Any, index: Any) -> Any:
@@ -67,14 +81,18 @@ def _place(context: Any, builder: Any, kind: Any, array: Any, index: Any) -> Any
 def _lanes_place(context: Any, builder: Any, kind: Any, array: Any, index: Any) -> Any:
     """The address of LANES elements from array[index] on."""
     vector = ir.VectorType(context.get_data_type(kind.dtype), LANES)
-    return builder.bitcast(_place(context, builder, kind, array, index), vector.as_pointer())
+    return builder.bitcast(
+        _place(context, builder, kind, array, index), vector.as_pointer()
+    )
 
 
 @intrinsic
 def load(_typing: Any, array: Any, index: Any) -> Any:
     """load(array, index): LANES elements from array[index] on. The array is 1-D and contiguous; no bounds check."""
     align = array.dtype.bitwidth // 8
-    return Lanes(array.dtype)(array, types.intp), lambda context, builder, signature, args: builder.load(
+    return Lanes(array.dtype)(
+        array, types.intp
+    ), lambda context, builder, signature, args: builder.load(
         _lanes_place(context, builder, signature.args[0], *args), align=align
     )
 
@@ -94,7 +112,9 @@ def store(_typing: Any, array: Any, index: Any, value: Any) -> Any:
 @intrinsic
 def read(_typing: Any, array: Any, index: Any) -> Any:
     """read(array, index): array[index] of a contiguous 1-D array; no bounds check, no negative indices."""
-    return array.dtype(array, types.intp), lambda context, builder, signature, args: builder.load(
+    return array.dtype(
+        array, types.intp
+    ), lambda context, builder, signature, args: builder.load(
         _place(context, builder, signature.args[0], *args)
     )
 
@@ -102,7 +122,9 @@ def read(_typing: Any, array: Any, index: Any) -> Any:
 @intrinsic
 def splat(_typing: Any, scalar: Any) -> Any:
     """splat(scalar): the scalar in all lanes."""
-    return Lanes(scalar)(scalar), lambda _context, builder, _signature, args: _splat(builder, args[0])
+    return Lanes(scalar)(scalar), lambda _context, builder, _signature, args: _splat(
+        builder, args[0]
+    )
 
 
 def _conversion(source: Any, target: Any) -> str:
@@ -125,7 +147,11 @@ def convert(_typing: Any, value: Any, array: Any) -> Any:
     result, instruction = Lanes(array.dtype), _conversion(value.dtype, array.dtype)
 
     def generate(context: Any, builder: Any, _signature: Any, args: Any) -> Any:
-        return getattr(builder, instruction)(args[0], context.get_value_type(result)) if instruction else args[0]
+        return (
+            getattr(builder, instruction)(args[0], context.get_value_type(result))
+            if instruction
+            else args[0]
+        )
 
     return result(value, array), generate
 
@@ -143,7 +169,9 @@ def _lower(function: Any, generate: Any) -> None:
 
 
 def _arithmetic(name: str) -> Any:
-    return lambda builder, lanes, a, b: getattr(builder, f"f{name}" if lanes.is_float else name)(a, b)
+    return lambda builder, lanes, a, b: getattr(
+        builder, f"f{name}" if lanes.is_float else name
+    )(a, b)
 
 
 def _extreme(name: str, comparison: str) -> Any:
@@ -181,7 +209,10 @@ def mask_outside(_typing: Any, value: Any, start: Any, stop: Any, fill: Any) -> 
         bound = ir.IntType(16)
         lanes = ir.Constant(ir.VectorType(bound, LANES), list(range(LANES)))
         start, stop = (_splat(builder, builder.trunc(arg, bound)) for arg in args[1:3])
-        inside = builder.and_(builder.icmp_signed(">=", lanes, start), builder.icmp_signed("<", lanes, stop))
+        inside = builder.and_(
+            builder.icmp_signed(">=", lanes, start),
+            builder.icmp_signed("<", lanes, stop),
+        )
         return builder.select(inside, args[0], _splat(builder, args[3]))
 
     return value(value, types.int64, types.int64, value.dtype), generate
@@ -194,7 +225,13 @@ def lowest(_typing: Any, value: Any) -> Any:
     def generate(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
         kind = "f" if value.is_float else ("s" if value.dtype.signed else "u")
         name = f"llvm.vector.reduce.{kind}min.{value.suffix}"
-        return _call(builder, name, args[0].type.element, args, ("nnan", "nsz") if value.is_float else ())
+        return _call(
+            builder,
+            name,
+            args[0].type.element,
+            args,
+            ("nnan", "nsz") if value.is_float else (),
+        )
 
     return value.dtype(value), generate
 
@@ -204,10 +241,16 @@ def first_at_most(_typing: Any, value: Any, bound: Any) -> Any:
     """first_at_most(value, bound): the index of the first lane <= the scalar bound. There must be one."""
 
     def generate(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
-        whole = builder.icmp_signed if not value.is_float and value.dtype.signed else builder.icmp_unsigned
+        whole = (
+            builder.icmp_signed
+            if not value.is_float and value.dtype.signed
+            else builder.icmp_unsigned
+        )
         compare = builder.fcmp_ordered if value.is_float else whole
         mask = ir.IntType(LANES)
         bits = builder.bitcast(compare("<=", args[0], _splat(builder, args[1])), mask)
-        return builder.zext(_call(builder, f"llvm.cttz.i{LANES}", mask, [bits, BIT(1)]), INT64)
+        return builder.zext(
+            _call(builder, f"llvm.cttz.i{LANES}", mask, [bits, BIT(1)]), INT64
+        )
 
     return types.int64(value, value.dtype), generate

@@ -73,7 +73,12 @@ def sweep_kernel(diagonals: bool) -> Callable[..., None]:
                 row, column = GUARD, GUARD + (1 + x) * pitch
                 falling, rising = GUARD + right * pitch, GUARD + left * pitch
                 m0, m1, m2, m3 = minima[0], minima[1 + x], minima[right], minima[left]
-                j0, j1, j2, j3 = dtype(m0 + large), dtype(m1 + large), dtype(m2 + large), dtype(m3 + large)
+                j0, j1, j2, j3 = (
+                    dtype(m0 + large),
+                    dtype(m1 + large),
+                    dtype(m2 + large),
+                    dtype(m3 + large),
+                )
                 new0 = new1 = new2 = new3 = top
                 low0, low1 = load(slots, row - 1), load(slots, column - 1)
                 low2 = low3 = like
@@ -81,17 +86,27 @@ def sweep_kernel(diagonals: bool) -> Callable[..., None]:
                     low2, low3 = load(slots, falling - 1), load(slots, rising - 1)
                 for chunk in range(0, depth, LANES):
                     cost = load(costs, at + chunk)
-                    total, least, low0 = step(slots, row + chunk, low0, cost, small, m0, j0)
+                    total, least, low0 = step(
+                        slots, row + chunk, low0, cost, small, m0, j0
+                    )
                     new0 = min(new0, least)
-                    extra, least, low1 = step(slots, column + chunk, low1, cost, small, m1, j1)
+                    extra, least, low1 = step(
+                        slots, column + chunk, low1, cost, small, m1, j1
+                    )
                     new1, total = min(new1, least), total + extra
                     if diagonals:
-                        extra, least, low2 = step(slots, falling + chunk, low2, cost, small, m2, j2)
+                        extra, least, low2 = step(
+                            slots, falling + chunk, low2, cost, small, m2, j2
+                        )
                         new2, total = min(new2, least), total + extra
-                        extra, least, low3 = step(slots, rising + chunk, low3, cost, small, m3, j3)
+                        extra, least, low3 = step(
+                            slots, rising + chunk, low3, cost, small, m3, j3
+                        )
                         new3, total = min(new3, least), total + extra
                     if finish:
-                        both = convert(total, sums) + convert(load(kept, at + chunk), sums)
+                        both = convert(total, sums) + convert(
+                            load(kept, at + chunk), sums
+                        )
                         both = both + convert(cost, sums) * paths
                         store(sums, u * depth + chunk, max(both, load(fence, chunk)))
                     else:
@@ -101,6 +116,16 @@ def sweep_kernel(diagonals: bool) -> Callable[..., None]:
                     minima[right], minima[left] = new2, new3
             if finish:
                 one = min(r, len(best) - 1)
-                winners_of_row(sums, depth, low, count, fit, limits, best[one], rivals[one], disparity[r])
+                winners_of_row(
+                    sums,
+                    depth,
+                    low,
+                    count,
+                    fit,
+                    limits,
+                    best[one],
+                    rivals[one],
+                    disparity[r],
+                )
 
     return sweep

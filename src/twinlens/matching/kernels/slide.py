@@ -16,7 +16,14 @@ import numpy as np
 
 from twinlens.matching.kernels import LANES
 from twinlens.matching.kernels.compiling import inlined, jit
-from twinlens.matching.kernels.lanes import convert, count_ones, load, read, splat, store
+from twinlens.matching.kernels.lanes import (
+    convert,
+    count_ones,
+    load,
+    read,
+    splat,
+    store,
+)
 from twinlens.matching.kernels.winners import winners_of_row
 
 
@@ -36,7 +43,9 @@ def pixel_term(term, left, here, right, there, sums):
     else:  # interpolated: the image is followed by its minima and by its maxima within half a pixel
         rest, others = len(left) // 3, len(right) // 3
         ours = max(a - load(right, there + 2 * others), load(right, there + others) - a)
-        theirs = max(b - splat(read(left, here + 2 * rest)), splat(read(left, here + rest)) - b)
+        theirs = max(
+            b - splat(read(left, here + 2 * rest)), splat(read(left, here + rest)) - b
+        )
         value = max(min(ours, theirs), convert(splat(0), sums))
     return value
 
@@ -52,7 +61,11 @@ def score(scoring, total, costs, statistics, area, here, there):
         covariance = convert(product - area * convert(total, left_totals), costs)
         value = covariance * load(right_scales, there) * splat(read(left_scales, here))
     elif scoring == "ncc":
-        value = convert(total, costs) * load(right_scales, there) * splat(-read(left_scales, here))
+        value = (
+            convert(total, costs)
+            * load(right_scales, there)
+            * splat(-read(left_scales, here))
+        )
     elif scoring == "zssd":
         offset = splat(read(left_totals, here)) - load(right_totals, there)
         value = convert(area * convert(total, left_totals) - offset * offset, costs)
@@ -92,35 +105,66 @@ def slide_kernel(term: str, scoring: str, volumes: bool) -> Callable[..., None]:
         for y in range(1 - side, rows):
             new, old = top + y + side - 1, top + max(y - 1, 0)
             new_left, old_left = new * left_stride, old * left_stride
-            new_right, old_right = new * right_stride + right_start, old * right_stride + right_start
+            new_right, old_right = (
+                new * right_stride + right_start,
+                old * right_stride + right_start,
+            )
             for chunk in range(0, depth, LANES):
                 base, total = chunk * (padded + side), zero
                 for x in range(padded):
                     enters, leaves = base + (x + side) * LANES, base + x * LANES
-                    column = pixel_term(term, left, new_left + x, right, new_right + chunk - x, columns)
+                    column = pixel_term(
+                        term, left, new_left + x, right, new_right + chunk - x, columns
+                    )
                     if side == 1:
                         total = column
                     else:
                         column = load(columns, enters) + column
                         if y > 0:
-                            gone = pixel_term(term, left, old_left + x, right, old_right + chunk - x, columns)
+                            gone = pixel_term(
+                                term,
+                                left,
+                                old_left + x,
+                                right,
+                                old_right + chunk - x,
+                                columns,
+                            )
                             column = column - gone
                         store(columns, enters, column)
                         total = total + (column - load(columns, leaves))
                     u = x - side + 1
                     if y < 0 or u < 0:
                         continue
-                    here, there = y * width + u, y * statistics_stride + right_start - x + chunk
+                    here, there = (
+                        y * width + u,
+                        y * statistics_stride + right_start - x + chunk,
+                    )
                     cost = score(scoring, total, costs, statistics, area, here, there)
                     if volumes:
                         volume, scale = result
-                        scaled = convert(cost, scale) * splat(read(scale, 0)) + splat(read(scale, 1))
-                        store(volume, (y * width + u) * depth + chunk, convert(scaled, volume))
+                        scaled = convert(cost, scale) * splat(read(scale, 0)) + splat(
+                            read(scale, 1)
+                        )
+                        store(
+                            volume,
+                            (y * width + u) * depth + chunk,
+                            convert(scaled, volume),
+                        )
                     else:
                         store(costs, u * depth + chunk, max(cost, load(fence, chunk)))
             if not volumes and y >= 0:
                 fit, limits, best, rivals, disparity = result
                 kept = min(y, len(best) - 1)
-                winners_of_row(costs, depth, low, count, fit, limits, best[kept], rivals[kept], disparity[y])
+                winners_of_row(
+                    costs,
+                    depth,
+                    low,
+                    count,
+                    fit,
+                    limits,
+                    best[kept],
+                    rivals[kept],
+                    disparity[y],
+                )
 
     return slide

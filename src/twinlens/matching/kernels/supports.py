@@ -22,13 +22,20 @@ def best_quarters(volume, step, top, sizes, size, scale, out):
             if sizes[y, x] != size:
                 continue
             first, last = max(x - step, 0), min(x + step, width - 1)
-            a, b, c, d = volume[up, first], volume[up, last], volume[down, first], volume[down, last]
+            a, b, c, d = (
+                volume[up, first],
+                volume[up, last],
+                volume[down, first],
+                volume[down, last],
+            )
             centre, here = volume[y + top, x], out[y, x]
             for j in range(depth):
                 low, high = min(a[j], b[j]), max(a[j], b[j])
                 low2, high2 = min(c[j], d[j]), max(c[j], d[j])
                 # The lowest two: the least of all, and the least of the three others.
-                here[j] = scale * (centre[j] + min(low, low2) + min(max(low, low2), min(high, high2)))
+                here[j] = scale * (
+                    centre[j] + min(low, low2) + min(max(low, low2), min(high, high2))
+                )
 
 
 @jit
@@ -42,7 +49,10 @@ def cross_arms(image, contrast, length, arms):
                 if not 0 <= v < height:
                     break
                 first, last = max(0, -shift), min(width, width - shift)
-                here, there = image[y, first:last], image[v, first + shift : last + shift]
+                here, there = (
+                    image[y, first:last],
+                    image[v, first + shift : last + shift],
+                )
                 reach = arms[side, y, first:last]
                 for x in range(last - first):
                     similar = abs(here[x] - there[x]) <= contrast
@@ -57,7 +67,10 @@ def cross_means(volume, arms, top, out):
     differences, the sums over regions, must fit its dtype.
     """
     rows, width, depth = volume.shape
-    prefix, zeros = np.zeros((width + 1, depth), volume.dtype), np.zeros((width, depth), volume.dtype)
+    prefix, zeros = (
+        np.zeros((width + 1, depth), volume.dtype),
+        np.zeros((width, depth), volume.dtype),
+    )
     sizes = np.zeros((rows + 1, width), np.int64)
     # Each row becomes the sum over the horizontal arms of all rows down to it.
     for y in range(rows):
@@ -76,7 +89,11 @@ def cross_means(volume, arms, top, out):
         for x in range(width):
             first, last = y - arms[2, y, x], y + arms[3, y, x]
             size = sizes[last + 1, x] - sizes[first, x]
-            a, b, here = volume[first - 1, x] if first > 0 else zeros[x], volume[last, x], out[y - top, x]
+            a, b, here = (
+                volume[first - 1, x] if first > 0 else zeros[x],
+                volume[last, x],
+                out[y - top, x],
+            )
             for j in range(depth):
                 here[j] = volume.dtype.type(b[j] - a[j]) / size
 
@@ -103,7 +120,10 @@ def adaptive_weights(volume, left, right, start, nearness, similar, radius, top,
                     neighbour = min(max(q - k, 0), columns - 1)
                     weights[q] = similar[abs(right[y, q] - right[y + i, neighbour])]
                 for x in range(max(0, -k), min(width, width - k)):
-                    near = nearness[i + radius, k + radius] * similar[abs(left[y, x] - left[y + i, x + k])]
+                    near = (
+                        nearness[i + radius, k + radius]
+                        * similar[abs(left[y, x] - left[y + i, x + k])]
+                    )
                     sums, norms, cost = total[x], norm[x], volume[y + i, x + k]
                     there = weights[start - x : start - x + depth]
                     for j in range(depth):
@@ -120,7 +140,10 @@ def adaptive_weights(volume, left, right, start, nearness, similar, radius, top,
 def clipped_means(volume, radius, top, out):
     """out = the volume's mean over the square window, cut at the edges."""
     rows, width, depth = volume.shape
-    prefix, column = np.zeros((width + 1, depth), np.float64), np.zeros((width, depth), np.float64)
+    prefix, column = (
+        np.zeros((width + 1, depth), np.float64),
+        np.zeros((width, depth), np.float64),
+    )
     for y in range(top, top + len(out)):
         above, below = max(0, y - radius), min(rows, y + radius + 1)
         column[:] = 0.0

@@ -49,7 +49,9 @@ def window_statistics(image, side, mode, totals, scales):
             total -= sums[x]
             square -= squares[x]
         for x in range(columns):
-            spread = np.float64(area * roots[x] - row[x] * row[x] if mode == DEVIATIONS else roots[x])
+            spread = np.float64(
+                area * roots[x] - row[x] * row[x] if mode == DEVIATIONS else roots[x]
+            )
             scale = 1.0 / np.sqrt(spread) if spread > 0 else 0.0
             scales[y, x] = row[x] if mode == TOTALS else scale
 
@@ -60,7 +62,9 @@ def zero_flat_scales(image, side, zeros_only, scales):
 
     Sums of floats do not identify these windows: their rounding errors exceed the variance of a faint texture.
     """
-    same = np.zeros(image.shape[1], np.int64)  # for how many rows each column has held its value
+    same = np.zeros(
+        image.shape[1], np.int64
+    )  # for how many rows each column has held its value
     for y in range(len(image)):
         row, above = image[y], image[max(y - 1, 0)]
         length = 0
@@ -93,7 +97,9 @@ def census_words(padded, side, first, last, words):
 
 
 @jit
-def zero_mean_absolute(left, right, left_mean, right_mean, start, mean_start, radius, volume):
+def zero_mean_absolute(
+    left, right, left_mean, right_mean, start, mean_start, radius, volume
+):
     """volume[y, x, j] = sum |(a - mean a) - (b - mean b)| over the window; images padded, the right ones reversed."""
     rows, width, depth = volume.shape
     side = 2 * radius + 1

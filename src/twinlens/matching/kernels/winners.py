@@ -4,7 +4,13 @@ import numpy as np
 
 from twinlens.matching.kernels import LANES
 from twinlens.matching.kernels.compiling import inlined, jit
-from twinlens.matching.kernels.lanes import first_at_most, load, lowest, mask_outside, store
+from twinlens.matching.kernels.lanes import (
+    first_at_most,
+    load,
+    lowest,
+    mask_outside,
+    store,
+)
 
 NO_FIT, V_FIT, PARABOLA_FIT = 0, 1, 2
 
@@ -57,8 +63,15 @@ def winners_of_row(costs, depth, low, count, fit, limits, best, rivals, disparit
         if start > 0 or stop < count:
             for chunk in range(0, depth, LANES):
                 if start > chunk or stop < chunk + LANES:
-                    first, last = min(max(start - chunk, 0), LANES), min(max(stop - chunk, 0), LANES)
-                    store(costs, at + chunk, mask_outside(load(costs, at + chunk), first, last, top))
+                    first, last = (
+                        min(max(start - chunk, 0), LANES),
+                        min(max(stop - chunk, 0), LANES),
+                    )
+                    store(
+                        costs,
+                        at + chunk,
+                        mask_outside(load(costs, at + chunk), first, last, top),
+                    )
         lanes = load(costs, at)
         for chunk in range(LANES, depth, LANES):
             lanes = min(lanes, load(costs, at + chunk))
@@ -84,4 +97,14 @@ def winners_of_rows(volume, depth, low, count, fit, limits, best, rivals, dispar
     for y in range(rows):
         costs = volume[y * width * depth : (y + 1) * width * depth]
         kept = min(y, len(best) - 1)
-        winners_of_row(costs, depth, low, count, fit, limits, best[kept], rivals[kept], disparity[y])
+        winners_of_row(
+            costs,
+            depth,
+            low,
+            count,
+            fit,
+            limits,
+            best[kept],
+            rivals[kept],
+            disparity[y],
+        )

@@ -17,20 +17,54 @@ from twinlens.camera.film import diffract
 from twinlens.rendering import NoisyImage, render_measured
 from twinlens.sensor import Exposure, auto_exposure
 from twinlens.studies.aperture import theory
-from twinlens.studies.aperture.theory import F_NUMBERS, MODES, SENSOR, SHARP_AT, SIDE, WAVELENGTH, Evidence, Model
-from twinlens.studies.model import Figure, Finding, Measured, Picture, Setup, Study, is_above, predicted, sweep
+from twinlens.studies.aperture.theory import (
+    F_NUMBERS,
+    MODES,
+    SENSOR,
+    SHARP_AT,
+    SIDE,
+    WAVELENGTH,
+    Evidence,
+    Model,
+)
+from twinlens.studies.model import (
+    Figure,
+    Finding,
+    Measured,
+    Picture,
+    Setup,
+    Study,
+    is_above,
+    predicted,
+    sweep,
+)
 from twinlens.studies.stage import SCORES, Stage, score_columns, stream
-from twinlens.studies.table import Column, Interval, Row, Table, brief, log_parabola_minimum, log_slope, over_scenes
+from twinlens.studies.table import (
+    Column,
+    Interval,
+    Row,
+    Table,
+    brief,
+    log_parabola_minimum,
+    log_slope,
+    over_scenes,
+)
 
 Radiance = Sequence[NDArray[np.float32]]
 
 EXPOSED_AT = 1.0  # the f-number whose automatic exposure is the fixed exposure
-GRAIN_AT = 5.6  # the f-number whose image is sharp enough to measure the texture's grain
+GRAIN_AT = (
+    5.6  # the f-number whose image is sharp enough to measure the texture's grain
+)
 LINEAR = SENSOR.replace(output="linear", bits=16)
 _CROP, _ZOOM = 40, 3
 _SQUARE_LAW_AT = 11.0  # the f-number to whose level the square law is scaled
-ALLOWED_STOPS = 1.5  # the Cramer-Rao bound, (N/N0 + N0/N) / 2 of its minimum, is 1.14 there
-PATHS_ALLOWED = 0.5  # rendering noise over sensor noise: increases the total noise by 12 %
+ALLOWED_STOPS = (
+    1.5  # the Cramer-Rao bound, (N/N0 + N0/N) / 2 of its minimum, is 1.14 there
+)
+PATHS_ALLOWED = (
+    0.5  # rendering noise over sensor noise: increases the total noise by 12 %
+)
 _LAW_FROM, _LAW_TO = 2.8, 16.0
 
 
@@ -40,24 +74,34 @@ def measure(setup: Setup) -> Measured:
     pictures: list[Picture] = []
     scales = {}
     for name, seed in sweep(setup, setup.seeds):
-        model = Model.of(Stage.of(name, setup.width, setup.height, pixel_pitch_um=theory.PIXEL_PITCH_UM))
+        model = Model.of(
+            Stage.of(
+                name, setup.width, setup.height, pixel_pitch_um=theory.PIXEL_PITCH_UM
+            )
+        )
         lenses = [model.full_size(model.lens(number)) for number in F_NUMBERS]
         scene, rig = model.stage.scene, model.stage.rig
         pairs = [
-            render_measured(scene, rig, lens, setup.spp, stream(seed, 0, k), denoise=True)[0]
+            render_measured(
+                scene, rig, lens, setup.spp, stream(seed, 0, k), denoise=True
+            )[0]
             for k, lens in enumerate(lenses)
         ]
         rows += _rows(setup, model, pairs, seed)
         if seed == setup.seeds[0]:
             scales[name] = model.scale
-            pictures.append(_crops(model, [[view.image for view in pair] for pair in pairs]))
+            pictures.append(
+                _crops(model, [[view.image for view in pair] for pair in pairs])
+            )
     notes = {"f_numbers": F_NUMBERS, "pixel_pitch_um": theory.PIXEL_PITCH_UM, "blur_px": theory.BLUR_PX,
              "scales": scales, "exposed_at_f": EXPOSED_AT, "theory_block_size": SIDE}  # fmt: skip
     models = ", ".join(f"{name} 1:{1 / scale:.0f}" for name, scale in scales.items())
     return Measured(rows, tuple(pictures), notes, {"models": models})
 
 
-def _rows(setup: Setup, model: Model, pairs: Sequence[Sequence[NoisyImage]], seed: int) -> list[dict[str, Any]]:
+def _rows(
+    setup: Setup, model: Model, pairs: Sequence[Sequence[NoisyImage]], seed: int
+) -> list[dict[str, Any]]:
     stage = model.stage
     grid = [[view.image for view in pair] for pair in pairs]
     sharp, lens = grid[F_NUMBERS.index(SHARP_AT)], model.lens(SHARP_AT)
@@ -67,43 +111,79 @@ def _rows(setup: Setup, model: Model, pairs: Sequence[Sequence[NoisyImage]], see
     rows: list[dict[str, Any]] = []
     for k, number in enumerate(F_NUMBERS):
         lens, traced = model.lens(number), grid[k]
-        blur, paths = model.blur(lens), _rms([view.error for view in pairs[k]]) / _rms(traced)
-        for diffraction, radiance in (("without", traced), ("with", diffracted(stage, lens, traced))):
-            for mode, exposure in zip(MODES, (fixed, automatic(stage, lens, radiance)), strict=True):
+        blur, paths = (
+            model.blur(lens),
+            _rms([view.error for view in pairs[k]]) / _rms(traced),
+        )
+        for diffraction, radiance in (
+            ("without", traced),
+            ("with", diffracted(stage, lens, traced)),
+        ):
+            for mode, exposure in zip(
+                MODES, (fixed, automatic(stage, lens, radiance)), strict=True
+            ):
                 diffracts = diffraction == "with"
-                wrong, path_noise = evidence.expected(lens, exposure, blur, diffracts, paths)
-                photo = LINEAR.expose(radiance[0], camera=stage.camera, lens=lens, seed=0, exposure=exposure)
+                wrong, path_noise = evidence.expected(
+                    lens, exposure, blur, diffracts, paths
+                )
+                photo = LINEAR.expose(
+                    radiance[0],
+                    camera=stage.camera,
+                    lens=lens,
+                    seed=0,
+                    exposure=exposure,
+                )
                 case = {
                     "scene": stage.scene.name, "seed": seed, "f_number": number, "exposure": mode,
                     "diffraction": diffraction, "level": float(photo.image.mean()) / 65535.0,
                     "predicted": theory.predicted_error(stage, lens, exposure, radiance[0], blur, grain, diffracts),
                     "predicted_wrong": wrong, "path_noise": path_noise,
                 }  # fmt: skip
-                pictures = stage.expose(radiance, lens, stream(seed, 1, k, MODES.index(mode)), SENSOR, exposure)
+                pictures = stage.expose(
+                    radiance,
+                    lens,
+                    stream(seed, 1, k, MODES.index(mode)),
+                    SENSOR,
+                    exposure,
+                )
                 for method in setup.methods:
                     scores = stage.score(stage.match(pictures, method), pictures)
                     a50 = scores.regions["nonocc"]["A50"]
-                    rows.append({**case, "method": method, **score_columns(scores), "a50": a50})
+                    rows.append(
+                        {**case, "method": method, **score_columns(scores), "a50": a50}
+                    )
     _add_curves(rows)
     return rows
 
 
 def _rms(images: Radiance) -> float:
-    return math.sqrt(np.mean([np.square(image, dtype=float).mean() for image in images]))
+    return math.sqrt(
+        np.mean([np.square(image, dtype=float).mean() for image in images])
+    )
 
 
 def _add_curves(rows: list[dict[str, Any]]) -> None:
     """Add to the rows of a scene and seed the f-numbers that the theories predict, and the square law of light."""
     for mode, diffraction in itertools.product(MODES, ("without", "with")):
-        curve = [row for row in rows if (row["exposure"], row["diffraction"]) == (mode, diffraction)]
+        curve = [
+            row
+            for row in rows
+            if (row["exposure"], row["diffraction"]) == (mode, diffraction)
+        ]
         at = {row["f_number"]: row for row in curve}
         best, best_wrong = (
-            log_parabola_minimum(np.array(list(at)), np.array([row[column] for row in at.values()]))
+            log_parabola_minimum(
+                np.array(list(at)), np.array([row[column] for row in at.values()])
+            )
             for column in ("predicted", "predicted_wrong")
         )
         for row in curve:
             law = at[_SQUARE_LAW_AT]["level"] * (_SQUARE_LAW_AT / row["f_number"]) ** 2
-            row |= {"theory_best": best, "theory_best_wrong": best_wrong, "square_law": law}
+            row |= {
+                "theory_best": best,
+                "theory_best_wrong": best_wrong,
+                "square_law": law,
+            }
 
 
 def automatic(stage: Stage, lens: ThinLens, radiance: Radiance) -> Exposure:
@@ -111,7 +191,9 @@ def automatic(stage: Stage, lens: ThinLens, radiance: Radiance) -> Exposure:
 
 
 def diffracted(stage: Stage, lens: ThinLens, radiance: Radiance) -> Radiance:
-    return [diffract(image, stage.camera, lens, (WAVELENGTH,) * 3) for image in radiance]
+    return [
+        diffract(image, stage.camera, lens, (WAVELENGTH,) * 3) for image in radiance
+    ]
 
 
 def _crops(model: Model, images: Sequence[Radiance]) -> Picture:
@@ -119,13 +201,24 @@ def _crops(model: Model, images: Sequence[Radiance]) -> Picture:
     stage = model.stage
     side = min(_CROP, *(length // 3 for length in stage.truth.depth.shape))
     inner = stage.truth.depth[side:-side, side:-side]
-    y, x = (int(k) + side // 2 for k in np.unravel_index(int(np.argmin(inner)), inner.shape))
+    y, x = (
+        int(k) + side // 2 for k in np.unravel_index(int(np.argmin(inner)), inner.shape)
+    )
     parts = []
     for lens, radiance in zip(map(model.lens, F_NUMBERS), images, strict=True):
         picture = stage.expose(diffracted(stage, lens, radiance), lens, 0, SENSOR)[0]
-        parts.append(picture[y : y + side, x : x + side].repeat(_ZOOM, axis=0).repeat(_ZOOM, axis=1))
+        parts.append(
+            picture[y : y + side, x : x + side]
+            .repeat(_ZOOM, axis=0)
+            .repeat(_ZOOM, axis=1)
+        )
     title = f"{stage.scene.name}: the same crop from f/1 to f/32"
-    return Picture(f"crops-{stage.scene.name}", title, tuple(parts), tuple(f"f/{number:g}" for number in F_NUMBERS))
+    return Picture(
+        f"crops-{stage.scene.name}",
+        title,
+        tuple(parts),
+        tuple(f"f/{number:g}" for number in F_NUMBERS),
+    )
 
 
 class Aim(NamedTuple):
@@ -143,7 +236,10 @@ class Aim(NamedTuple):
     def stops_from_theory(self, unit: Table) -> float:
         """Stops from theory's f-number to the best one of a scene and seed; positive if narrower."""
         errors = np.array([self.mean_at(unit, number) for number in F_NUMBERS])
-        return 2.0 * math.log2(log_parabola_minimum(np.array(F_NUMBERS), errors) / float(unit.numbers(self.theory)[0]))
+        return 2.0 * math.log2(
+            log_parabola_minimum(np.array(F_NUMBERS), errors)
+            / float(unit.numbers(self.theory)[0])
+        )
 
     def range(self, rows: Table) -> str:
         numbers = rows.numbers(self.theory)
@@ -157,10 +253,13 @@ MEDIAN = Aim("a50", "theory_best")
 def conclude(table: Table) -> list[Finding]:
     """The square law of light; best f-numbers for wrong pixels and median error against theory; rendering noise."""
     without, with_diffraction = (
-        {mode: table.where(exposure=mode, diffraction=each) for mode in MODES} for each in ("without", "with")
+        {mode: table.where(exposure=mode, diffraction=each) for mode in MODES}
+        for each in ("without", "with")
     )
     fall = log_slope("f_number", "level")
-    bright = without[MODES[0]].where(lambda row: _LAW_FROM <= float(row["f_number"]) <= _LAW_TO)  # not saturated
+    bright = without[MODES[0]].where(
+        lambda row: _LAW_FROM <= float(row["f_number"]) <= _LAW_TO
+    )  # not saturated
     law = "At a fixed exposure the mean level is proportional to A^p with p = {}"
     findings = [
         predicted(law, over_scenes(bright, lambda unit: -fall(unit)), 2.0, 0.01),
@@ -172,7 +271,14 @@ def conclude(table: Table) -> list[Finding]:
         ratio = over_scenes(rows, lambda unit: unit.numbers("path_noise").mean())
         text = f"At {mode}, the rendering noise is less than {PATHS_ALLOWED} of the sensor noise"
         holds = ratio.value < PATHS_ALLOWED and not ratio.high >= PATHS_ALLOWED
-        findings.append(Finding(f"{text}, averaged over the sweep", ratio, holds, result="{} times the sensor noise"))
+        findings.append(
+            Finding(
+                f"{text}, averaged over the sweep",
+                ratio,
+                holds,
+                result="{} times the sensor noise",
+            )
+        )
     return findings
 
 
@@ -180,7 +286,11 @@ def _optimum(rows: Table, label: str) -> Finding:
     best = WRONG.best(rows)
     end = ", an end of the sweep" if best in (F_NUMBERS[0], F_NUMBERS[-1]) else ""
     cost, near = cost_over_best(rows, WRONG).value, is_near(rows, WRONG)
-    flat = "; the curve is too flat compared with its noise to decide" if near is None else ""
+    flat = (
+        "; the curve is too flat compared with its noise to decide"
+        if near is None
+        else ""
+    )
     return Finding(
         f"{label}: in every scene the f-number with the fewest wrong pixels is within {ALLOWED_STOPS} stops of theory",
         over_scenes(rows, WRONG.stops_from_theory), bool(near), "stops", decided=near is not None,
@@ -191,14 +301,25 @@ def _optimum(rows: Table, label: str) -> Finding:
 
 
 def _medians(rows: Table, mode: str) -> Finding:
-    near = {str(method): is_near(part, MEDIAN) for (method,), part in rows.groups("method")}
+    near = {
+        str(method): is_near(part, MEDIAN) for (method,), part in rows.groups("method")
+    }
     verdicts = [
         f"{words} for {', '.join(methods)}"
-        for words, verdict in (("within", True), ("outside in some scene", False), ("too flat to decide", None))
+        for words, verdict in (
+            ("within", True),
+            ("outside in some scene", False),
+            ("too flat to decide", None),
+        )
         if (methods := [method for method, found in near.items() if found is verdict])
     ]
     decided = [found for found in near.values() if found is not None]
-    distance = over_scenes(rows, lambda unit: [MEDIAN.stops_from_theory(part) for _, part in unit.groups("method")])
+    distance = over_scenes(
+        rows,
+        lambda unit: [
+            MEDIAN.stops_from_theory(part) for _, part in unit.groups("method")
+        ],
+    )
     return Finding(
         f"At {mode}, for every matcher and scene, the f-number with the least median error is within {ALLOWED_STOPS} "
         "stops of the Cramer-Rao bound's",
@@ -213,7 +334,10 @@ def is_near(rows: Table, aim: Aim) -> bool | None:
     It is undecided if the errors two stops from the best f-number are not significantly above the least error, and
     neither are those at theory's f-number in the scenes where it is too far.
     """
-    stops = {scene: over_scenes(part, aim.stops_from_theory).value for (scene,), part in rows.groups("scene")}
+    stops = {
+        scene: over_scenes(part, aim.stops_from_theory).value
+        for (scene,), part in rows.groups("scene")
+    }
     far = [scene for scene, distance in stops.items() if abs(distance) > ALLOWED_STOPS]
     if far and is_above(cost_over_best(rows.where(scene=far), aim)):
         return False
@@ -231,10 +355,14 @@ def cost_over_best(rows: Table, aim: Aim, steps: int = 0) -> Interval:
         others = rows.where(lambda row: row["seed"] != own["seed"], scene=own["scene"])
         best = aim.best(others if len(others) else unit)
         at = F_NUMBERS.index(best)
-        places = [F_NUMBERS[k] for k in (at - steps, at + steps) if 0 <= k < len(F_NUMBERS)]
+        places = [
+            F_NUMBERS[k] for k in (at - steps, at + steps) if 0 <= k < len(F_NUMBERS)
+        ]
         if not steps:
             places = [min(F_NUMBERS, key=lambda number: abs(math.log(number / theory)))]
-        return min(aim.mean_at(unit, number) for number in places) - aim.mean_at(unit, best)
+        return min(aim.mean_at(unit, number) for number in places) - aim.mean_at(
+            unit, best
+        )
 
     return over_scenes(rows, cost)
 

@@ -34,9 +34,14 @@ from twinlens.studies.stage import Stage
 F_NUMBERS = (1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0, 22.0, 32.0)
 MODES = ("fixed exposure", "equal brightness")
 PIXEL_PITCH_UM = 3.45
-BLUR_PX, BLURRED_LESS = 24.0, 0.95  # the blur at f/1 that this fraction of the pixels does not exceed
+BLUR_PX, BLURRED_LESS = (
+    24.0,
+    0.95,
+)  # the blur at f/1 that this fraction of the pixels does not exceed
 WAVELENGTH = 549e-9
-SENSOR = Sensor.preset("machine_vision", wavelengths=(WAVELENGTH,) * 3, vignetting=False)
+SENSOR = Sensor.preset(
+    "machine_vision", wavelengths=(WAVELENGTH,) * 3, vignetting=False
+)
 LUMA = np.array([0.299, 0.587, 0.114])
 _PATCH = 16
 RIGHT_PX = 2  # largest error of a correct match
@@ -60,9 +65,13 @@ class Model:
     def of(stage: Stage) -> "Model":
         """The model scaled so that f/1 blurs the scene by BLUR_PX."""
         focus = middle_focus(*stage.scene.depth_range)
-        from_focus = np.abs(1.0 / stage.truth.depth[np.isfinite(stage.truth.depth)] - 1.0 / focus)
+        from_focus = np.abs(
+            1.0 / stage.truth.depth[np.isfinite(stage.truth.depth)] - 1.0 / focus
+        )
         spread = float(np.quantile(from_focus, BLURRED_LESS))
-        return Model(stage, stage.camera.film_distance * stage.camera.fx * spread / BLUR_PX)
+        return Model(
+            stage, stage.camera.film_distance * stage.camera.fx * spread / BLUR_PX
+        )
 
     def lens(self, f_number: float) -> ThinLens:
         """The lens of working f-number v/A, focused at the middle of the disparity range."""
@@ -71,7 +80,9 @@ class Model:
 
     def full_size(self, lens: ThinLens) -> ThinLens:
         """The lens that gives the same image of the scene at full size."""
-        return ThinLens(lens.aperture_diameter / self.scale, lens.focus_distance / self.scale)
+        return ThinLens(
+            lens.aperture_diameter / self.scale, lens.focus_distance / self.scale
+        )
 
     def blur(self, lens: ThinLens) -> Float:
         """The signed blur circle of every left pixel, (H, W), pixels."""
@@ -83,9 +94,14 @@ def grain_px(image: NDArray[np.float32]) -> float:
 
     White noise smoothed by a Gaussian of this standard deviation has these slopes, within 7 % from 1 to 2 px.
     """
-    windows = np.lib.stride_tricks.sliding_window_view(grey(image).astype(np.float64), (_PATCH, _PATCH))
+    windows = np.lib.stride_tricks.sliding_window_view(
+        grey(image).astype(np.float64), (_PATCH, _PATCH)
+    )
     patches = windows[::_PATCH, ::_PATCH]
-    variance, steepness = patches.var(axis=(2, 3)).mean(), np.diff(patches, axis=3).var(axis=(2, 3)).mean()
+    variance, steepness = (
+        patches.var(axis=(2, 3)).mean(),
+        np.diff(patches, axis=3).var(axis=(2, 3)).mean(),
+    )
     return math.sqrt(variance / (2.0 * steepness))
 
 
@@ -103,7 +119,11 @@ def noise_electrons(wells: ArrayLike, gain: float = 1.0) -> Float:
     """
     held = np.asarray(wells, np.float64)
     level = held * gain / SENSOR.full_well
-    steps = np.array([1.0 / (SENSOR.largest_dn - SENSOR.black_level), 1.0 / 255.0]) * SENSOR.full_well / gain
+    steps = (
+        np.array([1.0 / (SENSOR.largest_dn - SENSOR.black_level), 1.0 / 255.0])
+        * SENSOR.full_well
+        / gain
+    )
     rounding = (steps[0] ** 2 + (steps[1] / _srgb_slope(level)) ** 2) / 12.0
     nonuniformity = SENSOR.dsnu**2 + (SENSOR.prnu * held) ** 2
     return np.asarray(np.sqrt(held + SENSOR.read_noise**2 + nonuniformity + rounding))
@@ -120,10 +140,18 @@ def luma_noise(levels: Float, gain: float = 1.0) -> Float:
     held = levels * SENSOR.full_well / (gain * balance)
     rise = LUMA * np.where(levels < 1.0, _srgb_slope(levels), 0.0)
     luma = levels @ LUMA
-    brighter = np.where(luma > 0, (rise * levels).sum(axis=-1) / np.where(luma > 0, luma, 1.0), _srgb_slope(luma))
+    brighter = np.where(
+        luma > 0,
+        (rise * levels).sum(axis=-1) / np.where(luma > 0, luma, 1.0),
+        _srgb_slope(luma),
+    )
     channels = rise * balance * noise_electrons(held, gain) * gain / SENSOR.full_well
     noise = np.sqrt((channels**2).sum(axis=-1) + 1.0 / (12.0 * 255.0**2))
-    return np.asarray(np.divide(noise, brighter, out=np.full(luma.shape, math.inf), where=brighter > 0))
+    return np.asarray(
+        np.divide(
+            noise, brighter, out=np.full(luma.shape, math.inf), where=brighter > 0
+        )
+    )
 
 
 def _srgb_slope(level: Float) -> Float:
@@ -132,9 +160,16 @@ def _srgb_slope(level: Float) -> Float:
     return np.where(level <= 0.0031308, 12.92, 1.055 / 2.4 * bright ** (1 / 2.4 - 1))
 
 
-def shift_bound(grain: float, blur_variance: ArrayLike, contrast: ArrayLike, noise: ArrayLike) -> Float:
+def shift_bound(
+    grain: float, blur_variance: ArrayLike, contrast: ArrayLike, noise: ArrayLike
+) -> Float:
     """The Cramer-Rao bound of a shift up to a constant factor: (s^2 + b^2) noise / contrast."""
-    return np.asarray((grain**2 + np.asarray(blur_variance)) * np.asarray(noise) / np.asarray(contrast), np.float64)
+    return np.asarray(
+        (grain**2 + np.asarray(blur_variance))
+        * np.asarray(noise)
+        / np.asarray(contrast),
+        np.float64,
+    )
 
 
 def predicted_error(
@@ -148,8 +183,15 @@ def predicted_error(
     lit = (wells > 0) & (wells * exposure.gain < SENSOR.full_well)
     if not 2 * lit.sum() > lit.size:
         return math.inf
-    variance = (blur_px[known] / 4.0) ** 2 + diffracts * airy_px(stage.camera, lens) ** 2
-    errors = shift_bound(grain, variance, np.where(lit, wells, 1.0), noise_electrons(wells, exposure.gain))
+    variance = (blur_px[known] / 4.0) ** 2 + diffracts * airy_px(
+        stage.camera, lens
+    ) ** 2
+    errors = shift_bound(
+        grain,
+        variance,
+        np.where(lit, wells, 1.0),
+        noise_electrons(wells, exposure.gain),
+    )
     return float(np.median(np.where(lit, errors, math.inf)))
 
 
@@ -161,12 +203,21 @@ class Texture:
     """
 
     def __init__(
-        self, grain: float, variance: Float, depth: NDArray[np.int64], places: NDArray[np.bool_], ndisp: int
+        self,
+        grain: float,
+        variance: Float,
+        depth: NDArray[np.int64],
+        places: NDArray[np.bool_],
+        ndisp: int,
     ) -> None:
         self.grain, self.depth, self.places, self.ndisp = grain, depth, places, ndisp
         mean = np.zeros(depth.shape)
-        for each in np.unique(depth[depth >= 0]):  # over 25 pixels of the same surface: disparities within 2 px
-            alike = _local_mean(variance, (depth >= 0) & (np.abs(depth - each) <= RIGHT_PX))
+        for each in np.unique(
+            depth[depth >= 0]
+        ):  # over 25 pixels of the same surface: disparities within 2 px
+            alike = _local_mean(
+                variance, (depth >= 0) & (np.abs(depth - each) <= RIGHT_PX)
+            )
             mean[depth == each] = alike[depth == each]
         self._textures = (variance, mean)
         self._sums: dict[tuple[int, int], Float] = {}
@@ -182,11 +233,19 @@ class Texture:
         """
         pixels = np.bincount(self.depth.ravel() + 1)[1:]
         depths = np.flatnonzero(pixels)
-        disks = np.bincount(self.depth.ravel() + 1, disk.ravel())[1:][depths] / pixels[depths]
+        disks = (
+            np.bincount(self.depth.ravel() + 1, disk.ravel())[1:][depths]
+            / pixels[depths]
+        )
         spread = least + (disks / 4.0) ** 2
         away = np.arange(self.ndisp) - depths[:, None]
-        weights = (self.grain**2 / spread)[:, None] * np.exp(-(away**2) / (4.0 * spread[:, None]))
-        sums = [self._window_sums(int(depth), float(disk)) for depth, disk in zip(depths, disks, strict=True)]
+        weights = (self.grain**2 / spread)[:, None] * np.exp(
+            -(away**2) / (4.0 * spread[:, None])
+        )
+        sums = [
+            self._window_sums(int(depth), float(disk))
+            for depth, disk in zip(depths, disks, strict=True)
+        ]
         own, around = np.stack(sums, axis=-1)
         found = (own @ weights).argmax(axis=1)
         return found, np.einsum("pd,dp->p", around, weights[:, found])
@@ -195,10 +254,20 @@ class Texture:
         """The two textures of one disparity, spread over a square of the disk's variance, in windows, (2, places)."""
         box = 2 * round((math.sqrt(1.0 + 0.75 * disk**2) - 1.0) / 2.0) + 1
         if (depth, box) not in self._sums:
-            squares = [np.where(self.depth == depth, texture, 0.0) for texture in self._textures]
-            spread = [ndimage.uniform_filter(each, box, mode="constant") for each in squares]
-            windows = [ndimage.uniform_filter(each, SIDE, mode="constant") * SIDE**2 for each in spread]
-            self._sums[depth, box] = np.stack([np.maximum(window[self.places], 0.0) for window in windows])
+            squares = [
+                np.where(self.depth == depth, texture, 0.0)
+                for texture in self._textures
+            ]
+            spread = [
+                ndimage.uniform_filter(each, box, mode="constant") for each in squares
+            ]
+            windows = [
+                ndimage.uniform_filter(each, SIDE, mode="constant") * SIDE**2
+                for each in spread
+            ]
+            self._sums[depth, box] = np.stack(
+                [np.maximum(window[self.places], 0.0) for window in windows]
+            )
         return self._sums[depth, box]
 
 
@@ -216,9 +285,16 @@ class Evidence:
     texture: Texture
 
     @staticmethod
-    def of(stage: Stage, lens: ThinLens, blur_px: Float, sharp: Sequence[NDArray[np.float32]]) -> "Evidence":
+    def of(
+        stage: Stage,
+        lens: ThinLens,
+        blur_px: Float,
+        sharp: Sequence[NDArray[np.float32]],
+    ) -> "Evidence":
         """From the radiance of both images. blur_px: the signed blur of every pixel, (H, W)."""
-        levels = [SENSOR.level_rate(image, camera=stage.camera, lens=lens) for image in sharp]
+        levels = [
+            SENSOR.level_rate(image, camera=stage.camera, lens=lens) for image in sharp
+        ]
         both = stage.truth.visible & np.isfinite(stage.truth.disparity)
         disparity = np.where(both, stage.truth.disparity, -1.0)
         left, right = (level @ LUMA for level in levels)
@@ -227,11 +303,18 @@ class Evidence:
         depth = np.rint(disparity).astype(np.int64)
         places = np.zeros_like(both)
         places[::_STRIDE, ::_STRIDE] = both[::_STRIDE, ::_STRIDE]
-        texture = Texture(*shared_texture(left, warped, depth), depth, places, stage.ndisp)
+        texture = Texture(
+            *shared_texture(left, warped, depth), depth, places, stage.ndisp
+        )
         return Evidence(stage, lens, np.abs(blur_px), levels[0], texture)
 
     def expected(
-        self, lens: ThinLens, exposure: Exposure, blur_px: Float, diffracts: bool, paths: float = 0.0
+        self,
+        lens: ThinLens,
+        exposure: Exposure,
+        blur_px: Float,
+        diffracts: bool,
+        paths: float = 0.0,
     ) -> tuple[float, float]:
         """The predicted percentage of wrong pixels, and the median ratio of rendering to sensor noise, or NaN.
 
@@ -245,15 +328,23 @@ class Evidence:
         found, agreed = texture.majority(disk, least)
         spread = np.sqrt(least + (disk[places] / 4.0) ** 2)
         elsewhere = np.abs(found - self.stage.truth.disparity[places]) > RIGHT_PX
-        light = (lens.aperture_diameter / self.lens.aperture_diameter) ** 2 * exposure.time * exposure.gain
+        light = (
+            (lens.aperture_diameter / self.lens.aperture_diameter) ** 2
+            * exposure.time
+            * exposure.gain
+        )
         levels = light * self.levels[places]
         luma, sensor = levels @ LUMA, luma_noise(np.minimum(levels, 1.0), exposure.gain)
         snr = np.where(luma < 1.0, light**2 * agreed / (SIDE * sensor) ** 2, 0.0)
-        shares = np.where(elsewhere, 1.0, mismatch_share(snr, spread, SIDE, self.stage.ndisp))
+        shares = np.where(
+            elsewhere, 1.0, mismatch_share(snr, spread, SIDE, self.stage.ndisp)
+        )
         return 100.0 * float(shares.mean()), float(np.median(paths * luma / sensor))
 
 
-def shared_texture(left: Float, right: Float, depth: NDArray[np.int64]) -> tuple[float, Float]:
+def shared_texture(
+    left: Float, right: Float, depth: NDArray[np.int64]
+) -> tuple[float, Float]:
     """Grain s in pixels, and variance V (H, W), of the texture common to two aligned images (H, W).
 
     s^2 = covariance of the images / covariance of their gradients, V = s^2 gradient^2. Products of two images cancel
@@ -262,7 +353,10 @@ def shared_texture(left: Float, right: Float, depth: NDArray[np.int64]) -> tuple
     """
     steep = _slopes(left, right, depth) + _slopes(left.T, right.T, depth.T).T
     seen = depth >= 0
-    left, right = (np.where(seen, picture - _local_mean(picture, seen), 0.0) for picture in (left, right))
+    left, right = (
+        np.where(seen, picture - _local_mean(picture, seen), 0.0)
+        for picture in (left, right)
+    )
     alike, total = float((left * right).sum()), float(steep.sum())
     if not (alike > 0 and total > 0):
         return 1.0, np.zeros(depth.shape)
@@ -271,14 +365,19 @@ def shared_texture(left: Float, right: Float, depth: NDArray[np.int64]) -> tuple
 
 def _local_mean(picture: Float, seen: NDArray[np.bool_]) -> Float:
     """The mean of the seen pixels in a box; 0 at unseen pixels."""
-    total, count = (ndimage.uniform_filter(part, _AROUND, mode="constant") for part in (picture * seen, 1.0 * seen))
+    total, count = (
+        ndimage.uniform_filter(part, _AROUND, mode="constant")
+        for part in (picture * seen, 1.0 * seen)
+    )
     return np.where(seen, total / np.where(seen, count, 1.0), 0.0)
 
 
 def _slopes(left: Float, right: Float, depth: NDArray[np.int64]) -> Float:
     """The product of the slopes along rows, (H, W). A slope between two depths belongs to the nearer one."""
     one, other = depth[:, :-1], depth[:, 1:]
-    slopes = np.where((one >= 0) & (other >= 0), np.diff(left, axis=1) * np.diff(right, axis=1), 0.0)
+    slopes = np.where(
+        (one >= 0) & (other >= 0), np.diff(left, axis=1) * np.diff(right, axis=1), 0.0
+    )
     made = np.zeros(depth.shape)
     made[:, :-1] += np.where(one >= other, slopes, 0.0)
     made[:, 1:] += np.where(one >= other, 0.0, slopes)
@@ -287,13 +386,18 @@ def _slopes(left: Float, right: Float, depth: NDArray[np.int64]) -> Float:
 
 def mismatch_share(snr: ArrayLike, spread: ArrayLike, side: int, ndisp: int) -> Float:
     """`mismatch`, interpolated over log(snr) and log(spread); the arrays are broadcast."""
-    at = np.log(np.clip(snr, _SNR[0], _SNR[-1])), np.log(np.clip(spread, _SPREADS[0], _SPREADS[-1]))
+    at = (
+        np.log(np.clip(snr, _SNR[0], _SNR[-1])),
+        np.log(np.clip(spread, _SPREADS[0], _SPREADS[-1])),
+    )
     return np.asarray(_table(side, ndisp)(at), np.float64)
 
 
 @lru_cache(maxsize=16)
 def _table(side: int, ndisp: int) -> RegularGridInterpolator:
-    shares = np.stack([mismatch(_SNR, float(spread), side, ndisp) for spread in _SPREADS], axis=1)
+    shares = np.stack(
+        [mismatch(_SNR, float(spread), side, ndisp) for spread in _SPREADS], axis=1
+    )
     return RegularGridInterpolator((np.log(_SNR), np.log(_SPREADS)), shares)
 
 
@@ -311,7 +415,12 @@ def mismatch(snr: Float, spread: float, side: int, ndisp: int) -> Float:
     """
     texture, both, noise = drawn_sums(spread, side, ndisp)
     totals = (ratio * texture + np.sqrt(ratio) * both + noise for ratio in snr)
-    return np.array([float((np.abs(_least(total) - ndisp // 2) > RIGHT_PX).mean()) for total in totals])
+    return np.array(
+        [
+            float((np.abs(_least(total) - ndisp // 2) > RIGHT_PX).mean())
+            for total in totals
+        ]
+    )
 
 
 def drawn_sums(spread: float, side: int, ndisp: int) -> Float:
@@ -325,8 +434,13 @@ def drawn_sums(spread: float, side: int, ndisp: int) -> Float:
     left = textures[:, :, ndisp // 2 :][:, :, :side]
     sums = np.empty((3, _DRAWS, ndisp))
     for k in range(ndisp):
-        texture, both = left - textures[:, :, k : k + side], noise - other_noise[:, :, k : k + side]
-        for part, one, other in zip(sums, (texture, 2.0 * texture, both), (texture, both, both), strict=True):
+        texture, both = (
+            left - textures[:, :, k : k + side],
+            noise - other_noise[:, :, k : k + side],
+        )
+        for part, one, other in zip(
+            sums, (texture, 2.0 * texture, both), (texture, both, both), strict=True
+        ):
             part[:, k] = np.einsum("nyx,nyx->n", one, other)
     return sums
 
@@ -342,6 +456,13 @@ def _least(sums: Float) -> Float:
     """The column of each row's least sum, refined by a parabola except at the ends."""
     best = sums.argmin(axis=1)
     inner = np.clip(best, 1, sums.shape[1] - 2)
-    below, least, above = (np.take_along_axis(sums, (inner + k)[:, None], axis=1)[:, 0] for k in (-1, 0, 1))
+    below, least, above = (
+        np.take_along_axis(sums, (inner + k)[:, None], axis=1)[:, 0] for k in (-1, 0, 1)
+    )
     bend = below - 2.0 * least + above
-    return np.asarray(best + np.where(best == inner, 0.5 * (below - above) / np.where(bend > 0, bend, 1.0), 0.0))
+    return np.asarray(
+        best
+        + np.where(
+            best == inner, 0.5 * (below - above) / np.where(bend > 0, bend, 1.0), 0.0
+        )
+    )

@@ -21,15 +21,64 @@ from twinlens.geometry import Float
 from twinlens.optics.diffraction import FresnelWarning
 from twinlens.rendering import render
 from twinlens.sensor import Sensor
-from twinlens.studies.model import Figure, Finding, Measured, Picture, Setup, Study, compared, power_law, predicted
+from twinlens.studies.model import (
+    Figure,
+    Finding,
+    Measured,
+    Picture,
+    Setup,
+    Study,
+    compared,
+    power_law,
+    predicted,
+)
 from twinlens.studies.pinhole import film
-from twinlens.studies.pinhole.film import DEPTH, FILM, PITCH, WAVELENGTH, edge_camera, exposed_rate, predicted_best
+from twinlens.studies.pinhole.film import (
+    DEPTH,
+    FILM,
+    PITCH,
+    WAVELENGTH,
+    edge_camera,
+    exposed_rate,
+    predicted_best,
+)
 from twinlens.studies.stage import Stage, stream
-from twinlens.studies.table import Column, Interval, Row, Table, log_parabola_minimum, over_scenes, paired_difference
+from twinlens.studies.table import (
+    Column,
+    Interval,
+    Row,
+    Table,
+    log_parabola_minimum,
+    over_scenes,
+    paired_difference,
+)
 
-DIAMETERS_MM = (2.0, 1.4, 1.0, 0.6, 0.5, 0.4, 0.35, 0.32, 0.3, 0.29, 0.28, 0.26, 0.23, 0.2, 0.15, 0.1, 0.07)
+DIAMETERS_MM = (
+    2.0,
+    1.4,
+    1.0,
+    0.6,
+    0.5,
+    0.4,
+    0.35,
+    0.32,
+    0.3,
+    0.29,
+    0.28,
+    0.26,
+    0.23,
+    0.2,
+    0.15,
+    0.1,
+    0.07,
+)
 BOX_MM = 100.0  # the open box: a hole twice as wide as the box is deep
-PLATES_MM = (2.5, 5.0, 10.0, BOX_MM)  # wide enough for light paths; but for the box, square law within 1 %
+PLATES_MM = (
+    2.5,
+    5.0,
+    10.0,
+    BOX_MM,
+)  # wide enough for light paths; but for the box, square law within 1 %
 SHOWN_MM = (BOX_MM, 2.0, 1.0, 0.6, 0.35, 0.15, 0.07)
 RAYLEIGH_MM = 1e3 * 1.9 * math.sqrt(FILM * WAVELENGTH)
 AIRY_MM = 1e3 * math.sqrt(2.44 * FILM * WAVELENGTH)
@@ -37,10 +86,15 @@ MODELS = ("far field", "Fresnel")
 LIGHTS = ("sensor", "plate")
 _EDGE_SPP, _PLATE_SPP = 64, 1024
 _FINER = 3  # oversampling of the sharp image
-_TOLERANCE = 0.02  # 1 % for the slanted edge, 0.5 % for the parabola through three holes
+_TOLERANCE = (
+    0.02  # 1 % for the slanted edge, 0.5 % for the parabola through three holes
+)
 _RULE_TOLERANCE = 0.15  # the rules ignore pixel and target distance
 _LIGHT_TOLERANCE = 0.02  # 1 % for the cosines at the widest hole, two standard deviations of 1500 light paths
-_NEAR_BEST_MM, _SHOT_MM = 0.23, 0.2  # below the second, read noise adds as much as shot noise
+_NEAR_BEST_MM, _SHOT_MM = (
+    0.23,
+    0.2,
+)  # below the second, read noise adds as much as shot noise
 
 
 def measure(setup: Setup) -> Measured:
@@ -53,7 +107,16 @@ def measure(setup: Setup) -> Measured:
             rows += [*_edges(seed), *_lights(seed)]
         setup.progress(0.8, "pictures")
         pictures = tuple(_pictures(setup, name) for name in setup.scenes)
-    return Measured(rows, pictures, {"film_m": FILM, "pitch_m": PITCH, "wavelength_m": WAVELENGTH, "depth_m": DEPTH})
+    return Measured(
+        rows,
+        pictures,
+        {
+            "film_m": FILM,
+            "pitch_m": PITCH,
+            "wavelength_m": WAVELENGTH,
+            "depth_m": DEPTH,
+        },
+    )
 
 
 def _hole(millimetres: float) -> BareAperture:
@@ -65,17 +128,37 @@ def _edges(seed: int) -> list[Row]:
     camera = edge_camera()
     scene, rig = film.edge_scene(), Rig((camera,), (np.eye(4),))
     fine = Rig((edge_camera(_FINER),), (np.eye(4),))
-    sharp = render(scene, fine, Pinhole(), _EDGE_SPP // 4, stream(seed, 0))[0][..., 1].astype(np.float64)
+    sharp = render(scene, fine, Pinhole(), _EDGE_SPP // 4, stream(seed, 0))[0][
+        ..., 1
+    ].astype(np.float64)
     rows: list[Row] = []
     for k, millimetres in enumerate(DIAMETERS_MM):
-        traced = render(scene, rig, _hole(millimetres), _EDGE_SPP, stream(seed, 1, k))[0]
-        far = diffract(traced, camera, _hole(millimetres), (WAVELENGTH,) * 3)[..., 1].astype(np.float64)
+        traced = render(scene, rig, _hole(millimetres), _EDGE_SPP, stream(seed, 1, k))[
+            0
+        ]
+        far = diffract(traced, camera, _hole(millimetres), (WAVELENGTH,) * 3)[
+            ..., 1
+        ].astype(np.float64)
         near = film.convolved(sharp, _fine_kernel(millimetres))
-        near = near.reshape(camera.height, _FINER, camera.width, _FINER).mean(axis=(1, 3))
+        near = near.reshape(camera.height, _FINER, camera.width, _FINER).mean(
+            axis=(1, 3)
+        )
         theory = film.predicted_frequency(millimetres, 0.5)
         for model, picture in zip(MODELS, (far, near), strict=True):
-            mtf50, mtf10 = (film.frequency_at(picture, contrast) / (1e3 * PITCH) for contrast in (0.5, 0.1))
-            rows.append(_row(seed, model, millimetres, mtf50=mtf50, mtf10=mtf10, predicted_mtf50=theory))
+            mtf50, mtf10 = (
+                film.frequency_at(picture, contrast) / (1e3 * PITCH)
+                for contrast in (0.5, 0.1)
+            )
+            rows.append(
+                _row(
+                    seed,
+                    model,
+                    millimetres,
+                    mtf50=mtf50,
+                    mtf10=mtf10,
+                    predicted_mtf50=theory,
+                )
+            )
     return rows
 
 
@@ -87,26 +170,43 @@ def _lights(seed: int) -> list[Row]:
     rows: list[Row] = []
     for k, millimetres in enumerate((BOX_MM, *DIAMETERS_MM)):
         levels = film.exposed(camera, _hole(millimetres), fixed, stream(seed, 2, k))
-        snr = math.nan if levels.max() >= 65535 else float(levels.mean() / levels.std())  # NaN: saturated
+        snr = (
+            math.nan if levels.max() >= 65535 else float(levels.mean() / levels.std())
+        )  # NaN: saturated
         light = exposed_rate(camera, _hole(millimetres), stream(seed, 3, k)) / unit
         rows.append(_row(seed, LIGHTS[0], millimetres, light=light, snr=snr))
     square_law = (0.5e-3 / FILM) ** 2  # E / (pi L) of a hole of 1 mm
     for k, millimetres in enumerate(PLATES_MM):
-        found = film.film_light(1e-3 * millimetres, FILM, _PLATE_SPP, stream(seed, 6, k))
+        found = film.film_light(
+            1e-3 * millimetres, FILM, _PLATE_SPP, stream(seed, 6, k)
+        )
         rows.append(_row(seed, LIGHTS[1], millimetres, light=found / square_law))
     return rows
 
 
 def _row(seed: int, model: str, millimetres: float, **known: float) -> Row:
-    rules = {"predicted_light": millimetres**2, "rayleigh_mm": RAYLEIGH_MM, "airy_mm": AIRY_MM}
-    return {"scene": "edge", "seed": seed, "model": model, "diameter_mm": millimetres, **known, **rules}
+    rules = {
+        "predicted_light": millimetres**2,
+        "rayleigh_mm": RAYLEIGH_MM,
+        "airy_mm": AIRY_MM,
+    }
+    return {
+        "scene": "edge",
+        "seed": seed,
+        "model": model,
+        "diameter_mm": millimetres,
+        **known,
+        **rules,
+    }
 
 
 @lru_cache(maxsize=len(DIAMETERS_MM))
 def _fine_kernel(millimetres: float) -> Float:
     """Fresnel's pattern sampled for the fine image, no wider than that image."""
     half = _FINER * edge_camera().width // 2
-    return film.fresnel_kernel(1e-3 * millimetres, FILM, DEPTH, WAVELENGTH, PITCH / _FINER, sub=1, most_px=half)
+    return film.fresnel_kernel(
+        1e-3 * millimetres, FILM, DEPTH, WAVELENGTH, PITCH / _FINER, sub=1, most_px=half
+    )
 
 
 def _pictures(setup: Setup, name: str) -> Picture:
@@ -116,10 +216,14 @@ def _pictures(setup: Setup, name: str) -> Picture:
     images, captions = [], []
     for k, millimetres in enumerate(SHOWN_MM):
         hole = _hole(millimetres)
-        radiance = render(stage.scene, rig, hole, setup.spp, stream(0, 4, k), denoise=True)[0]
+        radiance = render(
+            stage.scene, rig, hole, setup.spp, stream(0, 4, k), denoise=True
+        )[0]
         if millimetres != BOX_MM:
             radiance = diffract(radiance, stage.camera, hole)
-        photo = Sensor.preset("ideal").expose(radiance, camera=stage.camera, lens=hole, seed=stream(0, 5, k))
+        photo = Sensor.preset("ideal").expose(
+            radiance, camera=stage.camera, lens=hole, seed=stream(0, 5, k)
+        )
         images.append(photo.image.astype(np.uint8))
         captions.append("open box" if millimetres == BOX_MM else f"{millimetres:g} mm")
     title = f"{name} through a bare hole, {1e3 * FILM:g} mm from the film"
@@ -128,14 +232,22 @@ def _pictures(setup: Setup, name: str) -> Picture:
 
 def conclude(table: Table) -> list[Finding]:
     """The best hole by wave optics and by the rules; the far-field error; the law of light; noise."""
-    fresnel, sensor, plates = (table.where(model=model) for model in (MODELS[1], *LIGHTS))
+    fresnel, sensor, plates = (
+        table.where(model=model) for model in (MODELS[1], *LIGHTS)
+    )
     best50, best10 = _best(fresnel, "mtf50"), _best(fresnel, "mtf10")
-    unsaturated = sensor.where(lambda row: _SHOT_MM <= float(row["diameter_mm"]) < BOX_MM)
+    unsaturated = sensor.where(
+        lambda row: _SHOT_MM <= float(row["diameter_mm"]) < BOX_MM
+    )
     narrow = PLATES_MM[:-1]
-    share = over_scenes(plates.where(diameter_mm=BOX_MM), lambda unit: unit.numbers("light") / BOX_MM**2)
+    share = over_scenes(
+        plates.where(diameter_mm=BOX_MM), lambda unit: unit.numbers("light") / BOX_MM**2
+    )
     ratio = over_scenes(  # of the sensor's light to the plate's
         table.where(diameter_mm=BOX_MM),
-        lambda unit: np.divide(*(unit.where(model=model).numbers("light").mean() for model in LIGHTS)),
+        lambda unit: np.divide(
+            *(unit.where(model=model).numbers("light").mean() for model in LIGHTS)
+        ),
     )
     return [
         predicted("The hole with the highest MTF50 is {} wide", best50, predicted_best(0.5), _TOLERANCE, "mm"),
@@ -159,13 +271,18 @@ def conclude(table: Table) -> list[Finding]:
 def _best(rows: Table, measure_of: str) -> Interval:
     """The diameter (mm) of the highest frequency, by a parabola in log-log through the best hole and its neighbours."""
     return over_scenes(
-        rows, lambda unit: log_parabola_minimum(unit.numbers("diameter_mm"), -np.log(unit.numbers(measure_of)))
+        rows,
+        lambda unit: log_parabola_minimum(
+            unit.numbers("diameter_mm"), -np.log(unit.numbers(measure_of))
+        ),
     )
 
 
 def far_field_error(table: Table) -> Finding:
     """The MTF50 that the far-field pattern loses near the best hole, which `diffract` warns about."""
-    loss = paired_difference(table.where(diameter_mm=_NEAR_BEST_MM), "mtf50", "model", MODELS[1], MODELS[0])
+    loss = paired_difference(
+        table.where(diameter_mm=_NEAR_BEST_MM), "mtf50", "model", MODELS[1], MODELS[0]
+    )
     text = f"The far-field pattern underestimates the MTF50 of a hole of {_NEAR_BEST_MM:g} mm"
     return compared(text, loss, "too low", "too high", "", unit="cycles/mm")
 

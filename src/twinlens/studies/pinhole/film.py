@@ -26,18 +26,32 @@ from twinlens.scenes import Mesh, Scene, SceneObject
 from twinlens.sensor import Exposure, Sensor
 from twinlens.studies.stage import GLOW, centred_camera, glowing
 
-FILM, PITCH, WAVELENGTH, DEPTH = 0.05, 25e-6, 550e-9, 10.0  # DEPTH: distance of the edge
+FILM, PITCH, WAVELENGTH, DEPTH = (
+    0.05,
+    25e-6,
+    550e-9,
+    10.0,
+)  # DEPTH: distance of the edge
 SLANT = math.radians(5.0)  # of the edge from the vertical
 OVERSAMPLING = 4
 _RINGS = 40
 SENSOR = Sensor.preset(
-    "machine_vision", filters="mono", output="linear", bits=16, wavelengths=(WAVELENGTH,) * 3, prnu=0.0, dsnu=0.0
+    "machine_vision",
+    filters="mono",
+    output="linear",
+    bits=16,
+    wavelengths=(WAVELENGTH,) * 3,
+    prnu=0.0,
+    dsnu=0.0,
 )
 _SIZE = 10.0  # film distance of the box, metres: large, so that the renderer's ray offsets of 1e-4 (1 + position) m
 # are negligible; in a box of 50 mm they would move the film by 0.2 %
 _CORNERS = 512  # of the round hole; the polygon misses 3e-5 of its area
 _HALF_WIDTH = 3.0  # of the box, in film distances
-_PIXELS, _PATCH = 48, 0.02  # image side; imaged part of the film, in film distances: E varies by 2e-4 within it
+_PIXELS, _PATCH = (
+    48,
+    0.02,
+)  # image side; imaged part of the film, in film distances: E varies by 2e-4 within it
 
 
 def edge_camera(finer: int = 1) -> Camera:
@@ -63,17 +77,29 @@ def edge_spread(picture: ArrayLike) -> tuple[Float, Float]:
     image = np.asarray(picture, np.float64)
     slopes = np.abs(np.diff(image, axis=1))
     if image.ndim != 2 or not (slopes.sum(axis=1) > 0).all():
-        raise InputError("the slanted edge needs a grey image with an edge through every row")
+        raise InputError(
+            "the slanted edge needs a grey image with an edge through every row"
+        )
     middles, rows = np.arange(slopes.shape[1]) + 0.5, np.arange(slopes.shape[0])
     near = slopes
-    for _ in range(4):  # the line u = slope v + intercept, refitted to the slopes near the previous one
+    for _ in range(
+        4
+    ):  # the line u = slope v + intercept, refitted to the slopes near the previous one
         total = near.sum(axis=1)
         good = total > 0
-        line = np.polyfit(rows[good], (near * middles).sum(axis=1)[good] / total[good], 1)
-        near = slopes * (np.abs(middles - np.polyval(line, rows)[:, None]) < 0.25 * len(middles))
+        line = np.polyfit(
+            rows[good], (near * middles).sum(axis=1)[good] / total[good], 1
+        )
+        near = slopes * (
+            np.abs(middles - np.polyval(line, rows)[:, None]) < 0.25 * len(middles)
+        )
     if abs(line[0]) * image.shape[0] < 1:
-        raise InputError("the edge is not slanted: it must span more than a pixel from top to bottom")
-    away = (np.arange(image.shape[1]) - np.polyval(line, rows)[:, None]) * math.cos(math.atan(line[0]))
+        raise InputError(
+            "the edge is not slanted: it must span more than a pixel from top to bottom"
+        )
+    away = (np.arange(image.shape[1]) - np.polyval(line, rows)[:, None]) * math.cos(
+        math.atan(line[0])
+    )
     bins = np.rint(away * OVERSAMPLING).astype(np.intp)
     first = int(bins.min())
     count = np.bincount((bins - first).ravel())
@@ -82,14 +108,18 @@ def edge_spread(picture: ArrayLike) -> tuple[Float, Float]:
     full = count >= 0.5 * np.median(count)
     span = np.flatnonzero(full)
     inner = slice(span[0], span[-1] + 1)
-    return places[inner], np.interp(places[inner], places[full], total[full] / count[full])
+    return places[inner], np.interp(
+        places[inner], places[full], total[full] / count[full]
+    )
 
 
 def modulation_transfer(picture: ArrayLike) -> tuple[Float, Float]:
     """(frequency in cycles/pixel up to 1, MTF) of the whole system, pixels included."""
     _, spread = edge_spread(picture)
     line_spread = np.gradient(spread) * OVERSAMPLING
-    centre = int(np.argmax(np.convolve(np.abs(line_spread), np.ones(OVERSAMPLING), mode="same")))
+    centre = int(
+        np.argmax(np.convolve(np.abs(line_spread), np.ones(OVERSAMPLING), mode="same"))
+    )
     half = min(centre, len(line_spread) - 1 - centre)
     lines = line_spread[centre - half : centre + half + 1] * np.hamming(2 * half + 1)
     length = 1 << max(len(lines) * 4 - 1, 1).bit_length()
@@ -97,7 +127,9 @@ def modulation_transfer(picture: ArrayLike) -> tuple[Float, Float]:
     frequency = np.fft.rfftfreq(length, 1.0 / OVERSAMPLING)
     known = frequency <= 1.0
     damping = np.sinc(2.0 * frequency[known] / OVERSAMPLING)
-    return np.asarray(frequency[known], np.float64), np.asarray(spectrum[known] / spectrum[0] / damping)
+    return np.asarray(frequency[known], np.float64), np.asarray(
+        spectrum[known] / spectrum[0] / damping
+    )
 
 
 def frequency_at(picture: ArrayLike, contrast: float) -> float:
@@ -114,11 +146,15 @@ def crossing(frequency: Float, transfer: Float, contrast: float) -> float:
     return float(frequency[k - 1] + share * (frequency[k] - frequency[k - 1]))
 
 
-def intensity(radius: Float, diameter: float, film: float, depth: float, wavelength: float) -> Float:
+def intensity(
+    radius: Float, diameter: float, film: float, depth: float, wavelength: float
+) -> Float:
     """|U(r)|^2 at each radius on the film."""
     edge = 0.5 * diameter
     bend = math.pi * (1.0 / film + 1.0 / depth) / wavelength
-    turns = bend * edge**2 + 2.0 * math.pi * float(radius.max()) * edge / (wavelength * film)
+    turns = bend * edge**2 + 2.0 * math.pi * float(radius.max()) * edge / (
+        wavelength * film
+    )
     nodes, weights = special.roots_legendre(64 + math.ceil(turns))
     rho = 0.5 * edge * (nodes + 1.0)
     waves = special.j0(2.0 * math.pi / (wavelength * film) * radius[:, None] * rho)
@@ -135,7 +171,9 @@ def fresnel_kernel(
     R covers the hole's shadow and forty Airy rings (99.5 % of a narrow hole's light), at most `most_px`. A value is the
     mean of `sub` x `sub` points: 3 approximates the integral over the pixel; 1 samples the pattern.
     """
-    reach = 0.5 * diameter * (1.0 + film / depth) + _RINGS * wavelength * film / diameter
+    reach = (
+        0.5 * diameter * (1.0 + film / depth) + _RINGS * wavelength * film / diameter
+    )
     size = int(min(math.ceil(reach / pitch), most_px or math.inf))
     radii = np.linspace(0.0, math.sqrt(2.0) * (size + 1) * pitch, 8 * size + 64)
     profile = intensity(radii, diameter, film, depth, wavelength)
@@ -146,7 +184,9 @@ def fresnel_kernel(
     return np.asarray(kernel / kernel.sum())
 
 
-def transfer(frequency: Float, diameter: float, film: float, depth: float, wavelength: float) -> Float:
+def transfer(
+    frequency: Float, diameter: float, film: float, depth: float, wavelength: float
+) -> Float:
     """The optical transfer function of the hole at frequencies in cycles/m on the film.
 
     OTF(nu) = 1/(pi a^2) integral over |x| < a - s/2 of 2 sqrt(a^2 - (|x| + s/2)^2) cos(2 pi kappa s x / lambda) dx with
@@ -163,27 +203,37 @@ def transfer(frequency: Float, diameter: float, film: float, depth: float, wavel
     x = 0.5 * half * (nodes + 1.0)
     chord = 2.0 * np.sqrt(np.maximum(edge**2 - (x + 0.5 * shift) ** 2, 0.0))
     waves = np.cos(2.0 * math.pi * (1.0 / film + 1.0 / depth) * shift * x / wavelength)
-    return np.asarray((half * weights * chord * waves).sum(axis=1) / (math.pi * edge**2))
+    return np.asarray(
+        (half * weights * chord * waves).sum(axis=1) / (math.pi * edge**2)
+    )
 
 
 def convolved(sharp: Float, kernel: Float) -> Float:
     """A sharp grey image (H, W), extended by its edge pixels, convolved with the kernel."""
     reach = kernel.shape[0] // 2
-    return np.asarray(signal.fftconvolve(np.pad(sharp, reach, mode="edge"), kernel, mode="valid"))
+    return np.asarray(
+        signal.fftconvolve(np.pad(sharp, reach, mode="edge"), kernel, mode="valid")
+    )
 
 
 @lru_cache
 def predicted_frequency(millimetres: float, contrast: float) -> float:
     """The frequency (cycles/mm on the film) at which Hopkins's transfer function times the pixel's is `contrast`."""
     frequency = np.linspace(0.0, 0.5 / PITCH, 2001)
-    contrasts = transfer(frequency, 1e-3 * millimetres, FILM, DEPTH, WAVELENGTH) * np.sinc(frequency * PITCH)
+    contrasts = transfer(
+        frequency, 1e-3 * millimetres, FILM, DEPTH, WAVELENGTH
+    ) * np.sinc(frequency * PITCH)
     return crossing(frequency, contrasts, contrast) / 1e3
 
 
 @lru_cache
 def predicted_best(contrast: float) -> float:
     """The hole diameter (mm) with the highest `predicted_frequency`."""
-    found = optimize.minimize_scalar(lambda d: -predicted_frequency(d, contrast), bounds=(0.12, 0.45), method="bounded")
+    found = optimize.minimize_scalar(
+        lambda d: -predicted_frequency(d, contrast),
+        bounds=(0.12, 0.45),
+        method="bounded",
+    )
     return float(found.x)
 
 
@@ -196,7 +246,9 @@ def half_of_white(camera: Camera, hole: BareAperture) -> float:
 def exposed(camera: Camera, hole: BareAperture, time: float, seed: int) -> Float:
     """The levels (H, W) of a film lit with a radiance of 1, exposed for `time` seconds."""
     white = np.ones((camera.height, camera.width, 3), np.float32)
-    photo = SENSOR.expose(white, camera=camera, lens=hole, seed=seed, exposure=Exposure(time))
+    photo = SENSOR.expose(
+        white, camera=camera, lens=hole, seed=seed, exposure=Exposure(time)
+    )
     return photo.image.astype(np.float64)
 
 
@@ -213,7 +265,10 @@ def film_light(diameter: float, film: float, spp: int, seed: int) -> float:
     """
     eye, middle = np.array([0.4, 0.0, 0.3]) * _SIZE, np.array([0.0, 0.0, _SIZE])
     fx = _PIXELS * float(np.linalg.norm(middle - eye)) / (_PATCH * _SIZE)
-    rig = Rig((centred_camera(_PIXELS, _PIXELS, fx),), (look_at(eye, middle, up=(0.0, -1.0, 0.0)),))
+    rig = Rig(
+        (centred_camera(_PIXELS, _PIXELS, fx),),
+        (look_at(eye, middle, up=(0.0, -1.0, 0.0)),),
+    )
     picture = render(_box(diameter / film * _SIZE), rig, Pinhole(), spp, seed)[0]
     return float(picture[..., 1].mean(dtype=np.float64))
 
@@ -223,11 +278,26 @@ def _box(diameter: float) -> Scene:
     around = np.linspace(0.0, 2.0 * math.pi, _CORNERS, endpoint=False)
     circle = np.stack([np.cos(around), np.sin(around), np.zeros(_CORNERS)], axis=1)
     half = _HALF_WIDTH * _SIZE
-    rings = np.concatenate([0.5 * diameter * circle, half * circle, half * circle + [0.0, 0.0, 1.01 * _SIZE]])
+    rings = np.concatenate(
+        [
+            0.5 * diameter * circle,
+            half * circle,
+            half * circle + [0.0, 0.0, 1.01 * _SIZE],
+        ]
+    )
     step = np.arange(_CORNERS)
     following = (step + 1) % _CORNERS
-    strip = [[step, following, step + _CORNERS], [following, following + _CORNERS, step + _CORNERS]]
-    faces = np.concatenate([np.stack(part, axis=1) + ring * _CORNERS for ring in range(2) for part in strip])
+    strip = [
+        [step, following, step + _CORNERS],
+        [following, following + _CORNERS, step + _CORNERS],
+    ]
+    faces = np.concatenate(
+        [
+            np.stack(part, axis=1) + ring * _CORNERS
+            for ring in range(2)
+            for part in strip
+        ]
+    )
     towards_hole = np.diag([2.0 * half, -2.0 * half, -1.0, 1.0])
     towards_hole[2, 3] = _SIZE
     objects = (
@@ -238,4 +308,12 @@ def _box(diameter: float) -> Scene:
             for name, value in (("black", 0.0), ("white", 1.0))}  # fmt: skip
     sky = {"type": "constant", "radiance": {"type": "rgb", "value": 1.0}}
     paths = {"type": "path", "max_depth": 2}
-    return Scene("box", objects, grey, np.eye(4), (0.5 * _SIZE, 2.0 * _SIZE), lights={"sky": sky}, integrator=paths)
+    return Scene(
+        "box",
+        objects,
+        grey,
+        np.eye(4),
+        (0.5 * _SIZE, 2.0 * _SIZE),
+        lights={"sky": sky},
+        integrator=paths,
+    )
