@@ -1,6 +1,8 @@
 """Ground truth as arrays. `rendering` computes it, `dataset` stores it, `scoring` reads it."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,6 +96,7 @@ class Truth:
     objects : the objects in the image, by rising object_id, also where they are hidden. Instances in a Mitsuba file,
         whose shape is unknown, are left out; so are all in samples written before twinlens 0.2.
     projections : for each projector of the rig, its pixels and whether it lights the point.
+    extra : further channels by name, (H, W) or (H, W, 3). `dataset.channels.CHANNELS` declares those that files hold.
     """
 
     depth: NDArray[np.float64]
@@ -109,6 +112,7 @@ class Truth:
     material_names: tuple[str, ...]
     objects: tuple[ObjectTruth, ...] = ()
     projections: tuple["Projection", ...] = ()
+    extra: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
     @property
     def hit(self) -> NDArray[np.bool_]:
