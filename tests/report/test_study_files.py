@@ -13,8 +13,8 @@ from PIL import Image
 from twinlens.errors import InputError
 from twinlens.report.study_files import tiles, write_study
 from twinlens.studies import Column, Figure, Measured, Picture, Setup, Study, run_study
-from twinlens.studies.model import Finding
-from twinlens.studies.table import Interval
+from twinlens.studies.findings import Finding
+from twinlens.studies.intervals import Interval
 
 EVIL = "<script>alert('a')</script>"
 

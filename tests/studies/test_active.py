@@ -13,7 +13,7 @@ from twinlens.camera.layouts import depth_camera
 from twinlens.scenes import load_scene
 from twinlens.scenes.rigs import rig_from_table
 from twinlens.studies import STUDIES, Setup, active
-from twinlens.studies.table import table
+from twinlens.studies.table import filled_table
 
 STUDY = STUDIES["active"]
 SMALL = Setup((), ("zncc",), (0,), width=212, height=120, spp=16)
@@ -84,7 +84,7 @@ def _rows(active_wrong):
     ("wrong", "holds"), [(1.0, [True, True, True]), (3.0, [True, False, True])]
 )
 def test_findings_follow_from_the_table(wrong, holds):
-    findings = STUDY.conclude(table(STUDY.all_columns, list(_rows(wrong))))
+    findings = STUDY.conclude(filled_table(STUDY.all_columns, list(_rows(wrong))))
     assert [finding.holds for finding in findings] == holds
 
 
@@ -92,5 +92,5 @@ def test_without_its_matchers_the_claims_are_open():
     rows = [{**row, "method": "sad"} for row in _rows(1.0)]
     assert not any(
         finding.has_verdict
-        for finding in STUDY.conclude(table(STUDY.all_columns, rows))
+        for finding in STUDY.conclude(filled_table(STUDY.all_columns, rows))
     )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from twinlens.studies import Column, Table, mean_of, paired_difference
-from twinlens.studies.table import bootstrap, log_slope, mean, over_scenes
+from twinlens.studies.intervals import bootstrap, log_slope, mean, over_scenes
 
 COLUMNS = tuple(Column(name, "", name) for name in ("scene", "seed", "kind", "value"))
 TRIALS = 200

@@ -9,11 +9,11 @@ import pytest
 from twinlens.camera import BareAperture
 from twinlens.studies import STUDIES, depth_error, focus, pinhole
 from twinlens.studies.pinhole.film import exposed_rate, film_light
-from twinlens.studies.table import table
+from twinlens.studies.table import filled_table
 
 
 def findings(study, rows):
-    return study.conclude(table(study.all_columns, rows))
+    return study.conclude(filled_table(study.all_columns, rows))
 
 
 def irradiance(diameter, film):
@@ -51,7 +51,7 @@ def test_path_traced_light_equals_the_integral_over_the_hole(diameter, spp):
 
 @pytest.mark.slow
 def test_blur_over_disparity_has_slope_aperture_over_baseline():
-    rows = table(
+    rows = filled_table(
         STUDIES["focus"].all_columns,
         [row for seed in (0, 1) for row in focus._line(seed)],
     )
@@ -69,7 +69,7 @@ def test_depth_error_grows_as_the_square_of_depth():
         for row in depth_error.plane_rows(setup, 0, base, 50.0)
     ]
     for finding in depth_error.BY_BASELINE.conclude(
-        table(STUDIES["baseline"].all_columns, rows)
+        filled_table(STUDIES["baseline"].all_columns, rows)
     )[:2]:
         assert finding.holds, finding.sentence
         assert finding.tolerance == 0.05

@@ -8,7 +8,7 @@ import pytest
 import twinlens as tl
 from twinlens.studies import STUDIES, Setup, Table, defocus
 from twinlens.studies.stage import noise_texture
-from twinlens.studies.table import table
+from twinlens.studies.table import filled_table
 
 STUDY = STUDIES["defocus"]
 
@@ -83,7 +83,7 @@ def rows(crossing_px=None, halves=1.0):
                 found.append({"scene": "plane", "seed": 0, "cue": cue, "aperture_mm": 1e3 * diameter, "z_m": 2.0,
                               "baseline_mm": 1e3 * baseline, "blur_px": blur, "depth_error_mm": error,
                               "bound_mm": error, "in_bounds": 1.2})  # fmt: skip
-    return table(STUDY.all_columns, found)
+    return filled_table(STUDY.all_columns, found)
 
 
 def test_findings_of_known_tables():
@@ -113,7 +113,7 @@ def test_dual_pixels_in_focus_are_a_pair_under_new_seeds(seed):
         for k in range(2)
         for row in defocus._rows(SETUP, camera, seed + 10 * k, 0.0)
     ]
-    finding = STUDY.conclude(table(STUDY.all_columns, found))[0]
+    finding = STUDY.conclude(filled_table(STUDY.all_columns, found))[0]
     assert finding.holds, finding.sentence
     assert (finding.expected, finding.tolerance) == (1.0, 0.15)
 
@@ -129,6 +129,6 @@ def test_the_focal_stack_passes_the_pair_where_the_bounds_cross_under_new_seeds(
         for offset in (-0.2, -0.1, 0.1, 0.2)
         for row in defocus._rows(SETUP, camera, 300, offset)
     ]
-    finding = STUDY.conclude(table(STUDY.all_columns, found))[1]
+    finding = STUDY.conclude(filled_table(STUDY.all_columns, found))[1]
     assert finding.holds, finding.sentence
     assert finding.tolerance == 0.15

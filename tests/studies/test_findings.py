@@ -13,8 +13,9 @@ from twinlens.studies import (
     radiometric,
     window,
 )
-from twinlens.studies.model import Finding, compared
-from twinlens.studies.table import Interval, table
+from twinlens.studies.findings import Finding, compared
+from twinlens.studies.intervals import Interval
+from twinlens.studies.table import filled_table
 
 NAN = math.nan
 NOTHING = Interval(NAN, NAN, NAN)
@@ -22,7 +23,7 @@ NOTHING = Interval(NAN, NAN, NAN)
 
 def rows_of(study, rows, scenes="abc"):
     """The rows repeated in each scene, with `totbad2` increasing by one from scene to scene."""
-    return table(STUDIES[study].all_columns, [
+    return filled_table(STUDIES[study].all_columns, [
         {"seed": 0.0, "scene": scene, **row, **({"totbad2": row["totbad2"] + k} if "totbad2" in row else {})}
         for k, scene in enumerate(scenes) for row in rows
     ])  # fmt: skip
@@ -162,7 +163,7 @@ def test_adaptive_windows_at_discontinuities(adaptive, result, holds):
         for k, scene in enumerate("abc")
         for method, value in wrong.items()
     ]  # fmt: skip
-    finding = window.conclude(table(STUDIES["window"].all_columns, rows))[-2]
+    finding = window.conclude(filled_table(STUDIES["window"].all_columns, rows))[-2]
     assert (
         finding.text
         == "At discontinuities, an adaptive window has fewer wrong pixels than SSD with a fixed 21x21 block"

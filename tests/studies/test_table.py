@@ -8,7 +8,7 @@ from hypothesis import given, strategies as st
 
 from twinlens.errors import InputError
 from twinlens.studies import Column, Table, from_csv, to_csv
-from twinlens.studies.table import table
+from twinlens.studies.table import filled_table
 
 COLUMNS = (Column("name", "", "what"), Column("z_m", "m", "depth"))
 WORDS = st.text(
@@ -44,13 +44,13 @@ def test_unknown_values_are_nan_in_the_file():
 
 
 def test_a_table_is_rounded_as_its_csv():
-    rounded = table(COLUMNS, [{"name": "a", "z_m": 1 / 3}])
+    rounded = filled_table(COLUMNS, [{"name": "a", "z_m": 1 / 3}])
     assert rounded.rows == from_csv(to_csv(rounded), COLUMNS).rows
     assert rounded.numbers("z_m")[0] != 1 / 3
 
 
 def test_missing_values_are_filled():
-    filled = table(COLUMNS, [{"name": "a"}, {"z_m": 2.0}])
+    filled = filled_table(COLUMNS, [{"name": "a"}, {"z_m": 2.0}])
     assert [row["name"] for row in filled] == ["a", ""]
     assert math.isnan(filled.rows[0]["z_m"])
     assert filled.rows[1]["z_m"] == 2.0

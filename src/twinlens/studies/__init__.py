@@ -3,17 +3,23 @@
 A study is one module or package that defines a `Study`; `STUDIES` lists the included ones.
 """
 
+from twinlens.studies.findings import (
+    Finding as Finding,
+    SeedSupport as SeedSupport,
+    compared as compared,
+    predicted as predicted,
+)
+from twinlens.studies.intervals import (
+    mean_of as mean_of,
+    paired_difference as paired_difference,
+)
 from twinlens.studies.model import (
     Figure as Figure,
-    Finding as Finding,
     Measured as Measured,
     Picture as Picture,
     Result as Result,
-    SeedSupport as SeedSupport,
     Setup as Setup,
     Study as Study,
-    compared as compared,
-    predicted as predicted,
     sweep as sweep,
 )
 from twinlens.studies.run import (
@@ -27,7 +33,5 @@ from twinlens.studies.table import (
     Column as Column,
     Table as Table,
     from_csv as from_csv,
-    mean_of as mean_of,
-    paired_difference as paired_difference,
     to_csv as to_csv,
 )

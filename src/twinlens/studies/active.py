@@ -21,19 +21,11 @@ from twinlens.scenes import Scene, SceneObject, load_scene
 from twinlens.scoring import evaluate
 from twinlens.scoring.regions import textureless
 from twinlens.sensor import Sensor
-from twinlens.studies.model import (
-    Figure,
-    Finding,
-    Measured,
-    Picture,
-    Setup,
-    Study,
-    compared,
-    open_claim,
-    sweep,
-)
+from twinlens.studies.findings import Finding, compared, open_claim
+from twinlens.studies.intervals import mean_of, paired_difference
+from twinlens.studies.model import Figure, Measured, Picture, Setup, Study, sweep
 from twinlens.studies.stage import Image, glowing, plane_texture, stream
-from twinlens.studies.table import Column, Row, Table, mean_of, paired_difference
+from twinlens.studies.table import Column, Row, Table
 
 SENSOR = Sensor(pinhole_f_number=2.0, longest_exposure=1 / 30, largest_gain=16.0)
 NDISP = 128

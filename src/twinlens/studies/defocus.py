@@ -28,17 +28,11 @@ from twinlens.matching import (
 from twinlens.rendering import render
 from twinlens.scenes import Scene
 from twinlens.seeds import generator
-from twinlens.studies.model import (
-    Figure,
-    Finding,
-    Measured,
-    Setup,
-    Study,
-    predicted,
-    sweep,
-)
+from twinlens.studies.findings import Finding, predicted
+from twinlens.studies.intervals import Interval, over_scenes
+from twinlens.studies.model import Figure, Measured, Setup, Study, sweep
 from twinlens.studies.stage import centred_camera, noise_plane, stream
-from twinlens.studies.table import Column, Interval, Row, Table, over_scenes
+from twinlens.studies.table import Column, Row, Table
 
 FX = 1000.0
 FOCUS = 0.5  # 1/m, of all cues; the middle of a focal stack

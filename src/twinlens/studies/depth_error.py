@@ -16,18 +16,11 @@ from twinlens.camera import Camera, Pinhole
 from twinlens.geometry import Float, depth_error
 from twinlens.scenes import Scene, load_scene
 from twinlens.sensor import Sensor
-from twinlens.studies.model import (
-    Figure,
-    Finding,
-    Measured,
-    Setup,
-    Study,
-    is_above,
-    power_law,
-    sweep,
-)
+from twinlens.studies.findings import Finding, power_law
+from twinlens.studies.intervals import is_above, log_slope, over_scenes
+from twinlens.studies.model import Figure, Measured, Setup, Study, sweep
 from twinlens.studies.stage import Stage, centred_camera, noise_planes, stream
-from twinlens.studies.table import Column, Row, Table, log_slope, over_scenes
+from twinlens.studies.table import Column, Row, Table
 
 DEPTHS = tuple(2.0 ** (k / 2) for k in range(7))  # of the planes, metres
 PLANE_SIZE = (160, 120)

@@ -13,18 +13,11 @@ from twinlens.camera import Lens, Rig, ThinLens
 from twinlens.geometry import Float
 from twinlens.rendering import render, render_lens_grid
 from twinlens.sensor import Sensor
-from twinlens.studies.model import (
-    Figure,
-    Finding,
-    Measured,
-    Setup,
-    Study,
-    compared,
-    predicted,
-    sweep,
-)
+from twinlens.studies.findings import Finding, compared, predicted
+from twinlens.studies.intervals import over_scenes, paired_difference
+from twinlens.studies.model import Figure, Measured, Setup, Study, sweep
 from twinlens.studies.stage import GLOW, Stage, centred_camera, glowing, stream
-from twinlens.studies.table import Column, Row, Table, over_scenes, paired_difference
+from twinlens.studies.table import Column, Row, Table
 
 FOCI = (
     0.0,

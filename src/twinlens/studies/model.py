@@ -1,7 +1,6 @@
 """What a study is: `measure` makes rows from a Setup, `conclude` findings from their Table; Figures draw the Table."""
 
 import itertools
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,17 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.errors import InputError, check_int, unknown
-from twinlens.studies.table import (
-    Column,
-    Interval,
-    Row,
-    Table,
-    Value,
-    brief,
-    log_slope,
-    over_scenes,
-    paired_difference,
-)
+from twinlens.studies.findings import Finding, SeedSupport
+from twinlens.studies.table import Column, Row, Table
 
 Progress = Callable[[float, str], None]
 
@@ -49,136 +39,19 @@ class Setup:
         for name in ("scenes", "methods", "seeds"):
             values = getattr(self, name)
             if len(set(values)) < len(values):
-                raise InputError(
-                    f"{name} of a study must be distinct, got {', '.join(map(str, values))}"
-                )
+                text = ", ".join(map(str, values))
+                raise InputError(f"{name} of a study must be distinct, got {text}")
         for name, least in (("width", 64), ("height", 48), ("spp", 1)):
             check_int(f"{name} of a study", getattr(self, name), least)
 
 
 def sweep(setup: Setup, *values: Sequence[Any]) -> Iterator[tuple[Any, ...]]:
     """Every (scene, *values) of a grid, scene by scene, or every (*values) without scenes; reports the progress."""
-    grid = list(itertools.product(*([setup.scenes] if setup.scenes else []), *values))
-    for done, place in enumerate(grid):
-        setup.progress(done / len(grid), " ".join(str(value) for value in place))
-        yield place
-
-
-@dataclass(frozen=True)
-class Finding:
-    """A claim, the measurement that tests it, and whether the claim holds.
-
-    text: the claim, without its full stop. result: the measurement in words. measured: the number, in `unit`, that
-    replaces one {} in text or result. expected: the predicted value and its relative `tolerance`. answer: which of
-    several alternatives was found; a seed supports the finding if its own answer is the same. decided: False for an
-    open claim.
-    """
-
-    text: str
-    measured: Interval
-    holds: bool
-    unit: str = ""
-    expected: float | None = None
-    tolerance: float | None = None
-    answer: str = ""
-    decided: bool = True
-    result: str = ""
-
-    @property
-    def has_verdict(self) -> bool:
-        """Whether the claim was decided; it is open where its number could not be measured (NaN)."""
-        return self.decided and not (
-            "{}" in self.text + self.result and math.isnan(self.measured.value)
-        )
-
-    @property
-    def template(self) -> str:
-        """The claim and the result, with {} for the number."""
-        return f"{self.text}. Measured: {self.result}" if self.result else self.text
-
-    @property
-    def sentence(self) -> str:
-        """The claim and the result with the number, without the last full stop."""
-        return self.template.replace("{}", self.measured.format(self.unit), 1)
-
-
-def compared(
-    claim: str, difference: Interval, above: str, below: str, rest: str, *, unit: str = "percentage points",
-    answer: str = "",
-) -> Finding:  # fmt: skip
-    """The claim that a difference is positive; it holds if the whole interval is. Its word is `above` or `below`.
-
-    >>> finding = compared("SSD has fewer wrong pixels than SAD", Interval(-2, -3, -1, 9), "fewer", "more", "than SAD")
-    >>> finding.holds, finding.sentence.partition(". ")[2]
-    (False, 'Measured: 2 percentage points [1, 3] more than SAD')
-    """
-    size, word = difference, above
-    if difference.value < 0:
-        size, word = (
-            Interval(
-                -difference.value, -difference.high, -difference.low, difference.units
-            ),
-            below,
-        )
-    return Finding(
-        claim,
-        size,
-        is_above(difference),
-        unit,
-        answer=answer,
-        result=f"{{}} {word} {rest}".strip(),
-    )
-
-
-def fewer_wrong(
-    claim: str, rows: Table, best: Value, other: Value, rest: str, *, answer: str = ""
-) -> Finding:
-    """`compared`: the claim that the matcher `best` has fewer wrong pixels (totbad2) than the matcher `other`."""
-    margin = paired_difference(rows, "totbad2", "method", other, best)
-    return compared(claim, margin, "fewer", "more", rest, answer=answer)
-
-
-def predicted(
-    text: str, measured: Interval, expected: float, tolerance: float, unit: str = ""
-) -> Finding:
-    """The claim that a value equals a prediction; it holds within the relative tolerance."""
-    return Finding(
-        text,
-        measured,
-        abs(measured.value / expected - 1) <= tolerance,
-        unit,
-        expected,
-        tolerance,
-    )
-
-
-def power_law(
-    text: str,
-    rows: Table,
-    x: str,
-    y: str,
-    expected: float,
-    tolerance: float,
-    each: Sequence[str] = (),
-) -> Finding:
-    """`predicted`: the exponent p of y ~ x^p, fitted for each scene, seed, and value of the columns `each`."""
-    slope = log_slope(x, y)
-    measured = over_scenes(
-        rows, lambda unit: [slope(part) for _, part in unit.groups(*each)]
-    )
-    return predicted(text, measured, expected, tolerance)
-
-
-def open_claim(text: str) -> Finding:
-    """A claim that the chosen methods or scenes cannot decide, and that has no number."""
-    return Finding(
-        text, Interval(math.nan, math.nan, math.nan), holds=False, decided=False
-    )
-
-
-def is_above(measured: Interval, floor: float = 0.0) -> bool:
-    """Whether a value and its interval, if it has one, are above the floor."""
-    return measured.value > floor and not measured.low <= floor
+    axes = [setup.scenes, *values] if setup.scenes else values
+    grid = list(itertools.product(*axes))
+    for done, point in enumerate(grid):
+        setup.progress(done / len(grid), " ".join(str(value) for value in point))
+        yield point
 
 
 @dataclass(frozen=True)
@@ -212,19 +85,10 @@ class Figure:
     @property
     def columns(self) -> tuple[str, ...]:
         """The names of all columns that are drawn."""
-        named = (
-            self.x,
-            self.y,
-            self.by,
-            self.panel,
-            self.z,
-            self.residual_of,
-            *self.where,
-            *self.also,
-        )
-        return tuple(
-            name for name in (*named, *(column for column, _ in self.marks)) if name
-        )
+        axes = (self.x, self.y, self.by, self.panel, self.z, self.residual_of)
+        marked = (column for column, _ in self.marks)
+        names = (*axes, *self.where, *self.also, *marked)
+        return tuple(name for name in names if name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,6 +118,8 @@ class Study:
 
     columns: of its table, besides "scene" and "seed", which every table has. conclude: called with the whole table, and
     with the rows of each seed alone. defaults: the Setup where nothing else is chosen.
+
+    Raises InputError if a figure draws a column that the table does not have.
     """
 
     name: str
@@ -265,48 +131,17 @@ class Study:
     defaults: Setup
 
     def __post_init__(self) -> None:
-        known = [column.name for column in self.all_columns]
+        names = [column.name for column in self.all_columns]
         for figure in self.figures:
-            for name in sorted(set(figure.columns).difference(known)):
+            for name in sorted(set(figure.columns).difference(names)):
                 raise InputError(
-                    f"the figure {figure.name!r}: {unknown('column', name, known)}"
+                    f"the figure {figure.name!r}: {unknown('column', name, names)}"
                 )
 
     @property
     def all_columns(self) -> tuple[Column, ...]:
         """The table's columns, "scene" and "seed" first."""
         return (Column("scene", "", "scene"), Column("seed", "", "seed"), *self.columns)
-
-
-@dataclass(frozen=True, eq=False)
-class SeedSupport:
-    """A finding from all rows, and how many of the seeds support it when each is evaluated alone."""
-
-    finding: Finding
-    supporting: int
-    seeds: int
-
-    @property
-    def verdict(self) -> str:
-        """The verdict in words, with the expected value and the number of supporting seeds."""
-        finding = self.finding
-        if not finding.has_verdict:
-            return "no verdict: " + (
-                "not measured" if math.isnan(finding.measured.value) else "not decided"
-            )
-        parts = ["holds" if finding.holds else "does not hold"]
-        if finding.expected is not None:
-            within = (
-                ""
-                if finding.tolerance is None
-                else f" within {100 * finding.tolerance:.3g} %"
-            )
-            parts.append(
-                f"expected {brief(finding.expected)} {finding.unit}".strip() + within
-            )
-        return "; ".join(
-            [*parts, f"{self.supporting} of {self.seeds} seeds support it"]
-        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,18 +13,11 @@ from numpy.random import default_rng
 from twinlens.camera import Pinhole
 from twinlens.matching import StereoMatcher, parse_method
 from twinlens.sensor import Sensor, auto_exposure
-from twinlens.studies.model import (
-    Figure,
-    Finding,
-    Measured,
-    Setup,
-    Study,
-    fewer_wrong,
-    open_claim,
-    sweep,
-)
+from twinlens.studies.findings import Finding, fewer_wrong, open_claim
+from twinlens.studies.intervals import brief, mean_of
+from twinlens.studies.model import Figure, Measured, Setup, Study, sweep
 from twinlens.studies.stage import SCORES, Image, Stage, stream
-from twinlens.studies.table import Column, Row, Table, brief, mean_of
+from twinlens.studies.table import Column, Row, Table
 
 SENSOR = Sensor.preset("ideal", output="srgb", shot_noise=False)
 

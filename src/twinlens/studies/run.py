@@ -6,7 +6,7 @@ import importlib.metadata
 import os
 import runpy
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
@@ -18,18 +18,12 @@ from twinlens.studies.active import STUDY as ACTIVE
 from twinlens.studies.aperture import STUDY as APERTURE
 from twinlens.studies.defocus import STUDY as DEFOCUS
 from twinlens.studies.depth_error import BASELINE, FOCAL_LENGTH
+from twinlens.studies.findings import Finding, SeedSupport
 from twinlens.studies.focus import STUDY as FOCUS
-from twinlens.studies.model import (
-    Finding,
-    Measured,
-    Progress,
-    Result,
-    SeedSupport,
-    Study,
-)
+from twinlens.studies.model import Measured, Progress, Result, Setup, Study
 from twinlens.studies.pinhole import STUDY as PINHOLE
 from twinlens.studies.radiometric import STUDY as RADIOMETRIC
-from twinlens.studies.table import Table, table
+from twinlens.studies.table import Table, filled_table
 from twinlens.studies.texture import STUDY as TEXTURE
 from twinlens.studies.window import STUDY as WINDOW
 
@@ -49,25 +43,6 @@ STUDIES: dict[str, Study] = {
     )
 }
 ENTRY_POINTS = "twinlens.studies"
-
-
-def find_study(name: str | os.PathLike[str]) -> Study:
-    """The study of this name, from twinlens or an entry point `twinlens.studies`, or the STUDY of this Python file.
-
-    The file's code is executed. Raises InputError for an unknown name, and FileError for a file without a study.
-    """
-    text = os.fspath(name)
-    if text in STUDIES:
-        return STUDIES[text]
-    if text.endswith(".py"):
-        return _from_file(Path(text))
-    installed = {
-        point.name: point
-        for point in importlib.metadata.entry_points(group=ENTRY_POINTS)
-    }
-    if text not in installed:
-        raise unknown("study", text, [*STUDIES, *installed])
-    return _checked(installed[text].load(), f"the entry point {installed[text].value}")
 
 
 class Choices(TypedDict, total=False):
@@ -95,55 +70,23 @@ def run_study(study: Study, **choices: Unpack[Choices]) -> Result:
     table on the same backend. Raises InputError for an unknown argument, scene or method, and for scenes or methods
     given to a study that does not use them.
     """
-    for name in choices:
-        check_known("choice of a study", name, Choices.__annotations__)
-    defaults = study.defaults
-    given: dict[str, Any] = {
-        name: value for name, value in choices.items() if value not in (None, (), [])
-    }
-    count, first_seed = (
-        given.pop("seeds", len(defaults.seeds)),
-        given.pop("first_seed", 0),
-    )
-    if count < 1 or first_seed < 0:
-        raise InputError(
-            f"a study needs at least one seed, each >= 0; got {count} from {first_seed}"
-        )
-    for name in given.keys() & {"scenes", "methods"}:
-        given[name] = (
-            (given[name],) if isinstance(given[name], str) else tuple(given[name])
-        )
-        if not getattr(defaults, name):
-            raise InputError(f"the study {study.name} takes no {name}")
-    setup = dataclasses.replace(
-        defaults, seeds=tuple(range(first_seed, first_seed + count)), **given
-    )
-    specs = {text: parse_method(text) for text in setup.methods}
+    setup = _setup(study, choices)
+    methods = {text: parse_method(text) for text in setup.methods}
     for name in setup.scenes:
-        load_scene(name)
-    measured = study.measure(setup)
-    if not isinstance(measured, Measured) or not measured.rows:
-        got = "no rows" if isinstance(measured, Measured) else f"{measured!r:.60}"
-        raise InputError(
-            f"the study {study.name}: `measure` must return Measured(rows) with rows, got {got}"
-        )
-    if missing := {column.name for column in study.all_columns}.difference(
-        *measured.rows
-    ):
-        raise InputError(
-            f"the study {study.name}: no row has the column {min(missing)!r}"
-        )
-    rows = table(study.all_columns, measured.rows)
+        load_scene(name)  # an unknown scene is an error before the first hour's work
+    measured = _measured(study, setup)
+    rows = filled_table(study.all_columns, measured.rows)
     protocol = {
         "study": study.name,
         "question": study.question,
-        **{
-            name: getattr(setup, name)
-            for name in ("scenes", "seeds", "width", "height", "spp")
-        },
+        "scenes": setup.scenes,
+        "seeds": setup.seeds,
+        "width": setup.width,
+        "height": setup.height,
+        "spp": setup.spp,
         "methods": {
             text: {**spec.method.options, **spec.options}
-            for text, spec in specs.items()
+            for text, spec in methods.items()
         },
         **made_with(),
         "columns": {
@@ -164,34 +107,92 @@ def run_study(study: Study, **choices: Unpack[Choices]) -> Result:
     )
 
 
+def _setup(study: Study, choices: Mapping[str, Any]) -> Setup:
+    """The defaults of the study with the user's choices."""
+    for name in choices:
+        check_known("choice of a study", name, Choices.__annotations__)
+    changes = {
+        name: value for name, value in choices.items() if value not in (None, (), [])
+    }
+    count = changes.pop("seeds", len(study.defaults.seeds))
+    first = changes.pop("first_seed", 0)
+    if count < 1 or first < 0:
+        raise InputError(
+            f"a study needs at least one seed, each >= 0; got {count} from {first}"
+        )
+    for name in changes.keys() & {"scenes", "methods"}:
+        if not getattr(study.defaults, name):
+            raise InputError(f"the study {study.name} takes no {name}")
+        value = changes[name]
+        changes[name] = (value,) if isinstance(value, str) else tuple(value)
+    seeds = tuple(range(first, first + count))
+    return dataclasses.replace(study.defaults, seeds=seeds, **changes)
+
+
+def _measured(study: Study, setup: Setup) -> Measured:
+    """The study's measurements; InputError unless there are rows, which together have every column."""
+    measured = study.measure(setup)
+    if not isinstance(measured, Measured) or not measured.rows:
+        result = "no rows" if isinstance(measured, Measured) else f"{measured!r:.60}"
+        raise InputError(
+            f"the study {study.name}: `measure` must return Measured(rows) with rows, got {result}"
+        )
+    names = {column.name for column in study.all_columns}
+    if missing := names.difference(*measured.rows):
+        raise InputError(
+            f"the study {study.name}: no row has the column {min(missing)!r}"
+        )
+    return measured
+
+
 def _findings(study: Study, rows: Table) -> tuple[SeedSupport, ...]:
     """The findings of all rows, with the number of seeds that support each one, matched by position, on their own."""
-
-    def conclude(part: Table) -> Sequence[Finding]:
-        findings = study.conclude(part)
-        if not isinstance(findings, Sequence) or not all(
-            isinstance(each, Finding) for each in findings
-        ):
+    overall = _concluded(study, rows)
+    by_seed = []
+    for seed in rows.values("seed"):
+        findings = _concluded(study, rows.where(seed=seed))
+        if len(findings) != len(overall):
             raise InputError(
-                f"the study {study.name}: `conclude` must return a list of Findings, got {findings!r:.60}"
+                f"the study {study.name}: `conclude` must return as many findings for one seed as for all"
             )
-        return findings
+        by_seed.append(findings)
+    supports = []
+    for number, finding in enumerate(overall):
+        alone = [findings[number] for findings in by_seed]
+        supporting = sum(
+            single.holds and single.answer == finding.answer for single in alone
+        )
+        supports.append(SeedSupport(finding, supporting, len(alone)))
+    return tuple(supports)
 
-    whole, *single = map(
-        conclude, (rows, *(rows.where(seed=seed) for seed in rows.values("seed")))
-    )
-    if any(len(each) != len(whole) for each in single):
+
+def _concluded(study: Study, rows: Table) -> Sequence[Finding]:
+    findings = study.conclude(rows)
+    if not isinstance(findings, Sequence) or not all(
+        isinstance(finding, Finding) for finding in findings
+    ):
         raise InputError(
-            f"the study {study.name}: `conclude` must return as many findings for one seed as for all"
+            f"the study {study.name}: `conclude` must return a list of Findings, got {findings!r:.60}"
         )
-    return tuple(
-        SeedSupport(
-            finding,
-            sum(each[k].holds and each[k].answer == finding.answer for each in single),
-            len(single),
-        )
-        for k, finding in enumerate(whole)
-    )
+    return findings
+
+
+def find_study(name: str | os.PathLike[str]) -> Study:
+    """The study of this name, from twinlens or an entry point `twinlens.studies`, or the STUDY of this Python file.
+
+    The file's code is executed. Raises InputError for an unknown name, and FileError for a file without a study.
+    """
+    text = os.fspath(name)
+    if text in STUDIES:
+        return STUDIES[text]
+    if text.endswith(".py"):
+        return _from_file(Path(text))
+    points = importlib.metadata.entry_points(group=ENTRY_POINTS)
+    installed = {point.name: point for point in points}
+    if text not in installed:
+        raise unknown("study", text, [*STUDIES, *installed])
+    point = installed[text]
+    return _checked(point.load(), f"the entry point {point.value}")
 
 
 def _from_file(path: Path) -> Study:
@@ -199,7 +200,10 @@ def _from_file(path: Path) -> Study:
         raise FileError(
             f"{path}: no such file; a study file is a Python file that defines STUDY = Study(...)"
         )
-    study = _checked(_located(path)(runpy.run_path)(str(path)).get("STUDY"), str(path))
+    with _located(path):
+        namespace = runpy.run_path(str(path))
+    study = _checked(namespace.get("STUDY"), str(path))
+    # The functions of the file run later, and their exceptions name the file too.
     return dataclasses.replace(
         study,
         measure=_located(path)(study.measure),
@@ -218,9 +222,8 @@ def _located(path: Path) -> Iterator[None]:
         frames = traceback.extract_tb(error.__traceback__)
         lines = [frame.lineno for frame in frames if frame.filename == str(path)]
         line = f", line {lines[-1]}" if lines else ""
-        raise FileError(
-            f"{path}{line}: {type(error).__name__}: {' '.join(str(error).split())}"
-        ) from error
+        message = " ".join(str(error).split())
+        raise FileError(f"{path}{line}: {type(error).__name__}: {message}") from error
 
 
 def _checked(study: Any, where: str) -> Study:

@@ -15,18 +15,11 @@ from twinlens.camera import Camera, Pinhole
 from twinlens.geometry import Float
 from twinlens.matching import grey, parse_method
 from twinlens.sensor import Exposure, Sensor
-from twinlens.studies.model import (
-    Figure,
-    Finding,
-    Measured,
-    Setup,
-    Study,
-    open_claim,
-    power_law,
-    sweep,
-)
+from twinlens.studies.findings import Finding, open_claim, power_law
+from twinlens.studies.intervals import Interval, over_scenes
+from twinlens.studies.model import Figure, Measured, Setup, Study, sweep
 from twinlens.studies.stage import noise_planes, stream
-from twinlens.studies.table import Column, Interval, Row, Table, over_scenes
+from twinlens.studies.table import Column, Row, Table
 
 CONTRASTS = (0.01, 0.02, 0.03, 0.04, 0.06, 0.08, 0.16, 0.32)
 SCALES_PX = (0.7, 1.0, 1.5, 2.5, 4.0)

@@ -13,19 +13,11 @@ from numpy.typing import NDArray
 
 from twinlens.dataset.pictures import colourise
 from twinlens.sensor import Sensor
-from twinlens.studies.model import (
-    Figure,
-    Finding,
-    Measured,
-    Picture,
-    Setup,
-    Study,
-    fewer_wrong,
-    is_above,
-    sweep,
-)
+from twinlens.studies.findings import Finding, fewer_wrong
+from twinlens.studies.intervals import is_above, over_scenes
+from twinlens.studies.model import Figure, Measured, Picture, Setup, Study, sweep
 from twinlens.studies.stage import SCORES, Stage, score_columns, stream
-from twinlens.studies.table import Column, Row, Table, over_scenes
+from twinlens.studies.table import Column, Row, Table
 
 SIZES = (3, 5, 7, 9, 13, 17, 21, 31)
 REGIONS = ("nonocc", "textureless", "discontinuity", "out-of-focus")

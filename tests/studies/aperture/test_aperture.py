@@ -14,8 +14,8 @@ from twinlens.sensor import Exposure
 from twinlens.studies import STUDIES, Table
 from twinlens.studies.aperture import conclude, theory as aperture_theory
 from twinlens.studies.aperture.theory import F_NUMBERS, MODES, Model
+from twinlens.studies.intervals import log_parabola_minimum
 from twinlens.studies.stage import Stage
-from twinlens.studies.table import log_parabola_minimum
 
 STUDY = STUDIES["aperture"]
 

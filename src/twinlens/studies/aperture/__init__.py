@@ -27,28 +27,18 @@ from twinlens.studies.aperture.theory import (
     Evidence,
     Model,
 )
-from twinlens.studies.model import (
-    Figure,
-    Finding,
-    Measured,
-    Picture,
-    Setup,
-    Study,
-    is_above,
-    predicted,
-    sweep,
-)
-from twinlens.studies.stage import SCORES, Stage, score_columns, stream
-from twinlens.studies.table import (
-    Column,
+from twinlens.studies.findings import Finding, predicted
+from twinlens.studies.intervals import (
     Interval,
-    Row,
-    Table,
     brief,
+    is_above,
     log_parabola_minimum,
     log_slope,
     over_scenes,
 )
+from twinlens.studies.model import Figure, Measured, Picture, Setup, Study, sweep
+from twinlens.studies.stage import SCORES, Stage, score_columns, stream
+from twinlens.studies.table import Column, Row, Table
 
 Radiance = Sequence[NDArray[np.float32]]
 

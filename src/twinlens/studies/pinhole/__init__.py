@@ -21,17 +21,14 @@ from twinlens.geometry import Float
 from twinlens.optics.diffraction import FresnelWarning
 from twinlens.rendering import render
 from twinlens.sensor import Sensor
-from twinlens.studies.model import (
-    Figure,
-    Finding,
-    Measured,
-    Picture,
-    Setup,
-    Study,
-    compared,
-    power_law,
-    predicted,
+from twinlens.studies.findings import Finding, compared, power_law, predicted
+from twinlens.studies.intervals import (
+    Interval,
+    log_parabola_minimum,
+    over_scenes,
+    paired_difference,
 )
+from twinlens.studies.model import Figure, Measured, Picture, Setup, Study
 from twinlens.studies.pinhole import film
 from twinlens.studies.pinhole.film import (
     DEPTH,
@@ -43,15 +40,7 @@ from twinlens.studies.pinhole.film import (
     predicted_best,
 )
 from twinlens.studies.stage import Stage, stream
-from twinlens.studies.table import (
-    Column,
-    Interval,
-    Row,
-    Table,
-    log_parabola_minimum,
-    over_scenes,
-    paired_difference,
-)
+from twinlens.studies.table import Column, Row, Table
 
 DIAMETERS_MM = (
     2.0,
