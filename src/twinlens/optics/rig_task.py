@@ -32,6 +32,23 @@ Range = float | tuple[float, float]
 EXTRA_DISPARITIES = 2
 """For whole numbers at both ends of the search."""
 _ROUNDING = 1e-9
+_PIXELS = "a number of pixels, 1e-6 to 1e6", 1e-6, 1e6
+_NUMBERS = {
+    "pixel_pitch_um": ("micrometres, 0.01 to 1e4", 0.01, 1e4),
+    "depth_error": ("a number of metres, 1e-9 to 1e9", 1e-9, 1e9),
+    "disparity_error_px": _PIXELS,
+    "blur_px": _PIXELS,
+    "airy_px": _PIXELS,
+    "wavelength": ("metres, 1e-9 to 1e-3", 1e-9, 1e-3),
+}
+"""What each number of a task may be: in words, the least, and the most."""
+_RANGES = {
+    "baseline": ("metres", 1e-6, 1e6),
+    "f_number": ("", 0.1, 1000),
+    "fov_x_deg": ("degrees", 0.01, 179),
+    "focal_length_mm": ("millimetres", 0.01, 1e6),
+}
+"""The unit of each `Range` of a task, the least and the most of its ends."""
 
 
 @dataclass(frozen=True)
@@ -55,21 +72,11 @@ class Light:
     least_snr: float = 10.0
 
     def __post_init__(self) -> None:
+        allowed = "a positive number, up to 1e12"
         for name in ("electrons_per_second", "longest_exposure", "least_snr"):
-            check_number(
-                name,
-                getattr(self, name),
-                "a positive number, up to 1e12",
-                least=1e-12,
-                most=1e12,
-            )
-        check_number(
-            "read_noise",
-            self.read_noise,
-            "a number of electrons from 0 to 1e6",
-            least=0,
-            most=1e6,
-        )
+            check_number(name, getattr(self, name), allowed, least=1e-12, most=1e12)
+        allowed = "a number of electrons from 0 to 1e6"
+        check_number("read_noise", self.read_noise, allowed, least=0, most=1e6)
         best = self.snr(self.most_electrons)
         if not best >= self.least_snr:
             raise InputError(
@@ -82,24 +89,21 @@ class Light:
         >>> Light(1e6, 0.01).snr(100.0)
         10.0
         """
-        return (
-            electrons / math.sqrt(electrons + self.read_noise**2)
-            if electrons < math.inf
-            else math.inf
-        )
+        if electrons == math.inf:
+            return math.inf
+        return electrons / math.sqrt(electrons + self.read_noise**2)
 
     def largest_f_number(self, exposure: float) -> float:
         """The f-number at which mid-grey has `least_snr` after `exposure` seconds."""
+        # The electrons n needed for a ratio s solve n^2 - s^2 n - s^2 r^2 = 0.
         square = self.least_snr**2
         needed = 0.5 * (square + math.sqrt(square**2 + 4 * square * self.read_noise**2))
         return math.sqrt(self.electrons_per_second * exposure / needed)
 
     def exposure(self, f_number: float) -> float:
         """The longest exposure in seconds that does not saturate white."""
-        return min(
-            self.longest_exposure,
-            self.most_electrons * f_number**2 / self.electrons_per_second,
-        )
+        saturating = self.most_electrons * f_number**2 / self.electrons_per_second
+        return min(self.longest_exposure, saturating)
 
 
 @dataclass(frozen=True)
@@ -144,72 +148,29 @@ class RigTask:
     def __post_init__(self) -> None:
         check_int("width", self.width, 1, 65536)
         check_int("height", self.height, 1, 65536)
-        check_number(
-            "pixel_pitch_um",
-            self.pixel_pitch_um,
-            "micrometres, 0.01 to 1e4",
-            least=0.01,
-            most=1e4,
-        )
-        allowed = "two numbers from 0.0001 to 1e+06 metres, near and far"
-        if (
-            not isinstance(self.depth_range, (tuple, list))
-            or len(self.depth_range) != 2
-        ):
-            raise InputError(
-                f"depth_range must be {allowed}, got {format_value(self.depth_range)}"
-            )
-        for depth in self.depth_range:
-            check_number("depth_range", depth, allowed, least=1e-4, most=1e6)
-        if not self.depth_range[0] < self.depth_range[1]:
-            raise InputError(
-                f"depth_range must be (near, far) with near < far, got {format_value(self.depth_range)}"
-            )
+        check_int("max_disparities", self.max_disparities, 3, 1_000_000)
+        for name, (allowed, least, most) in _NUMBERS.items():
+            value = getattr(self, name)
+            if value is not None:
+                check_number(name, value, allowed, least=least, most=most)
+        allowed = "a share from 0 to below 1"
+        check_number("overlap", self.overlap, allowed, least=0, below=1)
+        _check_depth_range(self.depth_range)
         if (self.fov_x_deg is None) == (self.focal_length_mm is None):
             raise InputError(
                 "give exactly one of fov_x_deg and focal_length_mm, a number or (least, most)"
             )
-        _check_range("baseline", self.baseline, 1e-6, 1e6, "metres")
-        _check_range("f_number", self.f_number, 0.1, 1000, "")
+        for name, (unit, least, most) in _RANGES.items():
+            value = getattr(self, name)
+            if value is not None:
+                _check_range(name, value, least, most, unit)
         if self.focus_distance is not None:
             optics.check_focus(self.focus_distance)
-        if self.fov_x_deg is not None:
-            _check_range("fov_x_deg", self.fov_x_deg, 0.01, 179, "degrees")
-        else:
-            _check_range(
-                "focal_length_mm", self.focal_length_mm, 0.01, 1e6, "millimetres"
-            )
-            most = 1e3 * self.focus
+        if self.focal_length_mm is not None:
+            focus_mm = 1e3 * self.focus
+            allowed = f"below the focus distance, {focus_mm:g} mm"
             longest = self.ends("focal_length_mm")[1]
-            check_number(
-                "focal_length_mm",
-                longest,
-                f"below the focus distance, {most:g} mm",
-                below=most,
-            )
-        if self.depth_error is not None:
-            check_number(
-                "depth_error",
-                self.depth_error,
-                "a number of metres, 1e-9 to 1e9",
-                least=1e-9,
-                most=1e9,
-            )
-        for name in ("disparity_error_px", "blur_px", "airy_px"):
-            check_number(
-                name,
-                getattr(self, name),
-                "a number of pixels, 1e-6 to 1e6",
-                least=1e-6,
-                most=1e6,
-            )
-        check_number(
-            "overlap", self.overlap, "a share from 0 to below 1", least=0, below=1
-        )
-        check_int("max_disparities", self.max_disparities, 3, 1_000_000)
-        check_number(
-            "wavelength", self.wavelength, "metres, 1e-9 to 1e-3", least=1e-9, most=1e-3
-        )
+            check_number("focal_length_mm", longest, allowed, below=focus_mm)
 
     @property
     def focus(self) -> float:
@@ -219,9 +180,9 @@ class RigTask:
     def ends(self, name: str) -> tuple[float, float]:
         """(least, most) of a field that is a `Range`."""
         value = getattr(self, name)
-        return (
-            (value[0], value[1]) if isinstance(value, (tuple, list)) else (value, value)
-        )
+        if isinstance(value, (tuple, list)):
+            return value[0], value[1]
+        return value, value
 
     @property
     def defocus(self) -> float:
@@ -290,20 +251,16 @@ class RigChoice:
     @property
     def exposure(self) -> float | None:
         """The longest exposure in seconds that meets the task's light; None without one."""
-        return (
-            None if self.task.light is None else self.task.light.exposure(self.f_number)
-        )
+        light = self.task.light
+        return None if light is None else light.exposure(self.f_number)
 
     @property
     def snr(self) -> float | None:
         """The signal-to-noise ratio of mid-grey after `exposure`; None without a light."""
-        if (light := self.task.light) is None:
+        light, exposure = self.task.light, self.exposure
+        if light is None or exposure is None:
             return None
-        return light.snr(
-            light.electrons_per_second
-            * light.exposure(self.f_number)
-            / self.f_number**2
-        )
+        return light.snr(light.electrons_per_second * exposure / self.f_number**2)
 
     @property
     def search(self) -> tuple[int, int]:
@@ -315,18 +272,19 @@ class RigChoice:
     @property
     def largest_disparity(self) -> dict[str, float]:
         """The largest disparity in pixels that each limit allows: "disparities" of the matcher, and "overlap"."""
+        task = self.task
+        least = float(self.disparity(task.depth_range[1]))
         return {
-            "disparities": float(self.disparity(self.task.depth_range[1])) + self.task.max_disparities
-            - EXTRA_DISPARITIES,
-            "overlap": (1 - self.task.overlap) * self.task.width,
-        }  # fmt: skip
+            "disparities": least + task.max_disparities - EXTRA_DISPARITIES,
+            "overlap": (1 - task.overlap) * task.width,
+        }
 
     @property
     def smallest_distance(self) -> tuple[float, str]:
         """The nearest depth that meets the limits, metres, and the limit there: disparities, overlap or blur."""
         nearest = {
-            name: self.fx * self.baseline / d
-            for name, d in self.largest_disparity.items()
+            name: self.fx * self.baseline / disparity
+            for name, disparity in self.largest_disparity.items()
         }
         nearest["blur"] = self.depth_of_field[0]
         limit = max(nearest, key=lambda name: nearest[name])
@@ -371,6 +329,20 @@ class RigChoice:
             "rig": rig,
             "lenses": [lens],
         }
+
+
+def _check_depth_range(value: Any) -> None:
+    """Raise InputError unless `value` is (near, far) with near < far."""
+    allowed = "two numbers from 0.0001 to 1e+06 metres, near and far"
+    if not isinstance(value, (tuple, list)) or len(value) != 2:
+        raise InputError(f"depth_range must be {allowed}, got {format_value(value)}")
+    for depth in value:
+        check_number("depth_range", depth, allowed, least=1e-4, most=1e6)
+    near, far = value
+    if not near < far:
+        raise InputError(
+            f"depth_range must be (near, far) with near < far, got {format_value(value)}"
+        )
 
 
 def _check_range(name: str, value: Any, least: float, most: float, unit: str) -> None:
