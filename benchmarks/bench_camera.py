@@ -24,9 +24,10 @@ import drjit
 import numpy as np
 
 import twinlens as tl
-from twinlens.rendering.backends import backend
+from twinlens.optics import fov_x_deg
+from twinlens.rendering.backends import backend, mitsuba
 from twinlens.rendering.build import build
-from twinlens.rendering.sensors import builtin_sensor, make_sensor
+from twinlens.rendering.sensors import make_sensor
 
 PAGE = Path(__file__).with_name("camera.md")
 WIDE = 0.03  # aperture diameter over the nearest depth
@@ -70,6 +71,23 @@ def film(camera: tl.Camera) -> dict[str, object]:
     }
 
 
+def mitsubas_thinlens(camera, pose, lens, film, sampler):  # type: ignore[no-untyped-def]
+    mi = mitsuba()
+    plugin = {
+        "type": "thinlens",
+        "aperture_radius": 0.5 * lens.aperture_diameter,
+        "focus_distance": 1.0 / lens.vergence,
+        "near_clip": 1e-3,
+        "fov": fov_x_deg(camera.width, camera.fx),
+        "fov_axis": "x",
+        # Mitsuba's x points left, its y up.
+        "to_world": mi.ScalarTransform4f(pose @ np.diag([-1.0, -1.0, 1.0, 1.0])),
+        "film": film,
+        "sampler": sampler,
+    }
+    return mi.load_dict(plugin)
+
+
 def against_thinlens(names: list[str], width: int, spp: int, rounds: int) -> list[str]:
     lines = [
         "| scene | twinlens s | thinlens s | Msamples a CPU second | ratio |",
@@ -83,7 +101,7 @@ def against_thinlens(names: list[str], width: int, spp: int, rounds: int) -> lis
         view = camera, scene.world_from_left, lens
         sensors = {
             "twinlens": make_sensor(*view, spp, "multijitter"),
-            "thinlens": builtin_sensor(*view, film(camera), sampler),
+            "thinlens": mitsubas_thinlens(*view, film(camera), sampler),
         }
         runs: dict[str, Callable[[int], object]] = {}
         for kind, sensor in sensors.items():

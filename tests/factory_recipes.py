@@ -1,7 +1,6 @@
 """A tiny scene and recipes of it, quick to render: boxes before a wall, lit from everywhere."""
 
 import hashlib
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -112,7 +111,7 @@ def digests(folder: Path) -> dict[str, str]:
 def start(
     recipe: Path, folder: Path, *options: str, **more: Any
 ) -> "subprocess.Popen[str]":
-    """`twinlens generate` in a process of its own, in scalar mode, which starts quickly."""
+    """`twinlens generate` in a process of its own."""
     command = [
         sys.executable,
         "-m",
@@ -123,10 +122,8 @@ def start(
         str(folder),
         *options,
     ]
-    environment = {**os.environ, "TWINLENS_BACKEND": "scalar"}
     return subprocess.Popen(
         command,
-        env=environment,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

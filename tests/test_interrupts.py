@@ -14,7 +14,7 @@ from twinlens.interrupts import deferred_interrupts
 backends = importlib.import_module(
     "twinlens.rendering.backends"
 )  # the room's `backend` is the function
-SCALAR = backends.Backend("scalar", "scalar_rgb", "a test asks for it")
+LLVM = backends.Backend("llvm", "llvm_ad_rgb", "a test asks for it")
 SLOW_MITSUBA = """
 import os, signal, time
 os.kill(os.getpid(), signal.SIGINT)
@@ -66,15 +66,15 @@ def interrupt():
 
 def test_an_interrupt_is_raised_after_the_set_up(slow_mitsuba):
     with pytest.raises(KeyboardInterrupt):
-        backends._activate(SCALAR)
+        backends._activate(LLVM)
     assert sys.modules["mitsuba"].steps == ["imported", "variant", "log level"]
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_the_backend_after_an_interrupt_keeps_its_reason(slow_mitsuba):
     with pytest.raises(KeyboardInterrupt):
-        backends._activate(SCALAR)
-    assert backends._already_set() is SCALAR
+        backends._activate(LLVM)
+    assert backends._already_set() is LLVM
 
 
 def test_an_interrupt_is_raised_once_to_the_previous_handler():
@@ -136,9 +136,9 @@ def test_mitsuba_works_after_an_interrupt_during_import():
         "except KeyboardInterrupt: print('interrupted')\n"
         "sys.meta_path.pop(0)\n"
         "mi = b.mitsuba(); mi.render(mi.load_dict(mi.cornell_box()), spp=1)\n"
-        "print(b.backend().reason)"
+        "print(b.backend().name)"
     )
-    environment = {**os.environ, "TWINLENS_BACKEND": "scalar"}
+    environment = {**os.environ, "TWINLENS_BACKEND": "llvm"}
     child = subprocess.run(
         [sys.executable, "-c", script],
         env=environment,
@@ -147,4 +147,4 @@ def test_mitsuba_works_after_an_interrupt_during_import():
         timeout=100,
     )
     assert child.returncode == 0, child.stderr
-    assert child.stdout.splitlines() == ["interrupted", "set by TWINLENS_BACKEND"]
+    assert child.stdout.splitlines() == ["interrupted", "llvm"]

@@ -11,8 +11,6 @@ weighted by the cosine of their angle theta to the axis, and it is nearly the sa
 The film turns grey. twinlens renders it through an opening ten times as wide as its distance from the film, which lets
 96 % of the light through. The film has only 40 x 30 pixels, for there is no detail, and 16384 samples per pixel, with
 which the renderer's noise is below 1 %.
-
-This script needs the LLVM backend.
 """
 
 import matplotlib.pyplot as plt

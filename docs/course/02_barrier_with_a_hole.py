@@ -10,8 +10,6 @@ lights a disk of diameter c on the film::
 
 A smaller hole gives a sharper and darker image: the light on the film is proportional to (A / D)^2. The images are
 drawn upright here, and each has its own exposure. The white bar has the length c for Z = 1.5 m.
-
-This script needs the LLVM backend.
 """
 
 import matplotlib.pyplot as plt

@@ -15,7 +15,7 @@ the two blurs hardly changes there.
 
 The two blurs are simulated one after the other. That is exact for the largest and the smallest holes of the curve;
 between them, where the Fresnel number (A/2)^2 / (lambda D) is 0.2 to 50, it is an approximation and twinlens warns: the
-true image of a hole near the best one is sharper. This script needs the LLVM backend.
+true image of a hole near the best one is sharper.
 """
 
 import warnings

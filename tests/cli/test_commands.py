@@ -44,7 +44,7 @@ def test_render_says_what_it_wrote_and_with_what(twinlens, tmp_path):
     )
     answer = json.loads(out)
     assert code == 0
-    assert answer["backend"] in ("scalar_rgb", "llvm_ad_rgb", "cuda_ad_rgb")
+    assert answer["backend"] in ("llvm_ad_rgb", "cuda_ad_rgb")
     assert {"im0.png", "disp0.pfm", "truth1.exr"} <= set(answer["samples"][0]["files"])
 
 

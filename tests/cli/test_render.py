@@ -20,7 +20,6 @@ from twinlens.dataset import (
 )
 from twinlens.dataset.sample import sample_files
 from twinlens.factory import remake
-from twinlens.rendering import backend
 from twinlens.scenes import load_scene
 
 QUICK = ("--size", "64x48", "--spp", "1", "--no-denoise")
@@ -49,13 +48,6 @@ def test_what_the_dataset_said_before_stays(twinlens, ball, tmp_path):
         assert read_manifest(own).seed == shared
 
 
-@pytest.fixture
-def whole_camera():
-    if not backend().is_jit:
-        pytest.skip("the full camera law needs the LLVM or CUDA backend")
-
-
-@pytest.mark.usefixtures("whole_camera")
 def test_render_takes_the_whole_camera(twinlens, ball, tmp_path):
     """Every option of lens, camera and sensor reaches the sample, and the sample's record gives it back."""
     write_png(tmp_path / "code.png", np.eye(3, dtype=np.uint8) * 255)

@@ -191,7 +191,7 @@ def test_nothing_is_counted_without_a_readable_list(root):
 
 def test_repair_hint_for_samples_of_generate(root):
     rows = Dataset(root).manifest.rows
-    write_manifest(root, Manifest(rows, info={"made_with": {"backend": "scalar_rgb"}}))
+    write_manifest(root, Manifest(rows, info={"made_with": {"backend": "llvm_ad_rgb"}}))
     assert repair_hint(root, wrong(root)) == ""
     (root / "a" / "notes.txt").touch()
     assert repair_hint(root, wrong(root)) == ""

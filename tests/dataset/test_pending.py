@@ -21,7 +21,7 @@ from twinlens.dataset.verify import missing_parts, repair_hint
 from twinlens.errors import FileError
 from twinlens.factory.plan import sample_name
 
-MADE_WITH = {"made_with": {"backend": "scalar_rgb"}}
+MADE_WITH = {"made_with": {"backend": "llvm_ad_rgb"}}
 
 
 def wrong(where):

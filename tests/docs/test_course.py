@@ -64,11 +64,6 @@ def test_a_script_uses_public_names_only(script):
 @each_script
 def test_a_script_makes_one_figure(script):
     text = script.read_text()
-    if (
-        "needs the LLVM backend" in text
-        and os.environ.get("TWINLENS_REQUIRE_LLVM") != "1"
-    ):
-        pytest.skip("needs LLVM; TWINLENS_REQUIRE_LLVM=1 runs it")
     code = text.replace(
         "plt.show()\n", "plt.gcf().canvas.draw()\nassert plt.get_fignums() == [1]\n"
     )

@@ -5,8 +5,6 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.rendering.conftest import skip_without_llvm
-
 PAGE = (Path(__file__).parents[2] / "docs" / "projectors.md").read_text()
 SMALLER = {
     "848, 480": "212, 120",
@@ -18,7 +16,6 @@ SMALLER = {
 
 
 def test_blocks_run_and_decoded_columns_are_those_of_the_truth():
-    skip_without_llvm()
     made: dict[str, object] = {}
     for block in re.findall(r"```python\n(.*?)```", PAGE, re.S):
         for old, new in SMALLER.items():

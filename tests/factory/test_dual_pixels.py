@@ -18,9 +18,6 @@ from twinlens.factory import (
     remake,
     worker_processes,
 )
-from twinlens.rendering import backend
-
-pytestmark = pytest.mark.usefixtures("parts_supported")
 
 RECIPE = """
 seed = 5
@@ -48,13 +45,7 @@ vignetting = false
 
 
 @pytest.fixture(scope="module")
-def parts_supported():
-    if not backend().is_jit:
-        pytest.skip("parts of an aperture need the LLVM or CUDA backend")
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory, parts_supported):
+def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("dual")
     generate(read_recipe(write_recipe(folder, RECIPE, 2)), folder / "out")
     return folder / "out"

@@ -23,7 +23,7 @@ from twinlens.dataset.files import locked
 from twinlens.dataset.metadata import about
 from twinlens.dataset.sample import sample_files
 from twinlens.dataset.verify import verify_sample
-from twinlens.errors import BackendError, FileError, InputError, OutputError
+from twinlens.errors import FileError, InputError, OutputError
 from twinlens.factory import (
     estimate,
     generate,
@@ -33,9 +33,7 @@ from twinlens.factory import (
     recipe_from_table,
 )
 from twinlens.factory.plan import SampleSpec
-from twinlens.factory.produce import Exhausted, check_backend
-from twinlens.rendering import sensors
-from twinlens.rendering.backends import Backend
+from twinlens.factory.produce import Exhausted
 
 
 @pytest.fixture(scope="module")
@@ -558,72 +556,6 @@ def test_where_nothing_is_left_to_chance_the_first_draw_tells(folder, tmp_path):
 THIN = 'kind = "thin"\naperture_mm = {{ choice = [0, 2, 8] }}\nfocus = "object"'
 
 
-@pytest.fixture
-def scalar(monkeypatch):
-    """Lenses are judged as where no LLVM works."""
-    monkeypatch.setattr(
-        sensors, "backend", lambda: Backend("scalar", "scalar_rgb", "a test says so")
-    )
-
-
-@pytest.mark.parametrize(
-    "lens",
-    [
-        'kind = "hole"\naperture_mm = 1\nfilm_mm = 50',
-        'kind = "thin"\naperture_mm = 8\nshape = {{ kind = "polygon", blades = 6 }}',
-        'kind = "thin"\naperture_mm = {{ uniform = [2, 8] }}\nfocus = inf',
-    ],
-)
-def test_lenses_that_the_backend_cannot_do_leave_no_folder_behind(
-    scalar, tmp_path, folder, lens
-):
-    """The recipe's own aperture may be shut; these are open, in every draw."""
-    assert THIN in RECIPE
-    refused = read_recipe(write_recipe(tmp_path, RECIPE.replace(THIN, lens)))
-    with pytest.raises(BackendError, match="needs the LLVM or CUDA backend"):
-        generate(refused, folder)
-    assert not folder.exists()
-
-
-def test_a_mismatch_that_the_backend_cannot_do_leaves_no_folder_behind(
-    scalar, tmp_path, folder
-):
-    write_recipe(tmp_path)
-    table = {
-        "seed": 1,
-        "count": 1,
-        "scenes": ["tiny"],
-        "sensor": {"mismatch": "typical"},
-    }
-    with pytest.raises(
-        BackendError,
-        match=r"distortion_px=\S+ needs the LLVM or CUDA .* use distortion_px=0",
-    ):
-        generate(recipe_from_table(table, tmp_path / "recipe.toml"), folder)
-    assert not folder.exists()
-    table["sensor"] = {"mismatch": {"level": "typical", "distortion_px": 0}}
-    check_backend(recipe_from_table(table, tmp_path / "recipe.toml"), 0)
-
-
-def test_a_focus_error_that_the_backend_cannot_do_is_named(scalar, tmp_path, folder):
-    lenses = [{"kind": "thin", "aperture_mm": 8, "focus": 5.0}]
-    table = {
-        "seed": 1,
-        "count": 1,
-        "scenes": ["cards"],
-        "sensor": {"mismatch": {"focus_um": -200}},
-        "lenses": lenses,
-    }
-    with pytest.raises(
-        BackendError,
-        match=r"focus_um of a mismatch focuses beyond infinity needs .* use focus_um=0",
-    ):
-        generate(recipe_from_table(table, tmp_path / "recipe.toml"), folder)
-    assert not folder.exists()
-    table["sensor"] = {"mismatch": {"focus_um": 0}}
-    check_backend(recipe_from_table(table, tmp_path / "recipe.toml"), 0)
-
-
 @pytest.mark.parametrize("subject", [{"scenes": ["cards"]}, {"families": ["tabletop"]}])
 @pytest.mark.parametrize(
     ("mismatch", "message"),
@@ -659,23 +591,6 @@ def test_a_constant_impossible_mismatch_leaves_no_folder_behind(
     assert not folder.exists()
 
 
-PROJECTOR = "projectors = [{{ band = 'rgb', aperture_mm = 2 }}]"
-
-
-@pytest.mark.parametrize(
-    "rig", ["fx = 40\nfy = 41", "cx = 3.3", "distortion = {{ k1 = -0.1 }}", PROJECTOR]
-)
-def test_rigs_that_the_backend_cannot_do_leave_no_folder_behind(
-    scalar, tmp_path, folder, rig
-):
-    refused = read_recipe(
-        write_recipe(tmp_path, RECIPE.replace("[rig]", f"[rig]\n{rig}"))
-    )
-    with pytest.raises(BackendError, match="needs the LLVM or CUDA backend"):
-        generate(refused, folder)
-    assert not folder.exists()
-
-
 def test_a_scene_without_light_needs_a_sky(tmp_path, folder):
     path = write_recipe(tmp_path, count=1)
     scene = tmp_path / "tiny" / "scene.toml"
@@ -690,20 +605,6 @@ def test_a_scene_without_light_needs_a_sky(tmp_path, folder):
     write_sky(tmp_path / "day.exr", np.full((4, 8, 3), 0.5))
     path.write_text(path.read_text() + '[sky]\nfile = "day.exr"\n')
     assert make(read_recipe(path), 0).shots[0].images[0].any()
-
-
-def test_lenses_that_some_draw_could_do_are_tried(scalar, tmp_path, folder):
-    """The same with an aperture that may be closed: a recipe is refused only if every draw needs another backend."""
-    lens = 'kind = "thin"\naperture_mm = {{ choice = [0, 2] }}\nfocus = inf'
-    tried = read_recipe(write_recipe(tmp_path, RECIPE.replace(THIN, lens), count=1))
-    calls = []
-
-    def engine(work, indices, report):
-        calls.append(list(indices))
-        yield from ()
-
-    generate(tried, folder, engine=engine)
-    assert calls == [[0]]
 
 
 def test_progress_names_the_reason_of_the_last_rejected_draw(folder, tmp_path):

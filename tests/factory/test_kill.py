@@ -1,6 +1,6 @@
 """kill -9 at any moment costs at most the sample in the making: the next run ends with the same bytes.
 
-Runs are processes of their own, in scalar mode, which starts quickly.
+Runs are processes of their own.
 """
 
 import signal

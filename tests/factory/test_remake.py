@@ -14,7 +14,6 @@ from twinlens.camera import BrownConrady, MaskAperture, Polygon
 from twinlens.dataset.sample import sample_files
 from twinlens.errors import InputError
 from twinlens.factory import default_rig, make, make_sample, read_recipe, remake
-from twinlens.rendering import backend
 from twinlens.sensor import Exposure, Mismatch, Sensor
 
 CODE = np.random.default_rng(3).integers(0, 256, (5, 7), dtype=np.uint8)
@@ -50,9 +49,6 @@ def rig(scene):
 
 
 def shaped(scene, rig):
-    """Everything that the scalar backend cannot do."""
-    if not backend().is_jit:
-        pytest.skip("the full camera law needs the LLVM or CUDA backend")
     return make_sample(
         scene, rig, SHAPED, spp=3, seed=11, sensor=SENSOR, exposure=Exposure(0.01, 2.0), sky_disparity=True,
         keep_radiance=True, keep_models=True, sampler="independent",

@@ -23,8 +23,6 @@ from tests.factory_recipes import (
     start,
     write_recipe,
 )
-from tests.rendering.conftest import skip_without_llvm
-from twinlens import rendering
 from twinlens.dataset import place
 from twinlens.dataset.record import plain
 from twinlens.errors import BackendError, InputError, MissingExtraError
@@ -36,7 +34,6 @@ from twinlens.factory.workers import (
     usual_workers,
     worker_processes,
 )
-from twinlens.rendering import sensors
 from twinlens.rendering.backends import Backend
 from twinlens.scenes.model_files import MaterialWarning
 
@@ -93,17 +90,10 @@ def test_a_killed_worker_costs_nothing(recipe, whole, tmp_path):
 def test_a_worker_that_dies_idle_while_another_one_works_costs_nothing(
     tmp_path, monkeypatch
 ):
-    monkeypatch.setenv("TWINLENS_BACKEND", "scalar")
     recipe = write_recipe(tmp_path, count=4)
     recipe.write_text(
         recipe.read_text().replace("spp = 1", "spp = { sweep = [2000, 1, 1] }")
     )
-    for module in (rendering, sensors):
-        monkeypatch.setattr(
-            module,
-            "backend",
-            lambda: Backend("scalar", "scalar_rgb", "as in the workers"),
-        )
     read, end = read_recipe(recipe), time.monotonic() + PATIENCE_S
 
     def report(fraction, text):
@@ -149,12 +139,10 @@ def test_a_script_without_a_guard_is_named_as_the_cause(recipe, tmp_path):
         "from twinlens.factory import generate, read_recipe, worker_processes\n"
         f"generate(read_recipe({str(recipe)!r}), {str(tmp_path / 'set')!r}, engine=worker_processes(1))\n"
     )
-    environment = {**os.environ, "TWINLENS_BACKEND": "scalar"}
     done = subprocess.run(
         [sys.executable, script],
         capture_output=True,
         text=True,
-        env=environment,
         timeout=PATIENCE_S,
     )
     assert 'the guard `if __name__ == "__main__":`' in done.stderr.splitlines()[-1]
@@ -169,9 +157,7 @@ def test_a_script_without_a_guard_is_named_as_the_cause(recipe, tmp_path):
         (8, 16, "llvm", 25, 2),
         (8, 16, "llvm", 19, 0),
         (1, 16, "llvm", 301, 1),
-        (8, 16, "scalar", 100, 0),
         (8, 16, "cuda", 100, 0),
-        (8, 16, "scalar", 301, 1),
     ],
 )
 def test_large_runs_of_random_scenes_get_several_processes(
@@ -220,7 +206,6 @@ def test_the_usual_engine_counts_the_samples_that_are_left(tmp_path, monkeypatch
 def test_random_scenes_are_the_same_by_default_and_in_one_process(
     tmp_path, monkeypatch
 ):
-    skip_without_llvm()
     monkeypatch.setattr(workers, "processor_count", lambda: 2)
     family = 'seed = 1\ncount = {count}\nfamilies = ["flying"]\nwidth = 64\nheight = 48\nspp = 2\n'
     recipe = write_recipe(tmp_path, family, count=20)
@@ -237,13 +222,6 @@ def test_a_process_is_replaced_after_some_samples_and_makes_the_same_bytes(
     recipe, whole, tmp_path, monkeypatch
 ):
     monkeypatch.setattr(workers, "RENEWED_AFTER", 3)
-    monkeypatch.setenv("TWINLENS_BACKEND", "scalar")
-    for module in (rendering, sensors):
-        monkeypatch.setattr(
-            module,
-            "backend",
-            lambda: Backend("scalar", "scalar_rgb", "as in the workers"),
-        )
     seen = set()
 
     def report(fraction, text):
@@ -300,9 +278,7 @@ def test_thirty_samples_with_a_worker_killed(tmp_path, workers):
 
 @pytest.mark.slow
 def test_a_scheduler_of_the_users_serves_as_well(recipe, whole, tmp_path):
-    environment = {**os.environ, "TWINLENS_BACKEND": "scalar"}
     quiet = {
-        "env": environment,
         "stdout": subprocess.DEVNULL,
         "stderr": subprocess.DEVNULL,
         "cwd": tmp_path,

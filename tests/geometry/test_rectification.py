@@ -292,7 +292,7 @@ def test_every_fit_gives_a_rectified_pair():
 
 @pytest.mark.parametrize("fit", ["valid", "all"])
 def test_the_principal_point_of_a_rectified_pair_stays_in_the_middle(fit):
-    """Exactly, since the scalar backend renders no others; rotations alone leave rounding errors."""
+    """Exactly: rotations alone leave rounding errors."""
     pose = geometry.rigid(rotation(np.random.default_rng(0)), (0.3, -0.2, 1.1))
     pair = Rig.stereo(Camera.from_fov(320, 240, fov_x_deg=50), 0.1, pose)
     assert [

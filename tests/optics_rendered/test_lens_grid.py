@@ -1,7 +1,6 @@
 """Images of many lenses from one set of light paths equal those of each lens by itself, and know their own error."""
 
 import math
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -269,41 +268,6 @@ def test_lenses_that_cannot_share_paths_are_rendered_separately(room, camera, le
     assert not differ(grid, alone)
     one = tl.render_lens_grid(room, rig, lenses, spp=1, seed=0)
     assert np.isnan(one.standard_error).all()
-
-
-SCALAR = """
-import sys
-import numpy as np
-sys.path.insert(0, sys.argv[1])
-import twinlens as tl
-from tests.optics_rendered.optics_lights import chequered_room, square_camera
-rig = tl.Rig.stereo(square_camera(18, 26.0), 0.1)
-lenses = [tl.Pinhole(), tl.ThinLens(0.2, 2.0)]
-grids = [tl.render_lens_grid(chequered_room(), rig, lenses, spp=16, seed=seed) for seed in range(12)]
-assert all((grid.standard_error > 0).all() for grid in grids)
-np.save(sys.argv[2], [list(grid) for grid in grids])
-"""
-
-
-def test_the_scalar_backend_renders_lens_by_lens(room, tmp_path):
-    """In a process of its own; the same light as the direct images of this one."""
-    file = tmp_path / "grid.npy"
-    command = [sys.executable, "-c", SCALAR, str(Path(__file__).parents[2]), str(file)]
-    child = subprocess.run(
-        command,
-        env={**os.environ, "TWINLENS_BACKEND": "scalar"},
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
-    assert child.returncode == 0, child.stderr
-    scalar = np.load(file).astype(np.float64)
-    rig = tl.Rig.stereo(square_camera(18, 26.0), 0.1)
-    for i, lens in enumerate((tl.Pinhole(), tl.ThinLens(0.2, 2.0))):
-        direct = repeated(
-            lambda seed, lens=lens: tl.render(room, rig, lens, spp=16, seed=100 + seed)
-        )
-        assert not differ(scalar[:, i], direct)
 
 
 @pytest.mark.parametrize("fall", [1.0, 1.1, 1.5])

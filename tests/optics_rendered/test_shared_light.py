@@ -1,9 +1,5 @@
 """Light fields of shared light: each view is what a pinhole camera sees that is rendered by itself."""
 
-import os
-import subprocess
-import sys
-
 import drjit
 import numpy as np
 import pytest
@@ -269,17 +265,3 @@ def test_what_shares_no_light_is_refused():
     )
     with pytest.raises(InputError, match="another integrator than 'path'"):
         tl.render_light_field(direct, rig)
-
-
-def test_the_scalar_backend_is_refused():
-    command = "import twinlens as tl; s = tl.load_scene('cards'); c = tl.Camera.from_fov(8, 6, 50);"
-    command += "tl.render_light_field(s, tl.light_field_rig(c, tl.ThinLens(0.01, 1.0), 2, s.world_from_left))"
-    scalar = {**os.environ, "TWINLENS_BACKEND": "scalar"}
-    done = subprocess.run(
-        [sys.executable, "-c", command],
-        env=scalar,
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
-    assert "BackendError: shared light needs the LLVM or CUDA backend" in done.stderr

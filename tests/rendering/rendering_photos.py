@@ -6,13 +6,6 @@ from twinlens.camera import Camera
 from twinlens.geometry import look_at
 from twinlens.scenes import Scene, SceneObject
 
-SCALAR_SAMPLERS = (
-    "multijitter",
-    "independent",
-    "stratified",
-    "orthogonal",
-    "ldsampler",
-)
 POSE = look_at(
     [0.7, -1.3, 0.4], [-0.6, 2.0, 0.9], [0.2, 0.1, 1.0]
 )  # nothing is aligned with the world's axes
@@ -201,8 +194,6 @@ EDGES = {  # name: (camera, lens parameters or None, depth, axis, position in me
     "far": (camera(), (0.3, 1.0), 2.0, "x", 0.1234),
     "near": (camera(), (0.3, 6.0), 2.0, "x", -0.05),
     "off-centre lens": (camera(cx=30.0, cy=9.0), (0.3, 1.0), 2.0, "x", -0.4),
-}
-JIT_EDGES = {
     "tall pixels x": (camera(fy=97.0), None, 2.0, "x", 0.1234),
     "tall pixels y": (camera(6, 40, fx=97.0, fy=60.0), None, 2.0, "y", -0.0877),
     "odd centre": (camera(cx=17.123, cy=2.87), None, 2.0, "x", 0.1234),

@@ -3,8 +3,10 @@
 import importlib
 import json
 import os
+import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -34,6 +36,13 @@ def offer(monkeypatch):
     return lambda *files: monkeypatch.setattr(
         llvm, "candidates", lambda: [Path(file) for file in files]
     )
+
+
+@pytest.fixture
+def bare(monkeypatch):
+    """A machine without any LLVM library."""
+    monkeypatch.setattr(llvm, "_FOLDERS", ())
+    monkeypatch.setattr(llvm, "_packaged", lambda name: None)
 
 
 @pytest.fixture
@@ -70,32 +79,27 @@ def test_broken_and_old_libraries_are_reported(offer, tmp_path):
     """Real children: a text file, LLVM 15, which aborts its process, and LLVM 14, which is refused."""
     files = [broken(tmp_path), *old_ones()]
     offer(*files)
-    chosen = backend.doctor()
-    assert (chosen.name, chosen.variant, chosen.is_jit) == (
-        "scalar",
-        "scalar_rgb",
-        False,
-    )
-    assert [Path(probe.path) for probe in chosen.probes] == files
-    assert not any(probe.works for probe in chosen.probes)
+    with pytest.raises(BackendError, match="rendering needs LLVM, and ") as caught:
+        backend.doctor()
+    message = str(caught.value)
     for file in files:
-        assert file.name in chosen.reason
-    assert "libllvm19" in chosen.advice
-    assert "\n" not in chosen.reason + chosen.advice
+        assert file.name in message
+    assert "install it: " in message
+    assert "\n" not in message
 
 
 @pytest.mark.skipif(
     not (DEBIAN / "libLLVM-15.so.1").exists(), reason="no LLVM 15 on this machine"
 )
-def test_an_llvm_path_that_aborts_falls_back_to_scalar(tmp_path):
-    """The whole way, in a process that must not die: DRJIT_LIBLLVM_PATH names LLVM 15, and there is no other."""
+def test_an_llvm_path_that_aborts_leads_to_the_library_of_the_environment(tmp_path):
+    """The whole way, in a process that must not die: DRJIT_LIBLLVM_PATH names LLVM 15."""
     script = (
-        "import importlib; from twinlens.rendering import llvm\n"
+        "import importlib\n"
         "b = importlib.import_module('twinlens.rendering.backends')\n"
-        "b._has_cuda_driver = lambda: False; llvm._FOLDERS = ()\n"
+        "b._has_cuda_driver = lambda: False\n"
         "chosen = b.backend(); mi = b.mitsuba()\n"
         "scene = mi.load_dict(mi.cornell_box()); mi.render(scene, spp=1)\n"
-        "print(chosen.variant, '|', b.doctor().reason, '|', chosen.reason)"
+        "print(chosen.variant, chosen.probes[0].answer)"
     )
     child = run_python(
         script,
@@ -103,16 +107,79 @@ def test_an_llvm_path_that_aborts_falls_back_to_scalar(tmp_path):
         DRJIT_CACHE_DIR=str(tmp_path),
     )
     assert child.returncode == 0, child.stderr
-    assert child.stdout.startswith("scalar_rgb | libLLVM-15.so.1 ")
-    assert child.stdout.endswith(" | no usable LLVM; see `twinlens doctor`\n")
+    assert child.stdout.startswith("llvm_ad_rgb aborts the process")
 
 
-def test_a_missing_library_path_is_reported(monkeypatch, tmp_path):
-    monkeypatch.setattr(llvm, "_FOLDERS", ())
+def test_a_missing_library_path_is_reported(monkeypatch, bare, tmp_path):
     monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(tmp_path / "libLLVM-gone.so"))
+    with pytest.raises(BackendError, match=r"libLLVM-gone\.so fails: no such file; "):
+        backend.doctor()
+
+
+@pytest.mark.parametrize(
+    ("system", "machine", "command"),
+    [
+        ("linux", "x86_64", "pip install karellen-llvm-core==19.1.7"),
+        ("linux", "aarch64", "apt install libllvm19"),
+        ("darwin", "arm64", "brew install llvm"),
+    ],
+)
+def test_a_machine_without_llvm_is_told_what_to_install(
+    monkeypatch, bare, system, machine, command
+):
+    monkeypatch.setattr("sys.platform", system)
+    monkeypatch.setattr("platform.machine", lambda: machine)
+    with pytest.raises(BackendError, match=f"no LLVM library .*{command}") as caught:
+        backend.doctor()
+    assert caught.value.exit_code == 2
+    assert "\n" not in str(caught.value)
+
+
+def test_the_pinned_version_is_the_tested_one():
+    text = (Path(__file__).parents[2] / "pyproject.toml").read_text()
+    pins = tomllib.loads(text)["project"]["dependencies"]
+    pin = f"{llvm.PACKAGE}=={llvm.TESTED_VERSION}"
+    marker = "sys_platform == 'linux' and platform_machine == 'x86_64'"
+    assert f"{pin}; {marker}" in pins
+
+
+def test_the_library_of_the_environment_needs_no_probe(monkeypatch, answers):
+    """Nor does it as the DRJIT_LIBLLVM_PATH that worker processes inherit, or by one of its links."""
+    probed = answers({})
     chosen = backend.doctor()
-    assert chosen.name == "scalar"
-    assert chosen.reason == "libLLVM-gone.so fails: no such file"
+    assert Path(chosen.library) == llvm.environment_library()
+    monkeypatch.setenv("DRJIT_LIBLLVM_PATH", chosen.library)
+    assert backend.doctor().library == chosen.library
+    assert probed == []
+
+
+def test_another_version_in_the_environment_is_probed(monkeypatch, answers):
+    library = llvm.environment_library()
+    monkeypatch.setattr(llvm, "TESTED_VERSION", "1.0")
+    probed = answers({library.name: "works"})
+    assert backend.doctor().library == str(library)
+    assert probed == [library.name]
+
+
+def test_the_environment_works_without_the_links_of_its_pth_file(tmp_path):
+    """An environment as pip leaves it before Python's first start: files of the wheel alone."""
+    lib = tmp_path / "lib"
+    (lib / "x86_64").mkdir(parents=True)
+    names = ("libunwind.so.1", "libc++abi.so.1", "libc++.so.1")
+    for source in [llvm.environment_library(), *map(llvm._packaged, names)]:
+        folder = lib if source.name.startswith("libLLVM") else lib / "x86_64"
+        shutil.copy(source, folder)
+    script = (
+        "import pathlib, sys; from twinlens.rendering import backend, llvm\n"
+        "files = {file.name: file for file in pathlib.Path(sys.argv[1]).rglob('*.so*')}\n"
+        "def packaged(name):\n"
+        "    return next(file for key, file in files.items() if key.startswith(name))\n"
+        "llvm._packaged = packaged\n"
+        "chosen = backend(); import mitsuba as mi\n"
+        "mi.render(mi.load_dict(mi.cornell_box()), spp=1); print(chosen.library)"
+    )
+    child = run_python(script, str(lib), TWINLENS_BACKEND="llvm", DRJIT_LIBLLVM_PATH="")
+    assert child.stdout.strip() == str(lib / "libLLVM.so.19.1"), child.stderr
 
 
 def test_a_library_name_without_a_folder_is_found_by_the_loader(monkeypatch):
@@ -142,39 +209,6 @@ def test_a_working_llvm_is_chosen_after_a_broken_one(offer, answers, tmp_path):
         "/nowhere/libLLVM-42.so",
     )
     assert probed == ["libLLVM-99.so", "libLLVM-16.so", "libLLVM-42.so"]
-    assert chosen.is_jit
-
-
-def test_a_missing_llvm_is_reported(offer):
-    offer()
-    chosen = backend.doctor()
-    assert chosen.name == "scalar"
-    assert "no LLVM library" in chosen.reason
-    assert chosen.advice
-
-
-def test_commands_report_missing_llvm_briefly_and_doctor_in_full(
-    monkeypatch, offer, answers
-):
-    """Every command prints the backend in one line, however long the probes' answers."""
-    offer("/nowhere/libLLVM-42.so", "/nowhere/libLLVM-43.so")
-    answers(
-        {
-            "libLLVM-42.so": "fails: " + "word " * 70,
-            "libLLVM-43.so": "aborts the process (signal 6)",
-        }
-    )
-    monkeypatch.setattr(backend, "_already_set", lambda: None)
-    monkeypatch.setattr(backend, "_activate", lambda chosen: None)
-    chosen, full = backend.backend.__wrapped__(), backend.doctor()
-    assert chosen.reason == "no usable LLVM; see `twinlens doctor`"
-    assert (chosen.variant, chosen.advice, chosen.probes) == (
-        full.variant,
-        full.advice,
-        full.probes,
-    )
-    assert "word word" in full.reason
-    assert "libLLVM-43.so aborts" in full.reason
 
 
 def test_a_working_cuda_device_is_preferred(monkeypatch, offer, answers):
@@ -191,7 +225,10 @@ def test_a_cuda_driver_without_a_device_is_not_used(monkeypatch, offer, answers)
     assert backend.doctor().variant == "llvm_ad_rgb"
 
 
-def test_candidates_are_the_users_library_then_the_newest(monkeypatch, tmp_path):
+def test_candidates_are_the_users_library_the_environments_then_the_newest(
+    monkeypatch, tmp_path
+):
+    packaged = llvm.environment_library()
     for name in (
         "libLLVM-9.so",
         "libLLVM-14.so.1",
@@ -207,18 +244,20 @@ def test_candidates_are_the_users_library_then_the_newest(monkeypatch, tmp_path)
         "libLLVM-14.so.1",
         "libLLVM-9.so",
     ]
-    assert [file.name for file in llvm.candidates()] == newest_first
+    assert llvm.candidates()[0] == packaged
+    assert [file.name for file in llvm.candidates()[1:]] == newest_first
     monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(tmp_path / "libLLVM-14.so.1"))
     names = [file.name for file in llvm.candidates()]
     assert names == [
         "libLLVM-14.so.1",
+        packaged.name,
         "libLLVM-20.so",
         "libLLVM.so.19.1",
         "libLLVM-9.so",
     ]
 
 
-def test_links_to_one_library_are_one_candidate(monkeypatch, tmp_path):
+def test_links_to_one_library_are_one_candidate(monkeypatch, bare, tmp_path):
     (tmp_path / "libLLVM.so.19.1").write_text("")
     (tmp_path / "libLLVM-19.so").symlink_to("libLLVM.so.19.1")
     (tmp_path / "libLLVM.so").symlink_to("libLLVM-19.so")
@@ -311,10 +350,10 @@ def test_every_exit_of_a_probe_has_a_message(monkeypatch, script, answer):
     assert llvm.probe("llvm_ad_rgb").answer == answer
 
 
-@pytest.mark.parametrize("wish", ["Scalar", "llvm19", "gpu"])
+@pytest.mark.parametrize("wish", ["scalar", "llvm19", "gpu"])
 def test_an_unknown_backend_name_is_an_error(monkeypatch, wish):
     monkeypatch.setenv("TWINLENS_BACKEND", wish)
-    with pytest.raises(InputError, match="auto, cuda, llvm, scalar") as caught:
+    with pytest.raises(InputError, match="auto, cuda, llvm") as caught:
         backend.backend.__wrapped__()
     assert "\n" not in str(caught.value)
 
@@ -329,19 +368,10 @@ def test_a_backend_that_does_not_work_is_an_error(monkeypatch, offer, answers, w
     offer("/nowhere/libLLVM-15.so")
     answers({"libLLVM-15.so": "aborts the process (signal 6)"})
     monkeypatch.setenv("TWINLENS_BACKEND", wish)
-    with pytest.raises(BackendError, match=f"TWINLENS_BACKEND={wish}") as caught:
+    reason = {"llvm": "libLLVM-15.so aborts", "cuda": "no NVIDIA driver"}[wish]
+    with pytest.raises(BackendError, match=reason) as caught:
         backend.doctor()
-    assert ("libLLVM-15.so" in str(caught.value)) == (wish == "llvm")
-    assert {"llvm": "libllvm19", "cuda": "libcuda.so.1"}[wish] in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_requested_scalar_probes_nothing(monkeypatch, offer, answers):
-    offer("/nowhere/libLLVM-15.so")
-    probed = answers({})
-    monkeypatch.setenv("TWINLENS_BACKEND", "scalar")
-    assert backend.doctor().variant == "scalar_rgb"
-    assert probed == []
 
 
 HOST = (
@@ -351,22 +381,20 @@ HOST = (
 
 
 def test_a_variant_set_by_the_host_is_kept():
-    child = run_python(HOST.format(variant="scalar_rgb"))
-    assert child.stdout.strip() == "scalar_rgb", child.stderr
+    library = str(llvm.environment_library())
+    child = run_python(HOST.format(variant="llvm_ad_rgb"), DRJIT_LIBLLVM_PATH=library)
+    assert child.stdout.strip() == "llvm_ad_rgb", child.stderr
 
 
 def test_an_unsupported_variant_is_an_error():
-    child = run_python(HOST.format(variant="scalar_spectral"))
+    child = run_python(HOST.format(variant="scalar_rgb"))
     assert child.returncode == 1
-    assert (
-        "BackendError: mitsuba's variant is already scalar_spectral"
-        in child.stderr.splitlines()[-1]
-    )
+    last = child.stderr.splitlines()[-1]
+    assert "BackendError: mitsuba's variant is already scalar_rgb" in last
 
 
-def test_the_working_llvm_of_this_machine_is_used(both):
+def test_the_working_llvm_of_this_machine_is_used():
     """Where an LLVM works, `auto` finds it: the machine's own candidates, real probes."""
-    both["llvm"]("truth")
     child = run_python(
         "from twinlens.rendering import backend; b = backend(); print(b.name, b.library)"
     )
@@ -375,9 +403,8 @@ def test_the_working_llvm_of_this_machine_is_used(both):
     assert name == "cuda" or Path(library).exists()
 
 
-def test_a_missing_library_named_by_the_user_leads_to_the_one_that_works(both):
-    """The whole way: the probe of the machine's own LLVM is what this process then uses."""
-    both["llvm"]("truth")
+def test_a_missing_library_named_by_the_user_leads_to_the_one_that_works():
+    """The whole way."""
     script = (
         "from twinlens.rendering.backends import mitsuba; mi = mitsuba()\n"
         "mi.render(mi.load_dict(mi.cornell_box()), spp=1); print(mi.variant())"
@@ -387,8 +414,7 @@ def test_a_missing_library_named_by_the_user_leads_to_the_one_that_works(both):
     assert child.stdout.strip() in ("llvm_ad_rgb", "cuda_ad_rgb")
 
 
-def test_a_host_that_imported_mitsuba_with_a_broken_path_gets_one_line(both):
-    both["llvm"]("truth")
+def test_a_host_that_imported_mitsuba_with_a_broken_path_gets_one_line():
     script = "import mitsuba; from twinlens.rendering import backend; backend()"
     child = run_python(script, DRJIT_LIBLLVM_PATH="/nonexistent")
     last = child.stderr.splitlines()[-1] if child.stderr else ""
@@ -405,14 +431,14 @@ def test_importing_twinlens_imports_no_renderer():
     assert child.stdout.split() == ["False", "False"], child.stderr
 
 
-def run_python(script, **environment):
+def run_python(script, *arguments, **environment):
     usual = {
         key: value
         for key, value in os.environ.items()
         if key not in ("TWINLENS_BACKEND", "DRJIT_CACHE_DIR")
     }
     return subprocess.run(
-        [sys.executable, "-c", script],
+        [sys.executable, "-c", script, *arguments],
         env=usual | environment,
         capture_output=True,
         text=True,

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import twinlens as tl
-from tests.rendering.conftest import skip_without_llvm
 from twinlens import geometry
 from twinlens.dataset.record import RIG, plain
 from twinlens.errors import InputError
@@ -29,11 +28,6 @@ PROJECTOR = tl.Projector(
     5.0,
 )
 POSES = [geometry.rigid(np.eye(3), [0.05 * i, 0.0, 0.0]) for i in range(4)]
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _llvm():
-    skip_without_llvm()
 
 
 def wall(**lights):

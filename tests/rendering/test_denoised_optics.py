@@ -9,8 +9,8 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture
-def found(both):
-    return both["llvm"]("denoised optics")
+def found(renderer):
+    return renderer("denoised optics")
 
 
 @pytest.mark.parametrize("name", photos.SLANTED_LENSES)

@@ -1,4 +1,4 @@
-"""The truth against closed forms, from everywhere: depth, disparity, visibility, normals, names; in both backends.
+"""The truth against closed forms, from everywhere: depth, disparity, visibility, normals, names.
 
 Where an answer differs, the pixel must lie within a stated distance of an edge in the closed form itself.
 """
@@ -16,7 +16,7 @@ GRAZING = 0.02  # cosine of the angle of incidence
 
 @pytest.fixture(scope="session")
 def answers():
-    """The closed forms of every view: (case, view) -> View, pixels, depth, body; computed once for both backends."""
+    """The closed forms of every view: (case, view) -> View, pixels, depth, body."""
     bodies = cases.bodies()
     views = {
         (name, i): View(bodies, rig, i)
@@ -268,15 +268,3 @@ def test_arrays_have_the_documented_shapes_and_types(renderer):
                 assert array.shape[2:] == (
                     (3,) if field in ("position", "normal", "shading_normal") else ()
                 )
-
-
-def test_both_backends_give_the_same_truth(both, answers):
-    """Refined on the same primitives, they differ by rounding alone."""
-    scalar, llvm = both["scalar"]("truth"), both["llvm"]("truth")
-    for (name, index), (view, pixels, _, _) in answers.items():
-        ours, theirs = (Fields(arrays, f"{name}/{index}") for arrays in (scalar, llvm))
-        same = ours["object_id"] == theirs["object_id"]
-        assert view.near_edge(view.label, pixels[~same], 1e-3).all()
-        both_hit = same & (ours["object_id"] > 0)
-        clear = both_hit & (view.all_cosines > GRAZING)
-        assert np.allclose(ours["depth"][clear], theirs["depth"][clear], rtol=1e-6)

@@ -5,7 +5,6 @@ import pytest
 
 import twinlens as tl
 from tests.optics_rendered.optics_lights import HERE
-from tests.rendering.conftest import skip_without_llvm
 from twinlens.camera import Camera, Projector, Rig, patterns
 from twinlens.rendering.build import build
 from twinlens.rendering.integrators import for_denoising
@@ -16,11 +15,6 @@ from twinlens.scenes import Scene, SceneObject
 CAMERA = Camera.from_fov(64, 48, 60)
 LARGE = Camera.from_fov(160, 120, 60)
 REFLECTANCE = 0.6
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _llvm():
-    skip_without_llvm()
 
 
 def rgb(value):

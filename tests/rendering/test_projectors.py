@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 from scipy.special import j1
 
 import twinlens as tl
-from tests.rendering.conftest import skip_without_llvm
 from twinlens import geometry
 from twinlens.camera import (
     BrownConrady,
@@ -45,11 +44,6 @@ SIDE = geometry.rigid(
     Rotation.from_euler("xyz", [3, -6, 10], degrees=True).as_matrix(),
     [0.15, 0.02, -0.01],
 )
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _llvm():
-    skip_without_llvm()
 
 
 def scene_of(*objects, depth=2, **lights):
@@ -383,7 +377,7 @@ def test_paths_are_those_of_mitsuba_where_there_is_no_projector(name):
     scene = tl.load_scene(name)
     built = build(scene)
     view = TINY, scene.world_from_left, tl.Pinhole(), 64, "multijitter"
-    ours = Paths([], 16, scene.integrator["max_depth"], rr_depth=3)
+    ours = Paths([], scene.integrator["max_depth"], rr_depth=3)
     theirs = mitsuba().load_dict({**scene.integrator, "rr_depth": 3})
     images = [
         np.asarray(each.render(built.mi_scene, make_sensor(*view), seed=3, spp=64))

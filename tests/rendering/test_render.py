@@ -1,10 +1,11 @@
-"""Photographs against closed forms of light, against Mitsuba's own cameras, and against themselves. Both backends."""
+"""Photographs against closed forms of light, against Mitsuba's own cameras, and against themselves."""
 
 import numpy as np
 import pytest
 
 from tests.rendering import rendering_photos as photos
 from twinlens.camera import Polygon
+from twinlens.rendering.samplers import SAMPLERS
 
 JOBS = "photos"
 
@@ -40,14 +41,10 @@ def seen(image, axis):
     ).max()
 
 
-@pytest.mark.parametrize("name", photos.EDGES | photos.JIT_EDGES)
-def test_a_blurred_edge_has_the_expected_position_and_width(photo, renderer, name):
+@pytest.mark.parametrize("name", photos.EDGES)
+def test_a_blurred_edge_has_the_expected_position_and_width(photo, name):
     """To a hundredth of a pixel, so that no half pixel, sign or factor of two can hide; off-centre and tall too."""
-    if renderer.backend == "scalar" and name in photos.JIT_EDGES:
-        pytest.skip(
-            "the scalar backend has no such camera, and says so: see the refusals"
-        )
-    row = (photos.EDGES | photos.JIT_EDGES)[name]
+    row = photos.EDGES[name]
     across, spread = seen(photo[f"edge/{name}"], row[3])
     expected = profile(*row)
     assert expected.min() < 0.02
@@ -66,9 +63,9 @@ def test_a_wall_at_the_focus_distance_is_as_sharp_as_through_the_pinhole(photo):
 
 
 @pytest.mark.parametrize(("name", "focus"), [("far", 1.0), ("near", 50.0)])
-def test_a_small_light_out_of_focus_draws_the_aperture(both, name, focus):
+def test_a_small_light_out_of_focus_draws_the_aperture(renderer, name, focus):
     """Upside down before the plane of focus, upright behind it: point a of it sees X at f (X/z - a (1/z - k))."""
-    image = both["llvm"]("bokeh")[name].mean(axis=-1)
+    image = renderer("bokeh")[name].mean(axis=-1)
     camera, diameter, _, z = photos.DOT
     line = (np.arange(160) + 0.5) / 80 - 1
     ax, ay = (grid.ravel() for grid in np.meshgrid(line, line))
@@ -141,13 +138,6 @@ def test_an_off_centre_pair_equals_crops_of_centred_images(photo):
         assert not same_light(parts[:, camera], shifted)
 
 
-def test_both_backends_render_the_same_image(both):
-    scalar, llvm = both["scalar"](JOBS), both["llvm"](JOBS)
-    for name in ("lens/ours", "lens/our pinhole"):
-        assert same_light(scalar[name], llvm[name])
-    assert same_light(scalar["crop/parts"][:, 1], llvm["crop/parts"][:, 1])
-
-
 def shared_noise(a, b):
     """The sum of products of two noises in units of its standard error: about N(0, 1) for independent noise of any
     distribution over the pixels."""
@@ -196,12 +186,8 @@ SPP = (1, 2, 3, 7, 8, 13, 32)
 
 
 @pytest.mark.parametrize("spp", SPP)
-@pytest.mark.parametrize("sampler", [*photos.SCALAR_SAMPLERS, "sobol"])
-def test_the_number_of_samples_is_exact(photo, renderer, sampler, spp):
-    if renderer.backend == "scalar" and sampler == "sobol":
-        pytest.skip(
-            "the scalar backend does not have it, and says so: see the refusals"
-        )
+@pytest.mark.parametrize("sampler", SAMPLERS)
+def test_the_number_of_samples_is_exact(photo, sampler, spp):
     assert whole_number_of_samples(photo[f"count/{sampler}/{spp}"], spp)
 
 
@@ -223,7 +209,7 @@ WRONG = (
     "seed 0.5",
     "sampler multijiter",
 )
-NEEDS_JIT = (
+FINE = (
     "sobol",
     "tall pixels",
     "odd centre",
@@ -231,8 +217,11 @@ NEEDS_JIT = (
     "polygon",
     "infinity",
     "bare hole",
+    "closed bare hole",
+    "closed polygon",
+    "half-pixel centre",
+    "numpy numbers",
 )
-FINE = ("closed bare hole", "closed polygon", "half-pixel centre", "numpy numbers")
 
 
 @pytest.mark.parametrize("name", WRONG)
@@ -246,17 +235,6 @@ def test_invalid_requests_are_one_line_errors(photo, name):
     assert "\n" not in message
 
 
-@pytest.mark.parametrize("name", NEEDS_JIT)
-def test_unsupported_scalar_renders_are_errors_with_a_remedy(photo, renderer, name):
-    message = str(photo[f"refusal/{name}"])
-    if renderer.backend == "scalar":
-        assert message.startswith("BackendError: ")
-        assert "libllvm19" in message
-        assert "\n" not in message
-    else:
-        assert message == ""
-
-
 @pytest.mark.parametrize("name", FINE)
-def test_supported_renders_work_on_every_backend(photo, name):
+def test_every_lens_and_camera_renders(photo, name):
     assert str(photo[f"refusal/{name}"]) == ""

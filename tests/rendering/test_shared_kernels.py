@@ -52,8 +52,7 @@ def rows(which, scenes, folder):
 
 
 @pytest.mark.slow
-def test_scenes_of_families_share_a_kernel_and_keep_their_images(both, tmp_path):
-    both["llvm"]("truth")
+def test_scenes_of_families_share_a_kernel_and_keep_their_images(tmp_path):
     shared = rows("shared", SCENES, tmp_path / "shared")
     own = rows("own", SCENES, tmp_path / "own")
     assert [kernels for kernels, _ in shared] == [1, 0, 0]
@@ -62,8 +61,7 @@ def test_scenes_of_families_share_a_kernel_and_keep_their_images(both, tmp_path)
 
 
 @pytest.mark.slow
-def test_the_order_of_scenes_changes_neither_kernels_nor_images(both, tmp_path):
-    both["llvm"]("truth")
+def test_the_order_of_scenes_changes_neither_kernels_nor_images(tmp_path):
     forward, backward = (
         rows("shared", scenes, tmp_path) for scenes in (SCENES, SCENES[::-1])
     )

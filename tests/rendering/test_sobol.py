@@ -6,16 +6,10 @@ from scipy.stats import chisquare, qmc
 
 import twinlens as tl
 from tests.optics_rendered.optics_lights import HERE
-from tests.rendering.conftest import skip_without_llvm
 from twinlens.camera import Camera, Rig
 from twinlens.scenes import Scene, SceneObject
 
 WIDTH, HEIGHT, SPP = 16, 8, 8
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _llvm():
-    skip_without_llvm()
 
 
 def numbers(seed, calls, spp=SPP):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from twinlens.errors import InputError
+from twinlens.rendering.backends import mitsuba
 from twinlens.scenes import load_scene
 
 SENSORS = {
@@ -44,9 +45,7 @@ def write(folder: Path, sensor: str, transform: str = "") -> Path:
 def test_pose_and_field_of_view_are_those_mitsuba_builds(
     tmp_path: Path, transform: str, field: str
 ) -> None:
-    mi = pytest.importorskip("mitsuba")
-    if mi.variant() is None:
-        mi.set_variant("scalar_rgb")
+    mi = mitsuba()
     path = write(tmp_path, FIELDS[field], SENSORS[transform])
     scene = load_scene(path)
     sensor = mi.load_file(str(path)).sensors()[0]

@@ -135,7 +135,7 @@ def rectify(
     for centre, old in zip(centres, pair.cameras, strict=True):
         cx, cy = np.round(
             0.5 * (np.array(size) - 1) - focal * centre, 9
-        )  # exact half pixels, for the scalar backend
+        )  # rounding errors of the focal length would move half pixels
         cameras.append(
             Camera(
                 *size,

@@ -56,19 +56,14 @@ def command(output: Path, denoise: bool, as_json: bool) -> None:
     """Render three scenes with a pinhole and with a wide-aperture lens, match them and a real pair, compare the scores.
 
     The two rendered cameras have typical tolerances. The real pair is Middlebury's Motorcycle with measured truth.
-    OUTPUT receives the dataset, the board and its page. With the scalar backend, images are not denoised, to save time.
+    OUTPUT receives the dataset, the board and its page.
 
     \b
     Example:  twinlens demo -o demo
     """
     refuse_others(output, ("dataset",), "board")
     used, start = backend(), time.perf_counter()
-    click.echo(
-        f"rendering with {used.variant} ({used.reason}) {used.advice}".strip(), err=True
-    )
-    denoise = (
-        denoise and used.is_jit
-    )  # denoised, even 8 samples take over 60 s without a JIT backend
+    click.echo(f"rendering with {used.variant} ({used.reason})", err=True)
     if not denoise:
         click.echo(
             "the images are not denoised: the renderer's noise raises all errors",

@@ -27,8 +27,9 @@ _PACKAGES = (
 def command(as_json: bool) -> None:
     """Show which rendering backend works on this machine, why, and what to install.
 
-    Each LLVM library found is tested in a separate process, newest first, because some versions abort the process.
-    The results are stored next to the kernel cache.
+    LLVM libraries: that of DRJIT_LIBLLVM_PATH, that of this Python environment, then those of the system, newest first.
+    Those of the system are tested in a separate process, because some versions abort the process. The results are
+    stored next to the kernel cache.
 
     \b
     Example:  twinlens doctor
@@ -38,12 +39,7 @@ def command(as_json: bool) -> None:
     if as_json:
         print_json({"backend": asdict(chosen), "versions": versions})
         return
-    failed = chosen.probes and not chosen.is_jit  # for the reasons listed below
-    click.echo(
-        f"backend   {chosen.variant}: {'no LLVM library or CUDA device works' if failed else chosen.reason}"
-    )
-    if chosen.advice:
-        click.echo(f"advice    {chosen.advice}")
+    click.echo(f"backend   {chosen.variant}: {chosen.reason}")
     for probe in chosen.probes:
         click.echo(f"tried     {probe.path}: {probe.answer}")
     click.echo(

@@ -180,7 +180,7 @@ def command(
     the others, and their common ground truth. OUTPUT/dataset.json lists the samples. OUTPUT is a new or empty folder,
     or one written by `render`, to which samples are added.
 
-    The environment variable TWINLENS_BACKEND=scalar, llvm or cuda selects the backend; see `twinlens doctor`.
+    The environment variable TWINLENS_BACKEND=llvm or cuda selects the backend; see `twinlens doctor`.
 
     \b
     Example:  twinlens render staircase cards --lens pinhole --lens f/1.4 --sensor-width-mm 36 -o out
@@ -324,7 +324,4 @@ def _print(output: Place, made: list[_Made], as_json: bool) -> None:
             click.echo(f"  {exposure}\n    {camera_text.format_optics(each)}")
         if error := camera_text.format_depth_error(found[0]):
             click.echo(f"  {error}")
-    click.echo(
-        f"rendered with {used.variant} ({used.reason})"
-        + (f"; {used.advice}" if used.advice else "")
-    )
+    click.echo(f"rendered with {used.variant} ({used.reason})")

@@ -24,7 +24,7 @@ from twinlens.dataset.sample import sample_files
 from twinlens.dataset.storage import Where, place
 from twinlens.errors import FileError, InputError
 from twinlens.factory.ledger import Failure, Ledger, repairable, whole_samples
-from twinlens.factory.produce import check_backend
+from twinlens.factory.produce import check_draws
 from twinlens.factory.recipe import Recipe
 from twinlens.factory.sample import made_with
 from twinlens.factory.workers import Engine, Report, Results, Work, in_process, rendered
@@ -78,8 +78,8 @@ def generate(
     report : called with the fraction done and a text.
 
     Raises InputError where `folder` holds another dataset, FileError where a sample there lacks a file, OutputError
-    where it cannot be written or another run writes there. Before anything is written, raises BackendError where this
-    machine's backend cannot render any draw of the first sample, and InputError where all its draws are impossible.
+    where it cannot be written or another run writes there. Before anything is written, raises BackendError where no
+    backend works on this machine, and InputError where all draws of the first sample are impossible.
     """
     if limit is not None and limit < 1:
         raise InputError(f"limit must be 1 or more, got {limit}")
@@ -96,7 +96,7 @@ def generate(
         recipe.sources.check_contents()
     tools = made_with()  # and so is a missing backend
     if i <= recipe.count:
-        check_backend(recipe, i - 1)
+        check_draws(recipe, i - 1)
     with locked(root, shared, remedy="wait for it, or split the work with --shard"):
         ledger = Ledger(root, recipe, tools)
         if not shared:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from twinlens.dataset import Sample
-from twinlens.errors import BackendError, FileError, InputError, located
+from twinlens.errors import FileError, InputError, located
 from twinlens.factory.gates import Gates, Rejected, check_photographs, check_truth
 from twinlens.factory.objects import check_seen, with_objects
 from twinlens.factory.plan import SampleSpec, is_fixed, plan
@@ -28,12 +28,7 @@ from twinlens.factory.sources import Sources
 from twinlens.families import random_scene
 from twinlens.rendering import (
     Progress,
-    check_camera_supported,
-    check_lens_supported,
     check_lit,
-    check_mismatch_supported,
-    check_parts_supported,
-    check_projector_supported,
     ground_truth,
     with_object_truth,
 )
@@ -196,11 +191,10 @@ def produce(
     )
 
 
-def check_backend(recipe: Recipe, index: int) -> None:
-    """Raise BackendError if this process's backend cannot render the rig, lenses or mismatch of any draw of a sample.
+def check_draws(recipe: Recipe, index: int) -> None:
+    """Raise InputError if all draws of a sample are impossible: a mismatch that does not fit the rig, no light.
 
-    Raises InputError if all draws are impossible, as with a constant mismatch that does not fit the rig, and for a
-    scene without light. A family's scene is not made; what depends on it is checked when the sample is made.
+    A family's scene is not made; what depends on it is checked when the sample is made.
     """
     last, file = (
         0 if is_fixed(recipe) else recipe.gates.attempts - 1,
@@ -214,25 +208,14 @@ def check_backend(recipe: Recipe, index: int) -> None:
                 recipe.sources.scene(spec.scene) if spec.kind == "scene" else ANY_SCENE
             )
             rig = settings.rig_of(scene, scene.rig, file, recipe.sources.file)
-            for camera in rig.cameras:
-                check_camera_supported(camera)
-            for projector in rig.projectors:
-                check_projector_supported(projector)
             sensor = sensor_for(rig, spec.drawn, spec.seed, scene.rig, file)
             nominal = make_lenses(settings, None, file, recipe.sources.file)
             with located(str(file)):
                 sensor.misalign(rig)
-                lenses = [lens for each in nominal for lens in sensor.lenses(rig, each)]
-            for lens in lenses:
-                check_lens_supported(lens)
-            for mismatch in sensor.mismatches:
-                check_mismatch_supported(mismatch.distortion_px)
-            if settings.dual_pixel:
-                check_parts_supported()
-        except (
-            BackendError,
-            InputError,
-        ):  # the dataset records impossible draws, if another one is possible
+                for lens in nominal:
+                    sensor.lenses(rig, lens)
+        except InputError:
+            # The dataset records impossible draws, if another one is possible.
             if attempt == last:
                 raise
         else:

@@ -100,8 +100,6 @@ def make_sample(
     for mismatch in sensor.mismatches:
         if exposure is not None:
             mismatch.applied(exposure)
-        if len(rig) > 1:
-            rendering.check_mismatch_supported(mismatch.distortion_px)
     if dual_pixel and diffraction:
         raise InputError(NOT_DIFFRACTED)
     for lens in lenses:

@@ -26,7 +26,6 @@ from twinlens.rendering.radiance import (
     NoisyImage as NoisyImage,
     Progress as Progress,
     check_lit as check_lit,
-    check_parts_supported as check_parts_supported,
     denoised_cameras as denoised_cameras,
     partial_progress as partial_progress,
     render as render,
@@ -35,11 +34,5 @@ from twinlens.rendering.radiance import (
 from twinlens.rendering.samplers import (
     Sampler as Sampler,
     default_sampler as default_sampler,
-)
-from twinlens.rendering.sensors import (
-    check_camera_supported as check_camera_supported,
-    check_lens_supported as check_lens_supported,
-    check_mismatch_supported as check_mismatch_supported,
-    check_projector_supported as check_projector_supported,
 )
 from twinlens.rendering.shared_kernels import share_kernels as share_kernels

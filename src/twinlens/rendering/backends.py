@@ -1,14 +1,16 @@
-"""The Mitsuba variant of this process: CUDA or LLVM where a test render succeeds, else scalar.
+"""The Mitsuba variant of this process: CUDA where a test render succeeds, else LLVM.
 
-It is chosen once per process. `TWINLENS_BACKEND` (auto, scalar, llvm, cuda) overrides the choice.
+It is chosen once per process. `TWINLENS_BACKEND` (auto, llvm, cuda) overrides the choice.
 """
 
 import ctypes
 import functools
 import gc
 import os
+import platform
 import sys
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,25 +18,18 @@ from twinlens.errors import BackendError, check_int, check_known
 from twinlens.interrupts import deferred_interrupts
 from twinlens.rendering import llvm
 
-VARIANTS = {"scalar": "scalar_rgb", "llvm": "llvm_ad_rgb", "cuda": "cuda_ad_rgb"}
-_INSTALL_LLVM = "install LLVM 17 or newer: about 3x faster, and all lenses (Debian, Ubuntu: apt install libllvm19)"
+VARIANTS = {"llvm": "llvm_ad_rgb", "cuda": "cuda_ad_rgb"}
 
 
 @dataclass(frozen=True)
 class Backend:
-    """Its Mitsuba `variant`, the `reason` of the choice, its LLVM `library`, and `advice` on what to install."""
+    """Its Mitsuba `variant`, the `reason` of the choice, its LLVM `library`, and what was tried before it, `probes`."""
 
     name: str
     variant: str
     reason: str
-    advice: str = ""
     library: str | None = None
     probes: tuple[llvm.Probe, ...] = ()
-
-    @property
-    def is_jit(self) -> bool:
-        """Whether kernels are compiled (LLVM, CUDA), which most cameras and lenses need."""
-        return self.name != "scalar"
 
 
 _activated: dict[str, Backend] = {}
@@ -45,20 +40,16 @@ _activated: dict[str, Backend] = {}
 def backend() -> Backend:
     """The backend of this process, chosen and set up at the first call.
 
-    Raises InputError for an unknown TWINLENS_BACKEND, BackendError when the requested backend does not work.
+    Raises InputError for an unknown TWINLENS_BACKEND, BackendError when no backend, or the requested one, works.
     """
     wanted = _wanted()
     chosen = _already_set() or _choose(wanted)
-    if chosen.probes and not chosen.is_jit:
-        chosen = replace(
-            chosen, reason="no usable LLVM; see `twinlens doctor`"
-        )  # one line, for every command
     _activate(chosen)
     return chosen
 
 
 def doctor() -> Backend:
-    """The backend that `backend` would choose, without setting it up. Its reason lists the result of each library."""
+    """The backend that `backend` would choose, without setting it up. Raises the errors of `backend`."""
     return _choose(_wanted())
 
 
@@ -88,8 +79,7 @@ def forget_kernels() -> None:
 
     Kernels stay in memory. Without `share_kernels`, most random scenes compile their own; a thousand would fill it.
     """
-    if not backend().is_jit:
-        return
+    backend()
     import drjit
 
     gc.collect()  # scenes have reference cycles
@@ -130,36 +120,40 @@ def _already_set() -> Backend | None:
 
 
 def _choose(wanted: str) -> Backend:
-    if wanted == "scalar":
-        return Backend("scalar", VARIANTS["scalar"], "set by TWINLENS_BACKEND")
-    tried: list[tuple[str, Path | None]] = []
+    """The first backend that works. Raises BackendError if none does."""
+    candidates: list[tuple[str, Path | None]] = []
     if wanted in ("auto", "cuda") and _has_cuda_driver():
-        tried.append(("cuda", None))
+        candidates.append(("cuda", None))
     if wanted in ("auto", "llvm"):
-        tried += (("llvm", library) for library in llvm.candidates())
+        candidates += (("llvm", library) for library in llvm.candidates())
     probes: list[llvm.Probe] = []
-    for name, library in tried:
-        probes.append(llvm.probe(VARIANTS[name], library))
-        if probes[-1].works:
+    for name, library in candidates:
+        probe = llvm.probe(VARIANTS[name], library)
+        probes.append(probe)
+        if probe.works:
             reason = f"{library.name} works" if library else "a CUDA device works"
             path = str(library) if library else None
-            return Backend(
-                name, VARIANTS[name], reason, library=path, probes=tuple(probes)
-            )
-    why = "; ".join(f"{Path(probe.path).name} {probe.answer}" for probe in probes)
+            return Backend(name, VARIANTS[name], reason, path, tuple(probes))
+    raise BackendError(_failure(wanted, probes))
+
+
+def _failure(wanted: str, probes: Sequence[llvm.Probe]) -> str:
+    """One line: what was tried, and what to install."""
+    answers = [f"{Path(probe.path).name} {probe.answer}" for probe in probes]
     if wanted == "cuda":
-        why = why or "no NVIDIA driver (libcuda.so.1) was found"
-        raise BackendError(
-            f"TWINLENS_BACKEND=cuda does not work: {why}; unset it to use LLVM"
-        )
-    why = why or "no LLVM library and no CUDA device was found"
-    if wanted == "llvm":
-        raise BackendError(
-            f"TWINLENS_BACKEND=llvm does not work: {why}; {_INSTALL_LLVM}"
-        )
-    return Backend(
-        "scalar", VARIANTS["scalar"], why, advice=_INSTALL_LLVM, probes=tuple(probes)
-    )
+        why = "; ".join(answers) or "no NVIDIA driver (libcuda.so.1) was found"
+        return f"TWINLENS_BACKEND=cuda does not work: {why}; unset it to use LLVM"
+    why = "; ".join(answers) or "no LLVM library was found"
+    return f"rendering needs LLVM, and {why}; install it: {_install_llvm()}"
+
+
+def _install_llvm() -> str:
+    """The command that installs LLVM on this kind of machine."""
+    if sys.platform == "darwin":
+        return "brew install llvm"
+    if platform.machine() == "x86_64":
+        return f"pip install {llvm.PACKAGE}=={llvm.TESTED_VERSION}"
+    return "apt install libllvm19, or your distribution's package of LLVM 17 or newer"
 
 
 def _has_cuda_driver() -> bool:
@@ -174,6 +168,7 @@ def _activate(chosen: Backend) -> None:
     """Import Mitsuba with this backend."""
     if chosen.library is not None:
         os.environ["DRJIT_LIBLLVM_PATH"] = chosen.library
+        llvm.load_runtime_of(Path(chosen.library))
     with deferred_interrupts():  # an interrupted import of mitsuba would be unusable
         import mitsuba
 
@@ -182,8 +177,8 @@ def _activate(chosen: Backend) -> None:
                 mitsuba.set_variant(chosen.variant)
             except ImportError as error:
                 raise BackendError(
-                    f"{chosen.variant} does not work in this process, because mitsuba was imported with another "
-                    "DRJIT_LIBLLVM_PATH; unset it, or render with twinlens first"
+                    f"{chosen.variant} does not work in this process: {chosen.library} cannot be loaded, or mitsuba was"
+                    " imported with another DRJIT_LIBLLVM_PATH; unset it, or render with twinlens first"
                 ) from error
             mitsuba.set_log_level(mitsuba.LogLevel.Error)
         _activated[chosen.variant] = chosen

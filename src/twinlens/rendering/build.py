@@ -19,7 +19,6 @@ from twinlens.scenes.scene import HINTS, MATTE_ROUGHNESS
 from twinlens.scenes.shapes import transformed
 
 _INSTANCE = 1 << 10  # Mitsuba 3.9 has no name for this shape type
-BLOCK_PX = 16
 
 _cache: "weakref.WeakKeyDictionary[Scene, BuiltScene]" = weakref.WeakKeyDictionary()
 _near_infrared: "weakref.WeakKeyDictionary[Scene, Scene]" = weakref.WeakKeyDictionary()
@@ -164,10 +163,7 @@ def _build_objects(scene: Scene) -> BuiltScene:
 
 
 def _integrator(scene: Scene) -> Any:
-    """The scene's integrator. A fixed block size makes scalar images independent of the number of threads."""
-    return sky_hidden(
-        scene, _load({"block_size": BLOCK_PX, **scene.integrator}, "integrator")
-    )
+    return sky_hidden(scene, _load(scene.integrator, "integrator"))
 
 
 def sky_hidden(scene: Scene, integrator: Any) -> Any:
@@ -176,7 +172,7 @@ def sky_hidden(scene: Scene, integrator: Any) -> Any:
         return integrator
     from twinlens.rendering.hidden_sky import HiddenSky  # sets up the backend
 
-    return HiddenSky(integrator, BLOCK_PX)
+    return HiddenSky(integrator)
 
 
 def _parts(

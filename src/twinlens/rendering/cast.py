@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.geometry import Float
-from twinlens.rendering.backends import backend, mitsuba
+from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import BuiltScene
 
 _MAX_CORRECTION = 1e-3  # relative; a larger correction of t is an error of a grazing hit, and Mitsuba's t is kept
@@ -197,12 +197,13 @@ def cast(built: BuiltScene, origin: Float, directions: Float) -> Hits:
     hits = Hits(
         np.full(count, -1, np.int32), np.full(count, np.inf), np.zeros(count, np.uint32)
     )
-    trace = _trace_bundle if backend().is_jit else _trace_singly
     lengths = np.sqrt(np.einsum("nc,nc->n", directions, directions))
     for start in range(0, count, _BUNDLE):
         part = slice(start, start + _BUNDLE)
         unit = (directions[part] / lengths[part, None]).astype(np.float32)
-        trace(built, origin, unit, Hits(hits.body[part], hits.t[part], hits.prim[part]))
+        _trace_bundle(
+            built, origin, unit, Hits(hits.body[part], hits.t[part], hits.prim[part])
+        )
     return Hits(hits.body, hits.t / lengths, hits.prim)
 
 
@@ -251,25 +252,6 @@ def _row_of_handle(built: BuiltScene) -> NDArray[np.int32]:
     return built.cache["rows"]  # type: ignore[no-any-return]
 
 
-def _trace_singly(
-    built: BuiltScene, origin: Float, unit: NDArray[np.float32], out: Hits
-) -> None:
-    mi = mitsuba()
-    rows = {body.hit_object: row for row, body in enumerate(built.bodies)}
-    intersect, ray_type, vector = (
-        built.mi_scene.ray_intersect_preliminary,
-        mi.Ray3f,
-        mi.Vector3f,
-    )
-    start = mi.Point3f(origin)
-    for i, (x, y, z) in enumerate(unit.tolist()):
-        pi = intersect(ray_type(start, vector(x, y, z)))
-        if pi.t != np.inf:
-            out.body[i] = rows.get(pi.instance or pi.shape, -1)
-            out.t[i] = pi.t
-            out.prim[i] = pi.prim_index
-
-
 def exact_hits(
     built: BuiltScene,
     origin: Float,
@@ -306,20 +288,11 @@ def _mitsuba_normals(
 ) -> tuple[Float, Float]:
     """(geometric, shading) normals (N, 3) in float32."""
     mi = mitsuba()
-    if backend().is_jit:
-        towards = mi.Vector3f(np.ascontiguousarray(directions.T, dtype=np.float32))
-        si = built.mi_scene.ray_intersect(mi.Ray3f(mi.Point3f(origin), towards))
-        return np.asarray(si.n, dtype=np.float64).T, np.asarray(
-            si.sh_frame.n, dtype=np.float64
-        ).T
-    rays = [
-        mi.Ray3f(mi.Point3f(origin), mi.Vector3f(*direction))
-        for direction in directions
-    ]
-    found = [built.mi_scene.ray_intersect(ray) for ray in rays]
-    return np.array([si.n for si in found], np.float64), np.array(
-        [si.sh_frame.n for si in found], np.float64
-    )
+    towards = mi.Vector3f(np.ascontiguousarray(directions.T, dtype=np.float32))
+    si = built.mi_scene.ray_intersect(mi.Ray3f(mi.Point3f(origin), towards))
+    normal = np.asarray(si.n, dtype=np.float64).T
+    shading_normal = np.asarray(si.sh_frame.n, dtype=np.float64).T
+    return normal, shading_normal
 
 
 def visible_from(

@@ -222,7 +222,7 @@ def denoiser_record() -> dict[str, Any]:
 
     return {
         "method": "Open Image Denoise, albedo and normal guides, demodulated by sqrt(albedo), control variate,"
-        " restored texture; irradiance cache with JIT backends and the integrator 'path'",
+        " restored texture; irradiance cache with the integrator 'path'",
         "guide_spp": GUIDE_SAMPLES,
         "oidn": mitsuba_oidn.oidn_version(),
         "mitsuba-oidn": importlib.metadata.version("mitsuba-oidn"),

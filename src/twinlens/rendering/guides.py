@@ -5,7 +5,6 @@ Rays follow mirrors, glass and openings up to `MAX_SPECULAR` surfaces, then stop
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from twinlens.camera import Camera, Lens
 from twinlens.camera.parts import Parts
 from twinlens.geometry import Float
-from twinlens.rendering.backends import backend, mitsuba
+from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import BuiltScene
 from twinlens.rendering.sensors import make_sensor
 
@@ -150,83 +149,17 @@ def render_guides(
     passes: Iterable[tuple[str, int, int]],
     parts: Parts | None = None,
 ) -> Guides:
-    """The guides of one camera, from passes of (sampler, samples per pixel, seed). `parts` needs a JIT backend.
+    """The guides of one camera, from passes of (sampler, samples per pixel, seed).
 
-    The scalar backend uses Mitsuba's own integrator, which stops at mirrors and glass; they have albedo 1. Lamps have
-    their radiance as albedo. With the others, the passes of an image give its own film positions and aperture points.
+    The passes of an image give the guides of its own film positions and aperture points.
     """
-    render = partial(_render_jit, parts=parts) if backend().is_jit else _render_scalar
     total: Any = 0.0
     count = 0
     for sampler, size, seed in passes:
-        total = total + size * render(
-            built, make_sensor(camera, pose, lens, size, sampler), camera, size, seed
-        )
+        sensor = make_sensor(camera, pose, lens, size, sampler)
+        total = total + size * _features(built, sensor, camera, size, seed, parts)
         count += size
     return Guides.from_means(total / count, count, parts)
-
-
-def _render_scalar(
-    built: BuiltScene, sensor: Any, camera: Camera, count: int, seed: int
-) -> Float:
-    emission = {"type": "path", "max_depth": 1}
-    integrator = mitsuba().load_dict(
-        {"type": "aov", "aovs": "albedo:albedo,normal:sh_normal", "emission": emission}
-    )
-    image = np.asarray(
-        integrator.render(_grouped(built), sensor, seed=seed, spp=count),
-        dtype=np.float64,
-    )
-    albedo, normal = image[..., -6:-3], image[..., -3:]
-    albedo += image[..., :3]
-    if _has_openings(
-        built
-    ):  # Mitsuba gives mirrors and glass albedo 0, which would demodulate what they show
-        albedo[(albedo == 0).all(axis=-1) & normal.any(axis=-1)] = 1
-    return np.concatenate([albedo, normal, np.zeros((*albedo.shape[:2], 1))], axis=-1)
-
-
-def _grouped(built: BuiltScene) -> Any:
-    """The scene with its bodies, but not instances, in one shape group: `aov` copies the list of shapes each time."""
-    if any(
-        body.shape is None for body in built.bodies
-    ):  # an instance of a Mitsuba file, whose shape is not known
-        return built.mi_scene
-    if "grouped" not in built.cache:
-        mi = mitsuba()
-        # Shapes are named by their first body, so that names do not differ between runs.
-        first = {
-            id(body.shape): row for row, body in reversed(list(enumerate(built.bodies)))
-        }
-        parts: dict[str, Any] = {
-            "type": "scene",
-            "embree_use_robust_intersections": True,
-        }
-        for row, body in enumerate(built.bodies):
-            if body.instance is None and body.shape.is_emitter():
-                parts[f"light{row}"] = body.shape
-                continue
-            copied = body.instance is not None
-            shape = first[id(body.shape)]
-            group = f"group{shape}" if copied else "group"
-            parts.setdefault(group, {"type": "shapegroup"})[f"shape{shape}"] = (
-                body.shape
-            )
-            pose = (
-                mi.traverse(body.instance)["to_world"]
-                if copied
-                else mi.ScalarTransform4f()
-            )
-            placed = {
-                "type": "instance",
-                "to_world": pose,
-                "group": {"type": "ref", "id": group},
-            }
-            parts[f"copy{row}" if copied else "all"] = placed
-        if built.mi_scene.environment() is not None:
-            parts["sky"] = built.mi_scene.environment()
-        built.cache["grouped"] = mi.load_dict(parts, optimize=False)
-    return built.cache["grouped"]
 
 
 def _has_openings(built: BuiltScene) -> bool:
@@ -236,13 +169,13 @@ def _has_openings(built: BuiltScene) -> bool:
     )
 
 
-def _render_jit(
+def _features(
     built: BuiltScene,
     sensor: Any,
     camera: Camera,
     count: int,
     seed: int,
-    parts: Parts | None = None,
+    parts: Parts | None,
 ) -> Float:
     """Means of the features; with `parts`, of their shares after these."""
     import drjit

@@ -14,10 +14,8 @@ class HiddenSky(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
     Mitsuba's own `hide_emitters` hides lamps as well, and rays pass through them.
     """
 
-    def __init__(self, inner: Any, block_size: int) -> None:
-        properties = mi.Properties()
-        properties["block_size"] = block_size
-        super().__init__(properties)
+    def __init__(self, inner: Any) -> None:
+        super().__init__(mi.Properties())
         self.inner = inner
 
     def sample(

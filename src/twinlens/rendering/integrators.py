@@ -10,8 +10,8 @@ from dataclasses import replace
 from typing import Any
 
 from twinlens.camera import Pinhole, Rig
-from twinlens.rendering.backends import backend, mitsuba
-from twinlens.rendering.build import BLOCK_PX, BuiltScene, sky_hidden
+from twinlens.rendering.backends import mitsuba
+from twinlens.rendering.build import BuiltScene, sky_hidden
 from twinlens.rendering.sensors import make_sensor
 from twinlens.scenes import Scene
 from twinlens.seeds import derived_seed
@@ -20,17 +20,12 @@ from twinlens.seeds import derived_seed
 def own_paths(scene: Scene, lamps: Sequence[Any], gives_guides: bool = False) -> Any:
     """`rendering.paths.Paths` in the place of the scene's integrator. None where it does not do the same."""
     plugin = scene.integrator
-    if (
-        not backend().is_jit
-        or scene.xml is not None
-        or plugin["type"] != "path"
-        or plugin.get("hide_emitters")
-    ):
+    if scene.xml is not None or plugin["type"] != "path" or plugin.get("hide_emitters"):
         return None
     from twinlens.rendering.paths import Paths  # sets up the backend
 
     options = {key: plugin[key] for key in ("max_depth", "rr_depth") if key in plugin}
-    return Paths(lamps, BLOCK_PX, **options, gives_guides=gives_guides)
+    return Paths(lamps, **options, gives_guides=gives_guides)
 
 
 def for_denoising(

@@ -1,4 +1,4 @@
-"""Irradiance of a scene's surfaces in a grid of cells, from few light paths. Needs a JIT backend.
+"""Irradiance of a scene's surfaces in a grid of cells, from few light paths.
 
 Much of the noise of an image is that of light between surfaces: a path that leaves a first surface meets a second one,
 which is lit by a third one, and so on. Irradiance varies slowly, and a second surface is seen through the diffuse

@@ -19,7 +19,7 @@ from twinlens.camera.parts import Parts
 from twinlens.errors import InputError
 from twinlens.geometry import Float
 from twinlens.rendering.annuli import area_fraction, plan_annuli, split_vergences
-from twinlens.rendering.backends import backend, mitsuba
+from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import BuiltScene
 from twinlens.rendering.denoising import GUIDE_SAMPLES, denoise_parts
 from twinlens.rendering.radiance import (
@@ -193,14 +193,10 @@ def render_lens_grid(
 def _shareable(built: BuiltScene, rig: Rig, lenses: Sequence[Lens]) -> list[int]:
     """Indices of the lenses that can share paths: disk apertures.
 
-    None on the scalar backend, with lens distortion, or with an integrator that does not follow camera rays.
+    None with lens distortion, or with an integrator that does not follow camera rays.
     """
     undistorted = all(camera.distortion is None for camera in rig.cameras)
-    if not (
-        backend().is_jit
-        and undistorted
-        and isinstance(built.integrator, mitsuba().SamplingIntegrator)
-    ):
+    if not (undistorted and isinstance(built.integrator, mitsuba().SamplingIntegrator)):
         return []
     return [
         i

@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from twinlens.camera import Pinhole, Rig
 from twinlens.camera.light_field import places_in_plane
-from twinlens.errors import BackendError, InputError
-from twinlens.rendering.backends import backend
+from twinlens.errors import InputError
 from twinlens.rendering.integrators import own_paths
 from twinlens.rendering.projectors import build_lit
 from twinlens.rendering.radiance import (
@@ -19,7 +18,6 @@ from twinlens.rendering.radiance import (
     sum_of,
 )
 from twinlens.rendering.samplers import PLAIN_SAMPLER
-from twinlens.rendering.sensors import NEEDS_JIT
 from twinlens.scenes import Scene
 from twinlens.seeds import derived_seed
 
@@ -61,8 +59,6 @@ def render_light_field(
     ------
     InputError
         For other rigs, for a scene whose integrator is not `path`, and as `render`.
-    BackendError
-        For the scalar backend.
     """
     check_request(scene, rig, [Pinhole()], spp, seed, PLAIN_SAMPLER)
     places_in_plane(rig)
@@ -74,8 +70,6 @@ def render_light_field(
         raise InputError(
             "a light field needs cameras without lens distortion that see the same bands"
         )
-    if not backend().is_jit:
-        raise BackendError(f"shared light {NEEDS_JIT}; or use render")
     from twinlens.rendering.shared_light import (
         SharedLight,
         Views,

@@ -1,9 +1,12 @@
-"""Finds a working LLVM library. Some versions abort the process at the first render: each is tried in a child process.
+"""The LLVM library with which Dr.Jit compiles kernels: that of the environment, or one of the system that works.
 
-Results are cached in the folder of Dr.Jit's kernel cache, by the size and time of the library.
+pip installs the environment's with twinlens. It is one tested version, and is loaded as it is. A library of the system
+may be of any version, and some versions abort the process at the first render: each is tried in a child process. The
+results are cached in the folder of Dr.Jit's kernel cache, by the size and time of the library.
 """
 
 import contextlib
+import ctypes
 import glob
 import importlib.metadata
 import os
@@ -16,6 +19,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pydantic import TypeAdapter
+
+PACKAGE, TESTED_VERSION = "karellen-llvm-core", "19.1.7"
+"""The distribution that holds libLLVM.so, a dependency of twinlens on Linux x86-64 (pyproject.toml)."""
+
+_RUNTIME = ("libunwind.so.1", "libc++abi.so.1", "libc++.so.1")
+"""C++ libraries that PACKAGE's libLLVM needs, in the order of their own needs."""
 
 _FOLDERS = (
     "/usr/lib/x86_64-linux-gnu",
@@ -66,26 +75,80 @@ _ROWS = TypeAdapter(dict[str, Probe])
 
 
 def candidates() -> list[Path]:
-    """The LLVM libraries of this machine: DRJIT_LIBLLVM_PATH first, then by version, newest first."""
+    """The LLVM libraries of this machine: the user's DRJIT_LIBLLVM_PATH, the environment's, then the system's."""
     named = os.environ.get("DRJIT_LIBLLVM_PATH")
-    found = {
+    packaged = environment_library()
+    libraries = [Path(named)] if named else []
+    libraries += [packaged] if packaged else []
+    libraries += _system_libraries()
+    return list(dict.fromkeys(libraries))
+
+
+def environment_library() -> Path | None:
+    """The library that pip installed with PACKAGE; None without it."""
+    return _packaged("libLLVM.so")
+
+
+def is_tested(library: Path) -> bool:
+    """Whether this is the environment's library in the version that twinlens is tested with: it needs no probe."""
+    packaged = environment_library()
+    if packaged is None or not library.exists() or not library.samefile(packaged):
+        return False
+    return importlib.metadata.version(PACKAGE) == TESTED_VERSION
+
+
+def load_runtime_of(library: Path) -> None:
+    """Load the C++ libraries that the environment's libLLVM needs, so that the linker finds them; no other needs them.
+
+    libLLVM asks for libc++.so.1, but the wheel holds libc++.so.1.0: wheels have no symbolic links, and a .pth file of
+    PACKAGE makes them when Python starts. That fails where the environment is read-only, and `python -S` skips it.
+    """
+    packaged = environment_library()
+    if packaged is None or not library.exists() or not library.samefile(packaged):
+        return
+    for name in _RUNTIME:
+        runtime = _packaged(name)
+        if runtime is not None:
+            ctypes.CDLL(str(runtime))
+
+
+def _packaged(name: str) -> Path | None:
+    """The file `name`, or `name` and further version numbers, of PACKAGE."""
+    try:
+        files = importlib.metadata.files(PACKAGE) or []
+    except importlib.metadata.PackageNotFoundError:
+        return None
+    for file in files:
+        if re.fullmatch(rf"{re.escape(name)}(\.\d+)*", file.name):
+            path = Path(str(file.locate())).resolve()
+            if path.is_file():
+                return path
+    return None
+
+
+def _system_libraries() -> list[Path]:
+    """The LLVM libraries in the usual folders of the system, newest version first."""
+    libraries = {
         Path(file).resolve()
         for folder in _FOLDERS
         for name in _NAMES
         for file in glob.glob(f"{folder}/{name}")  # noqa: PTH207
     }
-    ranked = sorted(
-        found,
-        key=lambda path: ([int(n) for n in re.findall(r"\d+", path.name)], str(path)),
-        reverse=True,
-    )
-    return ([Path(named)] if named else []) + [
-        path for path in ranked if str(path) != named
-    ]
+    return sorted(libraries, key=_version_and_path, reverse=True)
+
+
+def _version_and_path(library: Path) -> tuple[list[int], str]:
+    numbers = re.findall(r"\d+", library.name)
+    return [int(number) for number in numbers], str(library)
 
 
 def probe(variant: str, library: Path | None = None) -> Probe:
-    """Render a small image in a child process with this LLVM library (or CUDA), and report whether that works."""
+    """Whether rendering works with this LLVM library, or with CUDA (None): a small image in a child process shows it.
+
+    The tested library of the environment is not tried.
+    """
+    if library is not None and is_tested(library):
+        return Probe(str(library), True, f"works: {PACKAGE} {TESTED_VERSION}")
     home = os.environ.get("DRJIT_CACHE_DIR") or os.path.expanduser("~/.drjit")  # noqa: PTH111  never raises
     file = Path(home) / "twinlens-backends.json"
     key = f"{variant}|{library}|{_stamp(library)}|mitsuba {importlib.metadata.version('mitsuba')}"

@@ -4,7 +4,7 @@ Mitsuba samples one light at a surface, chosen at random. The light of a project
 is exact, and would only get noise from the choice, as would that of the lamps. It costs one shadow ray more.
 
 With an `IrradianceCache`, paths take the light that a matte surface reflects from the cache, from the second surface on
-and behind a diffuse reflection. They go on only with what the surface reflects beyond that. Needs a JIT backend.
+and behind a diffuse reflection. They go on only with what the surface reflects beyond that.
 
 Paths can also give the features that guide the denoiser, which costs 2 to 5 % of their time.
 
@@ -45,14 +45,11 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
     def __init__(
         self,
         lamps: Sequence[Any],
-        block_size: int,
         max_depth: int = -1,
         rr_depth: int = 5,
         gives_guides: bool = False,
     ) -> None:
-        properties = mi.Properties()
-        properties["block_size"] = block_size
-        super().__init__(properties)
+        super().__init__(mi.Properties())
         self.lamps = tuple(lamps)
         self.gives_guides = gives_guides
         self.cache: IrradianceCache | None = None

@@ -1,4 +1,4 @@
-"""The emitter of a projector with an aperture, which is sharp at one distance. Needs a JIT backend.
+"""The emitter of a projector with an aperture, which is sharp at one distance.
 
 Importing this module sets up the backend.
 """

@@ -4,7 +4,7 @@ Mitsuba's plugin has a centred frustum with square pixels, and its texture is th
 frustum is made wide enough for the pattern, and the texture's transform places the pattern in it, inside a border of
 dark pixels. With distortion, the pattern is first resampled to a grid without it, `_FINER` times as fine. An aperture
 makes it one of many: `rendering.projector_aperture`. Our own integrator adds its light (`rendering.paths`);
-on the scalar backend, in Mitsuba files and with other integrators, it is a light of the scene, which is more noisy.
+in Mitsuba files and with other integrators, it is a light of the scene, which is more noisy.
 """
 
 import math
@@ -23,7 +23,6 @@ from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import BuiltScene, build, sky_hidden
 from twinlens.rendering.cast import cast
 from twinlens.rendering.integrators import own_paths
-from twinlens.rendering.sensors import check_projector_supported
 from twinlens.scenes import Scene
 
 _CHANNELS = 3  # that share the power
@@ -131,8 +130,8 @@ def can_denoise(built: BuiltScene, rig: Rig, band: str) -> bool:
     ):
         return True
     message = (
-        "images with the light of projectors are not denoised here, as their patterns would be lost: use the LLVM or"
-        " CUDA backend and a scene with the integrator 'path', or more samples per pixel"
+        "images with the light of projectors are not denoised here, as their patterns would be lost: use a"
+        " scene with the integrator 'path', or more samples per pixel"
     )
     warnings.warn(message, ProjectorWarning, stacklevel=4)
     return False
@@ -154,10 +153,9 @@ def _with_lights(scene: Scene, built: BuiltScene, lights: list[Any]) -> BuiltSce
 
 
 def _opened(lamp: Any, projector: Projector) -> Any:
-    """`lamp` with the projector's aperture. Raises BackendError if this process's backend does not support it."""
+    """`lamp` with the projector's aperture."""
     if not projector.aperture_diameter:
         return lamp
-    check_projector_supported(projector)
     from twinlens.rendering.projector_aperture import (
         ApertureProjector,
     )  # sets up the backend

@@ -21,7 +21,7 @@ from twinlens.camera.parts import Parts, check_parts
 from twinlens.camera.rig import check_seen
 from twinlens.errors import BackendError, InputError, check_int, check_known
 from twinlens.geometry import Float
-from twinlens.rendering.backends import backend, mitsuba
+from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import BuiltScene, build, in_band
 from twinlens.rendering.denoising import GUIDE_SAMPLES, denoise_image, denoise_parts
 from twinlens.rendering.guides import Guides, binned, render_guides
@@ -34,7 +34,7 @@ from twinlens.rendering.samplers import (
     default_sampler,
     passes_of,
 )
-from twinlens.rendering.sensors import NEEDS_JIT, check_sampler_supported, make_sensor
+from twinlens.rendering.sensors import make_sensor
 from twinlens.scenes import Scene
 from twinlens.seeds import derived_seed, seed_sequence
 
@@ -74,15 +74,14 @@ def render(
         Remove the renderer's noise with Open Image Denoise, guided by albedo and normals that are rendered through the
         same lens, for each camera apart (`twinlens.rendering.denoising`). Most light between surfaces then comes from a
         cache (`twinlens.rendering.irradiance_cache`). Denoised images are biased: without it, the expectation of each
-        pixel is exact. The scalar backend has no cache and no guides behind mirrors and glass, and does not denoise
-        images with the light of projectors.
+        pixel is exact.
     parts : Dual, Quad, Grid or Masks, optional
         Parts of the lens's aperture. Each has an image, its contribution to the whole image, from the same light paths:
-        where the parts make up the aperture, their images add up to the image without `parts`. Needs a JIT backend.
+        where the parts make up the aperture, their images add up to the image without `parts`.
     sampler : str, optional
-        Within a pass: one of Mitsuba's, or `sobol` (`twinlens.rendering.sobol`), which needs a JIT backend. None takes
-        `sobol` for denoised images where there is a JIT backend, else `multijitter`. With 16 samples and a wide
-        aperture, `multijitter` has half the mean square error of `independent` at the same cost.
+        Within a pass: one of Mitsuba's, or `sobol` (`twinlens.rendering.sobol`). None takes `sobol` for denoised
+        images, else `multijitter`. With 16 samples and a wide aperture, `multijitter` has half the mean square error of
+        `independent` at the same cost.
     progress : callable, optional
         Called with the fraction done, in (0, 1], after each pass.
 
@@ -97,7 +96,7 @@ def render(
     InputError
         For an invalid spp, seed, sampler or lens, another number of lenses than of cameras, and parts of a pinhole.
     BackendError
-        When this machine's backend does not support the camera, the lens, or parts.
+        When no backend works on this machine, and for parts with an integrator that does not follow camera rays.
     """
     sampler = sampler or default_sampler(denoise)
     lenses = _checked_lenses(scene, rig, lens, spp, seed, sampler)
@@ -410,26 +409,17 @@ def _joined(a: Guides | None, b: Guides | None) -> Guides | None:
 
 
 def _follows_rays(built: BuiltScene) -> bool:
-    """Whether the samples of an image are known: those of the JIT backends, unless light is traced from the lamps."""
-    return backend().is_jit and isinstance(
-        built.integrator, mitsuba().SamplingIntegrator
-    )
+    """Whether the samples of an image are known: not where light is traced from the lamps."""
+    return isinstance(built.integrator, mitsuba().SamplingIntegrator)
 
 
 def check_parts_request(
     scene: Scene, rig: Rig, lenses: Iterable[Lens], parts: Parts
 ) -> None:
-    """Raise InputError for parts that a lens has not, BackendError where images of parts are not supported."""
+    """Raise InputError for parts that a lens has not, BackendError where the integrator has no images of parts."""
     for lens in lenses:
         check_parts(parts, lens)
-    check_parts_supported(build(scene, rig.cameras[0].band))
-
-
-def check_parts_supported(built: BuiltScene | None = None) -> None:
-    """Raise BackendError if this process's backend, or the scene's integrator, has no images of parts."""
-    if not backend().is_jit:
-        raise BackendError(f"rendering parts of an aperture {NEEDS_JIT}")
-    if built is not None and not _follows_rays(built):
+    if not _follows_rays(build(scene, rig.cameras[0].band)):
         raise BackendError(
             "parts of an aperture need an integrator that follows camera rays, such as 'path'"
         )
@@ -494,7 +484,6 @@ def check_request(
     check_int("spp", spp, 1)
     check_int("seed", seed, 0)
     check_known("sampler", sampler, SAMPLERS)
-    check_sampler_supported(sampler)
 
 
 def check_lit(scene: Scene, band: str = "rgb") -> None:

@@ -1,4 +1,4 @@
-"""The sensor of the JIT backends: rays of a camera in Dr.Jit, from a film position and an aperture point.
+"""The sensor: rays of a camera in Dr.Jit, from a film position and an aperture point.
 
 The direction (x, y, 1) of a pixel and the aperture point a give the ray o = a, d = (x - k ax, y - k ay, 1) in the
 camera frame of `twinlens.geometry`, with k the vergence. All values are opaque to the compiler, so that cameras and

@@ -7,7 +7,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from twinlens.camera import Camera
-from twinlens.rendering.backends import backend, mitsuba
+from twinlens.rendering.backends import mitsuba
 
 Pass = tuple[str, int, int]
 """Sampler, samples per pixel, seed."""
@@ -15,7 +15,7 @@ Pass = tuple[str, int, int]
 Sampler = Literal[
     "multijitter", "sobol", "independent", "stratified", "orthogonal", "ldsampler"
 ]
-"""Mitsuba's, and `sobol`, which is ours and needs a JIT backend."""
+"""Mitsuba's, and `sobol`, which is ours."""
 
 SAMPLERS: tuple[str, ...] = get_args(Sampler)
 PLAIN_SAMPLER: Sampler = "multijitter"
@@ -29,7 +29,7 @@ def default_sampler(denoise: bool) -> str:
 
     The errors of `sobol` are of higher spatial frequencies, which denoisers remove.
     """
-    return "sobol" if denoise and backend().is_jit else PLAIN_SAMPLER
+    return "sobol" if denoise else PLAIN_SAMPLER
 
 
 def load_sampler(kind: str, count: int, width: int) -> Any:

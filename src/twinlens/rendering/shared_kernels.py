@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from twinlens.rendering.backends import backend, mitsuba
+from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import mitsuba_mesh
 from twinlens.scenes import Mesh
 
@@ -36,10 +36,9 @@ _placeholders: list[Any] = []
 def share_kernels() -> None:
     """Let the scenes of all families share kernels, for the rest of the process. Call it before the first scene.
 
-    The first kernel takes twice as long to compile, and most later scenes compile none. Has no effect on the scalar
-    backend.
+    The first kernel takes twice as long to compile, and most later scenes compile none.
     """
-    if backend().is_jit and not _placeholders:
+    if not _placeholders:
         _placeholders.extend(_make_placeholders())
 
 

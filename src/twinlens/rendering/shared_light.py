@@ -1,4 +1,4 @@
-"""The light that rough surfaces reflect towards the views of a light field, shared by all views. Needs a JIT backend.
+"""The light that rough surfaces reflect towards the views of a light field, shared by all views.
 
 Views of a light field see the same surfaces from nearly the same place. A few light paths from each view give the light
 of cells: pieces of surface as large as a pixel of a camera in the middle of the views. Then each view traces rays to

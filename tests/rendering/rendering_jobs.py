@@ -1,9 +1,6 @@
-"""Jobs that run in a process of their own, one a backend: ``python rendering_worker.py FILE.npz JOB...``.
+"""Images and truth that several tests look at: each job makes a dictionary of arrays."""
 
-Prints nothing; leaves arrays in the file, named ``<job>/<name>``.
-"""
-
-import sys
+import contextlib
 import tempfile
 from dataclasses import fields, replace
 from pathlib import Path
@@ -85,10 +82,7 @@ def corner_job() -> dict[str, np.ndarray]:
 
 def edge_job() -> dict[str, np.ndarray]:
     """Images of edges of light, whose profiles have closed forms."""
-    from twinlens.rendering import backend
-
-    rows = photos.EDGES | (photos.JIT_EDGES if backend().is_jit else {})
-    return {name: edge(*row) for name, row in rows.items()}
+    return {name: edge(*row) for name, row in photos.EDGES.items()}
 
 
 def edge(camera, lens, z, axis, position) -> np.ndarray:
@@ -209,26 +203,31 @@ def crop_job() -> dict[str, np.ndarray]:
 
 def noise_job() -> dict[str, np.ndarray]:
     """Bytes and noise for seeds, cameras and threads."""
-    import drjit
-
     scene, camera = photos.room(), photos.camera(64, 48, 60.0)
     twins = Rig([camera, camera], [photos.POSE, photos.POSE])
     lens = tl.ThinLens(0.1, 2.5)
     found = {"first": tl.render(scene, twins, lens, spp=8, seed=3)}
-    for threads in (1, 3, 64):
-        drjit.set_thread_count(threads)
-        found[f"threads {threads}"] = tl.render(scene, twins, lens, spp=8, seed=3)
+    for count in (1, 3, 64):
+        with threads(count):
+            found[f"threads {count}"] = tl.render(scene, twins, lens, spp=8, seed=3)
     found["other seed"] = tl.render(scene, twins, lens, spp=8, seed=4)
     found["long"] = tl.render(scene, twins, lens, spp=256, seed=5)
     return {name: np.array(images) for name, images in found.items()}
 
 
-def denoise_job() -> dict[str, np.ndarray]:
-    """Denoised images of closed forms and of the room, and guides."""
+@contextlib.contextmanager
+def threads(count: int):
+    """Render with this number of threads inside."""
     import drjit
 
-    from twinlens.rendering import backend
+    before = drjit.thread_count()
+    drjit.set_thread_count(count)
+    yield
+    drjit.set_thread_count(before)
 
+
+def denoise_job() -> dict[str, np.ndarray]:
+    """Denoised images of closed forms and of the room, and guides."""
     scene, camera = photos.room(), photos.camera(64, 48, 60.0)
     rig, sky = Rig([camera], [photos.POSE]), replace(scene, objects=())
     found = {"sky": tl.render(sky, rig, spp=4, denoise=True)[0]}
@@ -265,11 +264,10 @@ def denoise_job() -> dict[str, np.ndarray]:
             f"guide/{name}/albedo": guides.albedo,
             f"guide/{name}/normal": guides.normal,
         }
-        if backend().is_jit:
-            found |= {
-                f"path guide/{name}/{kind}": image
-                for kind, image in guides_of_paths(shown).items()
-            }
+        found |= {
+            f"path guide/{name}/{kind}": image
+            for kind, image in guides_of_paths(shown).items()
+        }
     passes = [("multijitter", 4, 1), ("independent", 3, 2)]
     found["guide/net/in passes"] = guides_of(
         photos.guided()["net"], photos.camera(24, 24, 60.0), passes
@@ -281,17 +279,17 @@ def denoise_job() -> dict[str, np.ndarray]:
         @ -photos.POSE[:3, 2]
     )
     found["lamp/image"] = image_of(lamp, photos.camera(), lens_of(far), *passes[0])
-    for threads in (1, 3):
-        drjit.set_thread_count(threads)
-        found[f"threads {threads}"] = tl.render(scene, rig, wide, spp=4, denoise=True)[
-            0
-        ]
+    for count in (1, 3):
+        with threads(count):
+            found[f"threads {count}"] = tl.render(
+                scene, rig, wide, spp=4, denoise=True
+            )[0]
     return found
 
 
 def estimate_job() -> dict[str, np.ndarray]:
     """Estimates of noise and true errors of eight seeds, and the samples that bounds need."""
-    from twinlens.rendering import backend, render_measured
+    from twinlens.rendering import render_measured
 
     scene, camera = photos.room(), photos.camera(64, 48, 60.0)
     rig, wide = Rig([camera], [photos.POSE]), tl.ThinLens(0.1, 2.5)
@@ -299,7 +297,7 @@ def estimate_job() -> dict[str, np.ndarray]:
     found = {}
     for name, denoise, spp in (
         ("raw", False, 4),
-        ("denoised", True, 16 if backend().is_jit else 4),
+        ("denoised", True, 16),
     ):
         views = [
             render_measured(scene, rig, wide, spp, seed, denoise=denoise)[0][0]
@@ -403,12 +401,12 @@ def image_of(scene, camera, lens, sampler, spp, seed):
 
 def count_job() -> dict[str, np.ndarray]:
     """Edges of light of radiance 1 seen with few samples: every pixel is a whole number of samples over their count."""
-    from twinlens.rendering import backend, samplers
+    from twinlens.rendering import samplers
 
     scene, rig = photos.half_plane(2.0, x=0.1234), Rig([photos.camera()], [photos.POSE])
     lens, usual = tl.ThinLens(0.3, 1.0), samplers.RAYS_PER_PASS
     found = {}
-    for sampler in samplers.SAMPLERS if backend().is_jit else photos.SCALAR_SAMPLERS:
+    for sampler in samplers.SAMPLERS:
         for spp in (1, 2, 3, 7, 8, 13, 32):
             found[f"{sampler}/{spp}"] = tl.render(
                 scene, rig, lens, spp=spp, sampler=sampler
@@ -479,14 +477,3 @@ JOBS = {
     "count": count_job,
     "refusal": refusal_job,
 }
-
-if __name__ == "__main__":
-    file, *jobs = sys.argv[1:]
-    np.savez(
-        Path(file),
-        **{
-            f"{job}/{name}": array
-            for job in jobs
-            for name, array in JOBS[job]().items()
-        },
-    )
