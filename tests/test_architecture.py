@@ -11,14 +11,15 @@ import pytest
 import twinlens
 
 PACKAGE = Path(twinlens.__file__).parent
-BASE = {"errors", "interrupts", "machine", "schema", "seeds"}
+BASE = {"errors", "interrupts", "machine", "schema", "seeds", "settings"}
 UNDER_SCENES = {*BASE, "geometry", "optics", "camera"}
 MAY_IMPORT = {
     "errors": set(),
     "interrupts": set(),
     "machine": set(),
-    "schema": {"errors"},
+    "schema": {"errors", "settings"},
     "seeds": set(),
+    "settings": {"errors"},
     "geometry": {*BASE},
     "optics": {*BASE, "geometry"},
     "camera": {*BASE, "geometry", "optics"},

@@ -126,7 +126,7 @@ def check_number(
     Traceback (most recent call last):
     twinlens.errors.InputError: baseline must be a positive number of metres, got -0.1
     """
-    number = _as_float(value)
+    number = as_float(value)
     if not (
         math.isfinite(number) and above < number < below and least <= number <= most
     ):
@@ -184,7 +184,7 @@ def check_triple(name: str, values: Any, allowed: str) -> tuple[float, float, fl
     (6.11e-07, 5.49e-07, 4.64e-07)
     """
     try:
-        numbers = [_as_float(value) for value in values]
+        numbers = [as_float(value) for value in values]
     except TypeError:
         numbers = []
     if len(numbers) != 3 or not all(
@@ -203,7 +203,7 @@ def format_value(value: Any) -> str:
     return " ".join(reprlib.repr(value).split())
 
 
-def _as_float(value: Any) -> float:
+def as_float(value: Any) -> float:
     """`value` as a float; NaN for what is not a real number or is too large."""
     try:
         return (

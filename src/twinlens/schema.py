@@ -6,6 +6,7 @@ list of validation errors into one `InputError` of one line: file, key, what is 
 
 import contextlib
 import dataclasses
+import math
 import typing
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -15,6 +16,7 @@ import pydantic
 from typing_extensions import TypeAliasType
 
 from twinlens.errors import InputError, check_known, format_value, nearest
+from twinlens.settings import Field, Setting, field_of, fields_of
 
 T = TypeVar("T")
 
@@ -109,28 +111,94 @@ def table_of(
 ) -> Any:
     """The type of a table with the fields of a dataclass, and `more`, that is read as an instance of the dataclass.
 
-    `make` is called with the given keys in place of the class, which gets its own fields only. A field in `more`
-    replaces that of the dataclass. JSON Schemas call the table `title`, by default after the class.
+    A field that is declared by a `Setting` is read by it. A nested dataclass is a nested table. A field in `more`,
+    (type, default), replaces that of the dataclass. `make` is called with the keys of the table in place of the class,
+    which gets its own fields only. JSON Schemas call the table `title`, by default after the class.
     """
-    hints = typing.get_type_hints(cls)
-    three = Annotated[list[Number], exactly(3, Number), pydantic.AfterValidator(tuple)]
-    types: dict[Any, Any] = {float: Number, tuple[float, float, float]: three}
-    keys = {
-        field.name: (
-            types.get(hints[field.name], hints[field.name]),
-            ... if field.default is dataclasses.MISSING else field.default,
-        )
-        for field in dataclasses.fields(cls)
+    keys = _undeclared(cls) | {
+        name: _key(field) for name, field in fields_of(cls).items() if name not in more
     }
 
+    own = {item.name for item in dataclasses.fields(cls)}
+
     def instance(table: Any) -> Any:
-        given = table.model_fields_set if make else table.model_fields_set & keys.keys()
+        given = table.model_fields_set if make else table.model_fields_set & own
         return (make or cls)(**{name: getattr(table, name) for name in given})
 
     model: Any = pydantic.create_model(
         title or f"{cls.__name__}Table", __base__=StrictModel, **{**keys, **more}
     )
     return Annotated[model, pydantic.AfterValidator(instance)]
+
+
+def _undeclared(cls: type[Any]) -> dict[str, tuple[Any, Any]]:
+    """The types and defaults of the fields of a dataclass that no `Setting` declares."""
+    hints = typing.get_type_hints(cls)
+    keys = {}
+    for item in dataclasses.fields(cls):
+        kind = Number if hints[item.name] is float else hints[item.name]
+        default = ... if item.default is dataclasses.MISSING else item.default
+        if item.name not in fields_of(cls):
+            keys[item.name] = (kind, default)
+    return keys
+
+
+def declared(cls: type[Any], name: str, default: Any = ...) -> tuple[Any, Any]:
+    """(type, default) of one declared field of a dataclass, for `pydantic.create_model`."""
+    return _key(field_of(cls, name, default))
+
+
+def value_of(cls: type[Any], name: str) -> Any:
+    """The type of one declared field of a dataclass, for a field of a model."""
+    return _key(field_of(cls, name))[0]
+
+
+def _key(field: Field) -> tuple[Any, Any]:
+    """The type and the default of a declared field."""
+    default = ... if field.required else field.default
+    described = pydantic.Field(description=_description(field))
+    if not field.is_plain:
+        kind = table_of(field.kind)
+        return Annotated[kind | None if field.optional else kind, described], default
+    reader = pydantic.PlainValidator(
+        field.read, json_schema_input_type=_json_type(field)
+    )
+    return Annotated[Any, reader, described], default
+
+
+def _description(field: Field) -> str:
+    unit = field.setting.unit
+    return f"{field.setting.help} [{unit}]" if unit else field.setting.help
+
+
+def _json_type(field: Field) -> Any:
+    """The type of a declared field, with its limits, for JSON Schemas."""
+    setting = field.setting
+    kind: Any = list[float] if field.length else field.kind
+    if setting.choices:
+        kind = Literal[tuple(setting.choices)]
+    elif field.kind in (int, float):
+        kind = Annotated[kind, _limits(setting)]
+    elif field.length:
+        entry = Annotated[float, _limits(setting)]
+        kind = Annotated[
+            list[entry],
+            pydantic.Field(min_length=field.length, max_length=field.length),
+        ]
+    return kind | None if field.optional else kind
+
+
+def _limits(setting: Setting) -> Any:
+    limits = {
+        "ge": setting.least,
+        "gt": setting.above,
+        "le": setting.most,
+        "lt": setting.below,
+    }
+    finite: dict[str, Any] = {
+        name: limit for name, limit in limits.items() if math.isfinite(limit)
+    }
+    return pydantic.Field(**finite)
 
 
 def reads(

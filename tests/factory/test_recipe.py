@@ -217,7 +217,7 @@ def test_every_key_is_read():
         (
             "sensor.quantum_efficiency",
             [0.5],
-            "sensor.quantum_efficiency: must be a list of exactly 3 values",
+            "sensor.quantum_efficiency: must be three numbers > 0 and <= 1",
         ),
         (
             "sensor.mismatch",

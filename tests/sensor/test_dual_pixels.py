@@ -142,9 +142,5 @@ def test_invalid_halves_are_refused():
         SENSOR.expose_dual(None, camera=CAMERA, lens=LENS)
     with pytest.raises(InputError, match="a pinhole has none"):
         SENSOR.expose_dual(halves, camera=CAMERA, lens=tl.Pinhole())
-    with pytest.raises(
-        InputError, match=r"dual_crosstalk must be from 0 to 0\.5, got 0\.6"
-    ):
-        SENSOR.replace(dual_crosstalk=0.6)
     with pytest.raises(InputError, match="radiance"):
         SENSOR.expose_dual(halves[:, :4], camera=CAMERA, lens=LENS)

@@ -406,29 +406,6 @@ def test_a_rig_without_errors_of_alignment_is_returned():
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        (
-            {"shading_right": 0.4},
-            "mismatch shading_right must be from -0.3 to 0.3, got 0.4",
-        ),
-        ({"blur_px": -1}, "mismatch blur_px must be"),
-        ({"veiling_glare": 1.1}, "mismatch veiling_glare must be"),
-        ({"tone_exponent": math.nan}, "mismatch tone_exponent must be"),
-        ({"roll_px": "a"}, "mismatch roll_px must be"),
-        (
-            {"level": "typcal"},
-            "unknown mismatch level 'typcal'; did you mean 'typical'",
-        ),
-        ({"level": 3}, "unknown mismatch level"),
-    ],
-)
-def test_invalid_mismatches_raise(change, says):
-    with pytest.raises(InputError, match=says):
-        Mismatch(**change)
-
-
-@pytest.mark.parametrize(
     ("level", "seed", "given", "says"),
     [
         ("consummer", 1, {}, "did you mean 'consumer'"),

@@ -367,36 +367,14 @@ def test_the_default_has_the_snr_and_the_threshold_of_its_source():
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"quantum_efficiency": (0.5, 1.2, 0.5)}, "at most 1"),
-        ({"quantum_efficiency": (0.5, 0.5)}, "three positive"),
-        ({"wavelengths": (0.0, 5e-7, 5e-7)}, "three positive"),
-        ({"wavelengths": (math.nan, 5e-7, 5e-7)}, "three positive"),
-        ({"quantum_efficiency": 0.5}, "three positive"),
-        ({"quantum_efficiency": ("a", 0.5, 0.5)}, "three positive"),
-        ({"full_well": 0.0}, "full_well"),
-        ({"full_well": "a"}, "full_well"),
-        ({"full_well": True}, "full_well"),
         ({"full_well": 10**400}, "full_well"),
         ({"full_well": np.ones((40, 40))}, "full_well"),
-        ({"dark_current": None}, "dark_current"),
-        ({"mismatch": None}, "mismatch"),
         (
             {"mismatch": Mismatch(time=2.0), "longest_exposure": 1e9},
             "mismatch makes the exposure invalid",
         ),
-        ({"mismatch": {"gain": 1.1}}, "mismatch"),
-        ({"read_noise": -1.0}, "read_noise"),
-        ({"prnu": math.nan}, "prnu"),
-        ({"adc_bits": 7}, "8 to 16"),
-        ({"adc_bits": 12.0 + 0.5}, "8 to 16"),
-        ({"bits": 12}, "8 or 16"),
-        ({"black_level": 4095.0}, "black_level"),
-        ({"black_level": "64"}, "black_level"),
-        ({"black_level": math.nan}, "black_level"),
-        ({"filters": "RGBG"}, "did you mean"),
-        ({"output": "srbg"}, "did you mean 'srgb'"),
-        ({"serial": -1}, "serial"),
-        ({"gama": 2.0}, "did you mean 'gamma'"),
+        ({"mismatch": {"gain": 1.1}}, "must be a Mismatch or a tuple of Mismatch"),
+        ({"black_level": 4095.0}, "black_level must be below 4095 DN, got 4095"),
     ],
 )
 def test_invalid_sensors_raise(change, says):
@@ -405,23 +383,9 @@ def test_invalid_sensors_raise(change, says):
     assert "\n" not in str(refusal.value)
 
 
-def test_invalid_exposures_raise():
-    for bad in (
-        lambda: Exposure(0.0),
-        lambda: Exposure(1.0, math.inf),
-        lambda: Exposure("1"),
-        lambda: Exposure(1.0, True),
-        lambda: Mismatch(gain=0.0),
-        lambda: Mismatch(time=None),
-        lambda: Exposure(1.0).value(0.0),
-    ):
-        with pytest.raises(InputError, match=r"positive|from 0\.001 to 1000"):
-            bad()
-    for black_level in (math.nan, "3"):
-        with pytest.raises(
-            InputError, match=r"black_level must be from -1e\+06 to 1e\+06"
-        ):
-            Mismatch(black_level=black_level)
+def test_unknown_presets_and_invalid_f_numbers_raise():
+    with pytest.raises(InputError, match="working_f_number must be a positive"):
+        Exposure(1.0).value(0.0)
     with pytest.raises(InputError, match="did you mean 'phone'"):
         Sensor.preset("phne")
 

@@ -14,13 +14,14 @@ import hashlib
 import math
 from dataclasses import dataclass, field
 from types import SimpleNamespace
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twinlens.errors import InputError, check_int, check_number
+from twinlens.errors import InputError
 from twinlens.geometry import Float
+from twinlens.settings import Setting, Settings
 
 _LARGEST_MASK_SIDE = 4096  # cells: float32 random numbers distinguish so many
 
@@ -94,11 +95,8 @@ class Disk:
 
 
 @dataclass(frozen=True)
-class Polygon:
-    """The opening of `blades` >= 3 diaphragm blades: a regular polygon with its corners on the unit circle.
-
-    rotation_deg : direction of the first corner in degrees, from +x (right) towards +y (down).
-    roundness : 0 (straight edges) to 1 (a circle).
+class Polygon(Settings, noun="polygon aperture"):
+    """The opening of diaphragm blades: a regular polygon with its corners on the unit circle.
 
     Its edges are arcs of ellipses about the axis, ``(a cos t, b sin t), |t| <= beta`` in the frame of each blade, with
     alpha = pi/blades, beta = roundness * alpha, a = cos(alpha)/cos(beta) and b = sin(alpha)/sin(beta). Equal steps of t
@@ -106,26 +104,19 @@ class Polygon:
     """
 
     name: ClassVar[str] = "polygon"
-    blades: int
-    rotation_deg: float = 0.0
-    roundness: float = 0.0
-
-    def __post_init__(self) -> None:
-        check_int("polygon aperture: blades", self.blades, 3, 1000)
-        check_number(
-            "polygon aperture: rotation_deg",
-            self.rotation_deg,
-            "a finite number",
+    blades: Annotated[int, Setting("Number of blades.", least=3, most=1000)]
+    rotation_deg: Annotated[
+        float,
+        Setting(
+            "Direction of the first corner, from +x (right) towards +y (down).",
+            "degrees",
             least=-1e6,
             most=1e6,
-        )
-        check_number(
-            "polygon aperture: roundness",
-            self.roundness,
-            "a number between 0 and 1",
-            least=0,
-            most=1,
-        )
+        ),
+    ] = 0.0
+    roundness: Annotated[
+        float, Setting("0 for straight edges, 1 for a circle.", least=0, most=1)
+    ] = 0.0
 
     @property
     def area_fraction(self) -> float:
@@ -167,17 +158,13 @@ class Polygon:
 
 
 @dataclass(frozen=True)
-class Annulus:
-    """The ring from radius `inner` (0 <= inner < 1, else InputError) to 1, as of a mirror lens."""
+class Annulus(Settings, noun="annulus aperture"):
+    """The ring from radius `inner` to 1, as of a mirror lens."""
 
     name: ClassVar[str] = "annulus"
-    inner: float
-
-    def __post_init__(self) -> None:
-        allowed = "a fraction of the radius from 0 to 0.999999"
-        check_number(
-            "annulus aperture: inner", self.inner, allowed, least=0, most=1 - 1e-6
-        )
+    inner: Annotated[
+        float, Setting("Inner radius over the outer one.", least=0, most=1 - 1e-6)
+    ]
 
     @property
     def area_fraction(self) -> float:

@@ -11,14 +11,15 @@ method for conventional, wide-angle, and fish-eye lenses, 2006; OpenCV's calib3d
 import math
 from dataclasses import astuple, dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike, NDArray
 
-from twinlens.errors import InputError, check_number
+from twinlens.errors import InputError
 from twinlens.geometry import Float, image_border
+from twinlens.settings import Setting, Settings
 
 _ITERATIONS = 50
 _CONVERGED = 1e-12  # in units of the focal length
@@ -27,18 +28,16 @@ _PATH_STEPS = 64  # along the lines from the axis to the image's border that are
 _NEGLIGIBLE = 1e-100  # a leading coefficient without effect in any image
 
 
+Coefficient = Annotated[
+    float, Setting("Coefficient of the model.", least=-1e6, most=1e6)
+]
+
+
 @dataclass(frozen=True)
-class _Model:
+class _Model(Settings):
     """Base of the two models."""
 
     name: ClassVar[str]
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            allowed = "a finite number, from -1e6 to 1e6"
-            check_number(
-                f"{self.name} distortion: {name}", value, allowed, least=-1e6, most=1e6
-            )
 
     @property
     def coefficients(self) -> tuple[float, ...]:
@@ -98,7 +97,7 @@ class _Model:
 
 
 @dataclass(frozen=True)
-class BrownConrady(_Model):
+class BrownConrady(_Model, noun="brown-conrady distortion"):
     """Radial and tangential distortion with OpenCV's eight coefficients.
 
     With r^2 = x^2 + y^2 and R = (1 + k1 r^2 + k2 r^4 + k3 r^6) / (1 + k4 r^2 + k5 r^4 + k6 r^6)::
@@ -111,14 +110,14 @@ class BrownConrady(_Model):
     """
 
     name: ClassVar[str] = "brown-conrady"
-    k1: float = 0.0
-    k2: float = 0.0
-    p1: float = 0.0
-    p2: float = 0.0
-    k3: float = 0.0
-    k4: float = 0.0
-    k5: float = 0.0
-    k6: float = 0.0
+    k1: Coefficient = 0.0
+    k2: Coefficient = 0.0
+    p1: Coefficient = 0.0
+    p2: Coefficient = 0.0
+    k3: Coefficient = 0.0
+    k4: Coefficient = 0.0
+    k5: Coefficient = 0.0
+    k6: Coefficient = 0.0
 
     def distort(self, xy: ArrayLike) -> Float:
         x, y = np.moveaxis(np.asarray(xy, dtype=np.float64), -1, 0)
@@ -166,7 +165,7 @@ class BrownConrady(_Model):
 
 
 @dataclass(frozen=True)
-class KannalaBrandt(_Model):
+class KannalaBrandt(_Model, noun="kannala-brandt distortion"):
     """OpenCV's fisheye: theta_d = theta (1 + k1 theta^2 + ... + k4 theta^8), theta the angle from the axis.
 
     ``(x_d, y_d) = theta_d / r (x, y)``, r = tan(theta). Directions of 90 degrees and more are not supported: they
@@ -174,10 +173,10 @@ class KannalaBrandt(_Model):
     """
 
     name: ClassVar[str] = "kannala-brandt"
-    k1: float = 0.0
-    k2: float = 0.0
-    k3: float = 0.0
-    k4: float = 0.0
+    k1: Coefficient = 0.0
+    k2: Coefficient = 0.0
+    k3: Coefficient = 0.0
+    k4: Coefficient = 0.0
 
     def distort(self, xy: ArrayLike) -> Float:
         xy = np.asarray(xy, dtype=np.float64)

@@ -1,7 +1,7 @@
 """The intrinsics of a camera: calibration matrix, distortion, image size and pixel size."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -11,14 +11,13 @@ from twinlens.camera.distortion import Distortion, check_invertible
 from twinlens.errors import (
     InputError,
     check_int,
-    check_known,
     check_number,
-    check_ranges,
     format_value,
     located,
 )
 from twinlens.geometry import Float, rigid
 from twinlens.optics import fx_from_fov
+from twinlens.settings import Setting, Settings
 
 BANDS = ("rgb", "nir", "rgb+nir")
 """What a camera sees: visible light, the near infrared behind a filter, or both, without any filter."""
@@ -30,38 +29,47 @@ _OUTSIDE_PX = -1e4  # value of a map without a source pixel: outside the image f
 
 
 @dataclass(frozen=True)
-class Camera:
+class Camera(Settings, noun="camera"):
     """Intrinsics of one camera. A pixel (u, v) looks along (x, y, 1), x = (u - cx)/fx, y = (v - cy)/fy, undistorted.
 
-    width, height : image size in pixels.
-    fx, fy : focal lengths in pixels: film distance over pixel pitch, > 0.
-    cx, cy : principal point in pixels, pixel centres at integers; it may be outside the image.
-    distortion : BrownConrady, KannalaBrandt or None; it must be invertible in the image.
-    pixel_pitch_um : width of a pixel in micrometres. Only light and diffraction depend on it; geometry and blur do not.
-    band : "rgb", "nir" (near infrared) or "rgb+nir"; only images depend on it.
+    The focal length in pixels is the film distance over the pixel pitch. The principal point may be outside the image;
+    pixel centres are at integers. Only light and diffraction depend on the pixel pitch; geometry and blur do not.
 
-    Raises InputError when a value is out of range.
+    Raises InputError when a value is out of range, and for a distortion that folds the image over itself.
     """
 
-    width: int
-    height: int
-    fx: Annotated[float, (1e-3, 1e9)]
-    fy: Annotated[float, (1e-3, 1e9)]
-    cx: Annotated[float, (-1e9, 1e9)]
-    cy: Annotated[float, (-1e9, 1e9)]
-    distortion: Distortion | None = None
-    pixel_pitch_um: Annotated[float, (1e-3, 1e6)] = 5.0
-    band: str = "rgb"
+    width: Annotated[
+        int, Setting("Width of the image.", "pixels", least=1, most=MAX_SIDE)
+    ]
+    height: Annotated[
+        int, Setting("Height of the image.", "pixels", least=1, most=MAX_SIDE)
+    ]
+    fx: Annotated[
+        float, Setting("Horizontal focal length.", "pixels", least=1e-3, most=1e9)
+    ]
+    fy: Annotated[
+        float, Setting("Vertical focal length.", "pixels", least=1e-3, most=1e9)
+    ]
+    cx: Annotated[
+        float, Setting("Column of the principal point.", "pixels", least=-1e9, most=1e9)
+    ]
+    cy: Annotated[
+        float, Setting("Row of the principal point.", "pixels", least=-1e9, most=1e9)
+    ]
+    distortion: Annotated[Distortion | None, Setting("Distortion of the lens.")] = None
+    pixel_pitch_um: Annotated[
+        float, Setting("Width of a pixel.", "micrometres", least=1e-3, most=1e6)
+    ] = 5.0
+    band: Annotated[
+        str,
+        Setting(
+            "Visible light, near infrared, or both; only images depend on it.",
+            choices=BANDS,
+        ),
+    ] = "rgb"
 
     def __post_init__(self) -> None:
-        check_known("camera band", self.band, BANDS)
-        check_size(self.width, self.height)
-        check_ranges(self, "camera")
-        if not isinstance(self.distortion, Distortion | None):
-            got = format_value(self.distortion)
-            raise InputError(
-                f"camera distortion must be BrownConrady, KannalaBrandt or None, got {got}"
-            )
+        super().__post_init__()
         if self.distortion is not None:
             check_invertible(self.distortion, self.K, self.width, self.height)
 
@@ -178,10 +186,6 @@ class Camera:
         return np.asarray(
             (u >= -0.5) & (u < self.width - 0.5) & (v >= -0.5) & (v < self.height - 0.5)
         )
-
-    def replace(self, **changes: object) -> "Camera":
-        """A copy with some fields changed, checked again."""
-        return replace(self, **changes)  # type: ignore[arg-type]
 
 
 def undistort_maps(

@@ -3,13 +3,29 @@
 Each has an `aperture_diameter` (metres), an `aperture` shape and a `vergence` k (1/m).
 """
 
-from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
 
 from twinlens import optics
 from twinlens.camera.aperture import FULL_DISK, Aperture
 from twinlens.camera.intrinsics import Camera
-from twinlens.errors import InputError, check_number, format_value
+from twinlens.errors import InputError, format_value
+from twinlens.settings import Field, Setting, Settings
+
+DIAMETER = Setting(
+    "Diameter of the aperture; 0 is a pinhole.",
+    "metres",
+    least=optics.SHORTEST,
+    most=optics.LONGEST,
+    or_zero=True,
+)
+SHAPE = Setting("Shape of the aperture.")
+F_NUMBER = Field(
+    "f_number",
+    float,
+    False,
+    Setting("Focal length over aperture diameter.", least=1e-6, most=1e9),
+)
 
 
 @dataclass(frozen=True)
@@ -22,50 +38,31 @@ class Pinhole:
     vergence: ClassVar[float] = 0.0
 
 
-class _OpenLens:
-    """Base of the lenses with an aperture."""
-
-    aperture: Aperture
-
-    def _check_aperture(self, name: str) -> None:
-        optics.check_diameter(name, getattr(self, name))
-        if not isinstance(self.aperture, Aperture):
-            got = format_value(self.aperture)
-            raise InputError(
-                f"aperture must be Disk, Polygon, Annulus or MaskAperture, got {got}"
-            )
-
-    def replace(self, **changes: object) -> Self:
-        """A copy with some fields changed, checked again."""
-        return replace(self, **changes)  # type: ignore[type-var]
-
-
 @dataclass(frozen=True)
-class ThinLens(_OpenLens):
-    """A thin lens focused on the plane z = focus_distance, metres, > 0; may be inf.
+class ThinLens(Settings, noun="lens"):
+    """A thin lens focused on the plane z = focus_distance.
 
-    aperture_diameter : diameter A of the entrance pupil in metres, >= 0; 0 is a pinhole.
-    aperture : its shape inside the circle of diameter A.
-    defocus : error of the focus, 1/m, added to the vergence: it is sharp at 1 / (1/focus_distance + defocus), and
-    nowhere if this is negative.
+    The aperture has its shape inside the circle of diameter A. With a defocus the lens is sharp at
+    1 / (1/focus_distance + defocus), and nowhere if this is negative.
+
+    Raises InputError when a value is out of range.
     """
 
     name: ClassVar[str] = "thinlens"
-    aperture_diameter: float
-    focus_distance: float
-    aperture: Aperture = FULL_DISK
-    defocus: float = 0.0
-
-    def __post_init__(self) -> None:
-        self._check_aperture("aperture_diameter")
-        optics.check_focus(self.focus_distance)
-        check_number(
-            "defocus",
-            self.defocus,
-            "a number of 1/m from -1e6 to 1e6",
-            least=-1e6,
-            most=1e6,
-        )
+    aperture_diameter: Annotated[float, DIAMETER]
+    focus_distance: Annotated[
+        float,
+        Setting(
+            "Depth of the sharp plane.", "metres", least=optics.SHORTEST, infinite=True
+        ),
+    ]
+    aperture: Annotated[Aperture, SHAPE] = FULL_DISK
+    defocus: Annotated[
+        float,
+        Setting(
+            "Error of the focus, added to the vergence.", "1/m", least=-1e6, most=1e6
+        ),
+    ] = 0.0
 
     @classmethod
     def from_f_number(
@@ -79,9 +76,7 @@ class ThinLens(_OpenLens):
 
         `film_distance` is in metres, as `Camera.film_distance`. Raises InputError unless all three are positive.
         """
-        check_number(
-            "f_number", f_number, "positive, from 1e-6 to 1e9", least=1e-6, most=1e9
-        )
+        F_NUMBER.checked(f_number, "lens")
         return cls(
             optics.focal_length(focus_distance, film_distance) / f_number,
             focus_distance,
@@ -95,21 +90,26 @@ class ThinLens(_OpenLens):
 
 
 @dataclass(frozen=True)
-class BareAperture(_OpenLens):
+class BareAperture(Settings, noun="lens"):
     """An aperture without a lens in front of a film: the camera obscura.
 
-    diameter : of the aperture, metres, >= 0; `aperture` is its shape inside the circle.
-    film_distance : from the aperture to the film, metres, > 0; film_distance / fx is the pixel pitch.
+    The aperture has its shape inside the circle of its diameter; film_distance / fx is the pixel pitch.
+
+    Raises InputError when a value is out of range.
     """
 
     name: ClassVar[str] = "bareaperture"
-    diameter: float
-    film_distance: float
-    aperture: Aperture = FULL_DISK
-
-    def __post_init__(self) -> None:
-        self._check_aperture("diameter")
-        optics.check_length("film_distance", self.film_distance)
+    diameter: Annotated[float, DIAMETER]
+    film_distance: Annotated[
+        float,
+        Setting(
+            "From the aperture to the film.",
+            "metres",
+            least=optics.SHORTEST,
+            most=optics.LONGEST,
+        ),
+    ]
+    aperture: Annotated[Aperture, SHAPE] = FULL_DISK
 
     @property
     def aperture_diameter(self) -> float:

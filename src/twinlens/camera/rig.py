@@ -10,9 +10,10 @@ from numpy.typing import ArrayLike
 from twinlens.camera.distortion import BrownConrady
 from twinlens.camera.intrinsics import Camera
 from twinlens.camera.projector import Projector
-from twinlens.errors import InputError, check_ranges, format_value
+from twinlens.errors import InputError, format_value
 from twinlens.geometry import Float, check_rigid, inverse, rigid, transform_points
 from twinlens.optics import check_length
+from twinlens.settings import Setting, Settings
 
 _ALIGNED = (
     1e-9  # relative to the baseline, and for unit axes: tolerance of a rectified pair
@@ -267,31 +268,50 @@ def check_seen(rig: Rig) -> None:
 
 
 @dataclass(frozen=True)
-class Misalignment:
+class Misalignment(Settings, noun="misalignment"):
     """The error of one camera against its calibration.
 
-    vertical_px : shift of the image down, pixels (added to cy).
-    pitch_deg, yaw_deg, roll_deg : rotations of up to 89.999 degrees about the calibrated x, y and z axes, in this
-    order: R = Rz(roll) Ry(yaw) Rx(pitch).
-    focal : factor of the focal length, > 0.
-    k1 : added to the distortion's first radial coefficient.
-    right_mm, down_mm, forward_mm : displacement of the camera along its calibrated x, y and z axes.
+    The rotation is R = Rz(roll) Ry(yaw) Rx(pitch) about the calibrated axes; the displacement is along them.
 
     Raises InputError when a value is out of range.
     """
 
-    vertical_px: Annotated[float, (-1e9, 1e9)] = 0.0
-    pitch_deg: Annotated[float, (-89.999, 89.999)] = 0.0
-    yaw_deg: Annotated[float, (-89.999, 89.999)] = 0.0
-    roll_deg: Annotated[float, (-89.999, 89.999)] = 0.0
-    focal: Annotated[float, (0.1, 10)] = 1.0
-    k1: Annotated[float, (-1e6, 1e6)] = 0.0
-    right_mm: Annotated[float, (-1e6, 1e6)] = 0.0
-    down_mm: Annotated[float, (-1e6, 1e6)] = 0.0
-    forward_mm: Annotated[float, (-1e6, 1e6)] = 0.0
-
-    def __post_init__(self) -> None:
-        check_ranges(self, "misalignment")
+    vertical_px: Annotated[
+        float,
+        Setting(
+            "Shift of the image down, added to cy.", "pixels", least=-1e9, most=1e9
+        ),
+    ] = 0.0
+    pitch_deg: Annotated[
+        float,
+        Setting("Rotation about the x axis.", "degrees", least=-89.999, most=89.999),
+    ] = 0.0
+    yaw_deg: Annotated[
+        float,
+        Setting("Rotation about the y axis.", "degrees", least=-89.999, most=89.999),
+    ] = 0.0
+    roll_deg: Annotated[
+        float,
+        Setting("Rotation about the z axis.", "degrees", least=-89.999, most=89.999),
+    ] = 0.0
+    focal: Annotated[
+        float, Setting("Factor of the focal length.", least=0.1, most=10)
+    ] = 1.0
+    k1: Annotated[
+        float,
+        Setting(
+            "Added to the distortion's first radial coefficient.", least=-1e6, most=1e6
+        ),
+    ] = 0.0
+    right_mm: Annotated[
+        float, Setting("Displacement along x.", "millimetres", least=-1e6, most=1e6)
+    ] = 0.0
+    down_mm: Annotated[
+        float, Setting("Displacement along y.", "millimetres", least=-1e6, most=1e6)
+    ] = 0.0
+    forward_mm: Annotated[
+        float, Setting("Displacement along z.", "millimetres", least=-1e6, most=1e6)
+    ] = 0.0
 
     def camera(self, camera: Camera) -> Camera:
         """A calibrated camera's intrinsics with this error. Raises InputError if the distortion folds the image."""

@@ -8,7 +8,7 @@ import math
 import re
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ import numpy as np
 from twinlens import optics
 from twinlens.camera import (
     ALIGNED,
+    Annulus,
     Aperture,
     BareAperture,
     BrownConrady,
@@ -24,6 +25,7 @@ from twinlens.camera import (
     Lens,
     Misalignment,
     Pinhole,
+    Polygon,
 )
 from twinlens.camera.film import SENSOR_WIDTHS_MM, sensor_width_mm
 from twinlens.camera.presets import find_camera
@@ -35,9 +37,9 @@ from twinlens.optics.rig_task import RigTask
 from twinlens.scenes.rigs import CalibrationError
 from twinlens.schema import read
 from twinlens.sensor import LEVELS, PRESETS, Exposure, Mismatch, Sensor
+from twinlens.settings import NUMBER, Field, Setting, fields_of, parse_pairs
 
-_NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
-_FOCUS = rf"(?:@(?P<focus>{_NUMBER}|[-+]?inf))?"
+_FOCUS = rf"(?:@(?P<focus>{NUMBER}|[-+]?inf))?"
 _LENSES = {
     "pinhole": ("pinhole", "pinhole"),
     "thin": ("thin:DIAMETER_MM[@FOCUS_M]", f"thin:(?P<aperture_mm>[^@]+){_FOCUS}"),
@@ -51,14 +53,12 @@ LENS_HELP = (
     " | ".join(form for form, _ in _LENSES.values()) + "; may be given several times. "
     "The default focus is at the middle of the scene's disparities."
 )
-_APERTURES: dict[str, tuple[str, tuple[str, ...]]] = {
-    "disk": ("disk", ()),
-    "polygon": (
-        "polygon:BLADES[:ROTATION_DEG[:ROUNDNESS]]",
-        ("blades", "rotation_deg", "roundness"),
-    ),
-    "annulus": ("annulus:INNER", ("inner",)),
-    "mask": ("mask:FILE", ("file",)),
+_FILE = Field("file", str, False, Setting("A grey image, white where light passes."))
+_APERTURES: dict[str, tuple[str, Mapping[str, Field]]] = {
+    "disk": ("disk", {}),
+    "polygon": ("polygon:BLADES[:ROTATION_DEG[:ROUNDNESS]]", fields_of(Polygon)),
+    "annulus": ("annulus:INNER", fields_of(Annulus)),
+    "mask": ("mask:FILE", {"file": _FILE}),
 }
 APERTURE_HELP = (
     " | ".join(form for form, _ in _APERTURES.values())
@@ -81,12 +81,12 @@ SENSOR_WIDTH_HELP = (
 )
 SENSOR_HELP = f"{', '.join(PRESETS)}; parameters follow a colon: phone:prnu=0.01,filters=mono,output=linear."
 
-_SENSOR_PARAMETERS = [
-    field.name for field in fields(Sensor) if field.name not in ("mismatch", "nir")
-]
-_MISMATCHES = [*(field.name for field in fields(Mismatch)), "seed"]
-_PAIRS = "NAME=VALUE,NAME=VALUE"
-_MISMATCH = f"{_PAIRS}, or a level ({', '.join(LEVELS)}) alone or first"
+_SENSOR_FIELDS = {
+    name: field for name, field in fields_of(Sensor).items() if field.is_plain
+}
+_SEED = Field("seed", int, False, Setting("Seed of the level.", least=0))
+_MISMATCH_FIELDS = {**fields_of(Mismatch), "seed": _SEED}
+_MISMATCH = f"NAME=VALUE,NAME=VALUE, or a level ({', '.join(LEVELS)}) alone or first"
 
 
 def parse_size(text: str | None, camera: str | None = None) -> tuple[int, int]:
@@ -161,18 +161,17 @@ def parse_aperture(text: str) -> Aperture:
     kind, _, rest = text.partition(":")
     if kind not in _APERTURES:
         raise InputError(f"{where}: {unknown('aperture', kind, _APERTURES)}")
-    form, keys = _APERTURES[kind]
+    form, fields = _APERTURES[kind]
     parts: list[str] = []
     if rest:
         parts = [rest] if kind == "mask" else rest.split(":")
-    if len(parts) > len(keys) or (keys and not parts):
+    if len(parts) > len(fields) or (fields and not parts):
         raise InputError(f"{where}: must be {form}")
-    shape = read(
-        settings.ShapeTable,
-        {"kind": kind, **dict(zip(keys, parts, strict=False))},
-        where,
-        strict=False,
-    )
+    values = {
+        field.name: field.parse(part)
+        for field, part in zip(fields.values(), parts, strict=False)
+    }
+    shape = read(settings.ShapeTable, {"kind": kind, **values}, where)
     with located(where):
         return settings.make_aperture(shape)
 
@@ -198,7 +197,7 @@ def parse_exposure(text: str) -> Exposure | None:
     """An exposure in the syntax of EXPOSURE_HELP; None for "auto"."""
     if text == "auto":
         return None
-    match = re.fullmatch(rf"({_NUMBER})(?:/({_NUMBER}))?(?:,({_NUMBER}))?", text)
+    match = re.fullmatch(rf"({NUMBER})(?:/({NUMBER}))?(?:,({NUMBER}))?", text)
     if match is None or not float(match[2] or 1) > 0:
         raise InputError(
             f"--exposure must be TIME_S[,GAIN], such as 1/60 or 0.01,4, got {format_value(text)}"
@@ -216,21 +215,23 @@ def parse_mismatch(
     """
     where = f"--mismatch {text!r}"
     first = text.partition(",")[0].strip()
-    if first.isidentifier() and first not in _MISMATCHES:
+    if first.isidentifier() and first not in _MISMATCH_FIELDS:
         text = f"level={text}"
-    given: dict[str, Any] = dict(_pairs(where, text, _MISMATCHES, _MISMATCH))
+    with located(where):
+        given = parse_pairs(text, _MISMATCH_FIELDS, _MISMATCH)
     if (problem := settings.only_one_camera(cameras, layout)) and given != {
         "level": "none"
     }:
         raise InputError(f"{where}: {problem}")
     if "seed" in given:
-        given["seed"] = read(settings.Seed, given["seed"], where, "seed", strict=False)
-    one, each = (settings.mismatches_for(given, count, seed) for count in (2, cameras))
-    mismatch = read(
-        settings.MismatchTables, one, where, strict=False
-    )  # messages without the number of the camera
-    if each != one:
-        mismatch = read(settings.MismatchTables, each, where, strict=False)
+        with located(f"{where}: seed"):
+            _SEED.checked(given["seed"])
+    of_pair = settings.mismatches_for(given, 2, seed)
+    of_rig = settings.mismatches_for(given, cameras, seed)
+    # The mismatch of a pair is read first: its messages have no number of a camera.
+    mismatch = read(settings.MismatchTables, of_pair, where)
+    if of_rig != of_pair:
+        mismatch = read(settings.MismatchTables, of_rig, where)
     return mismatch  # type: ignore[no-any-return]
 
 
@@ -239,20 +240,18 @@ def parse_misalignment(text: str | None) -> Misalignment:
     if text is None:
         return ALIGNED
     where = f"--misalignment {text!r}"
-    pairs = _pairs(where, text, [field.name for field in fields(Misalignment)])
-    return read(CalibrationError, pairs, where, strict=False)  # type: ignore[no-any-return]
+    with located(where):
+        pairs = parse_pairs(text, fields_of(Misalignment))
+    return read(CalibrationError, pairs, where)  # type: ignore[no-any-return]
 
 
 def parse_sensor(text: str) -> Sensor:
     """A sensor in the syntax of SENSOR_HELP: a preset with changed parameters; / separates the numbers of a list."""
     preset, colon, rest = text.partition(":")
     where = f"--sensor {text!r}"
-    pairs = _pairs(where, rest, _SENSOR_PARAMETERS) if colon else {}
-    values = {
-        name: value.split("/") if "/" in value else value
-        for name, value in pairs.items()
-    }
-    return read(settings.SensorTable, {"preset": preset, **values}, where, strict=False)  # type: ignore[no-any-return]
+    with located(where):
+        pairs = parse_pairs(rest, _SENSOR_FIELDS) if colon else {}
+    return read(settings.SensorTable, {"preset": preset, **pairs}, where)  # type: ignore[no-any-return]
 
 
 def parse_numbers(
@@ -261,27 +260,10 @@ def parse_numbers(
     """Numbers separated by commas, as many as one of `counts`; `form` describes them in errors."""
     parts = [part.strip() for part in text.split(",")]
     if len(parts) not in counts or not all(
-        re.fullmatch(rf"{_NUMBER}|[-+]?inf", part) for part in parts
+        re.fullmatch(rf"{NUMBER}|[-+]?inf", part) for part in parts
     ):
         raise InputError(f"{option} must be {form}, got {format_value(text)}")
     return [float(part) for part in parts]
-
-
-def _pairs(
-    where: str, text: str, known: Collection[str], form: str = _PAIRS
-) -> dict[str, str]:
-    """The values of `a=1,b=2` by their names, which must be known; each name once. `form` describes them in errors."""
-    pairs: dict[str, str] = {}
-    for part in text.split(","):
-        name, _, value = (piece.strip() for piece in part.partition("="))
-        if not (name and value):
-            raise InputError(f"{where}: must be {form}; got {part!r}")
-        if name in pairs:
-            raise InputError(f"{where}: {name} is given twice")
-        if name not in known:
-            raise InputError(f"{where}: {unknown('parameter', name, known)}")
-        pairs[name] = value
-    return pairs
 
 
 def parse_intrinsics(options: Mapping[str, Any]) -> dict[str, Any]:
@@ -313,7 +295,7 @@ def parse_intrinsics(options: Mapping[str, Any]) -> dict[str, Any]:
         text = given["sensor_width_mm"]
         with located(f"--sensor-width-mm {text}"):
             values["sensor_width_mm"] = sensor_width_mm(
-                float(text) if re.fullmatch(_NUMBER, text) else text
+                float(text) if re.fullmatch(NUMBER, text) else text
             )
     return values
 

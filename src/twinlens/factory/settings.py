@@ -128,7 +128,7 @@ class SkyTable(StrictModel):
 
 Seed = Annotated[int, Field(ge=0)]
 _PRESET = "machine_vision"
-ExposureTable: Any = table_of(Exposure, time=(Positive, ...), gain=(Positive, 1.0))
+ExposureTable: Any = table_of(Exposure)
 
 
 def _mismatch(level: str = "none", seed: int | None = None, **given: float) -> Mismatch:
@@ -195,13 +195,8 @@ class MaskTable(StrictModel):
 
 
 _DISK: Any = table_of(Disk, kind=(Literal["disk"], ...))
-_POLYGON: Any = table_of(
-    Polygon,
-    kind=(Literal["polygon"], ...),
-    blades=(int, Field(ge=3, le=1000)),
-    roundness=(Fraction, 0.0),
-)
-_ANNULUS: Any = table_of(Annulus, kind=(Literal["annulus"], ...), inner=(Fraction, ...))
+_POLYGON: Any = table_of(Polygon, kind=(Literal["polygon"], ...))
+_ANNULUS: Any = table_of(Annulus, kind=(Literal["annulus"], ...))
 ShapeTable: Any = Annotated[
     _DISK | _POLYGON | _ANNULUS | MaskTable, Field(discriminator="kind")
 ]

@@ -35,7 +35,7 @@ FRESNEL_LOW, FRESNEL_HIGH = 0.2, 50.0
 _FIRST_ZERO = 1.2196698912665045  # of J1(pi x), x > 0
 _MOST_NODES = 64
 _LARGEST_RADIUS = 16384
-_SHORTEST_WAVE, _LONGEST_WAVE = 1e-9, 1e-3
+SHORTEST_WAVE, LONGEST_WAVE = 1e-9, 1e-3
 
 
 class FresnelWarning(UserWarning):
@@ -134,9 +134,9 @@ def check_wavelengths(name: str, values: Any) -> tuple[float, float, float]:
     three = check_triple(
         name, values, "three positive numbers of metres (red, green, blue)"
     )
-    if not all(_SHORTEST_WAVE <= value <= _LONGEST_WAVE for value in three):
+    if not all(SHORTEST_WAVE <= value <= LONGEST_WAVE for value in three):
         raise InputError(
-            f"{name} must be metres from {_SHORTEST_WAVE:g} to {_LONGEST_WAVE:g}, as 550e-9, got {three}"
+            f"{name} must be metres from {SHORTEST_WAVE:g} to {LONGEST_WAVE:g}, as 550e-9, got {three}"
         )
     return three
 
@@ -186,11 +186,9 @@ def _edge_flux(across: float, along: float, radius_px: int) -> Float:
 def _check(
     wavelength: float, working_f_number: float, pixel_pitch: Pitch = (1.0, 1.0)
 ) -> None:
-    allowed = (
-        f"a positive number of metres, from {_SHORTEST_WAVE:g} to {_LONGEST_WAVE:g}"
-    )
+    allowed = f"a positive number of metres, from {SHORTEST_WAVE:g} to {LONGEST_WAVE:g}"
     check_number(
-        "wavelength", wavelength, allowed, least=_SHORTEST_WAVE, most=_LONGEST_WAVE
+        "wavelength", wavelength, allowed, least=SHORTEST_WAVE, most=LONGEST_WAVE
     )
     check_number(
         "working_f_number",

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from twinlens.camera import Camera, Lens, ThinLens
 from twinlens.errors import InputError, check_number, format_value
 from twinlens.optics.rig_task import Light
+from twinlens.settings import Setting, Settings
 
 if TYPE_CHECKING:
     from twinlens.sensor.model import Sensor
@@ -24,26 +25,21 @@ _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # Rec. ITU-R BT.709
 
 
 @dataclass(frozen=True)
-class Exposure:
-    """Exposure time in seconds, and gain: 1 at the sensor's base sensitivity, doubling per stop as ISO speeds do.
+class Exposure(Settings, noun="exposure"):
+    """Exposure time and gain. At gain 1 a full well fills the converter's range.
 
-    At gain 1 a full well fills the converter's range. Raises InputError unless both are positive and finite.
+    Raises InputError when a value is out of range.
     """
 
-    time: float
-    gain: float = 1.0
-
-    def __post_init__(self) -> None:
-        check_number(
-            "exposure time",
-            self.time,
-            "a positive number of seconds, 1e-30 to 1e9",
-            least=1e-30,
+    time: Annotated[float, Setting("Exposure time.", "seconds", least=1e-30, most=1e9)]
+    gain: Annotated[
+        float,
+        Setting(
+            "Factor of the base sensitivity, doubling per stop as ISO speeds do.",
+            least=1e-9,
             most=1e9,
-        )
-        check_number(
-            "exposure gain", self.gain, "positive, 1e-9 to 1e9", least=1e-9, most=1e9
-        )
+        ),
+    ] = 1.0
 
     def value(self, working_f_number: float) -> float:
         """The exposure value EV = log2(N^2 / t), N = v/A.

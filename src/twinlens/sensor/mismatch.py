@@ -1,13 +1,13 @@
 """Differences between the cameras of a rig: exposure, lens, stray light, sharpness, colours and alignment.
 
 The first camera is the reference, without differences; each other camera has a `Mismatch`. A real pair differs in both
-cameras: a `Mismatch` is the difference of the two, and so are its spreads. docs/realism.md gives their sources.
+cameras: a `Mismatch` and its standard deviations describe the difference of the two (sources: docs/realism.md).
 """
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any, NamedTuple, get_type_hints
 
 import numpy as np
 
@@ -21,10 +21,11 @@ from twinlens.camera import (
     Rig,
     misaligned,
 )
-from twinlens.errors import InputError, check_int, check_known, check_ranges, located
+from twinlens.errors import InputError, check_int, check_known, located
 from twinlens.geometry import Float
 from twinlens.seeds import generator
 from twinlens.sensor.exposure import Exposure
+from twinlens.settings import Setting, Settings
 
 LEVELS = ("none", "calibrated", "typical", "consumer")
 """After "none": a fresh calibration with equalised gains and flat fields, two cameras of one model, cheap modules."""
@@ -40,67 +41,237 @@ _MAX_SIGMAS = 2.5  # limit of a drawn value, in standard deviations
 _NOT_NEGATIVE = ("veiling_glare", "stray_light", "blur_px")
 
 
+class Spreads(NamedTuple):
+    """The standard deviations of a field that is drawn, at each level after "none"."""
+
+    calibrated: float
+    typical: float
+    consumer: float
+
+
 @dataclass(frozen=True)
-class Mismatch:
+class Mismatch(Settings, noun="mismatch"):
     """Differences of a camera from the first one of its rig, which image processing does not correct.
 
-    A field's annotations are its range and, where it is drawn, its standard deviations at the levels after "none".
-    x and y are -1 to 1 across the image, r^2 is 1 in its corners.
+    x and y are -1 to 1 across the image, r^2 is 1 in its corners. pitch_px to forward_mm apply to the rig that takes
+    the images (`misalign`), f_number and focus_um to its lenses (`lens`). The sensor applies all others, and f_number
+    to the light.
 
-    gain, time : factors of the exposure's gain and time, > 0.
-    black_level : added to the black level, DN.
-    f_number : factor of the f-number; the light changes by its inverse square, blur circles by its inverse.
-    focus_um : displacement of the film away from the lens, micrometres; it then focuses nearer. Less where the f-number
-    is below 1 (`lens`).
-    shading_right, shading_down, shading_corner : a, b, c of the factor 1 + a x + b y - c r^2 of the lens's light.
-    veiling_glare : share g of the light that is spread evenly: (1 - g) L + g mean(L), in each channel.
-    stray_light : share s of the mean light that is added, from 0 on one side of the image to 2 s mean(L) on the other.
-    stray_direction_deg : direction of the brighter side: 0 is right, 90 is down.
-    blur_px : standard deviation of an additional Gaussian blur, which conserves light.
-    filter_shift : share of each channel that comes from the channel of the next longer wavelength instead, shorter if
-    negative.
-    white_balance_red, white_balance_blue : factors of the developed red and blue values; unused in mono and raw output.
-    tone_exponent : exponent of the developed values, 0 to 1, before the tone curve; unused in raw output.
-    pitch_px, yaw_px : displacement of the image's centre, down and right, by a rotation of the camera.
-    roll_px : displacement of the middle of the right edge, down, by a rotation about the optical axis.
-    scale_px, distortion_px : displacement of the corners outwards, by the focal length and by the third power of the
-    radius.
-    right_mm, down_mm, forward_mm : displacement of the camera along its axes, millimetres.
-    level : the level that the values were drawn from, for the record.
-
-    pitch_px to forward_mm apply to the rig that takes the images (`misalign`), f_number and focus_um to its lenses
-    (`lens`). The sensor applies all others, and f_number to the light.
+    Raises InputError when a value is out of range.
     """
 
-    gain: Annotated[float, (1e-3, 1e3), (0.005, 0.01, 0.05)] = 1.0
-    time: Annotated[float, (1e-3, 1e3), (0.0, 0.0, 0.1)] = 1.0
-    black_level: Annotated[float, (-1e6, 1e6), (0.25, 1.0, 3.0)] = 0.0
-    f_number: Annotated[float, (0.1, 10), (0.002, 0.008, 0.047)] = 1.0
-    focus_um: Annotated[float, (-1e6, 1e6), (1.0, 5.0, 14.0)] = 0.0
-    shading_right: Annotated[float, (-0.3, 0.3), (0.01, 0.04, 0.08)] = 0.0
-    shading_down: Annotated[float, (-0.3, 0.3), (0.01, 0.04, 0.08)] = 0.0
-    shading_corner: Annotated[float, (-0.3, 0.4), (0.01, 0.04, 0.08)] = 0.0
-    veiling_glare: Annotated[float, (0, 1), (0.001, 0.003, 0.01)] = 0.0
-    stray_light: Annotated[float, (0, 1), (0.001, 0.005, 0.02)] = 0.0
-    stray_direction_deg: Annotated[float, (-360, 360)] = 0.0
-    blur_px: Annotated[float, (0, 100), (0.1, 0.3, 0.6)] = 0.0
-    filter_shift: Annotated[float, (-1, 1), (0.005, 0.02, 0.05)] = 0.0
-    white_balance_red: Annotated[float, (0.1, 10), (0.005, 0.02, 0.055)] = 1.0
-    white_balance_blue: Annotated[float, (0.1, 10), (0.005, 0.02, 0.06)] = 1.0
-    tone_exponent: Annotated[float, (0.1, 10), (0.002, 0.005, 0.02)] = 1.0
-    pitch_px: Annotated[float, (-100, 100), (0.05, 0.15, 0.4)] = 0.0
-    yaw_px: Annotated[float, (-100, 100), (0.02, 0.05, 0.15)] = 0.0
-    roll_px: Annotated[float, (-100, 100), (0.03, 0.1, 0.25)] = 0.0
-    scale_px: Annotated[float, (-100, 100), (0.03, 0.1, 0.25)] = 0.0
-    distortion_px: Annotated[float, (-100, 100), (0.03, 0.1, 0.25)] = 0.0
-    right_mm: Annotated[float, (-1e3, 1e3), (0.01, 0.03, 0.1)] = 0.0
-    down_mm: Annotated[float, (-1e3, 1e3), (0.01, 0.03, 0.1)] = 0.0
-    forward_mm: Annotated[float, (-1e3, 1e3), (0.01, 0.03, 0.1)] = 0.0
-    level: str = "none"
-
-    def __post_init__(self) -> None:
-        check_ranges(self, "mismatch")
-        check_known("mismatch level", self.level, LEVELS)
+    gain: Annotated[
+        float,
+        Setting("Factor of the exposure's gain.", least=1e-3, most=1e3),
+        Spreads(0.005, 0.01, 0.05),
+    ] = 1.0
+    time: Annotated[
+        float,
+        Setting("Factor of the exposure time.", least=1e-3, most=1e3),
+        Spreads(0.0, 0.0, 0.1),
+    ] = 1.0
+    black_level: Annotated[
+        float,
+        Setting("Added to the black level.", "DN", least=-1e6, most=1e6),
+        Spreads(0.25, 1.0, 3.0),
+    ] = 0.0
+    f_number: Annotated[
+        float,
+        Setting(
+            "Factor of the f-number; the light changes by its inverse square, blur circles by its inverse.",
+            least=0.1,
+            most=10,
+        ),
+        Spreads(0.002, 0.008, 0.047),
+    ] = 1.0
+    focus_um: Annotated[
+        float,
+        Setting(
+            "Displacement of the film away from the lens, which then focuses nearer; less below f/1 (`lens`).",
+            "micrometres",
+            least=-1e6,
+            most=1e6,
+        ),
+        Spreads(1.0, 5.0, 14.0),
+    ] = 0.0
+    shading_right: Annotated[
+        float,
+        Setting(
+            "a of the factor 1 + a x + b y - c r^2 of the lens's light.",
+            least=-0.3,
+            most=0.3,
+        ),
+        Spreads(0.01, 0.04, 0.08),
+    ] = 0.0
+    shading_down: Annotated[
+        float,
+        Setting("b of the same factor.", least=-0.3, most=0.3),
+        Spreads(0.01, 0.04, 0.08),
+    ] = 0.0
+    shading_corner: Annotated[
+        float,
+        Setting("c of the same factor.", least=-0.3, most=0.4),
+        Spreads(0.01, 0.04, 0.08),
+    ] = 0.0
+    veiling_glare: Annotated[
+        float,
+        Setting(
+            "Share g of the light that is spread evenly: (1 - g) L + g mean(L), in each channel.",
+            least=0,
+            most=1,
+        ),
+        Spreads(0.001, 0.003, 0.01),
+    ] = 0.0
+    stray_light: Annotated[
+        float,
+        Setting(
+            "Share s of the mean light that is added, from 0 on one side of the image to 2 s mean(L) on the other.",
+            least=0,
+            most=1,
+        ),
+        Spreads(0.001, 0.005, 0.02),
+    ] = 0.0
+    stray_direction_deg: Annotated[
+        float,
+        Setting(
+            "Direction of the brighter side: 0 is right, 90 is down.",
+            "degrees",
+            least=-360,
+            most=360,
+        ),
+    ] = 0.0
+    blur_px: Annotated[
+        float,
+        Setting(
+            "Standard deviation of an additional Gaussian blur, which conserves light.",
+            "pixels",
+            least=0,
+            most=100,
+        ),
+        Spreads(0.1, 0.3, 0.6),
+    ] = 0.0
+    filter_shift: Annotated[
+        float,
+        Setting(
+            "Share of each channel that comes from the channel of the next longer wavelength, shorter if negative.",
+            least=-1,
+            most=1,
+        ),
+        Spreads(0.005, 0.02, 0.05),
+    ] = 0.0
+    white_balance_red: Annotated[
+        float,
+        Setting(
+            "Factor of the developed red values; unused in mono and raw output.",
+            least=0.1,
+            most=10,
+        ),
+        Spreads(0.005, 0.02, 0.055),
+    ] = 1.0
+    white_balance_blue: Annotated[
+        float,
+        Setting(
+            "Factor of the developed blue values; unused in mono and raw output.",
+            least=0.1,
+            most=10,
+        ),
+        Spreads(0.005, 0.02, 0.06),
+    ] = 1.0
+    tone_exponent: Annotated[
+        float,
+        Setting(
+            "Exponent of the developed values, 0 to 1, before the tone curve; unused in raw output.",
+            least=0.1,
+            most=10,
+        ),
+        Spreads(0.002, 0.005, 0.02),
+    ] = 1.0
+    pitch_px: Annotated[
+        float,
+        Setting(
+            "Displacement of the image's centre, down, by a rotation of the camera.",
+            "pixels",
+            least=-100,
+            most=100,
+        ),
+        Spreads(0.05, 0.15, 0.4),
+    ] = 0.0
+    yaw_px: Annotated[
+        float,
+        Setting(
+            "Displacement of the image's centre, right, by a rotation of the camera.",
+            "pixels",
+            least=-100,
+            most=100,
+        ),
+        Spreads(0.02, 0.05, 0.15),
+    ] = 0.0
+    roll_px: Annotated[
+        float,
+        Setting(
+            "Displacement of the middle of the right edge, down, by a rotation about the optical axis.",
+            "pixels",
+            least=-100,
+            most=100,
+        ),
+        Spreads(0.03, 0.1, 0.25),
+    ] = 0.0
+    scale_px: Annotated[
+        float,
+        Setting(
+            "Displacement of the corners outwards, by the focal length.",
+            "pixels",
+            least=-100,
+            most=100,
+        ),
+        Spreads(0.03, 0.1, 0.25),
+    ] = 0.0
+    distortion_px: Annotated[
+        float,
+        Setting(
+            "Displacement of the corners outwards, by the third power of the radius.",
+            "pixels",
+            least=-100,
+            most=100,
+        ),
+        Spreads(0.03, 0.1, 0.25),
+    ] = 0.0
+    right_mm: Annotated[
+        float,
+        Setting(
+            "Displacement of the camera along its x axis.",
+            "millimetres",
+            least=-1e3,
+            most=1e3,
+        ),
+        Spreads(0.01, 0.03, 0.1),
+    ] = 0.0
+    down_mm: Annotated[
+        float,
+        Setting(
+            "Displacement of the camera along its y axis.",
+            "millimetres",
+            least=-1e3,
+            most=1e3,
+        ),
+        Spreads(0.01, 0.03, 0.1),
+    ] = 0.0
+    forward_mm: Annotated[
+        float,
+        Setting(
+            "Displacement of the camera along its z axis.",
+            "millimetres",
+            least=-1e3,
+            most=1e3,
+        ),
+        Spreads(0.01, 0.03, 0.1),
+    ] = 0.0
+    level: Annotated[
+        str,
+        Setting(
+            "Level that the values were drawn from, for the record.", choices=LEVELS
+        ),
+    ] = "none"
 
     @classmethod
     def draw(cls, level: str, seed: int, **given: float) -> "Mismatch":
@@ -306,9 +477,14 @@ def level_table(mismatch: Any) -> Any:
     return {"level": mismatch} if isinstance(mismatch, str) else mismatch
 
 
-SPREADS: dict[str, tuple[float, float, float]] = {
-    name: hint.__metadata__[1]
-    for name, hint in get_type_hints(Mismatch, include_extras=True).items()
-    if len(getattr(hint, "__metadata__", ())) > 1
-}
-"""The standard deviations of the fields that are drawn, at each level after "none"."""
+def _spreads() -> dict[str, Spreads]:
+    spreads = {}
+    for name, hint in get_type_hints(Mismatch, include_extras=True).items():
+        for item in getattr(hint, "__metadata__", ()):
+            if isinstance(item, Spreads):
+                spreads[name] = item
+    return spreads
+
+
+SPREADS = _spreads()
+"""The standard deviations of the fields that are drawn, by name."""

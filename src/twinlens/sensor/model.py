@@ -12,7 +12,7 @@ In a dual-pixel sensor each pixel has two photodiodes, which see the halves of t
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass
 from typing import Annotated, Any
 
 import numpy as np
@@ -26,19 +26,19 @@ from twinlens.errors import (
     InputError,
     check_int,
     check_known,
-    check_number,
-    check_ranges,
-    check_triple,
     format_value,
 )
 from twinlens.geometry import Float
-from twinlens.optics.diffraction import CHANNEL_WAVELENGTHS, check_wavelengths
+from twinlens.optics.diffraction import (
+    CHANNEL_WAVELENGTHS,
+)
 from twinlens.seeds import derived_seed, generator
 from twinlens.sensor import light, picture
 from twinlens.sensor.exposure import Exposure, auto_exposure, check_exposure
 from twinlens.sensor.mismatch import Mismatch, misalign
 from twinlens.sensor.picture import Image
 from twinlens.sensor.presets import PRESETS
+from twinlens.settings import Setting, Settings
 
 OUTPUTS = (*picture.CURVES, "raw")
 _MAX_WELLS = (
@@ -55,119 +55,159 @@ class Photo:
 
 
 @dataclass(frozen=True)
-class Sensor:
+class Sensor(Settings, noun="sensor"):
     """An image sensor after EMVA 1288. The defaults are the preset `machine_vision`.
 
-    quantum_efficiency : electrons per photon in the red, green and blue band, in (0, 1].
-    wavelengths : of the three bands, metres.
-    nir_efficiency, nir_wavelength : quantum efficiency and wavelength in place of these for near infrared cameras
-    (`for_band`).
-    full_well : saturation capacity of a pixel, electrons.
-    read_noise : temporal dark noise at zero exposure, electrons rms.
-    dark_current : electrons per second.
-    prnu, dsnu : pixel non-uniformity: relative rms of the sensitivity (0.01 is 1%); rms of the dark offset, electrons.
-    adc_bits : bits of the converter, 8 to 16. At gain 1 a full well fills its range above the black level.
-    black_level : digital number of zero electrons.
-    filters : "rgb" (three values per pixel), "mono", or a Bayer colour filter array ("RGGB" ...).
-    output : "srgb", "linear", "gamma" (1/gamma power), or "raw", the converter's numbers: neither white balance nor
-    demosaicing.
-    gamma : exponent of the output "gamma".
-    bits : of the image, 8 or 16; a raw image is uint8 for 8 adc_bits, otherwise uint16.
-    white_balance : scale the channels so that equal radiances give equal values.
-    shot_noise : Poisson noise of light and dark current.
-    vignetting : cos^4 of the field angle, and for a lens the barrel's (`light.vignetting`); None, the default, is True
-    where the lens has a width.
-    radiance_scale : W/(m^2 sr), in the band of each channel, of a rendered radiance of 1.
-    pinhole_f_number : the f-number at which an aperture of zero width is exposed.
-    longest_exposure, largest_gain : limits of the automatic exposure, in seconds and as a factor.
-    mismatch : differences of the cameras after the first: one `Mismatch` for all, or a tuple with one for each.
-    serial : seed of the fixed patterns.
-    dual_crosstalk : of dual pixels, the fraction of the light of each half that the other one counts.
-    nir : the sensor of near infrared cameras; None is this one.
+    A camera of the band "nir" has `nir_efficiency` and `nir_wavelength` in place of the three of the other bands
+    (`for_band`). A raw image is uint8 for 8 adc_bits, otherwise uint16, with neither white balance nor demosaicing.
 
     Raises InputError when a value is out of range.
     """
 
-    quantum_efficiency: tuple[float, float, float] = (0.55, 0.62, 0.50)
-    wavelengths: tuple[float, float, float] = CHANNEL_WAVELENGTHS
-    nir_efficiency: Annotated[float, (1e-9, 1.0)] = 0.15
-    nir_wavelength: Annotated[float, (7e-7, 1.1e-6)] = 850e-9
-    full_well: Annotated[float, (1.0, 1e9)] = 10700.0
-    read_noise: Annotated[float, (0.0, 1e9)] = 2.3
-    dark_current: Annotated[float, (0.0, 1e9)] = 1.0
-    prnu: Annotated[float, (0.0, 10.0)] = 0.005
-    dsnu: Annotated[float, (0.0, 1e9)] = 1.0
-    adc_bits: int = 12
-    black_level: float = 64.0
-    filters: str = "rgb"
-    output: str = "srgb"
-    gamma: Annotated[float, (0.01, 100.0)] = 2.2
-    bits: int = 8
-    white_balance: bool = True
-    shot_noise: bool = True
-    vignetting: bool | None = None
-    radiance_scale: Annotated[float, (1e-12, 1e12)] = 1.0
-    pinhole_f_number: Annotated[float, (1e-3, 1e6)] = 8.0
-    longest_exposure: Annotated[float, (1e-9, 1e9)] = 30.0
-    largest_gain: Annotated[float, (1e-3, 1e9)] = 16.0
-    mismatch: Mismatch | tuple[Mismatch, ...] = Mismatch()  # noqa: RUF009  a frozen value
-    serial: int = 0
-    dual_crosstalk: Annotated[float, (0.0, 0.5)] = 0.0
-    nir: "Sensor | None" = None
+    quantum_efficiency: Annotated[
+        tuple[float, float, float],
+        Setting(
+            "Electrons per photon in the red, green and blue band.", above=0, most=1
+        ),
+    ] = (0.55, 0.62, 0.50)
+    wavelengths: Annotated[
+        tuple[float, float, float],
+        Setting("Of the red, green and blue band.", "metres", above=0),
+    ] = CHANNEL_WAVELENGTHS
+    nir_efficiency: Annotated[
+        float, Setting("Electrons per photon in the near infrared.", least=1e-9, most=1)
+    ] = 0.15
+    nir_wavelength: Annotated[
+        float, Setting("Of the near infrared band.", "metres", least=7e-7, most=1.1e-6)
+    ] = 850e-9
+    full_well: Annotated[
+        float,
+        Setting("Saturation capacity of a pixel.", "electrons", least=1, most=1e9),
+    ] = 10700.0
+    read_noise: Annotated[
+        float,
+        Setting(
+            "Temporal dark noise at zero exposure, rms.", "electrons", least=0, most=1e9
+        ),
+    ] = 2.3
+    dark_current: Annotated[
+        float,
+        Setting("Dark current of a pixel.", "electrons per second", least=0, most=1e9),
+    ] = 1.0
+    prnu: Annotated[
+        float,
+        Setting(
+            "Non-uniformity of the pixels' sensitivity, relative rms; 0.01 is 1 %.",
+            least=0,
+            most=10,
+        ),
+    ] = 0.005
+    dsnu: Annotated[
+        float,
+        Setting(
+            "Non-uniformity of the pixels' dark offset, rms.",
+            "electrons",
+            least=0,
+            most=1e9,
+        ),
+    ] = 1.0
+    adc_bits: Annotated[
+        int,
+        Setting(
+            "Bits of the converter; at gain 1 a full well fills its range above the black level.",
+            least=8,
+            most=16,
+        ),
+    ] = 12
+    black_level: Annotated[
+        float, Setting("Digital number of zero electrons.", "DN", least=0)
+    ] = 64.0
+    filters: Annotated[
+        str,
+        Setting(
+            "Three values per pixel (rgb), one (mono), or a Bayer colour filter array.",
+            choices=picture.FILTERS,
+        ),
+    ] = "rgb"
+    output: Annotated[
+        str,
+        Setting(
+            "Tone curve: srgb, linear, gamma (1/gamma power), or the converter's numbers (raw).",
+            choices=OUTPUTS,
+        ),
+    ] = "srgb"
+    gamma: Annotated[
+        float, Setting("Exponent of the output gamma.", least=0.01, most=100)
+    ] = 2.2
+    bits: Annotated[
+        int, Setting("Bits of a channel of the image.", choices=(8, 16))
+    ] = 8
+    white_balance: Annotated[
+        bool, Setting("Scale the channels so that equal radiances give equal values.")
+    ] = True
+    shot_noise: Annotated[bool, Setting("Poisson noise of light and dark current.")] = (
+        True
+    )
+    vignetting: Annotated[
+        bool | None,
+        Setting(
+            "cos^4 of the field angle, and for a lens the barrel's; by default where the lens has a width."
+        ),
+    ] = None
+    radiance_scale: Annotated[
+        float,
+        Setting(
+            "Radiance, in the band of each channel, of a rendered radiance of 1.",
+            "W/(m^2 sr)",
+            least=1e-12,
+            most=1e12,
+        ),
+    ] = 1.0
+    pinhole_f_number: Annotated[
+        float,
+        Setting(
+            "F-number at which an aperture of zero width is exposed.",
+            least=1e-3,
+            most=1e6,
+        ),
+    ] = 8.0
+    longest_exposure: Annotated[
+        float,
+        Setting("Limit of the automatic exposure.", "seconds", least=1e-9, most=1e9),
+    ] = 30.0
+    largest_gain: Annotated[
+        float, Setting("Limit of the automatic gain.", least=1e-3, most=1e9)
+    ] = 16.0
+    mismatch: Annotated[
+        Mismatch | tuple[Mismatch, ...],
+        Setting(
+            "Differences of the cameras after the first: one for all, or a tuple with one for each."
+        ),
+    ] = Mismatch()  # noqa: RUF009  a frozen value
+    serial: Annotated[int, Setting("Seed of the fixed patterns.", least=0)] = 0
+    dual_crosstalk: Annotated[
+        float,
+        Setting(
+            "Of dual pixels, the fraction of the light of each half that the other one counts.",
+            least=0,
+            most=0.5,
+        ),
+    ] = 0.0
+    nir: Annotated[
+        "Sensor | None",
+        Setting("The sensor of near infrared cameras; by default this one."),
+    ] = None
 
     def __post_init__(self) -> None:
-        allowed = "three positive numbers (red, green, blue)"
-        efficiency = check_triple(
-            "sensor quantum_efficiency", self.quantum_efficiency, allowed
-        )
-        if max(efficiency) > 1:
-            raise InputError(
-                f"sensor quantum_efficiency must be at most 1 electron per photon, got {efficiency}"
-            )
-        object.__setattr__(self, "quantum_efficiency", efficiency)
-        object.__setattr__(
-            self,
-            "wavelengths",
-            check_wavelengths("sensor wavelengths", self.wavelengths),
-        )
-        check_ranges(self, "sensor")
-        check_int("sensor adc_bits", self.adc_bits, 8, 16)
-        check_int("sensor bits", self.bits, 8, 16)
-        if self.bits not in (8, 16):
-            raise InputError(f"sensor bits must be 8 or 16, got {self.bits}")
-        for name in ("white_balance", "shot_noise", "vignetting"):
-            value = getattr(self, name)
-            if not isinstance(value, (bool, np.bool_)) and not (
-                name == "vignetting" and value is None
-            ):
-                raise InputError(
-                    f"sensor {name} must be True or False, got {format_value(value)}"
-                )
-        check_known("sensor filters", self.filters, picture.FILTERS)
-        check_known("sensor output", self.output, OUTPUTS)
+        super().__post_init__()
         for mismatch in self.mismatches:
-            if not isinstance(mismatch, Mismatch):
-                allowed = (
-                    "a Mismatch, or a tuple with one for each camera after the first"
-                )
-                raise InputError(
-                    f"sensor mismatch must be {allowed}, got {format_value(self.mismatch)}"
-                )
             mismatch.applied(Exposure(self.longest_exposure, self.largest_gain))
-        check_number(
-            "sensor black_level", self.black_level, "a number of DN >= 0", least=0
-        )
         if self.black_level >= self.largest_dn:
             raise InputError(
                 f"sensor black_level must be below {self.largest_dn} DN, got {self.black_level}"
             )
-        check_int("sensor serial", self.serial, 0)
-        if self.nir is not None and (
-            not isinstance(self.nir, Sensor) or self.nir.nir is not None
-        ):
-            raise InputError(
-                "sensor nir must be a Sensor that has no nir itself, or None"
-            )
+        if self.nir is not None and self.nir.nir is not None:
+            raise InputError("sensor nir must be a Sensor that has no nir itself")
 
     @classmethod
     def preset(cls, name: str, **changes: Any) -> "Sensor":
@@ -195,13 +235,6 @@ class Sensor:
             "nir": None if nir is None else cls.from_record(nir),
         }
         return cls(**{**record, **parts})
-
-    def replace(self, **changes: Any) -> "Sensor":
-        """A copy with some fields changed, checked again. Raises InputError for an unknown field."""
-        known = [field.name for field in fields(self)]
-        for name in changes:
-            check_known("sensor field", name, known)
-        return replace(self, **changes)
 
     def for_band(self, band: str) -> "Sensor":
         """The sensor of a camera with this `Camera.band`; all methods that get a camera apply it.
@@ -532,7 +565,7 @@ class Sensor:
             "seed": int(seed),
             "eye": int(eye),
             "sensor": (
-                replace(self, mismatch=mismatch)
+                self.replace(mismatch=mismatch)
                 if isinstance(self.mismatch, tuple)
                 else self
             ).record(),
