@@ -247,7 +247,10 @@ def test_lux_at_a_distance():
             lambda: Projector(None, LENS).with_lux(100.0),
             "band='rgb', or give the power",
         ),
-        (lambda: LENS.replace(band="ir"), "unknown camera band 'ir'"),
+        (
+            lambda: LENS.replace(band="ir"),
+            "camera band must be one of rgb, nir, rgb.nir, got 'ir'",
+        ),
         (lambda: Projector(2 * np.eye(4), LENS), "a projector's pose"),
         (lambda: Rig([LENS], [np.eye(4)], projectors=[LENS]), "list of Projectors"),
         (lambda: patterns.named("dots", 8, 8, dens=1), "dens"),

@@ -460,5 +460,5 @@ def test_each_camera_of_a_rig_may_have_its_own_mismatch():
             call()
     with pytest.raises(InputError, match="those of 2 cameras after the first, not 3"):
         own.expose(WHITE, camera=CAMERA, lens=Pinhole(), eye=3)
-    with pytest.raises(InputError, match="must be a Mismatch, or a tuple"):
+    with pytest.raises(InputError, match="must be a Mismatch or a tuple"):
         Sensor(mismatch=(Mismatch(), 3))
