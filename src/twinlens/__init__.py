@@ -6,6 +6,6 @@ The public names and their types are listed in ``__init__.pyi``. Each is importe
 
 import lazy_loader
 
-__version__ = "0.2.0.dev0"
+__version__ = "0.2.0"
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
