@@ -1,6 +1,7 @@
 """A figure of cost curves: for each method the costs of a pixel, and its window beside those of three candidates."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import matplotlib
@@ -30,67 +31,68 @@ def cost_picture(
     pixels, +inf if unknown. The candidates are the true disparity, the winner, and the rival.
     """
     with matplotlib.rc_context(RC_PARAMS):
-        sheet = Sheet(
-            figsize=(_WIDTH, _ROW_HEIGHT * len(curves) + 0.6), layout="constrained"
-        )
-        axes = sheet.subplots(
-            len(curves), 5, squeeze=False, width_ratios=(4.6, 1, 1, 1, 1)
-        )
+        size = _WIDTH, _ROW_HEIGHT * len(curves) + 0.6
+        sheet = Sheet(figsize=size, layout="constrained")
+        ratios = (4.6, 1, 1, 1, 1)
+        axes = sheet.subplots(len(curves), 5, squeeze=False, width_ratios=ratios)
+        left, right = (rgb8(image) for image in images)
         for row, (name, curve) in zip(axes, curves.items(), strict=True):
-            marks = {
-                "true": (true_disparity, TRUE),
-                "winner": (curve.disparity, WINNER),
-                "rival": (curve.rival, RIVAL),
-            }
-            _draw_curve(row[0], name, curve, marks)
-            _draw_window(row[1], rgb8(images[0]), curve, 0.0, "left window", "#666666")
-            for cell, (text, (disparity, colour)) in zip(
-                row[2:], marks.items(), strict=True
-            ):
-                if disparity is None or not np.isfinite(disparity):
+            candidates = _candidates(curve, true_disparity)
+            _draw_curve(row[0], name, curve, candidates)
+            _draw_window(row[1], left, curve, 0.0, "left window", "#666666")
+            for cell, candidate in zip(row[2:], candidates, strict=True):
+                if not candidate.is_drawn:
                     cell.set_axis_off()
                     continue
-                _draw_window(
-                    cell, rgb8(images[1]), curve, round(float(disparity)), text, colour
-                )
+                shift = round(float(candidate.disparity))
+                text, colour = candidate.name, candidate.colour
+                _draw_window(cell, right, curve, shift, text, colour)
+        truth = "truth unknown"
+        if np.isfinite(true_disparity):
+            truth = f"true disparity {true_disparity:.2f} px"
         first = next(iter(curves.values()))
-        known = (
-            f", true disparity {true_disparity:.2f} px"
-            if np.isfinite(true_disparity)
-            else ", truth unknown"
-        )
-        sheet.suptitle(
-            f"Costs of pixel ({first.u}, {first.v}){known}",
-            fontsize=11,
-            fontweight="bold",
-            x=0.012,
-            ha="left",
-        )
+        title = f"Costs of pixel ({first.u}, {first.v}), {truth}"
+        sheet.suptitle(title, fontsize=11, fontweight="bold", x=0.012, ha="left")
         axes[-1, 0].set_xlabel("disparity (px)")
         return encode(sheet, kind)
 
 
+@dataclass(frozen=True)
+class _Candidate:
+    """A disparity to mark; None or not finite if it is unknown."""
+
+    name: str
+    disparity: Any
+    colour: str
+    line: str
+
+    @property
+    def is_drawn(self) -> bool:
+        return self.disparity is not None and bool(np.isfinite(self.disparity))
+
+
+def _candidates(curve: CostCurve, true_disparity: float) -> list[_Candidate]:
+    return [
+        _Candidate("true", true_disparity, TRUE, "-"),
+        _Candidate("winner", curve.disparity, WINNER, "--"),
+        _Candidate("rival", curve.rival, RIVAL, ":"),
+    ]
+
+
 def _draw_curve(
-    axes: Any, name: str, curve: CostCurve, marks: Mapping[str, tuple[Any, str]]
+    axes: Any, name: str, curve: CostCurve, candidates: Sequence[_Candidate]
 ) -> None:
-    known = np.isfinite(curve.costs)
-    axes.plot(
-        curve.disparities[known],
-        curve.costs[known],
-        color="#555555",
-        marker=".",
-        markersize=3,
-        linewidth=1.1,
-    )
-    for text, (disparity, colour) in marks.items():
-        if disparity is not None and np.isfinite(disparity):
-            style = "-" if text == "true" else "--" if text == "winner" else ":"
+    finite = np.isfinite(curve.costs)
+    style = {"color": "#555555", "marker": ".", "markersize": 3, "linewidth": 1.1}
+    axes.plot(curve.disparities[finite], curve.costs[finite], **style)
+    for candidate in candidates:
+        if candidate.is_drawn:
             axes.axvline(
-                disparity,
-                color=colour,
-                linestyle=style,
+                candidate.disparity,
+                color=candidate.colour,
+                linestyle=candidate.line,
                 linewidth=1.4,
-                label=f"{text} {disparity:.4g}",
+                label=f"{candidate.name} {candidate.disparity:.4g}",
             )
     axes.set_ylabel("cost")
     axes.set_title(name, loc="left", fontsize=9)
@@ -116,26 +118,16 @@ def _draw_window(
 ) -> None:
     """The matcher's window around (u - disparity, v), with a frame, and pixels around it; grey outside the image."""
     height, width = image.shape[:2]
-    u, radius = curve.u - disparity, curve.matcher.window // 2
-    reach, side = radius + _CONTEXT, 2 * radius + 1
+    u, v = curve.u - disparity, curve.v
+    radius = curve.matcher.window // 2
     axes.set_facecolor("#D0D4D9")
-    axes.imshow(
-        image, extent=(-0.5, width - 0.5, height - 0.5, -0.5), interpolation="nearest"
-    )
-    axes.add_patch(
-        Rectangle(
-            (u - radius - 0.5, curve.v - radius - 0.5),
-            side,
-            side,
-            fill=False,
-            edgecolor=colour,
-            linewidth=1.6,
-        )
-    )
-    axes.set(
-        xlim=(u - reach - 0.5, u + reach + 0.5),
-        ylim=(curve.v + reach + 0.5, curve.v - reach - 0.5),
-    )
+    extent = (-0.5, width - 0.5, height - 0.5, -0.5)
+    axes.imshow(image, extent=extent, interpolation="nearest")
+    corner, side = (u - radius - 0.5, v - radius - 0.5), 2 * radius + 1
+    frame = Rectangle(corner, side, side, fill=False, edgecolor=colour, linewidth=1.6)
+    axes.add_patch(frame)
+    reach = radius + _CONTEXT + 0.5
+    axes.set(xlim=(u - reach, u + reach), ylim=(v + reach, v - reach))
     axes.set(xticks=[], yticks=[])
     axes.spines[:].set_visible(False)
     axes.set_title(text, fontsize=8, fontweight="normal", color=colour)

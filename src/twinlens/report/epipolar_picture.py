@@ -50,15 +50,29 @@ def epipolar_picture(
     have no baseline, or pixels are not finite (N, 2).
     """
     check_pair(rig, a, b)
+    first, second = _checked_points(points_a, points_b)
+    depths = rig.baseline(a, b) * np.geomspace(_NEAR, _FAR, _STEPS)
+    curves_in_a = [epipolar_curve(rig, point, depths, b, a) for point in second]
+    curves_in_b = [epipolar_curve(rig, point, depths, a, b) for point in first]
+    left = _panel(rgb8(images[0]), curves_in_a, first, epipole_in_image(rig, a, b))
+    right = _panel(rgb8(images[1]), curves_in_b, second, epipole_in_image(rig, b, a))
+    size = left.width + _GAP + right.width, max(left.height, right.height)
+    whole = Image.new("RGB", size, (255, 255, 255))
+    whole.paste(left, (0, 0))
+    whole.paste(right, (left.width + _GAP, 0))
+    return np.asarray(whole)
+
+
+def _checked_points(
+    points_a: ArrayLike, points_b: ArrayLike | None
+) -> tuple[Float, Float]:
+    """Both arrays of points, (0, 2) for None; InputError unless they are finite (N, 2)."""
     first = np.asarray(points_a, dtype=np.float64)
-    second = (
-        np.empty((0, 2)) if points_b is None else np.asarray(points_b, dtype=np.float64)
-    )
-    if (
-        first.ndim != 2
-        or first.shape[1] != 2
-        or (points_b is not None and second.shape != first.shape)
-    ):
+    second = np.empty((0, 2))
+    if points_b is not None:
+        second = np.asarray(points_b, dtype=np.float64)
+    is_list = first.ndim == 2 and first.shape[1] == 2
+    if not is_list or (points_b is not None and second.shape != first.shape):
         raise InputError(
             f"points must be (N, 2), with the same N in both images, got {first.shape} and {second.shape}"
         )
@@ -66,27 +80,7 @@ def epipolar_picture(
         raise InputError(
             "points must be finite pixels: leave out those that a camera does not see"
         )
-    depths = rig.baseline(a, b) * np.geomspace(_NEAR, _FAR, _STEPS)
-    left, right = (
-        _panel(
-            rgb8(image),
-            [epipolar_curve(rig, p, depths, j, i) for p in others],
-            own,
-            epipole_in_image(rig, i, j),
-        )
-        for image, own, others, i, j in (
-            (images[0], first, second, a, b),
-            (images[1], second, first, b, a),
-        )
-    )
-    whole = Image.new(
-        "RGB",
-        (left.width + _GAP + right.width, max(left.height, right.height)),
-        (255, 255, 255),
-    )
-    whole.paste(left, (0, 0))
-    whole.paste(right, (left.width + _GAP, 0))
-    return np.asarray(whole)
+    return first, second
 
 
 def spread_points(allowed: ArrayLike, count: int) -> NDArray[np.int64]:
@@ -100,12 +94,10 @@ def spread_points(allowed: ArrayLike, count: int) -> NDArray[np.int64]:
     if not len(pixels):
         return pixels
     size = np.array(np.shape(allowed)[::-1]) - 1
-    wanted = size * (
-        _MARGIN
-        + (1 - 2 * _MARGIN) * ((0.5 + np.outer(np.arange(1, count + 1), _R2)) % 1.0)
-    )
+    sequence = (0.5 + np.outer(np.arange(1, count + 1), _R2)) % 1.0
+    targets = size * (_MARGIN + (1 - 2 * _MARGIN) * sequence)
     nearest = [
-        int(np.argmin(np.square(pixels - point).sum(axis=1))) for point in wanted
+        int(np.argmin(np.square(pixels - target).sum(axis=1))) for target in targets
     ]
     return pixels[list(dict.fromkeys(nearest))]
 
@@ -123,83 +115,90 @@ def true_matches(
             raise InputError(
                 f"{stored.folder}: has no truth{a}.exr; its disparity map matches cameras 0,1 only"
             )
-        disparity = stored.disp0
-        here = spread_points(
-            np.isfinite(disparity) & (stored.mask0_nonocc == 255), count
-        )
-        shift = np.stack(
-            [disparity[here[:, 1], here[:, 0]], np.zeros(len(here))], axis=1
-        )
-        return here.astype(np.float64), here - shift
-    truth, pictured = stored.truth(a), stored.photographed_by
+        return _matches_of_disparity(stored, count)
+    truth, rig = stored.truth(a), stored.photographed_by
     points = np.where(truth.hit[..., None], truth.position, np.nan)
-    pixels = [pictured.project(view, points) for view in (a, b)]
-    inside = pictured.cameras[a].contains(pixels[0]) & pictured.cameras[b].contains(
-        pixels[1]
-    )
-    chosen = spread_points(stored.correspondence(a, b).visible & inside, count)
+    pixels_a, pixels_b = rig.project(a, points), rig.project(b, points)
+    inside_a = rig.cameras[a].contains(pixels_a)
+    inside_b = rig.cameras[b].contains(pixels_b)
+    visible = stored.correspondence(a, b).visible
+    chosen = spread_points(visible & inside_a & inside_b, count)
     if not len(chosen):
         raise InputError(
             f"{stored.folder}: views {a} and {b} see no common point; choose other cameras"
         )
-    return pixels[0][chosen[:, 1], chosen[:, 0]], pixels[1][chosen[:, 1], chosen[:, 0]]
+    u, v = chosen.T
+    return pixels_a[v, u], pixels_b[v, u]
+
+
+def _matches_of_disparity(stored: StoredSample, count: int) -> tuple[Float, Float]:
+    disparity = stored.disp0
+    visible = np.isfinite(disparity) & (stored.mask0_nonocc == 255)
+    chosen = spread_points(visible, count)
+    u, v = chosen.T
+    shift = np.stack([disparity[v, u], np.zeros(len(chosen))], axis=1)
+    return chosen.astype(np.float64), chosen - shift
 
 
 def _panel(
     image: NDArray[np.uint8], curves: list[Float], points: Float, epipole: Float | None
 ) -> Image.Image:
+    """The image with the curves, the numbered points and the epipole."""
     height, width = image.shape[:2]
-    large = Image.fromarray(image).resize(
-        (width * _SCALE, height * _SCALE), Image.Resampling.BICUBIC
-    )
+    enlarged = width * _SCALE, height * _SCALE
+    large = Image.fromarray(image).resize(enlarged, Image.Resampling.BICUBIC)
     draw = ImageDraw.Draw(large)
     stroke = _SCALE * max(1.0, height / 400)
-    for k, curve in enumerate(curves):
+    for number, curve in enumerate(curves):
+        color = COLORS[number % len(COLORS)]
         for part in _parts(curve, width, height):
             path = _canvas(part)
             draw.line(path, fill=_EDGE, width=round(2.6 * stroke), joint="curve")
-            draw.line(
-                path,
-                fill=COLORS[k % len(COLORS)],
-                width=round(1.4 * stroke),
-                joint="curve",
-            )
-    for k, (x, y) in enumerate(_canvas(points)):
-        color = COLORS[k % len(COLORS)]
-        for radius, fill in ((4.2, _EDGE), (3.2, color), (1.1, _EDGE)):
-            draw.circle((x, y), radius * stroke, fill=fill)
-        place, font = (
-            (x + 5 * stroke, y - 14 * stroke),
-            ImageFont.load_default(10 * stroke),
-        )
-        draw.text(
-            place,
-            str(k + 1),
-            fill=color,
-            font=font,
-            stroke_width=round(stroke),
-            stroke_fill=_EDGE,
-        )
+            draw.line(path, fill=color, width=round(1.4 * stroke), joint="curve")
+    for number, point in enumerate(_canvas(points)):
+        _draw_point(draw, point, number, stroke)
     if epipole is not None:
-        ((x, y),), r = _canvas(epipole), 9 * stroke
-        for size, fill in (
-            (round(3.2 * stroke), _EDGE),
-            (round(1.6 * stroke), (255, 255, 255)),
-        ):
-            draw.circle((x, y), r, outline=fill, width=size)
-            draw.line((x - r, y, x + r, y), fill=fill, width=size)
-            draw.line((x, y - r, x, y + r), fill=fill, width=size)
+        _draw_epipole(draw, _canvas(epipole)[0], stroke)
     return large.resize((width, height), Image.Resampling.LANCZOS)
+
+
+def _draw_point(
+    draw: ImageDraw.ImageDraw, point: tuple[float, float], number: int, stroke: float
+) -> None:
+    """A dot with a dark edge and centre, and its number beside it."""
+    color = COLORS[number % len(COLORS)]
+    for radius, fill in ((4.2, _EDGE), (3.2, color), (1.1, _EDGE)):
+        draw.circle(point, radius * stroke, fill=fill)
+    x, y = point
+    draw.text(
+        (x + 5 * stroke, y - 14 * stroke),
+        str(number + 1),
+        fill=color,
+        font=ImageFont.load_default(10 * stroke),
+        stroke_width=round(stroke),
+        stroke_fill=_EDGE,
+    )
+
+
+def _draw_epipole(
+    draw: ImageDraw.ImageDraw, point: tuple[float, float], stroke: float
+) -> None:
+    """A white cross in a ring, with a dark edge."""
+    (x, y), radius = point, 9 * stroke
+    for width, fill in (
+        (round(3.2 * stroke), _EDGE),
+        (round(1.6 * stroke), (255, 255, 255)),
+    ):
+        draw.circle(point, radius, outline=fill, width=width)
+        draw.line((x - radius, y, x + radius, y), fill=fill, width=width)
+        draw.line((x, y - radius, x, y + radius), fill=fill, width=width)
 
 
 def _parts(curve: Float, width: int, height: int) -> list[Float]:
     """The connected parts of a curve in the image and one image size around it."""
-    near = np.all(
-        np.isfinite(curve)
-        & (curve > (-width, -height))
-        & (curve < (2 * width, 2 * height)),
-        axis=1,
-    )
+    above = curve > (-width, -height)
+    below = curve < (2 * width, 2 * height)
+    near = np.all(np.isfinite(curve) & above & below, axis=1)
     steps = np.linalg.norm(np.diff(np.where(near[:, None], curve, 0.0), axis=0), axis=1)
     broken = ~(near[1:] & near[:-1]) | (steps > _MAX_STEP * np.hypot(width, height))
     pieces = np.split(np.arange(len(curve)), np.flatnonzero(broken) + 1)
@@ -208,6 +207,5 @@ def _parts(curve: Float, width: int, height: int) -> list[Float]:
 
 def _canvas(points: Float) -> list[tuple[float, float]]:
     """Pixels (N, 2) in the coordinates of the enlarged image, whose origin is its corner."""
-    return [
-        (float(u), float(v)) for u, v in (np.atleast_2d(points) + 0.5) * _SCALE - 0.5
-    ]
+    enlarged = (np.atleast_2d(points) + 0.5) * _SCALE - 0.5
+    return [(float(x), float(y)) for x, y in enlarged]

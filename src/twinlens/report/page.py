@@ -41,6 +41,7 @@ from twinlens.scoring import (
     Pair,
     Sample,
 )
+from twinlens.scoring.evaluate import RegionScores
 from twinlens.scoring.metrics import TIMES
 from twinlens.scoring.protocols import Protocol
 from twinlens.scoring.reasons import LIMITS
@@ -48,13 +49,12 @@ from twinlens.scoring.regions import occluded
 from twinlens.scoring.sparsification import DENSITIES
 from twinlens.scoring.tables import has_confidence
 
-MAX_WIDTH, BUDGET_BYTES = 800, 14_000_000
-BYTES_PER_PIXEL = 0.65  # measured size of a packed pixel, to choose the stride
+MAX_WIDTH = 800  # of the maps in the page, pixels
+BUDGET_BYTES = 14_000_000  # of the page
+BYTES_PER_PIXEL = 0.65 * 4 / 3  # measured size of a packed pixel, in base64
 GREY_BUDGET_BYTES = 4_000_000  # of all full-resolution grey images; samples beyond it have no cost curves
-STEP, UNKNOWN = (
-    1 / 16,
-    65535,
-)  # a stored map's unit in pixels, and its code of an unknown pixel
+STEP = 1 / 16  # unit of a stored map, pixels
+UNKNOWN = 65535  # code of an unknown pixel
 NO_ESTIMATE = (102, 112, 127)  # slate
 COLORMAPS = {
     name: colourise(np.arange(256), 0, 255, name)
@@ -79,9 +79,8 @@ def write_page(
     **options: Any,
 ) -> Path:
     """Write the page atomically and return its path; see `page_html`. Raises OutputError if it cannot be written."""
-    write_file(
-        path, page_html(board, samples, maps, **options).encode("utf-8", "replace")
-    )
+    text = page_html(board, samples, maps, **options)
+    write_file(path, text.encode("utf-8", "replace"))
     return Path(path)
 
 
@@ -103,41 +102,27 @@ def page_html(
     1 by default. groups, notes: compare the means over these groups of samples, with lines of text below. max_width,
     budget_bytes: maps are subsampled until they are at most this wide and the page about this large.
     """
-    mapped = {
-        (entry.method, entry.sample): entry.width * entry.height
-        for entry in board.entries
-    }
-    packed_bytes = sum(mapped.values()) * BYTES_PER_PIXEL * 4 / 3
-    least_stride = max(1, math.ceil(math.sqrt(packed_bytes / budget_bytes)))
-    pictures, room = (
-        {},
-        min(GREY_BUDGET_BYTES, budget_bytes) / (2 * BYTES_PER_PIXEL * 4 / 3),
-    )
-    for sample in (s for s in samples if s.name in board.samples):
-        pair = scoring.load_pair(sample)
-        pictures[pair.name] = _pictures(
-            board, pair, maps, max_width, least_stride, pair.disp0.size <= room
-        )
-        room -= pair.disp0.size
-    document = _document(board, pictures, weights, groups or {}) | {
-        "notes": list(notes)
-    }
-    data = json.dumps(
-        plain(document, nan_as_null=True), allow_nan=False, separators=(",", ":")
-    )
-    # No character that could end the script block around the data, or open a comment or an entity.
-    data = data.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+    pictures = _all_pictures(board, samples, maps, max_width, budget_bytes)
+    document = _document(board, pictures, weights, groups or {})
+    document["notes"] = list(notes)
     script = "\n".join(_file(name) for name in _SCRIPTS)
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
+    digest = _base64(hashlib.sha256(script.encode()).digest())
     parts = {
         "title": html.escape(board.title),
         "policy": f"default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; script-src 'sha256-{digest}'",
         "style": _file("page.css"),
         "script": script,
-        "data": data,
+        "data": _json(document),
     }
     # A single pass, so that inserted text is not searched for placeholders.
-    return re.sub(r"\{\{(\w+)\}\}", lambda place: parts[place[1]], _file("page.html"))
+    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], _file("page.html"))
+
+
+def _json(document: Any) -> str:
+    """JSON without a character that could end its script block, or open a comment or an entity."""
+    values = plain(document, nan_as_null=True)
+    text = json.dumps(values, allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
 def _file(name: str) -> str:
@@ -148,42 +133,70 @@ def _file(name: str) -> str:
     )
 
 
-def _pictures(
+def _all_pictures(
     board: Board,
-    sample: Pair,
+    samples: Iterable[Sample],
     maps: Maps | None,
     max_width: int,
-    least_stride: int,
-    with_grey: bool,
+    budget_bytes: int,
 ) -> dict[str, Any]:
-    stride = max(least_stride, -(-sample.disp0.shape[1] // max_width))
-    method_maps = (
-        {m: maps.get((m, sample.name)) for m in board.methods}
-        if maps is not None
-        else {}
-    )
-    known = sample.disp0[np.isfinite(sample.disp0)]
-    hidden = (
-        None
-        if sample.mask0_nonocc is None
-        else np.where(occluded(sample.mask0_nonocc), 1.0, 0.0)
-    )
-    return {
-        "left": image_uri(sample.im0, stride),
-        "right": image_uri(sample.im1, stride),
-        "truth": pack(sample.disp0, stride),
-        "noise": ""
-        if sample.renderer_noise is None
-        else f"light paths {sample.renderer_noise:.2g} × sensor noise",
-        "range": [math.floor(known.min()), math.ceil(known.max())]
-        if known.size
-        else [0, sample.ndisp],
-        "grey": [pack_grey(grey(image)) for image in (sample.im0, sample.im1)]
-        if with_grey
-        else None,
-        "hidden": None if hidden is None else pack(hidden, stride),
-        "maps": {m: pack(d, stride) for m, d in method_maps.items() if d is not None},
+    """The pictures of every sample of the board, subsampled to fit the budget."""
+    map_sizes = {
+        (entry.method, entry.sample): entry.width * entry.height
+        for entry in board.entries
     }
+    packed_bytes = sum(map_sizes.values()) * BYTES_PER_PIXEL
+    least_stride = max(1, math.ceil(math.sqrt(packed_bytes / budget_bytes)))
+    # Both grey images of a sample, in pixels of one.
+    grey_room = min(GREY_BUDGET_BYTES, budget_bytes) / (2 * BYTES_PER_PIXEL)
+    pictures = {}
+    for sample in samples:
+        if sample.name not in board.samples:
+            continue
+        pair = scoring.load_pair(sample)
+        width = pair.disp0.shape[1]
+        stride = max(least_stride, math.ceil(width / max_width))
+        with_grey = pair.disp0.size <= grey_room
+        pictures[pair.name] = _pictures(board, pair, maps, stride, with_grey)
+        grey_room -= pair.disp0.size
+    return pictures
+
+
+def _pictures(
+    board: Board, pair: Pair, maps: Maps | None, stride: int, with_grey: bool
+) -> dict[str, Any]:
+    """Images, truth, occlusion and the methods' maps of one sample, as the page's script expects them."""
+    method_maps = {}
+    if maps is not None:
+        for method in board.methods:
+            disparity = maps.get((method, pair.name))
+            if disparity is not None:
+                method_maps[method] = pack(disparity, stride)
+    noise, hidden, grey_images = "", None, None
+    if pair.renderer_noise is not None:
+        noise = f"light paths {pair.renderer_noise:.2g} × sensor noise"
+    if pair.mask0_nonocc is not None:
+        hidden = pack(np.where(occluded(pair.mask0_nonocc), 1.0, 0.0), stride)
+    if with_grey:
+        grey_images = [pack_grey(grey(image)) for image in (pair.im0, pair.im1)]
+    return {
+        "left": image_uri(pair.im0, stride),
+        "right": image_uri(pair.im1, stride),
+        "truth": pack(pair.disp0, stride),
+        "noise": noise,
+        "range": _true_range(pair),
+        "grey": grey_images,
+        "hidden": hidden,
+        "maps": method_maps,
+    }
+
+
+def _true_range(pair: Pair) -> list[int]:
+    """The ends of the colours: of the true disparities, or of the search where none is known."""
+    finite = pair.disp0[np.isfinite(pair.disp0)]
+    if not finite.size:
+        return [0, pair.ndisp]
+    return [math.floor(finite.min()), math.ceil(finite.max())]
 
 
 def pack(disp: NDArray[np.floating[Any]], stride: int = 1) -> dict[str, Any]:
@@ -192,53 +205,48 @@ def pack(disp: NDArray[np.floating[Any]], stride: int = 1) -> dict[str, Any]:
     16-bit steps of 1/16 px from `offset` px, 65535 unknown, the largest saturated; differences along rows, low bytes
     before high bytes, zlib, base64. Not an image: privacy modes of browsers alter pixels read back from images.
     """
-    thin = np.asarray(disp[::stride, ::stride], np.float64)
-    known = np.isfinite(thin)
-    offset = float(np.floor(thin[known].min())) if known.any() else 0.0
-    steps = np.clip(
-        np.rint((np.where(known, thin, offset) - offset) / STEP), 0, UNKNOWN - 1
-    )
-    return {"stride": stride, "offset": offset, "step": STEP} | _packed(
-        np.where(known, steps, UNKNOWN)
-    )
+    values = np.asarray(disp[::stride, ::stride], np.float64)
+    finite = np.isfinite(values)
+    offset = float(np.floor(values[finite].min())) if finite.any() else 0.0
+    steps = np.rint((np.where(finite, values, offset) - offset) / STEP)
+    codes = np.where(finite, np.clip(steps, 0, UNKNOWN - 1), UNKNOWN)
+    return {"stride": stride, "offset": offset, "step": STEP, **_packed(codes)}
 
 
 def pack_grey(image: NDArray[Any]) -> dict[str, Any]:
     """An (H, W) uint8 or uint16 image without loss, in the format of `pack`. top: the largest value of its dtype."""
-    return {
-        "stride": 1,
-        "offset": 0,
-        "step": 1,
-        "top": int(np.iinfo(image.dtype).max),
-    } | _packed(image)
+    top = int(np.iinfo(image.dtype).max)
+    return {"stride": 1, "offset": 0, "step": 1, "top": top, **_packed(image)}
 
 
 def _packed(codes: NDArray[Any]) -> dict[str, Any]:
     words: NDArray[np.uint16] = codes.astype(np.uint16)
+    # Neighbours are alike, so differences and separate low and high bytes compress better; they wrap around 65536.
     differences = np.diff(words, axis=1, prepend=np.uint16(0)).ravel()
-    planes = (differences & 255).astype(np.uint8).tobytes() + (differences >> 8).astype(
-        np.uint8
-    ).tobytes()
-    return {"w": codes.shape[1], "h": codes.shape[0], "data": _deflated(planes)}
+    low_bytes = (differences & 255).astype(np.uint8).tobytes()
+    high_bytes = (differences >> 8).astype(np.uint8).tobytes()
+    height, width = codes.shape
+    return {"w": width, "h": height, "data": _deflated(low_bytes + high_bytes)}
 
 
 def image_uri(image: NDArray[Any], stride: int = 1, quality: int = 82) -> str:
     """An (H, W[, 3]) 8- or 16-bit image as a WebP data URI, averaged over `stride` x `stride` pixels."""
     picture = Image.fromarray(rgb8(image))
+    if stride > 1:
+        picture = picture.reduce(stride)
     out = io.BytesIO()
-    (picture.reduce(stride) if stride > 1 else picture).save(
-        out, format="WEBP", quality=quality, method=4
-    )
-    return "data:image/webp;base64," + base64.b64encode(out.getvalue()).decode("ascii")
+    picture.save(out, format="WEBP", quality=quality, method=4)
+    return "data:image/webp;base64," + _base64(out.getvalue())
 
 
 def _deflated(data: str | bytes) -> str:
-    data = data.encode("utf-8", "replace") if isinstance(data, str) else data
-    return base64.b64encode(zlib.compress(data, 6)).decode("ascii")
+    if isinstance(data, str):
+        data = data.encode("utf-8", "replace")
+    return _base64(zlib.compress(data, 6))
 
 
-def _rounded(value: float) -> float:
-    return float(f"{value:.6g}")
+def _base64(data: bytes) -> str:
+    return base64.b64encode(data).decode("ascii")
 
 
 def _document(
@@ -247,43 +255,26 @@ def _document(
     weights: Mapping[str, float] | None,
     groups: Groups,
 ) -> dict[str, Any]:
-    first = {e.sample: e for e in reversed(board.entries)}
+    """All that the page's script shows. It only formats these numbers."""
     return {
         "title": board.title,
         "meta": dict(board.meta),
-        "methods": [
-            _method(m, next(e.spec for e in board.entries if e.method == m))
-            for m in board.methods
-        ],
-        "samples": [
-            {
-                "name": s,
-                "w": first[s].width,
-                "h": first[s].height,
-                "ndisp": first[s].ndisp,
-                "low": first[s].min_disparity,
-                "pictures": pictures.get(s),
-            }
-            for s in board.samples
-        ],
-        "protocols": [
-            {key: getattr(rules, key) for key in ("name", "title", "headline")}
-            | _columns(board, rules)
-            | {"lines": dict(rules.lines())}
-            for rules in (PROTOCOLS[name] for name in board.protocols)
-        ],
-        "regions": [
-            {"name": r, "text": REGIONS[r].text if r in REGIONS else ""}
-            for r in board.regions
-        ],
+        "methods": _methods(board),
+        "samples": _samples(board, pictures),
+        "protocols": [_protocol(board, PROTOCOLS[name]) for name in board.protocols],
+        "regions": [_region(name) for name in board.regions],
         "metrics": {
-            m.name: {"unit": m.unit, "text": m.text, "lower": m.lower_is_better}
-            for m in METRICS.values()
+            metric.name: {
+                "unit": metric.unit,
+                "text": metric.text,
+                "lower": metric.lower_is_better,
+            }
+            for metric in METRICS.values()
         },
         "times": list(TIMES),
         "densities": DENSITIES,
         "limits": LIMITS,
-        "entries": [_entry(e) for e in board.entries],
+        "entries": [_entry(entry) for entry in board.entries],
         "means": _means(board, weights),
         "groups": [
             {
@@ -295,22 +286,73 @@ def _document(
         ],
         "weighted": bool(weights),
         "colormaps": {
-            n: base64.b64encode(t.tobytes()).decode("ascii")
-            for n, t in COLORMAPS.items()
+            name: _base64(colours.tobytes()) for name, colours in COLORMAPS.items()
         },
         "unknown": {"truth": NO_TRUTH, "estimate": NO_ESTIMATE},
-        "downloads": {
-            "csv": _deflated(scoring.board_csv(board)),
-            "json": _deflated(scoring.board_to_json(board)),
-            "latex": {
-                p: {
-                    r: _deflated(scoring.board_latex(board, p, r, weights=weights))
-                    for r in board.regions
-                }
-                for p in board.protocols
-            },
-        },
+        "downloads": _downloads(board, weights),
     }
+
+
+def _samples(board: Board, pictures: Mapping[str, Any]) -> list[dict[str, Any]]:
+    first_entries: dict[str, Entry] = {}
+    for entry in board.entries:
+        first_entries.setdefault(entry.sample, entry)
+    return [
+        {
+            "name": name,
+            "w": first_entries[name].width,
+            "h": first_entries[name].height,
+            "ndisp": first_entries[name].ndisp,
+            "low": first_entries[name].min_disparity,
+            "pictures": pictures.get(name),
+        }
+        for name in board.samples
+    ]
+
+
+def _protocol(board: Board, protocol: Protocol) -> dict[str, Any]:
+    """A protocol with its columns; those of a confidence only if a method has one."""
+    areas = protocol.auc_metrics
+    metrics, columns = protocol.metrics, protocol.columns
+    if has_confidence(board, protocol.name):
+        columns = (*columns, *areas)
+    else:
+        metrics = tuple(name for name in metrics if name not in areas)
+    return {
+        "name": protocol.name,
+        "title": protocol.title,
+        "headline": protocol.headline,
+        "metrics": metrics,
+        "columns": columns,
+        "lines": dict(protocol.lines()),
+    }
+
+
+def _region(name: str) -> dict[str, str]:
+    return {"name": name, "text": REGIONS[name].text if name in REGIONS else ""}
+
+
+def _downloads(board: Board, weights: Mapping[str, float] | None) -> dict[str, Any]:
+    latex: dict[str, dict[str, str]] = {}
+    for protocol in board.protocols:
+        latex[protocol] = {
+            region: _deflated(
+                scoring.board_latex(board, protocol, region, weights=weights)
+            )
+            for region in board.regions
+        }
+    return {
+        "csv": _deflated(scoring.board_csv(board)),
+        "json": _deflated(scoring.board_to_json(board)),
+        "latex": latex,
+    }
+
+
+def _methods(board: Board) -> list[dict[str, Any]]:
+    specs: dict[str, str] = {}
+    for entry in board.entries:
+        specs.setdefault(entry.method, entry.spec)
+    return [_method(name, specs[name]) for name in board.methods]
 
 
 def _method(name: str, spec: str) -> dict[str, Any]:
@@ -318,84 +360,83 @@ def _method(name: str, spec: str) -> dict[str, Any]:
     matcher = matcher_of_spec(spec)
     shown = matcher or StereoMatcher()
     parts = [shown.cost, f"{shown.block_size} x {shown.block_size}"]
-    parts += [
-        value
-        for value in (shown.support, shown.optimisation)
-        if value not in ("fixed", "wta")
-    ]
-    note = ", ".join(parts) + (
-        "" if matcher else ": for comparison, not the method's own cost"
-    )
-    curve = {option: getattr(shown, option) for option in _CURVE_OPTIONS}
+    if shown.support != "fixed":
+        parts.append(shown.support)
+    if shown.optimisation != "wta":
+        parts.append(shown.optimisation)
+    note = ", ".join(parts)
+    if matcher is None:
+        note += ": for comparison, not the method's own cost"
     p1, p2 = shown.penalties
-    more = {
+    curve = {
+        **{option: getattr(shown, option) for option in _CURVE_OPTIONS},
         "p1": p1,
         "p2": p2,
         "paths": PATHS[shown.optimisation],
         "pixelwise": SUPPORTS[shown.support].pixelwise,
+        "radius": shown.window // 2,
+        "note": note,
     }
-    return {
-        "name": name,
-        "spec": spec,
-        "curve": {**curve, **more, "radius": shown.window // 2, "note": note},
-    }
-
-
-def _columns(board: Board, rules: Protocol) -> dict[str, Any]:
-    """The metrics and the main columns; those of a confidence only if a method has one."""
-    areas, confident = rules.auc_metrics, has_confidence(board, rules.name)
-    metrics = (
-        rules.metrics
-        if confident
-        else tuple(name for name in rules.metrics if name not in areas)
-    )
-    return {
-        "metrics": metrics,
-        "columns": (*rules.columns, *areas) if confident else rules.columns,
-    }
+    return {"name": name, "spec": spec, "curve": curve}
 
 
 def _entry(entry: Entry) -> dict[str, Any]:
     """One entry; values are in the order of the protocol's metrics, whose names would be half of the page."""
-    names = PROTOCOLS[entry.protocol].metrics
-    regions = {
-        name: {
-            "n": [s.image, s.evaluated, s.estimated],
-            "v": [_rounded(s.get(metric, math.nan)) for metric in names],
-        }
-        | (
-            {"s": [_rounded(rate) for rate in s.sparsification]}
-            if s.sparsification
-            else {}
-        )
-        for name, s in entry.regions.items()
-    }
+    metrics = PROTOCOLS[entry.protocol].metrics
+    failure = None
+    if entry.failure is not None:
+        failure = [entry.failure.kind, entry.failure.message]
     return {
-        **{name: getattr(entry, name) for name in ("method", "sample", "protocol")},
-        "failure": None
-        if entry.failure is None
-        else [entry.failure.kind, entry.failure.message],
+        "method": entry.method,
+        "sample": entry.sample,
+        "protocol": entry.protocol,
+        "failure": failure,
         "times": {name: _rounded(value) for name, value in entry.times().items()},
-        "regions": regions,
+        "regions": {
+            name: _scores(scores, metrics) for name, scores in entry.regions.items()
+        },
     }
+
+
+def _scores(scores: RegionScores, metrics: Sequence[str]) -> dict[str, Any]:
+    """Counts of pixels ("n"), values of the metrics ("v"), and the sparsification curve ("s") if there is one."""
+    packed: dict[str, Any] = {
+        "n": [scores.image, scores.evaluated, scores.estimated],
+        "v": [_rounded(scores.get(metric, math.nan)) for metric in metrics],
+    }
+    if scores.sparsification:
+        packed["s"] = [_rounded(rate) for rate in scores.sparsification]
+    return packed
 
 
 def _means(board: Board, weights: Mapping[str, float] | None) -> dict[str, Any]:
     """Protocol -> region -> method -> mean. A board without scores has no regions; its failures are listed under ""."""
+    means: dict[str, dict[str, dict[str, Any]]] = {}
+    for protocol in board.protocols:
+        means[protocol] = {}
+        for region in board.regions or ("",):
+            means[protocol][region] = {
+                method: _mean(board, method, protocol, region, weights)
+                for method in board.methods
+            }
+    return means
 
-    def mean(method: str, protocol: str, region: str) -> dict[str, Any]:
-        mean = board.mean(method, protocol, region, weights)
-        values = {name: _rounded(value) for name, value in mean.metrics.items()}
-        return {
-            "n": mean.counted,
-            "failed": list(mean.failed),
-            "missing": list(mean.missing),
-            "v": values,
-        }
 
+def _mean(
+    board: Board,
+    method: str,
+    protocol: str,
+    region: str,
+    weights: Mapping[str, float] | None,
+) -> dict[str, Any]:
+    mean = board.mean(method, protocol, region, weights)
     return {
-        p: {
-            r: {m: mean(m, p, r) for m in board.methods} for r in board.regions or ("",)
-        }
-        for p in board.protocols
+        "n": mean.counted,
+        "failed": list(mean.failed),
+        "missing": list(mean.missing),
+        "v": {name: _rounded(value) for name, value in mean.metrics.items()},
     }
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.6g}")

@@ -20,39 +20,33 @@ def plan_figure(plan: RigPlan, kind: str = "png") -> bytes:
     """The figure of the best choice as PNG or SVG. Raises InputError if the task is infeasible."""
     if plan.best is None:
         raise InputError("an infeasible plan has no figure")
+    best = plan.best
     near, far = plan.task.depth_range
     depth = np.geomspace(near / _MARGIN, far * _MARGIN, 400)
     with matplotlib.rc_context(RC_PARAMS):
         sheet = Sheet(figsize=(6.4, 7.6), layout="constrained")
-        axes = sheet.subplots(3, sharex=True)
-        for draw, each in zip(
-            (_draw_error, _draw_blur, _draw_disparity), axes, strict=True
+        panels = sheet.subplots(3, sharex=True)
+        for draw, axes in zip(
+            (_draw_error, _draw_blur, _draw_disparity), panels, strict=True
         ):
-            each.axvspan(near, far, color="#F0F0F0", linewidth=0)
-            each.axvline(
-                plan.best.focus_distance, color=_GREY, linestyle=":", linewidth=1.2
-            )
-            draw(each, plan.best, depth)
-            each.grid(True, color="#DDDDDD", linewidth=0.6)
-            each.set_axisbelow(True)
-            each.legend(frameon=False, loc="upper left", fontsize=8)
-        axes[-1].set_xscale("log")
-        axes[-1].set(
-            xlim=(depth[0], depth[-1]),
-            xlabel="depth (m); grey: the depths to measure, dotted: the focus",
+            axes.axvspan(near, far, color="#F0F0F0", linewidth=0)
+            axes.axvline(best.focus_distance, color=_GREY, linestyle=":", linewidth=1.2)
+            draw(axes, best, depth)
+            axes.grid(True, color="#DDDDDD", linewidth=0.6)
+            axes.set_axisbelow(True)
+            axes.legend(frameon=False, loc="upper left", fontsize=8)
+        bottom = panels[-1]
+        bottom.set_xscale("log")
+        label = "depth (m); grey: the depths to measure, dotted: the focus"
+        bottom.set(xlim=(depth[0], depth[-1]), xlabel=label)
+        bottom.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        bottom.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        bottom.xaxis.set_minor_formatter(NullFormatter())
+        title = (
+            f"Baseline {1e3 * best.baseline:.4g} mm, {1e3 * best.focal_length:.4g} mm "
+            f"f/{best.f_number:.3g}, focus {best.focus_distance:.3g} m"
         )
-        axes[-1].xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axes[-1].xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axes[-1].xaxis.set_minor_formatter(NullFormatter())
-        best = plan.best
-        title = f"Baseline {1e3 * best.baseline:.4g} mm, {1e3 * best.focal_length:.4g} mm f/{best.f_number:.3g}"
-        sheet.suptitle(
-            f"{title}, focus {best.focus_distance:.3g} m",
-            fontsize=11.5,
-            fontweight="bold",
-            x=0.012,
-            ha="left",
-        )
+        sheet.suptitle(title, fontsize=11.5, fontweight="bold", x=0.012, ha="left")
         return encode(sheet, kind)
 
 

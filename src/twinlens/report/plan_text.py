@@ -1,6 +1,8 @@
 """A planned rig as text: the best choice, its errors over depth, the limits; or why the task is infeasible."""
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -9,26 +11,41 @@ from twinlens.optics.planning import RigPlan
 from twinlens.optics.rig_task import RigChoice
 
 _DEPTHS = 5
-_Shown = tuple[
-    str, float, str
-]  # the name of a limit, the factor of its unit, and the unit
-_LIMITS: dict[str, _Shown] = {
-    "depth error": ("depth error", 1e3, "mm"),
-    "blur": ("blur circle", 1, "px"),
-    "diffraction": ("Airy disk", 1, "px"),
-    "noise": ("exposure", 1e3, "ms"),
-    "overlap": ("overlap", 100, "%"),
-    "disparities": ("disparities", 1, ""),
-    "smallest baseline": ("smallest baseline", 1e3, "mm"),
-    "largest baseline": ("largest baseline", 1e3, "mm"),
-    "shortest focal length": ("shortest focal length", 1, "mm"),
-    "longest focal length": ("longest focal length", 1, "mm"),
-    "smallest f-number": ("smallest f-number", 1, ""),
-    "largest f-number": ("largest f-number", 1, ""),
+
+
+@dataclass(frozen=True)
+class _Display:
+    """How a limit is printed: its label, and its value times `factor` with the unit."""
+
+    label: str
+    factor: float = 1
+    unit: str = ""
+
+
+_LIMITS = {
+    "depth error": _Display("depth error", 1e3, "mm"),
+    "blur": _Display("blur circle", unit="px"),
+    "diffraction": _Display("Airy disk", unit="px"),
+    "noise": _Display("exposure", 1e3, "ms"),
+    "overlap": _Display("overlap", 100, "%"),
+    "disparities": _Display("disparities"),
+    "smallest baseline": _Display("smallest baseline", 1e3, "mm"),
+    "largest baseline": _Display("largest baseline", 1e3, "mm"),
+    "shortest focal length": _Display("shortest focal length", unit="mm"),
+    "longest focal length": _Display("longest focal length", unit="mm"),
+    "smallest f-number": _Display("smallest f-number"),
+    "largest f-number": _Display("largest f-number"),
 }
-_FIELDS_OF_VIEW: dict[str, _Shown] = {
-    "shortest focal length": ("largest field of view", 1, "degrees"),
-    "longest focal length": ("smallest field of view", 1, "degrees"),
+_FIELDS_OF_VIEW = {
+    "shortest focal length": _Display("largest field of view", unit="degrees"),
+    "longest focal length": _Display("smallest field of view", unit="degrees"),
+}
+"""Of a task that has fields of view instead of focal lengths."""
+_RANGES = {
+    "baseline": _Display("baseline", 1e3, "mm"),
+    "focal_length_mm": _Display("focal length", unit="mm"),
+    "f_number": _Display("f-number"),
+    "focus_distance": _Display("focus distance", unit="m"),
 }
 _ROWS = (
     ("depth error",), ("blur",), ("diffraction",), ("noise",), ("overlap",), ("disparities",),
@@ -51,127 +68,135 @@ def even_depths(best: RigChoice) -> Float:
 
 
 def _lines(plan: RigPlan, best: RigChoice) -> list[str]:
-    task, (near, far) = plan.task, best.depth_of_field
+    goal = "depth error"
+    if plan.task.depth_error is not None:
+        goal = "baseline that meets the tolerated depth error"
+    facts = [f"  {name:<18}{text}" for name, text in _facts(best).items()]
+    limits = [_limit_line(plan, *names) for names in _ROWS if names[0] in plan.limits]
+    return [
+        f"Best rig: the smallest {goal}",
+        *facts,
+        "",
+        f"  {'depth':>8}{'disparity':>12}{'depth error':>14}{'blur circle':>14}{'overlap':>10}",
+        *(_depth_line(best, depth) for depth in even_depths(best)),
+        "",
+        f"  {'limit':<16}{'used':>14}  allowed",
+        *limits,
+        "",
+        f"  Feasible: {', '.join(_range_texts(plan))}",
+    ]
+
+
+def _facts(best: RigChoice) -> dict[str, str]:
+    """The quantities of the best rig, by their names."""
+    task = best.task
+    near, far = best.depth_of_field
+    end = "infinity" if far == math.inf else f"{far:.3g} m"
     least, count = best.search
     distance, limit = best.smallest_distance
-    until = "infinity" if far == math.inf else f"{far:.3g} m"
-    goal = (
-        "depth error"
-        if task.depth_error is None
-        else "baseline that meets the tolerated depth error"
-    )
+    million_costs = task.width * task.height * count / 1e6
     facts = {
         "baseline": f"{1e3 * best.baseline:.4g} mm",
         "focal length": f"{1e3 * best.focal_length:.4g} mm, fx {best.fx:.5g} px, field of view {best.fov_x_deg:.4g} "
         "degrees",
         "aperture": f"f/{best.f_number:.3g}, {1e3 * best.aperture_diameter:.3g} mm",
-        "focus": f"{best.focus_distance:.4g} m; blur circle <= {task.blur_px:g} px from {near:.3g} m to {until}; "
+        "focus": f"{best.focus_distance:.4g} m; blur circle <= {task.blur_px:g} px from {near:.3g} m to {end}; "
         f"hyperfocal distance {best.hyperfocal_distance:.3g} m",
-        "disparities": f"match --min-disparity {least} --num-disparities {count}; "
-        f"{task.width * task.height * count / 1e6:.3g} million costs",
-        "smallest distance": f"{distance:.3g} m, limited by {_LIMITS[limit][0]}",
+        "disparities": f"match --min-disparity {least} --num-disparities {count}; {million_costs:.3g} million costs",
+        "smallest distance": f"{distance:.3g} m, limited by {_LIMITS[limit].label}",
     }
     if best.exposure is not None:
         facts["exposure"] = (
             f"{1e3 * best.exposure:.3g} ms, signal-to-noise ratio of mid-grey {best.snr:.3g}"
         )
-    lines = [
-        f"Best rig: the smallest {goal}",
-        *(f"  {name:<18}{text}" for name, text in facts.items()),
-    ]
-    lines += [
-        "",
-        f"  {'depth':>8}{'disparity':>12}{'depth error':>14}{'blur circle':>14}{'overlap':>10}",
-    ]
-    for z in even_depths(best):
-        error, blur = f"{1e3 * best.depth_error(z):.3g} mm", f"{best.blur_px(z):.2f} px"
-        disparity, overlap = (
-            f"{best.disparity(z):.1f} px",
-            f"{100 * best.overlap(z):.0f} %",
-        )
-        lines.append(
-            f"  {f'{z:.3g} m':>8}{disparity:>12}{error:>14}{blur:>14}{overlap:>10}"
-        )
-    lines += ["", f"  {'limit':<16}{'used':>14}  allowed"]
-    lines += [_limit_line(plan, *names) for names in _ROWS if names[0] in plan.limits]
-    spans = (
-        ("baseline", "baseline", 1e3, "mm"), ("focal_length_mm", "focal length", 1, "mm"),
-        ("f_number", "f-number", 1, ""), ("focus_distance", "focus distance", 1, "m"),
-    )  # fmt: skip
+    return facts
+
+
+def _depth_line(best: RigChoice, depth: float) -> str:
+    cells = (
+        (f"{depth:.3g} m", 8),
+        (f"{best.disparity(depth):.1f} px", 12),
+        (f"{1e3 * best.depth_error(depth):.3g} mm", 14),
+        (f"{best.blur_px(depth):.2f} px", 14),
+        (f"{100 * best.overlap(depth):.0f} %", 10),
+    )
+    return "  " + "".join(f"{text:>{width}}" for text, width in cells)
+
+
+def _range_texts(plan: RigPlan) -> list[str]:
     texts = []
-    for name, label, factor, unit in spans:
-        low, high = (f"{factor * end:.4g}" for end in plan.feasible[name])
-        texts.append(
-            f"{label} {low if low == high else f'{low} to {high}'} {unit}".rstrip()
-        )
-    return [*lines, "", f"  Feasible: {', '.join(texts)}"]
+    for name, display in _RANGES.items():
+        low, high = (f"{display.factor * end:.4g}" for end in plan.feasible[name])
+        span = low if low == high else f"{low} to {high}"
+        texts.append(f"{display.label} {span} {display.unit}".rstrip())
+    return texts
 
 
 def _limit_line(plan: RigPlan, *names: str) -> str:
     """The row of a limit, or of the two ends of a range."""
     label, used = _value(plan, names[0], plan.used[names[0]])
-    bounds = sorted(
-        (plan.limits[name], _value(plan, name, plan.limits[name])[1]) for name in names
-    )
-    allowed = f"{bounds[0][1].split()[0]} to {bounds[-1][1]}"
-    if bounds[0] == bounds[-1]:
-        allowed = f"fixed at {bounds[0][1]}"
-    if len(names) == 1:
-        allowed = f"{'at least' if names[0] == 'overlap' else 'at most'} {bounds[0][1]}"
-    notes = []
-    for name in names:
-        if gain := plan.binding.get(name):
-            which = (
-                f"{_value(plan, name, gain)[0]} binds" if len(names) > 1 else "binds"
-            )
-            notes.append(
-                f"{which}: 10 % looser gives {100 * gain:.1f} % less {plan.objective}"
-            )
-    label = (
-        label.removeprefix("smallest ")
-        .removeprefix("largest ")
-        .removeprefix("shortest ")
-    )
+    for superlative in ("smallest ", "largest ", "shortest "):
+        label = label.removeprefix(superlative)
+    notes = [_binding_note(plan, name, names) for name in names if name in plan.binding]
+    allowed = _allowed(plan, names)
     return f"  {label:<16}{used:>14}  {allowed:<22}{' '.join(notes)}".rstrip()
+
+
+def _allowed(plan: RigPlan, names: Sequence[str]) -> str:
+    """The limit, or the range between two limits, in words."""
+    bounds = [
+        (plan.limits[name], _value(plan, name, plan.limits[name])[1]) for name in names
+    ]
+    low, high = min(bounds), max(bounds)
+    if len(names) == 1:
+        return f"{'at least' if names[0] == 'overlap' else 'at most'} {low[1]}"
+    if low == high:
+        return f"fixed at {low[1]}"
+    return f"{low[1].split()[0]} to {high[1]}"
+
+
+def _binding_note(plan: RigPlan, name: str, names: Sequence[str]) -> str:
+    gain = plan.binding[name]
+    subject = f"{_display(plan, name).label} binds" if len(names) > 1 else "binds"
+    return f"{subject}: 10 % looser gives {100 * gain:.1f} % less {plan.objective}"
+
+
+_CHANGES = {1: "the change", 2: "both changes"}
 
 
 def _infeasible_lines(plan: RigPlan) -> list[str]:
     lines = [
         "Infeasible: no baseline, focal length and f-number meet all limits.",
-        *(f"  {r}" for r in plan.reasons),
+        *(f"  {reason}" for reason in plan.reasons),
+        "",
+        f"Feasible with {_CHANGES.get(len(plan.changes[0]), 'all changes')} of one line:",
     ]
-    each = (
-        "both changes"
-        if len(plan.changes[0]) == 2
-        else "all changes"
-        if len(plan.changes[0]) > 2
-        else "the change"
-    )
-    lines += ["", f"Feasible with {each} of one line:"]
     for change in plan.changes:
         parts = []
         for name, value in change.items():
             label, needed = _value(plan, name, value, outwards=True)
-            parts.append(
-                f"{label} {needed} instead of {_value(plan, name, plan.limits[name])[1]}"
-            )
+            limit = _value(plan, name, plan.limits[name])[1]
+            parts.append(f"{label} {needed} instead of {limit}")
         lines.append(f"  {' and '.join(parts)}")
     return lines
+
+
+def _display(plan: RigPlan, name: str) -> _Display:
+    if plan.task.fov_x_deg is not None and name in _FIELDS_OF_VIEW:
+        return _FIELDS_OF_VIEW[name]
+    return _LIMITS[name]
 
 
 def _value(
     plan: RigPlan, name: str, value: float, outwards: bool = False
 ) -> tuple[str, str]:
     """The label and the value of a limit; with `outwards` rounded to the looser side."""
-    label, factor, unit = (
-        _FIELDS_OF_VIEW if plan.task.fov_x_deg is not None else {}
-    ).get(name, _LIMITS[name])
-    number = factor * value
+    display = _display(plan, name)
+    number = display.factor * value
     if outwards and number:
         step = 10.0 ** (math.floor(math.log10(number)) - 2)
-        number = step * (math.floor if plan.limits[name] > value else math.ceil)(
-            number / step
-        )
+        round_off = math.floor if plan.limits[name] > value else math.ceil
+        number = step * round_off(number / step)
     if name == "disparities":
         number = math.ceil(number - 1e-9)
-    return label, f"{number:.4g} {unit}".rstrip()
+    return display.label, f"{number:.4g} {display.unit}".rstrip()

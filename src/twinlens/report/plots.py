@@ -48,15 +48,12 @@ RC_PARAMS = {
 }
 _GREY = "#444444"
 DPI = 150
-_PANEL_INCHES = (
-    (6.4, 3.8),
-    (4.9, 3.4),
-    (3.6, 3.1),
-)  # width and height, with one, two or three in a row
-_STRIP, _LEGEND_COLUMNS, _PAIR_COLUMNS = 0.35, 6, 3
-_MOST_BANDS = (
-    6  # intervals of more lines are drawn as bars, because bands would overlap
-)
+_PANEL_INCHES = ((6.4, 3.8), (4.9, 3.4), (3.6, 3.1))
+"""Width and height of a panel, with one, two or three in a row."""
+_LEGEND_INCHES = 0.9
+_STRIP = 0.35  # height of the residuals, relative to their panel
+_LEGEND_COLUMNS, _PAIR_COLUMNS = 6, 3
+_MOST_BANDS = 6  # with more lines bands would overlap: intervals are drawn as bars
 _PREDICTED: dict[str, Any] = {"color": _GREY, "linestyle": "--", "linewidth": 1.2}
 _RING: dict[str, Any] = {
     "marker": "o",
@@ -83,62 +80,59 @@ def draw(figure: Figure, table: Table) -> Sheet:
 def encode(sheet: Sheet, kind: str) -> bytes:
     """The figure as `kind` "png" or "svg", without a date."""
     data = io.BytesIO()
-    metadata = (
-        {"Date": None, "Creator": "twinlens"}
-        if kind == "svg"
-        else {"Software": "twinlens"}
-    )
+    dpi: Any = DPI
+    metadata: dict[str, Any] = {"Software": "twinlens"}
+    if kind == "svg":
+        dpi, metadata = "figure", {"Date": None, "Creator": "twinlens"}
     with matplotlib.rc_context(RC_PARAMS):
-        sheet.savefig(
-            data, format=kind, dpi="figure" if kind == "svg" else DPI, metadata=metadata
-        )
+        sheet.savefig(data, format=kind, dpi=dpi, metadata=metadata)
     return data.getvalue()
 
 
 def _sheet(figure: Figure, panels: Sequence[tuple[Any, Table]]) -> Sheet:
+    """All panels in rows of one, two or three, each with a strip of residuals below it if the figure has some."""
     columns = 2 if len(panels) in (2, 4) else min(len(panels), 3)
     lines = math.ceil(len(panels) / columns)
     width, height = _PANEL_INCHES[columns - 1]
     strip = _STRIP if figure.residual_of else 0.0
-    sheet = Sheet(
-        figsize=(columns * width, lines * height * (1 + strip) + 0.9),
-        layout="constrained",
-    )
-    heights = [
-        ratio for _ in range(lines) for ratio in ((1.0, strip) if strip else (1.0,))
-    ]
+    size = columns * width, lines * height * (1 + strip) + _LEGEND_INCHES
+    sheet = Sheet(figsize=size, layout="constrained")
+    heights = (1.0, strip) * lines if strip else (1.0,) * lines
     grid = sheet.add_gridspec(len(heights), columns, height_ratios=heights)
     styles = _line_styles(figure, panels)
-    for k, (name, rows) in enumerate(panels):
-        line, column = divmod(k, columns)
+    for number, (name, rows) in enumerate(panels):
+        line, column = divmod(number, columns)
         axes = sheet.add_subplot(grid[line * (2 if strip else 1), column])
         panel = _Panel(axes, figure, rows, name, styles)
         if panel.draw() and strip:
             axes.tick_params(labelbottom=False)
             axes.set_xlabel("")
-            panel.draw_residuals(
-                sheet.add_subplot(grid[2 * line + 1, column], sharex=axes)
-            )
+            below = sheet.add_subplot(grid[2 * line + 1, column], sharex=axes)
+            panel.draw_residuals(below)
     sheet.suptitle(figure.title, fontsize=11.5, fontweight="bold", x=0.012, ha="left")
-    handles = {
-        text: handle
-        for axes in sheet.axes
-        for handle, text in zip(*axes.get_legend_handles_labels(), strict=True)
-    }
-    handles |= {
-        panels[0][1].column(name).text: Line2D([], [], **_PREDICTED)
-        for name in figure.also
-    }
+    _draw_legend(sheet, figure, panels[0][1])
+    return sheet
+
+
+def _draw_legend(sheet: Sheet, figure: Figure, rows: Table) -> None:
+    """One legend below all panels."""
+    handles: dict[str, Any] = {}
+    for axes in sheet.axes:
+        drawn, texts = axes.get_legend_handles_labels()
+        handles |= dict(zip(texts, drawn, strict=True))
+    for name in figure.also:
+        handles[rows.column(name).text] = Line2D([], [], **_PREDICTED)
     if figure.best:
-        handles[f"the {figure.best}"] = Line2D(
-            [], [], color=_GREY, linestyle="", **_RING
-        )
+        ring = Line2D([], [], color=_GREY, linestyle="", **_RING)
+        handles[f"the {figure.best}"] = ring
     if handles:
         sheet.legend(
-            handles.values(), handles.keys(), loc="outside lower center", frameon=False,
+            handles.values(),
+            handles.keys(),
+            loc="outside lower center",
+            frameon=False,
             ncols=min(len(handles), _LEGEND_COLUMNS),
-        )  # fmt: skip
-    return sheet
+        )
 
 
 def _line_styles(
@@ -147,18 +141,20 @@ def _line_styles(
     """Colour and marker of each line, the same in every panel."""
     if not figure.by:
         return {}
-    names = dict.fromkeys(
-        value
-        for _, rows in panels
-        for value in rows.values(figure.by)
-        if value != THEORY
-    )
-    styles = {
-        name: {"color": PALETTE[k % len(PALETTE)], "marker": _MARKERS[k % len(_MARKERS)],
-               "linestyle": ("-", "--", ":")[k // len(PALETTE) % 3]}
-        for k, name in enumerate(names)
-    }  # fmt: skip
-    return styles | {THEORY: {"color": "black", "marker": "", "linestyle": "--"}}
+    names: dict[Any, None] = {}
+    for _, rows in panels:
+        names |= dict.fromkeys(rows.values(figure.by))
+    names.pop(THEORY, None)
+    styles: dict[Any, Mapping[str, Any]] = {
+        THEORY: {"color": "black", "marker": "", "linestyle": "--"}
+    }
+    for number, name in enumerate(names):
+        styles[name] = {
+            "color": PALETTE[number % len(PALETTE)],
+            "marker": _MARKERS[number % len(_MARKERS)],
+            "linestyle": ("-", "--", ":")[number // len(PALETTE) % 3],
+        }
+    return styles
 
 
 def agreement_figure(
@@ -172,29 +168,14 @@ def agreement_figure(
     with matplotlib.rc_context(RC_PARAMS):
         sheet = Sheet(figsize=(6.4, 0.22 * methods + 1.6), layout="constrained")
         axes = sheet.subplots()
-        largest = [m.method for m in agreement.moves[: min(3, methods)]]
-        for move in agreement.moves:
-            marked = move.method in largest
-            colour = PALETTE[largest.index(move.method)] if marked else "#9AA5B1"
-            axes.plot(
-                (0, 1),
-                (move.rank_a, move.rank_b),
-                "o-",
-                color=colour,
-                markersize=3,
-                zorder=2 + marked,
-            )
-        for side, align in ((0, "right"), (1, "left")):
-            ranked = sorted(
-                (m.rank_b if side else m.rank_a, m.method) for m in agreement.moves
-            )
-            # Labels in equal steps, so that methods of nearly the same rank stay legible.
-            for place, (rank, method) in enumerate(ranked, start=1):
-                axes.annotate(
-                    f"{rank:.1f}  {method}" if side else f"{method}  {rank:.1f}", (side, rank),
-                    (1.16 if side else -0.16, place), ha=align, va="center", fontsize=8,
-                    arrowprops={"arrowstyle": "-", "color": "#C9D1D9", "linewidth": 0.6},
-                )  # fmt: skip
+        _draw_moves(axes, agreement)
+        ranks_a = [(move.rank_a, move.method) for move in agreement.moves]
+        ranks_b = [(move.rank_b, move.method) for move in agreement.moves]
+        # Labels in equal steps, so that methods of nearly the same rank stay legible.
+        for place, (rank, method) in enumerate(sorted(ranks_a), start=1):
+            _label(axes, f"{method}  {rank:.1f}", (0, rank), (-0.16, place), "right")
+        for place, (rank, method) in enumerate(sorted(ranks_b), start=1):
+            _label(axes, f"{rank:.1f}  {method}", (1, rank), (1.16, place), "left")
         axes.set(
             xlim=(-1.1, 2.1),
             ylim=(methods + 0.7, 0.3),
@@ -210,48 +191,75 @@ def agreement_figure(
         return encode(sheet, kind)
 
 
+def _draw_moves(axes: Any, agreement: Agreement) -> None:
+    """A line for each method; the three that move most are coloured."""
+    colours = {
+        move.method: colour
+        for move, colour in zip(agreement.moves, PALETTE[:3], strict=False)
+    }
+    for move in agreement.moves:
+        axes.plot(
+            (0, 1),
+            (move.rank_a, move.rank_b),
+            "o-",
+            color=colours.get(move.method, "#9AA5B1"),
+            markersize=3,
+            zorder=3 if move.method in colours else 2,
+        )
+
+
+def _label(
+    axes: Any,
+    text: str,
+    point: tuple[float, float],
+    place: tuple[float, float],
+    align: str,
+) -> None:
+    """A text at `place` with a thin line to its point."""
+    axes.annotate(
+        text,
+        point,
+        place,
+        ha=align,
+        va="center",
+        fontsize=8,
+        arrowprops={"arrowstyle": "-", "color": "#C9D1D9", "linewidth": 0.6},
+    )
+
+
 def pair_figure(rows: Sequence[Mapping[str, float]], kind: str = "png") -> bytes:
     """One axis per statistic, as PNG or SVG: real pairs as a bar from 10 % to 90 % with their median; a dot per row."""
     names = [
         name for name in STATISTICS if any(not math.isnan(row[name]) for row in rows)
     ]
-    lines = -(-len(names) // _PAIR_COLUMNS)
+    lines = math.ceil(len(names) / _PAIR_COLUMNS)
     with matplotlib.rc_context(RC_PARAMS):
         sheet = Sheet(figsize=(9.0, 0.85 * lines + 0.5), layout="constrained")
         panels = sheet.subplots(lines, _PAIR_COLUMNS, squeeze=False).ravel()
         for axes, name in zip(panels, names, strict=False):
-            median, low, high = STATISTICS[name].real
-            if not math.isnan(low):
-                axes.plot(
-                    (low, high),
-                    (0, 0),
-                    color="#C9D1D9",
-                    linewidth=9,
-                    solid_capstyle="butt",
-                )
-            axes.plot(median, 0, "|", color="#444444", markersize=14, markeredgewidth=2)
-            values = [row[name] for row in rows]
-            axes.plot(
-                values,
-                [0] * len(values),
-                "o",
-                color=PALETTE[0],
-                alpha=0.6,
-                markersize=4,
-            )
-            title = f"{name} {STATISTICS[name].unit}".strip()
-            axes.set_title(title, fontsize=8, fontweight="normal", loc="left", pad=2)
-            axes.set_yticks([])
-            axes.spines["left"].set_visible(False)
-            axes.tick_params(labelsize=7)
-            axes.margins(x=0.08)
+            _draw_statistic(axes, name, [row[name] for row in rows])
         for axes in panels[len(names) :]:
             axes.set_axis_off()
-        sheet.suptitle(
-            "Dots: pairs. Bars: 10 % to 90 % of 24 real pairs, line: their median.",
-            fontsize=9,
-        )
+        title = "Dots: pairs. Bars: 10 % to 90 % of 24 real pairs, line: their median."
+        sheet.suptitle(title, fontsize=9)
         return encode(sheet, kind)
+
+
+def _draw_statistic(axes: Any, name: str, values: Sequence[float]) -> None:
+    statistic = STATISTICS[name]
+    median, low, high = statistic.real
+    if not math.isnan(low):
+        bar = {"color": "#C9D1D9", "linewidth": 9, "solid_capstyle": "butt"}
+        axes.plot((low, high), (0, 0), **bar)
+    axes.plot(median, 0, "|", color="#444444", markersize=14, markeredgewidth=2)
+    dots = {"color": PALETTE[0], "alpha": 0.6, "markersize": 4}
+    axes.plot(values, [0] * len(values), "o", **dots)
+    title = f"{name} {statistic.unit}".strip()
+    axes.set_title(title, fontsize=8, fontweight="normal", loc="left", pad=2)
+    axes.set_yticks([])
+    axes.spines["left"].set_visible(False)
+    axes.tick_params(labelsize=7)
+    axes.margins(x=0.08)
 
 
 @dataclass(frozen=True)
@@ -269,29 +277,14 @@ class _Panel:
     def draw(self) -> bool:
         """Draw and label the values; without any, a text instead of scales, and False."""
         axes, figure, rows = self.axes, self.figure, self.rows
-        axes.set(
-            xlabel=figure.x_of.get(self.name, rows.column(figure.x).label),
-            ylabel=rows.column(figure.y).label,
-        )
+        label = figure.x_of.get(self.name, rows.column(figure.x).label)
+        axes.set(xlabel=label, ylabel=rows.column(figure.y).label)
         if figure.panel:
-            column = rows.column(figure.panel)
-            is_text = isinstance(self.name, str)
-            axes.set_title(
-                self.name
-                if is_text
-                else f"{column.text} {self.name:.4g} {column.unit}".strip()
-            )
+            axes.set_title(self._title())
         if not np.isfinite(rows.numbers(figure.z or figure.y)).any():
             axes.set(xticks=[], yticks=[])
-            axes.text(
-                0.5,
-                0.5,
-                "nothing measured",
-                transform=axes.transAxes,
-                ha="center",
-                va="center",
-                color=_GREY,
-            )
+            centre = {"ha": "center", "va": "center", "transform": axes.transAxes}
+            axes.text(0.5, 0.5, "nothing measured", color=_GREY, **centre)
             return False
         if figure.kind == "heatmap":
             self._draw_heatmap()
@@ -301,6 +294,12 @@ class _Panel:
             draw_group(name, part, self.styles.get(name, _PLAIN))
         self._scale_axes()
         return True
+
+    def _title(self) -> str:
+        if isinstance(self.name, str):
+            return self.name
+        column = self.rows.column(self.figure.panel)
+        return f"{column.text} {self.name:.4g} {column.unit}".strip()
 
     def _draw_line(self, name: Any, part: Table, style: Mapping[str, Any]) -> None:
         axes, figure = self.axes, self.figure
@@ -317,10 +316,8 @@ class _Panel:
             **style,
         )
         for column in figure.also:
-            other = [mean_of(cell, column).value for cell in cells]
-            axes.plot(
-                places, other, linestyle="--", linewidth=1.2, color=style["color"]
-            )
+            dashed = {"linestyle": "--", "linewidth": 1.2, "color": style["color"]}
+            axes.plot(places, [mean_of(cell, column).value for cell in cells], **dashed)
         if name != THEORY and all(math.isfinite(mean.low) for mean in means):
             ends = places, [mean.low for mean in means], [mean.high for mean in means]
             if len(self.styles) > _MOST_BANDS:
@@ -328,10 +325,9 @@ class _Panel:
             else:
                 axes.fill_between(*ends, color=style["color"], alpha=0.12, linewidth=0)
         if figure.best and np.isfinite(values).any():
-            k = int(
-                np.nanargmin(values) if figure.best == "least" else np.nanargmax(values)
-            )
-            axes.plot(places[k], values[k], color=style["color"], **_RING)
+            best = np.nanargmin if figure.best == "least" else np.nanargmax
+            ringed = int(best(values))
+            axes.plot(places[ringed], values[ringed], color=style["color"], **_RING)
 
     def _draw_points(self, name: Any, part: Table, style: Mapping[str, Any]) -> None:
         x, y = part.numbers(self.figure.x), part.numbers(self.figure.y)
@@ -340,27 +336,21 @@ class _Panel:
             self.axes.plot(x[order], y[order], label=THEORY, **style)
             return
         points = {**style, "linestyle": "", "markersize": 4.5, "alpha": 0.75}
-        self.axes.plot(
-            x,
-            y,
-            label=_text(name) or ("measured" if self.figure.also else None),
-            **points,
-        )
+        default = "measured" if self.figure.also else None
+        self.axes.plot(x, y, label=_text(name) or default, **points)
         for column in self.figure.also:
             predicted = {**_PREDICTED, "color": style["color"]} if name else _PREDICTED
             self.axes.plot(x[order], part.numbers(column)[order], **predicted)
 
     def _draw_heatmap(self) -> None:
         axes, figure, rows = self.axes, self.figure, self.rows
-        across, down = (
-            np.unique(rows.numbers(figure.x)),
-            np.unique(rows.numbers(figure.y)),
-        )
+        across = np.unique(rows.numbers(figure.x))
+        down = np.unique(rows.numbers(figure.y))
         means = np.full((down.size, across.size), np.nan)
         for (x, y), part in rows.groups(figure.x, figure.y):
-            means[
-                np.searchsorted(down, float(y)), np.searchsorted(across, float(x))
-            ] = mean_of(part, figure.z).value
+            line = np.searchsorted(down, float(y))
+            column = np.searchsorted(across, float(x))
+            means[line, column] = mean_of(part, figure.z).value
         image = axes.imshow(means, origin="lower", aspect="auto", cmap="cividis")
         axes.set_xticks(range(across.size), [f"{x:.3g}" for x in across])
         axes.set_yticks(range(down.size), [f"{y:.3g}" for y in down])
@@ -372,78 +362,95 @@ class _Panel:
 
     def draw_residuals(self, axes: Any) -> None:
         """measured / predicted - 1, in percent."""
-        for name, part in _groups(self.rows, self.figure.by):
-            if name != THEORY:
-                share = (
-                    part.numbers(self.figure.y) / part.numbers(self.figure.residual_of)
-                    - 1
-                )
-                points = {
-                    **self.styles.get(name, _PLAIN),
-                    "linestyle": "",
-                    "markersize": 3,
-                    "alpha": 0.7,
-                }
-                axes.plot(part.numbers(self.figure.x), 100 * share, **points)
+        figure = self.figure
+        for name, part in _groups(self.rows, figure.by):
+            if name == THEORY:
+                continue
+            share = part.numbers(figure.y) / part.numbers(figure.residual_of) - 1
+            points = {
+                **self.styles.get(name, _PLAIN),
+                "linestyle": "",
+                "markersize": 3,
+                "alpha": 0.7,
+            }
+            axes.plot(part.numbers(figure.x), 100 * share, **points)
         axes.axhline(0, color="black", linewidth=0.8)
-        axes.set(xlabel=self.rows.column(self.figure.x).label, ylabel="residual (%)")
+        axes.set(xlabel=self.rows.column(figure.x).label, ylabel="residual (%)")
         axes.grid(True, color="#DDDDDD", linewidth=0.6)
 
     def _scale_axes(self) -> None:
         axes, figure, rows = self.axes, self.figure, self.rows
         x, y = rows.numbers(figure.x), rows.numbers(figure.y)
         if figure.log_x and _positive(x).size:
+            ticks = _separate_ticks(np.unique(_positive(x)).tolist())
             axes.set_xscale("log")
-            ticks: list[float] = []
-            places = np.unique(_positive(x)).tolist()
-            for place in places:  # without those too close to the previous tick
-                if not ticks or math.log(
-                    place / ticks[-1]
-                ) >= _TICK_DISTANCE * math.log(places[-1] / places[0]):
-                    ticks.append(place)
             axes.set_xticks(ticks, [f"{tick:.3g}" for tick in ticks])
             axes.set_xticks([], minor=True)
-        if figure.log_y and any(
-            _positive(rows.numbers(column)).size for column in (figure.y, *figure.also)
-        ):
-            axes.set_yscale("log")
-            low, high = axes.get_ylim()
-            few = (
-                math.log10(high / low) < 2.5
-            )  # 1, 2, 5, 10, ... for up to 2.5 decades, else whole decades
-            axes.yaxis.set_major_locator(
-                LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,), numticks=20)
-            )
-            axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-            axes.yaxis.set_minor_formatter(NullFormatter())
+        drawn = (figure.y, *figure.also)
+        if figure.log_y and any(_positive(rows.numbers(name)).size for name in drawn):
+            self._scale_y_logarithmically()
         elif y[np.isfinite(y)].min(initial=0.0) >= 0:
             axes.set_ylim(bottom=0)
         axes.grid(True, color="#DDDDDD", linewidth=0.6)
         axes.set_axisbelow(True)
-        height, side = (0.98, "top") if figure.best == "least" else (0.02, "bottom")
         for column, text in figure.marks:
-            marked = rows.numbers(column)
-            marked = marked[np.isfinite(marked)]
-            if marked.size:
-                place = float(
-                    np.exp(np.log(marked).mean())
-                    if axes.get_xscale() == "log"
-                    else marked.mean()
-                )
-                axes.axvline(place, color=_GREY, linestyle=":", linewidth=1.2)
-                axes.annotate(
-                    text, (place, height), xycoords=axes.get_xaxis_transform(), xytext=(-2, 0), va=side, ha="right",
-                    textcoords="offset points", rotation=90, fontsize=7.5, color=_GREY,
-                )  # fmt: skip
+            self._draw_mark(column, text)
+
+    def _scale_y_logarithmically(self) -> None:
+        """Ticks at 1, 2, 5, 10, ... for up to 2.5 decades, otherwise at whole decades."""
+        axes = self.axes
+        axes.set_yscale("log")
+        low, high = axes.get_ylim()
+        steps = (1.0, 2.0, 5.0) if math.log10(high / low) < 2.5 else (1.0,)
+        axes.yaxis.set_major_locator(LogLocator(subs=steps, numticks=20))
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axes.yaxis.set_minor_formatter(NullFormatter())
+
+    def _draw_mark(self, column: str, text: str) -> None:
+        """A labelled vertical line at the mean of a column, at the end of the axis that the curves leave free."""
+        axes = self.axes
+        values = self.rows.numbers(column)
+        values = values[np.isfinite(values)]
+        if not values.size:
+            return
+        place = float(values.mean())
+        if axes.get_xscale() == "log":
+            place = float(np.exp(np.log(values).mean()))
+        height, side = (0.02, "bottom")
+        if self.figure.best == "least":
+            height, side = (0.98, "top")
+        axes.axvline(place, color=_GREY, linestyle=":", linewidth=1.2)
+        axes.annotate(
+            text,
+            (place, height),
+            xytext=(-2, 0),
+            xycoords=axes.get_xaxis_transform(),
+            textcoords="offset points",
+            ha="right",
+            va=side,
+            rotation=90,
+            fontsize=7.5,
+            color=_GREY,
+        )
+
+
+def _separate_ticks(places: Sequence[float]) -> list[float]:
+    """The places on a logarithmic axis, increasing, without those too close to the previous tick."""
+    least = _TICK_DISTANCE * math.log(places[-1] / places[0])
+    ticks: list[float] = []
+    for place in places:
+        if not ticks or math.log(place / ticks[-1]) >= least:
+            ticks.append(place)
+    return ticks
 
 
 def _groups(rows: Table, column: str) -> Iterator[tuple[Any, Table]]:
     """The rows by their value of the column; without a column, all rows under ""."""
-    yield from (
-        ((value, part) for (value,), part in rows.groups(column))
-        if column
-        else [("", rows)]
-    )
+    if not column:
+        yield "", rows
+        return
+    for (value,), part in rows.groups(column):
+        yield value, part
 
 
 def _positive(values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -19,7 +19,8 @@ from twinlens.dataset.record import encode_json
 from twinlens.report.plots import DPI, draw, encode
 from twinlens.studies import Picture, Result, SeedSupport, to_csv
 
-_GAP = 6
+_GAP = 6  # pixels between pictures
+_CSS_DPI = 96  # pixels per inch in CSS
 
 
 def write_study(folder: str | os.PathLike[str], result: Result) -> Path:
@@ -30,29 +31,26 @@ def write_study(folder: str | os.PathLike[str], result: Result) -> Path:
     are removed.
     """
     target = Path(folder)
-    files: dict[str, bytes] = {}
     if (target / "study.json").exists():
-        for old in (
-            *target.glob("figures/*.png"),
-            *target.glob("figures/*.svg"),
-            *target.glob("pictures/*.png"),
-        ):
-            old.unlink()
-
-    def write(name: str, data: bytes) -> None:
-        files[name] = data
-        write_file(target / name, data)
-
-    write("table.csv", to_csv(result.table).encode())
+        for pattern in ("figures/*.png", "figures/*.svg", "pictures/*.png"):
+            for path in target.glob(pattern):
+                path.unlink()
+    write_file(target / "table.csv", to_csv(result.table).encode())
     findings = [_plain(support) for support in result.findings]
-    write("study.json", encode_json({**result.protocol, "findings": findings}))
+    record = encode_json({**result.protocol, "findings": findings})
+    write_file(target / "study.json", record)
+    images: dict[str, bytes] = {}
     for figure in result.study.figures:
         sheet = draw(figure, result.table)
-        for kind in ("png", "svg"):
-            write(f"figures/{figure.name}.{kind}", encode(sheet, kind))
+        name = f"figures/{figure.name}"
+        images[f"{name}.png"] = encode(sheet, "png")
+        write_file(target / f"{name}.png", images[f"{name}.png"])
+        write_file(target / f"{name}.svg", encode(sheet, "svg"))
     for picture in result.pictures:
-        write(f"pictures/{picture.name}.png", encode_png(tiles(picture)))
-    write("index.html", _page(result, files).encode())
+        name = f"pictures/{picture.name}.png"
+        images[name] = encode_png(tiles(picture))
+        write_file(target / name, images[name])
+    write_file(target / "index.html", _page(result, images).encode())
     return target / "index.html"
 
 
@@ -61,74 +59,84 @@ def tiles(picture: Picture) -> NDArray[np.uint8]:
     from matplotlib import font_manager
     from PIL import Image, ImageDraw, ImageFont
 
-    colour = [rgb8(image) for image in picture.images]
-    tallest, widest = (
-        max(image.shape[0] for image in colour),
-        max(image.shape[1] for image in colour),
-    )
-    columns = min(picture.columns, len(colour))
-    size = int(np.clip(widest // 14, 10, 16))
-    height, width = tallest + _GAP + 2 * size, widest + _GAP
-    sheet = Image.new(
-        "RGB",
-        (columns * width - _GAP, math.ceil(len(colour) / columns) * height - _GAP),
-        "white",
-    )
-    pen, font = (
-        ImageDraw.Draw(sheet),
-        ImageFont.truetype(font_manager.findfont("DejaVu Sans"), size),
-    )
-    for k, (image, caption) in enumerate(zip(colour, picture.captions, strict=True)):
-        x, y = k % columns * width, k // columns * height
-        pen.text((x + 1, y + size // 3), caption, fill="black", font=font)
-        sheet.paste(Image.fromarray(image), (x, y + 2 * size))
+    images = [rgb8(image) for image in picture.images]
+    tallest = max(image.shape[0] for image in images)
+    widest = max(image.shape[1] for image in images)
+    font_size = int(np.clip(widest // 14, 10, 16))
+    font = ImageFont.truetype(font_manager.findfont("DejaVu Sans"), font_size)
+    caption_height = 2 * font_size
+    width, height = widest + _GAP, tallest + _GAP + caption_height
+    columns = min(picture.columns, len(images))
+    lines = math.ceil(len(images) / columns)
+    size = columns * width - _GAP, lines * height - _GAP
+    sheet = Image.new("RGB", size, "white")
+    pen = ImageDraw.Draw(sheet)
+    for number, image in enumerate(images):
+        line, column = divmod(number, columns)
+        x, y = column * width, line * height
+        caption = picture.captions[number]
+        pen.text((x + 1, y + font_size // 3), caption, fill="black", font=font)
+        sheet.paste(Image.fromarray(image), (x, y + caption_height))
     return np.asarray(sheet)
 
 
 def _plain(support: SeedSupport) -> dict[str, Any]:
-    finding, mean = support.finding, support.finding.measured
-    value, low, high, expected = (
-        float(f"{number:.9g}") if number is not None and math.isfinite(number) else None
-        for number in (mean.value, mean.low, mean.high, finding.expected)
-    )
+    """A finding for study.json."""
+    finding = support.finding
+    measured = finding.measured
     return {
         "text": finding.sentence,
-        "measured": value,
-        "interval": [low, high],
-        "interval_units": mean.units,
+        "measured": _nine_digits(measured.value),
+        "interval": [_nine_digits(measured.low), _nine_digits(measured.high)],
+        "interval_units": measured.units,
         "unit": finding.unit,
-        "expected": expected,
+        "expected": _nine_digits(finding.expected),
         "tolerance": finding.tolerance,
         "holds": bool(finding.holds) if finding.has_verdict else None,
         "seeds_alone": [support.supporting, support.seeds],
     }
 
 
-def _page(result: Result, files: Mapping[str, bytes]) -> str:
+def _nine_digits(number: float | None) -> float | None:
+    """The number as in table.csv; None if it is unknown."""
+    if number is None or not math.isfinite(number):
+        return None
+    return float(f"{number:.9g}")
+
+
+def _page(result: Result, images: Mapping[str, bytes]) -> str:
     study = result.study
     parts = [
-        f"<h1>{html.escape(study.name)}</h1><p class=lead>{html.escape(study.question)}</p>"
+        f"<h1>{html.escape(study.name)}</h1><p class=lead>{html.escape(study.question)}</p>",
+        "<h2>Findings</h2>" + "".join(_finding(support) for support in result.findings),
     ]
-    parts.append(
-        "<h2>Findings</h2>" + "".join(_finding(support) for support in result.findings)
-    )
-    parts += ["<h2>Figures</h2>"] if study.figures else []
+    if study.figures:
+        parts.append("<h2>Figures</h2>")
     for figure in study.figures:
-        name = html.escape(f"figures/{figure.name}")
-        links = f'<a href="{name}.png">PNG</a> <a href="{name}.svg">SVG</a>'
-        parts.append(
-            _image(files[f"figures/{figure.name}.png"], figure.title, links, 96 / DPI)
-        )
-    parts += ["<h2>Pictures</h2>"] if result.pictures else []
+        name = f"figures/{figure.name}"
+        links = f"{_link(f'{name}.png', 'PNG')} {_link(f'{name}.svg', 'SVG')}"
+        png = images[f"{name}.png"]
+        parts.append(_image(png, figure.title, links, _CSS_DPI / DPI))
+    if result.pictures:
+        parts.append("<h2>Pictures</h2>")
     for picture in result.pictures:
         name = f"pictures/{picture.name}.png"
-        links = f'{html.escape(picture.title)}. <a href="{html.escape(name)}">PNG</a>'
-        parts.append(_image(files[name], picture.title, links))
+        caption = f"{html.escape(picture.title)}. {_link(name, 'PNG')}"
+        parts.append(_image(images[name], picture.title, caption))
+    parts.append(_protocol(result))
+    page = resources.files("twinlens.report").joinpath("page/study.html").read_text()
+    title = html.escape(f"twinlens study: {study.name}")
+    return page.replace("{{title}}", title).replace("{{body}}", "\n".join(parts))
+
+
+def _protocol(result: Result) -> str:
+    """What was run, as a table, with links to the complete record."""
+    setup = result.setup
     rows = {
-        "scenes": ", ".join(result.setup.scenes) or "synthetic targets",
-        "matchers": ", ".join(result.setup.methods) or "none",
-        "seeds": ", ".join(str(seed) for seed in result.setup.seeds),
-        "images": f"{result.setup.width}x{result.setup.height}, {result.setup.spp} samples per pixel",
+        "scenes": ", ".join(setup.scenes) or "synthetic targets",
+        "matchers": ", ".join(setup.methods) or "none",
+        "seeds": ", ".join(str(seed) for seed in setup.seeds),
+        "images": f"{setup.width}x{setup.height}, {setup.spp} samples per pixel",
         "backend": str(result.protocol.get("backend", "")),
         "intervals": "95 % bootstrap over scenes, or over seeds for one scene, in brackets and as bands; the range of "
         "fewer than five scenes or seeds",
@@ -140,29 +148,34 @@ def _page(result: Result, files: Mapping[str, bytes]) -> str:
         for name, text in rows.items()
     )
     links = 'Complete protocol: <a href="study.json">study.json</a>; measurements: <a href="table.csv">table.csv</a>.'
-    parts.append(f"<h2>Protocol</h2><table>{lines}</table><p class=note>{links}</p>")
-    skeleton = (
-        resources.files("twinlens.report").joinpath("page/study.html").read_text()
-    )
-    title = html.escape(f"twinlens study: {study.name}")
-    return skeleton.replace("{{title}}", title).replace("{{body}}", "\n".join(parts))
+    return f"<h2>Protocol</h2><table>{lines}</table><p class=note>{links}</p>"
 
 
 def _finding(support: SeedSupport) -> str:
     finding = support.finding
-    before, _, after = (html.escape(part) for part in finding.template.partition("{}"))
-    number = (
-        f"<b>{html.escape(finding.measured.format(finding.unit))}</b>"
-        if "{}" in finding.template
-        else ""
+    before, number, after = finding.template.partition("{}")
+    text = html.escape(before)
+    if number:
+        text += f"<b>{html.escape(finding.measured.format(finding.unit))}</b>"
+    text += html.escape(after)
+    kind = ""
+    if finding.has_verdict and not finding.holds:
+        kind = " bad"
+    elif finding.has_verdict:
+        kind = " good" if support.supporting >= support.seeds else " shaky"
+    verdict = html.escape(support.verdict)
+    verdict = verdict[0].upper() + verdict[1:]
+    return (
+        f'<div class="finding{kind}"><p>{text}.</p><p class=note>{verdict}.</p></div>\n'
     )
-    good = " good" if support.supporting >= support.seeds else " shaky"
-    kind = "" if not finding.has_verdict else good if finding.holds else " bad"
-    text, verdict = f"{before}{number}{after}", html.escape(support.verdict)
-    return f'<div class="finding{kind}"><p>{text}.</p><p class=note>{verdict[0].upper()}{verdict[1:]}.</p></div>\n'
+
+
+def _link(path: str, text: str) -> str:
+    return f'<a href="{html.escape(path)}">{text}</a>'
 
 
 def _image(png: bytes, title: str, caption: str, scale: float = 1.0) -> str:
     source = "data:image/png;base64," + base64.b64encode(png).decode("ascii")
-    alt, width = html.escape(title), round(scale * int.from_bytes(png[16:20], "big"))
+    width_px = int.from_bytes(png[16:20], "big")  # of the PNG's header
+    width, alt = round(scale * width_px), html.escape(title)
     return f'<figure><img src="{source}" width="{width}" alt="{alt}"><figcaption>{caption}</figcaption></figure>'
