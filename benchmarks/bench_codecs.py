@@ -22,10 +22,10 @@ from rich.table import Table
 from twinlens.camera import ThinLens
 from twinlens.camera.truth import Truth
 from twinlens.dataset import Dataset, Sample, Shot, write_sample
+from twinlens.dataset.channels import TRUTH
 from twinlens.dataset.codecs.exr import decode_exr
 from twinlens.dataset.codecs.png import decode_png, encode_png
-from twinlens.dataset.sample import sample_files
-from twinlens.dataset.truth_files import encode_truth
+from twinlens.dataset.sample_files import sample_files
 from twinlens.scoring import motorcycle
 
 RUNS = 5
@@ -151,8 +151,8 @@ def table(title: str, rows: list[tuple[str, float, int]]) -> Table:
 def main() -> None:
     """Print the three tables."""
     sample = real_sample()
-    image, truth = sample.shots[0].images[0], sample.truths[0]
-    data = encode_truth(truth, sample.rig.cameras[0], sample.shots[0].lens)
+    image = sample.shots[0].images[0]
+    data = TRUTH.encode(sample, 0)
     np.testing.assert_array_equal(decode_png(encode_png(image)), image)
     console = Console()
     console.print(table("One 8-bit image as PNG", png_rows(image)))

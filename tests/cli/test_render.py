@@ -18,7 +18,7 @@ from twinlens.dataset import (
     write_manifest,
     write_png,
 )
-from twinlens.dataset.sample import sample_files
+from twinlens.dataset.sample_files import sample_files
 from twinlens.factory import remake
 from twinlens.scenes import load_scene
 

@@ -1,12 +1,17 @@
 """A scene with exact truth in closed form: a slanted wall, a card in front of it, and sky, seen by a rectified pair."""
 
+import contextlib
+import json
+from dataclasses import replace
+
 import numpy as np
 
 from twinlens import geometry
 from twinlens.camera import Camera, Rig, ThinLens
 from twinlens.camera.masks import encode_mask
 from twinlens.camera.truth import ObjectTruth, Truth
-from twinlens.dataset import Sample, Shot
+from twinlens.dataset import Manifest, Sample, Shot, write_manifest
+from twinlens.dataset.dataset import row_of
 
 LENS = ThinLens(0.02, focus_distance=2.5)
 CARD = ((-0.5, 0.3), (-0.2, 0.35), 2.0)  # x range, y range, z
@@ -167,3 +172,32 @@ def sample(num_lenses=1, **size) -> Sample:
         for k, lens in enumerate(lenses)
     )
     return Sample(pair, shots, truths(pair), record={"seed": 7, "scene": "two planes"})
+
+
+def unrectified(made: Sample) -> Sample:
+    """The sample with a right camera that is turned by half a turn, so without disparities."""
+    left, right = made.rig.world_from_cams
+    turned = Rig(made.rig.cameras, [left, right @ np.diag([-1.0, -1, 1, 1])])
+    return replace(made, rig=turned, truths=without_disparity(made.truths))
+
+
+def without_disparity(truths) -> tuple[Truth, ...]:
+    return tuple(
+        replace(truth, disparity=np.full_like(truth.disparity, np.inf))
+        for truth in truths
+    )
+
+
+def list_samples(folder, *names, **manifest) -> None:
+    """Write the dataset.json of a folder with samples of these names."""
+    rows = tuple(row_of(folder, name) for name in names)
+    write_manifest(folder, Manifest(rows, **manifest))
+
+
+@contextlib.contextmanager
+def edited(sample_folder):
+    """The record in a sample.json, written back when the block ends."""
+    path = sample_folder / "sample.json"
+    record = json.loads(path.read_text())
+    yield record
+    path.write_text(json.dumps(record))

@@ -22,9 +22,8 @@ from twinlens.dataset import (
     write_png,
     write_sample,
 )
-from twinlens.dataset.card import panels, statistics_figure
-from twinlens.dataset.pictures import contact_sheet, tile
-from twinlens.dataset.quantities import statistics
+from twinlens.dataset.pictures import contact_sheet, panels, statistics_figure, tile
+from twinlens.dataset.statistics import statistics
 from twinlens.errors import FileError, InputError
 from twinlens.scoring import motorcycle
 
@@ -87,10 +86,8 @@ def test_the_card_of_a_recipe_without_splits_has_none(tmp_path):
 def test_the_card_has_the_noise_of_the_renderer(tmp_path):
     root = made(tmp_path / "set")
     for name, ratio in (("a", 0.2), ("train/0", 0.4)):
-        file = root / name / "sample.json"
-        plain = json.loads(file.read_text())
-        plain["shots"][0]["record"]["light_paths_over_sensor"] = [0.1, ratio]
-        file.write_text(json.dumps(plain))
+        with dataset_scene.edited(root / name) as record:
+            record["shots"][0]["record"]["light_paths_over_sensor"] = [0.1, ratio]
     describe(root)
     assert (
         "| renderer noise | 0.2 to 0.4 x sensor noise, median 0.3"
@@ -213,7 +210,7 @@ def test_the_figure_of_any_statistics(count):
 
 
 def drawn(*many):
-    return [xlabel.partition(" ")[0] for xlabel, *_ in panels(many)]
+    return [panel.xlabel.partition(" ")[0] for panel in panels(many)]
 
 
 def test_the_figure_omits_quantities_that_no_sample_has():

@@ -8,22 +8,15 @@ import tarfile
 
 import cv2
 import numpy as np
+import OpenEXR
 import pytest
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from tests.dataset import dataset_scene
-from twinlens.dataset import (
-    Dataset,
-    Manifest,
-    place,
-    write_manifest,
-    write_pfm,
-    write_sample,
-)
+from twinlens.dataset import Dataset, place, write_pfm, write_sample
 from twinlens.dataset.codecs.calib import read_calib
-from twinlens.dataset.dataset import row_of
-from twinlens.dataset.export import LAYOUTS, UNRECTIFIED_LAYOUTS, export
+from twinlens.dataset.export import LAYOUTS, export
 from twinlens.errors import FileError, InputError, MissingExtraError, OutputError
 
 
@@ -290,10 +283,7 @@ def test_webdataset_keys_are_unique(tmp_path):
     names = ("a.b", "a-b", "a/b", "a%2Eb")
     for name in names:
         write_sample(tmp_path / "in" / name, dataset_scene.sample())
-    write_manifest(
-        tmp_path / "in",
-        Manifest(tuple(row_of(tmp_path / "in", name) for name in names)),
-    )
+    dataset_scene.list_samples(tmp_path / "in", *names)
     export(Dataset(tmp_path / "in"), tmp_path / "out", "webdataset")
     with tarfile.open(tmp_path / "out" / "shard-000000.tar") as tar:
         entries = tar.getnames()
@@ -307,10 +297,29 @@ def test_webdataset_keys_are_unique(tmp_path):
 
 
 def test_shards_are_closed_at_their_size(data):
-    from twinlens.dataset.export import Source, webdataset
+    from twinlens.dataset.layouts import Source, webdataset
 
     shards = list(webdataset((Source(s, i) for i, s in enumerate(data)), shard_bytes=1))
     assert [name for name, _ in shards] == [f"shard-{i:06d}.tar" for i in range(3)]
+
+
+def test_exr(data, exported):
+    root = exported("exr", lens=1)
+    for sample in data:
+        for view in (0, 1):
+            planes = OpenEXR.File(
+                str(root / sample.name / f"view{view}.exr"), separate_channels=True
+            ).channels()
+            expected = {
+                "depth": sample[f"depth{view}"],
+                "position.Y": sample[f"position{view}"][..., 1],
+                "object_id": sample[f"object_id{view}"],
+                "disp": sample.disparity(view),
+                "mask_nonocc": sample.mask_nonocc(view),
+                "blur_circle_px": sample.lens(1).blur_circle_px(view),
+            }
+            for name, array in expected.items():
+                np.testing.assert_array_equal(planes[name].pixels, array)
 
 
 def test_parquet(data, exported):
@@ -352,7 +361,7 @@ def test_sixteen_bits_become_eight(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "to", sorted(LAYOUTS.keys() - {"dpdd", "eslf", "fod500", "hci4d"})
+    "to", sorted(LAYOUTS.keys() - {"dpdd", "eslf", "exr", "fod500", "hci4d"})
 )
 def test_a_failure_leaves_nothing(data, tmp_path, to):
     if to == "parquet":
@@ -393,7 +402,7 @@ def test_invalid_requests_are_rejected(data, tmp_path):
 def test_disparities_beyond_a_layout_are_rejected(tmp_path, to, value):
     write_sample(tmp_path / "in" / "s", dataset_scene.sample())
     write_pfm(tmp_path / "in" / "s" / "disp0.pfm", np.full((48, 64), value, np.float32))
-    others = re.escape("layouts without this limit: parquet, webdataset")
+    others = re.escape("layouts without this limit: exr, parquet, webdataset")
     with pytest.raises(InputError, match=f"s: has disparities from .*; {others}$"):
         export(Dataset(tmp_path / "in"), tmp_path / "out", to)
 
@@ -401,10 +410,7 @@ def test_disparities_beyond_a_layout_are_rejected(tmp_path, to, value):
 def test_sample_names_that_collide_are_rejected(tmp_path):
     for name in ("a/b", "a-b"):
         write_sample(tmp_path / "in" / name, dataset_scene.sample())
-    write_manifest(
-        tmp_path / "in",
-        Manifest((row_of(tmp_path / "in", "a/b"), row_of(tmp_path / "in", "a-b"))),
-    )
+    dataset_scene.list_samples(tmp_path / "in", "a/b", "a-b")
     with pytest.raises(InputError, match="two files would be named"):
         export(Dataset(tmp_path / "in"), tmp_path / "out", "carla")
 
@@ -421,22 +427,16 @@ def test_negative_disparities_stay_where_readers_keep_the_sign(tmp_path):
 
 
 def test_an_unrectified_pair_is_rejected(tmp_path):
-    sample = dataset_scene.sample()
-    turned = sample.rig.world_from_cams[1] @ np.diag([-1.0, -1, 1, 1])
-    rig = type(sample.rig)(sample.rig.cameras, [sample.rig.world_from_cams[0], turned])
-    truths = tuple(
-        type(t)(**{**vars(t), "disparity": np.full_like(t.disparity, np.inf)})
-        for t in sample.truths
-    )
-    write_sample(tmp_path / "in" / "s", type(sample)(rig, sample.shots, truths))
-    for to in LAYOUTS.keys() - UNRECTIFIED_LAYOUTS:
+    sample = dataset_scene.unrectified(dataset_scene.sample())
+    write_sample(tmp_path / "in" / "s", sample)
+    for to in (name for name in LAYOUTS if LAYOUTS[name].needs_pair):
         with pytest.raises((InputError, FileError)) as caught:
             export(Dataset(tmp_path / "in"), tmp_path / "out", to)
         assert "s: is not a rectified pair; layouts for other rigs: bop, coco" in str(
             caught.value
         ), to
     assert [entry.name for entry in tmp_path.iterdir()] == ["in"]
-    for to in ("bop", "coco"):
+    for to in ("bop", "coco", "exr"):
         assert export(Dataset(tmp_path / "in"), tmp_path / to, to)
 
 
@@ -486,7 +486,7 @@ def test_an_export_into_the_dataset_is_rejected(tmp_path):
     folder = tmp_path / "set"
     write_sample(folder / "s0", dataset_scene.sample())
     data = Dataset(folder)
-    write_manifest(folder, Manifest((row_of(folder, "s0"),), {}, 0, {}))
+    dataset_scene.list_samples(folder, "s0")
     for inside in (folder / "out", folder / "s0" / "out"):
         with pytest.raises(OutputError, match="is inside the dataset"):
             export(data, inside, "middlebury")

@@ -26,14 +26,14 @@ from twinlens.dataset import (
     write_manifest,
     write_sample,
 )
-from twinlens.dataset.card import _card
+from twinlens.dataset.card import Contents, card_text
+from twinlens.dataset.channels import TRUTH
 from twinlens.dataset.codecs.calib import Calibration, decode_calib, encode_calib
 from twinlens.dataset.codecs.exr import decode_exr, encode_exr
 from twinlens.dataset.codecs.pfm import decode_pfm, encode_pfm
 from twinlens.dataset.codecs.png import decode_png, encode_png
 from twinlens.dataset.metadata import about, write_croissant
-from twinlens.dataset.quantities import statistics, stored_statistics
-from twinlens.dataset.truth_files import read_truth
+from twinlens.dataset.statistics import statistics, stored_statistics
 from twinlens.errors import TwinlensError
 
 QUICK, CASES = 100, 10_000
@@ -72,7 +72,8 @@ def read_sample(root):
 def read_dataset(root):
     data = Dataset(root)
     texts, manifest = about(data)
-    assert texts.title in _card(texts, manifest, [statistics(SAMPLE)], [0.3], [])
+    contents = Contents({"a": statistics(SAMPLE)}, [0.3])
+    assert texts.title in card_text(texts, manifest, contents)
     write_croissant(data, texts, manifest)
 
 
@@ -87,7 +88,7 @@ FILES = {
     "a/sample.json": read_sample,
     "dataset.json": read_dataset,
     "croissant.json": look_over,
-    "a/truth0.exr": lambda root: read_truth(root / "a" / "truth0.exr"),
+    "a/truth0.exr": lambda root: TRUTH.read(root / "a" / "truth0.exr"),
 }
 
 

@@ -19,11 +19,11 @@ from twinlens.dataset import (
     Row,
     collate,
     place,
-    truth_files,
     write_manifest,
     write_png,
     write_sample,
 )  # fmt: skip
+from twinlens.dataset.codecs.exr import read_exr
 from twinlens.dataset.stored import parse_quantity
 from twinlens.errors import FileError, InputError
 
@@ -59,7 +59,6 @@ def test_a_sample_is_a_mapping_of_default_quantities(folder):
 
 def test_every_name_reads_its_quantity(folder):
     sample = Dataset(folder)[1]
-    truth = sample.truth1
     expected = {
         "lens1.im1": sample.lens(1).im1,
         "lens0.im0": sample.im0,
@@ -72,17 +71,6 @@ def test_every_name_reads_its_quantity(folder):
         "doffs": 1.25,
         "ndisp": sample.ndisp,
     }
-    arrays = (
-        "depth",
-        "position",
-        "normal",
-        "shading_normal",
-        "visible",
-        "object_id",
-        "material_id",
-        "material_kind",
-    )
-    expected |= {f"{name}1": getattr(truth, name) for name in arrays}
     found = Dataset(folder).select(*expected)[1]
     assert list(found) == list(expected)
     for (
@@ -94,13 +82,11 @@ def test_every_name_reads_its_quantity(folder):
 
 
 def test_a_truth_file_is_read_once_for_all_its_arrays(folder, monkeypatch):
-    from twinlens.dataset import stored
+    from twinlens.dataset import channels
 
     read = Counter()
     monkeypatch.setattr(
-        stored,
-        "read_truth",
-        lambda path: read.update([path.name]) or truth_files.read_truth(path),
+        channels, "read_exr", lambda path: read.update([path.name]) or read_exr(path)
     )
     _ = Dataset(folder).select("depth0", "normal0", "object_id1", "visible0")[0]
     assert read == {"truth0.exr": 1, "truth1.exr": 1}

@@ -77,10 +77,8 @@ def test_objects_read_back_exactly(data):
 
 def test_samples_without_objects_are_read_and_not_exported(tmp_path):
     write_sample(tmp_path / "in" / "s", dataset_scene.sample())
-    path = tmp_path / "in" / "s" / "sample.json"
-    record = read_json(path)
-    del record["objects"]
-    path.write_text(json.dumps(record))
+    with dataset_scene.edited(tmp_path / "in" / "s") as record:
+        del record["objects"]
     assert Dataset(tmp_path / "in")[0].truth0.objects == ()
     for to in ("bop", "coco"):
         with pytest.raises(InputError, match="s: has no poses of objects"):
@@ -206,89 +204,82 @@ def test_coco_annotations(data, tmp_path):
         assert len(each["corners_px"]) == 8
 
 
+def bop_views(data, bop):
+    """Of each view: its truth, and its entries in scene_camera, scene_gt and scene_gt_info."""
+    for number, sample in enumerate(data):
+        scene = bop / "train" / f"{number:06d}"
+        files = [
+            read_json(scene / f"scene_{name}.json")
+            for name in ("camera", "gt", "gt_info")
+        ]
+        assert all(list(content) == ["0", "1"] for content in files)
+        for i in (0, 1):
+            entries = (content[str(i)] for content in files)
+            yield scene, sample, i, *entries
+
+
+def mask(scene, kind, i, k):
+    path = scene / kind / f"{i:06d}_{k:06d}.png"
+    return cv2.imread(str(path), cv2.IMREAD_UNCHANGED) > 0
+
+
+def test_bop_cameras_and_depth(data, bop):
+    for scene, sample, i, camera, _, _ in bop_views(data, bop):
+        truth = sample.truth(i)
+        path = scene / "depth" / f"{i:06d}.png"
+        depth = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        assert depth.dtype == np.uint16
+        np.testing.assert_array_equal(depth == 0, ~truth.hit)
+        error = np.abs(depth * camera["depth_scale"] - truth.depth * 1000)[truth.hit]
+        assert error.max() <= 0.5 * camera["depth_scale"] + 1e-3
+        np.testing.assert_array_equal(
+            np.ravel(sample.rig.cameras[i].K), camera["cam_K"]
+        )
+        pose = geometry.rigid(
+            np.reshape(camera["cam_R_w2c"], (3, 3)),
+            np.array(camera["cam_t_w2c"]) / 1000,
+        )
+        np.testing.assert_allclose(
+            pose, geometry.inverse(sample.rig.world_from_cams[i]), atol=1e-12
+        )
+
+
 def test_bop_poses_project_the_models_onto_the_masks(data, bop):
     info = read_json(bop / "models" / "models_info.json")
-    assert {key: each["name"] for key, each in info.items()} == {
-        "1": "wall",
-        "2": "card",
-    }
+    assert [info[key]["name"] for key in ("1", "2")] == ["wall", "card"]
     assert info["2"]["size_x"] == pytest.approx(800)
     assert info["2"]["diameter"] == pytest.approx(np.hypot(800, 550))
     assert "diameter" not in info["1"]
-    for number, sample in enumerate(data):
-        scene = bop / "train" / f"{number:06d}"
-        cameras, poses, infos = (
-            read_json(scene / f"scene_{name}.json")
-            for name in ("camera", "gt", "gt_info")
-        )
-        assert cameras.keys() == poses.keys() == infos.keys() == {"0", "1"}
-        for i, camera in cameras.items():
-            K, truth = np.reshape(camera["cam_K"], (3, 3)), sample.truth(int(i))
-            depth = cv2.imread(
-                scene / "depth" / f"{int(i):06d}.png", cv2.IMREAD_UNCHANGED
+    for scene, _, i, camera, poses, _ in bop_views(data, bop):
+        assert [pose["obj_id"] for pose in poses] == [1, 2]
+        turn = np.reshape(poses[1]["cam_R_m2c"], (3, 3))
+        points = CARD[0] * 1000 @ turn.T + poses[1]["cam_t_m2c"]
+        u, v, w = np.reshape(camera["cam_K"], (3, 3)) @ points.T
+        # The card's polygon, drawn 16 times as fine, at the pixel centres.
+        fine = np.zeros((48 * 16, 64 * 16), np.uint8)
+        corners = np.rint(np.stack([u / w, v / w], -1) * 16 * 16).astype(np.int32)
+        cv2.fillConvexPoly(fine, corners, 255, shift=4)
+        drawn, stored = fine[::16, ::16] > 0, mask(scene, "mask", i, 1)
+        assert (drawn & stored).sum() / (drawn | stored).sum() >= 0.99
+
+
+def test_bop_masks_and_their_figures(data, bop):
+    for scene, sample, i, _, _, infos in bop_views(data, bop):
+        truth = sample.truth(i)
+        for k, (info, instance) in enumerate(zip(infos, truth.objects, strict=True)):
+            whole, visible = (
+                mask(scene, kind, i, k) for kind in ("mask", "mask_visib")
             )
-            assert depth.dtype == np.uint16
-            np.testing.assert_array_equal(depth == 0, ~truth.hit)
-            error = np.abs(depth * camera["depth_scale"] - truth.depth * 1000)[
-                truth.hit
-            ]
-            assert error.max() <= 0.5 * camera["depth_scale"] + 1e-3
-            world = np.eye(4)
-            world[:3, :3] = np.reshape(camera["cam_R_w2c"], (3, 3))
-            world[:3, 3] = np.array(camera["cam_t_w2c"]) / 1000
-            np.testing.assert_allclose(
-                world, geometry.inverse(sample.rig.world_from_cams[int(i)]), atol=1e-12
+            np.testing.assert_array_equal(
+                visible, truth.object_id == instance.object_id
             )
-            assert [pose["obj_id"] for pose in poses[i]] == [1, 2]
-            pose, facts = poses[i][1], infos[i][1]
-            points = (
-                CARD[0] * 1000 @ np.reshape(pose["cam_R_m2c"], (3, 3)).T
-                + pose["cam_t_m2c"]
-            )
-            u, v, w = K @ points.T
-            fine = np.zeros((48 * 16, 64 * 16), np.uint8)
-            cv2.fillConvexPoly(
-                fine,
-                np.rint(np.stack([u / w, v / w], -1) * 16 * 16).astype(np.int32),
-                255,
-                shift=4,
-            )
-            ours = fine[::16, ::16] > 0
-            mask = (
-                cv2.imread(
-                    scene / "mask" / f"{int(i):06d}_000001.png", cv2.IMREAD_UNCHANGED
-                )
-                > 0
-            )
-            assert (ours & mask).sum() / (ours | mask).sum() >= 0.99
-            for k, (fact, thing) in enumerate(
-                zip(infos[i], truth.objects, strict=True)
-            ):
-                whole, visible = (
-                    cv2.imread(
-                        scene / folder / f"{int(i):06d}_{k:06d}.png",
-                        cv2.IMREAD_UNCHANGED,
-                    )
-                    > 0
-                    for folder in ("mask", "mask_visib")
-                )
-                np.testing.assert_array_equal(
-                    visible, truth.object_id == thing.object_id
-                )
-                assert (fact["px_count_all"], fact["px_count_visib"]) == (
-                    whole.sum(),
-                    visible.sum(),
-                )
-                assert fact["px_count_valid"] == (whole & (depth > 0)).sum()
-                assert fact["visib_fract"] == pytest.approx(visible.sum() / whole.sum())
-                rows, columns = np.nonzero(whole)
-                assert fact["bbox_obj"] == [
-                    columns.min(),
-                    rows.min(),
-                    np.ptp(columns),
-                    np.ptp(rows),
-                ]
-            assert facts["visib_fract"] == 1
+            assert info["px_count_all"] == whole.sum()
+            assert info["px_count_visib"] == visible.sum()
+            assert info["px_count_valid"] == (whole & truth.hit).sum()
+            assert info["visib_fract"] == pytest.approx(visible.sum() / whole.sum())
+            u, v, width, height = dataset_scene.box(whole)
+            assert info["bbox_obj"] == [u, v, width - 1, height - 1]
+        assert infos[1]["visib_fract"] == 1
 
 
 def test_bop_models_are_meshes_in_millimetres(bop):

@@ -6,9 +6,8 @@ import pytest
 from hypothesis import given, strategies as st
 from hypothesis.extra import numpy as hnp
 
-from tests.dataset.dataset_damage import damaged
 from twinlens.dataset.codecs.pfm import decode_pfm, encode_pfm, read_pfm, write_pfm
-from twinlens.errors import FileError, InputError, OutputError, TwinlensError
+from twinlens.errors import FileError, InputError, OutputError
 
 values = st.floats(width=32, allow_nan=False, allow_infinity=False) | st.just(np.inf)
 shapes = st.tuples(st.integers(1, 9), st.integers(1, 9)) | st.tuples(
@@ -24,24 +23,6 @@ def test_round_trip_is_bit_exact(array):
     assert back.flags.c_contiguous
     assert back.flags.writeable
     np.testing.assert_array_equal(back.view(np.uint32), array.view(np.uint32))
-
-
-@given(
-    hnp.arrays(
-        np.float32, st.tuples(st.integers(2, 9), st.integers(2, 9)), elements=values
-    )
-)
-def test_strides_and_byte_order_of_the_array_do_not_matter(array):
-    for view in (
-        array[::-1, ::-1],
-        array.T,
-        array[::2, 1::2],
-        array.astype(">f4"),
-        array.astype(np.float64),
-    ):
-        np.testing.assert_array_equal(
-            decode_pfm(encode_pfm(view)), np.array(view, np.float32)
-        )
 
 
 @pytest.mark.parametrize("color", [False, True])
@@ -71,34 +52,17 @@ def test_the_header_suits_torchvision():
     assert np.frombuffer(body[:4], "<f4")[0] == 28.0
 
 
-@pytest.mark.parametrize("bad", [np.nan, -np.inf])
-def test_nan_and_minus_infinity_are_rejected_in_both_directions(bad):
-    array = np.array([[1, bad]], np.float32)
-    with pytest.raises(InputError, match="NaN or -inf"):
-        encode_pfm(array)
-    with pytest.raises(FileError, match=r"^a\.pfm: contains NaN or -inf"):
-        decode_pfm(b"Pf\n2 1\n-1.0\n" + array.tobytes(), "a.pfm")
+def test_nan_and_minus_infinity_are_rejected_in_both_directions():
+    for bad in (np.nan, -np.inf):
+        array = np.array([[1, bad]], np.float32)
+        with pytest.raises(InputError, match="NaN or -inf"):
+            encode_pfm(array)
+        with pytest.raises(FileError, match=r"^a\.pfm: contains NaN or -inf"):
+            decode_pfm(b"Pf\n2 1\n-1.0\n" + array.tobytes(), "a.pfm")
 
 
-@pytest.mark.parametrize(
-    "array",
-    [
-        np.zeros(3),
-        np.zeros((2, 2, 2)),
-        np.zeros((0, 3)),
-        np.array([["a"]]),
-        np.array([[1j]]),
-        np.array([[1e39]]),
-    ],
-)
-def test_unsupported_arrays_are_rejected(array):
-    with pytest.raises(InputError):
-        encode_pfm(array)
-
-
-@pytest.mark.parametrize(
-    "data",
-    [
+def test_invalid_headers_are_rejected(peak_below):
+    for data in (
         b"",
         b"Pf",
         b"P5\n2 2\n255\n1234",
@@ -109,50 +73,33 @@ def test_unsupported_arrays_are_rejected(array):
         b"Pf\n2 2\n-e\n" + bytes(16),
         b"Pf\n2 2\n-1e999\n" + bytes(16),
         b"Pf\n" + b" " * 1000 + b"2 2\n-1\n" + bytes(16),
-    ],
+    ):
+        with peak_below(1 << 20), pytest.raises(FileError, match=r"^x\.pfm: "):
+            decode_pfm(data, "x.pfm")
+
+
+HEADERS = (
+    b"Pf\r\n7 5\r\n-1.0\r\n",
+    b"Pf # grey\n# made by a program\n7 5\n#\n-1.0\n",
+    b"Pf\n7 5\n-1.0 # little-endian\n",
+    b"Pf\r\n# size\r\n7 # width\r\n5\r\n-1.0\r\n",
+    b"Pf 7 5 -1.0 ",
 )
-def test_invalid_headers_are_rejected(data, peak_below):
-    with peak_below(1 << 20), pytest.raises(FileError, match=r"^x\.pfm: "):
-        decode_pfm(data, "x.pfm")
 
 
-@pytest.mark.parametrize("length", range(len(GOOD)))
-def test_every_truncation_is_rejected(length):
-    with pytest.raises(FileError):
-        decode_pfm(GOOD[:length])
-
-
-HEADERS = {
-    "crlf": b"Pf\r\n7 5\r\n-1.0\r\n",
-    "comments": b"Pf # grey\n# made by a program\n7 5\n#\n-1.0\n",
-    "comment after the scale": b"Pf\n7 5\n-1.0 # little-endian\n",
-    "crlf and comments": b"Pf\r\n# size\r\n7 # width\r\n5\r\n-1.0\r\n",
-    "spaces": b"Pf 7 5 -1.0 ",
-}
-
-
-@pytest.mark.parametrize("kind", HEADERS)
-def test_comments_and_crlf_are_read_and_truncation_is_still_rejected(kind):
+def test_comments_and_crlf_are_read_and_truncation_is_still_rejected():
     # The first pixels are bytes that could be taken for a line end or a comment.
     pixels = b"\r\n\n#" + GOOD[-136:]
     expected = decode_pfm(b"Pf\n7 5\n-1.0\n" + pixels)
-    np.testing.assert_array_equal(decode_pfm(HEADERS[kind] + pixels), expected)
-    for wrong in (
-        HEADERS[kind] + pixels[:-1],
-        HEADERS[kind] + pixels + b"\0",
-        HEADERS[kind][:-1] + pixels,
-    ):
-        with pytest.raises(FileError):
-            decode_pfm(wrong)
-
-
-@given(damaged(GOOD))
-def test_damaged_files_are_read_or_rejected(data):
-    try:
-        array = decode_pfm(data)
-    except TwinlensError:
-        return
-    assert array.nbytes <= len(data)
+    for header in HEADERS:
+        np.testing.assert_array_equal(decode_pfm(header + pixels), expected)
+        for wrong in (
+            header + pixels[:-1],
+            header + pixels + b"\0",
+            header[:-1] + pixels,
+        ):
+            with pytest.raises(FileError):
+                decode_pfm(wrong)
 
 
 def test_missing_files_and_folders_are_named(tmp_path):

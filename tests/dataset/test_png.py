@@ -10,9 +10,8 @@ from hypothesis import given, strategies as st
 from hypothesis.extra import numpy as hnp
 from PIL import Image
 
-from tests.dataset.dataset_damage import damaged
 from twinlens.dataset.codecs.png import decode_png, encode_png, read_png, write_png
-from twinlens.errors import FileError, InputError, TwinlensError
+from twinlens.errors import FileError
 
 shapes = st.tuples(st.integers(1, 9), st.integers(1, 9)) | st.tuples(
     st.integers(1, 9), st.integers(1, 9), st.just(3)
@@ -58,21 +57,7 @@ def test_skimage_and_pillow_read_it(tmp_path):
     np.testing.assert_array_equal(read_png(tmp_path / "a.png"), array)
 
 
-def test_strides_and_byte_order_of_the_array_do_not_matter():
-    array = rng.integers(0, 65536, (8, 6, 3), np.uint16)
-    for view in (
-        array[::-1, ::2],
-        array.transpose(1, 0, 2),
-        array[..., ::-1],
-        array.astype(">u2"),
-        array[..., 0],
-    ):
-        np.testing.assert_array_equal(decode_png(encode_png(view)), view)
-
-
 def test_the_bytes_depend_on_the_pixels_only():
-    array = rng.integers(0, 256, (9, 9), np.uint8)
-    assert encode_png(array) == encode_png(np.asfortranarray(array))
     assert [GOOD[i + 4 : i + 8] for i in chunk_starts(GOOD)] == [
         b"IHDR",
         b"IDAT",
@@ -115,25 +100,6 @@ def test_transparency_is_rejected(sixteen):
         decode_png(data)
 
 
-@pytest.mark.parametrize(
-    "array",
-    [
-        np.zeros((2, 2)),
-        np.zeros((2, 2), np.int32),
-        np.zeros((2, 2, 4), np.uint8),
-        np.zeros((0, 2), np.uint8),
-    ],
-)
-def test_unsupported_arrays_are_rejected(array):
-    with pytest.raises(InputError, match="a PNG holds"):
-        encode_png(array)
-
-
-def test_an_image_too_large_to_read_back_is_not_written():
-    with pytest.raises(InputError, match="at most 80000000 pixels"):
-        encode_png(np.broadcast_to(np.uint8(0), (10_000, 10_000)))
-
-
 def header_only(width: int, height: int) -> bytes:
     body = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
     chunk = (
@@ -145,30 +111,16 @@ def header_only(width: int, height: int) -> bytes:
     return GOOD[:8] + chunk + GOOD[33:]
 
 
-@pytest.mark.parametrize("size", [(60000, 60000), (8000, 8000), (0, 5), (2**31, 2**31)])
-def test_a_small_file_with_a_large_header_allocates_no_memory(size, peak_below):
-    with peak_below(1 << 20), pytest.raises(FileError, match=r"^big\.png: "):
-        decode_png(header_only(*size), "big.png")
+def test_a_small_file_with_a_large_header_allocates_no_memory(peak_below):
+    for size in ((60000, 60000), (8000, 8000), (0, 5), (2**31, 2**31)):
+        with peak_below(1 << 20), pytest.raises(FileError, match=r"^big\.png: "):
+            decode_png(header_only(*size), "big.png")
 
 
-@pytest.mark.parametrize("good", [GOOD, GOOD_16], ids=["8", "16"])
-def test_every_truncation_is_rejected(good):
-    for length in range(len(good)):
-        with pytest.raises(FileError):
-            decode_png(good[:length])
-
-
-@given(damaged(GOOD) | damaged(GOOD_16))
-def test_damaged_files_are_read_or_rejected(data):
-    try:
-        array = decode_png(data)
-    except TwinlensError:
-        return
-    assert array.nbytes <= 2 * 1032 * len(data)
-
-
-@pytest.mark.parametrize("good", [GOOD, GOOD_16], ids=["8", "16"])
-def test_every_flipped_bit_is_rejected(good):
-    for place in range(len(good)):
-        with pytest.raises(FileError):
-            decode_png(good[:place] + bytes([good[place] ^ 1]) + good[place + 1 :])
+def test_every_flipped_bit_is_rejected():
+    for good in (GOOD, GOOD_16):
+        for place in range(len(good)):
+            changed = bytearray(good)
+            changed[place] ^= 1
+            with pytest.raises(FileError):
+                decode_png(bytes(changed))

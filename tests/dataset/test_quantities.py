@@ -1,5 +1,3 @@
-import json
-
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
@@ -8,7 +6,7 @@ from tests.dataset import dataset_scene
 from twinlens.camera import Pinhole
 from twinlens.dataset import Dataset, write_pfm, write_png, write_sample
 from twinlens.dataset.codecs.calib import write_calib
-from twinlens.dataset.quantities import (
+from twinlens.dataset.statistics import (
     KEY,
     mixed_counts,
     quantiles,
@@ -59,11 +57,9 @@ def test_large_images_are_sampled_on_a_grid():
 def test_missing_statistics_are_computed(tmp_path):
     sample = dataset_scene.sample(num_lenses=2)
     write_sample(tmp_path / "s", sample)
-    path = tmp_path / "s" / "sample.json"
-    record = json.loads(path.read_text())
-    found = record.pop(KEY)
+    with dataset_scene.edited(tmp_path / "s") as record:
+        found = record.pop(KEY)
     assert found == statistics(sample)
-    path.write_text(json.dumps(record))
     stored = stored_statistics(Dataset(tmp_path)[0])
     for name in ("disparity", "depth"):
         np.testing.assert_allclose(stored.pop(name), found.pop(name), rtol=1e-4)
@@ -73,25 +69,21 @@ def test_missing_statistics_are_computed(tmp_path):
     assert stored == found
 
 
-@pytest.mark.parametrize(
-    "spoil",
-    [
-        lambda s: s.clear(),
-        lambda s: s.update(depth=["far"]),
-        lambda s: s.update(size=7),
-        lambda s: s.pop("visible"),
-    ],
-)
-def test_edited_statistics_are_not_trusted(tmp_path, spoil):
+def test_edited_statistics_are_not_trusted(tmp_path):
     sample = dataset_scene.sample()
     write_sample(tmp_path / "s", sample)
-    path = tmp_path / "s" / "sample.json"
-    record = json.loads(path.read_text())
-    spoil(record[KEY])
-    path.write_text(json.dumps(record))
-    assert stored_statistics(Dataset(tmp_path)[0])["depth"] == pytest.approx(
-        statistics(sample)["depth"], rel=1e-4
-    )
+    expected = statistics(sample)
+    without_share = {name: expected[name] for name in expected if name != "visible"}
+    for wrong in (
+        {},
+        {**expected, "depth": ["far"]},
+        {**expected, "size": 7},
+        without_share,
+    ):
+        with dataset_scene.edited(tmp_path / "s") as record:
+            record[KEY] = wrong
+        depth = stored_statistics(Dataset(tmp_path)[0])["depth"]
+        assert depth == pytest.approx(expected["depth"], rel=1e-4)
 
 
 def test_plain_folders(tmp_path):
@@ -113,10 +105,7 @@ def test_plain_folders(tmp_path):
 def test_without_blur_or_anything_known(tmp_path):
     sample = dataset_scene.sample()
     shot = dataset_scene.Shot(Pinhole(), sample.shots[0].images)
-    truths = tuple(
-        type(t)(**{**vars(t), "disparity": np.full_like(t.disparity, np.inf)})
-        for t in sample.truths
-    )
+    truths = dataset_scene.without_disparity(sample.truths)
     found = statistics(dataset_scene.Sample(sample.rig, (shot,), truths))
     assert found["disparity"] == []
     assert set(found["blur_px"][0]) == {0.0}

@@ -1,4 +1,3 @@
-import json
 import os
 import pickle
 import pydoc
@@ -14,11 +13,9 @@ import numpy as np
 import pytest
 
 from tests.dataset import dataset_scene
-from twinlens.camera import Rig
 from twinlens.dataset import Dataset, Shot, StoredSample, write_sample
 from twinlens.dataset.files import hash_files
-from twinlens.dataset.record import plain
-from twinlens.dataset.sample import sample_files
+from twinlens.dataset.sample_files import sample_files
 from twinlens.dataset.verify import verify_sample
 from twinlens.errors import FileError, InputError, OutputError
 from twinlens.optics import circle_of_confusion_px
@@ -51,45 +48,28 @@ def test_the_folder_has_the_documented_files(stored):
     assert names == per_view | lenses | {"calib.txt", "sample.json"}
 
 
-def test_images_disparities_and_masks_read_back_exactly(stored, sample):
-    for i in (0, 1):
-        np.testing.assert_array_equal(stored.image(i), sample.shots[0].images[i])
-        np.testing.assert_array_equal(stored.disparity(i), sample.truths[i].disparity)
-        np.testing.assert_array_equal(
-            stored.mask_nonocc(i), sample.truths[i].mask_nonocc()
-        )
+def test_views_are_attributes(stored):
     assert {*np.unique(stored.mask0_nonocc)} == {0, 128, 255}
     np.testing.assert_array_equal(stored.im0, stored.image(0))
     np.testing.assert_array_equal(stored.disp1, stored.disparity(1))
 
 
 def test_the_truth_reads_back_in_float32_precision(stored, sample):
-    for truth, original in (
-        (stored.truth0, sample.truths[0]),
-        (stored.truth1, sample.truths[1]),
+    """Its float64 fields; tests/dataset/test_channels.py compares all channels."""
+    for truth, original in zip(
+        (stored.truth0, stored.truth1), sample.truths, strict=True
     ):
-        for name in ("depth", "position"):
-            back, given = getattr(truth, name), getattr(original, name)
-            assert back.dtype == np.float64
-            np.testing.assert_array_equal(np.isinf(back), np.isinf(given))
-            hit = np.isfinite(given)
-            np.testing.assert_allclose(back[hit], given[hit], rtol=2**-24)
-        for name in (
-            "disparity",
-            "visible",
-            "normal",
-            "shading_normal",
-            "object_id",
-            "material_id",
-            "material_kind",
+        for back, written in (
+            (truth.depth, original.depth),
+            (truth.position, original.position),
         ):
-            back, given = getattr(truth, name), getattr(original, name)
-            assert back.dtype == given.dtype
-            np.testing.assert_array_equal(back, given)
-        assert (truth.object_names, truth.material_names) == (
-            original.object_names,
-            original.material_names,
-        )
+            assert back.dtype == np.float64
+            hit = np.isfinite(written)
+            np.testing.assert_array_equal(np.isfinite(back), hit)
+            np.testing.assert_allclose(back[hit], written[hit], rtol=2**-24)
+        np.testing.assert_array_equal(truth.disparity, original.disparity)
+        assert truth.object_names == original.object_names
+        assert truth.material_names == original.material_names
 
 
 def test_each_lens_has_its_images_its_record_and_its_blur(stored, sample):
@@ -143,12 +123,7 @@ def test_sixteen_bits_grey_and_radiance(tmp_path, sample):
 
 
 def test_a_pair_that_is_not_rectified_has_no_calibration(tmp_path, sample):
-    turned = sample.rig.world_from_cams[1] @ np.diag([-1.0, -1, 1, 1])
-    rig = Rig(sample.rig.cameras, [sample.rig.world_from_cams[0], turned])
-    truths = tuple(
-        replace(t, disparity=np.full_like(t.disparity, np.inf)) for t in sample.truths
-    )
-    write_sample(tmp_path / "s", replace(sample, rig=rig, truths=truths))
+    write_sample(tmp_path / "s", dataset_scene.unrectified(sample))
     stored = Dataset(tmp_path)[0]
     assert not stored.has("calib.txt")
     assert not stored.has("disp0.pfm")
@@ -212,45 +187,53 @@ def test_stored_samples_can_be_pickled(stored):
     np.testing.assert_array_equal(again.disp0, stored.disp0)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda r: r.pop("rig"), "missing key 'rig'"),
-        (lambda r: r["rig"]["cameras"][0].update(fx=-1), "camera fx must be"),
-        (lambda r: r["rig"].update(poses=[]), "rig: unknown key 'poses'"),
+def test_an_invalid_record_is_rejected(tmp_path, sample):
+    glass = {"type": "Glass"}
+    for number, (keys, value, message) in enumerate(
         (
-            lambda r: r["shots"][0].update(lens=plain({"type": "Glass"})),
-            r"shots\[0\]\.lens\.type: must be one of .*, got 'Glass'",
-        ),
-        (lambda r: r.update(shots=7), "shots: must be a list, got 7"),
-        (lambda r: r["shots"][0].update(folder="../.."), "plain relative name"),
-    ],
-)
-def test_an_invalid_record_is_rejected(tmp_path, sample, change, message):
+            (("rig", "cameras", 0, "fx"), -1, "camera fx must be"),
+            (("rig", "poses"), [], "rig: unknown key 'poses'"),
+            (
+                ("shots", 0, "lens"),
+                glass,
+                r"shots\[0\]\.lens\.type: must be one of .*, got 'Glass'",
+            ),
+            (("shots",), 7, "shots: must be a list, got 7"),
+            (("shots", 0, "folder"), "../..", "plain relative name"),
+        )
+    ):
+        folder = tmp_path / str(number)
+        write_sample(folder, sample)
+        with dataset_scene.edited(folder) as record:
+            holder = record
+            for key in keys[:-1]:
+                holder = holder[key]
+            holder[keys[-1]] = value
+        stored = Dataset(folder)[0]
+        with pytest.raises(FileError, match=message) as caught:
+            _ = stored.rig, stored.lens(0).lens
+        assert str(caught.value).startswith(str(folder / "sample.json"))
+
+
+def test_a_record_without_a_rig_is_rejected(tmp_path, sample):
     write_sample(tmp_path / "s", sample)
-    path = tmp_path / "s" / "sample.json"
-    record = json.loads(path.read_text())
-    change(record)
-    path.write_text(json.dumps(record))
-    stored = Dataset(tmp_path)[0]
-    with pytest.raises(FileError, match=message) as caught:
-        _ = stored.rig, stored.lens(0).lens
-    assert str(caught.value).startswith(str(path))
+    with dataset_scene.edited(tmp_path / "s") as record:
+        del record["rig"]
+    with pytest.raises(FileError, match="missing key 'rig'"):
+        _ = Dataset(tmp_path)[0].rig
 
 
 def test_a_damaged_lens_leaves_the_rest_readable(tmp_path, sample):
     write_sample(tmp_path / "s", sample)
-    path = tmp_path / "s" / "sample.json"
-    record = json.loads(path.read_text())
-    record["shots"][1]["lens"] = {"type": "Glass"}
-    path.write_text(json.dumps(record))
+    with dataset_scene.edited(tmp_path / "s") as record:
+        record["shots"][1]["lens"] = {"type": "Glass"}
     stored = Dataset(tmp_path)[0]
     assert stored.num_lenses == 3
     assert stored.rig.cameras == sample.rig.cameras
     np.testing.assert_array_equal(stored["lens1.im0"], sample.shots[1].images[0])
     with pytest.raises(FileError, match=r"shots\[1\]\.lens\.type"):
         _ = stored.lens(1).lens
-    path.unlink()
+    (tmp_path / "s" / "sample.json").unlink()
     with pytest.raises(FileError, match=r"sample\.json: no such file"):
         _ = stored.lens(0).lens
 
@@ -300,10 +283,11 @@ def test_a_killed_writer_leaves_complete_samples_only(tmp_path):
 def test_files_with_fewer_and_with_unknown_keys_are_read(tmp_path, sample):
     """Readers need the rig and the shots; keys of other versions are ignored."""
     write_sample(tmp_path / "s", sample)
-    path = tmp_path / "s" / "sample.json"
-    record = json.loads(path.read_text())
-    kept = {key: record[key] for key in ("format", "version", "rig", "shots")}
-    path.write_text(json.dumps(kept | {"comment": "by hand"}))
+    needed = {"format", "version", "rig", "shots"}
+    with dataset_scene.edited(tmp_path / "s") as record:
+        for key in record.keys() - needed:
+            del record[key]
+        record["comment"] = "by hand"
     stored = Dataset(tmp_path)[0]
     assert stored.rig.cameras == sample.rig.cameras
     assert stored.lens(0).lens == sample.shots[0].lens

@@ -25,7 +25,7 @@ from twinlens.dataset.files import (
     write_file,
     write_folder,
 )
-from twinlens.dataset.sample import sample_files
+from twinlens.dataset.sample_files import sample_files
 from twinlens.dataset.storage import MARK, RemotePath, is_whole, remove_objects
 from twinlens.dataset.verify import verify_sample
 from twinlens.errors import FileError, InputError, MissingExtraError, OutputError

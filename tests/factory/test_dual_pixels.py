@@ -8,7 +8,7 @@ import pytest
 import twinlens as tl
 from tests.factory_recipes import digests, write_recipe
 from twinlens.dataset import Dataset, read_pfm, write_pfm
-from twinlens.dataset.sample import sample_files
+from twinlens.dataset.sample_files import sample_files
 from twinlens.dataset.verify import verify_sample
 from twinlens.errors import FileError, InputError
 from twinlens.factory import (

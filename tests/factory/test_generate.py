@@ -21,7 +21,7 @@ from twinlens.dataset import (
 )
 from twinlens.dataset.files import locked
 from twinlens.dataset.metadata import about
-from twinlens.dataset.sample import sample_files
+from twinlens.dataset.sample_files import sample_files
 from twinlens.dataset.verify import verify_sample
 from twinlens.errors import FileError, InputError, OutputError
 from twinlens.factory import (

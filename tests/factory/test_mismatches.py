@@ -7,7 +7,7 @@ import pytest
 
 import twinlens as tl
 from twinlens.dataset import Dataset, write_sample
-from twinlens.dataset.sample import sample_files
+from twinlens.dataset.sample_files import sample_files
 from twinlens.dataset.verify import verify_sample
 from twinlens.errors import InputError
 from twinlens.factory import (

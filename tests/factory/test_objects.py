@@ -305,7 +305,7 @@ def test_the_record_makes_the_sample_again(folder):
 
 
 def stored(sample):
-    from twinlens.dataset.sample import sample_files
+    from twinlens.dataset.sample_files import sample_files
 
     return json.loads(dict(sample_files(sample))["sample.json"])
 

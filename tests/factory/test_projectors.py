@@ -9,7 +9,7 @@ from PIL import Image
 import twinlens as tl
 from tests.factory_recipes import write_recipe
 from twinlens.dataset.export import export
-from twinlens.dataset.sample import sample_files
+from twinlens.dataset.sample_files import sample_files
 from twinlens.dataset.verify import verify_place, verify_sample
 from twinlens.factory import generate, make, read_recipe, remake
 from twinlens.scenes import load_scene

@@ -11,7 +11,7 @@ import pytest
 import twinlens as tl
 from tests.factory_recipes import RECIPE, SCENE, write_recipe
 from twinlens.camera import BrownConrady, MaskAperture, Polygon
-from twinlens.dataset.sample import sample_files
+from twinlens.dataset.sample_files import sample_files
 from twinlens.errors import InputError
 from twinlens.factory import default_rig, make, make_sample, read_recipe, remake
 from twinlens.sensor import Exposure, Mismatch, Sensor

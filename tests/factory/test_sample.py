@@ -5,7 +5,7 @@ import pytest
 
 import twinlens as tl
 from twinlens.camera import ALIGNED, Misalignment, Polygon, misaligned
-from twinlens.dataset.sample import sample_files
+from twinlens.dataset.sample_files import sample_files
 from twinlens.errors import InputError
 from twinlens.factory import default_rig, make_sample
 from twinlens.factory.sample import _noise_ratios

@@ -17,7 +17,7 @@ from twinlens.dataset import (
     write_manifest,
     write_sample,
 )
-from twinlens.dataset.sample import sample_files
+from twinlens.dataset.sample_files import sample_files
 from twinlens.errors import FileError, InputError
 from twinlens.factory import generate, make, read_recipe, remake
 from twinlens.families import random_scene

@@ -7,7 +7,7 @@ https://github.com/doda42/LFToolbox (`LFReadESLF`) and https://github.com/dvl-tu
 
 import io
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,15 +19,13 @@ from twinlens.camera import ThinLens, light_field_grid
 from twinlens.dataset.codecs.exr import encode_exr
 from twinlens.dataset.codecs.pfm import encode_pfm
 from twinlens.dataset.codecs.png import encode_png
+from twinlens.dataset.layouts import Source
 from twinlens.errors import InputError, located
-
-if TYPE_CHECKING:
-    from twinlens.dataset.export import Source
 
 _BLENDER_FROM_OPENCV = np.diag([1.0, -1.0, -1.0])
 
 
-def dpdd(source: "Source") -> Iterator[tuple[str, bytes]]:
+def dpdd(source: Source) -> Iterator[tuple[str, bytes]]:
     """{train,val,test}_c/{source,target}, _l/source and _r/source/<name>.png: 16-bit RGB, one per view.
 
     The sources are the whole image and the halves of the first lens with dual pixels, from the chosen lens on; the
@@ -69,7 +67,7 @@ def dpdd(source: "Source") -> Iterator[tuple[str, bytes]]:
         yield f"{split}_disparity/{name}.pfm", encode_pfm(dual.dp_disparity(i))
 
 
-def hci4d(source: "Source") -> Iterator[tuple[str, bytes]]:
+def hci4d(source: Source) -> Iterator[tuple[str, bytes]]:
     """{training,test}/<name>/: input_Cam000.png ..., parameters.cfg, gt_disp_lowres.pfm and gt_depth_lowres.pfm.
 
     The views are those of a light field with an odd number of views per side. The truth is of the middle one; its
@@ -81,9 +79,9 @@ def hci4d(source: "Source") -> Iterator[tuple[str, bytes]]:
     rig, lens = sample.rig, sample.lens(source.lens).lens
     camera, pose = rig.cameras[middle], rig.world_from_cams[middle]
     if n % 2 == 0 or camera.fx != camera.fy:
-        found = f"{n} x {n} views, fx = {camera.fx:g} and fy = {camera.fy:g}"
+        counted = f"{n} x {n} views, fx = {camera.fx:g} and fy = {camera.fy:g}"
         raise InputError(
-            f"{sample.name}: hci4d needs an odd number of views per side and fx = fy, got {found}"
+            f"{sample.name}: hci4d needs an odd number of views per side and fx = fy, got {counted}"
         )
     depth = sample.truth(middle).depth
     disparity = (camera.fx * spacing * (1 / depth - vergence)).astype(np.float32)
@@ -128,7 +126,7 @@ def hci4d(source: "Source") -> Iterator[tuple[str, bytes]]:
     yield f"{root}/gt_depth_lowres.pfm", encode_pfm(depth.astype(np.float32))
 
 
-def eslf(source: "Source") -> Iterator[tuple[str, bytes]]:
+def eslf(source: Source) -> Iterator[tuple[str, bytes]]:
     """<name>_eslf.png, the raw image of a plenoptic camera, and <name>.json, the sample's sample.json.
 
     Each microlens has n x n pixels, of which (row, column) is that of view (row, column) of the light field.
@@ -145,7 +143,7 @@ def eslf(source: "Source") -> Iterator[tuple[str, bytes]]:
     yield f"{source.name}.json", source.record()
 
 
-def fod500(sources: Iterable["Source"]) -> Iterator[tuple[str, bytes]]:
+def fod500(sources: Iterable[Source]) -> Iterator[tuple[str, bytes]]:
     """<number>_<k>All.tif of the first view at the k-th focus distance, and <number>Dpt.exr, its depth in metres.
 
     The stack is the images of all thin lenses with an aperture, from near to far. Its distances must be the same in all
@@ -163,8 +161,8 @@ def fod500(sources: Iterable["Source"]) -> Iterator[tuple[str, bytes]]:
                 if distances
                 else "a focal stack needs two or more"
             )
-            found = f"images of thin lenses at {len(stack)} focus distances {sorted(stack)} m"
-            raise InputError(f"{sample.name}: has {found}; {held}")
+            counted = f"images of thin lenses at {len(stack)} focus distances {sorted(stack)} m"
+            raise InputError(f"{sample.name}: has {counted}; {held}")
         distances = sorted(stack)
         for k, distance in enumerate(distances):
             stream = io.BytesIO()
@@ -179,12 +177,12 @@ def fod500(sources: Iterable["Source"]) -> Iterator[tuple[str, bytes]]:
     )
 
 
-def _grid(source: "Source") -> tuple[int, float, float]:
+def _grid(source: Source) -> tuple[int, float, float]:
     with located(source.sample.name):
         return light_field_grid(source.sample.rig)
 
 
-def _rgb8(source: "Source", i: int, lens: int | None = None) -> NDArray[np.uint8]:
+def _rgb8(source: Source, i: int, lens: int | None = None) -> NDArray[np.uint8]:
     pixels = source.sample.lens(source.lens if lens is None else lens).image(i)
     return np.round(_rgb16(pixels) / 257.0).astype(np.uint8)
 

@@ -1,7 +1,7 @@
 """The dataset card: README.md with contents, recipe, licence and figures of a dataset.
 
 The front matter follows Hugging Face, so that the folder can be uploaded. The same dataset gives the same files, with
-the same versions of Pillow and matplotlib.
+the same versions of Pillow and matplotlib. `card_template.md` has the text.
 
 Source: https://huggingface.co/docs/hub/datasets-cards; Gebru et al., Datasheets for datasets, CACM 2021.
 """
@@ -14,87 +14,61 @@ import json
 import re
 import textwrap
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
 import twinlens
+from twinlens.dataset.channels import DP_DISPARITY, parse_file
 from twinlens.dataset.dataset import MANIFEST, Dataset, Manifest, write_manifest
 from twinlens.dataset.files import read_bytes, write_file
 from twinlens.dataset.metadata import KEY, About, Credit, about, stated, write_croissant
-from twinlens.dataset.pictures import contact_sheet, tile
-from twinlens.dataset.quantities import (
+from twinlens.dataset.pictures import contact_sheet, statistics_figure, tile
+from twinlens.dataset.record import plain
+from twinlens.dataset.statistics import (
     Statistics,
+    distributions,
     mixed_counts,
     quantiles,
     stored_statistics,
 )
-from twinlens.dataset.record import plain
 from twinlens.dataset.storage import Place, Where
 from twinlens.errors import FileError
 
-_Lights = tuple[tuple[str, ...], list[float]]
-"""Of a sample: the bands of its cameras, and the power of each projector, watts."""
-
 SHEET, FIGURE, ASSETS = "samples.jpg", "statistics.png", "ASSETS.md"
+TILES = 64
+"""At most so many images are on the contact sheet."""
+
+_TEMPLATE = Path(__file__).with_name("card_template.md")
 _MARKER = "<!-- Written by twinlens; `twinlens describe` rewrites it. -->"
-_MARKERS = (
-    _MARKER,
-    "<!-- This card is twinlens's: it is written anew with the dataset. -->",
-)
 _SPDX = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+-]*$")
+_SIZE_LIMITS = (1_000, 10_000, 100_000, 1_000_000)
 _SIZES = ("n<1K", "1K<n<10K", "10K<n<100K", "100K<n<1M", "n>1M")
 _MAX_RECIPE = 20_000
-TILES = 64
-_BINS = 60
-_LABELS, _FILL, _AXES = "#1b2a3a", "#3b7dd8", "#6b7785"
-_LOG_ABOVE = 8.0  # ratio of maximum to minimum depth
-_GRIDS = ((1, 1), (1, 1), (1, 2), (1, 3), (2, 2))
-"""Rows and columns by number of panels."""
+_SHARES = {
+    "visible": "visible in both views",
+    "occluded": "visible in one view",
+    "unknown": "unknown",
+}
 
-_TEXT = """
-![left images]({sheet})
 
-{count} stereo {samples}, rendered with twinlens {version}: images of a physically based camera, and exact ground \
-truth for every pixel.
+@dataclass
+class Contents:
+    """What the card says of the samples of a dataset.
 
-## Contents
+    statistics : of each readable sample, by name.
+    noise : renderer noise over sensor noise, of the lenses where it was measured.
+    bands, powers : the bands of the cameras, and the power of each projector (W), of each sample.
+    """
 
-| | |
-| --- | --- |
-{facts}
-
-![distributions of the ground truth]({figure})
-
-Quantities are those of the left views; all samples have the same weight. Disparity is u_left - u_right in pixels, depth
-is along the optical axis in metres, and the blur circle is the diameter, in pixels, of the image of a point.
-
-## Loading
-
-    import twinlens as tl
-    data = tl.Dataset("path/to/this/folder")
-    data[0].im0, data[0].im1, data[0].disp0, data[0].mask0_nonocc, data[0].calibration
-
-Every sample is a folder of plain files with Middlebury's names (im0.png, disp0.pfm, calib.txt, ...), which other tools
-can open. `twinlens export` writes the layouts of KITTI, ETH3D, SceneFlow and others. `twinlens verify` checks every
-file against its SHA-256 and the truth of each view against the other's. croissant.json describes the files to
-machine-learning tools.
-
-## Recipe
-
-{made}
-
-## Limitations
-
-- Ground truth is that of the ray through the pixel centre, not averaged over the pixel or the lens. Unknown is +inf.
-- A ray ends at the first surface, also at glass and mirrors; `material_kind` in truth0.exr identifies them.
-- The scenes are synthetic: scores on them do not replace scores on real images.
-
-## Licence
-
-{license}
-"""
+    statistics: dict[str, Statistics] = field(default_factory=dict)
+    noise: list[float] = field(default_factory=list)
+    bands: list[tuple[str, ...]] = field(default_factory=list)
+    powers: list[list[float]] = field(default_factory=list)
 
 
 def describe(dataset: Where | Dataset, given: About | None = None) -> list[str]:
@@ -111,16 +85,15 @@ def describe(dataset: Where | Dataset, given: About | None = None) -> list[str]:
     texts, manifest = about(dataset)
     if given is not None and given.plain():
         texts = About.of(texts.plain() | given.plain())
-        stored = manifest.info.get(KEY, {}) | given.plain()
-        manifest = dataclasses.replace(
-            dataset.manifest, info={**manifest.info, KEY: stored}
-        )
+        merged = manifest.info.get(KEY, {}) | given.plain()
+        info = {**manifest.info, KEY: merged}
+        manifest = dataclasses.replace(dataset.manifest, info=info)
         write_manifest(dataset.path, manifest)
-    written = [
+    return [
         *_write_card(dataset, texts, manifest),
         *write_assets(dataset.path, manifest),
+        write_croissant(dataset, texts, manifest),
     ]
-    return [*written, write_croissant(dataset, texts, manifest)]
 
 
 def write_assets(folder: Place, manifest: Manifest) -> list[str]:
@@ -128,29 +101,23 @@ def write_assets(folder: Place, manifest: Manifest) -> list[str]:
 
     Returns the names of the files written.
     """
-    sources, given = _sources(manifest), stated(manifest, folder / MANIFEST)
-    if not sources or not _is_own(folder / ASSETS):
+    sources = _sources(manifest)
+    if not sources or not _is_replaceable(folder / ASSETS):
         return []
-    bundled = [
+    credits = stated(manifest, folder / MANIFEST).credits + [
         Credit(files=name, license="MIT", creator="twinlens")
         for name in manifest.info.get("bundled", ())
     ]
-    rows = []
+    rows = [["file", "SHA-256", "licence", "author", "source"], ["---"] * 5]
     for name, digest in sources:
-        credit = next(
-            (each for each in (*given.credits, *bundled) if each.covers(name)), None
-        )
-        texts = (
-            (credit.license or "not stated", credit.creator, credit.url)
-            if credit
-            else ("not stated", "", "")
-        )
-        rows.append([_cell(text) for text in (name, f"`{digest}`", *texts)])
-    heads = ["file", "SHA-256", "licence", "author", "source"]
-    table = "\n".join(
-        f"| {' | '.join(row)} |" for row in (heads, ["---"] * len(heads), *rows)
-    )
-    text = f"{_MARKER}\n\n# Assets\n\nThe files that this dataset was made from. They are not part of it.\n\n{table}\n"
+        covering = (credit for credit in credits if credit.covers(name))
+        credit = next(covering, Credit(files=name))
+        licence = credit.license or "not stated"
+        cells = (name, f"`{digest}`", licence, credit.creator, credit.url)
+        rows.append([_cell(text) for text in cells])
+    table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
+    intro = "The files that this dataset was made from. They are not part of it."
+    text = f"{_MARKER}\n\n# Assets\n\n{intro}\n\n{table}\n"
     write_file(folder / ASSETS, text.encode())
     return [ASSETS]
 
@@ -161,231 +128,206 @@ def _sources(manifest: Manifest) -> list[tuple[str, str]]:
         manifest.info.get("sources"),
         *(row.info.get("sources") for row in manifest.rows),
     ]
-    pairs = (
-        (name, str(digest))
-        for table in tables
-        if isinstance(table, Mapping)
-        for name, digest in table.items()
-    )
-    return list(dict.fromkeys(pairs))
+    pairs: dict[tuple[str, str], None] = {}
+    for table in tables:
+        if isinstance(table, Mapping):
+            pairs |= dict.fromkeys((name, str(sha)) for name, sha in table.items())
+    return list(pairs)
 
 
 def _cell(text: str) -> str:
     """One line of a Markdown table's cell."""
-    return (
-        " ".join(text.split())
-        .replace("\\", "\\\\")
-        .replace("|", "\\|")
-        .replace("<", "&lt;")
-    )
+    line = " ".join(text.split())
+    return line.replace("\\", "\\\\").replace("|", "\\|").replace("<", "&lt;")
 
 
-def _is_own(path: Place) -> bool:
+def _is_replaceable(path: Place) -> bool:
     """Whether a text file is missing or was written by twinlens."""
-    return not path.is_file() or any(
-        marker.encode() in read_bytes(path) for marker in _MARKERS
-    )
+    return not path.is_file() or _MARKER.encode() in read_bytes(path)
 
 
 def _write_card(dataset: Dataset, given: About, manifest: Manifest) -> list[str]:
-    many: dict[str, Statistics] = {}
-    noise: list[float] = []
-    rigs: list[_Lights] = []
-    for sample in dataset:
-        with contextlib.suppress(FileError):
-            many[sample.name] = stored_statistics(sample)
-            ratios = [sample.lens(k).renderer_noise for k in range(sample.num_lenses)]
-            noise += [ratio for ratio in ratios if ratio is not None]
-            bands = tuple(camera.band for camera in sample.rig.cameras)
-            rigs.append(
-                (bands, [projector.power for projector in sample.rig.projectors])
-            )
-    tiles = []
-    for i in np.linspace(0, len(many) - 1, min(len(many), TILES)).round().astype(int):
-        with contextlib.suppress(FileError):
-            tiles.append(tile(dataset[list(many)[i]].im0))
+    contents = _contents(dataset)
+    tiles = _tiles(dataset, list(contents.statistics))
     if not tiles:
         raise FileError(f"{dataset.path}: no sample can be read; see `twinlens verify`")
-    stream = io.BytesIO()
-    contact_sheet(tiles).save(stream, "JPEG", quality=88)
-    write_file(dataset.path / SHEET, stream.getvalue())
-    write_file(dataset.path / FIGURE, statistics_figure(list(many.values())))
-    readme = dataset.path / "README.md"
-    name = readme.name if _is_own(readme) else "CARD.md"
-    unreadable = [name for name in dataset.names if name not in many]
-    write_file(
-        dataset.path / name,
-        _card(given, manifest, list(many.values()), noise, unreadable, rigs).encode(),
-    )
+    sheet = io.BytesIO()
+    contact_sheet(tiles).save(sheet, "JPEG", quality=88)
+    figure = statistics_figure(list(contents.statistics.values()))
+    unreadable = [name for name in dataset.names if name not in contents.statistics]
+    card = card_text(given, manifest, contents, unreadable)
+    name = "README.md" if _is_replaceable(dataset.path / "README.md") else "CARD.md"
+    files = {SHEET: sheet.getvalue(), FIGURE: figure, name: card.encode()}
+    for file, data in files.items():
+        write_file(dataset.path / file, data)
     return [name, SHEET, FIGURE]
 
 
-def _card(
+def _contents(dataset: Dataset) -> Contents:
+    contents = Contents()
+    for sample in dataset:
+        with contextlib.suppress(FileError):
+            contents.statistics[sample.name] = stored_statistics(sample)
+            for number in range(sample.num_lenses):
+                noise = sample.lens(number).renderer_noise
+                if noise is not None:
+                    contents.noise.append(noise)
+            rig = sample.rig
+            contents.bands.append(tuple(camera.band for camera in rig.cameras))
+            contents.powers.append([projector.power for projector in rig.projectors])
+    return contents
+
+
+def _tiles(dataset: Dataset, names: Sequence[str]) -> list[Image.Image]:
+    """Left images of up to `TILES` samples, evenly spaced."""
+    tiles = []
+    count = min(len(names), TILES)
+    for index in np.linspace(0, len(names) - 1, count).round().astype(int):
+        with contextlib.suppress(FileError):
+            tiles.append(tile(dataset[names[index]].im0))
+    return tiles
+
+
+def card_text(
     given: About,
     manifest: Manifest,
-    many: Sequence[Statistics],
-    noise: Sequence[float],
-    unreadable: Sequence[str],
-    rigs: Sequence[_Lights] = (),
+    contents: Contents,
+    unreadable: Sequence[str] = (),
 ) -> str:
-    texts = [
-        given.license
-        or "Not stated by the maker of this dataset: ask before you redistribute it."
-    ]
-    texts += [f"Made by {given.creator}."] if given.creator else []
-    if given.cite_as:
-        texts.append(
-            "Citation:\n\n"
-            + "\n".join(f"    {line}" for line in given.cite_as.splitlines())
-        )
-    if _sources(manifest):
-        texts.append(f"{ASSETS} lists the files that the dataset was made from.")
-        for each in given.credits:
-            stated = filter(
-                None, (each.license or "licence not stated", each.creator, each.url)
-            )
-            texts.append(f"- {_cell(each.files)}: {_cell(', '.join(stated))}")
-    body = _TEXT.format(
+    """The card, with Hugging Face's front matter."""
+    count = len(contents.statistics)
+    facts = _facts(manifest, contents)
+    made = _made(manifest)
+    if unreadable:
+        made += f"\n\nUnreadable, and not counted: {', '.join(unreadable)}."
+    body = _TEMPLATE.read_text(encoding="utf-8").format(
         sheet=SHEET,
         figure=FIGURE,
         version=twinlens.__version__,
-        count=len(many),
-        samples="samples" if len(many) > 1 else "sample",
-        facts="\n".join(
-            f"| {key} | {value} |"
-            for key, value in _facts(manifest, many, noise, rigs).items()
-        ),
-        made=_made(manifest)
-        + (
-            f"\n\nUnreadable, and not counted: {', '.join(unreadable)}."
-            if unreadable
-            else ""
-        ),
-        license="\n\n".join(texts),
+        count=count,
+        samples="samples" if count > 1 else "sample",
+        facts="\n".join(f"| {name} | {value} |" for name, value in facts),
+        made=made,
+        license=_licence(given, manifest),
     )
-    head = f"# {given.title}\n" + (
-        f"\n{given.description}\n" if given.description else ""
+    head = f"# {given.title}\n"
+    if given.description:
+        head += f"\n{given.description}\n"
+    return f"{_front_matter(given, count)}{_MARKER}\n\n{head}\n{body}"
+
+
+def _licence(given: About, manifest: Manifest) -> str:
+    """Licence, maker, citation, and the credits of the files that the dataset was made from."""
+    unstated = (
+        "Not stated by the maker of this dataset: ask before you redistribute it."
     )
-    return f"{_front_matter(given, len(many))}{_MARKER}\n\n{head}{body}"
+    paragraphs = [given.license or unstated]
+    if given.creator:
+        paragraphs.append(f"Made by {given.creator}.")
+    if given.cite_as:
+        lines = "\n".join(f"    {line}" for line in given.cite_as.splitlines())
+        paragraphs.append(f"Citation:\n\n{lines}")
+    if _sources(manifest):
+        paragraphs.append(f"{ASSETS} lists the files that the dataset was made from.")
+        for credit in given.credits:
+            licence = credit.license or "licence not stated"
+            texts = filter(None, (licence, credit.creator, credit.url))
+            paragraphs.append(f"- {_cell(credit.files)}: {_cell(', '.join(texts))}")
+    return "\n\n".join(paragraphs)
 
 
 def _front_matter(given: About, count: int) -> str:
-    name = (
-        given.license.lower()
-        if _SPDX.match(given.license)
-        else "other"
-        if given.license
-        else "unknown"
-    )
-    entries: dict[str, Any] = {"pretty_name": given.title, "license": name}
-    if name == "other":
-        entries["license_link"] = given.license
-    entries |= {
-        "task_categories": ["depth-estimation"],
-        "tags": ["stereo", "synthetic", "twinlens"],
-    }
-    entries["size_categories"] = [
-        _SIZES[bisect.bisect((1_000, 10_000, 100_000, 1_000_000), count)]
-    ]
+    entries: dict[str, Any] = {"pretty_name": given.title, "license": "unknown"}
+    if _SPDX.match(given.license):
+        entries["license"] = given.license.lower()
+    elif given.license:
+        entries |= {"license": "other", "license_link": given.license}
+    entries["task_categories"] = ["depth-estimation"]
+    entries["tags"] = ["stereo", "synthetic", "twinlens"]
+    entries["size_categories"] = [_SIZES[bisect.bisect(_SIZE_LIMITS, count)]]
     # JSON is valid YAML, and escapes line breaks in the maker's texts.
-    return (
-        "---\n"
-        + "".join(f"{key}: {json.dumps(value)}\n" for key, value in entries.items())
-        + "---\n"
-    )
+    lines = [f"{key}: {json.dumps(value)}\n" for key, value in entries.items()]
+    return f"---\n{''.join(lines)}---\n"
 
 
-def _facts(
-    manifest: Manifest,
-    many: Sequence[Statistics],
-    noise: Sequence[float],
-    rigs: Sequence[_Lights],
-) -> dict[str, str]:
-    facts = {
-        "samples": str(len(many)),
-        "image size": _counted(tuple(each["size"]) for each in many),
-    }
-    facts |= {
-        f"{kind} of a sample": _counted(each[kind] for each in many)
-        for kind in ("cameras", "lenses")
-    }
-    if {band for bands, _ in rigs for band in bands} - {"rgb"}:
-        facts["bands of the cameras"] = _counted(", ".join(bands) for bands, _ in rigs)
-    powers = [each for _, each in rigs]
-    if any(powers):
-        facts["projectors of a sample"] = _counted(map(len, powers))
-        facts["power of a projector"] = _range(
-            [quantiles([power]) for each in powers for power in each], "W"
-        )
-    splits = Counter(
-        str(row.info["split"])
-        for row in manifest.rows
-        if row.info.get("split") is not None
-    )
-    if splits:
-        facts["splits"] = ", ".join(
-            f"{name}: {count}" for name, count in sorted(splits.items())
-        )
-    known = [each for each in many if "disparity" in each]
-    disparities, depths, blurs = _quantiles(many)
-    facts |= {"disparity": _range(disparities, "px"), "depth": _range(depths, "m")}
-    facts["blur circle, lenses that blur"] = _range(blurs, "px")
-    if noise:
-        facts["renderer noise"] = _range([quantiles(noise)], "x sensor noise")
-    if any("dp-disp" in name for row in manifest.rows for name in row.files):
-        facts["dual pixels"] = (
-            "halves and their disparity, for every lens with an aperture"
-        )
-    shares = {
-        "visible": "visible in both views",
-        "occluded": "visible in one view",
-        "unknown": "unknown",
-    }
-    for name, text in shares.items():
-        facts[f"pixels {text}"] = (
-            f"{100 * float(np.mean([each[name] for each in known])):.1f}%"
-            if known
-            else "-"
-        )
-    return facts
+def _facts(manifest: Manifest, contents: Contents) -> Iterator[tuple[str, str]]:
+    """The rows of the table of contents."""
+    samples = list(contents.statistics.values())
+    yield "samples", str(len(samples))
+    sizes = [" x ".join(map(str, sample["size"])) for sample in samples]
+    yield "image size", _counted(sizes)
+    yield "cameras of a sample", _counted(sample["cameras"] for sample in samples)
+    yield "lenses of a sample", _counted(sample["lenses"] for sample in samples)
+    if any(set(bands) - {"rgb"} for bands in contents.bands):
+        yield "bands of the cameras", _counted(map(", ".join, contents.bands))
+    if any(contents.powers):
+        powers = [[power] for sample in contents.powers for power in sample]
+        yield "projectors of a sample", _counted(map(len, contents.powers))
+        yield "power of a projector", _range(map(quantiles, powers), "W")
+    splits = [row.info.get("split") for row in manifest.rows]
+    counts = Counter(str(split) for split in splits if split is not None)
+    if counts:
+        named = [f"{name}: {count}" for name, count in sorted(counts.items())]
+        yield "splits", ", ".join(named)
+    disparities, depths, blurs = distributions(samples)
+    yield "disparity", _range(disparities, "px")
+    yield "depth", _range(depths, "m")
+    yield "blur circle, lenses that blur", _range(blurs, "px")
+    if contents.noise:
+        yield "renderer noise", _range([quantiles(contents.noise)], "x sensor noise")
+    if _has_dual_pixels(manifest):
+        text = "halves and their disparity, for every lens with an aperture"
+        yield "dual pixels", text
+    with_truth = [sample for sample in samples if "disparity" in sample]
+    for name, text in _SHARES.items():
+        shares = [sample[name] for sample in with_truth]
+        share = f"{100 * float(np.mean(shares)):.1f}%" if shares else "-"
+        yield f"pixels {text}", share
 
 
-def _counted(values: Any) -> str:
+def _has_dual_pixels(manifest: Manifest) -> bool:
+    for row in manifest.rows:
+        for name in row.files:
+            parsed = parse_file(name)
+            if parsed is not None and parsed[0] is DP_DISPARITY:
+                return True
+    return False
+
+
+def _counted(values: Iterable[Any]) -> str:
     """The values by frequency: ``640 x 480``, or ``2 (9), 3 (1)`` with their counts."""
-    counts = Counter(
-        " x ".join(map(str, v)) if isinstance(v, tuple) else str(v) for v in values
-    ).most_common()
-    shown = [
-        f"{value} ({count})" if len(counts) > 1 else value
-        for value, count in counts[:6]
-    ]
-    return ", ".join(shown + ["..."] * (len(counts) > 6))
+    counts = Counter(map(str, values)).most_common()
+    if len(counts) == 1:
+        return counts[0][0]
+    shown = [f"{value} ({count})" for value, count in counts[:6]]
+    return ", ".join([*shown, "..."] if len(counts) > 6 else shown)
 
 
-def _range(many: Sequence[Sequence[float]], unit: str) -> str:
+def _range(distributions: Iterable[Sequence[float]], unit: str) -> str:
+    """Minimum, maximum and median of several distributions of weight one, given by their quantiles."""
+    many = list(distributions)
     if not many:
         return "-"
-    low, high = min(each[0] for each in many), max(each[-1] for each in many)
+    low, high = min(levels[0] for levels in many), max(levels[-1] for levels in many)
     if high <= low:
         return f"{low:.4g} {unit}"
-    edges = np.linspace(low, high, 1001) if low <= 0 else np.geomspace(low, high, 1001)
+    spaced = np.linspace if low <= 0 else np.geomspace
+    edges = spaced(low, high, 1001)
     below = np.cumsum(mixed_counts(edges, many)) / len(many)
-    middle = edges[1 + int(np.searchsorted(below, 0.5))]
-    return f"{low:.4g} to {high:.4g} {unit}, median {middle:.4g} {unit}"
+    median = edges[1 + int(np.searchsorted(below, 0.5))]
+    return f"{low:.4g} to {high:.4g} {unit}, median {median:.4g} {unit}"
 
 
 def _made(manifest: Manifest) -> str:
+    """Seed, versions, rejections and recipe."""
     parts = [f"Seed: {manifest.seed}."] if manifest.seed is not None else []
     versions = manifest.info.get("versions")
     if isinstance(versions, Mapping):
-        parts.append(
-            "Versions: "
-            + ", ".join(f"{name} {number}" for name, number in versions.items())
-            + "."
-        )
-    rejected = manifest.info.get("rejections")
-    if isinstance(rejected, Mapping) and rejected:
-        counts = ", ".join(f"{reason}: {count}" for reason, count in rejected.items())
+        named = ", ".join(f"{name} {number}" for name, number in versions.items())
+        parts.append(f"Versions: {named}.")
+    rejections = manifest.info.get("rejections")
+    if isinstance(rejections, Mapping) and rejections:
+        counts = ", ".join(f"{reason}: {count}" for reason, count in rejections.items())
         parts.append(f"Rejected draws - {counts}.")
     parts.append(
         "sample.json of each sample lists its cameras, lenses, sensor, seed and backend."
@@ -396,101 +338,3 @@ def _made(manifest: Manifest) -> str:
     elif manifest.recipe:
         parts.append("The recipe is in dataset.json.")
     return "\n\n".join(parts)
-
-
-Panel = tuple[str, str, list[list[float]], float]
-"""A histogram over distributions of weight one: labels of x and y, their quantiles, and the ratio of maximum to minimum
-above which the axis is logarithmic."""
-
-
-def statistics_figure(many: Sequence[Statistics]) -> bytes:
-    """A PNG of the distributions of disparity, depth, blur circle and occluded pixels; all samples weigh the same.
-
-    Quantities that no sample has are left out: disparity of single cameras, blur of pinholes.
-    """
-    from matplotlib.figure import Figure
-
-    drawn = panels(many)
-    rows, columns = _GRIDS[len(drawn)]
-    figure = Figure(figsize=(9.0, 2.8 * rows), dpi=110, layout="constrained")
-    if not drawn:
-        figure.text(0.5, 0.5, "no sample has truth", ha="center", color=_AXES)
-    else:
-        for panel, axes in zip(
-            drawn, figure.subplots(rows, columns, squeeze=False).ravel(), strict=True
-        ):
-            _draw(axes, *panel)
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", metadata={"Software": None})
-    return stream.getvalue()
-
-
-def panels(many: Sequence[Statistics]) -> list[Panel]:
-    """The panels of the figure that have data."""
-    share = "share of the pixels (%)"
-    disparities, depths, blurs = _quantiles(many)
-    occluded = [
-        100 * each["occluded"]
-        for each in many
-        if "disparity" in each and each["cameras"] > 1
-    ]
-    every = (
-        ("disparity (px)", share, disparities, np.inf),
-        ("depth (m)", share, depths, _LOG_ABOVE),
-        ("blur circle diameter (px)", share, blurs, np.inf),
-        (
-            "pixels visible in one view only (%)",
-            "share of samples (%)",
-            [[each, each] for each in occluded],
-            np.inf,
-        ),
-    )
-    return [panel for panel in every if panel[2]]
-
-
-def _draw(
-    axes: Any,
-    xlabel: str,
-    ylabel: str,
-    many: Sequence[Sequence[float]],
-    log_above: float,
-) -> None:
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
-
-    axes.set_xlabel(xlabel, color=_LABELS)
-    axes.set_ylabel(ylabel, color=_LABELS, fontsize=8)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.spines[["left", "bottom"]].set_color(_AXES)
-    axes.tick_params(colors=_AXES, labelsize=8)
-    low, high = min(each[0] for each in many), max(each[-1] for each in many)
-    logarithmic = low > 0 and high > log_above * low
-    if high - low < 1e-9 * max(abs(low), abs(high), 1.0):
-        low, high = low - 0.5, high + 0.5
-    edges = (np.geomspace if logarithmic else np.linspace)(low, high, _BINS + 1)
-    axes.stairs(
-        100 * mixed_counts(edges, many) / len(many), edges, fill=True, color=_FILL
-    )
-    if (
-        logarithmic
-    ):  # plain numbers at 1, 2, 5 of each decade, or at 1 only over many decades
-        axes.set_xscale("log")
-        axes.xaxis.set_major_locator(
-            LogLocator(subs=(1.0, 2.0, 5.0) if high < 1000 * low else (1.0,))
-        )
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axes.xaxis.set_minor_locator(NullLocator())
-    axes.set_xlim(edges[0], edges[-1])
-
-
-def _quantiles(
-    many: Sequence[Statistics],
-) -> tuple[list[list[float]], list[list[float]], list[list[float]]]:
-    """Those of disparity, depth, and blur circle, of the samples that have them."""
-    known = [each for each in many if "disparity" in each]
-    blurs = [
-        blur for each in known for blur in each["blur_px"] if blur and blur[-1] > 0
-    ]
-    disparities, depths = (
-        [each[name] for each in known if each[name]] for name in ("disparity", "depth")
-    )
-    return disparities, depths, blurs

@@ -14,9 +14,8 @@ from scipy.special import bdtrc
 from twinlens import geometry
 from twinlens.camera import Camera, Lens, ObjectTruth, Rig, dual_pixel_disparity
 from twinlens.camera.masks import decode_mask
-from twinlens.camera.truth import MATERIAL_KINDS
 from twinlens.dataset.codecs.calib import Calibration
-from twinlens.dataset.truth_files import blur_circle_px
+from twinlens.dataset.sample import blur_circle_px
 from twinlens.dataset.visibility import HIDDEN, UNKNOWN, VISIBLE, mask_of
 from twinlens.errors import InputError
 
@@ -24,23 +23,23 @@ Arrays = Mapping[str, Any]
 Findings = list[str]
 
 _PX = 1e-4
-_GRAZING = 1e-3  # cosine of the angle to a surface that counts as lit from its edge
+# Cosine of the angle to a surface that counts as lit from its edge.
+_GRAZING = 1e-3
 _ROUNDING = 4 * float(np.finfo(np.float32).eps)
-_DEPTH_TOLERANCE = (
-    1e-3  # relative: how much depth may vary between neighbouring pixel centres
-)
-_ALLOWED_FAILURES = 0.05  # of the pixels inside one object, which may hide parts of itself and curve between centres
+# How much depth may vary between neighbouring pixel centres, relative.
+_DEPTH_TOLERANCE = 1e-3
+# Of the pixels inside one object, which may hide parts of itself and curve between pixel centres.
+_ALLOWED_FAILURES = 0.05
 _SIGNIFICANCE = 1e-6
-_FLATNESS_PX = (
-    0.05  # shift that curvature and float32 may cause on a surface that counts as flat
-)
+# Shift that curvature and float32 may cause on a surface that counts as flat.
+_FLATNESS_PX = 0.05
 _MIN_FLAT_PIXELS = 100
-_MAX_SHIFT_PX = 0.25  # wrong pixel conventions shift a view by half a pixel
-_MAX_PIXELS, _MIN_PIXELS = (
-    50_000,
-    1_000,
-)  # of correlations; at a thousand pixels chance alone gives 0.03
-_MIN_DIFFERENCE = 0.15  # between two correlations
+# Wrong pixel conventions shift a view by half a pixel.
+_MAX_SHIFT_PX = 0.25
+# Of correlations: at a thousand pixels chance alone gives 0.03.
+_MAX_PIXELS, _MIN_PIXELS = 50_000, 1_000
+# Between two correlations.
+_MIN_DIFFERENCE = 0.15
 
 
 def check_positions(
@@ -62,69 +61,53 @@ def check_positions(
     error_px = np.abs(camera.project(cam) - camera.pixel_grid()[hit]).max(
         axis=-1, initial=0.0
     )
+    error, allowed = np.abs(cam[:, 2] - depth), (scale + depth) * _ROUNDING
     return [
-        *_compare(
-            "position's z differs from depth",
-            np.abs(cam[:, 2] - depth),
-            (scale + depth) * _ROUNDING,
-            "m",
-        ),
+        *_compare("position's z differs from depth", error, allowed, "m"),
         *_compare("position does not project to its pixel", error_px, allowed_px, "px"),
     ]
 
 
-def check_disparity(
-    truth: Arrays, disparity: NDArray[np.float32], calibration: Calibration
-) -> Findings:
-    """d = fx B / z - doffs where something was hit; elsewhere +inf, or the disparity of infinity."""
-    hit = truth["object_id"] > 0
+def check_disparity(channels: Arrays, pair: Rig) -> Findings:
+    """d = fx B / z - doffs of the rectified pair where something was hit; elsewhere +inf, or that of infinity."""
+    calibration = Calibration.from_rig(pair)
+    disparity = channels["disp"]
+    hit = channels["object_id"] > 0
     sky = disparity[~hit]
     if not (np.isposinf(sky) | (np.abs(sky + calibration.doffs) <= _PX)).all():
         return ["disparity is neither unknown nor -doffs where nothing was hit"]
-    depth, d = truth["depth"][hit], disparity[hit].astype(np.float64)
-    expected = (
-        calibration.fx * calibration.baseline / depth.astype(np.float64)
-        - calibration.doffs
-    )
+    depth = channels["depth"][hit].astype(np.float64)
+    expected = calibration.fx * calibration.baseline / depth - calibration.doffs
+    error = np.abs(disparity[hit].astype(np.float64) - expected)
     allowed = _PX + _ROUNDING * (np.abs(expected) + abs(calibration.doffs))
-    return _compare(
-        "disparity differs from fx B / z - doffs", np.abs(d - expected), allowed, "px"
-    )
+    return _compare("disparity differs from fx B / z - doffs", error, allowed, "px")
 
 
-def check_mask(
-    mask: NDArray[Any], known: NDArray[np.bool_], visible: NDArray[np.bool_]
-) -> Findings:
+def check_mask(channels: Arrays) -> Findings:
     """The mask is 0 where nothing is known, 255 where the partner sees the point, 128 elsewhere."""
+    mask = channels["mask_nonocc"]
     if not np.isin(mask, (UNKNOWN, HIDDEN, VISIBLE)).all():
         return [f"mask has other values than {UNKNOWN}, {HIDDEN} and {VISIBLE}"]
-    wrong = np.count_nonzero(mask != mask_of(known, visible))
-    return (
-        [f"mask differs from the truth at {wrong} of {mask.size} pixels"]
-        if wrong
-        else []
-    )
+    has_truth = channels["object_id"] > 0
+    if "disp" in channels:
+        has_truth |= np.isfinite(channels["disp"])
+    wrong = np.count_nonzero(mask != mask_of(has_truth, channels["visible"]))
+    if not wrong:
+        return []
+    return [f"mask differs from the truth at {wrong} of {mask.size} pixels"]
 
 
-def check_ids(truth: Arrays) -> Findings:
-    """Ids are at most the number of names in the file; kinds index MATERIAL_KINDS."""
-    limits = {
-        "object_id": len(truth["object_names"]),
-        "material_id": len(truth["material_names"]),
-    }
-    limits["material_kind"] = len(MATERIAL_KINDS) - 1
-    largest = {name: truth[name].max() for name in limits}
-    text = "{} has the value {}, but only {} names exist"
-    return [
-        text.format(name, value, limits[name])
-        for name, value in largest.items()
-        if value > limits[name]
-    ]
+def check_ids(channels: Arrays, name: str, count: int) -> Findings:
+    """No number of the channel `name` is greater than the `count` of its names."""
+    largest = channels[name].max()
+    if largest <= count:
+        return []
+    return [f"{name} has the value {largest}, but only {count} names exist"]
 
 
 def check_objects(objects: Sequence[ObjectTruth], truth: Arrays, key: str) -> Findings:
     """Objects have rising ids of the file; their visible pixels are those of the ids, and inside their silhouettes."""
-    ids = [each.object_id for each in objects]
+    ids = [entry.object_id for entry in objects]
     if ids and not (
         ids == sorted(set(ids)) and ids[0] > 0 and ids[-1] <= len(truth["object_names"])
     ):
@@ -132,19 +115,19 @@ def check_objects(objects: Sequence[ObjectTruth], truth: Arrays, key: str) -> Fi
             f"{key}: object ids are not rising numbers from 1 to {len(truth['object_names'])}"
         ]
     findings = []
-    for each in objects:
-        visible = truth["object_id"] == each.object_id
+    for entry in objects:
+        visible = truth["object_id"] == entry.object_id
         try:
-            whole = decode_mask(each.silhouette, *visible.shape)
+            whole = decode_mask(entry.silhouette, *visible.shape)
         except InputError as error:
-            findings.append(f"{key}: object {each.object_id}: {error}")
+            findings.append(f"{key}: object {entry.object_id}: {error}")
             continue
         if (
-            np.count_nonzero(visible) != each.visible_pixel_count
+            np.count_nonzero(visible) != entry.visible_pixel_count
             or (visible & ~whole).any()
         ):
             findings.append(
-                f"{key}: object {each.object_id} differs from the object ids of the truth"
+                f"{key}: object {entry.object_id} differs from the object ids of the truth"
             )
     return findings
 
@@ -161,18 +144,15 @@ def check_blur(truth: Arrays, camera: Camera, lens: Lens) -> Findings:
     )
 
 
-def check_dual_pixels(
-    truth: Arrays, disparity: NDArray[np.float32], camera: Camera, lens: Lens
-) -> Findings:
+def check_dual_pixels(channels: Arrays, camera: Camera, lens: Lens) -> Findings:
     """The disparity of dual pixels is that of the depth and of the lens in sample.json."""
-    expected = dual_pixel_disparity(truth["depth"], camera, lens).astype(np.float64)
+    disparity = channels["dp_disp"]
+    expected = dual_pixel_disparity(channels["depth"], camera, lens).astype(np.float64)
     hit = np.isfinite(expected)
     if not np.array_equal(disparity[~hit], expected[~hit]):
         return ["disparity is known where nothing was hit"]
-    error, allowed = (
-        np.abs(disparity[hit] - expected[hit]),
-        _PX + 10 * _ROUNDING * np.abs(expected[hit]),
-    )
+    error = np.abs(disparity[hit] - expected[hit])
+    allowed = _PX + 10 * _ROUNDING * np.abs(expected[hit])
     return _compare("disparity is not that of the lens", error, allowed, "px")
 
 
@@ -187,20 +167,21 @@ def check_projections(truth: Arrays, rig: Rig) -> Findings:
     for i, (projector, pose) in enumerate(
         zip(rig.projectors, rig.world_from_projectors, strict=True)
     ):
-        camera, found = projector.intrinsics, pixels[i][hit].astype(np.float64)
+        camera, seen = projector.intrinsics, pixels[i][hit].astype(np.float64)
         cam = geometry.transform_points(geometry.inverse(pose), world)
         expected = camera.project(cam)
-        inside = camera.contains(found) | camera.contains(expected)
+        inside = camera.contains(seen) | camera.contains(expected)
+        # Rounding of the coordinates, as pixels; pixels far outside the pattern are not compared.
         scale = np.abs(world).sum(axis=-1) + np.abs(pose[:3, 3]).sum()
         farthest = 2.0 * max(camera.fx, camera.fy, camera.width, camera.height)
         allowed = _PX + _ROUNDING * farthest * (1 + scale[inside] / cam[inside, 2])
-        error = np.abs(found - expected)[inside].max(axis=-1, initial=0.0)
+        error = np.abs(seen - expected)[inside].max(axis=-1, initial=0.0)
         findings += _compare(
             f"position does not project to projector{i}.u and .v", error, allowed, "px"
         )
         reached = np.zeros(hit.shape, dtype=bool)
         reached[hit] = (
-            inside | camera.contains(found - _PX) | camera.contains(found + _PX)
+            inside | camera.contains(seen - _PX) | camera.contains(seen + _PX)
         )
         if wrong := np.count_nonzero(lit[i] & ~reached):
             findings.append(
@@ -285,19 +266,19 @@ def _check_shift(
     (N,): magnitude of the coordinates, metres, which sets their rounding error.
     """
     rounding = _ROUNDING * scale / z
-    with np.errstate(
-        all="ignore"
-    ):  # depths of a damaged file; the results do not count as flat
+    # Depths of a damaged file may be 0 or not finite; the results do not count as flat.
+    with np.errstate(all="ignore"):
         inverse = 1.0 / around.astype(np.float64)
+        # Derivatives of 1/z along u and v, by central differences around the middle, number 4.
         slope = 0.5 * np.stack([inverse[5] - inverse[3], inverse[7] - inverse[1]])
-        steps = np.array([(du, dv) for dv in (-1, 0, 1) for du in (-1, 0, 1)])
-        curvature = (
-            np.abs(inverse - inverse[4] - steps @ slope).max(axis=0)
-            + (rounding + _ROUNDING) * inverse[4]
-        )
         steepness = np.hypot(*slope)
-        flat = curvature <= _FLATNESS_PX * steepness
-        flat &= (steepness > 0) & (rounding * max(camera.fx, camera.fy) <= _FLATNESS_PX)
+        # What a plane through the nine values leaves, and the rounding of the values.
+        steps = np.array([(du, dv) for dv in (-1, 0, 1) for du in (-1, 0, 1)])
+        residual = np.abs(inverse - inverse[4] - steps @ slope).max(axis=0)
+        curvature = residual + (rounding + _ROUNDING) * inverse[4]
+        flat = (curvature <= _FLATNESS_PX * steepness) & (steepness > 0)
+        flat &= rounding * max(camera.fx, camera.fy) <= _FLATNESS_PX
+        # The difference in 1/z, beyond that of the subpixel offset, is a shift along the slope.
         offset = ((px - np.floor(px + 0.5)).T * slope).sum(axis=0)
         shift_px = np.abs(1.0 / z - inverse[4] - offset) / steepness
     findings = []
@@ -330,17 +311,25 @@ def check_exchange(
     if np.count_nonzero(inside) < _MIN_PIXELS:
         return []
     v, u, match = v[inside], u[inside], match[inside]
-    grey = [image.reshape(*image.shape[:2], -1).mean(axis=-1) for image in images]
-    left, right = (np.diff(each, axis=1, append=each[:, -1:]) for each in grey)
-    edges = [(a[v, u], b[v, match]) for a, b in ((left, right), (right, left))]
-    straight, swapped = (
-        float(np.corrcoef(a, b)[0, 1]) if np.ptp(a) and np.ptp(b) else 0.0
-        for a, b in edges
-    )
+    left, right = map(_edges, images)
+    straight = _correlation(left[v, u], right[v, match])
+    swapped = _correlation(right[v, u], left[v, match])
     if swapped < straight + _MIN_DIFFERENCE:
         return []
     values = f"edges correlate by {straight:.2f} at the true disparity, and by {swapped:.2f} if swapped"
     return [f"looks exchanged with its partner's image: {values}"]
+
+
+def _edges(image: NDArray[Any]) -> NDArray[np.float64]:
+    """Horizontal differences of the mean of the channels, (H, W)."""
+    grey = image.reshape(*image.shape[:2], -1).mean(axis=-1)
+    return np.diff(grey, axis=1, append=grey[:, -1:])
+
+
+def _correlation(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    if not (np.ptp(a) and np.ptp(b)):
+        return 0.0
+    return float(np.corrcoef(a, b)[0, 1])
 
 
 def check_calibration(calibration: Calibration, rig: Rig) -> Findings:
@@ -348,18 +337,12 @@ def check_calibration(calibration: Calibration, rig: Rig) -> Findings:
     if not rig.is_rectified():
         return ["describes a rectified pair, but the rig of sample.json is not one"]
     expected = Calibration.from_rig(rig)
-    names = ("cam0", "cam1", "baseline", "width", "height", "doffs")
-    pairs = [
-        (name, getattr(calibration, name), getattr(expected, name)) for name in names
-    ]
-    wrong = [
-        pair
-        for pair in pairs
-        if not np.allclose(pair[1], pair[2], rtol=1e-9, atol=1e-9)
-    ]
-    return [
-        f"{name} is {value}, but {right} in sample.json" for name, value, right in wrong
-    ]
+    findings = []
+    for name in ("cam0", "cam1", "baseline", "width", "height", "doffs"):
+        value, right = getattr(calibration, name), getattr(expected, name)
+        if not np.allclose(value, right, rtol=1e-9, atol=1e-9):
+            findings.append(f"{name} is {value}, but {right} in sample.json")
+    return findings
 
 
 def _nearest(

@@ -17,6 +17,7 @@ import pydantic
 from numpy.typing import NDArray
 
 import twinlens
+from twinlens.dataset.channels import IMAGE
 from twinlens.dataset.files import (
     check_relative,
     files_below,
@@ -89,13 +90,9 @@ class DatasetFile(FileModel):
     @pydantic.field_validator("samples")
     @classmethod
     def _check_unique(cls, samples: list[Row]) -> list[Row]:
-        twice = [
-            name
-            for name, count in Counter(row.name for row in samples).items()
-            if count > 1
-        ]
-        if twice:
-            raise InputError(f"lists the sample {twice[0]!r} twice")
+        for name, count in Counter(row.name for row in samples).items():
+            if count > 1:
+                raise InputError(f"lists the sample {name!r} twice")
         return samples
 
 
@@ -104,16 +101,18 @@ _ROW = pydantic.TypeAdapter(Row)
 
 def write_manifest(folder: Where, manifest: Manifest) -> None:
     """Write `folder`/dataset.json atomically. The same manifest gives the same bytes. Raises OutputError."""
-    record: dict[str, Any] = {
+    record = {
         "format": _KIND,
         "version": _VERSION,
         "twinlens": twinlens.__version__,
+        "seed": manifest.seed,
+        "recipe": manifest.recipe,
+        "info": manifest.info,
+        "samples": [
+            {"name": row.name, "files": row.files, "info": row.info}
+            for row in manifest.rows
+        ],
     }
-    record |= {"seed": manifest.seed, "recipe": manifest.recipe, "info": manifest.info}
-    record["samples"] = [
-        {"name": row.name, "files": row.files, "info": row.info}
-        for row in manifest.rows
-    ]
     write_file(place(folder) / MANIFEST, encode_json(record))
 
 
@@ -139,11 +138,10 @@ def pending_rows(
     rows: dict[str, Row | None] = {}
     errors: dict[str, str] = {}
     files = files_below(folder / ROWS) if (folder / ROWS).is_dir() else []
-    for name in [
-        file.removesuffix(".json")
-        for file in files
-        if file.endswith(".json") and "/" not in file
-    ]:
+    for file in files:
+        if "/" in file or not file.endswith(".json"):
+            continue
+        name = file.removesuffix(".json")
         path = f"{ROWS}/{name}.json"
         try:
             if name in listed or not is_whole(folder / check_relative(name)):
@@ -152,9 +150,8 @@ def pending_rows(
             record = decode_json(read_bytes(folder / path), path, ROW_KIND, ROW_VERSION)
             rows[name] = replace(read_part(_ROW, record, "row", path), name=name)
         except FileError as error:
-            if (
-                folder / path
-            ).exists():  # else it has been moved to dataset.json meanwhile
+            # Unless it has been moved to dataset.json meanwhile.
+            if (folder / path).exists():
                 message = str(error).removeprefix(f"{folder}/")
                 errors[name] = (
                     f"{message}; the next `twinlens generate` makes it again, from the sample's files"
@@ -274,13 +271,9 @@ class Dataset(Sequence[StoredSample]):
             )
         if name not in splits or not name:
             raise unknown("split", name, set(splits) - {""})
+        pairs = zip(self._samples, splits, strict=True)
         return _view(
-            self.path,
-            tuple(
-                s
-                for s, split in zip(self._samples, splits, strict=True)
-                if split == name
-            ),
+            self.path, tuple(sample for sample, split in pairs if split == name)
         )
 
     def select(self, *names: str) -> "Mapped[dict[str, Any]]":
@@ -364,14 +357,11 @@ def _datasets_below(path: Place) -> str:
     """Which folders one or two levels below have samples; empty for a bucket, where a search is slow."""
     if not isinstance(path, Path):
         return ""
-    found = {
-        image.parent.parent
-        for level in ("*/*", "*/*/*")
-        for image in path.glob(f"{level}/im0.png")
-    }
-    names = [
-        str(folder) for folder in sorted(found) if not (folder / "im0.png").exists()
-    ]  # else lenses of a sample
+    image = IMAGE.name(0)
+    images = (*path.glob(f"*/*/{image}"), *path.glob(f"*/*/*/{image}"))
+    folders = sorted({file.parent.parent for file in images})
+    # A folder with an image is a sample, and its subfolders are lenses.
+    names = [str(folder) for folder in folders if not (folder / image).exists()]
     return f"; these have: {', '.join(names[:3])}" if names else ""
 
 

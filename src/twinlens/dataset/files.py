@@ -27,15 +27,13 @@ from twinlens.errors import FileError, InputError, OutputError
 A_FILE = "is a file where a folder is needed; choose another name"
 _TEMPORARY = ".unfinished-"
 
+_FULL = "the disk is full: free some space or write elsewhere"
+_NO_PERMISSION = "no permission: choose a folder that you may write to"
 _REMEDIES = {
-    **dict.fromkeys(
-        (errno.ENOSPC, errno.EDQUOT),
-        "the disk is full: free some space or write elsewhere",
-    ),
-    **dict.fromkeys(
-        (errno.EACCES, errno.EPERM),
-        "no permission: choose a folder that you may write to",
-    ),
+    errno.ENOSPC: _FULL,
+    errno.EDQUOT: _FULL,
+    errno.EACCES: _NO_PERMISSION,
+    errno.EPERM: _NO_PERMISSION,
     errno.EROFS: "the file system is read-only: write elsewhere",
     errno.ENOTEMPTY: "another process has written there: choose another name",
     errno.ENAMETOOLONG: "the name is too long: choose a shorter one",
@@ -104,49 +102,58 @@ def write_folder(
             path.parent.mkdir(parents=True, exist_ok=True)
             _write_and_flush(path, data)
             folders.add(path.parent)
-        for each in folders:
-            _flush_folder(each)
-        old = _temporary_name(folder) if overwrite and os.path.lexists(folder) else None
-        if old:
-            folder.rename(old)
-        try:
-            temporary.rename(folder)
-        except BaseException:
-            if old:
-                old.rename(folder)
-            raise
-        if old:
-            _remove(old)
-        _flush_folder(folder.parent)
+        for path in folders:
+            _flush_folder(path)
+        _put_in_place(temporary, folder)
 
 
-def check_replaceable(folder: Place, own: bool, kind: str) -> None:
-    """Raise OutputError for an existing file or non-empty folder, unless `own` says that it is `kind`."""
-    exists = (
-        folder.exists() if isinstance(folder, RemotePath) else os.path.lexists(folder)
-    )
-    if exists and not own and (not folder.is_dir() or any(folder.iterdir())):
+def _put_in_place(temporary: Path, folder: Path) -> None:
+    """Rename `temporary` to `folder`; what was there is removed afterwards, or restored if the renaming fails."""
+    old = _temporary_name(folder) if os.path.lexists(folder) else None
+    if old:
+        folder.rename(old)
+    try:
+        temporary.rename(folder)
+    except BaseException:
+        if old:
+            old.rename(folder)
+        raise
+    if old:
+        _remove(old)
+    _flush_folder(folder.parent)
+
+
+def check_replaceable(folder: Place, replaceable: bool, kind: str) -> None:
+    """Raise OutputError for an existing file or non-empty folder, unless `replaceable` says that it is `kind`."""
+    exists = _exists(folder)
+    is_empty = exists and folder.is_dir() and not any(folder.iterdir())
+    if exists and not replaceable and not is_empty:
         raise OutputError(
             f"{folder}: exists and is not {kind}, so it is not overwritten; choose another name"
         )
 
 
+def _exists(place: Place) -> bool:
+    """Whether something is there, also a broken link."""
+    if isinstance(place, RemotePath):
+        return place.exists()
+    return os.path.lexists(place)
+
+
 def existing_part(path: Path) -> Path:
     """`path`, or else the nearest folder or file above it that exists."""
-    return next(each for each in (path, *path.parents) if os.path.lexists(each))
+    return next(part for part in (path, *path.parents) if os.path.lexists(part))
 
 
 def remove_unfinished(folder: Where) -> list[str]:
     """Remove the temporary files of killed processes from a local `folder`; their names. No process may be writing."""
     folder = place(folder)
-    found = (
-        []
-        if isinstance(folder, RemotePath)
-        else sorted(folder.glob(f".*{_TEMPORARY}*"))
-    )
-    for entry in found:
+    if isinstance(folder, RemotePath):
+        return []
+    leftovers = sorted(folder.glob(f".*{_TEMPORARY}*"))
+    for entry in leftovers:
         _remove(entry)
-    return [entry.name for entry in found]
+    return [entry.name for entry in leftovers]
 
 
 @contextlib.contextmanager
@@ -172,7 +179,7 @@ def locked(
     operation = (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | (
         0 if wait else fcntl.LOCK_NB
     )
-    created = [each for each in (folder, *folder.parents) if not each.is_dir()]
+    created = [part for part in (folder, *folder.parents) if not part.is_dir()]
     while True:
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -295,12 +302,9 @@ def _temporary(path: Path) -> Iterator[Path]:
 
 
 def _not_written(path: Path, error: Exception) -> OutputError:
-    number, reason = (
-        getattr(error, "errno", None) or 0,
-        getattr(error, "strerror", None) or error,
-    )
+    number = getattr(error, "errno", None) or 0
     if number in (errno.ENOTDIR, errno.EEXIST):
         return OutputError(f"{existing_part(path)}: {A_FILE}")
-    return OutputError(
-        f"{path}: cannot be written; {_REMEDIES.get(number, f'{reason}: check the path')}"
-    )
+    reason = getattr(error, "strerror", None) or error
+    remedy = _REMEDIES.get(number, f"{reason}: check the path")
+    return OutputError(f"{path}: cannot be written; {remedy}")

@@ -11,6 +11,7 @@ import fnmatch
 import hashlib
 import json
 import re
+from collections.abc import Iterator
 from datetime import date
 from typing import Annotated, Any
 from urllib.parse import urlsplit
@@ -18,6 +19,7 @@ from urllib.parse import urlsplit
 import pydantic
 
 from twinlens import schema
+from twinlens.dataset.channels import DISPARITY, IMAGE, parse_file
 from twinlens.dataset.dataset import MANIFEST, Dataset, Manifest
 from twinlens.dataset.files import read_bytes, write_file
 from twinlens.dataset.record import read
@@ -27,50 +29,14 @@ KEY, UNNAMED = "about", "stereo dataset"
 CROISSANT = "croissant.json"
 _VERSION = "1.0.0"
 
-# mlcroissant decodes few formats; with a second media type, text/plain, it returns the bytes of the others.
-_PNG, _PFM = ["image/png"], ["image/x-portable-floatmap", "text/plain"]
-_EXR, _TEXT, _JSON = (
-    ["image/x-exr", "text/plain"],
-    ["text/plain"],
-    ["text/plain", "application/json"],
-)
-_KINDS = {
-    "im": ("image of view {}", _PNG, "sc:ImageObject"),
-    "disp": (
-        "true disparity of view {}: float32 pixels, +inf unknown",
-        _PFM,
-        "sc:ImageObject",
+_TEXT_FILES = {
+    "calib.txt": (
+        "calibration of the pair, as Middlebury's calib.txt",
+        ["text/plain"],
     ),
-    "dp-left": (
-        "image of the left halves of view {}'s dual pixels",
-        _PNG,
-        "sc:ImageObject",
-    ),
-    "dp-right": (
-        "image of the right halves of view {}'s dual pixels",
-        _PNG,
-        "sc:ImageObject",
-    ),
-    "dp-disp": (
-        "true disparity of view {}'s dual pixels: float32 pixels, +inf unknown",
-        _PFM,
-        "sc:ImageObject",
-    ),
-    "mask": (
-        "view {}: 255 visible in both, 128 occluded or out of frame, 0 unknown",
-        _PNG,
-        "sc:ImageObject",
-    ),
-    "truth": (
-        "truth of view {}: depth, position, normals, ids, blur circle",
-        _EXR,
-        "sc:Text",
-    ),
-    "radiance": ("linear image of view {}", _EXR, "sc:Text"),
-    "calib": ("calibration of the pair, as Middlebury's calib.txt", _TEXT, "sc:Text"),
-    "sample": ("how the sample was made", _JSON, "sc:Text"),
+    "sample.json": ("how the sample was made", ["text/plain", "application/json"]),
 }
-_FILE = re.compile(r"([a-z-]+)(\d*)[A-Za-z]*\.[a-z]+$")  # kind, view
+"""The files of a sample that are not of one view: description and media types."""
 
 _TERMS = """citeAs column equivalentProperty extract field fileProperty fileObject fileSet format includes isLiveDataset
 jsonPath key md5 parentField path recordSet references regex repeated replace samplingRate separator source subField
@@ -184,37 +150,27 @@ def about(dataset: Dataset) -> tuple[About, Manifest]:
 
 def stated(manifest: Manifest, path: Place) -> About:
     """The recipe's About with the changes in `info`; `path` is named in messages. Raises FileError."""
-    written, given = (
-        read(About, each.get(KEY, {}), path, KEY).plain()
-        for each in (manifest.recipe, manifest.info)
+    written, changed = (
+        read(About, source.get(KEY, {}), path, KEY).plain()
+        for source in (manifest.recipe, manifest.info)
     )
-    return About.of(written | given)
+    return About.of(written | changed)
 
 
-def write_croissant(dataset: Dataset, given: About, manifest: Manifest) -> str:
+def write_croissant(dataset: Dataset, texts: About, manifest: Manifest) -> str:
     """Write croissant.json into a dataset's folder; returns its name. The same dataset gives the same bytes.
 
     It contains the SHA-256 of dataset.json, so it is written after it. Raises FileError and OutputError.
     """
     paths = {name for row in manifest.rows for name in row.files}
     if not manifest.rows:
-        plain = (
-            "im0.png",
-            "im1.png",
-            "disp0.pfm",
-            "disp1.pfm",
-            "disp0GT.pfm",
-            "disp1GT.pfm",
-            "calib.txt",
-        )
-        paths = {name for name in plain if dataset[0].has(name)}
-    files = sorted(
-        {name.rpartition("/")[2] for name in paths}
-    )  # without the folders of lenses
+        paths = {name for name in _plain_names() if dataset[0].has(name)}
+    # Without the folders of lenses.
+    names = sorted({name.rpartition("/")[2] for name in paths})
     described = [
-        _file_records(match)
-        for match in map(_FILE.match, files)
-        if match and match[1] in _KINDS
+        _file_records(name, *description)
+        for name in names
+        if (description := _description(name)) is not None
     ]
     if (dataset.path / MANIFEST).is_file():
         described.insert(
@@ -224,9 +180,9 @@ def write_croissant(dataset: Dataset, given: About, manifest: Manifest) -> str:
         "@context": CONTEXT,
         "@type": "sc:Dataset",
         "conformsTo": "http://mlcommons.org/croissant/1.0",
-        "name": given.title,
-        "description": given.description
-        or f"{given.title}: stereo pairs rendered by twinlens, with exact ground truth.",
+        "name": texts.title,
+        "description": texts.description
+        or f"{texts.title}: stereo pairs rendered by twinlens, with exact ground truth.",
         "version": _VERSION,
     }
     keys = {
@@ -236,10 +192,10 @@ def write_croissant(dataset: Dataset, given: About, manifest: Manifest) -> str:
         "citeAs": "cite_as",
     }
     record |= {
-        key: value for key, name in keys.items() if (value := getattr(given, name))
+        key: value for key, name in keys.items() if (value := getattr(texts, name))
     }
-    if given.creator:
-        record["creator"] = {"@type": "sc:Person", "name": given.creator}
+    if texts.creator:
+        record["creator"] = {"@type": "sc:Person", "name": texts.creator}
     record["distribution"] = [files for files, _ in described]
     record["recordSet"] = [content for _, content in described]
     write_file(
@@ -280,11 +236,35 @@ def _manifest_records(
     return file | {"encodingFormat": "application/json", "sha256": digest}, samples
 
 
-def _file_records(match: re.Match[str]) -> tuple[dict[str, Any], dict[str, Any]]:
+def _plain_names() -> Iterator[str]:
+    """The files that a folder without a dataset.json may have."""
+    for view in (0, 1):
+        yield IMAGE.name(view)
+        yield from DISPARITY.names(view)
+    yield "calib.txt"
+
+
+def _description(name: str) -> tuple[str, list[str], str] | None:
+    """What a file of a sample holds, its media types, and Croissant's type; None for files that are not described."""
+    if name in _TEXT_FILES:
+        text, media_types = _TEXT_FILES[name]
+        return text, media_types, "sc:Text"
+    parsed = parse_file(name)
+    if parsed is None:
+        return None
+    file, view, _ = parsed
+    return (
+        file.description(view),
+        list(file.format.media_types),
+        file.format.data_type,
+    )
+
+
+def _file_records(
+    name: str, text: str, encoding: list[str], kind: str
+) -> tuple[dict[str, Any], dict[str, Any]]:
     """The FileSet of all files of one name, and the RecordSet of their folders and contents."""
-    name, ident = match[0], match[0].replace(".", "-")
-    text, encoding, kind = _KINDS[match[1]]
-    text = text.format(match[2])
+    ident = name.replace(".", "-")
     # The star also matches slashes, so nested samples and images of other lenses are found.
     files = _node(
         "FileSet",

@@ -5,10 +5,9 @@ docs/bop_datasets_format.md and scripts/calc_gt_info.py of https://github.com/th
 """
 
 import json
-import re
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,26 +18,15 @@ from twinlens.camera import ObjectTruth, Truth
 from twinlens.camera.masks import encode_mask
 from twinlens.dataset.codecs.ply import encode_ply, read_ply
 from twinlens.dataset.codecs.png import encode_png
+from twinlens.dataset.layouts import Source, category
 from twinlens.errors import InputError
 from twinlens.geometry import Float, inverse
-
-if TYPE_CHECKING:
-    from twinlens.dataset.export import Source
 
 _MM = 1000.0
 _DEPTH_SCALE = 0.1  # millimetres per unit of a depth image, or ten, a hundred times that if 16 bits need it
 
 
-def category(name: str) -> str:
-    """The name of an object without the number of a copy.
-
-    >>> category("nut"), category("nut-2"), category("nut[3]")
-    ('nut', 'nut', 'nut')
-    """
-    return re.sub(r"(-\d+|\[\d+\])+$", "", name)
-
-
-def coco(sources: Iterable["Source"]) -> Iterator[tuple[str, bytes]]:
+def coco(sources: Iterable[Source]) -> Iterator[tuple[str, bytes]]:
     """annotations/instances.json and images/<name>-im0.png ...: one annotation per visible object of each view.
 
     `segmentation`, `bbox` and `area` are of the visible part. Categories are those of `category`. Further keys have the
@@ -63,18 +51,18 @@ def coco(sources: Iterable["Source"]) -> Iterator[tuple[str, bytes]]:
                 about | {"cam_K": camera.K.tolist(), "world_from_cam": pose.tolist()}
             )
             yield f"images/{name}", source.image(i)
-            for thing in truth.objects:
-                if thing.visible_pixel_count:
-                    label = truth.object_name(thing)
-                    number = categories.setdefault(category(label), len(categories) + 1)
-                    ids = {
-                        "id": len(annotations) + 1,
-                        "image_id": len(images),
-                        "category_id": number,
-                    }
-                    annotations.append(
-                        ids | {"name": label} | _annotation(truth, thing)
-                    )
+            for instance in truth.objects:
+                if instance.visible_pixel_count == 0:
+                    continue
+                name = truth.object_name(instance)
+                number = categories.setdefault(category(name), len(categories) + 1)
+                ids = {
+                    "id": len(annotations) + 1,
+                    "image_id": len(images),
+                    "category_id": number,
+                }
+                facts = _annotation(truth, instance)
+                annotations.append({**ids, "name": name, **facts})
     named = [
         {"id": number, "name": name, "supercategory": ""}
         for name, number in categories.items()
@@ -90,37 +78,36 @@ def coco(sources: Iterable["Source"]) -> Iterator[tuple[str, bytes]]:
     yield "annotations/instances.json", json.dumps(content, allow_nan=False).encode()
 
 
-def _annotation(truth: Truth, thing: ObjectTruth) -> dict[str, Any]:
+def _annotation(truth: Truth, instance: ObjectTruth) -> dict[str, Any]:
     size = list(truth.object_id.shape)
-    corners: list[list[float]] = thing.corners_px.tolist()
+    corners: list[list[float]] = instance.corners_px.tolist()
     return {
         "iscrowd": 0,
-        "bbox": list(thing.visible_box),
-        "area": thing.visible_pixel_count,
+        "bbox": list(instance.visible_box),
+        "area": instance.visible_pixel_count,
         "segmentation": {
             "size": size,
-            "counts": encode_mask(truth.object_id == thing.object_id),
+            "counts": encode_mask(truth.object_id == instance.object_id),
         },
-        "amodal_bbox": list(thing.box),
-        "amodal_area": thing.pixel_count,
-        "amodal_segmentation": {"size": size, "counts": thing.silhouette},
-        "visible_fraction": thing.visible_fraction,
-        "cam_from_object": thing.cam_from_object.tolist(),
-        "extent": thing.extent.tolist(),
+        "amodal_bbox": list(instance.box),
+        "amodal_area": instance.pixel_count,
+        "amodal_segmentation": {"size": size, "counts": instance.silhouette},
+        "visible_fraction": instance.visible_fraction,
+        "cam_from_object": instance.cam_from_object.tolist(),
+        "extent": instance.extent.tolist(),
         "corners_px": [
             point if np.isfinite(point).all() else None for point in corners
         ],
     }
 
 
-def bop(sources: Iterable["Source"]) -> Iterator[tuple[str, bytes]]:
+def bop(sources: Iterable[Source]) -> Iterator[tuple[str, bytes]]:
     """BOP scenes: train/<number>/ with scene_camera, scene_gt and scene_gt_info .json, rgb, depth, mask and mask_visib.
 
     A sample is a scene, a view is an image. Millimetres. Objects with the same model have one `obj_id`; models/ has the
     meshes of samples that were made with their models, and models_info.json the boxes of all.
     """
-    numbers: dict[str, int] = {}
-    models: dict[int, dict[str, Any]] = {}
+    models = _Models()
     for source in sources:
         scene = f"train/{source.index:06d}"
         cameras: dict[str, Any] = {}
@@ -135,55 +122,63 @@ def bop(sources: Iterable["Source"]) -> Iterator[tuple[str, bytes]]:
             cameras[str(i)] = _scene_camera(source, i, scale)
             yield f"{scene}/rgb/{i:06d}.png", source.image(i)
             yield f"{scene}/depth/{i:06d}.png", encode_png(depth)
-            for k, thing in enumerate(truth.objects):
-                whole, visible = (
-                    truth.silhouette(thing),
-                    truth.object_id == thing.object_id,
-                )
-                yield (
-                    f"{scene}/mask/{i:06d}_{k:06d}.png",
-                    encode_png(np.where(whole, np.uint8(255), np.uint8(0))),
-                )
-                yield (
-                    f"{scene}/mask_visib/{i:06d}_{k:06d}.png",
-                    encode_png(np.where(visible, np.uint8(255), np.uint8(0))),
-                )
-                number = numbers.setdefault(thing.model, len(numbers) + 1)
-                if number not in models:
-                    name = category(truth.object_name(thing))
-                    models[number] = {"name": name, **_box_mm(thing.extent)}
-                if "diameter" not in models[number] and source.sample.has(
-                    f"models/{thing.model}.ply"
-                ):
-                    vertices, faces = read_ply(
-                        source.sample.path(f"models/{thing.model}.ply")
-                    )
-                    models[number]["diameter"] = _diameter(vertices) * _MM
-                    yield (
-                        f"models/obj_{number:06d}.ply",
-                        encode_ply(vertices * _MM, faces, text=True),
-                    )
-                poses.setdefault(str(i), []).append(
-                    {"obj_id": number, **_pose_mm(thing.cam_from_object, "m2c")}
-                )
-                infos.setdefault(str(i), []).append(
-                    _gt_info(thing, int(np.count_nonzero(whole & (depth > 0))))
-                )
-        for name, content in (
-            ("scene_camera", cameras),
-            ("scene_gt", poses),
-            ("scene_gt_info", infos),
-        ):
-            yield f"{scene}/{name}.json", _lines(content)
+            for k, instance in enumerate(truth.objects):
+                whole = truth.silhouette(instance)
+                visible = truth.object_id == instance.object_id
+                yield f"{scene}/mask/{i:06d}_{k:06d}.png", _mask_png(whole)
+                yield f"{scene}/mask_visib/{i:06d}_{k:06d}.png", _mask_png(visible)
+                number = models.number_of(truth, instance)
+                yield from models.mesh(source, instance)
+                pose = {"obj_id": number, **_pose_mm(instance.cam_from_object, "m2c")}
+                poses.setdefault(str(i), []).append(pose)
+                info = _gt_info(instance, int(np.count_nonzero(whole & (depth > 0))))
+                infos.setdefault(str(i), []).append(info)
+        yield f"{scene}/scene_camera.json", _lines(cameras)
+        yield f"{scene}/scene_gt.json", _lines(poses)
+        yield f"{scene}/scene_gt_info.json", _lines(infos)
         if source.index == 0:
             yield "camera.json", json.dumps(_camera_json(source)).encode()
-    yield (
-        "models/models_info.json",
-        _lines({str(number): model for number, model in models.items()}),
-    )
+    yield "models/models_info.json", models.info()
 
 
-def _truths(source: "Source") -> Iterator[Truth]:
+class _Models:
+    """The models of all scenes: objects with the same triangles have one number."""
+
+    def __init__(self) -> None:
+        self._numbers: dict[str, int] = {}
+        self._facts: dict[int, dict[str, Any]] = {}
+
+    def number_of(self, truth: Truth, instance: ObjectTruth) -> int:
+        """The `obj_id` of an object, from 1."""
+        number = self._numbers.setdefault(instance.model, len(self._numbers) + 1)
+        if number not in self._facts:
+            name = category(truth.object_name(instance))
+            self._facts[number] = {"name": name, **_box_mm(instance.extent)}
+        return number
+
+    def mesh(
+        self, source: Source, instance: ObjectTruth
+    ) -> Iterator[tuple[str, bytes]]:
+        """The file of the model's triangles, once, from the first sample that has them."""
+        number = self._numbers[instance.model]
+        file = f"models/{instance.model}.ply"
+        if "diameter" in self._facts[number] or not source.sample.has(file):
+            return
+        vertices, faces = read_ply(source.sample.path(file))
+        self._facts[number]["diameter"] = _diameter(vertices) * _MM
+        mesh = encode_ply(vertices * _MM, faces, text=True)
+        yield f"models/obj_{number:06d}.ply", mesh
+
+    def info(self) -> bytes:
+        """models_info.json."""
+        return _lines({str(number): facts for number, facts in self._facts.items()})
+
+
+def _mask_png(mask: NDArray[np.bool_]) -> bytes:
+    return encode_png(np.where(mask, np.uint8(255), np.uint8(0)))
+
+
+def _truths(source: Source) -> Iterator[Truth]:
     """The truth of each view, with the objects to export."""
     sample = source.sample
     for i in range(len(sample.rig)):
@@ -193,25 +188,24 @@ def _truths(source: "Source") -> Iterator[Truth]:
                 f"{sample.name}: has no poses of objects; make the sample again with this version"
             )
         chosen = [
-            thing
-            for thing in truth.objects
-            if source.objects is None
-            or category(truth.object_name(thing)) in source.objects
+            instance
+            for instance in truth.objects
+            if source.exports(truth.object_name(instance))
         ]
         yield replace(truth, objects=tuple(chosen))
 
 
 def _depth_image(depth: Float) -> tuple[NDArray[np.uint16], float]:
     """16-bit depth, 0 where nothing was hit, and its unit in millimetres."""
-    known = np.isfinite(depth)
-    scale, most = _DEPTH_SCALE, depth[known].max(initial=0.0) * _MM
+    hit = np.isfinite(depth)
+    scale, most = _DEPTH_SCALE, depth[hit].max(initial=0.0) * _MM
     while most > 65535 * scale:
         scale *= 10
-    counts = np.maximum(np.round(np.where(known, depth, 0.0) * _MM / scale), 1)
-    return np.where(known, counts, 0).astype(np.uint16), scale
+    counts = np.maximum(np.round(np.where(hit, depth, 0.0) * _MM / scale), 1)
+    return np.where(hit, counts, 0).astype(np.uint16), scale
 
 
-def _scene_camera(source: "Source", i: int, depth_scale: float) -> dict[str, Any]:
+def _scene_camera(source: Source, i: int, depth_scale: float) -> dict[str, Any]:
     rig = source.sample.rig
     pose = _pose_mm(inverse(rig.world_from_cams[i]), "w2c")
     return {
@@ -221,7 +215,7 @@ def _scene_camera(source: "Source", i: int, depth_scale: float) -> dict[str, Any
     }
 
 
-def _camera_json(source: "Source") -> dict[str, Any]:
+def _camera_json(source: Source) -> dict[str, Any]:
     camera = source.sample.rig.cameras[0]
     names = ("width", "height", "fx", "fy", "cx", "cy")
     return {name: getattr(camera, name) for name in names} | {
@@ -243,34 +237,31 @@ def _box_mm(extent: Float) -> dict[str, float]:
     }
 
 
-def _gt_info(thing: ObjectTruth, valid: int) -> dict[str, Any]:
+def _gt_info(instance: ObjectTruth, valid: int) -> dict[str, Any]:
     """The toolkit's boxes end at the last pixel, and are -1 for hidden objects."""
-    boxes = {"bbox_obj": thing.box, "bbox_visib": thing.visible_box}
-    seen = thing.visible_pixel_count > 0
+    boxes = {"bbox_obj": instance.box, "bbox_visib": instance.visible_box}
+    seen = instance.visible_pixel_count > 0
     return {
         **{
             name: [box[0], box[1], box[2] - 1, box[3] - 1] if seen else [-1] * 4
             for name, box in boxes.items()
         },
-        "px_count_all": thing.pixel_count,
+        "px_count_all": instance.pixel_count,
         "px_count_valid": valid,
-        "px_count_visib": thing.visible_pixel_count,
-        "visib_fract": thing.visible_fraction,
+        "px_count_visib": instance.visible_pixel_count,
+        "visib_fract": instance.visible_fraction,
     }
 
 
 def _diameter(vertices: Float) -> float:
     """The largest distance between two vertices, which are on the convex hull."""
     if len(vertices) > 4:
-        vertices = vertices[
-            ConvexHull(vertices, qhull_options="QJ").vertices
-        ]  # QJ: flat sets have a hull too
-    return float(
-        max(
-            cdist(vertices[i : i + 512], vertices).max()
-            for i in range(0, len(vertices), 512)
-        )
-    )
+        # QJ: flat sets have a hull too.
+        hull = ConvexHull(vertices, qhull_options="QJ")
+        vertices = vertices[hull.vertices]
+    # In blocks, as the matrix of all distances may not fit into memory.
+    blocks = (vertices[i : i + 512] for i in range(0, len(vertices), 512))
+    return float(max(cdist(block, vertices).max() for block in blocks))
 
 
 def _lines(content: dict[str, Any]) -> bytes:

@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from twinlens.camera import BrownConrady, Camera, Distortion, KannalaBrandt, Rig
+from twinlens.dataset.channels import IMAGE
 from twinlens.dataset.files import read_text, write_file
 from twinlens.errors import FileError, InputError, check_known
 from twinlens.geometry import Float, inverse, rigid
@@ -252,9 +253,7 @@ def colmap_pose(world_from_cam: Float) -> str:
 
 
 def _image_names(rig: Rig, names: Sequence[str] | None) -> tuple[str, ...]:
-    chosen = (
-        tuple(f"im{i}.png" for i in range(len(rig))) if names is None else tuple(names)
-    )
+    chosen = tuple(map(IMAGE.name, range(len(rig)))) if names is None else tuple(names)
     if len(chosen) != len(rig) or len(set(chosen)) != len(chosen):
         raise InputError(
             f"a rig of {len(rig)} cameras needs as many different image names, got {list(chosen)}"

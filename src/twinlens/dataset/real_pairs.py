@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from twinlens.dataset.channels import DISPARITY, IMAGE, MASK
 from twinlens.dataset.codecs.pfm import read_disparity
 from twinlens.dataset.storage import Place, Where, place
 from twinlens.dataset.stored import StoredSample
@@ -26,11 +27,10 @@ _KITTI = (
     ("image_0", "image_1", "disp_occ", "disp_noc"),
 )
 _ETH3D = "two_view_training"
-_EXPORTS = (
-    "Kitti2015",
-    "ETH3D",
-)  # the folders that `twinlens export` makes for torchvision
-_VISIBLE = "disp_noc"  # KITTI's map of the pixels that are visible in both views
+# The folders that `twinlens export` makes for torchvision.
+_EXPORTS = ("Kitti2015", "ETH3D")
+# KITTI's map of the pixels that are visible in both views.
+_VISIBLE = "disp_noc"
 
 
 @dataclass(frozen=True)
@@ -45,15 +45,13 @@ class DownloadedPair(StoredSample):
     def mask_nonocc(self, i: int) -> Mask:
         if i != 0 or _VISIBLE not in self.files:
             return super().mask_nonocc(i)
-        seen, known = (
-            np.isfinite(read_disparity(self.files[_VISIBLE])),
-            np.isfinite(self.disp0),
-        )
-        if seen.shape != known.shape:
+        visible = np.isfinite(read_disparity(self.files[_VISIBLE]))
+        has_truth = np.isfinite(self.disp0)
+        if visible.shape != has_truth.shape:
             raise FileError(
-                f"{self.files[_VISIBLE]}: has another size than {self.path('disp0.pfm')}"
+                f"{self.files[_VISIBLE]}: has another size than {self.path(DISPARITY.name(0))}"
             )
-        return mask_of(known, seen)
+        return mask_of(has_truth, visible)
 
 
 def downloaded_pairs(path: Where) -> Sequence[DownloadedPair] | None:
@@ -70,54 +68,40 @@ def downloaded_pairs(path: Where) -> Sequence[DownloadedPair] | None:
             return _checked(_eth3d(folder), folder)
     for folder in (root, root / "training"):
         for names in _KITTI:
-            if (
-                all((folder / name).is_dir() for name in names[:2])
-                and not (folder / "im0.png").is_file()
-            ):
+            has_views = all((folder / name).is_dir() for name in names[:2])
+            if has_views and not (folder / IMAGE.name(0)).is_file():
                 return _checked(_kitti(folder, names), folder / names[0])
     return None
 
 
 def _eth3d(folder: Place) -> list[DownloadedPair]:
+    scenes = [entry for entry in folder.iterdir() if (entry / IMAGE.name(0)).is_file()]
     pairs = []
-    for scene in sorted(
-        (entry for entry in folder.iterdir() if (entry / "im0.png").is_file()), key=str
-    ):
+    for scene in sorted(scenes, key=str):
         truth = folder.parent / "two_view_training_gt" / scene.name
         files = {
-            "disp0.pfm": truth / "disp0GT.pfm",
-            "mask0nocc.png": truth / "mask0nocc.png",
+            IMAGE.name(1): scene / "im1.png",
+            DISPARITY.name(0): truth / "disp0GT.pfm",
+            MASK.name(0): truth / "mask0nocc.png",
         }
-        pairs.append(
-            DownloadedPair(
-                scene, scene.name, files={"im1.png": scene / "im1.png", **files}
-            )
-        )
+        pairs.append(DownloadedPair(scene, scene.name, files=files))
     return pairs
 
 
 def _kitti(folder: Place, names: Sequence[str]) -> list[DownloadedPair]:
-    folders = dict(
-        zip(
-            ("im0.png", "im1.png", "disp0.pfm", _VISIBLE),
-            (folder / name for name in names),
-            strict=True,
-        )
-    )
+    ours = (IMAGE.name(0), IMAGE.name(1), DISPARITY.name(0), _VISIBLE)
+    folders = {name: folder / theirs for name, theirs in zip(ours, names, strict=True)}
     # The frames _11 of the next point in time have no truth.
     frames = sorted(
         entry.name
-        for entry in folders["im0.png"].iterdir()
+        for entry in folders[IMAGE.name(0)].iterdir()
         if entry.name.endswith("_10.png")
     )
-    return [
-        DownloadedPair(
-            folder,
-            frame.removesuffix(".png"),
-            files={name: each / frame for name, each in folders.items()},
-        )
-        for frame in frames
-    ]
+    pairs = []
+    for frame in frames:
+        files = {name: below / frame for name, below in folders.items()}
+        pairs.append(DownloadedPair(folder, frame.removesuffix(".png"), files=files))
+    return pairs
 
 
 def _checked(pairs: list[DownloadedPair], folder: Place) -> list[DownloadedPair]:

@@ -1,11 +1,5 @@
-"""A sample in memory, and its files as pure functions of arrays (docs/format.md describes the files).
+"""A sample in memory: a rig, its truth, and the images taken with it. `sample_files` has its files."""
 
-`sample_files` encodes without touching the disk, so a thread can encode one sample while the next is rendered;
-`write_sample` writes atomically.
-"""
-
-import hashlib
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -13,35 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import twinlens
-from twinlens.camera import Lens, Rig, dual_pixel_disparity
-from twinlens.camera.truth import MATERIAL_KINDS, Truth
-from twinlens.dataset.codecs.calib import Calibration, encode_calib, tidy
-from twinlens.dataset.codecs.exr import encode_exr
-from twinlens.dataset.codecs.pfm import encode_pfm
-from twinlens.dataset.codecs.ply import encode_ply
-from twinlens.dataset.codecs.png import encode_png
-from twinlens.dataset.files import check_replaceable, write_folder
-from twinlens.dataset.quantities import KEY, statistics
-from twinlens.dataset.record import encode_json, plain
-from twinlens.dataset.storage import MARK, RemotePath, Where, place
-from twinlens.dataset.truth_files import encode_truth
+from twinlens import optics
+from twinlens.camera import Camera, Lens, Rig
+from twinlens.camera.truth import Truth
 from twinlens.errors import InputError
 
 KIND, VERSION = "twinlens-sample", 1
-
-CONVENTIONS = {
-    "camera_frame": "x right, y down, z forward; metres",
-    "pixel_centres": "at integers: the image spans -0.5 to width - 0.5; arrays are [y, x], row 0 at the top",
-    "disparity": "u_left - u_right in pixels; z = fx * baseline / (d + doffs); unknown is +inf",
-    "depth": "z along the optical axis; +inf where nothing was hit",
-    "world_from_cams": "4x4, a point's world coordinates from its camera coordinates",
-    "dp-disp": "u in dp-left - u in dp-right, pixels: positive before the plane of focus; unknown is +inf",
-    "mask_nonocc": "255 visible in both views, 128 occluded or out of frame, 0 unknown",
-    "ids": "0 nothing hit, else 1 + index into the list of names",
-    "objects": "per view; pixel boxes are u, v, width, height, all 0 if empty; silhouettes are COCO's run-length code",
-    "blur_circle_px": "signed diameter, aperture_diameter * fx * (1/z - vergence); positive before the plane of focus",
-}
+"""The format and version of sample.json."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,31 +60,31 @@ class Sample:
     def __post_init__(self) -> None:
         if not self.shots:
             raise InputError("a sample needs one or more shots")
-        groups: dict[str, Any] = {
-            "truths": [truth.depth for truth in self.truths] or None
-        }
-        for k, shot in enumerate(self.shots):
-            groups |= {
-                f"images of shot {k}": shot.images,
-                f"radiances of shot {k}": shot.radiances,
-            }
-            groups |= {
-                f"{half} halves of shot {k}": images
-                for half, images in _halves(shot).items()
-            }
-        for what, arrays in groups.items():
-            if arrays is not None and len(arrays) != len(self.rig):
+        if self.truths:
+            self._check_sizes("truths", [truth.depth for truth in self.truths])
+        for number, shot in enumerate(self.shots):
+            self._check_sizes(f"images of shot {number}", shot.images)
+            if shot.radiances is not None:
+                self._check_sizes(f"radiances of shot {number}", shot.radiances)
+            if shot.halves is not None:
+                left, right = zip(*shot.halves, strict=True)
+                self._check_sizes(f"left halves of shot {number}", left)
+                self._check_sizes(f"right halves of shot {number}", right)
+
+    def _check_sizes(self, what: str, arrays: Sequence[NDArray[Any]]) -> None:
+        """Raise InputError unless there is one array for each camera, of its size."""
+        if len(arrays) != len(self.rig):
+            raise InputError(
+                f"{what}: got {len(arrays)}, but the rig has {len(self.rig)} cameras"
+            )
+        for view, (array, camera) in enumerate(
+            zip(arrays, self.rig.cameras, strict=True)
+        ):
+            if array.shape[:2] != (camera.height, camera.width):
+                size = f"{camera.width} x {camera.height}"
                 raise InputError(
-                    f"{what}: got {len(arrays)}, but the rig has {len(self.rig)} cameras"
+                    f"{what}: camera {view} is {size}, its array is {array.shape}"
                 )
-            for i, (array, camera) in enumerate(
-                zip(arrays or (), self.rig.cameras, strict=False)
-            ):
-                if array.shape[:2] != (camera.height, camera.width):
-                    size = f"{camera.width} x {camera.height}"
-                    raise InputError(
-                        f"{what}: camera {i} is {size}, its array is {array.shape}"
-                    )
 
     @property
     def is_rectified(self) -> bool:
@@ -120,123 +92,25 @@ class Sample:
         return len(self.rig) > 1 and self.rig.nominal.is_rectified()
 
 
-def sample_files(sample: Sample) -> dict[str, bytes]:
-    """All files of the sample, relative name -> content. The same sample gives the same bytes."""
-    files: dict[str, bytes] = {}
-    for k, shot in enumerate(sample.shots):
-        files |= {
-            f"{lens_folder(k)}im{i}.png": encode_png(image)
-            for i, image in enumerate(shot.images)
-        }
-        for i, radiance in enumerate(shot.radiances or ()):
-            channels = dict(zip("RGB", np.moveaxis(radiance, -1, 0), strict=True))
-            files[f"{lens_folder(k)}radiance{i}.exr"] = encode_exr(channels)
-        for half, images in _halves(shot).items():
-            files |= {
-                f"{lens_folder(k)}dp-{half}{i}.png": encode_png(image)
-                for i, image in enumerate(images)
-            }
-    rig = sample.rig.nominal
-    for i, truth in enumerate(sample.truths):
-        files[f"truth{i}.exr"] = encode_truth(
-            truth, rig.cameras[i], sample.shots[0].lens
-        )
-        if rig.partner(i) is not None:
-            files[f"mask{i}nocc.png"] = encode_png(truth.mask_nonocc())
-        if rectified_pair(rig, i) is not None:
-            files[f"disp{i}.pfm"] = encode_pfm(truth.disparity)
-        for k, shot in enumerate(sample.shots):
-            if shot.halves is not None:
-                disparity = dual_pixel_disparity(truth, rig.cameras[i], shot.lens)
-                files[f"{lens_folder(k)}dp-disp{i}.pfm"] = encode_pfm(disparity)
-    if sample.is_rectified:
-        files["calib.txt"] = encode_calib(_calibration(sample)).encode()
-    for name, (vertices, faces) in sample.models.items():
-        files[f"models/{name}.ply"] = encode_ply(vertices, faces)
-    files["sample.json"] = encode_json(_record(sample))
-    return files
-
-
-def write_sample(
-    folder: Where, sample: Sample, overwrite: bool = False
-) -> dict[str, str]:
-    """Write the sample as `folder`, atomically; returns relative name -> SHA-256 of its files, sorted by name.
-
-    Raises OutputError if the folder cannot be written, or exists (unless `overwrite` is set and it is a sample or
-    empty); nothing is left behind. Raises InputError if an array does not fit its file format.
-    """
-    folder = place(folder)
-    if overwrite and not isinstance(
-        folder, RemotePath
-    ):  # `fill_remote` checks remote ones
-        check_replaceable(folder, (folder / MARK).is_file(), "a sample")
-    files = sample_files(sample)
-    write_folder(folder, files, overwrite)
-    return {name: hashlib.sha256(files[name]).hexdigest() for name in sorted(files)}
-
-
-def rectified_pair(rig: Rig, i: int) -> tuple[int, int] | None:
-    """The left and right camera of the pair of view i and its partner, if that pair is rectified."""
-    partner = rig.partner(i)
+def rectified_pair(rig: Rig, view: int) -> tuple[int, int] | None:
+    """The left and right camera of the pair of a view and its partner, if that pair is rectified."""
+    partner = rig.partner(view)
     if partner is None:
         return None
-    pair = (min(i, partner), max(i, partner))
+    pair = (min(view, partner), max(view, partner))
     return pair if rig.is_rectified(*pair) else None
 
 
-def lens_folder(k: int) -> str:
-    """The folder of shot k, with its slash; the first shot is in the sample's own."""
-    return f"lens-{k}/" if k else ""
+def lens_folder(lens: int) -> str:
+    """The folder of a lens's images, with its slash; those of the first are in the sample's own."""
+    return f"lens-{lens}/" if lens else ""
 
 
-def _halves(shot: Shot) -> dict[str, Sequence[NDArray[Any]]]:
-    """The images of the left and of the right halves of dual pixels, one per camera; empty for other sensors."""
-    return (
-        {}
-        if shot.halves is None
-        else dict(zip(("left", "right"), zip(*shot.halves, strict=True), strict=True))
+def blur_circle_px(
+    depth: NDArray[Any], camera: Camera, lens: Lens
+) -> NDArray[np.float32]:
+    """Signed diameter of the blur circle at `depth`, pixels, float32 (H, W); positive before the plane of focus."""
+    blur = optics.circle_of_confusion_px(
+        depth, lens.aperture_diameter, camera.fx, lens.vergence
     )
-
-
-def _calibration(sample: Sample) -> Calibration:
-    known = [
-        truth.disparity[np.isfinite(truth.disparity)] for truth in sample.truths[:2]
-    ]
-    values = np.concatenate([*known, np.empty(0, np.float32)])
-    if not values.size:
-        return Calibration.from_rig(sample.rig.nominal, sample.ndisp)
-    low, high = math.floor(values.min()), math.ceil(values.max())
-    ndisp = sample.ndisp or max(high + 1, 1)
-    return Calibration.from_rig(sample.rig.nominal, ndisp).replace(
-        vmin=float(low), vmax=float(high)
-    )
-
-
-def _record(sample: Sample) -> dict[str, Any]:
-    rig = sample.rig.nominal
-    first = sample.truths[0] if sample.truths else None
-    return {
-        "format": KIND,
-        "version": VERSION,
-        "twinlens": twinlens.__version__,
-        "conventions": CONVENTIONS,
-        "rig": plain(sample.rig),
-        "rectified": sample.is_rectified,
-        "pair": {"baseline": tidy(rig.baseline()), "doffs_px": rig.doffs()}
-        if len(rig) > 1
-        else None,
-        "shots": [
-            {
-                "folder": lens_folder(k) or "./",
-                "lens": plain(shot.lens),
-                "record": plain(shot.record),
-            }
-            for k, shot in enumerate(sample.shots)
-        ],
-        "object_names": first.object_names if first else (),
-        "material_names": first.material_names if first else (),
-        "material_kinds": MATERIAL_KINDS,
-        "objects": [plain(truth.objects) for truth in sample.truths],
-        KEY: statistics(sample),
-        "record": plain(sample.record),
-    }
+    return blur.astype(np.float32)

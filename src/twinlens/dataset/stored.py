@@ -9,8 +9,8 @@ import itertools
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal, TypeVar
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import numpy as np
 import pydantic
@@ -18,10 +18,21 @@ from numpy.typing import NDArray
 
 from twinlens.camera import Lens, ObjectTruth, Rig
 from twinlens.camera.truth import Correspondence, Projection, Truth
+from twinlens.dataset.channels import (
+    CHANNELS,
+    DISPARITY,
+    DP_DISPARITY,
+    DP_LEFT,
+    DP_RIGHT,
+    IMAGE,
+    MASK,
+    RADIANCE,
+    TEXTS,
+    TRUTH,
+    Channel,
+    ViewFile,
+)
 from twinlens.dataset.codecs.calib import Calibration, read_calib
-from twinlens.dataset.codecs.exr import read_exr
-from twinlens.dataset.codecs.pfm import read_disparity
-from twinlens.dataset.codecs.png import read_png
 from twinlens.dataset.files import check_relative
 from twinlens.dataset.record import (
     LENS,
@@ -32,15 +43,8 @@ from twinlens.dataset.record import (
     read_json,
     read_part,
 )
-from twinlens.dataset.sample import KIND, VERSION
+from twinlens.dataset.sample import KIND, VERSION, blur_circle_px
 from twinlens.dataset.storage import Place, RemotePath, is_whole
-from twinlens.dataset.truth_files import (
-    PROJECTIONS,
-    SCALARS,
-    VECTORS,
-    blur_circle_px,
-    read_truth,
-)
 from twinlens.dataset.visibility import (
     Disparity,
     Mask,
@@ -117,9 +121,10 @@ def _view(method: Callable[[Any, int], T], i: int) -> T:
 class StoredSample(Mapping[str, Any]):
     """One sample of a dataset. Views 0 and 1 are the left and right image of a pair.
 
-    im0, disp0, mask0_nonocc, truth0, im1, ... are `image(0)`, `disparity(0)` and so on. As a mapping, its keys are
-    name, the images, disp0 and mask0_nonocc; ``sample[name]`` reads every quantity of docs/loading.md. `row` is its row
-    in dataset.json; empty if there is none.
+    im0, disp0, mask0_nonocc, truth0, im1, ... are `image(0)`, `disparity(0)` and so on; every other channel of
+    `channels.CHANNELS` is an attribute too, such as depth0. As a mapping, its keys are name, the images, disp0 and
+    mask0_nonocc; ``sample[name]`` reads every quantity of docs/loading.md. `row` is its row in dataset.json; empty if
+    there is none.
     """
 
     folder: Place
@@ -129,10 +134,20 @@ class StoredSample(Mapping[str, Any]):
     def __getitem__(self, name: str) -> Any:
         return read_quantities((name,), self)[name]
 
+    if not TYPE_CHECKING:  # so that type checkers still find misspelt names
+
+        def __getattr__(self, name: str) -> Any:
+            if name.startswith("_") or channel_of(name) is None:
+                kind = type(self).__name__
+                raise AttributeError(f"{kind!r} object has no attribute {name!r}")
+            return self[name]
+
     def __iter__(self) -> Iterator[str]:
         yield "name"
-        images = (f"im{i}" for i in itertools.count())
-        yield from itertools.takewhile(lambda name: self.has(f"{name}.png"), images)
+        for view in itertools.count():
+            if not self.has(IMAGE.name(view)):
+                break
+            yield CHANNELS["im"].quantity(view)
         if self.has_disparity(0):
             yield from ("disp0", "mask0_nonocc")
 
@@ -152,59 +167,62 @@ class StoredSample(Mapping[str, Any]):
 
     def image(self, i: int) -> Image:
         """Image of view i, uint8 or uint16 (H, W, 3) or (H, W)."""
-        return read_png(self.path(f"im{i}.png"))
+        image: Image = self._read(IMAGE, i)["im"]
+        return image
 
     def disparity(self, i: int) -> Disparity:
         """True disparity of view i, u_left - u_right, float32 (H, W), pixels; +inf unknown."""
-        path = self._disparity_path(i)
         if (
-            not path.exists()
+            not self.has_disparity(i)
             and self.has("sample.json")
             and self.record.get("rectified") is False
         ):
-            problem = (
-                "the pair is not rectified and has no disparity; run `twinlens rectify`"
-            )
-            raise FileError(
-                f"{self.folder}: {problem if len(self.rig) > 1 else 'has one view; disparity needs two'}"
-            )
-        return read_disparity(path)
+            problem = "has one view; disparity needs two"
+            if len(self.rig) > 1:
+                problem = "the pair is not rectified and has no disparity; run `twinlens rectify`"
+            raise FileError(f"{self.folder}: {problem}")
+        disparity: Disparity = self._read(DISPARITY, i)["disp"]
+        return disparity
 
     def has_disparity(self, i: int) -> bool:
         """Whether the folder has a disparity map of view i."""
-        return self._disparity_path(i).is_file()
+        return self._view_path(DISPARITY, i).is_file()
+
+    def has_truth(self, i: int) -> bool:
+        """Whether the folder has the truth of view i."""
+        return self._view_path(TRUTH, i).is_file()
 
     def mask_nonocc(self, i: int) -> Mask:
         """Mask of view i, uint8 (H, W): 255 visible in both, 128 occluded or out of frame, 0 unknown.
 
         Without a file it follows from the disparity maps: see `twinlens.dataset.visibility`.
         """
-        path = self.path(f"mask{i}nocc.png")
-        if path.exists():
-            mask = read_png(path)
-            if mask.ndim != 2 or mask.dtype != np.uint8:
-                raise FileError(f"{path}: a mask must be an 8-bit grey PNG")
-            return np.asarray(mask, np.uint8)
+        if self._view_path(MASK, i).exists():
+            mask: Mask = self._read(MASK, i)["mask_nonocc"]
+            return mask
         if i < 2 and self.has_disparity(1 - i):
             return mask_from_both(self.disparity(i), self.disparity(1 - i), left=i == 0)
         return mask_from_one(self.disparity(i), left=i == 0)
 
     def truth(self, i: int) -> Truth:
         """Truth of view i; depth, position and the pixels of projectors have float32 precision."""
-        fields = read_truth(self.path(f"truth{i}.exr"))
-        fields |= {
-            name: fields[name].astype(np.float64) for name in ("depth", "position")
-        }
-        del fields["blur_circle_px"]
-        unknown = np.full(fields["depth"].shape, np.inf, np.float32)
-        disparity = self.disparity(i) if self.has_disparity(i) else unknown
-        pixels, lit = (fields.pop(name) for name in PROJECTIONS)
-        projections = tuple(map(Projection, pixels.astype(np.float64), lit))
+        channels = self._read(TRUTH, i)
+        # The blur circle is that of a lens, and a Truth is of no lens.
+        del channels["blur_circle_px"]
+        for name in ("depth", "position"):
+            channels[name] = channels[name].astype(np.float64)
+        pixels, lit = channels.pop("projector_pixels"), channels.pop("lit")
+        projections = map(Projection, pixels.astype(np.float64), lit)
+        disparity = np.full(channels["depth"].shape, np.inf, np.float32)
+        if self.has_disparity(i):
+            disparity = self.disparity(i)
+        named = {field.name for field in fields(Truth)}
         return Truth(
-            **fields,
+            **{name: channels.pop(name) for name in named & channels.keys()},
             disparity=disparity,
             objects=self.objects(i),
-            projections=projections,
+            projections=tuple(projections),
+            extra=channels,
         )
 
     def objects(self, i: int) -> tuple[ObjectTruth, ...]:
@@ -291,9 +309,15 @@ class StoredSample(Mapping[str, Any]):
             return [_PlainShot(folder="./", lens={})]
         return read_part(_SHOTS, self.record, "shots", self.folder / "sample.json")
 
-    def _disparity_path(self, i: int) -> Place:
-        paths = [self.path(f"disp{i}.pfm"), self.path(f"disp{i}GT.pfm")]
+    def _view_path(self, file: ViewFile, view: int) -> Place:
+        """The place of a view's file, under twinlens's name or else under one of Middlebury's."""
+        paths = [self.path(name) for name in file.names(view)]
+        if len(paths) == 1:
+            return paths[0]
         return next((path for path in paths if path.exists()), paths[0])
+
+    def _read(self, file: ViewFile, view: int) -> dict[str, Any]:
+        return file.read(self._view_path(file, view))
 
 
 @dataclass(frozen=True)
@@ -333,21 +357,25 @@ class StoredShot:
 
     def image(self, i: int) -> Image:
         """Image of view i, uint8 or uint16 (H, W, 3) or (H, W)."""
-        return read_png(self.path(f"im{i}.png"))
+        image: Image = self._read(IMAGE, i)["im"]
+        return image
 
     im0, im1 = _view(image, 0), _view(image, 1)
 
     def dp_left(self, i: int) -> Image:
         """Image of the left halves of view i's dual pixels, as `image`. Raises FileError without dual pixels."""
-        return read_png(self.path(f"dp-left{i}.png"))
+        image: Image = self._read(DP_LEFT, i)["dp_left"]
+        return image
 
     def dp_right(self, i: int) -> Image:
         """Image of the right halves of view i's dual pixels, as `image`. Raises FileError without dual pixels."""
-        return read_png(self.path(f"dp-right{i}.png"))
+        image: Image = self._read(DP_RIGHT, i)["dp_right"]
+        return image
 
     def dp_disparity(self, i: int) -> Disparity:
         """True disparity of view i's dual pixels, u_left - u_right, float32 (H, W), pixels; +inf unknown."""
-        return read_disparity(self.path(f"dp-disp{i}.pfm"))
+        disparity: Disparity = self._read(DP_DISPARITY, i)["dp_disp"]
+        return disparity
 
     dp_left0, dp_right0, dp_disp0 = (
         _view(dp_left, 0),
@@ -357,61 +385,73 @@ class StoredShot:
 
     def radiance(self, i: int) -> NDArray[np.float32]:
         """Linear image of view i, float32 (H, W, 3), if it was stored."""
-        path = self.path(f"radiance{i}.exr")
-        channels = read_exr(path).channels
-        if not {"R", "G", "B"} <= set(channels):
-            raise FileError(
-                f"{path}: needs channels R, G and B, has {', '.join(channels)}"
-            )
-        return np.stack(
-            [np.asarray(channels[name], np.float32) for name in "RGB"], axis=-1
-        )
+        radiance: NDArray[np.float32] = self._read(RADIANCE, i)["radiance"]
+        return radiance
 
     def blur_circle_px(self, i: int) -> NDArray[np.float32]:
         """Signed blur circle of view i for this lens, pixels, float32 (H, W): `optics.circle_of_confusion_px`."""
-        depth = read_truth(self.sample.path(f"truth{i}.exr"))["depth"]
+        depth = self.sample[CHANNELS["depth"].quantity(i)]
         return blur_circle_px(depth, self.sample.rig.cameras[i], self.lens)
+
+    def _read(self, file: ViewFile, view: int) -> dict[str, Any]:
+        return file.read(self.path(file.name(view)))
 
 
 def samples_in(path: Place) -> tuple[StoredSample, ...]:
     """The samples in the subfolders of `path`, or `path` itself; dataset.json is not read."""
-    if (path / "im0.png").is_file():
+    if _is_sample(path):
         return (StoredSample(path, path.resolve().name),)
     folders = sorted(
         (entry for entry in path.iterdir() if not entry.name.startswith(".")), key=str
     )
-    folders = [folder for folder in folders if (folder / "im0.png").is_file()]
-    if isinstance(
-        path, RemotePath
-    ):  # twinlens writes a mark last: samples without it are incomplete
+    folders = [folder for folder in folders if _is_sample(folder)]
+    # twinlens writes a mark last: remote samples without it are incomplete.
+    if isinstance(path, RemotePath):
         folders = [folder for folder in folders if is_whole(folder)] or folders
     return tuple(StoredSample(folder, folder.name) for folder in folders)
 
 
-_SAMPLE_QUANTITIES = ("name", "ndisp")
-_CALIBRATION_QUANTITIES = ("baseline", "doffs")
-_CAMERA_QUANTITIES = ("K", "world_from_cam")
-_TRUTH_QUANTITIES = (*SCALARS, *VECTORS, *PROJECTIONS)
-_DUAL_METHODS = {
-    "dp_left": "dp_left",
-    "dp_right": "dp_right",
-    "dp_disp": "dp_disparity",
+def _is_sample(folder: Place) -> bool:
+    return (folder / IMAGE.name(0)).is_file()
+
+
+_SAMPLE_QUANTITIES: dict[str, Callable[[StoredSample], Any]] = {
+    "name": lambda sample: sample.name,
+    "ndisp": lambda sample: sample.ndisp,
+    "baseline": lambda sample: sample.calibration.baseline,
+    "doffs": lambda sample: sample.calibration.doffs,
 }
-_VIEW_METHODS = {
-    "im": "image",
-    "disp": "disparity",
-    "mask_nonocc": "mask_nonocc",
-    "radiance": "radiance",
+"""The quantities that a sample has once."""
+
+_CAMERA_QUANTITIES: dict[str, Callable[[Rig, int], Any]] = {
+    "K": lambda rig, view: rig.cameras[view].K,
+    "world_from_cam": lambda rig, view: rig.world_from_cams[view].copy(),
 }
-_LENS_METHODS = {
-    "im": "image",
-    "radiance": "radiance",
-    "blur_circle_px": "blur_circle_px",
-    **_DUAL_METHODS,
+"""The quantities of a camera."""
+
+_COMPUTED: dict[str, Callable[[StoredSample, int], Any]] = {
+    "disp": StoredSample.disparity,
+    "mask_nonocc": StoredSample.mask_nonocc,
 }
-"""The quantities of docs/loading.md. The last three tables give the methods that read them."""
+"""The channels that plain folders need not have, or have in another form."""
 
 _NAME = re.compile(r"(?:lens(\d{1,4})\.)?([A-Za-z_]+?)(\d{1,4})(_nonocc)?")
+
+
+def channel_of(name: str) -> tuple[Channel, int | None, int] | None:
+    """Channel, lens and view of the name of a quantity; None if it is not that of a channel."""
+    match = _NAME.fullmatch(name)
+    if match is None:
+        return None
+    lens, stem, view, ending = match.groups()
+    channel = CHANNELS.get(stem + (ending or ""))
+    if channel is None or channel.dtype == TEXTS:
+        return None
+    if lens is None:
+        return channel, None, int(view)
+    if channel.file.per_lens or channel.name == "blur_circle_px":
+        return channel, int(lens), int(view)
+    return None
 
 
 def parse_quantity(name: str) -> tuple[str, int | None, int]:
@@ -424,68 +464,55 @@ def parse_quantity(name: str) -> tuple[str, int | None, int]:
         raise InputError(
             f"the name of a quantity is a text, such as 'im0', got {format_value(name)}"
         )
-    if name in (*_SAMPLE_QUANTITIES, *_CALIBRATION_QUANTITIES):
+    if name in _SAMPLE_QUANTITIES:
         return name, None, 0
+    if (parsed := channel_of(name)) is not None:
+        channel, lens, view = parsed
+        return channel.name, lens, view
     match = _NAME.fullmatch(name)
-    lens, quantity, view = (
-        (match[1], match[2] + (match[4] or ""), int(match[3]))
-        if match
-        else (None, "", 0)
-    )
-    view_quantities = (
-        *_VIEW_METHODS,
-        *_DUAL_METHODS,
-        *_CAMERA_QUANTITIES,
-        *_TRUTH_QUANTITIES,
-    )
-    if quantity in (_LENS_METHODS if lens else view_quantities):
-        return quantity, int(lens) if lens else None, view
-    examples = (
-        *(f"{each}0" for each in view_quantities if each != "mask_nonocc"),
-        "mask0_nonocc",
-        "lens1.im0",
-    )
+    if match and match[2] in _CAMERA_QUANTITIES and not match[1] and not match[4]:
+        return match[2], None, int(match[3])
+    arrays = [channel for channel in CHANNELS.values() if channel.dtype != TEXTS]
+    known = [channel.quantity(0) for channel in arrays]
+    known += [f"{quantity}0" for quantity in _CAMERA_QUANTITIES]
     raise unknown(
-        "quantity of a sample",
-        name,
-        (*_SAMPLE_QUANTITIES, *_CALIBRATION_QUANTITIES, *examples),
+        "quantity of a sample", name, (*_SAMPLE_QUANTITIES, *known, "lens1.im0")
     )
 
 
 def read_quantities(names: Iterable[str], sample: StoredSample) -> dict[str, Any]:
-    """Read the quantities `names` of a sample, by name; each truth file is read once.
+    """Read the quantities `names` of a sample, by name; each file of truth is read once.
 
     Raises InputError for an unknown name, FileError for a missing file.
     """
-    truth = functools.cache(lambda i: read_truth(sample.path(f"truth{i}.exr")))
-    values: dict[str, Any] = {}
-    for name in names:
-        quantity, lens, view = parse_quantity(name)
-        if lens is not None or quantity in _VIEW_METHODS | _DUAL_METHODS:
-            owner = (
-                sample
-                if lens is None and quantity in _VIEW_METHODS
-                else sample.lens(lens or 0)
+    truth = functools.cache(functools.partial(sample._read, TRUTH))
+    return {name: _read_quantity(name, sample, truth) for name in names}
+
+
+def _read_quantity(
+    name: str, sample: StoredSample, truth: Callable[[int], dict[str, Any]]
+) -> Any:
+    quantity, lens, view = parse_quantity(name)
+    if quantity in _SAMPLE_QUANTITIES:
+        return _SAMPLE_QUANTITIES[quantity](sample)
+    if quantity in _CAMERA_QUANTITIES:
+        rig = sample.rig
+        if view >= len(rig):
+            raise InputError(
+                f"{sample.name}: has cameras 0 to {len(rig) - 1}, no camera {view}"
             )
-            values[name] = getattr(owner, (_VIEW_METHODS | _LENS_METHODS)[quantity])(
-                view
-            )
-        elif quantity in _TRUTH_QUANTITIES:
-            values[name] = truth(view)[quantity]
-        elif quantity in _CAMERA_QUANTITIES:
-            rig = sample.rig
-            if view >= len(rig):
-                raise InputError(
-                    f"{sample.name}: has cameras 0 to {len(rig) - 1}, no camera {view}"
-                )
-            values[name] = (
-                rig.cameras[view].K
-                if quantity == "K"
-                else rig.world_from_cams[view].copy()
-            )
-        else:
-            values[name] = getattr(
-                sample.calibration if quantity in _CALIBRATION_QUANTITIES else sample,
-                quantity,
-            )
-    return values
+        return _CAMERA_QUANTITIES[quantity](rig, view)
+    if quantity in _COMPUTED:
+        return _COMPUTED[quantity](sample, view)
+    channel = CHANNELS[quantity]
+    if channel.file is TRUTH:
+        # The file has the blur circle of the first lens; those of others are computed.
+        if lens is not None:
+            return sample.lens(lens).blur_circle_px(view)
+        if quantity not in truth(view):
+            path = sample.path(TRUTH.name(view))
+            raise FileError(f"{path}: has no channel {quantity!r}")
+        return truth(view)[quantity]
+    if lens is not None:
+        return sample.lens(lens)._read(channel.file, view)[quantity]
+    return sample._read(channel.file, view)[quantity]

@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from twinlens.dataset.channels import CHANNELS
 from twinlens.dataset.stored import parse_quantity
-from twinlens.dataset.truth_files import VECTORS
 from twinlens.dataset.visibility import HIDDEN, VISIBLE
 from twinlens.errors import InputError, check_int, format_value
 
 _OF_THE_PAIR = ("name", "baseline", "doffs", "ndisp")
-_NOT_IMAGES = (*_OF_THE_PAIR, "world_from_cam", "K")
 _MIRROR = np.diag([-1.0, 1.0, 1.0, 1.0])
 
 
@@ -37,7 +36,7 @@ def crop(
         quantity, _ = _quantity_and_view(name)
         if quantity == "K":
             cropped[name] = value - [[0, 0, x], [0, 0, y], [0, 0, 0]]
-        elif quantity in _NOT_IMAGES:
+        elif quantity not in CHANNELS:
             cropped[name] = value
         else:
             rows, columns = value.shape[:2]
@@ -185,7 +184,7 @@ def _mirrored(
         mirrored[0, 2] = _width(sample, view) - 1 - value[0, 2]
         return np.asarray(mirrored)
     image = value[:, ::-1].copy()
-    if quantity in VECTORS:
+    if CHANNELS[quantity].is_vector:
         x = image[..., 0]
         np.negative(x, out=x, where=np.isfinite(x))  # unknown positions stay +inf
     return np.asarray(image)
@@ -195,7 +194,7 @@ def _width(sample: Mapping[str, Any], view: int) -> int:
     """Width of a view in pixels, from any of its images."""
     for name, value in sample.items():
         quantity, of = parse_quantity(name)[::2]
-        if of == view and quantity not in _NOT_IMAGES:
+        if of == view and quantity in CHANNELS:
             return int(value.shape[1])
     raise InputError(
         f"a flip of K{view} needs the width of its view; select im{view} too"

@@ -6,56 +6,99 @@ between arrays (`twinlens.dataset.consistency`). A finding is one line that begi
 
 import contextlib
 import hashlib
-import itertools
 import json
 import os
-import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
-
-import numpy as np
 
 from twinlens.camera import Rig
 from twinlens.camera.rig import check_seen
 from twinlens.dataset import consistency
+from twinlens.dataset.channels import (
+    CHANNELS,
+    IMAGE,
+    TRUTH,
+    ViewContent,
+    ViewFile,
+    parse_file,
+    view_files,
+)
 from twinlens.dataset.codecs.calib import Calibration, read_calib
-from twinlens.dataset.codecs.exr import read_exr
-from twinlens.dataset.codecs.pfm import read_pfm
-from twinlens.dataset.codecs.png import read_png
 from twinlens.dataset.dataset import (
     MANIFEST,
     ROWS,
     Dataset,
     Manifest,
+    Row,
     pending_rows,
     read_manifest,
     stored,
 )
 from twinlens.dataset.files import hash_files, is_hidden, read_bytes
 from twinlens.dataset.metadata import CROISSANT
-from twinlens.dataset.sample import lens_folder, rectified_pair
 from twinlens.dataset.storage import MARK, Place, RemotePath, Where, is_whole, place
-from twinlens.dataset.stored import StoredSample, samples_in
-from twinlens.dataset.truth_files import read_truth
+from twinlens.dataset.stored import SampleFile, StoredSample, samples_in
 from twinlens.errors import FileError, InputError
 
-_SAMPLE_FILES = (MARK, "im0.png")
+_SAMPLE_FILES = (MARK, IMAGE.name(0))
 _MISSING, _CHANGED = "is missing", "differs from its SHA-256 in"
-_VIEW_FILE = re.compile(
-    r"(?:lens-\d+/)?(im|disp|mask|truth|radiance|dp-left|dp-right|dp-disp)(\d+)(?:GT|nocc)?(\.png|\.pfm|\.exr)$"
-)
 
-_READERS: dict[str, Callable[[Any], Any]] = {
-    ".png": read_png,
-    ".pfm": read_pfm,
-    ".exr": lambda path: (
-        read_truth(path) if path.name.startswith("truth") else read_exr(path).channels
-    ),
-}
 
-Content = dict[str, Any]
-"""What the files of a sample hold, by name; sample.json as "rig" and "lenses"."""
+@dataclass
+class _Content:
+    """What the files of a sample hold.
+
+    views : the channels of each file of a view, by kind, view and lens. In the order in which they were read.
+    names : the names of these files.
+    record : sample.json, if the sample has one.
+    """
+
+    views: dict[tuple[ViewFile, int, int], dict[str, Any]] = field(default_factory=dict)
+    names: dict[tuple[ViewFile, int, int], str] = field(default_factory=dict)
+    record: SampleFile | None = None
+    calibration: Calibration | None = None
+
+    @property
+    def num_views(self) -> int:
+        """Cameras of the rig; of a plain folder 2."""
+        return 2 if self.record is None else len(self.record.rig)
+
+    @property
+    def num_lenses(self) -> int:
+        """Lenses of the sample; of a plain folder 1."""
+        return 1 if self.record is None else len(self.record.shots)
+
+    def is_dual(self, lens: int) -> bool:
+        """Whether the images of the lens were taken with dual pixels."""
+        if self.record is None or self.record.record.get("dual_pixel") is not True:
+            return False
+        diameter: float = self.record.shots[lens].lens.aperture_diameter
+        return diameter > 0
+
+    def required(self, is_truth: bool) -> Iterator[tuple[ViewFile, int, int]]:
+        """The files of views that the sample must have: those of the truth, or the others."""
+        rig = None if self.record is None else self.record.rig.nominal
+        for file in view_files():
+            for lens in range(self.num_lenses if file.per_lens else 1):
+                for view in range(self.num_views):
+                    # A plain folder needs its two images only.
+                    needed = (
+                        file is IMAGE
+                        if rig is None
+                        else file.required(rig, view, self.is_dual(lens))
+                    )
+                    if needed and file.is_truth == is_truth:
+                        yield file, view, lens
+
+    def of_view(self, view: int, lens: int) -> dict[str, Any]:
+        """The channels of a view, of the files of one lens and of those that all lenses share."""
+        channels: dict[str, Any] = {}
+        for (file, number, shot), arrays in self.views.items():
+            if number == view and (shot == lens or not file.per_lens):
+                channels |= arrays
+        return channels
 
 
 def verify_place(
@@ -113,22 +156,24 @@ def repair_hint(where: Where, findings: Mapping[str, Sequence[str]]) -> str:
 
     `findings` are those of `verify_place`, by name. Missing and changed files are damage, additional files are not.
     """
-    lost = (_MISSING, "no such folder")
     damaged = {
         name
         for name, lines in findings.items()
-        if any(x.endswith(lost) or _CHANGED in x for x in lines)
+        if name != MANIFEST and any(map(_is_damage, lines))
     }
-    count = len(damaged - {MANIFEST})
-    which = (
-        f"{count} samples are damaged: delete their folders"
-        if count > 1
-        else "1 sample is damaged: delete its folder"
-    )
+    if not damaged:
+        return ""
+    which = "1 sample is damaged: delete its folder"
+    if len(damaged) > 1:
+        which = f"{len(damaged)} samples are damaged: delete their folders"
     with contextlib.suppress(FileError):
-        if count and "made_with" in read_manifest(where).info:
+        if "made_with" in read_manifest(where).info:
             return f"{which} and rerun `twinlens generate`, which makes identical files"
     return ""
+
+
+def _is_damage(finding: str) -> bool:
+    return finding.endswith((_MISSING, "no such folder")) or _CHANGED in finding
 
 
 def verify_sample(sample: StoredSample) -> list[str]:
@@ -141,10 +186,8 @@ def verify_sample(sample: StoredSample) -> list[str]:
         hashes = hash_files(sample.folder)
     except FileError as error:
         return [str(error)]
-    expected, listed_in = (
-        sample.row.get("files", hashes),
-        sample.row.get("listed_in", MANIFEST),
-    )
+    expected = sample.row.get("files", hashes)
+    listed_in = sample.row.get("listed_in", MANIFEST)
     findings = [f"{name}: {_MISSING}" for name in expected if name not in hashes]
     for name, digest in hashes.items():
         if name not in expected:
@@ -161,17 +204,14 @@ def _open(folder: Place) -> tuple[Sequence[StoredSample], list[str]]:
     """The samples to check, and the findings on the dataset as a whole."""
     if not (folder / MANIFEST).is_file():
         dataset = Dataset(folder)
-        if dataset[0].folder == folder or not any(
-            sample.has(MARK) for sample in dataset
-        ):
-            return (
-                dataset,
-                [],
-            )  # a single sample and plain Middlebury folders need no list
-        lost = f"is missing, so no checksums can be verified; {len(dataset)} found without it"
-        return dataset, [
-            f"{lost}; if `twinlens generate` made them, rerun it to restore the file"
-        ]
+        is_sample = dataset[0].folder == folder
+        if is_sample or not any(sample.has(MARK) for sample in dataset):
+            return dataset, []  # neither it nor Middlebury's folders need a list
+        finding = (
+            f"is missing, so no checksums can be verified; {len(dataset)} found without it; "
+            "if `twinlens generate` made them, rerun it to restore the file"
+        )
+        return dataset, [finding]
     try:
         manifest, samples, findings = _state(folder)
         if not samples and not _is_growing(manifest):
@@ -179,7 +219,9 @@ def _open(folder: Place) -> tuple[Sequence[StoredSample], list[str]]:
     except FileError as error:
         return samples_in(folder), [str(error).removeprefix(f"{folder / MANIFEST}: ")]
     complete = manifest.info.get("complete") is not False
-    return samples, findings + (_check_croissant(folder) if complete else [])
+    if complete:
+        findings += _check_croissant(folder)
+    return samples, findings
 
 
 def _is_growing(manifest: Manifest) -> bool:
@@ -199,45 +241,54 @@ def _state(folder: Place) -> tuple[Manifest, list[StoredSample], list[str]]:
     manifest = read_manifest(folder)
     listed = {row.name for row in manifest.rows}
     pending = {
-        name: StoredSample(folder / name, name)
-        if row is None
-        else stored(folder, row, f"{ROWS}/{name}.json")
+        name: _pending_sample(folder, name, row)
         for name, row in rows.items()
         if name not in listed
     }
-    known, unlisted = listed | set(pending), list[str]()
-    for name in sorted(folders, key=lambda name: name.count("/")):
-        if not {name, *map(str, PurePosixPath(name).parents)} & {*known, *unlisted}:
-            unlisted.append(name)
-    if _is_growing(
-        manifest
-    ):  # samples of the recipe without a row are being made, or left after a kill
+    unlisted = _outside_of(listed | set(pending), folders)
+    if _is_growing(manifest):
+        # Samples of the recipe without a row are being made, or were left by a killed process.
         count = manifest.recipe.get("count")
-        own = [
-            name for name in unlisted if _is_of_recipe(name.partition("/")[0], count)
-        ]
-        whole = [
-            name
-            for name in own
-            if _is_of_recipe(name, count) and is_whole(folder / name)
-        ]
-        pending |= {name: StoredSample(folder / name, name) for name in whole}
-        # In a bucket a sample appears file by file: one without its mark is being written, or will be overwritten.
-        unlisted = [
+        whole = {
             name
             for name in unlisted
-            if name not in (own if isinstance(folder, RemotePath) else whole)
-        ]
+            if _is_of_recipe(name, count) and is_whole(folder / name)
+        }
+        pending |= {name: StoredSample(folder / name, name) for name in whole}
+        excused = whole
+        if isinstance(folder, RemotePath):
+            # A sample in a bucket appears file by file: without its mark it is being written, or will be overwritten.
+            excused = {
+                name
+                for name in unlisted
+                if _is_of_recipe(name.partition("/")[0], count)
+            }
+        unlisted = [name for name in unlisted if name not in excused]
     findings = [line for name, line in errors.items() if name not in listed]
     findings += [
         f"{name}: is a sample that {MANIFEST} does not list"
         for name in sorted(unlisted)
     ]
-    samples = [
-        *(stored(folder, row) for row in manifest.rows),
-        *(pending[name] for name in sorted(pending)),
-    ]
+    samples = [stored(folder, row) for row in manifest.rows]
+    samples += [pending[name] for name in sorted(pending)]
     return manifest, samples, findings
+
+
+def _pending_sample(folder: Place, name: str, row: Row | None) -> StoredSample:
+    """A sample that dataset.json does not list yet; without a row if that is unreadable."""
+    if row is None:
+        return StoredSample(folder / name, name)
+    return stored(folder, row, f"{ROWS}/{name}.json")
+
+
+def _outside_of(samples: set[str], folders: Iterable[str]) -> list[str]:
+    """The outermost of the `folders` that are neither one of the samples nor inside one."""
+    outside: list[str] = []
+    for name in sorted(folders, key=lambda name: name.count("/")):
+        around = {name, *map(str, PurePosixPath(name).parents)}
+        if around.isdisjoint(samples) and around.isdisjoint(outside):
+            outside.append(name)
+    return outside
 
 
 def _is_of_recipe(name: str, count: Any) -> bool:
@@ -250,27 +301,21 @@ def _is_of_recipe(name: str, count: Any) -> bool:
     )
 
 
-def _sample_folders(folder: Place, known: set[str]) -> Iterator[str]:
-    """Names of the folders below `folder` that contain a sample's files, except for hidden ones."""
+def _sample_folders(folder: Place, skipped: set[str]) -> Iterator[str]:
+    """Names of the folders below `folder` that contain a sample's files, except for hidden and for skipped ones."""
     if isinstance(folder, RemotePath):
-        found = {
-            name.rpartition("/")[0]
-            for name in folder.files()
-            if name.rpartition("/")[2] in _SAMPLE_FILES
-        }
-        yield from (name for name in found if name and not is_hidden(name))
+        paths = [name.rpartition("/") for name in folder.files()]
+        parents = {parent for parent, _, name in paths if name in _SAMPLE_FILES}
+        yield from (name for name in parents if name and not is_hidden(name))
         return
-    for path, below, files in os.walk(
-        folder, onerror=_unless_removed, followlinks=True
-    ):
+    walk = os.walk(folder, onerror=_unless_removed, followlinks=True)
+    for path, below, files in walk:
         name = Path(path).relative_to(folder).as_posix()
-        # Most files of a dataset are in known folders: skip those.
-        below[:] = [each for each in below if name not in known and not is_hidden(each)]
-        if (
-            name not in known
-            and path != str(folder)
-            and not {*_SAMPLE_FILES}.isdisjoint(files)
-        ):
+        if name in skipped:
+            below.clear()  # most files of a dataset are there
+            continue
+        below[:] = [child for child in below if not is_hidden(child)]
+        if path != str(folder) and not {*_SAMPLE_FILES}.isdisjoint(files):
             yield name
 
 
@@ -297,182 +342,128 @@ def _check_croissant(folder: Place) -> list[str]:
     return []
 
 
-def _read_files(sample: StoredSample, present: list[str]) -> tuple[Content, list[str]]:
-    content: Content = {}
+def _read_files(sample: StoredSample, present: list[str]) -> tuple[_Content, list[str]]:
+    """Read all files; the findings are of unreadable files and of missing images."""
+    content = _Content()
     findings = []
     for name in present:
         path = sample.folder / name
         try:
-            if _VIEW_FILE.match(name):
-                content[name] = _READERS[name[-4:]](path)
+            if (kind := parse_file(name)) is not None:
+                content.views[kind] = kind[0].read(path)
+                content.names[kind] = name
             elif name == "calib.txt":
-                content[name] = read_calib(path)
-            elif name == "sample.json":
-                file = sample.file
-                content["rig"], content["lenses"] = (
-                    file.rig.nominal,
-                    [shot.lens for shot in file.shots],
-                )
-                content["objects"] = file.objects
-                dual = file.record.get("dual_pixel") is True
-                content["dual"] = [
-                    k
-                    for k, lens in enumerate(content["lenses"])
-                    if dual and lens.aperture_diameter > 0
-                ]
+                content.calibration = read_calib(path)
+            elif name == MARK:
+                content.record = sample.file
         except FileError as error:
-            findings.append(
-                f"{name}: {str(error).removeprefix(str(path)).lstrip(': ')}"
-            )
-    views, lenses = len(content.get("rig", (0, 1))), len(content.get("lenses", (0,)))
-    images = [
-        (i, f"{lens_folder(k)}im{i}.png") for k in range(lenses) for i in range(views)
-    ]
-    images += [
-        (i, f"{lens_folder(k)}dp-{half}{i}.png") for k, i, half in _halves(content)
-    ]
-    findings += [
-        f"{name}: is missing (the image of view {i})"
-        for i, name in images
-        if name not in present
-    ]
+            reason = str(error).removeprefix(str(path)).lstrip(": ")
+            findings.append(f"{name}: {reason}")
+    for file, view, lens in content.required(is_truth=False):
+        name = file.name(view, lens)
+        if name not in present:
+            findings.append(f"{name}: {_MISSING} (the image of view {view})")
     return content, findings
 
 
-def _check_sizes(content: Content) -> list[str]:
-    calibration = content.get("calib.txt")
-    size = (
-        (calibration.height, calibration.width)
-        if calibration
-        else content["im0.png"].shape[:2]
-    )
-    cameras = content["rig"].cameras if "rig" in content else ()
-    expected = {
-        i: (camera.height, camera.width) for i, camera in enumerate(cameras)
-    } or {0: size, 1: size}
+def _check_sizes(content: _Content) -> list[str]:
+    """Every array has the size of its camera; without a rig, that of calib.txt or of the first image."""
+    if content.record is not None:
+        sizes = {
+            view: (camera.height, camera.width)
+            for view, camera in enumerate(content.record.rig.cameras)
+        }
+    else:
+        size = content.views[IMAGE, 0, 0]["im"].shape[:2]
+        if content.calibration is not None:
+            size = (content.calibration.height, content.calibration.width)
+        sizes = {0: size, 1: size}
     findings = []
-    for view in filter(None, map(_VIEW_FILE.match, content)):
-        value = content[view[0]]
-        size = (
-            value if isinstance(value, np.ndarray) else next(iter(value.values()))
-        ).shape[:2]
-        height, width = expected.get(int(view[2]), size)
+    for kind, arrays in content.views.items():
+        file, view, _ = kind
+        size = arrays[file.channels[0].name].shape[:2]
+        height, width = sizes.get(view, size)
         if size != (height, width):
-            findings.append(
-                f"{view[0]}: is {size[1]} x {size[0]}, must be {width} x {height}"
-            )
+            problem = f"is {size[1]} x {size[0]}, must be {width} x {height}"
+            findings.append(f"{content.names[kind]}: {problem}")
     return findings
 
 
-def _check_truth(content: Content) -> list[str]:
-    if "rig" not in content:
+def _check_truth(content: _Content) -> list[str]:
+    """sample.json, calib.txt and the arrays of all views agree."""
+    if content.record is None:
         return []
-    rig: Rig = content["rig"]
+    rig = content.record.rig.nominal
     findings = []
     try:
         check_seen(rig)
     except InputError as error:
         findings.append(f"sample.json: {error}")
-    if "calib.txt" in content:
-        findings += _named(
-            "calib.txt", consistency.check_calibration(content["calib.txt"], rig)
-        )
+    if content.calibration is not None:
+        wrong = consistency.check_calibration(content.calibration, rig)
+        findings += _named("calib.txt", wrong)
     elif len(rig) > 1 and rig.is_rectified():
         findings.append(
-            "calib.txt: is missing (the first two cameras are a rectified pair)"
+            f"calib.txt: {_MISSING} (the first two cameras are a rectified pair)"
         )
-    views = range(len(rig))
-    expected = [f"truth{i}.exr" for i in views]
-    expected += [f"mask{i}nocc.png" for i in views if rig.partner(i) is not None]
-    expected += [f"disp{i}.pfm" for i in views if rectified_pair(rig, i) is not None]
-    expected += [
-        f"{lens_folder(k)}dp-disp{i}.pfm" for k in content["dual"] for i in views
-    ]
-    if any(name in content for name in expected):
-        findings += [f"{name}: is missing" for name in expected if name not in content]
-    for i in views:
-        if f"truth{i}.exr" in content:
-            findings += _check_view(content, rig, i)
+    expected = list(content.required(is_truth=True))
+    if any(kind in content.views for kind in expected):
+        findings += [
+            f"{file.name(view, lens)}: {_MISSING}"
+            for file, view, lens in expected
+            if (file, view, lens) not in content.views
+        ]
+    for view in range(len(rig)):
+        if (TRUTH, view, 0) in content.views:
+            findings += _check_view(content, content.record, rig, view)
     return findings or _check_exchange(content, rig)
 
 
-def _check_view(content: Content, rig: Rig, i: int) -> list[str]:
-    """Relations within the truth of view i, and with its partner's."""
-    name, camera, partner = f"truth{i}.exr", rig.cameras[i], rig.partner(i)
-    truth, disparity, mask = (
-        content[name],
-        content.get(f"disp{i}.pfm"),
-        content.get(f"mask{i}nocc.png"),
-    )
-    if findings := _named(
-        name, consistency.check_positions(truth, camera, rig.world_from_cams[i])
-    ):
+def _check_view(
+    content: _Content, record: SampleFile, rig: Rig, view: int
+) -> list[str]:
+    """Relations between the arrays of a view, with sample.json, and with the truth of the partner."""
+    findings: list[str] = []
+    for lens, shot in enumerate(record.shots):
+        channels = content.of_view(view, lens)
+        seen = ViewContent(channels, rig, view, shot.lens)
+        for channel in CHANNELS.values():
+            # What the lenses share is checked once, with the first.
+            is_new = lens == 0 or channel.file.per_lens
+            if channel.check is None or channel.name not in channels or not is_new:
+                continue
+            wrong = channel.check(seen)
+            findings += _named(channel.file.name(view, lens), wrong)
+            if wrong and channel.is_basis:
+                return findings
+    truth = content.views[TRUTH, view, 0]
+    objects = record.objects[view] if view < len(record.objects) else []
+    wrong = consistency.check_objects(objects, truth, f"objects[{view}]")
+    findings += _named(MARK, wrong)
+    partner = rig.partner(view)
+    if findings or partner is None or (TRUTH, partner, 0) not in content.views:
         return findings
-    blur = consistency.check_blur(truth, camera, content["lenses"][0])
-    light = consistency.check_projections(truth, rig)
-    findings, known = (
-        _named(name, consistency.check_ids(truth) + blur + light),
-        truth["object_id"] > 0,
-    )
-    for k in content["dual"]:
-        own = f"{lens_folder(k)}dp-disp{i}.pfm"
-        if own in content:
-            findings += _named(
-                own,
-                consistency.check_dual_pixels(
-                    truth, content[own], camera, content["lenses"][k]
-                ),
-            )
-    objects = dict(enumerate(content["objects"])).get(i, [])
-    findings += _named(
-        "sample.json", consistency.check_objects(objects, truth, f"objects[{i}]")
-    )
-    if disparity is not None:
-        known |= np.isfinite(disparity)
-        if (pair := rectified_pair(rig, i)) is None:
-            findings.append(
-                f"disp{i}.pfm: is a disparity map, but the view is not in a rectified pair"
-            )
-        else:
-            calibration = Calibration.from_rig(rig.pair(*pair))
-            findings += _named(
-                f"disp{i}.pfm",
-                consistency.check_disparity(truth, disparity, calibration),
-            )
-    if mask is not None:
-        findings += _named(
-            f"mask{i}nocc.png", consistency.check_mask(mask, known, truth["visible"])
-        )
-    if not findings and partner is not None and f"truth{partner}.exr" in content:
-        findings = _named(
-            name,
-            consistency.check_views(
-                (truth, content[f"truth{partner}.exr"]), rig, (i, partner)
-            ),
-        )
-    return findings
+    truths = truth, content.views[TRUTH, partner, 0]
+    wrong = consistency.check_views(truths, rig, (view, partner))
+    return _named(TRUTH.name(view), wrong)
 
 
-def _check_exchange(content: Content, rig: Rig) -> list[str]:
+def _check_exchange(content: _Content, rig: Rig) -> list[str]:
+    """The images of neighbours are not exchanged."""
     findings = []
-    for k, i in itertools.product(range(len(content["lenses"])), range(len(rig) - 1)):
-        disparity, mask = content.get(f"disp{i}.pfm"), content.get(f"mask{i}nocc.png")
-        if rig.partner(i) == i + 1 and disparity is not None and mask is not None:
-            left, right = (f"{lens_folder(k)}im{j}.png" for j in (i, i + 1))
-            findings += _named(
-                left,
-                consistency.check_exchange(
-                    (content[left], content[right]), disparity, mask
-                ),
+    for lens in range(content.num_lenses):
+        for view in range(len(rig) - 1):
+            channels = content.of_view(view, lens)
+            if rig.partner(view) != view + 1 or not {"disp", "mask_nonocc"} <= set(
+                channels
+            ):
+                continue
+            right = content.views[IMAGE, view + 1, lens]["im"]
+            wrong = consistency.check_exchange(
+                (channels["im"], right), channels["disp"], channels["mask_nonocc"]
             )
+            findings += _named(IMAGE.name(view, lens), wrong)
     return findings
-
-
-def _halves(content: Content) -> Iterator[tuple[int, int, str]]:
-    """Number of lens, view and name of each image of halves of dual pixels that the sample must have."""
-    return itertools.product(
-        content.get("dual", ()), range(len(content.get("rig", ()))), ("left", "right")
-    )
 
 
 def _named(name: str, findings: list[str]) -> list[str]:

@@ -33,12 +33,12 @@ def mask_from_both(disparity: Disparity, partner: Disparity, left: bool = True) 
     """
     _, target, inside = _matches(disparity, partner, left)
     matched = np.take_along_axis(partner, target, axis=1)
-    known = np.isfinite(disparity)
+    finite = np.isfinite(disparity)
     agree = (
-        np.abs(np.where(inside, matched, np.inf) - np.where(known, disparity, 0))
+        np.abs(np.where(inside, matched, np.inf) - np.where(finite, disparity, 0))
         <= _CROSS_CHECK_PX
     )
-    return mask_of(known, inside & agree)
+    return mask_of(finite, inside & agree)
 
 
 def mask_from_one(disparity: Disparity, left: bool = True) -> Mask:
@@ -60,10 +60,10 @@ def mask_from_one(disparity: Disparity, left: bool = True) -> Mask:
             (np.nonzero(covered)[0], columns[covered].astype(np.intp)),
             disparity[covered],
         )
-    known = np.isfinite(disparity)
+    finite = np.isfinite(disparity)
     winner = np.take_along_axis(winners, target, axis=1)
     return mask_of(
-        known, inside & (winner <= np.where(known, disparity, 0) + _CROSS_CHECK_PX)
+        finite, inside & (winner <= np.where(finite, disparity, 0) + _CROSS_CHECK_PX)
     )
 
 
@@ -155,8 +155,8 @@ def _matches(
     )
 
 
-def mask_of(known: NDArray[np.bool_], visible: NDArray[np.bool_]) -> Mask:
+def mask_of(has_truth: NDArray[np.bool_], visible: NDArray[np.bool_]) -> Mask:
     """The mask, uint8 (H, W), of pixels whose truth is known and whose point the partner sees."""
-    return np.where(known & visible, VISIBLE, np.where(known, HIDDEN, UNKNOWN)).astype(
-        np.uint8
-    )
+    return np.where(
+        has_truth & visible, VISIBLE, np.where(has_truth, HIDDEN, UNKNOWN)
+    ).astype(np.uint8)

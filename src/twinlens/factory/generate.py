@@ -20,7 +20,7 @@ from twinlens.dataset import Row, StoredSample, describe
 from twinlens.dataset.codecs.png import encode_png
 from twinlens.dataset.files import locked, remove_unfinished, write_file
 from twinlens.dataset.pictures import colourise, contact_sheet, tile
-from twinlens.dataset.sample import sample_files
+from twinlens.dataset.sample_files import sample_files
 from twinlens.dataset.storage import Where, place
 from twinlens.errors import FileError, InputError
 from twinlens.factory.ledger import Failure, Ledger, repairable, whole_samples

@@ -162,7 +162,7 @@ def _matched(stored: StoredSample, matcher: MatcherFactory, left: int) -> DepthV
             [result.warp(side, image) for side, image in enumerate(images)],
             result.rectified_rig,
         )
-    if not stored.has(f"truth{left}.exr"):
+    if not stored.has_truth(left):
         first, count = 0, stored.ndisp
     else:
         truth = stored.truth(left)

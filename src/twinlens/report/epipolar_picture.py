@@ -110,7 +110,7 @@ def true_matches(
     They come from the sample's truth or, in a folder without it, from the left disparity map. Raises InputError where
     the views have nothing in common.
     """
-    if not stored.has(f"truth{a}.exr"):
+    if not stored.has_truth(a):
         if (a, b) != (0, 1):
             raise InputError(
                 f"{stored.folder}: has no truth{a}.exr; its disparity map matches cameras 0,1 only"

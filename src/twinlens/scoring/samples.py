@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.dataset import Calibration, Dataset, StoredSample, downloaded_pairs
-from twinlens.dataset.export import MIDDLEBURY_FOLDER
+from twinlens.dataset.layouts import MIDDLEBURY_FOLDER
 from twinlens.dataset.storage import place
 from twinlens.dataset.visibility import mask_from_one
 from twinlens.errors import FileError, InputError, located

@@ -24,10 +24,10 @@ from twinlens.errors import FileError, InputError
 
 Channel = NDArray[np.float16] | NDArray[np.float32] | NDArray[np.uint32]
 
-_MAX_RATIO = (
-    1100  # decoded pixels to bytes: the limit of DEFLATE, plus the headers of blocks
-)
-_PREFIX = "twinlens."  # of the string attributes
+# Decoded pixels to bytes: the limit of DEFLATE, plus the headers of blocks.
+_MAX_RATIO = 1100
+# Of the string attributes.
+_PREFIX = "twinlens."
 _READING = threading.Lock()
 
 
@@ -71,9 +71,9 @@ def decode_exr(data: bytes, name: str = "EXR data") -> Exr:
     low, high = header["dataWindow"]
     width, height = (int(b) - int(a) + 1 for a, b in zip(low, high, strict=True))
     count = len(header["channels"])
-    if (
-        width < 1 or height < 1 or width * height * count > _MAX_RATIO * len(data)
-    ):  # before memory is allocated
+    # Checked before memory is allocated for the pixels.
+    is_larger = width * height * count > _MAX_RATIO * len(data)
+    if width < 1 or height < 1 or is_larger:
         size = f"{count} channels of {width} x {height} pixels"
         raise FileError(
             f"{name}: {len(data)} bytes cannot hold {size}; the file is damaged"
@@ -85,17 +85,15 @@ def decode_exr(data: bytes, name: str = "EXR data") -> Exr:
     ):
         raise FileError(f"{name}: has no readable channels; the file is damaged")
     planes = {
-        key: each if each.dtype == np.uint32 else each.astype(np.float32)
-        for key, each in channels.items()
+        key: plane if plane.dtype == np.uint32 else plane.astype(np.float32)
+        for key, plane in channels.items()
     }
     text = {
-        key: value
+        key.removeprefix(_PREFIX): value
         for key, value in part.header.items()
         if key.startswith(_PREFIX) and isinstance(value, str)
     }
-    return Exr(
-        planes, {key.removeprefix(_PREFIX): value for key, value in text.items()}
-    )
+    return Exr(planes, text)
 
 
 def read_exr(path: Where) -> Exr:
@@ -137,9 +135,8 @@ def _open(data: bytes, name: str, header_only: bool = False) -> Any:
             parts = OpenEXR.File(
                 io.BytesIO(data), separate_channels=True, header_only=header_only
             ).parts
-        except (
-            Exception
-        ) as error:  # RuntimeError, ValueError, UnicodeDecodeError or MemoryError
+        # RuntimeError, ValueError, UnicodeDecodeError or MemoryError.
+        except Exception as error:
             raise FileError(
                 f"{name}: not a readable OpenEXR file; the file is damaged ({error})"
             ) from None

@@ -36,24 +36,24 @@ def encode_pfm(values: ArrayLike) -> bytes:
     >>> encode_pfm([[1.0, 2.0]])[:14]
     b'Pf\\n2 1\\n-1.0\\n\\x00\\x00'
     """
-    given = np.asarray(values)
-    if given.dtype.kind not in "fiub":
-        raise InputError(f"a PFM holds real numbers, got an array of {given.dtype}")
+    source = np.asarray(values)
+    if source.dtype.kind not in "fiub":
+        raise InputError(f"a PFM holds real numbers, got an array of {source.dtype}")
     if (
-        given.ndim not in (2, 3)
-        or 0 in given.shape
-        or (given.ndim == 3 and given.shape[2] != 3)
+        source.ndim not in (2, 3)
+        or 0 in source.shape
+        or (source.ndim == 3 and source.shape[2] != 3)
     ):
         raise InputError(
-            f"a PFM holds (H, W) or (H, W, 3) values, got shape {given.shape}"
+            f"a PFM holds (H, W) or (H, W, 3) values, got shape {source.shape}"
         )
-    if not (given > -np.inf).all():
+    if not (source > -np.inf).all():
         raise InputError(f"PFM values: {_INVALID}")
     with np.errstate(over="ignore"):
-        array = given.astype("<f4")
+        array = source.astype("<f4")
     if (
-        given.dtype != np.float32
-        and np.isposinf(array).sum() != np.isposinf(given).sum()
+        source.dtype != np.float32
+        and np.isposinf(array).sum() != np.isposinf(source).sum()
     ):
         raise InputError(
             "PFM values: a number is too large for float32; only +inf means unknown"

@@ -32,9 +32,8 @@ def read_ply(path: Where) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     try:
         mesh = trimesh.load_mesh(io.BytesIO(data), file_type="ply", process=False)
         return np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
-    except (
-        Exception
-    ) as error:  # the exceptions of trimesh on damaged files are of many types
+    # trimesh raises many types on damaged files.
+    except Exception as error:
         raise FileError(
             f"{path}: not a readable PLY file ({' '.join(str(error).split())})"
         ) from None

@@ -37,14 +37,8 @@ _CONVERSIONS = {
     "CMYK": "RGB",
 }
 _SIXTEEN_BIT_MODES = ("I;16", "I;16B", "I")
-_FORMATS = [
-    "PNG",
-    "JPEG",
-    "TIFF",
-    "BMP",
-    "WEBP",
-    "PPM",
-]  # not PostScript, which Pillow passes to Ghostscript
+# Not PostScript, which Pillow passes to Ghostscript.
+_FORMATS = ["PNG", "JPEG", "TIFF", "BMP", "WEBP", "PPM"]
 
 
 def encode_png(pixels: Pixels) -> bytes:
@@ -69,26 +63,15 @@ def encode_png(pixels: Pixels) -> bytes:
     header = struct.pack(
         ">IIBBBBB", width, height, 8 * array.dtype.itemsize, color, 0, 0, 0
     )
-    rows = (
-        np.ascontiguousarray(array.astype(array.dtype.newbyteorder(">")))
-        .view(np.uint8)
-        .reshape(height, -1)
-    )
+    big_endian = np.ascontiguousarray(array, array.dtype.newbyteorder(">"))
+    rows = big_endian.view(np.uint8).reshape(height, -1)
+    filtered = _paeth_filtered(rows, channels * array.dtype.itemsize)
     deflate = zlib.compressobj(
         1, zlib.DEFLATED, zlib.MAX_WBITS, zlib.DEF_MEM_LEVEL, zlib.Z_RLE
     )
-    body = (
-        deflate.compress(
-            _paeth_filtered(rows, channels * array.dtype.itemsize).tobytes()
-        )
-        + deflate.flush()
-    )
-    return (
-        _SIGNATURE
-        + _chunk(b"IHDR", header)
-        + _chunk(b"IDAT", body)
-        + _chunk(b"IEND", b"")
-    )
+    body = deflate.compress(filtered.tobytes()) + deflate.flush()
+    chunks = (_chunk(b"IHDR", header), _chunk(b"IDAT", body), _chunk(b"IEND", b""))
+    return _SIGNATURE + b"".join(chunks)
 
 
 def decode_png(data: bytes, name: str = "PNG data") -> Pixels:
@@ -104,9 +87,8 @@ def decode_png(data: bytes, name: str = "PNG data") -> Pixels:
         raise FileError(
             f"{name}: a PNG must have 1 to {_MAX_PIXELS} pixels, got {width} x {height}"
         )
-    if width * height * depth > 8 * _DEFLATE_RATIO * len(
-        data
-    ):  # before memory is allocated
+    # Checked before memory is allocated for the pixels.
+    if width * height * depth > 8 * _DEFLATE_RATIO * len(data):
         raise FileError(
             f"{name}: {len(data)} bytes cannot hold {width} x {height} pixels; the file is damaged"
         )
@@ -114,32 +96,35 @@ def decode_png(data: bytes, name: str = "PNG data") -> Pixels:
         raise FileError(
             f"{name}: has 16 bits and an alpha channel; save it without the alpha channel"
         )
+    _check_chunks(data, name)
+    try:
+        if depth == 16 and color == _RGB:
+            return _decode_sixteen_bit_rgb(data)
+        return _decode(data, name)
+    except FileError:
+        raise
+    # Pillow raises half a dozen types, depending on where the damage is.
+    except Exception as error:
+        raise FileError(
+            f"{name}: not a readable PNG; the file is damaged ({error})"
+        ) from None
+
+
+def _check_chunks(data: bytes, name: str) -> None:
+    """Raise FileError unless every chunk matches its checksum: Pillow ignores some truncated and changed ones."""
     start, kind = len(_SIGNATURE), b""
-    while kind != b"IEND":  # Pillow ignores some truncated and changed chunks
+    while kind != b"IEND":
+        # A chunk is a length, a kind, a body, and the CRC of kind and body.
         length = int.from_bytes(data[start : start + 4], "big")
-        kind, end = data[start + 4 : start + 8], start + 8 + length
+        kind = data[start + 4 : start + 8]
+        end = start + 8 + length
         crc = data[end : end + 4]
-        if len(crc) < 4 or int.from_bytes(crc, "big") != zlib.crc32(
-            memoryview(data)[start + 4 : end]
-        ):
+        expected = zlib.crc32(memoryview(data)[start + 4 : end])
+        if len(crc) < 4 or int.from_bytes(crc, "big") != expected:
             raise FileError(
                 f"{name}: a chunk does not match its checksum; the file is damaged"
             )
         start = end + 4
-    try:
-        return (
-            _decode_sixteen_bit_rgb(data)
-            if depth == 16 and color == _RGB
-            else _decode(data, name)
-        )
-    except FileError:
-        raise
-    except (
-        Exception
-    ) as error:  # Pillow raises half a dozen types, depending on where the damage is
-        raise FileError(
-            f"{name}: not a readable PNG; the file is damaged ({error})"
-        ) from None
 
 
 def read_png(path: Where) -> Pixels:
@@ -187,8 +172,10 @@ def _paeth_filtered(rows: NDArray[np.uint8], step: int) -> NDArray[np.uint8]:
     padded = np.zeros((rows.shape[0] + 1, rows.shape[1] + step), np.int16)
     padded[1:, step:] = rows
     left, up, corner = padded[1:, :-step], padded[:-1, step:], padded[:-1, :-step]
+    # Distances of the three neighbours to the linear estimate left + up - corner.
     to_left, to_up = np.abs(up - corner), np.abs(left - corner)
     to_corner = np.abs(left + up - 2 * corner)
+    # The nearest neighbour predicts; in a tie left comes before up, and up before the corner.
     predictor = np.where(to_up <= to_corner, up, corner)
     predictor = np.where((to_left <= to_up) & (to_left <= to_corner), left, predictor)
     out = np.empty((rows.shape[0], rows.shape[1] + 1), np.uint8)
@@ -198,12 +185,9 @@ def _paeth_filtered(rows: NDArray[np.uint8], step: int) -> NDArray[np.uint8]:
 
 
 def _chunk(kind: bytes, body: bytes) -> bytes:
-    return (
-        struct.pack(">I", len(body))
-        + kind
-        + body
-        + struct.pack(">I", zlib.crc32(kind + body))
-    )
+    length = struct.pack(">I", len(body))
+    crc = struct.pack(">I", zlib.crc32(kind + body))
+    return length + kind + body + crc
 
 
 def _decode(data: bytes, name: str) -> Pixels:

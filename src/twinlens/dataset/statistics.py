@@ -5,18 +5,15 @@ one distribution, with linear interpolation between quantiles, one sample in mem
 """
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twinlens.camera import Camera, Lens
-from twinlens.dataset.truth_files import blur_circle_px
+from twinlens.dataset.sample import Sample, blur_circle_px
+from twinlens.dataset.stored import StoredSample
 from twinlens.dataset.visibility import HIDDEN, UNKNOWN, VISIBLE
-
-if TYPE_CHECKING:
-    from twinlens.dataset.sample import Sample
-    from twinlens.dataset.stored import StoredSample
 
 KEY = "statistics"
 """The key in sample.json."""
@@ -37,7 +34,7 @@ _NESTING = _COUNTS | {
 Statistics = dict[str, Any]
 
 
-def statistics(sample: "Sample") -> Statistics:
+def statistics(sample: Sample) -> Statistics:
     """Statistics of the left view of a sample in memory.
 
     disparity (px), depth (m) : 33 quantiles of the known values, from minimum to maximum; empty if none is known.
@@ -58,21 +55,11 @@ def statistics(sample: "Sample") -> Statistics:
     )
 
 
-def stored_statistics(sample: "StoredSample") -> Statistics:
+def stored_statistics(sample: StoredSample) -> Statistics:
     """Statistics of a stored sample: those in sample.json, or else computed from the truth. Raises FileError."""
-    recorded = sample.record.get(KEY) if sample.has("sample.json") else None
-    complete = isinstance(recorded, dict) and set(recorded) in (
-        set(_NESTING),
-        set(_COUNTS),
-    )
-    # Users may edit the file.
-    if (
-        recorded
-        and complete
-        and all(_are_numbers(recorded[name], _NESTING[name]) for name in recorded)
-    ):
-        return dict(recorded)
-    if sample.has("truth0.exr"):
+    if sample.has("sample.json") and _is_complete(sample.record.get(KEY)):
+        return dict(sample.record[KEY])
+    if sample.has_truth(0):
         truth, rig = sample.truth0, sample.rig
         maps = (truth.disparity, truth.depth, truth.mask_nonocc())
         lenses = [sample.lens(k).lens for k in range(sample.num_lenses)]
@@ -90,18 +77,25 @@ def stored_statistics(sample: "StoredSample") -> Statistics:
     )
 
 
+def _is_complete(recorded: Any) -> bool:
+    """Whether the statistics of a sample.json, which users may edit, are usable."""
+    if not isinstance(recorded, dict):
+        return False
+    if set(recorded) not in (set(_NESTING), set(_COUNTS)):
+        return False
+    return all(_are_numbers(recorded[name], _NESTING[name]) for name in recorded)
+
+
 def quantiles(values: ArrayLike) -> list[float]:
     """The 33 quantiles of the finite `values`, with five digits; empty if none is finite.
 
     >>> quantiles([3.0, 1.0, 2.0, np.inf])[::8]
     [1.0, 1.5, 2.0, 2.5, 3.0]
     """
-    known = np.asarray(values)[np.isfinite(values)].astype(np.float64)
-    return (
-        [float(f"{value:.5g}") for value in np.quantile(known, LEVELS)]
-        if known.size
-        else []
-    )
+    finite = np.asarray(values)[np.isfinite(values)].astype(np.float64)
+    if not finite.size:
+        return []
+    return [float(f"{value:.5g}") for value in np.quantile(finite, LEVELS)]
 
 
 def mixed_counts(
@@ -115,25 +109,40 @@ def mixed_counts(
     [0.5, 1.5]
     """
     counts = np.zeros(len(edges) - 1)
-    for each in many:
-        if len(each):
-            below = np.interp(
-                edges, np.asarray(each, float), np.linspace(0.0, 1.0, len(each))
-            )
-            below[0], below[-1] = (
-                0.0,
-                1.0,
-            )  # interpolation is ambiguous where all values are equal
-            counts += np.diff(below)
+    for levels in many:
+        if not len(levels):
+            continue
+        shares = np.linspace(0.0, 1.0, len(levels))
+        below = np.interp(edges, np.asarray(levels, float), shares)
+        # Interpolation is ambiguous where all values are equal.
+        below[0], below[-1] = 0.0, 1.0
+        counts += np.diff(below)
     return counts
 
 
+def distributions(
+    many: Sequence[Statistics],
+) -> tuple[list[list[float]], list[list[float]], list[list[float]]]:
+    """Quantiles of disparity, of depth, and of each blur circle that is not 0, of the samples that have them."""
+    with_truth = [sample for sample in many if "disparity" in sample]
+    disparities = [sample["disparity"] for sample in with_truth if sample["disparity"]]
+    depths = [sample["depth"] for sample in with_truth if sample["depth"]]
+    blurs = [
+        blur
+        for sample in with_truth
+        for blur in sample["blur_px"]
+        if blur and blur[-1] > 0
+    ]
+    return disparities, depths, blurs
+
+
 def _are_numbers(value: Any, nesting: int) -> bool:
-    if nesting:
-        return isinstance(value, list) and all(
-            _are_numbers(each, nesting - 1) for each in value
-        )
-    return isinstance(value, (int, float)) and abs(value) < 1e30
+    """Whether it is a finite number, or a list of such in `nesting` levels."""
+    if nesting == 0:
+        return isinstance(value, (int, float)) and abs(value) < 1e30
+    if not isinstance(value, list):
+        return False
+    return all(_are_numbers(entry, nesting - 1) for entry in value)
 
 
 def _statistics(
