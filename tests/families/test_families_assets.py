@@ -136,8 +136,8 @@ def test_meshes_keep_their_size_and_materials_if_asked(tmp_path, family):
         )
         np.testing.assert_allclose(sides, [0.012, 0.05, 0.08], rtol=1e-6)
         (name,) = thing.materials
-        assert scene.materials[name]["base_color"].rgb == (1.0, 0.0, 0.0)
-        assert scene.materials[name]["metallic"] == 1.0
+        assert scene.materials[name].base_color.rgb == (1.0, 0.0, 0.0)
+        assert scene.materials[name].metallic == 1.0
     assert len({thing.materials for thing in parts}) == 1
     if family == "tabletop":
         assert intersecting(scene) == []

@@ -20,21 +20,22 @@ GLASS_INDEX = (
 )
 
 
-def finish_of(plugin):
+def finish_of(material):
     """The finish that a material has according to its parameters."""
-    if plugin["type"] != "principled":
-        return {"dielectric": "glass", "conductor": "mirror"}[plugin["type"]]
-    for finish, key in (
-        ("metal", "metallic"),
-        ("fabric", "sheen"),
-        ("clearcoat", "clearcoat"),
-    ):
-        if plugin[key] > 0.1:
+    if material.model != "principled":
+        return {"glass": "glass", "metal": "mirror"}[material.model]
+    weights = {
+        "metal": material.metallic,
+        "fabric": material.sheen,
+        "clearcoat": material.coat,
+    }
+    for finish, weight in weights.items():
+        if weight > 0.1:
             return finish
     return next(
         name
         for name in ("matte", "satin", "glossy")
-        if plugin["roughness"] >= FINISHES[name][1]
+        if material.roughness >= FINISHES[name][1]
     )
 
 
@@ -66,7 +67,7 @@ def test_finishes_have_the_stated_shares(balls):
 
 def test_roughness_spans_the_stated_ranges(balls):
     for finish, (_, low, high) in list(FINISHES.items())[:6]:  # not glass and mirrors
-        drawn = [plugin["roughness"] for plugin in balls if finish_of(plugin) == finish]
+        drawn = [ball.roughness for ball in balls if finish_of(ball) == finish]
         assert low <= min(drawn) < low + 0.1 * (high - low)
         assert high - 0.1 * (high - low) < max(drawn) <= high
 
@@ -87,9 +88,9 @@ def test_only_suitable_kinds_are_of_fabric_or_metal():
 def test_a_stated_share_of_bodies_and_surfaces_is_plain(balls):
     """A plain body has one colour, of varying lightness; the patterns of balls have more."""
     dull = [
-        plugin["base_color"].pixels
-        for plugin in balls
-        if finish_of(plugin) in ("matte", "satin", "fabric")
+        ball.base_color.pixels
+        for ball in balls
+        if finish_of(ball) in ("matte", "satin", "fabric")
     ]
     unclipped = [
         pixels[((pixels > 0.0101) & (pixels < 0.8799)).all(axis=-1)].astype(float)

@@ -12,6 +12,7 @@ from twinlens.errors import InputError
 from twinlens.families import FAMILIES, Assets, random_scene
 from twinlens.families.composition import View, rasterize
 from twinlens.families.kinds import KINDS
+from twinlens.rendering.materials import bsdf_of
 from twinlens.scenes import Bitmap, Mesh
 
 
@@ -33,7 +34,8 @@ def fingerprint(scene):
             thing.shape.vertices.ravel(),
             thing.shape.uv.ravel(),
         ]
-    for plugin in [*scene.materials.values(), *scene.lights.values()]:
+    bsdfs = [bsdf_of(material) for material in scene.materials.values()]
+    for plugin in [*bsdfs, *scene.lights.values()]:
         parts += [
             part.pixels.ravel() for part in plugin.values() if isinstance(part, Bitmap)
         ]
@@ -127,8 +129,8 @@ def test_scenes_are_small_textured_meshes_with_unique_names(family):
     assert sum(len(thing.shape.faces) for thing in scene.objects) < 100_000
     assert len({thing.name for thing in scene.objects}) == len(scene.objects)
     assert camera_inside(scene) == []
-    for plugin in scene.materials.values():
-        for part in plugin.values():
+    for material in scene.materials.values():
+        for part in vars(material).values():
             if isinstance(part, Bitmap):
                 assert part.pixels.dtype == np.float32
                 assert 0 <= part.pixels.min() <= part.pixels.max() <= 1
@@ -138,34 +140,22 @@ def test_scenes_are_small_textured_meshes_with_unique_names(family):
 def test_all_materials_have_the_same_form(family):
     """Mitsuba compiles a kernel for each set of plugin types and of lobes; a parameter of 0 removes a lobe."""
     for seed in (4, 5, 11):
-        plugins = list(scene_of(family, seed).materials.values())
-        coated = [plugin for plugin in plugins if plugin["type"] == "principled"]
-        assert len({tuple(plugin) for plugin in coated}) == 1
-        assert all(
-            value > 0
-            for plugin in coated
-            for value in plugin.values()
-            if isinstance(value, float)
-        )
-        lamps = [plugin for plugin in plugins if plugin["type"] == "diffuse"]
-        assert all(
-            isinstance(lamp["reflectance"], Bitmap)
-            and not lamp["reflectance"].pixels.any()
-            for lamp in lamps
-        )
-        assert {plugin["type"] for plugin in plugins} <= {
+        materials = list(scene_of(family, seed).materials.values())
+        assert {material.model for material in materials} <= {
             "principled",
-            "diffuse",
-            "conductor",
-            "dielectric",
+            "lambert",
+            "metal",
+            "glass",
         }
-        textures = [
-            value
-            for plugin in plugins
-            for value in plugin.values()
-            if isinstance(value, Bitmap)
-        ]
-        assert all(np.array_equal(texture.to_uv, np.eye(4)) for texture in textures)
+        for material in materials:
+            color = material.base_color
+            if material.model == "principled":
+                assert min(material.metallic, material.sheen, material.coat) > 0
+            if material.model == "lambert":  # a lamp
+                assert not color.pixels.any()
+            if material.model != "glass":
+                assert isinstance(color, Bitmap)
+                np.testing.assert_array_equal(color.to_uv, np.eye(4))
 
 
 @pytest.mark.parametrize("family", FAMILIES)
@@ -286,7 +276,7 @@ def test_plain_surfaces_may_be_left_out(family):
             assert np.array_equal(one.world_from_object, other.world_from_object)
             assert np.array_equal(one.shape.vertices, other.shape.vertices)
             maps = [
-                scene.materials[thing.material].get("base_color")
+                scene.materials[thing.material].base_color
                 for scene, thing in ((plain, one), (textured, other))
             ]
             if isinstance(maps[0], Bitmap) and not np.array_equal(

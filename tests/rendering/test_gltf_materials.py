@@ -10,11 +10,11 @@ from tests.scenes.gltf_files import picture, square, with_extensions, write
 from twinlens.camera.truth import MATERIAL_KINDS
 from twinlens.rendering.build import build
 from twinlens.scenes.assets import SceneContext
-from twinlens.scenes.gltf_tables import PbrMaterial
+from twinlens.scenes.gltf_materials import PbrMaterial, Textures, material_of
+from twinlens.scenes.materials import Bitmap
 from twinlens.scenes.model_files import read_model
-from twinlens.scenes.pbr import Textures, plugin_of
 from twinlens.scenes.placement import rotation
-from twinlens.scenes.scene import Bitmap, Mesh, SceneObject
+from twinlens.scenes.scene import Mesh, SceneObject
 
 SPACING = 200.0  # metres: no object lights another
 BALLS = [(color, metallic, roughness) for color in ((0.1, 0.1, 0.1), (0.8, 0.3, 0.05), (1.0, 1.0, 1.0))
@@ -248,15 +248,15 @@ def test_the_kind_of_a_material(kind, metallic, roughness, more):
         "roughnessFactor": roughness,
         "baseColorFactor": [0.5, 0.2, 0.2, 0.5],
     }
-    material = PbrMaterial.model_validate({"pbrMetallicRoughness": base, **more})
-    plugin, _ = plugin_of(material, Textures([], [], lambda _: b""))
+    table = PbrMaterial.model_validate({"pbrMetallicRoughness": base, **more})
+    material = material_of(table, Textures([], [], lambda _: b""))
     triangle = Mesh(
         np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]], np.uint32)
     )
     scene = tl.Scene(
         "one",
         (SceneObject("triangle", triangle, "m"),),
-        {"m": plugin},
+        {"m": material},
         np.eye(4),
         (1.0, 2.0),
     )

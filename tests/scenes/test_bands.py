@@ -5,6 +5,7 @@ import pytest
 
 from twinlens.errors import InputError
 from twinlens.scenes import Bitmap, Color, Scene, SceneObject, Sky, bands, load_scene
+from twinlens.scenes.materials import lambert
 
 TOML = """
 [materials.dyed]
@@ -46,10 +47,10 @@ def test_the_band_of_a_scene_file(tmp_path):
     file = tmp_path / "scene.toml"
     file.write_text(TOML)
     near = bands.near_infrared(load_scene(file))
-    assert near.materials["own"]["bsdf"]["reflectance"] == Color((0.7, 0.7, 0.7))
-    assert near.materials["gold"]["k"] == Color((5.59, 5.59, 5.59))
-    assert near.materials["picture"]["diffuse_reflectance"].pixels.shape == (512, 512)
-    dyed = near.materials["dyed"]["reflectance"].rgb[0]
+    assert near.materials["own"].base_color == Color((0.7, 0.7, 0.7))
+    assert near.materials["gold"].conductor.k == Color((5.59, 5.59, 5.59))
+    assert near.materials["picture"].base_color.pixels.shape == (512, 512)
+    dyed = near.materials["dyed"].base_color.rgb[0]
     assert dyed == pytest.approx(0.3 + 0.25 / 0.32 * 0.3)
     assert near.objects[0].emitter is None
     assert near.lights["sun"]["irradiance"].rgb == pytest.approx([0.22 * 3] * 3)
@@ -57,7 +58,8 @@ def test_the_band_of_a_scene_file(tmp_path):
         0.91, abs=0.01
     )  # CIE illuminant A
     assert near.lights["sky"]["sun_scale"] == 0.234
-    assert "nir" not in str(near.materials) + str(near.lights)
+    assert "nir" not in str(near.lights)
+    assert all(material.nir is None for material in near.materials.values())
     file.write_text(TOML.replace('nir = "daylight"', 'nir = "sunny"'))
     with pytest.raises(InputError, match=r"lights.sun.nir"):
         load_scene(file)
@@ -90,12 +92,12 @@ def test_a_sky_has_the_share_of_its_mean_colour_or_its_own():
 
 def test_a_texture_of_two_materials_stays_one():
     picture = Bitmap(np.random.default_rng(1).random((4, 4, 3)).astype(np.float32))
-    plugin = {"type": "diffuse", "reflectance": picture}
+    paint = lambert(picture)
     things = (
         SceneObject("a", {"type": "sphere"}, "a"),
         SceneObject("b", {"type": "sphere"}, "b"),
     )
     near = bands.near_infrared(
-        Scene("two", things, {"a": plugin, "b": plugin}, np.eye(4), (1.0, 2.0))
+        Scene("two", things, {"a": paint, "b": paint}, np.eye(4), (1.0, 2.0))
     )
-    assert near.materials["a"]["reflectance"] is near.materials["b"]["reflectance"]
+    assert near.materials["a"].base_color is near.materials["b"].base_color

@@ -25,10 +25,9 @@ from tests.scenes.scene_text import Read
 from twinlens.errors import FileError, InputError
 from twinlens.scenes import Mesh, Scene
 from twinlens.scenes.assets import SceneContext, read_mesh
-from twinlens.scenes.gltf_tables import PbrMaterial, Transform
+from twinlens.scenes.gltf_materials import VERTEX_COLOR, Transform
+from twinlens.scenes.materials import Bitmap, Color, Material
 from twinlens.scenes.model_files import MaterialWarning, Model, read_model
-from twinlens.scenes.pbr import Textures, plugin_of
-from twinlens.scenes.scene import Bitmap, Color
 
 OWN = "[objects.own]\nfile = 'm.glb'\n"
 
@@ -43,23 +42,15 @@ def read(path: Path) -> Model:
     return read_model(path, SceneContext(path.parent))
 
 
-def only_material(path: Path) -> Any:
-    (plugin,) = read(path).materials.values()
-    return plugin
+def only_material(path: Path) -> Material:
+    (material,) = read(path).materials.values()
+    return material
 
 
-def found(plugin: Any, key: str) -> Any:
-    """The value of a key anywhere in a plugin; the plugin of a type under the key `type:NAME`."""
-    if isinstance(plugin, dict):
-        if key in plugin:
-            return plugin[key]
-        if key == f"type:{plugin.get('type')}":
-            return plugin
-        hits = [
-            hit for value in plugin.values() if (hit := found(value, key)) is not None
-        ]
-        return hits[0] if hits else None
-    return None
+def texels(value: Any) -> Any:
+    """The pixels of a map."""
+    assert isinstance(value, Bitmap)
+    return value.pixels
 
 
 def test_a_file_has_its_own_material_size_and_up_axis(
@@ -170,62 +161,51 @@ def test_a_node_tree_with_several_materials_is_one_object(
 
 
 def test_color_factor_and_srgb_texture_are_multiplied(tmp_path: Path) -> None:
-    """The light that a facet-free surface scatters is exactly the base colour: specularFactor = 0 is Lambert's law."""
-    texels = np.zeros((2, 2, 3))
-    texels[0, 1] = [0.5, 1.0, 0.0]
+    stored = np.zeros((2, 2, 3))
+    stored[0, 1] = [0.5, 1.0, 0.0]
     path = write(
         tmp_path / "m.glb",
-        square(
-            baseColorTexture=picture(texels),
-            baseColorFactor=[1.0, 0.5, 0.2, 1.0],
-            metallicFactor=0.0,
-        ),
-        with_extensions(specular={"specularFactor": 0.0}),
+        square(baseColorTexture=picture(stored), baseColorFactor=[1.0, 0.5, 0.2, 1.0]),
     )
-    plugin = only_material(path)
-    assert plugin["type"] == "diffuse"
+    color = texels(only_material(path).base_color)
     linear = ((128 / 255 + 0.055) / 1.055) ** 2.4
-    np.testing.assert_allclose(
-        plugin["reflectance"].pixels[0, 1], [linear, 128 / 255, 0], atol=3e-3
-    )
-    assert not plugin["reflectance"].pixels[1].any()
+    np.testing.assert_allclose(color[0, 1], [linear, 128 / 255, 0], atol=3e-3)
+    assert not color[1].any()
 
 
 def test_metalness_and_roughness_are_the_blue_and_the_green_channel(
     tmp_path: Path,
 ) -> None:
-    texels = np.zeros((1, 2, 3))
-    texels[0, 0], texels[0, 1] = [1.0, 0.2, 0.0], [0.0, 0.8, 1.0]
+    stored = np.zeros((1, 2, 3))
+    stored[0, 0], stored[0, 1] = [1.0, 0.2, 0.0], [0.0, 0.8, 1.0]
     path = write(
         tmp_path / "m.glb",
         square(
-            metallicRoughnessTexture=picture(texels),
+            metallicRoughnessTexture=picture(stored),
             roughnessFactor=0.5,
             metallicFactor=1.0,
         ),
     )
-    plugin = only_material(path)
-    np.testing.assert_allclose(
-        found(plugin, "roughness").pixels, [[0.1, 0.4]], atol=2e-3
-    )
-    np.testing.assert_allclose(plugin["weight"].pixels[0, 1], 1.0)  # all facets
-    assert plugin["bsdf_1"]["base_color"] == Color((1.0, 1.0, 1.0))
+    material = only_material(path)
+    np.testing.assert_allclose(texels(material.roughness), [[0.1, 0.4]], atol=2e-3)
+    np.testing.assert_allclose(texels(material.metallic), [[0.0, 1.0]])
+    assert material.base_color == Color((1.0, 1.0, 1.0))
 
 
 def test_alpha_becomes_opacity(tmp_path: Path) -> None:
-    texels = np.ones((1, 3, 4))
-    texels[0, :, 3] = [0.2, 0.6, 1.0]
-    path = write(
-        tmp_path / "m.glb",
-        square(baseColorTexture=picture(texels), alphaMode="MASK", alphaCutoff=0.5),
-    )
-    np.testing.assert_array_equal(only_material(path)["opacity"].pixels, [[0, 1, 1]])
-    path = write(
-        tmp_path / "m.glb", square(baseColorTexture=picture(texels), alphaMode="BLEND")
-    )
-    np.testing.assert_allclose(
-        only_material(path)["opacity"].pixels, [[0.2, 0.6, 1.0]], atol=2e-3
-    )
+    stored = np.ones((1, 3, 4))
+    stored[0, :, 3] = [0.2, 0.6, 1.0]
+    modes: dict[str, tuple[Any, float | None]] = {
+        "OPAQUE": (1.0, None),
+        "MASK": ([[0.2, 0.6, 1.0]], 0.4),
+        "BLEND": ([[0.2, 0.6, 1.0]], None),
+    }
+    for mode, (opacity, cutoff) in modes.items():
+        look = square(baseColorTexture=picture(stored), alphaMode=mode, alphaCutoff=0.4)
+        material = only_material(write(tmp_path / "m.glb", look))
+        assert material.alpha_cutoff == cutoff
+        value = getattr(material.opacity, "pixels", material.opacity)
+        np.testing.assert_allclose(value, opacity, atol=2e-3)
 
 
 def test_emission_is_factor_times_strength_times_texture(tmp_path: Path) -> None:
@@ -234,32 +214,26 @@ def test_emission_is_factor_times_strength_times_texture(tmp_path: Path) -> None
         square(emissiveFactor=[1.0, 0.5, 0.0]),
         with_extensions(emissive_strength={"emissiveStrength": 8.0}),
     )
-    assert only_material(path)["emitter"] == {
-        "type": "area",
-        "radiance": Color((8.0, 4.0, 0.0)),
-    }
+    assert only_material(path).emission == Color((8.0, 4.0, 0.0))
 
 
 def test_sides_and_glass(tmp_path: Path) -> None:
     path = write(tmp_path / "m.glb", square(doubleSided=True, metallicFactor=1.0))
-    assert only_material(path)["type"] == "twosided"
+    assert only_material(path).two_sided
     glass = with_extensions(transmission={"transmissionFactor": 1.0}, ior={"ior": 1.33})
     path = write(
         tmp_path / "m.glb", square(metallicFactor=0.0, roughnessFactor=0.0), glass
     )
-    assert only_material(path)["type"] == "thindielectric"
-    assert only_material(path)["int_ior"] == 1.33
+    pane = only_material(path)
+    assert pane.thin_walled
+    assert (pane.transmission, pane.ior) == (1.0, 1.33)
     solid = with_extensions(
         transmission={"transmissionFactor": 1.0}, volume={"thicknessFactor": 1.0}
     )
     path = write(
         tmp_path / "m.glb", square(metallicFactor=0.0, roughnessFactor=0.0), solid
     )
-    assert only_material(path)["type"] == "dielectric"
-    path = write(
-        tmp_path / "m.glb", square(metallicFactor=0.0, roughnessFactor=0.5), solid
-    )
-    assert only_material(path)["alpha"] == 0.25
+    assert not only_material(path).thin_walled
 
 
 def test_a_texture_transform_rotates_counter_clockwise_as_seen() -> None:
@@ -283,7 +257,7 @@ def test_a_normal_map_is_scaled_and_stays_unit_length(tmp_path: Path) -> None:
         square(normalTexture=picture(np.tile((tilted + 1) / 2, (2, 2, 1)))),
         lambda header: header["materials"][0]["normalTexture"].update(scale=2.0),
     )
-    normal = 2 * only_material(path)["normalmap"].pixels[0, 0] - 1
+    normal = 2 * texels(only_material(path).normal)[0, 0] - 1
     np.testing.assert_allclose(
         normal, np.array([1.2, 0, 0.8]) / np.hypot(1.2, 0.8), atol=0.01
     )
@@ -325,13 +299,9 @@ def test_a_part_without_texture_coordinates_leaves_those_of_others(
         atol=1e-6,
     )
     if colored:
-        scattered = mesh.attributes["vertex_diffuse"] * (
-            1 - mesh.attributes["vertex_weight"]
-        )
-        expected = 0.96 * (corners[~textured] - [-0.5, -0.5, 2.5])
-        np.testing.assert_allclose(
-            scattered[mesh.faces.ravel()][~textured], expected, atol=1e-5
-        )
+        colors = mesh.attributes[VERTEX_COLOR.attribute][mesh.faces.ravel(), :3]
+        expected = corners[~textured] - [-0.5, -0.5, 2.5]
+        np.testing.assert_allclose(colors[~textured], expected, atol=1e-5)
 
 
 def test_a_file_without_a_scene_has_its_nodes(tmp_path: Path) -> None:
@@ -366,41 +336,41 @@ def write_colored(path: Path, colors: Any, **material: Any) -> Path:
     return path
 
 
+FACTOR = [0.2, 0.4, 0.8]
 COLORS = np.array([[1, 0, 0, 1], [0, 1, 0, 0.5], [0, 0, 1, 0], [1, 1, 1, 1]])
 
 
 def test_vertex_colors_are_mesh_attributes(tmp_path: Path) -> None:
-    model = read(write_colored(tmp_path / "m.glb", COLORS[:, :3], metallicFactor=0.0))
-    (plugin,) = model.materials.values()
-    assert found(plugin, "reflectance") == {
-        "type": "mesh_attribute",
-        "name": "vertex_diffuse",
-    }
-    scattered = model.mesh.attributes["vertex_diffuse"] * (
-        1 - model.mesh.attributes["vertex_weight"]
+    path = write_colored(
+        tmp_path / "m.glb", COLORS[:, :3], baseColorFactor=[*FACTOR, 1.0]
     )
-    np.testing.assert_allclose(scattered, 0.96 * COLORS[:, :3], atol=1e-5)
+    model = read(path)
+    (material,) = model.materials.values()
+    assert (material.base_color, material.opacity) == (VERTEX_COLOR, 1.0)
+    tinted = model.mesh.attributes[VERTEX_COLOR.attribute]
+    np.testing.assert_allclose(tinted[:, :3], COLORS[:, :3] * FACTOR, atol=1e-6)
 
 
 def test_vertex_colors_have_opacity(tmp_path: Path) -> None:
     model = read(write_colored(tmp_path / "m.glb", COLORS, alphaMode="BLEND"))
-    np.testing.assert_allclose(
-        model.mesh.attributes["vertex_opacity"], COLORS[:, 3:], atol=1e-6
-    )
+    (material,) = model.materials.values()
+    assert material.opacity == VERTEX_COLOR
+    tinted = model.mesh.attributes[VERTEX_COLOR.attribute]
+    np.testing.assert_allclose(tinted, COLORS, atol=1e-6)
 
 
 def test_a_texture_is_kept_where_vertices_have_colors_too(tmp_path: Path) -> None:
     texture = picture(np.linspace(0, 1, 12).reshape(2, 2, 3))
     path = write_colored(tmp_path / "m.glb", np.ones((4, 3)), baseColorTexture=texture)
-    assert isinstance(found(only_material(path), "base_color"), Bitmap)
+    assert isinstance(only_material(path).base_color, Bitmap)
     path = write_colored(tmp_path / "m.glb", COLORS, baseColorTexture=texture)
     with pytest.warns(
         MaterialWarning, match="not rendered: vertex colours multiplied with a texture"
     ):
-        assert isinstance(found(only_material(path), "base_color"), Bitmap)
+        assert isinstance(only_material(path).base_color, Bitmap)
 
 
-def test_normal_maps_are_flipped_where_texture_coordinates_are_mirrored(
+def test_normal_maps_are_there_twice_where_texture_coordinates_are_mirrored(
     tmp_path: Path,
 ) -> None:
     """Two squares, the second one with u from right to left; both share all other maps."""
@@ -418,9 +388,9 @@ def test_normal_maps_are_flipped_where_texture_coordinates_are_mirrored(
     model = read(write(tmp_path / "m.glb", scene, one_material))
     assert list(model.materials) == ["m.glb:paint", "m.glb:paint-2"]
     upright, flipped = model.materials.values()
-    assert found(upright, "base_color") is found(flipped, "base_color")
-    np.testing.assert_allclose(upright["normalmap"].pixels + flipped["normalmap"].pixels * [-1, 1, -1],
-                               np.tile([0.0, 1, 0], (2, 2, 1)), atol=1e-6)  # fmt: skip
+    assert (upright.mirrored, flipped.mirrored) == (False, True)
+    assert upright.base_color is flipped.base_color
+    assert upright.normal is flipped.normal
     assert model.mesh.surface is not None
     heights = model.mesh.vertices[model.mesh.faces[:, 0], 2]
     np.testing.assert_array_equal(model.mesh.surface, heights > 0.5)
@@ -429,23 +399,6 @@ def test_normal_maps_are_flipped_where_texture_coordinates_are_mirrored(
 def one_material(header: dict[str, Any]) -> None:
     for mesh in header["meshes"]:
         mesh["primitives"][0]["material"] = 0
-
-
-@pytest.mark.parametrize("specular", [0.0, 1.0])
-def test_parts_with_other_vertex_colors_share_a_plugin(specular: float) -> None:
-    """Black has no diffuse light, and specularFactor = 0 no facets: the attributes of both are there all the same."""
-    table = {
-        "pbrMetallicRoughness": {"metallicFactor": 0.0},
-        "extensions": {"KHR_materials_specular": {"specularFactor": specular}},
-    }
-    material = PbrMaterial.model_validate(table)
-    made = [
-        plugin_of(material, Textures([], [], lambda _: b""), np.full((3, 4), value))
-        for value in (0.0, 0.8)
-    ]
-    assert made[0][0] == made[1][0]
-    assert made[0][1].keys() == made[1][1].keys()
-    assert "vertex_diffuse" in made[0][1]
 
 
 def test_what_cannot_be_rendered_is_named_in_one_line(tmp_path: Path) -> None:
@@ -543,13 +496,13 @@ def test_an_obj_has_the_materials_of_its_mtl_file(
         np.ptp(mesh.vertices, axis=0), [1, 1, 0]
     )  # OBJ has no up axis: z, as it was
     linear = ((128 / 255 + 0.055) / 1.055) ** 2.4
-    assert found(scene.materials["m.obj:tiles"], "reflectance").rgb == pytest.approx(
-        [linear] * 3
-    )
-    assert found(scene.materials["m.obj:red"], "roughness") == pytest.approx(
-        (2 / 12) ** 0.25
-    )
-    assert scene.materials["m.obj:red"]["emitter"]["radiance"] == Color((4.0, 2.0, 0.0))
+    tiles, red = (scene.materials[f"m.obj:{name}"] for name in ("tiles", "red"))
+    assert isinstance(tiles, Material)
+    assert isinstance(red, Material)
+    np.testing.assert_allclose(texels(tiles.base_color), linear, rtol=1e-6)
+    assert tiles.specular == 0.0
+    assert red.roughness == pytest.approx((2 / 12) ** 0.25)
+    assert red.emission == Color((4.0, 2.0, 0.0))
     assert {path.name for path in scene.files} == {
         "scene.toml",
         "m.obj",

@@ -14,6 +14,7 @@ from twinlens.camera import Camera, Rig
 from twinlens.errors import FileError, InputError
 from twinlens.scenes import (
     Bitmap,
+    Material,
     Mesh,
     Scene,
     bundled_folder,
@@ -91,10 +92,16 @@ def test_a_bundled_scene_is_physically_plausible(bundled: Scene) -> None:
     for thing in bundled.objects:
         if isinstance(thing.shape, Mesh):
             assert np.isfinite(thing.shape.vertices).all()
-    for plugin in bundled.materials.values():
-        for value in plugin.values():
+    for material in bundled.materials.values():
+        for value in vars(material).values():
             if isinstance(value, Bitmap):
                 assert 0 <= value.pixels.min() <= value.pixels.max() <= 1
+
+
+def test_a_bundled_scene_names_no_plugin(bundled: Scene) -> None:
+    """Every material can be rendered by others than Mitsuba."""
+    kinds = {type(material) for material in bundled.materials.values()}
+    assert kinds == {Material}
 
 
 def test_the_depth_range_brackets_the_truth_and_disparities_are_useful(

@@ -21,8 +21,9 @@ from twinlens.errors import InputError, check_known, format_value, located
 from twinlens.factory.gates import Rejected, crossings
 from twinlens.factory.sources import meshes_in
 from twinlens.geometry import Float, inverse, rigid, transform_points
-from twinlens.scenes import Mesh, Plugin, Scene, SceneObject, read_toml
+from twinlens.scenes import Mesh, Scene, SceneObject, read_toml
 from twinlens.scenes.assets import SceneContext
+from twinlens.scenes.materials import AnyMaterial
 from twinlens.scenes.objects import (
     ANALYTIC_SHAPES,
     MESH_SHAPES,
@@ -31,7 +32,7 @@ from twinlens.scenes.objects import (
     ObjectTable,
 )
 from twinlens.scenes.placement import Placement, rotation
-from twinlens.scenes.plugins import Material
+from twinlens.scenes.plugins import MaterialTable
 from twinlens.scenes.resting import (
     CLEARANCE,
     LevelFace,
@@ -56,7 +57,7 @@ _RANGE = Annotated[
     satisfies(lambda ends: ends[0] < ends[1], "must be [low, high], got {}"),
 ]
 _TURNS = ("rotate", "euler_deg", "look_at")
-_MATERIAL: TypeAdapter[Plugin] = TypeAdapter(Material)
+_MATERIAL: TypeAdapter[AnyMaterial] = TypeAdapter(MaterialTable)
 _OBJECT: TypeAdapter[ObjectBase] = TypeAdapter(ObjectTable)
 _SHAPES: dict[str, dict[str, Any]] = {**ANALYTIC_SHAPES, **MESH_SHAPES}
 _OBJECT_KEYS = {
@@ -121,7 +122,7 @@ class Draft:
     name: str
     place: Placing
     table: ObjectBase
-    material: Plugin | None
+    material: AnyMaterial | None
     context: SceneContext
     drawn: SceneContext
 

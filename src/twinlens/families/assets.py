@@ -14,6 +14,7 @@ import numpy as np
 from twinlens.errors import FileError, InputError
 from twinlens.families.draws import Rng
 from twinlens.scenes.assets import SceneContext, read_mesh, read_picture, read_sky
+from twinlens.scenes.materials import Material
 from twinlens.scenes.model_files import (
     GLTF_FILES,
     WITH_MATERIALS,
@@ -21,7 +22,7 @@ from twinlens.scenes.model_files import (
     named_files,
     read_model,
 )
-from twinlens.scenes.scene import Mesh, Plugin
+from twinlens.scenes.scene import Mesh
 from twinlens.scenes.textures import Image
 
 SUFFIXES = {
@@ -41,7 +42,7 @@ class UserMesh(Mesh):
 
     path: Path = Path()
     size: float = 1.0
-    materials: Mapping[str, Plugin] = field(default_factory=dict)
+    materials: Mapping[str, Material] = field(default_factory=dict)
 
 
 @dataclass(eq=False)

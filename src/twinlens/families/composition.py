@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from twinlens.families.assets import Assets, UserMesh
 from twinlens.families.draws import PALETTES, Palette, Rng, log_uniform, one_of
 from twinlens.geometry import Float, inverse, look_at, rigid, transform_points
-from twinlens.scenes.scene import Bitmap, Mesh, Plugin, Scene, SceneObject, free_name
+from twinlens.scenes.materials import Bitmap, Material
+from twinlens.scenes.scene import Mesh, Plugin, Scene, SceneObject, free_name
 from twinlens.seeds import generator
 
 Triangles = tuple[Float, NDArray[np.uint32]]
@@ -162,7 +163,7 @@ class Composition:
     view: View = field(init=False)
     objects: list[SceneObject] = field(default_factory=list)
     triangles: list[Triangles] = field(default_factory=list)
-    materials: dict[str, Plugin] = field(default_factory=dict)
+    materials: dict[str, Material] = field(default_factory=dict)
     own_names: dict[tuple[Path, str], str] = field(default_factory=dict, repr=False)
     lights: dict[str, Plugin] = field(default_factory=dict)
 
@@ -190,7 +191,7 @@ class Composition:
         self,
         name: str,
         mesh: Mesh,
-        material: Plugin,
+        material: Material,
         pose: Float | None = None,
         emitter: Plugin | None = None,
     ) -> None:
@@ -200,13 +201,8 @@ class Composition:
             plain, {*self.materials, *(each.name for each in self.objects)}
         )
         own = tuple(self._own_materials(mesh)) if isinstance(mesh, UserMesh) else ()
-        for key, value in material.items():
-            if (
-                isinstance(value, Bitmap) and not own
-            ):  # Mitsuba would compile a kernel for each value of `to_uv`
-                mesh = replace(mesh, uv=np.asarray(mesh.uv) * np.diag(value.to_uv)[:2])
-                material = {**material, key: replace(value, to_uv=np.eye(4))}
         if not own:
+            mesh, material = _with_plain_texture(mesh, material)
             self.materials[unique] = material
         world_from_object = (
             np.eye(4) if pose is None else np.asarray(pose, dtype=np.float64)
@@ -298,6 +294,16 @@ class Family:
     least_ratio: float
     names: frozenset[str]
     may_be_empty: bool = False
+
+
+def _with_plain_texture(mesh: Mesh, material: Material) -> tuple[Mesh, Material]:
+    """A mesh whose (u, v) are those of the picture of its material: the renderer compiles a kernel for each `to_uv`."""
+    color = material.base_color
+    if not isinstance(color, Bitmap):
+        return mesh, material
+    uv = np.asarray(mesh.uv) * np.diag(color.to_uv)[:2]
+    plain = replace(color, to_uv=np.eye(4))
+    return replace(mesh, uv=uv), replace(material, base_color=plain)
 
 
 def similarity(turn: Float, position: Float, size: float) -> Float:

@@ -26,7 +26,7 @@ from twinlens.families.solids import (
 )
 from twinlens.geometry import Float
 from twinlens.scenes import shapes
-from twinlens.scenes.scene import Plugin
+from twinlens.scenes.materials import Material
 
 
 def _hollow(outside: list[tuple[float, float]], wall: float, floor: float) -> Float:
@@ -386,7 +386,7 @@ class Body:
     scene: Composition
     part: tuple[str | int, ...]
 
-    def material(self, pixel: float) -> Plugin:
+    def material(self, pixel: float) -> Material:
         """Its material where a pixel covers `pixel` metres: no texel is smaller than that."""
         scene, part = self.scene, self.part
         limited = {

@@ -9,13 +9,11 @@ from twinlens.families.draws import Rng, log_uniform, one_of
 from twinlens.families.patterns import noise
 from twinlens.families.surfaces import Sheet
 from twinlens.geometry import Float, look_at
-from twinlens.scenes.scene import Bitmap, Color, Mesh, Plugin, Sky
+from twinlens.scenes.materials import Bitmap, Color, lambert
+from twinlens.scenes.scene import Mesh, Sky
 from twinlens.scenes.textures import Image
 
-_BLACK: Plugin = {
-    "type": "diffuse",
-    "reflectance": Bitmap(np.zeros((2, 2, 3), dtype=np.float32)),
-}
+_BLACK = lambert(Bitmap(np.zeros((2, 2, 3), dtype=np.float32)))
 WARM, NEUTRAL, COOL = (
     np.array([1.0, 0.84, 0.66]),
     np.array([1.0, 0.96, 0.91]),

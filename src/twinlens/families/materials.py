@@ -1,7 +1,7 @@
 """Materials: a finish (matte, fabric, glossy, metal, ...) with a pattern at the resolution it is seen at.
 
-All but glass, mirrors and lamps are the `principled` material with the same parameters, and every colour is a bitmap:
-the renderer compiles a kernel for each new mix of plugin types, so most scenes share one kernel.
+All but glass, mirrors and lamps have the model "principled" with the same parameters, and every colour is a bitmap: the
+renderer compiles a kernel for each new mix of models, so most scenes share one kernel.
 """
 
 import math
@@ -14,7 +14,7 @@ from twinlens.families.composition import Composition
 from twinlens.families.draws import METALS, Palette, Rng, one_of, varied
 from twinlens.families.patterns import half_size, noise, pattern
 from twinlens.families.solids import Solid
-from twinlens.scenes.scene import Bitmap, Plugin
+from twinlens.scenes.materials import Bitmap, Material, glass, metal
 from twinlens.scenes.textures import Image
 
 FINISHES = {
@@ -32,21 +32,24 @@ _USER_TEXTURES = (
 )
 
 
-def material(rng: Rng, finish: str, color: Bitmap) -> Plugin:
-    """A Mitsuba material of this finish; `color` is its reflectance, or a metal's tint."""
+def material(rng: Rng, finish: str, color: Bitmap) -> Material:
+    """A material of this finish; `color` is its reflectance, or a metal's tint."""
     if finish == "glass":
-        return {"type": "dielectric", "int_ior": 1.5}
+        return glass(ior=1.5)
     if finish == "mirror":
-        return {"type": "conductor", "material": "Ag", "specular_reflectance": color}
-    return {
-        "type": "principled",
-        "base_color": color,
-        "roughness": float(rng.uniform(*FINISHES[finish][1:])),
-        "metallic": 1.0 if finish == "metal" else _ABSENT,
-        "sheen": float(rng.uniform(*_SHEEN)) if finish == "fabric" else _ABSENT,
-        "clearcoat": 1.0 if finish == "clearcoat" else _ABSENT,
-        "clearcoat_gloss": float(rng.uniform(*_COAT_GLOSS)),
-    }
+        return metal("Ag", tint=color)
+    roughness = float(rng.uniform(*FINISHES[finish][1:]))
+    sheen = float(rng.uniform(*_SHEEN)) if finish == "fabric" else _ABSENT
+    coat_gloss = float(rng.uniform(*_COAT_GLOSS))
+    return Material(
+        model="principled",
+        base_color=color,
+        roughness=roughness,
+        metallic=1.0 if finish == "metal" else _ABSENT,
+        sheen=sheen,
+        coat=1.0 if finish == "clearcoat" else _ABSENT,
+        coat_roughness=1 - coat_gloss,
+    )
 
 
 def texels(length: float, pixel: float, most: int = _MAX_TEXELS) -> int:
@@ -64,7 +67,7 @@ def body_material(
     palette: Palette,
     finish: str,
     names: Sequence[str] | Image,
-) -> Plugin:
+) -> Material:
     """A material for a body `size` metres large, with one of the patterns `names` or a user's picture."""
     if isinstance(names, np.ndarray):
         tile = size * one_of(rng, [0.5, 1.0])
@@ -175,7 +178,7 @@ def furniture_material(
     word: str,
     pixel: float,
     shared: int = 0,
-) -> Plugin:
+) -> Material:
     """The material of one part of a piece of furniture; parts with the same `word` and `shared` look alike."""
     if word == "spines":
         return material(

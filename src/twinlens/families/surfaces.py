@@ -16,7 +16,8 @@ from twinlens.families.materials import material, texels
 from twinlens.families.patterns import half_size, pattern, texture_seed
 from twinlens.geometry import Float
 from twinlens.scenes import shapes, textures
-from twinlens.scenes.scene import Bitmap, Mesh, Plugin
+from twinlens.scenes.materials import Bitmap, Material
+from twinlens.scenes.scene import Mesh
 from twinlens.scenes.textures import Image
 
 Mask = NDArray[np.bool_]
@@ -76,7 +77,7 @@ def surface(
     colors: Float,
     tile: float,
     finish: str = "matte",
-) -> Plugin:
+) -> Material:
     """The material of a sheet: a pattern that repeats every `tile` metres, filtered for the scene's view."""
     view = scene.view
     depth, inside = _project(

@@ -13,9 +13,14 @@ from numpy.typing import NDArray
 from twinlens.errors import InputError
 from twinlens.geometry import Float
 from twinlens.rendering.backends import mitsuba
+from twinlens.rendering.materials import (
+    bsdf_of,
+    emitter_of,
+    material_kind,
+    vertex_attributes,
+)
 from twinlens.scenes import Bitmap, Color, Mesh, Plugin, Scene, SceneObject
 from twinlens.scenes.bands import near_infrared
-from twinlens.scenes.scene import HINTS, MATTE_ROUGHNESS
 from twinlens.scenes.shapes import transformed
 
 _INSTANCE = 1 << 10  # Mitsuba 3.9 has no name for this shape type
@@ -102,11 +107,8 @@ def _need_two_threads() -> None:
 def _build_objects(scene: Scene) -> BuiltScene:
     mi = mitsuba()
     materials = {
-        name: _load(
-            {key: value for key, value in plugin.items() if key not in HINTS},
-            f"material {name!r}",
-        )
-        for name, plugin in scene.materials.items()
+        name: _load(bsdf_of(material), f"material {name!r}")
+        for name, material in scene.materials.items()
     }
     material_names = tuple(materials)
     # Made before lamps: the id of an environment map is a literal of kernels, and should be equal in all scenes.
@@ -129,9 +131,7 @@ def _build_objects(scene: Scene) -> BuiltScene:
         ]
         for k, (material, leaf) in enumerate(_leaves(thing, scene, materials)):
             material_id = 1 + material_names.index(material)
-            kind = material_kind(
-                leaf.bsdf(), bool(scene.materials[material].get("matte"))
-            )
+            kind = material_kind(leaf.bsdf(), scene.materials[material])
             label = f"{index:04d}" if k == 0 else f"{index:04d}-{k}"
             for copy, (key, part) in enumerate(
                 _parts(thing, label, leaf, parts), start=1
@@ -202,7 +202,7 @@ def _leaves(
     """The material and the Mitsuba shape of each surface of an object."""
     mesh = thing.shape
     for number, material in enumerate(thing.materials):
-        emitter = thing.emitter or scene.materials[material].get("emitter")
+        emitter = thing.emitter or emitter_of(scene.materials[material])
         if emitter is not None and thing.instances:
             raise InputError(
                 f"object {thing.name!r}: an object with instances cannot shine, as {material!r} does"
@@ -216,6 +216,9 @@ def _leaves(
             shape = _subset(mesh, mesh.surface == number)
             if not len(shape.faces):
                 continue
+        if isinstance(shape, Mesh) and shape.attributes:
+            attributes = vertex_attributes(scene.materials[material], shape)
+            shape = replace(shape, attributes=attributes)
         yield (
             material,
             _leaf(replace(thing, shape=shape, emitter=emitter), bsdfs[material]),
@@ -455,38 +458,3 @@ def _build_xml(scene: Scene) -> BuiltScene:
     return BuiltScene(
         mi_scene, integrator, tuple(bodies), tuple(names), tuple(materials), parts
     )
-
-
-def material_kind(bsdf: Any, matte: bool = False) -> int:
-    """Index into MATERIAL_KINDS from the flags of a BSDF: transmissive, mirror, glossy, or diffuse if `matte`."""
-    flags = mitsuba().BSDFFlags
-    has = int(bsdf.flags()).__and__
-    if has(
-        int(
-            flags.DiffuseTransmission
-            | flags.GlossyTransmission
-            | flags.DeltaTransmission
-            | flags.Null
-        )
-    ):
-        return 4
-    if has(int(flags.DiffuseReflection)):
-        return (
-            2
-            if has(int(flags.GlossyReflection | flags.DeltaReflection))
-            and not (matte or _is_matte(bsdf))
-            else 1
-        )
-    if has(int(flags.GlossyReflection)):
-        return 2
-    return 3 if has(int(flags.DeltaReflection)) else 1
-
-
-def _is_matte(bsdf: Any) -> bool:
-    """Whether this is a `principled` material as rough as matte paint, without metal, clear coat or maps of these."""
-    values = mitsuba().traverse(bsdf)
-    keys = [f"{name}.value" for name in ("roughness", "metallic", "clearcoat")]
-    if not all(key in values for key in keys):
-        return False
-    roughness, metallic, clearcoat = (np.ravel(values[key])[0] for key in keys)
-    return bool(roughness >= MATTE_ROUGHNESS and max(metallic, clearcoat) < 0.01)

@@ -1,11 +1,15 @@
 """Scene files to `Scene`: what is photographed, as plain data. Never imports the renderer."""
 
-from twinlens.scenes.rigs import rig_from_table as rig_from_table
-from twinlens.scenes.scene import (
+from twinlens.scenes.materials import (
     Bitmap as Bitmap,
     Color as Color,
-    Mesh as Mesh,
+    Material as Material,
     Plugin as Plugin,
+    VertexColor as VertexColor,
+)
+from twinlens.scenes.rigs import rig_from_table as rig_from_table
+from twinlens.scenes.scene import (
+    Mesh as Mesh,
     Scene as Scene,
     SceneObject as SceneObject,
     Sky as Sky,

@@ -22,7 +22,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from twinlens.errors import FileError, InputError, format_value
 from twinlens.scenes import shapes
-from twinlens.scenes.scene import Mesh, Plugin
+from twinlens.scenes.materials import AnyMaterial
+from twinlens.scenes.scene import Mesh
 
 MESH_FILES = {".ply", ".obj", ".glb", ".gltf", ".stl"}
 MOST_FACES = 20_000_000
@@ -50,7 +51,7 @@ class SceneContext:
     folder: Path
     textures: dict[str, Any] = field(default_factory=dict)
     files: list[Path] = field(default_factory=list)
-    materials: dict[str, Plugin] = field(default_factory=dict)
+    materials: dict[str, AnyMaterial] = field(default_factory=dict)
     models: dict[Any, Any] = field(default_factory=dict)
 
 

@@ -16,7 +16,15 @@ from numpy.typing import NDArray
 from twinlens.errors import InputError
 from twinlens.geometry import Float
 from twinlens.scenes.assets import read_picture
-from twinlens.scenes.scene import Bitmap, Color, Mesh, Plugin, Scene, SceneObject, Sky
+from twinlens.scenes.materials import (
+    AnyMaterial,
+    Bitmap,
+    Color,
+    ComplexIndex,
+    Material,
+    Plugin,
+)
+from twinlens.scenes.scene import Mesh, Scene, SceneObject, Sky
 
 NIR_SHARES = {"daylight": 0.22, "tungsten": 0.91, "led": 0.0}
 """Power at 800 to 900 nm over that at 400 to 700 nm, by the kind of a light."""
@@ -111,7 +119,7 @@ def near_infrared(scene: Scene) -> Scene:
         )
     converter = _Converter()
     materials = {
-        name: converter.material(plugin) for name, plugin in scene.materials.items()
+        name: converter.material(material) for name, material in scene.materials.items()
     }
     lights = {
         name: lamp
@@ -132,33 +140,53 @@ class _Converter:
     def thing(self, thing: SceneObject) -> SceneObject:
         emitter = None if thing.emitter is None else self.light(thing.emitter)
         shape = thing.shape
-        if isinstance(shape, Mesh) and any(
-            values.shape[1] == 3 for values in shape.attributes.values()
-        ):
+        if isinstance(shape, Mesh) and shape.attributes:
             attributes = {
-                name: self.vertices(values) for name, values in shape.attributes.items()
+                name: _grey_vertices(values)
+                for name, values in shape.attributes.items()
             }
             shape = replace(shape, attributes=attributes)
         return replace(thing, shape=shape, emitter=emitter)
 
-    def vertices(self, values: Float) -> Float:
-        """Colours of vertices (V, 3) as reflectances; other attributes are as they were."""
-        return (
-            np.repeat(nir_reflectance(values)[:, None], 3, axis=1)
-            if values.shape[1] == 3
-            else values
+    def material(self, material: AnyMaterial) -> AnyMaterial:
+        """The material with grey reflectances."""
+        if not isinstance(material, Material):
+            return self.plugin(material)
+        emission = material.emission
+        if emission is not None:
+            emission = _scaled(emission, nir_share(_mean(emission)))
+        return replace(
+            material,
+            specular_color=self.grey(material.specular_color),
+            emission=emission,
+            nir=None,
+            **self.base(material),
         )
 
-    def material(self, plugin: Plugin, given: Any = None) -> dict[str, Any]:
-        """The material with grey reflectances; `given` is the `nir` of a material around it."""
+    def base(self, material: Material) -> dict[str, Any]:
+        """The base colour in this band, and the index of a metal; of an index given as a colour, that of red."""
+        if material.nir is not None:
+            base_color = self.grey(material.nir)
+            # The reflectance is known, so that of the metal itself does not count.
+            unknown = "none" if material.model == "metal" else None
+            return {"base_color": base_color, "conductor": unknown}
+        base_color = self.grey(material.base_color)
+        conductor = material.conductor
+        if isinstance(conductor, ComplexIndex):
+            conductor = ComplexIndex(_red(conductor.eta), _red(conductor.k))
+        elif conductor in _METALS:
+            eta, k = _METALS[conductor]
+            conductor = ComplexIndex(Color((eta,) * 3), Color((k,) * 3))
+        return {"base_color": base_color, "conductor": conductor}
+
+    def plugin(self, plugin: Plugin, given: Any = None) -> dict[str, Any]:
+        """A BSDF with grey reflectances; `given` is the `nir` of a BSDF around it."""
         given = plugin.get("nir", given)
         made = {
             key: self.part(key, value, given)
             for key, value in plugin.items()
             if key != "nir"
         }
-        if made.get("emitter") is None:
-            made.pop("emitter", None)
         if "conductor" in plugin["type"]:
             return self.metal(made, given)
         if given is not None and plugin["type"] in _MAIN:
@@ -183,10 +211,8 @@ class _Converter:
     def part(self, key: str, value: Any, given: Any) -> Any:
         if key in _REFLECTANCES:
             return self.grey(value)
-        if key == "emitter":
-            return self.light(value)
         if key.startswith("bsdf") and isinstance(value, Mapping):
-            return self.material(value, given)
+            return self.plugin(value, given)
         return value
 
     def grey(self, value: Any) -> Any:
@@ -232,6 +258,14 @@ class _Converter:
         key = _EMISSIONS.get(plugin["type"], "radiance")
         share = nir_share(_mean(made.get(key, 1.0))) if given is None else given
         return made | {key: _scaled(made.get(key, 1.0), share)}
+
+
+def _grey_vertices(values: Float) -> Float:
+    """Colours of vertices (V, 3), or with opacity (V, 4), as reflectances; other attributes are as they were."""
+    if values.shape[1] not in (3, 4):
+        return values
+    grey = nir_reflectance(values[:, :3])
+    return np.column_stack([grey, grey, grey, values[:, 3:]])
 
 
 def _sky(sky: Sky) -> Sky | None:

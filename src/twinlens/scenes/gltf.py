@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation
 from twinlens.errors import FileError, InputError
 from twinlens.geometry import Float
 from twinlens.scenes.assets import LARGEST_MESH_FILE, read_limited
-from twinlens.scenes.gltf_tables import (
+from twinlens.scenes.gltf_materials import (
     EXTENSIONS,
     Image,
     Lenient,

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.errors import FileError, InputError, format_value
-from twinlens.geometry import Float
 from twinlens.scenes import shapes
 from twinlens.scenes.assets import (
     LARGEST_MESH_FILE,
@@ -28,10 +27,16 @@ from twinlens.scenes.assets import (
     reading,
 )
 from twinlens.scenes.gltf import Gltf, Part, named_by, open_gltf, read_header
-from twinlens.scenes.gltf_tables import PbrMaterial, Texture
+from twinlens.scenes.gltf_materials import (
+    VERTEX_COLOR,
+    PbrMaterial,
+    Texture,
+    Textures,
+    material_of,
+)
+from twinlens.scenes.materials import Material
 from twinlens.scenes.mtl import read_mtl
-from twinlens.scenes.pbr import Textures, mirrored, plugin_of
-from twinlens.scenes.scene import Mesh, Plugin, free_name
+from twinlens.scenes.scene import Mesh, free_name
 
 GLTF_FILES = (".glb", ".gltf")
 WITH_MATERIALS = (*GLTF_FILES, ".obj")
@@ -46,7 +51,7 @@ class Model:
     """A mesh in the file's coordinates; `materials` are those that its `surface` numbers, in order."""
 
     mesh: Mesh
-    materials: Mapping[str, Plugin]
+    materials: Mapping[str, Material]
 
 
 def read_model(
@@ -63,69 +68,81 @@ def read_model(
     open_file = _opener(path, context)
     with reading(path, "mesh"):
         is_gltf = path.suffix.lower() in GLTF_FILES
-        parts, materials, textures = (_open_gltf if is_gltf else _open_obj)(
+        parts, tables, textures = (_open_gltf if is_gltf else _open_obj)(
             path, open_file
         )
         meshes = [part_mesh(part, crease_deg) for part in parts]
-        plugins: dict[str, Plugin] = {}
+        materials: dict[str, Material] = {}
         if with_materials:
             shown = (_folder(path, context) / path.name).as_posix()
-            meshes, plugins = _painted(parts, meshes, materials, textures, shown)
+            meshes, materials = _painted(parts, meshes, tables, textures, shown)
         else:
             meshes = [replace(mesh, attributes={}) for mesh in meshes]
     if textures.lost:
         lost = ", ".join(dict.fromkeys(textures.lost))
         warnings.warn(f"{path}: not rendered: {lost}", MaterialWarning, stacklevel=2)
-    return Model(shapes.merged(meshes), plugins)
+    return Model(shapes.merged(meshes), materials)
 
 
 def _painted(
     parts: list[Part],
     meshes: list[Mesh],
-    materials: list[PbrMaterial],
+    tables: list[PbrMaterial],
     textures: Textures,
     file: str,
-) -> tuple[list[Mesh], dict[str, Plugin]]:
-    """The meshes of parts with their `surface` and attributes, and the materials that are used."""
-    made: dict[tuple[int | None, bool], Plugin] = {}
-    used: dict[tuple[int | None, bool, bool], int] = {}
-    plugins: dict[str, Plugin] = {}
+) -> tuple[list[Mesh], dict[str, Material]]:
+    """The meshes of parts with their `surface` and attributes, and the materials that are used.
+
+    A material is there once for each combination of colours per vertex and mirrored texture coordinates.
+    """
+    made: dict[tuple[int | None, bool], Material] = {}
+    numbers: dict[tuple[int | None, bool, bool], int] = {}
+    materials: dict[str, Material] = {}
     painted = []
     for part, mesh in zip(parts, meshes, strict=True):
-        material = PbrMaterial() if part.material is None else materials[part.material]
-        if material.has_textures and getattr(part.mesh.visual, "uv", None) is None:
-            where = f"a part of the mesh has no texture coordinates (set {material.coordinate_set}) for them"
-            raise InputError(
-                f"material {(material.name or part.material)!r} has textures, but {where}; give the object a 'material'"
-            )
-        colors = mesh.attributes.get("color")
-        if (
-            colors is not None
-            and material.pbrMetallicRoughness.baseColorTexture is not None
-        ):
-            textures.lost.append("vertex colours multiplied with a texture")
-            colors = None
-        key = part.material, colors is not None
-        attributes: dict[str, Float] = {}
-        if key not in made or colors is not None:
-            plugin, attributes = plugin_of(material, textures, colors)
-            made.setdefault(key, plugin)
-        flipped = (
-            _is_mirrored(mesh)
-            if material.has_normal_maps
-            else np.zeros(len(mesh.faces), dtype=bool)
-        )
+        table = PbrMaterial() if part.material is None else tables[part.material]
+        _check_coordinates(part, table)
+        mesh = _tinted(mesh, table, textures)
+        colored = bool(mesh.attributes)
+        if (part.material, colored) not in made:
+            made[part.material, colored] = material_of(table, textures, colored)
+        material = made[part.material, colored]
+        mirrored = np.zeros(len(mesh.faces), dtype=bool)
+        if material.has_normal_maps:
+            mirrored = _is_mirrored(mesh)
         surface = np.empty(len(mesh.faces), dtype=np.uint16)
-        for side in np.unique(flipped).tolist():
-            if (*key, side) not in used:
-                used[*key, side] = len(plugins)
-                name = free_name(
-                    f"{file}:{material.name or part.material or 0}", plugins
-                )
-                plugins[name] = mirrored(made[key]) if side else made[key]
-            surface[flipped == side] = used[*key, side]
-        painted.append(replace(mesh, attributes=attributes, surface=surface))
-    return painted, plugins
+        for side in np.unique(mirrored).tolist():
+            key = part.material, colored, side
+            if key not in numbers:
+                numbers[key] = len(materials)
+                label = table.name or part.material or 0
+                name = free_name(f"{file}:{label}", materials)
+                materials[name] = replace(material, mirrored=side)
+            surface[mirrored == side] = numbers[key]
+        painted.append(replace(mesh, surface=surface))
+    return painted, materials
+
+
+def _check_coordinates(part: Part, table: PbrMaterial) -> None:
+    """Raise InputError for a part without the texture coordinates that its material needs."""
+    if table.has_textures and getattr(part.mesh.visual, "uv", None) is None:
+        where = f"a part of the mesh has no texture coordinates (set {table.coordinate_set}) for them"
+        raise InputError(
+            f"material {(table.name or part.material)!r} has textures, but {where}; give the object a 'material'"
+        )
+
+
+def _tinted(mesh: Mesh, table: PbrMaterial, textures: Textures) -> Mesh:
+    """A mesh whose colours of vertices, if any, are multiplied by the base colour of its material."""
+    colors = mesh.attributes.get(VERTEX_COLOR.attribute)
+    if colors is None:
+        return mesh
+    surface = table.pbrMetallicRoughness
+    if surface.baseColorTexture is not None:
+        textures.lost.append("vertex colours multiplied with a texture")
+        return replace(mesh, attributes={})
+    tinted = colors * np.array(surface.baseColorFactor)
+    return replace(mesh, attributes={VERTEX_COLOR.attribute: tinted})
 
 
 def _is_mirrored(mesh: Mesh) -> NDArray[np.bool_]:
@@ -285,7 +302,9 @@ def part_mesh(part: Part, crease_deg: float | None) -> Mesh:
             normals[zero] = np.where(
                 sums.any(axis=1, keepdims=True), sums, [0.0, 0.0, 1.0]
             )[zero]
-        attributes = {} if part.colors is None else {"color": part.colors}
+        attributes = {}
+        if part.colors is not None:
+            attributes = {VERTEX_COLOR.attribute: part.colors}
         mesh = Mesh(
             vertices,
             faces,

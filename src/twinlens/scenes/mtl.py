@@ -5,7 +5,7 @@ import posixpath
 from collections.abc import Mapping
 
 from twinlens.errors import InputError
-from twinlens.scenes.gltf_tables import PbrMaterial
+from twinlens.scenes.gltf_materials import PbrMaterial
 from twinlens.schema import read
 
 _COLORS = {"kd": 3, "ke": 3, "ks": 3}

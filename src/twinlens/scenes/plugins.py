@@ -2,8 +2,13 @@
 
 The lists are closed on purpose. Mitsuba opens a shared library for every plugin name that it does not know, path
 included, so only the names written here reach it. A parameter that Mitsuba would ignore or misread is rejected.
+
+A material becomes a `Material` where that has the same meaning (`material_of`), and else stays a plugin.
 """
 
+import math
+from collections.abc import Callable
+from dataclasses import replace
 from operator import methodcaller
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -12,8 +17,18 @@ import pydantic
 
 from twinlens.errors import InputError
 from twinlens.scenes.assets import Sky
+from twinlens.scenes.materials import (
+    AnyMaterial,
+    Bitmap,
+    ComplexIndex,
+    Material,
+    Plugin,
+    glass,
+    lambert,
+    metal,
+    plastic,
+)
 from twinlens.scenes.placement import Placement, Pose, Vector3, rotation
-from twinlens.scenes.scene import Plugin
 from twinlens.scenes.texture_tables import TextureMap, number_or_texture, spectrum
 from twinlens.schema import (
     Fraction,
@@ -34,11 +49,15 @@ CONDUCTORS = (
     "K", "Li", "MgO", "Mo", "Na_palik", "Nb", "Ni_palik", "Rh", "Se", "SiC", "SnTe", "Ta", "Te", "ThF4", "TiC",
     "TiN", "TiO2", "VC", "V_palik", "VN", "W", "none",
 )
-DIELECTRICS = (
-    "vacuum", "helium", "hydrogen", "air", "carbon_dioxide", "water", "acetone", "ethanol",
-    "carbon_tetrachloride", "glycerol", "benzene", "silicone_oil", "bromine", "water_ice", "fused_quartz",
-    "pyrex", "acrylic_glass", "polypropylene", "bk7", "sodium_chloride", "amber", "pet", "diamond",
-)
+DIELECTRICS = {
+    "vacuum": 1.0, "helium": 1.000036, "hydrogen": 1.000132, "air": 1.000277, "carbon_dioxide": 1.00045,
+    "water": 1.3330, "acetone": 1.36, "ethanol": 1.361, "carbon_tetrachloride": 1.461, "glycerol": 1.4729,
+    "benzene": 1.501, "silicone_oil": 1.52045, "bromine": 1.661, "water_ice": 1.31, "fused_quartz": 1.458,
+    "pyrex": 1.470, "acrylic_glass": 1.49, "polypropylene": 1.49, "bk7": 1.5046, "sodium_chloride": 1.544,
+    "amber": 1.55, "pet": 1.5750, "diamond": 2.419,
+}
+"""Refractive indices by the names that Mitsuba has for them."""
+
 # fmt: on
 _DIELECTRIC = Annotated[
     str,
@@ -267,6 +286,170 @@ INTEGRATORS: dict[str, dict[str, Any]] = {
 }
 
 
+def material_of(plugin: Plugin) -> AnyMaterial:
+    """The `Material` of the same meaning as a BSDF of Mitsuba, or the plugin itself where there is none.
+
+    >>> material_of({"type": "plastic", "int_ior": "bk7"}).ior
+    1.5046
+    """
+    reader, keys = _MATERIAL_READERS.get(plugin["type"], (None, frozenset()))
+    if reader is None or not plugin.keys() <= {"type", "nir", *keys}:
+        return plugin
+    material = reader(plugin)
+    if material is None:
+        return plugin
+    nir = plugin.get("nir")
+    if nir is None or material.nir is not None:
+        return material
+    return replace(material, nir=nir)
+
+
+def _index(plugin: Plugin, default: str) -> float:
+    """The refractive index of the inside; air is outside."""
+    index = plugin.get("int_ior", default)
+    if isinstance(index, str):
+        return DIELECTRICS[index.replace(" ", "_")]
+    return float(index)
+
+
+def _facets(plugin: Plugin) -> dict[str, Any] | None:
+    """The parameters of rough facets, by Mitsuba's defaults; None for a map of alpha."""
+    alpha = plugin.get("alpha", 0.1)
+    if isinstance(alpha, Bitmap):
+        return None
+    return {
+        "roughness": math.sqrt(alpha),
+        "facets": plugin.get("distribution", "beckmann"),
+    }
+
+
+def _diffuse(plugin: Plugin) -> Material | None:
+    return lambert(plugin.get("reflectance", 0.5))
+
+
+def _plastic(plugin: Plugin) -> Material | None:
+    is_rough = plugin["type"] == "roughplastic"
+    facets = _facets(plugin) if is_rough else {}
+    if facets is None:
+        return None
+    return plastic(
+        plugin.get("diffuse_reflectance", 0.5),
+        ior=_index(plugin, "polypropylene"),
+        specular_color=plugin.get("specular_reflectance", 1.0),
+        **facets,
+    )
+
+
+def _conductor(plugin: Plugin) -> Material | None:
+    is_rough = plugin["type"] == "roughconductor"
+    facets = _facets(plugin) if is_rough else {}
+    if facets is None:
+        return None
+    conductor = plugin.get("material", "none")
+    if "eta" in plugin:
+        conductor = ComplexIndex(plugin["eta"], plugin["k"])
+    return metal(conductor, plugin.get("specular_reflectance", 1.0), **facets)
+
+
+def _dielectric(plugin: Plugin) -> Material | None:
+    is_rough = plugin["type"] == "roughdielectric"
+    facets = _facets(plugin) if is_rough else {}
+    if facets is None:
+        return None
+    return glass(
+        _index(plugin, "bk7"),
+        plugin.get("specular_transmittance", 1.0),
+        thin_walled=plugin["type"] == "thindielectric",
+        specular_color=plugin.get("specular_reflectance", 1.0),
+        **facets,
+    )
+
+
+def _principled(plugin: Plugin) -> Material | None:
+    gloss = plugin.get("clearcoat_gloss", 0.0)
+    if isinstance(gloss, Bitmap):
+        return None
+    return Material(
+        model="principled",
+        base_color=plugin.get("base_color", 0.5),
+        roughness=plugin.get("roughness", 0.5),
+        metallic=plugin.get("metallic", 0.0),
+        sheen=plugin.get("sheen", 0.0),
+        coat=plugin.get("clearcoat", 0.0),
+        coat_roughness=1 - gloss,
+        ior=plugin.get("eta", 1.5),
+    )
+
+
+def _nested(plugin: Plugin) -> Material | None:
+    """The BSDF inside another, if it is a `Material` without normal map, bump map and mask."""
+    inner = material_of(plugin["bsdf"])
+    if not isinstance(inner, Material):
+        return None
+    is_plain = inner.normal is None and inner.bump is None and inner.opacity == 1.0
+    return inner if is_plain else None
+
+
+def _twosided(plugin: Plugin) -> Material | None:
+    inner = _nested(plugin)
+    return None if inner is None else replace(inner, two_sided=True)
+
+
+def _normalmap(plugin: Plugin) -> Material | None:
+    inner = _nested(plugin)
+    return None if inner is None else replace(inner, normal=plugin["normalmap"])
+
+
+def _bumpmap(plugin: Plugin) -> Material | None:
+    inner = _nested(plugin)
+    if inner is None:
+        return None
+    return replace(inner, bump=plugin["bump"], bump_scale=plugin.get("scale", 1.0))
+
+
+def _mask(plugin: Plugin) -> Material | None:
+    inner = material_of(plugin["bsdf"])
+    if not isinstance(inner, Material) or inner.opacity != 1.0:
+        return None
+    return replace(inner, opacity=plugin["opacity"])
+
+
+_Reader = Callable[[Plugin], Material | None]
+_PLASTIC_KEYS = {"int_ior", "diffuse_reflectance", "specular_reflectance"}
+_METAL_KEYS = {"material", "eta", "k", "specular_reflectance"}
+_GLASS_KEYS = {"int_ior", "specular_transmittance", "specular_reflectance"}
+_ALPHA_KEYS = {"alpha", "distribution"}
+_MATERIAL_READERS: dict[str, tuple[_Reader, frozenset[str]]] = {
+    "diffuse": (_diffuse, frozenset({"reflectance"})),
+    "plastic": (_plastic, frozenset(_PLASTIC_KEYS)),
+    "roughplastic": (_plastic, frozenset(_PLASTIC_KEYS | _ALPHA_KEYS)),
+    "conductor": (_conductor, frozenset(_METAL_KEYS)),
+    "roughconductor": (_conductor, frozenset(_METAL_KEYS | _ALPHA_KEYS)),
+    "dielectric": (_dielectric, frozenset(_GLASS_KEYS)),
+    "thindielectric": (_dielectric, frozenset(_GLASS_KEYS)),
+    "roughdielectric": (_dielectric, frozenset(_GLASS_KEYS | _ALPHA_KEYS)),
+    "principled": (
+        _principled,
+        frozenset(
+            {
+                "base_color",
+                "roughness",
+                "metallic",
+                "sheen",
+                "clearcoat",
+                "clearcoat_gloss",
+                "eta",
+            }
+        ),
+    ),
+    "twosided": (_twosided, frozenset({"bsdf"})),
+    "normalmap": (_normalmap, frozenset({"normalmap", "bsdf"})),
+    "bumpmap": (_bumpmap, frozenset({"bump", "scale", "bsdf"})),
+    "mask": (_mask, frozenset({"opacity", "bsdf"})),
+}
+"""How BSDFs become a `Material`, and the parameters that it can have; one with others stays a plugin."""
+
+
 _as_plugin = methodcaller("plugin")
 _BASES = (
     (PlacedLight, _PLACED_LIGHTS),
@@ -276,12 +459,11 @@ _BASES = (
 _LIGHTS = [light for base, tables in _BASES for light in variants(base, "type", tables)]
 _AREA_LIGHTS = variants(LightBase, "type", AREA_LIGHTS, "area")
 _INTEGRATORS = variants(PluginTable, "type", INTEGRATORS, "path")
-Material = Annotated[
-    Plugin,
-    reads(
-        tagged("Material", "type", variants(MaterialBase, "type", MATERIALS)),
-        _as_plugin,
-    ),
+_MATERIAL_TABLE = tagged("Material", "type", variants(MaterialBase, "type", MATERIALS))
+_Bsdf = Annotated[Plugin, reads(_MATERIAL_TABLE, _as_plugin)]
+MaterialTable = Annotated[
+    AnyMaterial,
+    reads(_MATERIAL_TABLE, lambda table: material_of(table.plugin())),
 ]
 Light = Annotated[Plugin, reads(tagged("Light", "type", _LIGHTS), _as_plugin)]
 AreaLight = Annotated[
@@ -290,4 +472,4 @@ AreaLight = Annotated[
 Integrator = Annotated[
     Plugin, reads(tagged("Integrator", "type", _INTEGRATORS, "path"), _as_plugin)
 ]
-_NESTED: pydantic.TypeAdapter[Plugin] = pydantic.TypeAdapter(Material)
+_NESTED: pydantic.TypeAdapter[Plugin] = pydantic.TypeAdapter(_Bsdf)

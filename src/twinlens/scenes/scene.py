@@ -1,13 +1,5 @@
 """A scene as plain data: objects, materials, lights and a default camera pose.
 
-A `Plugin` is a Mitsuba plugin in plain Python: ``{"type": "roughplastic", "alpha": 0.1, ...}`` under its own parameter
-names, nested. Besides numbers, strings and booleans a value may be
-
-- a `Color` (linear RGB or one number), a `Bitmap` (an image in memory), or a nested plugin (a texture, a BSDF);
-- under `to_world` or `to_uv`, a 4x4 float64 array.
-
-The key `nir` of a material is its near infrared reflectance, that of a light its share of this band (`scenes.bands`).
-
 `twinlens.rendering` builds a Mitsuba scene from it.
 """
 
@@ -22,37 +14,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from twinlens.errors import InputError, check_known, check_number, located
 from twinlens.geometry import Float, check_rigid
+from twinlens.scenes.materials import (
+    AnyMaterial,
+    Bitmap as Bitmap,
+    Color as Color,
+    Material,
+    Plugin as Plugin,
+    emission_of,
+)
 from twinlens.scenes.placement import rotation
-
-Plugin = Mapping[str, Any]
-MATTE_ROUGHNESS = 0.44
-"""Of `principled` and glTF: 5 gloss units at 60 degrees, the most of matte paint (docs/realism.md)."""
-
-HINTS = ("emitter", "matte")
-"""Keys of materials that are not Mitsuba's; see `Scene`."""
 
 _EQUAL_SCALES = {"sphere": 3, "cylinder": 2}
 """How many axes of a shape need the same scale. Otherwise Mitsuba logs a warning and renders it without the stretch."""
-
-
-@dataclass(frozen=True)
-class Color:
-    """A colour in linear sRGB."""
-
-    rgb: tuple[float, float, float]
-
-
-@dataclass(frozen=True, eq=False)
-class Bitmap:
-    """A texture in memory: float32 (H, W, 3) or (H, W), linear; row 0 is v = 1, the top of the picture.
-
-    `to_uv` (4x4) maps a surface's (u, v) to the picture's, which covers [0, 1]^2: a scale of 3 repeats it 3 times.
-    """
-
-    pixels: NDArray[np.float32]
-    filter: str = "bilinear"  # bilinear | nearest
-    wrap: str = "repeat"  # repeat | mirror | clamp
-    to_uv: Float = field(default_factory=lambda: np.eye(4))
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +33,8 @@ class Mesh:
     """Triangles: vertices float64 (V, 3) in object coordinates, faces uint32 (F, 3), uv float64 (V, 2) or None.
 
     With `normals` float64 (V, 3) shading is smooth; None leaves the faces flat. `surface` (F,) numbers the materials of
-    its object; None is one material. `attributes` (V, 1) or (V, 3) are values that materials read by name. Raises
-    InputError for other array shapes, values that are not finite, and faces with vertex numbers out of range.
+    its object; None is one material. `attributes` (V, C) are values that materials read by name, as a `VertexColor`.
+    Raises InputError for other array shapes, values that are not finite, and faces with vertex numbers out of range.
     """
 
     vertices: Float
@@ -228,8 +201,7 @@ class Sky:
 class Scene:
     """A scene and its default view.
 
-    materials : plugins by name. A key `emitter` makes all surfaces of a material light sources; `matte`, if true, makes
-        its kind in the ground truth diffuse although it has facets.
+    materials : by name.
     lights : emitters that are not objects (environment maps, point lights, the sun).
     world_from_left : (4, 4), the pose of the left camera.
     fov_x_deg, baseline : the horizontal field of view, and the baseline in metres.
@@ -244,7 +216,7 @@ class Scene:
 
     name: str
     objects: tuple[SceneObject, ...]
-    materials: Mapping[str, Plugin]
+    materials: Mapping[str, AnyMaterial]
     world_from_left: Float
     depth_range: tuple[float, float]
     lights: Mapping[str, Plugin] = field(default_factory=dict)
@@ -282,7 +254,7 @@ class Scene:
     def is_lit(self) -> bool:
         """Whether it has a light, an object or a material that emits light, or a sky; a Mitsuba file may have any."""
         emitters = [
-            thing.emitter or self.materials[name].get("emitter")
+            thing.emitter or emission_of(self.materials[name])
             for thing in self.objects
             for name in thing.materials
         ]
@@ -296,6 +268,23 @@ class Scene:
             self, world_from_left=np.asarray(world_from_left, dtype=np.float64)
         )
 
+    def with_poses(self, poses: Mapping[str, ArrayLike]) -> "Scene":
+        """The same scene with other poses `world_from_object` (4, 4) of some of its objects, by name.
+
+        Meshes, textures and materials stay the same objects in memory, so that a renderer may update what it built.
+        The pose of an object with `instances` moves all its copies: ``instance @ world_from_object``. Raises InputError
+        for an unknown name, and for a pose that is not an invertible affine transform.
+        """
+        for name in poses:
+            check_known("object", name, [thing.name for thing in self.objects])
+        objects = tuple(
+            replace(thing, world_from_object=_affine(poses[thing.name], thing.name))
+            if thing.name in poses
+            else thing
+            for thing in self.objects
+        )
+        return replace(self, objects=objects)
+
     def with_ambient(self, factor: float) -> "Scene":
         """The same scene with its light multiplied by this factor, >= 0. Raises InputError."""
         check_number("the ambient of a scene", factor, "a finite number >= 0", least=0)
@@ -307,10 +296,29 @@ class Scene:
             return replace(self, sky=sky)
         objects = tuple(replace(thing, emitter=None) for thing in self.objects)
         materials = {
-            name: _without_emitter(plugin) for name, plugin in self.materials.items()
+            name: _without_emission(material)
+            for name, material in self.materials.items()
         }
         return replace(self, objects=objects, materials=materials, sky=sky)
 
 
-def _without_emitter(material: Plugin) -> Plugin:
-    return {key: value for key, value in material.items() if key != "emitter"}
+def _affine(pose: ArrayLike, name: str) -> Float:
+    """A pose as float64 (4, 4)."""
+    matrix = np.asarray(pose, dtype=np.float64)
+    is_affine = matrix.shape == (4, 4) and matrix[3].tolist() == [0, 0, 0, 1]
+    if not is_affine or not np.isfinite(matrix).all():
+        raise InputError(
+            f"the pose of {name!r} must be finite (4, 4) with the last row 0 0 0 1, got {matrix.tolist()}"
+        )
+    if np.linalg.det(matrix[:3, :3]) == 0:
+        raise InputError(
+            f"the pose of {name!r} must be invertible, its determinant is 0"
+        )
+    return matrix
+
+
+def _without_emission(material: AnyMaterial) -> AnyMaterial:
+    if emission_of(material) is None:
+        return material
+    assert isinstance(material, Material)
+    return replace(material, emission=None)

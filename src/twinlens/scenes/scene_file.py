@@ -13,7 +13,7 @@ from twinlens.errors import FileError, InputError, located, unknown
 from twinlens.scenes.assets import SceneContext, find_asset, read_limited
 from twinlens.scenes.objects import Object
 from twinlens.scenes.placement import Length, Vector3, view_pose
-from twinlens.scenes.plugins import SURROUNDING_LIGHTS, Integrator, Light, Material
+from twinlens.scenes.plugins import SURROUNDING_LIGHTS, Integrator, Light, MaterialTable
 from twinlens.scenes.rigs import RigLength, RigTable, rig_from_table, with_pictures
 from twinlens.scenes.scene import Scene
 from twinlens.scenes.texture_tables import Texture
@@ -57,7 +57,7 @@ class SceneFile(StrictModel):
     textures: Annotated[
         dict[str, Texture], pydantic.AfterValidator(_register_textures)
     ] = pydantic.Field({})
-    materials: dict[str, Material] = pydantic.Field({})
+    materials: dict[str, MaterialTable] = pydantic.Field({})
     objects: dict[str, Object]
     camera: ViewTable
     lights: dict[str, Light] = pydantic.Field({})

@@ -1,0 +1,562 @@
+"""The one translator of materials to Mitsuba's BSDFs, and the kind of a material in the ground truth.
+
+`bsdf_of` gives a tree of plugins in plain Python (`scenes.materials.Plugin`), which `rendering.build` loads. Colours
+per vertex become attributes of the mesh (`vertex_attributes`), computed by the same formulas.
+
+glTF's surface is a mix of a diffuse lobe below a dielectric and of a metal, both with GGX facets of alpha = roughness^2
+and Schlick's reflectance F + (1 - F) s, s = (1 - cos)^5. Mitsuba's `principled` has the same facets, but one colour for
+its diffuse lobe and its metal, and Fresnel's equations for dielectrics, which differ from Schlick by a quarter at 60
+degrees. So a surface becomes a `blendbsdf` of two: a metal, whose colour is F / weight, and a dielectric of no
+reflectance at normal incidence with the full `spec_tint`, which has a diffuse lobe and facets of reflectance s. The sum
+of their facets is Schlick's reflectance for every weight. The diffuse lobe of `principled` is too bright at grazing
+angles if it is rough; there, more and more of it is Lambert's. Source: glTF 2.0, appendix B.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twinlens.geometry import Float
+from twinlens.rendering.backends import mitsuba
+from twinlens.scenes.materials import (
+    MATTE_ROUGHNESS,
+    AnyMaterial,
+    Bitmap,
+    Color,
+    ComplexIndex,
+    Material,
+    Plugin,
+    VertexColor,
+)
+from twinlens.scenes.scene import Mesh
+
+Pixels = NDArray[np.float32]
+
+_ATTRIBUTE_PREFIXES = ("vertex_", "face_")  # Mitsuba knows no others
+
+_MATTE_MODELS = ("gltf", "principled")
+_MOST_METAL_OF_MATTE = 0.01  # largest metalness and coat of a matte material
+
+_LAMBERT_FROM = 0.6
+"""Roughness from which a part of the diffuse light is Lambert's; all of it is at roughness 1."""
+
+_LAMBERT_MOST = 2.5
+"""Largest reflectance of Lambert's lobe, whose weight is smaller for it. A small weight has more noise, as `blendbsdf`
+samples by weight; a large one leaves less for the facets, whose reflectance is 1 at grazing angles."""
+
+_COAT_F0 = 0.04
+_COAT_MOST = 0.99  # weight of a coat in the blend with what is below
+_SMOOTHEST = 0.03  # roughness below which transmission is without facets
+_LEAST_IOR = 1.0001  # of glass, whose facets must refract
+
+
+def bsdf_of(material: AnyMaterial) -> Plugin:
+    """The BSDF of a material, as a tree of plugins."""
+    if not isinstance(material, Material):
+        return material
+    # The structure of the tree does not depend on the colours of vertices, only its attributes do.
+    colors = np.zeros((2, 4)) if _has_vertex_colors(material) else None
+    return _translated(_Maps(material, colors))
+
+
+def vertex_attributes(material: AnyMaterial, mesh: Mesh) -> dict[str, Float]:
+    """The attributes (V, C) that `bsdf_of(material)` may read of a mesh."""
+    base = material.base_color if isinstance(material, Material) else None
+    if not isinstance(material, Material) or not isinstance(base, VertexColor):
+        return {
+            name: values
+            for name, values in mesh.attributes.items()
+            if name.startswith(_ATTRIBUTE_PREFIXES)
+        }
+    maps = _Maps(material, mesh.attributes[base.attribute])
+    _translated(maps)
+    return maps.attributes
+
+
+def emitter_of(material: AnyMaterial) -> Plugin | None:
+    """The area light of a material that emits light."""
+    if not isinstance(material, Material) or material.emission is None:
+        return None
+    return {"type": "area", "radiance": material.emission}
+
+
+def _has_vertex_colors(material: Material) -> bool:
+    return isinstance(material.base_color, VertexColor)
+
+
+def _translated(maps: "_Maps") -> Plugin:
+    """The core of the model, below a normal map, a clear coat and a mask, in this order from inside to outside."""
+    material = maps.material
+    core = _MODELS[material.model](maps)
+    plugin = _normal_mapped(material.normal, material, core)
+    plugin = _bumped(material, plugin)
+    plugin = _coated(maps, plugin)
+    return _masked(maps, plugin)
+
+
+def _both_sides(material: Material, plugin: Plugin) -> Plugin:
+    return {"type": "twosided", "bsdf": plugin} if material.two_sided else plugin
+
+
+def _normal_mapped(
+    normals: Bitmap | None, material: Material, plugin: Plugin
+) -> Plugin:
+    """`plugin` below a normal map."""
+    if normals is None:
+        return plugin
+    if material.mirrored:
+        # Mitsuba's tangents follow (u, v): where these are mirrored, its green axis points to the bottom.
+        flipped = np.abs(normals.pixels - np.array([0, 1, 0], dtype=np.float32))
+        normals = replace(normals, pixels=flipped)
+    return {"type": "normalmap", "normalmap": normals, "bsdf": plugin}
+
+
+def _bumped(material: Material, plugin: Plugin) -> Plugin:
+    if material.bump is None:
+        return plugin
+    return {
+        "type": "bumpmap",
+        "bump": material.bump,
+        "scale": material.bump_scale,
+        "bsdf": plugin,
+    }
+
+
+def _masked(maps: "_Maps", plugin: Plugin) -> Plugin:
+    """`plugin` where the surface is."""
+    material = maps.material
+    value: Any = material.opacity
+    if material.model == "gltf":
+        opacity = maps.opacity()
+        if material.alpha_cutoff is not None:
+            opacity = (opacity >= material.alpha_cutoff).astype(np.float32)
+        value = maps.value("opacity", opacity)
+    if isinstance(value, float) and value == 1.0:
+        return plugin
+    return {"type": "mask", "opacity": value, "bsdf": plugin}
+
+
+# Models that have one BSDF of the same formulas in Mitsuba.
+
+
+def _alpha(material: Material) -> dict[str, Any]:
+    """The keys of facets; a smooth surface has none."""
+    roughness = material.roughness
+    assert isinstance(roughness, float)
+    return {"distribution": material.facets, "alpha": roughness**2}
+
+
+def _is_rough(material: Material) -> bool:
+    return not (isinstance(material.roughness, float) and material.roughness == 0.0)
+
+
+def _unless_white(key: str, value: Any) -> dict[str, Any]:
+    """A factor, left out if it is 1: Mitsuba has smaller kernels without it."""
+    is_white = isinstance(value, float) and value == 1.0
+    return {} if is_white else {key: value}
+
+
+def _lambert(maps: "_Maps") -> Plugin:
+    material = maps.material
+    plugin = {"type": "diffuse", "reflectance": material.base_color}
+    return _both_sides(material, plugin)
+
+
+def _plastic(maps: "_Maps") -> Plugin:
+    material = maps.material
+    rough = _is_rough(material)
+    plugin = {
+        "type": "roughplastic" if rough else "plastic",
+        "int_ior": material.ior,
+        "diffuse_reflectance": material.base_color,
+        **_unless_white("specular_reflectance", material.specular_color),
+        **(_alpha(material) if rough else {}),
+    }
+    return _both_sides(material, plugin)
+
+
+def _metal(maps: "_Maps") -> Plugin:
+    material = maps.material
+    rough = _is_rough(material)
+    conductor = material.conductor or "none"
+    index: dict[str, Any] = {"material": conductor}
+    if isinstance(conductor, ComplexIndex):
+        index = {"eta": conductor.eta, "k": conductor.k}
+    plugin = {
+        "type": "roughconductor" if rough else "conductor",
+        **index,
+        **_unless_white("specular_reflectance", material.base_color),
+        **(_alpha(material) if rough else {}),
+    }
+    return _both_sides(material, plugin)
+
+
+def _glass(maps: "_Maps") -> Plugin:
+    material = maps.material
+    kind = "roughdielectric" if _is_rough(material) else "dielectric"
+    if material.thin_walled:
+        kind = "thindielectric"
+    plugin = {
+        "type": kind,
+        "int_ior": material.ior,
+        **_unless_white("specular_transmittance", material.base_color),
+        **_unless_white("specular_reflectance", material.specular_color),
+        **(_alpha(material) if kind == "roughdielectric" else {}),
+    }
+    return _both_sides(material, plugin)
+
+
+def _principled(maps: "_Maps") -> Plugin:
+    """Burley's material. A parameter of 0 would switch a lobe off in Mitsuba too, but is left out for clarity."""
+    material = maps.material
+    plugin: dict[str, Any] = {
+        "type": "principled",
+        "base_color": material.base_color,
+        "roughness": material.roughness,
+    }
+    lobes_of = {
+        "metallic": material.metallic,
+        "sheen": material.sheen,
+        "clearcoat": material.coat,
+    }
+    plugin |= {key: value for key, value in lobes_of.items() if value != 0.0}
+    if material.coat != 0.0:
+        assert isinstance(material.coat_roughness, float)
+        plugin["clearcoat_gloss"] = 1 - material.coat_roughness
+    if material.ior != 1.5:
+        plugin["eta"] = material.ior
+    return _both_sides(material, plugin)
+
+
+# glTF's model, which has no BSDF of its own.
+
+
+class _Maps:
+    """Values of a glTF material over its texels, in the frame of the first texture.
+
+    With `colors` (V, 4) of vertices the values are computed at vertices, as (1, V, C), and go into `attributes`
+    (V, C), which the BSDF reads by name.
+    """
+
+    def __init__(self, material: Material, colors: Float | None) -> None:
+        self.material = material
+        self.colors = colors
+        self.frame: Bitmap | None = None
+        self.attributes: dict[str, Float] = {}
+
+    @cached_property
+    def surface(self) -> "Lobes":
+        """The lobes of the opaque surface and its clear coat."""
+        material = self.material
+        color = _as_rgb(self.base())
+        metallic = self.shared(material.metallic)
+        roughness = self.shared(material.roughness)
+        coat = self.shared(material.coat)
+        at_normal, at_grazing = _dielectric(self)
+        return lobes(color, metallic, roughness, at_normal, at_grazing, coat)
+
+    def base(self) -> Pixels:
+        """The base colour (H, W, 3)."""
+        if self.colors is None:
+            return self.shared(self.material.base_color)
+        return np.asarray(self.colors[None, :, :3], dtype=np.float32)
+
+    def opacity(self) -> Pixels:
+        """(H, W, 1)."""
+        if isinstance(self.material.opacity, VertexColor):
+            assert self.colors is not None
+            return np.asarray(self.colors[None, :, 3:], dtype=np.float32)
+        return self.shared(self.material.opacity)
+
+    def shared(self, value: Any) -> Pixels:
+        """A value as (H, W, C), or (1, 1, C) without a texture.
+
+        Values that are computed together need one frame. A texture with another one is replaced by its mean.
+        """
+        if isinstance(value, float):
+            return np.full((1, 1, 1), value, dtype=np.float32)
+        if isinstance(value, Color):
+            return np.asarray(value.rgb, dtype=np.float32).reshape(1, 1, 3)
+        pixels: Pixels = np.atleast_3d(value.pixels)
+        in_frame = self.frame is None or value.lies_like(self.frame)
+        if self.colors is None and in_frame:
+            self.frame = value
+            return pixels
+        mean: Pixels = pixels.mean(axis=(0, 1), keepdims=True)
+        return mean
+
+    def value(self, name: str, pixels: Pixels) -> Any:
+        """A Mitsuba value of (H, W, C): a number or a colour if it is uniform, else a mesh attribute or a Bitmap."""
+        if self.colors is None and (pixels == pixels[:1, :1]).all():
+            pixels = pixels[:1, :1]
+        if pixels.shape[:2] == (1, 1):
+            return _uniform_value(pixels)
+        if self.colors is not None:
+            attribute = f"vertex_{name}"
+            self.attributes[attribute] = pixels[0].astype(np.float64)
+            return {"type": "mesh_attribute", "name": attribute}
+        if pixels.shape[2] == 1:
+            pixels = pixels[..., 0]
+        pixels = np.ascontiguousarray(pixels, dtype=np.float32)
+        return Bitmap(pixels) if self.frame is None else _like(self.frame, pixels)
+
+
+def _like(frame: Bitmap, pixels: Pixels) -> Bitmap:
+    return Bitmap(pixels, frame.filter, frame.wrap, frame.to_uv)
+
+
+def _uniform_value(pixels: Pixels) -> Any:
+    """A number or a colour of (1, 1, C)."""
+    if pixels.shape[2] == 1:
+        return float(pixels[0, 0, 0])
+    if pixels.max() > 1:  # Mitsuba refuses such a colour, but not such a picture
+        return Bitmap(np.ascontiguousarray(pixels))
+    return Color(tuple(pixels[0, 0].astype(float).tolist()))
+
+
+def _as_rgb(pixels: Pixels) -> Pixels:
+    return np.repeat(pixels, 3, axis=2) if pixels.shape[2] == 1 else pixels
+
+
+def _fitted(*maps: Pixels) -> list[Pixels]:
+    """Maps at the largest height and width among them, by the nearest texel; uniform ones stay (1, 1, C)."""
+    height = max(pixels.shape[0] for pixels in maps)
+    width = max(pixels.shape[1] for pixels in maps)
+    fitted = []
+    for pixels in maps:
+        if pixels.shape[:2] not in ((1, 1), (height, width)):
+            rows = ((np.arange(height) + 0.5) * pixels.shape[0] // height).astype(int)
+            columns = ((np.arange(width) + 0.5) * pixels.shape[1] // width).astype(int)
+            pixels = pixels[rows[:, None], columns]
+        fitted.append(pixels)
+    return fitted
+
+
+def _brightest(pixels: Pixels) -> Pixels:
+    """The largest channel (H, W, 1); ten times as fast as `max` along the last axis."""
+    return np.maximum(np.maximum(pixels[..., :1], pixels[..., 1:2]), pixels[..., 2:])
+
+
+@dataclass(frozen=True, eq=False)
+class Lobes:
+    """A surface as the blend (1 - weight) lower + weight * facets; arrays (H, W, C).
+
+    The lower part has the colour `diffuse`, by Lambert's law for the share `lambert`. `facets` are the reflectances at
+    normal incidence, `schlick` the share of the facets that follows Schlick. A clear coat of reflectance `coat_facets`
+    is blended over it by `coat_weight`.
+    """
+
+    diffuse: Pixels
+    lambert: Pixels
+    weight: Pixels
+    facets: Pixels
+    schlick: Pixels
+    coat_weight: Pixels
+    coat_facets: Pixels
+
+
+def lobes(
+    color: Pixels,
+    metallic: Pixels,
+    roughness: Pixels,
+    dielectric: Pixels,
+    grazing: Pixels,
+    coat: Pixels,
+) -> Lobes:
+    """The lobes of base colour, metalness, roughness, a dielectric's reflectance at normal and grazing incidence, coat.
+
+    Source: glTF 2.0, B.3.5; KHR_materials_specular, KHR_materials_clearcoat. Of the diffuse light, 1 - F0 leaves the
+    dielectric: the mean of glTF's 1 - F over directions differs from it by less than 0.02.
+    """
+    color, metallic, roughness, dielectric, grazing, coat = _fitted(
+        color, metallic, roughness, dielectric, grazing, coat
+    )
+    at_normal = (1 - metallic) * dielectric + metallic * color
+    at_grazing = (1 - metallic) * grazing + metallic
+    diffuse = (1 - metallic) * (1 - _brightest(dielectric)) * color
+
+    most = np.ones_like(coat)
+    if coat.any():
+        # At grazing angles a coat reflects its weight. The blend below takes `coat * most` of the light from what is
+        # beneath, so that is divided by the rest, for 1 - F0 to remain at normal incidence.
+        most = np.clip(
+            1 - (1 - _COAT_F0) * _brightest(diffuse + at_normal), _COAT_F0, _COAT_MOST
+        )
+        below = (1 - _COAT_F0 * coat) / (1 - coat * most)
+        at_normal, diffuse = below * at_normal, below * diffuse
+
+    lambert = np.clip((roughness - _LAMBERT_FROM) / (1 - _LAMBERT_FROM), 0, 1)
+    lambert = np.where(at_grazing > 0, lambert, 1)
+    # Reflectance of a diffuse lobe of colour 1; Disney's is 0.976 + 0.06 roughness at normal incidence.
+    unit = (1 - lambert) * (0.976 + 0.06 * roughness) + lambert
+    # The diffuse part needs at least this weight in the blend, for its colour to stay below its limit.
+    share = _brightest(diffuse) / unit / (1 + (_LAMBERT_MOST - 1) * lambert)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # The facets need at least this weight, for their colour F0 / (weight * schlick) to stay below 1.
+        least = np.where(at_grazing > 0, _brightest(at_normal) / at_grazing, 0)
+        weight = np.where(at_grazing > 0, np.clip(1 - share, least, 1), 0)
+        weight = weight.astype(np.float32)
+        # Both parts have facets of reflectance s at grazing angles, except for Lambert's share of the lower one.
+        schlick = np.minimum(at_grazing / (weight + (1 - weight) * (1 - lambert)), 1)
+        schlick = np.where(at_grazing > 0, schlick, 0)
+        facets = np.where(
+            weight * schlick > 0, np.clip(at_normal / (weight * schlick), 0, 1), 0
+        )
+        # A metal has a diffuse lobe where schlick < 1; what it reflects is taken from the lower part.
+        rest = diffuse - weight * (1 - schlick) * facets
+        diffuse = np.where(weight < 1, np.maximum(rest, 0) / ((1 - weight) * unit), 0)
+    arrays = diffuse, lambert, weight, facets, schlick, coat * most, _COAT_F0 / most
+    return Lobes(*(np.asarray(array, dtype=np.float32) for array in arrays))
+
+
+def _gltf(maps: _Maps) -> Plugin:
+    """The reflecting surface without its clear coat, blended with glass."""
+    opaque = _both_sides(maps.material, _opaque(maps))
+    return _transmissive(maps, opaque)
+
+
+def _dielectric(maps: _Maps) -> tuple[Pixels, Pixels]:
+    """Reflectance of the dielectric at normal (H, W, 3) and at grazing incidence (H, W, 1)."""
+    material = maps.material
+    factor = maps.shared(material.specular)
+    tint = _as_rgb(maps.shared(material.specular_color))
+    infinite = material.ior == 0
+    f0 = 1.0 if infinite else ((material.ior - 1) / (material.ior + 1)) ** 2
+    tint, factor = _fitted(tint, factor)
+    return np.minimum(np.float32(f0) * tint, 1) * factor, factor
+
+
+def _opaque(maps: _Maps) -> Plugin:
+    surface = maps.surface
+    facets = {
+        "type": "principled",
+        "roughness": maps.material.roughness,
+        "eta": 1.01,  # almost no Fresnel reflectance; 1 would switch the facets off
+    }
+    diffuse = maps.value("diffuse", surface.diffuse)
+    schlick = maps.value("schlick", surface.schlick)
+    lower = _blend(
+        maps.value("lambert", surface.lambert),
+        {**facets, "base_color": diffuse, "spec_tint": schlick},
+        {"type": "diffuse", "reflectance": diffuse},
+    )
+    metal = {
+        **facets,
+        "base_color": maps.value("facets", surface.facets),
+        "metallic": schlick,
+    }
+    return _blend(maps.value("weight", surface.weight), lower, metal)
+
+
+def _transmissive(maps: _Maps, opaque: Plugin) -> Plugin:
+    """`opaque` blended with glass: a thin pane, or a solid."""
+    material = maps.material
+    amount = maps.shared(material.transmission)
+    if not amount.any():
+        return opaque
+    color = _as_rgb(maps.base())
+    pane: dict[str, Any] = {
+        "type": "thindielectric",
+        "int_ior": max(material.ior, _LEAST_IOR),
+        "specular_transmittance": maps.value("transmittance", color),
+    }
+    if not material.thin_walled:
+        # One roughness for all of it: Mitsuba's rough glass has none per texel.
+        roughness = _mean(material.roughness)
+        rough = roughness > _SMOOTHEST
+        pane["type"] = "roughdielectric" if rough else "dielectric"
+        if rough:
+            pane |= {"distribution": "ggx", "alpha": roughness**2}
+    amount, metallic = _fitted(amount, maps.shared(material.metallic))
+    return _blend(maps.value("transmission", amount * (1 - metallic)), opaque, pane)
+
+
+def _coated(maps: _Maps, plugin: Plugin) -> Plugin:
+    """`plugin` below a clear coat, which has facets and a normal map of its own."""
+    material = maps.material
+    if material.model != "gltf" or not _largest(material.coat):
+        return plugin
+    layer: Plugin = {
+        "type": "principled",
+        "base_color": maps.value("coat_facets", maps.surface.coat_facets),
+        "metallic": 1.0,
+        "roughness": material.coat_roughness,
+    }
+    layer = _both_sides(material, layer)
+    layer = _normal_mapped(material.coat_normal, material, layer)
+    return _blend(maps.value("coat_weight", maps.surface.coat_weight), plugin, layer)
+
+
+def _blend(weight: Any, first: Plugin, second: Plugin) -> Plugin:
+    if isinstance(weight, float) and weight in (0.0, 1.0):
+        return second if weight else first
+    return {"type": "blendbsdf", "weight": weight, "bsdf_0": first, "bsdf_1": second}
+
+
+def _mean(value: Any) -> float:
+    return float(value.pixels.mean()) if isinstance(value, Bitmap) else float(value)
+
+
+def _largest(value: Any) -> float:
+    """The largest number of a value."""
+    return float(value.pixels.max()) if isinstance(value, Bitmap) else float(value)
+
+
+_MODELS: dict[str, Callable[[_Maps], Plugin]] = {
+    "gltf": _gltf,
+    "lambert": _lambert,
+    "plastic": _plastic,
+    "metal": _metal,
+    "glass": _glass,
+    "principled": _principled,
+}
+"""The BSDF of each of `scenes.materials.MODELS`, without normal map, coat and mask."""
+
+
+# Kinds of materials in the ground truth.
+
+
+def material_kind(bsdf: Any, material: AnyMaterial | None = None) -> int:
+    """Index into MATERIAL_KINDS from the flags of a BSDF: transmissive, mirror, glossy, or diffuse if it is matte."""
+    flags = mitsuba().BSDFFlags
+    has = int(bsdf.flags()).__and__
+    passes = (
+        flags.DiffuseTransmission
+        | flags.GlossyTransmission
+        | flags.DeltaTransmission
+        | flags.Null
+    )
+    if has(int(passes)):
+        return 4
+    glossy = has(int(flags.GlossyReflection | flags.DeltaReflection))
+    if has(int(flags.DiffuseReflection)):
+        matte = is_matte(material) or _is_matte_plugin(bsdf)
+        return 2 if glossy and not matte else 1
+    if has(int(flags.GlossyReflection)):
+        return 2
+    return 3 if has(int(flags.DeltaReflection)) else 1
+
+
+def is_matte(material: AnyMaterial | None) -> bool:
+    """Whether a material has facets as rough as matte paint everywhere, and neither metal nor clear coat."""
+    if not isinstance(material, Material) or material.model not in _MATTE_MODELS:
+        return False
+    roughness = material.roughness
+    least = roughness.pixels.min() if isinstance(roughness, Bitmap) else roughness
+    metal_or_coat = max(_largest(material.metallic), _largest(material.coat))
+    return bool(least >= MATTE_ROUGHNESS and metal_or_coat < _MOST_METAL_OF_MATTE)
+
+
+def _is_matte_plugin(bsdf: Any) -> bool:
+    """As `is_matte`, of a `principled` BSDF without maps of roughness, metal and clear coat."""
+    values = mitsuba().traverse(bsdf)
+    keys = [f"{name}.value" for name in ("roughness", "metallic", "clearcoat")]
+    if not all(key in values for key in keys):
+        return False
+    roughness, metallic, clearcoat = (np.ravel(values[key])[0] for key in keys)
+    metal_or_coat = max(metallic, clearcoat)
+    return bool(roughness >= MATTE_ROUGHNESS and metal_or_coat < _MOST_METAL_OF_MATTE)

@@ -1,0 +1,190 @@
+"""The translator of materials to BSDFs: which plugins, with which parameters."""
+
+import numpy as np
+import pytest
+
+from twinlens.rendering.materials import bsdf_of, vertex_attributes
+from twinlens.scenes.materials import (
+    Bitmap,
+    Color,
+    Material,
+    VertexColor,
+    glass,
+    lambert,
+    metal,
+    plastic,
+)
+from twinlens.scenes.plugins import material_of
+from twinlens.scenes.scene import Mesh
+
+NOISE = np.random.default_rng(0)
+PICTURE = Bitmap(NOISE.random((4, 4, 3)).astype(np.float32))
+GREYS = Bitmap(NOISE.random((4, 4)).astype(np.float32))
+RED = Color((0.8, 0.2, 0.1))
+
+PLUGINS = {
+    "diffuse": {"reflectance": PICTURE},
+    "plastic": {"diffuse_reflectance": RED, "int_ior": 1.6},
+    "roughplastic": {"diffuse_reflectance": PICTURE, "alpha": 0.25},
+    "conductor": {"material": "Ag", "specular_reflectance": PICTURE},
+    "roughconductor": {"eta": RED, "k": Color((1.0, 2.0, 3.0)), "alpha": 0.04},
+    "dielectric": {"int_ior": 1.4, "specular_transmittance": RED},
+    "thindielectric": {"int_ior": 1.4, "specular_reflectance": RED},
+    "roughdielectric": {"int_ior": 1.4, "alpha": 0.04, "distribution": "ggx"},
+    "principled": {
+        "base_color": PICTURE,
+        "roughness": GREYS,
+        "metallic": 0.5,
+        "sheen": 0.2,
+        "clearcoat": 0.3,
+        "clearcoat_gloss": 0.75,
+        "eta": 1.4,
+    },
+}
+
+
+def contains(tree, part):
+    """Whether a tree of plugins has all keys of another, with the same values."""
+    for key, value in part.items():
+        if isinstance(value, dict):
+            assert contains(tree[key], value)
+        else:
+            number = isinstance(value, float)
+            assert tree[key] == (pytest.approx(value) if number else value), key
+    return True
+
+
+def test_a_plugin_read_as_a_material_is_translated_to_itself():
+    """Besides defaults, which become explicit."""
+    for kind, keys in PLUGINS.items():
+        plugin = {"type": kind, **keys}
+        nested = {"type": "twosided", "bsdf": plugin}
+        nested = {"type": "normalmap", "normalmap": PICTURE, "bsdf": nested}
+        nested = {"type": "mask", "opacity": GREYS, "bsdf": nested}
+        bumped = {"type": "bumpmap", "bump": GREYS, "scale": 0.1, "bsdf": plugin}
+        for tree in (plugin, nested, bumped):
+            material = material_of(tree)
+            assert isinstance(material, Material), kind
+            assert contains(bsdf_of(material), tree), kind
+
+
+def test_what_a_material_cannot_express_stays_a_plugin():
+    for plugin in (
+        {"type": "null"},
+        {"type": "plastic", "nonlinear": True},
+        {"type": "dielectric", "ext_ior": 1.3},
+        {"type": "roughconductor", "alpha": GREYS},
+        {"type": "twosided", "bsdf": {"type": "bumpmap", "bump": GREYS,
+                                      "bsdf": {"type": "diffuse"}}},
+    ):  # fmt: skip
+        assert material_of(plugin) is plugin
+        assert bsdf_of(plugin) is plugin
+
+
+def test_models_of_one_bsdf():
+    kinds = {
+        "diffuse": lambert(0.5),
+        "plastic": plastic(0.5),
+        "roughplastic": plastic(0.5, 0.1),
+        "conductor": metal("Au"),
+        "roughconductor": metal("Au", roughness=0.1),
+        "dielectric": glass(1.5),
+        "roughdielectric": glass(1.5, roughness=0.1),
+        "thindielectric": glass(1.5, thin_walled=True),
+    }
+    for kind, material in kinds.items():
+        assert bsdf_of(material)["type"] == kind
+
+
+def found(tree, key):
+    """The first value of a key anywhere in a tree of plugins, or None."""
+    if not isinstance(tree, dict):
+        return None
+    if key in tree:
+        return tree[key]
+    hits = [found(value, key) for value in tree.values()]
+    return next((hit for hit in hits if hit is not None), None)
+
+
+def test_a_gltf_surface_without_facets_is_lamberts():
+    """The light that it scatters is exactly the base colour."""
+    plugin = bsdf_of(Material(base_color=PICTURE, specular=0.0))
+    assert plugin["type"] == "diffuse"
+    np.testing.assert_array_equal(plugin["reflectance"].pixels, PICTURE.pixels)
+
+
+def test_a_gltf_metal_is_all_facets():
+    metallic = Bitmap(np.array([[0.0, 1.0]], dtype=np.float32))
+    plugin = bsdf_of(Material(metallic=metallic, roughness=0.5))
+    np.testing.assert_allclose(plugin["weight"].pixels[0, 1], 1.0)
+    np.testing.assert_allclose(plugin["bsdf_1"]["base_color"].pixels[0, 1], 1.0)
+
+
+def test_glass_of_gltf_is_a_pane_or_a_solid():
+    pane = Material(transmission=1.0, roughness=0.0, ior=1.33)
+    assert bsdf_of(pane)["type"] == "thindielectric"
+    assert bsdf_of(pane)["int_ior"] == 1.33
+    solid = {"transmission": 1.0, "thin_walled": False}
+    assert bsdf_of(Material(**solid, roughness=0.0))["type"] == "dielectric"
+    assert bsdf_of(Material(**solid, roughness=0.5))["alpha"] == 0.25
+
+
+def test_opacity_is_cut_at_the_cutoff():
+    opacity = Bitmap(np.array([[0.2, 0.6, 1.0]], dtype=np.float32))
+    blended = bsdf_of(Material(opacity=opacity))
+    np.testing.assert_array_equal(blended["opacity"].pixels, opacity.pixels)
+    cut = bsdf_of(Material(opacity=opacity, alpha_cutoff=0.6))
+    np.testing.assert_array_equal(cut["opacity"].pixels, [[0, 1, 1]])
+    whole = bsdf_of(Material(opacity=opacity, alpha_cutoff=0.1))
+    assert found(whole, "opacity") is None
+
+
+def test_the_green_axis_is_flipped_where_texture_coordinates_are_mirrored():
+    upright, mirrored = (
+        bsdf_of(Material(normal=PICTURE, coat=0.5, coat_normal=PICTURE, mirrored=side))
+        for side in (False, True)
+    )
+    expected = PICTURE.pixels * [1, -1, 1] + [0, 1, 0]
+    assert found(upright, "normalmap") is PICTURE
+    for branch in ("bsdf_0", "bsdf_1"):
+        flipped = found(mirrored[branch], "normalmap").pixels
+        np.testing.assert_allclose(flipped, expected, atol=1e-6)
+
+
+def colored_triangle(colors):
+    return Mesh(
+        np.eye(3), np.array([[0, 1, 2]], np.uint32), attributes={"color": colors}
+    )
+
+
+def test_colors_of_vertices_become_attributes():
+    colors = np.array([[1, 0, 0, 1], [0, 1, 0, 0.5], [0.2, 0.4, 0.8, 0]])
+    material = Material(base_color=VertexColor(), opacity=VertexColor())
+    attributes = vertex_attributes(material, colored_triangle(colors))
+    scattered = attributes["vertex_diffuse"] * (1 - attributes["vertex_weight"])
+    np.testing.assert_allclose(scattered, 0.96 * colors[:, :3], atol=1e-5)
+    np.testing.assert_allclose(attributes["vertex_opacity"], colors[:, 3:], atol=1e-6)
+    assert vertex_attributes(lambert(RED), colored_triangle(colors)) == {}
+
+
+@pytest.mark.parametrize("specular", [0.0, 1.0])
+def test_the_bsdf_reads_the_attributes_of_every_mesh(specular):
+    """Black has no diffuse light, and specular = 0 no facets: the attributes of both are there all the same."""
+    material = Material(base_color=VertexColor(), specular=specular)
+    attributes = [
+        vertex_attributes(material, colored_triangle(np.full((3, 4), value)))
+        for value in (0.0, 0.8)
+    ]
+    assert attributes[0].keys() == attributes[1].keys()
+    read = set(names_in(bsdf_of(material)))
+    assert "vertex_diffuse" in read
+    assert read <= attributes[0].keys()
+
+
+def names_in(tree):
+    """The attributes that a tree of plugins reads."""
+    if isinstance(tree, dict):
+        if tree.get("type") == "mesh_attribute":
+            yield tree["name"]
+        for value in tree.values():
+            yield from names_in(value)
