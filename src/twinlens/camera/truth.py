@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from twinlens.camera.masks import decode_mask
 from twinlens.errors import InputError
@@ -46,29 +46,18 @@ class ObjectTruth:
     visible_box: tuple[int, ...]
 
     def __post_init__(self) -> None:
-        object.__setattr__(
-            self,
-            "cam_from_object",
-            check_rigid(self.cam_from_object, "cam_from_object"),
-        )
-        for name, shape in (
-            ("extent", (2, 3)),
-            ("corners_px", (8, 2)),
-            ("box", (4,)),
-            ("visible_box", (4,)),
-        ):
-            value = np.asarray(getattr(self, name), dtype=np.float64)
-            if value.shape != shape:
-                raise InputError(
-                    f"{name} must have the shape {shape}, got {value.shape}"
-                )
-            object.__setattr__(
-                self, name, tuple(getattr(self, name)) if len(shape) == 1 else value
-            )
-        if (
-            not 0 <= self.visible_pixel_count <= self.pixel_count
-            or self.pixel_count == 0
-        ):
+        checked: dict[str, Float | tuple[int, ...]] = {
+            "cam_from_object": check_rigid(self.cam_from_object, "cam_from_object"),
+            "extent": _of_shape("extent", self.extent, (2, 3)),
+            "corners_px": _of_shape("corners_px", self.corners_px, (8, 2)),
+        }
+        for name in ("box", "visible_box"):
+            _of_shape(name, getattr(self, name), (4,))
+            checked[name] = tuple(getattr(self, name))
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+        counts_fit = 0 <= self.visible_pixel_count <= self.pixel_count
+        if not counts_fit or self.pixel_count == 0:
             counts = f"{self.visible_pixel_count} of {self.pixel_count}"
             raise InputError(
                 f"an object must have 1 or more pixels, of which 0 to all are visible, got {counts}"
@@ -78,6 +67,14 @@ class ObjectTruth:
     def visible_fraction(self) -> float:
         """Visible pixels over all pixels of the object, 0 to 1."""
         return self.visible_pixel_count / self.pixel_count
+
+
+def _of_shape(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Float:
+    """The values in float64. Raises InputError if they have another shape."""
+    array = np.asarray(values, dtype=np.float64)
+    if array.shape != shape:
+        raise InputError(f"{name} must have the shape {shape}, got {array.shape}")
+    return array
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,20 +116,21 @@ class Truth:
         """Where the chief ray hits something, bool (H, W)."""
         return np.asarray(self.object_id > 0)
 
-    def object_name(self, thing: ObjectTruth) -> str:
+    def object_name(self, truth: ObjectTruth) -> str:
         """The name of the object in its scene."""
-        return self.object_names[thing.object_id - 1]
+        return self.object_names[truth.object_id - 1]
 
-    def silhouette(self, thing: ObjectTruth) -> NDArray[np.bool_]:
+    def silhouette(self, truth: ObjectTruth) -> NDArray[np.bool_]:
         """Where the object is in the image, also where it is hidden, bool (H, W)."""
-        return decode_mask(thing.silhouette, *self.object_id.shape)
+        return decode_mask(truth.silhouette, *self.object_id.shape)
 
     def mask_nonocc(self) -> NDArray[np.uint8]:
         """Middlebury's mask, uint8 (H, W): 255 visible in both views, 128 occluded or out of frame, 0 unknown."""
-        known = self.hit | np.isfinite(self.disparity)
-        return np.where(self.visible & known, 255, np.where(known, 128, 0)).astype(
-            np.uint8
-        )
+        mask = np.zeros(self.visible.shape, dtype=np.uint8)
+        is_known = self.hit | np.isfinite(self.disparity)
+        mask[is_known] = 128
+        mask[is_known & self.visible] = 255
+        return mask
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,7 +30,6 @@ from twinlens.rendering import (
     Progress,
     check_lit,
     ground_truth,
-    with_object_truth,
 )
 from twinlens.scenes import Scene, Sky
 from twinlens.scenes.bands import NIR_SHARES
@@ -157,9 +156,7 @@ def produce(
     )
     if scene is not base:
         sources.check_files(scene)
-    truths = ground_truth(
-        scene, rig.nominal, sky_disparity=settings.sky_disparity, objects=False
-    )
+    truths = ground_truth(scene, rig.nominal, sky_disparity=settings.sky_disparity)
     if gates is not None:
         check_truth(gates, scene, rig, truths, spec.ndisp)
         check_seen(settings.scene.objects, truths)
@@ -179,7 +176,7 @@ def produce(
         sky_disparity=settings.sky_disparity,
         keep_radiance="radiance" in spec.keep,
         keep_models="models" in spec.keep,
-        truths=with_object_truth(scene, rig.nominal, truths),
+        truths=truths,
         progress=progress,
     )
     if gates is not None:

@@ -12,7 +12,6 @@ from twinlens.rendering.ground_truth import (
     correspondence as correspondence,
     ground_truth as ground_truth,
     projection as projection,
-    with_object_truth as with_object_truth,
 )
 from twinlens.rendering.lens_grid import (
     LensGrid as LensGrid,

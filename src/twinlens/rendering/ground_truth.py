@@ -1,32 +1,79 @@
-"""Exact ground truth of every view: one chief ray per pixel, refined in float64, and one ray from the other camera."""
+"""Exact ground truth of every view: what the chief rays through its pixels hit, and whether other views see it too.
 
-from collections.abc import Sequence
+    Built + Rig --chief rays, trace_surfaces--> ViewHits --channels--> Truth
+
+A channel is an array over the pixels of a view. Those of every `Truth` are its fields. A further one is a function of
+`ViewHits` and a row of `EXTRA_CHANNELS`; `Truth.extra` has it under its name.
+"""
+
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.camera import Rig
+from twinlens.camera import Camera, Rig
 from twinlens.camera.truth import Correspondence, Projection, Truth
 from twinlens.errors import InputError, check_int
 from twinlens.geometry import Float, inverse, rotate, transform_points
 from twinlens.rendering.build import BuiltScene, build
-from twinlens.rendering.cast import Exact, Hits, cast, exact_hits, visible_from
 from twinlens.rendering.object_truth import object_truths
 from twinlens.rendering.radiance import check_view
+from twinlens.rendering.tracing import (
+    Hits,
+    Rays,
+    Stop,
+    facing,
+    intersect,
+    lengths,
+    trace_surfaces,
+    visible_from,
+)
 from twinlens.scenes import Scene
 
 
 @dataclass(frozen=True, eq=False)
-class _View:
-    """The hits of one camera's chief rays, one row per pixel, with directions and positions (N, 3)."""
+class ViewHits:
+    """What the chief rays of camera `index` of a rig hit; arrays have one row per pixel, N = H W.
 
+    rays : the chief rays, in world coordinates.
+    cosine : (N,), of the angle between a ray and the optical axis.
+    first : the surfaces that they hit first.
+    """
+
+    built: BuiltScene
+    rig: Rig
     index: int
-    hits: Hits
-    exact: Exact
-    directions: Float
-    position: Float
+    rays: Rays
+    cosine: Float
+    first: Hits
+
+    @property
+    def camera(self) -> Camera:
+        """The camera of the view."""
+        return self.rig.cameras[self.index]
+
+    @property
+    def depth(self) -> Float:
+        """Distance along the optical axis (N,), metres: that along the ray times the cosine; +inf without a hit."""
+        along_axis = self.first.distance * self.cosine
+        return np.where(self.first.is_hit, along_axis, np.inf)
+
+    def layers(self) -> list[Hits]:
+        """The surfaces along the chief rays, through mirrors, glass and openings, from the first one on."""
+        return trace_surfaces(self.built, self.rays, Stop.ALL)
+
+    def image(self, values: NDArray[Any], dtype: Any = None) -> NDArray[Any]:
+        """The values (N, ...) as an image (H, W, ...)."""
+        shape = (self.camera.height, self.camera.width, *values.shape[1:])
+        return values.astype(dtype or values.dtype, copy=False).reshape(shape)
+
+
+Channel = Callable[[ViewHits], NDArray[Any]]
+
+EXTRA_CHANNELS: dict[str, Channel] = {}
+"""Channels of `Truth.extra`, by name: functions from the hits of a view to an array (N,) or (N, 3)."""
 
 
 def ground_truth(
@@ -41,28 +88,74 @@ def ground_truth(
     sky_disparity : bool
         Give rays that hit nothing the disparity at infinity, -doffs, instead of +inf (unknown).
     objects : bool
-        Also compute `Truth.objects`, by casting the rays at each object alone.
+        Also compute `Truth.objects`, by casting the rays at each object alone. This takes about as long as the rest.
 
     Returns
     -------
     list of Truth
         One per camera.
+
+    Raises
+    ------
+    InputError
+        If `scene` or `rig` is not one, or the scene cannot be built.
     """
     check_view(scene, rig)
     built = build(scene)
-    truths = [
-        _view_truth(built, rig, index, sky_disparity) for index in range(len(rig))
-    ]
-    return with_object_truth(scene, rig, truths) if objects else truths
+    truths = []
+    for index in range(len(rig)):
+        truth = _truth(_view_hits(built, rig, index), sky_disparity)
+        if objects:
+            truth = _with_objects(built, rig, index, truth)
+        truths.append(truth)
+    return truths
 
 
-def with_object_truth(scene: Scene, rig: Rig, truths: Sequence[Truth]) -> list[Truth]:
-    """The truths of `ground_truth` for the same scene and rig, with `Truth.objects`."""
-    built = build(scene)
-    return [
-        replace(each, objects=object_truths(built, rig, i, each.object_id, each.depth))
-        for i, each in enumerate(truths)
+def _view_hits(built: BuiltScene, rig: Rig, index: int) -> ViewHits:
+    camera, pose = rig.cameras[index], rig.world_from_cams[index]
+    in_camera = camera.unproject(camera.pixel_grid()).reshape(-1, 3)
+    cosine = in_camera[:, 2] / lengths(in_camera)
+    rays = Rays.from_point(pose[:3, 3], rotate(pose, in_camera))
+    (first,) = trace_surfaces(built, rays, Stop.FIRST)
+    return ViewHits(built, rig, index, rays, cosine, first)
+
+
+def _truth(view: ViewHits, sky_disparity: bool) -> Truth:
+    """The truth of a view but its objects."""
+    built, first = view.built, view.first
+    partner = _in_partner(view, sky_disparity)
+    ids = [
+        (body.object_id, body.material_id, body.material_kind) for body in built.bodies
     ]
+    ids.append((0, 0, 0))  # row -1, of no hit
+    object_id, material_id, material_kind = np.array(ids).T[:, first.body]
+    normal = facing(first.normal, -view.rays.direction)
+    shading_normal = facing(first.shading_normal, normal)
+    return Truth(
+        depth=view.image(view.depth, np.float64),
+        position=view.image(first.position, np.float64),
+        disparity=view.image(partner.disparity, np.float32),
+        visible=view.image(partner.visible, np.bool_),
+        normal=view.image(normal, np.float32),
+        shading_normal=view.image(shading_normal, np.float32),
+        object_id=view.image(object_id, np.int32),
+        material_id=view.image(material_id, np.int32),
+        material_kind=view.image(material_kind, np.uint8),
+        object_names=built.object_names,
+        material_names=built.material_names,
+        projections=tuple(
+            _projection(view, projector)
+            for projector in range(len(view.rig.projectors))
+        ),
+        extra={
+            name: view.image(channel(view)) for name, channel in EXTRA_CHANNELS.items()
+        },
+    )
+
+
+def _with_objects(built: BuiltScene, rig: Rig, index: int, truth: Truth) -> Truth:
+    objects = object_truths(built, rig, index, truth.object_id, truth.depth)
+    return replace(truth, objects=objects)
 
 
 def correspondence(
@@ -85,15 +178,12 @@ def correspondence(
         raise InputError(
             f"a pair needs two different cameras from 0 to {len(rig) - 1}, got {source} and {target}"
         )
-    built = build(scene)
-    pixels, disparity, visible = _project_into(
-        built, rig, _cast_view(built, rig, source), target, sky
-    )
-    shape = rig.cameras[source].height, rig.cameras[source].width
+    view = _view_hits(build(scene), rig, source)
+    seen = _seen_from(view, rig, target, sky)
     return Correspondence(
-        pixels.reshape(*shape, 2),
-        visible.reshape(shape),
-        disparity.astype(np.float32).reshape(shape),
+        view.image(seen.pixels, np.float64),
+        view.image(seen.visible, np.bool_),
+        view.image(_disparity(view, seen.pixels, target, sky), np.float32),
     )
 
 
@@ -112,115 +202,88 @@ def projection(
         raise InputError("the rig has no projectors")
     check_int("camera", camera, 0, len(rig) - 1)
     check_int("projector", projector, 0, len(rig.projectors) - 1)
-    built = build(scene)
-    return _projection(built, rig, _cast_view(built, rig, camera), projector)
+    return _projection(_view_hits(build(scene), rig, camera), projector)
 
 
-def _projection(built: BuiltScene, rig: Rig, view: _View, projector: int) -> Projection:
-    camera, views, lamp = rig.cameras[view.index], rig.views, len(rig) + projector
-    pixels, _, lit = _project_into(built, views, view, lamp, sky=False)
+def _projection(view: ViewHits, projector: int) -> Projection:
+    views = view.rig.views  # the cameras, then the projectors
+    lamp = len(view.rig) + projector
+    seen = _seen_from(view, views, lamp, sky=False)
+    normal = facing(view.first.normal, -view.rays.direction)
     with np.errstate(invalid="ignore"):  # +inf where nothing was hit
-        towards = views.world_from_cams[lamp][:3, 3] - view.position
-        lit &= (_facing(view.exact.normal, -view.directions) * towards).sum(axis=1) > 0
-    shape = camera.height, camera.width
-    return Projection(pixels.reshape(*shape, 2), lit.reshape(shape))
+        towards = views.world_from_cams[lamp][:3, 3] - view.first.position
+        is_front_lit = (normal * towards).sum(axis=1) > 0
+    return Projection(view.image(seen.pixels), view.image(seen.visible & is_front_lit))
 
 
-def _cast_view(built: BuiltScene, rig: Rig, index: int) -> _View:
-    camera, pose = rig.cameras[index], rig.world_from_cams[index]
-    directions = rotate(pose, camera.unproject(camera.pixel_grid())).reshape(-1, 3)
-    hits = cast(built, pose[:3, 3], directions)
-    exact = exact_hits(built, pose[:3, 3], directions, hits)
-    found = hits.body >= 0
-    position = np.full_like(directions, np.inf)
-    position[found] = pose[:3, 3] + exact.t[found, None] * directions[found]
-    return _View(index, hits, exact, directions, position)
+class _Seen(NamedTuple):
+    """Where another view sees what the pixels of a view hit.
+
+    pixels : (N, 2), +inf for points without an image.
+    visible : (N,), whether the point is in the other's image and not occluded.
+    """
+
+    pixels: Float
+    visible: NDArray[np.bool_]
 
 
-def _view_truth(built: BuiltScene, rig: Rig, index: int, sky_disparity: bool) -> Truth:
-    view, camera, other = (
-        _cast_view(built, rig, index),
-        rig.cameras[index],
-        rig.partner(index),
-    )
-    disparity = np.full(len(view.position), np.inf)
-    visible = np.zeros(len(view.position), dtype=bool)
-    if other is not None:
-        sky = sky_disparity and rig.is_rectified(*_in_order(rig, index, other))
-        _, disparity, visible = _project_into(built, rig, view, other, sky)
-    ids = [
-        (body.object_id, body.material_id, body.material_kind) for body in built.bodies
-    ]
-    object_id, material_id, material_kind = np.array([*ids, (0, 0, 0)]).T[
-        :, view.hits.body
-    ]  # row -1 is no hit
-    normal = _facing(view.exact.normal, -view.directions)
-
-    def image(values: NDArray[Any], dtype: type[np.generic]) -> NDArray[Any]:
-        return values.astype(dtype, copy=False).reshape(
-            camera.height, camera.width, *values.shape[1:]
-        )
-
-    return Truth(
-        depth=image(view.exact.t, np.float64),
-        position=image(view.position, np.float64),
-        disparity=image(disparity, np.float32),
-        visible=image(visible, np.bool_),
-        normal=image(normal, np.float32),
-        shading_normal=image(_facing(view.exact.shading_normal, normal), np.float32),
-        object_id=image(object_id, np.int32),
-        material_id=image(material_id, np.int32),
-        material_kind=image(material_kind, np.uint8),
-        object_names=built.object_names,
-        material_names=built.material_names,
-        projections=tuple(
-            _projection(built, rig, view, i) for i in range(len(rig.projectors))
-        ),
-    )
-
-
-def _facing(vectors: Float, towards: Float) -> Float:
-    """Vectors (N, 3), negated where they point away from `towards`."""
-    away = np.einsum("nc,nc->n", vectors, towards) < 0
-    return np.where(away[:, None], -vectors, vectors)
-
-
-def _project_into(
-    built: BuiltScene, rig: Rig, view: _View, other: int, sky: bool
-) -> tuple[Float, Float, NDArray[np.bool_]]:
-    """(pixels in camera `other`, disparity, visible) of every pixel of `view`; disparity for rectified pairs only."""
-    found = view.hits.body >= 0
+def _seen_from(view: ViewHits, rig: Rig, other: int, sky: bool) -> _Seen:
+    """Where view `other` of `rig` sees the hits; with `sky`, also the points at infinity of rays without a hit."""
+    first, hit = view.first, view.first.is_hit
     camera, pose = rig.cameras[other], rig.world_from_cams[other]
     centre, cam_from_world = pose[:3, 3], inverse(pose)
-    pixels = np.full((len(found), 2), np.inf)
-    visible = np.zeros(len(found), dtype=bool)
-    pixels[found] = camera.project(
-        transform_points(cam_from_world, view.position[found])
-    )
-    visible[found] = visible_from(
-        built,
-        centre,
-        view.position[found],
-        view.hits.body[found],
-        view.hits.prim[found],
+    points = first.position[hit]
+    pixels = np.full((len(hit), 2), np.inf)
+    pixels[hit] = camera.project(transform_points(cam_from_world, points))
+    visible = np.zeros(len(hit), dtype=bool)
+    visible[hit] = visible_from(
+        view.built, centre, points, first.body[hit], first.prim[hit]
     )
     if sky:
-        directions = view.directions[~found]
-        pixels[~found] = camera.project(rotate(cam_from_world, directions))
-        visible[~found] = cast(built, centre, directions).body < 0
+        directions = view.rays.direction[~hit]
+        pixels[~hit] = camera.project(rotate(cam_from_world, directions))
+        towards_sky = Rays.from_point(centre, directions)
+        visible[~hit] = intersect(view.built, towards_sky).body < 0
     pixels[np.isnan(pixels)] = np.inf  # points that the camera cannot project
-    visible &= camera.contains(pixels)
-    disparity = np.full(len(found), np.inf)
-    left, right = _in_order(rig, view.index, other)
-    if rig.is_rectified(left, right):
-        u = rig.cameras[view.index].pixel_grid()[..., 0].reshape(-1)
-        disparity[found] = (u[found] - pixels[found, 0]) * (
-            1 if view.index == left else -1
-        )
-        disparity[~found] = 0.0 - rig.doffs(left, right) if sky else np.inf  # not -0.0
-    return pixels, disparity, visible
+    return _Seen(pixels, visible & camera.contains(pixels))
 
 
-def _in_order(rig: Rig, a: int, b: int) -> tuple[int, int]:
-    """(left, right) of a rectified pair; of any other, (b, a) or (a, b)."""
-    return (a, b) if rig.is_rectified(a, b) else (b, a)
+class _Partner(NamedTuple):
+    """Disparity (N,), pixels, and visibility (N,) towards the partner of a view."""
+
+    disparity: Float
+    visible: NDArray[np.bool_]
+
+
+def _in_partner(view: ViewHits, sky_disparity: bool) -> _Partner:
+    partner = view.rig.partner(view.index)
+    if partner is None:
+        count = len(view.rays)
+        return _Partner(np.full(count, np.inf), np.zeros(count, dtype=bool))
+    sky = sky_disparity and _is_rectified(view.rig, view.index, partner)
+    seen = _seen_from(view, view.rig, partner, sky)
+    return _Partner(_disparity(view, seen.pixels, partner, sky), seen.visible)
+
+
+def _disparity(view: ViewHits, pixels: Float, other: int, sky: bool) -> Float:
+    """u_left - u_right (N,) of a rectified pair in either order; +inf for others, and without `sky` where nothing is.
+
+    At infinity it is -doffs.
+    """
+    rig, hit = view.rig, view.first.is_hit
+    disparity = np.full(len(hit), np.inf)
+    if not _is_rectified(rig, view.index, other):
+        return disparity
+    is_left = rig.is_rectified(view.index, other)
+    left, right = (view.index, other) if is_left else (other, view.index)
+    u = view.camera.pixel_grid()[..., 0].reshape(-1)
+    difference = u[hit] - pixels[hit, 0]
+    disparity[hit] = difference if is_left else -difference
+    if sky:
+        disparity[~hit] = 0.0 - rig.doffs(left, right)  # not -0.0
+    return disparity
+
+
+def _is_rectified(rig: Rig, a: int, b: int) -> bool:
+    """Whether two cameras are a rectified pair, in either order."""
+    return rig.is_rectified(a, b) or rig.is_rectified(b, a)

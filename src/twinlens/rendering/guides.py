@@ -1,6 +1,7 @@
 """Guides of the denoiser: what each pixel sees of its first rough surfaces, through the same lens as the image.
 
-Rays follow mirrors, glass and openings up to `MAX_SPECULAR` surfaces, then stop: guides cost a small part of a render.
+Rays pass mirrors, glass and openings as in `tracing`, up to `MAX_SPECULAR` of them, and end at the first rough surface:
+guides cost a small part of a render. All samples of an image are traced in one kernel, in float32.
 """
 
 from collections.abc import Iterable
@@ -16,13 +17,9 @@ from twinlens.geometry import Float
 from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import BuiltScene
 from twinlens.rendering.sensors import make_sensor
+from twinlens.rendering.tracing import MAX_SPECULAR, may_pass, passage
 
-MAX_SPECULAR = 8
-"""Mirrors, glass and openings that a ray passes before it stops."""
-
-_SPECULAR_KINDS = (3, 4)  # mirror and transmissive, in MATERIAL_KINDS
-_UNKNOWN_KIND = 0
-_NOTHING = (1, 1, 1, 0, 0, 0, 0)  # features but projected light where nothing is known
+_NOTHING = (1, 1, 1, 0, 0, 0, 0)  # albedo, normal and random share of the sky
 _SURFACE_CHANNELS = len(_NOTHING)
 
 
@@ -46,15 +43,13 @@ class Guides:
 
     @classmethod
     def from_means(cls, means: Float, count: int, parts: Parts | None) -> "Guides":
-        """Those of means (H, W, C), with parts (P, H, W, C), whose last channel is then their shares."""
+        """Guides from means (H, W, C), or with parts (P, H, W, C), whose last channel is then the parts' shares."""
         features = np.nan_to_num(means).astype(np.float32)
         np.clip(features[..., :3], 0, 1, out=features[..., :3])
         np.clip(features[..., 3:6], -1, 1, out=features[..., 3:6])
-        return (
-            cls(features, count)
-            if parts is None
-            else cls(features[..., :-1], count, features[..., -1:])
-        )
+        if parts is None:
+            return cls(features, count)
+        return cls(features[..., :-1], count, features[..., -1:])
 
     @property
     def albedo(self) -> NDArray[np.float32]:
@@ -72,73 +67,65 @@ class Guides:
     def projected(self) -> NDArray[np.float32]:
         return self.features[..., _SURFACE_CHANNELS:]
 
-    def replaced_where_random(self, other: "Guides") -> "Guides":
-        """These guides, but those of `other` where samples chose at random: glass would have specks."""
-        return Guides(
-            np.where(self.random_share > 0, other.features, self.features), self.count
-        )
+    def replaced_where_random(self, steady: "Guides") -> "Guides":
+        """These guides, but the `steady` ones where samples chose a way at random, which would give glass specks."""
+        is_random = self.random_share > 0
+        features = np.where(is_random, steady.features, self.features)
+        return Guides(features, self.count)
 
-    def __add__(self, other: "Guides") -> "Guides":
+    def __add__(self, more: "Guides") -> "Guides":
         """The guides of both sets of samples."""
-        count = self.count + other.count
-        part = np.float32(self.count / count)
-        features = part * self.features + (1 - part) * other.features
-        if self.shares is None or other.shares is None:
+        count = self.count + more.count
+        weight = np.float32(self.count / count)
+        features = weight * self.features + (1 - weight) * more.features
+        if self.shares is None or more.shares is None:
             return Guides(features, count)
-        return Guides(features, count, part * self.shares + (1 - part) * other.shares)
+        shares = weight * self.shares + (1 - weight) * more.shares
+        return Guides(features, count, shares)
 
     def of_part(self, part: int, fraction: float) -> "Guides":
         """The guides of one part, which gets this fraction of the light; of all where no sample is in the part."""
         assert self.shares is not None
-        surface = _ratio(
-            self.features[part],
-            self.shares[part],
-            self.of_parts().features[..., :_SURFACE_CHANNELS],
-        )
-        projected = self.features[part][..., _SURFACE_CHANNELS:] / np.float32(fraction)
+        features = self.features[part]
+        of_all = self.of_parts().features[..., :_SURFACE_CHANNELS]
+        # Surface features are means over the samples of the part, projected light is radiance over the whole aperture.
+        surface = _surface_means(features, self.shares[part], of_all)
+        projected = features[..., _SURFACE_CHANNELS:] / np.float32(fraction)
         return Guides(np.concatenate([surface, projected], axis=-1), self.count)
 
     def of_parts(self) -> "Guides":
         """The guides of all parts together."""
         assert self.shares is not None
         total = self.features.sum(axis=0)
-        surface = _ratio(total, self.shares.sum(axis=0), np.array(_NOTHING, np.float32))
-        return Guides(
-            np.concatenate([surface, total[..., _SURFACE_CHANNELS:]], axis=-1),
-            self.count,
-        )
+        nothing = np.array(_NOTHING, np.float32)
+        surface = _surface_means(total, self.shares.sum(axis=0), nothing)
+        projected = total[..., _SURFACE_CHANNELS:]
+        return Guides(np.concatenate([surface, projected], axis=-1), self.count)
 
     def binned(self) -> "Guides":
         """At half the resolution."""
         return Guides(binned(self.features), self.count)
 
 
-def _ratio(
+def _surface_means(
     features: NDArray[np.float32],
     share: NDArray[np.float32],
-    unknown: NDArray[np.float32],
+    without_samples: NDArray[np.float32],
 ) -> NDArray[np.float32]:
-    """Albedo, normal and random share over the share of samples; `unknown` where it is 0."""
-    return np.where(
-        share > 0,
-        features[..., :_SURFACE_CHANNELS] / np.where(share > 0, share, 1),
-        unknown,
-    )
+    """Albedo, normal and random share over the share of samples, or `without_samples` where it is 0."""
+    has_samples = share > 0
+    means = features[..., :_SURFACE_CHANNELS] / np.where(has_samples, share, 1)
+    return np.where(has_samples, means, without_samples)
 
 
 def binned(image: NDArray[np.float32]) -> NDArray[np.float32]:
     """Means over 2x2 pixels of an image (H, W, C); the last row and column are repeated if their number is odd."""
-    height, width = (size + size % 2 for size in image.shape[:2])
-    even = np.pad(
-        image,
-        ((0, height - len(image)), (0, width - image.shape[1]), (0, 0)),
-        mode="edge",
-    )
-    return np.asarray(
-        even.reshape(height // 2, 2, width // 2, 2, -1).mean(
-            axis=(1, 3), dtype=np.float32
-        )
-    )
+    rows, columns = image.shape[:2]
+    missing = (0, rows % 2), (0, columns % 2), (0, 0)
+    even = np.pad(image, missing, mode="edge")
+    height, width = even.shape[0] // 2, even.shape[1] // 2
+    blocks = even.reshape(height, 2, width, 2, -1)
+    return np.asarray(blocks.mean(axis=(1, 3), dtype=np.float32))
 
 
 def render_guides(
@@ -162,13 +149,6 @@ def render_guides(
     return Guides.from_means(total / count, count, parts)
 
 
-def _has_openings(built: BuiltScene) -> bool:
-    """Whether there may be mirrors, glass or masks."""
-    return any(
-        body.material_kind in (_UNKNOWN_KIND, *_SPECULAR_KINDS) for body in built.bodies
-    )
-
-
 def _features(
     built: BuiltScene,
     sensor: Any,
@@ -184,19 +164,40 @@ def _features(
 
     ray, x, y = sensor.film_rays(count, seed)
     albedo, normal = _first_rough_surfaces(built, mitsuba().Ray3f(ray))
-    channels = [*albedo, *normal, drjit.zeros(mitsuba().Float, drjit.width(x))]
+    nothing_random = drjit.zeros(mitsuba().Float, drjit.width(x))
+    channels = [*albedo, *normal, nothing_random]
     if built.projected is not None:
         channels.extend(
             built.projected.direct_light(built.mi_scene, sensor.sampler(), ray)
         )
     if parts is None:
         return pixel_means(channels, count, camera)
-    return pixel_means(
-        [*channels, mitsuba().Float(1.0)],
-        count,
-        camera,
-        parts.shares(x, y, sensor.math),
-    )
+    channels.append(mitsuba().Float(1.0))  # whose mean is the part's share of samples
+    shares = parts.shares(x, y, sensor.math)
+    return pixel_means(channels, count, camera, shares)
+
+
+@dataclass
+class _Search:
+    """Rays on the way to their first rough surfaces: the state of Dr.Jit's loop.
+
+    active : whether the ray goes on.
+    ray, part, tint : the ray, its share of the sample, and this share times the colour of what it passed.
+    waiting : (ray, part, tint) of the other ray of the sample, whose part is 0 if there is none.
+    is_split : whether the sample has been split into two rays.
+    depth : surfaces that the ray has passed.
+    albedo, normal : what the sample has seen so far.
+    """
+
+    active: Any
+    ray: Any
+    part: Any
+    tint: Any
+    waiting: tuple[Any, Any, Any]
+    is_split: Any
+    depth: Any
+    albedo: Any
+    normal: Any
 
 
 def _first_rough_surfaces(built: BuiltScene, ray: Any) -> tuple[Any, Any]:
@@ -209,70 +210,68 @@ def _first_rough_surfaces(built: BuiltScene, ray: Any) -> tuple[Any, Any]:
 
     mi = mitsuba()
     scene = built.mi_scene
-
-    if not _has_openings(built):
+    if not may_pass(built).any():
         si = scene.ray_intersect(ray, mi.RayFlags.All, True)
         return surface_features(si, si.bsdf(), mi.Bool(True))
-
-    def step(
-        active: Any,
-        ray: Any,
-        tint: Any,
-        part: Any,
-        other: Any,
-        is_split: Any,
-        albedo: Any,
-        normal: Any,
-        depth: Any,
-    ) -> tuple[Any, ...]:
-        """One surface. `part` is the share of the ray, `tint` its share and colour; `other` is a ray that waits."""
-        si = scene.ray_intersect(ray, mi.RayFlags.All, True, active)
-        bsdf = si.bsdf()
-        may_pass = active & si.is_valid() & (depth < MAX_SPECULAR)
-        specular = may_pass & is_specular(bsdf)
-        sampled = specular | (may_pass & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Null))
-        # The largest number below 1 chooses transmission, unless nothing is transmitted.
-        sample, weight = bsdf.sample(
-            mi.BSDFContext(), si, 1 - 2.0**-24, mi.Point2f(0.5), sampled
-        )
-        on = specular | (sampled & is_null(sample))
-        share = dr.select(on, dr.select(specular & is_split, 1.0, sample.pdf), 0.0)
-        stays = dr.select(active & ~specular, 1 - share, 0.0)
-        found, facing = surface_features(si, bsdf, stays > 0)
-        albedo, normal = albedo + stays * tint * found, normal + stays * part * facing
-        splits = specular & (share < 1)
-        reflected = si.spawn_ray(si.to_world(mi.reflect(si.wi)))
-        other = dr.select(
-            splits, (reflected, (1 - share) * tint, (1 - share) * part), other
-        )
-        ray = dr.select(on, si.spawn_ray(si.to_world(sample.wo)), ray)
-        tint, part = (
-            dr.select(on, share * weight * tint, tint),
-            dr.select(on, share * part, part),
-        )
-        turns = active & ~on & (other[2] > 0)
-        ray, tint, part = dr.select(turns, other, (ray, tint, part))
-        other = other[0], other[1], dr.select(turns, 0.0, other[2])
-        depth = dr.select(turns, 0, depth + 1)
-        return (
-            on | turns,
-            ray,
-            tint,
-            part,
-            other,
-            is_split | splits,
-            albedo,
-            normal,
-            depth,
-        )
-
-    none = ray, mi.Color3f(0.0), mi.Float(0.0)
-    start = mi.Bool(True), ray, mi.Color3f(1.0), mi.Float(1.0), none, mi.Bool(False)
-    empty = mi.Color3f(0.0), mi.Vector3f(0.0), mi.UInt32(0)
-    *_, albedo, normal, _ = dr.while_loop(
-        (*start, *empty), lambda active, *_: active, step
+    start = _Search(
+        active=mi.Bool(True),
+        ray=ray,
+        part=mi.Float(1.0),
+        tint=mi.Color3f(1.0),
+        waiting=(ray, mi.Float(0.0), mi.Color3f(0.0)),
+        is_split=mi.Bool(False),
+        depth=mi.UInt32(0),
+        albedo=mi.Color3f(0.0),
+        normal=mi.Vector3f(0.0),
     )
-    return albedo, normal
+    (end,) = dr.while_loop(
+        (start,), lambda search: search.active, lambda search: (_step(scene, search),)
+    )
+    return end.albedo, end.normal
+
+
+def _step(scene: Any, search: _Search) -> _Search:
+    """The search after the next surface of each ray."""
+    import drjit as dr
+
+    mi = mitsuba()
+    active, ray, part, tint = search.active, search.ray, search.part, search.tint
+    si = scene.ray_intersect(ray, mi.RayFlags.All, True, active)
+    bsdf = si.bsdf()
+    can_pass = active & si.is_valid() & (search.depth < MAX_SPECULAR)
+    passes, specular, sample, weight = passage(bsdf, si, can_pass)
+
+    # The share that goes on. Where the sample has been split before, all of the ray takes the one way chosen.
+    passed_whole = specular & search.is_split
+    share = dr.select(passes, dr.select(passed_whole, 1.0, sample.pdf), 0.0)
+    # What the ray sees here: the rest of it at masks, all of it at rough surfaces and in the sky.
+    stays = dr.select(active & ~specular, 1 - share, 0.0)
+    albedo, normal = surface_features(si, bsdf, stays > 0)
+    albedo = search.albedo + stays * tint * albedo
+    normal = search.normal + stays * part * normal
+
+    # The reflected ray waits until the transmitted one has ended.
+    splits = specular & (share < 1)
+    reflected = si.spawn_ray(si.to_world(mi.reflect(si.wi)))
+    rest = reflected, (1 - share) * part, (1 - share) * tint
+    waiting = dr.select(splits, rest, search.waiting)
+    ray = dr.select(passes, si.spawn_ray(si.to_world(sample.wo)), ray)
+    part = dr.select(passes, share * part, part)
+    tint = dr.select(passes, share * weight * tint, tint)
+
+    turns = active & ~passes & (waiting[1] > 0)
+    ray, part, tint = dr.select(turns, waiting, (ray, part, tint))
+    return _Search(
+        active=passes | turns,
+        ray=ray,
+        part=part,
+        tint=tint,
+        waiting=(waiting[0], dr.select(turns, 0.0, waiting[1]), waiting[2]),
+        is_split=search.is_split | splits,
+        depth=dr.select(turns, 0, search.depth + 1),
+        albedo=albedo,
+        normal=normal,
+    )
 
 
 def surface_features(si: Any, bsdf: Any, active: Any) -> tuple[Any, Any]:
@@ -281,24 +280,8 @@ def surface_features(si: Any, bsdf: Any, active: Any) -> tuple[Any, Any]:
 
     mi = mitsuba()
     hit = active & si.is_valid()
-    diffuse = (
-        hit & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse) & ~si.shape.is_emitter()
-    )
+    is_diffuse = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse)
+    diffuse = hit & is_diffuse & ~si.shape.is_emitter()
     albedo = dr.select(diffuse, bsdf.eval_diffuse_reflectance(si, diffuse), 1.0)
-    return dr.select(active, albedo, 0.0), mi.Vector3f(
-        dr.select(hit, si.sh_frame.n, 0.0)
-    )
-
-
-def is_specular(bsdf: Any) -> Any:
-    """Whether a surface is a mirror or smooth glass."""
-    mi = mitsuba()
-    return mi.has_flag(bsdf.flags(), mi.BSDFFlags.Delta) & ~mi.has_flag(
-        bsdf.flags(), mi.BSDFFlags.Smooth
-    )
-
-
-def is_null(sample: Any) -> Any:
-    """Whether a path goes on through an opening."""
-    mi = mitsuba()
-    return mi.has_flag(sample.sampled_type, mi.BSDFFlags.Null)
+    normal = dr.select(hit, si.sh_frame.n, 0.0)
+    return dr.select(active, albedo, 0.0), mi.Vector3f(normal)

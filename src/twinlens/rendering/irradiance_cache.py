@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from twinlens.geometry import Float
 from twinlens.rendering.backends import mitsuba
-from twinlens.rendering.guides import MAX_SPECULAR
+from twinlens.rendering.tracing import MAX_SPECULAR
 
 mi = mitsuba()
 import drjit as dr  # noqa: E402, Dr.Jit reads DRJIT_LIBLLVM_PATH when it is imported

@@ -6,7 +6,8 @@ rotation R and a symmetric P (the polar decomposition), P is applied to the vert
 
 import hashlib
 import itertools
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,8 @@ from twinlens.camera.masks import encode_mask
 from twinlens.geometry import Float, inverse, rotate, transform_points
 from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import Body, BuiltScene, build
-from twinlens.rendering.cast import Quadric, Triangles, cast, surfaces
+from twinlens.rendering.surfaces import Surface, Triangles, pose_of, surfaces
+from twinlens.rendering.tracing import Rays, intersect
 from twinlens.scenes import Mesh, Plugin, Scene
 from twinlens.scenes.shapes import tessellated
 
@@ -26,44 +28,59 @@ _RAYS = 1 << 22  # traced at once; bounds the memory
 _BEYOND = 1.001  # of the depth of its farthest corner: no ray hits an object there
 _SIDE_POINTS = 65  # of a box, which lens distortion bends
 
-Window = tuple[int, int, int, int]
-"""The first column and row, and those after the last."""
+
+class Window(NamedTuple):
+    """A rectangle of pixels: the first column and row, and those after the last."""
+
+    u0: int
+    v0: int
+    u1: int
+    v1: int
 
 
 def object_models(scene: Scene) -> dict[str, tuple[Float, NDArray[Any]]]:
     """The triangles of every object of a scene in its own axes, by `ObjectTruth.model`: vertices, metres, and faces."""
     return {
-        name: (mesh.vertices, mesh.faces)
-        for mesh, name, _ in models(build(scene)).values()
+        model.digest: (model.mesh.vertices, model.mesh.faces)
+        for model in models(build(scene)).values()
     }
 
 
-def models(built: BuiltScene) -> dict[int, tuple[Mesh, str, Float]]:
-    """By object id: the triangles in the object's own axes, their digest, and the rigid world_from_model (4, 4).
+class Model(NamedTuple):
+    """An object's triangles in its own axes, their digest, and its rigid pose."""
 
-    Instances of Mitsuba files have none.
-    """
+    mesh: Mesh
+    digest: str
+    world_from_model: Float
+
+
+def models(built: BuiltScene) -> dict[int, Model]:
+    """The model of each object, by object id. Instances of Mitsuba files have none."""
     if "models" not in built.cache:
-        found, known = {}, {}
+        by_object: dict[int, Model] = {}
+        by_shape: dict[tuple[int, bytes], tuple[Mesh, str]] = {}  # shared by copies
         for body, surface in zip(built.bodies, surfaces(built), strict=True):
-            source: Mesh | Plugin | None
-            source, affine = body.model, body.world_from_model
-            if isinstance(surface, Triangles) and source is None:
-                source, affine = (
-                    Mesh(surface.vertices, surface.faces),
-                    surface.world_from_local,
-                )
-            elif isinstance(surface, Quadric) and source is None:
-                source, affine = {"type": surface.kind}, surface.world_from_local
+            source, affine = _source(body, surface)
             if source is None or affine is None:
                 continue
             world_from_model, scale = _split(affine)
             key = id(source), scale.tobytes()
-            if key not in known:
-                known[key] = _model(source, scale)
-            found[body.object_id] = (*known[key], world_from_model)
-        built.cache["models"] = found
+            if key not in by_shape:
+                by_shape[key] = _scaled_mesh(source, scale)
+            by_object[body.object_id] = Model(*by_shape[key], world_from_model)
+        built.cache["models"] = by_object
     return built.cache["models"]  # type: ignore[no-any-return]
+
+
+def _source(
+    body: Body, surface: Surface | None
+) -> tuple[Mesh | Plugin | None, Float | None]:
+    """A body's shape and its affine pose: those of the scene file, or else those that Mitsuba read."""
+    if body.model is not None or surface is None:
+        return body.model, body.world_from_model
+    if isinstance(surface, Triangles):
+        return Mesh(surface.vertices, surface.faces), surface.world_from_local
+    return {"type": surface.kind}, surface.world_from_local
 
 
 def _split(affine: Float) -> tuple[Float, Float]:
@@ -76,74 +93,112 @@ def _split(affine: Float) -> tuple[Float, Float]:
     return rigid, scale
 
 
-def _model(source: Mesh | Plugin, scale: Float) -> tuple[Mesh, str]:
+def _scaled_mesh(source: Mesh | Plugin, scale: Float) -> tuple[Mesh, str]:
+    """The triangles of a shape after `scale` (4, 4), and the digest of these in float32."""
     mesh = source if isinstance(source, Mesh) else tessellated(source)
     faces = mesh.faces if np.linalg.det(scale) > 0 else mesh.faces[:, ::-1]
     mesh = Mesh(mesh.vertices @ scale[:3, :3], faces)  # scale is symmetric
     vertices = np.ascontiguousarray(mesh.vertices, dtype="<f4") + 0.0  # no -0.0
-    return mesh, hashlib.sha256(
-        vertices.tobytes() + mesh.faces.astype("<u4").tobytes()
-    ).hexdigest()[:16]
+    content = vertices.tobytes() + mesh.faces.astype("<u4").tobytes()
+    return mesh, hashlib.sha256(content).hexdigest()[:16]
 
 
 def object_truths(
     built: BuiltScene, rig: Rig, index: int, object_id: NDArray[Any], depth: Float
 ) -> tuple[ObjectTruth, ...]:
     """Every object in the image of camera `index`; `object_id` and `depth` (H, W) are the view's."""
-    camera, world_from_cam = rig.cameras[index], rig.world_from_cams[index]
-    found = []
-    bodies: dict[int, list[Body]] = {}
+    view = _View(rig.cameras[index], rig.world_from_cams[index], object_id, depth)
+    bodies: dict[int, list[Body]] = {}  # of each object, one for each of its materials
     for body in built.bodies:
-        bodies.setdefault(body.object_id, []).append(
-            body
-        )  # one for each of its materials
-    for number, (mesh, digest, world_from_model) in models(built).items():
-        extent = np.stack([mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)])
-        cam_from_object = inverse(world_from_cam) @ world_from_model
-        corners = transform_points(
-            cam_from_object, np.array(list(itertools.product(*extent.T)))
-        )
-        window = _window(camera, corners)
-        if window is None:
-            continue
-        mask, visible = np.zeros(object_id.shape, dtype=bool), object_id == number
-        u0, v0, u1, v1 = window
-        rows, columns = slice(max(v0, 0), max(v1, 0)), slice(max(u0, 0), max(u1, 0))
-        image = (
-            slice(max(-v0, 0), min(camera.height, v1) - v0),
-            slice(max(-u0, 0), min(camera.width, u1) - u0),
-        )
-        unknown = np.ones((v1 - v0, u1 - u0), dtype=bool)
-        if (
-            bodies[number][0].instance is None
-        ):  # rays at the edge of an instance may differ by rounding: its own axes
-            farthest = _BEYOND * corners[:, 2].max()
-            unknown[image] = (depth[rows, columns] < farthest) & ~visible[rows, columns]
-        casts = [
-            _cast_alone(built, body, camera, world_from_cam, window, unknown)
-            for body in bodies[number]
-        ]
-        whole = np.any(casts, axis=0)
-        whole[image] |= visible[rows, columns]
-        mask[rows, columns] = whole[image]
-        if not mask.any():
-            continue
-        pixels = camera.project(corners)
-        found.append(
-            ObjectTruth(
-                object_id=number,
-                model=digest,
-                cam_from_object=cam_from_object,
-                extent=extent,
-                corners_px=np.where(np.isnan(pixels), np.inf, pixels),
-                silhouette=encode_mask(mask),
-                pixel_count=int(np.count_nonzero(whole)),
-                box=_box(whole, u0, v0),
-                visible_pixel_count=int(np.count_nonzero(visible)),
-                visible_box=_box(visible),
-            )
-        )
-    return tuple(found)
+        bodies.setdefault(body.object_id, []).append(body)
+    truths = [
+        _object_truth(built, view, number, model, bodies[number])
+        for number, model in models(built).items()
+    ]
+    return tuple(truth for truth in truths if truth is not None)
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """A camera, its pose, and the objects and depths (H, W) that it sees."""
+
+    camera: Camera
+    world_from_cam: Float
+    object_id: NDArray[Any]
+    depth: Float
+
+
+def _object_truth(
+    built: BuiltScene, view: _View, number: int, model: Model, bodies: list[Body]
+) -> ObjectTruth | None:
+    """The truth of object `number`; None if no chief ray through the image meets it."""
+    low = model.mesh.vertices.min(axis=0)
+    high = model.mesh.vertices.max(axis=0)
+    cam_from_object = inverse(view.world_from_cam) @ model.world_from_model
+    box = np.array(list(itertools.product(*zip(low, high, strict=True))))
+    corners = transform_points(cam_from_object, box)
+    window = _window(view.camera, corners)
+    if window is None:
+        return None
+    visible = view.object_id == number
+    whole = _coverage(built, view, bodies, window, corners[:, 2].max(), visible)
+    mask = np.zeros(visible.shape, dtype=bool)
+    in_image, in_window = _overlap(view.camera, window)
+    mask[in_image] = whole[in_window]
+    if not mask.any():
+        return None
+    pixels = view.camera.project(corners)
+    return ObjectTruth(
+        object_id=number,
+        model=model.digest,
+        cam_from_object=cam_from_object,
+        extent=np.stack([low, high]),
+        corners_px=np.where(np.isnan(pixels), np.inf, pixels),
+        silhouette=encode_mask(mask),
+        pixel_count=int(np.count_nonzero(whole)),
+        box=_box(whole, window.u0, window.v0),
+        visible_pixel_count=int(np.count_nonzero(visible)),
+        visible_box=_box(visible),
+    )
+
+
+def _coverage(
+    built: BuiltScene,
+    view: _View,
+    bodies: list[Body],
+    window: Window,
+    farthest: float,
+    visible: NDArray[np.bool_],
+) -> NDArray[np.bool_]:
+    """The pixels of the window (h, w) whose chief rays meet the object, which `farthest` bounds in depth.
+
+    Where it is visible, they do. Where something beyond it is visible, they do not.
+    """
+    in_image, in_window = _overlap(view.camera, window)
+    unknown = np.ones((window.v1 - window.v0, window.u1 - window.u0), dtype=bool)
+    # Instances are cast at in their own axes, where rays at an edge may differ by rounding: cast all that are not seen.
+    if bodies[0].instance is None:
+        may_hide = view.depth[in_image] < _BEYOND * farthest
+        unknown[in_window] = may_hide & ~visible[in_image]
+    whole = np.zeros_like(unknown)
+    for body in bodies:
+        whole |= _cast_alone(built, body, view, window, unknown)
+    whole[in_window] |= visible[in_image]
+    return whole
+
+
+def _overlap(
+    camera: Camera, window: Window
+) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    """The part that image and window share: its rows and columns in the image, and in the window."""
+    u0, v0 = max(window.u0, 0), max(window.v0, 0)
+    u1, v1 = min(window.u1, camera.width), min(window.v1, camera.height)
+    in_image = slice(v0, max(v1, 0)), slice(u0, max(u1, 0))
+    in_window = (
+        slice(v0 - window.v0, v1 - window.v0),
+        slice(u0 - window.u0, u1 - window.u0),
+    )
+    return in_image, in_window
 
 
 def _window(camera: Camera, corners: Float) -> Window | None:
@@ -152,41 +207,38 @@ def _window(camera: Camera, corners: Float) -> Window | None:
     The whole image for a box that reaches behind the camera, or farther from the image than the image's size.
     """
     width, height = camera.width, camera.height
-    whole = 0, 0, width, height
+    whole = Window(0, 0, width, height)
     if (corners[:, 2] <= 0).any():
         return whole
-    low, high = (
-        end(corners[:, :2] / corners[:, 2:], axis=0) for end in (np.min, np.max)
-    )
-    along = np.linspace(low, high, _SIDE_POINTS)
-    sides = [
-        np.column_stack([along[:, 0], np.full(_SIDE_POINTS, v)])
-        for v in (low[1], high[1])
-    ]
-    sides += [
-        np.column_stack([np.full(_SIDE_POINTS, u), along[:, 1]])
-        for u in (low[0], high[0])
-    ]
-    border = np.concatenate(sides)
+    border = _bounding_rectangle(corners[:, :2] / corners[:, 2:])
     pixels = camera.project(np.column_stack([border, np.ones(len(border))]))
     if np.isnan(pixels).any():
         return whole
-    (u0, v0), (u1, v1) = (
-        np.floor(pixels.min(axis=0)) - 1,
-        np.ceil(pixels.max(axis=0)) + 2,
-    )
+    u0, v0 = np.floor(pixels.min(axis=0)) - 1
+    u1, v1 = np.ceil(pixels.max(axis=0)) + 2
     if u0 >= width or v0 >= height or u1 <= 0 or v1 <= 0:
         return None
     if u0 < -width or v0 < -height or u1 > 2 * width or v1 > 2 * height:
         return whole
-    return int(u0), int(v0), int(u1), int(v1)
+    return Window(int(u0), int(v0), int(u1), int(v1))
+
+
+def _bounding_rectangle(points: Float) -> Float:
+    """Points (4 n, 2) on the sides of the rectangle around `points` (m, 2)."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    x, y = np.linspace(low, high, _SIDE_POINTS).T
+    ones = np.ones(_SIDE_POINTS)
+    top = np.column_stack([x, low[1] * ones])
+    bottom = np.column_stack([x, high[1] * ones])
+    left = np.column_stack([low[0] * ones, y])
+    right = np.column_stack([high[0] * ones, y])
+    return np.concatenate([top, bottom, left, right])
 
 
 def _cast_alone(
     built: BuiltScene,
     body: Body,
-    camera: Camera,
-    world_from_cam: Float,
+    view: _View,
     window: Window,
     chosen: NDArray[np.bool_],
 ) -> NDArray[np.bool_]:
@@ -198,30 +250,25 @@ def _cast_alone(
     if not chosen.any():
         return hit
     alone = _scene_of(built, body)
-    local_from_cam = world_from_cam
+    local_from_cam = view.world_from_cam
     if body.instance is not None:
-        pose = np.asarray(
-            mitsuba().traverse(body.instance)["to_world"].matrix, dtype=np.float64
-        ).reshape(4, 4)
-        local_from_cam = np.linalg.inv(pose) @ world_from_cam
+        local_from_cam = np.linalg.inv(pose_of(body.instance)) @ local_from_cam
+    centre = local_from_cam[:3, 3]
     step = max(1, _RAYS // chosen.shape[1])
     for start in range(0, len(chosen), step):
         v, u = np.nonzero(chosen[start : start + step])
         v += start
-        rays = rotate(
-            local_from_cam,
-            camera.unproject(np.stack([u + window[0], v + window[1]], axis=-1)),
-        )
-        known = np.isfinite(rays).all(axis=1)
-        hit[v[known], u[known]] = (
-            cast(alone, local_from_cam[:3, 3], rays[known]).body >= 0
-        )
+        pixels = np.stack([u + window.u0, v + window.v0], axis=-1)
+        ahead = rotate(local_from_cam, view.camera.unproject(pixels))
+        has_ray = np.isfinite(ahead).all(axis=1)  # pixels far outside may have none
+        rays = Rays.from_point(centre, ahead[has_ray])
+        hit[v[has_ray], u[has_ray]] = intersect(alone, rays).body >= 0
     return hit
 
 
 def _scene_of(built: BuiltScene, body: Body) -> BuiltScene:
     """A scene with only the shape of a body, made once for each shape."""
-    scenes = built.cache.setdefault("alone", {})
+    scenes: dict[int, BuiltScene] = built.cache.setdefault("alone", {})
     if id(body.shape) not in scenes:
         parts = {
             "type": "scene",
@@ -229,14 +276,15 @@ def _scene_of(built: BuiltScene, body: Body) -> BuiltScene:
             "shape": body.shape,
         }
         scene = mitsuba().load_dict(parts, optimize=False)
-        only = Body(body.object_id, body.material_id, body.material_kind, body.shape)
-        scenes[id(body.shape)] = BuiltScene(scene, None, (only,), (), ())
-    return scenes[id(body.shape)]  # type: ignore[no-any-return]
+        alone = Body(body.object_id, body.material_id, body.material_kind, body.shape)
+        scenes[id(body.shape)] = BuiltScene(scene, None, (alone,), (), ())
+    return scenes[id(body.shape)]
 
 
 def _box(mask: NDArray[np.bool_], u0: int = 0, v0: int = 0) -> tuple[int, ...]:
     """(u, v, width, height) of the set pixels of a mask whose first pixel is (u0, v0); zeros if none is set."""
-    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    rows = np.flatnonzero(mask.any(axis=1))
+    columns = np.flatnonzero(mask.any(axis=0))
     if not len(rows):
         return (0, 0, 0, 0)
     u, v = int(columns[0]), int(rows[0])

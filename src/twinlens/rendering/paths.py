@@ -16,13 +16,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from twinlens.rendering.backends import mitsuba
-from twinlens.rendering.guides import (
-    MAX_SPECULAR,
-    is_null,
-    is_specular,
-    surface_features,
-)
+from twinlens.rendering.guides import surface_features
 from twinlens.rendering.irradiance_cache import IrradianceCache, mis
+from twinlens.rendering.tracing import MAX_SPECULAR, is_null, is_specular
 
 mi = mitsuba()
 import drjit as dr  # noqa: E402, Dr.Jit reads DRJIT_LIBLLVM_PATH when it is imported

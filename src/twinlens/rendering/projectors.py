@@ -21,8 +21,8 @@ from twinlens.errors import InputError
 from twinlens.geometry import Float, image_border, rotate
 from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import BuiltScene, build, sky_hidden
-from twinlens.rendering.cast import cast
 from twinlens.rendering.integrators import own_paths
+from twinlens.rendering.tracing import Rays, intersect
 from twinlens.scenes import Scene
 
 _CHANNELS = 3  # that share the power
@@ -104,8 +104,9 @@ def _warn_of_glass(built: BuiltScene, rig: Rig, band: str) -> None:
             for side in (camera.height, camera.width)
         )
         pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
-        hits = cast(built, pose[:3, 3], rotate(pose, camera.unproject(pixels)))
-        bodies = [built.bodies[row] for row in np.unique(hits.body[hits.body >= 0])]
+        ahead = rotate(pose, camera.unproject(pixels))
+        rows = intersect(built, Rays.from_point(pose[:3, 3], ahead)).body
+        bodies = [built.bodies[row] for row in np.unique(rows[rows >= 0])]
         blocking = {
             each.material_id
             for each in bodies
