@@ -1,16 +1,18 @@
 """Denoises images with Intel Open Image Denoise, guided by albedo and normals through the same lens.
 
-The samples of an image see textures with noise of their own, above all through a wide aperture. Guides of the very same
-samples show it: with the albedo G of many samples, G_own of the image's, and the local irradiance L = mean(I) /
-mean(G_own) in windows of 5x5 pixels, the image I becomes I + L (G - G_own). The expectation of this control variate is
-nearly 0: L is of the same samples, but of 25 pixels. The result is divided by sqrt(G) before filtering and multiplied
-by it after, and sqrt(G) is the albedo that the filter sees. docs/decisions/denoising.md compares other powers of G.
+The image I is filtered in four steps.
 
-The filter blurs textures a little. How much is measured in each image: what the filter removed is fitted by the details
-of sqrt(G) at two scales, and the fit is added to the result.
-
-Light directly from projectors has no noise, and the filter would take its patterns for noise. It is known for the
-image's samples too: it is subtracted before filtering, and that of all samples is added after.
+1. Texture. The few samples of an image see textures with noise of their own, above all through a wide aperture. With
+   the albedo G of many samples, the albedo G_own of the image's own samples, and the local irradiance
+   L = mean(I) / mean(G_own) in windows of 5x5 pixels, the image becomes I + L (G - G_own). This is a control variate:
+   the mean of G - G_own over all choices of samples is 0. So the sum is nearly unbiased; not quite, because L is
+   computed from the same samples, though from 25 pixels of them.
+2. Filter. The image is divided by sqrt(G), filtered, and multiplied by sqrt(G), which is also the albedo that the
+   filter sees. docs/decisions/denoising.md compares other powers of G.
+3. Lost texture. The filter blurs textures a little. How much is measured in each image: what the filter removed is
+   fitted by the details of sqrt(G) at two scales, and the fit is added to the result.
+4. Projectors. Light directly from projectors has no noise, and the filter would take its patterns for noise. It is
+   known for the image's own samples too: this is subtracted before step 1, and that of all samples is added at the end.
 
 The filter runs in linear radiance, on the processor unless the backend is CUDA and the library supports the GPU, and
 does not depend on the number of threads.
@@ -34,12 +36,14 @@ GUIDE_SAMPLES = 32
 """Samples per pixel of the guides, besides those of the image."""
 
 LEAST_ALBEDO = 0.02
+"""Darker albedos count as this one, so that what noise is left in black pixels is not amplified."""
+
 _WINDOW = (5, 5, 1)
-_LUMINANCE = (0.212671, 0.715160, 0.072169)
+_LUMINANCE = (0.212671, 0.715160, 0.072169)  # of linear RGB, ITU-R BT.709
 _EXPOSURE_BLOCK = 16
 _DARK = 1e-8
 _MARGIN_PX = 8
-_DETAIL_PX = (0.7, 1.5)
+_DETAIL_PX = (0.7, 1.5)  # scales of details, standard deviations of blurs
 _SURROUNDINGS_PX = 2.0
 _MOST_SURROUNDINGS = np.float32(2.0)
 """Limit of the brightness of a pixel's surroundings, relative to its own. Beside a lamp they are far brighter."""
@@ -48,41 +52,29 @@ _MOST_SURROUNDINGS = np.float32(2.0)
 def denoise_image(
     image: NDArray[np.float32],
     guides: Guides,
-    own: Guides | None = None,
+    own_guides: Guides | None = None,
     fast: bool = False,
 ) -> NDArray[np.float32]:
     """A linear radiance image (H, W, 3), denoised.
 
-    guides, own : the guides of other samples, and those of the image's own samples, if they are known.
+    guides, own_guides : those of other samples, and those of the image's own samples, if these are known.
     fast : take the library's small network, at a quarter of the cost.
 
     Pixels that are not finite get the light of their neighbours. Those that are black in all samples and hit nothing
     stay 0.
     """
-    import mitsuba_oidn
-
     image = _filled(image)
     seen = image.any(axis=-1, keepdims=True) | guides.normal.any(axis=-1, keepdims=True)
     if guides.projected.size:
-        image = image - (guides if own is None else own).projected
-    if own is not None:
-        own = own.replaced_where_random(guides)
-        guides = guides + own
-        image = _replace_texture(image, own.albedo, guides.albedo)
+        image = image - (guides if own_guides is None else own_guides).projected
+    if own_guides is not None:
+        own_guides = own_guides.replaced_where_random(guides)
+        guides = guides + own_guides
+        image = _with_texture_of(image, own_guides.albedo, guides.albedo)
     divisor = np.sqrt(np.maximum(guides.albedo, np.float32(LEAST_ALBEDO)))
     demodulated: NDArray[np.float32] = np.divide(image, divisor, dtype=np.float32)
-    filtered = mitsuba_oidn.denoise(
-        _pad(demodulated),
-        albedo=_pad(divisor),
-        normal=_pad(guides.normal),
-        hdr=True,
-        clean_aux=True,
-        input_scale=_exposure(demodulated),
-        quality=mitsuba_oidn.Quality.Fast if fast else mitsuba_oidn.Quality.High,
-        device=_device(),
-    )
-    inside = np.asarray(filtered)[_MARGIN_PX:-_MARGIN_PX, _MARGIN_PX:-_MARGIN_PX]
-    denoised = _with_lost_texture(inside, demodulated, divisor) * divisor
+    filtered = _filtered(demodulated, divisor, guides.normal, fast)
+    denoised = _with_lost_texture(filtered, demodulated, divisor) * divisor
     if guides.projected.size:
         denoised = denoised + guides.projected
     return np.where(seen, denoised, np.float32(0))
@@ -91,44 +83,70 @@ def denoise_image(
 def denoise_parts(
     images: NDArray[np.float32],
     guides: Guides,
-    own: Guides | None,
+    own_guides: Guides | None,
     fractions: Float | None,
 ) -> NDArray[np.float32]:
     """The images (P, H, W, 3) of parts of an aperture, denoised; `fractions` (P,) are their shares of the light.
 
-    Each part is denoised on its own. The results are scaled so that their sum is the denoised sum of the parts. Without
+    Each part is denoised by itself. The results are scaled so that their sum is the denoised sum of the parts. Without
     `fractions`, `images` is one whole image (H, W, 3).
     """
     if fractions is None:
-        return denoise_image(images, guides, own)
+        return denoise_image(images, guides, own_guides)
     if not fractions.any():
         return images
-    found = np.zeros(images.shape)
+    parts = np.zeros(images.shape)
     for part, fraction in enumerate(map(float, fractions)):
         if fraction > 0:
+            # As bright as the whole image, as if the part were all of the aperture.
             image = images[part] / np.float32(fraction)
-            found[part] = fraction * denoise_image(
-                image,
-                guides.of_part(part, fraction),
-                own and own.of_part(part, fraction),
-            )
-    total = denoise_image(images.sum(axis=0), guides.of_parts(), own and own.of_parts())
-    shares = np.broadcast_to(
-        (fractions / fractions.sum())[:, None, None, None], found.shape
-    ).copy()
-    np.divide(found, found.sum(axis=0), out=shares, where=found.sum(axis=0) > 0)
-    return np.asarray(shares * total, np.float32)
+            own_of_part = own_guides and own_guides.of_part(part, fraction)
+            denoised = denoise_image(image, guides.of_part(part, fraction), own_of_part)
+            parts[part] = fraction * denoised
+    own_of_all = own_guides and own_guides.of_parts()
+    whole = denoise_image(images.sum(axis=0), guides.of_parts(), own_of_all)
+    # The share of each part in each pixel; that of its light where all parts are black.
+    expected = (fractions / fractions.sum())[:, None, None, None]
+    shares = np.broadcast_to(expected, parts.shape).copy()
+    total = parts.sum(axis=0)
+    np.divide(parts, total, out=shares, where=total > 0)
+    return np.asarray(shares * whole, np.float32)
 
 
-def _replace_texture(
-    image: NDArray[np.float32], own: NDArray[np.float32], albedo: NDArray[np.float32]
+def _with_texture_of(
+    image: NDArray[np.float32],
+    own_albedo: NDArray[np.float32],
+    albedo: NDArray[np.float32],
 ) -> NDArray[np.float32]:
-    irradiance = uniform_filter(image, _WINDOW) / np.maximum(
-        uniform_filter(own, _WINDOW), LEAST_ALBEDO
+    """Step 1: the image with the noise of its texture replaced, I + L (G - G_own)."""
+    mean_albedo = np.maximum(uniform_filter(own_albedo, _WINDOW), LEAST_ALBEDO)
+    irradiance = uniform_filter(image, _WINDOW) / mean_albedo
+    replaced = image + irradiance * (albedo - own_albedo)
+    return np.asarray(np.maximum(replaced, 0, dtype=np.float32))
+
+
+def _filtered(
+    demodulated: NDArray[np.float32],
+    albedo: NDArray[np.float32],
+    normal: NDArray[np.float32],
+    fast: bool,
+) -> NDArray[np.float32]:
+    """Step 2: the output of the library's network. The guides are taken as free of noise."""
+    import mitsuba_oidn
+
+    quality = mitsuba_oidn.Quality.Fast if fast else mitsuba_oidn.Quality.High
+    filtered = mitsuba_oidn.denoise(
+        _pad(demodulated),
+        albedo=_pad(albedo),
+        normal=_pad(normal),
+        hdr=True,
+        clean_aux=True,
+        input_scale=_exposure(demodulated),
+        quality=quality,
+        device=_device(),
     )
-    return np.asarray(
-        np.maximum(image + irradiance * (albedo - own), 0, dtype=np.float32)
-    )
+    inside = slice(_MARGIN_PX, -_MARGIN_PX)
+    return np.asarray(filtered)[inside, inside]
 
 
 def _with_lost_texture(
@@ -136,43 +154,52 @@ def _with_lost_texture(
     unfiltered: NDArray[np.float32],
     texture: NDArray[np.float32],
 ) -> NDArray[np.float32]:
-    """`filtered` and what the filter removed of the details of `texture` from `unfiltered`; all are (H, W, 3).
+    """Step 3: `filtered` and what the filter removed of the details of `texture` from `unfiltered`; all (H, W, 3).
 
-    What it removed, relative to the image, is noise and details. The noise does not depend on the texture, so that a
-    least squares fit by a constant and the details of the texture, at two scales, finds the removed details. A pixel
-    gets details of its surroundings' brightness: its own, from the filter, is already blurred at edges.
+    What the filter removed, relative to the image, is noise and details:
+
+        removed = noise + a fine + b coarse + constant
+
+    The noise does not depend on the texture, so that least squares find a and b. A pixel gets details of its
+    surroundings' brightness: its own, from the filter, is already blurred at edges.
     """
     brightness = np.maximum(filtered, np.float32(_DARK))
-    surroundings = np.minimum(
-        _blurred(filtered, _SURROUNDINGS_PX) / brightness, _MOST_SURROUNDINGS
-    )
-    removed = np.divide(unfiltered - filtered, brightness, dtype=np.float32).clip(
-        -1, 1
-    )  # limits outliers
+    relative = _blurred(filtered, _SURROUNDINGS_PX) / brightness
+    surroundings = np.minimum(relative, _MOST_SURROUNDINGS)
+    removed = np.divide(unfiltered - filtered, brightness, dtype=np.float32)
+    removed = removed.clip(-1, 1)  # limits outliers
     fine, coarse = (
         surroundings * (texture - _blurred(texture, scale)) / texture
         for scale in _DETAIL_PX
     )
+    of_fine, of_coarse = _fitted(removed, fine, coarse)
+    details = brightness * (of_fine * fine + of_coarse * coarse)
+    return np.asarray(np.maximum(filtered + details, 0), np.float32)
 
-    def covariance(
-        a: NDArray[np.float32], b: NDArray[np.float32]
-    ) -> float:  # that of BLAS depends on its threads
-        return float(
-            np.mean((a - a.mean(dtype=np.float64)) * (b - b.mean(dtype=np.float64)))
-        )
 
-    both = covariance(fine, coarse)
+def _fitted(
+    values: NDArray[np.float32],
+    first: NDArray[np.float32],
+    second: NDArray[np.float32],
+) -> NDArray[np.float32]:
+    """The factors (2,) of `first` and `second` in the least squares fit of `values` by them and a constant.
+
+    By the normal equations of deviations from the means: the constant drops out.
+    """
+    both = _covariance(first, second)
     matrix = np.array(
-        [[covariance(fine, fine), both], [both, covariance(coarse, coarse)]]
+        [[_covariance(first, first), both], [both, _covariance(second, second)]]
     )
-    of_removed = np.array([covariance(fine, removed), covariance(coarse, removed)])
-    of_fine, of_coarse = np.linalg.lstsq(matrix, of_removed, rcond=None)[0].astype(
-        np.float32
-    )
-    return np.asarray(
-        np.maximum(filtered + brightness * (of_fine * fine + of_coarse * coarse), 0),
-        np.float32,
-    )
+    right_side = np.array([_covariance(first, values), _covariance(second, values)])
+    factors: Float = np.linalg.lstsq(matrix, right_side, rcond=None)[0]
+    return factors.astype(np.float32)
+
+
+def _covariance(a: NDArray[np.float32], b: NDArray[np.float32]) -> float:
+    """The mean product of deviations. Not by BLAS, whose sums depend on its threads."""
+    from_mean_a = a - a.mean(dtype=np.float64)
+    from_mean_b = b - b.mean(dtype=np.float64)
+    return float(np.mean(from_mean_a * from_mean_b))
 
 
 def _blurred(image: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:
@@ -181,12 +208,13 @@ def _blurred(image: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:
 
 def _filled(image: NDArray[np.float32]) -> NDArray[np.float32]:
     """The image with the mean of finite values in 5x5 pixels where it is not finite."""
-    known = np.isfinite(image)
-    if known.all():
+    finite = np.isfinite(image)
+    if finite.all():
         return image
-    values = uniform_filter(np.where(known, image, 0), _WINDOW)
-    weights = uniform_filter(known.astype(np.float32), _WINDOW)
-    return np.where(known, image, values / np.maximum(weights, np.float32(1e-6)))
+    sums = uniform_filter(np.where(finite, image, 0), _WINDOW)
+    weights = uniform_filter(finite.astype(np.float32), _WINDOW)
+    means = sums / np.maximum(weights, np.float32(1e-6))
+    return np.where(finite, image, means)
 
 
 def _pad(image: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -204,16 +232,16 @@ def _exposure(image: NDArray[np.float32]) -> float:
     As the library's own, whose sum depends on the number of threads.
     """
     luminance = image.astype(np.float64) @ _LUMINANCE
-    rows, columns = (np.arange(0, size, _EXPOSURE_BLOCK) for size in luminance.shape)
-    counts = np.add.reduceat(
-        np.add.reduceat(np.ones_like(luminance), rows, axis=0), columns, axis=1
-    )
-    means = (
-        np.add.reduceat(np.add.reduceat(luminance, rows, axis=0), columns, axis=1)
-        / counts
-    )
+    means = _block_sums(luminance) / _block_sums(np.ones_like(luminance))
     lit = means[np.isfinite(means) & (means > _DARK)]
     return float(0.18 / np.exp(np.log(lit).mean())) if lit.size else 1.0
+
+
+def _block_sums(image: Float) -> Float:
+    """Sums over 16x16 blocks of an image (H, W), smaller ones at its right and lower edges."""
+    rows, columns = (np.arange(0, size, _EXPOSURE_BLOCK) for size in image.shape)
+    of_rows = np.add.reduceat(image, rows, axis=0)
+    return np.asarray(np.add.reduceat(of_rows, columns, axis=1))
 
 
 def denoiser_record() -> dict[str, Any]:

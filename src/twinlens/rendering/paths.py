@@ -1,10 +1,14 @@
-"""Our own path integrator: Mitsuba's `path`, with the light of projectors, and with a cache of irradiance.
+"""The path integrator of twinlens: Mitsuba's `path`, with the light of projectors, and with a cache of irradiance.
 
-Mitsuba samples one light at a surface, chosen at random. The light of a projector from the one direction that it has
-is exact, and would only get noise from the choice, as would that of the lamps. It costs one shadow ray more.
+At each surface of a path, light that arrives from an emitter directly is found in two ways: by a point drawn on an
+emitter, and by the direction in which the path goes on. Multiple importance sampling weights the two (Veach, Robust
+Monte Carlo Methods for Light Transport Simulation, 1997, chapter 9), as in Mitsuba's `path`.
 
-With an `IrradianceCache`, paths take the light that a matte surface reflects from the cache, from the second surface on
-and behind a diffuse reflection. They go on only with what the surface reflects beyond that.
+Mitsuba draws one emitter at random. A projector lights a point from one direction only: its light is computed without
+noise, at the cost of one shadow ray. To draw it among the emitters would add noise to its light and to theirs.
+
+With an `IrradianceCache`, a path takes the light that a matte surface reflects from the cache, from its second surface
+on and behind a diffuse reflection. It goes on with what the surface reflects beyond that.
 
 Paths can also give the features that guide the denoiser, which costs 2 to 5 % of their time.
 
@@ -13,7 +17,8 @@ Importing this module sets up the backend.
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.guides import surface_features
@@ -24,9 +29,57 @@ mi = mitsuba()
 import drjit as dr  # noqa: E402, Dr.Jit reads DRJIT_LIBLLVM_PATH when it is imported
 
 _MOST_SURVIVE = 0.95  # of the paths, in Russian roulette: as in Mitsuba's `path`
-_LEAST_REST = (
-    1e-3  # share of a reflectance that is not worth another ray: rounding errors
-)
+_LEAST_REST = 1e-3  # share of a reflectance not worth another ray: rounding errors
+
+
+@dataclass
+class Features:
+    """What the image's own samples add to `rendering.guides.Guides`, so far on their paths.
+
+    is_open : whether a path has met mirrors, glass and openings only, and its features are not complete.
+    albedo, normal : of the first rough surface.
+    is_random : 1 where the path chose between ways at random before it, else 0.
+    projected : the radiance of the lamps at the first surface, in a tuple; empty without lamps.
+    """
+
+    is_open: Any
+    albedo: Any
+    normal: Any
+    is_random: Any
+    projected: tuple[Any, ...]
+
+
+@dataclass
+class PathState:
+    """Paths on the way to their next surface: the state of Dr.Jit's loop.
+
+    active : whether the path goes on.
+    origin, direction : its ray, in the world.
+    weight : of the radiance along the ray, in that of the whole path.
+    eta : the relative index of refraction of the ray's medium, of all refractions so far.
+    depth : surfaces on the path so far.
+    previous_point, previous_pdf, previous_is_delta : where the ray starts, the density of its direction there per
+        solid angle, and whether that direction had no alternative. They weight emitters that the ray hits.
+    was_diffuse : whether a surface on the path reflected diffusely.
+    features : an empty tuple if they are not wanted.
+    radiance : of the path so far.
+
+    Dr.Jit records a loop a second time to leave out variables that do not change; all of these do.
+    """
+
+    active: Any
+    sampler: Any
+    origin: Any
+    direction: Any
+    weight: Any
+    eta: Any
+    depth: Any
+    previous_point: Any
+    previous_pdf: Any
+    previous_is_delta: Any
+    was_diffuse: Any
+    features: Features | tuple[()]
+    radiance: Any
 
 
 class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
@@ -58,230 +111,276 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
         self, scene: Any, sampler: Any, ray: Any, medium: Any = None, active: Any = True
     ) -> tuple[Any, ...]:
         """Radiance, True, and the features of the guides."""
-        first = mi.Point3f(0.0), mi.Float(1.0), mi.Bool(True)
-        start = (
-            mi.Bool(active),
-            sampler,
-            (ray.o, ray.d),
-            mi.Spectrum(1.0),
-            mi.Float(1.0),
-            mi.UInt32(0),
-            first,
+        start = PathState(
+            active=mi.Bool(active),
+            sampler=sampler,
+            origin=ray.o,
+            direction=ray.d,
+            weight=mi.Spectrum(1.0),
+            eta=mi.Float(1.0),
+            depth=mi.UInt32(0),
+            previous_point=mi.Point3f(0.0),
+            previous_pdf=mi.Float(1.0),
+            previous_is_delta=mi.Bool(
+                True
+            ),  # an emitter that a camera sees counts whole
+            was_diffuse=mi.Bool(False),
+            features=self._no_features() if self.gives_guides else (),
+            radiance=mi.Spectrum(0.0),
         )
-        guides: tuple[Any, ...] = ()
-        if self.gives_guides:
-            features = (
-                mi.Color3f(0.0),
-                mi.Vector3f(0.0),
-                mi.Float(0.0),
-                *[mi.Spectrum(0.0)] * bool(self.lamps),
-            )
-            guides = mi.Bool(True), *features
-        radiance, guides = self.follow(scene, *start, mi.Bool(False), guides)
-        if not guides:
-            return radiance, mi.Bool(True), []
-        _, albedo, normal, is_random, *projected = guides
-        channels = [
-            *albedo,
-            *normal,
-            is_random,
-            *(channel for light in projected for channel in light),
-        ]
-        return radiance, mi.Bool(True), channels
+        end = self.follow(scene, start)
+        if isinstance(end.features, tuple):
+            return end.radiance, mi.Bool(True), []
+        features = end.features
+        channels = [*features.albedo, *features.normal, features.is_random]
+        for light in features.projected:
+            channels.extend(light)
+        return end.radiance, mi.Bool(True), channels
+
+    def _no_features(self) -> Features:
+        projected = (mi.Spectrum(0.0),) if self.lamps else ()
+        return Features(
+            mi.Bool(True), mi.Color3f(0.0), mi.Vector3f(0.0), mi.Float(0.0), projected
+        )
 
     def aov_names(self) -> list[str]:
         """Names of the channels besides the radiance."""
         if not self.gives_guides:
             return []
-        colours = ["albedo", "normal", *["projected"] * bool(self.lamps)]
-        names = [f"{kind}.{i}" for kind in colours for i in range(3)]
+        colours = ["albedo", "normal"]
+        if self.lamps:
+            colours.append("projected")
+        names = [f"{colour}.{i}" for colour in colours for i in range(3)]
         return [*names[:6], "random", *names[6:]]
 
-    def follow(self, scene: Any, *start: Any) -> tuple[Any, Any]:
-        """The radiance and `guides` of paths that `start` as the arguments of `step`, without its last one."""
-
-        def step(
-            active: Any,
-            sampler: Any,
-            line: Any,
-            weight: Any,
-            eta: Any,
-            depth: Any,
-            last: Any,
-            diffuse: Any,
-            guides: Any,
-            sum_: Any,
-        ) -> tuple[Any, ...]:
-            """One surface, on the `line` (origin, direction).
-
-            `last` is the place before, the density of the ray's direction there, and whether it is delta. `weight` and
-            `eta` are those of the path from the camera to this surface, `diffuse` says whether a surface on it
-            reflected diffusely, and `sum_` is the radiance so far. `guides` are empty, or the features so far after
-            whether only mirrors, glass and openings were met. All of these change: Dr.Jit would record the loop a
-            second time to leave out those that do not.
-            """
-            ray, before = mi.Ray3f(*line), dr.zeros(mi.Interaction3f)
-            before.p = last[0]
-            si = scene.ray_intersect(ray, mi.RayFlags.All, depth == 0, active)
-            shines = mi.DirectionSample3f(scene, si, before)
-            pdf = scene.pdf_emitter_direction(before, shines, ~last[2])
-            sum_ = sum_ + weight * shines.emitter.eval(si) * mis(
-                last[1], dr.select(last[2], 0.0, pdf)
-            )
-
-            arrives, active = (
-                active,
-                active & si.is_valid() & (depth + 1 < self.max_depth),
-            )
-            bsdf, context = si.bsdf(ray), mi.BSDFContext()
-            smooth = active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-            for_light, for_lobe, for_direction = (
-                sampler.next_2d(),
-                sampler.next_1d(),
-                sampler.next_2d(),
-            )
-            known, matte = mi.Bool(False), mi.Spectrum(0.0)
-            if self.cache is not None:
-                known = (
-                    active & diffuse & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse)
-                )
-                known, irradiance = self.cache.look_up(
-                    si, ray, for_direction, self.max_depth - 2 - depth, known
-                )
-                matte = matte_part(bsdf, si, known)
-                sum_ = sum_ + weight * matte * irradiance
-
-            ds, light = scene.sample_emitter_direction(si, for_light, False, smooth)
-            wo = si.to_local(ds.d)
-            value, pdf, chosen, factor = bsdf.eval_pdf_sample(
-                context, si, wo, for_lobe, for_direction, active
-            )
-            light = (
-                light
-                * (value - matte * shading_cosine(si, wo))
-                * dr.select(ds.delta, 1.0, mis(ds.pdf, pdf))
-            )
-            matters = smooth & (ds.pdf != 0) & dr.any(light != 0)
-            matters &= ~scene.ray_test(si.spawn_ray_to(ds.p), matters)
-            sum_ = sum_ + weight * dr.select(matters, light, 0.0)
-            from_lamps = mi.Spectrum(0.0)
-            for lamp in self.lamps:
-                from_lamps += lit_by(
-                    scene, lamp, bsdf, si, sampler.next_2d(), smooth, matte
-                )
-            sum_ = sum_ + weight * from_lamps
-
-            is_delta = mi.has_flag(chosen.sampled_type, mi.BSDFFlags.Delta)
-            if guides:
-                is_open, albedo, normal, is_random, *projected = guides
-                passes = (
-                    is_open
-                    & active
-                    & (depth < MAX_SPECULAR)
-                    & (is_specular(bsdf) | is_null(chosen))
-                )
-                ends = is_open & arrives & ~passes
-                found, facing = surface_features(si, bsdf, ends)
-                albedo, normal = (
-                    albedo + dr.select(ends, weight * found, 0.0),
-                    normal + facing,
-                )
-                is_random = dr.select(passes & (chosen.pdf < 1), 1.0, is_random)
-                projected = [
-                    light + dr.select(depth == 0, from_lamps, 0.0)
-                    for light in projected
-                ]
-                guides = passes, albedo, normal, is_random, *projected
-            survives = mi.Float(1.0)
-            if self.cache is not None:
-                from_cache = dr.select(
-                    known & ~is_delta & (chosen.pdf > 0),
-                    shading_cosine(si, chosen.wo) / chosen.pdf,
-                    0.0,
-                )
-                rest = factor - matte * from_cache
-                share = dr.minimum(dr.max(dr.abs(rest)) / dr.max(factor), 1.0)
-                survives = dr.select(
-                    known & ~is_delta, dr.select(share > _LEAST_REST, share, 0.0), 1.0
-                )
-                factor = rest
-            weight, eta, depth = weight * factor, eta * chosen.eta, depth + 1
-            active = active & dr.any(weight != 0)
-            kept = dr.minimum(dr.max(dr.abs(weight)) * dr.square(eta), _MOST_SURVIVE)
-            survives = survives * dr.select(depth >= self.rr_depth, kept, 1.0)
-            active = active & (sampler.next_1d() < survives)
-            weight = weight * dr.rcp(survives)
-            ray = si.spawn_ray(si.to_world(chosen.wo))
-            last = mi.Point3f(si.p), chosen.pdf, is_delta
-            diffuse = diffuse | mi.has_flag(chosen.sampled_type, mi.BSDFFlags.Diffuse)
-            return (
-                active,
-                sampler,
-                (ray.o, ray.d),
-                weight,
-                eta,
-                depth,
-                last,
-                diffuse,
-                guides,
-                sum_,
-            )
-
-        *_, guides, radiance = dr.while_loop(
-            (*start, mi.Spectrum(0.0)), lambda active, *_: active, step
+    def follow(self, scene: Any, start: PathState) -> PathState:
+        """The paths at their ends, from a `start` of any depth."""
+        (end,) = dr.while_loop(
+            (start,),
+            lambda path: path.active,
+            lambda path: (self._step(scene, path),),
         )
-        return radiance, guides
+        return end
+
+    def _step(self, scene: Any, path: PathState) -> PathState:
+        """The paths after their next surface."""
+        ray = mi.Ray3f(path.origin, path.direction)
+        is_first = path.depth == 0
+        si = scene.ray_intersect(ray, mi.RayFlags.All, is_first, path.active)
+        radiance = path.radiance + _emitted(scene, si, path)
+
+        has_next = path.depth + 1 < self.max_depth
+        active = path.active & si.is_valid() & has_next
+        bsdf = si.bsdf(ray)
+        smooth = active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+        numbers = _Numbers.drawn(path.sampler)
+
+        # The cache has the light that the matte part of the BSDF reflects; the rest of the BSDF is sampled below.
+        cached, matte = mi.Bool(False), mi.Spectrum(0.0)
+        if self.cache is not None:
+            is_diffuse = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse)
+            may_be_cached = active & path.was_diffuse & is_diffuse
+            bounces = self.max_depth - 2 - path.depth
+            cached, irradiance = self.cache.look_up(
+                si, ray, numbers.for_direction, bounces, may_be_cached
+            )
+            matte = matte_part(bsdf, si, cached)
+            radiance = radiance + path.weight * matte * irradiance
+
+        light, chosen, factor = _scattered(
+            scene, si, bsdf, numbers, matte, active, smooth
+        )
+        radiance = radiance + path.weight * light
+        from_lamps = self._from_lamps(scene, bsdf, si, path.sampler, smooth, matte)
+        radiance = radiance + path.weight * from_lamps
+
+        features = path.features
+        if isinstance(features, Features):
+            features = _seen(features, path, active, si, bsdf, chosen, from_lamps)
+        survives = mi.Float(1.0)
+        if self.cache is not None:
+            factor, survives = _beyond_matte(si, chosen, factor, matte, cached)
+        onward = si.spawn_ray(si.to_world(chosen.wo))
+        is_diffuse = mi.has_flag(chosen.sampled_type, mi.BSDFFlags.Diffuse)
+        path = replace(
+            path,
+            origin=onward.o,
+            direction=onward.d,
+            weight=path.weight * factor,
+            eta=path.eta * chosen.eta,
+            depth=path.depth + 1,
+            previous_point=mi.Point3f(si.p),
+            previous_pdf=chosen.pdf,
+            previous_is_delta=_is_delta(chosen),
+            was_diffuse=path.was_diffuse | is_diffuse,
+            features=features,
+            radiance=radiance,
+        )
+        return self._survivors(path, active, survives)
+
+    def _from_lamps(
+        self, scene: Any, bsdf: Any, si: Any, sampler: Any, active: Any, matte: Any
+    ) -> Any:
+        """The radiance that leaves surfaces along their rays by light directly from the lamps."""
+        light = mi.Spectrum(0.0)
+        for lamp in self.lamps:
+            light += lit_by(scene, lamp, bsdf, si, sampler.next_2d(), active, matte)
+        return light
+
+    def _survivors(self, path: PathState, active: Any, survives: Any) -> PathState:
+        """Russian roulette: paths go on with the probability `survives`, less if their weight is small, 1 over it
+        times as heavy. The square of eta takes out of the weight what refraction changes only until the path leaves.
+        """
+        active = active & dr.any(path.weight != 0)
+        weight_in_air = dr.max(dr.abs(path.weight)) * dr.square(path.eta)
+        kept = dr.minimum(weight_in_air, _MOST_SURVIVE)
+        survives = survives * dr.select(path.depth >= self.rr_depth, kept, 1.0)
+        active = active & (path.sampler.next_1d() < survives)
+        return replace(path, active=active, weight=path.weight * dr.rcp(survives))
 
     def direct_light(self, scene: Any, sampler: Any, ray: Any) -> Any:
         """The part of `sample` that comes directly from the lamps to the first surface."""
         si = scene.ray_intersect(mi.Ray3f(ray), mi.RayFlags.All, True)
         bsdf = si.bsdf()
-        smooth = (
-            si.is_valid()
-            & (self.max_depth > 1)
-            & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-        )
-        return sum(
-            (
-                lit_by(scene, lamp, bsdf, si, sampler.next_2d(), smooth, 0.0)
-                for lamp in self.lamps
-            ),
-            mi.Spectrum(0.0),
-        )
+        is_smooth = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+        active = si.is_valid() & (self.max_depth > 1) & is_smooth
+        return self._from_lamps(scene, bsdf, si, sampler, active, 0.0)
 
     def to_string(self) -> str:
         return "Paths[]"
 
 
-def matte_part(bsdf: Any, si: Any, active: Any) -> Any:
-    """A constant part of the BSDF, from its albedo.
+def _emitted(scene: Any, si: Any, path: PathState) -> Any:
+    """The part of the paths' radiance that the surfaces emit, or the sky where rays hit nothing.
 
-    At most its value in a direction off the mirror's: the albedo of a metal is that of its highlight, and surfaces with
-    one side have one behind, where they reflect nothing.
+    Weighted against a point drawn on the emitter at the surface before; whole where that had a delta direction.
     """
+    previous = dr.zeros(mi.Interaction3f)
+    previous.p = path.previous_point
+    is_delta = path.previous_is_delta
+    ds = mi.DirectionSample3f(scene, si, previous)
+    pdf = scene.pdf_emitter_direction(previous, ds, ~is_delta)
+    share = mis(path.previous_pdf, dr.select(is_delta, 0.0, pdf))
+    return path.weight * ds.emitter.eval(si) * share
+
+
+class _Numbers(NamedTuple):
+    """Random numbers of a surface: a point on an emitter, a lobe of the BSDF, a direction in it."""
+
+    for_light: Any
+    for_lobe: Any
+    for_direction: Any
+
+    @classmethod
+    def drawn(cls, sampler: Any) -> "_Numbers":
+        """The next numbers of a sampler."""
+        return cls(sampler.next_2d(), sampler.next_1d(), sampler.next_2d())
+
+
+def _scattered(
+    scene: Any,
+    si: Any,
+    bsdf: Any,
+    numbers: _Numbers,
+    matte: Any,
+    active: Any,
+    smooth: Any,
+) -> tuple[Any, Any, Any]:
+    """One emitter, and the direction in which the path goes on: (light, BSDF sample, factor of the path's weight).
+
+    The light is the radiance that leaves the surface along the ray by light of the emitter, without that of `matte`.
+    """
+    ds, light = scene.sample_emitter_direction(si, numbers.for_light, False, smooth)
+    wo = si.to_local(ds.d)
+    value, pdf, chosen, factor = bsdf.eval_pdf_sample(
+        mi.BSDFContext(), si, wo, numbers.for_lobe, numbers.for_direction, active
+    )
+    share = dr.select(ds.delta, 1.0, mis(ds.pdf, pdf))
+    light = light * (value - matte * shading_cosine(si, wo)) * share
+    matters = smooth & (ds.pdf != 0) & dr.any(light != 0)
+    matters &= ~scene.ray_test(si.spawn_ray_to(ds.p), matters)
+    return dr.select(matters, light, 0.0), chosen, factor
+
+
+def _seen(
+    features: Features,
+    path: PathState,
+    active: Any,
+    si: Any,
+    bsdf: Any,
+    chosen: Any,
+    from_lamps: Any,
+) -> Features:
+    """Features after a surface: complete unless the path passes it, a mirror, glass or an opening."""
+    specular = is_specular(bsdf) | is_null(chosen)
+    passes = features.is_open & active & (path.depth < MAX_SPECULAR) & specular
+    ends = features.is_open & path.active & ~passes
+    albedo, normal = surface_features(si, bsdf, ends)
+    is_choice = passes & (chosen.pdf < 1)
+    lit = dr.select(path.depth == 0, from_lamps, 0.0)
+    return Features(
+        passes,
+        features.albedo + dr.select(ends, path.weight * albedo, 0.0),
+        features.normal + normal,
+        dr.select(is_choice, 1.0, features.is_random),
+        tuple(light + lit for light in features.projected),
+    )
+
+
+def _beyond_matte(
+    si: Any, chosen: Any, factor: Any, matte: Any, cached: Any
+) -> tuple[Any, Any]:
+    """The factor of a path's weight without the matte part, whose light is `cached`, and how likely the path goes on.
+
+    `factor` is BSDF * cosine / pdf in the direction drawn. Its matte part is matte * cosine / pdf.
+    """
+    is_partial = cached & ~_is_delta(chosen)
+    cosine_over_pdf = dr.select(
+        is_partial & (chosen.pdf > 0), shading_cosine(si, chosen.wo) / chosen.pdf, 0.0
+    )
+    rest = factor - matte * cosine_over_pdf
+    share = dr.minimum(dr.max(dr.abs(rest)) / dr.max(factor), 1.0)
+    worthwhile = dr.select(share > _LEAST_REST, share, 0.0)
+    return rest, dr.select(is_partial, worthwhile, 1.0)
+
+
+def _is_delta(chosen: Any) -> Any:
+    return mi.has_flag(chosen.sampled_type, mi.BSDFFlags.Delta)
+
+
+def matte_part(bsdf: Any, si: Any, active: Any) -> Any:
+    """A constant part of the BSDF (1/sr), albedo / pi or less, in the direction of the ray that met the surface.
+
+    At most the BSDF's value for light from one direction off the mirror's: the albedo of a metal is that of its
+    highlight, and surfaces with one side have an albedo behind too, where they reflect nothing.
+    """
+    # At right angles to the plane of incidence, 60 degrees from the normal: local coordinates, z along the normal.
     across = mi.Vector2f(-si.wi.y, si.wi.x)
     length = dr.norm(across)
     across = dr.select(length > 0, across / length, mi.Vector2f(1.0, 0.0))
     cosine = dr.copysign(mi.Float(0.5), mi.Frame3f.cos_theta(si.wi))
-    aside = mi.Vector3f(math.sqrt(0.75) * across.x, math.sqrt(0.75) * across.y, cosine)
+    sine = math.sqrt(0.75)
+    aside = mi.Vector3f(sine * across.x, sine * across.y, cosine)
+    # Mitsuba's `eval` includes the cosine, which is divided out.
     least = bsdf.eval(mi.BSDFContext(), si, aside, active) / 0.5
-    return dr.select(
-        active,
-        dr.minimum(bsdf.eval_diffuse_reflectance(si, active) / math.pi, least),
-        0.0,
-    )
+    lambertian = bsdf.eval_diffuse_reflectance(si, active) / math.pi
+    return dr.select(active, dr.minimum(lambertian, least), 0.0)
 
 
 def shading_cosine(si: Any, wo: Any) -> Any:
-    """The cosine of the direction `wo` with the shading normal, where light from it is reflected; 0 elsewhere."""
-    own, other = mi.Frame3f.cos_theta(si.wi), mi.Frame3f.cos_theta(wo)
-    return dr.select(own * other > 0, dr.abs(other), 0.0)
+    """The cosine of the local direction `wo` with the shading normal; 0 on the other side than the ray's origin."""
+    cosine_in = mi.Frame3f.cos_theta(si.wi)
+    cosine_out = mi.Frame3f.cos_theta(wo)
+    return dr.select(cosine_in * cosine_out > 0, dr.abs(cosine_out), 0.0)
 
 
 def lit_by(
     scene: Any, lamp: Any, bsdf: Any, si: Any, drawn: Any, active: Any, matte: Any
 ) -> Any:
-    """The radiance that leaves the surface along its ray by light directly from `lamp`, without that of `matte`."""
+    """The radiance that leaves surfaces along their rays by light directly from `lamp`, without that of `matte`.
+
+    drawn : a point of the unit square, for a lamp with an aperture.
+    """
     ds, light = lamp.sample_direction(si, drawn, active)
     seen = active & (dr.max(light) > 0)
     seen &= ~scene.ray_test(si.spawn_ray_to(ds.p), seen)

@@ -15,20 +15,13 @@ from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import mitsuba_mesh
 from twinlens.scenes import Mesh
 
-_BODIES, _LIGHTS = (
-    256,
-    16,
-)  # ids for a scene's objects; a larger scene has kernels of its own
-_SKY_HEIGHTS = (
-    4,
-    128,
-    256,
-)  # kernels depend on the number of levels of an environment map
-_MESHES = (
-    (2, False),
-    (2, True),
-    (80, True),
-)  # and on the logarithm of the number of faces of a light
+# Ids for a scene's objects; a larger scene has kernels of its own.
+_BODIES = 256
+_LIGHTS = 16
+# Kernels depend on the number of levels of an environment map, which follows from its height.
+_SKY_HEIGHTS = (4, 128, 256)
+# (faces, whether it is a light): kernels depend on the logarithm of the number of faces of a light.
+_MESHES = ((2, False), (2, True), (80, True))
 
 _placeholders: list[Any] = []
 
@@ -43,31 +36,9 @@ def share_kernels() -> None:
 
 
 def _make_placeholders() -> list[Any]:
+    """The placeholders, in the order in which they take ids."""
     mi = mitsuba()
-
-    def texture(wrap: str, filter_type: str = "bilinear") -> dict[str, Any]:
-        grey = mi.Bitmap(np.full((2, 2, 3), 0.5, dtype=np.float32))
-        return {
-            "type": "bitmap",
-            "bitmap": grey,
-            "raw": True,
-            "wrap_mode": wrap,
-            "filter_type": filter_type,
-        }
-
-    repeated = texture("repeat")
-    lobes = ("roughness", "metallic", "sheen", "clearcoat", "clearcoat_gloss")
-    principled = {"type": "principled", **dict.fromkeys(lobes, 0.5)}
-    materials = [
-        {"type": "diffuse", "reflectance": repeated},
-        *(
-            {**principled, "base_color": texture(wrap)}
-            for wrap in ("repeat", "clamp", "mirror")
-        ),
-        {**principled, "base_color": texture("repeat", "nearest")},
-        {"type": "conductor", "material": "Ag", "specular_reflectance": repeated},
-        {"type": "dielectric", "int_ior": 1.5},
-    ]
+    materials = _materials()
     bsdfs = [mi.load_dict(material) for material in materials]
     parts = {
         f"body{i}": _square(bsdfs[0], faces, emits)
@@ -77,13 +48,11 @@ def _make_placeholders() -> list[Any]:
         mi.Bitmap(np.ones((height, 2 * height, 3), dtype=np.float32))
         for height in _SKY_HEIGHTS
     ]
-    # Each in a scene of its own, which sets the bounds that a sky needs.
-    scenes = [
-        mi.load_dict(
-            {"type": "scene", **parts, "sky": {"type": "envmap", "bitmap": sky}}
-        )
-        for sky in skies
-    ]
+    # Each sky is in a scene of its own, which sets the bounds that a sky needs.
+    scenes = []
+    for sky in skies:
+        plugin = {"type": "envmap", "bitmap": sky}
+        scenes.append(mi.load_dict({"type": "scene", **parts, "sky": plugin}))
     # All but the last of these are freed, and with them ids for the objects of scenes.
     fillers = [mi.load_dict(materials[0]) for _ in range(_BODIES)]
     lights = [_square(bsdfs[0], 2, emits=True) for _ in range(_LIGHTS)]
@@ -91,14 +60,40 @@ def _make_placeholders() -> list[Any]:
     return [*bsdfs, *scenes, fillers[-1], lights[-1], bodies[-1]]
 
 
+def _materials() -> list[dict[str, Any]]:
+    """A material of each type that random scenes use, with textures of each kind."""
+    repeated = _texture("repeat")
+    lobes = ("roughness", "metallic", "sheen", "clearcoat", "clearcoat_gloss")
+    principled = {"type": "principled", **dict.fromkeys(lobes, 0.5)}
+    return [
+        {"type": "diffuse", "reflectance": repeated},
+        {**principled, "base_color": _texture("repeat")},
+        {**principled, "base_color": _texture("clamp")},
+        {**principled, "base_color": _texture("mirror")},
+        {**principled, "base_color": _texture("repeat", "nearest")},
+        {"type": "conductor", "material": "Ag", "specular_reflectance": repeated},
+        {"type": "dielectric", "int_ior": 1.5},
+    ]
+
+
+def _texture(wrap: str, filter_type: str = "bilinear") -> dict[str, Any]:
+    grey = np.full((2, 2, 3), 0.5, dtype=np.float32)
+    return {
+        "type": "bitmap",
+        "bitmap": mitsuba().Bitmap(grey),
+        "raw": True,
+        "wrap_mode": wrap,
+        "filter_type": filter_type,
+    }
+
+
 def _square(bsdf: Any, faces: int, emits: bool) -> Any:
     """A mesh with normals and texture coordinates."""
     corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
     triangles = np.resize([[0, 1, 2], [0, 2, 3]], (faces, 3))
     square = Mesh(corners, triangles, np.tile([0, 0, 1], (4, 1)), corners[:, :2])
-    lamp = (
-        mitsuba().load_dict({"type": "area", "radiance": {"type": "rgb", "value": 1.0}})
-        if emits
-        else None
-    )
-    return mitsuba_mesh("", square, np.eye(4), bsdf, lamp)
+    light = None
+    if emits:
+        white = {"type": "rgb", "value": 1.0}
+        light = mitsuba().load_dict({"type": "area", "radiance": white})
+    return mitsuba_mesh("", square, np.eye(4), bsdf, light)

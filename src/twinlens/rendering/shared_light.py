@@ -8,7 +8,9 @@ first surfaces only, which costs about a tenth of a path, and takes their light 
 
 The matte part is that at the ray's own point, so that cells do not blur its texture. The rest, such as highlights,
 depends on the direction towards the view. Cells have it for four corners around all views, evaluated for the same light
-paths, and views interpolate between them. Each view traces light paths for surfaces with narrower highlights than that
+paths, and views interpolate between them.
+
+Each view traces light paths itself where cells do not serve: at surfaces with narrower highlights than interpolation
 permits, surfaces that some corners see from behind, mirrors, glass, and cells without samples. Each view also computes
 light directly from projectors.
 
@@ -28,7 +30,13 @@ from twinlens.camera.light_field import places_in_plane
 from twinlens.geometry import Float
 from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.irradiance_cache import mis
-from twinlens.rendering.paths import Paths, lit_by, matte_part, shading_cosine
+from twinlens.rendering.paths import (
+    Paths,
+    PathState,
+    lit_by,
+    matte_part,
+    shading_cosine,
+)
 from twinlens.rendering.ray_generation import opaque
 from twinlens.rendering.sobol import SobolSampler
 
@@ -40,12 +48,13 @@ _SLICES = 20.0  # of cells, per unit of the logarithm of depth
 _NARROW = 0.01  # density of the mirror's direction, times the solid angle of the square around the views
 _GOLDEN = (math.sqrt(5) - 1) / 2
 _CORNERS = 4
-_MATTE, _LIT, _REST, _COUNT = (
-    slice(0, 3),
-    slice(3, 6),
-    slice(6, 6 + 3 * _CORNERS),
-    -1,
-)  # rows of sums over a cell
+
+# Rows of the sums over a cell: the matte part of the BSDF, what it reflects, the rest towards each corner, the count.
+_MATTE = slice(0, 3)
+_LIT = slice(3, 6)
+_REST = slice(6, 6 + 3 * _CORNERS)
+_COUNT = -1
+_ROWS = 7 + 3 * _CORNERS
 
 
 class Batch(NamedTuple):
@@ -55,8 +64,23 @@ class Batch(NamedTuple):
     samples: range
 
 
+class Place(NamedTuple):
+    """Rays of a batch: number of the view, column and row of the pixel, number of the sample."""
+
+    view: Any
+    column: Any
+    row: Any
+    sample: Any
+
+
 class Views:
-    """The rays of a rig of pinhole cameras in one plane, and the four corners around them."""
+    """The rays of a rig of pinhole cameras in one plane, and the four corners around them.
+
+    axes : x, y and z of the cameras, in the world.
+    middle, middle_principal : centre and principal point of a camera in the middle of the views.
+    corners : of the rectangle around the views; `extent` is its longer side.
+    weights : (4, N), of each corner at each view, for bilinear interpolation.
+    """
 
     def __init__(self, rig: Rig) -> None:
         places = places_in_plane(rig)
@@ -65,99 +89,97 @@ class Views:
         self._pixels = dr.opaque(mi.UInt32, camera.width * camera.height)
         self._columns = dr.opaque(mi.UInt32, camera.width)
         self.focal = opaque(camera.fx), opaque(camera.fy)
-        self.axes = [mi.Vector3f(*map(opaque, column)) for column in pose[:3, :3].T]
-        principal = np.array([(each.cx, each.cy) for each in rig.cameras])
-        origins = np.array([each[:3, 3] for each in rig.world_from_cams])
-        self._principal, self._origins = (
-            [mi.Float(column.astype(np.float32)) for column in values.T]
-            for values in (principal, origins)
-        )
-        middle = origins.mean(axis=0)
-        self.middle, self.middle_principal = (
-            mi.Point3f(*map(opaque, middle)),
-            [*map(opaque, principal.mean(axis=0))],
-        )
-        low, high = places.min(axis=0), places.max(axis=0)
-        corners = [(x, y) for y in (low[1], high[1]) for x in (low[0], high[0])]
-        self.corners = [
-            mi.Point3f(*map(opaque, middle + pose[:3, :2] @ corner))
-            for corner in corners
-        ]
-        self.extent = opaque((high - low).max())
-        right, below = np.divide(
-            places - low, high - low, out=np.zeros_like(places), where=high > low
-        ).T
-        self.weights = np.stack(
-            [
-                (1 - right) * (1 - below),
-                right * (1 - below),
-                (1 - right) * below,
-                right * below,
-            ]
-        )
+        self.axes = [mi.Vector3f(*map(opaque, axis)) for axis in pose[:3, :3].T]
 
-    def batches(self, samples: int, rays: int) -> Iterator["Batch"]:
+        principal = np.array([(camera.cx, camera.cy) for camera in rig.cameras])
+        origins = np.array([pose[:3, 3] for pose in rig.world_from_cams])
+        self._principal = [_on_device(values) for values in principal.T]
+        self._origins = [_on_device(values) for values in origins.T]
+        middle = origins.mean(axis=0)
+        self.middle = mi.Point3f(*map(opaque, middle))
+        self.middle_principal = [*map(opaque, principal.mean(axis=0))]
+
+        low, high = places.min(axis=0), places.max(axis=0)
+        self.extent = opaque((high - low).max())
+        self.corners = []
+        for y in (low[1], high[1]):
+            for x in (low[0], high[0]):
+                corner = middle + pose[:3, :2] @ (x, y)
+                self.corners.append(mi.Point3f(*map(opaque, corner)))
+        self.weights = _bilinear_weights(places, low, high)
+
+    def batches(self, samples: int, rays: int) -> Iterator[Batch]:
         """All samples of all views, in order of views; each batch has at most `rays` rays, or one image."""
         images = max(1, rays // (self.width * self.height))
-        for first in range(0, self.count, max(1, images // samples)):
-            views = range(first, min(first + max(1, images // samples), self.count))
+        views_at_once = max(1, images // samples)
+        for first in range(0, self.count, views_at_once):
+            views = range(first, min(first + views_at_once, self.count))
             for start in range(0, samples, images):
                 yield Batch(views, range(start, min(start + images, samples)))
 
-    def split(self, ray: Any, batch: "Batch") -> tuple[Any, Any, Any, Any]:
-        """View, column, row and sample of the rays of a batch."""
+    def split(self, ray: Any, batch: Batch) -> Place:
+        """The places of rays of a batch, from their numbers: view, then pixel, then sample."""
         count = dr.opaque(mi.UInt32, len(batch.samples))
-        place = ray // count
-        view = place // self._pixels
-        pixel = place - view * self._pixels
+        pixel_of_view = ray // count
+        view = pixel_of_view // self._pixels
+        pixel = pixel_of_view - view * self._pixels
         row = pixel // self._columns
-        first = [dr.opaque(mi.UInt32, each[0]) for each in (batch.views, batch.samples)]
-        return (
-            view + first[0],
+        return Place(
+            view + dr.opaque(mi.UInt32, batch.views[0]),
             pixel - row * self._columns,
             row,
-            ray - place * count + first[1],
+            ray - pixel_of_view * count + dr.opaque(mi.UInt32, batch.samples[0]),
         )
 
-    def rays(self, batch: "Batch") -> Any:
+    def rays(self, batch: Batch) -> Any:
         """Numbers of the rays of a batch, pixel by pixel."""
-        return dr.arange(
-            mi.UInt32, len(batch.views) * self.width * self.height * len(batch.samples)
-        )
+        images = len(batch.views) * len(batch.samples)
+        return dr.arange(mi.UInt32, images * self.width * self.height)
 
     def ray(self, view: Any, column: Any, row: Any, x: Any, y: Any) -> Any:
-        """The ray through the point (x, y) in [0, 1)^2 of a pixel."""
+        """The ray through the point (x, y) in [0, 1)^2 of a pixel, whose centre is at (0.5, 0.5)."""
         cx, cy = (dr.gather(mi.Float, values, view) for values in self._principal)
         across = (mi.Float(column) - 0.5 + x - cx) / self.focal[0]
         down = (mi.Float(row) - 0.5 + y - cy) / self.focal[1]
         direction = dr.normalize(
             across * self.axes[0] + down * self.axes[1] + self.axes[2]
         )
-        return mi.Ray3f(
-            mi.Point3f(
-                *(dr.gather(mi.Float, values, view) for values in self._origins)
-            ),
-            direction,
-        )
+        origin = (dr.gather(mi.Float, values, view) for values in self._origins)
+        return mi.Ray3f(mi.Point3f(*origin), direction)
 
-    def film_ray(self, ray: Any, batch: "Batch", samples: int, seed: int) -> Any:
-        """Ray number `ray` of a batch of `samples`. The points of each pixel are a lattice with a random shift."""
+    def film_ray(self, ray: Any, batch: Batch, samples: int, seed: int) -> Any:
+        """Ray number `ray` of a batch of `samples`.
+
+        The points of each pixel are a lattice with a random shift: sample k of n is at (k/n, k times the golden
+        section), modulo 1.
+        """
         view, column, row, sample = self.split(ray, batch)
         pixel = view * self._pixels + row * self._columns + column
-        x, y = (
-            mi.Float(bits >> 8) * 2.0**-24
-            for bits in mi.sample_tea_32(pixel, dr.opaque(mi.UInt32, seed))
-        )
+        random = mi.sample_tea_32(pixel, dr.opaque(mi.UInt32, seed))
+        x, y = (mi.Float(bits >> 8) * 2.0**-24 for bits in random)
+        x = (mi.Float(sample) + x) / opaque(samples)
         y += mi.Float(sample) * _GOLDEN
-        return self.ray(
-            view, column, row, (mi.Float(sample) + x) / opaque(samples), y - dr.floor(y)
-        )
+        return self.ray(view, column, row, x, y - dr.floor(y))
+
+
+def _on_device(values: Float) -> Any:
+    return mi.Float(values.astype(np.float32))
+
+
+def _bilinear_weights(places: Float, low: Float, high: Float) -> Float:
+    """Weights (4, N) of the corners of the rectangle from `low` to `high` (2,) at places (N, 2) in it."""
+    fractions = np.zeros_like(places)
+    np.divide(places - low, high - low, out=fractions, where=high > low)
+    right, below = fractions.T
+    left, above = 1 - right, 1 - below
+    return np.stack([left * above, right * above, left * below, right * below])
 
 
 class SharedLight:
     """The light of the cells, from `samples` light paths per pixel of each view.
 
-    Cells are pixels of the middle camera, whose film is continued on all sides, divided by shape, normal and depth.
+    Cells are pixels of the middle camera, whose film is continued on all sides, divided by shape, normal and depth. A
+    cell is known by its pixel and a code of the rest; both are sorted, and `_ends` has the first cell of each pixel.
     """
 
     def __init__(
@@ -165,40 +187,30 @@ class SharedLight:
     ) -> None:
         self.views = views
         self._margin = max(views.width, views.height) // 2
-        self._columns, self._rows = (
-            views.width + 2 * self._margin,
-            views.height + 2 * self._margin,
-        )
-        cells, sums = np.zeros(0, np.int64), np.zeros((7 + 3 * _CORNERS, 0))
+        self._columns = views.width + 2 * self._margin
+        self._rows = views.height + 2 * self._margin
+
+        # Points of the pixels, one of each stratum of a row and of a column for the samples of all views together.
         random, count = np.random.default_rng(seed), views.count * samples
-        film = np.stack([random.permutation(count), np.arange(count)]) + random.random(
-            (2, count)
-        )
+        strata = np.stack([random.permutation(count), np.arange(count)])
+        film = (strata + random.random((2, count))) / count
         order = random.permutation(count).astype(np.uint32)
+
+        cells, sums = np.zeros(0, np.int64), np.zeros((_ROWS, 0))
         for batch in views.batches(samples, _LIGHT_RAYS):
-            found, values = self._samples(
-                scene, paths, batch, samples, film / count, order, seed
+            new_cells, values = self._samples(
+                scene, paths, batch, samples, film, order, seed
             )
-            cells, row = np.unique(np.concatenate([cells, found]), return_inverse=True)
-            sums = np.stack(
-                [
-                    np.bincount(row, np.append(*both), len(cells))
-                    for both in zip(sums, values, strict=True)
-                ]
-            )
-        self._irradiance = np.divide(
-            sums[_LIT],
-            sums[_MATTE],
-            out=np.full((3, len(cells)), np.nan),
-            where=sums[_MATTE] > 0,
+            cells, sums = _merged(cells, sums, new_cells, values)
+        self.count = len(cells)
+        self._irradiance = np.full((3, self.count), np.nan)
+        np.divide(
+            sums[_LIT], sums[_MATTE], out=self._irradiance, where=sums[_MATTE] > 0
         )
         self._rest = (sums[_REST] / sums[_COUNT]).reshape(_CORNERS, 3, -1)
-        ends = np.searchsorted(cells >> 32, np.arange(self._columns * self._rows + 1))
-        self._ends, self._codes = (
-            mi.UInt32(ends.astype(np.uint32)),
-            mi.UInt32(np.append(cells, 0).astype(np.uint32)),
-        )
-        self.count = len(cells)
+        pixels = np.arange(self._columns * self._rows + 1)
+        self._ends = mi.UInt32(np.searchsorted(cells >> 32, pixels).astype(np.uint32))
+        self._codes = mi.UInt32(np.append(cells, 0).astype(np.uint32))
 
     def towards(self, views: range) -> Any:
         """Irradiance, and rest of the radiance towards each of `views`: cell c of the first view has the first colours
@@ -207,21 +219,19 @@ class SharedLight:
         rest = np.tensordot(self.views.weights[:, views], self._rest, (0, 0))
         irradiance = np.broadcast_to(self._irradiance, rest.shape)
         light = np.stack([irradiance, rest], axis=1).transpose(0, 3, 1, 2).ravel()
-        return mi.Float(
-            np.append(light, 0.0).astype(np.float32)
-        )  # Dr.Jit does not read from empty arrays
+        return _on_device(np.append(light, 0.0))  # Dr.Jit reads no empty arrays
 
     def look_up(self, si: Any, ray: Any, active: Any) -> tuple[Any, Any]:
         """Whether there is a cell at `si`, and its number."""
         inside, column, row, code = self._place(si, ray, active)
         pixel = row * self._columns + column
-        start, end = (
-            dr.gather(mi.UInt32, self._ends, pixel + i, inside) for i in (0, 1)
-        )
+        start = dr.gather(mi.UInt32, self._ends, pixel, inside)
+        end = dr.gather(mi.UInt32, self._ends, pixel + 1, inside)
 
         def is_other(cell: Any, end: Any, code: Any) -> Any:
-            return (cell < end) & (
-                dr.gather(mi.UInt32, self._codes, cell, cell < end) != code
+            in_pixel = cell < end
+            return in_pixel & (
+                dr.gather(mi.UInt32, self._codes, cell, in_pixel) != code
             )
 
         cell, *_ = dr.while_loop(
@@ -238,41 +248,30 @@ class SharedLight:
         glossy = mi.has_flag(flags, mi.BSDFFlags.Glossy)
         mirrored = mi.Vector3f(-si.wi.x, -si.wi.y, si.wi.z)
         density = bsdf.pdf(mi.BSDFContext(), si, mirrored, active & glossy)
-        narrow = glossy & (density * dr.square(self.views.extent / si.t) > _NARROW)
-        narrow |= mi.has_flag(flags, mi.BSDFFlags.Delta) | mi.has_flag(
-            flags, mi.BSDFFlags.GlossyTransmission
-        )
-        own = mi.Frame3f.cos_theta(si.wi)
+        solid_angle = dr.square(self.views.extent / si.t)
+        narrow = glossy & (density * solid_angle > _NARROW)
+        narrow |= mi.has_flag(flags, mi.BSDFFlags.Delta)
+        narrow |= mi.has_flag(flags, mi.BSDFFlags.GlossyTransmission)
+        cosine = mi.Frame3f.cos_theta(si.wi)
         for corner in self.views.corners:
-            narrow |= own * dr.dot(si.sh_frame.n, corner - si.p) <= 0
+            narrow |= cosine * dr.dot(si.sh_frame.n, corner - si.p) <= 0
         return narrow
 
     def _place(self, si: Any, ray: Any, active: Any) -> tuple[Any, Any, Any, Any]:
         """Whether a surface is on the middle camera's film, its pixel there, and the code of its cell in the pixel."""
         views = self.views
         x, y, z = (dr.dot(si.p - views.middle, axis) for axis in views.axes)
-        column, row = (
-            dr.floor(focal * along / z + principal + 0.5) + self._margin
-            for focal, along, principal in zip(
-                views.focal, (x, y), views.middle_principal, strict=True
-            )
-        )
-        inside = (
-            active
-            & (z > 0)
-            & (column >= 0)
-            & (row >= 0)
-            & (column < self._columns)
-            & (row < self._rows)
-        )
+        cx, cy = views.middle_principal
+        column = dr.floor(views.focal[0] * x / z + cx + 0.5) + self._margin
+        row = dr.floor(views.focal[1] * y / z + cy + 0.5) + self._margin
+        inside = active & (z > 0) & (column >= 0) & (row >= 0)
+        inside &= (column < self._columns) & (row < self._rows)
+        # Normals in 5 steps of each component, depth in steps of equal ratio.
         facing = dr.select(dr.dot(si.n, ray.d) > 0, -si.n, si.n)
-        i, j, k = (
-            mi.UInt32(mi.Int32(dr.floor(2 * component + 2.5))) for component in facing
-        )
+        i, j, k = (mi.UInt32(mi.Int32(dr.floor(2 * part + 2.5))) for part in facing)
         depth = mi.UInt32(mi.Int32(dr.floor(dr.log(z) * _SLICES)))
-        code = mi.sample_tea_32(
-            dr.reinterpret_array(mi.UInt32, si.shape), 125 * depth + 25 * i + 5 * j + k
-        )[0]
+        shape = dr.reinterpret_array(mi.UInt32, si.shape)
+        code = mi.sample_tea_32(shape, 125 * depth + 25 * i + 5 * j + k)[0]
         return inside, mi.UInt32(column), mi.UInt32(row), code
 
     def _samples(
@@ -285,30 +284,42 @@ class SharedLight:
         order: NDArray[np.uint32],
         seed: int,
     ) -> tuple[NDArray[np.int64], Float]:
-        """Cells (N,) and what is summed over them (C, N), from a batch of light paths."""
+        """Cells (N,) and what is summed over them (_ROWS, N), from a batch of light paths."""
         views = self.views
         view, column, row, sample = views.split(views.rays(batch), batch)
         number = view * dr.opaque(mi.UInt32, samples) + sample
-        ray = views.ray(
-            view,
-            column,
-            row,
-            *(
-                dr.gather(mi.Float, mi.Float(of.astype(np.float32)), number)
-                for of in film
-            ),
-        )
+        x, y = (dr.gather(mi.Float, _on_device(values), number) for values in film)
+        ray = views.ray(view, column, row, x, y)
         si = scene.ray_intersect(ray, mi.RayFlags.All, True)
         active, column, row, code = self._place(si, ray, si.is_valid())
-        bsdf, context = si.bsdf(), mi.BSDFContext()
-        active &= ~self.needs_paths(si, bsdf, active)
+        active &= ~self.needs_paths(si, si.bsdf(), active)
+        # All samples that meet a pixel of the middle camera are points of one sequence, in a random order.
         sampler = SobolSampler(len(order), self._columns)
-        sampler.seed_at(
-            column, row, dr.gather(mi.UInt32, mi.UInt32(order), number), seed
-        )
+        place_in_sequence = dr.gather(mi.UInt32, mi.UInt32(order), number)
+        sampler.seed_at(column, row, place_in_sequence, seed)
 
+        values = self._light(scene, paths, si, sampler, active)
+        place = row * self._columns + column, code
+        dr.eval(active, place, values)  # else each channel would trace the paths again
+        kept: Any = dr.compress(active)
+        pixel, code = (
+            np.array(dr.gather(mi.UInt32, part, kept)).astype(np.int64)
+            for part in place
+        )
+        columns = [
+            np.array(dr.gather(mi.Float, channel, kept), np.float64)
+            for channel in values
+        ]
+        return pixel << 32 | code, np.stack([*columns, np.ones(len(pixel))])
+
+    def _light(
+        self, scene: Any, paths: Paths, si: Any, sampler: Any, active: Any
+    ) -> list[Any]:
+        """The rows of sums but the count: one light path from each surface."""
+        bsdf, context = si.bsdf(), mi.BSDFContext()
         reflects = active & (paths.max_depth > 1)
         smooth = reflects & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+        # As in `Paths`: a point on an emitter, and a direction in which the path goes on.
         ds, light = scene.sample_emitter_direction(si, sampler.next_2d(), True, smooth)
         to_light = si.to_local(ds.d)
         _, pdf, chosen, factor = bsdf.eval_pdf_sample(
@@ -320,47 +331,60 @@ class SharedLight:
             0.0,
         )
         goes_on = reflects & (chosen.pdf > 0) & dr.any(factor != 0)
-        diffuse, last = (
-            mi.has_flag(chosen.sampled_type, mi.BSDFFlags.Diffuse),
-            (mi.Point3f(si.p), chosen.pdf),
-        )
-        ray = si.spawn_ray(si.to_world(chosen.wo))
-        onwards = (
-            goes_on,
-            sampler,
-            (ray.o, ray.d),
-            mi.Spectrum(1.0),
-            chosen.eta,
-            mi.UInt32(1),
-        )
-        reached, _ = paths.follow(scene, *onwards, (*last, mi.Bool(False)), diffuse, ())
-        light, reached = (
-            dr.select(dr.isfinite(each), each, 0.0)
-            for each in (light, dr.select(goes_on, reached / chosen.pdf, 0.0))
-        )
-        matte = matte_part(
-            bsdf, si, active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse)
-        )
-        lit = matte * (
-            light * shading_cosine(si, to_light)
-            + reached * shading_cosine(si, chosen.wo)
-        )
+        end = paths.follow(scene, _second_surface(si, chosen, sampler, goes_on))
+        reached = dr.select(goes_on, end.radiance / chosen.pdf, 0.0)
+        light = dr.select(dr.isfinite(light), light, 0.0)
+        reached = dr.select(dr.isfinite(reached), reached, 0.0)
+
+        is_diffuse = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse)
+        matte = matte_part(bsdf, si, active & is_diffuse)
+        from_light = light * shading_cosine(si, to_light)
+        from_path = reached * shading_cosine(si, chosen.wo)
+        lit = matte * (from_light + from_path)
         values = [*matte, *lit]
+        # The same light, reflected towards each corner.
         for corner in self.views.corners:
             seen = mi.SurfaceInteraction3f(si)
             seen.wi = si.to_local(dr.normalize(corner - si.p))
             whole = light * bsdf.eval(context, seen, to_light, smooth)
             whole += reached * bsdf.eval(context, seen, chosen.wo, goes_on)
             values.extend(whole - lit)
-        place = row * self._columns + column, code
-        dr.eval(active, place, values)  # else each channel would trace the paths again
-        kept: Any = dr.compress(active)
-        cells = (dr.gather(mi.UInt32, each, kept) for each in place)
-        pixel, code = (np.array(each).astype(np.int64) for each in cells)
-        found = [
-            np.array(dr.gather(mi.Float, each, kept), np.float64) for each in values
-        ]
-        return pixel << 32 | code, np.stack([*found, np.ones(len(pixel))])
+        return values
+
+
+def _second_surface(si: Any, chosen: Any, sampler: Any, active: Any) -> PathState:
+    """Paths on the way from `si` in the direction that was chosen there, whose weight is left out."""
+    onward = si.spawn_ray(si.to_world(chosen.wo))
+    return PathState(
+        active=active,
+        sampler=sampler,
+        origin=onward.o,
+        direction=onward.d,
+        weight=mi.Spectrum(1.0),
+        eta=chosen.eta,
+        depth=mi.UInt32(1),
+        previous_point=mi.Point3f(si.p),
+        previous_pdf=chosen.pdf,
+        previous_is_delta=mi.Bool(False),
+        was_diffuse=mi.has_flag(chosen.sampled_type, mi.BSDFFlags.Diffuse),
+        features=(),
+        radiance=mi.Spectrum(0.0),
+    )
+
+
+def _merged(
+    cells: NDArray[np.int64],
+    sums: Float,
+    new_cells: NDArray[np.int64],
+    values: Float,
+) -> tuple[NDArray[np.int64], Float]:
+    """Sorted cells and their sums, after values (_ROWS, N) of `new_cells` (N,) are added."""
+    cells, row = np.unique(np.concatenate([cells, new_cells]), return_inverse=True)
+    merged = [
+        np.bincount(row, np.append(old, new), len(cells))
+        for old, new in zip(sums, values, strict=True)
+    ]
+    return cells, np.stack(merged)
 
 
 def shared_images(
@@ -390,57 +414,57 @@ def _radiance(
     ray = views.film_ray(rays, batch, samples, seed)
     si = scene.ray_intersect(ray, mi.RayFlags.All, True)
     valid, bsdf = si.is_valid(), si.bsdf()
-    known, cell = light.look_up(si, ray, valid)
-    known &= ~light.needs_paths(si, bsdf, known)
-    matte = matte_part(
-        bsdf, si, known & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse)
-    )
-    view, column, row, sample = views.split(rays, batch)
-    colours = light.towards(batch.views)
-    place = 2 * (
-        (view - dr.opaque(mi.UInt32, batch.views[0]))
-        * dr.opaque(mi.UInt32, light.count)
-        + cell
-    )
-    irradiance, rest = (
-        dr.gather(mi.Color3f, colours, place + i, known) for i in (0, 1)
-    )
-    reflected = dr.select(matte > 0, matte * irradiance, 0.0) + rest
-    known &= ~dr.any(
-        dr.isnan(reflected)
-    )  # some of the texture is black, and so were all samples of the cell
+    place = views.split(rays, batch)
+    known, reflected = _from_cells(light, si, ray, batch, place.view)
     traced = valid & ~known
     radiance = dr.select(known | (~valid & sky), si.emitter(scene).eval(si), 0.0)
     radiance += dr.select(known, reflected, 0.0)
     sampler = SobolSampler(samples, views.width)
     if paths.lamps:
-        sampler.seed_at(column, row, sample, _stream(seed, view))
-        smooth = (
-            known
-            & (paths.max_depth > 1)
-            & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-        )
+        _seed(sampler, place, seed)
+        is_smooth = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+        smooth = known & (paths.max_depth > 1) & is_smooth
         for lamp in paths.lamps:
             radiance += lit_by(scene, lamp, bsdf, si, sampler.next_2d(), smooth, 0.0)
     dr.eval(radiance, traced)
+
+    # Whole light paths for the rays that found no cell.
     alone: Any = dr.compress(traced)
     if len(alone):
-        view, column, row, sample = views.split(alone, batch)
-        sampler.seed_at(column, row, sample, _stream(seed, view))
-        found, *_ = paths.sample(
-            scene, sampler, views.film_ray(alone, batch, samples, seed)
-        )
-        for channel, values in zip(radiance, found, strict=True):
+        _seed(sampler, views.split(alone, batch), seed)
+        ray = views.film_ray(alone, batch, samples, seed)
+        traced_radiance, *_ = paths.sample(scene, sampler, ray)
+        for channel, values in zip(radiance, traced_radiance, strict=True):
             dr.scatter(channel, values, alone)
     sums = [
         np.asarray(dr.block_sum(channel, len(batch.samples)), dtype=np.float64)
         for channel in radiance
     ]
-    return np.stack(sums, axis=-1).reshape(
-        len(batch.views), views.height, views.width, 3
-    )
+    shape = len(batch.views), views.height, views.width, 3
+    return np.stack(sums, axis=-1).reshape(shape)
 
 
-def _stream(seed: int, view: Any) -> Any:
-    """A seed for each view: without it, all views would have the same noise in a pixel."""
-    return mi.sample_tea_32(view, dr.opaque(mi.UInt32, seed))[0]
+def _from_cells(
+    light: SharedLight, si: Any, ray: Any, batch: Batch, view: Any
+) -> tuple[Any, Any]:
+    """Whether cells have the light that surfaces reflect along their rays, and this radiance."""
+    bsdf = si.bsdf()
+    known, cell = light.look_up(si, ray, si.is_valid())
+    known &= ~light.needs_paths(si, bsdf, known)
+    is_diffuse = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse)
+    matte = matte_part(bsdf, si, known & is_diffuse)
+    colours = light.towards(batch.views)
+    view_in_batch = view - dr.opaque(mi.UInt32, batch.views[0])
+    place = 2 * (view_in_batch * dr.opaque(mi.UInt32, light.count) + cell)
+    irradiance = dr.gather(mi.Color3f, colours, place, known)
+    rest = dr.gather(mi.Color3f, colours, place + 1, known)
+    reflected = dr.select(matte > 0, matte * irradiance, 0.0) + rest
+    # NaN: part of the texture is black, and so were all samples of the cell.
+    known &= ~dr.any(dr.isnan(reflected))
+    return known, reflected
+
+
+def _seed(sampler: SobolSampler, place: Place, seed: int) -> None:
+    """Seed for rays at `place`, differently for each view: else all views would have the same noise in a pixel."""
+    of_view = mi.sample_tea_32(place.view, dr.opaque(mi.UInt32, seed))[0]
+    sampler.seed_at(place.column, place.row, place.sample, of_view)

@@ -1,15 +1,20 @@
 """Traces the light paths of an annulus once and gathers them for every focus: the kernels of the lens grid.
 
-Sample m of every pixel starts at the same position x in the pixel, passes through the same aperture point a, and lands
-at x + s a for the shear s of each focus: the same integer number of pixels away for every starting pixel. So every
-pixel of every image gathers sample m of exactly one pixel, in an order that does not depend on the number of threads.
+Sample m of every pixel starts at the same position x in the pixel and passes through the same aperture point a. In the
+image of each focus, with the shear s, it lands at x + s a: the same whole number of pixels away from every pixel where
+it starts. So every pixel of every image gathers sample m from exactly one pixel, in an order that does not depend on
+the number of threads.
 
-Samples are multijittered (Kensler, Correlated Multi-Jittered Sampling, Pixar Technical Memo 13-01, 2013). Those of a
-pixel land in several pixels. With a random order of strata in each pixel, some strata would be missing where samples
-land; with one order for all pixels, all would have the same error, visible as blotches. So the first point on a light
-and the first direction are stratified where samples land: only samples of equal shifts exchange strata. Later numbers
-are stratified in the pixel where samples start. Either half of the samples has the strata of one colour of a
-checkerboard, so that it is stratified by itself.
+Samples are multijittered (Kensler, Correlated Multi-Jittered Sampling, Pixar Technical Memo 13-01, 2013): the numbers
+that a sample draws are places in a grid of strata, each used once. But the samples that start in one pixel land in
+several. If each pixel gave its strata to its samples in a random order, those that land in a pixel would lack some
+strata and repeat others. If all pixels had the same order, all would have the same error, visible as blotches. So
+the samples that have equal shifts in all images, and thus land together, exchange their strata at random, and no others
+do. This holds for the first point on a light and the first direction. Later numbers are stratified in the pixel where
+samples start.
+
+The first half of the samples has the strata of one colour of a checkerboard, and the second half has the others, so
+that each half is stratified by itself.
 """
 
 import math
@@ -71,14 +76,12 @@ class SharedPaths:
         so it is an upper bound: exact for noise, and about twice the variance where stratification works best.
         """
         film = math.prod(self.annulus.film_size(self.camera))
-        passes = math.ceil(
-            self.annulus.spp / min(MAX_SAMPLES, max(1, RAYS_PER_PASS // film))
-        )
+        most_per_pass = min(MAX_SAMPLES, max(1, RAYS_PER_PASS // film))
+        passes = math.ceil(self.annulus.spp / most_per_pass)
         grid = stratum_grid(math.ceil(self.annulus.spp / passes))
         count = passes * math.prod(grid)
-        total, squares = np.zeros(
-            (2, len(focuses), 3, self.camera.height, self.camera.width)
-        )
+        shape = len(focuses), 3, self.camera.height, self.camera.width
+        total, squares = np.zeros(shape), np.zeros(shape)
         for _ in range(passes):
             pattern_seed, path_seed = map(int, seeds.spawn(1)[0].generate_state(2))
             points, shifts = self._film_and_aperture(
@@ -93,35 +96,29 @@ class SharedPaths:
             )
             total += first + second
             squares += (first - second) ** 2 if count > 1 else math.nan
-        variance = [
-            of[np.isfinite(of)].mean() if np.isfinite(of).any() else math.nan
-            for of in squares
-        ]
-        return (
-            np.moveaxis(total, 1, -1) / count,
-            np.array(variance) / count**2,
-            count * film,
-        )
+        images = np.moveaxis(total, 1, -1) / count
+        variances = np.array([_finite_mean(image) for image in squares]) / count**2
+        return images, variances, count * film
 
     def _film_and_aperture(
         self, grid: Grid, random: np.random.Generator
     ) -> tuple[NDArray[np.float32], Shifts]:
-        """Positions in the pixel and aperture points (n, 4), and shifts (n, F, 2) in pixels, of n shared samples."""
-        places = np.hstack(
-            [multijitter(random_cells(grid, random), grid, random) for _ in range(2)]
-        )
+        """Positions in the pixel and aperture points (n, 4), and shifts (n, F, 2) in pixels, of n shared samples.
+
+        Positions are in [0, 1)^2, aperture points in metres. Rays are traced for the vergence k of the annulus' middle.
+        In the image of vergence k', a ray through the aperture point a is that of a film point (k' - k) fx a away.
+        """
+        annulus = self.annulus
+        film_places = multijitter(random_cells(grid, random), grid, random)
+        aperture_places = multijitter(random_cells(grid, random), grid, random)
+        places = np.hstack([film_places, aperture_places])
         x, y, across, down = ((places + random.random(places.shape)) / len(places)).T
-        aperture = on_ring(
-            across, down, self.annulus.inner**2, self.annulus.outer**2, NUMPY
-        )
-        points = np.stack([x, y, *aperture], axis=-1).astype(np.float32)
-        shears = np.subtract(self.annulus.vergences, self.annulus.middle)[:, None] * (
-            self.camera.fx,
-            self.camera.fy,
-        )
-        return points, np.floor(
-            points[:, None, :2] + points[:, None, 2:] * shears
-        ).astype(np.int32)
+        ax, ay = on_ring(across, down, annulus.inner**2, annulus.outer**2, NUMPY)
+        points = np.stack([x, y, ax, ay], axis=-1).astype(np.float32)
+        vergence_changes = np.subtract(annulus.vergences, annulus.middle)
+        shears = vergence_changes[:, None] * (self.camera.fx, self.camera.fy)
+        landing = points[:, None, :2] + points[:, None, 2:] * shears
+        return points, np.floor(landing).astype(np.int32)
 
     def _radiance(
         self, grid: Grid, points: NDArray[np.float32], shifts: Shifts, seed: int
@@ -129,21 +126,17 @@ class SharedPaths:
         """Radiance of every ray. Sample m of n of a pixel is ray ``m + n * pixel``."""
         (width, height), n = self.annulus.film_size(self.camera), len(points)
         ray_index = dr.arange(mi.UInt32, width * height * n)
-        samples, columns = dr.opaque(mi.UInt32, n), dr.opaque(mi.UInt32, width)
+        samples = dr.opaque(mi.UInt32, n)
+        columns = dr.opaque(mi.UInt32, width)
         pixel, sample = ray_index // samples, ray_index % samples
         x, y, ax, ay = (
             dr.gather(mi.Float, mi.Float(values.copy()), sample) for values in points.T
         )
-        u = (
-            mi.Float(pixel % columns)
-            - opaque((width - self.camera.width) // 2 + 0.5)
-            + x
-        )
-        v = (
-            mi.Float(pixel // columns)
-            - opaque((height - self.camera.height) // 2 + 0.5)
-            + y
-        )
+        # The film has a margin on all sides. Pixel centres are at integers, x = 0 is the left edge of a pixel.
+        margin_x = (width - self.camera.width) // 2
+        margin_y = (height - self.camera.height) // 2
+        u = mi.Float(pixel % columns) - opaque(margin_x + 0.5) + x
+        v = mi.Float(pixel // columns) - opaque(margin_y + 0.5) + y
         origin, direction = RayGenerator(self.camera, self.pose).ray(
             u, v, ax, ay, opaque(self.annulus.middle)
         )
@@ -166,44 +159,50 @@ class SharedPaths:
         self, radiance: Any, shifts: Shifts, weights: Float | None
     ) -> tuple[Float, Float]:
         """Sums (K, 3, H, W) of the radiance landing on each pixel, over the first and second half of the samples."""
-        (n, images, _), (columns, rows) = (
-            shifts.shape,
-            self.annulus.film_size(self.camera),
-        )
+        n, images, _ = shifts.shape
+        columns, rows = self.annulus.film_size(self.camera)
         shape = (images, self.camera.height, self.camera.width)
         image, down, across = np.indices(shape)
-        pixel = (
-            across
-            + (columns - shape[2]) // 2
-            + columns * (down + (rows - shape[1]) // 2)
-        )
-        step = np.arange(n)[:, None] - n * (shifts[..., 0] + columns * shifts[..., 1])
-        start, own, steps = (
-            mi.Int32(of.astype(np.int32).ravel()) for of in (n * pixel, image, step)
-        )
-        first, end, images = (
-            dr.opaque(mi.Int32, count) for count in (n - n // 2, n, images)
-        )
-        factors = (
-            None if weights is None else mi.Float(weights.astype(np.float32).ravel())
-        )
+        left, above = (columns - shape[2]) // 2, (rows - shape[1]) // 2
+        pixel = across + left + columns * (down + above)
+        # Sample m that lands on a pixel of the film started `shifts` before it, and is ray m + n * (pixel - shift).
+        shift = shifts[..., 0] + columns * shifts[..., 1]
+        step = np.arange(n)[:, None] - n * shift
+        first_ray = _int32(n * pixel)
+        image_number = _int32(image)
+        steps = _int32(step)
+        first_half = dr.opaque(mi.Int32, n - n // 2)
+        all_samples = dr.opaque(mi.Int32, n)
+        row_length = dr.opaque(mi.Int32, images)
+        factors = None
+        if weights is not None:
+            factors = mi.Float(weights.astype(np.float32).ravel())
 
         def add(m: Any, total: Any) -> tuple[Any, Any]:
-            ray = mi.UInt32(start + dr.gather(mi.Int32, steps, m * images + own))
-            seen = mi.Color3d(
-                *(dr.gather(mi.Float, channel, ray) for channel in radiance)
-            )
+            place = m * row_length + image_number
+            ray = mi.UInt32(first_ray + dr.gather(mi.Int32, steps, place))
+            landed = (dr.gather(mi.Float, channel, ray) for channel in radiance)
+            colour = mi.Color3d(*landed)
             if factors is not None:
-                seen *= mi.Float64(dr.gather(mi.Float, factors, m * images + own))
-            return m + 1, total + seen
+                colour *= mi.Float64(dr.gather(mi.Float, factors, place))
+            return m + 1, total + colour
 
-        def add_samples(m: Any, last: Any) -> Float:
-            _, total = dr.while_loop(
-                (m, dr.zeros(mi.Color3d, image.size)), lambda m, _: m < last, add
-            )
+        def sum_of(first: Any, end: Any) -> Float:
+            nothing = dr.zeros(mi.Color3d, image.size)
+            _, total = dr.while_loop((first, nothing), lambda m, _: m < end, add)
             return np.moveaxis(np.array(total).reshape(3, *shape), 0, 1)
 
-        return add_samples(mi.Int32(0), first), add_samples(first, end)
+        return sum_of(mi.Int32(0), first_half), sum_of(first_half, all_samples)
+
+
+def _int32(values: NDArray[np.int64]) -> Any:
+    return mi.Int32(values.astype(np.int32).ravel())
+
+
+def _finite_mean(values: Float) -> float:
+    """The mean of the finite values; NaN if there are none."""
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if len(finite) else math.nan
 
 
 def stratum_grid(wanted: int) -> Grid:
@@ -250,28 +249,18 @@ class StratifiedSampler(mi.Sampler):  # type: ignore[misc, name-defined]
         self, grid: Grid, shifts: Shifts, pixel: Any, sample: Any, seed: int
     ) -> None:
         super().__init__(mi.Properties())
-        random, n = np.random.default_rng(seed), len(shifts)
-        groups = np.unique(shifts.reshape(n, -1), axis=0, return_inverse=True)[
-            1
-        ].ravel()
-        self.set_sample_count(n)
+        n = len(shifts)
         rows = max(_MIN_ROWS, _TABLE_SIZE // (_DIMENSIONS * n))
-        half = np.arange(n) >= n - n // 2
-        tables = []
-        for dimension in range(_DIMENSIONS):
-            classes = half + 2 * groups * (dimension in (_LIGHT, _BOUNCE))
-            cells = random_cells(grid, random)[shuffle_within(classes, rows, random)]
-            x, y = np.moveaxis(multijitter(cells, grid, random), -1, 0)
-            tables.append(x | y << 16)
-        self.table = mi.UInt32(np.ravel(tables).astype(np.uint32))
-        self.table_size, self.count = (
-            dr.opaque(mi.UInt32, rows * n),
-            dr.opaque(mi.UInt32, n),
-        )
-        self.key, self.dimension = dr.opaque(mi.UInt32, seed), dr.opaque(mi.UInt32, 0)
-        row = mi.sample_tea_32(pixel, self.key - _DIMENSION_KEY, _ROUNDS)[
-            0
-        ] % dr.opaque(mi.UInt32, rows)
+        table = _table_of_places(grid, shifts, rows, np.random.default_rng(seed))
+        self.set_sample_count(n)
+        self.table = mi.UInt32(table)
+        self.table_size = dr.opaque(mi.UInt32, rows * n)
+        self.count = dr.opaque(mi.UInt32, n)
+        self.key = dr.opaque(mi.UInt32, seed)
+        self.dimension = dr.opaque(mi.UInt32, 0)
+        # Each pixel takes a random row, the same in all dimensions.
+        random = mi.sample_tea_32(pixel, self.key - _DIMENSION_KEY, _ROUNDS)[0]
+        row = random % dr.opaque(mi.UInt32, rows)
         self.position = row * self.count + sample
         self.ray = dr.arange(mi.UInt32, dr.width(pixel))
 
@@ -282,23 +271,38 @@ class StratifiedSampler(mi.Sampler):  # type: ignore[misc, name-defined]
         return mi.Point2f(*self._next())
 
     def _next(self) -> list[Any]:
+        """Two numbers: random points of the sample's place on the n x n grid, of [0, 1) in later dimensions."""
         in_table = self.dimension < _DIMENSIONS
-        places = dr.gather(
-            mi.UInt32,
-            self.table,
-            self.position + self.dimension * self.table_size,
-            in_table,
-        )
-        random = mi.sample_tea_32(
-            self.ray, self.key + self.dimension * _DIMENSION_KEY, _ROUNDS
-        )
-        units = [mi.Float(bits >> 8) * 2.0**-24 for bits in random]
+        index = self.position + self.dimension * self.table_size
+        places = dr.gather(mi.UInt32, self.table, index, in_table)
+        key = self.key + self.dimension * _DIMENSION_KEY
+        numbers = []
+        for place, bits in zip(
+            (places & 0xFFFF, places >> 16),
+            mi.sample_tea_32(self.ray, key, _ROUNDS),
+            strict=True,
+        ):
+            unit = mi.Float(bits >> 8) * 2.0**-24
+            stratified = (mi.Float(place) + unit) / self.count
+            below_one = dr.minimum(stratified, 1 - 2.0**-24)
+            numbers.append(dr.select(in_table, below_one, unit))
         self.dimension += 1
-        return [
-            dr.select(
-                in_table,
-                dr.minimum((mi.Float(place) + unit) / self.count, 1 - 2.0**-24),
-                unit,
-            )
-            for place, unit in zip((places & 0xFFFF, places >> 16), units, strict=True)
-        ]
+        return numbers
+
+
+def _table_of_places(
+    grid: Grid, shifts: Shifts, rows: int, random: np.random.Generator
+) -> NDArray[np.uint32]:
+    """For each dimension, row and sample, the sample's place x | y << 16 on the n x n grid, flattened."""
+    n = len(shifts)
+    _, together = np.unique(shifts.reshape(n, -1), axis=0, return_inverse=True)
+    half = np.arange(n) >= n - n // 2
+    tables = []
+    for dimension in range(_DIMENSIONS):
+        lands = dimension in (_LIGHT, _BOUNCE)  # stratified where samples land
+        classes = half + 2 * together.ravel() * lands
+        cells = random_cells(grid, random)
+        order = shuffle_within(classes, rows, random)
+        x, y = np.moveaxis(multijitter(cells[order], grid, random), -1, 0)
+        tables.append(x | y << 16)
+    return np.ravel(tables).astype(np.uint32)
