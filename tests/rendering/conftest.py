@@ -5,8 +5,6 @@ import functools
 import pytest
 
 GROUPS = {  # jobs whose answers are asked for together
-    "truth": ["truth"],
-    "corners": ["corners"],
     "photos": ["edge", "lens", "crop", "count", "refusal", "noise"],
     "bokeh": ["bokeh"],
     "denoise": ["denoise"],

@@ -1,83 +1,13 @@
 """Images and truth that several tests look at: each job makes a dictionary of arrays."""
 
 import contextlib
-import tempfile
-from dataclasses import fields, replace
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 
 import twinlens as tl
-from tests.rendering import (
-    rendering_cases as cases,
-    rendering_corners as corners,
-    rendering_photos as photos,
-)
-from twinlens.camera import Camera, Rig
-
-
-def truth_job() -> dict[str, np.ndarray]:
-    """The truth of every rig, and of the points of the left view seen again by the right one."""
-    scene = cases.scene()
-    found = {}
-    for name, rig in [*enumerate(cases.rigs()), ("crossed", cases.crossed_rig())]:
-        truths = tl.ground_truth(scene, rig, objects=False)
-        for view, truth in enumerate(truths):
-            found |= {
-                f"{name}/{view}/{field.name}": np.asarray(getattr(truth, field.name))
-                for field in fields(truth)
-            }
-        if name != "crossed":
-            found |= {
-                f"{name}/again/{key}": value
-                for key, value in seen_again(scene, rig, truths[0]).items()
-            }
-    sky = tl.ground_truth(scene, cases.rigs()[0], sky_disparity=True, objects=False)
-    return found | {
-        f"sky/{view}/disparity": truth.disparity for view, truth in enumerate(sky)
-    }
-
-
-def seen_again(scene, rig, left) -> dict[str, np.ndarray]:
-    """Positions of visible left pixels, and what the right camera's rays through the very same points hit."""
-    rows, columns = np.nonzero(left.visible)
-    chosen = np.random.default_rng(0).permutation(len(rows))[:40]
-    rows, columns = rows[chosen], columns[chosen]
-    right = rig.cameras[1]
-    u = columns - left.disparity[rows, columns].astype(float)
-    single = [
-        Camera(1, 1, right.fx, right.fy, right.cx - a, right.cy - b)
-        for a, b in zip(u, rows, strict=True)
-    ]
-    truths = tl.ground_truth(
-        scene, Rig(single, [rig.world_from_cams[1]] * len(single)), objects=False
-    )
-    return {
-        "left": left.position[rows, columns],
-        "right": np.array([truth.position[0, 0] for truth in truths]),
-        "left_id": left.object_id[rows, columns],
-        "right_id": np.array([truth.object_id[0, 0] for truth in truths]),
-    }
-
-
-def corner_job() -> dict[str, np.ndarray]:
-    """The truth of the hard cases and of an XML file."""
-    found = {}
-    for name, (_, thing, rig) in corners.cases().items():
-        for view, truth in enumerate(
-            tl.ground_truth(corners.scene(thing), rig, objects=False)
-        ):
-            found |= {
-                f"{name}/{view}/{field.name}": np.asarray(getattr(truth, field.name))
-                for field in fields(truth)
-            }
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "ball.xml"
-        file.write_text(corners.XML)
-        raw = replace(corners.scene(thing), objects=(), materials={}, xml=file)
-        truth = tl.ground_truth(raw, corners.rig(), objects=False)[0]
-        found |= {"xml": np.array(truth.object_names[0]), "xml/depth": truth.depth}
-    return found
+from tests.rendering import rendering_photos as photos
+from twinlens.camera import Rig
 
 
 def edge_job() -> dict[str, np.ndarray]:
@@ -464,8 +394,6 @@ def refusal_job() -> dict[str, np.ndarray]:
 
 
 JOBS = {
-    "truth": truth_job,
-    "corners": corner_job,
     "edge": edge_job,
     "bokeh": bokeh_job,
     "lens": lens_job,

@@ -3,268 +3,323 @@
 Where an answer differs, the pixel must lie within a stated distance of an edge in the closed form itself.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from tests.rendering import rendering_cases as cases
+import twinlens as tl
+from tests.rendering import rendering_cases as cases, rendering_corners as corners
 from tests.rendering.rendering_answers import View
+from tests.rendering.rendering_bodies import Ball, unit
+from twinlens.camera import Camera, Rig
 from twinlens.camera.truth import MATERIAL_KINDS
 
-RIGS = dict(enumerate(cases.rigs())) | {"crossed": cases.crossed_rig()}
 GRAZING = 0.02  # cosine of the angle of incidence
+TYPES = {
+    "depth": "f8",
+    "position": "f8",
+    "disparity": "f4",
+    "visible": "?",
+    "normal": "f4",
+    "shading_normal": "f4",
+    "object_id": "i4",
+    "material_id": "i4",
+    "material_kind": "u1",
+}
 
 
-@pytest.fixture(scope="session")
-def answers():
-    """The closed forms of every view: (case, view) -> View, pixels, depth, body."""
-    bodies = cases.bodies()
-    views = {
-        (name, i): View(bodies, rig, i)
-        for name, rig in RIGS.items()
-        for i in range(len(rig.cameras))
-    }
-    return {
-        key: (view, pixels := view.pixels(), *view.hits(pixels)[:2])
-        for key, view in views.items()
-    }
+class Answer:
+    """The truth of a view, by field with one row per pixel, and its closed form."""
 
-
-@pytest.fixture
-def compare(renderer, answers):
-    """All views of a backend: (truth field by name, View, pixels, depth, body)."""
-    truth = renderer("truth")
-
-    def rows():
-        for (name, index), answer in answers.items():
-            yield Fields(truth, f"{name}/{index}"), *answer
-
-    return rows
-
-
-class Fields:
-    """Truth fields of one view, one row a pixel."""
-
-    def __init__(self, arrays, prefix):
-        self._arrays, self._prefix = arrays, prefix
+    def __init__(self, truth, bodies, rig, index):
+        self.truth = truth
+        self.view = View(bodies, rig, index)
+        self.pixels = self.view.pixels()
+        self.depth, self.body, _ = self.view.hits(self.pixels)
+        self.hit = self["object_id"] > 0
+        self.is_pair = len(rig.cameras) == 2
 
     def __getitem__(self, field):
-        array = self._arrays[f"{self._prefix}/{field}"]
+        array = getattr(self.truth, field)
         return array.reshape(-1, *array.shape[2:])
 
+    def all_near_edge(self, wrong, form, distance_px):
+        """Whether the closed form changes within this distance of all pixels that are `wrong`."""
+        return self.view.near_edge(form, self.pixels[wrong], distance_px).all()
 
-def test_object_ids_equal_the_closed_form(compare):
+
+@pytest.fixture(scope="module")
+def scene():
+    return cases.scene()
+
+
+@pytest.fixture(scope="module")
+def answers(scene):
+    """Every view of every rig around the scene of all shapes."""
+    return [
+        Answer(truth, cases.bodies(), rig, index)
+        for rig in [*cases.rigs(), cases.crossed_rig()]
+        for index, truth in enumerate(tl.ground_truth(scene, rig, objects=False))
+    ]
+
+
+@pytest.fixture(scope="module")
+def corner_answers():
+    """Every view of the hard cases, by (name, index)."""
+    return {
+        (name, index): Answer(truth, bodies, rig, index)
+        for name, (bodies, mesh, rig) in corners.cases().items()
+        for index, truth in enumerate(
+            tl.ground_truth(corners.scene(mesh), rig, objects=False)
+        )
+    }
+
+
+def test_object_ids_equal_the_closed_form(answers):
     """Ids equal the closed form's nearest body, but within a thousandth of a pixel of a silhouette."""
-    excused = total = 0
-    for truth, view, pixels, _, body in compare():
-        wrong = truth["object_id"] != body + 1
-        assert view.near_edge(view.label, pixels[wrong], 1e-3).all()
-        excused, total = excused + wrong.sum(), total + len(pixels)
-        assert set(np.unique(body)) > {-1} or (body >= 0).all()
-    assert excused < 1e-4 * total
+    wrong_pixels = []
+    for answer in answers:
+        wrong = answer["object_id"] != answer.body + 1
+        assert answer.all_near_edge(wrong, answer.view.label, 1e-3)
+        wrong_pixels.append(wrong)
+    assert np.concatenate(wrong_pixels).mean() < 1e-4
 
 
-def test_depth_equals_the_closed_form(compare):
+def test_depth_equals_the_closed_form(answers):
     """1e-6 on triangles, 3e-6 on analytic shapes, at every hit pixel that is not grazing, silhouettes or not."""
-    worst = {}
-    for truth, view, _, depth, body in compare():
-        same = (truth["object_id"] == body + 1) & (body >= 0)
-        clear = same & (view.all_cosines > GRAZING)
-        assert clear.sum() > 0.9 * same.sum()
-        error = np.abs(truth["depth"][clear] / depth[clear] - 1)
-        for index in np.unique(body[clear]):
-            worst[index] = max(worst.get(index, 0.0), error[body[clear] == index].max())
     bodies = cases.bodies()
-    assert set(worst) == set(range(len(bodies)))
-    assert all(error <= bodies[index].relative for index, error in worst.items()), worst
+    worst = np.full(len(bodies), -1.0)
+    for answer in answers:
+        same = (answer["object_id"] == answer.body + 1) & (answer.body >= 0)
+        clear = same & (answer.view.all_cosines > GRAZING)
+        assert clear.sum() > 0.9 * same.sum()
+        error = np.abs(answer["depth"][clear] / answer.depth[clear] - 1)
+        np.maximum.at(worst, answer.body[clear], error)
+    assert (worst >= 0).all()
+    assert (worst <= [body.relative for body in bodies]).all(), worst
 
 
-def test_disparity_equals_the_closed_form(compare):
+def test_disparity_equals_the_closed_form(answers):
     """Within 1e-4 px at every pixel further than a thousandth of a pixel from a silhouette, grazing or not."""
-    excused = total = 0
-    for truth, view, pixels, depth, body in compare():
-        if len(view.rig.cameras) != 2:
+    wrong_pixels = []
+    for answer in answers:
+        if not answer.is_pair:
             continue
-        hit = body >= 0
-        expected = np.full(len(pixels), np.inf)
-        partner = view.partner_pixels(view.points(pixels[hit], depth[hit]))[:, 0]
-        expected[hit] = (pixels[hit, 0] - partner) * (1 if view.index == 0 else -1)
-        given = truth["disparity"].astype(float)
-        with np.errstate(invalid="ignore"):
-            wrong = ~((np.abs(given - expected) <= 1e-4) | (given == expected))
-        assert view.near_edge(view.label, pixels[wrong], 1e-3).all()
-        excused, total = excused + wrong.sum(), total + len(pixels)
-    assert total > 100_000
-    assert excused < 1e-4 * total
+        view, hit = answer.view, answer.body >= 0
+        points = view.points(answer.pixels[hit], answer.depth[hit])
+        to_partner = answer.pixels[hit, 0] - view.partner_pixels(points)[:, 0]
+        expected = np.full(len(hit), np.inf)
+        expected[hit] = to_partner if view.index == 0 else -to_partner
+        disparity = answer["disparity"].astype(float)
+        wrong = ~np.isclose(disparity, expected, rtol=0, atol=1e-4)
+        assert answer.all_near_edge(wrong, view.label, 1e-3)
+        wrong_pixels.append(wrong)
+    wrong_pixels = np.concatenate(wrong_pixels)
+    assert len(wrong_pixels) > 100_000
+    assert wrong_pixels.mean() < 1e-4
 
 
-def test_disparity_is_fx_b_over_z_less_doffs(compare):
+def test_disparity_is_fx_b_over_z_less_doffs(answers):
     """The other closed form, of the depth map alone."""
-    for truth, view, _, _, _ in compare():
-        left, right = view.rig.cameras[:2]
-        if len(view.rig.cameras) != 2:
-            assert np.isinf(truth["disparity"]).all()
+    for answer in answers:
+        if not answer.is_pair:
+            assert np.isinf(answer["disparity"]).all()
             continue
-        baseline = np.linalg.norm(
-            view.rig.world_from_cams[1][:3, 3] - view.rig.world_from_cams[0][:3, 3]
-        )
-        expected = left.fx * baseline / truth["depth"] - (right.cx - left.cx)
-        known = np.isfinite(truth["depth"])
-        assert np.abs(truth["disparity"] - expected)[known].max() <= 1e-4
-        assert (truth["disparity"][~known] == np.inf).all()
+        rig = answer.view.rig
+        left, right = rig.cameras
+        between = rig.world_from_cams[1][:3, 3] - rig.world_from_cams[0][:3, 3]
+        parallax = left.fx * np.linalg.norm(between) / answer["depth"]
+        expected = parallax - (right.cx - left.cx)
+        error = np.abs(answer["disparity"] - expected)
+        assert error[answer.hit].max() <= 1e-4
 
 
-def test_visibility_equals_the_closed_form(compare):
+def test_visibility_equals_the_closed_form(answers):
     """Everywhere further than a hundredth of a pixel from where the closed form itself changes its mind."""
-    seen = excused = total = 0
-    for truth, view, pixels, _, _ in compare():
-        expected = view.all_visible
-        wrong = truth["visible"] != expected
-        assert view.near_edge(view.visible, pixels[wrong], 0.01).all()
-        seen, excused, total = (
-            seen + expected.sum(),
-            excused + wrong.sum(),
-            total + len(pixels),
-        )
-    assert 0.3 * total < seen < 0.9 * total
-    assert excused < 1e-4 * total
+    wrong_pixels, visible = [], []
+    for answer in answers:
+        wrong = answer["visible"] != answer.view.all_visible
+        assert answer.all_near_edge(wrong, answer.view.visible, 0.01)
+        wrong_pixels.append(wrong)
+        visible.append(answer.view.all_visible)
+    assert 0.3 < np.concatenate(visible).mean() < 0.9
+    assert np.concatenate(wrong_pixels).mean() < 1e-4
 
 
 def test_positions_project_onto_their_own_pixels_and_at_their_disparity_into_the_partner(
-    compare,
+    answers,
 ):
-    for truth, view, pixels, _, _ in compare():
-        hit = truth["object_id"] > 0
-        position = truth["position"][hit]
-        own = View(view.bodies, view.rig, view.other)
-        if own.other == view.index:
-            assert np.abs(own.partner_pixels(position) - pixels[hit]).max() <= 1e-6
-        if len(view.rig.cameras) != 2:
+    for answer in answers:
+        view, pixels = answer.view, answer.pixels[answer.hit]
+        position = answer["position"][answer.hit]
+        partner = View(view.bodies, view.rig, view.other)
+        if partner.other == view.index:
+            assert np.abs(partner.partner_pixels(position) - pixels).max() <= 1e-6
+        if not answer.is_pair:
             continue
         there = view.partner_pixels(position)
-        along = (pixels[hit, 0] - there[:, 0]) * (1 if view.index == 0 else -1)
-        assert np.abs(there[:, 1] - pixels[hit, 1]).max() <= 1e-6
-        assert np.abs(along - truth["disparity"][hit]).max() <= 1e-4
+        to_partner = pixels[:, 0] - there[:, 0]
+        disparity = to_partner if view.index == 0 else -to_partner
+        assert np.abs(there[:, 1] - pixels[:, 1]).max() <= 1e-6
+        assert np.abs(disparity - answer["disparity"][answer.hit]).max() <= 1e-4
 
 
-def test_both_views_agree_on_points_visible_in_both(renderer):
+def test_both_views_agree_on_points_visible_in_both(scene, answers):
     """The right camera's rays through the exact image points of what it should see hit the same points of the same
     objects: no resampling on the way."""
-    truth = renderer("truth")
-    for name, rig in RIGS.items():
-        if name == "crossed":
+    random = np.random.default_rng(0)
+    for answer in answers:
+        if not answer.is_pair or answer.view.index == 1:
             continue
-        left, right = truth[f"{name}/again/left"], truth[f"{name}/again/right"]
-        assert len(left) == 40
-        assert np.array_equal(
-            truth[f"{name}/again/left_id"], truth[f"{name}/again/right_id"]
-        )
-        distance = np.linalg.norm(left - rig.world_from_cams[1][:3, 3], axis=1)
-        assert (np.linalg.norm(left - right, axis=1) <= 3e-6 * distance).all()
+        left, rig = answer.truth, answer.view.rig
+        rows, columns = random.permutation(np.argwhere(left.visible))[:40].T
+        assert len(rows) == 40
+        u = columns - left.disparity[rows, columns].astype(float)
+        right, pose = rig.cameras[1], rig.world_from_cams[1]
+        single = [
+            Camera(1, 1, right.fx, right.fy, right.cx - a, right.cy - b)
+            for a, b in zip(u, rows, strict=True)
+        ]
+        again = tl.ground_truth(scene, Rig(single, [pose] * len(single)), objects=False)
+        ids = [truth.object_id[0, 0] for truth in again]
+        assert np.array_equal(left.object_id[rows, columns], ids)
+        points = left.position[rows, columns]
+        error = points - [truth.position[0, 0] for truth in again]
+        distance = np.linalg.norm(points - pose[:3, 3], axis=1)
+        assert (np.linalg.norm(error, axis=1) <= 3e-6 * distance).all()
 
 
-def test_normals_are_unit_face_the_camera_and_equal_the_closed_form(compare):
-    checked = total = 0
-    for truth, view, pixels, _, body in compare():
-        hit = truth["object_id"] > 0
+def test_normals_are_unit_face_the_camera_and_equal_the_closed_form(answers):
+    wrong_count = total = 0
+    for answer in answers:
+        view, hit, normal = answer.view, answer.hit, answer["normal"]
         for field in ("normal", "shading_normal"):
-            assert np.abs(np.linalg.norm(truth[field][hit], axis=1) - 1).max() < 1e-6
-            assert not truth[field][~hit].any()
-        assert (
-            (truth["normal"][hit] * view.directions(pixels[hit])).sum(-1) <= 1e-6
-        ).all()
-        same = hit & (truth["object_id"] == body + 1)
-        expected = view.all_normals
-        wrong = same & (np.abs(truth["normal"] - expected).max(axis=-1) > 1e-4)
-        assert (
-            near_crease(view, pixels[wrong]) | (view.cosine(pixels[wrong]) < GRAZING)
-        ).all()
-        checked, total = checked + wrong.sum(), total + same.sum()
-        assert np.allclose(
-            truth["normal"], truth["shading_normal"], atol=1e-6
-        )  # all of these are flat, or smooth themselves
-    assert checked < 1e-3 * total
+            lengths = np.linalg.norm(answer[field][hit], axis=1)
+            assert np.abs(lengths - 1).max() < 1e-6
+            assert not answer[field][~hit].any()
+        rays = view.directions(answer.pixels[hit])
+        assert ((normal[hit] * rays).sum(-1) <= 1e-6).all()
+        same = hit & (answer["object_id"] == answer.body + 1)
+        wrong = same & (np.abs(normal - view.all_normals).max(axis=-1) > 1e-4)
+        pixels = answer.pixels[wrong]
+        assert (near_crease(view, pixels) | (view.cosine(pixels) < GRAZING)).all()
+        # All of these shapes are flat, or smooth themselves.
+        assert np.allclose(normal, answer["shading_normal"], atol=1e-6)
+        wrong_count, total = wrong_count + wrong.sum(), total + same.sum()
+    assert wrong_count < 1e-3 * total
 
 
 def near_crease(view, pixels):
     """Whether the closed form's own normal jumps within a thousandth of a pixel."""
     here = view.normals(pixels)
-    jumps = [
-        np.abs(view.normals(pixels + 1e-3 * np.array(step)) - here).max(-1) > 0.01
-        for step in ((1, 1), (-1, -1))
-    ]
-    return jumps[0] | jumps[1]
+    jumps = np.zeros(len(pixels), bool)
+    for step in (1e-3, -1e-3):
+        jumps |= np.abs(view.normals(pixels + step) - here).max(-1) > 0.01
+    return jumps
 
 
-def test_names_and_materials_belong_to_the_ids(compare):
-    names = []
-    kinds = {}
+def test_names_and_materials_belong_to_the_ids(answers):
+    names, materials = [], []
     for thing in cases.things():
-        name = thing.scene_object.name
-        own = (
-            [f"{name}[{i}]" for i in range(len(thing.bodies))]
-            if thing.scene_object.instances
-            else [name]
-        )
-        kinds |= dict.fromkeys(
-            own, (thing.scene_object.material, cases.KINDS[thing.scene_object.material])
-        )
-        names += own
-    for truth, *_ in compare():
-        assert truth._arrays[f"{truth._prefix}/object_names"].tolist() == names
-        materials = truth._arrays[f"{truth._prefix}/material_names"].tolist()
-        for index in np.unique(truth["object_id"]):
-            mine = truth["object_id"] == index
-            material, kind = kinds[names[index - 1]] if index else ("", "none")
-            assert (
-                truth["material_id"][mine]
-                == (materials.index(material) + 1 if index else 0)
-            ).all()
-            assert (truth["material_kind"][mine] == MATERIAL_KINDS.index(kind)).all()
+        placed = thing.scene_object
+        copies = [f"{placed.name}[{i}]" for i in range(len(placed.instances))]
+        copies = copies or [placed.name]
+        names += copies
+        materials += [placed.material] * len(copies)
+    for answer in answers:
+        truth = answer.truth
+        assert list(truth.object_names) == names
+        for index in np.unique(answer["object_id"][answer.hit]):
+            is_object = answer["object_id"] == index
+            material = materials[index - 1]
+            kind = MATERIAL_KINDS.index(cases.KINDS[material])
+            material_id = 1 + truth.material_names.index(material)
+            assert (answer["material_id"][is_object] == material_id).all()
+            assert (answer["material_kind"][is_object] == kind).all()
+        for field in ("material_id", "material_kind"):
+            assert not answer[field][~answer.hit].any()
 
 
-def test_rays_that_hit_nothing_are_unknown_in_every_field(compare):
+def test_rays_that_hit_nothing_are_unknown_in_every_field(answers):
     missed = 0
-    for truth, _, _, depth, _ in compare():
-        miss = truth["object_id"] == 0
-        assert (truth["depth"][miss] == np.inf).all()
-        assert (truth["position"][miss] == np.inf).all()
-        assert (truth["disparity"][miss] == np.inf).all()
-        assert not truth["visible"][miss].any()
-        assert np.isfinite(truth["depth"][~miss]).all()
-        missed += (miss & np.isinf(depth)).sum()
+    for answer in answers:
+        for field in ("depth", "position", "disparity"):
+            assert (answer[field][~answer.hit] == np.inf).all()
+        assert not answer["visible"][~answer.hit].any()
+        assert np.isfinite(answer["depth"][answer.hit]).all()
+        missed += (~answer.hit & np.isinf(answer.depth)).sum()
     assert missed > 10_000
 
 
-def test_the_sky_may_have_the_disparity_at_infinity(renderer):
-    truth = renderer("truth")
-    left, right = RIGS[0].cameras
-    for view in (0, 1):
-        plain, sky = truth[f"0/{view}/disparity"], truth[f"sky/{view}/disparity"]
-        miss = truth[f"0/{view}/object_id"] == 0
-        assert miss.any()
-        assert np.allclose(sky[miss], left.cx - right.cx, atol=1e-5)
-        assert np.array_equal(sky[~miss], plain[~miss])
+def test_the_sky_may_have_the_disparity_at_infinity(scene, answers):
+    rig = cases.rigs()[0]
+    left, right = rig.cameras
+    skies = tl.ground_truth(scene, rig, sky_disparity=True, objects=False)
+    for plain, sky in zip(answers[:2], skies, strict=True):
+        disparity = sky.disparity.ravel()
+        assert not plain.hit.all()
+        assert np.allclose(disparity[~plain.hit], left.cx - right.cx, atol=1e-5)
+        assert np.array_equal(disparity[plain.hit], plain["disparity"][plain.hit])
 
 
-def test_arrays_have_the_documented_shapes_and_types(renderer):
-    truth = renderer("truth")
-    types = {
-        "depth": "f8",
-        "position": "f8",
-        "disparity": "f4",
-        "visible": "?",
-        "normal": "f4",
-        "shading_normal": "f4",
-        "object_id": "i4",
-        "material_id": "i4",
-        "material_kind": "u1",
-    }
-    for name, rig in RIGS.items():
-        for index, camera in enumerate(rig.cameras):
-            for field, dtype in types.items():
-                array = truth[f"{name}/{index}/{field}"]
-                assert array.dtype == np.dtype(dtype)
-                assert array.shape[:2] == (camera.height, camera.width)
-                assert array.shape[2:] == (
-                    (3,) if field in ("position", "normal", "shading_normal") else ()
-                )
+def test_arrays_have_the_documented_shapes_and_types(answers):
+    for answer in answers:
+        camera = answer.view.camera
+        for field, dtype in TYPES.items():
+            array = getattr(answer.truth, field)
+            is_vector = field in ("position", "normal", "shading_normal")
+            assert array.dtype == np.dtype(dtype)
+            assert array.shape == (camera.height, camera.width, *[3] * is_vector)
+
+
+def test_a_plane_does_not_occlude_itself_at_grazing_angles(corner_answers):
+    for (name, index), answer in corner_answers.items():
+        if name.startswith("edge on") and index == 0:
+            wrong = answer["visible"] != answer.view.all_visible
+            assert answer.all_near_edge(wrong, answer.view.visible, 0.01), name
+            assert answer.hit.sum() > 100
+
+
+def test_mirrored_stretched_and_reversed_meshes_equal_their_closed_form(corner_answers):
+    for (name, _), answer in corner_answers.items():
+        if name.startswith("edge on"):
+            continue
+        view, expected_hit = answer.view, answer.body >= 0
+        assert answer.all_near_edge(answer.hit != expected_hit, view.label, 1e-3), name
+        clear = answer.hit & expected_hit & (view.all_cosines > GRAZING)
+        assert clear.sum() > 200
+        error = answer["depth"][clear] / answer.depth[clear] - 1
+        assert np.abs(error).max() <= 1e-6, name
+        wrong = answer["visible"] != view.all_visible
+        assert answer.all_near_edge(wrong, view.visible, 0.01), name
+        error = np.abs(answer["normal"] - view.all_normals)[clear]
+        assert np.quantile(error, 0.99) < 1e-6, name
+
+
+def test_smooth_normals_are_interpolated_and_face_the_camera(corner_answers):
+    """Those of a ball are its radii, to the square of the triangles' size, whichever way its faces are wound."""
+    for name in ("plain ball", "mirrored ball", "inside out ball"):
+        answer = corner_answers[name, 0]
+        radius = unit(answer["position"][answer.hit])
+        smooth, flat = (
+            answer[field][answer.hit] for field in ("shading_normal", "normal")
+        )
+        assert np.abs(smooth - radius).max() < 0.007
+        assert np.abs(flat - radius).max() > 0.05
+        assert ((smooth * flat).sum(axis=-1) > 0.99).all()
+        assert np.abs(np.linalg.norm(smooth, axis=-1) - 1).max() < 1e-6
+
+
+def test_a_mitsuba_file_has_ground_truth(tmp_path):
+    file = tmp_path / "ball.xml"
+    file.write_text(corners.XML)
+    _, mesh, _ = corners.cases()["plain ball"]
+    scene = replace(corners.scene(mesh), objects=(), materials={}, xml=file)
+    truth = tl.ground_truth(scene, corners.rig(), objects=False)[0]
+    assert truth.object_names[0] == "ball"
+    ball = Ball(np.array([0.3, 0.2, 0.1]), 0.5)
+    answer = Answer(truth, [ball], corners.rig(), 0)
+    clear = (answer.body >= 0) & (answer.view.all_cosines > GRAZING)
+    error = answer["depth"][clear] / answer.depth[clear] - 1
+    assert np.abs(error).max() <= 3e-6

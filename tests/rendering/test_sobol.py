@@ -18,13 +18,11 @@ def numbers(seed, calls, spp=SPP):
 
     sampler = load_sampler("sobol", spp, WIDTH)
     sampler.seed(seed, WIDTH * HEIGHT * spp)
-    found = [
-        np.array(sampler.next_2d() if size == 2 else sampler.next_1d())
-        for size in calls
-    ]
-    return [
-        values.T.reshape(HEIGHT, WIDTH, spp, *values.T.shape[1:]) for values in found
-    ]
+    drawn = []
+    for size in calls:
+        values = np.array(sampler.next_2d() if size == 2 else sampler.next_1d()).T
+        drawn.append(values.reshape(HEIGHT, WIDTH, spp, *values.shape[1:]))
+    return drawn
 
 
 def is_net(points):
@@ -37,37 +35,40 @@ def is_net(points):
     return True
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2**32 - 1])
-@pytest.mark.parametrize("side", [1, 2, 4, 8])
-def test_the_pairs_of_blocks_are_nets(seed, side):
-    for pairs in numbers(seed, (2, 1, 2))[::2]:
-        blocks = pairs.reshape(
-            HEIGHT // side, side, WIDTH // side, side, SPP, 2
-        ).transpose(0, 2, 1, 3, 4, 5)
-        assert all(is_net(block) for block in blocks.reshape(-1, side * side * SPP, 2))
-
-
-@pytest.mark.parametrize("side", [1, 2, 4, 8])
-def test_single_numbers_of_blocks_are_stratified(side):
-    (values,) = numbers(3, (1,))
-    blocks = values.reshape(HEIGHT // side, side, WIDTH // side, side, SPP).transpose(
-        0, 2, 1, 3, 4
+def blocks(values, side):
+    """The numbers (HEIGHT, WIDTH, spp[, 2]) of each block of side x side pixels, (blocks, side^2 spp[, 2])."""
+    rows, columns = HEIGHT // side, WIDTH // side
+    split = values.reshape(rows, side, columns, side, *values.shape[2:])
+    return np.moveaxis(split, 2, 1).reshape(
+        rows * columns, side * side * values.shape[2], *values.shape[3:]
     )
-    count = side * side * SPP
-    for block in blocks.reshape(-1, count):
-        assert np.array_equal(np.sort(np.floor(block * count)), np.arange(count))
+
+
+def test_the_pairs_of_blocks_are_nets():
+    for seed in (0, 1, 2**32 - 1):
+        first, _, second = numbers(seed, (2, 1, 2))
+        for pairs in (first, second):
+            for side in (1, 2, 4, 8):
+                assert all(is_net(block) for block in blocks(pairs, side))
+
+
+def test_single_numbers_of_blocks_are_stratified():
+    (values,) = numbers(3, (1,))
+    for side in (1, 2, 4, 8):
+        strata = side * side * SPP
+        for block in blocks(values, side):
+            used = np.sort(np.floor(block * strata))
+            assert np.array_equal(used, np.arange(strata))
 
 
 @pytest.mark.parametrize(("spp", "part"), [(6, 2), (12, 4)])
 def test_numbers_of_samples_that_are_no_powers_of_two_consist_of_nets(spp, part):
     pairs, values = numbers(3, (2, 1), spp)
-    assert all(is_net(each) for each in pairs.reshape(-1, part, 2))
+    assert all(is_net(net) for net in pairs.reshape(-1, part, 2))
     intervals = WIDTH * HEIGHT * part
-    for each in (values, *np.moveaxis(pairs, -1, 0)):
-        assert np.array_equal(
-            np.bincount(np.floor(each.ravel() * intervals).astype(int)),
-            np.full(intervals, spp // part),
-        )
+    for coordinate in (values, *np.moveaxis(pairs, -1, 0)):
+        used = np.floor(coordinate.ravel() * intervals).astype(int)
+        assert (np.bincount(used, minlength=intervals) == spp // part).all()
 
 
 def test_the_second_dimension_is_that_of_another_implementation():
