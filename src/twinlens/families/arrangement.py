@@ -69,21 +69,25 @@ def bodies_at_rest(
     among: tuple[str, ...] | None = None,
 ) -> list[tuple[Body, StablePose, Rng]]:
     """A body for each of the `parts`, a stable pose drawn by its probability, and a random stream for its place."""
-    made = []
+    resting = []
     for part in parts:
-        body, rng = draw_body(scene, (name, *part), among), scene.rng("rest", *part)
-        found = stable_poses(body.solid.mesh, body.size)
-        best = max(found, key=lambda rest: rest.turn[2, 2], default=None)
-        if best is None:
-            continue
-        if not (
-            body.solid.upright
-            and best.turn[2, 2] > 0.9
-            and rng.random() >= _LYING.get(body.kind, 0.0)
-        ):
-            best = weighted(rng, found, [rest.probability for rest in found])
-        made.append((body, best, scene.rng("place", *part)))
-    return made
+        body = draw_body(scene, (name, *part), among)
+        pose = _draw_pose(body, scene.rng("rest", *part))
+        if pose is not None:
+            resting.append((body, pose, scene.rng("place", *part)))
+    return resting
+
+
+def _draw_pose(body: Body, rng: Rng) -> StablePose | None:
+    """The upright pose of most bodies that stand, or one drawn by its probability; None if no pose is stable."""
+    poses = stable_poses(body.solid.mesh, body.size)
+    if not poses:
+        return None
+    most_upright = max(poses, key=lambda pose: float(pose.turn[2, 2]))
+    can_stand = body.solid.upright and most_upright.turn[2, 2] > 0.9
+    if can_stand and rng.random() >= _LYING.get(body.kind, 0.0):
+        return most_upright
+    return weighted(rng, poses, [pose.probability for pose in poses])
 
 
 def arrange(
@@ -91,20 +95,43 @@ def arrange(
 ) -> list[Placement]:
     """Place bodies one after the other, each with its own random stream; bodies without a free place are left out."""
     placed: list[Placed] = []
-    found = []
+    placements = []
     for body, rest, rng in bodies:
         for trial in _trials(body, rest, rng, placed, area):
-            if all(
-                other.top < trial.place[2]
-                or np.linalg.norm(trial.place[:2] - other.place[:2])
-                > rest.reach + other.rest.reach + area.spacing
-                or gap(trial.footprint, other.footprint) > area.spacing
-                for other in placed
-            ):
+            if all(_is_clear(trial, neighbour, area.spacing) for neighbour in placed):
                 placed.append(trial)
-                found.append(Placement(body, trial))
+                placements.append(Placement(body, trial))
                 break
-    return found
+    return placements
+
+
+def _is_clear(trial: Placed, neighbour: Placed, spacing: float) -> bool:
+    """Whether a body is above another or beside it; circles around both are compared first, as that is fast."""
+    if neighbour.top < trial.place[2]:
+        return True
+    distance = np.linalg.norm(trial.place[:2] - neighbour.place[:2])
+    if distance > trial.rest.reach + neighbour.rest.reach + spacing:
+        return True
+    return gap(trial.footprint, neighbour.footprint) > spacing
+
+
+def _trials_on(
+    below: Placed, body: Body, rest: StablePose, rng: Rng
+) -> Iterator[Placed]:
+    """Random placements near the middle of the level top of a body, if it has one, that carry and balance."""
+    if below.rest.top is None:
+        return
+    slab = below.moved(below.rest.top)
+    height = below.top + CLEARANCE * body.size
+    for _ in range(_TRIES_ON_TOP):
+        spin = _random_spin(body, rng)
+        offset = spin[:2, :2] @ rest.support.mean(axis=0)
+        xy = slab.mean(axis=0) - offset + rng.normal(0, 0.06, 2) * body.size
+        trial = Placed(rest, spin, np.append(xy, height), below)
+        contact = trial.moved(rest.support)
+        is_carried = min(inside_by(slab, corner) for corner in contact) > 0
+        if is_carried and trial.balanced():
+            yield trial
 
 
 def _trials(
@@ -114,23 +141,9 @@ def _trials(
     if placed and rng.random() < area.stacked:
         for index in rng.permutation(len(placed)):
             below = placed[index]
-            carries = any(other.below is below for other in placed)
-            if below.rest.top is None or carries or len(below.stack) >= _HIGHEST_STACK:
-                continue
-            slab = below.moved(below.rest.top)
-            for _ in range(_TRIES_ON_TOP):
-                spin = _random_spin(body, rng)
-                offset = spin[:2, :2] @ rest.support.mean(axis=0)
-                xy = slab.mean(axis=0) - offset + rng.normal(0, 0.06, 2) * body.size
-                trial = Placed(
-                    rest, spin, np.append(xy, below.top + CLEARANCE * body.size), below
-                )
-                if (
-                    min(inside_by(slab, corner) for corner in trial.moved(rest.support))
-                    > 0
-                    and trial.balanced()
-                ):
-                    yield trial
+            carries = any(neighbour.below is below for neighbour in placed)
+            if not carries and len(below.stack) < _HIGHEST_STACK:
+                yield from _trials_on(below, body, rest, rng)
     for _ in range(_TRIES):
         spin = _random_spin(body, rng)
         xy = area.sample(rng, rest) * area.half + area.middle

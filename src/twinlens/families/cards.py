@@ -53,9 +53,8 @@ NAMES = frozenset(
 def compose(scene: Composition) -> None:
     """Add charts at even steps of 1/depth, the floor they stand on, the wall behind, lights."""
     depth_ratio = scene.depth_ratio(2.2, 6.0)
-    rng = scene.rng(
-        "view"
-    )  # level or looking down a little along +y; the floor is z = 0
+    rng = scene.rng("view")
+    # Level or looking down a little along +y; the floor is z = 0.
     eye = np.array([0.0, 0.0, rng.uniform(0.45, 0.7)])
     target = eye + np.array([0.0, 1.0, -rng.uniform(0.05, 0.3)])
     scene.look(eye, target, rng.uniform(45, 62))
@@ -68,7 +67,7 @@ def compose(scene: Composition) -> None:
 
 def _add_charts(scene: Composition, depth_ratio: float) -> None:
     """Add charts from near to far, left and right by turns; their footprints do not overlap."""
-    count, view, accents = scene.count, scene.view, scene.palette.accents
+    count, view = scene.count, scene.view
     steps = (np.arange(count) + scene.rng("steps").uniform(0.1, 0.9, count)) / count
     depths = 1 / (1 + (1 / (0.88 * depth_ratio) - 1) * steps)
     taken: list[Float] = []
@@ -80,35 +79,39 @@ def _add_charts(scene: Composition, depth_ratio: float) -> None:
         for attempt in range(30):
             side = (-1) ** (index + attempt) * place.uniform(0.05, 0.95)
             at = view.at(side, 0.0, depth) * [1, 1, 0]
-            pose = translation(at) @ rotation(
-                [0, 0, 1], np.clip(place.normal(0, 28), -60, 60)
-            )
-            ground = transform_points(pose, mesh.vertices)
-            footprint = outline(ground[:, :2])
-            if float(view.depth(ground).min()) > 0.92 and all(
-                gap(footprint, other) > 0.01 for other in taken
-            ):
+            turn_deg = np.clip(place.normal(0, 28), -60, 60)
+            pose = translation(at) @ rotation([0, 0, 1], turn_deg)
+            points = transform_points(pose, mesh.vertices)
+            footprint = outline(points[:, :2])
+            is_far = float(view.depth(points).min()) > 0.92
+            if is_far and all(gap(footprint, placed) > 0.01 for placed in taken):
                 taken.append(footprint)
                 n = texels(height, scene.pixel_at(pose[:3, 3], 0.3))
-                own = user_texture(scene, "chart", index)
-                picture = (
-                    draw_chart(scene.rng("chart", index), n, accents)
-                    if own is None
-                    else resized(own, n)
-                )
-                finish = one_of(place, ["matte", "matte", "satin", "clearcoat"])
-                scene.add(
-                    name,
-                    mesh,
-                    material(place, finish, Bitmap(picture, wrap="mirror")),
-                    pose,
-                )
-                if name == "chart":
-                    steel = Bitmap(metal_pixels(scene.rng("foot", index), 32, "metal"))
-                    scene.add(
-                        "chart-foot", _foot(mesh), material(place, "metal", steel), pose
-                    )
+                _add_card(scene, place, index, name, mesh, n, pose)
                 break
+
+
+def _add_card(
+    scene: Composition,
+    rng: Rng,
+    index: int,
+    name: str,
+    mesh: Mesh,
+    n: int,
+    pose: Float,
+) -> None:
+    """Add a body with a chart, or a user's picture, of n x n texels; a flat chart stands on a foot of steel."""
+    picture = user_texture(scene, "chart", index)
+    if picture is None:
+        stream = scene.rng("chart", index)
+        picture = draw_chart(stream, n, scene.palette.accents)
+    else:
+        picture = resized(picture, n)
+    finish = one_of(rng, ["matte", "matte", "satin", "clearcoat"])
+    scene.add(name, mesh, material(rng, finish, Bitmap(picture, wrap="mirror")), pose)
+    if name == "chart":
+        steel = Bitmap(metal_pixels(scene.rng("foot", index), 32, "metal"))
+        scene.add("chart-foot", _foot(mesh), material(rng, "metal", steel), pose)
 
 
 def _chart(rng: Rng, size: float) -> tuple[Mesh, float]:
@@ -141,46 +144,27 @@ def _foot(chart: Mesh) -> Mesh:
 
 def _extruded(profile: Float, width: float) -> Mesh:
     """A strip of (y, z) points, bottom to top as seen from the front, extruded along x, with sides and back."""
-    length = np.concatenate(
-        [[0.0], np.cumsum(np.linalg.norm(np.diff(profile, axis=0), axis=1))]
-    )
+    steps = np.linalg.norm(np.diff(profile, axis=0), axis=1)
+    length = np.concatenate([[0.0], np.cumsum(steps)])
     x = np.array([-width / 2, width / 2, width / 2, -width / 2])
     parts = []
     for (a, b), (low, high) in zip(pairwise(profile), pairwise(length), strict=True):
-        uv = np.column_stack(
-            [x / width + 0.5, np.array([low, low, high, high]) / length[-1]]
-        )
-        parts.append(
-            quad(
-                np.column_stack(
-                    [x, [a[0], a[0], b[0], b[0]], [a[1], a[1], b[1], b[1]]]
-                ),
-                uv,
-            )
-        )
+        v = np.array([low, low, high, high]) / length[-1]
+        uv = np.column_stack([x / width + 0.5, v])
+        y, z = [a[0], a[0], b[0], b[0]], [a[1], a[1], b[1], b[1]]
+        parts.append(quad(np.column_stack([x, y, z]), uv))
     rear = profile[:, 0].max()
     for side, faces in ((-1.0, QUAD[:, ::-1]), (1.0, QUAD)):
         for a, b in pairwise(profile):
             yz = np.array([a, [rear, a[1]], [rear, b[1]], b])
             corners = np.column_stack([np.full(4, side * width / 2), yz])
-            parts.append(
-                Mesh(
-                    corners,
-                    faces,
-                    np.tile([side, 0.0, 0.0], (4, 1)),
-                    (yz - profile.min(axis=0)) / width,
-                )
-            )
+            normals = np.tile([side, 0.0, 0.0], (4, 1))
+            uv = (yz - profile.min(axis=0)) / width
+            parts.append(Mesh(corners, faces, normals, uv))
     back = np.column_stack([x, np.full(4, rear), profile[[0, 0, -1, -1], 1]])
     normals = np.tile([0.0, 1.0, 0.0], (4, 1))
-    parts.append(
-        Mesh(
-            back,
-            np.array([[0, 2, 1], [0, 3, 2]], dtype=np.uint32),
-            normals,
-            np.zeros((4, 2)),
-        )
-    )
+    backwards = np.array([[0, 2, 1], [0, 3, 2]], dtype=np.uint32)
+    parts.append(Mesh(back, backwards, normals, np.zeros((4, 2))))
     return shapes.merged(parts)
 
 
@@ -189,15 +173,14 @@ def _steps(rng: Rng, size: float) -> tuple[Mesh, float]:
     rise, run = 0.8 * size / count, size * rng.uniform(0.6, 1.2) / count
     corners = [(i * run, j * rise) for i in range(count) for j in (i, i + 1)]
     profile = np.array([*corners, (count * run, count * rise)])
-    return _extruded(
-        profile - [0.5 * count * run, 0], size * rng.uniform(0.7, 1.1)
-    ), size * 1.6
+    centred = profile - [0.5 * count * run, 0]
+    return _extruded(centred, size * rng.uniform(0.7, 1.1)), size * 1.6
 
 
 def _wedge(rng: Rng, size: float) -> tuple[Mesh, float]:
-    return _extruded(
-        np.array([(-0.5, 0.0), (-0.5, 0.02), (0.5, rng.uniform(0.5, 0.9))]) * size, size
-    ), size
+    rise = rng.uniform(0.5, 0.9)
+    profile = np.array([(-0.5, 0.0), (-0.5, 0.02), (0.5, rise)])
+    return _extruded(profile * size, size), size
 
 
 def _wave(rng: Rng, size: float) -> tuple[Mesh, float]:
@@ -223,16 +206,12 @@ def _add_surroundings(scene: Composition, depth_ratio: float) -> None:
     def sheets(distance: float) -> tuple[Sheet, Sheet]:
         wide = 2.2 * view.covered(distance)[0]
         middle = np.array([0.0, distance, 0.0])
-        wall = Sheet(
-            middle - 0.5 * wide * along,
-            wide * along,
-            np.array([0, 0, 1.6 * view.covered(distance)[1] + 1]),
-        )
-        return Sheet(
-            *np.array(
-                [[-wide / 2, -0.2, 0], [wide, 0, 0], [0, 1.6 * distance + 0.2, 0]]
-            )
-        ), wall
+        up = np.array([0, 0, 1.6 * view.covered(distance)[1] + 1])
+        wall = Sheet(middle - 0.5 * wide * along, wide * along, up)
+        corner = np.array([-wide / 2, -0.2, 0.0])
+        across = np.array([wide, 0.0, 0.0])
+        floor = Sheet(corner, across, np.array([0.0, 1.6 * distance + 0.2, 0.0]))
+        return floor, wall
 
     far = scene.visible_range([sheets(depth_ratio)[0].mesh()])[0] * depth_ratio
     distance = scene.backdrop_distance(
@@ -246,8 +225,5 @@ def _add_surroundings(scene: Composition, depth_ratio: float) -> None:
         kind, tile = surface_pattern(rng, kinds, scene.plain_surfaces)
         colors = wall_colors(scene.rng(name, "colours"), scene.palette, contrast)
         tile *= 0.3 * view.covered(distance)[0]
-        scene.add(
-            name,
-            sheet.mesh(),
-            surface(scene, scene.rng(name), sheet, kind, colors, tile),
-        )
+        look = surface(scene, scene.rng(name), sheet, kind, colors, tile)
+        scene.add(name, sheet.mesh(), look)

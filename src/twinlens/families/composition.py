@@ -77,41 +77,48 @@ def rasterize(view: View, meshes: Iterable[Triangles], columns: int = 160) -> Fl
     Source: Pineda, A Parallel Algorithm for Polygon Rasterization, SIGGRAPH 1988.
     """
     rows = max(1, round(columns / view.aspect))
-    limit = np.array([[columns], [rows]])
     corners = [
         transform_points(view.cam_from_world, vertices)[faces]
         for vertices, faces in meshes
     ]
-    xyz = np.ascontiguousarray(
-        _clipped(np.concatenate([np.empty((0, 3, 3)), *corners])).T
-    )  # axis, corner, triangle
-    uv = (xyz[:2] / xyz[2] / np.reshape(view.half, (2, 1, 1)) + 1) / 2 * limit[
-        ..., None
-    ] - 0.5
-    low = np.clip(np.ceil(uv.min(axis=1)), 0, limit).astype(np.int64)
-    high = np.clip(np.floor(uv.max(axis=1)), -1, limit - 1).astype(np.int64)
-    wide, tall = np.maximum(high - low + 1, 0)
-    count = wide * tall
-    tri = np.repeat(
-        np.arange(len(count)), count
-    )  # every triangle with every pixel of its bounding box
-    down, right = np.divmod(
-        np.arange(len(tri)) - np.repeat(np.cumsum(count) - count, count), wide[tri]
-    )
-    x, y = low[0, tri] + right, low[1, tri] + down
-    to_u, to_v = np.stack([x, y])[:, None] - uv[..., tri]
+    triangles = _clipped(np.concatenate([np.empty((0, 3, 3)), *corners]))
+    # Indices from here on: axis, corner, triangle. Positions uv are in pixels, their centres at integers.
+    xyz = np.ascontiguousarray(triangles.T)
+    size = np.array([[columns], [rows]])
+    half = np.reshape(view.half, (2, 1, 1))
+    uv = (xyz[:2] / xyz[2] / half + 1) / 2 * size[..., None] - 0.5
+    index, x, y = _pixels_of_bounding_boxes(uv, size)
+
+    # Edge functions: twice the signed areas that a pixel spans with the edge opposite to each corner.
+    to_u, to_v = np.stack([x, y])[:, None] - uv[..., index]
     weights = np.stack(
         [to_u[i - 2] * to_v[i - 1] - to_v[i - 2] * to_u[i - 1] for i in range(3)]
-    )  # edge functions
-    area = weights.sum(axis=0)  # twice the triangle's
+    )
+    area = weights.sum(axis=0)
     inside = (weights * np.sign(area) >= 0).all(axis=0) & (area != 0)
-    tri, weights, area = tri[inside], weights[:, inside], area[inside]
-    z = 1 / (weights / area / xyz[2][:, tri]).sum(
-        axis=0
-    )  # 1/depth is linear in the picture
+    index, weights, area = index[inside], weights[:, inside], area[inside]
+
+    # 1/depth is linear in the picture, so it is the mean of the corners' by barycentric weights.
+    barycentric = weights / area
+    z = 1 / (barycentric / xyz[2][:, index]).sum(axis=0)
     depth = np.full((rows, columns), np.inf)
     np.minimum.at(depth.reshape(-1), y[inside] * columns + x[inside], z)
     return depth
+
+
+def _pixels_of_bounding_boxes(
+    uv: Float, size: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Every triangle with every pixel of its bounding box: triangle, x and y, each (N,)."""
+    low = np.clip(np.ceil(uv.min(axis=1)), 0, size).astype(np.int64)
+    high = np.clip(np.floor(uv.max(axis=1)), -1, size - 1).astype(np.int64)
+    wide, tall = np.maximum(high - low + 1, 0)
+    count = wide * tall
+    index = np.repeat(np.arange(len(count)), count)
+    first = np.cumsum(count) - count
+    within = np.arange(len(index)) - np.repeat(first, count)
+    down, right = np.divmod(within, wide[index])
+    return index, low[0, index] + right, low[1, index] + down
 
 
 def _clipped(corners: Float) -> Float:
@@ -121,20 +128,21 @@ def _clipped(corners: Float) -> Float:
     kept = [corners[count == 3]]
     for number in (1, 2):
         cut = count == number
-        single = np.argmax(
-            beyond[cut] if number == 1 else ~beyond[cut], axis=1
-        )  # the corner alone on its side
-        ordered = np.take_along_axis(
-            corners[cut], (single[:, None] + np.arange(3))[..., None] % 3, axis=1
-        )
+        # Turn each triangle so that corner a is the one that is alone on its side of the plane.
+        is_alone = beyond[cut] if number == 1 else ~beyond[cut]
+        order = (np.argmax(is_alone, axis=1)[:, None] + np.arange(3)) % 3
+        ordered = np.take_along_axis(corners[cut], order[..., None], axis=1)
         a, b, c = ordered[:, 0], ordered[:, 1], ordered[:, 2]
-        ab, ac = (
-            a + (_NEAR * 1.0001 - a[:, 2:]) / (p[:, 2:] - a[:, 2:]) * (p - a)
-            for p in (b, c)
-        )
+        ab, ac = _at_near_plane(a, b), _at_near_plane(a, c)
         triangles = [(a, ab, ac)] if number == 1 else [(ab, b, c), (ab, c, ac)]
         kept += [np.stack(triangle, axis=1) for triangle in triangles]
     return np.concatenate(kept)
+
+
+def _at_near_plane(start: Float, end: Float) -> Float:
+    """The points (N, 3) of segments just beyond the near plane, which they cross."""
+    share = (_NEAR * 1.0001 - start[:, 2:]) / (end[:, 2:] - start[:, 2:])
+    return np.asarray(start + share * (end - start))
 
 
 def _triangles(meshes: Iterable[Mesh]) -> list[Triangles]:
@@ -164,7 +172,9 @@ class Composition:
     objects: list[SceneObject] = field(default_factory=list)
     triangles: list[Triangles] = field(default_factory=list)
     materials: dict[str, Material] = field(default_factory=dict)
-    own_names: dict[tuple[Path, str], str] = field(default_factory=dict, repr=False)
+    names_of_files: dict[tuple[Path, str], str] = field(
+        default_factory=dict, repr=False
+    )
     lights: dict[str, Plugin] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -197,31 +207,35 @@ class Composition:
     ) -> None:
         """Add an object with its own material, or those of a user's mesh. Names become unique: bottle, bottle-2, ..."""
         plain = re.sub(r"[^A-Za-z0-9_]+", "-", name).strip("-") or "body"
-        unique = free_name(
-            plain, {*self.materials, *(each.name for each in self.objects)}
-        )
-        own = tuple(self._own_materials(mesh)) if isinstance(mesh, UserMesh) else ()
-        if not own:
+        taken = {*self.materials, *(thing.name for thing in self.objects)}
+        unique = free_name(plain, taken)
+        of_file: tuple[str, ...] = ()
+        if isinstance(mesh, UserMesh):
+            of_file = tuple(self._materials_of_file(mesh))
+        if not of_file:
             mesh, material = _with_plain_texture(mesh, material)
             self.materials[unique] = material
         world_from_object = (
             np.eye(4) if pose is None else np.asarray(pose, dtype=np.float64)
         )
         self.objects.append(
-            SceneObject(unique, mesh, own or unique, world_from_object, emitter)
+            SceneObject(unique, mesh, of_file or unique, world_from_object, emitter)
         )
         self.triangles.append(
             (transform_points(world_from_object, mesh.vertices), mesh.faces)
         )
 
-    def _own_materials(self, mesh: UserMesh) -> Iterator[str]:
-        """The names of the materials of a user's mesh. A file that was read again has the same ones."""
+    def _materials_of_file(self, mesh: UserMesh) -> Iterator[str]:
+        """The names in the scene of the materials of a mesh's file, which are added once for all its copies.
+
+        The key is the path, not the mesh: the file may have been read again since.
+        """
         for name, material in mesh.materials.items():
             key = mesh.path, name
-            if key not in self.own_names:
-                self.own_names[key] = free_name(name, self.materials)
-                self.materials[self.own_names[key]] = material
-            yield self.own_names[key]
+            if key not in self.names_of_files:
+                self.names_of_files[key] = free_name(name, self.materials)
+                self.materials[self.names_of_files[key]] = material
+            yield self.names_of_files[key]
 
     def pixel_at(self, point: Float, min_depth: float = -np.inf) -> float:
         """Width in metres of a pixel at a world point (3,), whose depth is taken as at least `min_depth`."""
@@ -261,10 +275,11 @@ class Composition:
             scale = self.depth_range[0] / near
             about_eye = similarity(np.eye(3), (1 - scale) * view.eye, scale)
             objects = [
-                replace(each, world_from_object=about_eye @ each.world_from_object)
-                for each in objects
+                replace(thing, world_from_object=about_eye @ thing.world_from_object)
+                for thing in objects
             ]
             near, far = near * scale, far * scale
+        share = self.rng("baseline").uniform(0.08, 0.12)
         return Scene(
             name=self.name,
             objects=tuple(objects),
@@ -272,9 +287,7 @@ class Composition:
             lights=self.lights,
             world_from_left=view.world_from_cam,
             fov_x_deg=view.fov_x_deg,
-            baseline=float(
-                self.rng("baseline").uniform(0.08, 0.12) * 2 * view.half[0] * near
-            ),
+            baseline=float(share * 2 * view.half[0] * near),
             depth_range=(near, far),
             description=about,
         )

@@ -60,18 +60,16 @@ def _add_bodies(scene: Composition, depth_ratio: float) -> None:
         for _ in range(40):
             x, y = rng.uniform(-1, 1, 2) * (1.0, 0.95)
             centre = view.at(float(x), float(y), depth + reach)
-            if all(
-                np.linalg.norm(centre - other) > reach + radius
-                for other, radius in taken
-            ):
+            is_free = all(
+                np.linalg.norm(centre - middle) > reach + distance
+                for middle, distance in taken
+            )
+            if is_free:
                 taken.append((centre, reach))
                 pose = similarity(_random_rotation(rng), centre, size)
-                scene.add(
-                    body.name,
-                    body.solid.mesh,
-                    body.material(view.pixel(depth) / size * body.size),
-                    pose,
-                )
+                # The body's material is that of `body.size`; it is enlarged together with its texels.
+                look = body.material(view.pixel(depth) / size * body.size)
+                scene.add(body.name, body.solid.mesh, look, pose)
                 break
 
 
@@ -101,11 +99,8 @@ def _add_wall(scene: Composition, far: float) -> None:
     name, tile = one_of(rng, WALLS[1])  # never plain: other scenes have a plain sky
     tile *= 0.25 * view.covered(distance)[0]
     wall, colors = sheet(distance), wall_colors(rng, scene.palette)
-    scene.add(
-        "backdrop",
-        wall.mesh(),
-        surface(scene, scene.rng("wall"), wall, name, colors, tile),
-    )
+    look = surface(scene, scene.rng("wall"), wall, name, colors, tile)
+    scene.add("backdrop", wall.mesh(), look)
 
 
 def _add_moon(scene: Composition, far: float) -> None:
@@ -114,18 +109,23 @@ def _add_moon(scene: Composition, far: float) -> None:
     share = rng.uniform(0.16, 0.28)
     solid, turn = KINDS["ball"].make(rng), _random_rotation(rng)
 
+    def size(distance: float) -> float:
+        return 2 * share * float(view.covered(distance)[0])
+
     def pose(distance: float) -> Float:
-        return similarity(
-            turn, view.at(x, y, distance), 2 * share * float(view.covered(distance)[0])
-        )
+        return similarity(turn, view.at(x, y, distance), size(distance))
 
     distance = scene.backdrop_distance(
         lambda d: [shapes.transformed(solid.mesh, pose(d))], far, far
     )
-    size, names = (
-        2 * share * float(view.covered(distance)[0]),
-        ("granite", "marble", "stripes", "cloudy", "cloudy"),
+    names = ("granite", "marble", "stripes", "cloudy", "cloudy")
+    look = body_material(
+        scene.rng("moon", "texture"),
+        solid,
+        size(distance),
+        view.pixel(distance),
+        scene.palette,
+        "matte",
+        names,
     )
-    stream, pixel = scene.rng("moon", "texture"), view.pixel(distance)
-    made = body_material(stream, solid, size, pixel, scene.palette, "matte", names)
-    scene.add("moon", solid.mesh, made, pose(distance))
+    scene.add("moon", solid.mesh, look, pose(distance))

@@ -1,5 +1,6 @@
 """The family "room": a furnished room seen from its open end, with furniture, windows, pictures and small objects."""
 
+import itertools
 import math
 from dataclasses import dataclass, field, replace
 
@@ -55,29 +56,26 @@ def compose(scene: Composition) -> None:
     _add_shell(scene, shell)
     _add_windows(scene, shell, plan)
     for index, (piece, pose) in enumerate(plan.placed):
-        pixel = scene.pixel_at(pose[:3, 3], 0.5)
-        shared = int(scene.rng("tone", piece.kind, index).integers(1 << 30))
-        for name, mesh, word in piece.parts:
-            label = (
-                name
-                if name.startswith(piece.kind) or piece.kind in ("lamp", "plant")
-                else f"{piece.kind}-{name}"
-            )
-            if word == "lit":
-                radiance = scene.rng("lit", index).uniform(2.0, 4.0) * lighting.WARM
-                lighting.emitter(scene, label, mesh, pose, radiance, 0.4)
-            else:
-                scene.add(
-                    label,
-                    mesh,
-                    furniture_material(
-                        scene, (piece.kind, index, name), word, pixel, shared
-                    ),
-                    pose,
-                )
+        _add_piece(scene, index, piece, pose)
     _add_small_objects(scene, plan)
     _decorate(scene, shell, plan)
     _light(scene, shell)
+
+
+def _add_piece(scene: Composition, index: int, piece: Piece, pose: Float) -> None:
+    """Add the parts of the `index`-th piece of furniture; parts of one material look alike."""
+    pixel = scene.pixel_at(pose[:3, 3], 0.5)
+    shared = int(scene.rng("tone", piece.kind, index).integers(1 << 30))
+    for name, mesh, word in piece.parts:
+        says_all = name.startswith(piece.kind) or piece.kind in ("lamp", "plant")
+        label = name if says_all else f"{piece.kind}-{name}"
+        if word == "lit":
+            radiance = scene.rng("lit", index).uniform(2.0, 4.0) * lighting.WARM
+            lighting.emitter(scene, label, mesh, pose, radiance, 0.4)
+            continue
+        part = (piece.kind, index, name)
+        look = furniture_material(scene, part, word, pixel, shared)
+        scene.add(label, mesh, look, pose)
 
 
 @dataclass(frozen=True)
@@ -91,11 +89,9 @@ class Shell:
 
     def sheets(self) -> dict[str, Sheet]:
         """Its six sides, their fronts inside."""
-        w, h, d = (
-            np.array([self.width, 0, 0]),
-            np.array([0, 0, self.height]),
-            np.array([0, self.back - self.front, 0]),
-        )
+        w = np.array([self.width, 0, 0])
+        h = np.array([0, 0, self.height])
+        d = np.array([0, self.back - self.front, 0])
         low = np.array([-self.width / 2, self.front, 0.0])
         return {
             "floor": Sheet(low, w, d),
@@ -115,24 +111,18 @@ class Shell:
         if side == "back":
             return translation([along, self.back - off, 0.0])
         sign = -1.0 if side == "left" else 1.0
-        return translation(
-            [sign * (self.width / 2 - off), middle + along, 0.0]
-        ) @ rotation([0, 0, 1], -90.0 * sign)
+        place = [sign * (self.width / 2 - off), middle + along, 0.0]
+        return translation(place) @ rotation([0, 0, 1], -90.0 * sign)
 
 
 def _set_view(scene: Composition, shell: Shell) -> float:
     """Look from eye height near the open end, narrow enough for the depth ratio; returns the nearest depth."""
     rng = scene.rng("view")
-    eye = np.array(
-        [
-            rng.uniform(-0.3, 0.3) * shell.width,
-            shell.front + rng.uniform(0.25, 0.5),
-            rng.uniform(1.15, 1.6),
-        ]
-    )
-    target = np.array(
-        [-0.6 * eye[0] + rng.uniform(-0.4, 0.4), shell.back, rng.uniform(0.55, 1.0)]
-    )
+    x = rng.uniform(-0.3, 0.3) * shell.width
+    y = shell.front + rng.uniform(0.25, 0.5)
+    eye = np.array([x, y, rng.uniform(1.15, 1.6)])
+    aim = -0.6 * x + rng.uniform(-0.4, 0.4)
+    target = np.array([aim, shell.back, rng.uniform(0.55, 1.0)])
     scene.look(eye, target, rng.uniform(50, 63))
     depth_ratio = scene.depth_ratio(3.2, 6.0)
     sides = [sheet.mesh() for sheet in shell.sheets().values()]
@@ -166,19 +156,22 @@ class _FloorPlan:
     def _place_if_free(
         self, piece: Piece, pose: Float, margin: float = 0.04, near: float | None = None
     ) -> bool:
+        """Place a piece inside the walls, beside all others and no nearer than `near`; False where it is not."""
         outline = _floor_rectangle(piece.floor, pose, margin)
-        limit = np.array([self.shell.width / 2 - 0.01, self.shell.back - 0.01]) + margin
-        if (np.abs(outline[:, 0]) > limit[0]).any() or (outline[:, 1] > limit[1]).any():
+        x, y = outline.T
+        most_x = self.shell.width / 2 - 0.01 + margin
+        most_y = self.shell.back - 0.01 + margin
+        if (np.abs(x) > most_x).any() or (y > most_y).any():
             return False
+        for neighbour, place in self.placed:
+            if gap(outline, _floor_rectangle(neighbour.floor, place)) <= 0:
+                return False
         floor = _floor_rectangle(piece.floor, pose)
         corners = np.concatenate(
             [np.column_stack([floor, np.full(4, z)]) for z in (0.0, piece.height)]
         )
         nearest = self.scene.view.depth(corners).min()
-        taken = (_floor_rectangle(other.floor, place) for other, place in self.placed)
-        if any(gap(outline, other) <= 0 for other in taken) or nearest < (
-            self.near if near is None else near
-        ):
+        if nearest < (self.near if near is None else near):
             return False
         self.placed.append((piece, pose))
         return True
@@ -191,25 +184,21 @@ class _FloorPlan:
             same = (name, "armchair") if name == "sofa" else (name,)
             if sum(piece.kind in same for piece, _ in self.placed) >= 2:
                 continue
-            piece = furniture.AGAINST_WALLS[name](
-                self.scene.rng("piece", side, attempt)
-            )
-            along = float(
-                rng.uniform(-0.5, 0.5) * (self.shell.wall_length(side) - piece.floor[0])
-            )
-            if self._place_if_free(
-                piece, self.shell.against(side, along, piece.floor[1] / 2 + 0.05)
-            ):
-                self.walls[side].append((along, piece.floor[0], piece.height))
+            make = furniture.AGAINST_WALLS[name]
+            piece = make(self.scene.rng("piece", side, attempt))
+            width, depth = piece.floor
+            room = self.shell.wall_length(side) - width
+            along = float(rng.uniform(-0.5, 0.5) * room)
+            pose = self.shell.against(side, along, depth / 2 + 0.05)
+            if self._place_if_free(piece, pose):
+                self.walls[side].append((along, width, piece.height))
 
     def place_in_the_middle(self) -> None:
         rng = self.scene.rng("middle")
         piece = one_of(rng, furniture.IN_THE_MIDDLE)(self.scene.rng("piece", "middle"))
         for _ in range(30):
-            x, y = (
-                rng.uniform(-0.25, 0.25) * self.shell.width,
-                rng.uniform(0.35, 0.75) * self.shell.back,
-            )
+            x = rng.uniform(-0.25, 0.25) * self.shell.width
+            y = rng.uniform(0.35, 0.75) * self.shell.back
             pose = translation([x, y, 0]) @ rotation([0, 0, 1], rng.normal(0, 12))
             if self._place_if_free(piece, pose):
                 if piece.height == furniture.DINING_HEIGHT:
@@ -217,48 +206,45 @@ class _FloorPlan:
                 return
 
     def _place_chairs(self, pose: Float, table: Piece) -> None:
+        """Place up to four chairs at the long sides of a table, turned roughly towards it."""
         rng = self.scene.rng("chairs")
-        made = furniture.chair(self.scene.rng("piece", "chair"))
-        for sign in (-1, 1):
-            for x in (-0.25, 0.25):
-                if rng.random() < 0.75:
-                    turn = rotation(
-                        [0, 0, 1],
-                        (180.0 if sign < 0 else 0.0) + float(rng.normal(0, 14)),
-                    )
-                    off = (
-                        table.floor[1] / 2 + made.floor[1] / 2 + rng.uniform(0.06, 0.25)
-                    )
-                    place = pose @ translation([x * table.floor[0], sign * off, 0])
-                    self._place_if_free(made, place @ turn, 0.01)
+        chair = furniture.chair(self.scene.rng("piece", "chair"))
+        width, depth = table.floor
+        for sign, x in itertools.product((-1, 1), (-0.25, 0.25)):
+            if rng.random() >= 0.75:
+                continue
+            facing = 180.0 if sign < 0 else 0.0
+            turn = rotation([0, 0, 1], facing + float(rng.normal(0, 14)))
+            off = depth / 2 + chair.floor[1] / 2 + rng.uniform(0.06, 0.25)
+            place = pose @ translation([x * width, sign * off, 0])
+            self._place_if_free(chair, place @ turn, 0.01)
 
     def place_in_front(self) -> None:
         """Place a piece at one side of the picture, moved along the view until its nearest visible depth is `near`."""
         rng = self.scene.rng("front")
         for attempt in range(16):
-            piece = one_of(rng, furniture.IN_FRONT)(
-                self.scene.rng("piece", "front", attempt)
-            )
-            side, turn = (
-                one_of(rng, [-1.0, 1.0]) * rng.uniform(0.4, 0.8),
-                float(rng.uniform(0, 360)),
-            )
-            depth = found = self.near + 0.3
+            make = one_of(rng, furniture.IN_FRONT)
+            piece = make(self.scene.rng("piece", "front", attempt))
+            side = one_of(rng, [-1.0, 1.0]) * rng.uniform(0.4, 0.8)
+            turn = rotation([0, 0, 1], float(rng.uniform(0, 360)))
+            depth = nearest = self.near + 0.3
             for _ in range(6):
                 place = translation(self.scene.view.at(side, 0.0, depth) * [1, 1, 0])
-                pose = place @ rotation([0, 0, 1], turn)
-                meshes = [
-                    (transform_points(pose, mesh.vertices), mesh.faces)
-                    for _, mesh, _ in piece.parts
-                ]
-                found = float(
-                    rasterize(self.scene.view, meshes).min()
-                )  # +inf where the piece is not visible
-                depth += self.near - found if math.isfinite(found) else 0.2 * self.near
-            if abs(found - self.near) < 0.01 * self.near and self._place_if_free(
-                piece, pose, near=0.0
-            ):
+                pose = place @ turn
+                nearest = self._nearest_visible(piece, pose)
+                is_visible = math.isfinite(nearest)
+                depth += self.near - nearest if is_visible else 0.2 * self.near
+            is_near = abs(nearest - self.near) < 0.01 * self.near
+            if is_near and self._place_if_free(piece, pose, near=0.0):
                 return
+
+    def _nearest_visible(self, piece: Piece, pose: Float) -> float:
+        """The smallest depth of a piece in the picture; +inf where it is not visible."""
+        meshes = [
+            (transform_points(pose, mesh.vertices), mesh.faces)
+            for _, mesh, _ in piece.parts
+        ]
+        return float(rasterize(self.scene.view, meshes).min())
 
 
 def _add_shell(scene: Composition, shell: Shell) -> None:
@@ -280,24 +266,24 @@ def _add_shell(scene: Composition, shell: Shell) -> None:
         elif side == "back-wall" and accent:
             kind, size = surface_pattern(rng, WALLS, scene.plain_surfaces)
             tones = wall_colors(scene.rng("accent"), scene.palette, 0.45)
-        made = surface(
-            scene, scene.rng("surface", side), sheet, kind, tones, size, finish
-        )
-        scene.add(side, sheet.mesh(), made)
+        stream = scene.rng("surface", side)
+        look = surface(scene, stream, sheet, kind, tones, size, finish)
+        scene.add(side, sheet.mesh(), look)
     if rng.random() < 0.8:
-        depth, tall, length = 0.015, 0.09, shell.back - shell.front
-        boards = [
-            board((shell.width, depth, tall), (0, shell.back - depth / 2, tall / 2))
-        ]
-        middle = 0.5 * (shell.front + shell.back)
-        boards += [
-            board(
-                (depth, length, tall), (s * (shell.width - depth) / 2, middle, tall / 2)
-            )
-            for s in (-1, 1)
-        ]
         white = furniture_material(scene, ("skirting",), "white", scene.view.pixel(2.0))
-        scene.add("skirting", shapes.merged(boards), white)
+        scene.add("skirting", _skirting(shell), white)
+
+
+def _skirting(shell: Shell) -> Mesh:
+    """Boards along the back wall and both side walls."""
+    depth, tall, length = 0.015, 0.09, shell.back - shell.front
+    at_back = (0, shell.back - depth / 2, tall / 2)
+    boards = [board((shell.width, depth, tall), at_back)]
+    middle = 0.5 * (shell.front + shell.back)
+    for sign in (-1, 1):
+        x = sign * (shell.width - depth) / 2
+        boards.append(board((depth, length, tall), (x, middle, tall / 2)))
+    return shapes.merged(boards)
 
 
 def _add_window(scene: Composition, pose: Float, index: int) -> None:
@@ -307,36 +293,37 @@ def _add_window(scene: Composition, pose: Float, index: int) -> None:
     sky = lighting.COOL * (0.7, 0.85, 1.0) if rng.random() < 0.7 else lighting.WARM
     upright = translation([0, -0.012, sill + tall / 2]) @ rotation([1, 0, 0], 90.0)
     pane = shapes.transformed(lighting.rectangle(wide, tall), upright)
-    lighting.emitter(
-        scene, f"window-pane-{index}", pane, pose, float(rng.uniform(1.8, 3.0)) * sky
-    )
+    level = float(rng.uniform(1.8, 3.0))
+    lighting.emitter(scene, f"window-pane-{index}", pane, pose, level * sky)
     pixel = scene.pixel_at(pose[:3, 3], 0.5)
+    white = furniture_material(scene, ("window", index), "white", pixel)
+    scene.add("window-frame", _window_frame(rng, wide, tall, sill), white, pose)
+    if rng.random() < 0.5:
+        part = ("curtains", index)
+        cloth = furniture_material(scene, part, "fabric", pixel, 1 + index)
+        scene.add("curtains", _curtains(rng, wide, tall, sill), cloth, pose)
+
+
+def _window_frame(rng: Rng, wide: float, tall: float, sill: float) -> Mesh:
+    """A frame, bars between one to three columns and rows of panes, and a sill."""
     bar, deep = 0.06, 0.05
     z = sill + tall / 2
-    parts = [
-        board((bar, deep, tall + bar), (s * wide / 2, -deep / 2, z)) for s in (-1, 1)
-    ]
-    parts += [
-        board((wide + bar, deep, bar), (0, -deep / 2, z + s * tall / 2))
-        for s in (-1, 1)
-    ]
+    parts = []
+    for sign in (-1, 1):
+        x = sign * wide / 2
+        parts.append(board((bar, deep, tall + bar), (x, -deep / 2, z)))
+    for sign in (-1, 1):
+        end = z + sign * tall / 2
+        parts.append(board((wide + bar, deep, bar), (0, -deep / 2, end)))
     columns, rows = int(rng.integers(1, 4)), int(rng.integers(1, 4))
-    parts += [
-        board((0.03, 0.035, tall), (wide * (i / columns - 0.5), -0.03, z))
-        for i in range(1, columns)
-    ]
-    parts += [
-        board((wide, 0.035, 0.03), (0, -0.03, sill + tall * j / rows))
-        for j in range(1, rows)
-    ]
+    for column in range(1, columns):
+        x = wide * (column / columns - 0.5)
+        parts.append(board((0.03, 0.035, tall), (x, -0.03, z)))
+    for row in range(1, rows):
+        height = sill + tall * row / rows
+        parts.append(board((wide, 0.035, 0.03), (0, -0.03, height)))
     parts.append(board((wide + 0.2, 0.16, 0.03), (0, -0.08, sill - 0.045)))
-    white = furniture_material(scene, ("window", index), "white", pixel)
-    scene.add("window-frame", shapes.merged(parts), white, pose)
-    if rng.random() < 0.5:
-        cloth = furniture_material(
-            scene, ("curtains", index), "fabric", pixel, 1 + index
-        )
-        scene.add("curtains", _curtains(rng, wide, tall, sill), cloth, pose)
+    return shapes.merged(parts)
 
 
 def _curtains(rng: Rng, wide: float, tall: float, sill: float) -> Mesh:
@@ -370,27 +357,22 @@ def _add_small_objects(scene: Composition, plan: _FloorPlan) -> None:
     weights = np.array(
         [math.sqrt(shelf.size[0] * shelf.size[1]) for shelf, _ in shelves]
     )
-    chosen = scene.rng("clutter").choice(
-        len(shelves), size=scene.count, p=weights / weights.sum()
-    )
+    share = weights / weights.sum()
+    chosen = scene.rng("clutter").choice(len(shelves), size=scene.count, p=share)
     for index, (shelf, pose) in enumerate(shelves):
         parts = [(index, k) for k in range(int((chosen == index).sum()))]
-        bodies = [
-            each
-            for each in bodies_at_rest(scene, "clutter", parts, _SMALL)
-            if each[1].height < shelf.free
+        resting = bodies_at_rest(scene, "clutter", parts, _SMALL)
+        fitting = [
+            (body, rest, rng) for body, rest, rng in resting if rest.height < shelf.free
         ]
-        half, stacked = np.array(shelf.size) / 2, 0.35 if shelf.free > 0.5 else 0.0
-        for placement in arrange(
-            bodies, Area(np.array(shelf.middle), half, shelf.height, 0.01, stacked)
-        ):
-            at, body = pose @ placement.pose, placement.body
-            scene.add(
-                body.name,
-                body.solid.mesh,
-                body.material(scene.pixel_at(at[:3, 3], 0.3)),
-                at,
-            )
+        half = np.array(shelf.size) / 2
+        stacked = 0.35 if shelf.free > 0.5 else 0.0
+        area = Area(np.array(shelf.middle), half, shelf.height, 0.01, stacked)
+        for placement in arrange(fitting, area):
+            body = placement.body
+            world_from_body = pose @ placement.pose
+            look = body.material(scene.pixel_at(world_from_body[:3, 3], 0.3))
+            scene.add(body.name, body.solid.mesh, look, world_from_body)
 
 
 def _add_windows(scene: Composition, shell: Shell, plan: _FloorPlan) -> None:
@@ -399,107 +381,98 @@ def _add_windows(scene: Composition, shell: Shell, plan: _FloorPlan) -> None:
     for index, side in enumerate(sides):
         for _ in range(12):
             along = float(rng.uniform(-0.5, 0.5) * (shell.wall_length(side) - 1.9))
-            if all(
+            is_free = all(
                 abs(along - at) > 0.95 + wide / 2 or tall < 0.75
                 for at, wide, tall in plan.walls[side]
-            ):
+            )
+            if is_free:
                 _add_window(scene, shell.against(side, along, 0.0), index)
                 plan.walls[side].append((along, 2.0, 2.3))
                 break
 
 
 def _decorate(scene: Composition, shell: Shell, plan: _FloorPlan) -> None:
+    """Add a rug in most rooms, and pictures where the walls are free."""
     rng = scene.rng("decoration")
     if rng.random() < 0.75:
-        rug = board(
-            (rng.uniform(1.5, 2.4), rng.uniform(1.0, 1.7), 0.012), (0, 0, 0.006), 0.005
-        )
-        place = translation(
-            [rng.uniform(-0.3, 0.3), rng.uniform(0.3, 0.6) * shell.back, 0.0005]
-        )
-        pose = place @ rotation([0, 0, 1], rng.normal(0, 10))
-        scene.add(
-            "rug",
-            rug,
-            furniture_material(scene, ("rug",), "rug", scene.view.pixel(2.0)),
-            pose,
-        )
+        _add_rug(scene, rng, shell)
     for index, side in enumerate((*_SIDES, "back")):
         for _ in range(8):
             along = float(rng.uniform(-0.42, 0.42) * shell.wall_length(side))
-            w, h = rng.uniform(0.35, 0.9), rng.uniform(0.35, 0.8)
-            if all(
-                abs(along - at) > 0.5 * (w + wide) + 0.1 or tall < 1.0
+            size = rng.uniform(0.35, 0.9), rng.uniform(0.35, 0.8)
+            is_free = all(
+                abs(along - at) > 0.5 * (size[0] + wide) + 0.1 or tall < 1.0
                 for at, wide, tall in plan.walls[side]
-            ):
-                plan.walls[side].append((along, w, 2.0))
-                pose, z = shell.against(side, along, 0.0), 1.55
-                pixel = scene.pixel_at(pose[:3, 3], 0.5)
-                frame = [
-                    board((w + 0.05, 0.03, 0.035), (0, -0.015, z + s * h / 2))
-                    for s in (-1, 1)
-                ]
-                frame += [
-                    board((0.035, 0.03, h + 0.05), (s * w / 2, -0.015, z))
-                    for s in (-1, 1)
-                ]
-                wood = furniture_material(scene, ("frame", index), "wood", pixel)
-                scene.add("picture-frame", shapes.merged(frame), wood, pose)
-                canvas = board((w, 0.012, h), (0, -0.007, z))
-                printed = furniture_material(
-                    scene, ("picture", index), "picture", pixel / max(w, h)
-                )
-                scene.add(
-                    "picture",
-                    replace(canvas, uv=np.asarray(canvas.uv) / [w, h]),
-                    printed,
-                    pose,
-                )
+            )
+            if is_free:
+                plan.walls[side].append((along, size[0], 2.0))
+                _add_picture(scene, index, shell.against(side, along, 0.0), size)
                 break
+
+
+def _add_rug(scene: Composition, rng: Rng, shell: Shell) -> None:
+    extents = rng.uniform(1.5, 2.4), rng.uniform(1.0, 1.7), 0.012
+    rug = board(extents, (0, 0, 0.006), 0.005)
+    x, y = rng.uniform(-0.3, 0.3), rng.uniform(0.3, 0.6) * shell.back
+    pose = translation([x, y, 0.0005]) @ rotation([0, 0, 1], rng.normal(0, 10))
+    look = furniture_material(scene, ("rug",), "rug", scene.view.pixel(2.0))
+    scene.add("rug", rug, look, pose)
+
+
+def _add_picture(
+    scene: Composition, index: int, pose: Float, size: tuple[float, float]
+) -> None:
+    """Add a framed picture of `size` metres on the wall at `pose`, at eye height."""
+    w, h = size
+    z = 1.55
+    pixel = scene.pixel_at(pose[:3, 3], 0.5)
+    frame = []
+    for sign in (-1, 1):
+        rail = (0, -0.015, z + sign * h / 2)
+        frame.append(board((w + 0.05, 0.03, 0.035), rail))
+    for sign in (-1, 1):
+        stile = (sign * w / 2, -0.015, z)
+        frame.append(board((0.035, 0.03, h + 0.05), stile))
+    wood = furniture_material(scene, ("frame", index), "wood", pixel)
+    scene.add("picture-frame", shapes.merged(frame), wood, pose)
+    canvas = board((w, 0.012, h), (0, -0.007, z))
+    canvas = replace(canvas, uv=np.asarray(canvas.uv) / [w, h])
+    # The picture fills (u, v) in [0, 1], so its pixel is a share of its size.
+    share = pixel / max(w, h)
+    printed = furniture_material(scene, ("picture", index), "picture", share)
+    scene.add("picture", canvas, printed, pose)
 
 
 def _light(scene: Composition, shell: Shell) -> None:
     """Add a large window beside the camera, out of the image, and in most rooms a warm lamp below the ceiling."""
     rng = scene.rng("light")
     if rng.random() < 0.8:
-        spot = np.array(
-            [
-                rng.uniform(-0.2, 0.2) * shell.width,
-                rng.uniform(0.3, 0.6) * shell.back,
-                shell.height - 0.02,
-            ]
-        )
-        side = rng.uniform(1.0, 1.7)
-        tone = one_of(rng, [lighting.WARM, lighting.WARM, lighting.NEUTRAL])
-        level = rng.uniform(4.0, 12.0) / side**2
-        lamp, front = lighting.rectangle(side + 0.3, side + 0.3), shell.front + side / 2
-        while (
-            spot[1] > front
-            and np.isfinite(
-                rasterize(scene.view, [(lamp.vertices + spot, lamp.faces)], 64)
-            ).any()
-        ):
-            spot = spot - [
-                0.0,
-                min(0.2, spot[1] - front),
-                0.0,
-            ]  # towards the camera, until the lamp is not visible
-        lighting.panel(
-            scene,
-            "ceiling-light",
-            spot,
-            spot - [0, 0, 1],
-            np.full(2, side),
-            level * tone,
-        )
-    near = (
-        1.0 if scene.view.eye[0] > 0 else -1.0
-    )  # the side wall that the camera looks away from
-    place = np.array(
-        [near * (shell.width / 2 - 0.02), shell.front + 0.55, 0.55 * shell.height]
-    )
-    size, level = np.array([1.1, 0.7 * shell.height]), rng.uniform(9.0, 15.0)
+        _add_ceiling_lamp(scene, rng, shell)
+    # On the side wall that the camera looks away from.
+    near = 1.0 if scene.view.eye[0] > 0 else -1.0
+    x = near * (shell.width / 2 - 0.02)
+    place = np.array([x, shell.front + 0.55, 0.55 * shell.height])
+    size = np.array([1.1, 0.7 * shell.height])
+    level = rng.uniform(9.0, 15.0)
     tone = one_of(rng, [lighting.COOL, lighting.COOL, lighting.NEUTRAL])
-    lighting.panel(
-        scene, "side-window", place, place - np.array([near, 0, 0]), size, level * tone
-    )
+    inwards = place - np.array([near, 0, 0])
+    lighting.panel(scene, "side-window", place, inwards, size, level * tone)
+
+
+def _add_ceiling_lamp(scene: Composition, rng: Rng, shell: Shell) -> None:
+    """Add a square lamp below the ceiling, moved towards the camera until it is out of the picture."""
+    x = rng.uniform(-0.2, 0.2) * shell.width
+    y = rng.uniform(0.3, 0.6) * shell.back
+    spot = np.array([x, y, shell.height - 0.02])
+    side = rng.uniform(1.0, 1.7)
+    tone = one_of(rng, [lighting.WARM, lighting.WARM, lighting.NEUTRAL])
+    level = rng.uniform(4.0, 12.0) / side**2
+    lamp = lighting.rectangle(side + 0.3, side + 0.3)
+    front = shell.front + side / 2
+    while spot[1] > front:
+        depth = rasterize(scene.view, [(lamp.vertices + spot, lamp.faces)], 64)
+        if not np.isfinite(depth).any():
+            break
+        spot = spot - [0.0, min(0.2, spot[1] - front), 0.0]
+    below = spot - [0, 0, 1]
+    lighting.panel(scene, "ceiling-light", spot, below, np.full(2, side), level * tone)

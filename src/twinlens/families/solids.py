@@ -55,12 +55,8 @@ def lathed(profile: ArrayLike, upright: bool = True, smooth: bool = True) -> Sol
     points = np.asarray(profile, dtype=np.float64)
     mesh = shapes.lathe(points, 56, smooth, samples=5)
     length = float(np.hypot(*np.diff(points, axis=0).T).sum())
-    return unit(
-        mesh,
-        upright,
-        (2 * math.pi * float(points[:, 0].max()) * 0.8, length),
-        around=True,
-    )
+    girth = 2 * math.pi * float(points[:, 0].max()) * 0.8
+    return unit(mesh, upright, (girth, length), around=True)
 
 
 def hard_edged(profile: ArrayLike) -> Float:
@@ -71,9 +67,10 @@ def hard_edged(profile: ArrayLike) -> Float:
 
 def hull(points: Float) -> Solid:
     """The convex hull of points (N, 3), with flat sides."""
-    found = ConvexHull(points)
-    faces = found.simplices.copy()
-    inward = (shapes.face_cross(points, faces) * found.equations[:, :3]).sum(axis=1) < 0
+    convex = ConvexHull(points)
+    faces = convex.simplices.copy()
+    outward = convex.equations[:, :3]
+    inward = (shapes.face_cross(points, faces) * outward).sum(axis=1) < 0
     faces[inward] = faces[inward][:, ::-1]
     return unit(box_mapped(points, faces, 0.0), False)
 
@@ -95,12 +92,15 @@ def extruded(
         rim = hole * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         rings += [(rim, height / 2), (rim, -height / 2)]
     vertices = np.concatenate([np.column_stack([xy, np.full(n, z)]) for xy, z in rings])
+    # Two triangles between neighbours of one ring and of the next; with a hole, the last ring meets the first.
     index = np.arange(len(rings) * n).reshape(len(rings), n)
     following = np.roll(index, -1, axis=1)
-    pairs = [(a, (a + 1) % len(rings)) for a in range(len(rings) - (hole == 0))]
+    is_open = hole == 0
+    pairs = [(a, (a + 1) % len(rings)) for a in range(len(rings) - is_open)]
     faces = [np.stack([index[a], following[a], following[b]], -1) for a, b in pairs]
     faces += [np.stack([index[a], following[b], index[b]], -1) for a, b in pairs]
-    if hole == 0:
+    if is_open:
+        # A fan about the middle of each end.
         low, high = len(vertices), len(vertices) + 1
         vertices = np.vstack([vertices, [[0, 0, -height / 2], [0, 0, height / 2]]])
         faces.append(np.stack([following[0], index[0], np.full(n, low)], -1))
@@ -123,30 +123,33 @@ def box_mapped(vertices: Float, faces: NDArray[Any], smooth_deg: float) -> Mesh:
     """
     cross = shapes.face_cross(vertices, faces)
     unit_cross = _normalized(cross)
-    index = np.asarray(faces).reshape(-1)
-    order = np.argsort(index, kind="stable")
-    start, valence = np.unique(index[order], return_index=True, return_counts=True)[1:]
-    mates = np.repeat(valence, valence)
-    left = np.repeat(
-        np.arange(len(index)), mates
-    )  # every pair of triangle corners at one vertex
-    right = np.arange(len(left)) - np.repeat(np.cumsum(mates) - mates, mates)
-    right += np.repeat(np.repeat(start, valence), mates)
-    a, b = order[left] // 3, order[right] // 3
-    alike = np.einsum("nc,nc->n", unit_cross[a], unit_cross[b]) > math.cos(
-        math.radians(max(smooth_deg, 0.1))
-    )
-    total = np.zeros((len(index), 3))
-    np.add.at(total, order[left[alike]], cross[b[alike]])
+    corner_of, mate_of = _corner_pairs(faces)
+    face, neighbour = corner_of // 3, mate_of // 3
+    cosine = np.einsum("nc,nc->n", unit_cross[face], unit_cross[neighbour])
+    alike = cosine > math.cos(math.radians(max(smooth_deg, 0.1)))
+    total = np.zeros((np.size(faces), 3))
+    np.add.at(total, corner_of[alike], cross[neighbour[alike]])
+
     corner = vertices[faces].reshape(-1, 3)
-    main = np.abs(np.repeat(unit_cross, 3, axis=0)).argmax(axis=1)
-    uv = np.take_along_axis(corner, np.array([(1, 2), (0, 2), (0, 1)])[main], axis=1)
-    return Mesh(
-        corner,
-        np.arange(len(corner), dtype=np.uint32).reshape(-1, 3),
-        _normalized(total),
-        uv,
-    )
+    # (u, v) are the two coordinates across the axis that the face looks along most.
+    main_axis = np.abs(np.repeat(unit_cross, 3, axis=0)).argmax(axis=1)
+    across = np.array([(1, 2), (0, 2), (0, 1)])[main_axis]
+    uv = np.take_along_axis(corner, across, axis=1)
+    unrolled = np.arange(len(corner), dtype=np.uint32).reshape(-1, 3)
+    return Mesh(corner, unrolled, _normalized(total), uv)
+
+
+def _corner_pairs(faces: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """All ordered pairs of triangle corners at the same vertex, each corner with itself too; 3 F corners in order."""
+    vertex = np.asarray(faces).reshape(-1)
+    order = np.argsort(vertex, kind="stable")  # corners, vertex by vertex
+    _, start, valence = np.unique(vertex[order], return_index=True, return_counts=True)
+    mates = np.repeat(valence, valence)
+    left = np.repeat(np.arange(len(vertex)), mates)
+    first_pair = np.cumsum(mates) - mates
+    right = np.arange(len(left)) - np.repeat(first_pair, mates)
+    right += np.repeat(np.repeat(start, valence), mates)
+    return order[left], order[right]
 
 
 def closed_grid(
@@ -162,19 +165,16 @@ def closed_grid(
     )
     vertices, faces = closed.reshape(-1, 3), shapes.grid(columns + 1, len(closed))
     cross = shapes.face_cross(vertices, faces)
-    kept = np.linalg.norm(cross, axis=1) > 1e-12
-    faces, cross = faces[kept], cross[kept]
+    has_area = np.linalg.norm(cross, axis=1) > 1e-12  # not so at poles
+    faces, cross = faces[has_area], cross[has_area]
+    # Vertices at one place, on both sides of the seam, share a normal.
     _, same = np.unique(np.round(vertices, 9), axis=0, return_inverse=True)
     total = np.zeros((same.max() + 1, 3))
     for corner in range(3):
         np.add.at(total, same.ravel()[faces[:, corner]], cross)
     normals = _normalized(total[same.ravel()])
-    return unit(
-        Mesh(vertices, faces, normals, np.stack([u, v], axis=-1).reshape(-1, 2)),
-        False,
-        span,
-        around=True,
-    )
+    uv = np.stack([u, v], axis=-1).reshape(-1, 2)
+    return unit(Mesh(vertices, faces, normals, uv), False, span, around=True)
 
 
 def _normalized(vectors: Float) -> Float:

@@ -22,7 +22,7 @@ from twinlens.scenes.textures import Image
 
 Mask = NDArray[np.bool_]
 _MAX_TEXELS = 2048
-_BEYOND = 1.4  # of half the picture: what the right camera may see of a surface
+_BEYOND = 1.4  # half widths of the picture: what the right camera may see of a surface
 _MIN_COSINE = 0.25  # views at a smaller one are filtered like this one
 _SQUARE = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
 QUAD = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
@@ -149,32 +149,16 @@ def _sampled(
 ) -> Image:
     """The image at a grid of texels (rows, columns, 3), or at those `inside` (N, 3): trilinear in the pyramid."""
     row, column = np.indices((rows, columns)) if inside is None else np.nonzero(inside)
-    s, t = (
-        ((column + 0.5) / columns).astype(np.float32),
-        (1 - (row + 0.5) / rows).astype(np.float32),
-    )
+    s = ((column + 0.5) / columns).astype(np.float32)
+    t = (1 - (row + 0.5) / rows).astype(np.float32)
     wide, high = sheet.lengths
-    origin, u, v = (
-        view.cam_from_world[:3, :3] @ vector
-        for vector in (sheet.corner - view.eye, sheet.u, sheet.v)
-    )
-    x, y, z = (
-        np.float32(origin[i]) + s * np.float32(u[i]) + t * np.float32(v[i])
-        for i in range(3)
-    )
-    off = abs(float((sheet.corner - view.eye) @ sheet.normal))
-    cosine = np.maximum(
-        np.float32(off) / np.sqrt(x * x + y * y + z * z), np.float32(_MIN_COSINE)
-    )
-    footprint = (
-        np.float32(view.pixel(1.0)) * np.maximum(z, np.float32(1e-6)) / cosine
-    )  # the longer side of a pixel's
+    footprint = _pixel_footprint(sheet, view, s, t)
+    # No finer than the texels that are baked, which are seen interpolated.
     footprint = np.maximum(footprint, np.float32(max(wide / columns, high / rows)))
-    level = np.asarray(
-        np.log2(np.maximum(footprint / np.float32(tile / len(pyramid[0])), 1.0)),
-        np.float32,
-    )
+    texel = np.float32(tile / len(pyramid[0]))
+    level = np.asarray(np.log2(np.maximum(footprint / texel, 1.0)), np.float32)
     level = np.clip(level, 0, len(pyramid) - 1.001)
+
     x, y = s * np.float32(wide / tile), (1 - t) * np.float32(high / tile)
     out = np.zeros((*level.shape, 3), dtype=np.float32)
     lower = level.astype(np.int64)
@@ -182,9 +166,29 @@ def _sampled(
     for number in np.unique(lower):
         here = lower == number
         w = fraction[here][:, None]
-        fine, rough = (_wrapped(pyramid[number + k], y[here], x[here]) for k in (0, 1))
+        fine = _wrapped(pyramid[number], y[here], x[here])
+        rough = _wrapped(pyramid[number + 1], y[here], x[here])
         out[here] = fine * (1 - w) + rough * w
     return out
+
+
+def _pixel_footprint(sheet: Sheet, view: View, s: Image, t: Image) -> Image:
+    """The longer side, in metres, of the part of the sheet that a pixel sees at shares s, t of its sides.
+
+    A pixel covers p z across at depth z, and along the slope 1/cosine of that.
+    """
+    cam_from_world = view.cam_from_world[:3, :3]
+    origin = cam_from_world @ (sheet.corner - view.eye)
+    u, v = cam_from_world @ sheet.u, cam_from_world @ sheet.v
+    x, y, z = (
+        np.float32(origin[i]) + s * np.float32(u[i]) + t * np.float32(v[i])
+        for i in range(3)
+    )
+    distance_of_plane = abs(float((sheet.corner - view.eye) @ sheet.normal))
+    cosine = np.float32(distance_of_plane) / np.sqrt(x * x + y * y + z * z)
+    cosine = np.maximum(cosine, np.float32(_MIN_COSINE))
+    depth = np.maximum(z, np.float32(1e-6))
+    return np.asarray(np.float32(view.pixel(1.0)) * depth / cosine)
 
 
 def _wrapped(picture: Image, y: Image, x: Image) -> Image:
@@ -193,16 +197,16 @@ def _wrapped(picture: Image, y: Image, x: Image) -> Image:
     rows, columns = y * n - np.float32(0.5), x * n - np.float32(0.5)
     i, j = np.floor(rows).astype(np.int32), np.floor(columns).astype(np.int32)
     fy, fx = (rows - i)[:, None], (columns - j)[:, None]
-    below, right = (i + 1) % n * n, (j + 1) % n
-    i, j = i % n * n, j % n
+    # Offsets into the flat picture, of whole rows and of columns: `take` is twice as fast as two indices.
+    above, below = i % n * n, (i + 1) % n * n
+    left, right = j % n, (j + 1) % n
     flat = picture.reshape(-1, 3)
-    upper = (
-        np.take(flat, i + j, axis=0) * (1 - fx) + np.take(flat, i + right, axis=0) * fx
-    )
-    lower = (
-        np.take(flat, below + j, axis=0) * (1 - fx)
-        + np.take(flat, below + right, axis=0) * fx
-    )
+
+    def texels_at(row: NDArray[np.int32], column: NDArray[np.int32]) -> Image:
+        return np.take(flat, row + column, axis=0)
+
+    upper = texels_at(above, left) * (1 - fx) + texels_at(above, right) * fx
+    lower = texels_at(below, left) * (1 - fx) + texels_at(below, right) * fx
     return np.asarray(upper * (1 - fy) + lower * fy)
 
 
@@ -235,20 +239,21 @@ def surface_pattern(
     rng: Rng, patterns: Patterns, may_be_plain: bool = True
 ) -> tuple[str, float]:
     """The pattern of a wall, table top or floor, and the size of its tile in metres."""
-    plain, others = patterns
-    if rng.random() >= plain:
-        return one_of(rng, others)
-    return (
-        ("plain", 1.6) if may_be_plain else one_of(rng.spawn(1)[0], others)
-    )  # keeps the draws that follow
+    plain_share, with_pattern = patterns
+    if rng.random() >= plain_share:
+        return one_of(rng, with_pattern)
+    if may_be_plain:
+        return "plain", 1.6
+    # From a stream of its own, which keeps the draws that follow.
+    return one_of(rng.spawn(1)[0], with_pattern)
 
 
 def wall_colors(rng: Rng, palette: Palette, contrast: float = 0.35) -> Float:
     """Colours of a wall: a ground, and others mixed with it so that the pattern keeps a low contrast."""
-    ground = varied(rng, rng.permutation(palette.grounds), 0.06)
+    grounds = varied(rng, rng.permutation(palette.grounds), 0.06)
     if rng.random() < 0.15:
-        ground[0] = (
-            0.75 * varied(rng, rng.permutation(palette.accents)[:1], 0.1)[0] + 0.02
-        )
-    others = np.vstack([ground[1:], palette.accents])
-    return np.vstack([ground[:1], ground[0] + (others - ground[0]) * (contrast + 0.15)])
+        accent = varied(rng, rng.permutation(palette.accents)[:1], 0.1)[0]
+        grounds[0] = 0.75 * accent + 0.02
+    ground = grounds[0]
+    paints = np.vstack([grounds[1:], palette.accents])
+    return np.vstack([grounds[:1], ground + (paints - ground) * (contrast + 0.15)])

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twinlens.geometry import Float, transform_points
 from twinlens.scenes import shapes
@@ -48,10 +49,10 @@ class LevelFace:
         """Whether a convex polygon (N, 2), counter-clockwise, lies within the face."""
         a, b, c = np.moveaxis(self.triangles, 1, 0)
         point = polygon.mean(axis=0)
-        turns = np.stack(
-            [_cross(q - p, point - p) for p, q in ((a, b), (b, c), (c, a))]
-        )
-        if not ((turns >= 0).all(axis=0) | (turns <= 0).all(axis=0)).any():
+        edges = ((a, b), (b, c), (c, a))
+        turns = np.stack([_cross(end - start, point - start) for start, end in edges])
+        is_inside = (turns >= 0).all(axis=0) | (turns <= 0).all(axis=0)
+        if not is_inside.any():
             return False
         return not _segments_meet(self.edges, polygon).any()
 
@@ -64,13 +65,14 @@ def _segments_meet(segments: Float, polygon: Float) -> Float:
     """Whether segments (E, 2, 2) enter a convex polygon. Source: Cyrus and Beck, Computer Graphics 7(4), 1978."""
     normals = edge_normals(polygon)
     offset = (polygon * normals).sum(axis=1)
-    start, end = (
-        segments[:, i] @ normals.T - offset for i in (0, 1)
-    )  # distances outside of each edge
+    # Distances of both ends outside of each edge's line, and where along the segment it is crossed, 0 to 1.
+    start, end = (segments[:, i] @ normals.T - offset for i in (0, 1))
     with np.errstate(divide="ignore", invalid="ignore"):
         crossing = start / (start - end)
-    enters = np.where(start > 0, np.where(end > 0, np.inf, crossing), 0.0).max(axis=1)
-    leaves = np.where(end > 0, np.where(start > 0, -np.inf, crossing), 1.0).min(axis=1)
+    enters = np.where(end > 0, np.inf, crossing)
+    enters = np.where(start > 0, enters, 0.0).max(axis=1)
+    leaves = np.where(start > 0, -np.inf, crossing)
+    leaves = np.where(end > 0, leaves, 1.0).min(axis=1)
     return np.asarray(enters < leaves)
 
 
@@ -97,19 +99,18 @@ def level_faces(triangles: Float) -> list[LevelFace]:
 
 def _level_face(triangles: Float, area: Float, same: float) -> LevelFace:
     flat = triangles[..., :2]
-    corners = np.round(flat / same).astype(
-        np.int64
-    )  # vertices of neighbours are equal up to rounding
+    # Vertices of neighbours are equal up to rounding. An edge of one triangle alone is on the outline.
+    corners = np.round(flat / same).astype(np.int64)
     _, ids = np.unique(corners.reshape(-1, 2), axis=0, return_inverse=True)
     ids = ids.reshape(-1, 3)
-    pairs = np.concatenate([ids[:, [0, 1]], ids[:, [1, 2]], ids[:, [2, 0]]])
-    ends = np.concatenate([flat[:, [0, 1]], flat[:, [1, 2]], flat[:, [2, 0]]])
+    sides = ([0, 1], [1, 2], [2, 0])
+    pairs = np.concatenate([ids[:, side] for side in sides])
+    ends = np.concatenate([flat[:, side] for side in sides])
     _, first, count = np.unique(
         np.sort(pairs, axis=1), axis=0, return_index=True, return_counts=True
     )
-    return LevelFace(
-        flat, float(triangles[..., 2].max()), area, ends[first[count == 1]]
-    )
+    height = float(triangles[..., 2].max())
+    return LevelFace(flat, height, area, ends[first[count == 1]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,8 +143,8 @@ class Placed:
         """Whether its centre of mass is above the contact of every body that carries it."""
         centre = self.moved(self.rest.centre[None, :2])[0]
         return all(
-            inside_by(each.moved(each.rest.support), centre) > 0
-            for each in self.stack[1:]
+            inside_by(carrier.moved(carrier.rest.support), centre) > 0
+            for carrier in self.stack[1:]
         )
 
     def meets(self, triangles: Float) -> bool:
@@ -157,33 +158,52 @@ class Placed:
         bottom, top = self.place[2], self.top
         low = np.append(outline.min(axis=0) - margin, bottom)
         high = np.append(outline.max(axis=0) + margin, top)
-        near = (triangles.max(axis=1) >= low).all(axis=1) & (
-            triangles.min(axis=1) <= high
-        ).all(axis=1)
-        found, flat = triangles[near], triangles[near][..., :2]
-        normals = edge_normals(outline)
-        apart = (
-            (flat @ normals.T).min(axis=1) > (outline * normals).sum(axis=1) + margin
-        ).any(axis=1)
-        found, flat = found[~apart], flat[~apart]
-        edges = np.roll(flat, -1, axis=1) - flat
-        across = np.stack([edges[..., 1], -edges[..., 0]], axis=-1)
-        length = np.linalg.norm(across, axis=-1)
-        own = (across[:, :, None] * flat[:, None]).sum(axis=-1)  # edge, corner
-        other = across @ outline.T
-        apart = (own.min(axis=2) > other.max(axis=2) + margin * length) & (length > 0)
-        apart |= (own.max(axis=2) < other.min(axis=2) - margin * length) & (length > 0)
-        found = found[~apart.any(axis=1)]
-        normal = np.cross(found[:, 1] - found[:, 0], found[:, 2] - found[:, 0])
-        level = (normal * found[:, 0]).sum(axis=1)
+        near = triangles[_boxes_meet(triangles, low, high)]
+        near = near[~_apart_along_outline(near, outline, margin)]
+        near = near[~_apart_along_edges(near, outline, margin)]
+
+        # Along each triangle's normal: its plane, and the least and the largest value on the prism.
+        normal = np.cross(near[:, 1] - near[:, 0], near[:, 2] - near[:, 0])
+        plane = (normal * near[:, 0]).sum(axis=1)
         reach = normal[:, :2] @ outline.T
         rise = normal[:, 2:] * [bottom, top]
-        least, most = (
-            reach.min(axis=1) + rise.min(axis=1),
-            reach.max(axis=1) + rise.max(axis=1),
-        )
+        least = reach.min(axis=1) + rise.min(axis=1)
+        most = reach.max(axis=1) + rise.max(axis=1)
         slack = margin * np.linalg.norm(normal[:, :2], axis=1)
-        return bool(((least - slack <= level) & (level <= most + slack)).any())
+        return bool(((least - slack <= plane) & (plane <= most + slack)).any())
+
+
+def _boxes_meet(triangles: Float, low: Float, high: Float) -> NDArray[np.bool_]:
+    """Whether the bounding box of each triangle (F, 3, 3) meets the one from `low` to `high` (3,)."""
+    above = (triangles.max(axis=1) >= low).all(axis=1)
+    below = (triangles.min(axis=1) <= high).all(axis=1)
+    return np.asarray(above & below)
+
+
+def _apart_along_outline(
+    triangles: Float, outline: Float, margin: float
+) -> NDArray[np.bool_]:
+    """Whether each triangle lies beyond an edge of the outline, seen from above."""
+    normals = edge_normals(outline)
+    edge = (outline * normals).sum(axis=1)
+    nearest = (triangles[..., :2] @ normals.T).min(axis=1)
+    return np.asarray((nearest > edge + margin).any(axis=1))
+
+
+def _apart_along_edges(
+    triangles: Float, outline: Float, margin: float
+) -> NDArray[np.bool_]:
+    """Whether the outline lies beyond an edge of each triangle, seen from above."""
+    flat = triangles[..., :2]
+    edges = np.roll(flat, -1, axis=1) - flat
+    across = np.stack([edges[..., 1], -edges[..., 0]], axis=-1)
+    length = np.linalg.norm(across, axis=-1)
+    of_triangle = (across[:, :, None] * flat[:, None]).sum(axis=-1)  # edge, corner
+    of_outline = across @ outline.T
+    slack = margin * length
+    apart = of_triangle.min(axis=2) > of_outline.max(axis=2) + slack
+    apart |= of_triangle.max(axis=2) < of_outline.min(axis=2) - slack
+    return np.asarray((apart & (length > 0)).any(axis=1))
 
 
 def near_triangles(
@@ -194,22 +214,15 @@ def near_triangles(
     flat = face.triangles.reshape(-1, 2)
     low = np.append(flat.min(axis=0) - reach, face.height)
     high = np.append(flat.max(axis=0) + reach, face.height + 2 * rest.height)
-    kept = [
-        part[
-            (part.max(axis=1) >= low).all(axis=1)
-            & (part.min(axis=1) <= high).all(axis=1)
-        ]
-        for part in obstacles
-    ]
+    kept = [part[_boxes_meet(part, low, high)] for part in obstacles]
     return np.concatenate(kept) if kept else np.empty((0, 3, 3))
 
 
 def random_point(face: LevelFace, rng: np.random.Generator) -> Float:
     """A point (2,) of the face, uniform in its area."""
-    a, b, c = face.triangles[rng.choice(len(face.area), p=face.area / face.area.sum())]
+    share = face.area / face.area.sum()
+    a, b, c = face.triangles[rng.choice(len(face.area), p=share)]
     u, v = rng.random(2)
-    return np.asarray(
-        a
-        + (b - a) * (u if u + v < 1 else 1 - u)
-        + (c - a) * (v if u + v < 1 else 1 - v)
-    )
+    if not u + v < 1:  # the other half of the parallelogram
+        u, v = 1 - u, 1 - v
+    return np.asarray(a + (b - a) * u + (c - a) * v)

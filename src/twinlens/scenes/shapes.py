@@ -25,35 +25,27 @@ _ROUND_FROM = 16
 def box(extents: Float, tile: float | None = None) -> Mesh:
     """A box; (u, v) span [0, 1]^2 on each face, or repeat every `tile` metres."""
     u, v = np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]]).T
-    own = np.eye(3, dtype=bool)
     faces = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
-    return _six_sides(
-        u,
-        v,
-        faces,
-        lambda cube, axis: (cube / 2 * extents, np.where(own[axis], cube, 0)),
-        extents,
-        tile,
-    )
+    is_axis = np.eye(3, dtype=bool)
+
+    def place(cube: Float, axis: int) -> tuple[Float, Float]:
+        return cube / 2 * extents, np.where(is_axis[axis], cube, 0)
+
+    return _six_sides(u, v, faces, place, extents, tile)
 
 
 def rounded_box(
     extents: Float, radius: float, subdivisions: int = 6, tile: float | None = None
 ) -> Mesh:
     """A box with edges and corners rounded by `radius` metres (<= half the shortest side); (u, v) as for `box`."""
-    line = np.concatenate(
-        [
-            -1 - np.linspace(1, 0, subdivisions + 1),
-            1 + np.linspace(0, 1, subdivisions + 1),
-        ]
-    )
-    v, u = (each.ravel() for each in np.meshgrid(line, line, indexing="ij"))
+    # A side from -2 to 2: the flat part is -1 to 1, the rest becomes the rounded edges.
+    steps = np.linspace(0, 1, subdivisions + 1)
+    line = np.concatenate([-1 - np.linspace(1, 0, subdivisions + 1), 1 + steps])
+    v, u = (values.ravel() for values in np.meshgrid(line, line, indexing="ij"))
 
     def place(cube: Float, axis: int) -> tuple[Float, Float]:
         inner = np.clip(cube, -1, 1)
-        away = np.tan(
-            (cube - inner) * (math.pi / 4)
-        )  # even steps of angle, not of length
+        away = np.tan((cube - inner) * (math.pi / 4))  # even steps of angle
         normals = away / np.linalg.norm(away, axis=-1, keepdims=True)
         return inner * (np.asarray(extents) / 2 - radius) + radius * normals, normals
 
@@ -73,8 +65,9 @@ def _six_sides(
             cube[:, axis], cube[:, a], cube[:, b] = end, u, v
             points, normals = place(cube, axis)
             uv = (points[:, across] + size / 2) / (size if tile is None else tile)
-            own = faces + np.uint32(len(sides) * len(u))
-            sides.append((points, own if end > 0 else own[:, ::-1], normals, uv))
+            numbered = faces + np.uint32(len(sides) * len(u))
+            outward = numbered if end > 0 else numbered[:, ::-1]
+            sides.append((points, outward, normals, uv))
     vertices, faces, normals, uv = (
         np.concatenate(arrays) for arrays in zip(*sides, strict=True)
     )
@@ -108,24 +101,24 @@ def lathe(
     angle = np.linspace(0, 2 * math.pi, segments + 1)
     cos, sin = np.cos(angle), np.sin(angle)
     parts = []
-    for curve, start, end in zip(
-        curves, lengths[:-1] / lengths[-1], lengths[1:] / lengths[-1], strict=True
-    ):
+    shares = lengths / lengths[-1]
+    for curve, start, end in zip(curves, shares[:-1], shares[1:], strict=True):
         tangent, length = _tangents(curve), _arc_length(curve)
         radius, height = np.maximum(curve[:, :1], 0.0), curve[:, 1:]
-        vertices = np.stack(
-            np.broadcast_arrays(radius * cos, radius * sin, height), axis=-1
-        )
-        normals = np.stack(
-            np.broadcast_arrays(
-                tangent[:, 1:] * cos, tangent[:, 1:] * sin, -tangent[:, :1]
-            ),
-            axis=-1,
-        )
+        vertices = _stacked(radius * cos, radius * sin, height)
+        # The tangent (dr, dz) of the profile, turned by a right angle: (dz, -dr) points outwards.
+        outwards, upwards = tangent[:, 1:], -tangent[:, :1]
+        normals = _stacked(outwards * cos, outwards * sin, upwards)
         v = start + (end - start) * length / length[-1]
-        uv = np.stack(np.broadcast_arrays(angle / (2 * math.pi), v[:, None]), axis=-1)
-        parts.append(_sheet(vertices, normals, uv))
+        parts.append(
+            _sheet(vertices, normals, _stacked(angle / (2 * math.pi), v[:, None]))
+        )
     return merged(parts)
+
+
+def _stacked(*columns: Float) -> Float:
+    """Arrays that broadcast together as the last axis of one array."""
+    return np.stack(np.broadcast_arrays(*columns), axis=-1)
 
 
 def cone(radius: float, height: float, sections: int = 64) -> Mesh:
@@ -142,33 +135,29 @@ def cone(radius: float, height: float, sections: int = 64) -> Mesh:
 def merged(parts: list[Mesh]) -> Mesh:
     """Several meshes as one. Normals, (u, v) and surfaces are kept if all have them; missing attributes are 0."""
     starts = np.cumsum([0] + [len(part.vertices) for part in parts])
-    faces = np.concatenate(
-        [
-            part.faces + np.uint32(start)
-            for part, start in zip(parts, starts, strict=False)
-        ]
-    )
+    numbered = zip(parts, starts, strict=False)
+    faces = np.concatenate([part.faces + np.uint32(start) for part, start in numbered])
     arrays: dict[str, Any] = {}
     for name in ("vertices", "normals", "uv", "surface"):
-        each = [getattr(part, name) for part in parts]
-        arrays[name] = (
-            None if any(values is None for values in each) else np.concatenate(each)
-        )
-    widths = {
-        name: values.shape[1]
-        for part in parts
-        for name, values in part.attributes.items()
-    }
-    attributes = {
-        name: np.concatenate(
-            [
-                part.attributes.get(name, np.zeros((len(part.vertices), width)))
-                for part in parts
-            ]
-        )
-        for name, width in widths.items()
-    }
-    return Mesh(faces=faces, attributes=attributes, **arrays)
+        values = [getattr(part, name) for part in parts]
+        is_partial = any(array is None for array in values)
+        arrays[name] = None if is_partial else np.concatenate(values)
+    return Mesh(faces=faces, attributes=_merged_attributes(parts), **arrays)
+
+
+def _merged_attributes(parts: list[Mesh]) -> dict[str, Float]:
+    widths: dict[str, int] = {}
+    for part in parts:
+        widths |= {name: array.shape[1] for name, array in part.attributes.items()}
+    merged = {}
+    for name, width in widths.items():
+        missing = [np.zeros((len(part.vertices), width)) for part in parts]
+        arrays = [
+            part.attributes.get(name, zeros)
+            for part, zeros in zip(parts, missing, strict=True)
+        ]
+        merged[name] = np.concatenate(arrays)
+    return merged
 
 
 def transformed(mesh: Mesh, b_from_a: Float) -> Mesh:
@@ -229,9 +218,9 @@ def tube(
     centre, radii = path[:, :3], np.maximum(path[:, 3], 1e-9)
     tangent = _tangents(centre)
     if closed:
-        tangent[[0, -1]] = (tangent[0] + tangent[-1]) / np.linalg.norm(
-            tangent[0] + tangent[-1]
-        )
+        across_seam = tangent[0] + tangent[-1]
+        tangent[[0, -1]] = across_seam / np.linalg.norm(across_seam)
+    # A frame without twist: each normal is the last one without its part along the new tangent.
     normals, last = [], np.eye(3)[np.argmin(np.abs(tangent[0]))]
     for t in tangent:
         last = last - (last @ t) * t
@@ -242,12 +231,7 @@ def tube(
     angle = np.linspace(0, 2 * math.pi, sides + 1)[None, :, None]
     around = np.cos(angle) * normal[:, None] + np.sin(angle) * binormal[:, None]
     length = _arc_length(centre)
-    uv = np.stack(
-        np.broadcast_arrays(
-            angle[..., 0] / (2 * math.pi), (length / length[-1])[:, None]
-        ),
-        axis=-1,
-    )
+    uv = _stacked(angle[..., 0] / (2 * math.pi), (length / length[-1])[:, None])
     return _sheet(centre[:, None] + radii[:, None, None] * around, around, uv)
 
 
@@ -264,9 +248,9 @@ def height_field(
     heights = height.pixels if height.pixels.ndim == 2 else height.pixels.mean(axis=2)
     rows, columns = heights.shape
     nx, ny = grid or (min(columns, 257), min(rows, 257))
-    picked = heights[np.linspace(0, rows - 1, ny).astype(int)][
-        :, np.linspace(0, columns - 1, nx).astype(int)
-    ]
+    chosen_rows = np.linspace(0, rows - 1, ny).astype(int)
+    chosen_columns = np.linspace(0, columns - 1, nx).astype(int)
+    picked = heights[chosen_rows][:, chosen_columns]
     x = np.linspace(-0.5, 0.5, nx) * extents[0]
     y = np.linspace(-0.5, 0.5, ny) * extents[1]
     z = (amplitude * picked)[::-1].astype(np.float64)
@@ -285,12 +269,9 @@ def bent_sheet(extents: Float, angle_deg: float, segments: int = 64) -> Mesh:
     radius = extents[0] / angle
     x, z = radius * np.sin(s * angle), radius * (np.cos(s * angle) - 1)
     y = np.array([-0.5, 0.5]) * extents[1]
-    vertices = np.stack(np.broadcast_arrays(x, y[:, None], z), axis=-1)
-    normals = np.stack(
-        np.broadcast_arrays(np.sin(s * angle), np.zeros((2, 1)), np.cos(s * angle)),
-        axis=-1,
-    )
-    uv = np.stack(np.broadcast_arrays(s + 0.5, np.array([[0.0], [1.0]])), axis=-1)
+    vertices = _stacked(x, y[:, None], z)
+    normals = _stacked(np.sin(s * angle), np.zeros((2, 1)), np.cos(s * angle))
+    uv = _stacked(s + 0.5, np.array([[0.0], [1.0]]))
     return _sheet(vertices, normals, uv)
 
 
@@ -331,6 +312,7 @@ def with_longitude(mesh: Mesh) -> Mesh:
     v = (corner[:, 2] - low[2]) / max(high[2] - low[2], 1e-12)
     triangles = u.reshape(-1, 3)
     crossing = triangles.max(axis=1, keepdims=True) - triangles > 0.5
+    # Where a triangle crosses the seam, u goes on beyond 1; textures repeat.
     u = (triangles + crossing).reshape(-1)
     unrolled = np.arange(len(corner), dtype=np.uint32).reshape(-1, 3)
     normals = None if mesh.normals is None else mesh.normals[faces].reshape(-1, 3)
@@ -365,9 +347,9 @@ def _sheet(vertices: Float, normals: Float, uv: Float) -> Mesh:
 
 
 def _arc_length(curve: Float) -> Float:
-    return np.concatenate(
-        [[0.0], np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))]
-    )
+    """The length (N,) along a curve up to each of its points."""
+    steps = np.linalg.norm(np.diff(curve, axis=0), axis=1)
+    return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def _tangents(curve: Float) -> Float:
@@ -385,11 +367,9 @@ def _tangents(curve: Float) -> Float:
 
 def _catmull_rom(points: Float, samples: int, closed: bool = False) -> Float:
     """A curve through all points (N, n), `samples` steps per span. Source: Catmull and Rom 1974."""
-    before, after = (
-        (points[-2], points[1])
-        if closed
-        else (2 * points[0] - points[1], 2 * points[-1] - points[-2])
-    )
+    before, after = points[-2], points[1]
+    if not closed:  # mirror the ends
+        before, after = 2 * points[0] - points[1], 2 * points[-1] - points[-2]
     p = np.vstack([before, points, after])
     t = (np.arange(samples) / samples)[None, :, None]
     a, b, c, d = (p[i : len(p) - 3 + i, None] for i in range(4))
