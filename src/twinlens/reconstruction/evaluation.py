@@ -13,6 +13,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from twinlens.errors import InputError, check_number
+from twinlens.geometry import Float
 from twinlens.reconstruction.fusion import thinned
 from twinlens.reconstruction.surface import Cloud
 
@@ -64,44 +65,65 @@ def compare(
     Distances are between points: they are not meaningful below half the spacing of the true points.
     Raises InputError for an empty cloud or a number that is not positive.
     """
-    for name, value in [
-        ("max_distance_mm", max_distance_mm),
-        *(("tolerances_mm", t) for t in tolerances_mm),
-    ]:
-        check_number(name, value, "positive numbers of millimetres", above=0)
+    allowed = "positive numbers of millimetres"
+    check_number("max_distance_mm", max_distance_mm, allowed, above=0)
+    for tolerance in tolerances_mm:
+        check_number("tolerances_mm", tolerance, allowed, above=0)
     if not len(reconstructed) or not len(true):
         raise InputError("comparing needs points in both clouds")
     if spacing_mm is not None:
-        check_number(
-            "spacing_mm", spacing_mm, "a positive number of millimetres", above=0
-        )
-        reconstructed, true = (
-            thinned(cloud, 1e-3 * spacing_mm) for cloud in (reconstructed, true)
-        )
-    to_truth = 1e3 * cKDTree(true.points).query(reconstructed.points)[0]
-    from_truth = 1e3 * cKDTree(reconstructed.points).query(true.points)[0]
-    near, near_truth = (d[d <= max_distance_mm] for d in (to_truth, from_truth))
-    (mean, median), (mean_of_truth, median_of_truth) = (
-        (float(np.mean(d)), float(np.median(d))) if d.size else (math.inf, math.inf)
-        for d in (near, near_truth)
-    )
-    shares = []
-    for tolerance in map(float, tolerances_mm):
-        a, c = (
-            float((to_truth <= tolerance).mean()),
-            float((from_truth <= tolerance).mean()),
-        )
-        shares.append(Share(tolerance, a, c, 2 * a * c / (a + c) if a + c else 0.0))
+        allowed = "a positive number of millimetres"
+        check_number("spacing_mm", spacing_mm, allowed, above=0)
+        reconstructed = thinned(reconstructed, 1e-3 * spacing_mm)
+        true = thinned(true, 1e-3 * spacing_mm)
+    to_truth = _distances_mm(reconstructed, true)
+    from_truth = _distances_mm(true, reconstructed)
+    accuracy = _Distances.of(to_truth, max_distance_mm)
+    completeness = _Distances.of(from_truth, max_distance_mm)
     return Comparison(
-        accuracy_mean_mm=mean,
-        accuracy_median_mm=median,
-        accuracy_outliers=1 - len(near) / len(to_truth),
-        completeness_mean_mm=mean_of_truth,
-        completeness_median_mm=median_of_truth,
-        completeness_outliers=1 - len(near_truth) / len(from_truth),
-        shares=tuple(shares),
+        accuracy_mean_mm=accuracy.mean,
+        accuracy_median_mm=accuracy.median,
+        accuracy_outliers=accuracy.outliers,
+        completeness_mean_mm=completeness.mean,
+        completeness_median_mm=completeness.median,
+        completeness_outliers=completeness.outliers,
+        shares=tuple(
+            _share(to_truth, from_truth, float(tolerance))
+            for tolerance in tolerances_mm
+        ),
         points=len(to_truth),
         true_points=len(from_truth),
         max_distance_mm=float(max_distance_mm),
         spacing_mm=spacing_mm,
     )
+
+
+@dataclass(frozen=True)
+class _Distances:
+    """Mean and median of the distances up to a limit, +inf if there are none, and the share beyond it."""
+
+    mean: float
+    median: float
+    outliers: float
+
+    @staticmethod
+    def of(distances: Float, limit: float) -> "_Distances":
+        near = distances[distances <= limit]
+        outliers = 1 - len(near) / len(distances)
+        if not near.size:
+            return _Distances(math.inf, math.inf, outliers)
+        return _Distances(float(np.mean(near)), float(np.median(near)), outliers)
+
+
+def _distances_mm(cloud: Cloud, target: Cloud) -> Float:
+    """The distance (N,) of each point of a cloud to the nearest point of another, millimetres."""
+    distances, _ = cKDTree(target.points).query(cloud.points)
+    return np.asarray(1e3 * distances)
+
+
+def _share(to_truth: Float, from_truth: Float, tolerance: float) -> Share:
+    accuracy = float((to_truth <= tolerance).mean())
+    completeness = float((from_truth <= tolerance).mean())
+    total = accuracy + completeness
+    f_score = 2 * accuracy * completeness / total if total else 0.0
+    return Share(tolerance, accuracy, completeness, f_score)

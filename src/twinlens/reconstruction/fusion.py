@@ -8,6 +8,7 @@ range images, SIGGRAPH 1996). Points are checked for consistency after Merrell e
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -39,20 +40,20 @@ def fuse(
     check_number("tolerance", tolerance, "a positive fraction of the depth", above=0)
     points, colors = [], []
     for i, view in enumerate(views):
-        others = (*views[:i], *views[i + 1 :]) if min_views > 1 else ()
         cloud = points_of(view)
-        agree = sum(
-            (_agrees(other, cloud.points, tolerance).astype(int) for other in others),
-            np.ones(len(cloud), int),
-        )
-        points.append(cloud.points[agree >= min_views])
+        agreeing = np.ones(len(cloud), int)
+        if min_views > 1:
+            for partner in (*views[:i], *views[i + 1 :]):
+                agreeing += _agrees(partner, cloud.points, tolerance)
+        confirmed = agreeing >= min_views
+        points.append(cloud.points[confirmed])
         if cloud.colors is not None:
-            colors.append(cloud.colors[agree >= min_views])
-    whole = Cloud(
-        np.concatenate(points),
-        np.concatenate(colors) if len(colors) == len(views) else None,
+            colors.append(cloud.colors[confirmed])
+    has_colors = len(colors) == len(views)
+    fused = Cloud(
+        np.concatenate(points), np.concatenate(colors) if has_colors else None
     )
-    return whole if spacing is None else thinned(whole, spacing)
+    return fused if spacing is None else thinned(fused, spacing)
 
 
 def thinned(cloud: Cloud, spacing: float) -> Cloud:
@@ -60,22 +61,18 @@ def thinned(cloud: Cloud, spacing: float) -> Cloud:
     check_number("spacing", spacing, "a positive number of metres", above=0)
     if not len(cloud):
         return cloud
-    cell = np.unique(
-        np.floor(cloud.points / spacing).astype(np.int64), axis=0, return_inverse=True
-    )[1].reshape(-1)
-    values = (
-        cloud.points
-        if cloud.colors is None
-        else np.hstack([cloud.points, cloud.colors])
-    )
-    means = np.stack(
-        [ndimage.mean(each, cell, np.arange(cell.max() + 1)) for each in values.T],
-        axis=1,
-    )
-    return Cloud(
-        means[:, :3],
-        None if cloud.colors is None else np.rint(means[:, 3:]).astype(np.uint8),
-    )
+    cells = np.floor(cloud.points / spacing).astype(np.int64)
+    occupied, cell = np.unique(cells, axis=0, return_inverse=True)
+    labels = np.arange(len(occupied))
+
+    def cell_means(values: NDArray[Any]) -> Float:
+        columns = [ndimage.mean(column, cell.ravel(), labels) for column in values.T]
+        return np.stack(columns, axis=1)
+
+    if cloud.colors is None:
+        return Cloud(cell_means(cloud.points))
+    colors = np.rint(cell_means(cloud.colors.astype(np.float64))).astype(np.uint8)
+    return Cloud(cell_means(cloud.points), colors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,12 +110,7 @@ def integrate(
     reach = _REACH * cell if reach is None else reach
     check_number("reach", reach, "a number of metres, one cell or more", least=cell)
     if bounds is None:
-        points = np.vstack(
-            [np.empty((0, 3)), *(points_of(view).points for view in views)]
-        )
-        if not len(points):
-            raise InputError("integrating needs at least one view with a known depth")
-        bounds = points.min(axis=0) - reach, points.max(axis=0) + reach
+        bounds = _bounds_of(views, reach)
     corners = np.asarray(bounds, dtype=np.float64)
     if (
         corners.shape != (2, 3)
@@ -128,35 +120,47 @@ def integrate(
         raise InputError(
             f"bounds must be the lowest and highest corner, (2, 3), got {corners.tolist()}"
         )
-    low = corners[0]
-    with np.errstate(over="ignore"):
-        shape = (np.ceil((corners[1] - low) / cell) + 1).tolist()
-    if not math.prod(shape) <= _MOST_CELLS:
-        count = " x ".join(f"{side:g}" for side in shape)
-        raise InputError(
-            f"cells of {cell} m make {count}, more than 64 million: use larger cells or smaller bounds"
-        )
-    shape = [int(side) for side in shape]
-    colors = (
-        np.zeros((*shape, 3), np.float32)
-        if all(view.image is not None for view in views)
-        else None
-    )
-    volume = Volume(
-        low,
-        cell,
-        reach,
-        np.zeros(shape, np.float32),
-        np.zeros(shape, np.float32),
-        colors,
-    )
+    has_colors = all(view.image is not None for view in views)
+    volume = _empty_volume(corners, cell, reach, has_colors)
     weighted = [(view, _pixel_weights(view)) for view in views]
-    j, k = np.mgrid[: shape[1], : shape[2]]
-    for i in range(shape[0]):  # one slab at a time bounds the memory
-        centres = low + cell * np.stack([np.full_like(j, i), j, k], axis=-1)
+    slabs, rows, columns = volume.weight.shape
+    j, k = np.mgrid[:rows, :columns]
+    for i in range(slabs):  # one slab at a time bounds the memory
+        centres = volume.origin + cell * np.stack([np.full_like(j, i), j, k], axis=-1)
         for view, weights in weighted:
             _add_view(view, weights, centres, volume, i)
     return volume
+
+
+def _bounds_of(views: Sequence[DepthView], margin: float) -> tuple[Float, Float]:
+    """The lowest and highest corner of all points, extended by a margin, metres."""
+    clouds = [points_of(view).points for view in views]
+    points = np.vstack([np.empty((0, 3)), *clouds])
+    if not len(points):
+        raise InputError("integrating needs at least one view with a known depth")
+    return points.min(axis=0) - margin, points.max(axis=0) + margin
+
+
+def _empty_volume(
+    corners: Float, cell: float, reach: float, has_colors: bool
+) -> Volume:
+    low, high = corners
+    with np.errstate(over="ignore"):
+        sides = (np.ceil((high - low) / cell) + 1).tolist()
+    if not math.prod(sides) <= _MOST_CELLS:
+        count = " x ".join(f"{side:g}" for side in sides)
+        raise InputError(
+            f"cells of {cell} m make {count}, more than 64 million: use larger cells or smaller bounds"
+        )
+    shape = tuple(int(side) for side in sides)
+    return Volume(
+        low,
+        cell,
+        reach,
+        distance=np.zeros(shape, np.float32),
+        weight=np.zeros(shape, np.float32),
+        colors=np.zeros((*shape, 3), np.float32) if has_colors else None,
+    )
 
 
 def surface_of(volume: Volume) -> Surface:
@@ -166,33 +170,26 @@ def surface_of(volume: Volume) -> Surface:
     """
     from skimage.measure import marching_cubes
 
-    distance = np.where(volume.weight > 0, volume.distance, np.float32(1.0))
-    cube = np.ones(
-        (2, 2, 2)
-    )  # of a cell and the seven before it; marching cubes takes masks at the last corner
-    known_cubes, outside, inside = (
-        ndimage.binary_erosion(flags, cube)
-        for flags in (volume.weight > 0, distance > 0, distance <= 0)
-    )
-    if not (known_cubes & ~outside & ~inside).any():
+    seen = volume.weight > 0
+    distance = np.where(seen, volume.distance, np.float32(1.0))
+    # Flags of a cube: those of a cell and of the seven before it. Marching cubes takes masks at the last corner.
+    cube = np.ones((2, 2, 2))
+    seen_cubes = ndimage.binary_erosion(seen, cube)
+    outside = ndimage.binary_erosion(distance > 0, cube)
+    inside = ndimage.binary_erosion(distance <= 0, cube)
+    if not (seen_cubes & ~outside & ~inside).any():
         raise InputError(
             "no surface crosses the grid: check the bounds, and that the cells are smaller than the scene"
         )
     vertices, faces, _, _ = marching_cubes(
-        distance, 0.0, mask=known_cubes, gradient_direction="descent"
+        distance, 0.0, mask=seen_cubes, gradient_direction="descent"
     )
     colors = None
-    if volume.colors is not None:  # of the nearest cell
-        colors = (
-            np.rint(volume.colors[tuple(np.rint(vertices).astype(int).T)])
-            .clip(0, 255)
-            .astype(np.uint8)
-        )
-    return Surface(
-        volume.origin + volume.cell * vertices.astype(np.float64),
-        faces.astype(np.int64),
-        colors,
-    )
+    if volume.colors is not None:
+        i, j, k = np.rint(vertices).astype(int).T  # the nearest cells
+        colors = np.rint(volume.colors[i, j, k]).clip(0, 255).astype(np.uint8)
+    positions = volume.origin + volume.cell * vertices.astype(np.float64)
+    return Surface(positions, faces.astype(np.int64), colors)
 
 
 def _agrees(view: DepthView, points: Float, tolerance: float) -> NDArray[np.bool_]:
@@ -201,9 +198,9 @@ def _agrees(view: DepthView, points: Float, tolerance: float) -> NDArray[np.bool
     pixels = view.camera.project(cam)
     inside = view.camera.contains(pixels)
     u, v = np.floor(np.where(inside[:, None], pixels, 0.0) + 0.5).astype(int).T
-    return np.asarray(
-        inside & (np.abs(view.depth[v, u] - cam[:, 2]) <= tolerance * cam[:, 2])
-    )
+    depth = cam[:, 2]
+    difference = np.abs(view.depth[v, u] - depth)
+    return np.asarray(inside & (difference <= tolerance * depth))
 
 
 def _pixel_weights(view: DepthView) -> Float:
@@ -228,27 +225,27 @@ def _add_view(
         return
     depth = np.full(inside.shape, np.inf)
     depth[inside] = _depth_at(view, pixels[inside], volume.reach)
-    # The difference of depths, as a distance along the ray.
-    away = (
-        (depth - cam[..., 2])
-        * np.linalg.norm(cam, axis=-1)
-        / np.where(inside, cam[..., 2], 1.0)
-    )
+    # The distance along the ray from the cell to the surface: depths are along the axis.
+    ray_distance = np.linalg.norm(cam, axis=-1)
+    per_depth = ray_distance / np.where(inside, cam[..., 2], 1.0)
+    away = (depth - cam[..., 2]) * per_depth
+    # Cells farther behind the surface than the reach are hidden: this view says nothing about them.
     seen = inside & np.isfinite(depth) & (away >= -volume.reach)
     u, v = np.floor(pixels[seen] + 0.5).astype(int).T
-    before, weight = volume.weight[i][seen], pixel_weights[v, u]
-    after = before + weight
+    weight_before, weight = volume.weight[i][seen], pixel_weights[v, u]
+    weight_after = weight_before + weight
+
+    def running_mean(mean: NDArray[Any], values: NDArray[Any]) -> Any:
+        shape = (-1,) + (1,) * (mean.ndim - 1)
+        before, new = weight_before.reshape(shape), weight.reshape(shape)
+        return (mean * before + values * new) / weight_after.reshape(shape)
+
     truncated = np.minimum(away[seen] / volume.reach, 1.0)
-    volume.distance[i][seen] = (
-        volume.distance[i][seen] * before + truncated * weight
-    ) / after
+    volume.distance[i][seen] = running_mean(volume.distance[i][seen], truncated)
     if volume.colors is not None and view.image is not None:
-        mixed = (
-            volume.colors[i][seen] * before[:, None]
-            + view.image[v, u] * weight[:, None]
-        )
-        volume.colors[i][seen] = mixed / after[:, None]
-    volume.weight[i][seen] = after
+        colors = volume.colors[i]
+        colors[seen] = running_mean(colors[seen], view.image[v, u])
+    volume.weight[i][seen] = weight_after
 
 
 def _depth_at(view: DepthView, pixels: Float, reach: float) -> Float:
@@ -256,17 +253,15 @@ def _depth_at(view: DepthView, pixels: Float, reach: float) -> Float:
     height, width = view.depth.shape
     u, v = pixels.clip(0, (width - 1, height - 1)).T
     left, top = np.floor(u).astype(int), np.floor(v).astype(int)
-    columns, rows = (
-        (left, np.minimum(left + 1, width - 1)),
-        (top, np.minimum(top + 1, height - 1)),
+    right, bottom = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
+    x, y = u - left, v - top
+    depth = view.depth
+    corners = np.stack(
+        [depth[top, left], depth[top, right], depth[bottom, left], depth[bottom, right]]
     )
-    corners = np.stack([view.depth[row, column] for row in rows for column in columns])
-    shares = np.stack(
-        [y * x for y in (1 - (v - top), v - top) for x in (1 - (u - left), u - left)]
-    )
+    shares = np.stack([(1 - y) * (1 - x), (1 - y) * x, y * (1 - x), y * x])
     nearest = np.take_along_axis(corners, shares.argmax(axis=0)[None], axis=0)[0]
     with np.errstate(invalid="ignore"):  # inf - inf
         smooth = np.ptp(corners, axis=0) <= reach
-    return np.asarray(
-        np.where(smooth, (np.where(smooth, corners, 0.0) * shares).sum(axis=0), nearest)
-    )
+    bilinear = (np.where(smooth, corners, 0.0) * shares).sum(axis=0)
+    return np.asarray(np.where(smooth, bilinear, nearest))

@@ -1,5 +1,6 @@
 """Reconstruction of a stored sample: its views' depths, true or matched, fused into points and a surface."""
 
+import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from twinlens.camera import Rig
 from twinlens.camera.rectification import rectify
 from twinlens.dataset import StoredSample
 from twinlens.dataset.codecs.png import encode_png
@@ -30,7 +32,7 @@ MatcherFactory = Callable[..., Any]
 """(num_disparities=, min_disparity=) -> an object with `match(left, right)`."""
 RECORD = "reconstruction.json"
 _CELLS = 160  # along the longest side of the points
-_ORBIT_DEG = (-25.0, 25.0)  # viewpoints of the picture
+_ORBIT_DEG, _RISE_DEG = (-25.0, 25.0), 10.0  # viewpoints of the picture
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,20 +69,16 @@ class Reconstruction:
     def picture(self) -> NDArray[np.uint8]:
         """The points above the surface, each from two viewpoints: uint8 (H, W, 3)."""
         middle = self.views[len(self.views) // 2]
-        camera, target = (
-            middle.camera.replace(distortion=None),
-            np.median(self.points.points, axis=0),
-        )
-        poses = [
-            orbit(middle.world_from_cam, target, angle, 10.0) for angle in _ORBIT_DEG
-        ]
-        clouds = (self.points, sampled(self.surface, 0.5 * self.cell))
-        return np.vstack(
-            [
-                np.hstack([splat(cloud, camera, pose, 3) for pose in poses])
-                for cloud in clouds
-            ]
-        )
+        camera = middle.camera.replace(distortion=None)
+        target = np.median(self.points.points, axis=0)
+        rows = []
+        for cloud in (self.points, sampled(self.surface, 0.5 * self.cell)):
+            images = []
+            for angle in _ORBIT_DEG:
+                pose = orbit(middle.world_from_cam, target, angle, _RISE_DEG)
+                images.append(splat(cloud, camera, pose, size_px=3))
+            rows.append(np.hstack(images))
+        return np.vstack(rows)
 
 
 def reconstruct(
@@ -135,15 +133,15 @@ def depth_views(
     rig = stored.rig
     if matcher is None:
         views = [
-            view_of_truth(stored.truth(i), rig, i, stored.image(i))
-            for i in range(len(rig))
+            view_of_truth(stored.truth(index), rig, index, stored.image(index))
+            for index in range(len(rig))
         ]
     elif len(rig) < 2:
         raise InputError(
             f"{stored.folder}: matching needs two views, the sample has one; use its truth"
         )
     else:
-        views = [_matched(stored, matcher, i) for i in range(len(rig) - 1)]
+        views = [_matched(stored, matcher, left) for left in range(len(rig) - 1)]
     return [
         replace(view, depth=np.where(view.depth <= far, view.depth, np.inf))
         for view in views
@@ -152,27 +150,29 @@ def depth_views(
 
 def _matched(stored: StoredSample, matcher: MatcherFactory, left: int) -> DepthView:
     """The depths from matching views `left` and `left` + 1, rectified; the search range is from truth or calib.txt."""
-    rig, images = (
-        stored.rig.pair(left, left + 1),
-        [stored.image(i) for i in (left, left + 1)],
-    )
+    rig = stored.rig.pair(left, left + 1)
+    images = [stored.image(left), stored.image(left + 1)]
     if not rig.is_rectified():
         result = rectify(rig, zero_doffs=False)
-        images, rig = (
-            [result.warp(side, image) for side, image in enumerate(images)],
-            result.rectified_rig,
-        )
-    if not stored.has_truth(left):
-        first, count = 0, stored.ndisp
-    else:
-        truth = stored.truth(left)
-        x = [rig.project(side, truth.position[truth.hit])[:, 0] for side in (0, 1)]
-        inside = np.isfinite(x[0]) & np.isfinite(x[1])
-        if not inside.any():
-            raise InputError(
-                f"{stored.folder}: view {left} has no surface that both cameras can see; leave it out"
-            )
-        low, high = np.percentile((x[0] - x[1])[inside], (0.1, 99.9))
-        first, count = int(np.floor(low)) - 2, int(np.ceil(high) - np.floor(low)) + 5
+        images = [result.warp(side, image) for side, image in enumerate(images)]
+        rig = result.rectified_rig
+    first, count = 0, stored.ndisp
+    if stored.has_truth(left):
+        first, count = _search_range(stored, rig, left)
     disparity = matcher(num_disparities=count, min_disparity=first).match(*images)
     return view_of_disparity(disparity, rig, image=images[0])
+
+
+def _search_range(stored: StoredSample, rig: Rig, left: int) -> tuple[int, int]:
+    """(min_disparity, num_disparities) of all but 0.2 % of the true surface, with two pixels of margin."""
+    truth = stored.truth(left)
+    positions = truth.position[truth.hit]
+    disparity = rig.project(0, positions)[:, 0] - rig.project(1, positions)[:, 0]
+    disparity = disparity[np.isfinite(disparity)]
+    if not disparity.size:
+        raise InputError(
+            f"{stored.folder}: view {left} has no surface that both cameras can see; leave it out"
+        )
+    low, high = np.percentile(disparity, (0.1, 99.9))
+    least, most = math.floor(low), math.ceil(high)
+    return least - 2, most - least + 5

@@ -20,19 +20,18 @@ def splat(
     cam = transform_points(inverse(pose), cloud.points)
     pixels = camera.project(cam)
     inside = camera.contains(pixels)
+    # Every pixel (u, v) of every square, and the number of its point.
     corner = np.floor(pixels[inside] - 0.5 * (size_px - 1) + 0.5).astype(int)
     rows, columns = np.mgrid[:size_px, :size_px].reshape(2, -1, 1)
-    u, v = (columns + corner[:, 0]).reshape(-1), (rows + corner[:, 1]).reshape(-1)
+    u, v = (columns + corner[:, 0]).ravel(), (rows + corner[:, 1]).ravel()
     point = np.tile(np.flatnonzero(inside), size_px**2)
     fits = (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
-    order = np.flatnonzero(fits)[
-        np.argsort(-cam[point[fits], 2], kind="stable")
-    ]  # near points last: they stay
-    colors = (
-        np.full((len(cloud), 3), 128, np.uint8)
-        if cloud.colors is None
-        else cloud.colors
-    )
+    # Painter's algorithm: near points come last and stay.
+    far_to_near = np.argsort(-cam[point[fits], 2], kind="stable")
+    order = np.flatnonzero(fits)[far_to_near]
+    colors = cloud.colors
+    if colors is None:
+        colors = np.full((len(cloud), 3), 128, np.uint8)
     picture = np.full((camera.height, camera.width, 3), 255, np.uint8)
     picture[v[order], u[order]] = colors[point[order]]
     return picture
@@ -45,10 +44,9 @@ def orbit(
     rise_deg: float = 0.0,
 ) -> Float:
     """The camera's pose rotated about `target` (3,): `angle_deg` about the camera's y axis, `rise_deg` about x."""
-    pose, centre = (
-        check_rigid(world_from_cam, "world_from_cam"),
-        np.asarray(target, dtype=np.float64),
-    )
-    own = Rotation.from_euler("YX", [angle_deg, rise_deg], degrees=True).as_matrix()
-    turn = pose[:3, :3] @ own @ pose[:3, :3].T
-    return rigid(turn @ pose[:3, :3], centre + turn @ (pose[:3, 3] - centre))
+    pose = check_rigid(world_from_cam, "world_from_cam")
+    centre = np.asarray(target, dtype=np.float64)
+    turn_in_cam = Rotation.from_euler("YX", [angle_deg, rise_deg], degrees=True)
+    axes = pose[:3, :3]
+    turn = axes @ turn_in_cam.as_matrix() @ axes.T  # in world coordinates
+    return rigid(turn @ axes, centre + turn @ (pose[:3, 3] - centre))

@@ -15,6 +15,8 @@ from twinlens.errors import InputError, check_number
 from twinlens.geometry import Float, check_rigid, depth_from_disparity, float_array
 
 _MOST_SAMPLES = 50_000_000
+_GLTF_FROM_WORLD = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+_GLTF_FROM_CAM = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,27 +36,23 @@ class DepthView:
     image: NDArray[Any] | None = None
 
     def __post_init__(self) -> None:
-        pose, depth = (
-            check_rigid(self.world_from_cam, "world_from_cam"),
-            np.asarray(self.depth, dtype=np.float64),
-        )
+        pose = check_rigid(self.world_from_cam, "world_from_cam")
+        depth = np.asarray(self.depth, dtype=np.float64)
         image = None if self.image is None else rgb8(self.image)
         size = self.camera.height, self.camera.width
-        if depth.shape != size or (image is not None and image.shape != (*size, 3)):
-            found = f"{depth.shape}, {None if image is None else image.shape}"
+        image_shape = None if image is None else image.shape
+        if depth.shape != size or image_shape not in (None, (*size, 3)):
             raise InputError(
-                f"a view of {size} pixels needs depth (H, W), image (H, W, 3); got {found}"
+                f"a view of {size} pixels needs depth (H, W), image (H, W, 3); got {depth.shape}, {image_shape}"
             )
         if not (depth > 0).all():
             raise InputError(
                 "depths must be positive, or +inf where unknown; got NaN or values <= 0"
             )
-        for name, value in (
-            ("world_from_cam", pose),
-            ("depth", depth),
-            ("image", image),
-        ):
-            object.__setattr__(self, name, value)
+        # The converted arrays replace the given ones; the class is frozen for everyone else.
+        object.__setattr__(self, "world_from_cam", pose)
+        object.__setattr__(self, "depth", depth)
+        object.__setattr__(self, "image", image)
 
     @property
     def known(self) -> NDArray[np.bool_]:
@@ -150,10 +148,8 @@ class Surface:
 
 def points_of(view: DepthView) -> Cloud:
     """One point per pixel of known depth, row by row from the top left."""
-    known = view.known
-    return Cloud(
-        view.positions()[known], None if view.image is None else view.image[known]
-    )
+    colors = None if view.image is None else view.image[view.known]
+    return Cloud(view.positions()[view.known], colors)
 
 
 def mesh_of(view: DepthView, max_angle_deg: float = 85.0) -> Surface:
@@ -165,23 +161,20 @@ def mesh_of(view: DepthView, max_angle_deg: float = 85.0) -> Surface:
     check_number(
         "max_angle_deg", max_angle_deg, "between 0 and 90 degrees", above=0, below=90
     )
-    known = view.known.reshape(-1)
-    positions = np.where(known[:, None], view.positions().reshape(-1, 3), 0.0)
-    pixel = np.arange(known.size).reshape(view.known.shape)
-    a, b, c, d = (
-        part.reshape(-1)
-        for part in (pixel[:-1, :-1], pixel[:-1, 1:], pixel[1:, :-1], pixel[1:, 1:])
-    )
+    is_known = view.known.reshape(-1)
+    positions = np.where(is_known[:, None], view.positions().reshape(-1, 3), 0.0)
+    pixel = np.arange(is_known.size).reshape(view.known.shape)
+    # The corners of each four neighbours: top left, top right, bottom left, bottom right.
+    a, b = pixel[:-1, :-1].ravel(), pixel[:-1, 1:].ravel()
+    c, d = pixel[1:, :-1].ravel(), pixel[1:, 1:].ravel()
     faces = np.concatenate([np.stack([a, c, b], axis=1), np.stack([b, c, d], axis=1)])
-    faces = faces[known[faces].all(axis=1)]
+    faces = faces[is_known[faces].all(axis=1)]
     corners = positions[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     ray = view.world_from_cam[:3, 3] - corners.mean(axis=1)
     size = np.linalg.norm(normal, axis=1) * np.linalg.norm(ray, axis=1)
-    faces = faces[
-        np.einsum("nc,nc->n", normal, ray)
-        > math.cos(math.radians(max_angle_deg)) * size
-    ]
+    least_cosine = math.cos(math.radians(max_angle_deg))
+    faces = faces[np.einsum("nc,nc->n", normal, ray) > least_cosine * size]
     used, renamed = np.unique(faces, return_inverse=True)
     colors = None if view.image is None else view.image.reshape(-1, 3)[used]
     return Surface(positions[used], renamed.reshape(faces.shape), colors)
@@ -193,69 +186,65 @@ def sampled(surface: Surface, spacing: float, seed: int = 0) -> Cloud:
     Colours are interpolated between the corners. Raises InputError for more than 50 million points.
     """
     check_number("spacing", spacing, "a positive number of metres", above=0)
-    a, b, c = (surface.vertices[surface.faces[:, k]] for k in range(3))
-    counts = np.ceil(
-        0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1) / spacing**2
-    ).astype(np.int64)
-    if (count := counts.sum()) > _MOST_SAMPLES:
+    a, b, c = (surface.vertices[surface.faces[:, corner]] for corner in range(3))
+    areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    counts = np.ceil(areas / spacing**2).astype(np.int64)
+    count = counts.sum()
+    if count > _MOST_SAMPLES:
         limit = f"{count} points, more than {_MOST_SAMPLES}"
         raise InputError(f"a spacing of {spacing} m makes {limit}: use a wider spacing")
     face = np.repeat(np.arange(len(counts)), counts)
+    # Barycentric coordinates, uniform on the triangle (Osada et al., Shape Distributions, 2002, equation 1).
     r, s = np.random.default_rng(seed).random((2, len(face)))
-    shares = np.stack(
-        [1 - np.sqrt(r), np.sqrt(r) * (1 - s), np.sqrt(r) * s], axis=1
-    )  # uniform: Osada et al. 2002
-    points = np.einsum("nk,nkc->nc", shares, surface.vertices[surface.faces[face]])
+    root = np.sqrt(r)
+    shares = np.stack([1 - root, root * (1 - s), root * s], axis=1)
+    corners = surface.faces[face]
+    points = np.einsum("nk,nkc->nc", shares, surface.vertices[corners])
     if surface.colors is None:
         return Cloud(points)
-    mixed = np.einsum(
-        "nk,nkc->nc", shares, surface.colors[surface.faces[face]].astype(np.float64)
-    )
+    colors = surface.colors[corners].astype(np.float64)
+    mixed = np.einsum("nk,nkc->nc", shares, colors)
     return Cloud(points, np.rint(mixed).astype(np.uint8))
 
 
-def write_ply(path: Where, thing: Cloud | Surface) -> None:
+def write_ply(path: Where, shape: Cloud | Surface) -> None:
     """Write `ply_bytes`. Raises OutputError."""
-    write_file(path, ply_bytes(thing))
+    write_file(path, ply_bytes(shape))
 
 
 def write_glb(
-    path: Where, thing: Cloud | Surface, world_from_cam: ArrayLike | None = None
+    path: Where, shape: Cloud | Surface, world_from_cam: ArrayLike | None = None
 ) -> None:
     """Write `glb_bytes`. Raises OutputError."""
-    write_file(path, glb_bytes(thing, world_from_cam))
+    write_file(path, glb_bytes(shape, world_from_cam))
 
 
-def ply_bytes(thing: Cloud | Surface) -> bytes:
+def ply_bytes(shape: Cloud | Surface) -> bytes:
     """A binary PLY in world axes, metres, float32, with colours."""
-    return bytes(_trimesh(thing).export(file_type="ply"))
+    return bytes(_trimesh(shape).export(file_type="ply"))
 
 
-def glb_bytes(thing: Cloud | Surface, world_from_cam: ArrayLike | None = None) -> bytes:
+def glb_bytes(shape: Cloud | Surface, world_from_cam: ArrayLike | None = None) -> bytes:
     """A binary glTF 2.0: metres, float32, vertex colours.
 
     glTF's axes are x right, y up, z towards the viewer. With `world_from_cam` (4, 4) the camera looks along -z with
     its up direction along y; without it, the world's z axis is up: (x, z, -y).
     """
-    gltf_from_world = np.array(
-        [[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]]
-    )
-    if world_from_cam is not None:
-        gltf_from_world = np.diag([1.0, -1.0, -1.0, 1.0]) @ np.linalg.inv(
-            np.asarray(world_from_cam)
-        )
-    return bytes(
-        _trimesh(thing).apply_transform(gltf_from_world).scene().export(file_type="glb")
-    )
+    if world_from_cam is None:
+        gltf_from_world = _GLTF_FROM_WORLD
+    else:
+        gltf_from_world = _GLTF_FROM_CAM @ np.linalg.inv(np.asarray(world_from_cam))
+    scene = _trimesh(shape).apply_transform(gltf_from_world).scene()
+    return bytes(scene.export(file_type="glb"))
 
 
-def _trimesh(thing: Cloud | Surface) -> Any:
+def _trimesh(shape: Cloud | Surface) -> Any:
     import trimesh
 
-    if isinstance(thing, Cloud):
-        return trimesh.PointCloud(thing.points, colors=thing.colors)
+    if isinstance(shape, Cloud):
+        return trimesh.PointCloud(shape.points, colors=shape.colors)
     return trimesh.Trimesh(
-        thing.vertices, thing.faces, vertex_colors=thing.colors, process=False
+        shape.vertices, shape.faces, vertex_colors=shape.colors, process=False
     )
 
 
