@@ -7,7 +7,7 @@ left image is as bright, in the mean, as the wall's.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -25,15 +25,14 @@ from twinlens.studies.findings import Finding, compared, open_claim
 from twinlens.studies.intervals import mean_of, paired_difference
 from twinlens.studies.model import Figure, Measured, Picture, Setup, Study, sweep
 from twinlens.studies.stage import Image, glowing, plane_texture, stream
-from twinlens.studies.table import Column, Row, Table
+from twinlens.studies.table import Column, Row, Table, Value
 
 SENSOR = Sensor(pinhole_f_number=2.0, longest_exposure=1 / 30, largest_gain=16.0)
+_NOISELESS = SENSOR.replace(shot_noise=False, read_noise=0.0, prnu=0.0, dsnu=0.0)
 NDISP = 128
 WALL, GREY = "wall", 0.5
-SUN_W, SUN_KLUX = (
-    94.5,
-    109.0,
-)  # W/m^2 at 800 to 900 nm, and kilolux, of ASTM G173-03's global daylight
+SUN_W, SUN_KLUX = 94.5, 109.0
+"""W/m^2 at 800 to 900 nm, and kilolux, of the global daylight of ASTM G173-03."""
 OFFICE_KLUX, DISTANCE_M, POWER_W, CONTRAST = 0.5, 1.0, 0.36, 0.0
 SWEEPS: Mapping[str, tuple[float, ...]] = {
     "ambient": (0.005, 0.05, 0.5, 5.0, 30.0, SUN_KLUX),
@@ -63,15 +62,33 @@ class Lit:
         """The exposed images of both cameras."""
         daylight = klux * SUN_W / SUN_KLUX
         light = [
-            daylight * one + power * other
-            for one, other in zip(self.ambient, self.dots, strict=True)
+            daylight * ambient + power * dots
+            for ambient, dots in zip(self.ambient, self.dots, strict=True)
         ]
-        return [
-            shot.image
-            for shot in sensor.expose_rig(
-                light, rig=self.rig, lens=Pinhole(), seed=seed
-            )
-        ]
+        shots = sensor.expose_rig(light, rig=self.rig, lens=Pinhole(), seed=seed)
+        return [shot.image for shot in shots]
+
+
+@dataclass(frozen=True)
+class Case:
+    """Values of all quantities, of which the one named `swept` differs from the standard case."""
+
+    swept: str
+    klux: float = OFFICE_KLUX
+    distance: float = DISTANCE_M
+    power: float = POWER_W
+    contrast: float = CONTRAST
+
+    @property
+    def columns(self) -> dict[str, Value]:
+        """The case as columns of the table."""
+        return {
+            "swept": self.swept,
+            "daylight_klux": self.klux,
+            "distance_m": self.distance,
+            "power_w": self.power,
+            "contrast": self.contrast,
+        }
 
 
 def measure(setup: Setup) -> Measured:
@@ -79,55 +96,75 @@ def measure(setup: Setup) -> Measured:
     rows: list[Row] = []
     pictures: list[Picture] = []
     for name, seed in sweep(replace(setup, scenes=(WALL, *setup.scenes)), setup.seeds):
-        made: dict[tuple[float, float], Lit] = {}
-        for swept, klux, distance, power, contrast in _cases(name):
-            key = distance, contrast
-            if key not in made:
-                made[key] = (
-                    _wall(setup, *key, seed)
-                    if name == WALL
-                    else _scene(setup, name, seed)
-                )
-            lit = made[key]
-            case = {"scene": name, "seed": seed, "swept": swept, "daylight_klux": klux, "distance_m": distance,
-                    "power_w": power, "contrast": contrast}  # fmt: skip
-            plain = textureless(lit.pictures(klux, 0.0, SENSOR.replace(shot_noise=False, read_noise=0.0, prnu=0.0,
-                                                                      dsnu=0.0), 0)[0])  # fmt: skip
-            where = np.ones_like(plain) if swept == "texture" else plain
-            shown: list[Image] = []
-            for number, (light, watts) in enumerate(((PASSIVE, 0.0), (ACTIVE, power))):
-                left, right = lit.pictures(klux, watts, SENSOR, stream(seed, 3, number))
-                shown.append(left)
-                for method in setup.methods:
-                    found = parse_method(method).match(
-                        left, right, num_disparities=NDISP
-                    )
-                    shown.append(found)
-                    rows.append(
-                        {
-                            **case,
-                            "light": light,
-                            "method": method,
-                            "line": f"{method}, {light}",
-                            **_scores(found, lit, where),
-                        }
-                    )
-            if seed == setup.seeds[0] and (swept, klux) == ("ambient", OFFICE_KLUX):
+        rendered: dict[tuple[float, float], Lit] = {}
+        for case in _cases(name):
+            key = case.distance, case.contrast
+            if key not in rendered:
+                rendered[key] = _lit_scene(setup, name, case, seed)
+            lit = rendered[key]
+            case_rows, shown = _matched(setup, lit, case, seed)
+            rows += [
+                {"scene": name, "seed": seed, **case.columns, **row}
+                for row in case_rows
+            ]
+            is_standard = (case.swept, case.klux) == ("ambient", OFFICE_KLUX)
+            if seed == setup.seeds[0] and is_standard:
                 pictures.append(_picture(name, setup, lit, shown))
-    notes: dict[str, Any] = {"sensor": "machine_vision, f/2, at most 1/30 s and gain 16", "ndisp": NDISP,
-                             "sun_w_m2": SUN_W, "sun_klux": SUN_KLUX, "reflectance": GREY}  # fmt: skip
+    notes: dict[str, Any] = {
+        "sensor": "machine_vision, f/2, at most 1/30 s and gain 16",
+        "ndisp": NDISP,
+        "sun_w_m2": SUN_W,
+        "sun_klux": SUN_KLUX,
+        "reflectance": GREY,
+    }
     return Measured(rows, tuple(pictures), notes)
 
 
-def _cases(name: str) -> Iterator[tuple[str, float, float, float, float]]:
-    """(swept, klux, distance, power, contrast): one quantity differs from the standard case."""
-    wall = name == WALL
-    base = {"ambient": OFFICE_KLUX, "distance": DISTANCE_M if wall else math.nan, "power": POWER_W,
-            "texture": CONTRAST if wall else math.nan}  # fmt: skip
+def _standard(name: str) -> Case:
+    """The standard case; only the wall has a distance and a contrast."""
+    if name == WALL:
+        return Case("")
+    return Case("", distance=math.nan, contrast=math.nan)
+
+
+def _cases(name: str) -> Iterator[Case]:
+    """Each sweep of the scene: the standard case with one quantity changed."""
+    standard = _standard(name)
+    fields = {"ambient": "klux", "texture": "contrast"}
     for swept, values in SWEEPS.items():
-        for value in values if not math.isnan(base[swept]) else ():
-            klux, distance, power, contrast = {**base, swept: value}.values()
-            yield swept, klux, distance, power, contrast
+        field = fields.get(swept, swept)
+        if math.isnan(getattr(standard, field)):
+            continue
+        for value in values:
+            yield replace(standard, swept=swept, **{field: value})
+
+
+def _matched(
+    setup: Setup, lit: Lit, case: Case, seed: int
+) -> tuple[list[Row], list[Image]]:
+    """A row for each light and matcher; the left image of each light, each followed by its disparity maps."""
+    noiseless = lit.pictures(case.klux, 0.0, _NOISELESS, 0)
+    where = textureless(noiseless[0])
+    if case.swept == "texture":
+        where = np.ones_like(where)
+    rows: list[Row] = []
+    shown: list[Image] = []
+    for number, (light, power) in enumerate(((PASSIVE, 0.0), (ACTIVE, case.power))):
+        pair = lit.pictures(case.klux, power, SENSOR, stream(seed, 3, number))
+        shown.append(pair[0])
+        for method in setup.methods:
+            disparity = parse_method(method).match(*pair, num_disparities=NDISP)
+            shown.append(disparity)
+            line = f"{method}, {light}"
+            labels: Row = {"light": light, "method": method, "line": line}
+            rows.append({**labels, **_scores(disparity, lit, where)})
+    return rows, shown
+
+
+def _lit_scene(setup: Setup, name: str, case: Case, seed: int) -> Lit:
+    if name == WALL:
+        return _wall(setup, case.distance, case.contrast, seed)
+    return _scene(setup, name, seed)
 
 
 def _wall(setup: Setup, distance: float, contrast: float, seed: int) -> Lit:
@@ -145,9 +182,9 @@ def _wall(setup: Setup, distance: float, contrast: float, seed: int) -> Lit:
     visible = Rig([camera.replace(band="rgb")] * 2, rig.world_from_cams)
     ambient = render(glow, visible, Pinhole(), setup.spp, stream(seed, 0))
     dots = render(painted, rig, Pinhole(), setup.spp, stream(seed, 1))
-    return _lit(
-        painted, rig, [image / (_CHANNELS * math.pi) for image in ambient], list(dots)
-    )
+    # A matte wall that reflects all of 1 W/m^2 has the radiance 1/pi.
+    per_irradiance = [image / (_CHANNELS * math.pi) for image in ambient]
+    return _lit(painted, rig, per_irradiance, list(dots))
 
 
 def _scene(setup: Setup, name: str, seed: int) -> Lit:
@@ -155,19 +192,12 @@ def _scene(setup: Setup, name: str, seed: int) -> Lit:
     rig = layouts.depth_camera(
         setup.width, setup.height, scene.world_from_left, power=1.0
     )
-    own = render(
-        scene,
-        rig.with_projectors([]),
-        Pinhole(),
-        setup.spp,
-        stream(seed, 0),
-        denoise=True,
-    )
-    dots = render(
-        scene.with_ambient(_PROJECTED), rig, Pinhole(), setup.spp, stream(seed, 1)
-    )
-    scale = GREY / (_CHANNELS * math.pi) / float(own[0].mean())
-    return _lit(scene, rig, [scale * image for image in own], list(dots))
+    dark_rig, seeds = rig.with_projectors([]), (stream(seed, 0), stream(seed, 1))
+    ambient = render(scene, dark_rig, Pinhole(), setup.spp, seeds[0], denoise=True)
+    dark_scene = scene.with_ambient(_PROJECTED)
+    dots = render(dark_scene, rig, Pinhole(), setup.spp, seeds[1])
+    scale = GREY / (_CHANNELS * math.pi) / float(ambient[0].mean())
+    return _lit(scene, rig, [scale * image for image in ambient], list(dots))
 
 
 def _lit(scene: Scene, rig: Rig, ambient: list[Image], dots: list[Image]) -> Lit:
@@ -175,23 +205,22 @@ def _lit(scene: Scene, rig: Rig, ambient: list[Image], dots: list[Image]) -> Lit
     return Lit(ambient, dots, truth.disparity, truth.visible, rig)
 
 
-def _scores(found: Image, lit: Lit, where: Image) -> Row:
+def _scores(disparity: Image, lit: Lit, where: Image) -> Row:
     """Of the pixels of the region that both cameras see: wrong ones by more than 2 px, and ones without disparity."""
-    scores = evaluate(
-        found, lit.truth, lit.visible, NDISP, regions={"plain": where & lit.visible}
-    )
+    regions = {"plain": where & lit.visible}
+    scores = evaluate(disparity, lit.truth, lit.visible, NDISP, regions=regions)
     region = scores.regions["plain"]
     return {
         "bad2": region["bad2.0"],
         "holes": region["invalid"],
         "unknown_or_wrong": region["totbad2.0"],
-        "pixels": int((where & lit.visible).sum()),
+        "pixels": int(regions["plain"].sum()),
     }
 
 
 def _picture(name: str, setup: Setup, lit: Lit, shown: list[Image]) -> Picture:
-    known = lit.truth[np.isfinite(lit.truth)]
-    span = 0.0, 1.1 * float(known.max())
+    finite = lit.truth[np.isfinite(lit.truth)]
+    span = 0.0, 1.1 * float(finite.max())
     images = [
         image if image.dtype == np.uint8 else colourise(image, *span) for image in shown
     ]
@@ -221,43 +250,30 @@ def conclude(table: Table) -> list[Finding]:
 def _of_scene(name: str, table: Table) -> list[Finding]:
     rows = table.where(swept="ambient")
     indoors = rows.where(daylight_klux=OFFICE_KLUX)
-    passive, active = (
-        indoors.where(light=PASSIVE, method="zncc"),
-        indoors.where(light=ACTIVE, method="depth_camera"),
-    )
     place = f"On textureless surfaces of the {name}, indoors,"
-    claims = [
-        (
-            f"{place} ZNCC without the projector has at least {_LEAST_WRONG:g} % wrong pixels",
-            passive,
-            False,
-        ),
-        (
-            f"{place} the depth camera has at most {_MOST_WRONG:g} % wrong pixels",
-            active,
-            True,
-        ),
-    ]
-    findings = []
-    for text, part, below in claims:
-        wrong = mean_of(part, "bad2") if len(part) else None
-        if wrong is None:
-            findings.append(open_claim(text))
-            continue
-        holds = wrong.value <= _MOST_WRONG if below else wrong.value >= _LEAST_WRONG
-        findings.append(Finding(text, wrong, holds, "%", result="{}"))
-    dots = rows.where(
-        light=ACTIVE, method="depth_camera", daylight_klux=(OFFICE_KLUX, SUN_KLUX)
-    )
+    text = f"{place} ZNCC without the projector has at least {_LEAST_WRONG:g} % wrong pixels"
+    passive = indoors.where(light=PASSIVE, method="zncc")
+    findings = [_wrong(text, passive, lambda share: share >= _LEAST_WRONG)]
+    text = f"{place} the depth camera has at most {_MOST_WRONG:g} % wrong pixels"
+    active = indoors.where(light=ACTIVE, method="depth_camera")
+    findings.append(_wrong(text, active, lambda share: share <= _MOST_WRONG))
     text = f"In the sun, the depth camera finds fewer pixels of the {name} than indoors"
-    if len(dots):
-        lost = paired_difference(
-            dots, "unknown_or_wrong", "daylight_klux", SUN_KLUX, OFFICE_KLUX
-        )
-        findings.append(compared(text, lost, "fewer", "more", ""))
-    else:
-        findings.append(open_claim(text))
-    return findings
+    klux = (OFFICE_KLUX, SUN_KLUX)
+    dots = rows.where(light=ACTIVE, method="depth_camera", daylight_klux=klux)
+    if not len(dots):
+        return [*findings, open_claim(text)]
+    lost = paired_difference(
+        dots, "unknown_or_wrong", "daylight_klux", SUN_KLUX, OFFICE_KLUX
+    )
+    return [*findings, compared(text, lost, "fewer", "more", "")]
+
+
+def _wrong(text: str, rows: Table, is_met: Callable[[float], bool]) -> Finding:
+    """The claim that the mean share of wrong pixels (%) meets a limit; open without rows."""
+    if not len(rows):
+        return open_claim(text)
+    wrong = mean_of(rows, "bad2")
+    return Finding(text, wrong, is_met(wrong.value), "%", result="{}")
 
 
 STUDY = Study(

@@ -29,7 +29,7 @@ from twinlens.rendering import render
 from twinlens.scenes import Scene
 from twinlens.seeds import generator
 from twinlens.studies.findings import Finding, predicted
-from twinlens.studies.intervals import Interval, over_scenes
+from twinlens.studies.intervals import Interval, mean_of, over_scenes
 from twinlens.studies.model import Figure, Measured, Setup, Study, sweep
 from twinlens.studies.stage import centred_camera, noise_plane, stream
 from twinlens.studies.table import Column, Row, Table
@@ -37,38 +37,24 @@ from twinlens.studies.table import Column, Row, Table
 FX = 1000.0
 FOCUS = 0.5  # 1/m, of all cues; the middle of a focal stack
 OFFSETS = (-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3)  # 1/m, of the planes from the focus
-STACK = (
-    -0.3,
-    -0.15,
-    0.0,
-    0.15,
-    0.3,
-)  # 1/m, of the images of a focal stack from its middle
+STACK = (-0.3, -0.15, 0.0, 0.15, 0.3)
+"""1/m, of the images of a focal stack from its middle."""
 DIAMETERS = (0.01, 0.02, 0.04)  # of a single lens, metres
-WIDER, WIDER_DIAMETER = (
-    (2.0, 4.0, 8.0),
-    0.01,
-)  # baselines of more pairs, in those of touching lenses
+WIDER, WIDER_DIAMETER = (2.0, 4.0, 8.0), 0.01
+"""Baselines of more pairs, in those of touching lenses, and the diameter (m) at which they are tried."""
 PHOTONS = 1000.0  # per pixel, in all images of a cue together
 BLOCK_SIZE = 9
 SEARCH, STEPS = 0.1, 33  # 1/m to both sides of the plane
-TOUCHING, WIDE, HALVES, APERTURES, FOCI = (
-    "touching pair",
-    "wider pair",
-    "dual pixels",
-    "two apertures",
-    "focal stack",
-)
+TOUCHING, WIDE, HALVES = "touching pair", "wider pair", "dual pixels"
+APERTURES, FOCI = "two apertures", "focal stack"
 _RIM = 18  # pixels along the edges that are left out
-_MORE_SAMPLES = (
-    4  # of parts: the samples of a pixel are stratified as a whole, not in each part
-)
+_MORE_SAMPLES = 4  # of parts: samples are stratified in a pixel, not in each part
 _BLIND = 0.25  # of the search; cues with a greater bound are left out of the comparison with it
 _TOLERANCE, _MOST = 0.15, 1.5
 
 
 @dataclass(frozen=True)
-class Shot:
+class LensView:
     """An image, or the images of the parts, of a lens whose centre is at x in metres."""
 
     lens: Lens
@@ -77,13 +63,14 @@ class Shot:
 
     def images(self, camera: Camera, scene: Scene, spp: int, seed: int) -> list[Float]:
         """The radiance (H, W) of each part; the principal point moves so that points in focus do not."""
-        rig = Rig(
-            [camera.replace(cx=camera.cx + camera.fx * FOCUS * self.x)],
-            [rigid(np.eye(3), [self.x, 0.0, 0.0])],
-        )
-        spp *= 1 if self.parts is None else _MORE_SAMPLES
-        image = render(scene, rig, self.lens, spp, seed, parts=self.parts)[0]
-        images = image[None] if self.parts is None else len(self.parts) * image
+        shifted = camera.replace(cx=camera.cx + camera.fx * FOCUS * self.x)
+        rig = Rig([shifted], [rigid(np.eye(3), [self.x, 0.0, 0.0])])
+        if self.parts is None:
+            images = render(scene, rig, self.lens, spp, seed)[0][None]
+        else:
+            spp *= _MORE_SAMPLES
+            shares = render(scene, rig, self.lens, spp, seed, parts=self.parts)[0]
+            images = len(self.parts) * shares
         return list(images.mean(axis=-1).astype(np.float64))
 
     def apertures(self) -> list[ApertureSamples]:
@@ -100,28 +87,22 @@ class Shot:
         ]
 
 
-def cues(diameter: float) -> Iterator[tuple[str, float, list[Shot]]]:
-    """(name, baseline in metres, shots) of every cue whose glass has the area of a disk of this diameter."""
-    lens, half = (
-        ThinLens(diameter, 1 / FOCUS),
-        ThinLens(diameter / math.sqrt(2), 1 / FOCUS),
-    )
-    factors = (1.0, *(WIDER if diameter == WIDER_DIAMETER else ()))
+def cues(diameter: float) -> Iterator[tuple[str, float, list[LensView]]]:
+    """(name, baseline in metres, views) of every cue whose glass has the area of a disk of this diameter."""
+    lens = ThinLens(diameter, 1 / FOCUS)
+    half = ThinLens(diameter / math.sqrt(2), 1 / FOCUS)
+    factors = (1.0, *WIDER) if diameter == WIDER_DIAMETER else (1.0,)
     for factor in factors:
         baseline = factor * half.aperture_diameter
-        pair = [Shot(half, side * baseline / 2) for side in (-1, 1)]
+        pair = [LensView(half, -baseline / 2), LensView(half, baseline / 2)]
         yield TOUCHING if factor == 1 else WIDE, baseline, pair
-    yield HALVES, 4 / (3 * math.pi) * diameter, [Shot(lens, parts=Dual())]
-    yield (
-        APERTURES,
-        0.0,
-        [Shot(lens), Shot(lens.replace(aperture_diameter=diameter / 2))],
-    )
-    yield (
-        FOCI,
-        0.0,
-        [Shot(lens.replace(focus_distance=1 / (FOCUS + offset))) for offset in STACK],
-    )
+    # The centroids of half disks are 4/(3 pi) of the diameter apart.
+    yield HALVES, 4 / (3 * math.pi) * diameter, [LensView(lens, parts=Dual())]
+    narrow = lens.replace(aperture_diameter=diameter / 2)
+    yield APERTURES, 0.0, [LensView(lens), LensView(narrow)]
+    distances = [1 / (FOCUS + offset) for offset in STACK]
+    stack = [LensView(lens.replace(focus_distance=distance)) for distance in distances]
+    yield FOCI, 0.0, stack
 
 
 def measure(setup: Setup) -> Measured:
@@ -137,34 +118,44 @@ def measure(setup: Setup) -> Measured:
 
 
 def _rows(setup: Setup, camera: Camera, seed: int, offset: float) -> Iterator[Row]:
-    place = OFFSETS.index(offset)
+    """The errors of every cue for the plane at this offset from the focus, 1/m."""
+    plane = OFFSETS.index(offset)
     true = FOCUS + offset
-    scene = noise_plane(camera, 0.0, 1 / true, stream(seed, 0, place), scale_px=1.0)
-    sharp = Shot(Pinhole()).images(camera, scene, setup.spp, stream(seed, 1, place))[0]
+    scene = noise_plane(camera, 0.0, 1 / true, stream(seed, 0, plane), scale_px=1.0)
+    pinhole = LensView(Pinhole())
+    sharp = pinhole.images(camera, scene, setup.spp, stream(seed, 1, plane))[0]
     for i, diameter in enumerate(DIAMETERS):
-        for j, (cue, baseline, shots) in enumerate(cues(diameter)):
-            key = place, i, j
-            images = [
-                image / sharp.mean()
-                for k, shot in enumerate(shots)
-                for image in shot.images(
-                    camera, scene, setup.spp, stream(seed, 2, *key, k)
-                )
-            ]
-            apertures = [samples for shot in shots for samples in shot.apertures()]
+        for j, (cue, baseline, views) in enumerate(cues(diameter)):
+            key = plane, i, j
+            images: list[Float] = []
+            apertures: list[ApertureSamples] = []
+            for k, view in enumerate(views):
+                draw = stream(seed, 2, *key, k)
+                radiance = view.images(camera, scene, setup.spp, draw)
+                images += [image / sharp.mean() for image in radiance]
+                apertures += view.apertures()
             error, bound = _error_and_bound(
                 images, sharp / sharp.mean(), apertures, true, stream(seed, 3, *key)
             )
-            error_mm, bound_mm = (
-                1e3 * float(depth_error(1 / true, 1.0, 1.0, each))
-                for each in (error, bound)
-            )
             yield {
-                "scene": "plane", "seed": seed, "cue": cue, "aperture_mm": 1e3 * diameter, "z_m": 1 / true,
-                "baseline_mm": 1e3 * baseline, "blur_px": FX * diameter * abs(offset),
-                "depth_error_mm": error_mm, "bound_mm": bound_mm if bound < SEARCH else math.nan,
+                "scene": "plane",
+                "seed": seed,
+                "cue": cue,
+                "aperture_mm": 1e3 * diameter,
+                "z_m": 1 / true,
+                "baseline_mm": 1e3 * baseline,
+                "blur_px": FX * diameter * abs(offset),
+                "depth_error_mm": _depth_error_mm(true, error),
+                "bound_mm": _depth_error_mm(true, bound)
+                if bound < SEARCH
+                else math.nan,
                 "in_bounds": error / bound if bound < _BLIND * SEARCH else math.nan,
-            }  # fmt: skip
+            }
+
+
+def _depth_error_mm(true: float, error: float) -> float:
+    """The depth error of an error of the inverse depth `true`, both in 1/m."""
+    return 1e3 * float(depth_error(1 / true, 1.0, 1.0, error))
 
 
 def _error_and_bound(
@@ -177,7 +168,7 @@ def _error_and_bound(
     """The robust standard deviation of the errors of 1/z, SEARCH if unknown, and its median bound, both in 1/m."""
     photons, random = PHOTONS / len(images), generator(seed)
     noisy = [random.poisson(photons * image) / photons for image in images]
-    found = inverse_depth_from_defocus(
+    estimate = inverse_depth_from_defocus(
         noisy,
         apertures,
         FX,
@@ -190,7 +181,7 @@ def _error_and_bound(
         sharp, apertures, FX, true, 1 / math.sqrt(photons), block_size=BLOCK_SIZE
     )
     inner = (slice(_RIM, -_RIM),) * 2
-    errors = np.minimum(np.abs(found[inner] - true), SEARCH)
+    errors = np.minimum(np.abs(estimate[inner] - true), SEARCH)
     return 1.4826 * float(np.median(errors)), float(np.median(bound[inner]))
 
 
@@ -203,21 +194,23 @@ def _effective_baseline(table: Table) -> Finding:
     """Errors of dual pixels over those of pairs in focus, relative to the ratio of their baselines."""
 
     def ratios(unit: Table) -> list[float]:
-        found: list[float] = []
+        logarithms: list[float] = []
         for _, rows in unit.where(blur_px=0.0).groups("aperture_mm"):
-            parts = (rows.where(cue=HALVES), rows.where(cue=(TOUCHING, WIDE)))
-            halves, pairs = (
-                part.numbers("depth_error_mm") * part.numbers("baseline_mm")
-                for part in parts
-            )
-            found += np.log(halves / pairs).tolist() if halves.size else []
-        return found
+            halves = _error_times_baseline(rows.where(cue=HALVES))
+            pairs = _error_times_baseline(rows.where(cue=(TOUCHING, WIDE)))
+            if halves.size:
+                logarithms += np.log(halves / pairs).tolist()
+        return logarithms
 
     measured = over_scenes(
         table, ratios, lambda logarithms: math.exp(float(logarithms.mean()))
     )
     text = "In focus, the depth error of dual pixels is {} times that of a pair with the baseline 4/(3 pi) D"
     return predicted(text, measured, 1.0, _TOLERANCE)
+
+
+def _error_times_baseline(rows: Table) -> Float:
+    return rows.numbers("depth_error_mm") * rows.numbers("baseline_mm")
 
 
 def _crossing(table: Table) -> Finding:
@@ -243,11 +236,11 @@ def crossing(rows: Table, first: str, second: str, column: str) -> float:
     """
     points = []
     for (blur,), part in rows.groups("blur_px"):
-        values = [
-            np.log(part.where(cue=cue).numbers(column)) for cue in (first, second)
-        ]
-        if all(each.size for each in values):
-            points.append((float(blur), float(values[0].mean() - values[1].mean())))
+        first_logs = np.log(part.where(cue=first).numbers(column))
+        second_logs = np.log(part.where(cue=second).numbers(column))
+        if first_logs.size and second_logs.size:
+            ratio = float(first_logs.mean() - second_logs.mean())
+            points.append((float(blur), ratio))
     points.sort()
     for (low, before), (high, after) in itertools.pairwise(points):
         if before <= 0 < after:
@@ -258,19 +251,14 @@ def crossing(rows: Table, first: str, second: str, column: str) -> float:
 def _efficiency(table: Table) -> Finding:
     """The largest error over its bound, of the means over seeds."""
     groups = table.groups("cue", "aperture_mm", "baseline_mm", "z_m")
-    cases = [
-        over_scenes(rows, lambda unit: unit.numbers("in_bounds")) for _, rows in groups
-    ]
-    most = max(
-        (each.value for each in cases if not math.isnan(each.value)), default=math.nan
+    ratios = [mean_of(rows, "in_bounds").value for _, rows in groups]
+    largest = max(
+        (ratio for ratio in ratios if not math.isnan(ratio)), default=math.nan
     )
     text = f"No depth error exceeds {_MOST:g} times its Cramer-Rao bound"
-    return Finding(
-        text,
-        Interval(most, math.nan, math.nan),
-        most <= _MOST,
-        result="the largest is {} times the bound",
-    )
+    measured = Interval(largest, math.nan, math.nan)
+    result = "the largest is {} times the bound"
+    return Finding(text, measured, largest <= _MOST, result=result)
 
 
 _SHOWN = (1.25, 2.0, 5.0)

@@ -45,8 +45,9 @@ class Sweep:
 
     def measure(self, setup: Setup) -> Measured:
         """Planes at every depth for each pair, then every bundled scene."""
-        places = itertools.product(setup.seeds, self.planes)
-        rows = [row for seed, pair in places for row in plane_rows(setup, seed, *pair)]
+        rows: list[Row] = []
+        for seed, pair in itertools.product(setup.seeds, self.planes):
+            rows += plane_rows(setup, seed, *pair)
         for name, factor, seed in sweep(setup, self.factors, setup.seeds):
             baseline, fov_x_deg = self.pair(load_scene(name), factor)
             stage = Stage.of(
@@ -54,10 +55,16 @@ class Sweep:
             )
             radiance = stage.photograph(Pinhole(), setup.spp, stream(seed, 0))
             pictures = stage.expose(radiance, Pinhole(), stream(seed, 1), SENSOR)
-            place = {"scene": name, "part": SCENES, "seed": seed, "baseline_mm": 1e3 * baseline,
-                     "fx_px": stage.camera.fx, "occluded": occluded_percent(stage)}  # fmt: skip
+            case = {
+                "scene": name,
+                "part": SCENES,
+                "seed": seed,
+                "baseline_mm": 1e3 * baseline,
+                "fx_px": stage.camera.fx,
+                "occluded": occluded_percent(stage),
+            }
             for method, scores in stage.errors(pictures, setup.methods).items():
-                rows.append({**place, "method": method, "totbad2": scores["totbad2"]})
+                rows.append({**case, "method": method, "totbad2": scores["totbad2"]})
         return Measured(
             rows, notes={"plane_pairs": self.planes, "factors": self.factors}
         )
@@ -77,9 +84,7 @@ class Sweep:
         )
         rms = over_scenes(
             planes,
-            lambda unit: np.log(
-                unit.numbers("depth_error_mm") / unit.numbers("predicted_mm")
-            ),
+            _log_deviations,
             lambda logarithms: 100 * math.sqrt(float(np.mean(logarithms**2))),
         )
         most = f"Depth errors deviate by at most {100 * TOLERANCE:g} % rms"
@@ -110,66 +115,72 @@ BY_FOCAL_LENGTH = Sweep(
 )  # fmt: skip
 
 
+def _log_deviations(rows: Table) -> Float:
+    return np.log(rows.numbers("depth_error_mm") / rows.numbers("predicted_mm"))
+
+
 def plane_rows(setup: Setup, seed: int, baseline: float, fov_x_deg: float) -> list[Row]:
     """A row for every matcher and depth, from rendered planes."""
     fx = Camera.from_fov(setup.width, setup.height, fov_x_deg).fx
+    camera = centred_camera(*PLANE_SIZE, fx)
     errors: dict[tuple[str, float], list[Float]] = {
-        place: [] for place in itertools.product(setup.methods, DEPTHS)
+        case: [] for case in itertools.product(setup.methods, DEPTHS)
     }
-    for k, z in enumerate(DEPTHS):
-        for j, stage in enumerate(
-            noise_planes(centred_camera(*PLANE_SIZE, fx), baseline, z, stream(seed, k))
-        ):
-            draw = stream(seed, k, j)
-            pictures = stage.expose(
-                stage.photograph(Pinhole(), setup.spp, draw), Pinhole(), draw, SENSOR
-            )
+    for number, z in enumerate(DEPTHS):
+        planes = noise_planes(camera, baseline, z, stream(seed, number))
+        for phase, stage in enumerate(planes):
+            draw = stream(seed, number, phase)
+            radiance = stage.photograph(Pinhole(), setup.spp, draw)
+            pictures = stage.expose(radiance, Pinhole(), draw, SENSOR)
             for method in setup.methods:
                 errors[method, z].append(_errors(stage, stage.match(pictures, method)))
-    deviations = {}  # the standard deviation of normal errors is 1.4826 times their median absolute value
-    for place, each in errors.items():
-        magnitudes = np.abs(np.hstack(each))
-        deviations[place] = (
-            1.4826 * np.median(magnitudes, axis=1)
-            if magnitudes.size
-            else np.full(2, math.nan)
-        )
+    deviations = {case: _deviations(parts) for case, parts in errors.items()}
     rows: list[Row] = []
     for (method, z), (metres, pixels) in deviations.items():
-        typical = math.sqrt(
-            float(np.mean([deviations[method, depth][1] ** 2 for depth in DEPTHS]))
+        squares = [deviations[method, depth][1] ** 2 for depth in DEPTHS]
+        typical = math.sqrt(float(np.mean(squares)))
+        rows.append(
+            {
+                "scene": "plane",
+                "part": PLANES,
+                "seed": seed,
+                "method": method,
+                "baseline_mm": 1e3 * baseline,
+                "fx_px": fx,
+                "z_m": z,
+                "depth_error_mm": 1e3 * metres,
+                "predicted_mm": 1e3 * float(depth_error(z, fx, baseline, typical)),
+                "disparity_error_px": pixels,
+            }
         )
-        rows.append({
-            "scene": "plane", "part": PLANES, "seed": seed, "method": method, "baseline_mm": 1e3 * baseline,
-            "fx_px": fx, "z_m": z, "depth_error_mm": 1e3 * metres,
-            "predicted_mm": 1e3 * float(depth_error(z, fx, baseline, typical)), "disparity_error_px": pixels,
-        })  # fmt: skip
     return rows
+
+
+def _deviations(parts: list[Float]) -> Float:
+    """Robust standard deviations (2,) of errors (2, N): 1.4826 times the median magnitude, exact if they are normal."""
+    magnitudes = np.abs(np.hstack(parts))
+    if not magnitudes.size:
+        return np.full(2, math.nan)
+    return np.asarray(1.4826 * np.median(magnitudes, axis=1))
 
 
 def _errors(stage: Stage, matched: NDArray[np.float32]) -> Float:
     """Errors of depth (m) and disparity (px), (2, N), of inner pixels with disparity errors below one pixel."""
-    true, disparity = (
-        stage.truth.disparity.astype(np.float64),
-        matched.astype(np.float64),
-    )
+    true = stage.truth.disparity.astype(np.float64)
+    disparity = matched.astype(np.float64)
     used = stage.truth.visible & np.isfinite(disparity) & (np.abs(disparity - true) < 1)
     used[:_RIM] = used[-_RIM:] = used[:, :_RIM] = used[:, -_RIM:] = False
-    depth = (
-        stage.camera.fx
-        * stage.rig.baseline(0, 1)
-        / (disparity[used] + stage.rig.doffs())
-    )
+    fx_baseline = stage.camera.fx * stage.rig.baseline(0, 1)
+    depth = fx_baseline / (disparity[used] + stage.rig.doffs())
     return np.stack([depth - stage.truth.depth[used], (disparity - true)[used]])
 
 
 def occluded_percent(stage: Stage) -> float:
     """Percentage of occluded pixels among the left pixels whose partner is inside the right image."""
     disparity = stage.truth.disparity
-    partner = np.arange(stage.camera.width) - disparity
-    inside = (
-        np.isfinite(disparity) & (partner >= 0) & (partner <= stage.camera.width - 1)
-    )
+    width = stage.camera.width
+    partner = np.arange(width) - disparity
+    inside = np.isfinite(disparity) & (partner >= 0) & (partner <= width - 1)
     return 100.0 * float((inside & ~stage.truth.visible).sum() / inside.sum())
 
 
@@ -177,12 +188,8 @@ def occlusion(table: Table) -> Finding:
     """Growth of the occlusion: proportional to B for isolated edges, slower for gaps narrower than the strip."""
     growth = over_scenes(table.where(part=SCENES), log_slope("baseline_mm", "occluded"))
     text = f"The occluded share is proportional to B^p with p between 0 and {1 + TOLERANCE:g}"
-    return Finding(
-        text,
-        growth,
-        is_above(growth) and growth.value <= 1 + TOLERANCE,
-        result="p = {}",
-    )
+    holds = is_above(growth) and growth.value <= 1 + TOLERANCE
+    return Finding(text, growth, holds, result="p = {}")
 
 
 _COLUMNS = (

@@ -5,6 +5,7 @@ Blur and disparity obey c = (A/B) |d - d_focus| (Schechner and Kiryati, Depth fr
 """
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
@@ -19,19 +20,10 @@ from twinlens.studies.model import Figure, Measured, Setup, Study, sweep
 from twinlens.studies.stage import GLOW, Stage, centred_camera, glowing, stream
 from twinlens.studies.table import Column, Row, Table
 
-FOCI = (
-    0.0,
-    0.25,
-    0.5,
-    0.75,
-    1.0,
-)  # in 1/z, from the far end (0) to the near end (1) of the depth range
-BLURS_PX = (
-    1.5,
-    3.0,
-    6.0,
-    12.0,
-)  # apertures, as the blur of the near end with the focus at the far end
+FOCI = (0.0, 0.25, 0.5, 0.75, 1.0)
+"""In 1/z, from the far end (0) to the near end (1) of the depth range."""
+BLURS_PX = (1.5, 3.0, 6.0, 12.0)
+"""Apertures, as the blur of the near end with the focus at the far end."""
 MISMATCH_BLUR_PX = 6.0
 LINE_APERTURE, LINE_BASELINE, LINE_FOCUS = 0.08, 0.08, 2.0
 LINE_DEPTHS = (0.8, 1.0, 1.25, 1.6, 2.6, 3.5, 5.0, 9.0)
@@ -55,13 +47,21 @@ def _line(seed: int) -> list[Row]:
     camera, lens = centred_camera(72, 56, 220.0), ThinLens(LINE_APERTURE, LINE_FOCUS)
     rig = Rig.stereo(camera, LINE_BASELINE, np.eye(4))
     rows: list[Row] = []
-    for k, depth in enumerate(LINE_DEPTHS):
+    for number, depth in enumerate(LINE_DEPTHS):
         blur, disparity = blur_and_disparity(
-            rig, lens, depth, _LINE_SPP, stream(seed, 2, k)
+            rig, lens, depth, _LINE_SPP, stream(seed, 2, number)
         )
         defocus = disparity - camera.fx * LINE_BASELINE / LINE_FOCUS
-        rows.append({"scene": "lamps", "seed": seed, "part": "line", "blur_px": blur, "defocus_px": defocus,
-                     "predicted_px": LINE_APERTURE / LINE_BASELINE * abs(defocus)})  # fmt: skip
+        rows.append(
+            {
+                "scene": "lamps",
+                "seed": seed,
+                "part": "line",
+                "blur_px": blur,
+                "defocus_px": defocus,
+                "predicted_px": LINE_APERTURE / LINE_BASELINE * abs(defocus),
+            }
+        )
     return rows
 
 
@@ -73,25 +73,24 @@ def blur_and_disparity(
     pose[:3, :3] *= 0.5 * LAMP_PX * depth / rig.cameras[0].fx
     pose[:3, 3] = 0.5 * rig.baseline(0, 1), 0.0, depth
     scene = glowing("lamp", [("lamp", {"type": "sphere"}, pose, GLOW)], depth)
-    images = [
+    left, right = (
         image.mean(axis=-1).astype(np.float64)
         for image in render(scene, rig, lens, spp, seed)
-    ]
-    disparity = (
-        ndimage.center_of_mass(images[0])[1] - ndimage.center_of_mass(images[1])[1]
     )
-    return float(np.mean([disk_diameter(image) for image in images])), disparity
+    disparity = ndimage.center_of_mass(left)[1] - ndimage.center_of_mass(right)[1]
+    return float(np.mean([disk_diameter(left), disk_diameter(right)])), disparity
 
 
-def disk_diameter(image: Float, own: float = LAMP_PX) -> float:
-    """Diameter D of the blur, pixels, from the variance of the image of a disk with the diameter `own`.
+def disk_diameter(image: Float, sharp_px: float = LAMP_PX) -> float:
+    """Diameter D of the blur, pixels, from the variance of the image of a disk that is `sharp_px` wide without blur.
 
-    The variance along each axis is D^2/16 + own^2/16 + 1/12 for blur, disk and pixel.
+    The variance along each axis is D^2/16 + sharp_px^2/16 + 1/12 for blur, disk and pixel.
     """
     v, u = ndimage.center_of_mass(image)
     rows, columns = np.mgrid[: image.shape[0], : image.shape[1]]
-    both = float((((columns - u) ** 2 + (rows - v) ** 2) * image).sum() / image.sum())
-    return math.sqrt(max(8.0 * (both - 2.0 / 12.0) - own**2, 0.0))
+    squares = (columns - u) ** 2 + (rows - v) ** 2
+    both_axes = float((squares * image).sum() / image.sum())
+    return math.sqrt(max(8.0 * (both_axes - 2.0 / 12.0) - sharp_px**2, 0.0))
 
 
 def _rows(setup: Setup, stage: Stage, seed: int) -> list[Row]:
@@ -100,55 +99,62 @@ def _rows(setup: Setup, stage: Stage, seed: int) -> list[Row]:
     grid = render_lens_grid(
         stage.scene, stage.rig, lenses, setup.spp, stream(seed, 0), denoise=True
     )
-    blurs = [
-        float(np.abs(stage.blur(lens))[np.isfinite(stage.truth.depth)].mean())
-        for lens in lenses
-    ]
-    far = BLURS_PX.index(MISMATCH_BLUR_PX) * len(FOCI)
-    near = far + len(FOCI) - 1
-    eyes = {
-        "both far": (far, far),
-        "both near": (near, near),
-        "far and near": (far, near),
-    }
-    shots: list[tuple[Row, int, int, tuple[int, ...]]]
-    shots = [
-        ({"part": "map", "focus": FOCI[k % len(FOCI)]}, k, k, (1, k))
-        for k in range(len(lenses))
-    ]
-    shots += [
-        ({"part": "eyes", "eyes": name}, *pair, (3, *pair))
-        for name, pair in eyes.items()
-    ]
+    finite = np.isfinite(stage.truth.depth)
+    blurs = [float(np.abs(stage.blur(lens))[finite].mean()) for lens in lenses]
     rows: list[Row] = []
-    for case, left, right, key in shots:
+    for pair in _pairs():
+        radiance = [grid[pair.left][0], grid[pair.right][1]]
         pictures = stage.expose(
-            [grid[left][0], grid[right][1]], lenses[left], stream(seed, *key), SENSOR
+            radiance, lenses[pair.left], stream(seed, *pair.key), SENSOR
         )
-        place = {"scene": stage.scene.name, "seed": seed, **case, "aperture_px": BLURS_PX[left // len(FOCI)],
-                 "mean_blur_px": 0.5 * (blurs[left] + blurs[right])}  # fmt: skip
+        case = {
+            "scene": stage.scene.name,
+            "seed": seed,
+            **pair.columns,
+            "aperture_px": BLURS_PX[pair.left // len(FOCI)],
+            "mean_blur_px": 0.5 * (blurs[pair.left] + blurs[pair.right]),
+        }
         for method, scores in stage.errors(pictures, setup.methods).items():
+            totbad2, avgerr = scores["totbad2"], scores["avgerr"]
             rows.append(
-                {
-                    **place,
-                    "method": method,
-                    "totbad2": scores["totbad2"],
-                    "avgerr": scores["avgerr"],
-                }
+                {**case, "method": method, "totbad2": totbad2, "avgerr": avgerr}
             )
     return rows
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """Two lenses by their numbers in the grid of BLURS_PX x FOCI; the key of the pair's noise."""
+
+    columns: Row
+    left: int
+    right: int
+    key: tuple[int, ...]
+
+
+def _pairs() -> list[_Pair]:
+    pairs = []
+    columns: Row
+    for lens in range(len(BLURS_PX) * len(FOCI)):
+        columns = {"part": "map", "focus": FOCI[lens % len(FOCI)]}
+        pairs.append(_Pair(columns, lens, lens, (1, lens)))
+    far = BLURS_PX.index(MISMATCH_BLUR_PX) * len(FOCI)
+    near = far + len(FOCI) - 1
+    for eyes, left, right in (
+        ("both far", far, far),
+        ("both near", near, near),
+        ("far and near", far, near),
+    ):
+        columns = {"part": "eyes", "eyes": eyes}
+        pairs.append(_Pair(columns, left, right, (3, left, right)))
+    return pairs
 
 
 def conclude(table: Table) -> list[Finding]:
     """The slope of blur over disparity; the best focus; different focus against equal focus."""
     methods = [str(name) for name in table.where(part="map").values("method")]
     text = "The blur of lamps is linear in the disparity from the focus, with slope A/B: the slope is {}"
-    measured = over_scenes(
-        table.where(part="line"),
-        lambda unit: np.polyfit(
-            np.abs(unit.numbers("defocus_px")), unit.numbers("blur_px"), 1
-        )[0],
-    )
+    measured = over_scenes(table.where(part="line"), _blur_slope)
     return [
         predicted(text, measured, LINE_APERTURE / LINE_BASELINE, _SLOPE_TOLERANCE),
         *(_best_focus(table, method) for method in methods),
@@ -156,12 +162,20 @@ def conclude(table: Table) -> list[Finding]:
     ]
 
 
+def _blur_slope(rows: Table) -> float:
+    """The slope of blur over the distance of the disparity from that of the focus."""
+    defocus = np.abs(rows.numbers("defocus_px"))
+    return float(np.polyfit(defocus, rows.numbers("blur_px"), 1)[0])
+
+
 def _best_focus(table: Table, method: str) -> Finding:
     """At the widest aperture: the focus with the fewest wrong pixels, compared with the better end of the range."""
     rows = table.where(part="map", method=method, aperture_px=BLURS_PX[-1])
-    best = min(
-        FOCI, key=lambda focus: float(rows.where(focus=focus).numbers("totbad2").mean())
-    )
+
+    def wrong(focus: float) -> float:
+        return float(rows.where(focus=focus).numbers("totbad2").mean())
+
+    best = min(FOCI, key=wrong)
     gains = [
         paired_difference(rows, "totbad2", "focus", end, best)
         for end in (FOCI[0], FOCI[-1])
@@ -184,9 +198,8 @@ def _worse_if_different(table: Table, method: str) -> Finding:
             eyes: unit.where(eyes=eyes).numbers("totbad2").mean()
             for eyes in unit.values("eyes")
         }
-        return float(
-            wrong["far and near"] - 0.5 * (wrong["both far"] + wrong["both near"])
-        )
+        equal_focus = 0.5 * (wrong["both far"] + wrong["both near"])
+        return float(wrong["far and near"] - equal_focus)
 
     difference = over_scenes(table.where(part="eyes", method=method), gap)
     text = f"{method}: cameras with different focus give more wrong pixels than with equal focus and mean blur"

@@ -59,24 +59,22 @@ def measure(setup: Setup) -> Measured:
         noise.setdefault(scene, []).append(rms)
         for name, change in CHANGES.items():
             for amount in change.amounts:
-                place = {"scene": scene, "seed": seed, "change": name, "amount": amount}
-                found = stage.errors(
-                    changed_pair(pictures, change, amount, seed), setup.methods
-                )
+                case = {"scene": scene, "seed": seed, "change": name, "amount": amount}
+                changed = changed_pair(pictures, change, amount, seed)
                 rows += [
-                    {**place, "method": method, **scores}
-                    for method, scores in found.items()
+                    {**case, "method": method, **scores}
+                    for method, scores in stage.errors(changed, setup.methods).items()
                 ]
     totals = {
         scene: float(np.sqrt(np.mean(np.square(values))))
         for scene, values in noise.items()
     }
     text = ", ".join(f"{scene} {brief(total)}" for scene, total in totals.items())
-    remarks = {
-        "rendering noise": f"{text}; rms grey levels of 255, before any difference is applied"
-    }
+    remark = f"{text}; rms grey levels of 255, before any difference is applied"
     return Measured(
-        rows, (), {"sensor": asdict(SENSOR), "light_path_noise": totals}, remarks
+        rows,
+        notes={"sensor": asdict(SENSOR), "light_path_noise": totals},
+        remarks={"rendering noise": remark},
     )
 
 
@@ -97,21 +95,23 @@ def image_pair(stage: Stage, spp: int, seed: int) -> tuple[tuple[Image, Image], 
         stage.expose(radiance, Pinhole(), stream(seed, 1), SENSOR, exposure)
         for radiance in (*halves, light)
     )
-    return whole, 0.5 * float(
-        np.sqrt(np.mean((first[0].astype(np.float64) - second[0]) ** 2))
-    )
+    difference = first[0].astype(np.float64) - second[0]
+    return whole, 0.5 * float(np.sqrt(np.mean(difference**2)))
 
 
 def changed_pair(
     pictures: Sequence[Image], change: Change, amount: float, seed: int
 ) -> tuple[Image, Image]:
     """The pair with this difference between its images, rounded and clipped to 8 bits."""
-    levels = [
-        change.levels(picture, amount, stream(seed, 2 + k))
-        for k, picture in enumerate(pictures)
-    ]
-    left, right = (np.rint(np.clip(each, 0, 255)).astype(np.uint8) for each in levels)
-    return (left if change.both else pictures[0]), right
+    left, right = pictures
+    if change.both:
+        left = _to_8_bits(change.levels(left, amount, stream(seed, 2)))
+    right = _to_8_bits(change.levels(right, amount, stream(seed, 3)))
+    return left, right
+
+
+def _to_8_bits(levels: Image) -> Image:
+    return np.asarray(np.rint(np.clip(levels, 0, 255)), np.uint8)
 
 
 def conclude(table: Table) -> list[Finding]:
@@ -123,24 +123,21 @@ def conclude(table: Table) -> list[Finding]:
     findings = [_fewest(local.where(change=change), change) for change in CHANGES]
     text = "Over all four differences census has the fewest wrong pixels (Hirschmueller and Scharstein 2009)"
     ranking = _ranking(local)
-    census = next(
-        (method for method in ranking if method.partition(":")[0] == "census"), None
-    )
-    rival = next((method for method in ranking if method != census), None)
-    if census is None or rival is None:
+    census = [method for method in ranking if method.partition(":")[0] == "census"]
+    rivals = [method for method in ranking if method not in census[:1]]
+    if not census or not rivals:
         return [*findings, open_claim(f"{text}: needs census and another local cost")]
-    return [*findings, fewer_wrong(text, local, census, rival, f"than {rival}")]
+    best, rival = census[0], rivals[0]
+    return [*findings, fewer_wrong(text, local, best, rival, f"than {rival}")]
 
 
 def is_local(method: str) -> bool:
     """Whether the method takes the least cost over one fixed block; networks and external programs do not."""
     spec = parse_method(method)
-    matcher = spec.matcher() if spec.method.matcher is StereoMatcher else None
-    return (
-        matcher is not None
-        and matcher.optimisation == "wta"
-        and matcher.support == "fixed"
-    )
+    if spec.method.matcher is not StereoMatcher:
+        return False
+    matcher = spec.matcher()
+    return bool(matcher.optimisation == "wta" and matcher.support == "fixed")
 
 
 def _ranking(rows: Table) -> list[str]:
@@ -158,14 +155,15 @@ def _fewest(rows: Table, change: str) -> Finding:
         return open_claim(
             f"Under {change}, one local cost has the fewest wrong pixels: no local cost was run"
         )
-    best, *others = _ranking(rows)
-    if not others:
+    best, *rivals = _ranking(rows)
+    if not rivals:
         text = (
             f"Under {change}, {best} is the only local cost; it has {{}} wrong pixels"
         )
         return Finding(text, mean_of(rows, "totbad2"), True, "%", answer=best)
+    second = rivals[0]
     text = f"Under {change}, {best} has the fewest wrong pixels of the local costs"
-    return fewer_wrong(text, rows, best, others[0], f"than {others[0]}", answer=best)
+    return fewer_wrong(text, rows, best, second, f"than {second}", answer=best)
 
 
 STUDY = Study(

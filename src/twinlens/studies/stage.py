@@ -33,12 +33,8 @@ SCORES = (
     Column("totbad1", "%", "wrong by > 1 px or unknown"),
     Column("avgerr", "px", "mean error"),
 )
-PHASES = (
-    0.0,
-    0.25,
-    0.5,
-    0.75,
-)  # shifts of the right principal point in pixels, to average over sub-pixel positions
+PHASES = (0.0, 0.25, 0.5, 0.75)
+"""Shifts of the right principal point in pixels, to average over sub-pixel positions."""
 GLOW: Plugin = {"type": "rgb", "value": 1.0}
 _BLACK: Plugin = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
 _TEXELS_PER_PIXEL = 2.0
@@ -92,8 +88,9 @@ class Stage:
     @cached_property
     def ndisp(self) -> int:
         """Number of disparities to search: a multiple of 16, at least 10 % above the largest true one."""
-        known = self.truth.disparity[np.isfinite(self.truth.disparity)]
-        return 16 * int(np.ceil((1.1 * float(known.max()) + 1) / 16))
+        disparity = self.truth.disparity
+        largest = float(disparity[np.isfinite(disparity)].max())
+        return 16 * math.ceil((1.1 * largest + 1) / 16)
 
     def lens(self, focus: float, blur_px: float) -> ThinLens:
         """A lens whose focus, linear in 1/z, is from the far (0) to the near end (1) of the depth range.
@@ -139,23 +136,14 @@ class Stage:
         lens: Lens | None = None,
     ) -> Scores:
         """Middlebury v3 scores of a disparity map, also in these regions; the lens defines the blur."""
-        blur, truth, visible = (
-            None if lens is None else self.blur(lens),
-            self.truth.disparity,
-            self.truth.visible,
-        )
+        truth, visible = self.truth.disparity, self.truth.visible
+        blur = None if lens is None else self.blur(lens)
+        left, right = pictures
         pair = Pair(
-            self.scene.name,
-            pictures[0],
-            pictures[1],
-            truth,
-            visible,
-            self.ndisp,
-            blur0=blur,
+            self.scene.name, left, right, truth, visible, self.ndisp, blur0=blur
         )
-        masks = region_masks(
-            pair, [name for name in regions if name not in ("all", "nonocc")]
-        )
+        further = [name for name in regions if name not in ("all", "nonocc")]
+        masks = region_masks(pair, further)
         return evaluate(disparity, truth, visible, self.ndisp, regions=masks)
 
     def errors(
@@ -170,11 +158,11 @@ class Stage:
 
 def score_columns(scores: Scores, region: str = "nonocc") -> dict[str, float]:
     """The columns SCORES of one region."""
-    found = scores.regions[region]
+    metrics = scores.regions[region]
     return {
-        "totbad1": found["totbad1.0"],
-        "totbad2": found["totbad2.0"],
-        "avgerr": found["avgerr"],
+        "totbad1": metrics["totbad1.0"],
+        "totbad2": metrics["totbad2.0"],
+        "avgerr": metrics["avgerr"],
     }
 
 
@@ -208,11 +196,8 @@ def noise_texture(
     """White noise smoothed by a Gaussian (s.d. `scale` texels), (height, width): mean 0.5, s.d. 0.5 `contrast`."""
     white = np.random.default_rng(seed).standard_normal((height, width))
     smooth = ndimage.gaussian_filter(white, scale, mode="wrap")
-    return np.asarray(
-        np.clip(
-            0.5 + 0.5 * contrast * (smooth - smooth.mean()) / smooth.std(), 0.0, 1.0
-        )
-    )
+    texture = 0.5 + 0.5 * contrast * (smooth - smooth.mean()) / smooth.std()
+    return np.asarray(np.clip(texture, 0.0, 1.0))
 
 
 def noise_planes(
@@ -261,19 +246,14 @@ def plane_texture(
     contrast: float = 0.5,
 ) -> tuple[Float, Bitmap]:
     """`noise_texture`, and the pose of a rectangle at `depth` (m) that fills both images of a pair at the origin."""
-    width = (
-        1.15 * ((camera.width + 32) * depth / camera.fx) + 2 * baseline
-    )  # margins of 15 % and 16 pixels
+    # Margins of 15 % and 16 pixels on each side, and the baseline.
+    width = 1.15 * ((camera.width + 32) * depth / camera.fx) + 2 * baseline
     height = 1.15 * (camera.height + 32) * depth / camera.fx
-    columns, rows = (
-        math.ceil(side / (depth / camera.fx / _TEXELS_PER_PIXEL))
-        for side in (width, height)
-    )
-    texture = noise_texture(
-        columns, rows, scale_px * _TEXELS_PER_PIXEL, contrast, stream(seed, 100)
-    )
-    pose = np.diag(
-        [0.5 * width, -0.5 * height, -1.0, 1.0]
-    )  # turned towards a camera with y down
+    texel = depth / camera.fx / _TEXELS_PER_PIXEL
+    columns, rows = math.ceil(width / texel), math.ceil(height / texel)
+    scale = scale_px * _TEXELS_PER_PIXEL
+    texture = noise_texture(columns, rows, scale, contrast, stream(seed, 100))
+    # A rectangle spans -1 to 1 and looks along +z; it is turned towards a camera with y down.
+    pose = np.diag([0.5 * width, -0.5 * height, -1.0, 1.0])
     pose[:3, 3] = 0.5 * baseline, 0.0, depth
     return pose, Bitmap(texture.astype(np.float32))

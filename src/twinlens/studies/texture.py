@@ -6,6 +6,7 @@ Registration, TIP 13(9), 2004). Noise is measured on two exposures of the same r
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,12 +34,8 @@ _GROSS_PX = 1.0
 _MAX_GROSS = 2.0  # percentage from which a case is excluded
 _EXPONENT_TOLERANCE = 0.15
 _MIDDLE = 0.04  # contrast at which matchers are compared
-_NOISY = (
-    0.03,
-    0.04,
-    0.06,
-    0.08,
-)  # the bound is well below a pixel and above the bias of sub-pixel fits
+_NOISY = (0.03, 0.04, 0.06, 0.08)
+"""Contrasts at which the bound is well below a pixel and above the bias of sub-pixel fits."""
 _MIN_CONTRASTS = 3  # needed to fit an exponent
 
 
@@ -62,47 +59,56 @@ def measure(setup: Setup) -> Measured:
 def _case(
     setup: Setup, seed: int, contrast: float, scale: float, swept: str
 ) -> list[Row]:
+    """Errors and bounds of every matcher, over planes at all sub-pixel positions."""
     camera = Camera.from_fov(setup.width, setup.height, 50.0)
+    planes = noise_planes(
+        camera, BASELINE, DEPTH, seed, scale_px=scale, contrast=contrast
+    )
     samples: dict[str, list[Float]] = {method: [] for method in setup.methods}
-    for k, stage in enumerate(
-        noise_planes(camera, BASELINE, DEPTH, seed, scale_px=scale, contrast=contrast)
-    ):
-        radiance = stage.photograph(Pinhole(), setup.spp, stream(seed, 0, k))
-        rate = float(
-            SENSOR.level_rate(radiance[0], camera=camera, lens=Pinhole()).mean()
-        )
-        exposure = Exposure(0.25 / rate)  # the mean is a quarter of the full well
-        shots = [
+    for phase, stage in enumerate(planes):
+        radiance = stage.photograph(Pinhole(), setup.spp, stream(seed, 0, phase))
+        rate = SENSOR.level_rate(radiance[0], camera=camera, lens=Pinhole()).mean()
+        exposure = Exposure(
+            0.25 / float(rate)
+        )  # the mean is a quarter of the full well
+        first, second = (
             stage.expose(
-                radiance, Pinhole(), stream(seed, 1, k, repeat), SENSOR, exposure
+                radiance, Pinhole(), stream(seed, 1, phase, repeat), SENSOR, exposure
             )
             for repeat in range(2)
-        ]
-        sigma = float(
-            np.std(grey(shots[0][0]).astype(np.float64) - grey(shots[1][0]))
-        ) / math.sqrt(2)
-        slopes = _slopes(
-            0.5 * (shots[0][0] + shots[1][0].astype(np.float64)), radiance[0]
         )
+        # The difference of two exposures has the variance of two noises.
+        difference = grey(first[0]).astype(np.float64) - grey(second[0])
+        sigma = float(np.std(difference)) / math.sqrt(2)
+        slopes = _slopes(0.5 * (first[0] + second[0].astype(np.float64)), radiance[0])
         for method in setup.methods:
-            errors = (stage.match(shots[0], method) - stage.truth.disparity).astype(
-                np.float64
-            )
+            errors = stage.match(first, method) - stage.truth.disparity
             bounds = _bounds(slopes, sigma, parse_method(method).matcher().block_size)
-            samples[method].append(
-                np.stack([errors, bounds])[:, _RIM:-_RIM, _RIM:-_RIM].reshape(2, -1)
-            )
+            both = np.stack([errors.astype(np.float64), bounds])
+            inner = both[:, _RIM:-_RIM, _RIM:-_RIM]
+            samples[method].append(inner.reshape(2, -1))
     rows: list[Row] = []
-    for method, each in samples.items():
-        errors, bounds = np.hstack(each)
+    for method, parts in samples.items():
+        errors, bounds = np.hstack(parts)
         fine = errors[np.abs(errors) < _GROSS_PX]
-        rows.append({
-            "scene": "plane", "seed": seed, "swept": swept, "contrast": contrast, "grain_px": scale, "method": method,
-            "error_px": float(np.sqrt(np.mean(fine**2))) if fine.size else math.nan,
-            "bound_px": float(np.sqrt(np.mean(bounds**2))),
-            "blunders": 100.0 * (errors.size - fine.size) / errors.size,
-        })  # fmt: skip
+        rows.append(
+            {
+                "scene": "plane",
+                "seed": seed,
+                "swept": swept,
+                "contrast": contrast,
+                "grain_px": scale,
+                "method": method,
+                "error_px": _rms(fine),
+                "bound_px": _rms(bounds),
+                "blunders": 100.0 * (errors.size - fine.size) / errors.size,
+            }
+        )
     return rows
+
+
+def _rms(values: Float) -> float:
+    return float(np.sqrt(np.mean(values**2))) if values.size else math.nan
 
 
 def _slopes(image: Float, radiance: NDArray[np.float32]) -> Float:
@@ -121,9 +127,8 @@ def _bounds(slopes: Float, sigma: float, side: int) -> Float:
 def conclude(table: Table) -> list[Finding]:
     """No error is below the bound; the matcher nearest to it; the error's dependence on contrast."""
     sound = table.where(lambda row: float(row["blunders"]) < _MAX_GROSS)
-    least = Interval(
-        float(min(_ratios(sound), default=math.nan)), math.nan, math.nan
-    )  # a minimum has no interval
+    smallest = float(min(_ratios(sound), default=math.nan))
+    least = Interval(smallest, math.nan, math.nan)  # a minimum has no interval
     text = f"No matcher beats the Cramer-Rao bound in cases with fewer than {_MAX_GROSS:g} % gross errors"
     above = Finding(
         text,
@@ -158,29 +163,28 @@ def _inverse(table: Table) -> Finding:
     """The error's exponent in contrast, over low contrasts where no matcher and seed has too many gross errors."""
     low = table.where(swept="contrast", contrast=_NOISY)
     sound = [
-        float(c)
-        for c in low.values("contrast")
-        if max(low.where(contrast=c).numbers("blunders")) < _MAX_GROSS
+        float(contrast)
+        for contrast in low.values("contrast")
+        if max(low.where(contrast=contrast).numbers("blunders")) < _MAX_GROSS
     ]
-    words = ", ".join(
-        f"{contrast:g}"
-        for contrast in (sound if len(sound) >= _MIN_CONTRASTS else _NOISY)
-    )
     claim = "At low contrast, the error is proportional to contrast^p with p = "
     if len(sound) < _MIN_CONTRASTS:
         return open_claim(
-            f"{claim}-1: needs {_MIN_CONTRASTS} of the contrasts {words} without gross errors"
+            f"{claim}-1: needs {_MIN_CONTRASTS} of the contrasts {_listed(_NOISY)} without gross errors"
         )
-    rows = low.where(contrast=sound)
     return power_law(
-        f"{claim}{{}} (contrasts {words})",
-        rows,
+        f"{claim}{{}} (contrasts {_listed(sound)})",
+        low.where(contrast=sound),
         "contrast",
         "error_px",
         -1.0,
         _EXPONENT_TOLERANCE,
         ["method"],
     )
+
+
+def _listed(contrasts: Sequence[float]) -> str:
+    return ", ".join(f"{contrast:g}" for contrast in contrasts)
 
 
 def _figure(

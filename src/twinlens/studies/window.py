@@ -40,25 +40,15 @@ def measure(setup: Setup) -> Measured:
         lens = stage.lens(0.5, 2 * BLUR_PX)
         radiance = stage.photograph(lens, setup.spp, stream(seed, 0))
         pictures = stage.expose(radiance, lens, stream(seed, 1), SENSOR)
-        options = {
-            method: f"{method}," if ":" in method else f"{method}:"
-            for method in setup.methods
-        }
-        runs = [
-            (m, float(size), f"{options[m]}block_size={size}")
-            for m in setup.methods
-            for size in SIZES
-        ]
-        runs += [(method, math.nan, method) for method in COMPARED]
         maps: dict[str, NDArray[np.float32]] = {}
-        for method, size, text in runs:
-            maps[text] = stage.match(pictures, text)
-            scores = stage.score(maps[text], pictures, REGIONS, lens)
-            place = {"scene": scene, "seed": seed, "method": method, "block_size": size}
-            regions = [region for region in REGIONS if region in scores.regions]
+        for method, size, spec in _runs(setup.methods):
+            maps[spec] = stage.match(pictures, spec)
+            scores = stage.score(maps[spec], pictures, REGIONS, lens)
+            case = {"scene": scene, "seed": seed, "method": method, "block_size": size}
             rows += [
-                {**place, "region": region, **score_columns(scores, region)}
-                for region in regions
+                {**case, "region": region, **score_columns(scores, region)}
+                for region in REGIONS
+                if region in scores.regions
             ]
         if seed == setup.seeds[0]:
             panels.append(
@@ -69,20 +59,30 @@ def measure(setup: Setup) -> Measured:
     )
 
 
+def _runs(methods: Sequence[str]) -> list[tuple[str, float, str]]:
+    """(method, block size, specification) of every matcher with every size, and of those compared, without a size."""
+    runs = []
+    for method in methods:
+        separator = "," if ":" in method else ":"
+        runs += [
+            (method, float(size), f"{method}{separator}block_size={size}")
+            for size in SIZES
+        ]
+    return runs + [(method, math.nan, method) for method in COMPARED]
+
+
 def _panel(
     stage: Stage, pictures: Sequence[NDArray[Any]], maps: Sequence[NDArray[np.float32]]
 ) -> Picture:
     """Images, disparity maps, and errors from white (0) to black (4 px or unknown); grey where truth is unknown."""
     truth, most = stage.truth.disparity, _MAX_ERROR_PX
-    with np.errstate(invalid="ignore"):
-        errors = [
-            np.where(np.isfinite(found), np.abs(found - truth), most) for found in maps
-        ]
-    shown = [colourise(found, 0, stage.ndisp) for found in (truth, *maps)]
-    shown += [
-        colourise(np.where(np.isfinite(truth), error, np.nan), 0, most, "gray_r")
-        for error in errors
-    ]
+    shown = [colourise(disparity, 0, stage.ndisp) for disparity in (truth, *maps)]
+    for disparity in maps:
+        with np.errstate(invalid="ignore"):
+            error = np.abs(disparity - truth)
+        error = np.where(np.isfinite(disparity), error, most)
+        error = np.where(np.isfinite(truth), error, np.nan)
+        shown.append(colourise(error, 0, most, "gray_r"))
     captions = (
         "left",
         "right",
@@ -122,24 +122,22 @@ def conclude(table: Table) -> list[Finding]:
 
 def _larger(rows: Table, method: str, region: str, words: str) -> Finding:
     """The ratio of the best block size in a region to the best one at discontinuities."""
-    times = over_scenes(
-        rows,
-        lambda unit: math.log(
-            best_size(unit.where(region=region))
-            / best_size(unit.where(region="discontinuity"))
-        ),
-        lambda values: math.exp(float(values.mean())),
-    )
+
+    def log_ratio(unit: Table) -> float:
+        inside = best_size(unit.where(region=region))
+        return math.log(inside / best_size(unit.where(region="discontinuity")))
+
+    times = over_scenes(rows, log_ratio, lambda values: math.exp(float(values.mean())))
     text = f"{method}: the best block {words} is larger than at discontinuities"
     return Finding(text, times, is_above(times, 1.0), result="{} times its width")
 
 
 def best_size(rows: Table) -> float:
     """The block size with the fewest wrong pixels; NaN if there are no scores."""
-    known = rows.where(lambda row: math.isfinite(float(row["totbad2"])))
+    scored = rows.where(lambda row: math.isfinite(float(row["totbad2"])))
     wrong = {
         float(size): float(part.numbers("totbad2").mean())
-        for (size,), part in known.groups("block_size")
+        for (size,), part in scored.groups("block_size")
     }
     return min(wrong, key=lambda size: wrong[size], default=math.nan)
 
