@@ -1,4 +1,4 @@
-"""Make the figures of docs/studies.md: `python docs/studies.py [--keep] [NAME ...]`.
+"""Make the figures of docs/study_results.md: `python docs/studies.py [--keep] [NAME ...]`.
 
 Each study runs with its defaults into out/studies/NAME, one to four minutes each. `--keep` reuses existing tables there
 instead. One figure of each study is written to docs/studies/NAME.png with a reduced palette.

@@ -20,7 +20,7 @@ def painted(diameter, centre, size=60, sub=16):
 @pytest.mark.parametrize("diameter", [7.5, 12.0, 20.0])
 @pytest.mark.parametrize("centre", [(30.0, 30.0), (28.3, 31.7)])
 def test_the_diameter_of_a_painted_disk(diameter, centre):
-    assert disk_diameter(painted(diameter, centre), own=0.0) == pytest.approx(
+    assert disk_diameter(painted(diameter, centre), sharp_px=0.0) == pytest.approx(
         diameter, rel=0.004
     )
 
@@ -32,7 +32,7 @@ def test_the_lamps_own_image_is_subtracted():
         np.fft.fft2(wide) * np.fft.fft2(np.roll(small, (-30, -30), (0, 1)))
     ).real
     # Both images contain the pixel variance; the formula subtracts it once.
-    assert disk_diameter(np.clip(both, 0, None), own=3.0) == pytest.approx(
+    assert disk_diameter(np.clip(both, 0, None), sharp_px=3.0) == pytest.approx(
         15.0, rel=0.01
     )
 

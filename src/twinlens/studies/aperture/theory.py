@@ -4,7 +4,7 @@ Median error (`predicted_error`): the error of a good match is the Cramer-Rao bo
 (s^2 + b^2) noise / signal for a texture of grain s and a blur of variance b^2. b^2 is (c/4)^2 for the blur disk, c = A
 fx |1/z - k|, plus (0.45 lambda N/p)^2 for the Airy pattern: the Gaussian with the same curvature at the peak, 0.225
 lambda/NA (Zhang, Zerubia and Olivo-Marin, Gaussian approximations of fluorescence microscope point-spread function
-models, Applied Optics 46(10), 2007). docs/studies.md explains the parameters.
+models, Applied Optics 46(10), 2007). docs/study_results.md explains the parameters.
 
 Wrong pixels (`Evidence.expected`): texture is measured on sharp images (`shared_texture`); blur and diffraction weaken
 it. A pixel is wrong if its window contains more texture of another depth (`Texture.majority`), or if noise moves its
