@@ -46,10 +46,12 @@ def test_the_depth_camera_leaves_a_wall_without_dots_unknown_and_finds_it_with_t
 ):
     for power, least, most in ((0.0, 0.0, 0.4), (active.POWER_W, 0.8, 1.0)):
         pair = wall.pictures(active.OFFICE_KLUX, power, active.SENSOR, 0)
-        found = tl.match(*pair, method="depth_camera", num_disparities=32)[:, 32:]
-        known = np.isfinite(found)
-        assert least <= known.mean() <= most
-        assert (np.abs(found[known] - wall.truth[0, 0]) > 2).mean() < 0.02 or not power
+        disparity = tl.match(*pair, method="depth_camera", num_disparities=32)[:, 32:]
+        is_known = np.isfinite(disparity)
+        assert least <= is_known.mean() <= most
+        assert (
+            np.abs(disparity[is_known] - wall.truth[0, 0]) > 2
+        ).mean() < 0.02 or not power
 
 
 def test_a_rig_in_the_docs_is_the_depth_camera():
@@ -63,11 +65,11 @@ def test_a_rig_in_the_docs_is_the_depth_camera():
     made = depth_camera(world_from_left=rig.world_from_cams[0])
     assert rig.cameras == made.cameras
     np.testing.assert_allclose(rig.world_from_projectors, made.world_from_projectors)
-    one, other = rig.projectors[0], made.projectors[0]
-    np.testing.assert_array_equal(one.pattern, other.pattern)
-    assert one.intrinsics.fx == pytest.approx(other.intrinsics.fx, rel=1e-4)
-    assert one.intrinsics.fy == pytest.approx(other.intrinsics.fy, rel=1e-4)
-    assert one.emitted_power == pytest.approx(0.36, rel=1e-3)
+    read, built = rig.projectors[0], made.projectors[0]
+    np.testing.assert_array_equal(read.pattern, built.pattern)
+    assert read.intrinsics.fx == pytest.approx(built.intrinsics.fx, rel=1e-4)
+    assert read.intrinsics.fy == pytest.approx(built.intrinsics.fy, rel=1e-4)
+    assert read.emitted_power == pytest.approx(0.36, rel=1e-3)
 
 
 def _rows(active_wrong):

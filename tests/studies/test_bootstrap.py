@@ -25,11 +25,11 @@ def make(rows):
 def coverage(draw, truth, units, seed):
     """The share of trials whose interval contains the truth."""
     random = np.random.default_rng(seed)
-    found = [
+    intervals = [
         bootstrap(mean, draw(random, units)[:, None], seed=trial)
         for trial in range(TRIALS)
     ]
-    return np.mean([interval.low <= truth <= interval.high for interval in found])
+    return np.mean([interval.low <= truth <= interval.high for interval in intervals])
 
 
 @pytest.mark.parametrize(
@@ -70,15 +70,17 @@ def test_seeds_of_one_scene_are_not_counted_as_scenes():
 
 
 def test_the_interval_of_one_scene_is_over_its_seeds():
-    found = mean_of(make([("x", seed, "a", float(seed)) for seed in range(3)]), "value")
-    assert (found.low, found.value, found.high) == (0.0, 1.0, 2.0)
+    interval = mean_of(
+        make([("x", seed, "a", float(seed)) for seed in range(3)]), "value"
+    )
+    assert (interval.low, interval.value, interval.high) == (0.0, 1.0, 2.0)
 
 
 def test_one_unit_has_no_interval():
-    found = bootstrap(mean, [[1.0, 2.0]])
-    assert found.value == 1.5
-    assert math.isnan(found.low)
-    assert found.format("px") == "1.5 px"
+    interval = bootstrap(mean, [[1.0, 2.0]])
+    assert interval.value == 1.5
+    assert math.isnan(interval.low)
+    assert interval.format("px") == "1.5 px"
 
 
 def test_fewer_than_five_units_give_a_range():
@@ -103,8 +105,8 @@ def test_paired_differences_cancel_differences_between_scenes():
         for scene, base in (("x", 0.0), ("y", 50.0))
         for kind in "ab"
     ]
-    found = paired_difference(make(rows), "value", "kind", "b", "a")
-    assert (found.low, found.value, found.high) == (1.0, 1.0, 1.0)
+    interval = paired_difference(make(rows), "value", "kind", "b", "a")
+    assert (interval.low, interval.value, interval.high) == (1.0, 1.0, 1.0)
 
 
 def test_log_slope_of_powers():

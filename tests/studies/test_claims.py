@@ -78,10 +78,10 @@ def test_depth_error_grows_as_the_square_of_depth():
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::twinlens.optics.diffraction.FresnelWarning")
 def test_the_best_hole_agrees_with_wave_optics():
-    found = findings(STUDIES["pinhole"], pinhole._edges(3))
-    for finding in found[:2]:
+    conclusions = findings(STUDIES["pinhole"], pinhole._edges(3))
+    for finding in conclusions[:2]:
         assert finding.holds, finding.sentence
         assert finding.tolerance == 0.02
-    decided = [finding for finding in found if finding.has_verdict]
+    decided = [finding for finding in conclusions if finding.has_verdict]
     assert len(decided) >= 4
     assert all(np.isfinite(finding.measured.value) for finding in decided)

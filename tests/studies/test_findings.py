@@ -76,9 +76,9 @@ def test_a_difference_is_worded_by_its_sign(difference, result, holds):
 
 
 def test_the_size_of_a_difference_swaps_the_ends_of_its_interval():
-    found = compared("a", Interval(-2.0, -5.0, 1.0, 7), "fewer", "more", "than b")
-    assert found.measured == Interval(2.0, -1.0, 5.0, 7)
-    assert found.result == "{} more than b"
+    finding = compared("a", Interval(-2.0, -5.0, 1.0, 7), "fewer", "more", "than b")
+    assert finding.measured == Interval(2.0, -1.0, 5.0, 7)
+    assert finding.result == "{} more than b"
     assert compared("a", NOTHING, "fewer", "more", "").measured == NOTHING
 
 
@@ -110,8 +110,8 @@ def test_cameras_with_different_focus(different, way, holds):
     maps = [{"part": "map", "method": "sad", "aperture_px": focus.BLURS_PX[-1], "focus": place,
              "totbad2": 10 * abs(place - 0.5)} for place in focus.FOCI]  # fmt: skip
     eyes = [
-        {"part": "eyes", "method": "sad", "eyes": each, "totbad2": value}
-        for each, value in wrong.items()
+        {"part": "eyes", "method": "sad", "eyes": focus_of, "totbad2": value}
+        for focus_of, value in wrong.items()
     ]
     findings = focus.conclude(rows_of("focus", line + maps + eyes))
     assert (

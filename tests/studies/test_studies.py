@@ -110,8 +110,8 @@ def test_rows_are_well_formed(results, name):
         assert any(value != "" and value == value for value in values), column.name
         assert column.text
         if column.unit == "%":
-            known = [float(value) for value in values if not math.isnan(float(value))]
-            assert all(0 <= value <= 100 for value in known)
+            shares = [float(value) for value in values if not math.isnan(float(value))]
+            assert all(0 <= value <= 100 for value in shares)
 
 
 @pytest.mark.parametrize("name", SOME)
@@ -145,8 +145,8 @@ def test_conclusions_from_some_of_the_methods_or_scenes(results, name):
     """Open claims have no verdict, and NaN is never printed."""
     result = results(name)
     for column in ("method", "scene"):
-        known = [each.name for each in result.table.columns]
-        for value in result.table.values(column) if column in known else ():
+        names = [listed.name for listed in result.table.columns]
+        for value in result.table.values(column) if column in names else ():
             for finding in result.study.conclude(result.table.where(**{column: value})):
                 assert "nan" not in finding.sentence
                 assert not (finding.has_verdict and math.isnan(finding.measured.value))
@@ -178,8 +178,8 @@ def test_the_same_seed_gives_the_same_bytes(results, name):
 
 
 def test_another_seed_gives_another_table():
-    first, other = (run("texture", first_seed=seed).table for seed in (0, 5))
-    assert first.numbers("error_px").tolist() != other.numbers("error_px").tolist()
+    first, second = (run("texture", first_seed=seed).table for seed in (0, 5))
+    assert first.numbers("error_px").tolist() != second.numbers("error_px").tolist()
 
 
 def test_the_panel_of_window(results):

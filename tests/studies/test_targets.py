@@ -24,9 +24,9 @@ def test_noise_has_the_requested_contrast_and_grain(scale, contrast):
 
 
 def test_noise_depends_on_the_seed_alone():
-    first, again, other = (noise_texture(50, 40, 1.0, 0.2, seed) for seed in (1, 1, 2))
+    first, again, second = (noise_texture(50, 40, 1.0, 0.2, seed) for seed in (1, 1, 2))
     assert np.array_equal(first, again)
-    assert abs(np.corrcoef(first.ravel(), other.ravel())[0, 1]) < 0.2
+    assert abs(np.corrcoef(first.ravel(), second.ravel())[0, 1]) < 0.2
 
 
 @pytest.mark.parametrize(("depth", "base"), [(1.0, 0.3), (8.0, 0.06)])

@@ -32,10 +32,10 @@ def waves(seed, shift=0.0, size=(63, 210)):
 def test_slopes_are_those_of_the_radiance_in_grey_levels():
     light, slope = waves(0)
     picture = GAIN * light + np.random.default_rng(1).normal(0.0, SIGMA, light.shape)
-    found = texture._slopes(
+    slopes = texture._slopes(
         picture, np.repeat(light[..., None], 3, axis=2).astype(np.float32)
     )
-    error = (found - GAIN * slope)[:, 4:-4]
+    error = (slopes - GAIN * slope)[:, 4:-4]
     assert np.abs(error).max() < 0.02 * np.abs(GAIN * slope).max()
 
 
@@ -53,14 +53,14 @@ def test_least_squares_reach_the_bound():
             GAIN * light, np.repeat(light[..., None], 3, axis=2).astype(np.float32)
         )
         window = np.ones((SIDE, SIDE))
-        found = ndimage.convolve(slopes * (left - right), window) / ndimage.convolve(
+        shifts = ndimage.convolve(slopes * (left - right), window) / ndimage.convolve(
             slopes**2, window
         )
         apart = (
             slice(SIDE, -SIDE, SIDE),
             slice(SIDE, -SIDE, SIDE),
         )  # windows that share no pixel
-        errors.append((found - SHIFT)[apart].ravel())
+        errors.append((shifts - SHIFT)[apart].ravel())
         bounds.append(texture._bounds(slopes, SIGMA, SIDE)[apart].ravel())
     error, bound = np.concatenate(errors), np.concatenate(bounds)
     ratio = math.sqrt(float(np.mean((error / bound) ** 2)))

@@ -109,26 +109,26 @@ def test_least_squares_reach_the_bound_under_blur():
 def test_the_blur_at_full_size_equals_the_models():
     stage = Stage.of("cards", 96, 72, pixel_pitch_um=3.45)
     model = Model.of(stage)
-    known = np.isfinite(stage.truth.depth)
-    blur = np.abs(stage.blur(model.full_size(model.lens(1.0))))[known]
+    has_depth = np.isfinite(stage.truth.depth)
+    blur = np.abs(stage.blur(model.full_size(model.lens(1.0))))[has_depth]
     assert np.quantile(blur, 0.95) == pytest.approx(24.0)
     small = model.lens(1.0)
     assert stage.camera.film_distance / small.aperture_diameter == pytest.approx(1.0)
-    depths = model.scale * stage.truth.depth[known]
-    own = circle_of_confusion_px(
+    depths = model.scale * stage.truth.depth[has_depth]
+    expected = circle_of_confusion_px(
         depths, small.aperture_diameter, stage.camera.fx, small.vergence
     )
-    np.testing.assert_allclose(np.abs(own), blur, rtol=1e-9)
+    np.testing.assert_allclose(np.abs(expected), blur, rtol=1e-9)
 
 
 def shrunk(stage, scale):
     """The stage with every length times `scale`."""
     size = np.diag([scale, scale, scale, 1.0])
     things = tuple(
-        replace(thing, instances=tuple(size @ pose for pose in thing.instances))
-        if thing.instances
-        else replace(thing, world_from_object=size @ thing.world_from_object)
-        for thing in stage.scene.objects
+        replace(item, instances=tuple(size @ pose for pose in item.instances))
+        if item.instances
+        else replace(item, world_from_object=size @ item.world_from_object)
+        for item in stage.scene.objects
     )
     poses = [
         np.vstack([pose[:3] * [1, 1, 1, scale], pose[3:]])
@@ -201,26 +201,26 @@ def verdict(made):
 
 
 def test_theory_holds_if_every_scene_is_near():
-    found = verdict(table({"a": 5.6, "b": 4.0, "c": 8.0}))
-    assert found.decided
-    assert found.holds
-    assert found.measured.value == pytest.approx(0.0, abs=0.1)
-    assert "f/5.6" in found.sentence
+    finding = verdict(table({"a": 5.6, "b": 4.0, "c": 8.0}))
+    assert finding.decided
+    assert finding.holds
+    assert finding.measured.value == pytest.approx(0.0, abs=0.1)
+    assert "f/5.6" in finding.sentence
 
 
 @pytest.mark.parametrize(
     "best", [{"a": 11.0, "b": 11.0, "c": 11.0}, {"a": 2.0, "b": 5.6, "c": 16.0}]
 )
 def test_theory_does_not_hold_if_one_scene_is_far(best):
-    found = verdict(table(best))
-    assert found.decided
-    assert not found.holds
+    finding = verdict(table(best))
+    assert finding.decided
+    assert not finding.holds
 
 
 def test_a_curve_flatter_than_its_noise_does_not_decide():
-    found = verdict(table({"a": 5.6, "b": 5.6, "c": 5.6}, cost=0.01, jitter=0.5))
-    assert not found.decided
-    assert "too flat compared with its noise to decide" in found.sentence
+    finding = verdict(table({"a": 5.6, "b": 5.6, "c": 5.6}, cost=0.01, jitter=0.5))
+    assert not finding.decided
+    assert "too flat compared with its noise to decide" in finding.sentence
 
 
 def test_a_curve_flat_on_one_side_still_refutes_theory_on_the_other():
@@ -231,25 +231,25 @@ def test_a_curve_flat_on_one_side_still_refutes_theory_on_the_other():
         else row
         for row in made
     )
-    found = verdict(Table(made.columns, flat))
-    assert found.decided
-    assert not found.holds
+    finding = verdict(Table(made.columns, flat))
+    assert finding.decided
+    assert not finding.holds
 
 
 def test_an_optimum_at_an_end_of_the_sweep_is_reported():
-    found = verdict(table({"a": 0.9, "b": 0.9, "c": 0.9}))
-    assert "f/1, an end of the sweep" in found.sentence
-    assert not found.holds
+    finding = verdict(table({"a": 0.9, "b": 0.9, "c": 0.9}))
+    assert "f/1, an end of the sweep" in finding.sentence
+    assert not finding.holds
 
 
 @pytest.mark.parametrize(
     ("median", "holds"), [(2.0, True), (3.0, True), (4.0, False), (1.0, False)]
 )
 def test_the_median_error_is_compared_with_the_bound(median, holds):
-    found = conclude(table({"a": 11.0, "b": 8.0}, median=median))[-3]
-    assert found.holds == holds
-    assert found.measured.value == pytest.approx(2 * math.log2(median / 2.0), abs=0.1)
-    assert ("outside in some scene for sad" in found.sentence) != holds
+    finding = conclude(table({"a": 11.0, "b": 8.0}, median=median))[-3]
+    assert finding.holds == holds
+    assert finding.measured.value == pytest.approx(2 * math.log2(median / 2.0), abs=0.1)
+    assert ("outside in some scene for sad" in finding.sentence) != holds
 
 
 def test_a_median_error_flatter_than_its_noise_does_not_decide():
@@ -258,10 +258,10 @@ def test_a_median_error_flatter_than_its_noise_does_not_decide():
     flat = Table(
         made.columns, tuple({**row, "a50": 1 + 0.1 * random.normal()} for row in made)
     )
-    found = conclude(flat)[-3]
-    assert not found.decided
-    assert not found.holds
-    assert "too flat to decide for sad" in found.sentence
+    finding = conclude(flat)[-3]
+    assert not finding.decided
+    assert not finding.holds
+    assert "too flat to decide for sad" in finding.sentence
 
 
 def test_rendering_noise_is_reported_for_each_exposure():
@@ -276,14 +276,14 @@ def test_rendering_noise_is_reported_for_each_exposure():
 def test_the_whole_interval_of_rendering_noise_must_be_small(ratios, holds):
     made = table(dict.fromkeys("abc", 4.0))
     scenes = dict(zip("abc", ratios, strict=True))
-    found = conclude(
+    findings = conclude(
         Table(
             made.columns,
             tuple({**row, "path_noise": scenes[row["scene"]]} for row in made),
         )
     )
-    assert found[-2].holds == holds
-    assert found[-2].measured.value == pytest.approx(np.mean(ratios))
+    assert findings[-2].holds == holds
+    assert findings[-2].measured.value == pytest.approx(np.mean(ratios))
 
 
 def test_the_square_law_of_the_levels():

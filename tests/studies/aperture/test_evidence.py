@@ -44,8 +44,8 @@ def test_shared_texture_excludes_noise(grain, noise):
     )
     depth = np.full(texture.shape, 7)
     depth[:, :40] = -1
-    found, variance = shared_texture(left, right, depth)
-    assert found == pytest.approx(grain, rel=0.1)
+    measured, variance = shared_texture(left, right, depth)
+    assert measured == pytest.approx(grain, rel=0.1)
     assert variance[:, 40:].mean() == pytest.approx(0.09, rel=0.15)
     assert (variance[:, :40] == 0).all()
 
@@ -157,10 +157,10 @@ def test_the_strip_of_wrong_depth_along_an_edge(near_disk, far_disk, pixels):
     blur = np.where(truth == NEAR, near_disk, far_disk).astype(np.float64)
     band = np.zeros(truth.shape, bool)
     band[10:-10, RIGHT_EDGE - 16 : RIGHT_EDGE + 16] = True
-    found, expected = [], []
+    measured, expected = [], []
     for _ in range(3):
         sheets = sheet(random, (96, 260)), sheet(random, (96, 260))
-        found.append(
+        measured.append(
             np.abs(matched(*pair(near_disk, far_disk, *sheets)) - truth)[band] > 2
         )
         left, right = pair(0.6, 0.6, *sheets)
@@ -169,7 +169,7 @@ def test_the_strip_of_wrong_depth_along_an_edge(near_disk, far_disk, pixels):
         )
         theory = Texture(grain, texture, truth, band, NDISP)
         expected.append(np.abs(theory.majority(blur, grain**2)[0] - truth[band]) > 2)
-    assert 32 * np.mean(expected) == pytest.approx(32 * np.mean(found), abs=pixels)
+    assert 32 * np.mean(expected) == pytest.approx(32 * np.mean(measured), abs=pixels)
 
 
 def test_wrong_pixels_depend_on_light_blur_and_diffraction():
@@ -261,11 +261,11 @@ def test_wrong_pixels_of_a_flat_sheet(grain, contrast, level, blur):
         photos = sensor.expose_pair(
             *both(blurred), rig=stage.rig, lens=lens, seed=seed, exposure=exposure
         )
-        found = refined(*(grey(photo.image).astype(np.float64) for photo in photos))
+        shifts = refined(*(grey(photo.image).astype(np.float64) for photo in photos))
         expected = theory.expected(lens, exposure, blur * everywhere, diffracts=False)[
             0
         ]
-        shares.append((100 * float((np.abs(found - away) > 2).mean()), expected))
+        shares.append((100 * float((np.abs(shifts - away) > 2).mean()), expected))
     counted, expected = np.mean(shares, axis=0)
     assert expected == pytest.approx(counted, abs=5.0)
 

@@ -35,10 +35,10 @@ def counted(grain, snr, seed):
     """The share of windows whose least sum of squared differences, refined by a parabola, is wrong by > 2 px."""
     random = np.random.default_rng(seed)
     wrong = []
-    for one, other in textures(grain, 3, 160, random):
+    for left, right in textures(grain, 3, 160, random):
         left, right = (
             eye + random.normal(0, 1 / math.sqrt(snr), eye.shape)
-            for eye in (one, other)
+            for eye in (left, right)
         )
         for y in range(0, 160 - SIDE, STEP):
             for x in range(NDISP, 160 - SIDE, STEP):
@@ -89,12 +89,16 @@ def test_mean_and_covariance_of_the_texture_sum(grain):
     shifts = np.arange(NDISP) - NDISP // 2
     mean = 2 * SIDE**2 * (1 - np.exp(-(shifts**2) / (4 * grain**2)))
     np.testing.assert_allclose(energies.mean(axis=0), mean, rtol=0.05, atol=1e-6)
-    for one, other in ((8, 8), (8, 7), (8, -8), (3, 12)):
-        found = np.cov(energies[:, one + NDISP // 2], energies[:, other + NDISP // 2])[
-            0, 1
-        ]
-        scale = math.sqrt(isserlis(grain, one, one) * isserlis(grain, other, other))
-        assert found == pytest.approx(isserlis(grain, one, other), abs=0.1 * scale)
+    for first, second in ((8, 8), (8, 7), (8, -8), (3, 12)):
+        covariance = np.cov(
+            energies[:, first + NDISP // 2], energies[:, second + NDISP // 2]
+        )[0, 1]
+        scale = math.sqrt(
+            isserlis(grain, first, first) * isserlis(grain, second, second)
+        )
+        assert covariance == pytest.approx(
+            isserlis(grain, first, second), abs=0.1 * scale
+        )
 
 
 def test_variances_of_the_noise_sums():

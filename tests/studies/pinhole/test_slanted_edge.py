@@ -39,9 +39,9 @@ EDGES = {
 @pytest.mark.parametrize("name", EDGES)
 def test_mtf_of_closed_forms(name):
     make, theory = EDGES[name]
-    frequency, found = modulation_transfer(make())
+    frequency, contrast = modulation_transfer(make())
     used = (frequency > 0.005) & (frequency < 0.3)
-    assert np.abs(found[used] - theory(frequency[used])).max() < 0.015
+    assert np.abs(contrast[used] - theory(frequency[used])).max() < 0.015
 
 
 @pytest.mark.parametrize("name", EDGES)
@@ -64,8 +64,10 @@ def test_inverted_and_scaled_contrast():
 
 
 def test_a_bigger_blur_is_a_lower_frequency():
-    found = [frequency_at(disk_edge(radius), 0.5) for radius in (2.0, 3.0, 5.0, 8.0)]
-    assert found == sorted(found, reverse=True)
+    frequencies = [
+        frequency_at(disk_edge(radius), 0.5) for radius in (2.0, 3.0, 5.0, 8.0)
+    ]
+    assert frequencies == sorted(frequencies, reverse=True)
 
 
 def test_edge_spread_rises_from_black_to_white():

@@ -6,7 +6,7 @@ predict the best f-number: for the median error, and for the share of wrong pixe
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -43,18 +43,12 @@ from twinlens.studies.table import Column, Row, Table
 Radiance = Sequence[NDArray[np.float32]]
 
 EXPOSED_AT = 1.0  # the f-number whose automatic exposure is the fixed exposure
-GRAIN_AT = (
-    5.6  # the f-number whose image is sharp enough to measure the texture's grain
-)
+GRAIN_AT = 5.6  # the f-number whose image is sharp enough to measure the grain
 LINEAR = SENSOR.replace(output="linear", bits=16)
 _CROP, _ZOOM = 40, 3
 _SQUARE_LAW_AT = 11.0  # the f-number to whose level the square law is scaled
-ALLOWED_STOPS = (
-    1.5  # the Cramer-Rao bound, (N/N0 + N0/N) / 2 of its minimum, is 1.14 there
-)
-PATHS_ALLOWED = (
-    0.5  # rendering noise over sensor noise: increases the total noise by 12 %
-)
+ALLOWED_STOPS = 1.5  # the Cramer-Rao bound is (N/N0 + N0/N) / 2 = 1.14 times its least
+PATHS_ALLOWED = 0.5  # rendering noise over sensor noise: 12 % more noise in total
 _LAW_FROM, _LAW_TO = 2.8, 16.0
 
 
@@ -64,27 +58,29 @@ def measure(setup: Setup) -> Measured:
     pictures: list[Picture] = []
     scales = {}
     for name, seed in sweep(setup, setup.seeds):
-        model = Model.of(
-            Stage.of(
-                name, setup.width, setup.height, pixel_pitch_um=theory.PIXEL_PITCH_UM
+        pitch = theory.PIXEL_PITCH_UM
+        stage = Stage.of(name, setup.width, setup.height, pixel_pitch_um=pitch)
+        model = Model.of(stage)
+        pairs = []
+        for number, f_number in enumerate(F_NUMBERS):
+            lens, draw = model.full_size(model.lens(f_number)), stream(seed, 0, number)
+            pair, _ = render_measured(
+                stage.scene, stage.rig, lens, setup.spp, draw, denoise=True
             )
-        )
-        lenses = [model.full_size(model.lens(number)) for number in F_NUMBERS]
-        scene, rig = model.stage.scene, model.stage.rig
-        pairs = [
-            render_measured(
-                scene, rig, lens, setup.spp, stream(seed, 0, k), denoise=True
-            )[0]
-            for k, lens in enumerate(lenses)
-        ]
+            pairs.append(pair)
         rows += _rows(setup, model, pairs, seed)
         if seed == setup.seeds[0]:
             scales[name] = model.scale
-            pictures.append(
-                _crops(model, [[view.image for view in pair] for pair in pairs])
-            )
-    notes = {"f_numbers": F_NUMBERS, "pixel_pitch_um": theory.PIXEL_PITCH_UM, "blur_px": theory.BLUR_PX,
-             "scales": scales, "exposed_at_f": EXPOSED_AT, "theory_block_size": SIDE}  # fmt: skip
+            images = [[view.image for view in pair] for pair in pairs]
+            pictures.append(_crops(model, images))
+    notes = {
+        "f_numbers": F_NUMBERS,
+        "pixel_pitch_um": theory.PIXEL_PITCH_UM,
+        "blur_px": theory.BLUR_PX,
+        "scales": scales,
+        "exposed_at_f": EXPOSED_AT,
+        "theory_block_size": SIDE,
+    }
     models = ", ".join(f"{name} 1:{1 / scale:.0f}" for name, scale in scales.items())
     return Measured(rows, tuple(pictures), notes, {"models": models})
 
@@ -99,43 +95,32 @@ def _rows(
     grain = theory.grain_px(grid[F_NUMBERS.index(GRAIN_AT)][0])
     fixed = automatic(stage, model.lens(EXPOSED_AT), grid[F_NUMBERS.index(EXPOSED_AT)])
     rows: list[dict[str, Any]] = []
-    for k, number in enumerate(F_NUMBERS):
-        lens, traced = model.lens(number), grid[k]
-        blur, paths = (
-            model.blur(lens),
-            _rms([view.error for view in pairs[k]]) / _rms(traced),
-        )
-        for diffraction, radiance in (
-            ("without", traced),
-            ("with", diffracted(stage, lens, traced)),
-        ):
-            for mode, exposure in zip(
-                MODES, (fixed, automatic(stage, lens, radiance)), strict=True
-            ):
-                diffracts = diffraction == "with"
+    for number, f_number in enumerate(F_NUMBERS):
+        lens, traced = model.lens(f_number), grid[number]
+        blur = model.blur(lens)
+        paths = _rms([view.error for view in pairs[number]]) / _rms(traced)
+        for diffracts in (False, True):
+            radiance = diffracted(stage, lens, traced) if diffracts else traced
+            exposures = (fixed, automatic(stage, lens, radiance))
+            for mode, exposure in zip(MODES, exposures, strict=True):
                 wrong, path_noise = evidence.expected(
                     lens, exposure, blur, diffracts, paths
                 )
-                photo = LINEAR.expose(
-                    radiance[0],
-                    camera=stage.camera,
-                    lens=lens,
-                    seed=0,
-                    exposure=exposure,
-                )
                 case = {
-                    "scene": stage.scene.name, "seed": seed, "f_number": number, "exposure": mode,
-                    "diffraction": diffraction, "level": float(photo.image.mean()) / 65535.0,
-                    "predicted": theory.predicted_error(stage, lens, exposure, radiance[0], blur, grain, diffracts),
-                    "predicted_wrong": wrong, "path_noise": path_noise,
-                }  # fmt: skip
-                pictures = stage.expose(
-                    radiance,
-                    lens,
-                    stream(seed, 1, k, MODES.index(mode)),
-                    SENSOR,
-                    exposure,
-                )
+                    "scene": stage.scene.name,
+                    "seed": seed,
+                    "f_number": f_number,
+                    "exposure": mode,
+                    "diffraction": "with" if diffracts else "without",
+                    "level": _level(stage, lens, exposure, radiance[0]),
+                    "predicted": theory.predicted_error(
+                        stage, lens, exposure, radiance[0], blur, grain, diffracts
+                    ),
+                    "predicted_wrong": wrong,
+                    "path_noise": path_noise,
+                }
+                draw = stream(seed, 1, number, MODES.index(mode))
+                pictures = stage.expose(radiance, lens, draw, SENSOR, exposure)
                 for method in setup.methods:
                     scores = stage.score(stage.match(pictures, method), pictures)
                     a50 = scores.regions["nonocc"]["A50"]
@@ -146,10 +131,19 @@ def _rows(
     return rows
 
 
-def _rms(images: Radiance) -> float:
-    return math.sqrt(
-        np.mean([np.square(image, dtype=float).mean() for image in images])
+def _level(
+    stage: Stage, lens: ThinLens, exposure: Exposure, image: NDArray[np.float32]
+) -> float:
+    """The mean linear level of the left image, in fractions of full scale."""
+    photo = LINEAR.expose(
+        image, camera=stage.camera, lens=lens, seed=0, exposure=exposure
     )
+    return float(photo.image.mean()) / 65535.0
+
+
+def _rms(images: Radiance) -> float:
+    squares = [np.square(image, dtype=float).mean() for image in images]
+    return math.sqrt(np.mean(squares))
 
 
 def _add_curves(rows: list[dict[str, Any]]) -> None:
@@ -160,20 +154,19 @@ def _add_curves(rows: list[dict[str, Any]]) -> None:
             for row in rows
             if (row["exposure"], row["diffraction"]) == (mode, diffraction)
         ]
-        at = {row["f_number"]: row for row in curve}
-        best, best_wrong = (
-            log_parabola_minimum(
-                np.array(list(at)), np.array([row[column] for row in at.values()])
-            )
-            for column in ("predicted", "predicted_wrong")
-        )
+        by_f_number = {row["f_number"]: row for row in curve}  # one row of each
+        level = by_f_number[_SQUARE_LAW_AT]["level"]
+        best = _minimum(by_f_number, "predicted")
+        best_wrong = _minimum(by_f_number, "predicted_wrong")
         for row in curve:
-            law = at[_SQUARE_LAW_AT]["level"] * (_SQUARE_LAW_AT / row["f_number"]) ** 2
-            row |= {
-                "theory_best": best,
-                "theory_best_wrong": best_wrong,
-                "square_law": law,
-            }
+            row["theory_best"] = best
+            row["theory_best_wrong"] = best_wrong
+            row["square_law"] = level * (_SQUARE_LAW_AT / row["f_number"]) ** 2
+
+
+def _minimum(by_f_number: Mapping[float, Mapping[str, Any]], column: str) -> float:
+    values = [row[column] for row in by_f_number.values()]
+    return log_parabola_minimum(np.array(list(by_f_number)), np.array(values))
 
 
 def automatic(stage: Stage, lens: ThinLens, radiance: Radiance) -> Exposure:
@@ -191,17 +184,14 @@ def _crops(model: Model, images: Sequence[Radiance]) -> Picture:
     stage = model.stage
     side = min(_CROP, *(length // 3 for length in stage.truth.depth.shape))
     inner = stage.truth.depth[side:-side, side:-side]
-    y, x = (
-        int(k) + side // 2 for k in np.unravel_index(int(np.argmin(inner)), inner.shape)
-    )
+    row, column = np.unravel_index(int(np.argmin(inner)), inner.shape)
+    y, x = int(row) + side // 2, int(column) + side // 2
     parts = []
-    for lens, radiance in zip(map(model.lens, F_NUMBERS), images, strict=True):
+    for f_number, radiance in zip(F_NUMBERS, images, strict=True):
+        lens = model.lens(f_number)
         picture = stage.expose(diffracted(stage, lens, radiance), lens, 0, SENSOR)[0]
-        parts.append(
-            picture[y : y + side, x : x + side]
-            .repeat(_ZOOM, axis=0)
-            .repeat(_ZOOM, axis=1)
-        )
+        crop = picture[y : y + side, x : x + side]
+        parts.append(crop.repeat(_ZOOM, axis=0).repeat(_ZOOM, axis=1))
     title = f"{stage.scene.name}: the same crop from f/1 to f/32"
     return Picture(
         f"crops-{stage.scene.name}",
@@ -226,10 +216,8 @@ class Aim(NamedTuple):
     def stops_from_theory(self, unit: Table) -> float:
         """Stops from theory's f-number to the best one of a scene and seed; positive if narrower."""
         errors = np.array([self.mean_at(unit, number) for number in F_NUMBERS])
-        return 2.0 * math.log2(
-            log_parabola_minimum(np.array(F_NUMBERS), errors)
-            / float(unit.numbers(self.theory)[0])
-        )
+        best = log_parabola_minimum(np.array(F_NUMBERS), errors)
+        return 2.0 * math.log2(best / float(unit.numbers(self.theory)[0]))
 
     def range(self, rows: Table) -> str:
         numbers = rows.numbers(self.theory)
@@ -242,34 +230,31 @@ MEDIAN = Aim("a50", "theory_best")
 
 def conclude(table: Table) -> list[Finding]:
     """The square law of light; best f-numbers for wrong pixels and median error against theory; rendering noise."""
-    without, with_diffraction = (
-        {mode: table.where(exposure=mode, diffraction=each) for mode in MODES}
-        for each in ("without", "with")
-    )
+    without = table.where(diffraction="without")
+    with_diffraction = table.where(diffraction="with")
+    findings = [_square_law(without.where(exposure=MODES[0]))]
+    for mode in MODES:
+        for (method,), rows in with_diffraction.where(exposure=mode).groups("method"):
+            findings.append(_optimum(rows, f"{method}, {mode}"))
+    medians = [_medians(with_diffraction.where(exposure=mode), mode) for mode in MODES]
+    noise = [_rendering_noise(without.where(exposure=mode), mode) for mode in MODES]
+    return [*findings, *medians, *noise]
+
+
+def _square_law(rows: Table) -> Finding:
+    """The exponent of the level in the aperture, where the image is neither saturated nor dark."""
+    bright = rows.where(lambda row: _LAW_FROM <= float(row["f_number"]) <= _LAW_TO)
     fall = log_slope("f_number", "level")
-    bright = without[MODES[0]].where(
-        lambda row: _LAW_FROM <= float(row["f_number"]) <= _LAW_TO
-    )  # not saturated
-    law = "At a fixed exposure the mean level is proportional to A^p with p = {}"
-    findings = [
-        predicted(law, over_scenes(bright, lambda unit: -fall(unit)), 2.0, 0.01),
-        *(_optimum(part, f"{method}, {mode}")
-          for mode, rows in with_diffraction.items() for (method,), part in rows.groups("method")),
-        *(_medians(rows, mode) for mode, rows in with_diffraction.items()),
-    ]  # fmt: skip
-    for mode, rows in without.items():
-        ratio = over_scenes(rows, lambda unit: unit.numbers("path_noise").mean())
-        text = f"At {mode}, the rendering noise is less than {PATHS_ALLOWED} of the sensor noise"
-        holds = ratio.value < PATHS_ALLOWED and not ratio.high >= PATHS_ALLOWED
-        findings.append(
-            Finding(
-                f"{text}, averaged over the sweep",
-                ratio,
-                holds,
-                result="{} times the sensor noise",
-            )
-        )
-    return findings
+    exponent = over_scenes(bright, lambda unit: -fall(unit))
+    text = "At a fixed exposure the mean level is proportional to A^p with p = {}"
+    return predicted(text, exponent, 2.0, 0.01)
+
+
+def _rendering_noise(rows: Table, mode: str) -> Finding:
+    ratio = over_scenes(rows, lambda unit: unit.numbers("path_noise").mean())
+    text = f"At {mode}, the rendering noise is less than {PATHS_ALLOWED} of the sensor noise, averaged over the sweep"
+    holds = ratio.value < PATHS_ALLOWED and not ratio.high >= PATHS_ALLOWED
+    return Finding(text, ratio, holds, result="{} times the sensor noise")
 
 
 def _optimum(rows: Table, label: str) -> Finding:
@@ -294,16 +279,16 @@ def _medians(rows: Table, mode: str) -> Finding:
     near = {
         str(method): is_near(part, MEDIAN) for (method,), part in rows.groups("method")
     }
-    verdicts = [
-        f"{words} for {', '.join(methods)}"
-        for words, verdict in (
-            ("within", True),
-            ("outside in some scene", False),
-            ("too flat to decide", None),
-        )
-        if (methods := [method for method, found in near.items() if found is verdict])
-    ]
-    decided = [found for found in near.values() if found is not None]
+    verdicts = []
+    for words, verdict in (
+        ("within", True),
+        ("outside in some scene", False),
+        ("too flat to decide", None),
+    ):
+        methods = [method for method in near if near[method] is verdict]
+        if methods:
+            verdicts.append(f"{words} for {', '.join(methods)}")
+    decided = [verdict for verdict in near.values() if verdict is not None]
     distance = over_scenes(
         rows,
         lambda unit: [
@@ -341,18 +326,21 @@ def cost_over_best(rows: Table, aim: Aim, steps: int = 0) -> Interval:
     """
 
     def cost(unit: Table) -> float:
-        own, theory = unit.rows[0], float(unit.numbers(aim.theory)[0])
-        others = rows.where(lambda row: row["seed"] != own["seed"], scene=own["scene"])
-        best = aim.best(others if len(others) else unit)
-        at = F_NUMBERS.index(best)
-        places = [
-            F_NUMBERS[k] for k in (at - steps, at + steps) if 0 <= k < len(F_NUMBERS)
-        ]
-        if not steps:
-            places = [min(F_NUMBERS, key=lambda number: abs(math.log(number / theory)))]
-        return min(aim.mean_at(unit, number) for number in places) - aim.mean_at(
-            unit, best
-        )
+        scene, seed = unit.rows[0]["scene"], unit.rows[0]["seed"]
+        further = rows.where(lambda row: row["seed"] != seed, scene=scene)
+        best = aim.best(further if len(further) else unit)
+        if steps:
+            index = F_NUMBERS.index(best)
+            candidates = [
+                F_NUMBERS[number]
+                for number in (index - steps, index + steps)
+                if 0 <= number < len(F_NUMBERS)
+            ]
+        else:
+            theory = float(unit.numbers(aim.theory)[0])
+            candidates = [min(F_NUMBERS, key=lambda f: abs(math.log(f / theory)))]
+        least = min(aim.mean_at(unit, f_number) for f_number in candidates)
+        return least - aim.mean_at(unit, best)
 
     return over_scenes(rows, cost)
 

@@ -34,10 +34,8 @@ from twinlens.studies.stage import Stage
 F_NUMBERS = (1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0, 22.0, 32.0)
 MODES = ("fixed exposure", "equal brightness")
 PIXEL_PITCH_UM = 3.45
-BLUR_PX, BLURRED_LESS = (
-    24.0,
-    0.95,
-)  # the blur at f/1 that this fraction of the pixels does not exceed
+BLUR_PX, BLURRED_LESS = 24.0, 0.95
+"""The blur at f/1 that this fraction of the pixels does not exceed."""
 WAVELENGTH = 549e-9
 SENSOR = Sensor.preset(
     "machine_vision", wavelengths=(WAVELENGTH,) * 3, vignetting=False
@@ -65,13 +63,11 @@ class Model:
     def of(stage: Stage) -> "Model":
         """The model scaled so that f/1 blurs the scene by BLUR_PX."""
         focus = middle_focus(*stage.scene.depth_range)
-        from_focus = np.abs(
-            1.0 / stage.truth.depth[np.isfinite(stage.truth.depth)] - 1.0 / focus
-        )
+        depth = stage.truth.depth[np.isfinite(stage.truth.depth)]
+        from_focus = np.abs(1.0 / depth - 1.0 / focus)
         spread = float(np.quantile(from_focus, BLURRED_LESS))
-        return Model(
-            stage, stage.camera.film_distance * stage.camera.fx * spread / BLUR_PX
-        )
+        blur_px = stage.camera.film_distance * stage.camera.fx * spread
+        return Model(stage, blur_px / BLUR_PX)
 
     def lens(self, f_number: float) -> ThinLens:
         """The lens of working f-number v/A, focused at the middle of the disparity range."""
@@ -98,10 +94,8 @@ def grain_px(image: NDArray[np.float32]) -> float:
         grey(image).astype(np.float64), (_PATCH, _PATCH)
     )
     patches = windows[::_PATCH, ::_PATCH]
-    variance, steepness = (
-        patches.var(axis=(2, 3)).mean(),
-        np.diff(patches, axis=3).var(axis=(2, 3)).mean(),
-    )
+    variance = patches.var(axis=(2, 3)).mean()
+    steepness = np.diff(patches, axis=3).var(axis=(2, 3)).mean()
     return math.sqrt(variance / (2.0 * steepness))
 
 
@@ -119,12 +113,10 @@ def noise_electrons(wells: ArrayLike, gain: float = 1.0) -> Float:
     """
     held = np.asarray(wells, np.float64)
     level = held * gain / SENSOR.full_well
-    steps = (
-        np.array([1.0 / (SENSOR.largest_dn - SENSOR.black_level), 1.0 / 255.0])
-        * SENSOR.full_well
-        / gain
-    )
-    rounding = (steps[0] ** 2 + (steps[1] / _srgb_slope(level)) ** 2) / 12.0
+    # Electrons per step of the converter, and per step of the 8-bit image at slope 1.
+    levels = np.array([SENSOR.largest_dn - SENSOR.black_level, 255.0])
+    converter, output = 1.0 / levels * SENSOR.full_well / gain
+    rounding = (converter**2 + (output / _srgb_slope(level)) ** 2) / 12.0
     nonuniformity = SENSOR.dsnu**2 + (SENSOR.prnu * held) ** 2
     return np.asarray(np.sqrt(held + SENSOR.read_noise**2 + nonuniformity + rounding))
 
@@ -177,21 +169,16 @@ def predicted_error(
     diffracts: bool,
 ) -> float:  # fmt: skip
     """The predicted error of an image, the median over its pixels, arbitrary units. blur_px: see `Model.blur`."""
-    known = np.isfinite(stage.truth.depth)
-    rate = SENSOR.level_rate(image, camera=stage.camera, lens=lens).mean(axis=-1)[known]
-    wells = rate * exposure.time * SENSOR.full_well
+    has_depth = np.isfinite(stage.truth.depth)
+    rate = SENSOR.level_rate(image, camera=stage.camera, lens=lens).mean(axis=-1)
+    wells = rate[has_depth] * exposure.time * SENSOR.full_well
     lit = (wells > 0) & (wells * exposure.gain < SENSOR.full_well)
     if not 2 * lit.sum() > lit.size:
         return math.inf
-    variance = (blur_px[known] / 4.0) ** 2 + diffracts * airy_px(
-        stage.camera, lens
-    ) ** 2
-    errors = shift_bound(
-        grain,
-        variance,
-        np.where(lit, wells, 1.0),
-        noise_electrons(wells, exposure.gain),
-    )
+    airy = diffracts * airy_px(stage.camera, lens) ** 2
+    variance = (blur_px[has_depth] / 4.0) ** 2 + airy
+    noise = noise_electrons(wells, exposure.gain)
+    errors = shift_bound(grain, variance, np.where(lit, wells, 1.0), noise)
     return float(np.median(np.where(lit, errors, math.inf)))
 
 
@@ -212,13 +199,11 @@ class Texture:
     ) -> None:
         self.grain, self.depth, self.places, self.ndisp = grain, depth, places, ndisp
         mean = np.zeros(depth.shape)
-        for each in np.unique(
-            depth[depth >= 0]
-        ):  # over 25 pixels of the same surface: disparities within 2 px
-            alike = _local_mean(
-                variance, (depth >= 0) & (np.abs(depth - each) <= RIGHT_PX)
-            )
-            mean[depth == each] = alike[depth == each]
+        # Means over 25 pixels of the same surface, whose disparities are within 2 px.
+        for disparity in np.unique(depth[depth >= 0]):
+            same_surface = (depth >= 0) & (np.abs(depth - disparity) <= RIGHT_PX)
+            here = depth == disparity
+            mean[here] = _local_mean(variance, same_surface)[here]
         self._textures = (variance, mean)
         self._sums: dict[tuple[int, int], Float] = {}
 
@@ -231,43 +216,33 @@ class Texture:
         the blur disk. E(p, d) is its sum over the pixels of disparity d in the window at p. The mean squared
         difference is least where A(p, d') = sum over d of E(p, d) exp(-(d - d')^2 / (4 (s^2 + b_d^2))) is greatest.
         """
-        pixels = np.bincount(self.depth.ravel() + 1)[1:]
-        depths = np.flatnonzero(pixels)
-        disks = (
-            np.bincount(self.depth.ravel() + 1, disk.ravel())[1:][depths]
-            / pixels[depths]
-        )
-        spread = least + (disks / 4.0) ** 2
+        # Unknown depth is -1: counted from there, and dropped.
+        counts = np.bincount(self.depth.ravel() + 1)[1:]
+        totals = np.bincount(self.depth.ravel() + 1, disk.ravel())[1:]
+        depths = np.flatnonzero(counts)
+        disks = totals[depths] / counts[depths]
+        spread = (least + (disks / 4.0) ** 2)[:, None]
         away = np.arange(self.ndisp) - depths[:, None]
-        weights = (self.grain**2 / spread)[:, None] * np.exp(
-            -(away**2) / (4.0 * spread[:, None])
-        )
+        weights = self.grain**2 / spread * np.exp(-(away**2) / (4.0 * spread))
         sums = [
-            self._window_sums(int(depth), float(disk))
-            for depth, disk in zip(depths, disks, strict=True)
+            self._window_sums(int(depth), float(diameter))
+            for depth, diameter in zip(depths, disks, strict=True)
         ]
-        own, around = np.stack(sums, axis=-1)
-        found = (own @ weights).argmax(axis=1)
-        return found, np.einsum("pd,dp->p", around, weights[:, found])
+        local, mean = np.stack(sums, axis=-1)
+        winner = (local @ weights).argmax(axis=1)
+        return winner, np.einsum("pd,dp->p", mean, weights[:, winner])
 
     def _window_sums(self, depth: int, disk: float) -> Float:
         """The two textures of one disparity, spread over a square of the disk's variance, in windows, (2, places)."""
         box = 2 * round((math.sqrt(1.0 + 0.75 * disk**2) - 1.0) / 2.0) + 1
         if (depth, box) not in self._sums:
-            squares = [
-                np.where(self.depth == depth, texture, 0.0)
-                for texture in self._textures
-            ]
-            spread = [
-                ndimage.uniform_filter(each, box, mode="constant") for each in squares
-            ]
-            windows = [
-                ndimage.uniform_filter(each, SIDE, mode="constant") * SIDE**2
-                for each in spread
-            ]
-            self._sums[depth, box] = np.stack(
-                [np.maximum(window[self.places], 0.0) for window in windows]
-            )
+            sums = []
+            for texture in self._textures:
+                here = np.where(self.depth == depth, texture, 0.0)
+                spread = ndimage.uniform_filter(here, box, mode="constant")
+                window = ndimage.uniform_filter(spread, SIDE, mode="constant") * SIDE**2
+                sums.append(np.maximum(window[self.places], 0.0))
+            self._sums[depth, box] = np.stack(sums)
         return self._sums[depth, box]
 
 
@@ -325,20 +300,17 @@ class Evidence:
             return math.nan, math.nan
         disk = np.sqrt(np.maximum(blur_px**2 - self.blur**2, 0.0))
         least = texture.grain**2 + diffracts * airy_px(self.stage.camera, lens) ** 2
-        found, agreed = texture.majority(disk, least)
+        winner, agreed = texture.majority(disk, least)
         spread = np.sqrt(least + (disk[places] / 4.0) ** 2)
-        elsewhere = np.abs(found - self.stage.truth.disparity[places]) > RIGHT_PX
-        light = (
-            (lens.aperture_diameter / self.lens.aperture_diameter) ** 2
-            * exposure.time
-            * exposure.gain
-        )
+        elsewhere = np.abs(winner - self.stage.truth.disparity[places]) > RIGHT_PX
+        aperture = (lens.aperture_diameter / self.lens.aperture_diameter) ** 2
+        light = aperture * exposure.time * exposure.gain
         levels = light * self.levels[places]
-        luma, sensor = levels @ LUMA, luma_noise(np.minimum(levels, 1.0), exposure.gain)
+        luma = levels @ LUMA
+        sensor = luma_noise(np.minimum(levels, 1.0), exposure.gain)
         snr = np.where(luma < 1.0, light**2 * agreed / (SIDE * sensor) ** 2, 0.0)
-        shares = np.where(
-            elsewhere, 1.0, mismatch_share(snr, spread, SIDE, self.stage.ndisp)
-        )
+        by_noise = mismatch_share(snr, spread, SIDE, self.stage.ndisp)
+        shares = np.where(elsewhere, 1.0, by_noise)
         return 100.0 * float(shares.mean()), float(np.median(paths * luma / sensor))
 
 
@@ -374,23 +346,20 @@ def _local_mean(picture: Float, seen: NDArray[np.bool_]) -> Float:
 
 def _slopes(left: Float, right: Float, depth: NDArray[np.int64]) -> Float:
     """The product of the slopes along rows, (H, W). A slope between two depths belongs to the nearer one."""
-    one, other = depth[:, :-1], depth[:, 1:]
-    slopes = np.where(
-        (one >= 0) & (other >= 0), np.diff(left, axis=1) * np.diff(right, axis=1), 0.0
-    )
-    made = np.zeros(depth.shape)
-    made[:, :-1] += np.where(one >= other, slopes, 0.0)
-    made[:, 1:] += np.where(one >= other, 0.0, slopes)
-    return made
+    before, after = depth[:, :-1], depth[:, 1:]
+    slopes = np.diff(left, axis=1) * np.diff(right, axis=1)
+    slopes = np.where((before >= 0) & (after >= 0), slopes, 0.0)
+    products = np.zeros(depth.shape)
+    products[:, :-1] += np.where(before >= after, slopes, 0.0)
+    products[:, 1:] += np.where(before >= after, 0.0, slopes)
+    return products
 
 
 def mismatch_share(snr: ArrayLike, spread: ArrayLike, side: int, ndisp: int) -> Float:
     """`mismatch`, interpolated over log(snr) and log(spread); the arrays are broadcast."""
-    at = (
-        np.log(np.clip(snr, _SNR[0], _SNR[-1])),
-        np.log(np.clip(spread, _SPREADS[0], _SPREADS[-1])),
-    )
-    return np.asarray(_table(side, ndisp)(at), np.float64)
+    log_snr = np.log(np.clip(snr, _SNR[0], _SNR[-1]))
+    log_spread = np.log(np.clip(spread, _SPREADS[0], _SPREADS[-1]))
+    return np.asarray(_table(side, ndisp)((log_snr, log_spread)), np.float64)
 
 
 @lru_cache(maxsize=16)
@@ -414,19 +383,18 @@ def mismatch(snr: Float, spread: float, side: int, ndisp: int) -> Float:
     array([0.9, 0. ])
     """
     texture, both, noise = drawn_sums(spread, side, ndisp)
-    totals = (ratio * texture + np.sqrt(ratio) * both + noise for ratio in snr)
-    return np.array(
-        [
-            float((np.abs(_least(total) - ndisp // 2) > RIGHT_PX).mean())
-            for total in totals
-        ]
-    )
+    shares = []
+    for ratio in snr:
+        totals = ratio * texture + np.sqrt(ratio) * both + noise
+        errors = np.abs(_least(totals) - ndisp // 2)
+        shares.append(float((errors > RIGHT_PX).mean()))
+    return np.array(shares)
 
 
 def drawn_sums(spread: float, side: int, ndisp: int) -> Float:
     """E, T and N of sampled windows for V = sigma = 1, (3, 4000, ndisp), at shifts from -(ndisp // 2)."""
     width = side + ndisp - 1
-    white, noise, other_noise = (
+    white, left_noise, right_noise = (
         np.random.default_rng(seed).standard_normal((_DRAWS, side, columns))
         for seed, columns in enumerate((width, side, width))
     )
@@ -434,14 +402,11 @@ def drawn_sums(spread: float, side: int, ndisp: int) -> Float:
     left = textures[:, :, ndisp // 2 :][:, :, :side]
     sums = np.empty((3, _DRAWS, ndisp))
     for k in range(ndisp):
-        texture, both = (
-            left - textures[:, :, k : k + side],
-            noise - other_noise[:, :, k : k + side],
-        )
-        for part, one, other in zip(
-            sums, (texture, 2.0 * texture, both), (texture, both, both), strict=True
-        ):
-            part[:, k] = np.einsum("nyx,nyx->n", one, other)
+        texture = left - textures[:, :, k : k + side]
+        noise = left_noise - right_noise[:, :, k : k + side]
+        sums[0, :, k] = np.einsum("nyx,nyx->n", texture, texture)
+        sums[1, :, k] = np.einsum("nyx,nyx->n", 2.0 * texture, noise)
+        sums[2, :, k] = np.einsum("nyx,nyx->n", noise, noise)
     return sums
 
 
@@ -460,9 +425,5 @@ def _least(sums: Float) -> Float:
         np.take_along_axis(sums, (inner + k)[:, None], axis=1)[:, 0] for k in (-1, 0, 1)
     )
     bend = below - 2.0 * least + above
-    return np.asarray(
-        best
-        + np.where(
-            best == inner, 0.5 * (below - above) / np.where(bend > 0, bend, 1.0), 0.0
-        )
-    )
+    vertex = 0.5 * (below - above) / np.where(bend > 0, bend, 1.0)
+    return np.asarray(best + np.where(best == inner, vertex, 0.0))

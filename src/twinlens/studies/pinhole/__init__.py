@@ -62,12 +62,8 @@ DIAMETERS_MM = (
     0.07,
 )
 BOX_MM = 100.0  # the open box: a hole twice as wide as the box is deep
-PLATES_MM = (
-    2.5,
-    5.0,
-    10.0,
-    BOX_MM,
-)  # wide enough for light paths; but for the box, square law within 1 %
+PLATES_MM = (2.5, 5.0, 10.0, BOX_MM)
+"""Wide enough for light paths; the square law holds within 1 % but for the box."""
 SHOWN_MM = (BOX_MM, 2.0, 1.0, 0.6, 0.35, 0.15, 0.07)
 RAYLEIGH_MM = 1e3 * 1.9 * math.sqrt(FILM * WAVELENGTH)
 AIRY_MM = 1e3 * math.sqrt(2.44 * FILM * WAVELENGTH)
@@ -75,15 +71,11 @@ MODELS = ("far field", "Fresnel")
 LIGHTS = ("sensor", "plate")
 _EDGE_SPP, _PLATE_SPP = 64, 1024
 _FINER = 3  # oversampling of the sharp image
-_TOLERANCE = (
-    0.02  # 1 % for the slanted edge, 0.5 % for the parabola through three holes
-)
+_TOLERANCE = 0.02  # 1 % for the slanted edge, 0.5 % for the parabola
 _RULE_TOLERANCE = 0.15  # the rules ignore pixel and target distance
 _LIGHT_TOLERANCE = 0.02  # 1 % for the cosines at the widest hole, two standard deviations of 1500 light paths
-_NEAR_BEST_MM, _SHOT_MM = (
-    0.23,
-    0.2,
-)  # below the second, read noise adds as much as shot noise
+_NEAR_BEST_MM = 0.23
+_SHOT_MM = 0.2  # below it, read noise adds as much as shot noise
 
 
 def measure(setup: Setup) -> Measured:
@@ -96,16 +88,13 @@ def measure(setup: Setup) -> Measured:
             rows += [*_edges(seed), *_lights(seed)]
         setup.progress(0.8, "pictures")
         pictures = tuple(_pictures(setup, name) for name in setup.scenes)
-    return Measured(
-        rows,
-        pictures,
-        {
-            "film_m": FILM,
-            "pitch_m": PITCH,
-            "wavelength_m": WAVELENGTH,
-            "depth_m": DEPTH,
-        },
-    )
+    notes = {
+        "film_m": FILM,
+        "pitch_m": PITCH,
+        "wavelength_m": WAVELENGTH,
+        "depth_m": DEPTH,
+    }
+    return Measured(rows, pictures, notes)
 
 
 def _hole(millimetres: float) -> BareAperture:
@@ -117,37 +106,24 @@ def _edges(seed: int) -> list[Row]:
     camera = edge_camera()
     scene, rig = film.edge_scene(), Rig((camera,), (np.eye(4),))
     fine = Rig((edge_camera(_FINER),), (np.eye(4),))
-    sharp = render(scene, fine, Pinhole(), _EDGE_SPP // 4, stream(seed, 0))[0][
-        ..., 1
-    ].astype(np.float64)
+    (sharp,) = render(scene, fine, Pinhole(), _EDGE_SPP // 4, stream(seed, 0))
+    sharp_green = sharp[..., 1].astype(np.float64)
+    binning = camera.height, _FINER, camera.width, _FINER
     rows: list[Row] = []
-    for k, millimetres in enumerate(DIAMETERS_MM):
-        traced = render(scene, rig, _hole(millimetres), _EDGE_SPP, stream(seed, 1, k))[
-            0
-        ]
-        far = diffract(traced, camera, _hole(millimetres), (WAVELENGTH,) * 3)[
-            ..., 1
-        ].astype(np.float64)
-        near = film.convolved(sharp, _fine_kernel(millimetres))
-        near = near.reshape(camera.height, _FINER, camera.width, _FINER).mean(
-            axis=(1, 3)
-        )
+    for number, millimetres in enumerate(DIAMETERS_MM):
+        hole = _hole(millimetres)
+        (traced,) = render(scene, rig, hole, _EDGE_SPP, stream(seed, 1, number))
+        far = diffract(traced, camera, hole, (WAVELENGTH,) * 3)[..., 1]
+        near = film.convolved(sharp_green, _fine_kernel(millimetres))
+        near = near.reshape(binning).mean(axis=(1, 3))
         theory = film.predicted_frequency(millimetres, 0.5)
-        for model, picture in zip(MODELS, (far, near), strict=True):
-            mtf50, mtf10 = (
-                film.frequency_at(picture, contrast) / (1e3 * PITCH)
-                for contrast in (0.5, 0.1)
-            )
-            rows.append(
-                _row(
-                    seed,
-                    model,
-                    millimetres,
-                    mtf50=mtf50,
-                    mtf10=mtf10,
-                    predicted_mtf50=theory,
-                )
-            )
+        for model, picture in zip(MODELS, (far.astype(float), near), strict=True):
+            measured = {
+                "mtf50": film.frequency_at(picture, 0.5) / (1e3 * PITCH),
+                "mtf10": film.frequency_at(picture, 0.1) / (1e3 * PITCH),
+                "predicted_mtf50": theory,
+            }
+            rows.append(_row(seed, model, millimetres, **measured))
     return rows
 
 
@@ -157,35 +133,31 @@ def _lights(seed: int) -> list[Row]:
     fixed = film.half_of_white(camera, _hole(max(DIAMETERS_MM)))
     unit = exposed_rate(camera, _hole(1.0), stream(seed, 3, len(DIAMETERS_MM) + 1))
     rows: list[Row] = []
-    for k, millimetres in enumerate((BOX_MM, *DIAMETERS_MM)):
-        levels = film.exposed(camera, _hole(millimetres), fixed, stream(seed, 2, k))
-        snr = (
-            math.nan if levels.max() >= 65535 else float(levels.mean() / levels.std())
-        )  # NaN: saturated
-        light = exposed_rate(camera, _hole(millimetres), stream(seed, 3, k)) / unit
+    for number, millimetres in enumerate((BOX_MM, *DIAMETERS_MM)):
+        hole = _hole(millimetres)
+        levels = film.exposed(camera, hole, fixed, stream(seed, 2, number))
+        is_saturated = levels.max() >= 65535
+        snr = math.nan if is_saturated else float(levels.mean() / levels.std())
+        light = exposed_rate(camera, hole, stream(seed, 3, number)) / unit
         rows.append(_row(seed, LIGHTS[0], millimetres, light=light, snr=snr))
     square_law = (0.5e-3 / FILM) ** 2  # E / (pi L) of a hole of 1 mm
-    for k, millimetres in enumerate(PLATES_MM):
-        found = film.film_light(
-            1e-3 * millimetres, FILM, _PLATE_SPP, stream(seed, 6, k)
-        )
-        rows.append(_row(seed, LIGHTS[1], millimetres, light=found / square_law))
+    for number, millimetres in enumerate(PLATES_MM):
+        draw = stream(seed, 6, number)
+        light = film.film_light(1e-3 * millimetres, FILM, _PLATE_SPP, draw)
+        rows.append(_row(seed, LIGHTS[1], millimetres, light=light / square_law))
     return rows
 
 
-def _row(seed: int, model: str, millimetres: float, **known: float) -> Row:
-    rules = {
-        "predicted_light": millimetres**2,
-        "rayleigh_mm": RAYLEIGH_MM,
-        "airy_mm": AIRY_MM,
-    }
+def _row(seed: int, model: str, millimetres: float, **measured: float) -> Row:
     return {
         "scene": "edge",
         "seed": seed,
         "model": model,
         "diameter_mm": millimetres,
-        **known,
-        **rules,
+        **measured,
+        "predicted_light": millimetres**2,
+        "rayleigh_mm": RAYLEIGH_MM,
+        "airy_mm": AIRY_MM,
     }
 
 
@@ -221,9 +193,8 @@ def _pictures(setup: Setup, name: str) -> Picture:
 
 def conclude(table: Table) -> list[Finding]:
     """The best hole by wave optics and by the rules; the far-field error; the law of light; noise."""
-    fresnel, sensor, plates = (
-        table.where(model=model) for model in (MODELS[1], *LIGHTS)
-    )
+    fresnel = table.where(model=MODELS[1])
+    sensor, plates = (table.where(model=light) for light in LIGHTS)
     best50, best10 = _best(fresnel, "mtf50"), _best(fresnel, "mtf10")
     unsaturated = sensor.where(
         lambda row: _SHOT_MM <= float(row["diameter_mm"]) < BOX_MM
@@ -232,12 +203,7 @@ def conclude(table: Table) -> list[Finding]:
     share = over_scenes(
         plates.where(diameter_mm=BOX_MM), lambda unit: unit.numbers("light") / BOX_MM**2
     )
-    ratio = over_scenes(  # of the sensor's light to the plate's
-        table.where(diameter_mm=BOX_MM),
-        lambda unit: np.divide(
-            *(unit.where(model=model).numbers("light").mean() for model in LIGHTS)
-        ),
-    )
+    ratio = over_scenes(table.where(diameter_mm=BOX_MM), _sensor_over_plate)
     return [
         predicted("The hole with the highest MTF50 is {} wide", best50, predicted_best(0.5), _TOLERANCE, "mm"),
         predicted("The hole with the highest MTF10 is {} wide", best10, predicted_best(0.1), _TOLERANCE, "mm"),
@@ -255,6 +221,13 @@ def conclude(table: Table) -> list[Finding]:
         power_law(f"At a fixed exposure, signal to noise of holes of {_SHOT_MM:g} mm or more is proportional to A^p "
                   "(shot noise) with p = {}", unsaturated, "diameter_mm", "snr", 1.0, 0.05),
     ]  # fmt: skip
+
+
+def _sensor_over_plate(rows: Table) -> float:
+    sensor, plate = (
+        rows.where(model=light).numbers("light").mean() for light in LIGHTS
+    )
+    return float(sensor / plate)
 
 
 def _best(rows: Table, measure_of: str) -> Interval:
