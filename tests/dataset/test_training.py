@@ -302,3 +302,22 @@ def test_what_selects_nothing_is_refused(folder):
         data.select(["im0", "im1"])
     with pytest.raises(InputError, match="map needs a function"):
         data.map(None)
+
+
+def test_arrays_of_projectors_are_cropped_and_flipped_along_the_image():
+    rng = np.random.default_rng(2)
+    sample = {
+        "projector_pixels0": rng.random((3, H, W, 2)),
+        "lit0": rng.random((3, H, W)) < 0.5,
+        "lit1": rng.random((3, H, W)) < 0.5,
+    }
+    window = crop(sample, 5, 2, 20, 10)
+    for name in ("projector_pixels0", "lit0"):
+        np.testing.assert_array_equal(window[name], sample[name][:, 2:12, 5:25])
+    flipped = stereo_flip({name: sample[name] for name in ("lit0", "lit1")})
+    np.testing.assert_array_equal(flipped["lit0"], sample["lit1"][..., ::-1])
+    pixels = dict.fromkeys(
+        ("projector_pixels0", "projector_pixels1"), np.zeros((1, H, W, 2))
+    )
+    with pytest.raises(InputError, match="a flip cannot mirror projector_pixels"):
+        stereo_flip(pixels)

@@ -39,18 +39,17 @@ def crop(
         elif quantity not in CHANNELS:
             cropped[name] = value
         else:
-            rows, columns = value.shape[:2]
-            if (
-                min(x, y) < 0
-                or min(width, height) < 1
-                or x + width > columns
-                or y + height > rows
-            ):
+            axis = _row_axis(quantity)
+            rows, columns = value.shape[axis : axis + 2]
+            is_inside = min(x, y) >= 0 and x + width <= columns and y + height <= rows
+            if min(width, height) < 1 or not is_inside:
                 window = f"{width} x {height} pixels at ({x}, {y})"
                 raise InputError(
                     f"a crop of {window} is not inside {name} of {columns} x {rows} pixels"
                 )
-            cropped[name] = value[y : y + height, x : x + width].copy()
+            window_of = (slice(None),) * axis
+            window_of += (slice(y, y + height), slice(x, x + width))
+            cropped[name] = value[window_of].copy()
     for view in (0, 1):
         _hide_unmatched(cropped, view)
     return cropped
@@ -62,7 +61,8 @@ def stereo_flip(sample: Mapping[str, Any]) -> dict[str, Any]:
     disp0 is the mirrored disp1, so all quantities of a view must be present for views 0 and 1. Disparities stay
     positive; doffs and baseline do not change. Of view 0, K has cx = W - 1 - cx1, with the width W of the view. The
     world is mirrored at its plane x = 0, so that poses stay rotations: x changes its sign in positions and normals.
-    Raises InputError if a quantity of the other view is missing, or one of another view or unknown is present.
+    Raises InputError if a quantity of the other view is missing, or one of another view or unknown is present, and for
+    projector_pixels, whose mirror image needs the width of the pattern.
     """
     flipped = {}
     sample = _items(sample)
@@ -139,6 +139,11 @@ def _stacked(
     return np.stack(arrays)
 
 
+def _row_axis(quantity: str) -> int:
+    """The axis of the rows of an array; arrays of projectors have another one before it."""
+    return 1 if CHANNELS[quantity].per_projector else 0
+
+
 def _quantity_and_view(name: str) -> tuple[str, int]:
     quantity, _, view = parse_quantity(name)
     if view > 1:
@@ -154,23 +159,25 @@ def _of_view(name: str, view: int, other: int) -> str:
 
 def _hide_unmatched(sample: dict[str, Any], view: int) -> None:
     """Mark the pixels of a view whose match is outside the partner image, as `Camera.contains` defines it."""
-    masks = [
-        name for name in (f"mask{view}_nonocc", f"visible{view}") if name in sample
-    ]
+    disparity_name, mask_name, visible_name = (
+        CHANNELS[name].quantity(view) for name in ("disp", "mask_nonocc", "visible")
+    )
+    masks = [name for name in (mask_name, visible_name) if name in sample]
     if not masks:
         return
-    if f"disp{view}" not in sample:
+    if disparity_name not in sample:
         raise InputError(
-            f"a crop of {masks[0]} needs disp{view}, since pixels lose their match; select it too"
+            f"a crop of {masks[0]} needs {disparity_name}, since pixels lose their match; select it too"
         )
-    disparity = sample[f"disp{view}"]
+    disparity = sample[disparity_name]
     width = disparity.shape[1]
     match = np.arange(width) + (disparity if view else -disparity)
     outside = ~((match >= -0.5) & (match < width - 0.5))
-    if (mask := sample.get(f"mask{view}_nonocc")) is not None:
+    if mask_name in sample:
+        mask = sample[mask_name]
         mask[outside & (mask == VISIBLE)] = HIDDEN
-    if (visible := sample.get(f"visible{view}")) is not None:
-        visible[outside] = False
+    if visible_name in sample:
+        sample[visible_name][outside] = False
 
 
 def _mirrored(
@@ -183,7 +190,11 @@ def _mirrored(
         mirrored = value.copy()
         mirrored[0, 2] = _width(sample, view) - 1 - value[0, 2]
         return np.asarray(mirrored)
-    image = value[:, ::-1].copy()
+    if quantity == "projector_pixels":
+        raise InputError(
+            f"a flip cannot mirror {name}, which needs the width of the pattern; leave it out"
+        )
+    image = np.flip(value, _row_axis(quantity) + 1).copy()
     if CHANNELS[quantity].is_vector:
         x = image[..., 0]
         np.negative(x, out=x, where=np.isfinite(x))  # unknown positions stay +inf
@@ -195,7 +206,7 @@ def _width(sample: Mapping[str, Any], view: int) -> int:
     for name, value in sample.items():
         quantity, of = parse_quantity(name)[::2]
         if of == view and quantity in CHANNELS:
-            return int(value.shape[1])
+            return int(value.shape[_row_axis(quantity) + 1])
     raise InputError(
         f"a flip of K{view} needs the width of its view; select im{view} too"
     )

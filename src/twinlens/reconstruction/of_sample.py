@@ -116,7 +116,7 @@ def reconstruct(
     clouds = {"points": points, "mesh": sampled(surface, 0.5 * cell)}
     progress(0.8, "comparing")
     against_truth = {}
-    if stored.has("truth0.exr"):
+    if stored.has_truth(0):
         true = fuse(depth_views(stored, None, far))
         spacing_mm = 1e3 * (0.5 * cell if spacing is None else spacing)
         against_truth = {
