@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 import twinlens
 from twinlens.camera import ThinLens, light_field_grid
+from twinlens.dataset.channels import DP_LEFT
 from twinlens.dataset.codecs.exr import encode_exr
 from twinlens.dataset.codecs.pfm import encode_pfm
 from twinlens.dataset.codecs.png import encode_png
@@ -34,37 +35,30 @@ def dpdd(source: Source) -> Iterator[tuple[str, bytes]]:
     """
     sample = source.sample
     shots = [sample.lens(k) for k in range(sample.num_lenses)]
-    sharp = next((shot for shot in shots if shot.lens.aperture_diameter == 0), None)
-    dual = next(
-        (shot for shot in shots[source.lens :] if shot.path("dp-left0.png").is_file()),
-        None,
-    )
-    if sharp is None or dual is None:
+    sharp = [shot for shot in shots if shot.lens.aperture_diameter == 0]
+    dual = [
+        shot for shot in shots[source.lens :] if shot.path(DP_LEFT.name(0)).is_file()
+    ]
+    if not sharp or not dual:
         missing = (
-            "pinhole, whose image is in focus"
-            if sharp is None
-            else "lens with dual pixels"
+            "lens with dual pixels" if sharp else "pinhole, whose image is in focus"
         )
         raise InputError(
             f"{sample.name}: dpdd needs a {missing}; add it to [[lenses]] of the recipe"
         )
-    split, views = (
-        source.split if source.split in ("train", "val", "test") else "train",
-        len(sample.rig),
-    )
+    split = source.split if source.split in ("train", "val", "test") else "train"
+    readers = {
+        "c/source": dual[0].image,
+        "l/source": dual[0].dp_left,
+        "r/source": dual[0].dp_right,
+        "c/target": sharp[0].image,
+    }
+    views = len(sample.rig)
     for i in range(views):
         name = source.name if views == 1 else f"{source.name}-im{i}"
-        images = {
-            "c/source": dual.image,
-            "l/source": dual.dp_left,
-            "r/source": dual.dp_right,
-            "c/target": sharp.image,
-        }
-        yield from (
-            (f"{split}_{folder}/{name}.png", encode_png(_rgb16(read(i))))
-            for folder, read in images.items()
-        )
-        yield f"{split}_disparity/{name}.pfm", encode_pfm(dual.dp_disparity(i))
+        for folder, read in readers.items():
+            yield f"{split}_{folder}/{name}.png", encode_png(_rgb16(read(i)))
+        yield f"{split}_disparity/{name}.pfm", encode_pfm(dual[0].dp_disparity(i))
 
 
 def hci4d(source: Source) -> Iterator[tuple[str, bytes]]:
@@ -84,15 +78,14 @@ def hci4d(source: Source) -> Iterator[tuple[str, bytes]]:
             f"{sample.name}: hci4d needs an odd number of views per side and fx = fy, got {counted}"
         )
     depth = sample.truth(middle).depth
+    # Of neighbouring views, in pixels: 0 at the plane that the grid is focused at.
     disparity = (camera.fx * spacing * (1 / depth - vergence)).astype(np.float32)
     low, high = float(np.floor(disparity.min())), float(np.ceil(disparity.max()))
     angles = Rotation.from_matrix(pose[:3, :3] @ _BLENDER_FROM_OPENCV).as_euler("xyz")
     pitch, size = 1e-3 * camera.pixel_pitch_um, (camera.width, camera.height)
-    stop = (
-        camera.film_distance / lens.aperture_diameter
-        if lens.aperture_diameter > 0
-        else np.inf
-    )
+    stop = np.inf
+    if lens.aperture_diameter > 0:
+        stop = camera.film_distance / lens.aperture_diameter
     category = "test" if source.split == "test" else "training"
     sections: dict[str, dict[str, Any]] = {
         "intrinsics": {
@@ -111,17 +104,15 @@ def hci4d(source: Source) -> Iterator[tuple[str, bytes]]:
             "frustum_disp_max": high, "depth_map_scale": 1.0,
         },
     }  # fmt: skip
-    lines = (
-        [f"[{section}]", *(f"{key} = {value}" for key, value in entries.items()), ""]
-        for section, entries in sections.items()
-    )
+    lines: list[str] = []
+    for section, entries in sections.items():
+        lines.append(f"[{section}]")
+        lines += [f"{key} = {value}" for key, value in entries.items()]
+        lines.append("")
     root = f"{category}/{source.name}"
     for i in range(n**2):
         yield f"{root}/input_Cam{i:03d}.png", encode_png(_rgb8(source, i))
-    yield (
-        f"{root}/parameters.cfg",
-        "\n".join(line for part in lines for line in part).encode(),
-    )
+    yield f"{root}/parameters.cfg", "\n".join(lines).encode()
     yield f"{root}/gt_disp_lowres.pfm", encode_pfm(disparity)
     yield f"{root}/gt_depth_lowres.pfm", encode_pfm(depth.astype(np.float32))
 
@@ -134,11 +125,9 @@ def eslf(source: Source) -> Iterator[tuple[str, bytes]]:
     n = _grid(source)[0]
     views = np.stack([_rgb8(source, i) for i in range(n**2)])
     height, width = views.shape[1:3]
-    raw = (
-        views.reshape(n, n, height, width, 3)
-        .transpose(2, 0, 3, 1, 4)
-        .reshape(height * n, width * n, 3)
-    )
+    # (row of the view, its column, y, x, RGB) to (y, row of the view, x, its column, RGB).
+    lenslets = views.reshape(n, n, height, width, 3).transpose(2, 0, 3, 1, 4)
+    raw = lenslets.reshape(height * n, width * n, 3)
     yield f"{source.name}_eslf.png", encode_png(raw)
     yield f"{source.name}.json", source.record()
 
@@ -156,11 +145,9 @@ def fod500(sources: Iterable[Source]) -> Iterator[tuple[str, bytes]]:
             if isinstance(shot.lens, ThinLens) and shot.lens.aperture_diameter > 0:
                 stack[shot.lens.focus_distance] = shot.number
         if len(stack) < 2 or (distances and distances != sorted(stack)):
-            held = (
-                f"other samples have {distances}"
-                if distances
-                else "a focal stack needs two or more"
-            )
+            held = "a focal stack needs two or more"
+            if distances:
+                held = f"other samples have {distances}"
             counted = f"images of thin lenses at {len(stack)} focus distances {sorted(stack)} m"
             raise InputError(f"{sample.name}: has {counted}; {held}")
         distances = sorted(stack)
@@ -171,10 +158,8 @@ def fod500(sources: Iterable[Source]) -> Iterator[tuple[str, bytes]]:
         with np.errstate(over="ignore"):
             depth = sample.truth(0).depth.astype(np.float16)
         yield f"{source.index:06d}Dpt.exr", encode_exr(dict.fromkeys("RGB", depth))
-    yield (
-        "focus_distances.txt",
-        "".join(f"{distance!r}\n" for distance in distances).encode(),
-    )
+    listed = "".join(f"{distance!r}\n" for distance in distances)
+    yield "focus_distances.txt", listed.encode()
 
 
 def _grid(source: Source) -> tuple[int, float, float]:
@@ -189,7 +174,9 @@ def _rgb8(source: Source, i: int, lens: int | None = None) -> NDArray[np.uint8]:
 
 def _rgb16(pixels: NDArray[Any]) -> NDArray[np.uint16]:
     """uint16 (H, W, 3) of an image: 8 bits become 16, grey becomes RGB."""
-    wide = pixels.astype(np.uint16) * (257 if pixels.dtype == np.uint8 else 1)
-    return np.asarray(
-        wide if wide.ndim == 3 else np.repeat(wide[..., None], 3, axis=-1), np.uint16
-    )
+    wide = pixels.astype(np.uint16)
+    if pixels.dtype == np.uint8:
+        wide = wide * np.uint16(257)
+    if wide.ndim == 2:
+        wide = np.repeat(wide[..., None], 3, axis=-1)
+    return wide

@@ -146,7 +146,7 @@ def _is_replaceable(path: Place) -> bool:
     return not path.is_file() or _MARKER.encode() in read_bytes(path)
 
 
-def _write_card(dataset: Dataset, given: About, manifest: Manifest) -> list[str]:
+def _write_card(dataset: Dataset, texts: About, manifest: Manifest) -> list[str]:
     contents = _contents(dataset)
     tiles = _tiles(dataset, list(contents.statistics))
     if not tiles:
@@ -155,7 +155,7 @@ def _write_card(dataset: Dataset, given: About, manifest: Manifest) -> list[str]
     contact_sheet(tiles).save(sheet, "JPEG", quality=88)
     figure = statistics_figure(list(contents.statistics.values()))
     unreadable = [name for name in dataset.names if name not in contents.statistics]
-    card = card_text(given, manifest, contents, unreadable)
+    card = card_text(texts, manifest, contents, unreadable)
     name = "README.md" if _is_replaceable(dataset.path / "README.md") else "CARD.md"
     files = {SHEET: sheet.getvalue(), FIGURE: figure, name: card.encode()}
     for file, data in files.items():
@@ -189,7 +189,7 @@ def _tiles(dataset: Dataset, names: Sequence[str]) -> list[Image.Image]:
 
 
 def card_text(
-    given: About,
+    texts: About,
     manifest: Manifest,
     contents: Contents,
     unreadable: Sequence[str] = (),
@@ -208,40 +208,40 @@ def card_text(
         samples="samples" if count > 1 else "sample",
         facts="\n".join(f"| {name} | {value} |" for name, value in facts),
         made=made,
-        license=_licence(given, manifest),
+        license=_licence(texts, manifest),
     )
-    head = f"# {given.title}\n"
-    if given.description:
-        head += f"\n{given.description}\n"
-    return f"{_front_matter(given, count)}{_MARKER}\n\n{head}\n{body}"
+    head = f"# {texts.title}\n"
+    if texts.description:
+        head += f"\n{texts.description}\n"
+    return f"{_front_matter(texts, count)}{_MARKER}\n\n{head}\n{body}"
 
 
-def _licence(given: About, manifest: Manifest) -> str:
+def _licence(texts: About, manifest: Manifest) -> str:
     """Licence, maker, citation, and the credits of the files that the dataset was made from."""
     unstated = (
         "Not stated by the maker of this dataset: ask before you redistribute it."
     )
-    paragraphs = [given.license or unstated]
-    if given.creator:
-        paragraphs.append(f"Made by {given.creator}.")
-    if given.cite_as:
-        lines = "\n".join(f"    {line}" for line in given.cite_as.splitlines())
+    paragraphs = [texts.license or unstated]
+    if texts.creator:
+        paragraphs.append(f"Made by {texts.creator}.")
+    if texts.cite_as:
+        lines = "\n".join(f"    {line}" for line in texts.cite_as.splitlines())
         paragraphs.append(f"Citation:\n\n{lines}")
     if _sources(manifest):
         paragraphs.append(f"{ASSETS} lists the files that the dataset was made from.")
-        for credit in given.credits:
+        for credit in texts.credits:
             licence = credit.license or "licence not stated"
-            texts = filter(None, (licence, credit.creator, credit.url))
-            paragraphs.append(f"- {_cell(credit.files)}: {_cell(', '.join(texts))}")
+            stated = filter(None, (licence, credit.creator, credit.url))
+            paragraphs.append(f"- {_cell(credit.files)}: {_cell(', '.join(stated))}")
     return "\n\n".join(paragraphs)
 
 
-def _front_matter(given: About, count: int) -> str:
-    entries: dict[str, Any] = {"pretty_name": given.title, "license": "unknown"}
-    if _SPDX.match(given.license):
-        entries["license"] = given.license.lower()
-    elif given.license:
-        entries |= {"license": "other", "license_link": given.license}
+def _front_matter(texts: About, count: int) -> str:
+    entries: dict[str, Any] = {"pretty_name": texts.title, "license": "unknown"}
+    if _SPDX.match(texts.license):
+        entries["license"] = texts.license.lower()
+    elif texts.license:
+        entries |= {"license": "other", "license_link": texts.license}
     entries["task_categories"] = ["depth-estimation"]
     entries["tags"] = ["stereo", "synthetic", "twinlens"]
     entries["size_categories"] = [_SIZES[bisect.bisect(_SIZE_LIMITS, count)]]

@@ -212,43 +212,38 @@ def check_views(
     of each must be within a quarter of a pixel, if there are enough pixels.
     """
     here, there = truths
-    camera = rig.cameras[views[1]]
+    camera, world_from_other = rig.cameras[views[1]], rig.world_from_cams[views[1]]
+    # The visible points of this view in the other camera's frame, and their pixels there.
     seen = here["visible"] & (here["object_id"] > 0)
     world = here["position"][seen].astype(np.float64)
-    cam = geometry.transform_points(
-        geometry.inverse(rig.world_from_cams[views[1]]), world
-    )
+    cam = geometry.transform_points(geometry.inverse(world_from_other), world)
     px = camera.project(cam)
     # A projection on the border may be outside by rounding.
     inside = (
         camera.contains(px) | camera.contains(px - 1e-3) | camera.contains(px + 1e-3)
     )
     if not inside.all():
-        return [
-            f"{np.count_nonzero(~inside)} visible pixels project outside the other view"
-        ]
+        outside = np.count_nonzero(~inside)
+        return [f"{outside} visible pixels project outside the other view"]
+    # Silhouettes are left out in both views: depth jumps there.
     v, u = _nearest(px, camera)
-    tested = (
-        _inside_one_object(here["object_id"])[seen]
-        & _inside_one_object(there["object_id"])[v, u]
-    )
+    tested = _inside_one_object(here["object_id"])[seen]
+    tested &= _inside_one_object(there["object_id"])[v, u]
     px, cam, world = px[tested], cam[tested], world[tested]
     v, u = _nearest(px, camera)
     around = np.stack(
         [there["depth"][v + dv, u + du] for dv in (-1, 0, 1) for du in (-1, 0, 1)]
     )
-    low, high = around.min(axis=0), around.max(axis=0)
-    agree = (cam[:, 2] >= low * (1 - _DEPTH_TOLERANCE)) & (
-        cam[:, 2] <= high * (1 + _DEPTH_TOLERANCE)
-    )
+    nearest = around.min(axis=0) * (1 - _DEPTH_TOLERANCE)
+    farthest = around.max(axis=0) * (1 + _DEPTH_TOLERANCE)
+    agree = (cam[:, 2] >= nearest) & (cam[:, 2] <= farthest)
+    # The probability of as many failures, or more, is a binomial tail.
     wrong = int(np.count_nonzero(~agree))
     if wrong and bdtrc(wrong - 1, agree.size, _ALLOWED_FAILURES) < _SIGNIFICANCE:
         return [
             f"only {agree.mean():.1%} of its visible pixels are at a depth that the other view has there"
         ]
-    scale = (
-        np.abs(world).sum(axis=-1) + np.abs(rig.world_from_cams[views[1]][:3, 3]).sum()
-    )
+    scale = np.abs(world).sum(axis=-1) + np.abs(world_from_other[:3, 3]).sum()
     some = slice(None, None, max(1, len(px) // _MAX_PIXELS))
     return _check_shift(around[:, some], px[some], cam[some, 2], scale[some], camera)
 

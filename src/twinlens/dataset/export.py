@@ -137,7 +137,7 @@ def _sources(
     progress: Callable[[float, str], None],
 ) -> Iterator[Source]:
     """The samples to export. Raises InputError for an unrectified pair, and for objects that no sample has."""
-    known: set[str] = set()
+    names_seen: set[str] = set()
     for i, sample in enumerate(dataset):
         progress(i / len(dataset), sample.name)
         has_record = sample.has("sample.json")
@@ -148,7 +148,7 @@ def _sources(
             )
         if objects and has_record:
             names = sample.record.get("object_names", [])
-            known.update(map(layouts.category, names))
+            names_seen.update(map(layouts.category, names))
         yield Source(sample, i, lens, frozenset(objects) if objects else None)
     for name in objects:
-        check_known("object", name, known)
+        check_known("object", name, names_seen)

@@ -176,9 +176,9 @@ def locked(
     import fcntl  # not on Windows, where everything that needs no lock works
 
     lock = folder / (f".{file}.lock" if file else ".lock")
-    operation = (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | (
-        0 if wait else fcntl.LOCK_NB
-    )
+    operation = fcntl.LOCK_SH if shared else fcntl.LOCK_EX
+    if not wait:
+        operation |= fcntl.LOCK_NB
     created = [part for part in (folder, *folder.parents) if not part.is_dir()]
     while True:
         try:
@@ -196,8 +196,9 @@ def locked(
                 ) from None
             except OSError:
                 pass  # a file system without locks
+            # The previous holder has removed this file: lock the new one.
             if os.fstat(descriptor).st_nlink == 0:
-                continue  # the previous holder has removed this file: lock the new one
+                continue
             stack.callback(_remove_empty, created)
             if not shared:
                 stack.callback(lock.unlink, missing_ok=True)

@@ -16,6 +16,7 @@ from scipy.spatial.distance import cdist
 
 from twinlens.camera import ObjectTruth, Truth
 from twinlens.camera.masks import encode_mask
+from twinlens.dataset.channels import IMAGE
 from twinlens.dataset.codecs.ply import encode_ply, read_ply
 from twinlens.dataset.codecs.png import encode_png
 from twinlens.dataset.layouts import Source, category
@@ -36,46 +37,45 @@ def coco(sources: Iterable[Source]) -> Iterator[tuple[str, bytes]]:
     annotations: list[dict[str, Any]] = []
     categories: dict[str, int] = {}
     for source in sources:
-        rig = source.sample.rig
-        for i, truth in enumerate(_truths(source)):
-            height, width = truth.object_id.shape
-            name = f"{source.name}-im{i}.png"
-            camera, pose = rig.cameras[i], rig.world_from_cams[i]
-            about = {
-                "id": len(images) + 1,
-                "file_name": name,
-                "width": width,
-                "height": height,
-            }
-            images.append(
-                about | {"cam_K": camera.K.tolist(), "world_from_cam": pose.tolist()}
-            )
-            yield f"images/{name}", source.image(i)
+        for view, truth in enumerate(_truths(source)):
+            image = {"id": len(images) + 1, **_coco_image(source, view)}
+            images.append(image)
+            yield f"images/{image['file_name']}", source.image(view)
             for instance in truth.objects:
                 if instance.visible_pixel_count == 0:
                     continue
                 name = truth.object_name(instance)
                 number = categories.setdefault(category(name), len(categories) + 1)
-                ids = {
+                annotation = {
                     "id": len(annotations) + 1,
-                    "image_id": len(images),
+                    "image_id": image["id"],
                     "category_id": number,
+                    "name": name,
                 }
-                facts = _annotation(truth, instance)
-                annotations.append({**ids, "name": name, **facts})
-    named = [
-        {"id": number, "name": name, "supercategory": ""}
-        for name, number in categories.items()
-    ]
-    info = {"description": "exported by twinlens"}
+                annotations.append(annotation | _annotation(truth, instance))
     content = {
-        "info": info,
+        "info": {"description": "exported by twinlens"},
         "licenses": [],
         "images": images,
         "annotations": annotations,
-        "categories": named,
+        "categories": [
+            {"id": number, "name": name, "supercategory": ""}
+            for name, number in categories.items()
+        ],
     }
     yield "annotations/instances.json", json.dumps(content, allow_nan=False).encode()
+
+
+def _coco_image(source: Source, view: int) -> dict[str, Any]:
+    rig = source.sample.rig
+    camera = rig.cameras[view]
+    return {
+        "file_name": f"{source.name}-{IMAGE.name(view)}",
+        "width": camera.width,
+        "height": camera.height,
+        "cam_K": camera.K.tolist(),
+        "world_from_cam": rig.world_from_cams[view].tolist(),
+    }
 
 
 def _annotation(truth: Truth, instance: ObjectTruth) -> dict[str, Any]:

@@ -52,13 +52,13 @@ def colourise(
     if not low < high:
         raise InputError(f"the colour range is [{low}, {high}]: expected low < high")
     numbers = np.asarray(values, np.float64)
-    known = np.isfinite(numbers)
-    share = (np.where(known, numbers, low) - low) / (high - low)
+    finite = np.isfinite(numbers)
+    share = (np.where(finite, numbers, low) - low) / (high - low)
     colours = matplotlib.colormaps[colormap](
         np.rint(np.clip(share, 0, 1) * 255).astype(np.intp)
     )
     return np.where(
-        known[..., None], np.rint(255 * colours[..., :3]), unknown_colour
+        finite[..., None], np.rint(255 * colours[..., :3]), unknown_colour
     ).astype(np.uint8)
 
 
@@ -68,8 +68,10 @@ def disparity_limits(disparity: ArrayLike, matcher: object) -> tuple[float, floa
     The matcher's search range, or the range of the map if the matcher has none or searches one disparity.
     """
     values = np.asarray(disparity)
-    known = values[np.isfinite(values)]
-    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+    finite = values[np.isfinite(values)]
+    low, high = (
+        (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
+    )
     first, count = (
         getattr(matcher, "min_disparity", None),
         getattr(matcher, "num_disparities", None),
@@ -95,7 +97,7 @@ def contact_sheet(tiles: Sequence[Image.Image], columns: int = 8) -> Image.Image
     if not tiles:
         raise InputError("a contact sheet needs one or more images")
     columns = min(columns, len(tiles))
-    padded = [ImageOps.pad(each, tiles[0].size, color="white") for each in tiles]
+    padded = [ImageOps.pad(picture, tiles[0].size, color="white") for picture in tiles]
     grid = {
         "grid_shape": (-(-len(tiles) // columns), columns),
         "padding_width": _GAP,

@@ -85,7 +85,9 @@ class RemotePath:
     def files(self) -> list[str]:
         """Relative names, with /, of all files below, sorted; empty if nothing exists."""
         with self.store(FileError, "listed") as (system, path):
-            return sorted(found.removeprefix(f"{path}/") for found in system.find(path))
+            return sorted(
+                path_found.removeprefix(f"{path}/") for path_found in system.find(path)
+            )
 
     @contextlib.contextmanager
     def store(

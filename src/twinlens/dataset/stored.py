@@ -473,10 +473,10 @@ def parse_quantity(name: str) -> tuple[str, int | None, int]:
     if match and match[2] in _CAMERA_QUANTITIES and not match[1] and not match[4]:
         return match[2], None, int(match[3])
     arrays = [channel for channel in CHANNELS.values() if channel.dtype != TEXTS]
-    known = [channel.quantity(0) for channel in arrays]
-    known += [f"{quantity}0" for quantity in _CAMERA_QUANTITIES]
+    suggestions = [channel.quantity(0) for channel in arrays]
+    suggestions += [f"{quantity}0" for quantity in _CAMERA_QUANTITIES]
     raise unknown(
-        "quantity of a sample", name, (*_SAMPLE_QUANTITIES, *known, "lens1.im0")
+        "quantity of a sample", name, (*_SAMPLE_QUANTITIES, *suggestions, "lens1.im0")
     )
 
 

@@ -247,22 +247,8 @@ def _state(folder: Place) -> tuple[Manifest, list[StoredSample], list[str]]:
     }
     unlisted = _outside_of(listed | set(pending), folders)
     if _is_growing(manifest):
-        # Samples of the recipe without a row are being made, or were left by a killed process.
-        count = manifest.recipe.get("count")
-        whole = {
-            name
-            for name in unlisted
-            if _is_of_recipe(name, count) and is_whole(folder / name)
-        }
+        whole, excused = _without_row(folder, unlisted, manifest.recipe.get("count"))
         pending |= {name: StoredSample(folder / name, name) for name in whole}
-        excused = whole
-        if isinstance(folder, RemotePath):
-            # A sample in a bucket appears file by file: without its mark it is being written, or will be overwritten.
-            excused = {
-                name
-                for name in unlisted
-                if _is_of_recipe(name.partition("/")[0], count)
-            }
         unlisted = [name for name in unlisted if name not in excused]
     findings = [line for name, line in errors.items() if name not in listed]
     findings += [
@@ -289,6 +275,25 @@ def _outside_of(samples: set[str], folders: Iterable[str]) -> list[str]:
         if around.isdisjoint(samples) and around.isdisjoint(outside):
             outside.append(name)
     return outside
+
+
+def _without_row(
+    folder: Place, unlisted: Sequence[str], count: Any
+) -> tuple[set[str], set[str]]:
+    """Complete samples of a recipe that have no row yet, and folders that are therefore no finding.
+
+    They are being made, or were left by a killed process. A sample in a bucket appears file by file: one without its
+    mark is being written, or will be overwritten.
+    """
+    whole = {
+        name
+        for name in unlisted
+        if _is_of_recipe(name, count) and is_whole(folder / name)
+    }
+    if not isinstance(folder, RemotePath):
+        return whole, whole
+    begun = {name for name in unlisted if _is_of_recipe(name.partition("/")[0], count)}
+    return whole, begun
 
 
 def _is_of_recipe(name: str, count: Any) -> bool:
