@@ -9,7 +9,7 @@ import numpy as np
 from twinlens import geometry
 from twinlens.camera import Camera, Rig, ThinLens
 from twinlens.camera.masks import encode_mask
-from twinlens.camera.truth import ObjectTruth, Truth
+from twinlens.camera.truth import ObjectTruth, Projection, Truth
 from twinlens.dataset import Manifest, Sample, Shot, write_manifest
 from twinlens.dataset.dataset import row_of
 
@@ -172,6 +172,19 @@ def sample(num_lenses=1, **size) -> Sample:
         for k, lens in enumerate(lenses)
     )
     return Sample(pair, shots, truths(pair), record={"seed": 7, "scene": "two planes"})
+
+
+def full_sample() -> Sample:
+    """A sample of two lenses that has every channel: radiance, dual pixels and a projector too."""
+    made = sample(num_lenses=2)
+    radiances = tuple(image.astype(np.float32) for image in made.shots[0].images)
+    halves = tuple((image, 255 - image) for image in made.shots[0].images)
+    shots = [replace(shot, radiances=radiances, halves=halves) for shot in made.shots]
+    rng = np.random.default_rng(0)
+    shape = made.truths[0].depth.shape
+    light = Projection(rng.random((*shape, 2)), rng.random(shape) < 0.5)
+    lit = [replace(truth, projections=(light,)) for truth in made.truths]
+    return replace(made, shots=tuple(shots), truths=tuple(lit))
 
 
 def unrectified(made: Sample) -> Sample:

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from tests.dataset import dataset_scene
-from twinlens.camera.truth import Projection
 from twinlens.dataset import Dataset, describe, write_sample
 from twinlens.dataset.channels import CHANNELS, TEXTS, TRUTH, Channel, parse_file
 from twinlens.dataset.codecs.exr import read_exr
@@ -16,7 +15,6 @@ from twinlens.dataset.verify import verify_sample
 from twinlens.errors import InputError
 
 SAMPLE = dataset_scene.sample(num_lenses=2)
-SHAPE = SAMPLE.truths[0].depth.shape
 
 
 def _behind(view):
@@ -37,19 +35,8 @@ SECOND_DISTANCE = Channel(
 )
 
 
-def full_sample():
-    """A sample that has every channel of the table."""
-    radiances = tuple(image.astype(np.float32) for image in SAMPLE.shots[0].images)
-    halves = tuple((image, 255 - image) for image in SAMPLE.shots[0].images)
-    shots = [replace(shot, radiances=radiances, halves=halves) for shot in SAMPLE.shots]
-    rng = np.random.default_rng(0)
-    light = Projection(rng.random((*SHAPE, 2)), rng.random(SHAPE) < 0.5)
-    truths = [replace(truth, projections=(light,)) for truth in SAMPLE.truths]
-    return replace(SAMPLE, shots=tuple(shots), truths=tuple(truths))
-
-
 def test_every_channel_is_read_as_it_was_written(tmp_path):
-    sample = full_sample()
+    sample = dataset_scene.full_sample()
     write_sample(tmp_path / "s", sample)
     stored = Dataset(tmp_path)[0]
     for channel in CHANNELS.values():
@@ -66,7 +53,7 @@ def test_every_channel_is_read_as_it_was_written(tmp_path):
 
 
 def test_names_of_files_are_parsed_as_they_are_made(tmp_path):
-    hashes = write_sample(tmp_path / "s", full_sample())
+    hashes = write_sample(tmp_path / "s", dataset_scene.full_sample())
     names = set()
     for name in hashes:
         if (parsed := parse_file(name)) is not None:
@@ -74,19 +61,18 @@ def test_names_of_files_are_parsed_as_they_are_made(tmp_path):
             assert file.name(view, lens) == name
             names.add(name)
     assert set(hashes) - names == {"calib.txt", "sample.json"}
-    for other in ("im0.exr", "xim0.png", "lens-a/im0.png", "im.png", "notes0.txt"):
-        assert parse_file(other) is None
+    for name in ("im0.exr", "xim0.png", "lens-a/im0.png", "im.png", "notes0.txt"):
+        assert parse_file(name) is None
 
 
-def test_the_pages_list_every_channel():
-    docs = Path(__file__).parents[2] / "docs"
-    loading = (docs / "loading.md").read_text()
-    files = (docs / "format.md").read_text()
-    for channel in CHANNELS.values():
-        if channel.dtype != TEXTS:
-            assert f"`{channel.quantity(0)}`" in loading
-        if channel.file is TRUTH:
-            assert channel.name in files or "projector<i>" in files
+def test_the_page_of_formats_lists_every_channel_of_the_truth():
+    """test_items.py compares docs/loading.md with what is read."""
+    page = (Path(__file__).parents[2] / "docs" / "format.md").read_text()
+    for channel in TRUTH.channels:
+        first = (channel.planes or (channel.name,))[0].format("<i>")
+        if channel.dtype == TEXTS:
+            first = f"twinlens.{channel.name}"
+        assert f"`{first}`" in page
 
 
 def test_a_new_channel_is_one_new_row(tmp_path, monkeypatch):

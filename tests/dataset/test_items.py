@@ -5,14 +5,12 @@ import pickle
 import re
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.dataset import dataset_scene
-from twinlens.camera.truth import Projection
 from twinlens.dataset import (
     Dataset,
     Manifest,
@@ -135,14 +133,7 @@ def test_missing_quantities_are_reported(folder, name, error, message):
 def test_the_table_of_the_page_has_every_quantity_with_its_dtype_and_shape(tmp_path):
     page = (Path(__file__).parents[2] / "docs" / "loading.md").read_text()
     table = page[page.index("| name | dtype |") :].partition("\n\n")[0]
-    radiances = tuple(image.astype(np.float32) for image in SAMPLE.shots[0].images)
-    halves = tuple((image, image) for image in SAMPLE.shots[0].images)
-    shots = tuple(
-        replace(shot, radiances=radiances, halves=halves) for shot in SAMPLE.shots
-    )
-    light = Projection(np.zeros((48, 64, 2)), np.ones((48, 64), dtype=bool))
-    truths = tuple(replace(truth, projections=(light,)) for truth in SAMPLE.truths)
-    write_sample(tmp_path / "s", replace(SAMPLE, shots=shots, truths=truths))
+    write_sample(tmp_path / "s", dataset_scene.full_sample())
     sample = Dataset(tmp_path)[0]
     listed = set()
     for row in table.splitlines()[2:]:

@@ -49,11 +49,17 @@ def shards(root, count, **info):
     return root
 
 
-@pytest.mark.parametrize("where", ["disk", "bucket"])
-def test_pending_samples_are_verified(tmp_path, where):
-    root = shards(
-        tmp_path / "set" if where == "disk" else place(f"memory:/{tmp_path}/set"), 6
-    )
+@pytest.fixture(params=["disk", "bucket"])
+def place_of_set(request, tmp_path):
+    return tmp_path / "set" if request.param == "disk" else bucket(tmp_path)
+
+
+def bucket(tmp_path):
+    return place(f"memory:/{tmp_path}/set")
+
+
+def test_pending_samples_are_verified(place_of_set):
+    root = shards(place_of_set, 6)
     assert dict(verify_place(root)) == {
         "dataset.json": [],
         "0000000": [],
@@ -106,11 +112,9 @@ def row_of_a_sample(files):
     )
 
 
-@pytest.mark.parametrize("where", ["disk", "bucket"])
-def test_a_sample_without_a_row_is_pending_in_an_unfinished_dataset(tmp_path, where):
+def test_a_sample_without_a_row_is_pending_in_an_unfinished_dataset(place_of_set):
     """A process that is killed between the sample and its row leaves it so."""
-    root = tmp_path / "set" if where == "disk" else place(f"memory:/{tmp_path}/set")
-    shards(root, 6, **MADE_WITH)
+    root = shards(place_of_set, 6, **MADE_WITH)
     write_sample(root / sample_name(5), dataset_scene.sample())
     assert dict(verify_place(root)) == {
         "dataset.json": [],
@@ -125,10 +129,8 @@ def test_a_sample_without_a_row_is_pending_in_an_unfinished_dataset(tmp_path, wh
     assert wrong(root)["0000005"][0].startswith("disp0.pfm: not a PFM")
 
 
-@pytest.mark.parametrize("where", ["disk", "bucket"])
-def test_samples_with_other_names_are_not_pending(tmp_path, where):
-    root = tmp_path / "set" if where == "disk" else place(f"memory:/{tmp_path}/set")
-    shards(root, 6, **MADE_WITH)
+def test_samples_with_other_names_are_not_pending(place_of_set):
+    root = shards(place_of_set, 6, **MADE_WITH)
     names = ("0000006", "3", "deep/0000003")
     for name in names:
         write_sample(root / name, dataset_scene.sample())
@@ -142,20 +144,15 @@ def test_samples_with_other_names_are_not_pending(tmp_path, where):
 
 
 def test_incomplete_samples_are_reported_on_disk_only(tmp_path):
-    disk, bucket = (
-        shards(root, 6, **MADE_WITH)
-        for root in (tmp_path / "set", place(f"memory:/{tmp_path}/set"))
-    )
-    for root, name in (
-        (disk, "im0.png"),
-        (bucket, "im0.png"),
-        (bucket, "lens-1/im0.png"),
-    ):
-        write_file(root / "0000003" / name, b"some")
+    disk = shards(tmp_path / "set", 6, **MADE_WITH)
+    remote = shards(bucket(tmp_path), 6, **MADE_WITH)
+    write_file(disk / "0000003" / "im0.png", b"some")
+    for name in ("im0.png", "lens-1/im0.png"):
+        write_file(remote / "0000003" / name, b"some")
     assert wrong(disk) == {
         "dataset.json": ["0000003: is a sample that dataset.json does not list"]
     }
-    assert wrong(bucket) == {}
+    assert wrong(remote) == {}
     write_sample(disk / "0000001" / "deep", dataset_scene.sample())
     assert (
         "0000001/deep: is a sample that dataset.json does not list"
@@ -250,29 +247,22 @@ def test_the_name_of_a_row_stays_below_the_folder(tmp_path, name):
     ]
 
 
-@pytest.mark.parametrize(
-    ("row", "expected"),
-    [
+def test_an_unreadable_row_is_reported(tmp_path):
+    root = shards(tmp_path / "set", 4, **MADE_WITH)
+    failed = encode_json({"format": "twinlens-row", "version": 1, "failure": {}})
+    outside = "../0000002/im0.png"
+    for row, expected in (
         (b"{", "not valid JSON"),
-        (
-            row_of_a_sample({"../0000002/im0.png": "0"}),
-            "row.files.../0000002/im0.png: '../0000002/im0.png' is not a plain relative name",
-        ),
+        (row_of_a_sample({outside: "0"}), f"row.files.{outside}: '{outside}' is not a plain relative name"),
         (row_of_a_sample({"im0.png": 7}), "row.files.im0.png: must be a string, got 7"),
         (row_of_a_sample(None), "row.files: must be a table"),
-        (
-            encode_json({"format": "twinlens-row", "version": 1, "failure": {}}),
-            "missing key 'row'",
-        ),
-    ],
-)
-def test_an_unreadable_row_is_reported(tmp_path, row, expected):
-    root = shards(tmp_path / "set", 4, **MADE_WITH)
-    (root / ".rows" / "0000000.json").write_bytes(row)
-    ((name, (finding,)),) = wrong(root).items()
-    assert name == "dataset.json"
-    assert finding.startswith(f".rows/0000000.json: {expected}")
-    assert "(1 without checksums)" in missing_parts(root)
+        (failed, "missing key 'row'"),
+    ):  # fmt: skip
+        (root / ".rows" / "0000000.json").write_bytes(row)
+        ((name, (finding,)),) = wrong(root).items()
+        assert name == "dataset.json"
+        assert finding.startswith(f".rows/0000000.json: {expected}")
+        assert "(1 without checksums)" in missing_parts(root)
 
 
 def test_repair_hint_for_pending_samples(tmp_path):
