@@ -172,37 +172,42 @@ def write_croissant(dataset: Dataset, texts: About, manifest: Manifest) -> str:
         for name in names
         if (description := _description(name)) is not None
     ]
-    if (dataset.path / MANIFEST).is_file():
-        described.insert(
-            0, _manifest_records(read_bytes(dataset.path / MANIFEST), manifest)
-        )
-    record: dict[str, Any] = {
+    path = dataset.path / MANIFEST
+    if path.is_file():
+        described.insert(0, _manifest_records(read_bytes(path), manifest))
+    record = {
         "@context": CONTEXT,
         "@type": "sc:Dataset",
         "conformsTo": "http://mlcommons.org/croissant/1.0",
+        **_stated_entries(texts),
+        "distribution": [files for files, _ in described],
+        "recordSet": [content for _, content in described],
+    }
+    text = json.dumps(record, indent=1, ensure_ascii=False)
+    write_file(dataset.path / CROISSANT, f"{text}\n".encode())
+    return CROISSANT
+
+
+def _stated_entries(texts: About) -> dict[str, Any]:
+    """The entries that the maker of a dataset states."""
+    default = (
+        f"{texts.title}: stereo pairs rendered by twinlens, with exact ground truth."
+    )
+    entries: dict[str, Any] = {
         "name": texts.title,
-        "description": texts.description
-        or f"{texts.title}: stereo pairs rendered by twinlens, with exact ground truth.",
+        "description": texts.description or default,
         "version": _VERSION,
     }
-    keys = {
-        "license": "license",
-        "url": "url",
-        "datePublished": "published",
-        "citeAs": "cite_as",
+    optional = {
+        "license": texts.license,
+        "url": texts.url,
+        "datePublished": texts.published,
+        "citeAs": texts.cite_as,
     }
-    record |= {
-        key: value for key, name in keys.items() if (value := getattr(texts, name))
-    }
+    entries |= {key: value for key, value in optional.items() if value}
     if texts.creator:
-        record["creator"] = {"@type": "sc:Person", "name": texts.creator}
-    record["distribution"] = [files for files, _ in described]
-    record["recordSet"] = [content for _, content in described]
-    write_file(
-        dataset.path / CROISSANT,
-        (json.dumps(record, indent=1, ensure_ascii=False) + "\n").encode(),
-    )
-    return CROISSANT
+        entries["creator"] = {"@type": "sc:Person", "name": texts.creator}
+    return entries
 
 
 def _manifest_records(

@@ -85,9 +85,7 @@ class RemotePath:
     def files(self) -> list[str]:
         """Relative names, with /, of all files below, sorted; empty if nothing exists."""
         with self.store(FileError, "listed") as (system, path):
-            return sorted(
-                path_found.removeprefix(f"{path}/") for path_found in system.find(path)
-            )
+            return sorted(name.removeprefix(f"{path}/") for name in system.find(path))
 
     @contextlib.contextmanager
     def store(
@@ -168,39 +166,51 @@ def fill_remote(
     rejected. Files of an iterable are written one by one.
     """
     existing = set(folder.files())
-    sample = files if isinstance(files, Mapping) and MARK in files else None
-    if (existing if sample is None else MARK in existing) and not overwrite:
+    if isinstance(files, Mapping) and MARK in files:
+        _fill_sample(folder, files, existing, overwrite)
+        return
+    if existing and not overwrite:
         raise OutputError(f"{folder}: {EXISTS}")
-    if sample and MARK not in existing and existing - set(sample):
+    named = files.items() if isinstance(files, Mapping) else files
+    written: set[str] = set()
+    with _removed_on_failure(folder, written):
+        for name, data in named:
+            written.add(name)
+            write_objects(folder, {name: data})
+    remove_objects(folder, sorted(existing - written))
+
+
+def _fill_sample(
+    folder: RemotePath, sample: Mapping[str, bytes], existing: set[str], overwrite: bool
+) -> None:
+    """Write the files of a sample, of which the mark is removed first and written last."""
+    if MARK in existing and not overwrite:
+        raise OutputError(f"{folder}: {EXISTS}")
+    others = existing - set(sample)
+    if MARK not in existing and others:
         raise OutputError(
             f"{folder}: exists and is not a sample, so it is not overwritten; choose another name"
         )
-    written: list[str] = []
+    marked = [MARK] if MARK in existing else []
+    unmarked = {name: data for name, data in sample.items() if name != MARK}
+    written: set[str] = set()
+    with _removed_on_failure(folder, written):
+        remove_objects(folder, [*marked, *sorted(others)])
+        written.update(sample)
+        write_objects(folder, unmarked)
+        write_objects(folder, {MARK: sample[MARK]})
+
+
+@contextlib.contextmanager
+def _removed_on_failure(folder: RemotePath, written: set[str]) -> Iterator[None]:
+    """Remove what was `written` until then if the block raises."""
     try:
-        if sample:
-            remove_objects(
-                folder,
-                [
-                    name
-                    for name in (MARK, *sorted(existing - set(sample)))
-                    if name in existing
-                ],
-            )
-            written += sample
-            write_objects(
-                folder, {name: data for name, data in sample.items() if name != MARK}
-            )
-            write_objects(folder, {MARK: sample[MARK]})
-            return
-        for name, data in files.items() if isinstance(files, Mapping) else files:
-            written.append(name)
-            write_objects(folder, {name: data})
+        yield
     except BaseException:
-        for name in written:
+        for name in sorted(written):
             with contextlib.suppress(OutputError):
                 remove_objects(folder, [name])
         raise
-    remove_objects(folder, sorted(existing - set(written)))
 
 
 def remove_objects(folder: RemotePath, names: Iterable[str]) -> None:

@@ -90,24 +90,17 @@ def correspondence_of(
     projected = rig.cameras[target].project(points)
     pixels = np.full((*here.hit.shape, 2), np.inf)
     pixels[here.hit] = np.where(np.isnan(projected), np.inf, projected)
-    is_partner = rig.partner(source) == target
-    visible = (
-        here.visible & here.hit
-        if is_partner
-        else _visible_in(here, there, rig, target, pixels)
-    )
+    if rig.partner(source) == target:
+        visible = here.visible & here.hit
+    else:
+        visible = _visible_in(here, there, rig, target, pixels)
     disparity = np.full(here.hit.shape, np.inf)
-    sign = (
-        1
-        if rig.is_rectified(source, target)
-        else -1
-        if rig.is_rectified(target, source)
-        else 0
-    )
-    if sign:
-        disparity[here.hit] = sign * (
-            rig.cameras[source].pixel_grid()[here.hit, 0] - pixels[here.hit, 0]
-        )
+    shift = rig.cameras[source].pixel_grid()[here.hit, 0] - pixels[here.hit, 0]
+    # u_left - u_right, whichever of the two is the left one.
+    if rig.is_rectified(source, target):
+        disparity[here.hit] = shift
+    elif rig.is_rectified(target, source):
+        disparity[here.hit] = -shift
     return Correspondence(pixels, visible, disparity.astype(np.float32))
 
 
@@ -119,15 +112,14 @@ def _visible_in(
         np.where(np.isfinite(pixels), pixels, np.nan)
     )
     points, ids = here.position[inside], here.object_id[inside]
-    tolerance = _PLANE_TOLERANCE * np.linalg.norm(
-        points - rig.world_from_cams[target][:3, 3], axis=1
-    )
+    centre = rig.world_from_cams[target][:3, 3]
+    tolerance = _PLANE_TOLERANCE * np.linalg.norm(points - centre, axis=1)
     u, v = np.floor(pixels[inside] + 0.5).astype(int).T
     same = there.object_id[v, u] == ids
+    # Distance of the point from the tangent plane of what the target sees there.
     step = points - np.where(same[:, None], there.position[v, u], points)
-    distance = np.abs(
-        np.einsum("nc,nc->n", step, there.normal[v, u].astype(np.float64))
-    )
+    normal = there.normal[v, u].astype(np.float64)
+    distance = np.abs(np.einsum("nc,nc->n", step, normal))
     visible = np.zeros(here.hit.shape, dtype=bool)
     visible[inside] = same & (distance <= tolerance)
     return visible
