@@ -24,6 +24,7 @@ from twinlens.dataset import consistency
 from twinlens.dataset.codecs.exr import encode_exr, read_exr
 from twinlens.dataset.codecs.pfm import encode_pfm, read_disparity
 from twinlens.dataset.codecs.png import encode_png, read_png
+from twinlens.dataset.consistency import Findings
 from twinlens.dataset.sample import (
     Sample,
     blur_circle_px,
@@ -41,8 +42,6 @@ TEXTS = "texts"
 
 _TEXTS = pydantic.TypeAdapter(tuple[str, ...])
 _FILE_NAME = re.compile(r"(?:lens-(\d+)/)?[a-z-]+(\d+)[A-Za-z]*\.[a-z]+")
-
-Findings = list[str]
 
 
 @dataclass(frozen=True, eq=False)

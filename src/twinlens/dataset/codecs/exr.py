@@ -22,7 +22,7 @@ from twinlens.dataset.files import read_bytes
 from twinlens.dataset.storage import Where
 from twinlens.errors import FileError, InputError
 
-Channel = NDArray[np.float16] | NDArray[np.float32] | NDArray[np.uint32]
+Plane = NDArray[np.float16] | NDArray[np.float32] | NDArray[np.uint32]
 
 # Decoded pixels to bytes: the limit of DEFLATE, plus the headers of blocks.
 _MAX_RATIO = 1100
@@ -35,7 +35,7 @@ _READING = threading.Lock()
 class Exr:
     """Content of an EXR file: `channels`, name -> float32 or uint32 (H, W), and `text`, name -> string."""
 
-    channels: Mapping[str, Channel]
+    channels: Mapping[str, Plane]
     text: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -47,7 +47,7 @@ def encode_exr(
     `text` becomes string attributes named ``twinlens.<name>``. Raises InputError when shapes differ, there is no
     channel, an integer is outside uint32, or a float64 is outside float32.
     """
-    planes = {name: _to_channel(name, values) for name, values in channels.items()}
+    planes = {name: _to_plane(name, values) for name, values in channels.items()}
     shapes = {plane.shape for plane in planes.values()}
     if len(shapes) != 1:
         raise InputError(
@@ -101,7 +101,7 @@ def read_exr(path: Where) -> Exr:
     return decode_exr(read_bytes(path), str(path))
 
 
-def _to_channel(name: str, values: ArrayLike) -> Channel:
+def _to_plane(name: str, values: ArrayLike) -> Plane:
     """float16, float32 or uint32 (H, W), contiguous: OpenEXR ignores the strides of a buffer."""
     array = np.asarray(values)
     if array.ndim != 2 or 0 in array.shape:
