@@ -71,28 +71,15 @@ def run_study(study: Study, **choices: Unpack[Choices]) -> Result:
     given to a study that does not use them.
     """
     setup = _setup(study, choices)
-    methods = {text: parse_method(text) for text in setup.methods}
+    # An unknown matcher or scene is an error before the first hour's work.
+    for method in setup.methods:
+        parse_method(method)
     for name in setup.scenes:
-        load_scene(name)  # an unknown scene is an error before the first hour's work
+        load_scene(name)
     measured = _measured(study, setup)
     rows = filled_table(study.all_columns, measured.rows)
     protocol = {
-        "study": study.name,
-        "question": study.question,
-        "scenes": setup.scenes,
-        "seeds": setup.seeds,
-        "width": setup.width,
-        "height": setup.height,
-        "spp": setup.spp,
-        "methods": {
-            text: {**spec.method.options, **spec.options}
-            for text, spec in methods.items()
-        },
-        **made_with(),
-        "columns": {
-            column.name: {"unit": column.unit, "text": column.text}
-            for column in study.all_columns
-        },
+        **_protocol(study, setup),
         **measured.notes,
         **measured.remarks,
     }
@@ -105,6 +92,30 @@ def run_study(study: Study, **choices: Unpack[Choices]) -> Result:
         protocol,
         measured.remarks,
     )
+
+
+def _protocol(study: Study, setup: Setup) -> dict[str, Any]:
+    """What is run, for study.json: the setup, the options of the matchers, versions, and the columns."""
+    methods = {}
+    for text in setup.methods:
+        spec = parse_method(text)
+        methods[text] = {**spec.method.options, **spec.options}
+    columns = {
+        column.name: {"unit": column.unit, "text": column.text}
+        for column in study.all_columns
+    }
+    return {
+        "study": study.name,
+        "question": study.question,
+        "scenes": setup.scenes,
+        "seeds": setup.seeds,
+        "width": setup.width,
+        "height": setup.height,
+        "spp": setup.spp,
+        "methods": methods,
+        **made_with(),
+        "columns": columns,
+    }
 
 
 def _setup(study: Study, choices: Mapping[str, Any]) -> Setup:

@@ -87,24 +87,24 @@ def _case(
             both = np.stack([errors.astype(np.float64), bounds])
             inner = both[:, _RIM:-_RIM, _RIM:-_RIM]
             samples[method].append(inner.reshape(2, -1))
-    rows: list[Row] = []
-    for method, parts in samples.items():
-        errors, bounds = np.hstack(parts)
-        fine = errors[np.abs(errors) < _GROSS_PX]
-        rows.append(
-            {
-                "scene": "plane",
-                "seed": seed,
-                "swept": swept,
-                "contrast": contrast,
-                "grain_px": scale,
-                "method": method,
-                "error_px": _rms(fine),
-                "bound_px": _rms(bounds),
-                "blunders": 100.0 * (errors.size - fine.size) / errors.size,
-            }
-        )
-    return rows
+    case: Row = {
+        "scene": "plane",
+        "seed": seed,
+        "swept": swept,
+        "contrast": contrast,
+        "grain_px": scale,
+    }
+    return [
+        {**case, "method": method, **_errors(*np.hstack(parts))}
+        for method, parts in samples.items()
+    ]
+
+
+def _errors(errors: Float, bounds: Float) -> Row:
+    """The error and its bound, rms, and the percentage of gross errors, which the first leaves out."""
+    fine = errors[np.abs(errors) < _GROSS_PX]
+    gross = 100.0 * (errors.size - fine.size) / errors.size
+    return {"error_px": _rms(fine), "bound_px": _rms(bounds), "blunders": gross}
 
 
 def _rms(values: Float) -> float:
