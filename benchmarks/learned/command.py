@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from twinlens.cli import INTERRUPTED
 from twinlens.errors import TwinlensError
-from twinlens.matching.options import MissingExtraError, import_extra
+from twinlens.matching.contract import MissingExtraError, import_extra
 
 try:
     for module in ("torch", "onnx", "onnxruntime"):

@@ -8,8 +8,8 @@ import pytest
 from twinlens.dataset import read_pfm, read_png, write_png
 from twinlens.dataset.pictures import disparity_limits
 from twinlens.matching import METHODS, StereoMatcher
-from twinlens.matching.external import OnnxNetwork
-from twinlens.matching.options import LARGEST_DEFAULT_WINDOW, WINDOW_OPTIONS
+from twinlens.matching.contract import LARGEST_DEFAULT_WINDOW, WINDOW_OPTIONS
+from twinlens.matching.networks import OnnxNetwork
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from twinlens.matching import (
     confidence_map,
     match_with_confidence,
 )
-from twinlens.matching.external import WrongAnswerError
+from twinlens.matching.contract import WrongAnswerError
 from twinlens.scoring import motorcycle
 
 
@@ -246,14 +246,6 @@ def test_wrong_confidences_are_refused(confidence, kind):
     with pytest.raises(WrongAnswerError) as refused:
         tl.match(image, image, Confident(confidence))
     assert refused.value.kind == kind
-
-
-def test_only_a_confidence_changes_what_a_board_stores():
-    assert "confidence" not in tl.matching.parse_method("sad").spec
-    assert (
-        "confidence='ambiguity'"
-        in tl.matching.parse_method("sad:confidence=ambiguity").spec
-    )
 
 
 def test_wrong_names_and_volumes_are_refused():

@@ -5,7 +5,7 @@ import pytest
 
 import twinlens.matching as tm
 from twinlens.errors import FileError, InputError
-from twinlens.matching.external import MatcherFailedError
+from twinlens.matching.contract import MatcherFailedError
 
 onnx = pytest.importorskip("onnx")
 pytest.importorskip("onnxruntime")

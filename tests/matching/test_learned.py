@@ -8,8 +8,8 @@ import pytest
 
 import twinlens as tl
 import twinlens.matching as tm
+from twinlens.matching.contract import MissingExtraError
 from twinlens.matching.costs import LEARNED_FILE
-from twinlens.matching.options import MissingExtraError
 
 BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "learned"
 

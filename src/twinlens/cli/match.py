@@ -15,11 +15,10 @@ from twinlens.dataset import read_image, write_pfm, write_png
 from twinlens.dataset.pictures import colourise, disparity_limits
 from twinlens.errors import InputError
 from twinlens.matching import Program, parse_method
-from twinlens.matching.external import checked_pair
-from twinlens.matching.options import (
+from twinlens.matching.contract import (
     DEFAULT_DISPARITIES,
+    BaseMatcher,
     check_image_size,
-    match_with_confidence,
 )
 
 DEFAULT_METHOD = "zncc"
@@ -92,16 +91,15 @@ def command(
     check_image_size(matcher, images[0].shape[:2])
     start = time.perf_counter()
     with progress_bar("matching"):
-        disparity, trust = checked_pair(
-            match_with_confidence(matcher, *images), images[0].shape[:2], name
-        )
+        answer = matcher.match_with_confidence(*images)
     seconds = time.perf_counter() - start
     if confidence is not None:
-        if trust is None:
+        if answer.confidence is None:
             raise InputError(
                 f"--confidence: {name} computes none; use a method such as zncc:confidence=ambiguity"
             )
-        write_pfm(confidence, trust)
+        write_pfm(confidence, answer.confidence)
+    disparity = answer.disparity
     write_pfm(output, disparity)
     if picture is not None:
         write_png(picture, colourise(disparity, *disparity_limits(disparity, matcher)))
@@ -144,7 +142,7 @@ def _matcher(
     time_limit: float | None,
     num_disparities: int | None,
     min_disparity: int,
-) -> tuple[Any, str]:
+) -> tuple[BaseMatcher, str]:
     """The matcher and its name."""
     search = {
         "num_disparities": num_disparities or DEFAULT_DISPARITIES,

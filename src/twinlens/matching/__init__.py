@@ -8,6 +8,7 @@ from twinlens.matching.confidence import (
     CONFIDENCES as CONFIDENCES,
     confidence_map as confidence_map,
 )
+from twinlens.matching.contract import Answer as Answer, Matcher as Matcher
 from twinlens.matching.curves import CostCurve as CostCurve, cost_curve as cost_curve
 from twinlens.matching.defocus import (
     ApertureSamples as ApertureSamples,
@@ -41,4 +42,3 @@ from twinlens.matching.methods import (
     parse_program as parse_program,
     split_methods as split_methods,
 )
-from twinlens.matching.options import Matcher as Matcher

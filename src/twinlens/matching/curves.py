@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from twinlens.errors import InputError, check_int, format_value
 from twinlens.matching.confidence import rivals
+from twinlens.matching.contract import DEFAULT_DISPARITIES, check_image_size
 from twinlens.matching.images import pair
 from twinlens.matching.matcher import StereoMatcher
 from twinlens.matching.methods import parse_methods
-from twinlens.matching.options import DEFAULT_DISPARITIES, check_image_size
 
 
 @dataclass(frozen=True)
@@ -87,42 +87,44 @@ def cost_curve(
     height, width = images[0].shape
     check_int("u", u, 0, width - 1)
     check_int("v", v, 0, height - 1)
+    matchers = _named_matchers(methods, search)
     curves = {}
-    for name, matcher in _matchers(
-        [methods] if isinstance(methods, str | StereoMatcher) else methods, search
-    ).items():
+    for name, matcher in matchers.items():
         check_image_size(matcher, images[0].shape)
         curves[name] = _curve(matcher, *images, int(u), int(v))
     return curves
 
 
-def _matchers(
-    methods: Sequence[str | StereoMatcher] | Mapping[str, StereoMatcher],
-    search: dict[str, int],
-) -> dict[str, StereoMatcher]:
-    found: list[tuple[str, Any]] = (
-        list(methods.items()) if isinstance(methods, Mapping) else []
-    )
-    for method in () if isinstance(methods, Mapping) else methods:
-        if isinstance(method, str):
-            found += [
-                (spec.name, spec.matcher(**search)) for spec in parse_methods([method])
-            ]
-        else:
-            found.append((str(getattr(method, "cost", format_value(method))), method))
-    if not found:
+def _named_matchers(methods: Any, search: dict[str, int]) -> dict[str, StereoMatcher]:
+    """The matchers by name. Raises InputError for names that are not unique, and for other methods than twinlens's."""
+    pairs: list[tuple[str, Any]] = []
+    if isinstance(methods, Mapping):
+        pairs = list(methods.items())
+    else:
+        single = isinstance(methods, str | StereoMatcher)
+        for method in [methods] if single else methods:
+            pairs += _with_names(method, search)
+    if not pairs:
         raise InputError("no method is named")
-    for name, matcher in found:
+    names = [name for name, _ in pairs]
+    for name, matcher in pairs:
         if not isinstance(matcher, StereoMatcher):
             raise InputError(
                 f"{name} has no cost curve; use a method of twinlens, such as zncc or sgm"
             )
-        if [other for other, _ in found].count(name) > 1:
+        if names.count(name) > 1:
             remedy = 'small=zncc:block_size=5, or objects by name: {"small": StereoMatcher(...), ...}'
             raise InputError(
                 f"two methods are named {name!r}; give them names, such as {remedy}"
             )
-    return dict(found)
+    return dict(pairs)
+
+
+def _with_names(method: Any, search: dict[str, int]) -> list[tuple[str, Any]]:
+    """(name, matcher) of each method of a text, or of an object, which is named after its cost."""
+    if isinstance(method, str):
+        return [(spec.name, spec.matcher(**search)) for spec in parse_methods([method])]
+    return [(str(getattr(method, "cost", format_value(method))), method)]
 
 
 def _curve(
@@ -130,19 +132,16 @@ def _curve(
 ) -> CostCurve:
     disparities = matcher.min_disparity + np.arange(matcher.num_disparities)
     costs = np.full(len(disparities), np.inf)
-    search = matcher.search(left, right)
     winner, rival, disparity = None, None, np.inf
+    search = matcher.search(left, right)
     if search.count > 0:
+        # The search leaves out candidates that no pixel of the image can have.
         first = search.low - matcher.min_disparity
         costs[first : first + search.count], place, disparity = search.winner_at(u, v)
         if np.isfinite(disparity):
             winner = search.low + place
-            others = np.where(
-                rivals(costs, np.asarray(winner - matcher.min_disparity)), costs, np.inf
-            )
-            rival = (
-                int(disparities[np.argmin(others)])
-                if np.isfinite(others).any()
-                else None
-            )
+            is_rival = rivals(costs, np.asarray(first + place))
+            rival_costs = np.where(is_rival, costs, np.inf)
+            if np.isfinite(rival_costs).any():
+                rival = int(disparities[np.argmin(rival_costs)])
     return CostCurve(u, v, matcher, disparities, costs, winner, rival, disparity)

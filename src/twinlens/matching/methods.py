@@ -13,27 +13,27 @@ import numpy as np
 
 import twinlens
 from twinlens.errors import InputError, check_known, format_value, located, unknown
-from twinlens.matching.costs import COSTS, LEARNED, LEARNED_NAME, descriptor_model
-from twinlens.matching.external import (
-    OnnxNetwork,
-    Program,
-    PythonFunction,
-    checked_pair,
-)
-from twinlens.matching.images import Confidence, Disparity
-from twinlens.matching.matcher import StereoMatcher
-from twinlens.matching.opencv import OpenCVBlock, OpenCVSemiGlobal
-from twinlens.matching.options import (
+from twinlens.matching.contract import (
     DEFAULT_DISPARITIES,
+    Answer,
+    BaseMatcher,
     Matcher,
-    match_alone,
-    match_with_confidence as answer_of,
+    RangeMatcher,
+    answer_of,
+    checked_answer,
 )
+from twinlens.matching.costs import COSTS, LEARNED, LEARNED_NAME, descriptor_model
+from twinlens.matching.external import Program, PythonFunction
+from twinlens.matching.images import Disparity
+from twinlens.matching.matcher import StereoMatcher
+from twinlens.matching.networks import OnnxNetwork
+from twinlens.matching.opencv import OpenCVBlock, OpenCVSemiGlobal
 
 ENTRY_POINTS = "twinlens.methods"
-PROGRAM_GRACE_S = (
-    5.0  # beyond the limit, for a program's matcher, which ends the program itself
-)
+PROGRAM_GRACE_S = 5.0
+"""Seconds beyond a time limit for a program's matcher, which ends the program itself."""
+_WORDS = {"true": True, "false": False, "none": None}
+"""Values of options that are words but not text."""
 
 
 @dataclass(frozen=True)
@@ -49,19 +49,15 @@ class Method:
     @property
     def options(self) -> dict[str, Any]:
         """Every option with its default."""
-        return {
-            item.name: item.default for item in dataclasses.fields(self.matcher)
-        } | dict(self.defaults)
+        fields = dataclasses.fields(self.matcher)
+        return {field.name: field.default for field in fields} | dict(self.defaults)
 
     def reference(self) -> dict[str, Any]:
         """{"method", "description", "options": [{"option", "default", "meaning"}]}."""
-        hints, given = (
-            typing.get_type_hints(self.matcher, include_extras=True),
-            self.options.items(),
-        )
+        hints = typing.get_type_hints(self.matcher, include_extras=True)
         options = [
             {"option": name, "default": value, "meaning": hints[name].__metadata__[0]}
-            for name, value in given
+            for name, value in self.options.items()
         ]
         return {
             "method": self.name,
@@ -70,70 +66,70 @@ class Method:
         }
 
     def make(self, **options: Any) -> Any:
-        """The matcher with these options: a `matching.Matcher`. Raises InputError for an unknown option."""
+        """The matcher with these options. Raises InputError for an unknown option."""
         for name in options:
             check_known(f"option of {self.name}", name, self.options)
         return self.matcher(**{**self.defaults, **options})
 
 
-def _own(name: str, description: str, cost: str, **options: Any) -> Method:
+def _stereo(name: str, description: str, cost: str, **options: Any) -> Method:
     return Method(name, description, {"cost": cost, **options}, StereoMatcher)
 
 
 _METHODS = (
-    *(_own(name, cost.description, name) for name, cost in COSTS.items()),
-    _own(
+    *(_stereo(name, cost.description, name) for name, cost in COSTS.items()),
+    _stereo(
         "shiftable",
         "SAD of the best window that contains the pixel",
         "sad",
         support="shiftable",
     ),
-    _own(
+    _stereo(
         "adaptive",
         "ZNCC in windows that adapt to texture and edges",
         "zncc",
         support="adaptive",
         block_size=21,
     ),
-    _own(
+    _stereo(
         "cross",
         "census over cross-shaped regions of similar pixels",
         "census",
         support="cross",
         block_size=35,
     ),
-    _own(
+    _stereo(
         "weighted",
         "census weighted by similarity and proximity; slow",
         "census",
         support="weighted",
         block_size=15,
     ),
-    _own(
+    _stereo(
         "guided",
         "census smoothed by a guided filter",
         "census",
         support="guided",
         block_size=19,
     ),
-    _own(
+    _stereo(
         LEARNED_NAME, LEARNED.description, LEARNED_NAME, support="guided", block_size=11
     ),
-    _own(
+    _stereo(
         "sgm",
         "semi-global matching of census costs, 8 paths",
         "census",
         block_size=1,
         optimisation="sgm8",
     ),
-    _own(
+    _stereo(
         "sgm4",
         "semi-global matching of census costs, 4 paths",
         "census",
         block_size=1,
         optimisation="sgm4",
     ),
-    _own(
+    _stereo(
         "depth_camera",
         "sgm in windows that contain a dot, with holes where its checks fail",
         "census",
@@ -166,10 +162,11 @@ METHODS: dict[str, Method] = {method.name: method for method in _METHODS}
 
 
 @dataclass(frozen=True)
-class MethodSpec:
+class MethodSpec(BaseMatcher):
     """A method with options, as `parse_method` reads it; `name` is the text if no name is given.
 
-    grace_s: seconds beyond a time limit for a method that enforces the limit itself.
+    A range among its options takes precedence over the arguments of `match`. grace_s: seconds beyond a time limit for a
+    method that enforces the limit itself.
     """
 
     name: str
@@ -178,41 +175,46 @@ class MethodSpec:
     grace_s: float = 0.0
 
     def matcher(self, **defaults: Any) -> Any:
-        """The matcher; `defaults`, such as a data set's num_disparities, apply to options that are not given."""
-        known = {
+        """The `BaseMatcher` of the method's class.
+
+        `defaults`, such as a data set's num_disparities, apply to options that are not given.
+        """
+        options = {
             name: value
             for name, value in defaults.items()
             if name in self.method.options
         }
-        return self.method.make(**{**known, **self.options})
+        return self.method.make(**{**options, **self.options})
+
+    def searching(
+        self, num_disparities: int | None, min_disparity: int | None
+    ) -> BaseMatcher:
+        search = {"num_disparities": num_disparities, "min_disparity": min_disparity}
+        matcher: BaseMatcher = self.matcher(
+            **{name: value for name, value in search.items() if value is not None}
+        )
+        return matcher
+
+    def compute(self, left: Any, right: Any) -> Answer:
+        answer: Answer = self.matcher().compute(left, right)
+        return answer
 
     @property
     def content(self) -> str:
         """Hashes of the files that the matcher consists of: those of a network or a program; "" for twinlens's own."""
-        return str(getattr(self.matcher(), "content", ""))
+        return str(self.matcher().content)
 
     @property
     def spec(self) -> str:
         """Twinlens's version, all options except time limits, and the hashes of the method's files."""
         options = {**self.method.options, **self.options}
-        if options.get("confidence", "none") in (
-            "none",
-            None,
-        ):  # boards made before this option keep their results
-            options.pop("confidence", None)
-        text = ",".join(
-            f"{name}={value!r}"
-            for name, value in sorted(options.items())
-            if name != "timeout_s"
-        )
+        options.pop("timeout_s", None)
+        text = ",".join(f"{name}={value!r}" for name, value in sorted(options.items()))
         content = f" [{self.content}]" if self.content else ""
         return f"twinlens {twinlens.__version__} {self.method.name}:{text}{content}"
 
     def check_parts(self) -> None:
-        """Raise a TwinlensError if a file, function or package that the matcher needs is missing."""
-        matcher = self.matcher()
-        if hasattr(matcher, "check_parts"):
-            matcher.check_parts()
+        self.matcher().check_parts()
 
     @property
     def runs_user_code(self) -> bool:
@@ -220,44 +222,21 @@ class MethodSpec:
         network = descriptor_model(str(self.options.get("cost", ""))) is not None
         return network or self.method.matcher in (PythonFunction, OnnxNetwork)
 
-    def match(
-        self,
-        left: Any,
-        right: Any,
-        *,
-        num_disparities: int | None = None,
-        min_disparity: int | None = None,
-    ) -> Disparity:
-        """See `matching.Matcher.match`. A range among the method's options takes precedence over the arguments."""
-        search = {"num_disparities": num_disparities, "min_disparity": min_disparity}
-        disparity: Disparity = self._answer(match_alone, left, right, search)[0]
-        return disparity
 
-    def match_with_confidence(
-        self,
-        left: Any,
-        right: Any,
-        *,
-        num_disparities: int | None = None,
-        min_disparity: int | None = None,
-    ) -> tuple[Disparity, Confidence | None]:
-        """As `match`, with the confidence if the method computes one."""
-        search = {"num_disparities": num_disparities, "min_disparity": min_disparity}
-        return self._answer(answer_of, left, right, search)
+@dataclass(frozen=True, kw_only=True)
+class UserMatcher(RangeMatcher):
+    """An object of a user that satisfies `Matcher`, with the range that it is called with."""
 
-    def _answer(
-        self,
-        call: Callable[..., tuple[Any, Any]],
-        left: Any,
-        right: Any,
-        search: dict[str, int | None],
-    ) -> tuple[Any, Any]:
-        return call(
-            self.matcher(),
-            left,
-            right,
-            **{k: search[k] for k in search.keys() - self.options},
-        )
+    matcher: Matcher
+
+    def compute(self, left: Any, right: Any) -> Answer:
+        """The checked answer of the object. Raises WrongAnswerError if it is no disparity map."""
+        search = {
+            "num_disparities": self.num_disparities,
+            "min_disparity": self.min_disparity,
+        }
+        result = answer_of(self.matcher, left, right, **search)
+        return checked_answer(result, np.shape(left)[:2], type(self.matcher).__name__)
 
 
 def matcher_of_spec(spec: str) -> StereoMatcher | None:
@@ -266,11 +245,14 @@ def matcher_of_spec(spec: str) -> StereoMatcher | None:
     >>> matcher_of_spec(parse_method("mine=sad:block_size=5").spec).block_size
     5
     """
-    found = re.fullmatch(r"twinlens \S+ (\w+:.*)", spec)
-    with contextlib.suppress(InputError):
-        matcher = parse_method(found[1]).matcher() if found else None
-        return matcher if isinstance(matcher, StereoMatcher) else None
-    return None
+    match = re.fullmatch(r"twinlens \S+ (\w+:.*)", spec)
+    if match is None:
+        return None
+    try:
+        matcher = parse_method(match[1]).matcher()
+    except InputError:
+        return None
+    return matcher if isinstance(matcher, StereoMatcher) else None
 
 
 def find_method(name: str) -> Method:
@@ -285,15 +267,12 @@ def find_method(name: str) -> Method:
     """
     if name in METHODS:
         return METHODS[name]
-    found = {
-        point.name: point
-        for point in importlib.metadata.entry_points(group=ENTRY_POINTS)
-    }
-    if name in found:
-        return Method(
-            name, found[name].value, {"function": found[name].value}, PythonFunction
-        )
-    raise unknown("method", name, [*METHODS, *found])
+    entry_points = importlib.metadata.entry_points(group=ENTRY_POINTS)
+    functions = {point.name: point.value for point in entry_points}
+    if name in functions:
+        function = functions[name]
+        return Method(name, function, {"function": function}, PythonFunction)
+    raise unknown("method", name, [*METHODS, *functions])
 
 
 def split_commas(text: str) -> list[str]:
@@ -391,29 +370,30 @@ def parse_program(text: str, time_limit: float | None = None) -> MethodSpec:
     >>> [parse_program(text).name for text in ("mine=prog {left} {right} {out}", "bin/prog {left} {right} {out}")]
     ['mine', 'prog']
     """
-    given = re.fullmatch(r"([\w.-]+)=(.*)", text.strip(), re.DOTALL)
-    command = (given[2] if given else text).strip()
+    named = re.fullmatch(r"([\w.-]+)=(.*)", text.strip(), re.DOTALL)
+    command = (named[2] if named else text).strip()
     executable = (command.split() or ["program"])[0].rsplit("/", 1)[-1].strip("'\"")
-    options = {"command": command} | (
-        {} if time_limit is None else {"timeout_s": time_limit}
-    )
-    program = MethodSpec(
-        given[1] if given else executable, METHODS["program"], options, PROGRAM_GRACE_S
-    )
-    program.matcher()
+    options: dict[str, Any] = {"command": command}
+    if time_limit is not None:
+        options["timeout_s"] = time_limit
+    name = named[1] if named else executable
+    program = MethodSpec(name, METHODS["program"], options, PROGRAM_GRACE_S)
+    program.matcher()  # checks the command
     return program
 
 
 def _option(part: str, text: str, method: Method, first: bool) -> tuple[str, Any]:
+    """(name, value) of option=value, or of the value alone of a method's positional option, which comes first."""
     name, equals, value = (piece.strip() for piece in part.partition("="))
     if first and method.positional and name not in method.options:
         name, equals, value = method.positional, "=", part
     if not equals:
         raise InputError(f"{name!r} in {text!r} is not an option; write option=value")
-    if isinstance(method.options.get(name), str):  # 'a b' 'c d' is left unchanged
-        around = re.fullmatch(r"""'([^']*)'|"([^"]*)\"""", value)
-        return name, value if around is None else around[1] or around[2] or ""
-    for read in ({"true": True, "false": False, "none": None}.__getitem__, int, float):
+    if isinstance(method.options.get(name), str):
+        # One pair of quotes is removed; 'a b' 'c d' is left unchanged.
+        quoted = re.fullmatch(r"""'([^']*)'|"([^"]*)\"""", value)
+        return name, value if quoted is None else quoted[1] or quoted[2] or ""
+    for read in (_WORDS.__getitem__, int, float):
         with contextlib.suppress(ValueError, KeyError):
             return name, read(value.lower())
     return name, value
@@ -430,13 +410,12 @@ def method_tables() -> str:
     """The tables of docs/methods.md: all methods, and the options of each class of matchers."""
     lines = ["| method | description | defaults that differ |", "| --- | --- | --- |"]
     for method in METHODS.values():
-        own = ", ".join(
+        defaults = ", ".join(
             f"{option}={option_text(value)}"
             for option, value in method.defaults.items()
         )
-        lines.append(
-            f"| `{method.name}` | {method.description} | {own and f'`{own}`'} |"
-        )
+        cell = f"`{defaults}`" if defaults else ""
+        lines.append(f"| `{method.name}` | {method.description} | {cell} |")
     for kind in dict.fromkeys(method.matcher for method in METHODS.values()):
         names = [method.name for method in METHODS.values() if method.matcher is kind]
         title = "Methods of twinlens" if len(names) > 1 else f"`{names[0]}`"
@@ -446,9 +425,8 @@ def method_tables() -> str:
             "| --- | --- | --- |",
         ]
         for row in Method(names[0], "", {}, kind).reference()["options"]:
-            lines.append(
-                f"| `{row['option']}` | {option_text(row['default'])} | {row['meaning']} |"
-            )
+            option, default = row["option"], option_text(row["default"])
+            lines.append(f"| `{option}` | {default} | {row['meaning']} |")
     return "\n".join([*lines, ""])
 
 
@@ -520,12 +498,12 @@ def match(
     >>> round(float(disparity[10, 20]))
     3
     """
-    return _matched(match_alone, left, right, method, options)[0]
+    return _matcher(method, options).match(left, right)
 
 
 def match_with_confidence(
     left: Any, right: Any, method: str | Matcher = "zncc", **options: Unpack[Options]
-) -> tuple[Disparity, Confidence | None]:
+) -> Answer:
     """As `match`, with the confidence (H, W) float32, higher where the disparity is more probably right.
 
     None from a method that computes none; twinlens's own do with the option `confidence`, of `matching.CONFIDENCES`.
@@ -537,42 +515,30 @@ def match_with_confidence(
     >>> float(confidence[10, 20])
     1.0
     """
-    return _matched(answer_of, left, right, method, options)
+    return _matcher(method, options).match_with_confidence(left, right)
 
 
-def _matched(
-    call: Callable[..., tuple[Any, Any]],
-    left: Any,
-    right: Any,
-    method: Any,
-    options: Mapping[str, Any],
-) -> tuple[Disparity, Confidence | None]:
-    if not isinstance(method, str):
-        return _matched_by(call, method, left, right, options)
-    spec = parse_method(method)
-    for name in options:
-        check_known(
-            f"option of {spec.method.name}", name, ["method", *spec.method.options]
+def _matcher(method: str | Matcher, options: Mapping[str, Any]) -> BaseMatcher:
+    """The matcher of a text or of an object, with options."""
+    if isinstance(method, str):
+        spec = parse_method(method)
+        allowed = ["method", *spec.method.options]
+        for name in options:
+            check_known(f"option of {spec.method.name}", name, allowed)
+        matcher: BaseMatcher = spec.method.make(**{**options, **spec.options})
+        return matcher
+    if isinstance(method, type) or not hasattr(method, "match"):
+        signature = "match(left, right, *, num_disparities, min_disparity)"
+        raise InputError(
+            f"method must be a name such as 'zncc', or an object with {signature}, got {format_value(method)}"
         )
-    return call(spec.method.make(**{**options, **spec.options}), left, right)
-
-
-def _matched_by(
-    call: Callable[..., tuple[Any, Any]],
-    matcher: Any,
-    left: Any,
-    right: Any,
-    options: Mapping[str, Any],
-) -> tuple[Disparity, Confidence | None]:
-    if isinstance(matcher, type) or not hasattr(matcher, "match"):
-        allowed = "a name such as 'zncc', or an object with match(left, right, *, num_disparities, min_disparity)"
-        raise InputError(f"method must be {allowed}, got {format_value(matcher)}")
     search = {"num_disparities": DEFAULT_DISPARITIES, "min_disparity": 0}
     for name in options:
         check_known("option of a matcher object", name, search)
-    given = {
-        name: options.get(name, getattr(matcher, name, default))
-        for name, default in search.items()
-    }
-    result = call(matcher, left, right, **given)
-    return checked_pair(result, np.shape(left)[:2], type(matcher).__name__)
+    if isinstance(method, BaseMatcher):
+        return method.searching(
+            options.get("num_disparities"), options.get("min_disparity")
+        )
+    for name, default in search.items():
+        search[name] = options.get(name, getattr(method, name, default))
+    return UserMatcher(matcher=method, **search)

@@ -6,12 +6,16 @@ from typing import Annotated, Any
 import numpy as np
 
 from twinlens.errors import InputError, check_int, check_known
-from twinlens.matching.images import Disparity, levels, pair
-from twinlens.matching.options import RangeMatcher, check_block_size, import_extra
-
-SIXTEENTHS = (
-    16  # the unit of OpenCV's fixed-point disparities, and the multiple of its ranges
+from twinlens.matching.contract import (
+    Answer,
+    RangeMatcher,
+    check_block_size,
+    import_extra,
 )
+from twinlens.matching.images import levels, pair
+
+SIXTEENTHS = 16
+"""The unit of OpenCV's fixed-point disparities is 1/16 pixel; the number of disparities is a multiple of 16."""
 MODES = {
     "default": "STEREO_SGBM_MODE_SGBM",
     "hh": "STEREO_SGBM_MODE_HH",
@@ -34,27 +38,23 @@ class _OpenCVMatcher(RangeMatcher):
     def _create(self, cv2: Any, shape: tuple[int, ...], count: int) -> Any:
         raise NotImplementedError
 
-    def _match(self, left: Any, right: Any) -> Disparity:
-        cv2, images = (
-            import_extra("cv2", "opencv"),
-            [image.astype(np.uint8) for image in levels(*pair(left, right))],
-        )
+    def compute(self, left: Any, right: Any) -> Answer:
+        """OpenCV's disparities. Raises InputError for options and images that OpenCV refuses."""
+        cv2 = import_extra("cv2", "opencv")
+        images = [image.astype(np.uint8) for image in levels(*pair(left, right))]
         count = -(-self.num_disparities // SIXTEENTHS) * SIXTEENTHS
         try:
             fixed = self._create(cv2, images[0].shape, count).compute(*images)
         except InputError:
             raise
-        except (
-            cv2.error,
-            ValueError,
-            OverflowError,
-        ) as problem:  # the last two: numbers too large for a C int
-            raise InputError(
-                f"OpenCV's StereoMatcher failed: {' '.join(str(problem).split())[:200]}"
-            ) from None
-        return np.where(
-            fixed < self.min_disparity * SIXTEENTHS, np.inf, fixed / SIXTEENTHS
-        ).astype(np.float32)
+        except (cv2.error, ValueError, OverflowError) as problem:
+            # ValueError and OverflowError are raised for numbers too large for a C int.
+            reason = " ".join(str(problem).split())[:200]
+            raise InputError(f"OpenCV's StereoMatcher failed: {reason}") from None
+        # OpenCV marks unknown pixels with a value below the range.
+        unknown = fixed < self.min_disparity * SIXTEENTHS
+        disparity = np.where(unknown, np.inf, fixed / SIXTEENTHS)
+        return Answer(disparity.astype(np.float32))
 
 
 @dataclass(frozen=True)
@@ -106,23 +106,22 @@ class OpenCVSemiGlobal(_OpenCVMatcher):
 
     def _create(self, cv2: Any, shape: tuple[int, ...], count: int) -> Any:
         # OpenCV matches only columns for which the whole range is inside; its 3-way mode does not check this.
-        least = (
-            max(self.min_disparity + count, 0)
-            - min(self.min_disparity, 0)
-            + self.block_size // 2
-        )
+        columns_right = max(self.min_disparity + count, 0)
+        columns_left = -min(self.min_disparity, 0)
+        least = columns_right + columns_left + self.block_size // 2
         if shape[1] <= least:
             got = f"got {shape[1]}: use fewer num_disparities"
             raise InputError(
                 f"OpenCV's StereoSGBM needs images wider than {least} pixels for these options, {got}"
             )
-        side, area, mode = (
-            self.block_size,
-            self.block_size**2,
-            getattr(cv2, MODES[self.mode]),
-        )
+        area = self.block_size**2
         matcher = cv2.StereoSGBM.create(
-            self.min_disparity, count, side, 8 * area, 32 * area, mode=mode
+            self.min_disparity,
+            count,
+            self.block_size,
+            8 * area,
+            32 * area,
+            mode=getattr(cv2, MODES[self.mode]),
         )
         matcher.setUniquenessRatio(self.uniqueness)
         return matcher

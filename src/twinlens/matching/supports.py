@@ -6,18 +6,30 @@ pixels take pixel costs, and block_size is the size of their region; the others 
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
 from twinlens.matching.box import Volume
-from twinlens.matching.costs import find_cost
 from twinlens.matching.images import extended
 
-if TYPE_CHECKING:
-    from twinlens.matching.matcher import StereoMatcher
+UNCERTAINTY = 0.05
+"""Pixels: standard deviation of the disparity for which an adaptive window is large enough."""
+
+
+@dataclass(frozen=True)
+class SupportOptions:
+    """The options of `MatcherOptions` that supports read, and `growth` of the cost."""
+
+    block_size: int
+    contrast: float
+    gamma_similar: float
+    gamma_near: float
+    epsilon: float
+    noise: float
+    growth: int
 
 
 @dataclass(frozen=True)
@@ -35,21 +47,25 @@ class Strip:
     left: NDArray[np.int32]
     right: NDArray[np.int32]
     low: int
-    matcher: "StereoMatcher"
+    options: SupportOptions
 
     @property
     def side(self) -> int:
-        return self.matcher.block_size
+        """Side of the support's window in pixels."""
+        return self.options.block_size
 
     @property
     def top(self) -> int:
+        """The row of the volumes that is row `start` of the image."""
         return self.start - self.first
 
     @property
     def rows(self) -> slice:
+        """The rows of the image that the volumes cover."""
         return slice(self.first, self.first + len(self.volumes[0]))
 
     def empty(self) -> Volume:
+        """An array for the result."""
         return np.empty((self.stop - self.start, *self.volumes[0].shape[1:]))
 
 
@@ -77,14 +93,13 @@ def family(side: int) -> tuple[int, ...]:
     """The sizes of an adaptive window: the side, three quarters and one half of it; odd, and at least 5.
 
     The sub-windows of a window of 5 have a side of 3; smaller ones hardly distinguish candidates.
+
+    >>> family(21)
+    (21, 15, 11)
     """
     least = min(side, 5)
-    return tuple(
-        sorted(
-            {max(2 * int(part * side // 2) + 1, least) for part in (1, 0.75, 0.5)},
-            reverse=True,
-        )
-    )
+    sizes = {max(2 * int(part * side // 2) + 1, least) for part in (1, 0.75, 0.5)}
+    return tuple(sorted(sizes, reverse=True))
 
 
 def quarter(side: int) -> int:
@@ -93,21 +108,27 @@ def quarter(side: int) -> int:
 
 
 def _shiftable(strip: Strip) -> Volume:
-    """The best of all windows that contain the pixel. Bobick and Intille, "Large occlusion stereo", IJCV 1999."""
-    out, volume, radius = strip.empty(), strip.volumes[0], strip.side // 2
-    columns = slice(radius, radius + volume.shape[1])
-    for y, here in enumerate(out, strip.top):
-        lowest = np.full((len(here) + 2 * radius, volume.shape[2]), np.inf)
-        volume[max(0, y - radius) : y + radius + 1].min(axis=0, out=lowest[columns])
-        reach = 1  # columns whose minimum is taken; it doubles
+    """The best of all windows that contain the pixel. Bobick and Intille, "Large occlusion stereo", IJCV 1999.
+
+    The windows that contain a pixel are those centred in the window around it, so this is a minimum filter.
+    """
+    out = strip.empty()
+    volume, radius = strip.volumes[0], strip.side // 2
+    width, depth = volume.shape[1:]
+    inside = slice(radius, radius + width)
+    for y in range(len(out)):
+        centre = strip.top + y
+        lowest = np.full((width + 2 * radius, depth), np.inf)
+        rows = volume[max(0, centre - radius) : centre + radius + 1]
+        rows.min(axis=0, out=lowest[inside])
+        # The minimum over `reach` columns of two halves that overlap: the reach doubles until it is the side.
+        reach = 1
         while reach < strip.side:
             step = min(reach, strip.side - reach)
-            lowest, reach = np.minimum(lowest[:-step], lowest[step:]), reach + step
-        here[:] = lowest
+            lowest = np.minimum(lowest[:-step], lowest[step:])
+            reach += step
+        out[y] = lowest
     return out
-
-
-UNCERTAINTY = 0.05  # pixels: standard deviation of the disparity for which an adaptive window is large enough
 
 
 def window_sizes(
@@ -119,11 +140,10 @@ def window_sizes(
     horizontal derivatives Ix in it (central differences): Okutomi and Kanade, "A locally adaptive window for signal
     matching", IJCV 1992. The smallest window with a standard deviation below `UNCERTAINTY` is taken, or the widest.
     """
-    squares = np.square(
-        np.gradient(image.astype(np.float64), axis=1)
-        if image.shape[1] > 1
-        else np.zeros(image.shape)
-    )
+    derivative: NDArray[np.float64] = np.zeros(image.shape)
+    if image.shape[1] > 1:
+        derivative = np.gradient(image.astype(np.float64), axis=1)
+    squares = np.square(derivative)
     needed = 2.0 * noise**2 / UNCERTAINTY**2
     sizes = np.zeros(image.shape, np.int64)
     for index, side in enumerate(sides):
@@ -144,15 +164,16 @@ def _adaptive(strip: Strip) -> Volume:
     from twinlens.matching.kernels.supports import best_quarters
 
     sides = family(strip.side)
-    rows = slice(max(0, strip.start - strip.side), strip.stop + strip.side)
-    sizes = window_sizes(strip.left[rows], sides, strip.matcher.noise)[
-        strip.start - rows.start :
-    ]
+    # The sizes depend on the texture in the widest window, so some rows around the strip are needed.
+    first = max(0, strip.start - strip.side)
+    surroundings = strip.left[first : strip.stop + strip.side]
+    sizes = window_sizes(surroundings, sides, strip.options.noise)
+    sizes = sizes[strip.start - first :]
     out = strip.empty()
     for index, (side, volume) in enumerate(zip(sides, strip.volumes, strict=True)):
-        scale = (quarter(sides[0]) / quarter(side)) ** (
-            2 * find_cost(strip.matcher.cost).growth
-        )
+        # Costs of smaller windows are scaled to the pixels of the widest, so that all sizes have one range of costs.
+        ratio = quarter(sides[0]) / quarter(side)
+        scale = ratio ** (2 * strip.options.growth)
         step = side // 2 - quarter(side) // 2
         best_quarters(volume, step, strip.top, sizes, index, scale, out)
     return out
@@ -167,34 +188,36 @@ def _cross(strip: Strip) -> Volume:
 
     image, out = strip.left[strip.rows], strip.empty()
     arms = np.zeros((4, *image.shape), np.int32)
-    cross_arms(image, min(int(strip.matcher.contrast), 255), strip.side // 2, arms)
+    contrast = min(int(strip.options.contrast), 255)
+    cross_arms(image, contrast, strip.side // 2, arms)
     cross_means(strip.volumes[0], arms, strip.top, out)
     return out
 
 
 def _weighted(strip: Strip) -> Volume:
-    """Yoon and Kweon, "Adaptive support-weight approach for correspondence search", PAMI 2006, on grey levels."""
+    """The mean of costs weighted by similarity and proximity to the centre, in both windows, on grey levels.
+
+    A weight is exp(-(difference / gamma_similar + distance / gamma_near)). Source: Yoon and Kweon, "Adaptive
+    support-weight approach for correspondence search", PAMI 28(4), 2006.
+    """
     from twinlens.matching.kernels.supports import adaptive_weights
 
-    radius, width, depth = (
-        strip.side // 2,
-        strip.left.shape[1],
-        strip.volumes[0].shape[2],
-    )
-    last = strip.low + depth - 1
-    right = extended(
-        strip.right, (strip.rows.start, strip.rows.stop), (-last, width - strip.low)
-    )[:, ::-1].copy()
+    options, radius = strip.options, strip.side // 2
+    width, depth = strip.volumes[0].shape[1:]
+    # Reversed, the right image has candidate 0 of the first column at width - 1, and later candidates after it.
+    largest = strip.low + depth - 1
+    columns = -largest, width - strip.low
+    right = extended(strip.right, (strip.rows.start, strip.rows.stop), columns)
     offsets = np.arange(-radius, radius + 1)
     distances = np.hypot(offsets[:, None], offsets[None, :])
-    nearness = np.exp(-2.0 * distances / strip.matcher.gamma_near)  # of both windows
-    similar = np.exp(-np.arange(256) / strip.matcher.gamma_similar)
+    # The weights of both windows are multiplied; their distances to the centre are equal, hence the factor of 2.
+    nearness = np.exp(-2.0 * distances / options.gamma_near)
+    similar = np.exp(-np.arange(256) / options.gamma_similar)
     out = strip.empty()
-    left = np.ascontiguousarray(strip.left[strip.rows])
     adaptive_weights(
         strip.volumes[0],
-        left,
-        right,
+        np.ascontiguousarray(strip.left[strip.rows]),
+        right[:, ::-1].copy(),
         width - 1,
         nearness,
         similar,
@@ -206,23 +229,28 @@ def _weighted(strip: Strip) -> Volume:
 
 
 def _guided(strip: Strip) -> Volume:
-    """Hosni et al., "Fast cost-volume filtering for visual correspondence and beyond", PAMI 2013, with a grey guide."""
+    """The costs smoothed by a guided filter, with the left grey image as the guide.
+
+    Source: Hosni et al., "Fast cost-volume filtering for visual correspondence and beyond", PAMI 35(2), 2013.
+    """
     radius, volume, first = strip.side // 2, strip.volumes[0], strip.first
     guide = strip.left[strip.rows, :, None] / 255.0
-    start, stop = (
-        max(first, strip.start - radius),
-        min(first + len(guide), strip.stop + radius),
-    )
-    arrays = guide, guide**2, volume, volume * guide
-    mean_guide, mean_square, cost, product = (
-        _means(array, first, start, stop, radius) for array in arrays
-    )
-    variance = np.maximum(mean_square - mean_guide**2, 0.0)
-    slope = (product - mean_guide * cost) / (variance + strip.matcher.epsilon)
-    lines = slope, cost - slope * mean_guide
-    slope, intercept = (
-        _means(array, start, strip.start, strip.stop, radius) for array in lines
-    )
+    # The line of a window is needed wherever the window contains a pixel of the result.
+    start = max(first, strip.start - radius)
+    stop = min(first + len(guide), strip.stop + radius)
+
+    def means(array: Volume) -> Volume:
+        return _means(array, first, start, stop, radius)
+
+    # In each window the line slope * guide + intercept that fits the costs best, regularised by epsilon.
+    mean_guide, mean_cost = means(guide), means(volume)
+    variance = np.maximum(means(guide**2) - mean_guide**2, 0.0)
+    covariance = means(volume * guide) - mean_guide * mean_cost
+    slope = covariance / (variance + strip.options.epsilon)
+    intercept = mean_cost - slope * mean_guide
+    # A pixel takes the mean of the lines of all windows that contain it.
+    slope = _means(slope, start, strip.start, strip.stop, radius)
+    intercept = _means(intercept, start, strip.start, strip.stop, radius)
     return np.asarray(slope * guide[strip.top : strip.top + len(slope)] + intercept)
 
 

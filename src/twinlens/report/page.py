@@ -28,7 +28,7 @@ from twinlens.dataset.files import write_file
 from twinlens.dataset.pictures import NO_TRUTH, colourise, rgb8
 from twinlens.dataset.record import plain
 from twinlens.matching import StereoMatcher, grey
-from twinlens.matching.matcher import PATHS
+from twinlens.matching.matcher_options import PATHS
 from twinlens.matching.methods import matcher_of_spec
 from twinlens.matching.supports import SUPPORTS
 from twinlens.scoring import (

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from twinlens.dataset.files import locked
 from twinlens.errors import FileError, InputError
-from twinlens.matching import parse_methods
+from twinlens.matching import Answer, parse_methods
 from twinlens.scoring.board import Board, Entry, Failure
 from twinlens.scoring.board_file import BoardWriter, read_board
 from twinlens.scoring.evaluate import RESERVED, evaluate, upsampled, upsampling
@@ -17,7 +17,7 @@ from twinlens.scoring.protocols import Protocol, find_protocol
 from twinlens.scoring.regions import region_masks
 from twinlens.scoring.runners import (
     WARM_UP_LIMIT_S,
-    Answer,
+    Match,
     Method,
     MethodError,
     Runner,
@@ -189,15 +189,16 @@ class _Run:
             for entry in earlier
         ):
             return True, None
-        answer = self._answer(method)
-        entries = [self._entry(method, rules, answer) for rules in self.protocols]
+        match = self._match(method)
+        entries = [self._entry(method, rules, match) for rules in self.protocols]
         for entry in entries:
             board = board.having(entry)
-        if isinstance(answer, Failure):
+        if isinstance(match, Failure):
             self.on_drop(method.name, sample.name)
         else:
-            scale = sample.disp0.shape[0] // answer.disp.shape[0]
-            self.on_map(method.name, sample.name, upsampled(answer.disp, scale))
+            disparity = match.answer.disparity
+            scale = sample.disp0.shape[0] // disparity.shape[0]
+            self.on_map(method.name, sample.name, upsampled(disparity, scale))
         self.writer.update(
             board
         )  # after the map, so that the board lists no map that is missing
@@ -218,7 +219,7 @@ class _Run:
             self.on_drop(*pair)
         return kept
 
-    def _answer(self, method: Method | Submission) -> Answer | Failure:
+    def _match(self, method: Method | Submission) -> Match | Failure:
         """The map that the method computes, or that a submission contains; the latter has no run time."""
         sample = self.sample
         if isinstance(method, Submission):
@@ -229,11 +230,10 @@ class _Run:
             )
             try:
                 disp = method.map_of(sample.name, sample.disp0.shape, sample.aliases)
-                return Answer(
-                    disp,
-                    None,
-                    method.confidence_of(sample.name, disp.shape, sample.aliases),
+                confidence = method.confidence_of(
+                    sample.name, disp.shape, sample.aliases
                 )
+                return Match(Answer(disp, confidence), None)
             except FileError as error:
                 return Failure(kind, str(error))
         try:
@@ -242,22 +242,23 @@ class _Run:
             return error.failure
 
     def _entry(
-        self, method: Method | Submission, rules: Protocol, answer: Answer | Failure
+        self, method: Method | Submission, rules: Protocol, match: Match | Failure
     ) -> Entry:
         sample, (height, width) = self.sample, self.sample.disp0.shape
         ndisp, first = int(sample.ndisp), int(sample.min_disparity)
         key = method.name, spec_of(method), sample.name, self.sha, rules.name
-        if isinstance(answer, Failure):
-            return Entry(*key, width, height, ndisp, None, answer, min_disparity=first)
+        if isinstance(match, Failure):
+            return Entry(*key, width, height, ndisp, None, match, min_disparity=first)
         entry = Entry(
-            *key, width, height, ndisp, answer.seconds, None, min_disparity=first
+            *key, width, height, ndisp, match.seconds, None, min_disparity=first
         )
+        disparity, confidence = match.answer
         try:
-            scale = upsampling(answer.disp.shape, sample.disp0.shape, rules)
+            scale = upsampling(disparity.shape, sample.disp0.shape, rules)
         except InputError as error:
             return replace(entry, failure=Failure("refused", str(error)))
         scores = evaluate(
-            answer.disp,
+            disparity,
             sample.disp0,
             self.masks.get("nonocc"),
             sample.ndisp / scale,
@@ -267,7 +268,7 @@ class _Run:
             },
             min_disparity=sample.min_disparity / scale,
             calibration=sample.calibration,
-            confidence=answer.confidence,
+            confidence=confidence,
         )
         return replace(
             entry, regions={name: scores.regions[name] for name in self.masks}

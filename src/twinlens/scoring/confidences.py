@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from twinlens.errors import InputError
 from twinlens.matching import CONFIDENCES, StereoMatcher, confidence_map
-from twinlens.matching.options import check_image_size
+from twinlens.matching.contract import check_image_size
 from twinlens.scoring.evaluate import RegionScores, evaluate
 from twinlens.scoring.samples import Pair
 

@@ -24,13 +24,13 @@ from numpy.typing import NDArray
 
 from twinlens.errors import InputError, TwinlensError
 from twinlens.matching import Matcher
-from twinlens.matching.external import (
-    FunctionError,
+from twinlens.matching.contract import (
+    Answer,
     WrongAnswerError,
-    checked_pair,
-    format_status,
+    answer_of,
+    checked_answer,
 )
-from twinlens.matching.options import match_with_confidence
+from twinlens.matching.external import FunctionError, format_status
 from twinlens.scoring.board import Failure
 from twinlens.scoring.samples import Pair
 
@@ -51,12 +51,11 @@ class Method(Matcher, Protocol):
 
 
 @dataclass(frozen=True)
-class Answer:
-    """A validated disparity map, the wall time of its match in seconds, and the confidence if the method has one."""
+class Match:
+    """The validated answer of a method for a pair, and its wall time in seconds; None for maps of a submission."""
 
-    disp: Image
+    answer: Answer
     seconds: float | None
-    confidence: Image | None = None
 
 
 class MethodError(Exception):
@@ -122,7 +121,7 @@ class Runner:
             with contextlib.suppress(MethodError):
                 self._run(self.warm_up_limit, _check_parts, method)
 
-    def match(self, method: Method, sample: Pair) -> Answer:
+    def match(self, method: Method, sample: Pair) -> Match:
         """One timed match; MethodError for any exception, an invalid result, or an exceeded limit."""
         arguments = (
             np.array(sample.im0),
@@ -139,7 +138,7 @@ class Runner:
         )
         limit = self.limit + float(getattr(method, "grace_s", 0.0))
         try:
-            answer: Answer = self._run(limit, _timed_match, method, *arguments)
+            match: Match = self._run(limit, _timed_match, method, *arguments)
         except MethodError as error:
             if took is not None and took > self.limit:
                 self._skip_warm_up.add(method.name)
@@ -149,7 +148,7 @@ class Runner:
                 " and was not repeated" if skipped else ""
             )
             raise MethodError("time-limit", error.failure.message + note) from error
-        return answer
+        return match
 
     def _warm_up(
         self, method: Method, left: Image, right: Image, search: Mapping[str, int]
@@ -239,18 +238,14 @@ class Runner:
 
 def _timed_match(
     method: Method, left: Image, right: Image, search: Mapping[str, int]
-) -> Answer:
+) -> Match:
     start = time.perf_counter()
     try:
-        result = match_with_confidence(method, left, right, **search)
+        result = answer_of(method, left, right, **search)
         seconds = time.perf_counter() - start
-        if isinstance(result[0], np.ndarray) and result[0].dtype.kind != "f":
-            raise WrongAnswerError(
-                "wrong-type",
-                f"returned an array of {result[0].dtype}: expected float32 disparities",
-            )
-        disparity, confidence = checked_pair(result, left.shape[:2], method.name)
-        return Answer(disparity, seconds, confidence)
+        _check_floats(result)
+        answer = checked_answer(result, left.shape[:2], method.name)
+        return Match(answer, seconds)
     except (Exception, SystemExit) as raised:
         error = (isinstance(raised, FunctionError) and raised.__cause__) or raised
         if isinstance(error, TimeoutError):
@@ -264,7 +259,17 @@ def _untimed_match(
     method: Method, left: Image, right: Image, search: Mapping[str, int]
 ) -> None:
     with contextlib.suppress(Exception, SystemExit):
-        match_with_confidence(method, left, right, **search)
+        answer_of(method, left, right, **search)
+
+
+def _check_floats(result: Any) -> None:
+    """Refuse integers, which are a map that was scaled for a file and not converted back."""
+    disparity = result[0] if isinstance(result, tuple) else result
+    if isinstance(disparity, np.ndarray) and disparity.dtype.kind != "f":
+        raise WrongAnswerError(
+            "wrong-type",
+            f"returned an array of {disparity.dtype}: expected float32 disparities",
+        )
 
 
 def _check_parts(method: Any) -> None:

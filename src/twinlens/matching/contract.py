@@ -1,0 +1,283 @@
+"""What every matcher takes and returns, and the checks that all matchers share. No algorithm is in this module.
+
+A matcher of twinlens is a `BaseMatcher`, whose `compute` returns an `Answer`. A matcher of a user is anything that
+satisfies `Matcher`; `answer_of` calls either kind, and `checked_answer` validates what user code returned.
+"""
+
+import abc
+import functools
+import hashlib
+import importlib
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple, Protocol, Self
+
+import numpy as np
+
+from twinlens.errors import InputError, MissingExtraError, check_int
+from twinlens.matching.images import Confidence, Disparity
+
+DEFAULT_DISPARITIES = 64
+LARGEST_DEFAULT_WINDOW = 35
+"""The largest default of a window option, over all methods."""
+WINDOW_OPTIONS = ("block_size", "census_window", "median")
+HASH_DIGITS = 16  # hexadecimal digits kept of a file's SHA-256
+
+
+class MatcherFailedError(InputError):
+    """A program or a model failed while it ran."""
+
+    exit_code = 1
+
+
+class WrongAnswerError(MatcherFailedError):
+    """User code did not return a disparity map; kind: wrong-type, wrong-shape or not-a-number."""
+
+    def __init__(self, kind: str, message: str) -> None:
+        super().__init__(message)
+        self.kind = kind
+
+
+class Answer(NamedTuple):
+    """What a matcher computes for a pair of images.
+
+    disparity: (H, W) float32, u_left - u_right in pixels, +inf where unknown. confidence: (H, W) float32, higher where
+    the disparity is more probably right; None from a matcher that computes none.
+    """
+
+    disparity: Disparity
+    confidence: Confidence | None = None
+
+
+class Matcher(Protocol):
+    """A stereo matcher. All methods of `METHODS` make one, and `match` and `scoring.run_benchmark` accept any."""
+
+    def match(
+        self, left: Any, right: Any, *, num_disparities: int, min_disparity: int
+    ) -> Disparity | tuple[Disparity, Confidence]:
+        """Match two rectified images.
+
+        left, right: (H, W) or (H, W, 3), of one size and dtype: uint8, uint16 or float32. The search covers
+        min_disparity <= d < min_disparity + num_disparities; twinlens's matchers have defaults for both.
+        Returns the left image's disparity u_left - u_right in pixels, (H, W) float32; +inf where unknown. It may also
+        return (disparity, confidence), with the confidence (H, W) float32 higher where the disparity is more probably
+        right.
+        Raises InputError for images that differ in size or dtype, or cannot be matched.
+        """
+        ...
+
+
+class BaseMatcher(abc.ABC):
+    """Base of twinlens's own matchers: a subclass implements `compute`, and `searching` if it has a search range."""
+
+    @abc.abstractmethod
+    def compute(self, left: Any, right: Any) -> Answer:
+        """The answer for two images, with the confidence if the matcher has one."""
+
+    def searching(
+        self,
+        num_disparities: int | None,
+        min_disparity: int | None,
+    ) -> "BaseMatcher":
+        """The matcher with this search range, None for its own; itself if it has no range."""
+        return self
+
+    def without_confidence(self) -> "BaseMatcher":
+        """The matcher that computes the same disparities and, where that saves time, no confidence."""
+        return self
+
+    @property
+    def content(self) -> str:
+        """Hashes of the files that the matcher consists of; "" if twinlens's version determines its results."""
+        return ""
+
+    def check_parts(self) -> None:  # noqa: B027
+        """Raise a TwinlensError if a file, function or package that the matcher needs is missing."""
+
+    def match(
+        self,
+        left: Any,
+        right: Any,
+        *,
+        num_disparities: int | None = None,
+        min_disparity: int | None = None,
+    ) -> Disparity:
+        """See `matching.Matcher.match`; the disparity alone, without computing a confidence."""
+        matcher = self.searching(num_disparities, min_disparity)
+        return matcher.without_confidence().compute(left, right).disparity
+
+    def match_with_confidence(
+        self,
+        left: Any,
+        right: Any,
+        *,
+        num_disparities: int | None = None,
+        min_disparity: int | None = None,
+    ) -> Answer:
+        """The disparity, and the confidence if the matcher computes one; see `matching.Matcher.match`."""
+        return self.searching(num_disparities, min_disparity).compute(left, right)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RangeMatcher(BaseMatcher):
+    """Base of the matchers with a search range among their options, which are frozen dataclasses."""
+
+    num_disparities: Annotated[int, "Number of disparities to search."] = (
+        DEFAULT_DISPARITIES
+    )
+    min_disparity: Annotated[
+        int,
+        "Smallest disparity to search, in pixels: u_left - u_right. May be negative.",
+    ] = 0
+
+    def __post_init__(self) -> None:
+        check_int("num_disparities", self.num_disparities, 1)
+        check_int("min_disparity", self.min_disparity)
+
+    def searching(self, num_disparities: int | None, min_disparity: int | None) -> Self:
+        changes = {}
+        if num_disparities is not None:
+            changes["num_disparities"] = num_disparities
+        if min_disparity is not None:
+            changes["min_disparity"] = min_disparity
+        return self.replace(**changes)
+
+    def replace(self, **changes: Any) -> Self:
+        """The same matcher with some options changed, and checked."""
+        return replace(self, **changes) if changes else self
+
+
+def answer_of(matcher: Any, left: Any, right: Any, **search: int) -> Any:
+    """What a matcher of twinlens or of a user returns, with its confidence; see `checked_answer`."""
+    if isinstance(matcher, BaseMatcher):
+        return matcher.match_with_confidence(left, right, **search)
+    return matcher.match(left, right, **search)
+
+
+def checked_answer(result: Any, shape: tuple[int, ...], name: str) -> Answer:
+    """The answer of `name`, which returned a map or a pair (disparity, confidence), as float32 of this shape (H, W).
+
+    Raises WrongAnswerError for maps of another type or shape, for NaN, and for disparities of -inf; unknown disparities
+    are +inf.
+    """
+    is_pair = isinstance(result, tuple) and len(result) == 2
+    disparity, confidence = result if is_pair else (result, None)
+    checked = _checked_disparity(disparity, shape, name)
+    if confidence is None:
+        return Answer(checked)
+    return Answer(checked, _checked_confidence(confidence, shape, name))
+
+
+def _checked_disparity(result: Any, shape: tuple[int, ...], name: str) -> Disparity:
+    try:
+        # NumPy would convert None to NaN.
+        values = np.asarray("None" if result is None else result)
+        if values.dtype.kind == "c":
+            raise TypeError
+        disparity = values.astype(np.float32, copy=False)
+    except (TypeError, ValueError):
+        message = (
+            f"{name} returned {type(result).__name__}, not an array of real disparities"
+        )
+        raise WrongAnswerError("wrong-type", message) from None
+    if disparity.shape != shape:
+        raise WrongAnswerError(
+            "wrong-shape",
+            f"{name} returned shape {disparity.shape}; the left image has {shape}",
+        )
+    wrong = np.isnan(disparity) | np.isneginf(disparity)
+    if wrong.any():
+        y, x = np.argwhere(wrong)[0]
+        message = f"{name} returned {disparity[y, x]} at [{y}, {x}]; unknown disparities are +inf"
+        raise WrongAnswerError("not-a-number", message)
+    return disparity
+
+
+def _checked_confidence(result: Any, shape: tuple[int, ...], name: str) -> Confidence:
+    values = np.asarray(result)
+    if values.dtype.kind not in "biuf":
+        raise WrongAnswerError(
+            "wrong-type",
+            f"{name} returned a confidence of {values.dtype}, not real numbers",
+        )
+    if values.shape != shape:
+        raise WrongAnswerError(
+            "wrong-shape",
+            f"{name} returned a confidence of shape {values.shape}; expected {shape}",
+        )
+    confidence = values.astype(np.float32, copy=False)
+    if np.isnan(confidence).any():
+        raise WrongAnswerError("not-a-number", f"{name} returned a confidence with NaN")
+    return confidence
+
+
+def file_hashes(paths: Iterable[Path]) -> str:
+    """Comma-separated `name=hash` of the files, sorted by path; `name=absent` for a file that cannot be read.
+
+    A board stores this text, and rescores a network or program whose files have changed.
+
+    >>> file_hashes([Path("no-such-file")]), file_hashes([])
+    ('no-such-file=absent', '')
+    """
+    return ",".join(f"{path.name}={_hash(path)}" for path in sorted(set(paths)))
+
+
+def _hash(path: Path) -> str:
+    try:
+        status = path.stat()
+        return _cached_hash(path, status.st_mtime_ns, status.st_size)
+    except OSError:
+        return "absent"
+
+
+@functools.lru_cache(maxsize=256)
+def _cached_hash(path: Path, _written_ns: int, _size: int) -> str:
+    """The hash of a file until its time or size changes; a board needs it for every sample."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()[:HASH_DIGITS]
+
+
+def import_extra(module: str, extra: str) -> Any:
+    """The module of an optional package. Raises MissingExtraError, with the extra that installs it."""
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        raise MissingExtraError(
+            f"{module} is not installed; pip install 'twinlens[{extra}]'"
+        ) from None
+
+
+def check_block_size(name: str, value: Any, least: int = 1) -> None:
+    """InputError unless it is the side of a window centred on a pixel: an odd whole number >= least."""
+    check_int(name, value, least)
+    if value % 2 == 0:
+        raise InputError(
+            f"{name} is {value}; it must be odd: use {value - 1} or {value + 1}"
+        )
+
+
+def check_image_size(matcher: Any, size: tuple[int, ...]) -> None:
+    """Refuse search ranges and windows that are larger than images of `size` (H, W) can use.
+
+    Two pixels of a row of W are at most W - 1 apart, so there are 2 W - 1 disparities; a window with a side of
+    2 max(H, W) - 1 covers the whole image at every pixel. Defaults are always allowed. Raises InputError.
+    """
+    height, width = size
+    disparities = (
+        f"an image {width} pixels wide has disparities from {1 - width} to {width - 1}"
+    )
+    count = getattr(matcher, "num_disparities", 1)
+    if count > max(2 * width - 1, DEFAULT_DISPARITIES):
+        raise InputError(
+            f"num_disparities is {count}: {disparities}, {2 * width - 1} in all"
+        )
+    first = getattr(matcher, "min_disparity", 0)
+    if not -width < first < width:
+        raise InputError(f"min_disparity is {first}: {disparities}")
+    largest = max(2 * max(size) - 1, LARGEST_DEFAULT_WINDOW)
+    for option in WINDOW_OPTIONS:
+        window = getattr(matcher, option, 0)
+        if window > largest:
+            covered = f"a window of {largest} covers all of an image of {width} x {height} at every pixel"
+            raise InputError(f"{option} is {window}: {covered}")
