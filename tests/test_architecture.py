@@ -11,12 +11,12 @@ import pytest
 import twinlens
 
 PACKAGE = Path(twinlens.__file__).parent
-BASE = {"errors", "interrupts", "machine", "schema", "seeds", "settings"}
+BASE = {"errors", "machine", "processes", "schema", "seeds", "settings"}
 UNDER_SCENES = {*BASE, "geometry", "optics", "camera"}
 MAY_IMPORT = {
     "errors": set(),
-    "interrupts": set(),
     "machine": set(),
+    "processes": {"errors"},
     "schema": {"errors", "settings"},
     "seeds": set(),
     "settings": {"errors"},

@@ -9,7 +9,7 @@ import threading
 
 import pytest
 
-from twinlens.interrupts import deferred_interrupts
+from twinlens.processes import deferred_interrupts
 
 backends = importlib.import_module(
     "twinlens.rendering.backends"

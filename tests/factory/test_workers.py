@@ -113,8 +113,8 @@ def test_a_worker_that_dies_idle_while_another_one_works_costs_nothing(
 def test_interrupts_stay_blocked_while_the_first_worker_starts():
     code = (
         "import multiprocessing, signal\n"
-        "from twinlens.factory.workers import _interrupts_blocked\n"
-        "with _interrupts_blocked():\n"
+        "from twinlens.processes import blocked_interrupts\n"
+        "with blocked_interrupts():\n"
         "    multiprocessing.get_context('spawn').Lock()\n"
         "    print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))\n"
     )

@@ -19,7 +19,7 @@ import click
 import twinlens
 from twinlens.cli.options import refuse_repeated
 from twinlens.errors import TwinlensError, unknown
-from twinlens.interrupts import deferred_interrupts
+from twinlens.processes import deferred_interrupts
 
 INTERRUPTED = 130
 """The exit code of an interrupted command: 128 + SIGINT, as in shells."""

@@ -6,8 +6,6 @@ An engine makes the samples of some indices and yields each one once it is on th
 import functools
 import gc
 import math
-import os
-import signal
 import warnings
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
@@ -15,12 +13,8 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from multiprocessing import connection, get_context, parent_process, resource_tracker
 from pathlib import Path
-from threading import Thread
 from typing import Any
-
-import pebble
 
 from twinlens.dataset import Place, Row, Sample, write_sample
 from twinlens.dataset.record import plain
@@ -46,6 +40,7 @@ from twinlens.factory.recipe import Recipe, differences, recipe_from_table
 from twinlens.factory.sample import made_with
 from twinlens.factory.sources import changed_files
 from twinlens.machine import memory_bytes, processor_count
+from twinlens.processes import Worker, blocked_interrupts, end_with_parent, is_lost
 from twinlens.rendering import (
     Progress,
     backend,
@@ -224,8 +219,7 @@ def usual_workers(recipe: Recipe, samples: int) -> int:
 def worker_processes(count: int) -> Engine:
     """The engine of `count` processes on this machine, which share its processors evenly.
 
-    A process is replaced after `RENEWED_AFTER` samples, and when it dies; its sample is made again. Each is a pool of
-    its own: docs/decisions/process-pool.md.
+    A process is replaced after `RENEWED_AFTER` samples, and when it dies; its sample is made again.
 
     Raises InputError for a count below 1.
     """
@@ -233,58 +227,40 @@ def worker_processes(count: int) -> Engine:
 
     def engine(work: Work, indices: Sequence[int], report: Report) -> Results:
         order = Order.of(work, threads=math.ceil(processor_count() / count))
-        context = get_context("spawn")
-        pools: dict[pebble.ProcessPool, Future[Made]] = {}
+        tasks: dict[Worker, Future[Made]] = {}  # the last sample of each worker
 
         def submit(index: int) -> Future[Made]:
-            free = next((pool for pool, last in pools.items() if last.done()), None)
-            if free is not None:
+            idle = [worker for worker, last in tasks.items() if last.done()]
+            if idle:
+                worker = idle[0]
                 try:
-                    pools[free] = free.schedule(make_one, (order, index))
-                    return pools[free]
+                    tasks[worker] = worker.submit(make_one, order, index)
+                    return tasks[worker]
                 except RuntimeError:  # its process has died idle
-                    del pools[free]
-                    free.stop()  # type: ignore[no-untyped-call]
-                    free.join()
-            with _interrupts_blocked():
-                pool = pebble.ProcessPool(
-                    1, RENEWED_AFTER, initializer=_end_with_parent, context=context
-                )
-                _ = pool.active  # starts the process
-            pools[pool] = pool.schedule(make_one, (order, index))
-            return pools[pool]
+                    del tasks[worker]
+                    worker.stop()
+                    worker.join()
+            worker = _started_worker()
+            tasks[worker] = worker.submit(make_one, order, index)
+            return tasks[worker]
 
         try:
             yield from _collected(submit, lambda: count, indices, report)
         finally:
-            for pool in pools:
-                pool.stop()  # type: ignore[no-untyped-call]
-            for pool in pools:
-                pool.join()
+            for worker in tasks:
+                worker.stop()
+            for worker in tasks:
+                worker.join()
 
     return engine
 
 
-def _end_with_parent() -> None:
-    """End this process when its parent has died; until then it would write into a folder that is not locked."""
-
-    def exit_after() -> None:
-        if parent := parent_process():
-            connection.wait([parent.sentinel])
-            os._exit(1)
-
-    Thread(target=exit_after, name="twinlens-parent", daemon=True).start()
-
-
-@contextmanager
-def _interrupts_blocked() -> Iterator[None]:
-    """Threads and processes started within never receive SIGINT, which a terminal sends to all of a command."""
-    resource_tracker.ensure_running()  # its start would unblock SIGINT (CPython 3.11)
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+def _started_worker() -> Worker:
+    """A running worker, which no Ctrl-C reaches: the command ends it. Its parent holds the lock of the folder."""
+    with blocked_interrupts():
+        worker = Worker(renewed_after=RENEWED_AFTER, initializer=end_with_parent)
+        _ = worker.active  # starts the process
+    return worker
 
 
 def dask_cluster(address: str) -> Engine:
@@ -350,8 +326,8 @@ def _collected(
             try:
                 entry, caught = future.result()
             except Exception as error:
-                if type(error).__name__ not in _LOST_WORKER:
-                    raise
+                if not is_lost(error) and type(error).__name__ != "KilledWorker":
+                    raise  # KilledWorker: of Dask, which need not be installed
                 tries[index] += 1
                 if tries[index] < _TRIES:
                     running[submit(index)] = index
@@ -373,9 +349,6 @@ def _collected(
             "images smaller, and run the same command to resume"
         )
 
-
-_LOST_WORKER = ("ProcessExpired", "BrokenProcessPool", "KilledWorker")
-"""Exceptions for a worker that died: of Pebble, with and without a sample, and of Dask."""
 
 _RENDERER = ThreadPoolExecutor(1, "twinlens-renderer")
 """The thread of a worker that renders: Dr.Jit keeps its state by thread, and Dask runs tasks in several."""

@@ -8,11 +8,8 @@ import operator
 import os
 import shlex
 import shutil
-import signal
-import subprocess
 import sys
 import tempfile
-import threading
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
@@ -21,7 +18,6 @@ from typing import Annotated, Any
 import numpy as np
 
 from twinlens.errors import InputError, TwinlensError, check_number
-from twinlens.interrupts import deferred_interrupts
 from twinlens.matching.contract import (
     Answer,
     MatcherFailedError,
@@ -31,9 +27,8 @@ from twinlens.matching.contract import (
     file_hashes,
 )
 from twinlens.matching.images import Disparity, pair
+from twinlens.processes import format_status, run_program
 
-TAIL_BYTES = 4096  # of a program's output, kept for the message if it fails
-CHILD_S = 0.1  # seconds to wait for output after a program has ended: its children may keep the pipe open
 _IMAGE_FILES = {"left": "left.png", "right": "right.png"}
 _MAP_FILES = {"out": "out.pfm", "confidence": "confidence.pfm"}
 """The files of a program by their placeholders in its command."""
@@ -236,9 +231,17 @@ class Program(RangeMatcher):
                 write_png(
                     files[placeholder], pixels[..., 0] if single_channel else pixels
                 )
-            status, printed = _run_process(
-                self._filled(words, files), self.timeout_s, name
-            )
+            try:
+                status, printed = run_program(
+                    self._filled(words, files), self.timeout_s
+                )
+            except TimeoutError:
+                raise ProgramTimeoutError(
+                    f"{name} took longer than {self.timeout_s:g} s and was killed"
+                ) from None
+            except (OSError, ValueError) as problem:
+                reason = getattr(problem, "strerror", None) or problem
+                raise InputError(f"{name} cannot be started: {reason}") from None
             if status != 0:
                 last_line = (printed.strip() or "it printed nothing").splitlines()[-1]
                 raise MatcherFailedError(f"{name} {format_status(status)}: {last_line}")
@@ -257,61 +260,6 @@ class Program(RangeMatcher):
         for placeholder, value in values.items():
             words = [word.replace(f"{{{placeholder}}}", str(value)) for word in words]
         return words
-
-
-def format_status(status: int) -> str:
-    """How a process ended, from its exit status; negative: a signal."""
-    if status >= 0:
-        return f"exited with status {status}"
-    name = next(
-        (each.name for each in signal.Signals if each == -status), f"signal {-status}"
-    )
-    return f"was killed by {name}" + (" (out of memory?)" if name == "SIGKILL" else "")
-
-
-def _run_process(words: list[str], timeout_s: float, name: str) -> tuple[int, str]:
-    """Run a program: (exit status, the end of its output).
-
-    It runs in its own session, so that its children are killed with it at the time limit. If memory runs out, Linux
-    kills it before other processes.
-    """
-    pipes = {
-        "stdin": subprocess.DEVNULL,
-        "stdout": subprocess.PIPE,
-        "stderr": subprocess.STDOUT,
-    }
-    try:
-        process = subprocess.Popen(words, **pipes, start_new_session=True, bufsize=0)  # type: ignore[call-overload]
-    except (OSError, ValueError) as problem:
-        raise InputError(
-            f"{name} cannot be started: {getattr(problem, 'strerror', None) or problem}"
-        ) from None
-    with contextlib.suppress(OSError):
-        Path(f"/proc/{process.pid}/oom_score_adj").write_text("1000")
-    tail = bytearray()
-
-    def drain() -> None:
-        with process.stdout as pipe:
-            while output := pipe.read(1 << 16):
-                tail.extend(output)
-                del tail[:-TAIL_BYTES]
-
-    reader = threading.Thread(target=drain, daemon=True)
-    reader.start()
-    try:
-        process.wait(timeout_s)
-    except subprocess.TimeoutExpired:
-        raise ProgramTimeoutError(
-            f"{name} took longer than {timeout_s:g} s and was killed"
-        ) from None
-    finally:
-        with deferred_interrupts():  # a second Ctrl-C
-            if process.poll() is None:
-                with contextlib.suppress(ProcessLookupError):
-                    os.killpg(process.pid, signal.SIGKILL)
-                process.wait()
-    reader.join(CHILD_S)
-    return process.returncode, tail.decode(errors="replace")
 
 
 def _read_pfm(path: Path, shape: tuple[int, ...], name: str) -> Disparity:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from twinlens.errors import BackendError, check_int, check_known
-from twinlens.interrupts import deferred_interrupts
+from twinlens.processes import deferred_interrupts
 from twinlens.rendering import llvm
 
 VARIANTS = {"llvm": "llvm_ad_rgb", "cuda": "cuda_ad_rgb"}

@@ -6,38 +6,32 @@ Whatever a matcher raises or wrongly returns becomes a `MethodError` with a `Fai
 import contextlib
 import errno
 import functools
-import multiprocessing
-import os
 import pickle
-import re
-import signal
 import time
-from collections.abc import Callable, Mapping
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-import pebble
 from numpy.typing import NDArray
 
 from twinlens.errors import InputError, TwinlensError
-from twinlens.matching import Matcher
-from twinlens.matching.contract import (
-    Answer,
-    WrongAnswerError,
-    answer_of,
-    checked_answer,
+from twinlens.matching import Answer, Matcher
+from twinlens.matching.contract import WrongAnswerError, answer_of, checked_answer
+from twinlens.matching.external import FunctionError
+from twinlens.processes import (
+    IsolatedWorker,
+    MemoryLimitError,
+    WorkerDiedError,
+    format_status,
 )
-from twinlens.matching.external import FunctionError, format_status
 from twinlens.scoring.board import Failure
 from twinlens.scoring.samples import Pair
 
 WARM_UP_ROWS = 32
 WARM_UP_LIMIT_S = 120.0
-WORKER_LIMIT_S = 600.0  # of a match if only a memory limit was given
-START_LIMIT_S = 60.0  # for the imports of a new worker
+WORKER_LIMIT_S = 600.0
+"""Seconds per match if only a memory limit was given."""
 LONGEST_LIMIT_S = 1e6
 
 Image = NDArray[Any]
@@ -62,17 +56,16 @@ class MethodError(Exception):
     """A method failed on a pair; see `failure`."""
 
     def __init__(self, kind: str, message: str) -> None:
-        super().__init__(
-            kind, message
-        )  # both, because the worker sends the exception as a pickle
+        # Both arguments, because the worker sends the exception as a pickle.
+        super().__init__(kind, message)
         self.failure = Failure(kind, " ".join(message.split())[:300] or kind)
 
 
 class Runner:
     """Runs methods in this process or, with a limit, in a worker process, kept so that compiled code stays compiled.
 
-    Methods in a worker must be picklable, and scripts must guard their start with `if __name__ == "__main__":`. At a
-    limit the worker gets SIGTERM, so that Python code can end its own programs, and then its process group SIGKILL.
+    Methods in a worker must be picklable, and scripts must guard their start with `if __name__ == "__main__":`. What
+    happens at a limit: `processes.IsolatedWorker`.
 
     limit: seconds per match, plus `method.grace_s` for methods that enforce it themselves. memory_limit: bytes of data
     that the worker, and each process it starts, may allocate; alone it implies a limit of 600 s. None: no limit.
@@ -90,9 +83,8 @@ class Runner:
     ) -> None:
         if limit is None and memory_limit is not None:
             limit = WORKER_LIMIT_S
-        if limit is not None and not (
-            0 < limit <= LONGEST_LIMIT_S and 0 < warm_up_limit <= LONGEST_LIMIT_S
-        ):
+        limits_s = () if limit is None else (limit, warm_up_limit)
+        if not all(0 < seconds <= LONGEST_LIMIT_S for seconds in limits_s):
             raise InputError(
                 f"time limits are {limit} and {warm_up_limit} s: expected more than 0, at most {LONGEST_LIMIT_S:g}"
             )
@@ -100,14 +92,11 @@ class Runner:
             raise InputError(
                 f"memory_limit is {memory_limit} bytes: expected more than 0"
             )
-        self.limit, self.memory_limit, self.warms_up, self.warm_up_limit = (
-            limit,
-            memory_limit,
-            warms_up,
-            warm_up_limit,
-        )
-        self._pool: pebble.ProcessPool | None = None
-        self._pid = 0
+        self.limit = limit
+        self.memory_limit = memory_limit
+        self.warms_up = warms_up
+        self.warm_up_limit = warm_up_limit
+        self._worker: IsolatedWorker | None = None
         self._warm: set[tuple[str, int]] = set()
         self._warm_up_s: dict[str, float] = {}
         self._skip_warm_up: set[str] = set()
@@ -123,30 +112,25 @@ class Runner:
 
     def match(self, method: Method, sample: Pair) -> Match:
         """One timed match; MethodError for any exception, an invalid result, or an exceeded limit."""
-        arguments = (
-            np.array(sample.im0),
-            np.array(sample.im1),
-            sample.search,
-        )  # copies: a method may write into them
+        # Copies: a method may write into them.
+        arguments = np.array(sample.im0), np.array(sample.im1), sample.search
         if self.warms_up:
             self._warm_up(method, *arguments)
         if self.limit is None:
             return _timed_match(method, *arguments)
-        took, skipped = (
-            self._warm_up_s.get(method.name),
-            method.name in self._skip_warm_up,
-        )
+        warm_up_s = self._warm_up_s.get(method.name)
+        skipped = method.name in self._skip_warm_up
         limit = self.limit + float(getattr(method, "grace_s", 0.0))
         try:
             match: Match = self._run(limit, _timed_match, method, *arguments)
         except MethodError as error:
-            if took is not None and took > self.limit:
+            if warm_up_s is not None and warm_up_s > self.limit:
                 self._skip_warm_up.add(method.name)
-            if took is None or error.failure.kind != "time-limit":
+            if warm_up_s is None or error.failure.kind != "time-limit":
                 raise
-            note = f"; the warm-up took {took:.3g} s" + (
-                " and was not repeated" if skipped else ""
-            )
+            note = f"; the warm-up took {warm_up_s:.3g} s"
+            if skipped:
+                note += " and was not repeated"
             raise MethodError("time-limit", error.failure.message + note) from error
         return match
 
@@ -154,14 +138,12 @@ class Runner:
         self, method: Method, left: Image, right: Image, search: Mapping[str, int]
     ) -> None:
         if self.limit is not None:
-            self._started()
+            self._started()  # a new worker forgets which methods are warm
         name, key = method.name, (method.name, search["num_disparities"])
         if key in self._warm or name in self._skip_warm_up:
             return
-        rows, start = (
-            (left[:WARM_UP_ROWS].copy(), right[:WARM_UP_ROWS].copy()),
-            time.monotonic(),
-        )
+        rows = left[:WARM_UP_ROWS].copy(), right[:WARM_UP_ROWS].copy()
+        start = time.monotonic()
         try:
             self._run(self.warm_up_limit, _untimed_match, method, *rows, search)
             self._warm.add(key)
@@ -173,7 +155,7 @@ class Runner:
     def _run(
         self, limit: float, function: Callable[..., Any], method: Any, *arguments: Any
     ) -> Any:
-        """`function(method, *arguments)`; if the worker has to be stopped, MethodError."""
+        """`function(method, *arguments)`, in the worker if there is a limit; if it has to be ended, MethodError."""
         if self.limit is None:
             return function(method, *arguments)
         try:
@@ -181,59 +163,35 @@ class Runner:
         except Exception as error:
             message = f"cannot be sent to a worker process, run it without a time limit: {error}"
             raise MethodError("crash", message) from error
-        future = self._started().schedule(
-            _run_in_worker, (function, pickled, *arguments), timeout=limit
-        )
         try:
-            return future.result(limit + START_LIMIT_S)
+            return self._started().run(
+                _call_in_worker, function, pickled, *arguments, limit_s=limit
+            )
         except TimeoutError:
-            failure = MethodError(
-                "time-limit", f"exceeded the time limit of {limit:g} s"
-            )
-        except pebble.ProcessExpired as expired:
-            failure = MethodError(
-                "crash", f"its process {format_status(expired.exitcode)}"
-            )
-        except BrokenProcessPool:
-            failure = MethodError(
-                "memory",
-                "its process died while it received the images, probably out of memory",
-            )
-        self.close()
-        raise failure
+            message = f"exceeded the time limit of {limit:g} s"
+            raise MethodError("time-limit", message) from None
+        except WorkerDiedError as error:
+            if error.status is None:
+                message = "its process died while it received the images, probably out of memory"
+                raise MethodError("memory", message) from None
+            message = f"its process {format_status(error.status)}"
+            raise MethodError("crash", message) from None
 
-    def _started(self) -> pebble.ProcessPool:
-        if self._pool is not None and self._pool.active:
-            return self._pool
-        self.close()
-        pool = self._pool = pebble.ProcessPool(
-            max_workers=1, context=multiprocessing.get_context("spawn")
-        )
-        future = pool.schedule(
-            _prepare_worker, (self.memory_limit,), timeout=START_LIMIT_S
-        )
-        try:
-            self._pid = future.result(2 * START_LIMIT_S)
-        except MethodError:
+    def _started(self) -> IsolatedWorker:
+        if self._worker is None or not self._worker.active:
             self.close()
-            raise
-        except (TimeoutError, pebble.ProcessExpired, BrokenProcessPool):
-            self.close()
-            note = 'limits need a worker process: guard the script with `if __name__ == "__main__":`'
-            raise InputError(note) from None
-        return pool
+            try:
+                self._worker = IsolatedWorker(self.memory_limit)
+            except MemoryLimitError as error:
+                raise MethodError("memory", str(error)) from error
+        return self._worker
 
     def close(self) -> None:
         """End the worker and its process group."""
-        pool, pid = self._pool, self._pid
-        self._pool, self._pid = None, 0
-        if pool is not None:
+        worker, self._worker = self._worker, None
+        if worker is not None:
             self._warm.clear()
-            pool.stop()  # type: ignore[no-untyped-call]
-            pool.join()
-        if pid and hasattr(os, "killpg"):
-            with contextlib.suppress(ProcessLookupError, PermissionError):
-                os.killpg(pid, signal.SIGKILL)
+            worker.end()
 
 
 def _timed_match(
@@ -284,75 +242,38 @@ def _check_parts(method: Any) -> None:
 
 def _method_error(error: BaseException, prefix: str = "") -> MethodError:
     """Kind "memory" if a lack of memory is among the causes of the exception, else "crash"."""
-    causes = [error]
-    while (
-        cause := causes[-1].__cause__ or causes[-1].__context__
-    ) is not None and cause not in causes:
-        causes.append(cause)
-    for cause in causes:
-        unmapped = isinstance(cause, ImportError) and "failed to map segment" in str(
-            cause
-        )  # by the dynamic loader
+    for cause in _causes(error):
+        # The dynamic loader reports a lack of memory as an ImportError.
+        unmapped = "failed to map segment" in str(cause)
         if (
             isinstance(cause, MemoryError)
             or getattr(cause, "errno", None) == errno.ENOMEM
-            or unmapped
+            or (isinstance(cause, ImportError) and unmapped)
         ):
-            return MethodError(
-                "memory", f"{prefix}ran out of memory: {cause}".rstrip(": ")
-            )
+            message = f"{prefix}ran out of memory: {cause}".rstrip(": ")
+            return MethodError("memory", message)
     return MethodError("crash", f"{prefix}{type(error).__name__}: {error}")
+
+
+def _causes(error: BaseException) -> Iterator[BaseException]:
+    """The exception, its cause, the cause of that one, and so on."""
+    seen: list[BaseException] = []
+    cause: BaseException | None = error
+    while cause is not None and cause not in seen:
+        yield cause
+        seen.append(cause)
+        cause = cause.__cause__ or cause.__context__
 
 
 _load = functools.cache(pickle.loads)
 """In the worker: the method of a pickle, always the same object, so that what it has compiled or loaded is kept."""
 
 
-def _prepare_worker(memory_limit: float | None) -> int:
-    """The first task of a worker: a process group, no output, its limits. Returns its process id."""
-    if hasattr(os, "setsid"):
-        os.setsid()
-    with Path(os.devnull).open("w") as null:
-        for stream in (1, 2):
-            os.dup2(null.fileno(), stream)
-    signal.signal(
-        signal.SIGTERM, signal.default_int_handler
-    )  # KeyboardInterrupt: no `except Exception` handles it
-    with contextlib.suppress(OSError):  # Linux only
-        Path("/proc/self/oom_score_adj").write_text("1000")
-    if memory_limit is not None:
-        _limit_memory(memory_limit)
-    return os.getpid()
-
-
-def _limit_memory(limit: float) -> None:
-    """Limit this process's data; MethodError if it has more already."""
-    import resource
-
-    used = 0
-    with contextlib.suppress(OSError):  # Linux only; what RLIMIT_DATA counts
-        match = re.search(
-            r"^VmData:\s*(\d+) kB", Path("/proc/self/status").read_text(), re.MULTILINE
-        )
-        used = int(match[1]) * 1024 if match else 0
-    if used > limit:
-        needs = f"a worker process needs {used / 2**30:.2f} GiB before the first match"
-        raise MethodError("memory", f"{needs}; the limit is {limit / 2**30:.2g} GiB")
-    hard = resource.getrlimit(resource.RLIMIT_DATA)[1]
-    soft = int(limit if hard == resource.RLIM_INFINITY else min(limit, hard))
-    resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
-
-
-def _run_in_worker(
+def _call_in_worker(
     function: Callable[..., Any], pickled: bytes, *arguments: Any
 ) -> Any:
     try:
-        try:
-            method = _load(pickled)
-        except Exception as error:
-            raise _method_error(
-                error, "cannot be loaded in a worker process: "
-            ) from error
-        return function(method, *arguments)
-    except KeyboardInterrupt:
-        os._exit(128 + signal.SIGTERM)
+        method = _load(pickled)
+    except Exception as error:
+        raise _method_error(error, "cannot be loaded in a worker process: ") from error
+    return function(method, *arguments)
