@@ -115,6 +115,49 @@ def evaluate(
     (33.333333333333336, 66.66666666666667, 0.75, 3)
     """
     rules = find_protocol(protocol)
+    extra_regions = regions or {}
+    _check_request(rules, ndisp, min_disparity, calibration, extra_regions)
+    truth, estimate = disparity_map("gt", gt), disparity_map("disp", disp)
+    scale = upsampling(estimate.shape, truth.shape, rules)
+    if confidence is not None:
+        confidence = _confidence_map(confidence, estimate.shape, scale)
+    lowest = scale * min_disparity
+    highest = math.inf if ndisp is None else scale * (min_disparity + ndisp)
+    estimate, estimated = rules.prepare(upsampled(estimate, scale), lowest, highest)
+    if round_disparity is None:
+        whole_truth = calibration is not None and calibration.isint
+        round_disparity = rules.rounds_integers and whole_truth
+    if round_disparity:
+        estimate = _rounded(estimate)
+    masks: dict[str, Mask] = {"all": np.ones(truth.shape, np.bool_)}
+    if mask_nonocc is not None:
+        masks["nonocc"] = boolean_mask("mask_nonocc", mask_nonocc, truth.shape)
+    for name, mask in extra_regions.items():
+        masks[name] = boolean_mask(f"region {name!r}", mask, truth.shape)
+    scores = {}
+    for name, mask in masks.items():
+        evaluated = mask & np.isfinite(truth)
+        pixels = Pixels(
+            estimate[evaluated].astype(np.float64),
+            truth[evaluated].astype(np.float64),
+            estimated[evaluated],
+            confidence=None if confidence is None else confidence[evaluated],
+        )
+        if rules.needs_calibration and calibration is not None:
+            places = np.argwhere(evaluated)
+            metres = _point_errors(pixels.estimate, pixels.truth, places, calibration)
+            pixels = replace(pixels, metres=metres)
+        scores[name] = _region_scores(rules, pixels, truth.size)
+    return Scores(rules, scores, (lowest, highest), scale, round_disparity)
+
+
+def _check_request(
+    rules: Protocol,
+    ndisp: float | None,
+    min_disparity: float,
+    calibration: Calibration | None,
+    regions: Mapping[str, ArrayLike],
+) -> None:
     if rules.needs_calibration and calibration is None:
         raise InputError(
             f"{rules.title} needs the pair's calibration: evaluate(..., calibration=...)"
@@ -125,79 +168,32 @@ def evaluate(
         raise InputError(
             f"min_disparity is {min_disparity}: expected a finite number of pixels"
         )
-    for name in set(RESERVED) & set(regions or {}):
+    for name in set(RESERVED) & set(regions):
         raise InputError(
             f"region {name!r} is reserved: pass mask_nonocc, or use another name"
         )
-    truth, estimate = disparity_map("gt", gt), disparity_map("disp", disp)
-    scale = upsampling(estimate.shape, truth.shape, rules)
-    trust = (
-        None
-        if confidence is None
-        else _confidence_map(confidence, estimate.shape, scale)
-    )
-    allowed = (
-        scale * min_disparity,
-        math.inf if ndisp is None else scale * (min_disparity + ndisp),
-    )
-    estimate, given = rules.prepare(upsampled(estimate, scale), *allowed)
-    if round_disparity is None:
-        round_disparity = (
-            rules.rounds_integers and calibration is not None and calibration.isint
-        )
-    if (
-        round_disparity
-    ):  # as C's round(), halves away from zero; numpy rounds them to even
-        wide = estimate.astype(np.float64)
-        estimate = np.copysign(np.floor(np.abs(wide) + 0.5), wide).astype(
-            estimate.dtype
-        )
-    masks: dict[str, Mask] = {"all": np.ones(truth.shape, np.bool_)}
-    if mask_nonocc is not None:
-        masks["nonocc"] = boolean_mask("mask_nonocc", mask_nonocc, truth.shape)
-    masks |= {
-        name: boolean_mask(f"region {name!r}", mask, truth.shape)
-        for name, mask in (regions or {}).items()
-    }
-    scores = {}
-    for name, mask in masks.items():
-        chosen = mask & np.isfinite(truth)
-        pixels = Pixels(
-            estimate[chosen].astype(np.float64),
-            truth[chosen].astype(np.float64),
-            given[chosen],
-        )
-        if trust is not None:
-            pixels = replace(pixels, confidence=trust[chosen])
-        if rules.needs_calibration and calibration is not None:
-            metres = _point_errors(
-                pixels.estimate, pixels.truth, np.argwhere(chosen), calibration
-            )
-            pixels = replace(pixels, metres=metres)
-        estimated = int(np.count_nonzero(pixels.given))
-        scores[name] = RegionScores(
-            truth.size, pixels.truth.size, estimated, rules.measure(pixels)
-        )
-        curve = (
-            None
-            if rules.auc_threshold is None
-            else pixels.sparsified(rules.auc_threshold)
-        )
+
+
+def _rounded(estimate: Disparity) -> Disparity:
+    """Whole pixels, halves away from zero as C's round(); NumPy rounds halves to even."""
+    wide = estimate.astype(np.float64)
+    whole = np.copysign(np.floor(np.abs(wide) + 0.5), wide)
+    return np.asarray(whole.astype(estimate.dtype))
+
+
+def _region_scores(rules: Protocol, pixels: Pixels, image_size: int) -> RegionScores:
+    """The metrics of a region, with those of the sparsification curve if there is a confidence."""
+    metrics = rules.measure(pixels)
+    rates: tuple[float, ...] = ()
+    if rules.auc_threshold is not None:
+        curve = pixels.sparsified(rules.auc_threshold)
         if curve is not None:
-            areas = dict(
-                zip(
-                    rules.auc_metrics,
-                    (100 * curve.auc, 100 * curve.optimal_auc),
-                    strict=True,
-                )
-            )
+            area_name, least_name = rules.auc_metrics
+            metrics[area_name] = 100 * curve.auc
+            metrics[least_name] = 100 * curve.optimal_auc
             rates = tuple(100 * rate for rate in curve.error_rates)
-            scores[name] = replace(
-                scores[name],
-                metrics={**scores[name].metrics, **areas},
-                sparsification=rates,
-            )
-    return Scores(rules, scores, allowed, scale, round_disparity)
+    estimated = int(np.count_nonzero(pixels.estimated))
+    return RegionScores(image_size, pixels.truth.size, estimated, metrics, rates)
 
 
 def upsampling(
@@ -207,12 +203,12 @@ def upsampling(
     for scale in rules.upsampling:
         if tuple(scale * n for n in estimate_shape) == truth_shape:
             return scale
-    whole = [
-        scale for scale in rules.upsampling if all(n % scale == 0 for n in truth_shape)
+    shapes = [
+        tuple(n // scale for n in truth_shape)
+        for scale in rules.upsampling
+        if all(n % scale == 0 for n in truth_shape)
     ]
-    allowed = " or ".join(
-        str(tuple(n // scale for n in truth_shape)) for scale in whole
-    )
+    allowed = " or ".join(map(str, shapes))
     raise InputError(
         f"disp has shape {estimate_shape}: {rules.title} expects {allowed} for a truth of {truth_shape}"
     )
@@ -244,15 +240,14 @@ def _point_errors(
     (unknown disparity, or d + doffs <= 0).
     """
     fx, fy, cx, cy = calibration.cam0
-    length = np.sqrt(
-        1.0 + ((pixels[:, 1] - cx) / fx) ** 2 + ((pixels[:, 0] - cy) / fy) ** 2
-    )  # of a ray to z = 1
-    doffs = calibration.doffs
+    x, y = (pixels[:, 1] - cx) / fx, (pixels[:, 0] - cy) / fy
+    # Both points are on the ray through the pixel, of which the part up to depth z has the length z * ray_length.
+    ray_length = np.sqrt(1.0 + x**2 + y**2)
     z_estimate, z_true = (
-        calibration.depth(np.where(d + doffs > 0, d, np.inf)) for d in (estimate, true)
+        calibration.depth(np.where(d + calibration.doffs > 0, d, np.inf))
+        for d in (estimate, true)
     )
     defined = np.isfinite(z_estimate) & np.isfinite(z_true)
     with np.errstate(invalid="ignore"):
-        return np.where(
-            defined, np.abs(z_estimate - z_true) * length, np.inf
-        ), z_true * length
+        distances = np.where(defined, np.abs(z_estimate - z_true) * ray_length, np.inf)
+        return distances, z_true * ray_length

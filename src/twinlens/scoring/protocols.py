@@ -34,14 +34,14 @@ MIDDLEBURY_INVALID = 1000.0
 class Pixels:
     """The evaluated pixels of one region, as vectors of one length.
 
-    estimate (+inf where unknown), truth: pixels. given: where the method has an estimate. metres: with a calibration,
-    the distance between estimated and true point, and the true point's distance from the camera. confidence: the
-    method's, if it has one.
+    estimate (+inf where unknown), truth: disparities. estimated: where the method has an estimate. metres: with a
+    calibration, the distance between estimated and true point, and the true point's distance from the camera.
+    confidence: the method's, if it has one.
     """
 
     estimate: NDArray[np.float64]
     truth: NDArray[np.float64]
-    given: NDArray[np.bool_]
+    estimated: NDArray[np.bool_]
     metres: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
     confidence: NDArray[np.float64] | None = None
 
@@ -50,13 +50,13 @@ class Pixels:
         if self.confidence is None:
             return None
         return sparsification(
-            self.confidence[self.given], self.given_errors > threshold
+            self.confidence[self.estimated], self.estimate_errors > threshold
         )
 
     @property
-    def given_errors(self) -> NDArray[np.float64]:
+    def estimate_errors(self) -> NDArray[np.float64]:
         """|estimate - truth| of the pixels with an estimate."""
-        return np.abs(self.estimate[self.given] - self.truth[self.given])
+        return np.abs(self.estimate[self.estimated] - self.truth[self.estimated])
 
 
 @dataclass(frozen=True)
@@ -113,21 +113,18 @@ def find_protocol(name: str | Protocol) -> Protocol:
 def _middlebury_prepare(
     disp: Disparity, low: float, high: float
 ) -> tuple[Disparity, Mask]:
-    given = np.isfinite(disp) & (disp <= MIDDLEBURY_INVALID * (high - low))
-    return np.where(given, np.clip(disp, low, high), np.inf), given
+    estimated = np.isfinite(disp) & (disp <= MIDDLEBURY_INVALID * (high - low))
+    return np.where(estimated, np.clip(disp, low, high), np.inf), estimated
 
 
 def _middlebury_measure(pixels: Pixels) -> dict[str, float]:
-    errors, total = pixels.given_errors, pixels.truth.size
-    bad, missing = (
-        {f"bad{t}": np.count_nonzero(errors > t) for t in THRESHOLDS},
-        total - errors.size,
-    )
+    errors, total = pixels.estimate_errors, pixels.truth.size
+    missing = total - errors.size
+    # All rates are of all pixels; a pixel without an estimate is in totbad, and not in bad.
+    bad = {f"bad{t}": int(np.count_nonzero(errors > t)) for t in THRESHOLDS}
+    totals = {f"tot{name}": count + missing for name, count in bad.items()}
     return {
-        **{name: percent(count, total) for name, count in bad.items()},
-        **{
-            f"tot{name}": percent(count + missing, total) for name, count in bad.items()
-        },
+        **{name: percent(count, total) for name, count in (bad | totals).items()},
         **error_sizes(errors),
         "invalid": percent(missing, total),
         "coverage": percent(errors.size, total),
@@ -136,12 +133,12 @@ def _middlebury_measure(pixels: Pixels) -> dict[str, float]:
 
 def _eth3d_prepare(disp: Disparity, low: float, high: float) -> tuple[Disparity, Mask]:
     """No clipping; a disparity above the image's width is no estimate (two-view-evaluation, `ComputeMetrics`)."""
-    given = np.isfinite(disp) & (np.abs(disp) <= disp.shape[1])
-    return np.where(given, disp, np.inf), given
+    estimated = np.isfinite(disp) & (np.abs(disp) <= disp.shape[1])
+    return np.where(estimated, disp, np.inf), estimated
 
 
 def _eth3d_measure(pixels: Pixels) -> dict[str, float]:
-    errors, total = pixels.given_errors, pixels.truth.size
+    errors, total = pixels.estimate_errors, pixels.truth.size
     if total and not errors.size:  # ETH3D's result for a map without any estimate
         return {
             **dict.fromkeys(BAD, 100.0),
@@ -157,9 +154,9 @@ def _eth3d_measure(pixels: Pixels) -> dict[str, float]:
 
 def _kitti_prepare(disp: Disparity, low: float, high: float) -> tuple[Disparity, Mask]:
     """KITTI's 16-bit format holds no negative disparity: it is filled like a gap. A gap that stays is -1 px."""
-    given = np.isfinite(disp) & (disp >= 0)
-    filled = interpolate_background(np.where(given, disp, np.inf))
-    return np.where(np.isfinite(filled), filled, disp.dtype.type(-1.0)), given
+    estimated = np.isfinite(disp) & (disp >= 0)
+    filled = interpolate_background(np.where(estimated, disp, np.inf))
+    return np.where(np.isfinite(filled), filled, disp.dtype.type(-1.0)), estimated
 
 
 def _kitti_measure(pixels: Pixels) -> dict[str, float]:
@@ -169,11 +166,11 @@ def _kitti_measure(pixels: Pixels) -> dict[str, float]:
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = (error / np.abs(truth)).astype(np.float64)
     outlier = (error > KITTI_PIXELS) & (ratio > KITTI_SHARE)
-    total, given = truth.size, int(np.count_nonzero(pixels.given))
+    estimates = int(np.count_nonzero(pixels.estimated))
     return {
-        "D1": percent(np.count_nonzero(outlier), total),
-        "D1_est": percent(np.count_nonzero(outlier & pixels.given), given),
-        "coverage": percent(given, total),
+        "D1": percent(np.count_nonzero(outlier), truth.size),
+        "D1_est": percent(np.count_nonzero(outlier & pixels.estimated), estimates),
+        "coverage": percent(estimates, truth.size),
     }
 
 
@@ -182,12 +179,13 @@ def _points_measure(pixels: Pixels) -> dict[str, float]:
         raise InputError(
             "errors in metres need a calibration: evaluate(..., calibration=...)"
         )
-    known = pixels.given & np.isfinite(pixels.metres[0])
-    distances, ranges = pixels.metres[0][known], pixels.metres[1][known]
+    distances, ranges = pixels.metres
+    defined = pixels.estimated & np.isfinite(distances)
+    distances, ranges = distances[defined], ranges[defined]
     sizes = {f"point_{name}": value for name, value in error_sizes(distances).items()}
-    relative = (
-        100.0 * float(np.mean(distances / ranges)) if distances.size else math.nan
-    )
+    relative = math.nan
+    if distances.size:
+        relative = 100.0 * float(np.mean(distances / ranges))
     return {
         **sizes,
         "point_rel": relative,
@@ -207,14 +205,16 @@ def interpolate_background(disp: Disparity) -> Disparity:
     [[5.0, 5.0, 3.0, 3.0, 3.0]]
     """
     disp = disparity_map("disp", disp)
-    rows = np.minimum(
-        carried_right(disp), carried_right(disp[:, ::-1])[:, ::-1]
-    )  # +inf beyond the ends of a row
+    from_left = carried_right(disp)
+    from_right = carried_right(disp[:, ::-1])[:, ::-1]
+    # In a gap both are known, and the smaller is taken; beyond the ends of a row one of them is +inf.
+    rows = np.minimum(from_left, from_right)
     known = np.isfinite(rows)
-    first, last = known.argmax(axis=0), len(rows) - 1 - known[::-1].argmax(axis=0)
-    return np.take_along_axis(
-        rows, np.clip(np.arange(len(rows))[:, None], first, last), axis=0
-    )
+    # Above its first known row, and below its last one, a column repeats them.
+    first = known.argmax(axis=0)
+    last = len(rows) - 1 - known[::-1].argmax(axis=0)
+    sources = np.clip(np.arange(len(rows))[:, None], first, last)
+    return np.take_along_axis(rows, sources, axis=0)
 
 
 _PROTOCOLS = (

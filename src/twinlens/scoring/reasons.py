@@ -1,6 +1,8 @@
 """`reason_of`: why the estimate of a pixel is right or wrong. A board's page computes the same (report/page/why.js)."""
 
+import functools
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,106 +34,187 @@ def reason_of(pair: Pair, curve: CostCurve, estimate: float | None = None) -> Re
 
     estimate: in pixels, +inf if there is none; by default the curve's `disparity`. Windows are those of its matcher.
     """
-    at, r = (curve.v, curve.u), curve.matcher.window // 2
-    d, found = float(pair.disp0[at]), curve.disparity if estimate is None else estimate
-    if not math.isfinite(d):
+    truth = float(pair.disp0[curve.v, curve.u])
+    disparity = curve.disparity if estimate is None else estimate
+    if not math.isfinite(truth):
         return Reason("unknown", "The truth is unknown here.")
-    off, low, high = found - d, int(curve.disparities[0]), int(curve.disparities[-1])
-    if abs(off) <= LIMITS["right_px"]:
-        return Reason("right", f"Right: {abs(off):.2f} px from the truth.")
-    known = math.isfinite(found)
-    wrong = (
-        f"Wrong by {'+' if off > 0 else '−'}{abs(off):.1f} px"
-        if known
-        else "No estimate"
-    )
+    error = disparity - truth
+    if abs(error) <= LIMITS["right_px"]:
+        return Reason("right", f"Right: {abs(error):.2f} px from the truth.")
+    wrong = "No estimate"
+    if math.isfinite(disparity):
+        wrong = f"Wrong by {'+' if error > 0 else '−'}{abs(error):.1f} px"
+    case = _Case(pair, curve, truth, disparity)
+    for cause in _CAUSES:
+        reason = cause(case)
+        if reason is not None:
+            return Reason(reason.kind, f"{wrong}: {reason.text}.")
+    costs = ""
+    if math.isfinite(disparity):
+        at_estimate, at_truth = _cost(curve, disparity), _cost(curve, truth)
+        costs = (
+            f"; the cost is {at_estimate} at the estimate and {at_truth} at the truth"
+        )
+    return Reason("other", f"{wrong}: no known cause{costs}.")
 
-    def say(kind: str, text: str) -> Reason:
-        return Reason(kind, f"{wrong}: {text}.")
 
-    if not low - 0.5 <= d <= high + 0.5:
-        return say(
-            "range",
-            f"the true disparity {d:.1f} is outside the searched range {low} to {high}",
-        )
-    if pair.mask0_nonocc is not None and occluded(pair.mask0_nonocc)[at]:
-        return say(
-            "occluded",
-            "the point is occluded, that is hidden from the right camera or outside its image",
-        )
-    top = float(np.iinfo(pair.im0.dtype).max)
-    left, right = (255.0 / top * grey(image) for image in (pair.im0, pair.im1))
-    here, there = (
-        _Window(left, curve.u, curve.v, r),
-        _Window(right, _rounded(curve.u - d), curve.v, r),
-    )
-    saturated = max(
-        float(np.mean(w.pixels > 255 * LIMITS["saturated_level"] - 1e-6))
-        for w in (here, there)
-    )
-    if saturated >= LIMITS["saturated"]:
-        return say(
-            "saturation", f"{_rounded(100 * saturated)}% of the window is saturated"
-        )
-    near = pair.disp0[
-        max(0, curve.v - r) : curve.v + r + 1, max(0, curve.u - r) : curve.u + r + 1
+class _Case:
+    """A wrong estimate with the windows of its matcher: at the pixel, and at its true match in the right image."""
+
+    def __init__(
+        self, pair: Pair, curve: CostCurve, truth: float, disparity: float
+    ) -> None:
+        self.pair = pair
+        self.curve = curve
+        self.truth = truth
+        self.disparity = disparity
+        self.known = math.isfinite(disparity)
+        self.radius = curve.matcher.window // 2
+        top = float(np.iinfo(pair.im0.dtype).max)
+        self.left_image = 255.0 / top * grey(pair.im0)
+        right_image = 255.0 / top * grey(pair.im1)
+        self.left = self.left_window(curve.u)
+        matched = _rounded(curve.u - truth)
+        self.right = _Window(right_image, matched, curve.v, self.radius)
+
+    def left_window(self, u: int) -> "_Window":
+        """The left image's window at column u of the row."""
+        return _Window(self.left_image, u, self.curve.v, self.radius)
+
+    @functools.cached_property
+    def surroundings(self) -> Float:
+        """The known true disparities in the window."""
+        u, v, radius = self.curve.u, self.curve.v, self.radius
+        rows = slice(max(0, v - radius), v + radius + 1)
+        columns = slice(max(0, u - radius), u + radius + 1)
+        disparities = self.pair.disp0[rows, columns]
+        return disparities[np.isfinite(disparities)].astype(np.float64)
+
+    @functools.cached_property
+    def other_surface(self) -> NDArray[np.bool_]:
+        """Which of the surroundings are beyond a depth jump."""
+        return np.abs(self.surroundings - self.truth) >= LIMITS["jump_px"]
+
+    @property
+    def other_share(self) -> float:
+        """The share of the surroundings beyond a depth jump."""
+        return float(np.mean(self.other_surface))
+
+    @property
+    def depths(self) -> str:
+        """What a reason says of the other depths in the window."""
+        share = _rounded(100 * self.other_share)
+        return f"discontinuity: {share}% of the window has another depth"
+
+
+def _outside_range(case: _Case) -> Reason | None:
+    low, high = int(case.curve.disparities[0]), int(case.curve.disparities[-1])
+    if low - 0.5 <= case.truth <= high + 0.5:
+        return None
+    text = f"the true disparity {case.truth:.1f} is outside the searched range {low} to {high}"
+    return Reason("range", text)
+
+
+def _occlusion(case: _Case) -> Reason | None:
+    mask = case.pair.mask0_nonocc
+    if mask is None or not occluded(mask)[case.curve.v, case.curve.u]:
+        return None
+    text = "the point is occluded, that is hidden from the right camera or outside its image"
+    return Reason("occluded", text)
+
+
+def _saturation(case: _Case) -> Reason | None:
+    level = 255 * LIMITS["saturated_level"] - 1e-6
+    shares = [
+        float(np.mean(window.pixels > level)) for window in (case.left, case.right)
     ]
-    near = near[np.isfinite(near)].astype(np.float64)
-    jumps = np.abs(near - d) >= LIMITS["jump_px"]
-    other = float(np.mean(jumps))
-    depths = f"discontinuity: {_rounded(100 * other)}% of the window has another depth"
-    if (
-        known
-        and np.mean(jumps & (np.abs(near - found) <= 1)) >= LIMITS["other_surface"]
-    ):
-        return say("discontinuity", f"{depths}, and the estimate is of that surface")
-    level = math.sqrt(here.texture)
-    if level < LIMITS["no_texture"]:
-        return say(
-            "texture",
-            f"the window has no texture (RMS difference of neighbours {level:.1f} grey levels)",
-        )
-    shifts = {math.floor(off), math.ceil(off)} if known else set()
-    places = [
-        curve.u - s for s in shifts if abs(s) >= 2 and 0 <= curve.u - s < left.shape[1]
-    ]
-    alike = max(
-        (
-            _correlation(here.pixels, _Window(left, u, curve.v, r).pixels)
-            for u in places
-        ),
-        default=-1.0,
-    )
-    if alike >= LIMITS["repeated"]:
-        return say(
-            "repetition",
-            f"the texture repeats after {_rounded(abs(off))} px (correlation {alike:.2f})",
-        )
-    if other >= LIMITS["other_depth"]:
-        return say("discontinuity", depths)
+    saturated = max(shares)
+    if saturated < LIMITS["saturated"]:
+        return None
+    percent = _rounded(100 * saturated)
+    return Reason("saturation", f"{percent}% of the window is saturated")
+
+
+def _estimate_of_other_surface(case: _Case) -> Reason | None:
+    agrees = np.abs(case.surroundings - case.disparity) <= 1
+    agreeing = float(np.mean(case.other_surface & agrees))
+    if not case.known or agreeing < LIMITS["other_surface"]:
+        return None
+    text = f"{case.depths}, and the estimate is of that surface"
+    return Reason("discontinuity", text)
+
+
+def _no_texture(case: _Case) -> Reason | None:
+    level = math.sqrt(case.left.texture)
+    if level >= LIMITS["no_texture"]:
+        return None
+    difference = f"RMS difference of neighbours {level:.1f} grey levels"
+    return Reason("texture", f"the window has no texture ({difference})")
+
+
+def _repetition(case: _Case) -> Reason | None:
+    """The left window is like the one that the estimate's window would have in the left image, `error` px away."""
+    if not case.known:
+        return None
+    error = case.disparity - case.truth
+    width = case.left_image.shape[1]
+    correlation = -1.0
+    for shift in {math.floor(error), math.ceil(error)}:
+        u = case.curve.u - shift
+        if abs(shift) >= 2 and 0 <= u < width:
+            window = case.left_window(u)
+            correlation = max(
+                correlation, _correlation(case.left.pixels, window.pixels)
+            )
+    if correlation < LIMITS["repeated"]:
+        return None
+    text = f"the texture repeats after {_rounded(abs(error))} px (correlation {correlation:.2f})"
+    return Reason("repetition", text)
+
+
+def _many_other_depths(case: _Case) -> Reason | None:
+    if case.other_share < LIMITS["other_depth"]:
+        return None
+    return Reason("discontinuity", case.depths)
+
+
+def _blur(case: _Case) -> Reason | None:
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.divide(here.sharpness, there.sharpness)
+        ratio = np.divide(case.left.sharpness, case.right.sharpness)
         blurred = max(ratio, 1 / ratio) >= LIMITS["blur"]
-    if blurred:
-        sides = ("right", "left") if ratio > 1 else ("left", "right")
-        return say(
-            "blur", f"the {sides[0]} window is more blurred than the {sides[1]} one"
-        )
-    if other >= LIMITS["other_surface"]:
-        return say("discontinuity", depths)
-    costs = (
-        f"; the cost is {_cost(curve, found)} at the estimate and {_cost(curve, d)} at the truth"
-        if known
-        else ""
-    )
-    return say("other", f"no known cause{costs}")
+    if not blurred:
+        return None
+    softer, sharper = ("right", "left") if ratio > 1 else ("left", "right")
+    return Reason("blur", f"the {softer} window is more blurred than the {sharper} one")
+
+
+def _some_other_depths(case: _Case) -> Reason | None:
+    if case.other_share < LIMITS["other_surface"]:
+        return None
+    return Reason("discontinuity", case.depths)
+
+
+_CAUSES: tuple[Callable[[_Case], Reason | None], ...] = (
+    _outside_range,
+    _occlusion,
+    _saturation,
+    _estimate_of_other_surface,
+    _no_texture,
+    _repetition,
+    _many_other_depths,
+    _blur,
+    _some_other_depths,
+)
+"""The possible causes of an error, in the order in which they are tried."""
 
 
 class _Window:
-    """The window of radius r around (u, v), grey levels 0..255; edge pixels repeat."""
+    """The window of a radius around (u, v), grey levels 0..255; edge pixels repeat."""
 
-    def __init__(self, image: Float, u: int, v: int, r: int) -> None:
-        wide = extended(image, (v - r, v + r + 1), (u - r, u + r + 2))
+    def __init__(self, image: Float, u: int, v: int, radius: int) -> None:
+        rows = v - radius, v + radius + 1
+        columns = u - radius, u + radius + 2  # one more, for the differences
+        wide = extended(image, rows, columns)
         self.pixels: Float = wide[:, :-1]
         self.texture = float(np.mean(np.diff(wide, axis=1) ** 2))
 
@@ -142,11 +225,9 @@ class _Window:
 
 
 def _correlation(a: NDArray[Any], b: NDArray[Any]) -> float:
-    return (
-        0.0
-        if np.ptp(a) == 0 or np.ptp(b) == 0
-        else float(np.corrcoef(a.ravel(), b.ravel())[0, 1])
-    )
+    if np.ptp(a) == 0 or np.ptp(b) == 0:
+        return 0.0
+    return float(np.corrcoef(a.ravel(), b.ravel())[0, 1])
 
 
 def _rounded(value: float) -> int:
@@ -155,7 +236,6 @@ def _rounded(value: float) -> int:
 
 
 def _cost(curve: CostCurve, disparity: float) -> str:
-    nearest = np.clip(
-        _rounded(disparity - curve.disparities[0]), 0, len(curve.costs) - 1
-    )
+    place = _rounded(disparity - curve.disparities[0])
+    nearest = np.clip(place, 0, len(curve.costs) - 1)
     return f"{curve.costs[nearest]:.3g}"
