@@ -19,7 +19,8 @@ STATISTICS = {"zssd": 0, "jaccard": 0, "zncc": 1, "ncc": 2}
 """The mode of `kernels.windows.window_statistics` for a scoring; "sum" needs none."""
 ROUNDING = 2.0**-40
 """Floats that differ by less than this part of the largest cost are equal."""
-FLOAT_ROWS = 64  # float sums depend on where a strip begins, so float images are always cut in the same places
+FLOAT_ROWS = 64
+"""Rows of a strip of float images."""
 Volume = NDArray[Any]
 Rows = Callable[[int, int], Volume]
 """rows(start, stop): those rows of a cost volume, (stop - start, W, depth), depth a multiple of LANES."""
@@ -109,49 +110,43 @@ class BoxMatch:
         threads: int,
     ) -> None:
         """Search disparities low..high-1."""
-        width = left.shape[-1]
-        self.shape, self.cost, self.side, self.threads = (
-            left.shape[-2:],
-            cost,
-            side,
-            threads,
-        )
+        height, width = left.shape[-2:]
+        self.shape = height, width
+        self.cost = cost
+        self.side = side
+        self.threads = threads
         self.low, self.high = max(low, 1 - width), min(high, width)
         self.count = max(self.high - self.low, 0)
         self.depth = in_lanes(self.count)
         self.numbers: Numbers = numbers(cost, left.dtype, side)
         self.floats = left.dtype.kind == "f"
-        self.left, self.right = (
-            _conditioned(left, right, cost) if self.floats else (left, right)
-        )
-        self.slack = self._slack() if self.floats else 0.0
-        self.rows = FLOAT_ROWS if self.floats else -(-self.shape[0] // max(threads, 1))
+        if self.floats:
+            # Sums of floats depend on where a strip begins, so these images are always cut in the same places.
+            self.left, self.right = _conditioned(left, right, cost)
+            self.slack = self._slack()
+            self.rows = FLOAT_ROWS
+        else:
+            self.left, self.right = left, right
+            self.slack = 0.0
+            self.rows = -(-height // max(threads, 1))
 
     def _slack(self) -> float:
         """The largest rounding difference between two sums that are equal in exact arithmetic."""
         if not self.cost.growth:
             return ROUNDING
-        span = 2 * max(float(np.abs(self.left).max()), float(np.abs(self.right).max()))
-        return (
-            ROUNDING
-            * float(self.side) ** (2 * self.cost.growth)
-            * (span**2 if self.cost.term == "square" else span)
-        )
+        largest = max(float(np.abs(self.left).max()), float(np.abs(self.right).max()))
+        span = 2 * largest
+        pixel_cost = span**2 if self.cost.term == "square" else span
+        return ROUNDING * float(self.side) ** (2 * self.cost.growth) * pixel_cost
 
     def winners(self, fit: str, *, costs: bool = True) -> Winners:
         """The candidate of lowest cost at each pixel, of equal ones the smallest disparity, with sub-pixel `fit`."""
-        winners, ends = (
-            Winners.empty(self.shape, costs),
-            limits(self.numbers.scores, self.slack),
-        )
+        winners = Winners.empty(self.shape, costs)
+        ends = limits(self.numbers.scores, self.slack)
 
         def work(y0: int, y1: int) -> None:
-            self._slide(
-                self._laid_out(y0, y1),
-                0,
-                y1 - y0,
-                (FITS[fit], ends, *winners.rows(y0, y1)),
-            )
+            result = FITS[fit], ends, *winners.rows(y0, y1)
+            self._slide(self._laid_out(y0, y1), 0, y1 - y0, result)
 
         if self.count:
             in_strips(work, self.shape[0], self.rows, self.threads)
@@ -186,9 +181,9 @@ class BoxMatch:
         span = slice(top, top + rows + side - 1)
         layout = left.shape[-1], right.shape[-1], width + side - 2
         volumes = len(result) == 2
-        columns = aligned_zeros(
-            (left.shape[-1] + side) * self.depth if side > 1 else 0, self.numbers.sums
-        )
+        # A window of one pixel needs no sums of columns, and a volume no scratch for the costs of a row.
+        column_count = left.shape[-1] + side if side > 1 else 0
+        columns = aligned_zeros(column_count * self.depth, self.numbers.sums)
         costs = aligned_zeros(0 if volumes else width * self.depth, self.numbers.scores)
         statistics = (
             *self._statistics(left[..., span, :]),
@@ -221,10 +216,8 @@ class BoxMatch:
         )
 
         shape = image.shape[0] - self.side + 1, image.shape[1] - self.side + 1
-        totals, scales = (
-            np.empty(shape, self.numbers.totals),
-            np.empty(shape, self.numbers.scores),
-        )
+        totals = np.empty(shape, self.numbers.totals)
+        scales = np.empty(shape, self.numbers.scores)
         window_statistics(image, self.side, mode, totals, scales)
         if self.floats and self.cost.scoring in ("zncc", "ncc"):
             zero_flat_scales(image, self.side, self.cost.scoring == "ncc", scales)
@@ -266,6 +259,7 @@ def blank(volume: Volume, low: int, count: int, value: float = np.inf) -> None:
     """Set candidates (disparity low + j for j < count) without a partner in the image, and later ones, to `value`."""
     width = volume.shape[1]
     volume[..., count:] = value
+    # Only columns near the ends of a row have such candidates.
     for columns in (
         slice(0, max(low + count - 1, 0)),
         slice(max(low + width, 0), width),
@@ -280,6 +274,7 @@ def _conditioned(left: Image, right: Image, cost: Cost) -> tuple[Image, Image]:
     """Float images with smaller rounding errors in sums: mean removed, or rounded to 2^-40 of the largest value."""
     if cost.scoring in ("zncc", "zssd"):
         return left - left.mean(), right - left.mean()
+    # Multiples of one step, 2^-40 of the largest value or less, add up without rounding.
     top = max(float(np.abs(left).max()), float(np.abs(right).max()))
     if cost.term not in ("absolute", "interpolated") or top == 0:
         return left, right

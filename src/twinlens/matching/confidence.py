@@ -27,9 +27,9 @@ def beside(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The costs of the candidates before and after each of (..., D); +inf beyond the ends."""
     end = np.full((*costs.shape[:-1], 1), np.inf)
-    return np.concatenate([end, costs[..., :-1]], axis=-1), np.concatenate(
-        [costs[..., 1:], end], axis=-1
-    )
+    before = np.concatenate([end, costs[..., :-1]], axis=-1)
+    after = np.concatenate([costs[..., 1:], end], axis=-1)
+    return before, after
 
 
 def rivals(
@@ -59,17 +59,18 @@ class _Pixels:
 
     def rival(self, *, minima: bool) -> NDArray[np.float64]:
         """The lowest cost of a rival; +inf if there is none."""
-        others = rivals(self.costs, self.winner, minima=minima)
-        return np.asarray(np.min(self.costs, axis=-1, where=others, initial=np.inf))
+        is_rival = rivals(self.costs, self.winner, minima=minima)
+        return np.asarray(np.min(self.costs, axis=-1, where=is_rival, initial=np.inf))
 
 
 def _peak_ratio(pixels: _Pixels) -> NDArray[Any]:
     """1 - c1 / c2, with c2 the lowest local minimum of a rival; 1 without one. c2 / c1 has the same order."""
+    # Costs of similarities may be below 0 by rounding.
     lowest, rival = np.maximum(pixels.lowest, 0.0), pixels.rival(minima=True)
-    some = np.isfinite(rival) & (rival > 0)
-    ratio = np.divide(
-        lowest, rival, out=np.where(np.isfinite(rival), 1.0, 0.0), where=some
-    )
+    divides = np.isfinite(rival) & (rival > 0)
+    # Without a rival the ratio is 0, and two costs of 0 have the ratio 1.
+    ratio = np.where(np.isfinite(rival), 1.0, 0.0)
+    np.divide(lowest, rival, out=ratio, where=divides)
     return 1.0 - ratio
 
 
@@ -80,10 +81,8 @@ def _curvature(pixels: _Pixels) -> NDArray[Any]:
         np.take_along_axis(side, place, axis=-1)[..., 0]
         for side in beside(pixels.costs)
     )
-    first, last = (
-        np.where(np.isfinite(before), before, after),
-        np.where(np.isfinite(after), after, before),
-    )
+    first = np.where(np.isfinite(before), before, after)
+    last = np.where(np.isfinite(after), after, before)
     bend = first + last - 2.0 * pixels.lowest
     return np.where(np.isfinite(bend), bend, 0.0)
 
@@ -95,21 +94,20 @@ def _left_right(pixels: _Pixels, of_right: NDArray[np.float64]) -> NDArray[Any]:
     """
     rival = pixels.rival(minima=False)
     margin = np.where(np.isfinite(rival), rival, pixels.high) - pixels.lowest
-    return margin / (
-        pixels.lowest - of_right + LEAST_DIFFERENCE * (pixels.high - pixels.low)
-    )
+    # 0 if no other left pixel matches the right pixel better.
+    inconsistency = pixels.lowest - of_right
+    return margin / (inconsistency + LEAST_DIFFERENCE * (pixels.high - pixels.low))
 
 
 def _entropy(pixels: _Pixels) -> NDArray[Any]:
     """-ln(H / ln D), with the entropy H of p(d) = exp(-c(d)) / sum exp(-c); +inf has p = 0."""
+    # Relative to the lowest cost, so that no exponential underflows to 0 for all candidates.
     weights = np.exp(pixels.lowest[..., None] - pixels.costs)
     share = weights / weights.sum(axis=-1, keepdims=True)
     entropy = -np.sum(share * np.log(np.where(share > 0, share, 1.0)), axis=-1)
-    return np.asarray(
-        np.log(
-            np.log(max(share.shape[-1], 2)) / np.maximum(entropy, np.finfo(float).tiny)
-        )
-    )
+    largest_entropy = np.log(max(share.shape[-1], 2))
+    least_entropy = np.finfo(float).tiny
+    return np.asarray(np.log(largest_entropy / np.maximum(entropy, least_entropy)))
 
 
 CONFIDENCES: dict[str, str] = {
@@ -185,18 +183,17 @@ def _right_lowest(row: NDArray[Any], min_disparity: int) -> NDArray[np.float64]:
 
 
 def _ambiguity(volume: NDArray[np.float32], low: float, high: float) -> Confidence:
-    from twinlens.matching.kernels.confidence import near_counts
+    from twinlens.matching.kernels.winners import near_counts
 
     # In float32 and in this order, as Pandora computes it: costs at a step's bound are frequent.
     span = np.float32(high) - np.float32(low)
     counts = np.empty(volume.shape[:2], np.float32)
     for y, row in enumerate(volume):
         near_counts((row - np.float32(low)) / span, AMBIGUITY_STEPS, counts[y])
-    ends = (
-        np.percentile(counts, AMBIGUITY_PERCENT),
-        np.percentile(counts, 100.0 - AMBIGUITY_PERCENT),
-    )
-    clipped = np.clip(counts, *ends, dtype=np.float32)
+    # Outliers of both ends are clipped, and the rest is normalised to 0..1.
+    lower = np.percentile(counts, AMBIGUITY_PERCENT)
+    upper = np.percentile(counts, 100.0 - AMBIGUITY_PERCENT)
+    clipped = np.clip(counts, lower, upper, dtype=np.float32)
     least, most = clipped.min(), clipped.max()
     if least == most:
         return np.zeros(counts.shape, np.float32)

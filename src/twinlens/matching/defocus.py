@@ -48,20 +48,15 @@ class ApertureSamples:
         self, points: ArrayLike, weights: ArrayLike | None = None, vergence: float = 0.0
     ) -> None:
         places = _numbers("points of aperture samples", points, 2)
-        light = (
-            np.ones(len(places))
-            if weights is None
-            else _numbers("weights of aperture samples", weights, 1)
-        )
+        light = np.ones(len(places))
+        if weights is not None:
+            light = _numbers("weights of aperture samples", weights, 1)
         if places.ndim != 2 or places.shape[1] != 2 or light.shape != places.shape[:1]:
             raise InputError(
                 f"aperture samples need points (N, 2) and weights (N,), got {places.shape}, {light.shape}"
             )
-        if not (
-            np.isfinite(places).all()
-            and (light >= 0).all()
-            and 0 < light.sum() < math.inf
-        ):
+        lights = (light >= 0).all() and 0 < light.sum() < math.inf
+        if not (np.isfinite(places).all() and lights):
             raise InputError(
                 "aperture samples need finite points, and weights >= 0 with a positive sum"
             )
@@ -132,9 +127,9 @@ def inverse_depth_from_defocus(
     for k, candidate in enumerate(candidates):
         kernels = plane.kernels(apertures, fx, candidate)
         differences = spectra - kernels * _best_texture(kernels, spectra)
-        costs[k] = plane.energy(
-            differences * plane.centring(apertures, fx, candidate), block_size
-        )
+        # Moved by the kernels' centres, the differences of one point of the scene are at one pixel.
+        centred = differences * plane.centring(apertures, fx, candidate)
+        costs[k] = plane.energy(centred, block_size)
     return _maximum(-costs, candidates)
 
 
@@ -162,13 +157,12 @@ def inverse_depth_bound(
     check_number("noise", noise, "a positive number", above=0)
     check_number("inverse_depth", inverse_depth, "a finite number of 1/m")
     plane = _Plane(picture.shape[1:], _reach(apertures, fx, np.array([inverse_depth])))
-    kernels, slopes = (
-        find(apertures, fx, inverse_depth) for find in (plane.kernels, plane.slopes)
-    )
-    visible = (slopes - kernels * _best_texture(kernels, slopes)) * plane.centring(
-        apertures, fx, inverse_depth
-    )
-    information = plane.energy(visible * plane.spectra(picture)[0], block_size)
+    kernels = plane.kernels(apertures, fx, inverse_depth)
+    slopes = plane.slopes(apertures, fx, inverse_depth)
+    # H'_j without what another texture explains: with the best texture for the images H'_j in place of F_j.
+    visible = slopes - kernels * _best_texture(kernels, slopes)
+    centred = visible * plane.centring(apertures, fx, inverse_depth)
+    information = plane.energy(centred * plane.spectra(picture)[0], block_size)
     with np.errstate(divide="ignore"):
         return np.asarray(noise / np.sqrt(information))
 
@@ -212,20 +206,17 @@ def inverse_depth_from_focus(
     """
     pictures = _stack(stack, 3)
     places = _numbers("vergences", vergences)
-    if (
-        places.shape != (len(pictures),)
-        or not np.isfinite(places).all()
-        or not _is_monotonic(places)
-    ):
+    one_each = places.shape == (len(pictures),)
+    if not (one_each and np.isfinite(places).all() and _is_monotonic(places)):
         raise InputError(
             f"vergences must be {len(pictures)} increasing or decreasing numbers, one for each image"
         )
     check_int("neighbours", neighbours, 1)
     _check_block(block_size)
     measures = np.array([sharpness(picture, block_size) for picture in pictures])
-    return _maximum(
-        np.log(np.maximum(measures, np.finfo(np.float64).tiny)), places, neighbours
-    )
+    # The logarithm of a Gaussian is a parabola.
+    logarithms = np.log(np.maximum(measures, np.finfo(np.float64).tiny))
+    return _maximum(logarithms, places, neighbours)
 
 
 def sharpness(image: ArrayLike, window: int = 9) -> Float:
@@ -242,11 +233,11 @@ def sharpness(image: ArrayLike, window: int = 9) -> Float:
         raise InputError(f"window must be odd, got {window}")
     pixels = _colour_stack([image])[0]
     pixels = pixels.mean(axis=-1) if pixels.ndim == 3 else pixels
-    modified = sum(
-        np.abs(ndimage.correlate1d(pixels, [-1.0, 2.0, -1.0], axis=axis))
-        for axis in (0, 1)
-    )
-    total: Float = window**2 * ndimage.uniform_filter(modified, window)
+    second_difference = [-1.0, 2.0, -1.0]
+    vertical = np.abs(ndimage.correlate1d(pixels, second_difference, axis=0))
+    horizontal = np.abs(ndimage.correlate1d(pixels, second_difference, axis=1))
+    mean = ndimage.uniform_filter(vertical + horizontal, window)
+    total: Float = window**2 * mean
     return total
 
 
@@ -270,11 +261,8 @@ def _colour_stack(images: Sequence[ArrayLike]) -> Float:
         stack = np.array(images, np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(f"{needed}, got {format_value(images)}") from error
-    if (
-        not (stack.ndim == 3 or stack.shape[3:] == (3,))
-        or not stack.size
-        or not np.isfinite(stack).all()
-    ):
+    has_shape = stack.ndim == 3 or stack.shape[3:] == (3,)
+    if not (has_shape and stack.size and np.isfinite(stack).all()):
         raise InputError(f"{needed}, got shape {stack.shape}")
     return stack
 
@@ -282,24 +270,23 @@ def _colour_stack(images: Sequence[ArrayLike]) -> Float:
 def _maximum(scores: NDArray[Any], places: Float, neighbours: int = 1) -> InverseDepth:
     """The place of the highest score (N, H, W), by a parabola fitted to it and its neighbours; +inf at both ends."""
     best = np.argmax(scores, axis=0)
-    found = np.full(best.shape, np.inf, np.float32)
+    result = np.full(best.shape, np.inf, np.float32)
     for k in range(1, len(places) - 1):
-        here, near = best == k, slice(max(k - neighbours, 0), k + neighbours + 1)
-        if here.any():
-            unit = places[k + 1] - places[k]
-            bend, slope, _ = np.polyfit(
-                (places[near] - places[k]) / unit,
-                scores[near, here].astype(np.float64),
-                2,
-            )
-            peaked = bend < 0
-            offset = np.clip(
-                np.divide(-0.5 * slope, bend, out=np.zeros_like(bend), where=peaked),
-                -1.0,
-                1.0,
-            )
-            found[here] = np.where(peaked, places[k] + unit * offset, np.inf)
-    return found
+        pixels = best == k
+        if not pixels.any():
+            continue
+        near = slice(max(k - neighbours, 0), k + neighbours + 1)
+        # In units of the step to the next place, with the origin at the highest score.
+        unit = places[k + 1] - places[k]
+        steps = (places[near] - places[k]) / unit
+        values = scores[near, pixels].astype(np.float64)
+        bend, slope, _ = np.polyfit(steps, values, 2)
+        peaked = bend < 0
+        vertex = np.zeros_like(bend)
+        np.divide(-0.5 * slope, bend, out=vertex, where=peaked)
+        place = places[k] + unit * np.clip(vertex, -1.0, 1.0)
+        result[pixels] = np.where(peaked, place, np.inf)
+    return result
 
 
 def _stack(images: Sequence[ArrayLike], least: int) -> Float:
@@ -318,9 +305,7 @@ def _stack(images: Sequence[ArrayLike], least: int) -> Float:
         grey(to_working_dtype(array, f"{k}.")).astype(np.float64)
         for k, array in enumerate(arrays)
     ]
-    if len(pictures) < least or any(
-        picture.shape != pictures[0].shape for picture in pictures
-    ):
+    if len(pictures) < least or len({picture.shape for picture in pictures}) > 1:
         sizes = ", ".join(str(picture.shape) for picture in pictures)
         raise InputError(
             f"at least {least} images of one size are needed, got {sizes or 'none'}"
@@ -339,13 +324,11 @@ def _check(
         raise InputError(
             f"apertures must be a list of ApertureSamples, got {format_value(apertures)}"
         )
-    wrong = [each for each in apertures if not isinstance(each, ApertureSamples)]
+    wrong = [item for item in apertures if not isinstance(item, ApertureSamples)]
     if wrong or len(apertures) != (count or len(pictures)):
-        got = (
-            format_value(wrong[0])
-            if wrong
-            else f"{len(apertures)} for {len(pictures)} images"
-        )
+        got = f"{len(apertures)} for {len(pictures)} images"
+        if wrong:
+            got = format_value(wrong[0])
         raise InputError(
             f"apertures must be ApertureSamples, one for each image, got {got}"
         )
@@ -385,8 +368,8 @@ def _numbers(name: str, values: ArrayLike, least_dimensions: int = 0) -> Float:
 def _reach(apertures: Sequence[ApertureSamples], fx: float, candidates: Float) -> int:
     """The largest distance, in whole pixels, by which the apertures move light."""
     moves = [
-        np.abs(candidates - each.vergence).max() * np.abs(each.points).max()
-        for each in apertures
+        np.abs(candidates - aperture.vergence).max() * np.abs(aperture.points).max()
+        for aperture in apertures
     ]
     reach = fx * float(max(moves))
     if reach > _LARGEST_REACH:
@@ -397,61 +380,67 @@ def _reach(apertures: Sequence[ApertureSamples], fx: float, candidates: Float) -
 
 
 class _Plane:
-    """Spectra of images that are continued by reflection, and the way back."""
+    """Spectra of images that are continued by reflection, and the way back.
+
+    Kernels are sums of shifts by fx (1/z - k) a, which are exact in the spectrum: exp(i shift . frequency).
+    """
 
     def __init__(self, size: tuple[int, ...], radius: int) -> None:
         self.size, self.radius = size, radius
         self.padded = [fft.next_fast_len(side + 2 * radius, real=True) for side in size]
-        self.rows, self.columns = (
-            2 * np.pi * fft.fftfreq(self.padded[0]),
-            2 * np.pi * fft.rfftfreq(self.padded[1]),
-        )
+        # Angular frequencies in radians per pixel.
+        self.rows = 2 * np.pi * fft.fftfreq(self.padded[0])
+        self.columns = 2 * np.pi * fft.rfftfreq(self.padded[1])
 
     def spectra(self, images: Float) -> NDArray[Any]:
-        ends = [
-            (self.radius, whole - side - self.radius)
-            for side, whole in zip(self.size, self.padded, strict=True)
+        """The spectra (N, rows, columns) of the images (N, H, W)."""
+        margins = [
+            (self.radius, padded - side - self.radius)
+            for side, padded in zip(self.size, self.padded, strict=True)
         ]
-        return np.asarray(fft.rfft2(np.pad(images, ((0, 0), *ends), mode="symmetric")))
+        padded = np.pad(images, ((0, 0), *margins), mode="symmetric")
+        return np.asarray(fft.rfft2(padded))
 
     def energy(self, spectra: NDArray[Any], side: int) -> Float:
         """The sum of squares of all images over windows, (H, W)."""
         inner = tuple(slice(self.radius, self.radius + size) for size in self.size)
         squares = np.square(fft.irfft2(spectra, self.padded)).sum(axis=0)
-        return np.asarray(
-            side**2 * ndimage.uniform_filter(squares, side, mode="nearest")[inner]
-        )
+        means = ndimage.uniform_filter(squares, side, mode="nearest")
+        return np.asarray(side**2 * means[inner])
 
     def kernels(
         self, apertures: Sequence[ApertureSamples], fx: float, inverse_depth: float
     ) -> NDArray[Any]:
         """The spectra (N, H, W) of the kernels at a depth."""
         return np.array(
-            [self._sum(each, fx, inverse_depth, each.weights) for each in apertures]
+            [
+                self._sum(aperture, fx, inverse_depth, aperture.weights)
+                for aperture in apertures
+            ]
         )
 
     def slopes(
         self, apertures: Sequence[ApertureSamples], fx: float, inverse_depth: float
     ) -> NDArray[Any]:
         """The derivatives (N, H, W) of these spectra by 1/z."""
-        parts = [
-            [
-                self._sum(each, fx, inverse_depth, each.weights * axis)
-                for axis in each.points.T
-            ]
-            for each in apertures
-        ]
-        return np.array(
-            [1j * fx * (self.columns * x + self.rows[:, None] * y) for x, y in parts]
-        )
+        slopes = []
+        for aperture in apertures:
+            # The derivative of each term brings down i fx a . frequency.
+            along_x, along_y = (
+                self._sum(aperture, fx, inverse_depth, aperture.weights * coordinate)
+                for coordinate in aperture.points.T
+            )
+            moved = self.columns * along_x + self.rows[:, None] * along_y
+            slopes.append(1j * fx * moved)
+        return np.array(slopes)
 
     def centring(
         self, apertures: Sequence[ApertureSamples], fx: float, inverse_depth: float
     ) -> NDArray[Any]:
         """The spectra (N, H, W) of the moves of the kernels' centres to the origin."""
         centres = [
-            ApertureSamples(each.weights @ each.points, None, each.vergence)
-            for each in apertures
+            ApertureSamples(aperture.weights @ aperture.points, None, aperture.vergence)
+            for aperture in apertures
         ]
         return np.asarray(np.conj(self.kernels(centres, fx, inverse_depth)))
 
@@ -459,12 +448,11 @@ class _Plane:
         self, aperture: ApertureSamples, fx: float, inverse_depth: float, weights: Float
     ) -> NDArray[Any]:
         """The sum over the points a of weight exp(i fx (1/z - k) a . frequency)."""
-        x, y = (
-            1j * fx * (inverse_depth - aperture.vergence) * aperture.points.T[..., None]
-        )
-        return np.asarray(
-            (weights[:, None] * np.exp(y * self.rows)).T @ np.exp(x * self.columns)
-        )
+        shift = fx * (inverse_depth - aperture.vergence)
+        x, y = 1j * shift * aperture.points.T[..., None]
+        # The exponential factors into rows and columns: a product of matrices sums over the points.
+        by_row = weights[:, None] * np.exp(y * self.rows)
+        return np.asarray(by_row.T @ np.exp(x * self.columns))
 
 
 def _best_texture(kernels: NDArray[Any], spectra: NDArray[Any]) -> NDArray[Any]:

@@ -29,9 +29,10 @@ def consistent(left: Disparity, right: Disparity, tolerance: float) -> Disparity
     known = np.isfinite(left)
     partner = np.rint(np.arange(width) - np.where(known, left, 0.0)).astype(np.int64)
     inside = known & (partner >= 0) & (partner < width)
-    other = right[np.arange(height)[:, None], np.clip(partner, 0, width - 1)]
-    agree = inside & np.isfinite(other)
-    agree[agree] = np.abs(left[agree] - other[agree]) <= tolerance
+    rows, columns = np.arange(height)[:, None], np.clip(partner, 0, width - 1)
+    at_partner = right[rows, columns]
+    agree = inside & np.isfinite(at_partner)
+    agree[agree] = np.abs(left[agree] - at_partner[agree]) <= tolerance
     return _kept(left, agree)
 
 
@@ -56,20 +57,22 @@ def textured(disparity: Disparity, image: Image, side: int, least: float) -> Dis
 
 def without_speckles(disparity: Disparity, size: int, difference: float) -> Disparity:
     """Set patches of fewer than `size` pixels to +inf; in a patch, neighbours (4) differ by at most `difference`."""
-    place = np.arange(disparity.size).reshape(disparity.shape)
-    edges = []
-    for one, other in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
+    # Patches are the connected components of a graph of pixels, with edges between similar neighbours.
+    pixel = np.arange(disparity.size).reshape(disparity.shape)
+    across, down = (np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])
+    starts, ends = [], []
+    for before, after in (across, down):
         with np.errstate(invalid="ignore"):  # two unknown pixels: inf - inf
-            near = np.abs(disparity[one] - disparity[other]) <= difference
-        edges.append((place[one][near], place[other][near]))
-    ends = [np.concatenate(part) for part in zip(*edges, strict=True)]
+            similar = np.abs(disparity[before] - disparity[after]) <= difference
+        starts.append(pixel[before][similar])
+        ends.append(pixel[after][similar])
+    edges = np.concatenate(starts), np.concatenate(ends)
     graph = sparse.coo_array(
-        (np.ones(len(ends[0]), bool), tuple(ends)), shape=(disparity.size,) * 2
+        (np.ones(len(edges[0]), bool), edges), shape=(disparity.size,) * 2
     )
-    labels = sparse.csgraph.connected_components(graph, directed=False)[1].reshape(
-        disparity.shape
-    )
-    return _kept(disparity, np.bincount(labels.ravel())[labels] >= size)
+    _, labels = sparse.csgraph.connected_components(graph, directed=False)
+    sizes = np.bincount(labels)[labels].reshape(disparity.shape)
+    return _kept(disparity, sizes >= size)
 
 
 def median(disparity: Disparity, side: int) -> Disparity:
@@ -79,6 +82,7 @@ def median(disparity: Disparity, side: int) -> Disparity:
     windows = np.lib.stride_tricks.sliding_window_view(padded, (side, side))
     result = np.full(disparity.shape, UNKNOWN, np.float32)
     for y in range(len(disparity)):
+        # Sorted, unknown pixels (+inf) come last, so the median of the known ones is at half their number.
         row = np.sort(windows[y].reshape(disparity.shape[1], -1), axis=1)
         middle = (np.isfinite(row).sum(axis=1) - 1) // 2
         result[y] = row[np.arange(len(row)), np.maximum(middle, 0)]
@@ -97,16 +101,16 @@ def filled(disparity: Disparity) -> Disparity:
     rows_known = np.flatnonzero(np.isfinite(disparity).any(axis=1))
     if not len(rows_known):
         return disparity.copy()
-    result = np.minimum(
-        carried_right(disparity), carried_right(disparity[:, ::-1])[:, ::-1]
-    )
-    nearest = rows_known[
-        np.abs(np.arange(len(result))[:, None] - rows_known).argmin(axis=1)
-    ]
+    from_left = carried_right(disparity)
+    from_right = carried_right(disparity[:, ::-1])[:, ::-1]
+    result = np.minimum(from_left, from_right)
+    distances = np.abs(np.arange(len(result))[:, None] - rows_known)
+    nearest = rows_known[distances.argmin(axis=1)]
     return np.asarray(result[nearest])
 
 
 def carried_right(disparity: NDArray[Any]) -> NDArray[Any]:
     """Each unknown pixel (+inf) takes the nearest known one to its left in the row, if there is one."""
+    # The running maximum of the known columns is the nearest one to the left.
     columns = np.where(np.isfinite(disparity), np.arange(disparity.shape[1]), 0)
     return np.take_along_axis(disparity, np.maximum.accumulate(columns, axis=1), axis=1)

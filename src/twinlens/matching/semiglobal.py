@@ -6,7 +6,7 @@ volume of H W D numbers is stored, with 8 bits each where they suffice and 16 el
 """
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,18 +43,20 @@ class Penalties:
         cls, parts: tuple[float, float], full: float, whole: bool
     ) -> tuple[float, "Penalties"]:
         """(gain, penalties) for costs that reach `full`, P1 and P2 as parts of it; whole costs that fit have gain 1."""
+        # A path's cost is at most C + P2: the costs are scaled such that this stays below PATH_TOP.
         top = int(PATH_TOP / (1.0 + parts[1])) - 1
-        gain, top = (1.0, int(full)) if whole and full <= top else (top / full, top)
+        if whole and full <= top:
+            gain, top = 1.0, int(full)
+        else:
+            gain = top / full
         return gain, cls(round(parts[0] * top), round(parts[1] * top), top)
 
     @property
     def dtype(self) -> type[np.unsignedinteger[Any]]:
         """The dtype that holds a path's cost plus P1, and the detours of four paths, at most P2 each."""
-        return (
-            np.uint8
-            if self.top + self.large + self.small < 256 and 4 * self.large < 256
-            else np.uint16
-        )
+        path_fits = self.top + self.large + self.small < 256
+        detours_fit = 4 * self.large < 256
+        return np.uint8 if path_fits and detours_fit else np.uint16
 
 
 def quantised(
@@ -69,7 +71,8 @@ def quantised(
     Costs of single pixels are computed in each sweep, which takes less time than reading them from memory; those of
     windows are stored.
     """
-    box, costs = boxes[0], box_sums(boxes, gain, offset + 0.5, penalties.dtype)
+    box = boxes[0]
+    costs = box_sums(boxes, gain, offset + 0.5, penalties.dtype)  # truncation rounds
     outside = np.zeros((1, box.shape[1], box.depth), penalties.dtype)
     blank(outside, box.low, box.count, penalties.top)
 
@@ -77,11 +80,9 @@ def quantised(
         part = costs(y0, y1)
         return np.maximum(part, outside, out=part)
 
-    return (
-        rows
-        if box.side == 1
-        else stored((*box.shape, box.depth), penalties, rows, box.rows, threads)
-    )
+    if box.side == 1:
+        return rows
+    return stored((*box.shape, box.depth), penalties, rows, box.rows, threads)
 
 
 def stored(
@@ -127,22 +128,13 @@ class Sweeps:
         height, width, _ = self.shape
         winners = Winners.empty((height, width), rivals)
         kept = np.empty(self.shape, self.penalties.dtype)
-        runs, middle = (
-            [self._run(turned, kept, winners, on_row) for turned in (False, True)],
-            height // 2,
-        )
-        for finish in (False, True):
-            spans = (
-                ((middle, height), (0, middle))
-                if finish
-                else ((0, middle), (middle, height))
-            )
-            with ThreadPoolExecutor(min(threads, 2)) as pool:
-                for done in [
-                    pool.submit(run, *span, finish)
-                    for run, span in zip(runs, spans, strict=True)
-                ]:
-                    done.result()
+        down = self._run(False, kept, winners, on_row)
+        up = self._run(True, kept, winners, on_row)
+        upper, lower = (0, height // 2), (height // 2, height)
+        with ThreadPoolExecutor(min(threads, 2)) as pool:
+            # In the first half of its rows a sweep stores what the other one adds in its second half.
+            _wait(pool.submit(down, *upper, False), pool.submit(up, *lower, False))
+            _wait(pool.submit(down, *lower, True), pool.submit(up, *upper, True))
         return winners
 
     def _run(
@@ -157,26 +149,22 @@ class Sweeps:
 
         height, width, depth = self.shape
         dtype = self.penalties.dtype
+        # A path begins with costs of 0. Between the slots lie numbers that stay too large when P1 is added.
         slots = np.zeros((slot_count(height, width), depth + GUARD), dtype)
         slots[:, :GUARD] = np.iinfo(dtype).max - self.penalties.small
         flat = np.append(slots.ravel(), slots[0, :GUARD])
         minima, sums = np.zeros(len(slots), dtype), np.zeros(width * depth, np.uint16)
         penalties = dtype(self.penalties.small), dtype(self.penalties.large)
-        kernel, ends, bars = (
-            sweep_kernel(self.paths == 8),
-            limits(np.uint16),
-            fence(np.uint16, self.count),
-        )
-        rows = (
-            1
-            if on_row
-            else max(1, STRIP_BYTES // (width * depth * np.dtype(dtype).itemsize))
-        )
+        kernel = sweep_kernel(self.paths == 8)
+        ends, bars = limits(np.uint16), fence(np.uint16, self.count)
+        row_bytes = width * depth * np.dtype(dtype).itemsize
+        rows = 1 if on_row else max(1, STRIP_BYTES // row_bytes)
 
         def run(first: int, last: int, finish: bool) -> None:
             tops = range(first, last, rows)
             for y0 in reversed(tops) if turned else tops:
                 y1 = min(y0 + rows, last)
+                # The kernel counts rows in the order of the sweep.
                 span = height - y1 if turned else y0, y1 - y0, *self.shape
                 volumes = self.costs(y0, y1).reshape(-1), kept[y0:y1].reshape(-1)
                 state = flat, minima, span, penalties, turned, finish, sums
@@ -194,3 +182,8 @@ class Sweeps:
                     on_row(y0, sums.reshape(width, depth))
 
         return run
+
+
+def _wait(*futures: Future[None]) -> None:
+    for future in futures:
+        future.result()

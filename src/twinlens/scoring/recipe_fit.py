@@ -4,11 +4,13 @@ Light: with light E and tone curve G(E), at the mean of the two grey levels, a `
 
     right - left = E G'(E) (ln gain + a x + b y - c r^2) + G'(E) black level
 
-A robust fit over pixels gives the five values of a pair; docs/realism.md says what follows from them.
+A robust fit over pixels gives the five values of a pair. docs/realism.md says how their distribution is chosen.
 
-Noise: full well, dark current and radiance scale over q, read noise and DSNU over sqrt(q), and PRNU times sqrt(q)
-multiply the variance of the sensor's noise by q at any light and exposure. Variances add: q = 1 + (n^2 - m^2) / s^2,
-where n is the noise of the given pairs, m that of the dataset, s^2 the growth of m^2 when its sensor's noise is added.
+Noise: the variance of the sensor's noise is multiplied by q, at any light and exposure, if full well, dark current and
+radiance scale are divided by q, read noise and DSNU are divided by sqrt(q), and PRNU is multiplied by sqrt(q). The
+factor is q = 1 + (n^2 - m^2) / s^2. Here n is the standard deviation of the noise of the pairs to be fitted, m that of
+the dataset, and s that of the noise of the dataset's sensor. It is measured by adding this noise to the dataset's
+images once more: m^2 then grows by s^2, because variances of independent noise add.
 """
 
 import json

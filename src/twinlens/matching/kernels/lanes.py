@@ -54,6 +54,7 @@ class LanesModel(models.PrimitiveModel):
 
 
 def _splat(builder: Any, scalar: Any) -> Any:
+    # LLVM's idiom for a broadcast, which it compiles to one instruction.
     undefined = ir.Constant(ir.VectorType(scalar.type, LANES), ir.Undefined)
     first = builder.insert_element(undefined, scalar, INT32(0))
     return builder.shuffle_vector(
@@ -177,6 +178,7 @@ def _arithmetic(name: str) -> Any:
 def _extreme(name: str, comparison: str) -> Any:
     def generate(builder: Any, lanes: Any, a: Any, b: Any) -> Any:
         if lanes.is_float:
+            # No lane is NaN; a compare and a select become one minimum or maximum instruction.
             return builder.select(builder.fcmp_ordered(comparison, a, b), a, b)
         sign = "s" if lanes.dtype.signed else "u"
         return _call(builder, f"llvm.{sign}{name}.{lanes.suffix}", a.type, [a, b])
@@ -206,7 +208,7 @@ def mask_outside(_typing: Any, value: Any, start: Any, stop: Any, fill: Any) -> 
     """mask_outside(value, start, stop, fill): the lanes start <= i < stop; the scalar `fill` in all others."""
 
     def generate(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
-        bound = ir.IntType(16)
+        bound = ir.IntType(16)  # the lanes of the comparison; their numbers fit
         lanes = ir.Constant(ir.VectorType(bound, LANES), list(range(LANES)))
         start, stop = (_splat(builder, builder.trunc(arg, bound)) for arg in args[1:3])
         inside = builder.and_(
@@ -247,6 +249,7 @@ def first_at_most(_typing: Any, value: Any, bound: Any) -> Any:
             else builder.icmp_unsigned
         )
         compare = builder.fcmp_ordered if value.is_float else whole
+        # One bit for each lane; the number of trailing zeros is the first lane.
         mask = ir.IntType(LANES)
         bits = builder.bitcast(compare("<=", args[0], _splat(builder, args[1])), mask)
         return builder.zext(

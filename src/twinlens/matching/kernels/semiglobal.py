@@ -27,6 +27,8 @@ def step(slots, at, before, cost, penalty, least, jump):
     The detour, at most P2, is min(L', L'(d - 1) + P1, L'(d + 1) + P1, min L' + P2) - min L'. `before` holds L'(d - 1).
     Returns the detour, the lowest of the new costs, and `before` of the next LANES slots.
     """
+    # Neighbouring disparities are neighbouring numbers of the slot, so L'(d + 1) is an unaligned load; L'(d - 1) was
+    # loaded before the previous step overwrote it.
     near = min(load(slots, at + 1), before) + splat(penalty)
     detour = min(min(load(slots, at), near), splat(jump)) - splat(least)
     following = load(slots, at + LANES - 1)
@@ -62,16 +64,21 @@ def sweep_kernel(diagonals: bool) -> Callable[..., None]:
         paths = splat(np.uint16(8 if diagonals else 4))
         pitch = depth + GUARD
         for i in range(rows):
+            # y: the row in the order of the sweep; r: its place in the arrays.
             y, r = first + i, rows - 1 - i if turned else i
+            # The horizontal path starts anew in each row: without a previous pixel its cost is C alone.
             minima[0] = 0
             for j in range(GUARD, GUARD + depth):
                 slots[j] = 0
             for x in range(width):
                 u = width - 1 - x if turned else x
                 at = (r * width + u) * depth
+                # A diagonal has one slot for all its pixels: x - y is constant along one direction, x + y along the
+                # other. Slots: 0 of the row, then of the columns, then of both kinds of diagonals.
                 right, left = width + height + x - y, 1 + 2 * width + height + x + y
                 row, column = GUARD, GUARD + (1 + x) * pitch
                 falling, rising = GUARD + right * pitch, GUARD + left * pitch
+                # min L' of the four paths, and min L' + P2, above which no path's cost can jump.
                 m0, m1, m2, m3 = minima[0], minima[1 + x], minima[right], minima[left]
                 j0, j1, j2, j3 = (
                     dtype(m0 + large),
@@ -80,6 +87,7 @@ def sweep_kernel(diagonals: bool) -> Callable[..., None]:
                     dtype(m3 + large),
                 )
                 new0 = new1 = new2 = new3 = top
+                # Before the first chunk, L'(d - 1) is a guard number, which is too large to come from.
                 low0, low1 = load(slots, row - 1), load(slots, column - 1)
                 low2 = low3 = like
                 if diagonals:
@@ -104,6 +112,7 @@ def sweep_kernel(diagonals: bool) -> Callable[..., None]:
                         )
                         new3, total = min(new3, least), total + extra
                     if finish:
+                        # L = C + detour on every path, so the sum is that of all detours, and C once for each path.
                         both = convert(total, sums) + convert(
                             load(kept, at + chunk), sums
                         )

@@ -102,6 +102,7 @@ def slide_kernel(term: str, scoring: str, volumes: bool) -> Callable[..., None]:
         statistics_stride = right_stride - side + 1
         zero = convert(splat(0), columns)
         area = convert(splat(side * side), statistics[0])
+        # The first side - 1 rows only fill the sums of columns: the first window is complete at y = 0.
         for y in range(1 - side, rows):
             new, old = top + y + side - 1, top + max(y - 1, 0)
             new_left, old_left = new * left_stride, old * left_stride
@@ -109,6 +110,7 @@ def slide_kernel(term: str, scoring: str, volumes: bool) -> Callable[..., None]:
                 new * right_stride + right_start,
                 old * right_stride + right_start,
             )
+            # Candidates outside, pixels inside: the window's sum of LANES candidates stays in registers along the row.
             for chunk in range(0, depth, LANES):
                 base, total = chunk * (padded + side), zero
                 for x in range(padded):
@@ -119,6 +121,7 @@ def slide_kernel(term: str, scoring: str, volumes: bool) -> Callable[..., None]:
                     if side == 1:
                         total = column
                     else:
+                        # The sum of the column gains the row below, and loses the row above from the second on.
                         column = load(columns, enters) + column
                         if y > 0:
                             gone = pixel_term(
@@ -131,6 +134,7 @@ def slide_kernel(term: str, scoring: str, volumes: bool) -> Callable[..., None]:
                             )
                             column = column - gone
                         store(columns, enters, column)
+                        # The columns before the first are zeros, so that the first windows need no case of their own.
                         total = total + (column - load(columns, leaves))
                     u = x - side + 1
                     if y < 0 or u < 0:

@@ -32,7 +32,7 @@ def best_quarters(volume, step, top, sizes, size, scale, out):
             for j in range(depth):
                 low, high = min(a[j], b[j]), max(a[j], b[j])
                 low2, high2 = min(c[j], d[j]), max(c[j], d[j])
-                # The lowest two: the least of all, and the least of the three others.
+                # The lowest two of four: the least of all, and the least of the three others.
                 here[j] = scale * (
                     centre[j] + min(low, low2) + min(max(low, low2), min(high, high2))
                 )
@@ -54,6 +54,7 @@ def cross_arms(image, contrast, length, arms):
                     image[v, first + shift : last + shift],
                 )
                 reach = arms[side, y, first:last]
+                # An arm grows by a step only if it has reached all pixels before.
                 for x in range(last - first):
                     similar = abs(here[x] - there[x]) <= contrast
                     reach[x] = step if similar and reach[x] == step - 1 else reach[x]
@@ -85,6 +86,7 @@ def cross_means(volume, arms, top, out):
             a, b, c, total = prefix[first], prefix[last], volume[y, x], above[x]
             for j in range(depth):
                 c[j] = total[j] + (b[j] - a[j])
+    # The sum over the rows of the vertical arm is the difference of two of them.
     for y in range(top, top + len(out)):
         for x in range(width):
             first, last = y - arms[2, y, x], y + arms[3, y, x]
@@ -115,6 +117,7 @@ def adaptive_weights(volume, left, right, start, nearness, similar, radius, top,
         total[:] = 0.0
         for i in range(max(-radius, -y), min(radius, rows - 1 - y) + 1):
             for k in range(-radius, radius + 1):
+                # The weights of the right pixels at this offset, once for all candidates of the row.
                 for q in range(columns):
                     # The image is reversed: the neighbour k pixels to the right is at q - k.
                     neighbour = min(max(q - k, 0), columns - 1)

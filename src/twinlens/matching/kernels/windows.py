@@ -24,6 +24,7 @@ def window_statistics(image, side, mode, totals, scales):
     sums, squares = np.zeros(padded, totals.dtype), np.zeros(padded, totals.dtype)
     roots = np.zeros(columns, totals.dtype)
     for y in range(1 - side, rows):
+        # Sums over the columns of the window: the row that enters is added, the one that leaves subtracted.
         new = image[y + side - 1]
         for x in range(padded):
             a = kind(new[x])
@@ -37,6 +38,7 @@ def window_statistics(image, side, mode, totals, scales):
                 squares[x] -= a * a
         if y < 0:
             continue
+        # Sums over the window: along the row, in the same way.
         total, square = kind(0), kind(0)
         for x in range(side - 1):
             total += sums[x]
@@ -49,6 +51,7 @@ def window_statistics(image, side, mode, totals, scales):
             total -= sums[x]
             square -= squares[x]
         for x in range(columns):
+            # n S2 - S^2 is n^2 times the variance; as a difference of whole numbers it is exact.
             spread = np.float64(
                 area * roots[x] - row[x] * row[x] if mode == DEVIATIONS else roots[x]
             )
@@ -62,11 +65,11 @@ def zero_flat_scales(image, side, zeros_only, scales):
 
     Sums of floats do not identify these windows: their rounding errors exceed the variance of a faint texture.
     """
-    same = np.zeros(
-        image.shape[1], np.int64
-    )  # for how many rows each column has held its value
+    # For how many rows each column has held its value.
+    same = np.zeros(image.shape[1], np.int64)
     for y in range(len(image)):
         row, above = image[y], image[max(y - 1, 0)]
+        # length: how many columns in a row have held one value, the same, for at least `side` rows.
         length = 0
         for x in range(len(row)):
             same[x] = same[x] + 1 if row[x] == above[x] else 1
@@ -89,6 +92,7 @@ def census_words(padded, side, first, last, words):
     for y in range(height):
         centre, word = padded[y + radius, radius : radius + width], words[y]
         for bit in range(first, last):
+            # Places of the window in reading order, without its centre.
             place = bit + (bit >= side * side // 2)
             column = place % side
             neighbour = padded[y + place // side, column : column + width]

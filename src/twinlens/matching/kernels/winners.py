@@ -1,4 +1,4 @@
-"""Winner-take-all over the costs of a row of pixels, with a sub-pixel fit."""
+"""Winner-take-all over the costs of a row of pixels, with a sub-pixel fit, and the counts of near candidates."""
 
 import numpy as np
 
@@ -25,6 +25,7 @@ def fitted(fit, before, here, after):
     """
     a, c, b = np.float64(before), np.float64(here), np.float64(after)
     bend = 2.0 * (max(a, b) - c) if fit == V_FIT else 2.0 * (a - 2.0 * c + b)
+    # Of three equal costs there is no minimum between the candidates. Both selects are branch-free.
     bends = fit != NO_FIT and bend > 0.0
     ratio = (a - b) / (bend if bends else 1.0)
     return ratio if bends else 0.0
@@ -56,11 +57,13 @@ def winners_of_row(costs, depth, low, count, fit, limits, best, rivals, disparit
     slack, top = limits
     width = len(disparity)
     for x in range(width):
+        # The partner x - low - j is in the image for j from start to stop.
         start, stop = max(0, x - low - width + 1), min(count, x - low + 1)
         if start >= stop:
             continue
         at = x * depth
         if start > 0 or stop < count:
+            # Only chunks that contain candidates without a partner are rewritten.
             for chunk in range(0, depth, LANES):
                 if start > chunk or stop < chunk + LANES:
                     first, last = (
@@ -72,16 +75,19 @@ def winners_of_row(costs, depth, low, count, fit, limits, best, rivals, disparit
                         at + chunk,
                         mask_outside(load(costs, at + chunk), first, last, top),
                     )
+        # The lowest cost: first the minimum over chunks in each lane, then over the lanes.
         lanes = load(costs, at)
         for chunk in range(LANES, depth, LANES):
             lanes = min(lanes, load(costs, at + chunk))
         least = lowest(lanes)
         bound = least + slack
+        # The first candidate within the slack, of which the smallest disparity wins.
         chunk = 0
         while lowest(load(costs, at + chunk)) > bound:
             chunk += LANES
         k = chunk + first_at_most(load(costs, at + chunk), bound)
         offset = 0.0
+        # At an end of the pixel's range one of the neighbours that the fit needs is missing.
         if start < k and k < stop - 1:
             offset = fitted(fit, costs[at + k - 1], costs[at + k], costs[at + k + 1])
         disparity[x] = low + k + offset
@@ -108,3 +114,29 @@ def winners_of_rows(volume, depth, low, count, fit, limits, best, rivals, dispar
             rivals[kept],
             disparity[y],
         )
+
+
+@jit
+def near_counts(costs, steps, out):
+    """out (W,) = the number of pairs (candidate, step) with cost <= lowest cost of the pixel + step.
+
+    costs (W, D), steps ascending, from 0: float32, and so are the sums. A candidate of cost +inf counts at every
+    step.
+    """
+    width, depth = costs.shape
+    bounds = np.zeros(len(steps), np.float32)
+    for x in range(width):
+        here = costs[x]
+        least = np.float32(np.inf)
+        for j in range(depth):
+            least = min(least, here[j])
+        for i in range(len(steps)):
+            bounds[i] = least + steps[i]
+        total = 0
+        for j in range(depth):
+            first = 0
+            if here[j] != np.inf:
+                while first < len(steps) and here[j] > bounds[first]:
+                    first += 1
+            total += len(steps) - first
+        out[x] = total
