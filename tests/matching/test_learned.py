@@ -85,7 +85,7 @@ def test_a_step_of_training_and_the_onnx_file(tmp_path, benchmark_path):
     for one, other in zip(net.parameters(), again.parameters(), strict=True):
         assert torch.equal(one, other)
     network.export(net, tmp_path / "net.onnx")
-    found = tm.external.descriptors(str(tmp_path / "net.onnx"), left[:51, :73])
+    found = tm.networks.descriptors(str(tmp_path / "net.onnx"), left[:51, :73])
     with torch.no_grad():
         expected = net(torch.from_numpy(left[None, None, :51, :73]).float() / 255)[0]
     np.testing.assert_allclose(found, np.moveaxis(expected.numpy(), 0, 2), atol=1e-5)
