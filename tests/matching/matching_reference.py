@@ -174,3 +174,93 @@ def naive_fit(volume, winners, kind):
                     else 0
                 )
     return result
+
+
+def assert_minimal(volume, disparity, low, atol=1e-4, rtol=0.0):
+    """The disparity is a candidate of least cost wherever there is a candidate, and unknown elsewhere."""
+    least = volume.min(axis=-1)
+    known = np.isfinite(least)
+    np.testing.assert_array_equal(np.isfinite(disparity), known)
+    index = np.where(known, disparity - low, 0).astype(int)
+    chosen = np.take_along_axis(volume, index[..., None], -1)[..., 0]
+    np.testing.assert_allclose(chosen[known], least[known], atol=atol, rtol=rtol)
+
+
+def first_minimum(volume, low):
+    """The smallest disparity of least cost; +inf where there is no candidate."""
+    return np.where(np.isfinite(volume.min(-1)), volume.argmin(-1) + low, np.inf)
+
+
+def window(y, x, radius):
+    return np.s_[
+        max(0, y - radius) : y + radius + 1, max(0, x - radius) : x + radius + 1
+    ]
+
+
+def naive_shiftable(volume, radius):
+    """The best window that contains the pixel."""
+    best = np.empty_like(volume)
+    for y, x in np.ndindex(volume.shape[:2]):
+        best[y, x] = volume[window(y, x, radius)].min(axis=(0, 1))
+    return best
+
+
+def naive_arms(image, y, x, radius, contrast=20):
+    """How far left, right, up and down the pixel's cross reaches."""
+    result = []
+    for dy, dx in ((0, -1), (0, 1), (-1, 0), (1, 0)):
+        reach = 0
+        while reach < radius:
+            v, u = y + dy * (reach + 1), x + dx * (reach + 1)
+            inside = 0 <= v < image.shape[0] and 0 <= u < image.shape[1]
+            if not inside or abs(float(image[v, u]) - image[y, x]) > contrast:
+                break
+            reach += 1
+        result.append(reach)
+    return result
+
+
+def naive_cross(costs, left, radius):
+    """The mean over the horizontal arms of the pixels on the vertical arm."""
+    volume = np.empty_like(costs)
+    for y, x in np.ndindex(costs.shape[:2]):
+        _, _, up, down = naive_arms(left, y, x, radius)
+        region = []
+        for v in range(y - up, y + down + 1):
+            before, after, _, _ = naive_arms(left, v, x, radius)
+            region += [costs[v, u] for u in range(x - before, x + after + 1)]
+        volume[y, x] = np.mean(region, axis=0)
+    return volume
+
+
+def naive_weighted(costs, left, right, low, radius):
+    """The mean weighted by similarity and proximity in both windows, with both gammas 12."""
+    left, right = left.astype(float), right.astype(float)
+    height, width = left.shape
+    volume = np.empty_like(costs)
+    for y, x, i in np.ndindex(costs.shape):
+        u = int(np.clip(x - low - i, 0, width - 1))
+        top = bottom = 0.0
+        for v in range(max(0, y - radius), min(height, y + radius + 1)):
+            for h in range(max(-radius, -x), min(radius, width - 1 - x) + 1):
+                ours = abs(left[y, x] - left[v, x + h])
+                theirs = abs(right[y, u] - right[v, int(np.clip(u + h, 0, width - 1))])
+                weight = np.exp(-2 * np.hypot(v - y, h) / 12 - (ours + theirs) / 12)
+                top, bottom = top + weight * costs[v, x + h, i], bottom + weight
+        volume[y, x, i] = top / bottom
+    return volume
+
+
+def naive_guided(costs, left, radius):
+    """The guided filter of a grey guide, with epsilon 1e-4."""
+
+    def mean(values):
+        out = np.empty_like(values)
+        for y, x in np.ndindex(values.shape[:2]):
+            out[y, x] = values[window(y, x, radius)].mean(axis=(0, 1))
+        return out
+
+    guide = left[:, :, None] / 255
+    covariance = mean(costs * guide) - mean(guide) * mean(costs)
+    slope = covariance / (mean(guide**2) - mean(guide) ** 2 + 1e-4)
+    return mean(slope) * guide + mean(mean(costs) - slope * mean(guide))

@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 
 import twinlens.matching as tm
-from tests.matching.matching_reference import WINDOW_COSTS, pixel_difference
+from tests.matching.matching_reference import (
+    WINDOW_COSTS,
+    assert_minimal,
+    first_minimum,
+    naive_cross,
+    naive_guided,
+    naive_shiftable,
+    naive_weighted,
+    pixel_difference,
+)
 from twinlens.errors import InputError
 from twinlens.matching.costs import COSTS
 from twinlens.matching.supports import SUPPORTS
@@ -75,22 +84,12 @@ def without_partners(volume):
     return volume
 
 
-def around(y, x, radius):
-    return np.s_[
-        max(0, y - radius) : y + radius + 1, max(0, x - radius) : x + radius + 1
-    ]
-
-
 def fixed(cost, _left, _right, _growth):
     return volume_of(cost, SIDE)
 
 
 def shiftable(cost, _left, _right, _growth):
-    volume = without_partners(volume_of(cost, SIDE))
-    best = np.empty_like(volume)
-    for y, x in np.ndindex(SHAPE):
-        best[y, x] = volume[around(y, x, RADIUS)].min(axis=(0, 1))
-    return best
+    return naive_shiftable(without_partners(volume_of(cost, SIDE)), RADIUS)
 
 
 def adaptive(cost, left, _right, growth):
@@ -125,65 +124,16 @@ def adaptive(cost, left, _right, growth):
     return volume
 
 
-def arms(image, y, x):
-    """How far left, right, up and down the pixel's cross reaches."""
-    result = []
-    for dy, dx in ((0, -1), (0, 1), (-1, 0), (1, 0)):
-        reach = 0
-        while reach < RADIUS:
-            v, u = y + dy * (reach + 1), x + dx * (reach + 1)
-            if (
-                not (0 <= v < SHAPE[0] and 0 <= u < SHAPE[1])
-                or abs(image[v, u] - image[y, x]) > 20
-            ):
-                break
-            reach += 1
-        result.append(reach)
-    return result
-
-
 def cross(cost, left, _right, _growth):
-    costs = volume_of(cost, 1)
-    volume = np.empty_like(costs)
-    for y, x in np.ndindex(SHAPE):
-        _, _, up, down = arms(left, y, x)
-        region = []
-        for v in range(y - up, y + down + 1):
-            before, after, _, _ = arms(left, v, x)
-            region += [costs[v, u] for u in range(x - before, x + after + 1)]
-        volume[y, x] = np.mean(region, axis=0)
-    return volume
+    return naive_cross(volume_of(cost, 1), left, RADIUS)
 
 
 def weighted(cost, left, right, _growth):
-    costs, (height, width) = volume_of(cost, 1), SHAPE
-    volume = np.empty_like(costs)
-    for y, x, i in np.ndindex(costs.shape):
-        u = int(np.clip(x - LOW - i, 0, width - 1))
-        top = bottom = 0.0
-        for v in range(max(0, y - RADIUS), min(height, y + RADIUS + 1)):
-            for h in range(max(-RADIUS, -x), min(RADIUS, width - 1 - x) + 1):
-                ours = abs(left[y, x] - left[v, x + h])
-                theirs = abs(right[y, u] - right[v, int(np.clip(u + h, 0, width - 1))])
-                weight = np.exp(-2 * np.hypot(v - y, h) / 12 - (ours + theirs) / 12)
-                top, bottom = top + weight * costs[v, x + h, i], bottom + weight
-        volume[y, x, i] = top / bottom
-    return volume
-
-
-def box_mean(values):
-    out = np.empty_like(values)
-    for y, x in np.ndindex(values.shape[:2]):
-        out[y, x] = values[around(y, x, RADIUS)].mean(axis=(0, 1))
-    return out
+    return naive_weighted(volume_of(cost, 1), left, right, LOW, RADIUS)
 
 
 def guided(cost, left, _right, _growth):
-    costs, guide = volume_of(cost, 1), left[:, :, None] / 255
-    slope = (box_mean(costs * guide) - box_mean(guide) * box_mean(costs)) / (
-        box_mean(guide**2) - box_mean(guide) ** 2 + 1e-4
-    )
-    return box_mean(slope) * guide + box_mean(box_mean(costs) - slope * box_mean(guide))
+    return naive_guided(volume_of(cost, 1), left, RADIUS)
 
 
 REFERENCES = {
@@ -235,16 +185,9 @@ def test_every_measure_with_every_support_equals_plain_loops(name, support, dtyp
     volume = without_partners(volume)
     disparity = found(dtype, name, support)
     least = volume.min(axis=-1)
-    np.testing.assert_array_equal(np.isfinite(disparity), np.isfinite(least))
-    index = np.where(np.isfinite(disparity), disparity - LOW, 0).astype(int)
-    chosen = np.take_along_axis(volume, index[..., None], -1)[..., 0]
-    known = np.isfinite(least)
-    scale = 1.0 if growth(name) == 0 else float(np.abs(least[known]).max())
-    np.testing.assert_allclose(chosen[known], least[known], atol=1e-6 * scale)
-    if (
-        dtype != "float32"
-        and name in ("sad", "ssd", "census", "rank")
-        and support in ("fixed", "shiftable")
-    ):
-        expected = np.where(known, volume.argmin(-1) + LOW, np.inf)
-        np.testing.assert_array_equal(disparity, expected)
+    largest = float(np.abs(least[np.isfinite(least)]).max())
+    scale = 1.0 if growth(name) == 0 else largest
+    assert_minimal(volume, disparity, LOW, atol=1e-6 * scale)
+    whole_costs = name in ("sad", "ssd", "census", "rank") and dtype != "float32"
+    if whole_costs and support in ("fixed", "shiftable"):
+        np.testing.assert_array_equal(disparity, first_minimum(volume, LOW))

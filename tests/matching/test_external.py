@@ -273,19 +273,6 @@ with open(sys.argv[3], "wb") as file:
     np.testing.assert_array_equal(found, wanted)
 
 
-@pytest.mark.parametrize(
-    ("command", "message"),
-    [
-        ("prog {left} {right}", "{out}"),
-        ("'prog {left} {right} {out}", "cannot be read"),
-        ("", "{left}"),
-    ],
-)
-def test_a_command_without_its_placeholders_is_refused(command, message):
-    with pytest.raises(InputError, match=message):
-        tm.Program(command)
-
-
 def test_a_missing_program_is_named():
     with pytest.raises(InputError, match="'no-such-program' cannot be started"):
         tm.Program("no-such-program {left} {right} {out}").match(*scene())

@@ -277,16 +277,6 @@ def test_files_that_are_no_models_are_named(tmp_path):
         tm.match(COLOUR, COLOUR, f"onnx:model={tmp_path / 'none.onnx'}")
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [("", "name an .onnx file"), ("model=net.pt", "name an .onnx file"), ("model=n.onnx,scale=0", "above 0"),
-     ("model=n.onnx,sign=2", "use 1, or -1"), ("model=n.onnx,multiple=0", ">= 1")],
-)  # fmt: skip
-def test_wrong_options_are_refused_before_anything_runs(options, message):
-    with pytest.raises(InputError, match=message):
-        tm.parse_method(f"onnx:{options}")
-
-
 def test_without_onnxruntime_the_extra_is_named(tmp_path, monkeypatch):
     text = difference(tmp_path / "net.onnx")
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
