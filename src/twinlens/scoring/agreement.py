@@ -115,46 +115,31 @@ def agreement(
     """
     if resamples < 1:
         raise InputError(f"resamples is {resamples}: expected 1 or more")
-    boards = [
-        board if isinstance(board, Board) else read_board(board)
-        for board in (board_a, board_b)
-    ]
-    names = [
-        board.title if isinstance(board, Board) else str(board)
-        for board in (board_a, board_b)
-    ]
-    for name, board in zip(names, boards, strict=True):
-        if not board.entries:
-            raise InputError(
-                f"{name}: has no entries; run `twinlens benchmark` into it"
-            )
-    shared = [name for name in boards[0].protocols if name in boards[1].protocols]
-    if protocol is None and not shared:
-        has = "; ".join(", ".join(board.protocols) for board in boards)
-        raise InputError(f"the boards share no protocol: {has}")
-    protocol = shared[0] if protocol is None else protocol
-    for board in boards:
+    boards = [_titled(board_a), _titled(board_b)]
+    protocol = _shared_protocol(boards) if protocol is None else protocol
+    for _, board in boards:
         _, chosen = board.rules(protocol, region, metric, "both boards")
-    methods = tuple(name for name in boards[0].methods if name in boards[1].methods)
-    if len(methods) < 3:
-        count = f"{len(methods)} method" + "s" * (len(methods) != 1)
-        raise InputError(
-            f"the boards share {count}: a comparison of rankings needs 3 or more"
-        )
+    methods = _shared_methods(boards)
     ranks = []
-    for name, board in zip(names, boards, strict=True):
-        with located(name):
+    for title, board in boards:
+        with located(title):
             ranks.append(sample_ranks(board, methods, protocol, region, chosen.name))
-    (a, b), (mean_a, mean_b) = ranks, map(_mean, ranks)
-    rng, tau, rho = generator(seed), scipy.stats.kendalltau, scipy.stats.spearmanr
+    a, b = ranks
+    mean_a, mean_b = _mean(a), _mean(b)
+    rng = generator(seed)
     varies = max(len(a), len(b)) >= LEAST_SCENES
     drawn = [
-        [_resampled(a, rng), _resampled(b, rng)]
+        (_resampled(a, rng), _resampled(b, rng))
         for _ in range(resamples if varies else 0)
     ]
+
+    def interval(correlation: Callable[..., Any]) -> CorrelationInterval:
+        values = [_correlation(correlation, *means) for means in drawn]
+        return _interval(_correlation(correlation, mean_a, mean_b), values)
+
     moves = [
-        Move(m, float(x), float(y))
-        for m, x, y in zip(methods, mean_a, mean_b, strict=True)
+        Move(method, float(rank_a), float(rank_b))
+        for method, rank_a, rank_b in zip(methods, mean_a, mean_b, strict=True)
     ]
     return Agreement(
         protocol,
@@ -164,18 +149,41 @@ def agreement(
         sum(map(len, b)),
         len(a),
         len(b),
-        _interval(
-            _correlation(tau, mean_a, mean_b),
-            [_correlation(tau, x, y) for x, y in drawn],
-        ),
-        _interval(
-            _correlation(rho, mean_a, mean_b),
-            [_correlation(rho, x, y) for x, y in drawn],
-        ),
+        interval(scipy.stats.kendalltau),
+        interval(scipy.stats.spearmanr),
         _reliability(a, resamples, rng),
         _reliability(b, resamples, rng),
         tuple(sorted(moves, key=lambda move: -abs(move.rank_a - move.rank_b))),
     )
+
+
+def _titled(board: Board | str | os.PathLike[str]) -> tuple[str, Board]:
+    """(title or path, board). Raises InputError for an empty board."""
+    title = board.title if isinstance(board, Board) else str(board)
+    loaded = board if isinstance(board, Board) else read_board(board)
+    if not loaded.entries:
+        raise InputError(f"{title}: has no entries; run `twinlens benchmark` into it")
+    return title, loaded
+
+
+def _shared_protocol(boards: Sequence[tuple[str, Board]]) -> str:
+    (_, board_a), (_, board_b) = boards
+    for name in board_a.protocols:
+        if name in board_b.protocols:
+            return name
+    listed = "; ".join(", ".join(board.protocols) for _, board in boards)
+    raise InputError(f"the boards share no protocol: {listed}")
+
+
+def _shared_methods(boards: Sequence[tuple[str, Board]]) -> tuple[str, ...]:
+    (_, board_a), (_, board_b) = boards
+    methods = tuple(name for name in board_a.methods if name in board_b.methods)
+    if len(methods) < 3:
+        count = f"{len(methods)} method" + "s" * (len(methods) != 1)
+        raise InputError(
+            f"the boards share {count}: a comparison of rankings needs 3 or more"
+        )
+    return methods
 
 
 def sample_ranks(
@@ -192,21 +200,20 @@ def sample_ranks(
     for sample in board.samples:
         row = [entries.get((sample, method)) for method in methods]
         present = [entry for entry in row if entry is not None]
-        if len(present) == len(methods) and any(
-            entry.evaluated(region) for entry in present
-        ):
-            scenes.setdefault(board.scene(sample), []).append(
-                [sign * e.value(region, metric) for e in present]
-            )
+        complete = len(present) == len(methods)
+        if complete and any(entry.evaluated(region) for entry in present):
+            values = [sign * entry.value(region, metric) for entry in present]
+            scenes.setdefault(board.scene(sample), []).append(values)
     if not scenes:
         raise InputError(
             f"no sample has scores of all {len(methods)} shared methods in {region!r}"
         )
-    values = map(np.asarray, scenes.values())
-    return [
-        scipy.stats.rankdata(np.where(np.isnan(rows), np.inf, rows), axis=1)
-        for rows in values
-    ]
+    ranks = []
+    for rows in scenes.values():
+        # A failed method has no value: as +inf it shares the last rank with other failed ones.
+        scores = np.where(np.isnan(rows), np.inf, rows)
+        ranks.append(scipy.stats.rankdata(scores, axis=1))
+    return ranks
 
 
 def _mean(scenes: Iterable[Ranks]) -> Ranks:
@@ -217,12 +224,9 @@ def _mean(scenes: Iterable[Ranks]) -> Ranks:
 def _resampled(scenes: Sequence[Ranks], rng: np.random.Generator) -> Ranks:
     """Mean ranks of as many scenes, drawn with replacement; of the scenes themselves if they are too few."""
     count = len(scenes)
-    return _mean(
-        scenes[i]
-        for i in (
-            rng.integers(count, size=count) if count >= LEAST_SCENES else range(count)
-        )
-    )
+    if count < LEAST_SCENES:
+        return _mean(scenes)
+    return _mean(scenes[i] for i in rng.integers(count, size=count))
 
 
 def _reliability(
@@ -230,28 +234,26 @@ def _reliability(
 ) -> CorrelationInterval:
     if len(scenes) < LEAST_SCENES:
         return CorrelationInterval(math.nan, math.nan, math.nan)
-    halves = (np.array_split(rng.permutation(len(scenes)), 2) for _ in range(splits))
-    pairs = ([_mean(scenes[i] for i in half) for half in both] for both in halves)
-    taus = [_correlation(scipy.stats.kendalltau, *pair) for pair in pairs]
-    return _interval(
-        float(np.nanmean(taus)) if not np.isnan(taus).all() else math.nan, taus
-    )
+    taus = []
+    for _ in range(splits):
+        first, second = np.array_split(rng.permutation(len(scenes)), 2)
+        means = _mean(scenes[i] for i in first), _mean(scenes[i] for i in second)
+        taus.append(_correlation(scipy.stats.kendalltau, *means))
+    mean = math.nan if np.isnan(taus).all() else float(np.nanmean(taus))
+    return _interval(mean, taus)
 
 
 def _interval(value: float, values: Sequence[float]) -> CorrelationInterval:
     if np.isnan(values).all():
         return CorrelationInterval(value, math.nan, math.nan)
     tail = 50.0 * (1.0 - LEVEL)
-    low, high = np.nanpercentile(
-        values, (tail, 100.0 - tail)
-    )  # without resamples in which all mean ranks are equal
+    # Resamples in which all mean ranks are equal have no correlation and are left out.
+    low, high = np.nanpercentile(values, (tail, 100.0 - tail))
     return CorrelationInterval(value, float(low), float(high))
 
 
 def _correlation(function: Callable[[Ranks, Ranks], Any], x: Ranks, y: Ranks) -> float:
     x, y = np.round(x, 9), np.round(y, 9)  # tied mean ranks may differ in the last bit
-    return (
-        math.nan
-        if np.ptp(x) == 0 or np.ptp(y) == 0
-        else float(function(x, y).statistic)
-    )
+    if np.ptp(x) == 0 or np.ptp(y) == 0:
+        return math.nan
+    return float(function(x, y).statistic)

@@ -3,7 +3,6 @@
 docs/benchmark.md lists the names and formats of maps, and what is refused. A zip is never unpacked to disk.
 """
 
-import contextlib
 import hashlib
 import os
 import re
@@ -24,19 +23,17 @@ from twinlens.dataset import read_pfm, write_pfm
 from twinlens.dataset.codecs.pfm import decode_disparity
 from twinlens.errors import FileError, InputError, OutputError
 
-SCALES = (
-    1,
-    2,
-    4,
-)  # ratios of the truth's size to a map's; the protocol decides which of them it accepts
-MAX_FILES, _COMPRESSIONS = 100_000, (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-SLACK_BYTES = 65536  # of a file beyond four bytes a pixel: headers, and chunks of an incompressible PNG
-PNG_SIZE, PNG_KIND = (
-    slice(16, 24),
-    slice(24, 26),
-)  # of its header (ISO 15948, IHDR); the kind: bit depth, colour type
+SCALES = (1, 2, 4)
+"""Ratios of the truth's size to a map's; the protocol decides which of them it accepts."""
+MAX_FILES = 100_000
+_COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+SLACK_BYTES = 65536
+"""Of a file beyond four bytes a pixel: headers, and chunks of an incompressible PNG."""
+PNG_SIZE, PNG_KIND = slice(16, 24), slice(24, 26)
+"""Places in the header of a PNG (ISO 15948, IHDR): width and height; bit depth and colour type."""
 GREY_16 = b"\x10\x00"
-Samples = Mapping[str, Sequence[str]]  # name -> aliases
+Samples = Mapping[str, Sequence[str]]
+"""Name of each sample -> its aliases."""
 
 
 class MapFolder:
@@ -93,37 +90,27 @@ class Submission:
     @cached_property
     def files(self) -> Mapping[str, int]:
         """Every file that is not hidden: relative name with slashes -> size in bytes."""
-        sizes = (
-            _folder_files(self.path)
-            if self.path.is_dir()
-            else _zip_files(self.path, self._archive.infolist())
-        )
+        is_folder = self.path.is_dir()
+        sizes = _folder_files(self.path) if is_folder else self._zip_files()
+        visible = {name: size for name, size in sizes.items() if not _is_hidden(name)}
         spellings: dict[str, str] = {}
-        for name in list(sizes):
-            if any(
-                part.startswith(".") or part == "__MACOSX" for part in name.split("/")
-            ):
-                del sizes[name]
-            elif (
-                other := spellings.setdefault(
-                    unicodedata.normalize("NFC", name).casefold(), name
-                )
-            ) != name:
+        for name in visible:
+            spelling = unicodedata.normalize("NFC", name).casefold()
+            first = spellings.setdefault(spelling, name)
+            if first != name:
                 raise FileError(
-                    f"{self.path}: {other} and {name} are the same name on some systems; remove one"
+                    f"{self.path}: {first} and {name} are the same name on some systems; remove one"
                 )
-        return sizes
+        return visible
 
     @cached_property
     def spec(self) -> str:
         """SHA-256 of the maps' names and contents (for a zip, of its checksums)."""
         digest = hashlib.sha256()
-        for name in sorted(
-            name for name in self.files if name.endswith((".pfm", ".png"))
-        ):
-            digest.update(
-                f"{name} {self.files[name]}\n".encode("utf-8", "surrogatepass")
-            )
+        maps = sorted(name for name in self.files if name.endswith((".pfm", ".png")))
+        for name in maps:
+            line = f"{name} {self.files[name]}\n"
+            digest.update(line.encode("utf-8", "surrogatepass"))
             if self.path.is_dir():
                 with (self.path / name).open("rb") as file:
                     digest.update(hashlib.file_digest(file, "sha256").digest())
@@ -162,17 +149,17 @@ class Submission:
         return confidence
 
     def _decoded(self, name: str, shape: tuple[int, ...]) -> NDArray[np.float32]:
-        where = (
-            f"{self.path}: {name}" if not self.path.is_dir() else str(self.path / name)
-        )
+        where = f"{self.path}: {name}"
+        if self.path.is_dir():
+            where = str(self.path / name)
         data = self._read(name, 4 * shape[0] * shape[1] + SLACK_BYTES, where)
-        if (
-            name.endswith(".png") and len(data) > PNG_SIZE.stop
-        ):  # a small file may decode to a very large image
-            _check_size(struct.unpack(">II", data[PNG_SIZE])[::-1], shape, where)
-        disp = decode_disparity(data, where)
-        _check_size(disp.shape, shape, where)
-        return disp
+        if name.endswith(".png") and len(data) > PNG_SIZE.stop:
+            # Checked before decoding: a small file may decode to a very large image.
+            width, height = struct.unpack(">II", data[PNG_SIZE])
+            _check_size((height, width), shape, where)
+        disparity = decode_disparity(data, where)
+        _check_size(disparity.shape, shape, where)
+        return disparity
 
     def missing_files(self, samples: Samples) -> list[str]:
         """Recommended names of the maps that are missing."""
@@ -197,67 +184,57 @@ class Submission:
         """
         maps = {self.find(name, aliases) for name, aliases in samples.items()}
         used = maps | {_confidence_name(name) for name in maps if name}
-        names = {
-            each
-            for name, aliases in samples.items()
-            for each in (name, file_name(name), *aliases)
-        }
-        folders = {name.partition("/")[0] for name in names}
+        stems: set[str] = set()
+        for sample, aliases in samples.items():
+            stems |= {sample, file_name(sample), *aliases}
+        folders = {stem.partition("/")[0] for stem in stems}
         top = "" if self._top_folder.rstrip("/") in folders else self._top_folder
 
         def belongs(name: str) -> bool:
+            lens = re.match(r"[^/]+/lens-\d+(?=[./])", name)
+            if lens is not None:
+                return lens[0] in stems
             folder, slash, _ = name.partition("/")
-            if (lens := re.match(r"[^/]+/lens-\d+(?=[./])", name)) is not None:
-                return lens[0] in names
-            return folder in folders if slash else name.rpartition(".")[0] in names
+            return folder in folders if slash else name.rpartition(".")[0] in stems
 
-        unmatched = (
+        return tuple(
             name
             for name in sorted(self.files.keys() - used)
-            if not belongs(name.removeprefix(top))
+            if not belongs(name.removeprefix(top)) and self._is_map(name)
         )
-        return tuple(name for name in unmatched if self._is_map(name))
 
     def _is_map(self, name: str) -> bool:
         """Whether the file is a PFM, or a 16-bit grey PNG by its header."""
         if not name.endswith(".png"):
             return name.endswith(".pfm")
-        with (
-            contextlib.suppress(Exception),
-            self._open(name) as file,
-        ):  # a damaged file is not a map
-            return file.read(PNG_KIND.stop)[PNG_KIND] == GREY_16
-        return False
+        try:
+            with self._open(name) as file:
+                return file.read(PNG_KIND.stop)[PNG_KIND] == GREY_16
+        except Exception:  # zipfile and zlib raise many types for damaged data
+            return False
 
     def find(self, sample: str, aliases: Sequence[str] = ()) -> str | None:
         """The file name of the sample's map, the first that exists; None if there is none."""
-        tops = dict.fromkeys(("", self._top_folder))
-        for stem in dict.fromkeys(
-            f"{top}{name}"
-            for name in (sample, file_name(sample), *aliases)
-            for top in tops
-        ):
-            for name in (
-                f"{stem}.pfm",
-                f"{stem}.png",
-                f"{stem}/disp0.pfm",
-                f"{stem}/disp0.png",
-            ):
-                if name in self.files:
-                    return name
-            inside = [
-                name
-                for name in self.files
-                if re.fullmatch(rf"{re.escape(stem)}/[^/]+(?<!-confidence)\.pfm", name)
-            ]
-            first_lens = [
-                name
-                for name in inside
-                if not re.search(r"/lens-0*[1-9]\d*\.pfm$", name)
-            ]
-            if len(first_lens) == 1:
-                return first_lens[0]
+        for name in (sample, file_name(sample), *aliases):
+            for top in ("", self._top_folder):
+                file = self._map_of_stem(top + name)
+                if file is not None:
+                    return file
         return None
+
+    def _map_of_stem(self, stem: str) -> str | None:
+        """The map <stem>.* or <stem>/disp0.*, or else the only PFM file of the folder <stem>."""
+        for ending in (".pfm", ".png", "/disp0.pfm", "/disp0.png"):
+            if stem + ending in self.files:
+                return stem + ending
+        inside = rf"{re.escape(stem)}/[^/]+(?<!-confidence)\.pfm"
+        of_later_lens = r"/lens-0*[1-9]\d*\.pfm$"
+        maps = [
+            name
+            for name in self.files
+            if re.fullmatch(inside, name) and not re.search(of_later_lens, name)
+        ]
+        return maps[0] if len(maps) == 1 else None
 
     @cached_property
     def _top_folder(self) -> str:
@@ -277,12 +254,38 @@ class Submission:
                 f"{self.path}: neither a folder nor a readable zip ({error})"
             ) from None
 
+    def _zip_files(self) -> dict[str, int]:
+        members = self._archive.infolist()
+        sizes: dict[str, int] = {}
+        if len(members) > MAX_FILES:
+            raise FileError(
+                f"{self.path}: contains {len(members)} files, more than {MAX_FILES}"
+            )
+        for member in members:
+            name = member.filename
+            if _leaves_folder(name):
+                raise FileError(
+                    f"{self.path}: contains {name!r}, a name that leaves the archive"
+                )
+            if stat.S_ISLNK(member.external_attr >> 16):
+                raise FileError(f"{self.path}: {name} is a link")
+            if member.flag_bits & 1:
+                raise FileError(f"{self.path}: {name} is encrypted")
+            if member.compress_type not in _COMPRESSIONS:
+                # zipfile decompresses these members whole, even if fewer bytes are requested.
+                raise FileError(
+                    f"{self.path}: {name} uses a compression other than deflate"
+                )
+            if name in sizes:
+                raise FileError(f"{self.path}: {name} occurs twice")
+            if not member.is_dir():
+                sizes[name] = member.file_size
+        return sizes
+
     def _open(self, name: str) -> IO[bytes]:
-        return (
-            (self.path / name).open("rb")
-            if self.path.is_dir()
-            else self._archive.open(name)
-        )
+        if self.path.is_dir():
+            return (self.path / name).open("rb")
+        return self._archive.open(name)
 
     def _read(self, name: str, limit: int, where: str) -> bytes:
         """The file's bytes; FileError if it states, or has, more than `limit`."""
@@ -305,11 +308,23 @@ def open_submission(
 ) -> Submission:
     """The submission in a folder or .zip; its default name is the folder's, or the file's without .zip."""
     source = Path(path)
-    own = source.absolute().name
-    is_zip = own.lower().endswith(".zip") and not source.is_dir()
-    return Submission(
-        source, name if name is not None else own[: -len(".zip")] if is_zip else own
-    )
+    if name is None:
+        name = source.absolute().name
+        if name.lower().endswith(".zip") and not source.is_dir():
+            name = name[: -len(".zip")]
+    return Submission(source, name)
+
+
+def _leaves_folder(name: str) -> bool:
+    """Whether a member of this name would be written outside the folder in which a zip is unpacked."""
+    if name.startswith("/") or "\\" in name or ":" in name:
+        return True
+    return ".." in PurePosixPath(name).parts
+
+
+def _is_hidden(name: str) -> bool:
+    parts = name.split("/")
+    return any(part.startswith(".") or part == "__MACOSX" for part in parts)
 
 
 def _confidence_name(map_name: str) -> str:
@@ -325,45 +340,12 @@ def _check_size(shape: tuple[int, ...], truth: tuple[int, ...], where: str) -> N
 
 def _folder_files(folder: Path) -> dict[str, int]:
     sizes = {}
-    for path in (
-        path
-        for depth in ("*", "*/*", "*/*/*", "*/*/*/*")
-        for path in sorted(folder.glob(depth))
-    ):
-        if path.is_file():
-            if not path.resolve().is_relative_to(folder.resolve()):
+    inside = folder.resolve()
+    for depth in ("*", "*/*", "*/*/*", "*/*/*/*"):
+        for path in sorted(folder.glob(depth)):
+            if not path.is_file():
+                continue
+            if not path.resolve().is_relative_to(inside):
                 raise FileError(f"{path}: is a link that leaves {folder}")
             sizes[path.relative_to(folder).as_posix()] = path.stat().st_size
-    return sizes
-
-
-def _zip_files(path: Path, members: Sequence[zipfile.ZipInfo]) -> dict[str, int]:
-    sizes: dict[str, int] = {}
-    if len(members) > MAX_FILES:
-        raise FileError(f"{path}: contains {len(members)} files, more than {MAX_FILES}")
-    for member in members:
-        name = member.filename
-        if (
-            name.startswith("/")
-            or "\\" in name
-            or ":" in name
-            or ".." in PurePosixPath(name).parts
-        ):
-            raise FileError(
-                f"{path}: contains {name!r}, a name that leaves the archive"
-            )
-        # zipfile decompresses members of other compressions whole, even if fewer bytes are requested.
-        for fault, present in (
-            ("is a link", stat.S_ISLNK(member.external_attr >> 16)),
-            ("is encrypted", member.flag_bits & 1),
-            (
-                "uses a compression other than deflate",
-                member.compress_type not in _COMPRESSIONS,
-            ),
-            ("occurs twice", name in sizes),
-        ):
-            if present:
-                raise FileError(f"{path}: {name} {fault}")
-        if not member.is_dir():
-            sizes[name] = member.file_size
     return sizes

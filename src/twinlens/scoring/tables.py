@@ -43,13 +43,12 @@ def standings(
     _, metric = board.rules(protocol, region, sort)
     means = [board.mean(name, protocol, region, weights) for name in board.methods]
     sign = 1.0 if metric.lower_is_better else -1.0
-    return sorted(
-        means,
-        key=lambda mean: (
-            math.isnan(mean.metrics[metric.name]),
-            sign * mean.metrics[metric.name],
-        ),
-    )
+
+    def order(mean: Mean) -> tuple[bool, float]:
+        value = mean.metrics[metric.name]
+        return math.isnan(value), sign * value
+
+    return sorted(means, key=order)
 
 
 def has_confidence(board: Board, protocol: str) -> bool:
@@ -71,7 +70,7 @@ def caption(
         "region": f"{region}: {text}",
         "mean": f"{over}; none if a method failed or was not run on a sample",
     }
-    order = (
+    order = [
         "protocol",
         "region",
         "denominator",
@@ -79,7 +78,7 @@ def caption(
         "clip",
         "resolution",
         "mean",
-    )
+    ]
     return "\n".join(f"{name}: {lines[name]}" for name in order)
 
 
@@ -125,39 +124,33 @@ def group_means(
 
 def comparison_table(board: Board, protocol: str, region: str, groups: Groups) -> Table:
     """The protocol's headline metric, one column per group of samples, the first group's best method first."""
-    (rules, metric), values = (
-        board.rules(protocol, region),
-        group_means(board, protocol, region, groups),
-    )
-    title = escape(
-        f"{board.title} · {rules.title} · {region} · {metric.name} [{metric.unit}]"
-    )
-    table = Table(title=title, title_justify="left")
+    rules, metric = board.rules(protocol, region)
+    columns = list(group_means(board, protocol, region, groups).values())
+    title = f"{board.title} · {rules.title} · {region} · {metric.name} [{metric.unit}]"
+    table = Table(title=escape(title), title_justify="left")
     table.add_column("method", no_wrap=True)
     for name in groups:
         table.add_column(name, justify="right")
-    for method in next(iter(values.values())):
-        cells = [
-            Text(
-                metric.show(column[method]),
-                style="bold" if method == next(iter(column)) else "",
-            )
-            for column in values.values()
-        ]
+    for method in columns[0]:
+        cells = []
+        for means in columns:
+            best = next(iter(means))
+            style = "bold" if method == best else ""
+            cells.append(Text(metric.show(means[method]), style=style))
         table.add_row(Text(method), *cells)
     return table
 
 
 def failures(board: Board, methods: Collection[str] | None = None) -> list[str]:
     """One line per kind of failure of each of these methods, None for all: the first sample, its message, the count."""
-    found: dict[tuple[str, str], dict[str, str]] = {}
-    for e in board.entries:
-        if e.failure is not None and (methods is None or e.method in methods):
-            found.setdefault((e.method, e.failure.kind), {}).setdefault(
-                e.sample, e.failure.message
-            )
+    kinds: dict[tuple[str, str], dict[str, str]] = {}
+    for entry in board.entries:
+        wanted = methods is None or entry.method in methods
+        if entry.failure is not None and wanted:
+            messages = kinds.setdefault((entry.method, entry.failure.kind), {})
+            messages.setdefault(entry.sample, entry.failure.message)
     lines = []
-    for (method, kind), samples in found.items():
+    for (method, kind), samples in kinds.items():
         first, message = next(iter(samples.items()))
         more = f" and {len(samples) - 1} more" if len(samples) > 1 else ""
         lines.append(f"{method} on {first}{more}: {kind} ({message})")
@@ -166,53 +159,38 @@ def failures(board: Board, methods: Collection[str] | None = None) -> list[str]:
 
 def board_csv(board: Board) -> str:
     """Every entry and region as a CSV row, in full precision; formulas of spreadsheets get a leading apostrophe."""
-    metrics = tuple(
-        dict.fromkeys(name for p in board.protocols for name in PROTOCOLS[p].metrics)
-    )
-    counts = ("image", "evaluated", "estimated")
-    head = (
-        "method",
-        "sample",
-        "protocol",
-        "region",
-        "status",
-        "reason",
-        "image_pixels",
-        *counts[1:],
-    )
+    names = [name for rules in board.protocols for name in PROTOCOLS[rules].metrics]
+    metrics = tuple(dict.fromkeys(names))
+    times = [f"{name}_{find_metric(name).unit.split('/')[0]}" for name in TIMES]
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(
-        [
-            *head,
-            *metrics,
-            *(f"{name}_{find_metric(name).unit.split('/')[0]}" for name in TIMES),
-        ]
-    )
+    writer.writerow([*_CSV_COLUMNS, *metrics, *times])
     for entry in board.entries:
-        failure = (
-            ["ok", ""]
-            if entry.failure is None
-            else [entry.failure.kind, entry.failure.message]
-        )
+        status = ["ok", ""]
+        if entry.failure is not None:
+            status = [entry.failure.kind, entry.failure.message]
         for region in entry.regions or ("",):
-            text = [entry.method, entry.sample, entry.protocol, region, *failure]
-            scores = entry.regions.get(region)
-            numbers = [entry.value(region, name) for name in (*metrics, *TIMES)]
-            writer.writerow(
-                [
-                    *(
-                        f"'{each}" if each.startswith(_FORMULA_STARTS) else each
-                        for each in text
-                    ),
-                    *(
-                        "" if scores is None else getattr(scores, name)
-                        for name in counts
-                    ),
-                    *("" if math.isnan(number) else repr(number) for number in numbers),
-                ]
-            )
+            text = [entry.method, entry.sample, entry.protocol, region, *status]
+            counts = ["", "", ""]
+            if region in entry.regions:
+                scores = entry.regions[region]
+                sizes = scores.image, scores.evaluated, scores.estimated
+                counts = [str(size) for size in sizes]
+            values = [entry.value(region, name) for name in (*metrics, *TIMES)]
+            numbers = ["" if math.isnan(value) else repr(value) for value in values]
+            writer.writerow([*map(_csv_text, text), *counts, *numbers])
     return out.getvalue()
+
+
+_CSV_COLUMNS = (
+    *("method", "sample", "protocol", "region", "status", "reason"),
+    *("image_pixels", "evaluated", "estimated"),
+)
+
+
+def _csv_text(text: str) -> str:
+    """A spreadsheet would run a text that begins like a formula."""
+    return f"'{text}" if text.startswith(_FORMULA_STARTS) else text
 
 
 def board_latex(
@@ -220,24 +198,24 @@ def board_latex(
 ) -> str:
     """The leaderboard as a LaTeX table (package booktabs), the best value of each column in bold."""
     metrics, rows = _ranked(board, protocol, region, **ranking)
-    head = " & ".join(
-        ["Method", *(_latex(f"{metric.name} [{metric.unit}]") for metric in metrics)]
-    )
+    titles = [_latex(f"{metric.name} [{metric.unit}]") for metric in metrics]
+    head = " & ".join(["Method", *titles])
+    text = caption(board, protocol, region, ranking.get("weights"))
+    sentences = _latex(". ".join(text.splitlines()))
     lines = [
         r"\begin{table}",
         r"\centering",
-        rf"\caption{{{_latex('. '.join(caption(board, protocol, region, ranking.get('weights')).splitlines()))}.}}",
+        rf"\caption{{{sentences}.}}",
         rf"\begin{{tabular}}{{l{'r' * len(metrics)}}}",
         r"\toprule",
         rf"{head} \\",
         r"\midrule",
     ]
     for mean, cells in rows:
-        shown = [
-            (text.replace("–", "--").replace("∞", r"$\infty$"), best)
-            for text, best in cells
-        ]
-        values = [rf"\textbf{{{text}}}" if best else text for text, best in shown]
+        values = []
+        for value, best in cells:
+            shown = value.replace("–", "--").replace("∞", r"$\infty$")
+            values.append(rf"\textbf{{{shown}}}" if best else shown)
         lines.append(" & ".join([_latex(mean.method), *values]) + r" \\")
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", r"\end{table}"]) + "\n"
 
@@ -254,16 +232,18 @@ def _ranked(
     rules = PROTOCOLS[protocol]
     areas = rules.auc_metrics if has_confidence(board, protocol) else ()
     names = (*rules.columns, *areas, "time") if columns is None else columns
-    metrics, cells = [board.rules(protocol, region, name)[1] for name in names], []
+    metrics = [board.rules(protocol, region, name)[1] for name in names]
+    columns_of_cells = []
     for metric in metrics:
         values = [mean.metrics[metric.name] for mean in means]
-        best = (min if metric.lower_is_better else max)(
-            (v for v in values if not math.isnan(v)), default=math.nan
+        known = [value for value in values if not math.isnan(value)]
+        best_of = min if metric.lower_is_better else max
+        best = best_of(known, default=math.nan)
+        columns_of_cells.append(
+            [(metric.show(value), value == best) for value in values]
         )
-        cells.append([(metric.show(value), value == best) for value in values])
-    return metrics, [
-        (mean, [column[k] for column in cells]) for k, mean in enumerate(means)
-    ]
+    rows = [[cells[k] for cells in columns_of_cells] for k in range(len(means))]
+    return metrics, list(zip(means, rows, strict=True))
 
 
 _TEXT = {
