@@ -301,7 +301,7 @@ def test_matchers_output_does_not_mix_with_json(
     twinlens, dataset, tmp_path, monkeypatch
 ):
     monkeypatch.setattr(
-        "twinlens.matching.matcher.StereoMatcher._match",
+        "twinlens.matching.matcher.StereoMatcher.compute",
         lambda self, left, right: print("hello"),
     )
     code, out, err = twinlens(
