@@ -39,7 +39,7 @@ from twinlens.scoring import (
     Entry,
     Groups,
     Pair,
-    Sample,
+    ScoredSample,
 )
 from twinlens.scoring.evaluate import RegionScores
 from twinlens.scoring.metrics import TIMES
@@ -74,7 +74,7 @@ _SCRIPTS = ("core.js", "table.js", "maps.js", "costs.js", "why.js", "drill.js")
 def write_page(
     path: str | os.PathLike[str],
     board: Board,
-    samples: Iterable[Sample] = (),
+    samples: Iterable[ScoredSample] = (),
     maps: Maps | None = None,
     **options: Any,
 ) -> Path:
@@ -86,7 +86,7 @@ def write_page(
 
 def page_html(
     board: Board,
-    samples: Iterable[Sample] = (),
+    samples: Iterable[ScoredSample] = (),
     maps: Maps | None = None,
     *,
     weights: Mapping[str, float] | None = None,
@@ -135,7 +135,7 @@ def _file(name: str) -> str:
 
 def _all_pictures(
     board: Board,
-    samples: Iterable[Sample],
+    samples: Iterable[ScoredSample],
     maps: Maps | None,
     max_width: int,
     budget_bytes: int,

@@ -25,7 +25,7 @@ from twinlens.scoring.regions import REGIONS as REGIONS, region_masks as region_
 from twinlens.scoring.samples import (
     DatasetPairs as DatasetPairs,
     Pair as Pair,
-    Sample as Sample,
+    ScoredSample as ScoredSample,
     load_pair as load_pair,
     motorcycle as motorcycle,
     open_pairs as open_pairs,

@@ -22,7 +22,7 @@ from twinlens.scoring.runners import (
     MethodError,
     Runner,
 )
-from twinlens.scoring.samples import Pair, Sample, fingerprint, load_pair
+from twinlens.scoring.samples import Pair, ScoredSample, fingerprint, load_pair
 from twinlens.scoring.submission import Submission
 
 
@@ -39,7 +39,7 @@ class Step:
 
 
 def run_benchmark(
-    samples: Iterable[Sample],
+    samples: Iterable[ScoredSample],
     methods: Sequence[Method | Submission | str],
     *,
     protocol: str | Sequence[str] = "middlebury-v3",
@@ -61,7 +61,7 @@ def run_benchmark(
     Parameters
     ----------
     samples
-        A `Dataset`, or other objects as `samples.Sample` describes; each is held in memory only while it is scored.
+        A `Dataset`, or other objects like `samples.ScoredSample`. A sample is in memory only while it is scored.
     methods
         Texts such as "zncc:block_size=15", as for `matching.parse_methods`, objects as `runners.Method` describes, or
         `Submission`s, with unique names. Their `spec`, or else their name, must change whenever results may change.

@@ -1,7 +1,7 @@
 """The leaderboard as data: one `Entry` for each method, sample and protocol, and means over samples."""
 
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from twinlens.errors import InputError, check_known
@@ -80,11 +80,9 @@ class Entry:
         """One metric or time of this entry; NaN if it is missing."""
         if metric in TIMES:
             return self.times()[metric]
-        return (
-            self.regions[region].get(metric, math.nan)
-            if region in self.regions
-            else math.nan
-        )
+        if region not in self.regions:
+            return math.nan
+        return self.regions[region].get(metric, math.nan)
 
 
 @dataclass(frozen=True)
@@ -155,17 +153,11 @@ class Board:
 
         Raises InputError if the board has no such protocol or region, or the protocol no such metric.
         """
-        for kind, name, known in (
-            ("protocol", protocol, self.protocols),
-            ("region", region, self.regions),
-        ):
-            check_known(f"{kind} on {where}", name, known)
+        check_known(f"protocol on {where}", protocol, self.protocols)
+        check_known(f"region on {where}", region, self.regions)
         rules = PROTOCOLS[protocol]
-        chosen, measured = (
-            find_metric(metric or rules.headline),
-            (*rules.metrics, *TIMES),
-        )
-        check_known("metric", chosen.name, measured)
+        chosen = find_metric(metric or rules.headline)
+        check_known("metric", chosen.name, (*rules.metrics, *TIMES))
         return rules, chosen
 
     def scene(self, sample: str) -> str:
@@ -174,21 +166,15 @@ class Board:
 
     def find(self, method: str, sample: str, protocol: str) -> Entry | None:
         """The entry with that key, or None."""
-        return next(
-            (
-                entry
-                for entry in self.entries
-                if entry.key == (method, sample, protocol)
-            ),
-            None,
-        )
+        for entry in self.entries:
+            if entry.key == (method, sample, protocol):
+                return entry
+        return None
 
     def check_sample(self, name: str, sha256: str) -> None:
         """Raise InputError if this board's entries of the sample have another fingerprint (`samples.fingerprint`)."""
-        if any(
-            entry.sample == name and entry.sample_sha256 != sha256
-            for entry in self.entries
-        ):
+        hashes = {entry.sample_sha256 for entry in self.entries if entry.sample == name}
+        if hashes - {sha256}:
             what = f"sample {name!r} is not the one that the board scores: its images, truth or search range differ"
             raise InputError(f"{what}; use the board's dataset, or another board")
 
@@ -218,39 +204,44 @@ class Board:
 
         Raises InputError for a weight of an unknown sample, or a negative weight.
         """
+        weights = weights or {}
         samples = self.samples if weights else ()
-        for name, weight in (weights or {}).items():
+        for name, weight in weights.items():
             check_known("sample", name, samples)
             if not (math.isfinite(weight) and weight >= 0):
                 raise InputError(
                     f"the weight of {name!r} is {weight}: expected a finite number >= 0"
                 )
-        entries = [e for e in self.entries if e.protocol == protocol]
-        mine = [e for e in entries if e.method == method]
-        failed = tuple(e.sample for e in mine if not e.ok)
-        scored = [e for e in mine if e.evaluated(region)]
-        succeeded = {e.sample for e in entries if e.ok}
-        expected = _unique(
-            e.sample
-            for e in entries
-            if e.evaluated(region) or e.sample not in succeeded
-        )
-        covered = {*failed, *(e.sample for e in scored)}
+        entries = [entry for entry in self.entries if entry.protocol == protocol]
+        of_method = [entry for entry in entries if entry.method == method]
+        scored = [entry for entry in of_method if entry.evaluated(region)]
+        failed = tuple(entry.sample for entry in of_method if not entry.ok)
+        covered = {*failed, *(entry.sample for entry in scored)}
+        expected = _expected_samples(entries, region)
         missing = tuple(name for name in expected if name not in covered)
-        names = (*PROTOCOLS[protocol].metrics, *TIMES)
+        metrics = (*PROTOCOLS[protocol].metrics, *TIMES)
         if failed or missing:
-            return Mean(
-                method, dict.fromkeys(names, math.nan), len(scored), failed, missing
-            )
-        factors = [(e, (weights or {}).get(e.sample, 1.0)) for e in scored]
-        counted = [(e, weight) for e, weight in factors if weight > 0]
+            unknown = dict.fromkeys(metrics, math.nan)
+            return Mean(method, unknown, len(scored), failed, missing)
+        weighted = [(entry, weights.get(entry.sample, 1.0)) for entry in scored]
+        # A value may be infinite or NaN, which a weight of 0 would not remove from the sum.
+        counted = [(entry, weight) for entry, weight in weighted if weight > 0]
         total = math.fsum(weight for _, weight in counted) or math.nan
-        means = {
-            name: math.fsum(e.value(region, name) * weight for e, weight in counted)
-            / total
-            for name in names
-        }
+        means = {}
+        for name in metrics:
+            terms = [entry.value(region, name) * weight for entry, weight in counted]
+            means[name] = math.fsum(terms) / total
         return Mean(method, means, len(scored), ())
+
+
+def _expected_samples(entries: Sequence[Entry], region: str) -> tuple[str, ...]:
+    """The samples that a mean covers: with pixels in the region, or on which no method has a score."""
+    succeeded = {entry.sample for entry in entries if entry.ok}
+    return _unique(
+        entry.sample
+        for entry in entries
+        if entry.evaluated(region) or entry.sample not in succeeded
+    )
 
 
 def _unique(names: Iterable[str]) -> tuple[str, ...]:

@@ -26,9 +26,8 @@ from twinlens.scoring.sparsification import DENSITIES
 FORMAT, VERSION = "twinlens-board", 1
 UNSCORED = "unscored"  # key that `twinlens score --json` adds: maps that match no sample; `read_board` ignores it
 MAX_BYTES = 256 * 2**20
-WRITE_EVERY_S = (
-    2.0  # at least: the time of a write is proportional to the number of entries
-)
+WRITE_EVERY_S = 2.0
+"""At least: the time of a write is proportional to the number of entries."""
 MIXED = "entries of several machines or versions"
 
 _COUNT = (Annotated[int, pydantic.Field(ge=0, lt=2**53)], ...)
@@ -36,9 +35,8 @@ _SIZE = (Annotated[int, pydantic.Field(ge=1, lt=2**53)], ...)
 
 
 def _bounded(value: float) -> float:
-    if (
-        1e280 <= value < math.inf
-    ):  # sums over samples, and seconds per 10^9 pixels, would overflow
+    # Sums over samples, and seconds per 10^9 pixels, would overflow.
+    if 1e280 <= value < math.inf:
         raise InputError(f"must be < 1e280, got {value:g}")
     return float(value)
 
@@ -73,11 +71,12 @@ _RegionTable: Any = table_of(
 )  # fmt: skip
 
 
-def _entry(**given: Any) -> Entry:
-    known = PROTOCOLS[given["protocol"]].metrics
-    for metric in (metric for region in given["regions"].values() for metric in region):
-        check_known("metric", metric, known)
-    return Entry(**given)
+def _entry(**fields: Any) -> Entry:
+    metrics = PROTOCOLS[fields["protocol"]].metrics
+    for scores in fields["regions"].values():
+        for metric in scores:
+            check_known("metric", metric, metrics)
+    return Entry(**fields)
 
 
 _EntryTable: Any = table_of(
@@ -204,14 +203,14 @@ def _joined(before: Mapping[str, str], now: Mapping[str, str]) -> dict[str, str]
     """Both descriptions in one. If they differ: all values of each key, separated by "; ", and the key `mixed`."""
     if dict(before) == dict(now):
         return dict(now)
-    names = (name for name in dict.fromkeys([*now, *before]) if name != "mixed")
-    found = {
-        name: [*before.get(name, "unknown").split("; "), now.get(name, "unknown")]
-        for name in names
-    }
-    return {
-        name: "; ".join(dict.fromkeys(values)) for name, values in found.items()
-    } | {"mixed": MIXED}
+    joined = {}
+    for name in dict.fromkeys([*now, *before]):
+        if name == "mixed":
+            continue
+        values = before.get(name, "unknown").split("; ")
+        values.append(now.get(name, "unknown"))
+        joined[name] = "; ".join(dict.fromkeys(values))
+    return joined | {"mixed": MIXED}
 
 
 def _machine() -> dict[str, str]:

@@ -25,14 +25,12 @@ _JUMP_PX, _JUMP_WINDOW = np.nextafter(1.0, 2.0), 7
 _LOW_WINDOW, _WINDOW, _BLOCK = 21, 9, 8
 _FLAT_SD = 3.0
 _MEDIAN_OF_UNIT_NORMAL = 0.6744897501960817  # of the absolute values
-_HUBER = 1.345
-_DB2 = (
-    np.array([-(1 + 3**0.5), 3 + 3**0.5, -(3 - 3**0.5), 1 - 3**0.5]) / 32**0.5
-)  # high-pass filter of the wavelet db2
-_BANDS = {
-    "spectrum_low": (0.02, 0.15),
-    "spectrum_high": (0.2, 0.45),
-}  # of the fitted slopes, cycles per pixel
+_HUBER = 1.345  # 95 % efficiency for normal errors
+_ROOT_3 = 3**0.5
+_DB2 = np.array([-1 - _ROOT_3, 3 + _ROOT_3, -(3 - _ROOT_3), 1 - _ROOT_3]) / 32**0.5
+"""High-pass filter of the wavelet db2."""
+_BANDS = {"spectrum_low": (0.02, 0.15), "spectrum_high": (0.2, 0.45)}
+"""Cycles per pixel over which the slopes are fitted."""
 
 
 @dataclass(frozen=True)
@@ -104,12 +102,17 @@ def pair_statistics(pair: Pair) -> dict[str, float]:
             f"{pair.name}: {width} x {height} pixels; statistics need 32 x 32 or more"
         )
     left, warped, used, hidden = compared(pair)
-    known, (noise, share) = np.isfinite(pair.disp0), appearance(left)
+    known = np.isfinite(pair.disp0)
+    noise, share = appearance(left)
     down, across = np.gradient(left)
+    steps = np.diff(left, axis=1)
     windows = np.lib.stride_tricks.sliding_window_view(left, (_WINDOW, _WINDOW))
-    contrast = np.stack(
-        [row.std(axis=(1, 2)) for row in windows]
-    )  # row by row, to save memory
+    # Row by row, to save memory.
+    contrast = np.stack([row.std(axis=(1, 2)) for row in windows])
+    occluded_share = largest = math.nan
+    if known.any():
+        occluded_share = float(hidden.sum() / known.sum())
+        largest = float(pair.disp0[known].max() / width)
     return {
         **_differences(left, warped, used),
         "noise": math.sqrt(noise),
@@ -118,15 +121,11 @@ def pair_statistics(pair: Pair) -> dict[str, float]:
         "flat": float((contrast < _FLAT_SD).mean()),
         "contrast": float(np.median(contrast)),
         "gradient": float(np.median(np.hypot(down, across))),
-        "kurtosis": float(
-            scipy.stats.kurtosis(np.diff(left, axis=1), axis=None, fisher=False)
-        ),
+        "kurtosis": float(scipy.stats.kurtosis(steps, axis=None, fisher=False)),
         **_spectrum_slopes(left),
         "correlation": _correlation(left, warped, used),
-        "occluded": float(hidden.sum() / known.sum()) if known.any() else math.nan,
-        "largest_disparity": float(pair.disp0[known].max() / width)
-        if known.any()
-        else math.nan,
+        "occluded": occluded_share,
+        "largest_disparity": largest,
         "width": float(width),
     }
 
@@ -142,11 +141,10 @@ def summarize(
     summary = {}
     for name in rows[0] if rows else ():
         values = [row[name] for row in rows if not math.isnan(row[name])]
-        summary[name] = (
-            tuple(np.percentile(values, (50, 10, 90)).tolist())
-            if values
-            else (math.nan,) * 3
-        )
+        summary[name] = (math.nan, math.nan, math.nan)
+        if values:
+            median, low, high = np.percentile(values, (50, 10, 90)).tolist()
+            summary[name] = (median, low, high)
     return summary
 
 
@@ -154,20 +152,17 @@ def compared(pair: Pair) -> tuple[Grey, Grey, NDArray[np.bool_], NDArray[np.bool
     """Grey levels of the left and the warped right image, the pixels to compare, and the occluded ones; (H, W) each."""
     left, warped = grey_levels(pair.im0), warp_right(grey_levels(pair.im1), pair.disp0)
     known = np.isfinite(pair.disp0)
-    hidden = (
-        np.zeros_like(known)
-        if pair.mask0_nonocc is None
-        else known & occluded(pair.mask0_nonocc)
-    )
+    hidden = np.zeros_like(known)
+    if pair.mask0_nonocc is not None:
+        hidden = known & occluded(pair.mask0_nonocc)
     jump = discontinuity(pair.disp0, _JUMP_WINDOW, _JUMP_PX)
     return left, warped, np.isfinite(warped) & ~hidden & ~jump, hidden
 
 
 def appearance(image: Grey) -> tuple[float, float]:
     """Variance of the noise, from wavelets, and share of textureless windows of grey levels (H, W)."""
-    return _wavelet_noise(image) ** 2, float(
-        textureless(np.rint(image).astype(np.uint8)).mean()
-    )
+    share = textureless(np.rint(image).astype(np.uint8)).mean()
+    return _wavelet_noise(image) ** 2, float(share)
 
 
 def grey_levels(image: NDArray[Any]) -> Grey:
@@ -208,10 +203,9 @@ def low_pass(values: Grey, used: NDArray[np.bool_]) -> Grey:
     """21x21 mean of the values of the pixels `used` (H, W), at these pixels; (N,), as `values`."""
     image = np.zeros(used.shape)
     image[used] = values
-    total, weight = (
-        ndimage.uniform_filter(each, _LOW_WINDOW, mode="constant")
-        for each in (image, used * 1.0)
-    )
+    # Outside the image and at other pixels both the values and the weights are 0.
+    total = ndimage.uniform_filter(image, _LOW_WINDOW, mode="constant")
+    weight = ndimage.uniform_filter(used * 1.0, _LOW_WINDOW, mode="constant")
     return np.asarray(total[used] / weight[used])
 
 
@@ -242,12 +236,13 @@ def _wavelet_noise(image: Grey) -> float:
     """Median of the non-zero diagonal detail coefficients over that of a unit normal, as scikit-image has it."""
     details = image
     for axis, size in enumerate(image.shape):
-        padded = np.pad(
-            details, [(3, 3) if a == axis else (0, 0) for a in (0, 1)], mode="symmetric"
-        )
+        margins = [(0, 0), (0, 0)]
+        margins[axis] = (3, 3)
+        padded = np.pad(details, margins, mode="symmetric")
+        # The convolution with the filter, at every second place.
         details = sum(
-            h * padded.take(range(4 - k, size + 6 - k, 2), axis)
-            for k, h in enumerate(_DB2)
+            weight * padded.take(range(4 - k, size + 6 - k, 2), axis)
+            for k, weight in enumerate(_DB2)
         )
     sizes = np.abs(details[details != 0])
     return float(np.median(sizes) / _MEDIAN_OF_UNIT_NORMAL) if sizes.size else 0.0
@@ -259,12 +254,13 @@ def _flat_noise(image: Grey) -> float:
     both = np.stack([image, np.abs(ndimage.convolve(image, kernel, mode="mirror"))])
     windows = np.lib.stride_tricks.sliding_window_view(
         both, (_BLOCK, _BLOCK), axis=(1, 2)
-    )[:, ::_BLOCK, ::_BLOCK]
-    blocks, responses = windows.reshape(2, -1, _BLOCK * _BLOCK)
-    order = np.argsort(blocks.var(axis=1), kind="stable")
-    return float(
-        math.sqrt(math.pi / 2) / 6 * responses[order[: max(len(order) // 5, 1)]].mean()
     )
+    tiles = windows[:, ::_BLOCK, ::_BLOCK]  # blocks that do not overlap
+    blocks, responses = tiles.reshape(2, -1, _BLOCK * _BLOCK)
+    order = np.argsort(blocks.var(axis=1), kind="stable")
+    flattest = order[: max(len(order) // 5, 1)]
+    # For normal noise of s.d. s, the mean of |response| is 6 s sqrt(2 / pi).
+    return float(math.sqrt(math.pi / 2) / 6 * responses[flattest].mean())
 
 
 def _spectrum_slopes(image: Grey) -> dict[str, float]:
@@ -279,13 +275,11 @@ def _spectrum_slopes(image: Grey) -> dict[str, float]:
     frequency = np.arange(len(mean)) * step
     slopes = {}
     for name, (low, high) in _BANDS.items():
-        chosen = (frequency >= low) & (frequency <= high) & (mean > 0)
-        fits = np.count_nonzero(chosen) > 1
-        slopes[name] = (
-            float(np.polyfit(np.log(frequency[chosen]), np.log(mean[chosen]), 1)[0])
-            if fits
-            else math.nan
-        )
+        rings = (frequency >= low) & (frequency <= high) & (mean > 0)
+        slopes[name] = math.nan
+        if np.count_nonzero(rings) > 1:
+            slope, _ = np.polyfit(np.log(frequency[rings]), np.log(mean[rings]), 1)
+            slopes[name] = float(slope)
     return slopes
 
 
@@ -301,8 +295,7 @@ def _correlation(left: Grey, warped: Grey, used: NDArray[np.bool_]) -> float:
     variances = (mean(left**2) - a**2) * (mean(warped**2) - b**2)
     covariance = mean(left * warped) - a * b
     textured = variances > 1e-6
-    return (
-        float(np.median(covariance[textured] / np.sqrt(variances[textured])))
-        if textured.any()
-        else math.nan
-    )
+    if not textured.any():
+        return math.nan
+    correlations = covariance[textured] / np.sqrt(variances[textured])
+    return float(np.median(correlations))

@@ -1,4 +1,4 @@
-"""Samples of a benchmark: the `Sample` interface, a `Pair` in memory, the pairs of a dataset on disk."""
+"""Samples of a benchmark: the `ScoredSample` interface, a `Pair` in memory, the pairs of a dataset on disk."""
 
 import hashlib
 import math
@@ -20,7 +20,7 @@ from twinlens.scoring.board import LENS_SEPARATOR, Board
 from twinlens.scoring.metrics import Disparity, boolean_mask, disparity_map
 
 
-class Sample(Protocol):
+class ScoredSample(Protocol):
     """Any object with these attributes is a sample; each is read once.
 
     im0, im1: uint8 or uint16 (H, W[, 3]), left and right. disp0: float32 (H, W), true disparity of the left view in
@@ -44,7 +44,7 @@ class Sample(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """A sample in memory. See `Sample` for the other arrays.
+    """A sample in memory. See `ScoredSample` for the other arrays.
 
     calibration: for errors in metres. blur0 (pixels), material_kind0: (H, W), for regions. The search covers
     min_disparity to min_disparity + ndisp - 1. aliases: other names of this sample's map in a submission, the
@@ -118,59 +118,53 @@ def motorcycle() -> Pair:
 
     left, right, disparity = stereo_motorcycle()
     # scikit-image documents NaN for unknown pixels, its file has +inf.
-    known = np.where(np.isfinite(disparity), disparity, np.inf).astype(np.float32)
-    cam0, cam1, ndisp = (
-        (994.978, 994.978, 311.193, 254.877),
-        (994.978, 994.978, 342.279, 254.877),
-        70,
-    )
+    truth = np.where(np.isfinite(disparity), disparity, np.inf).astype(np.float32)
+    ndisp = 70
     calibration = Calibration(
-        cam0, cam1, 0.193001, 741, 500, doffs=31.086, ndisp=ndisp, vmin=7.0, vmax=60.0
+        cam0=(994.978, 994.978, 311.193, 254.877),
+        cam1=(994.978, 994.978, 342.279, 254.877),
+        baseline=0.193001,
+        width=741,
+        height=500,
+        doffs=31.086,
+        ndisp=ndisp,
+        vmin=7.0,
+        vmax=60.0,
     )
-    return Pair(
-        "motorcycle", left, right, known, mask_from_one(known), ndisp, calibration
-    )
+    mask = mask_from_one(truth)
+    return Pair("motorcycle", left, right, truth, mask, ndisp, calibration)
 
 
-def load_pair(sample: Sample | StoredSample, lens: int = 0) -> Pair:
+def load_pair(sample: ScoredSample | StoredSample, lens: int = 0) -> Pair:
     """The sample as a `Pair`; optional data that is missing becomes None. lens: index of a lens of a stored sample."""
     if isinstance(sample, Pair):
         return sample
-    images: Any = sample.lens(lens) if isinstance(sample, StoredSample) else sample
-    noise, scene = (
-        getattr(images, "renderer_noise", None),
-        str(getattr(sample, "scene", "")),
-    )
+    images: Any = sample
     if isinstance(sample, StoredSample):
-        blur, kinds = (
-            _optional(lambda: images.blur_circle_px(0)),
-            _optional(lambda: sample.truth0.material_kind),
-        )
+        images = sample.lens(lens)
+        blur = _optional(lambda: images.blur_circle_px(0))
+        kinds = _optional(lambda: sample.truth0.material_kind)
     else:
         blur = _optional(lambda: getattr(sample, "blur0", None))
         kinds = _optional(lambda: getattr(sample, "material_kind0", None))
-    calibration, truth = (
-        _optional(lambda: getattr(sample, "calibration", None)),
-        sample.disp0,
-    )
-    first = getattr(sample, "min_disparity", None)
-    ndisp, low = (
-        (sample.ndisp, first)
-        if first is not None
-        else search_range(sample.ndisp, calibration, truth)
-    )
-    nonocc = sample.mask0_nonocc
-    arrays = images.im0, images.im1, truth, nonocc
+    calibration = _optional(lambda: getattr(sample, "calibration", None))
+    truth = sample.disp0
+    ndisp, low = sample.ndisp, getattr(sample, "min_disparity", None)
+    if low is None:
+        ndisp, low = search_range(ndisp, calibration, truth)
     return Pair(
         sample.name,
-        *arrays,
+        images.im0,
+        images.im1,
+        truth,
+        sample.mask0_nonocc,
         ndisp,
         calibration,
         blur,
         kinds,
         low,
-        renderer_noise=noise,
-        scene=scene,
+        renderer_noise=getattr(images, "renderer_noise", None),
+        scene=str(getattr(sample, "scene", "")),
     )
 
 
@@ -181,9 +175,8 @@ def search_range(
     low = None if calibration is None else calibration.vmin
     if low is None or not math.isfinite(low):
         low = float(np.min(truth, initial=0.0))
-    first = max(
-        min(math.floor(low), 0), -truth.shape[1]
-    )  # disparities beyond the image's width match nothing
+    # Disparities beyond the image's width match nothing.
+    first = max(min(math.floor(low), 0), -truth.shape[1])
     return bound - first, first
 
 
@@ -197,38 +190,29 @@ def _optional(read: Callable[[], Any]) -> Any:
 
 def fingerprint(sample: Pair) -> str:
     """SHA-256 of everything a score depends on: images, truth, mask, search range, calibration and region maps."""
-    search = {"ndisp": int(sample.ndisp)} | (
-        {"min_disparity": sample.min_disparity} if sample.min_disparity else {}
-    )
+    search = {"ndisp": int(sample.ndisp)}
+    if sample.min_disparity:
+        search["min_disparity"] = sample.min_disparity
     digest = hashlib.sha256(f"{search} {sample.calibration}".encode())
-    for array in (
-        sample.im0,
-        sample.im1,
-        sample.disp0,
-        sample.mask0_nonocc,
-        sample.blur0,
-        sample.material_kind0,
-    ):
-        digest.update(
-            b"none" if array is None else f"{array.dtype.str}{array.shape}".encode()
-        )
-        digest.update(b"" if array is None else np.ascontiguousarray(array).data)
+    maps = sample.mask0_nonocc, sample.blur0, sample.material_kind0
+    for array in (sample.im0, sample.im1, sample.disp0, *maps):
+        if array is None:
+            digest.update(b"none")
+        else:
+            digest.update(f"{array.dtype.str}{array.shape}".encode())
+            digest.update(np.ascontiguousarray(array).data)
     return digest.hexdigest()
 
 
 def lens_label(lens: object) -> str:
     """A lens in a few words: its aperture and focus distance."""
-    diameter, focus = (
-        getattr(lens, "aperture_diameter", None),
-        getattr(lens, "focus_distance", None),
-    )
+    diameter = getattr(lens, "aperture_diameter", None)
+    focus = getattr(lens, "focus_distance", None)
     if not diameter:
         return "pinhole"
-    return (
-        f"hole {1e3 * diameter:.3g} mm"
-        if focus is None
-        else f"lens {1e3 * diameter:.3g} mm at {focus:.3g} m"
-    )
+    if focus is None:
+        return f"hole {1e3 * diameter:.3g} mm"
+    return f"lens {1e3 * diameter:.3g} mm at {focus:.3g} m"
 
 
 class DatasetPairs(Sequence[Pair]):
@@ -242,34 +226,26 @@ class DatasetPairs(Sequence[Pair]):
 
     def __init__(
         self,
-        *datasets: Sequence[StoredSample | Sample],
+        *datasets: Sequence[StoredSample | ScoredSample],
         labels: Sequence[str] | None = None,
     ) -> None:
-        self._places: dict[str, tuple[StoredSample | Sample, int, tuple[str, ...]]] = {}
+        self._places: dict[
+            str, tuple[StoredSample | ScoredSample, int, tuple[str, ...]]
+        ] = {}
         self._sources: list[tuple[int, str]] = []
-        found = [
-            [
-                (sample, k, *names)
-                for sample in samples
-                for k, names in enumerate(_names(sample))
-            ]
-            for samples in datasets
-        ]
-        counts = Counter(name for pairs in found for _, _, name, _ in pairs)
-        for source, (label, pairs) in enumerate(
-            zip(labels or [""] * len(found), found, strict=True)
-        ):
-            taken = {name for _, _, name, _ in pairs}
-            for sample, k, name, aliases in pairs:
+        named = [_named_pairs(samples) for samples in datasets]
+        counts = Counter(name for pairs in named for _, _, name, _ in pairs)
+        labels = labels or [""] * len(named)
+        for source, (label, pairs) in enumerate(zip(labels, named, strict=True)):
+            names = {name for _, _, name, _ in pairs}
+            for sample, lens, name, aliases in pairs:
                 prefix = f"{label}/" if label and counts[name] > 1 else ""
                 if prefix + name in self._places:
                     raise InputError(
                         f"two samples are named {prefix + name!r}: run each dataset separately"
                     )
-                others = tuple(
-                    prefix + alias for alias in aliases if alias not in taken
-                )
-                self._places[prefix + name] = sample, k, others
+                free = tuple(prefix + alias for alias in aliases if alias not in names)
+                self._places[prefix + name] = sample, lens, free
                 self._sources.append((source, label))
         self._pairs = list(self._places.items())
 
@@ -291,16 +267,13 @@ class DatasetPairs(Sequence[Pair]):
     def on(self, board: Board) -> Iterator[Pair]:
         """The pairs that the board scores. Raises InputError if a dataset has none, or if one has changed."""
         shared = [k for k, name in enumerate(self._places) if name in board.samples]
-        others = [
-            label
-            for k, label in sorted(
-                {*self._sources} - {self._sources[k] for k in shared}
-            )
-        ]
-        if others or not shared:
-            name, has = "".join(others[:1]) or "dataset", ", ".join(board.samples[:3])
+        scored_sources = {self._sources[k] for k in shared}
+        unscored = sorted({*self._sources} - scored_sources)
+        if unscored or not shared:
+            label = unscored[0][1] if unscored else ""
+            listed = ", ".join(board.samples[:3])
             raise InputError(
-                f"{name}: none of its samples is on the board, which has {has}"
+                f"{label or 'dataset'}: none of its samples is on the board, which has {listed}"
             )
         for pair in (self[k] for k in shared):
             board.check_sample(pair.name, fingerprint(pair))
@@ -333,24 +306,26 @@ def _open(name: str) -> Sequence[Any]:
     return Dataset(export if export.is_dir() else name)
 
 
+def _named_pairs(samples: Iterable[Any]) -> list[tuple[Any, int, str, tuple[str, ...]]]:
+    """(sample, lens, name, aliases) of each pair."""
+    pairs = []
+    for sample in samples:
+        for lens, (name, aliases) in enumerate(_names(sample)):
+            pairs.append((sample, lens, name, aliases))
+    return pairs
+
+
 def _names(sample: Any) -> list[tuple[str, tuple[str, ...]]]:
     """Name and aliases of the pair of each lens: name/lens-k, name-lens-k, and for the first lens also name."""
     count = getattr(sample, "num_lenses", 1)
     if count == 1:
         return [(sample.name, ())]
     labels = [lens_label(sample.lens(k).lens) for k in range(count)]
-    numbers = [
-        f" ({k})" if labels.count(label) > 1 else "" for k, label in enumerate(labels)
-    ]
-    aliases = [
-        (f"{sample.name}/lens-{k}", f"{sample.name}-lens-{k}") for k in range(count)
-    ]
-    return [
-        (
-            f"{sample.name}{LENS_SEPARATOR}{label}{number}",
-            (*names, sample.name) if k == 0 else names,
-        )
-        for k, (label, number, names) in enumerate(
-            zip(labels, numbers, aliases, strict=True)
-        )
-    ]
+    names: list[tuple[str, tuple[str, ...]]] = []
+    for k, label in enumerate(labels):
+        number = f" ({k})" if labels.count(label) > 1 else ""
+        aliases = [f"{sample.name}/lens-{k}", f"{sample.name}-lens-{k}"]
+        if k == 0:
+            aliases.append(sample.name)
+        names.append((f"{sample.name}{LENS_SEPARATOR}{label}{number}", tuple(aliases)))
+    return names
