@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterable, Sequence, Sized
-from contextlib import closing, nullcontext
+from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -85,65 +85,65 @@ def run_benchmark(
     names = (protocol,) if isinstance(protocol, str) else tuple(protocol)
     if not names or not regions:
         raise InputError("nothing to score: name at least one protocol and one region")
-    runs: list[Method | Submission] = []
-    for given in [methods] if isinstance(methods, str) else methods:
-        runs += parse_methods([given]) if isinstance(given, str) else [given]
-    if not runs:
-        raise InputError("no method to run")
-    protocols, taken = [find_protocol(name) for name in names], set[tuple[str, str]]()
-    for method in runs:
-        if not isinstance(getattr(method, "name", None), str):
-            hint = "give it one, or name a method as text, such as 'zncc:block_size=15'"
-            raise InputError(
-                f"{type(method).__name__} has no name for the board: {hint}"
-            )
-        _check_unique("method", method.name, taken)
+    protocols = [find_protocol(name) for name in names]
+    runs = _named_runs([methods] if isinstance(methods, str) else methods)
     total = len(samples) * len(runs) if isinstance(samples, Sized) else None
     runner = Runner(time_limit, memory_limit, warm_up, warm_up_limit)
-    lock = (
-        nullcontext()
-        if save is None
-        else locked(Path(save).absolute().parent, file=Path(save).name)
-    )
-    with lock, closing(runner):
+    with _locked(save), closing(runner):
         if board is None:
-            board = (
-                read_board(save)
-                if save is not None and Path(save).exists()
-                else Board()
-            )
+            exists = save is not None and Path(save).exists()
+            board = read_board(save) if save is not None and exists else Board()
         with BoardWriter(replace(board, title=title), save) as writer:
             for method in runs:
                 runner.check_parts(method)
-            done = 0
+            done, sample_names = 0, set[str]()
             for sample in samples:
-                _check_unique("sample", sample.name, taken)
-                pair = load_pair(sample)
-                applicable = [
-                    p
-                    for p in protocols
-                    if pair.calibration is not None or not p.needs_calibration
-                ]
-                sha, masks = fingerprint(pair), region_masks(pair, regions)
-                run = _Run(
-                    runner, writer, retry_failed, on_map or (lambda *_: None), on_drop or (lambda *_: None),
-                    sample=pair, sha=sha, masks=masks, protocols=applicable,
-                )  # fmt: skip
-                writer.board.check_sample(pair.name, sha)
-                writer.board = replace(
-                    writer.board,
-                    scenes={**writer.board.scenes, pair.name: pair.scene or pair.name},
+                _check_unique("sample", sample.name, sample_names)
+                run = _Run.of(sample, runner, writer, protocols, regions)
+                run = replace(
+                    run,
+                    retry_failed=retry_failed,
+                    on_map=on_map or _ignore,
+                    on_drop=on_drop or _ignore,
                 )
                 for method in runs:
                     skipped, failure = run.match(method)
                     done += 1
                     if progress is not None:
-                        progress(
-                            Step(
-                                done, total, method.name, sample.name, skipped, failure
-                            )
+                        step = Step(
+                            done, total, method.name, sample.name, skipped, failure
                         )
+                        progress(step)
         return writer.board
+
+
+def _named_runs(
+    methods: Iterable[Method | Submission | str],
+) -> list[Method | Submission]:
+    """Texts as methods, and all with unique names."""
+    runs: list[Method | Submission] = []
+    for method in methods:
+        runs += parse_methods([method]) if isinstance(method, str) else [method]
+    if not runs:
+        raise InputError("no method to run")
+    names: set[str] = set()
+    for run in runs:
+        if not isinstance(getattr(run, "name", None), str):
+            hint = "give it one, or name a method as text, such as 'zncc:block_size=15'"
+            raise InputError(f"{type(run).__name__} has no name for the board: {hint}")
+        _check_unique("method", run.name, names)
+    return runs
+
+
+def _locked(save: str | os.PathLike[str] | None) -> AbstractContextManager[object]:
+    """Keeps other runs from writing the board's file."""
+    if save is None:
+        return nullcontext()
+    return locked(Path(save).absolute().parent, file=Path(save).name)
+
+
+def _ignore(*_: object) -> None:
+    """For callbacks that are not given."""
 
 
 def spec_of(method: Method | Submission) -> str:
@@ -151,27 +151,49 @@ def spec_of(method: Method | Submission) -> str:
     return str(getattr(method, "spec", method.name))
 
 
-def _check_unique(kind: str, name: str, taken: set[tuple[str, str]]) -> None:
-    if (kind, name) in taken:
+def _check_unique(kind: str, name: str, names: set[str]) -> None:
+    if name in names:
         raise InputError(
             f"two {kind}s are named {name!r}: names on a board must be unique"
         )
-    taken.add((kind, name))
+    names.add(name)
 
 
 @dataclass(frozen=True)
 class _Run:
     """Runs and scores the matches of a sample by the applicable protocols, and adds their entries to the board."""
 
-    runner: Runner
-    writer: BoardWriter
-    retry_failed: bool
-    on_map: Callable[[str, str, Disparity], None]
-    on_drop: Callable[[str, str], None]
     sample: Pair
     sha: str
     masks: dict[str, Mask]
     protocols: Sequence[Protocol]
+    runner: Runner
+    writer: BoardWriter
+    retry_failed: bool = False
+    on_map: Callable[[str, str, Disparity], None] = _ignore
+    on_drop: Callable[[str, str], None] = _ignore
+
+    @classmethod
+    def of(
+        cls,
+        sample: ScoredSample,
+        runner: Runner,
+        writer: BoardWriter,
+        protocols: Sequence[Protocol],
+        regions: Sequence[str],
+    ) -> "_Run":
+        """The runs of a sample, with its scene on the board. Raises InputError if it differs from the board's."""
+        pair = load_pair(sample)
+        sha, masks = fingerprint(pair), region_masks(pair, regions)
+        applicable = [
+            rules
+            for rules in protocols
+            if pair.calibration is not None or not rules.needs_calibration
+        ]
+        writer.board.check_sample(pair.name, sha)
+        scenes = {**writer.board.scenes, pair.name: pair.scene or pair.name}
+        writer.board = replace(writer.board, scenes=scenes)
+        return cls(pair, sha, masks, applicable, runner, writer)
 
     def match(self, method: Method | Submission) -> tuple[bool, Failure | None]:
         """Run and score a match unless the board has it: (skipped, failure)."""
@@ -179,15 +201,7 @@ class _Run:
         earlier = [
             board.find(method.name, sample.name, rules.name) for rules in self.protocols
         ]
-        if all(
-            entry
-            and (
-                entry.regions.keys() >= self.masks.keys()
-                if entry.ok
-                else not self.retry_failed
-            )
-            for entry in earlier
-        ):
+        if all(self._is_valid(entry) for entry in earlier):
             return True, None
         match = self._match(method)
         entries = [self._entry(method, rules, match) for rules in self.protocols]
@@ -199,24 +213,31 @@ class _Run:
             disparity = match.answer.disparity
             scale = sample.disp0.shape[0] // disparity.shape[0]
             self.on_map(method.name, sample.name, upsampled(disparity, scale))
-        self.writer.update(
-            board
-        )  # after the map, so that the board lists no map that is missing
-        return False, next((entry.failure for entry in entries if not entry.ok), None)
+        # After the map, so that the board lists no map that is missing.
+        self.writer.update(board)
+        failures = [entry.failure for entry in entries if not entry.ok]
+        return False, failures[0] if failures else None
+
+    def _is_valid(self, entry: Entry | None) -> bool:
+        """Whether an earlier entry makes the match unnecessary."""
+        if entry is None:
+            return False
+        if not entry.ok:
+            return not self.retry_failed
+        return entry.regions.keys() >= self.masks.keys()
 
     def _without_stale(self, method: Method | Submission) -> Board:
         """The board without entries of an earlier method with the same name but another spec."""
         spec = spec_of(method)
-        kept = self.writer.board.without(
-            lambda e: e.method == method.name and e.spec != spec
+        before = self.writer.board
+        kept = before.without(
+            lambda entry: entry.method == method.name and entry.spec != spec
         )
-        before = self.writer.board.entries
-        if len(kept.entries) < len(before):
+        if len(kept.entries) < len(before.entries):
             self.writer.update(kept)
-        for pair in sorted(
-            {e.key[:2] for e in before} - {e.key[:2] for e in kept.entries}
-        ):
-            self.on_drop(*pair)
+        dropped = before.maps - kept.maps
+        for method_name, sample_name in sorted(dropped):
+            self.on_drop(method_name, sample_name)
         return kept
 
     def _match(self, method: Method | Submission) -> Match | Failure:

@@ -160,6 +160,11 @@ class Board:
         check_known("metric", chosen.name, (*rules.metrics, *TIMES))
         return rules, chosen
 
+    @property
+    def maps(self) -> set[tuple[str, str]]:
+        """(method, sample) of each map, which has an entry for each protocol."""
+        return {(entry.method, entry.sample) for entry in self.entries}
+
     def scene(self, sample: str) -> str:
         """The scene of a sample; on a board that has none, its view: the name without the lens."""
         return self.scenes.get(sample) or sample.partition(LENS_SEPARATOR)[0]

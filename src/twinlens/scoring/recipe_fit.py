@@ -17,7 +17,7 @@ import json
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -53,11 +53,9 @@ _NOISE = {
     "dsnu": -0.5,
     "prnu": 0.5,
 }
-_LEAST_PIXELS, _DARKEST, _BRIGHTEST = (
-    1000,
-    2.0,
-    250.0,
-)  # grey levels beyond these may be clipped
+_LEAST_PIXELS = 1000
+_DARKEST, _BRIGHTEST = 2.0, 250.0
+"""Grey levels beyond these may be clipped."""
 
 
 def fit_recipe(
@@ -92,41 +90,40 @@ def fit_recipe(
         raise InputError(
             f"a fit needs two pairs or more in both sets, got {len(shots)} and {len(like)}"
         )
-    sensors, scenes, errors, shares, numbers = zip(
-        *(_measure(*shot) for shot in shots), strict=True
-    )
-    rest, response, noise, growth = np.mean(numbers, axis=0).tolist()
-    found, slow, _ = zip(
-        *(light_difference(pair, sensors[0]) for pair in like), strict=True
-    )
-    extra = max(float(np.mean(slow)) - rest, 0.0) / response
-    target, share = np.mean(
-        [appearance(grey_levels(pair.im0)) for pair in like], axis=0
-    ).tolist()
+    measured = [_measure(*shot) for shot in shots]
+    sensors = [shot.sensor for shot in measured]
+    light, slow = [], []
+    for pair in like:
+        values, slow_variance, _ = light_difference(pair, sensors[0])
+        light.append(values)
+        slow.append(slow_variance)
+    # What the pairs have in slow differences beyond the dataset's becomes a spread of the shading.
+    excess = float(np.mean(slow)) - float(np.mean([shot.slow for shot in measured]))
+    response = float(np.mean([shot.response for shot in measured]))
+    extra = max(excess, 0.0) / response
+    noise = float(np.mean([shot.noise for shot in measured]))
+    growth = float(np.mean([shot.noise_growth for shot in measured]))
+    appearances = [appearance(grey_levels(pair.im0)) for pair in like]
+    target, share = np.mean(appearances, axis=0).tolist()
     fields, noise_note = _fitted_noise(sensors, noise, growth, target)
+    scenes = [shot.scene for shot in measured]
+    shares = [shot.textureless for shot in measured]
     weights, weights_note = _fitted_weights(recipe, scenes, shares, share)
-    fixed = (
-        {"time": 1.0, "f_number": 1.0}
-        if mismatch.get("level", "none") != "none"
-        else {}
-    )
-    mismatch = {
-        **mismatch,
-        **fixed,
-        **_distributions(np.array(found), np.array(errors), extra),
-    }
+    if mismatch.get("level", "none") != "none":
+        # The fitted gain includes time and f-number, which the level would draw.
+        mismatch = {**mismatch, "time": 1.0, "f_number": 1.0}
+    errors = np.array([shot.light_errors for shot in measured])
+    mismatch = {**mismatch, **_distributions(np.array(light), errors, extra)}
+    uncertainty = 100 / (2 * len(like) - 2) ** 0.5
     notes = (
-        f"Fitted to {len(like)} pairs. Standard deviations are uncertain by {100 / (2 * len(like) - 2) ** 0.5:.0f} %.",
+        f"Fitted to {len(like)} pairs. Standard deviations are uncertain by {uncertainty:.0f} %.",
         f"Shading: a standard deviation of {extra**0.5:.2g} is added for other slow differences.",
         noise_note,
         weights_note,
         "Not fitted: brightness, blur, glare, colours and alignment of the cameras, materials of the scenes.",
     )
-    return {
-        **recipe,
-        **weights,
-        "sensor": {**table, **fields, "mismatch": mismatch},
-    }, notes
+    fitted_sensor = {**table, **fields, "mismatch": mismatch}
+    return {**recipe, **weights, "sensor": fitted_sensor}, notes
 
 
 def light_difference(pair: Pair, sensor: Sensor) -> tuple[Float, float, float]:
@@ -137,41 +134,43 @@ def light_difference(pair: Pair, sensor: Sensor) -> tuple[Float, float, float]:
     """
     left, warped, used, _ = compared(pair)
     used &= (np.fmin(left, warped) > _DARKEST) & (np.fmax(left, warped) < _BRIGHTEST)
-    if (count := np.count_nonzero(used)) < _LEAST_PIXELS:
+    count = np.count_nonzero(used)
+    if count < _LEAST_PIXELS:
         where = "with truth, visible in both views and not saturated"
         raise InputError(
             f"{pair.name}: {count} pixels {where}; a fit needs {_LEAST_PIXELS}"
         )
-    energy, grey = _tone_curve(sensor)
-    slope = np.gradient(grey, energy)
-    middle = (left + warped)[used] / 2
-    offset, scale = (
-        np.interp(middle, grey, slope),
-        np.interp(middle, grey, energy * slope),
-    )
-    (rows, columns), (height, width) = np.nonzero(used), left.shape
-    x, y = (
-        2 * (columns - pair.disp0[used]) / (width - 1) - 1,
-        2 * rows / (height - 1) - 1,
-    )
-    r2 = ((width * x) ** 2 + (height * y) ** 2) / (width**2 + height**2)
-    design = np.stack([scale, scale * x, scale * y, -scale * r2, offset], axis=1)
+    design = _light_terms(pair, sensor, (left + warped)[used] / 2, used)
     difference = (warped - left)[used]
     fit = robust_fit(design, difference, [0.0] * 5)
     rest = difference - design @ fit
     slow = low_pass(rest, used)
-    slow_variance = float(
-        slow.var() - (rest - slow).var() / 21**2
-    )  # without what remains of noise
-    unit = float(sum(low_pass(column, used).var() for column in design.T[1:4]))
-    light_per_dn = grey_levels(sensor.balance()[None, None])[0, 0] / (
-        sensor.largest_dn - sensor.black_level
-    )
-    return (
-        np.array([math.exp(fit[0]), *fit[1:4], fit[4] / light_per_dn]),
-        slow_variance,
-        unit,
-    )
+    # The mean over 21x21 pixels keeps 1 / 21^2 of the variance of the noise, which is subtracted.
+    slow_variance = float(slow.var() - (rest - slow).var() / 21**2)
+    shading = design.T[1:4]
+    response = float(sum(low_pass(column, used).var() for column in shading))
+    white = grey_levels(sensor.balance()[None, None])[0, 0]
+    light_per_dn = white / (sensor.largest_dn - sensor.black_level)
+    values = np.array([math.exp(fit[0]), *fit[1:4], fit[4] / light_per_dn])
+    return values, slow_variance, response
+
+
+def _light_terms(
+    pair: Pair, sensor: Sensor, middle: Float, used: NDArray[np.bool_]
+) -> Float:
+    """(N, 5): the change of grey level for a unit of ln gain, a, b, c and the black level; see the module."""
+    energy, grey = _tone_curve(sensor)
+    slope = np.gradient(grey, energy)
+    # At the mean of both grey levels the error of the linearisation is of third order.
+    offset = np.interp(middle, grey, slope)
+    scale = np.interp(middle, grey, energy * slope)
+    height, width = used.shape
+    rows, columns = np.nonzero(used)
+    # The pixel of the right image, from -1 at the left or upper edge to 1 at the other.
+    x = 2 * (columns - pair.disp0[used]) / (width - 1) - 1
+    y = 2 * rows / (height - 1) - 1
+    r2 = ((width * x) ** 2 + (height * y) ** 2) / (width**2 + height**2)
+    return np.stack([scale, scale * x, scale * y, -scale * r2, offset], axis=1)
 
 
 def recipe_toml(recipe: Mapping[str, Any]) -> str:
@@ -184,16 +183,30 @@ def recipe_toml(recipe: Mapping[str, Any]) -> str:
     )
 
 
-def _measure(
-    sample: StoredSample, k: int
-) -> tuple[Sensor, str, Float, float, tuple[float, ...]]:
-    """Sensor, scene, errors of light, textureless share; variances: of low-pass differences, noise, and its growth."""
+@dataclass(frozen=True)
+class _Shot:
+    """What is measured on a pair of the dataset.
+
+    light_errors: (5,), what `light_difference` finds minus the true values of `LIGHT`; slow and response are its
+    variances. textureless: the share. noise, noise_growth: the variance, and by how much the sensor's noise raises it.
+    """
+
+    sensor: Sensor
+    scene: str
+    light_errors: Float
+    textureless: float
+    slow: float
+    response: float
+    noise: float
+    noise_growth: float
+
+
+def _measure(sample: StoredSample, k: int) -> _Shot:
     try:
         left, right = sample.lens(k).record["exposures"][:2]
         scene = sample.record["record"]["spec"]["scene"]
         sensor = Sensor.from_record({**left["sensor"], "mismatch": {}})
-        known = asdict(Sensor.from_record(right["sensor"]).mismatch_of(right["eye"]))
-        known["gain"] *= known["time"] / known["f_number"] ** 2
+        mismatch = Sensor.from_record(right["sensor"]).mismatch_of(right["eye"])
         exposure = Exposure(left["time_s"], left["gain"])
     except (KeyError, TypeError) as error:
         raise InputError(
@@ -203,18 +216,22 @@ def _measure(
         raise InputError(
             f"{sample.folder}: has {sensor.output} images; a fit needs {', '.join(CURVES)}"
         )
+    truth = asdict(mismatch)
+    truth["gain"] *= truth["time"] / truth["f_number"] ** 2
     pair = load_pair(sample, k)
-    grey, (found, *slow) = grey_levels(pair.im0), light_difference(pair, sensor)
-    (noise, share), (more, _) = (
-        appearance(grey),
-        appearance(grey + _sensor_noise(pair.im0, sensor, exposure)),
-    )
-    return (
+    values, slow, response = light_difference(pair, sensor)
+    grey = grey_levels(pair.im0)
+    noise, share = appearance(grey)
+    noisier, _ = appearance(grey + _sensor_noise(pair.im0, sensor, exposure))
+    return _Shot(
         sensor,
         scene,
-        found - [known[name] for name in LIGHT],
+        values - [truth[name] for name in LIGHT],
         share,
-        (*slow, noise, more - noise),
+        slow,
+        response,
+        noise,
+        noisier - noise,
     )
 
 
@@ -227,11 +244,11 @@ def _tone_curve(sensor: Sensor) -> tuple[Float, Float]:
 def _sensor_noise(image: NDArray[Any], sensor: Sensor, exposure: Exposure) -> Float:
     """Noise in grey levels (H, W), without rounding, of a camera that sees `image`."""
     energy, grey = _tone_curve(sensor)
-    light = np.atleast_3d(
-        np.interp(image * (255 / np.iinfo(image.dtype).max), grey, energy)
-    ) * np.ones(3)
+    levels = image * (255 / np.iinfo(image.dtype).max)
+    light = np.atleast_3d(np.interp(levels, grey, energy)) * np.ones(3)
+    height, width = light.shape[:2]
     view: Any = {
-        "camera": Camera.from_fov(light.shape[1], light.shape[0], fov_x_deg=50),
+        "camera": Camera.from_fov(width, height, fov_x_deg=50),
         "lens": Pinhole(),
     }
     noisy = sensor.replace(
@@ -240,34 +257,30 @@ def _sensor_noise(image: NDArray[Any], sensor: Sensor, exposure: Exposure) -> Fl
     clean = noisy.replace(
         shot_noise=False, read_noise=0.0, dark_current=0.0, prnu=0.0, dsnu=0.0
     )
-    radiance = light / (
-        noisy.level_rate(np.ones_like(light), **view) * exposure.time * exposure.gain
+    level_of_unit = noisy.level_rate(np.ones_like(light), **view)
+    radiance = light / (level_of_unit * exposure.time * exposure.gain)
+    with_noise, without = (
+        grey_levels(camera.expose(radiance, exposure=exposure, **view).image)
+        for camera in (noisy, clean)
     )
-    images = [
-        grey_levels(each.expose(radiance, exposure=exposure, **view).image)
-        for each in (noisy, clean)
-    ]
-    return np.asarray(images[0] - images[1])
+    return np.asarray(with_noise - without)
 
 
-def _distributions(found: Float, errors: Float, extra: float) -> dict[str, Any]:
+def _distributions(light: Float, errors: Float, extra: float) -> dict[str, Any]:
     """Each field of `LIGHT` as a normal distribution within 3 s.d., or a constant if it has no spread of its own."""
-    means = found.mean(axis=0) - errors.mean(axis=0)
-    variances = np.maximum(found.var(axis=0, ddof=1) - errors.var(axis=0, ddof=1), 0.0)
+    # The errors of the measurement, known from the dataset, are taken out of mean and variance.
+    means = light.mean(axis=0) - errors.mean(axis=0)
+    variances = np.maximum(light.var(axis=0, ddof=1) - errors.var(axis=0, ddof=1), 0.0)
     variances[1:4] += extra
     fields: dict[str, Any] = {}
-    for (name, limits), mean, spread in zip(
-        LIGHT.items(), means, np.sqrt(variances), strict=True
-    ):
-        low, middle, high = (
-            _rounded(value)
-            for value in np.clip(mean + spread * np.array([-3, 0, 3]), *limits)
-        )
-        fields[name] = (
-            {"normal": [middle, _rounded(spread)], "clip": [low, high]}
-            if low < high
-            else middle
-        )
+    spreads = np.sqrt(variances)
+    for (name, limits), mean, spread in zip(LIGHT.items(), means, spreads, strict=True):
+        values = np.clip(mean + spread * np.array([-3, 0, 3]), *limits)
+        low, middle, high = (_rounded(value) for value in values)
+        fields[name] = middle
+        if low < high:
+            normal = [middle, _rounded(spread)]
+            fields[name] = {"normal": normal, "clip": [low, high]}
     return fields
 
 
@@ -279,10 +292,8 @@ def _fitted_noise(
         return {}, "Noise is not fitted: the sensor differs between samples."
     if growth <= 0 or target <= noise - growth:
         rest = math.sqrt(max(noise - growth, 0.0))
-        return (
-            {},
-            f"Noise is not fitted: s.d. {target**0.5:.3g}, and {rest:.3g} here without the sensor's.",
-        )
+        note = f"Noise is not fitted: s.d. {target**0.5:.3g}, and {rest:.3g} here without the sensor's."
+        return {}, note
     q = 1 + (target - noise) / growth
     fields = {
         name: _rounded(getattr(sensors[0], name) * q**power)
@@ -299,15 +310,20 @@ def _fitted_weights(
 ) -> tuple[dict[str, list[float]], str]:
     """Weights of mean textureless share `target`, nearest to the present ones in least squares, and a note."""
     names = recipe.get("families") or recipe["scenes"]
-    groups = [
-        [share for scene, share in zip(scenes, shares, strict=True) if scene == name]
-        for name in names
-    ]
-    means = np.array([np.mean(group) if group else math.nan for group in groups])
+    by_scene = np.array(scenes)
+    share_of = np.array(shares)
+    means = np.full(len(names), math.nan)  # NaN for a scene that was not drawn
+    for k, name in enumerate(names):
+        if name in scenes:
+            means[k] = np.mean(share_of[by_scene == name])
     weights = np.array(recipe.get("weights") or np.ones(len(names)))
-    weights, apart = weights / weights.sum(), means - means.mean()
-    weights = weights + (target - weights @ means) * apart / max(apart @ apart, 1e-12)
-    text = f"mean textureless share {target:.2f}; {', '.join(map('{} {:.2f}'.format, names, means))}"
+    weights = weights / weights.sum()
+    # The nearest weights of the same sum lie in the direction of the means, minus their own mean.
+    direction = means - means.mean()
+    step = (target - weights @ means) / max(direction @ direction, 1e-12)
+    weights = weights + step * direction
+    listed = ", ".join(map("{} {:.2f}".format, names, means))
+    text = f"mean textureless share {target:.2f}; {listed}"
     if not min(weights) >= 0 or not math.isclose(weights @ means, target):
         return {}, f"Weights are not fitted: {text}."
     return {"weights": [_rounded(weight) for weight in weights]}, f"Weights: {text}."
