@@ -1,6 +1,5 @@
 """Submissions: accepted layouts, and unsafe zip files."""
 
-import io
 import stat
 import struct
 import zipfile
@@ -12,7 +11,7 @@ import pytest
 import twinlens as tl
 from tests.scoring import scoring_loops as naive
 from tests.scoring.scoring_methods import pair
-from twinlens.dataset import Calibration, write_pfm, write_png
+from twinlens.dataset import Calibration, write_pfm
 from twinlens.dataset.codecs.pfm import encode_pfm
 from twinlens.dataset.codecs.png import encode_png
 from twinlens.errors import FileError
@@ -36,48 +35,41 @@ def zipped(path, files, edit=None):
     return open_submission(path)
 
 
-PNG = np.where(np.isfinite(DISP), DISP * 256, 0).astype(np.uint16)
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        "s.pfm",
-        "s/disp0.pfm",
-        "s/disp0METHOD.pfm",
-        "s/some-method-1f.pfm",
-        "all/s.pfm",
-        "all/s/x.pfm",
-        "s/lens-0.pfm",
-    ],
-)
-@pytest.mark.parametrize("packed", [True, False])
-def test_every_layout_is_found(tmp_path, name, packed):
+def submitted(place, files, packed):
+    """The submission of these files, name -> bytes, in a zip or in a folder."""
     if packed:
-        submission = zipped(
-            tmp_path / "my.zip",
-            [(name, encode_pfm(DISP)), (f"{name.split('/')[0]}/readme.txt", b"hi")][
-                : 1 + ("/" in name)
-            ],
-        )
-    else:
-        write_pfm(tmp_path / "my" / name, DISP)
-        submission = open_submission(tmp_path / "my")
-    assert submission.name == "my"
-    np.testing.assert_array_equal(submission.map_of("s", SHAPE), DISP)
+        return zipped(place.with_suffix(".zip"), files.items())
+    for name, data in files.items():
+        (place / name).parent.mkdir(parents=True, exist_ok=True)
+        (place / name).write_bytes(data)
+    return open_submission(place)
+
+
+def png(disp):
+    """As KITTI writes it."""
+    return encode_png(np.where(np.isfinite(disp), disp * 256, 0).astype(np.uint16))
+
+
+PFM, PNG = encode_pfm(DISP), png(DISP)
+
+
+@pytest.mark.parametrize("packed", [True, False])
+def test_every_layout_is_found(tmp_path, packed):
+    layouts = "s.pfm s/disp0.pfm s/disp0METHOD.pfm s/some-method-1f.pfm all/s.pfm all/s/x.pfm s/lens-0.pfm"
+    for k, name in enumerate(layouts.split()):
+        files = {name: PFM}
+        if "/" in name:
+            files[f"{name.split('/')[0]}/readme.txt"] = b"hi"
+        submission = submitted(tmp_path / f"my{k}", files, packed)
+        assert submission.name == f"my{k}"
+        np.testing.assert_array_equal(submission.map_of("s", SHAPE), DISP)
 
 
 @pytest.mark.parametrize("packed", [True, False])
 def test_hidden_files_and_macosx_folders_are_ignored(tmp_path, packed):
-    extras = {"__MACOSX/all/._s.pfm": b"x", "all/.DS_Store": b"x", ".DS_Store": b"x"}
-    files = {"all/s.pfm": encode_pfm(DISP)} | extras
-    if packed:
-        submission = zipped(tmp_path / "my.zip", files.items())
-    else:
-        for name, data in files.items():
-            (tmp_path / "my" / name).parent.mkdir(parents=True, exist_ok=True)
-            (tmp_path / "my" / name).write_bytes(data)
-        submission = open_submission(tmp_path / "my")
+    hidden = "__MACOSX/all/._s.pfm", "all/.DS_Store", ".DS_Store"
+    files = {"all/s.pfm": PFM} | dict.fromkeys(hidden, b"x")
+    submission = submitted(tmp_path / "my", files, packed)
     assert list(submission.files) == ["all/s.pfm"]
     np.testing.assert_array_equal(submission.map_of("s", SHAPE), DISP)
 
@@ -85,34 +77,27 @@ def test_hidden_files_and_macosx_folders_are_ignored(tmp_path, packed):
 def test_a_name_keeps_its_dots(tmp_path, monkeypatch):
     write_pfm(tmp_path / "results.v2" / "s.pfm", DISP)
     assert open_submission(tmp_path / "results.v2").name == "results.v2"
-    assert (
-        zipped(tmp_path / "results.v2.ZIP", [("s.pfm", encode_pfm(DISP))]).name
-        == "results.v2"
-    )
+    assert zipped(tmp_path / "results.v2.ZIP", [("s.pfm", PFM)]).name == "results.v2"
     monkeypatch.chdir(tmp_path / "results.v2")
     assert open_submission(".").name == "results.v2"
 
 
 def test_png_is_read_as_kitti_writes_it(tmp_path):
-    write_png(tmp_path / "s.png", PNG)
-    np.testing.assert_array_equal(open_submission(tmp_path).map_of("s", SHAPE), DISP)
+    submission = submitted(tmp_path, {"s.png": PNG}, packed=False)
+    np.testing.assert_array_equal(submission.map_of("s", SHAPE), DISP)
 
 
 def test_pfm_comes_before_png_and_disp0_before_others(tmp_path):
-    write_png(tmp_path / "s.png", PNG)
-    write_pfm(tmp_path / "s.pfm", DISP + 1)
-    for other in ("disp0", "disp1"):
-        write_pfm(tmp_path / "t" / f"{other}.pfm", DISP)
-    submission = open_submission(tmp_path)
+    files = {"s.png": PNG, "s.pfm": PFM, "t/disp0.pfm": PFM, "t/disp1.pfm": PFM}
+    submission = submitted(tmp_path, files, packed=False)
     assert submission.find("s") == "s.pfm"
     assert submission.find("t") == "t/disp0.pfm"
 
 
 def test_two_candidates_are_ambiguous(tmp_path):
-    for name in "ab":
-        write_pfm(tmp_path / "s" / f"{name}.pfm", DISP)
+    submission = submitted(tmp_path, {"s/a.pfm": PFM, "s/b.pfm": PFM}, packed=False)
     with pytest.raises(FileError, match="no map of 's'"):
-        open_submission(tmp_path).map_of("s", SHAPE)
+        submission.map_of("s", SHAPE)
 
 
 @pytest.mark.parametrize("name", ["s.pfm", "s/disp0.pfm", "s/method.pfm"])
@@ -210,19 +195,8 @@ def test_other_maps_are_another_method(tmp_path):
 )
 @pytest.mark.parametrize("packed", [True, False])
 def test_names_that_some_systems_treat_as_one_are_refused(tmp_path, one, other, packed):
-    if packed:
-        with pytest.raises(FileError, match="same name on some systems") as error:
-            zipped(
-                tmp_path / "evil.zip",
-                [(one, encode_pfm(DISP)), (other, encode_pfm(DISP + 1))],
-            )
-    else:
-        for name in (one, other):
-            write_pfm(tmp_path / "evil" / name, DISP)
-        if len(list((tmp_path / "evil").rglob("*.pfm"))) < 2:
-            pytest.skip("this file system cannot tell them apart either")
-        with pytest.raises(FileError, match="same name on some systems") as error:
-            open_submission(tmp_path / "evil")
+    with pytest.raises(FileError, match="same name on some systems") as error:
+        submitted(tmp_path / "evil", {one: PFM, other: PFM}, packed)
     assert one in str(error.value)
     assert other in str(error.value)
 
@@ -233,9 +207,9 @@ LENSES = {
 }
 
 
-@pytest.mark.parametrize(
-    ("first", "second"),
-    [
+def test_every_lens_of_a_sample_has_a_plain_name(tmp_path):
+    """Names as suggested by the sample's own folder: the first lens's images are in it, the others' in lens-1, ..."""
+    pairs = [
         ("s.pfm", "s-lens-1.pfm"),
         ("s.png", "s/lens-1.png"),
         ("s/disp0.pfm", "s/lens-1/disp0.pfm"),
@@ -246,25 +220,14 @@ LENSES = {
         ("s/mine.pfm", "s/lens-1.pfm"),
         ("s · pinhole.pfm", "s · wide.pfm"),
         ("all/s.pfm", "all/s-lens-1.pfm"),
-    ],
-)
-def test_every_lens_of_a_sample_has_a_plain_name(tmp_path, first, second):
-    """Names as suggested by the sample's own folder: the first lens's images are in it, the others' in lens-1, ..."""
-    for name in (first, second):
-        disp = DISP if name == first else DISP + 1
-        if name.endswith("png"):
-            (tmp_path / name).parent.mkdir(exist_ok=True)
-            write_png(
-                tmp_path / name,
-                np.where(np.isfinite(disp), disp * 256, 0).astype(np.uint16),
-            )
-        else:
-            write_pfm(tmp_path / name, disp)
-    submission = open_submission(tmp_path)
-    for k, (sample, aliases) in enumerate(LENSES.items()):
-        np.testing.assert_array_equal(
-            submission.map_of(sample, SHAPE, aliases), DISP + k
-        )
+    ]
+    encode = {"pfm": encode_pfm, "png": png}
+    for number, names in enumerate(pairs):
+        files = {name: encode[name[-3:]](DISP + k) for k, name in enumerate(names)}
+        submission = submitted(tmp_path / str(number), files, packed=False)
+        for k, (sample, aliases) in enumerate(LENSES.items()):
+            found = submission.map_of(sample, SHAPE, aliases)
+            np.testing.assert_array_equal(found, DISP + k, err_msg=str(names))
 
 
 def test_a_map_of_one_lens_is_not_used_for_another(tmp_path):
@@ -281,19 +244,12 @@ def link(info):
     info.external_attr = (stat.S_IFLNK | 0o777) << 16
 
 
-@pytest.mark.parametrize(
-    ("name", "edit", "says"),
-    [
-        ("../s.pfm", None, "'../s.pfm', a name that leaves"),
-        ("a/../../s.pfm", None, "leaves the archive"),
-        ("/etc/s.pfm", None, "leaves the archive"),
-        ("c:/s.pfm", None, "leaves the archive"),
-        ("s.pfm", link, "s.pfm is a link"),
-    ],
-)
-def test_a_zip_with_names_or_links_that_leave_it_is_refused(tmp_path, name, edit, says):
-    with pytest.raises(FileError, match=says):
-        zipped(tmp_path / "evil.zip", [(name, encode_pfm(DISP))], edit)
+def test_a_zip_with_names_or_links_that_leave_it_is_refused(tmp_path):
+    for name in ("../s.pfm", "a/../../s.pfm", "/etc/s.pfm", "c:/s.pfm"):
+        with pytest.raises(FileError, match=f"'{name}', a name that leaves"):
+            zipped(tmp_path / "evil.zip", [(name, PFM)])
+    with pytest.raises(FileError, match=r"s\.pfm is a link"):
+        zipped(tmp_path / "evil.zip", [("s.pfm", PFM)], link)
 
 
 def test_a_duplicate_name_is_refused(tmp_path):
@@ -301,17 +257,13 @@ def test_a_duplicate_name_is_refused(tmp_path):
         pytest.warns(UserWarning, match="Duplicate name"),
         pytest.raises(FileError, match="occurs twice"),
     ):
-        zipped(
-            tmp_path / "evil.zip",
-            [("s.pfm", encode_pfm(DISP)), ("s.pfm", encode_pfm(DISP + 1))],
-        )
+        zipped(tmp_path / "evil.zip", [("s.pfm", PFM), ("s.pfm", PFM)])
 
 
 def test_an_encrypted_member_is_refused(tmp_path):
-    zipped(tmp_path / "good.zip", [("s.pfm", encode_pfm(DISP))])
+    zipped(tmp_path / "good.zip", [("s.pfm", PFM)])
     data = bytearray((tmp_path / "good.zip").read_bytes())
-    central = data.index(b"PK\x01\x02")
-    data[central + 8] |= 1
+    data[data.index(b"PK\x01\x02") + 8] |= 1
     (tmp_path / "evil.zip").write_bytes(data)
     with pytest.raises(FileError, match="is encrypted"):
         open_submission(tmp_path / "evil.zip")
@@ -397,40 +349,24 @@ def test_a_small_png_that_claims_a_large_picture_is_refused_by_its_header(tmp_pa
         open_submission(tmp_path).map_of("s", SHAPE)
 
 
-@pytest.mark.parametrize(
-    ("name", "data", "says"),
-    [
-        ("s.pfm", encode_pfm(DISP)[:-4], "damaged"),
+@pytest.mark.parametrize("packed", [True, False])
+def test_a_bad_map_is_refused_by_its_name(tmp_path, packed):
+    four, nan = np.float32(4).tobytes(), np.float32(np.nan).tobytes()
+    bad = [
+        ("s.pfm", PFM[:-4], "damaged"),
         ("s.pfm", b"", "not a PFM"),
-        (
-            "s.pfm",
-            encode_pfm(DISP).replace(
-                np.float32(4).tobytes(), np.float32(np.nan).tobytes()
-            ),
-            "NaN",
-        ),
+        ("s.pfm", PFM.replace(four, nan), "NaN"),
         ("s.pfm", encode_pfm(np.zeros((2, 3, 3), np.float32)), "colour channels"),
         ("s.pfm", encode_pfm(DISP.T), "is 2 x 3; the truth is 3 x 2"),
         ("s.png", b"not a png", "not a PNG"),
-    ],
-)
-@pytest.mark.parametrize("packed", [True, False])
-def test_a_bad_map_is_refused_by_its_name(tmp_path, name, data, says, packed):
-    if packed:
-        submission = zipped(tmp_path / "my.zip", [(name, data)])
-    else:
-        (tmp_path / name).write_bytes(data)
-        submission = open_submission(tmp_path)
-    with pytest.raises(FileError, match=says) as error:
-        submission.map_of("s", SHAPE)
-    assert name in str(error.value)
-    assert "\n" not in str(error.value)
-
-
-def test_eight_bit_png_is_refused(tmp_path):
-    write_png(tmp_path / "s.png", np.zeros(SHAPE, np.uint8))
-    with pytest.raises(FileError, match="16-bit grey"):
-        open_submission(tmp_path).map_of("s", SHAPE)
+        ("s.png", encode_png(np.zeros(SHAPE, np.uint8)), "16-bit grey"),
+    ]
+    for k, (name, data, message) in enumerate(bad):
+        submission = submitted(tmp_path / str(k), {name: data}, packed)
+        with pytest.raises(FileError, match=message) as error:
+            submission.map_of("s", SHAPE)
+        assert name in str(error.value)
+        assert "\n" not in str(error.value)
 
 
 def test_other_files_are_refused(tmp_path):
@@ -446,13 +382,12 @@ def test_other_files_are_refused(tmp_path):
 
 
 def test_a_damaged_zip_is_read_or_refused(tmp_path):
-    good = io.BytesIO()
-    with zipfile.ZipFile(good, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("s.pfm", encode_pfm(DISP))
+    zipped(tmp_path / "good.zip", [("s.pfm", PFM)])
+    good = (tmp_path / "good.zip").read_bytes()
     rng = np.random.default_rng(0)
     kept = 0
     for _ in range(300):
-        data = bytearray(good.getvalue())
+        data = bytearray(good)
         for place in rng.integers(0, len(data), rng.integers(1, 4)):
             data[place] = rng.integers(256)
         (tmp_path / "d.zip").write_bytes(data)
@@ -477,28 +412,19 @@ def test_unmatched_maps_are_listed(tmp_path, packed, top):
         "t-.png",
         "u/disp0.pfm",
     ]
-    pixels = {".pfm": encode_pfm(DISP), ".png": encode_png(PNG)}
+    pixels = {".pfm": PFM, ".png": PNG}
     files = {f"{top}{name}": pixels[name[-4:]] for name in ours + strange}
-    files |= {
-        f"{top}u/preview.png": encode_png(np.zeros((2, 3), np.uint8)),
-        f"{top}notes.txt": b"hi",
-    }
-    files |= {f"{top}cut.png": encode_png(PNG)[:20]}
-    submission = (
-        zipped(tmp_path / "my.zip", files.items())
-        if packed
-        else _filled(tmp_path / "my", files)
-    )
+    files[f"{top}u/preview.png"] = encode_png(np.zeros((2, 3), np.uint8))
+    files |= {f"{top}notes.txt": b"hi", f"{top}cut.png": PNG[:20]}
+    submission = submitted(tmp_path / "my", files, packed)
     assert submission.unmatched_files(LENSES | {"t": ()}) == tuple(
         f"{top}{name}" for name in sorted(strange)
     )
 
 
 def test_a_single_sample_folder_is_not_a_top_folder(tmp_path):
-    submission = _filled(
-        tmp_path / "my",
-        {f"s/{name}.pfm": encode_pfm(DISP) for name in ("disp0", "old", "lens-2")},
-    )
+    names = "s/disp0.pfm", "s/old.pfm", "s/lens-2.pfm"
+    submission = submitted(tmp_path / "my", dict.fromkeys(names, PFM), packed=False)
     assert submission.unmatched_files({"s": (), "t": ()}) == ("s/lens-2.pfm",)
     assert submission.unmatched_files({"t": ()}) == (
         "s/disp0.pfm",
@@ -516,7 +442,7 @@ def test_a_single_sample_folder_is_not_a_top_folder(tmp_path):
 )
 def test_a_zip_is_opened_once_for_all_its_maps(tmp_path, monkeypatch, call):
     """Opening reads the whole list of members, which per map would take hours."""
-    zipped(tmp_path / "my.zip", [(f"no-{k}.png", encode_png(PNG)) for k in range(40)])
+    zipped(tmp_path / "my.zip", [(f"no-{k}.png", PNG) for k in range(40)])
     opened = []
     original = zipfile.ZipFile.__init__
     monkeypatch.setattr(
@@ -529,16 +455,9 @@ def test_a_zip_is_opened_once_for_all_its_maps(tmp_path, monkeypatch, call):
 
 
 def test_a_zip_deleted_meanwhile_is_still_read(tmp_path):
-    submission = zipped(tmp_path / "my.zip", [("no.png", encode_png(PNG))])
+    submission = zipped(tmp_path / "my.zip", [("no.png", PNG)])
     before = open_submission(tmp_path / "my.zip").spec
     (tmp_path / "my.zip").unlink()
     assert submission.unmatched_files({"s": ()}) == ("no.png",)
     assert submission.spec == before
     np.testing.assert_array_equal(submission.map_of("no", SHAPE), DISP)
-
-
-def _filled(folder, files):
-    for name, data in files.items():
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        (folder / name).write_bytes(data)
-    return open_submission(folder)

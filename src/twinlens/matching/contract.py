@@ -161,12 +161,17 @@ def checked_answer(result: Any, shape: tuple[int, ...], name: str) -> Answer:
     Raises WrongAnswerError for maps of another type or shape, for NaN, and for disparities of -inf; unknown disparities
     are +inf.
     """
-    is_pair = isinstance(result, tuple) and len(result) == 2
-    disparity, confidence = result if is_pair else (result, None)
+    disparity, confidence = unchecked_pair(result)
     checked = _checked_disparity(disparity, shape, name)
     if confidence is None:
         return Answer(checked)
     return Answer(checked, _checked_confidence(confidence, shape, name))
+
+
+def unchecked_pair(result: Any) -> tuple[Any, Any]:
+    """(disparity, confidence) of what a matcher returned, a map or such a pair; without a confidence None."""
+    is_pair = isinstance(result, tuple) and len(result) == 2
+    return result if is_pair else (result, None)
 
 
 def _checked_disparity(result: Any, shape: tuple[int, ...], name: str) -> Disparity:

@@ -17,7 +17,12 @@ from numpy.typing import NDArray
 
 from twinlens.errors import InputError, TwinlensError
 from twinlens.matching import Answer, Matcher
-from twinlens.matching.contract import WrongAnswerError, answer_of, checked_answer
+from twinlens.matching.contract import (
+    WrongAnswerError,
+    answer_of,
+    checked_answer,
+    unchecked_pair,
+)
 from twinlens.matching.external import FunctionError
 from twinlens.processes import (
     IsolatedWorker,
@@ -222,7 +227,7 @@ def _untimed_match(
 
 def _check_floats(result: Any) -> None:
     """Refuse integers, which are a map that was scaled for a file and not converted back."""
-    disparity = result[0] if isinstance(result, tuple) else result
+    disparity, _ = unchecked_pair(result)
     if isinstance(disparity, np.ndarray) and disparity.dtype.kind != "f":
         raise WrongAnswerError(
             "wrong-type",
