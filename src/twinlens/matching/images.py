@@ -71,13 +71,13 @@ def to_working_dtype(image: Image, name: str) -> Image:
 
 def pair(left: Any, right: Any) -> tuple[Image, Image]:
     """Both images grey and in one working dtype: uint8, uint16 or float64. Raises InputError for anything else."""
-    for name, given in (("left", left), ("right", right)):
-        if isinstance(given, (str, os.PathLike)):
+    for name, image in (("left", left), ("right", right)):
+        if isinstance(image, (str, os.PathLike)):
             remedy = "give an array: twinlens.dataset.read_image(path)"
-            raise InputError(f"the {name} image is {os.fspath(given)!r}; {remedy}")
-        if np.ndim(given) not in (2, 3) or 0 in np.shape(given):
+            raise InputError(f"the {name} image is {os.fspath(image)!r}; {remedy}")
+        if np.ndim(image) not in (2, 3) or 0 in np.shape(image):
             raise InputError(
-                f"the {name} image has shape {np.shape(given)}; (H, W) or (H, W, 3) can be matched"
+                f"the {name} image has shape {np.shape(image)}; (H, W) or (H, W, 3) can be matched"
             )
     left, right = np.asarray(left), np.asarray(right)
     if left.shape[:2] != right.shape[:2]:
@@ -91,10 +91,8 @@ def pair(left: Any, right: Any) -> tuple[Image, Image]:
         raise InputError(
             f"the left image is {left.dtype}, the right {right.dtype}; both must have one dtype"
         )
-    left, right = (
-        grey(to_working_dtype(left, "left")),
-        grey(to_working_dtype(right, "right")),
-    )
+    left = grey(to_working_dtype(left, "left"))
+    right = grey(to_working_dtype(right, "right"))
     return np.ascontiguousarray(left), np.ascontiguousarray(right)
 
 
@@ -106,10 +104,9 @@ def levels(left: Image, right: Image) -> tuple[NDArray[np.int32], NDArray[np.int
     if left.dtype.kind == "f":
         low, high = min(left.min(), right.min()), max(left.max(), right.max())
     scale = 255.0 / (high - low) if high > low else 0.0
-    one, other = (
-        np.rint((image - low) * scale).astype(np.int32) for image in (left, right)
-    )
-    return one, other
+    left_levels = np.rint((left - low) * scale).astype(np.int32)
+    right_levels = np.rint((right - low) * scale).astype(np.int32)
+    return left_levels, right_levels
 
 
 def extended(image: Image, rows: tuple[int, int], columns: tuple[int, int]) -> Image:
@@ -132,12 +129,10 @@ def described(image: Image, transform: str, side: int) -> list[Image]:
         return [image]
     if transform == "bounds":
         wide = np.pad(image.astype(np.float64), ((0, 0), (1, 1)), mode="edge")
-        near = (
-            wide[:, 1:-1],
-            (wide[:, :-2] + wide[:, 1:-1]) / 2,
-            (wide[:, 1:-1] + wide[:, 2:]) / 2,
-        )
-        return [np.stack([near[0], np.min(near, axis=0), np.max(near, axis=0)])]
+        pixel = wide[:, 1:-1]
+        before, after = (wide[:, :-2] + pixel) / 2, (pixel + wide[:, 2:]) / 2
+        near = pixel, before, after
+        return [np.stack([pixel, np.min(near, axis=0), np.max(near, axis=0)])]
     radius, (height, width) = side // 2, image.shape
     padded = extended(image, (-radius, height + radius), (-radius, width + radius))
     if transform == "rank":

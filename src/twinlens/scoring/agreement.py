@@ -75,17 +75,12 @@ class Agreement:
         scenes = zip(names, (self.scenes_a, self.scenes_b), strict=True)
         few = [name for name, count in scenes if count < LEAST_SCENES]
         lacks = f"which has fewer than {LEAST_SCENES} scenes"
-        found = [
+        notes = [
             f"no interval contains the uncertainty of {name}, {lacks}" for name in few
         ]
-        return [
-            *found,
-            *(
-                ["no correlation: all methods of a board tie"]
-                if math.isnan(self.tau.value)
-                else []
-            ),
-        ]
+        if math.isnan(self.tau.value):
+            notes.append("no correlation: all methods of a board tie")
+        return notes
 
 
 def agreement(

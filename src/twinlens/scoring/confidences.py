@@ -37,10 +37,8 @@ def score_confidences(pair: Pair, matcher: Any) -> ConfidenceScores:
             "this method has no cost volume; use a method of twinlens, such as zncc or sgm"
         )
     check_image_size(matcher, pair.disp0.shape)
-    disparity, volume = (
-        matcher.match(pair.im0, pair.im1),
-        matcher.cost_volume(pair.im0, pair.im1),
-    )
+    disparity = matcher.match(pair.im0, pair.im1)
+    volume = matcher.cost_volume(pair.im0, pair.im1)
     known = np.isfinite(pair.disp0) & np.isfinite(disparity)
     errors = np.full(disparity.shape, np.inf)
     errors[known] = np.abs(disparity[known] - pair.disp0[known])
@@ -50,11 +48,11 @@ def score_confidences(pair: Pair, matcher: Any) -> ConfidenceScores:
     }
     scores = {}
     for name, confidence in maps.items():
-        found = evaluate(
+        regions = evaluate(
             disparity, pair.disp0, pair.mask0_nonocc, pair.ndisp,
             min_disparity=pair.min_disparity, confidence=confidence,
         )  # fmt: skip
-        scores[name] = found.all if pair.mask0_nonocc is None else found.nonocc
+        scores[name] = regions.all if pair.mask0_nonocc is None else regions.nonocc
         if not scores[name].estimated:
             raise InputError(
                 f"{pair.name}: no pixel has a true disparity and an estimate"

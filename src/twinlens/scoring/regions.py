@@ -29,17 +29,12 @@ def textureless(image: NDArray[np.uint8], window: int = 3, limit: float = 4.0) -
     """
     channels = image.reshape(*image.shape[:2], -1).astype(np.int64)
     steps = (np.diff(channels, axis=1) ** 2).sum(axis=2)
-    largest = np.maximum(
-        np.pad(steps, ((0, 0), (1, 0)), mode="edge"),
-        np.pad(steps, ((0, 0), (0, 1)), mode="edge"),
-    )
+    to_left = np.pad(steps, ((0, 0), (1, 0)), mode="edge")
+    to_right = np.pad(steps, ((0, 0), (0, 1)), mode="edge")
     ones = np.ones(window, np.int64)
-    sums = ndimage.correlate1d(
-        ndimage.correlate1d(largest, ones, axis=0, mode="nearest"),
-        ones,
-        axis=1,
-        mode="nearest",
-    )
+    sums = np.maximum(to_left, to_right)
+    for axis in (0, 1):
+        sums = ndimage.correlate1d(sums, ones, axis=axis, mode="nearest")
     # Integer sums: the rounding of a floating-point mean would decide ties.
     return np.asarray(sums < limit * limit * window * window * channels.shape[2])
 
@@ -49,6 +44,7 @@ def discontinuity(gt: ArrayLike, window: int = 9, jump: float = 2.0) -> Mask:
     truth = disparity_map("gt", gt)
     known = np.where(np.isfinite(truth), truth, np.nan)
     edge = np.zeros(truth.shape, np.bool_)
+    # Along columns and, transposed, along rows; both sides of a jump are marked.
     for line, marked in ((known, edge), (known.T, edge.T)):
         with np.errstate(invalid="ignore"):
             steps = np.abs(np.diff(line, axis=0)) >= jump
@@ -76,11 +72,9 @@ def distance_bands(gt: ArrayLike) -> tuple[Mask, Mask, Mask]:
     """(near, mid, far): the upper, middle and lower third of the range of the known true disparities."""
     truth = disparity_map("gt", gt)
     known = np.isfinite(truth)
-    least, most = (
-        (float(truth[known].min()), float(truth[known].max()))
-        if known.any()
-        else (0.0, 0.0)
-    )
+    least = most = 0.0
+    if known.any():
+        least, most = float(truth[known].min()), float(truth[known].max())
     far = known & (truth <= least + (most - least) / 3)
     near = known & (truth > least + (most - least) * 2 / 3)
     return near, known & ~far & ~near, far
@@ -105,9 +99,9 @@ def _textureless(sample: Any) -> Mask | None:
     image = sample.im0
     if image.shape[1] < 2:
         return None
-    return _nonocc(sample) & textureless(
-        (image >> 8).astype(np.uint8) if image.dtype == np.uint16 else image
-    )
+    if image.dtype == np.uint16:
+        image = (image >> 8).astype(np.uint8)
+    return _nonocc(sample) & textureless(image)
 
 
 def _material(kind: str) -> Region:

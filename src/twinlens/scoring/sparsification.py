@@ -52,15 +52,13 @@ def sparsification(confidence: ArrayLike, bad: ArrayLike) -> Sparsification:
     if not values.size:
         return Sparsification((math.nan,) * len(DENSITIES), math.nan, math.nan)
     kept, faults = _counts_by_rank(values, wrong.ravel())
-    total, rate = kept[-1], float(faults[-1] / kept[-1])
-    rates = tuple(
-        float(np.interp(share * total, kept, faults) / (share * total))
-        for share in DENSITIES
-    )
+    counts = np.array(DENSITIES) * kept[-1]
+    rates = np.interp(counts, kept, faults) / counts
+    rate = float(faults[-1] / kept[-1])
     good = 1.0 - rate
-    return Sparsification(
-        rates, _area(kept, faults), rate + (good * math.log(good) if good > 0 else 0.0)
-    )
+    # The integral of max(0, 1 - good / share) over the share: bad pixels follow when all good ones are kept.
+    optimal = rate + (good * math.log(good) if good > 0 else 0.0)
+    return Sparsification(tuple(rates.tolist()), _area(kept, faults), optimal)
 
 
 def _counts_by_rank(
