@@ -39,7 +39,7 @@ def images(
         start = time.process_time()
         built = build(scene)
         if cached:
-            built = for_denoising(built, scene, rig, "rgb", seed + 1)
+            built = for_denoising(built, rig, "rgb", seed + 1)
         middle = time.process_time()
         sensor = make_sensor(
             rig.cameras[0], rig.world_from_cams[0], tl.Pinhole(), SPP, "multijitter"

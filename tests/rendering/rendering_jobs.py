@@ -287,9 +287,11 @@ def denoised_optics_job() -> dict[str, np.ndarray]:
 
 def own_guides(scene, camera, lens, seed, eye):
     from twinlens.rendering.build import build
-    from twinlens.rendering.radiance import other_guides
+    from twinlens.rendering.images import other_guides
+    from twinlens.rendering.views import View
 
-    return other_guides(build(scene), camera, photos.POSE, lens, 4, seed, eye).albedo
+    view = View(build(scene), camera, photos.POSE, lens, denoised=True)
+    return other_guides(view, 4, seed, eye).albedo
 
 
 def guides_of(scene, camera, passes=(("multijitter", 16, 5),), lens=tl.Pinhole()):  # noqa: B008
@@ -301,14 +303,14 @@ def guides_of(scene, camera, passes=(("multijitter", 16, 5),), lens=tl.Pinhole()
 
 def guides_of_paths(scene):
     """Guides from the paths of an image."""
-    from twinlens.rendering.radiance import image_passes, raw_image, views_of
+    from twinlens.rendering.images import image_passes, raw_image
+    from twinlens.rendering.views import views_of
 
     camera = photos.camera(24, 24, 60.0)
-    (view,) = views_of(
-        scene, Rig([camera], [photos.POSE]), [tl.Pinhole()], 0, denoise=True
-    )
+    rig = Rig([camera], [photos.POSE])
+    (view,) = views_of({"rgb": scene}, rig, [tl.Pinhole()], 0, denoise=True)
     _, guides = raw_image(
-        view, list(image_passes(camera, 256, 0, 0, "sobol")), None, lambda _: None
+        view, image_passes(camera, 256, 0, 0, "sobol"), None, lambda _: None
     )
     return {
         "albedo": guides.albedo,

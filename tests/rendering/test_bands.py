@@ -12,6 +12,7 @@ from twinlens.errors import InputError
 from twinlens.rendering.build import build
 from twinlens.rendering.guides import render_guides
 from twinlens.scenes import Color, Scene, SceneObject
+from twinlens.scenes.bands import in_band
 from twinlens.sensor import Mismatch, Sensor
 
 RED = {
@@ -60,7 +61,11 @@ def test_near_infrared_radiance_is_that_of_its_own_light_and_reflectance(scene):
         np.array([0.5, 0.1, 0.1]) * [1, 2, 3] / np.pi, rel=1e-4
     )
     near_guides = render_guides(
-        build(scene, "nir"), NIR, POSES[0], tl.Pinhole(), [("independent", 1, 1)]
+        build(in_band(scene, "nir")),
+        NIR,
+        POSES[0],
+        tl.Pinhole(),
+        [("independent", 1, 1)],
     )
     assert near_guides.albedo == pytest.approx(0.8, rel=1e-4)
 

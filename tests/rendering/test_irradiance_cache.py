@@ -8,7 +8,7 @@ from tests.optics_rendered.optics_lights import HERE
 from twinlens.camera import Camera, Projector, Rig, patterns
 from twinlens.rendering.build import build
 from twinlens.rendering.integrators import for_denoising
-from twinlens.rendering.projectors import build_lit
+from twinlens.rendering.projectors import lit_by_projectors
 from twinlens.rendering.sensors import make_sensor
 from twinlens.scenes import Scene, SceneObject
 
@@ -81,9 +81,9 @@ def images(scene, rig, spp, seeds, cached=True, sampler="independent"):
     """Images (N, H, W, 3) of the first camera before denoising, with or without a cache for each seed."""
     found = []
     for seed in seeds:
-        built = build_lit(scene, rig, "rgb")
+        built = lit_by_projectors(build(scene), rig, "rgb")
         if cached:
-            built = for_denoising(built, scene, rig, "rgb", seed)
+            built = for_denoising(built, rig, "rgb", seed)
         sensor = make_sensor(
             rig.cameras[0], rig.world_from_cams[0], tl.Pinhole(), spp, sampler
         )
@@ -168,9 +168,7 @@ def test_no_sample_of_the_irradiance_is_far_above_what_lights_can_give():
     for gap in (0.002, 0.02, 0.2):
         scene, rig = lamp_before_a_wall(gap), Rig.stereo(LARGE, 0.1)
         for seed in range(4):
-            cache = for_denoising(
-                build(scene), scene, rig, "rgb", seed
-            ).integrator.cache
+            cache = for_denoising(build(scene), rig, "rgb", seed).integrator.cache
             direct = np.array(cache._tables).reshape(-1, int(cache._count[0]), 3)[0]
             assert 0 < direct.max() < 1.5 * np.pi * 1000
 
@@ -249,7 +247,7 @@ def test_the_light_of_projectors_is_in_the_cache():
 
 def test_there_is_no_cache_without_a_third_surface():
     scene, rig = lit_cube(depth=2), Rig.stereo(CAMERA, 0.1)
-    assert for_denoising(build(scene), scene, rig, "rgb", 0).integrator.cache is None
+    assert for_denoising(build(scene), rig, "rgb", 0).integrator.cache is None
 
 
 def test_light_that_would_grow_without_limit_ends():

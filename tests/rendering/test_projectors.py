@@ -26,7 +26,7 @@ from twinlens.errors import InputError
 from twinlens.rendering import ProjectorWarning
 from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import build
-from twinlens.rendering.projectors import build_lit
+from twinlens.rendering.projectors import lit_by_projectors
 from twinlens.rendering.sensors import make_sensor
 from twinlens.scenes import Bitmap, Color, Scene, SceneObject
 
@@ -365,7 +365,10 @@ def test_another_pattern_power_or_pose_changes_the_loaded_scene():
     scene = scene_of(wall(1.5))
     tl.render(scene, first, spp=1)
     changed = tl.render(scene, other, spp=2)[0]
-    loaded = [build_lit(scene, each, "rgb").integrator for each in (first, other)]
+    loaded = [
+        lit_by_projectors(build(scene), each, "rgb").integrator
+        for each in (first, other)
+    ]
     assert loaded[0] is loaded[1]
     assert (changed == tl.render(scene_of(wall(1.5)), other, spp=2)[0]).all()
 
@@ -522,17 +525,17 @@ def test_denoised_images_keep_the_dots_of_a_projector(aperture, band):
 @pytest.mark.parametrize("parts", [None, tl.Dual()], ids=["whole", "halves"])
 def test_guides_have_the_projected_light_of_the_image(sampler, spp, parts):
     """A wall under a projector alone, seen by the image's own samples. 7 samples take two passes."""
-    from twinlens.rendering.radiance import image_passes, raw_image, views_of
+    from twinlens.rendering.images import image_passes, raw_image
+    from twinlens.rendering.views import views_of
 
     projector = Projector(
         SIDE, Camera.from_fov(128, 96, 50), patterns.dots(128, 96, 0.1, seed=3), 20.0,
         aperture_diameter=0.02, focus_distance=2.0,
     )  # fmt: skip
     rig = Rig([TINY], [np.eye(4)], projectors=[projector])
-    (view,) = views_of(
-        scene_of(wall(2.0), depth=2), rig, [tl.ThinLens(0.05, 1.0)], 0, denoise=True
-    )
-    passes = list(image_passes(view.camera, spp, 0, 0, sampler))
+    scenes = {"rgb": scene_of(wall(2.0), depth=2)}
+    (view,) = views_of(scenes, rig, [tl.ThinLens(0.05, 1.0)], 0, denoise=True)
+    passes = image_passes(view.camera, spp, 0, 0, sampler)
     raw, guides = raw_image(view, passes, parts, lambda _: None)
     assert raw.max() > 0.1
     np.testing.assert_allclose(guides.projected, raw, rtol=0, atol=1e-5 * raw.max())

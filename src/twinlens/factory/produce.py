@@ -32,7 +32,7 @@ from twinlens.rendering import (
     ground_truth,
 )
 from twinlens.scenes import Scene, Sky
-from twinlens.scenes.bands import NIR_SHARES
+from twinlens.scenes.bands import NIR_SHARES, in_band
 from twinlens.schema import read
 from twinlens.seeds import generator
 
@@ -222,7 +222,7 @@ def check_draws(recipe: Recipe, index: int) -> None:
                     for band in {
                         band for camera in rig.cameras for band in camera.bands
                     }:
-                        check_lit(scene, band)
+                        check_lit(in_band(scene, band), band)
             return
 
 

@@ -7,31 +7,32 @@ from twinlens.rendering.backends import (
     use_threads as use_threads,
 )
 from twinlens.rendering.denoising import denoiser_record as denoiser_record
-from twinlens.rendering.focal_stack import focal_stack as focal_stack
 from twinlens.rendering.ground_truth import (
     correspondence as correspondence,
     ground_truth as ground_truth,
     projection as projection,
 )
+from twinlens.rendering.images import MAX_SPP as MAX_SPP, NoisyImage as NoisyImage
 from twinlens.rendering.lens_grid import (
     LensGrid as LensGrid,
+    focal_stack as focal_stack,
     render_lens_grid as render_lens_grid,
 )
 from twinlens.rendering.light_field import render_light_field as render_light_field
 from twinlens.rendering.object_truth import object_models as object_models
 from twinlens.rendering.projectors import ProjectorWarning as ProjectorWarning
 from twinlens.rendering.radiance import (
-    MAX_SPP as MAX_SPP,
-    NoisyImage as NoisyImage,
-    Progress as Progress,
-    check_lit as check_lit,
-    denoised_cameras as denoised_cameras,
-    partial_progress as partial_progress,
     render as render,
     render_measured as render_measured,
+)
+from twinlens.rendering.requests import (
+    Progress as Progress,
+    check_lit as check_lit,
+    partial_progress as partial_progress,
 )
 from twinlens.rendering.samplers import (
     Sampler as Sampler,
     default_sampler as default_sampler,
 )
 from twinlens.rendering.shared_kernels import share_kernels as share_kernels
+from twinlens.rendering.views import denoised_cameras as denoised_cameras

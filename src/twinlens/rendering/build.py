@@ -1,9 +1,12 @@
-"""Builds a Mitsuba scene from a `Scene`, and the table of its bodies that ground truth uses."""
+"""Builds a Mitsuba scene from a `Scene`: once, after which rendering and ground truth look at what was built alone.
+
+A built scene has one band of light (`scenes.bands`). Its objects can take new poses without being loaded again.
+"""
 
 import contextlib
 import threading
 import weakref
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -20,13 +23,11 @@ from twinlens.rendering.materials import (
     vertex_attributes,
 )
 from twinlens.scenes import Bitmap, Color, Mesh, Plugin, Scene, SceneObject
-from twinlens.scenes.bands import near_infrared
 from twinlens.scenes.shapes import transformed
 
 _INSTANCE = 1 << 10  # Mitsuba 3.9 has no name for this shape type
 
 _cache: "weakref.WeakKeyDictionary[Scene, BuiltScene]" = weakref.WeakKeyDictionary()
-_near_infrared: "weakref.WeakKeyDictionary[Scene, Scene]" = weakref.WeakKeyDictionary()
 _building = threading.Lock()
 
 
@@ -36,6 +37,8 @@ class Body:
 
     `shape` is the Mitsuba shape whose geometry is hit, `instance` the Mitsuba instance that places it, if any.
     `model` and `world_from_model` (4x4, affine) are those of its scene file; None for a shape of a Mitsuba file.
+    `surface` is the part of `model` with this material, and `group_from_model` (4x4) the pose of a shape
+    in the group whose instance it is.
     """
 
     object_id: int
@@ -45,6 +48,8 @@ class Body:
     instance: Any = None
     model: Mesh | Plugin | None = None
     world_from_model: Float | None = None
+    surface: Mesh | Plugin | None = None
+    group_from_model: Float | None = None
 
     @property
     def hit_object(self) -> Any:
@@ -54,43 +59,121 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class BuiltScene:
-    """A loaded Mitsuba scene and its bodies. `object_names[i]` and `material_names[i]` have the id i + 1.
+    """A loaded Mitsuba scene and its bodies: all that rendering and ground truth know of a Scene.
 
-    `parts` are the shapes and lights of the Mitsuba scene; None for a file whose parts cannot be used again.
-    `projected` is the integrator that adds the light of projectors, which are not in the scene; None if there is none.
+    integrator : the scene's own, whose images hide the sky if the scene does.
+    object_names, material_names : entry i has the id i + 1.
+    name : of the scene, for messages.
+    path : the options `max_depth` and `rr_depth` of its path integrator; None if it is another one, or of a Mitsuba
+        file: then our own integrators cannot take its place.
+    sky_visible : whether camera rays that hit nothing see the sky.
+    parts : the shapes and lights of the Mitsuba scene; None for a file whose parts cannot be used again.
+    projected : the integrator that adds the light of projectors, which are not in the scene; None if there is none.
+    cache : what others derive from the scene, by name; emptied where objects move.
     """
 
     mi_scene: Any
     integrator: Any
-    bodies: tuple[Body, ...]
+    bodies: list[Body]
     object_names: tuple[str, ...]
     material_names: tuple[str, ...]
+    name: str = ""
+    path: Mapping[str, int] | None = None
+    sky_visible: bool = True
     parts: Mapping[str, Any] | None = None
     projected: Any = None
     cache: dict[str, Any] = field(default_factory=dict)
 
+    def follows_rays(self) -> bool:
+        """Whether images are of rays from the camera, whose samples are known: not if light is traced from lamps."""
+        return isinstance(self.integrator, mitsuba().SamplingIntegrator)
 
-def in_band(scene: Scene, band: str) -> Scene:
-    """The scene in the band "rgb" or "nir", cached as long as the Scene exists."""
-    if band == "rgb":
-        return scene
-    if scene not in _near_infrared:
-        _near_infrared[scene] = near_infrared(scene)
-    return _near_infrared[scene]
+    def with_integrator(self, integrator: Any, **changes: Any) -> "BuiltScene":
+        """This scene with another integrator, which shows the sky only if the scene does."""
+        return replace(
+            self, integrator=_sky_hidden(integrator, self.sky_visible), **changes
+        )
 
 
-def build(scene: Scene, band: str = "rgb") -> BuiltScene:
-    """The Mitsuba scene of `scene` in a band, cached as long as the Scene exists."""
+def build(scene: Scene) -> BuiltScene:
+    """The Mitsuba scene of `scene`, cached as long as the Scene exists."""
     with _building:
-        scene = in_band(scene, band)
         if scene not in _cache:
-            built = (
-                _build_xml(scene) if scene.xml is not None else _build_objects(scene)
-            )
-            if scene.ambient != 1:
-                _scale_light(built.mi_scene, scene.ambient)
-            _cache[scene] = built
+            _cache[scene] = _built(scene)
         return _cache[scene]
+
+
+def build_moved(scene: Scene, before: Scene) -> BuiltScene:
+    """The built scene of `before`, whose objects take the poses that they have in `scene`, where these are all that
+    differs. Nothing is loaded again. What was built then belongs to `scene`; `before` would be built anew.
+
+    Raises InputError where the scenes differ in more than poses, and for Mitsuba files.
+    """
+    _check_moved(scene, before)
+    built = build(before)
+    with _building:
+        _cache.pop(before, None)
+        _move(built, scene.objects)
+        _cache[scene] = built
+    return built
+
+
+def _built(scene: Scene) -> BuiltScene:
+    built = _build_xml(scene) if scene.xml is not None else _build_objects(scene)
+    if scene.ambient != 1:
+        _scale_light(built.mi_scene, scene.ambient)
+    return built
+
+
+def _check_moved(scene: Scene, before: Scene) -> None:
+    """Raise InputError unless two scenes of scene files differ in the poses of objects alone."""
+    same = scene.xml is None and len(scene.objects) == len(before.objects)
+    for name in ("materials", "lights", "integrator", "sky", "ambient"):
+        same &= getattr(scene, name) is getattr(before, name)
+    for new, old in zip(scene.objects, before.objects, strict=False):
+        same &= new.shape is old.shape and new.emitter is old.emitter
+        same &= new.material == old.material
+        same &= len(new.instances) == len(old.instances)
+    if not same:
+        raise InputError(
+            f"{scene.name}: only the poses of objects may differ from the scene that was built, and a Mitsuba file has"
+            " none; use build"
+        )
+
+
+def _move(built: BuiltScene, objects: Sequence[SceneObject]) -> None:
+    """Place the objects of a built scene where `objects` are."""
+    poses = [pose for thing in objects for pose in _poses(thing)]  # by object id - 1
+    for row, body in enumerate(built.bodies):
+        pose = poses[body.object_id - 1]
+        assert body.world_from_model is not None  # only Mitsuba files have such bodies
+        if np.array_equal(pose, body.world_from_model):
+            continue
+        parameters = mitsuba().traverse(body.hit_object)
+        for name, value in _placement(body, pose).items():
+            parameters[name] = value
+        parameters.update()
+        built.bodies[row] = replace(body, world_from_model=pose)
+    # The first call bounds the scene anew, the second gives the new bounds to the sky.
+    for _ in range(2):
+        built.mi_scene.parameters_changed()
+    built.cache.clear()
+
+
+def _placement(body: Body, world_from_model: Float) -> dict[str, Any]:
+    """The parameters of a body's Mitsuba shape or instance that place it."""
+    mi = mitsuba()
+    assert body.surface is not None
+    if body.instance is not None and body.group_from_model is not None:
+        # The shape in the group has the object's own pose already.
+        world_from_group = world_from_model @ np.linalg.inv(body.group_from_model)
+        return {"to_world": mi.Transform4f(world_from_group)}
+    if isinstance(body.surface, Mesh):
+        return _mesh_buffers(body.surface, world_from_model)
+    # Mitsuba folds other keys of the plugin into its pose, such as the radius of a sphere.
+    plugin = {**body.surface, "to_world": _shape_pose(body.surface, world_from_model)}
+    loaded = mi.traverse(mi.load_dict(mitsuba_value(plugin)))
+    return {"to_world": loaded["to_world"]}
 
 
 def _need_two_threads() -> None:
@@ -118,57 +201,70 @@ def _build_objects(scene: Scene) -> BuiltScene:
         for i, name in enumerate(plugins)
     }
     parts: dict[str, Any] = {"type": "scene", "embree_use_robust_intersections": True}
-    placed: list[
-        tuple[int, str, int, int, Any, SceneObject, Float]
-    ] = []  # ids and kinds of parts, and what they are
+    bodies: dict[str, Body] = {}  # by the id of its shape or instance in the scene
     names: list[str] = []
     for index, thing in enumerate(scene.objects):
-        copies = [f"{thing.name}[{i}]" for i in range(len(thing.instances))] or [
-            thing.name
-        ]
-        poses = [pose @ thing.world_from_object for pose in thing.instances] or [
-            thing.world_from_object
-        ]
-        for k, (material, leaf) in enumerate(_leaves(thing, scene, materials)):
-            material_id = 1 + material_names.index(material)
+        for k, (material, surface, leaf) in enumerate(_leaves(thing, scene, materials)):
             kind = material_kind(leaf.bsdf(), scene.materials[material])
             label = f"{index:04d}" if k == 0 else f"{index:04d}-{k}"
-            for copy, (key, part) in enumerate(
-                _parts(thing, label, leaf, parts), start=1
-            ):
+            copies = zip(_parts(thing, label, leaf, parts), _poses(thing), strict=True)
+            for copy, ((key, part), pose) in enumerate(copies, start=1):
                 parts[key] = part
-                placed.append(
-                    (
-                        len(names) + copy,
-                        key,
-                        material_id,
-                        kind,
-                        leaf,
-                        thing,
-                        poses[copy - 1],
-                    )
+                bodies[key] = Body(
+                    object_id=len(names) + copy,
+                    material_id=1 + material_names.index(material),
+                    material_kind=kind,
+                    shape=leaf,
+                    model=thing.shape,
+                    world_from_model=pose,
+                    surface=surface,
+                    group_from_model=thing.world_from_object,
                 )
-        names += copies
+        names += _copy_names(thing)
     parts |= lights
     mi_scene = mi.load_dict(parts, optimize=False)
     shapes = {shape.id(): shape for shape in mi_scene.shapes()}
-    bodies = tuple(
-        Body(object_id, material_id, kind, leaf, instance, thing.shape, pose)
-        for object_id, key, material_id, kind, leaf, thing, pose in placed
-        for instance in [None if shapes[key] is leaf else shapes[key]]
-    )
+    for key, body in bodies.items():
+        if shapes[key] is not body.shape:
+            bodies[key] = replace(body, instance=shapes[key])
+    sky_visible = scene.sky is None or scene.sky.visible
+    integrator = _load(scene.integrator, "integrator")
     return BuiltScene(
-        mi_scene, _integrator(scene), bodies, tuple(names), material_names, parts
+        name=scene.name,
+        mi_scene=mi_scene,
+        integrator=_sky_hidden(integrator, sky_visible),
+        path=_path_options(scene.integrator),
+        sky_visible=sky_visible,
+        bodies=list(bodies.values()),
+        object_names=tuple(names),
+        material_names=material_names,
+        parts=parts,
     )
 
 
-def _integrator(scene: Scene) -> Any:
-    return sky_hidden(scene, _load(scene.integrator, "integrator"))
+def _copy_names(thing: SceneObject) -> list[str]:
+    """The names of an object's copies in the ground truth, one for each of `_poses`."""
+    if not thing.instances:
+        return [thing.name]
+    return [f"{thing.name}[{i}]" for i in range(len(thing.instances))]
 
 
-def sky_hidden(scene: Scene, integrator: Any) -> Any:
-    """`integrator`, or one that does not show the sky of a scene whose sky is hidden."""
-    if scene.sky is None or scene.sky.visible:
+def _poses(thing: SceneObject) -> list[Float]:
+    """The world_from_model of each copy of an object."""
+    if not thing.instances:
+        return [thing.world_from_object]
+    return [pose @ thing.world_from_object for pose in thing.instances]
+
+
+def _path_options(plugin: Plugin) -> dict[str, int] | None:
+    """The options of a scene's path integrator, None if it is another one or hides lamps."""
+    if plugin["type"] != "path" or plugin.get("hide_emitters"):
+        return None
+    return {key: plugin[key] for key in ("max_depth", "rr_depth") if key in plugin}
+
+
+def _sky_hidden(integrator: Any, sky_visible: bool) -> Any:
+    if sky_visible:
         return integrator
     from twinlens.rendering.hidden_sky import HiddenSky  # sets up the backend
 
@@ -198,8 +294,8 @@ def _parts(
 
 def _leaves(
     thing: SceneObject, scene: Scene, bsdfs: Mapping[str, Any]
-) -> Iterator[tuple[str, Any]]:
-    """The material and the Mitsuba shape of each surface of an object."""
+) -> Iterator[tuple[str, Mesh | Plugin, Any]]:
+    """The material, the geometry and the Mitsuba shape of each surface of an object."""
     mesh = thing.shape
     for number, material in enumerate(thing.materials):
         emitter = thing.emitter or emitter_of(scene.materials[material])
@@ -219,10 +315,8 @@ def _leaves(
         if isinstance(shape, Mesh) and shape.attributes:
             attributes = vertex_attributes(scene.materials[material], shape)
             shape = replace(shape, attributes=attributes)
-        yield (
-            material,
-            _leaf(replace(thing, shape=shape, emitter=emitter), bsdfs[material]),
-        )
+        leaf = _leaf(replace(thing, shape=shape, emitter=emitter), bsdfs[material])
+        yield material, shape, leaf
 
 
 def _subset(mesh: Mesh, chosen: NDArray[np.bool_]) -> Mesh:
@@ -242,7 +336,6 @@ def _subset(mesh: Mesh, chosen: NDArray[np.bool_]) -> Mesh:
 
 
 def _leaf(thing: SceneObject, bsdf: Any) -> Any:
-    mi = mitsuba()
     emitter = (
         None
         if thing.emitter is None
@@ -252,15 +345,21 @@ def _leaf(thing: SceneObject, bsdf: Any) -> Any:
         return mitsuba_mesh(
             thing.name, thing.shape, thing.world_from_object, bsdf, emitter
         )
-    own = mi.ScalarTransform4f(thing.shape.get("to_world", np.eye(4)))
     plugin = {
         **thing.shape,
-        "to_world": mi.ScalarTransform4f(thing.world_from_object) @ own,
+        "to_world": _shape_pose(thing.shape, thing.world_from_object),
         "bsdf": bsdf,
     }
     if emitter is not None:
         plugin["emitter"] = emitter
     return _load(plugin, f"shape of object {thing.name!r}")
+
+
+def _shape_pose(shape: Plugin, world_from_object: Float) -> Any:
+    """The `to_world` of an analytic shape, which may have a pose of its own in the object."""
+    mi = mitsuba()
+    object_from_shape = mi.ScalarTransform4f(shape.get("to_world", np.eye(4)))
+    return mi.ScalarTransform4f(world_from_object) @ object_from_shape
 
 
 def mitsuba_mesh(
@@ -280,21 +379,30 @@ def mitsuba_mesh(
         has_vertex_texcoords=mesh.uv is not None,
         props=properties,
     )
-    faces = np.asarray(mesh.faces, dtype=np.uint32)
-    if np.linalg.det(world_from_object[:3, :3]) < 0:
-        faces = faces[:, ::-1]  # keeps the orientation of a mirrored mesh
     buffers = mi.traverse(made)
-    placed = transformed(mesh, world_from_object)
-    buffers["vertex_positions"] = _flat32(placed.vertices)
-    buffers["faces"] = np.ascontiguousarray(faces).ravel()
-    if placed.normals is not None:
-        buffers["vertex_normals"] = _flat32(placed.normals)
+    for name_, values in _mesh_buffers(mesh, world_from_object).items():
+        buffers[name_] = values
     if mesh.uv is not None:
         buffers["vertex_texcoords"] = _aligned(_flat32(mesh.uv))
     for key, values in mesh.attributes.items():
         made.add_attribute(key, values.shape[1], _flat32(values))
     buffers.update()
     return made
+
+
+def _mesh_buffers(mesh: Mesh, world_from_object: Float) -> dict[str, NDArray[Any]]:
+    """The buffers of a Mitsuba mesh that depend on its pose."""
+    faces = np.asarray(mesh.faces, dtype=np.uint32)
+    if np.linalg.det(world_from_object[:3, :3]) < 0:
+        faces = faces[:, ::-1]  # keeps the orientation of a mirrored mesh
+    placed = transformed(mesh, world_from_object)
+    buffers: dict[str, NDArray[Any]] = {
+        "vertex_positions": _flat32(placed.vertices),
+        "faces": np.ascontiguousarray(faces).ravel(),
+    }
+    if placed.normals is not None:
+        buffers["vertex_normals"] = _flat32(placed.normals)
+    return buffers
 
 
 def _flat32(values: Float) -> NDArray[np.float32]:
@@ -454,7 +562,16 @@ def _build_xml(scene: Scene) -> BuiltScene:
                 shape if is_instance else None,
             )
         )
-    integrator = _integrator(scene) if own is None else sky_hidden(scene, own)
+    sky_visible = scene.sky is None or scene.sky.visible
+    integrator = _load(scene.integrator, "integrator") if own is None else own
     return BuiltScene(
-        mi_scene, integrator, tuple(bodies), tuple(names), tuple(materials), parts
+        name=str(scene.xml),
+        mi_scene=mi_scene,
+        integrator=_sky_hidden(integrator, sky_visible),
+        path=None,
+        sky_visible=sky_visible,
+        bodies=bodies,
+        object_names=tuple(names),
+        material_names=tuple(materials),
+        parts=parts,
     )

@@ -19,7 +19,7 @@ from twinlens.errors import InputError, check_int
 from twinlens.geometry import Float, inverse, rotate, transform_points
 from twinlens.rendering.build import BuiltScene, build
 from twinlens.rendering.object_truth import object_truths
-from twinlens.rendering.radiance import check_view
+from twinlens.rendering.requests import check_view
 from twinlens.rendering.tracing import (
     Hits,
     Rays,

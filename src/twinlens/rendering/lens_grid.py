@@ -3,41 +3,52 @@
 A ray through aperture point a that a camera of vergence k sees at film position x is seen by a camera of vergence k' at
 x + (k' - k) a: a pure shift. So paths are traced once, over a padded film and over concentric annuli of the aperture,
 and gathered once for each focus. A lens is the area-weighted sum of its annuli.
+
+A focal stack is such a list with one aperture.
 """
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.camera import Disk, Lens, Rig
+from twinlens.camera import Disk, Lens, Rig, ThinLens
 from twinlens.camera.parts import Parts
-from twinlens.errors import InputError
+from twinlens.errors import InputError, format_value
 from twinlens.geometry import Float
-from twinlens.rendering.annuli import area_fraction, plan_annuli, split_vergences
-from twinlens.rendering.backends import mitsuba
-from twinlens.rendering.build import BuiltScene
+from twinlens.optics import check_focus
+from twinlens.rendering.annuli import (
+    ApertureAnnulus,
+    area_fraction,
+    plan_annuli,
+    split_vergences,
+)
 from twinlens.rendering.denoising import GUIDE_SAMPLES, denoise_parts
-from twinlens.rendering.radiance import (
-    Progress,
-    View,
-    check_parts_request,
-    check_request,
+from twinlens.rendering.images import (
+    Samples,
     image_passes,
-    in_channels,
+    light_of_parts,
     measured,
     other_guides,
-    partial_progress,
     raw_image,
+)
+from twinlens.rendering.requests import (
+    Progress,
+    check_request,
+    partial_progress,
     split_bands,
+)
+from twinlens.rendering.samplers import PLAIN_SAMPLER, default_sampler
+from twinlens.rendering.views import (
+    View,
+    by_camera,
+    in_channels,
     sum_of,
     views_of,
 )
-from twinlens.rendering.samplers import PLAIN_SAMPLER, default_sampler
 from twinlens.scenes import Scene
 from twinlens.seeds import derived_seed, seed_sequence
 
@@ -117,86 +128,100 @@ def render_lens_grid(
     if not isinstance(lenses, Sequence) or not lenses:
         raise InputError("render_lens_grid needs a list of at least one lens")
     alone = sampler or default_sampler(denoise)
-    check_request(scene, rig, lenses, spp, seed, alone)
-    single, members = split_bands(rig)
-    if len(single) > len(rig):
-        grid = render_lens_grid(
-            scene,
-            single,
-            lenses,
-            spp,
-            seed,
-            denoise=denoise,
-            parts=parts,
-            sampler=sampler,
-            progress=progress,
-        )
-        joined = tuple(
-            [sum_of([images[i] for i in indices]) for indices in members]
-            for images in grid
-        )
-        squares = np.square(grid.standard_error)
-        errors = np.stack(
-            [squares[:, indices].sum(axis=1) for indices in members], axis=1
-        )
-        return LensGrid(joined, np.sqrt(errors), grid.rays)
-    if parts is not None:
-        check_parts_request(scene, rig, lenses, parts)
-    bands = {camera.band for camera in rig.cameras}
-    denoise = denoise and not any(
-        each.emitted_power and each.band in bands for each in rig.projectors
-    )
-    views = views_of(scene, rig, [lenses[0]] * len(rig), int(seed), denoise)
-    builts = [view.built for view in views]
-    built = builts[0]
-    spp, seed = int(spp), int(seed)
-    shared = _shareable(built, rig, lenses)
-    separate = [i for i in range(len(lenses)) if i not in shared]
-    images: dict[int, list[Image]] = {}
-    variance = np.zeros((len(lenses), len(rig)))
-    rays = (
-        spp
-        * len(separate)
-        * sum(camera.width * camera.height for camera in rig.cameras)
-    )
+    scenes = split_bands(scene, rig)
+    check_request(scenes, rig, lenses, spp, seed, alone, parts)
+    denoise = denoise and not _sees_projectors(rig)
+    views = views_of(scenes, rig, [lenses[0]] * len(rig), int(seed), denoise)
+
+    # One row for each lens, one column for each view; views of a camera are added up at the end.
+    images: list[list[Image]] = [[] for _ in lenses]
+    variance = np.zeros((len(lenses), len(views)))
+    rays = 0
+    shared = _shareable(views, lenses)
     if shared:
         report = partial_progress(progress, 0.0, len(shared) / len(lenses))
-        chosen = [lenses[i] for i in shared]
-        found, variance[shared], paths = _render_shared(
-            builts, rig, chosen, spp, seed, parts, sampler or PLAIN_SAMPLER, report
+        samples = Samples(int(spp), int(seed), sampler or PLAIN_SAMPLER, parts)
+        rows, variance[shared], rays = _render_shared(
+            views, [lenses[i] for i in shared], samples, report
         )
-        rays += paths
-        images |= zip(shared, found, strict=True)
+        for i, row in zip(shared, rows, strict=True):
+            images[i] = row
+    separate = [i for i in range(len(lenses)) if i not in shared]
     for done, i in enumerate(separate, len(shared)):
         report = partial_progress(
             progress, done / len(lenses), (done + 1) / len(lenses)
         )
-        own_seed = derived_seed(seed, _GRID_STREAM, i)
-        images[i], variance[i] = _render_separately(
-            views, lenses[i], spp, own_seed, parts, alone, report
+        samples = Samples(
+            int(spp), derived_seed(int(seed), _GRID_STREAM, i), alone, parts
         )
+        images[i], variance[i] = _render_separately(views, lenses[i], samples, report)
+        rays += spp * sum(view.camera.width * view.camera.height for view in views)
     if denoise:
-        for (i, lens), index in product(enumerate(lenses), range(len(rig))):
-            if not views[index].denoised:
-                continue
-            view = replace(views[index], lens=lens)
-            guides = other_guides(
-                *view.optics, GUIDE_SAMPLES, seed, index, i, parts=parts
-            )
-            fractions = None if parts is None else parts.light(lens.aperture)[0]
-            images[i][index] = denoise_parts(images[i][index], guides, None, fractions)
-    return LensGrid(
-        tuple(images[i] for i in range(len(lenses))), np.sqrt(variance), rays
+        for i, lens in enumerate(lenses):
+            images[i] = _denoised(views, images[i], lens, i, int(seed), parts)
+    return _grid_of_cameras(rig, images, variance, rays)
+
+
+def focal_stack(
+    scene: Scene,
+    rig: Rig,
+    lens: ThinLens,
+    focus_distances: Sequence[float],
+    spp: int = 64,
+    seed: int = 0,
+    *,
+    denoise: bool = False,
+    progress: Progress | None = None,
+) -> LensGrid:
+    """Render `scene` through `lens` focused at each of `focus_distances` (metres), as `render_lens_grid`.
+
+    Returns images[i_focus][i_camera]. Changing the focus does not move the image: there is no focus breathing. Raises
+    InputError unless `lens` is a ThinLens, and as `render_lens_grid`.
+    """
+    if not isinstance(lens, ThinLens):
+        raise InputError(f"a focal stack needs a ThinLens, got {format_value(lens)}")
+    if np.ndim(focus_distances) != 1:
+        raise InputError(
+            f"focus_distances must be a list of metres, got {format_value(focus_distances)}"
+        )
+    for distance in focus_distances:
+        check_focus(distance)
+    lenses = [
+        lens.replace(focus_distance=float(distance)) for distance in focus_distances
+    ]
+    return render_lens_grid(
+        scene, rig, lenses, spp, seed, denoise=denoise, progress=progress
     )
 
 
-def _shareable(built: BuiltScene, rig: Rig, lenses: Sequence[Lens]) -> list[int]:
+def _grid_of_cameras(
+    rig: Rig, images: Sequence[list[Image]], variance: Float, rays: int
+) -> LensGrid:
+    """The grid of a rig's cameras, from the images (lenses, views) and their variances, which add up too."""
+    rows = [[sum_of(of_camera) for of_camera in by_camera(rig, row)] for row in images]
+    columns = [
+        np.sum(of_camera, axis=0) for of_camera in by_camera(rig, list(variance.T))
+    ]
+    return LensGrid(tuple(rows), np.sqrt(np.stack(columns, axis=1)), rays)
+
+
+def _sees_projectors(rig: Rig) -> bool:
+    """Whether a projector shines in the band of a camera: shared paths do not know its light apart."""
+    bands = {band for camera in rig.cameras for band in camera.bands}
+    return any(
+        projector.emitted_power and projector.band in bands
+        for projector in rig.projectors
+    )
+
+
+def _shareable(views: Sequence[View], lenses: Sequence[Lens]) -> list[int]:
     """Indices of the lenses that can share paths: disk apertures.
 
-    None with lens distortion, or with an integrator that does not follow camera rays.
+    None with lens distortion, whose shifts are not equal in all pixels, or with an integrator that does not follow
+    camera rays.
     """
-    undistorted = all(camera.distortion is None for camera in rig.cameras)
-    if not (undistorted and isinstance(built.integrator, mitsuba().SamplingIntegrator)):
+    undistorted = all(view.camera.distortion is None for view in views)
+    if not (undistorted and views[0].built.follows_rays()):
         return []
     return [
         i
@@ -206,98 +231,124 @@ def _shareable(built: BuiltScene, rig: Rig, lenses: Sequence[Lens]) -> list[int]
 
 
 def _render_separately(
-    views: Sequence[View],
-    lens: Lens,
-    spp: int,
-    seed: int,
-    parts: Parts | None,
-    sampler: str,
-    progress: Progress,
+    views: Sequence[View], lens: Lens, samples: Samples, progress: Progress
 ) -> tuple[list[Image], list[float]]:
     """Images of one lens before denoising, and variances from halves of their samples, which are NaN with `parts`."""
     views = [replace(view, lens=lens, denoised=False) for view in views]
-    if spp < 2 or parts is not None:
-        images = []
-        for i, view in enumerate(views):
-            report = partial_progress(progress, i / len(views), (i + 1) / len(views))
-            images.append(
-                raw_image(
-                    view,
-                    list(image_passes(view.camera, spp, seed, i, sampler)),
-                    parts,
-                    report,
-                )[0]
+    if samples.spp >= 2 and samples.parts is None:
+        noisy, _ = measured(views, samples, progress=progress)
+        squares = [np.square(view.error, dtype=np.float64) for view in noisy]
+        variances = [float(square[np.isfinite(square)].mean()) for square in squares]
+        return [view.image for view in noisy], variances
+    images = []
+    for i, view in enumerate(views):
+        report = partial_progress(progress, i / len(views), (i + 1) / len(views))
+        passes = image_passes(
+            view.camera, samples.spp, samples.seed, i, samples.sampler
+        )
+        image, _ = raw_image(view, passes, samples.parts, report)
+        images.append(image)
+    return images, [math.nan] * len(views)
+
+
+def _denoised(
+    views: Sequence[View],
+    images: Sequence[Image],
+    lens: Lens,
+    number: int,
+    seed: int,
+    parts: Parts | None,
+) -> list[Image]:
+    """The images of lens `number` of a grid, denoised where the views ask for it."""
+    denoised = []
+    for index, (view, image) in enumerate(zip(views, images, strict=True)):
+        if view.denoised:
+            through = replace(view, lens=lens)
+            guides = other_guides(
+                through, GUIDE_SAMPLES, seed, index, number, parts=parts
             )
-        return images, [math.nan] * len(views)
-    found, _ = measured(
-        views, spp, seed, parts=None, sampler=sampler, progress=progress
-    )
-    squares = [np.square(view.error, dtype=np.float64) for view in found]
-    return [view.image for view in found], [
-        float(each[np.isfinite(each)].mean()) for each in squares
-    ]
+            image = denoise_parts(image, guides, None, light_of_parts(parts, lens))
+        denoised.append(image)
+    return denoised
 
 
 def _render_shared(
-    builts: Sequence[BuiltScene],
-    rig: Rig,
-    lenses: Sequence[Lens],
-    spp: int,
-    seed: int,
-    parts: Parts | None,
-    sampler: str,
-    progress: Progress,
+    views: Sequence[View], lenses: Sequence[Lens], samples: Samples, progress: Progress
 ) -> tuple[list[list[Image]], Float, int]:
-    """Images of all lenses from one set of paths per camera, their variances, and the number of paths."""
-    from twinlens.rendering.shared_paths import SharedPaths  # sets up the backend
-
+    """Images of all lenses from one set of paths per view, their variances, and the number of paths."""
     images: list[list[Image]] = [[] for _ in lenses]
-    variances, rays = np.zeros((len(lenses), len(rig))), 0
-    annuli = plan_annuli(lenses, spp)
-    size = 1 if parts is None else 1 + len(parts)  # the whole image, then its parts
-    for index, (camera, pose) in enumerate(
-        zip(rig.cameras, rig.world_from_cams, strict=True)
-    ):
-        seeds = seed_sequence(seed, _GRID_STREAM, index, 0)
-        totals = np.zeros((len(lenses), size, camera.height, camera.width, 3))
+    variances, rays = np.zeros((len(lenses), len(views))), 0
+    annuli = plan_annuli(lenses, samples.spp)
+    whole = (
+        0 if samples.parts is None else slice(1, None)
+    )  # the whole image comes first
+    for index, view in enumerate(views):
+        seeds = seed_sequence(samples.seed, _GRID_STREAM, index, 0)
+        sums = _Sums(view, lenses, samples)
         for place, annulus in enumerate(annuli):
-            for group in split_vergences(annulus, camera):
-                radii = [0.5 * lens.aperture_diameter for lens in lenses]
-                fractions = [area_fraction(annulus, radius) for radius in radii]
-                users = [
-                    i
-                    for i, lens in enumerate(lenses)
-                    if fractions[i] and lens.vergence in group.vergences
-                ]
-                outputs = [
-                    (
-                        group.vergences.index(lenses[i].vergence),
-                        radii[i] if parts else 0.0,
-                    )
-                    for i in users
-                ]
-                distinct = list(dict.fromkeys(outputs))
-                focuses = [focus for focus, _ in distinct for _ in range(size)]
-                shares = (
-                    None
-                    if parts is None
-                    else _shares(parts, [radius for _, radius in distinct])
-                )
-                traced = SharedPaths(builts[index], camera, pose, group, sampler)
-                means, variance, paths = traced.images(seeds, focuses, shares)
-                rays += paths
-                for i, output in zip(users, outputs, strict=True):
-                    first = size * distinct.index(output)
-                    totals[i] += fractions[i] * means[first : first + size]
-                    variances[i, index] += fractions[i] ** 2 * variance[first]
-            progress((index + (place + 1) / len(annuli)) / len(rig))
-        for several, total in zip(images, totals, strict=True):
-            several.append(
-                in_channels(total[0] if parts is None else total[1:], camera).astype(
-                    np.float32
-                )
-            )
+            for group in split_vergences(annulus, view.camera):
+                rays += sums.add(group, seeds)
+            progress((index + (place + 1) / len(annuli)) / len(views))
+        variances[:, index] = sums.variance
+        for row, total in zip(images, sums.total, strict=True):
+            image = in_channels(total[whole], view.camera)
+            row.append(image.astype(np.float32))
     return images, variances, rays
+
+
+class _Sums:
+    """The images of all lenses in one view, of the annuli that were traced: `total` (L, S, H, W, 3), `variance` (L,).
+
+    A lens's image is the mean of its annuli weighted by their areas; so are the images of parts of its aperture, which
+    follow the whole image. The variances of independent annuli add up with the squared weights.
+    """
+
+    def __init__(self, view: View, lenses: Sequence[Lens], samples: Samples) -> None:
+        self.view, self.lenses, self.samples = view, lenses, samples
+        self.size = 1 if samples.parts is None else 1 + len(samples.parts)
+        self.total = np.zeros(
+            (len(lenses), self.size, view.camera.height, view.camera.width, 3)
+        )
+        self.variance = np.zeros(len(lenses))
+
+    def add(self, annulus: ApertureAnnulus, seeds: np.random.SeedSequence) -> int:
+        """Trace the paths of an annulus and add its light to the lenses that have it; returns the number of paths."""
+        from twinlens.rendering.shared_paths import SharedPaths  # sets up the backend
+
+        parts = self.samples.parts
+        radii = [0.5 * lens.aperture_diameter for lens in self.lenses]
+        fractions = [area_fraction(annulus, radius) for radius in radii]
+        users = [
+            i
+            for i, lens in enumerate(self.lenses)
+            if fractions[i] and lens.vergence in annulus.vergences
+        ]
+        # Lenses of one vergence see the same image of the annulus. Its parts, though, depend on the aperture's radius.
+        outputs = [
+            (
+                annulus.vergences.index(self.lenses[i].vergence),
+                radii[i] if parts else 0.0,
+            )
+            for i in users
+        ]
+        distinct = list(dict.fromkeys(outputs))
+        focuses = [focus for focus, _ in distinct for _ in range(self.size)]
+        shares = None
+        if parts is not None:
+            shares = _shares(parts, [radius for _, radius in distinct])
+        traced = SharedPaths(
+            self.view.built,
+            self.view.camera,
+            self.view.pose,
+            annulus,
+            self.samples.sampler,
+        )
+        means, variance, paths = traced.images(seeds, focuses, shares)
+        for i, output in zip(users, outputs, strict=True):
+            first = self.size * distinct.index(output)
+            self.total[i] += fractions[i] * means[first : first + self.size]
+            self.variance[i] += fractions[i] ** 2 * variance[first]
+        return paths
 
 
 def _shares(parts: Parts, radii: Sequence[float]) -> Shares:
@@ -305,11 +356,10 @@ def _shares(parts: Parts, radii: Sequence[float]) -> Shares:
 
     def weights(points: NDArray[np.float32]) -> Float:
         x, y = points.T.astype(np.float64)
-        each = [
-            weight
-            for radius in radii
-            for weight in (np.ones(len(x)), *parts.shares(x / radius, y / radius))
-        ]
-        return np.stack(each, axis=1)
+        columns = []
+        for radius in radii:
+            columns.append(np.ones(len(x)))
+            columns += parts.shares(x / radius, y / radius)
+        return np.stack(columns, axis=1)
 
     return weights

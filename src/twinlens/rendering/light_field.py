@@ -8,16 +8,17 @@ from numpy.typing import NDArray
 from twinlens.camera import Pinhole, Rig
 from twinlens.camera.light_field import places_in_plane
 from twinlens.errors import InputError
+from twinlens.rendering.build import build
 from twinlens.rendering.integrators import own_paths
-from twinlens.rendering.projectors import build_lit
-from twinlens.rendering.radiance import (
+from twinlens.rendering.projectors import lit_by_projectors
+from twinlens.rendering.requests import (
     Progress,
     check_request,
-    in_channels,
     partial_progress,
-    sum_of,
+    split_bands,
 )
 from twinlens.rendering.samplers import PLAIN_SAMPLER
+from twinlens.rendering.views import in_channels, sum_of
 from twinlens.scenes import Scene
 from twinlens.seeds import derived_seed
 
@@ -60,7 +61,8 @@ def render_light_field(
     InputError
         For other rigs, for a scene whose integrator is not `path`, and as `render`.
     """
-    check_request(scene, rig, [Pinhole()], spp, seed, PLAIN_SAMPLER)
+    scenes = split_bands(scene, rig)
+    check_request(scenes, rig, [Pinhole()], spp, seed, PLAIN_SAMPLER)
     places_in_plane(rig)
     first = rig.cameras[0]
     if any(
@@ -79,10 +81,9 @@ def render_light_field(
     views = Views(rig)
     bands = []
     for number, band in enumerate(first.bands):
-        built = build_lit(scene, rig, band)
-        paths = own_paths(
-            scene, () if built.projected is None else built.projected.lamps
-        )
+        built = lit_by_projectors(build(scenes[band]), rig, band)
+        lamps = () if built.projected is None else built.projected.lamps
+        paths = own_paths(built, lamps)
         if paths is None:
             raise InputError(
                 f"the scene {scene.name!r} is a Mitsuba file or has another integrator than 'path'; use render"
@@ -90,23 +91,25 @@ def render_light_field(
         report = partial_progress(
             progress, number / len(first.bands), (number + 1) / len(first.bands)
         )
-        samples = math.ceil(spp / CAMERA_SAMPLES_PER_PATH)
         light = SharedLight(
-            built.mi_scene, paths, views, samples, derived_seed(seed, number, 0)
+            built.mi_scene,
+            paths,
+            views,
+            math.ceil(spp / CAMERA_SAMPLES_PER_PATH),
+            derived_seed(seed, number, 0),
         )
-        sees_sky = scene.sky is None or scene.sky.visible
-        images = []
-        for image in shared_images(
+        in_turn = shared_images(
             built.mi_scene,
             paths,
             light,
             int(spp),
             derived_seed(seed, number, 1),
-            sees_sky,
-        ):
-            images.append(
-                in_channels(image, first.replace(band=band)).astype(np.float32)
-            )
+            built.sky_visible,
+        )
+        images = []
+        for image in in_turn:
+            seen = in_channels(image, first.replace(band=band))
+            images.append(seen.astype(np.float32))
             report(len(images) / len(rig))
         bands.append(images)
     return [sum_of(images) for images in zip(*bands, strict=True)]

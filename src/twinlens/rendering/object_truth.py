@@ -277,7 +277,7 @@ def _scene_of(built: BuiltScene, body: Body) -> BuiltScene:
         }
         scene = mitsuba().load_dict(parts, optimize=False)
         alone = Body(body.object_id, body.material_id, body.material_kind, body.shape)
-        scenes[id(body.shape)] = BuiltScene(scene, None, (alone,), (), ())
+        scenes[id(body.shape)] = BuiltScene(scene, None, [alone], (), ())
     return scenes[id(body.shape)]
 
 

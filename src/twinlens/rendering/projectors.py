@@ -8,8 +8,10 @@ in Mitsuba files and with other integrators, it is a light of the scene, which i
 """
 
 import math
+import sys
 import warnings
 from dataclasses import dataclass, field, replace
+from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -20,10 +22,9 @@ from twinlens.camera.distortion import Distortion
 from twinlens.errors import InputError
 from twinlens.geometry import Float, image_border, rotate
 from twinlens.rendering.backends import mitsuba
-from twinlens.rendering.build import BuiltScene, build, sky_hidden
+from twinlens.rendering.build import BuiltScene
 from twinlens.rendering.integrators import own_paths
 from twinlens.rendering.tracing import Rays, intersect
-from twinlens.scenes import Scene
 
 _CHANNELS = 3  # that share the power
 _FINER = 4  # samples per projector pixel and axis
@@ -46,13 +47,12 @@ class _Lit:
     poses: list[Any] = field(default_factory=list)
 
 
-def build_lit(scene: Scene, rig: Rig, band: str) -> BuiltScene:
-    """`build(scene, band)` with the projectors of `rig` in this band as lights, for images.
+def lit_by_projectors(built: BuiltScene, rig: Rig, band: str) -> BuiltScene:
+    """`built`, a scene in a band, with the projectors of `rig` in this band as lights, for images.
 
     The last scene with projectors is cached. Where only patterns, powers and poses of projectors differ, it is not
     loaded again but changed to those of `rig`. Gives a `ProjectorWarning` for smooth glass in front of a projector.
     """
-    built = build(scene, band)
     pairs = zip(rig.projectors, rig.world_from_projectors, strict=True)
     placed = [(projector, pose) for projector, pose in pairs if projector.band == band]
     if not placed:
@@ -69,7 +69,7 @@ def build_lit(scene: Scene, rig: Rig, band: str) -> BuiltScene:
         lights = [_opened(*each) for each in zip(lamps, shown, strict=True)]
         lit = built.cache["projectors"] = _Lit(
             kinds,
-            _with_lights(scene, built, lights),
+            _with_lights(built, lights),
             [mi.traverse(lamp) for lamp in lamps],
         )
     poses = [pose.tolist() for _, pose in placed]
@@ -118,11 +118,11 @@ def _warn_of_glass(built: BuiltScene, rig: Rig, band: str) -> None:
                 f"projectors[{i}]: the material {name!r}, smooth glass or a cut-out, is in front of it and blocks its"
                 " light, which is a limit of the renderer (docs/projectors.md, Limits)"
             )
-            warnings.warn(message, ProjectorWarning, stacklevel=5)
+            _warn(message)
 
 
 def can_denoise(built: BuiltScene, rig: Rig, band: str) -> bool:
-    """Whether denoised images keep the patterns of the projectors of `rig` in this band, from `build_lit`.
+    """Whether denoised images keep the patterns of the projectors of `rig` in this band, from `lit_by_projectors`.
 
     Gives a `ProjectorWarning` where they would not: there the projectors' light is not known apart from the scene's.
     """
@@ -134,18 +134,30 @@ def can_denoise(built: BuiltScene, rig: Rig, band: str) -> bool:
         "images with the light of projectors are not denoised here, as their patterns would be lost: use a"
         " scene with the integrator 'path', or more samples per pixel"
     )
-    warnings.warn(message, ProjectorWarning, stacklevel=4)
+    _warn(message)
     return False
 
 
-def _with_lights(scene: Scene, built: BuiltScene, lights: list[Any]) -> BuiltScene:
+def _warn(message: str) -> None:
+    """Give a `ProjectorWarning` at the line of the caller of twinlens."""
+    frame: FrameType | None = sys._getframe(1)
+    level = 1
+    while frame is not None and frame.f_globals.get("__name__", "").startswith(
+        "twinlens."
+    ):
+        frame = frame.f_back
+        level += 1
+    warnings.warn(message, ProjectorWarning, stacklevel=level)
+
+
+def _with_lights(built: BuiltScene, lights: list[Any]) -> BuiltScene:
     """`built` with the light of projectors, which our own integrator adds where possible."""
-    paths = own_paths(scene, lights)
+    paths = own_paths(built, lights)
     if paths is not None:
-        return replace(built, integrator=sky_hidden(scene, paths), projected=paths)
+        return built.with_integrator(paths, projected=paths)
     if built.parts is None:
         raise InputError(
-            f"{scene.xml}: has instances; projectors can light only Mitsuba files without any"
+            f"{built.name}: has instances; projectors can light only Mitsuba files without any"
         )
     parts = {f"projector{i:04d}": light for i, light in enumerate(lights)}
     return replace(

@@ -5,6 +5,7 @@ replaces them. docs/bands.md has their sources and limits.
 """
 
 import math
+import weakref
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -104,6 +105,18 @@ def nir_share(rgb: NDArray[Any]) -> float:
         return float(np.trapezoid(nm**-5 / np.expm1(_PLANCK_NM_K / (nm * kelvin)), nm))
 
     return power(800, 900) / power(400, 700)
+
+
+_near_infrared: "weakref.WeakKeyDictionary[Scene, Scene]" = weakref.WeakKeyDictionary()
+
+
+def in_band(scene: Scene, band: str) -> Scene:
+    """The scene in the band "rgb" or "nir", cached as long as the Scene exists."""
+    if band == "rgb":
+        return scene
+    if scene not in _near_infrared:
+        _near_infrared[scene] = near_infrared(scene)
+    return _near_infrared[scene]
 
 
 def near_infrared(scene: Scene) -> Scene:

@@ -1,0 +1,90 @@
+"""Checks of a request for images: once, before anything is built."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+from twinlens.camera import Lens, Rig
+from twinlens.camera.lens import check_lens
+from twinlens.camera.parts import Parts, check_parts
+from twinlens.camera.rig import check_seen
+from twinlens.errors import InputError, check_int, check_known
+from twinlens.rendering.samplers import SAMPLERS
+from twinlens.scenes import Scene
+from twinlens.scenes.bands import in_band
+
+Progress = Callable[[float], None]
+"""Called with the fraction done, in (0, 1]."""
+
+
+def split_bands(scene: Scene, rig: Rig) -> dict[str, Scene]:
+    """The scene in each band that cameras of the rig see, in the order in which they appear.
+
+    Raises InputError unless the arguments are a Scene and a Rig.
+    """
+    check_view(scene, rig)
+    bands = dict.fromkeys(band for camera in rig.cameras for band in camera.bands)
+    return {band: in_band(scene, band) for band in bands}
+
+
+def check_request(
+    scenes: Mapping[str, Scene],
+    rig: Rig,
+    lenses: Iterable[Lens],
+    spp: int,
+    seed: int,
+    sampler: str,
+    parts: Parts | None = None,
+) -> None:
+    """Raise InputError for a request that cannot be rendered; `scenes` are those of `split_bands`."""
+    check_seen(rig)
+    for band, scene in scenes.items():
+        if not any(
+            projector.emitted_power
+            for projector in rig.projectors
+            if projector.band == band
+        ):
+            check_lit(scene, band)
+    for lens in lenses:
+        check_lens(lens)
+        if parts is not None:
+            check_parts(parts, lens)
+    check_int("spp", spp, 1)
+    check_int("seed", seed, 0)
+    check_known("sampler", sampler, SAMPLERS)
+
+
+def lens_of_each_camera(lens: Lens | Sequence[Lens], rig: Rig) -> list[Lens]:
+    """One lens for each camera, from one for all or a list. Raises InputError for a list of another length."""
+    if isinstance(lens, str) or not isinstance(lens, Sequence):
+        return [lens] * len(rig)
+    if len(lens) != len(rig):
+        raise InputError(
+            f"a rig of {len(rig)} cameras needs one lens, or one for each camera, got {len(lens)}"
+        )
+    return list(lens)
+
+
+def check_lit(scene: Scene, band: str = "rgb") -> None:
+    """Raise InputError for a scene in a band, "rgb" or "nir", without light."""
+    if not scene.is_lit:
+        kind = "light" if band == "rgb" else "near infrared light"
+        remedy = "add one under [lights], an emitter to an object, a projector to the rig, or a sky"
+        raise InputError(f"the scene {scene.name!r} has no {kind}: {remedy}")
+
+
+def check_view(scene: Scene, rig: Rig) -> None:
+    """Raise InputError unless the arguments are a Scene and a Rig."""
+    if not isinstance(scene, Scene):
+        raise InputError(
+            f"scene must be a Scene, got {scene!r:.60}; load_scene makes one from a name or a file"
+        )
+    if not isinstance(rig, Rig):
+        raise InputError(
+            f"rig must be a Rig, got {rig!r:.60}; Rig.stereo makes one from a camera, Rig from several"
+        )
+
+
+def partial_progress(progress: Progress | None, start: float, end: float) -> Progress:
+    """Progress of a part, reported as progress of the whole from `start` to `end`."""
+    if progress is None:
+        return lambda _: None
+    return lambda fraction: progress(start + (end - start) * fraction)
