@@ -1,7 +1,7 @@
 """Our own path integrator in the place of Mitsuba's: for the light of projectors, and for denoised images.
 
-Denoised images get most of the light between surfaces from a cache (`rendering.irradiance_cache`). It is made for each request,
-from what the calibrated cameras of the rig see, and they share it.
+Denoised images get most of the light between surfaces from a cache (`rendering.irradiance_cache`). It is made for each
+request, from what the calibrated cameras of the rig see, and they share it.
 """
 
 import math

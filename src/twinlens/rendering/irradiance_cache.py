@@ -79,23 +79,12 @@ class IrradianceCache:
         self, scene: Any, rays: Any, seed: int, lamps: Sequence[Any], bounces: int
     ) -> None:
         paths = _trace(scene, rays, seed, lamps)
-        # First surfaces are no samples: cameras choose them. Neither are last ones: nothing is known of what they face.
         on_surface = paths.met == _SURFACE
+        # First surfaces are no samples: cameras choose them. Neither are last ones: nothing is known of what they face.
         middle = on_surface[1:-1]
-        reached = (
-            paths.position[1:-1][middle]
-            if middle.any()
-            else np.zeros((1, 3), np.float32)
-        )
-        low, high = np.percentile(
-            reached.astype(np.float64), (_OUTSIDE, 100 - _OUTSIDE), axis=0
-        )
-        size = max(float((high - low).max()) / _CELLS, 1e-6)
-        shape = np.ceil((high - low) / size).astype(np.int64) + 2
-        self._low = [dr.opaque(mi.Float, value) for value in low - size]
-        self._size = dr.opaque(mi.Float, size)
-        self._shape = [dr.opaque(mi.UInt32, int(count)) for count in shape]
+        self._set_bounds(paths.position[1:-1][middle])
 
+        # The number of the box of each surface, then that of its cell: boxes that have a sample, in order.
         places, normals = (
             mi.Vector3f(of.reshape(-1, 3).T) for of in (paths.position, paths.normal)
         )
@@ -109,21 +98,34 @@ class IrradianceCache:
         count = max(len(used), 1)  # Dr.Jit does not read from empty arrays
         cell = np.full(boxes.shape, _UNKNOWN)
         cell[1:-1][inside[1:-1]] = cells
+        # A last surface may be in a box without samples.
         last = np.minimum(np.searchsorted(used, boxes[-1]), count - 1)
         if len(used):
             cell[-1] = np.where(inside[-1] & (used[last] == boxes[-1]), last, _UNKNOWN)
         tables = _tables(paths, cell, count, bounces)
 
-        known = np.flatnonzero(samples >= _LEAST_SAMPLES)
-        rows = np.zeros(math.prod(shape) * _FACES * _LAYERS, np.uint32)
-        rows[used[known]] = 1 + known
-        self._rows, self._tables = (
-            mi.UInt32(rows),
-            mi.Float(tables.astype(np.float32).ravel()),
+        # Paths look up the row of a box: 0 where too few samples know its irradiance, else 1 + its cell.
+        sampled = np.flatnonzero(samples >= _LEAST_SAMPLES)
+        rows = np.zeros(math.prod(self._counts) * _FACES * _LAYERS, np.uint32)
+        rows[used[sampled]] = 1 + sampled
+        self._rows = mi.UInt32(rows)
+        self._tables = mi.Float(tables.astype(np.float32).ravel())
+        self._count = dr.opaque(mi.UInt32, count)
+        self._top = dr.opaque(mi.UInt32, len(tables) - 1)
+
+    def _set_bounds(self, positions: NDArray[np.float32]) -> None:
+        """Set the grid around positions (N, 3), but for the few that lie far outside, with a margin of one cell."""
+        if not len(positions):
+            positions = np.zeros((1, 3), np.float32)
+        low, high = np.percentile(
+            positions.astype(np.float64), (_OUTSIDE, 100 - _OUTSIDE), axis=0
         )
-        self._count, self._top = (
-            dr.opaque(mi.UInt32, value) for value in (count, len(tables) - 1)
-        )
+        size = max(float((high - low).max()) / _CELLS, 1e-6)
+        self._counts = [int(n) for n in np.ceil((high - low) / size).astype(int) + 2]
+        # Opaque values are no literals of kernels, which are then the same for all scenes.
+        self._low = [dr.opaque(mi.Float, value) for value in low - size]
+        self._size = dr.opaque(mi.Float, size)
+        self._shape = [dr.opaque(mi.UInt32, n) for n in self._counts]
 
     def _box(self, place: Any, normal: Any) -> tuple[Any, Any]:
         """Whether a surface is in a cell, and its number: of the cell, the direction of its normal, and its layer."""
@@ -132,15 +134,13 @@ class IrradianceCache:
         inside = mi.Bool(True)
         for at, count in zip((x, y, z), self._shape, strict=True):
             inside &= (at >= 0) & (at < mi.Float(count))
-        offset = dr.dot(
-            normal, mi.Vector3f(*places) - mi.Vector3f(x, y, z) - 0.5
-        )  # of its plane from the middle
+        # The offset of the surface's plane from the middle of the cell, in cells: within half a diagonal, sqrt(3) / 2.
+        offset = dr.dot(normal, mi.Vector3f(*places) - mi.Vector3f(x, y, z) - 0.5)
         layer = mi.UInt32(
             dr.clip(_LAYERS * (offset / math.sqrt(3) + 0.5), 0, _LAYERS - 1)
         )
-        cell = (mi.UInt32(z) * self._shape[1] + mi.UInt32(y)) * self._shape[
-            0
-        ] + mi.UInt32(x)
+        row = mi.UInt32(z) * self._shape[1] + mi.UInt32(y)
+        cell = row * self._shape[0] + mi.UInt32(x)
         return inside, (cell * _FACES + _face(normal)) * _LAYERS + layer
 
     def look_up(
@@ -157,14 +157,20 @@ class IrradianceCache:
             (drawn.x - 0.5) * frame.s + (drawn.y - 0.5) * frame.t
         )
         inside, box = self._box(place, normal)
-        known = active & inside & (si.t > self._size)
-        row = dr.gather(mi.UInt32, self._rows, box, known)
-        known &= row > 0
+        is_cached = active & inside & (si.t > self._size)
+        row = dr.gather(mi.UInt32, self._rows, box, is_cached)
+        is_cached &= row > 0
         row = dr.minimum(bounces, self._top) * self._count + row - 1
-        return known, dr.gather(mi.Color3f, self._tables, row, known)
+        return is_cached, dr.gather(mi.Color3f, self._tables, row, is_cached)
 
 
 def _trace(scene: Any, rays: Any, seed: int, lamps: Sequence[Any]) -> _Paths:
+    """Paths from `rays`, whose directions after each surface that scatters light are cosine-weighted.
+
+    The irradiance E of a surface is the integral of L cos(theta) over the hemisphere. It is estimated from the lights
+    alone, with two techniques weighted by the power heuristic: a point of a light, and the path's own next direction,
+    whose density cos(theta) / pi makes the estimate pi L.
+    """
     count = dr.width(rays)
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(seed, count)
@@ -187,16 +193,18 @@ def _trace(scene: Any, rays: Any, seed: int, lamps: Sequence[Any]) -> _Paths:
         `last` is that surface, the density of the ray's direction there, and its irradiance by the light sampled there.
         """
         si = scene.ray_intersect(ray, mi.RayFlags.All, False, active)
+        # Light that the path meets: after mirrors and glass it belongs to what they show, straight after a surface
+        # that scatters light it is the second estimate of that surface's irradiance.
         shines = mi.DirectionSample3f(scene, si, last[0])
         shown = arrival * shines.emitter.eval(si)
         emission = emission + dr.select(active & (passed > 0), shown, 0.0)
         follows = active & (k > 0) & (passed == 0)
-        found = (
-            math.pi
-            * shown
-            * mis(last[1], scene.pdf_emitter_direction(last[0], shines, follows))
+        density = scene.pdf_emitter_direction(last[0], shines, follows)
+        by_chance = math.pi * shown * mis(last[1], density)
+        dr.scatter(
+            lit, mi.Color3f(last[2] + by_chance), (k - 1) * paths + path, follows
         )
-        dr.scatter(lit, mi.Color3f(last[2] + found), (k - 1) * paths + path, follows)
+        # Whether the surface scatters light, or is a mirror or glass that the path passes.
         there = active & si.is_valid()
         bsdf, context, normal = si.bsdf(), mi.BSDFContext(), _facing(si, ray)
         chosen, factor = bsdf.sample(
@@ -210,6 +218,7 @@ def _trace(scene: Any, rays: Any, seed: int, lamps: Sequence[Any]) -> _Paths:
         scatters = mi.has_flag(flags, mi.BSDFFlags.Smooth) & ~is_glass
         scatters &= ~mi.has_flag(chosen.sampled_type, onwards)
         on_surface = there & scatters
+        # The first estimate: a point of a light. Projectors can only be found so.
         ds, light = scene.sample_emitter_direction(
             si, sampler.next_2d(), True, on_surface
         )
@@ -223,6 +232,7 @@ def _trace(scene: Any, rays: Any, seed: int, lamps: Sequence[Any]) -> _Paths:
                 dark, 0.0, light * dr.maximum(dr.dot(ds.d, normal), 0.0)
             )
 
+        # What is kept of the surface, in the row of its number on the path.
         after = arrival * factor
         passes = there & ~scatters & dr.any(after != 0)
         ends = active & ~on_surface & ~passes
@@ -236,6 +246,7 @@ def _trace(scene: Any, rays: Any, seed: int, lamps: Sequence[Any]) -> _Paths:
         ):
             dr.scatter(buffer, mi.Color3f(value), row, on_surface | ends)
 
+        # The next ray: from a surface into the hemisphere, from a mirror or glass where its BSDF sent it.
         spread = mi.warp.square_to_cosine_hemisphere(sampler.next_2d())
         ray = si.spawn_ray(
             dr.select(
@@ -270,15 +281,19 @@ def _trace(scene: Any, rays: Any, seed: int, lamps: Sequence[Any]) -> _Paths:
     )
     dr.while_loop((*start, mi.UInt32(0), mi.UInt32(0)), lambda active, *_: active, step)
     dr.eval(kinds, vectors, lit)
-    found = (
+    arrays = (
         np.nan_to_num(np.array(buffer)).reshape(_SURFACES, count, 3)
         for buffer in (*vectors, lit)
     )
-    return _Paths(np.array(kinds).reshape(_SURFACES, count), *found)
+    return _Paths(np.array(kinds).reshape(_SURFACES, count), *arrays)
 
 
 def _tables(paths: _Paths, cell: NDArray[np.int64], count: int, bounces: int) -> Float:
     """The irradiance (B + 1, C, 3) of cells after at most 0, 1, ... `bounces`; `cell` (K, N) are those of surfaces.
+
+    With the mean over the samples of a cell, the next surface y of each, and what of its light arrives,
+
+        E_b = E_0 + mean(pi emission + arrival reflectance E_(b-1)(cell of y)),    E_0 directly from lights
 
     Ends where more bounces add nothing, and where they add more and more: reflectances are those of single samples, so
     that the light between two cells of few samples may grow without limit.
@@ -286,26 +301,25 @@ def _tables(paths: _Paths, cell: NDArray[np.int64], count: int, bounces: int) ->
 
     def means(values: Float, of: NDArray[np.int64]) -> Float:
         sums = [np.bincount(of, channel, count) for channel in values.T]
-        return (
-            np.stack(sums, axis=-1)
-            / np.maximum(np.bincount(of, minlength=count), 1)[:, None]
-        )
+        samples = np.maximum(np.bincount(of, minlength=count), 1)
+        return np.stack(sums, axis=-1) / samples[:, None]
 
-    own, ends = cell[1:-1], np.where(paths.met[2:] == _NOTHING, _NOWHERE, cell[2:])
-    is_sample = own >= 0
-    tables = [
-        means(paths.irradiance[1:-1][is_sample].astype(np.float64), own[is_sample])
-    ]
-    is_sample &= ends != _UNKNOWN
-    own, ends = own[is_sample], ends[is_sample]
+    here = cell[1:-1]
+    is_sample = here >= 0
+    direct = paths.irradiance[1:-1][is_sample].astype(np.float64)
+    tables = [means(direct, here[is_sample])]
+    # Samples whose next surface has no cell are left out: their light between surfaces is not known.
+    after = np.where(paths.met[2:] == _NOTHING, _NOWHERE, cell[2:])
+    is_sample &= after != _UNKNOWN
+    here, after = here[is_sample], after[is_sample]
     lights = math.pi * paths.emission[2:][is_sample].astype(np.float64)
     gains = np.where(
-        (ends >= 0)[:, None], (paths.arrival * paths.reflectance)[2:][is_sample], 0.0
+        (after >= 0)[:, None], (paths.arrival * paths.reflectance)[2:][is_sample], 0.0
     )
     least = _CONVERGED * tables[0].mean()
     before = math.inf
     for bounce in range(bounces if 0 <= bounces < _MOST_BOUNCES else _MOST_BOUNCES):
-        light = tables[0] + means(lights + gains * tables[-1][ends], own)
+        light = tables[0] + means(lights + gains * tables[-1][after], here)
         change = np.abs(light - tables[-1]).max()
         if bounce >= _FEW_BOUNCES and change > before:
             break
@@ -316,12 +330,13 @@ def _tables(paths: _Paths, cell: NDArray[np.int64], count: int, bounces: int) ->
     return np.stack(tables)
 
 
-def mis(own: Any, other: Any) -> Any:
-    """The weight of a sample of density `own` that has the density `other` in another technique: power heuristic.
+def mis(density: Any, density_of_other: Any) -> Any:
+    """The weight of a sample that one of two techniques drew, from its densities in both: the power heuristic.
 
     A light seen from its edge has an infinite density and sends nothing.
     """
-    weight = own * own / (own * own + other * other)
+    square = density * density
+    weight = square / (square + density_of_other * density_of_other)
     return dr.select(dr.isfinite(weight), weight, 0.0)
 
 
