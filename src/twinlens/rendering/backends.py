@@ -109,11 +109,10 @@ def _already_set() -> Backend | None:
     variant = mitsuba.variant()
     if variant is None:
         return None
-    for name, known in VARIANTS.items():
-        if variant == known:
-            return _activated.get(known) or Backend(
-                name, known, "set by the host program"
-            )
+    for name, supported in VARIANTS.items():
+        if variant == supported:
+            by_host = Backend(name, variant, "set by the host program")
+            return _activated.get(variant) or by_host
     raise BackendError(
         f"mitsuba's variant is already {variant}; twinlens renders with {', '.join(VARIANTS.values())}"
     )

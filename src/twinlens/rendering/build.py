@@ -143,7 +143,9 @@ def _check_moved(scene: Scene, before: Scene) -> None:
 
 def _move(built: BuiltScene, objects: Sequence[SceneObject]) -> None:
     """Place the objects of a built scene where `objects` are."""
-    poses = [pose for thing in objects for pose in _poses(thing)]  # by object id - 1
+    poses = [
+        pose for scene_object in objects for pose in _poses(scene_object)
+    ]  # by object id - 1
     for row, body in enumerate(built.bodies):
         pose = poses[body.object_id - 1]
         assert body.world_from_model is not None  # only Mitsuba files have such bodies
@@ -203,11 +205,17 @@ def _build_objects(scene: Scene) -> BuiltScene:
     parts: dict[str, Any] = {"type": "scene", "embree_use_robust_intersections": True}
     bodies: dict[str, Body] = {}  # by the id of its shape or instance in the scene
     names: list[str] = []
-    for index, thing in enumerate(scene.objects):
-        for k, (material, surface, leaf) in enumerate(_leaves(thing, scene, materials)):
+    for index, scene_object in enumerate(scene.objects):
+        for k, (material, surface, leaf) in enumerate(
+            _leaves(scene_object, scene, materials)
+        ):
             kind = material_kind(leaf.bsdf(), scene.materials[material])
             label = f"{index:04d}" if k == 0 else f"{index:04d}-{k}"
-            copies = zip(_parts(thing, label, leaf, parts), _poses(thing), strict=True)
+            copies = zip(
+                _parts(scene_object, label, leaf, parts),
+                _poses(scene_object),
+                strict=True,
+            )
             for copy, ((key, part), pose) in enumerate(copies, start=1):
                 parts[key] = part
                 bodies[key] = Body(
@@ -215,12 +223,12 @@ def _build_objects(scene: Scene) -> BuiltScene:
                     material_id=1 + material_names.index(material),
                     material_kind=kind,
                     shape=leaf,
-                    model=thing.shape,
+                    model=scene_object.shape,
                     world_from_model=pose,
                     surface=surface,
-                    group_from_model=thing.world_from_object,
+                    group_from_model=scene_object.world_from_object,
                 )
-        names += _copy_names(thing)
+        names += _copy_names(scene_object)
     parts |= lights
     mi_scene = mi.load_dict(parts, optimize=False)
     shapes = {shape.id(): shape for shape in mi_scene.shapes()}
@@ -242,18 +250,18 @@ def _build_objects(scene: Scene) -> BuiltScene:
     )
 
 
-def _copy_names(thing: SceneObject) -> list[str]:
+def _copy_names(scene_object: SceneObject) -> list[str]:
     """The names of an object's copies in the ground truth, one for each of `_poses`."""
-    if not thing.instances:
-        return [thing.name]
-    return [f"{thing.name}[{i}]" for i in range(len(thing.instances))]
+    if not scene_object.instances:
+        return [scene_object.name]
+    return [f"{scene_object.name}[{i}]" for i in range(len(scene_object.instances))]
 
 
-def _poses(thing: SceneObject) -> list[Float]:
+def _poses(scene_object: SceneObject) -> list[Float]:
     """The world_from_model of each copy of an object."""
-    if not thing.instances:
-        return [thing.world_from_object]
-    return [pose @ thing.world_from_object for pose in thing.instances]
+    if not scene_object.instances:
+        return [scene_object.world_from_object]
+    return [pose @ scene_object.world_from_object for pose in scene_object.instances]
 
 
 def _path_options(plugin: Plugin) -> dict[str, int] | None:
@@ -272,16 +280,16 @@ def _sky_hidden(integrator: Any, sky_visible: bool) -> Any:
 
 
 def _parts(
-    thing: SceneObject, label: str, leaf: Any, parts: dict[str, Any]
+    scene_object: SceneObject, label: str, leaf: Any, parts: dict[str, Any]
 ) -> Iterator[tuple[str, Any]]:
     """(key, Mitsuba part) of each copy of a leaf; instances share a shape group, which is added to `parts`."""
-    if not thing.instances:
+    if not scene_object.instances:
         yield f"object{label}", leaf
         return
     mi = mitsuba()
     group = mi.load_dict({"type": "shapegroup", "leaf": leaf})
     parts[f"group{label}"] = group
-    for i, pose in enumerate(thing.instances):
+    for i, pose in enumerate(scene_object.instances):
         yield (
             f"object{label}_{i:05d}",
             {
@@ -293,21 +301,21 @@ def _parts(
 
 
 def _leaves(
-    thing: SceneObject, scene: Scene, bsdfs: Mapping[str, Any]
+    scene_object: SceneObject, scene: Scene, bsdfs: Mapping[str, Any]
 ) -> Iterator[tuple[str, Mesh | Plugin, Any]]:
     """The material, the geometry and the Mitsuba shape of each surface of an object."""
-    mesh = thing.shape
-    for number, material in enumerate(thing.materials):
-        emitter = thing.emitter or emitter_of(scene.materials[material])
-        if emitter is not None and thing.instances:
+    mesh = scene_object.shape
+    for number, material in enumerate(scene_object.materials):
+        emitter = scene_object.emitter or emitter_of(scene.materials[material])
+        if emitter is not None and scene_object.instances:
             raise InputError(
-                f"object {thing.name!r}: an object with instances cannot shine, as {material!r} does"
+                f"object {scene_object.name!r}: an object with instances cannot shine, as {material!r} does"
             )
         shape = mesh
         if (
             isinstance(mesh, Mesh)
             and mesh.surface is not None
-            and len(thing.materials) > 1
+            and len(scene_object.materials) > 1
         ):
             shape = _subset(mesh, mesh.surface == number)
             if not len(shape.faces):
@@ -315,7 +323,9 @@ def _leaves(
         if isinstance(shape, Mesh) and shape.attributes:
             attributes = vertex_attributes(scene.materials[material], shape)
             shape = replace(shape, attributes=attributes)
-        leaf = _leaf(replace(thing, shape=shape, emitter=emitter), bsdfs[material])
+        leaf = _leaf(
+            replace(scene_object, shape=shape, emitter=emitter), bsdfs[material]
+        )
         yield material, shape, leaf
 
 
@@ -335,24 +345,28 @@ def _subset(mesh: Mesh, chosen: NDArray[np.bool_]) -> Mesh:
     )
 
 
-def _leaf(thing: SceneObject, bsdf: Any) -> Any:
+def _leaf(scene_object: SceneObject, bsdf: Any) -> Any:
     emitter = (
         None
-        if thing.emitter is None
-        else _load(thing.emitter, f"emitter of object {thing.name!r}")
+        if scene_object.emitter is None
+        else _load(scene_object.emitter, f"emitter of object {scene_object.name!r}")
     )
-    if isinstance(thing.shape, Mesh):
+    if isinstance(scene_object.shape, Mesh):
         return mitsuba_mesh(
-            thing.name, thing.shape, thing.world_from_object, bsdf, emitter
+            scene_object.name,
+            scene_object.shape,
+            scene_object.world_from_object,
+            bsdf,
+            emitter,
         )
     plugin = {
-        **thing.shape,
-        "to_world": _shape_pose(thing.shape, thing.world_from_object),
+        **scene_object.shape,
+        "to_world": _shape_pose(scene_object.shape, scene_object.world_from_object),
         "bsdf": bsdf,
     }
     if emitter is not None:
         plugin["emitter"] = emitter
-    return _load(plugin, f"shape of object {thing.name!r}")
+    return _load(plugin, f"shape of object {scene_object.name!r}")
 
 
 def _shape_pose(shape: Plugin, world_from_object: Float) -> Any:
@@ -520,7 +534,7 @@ def _build_xml(scene: Scene) -> BuiltScene:
     _need_two_threads()
     with _input_errors(f"{scene.xml}: Mitsuba rejects it"):
         mi_scene = mitsuba().load_file(str(scene.xml), optimize=False)
-    own = mi_scene.integrator()
+    integrator = mi_scene.integrator()
     parts: dict[str, Any] | None = None
     if not any(shape.shape_type() == _INSTANCE for shape in mi_scene.shapes()):
         parts = {f"object{i:04d}": shape for i, shape in enumerate(mi_scene.shapes())}
@@ -563,7 +577,8 @@ def _build_xml(scene: Scene) -> BuiltScene:
             )
         )
     sky_visible = scene.sky is None or scene.sky.visible
-    integrator = _load(scene.integrator, "integrator") if own is None else own
+    if integrator is None:
+        integrator = _load(scene.integrator, "integrator")
     return BuiltScene(
         name=str(scene.xml),
         mi_scene=mi_scene,

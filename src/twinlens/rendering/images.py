@@ -53,11 +53,13 @@ def image_of(
     passes = image_passes(
         view.camera, samples.spp, samples.seed, index, samples.sampler
     )
-    image, own = raw_image(view, passes, samples.parts, progress)
+    image, image_guides = raw_image(view, passes, samples.parts, progress)
     if not view.denoised:
         return image
     guides = other_guides(view, GUIDE_SAMPLES, samples.seed, index, parts=samples.parts)
-    return denoise_parts(image, guides, own, light_of_parts(samples.parts, view.lens))
+    return denoise_parts(
+        image, guides, image_guides, light_of_parts(samples.parts, view.lens)
+    )
 
 
 def raw_image(
@@ -80,12 +82,12 @@ def raw_image(
         progress(done / spp)
     total /= spp
     image, channels = total[..., :3], total[..., 3:]
-    own = None
+    image_guides = None
     if view.denoised and built.integrator.aov_names():
-        own = Guides.from_means(channels, spp, parts)
+        image_guides = Guides.from_means(channels, spp, parts)
     elif view.denoised and built.follows_rays():
-        own = render_guides(*view.optics, passes, parts)
-    return in_channels(image, camera).astype(np.float32), own
+        image_guides = render_guides(*view.optics, passes, parts)
+    return in_channels(image, camera).astype(np.float32), image_guides
 
 
 def _render_parts(
@@ -153,8 +155,8 @@ class _Halves:
         several = () if parts is None else (len(parts),)
         self.total = np.zeros((2, *several, camera.height, camera.width, 3))
         self.counts = np.zeros(2)
-        self.own: list[Guides | None] = [None, None]
-        self.other = [
+        self.image_guides: list[Guides | None] = [None, None]
+        self.more_guides = [
             other_guides(
                 view, GUIDE_SAMPLES // 2, samples.seed, index, half, parts=parts
             )
@@ -167,10 +169,10 @@ class _Halves:
         passes = image_passes(
             self.view.camera, count, seed, self.index, self.samples.sampler
         )
-        image, own = raw_image(self.view, passes, self.samples.parts, progress)
+        image, image_guides = raw_image(self.view, passes, self.samples.parts, progress)
         self.total[half] += count * image.astype(np.float64)
         self.counts[half] += count
-        self.own[half] = _joined(self.own[half], own)
+        self.image_guides[half] = _joined(self.image_guides[half], image_guides)
 
     def estimate(self) -> NoisyImage:
         """The image of all samples, and the error that the difference of the halves shows."""
@@ -183,19 +185,21 @@ class _Halves:
             # Var(A - B) = s^2 (1/n_A + 1/n_B) and Var(mean) = s^2 / (n_A + n_B), with s^2 that of one sample.
             scale = math.sqrt(counts.prod()) / counts.sum()
             return NoisyImage(mean, np.abs(a - b) * np.float32(scale))
-        other, own = self.other, self.own
-        denoised = denoise_parts(mean, other[0] + other[1], _joined(*own), fractions)
+        more_guides, image_guides = self.more_guides, self.image_guides
+        denoised = denoise_parts(
+            mean, more_guides[0] + more_guides[1], _joined(*image_guides), fractions
+        )
         if fractions is not None:
-            other = [guides.of_parts() for guides in other]
-            own = [guides and guides.of_parts() for guides in own]
+            more_guides = [guides.of_parts() for guides in more_guides]
+            image_guides = [guides and guides.of_parts() for guides in image_guides]
         halves = []
         for half, image in enumerate((a, b)):
-            own_half = own[half]
+            of_half = image_guides[half]
             halves.append(
                 denoise_image(
                     binned(image),
-                    other[half].binned(),
-                    own_half and own_half.binned(),
+                    more_guides[half].binned(),
+                    of_half and of_half.binned(),
                     fast=True,
                 )
             )

@@ -152,11 +152,11 @@ def probe(variant: str, library: Path | None = None) -> Probe:
     home = os.environ.get("DRJIT_CACHE_DIR") or os.path.expanduser("~/.drjit")  # noqa: PTH111  never raises
     file = Path(home) / "twinlens-backends.json"
     key = f"{variant}|{library}|{_stamp(library)}|mitsuba {importlib.metadata.version('mitsuba')}"
-    known: dict[str, Probe] = {}
+    rows: dict[str, Probe] = {}
     with contextlib.suppress(OSError, ValueError):  # the file is missing or damaged
-        known = _ROWS.validate_json(file.read_bytes())
-    if key in known:
-        return known[key]
+        rows = _ROWS.validate_json(file.read_bytes())
+    if key in rows:
+        return rows[key]
     answer = _run(variant, library)
     result = Probe(str(library or variant), answer == "works", answer)
     if not answer.startswith(_TRANSIENT):
@@ -164,7 +164,7 @@ def probe(variant: str, library: Path | None = None) -> Probe:
             OSError
         ):  # without a writable folder, every process probes again
             file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_bytes(_ROWS.dump_json(known | {key: result}, indent=1))
+            file.write_bytes(_ROWS.dump_json(rows | {key: result}, indent=1))
     return result
 
 

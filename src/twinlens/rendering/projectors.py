@@ -60,13 +60,13 @@ def lit_by_projectors(built: BuiltScene, rig: Rig, band: str) -> BuiltScene:
     shown = tuple(projector for projector, _ in placed)
     mi = mitsuba()
     kinds = [
-        (each.intrinsics, each.filter, each.aperture_diameter, each.focus_distance)
-        for each in shown
+        (lamp.intrinsics, lamp.filter, lamp.aperture_diameter, lamp.focus_distance)
+        for lamp in shown
     ]
     lit: _Lit | None = built.cache.get("projectors")
     if lit is None or lit.kinds != kinds:
-        lamps = [mi.load_dict(_plugin(each)) for each in shown]
-        lights = [_opened(*each) for each in zip(lamps, shown, strict=True)]
+        lamps = [mi.load_dict(_plugin(projector)) for projector in shown]
+        lights = list(map(_opened, lamps, shown))
         lit = built.cache["projectors"] = _Lit(
             kinds,
             _with_lights(built, lights),
@@ -108,9 +108,9 @@ def _warn_of_glass(built: BuiltScene, rig: Rig, band: str) -> None:
         rows = intersect(built, Rays.from_point(pose[:3, 3], ahead)).body
         bodies = [built.bodies[row] for row in np.unique(rows[rows >= 0])]
         blocking = {
-            each.material_id
-            for each in bodies
-            if each.shape and int(each.shape.bsdf().flags()) & smooth
+            body.material_id
+            for body in bodies
+            if body.shape and int(body.shape.bsdf().flags()) & smooth
         }
         for material in sorted(blocking):
             name = built.material_names[material - 1]
@@ -127,7 +127,8 @@ def can_denoise(built: BuiltScene, rig: Rig, band: str) -> bool:
     Gives a `ProjectorWarning` where they would not: there the projectors' light is not known apart from the scene's.
     """
     if built.projected is not None or not any(
-        each.emitted_power and each.band == band for each in rig.projectors
+        projector.emitted_power and projector.band == band
+        for projector in rig.projectors
     ):
         return True
     message = (
