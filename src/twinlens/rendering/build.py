@@ -6,7 +6,7 @@ A built scene has one band of light (`scenes.bands`). Its objects can take new p
 import contextlib
 import threading
 import weakref
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -143,9 +143,9 @@ def _check_moved(scene: Scene, before: Scene) -> None:
 
 def _move(built: BuiltScene, objects: Sequence[SceneObject]) -> None:
     """Place the objects of a built scene where `objects` are."""
-    poses = [
-        pose for scene_object in objects for pose in _poses(scene_object)
-    ]  # by object id - 1
+    poses: list[Float] = []  # by object id - 1
+    for scene_object in objects:
+        poses += _poses(scene_object)
     for row, body in enumerate(built.bodies):
         pose = poses[body.object_id - 1]
         assert body.world_from_model is not None  # only Mitsuba files have such bodies
@@ -190,12 +190,10 @@ def _need_two_threads() -> None:
 
 
 def _build_objects(scene: Scene) -> BuiltScene:
-    mi = mitsuba()
     materials = {
         name: _load(bsdf_of(material), f"material {name!r}")
         for name, material in scene.materials.items()
     }
-    material_names = tuple(materials)
     # Made before lamps: the id of an environment map is a literal of kernels, and should be equal in all scenes.
     plugins = scene.lights if scene.sky is None else {"sky": scene.sky.plugin()}
     lights = {
@@ -206,31 +204,24 @@ def _build_objects(scene: Scene) -> BuiltScene:
     bodies: dict[str, Body] = {}  # by the id of its shape or instance in the scene
     names: list[str] = []
     for index, scene_object in enumerate(scene.objects):
-        for k, (material, surface, leaf) in enumerate(
-            _leaves(scene_object, scene, materials)
-        ):
-            kind = material_kind(leaf.bsdf(), scene.materials[material])
-            label = f"{index:04d}" if k == 0 else f"{index:04d}-{k}"
-            copies = zip(
-                _parts(scene_object, label, leaf, parts),
-                _poses(scene_object),
-                strict=True,
+        leaves = _leaves(scene_object, scene, materials)
+        for number, (material, surface, leaf) in enumerate(leaves):
+            body = Body(
+                object_id=len(names) + 1,  # of its first copy
+                material_id=1 + list(materials).index(material),
+                material_kind=material_kind(leaf.bsdf(), scene.materials[material]),
+                shape=leaf,
+                model=scene_object.shape,
+                surface=surface,
+                group_from_model=scene_object.world_from_object,
             )
-            for copy, ((key, part), pose) in enumerate(copies, start=1):
-                parts[key] = part
-                bodies[key] = Body(
-                    object_id=len(names) + copy,
-                    material_id=1 + material_names.index(material),
-                    material_kind=kind,
-                    shape=leaf,
-                    model=scene_object.shape,
-                    world_from_model=pose,
-                    surface=surface,
-                    group_from_model=scene_object.world_from_object,
-                )
+            label = f"{index:04d}-{number}" if number else f"{index:04d}"
+            copies = dict(_parts(scene_object, label, leaf, parts))
+            parts |= copies
+            bodies |= _copies(body, copies, _poses(scene_object))
         names += _copy_names(scene_object)
     parts |= lights
-    mi_scene = mi.load_dict(parts, optimize=False)
+    mi_scene = mitsuba().load_dict(parts, optimize=False)
     shapes = {shape.id(): shape for shape in mi_scene.shapes()}
     for key, body in bodies.items():
         if shapes[key] is not body.shape:
@@ -245,9 +236,17 @@ def _build_objects(scene: Scene) -> BuiltScene:
         sky_visible=sky_visible,
         bodies=list(bodies.values()),
         object_names=tuple(names),
-        material_names=material_names,
+        material_names=tuple(materials),
         parts=parts,
     )
+
+
+def _copies(body: Body, keys: Iterable[str], poses: Sequence[Float]) -> dict[str, Body]:
+    """The copies of an object's surface, by the ids of their parts; each is an object of its own."""
+    return {
+        key: replace(body, object_id=body.object_id + i, world_from_model=pose)
+        for i, (key, pose) in enumerate(zip(keys, poses, strict=True))
+    }
 
 
 def _copy_names(scene_object: SceneObject) -> list[str]:
@@ -554,28 +553,7 @@ def _build_xml(scene: Scene) -> BuiltScene:
             if not int(light.flags()) & on_surface
         ]
         parts |= {f"light{i:04d}": light for i, light in enumerate(lights)}
-    materials: dict[str, int] = {}
-    names: list[str] = []
-    bodies: list[Body] = []
-    for index, shape in enumerate(mi_scene.shapes(), start=1):
-        names.append(shape.id() or f"shape{index}")
-        bsdf = shape.bsdf()
-        material = materials.setdefault(
-            bsdf.id() or f"material of {names[-1]}", len(materials) + 1
-        )
-        is_instance = shape.shape_type() == _INSTANCE
-        kind = (
-            0 if is_instance else material_kind(bsdf)
-        )  # Mitsuba does not expose the material of an instance
-        bodies.append(
-            Body(
-                index,
-                material,
-                kind,
-                None if is_instance else shape,
-                shape if is_instance else None,
-            )
-        )
+    bodies, names, materials = _bodies_of_file(mi_scene)
     sky_visible = scene.sky is None or scene.sky.visible
     if integrator is None:
         integrator = _load(scene.integrator, "integrator")
@@ -586,7 +564,30 @@ def _build_xml(scene: Scene) -> BuiltScene:
         path=None,
         sky_visible=sky_visible,
         bodies=bodies,
-        object_names=tuple(names),
-        material_names=tuple(materials),
+        object_names=names,
+        material_names=materials,
         parts=parts,
     )
+
+
+def _bodies_of_file(
+    mi_scene: Any,
+) -> tuple[list[Body], tuple[str, ...], tuple[str, ...]]:
+    """The bodies of a Mitsuba file, and the names of its objects and materials, in the order of its shapes."""
+    bodies: list[Body] = []
+    names: list[str] = []
+    materials: dict[str, int] = {}
+    for number, shape in enumerate(mi_scene.shapes(), start=1):
+        name = shape.id() or f"shape{number}"
+        bsdf = shape.bsdf()
+        material = materials.setdefault(
+            bsdf.id() or f"material of {name}", len(materials) + 1
+        )
+        if shape.shape_type() == _INSTANCE:
+            # Mitsuba exposes neither the shape nor the material of an instance.
+            body = Body(number, material, 0, shape=None, instance=shape)
+        else:
+            body = Body(number, material, material_kind(bsdf), shape)
+        bodies.append(body)
+        names.append(name)
+    return bodies, tuple(names), tuple(materials)
