@@ -3,13 +3,17 @@
 `bsdf_of` gives a tree of plugins in plain Python (`scenes.materials.Plugin`), which `rendering.build` loads. Colours
 per vertex become attributes of the mesh (`vertex_attributes`), computed by the same formulas.
 
-glTF's surface is a mix of a diffuse lobe below a dielectric and of a metal, both with GGX facets of alpha = roughness^2
-and Schlick's reflectance F + (1 - F) s, s = (1 - cos)^5. Mitsuba's `principled` has the same facets, but one colour for
-its diffuse lobe and its metal, and Fresnel's equations for dielectrics, which differ from Schlick by a quarter at 60
-degrees. So a surface becomes a `blendbsdf` of two: a metal, whose colour is F / weight, and a dielectric of no
-reflectance at normal incidence with the full `spec_tint`, which has a diffuse lobe and facets of reflectance s. The sum
-of their facets is Schlick's reflectance for every weight. The diffuse lobe of `principled` is too bright at grazing
-angles if it is rough; there, more and more of it is Lambert's. Source: glTF 2.0, appendix B.
+glTF's surface mixes a diffuse lobe below a dielectric, and a metal. Both have GGX facets of alpha = roughness^2 whose
+reflectance is Schlick's, F + (1 - F) s with s = (1 - cos)^5. Mitsuba's `principled` has these facets, with two
+differences: one colour sets its diffuse lobe and its metal, and its dielectric follows Fresnel's equations, which
+differ from Schlick's formula by a quarter at 60 degrees. A `blendbsdf` of two `principled` avoids both:
+
+    weight w      a metal of colour F / w, whose facets reflect F / w + (1 - F / w) s
+    weight 1 - w  a diffuse lobe below facets that reflect s: no reflectance at normal incidence, full `spec_tint`
+
+The facets add up to w (F / w + (1 - F / w) s) + (1 - w) s = F + (1 - F) s for every w. The diffuse lobe of `principled`
+is too bright at grazing angles if the surface is rough, so it is replaced by Lambert's from roughness 0.6 to 1. Source:
+glTF 2.0, appendix B.
 """
 
 from collections.abc import Callable

@@ -139,7 +139,7 @@ def near_infrared(scene: Scene) -> Scene:
         for name, light in scene.lights.items()
         if (lamp := converter.light(light)) is not None
     }
-    objects = tuple(converter.thing(thing) for thing in scene.objects)
+    objects = tuple(converter.scene_object(item) for item in scene.objects)
     sky = None if scene.sky is None else _sky(scene.sky)
     return replace(scene, objects=objects, materials=materials, lights=lights, sky=sky)
 
@@ -150,16 +150,16 @@ class _Converter:
     def __init__(self) -> None:
         self.bitmaps: dict[int, Bitmap] = {}
 
-    def thing(self, thing: SceneObject) -> SceneObject:
-        emitter = None if thing.emitter is None else self.light(thing.emitter)
-        shape = thing.shape
+    def scene_object(self, item: SceneObject) -> SceneObject:
+        emitter = None if item.emitter is None else self.light(item.emitter)
+        shape = item.shape
         if isinstance(shape, Mesh) and shape.attributes:
             attributes = {
                 name: _grey_vertices(values)
                 for name, values in shape.attributes.items()
             }
             shape = replace(shape, attributes=attributes)
-        return replace(thing, shape=shape, emitter=emitter)
+        return replace(item, shape=shape, emitter=emitter)
 
     def material(self, material: AnyMaterial) -> AnyMaterial:
         """The material with grey reflectances."""
@@ -192,40 +192,40 @@ class _Converter:
             conductor = ComplexIndex(Color((eta,) * 3), Color((k,) * 3))
         return {"base_color": base_color, "conductor": conductor}
 
-    def plugin(self, plugin: Plugin, given: Any = None) -> dict[str, Any]:
+    def plugin(self, plugin: Plugin, nir: Any = None) -> dict[str, Any]:
         """A BSDF with grey reflectances; `given` is the `nir` of a BSDF around it."""
-        given = plugin.get("nir", given)
+        nir = plugin.get("nir", nir)
         made = {
-            key: self.part(key, value, given)
+            key: self.part(key, value, nir)
             for key, value in plugin.items()
             if key != "nir"
         }
         if "conductor" in plugin["type"]:
-            return self.metal(made, given)
-        if given is not None and plugin["type"] in _MAIN:
-            made[_MAIN[plugin["type"]]] = self.grey(given)
+            return self.metal(made, nir)
+        if nir is not None and plugin["type"] in _MAIN:
+            made[_MAIN[plugin["type"]]] = self.grey(nir)
         return made
 
-    def metal(self, plugin: dict[str, Any], given: Any) -> dict[str, Any]:
+    def metal(self, plugin: dict[str, Any], nir: Any) -> dict[str, Any]:
         """A conductor with its refractive index in this band; of an index given as a colour, that of red."""
         index = {
             key: plugin.pop(key) for key in ("eta", "k", "material") if key in plugin
         }
-        if given is not None:
+        if nir is not None:
             return plugin | {
                 "material": "none",
-                "specular_reflectance": self.grey(given),
+                "specular_reflectance": self.grey(nir),
             }
         if index.get("material") in _METALS:
             eta, k = _METALS[index["material"]]
             return plugin | {"eta": Color((eta,) * 3), "k": Color((k,) * 3)}
         return plugin | {key: _red(value) for key, value in index.items()}
 
-    def part(self, key: str, value: Any, given: Any) -> Any:
+    def part(self, key: str, value: Any, nir: Any) -> Any:
         if key in _REFLECTANCES:
             return self.grey(value)
         if key.startswith("bsdf") and isinstance(value, Mapping):
-            return self.plugin(value, given)
+            return self.plugin(value, nir)
         return value
 
     def grey(self, value: Any) -> Any:
@@ -254,22 +254,22 @@ class _Converter:
     def light(self, plugin: Plugin) -> dict[str, Any] | None:
         """The light scaled to its share; None if it has none."""
         made = {key: value for key, value in plugin.items() if key != "nir"}
-        given = plugin.get("nir")
-        if isinstance(given, str):
-            given = NIR_SHARES[given]
-        if given == 0:
+        nir = plugin.get("nir")
+        if isinstance(nir, str):
+            nir = NIR_SHARES[nir]
+        if nir == 0:
             return None
         if plugin["type"] == "sunsky":
-            sun, sky = (_SUN, _SKY) if given is None else (given, given)
+            sun, sky = (_SUN, _SKY) if nir is None else (nir, nir)
             return made | {
                 "sun_scale": sun * made.get("sun_scale", 1.0),
                 "sky_scale": sky * made.get("sky_scale", 1.0),
             }
         if plugin["type"] == "envmap":
-            share = _mean_share(_panorama(made)) if given is None else given
+            share = _mean_share(_panorama(made)) if nir is None else nir
             return made | {"scale": share * made.get("scale", 1.0)}
         key = _EMISSIONS.get(plugin["type"], "radiance")
-        share = nir_share(_mean(made.get(key, 1.0))) if given is None else given
+        share = nir_share(_mean(made.get(key, 1.0))) if nir is None else nir
         return made | {key: _scaled(made.get(key, 1.0), share)}
 
 

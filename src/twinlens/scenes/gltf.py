@@ -198,53 +198,51 @@ class Gltf:
     def lost(self) -> list[str]:
         """What is not rendered, besides parts of materials."""
         primitives = [
-            each
+            item
             for mesh, _ in self._placed
-            for each in self.header.meshes[mesh].primitives
+            for item in self.header.meshes[mesh].primitives
         ]
         tables = [
-            (each.model_extra or {}).get("extensions")
-            for each in (self.header, *self.header.nodes, *primitives)
+            (item.model_extra or {}).get("extensions")
+            for item in (self.header, *self.header.nodes, *primitives)
         ]
         unknown = {
             name for table in tables if isinstance(table, dict) for name in table
         }
-        found = {
+        present = {
             "points, lines and triangle fans": any(
-                each.mode not in _TRIANGLES for each in primitives
+                item.mode not in _TRIANGLES for item in primitives
             ),
             "morph targets": any(
-                "targets" in (each.model_extra or {}) for each in primitives
+                "targets" in (item.model_extra or {}) for item in primitives
             ),
             "skins": any(
-                "skin" in (each.model_extra or {}) for each in self.header.nodes
+                "skin" in (item.model_extra or {}) for item in self.header.nodes
             ),
         }
-        return [*(name for name, has in found.items() if has), *sorted(unknown)]
+        return [*(name for name, has in present.items() if has), *sorted(unknown)]
 
     def parts(self) -> list[Part]:
         """All placed primitives of triangles."""
         loaded = self._geometry()
-        found = []
+        parts = []
         for mesh, pose in self._placed:
             for name, primitive in self._triangles(mesh):
                 if name not in loaded:
                     continue
-                made, color = (
-                    loaded[name],
-                    loaded[name].visual.vertex_attributes.get("color"),
-                )
+                decoded = loaded[name]
+                color = decoded.visual.vertex_attributes.get("color")
                 colors = None if color is None else _rgba(np.asarray(color))
-                found.append(
+                parts.append(
                     Part(
-                        made,
+                        decoded,
                         pose,
                         primitive.material,
                         "NORMAL" in primitive.attributes,
                         colors,
                     )
                 )
-        return found
+        return parts
 
     def picture(self, index: int) -> bytes:
         """The encoded bytes of an image."""
@@ -281,7 +279,7 @@ class Gltf:
             return [(mesh, np.eye(4)) for mesh in range(len(header.meshes))]
         children = {child for node in header.nodes for child in node.children}
         roots = [node for node in range(len(header.nodes)) if node not in children]
-        found: list[tuple[int, Float]] = []
+        placed: list[tuple[int, Float]] = []
         seen: set[int] = set()
         top = header.scenes[header.scene or 0].nodes if header.scenes else roots
         waiting = [(node, np.eye(4)) for node in reversed(top)]
@@ -298,9 +296,9 @@ class Gltf:
             if (
                 node.mesh is not None and np.linalg.det(pose[:3, :3]) != 0
             ):  # a scale of 0 hides a part
-                found.append((node.mesh, pose))
+                placed.append((node.mesh, pose))
             waiting += [(child, pose) for child in reversed(node.children)]
-        return found
+        return placed
 
     def _geometry(self) -> Any:
         """trimesh's meshes by "mesh/primitive"."""
@@ -308,8 +306,8 @@ class Gltf:
 
         header = self.header
         size = sum(
-            each.count * _COLUMNS[each.type] * _BYTES[each.componentType]
-            for each in header.accessors
+            accessor.count * _COLUMNS[accessor.type] * _BYTES[accessor.componentType]
+            for accessor in header.accessors
         )
         if size > _MOST_BYTES:
             raise FileError(
@@ -318,12 +316,14 @@ class Gltf:
         meshes = []
         for index in sorted({mesh for mesh, _ in self._placed}):
             for name, primitive in self._triangles(index):
-                given = {
+                attributes = {
                     **primitive.attributes,
                     "TEXCOORD_0": self._coordinates(primitive),
                 }
                 kept = {
-                    key: given[key] for key in _ATTRIBUTES if given.get(key) is not None
+                    key: attributes[key]
+                    for key in _ATTRIBUTES
+                    if attributes.get(key) is not None
                 }
                 self._check_attributes(f"meshes[{index}]", kept)
                 numbers = (
@@ -428,8 +428,8 @@ def read_header(path: Path) -> tuple[Header, bytes | None]:
 def named_by(header: Header) -> list[str]:
     """The names of files in a header."""
     uris = [
-        *(each.uri for each in header.buffers),
-        *(each.uri for each in header.images),
+        *(item.uri for item in header.buffers),
+        *(item.uri for item in header.images),
     ]
     return [unquote(uri) for uri in uris if uri and not uri.startswith("data:")]
 
@@ -458,7 +458,7 @@ def open_gltf(path: Path, open_file: Callable[[str], bytes]) -> Gltf:
             raise FileError(
                 f"{path}: bufferViews[{i}] ends after its buffer; is the file complete?"
             )
-    return Gltf(path, header, [each or b"" for each in buffers], open_file)
+    return Gltf(path, header, [data or b"" for data in buffers], open_file)
 
 
 def _indices(
@@ -471,8 +471,8 @@ def _indices(
                 getattr(value, name), (*where, name), _TABLES.get(name, "")
             )
     elif isinstance(value, list | dict):
-        for key, each in value.items() if isinstance(value, dict) else enumerate(value):
-            yield from _indices(each, (*where, key), table)
+        for key, item in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from _indices(item, (*where, key), table)
     elif table and isinstance(value, int):
         yield where, table, value
 

@@ -2,7 +2,7 @@
 
 import math
 import posixpath
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 from twinlens.errors import InputError
 from twinlens.scenes.gltf_materials import PbrMaterial
@@ -22,47 +22,59 @@ def read_mtl(
     Pictures are named relative to the folder of their .mtl file; the names returned start with that folder. Without
     `Pr`, the roughness is that of Phong's exponent `Ns`: alpha^2 = 2 / (Ns + 2). Raises InputError.
     """
-    tables: dict[str, dict[str, list[str]]] = {}
+    tables, folders = _tables(files)
+    pictures: list[str] = []
+    lost: set[str] = set()
+    materials = []
+    for name, table in tables.items():
+        infos = {}
+        for key, slot in _MAPS.items():
+            if key not in table:
+                continue
+            picture, options = _picture_name(table[key])
+            if options:
+                lost.add(f"options of {key}")
+            infos[slot] = {"index": len(pictures)}
+            pictures.append(posixpath.join(folders[name], picture))
+        keys = _as_gltf(name, table, infos)
+        materials.append(read(PbrMaterial, keys, f"material {name}"))
+    return materials, pictures, sorted(lost.union(_not_rendered(tables)))
+
+
+Table = dict[str, list[str]]
+"""The keys of one material, in lower case, with the words that follow them."""
+
+
+def _tables(files: Mapping[str, bytes]) -> tuple[dict[str, Table], dict[str, str]]:
+    """The materials of all files by name, and the folder of the file that each was in."""
+    tables: dict[str, Table] = {}
     folders: dict[str, str] = {}
     for file, data in files.items():
-        table: dict[str, list[str]] = {}
+        table: Table = {}
         for line in data.decode("utf-8", "replace").splitlines():
             key, *values = line.split("#")[0].split() or [""]
             if key.lower() == "newmtl":
-                table = tables.setdefault(" ".join(values), {})
-                folders[" ".join(values)] = posixpath.dirname(file)
+                name = " ".join(values)
+                table = tables.setdefault(name, {})
+                folders[name] = posixpath.dirname(file)
             elif values:
                 table[key.lower()] = values
-    pictures: list[str] = []
-    lost = {key for each in tables.values() for key in each} - {
-        *_COLORS,
-        *_NUMBERS,
-        *_MAPS,
-        *_IGNORED,
-    }
-    materials = []
-    for name, each in tables.items():
-        infos = {}
-        for key, slot in _MAPS.items():
-            if key in each:
-                if len(each[key]) > 1 and each[key][0].startswith("-"):
-                    lost.add(f"options of {key}")
-                infos[slot] = {"index": len(pictures)}
-                picture = (
-                    each[key][-1]
-                    if each[key][0].startswith("-")
-                    else " ".join(each[key])
-                )
-                pictures.append(posixpath.join(folders[name], picture))
-        materials.append(
-            read(PbrMaterial, _as_gltf(name, each, infos), f"material {name}")
-        )
-    lost |= {
-        "the colour of Ks"
-        for each in tables.values()
-        if len(set(map(float, each.get("ks", [])[:3]))) > 1
-    }
-    return materials, pictures, sorted(lost)
+    return tables, folders
+
+
+def _picture_name(words: list[str]) -> tuple[str, bool]:
+    """The file of a map, whose name may have spaces, and whether options precede it."""
+    has_options = words[0].startswith("-")
+    name = words[-1] if has_options else " ".join(words)
+    return name, has_options and len(words) > 1
+
+
+def _not_rendered(tables: Mapping[str, Table]) -> Iterator[str]:
+    """What the tables have that is not rendered."""
+    for table in tables.values():
+        yield from table.keys() - {*_COLORS, *_NUMBERS, *_MAPS, *_IGNORED}
+        if len(set(map(float, table.get("ks", [])[:3]))) > 1:
+            yield "the colour of Ks"
 
 
 def _as_gltf(

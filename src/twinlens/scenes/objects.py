@@ -52,19 +52,19 @@ class ObjectBase(Placement):
     def build(self, context: SceneContext) -> SceneObject:
         """The object of the scene, without a name. Raises InputError for combinations of keys that are not possible."""
         mesh, material = self.looks(context)
-        pose, given = self.world_from_object(), self.instances or ()
+        pose, instances = self.world_from_object(), self.instances or ()
         copies = (
-            given.poses()
-            if isinstance(given, CopyGrid)
-            else tuple(copy.world_from_object() for copy in given)
+            instances.poses()
+            if isinstance(instances, CopyGrid)
+            else tuple(copy.world_from_object() for copy in instances)
         )
-        thing = SceneObject("", mesh, material, pose, self.emitter, copies)
+        scene_object = SceneObject("", mesh, material, pose, self.emitter, copies)
         if copies and self.emitter is not None:
             raise InputError(
                 "an object with instances cannot have an emitter; make each light an object"
             )
         if not self.merge:
-            return thing
+            return scene_object
         if not isinstance(mesh, Mesh) or not copies:
             raise InputError(
                 "'merge' joins the instances of a mesh; this object is no mesh or has no instances"
@@ -76,7 +76,9 @@ class ObjectBase(Placement):
         merged = shapes.merged(
             [shapes.transformed(mesh, copy @ pose) for copy in copies]
         )
-        return replace(thing, shape=merged, world_from_object=np.eye(4), instances=())
+        return replace(
+            scene_object, shape=merged, world_from_object=np.eye(4), instances=()
+        )
 
     def looks(
         self, context: SceneContext
@@ -95,9 +97,9 @@ class AnalyticBase(ObjectBase):
     flip_normals: bool = False
 
     def geometry(self) -> Plugin:
-        given = self.model_fields_set - ObjectBase.model_fields.keys() - {"shape"}
+        keys = self.model_fields_set - ObjectBase.model_fields.keys() - {"shape"}
         kind = self.shape  # type: ignore[attr-defined]  # every shape has one
-        return {"type": kind, **{key: value for key, value in self if key in given}}
+        return {"type": kind, **{key: value for key, value in self if key in keys}}
 
 
 class MeshBase(ObjectBase):
@@ -125,33 +127,33 @@ class MeshBase(ObjectBase):
     def mesh(self) -> Mesh:
         """The mesh from the keys that were given, by a function of `twinlens.scenes.shapes`, or else by trimesh's."""
         kind = self.shape  # type: ignore[attr-defined]  # every mesh but one of a file has one
-        given = self.model_fields_set - MeshBase.model_fields.keys() - {"shape"}
+        keys = self.model_fields_set - MeshBase.model_fields.keys() - {"shape"}
         name = "cylinder" if kind == "solid_cylinder" else kind
         made: Mesh = getattr(shapes, name, partial(shapes.creation, name))(
-            **{key: getattr(self, key) for key in given}
+            **{key: getattr(self, key) for key in keys}
         )
         return made
 
     @pydantic.model_validator(mode="after")
     def _check_measures(self) -> "MeshBase":
-        given = vars(self)
+        values = vars(self)
         for less, more in (("r_min", "r_max"), ("minor_radius", "major_radius")):
-            if less in given and given[less] >= given[more]:
+            if less in values and values[less] >= values[more]:
                 raise InputError(f"{less} must be less than {more}")
-        if given.get("shape") == "rounded_box" and given["radius"] > 0.5 * min(
-            given["extents"]
+        if values.get("shape") == "rounded_box" and values["radius"] > 0.5 * min(
+            values["extents"]
         ):
             raise InputError(
-                f"radius must be at most half the shortest side, got {given['radius']:g}"
+                f"radius must be at most half the shortest side, got {values['radius']:g}"
             )
-        if "profile" in given and min(radius for radius, _ in given["profile"]) < 0:
+        if "profile" in values and min(radius for radius, _ in values["profile"]) < 0:
             raise InputError("profile: radii must be >= 0")
-        if "profile" in given and all(
-            point == given["profile"][0] for point in given["profile"]
+        if "profile" in values and all(
+            point == values["profile"][0] for point in values["profile"]
         ):
             raise InputError("profile: needs two different points")
-        if given.get("shape") == "tube":
-            points, radius = given["points"], given["radius"]
+        if values.get("shape") == "tube":
+            points, radius = values["points"], values["radius"]
             if isinstance(radius, list) and len(radius) != len(points):
                 raise InputError(
                     f"radius: needs one value for each of the {len(points)} points, got {len(radius)}"

@@ -88,11 +88,11 @@ class PluginTable(StrictModel):
 
     def plugin(self) -> dict[str, Any]:
         """Mitsuba's dictionary, with the parameters that were given."""
-        given = self.model_fields_set - self.extra_keys | {"type"}
+        keys = self.model_fields_set - self.extra_keys | {"type"}
         return {
             key: getattr(self, key)
             for key in ("type", *type(self).model_fields)
-            if key in given
+            if key in keys
         }
 
 
@@ -105,17 +105,17 @@ class MaterialBase(PluginTable):
 
     @pydantic.model_validator(mode="after")
     def _check_pairs(self) -> "MaterialBase":
-        given, known = self.model_fields_set, type(self).model_fields
-        for one, other, instead in (
+        keys, fields = self.model_fields_set, type(self).model_fields
+        for first, second, instead in (
             ("alpha_u", "alpha_v", "alpha"),
             ("eta", "k", "material"),
         ):
-            if other in known and (one in given) != (other in given):
+            if second in fields and (first in keys) != (second in keys):
                 raise InputError(
-                    f"{one!r} and {other!r} go together; give both or neither"
+                    f"{first!r} and {second!r} go together; give both or neither"
                 )
-            if {one, instead} <= given:
-                raise InputError(f"{instead!r} excludes {one!r} and {other!r}")
+            if {first, instead} <= keys:
+                raise InputError(f"{instead!r} excludes {first!r} and {second!r}")
         return self
 
     def plugin(self) -> dict[str, Any]:

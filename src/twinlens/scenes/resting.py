@@ -23,16 +23,16 @@ _SAME_HEIGHT = 1e-5  # of the object's size
 _OUTSIDE = 1.001  # radius of a tessellated sphere or cylinder that is outside of the round one everywhere
 
 
-def world_triangles(thing: SceneObject) -> list[Float]:
+def world_triangles(scene_object: SceneObject) -> list[Float]:
     """The triangles (F, 3, 3) of each copy of an object, in the world; those of a sphere or cylinder enclose it."""
-    mesh = thing.shape
+    mesh = scene_object.shape
     if not isinstance(mesh, Mesh):
         mesh = shapes.tessellated(
             {**mesh, "radius": _OUTSIDE * mesh.get("radius", 1.0)}
         )
-    poses = [pose @ thing.world_from_object for pose in thing.instances] or [
-        thing.world_from_object
-    ]
+    poses = [
+        pose @ scene_object.world_from_object for pose in scene_object.instances
+    ] or [scene_object.world_from_object]
     return [transform_points(pose, mesh.vertices)[mesh.faces] for pose in poses]
 
 

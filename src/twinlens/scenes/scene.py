@@ -113,12 +113,12 @@ class SceneObject:
             raise InputError(
                 f"a {kind} needs p0 and p1 finite and different, got {shape}"
             )
-        own = np.linalg.qr(np.column_stack([along, np.eye(3)]))[0][
+        local = np.linalg.qr(np.column_stack([along, np.eye(3)]))[0][
             :, [1, 2, 0]
         ]  # orthonormal, `along` last
-        own = np.asarray(shape.get("to_world", np.eye(4)), float)[:3, :3] @ own
+        local = np.asarray(shape.get("to_world", np.eye(4)), float)[:3, :3] @ local
         for pose in (self.world_from_object, *self.instances):
-            axes = np.asarray(pose)[:3, :3] @ own
+            axes = np.asarray(pose)[:3, :3] @ local
             gram = axes.T @ axes
             scales = np.diag(gram)[: _EQUAL_SCALES[kind]]  # squared
             if (
@@ -141,7 +141,7 @@ def free_name(name: str, taken: Container[str]) -> str:
     names = itertools.chain(
         [name], (f"{name}-{number}" for number in itertools.count(2))
     )
-    return next(each for each in names if each not in taken)
+    return next(candidate for candidate in names if candidate not in taken)
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,18 +245,18 @@ class Scene:
             raise InputError(
                 f"scene {self.name!r}: depth_range must be 0 < near < far in metres, got [{near}, {far}]"
             )
-        for thing in self.objects:
-            with located(f"objects.{thing.name}.material"):
-                for name in thing.materials:
+        for scene_object in self.objects:
+            with located(f"objects.{scene_object.name}.material"):
+                for name in scene_object.materials:
                     check_known("material", name, self.materials)
 
     @property
     def is_lit(self) -> bool:
         """Whether it has a light, an object or a material that emits light, or a sky; a Mitsuba file may have any."""
         emitters = [
-            thing.emitter or emission_of(self.materials[name])
-            for thing in self.objects
-            for name in thing.materials
+            scene_object.emitter or emission_of(self.materials[name])
+            for scene_object in self.objects
+            for name in scene_object.materials
         ]
         return bool(
             self.ambient and (self.xml or self.sky or self.lights or any(emitters))
@@ -276,12 +276,17 @@ class Scene:
         for an unknown name, and for a pose that is not an invertible affine transform.
         """
         for name in poses:
-            check_known("object", name, [thing.name for thing in self.objects])
+            check_known(
+                "object", name, [scene_object.name for scene_object in self.objects]
+            )
         objects = tuple(
-            replace(thing, world_from_object=_affine(poses[thing.name], thing.name))
-            if thing.name in poses
-            else thing
-            for thing in self.objects
+            replace(
+                scene_object,
+                world_from_object=_affine(poses[scene_object.name], scene_object.name),
+            )
+            if scene_object.name in poses
+            else scene_object
+            for scene_object in self.objects
         )
         return replace(self, objects=objects)
 
@@ -294,7 +299,9 @@ class Scene:
         """The same scene with `sky` in place of its lights. Without `lamps`, objects that emit light are dark."""
         if lamps:
             return replace(self, sky=sky)
-        objects = tuple(replace(thing, emitter=None) for thing in self.objects)
+        objects = tuple(
+            replace(scene_object, emitter=None) for scene_object in self.objects
+        )
         materials = {
             name: _without_emission(material)
             for name, material in self.materials.items()
