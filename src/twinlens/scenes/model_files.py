@@ -8,7 +8,6 @@ import posixpath
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +20,6 @@ from twinlens.scenes.assets import (
     SceneContext,
     check_face_count,
     check_faces,
-    check_obj,
     find_asset,
     read_limited,
     reading,
@@ -30,12 +28,11 @@ from twinlens.scenes.gltf import Gltf, Part, named_by, open_gltf, read_header
 from twinlens.scenes.gltf_materials import (
     VERTEX_COLOR,
     PbrMaterial,
-    Texture,
     Textures,
     material_of,
 )
 from twinlens.scenes.materials import Material
-from twinlens.scenes.mtl import read_mtl
+from twinlens.scenes.obj_files import obj_materials, open_obj
 from twinlens.scenes.scene import Mesh, free_name
 
 GLTF_FILES = (".glb", ".gltf")
@@ -68,9 +65,7 @@ def read_model(
     open_file = _opener(path, context)
     with reading(path, "mesh"):
         is_gltf = path.suffix.lower() in GLTF_FILES
-        parts, tables, textures = (_open_gltf if is_gltf else _open_obj)(
-            path, open_file
-        )
+        parts, tables, textures = (_open_gltf if is_gltf else open_obj)(path, open_file)
         meshes = [part_mesh(part, crease_deg) for part in parts]
         materials: dict[str, Material] = {}
         if with_materials:
@@ -189,7 +184,7 @@ def named_files(path: Path, context: SceneContext) -> list[Path]:
         names = (
             named_by(read_header(path)[0])
             if is_gltf
-            else _obj_materials(path, _opener(path, context))[2]
+            else obj_materials(path, _opener(path, context))[2]
         )
         for name in names:
             _find(name, path, context)
@@ -216,67 +211,6 @@ def file_parts(file: Gltf) -> list[Part]:
     if not any(len(part.mesh.faces) for part in parts):
         raise FileError(f"{file.path}: has no triangles")
     return [part for part in parts if len(part.mesh.faces)]
-
-
-def _open_obj(path: Path, open_file: Callable[[str], bytes]) -> Opened:
-    """The parts of an OBJ file, one for each of its materials. trimesh reads a list of their names as its .mtl file."""
-    import trimesh
-
-    lines, materials, pictures, lost = _obj_materials(path, open_file)
-    number = {material.name: i for i, material in enumerate(materials)}
-    names = dict.fromkeys(
-        line.split(None, 1)[1].strip()
-        for line in lines
-        if line.startswith("usemtl ") and line[7:].strip()
-    )
-    if missing := [name for name in names if name not in number]:
-        raise FileError(f"{path}: its .mtl file has no material {missing[0]!r}")
-    text = "\n".join(
-        ["mtllib names", *(line for line in lines if not line.startswith("mtllib"))]
-    )
-    listed = "\n".join(f"newmtl {name}\nKd 1 1 1" for name in names)
-    loaded = trimesh.load_scene(
-        BytesIO(text.encode()),
-        file_type="obj",
-        resolver={"names": listed.encode()},
-        process=False,
-    )
-    parts = []
-    for mesh in loaded.geometry.values():
-        check_faces(path, mesh)
-        if len(getattr(mesh, "faces", ())):
-            name = str(getattr(getattr(mesh.visual, "material", None), "name", ""))
-            parts.append(Part(mesh, np.eye(4), number.get(name), False, None))
-    check_face_count(path, sum(len(part.mesh.faces) for part in parts))
-    if not parts:
-        raise FileError(f"{path}: has no triangles")
-    parts.sort(
-        key=lambda part: -1 if part.material is None else part.material
-    )  # trimesh's order is that of a set
-    textures = Textures(
-        [Texture(source=i) for i in range(len(pictures))],
-        [],
-        lambda i: open_file(pictures[i]),
-        lost,
-    )
-    return parts, materials, textures
-
-
-def _obj_materials(
-    path: Path, open_file: Callable[[str], bytes]
-) -> tuple[list[str], list[PbrMaterial], list[str], list[str]]:
-    """The lines of an OBJ file, its materials, the names of their pictures, and what is not rendered."""
-    data = read_limited(path, LARGEST_MESH_FILE)
-    check_obj(path, data)
-    lines = data.decode("utf-8", "replace").splitlines()
-    libraries = [
-        line[7:].strip()
-        for line in lines
-        if line.startswith("mtllib ") and line[7:].strip()
-    ]
-    if not libraries:
-        raise FileError(f"{path}: names no material file; give the object a 'material'")
-    return lines, *read_mtl({name: open_file(name) for name in libraries})
 
 
 def part_mesh(part: Part, crease_deg: float | None) -> Mesh:

@@ -1,17 +1,95 @@
-"""Wavefront .mtl files as glTF materials. Source: the format's specification, and its keys Pr, Pm for roughness."""
+"""Wavefront OBJ files with their .mtl files, as parts and materials of glTF.
+
+trimesh decodes the geometry. Of .mtl files it reads `Kd`, `Ka`, `Ks`, `Ns` and `map_Kd` alone: neither opacity,
+emission, index and roughness nor other maps. So the materials are read here, as tables of glTF. Source: the format's
+specification, and its keys Pr, Pm for roughness.
+"""
 
 import math
 import posixpath
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from io import BytesIO
+from pathlib import Path
 
-from twinlens.errors import InputError
-from twinlens.scenes.gltf_materials import PbrMaterial
+import numpy as np
+
+from twinlens.errors import FileError, InputError
+from twinlens.scenes.assets import (
+    LARGEST_MESH_FILE,
+    check_face_count,
+    check_faces,
+    check_obj,
+    read_limited,
+)
+from twinlens.scenes.gltf import Part
+from twinlens.scenes.gltf_materials import PbrMaterial, Texture, Textures
 from twinlens.schema import read
 
 _COLORS = {"kd": 3, "ke": 3, "ks": 3}
 _NUMBERS = ("ns", "ni", "d", "tr", "pr", "pm")
 _MAPS = {"map_kd": "base", "map_ke": "emissive", "norm": "normal"}
 _IGNORED = {"newmtl", "ka", "illum", "map_ka", "sharpness"}
+
+
+def open_obj(
+    path: Path, open_file: Callable[[str], bytes]
+) -> tuple[list[Part], list[PbrMaterial], Textures]:
+    """The parts of an OBJ file, one for each of its materials. trimesh reads a list of their names as its .mtl file."""
+    import trimesh
+
+    lines, materials, pictures, lost = obj_materials(path, open_file)
+    number = {material.name: i for i, material in enumerate(materials)}
+    names = dict.fromkeys(_arguments(lines, "usemtl"))
+    if missing := [name for name in names if name not in number]:
+        raise FileError(f"{path}: its .mtl file has no material {missing[0]!r}")
+    # Only the names of materials reach trimesh, as an .mtl file that is called "names".
+    geometry = [line for line in lines if not line.startswith("mtllib")]
+    text = "\n".join(["mtllib names", *geometry])
+    listed = "\n".join(f"newmtl {name}\nKd 1 1 1" for name in names)
+    loaded = trimesh.load_scene(
+        BytesIO(text.encode()),
+        file_type="obj",
+        resolver={"names": listed.encode()},
+        process=False,
+    )
+    parts = []
+    for mesh in loaded.geometry.values():
+        check_faces(path, mesh)
+        if len(getattr(mesh, "faces", ())):
+            name = str(getattr(getattr(mesh.visual, "material", None), "name", ""))
+            parts.append(Part(mesh, np.eye(4), number.get(name), False, None))
+    check_face_count(path, sum(len(part.mesh.faces) for part in parts))
+    if not parts:
+        raise FileError(f"{path}: has no triangles")
+    # trimesh's order is that of a set.
+    parts.sort(key=lambda part: -1 if part.material is None else part.material)
+    textures = Textures(
+        [Texture(source=i) for i in range(len(pictures))],
+        [],
+        lambda i: open_file(pictures[i]),
+        lost,
+    )
+    return parts, materials, textures
+
+
+def obj_materials(
+    path: Path, open_file: Callable[[str], bytes]
+) -> tuple[list[str], list[PbrMaterial], list[str], list[str]]:
+    """The lines of an OBJ file, its materials, the names of their pictures, and what is not rendered."""
+    data = read_limited(path, LARGEST_MESH_FILE)
+    check_obj(path, data)
+    lines = data.decode("utf-8", "replace").splitlines()
+    libraries = _arguments(lines, "mtllib")
+    if not libraries:
+        raise FileError(f"{path}: names no material file; give the object a 'material'")
+    return lines, *read_mtl({name: open_file(name) for name in libraries})
+
+
+def _arguments(lines: list[str], keyword: str) -> list[str]:
+    """What follows a keyword at the start of lines, where anything does."""
+    prefix = f"{keyword} "
+    texts = [line.removeprefix(prefix) for line in lines if line.startswith(prefix)]
+    return [text.strip() for text in texts if text.strip()]
 
 
 def read_mtl(
