@@ -10,7 +10,7 @@ boards. Takes about six minutes of processor time per sample. Adds a table to RE
 
 import argparse
 import dataclasses
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,8 @@ from twinlens.camera import Lens, Pinhole, Rig
 from twinlens.dataset import Dataset, StoredSample
 from twinlens.families import random_scene
 from twinlens.rendering import render
-from twinlens.scenes import Scene, Sky, load_scene
+from twinlens.scenes import Color, Material, Scene, Sky, load_scene
+from twinlens.scenes.materials import ColorValue, lambert
 from twinlens.scoring import (
     Board,
     Pair,
@@ -197,31 +198,15 @@ def with_matte_surfaces(stored: StoredSample) -> Scene:
     """The scene with every material replaced by a diffuse one of the same colour; metal and glass become grey."""
     scene = scene_of(stored)
     materials = {
-        name: {"type": "twosided", "bsdf": matte(plugin)}
-        for name, plugin in scene.materials.items()
+        name: lambert(_color(material), two_sided=True)
+        for name, material in scene.materials.items()
     }
     return dataclasses.replace(scene, materials=materials)
 
 
-def matte(plugin: Mapping[str, Any]) -> dict[str, Any]:
-    """A diffuse material of a material's colour."""
-    for key in ("reflectance", "diffuse_reflectance", "base_color"):
-        if key in plugin:
-            return {"type": "diffuse", "reflectance": plugin[key]}
-    inner = next(
-        (
-            value
-            for value in plugin.values()
-            if isinstance(value, Mapping) and "type" in value
-        ),
-        None,
-    )
-    grey = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.5}}
-    return (
-        grey
-        if inner is None or plugin["type"] in ("conductor", "roughconductor")
-        else matte(inner)
-    )
+def _color(material: Material) -> ColorValue:
+    has_no_color = material.model in ("metal", "glass")
+    return Color((0.5, 0.5, 0.5)) if has_no_color else material.base_color
 
 
 def with_textured_surfaces(stored: StoredSample) -> Scene:

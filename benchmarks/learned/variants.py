@@ -4,9 +4,7 @@ The ground truth stays. The light is kept in the work folder.
 """
 
 import dataclasses
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
@@ -14,7 +12,7 @@ from scipy.ndimage import gaussian_filter
 from twinlens.dataset import StoredSample
 from twinlens.families import random_scene
 from twinlens.rendering import render_measured
-from twinlens.scenes import Scene
+from twinlens.scenes import Bitmap, Scene
 from twinlens.seeds import generator
 from twinlens.sensor import Sensor
 
@@ -30,11 +28,13 @@ def scene_of(stored: StoredSample) -> Scene:
 def with_random_textures(scene: Scene, seed: int) -> Scene:
     """The scene with every texture replaced by coloured noise, whose grains have a random size."""
     materials = {}
-    for number, (name, plugin) in enumerate(scene.materials.items()):
-        random = generator(seed, "texture", number)
-        materials[name] = _replaced(
-            plugin, lambda shape, random=random: _noise(shape, random)
-        )
+    for number, (name, material) in enumerate(scene.materials.items()):
+        color = material.base_color
+        if isinstance(color, Bitmap):
+            random = generator(seed, "texture", number)
+            noise = _noise(color.pixels.shape, random).astype(color.pixels.dtype)
+            color = dataclasses.replace(color, pixels=noise)
+        materials[name] = dataclasses.replace(material, base_color=color)
     return dataclasses.replace(scene, materials=materials)
 
 
@@ -47,16 +47,6 @@ def _noise(shape: tuple[int, ...], random: np.random.Generator) -> np.ndarray:
         random.uniform(0.1, 0.6) * noise / noise.std()
     )
     return np.clip(noise, 0.01, 0.95)
-
-
-def _replaced(value: Any, noise: Callable[[tuple[int, ...]], np.ndarray]) -> Any:
-    if isinstance(value, dict):
-        return {key: _replaced(inner, noise) for key, inner in value.items()}
-    if hasattr(value, "pixels"):
-        return dataclasses.replace(
-            value, pixels=noise(value.pixels.shape).astype(value.pixels.dtype)
-        )
-    return value
 
 
 def light_of(stored: StoredSample, kind: str, folder: Path) -> list[np.ndarray]:
