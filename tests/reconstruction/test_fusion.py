@@ -144,33 +144,33 @@ def grid_plane(z, width=1.0, step=0.01):
 
 
 def test_comparison_of_a_shifted_half_plane():
-    found = compare(
+    comparison = compare(
         grid_plane(0.003, 0.5),
         grid_plane(0.0),
         tolerances_mm=(2, 4),
         max_distance_mm=20,
     )
-    assert found.accuracy_mean_mm == pytest.approx(3)
-    assert found.accuracy_median_mm == pytest.approx(3)
-    assert found.accuracy_outliers == 0
-    assert found.completeness_outliers == pytest.approx(
+    assert comparison.accuracy_mean_mm == pytest.approx(3)
+    assert comparison.accuracy_median_mm == pytest.approx(3)
+    assert comparison.accuracy_outliers == 0
+    assert comparison.completeness_outliers == pytest.approx(
         0.49
     )  # all but the columns that lie within 2 cm
-    assert [s.accuracy for s in found.shares] == [0, 1]
-    assert [s.completeness for s in found.shares] == [0, pytest.approx(0.5)]
-    assert found.shares[0].f_score == 0
-    assert found.shares[1].f_score == pytest.approx(2 / 3)
+    assert [s.accuracy for s in comparison.shares] == [0, 1]
+    assert [s.completeness for s in comparison.shares] == [0, pytest.approx(0.5)]
+    assert comparison.shares[0].f_score == 0
+    assert comparison.shares[1].f_score == pytest.approx(2 / 3)
 
 
 def test_distances_equal_a_naive_loop():
     rng = np.random.default_rng(0)
     a, b = rng.normal(size=(40, 3)), rng.normal(size=(30, 3))
     naive = 1e3 * np.array([min(np.linalg.norm(p - q) for q in b) for p in a])
-    found = compare(
+    comparison = compare(
         Cloud(a), Cloud(b), max_distance_mm=1e9, tolerances_mm=np.sort(naive) + 1e-6
     )
-    assert found.accuracy_mean_mm == pytest.approx(naive.mean())
-    assert [share.accuracy for share in found.shares] == pytest.approx(
+    assert comparison.accuracy_mean_mm == pytest.approx(naive.mean())
+    assert [share.accuracy for share in comparison.shares] == pytest.approx(
         np.arange(1, 41) / 40
     )
 

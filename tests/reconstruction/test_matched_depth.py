@@ -44,14 +44,14 @@ def depth_errors(matcher, baseline, depth, seeds=2):
     """Absolute depth errors in the middle of the image, metres, of planes at about `depth` metres."""
     camera = Camera(WIDTH, HEIGHT, FX, FX, 0.5 * (WIDTH - 1), 0.5 * (HEIGHT - 1))
     rig = Rig.stereo(camera, baseline)
-    found = []
+    errors = []
     for seed in range(seeds):
         images, disparity = pair(np.random.default_rng(seed), FX * baseline / depth)
         view = view_of_disparity(matcher.match(*images), rig)
         inner = (slice(12, -12), slice(60, -12))
         error = np.abs(view.depth - FX * baseline / disparity)[inner]
-        found.append(error[np.abs(error) < 0.2 * depth])
-    return np.concatenate(found)
+        errors.append(error[np.abs(error) < 0.2 * depth])
+    return np.concatenate(errors)
 
 
 @pytest.mark.parametrize("name", MATCHERS)

@@ -37,12 +37,12 @@ def test_points_of_true_disparity_are_on_the_surface_within_float32_rounding():
     left = Camera(96, 72, 105.0, 105.0, 47.5, 35.5)
     rig = Rig.stereo(left, 0.1, scene.world_from_left, right=left.replace(cx=48.75))
     truth = tl.ground_truth(scene, rig)[0]
-    found = view_of_disparity(truth.disparity, rig)
-    known = truth.hit
-    assert known.mean() > 0.9
-    off = np.linalg.norm(found.positions()[known] - truth.position[known], axis=1)
-    ray = np.linalg.norm(truth.position[known] - scene.world_from_left[:3, 3], axis=1)
-    disparity = truth.disparity[known].astype(float)
+    view_of_pair = view_of_disparity(truth.disparity, rig)
+    hit = truth.hit
+    assert hit.mean() > 0.9
+    off = np.linalg.norm(view_of_pair.positions()[hit] - truth.position[hit], axis=1)
+    ray = np.linalg.norm(truth.position[hit] - scene.world_from_left[:3, 3], axis=1)
+    disparity = truth.disparity[hit].astype(float)
     assert (
         off <= 0.51 * EPS * ray * np.abs(disparity) / (disparity + rig.doffs()) + 1e-12
     ).all()
@@ -108,14 +108,14 @@ def test_a_step_is_cut_beyond_the_angle():
 
 @pytest.mark.parametrize("make", [points_of, mesh_of])
 def test_files_are_read_by_trimesh(make, tmp_path):
-    thing = make(view(np.random.default_rng(2).uniform(1, 1.1, (30, 40))))
-    points = thing.points if isinstance(thing, Cloud) else thing.vertices
-    write_ply(tmp_path / "a.ply", thing)
+    shape = make(view(np.random.default_rng(2).uniform(1, 1.1, (30, 40))))
+    points = shape.points if isinstance(shape, Cloud) else shape.vertices
+    write_ply(tmp_path / "a.ply", shape)
     back = trimesh.load(tmp_path / "a.ply", process=False)
     assert np.abs(back.vertices - points).max() <= EPS * np.abs(points).max()
-    colors = back.colors if isinstance(thing, Cloud) else back.visual.vertex_colors
-    assert np.array_equal(np.asarray(colors)[:, :3], thing.colors)
-    write_glb(tmp_path / "a.glb", thing, POSE)
+    colors = back.colors if isinstance(shape, Cloud) else back.visual.vertex_colors
+    assert np.array_equal(np.asarray(colors)[:, :3], shape.colors)
+    write_glb(tmp_path / "a.glb", shape, POSE)
     (back,) = trimesh.load(tmp_path / "a.glb", process=False).geometry.values()
     assert (back.vertices[:, 2] < 0).all()  # before a viewer who looks along -z
     x, y = (points - POSE[:3, 3]) @ POSE[:3, 0], (points - POSE[:3, 3]) @ POSE[:3, 1]
@@ -173,12 +173,12 @@ def test_invalid_input_raises(make, says):
 
 def test_disparities_at_or_beyond_infinity_are_unknown():
     rig = Rig.stereo(CAMERA.replace(distortion=None), 0.1)
-    found = view_of_disparity(
+    unknown = view_of_disparity(
         np.where(np.arange(40) < 20, [[0.0]], [[-3.0]]) * np.ones((30, 1)), rig
     )
-    assert not found.known.any()
-    assert not len(points_of(found))
-    assert not len(mesh_of(found).faces)
+    assert not unknown.known.any()
+    assert not len(points_of(unknown))
+    assert not len(mesh_of(unknown).faces)
 
 
 def test_samples_are_uniform_on_the_triangles_with_interpolated_colours():
