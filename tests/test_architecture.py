@@ -41,14 +41,7 @@ MAY_IMPORT = {
 MAY_IMPORT["studies"] = {*MAY_IMPORT["factory"], "factory", "matching", "scoring"}
 MAY_IMPORT["report"] = {*UNDER_SCENES, "dataset", "matching", "scoring", "studies"}
 MAY_IMPORT["cli"] = {*MAY_IMPORT} | {"cli"}
-ANNOTATED = [
-    ("dataset.quantities", "dataset.sample"),
-    ("dataset.quantities", "dataset.stored"),
-    ("dataset.aperture_layouts", "dataset.export"),
-    ("dataset.object_layouts", "dataset.export"),
-    ("matching.supports", "matching.matcher"),
-    ("sensor.exposure", "sensor.model"),
-]
+ANNOTATED = [("sensor.exposure", "sensor.model")]
 """Files that name a type of a file that imports them."""
 RENDERERS = {"mitsuba", "mitsuba_oidn", "drjit"}
 
