@@ -130,7 +130,7 @@ def test_a_scene_of_ones_own_has_to_be_given(scene, tmp_path):
         ),
         (
             lambda r: r["record"].update(exposure={"time": 0}),
-            "exposure.time: must be > 0",
+            "exposure.time: must be a number of seconds",
         ),
         (lambda r: r.update(rig=None), "rig: must be a table"),
         (lambda r: r["shots"].append({}), "lens: must be a table"),
