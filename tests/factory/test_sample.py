@@ -5,11 +5,15 @@ import pytest
 
 import twinlens as tl
 from twinlens.camera import ALIGNED, Misalignment, Polygon, misaligned
+from twinlens.dataset import Dataset, write_sample
+from twinlens.dataset.channels import CHANNELS, TRUTH, Channel
 from twinlens.dataset.sample_files import sample_files
+from twinlens.dataset.verify import verify_sample
 from twinlens.errors import InputError
 from twinlens.factory import default_rig, make_sample
 from twinlens.factory.sample import _noise_ratios
 from twinlens.rendering import NoisyImage
+from twinlens.rendering.ground_truth import EXTRA_CHANNELS
 from twinlens.sensor import Exposure, Mismatch, Sensor, light
 
 LENSES = (tl.Pinhole(), tl.Pinhole(), tl.ThinLens(0.04, 1.2))
@@ -67,6 +71,30 @@ def test_the_record_says_what_is_needed_to_make_it_again(scene, sample):
         keep_radiance=True,
     )
     assert sample_files(again) == sample_files(sample)
+
+
+def test_a_further_channel_is_computed_stored_and_read(scene, tmp_path, monkeypatch):
+    """A function of the renderer's hits and a row of the table of channels are all that it needs."""
+    monkeypatch.setitem(
+        EXTRA_CHANNELS, "ray_distance", lambda view: view.first.distance
+    )
+    row = Channel(
+        "ray_distance",
+        TRUTH,
+        "float32",
+        "distance along the chief ray; +inf unknown",
+        "m",
+        optional=True,
+    )
+    monkeypatch.setitem(CHANNELS, "ray_distance", row)
+    rig = default_rig(scene, 24, 18)
+    write_sample(tmp_path / "s", make_sample(scene, rig, LENSES[:1], spp=1, seed=0))
+    stored = Dataset(tmp_path)[0]
+    assert verify_sample(stored) == []
+    for view, camera in enumerate(rig.cameras):
+        slopes = camera.unproject(camera.pixel_grid())
+        expected = stored[f"depth{view}"] * np.linalg.norm(slopes, axis=-1)
+        np.testing.assert_allclose(stored[f"ray_distance{view}"], expected, rtol=1e-6)
 
 
 def test_another_seed_is_another_photograph_of_the_same_truth(scene, sample):
