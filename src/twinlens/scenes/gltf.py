@@ -313,35 +313,11 @@ class Gltf:
             raise FileError(
                 f"{self.path}: accessors of {size >> 20} MiB are more than {_MOST_BYTES >> 20} MiB"
             )
-        meshes = []
-        for index in sorted({mesh for mesh, _ in self._placed}):
-            for name, primitive in self._triangles(index):
-                attributes = {
-                    **primitive.attributes,
-                    "TEXCOORD_0": self._coordinates(primitive),
-                }
-                kept = {
-                    key: attributes[key]
-                    for key in _ATTRIBUTES
-                    if attributes.get(key) is not None
-                }
-                self._check_attributes(f"meshes[{index}]", kept)
-                numbers = (
-                    None
-                    if primitive.indices is None
-                    else header.accessors[primitive.indices]
-                )
-                if numbers and (
-                    numbers.type != "SCALAR" or numbers.componentType not in _INDICES
-                ):
-                    raise FileError(
-                        f"{self.path}: meshes[{index}]: indices must be SCALAR, of unsigned integers"
-                    )
-                table = {"attributes": kept, "mode": primitive.mode, "material": 0}
-                table |= (
-                    {} if primitive.indices is None else {"indices": primitive.indices}
-                )
-                meshes.append({"name": name, "primitives": [table]})
+        meshes = [
+            {"name": name, "primitives": [self._checked(f"meshes[{index}]", primitive)]}
+            for index in sorted({mesh for mesh, _ in self._placed})
+            for name, primitive in self._triangles(index)
+        ]
         cleaned = {
             "asset": {"version": "2.0"},
             "buffers": [{"uri": str(i)} for i in range(len(self.buffers))],
@@ -352,15 +328,36 @@ class Gltf:
                 accessor.model_dump(exclude_none=True) for accessor in header.accessors
             ],
             "meshes": meshes,
-            "materials": [
-                {}
-            ],  # without a material trimesh reads no texture coordinates
+            # Without a material trimesh reads no texture coordinates.
+            "materials": [{}],
         }
         stream = BytesIO(json.dumps(cleaned).encode())
         buffers = {str(i): data for i, data in enumerate(self.buffers)}
         return trimesh.load_scene(
             stream, file_type="gltf", resolver=buffers, process=False
         ).geometry
+
+    def _checked(self, mesh: str, primitive: _Primitive) -> dict[str, Any]:
+        """A primitive's table with the attributes that are read, checked. Raises FileError that names the mesh."""
+        attributes = {
+            **primitive.attributes,
+            "TEXCOORD_0": self._coordinates(primitive),
+        }
+        kept = {
+            key: attributes[key]
+            for key in _ATTRIBUTES
+            if attributes.get(key) is not None
+        }
+        self._check_attributes(mesh, kept)
+        table = {"attributes": kept, "mode": primitive.mode, "material": 0}
+        if primitive.indices is None:
+            return table
+        numbers = self.header.accessors[primitive.indices]
+        if numbers.type != "SCALAR" or numbers.componentType not in _INDICES:
+            raise FileError(
+                f"{self.path}: {mesh}: indices must be SCALAR, of unsigned integers"
+            )
+        return {**table, "indices": primitive.indices}
 
     def _check_attributes(self, mesh: str, attributes: dict[str, Any]) -> None:
         if "POSITION" not in attributes:
