@@ -10,7 +10,7 @@ import numpy as np
 
 import twinlens as tl
 from twinlens.dataset import write_png
-from twinlens.factory import default_rig, make_sample
+from twinlens.factory import Shoot, default_rig, make_sample
 from twinlens.optics import middle_focus
 from twinlens.report import colourise
 
@@ -24,7 +24,7 @@ def main() -> None:
     scene = tl.load_scene("tabletop")
     rig = default_rig(scene, WIDTH, HEIGHT)
     lenses = (tl.Pinhole(), tl.ThinLens(APERTURE, middle_focus(*scene.depth_range)))
-    sample = make_sample(scene, rig, lenses, spp=SPP, seed=0, denoise=True)
+    sample = make_sample(scene, rig, lenses, Shoot(spp=SPP, denoise=True))
     truth = sample.truths[0].disparity
     low, high = (
         float(truth[np.isfinite(truth)].min()),

@@ -10,7 +10,7 @@ import reprlib
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from numbers import Integral, Real
-from typing import Any, get_type_hints
+from typing import Any
 
 _MIN_SIMILARITY = 0.65
 _SHORTEST_PART = 3
@@ -131,20 +131,6 @@ def check_number(
         math.isfinite(number) and above < number < below and least <= number <= most
     ):
         raise InputError(f"{name} must be {allowed}, got {format_value(value)}")
-
-
-def check_ranges(instance: Any, what: str) -> None:
-    """Raise InputError unless each number of a dataclass is in the range (least, most) that annotates it first."""
-    for name, hint in get_type_hints(type(instance), include_extras=True).items():
-        for least, most in getattr(hint, "__metadata__", ())[:1]:
-            allowed = f"from {least:g} to {most:g}"
-            check_number(
-                f"{what} {name}",
-                getattr(instance, name),
-                allowed,
-                least=least,
-                most=most,
-            )
 
 
 def check_int(

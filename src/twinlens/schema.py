@@ -13,10 +13,11 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, Union
 
 import pydantic
+from pydantic_core import core_schema
 from typing_extensions import TypeAliasType
 
 from twinlens.errors import InputError, check_known, format_value, nearest
-from twinlens.settings import Field, Setting, field_of, fields_of
+from twinlens.settings import Field, Setting, fields_of
 
 T = TypeVar("T")
 
@@ -116,7 +117,9 @@ def table_of(
     which gets its own fields only. JSON Schemas call the table `title`, by default after the class.
     """
     keys = _undeclared(cls) | {
-        name: _key(field) for name, field in fields_of(cls).items() if name not in more
+        name: declared(field)
+        for name, field in fields_of(cls).items()
+        if name not in more
     }
 
     own = {item.name for item in dataclasses.fields(cls)}
@@ -143,62 +146,64 @@ def _undeclared(cls: type[Any]) -> dict[str, tuple[Any, Any]]:
     return keys
 
 
-def declared(cls: type[Any], name: str, default: Any = ...) -> tuple[Any, Any]:
-    """(type, default) of one declared field of a dataclass, for `pydantic.create_model`."""
-    return _key(field_of(cls, name, default))
+@dataclasses.dataclass(frozen=True)
+class Declared:
+    """Reads a plain value by the declaration of a field of settings; the metadata of an `Annotated` type."""
+
+    field: Field
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        return core_schema.no_info_plain_validator_function(self.field.read)
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
+        setting = self.field.setting
+        unit = f" [{setting.unit}]" if setting.unit else ""
+        return {**_json_type(self.field), "description": f"{setting.help}{unit}"}
 
 
-def value_of(cls: type[Any], name: str) -> Any:
-    """The type of one declared field of a dataclass, for a field of a model."""
-    return _key(field_of(cls, name))[0]
+def setting(cls: type[Any], name: str, unit: str = "", scale: float = 1.0) -> Declared:
+    """Reads one declared field of a dataclass, or that field in another unit, of which one is 1 / `scale`."""
+    field = fields_of(cls)[name]
+    return Declared(field.in_unit(unit, scale) if unit else field)
 
 
-def _key(field: Field) -> tuple[Any, Any]:
-    """The type and the default of a declared field."""
+def declared(field: Field) -> tuple[Any, Any]:
+    """(type, default) of a declared field, for `pydantic.create_model`."""
     default = ... if field.required else field.default
-    described = pydantic.Field(description=_description(field))
-    if not field.is_plain:
-        kind = table_of(field.kind)
-        return Annotated[kind | None if field.optional else kind, described], default
-    reader = pydantic.PlainValidator(
-        field.read, json_schema_input_type=_json_type(field)
-    )
-    return Annotated[Any, reader, described], default
+    if field.is_plain:
+        kind: Any = Annotated[Any, Declared(field)]
+    else:
+        described = pydantic.Field(description=field.setting.help)
+        kind = Annotated[table_of(field.kind), described]
+    return (kind | None if field.optional else kind), default
 
 
-def _description(field: Field) -> str:
-    unit = field.setting.unit
-    return f"{field.setting.help} [{unit}]" if unit else field.setting.help
-
-
-def _json_type(field: Field) -> Any:
-    """The type of a declared field, with its limits, for JSON Schemas."""
+def _json_type(field: Field) -> dict[str, Any]:
+    """The JSON Schema of a plain field, without None."""
     setting = field.setting
-    kind: Any = list[float] if field.length else field.kind
     if setting.choices:
-        kind = Literal[tuple(setting.choices)]
-    elif field.kind in (int, float):
-        kind = Annotated[kind, _limits(setting)]
-    elif field.length:
-        entry = Annotated[float, _limits(setting)]
-        kind = Annotated[
-            list[entry],
-            pydantic.Field(min_length=field.length, max_length=field.length),
-        ]
-    return kind | None if field.optional else kind
+        return {"enum": list(setting.choices), "type": _JSON_TYPES[field.kind]}
+    if not field.length:
+        return {**_json_limits(setting), "type": _JSON_TYPES[field.kind]}
+    return {
+        "items": {**_json_limits(setting), "type": "number"},
+        "maxItems": field.length,
+        "minItems": field.length,
+        "type": "array",
+    }
 
 
-def _limits(setting: Setting) -> Any:
+_JSON_TYPES = {float: "number", int: "integer", bool: "boolean", str: "string"}
+
+
+def _json_limits(setting: Setting) -> dict[str, float]:
     limits = {
-        "ge": setting.least,
-        "gt": setting.above,
-        "le": setting.most,
-        "lt": setting.below,
+        "exclusiveMaximum": setting.below,
+        "exclusiveMinimum": setting.above,
+        "maximum": setting.most,
+        "minimum": 0.0 if setting.or_zero else setting.least,
     }
-    finite: dict[str, Any] = {
-        name: limit for name, limit in limits.items() if math.isfinite(limit)
-    }
-    return pydantic.Field(**finite)
+    return {name: limit for name, limit in limits.items() if math.isfinite(limit)}
 
 
 def reads(

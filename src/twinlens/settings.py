@@ -15,7 +15,7 @@ import math
 import re
 import types
 import typing
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from numbers import Integral, Real
 from typing import Any, ClassVar, Self
 
@@ -73,6 +73,8 @@ class Setting:
     def _limits(self) -> str:
         if math.isfinite(self.least) and math.isfinite(self.most):
             return f"from {_digits(self.least)} to {_digits(self.most)}"
+        if math.isfinite(self.least) and math.isfinite(self.below):
+            return f"from {_digits(self.least)} to below {_digits(self.below)}"
         limits = {
             ">": self.above,
             ">=": self.least,
@@ -189,6 +191,8 @@ class Field:
         if isinstance(value, str) and self.kind is str:
             near = nearest(value, self.setting.choices)
         hint = f"; did you mean {near!r}?" if near else ""
+        if self.setting.odd and isinstance(value, Integral) and value % 2 == 0:
+            hint = f"; use {value - 1} or {value + 1}"
         return InputError(
             f"{name}must be {self.allowed}, got {format_value(value)}{hint}"
         )
@@ -213,6 +217,18 @@ class Field:
         value = self.checked(value)
         return float(value) if self.kind is float and value is not None else value
 
+    def in_unit(self, unit: str, scale: float) -> "Field":
+        """The field of a number in another unit: values and limits are multiplied by `scale`."""
+        setting = dataclasses.replace(
+            self.setting,
+            unit=unit,
+            least=self.setting.least * scale,
+            above=self.setting.above * scale,
+            most=self.setting.most * scale,
+            below=self.setting.below * scale,
+        )
+        return dataclasses.replace(self, setting=setting)
+
     def parse(self, text: str) -> Any:
         """The plain value of a text; the text itself where it cannot be read, which `checked` then refuses."""
         if self.optional and text == "none":
@@ -222,9 +238,9 @@ class Field:
         if self.kind is int:
             return int(text) if re.fullmatch(r"[-+]?[0-9]+", text) else text
         if self.kind is float:
-            return _number(text)
+            return parse_number(text)
         if self.length:
-            return [_number(part) for part in text.split("/")]
+            return [parse_number(part) for part in text.split("/")]
         return text
 
 
@@ -291,12 +307,6 @@ def _read_fields(cls: type[Any]) -> Mapping[str, Field]:
     return fields
 
 
-def field_of(cls: type[Any], name: str, default: Any = ...) -> Field:
-    """One declared field, with another default if one is given."""
-    field = fields_of(cls)[name]
-    return field if default is ... else dataclasses.replace(field, default=default)
-
-
 def parse_pairs(
     text: str, fields: Mapping[str, Field], form: str = "NAME=VALUE,NAME=VALUE"
 ) -> dict[str, Any]:
@@ -356,6 +366,8 @@ def _is_instance(value: Any, kind: Any) -> bool:
     origin = typing.get_origin(kind)
     if origin in (typing.Union, types.UnionType):
         return any(_is_instance(value, member) for member in typing.get_args(kind))
+    if origin is Callable:
+        return callable(value)
     if origin is tuple:
         entry = typing.get_args(kind)[0]
         return isinstance(value, tuple) and all(_is_instance(v, entry) for v in value)
@@ -377,7 +389,8 @@ def _as_floats(values: Any) -> tuple[float, ...]:
         return ()
 
 
-def _number(text: str) -> float | str:
+def parse_number(text: str) -> float | str:
+    """The number of a text, or the text where it is none."""
     return float(text) if re.fullmatch(f"{NUMBER}|[-+]?inf", text) else text
 
 

@@ -182,7 +182,7 @@ FOV = ("--depth", "1,2", "--fov", "60")
             "--baseline must be one number, or the least and the most",
         ),
         ((*FOV, "--f-number", "0"), "--f-number must be"),
-        ((*FOV, "--overlap", "2"), "--overlap must be a share"),
+        ((*FOV, "--overlap", "2"), "--overlap must be a number from 0 to below 1"),
         ((*FOV, "--snr", "2"), "--snr needs --lux"),
         ((*FOV, "--lux", "2", "--snr", "1e4"), "--snr must be at most"),
         (

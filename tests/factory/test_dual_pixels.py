@@ -12,6 +12,7 @@ from twinlens.dataset.sample_files import sample_files
 from twinlens.dataset.verify import verify_sample
 from twinlens.errors import FileError, InputError
 from twinlens.factory import (
+    Shoot,
     generate,
     make_sample,
     read_recipe,
@@ -160,5 +161,8 @@ def test_diffraction_is_refused():
         InputError, match="dual_pixel and diffraction exclude each other"
     ):
         make_sample(
-            scene, rig, [tl.ThinLens(0.01, 1.0)], diffraction=True, dual_pixel=True
+            scene,
+            rig,
+            [tl.ThinLens(0.01, 1.0)],
+            Shoot(diffraction=True, dual_pixel=True),
         )

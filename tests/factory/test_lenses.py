@@ -21,7 +21,7 @@ from twinlens.camera import (
 from twinlens.dataset import write_png
 from twinlens.errors import InputError
 from twinlens.factory import make, plan, read_recipe, recipe_from_table
-from twinlens.factory.settings import LensTable, ShapeTable, make_lens
+from twinlens.factory.lenses import LensTable, ShapeTable, make_lens
 from twinlens.schema import StrictModel, read
 
 CELLS = [[0.0, 1.0, 0.5], [1.0, 0.25, 0.0]]

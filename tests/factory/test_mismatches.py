@@ -11,6 +11,7 @@ from twinlens.dataset.sample_files import sample_files
 from twinlens.dataset.verify import verify_sample
 from twinlens.errors import InputError
 from twinlens.factory import (
+    Shoot,
     make,
     make_sample,
     plan,
@@ -213,7 +214,9 @@ def test_a_sample_records_the_mismatch_of_each_camera_and_is_made_again(tmp_path
 def test_old_samples_have_one_mismatch_for_all_cameras():
     rig = rig_from_table(LINE, tl.load_scene("cards"), 48, 36)
     old = Sensor.from_record({"mismatch": {"gain": 1.2, "level": "typical"}})
-    sample = make_sample(tl.load_scene("cards"), rig, [tl.Pinhole()], spp=1, sensor=old)
+    sample = make_sample(
+        tl.load_scene("cards"), rig, [tl.Pinhole()], Shoot(spp=1, sensor=old)
+    )
     gains = [exposure["gain"] for exposure in sample.shots[0].record["exposures"]]
     assert np.array(gains) / gains[0] == pytest.approx([1, 1.2, 1.2, 1.2])
     with pytest.raises(
@@ -223,5 +226,5 @@ def test_old_samples_have_one_mismatch_for_all_cameras():
             tl.load_scene("cards"),
             rig,
             [tl.Pinhole()],
-            sensor=old.replace(mismatch=(Mismatch(),)),
+            Shoot(sensor=old.replace(mismatch=(Mismatch(),))),
         )

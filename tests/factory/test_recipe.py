@@ -189,7 +189,7 @@ def test_every_key_is_read():
         (
             "lenses",
             [{"kind": "thin", "f_number": 2, "focus": -1}],
-            r"lenses\[0\].focus: must be > 0",
+            r"lenses\[0\].focus: must be a number of metres",
         ),
         (
             "lenses",

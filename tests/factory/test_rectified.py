@@ -12,7 +12,7 @@ from twinlens.camera.rectification import warp
 from twinlens.dataset import Dataset, write_sample
 from twinlens.dataset.verify import verify_sample
 from twinlens.errors import InputError
-from twinlens.factory import make_sample, rectified_sample
+from twinlens.factory import Shoot, make_sample, rectified_sample
 from twinlens.geometry import rigid
 from twinlens.sensor import Sensor
 
@@ -40,7 +40,9 @@ def stored(scene, middle, tmp_path_factory):
     """A toed-in pair with distortion, on the disk."""
     folder = tmp_path_factory.mktemp("toed") / "cards"
     rig = toed_in(middle, BrownConrady(-0.15, 0.03))
-    write_sample(folder, make_sample(scene, rig, [tl.Pinhole()], spp=32, sensor=FINE))
+    write_sample(
+        folder, make_sample(scene, rig, [tl.Pinhole()], Shoot(spp=32, sensor=FINE))
+    )
     return Dataset(folder)[0]
 
 

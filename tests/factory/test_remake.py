@@ -13,7 +13,7 @@ from tests.factory_recipes import RECIPE, SCENE, write_recipe
 from twinlens.camera import BrownConrady, MaskAperture, Polygon
 from twinlens.dataset.sample_files import sample_files
 from twinlens.errors import InputError
-from twinlens.factory import default_rig, make, make_sample, read_recipe, remake
+from twinlens.factory import Shoot, default_rig, make, make_sample, read_recipe, remake
 from twinlens.sensor import Exposure, Mismatch, Sensor
 
 CODE = np.random.default_rng(3).integers(0, 256, (5, 7), dtype=np.uint8)
@@ -50,9 +50,20 @@ def rig(scene):
 
 def shaped(scene, rig):
     return make_sample(
-        scene, rig, SHAPED, spp=3, seed=11, sensor=SENSOR, exposure=Exposure(0.01, 2.0), sky_disparity=True,
-        keep_radiance=True, keep_models=True, sampler="independent",
-    )  # fmt: skip
+        scene,
+        rig,
+        SHAPED,
+        Shoot(
+            spp=3,
+            seed=11,
+            sensor=SENSOR,
+            exposure=Exposure(0.01, 2.0),
+            sky_disparity=True,
+            keep_radiance=True,
+            keep_models=True,
+            sampler="independent",
+        ),
+    )
 
 
 def diffracted(scene, rig):
@@ -61,10 +72,7 @@ def diffracted(scene, rig):
         scene,
         default_rig(scene, 40, 30),
         lenses,
-        spp=3,
-        denoise=True,
-        sensor=SENSOR,
-        diffraction=True,
+        Shoot(spp=3, denoise=True, sensor=SENSOR, diffraction=True),
     )
 
 
@@ -80,7 +88,7 @@ def test_the_record_alone_gives_the_same_bytes(made, scene, rig):
 @pytest.fixture(scope="module")
 def record(scene):
     sample = make_sample(
-        scene, default_rig(scene, 8, 6), [tl.ThinLens(0.01, 1.2)], spp=1
+        scene, default_rig(scene, 8, 6), [tl.ThinLens(0.01, 1.2)], Shoot(spp=1)
     )
     return json.loads(sample_files(sample)["sample.json"])
 
@@ -90,7 +98,7 @@ def test_a_scene_of_ones_own_has_to_be_given(scene, tmp_path):
     mine.mkdir()
     (mine / "scene.toml").write_text(SCENE)
     made = make_sample(
-        tl.load_scene(mine), default_rig(scene, 8, 6), [tl.Pinhole()], spp=1
+        tl.load_scene(mine), default_rig(scene, 8, 6), [tl.Pinhole()], Shoot(spp=1)
     )
     files = sample_files(made)
     own = json.loads(files["sample.json"])
@@ -109,7 +117,7 @@ def test_a_scene_of_ones_own_has_to_be_given(scene, tmp_path):
         (lambda r: r["record"].pop("spp"), "record: missing key 'spp'"),
         (
             lambda r: r["record"].update(spp=True),
-            "record.spp: must be a whole number, got True",
+            "record.spp: must be a whole number from 1 to 1000000, got True",
         ),
         (lambda r: r["record"].update(scene="card"), "'card' is not bundled"),
         (

@@ -10,7 +10,7 @@ from twinlens.dataset.channels import CHANNELS, TRUTH, Channel
 from twinlens.dataset.sample_files import sample_files
 from twinlens.dataset.verify import verify_sample
 from twinlens.errors import InputError
-from twinlens.factory import default_rig, make_sample
+from twinlens.factory import Shoot, default_rig, make_sample
 from twinlens.factory.sample import _noise_ratios
 from twinlens.rendering import NoisyImage
 from twinlens.rendering.ground_truth import EXTRA_CHANNELS
@@ -27,7 +27,10 @@ def scene():
 @pytest.fixture(scope="module")
 def sample(scene):
     return make_sample(
-        scene, default_rig(scene, 48, 36), LENSES, spp=4, seed=0, keep_radiance=True
+        scene,
+        default_rig(scene, 48, 36),
+        LENSES,
+        Shoot(spp=4, seed=0, keep_radiance=True),
     )
 
 
@@ -66,9 +69,7 @@ def test_the_record_says_what_is_needed_to_make_it_again(scene, sample):
         scene,
         sample.rig,
         LENSES,
-        spp=record["spp"],
-        seed=record["seed"],
-        keep_radiance=True,
+        Shoot(spp=record["spp"], seed=record["seed"], keep_radiance=True),
     )
     assert sample_files(again) == sample_files(sample)
 
@@ -98,21 +99,24 @@ def test_a_further_channel_is_computed_stored_and_read(scene, tmp_path, monkeypa
 
 
 def test_another_seed_is_another_photograph_of_the_same_truth(scene, sample):
-    other = make_sample(scene, sample.rig, LENSES[:1], spp=4, seed=1)
+    other = make_sample(scene, sample.rig, LENSES[:1], Shoot(spp=4, seed=1))
     assert not np.array_equal(other.shots[0].images[0], sample.shots[0].images[0])
     assert np.array_equal(other.truths[0].depth, sample.truths[0].depth)
 
 
 def test_the_sensor_is_the_users(scene, sample):
     deep = make_sample(
-        scene, sample.rig, LENSES[:1], spp=1, sensor=Sensor.preset("ideal", bits=16)
+        scene,
+        sample.rig,
+        LENSES[:1],
+        Shoot(spp=1, sensor=Sensor.preset("ideal", bits=16)),
     )
     assert deep.shots[0].images[0].dtype == np.uint16
 
 
 def test_progress_rises_to_one(scene, sample):
     seen = []
-    make_sample(scene, sample.rig, LENSES, spp=1, progress=seen.append)
+    make_sample(scene, sample.rig, LENSES, Shoot(spp=1), progress=seen.append)
     assert seen == sorted(seen)
     assert seen[-1] == pytest.approx(1.0)
 
@@ -127,10 +131,10 @@ def test_under_one_exposure_a_smaller_aperture_is_darker(scene, sample):
     sensor = Sensor.preset("ideal", output="linear", bits=16)
     camera = sample.rig.cameras[0].replace(pixel_pitch_um=100.0)
     rig = tl.Rig.stereo(camera, scene.baseline, scene.world_from_left)
-    auto = make_sample(scene, rig, lenses, spp=64, sensor=sensor)
+    auto = make_sample(scene, rig, lenses, Shoot(spp=64, sensor=sensor))
     time = auto.shots[0].record["exposures"][0]["time_s"]
     fixed = make_sample(
-        scene, rig, lenses, spp=64, sensor=sensor, exposure=Exposure(time)
+        scene, rig, lenses, Shoot(spp=64, sensor=sensor, exposure=Exposure(time))
     )
     assert mean_level(fixed.shots[1]) / mean_level(fixed.shots[0]) == pytest.approx(
         0.25, rel=0.02
@@ -148,10 +152,7 @@ def test_diffraction_blurs_what_the_lens_and_not_what_the_pinhole_sees(scene, sa
             scene,
             sample.rig,
             lenses,
-            spp=4,
-            sensor=sensor,
-            diffraction=on,
-            keep_radiance=True,
+            Shoot(spp=4, sensor=sensor, diffraction=on, keep_radiance=True),
         )
         for on in (False, True)
     )
@@ -170,7 +171,7 @@ def test_diffraction_blurs_what_the_lens_and_not_what_the_pinhole_sees(scene, sa
 def test_the_eyes_differ_as_the_sensor_says(scene, sample):
     sensor = Sensor(mismatch=Mismatch(gain=1.5))
     exposures = (
-        make_sample(scene, sample.rig, LENSES[:1], spp=1, sensor=sensor)
+        make_sample(scene, sample.rig, LENSES[:1], Shoot(spp=1, sensor=sensor))
         .shots[0]
         .record["exposures"]
     )
@@ -187,14 +188,14 @@ def test_the_eyes_differ_as_the_sensor_says(scene, sample):
             {"diffraction": True},
             "needs a disk aperture, got polygon",
         ),
-        ([tl.Pinhole()], {"exposure": 0.1}, "an Exposure or None"),
+        ([tl.Pinhole()], {"exposure": 0.1}, "exposure must be an Exposure, or none"),
     ],
 )
 def test_what_cannot_be_photographed_is_refused_before_the_first_picture(
     scene, sample, lenses, options, says
 ):
     with pytest.raises(InputError, match=says):
-        make_sample(scene, sample.rig, lenses, **options)
+        make_sample(scene, sample.rig, lenses, Shoot(**options))
 
 
 def test_a_scene_may_bring_a_rig_of_its_own(scene):
@@ -230,7 +231,7 @@ def test_an_error_left_in_moves_the_picture_and_leaves_the_truth(scene):
     straight = default_rig(scene, 48, 36)
     off = misaligned(straight, (ALIGNED, Misalignment(vertical_px=3.0)))
     a, b = (
-        make_sample(scene, rig, LENSES[:1], spp=64, keep_radiance=True)
+        make_sample(scene, rig, LENSES[:1], Shoot(spp=64, keep_radiance=True))
         for rig in (straight, off)
     )
     assert np.array_equal(a.truths[1].depth, b.truths[1].depth)
@@ -250,7 +251,7 @@ def test_what_was_left_in_is_made_again_from_the_record(scene, tmp_path):
         default_rig(scene, 24, 18),
         (ALIGNED, Misalignment(vertical_px=3.0, yaw_deg=0.5)),
     )
-    made = make_sample(scene, off, LENSES[:1], spp=2)
+    made = make_sample(scene, off, LENSES[:1], Shoot(spp=2))
     write_sample(tmp_path / "cards", made)
     assert sample_files(remake(Dataset(tmp_path)[0].record)) == sample_files(made)
 
@@ -270,8 +271,7 @@ def test_a_mismatch_that_no_exposure_can_have_is_refused_before_the_first_pictur
             scene,
             default_rig(scene, 48, 36),
             LENSES,
-            sensor=sensor,
-            exposure=Exposure(1e8),
+            Shoot(sensor=sensor, exposure=Exposure(1e8)),
         )
 
 

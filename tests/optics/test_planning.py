@@ -369,7 +369,7 @@ def test_light_needs_time_for_its_signal_to_noise_ratio():
         ),
         ({"f_number": "4"}, "f_number must be"),
         ({"blur_px": 0.0}, "blur_px must be a number of pixels"),
-        ({"overlap": 1.0}, "overlap must be a share from 0 to below 1"),
+        ({"overlap": 1.0}, "overlap must be a number from 0 to below 1"),
         (
             {"max_disparities": 64.5},
             "max_disparities must be a whole number from 3 to 1000000",

@@ -14,7 +14,7 @@ from tests.optics_rendered.optics_lights import (
     sky,
     square_camera,
 )
-from twinlens.factory import make_sample
+from twinlens.factory import Shoot, make_sample
 from twinlens.rendering import render_measured
 from twinlens.scenes import Scene, SceneObject
 
@@ -147,7 +147,9 @@ def test_the_blur_disk_of_a_displaced_film(focus, focus_um, f_number):
     rig, lens = tl.Rig([camera, camera], [HERE, HERE]), tl.ThinLens(aperture, focus)
     sensor = tl.Sensor(mismatch=tl.Mismatch(focus_um=focus_um, f_number=f_number))
     lamp = lamps([(0.0, 0.0, depth)], 0.5 * own * depth / 4000)
-    sample = make_sample(lamp, rig, [lens], spp=4096, sensor=sensor, keep_radiance=True)
+    sample = make_sample(
+        lamp, rig, [lens], Shoot(spp=4096, sensor=sensor, keep_radiance=True)
+    )
     power = 1 / focus + 1 / film
     point = 1 / (power - 1 / depth)
     for image, gap, width in zip(

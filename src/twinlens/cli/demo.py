@@ -8,7 +8,7 @@ import click
 
 from twinlens.camera import Pinhole, ThinLens
 from twinlens.cli.boards import print_board, run_board
-from twinlens.cli.options import denoise_option, json_option
+from twinlens.cli.options import json_option, setting
 from twinlens.cli.places import PATH, check_samples, refuse_others
 from twinlens.cli.progress import progress_bar
 from twinlens.dataset import (
@@ -19,7 +19,7 @@ from twinlens.dataset import (
     write_manifest,
     write_sample,
 )
-from twinlens.factory import default_rig, make_sample
+from twinlens.factory import Shoot, default_rig, make_sample
 from twinlens.optics import middle_focus
 from twinlens.rendering import backend
 from twinlens.scenes import load_scene
@@ -50,7 +50,7 @@ PROTOCOL, REGION = "middlebury-v3", "nonocc"
     type=PATH,
     help="Folder of the results.",
 )
-@denoise_option
+@setting(Shoot, "denoise", default=True)
 @json_option("the board")
 def command(output: Path, denoise: bool, as_json: bool) -> None:
     """Render three scenes with a pinhole and with a wide-aperture lens, match them and a real pair, compare the scores.
@@ -113,7 +113,7 @@ def _render(dataset: Path, denoise: bool) -> None:
             mismatch = Mismatch.draw(seed=i, **DEFAULT_MISMATCH)
             sample = make_sample(
                 scene, mismatch.misalign(rig), (Pinhole(), wide),
-                spp=SPP, denoise=denoise, sensor=Sensor(mismatch=mismatch),
+                Shoot(spp=SPP, denoise=denoise, sensor=Sensor(mismatch=mismatch)),
                 progress=lambda fraction, i=i, name=name: report((i + fraction) / len(SCENES), name),  # type: ignore[misc]
             )  # fmt: skip
             rows.append(

@@ -11,7 +11,7 @@ import click
 from rich.filesize import decimal
 
 from twinlens import factory
-from twinlens.cli.options import Whole, json_option, noise_option, print_json
+from twinlens.cli.options import Whole, json_option, print_json, setting
 from twinlens.cli.places import PATH, PLACE
 from twinlens.cli.progress import interrupt_note, progress_bar
 from twinlens.dataset import Place
@@ -51,7 +51,7 @@ from twinlens.scoring import recipe_toml
     "--scheduler",
     help="Use the Dask cluster of this scheduler, such as tcp://host:8786.",
 )
-@noise_option
+@setting(factory.Shoot, "noise")
 @click.option(
     "--denoise/--no-denoise", default=None, help="Override the recipe's `denoise`."
 )

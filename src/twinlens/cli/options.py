@@ -5,18 +5,13 @@ import json
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import click
 
 from twinlens.errors import InputError, check_int, check_number
-
-denoise_option = click.option(
-    "--denoise/--no-denoise",
-    default=True,
-    show_default=True,
-    help="Remove the renderer's noise; adds a small bias.",
-)
+from twinlens.settings import Field, fields_of
 
 
 def json_option(what: str) -> Callable[[Any], Any]:
@@ -81,12 +76,55 @@ class Positive(click.FloatRange):
 
 
 POSITIVE, SECONDS, DISPARITY = Positive(), Positive(1e6), Whole(-65536, 65536)
-noise_option = click.option(
-    "--noise",
-    type=POSITIVE,
-    help="Double the samples, to at most 1024, until the renderer's noise is at most this multiple of the sensor's,"
-    " such as 0.3.",
-)
+
+
+class SettingType(click.ParamType[Any]):
+    """A value of a declared setting. An InputError names the option."""
+
+    def __init__(self, field: Field) -> None:
+        self.field = replace(field, optional=False)  # an option is left out instead
+        self.name = {int: "integer", float: "number"}.get(field.kind, "text")
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> Any:
+        parsed = self.field.parse(value) if isinstance(value, str) else value
+        try:
+            return self.field.checked(parsed)
+        except InputError as error:
+            option = param.opts[0] if param else self.field.name
+            raise InputError(f"{option} {error}") from None
+
+
+def setting(
+    cls: type[Any], name: str, option: str = "", *, default: Any = None, note: str = ""
+) -> Callable[[Any], Any]:
+    """The option of a declared setting of a class: its type, and its help with unit, range and default.
+
+    option : by default `--` and the name, of a bool also `--no-`.
+    default : shown in the help; `note` is shown in its place, for a default that depends on others.
+    """
+    field = fields_of(cls)[name]
+    flag = f"--{name.replace('_', '-')}"
+    if field.kind is bool:
+        text = option or (f"{flag}/--no-{flag[2:]}" if default else flag)
+        return click.option(
+            text,
+            name,
+            is_flag=True,
+            default=bool(default),
+            show_default=bool(default),
+            help=field.setting.help,
+        )
+    shown = note or ("" if default is None else f"default: {default}")
+    limits = "; ".join(part for part in (field.note, shown) if part)
+    return click.option(
+        option or flag,
+        name,
+        type=SettingType(field),
+        default=default,
+        help=f"{field.setting.help}  [{limits}]" if limits else field.setting.help,
+    )
 
 
 class Sectioned(click.Command):

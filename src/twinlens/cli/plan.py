@@ -8,7 +8,13 @@ from typing import Any
 import click
 
 from twinlens.camera.presets import find_camera
-from twinlens.cli.options import POSITIVE, Sectioned, Whole, json_option, print_json
+from twinlens.cli.options import (
+    POSITIVE,
+    Sectioned,
+    json_option,
+    print_json,
+    setting,
+)
 from twinlens.cli.places import FIGURE_FILE, PATH
 from twinlens.dataset.files import write_file
 from twinlens.errors import InputError
@@ -25,9 +31,9 @@ INFEASIBLE = 1
 _SECTIONS = {
     "Known": ("depth", "size", "camera", "fov", "focal_length_mm", "pixel_pitch_um", "sensor_width_mm",
               "disparity_error_px"),
-    "Free, or fixed by one number": ("baseline", "f_number", "focus"),
+    "Free, or fixed by one number": ("baseline", "f_number", "focus_distance"),
     "Limits": ("depth_error_mm", "blur_px", "airy_px", "overlap", "max_disparities"),
-    "Light": ("lux", "longest_exposure", "sensor", "snr"),
+    "Light": ("lux", "longest_exposure", "sensor", "least_snr"),
     "Output": ("output", "figure", "as_json"),
 }  # fmt: skip
 _OPTIONS = {"fov_x_deg": "--fov", "depth_range": "--depth", "depth_error": "--depth-error-mm",
@@ -55,16 +61,11 @@ _OPTIONS = {"fov_x_deg": "--fov", "depth_range": "--depth", "depth_error": "--de
     metavar="MM[,MM]",
     help="Focal length of the lens, instead of --fov.",
 )
-@click.option(
-    "--pixel-pitch-um",
-    type=POSITIVE,
-    help="Pixel width, micrometres.  [default: 5, or the camera's]",
-)
+@setting(RigTask, "pixel_pitch_um", note="default: 5, or the camera's")
 @click.option(
     "--sensor-width-mm", metavar="MM|FORMAT", help=camera_text.SENSOR_WIDTH_HELP
 )
-@click.option("--disparity-error-px", type=POSITIVE, default=RigTask.disparity_error_px, show_default=True,
-              help="Standard deviation of the matcher's disparities.")  # fmt: skip
+@setting(RigTask, "disparity_error_px", default=RigTask.disparity_error_px)
 @click.option(
     "--baseline",
     metavar="M[,M]",
@@ -75,34 +76,21 @@ _OPTIONS = {"fov_x_deg": "--fov", "depth_range": "--depth", "depth_error": "--de
     metavar="N[,N]",
     help="Working f-number, or its least and most.  [default: 1.4,16]",
 )
-@click.option(
+@setting(
+    RigTask,
+    "focus_distance",
     "--focus",
-    type=POSITIVE,
-    help="Focus distance, metres.  [default: the middle of the disparities]",
+    note="default: the middle of the disparities",
 )
 @click.option(
     "--depth-error-mm",
     type=POSITIVE,
     help="Tolerated depth error.  [default: as small as possible]",
 )
-@click.option(
-    "--blur-px",
-    type=POSITIVE,
-    default=RigTask.blur_px,
-    show_default=True,
-    help="Largest blur circle.",
-)
-@click.option(
-    "--airy-px",
-    type=POSITIVE,
-    default=RigTask.airy_px,
-    show_default=True,
-    help="Largest Airy disk.",
-)
-@click.option("--overlap", type=float, default=RigTask.overlap, show_default=True,
-              help="Least share of the left image that the right camera sees at the nearest depth.")  # fmt: skip
-@click.option("--max-disparities", type=Whole(3, 1_000_000), default=RigTask.max_disparities, show_default=True,
-              help="Most disparities that the matcher searches.")  # fmt: skip
+@setting(RigTask, "blur_px", default=RigTask.blur_px)
+@setting(RigTask, "airy_px", default=RigTask.airy_px)
+@setting(RigTask, "overlap", default=RigTask.overlap)
+@setting(RigTask, "max_disparities", default=RigTask.max_disparities)
 @click.option(
     "--lux", type=POSITIVE, help="Illuminance of the scene.  [default: enough light]"
 )
@@ -114,11 +102,7 @@ _OPTIONS = {"fov_x_deg": "--fov", "depth_range": "--depth", "depth_error": "--de
 @click.option(
     "--sensor", help=f"With --lux: {camera_text.SENSOR_HELP}  [default: machine_vision]"
 )
-@click.option(
-    "--snr",
-    type=POSITIVE,
-    help="Least signal-to-noise ratio of mid-grey; with --lux.  [default: 10]",
-)
+@setting(Light, "least_snr", "--snr", note="with --lux; default: 10")
 @click.option(
     "-o",
     "--output",
@@ -175,17 +159,23 @@ def _task(options: Mapping[str, Any]) -> RigTask:
         known["fov_x_deg"] = known.pop("fov")
     if "depth_error_mm" in given:
         known["depth_error"] = 1e-3 * given["depth_error_mm"]
-    if "focus" in given:
-        known["focus_distance"] = given["focus"]
-    same = ("disparity_error_px", "blur_px", "airy_px", "overlap", "max_disparities")
+    same = (
+        "focus_distance",
+        "disparity_error_px",
+        "blur_px",
+        "airy_px",
+        "overlap",
+        "max_disparities",
+    )
     try:
         return RigTask(
             **known,
-            **{name: given[name] for name in same},
+            **{name: given[name] for name in same if name in given},
             light=_light(given, known["pixel_pitch_um"]),
         )
     except InputError as error:
-        field, _, rest = str(error).partition(" ")
+        message = str(error).removeprefix("rig ").removeprefix("light ")
+        field, _, rest = message.partition(" ")
         if field == "give":
             raise InputError(
                 "give exactly one of --fov and --focal-length-mm, or a --camera"
@@ -223,9 +213,10 @@ def _camera(given: Mapping[str, Any]) -> dict[str, Any]:
 
 def _light(given: Mapping[str, Any], pixel_pitch_um: float) -> Light | None:
     if "lux" not in given:
-        for name in ("longest_exposure", "sensor", "snr"):
+        options = {"longest_exposure": "--longest-exposure", "sensor": "--sensor"}
+        for name, option in {**options, "least_snr": "--snr"}.items():
             if name in given:
-                raise InputError(f"--{name.replace('_', '-')} needs --lux")
+                raise InputError(f"{option} needs --lux")
         return None
     text = given.get("longest_exposure", "1/50")
     exposure = camera_text.parse_exposure(text)
@@ -235,7 +226,11 @@ def _light(given: Mapping[str, Any], pixel_pitch_um: float) -> Light | None:
         )
     sensor = camera_text.parse_sensor(given.get("sensor", "machine_vision"))
     return light_on_grey(
-        sensor, given["lux"], pixel_pitch_um, exposure.time, given.get("snr", 10.0)
+        sensor,
+        given["lux"],
+        pixel_pitch_um,
+        exposure.time,
+        given.get("least_snr", 10.0),
     )
 
 

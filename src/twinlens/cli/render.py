@@ -5,21 +5,20 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from twinlens.camera import Lens, Rig
+from twinlens.camera import Camera, Lens, Rig
 from twinlens.cli.options import (
     POSITIVE,
     Sectioned,
-    Whole,
-    denoise_option,
     json_option,
-    noise_option,
     print_json,
+    setting,
 )
 from twinlens.cli.places import PATH, PLACE, check_samples
 from twinlens.cli.progress import interrupt_note, progress_bar
 from twinlens.dataset import Place, Row
 from twinlens.errors import InputError, located
 from twinlens.factory import (
+    Shoot,
     add_sample,
     camera_text,
     check_common_view,
@@ -27,10 +26,20 @@ from twinlens.factory import (
     make_sample,
     under_sky,
 )
-from twinlens.factory.settings import View, make_lens, read_rig_file
+from twinlens.factory.lenses import (
+    APERTURE_HELP,
+    LENS_HELP,
+    View,
+    format_lens,
+    make_lens,
+    parse_aperture,
+    parse_lens,
+)
+from twinlens.factory.settings import read_rig_file
 from twinlens.rendering import backend
 from twinlens.scenes import Scene, load_scene, scene_with_rig
 from twinlens.sensor import Sensor
+from twinlens.settings import fields_of
 
 _Made = tuple[Row, list[str], list[dict[str, Any]]]
 """A sample's row, the exposure through each lens, and `optics_of` each lens."""
@@ -46,7 +55,7 @@ _SECTIONS = {
     ),
     "Light and sensor": ("sky", "sensor", "bits", "exposure", "mismatch"),
     "Rendering": ("spp", "denoise", "noise", "seed"),
-    "Output": ("output", "radiance", "models", "sky_disparity", "overwrite", "as_json"),
+    "Output": ("output", "keep_radiance", "keep_models", "sky_disparity", "overwrite", "as_json"),
 }  # fmt: skip
 
 
@@ -65,21 +74,11 @@ _SECTIONS = {
     multiple=True,
     default=("pinhole",),
     show_default=True,
-    help=camera_text.LENS_HELP,
+    help=LENS_HELP,
 )
-@click.option(
-    "--aperture", default="disk", show_default=True, help=camera_text.APERTURE_HELP
-)
-@click.option(
-    "--diffraction",
-    is_flag=True,
-    help="Apply each lens's Airy pattern; disk apertures only.",
-)
-@click.option(
-    "--dual-pixel",
-    is_flag=True,
-    help="Also write the images of the halves of each lens (dp-left0.png ...).",
-)
+@click.option("--aperture", default="disk", show_default=True, help=APERTURE_HELP)
+@setting(Shoot, "diffraction")
+@setting(Shoot, "dual_pixel")
 @click.option(
     "--camera",
     metavar="NAME",
@@ -101,9 +100,7 @@ _SECTIONS = {
 @click.option("--principal-point", metavar="CX,CY",
               help="Principal point; pixel centres are at integers.  [default: the image centre]")  # fmt: skip
 @click.option("--distortion", metavar="K", help=camera_text.DISTORTION_HELP)
-@click.option(
-    "--pixel-pitch-um", type=POSITIVE, help="Pixel width, micrometres.  [default: 5]"
-)
+@setting(Camera, "pixel_pitch_um", note="default: 5.0")
 @click.option(
     "--sensor-width-mm", metavar="MM|FORMAT", help=camera_text.SENSOR_WIDTH_HELP
 )
@@ -126,9 +123,7 @@ _SECTIONS = {
     show_default=True,
     help=camera_text.SENSOR_HELP,
 )
-@click.option(
-    "--bits", type=click.Choice(["8", "16"]), help="Bits per channel.  [default: 8]"
-)
+@setting(Sensor, "bits", note="default: 8")
 @click.option(
     "--exposure",
     default="auto",
@@ -138,33 +133,13 @@ _SECTIONS = {
 @click.option(
     "--mismatch", metavar="LEVEL|NAME=VALUE,...", help=camera_text.MISMATCH_HELP
 )
-@click.option(
-    "--spp",
-    type=Whole(1, 1_000_000),
-    default=12,
-    show_default=True,
-    help="Samples per pixel.",
-)
-@denoise_option
-@noise_option
-@click.option(
-    "--seed", type=Whole(0), default=0, show_default=True, help="Random seed."
-)
-@click.option(
-    "--radiance",
-    is_flag=True,
-    help="Also write the linear images (radiance0.exr, radiance1.exr).",
-)
-@click.option(
-    "--models",
-    is_flag=True,
-    help="Also write the triangles of the objects (models/*.ply).",
-)
-@click.option(
-    "--sky-disparity",
-    is_flag=True,
-    help="Give the sky the disparity at infinity instead of unknown.",
-)
+@setting(Shoot, "spp", default=12)
+@setting(Shoot, "denoise", default=True)
+@setting(Shoot, "noise")
+@setting(Shoot, "seed", default=0)
+@setting(Shoot, "keep_radiance", "--radiance")
+@setting(Shoot, "keep_models", "--models")
+@setting(Shoot, "sky_disparity")
 @click.option("--overwrite", is_flag=True, help="Replace existing samples.")
 @json_option("the files written")
 def command(
@@ -190,28 +165,23 @@ def command(
     """
     sensor = camera_text.parse_sensor(options["sensor"])
     if options["bits"] is not None:
-        sensor = sensor.replace(bits=int(options["bits"]))
-    names = (
-        "spp",
-        "denoise",
-        "noise",
-        "seed",
-        "sky_disparity",
-        "diffraction",
-        "dual_pixel",
-    )
-    how: dict[str, Any] = {name: options[name] for name in names}
-    how |= {"keep_radiance": options["radiance"], "keep_models": options["models"]}
-    how |= {"exposure": camera_text.parse_exposure(options["exposure"])}
+        sensor = sensor.replace(bits=options["bits"])
+    plain = {name: options[name] for name in fields_of(Shoot) if name in options}
+    exposure = camera_text.parse_exposure(options["exposure"])
+    shoot = Shoot(**{**plain, "sensor": sensor, "exposure": exposure})
     jobs = [_job(load_scene(name), sensor, options) for name in scenes]
     check_samples(output, [scene.name for scene, *_ in jobs], overwrite)
     made: list[_Made] = []
     with interrupt_note(lambda: "finished samples are kept" if made else ""):
         for scene, rig, lenses, own in jobs:
             with progress_bar(f"rendering {scene.name}") as report:
-                how["progress"] = lambda part, report=report: report(part, "")
-                used = tuple(lens for _, lens in lenses)
-                sample = make_sample(scene, own.misalign(rig), used, sensor=own, **how)
+                sample = make_sample(
+                    scene,
+                    own.misalign(rig),
+                    [lens for _, lens in lenses],
+                    shoot.replace(sensor=own),
+                    progress=lambda part, report=report: report(part, ""),  # type: ignore[misc]
+                )
             row = add_sample(output, scene.name, sample, options["seed"], overwrite)
             exposures = [
                 camera_text.format_exposure(sample, k, text)
@@ -282,11 +252,11 @@ def _lenses(
             make_lens(table, view, lambda name: options["rig"].parent / name)
             for table in tables
         ]
-        return [(camera_text.format_lens(lens), lens) for lens in made]
-    aperture = camera_text.parse_aperture(options["aperture"])
+        return [(format_lens(lens), lens) for lens in made]
+    aperture = parse_aperture(options["aperture"])
     lenses: list[tuple[str, Lens]] = []
     for text in options["lenses"]:
-        lens = camera_text.parse_lens(text, view, aperture)
+        lens = parse_lens(text, view, aperture)
         if lens in (other for _, other in lenses):
             raise InputError(
                 f"--lens {text}: is given twice; it would make the same images"

@@ -21,6 +21,7 @@ from twinlens.factory.remake import (
     remake as remake,
 )
 from twinlens.factory.sample import (
+    Shoot as Shoot,
     add_sample as add_sample,
     check_common_view as check_common_view,
     default_rig as default_rig,

@@ -16,16 +16,10 @@ import numpy as np
 from twinlens import optics
 from twinlens.camera import (
     ALIGNED,
-    Annulus,
-    Aperture,
-    BareAperture,
     BrownConrady,
     Distortion,
     KannalaBrandt,
-    Lens,
     Misalignment,
-    Pinhole,
-    Polygon,
 )
 from twinlens.camera.film import SENSOR_WIDTHS_MM, sensor_width_mm
 from twinlens.camera.presets import find_camera
@@ -37,34 +31,14 @@ from twinlens.optics.rig_task import RigTask
 from twinlens.scenes.rigs import CalibrationError
 from twinlens.schema import read
 from twinlens.sensor import LEVELS, PRESETS, Exposure, Mismatch, Sensor
-from twinlens.settings import NUMBER, Field, Setting, fields_of, parse_pairs
+from twinlens.settings import (
+    NUMBER,
+    Field,
+    Setting,
+    fields_of,
+    parse_pairs,
+)
 
-_FOCUS = rf"(?:@(?P<focus>{NUMBER}|[-+]?inf))?"
-_LENSES = {
-    "pinhole": ("pinhole", "pinhole"),
-    "thin": ("thin:DIAMETER_MM[@FOCUS_M]", f"thin:(?P<aperture_mm>[^@]+){_FOCUS}"),
-    "f/": ("f/N[@FOCUS_M]", f"f/(?P<f_number>[^@]+){_FOCUS}"),
-    "hole": (
-        "hole:DIAMETER_MM@FILM_MM",
-        "hole:(?P<aperture_mm>[^@]+)@(?P<film_mm>[^@]+)",
-    ),
-}
-LENS_HELP = (
-    " | ".join(form for form, _ in _LENSES.values()) + "; may be given several times. "
-    "The default focus is at the middle of the scene's disparities."
-)
-_FILE = Field("file", str, False, Setting("A grey image, white where light passes."))
-_APERTURES: dict[str, tuple[str, Mapping[str, Field]]] = {
-    "disk": ("disk", {}),
-    "polygon": ("polygon:BLADES[:ROTATION_DEG[:ROUNDNESS]]", fields_of(Polygon)),
-    "annulus": ("annulus:INNER", fields_of(Annulus)),
-    "mask": ("mask:FILE", {"file": _FILE}),
-}
-APERTURE_HELP = (
-    " | ".join(form for form, _ in _APERTURES.values())
-    + ". Shape of the opening of every lens and hole. "
-    "ROUNDNESS is 0 to 1, INNER a fraction of the radius, FILE a grey image, white where light passes."
-)
 _BROWN_CONRADY, _FISHEYE = "k1[,k2[,p1,p2[,k3[,k4,k5,k6]]]]", "fisheye:k1[,k2,k3,k4]"
 DISTORTION_HELP = f"{_BROWN_CONRADY} in OpenCV's order (Brown-Conrady), or {_FISHEYE} (Kannala-Brandt)."
 EXPOSURE_HELP = (
@@ -81,9 +55,6 @@ SENSOR_WIDTH_HELP = (
 )
 SENSOR_HELP = f"{', '.join(PRESETS)}; parameters follow a colon: phone:prnu=0.01,filters=mono,output=linear."
 
-_SENSOR_FIELDS = {
-    name: field for name, field in fields_of(Sensor).items() if field.is_plain
-}
 _SEED = Field("seed", int, False, Setting("Seed of the level.", least=0))
 _MISMATCH_FIELDS = {**fields_of(Mismatch), "seed": _SEED}
 _MISMATCH = f"NAME=VALUE,NAME=VALUE, or a level ({', '.join(LEVELS)}) alone or first"
@@ -105,75 +76,6 @@ def parse_size(text: str | None, camera: str | None = None) -> tuple[int, int]:
             f"--size must be WIDTHxHEIGHT, such as 640x480, got {format_value(text)}"
         )
     return int(sides[1]), int(sides[2])
-
-
-def parse_lens(
-    text: str, view: settings.View, aperture: Aperture | None = None
-) -> Lens:
-    """A lens in the syntax of LENS_HELP; `aperture` is the shape of its opening.
-
-    Raises InputError where the text has no focus distance and the scene no depth range.
-    """
-    where = f"--lens {text!r}"
-    kind = "f/" if text.startswith("f/") else text.partition(":")[0]
-    if kind not in _LENSES:
-        if meant := re.fullmatch(r"[fF]/?([0-9.].*)", text):
-            raise InputError(
-                f"{where}: an f-number is f/N[@FOCUS_M]; did you mean 'f/{meant[1]}'?"
-            )
-        forms = " | ".join(form for form, _ in _LENSES.values())
-        raise InputError(
-            f"{where}: {unknown('lens', kind, _LENSES)}; a lens is one of {forms}"
-        )
-    form, pattern = _LENSES[kind]
-    match = re.fullmatch(pattern, text)
-    if match is None:
-        raise InputError(f"{where}: must be {form}")
-    given = {
-        key: value for key, value in match.groupdict().items() if value is not None
-    }
-    if (
-        kind in ("thin", "f/")
-        and "focus" not in given
-        and not view.scene.depth_range_known
-    ):
-        raise InputError(
-            f"{where}: the scene has no depth range; add the focus distance, such as {text}@2.5"
-        )
-    table = read(
-        settings.LensTable,
-        {"kind": "thin" if kind == "f/" else kind, **given},
-        where,
-        strict=False,
-    )
-    with located(where):
-        lens = settings.make_lens(table, view)
-    return (
-        lens
-        if isinstance(lens, Pinhole) or aperture is None
-        else lens.replace(aperture=aperture)
-    )
-
-
-def parse_aperture(text: str) -> Aperture:
-    """An aperture's shape in the syntax of APERTURE_HELP."""
-    where = f"--aperture {text!r}"
-    kind, _, rest = text.partition(":")
-    if kind not in _APERTURES:
-        raise InputError(f"{where}: {unknown('aperture', kind, _APERTURES)}")
-    form, fields = _APERTURES[kind]
-    parts: list[str] = []
-    if rest:
-        parts = [rest] if kind == "mask" else rest.split(":")
-    if len(parts) > len(fields) or (fields and not parts):
-        raise InputError(f"{where}: must be {form}")
-    values = {
-        field.name: field.parse(part)
-        for field, part in zip(fields.values(), parts, strict=False)
-    }
-    shape = read(settings.ShapeTable, {"kind": kind, **values}, where)
-    with located(where):
-        return settings.make_aperture(shape)
 
 
 def parse_distortion(text: str) -> Distortion:
@@ -245,13 +147,14 @@ def parse_misalignment(text: str | None) -> Misalignment:
     return read(CalibrationError, pairs, where)  # type: ignore[no-any-return]
 
 
-def parse_sensor(text: str) -> Sensor:
+def parse_sensor(text: str, cls: type[Sensor] = Sensor) -> Sensor:
     """A sensor in the syntax of SENSOR_HELP: a preset with changed parameters; / separates the numbers of a list."""
+    fields = {name: field for name, field in fields_of(cls).items() if field.is_plain}
     preset, colon, rest = text.partition(":")
     where = f"--sensor {text!r}"
     with located(where):
-        pairs = parse_pairs(rest, _SENSOR_FIELDS) if colon else {}
-    return read(settings.SensorTable, {"preset": preset, **pairs}, where)  # type: ignore[no-any-return]
+        pairs = parse_pairs(rest, fields) if colon else {}
+    return read(settings.sensor_table(cls), {"preset": preset, **pairs}, where)  # type: ignore[no-any-return]
 
 
 def parse_numbers(
@@ -298,19 +201,6 @@ def parse_intrinsics(options: Mapping[str, Any]) -> dict[str, Any]:
                 float(text) if re.fullmatch(NUMBER, text) else text
             )
     return values
-
-
-def format_lens(lens: Lens) -> str:
-    """A lens in the syntax of LENS_HELP, lengths to four digits, without the shape of its opening.
-
-    >>> format_lens(settings.ThinLens(aperture_diameter=0.012, focus_distance=2.0))
-    'thin:12@2'
-    """
-    if isinstance(lens, Pinhole):
-        return lens.name
-    if isinstance(lens, BareAperture):
-        return f"hole:{1e3 * lens.diameter:.4g}@{1e3 * lens.film_distance:.4g}"
-    return f"thin:{1e3 * lens.aperture_diameter:.4g}@{lens.focus_distance:.4g}"
 
 
 _RIG_KEYS = {

@@ -9,9 +9,11 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from twinlens.camera import Rig
 from twinlens.dataset import Sample
 from twinlens.errors import FileError, InputError, located
 from twinlens.factory.gates import Gates, Rejected, check_photographs, check_truth
+from twinlens.factory.lenses import View
 from twinlens.factory.objects import check_seen, with_objects
 from twinlens.factory.plan import SampleSpec, is_fixed, plan
 from twinlens.factory.recipe import Recipe
@@ -20,7 +22,6 @@ from twinlens.factory.settings import (
     ANY_SCENE,
     Settings,
     SkyTable,
-    View,
     make_lenses,
     sensor_for,
 )
@@ -35,6 +36,7 @@ from twinlens.scenes import Scene, Sky
 from twinlens.scenes.bands import NIR_SHARES, in_band
 from twinlens.schema import read
 from twinlens.seeds import generator
+from twinlens.sensor import Sensor
 
 
 class Exhausted(Exception):  # noqa: N818  the run continues without this sample
@@ -149,8 +151,7 @@ def produce(
     if settings.scene.ambient != 1:
         base = base.with_ambient(settings.scene.ambient)
     moved = base.at(base.world_from_left @ settings.scene.jitter.pose())
-    rig = settings.rig_of(moved, base.rig, file, sources.file)
-    sensor = sensor_for(rig, spec.drawn, spec.seed, base.rig, file)
+    rig, sensor = _cameras(spec, settings, moved, sources, file)
     scene = with_objects(
         base, settings.scene.objects, rig.nominal, spec.seed, sources.folder, file
     )
@@ -165,17 +166,7 @@ def produce(
         scene,
         sensor.misalign(rig),
         make_lenses(settings, view, file, sources.file),
-        spp=settings.spp,
-        denoise=settings.denoise,
-        noise=settings.noise,
-        seed=spec.seed,
-        sensor=sensor,
-        exposure=settings.exposure,
-        diffraction=settings.diffraction,
-        dual_pixel=settings.dual_pixel,
-        sky_disparity=settings.sky_disparity,
-        keep_radiance="radiance" in spec.keep,
-        keep_models="models" in spec.keep,
+        settings.shoot(spec.seed, sensor, spec.keep),
         truths=truths,
         progress=progress,
     )
@@ -188,42 +179,56 @@ def produce(
     )
 
 
+def _cameras(
+    spec: SampleSpec, settings: Settings, scene: Scene, sources: Sources, file: Path
+) -> tuple[Rig, Sensor]:
+    """The calibrated rig at the viewpoint of a scene, and its sensor with a mismatch for each camera."""
+    rig = settings.rig_of(scene, scene.rig, file, sources.file)
+    return rig, sensor_for(rig, spec.drawn, spec.seed, scene.rig, file)
+
+
 def check_draws(recipe: Recipe, index: int) -> None:
     """Raise InputError if all draws of a sample are impossible: a mismatch that does not fit the rig, no light.
 
     A family's scene is not made; what depends on it is checked when the sample is made.
     """
-    last, file = (
-        0 if is_fixed(recipe) else recipe.gates.attempts - 1,
-        Path(recipe.file.name),
-    )
+    last = 0 if is_fixed(recipe) else recipe.gates.attempts - 1
     for attempt in range(last + 1):
         try:
-            spec = plan(recipe, index, attempt)
-            settings = read(Settings, dict(spec.drawn), file)
-            scene = (
-                recipe.sources.scene(spec.scene) if spec.kind == "scene" else ANY_SCENE
-            )
-            rig = settings.rig_of(scene, scene.rig, file, recipe.sources.file)
-            sensor = sensor_for(rig, spec.drawn, spec.seed, scene.rig, file)
-            nominal = make_lenses(settings, None, file, recipe.sources.file)
-            with located(str(file)):
-                sensor.misalign(rig)
-                for lens in nominal:
-                    sensor.lenses(rig, lens)
+            checked = _dry_run(recipe, index, attempt)
         except InputError:
             # The dataset records impossible draws, if another one is possible.
             if attempt == last:
                 raise
         else:
-            is_lit = settings.sky or settings.scene.objects or rig.projectors
-            if not is_lit and scene is not ANY_SCENE:
-                with located(f"{recipe.file}: scenes"):
-                    for band in {
-                        band for camera in rig.cameras for band in camera.bands
-                    }:
-                        check_lit(in_band(scene, band), band)
+            _check_light(recipe, *checked)
             return
+
+
+def _dry_run(recipe: Recipe, index: int, attempt: int) -> tuple[Settings, Scene, Rig]:
+    """What a draw is made of, without rendering. Raises InputError for an impossible draw."""
+    file = Path(recipe.file.name)
+    spec = plan(recipe, index, attempt)
+    settings = read(Settings, dict(spec.drawn), file)
+    scene = recipe.sources.scene(spec.scene) if spec.kind == "scene" else ANY_SCENE
+    rig, sensor = _cameras(spec, settings, scene, recipe.sources, file)
+    nominal = make_lenses(settings, None, file, recipe.sources.file)
+    with located(str(file)):
+        sensor.misalign(rig)
+        for lens in nominal:
+            sensor.lenses(rig, lens)
+    return settings, scene, rig
+
+
+def _check_light(recipe: Recipe, settings: Settings, scene: Scene, rig: Rig) -> None:
+    """Raise InputError for a scene of a file that no camera would see, for want of light in its band."""
+    is_lit = settings.sky or settings.scene.objects or rig.projectors
+    if is_lit or scene is ANY_SCENE:
+        return
+    bands = {band for camera in rig.cameras for band in camera.bands}
+    with located(f"{recipe.file}: scenes"):
+        for band in bands:
+            check_lit(in_band(scene, band), band)
 
 
 def _scene(spec: SampleSpec, settings: Settings, sources: Sources) -> Scene:

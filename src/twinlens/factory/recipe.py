@@ -19,12 +19,14 @@ from pydantic import (
     model_validator,
 )
 
+from twinlens.camera import Lens
 from twinlens.dataset.metadata import About
 from twinlens.errors import InputError, format_value, located, unknown
 from twinlens.factory.draws import corners, hint, leaves, normalized, template
 from twinlens.factory.gates import Gates
+from twinlens.factory.lenses import MaskTable
 from twinlens.factory.object_checks import check_objects
-from twinlens.factory.settings import MaskTable, Settings, check_settings
+from twinlens.factory.settings import Settings, check_settings
 from twinlens.factory.sources import Sources, listed
 from twinlens.families import FAMILIES
 from twinlens.families.assets import MESH_SHARE
@@ -264,6 +266,54 @@ def recipe_from_table(
     )
 
 
+@dataclass(frozen=True)
+class _Corner:
+    """A checked corner of a template: its settings, its lenses, and the files of its objects.
+
+    object_files : by name, whether the object is the recipe's own file.
+    """
+
+    settings: Settings
+    lenses: list[Lens]
+    object_files: Mapping[str, bool]
+
+    @property
+    def has_random_places(self) -> bool:
+        """Whether objects get random places or meshes."""
+        tables = [table for copies in self.objects.values() for table in copies]
+        return any({"resting_on", "folder"} & table.keys() for table in tables)
+
+    @property
+    def objects(self) -> Mapping[str, Any]:
+        return self.settings.scene.objects
+
+    @property
+    def picture_files(self) -> list[str]:
+        """The masks of apertures and the patterns of projectors, as the recipe names them."""
+        shapes = [getattr(lens, "shape", None) for lens in self.settings.lenses]
+        masks = [
+            shape.file
+            for shape in shapes
+            if isinstance(shape, MaskTable) and shape.file
+        ]
+        return [*masks, *picture_names(self.settings.rig)]
+
+
+def _check_corner(table: Mapping[str, Any], path: Path, recipe: Any) -> _Corner:
+    """Check one corner of a template, alone. Raises InputError."""
+    families = recipe.families or []
+    scenes = [_scene_file(path.parent / name, name) for name in recipe.scenes or ()]
+    settings, lenses = check_settings(table, path, families)
+    for name in settings.scene.objects:
+        written = table["scene"]["objects"][name]
+        if not isinstance(written, Mapping):
+            raise InputError(
+                f"{path}: scene.objects.{name}: must be one table, got {format_value(written)}"
+            )
+    files = check_objects(settings.scene.objects, scenes or families, path)
+    return _Corner(settings, lenses, files)
+
+
 def _check_drawn(
     drawn: Mapping[str, Any], path: Path, recipe: Any
 ) -> tuple[dict[str, bool], tuple[str, ...], bool]:
@@ -271,67 +321,48 @@ def _check_drawn(
 
     Returns the files that lenses and objects name, those of skies, and whether it has objects at random places.
     """
-    named: dict[str, bool] = {}
-    checked, random_places = [], False
-    files = [_scene_file(path.parent / name, name) for name in recipe.scenes or ()]
-    gates, families = recipe.gates, recipe.families or []
+    checked = []
     for table in corners(drawn):
         try:
-            checked.append(check_settings(table, path, families))
-            objects = checked[-1][0].scene.objects
-            for name in objects:
-                if not isinstance(one := table["scene"]["objects"][name], Mapping):
-                    raise InputError(
-                        f"{path}: scene.objects.{name}: must be one table, got {format_value(one)}"
-                    )
-            for name, own in check_objects(objects, files or families, path).items():
-                named[name] = named.get(name, False) or own
-            random_places |= any(
-                {"resting_on", "folder"} & one.keys()
-                for each in objects.values()
-                for one in each
-            )
+            checked.append(_check_corner(table, path, recipe))
         except InputError as error:
-            raise type(error)(
-                f"{error}{hint(str(error).removeprefix(f'{path}: '), drawn)}"
-            ) from error
-    if gates.noise is not None and any(
-        s.spp < 2 or not (s.denoise or s.noise) for s, _ in checked
-    ):
-        raise InputError(
-            f"{path}: gates.noise: the noise is measured with spp >= 2 and denoise = true or noise only"
-        )
-    wide = any(lens.aperture_diameter > 0 for _, lenses in checked for lens in lenses)
+            message = str(error).removeprefix(f"{path}: ")
+            raise type(error)(f"{error}{hint(message, drawn)}") from error
+    _check_effects(checked, path, recipe.gates)
+    files: dict[str, bool] = {}
+    for corner in checked:
+        files |= {Path(name).as_posix(): False for name in corner.picture_files}
+    for corner in checked:
+        for name, is_own in corner.object_files.items():
+            files[name] = files.get(name, False) or is_own
+    skies = dict.fromkeys(
+        corner.settings.sky.file for corner in checked if corner.settings.sky
+    )
+    for name in skies:
+        with located(f"{path}: sky.file"):
+            _check_listed("hdris", name, path.parent)
+    random_places = any(corner.has_random_places for corner in checked)
+    return files, tuple(skies), random_places
+
+
+def _check_effects(checked: list[_Corner], path: Path, gates: Gates) -> None:
+    """Refuse a limit of the noise that is not measured, and options that need an aperture that no lens has."""
+    for corner in checked:
+        settings = corner.settings
+        is_measured = settings.spp >= 2 and (settings.denoise or settings.noise)
+        if gates.noise is not None and not is_measured:
+            raise InputError(
+                f"{path}: gates.noise: the noise is measured with spp >= 2 and denoise = true or noise only"
+            )
+    lenses = [lens for corner in checked for lens in corner.lenses]
+    if any(lens.aperture_diameter > 0 for lens in lenses):
+        return
     for key in ("diffraction", "dual_pixel"):
-        if any(getattr(settings, key) for settings, _ in checked) and not wide:
+        if any(getattr(corner.settings, key) for corner in checked):
             remedy = "add [[lenses]] with an aperture or remove it"
             raise InputError(
                 f"{path}: {key}: has no effect, every lens is a pinhole; {remedy}"
             )
-    shapes = (
-        getattr(lens, "shape", None)
-        for settings, _ in checked
-        for lens in settings.lenses
-    )
-    masks = [
-        Path(shape.file).as_posix()
-        for shape in shapes
-        if isinstance(shape, MaskTable) and shape.file
-    ]
-    pictures = [
-        Path(name).as_posix()
-        for settings, _ in checked
-        for name in picture_names(settings.rig)
-    ]
-    skies = dict.fromkeys(settings.sky.file for settings, _ in checked if settings.sky)
-    for name in skies:
-        with located(f"{path}: sky.file"):
-            _check_listed("hdris", name, path.parent)
-    return (
-        dict.fromkeys([*masks, *pictures], False) | named,
-        tuple(skies),
-        random_places,
-    )
 
 
 def _scene_file(path: Path, name: str) -> Path:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, create_model
 
 from twinlens.camera import ALIGNED, Misalignment, Rig
 from twinlens.camera.rectification import rectify
@@ -20,12 +20,14 @@ from twinlens.dataset.record import LENS, RIG, FileModel, plain, read
 from twinlens.errors import InputError, check_known, format_value, located
 from twinlens.factory.objects import with_objects
 from twinlens.factory.produce import under_sky
-from twinlens.factory.sample import make_sample
+from twinlens.factory.sample import Shoot, make_sample
 from twinlens.factory.settings import ExposureTable, SceneTable, SensorTable
 from twinlens.factory.sources import file_digests
-from twinlens.rendering import Progress, Sampler, ground_truth
+from twinlens.rendering import Progress, ground_truth
 from twinlens.scenes import Scene, load_scene
-from twinlens.sensor import Exposure, Sensor
+from twinlens.schema import declared
+from twinlens.sensor import Sensor
+from twinlens.settings import fields_of
 
 PICTURES = ("maps", "render")
 ORIGIN = ("spec", "rejections", "sources_sha256", "rectified_from")
@@ -64,25 +66,12 @@ def remake(
         raise InputError(
             "the sample was lit by another sky than the scene's; its file has changed"
         )
-    written = record[
-        "record"
-    ]  # plain values: the models convert whole numbers to float
+    written = record["record"]  # plain values, which are written as they were read
     sample = make_sample(
         scene,
         read(RIG, record.get("rig"), _FILE, "rig"),
         [read(LENS, shot.get("lens"), _FILE, "lens") for shot in record["shots"]],
-        spp=settings.spp,
-        denoise=settings.denoise is not None,
-        noise=settings.noise,
-        sampler=settings.sampler,
-        seed=settings.seed,
-        sensor=Sensor.from_record(written["sensor"]),
-        exposure=None if settings.exposure is None else Exposure(**written["exposure"]),
-        diffraction=settings.diffraction,
-        dual_pixel=settings.dual_pixel,
-        sky_disparity=settings.sky_disparity,
-        keep_radiance=settings.keep_radiance,
-        keep_models=settings.keep_models,
+        Shoot.from_record(written),
         progress=progress,
     )
     origin = {key: written[key] for key in ORIGIN if key in written}
@@ -101,27 +90,35 @@ class _Spec(FileModel):
     ndisp: int | None = None
 
 
-class _Settings(FileModel):
-    """What `make_sample` records of its arguments."""
+class _MadeWith(FileModel):
+    """What `make_sample` records beside its `Shoot`."""
 
     scene: str
     scene_files: dict[str, str]
     sky: dict[str, Any] | None = None
     ambient: float = 1.0
-    spp: int
     denoise: dict[str, Any] | None = None
-    noise: float | None = None
-    sampler: Sampler = "multijitter"
-    seed: int
     sensor: SensorTable
     exposure: ExposureTable | None = None
-    diffraction: bool
-    dual_pixel: bool = False
-    sky_disparity: bool
-    keep_radiance: bool
-    keep_models: bool = False
     spec: _Spec | None = None
     rectified_from: dict[str, Any] | None = None
+
+
+ADDED = ("noise", "sampler", "dual_pixel", "keep_models")
+"""Settings that the first versions did not write."""
+
+
+def _recorded_keys() -> dict[str, Any]:
+    """The types of the settings in a record that have a plain value there."""
+    keys = {}
+    for name, field in fields_of(Shoot).items():
+        if field.is_plain and name != "denoise":
+            written = field if name in ADDED else replace(field, default=...)
+            keys[name] = declared(written)
+    return keys
+
+
+_Settings: Any = create_model("_Settings", __base__=_MadeWith, **_recorded_keys())
 
 
 class _Record(FileModel):

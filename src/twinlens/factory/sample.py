@@ -5,11 +5,10 @@ scene, rig ---------> ground_truth ------------------------------> Truths ---+->
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
-from functools import partial
+from dataclasses import asdict, dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,182 +31,305 @@ from twinlens.dataset import (
     write_manifest,
     write_sample,
 )
-from twinlens.errors import InputError, check_number
+from twinlens.errors import InputError
 from twinlens.factory.sources import file_digests
 from twinlens.scenes import Scene, bundled_scenes, load_scene, rig_from_table
 from twinlens.scenes.rigs import with_values
 from twinlens.seeds import derived_seed
 from twinlens.sensor import Exposure, Photo, Sensor
-from twinlens.sensor.exposure import check_exposure
+from twinlens.settings import Setting, Settings, fields_of
 
 _SHOT_STREAM = 2
 NOT_DIFFRACTED = "dual_pixel and diffraction exclude each other: the Airy pattern is that of the whole aperture"
+
+
+@dataclass(frozen=True)
+class Shoot(Settings, noun="sample"):
+    """How a sample is taken. Its record has these values, and `remake` reads them.
+
+    With a bound of the noise, or with denoising, the record has the ratios of the renderer's noise to the sensor's.
+    Without an exposure, each lens has its own automatic exposure, which its cameras of the same band share; one
+    exposure for all lenses makes the images of a smaller aperture darker.
+
+    Raises InputError when a value is out of range, and for diffraction with dual pixels.
+    """
+
+    seed: Annotated[int, Setting("Seed of everything random.", least=0)] = 0
+    spp: Annotated[int, Setting("Samples per pixel.", least=1, most=1_000_000)] = 64
+    denoise: Annotated[
+        bool, Setting("Remove the renderer's noise; adds a small bias.")
+    ] = False
+    noise: Annotated[
+        float | None,
+        Setting(
+            "Double the samples, to at most 1024, until the renderer's noise is at most this multiple of the"
+            " sensor's, such as 0.3.",
+            above=0,
+        ),
+    ] = None
+    sensor: Annotated[
+        Sensor, Setting("The sensor, with the mismatches of its cameras.")
+    ] = Sensor()  # noqa: RUF009  a frozen value
+    exposure: Annotated[
+        Exposure | None, Setting("One exposure for all lenses; automatic by default.")
+    ] = None
+    diffraction: Annotated[
+        bool, Setting("Apply each lens's Airy pattern; disk apertures only.")
+    ] = False
+    dual_pixel: Annotated[
+        bool, Setting("Also take the images of the halves of each lens.")
+    ] = False
+    sky_disparity: Annotated[
+        bool, Setting("Give the sky the disparity at infinity instead of unknown.")
+    ] = False
+    keep_radiance: Annotated[
+        bool, Setting("Also keep the linear images, including diffraction.")
+    ] = False
+    keep_models: Annotated[
+        bool, Setting("Also keep the triangles of the scene's objects.")
+    ] = False
+    sampler: Annotated[
+        str | None,
+        Setting(
+            "Sampler of the light paths; by default that of the denoiser or of plain images.",
+            choices=rendering.SAMPLERS,
+        ),
+    ] = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.dual_pixel and self.diffraction:
+            raise InputError(NOT_DIFFRACTED)
+        if self.exposure is not None:
+            for mismatch in self.sensor.mismatches:
+                mismatch.applied(self.exposure)
+
+    @classmethod
+    def from_record(cls, record: Mapping[str, Any]) -> "Shoot":
+        """The settings in a sample's record. Those that earlier versions did not write get their defaults."""
+        values = {name: record[name] for name in fields_of(cls) if name in record}
+        values["denoise"] = values["denoise"] is not None  # the record has the method
+        values["sensor"] = Sensor.from_record(values["sensor"])
+        if values["exposure"] is not None:
+            values["exposure"] = Exposure(**values["exposure"])
+        return cls(**values)
+
+    @property
+    def measures_noise(self) -> bool:
+        """Whether the renderer's noise is measured, from two images of half the samples."""
+        return self.spp > 1 and (self.denoise or self.noise is not None)
+
+    def check(self, rig: Rig, lenses: Sequence[Lens]) -> None:
+        """Raise InputError unless the rig and the lenses can be used."""
+        if not lenses:
+            raise InputError("a sample needs at least one lens")
+        self.sensor.check_mismatches(rig)
+        for lens in lenses:
+            check_lens(lens)
+            is_open = lens.aperture_diameter > 0
+            if self.diffraction and is_open and not isinstance(lens.aperture, Disk):
+                shape = lens.aperture.name
+                raise InputError(
+                    f"diffraction needs a disk aperture, got {shape}; disable it or change the aperture"
+                )
 
 
 def make_sample(
     scene: Scene,
     rig: Rig,
     lenses: Sequence[Lens],
+    shoot: Shoot | None = None,
     *,
-    spp: int = 64,
-    denoise: bool = False,
-    noise: float | None = None,
-    sampler: str | None = None,
-    seed: int = 0,
-    sensor: Sensor | None = None,
-    exposure: Exposure | None = None,
-    diffraction: bool = False,
-    dual_pixel: bool = False,
-    sky_disparity: bool = False,
-    keep_radiance: bool = False,
-    keep_models: bool = False,
     truths: Sequence[Truth] | None = None,
     progress: rendering.Progress | None = None,
 ) -> Sample:
     """Render `scene` through every lens, expose the images, and compute their common ground truth.
 
-    Each lens has its own random stream, derived from `seed`, the scene's name and the lens's index. The record has
+    Each lens has its own random stream, derived from the seed, the scene's name and the lens's index. The record has
     everything needed to make the sample again with `remake`. Calibration errors of the rig affect the images; the
     ground truth is that of `Rig.nominal`.
 
-    denoise : see `render`. The record names the method and its versions.
-    noise : render until the renderer's noise is at most this multiple of the sensor's in every view, in the median over
-        pixels, or until `rendering.MAX_SPP`. The record has the ratios of images that are denoised or have this bound.
-    sampler : see `render`.
-    sensor : default `Sensor()`. Its `mismatch` makes the cameras and their lenses differ (`Sensor.lenses`); for the
-        alignment, give ``sensor.misalign(rig)`` as the rig. Truth is that of the nominal lenses.
-    exposure : one exposure for all lenses, so that a smaller aperture gives a darker image. By default each lens has
-        its own automatic exposure, which its cameras of the same band share.
-    diffraction : blur images by the Airy pattern (`diffract`) at the sensor's wavelengths. Disk apertures only.
-    dual_pixel : take the images with dual pixels (`Sensor.expose_dual`) through every lens with an aperture.
-    keep_radiance : keep the linear images, including diffraction.
-    keep_models : keep the triangles of the scene's objects, in their own axes.
-    truths : ``ground_truth(scene, rig.nominal, sky_disparity=sky_disparity)``, if already computed.
+    shoot : by default `Shoot()`. The mismatch of its sensor makes the cameras and their lenses differ
+        (`Sensor.lenses`); for the alignment, give ``sensor.misalign(rig)`` as the rig. Truth is that of the nominal
+        lenses.
+    truths : ``ground_truth(scene, rig.nominal, sky_disparity=shoot.sky_disparity)``, if already computed.
 
-    Raises InputError for diffraction with dual pixels or an aperture that is not a disk, and errors of rendering and
-    sensor.
+    Raises InputError as `Shoot.check`, and errors of rendering and sensor.
     """
-    sensor = sensor or Sensor()
-    sampler = sampler or rendering.default_sampler(denoise)
-    if not lenses:
-        raise InputError("a sample needs at least one lens")
-    check_exposure(exposure)
-    if noise is not None:
-        check_number(
-            "noise", noise, "a positive multiple of the sensor's noise", above=0
-        )
-    sensor.check_mismatches(rig)
-    for mismatch in sensor.mismatches:
-        if exposure is not None:
-            mismatch.applied(exposure)
-    if dual_pixel and diffraction:
-        raise InputError(NOT_DIFFRACTED)
-    for lens in lenses:
-        check_lens(lens)
-        if (
-            diffraction
-            and lens.aperture_diameter > 0
-            and not isinstance(lens.aperture, Disk)
-        ):
-            shape = lens.aperture.name
-            raise InputError(
-                f"diffraction needs a disk aperture, got {shape}; disable it or change the aperture"
-            )
+    shoot = shoot or Shoot()
+    shoot.check(rig, lenses)
     shots = []
     for k, lens in enumerate(lenses):
-        stream = derived_seed(
-            seed, _SHOT_STREAM, scene.name, k
-        )  # so that no two images share noise
+        # A stream for each scene and lens, so that no two images share noise.
+        stream = derived_seed(shoot.seed, _SHOT_STREAM, scene.name, k)
         report = rendering.partial_progress(
             progress, k / len(lenses), (k + 1) / len(lenses)
         )
-        own = sensor.lenses(rig, lens)
-        expose = partial(
-            sensor.expose_rig, rig=rig, lens=lens, seed=stream, exposure=exposure
+        shots.append(_Photographer(scene, rig, lens, shoot, stream).shot(report))
+    if truths is None:
+        truths = rendering.ground_truth(
+            scene, rig.nominal, sky_disparity=shoot.sky_disparity
         )
-        parts = Dual() if dual_pixel and lens.aperture_diameter > 0 else None
-        views: Sequence[rendering.NoisyImage] = ()
-        used = spp
-        if spp > 1 and (denoise or noise is not None):
-            views, used = rendering.render_measured(
-                scene, rig, own, spp, stream, denoise=denoise, parts=parts, sampler=sampler, progress=report,
-                enough=lambda views, expose=expose, lens=lens: noise is None  # type: ignore[misc]
-                or max(_noise_ratios(views, expose(_wholes(view.image for view in views)), sensor, rig, lens)) <= noise,
-            )  # fmt: skip
-            images = [view.image for view in views]
-        else:
-            images = rendering.render(
-                scene,
-                rig,
-                own,
-                spp,
-                stream,
-                denoise=denoise,
-                parts=parts,
-                sampler=sampler,
-                progress=report,
-            )
-        radiances = tuple(_wholes(images))
-        if diffraction and lens.aperture_diameter > 0:
-            radiances = tuple(
-                diffract(image, camera, each, sensor.for_band(camera.band).wavelengths)
-                for image, camera, each in zip(radiances, rig.cameras, own, strict=True)
-            )
-        halves = None
-        if parts is None:
-            photos = expose(radiances)
-        else:
-            dual = sensor.expose_dual_rig(
-                images, rig=rig, lens=lens, seed=stream, exposure=exposure
-            )
-            photos, halves = (
-                [whole for *_, whole in dual],
-                tuple((left.image, right.image) for left, right, _ in dual),
-            )
-        ratios = (
-            {"light_paths_over_sensor": _noise_ratios(views, photos, sensor, rig, lens)}
-            if views
-            else {}
-        )
-        taken = {
-            "spp": used,
-            **ratios,
-            "seed": stream,
-            "exposures": [photo.record for photo in photos],
-        }
-        kept = radiances if keep_radiance else None
-        shots.append(
-            Shot(lens, tuple(photo.image for photo in photos), kept, taken, halves)
-        )
-    record = {
+    models = rendering.object_models(scene) if shoot.keep_models else {}
+    record = _record(scene, rig, shoot)
+    return Sample(rig, tuple(shots), tuple(truths), models=models, record=record)
+
+
+def _record(scene: Scene, rig: Rig, shoot: Shoot) -> dict[str, Any]:
+    """Everything that made a sample: scene, settings, renderer, versions."""
+    settings = asdict(shoot)
+    settings["denoise"] = _denoise_record(scene, rig) if shoot.denoise else None
+    settings["sampler"] = shoot.sampler or rendering.default_sampler(shoot.denoise)
+    integrator = {
+        key: value
+        for key, value in scene.integrator.items()
+        if isinstance(value, (str, int, float))
+    }
+    return {
         "scene": scene.name,
         "scene_files": file_digests(scene),
         "sky": dict(scene.sky.record) if scene.sky else None,
         **({} if scene.ambient == 1 else {"ambient": scene.ambient}),
-        "seed": seed,
-        "spp": spp,
-        "denoise": _denoise_record(scene, rig) if denoise else None,
-        "noise": noise,
-        "sensor": sensor.record(),
-        "exposure": None if exposure is None else asdict(exposure),
-        "diffraction": diffraction,
-        "dual_pixel": dual_pixel,
-        "sky_disparity": sky_disparity,
-        "keep_radiance": keep_radiance,
-        "keep_models": keep_models,
-        "sampler": sampler,
-        "integrator": {
-            key: value
-            for key, value in scene.integrator.items()
-            if isinstance(value, (str, int, float))
-        },
+        **settings,
+        "integrator": integrator,
         **made_with(),
         "llvm": Path(rendering.backend().library or "").name or None,
     }
-    if truths is None:
-        truths = rendering.ground_truth(scene, rig.nominal, sky_disparity=sky_disparity)
-    models = rendering.object_models(scene) if keep_models else {}
-    return Sample(rig, tuple(shots), tuple(truths), models=models, record=record)
+
+
+@dataclass(frozen=True)
+class _Photographer:
+    """Takes the images of one lens; `seed` is that of its light paths and of its sensors' noise."""
+
+    scene: Scene
+    rig: Rig
+    lens: Lens
+    shoot: Shoot
+    seed: int
+
+    def shot(self, progress: rendering.Progress | None) -> Shot:
+        """The images of all cameras and the record of how they were taken."""
+        images, views, spp = self._rendered(progress)
+        radiances = self._diffracted(_wholes(images))
+        photos, halves = self._exposed(images, radiances)
+        record: dict[str, Any] = {"spp": spp}
+        if views:
+            record["light_paths_over_sensor"] = self._noise_ratios(views, photos)
+        record["seed"] = self.seed
+        record["exposures"] = [photo.record for photo in photos]
+        kept = tuple(radiances) if self.shoot.keep_radiance else None
+        taken = tuple(photo.image for photo in photos)
+        return Shot(self.lens, taken, kept, record, halves)
+
+    @property
+    def _parts(self) -> Dual | None:
+        """The halves of the aperture that dual pixels see."""
+        is_open = self.lens.aperture_diameter > 0
+        return Dual() if self.shoot.dual_pixel and is_open else None
+
+    @property
+    def _lenses(self) -> tuple[Lens, ...]:
+        """The lens of each camera, with its mismatch."""
+        return self.shoot.sensor.lenses(self.rig, self.lens)
+
+    def _rendered(
+        self, progress: rendering.Progress | None
+    ) -> tuple[list[NDArray[np.float32]], Sequence[rendering.NoisyImage], int]:
+        """The images, with their errors if the noise is measured, and the samples per pixel."""
+        shoot = self.shoot
+        how: dict[str, Any] = {
+            "denoise": shoot.denoise,
+            "parts": self._parts,
+            "sampler": shoot.sampler or rendering.default_sampler(shoot.denoise),
+            "progress": progress,
+        }
+        request = (self.scene, self.rig, self._lenses, shoot.spp, self.seed)
+        if not shoot.measures_noise:
+            return list(rendering.render(*request, **how)), (), shoot.spp
+        views, spp = rendering.render_measured(
+            *request, **how, enough=self._is_clean_enough
+        )
+        return [view.image for view in views], views, spp
+
+    def _is_clean_enough(self, views: Sequence[rendering.NoisyImage]) -> bool:
+        if self.shoot.noise is None:
+            return True
+        photos = self._photos(_wholes(view.image for view in views))
+        return max(self._noise_ratios(views, photos)) <= self.shoot.noise
+
+    def _noise_ratios(
+        self, views: Sequence[rendering.NoisyImage], photos: Sequence[Photo]
+    ) -> list[float]:
+        return _noise_ratios(views, photos, self.shoot.sensor, self.rig, self.lens)
+
+    def _diffracted(
+        self, radiances: list[NDArray[np.float32]]
+    ) -> list[NDArray[np.float32]]:
+        if not self.shoot.diffraction or self.lens.aperture_diameter == 0:
+            return radiances
+        return [
+            diffract(
+                image, camera, lens, self.shoot.sensor.for_band(camera.band).wavelengths
+            )
+            for image, camera, lens in zip(
+                radiances, self.rig.cameras, self._lenses, strict=True
+            )
+        ]
+
+    def _photos(self, radiances: Sequence[NDArray[np.float32]]) -> list[Photo]:
+        return self.shoot.sensor.expose_rig(
+            radiances,
+            rig=self.rig,
+            lens=self.lens,
+            seed=self.seed,
+            exposure=self.shoot.exposure,
+        )
+
+    def _exposed(
+        self,
+        images: Sequence[NDArray[np.float32]],
+        radiances: Sequence[NDArray[np.float32]],
+    ) -> tuple[list[Photo], tuple[Any, ...] | None]:
+        """The photos, and of dual pixels the images of the left and right half of each."""
+        if self._parts is None:
+            return self._photos(radiances), None
+        dual = self.shoot.sensor.expose_dual_rig(
+            images,
+            rig=self.rig,
+            lens=self.lens,
+            seed=self.seed,
+            exposure=self.shoot.exposure,
+        )
+        photos = [whole for _, _, whole in dual]
+        return photos, tuple((left.image, right.image) for left, right, _ in dual)
+
+
+def _noise_ratios(
+    views: Sequence[rendering.NoisyImage],
+    photos: Sequence[Photo],
+    sensor: Sensor,
+    rig: Rig,
+    lens: Lens,
+) -> list[float]:
+    """Per view: noise of the light paths over noise of the sensor at the exposure of its photo, median over pixels.
+
+    Both are standard deviations in electrons, over the channels and windows of 9x9 pixels. The sensor's noise is
+    that of photons, readout and rounding. A mono sensor's is that of the sum of the channels.
+    """
+    ratios = []
+    for view, photo, camera in zip(views, photos, rig.cameras, strict=True):
+        rate = sensor.pixel_rates(camera, lens) * photo.record["time_s"]
+        electrons = np.maximum(_wholes([view.image])[0] * rate, 0)
+        error = view.error * rate
+        if sensor.for_band(camera.band).filters == "mono":
+            electrons = electrons.sum(axis=-1, keepdims=True)
+            error = error.sum(axis=-1, keepdims=True)
+        # Rounding to a digital number has a variance of 1/12 DN^2.
+        step = 1 / photo.record["system_gain_dn_per_electron"]
+        least = sensor.read_noise**2 + step**2 / 12
+        excess = np.nan_to_num(error**2 / (electrons + least)).mean(axis=-1)
+        ratios.append(float(np.sqrt(np.median(uniform_filter(excess, 9)))))
+    return ratios
 
 
 def _wholes(images: Iterable[NDArray[np.float32]]) -> list[NDArray[np.float32]]:
@@ -220,38 +342,6 @@ def _denoise_record(scene: Scene, rig: Rig) -> dict[str, Any] | None:
     cameras = rendering.denoised_cameras(scene, rig)
     some = {} if len(cameras) == len(rig) else {"cameras": cameras}
     return {**rendering.denoiser_record(), **some} if cameras else None
-
-
-def _noise_ratios(
-    views: Sequence[rendering.NoisyImage],
-    photos: Sequence[Photo],
-    sensor: Sensor,
-    rig: Rig,
-    lens: Lens,
-) -> list[float]:
-    """Per view: noise of the light paths over noise of the sensor at the exposure of its photo, median over pixels.
-
-    Both are standard deviations in electrons, over the channels and windows of 9x9 pixels. The sensor's noise is that
-    of photons, readout and rounding. A mono sensor's is that of the sum of the channels.
-    """
-    found = []
-    for view, photo, camera in zip(views, photos, rig.cameras, strict=True):
-        rate = sensor.pixel_rates(camera, lens) * photo.record["time_s"]
-        electrons, error = (
-            np.maximum(_wholes([view.image])[0] * rate, 0),
-            view.error * rate,
-        )
-        if sensor.for_band(camera.band).filters == "mono":
-            electrons, error = (
-                part.sum(axis=-1, keepdims=True) for part in (electrons, error)
-            )
-        least = (
-            sensor.read_noise**2
-            + (1 / photo.record["system_gain_dn_per_electron"]) ** 2 / 12
-        )
-        excess = np.nan_to_num(error**2 / (electrons + least)).mean(axis=-1)
-        found.append(float(np.sqrt(np.median(uniform_filter(excess, 9)))))
-    return found
 
 
 def made_with() -> dict[str, Any]:

@@ -3,9 +3,7 @@
 docs/recipes.md shows the tables of lenses, apertures, sensors and mismatches.
 """
 
-import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -21,28 +19,17 @@ from pydantic import (
 )
 
 from twinlens.camera import (
-    Annulus,
-    Camera,
-    Disk,
     Lens,
-    MaskAperture,
-    Pinhole,
-    Polygon,
     Rig,
-    ThinLens,
 )
-from twinlens.camera.aperture import Aperture
 from twinlens.camera.intrinsics import MAX_SIDE
-from twinlens.camera.lens import BareAperture
 from twinlens.camera.presets import CAMERAS, find_camera
-from twinlens.camera.truth import Truth
-from twinlens.dataset import read_image
-from twinlens.errors import FileError, InputError, format_value, located
+from twinlens.errors import InputError, located
+from twinlens.factory.lenses import Find, Lenses, View, make_lens
 from twinlens.factory.objects import Objects
-from twinlens.factory.sample import NOT_DIFFRACTED
+from twinlens.factory.sample import Shoot
 from twinlens.families import FAMILIES, check_view
 from twinlens.geometry import Float, rigid
-from twinlens.optics import middle_focus
 from twinlens.scenes import Scene, read_toml, rig_from_table
 from twinlens.scenes.placement import rotation
 from twinlens.scenes.rigs import (
@@ -54,15 +41,15 @@ from twinlens.scenes.rigs import (
 )
 from twinlens.schema import (
     NEAR_FAR,
-    Fraction,
     NonNegative,
     Number,
     Positive,
     StrictModel,
     read,
+    setting,
     table_of,
 )
-from twinlens.seeds import derived_seed, generator
+from twinlens.seeds import derived_seed
 from twinlens.sensor import (
     DEFAULT_MISMATCH,
     LEVELS,
@@ -147,188 +134,20 @@ MismatchTables: Any = (
     | Annotated[list[Annotated[MismatchTable, _level]], AfterValidator(tuple)]
 )
 """A level or a table for all cameras after the first, or a list with one for each."""
-_SENSOR: dict[str, Any] = {
-    "make": lambda preset=_PRESET, **changes: Sensor.preset(preset, **changes),
-    "preset": (Literal[tuple(PRESETS)], _PRESET),
-    "mismatch": (MismatchTables, DEFAULT_MISMATCH),
-}
-_NirSensorTable: Any = table_of(
-    Sensor, **_SENSOR, title="NirSensorTable", nir=(None, None)
-)
-SensorTable: Any = table_of(Sensor, **_SENSOR, nir=(_NirSensorTable | None, None))
-"""A preset, and every field of `Sensor` under its own name, as a Sensor."""
 
 
-_Side = Field(min_length=1, max_length=4096)
-Find = Callable[[str], Path]
-"""The path of a file that a lens names."""
+def sensor_table(cls: type[Sensor] = Sensor) -> Any:
+    """The type of a table with a preset, and every field of a class of sensors under its own name, as a sensor."""
+    keys: dict[str, Any] = {
+        "make": lambda preset=_PRESET, **changes: cls.preset(preset, **changes),
+        "preset": (Literal[tuple(PRESETS)], _PRESET),
+        "mismatch": (MismatchTables, DEFAULT_MISMATCH),
+    }
+    nir = table_of(cls, **keys, title=f"Nir{cls.__name__}Table", nir=(None, None))
+    return table_of(cls, **keys, nir=(nir | None, None))
 
 
-@dataclass(frozen=True)
-class View:
-    """What a lens is made for: the camera behind it, the scene in front, and a seed for choosing what to focus on."""
-
-    scene: Scene
-    camera: Camera
-    truths: Sequence[Truth]
-    seed: int = 0
-
-
-class MaskTable(StrictModel):
-    """A grey picture, or its numbers: rows from the top, 0 closed, 1 open."""
-
-    kind: Literal["mask"]
-    file: str | None = None
-    cells: Annotated[list[Annotated[list[Fraction], _Side]], _Side] | None = None
-
-    @model_validator(mode="after")
-    def _check(self) -> "MaskTable":
-        if (self.file is None) == (self.cells is None):
-            raise InputError(
-                "a mask needs exactly one of 'file' (a grey image) and 'cells' (rows of numbers, 0 to 1)"
-            )
-        if self.file is not None and not (self.file and self.file.isprintable()):
-            raise InputError(
-                f"file must be the name of a picture next to the recipe, got {format_value(self.file)}"
-            )
-        return self
-
-
-_DISK: Any = table_of(Disk, kind=(Literal["disk"], ...))
-_POLYGON: Any = table_of(Polygon, kind=(Literal["polygon"], ...))
-_ANNULUS: Any = table_of(Annulus, kind=(Literal["annulus"], ...))
-ShapeTable: Any = Annotated[
-    _DISK | _POLYGON | _ANNULUS | MaskTable, Field(discriminator="kind")
-]
-"""The shape of an aperture: the aperture, or a mask whose file is read later."""
-
-_LEAST_SEEN = 0.005  # of the image: an object that is large enough to focus on
-Focus = (
-    Annotated[float, Field(gt=0, allow_inf_nan=True)]
-    | Literal["near", "middle", "far", "centre", "object"]
-)
-
-
-class ThinTable(StrictModel):
-    """A thin lens by its aperture or its f-number."""
-
-    kind: Literal["thin"]
-    aperture_mm: NonNegative | None = None
-    f_number: Positive | None = None
-    focus: Focus = "middle"
-    shape: ShapeTable = Field(default_factory=Disk)
-
-    @model_validator(mode="after")
-    def _check(self) -> "ThinTable":
-        if (self.aperture_mm is None) == (self.f_number is None):
-            raise InputError(
-                "a thin lens needs exactly one of 'aperture_mm' and 'f_number'"
-            )
-        return self
-
-
-class HoleTable(StrictModel):
-    """A bare hole, without a lens."""
-
-    kind: Literal["hole"]
-    aperture_mm: NonNegative
-    film_mm: Positive
-    shape: ShapeTable = Field(default_factory=Disk)
-
-
-_PINHOLE: Any = table_of(Pinhole, kind=(Literal["pinhole"], "pinhole"))
-LensTable: Any = Annotated[
-    _PINHOLE | ThinTable | HoleTable, Field(discriminator="kind")
-]
-
-
-def make_lens(table: Any, view: View | None, find: Find = Path) -> Lens:
-    """The lens of a LensTable. Without a view, a focus that depends on the scene is 1 m: enough to check the table."""
-    if isinstance(table, Pinhole):
-        return table
-    shape = make_aperture(table.shape, find)
-    if isinstance(table, HoleTable):
-        return BareAperture(1e-3 * table.aperture_mm, 1e-3 * table.film_mm, shape)
-    focus = table.focus
-    if isinstance(focus, str):
-        focus = FOCUSES[focus](view) if view else 1.0
-        if view and not 0 < focus < math.inf:
-            where = f"in scene {view.scene.name!r}"
-            raise InputError(
-                f"focus {table.focus!r} finds nothing to focus on {where}; give metres instead"
-            )
-    if table.f_number is None:
-        return ThinLens(1e-3 * table.aperture_mm, focus, shape)
-    return ThinLens.from_f_number(
-        table.f_number, focus, view.camera.film_distance if view else 1e-3, shape
-    )
-
-
-def make_aperture(shape: Any, find: Find = Path) -> Aperture:
-    """The aperture of a ShapeTable. The picture of a mask is grey: white is open, black closed. Raises FileError."""
-    if not isinstance(shape, MaskTable):
-        return shape  # type: ignore[no-any-return]
-    if shape.file is None:
-        return MaskAperture(shape.cells or [])
-    path = find(shape.file)
-    mask = read_image(path)
-    if mask.ndim == 3:
-        if not (mask == mask[..., :1]).all():
-            raise FileError(
-                f"{path}: is coloured; an aperture mask is a grey picture, white where light passes"
-            )
-        mask = mask[..., 0]
-    try:
-        return MaskAperture(np.ascontiguousarray(mask))
-    except InputError as error:
-        raise FileError(f"{path}: {error}") from error
-
-
-def _known_range(view: View) -> tuple[float, float]:
-    """The scene's depth range, or that of the first view."""
-    if view.scene.depth_range_known:
-        return view.scene.depth_range
-    depth = view.truths[0].depth[view.truths[0].hit]
-    return (
-        (float(depth.min()), float(depth.max())) if depth.size else (math.inf, math.inf)
-    )
-
-
-def _object(view: View) -> float:
-    """The median depth of a random object that covers enough of the first view."""
-    truth = view.truths[0]
-    pixels = np.bincount(truth.object_id.ravel(), minlength=2)
-    pixels[0] = 0
-    seen = np.flatnonzero(pixels >= _LEAST_SEEN * truth.object_id.size)
-    if not seen.size:
-        return math.inf
-    chosen = seen[generator(view.seed, "focus").integers(seen.size)]
-    return float(np.median(truth.depth[truth.object_id == chosen]))
-
-
-FOCUSES: dict[str, Callable[[View], float]] = {
-    "near": lambda view: _known_range(view)[0],
-    "middle": lambda view: middle_focus(*_known_range(view)),
-    "far": lambda view: _known_range(view)[1],
-    "centre": lambda view: float(
-        view.truths[0].depth[tuple(side // 2 for side in view.truths[0].depth.shape)]
-    ),
-    "object": _object,
-}
-"""Focus distances by name: of the scene's depth range, of the first view's central pixel, or of some object in it."""
-
-
-def _as_list(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        raise InputError(
-            "must be a list of tables: write [[lenses]] above each lens, not [lenses]"
-        )
-    return value
-
-
-Lenses = Annotated[
-    list[LensTable], Field(min_length=1, max_length=100), BeforeValidator(_as_list)
-]
+SensorTable: Any = sensor_table()
 
 
 class RigFile(StrictModel):
@@ -381,12 +200,12 @@ class Settings(StrictModel):
 
     width: int = Field(704, ge=1, le=MAX_SIDE)
     height: int = Field(528, ge=1, le=MAX_SIDE)
-    spp: int = Field(8, ge=1, le=1_000_000)
-    denoise: bool = True
-    noise: Positive | None = None
-    diffraction: bool = False
-    dual_pixel: bool = False
-    sky_disparity: bool = False
+    spp: Annotated[int, setting(Shoot, "spp")] = 8
+    denoise: Annotated[bool, setting(Shoot, "denoise")] = True
+    noise: Annotated[float, setting(Shoot, "noise")] | None = None
+    diffraction: Annotated[bool, setting(Shoot, "diffraction")] = False
+    dual_pixel: Annotated[bool, setting(Shoot, "dual_pixel")] = False
+    sky_disparity: Annotated[bool, setting(Shoot, "sky_disparity")] = False
     scene: SceneTable = SceneTable()
     sky: SkyTable | None = None
     camera: RecipeCamera | None = None
@@ -413,8 +232,6 @@ class Settings(StrictModel):
 
     @model_validator(mode="after")
     def _check_camera_and_rig(self) -> "Settings":
-        if self.dual_pixel and self.diffraction:
-            raise InputError(NOT_DIFFRACTED)
         if preset := (self.camera or {}).get("preset"):
             find_camera(preset).resized(self.width, self.height)
         groups = [
@@ -435,6 +252,22 @@ class Settings(StrictModel):
                     f"camera.{camera[0]} and rig.{rig[0]} exclude each other; keep one"
                 )
         return self
+
+    def shoot(self, seed: int, sensor: Sensor, keep: Sequence[str] = ()) -> Shoot:
+        """How the sample is taken. `keep` are the optional outputs of the recipe."""
+        return Shoot(
+            seed=seed,
+            spp=self.spp,
+            denoise=self.denoise,
+            noise=self.noise,
+            sensor=sensor,
+            exposure=self.exposure,
+            diffraction=self.diffraction,
+            dual_pixel=self.dual_pixel,
+            sky_disparity=self.sky_disparity,
+            keep_radiance="radiance" in keep,
+            keep_models="models" in keep,
+        )
 
     def rig_of(
         self, scene: Scene, own: Mapping[str, Any] | None, file: Path, find: Find
@@ -523,6 +356,8 @@ def check_settings(
     Focus distances that depend on the scene are 1 m.
     """
     settings = read(Settings, dict(drawn), file)
+    with located(str(file)):
+        settings.shoot(0, settings.sensor)
     for name in families:
         with located(str(file)):
             depths = settings.scene.depth_range

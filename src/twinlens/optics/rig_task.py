@@ -16,15 +16,16 @@ Wolf, Principles of Optics, 7th ed., 1999; EMVA Standard 1288, release 4.0 linea
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from twinlens import optics
-from twinlens.errors import InputError, check_int, check_number, format_value
+from twinlens.errors import InputError, check_number, format_value
 from twinlens.geometry import Float, depth_error
 from twinlens.optics.diffraction import CHANNEL_WAVELENGTHS, airy_diameter
+from twinlens.settings import Setting, Settings
 
 Range = float | tuple[float, float]
 """One number for a fixed quantity, or (least, most) for a free one."""
@@ -32,16 +33,7 @@ Range = float | tuple[float, float]
 EXTRA_DISPARITIES = 2
 """For whole numbers at both ends of the search."""
 _ROUNDING = 1e-9
-_PIXELS = "a number of pixels, 1e-6 to 1e6", 1e-6, 1e6
-_NUMBERS = {
-    "pixel_pitch_um": ("micrometres, 0.01 to 1e4", 0.01, 1e4),
-    "depth_error": ("a number of metres, 1e-9 to 1e9", 1e-9, 1e9),
-    "disparity_error_px": _PIXELS,
-    "blur_px": _PIXELS,
-    "airy_px": _PIXELS,
-    "wavelength": ("metres, 1e-9 to 1e-3", 1e-9, 1e-3),
-}
-"""What each number of a task may be: in words, the least, and the most."""
+_PIXELS: dict[str, Any] = {"unit": "pixels", "least": 1e-6, "most": 1e6}
 _RANGES = {
     "baseline": ("metres", 1e-6, 1e6),
     "f_number": ("", 0.1, 1000),
@@ -52,31 +44,47 @@ _RANGES = {
 
 
 @dataclass(frozen=True)
-class Light:
-    """Light on the sensor, and the least signal-to-noise ratio of a mid-grey (18 %) pixel.
-
-    electrons_per_second : of mid-grey through a lens of working f-number 1.
-    longest_exposure : seconds, such as what motion allows.
-    read_noise : electrons rms. Dark current is neglected.
-    most_electrons : of mid-grey, before white saturates.
-    least_snr : signal over its standard deviation.
+class Light(Settings, noun="light"):
+    """Light on the sensor, and the least signal-to-noise ratio of a mid-grey (18 %) pixel. Dark current is neglected.
 
     `twinlens.sensor.light_on_grey` makes one from a sensor and an illuminance in lux. Raises InputError for numbers out
     of range, and where the sensor saturates below `least_snr`.
     """
 
-    electrons_per_second: float
-    longest_exposure: float
-    read_noise: float = 0.0
-    most_electrons: float = math.inf
-    least_snr: float = 10.0
+    electrons_per_second: Annotated[
+        float,
+        Setting(
+            "Of mid-grey through a lens of working f-number 1.",
+            "electrons per second",
+            least=1e-12,
+            most=1e12,
+        ),
+    ]
+    longest_exposure: Annotated[
+        float,
+        Setting(
+            "Longest exposure, such as what motion allows.",
+            "seconds",
+            least=1e-12,
+            most=1e12,
+        ),
+    ]
+    read_noise: Annotated[
+        float, Setting("Temporal dark noise, rms.", "electrons", least=0, most=1e6)
+    ] = 0.0
+    most_electrons: Annotated[
+        float,
+        Setting(
+            "Of mid-grey, before white saturates.", "electrons", least=0, infinite=True
+        ),
+    ] = math.inf
+    least_snr: Annotated[
+        float,
+        Setting("Least signal-to-noise ratio of mid-grey.", least=1e-12, most=1e12),
+    ] = 10.0
 
     def __post_init__(self) -> None:
-        allowed = "a positive number, up to 1e12"
-        for name in ("electrons_per_second", "longest_exposure", "least_snr"):
-            check_number(name, getattr(self, name), allowed, least=1e-12, most=1e12)
-        allowed = "a number of electrons from 0 to 1e6"
-        check_number("read_noise", self.read_noise, allowed, least=0, most=1e6)
+        super().__post_init__()
         best = self.snr(self.most_electrons)
         if not best >= self.least_snr:
             raise InputError(
@@ -107,54 +115,75 @@ class Light:
 
 
 @dataclass(frozen=True)
-class RigTask:
+class RigTask(Settings, noun="rig"):
     """What is known about a stereo rig, and the limits that it must meet.
 
-    width, height : image size, pixels. pixel_pitch_um : width of a pixel, micrometres.
     depth_range : (near, far) in metres, finite.
     fov_x_deg, focal_length_mm : exactly one of them; the focal length is the lens's. A `Range`.
     baseline : metres, a `Range`. f_number : the working f-number v/A, a `Range`.
-    focus_distance : metres; None is free.
-    depth_error : tolerated at every depth, metres; None is none.
-    disparity_error_px : standard deviation sigma_d of the matcher's disparities on images within the other limits.
-    blur_px : largest diameter of the blur circle. airy_px : largest diameter of the Airy disk; at 2.4 pixels, about as
-    wide at half maximum as a blur circle of one pixel.
-    overlap : least share of the left image's columns that the right camera sees at near.
-    max_disparities : that the matcher searches, from the disparity at far to that at near.
     light : None is enough light.
-    wavelength : of the Airy disk, metres.
 
     Raises InputError when a value is out of range.
     """
 
-    width: int
-    height: int
-    pixel_pitch_um: float
+    width: Annotated[
+        int, Setting("Width of the images.", "pixels", least=1, most=65536)
+    ]
+    height: Annotated[
+        int, Setting("Height of the images.", "pixels", least=1, most=65536)
+    ]
+    pixel_pitch_um: Annotated[
+        float, Setting("Width of a pixel.", "micrometres", least=0.01, most=1e4)
+    ]
     depth_range: tuple[float, float]
     fov_x_deg: Range | None = None
     focal_length_mm: Range | None = None
     baseline: Range = (0.01, 1.0)
     f_number: Range = (1.4, 16.0)
-    focus_distance: float | None = None
-    depth_error: float | None = None
-    disparity_error_px: float = 0.1
-    blur_px: float = 1.0
-    airy_px: float = 2.5
-    overlap: float = 0.6
-    max_disparities: int = 128
-    light: Light | None = None
-    wavelength: float = CHANNEL_WAVELENGTHS[1]
+    focus_distance: Annotated[
+        float | None,
+        Setting(
+            "Focus distance; free by default.",
+            "metres",
+            least=optics.SHORTEST,
+            infinite=True,
+        ),
+    ] = None
+    depth_error: Annotated[
+        float | None,
+        Setting("Tolerated error at every depth.", "metres", least=1e-9, most=1e9),
+    ] = None
+    disparity_error_px: Annotated[
+        float,
+        Setting("Standard deviation sigma_d of the matcher's disparities.", **_PIXELS),
+    ] = 0.1
+    blur_px: Annotated[
+        float, Setting("Largest diameter of the blur circle.", **_PIXELS)
+    ] = 1.0
+    # At 2.4 pixels the disk is about as wide at half maximum as a blur circle of one.
+    airy_px: Annotated[
+        float, Setting("Largest diameter of the Airy disk.", **_PIXELS)
+    ] = 2.5
+    overlap: Annotated[
+        float,
+        Setting(
+            "Least share of the left image that the right camera sees at the nearest depth.",
+            least=0,
+            below=1,
+        ),
+    ] = 0.6
+    max_disparities: Annotated[
+        int,
+        Setting("Most disparities that the matcher searches.", least=3, most=1_000_000),
+    ] = 128
+    light: Annotated[Light | None, Setting("Light on the sensor.")] = None
+    wavelength: Annotated[
+        float,
+        Setting("Wavelength of the Airy disk.", "metres", least=1e-9, most=1e-3),
+    ] = CHANNEL_WAVELENGTHS[1]
 
     def __post_init__(self) -> None:
-        check_int("width", self.width, 1, 65536)
-        check_int("height", self.height, 1, 65536)
-        check_int("max_disparities", self.max_disparities, 3, 1_000_000)
-        for name, (allowed, least, most) in _NUMBERS.items():
-            value = getattr(self, name)
-            if value is not None:
-                check_number(name, value, allowed, least=least, most=most)
-        allowed = "a share from 0 to below 1"
-        check_number("overlap", self.overlap, allowed, least=0, below=1)
+        super().__post_init__()
         _check_depth_range(self.depth_range)
         if (self.fov_x_deg is None) == (self.focal_length_mm is None):
             raise InputError(
@@ -164,8 +193,6 @@ class RigTask:
             value = getattr(self, name)
             if value is not None:
                 _check_range(name, value, least, most, unit)
-        if self.focus_distance is not None:
-            optics.check_focus(self.focus_distance)
         if self.focal_length_mm is not None:
             focus_mm = 1e3 * self.focus
             allowed = f"below the focus distance, {focus_mm:g} mm"

@@ -31,6 +31,7 @@ from twinlens.rendering.requests import (
     partial_progress as partial_progress,
 )
 from twinlens.rendering.samplers import (
+    SAMPLERS as SAMPLERS,
     Sampler as Sampler,
     default_sampler as default_sampler,
 )

@@ -36,6 +36,7 @@ from twinlens.scenes.assets import decode_picture
 from twinlens.scenes.placement import Matrix, Vector3, euler_rotation, view_pose
 from twinlens.scenes.scene import Scene
 from twinlens.schema import (
+    Declared,
     Fraction,
     NonNegative,
     Number,
@@ -45,22 +46,29 @@ from twinlens.schema import (
     one_of,
     read,
     reads,
+    setting,
     table_of,
     tagged,
     variants,
     whole,
 )
+from twinlens.settings import Field, Setting
 
 _MOST_CAMERAS = 1000
 _CAMERAS = pydantic.Field(min_length=1, max_length=_MOST_CAMERAS)
-Pixels = Annotated[int, pydantic.Field(ge=1, le=MAX_SIDE)]
+FOV = Field(
+    "fov_x_deg",
+    float,
+    False,
+    Setting("Horizontal field of view.", "degrees", above=0, most=179),
+)
 SensorWidth = Annotated[
     Positive, pydantic.BeforeValidator(sensor_width_mm, Number | str)
 ]
 """A width in mm, or the name of a sensor format."""
 RigLength: Any = number(0, 1e6, above=True)
 """Metres between cameras: at most as far as a recipe's `scene.jitter` moves them."""
-_Focus = Annotated[float, pydantic.Field(gt=0, allow_inf_nan=True)]
+_Focus = Annotated[float, setting(ThinLens, "focus_distance")]
 Count = Annotated[int, pydantic.Field(ge=1, le=_MOST_CAMERAS)]
 
 _DISTORTIONS = (
@@ -87,21 +95,18 @@ class Intrinsics(StrictModel):
     `focal_length_mm` is that of a lens focused at infinity: fx = fy = focal length / pixel pitch.
     """
 
-    width: Pixels | None = None
-    height: Pixels | None = None
-    fov_x_deg: (
-        Annotated[float, pydantic.Field(gt=0, le=179), pydantic.AfterValidator(float)]
-        | None
-    ) = None
-    fx: Positive | None = None
-    fy: Positive | None = None
+    width: Annotated[int, setting(Camera, "width")] | None = None
+    height: Annotated[int, setting(Camera, "height")] | None = None
+    fov_x_deg: Annotated[float, Declared(FOV)] | None = None
+    fx: Annotated[float, setting(Camera, "fx")] | None = None
+    fy: Annotated[float, setting(Camera, "fy")] | None = None
     focal_length_mm: Positive | None = None
-    cx: Number | None = None
-    cy: Number | None = None
-    pixel_pitch_um: Positive | None = None
+    cx: Annotated[float, setting(Camera, "cx")] | None = None
+    cy: Annotated[float, setting(Camera, "cy")] | None = None
+    pixel_pitch_um: Annotated[float, setting(Camera, "pixel_pitch_um")] | None = None
     sensor_width_mm: SensorWidth | None = None
     distortion: DistortionTable | None = None
-    band: Literal["rgb", "nir", "rgb+nir"] | None = None
+    band: Annotated[str, setting(Camera, "band")] | None = None
 
     @pydantic.model_validator(mode="after")
     def _check_focal_length(self) -> "Intrinsics":
