@@ -240,9 +240,12 @@ def test_images_of_different_sizes(refuses, dataset, tmp_path):
     [
         (
             "zncc:block_size=8",
-            "twinlens: zncc:block_size=8: block_size is 8; it must be odd",
+            "twinlens: zncc:block_size=8: option block_size must be an odd whole number",
         ),
-        ("mine=zncc:block_size=8", "twinlens: mine: block_size is 8; it must be odd"),
+        (
+            "mine=zncc:block_size=8",
+            "twinlens: mine: option block_size must be an odd whole number",
+        ),
         ("znc", "did you mean 'zncc'"),
         (
             "zncc:blok=9",

@@ -1,4 +1,4 @@
-"""A new sensor figure and a new lens, declared once, are found in Python, recipes, records and on the command line."""
+"""A new figure, lens or matcher option, declared once, is found in Python, recipes, records and on the command line."""
 
 import json
 from dataclasses import asdict, dataclass
@@ -10,6 +10,7 @@ import pydantic
 import pytest
 from click.testing import CliRunner
 
+from twinlens import matching
 from twinlens.camera import Camera, Pinhole
 from twinlens.cli.options import setting
 from twinlens.dataset import record
@@ -17,6 +18,7 @@ from twinlens.errors import InputError
 from twinlens.factory.camera_text import parse_sensor
 from twinlens.factory.lenses import View, lens_table, lens_tables, parse_lens
 from twinlens.factory.settings import sensor_table
+from twinlens.matching.methods import Method
 from twinlens.scenes import Scene
 from twinlens.schema import read
 from twinlens.sensor import Sensor
@@ -102,4 +104,27 @@ def test_a_new_lens(monkeypatch):
         with pytest.raises(
             InputError, match=r"must be a number of metres > 0 and <= 1"
         ):
+            refusal()
+
+
+@dataclass(frozen=True)
+class PatientMatcher(matching.StereoMatcher, noun="option"):
+    """A matcher with an option of its own."""
+
+    rounds: Annotated[int, Setting("Rounds of the search.", least=1, most=9)] = 1
+
+
+def test_a_new_matcher_option(monkeypatch):
+    patient = Method("patient", "searches again", {}, PatientMatcher)
+    monkeypatch.setitem(matching.METHODS, "patient", patient)
+    spec = matching.parse_method("patient:rounds=3")
+    assert spec.matcher() == PatientMatcher(rounds=3)
+    assert "rounds=3" in spec.spec  # what boards, which are JSON, store
+    row = {"option": "rounds", "default": 1, "meaning": "Rounds of the search."}
+    assert row in patient.reference()["options"]  # `twinlens methods`
+    for refusal in (
+        lambda: PatientMatcher(rounds=10),
+        lambda: matching.parse_method("patient:rounds=10"),
+    ):
+        with pytest.raises(InputError, match="rounds must be a whole number from 1 to"):
             refusal()

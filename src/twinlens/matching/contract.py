@@ -9,14 +9,15 @@ import functools
 import hashlib
 import importlib
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Protocol, Self
 
 import numpy as np
 
-from twinlens.errors import InputError, MissingExtraError, check_int
+from twinlens.errors import InputError, MissingExtraError
 from twinlens.matching.images import Confidence, Disparity
+from twinlens.settings import Setting, Settings
 
 DEFAULT_DISPARITIES = 64
 LARGEST_DEFAULT_WINDOW = 35
@@ -120,20 +121,18 @@ class BaseMatcher(abc.ABC):
 
 
 @dataclass(frozen=True, kw_only=True)
-class RangeMatcher(BaseMatcher):
+class RangeMatcher(Settings, BaseMatcher, noun="option"):
     """Base of the matchers with a search range among their options, which are frozen dataclasses."""
 
-    num_disparities: Annotated[int, "Number of disparities to search."] = (
-        DEFAULT_DISPARITIES
-    )
+    num_disparities: Annotated[
+        int, Setting("Number of disparities to search.", least=1)
+    ] = DEFAULT_DISPARITIES
     min_disparity: Annotated[
         int,
-        "Smallest disparity to search, in pixels: u_left - u_right. May be negative.",
+        Setting(
+            "Smallest disparity to search, in pixels: u_left - u_right. May be negative."
+        ),
     ] = 0
-
-    def __post_init__(self) -> None:
-        check_int("num_disparities", self.num_disparities, 1)
-        check_int("min_disparity", self.min_disparity)
 
     def searching(self, num_disparities: int | None, min_disparity: int | None) -> Self:
         changes = {}
@@ -142,10 +141,6 @@ class RangeMatcher(BaseMatcher):
         if min_disparity is not None:
             changes["min_disparity"] = min_disparity
         return self.replace(**changes)
-
-    def replace(self, **changes: Any) -> Self:
-        """The same matcher with some options changed, and checked."""
-        return replace(self, **changes) if changes else self
 
 
 def answer_of(matcher: Any, left: Any, right: Any, **search: int) -> Any:
@@ -251,15 +246,6 @@ def import_extra(module: str, extra: str) -> Any:
         raise MissingExtraError(
             f"{module} is not installed; pip install 'twinlens[{extra}]'"
         ) from None
-
-
-def check_block_size(name: str, value: Any, least: int = 1) -> None:
-    """InputError unless it is the side of a window centred on a pixel: an odd whole number >= least."""
-    check_int(name, value, least)
-    if value % 2 == 0:
-        raise InputError(
-            f"{name} is {value}; it must be odd: use {value - 1} or {value + 1}"
-        )
 
 
 def check_image_size(matcher: Any, size: tuple[int, ...]) -> None:

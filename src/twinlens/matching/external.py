@@ -17,7 +17,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from twinlens.errors import InputError, TwinlensError, check_number
+from twinlens.errors import InputError, TwinlensError
 from twinlens.matching.contract import (
     Answer,
     MatcherFailedError,
@@ -28,6 +28,7 @@ from twinlens.matching.contract import (
 )
 from twinlens.matching.images import Disparity, pair
 from twinlens.processes import format_status, run_program
+from twinlens.settings import Setting
 
 _IMAGE_FILES = {"left": "left.png", "right": "right.png"}
 _MAP_FILES = {"out": "out.pfm", "confidence": "confidence.pfm"}
@@ -53,7 +54,9 @@ class PythonFunction(RangeMatcher):
 
     function: Annotated[
         Callable[..., Any] | str,
-        "path/to/file.py:name, relative to the current folder, or module:name of an importable module.",
+        Setting(
+            "path/to/file.py:name, relative to the current folder, or module:name of an importable module."
+        ),
     ] = ""
 
     def __post_init__(self) -> None:
@@ -168,17 +171,18 @@ class Program(RangeMatcher):
 
     command: Annotated[
         str,
-        "Command line with {left} and {right}, PNG files to read, {out}, a grey PFM file to write, and optionally "
-        "{confidence}, another one, {num_disparities} and {min_disparity}.",
+        Setting(
+            "Command line with {left} and {right}, PNG files to read, {out}, a grey PFM file to write, and optionally "
+            "{confidence}, another one, {num_disparities} and {min_disparity}."
+        ),
     ] = ""
     _: KW_ONLY
     timeout_s: Annotated[
-        float, "Seconds per match, after which the program is killed."
+        float, Setting("Seconds per match, after which the program is killed.", above=0)
     ] = 600.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_number("timeout_s", self.timeout_s, "a number above 0", above=0)
         for placeholder in ("{left}", "{right}", "{out}"):
             if placeholder not in self.command:
                 raise InputError(

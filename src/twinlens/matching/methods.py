@@ -4,7 +4,6 @@ import contextlib
 import dataclasses
 import importlib.metadata
 import re
-import typing
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypedDict, Unpack
@@ -28,6 +27,7 @@ from twinlens.matching.images import Disparity
 from twinlens.matching.matcher import StereoMatcher
 from twinlens.matching.networks import OnnxNetwork
 from twinlens.matching.opencv import OpenCVBlock, OpenCVSemiGlobal
+from twinlens.settings import fields_of
 
 ENTRY_POINTS = "twinlens.methods"
 PROGRAM_GRACE_S = 5.0
@@ -54,9 +54,9 @@ class Method:
 
     def reference(self) -> dict[str, Any]:
         """{"method", "description", "options": [{"option", "default", "meaning"}]}."""
-        hints = typing.get_type_hints(self.matcher, include_extras=True)
+        fields = fields_of(self.matcher)
         options = [
-            {"option": name, "default": value, "meaning": hints[name].__metadata__[0]}
+            {"option": name, "default": value, "meaning": fields[name].setting.help}
             for name, value in self.options.items()
         ]
         return {

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.errors import FileError, InputError, check_int, check_number
+from twinlens.errors import FileError, InputError
 from twinlens.matching.box import Rows, Volume
 from twinlens.matching.contract import (
     Answer,
@@ -24,13 +24,14 @@ from twinlens.matching.contract import (
     import_extra,
 )
 from twinlens.matching.images import Image, grey, pair
+from twinlens.settings import Setting, Settings
 
 TILE = 32
 """Columns of one matrix product: so few that BLAS starts no threads, because the strips already run in parallel."""
 
 
 @dataclass(frozen=True)
-class OnnxNetwork(BaseMatcher):
+class OnnxNetwork(Settings, BaseMatcher, noun="option"):
     """A stereo network in a .onnx file. It runs on the processor and needs the extra onnx.
 
     Inputs: two float32 tensors (1, C, H, W), the left image first, C = 1 (luma) or 3 (red, green, blue). Images are
@@ -39,22 +40,35 @@ class OnnxNetwork(BaseMatcher):
     u_left - u_right after multiplication by `sign`; +inf is unknown. A network searches the range it was trained for.
     """
 
-    model: Annotated[str, "The .onnx file."] = ""
+    model: Annotated[str, Setting("The .onnx file.")] = ""
     scale: Annotated[
         float,
-        "Largest input value for 8-bit and 16-bit images: 1 for 0..1, 255 for 0..255.",
+        Setting(
+            "Largest input value for 8-bit and 16-bit images: 1 for 0..1, 255 for 0..255.",
+            above=0,
+        ),
     ] = 1.0
     multiple: Annotated[
         int,
-        "Images are padded to a multiple of this, in pixels, where the model's size is free.",
+        Setting(
+            "Images are padded to a multiple of this, in pixels, where the model's size is free.",
+            least=1,
+        ),
     ] = 32
     output: Annotated[
-        int, "Index of the output that is the disparity; -1: the last."
+        int, Setting("Index of the output that is the disparity; -1: the last.")
     ] = -1
-    sign: Annotated[int, "1, or -1 for a network whose disparities are negative."] = 1
+    sign: Annotated[
+        int,
+        Setting(
+            "1, or -1 for a network whose disparities are negative.", choices=(1, -1)
+        ),
+    ] = 1
     confidence: Annotated[
         int | None,
-        "Index of the output that is the confidence, of the same shape; none: none.",
+        Setting(
+            "Index of the output that is the confidence, of the same shape; none: none."
+        ),
     ] = None
 
     def __post_init__(self) -> None:
@@ -62,14 +76,7 @@ class OnnxNetwork(BaseMatcher):
             raise InputError(
                 f"model is {self.model!r}; name an .onnx file, as in onnx:net.onnx"
             )
-        check_number("scale", self.scale, "a number above 0", above=0)
-        check_int("multiple", self.multiple, 1)
-        check_int("output", self.output)
-        check_int("confidence", 0 if self.confidence is None else self.confidence)
-        if self.sign not in (1, -1):
-            raise InputError(
-                f"sign is {self.sign!r}; use 1, or -1 for a network whose disparities are negative"
-            )
+        super().__post_init__()
 
     @property
     def content(self) -> str:

@@ -5,14 +5,14 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from twinlens.errors import InputError, check_int, check_known
+from twinlens.errors import InputError
 from twinlens.matching.contract import (
     Answer,
     RangeMatcher,
-    check_block_size,
     import_extra,
 )
 from twinlens.matching.images import levels, pair
+from twinlens.settings import Setting
 
 SIXTEENTHS = 16
 """The unit of OpenCV's fixed-point disparities is 1/16 pixel; the number of disparities is a multiple of 16."""
@@ -28,7 +28,10 @@ class _OpenCVMatcher(RangeMatcher):
     """Base of both matchers; `_create` checks the size of the images and makes OpenCV's matcher."""
 
     num_disparities: Annotated[
-        int, "Number of disparities to search; rounded up to a multiple of 16."
+        int,
+        Setting(
+            "Number of disparities to search; rounded up to a multiple of 16.", least=1
+        ),
     ] = 64
 
     def check_parts(self) -> None:
@@ -61,18 +64,16 @@ class _OpenCVMatcher(RangeMatcher):
 class OpenCVBlock(_OpenCVMatcher):
     """OpenCV's StereoBM: SAD of clipped Sobel images or, with prefilter=False, of locally normalised images."""
 
-    block_size: Annotated[int, "Side of the window in pixels; odd, 5 or more."] = 9
+    block_size: Annotated[
+        int, Setting("Side of the window in pixels; odd, 5 or more.", least=5, odd=True)
+    ] = 9
     prefilter: Annotated[
-        bool, "true: clipped Sobel images; false: locally normalised images."
+        bool, Setting("true: clipped Sobel images; false: locally normalised images.")
     ] = True
-    texture: Annotated[int, "OpenCV's textureThreshold; 0: off."] = 10
-    uniqueness: Annotated[int, "OpenCV's uniquenessRatio in percent; 0: off."] = 15
-
-    def __post_init__(self) -> None:
-        check_block_size("block_size", self.block_size, 5)
-        check_int("texture", self.texture, 0)
-        check_int("uniqueness", self.uniqueness, 0)
-        super().__post_init__()
+    texture: Annotated[int, Setting("OpenCV's textureThreshold; 0: off.", least=0)] = 10
+    uniqueness: Annotated[
+        int, Setting("OpenCV's uniquenessRatio in percent; 0: off.", least=0)
+    ] = 15
 
     def _create(self, cv2: Any, shape: tuple[int, ...], count: int) -> Any:
         if self.block_size >= min(shape):
@@ -94,15 +95,15 @@ class OpenCVBlock(_OpenCVMatcher):
 class OpenCVSemiGlobal(_OpenCVMatcher):
     """OpenCV's StereoSGBM with P1 = 8 block_size^2 and P2 = 32 block_size^2."""
 
-    block_size: Annotated[int, "Side of the window in pixels; odd."] = 3
-    mode: Annotated[str, "default: 5 paths; hh: 8 paths; 3way: 3 paths."] = "default"
-    uniqueness: Annotated[int, "OpenCV's uniquenessRatio in percent; 0: off."] = 0
-
-    def __post_init__(self) -> None:
-        check_block_size("block_size", self.block_size)
-        check_int("uniqueness", self.uniqueness, 0)
-        super().__post_init__()
-        check_known("mode", self.mode, MODES)
+    block_size: Annotated[
+        int, Setting("Side of the window in pixels; odd.", least=1, odd=True)
+    ] = 3
+    mode: Annotated[
+        str, Setting("default: 5 paths; hh: 8 paths; 3way: 3 paths.", choices=MODES)
+    ] = "default"
+    uniqueness: Annotated[
+        int, Setting("OpenCV's uniquenessRatio in percent; 0: off.", least=0)
+    ] = 0
 
     def _create(self, cv2: Any, shape: tuple[int, ...], count: int) -> Any:
         # OpenCV matches only columns for which the whole range is inside; its 3-way mode does not check this.
