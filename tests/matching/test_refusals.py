@@ -17,7 +17,7 @@ OPTIONS = {
     "sad:min_disparity=0.5": "whole number",
     "sad:contrast=none": "a number >= 0",
     "sad:speckle_range=none": "a number >= 0",
-    "sad:uniqueness=abc": "a number >= 0",
+    "sad:uniqueness=abc": "a number from 0 to below 100",
     "sad:uniqueness=100": "from 0 to below 100",
     "sad:lr_check=-1": ">= 0",
     "sad:subpixel=parabolla": "did you mean 'parabola'",
