@@ -7,14 +7,14 @@ A channel is an array over the pixels of a view. Those of every `Truth` are its 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import Camera, Rig
-from twinlens.camera.truth import Correspondence, Projection, Truth
+from twinlens.camera.truth import Correspondence, ObjectTruth, Projection, Truth
 from twinlens.errors import InputError, check_int
 from twinlens.geometry import Float, inverse, rotate, transform_points
 from twinlens.rendering.build import BuiltScene, build
@@ -24,7 +24,6 @@ from twinlens.rendering.tracing import (
     Hits,
     Rays,
     Stop,
-    facing,
     intersect,
     lengths,
     trace_surfaces,
@@ -102,13 +101,10 @@ def ground_truth(
     """
     check_view(scene, rig)
     built = build(scene)
-    truths = []
-    for index in range(len(rig)):
-        truth = _truth(_view_hits(built, rig, index), sky_disparity)
-        if objects:
-            truth = _with_objects(built, rig, index, truth)
-        truths.append(truth)
-    return truths
+    return [
+        _truth(_view_hits(built, rig, index), sky_disparity, objects)
+        for index in range(len(rig))
+    ]
 
 
 def _view_hits(built: BuiltScene, rig: Rig, index: int) -> ViewHits:
@@ -120,8 +116,8 @@ def _view_hits(built: BuiltScene, rig: Rig, index: int) -> ViewHits:
     return ViewHits(built, rig, index, rays, cosine, first)
 
 
-def _truth(view: ViewHits, sky_disparity: bool) -> Truth:
-    """The truth of a view but its objects."""
+def _truth(view: ViewHits, sky_disparity: bool, objects: bool) -> Truth:
+    """The channels of a view."""
     built, first = view.built, view.first
     partner = _in_partner(view, sky_disparity)
     ids = [
@@ -129,20 +125,26 @@ def _truth(view: ViewHits, sky_disparity: bool) -> Truth:
     ]
     ids.append((0, 0, 0))  # row -1, of no hit
     object_id, material_id, material_kind = np.array(ids).T[:, first.body]
-    normal = facing(first.normal, -view.rays.direction)
-    shading_normal = facing(first.shading_normal, normal)
+    seen_object = view.image(object_id, np.int32)
+    whole_objects: tuple[ObjectTruth, ...] = ()
+    if objects:
+        distance = view.image(first.distance)
+        whole_objects = object_truths(
+            built, view.rig, view.index, seen_object, distance
+        )
     return Truth(
         depth=view.image(view.depth, np.float64),
         position=view.image(first.position, np.float64),
         disparity=view.image(partner.disparity, np.float32),
         visible=view.image(partner.visible, np.bool_),
-        normal=view.image(normal, np.float32),
-        shading_normal=view.image(shading_normal, np.float32),
-        object_id=view.image(object_id, np.int32),
+        normal=view.image(first.normal, np.float32),
+        shading_normal=view.image(first.shading_normal, np.float32),
+        object_id=seen_object,
         material_id=view.image(material_id, np.int32),
         material_kind=view.image(material_kind, np.uint8),
         object_names=built.object_names,
         material_names=built.material_names,
+        objects=whole_objects,
         projections=tuple(
             _projection(view, projector)
             for projector in range(len(view.rig.projectors))
@@ -151,11 +153,6 @@ def _truth(view: ViewHits, sky_disparity: bool) -> Truth:
             name: view.image(channel(view)) for name, channel in EXTRA_CHANNELS.items()
         },
     )
-
-
-def _with_objects(built: BuiltScene, rig: Rig, index: int, truth: Truth) -> Truth:
-    objects = object_truths(built, rig, index, truth.object_id, truth.depth)
-    return replace(truth, objects=objects)
 
 
 def correspondence(
@@ -209,10 +206,9 @@ def _projection(view: ViewHits, projector: int) -> Projection:
     views = view.rig.views  # the cameras, then the projectors
     lamp = len(view.rig) + projector
     seen = _seen_from(view, views, lamp, sky=False)
-    normal = facing(view.first.normal, -view.rays.direction)
     with np.errstate(invalid="ignore"):  # +inf where nothing was hit
         towards = views.world_from_cams[lamp][:3, 3] - view.first.position
-        is_front_lit = (normal * towards).sum(axis=1) > 0
+        is_front_lit = (view.first.normal * towards).sum(axis=1) > 0
     return Projection(view.image(seen.pixels), view.image(seen.visible & is_front_lit))
 
 

@@ -19,13 +19,13 @@ from twinlens.geometry import Float, inverse, rotate, transform_points
 from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import Body, BuiltScene, build
 from twinlens.rendering.surfaces import Surface, Triangles, pose_of, surfaces
-from twinlens.rendering.tracing import Rays, intersect
+from twinlens.rendering.tracing import Rays, intersect, lengths
 from twinlens.scenes import Mesh, Plugin, Scene
 from twinlens.scenes.shapes import tessellated
 
 _DIGITS = 12  # of a model's scale: poses that differ by rounding give the same model
 _RAYS = 1 << 22  # traced at once; bounds the memory
-_BEYOND = 1.001  # of the depth of its farthest corner: no ray hits an object there
+_BEYOND = 1.001  # of the distance of its farthest corner: no ray hits an object there
 _SIDE_POINTS = 65  # of a box, which lens distortion bends
 
 
@@ -104,10 +104,10 @@ def _scaled_mesh(source: Mesh | Plugin, scale: Float) -> tuple[Mesh, str]:
 
 
 def object_truths(
-    built: BuiltScene, rig: Rig, index: int, object_id: NDArray[Any], depth: Float
+    built: BuiltScene, rig: Rig, index: int, object_id: NDArray[Any], distance: Float
 ) -> tuple[ObjectTruth, ...]:
-    """Every object in the image of camera `index`; `object_id` and `depth` (H, W) are the view's."""
-    view = _View(rig.cameras[index], rig.world_from_cams[index], object_id, depth)
+    """Every object in the image of camera `index`; `object_id` and `distance` (H, W) are the view's."""
+    view = _View(rig.cameras[index], rig.world_from_cams[index], object_id, distance)
     bodies: dict[int, list[Body]] = {}  # of each object, one for each of its materials
     for body in built.bodies:
         bodies.setdefault(body.object_id, []).append(body)
@@ -120,12 +120,12 @@ def object_truths(
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """A camera, its pose, and the objects and depths (H, W) that it sees."""
+    """A camera, its pose, and the objects and their distances (H, W) that it sees."""
 
     camera: Camera
     world_from_cam: Float
     object_id: NDArray[Any]
-    depth: Float
+    distance: Float
 
 
 def _object_truth(
@@ -141,7 +141,8 @@ def _object_truth(
     if window is None:
         return None
     visible = view.object_id == number
-    whole = _coverage(built, view, bodies, window, corners[:, 2].max(), visible)
+    farthest = lengths(corners).max()
+    whole = _coverage(built, view, bodies, window, farthest, visible)
     mask = np.zeros(visible.shape, dtype=bool)
     in_image, in_window = _overlap(view.camera, window)
     mask[in_image] = whole[in_window]
@@ -170,7 +171,7 @@ def _coverage(
     farthest: float,
     visible: NDArray[np.bool_],
 ) -> NDArray[np.bool_]:
-    """The pixels of the window (h, w) whose chief rays meet the object, which `farthest` bounds in depth.
+    """The pixels of the window (h, w) whose chief rays meet the object, which ends at the distance `farthest`.
 
     Where it is visible, they do. Where something beyond it is visible, they do not.
     """
@@ -178,7 +179,7 @@ def _coverage(
     unknown = np.ones((window.v1 - window.v0, window.u1 - window.u0), dtype=bool)
     # Instances are cast at in their own axes, where rays at an edge may differ by rounding: cast all that are not seen.
     if bodies[0].instance is None:
-        may_hide = view.depth[in_image] < _BEYOND * farthest
+        may_hide = view.distance[in_image] < _BEYOND * farthest
         unknown[in_window] = may_hide & ~visible[in_image]
     whole = np.zeros_like(unknown)
     for body in bodies:

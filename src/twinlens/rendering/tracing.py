@@ -98,7 +98,8 @@ class Hits:
     distance : (N,), metres along the way of the ray from its origin; +inf where nothing was hit.
     position : (N, 3); +inf where nothing was hit.
     direction : (N, 3), the unit direction in which the ray arrives; 0 where no ray is left.
-    normal, shading_normal : (N, 3), unit, as the surface has them; 0 where nothing was hit.
+    normal : (N, 3), unit, on the side where the ray arrives; 0 where nothing was hit.
+    shading_normal : (N, 3), unit, on the side of `normal`.
     share : (N,), the share of the light that takes this way at the surfaces before; 0 where no ray is left.
     """
 
@@ -214,15 +215,16 @@ def _hits(built: BuiltScene, way: _Way) -> Hits:
     hit = intersections.body >= 0
     position = np.full_like(rays.direction, np.inf)
     position[hit] = rays[hit].at(exact.t[hit])
+    normal = _facing(exact.normal, -rays.direction)
     return Hits(
-        intersections.body,
-        intersections.prim,
-        way.distance + exact.t,
-        position,
-        rays.direction,
-        exact.normal,
-        exact.shading_normal,
-        way.share,
+        body=intersections.body,
+        prim=intersections.prim,
+        distance=way.distance + exact.t,
+        position=position,
+        direction=rays.direction,
+        normal=normal,
+        shading_normal=_facing(exact.shading_normal, normal),
+        share=way.share,
     )
 
 
@@ -305,7 +307,7 @@ def _exact_direction(hits: Hits, passages: _Passages) -> Float:
     Mitsuba's direction stays where it differs by more than rounding: bumps of a surface are not in its normals.
     """
     arrival = hits.direction
-    normal = facing(hits.shading_normal, -arrival)
+    normal = _facing(hits.shading_normal, -arrival)
     cosine = -np.einsum("nc,nc->n", arrival, normal)[:, None]
     eta = passages.eta[:, None]
     reflected = arrival + 2 * cosine * normal
@@ -324,7 +326,7 @@ def lengths(vectors: Float) -> Float:
     return np.asarray(np.sqrt(np.einsum("nc,nc->n", vectors, vectors)))
 
 
-def facing(vectors: Float, towards: Float) -> Float:
+def _facing(vectors: Float, towards: Float) -> Float:
     """Vectors (N, 3), negated where they point away from `towards` (N, 3)."""
     away = np.einsum("nc,nc->n", vectors, towards) < 0
     return np.where(away[:, None], -vectors, vectors)
