@@ -204,7 +204,7 @@ class Field:
         if self.kind is int:
             is_whole = isinstance(value, Integral) and not _is_bool(value)
             in_choices = not self.setting.choices or value in self.setting.choices
-            return is_whole and in_choices and self.setting.admits(int(value))
+            return is_whole and in_choices and self.setting.admits(as_float(value))
         if self.kind is bool:
             return _is_bool(value)
         if self.kind is str:

@@ -176,9 +176,10 @@ def test_folding_distortion_raises_in_one_line(model):
     assert "\n" not in str(refusal.value)
 
 
-def test_a_fisheye_image_beyond_180_degrees_raises():
+def test_a_fisheye_image_beyond_360_degrees_raises():
+    assert Camera(400, 400, 100.0, 100.0, 199.5, 199.5, KannalaBrandt()).is_wide
     with pytest.raises(InputError, match="folds"):
-        Camera(400, 400, 100.0, 100.0, 199.5, 199.5, KannalaBrandt())
+        Camera(400, 400, 80.0, 80.0, 199.5, 199.5, KannalaBrandt())
 
 
 @pytest.mark.parametrize("turned", [False, True])

@@ -23,8 +23,11 @@ from twinlens.camera.intrinsics import (
 from twinlens.camera.lens import (
     BareAperture as BareAperture,
     Lens as Lens,
+    Paraxial as Paraxial,
     Pinhole as Pinhole,
+    RecipeLens as RecipeLens,
     ThinLens as ThinLens,
+    chief_rays as chief_rays,
     film_distance as film_distance,
 )
 from twinlens.camera.light_field import (

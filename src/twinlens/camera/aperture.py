@@ -7,13 +7,13 @@ Coordinates are the camera's (x right, y down), seen from behind the lens. Each 
 - ``sample(u1, u2)``: points (x, y) distributed as the transmission, from uniform numbers in [0, 1).
 
 Sampling needs no rejection and is continuous where the shape allows it, so that it preserves stratification. It runs on
-NumPy and on other array libraries: `xp` has the functions of `NUMPY`.
+any array library: `xp` has its functions.
 """
 
 import hashlib
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from types import SimpleNamespace
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -25,14 +25,42 @@ from twinlens.settings import Setting, Settings
 
 _LARGEST_MASK_SIDE = 4096  # cells: float32 random numbers distinguish so many
 
-NUMPY = SimpleNamespace(
-    sqrt=np.sqrt, sin=np.sin, cos=np.cos, abs=np.abs, floor=np.floor, minimum=np.minimum, where=np.where,
+
+@dataclass(frozen=True)
+class ArrayFunctions:
+    """Functions of one array library, named as in NumPy except for the last two.
+
+    One formula of an aperture or a lens then runs on NumPy and in the renderer, which `camera` does not import.
+
+    gather : the values ``table[index]`` of a NumPy table, with floating-point indices.
+    constant : a number that the library's compiler treats as an input. NumPy has no compiler.
+    """
+
+    sqrt: Callable[[Any], Any]
+    sin: Callable[[Any], Any]
+    cos: Callable[[Any], Any]
+    abs: Callable[[Any], Any]
+    floor: Callable[[Any], Any]
+    minimum: Callable[[Any, Any], Any]
+    where: Callable[[Any, Any, Any], Any]
+    gather: Callable[[Float, Any], Any]
+    constant: Callable[[float], Any]
+
+
+NUMPY = ArrayFunctions(
+    sqrt=np.sqrt,
+    sin=np.sin,
+    cos=np.cos,
+    abs=np.abs,
+    floor=np.floor,
+    minimum=np.minimum,
+    where=np.where,
     gather=lambda table, index: table[np.asarray(index, dtype=np.intp)],
-)  # fmt: skip
-"""What samplers use; gather is ``table[index]``, with floating-point indices. The renderer has its own."""
+    constant=float,
+)
 
 
-def concentric(u1: Any, u2: Any, xp: Any = NUMPY) -> tuple[Any, Any]:
+def concentric(u1: Any, u2: Any, xp: ArrayFunctions = NUMPY) -> tuple[Any, Any]:
     """The concentric map of the unit square to the disk: (radius, turn), both in [0, 1]; turn 1 is a full circle.
 
     Area-preserving and continuous. Source: Shirley and Chiu, A low distortion map between disk and square, 1997.
@@ -46,18 +74,20 @@ def concentric(u1: Any, u2: Any, xp: Any = NUMPY) -> tuple[Any, Any]:
     return xp.abs(signed), xp.where(turn < 0.0, turn + 1.0, turn)
 
 
-def on_ring(u1: Any, u2: Any, inner2: Any, outer2: Any, xp: Any) -> tuple[Any, Any]:
+def on_ring(
+    u1: Any, u2: Any, inner2: Any, outer2: Any, xp: ArrayFunctions
+) -> tuple[Any, Any]:
     """Points (x, y) uniform in the ring between the squared radii `inner2` and `outer2`, by the concentric map."""
     radius, turn = concentric(u1, u2, xp)
     return _from_polar(xp.sqrt(inner2 + (outer2 - inner2) * radius * radius), turn, xp)
 
 
-def _from_polar(radius: Any, turn: Any, xp: Any) -> tuple[Any, Any]:
+def _from_polar(radius: Any, turn: Any, xp: ArrayFunctions) -> tuple[Any, Any]:
     return radius * xp.cos(2 * math.pi * turn), radius * xp.sin(2 * math.pi * turn)
 
 
 def invert_cdf(
-    table: Float, cells: int, start: Any, u: Any, xp: Any
+    table: Float, cells: int, start: Any, u: Any, xp: ArrayFunctions
 ) -> tuple[Any, Any]:
     """The cell of the cumulative distribution ``table[start:start + cells + 1]`` that contains u, and u's place in it.
 
@@ -90,7 +120,7 @@ class Disk:
             np.square(x, dtype=float) + np.square(y, dtype=float) <= 1.0, np.float64
         )
 
-    def sample(self, u1: Any, u2: Any, xp: Any = NUMPY) -> tuple[Any, Any]:
+    def sample(self, u1: Any, u2: Any, xp: ArrayFunctions = NUMPY) -> tuple[Any, Any]:
         return _from_polar(*concentric(u1, u2, xp), xp)
 
 
@@ -144,7 +174,7 @@ class Polygon(Settings, noun="polygon aperture"):
         across = radius * np.sin(off_middle) * math.sin(beta) / math.sin(alpha)
         return np.asarray(along**2 + across**2 <= 1.0, np.float64)
 
-    def sample(self, u1: Any, u2: Any, xp: Any = NUMPY) -> tuple[Any, Any]:
+    def sample(self, u1: Any, u2: Any, xp: ArrayFunctions = NUMPY) -> tuple[Any, Any]:
         alpha, beta = self._half_angles
         radius, turn = concentric(u1, u2, xp)
         blade = xp.minimum(xp.floor(turn * self.blades), self.blades - 1.0)
@@ -175,7 +205,7 @@ class Annulus(Settings, noun="annulus aperture"):
         radius2 = np.square(x, dtype=float) + np.square(y, dtype=float)
         return np.asarray((radius2 >= self.inner**2) & (radius2 <= 1.0), np.float64)
 
-    def sample(self, u1: Any, u2: Any, xp: Any = NUMPY) -> tuple[Any, Any]:
+    def sample(self, u1: Any, u2: Any, xp: ArrayFunctions = NUMPY) -> tuple[Any, Any]:
         return on_ring(u1, u2, self.inner**2, 1.0, xp)
 
 
@@ -243,7 +273,7 @@ class MaskAperture:
         ]
         return np.where(inside, cells, 0.0)
 
-    def sample(self, u1: Any, u2: Any, xp: Any = NUMPY) -> tuple[Any, Any]:
+    def sample(self, u1: Any, u2: Any, xp: ArrayFunctions = NUMPY) -> tuple[Any, Any]:
         height, width = self.mask.shape
         row, down = invert_cdf(self._row_cdf, height, 0.0, u2, xp)
         column, right = invert_cdf(self._cell_cdf, width, row * (width + 1.0), u1, xp)

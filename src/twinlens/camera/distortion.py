@@ -1,14 +1,18 @@
-"""Lens distortion: the Brown-Conrady model and the Kannala-Brandt fisheye.
+"""Projections of a camera: from directions to the film. The perspective, and two models of lens distortion.
 
-Both map ideal image coordinates (x, y) = (X/Z, Y/Z) to distorted ones, ``px = K (x_d, y_d, 1)``, with the coefficients
-named and ordered as in OpenCV. Beyond a certain radius a polynomial may fold the image over itself: `valid` is true
-before the fold, and `check_invertible` refuses a camera whose image reaches beyond it.
+Film points (x_d, y_d) are in units of the focal length, ``px = K (x_d, y_d, 1)``. The perspective projection and the
+Brown-Conrady model start from ideal coordinates (x, y) = (X/Z, Y/Z), which exist in front of the camera only. The
+Kannala-Brandt fisheye starts from the angle to the axis, which may exceed 90 degrees.
+
+Coefficients are named and ordered as in OpenCV. Beyond a certain radius a polynomial may fold the image over itself:
+directions from there on have no film point, and `check_invertible` refuses a camera whose image reaches beyond it.
 
 Sources: Brown, Decentering distortion of lenses, 1966; Kannala and Brandt, A generic camera model and calibration
 method for conventional, wide-angle, and fish-eye lenses, 2006; OpenCV's calib3d documentation for the order.
 """
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import astuple, dataclass
 from functools import cached_property
 from typing import Annotated, ClassVar
@@ -18,7 +22,7 @@ from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike, NDArray
 
 from twinlens.errors import InputError
-from twinlens.geometry import Float, image_border
+from twinlens.geometry import Float, homogeneous, image_border
 from twinlens.settings import Setting, Settings
 
 _ITERATIONS = 50
@@ -28,14 +32,68 @@ _PATH_STEPS = 64  # along the lines from the axis to the image's border that are
 _NEGLIGIBLE = 1e-100  # a leading coefficient without effect in any image
 
 
+class FilmProjection(ABC):
+    """What a camera does between the directions that it sees and its film. All arrays are float64."""
+
+    @abstractmethod
+    def project(self, directions: ArrayLike) -> Float:
+        """Film points (..., 2) of directions (..., 3) of any length, camera frame; NaN for those without an image."""
+
+    @abstractmethod
+    def unproject(self, film: ArrayLike) -> Float:
+        """Unit directions (..., 3) of film points (..., 2); NaN where none, or several, lead there."""
+
+    def undistort(self, film: ArrayLike) -> Float:
+        """Ideal coordinates (..., 2) = (X/Z, Y/Z) of film points (..., 2); NaN for directions with Z <= 0."""
+        directions = self.unproject(film)
+        z = directions[..., 2:]
+        with np.errstate(invalid="ignore"):
+            return np.asarray(directions[..., :2] / np.where(z > 0, z, np.nan))
+
+
+class PlanarProjection(FilmProjection):
+    """A projection that starts from ideal coordinates (X/Z, Y/Z): the perspective, without distortion."""
+
+    def distort(self, xy: ArrayLike) -> Float:
+        """Film points (..., 2) of ideal coordinates (..., 2), float64, also beyond the fold."""
+        return np.asarray(xy, dtype=np.float64)
+
+    def jacobian(self, xy: ArrayLike) -> Float:
+        """d(x_d, y_d)/d(x, y), (..., 2, 2)."""
+        return np.broadcast_to(np.eye(2), (*np.shape(xy), 2))
+
+    def valid(self, xy: ArrayLike) -> NDArray[np.bool_]:
+        """Whether ideal points (..., 2) are before the first fold."""
+        return np.asarray(np.isfinite(xy).all(axis=-1))
+
+    def undistort(self, film: ArrayLike) -> Float:
+        """Ideal coordinates (..., 2) of film points (..., 2); NaN where there are none."""
+        return np.asarray(film, dtype=np.float64)
+
+    def project(self, directions: ArrayLike) -> Float:
+        points = np.asarray(directions, dtype=np.float64)
+        z = points[..., 2:]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            xy = np.where(z > 0, points[..., :2] / z, np.nan)
+        return self.distort(np.where(self.valid(xy)[..., None], xy, np.nan))
+
+    def unproject(self, film: ArrayLike) -> Float:
+        directions = homogeneous(self.undistort(film))
+        length = np.linalg.norm(directions, axis=-1, keepdims=True)
+        return np.asarray(directions / length)
+
+
+PERSPECTIVE = PlanarProjection()
+
+
 Coefficient = Annotated[
     float, Setting("Coefficient of the model.", least=-1e6, most=1e6)
 ]
 
 
 @dataclass(frozen=True)
-class _Model(Settings):
-    """Base of the two models."""
+class _Model(Settings, PlanarProjection):
+    """Base of the two models of distortion."""
 
     name: ClassVar[str]
 
@@ -44,25 +102,13 @@ class _Model(Settings):
         """The coefficients in the order of the fields, which is OpenCV's."""
         return astuple(self)
 
-    def distort(self, xy: ArrayLike) -> Float:
-        """Distorted coordinates (..., 2) of ideal ones (..., 2), float64, also beyond the fold."""
-        raise NotImplementedError
-
-    def jacobian(self, xy: ArrayLike) -> Float:
-        """d(x_d, y_d)/d(x, y), (..., 2, 2)."""
-        raise NotImplementedError
-
-    def valid(self, xy: ArrayLike) -> NDArray[np.bool_]:
-        """Whether ideal points (..., 2) are before the first fold."""
-        raise NotImplementedError
-
-    def undistort(self, xy_distorted: ArrayLike) -> Float:
-        """Ideal coordinates (..., 2) of distorted ones (..., 2), to 1e-12; NaN where there are none.
+    def undistort(self, film: ArrayLike) -> Float:
+        """Ideal coordinates (..., 2) of film points (..., 2), to 1e-12; NaN where there are none.
 
         Newton's method, each step halved until it reduces the error.
         """
-        given = np.asarray(xy_distorted, dtype=np.float64)
-        target = given.reshape(-1, 2)
+        film = np.asarray(film, dtype=np.float64)
+        target = film.reshape(-1, 2)
         with np.errstate(all="ignore"):  # a step may reach a pole of R
             xy, error = target.copy(), self.distort(target) - target
             active = np.flatnonzero(np.isfinite(error).all(axis=1))
@@ -83,8 +129,8 @@ class _Model(Settings):
                         break
                 active = active[closer]
             xy -= self._newton_step(xy, error)
-            found = (np.abs(error).max(axis=1) <= _CONVERGED) & self.valid(xy)
-        return np.where(found[:, None], xy, np.nan).reshape(given.shape)
+            solved = (np.abs(error).max(axis=1) <= _CONVERGED) & self.valid(xy)
+        return np.where(solved[:, None], xy, np.nan).reshape(film.shape)
 
     def _newton_step(self, xy: Float, error: Float) -> Float:
         """J^-1 error for (N, 2) points; not finite where J has no inverse."""
@@ -168,8 +214,12 @@ class BrownConrady(_Model, noun="brown-conrady distortion"):
 class KannalaBrandt(_Model, noun="kannala-brandt distortion"):
     """OpenCV's fisheye: theta_d = theta (1 + k1 theta^2 + ... + k4 theta^8), theta the angle from the axis.
 
-    ``(x_d, y_d) = theta_d / r (x, y)``, r = tan(theta). Directions of 90 degrees and more are not supported: they
-    cannot be written as (x, y, 1). The image folds where theta_d falls.
+    ``(x_d, y_d) = theta_d (X, Y) / hypot(X, Y)`` for the direction (X, Y, Z) at the angle theta, which may exceed 90
+    degrees. The image folds where theta_d falls. `distort`, `undistort`, `jacobian` and `valid` are those of OpenCV: of
+    ideal coordinates, which have r = tan(theta) and end at 90 degrees.
+
+    >>> KannalaBrandt().project([1.0, 0.0, 0.0]).round(6).tolist()
+    [1.570796, 0.0]
     """
 
     name: ClassVar[str] = "kannala-brandt"
@@ -177,6 +227,48 @@ class KannalaBrandt(_Model, noun="kannala-brandt distortion"):
     k2: Coefficient = 0.0
     k3: Coefficient = 0.0
     k4: Coefficient = 0.0
+
+    def project(self, directions: ArrayLike) -> Float:
+        points = np.asarray(directions, dtype=np.float64)
+        across = np.linalg.norm(points[..., :2], axis=-1)
+        angle = np.arctan2(across, points[..., 2])
+        imaged = (angle < self._fold_angle) & points.any(axis=-1)
+        film_radius = np.where(imaged, self._angle(angle), np.nan)
+        # On the axis the film point is (0, 0), whatever its direction.
+        scale = film_radius / np.where(across > 0, across, 1.0)
+        return np.asarray(points[..., :2] * scale[..., None])
+
+    def unproject(self, film: ArrayLike) -> Float:
+        film = np.asarray(film, dtype=np.float64)
+        radius = np.linalg.norm(film, axis=-1)
+        angle = self._angle_of(radius)
+        scale = np.sin(angle) / np.where(radius > 0, radius, 1.0)
+        return np.concatenate(
+            [film * scale[..., None], np.cos(angle)[..., None]], axis=-1
+        )
+
+    def undistort(self, film: ArrayLike) -> Float:
+        return FilmProjection.undistort(self, film)
+
+    def _angle_of(self, radius: Float) -> Float:
+        """The angle before the fold whose theta_d is `radius` (...); NaN where there is none.
+
+        Newton's method, kept inside a bracket that shrinks: theta_d rises from 0 to the fold.
+        """
+        low, high = np.zeros_like(radius), np.full_like(radius, self._fold_angle)
+        reached = radius < self._angle(self._fold_angle)
+        angle = np.minimum(radius, 0.5 * self._fold_angle)
+        for _ in range(_ITERATIONS):
+            error = self._angle(angle) - radius
+            low = np.where(error < 0, angle, low)
+            high = np.where(error > 0, angle, high)
+            if (np.abs(error) <= _CONVERGED)[reached].all():
+                break
+            step = angle - error / self._angle.deriv()(angle)
+            inside = (step > low) & (step < high)
+            angle = np.where(inside, step, 0.5 * (low + high))
+        angle -= error / self._angle.deriv()(angle)
+        return np.where(reached, angle, np.nan)
 
     def distort(self, xy: ArrayLike) -> Float:
         xy = np.asarray(xy, dtype=np.float64)
@@ -216,27 +308,29 @@ class KannalaBrandt(_Model, noun="kannala-brandt distortion"):
 
     @cached_property
     def _fold_angle(self) -> float:
-        return min(_first_positive_root(self._angle.deriv()), 0.5 * math.pi)
+        return min(_first_positive_root(self._angle.deriv()), math.pi)
 
 
 Distortion = BrownConrady | KannalaBrandt
 
 
-def check_invertible(distortion: Distortion, K: Float, width: int, height: int) -> None:
-    """Raise InputError if the distortion folds the image over itself.
+def check_invertible(
+    projection: FilmProjection, K: Float, width: int, height: int
+) -> None:
+    """Raise InputError if the projection folds the image over itself.
 
     On the lines from the image's border to the axis every point must have an inverse before the first fold.
     """
     border = image_border(width, height, margin=0.5)
     ends = (border - K[:2, 2]) / (K[0, 0], K[1, 1])
     path = np.linspace(0.0, 1.0, _PATH_STEPS)[:, None, None] * ends
-    lost = np.isnan(distortion.undistort(path)).any(axis=(0, 2))
+    lost = np.isnan(projection.unproject(path)).any(axis=(0, 2))
     if lost.any():
         u, v = border[np.argmax(lost)]
         remedy = "use smaller coefficients, a smaller image, or a larger fx and fy"
         where = f"before pixel ({u:g}, {v:g}): no ray, or more than one, reaches it"
         raise InputError(
-            f"distortion {distortion} folds the image over itself {where}; {remedy}"
+            f"distortion {projection} folds the image over itself {where}; {remedy}"
         )
 
 

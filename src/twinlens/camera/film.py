@@ -2,13 +2,19 @@
 
 import math
 import warnings
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twinlens.camera.intrinsics import Camera
-from twinlens.camera.lens import BareAperture, Lens, check_lens, film_distance
+from twinlens.camera.lens import (
+    BareAperture,
+    Paraxial,
+    film_distance,
+    require_paraxial,
+)
 from twinlens.errors import InputError, check_known, format_value
 from twinlens.optics.diffraction import (
     CHANNEL_WAVELENGTHS,
@@ -74,7 +80,7 @@ def checked_radiance(
 def diffract(
     image: ArrayLike,
     camera: Camera,
-    lens: Lens,
+    lens: Paraxial,
     wavelengths: tuple[float, float, float] = CHANNEL_WAVELENGTHS,
 ) -> NDArray[np.float32]:
     """`image`, linear radiance (H, W, 3), blurred by diffraction at the circular aperture of `lens`; float32 (H, W, 3).
@@ -92,7 +98,7 @@ def diffract(
     """
     radiance = checked_radiance("image to diffract", image, camera)
     waves = check_wavelengths("wavelengths", wavelengths)
-    check_lens(lens)
+    require_paraxial(lens, "diffraction")
     if lens.aperture_diameter == 0:
         raise InputError(
             "a pinhole (zero width) has no diffraction pattern; give the aperture a diameter"
@@ -101,30 +107,31 @@ def diffract(
         raise InputError(
             f"diffraction is available for a disk aperture only, got {lens.aperture.name}"
         )
+    if isinstance(lens, BareAperture):
+        _warn_of_fresnel(lens, waves)
     distance = film_distance(camera, lens)
-    numbers = [
-        fresnel_number(lens.aperture_diameter, wavelength, distance)
-        for wavelength in waves
+    pitch = (distance / camera.fx, distance / camera.fy)
+    number = distance / lens.aperture_diameter
+    blurred = [
+        convolve_airy(radiance[..., channel], pitch, wavelength, number)
+        for channel, wavelength in enumerate(waves)
     ]
-    if (
-        isinstance(lens, BareAperture)
-        and max(numbers) > FRESNEL_LOW
-        and min(numbers) < FRESNEL_HIGH
-    ):
+    return np.stack(blurred, axis=-1).astype(np.float32)
+
+
+def _warn_of_fresnel(hole: BareAperture, wavelengths: Sequence[float]) -> None:
+    """Give a `FresnelWarning` where the pattern of a bare aperture is neither its shadow nor Fraunhofer's."""
+    numbers = [
+        fresnel_number(hole.diameter, wavelength, hole.film_distance)
+        for wavelength in wavelengths
+    ]
+    if max(numbers) > FRESNEL_LOW and min(numbers) < FRESNEL_HIGH:
         warnings.warn(
             f"bare aperture with Fresnel number {numbers[len(numbers) // 2]:.3g}: between {FRESNEL_LOW:g} and "
             f"{FRESNEL_HIGH:g} blur and diffraction are not separable; more than a tenth of the light is misplaced",
             FresnelWarning,
-            stacklevel=2,
+            stacklevel=3,
         )
-    pitch = (distance / camera.fx, distance / camera.fy)
-    blurred = [
-        convolve_airy(
-            radiance[..., c], pitch, wavelength, distance / lens.aperture_diameter
-        )
-        for c, wavelength in enumerate(waves)
-    ]
-    return np.stack(blurred, axis=-1).astype(np.float32)
 
 
 def sensor_width_mm(value: Any) -> float:

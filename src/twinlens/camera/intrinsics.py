@@ -1,13 +1,25 @@
-"""The intrinsics of a camera: calibration matrix, distortion, image size and pixel size."""
+"""The intrinsics of a camera: calibration matrix, distortion, image size and pixel size.
+
+`Camera.rays` and `Camera.project` are all that rendering and ground truth need of a camera. They hold for any field of
+view. Ideal coordinates, (x, y) of a direction (x, y, 1), exist only for cameras that see less than 90 degrees from the
+axis: `Camera.unproject` has them, and `Camera.is_wide` says where they do not cover the image.
+"""
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from twinlens.camera.distortion import Distortion, check_invertible
+from twinlens.camera.distortion import (
+    PERSPECTIVE,
+    Distortion,
+    FilmProjection,
+    PlanarProjection,
+    check_invertible,
+)
 from twinlens.errors import (
     InputError,
     check_int,
@@ -15,7 +27,7 @@ from twinlens.errors import (
     format_value,
     located,
 )
-from twinlens.geometry import Float, rigid
+from twinlens.geometry import Float, homogeneous, image_border, rigid
 from twinlens.optics import fx_from_fov
 from twinlens.settings import Setting, Settings
 
@@ -31,6 +43,8 @@ _OUTSIDE_PX = -1e4  # value of a map without a source pixel: outside the image f
 @dataclass(frozen=True)
 class Camera(Settings, noun="camera"):
     """Intrinsics of one camera. A pixel (u, v) looks along (x, y, 1), x = (u - cx)/fx, y = (v - cy)/fy, undistorted.
+
+    With a fisheye's distortion it may look 90 degrees and more from the axis: `rays` has its direction.
 
     The focal length in pixels is the film distance over the pixel pitch. The principal point may be outside the image;
     pixel centres are at integers. Only light and diffraction depend on the pixel pitch; geometry and blur do not.
@@ -70,8 +84,8 @@ class Camera(Settings, noun="camera"):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.distortion is not None:
-            check_invertible(self.distortion, self.K, self.width, self.height)
+        if self.projection is not PERSPECTIVE:
+            check_invertible(self.projection, self.K, self.width, self.height)
 
     @classmethod
     def from_fov(
@@ -121,37 +135,52 @@ class Camera(Settings, noun="camera"):
     @property
     def fov_x_deg(self) -> float:
         """Horizontal field of view between the image's edges, in the row of the principal point, degrees."""
-        left, right = np.arctan(
-            self.unproject([(-0.5, self.cy), (self.width - 0.5, self.cy)])[:, 0]
-        )
+        edges = [(-0.5, self.cy), (self.width - 0.5, self.cy)]
+        x, _, z = self.rays(edges).T
+        left, right = np.arctan2(x, z)
         return math.degrees(right - left)
+
+    @property
+    def projection(self) -> FilmProjection:
+        """How directions become film points: the distortion, or the perspective without one."""
+        return self.distortion or PERSPECTIVE
+
+    @cached_property
+    def is_wide(self) -> bool:
+        """Whether a pixel looks 90 degrees or more from the axis, where no (x, y, 1) exists."""
+        border = image_border(self.width, self.height, margin=0.5)
+        return bool((self.rays(border)[..., 2] <= 0).any())
 
     def project(self, points_cam: ArrayLike) -> Float:
         """Pixels (..., 2) of camera-frame points (..., 3).
 
-        NaN for points without an image: z <= 0, or beyond the fold of a distortion.
+        NaN for points without an image: beyond the fold of a distortion, and z <= 0 unless the camera is a fisheye.
         """
-        points = np.asarray(points_cam, dtype=np.float64)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            xy = np.where(
-                points[..., 2:] > 0, points[..., :2] / points[..., 2:], np.nan
-            )
-        if self.distortion is not None:
-            xy = self.distortion.distort(
-                np.where(self.distortion.valid(xy)[..., None], xy, np.nan)
-            )
-        return np.asarray(xy * (self.fx, self.fy) + (self.cx, self.cy))
+        film = self.projection.project(points_cam)
+        return np.asarray(film * (self.fx, self.fy) + (self.cx, self.cy))
+
+    def rays(self, pixels: ArrayLike) -> Float:
+        """Unit viewing directions (..., 3) of pixels (..., 2), camera frame: times the distance, the point.
+
+        Every pixel of the image has one. Far outside the image a distortion may have none: NaN.
+
+        >>> Camera.from_fov(64, 48, fov_x_deg=90).rays([31.5, 23.5]).tolist()
+        [0.0, 0.0, 1.0]
+        """
+        return self.projection.unproject(self._film(pixels))
 
     def unproject(self, pixels: ArrayLike) -> Float:
-        """Viewing directions (..., 3) of pixels (..., 2), camera frame, z = 1: multiplied by depth, the point.
+        """Viewing directions (..., 3) of pixels (..., 2), camera frame, with z = 1: times the depth, the point.
 
-        Every pixel of the image has one. Far outside the image a distortion may have none: x and y are NaN.
+        Every pixel of the image has one unless the camera `is_wide`. x and y are NaN where there is none: at 90 degrees
+        and more from the axis, and where a distortion has no ray far outside the image.
         """
-        pixels = np.asarray(pixels, dtype=np.float64)
-        xy = (pixels - (self.cx, self.cy)) / (self.fx, self.fy)
-        if self.distortion is not None:
-            xy = self.distortion.undistort(xy)
-        return np.concatenate([xy, np.ones((*xy.shape[:-1], 1))], axis=-1)
+        return homogeneous(self.projection.undistort(self._film(pixels)))
+
+    def _film(self, pixels: ArrayLike) -> Float:
+        """Film points (..., 2), in units of the focal length, of pixels (..., 2)."""
+        centred = np.asarray(pixels, dtype=np.float64) - (self.cx, self.cy)
+        return np.asarray(centred / (self.fx, self.fy))
 
     def projection_jacobian(self, points_cam: ArrayLike) -> Float:
         """d(u, v)/d(X, Y, Z), pixels per metre, (..., 2, 3) at camera-frame points (..., 3).
@@ -167,12 +196,15 @@ class Camera(Settings, noun="camera"):
         xy, z = points[..., :2] / points[..., 2:], points[..., 2, None, None]
         inner = np.zeros((*points.shape[:-1], 2, 3))
         inner[..., :2], inner[..., 2] = np.eye(2), -xy
-        if self.distortion is not None:
-            if not self.distortion.valid(xy).all():
-                raise InputError(
-                    "a projection's derivative needs points before the fold: leave out the others"
-                )
-            inner = self.distortion.jacobian(xy) @ inner
+        if not isinstance(self.projection, PlanarProjection):
+            raise InputError(
+                f"a projection's derivative needs a planar projection, got {format_value(self.projection)}"
+            )
+        if not self.projection.valid(xy).all():
+            raise InputError(
+                "a projection's derivative needs points before the fold: leave out the others"
+            )
+        inner = self.projection.jacobian(xy) @ inner
         return np.asarray(np.array([[self.fx], [self.fy]]) * inner / z)
 
     def pixel_grid(self) -> Float:
@@ -194,18 +226,19 @@ def undistort_maps(
     """(map_x, map_y), float32 (H, W) of `to_camera`: the pixel of `camera` in the same direction, for `cv2.remap`.
 
     `to_from_camera` (3, 3) rotates directions of `camera` into `to_camera`, as a rectifying rotation; none by default.
-    A pixel that `camera` does not see maps to -10000, far outside the image.
+    A pixel that `camera` does not see maps to -10000, far outside the image. Raises InputError for arguments that are
+    not cameras, and for a matrix that is not a rotation.
     """
-    for each in (camera, to_camera):
-        if not isinstance(each, Camera):
+    for value in (camera, to_camera):
+        if not isinstance(value, Camera):
             raise InputError(
-                f"undistort_maps needs two cameras, got {format_value(each)}"
+                f"undistort_maps needs two cameras, got {format_value(value)}"
             )
     with located("to_from_camera"):
         pose = rigid(
             np.eye(3) if to_from_camera is None else to_from_camera, np.zeros(3)
         )
-    directions = to_camera.unproject(to_camera.pixel_grid()) @ pose[:3, :3]
+    directions = to_camera.rays(to_camera.pixel_grid()) @ pose[:3, :3]
     pixels = np.nan_to_num(camera.project(directions), nan=_OUTSIDE_PX).astype(
         np.float32
     )

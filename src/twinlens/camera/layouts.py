@@ -163,10 +163,10 @@ def _placed(
         if world_from_layout is None
         else check_rigid(world_from_layout, "the pose of a layout")
     )
-    each = [cameras] * len(places) if isinstance(cameras, Camera) else list(cameras)
-    if len(each) != len(places):
+    chosen = [cameras] * len(places) if isinstance(cameras, Camera) else list(cameras)
+    if len(chosen) != len(places):
         count = len(places)
         raise InputError(
-            f"this layout has {count} places: give one camera for all, or {count}, got {len(each)}"
+            f"this layout has {count} places: give one camera for all, or {count}, got {len(chosen)}"
         )
-    return Rig(each, [pose @ place for place in places])
+    return Rig(chosen, [pose @ place for place in places])

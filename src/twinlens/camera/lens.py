@@ -1,15 +1,24 @@
-"""Lens models: the ideal pinhole, the thin lens, and the bare aperture without a lens.
+"""Lenses: how a point of the film and a point of the aperture become a ray.
 
-Each has an `aperture_diameter` (metres), an `aperture` shape and a `vergence` k (1/m).
+`Lens` is all that the renderer knows of a lens. `Paraxial` adds what formulas of blur, light and diffraction need: an
+aperture and a vergence. The three lenses of twinlens, `Pinhole`, `ThinLens` and `BareAperture`, are paraxial.
+
+Rays are in the camera frame (x right, y down, z forward, metres), from the aperture into the scene. Vectors are tuples
+of three components, each a number or an array, so that one formula serves NumPy and the renderer's arrays.
 """
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from twinlens import optics
-from twinlens.camera.aperture import FULL_DISK, Aperture
+from twinlens.camera.aperture import FULL_DISK, NUMPY, Aperture, ArrayFunctions
 from twinlens.camera.intrinsics import Camera
 from twinlens.errors import InputError, format_value
+from twinlens.geometry import Float
 from twinlens.settings import Field, Setting, Settings
 
 DIAMETER = Setting(
@@ -27,19 +36,95 @@ F_NUMBER = Field(
     Setting("Focal length over aperture diameter.", least=1e-6, most=1e9),
 )
 
+Vector = tuple[Any, Any, Any]
+"""Components x, y, z, which broadcast against each other."""
+
+
+class Lens(ABC):
+    """A lens, as the renderer and the ground truth see it.
+
+    A point of the film is given by the direction (x, y, 1) in which an ideal pinhole would look from there: the
+    undistorted coordinates x = (u - cx)/fx, y = (v - cy)/fy of a pixel (u, v).
+    """
+
+    name: ClassVar[str]
+
+    @abstractmethod
+    def rays(
+        self, x: Any, y: Any, u1: Any, u2: Any, xp: ArrayFunctions = NUMPY
+    ) -> tuple[Vector, Vector, Any]:
+        """Origin, direction and weight of the rays from film points through random points of the aperture.
+
+        x, y : film points.
+        u1, u2 : uniform random numbers in [0, 1), which choose the point of the aperture.
+        xp : the functions of the array library of x, y, u1 and u2. Pass numbers of the lens through `xp.constant`, so
+            that a sweep over lenses does not compile again.
+
+        The direction need not be normalised. The weight is a factor of the radiance: 1 for a clear lens, 0 for a ray
+        that a rim blocks.
+        """
+
+    @abstractmethod
+    def chief_ray(self, x: Any, y: Any) -> tuple[Vector, Vector]:
+        """Origin and direction of the ray that stands for a film point in ground truth; NumPy, float64.
+
+        The direction need not be normalised, but must not vanish.
+        """
+
+
+class Paraxial(Lens):
+    """A lens whose rays differ from those of a pinhole by a pure shift, in proportion to the aperture point.
+
+    A point (ax, ay, 0) of the aperture sends the ray with the direction (x - k ax, y - k ay, 1), with the vergence k.
+    All film points use one aperture, and a change of k shifts images by a known amount for each aperture point.
+
+    aperture_diameter : A in metres, 0 for a pinhole.
+    aperture : the shape of the opening inside the circle of diameter A.
+    """
+
+    aperture_diameter: float
+    aperture: Aperture
+
+    @property
+    @abstractmethod
+    def vergence(self) -> float:
+        """k in 1/m: points at the depth 1/k are sharp."""
+
+    def rays(
+        self, x: Any, y: Any, u1: Any, u2: Any, xp: ArrayFunctions = NUMPY
+    ) -> tuple[Vector, Vector, Any]:
+        radius = xp.constant(0.5 * self.aperture_diameter)
+        across, down = self.aperture.sample(u1, u2, xp)
+        vergence = xp.constant(self.vergence)
+        return *paraxial_ray(x, y, radius * across, radius * down, vergence), 1.0
+
+    def chief_ray(self, x: Any, y: Any) -> tuple[Vector, Vector]:
+        """The ray of the pinhole in the middle of the aperture."""
+        return (0.0, 0.0, 0.0), (x, y, 1.0)
+
+
+def paraxial_ray(
+    x: Any, y: Any, ax: Any, ay: Any, vergence: Any
+) -> tuple[Vector, Vector]:
+    """Origin and direction of the ray of a film point through the aperture point (ax, ay), metres.
+
+    It crosses the chief ray (x, y, 1) at the depth 1 / vergence.
+    """
+    return (ax, ay, 0.0), (x - vergence * ax, y - vergence * ay, 1.0)
+
 
 @dataclass(frozen=True)
-class Pinhole:
+class Pinhole(Paraxial):
     """The ideal pinhole: an aperture of zero width, sharp everywhere."""
 
     name: ClassVar[str] = "pinhole"
-    aperture: ClassVar[Aperture] = FULL_DISK
-    aperture_diameter: ClassVar[float] = 0.0
-    vergence: ClassVar[float] = 0.0
+    aperture = FULL_DISK
+    aperture_diameter = 0.0
+    vergence = 0.0
 
 
 @dataclass(frozen=True)
-class ThinLens(Settings, noun="lens"):
+class ThinLens(Settings, Paraxial, noun="lens"):
     """A thin lens focused on the plane z = focus_distance.
 
     The aperture has its shape inside the circle of diameter A. With a defocus the lens is sharp at
@@ -90,7 +175,7 @@ class ThinLens(Settings, noun="lens"):
 
 
 @dataclass(frozen=True)
-class BareAperture(Settings, noun="lens"):
+class BareAperture(Settings, Paraxial, noun="lens"):
     """An aperture without a lens in front of a film: the camera obscura.
 
     The aperture has its shape inside the circle of its diameter; film_distance / fx is the pixel pitch.
@@ -112,7 +197,7 @@ class BareAperture(Settings, noun="lens"):
     aperture: Annotated[Aperture, SHAPE] = FULL_DISK
 
     @property
-    def aperture_diameter(self) -> float:
+    def aperture_diameter(self) -> float:  # type: ignore[override]
         """The diameter, metres, under the name that lenses have in common."""
         return self.diameter
 
@@ -122,15 +207,63 @@ class BareAperture(Settings, noun="lens"):
         return optics.vergence(0.0, self.film_distance)
 
 
-Lens = Pinhole | ThinLens | BareAperture
+RecipeLens = Pinhole | ThinLens | BareAperture
+"""The lenses that recipes and records can hold."""
 
 
-def check_lens(lens: Lens) -> None:
-    """Raise InputError unless `lens` is a lens."""
+def check_lens(lens: object) -> Lens:
+    """`lens`, if it is a lens. Raises InputError for other objects."""
     if not isinstance(lens, Lens):
         raise InputError(
             f"a lens must be a Pinhole, ThinLens or BareAperture, got {format_value(lens)}"
         )
+    return lens
+
+
+def require_paraxial(lens: object, purpose: str) -> Paraxial:
+    """`lens`, if it is paraxial. Raises InputError that says what needs it: `purpose`, as "a lens grid"."""
+    checked = check_lens(lens)
+    if not isinstance(checked, Paraxial):
+        raise InputError(
+            f"{purpose} needs a paraxial lens (Pinhole, ThinLens or BareAperture), got the lens {checked.name!r}"
+        )
+    return checked
+
+
+def check_lens_on(camera: Camera, lens: object) -> None:
+    """Raise InputError unless `lens` is a lens, and one of zero width if the camera `is_wide`.
+
+    The film points of a lens are ideal coordinates (x, y), which such a camera does not have.
+    """
+    checked = check_lens(lens)
+    if camera.is_wide and not isinstance(checked, Pinhole):
+        raise InputError(
+            f"a camera that sees 90 degrees or more from its axis needs a Pinhole, got the lens {checked.name!r}"
+        )
+
+
+def chief_rays(camera: Camera, lens: Lens, pixels: ArrayLike) -> tuple[Float, Float]:
+    """Origins and directions (..., 3) of the chief rays of pixels (..., 2): camera frame, metres, float64.
+
+    Directions are not normalised: they have z = 1 for a paraxial lens. A camera that `is_wide` has unit directions. NaN
+    where the camera has no ray. Raises InputError for other lenses than a pinhole on a camera that `is_wide`.
+
+    >>> camera = Camera.from_fov(64, 48, fov_x_deg=90)
+    >>> origins, directions = chief_rays(camera, ThinLens(0.01, 2.0), [31.5, 23.5])
+    >>> origins.tolist(), directions.tolist()
+    ([0.0, 0.0, 0.0], [0.0, 0.0, 1.0])
+    """
+    check_lens_on(camera, lens)
+    if camera.is_wide:
+        directions = camera.rays(pixels)
+        return np.zeros_like(directions), directions
+    x, y, _ = np.moveaxis(camera.unproject(pixels), -1, 0)
+    origin, direction = lens.chief_ray(x, y)
+    return _stacked(origin, x.shape), _stacked(direction, x.shape)
+
+
+def _stacked(vector: Vector, shape: tuple[int, ...]) -> Float:
+    return np.stack([np.broadcast_to(part, shape) for part in vector], axis=-1)
 
 
 def film_distance(camera: Camera, lens: Lens) -> float:
@@ -140,6 +273,6 @@ def film_distance(camera: Camera, lens: Lens) -> float:
     >>> round(film_distance(camera, Pinhole()), 9), film_distance(camera, BareAperture(1e-3, film_distance=0.05))
     (0.0016, 0.05)
     """
-    return (
-        lens.film_distance if isinstance(lens, BareAperture) else camera.film_distance
-    )
+    if isinstance(lens, BareAperture):
+        return lens.film_distance
+    return camera.film_distance

@@ -5,6 +5,7 @@ moved by fx k a: the point (X, Y, Z) is at u = fx (X - ax)/Z + cx + fx k ax. The
 therefore fx b (1/Z - k), zero in the plane of focus.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -14,7 +15,7 @@ from scipy.ndimage import shift
 from scipy.spatial import cKDTree
 
 from twinlens.camera.intrinsics import Camera
-from twinlens.camera.lens import Lens, check_lens
+from twinlens.camera.lens import Paraxial, require_paraxial
 from twinlens.camera.rig import Rig
 from twinlens.errors import InputError, check_int, format_value
 from twinlens.geometry import Float, check_rigid, rigid
@@ -26,7 +27,7 @@ _TOLERANCE = 1e-6  # of the distance of neighbours; pixels
 
 
 def light_field_rig(
-    camera: Camera, lens: Lens, n: int, world_from_cam: ArrayLike | None = None
+    camera: Camera, lens: Paraxial, n: int, world_from_cam: ArrayLike | None = None
 ) -> Rig:
     """The n x n views of the light field that `lens` sees in front of `camera`, row by row from the top left.
 
@@ -44,7 +45,7 @@ def light_field_rig(
     """
     if not isinstance(camera, Camera):
         raise InputError(f"camera must be a Camera, got {format_value(camera)}")
-    check_lens(lens)
+    require_paraxial(lens, "a light field")
     check_int("n", n, 1, 32)
     if lens.aperture_diameter == 0:
         raise InputError(
@@ -59,14 +60,11 @@ def light_field_rig(
     )
     places = lens.aperture_diameter * (np.arange(n) - 0.5 * (n - 1)) / n
     cameras, poses = [], []
-    for y in places:
-        for x in places:
-            cx, cy = (
-                camera.cx + camera.fx * lens.vergence * x,
-                camera.cy + camera.fy * lens.vergence * y,
-            )
-            cameras.append(camera.replace(cx=cx, cy=cy))
-            poses.append(pose @ rigid(np.eye(3), [x, y, 0.0]))
+    for y, x in itertools.product(places, places):
+        cx = camera.cx + camera.fx * lens.vergence * x
+        cy = camera.cy + camera.fy * lens.vergence * y
+        cameras.append(camera.replace(cx=cx, cy=cy))
+        poses.append(pose @ rigid(np.eye(3), [x, y, 0.0]))
     return Rig(cameras, poses)
 
 
@@ -84,7 +82,7 @@ def light_field_grid(rig: Rig) -> tuple[int, float, float]:
     if n > 1 and n**2 == len(rig):
         places, spacing = places_in_plane(rig), rig.baseline(0, 1)
         shifts = np.array(
-            [(each.cx - camera.cx, each.cy - camera.cy) for each in rig.cameras]
+            [(view.cx - camera.cx, view.cy - camera.cy) for view in rig.cameras]
         )
         vergence = float(shifts[1, 0]) / (camera.fx * spacing)
         steps = spacing * np.stack([np.arange(n**2) % n, np.arange(n**2) // n], axis=-1)
@@ -98,7 +96,9 @@ def light_field_grid(rig: Rig) -> tuple[int, float, float]:
     raise InputError(f"the {len(rig)} cameras are not the n x n views of a light field")
 
 
-def refocus(images: Sequence[ArrayLike], rig: Rig, lens: Lens) -> NDArray[np.float32]:
+def refocus(
+    images: Sequence[ArrayLike], rig: Rig, lens: Paraxial
+) -> NDArray[np.float32]:
     """The image through `lens` from the views of a light field: shift and add.
 
     The lens stands in the middle of the views. Each point of its aperture sees what the nearest view sees, moved to the
@@ -126,12 +126,35 @@ def refocus(images: Sequence[ArrayLike], rig: Rig, lens: Lens) -> NDArray[np.flo
     Source: Ng et al., Light field photography with a hand-held plenoptic camera, 2005; Isaksen et al., Dynamically
     reparameterized light fields, 2000.
     """
-    check_lens(lens)
+    require_paraxial(lens, "refocusing")
     if not isinstance(rig, Rig):
         raise InputError(
             f"rig must be a Rig, as of light_field_rig, got {format_value(rig)}"
         )
     places = places_in_plane(rig)
+    stack = _checked_views(images, rig)
+    principal = np.array([(camera.cx, camera.cy) for camera in rig.cameras])
+    focal = np.array([rig.cameras[0].fx, rig.cameras[0].fy])
+    # A view at a shows the plane of focus shifted by its own principal point and by f k a.
+    shifts = principal.mean(axis=0) - principal + focal * lens.vergence * places
+    total = np.zeros_like(stack[0])
+    for image, weight, (du, dv) in zip(
+        stack, _weights(places, lens), shifts, strict=True
+    ):
+        if weight:
+            total += weight * _shifted(image, du, dv)
+    return total.astype(np.float32)
+
+
+def _shifted(image: Float, du: float, dv: float) -> Float:
+    """An image (H, W[, C]) moved right and down by fractions of pixels, by cubic splines."""
+    unmoved = [0.0] * (image.ndim - 2)
+    moved: Float = shift(image, (dv, du, *unmoved), order=3, mode="nearest")
+    return moved
+
+
+def _checked_views(images: Sequence[ArrayLike], rig: Rig) -> list[Float]:
+    """The images as arrays. Raises InputError unless there is one for each camera, of its size."""
     first = rig.cameras[0]
     try:
         stack = [np.asarray(image, dtype=np.float64) for image in images]
@@ -149,21 +172,7 @@ def refocus(images: Sequence[ArrayLike], rig: Rig, lens: Lens) -> NDArray[np.flo
         raise InputError(
             f"refocus needs {len(rig)} images of {first.width}x{first.height} pixels, got {got}"
         )
-    principal = np.array([(camera.cx, camera.cy) for camera in rig.cameras])
-    offsets = (
-        principal.mean(axis=0)
-        - principal
-        + np.array([first.fx, first.fy]) * lens.vergence * places
-    )
-    total = np.zeros_like(stack[0])
-    for image, weight, (du, dv) in zip(
-        stack, _weights(places, lens), offsets, strict=True
-    ):
-        for channel in np.ndindex(image.shape[2:] if weight else 0):
-            total[:, :, *channel] += weight * shift(
-                image[:, :, *channel], (dv, du), order=3, mode="nearest"
-            )
-    return total.astype(np.float32)
+    return stack
 
 
 def places_in_plane(rig: Rig) -> Float:
@@ -188,7 +197,7 @@ def places_in_plane(rig: Rig) -> Float:
     return plane
 
 
-def _weights(places: Float, lens: Lens) -> Float:
+def _weights(places: Float, lens: Paraxial) -> Float:
     """The fraction (n,) of the lens's light that is nearest to each view; they add up to 1."""
     tree = cKDTree(places)
     u1, u2 = (np.mgrid[:_POINTS, :_POINTS].reshape(2, -1) + 0.5) / _POINTS

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from twinlens.camera.distortion import PERSPECTIVE
 from twinlens.camera.intrinsics import Camera
 from twinlens.camera.rig import Rig
 from twinlens.errors import InputError, check_known
@@ -49,12 +50,10 @@ def ideal_pixels(camera: Camera, pixels: ArrayLike) -> Float:
         raise InputError(
             f"pixels must be finite, of shape (..., 2), got {measured.shape}: leave out invisible points"
         )
-    if camera.distortion is None:
+    if camera.projection is PERSPECTIVE:
         return measured
-    ideal = camera.unproject(measured)[..., :2] * (camera.fx, camera.fy) + (
-        camera.cx,
-        camera.cy,
-    )
+    xy = camera.unproject(measured)[..., :2]
+    ideal: Float = xy * (camera.fx, camera.fy) + (camera.cx, camera.cy)
     if np.isnan(ideal).any():
         raise InputError(
             "a pixel is outside the range of the camera's distortion: leave it out"
@@ -123,7 +122,7 @@ def triangulate(
         ideal_pixels(rig.cameras[i], measured)
         for i, measured in zip(chosen, pixels, strict=True)
     ]
-    shapes = [each.shape for each in ideal]
+    shapes = [pixels.shape for pixels in ideal]
     if len(set(shapes)) != 1 or ideal[0].ndim != 2:
         raise InputError(
             f"pixels must be (N, 2), with the same N in every camera, got {shapes}"

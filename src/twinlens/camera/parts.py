@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twinlens import optics
-from twinlens.camera.aperture import NUMPY, Aperture
+from twinlens.camera.aperture import NUMPY, Aperture, ArrayFunctions
 from twinlens.camera.intrinsics import Camera
-from twinlens.camera.lens import Lens, check_lens
+from twinlens.camera.lens import Lens, Paraxial, require_paraxial
 from twinlens.camera.truth import Truth
 from twinlens.errors import InputError, check_int, check_known, format_value
 from twinlens.geometry import Float
@@ -32,7 +32,7 @@ class Parts:
     def __len__(self) -> int:
         return len(self.masks)
 
-    def shares(self, x: Any, y: Any, xp: Any = NUMPY) -> list[Any]:
+    def shares(self, x: Any, y: Any, xp: ArrayFunctions = NUMPY) -> list[Any]:
         """The share of each part at points of the square; for NumPy and other libraries as `Aperture.sample`."""
         height, width = self.masks.shape[1:]
         column = xp.minimum(xp.floor((0.5 * x + 0.5) * width), width - 1.0)
@@ -111,16 +111,16 @@ class Masks(Parts):
                 f"parts must be masks (P, H, W) of at most {_MOST_CELLS} cells, got {shares.shape}"
             )
         if not ((shares >= 0) & (shares.sum(axis=0) <= 1 + 1e-9)).all():
-            found = f"shares from {shares.min():g} to {shares.max():g}, sums up to {shares.sum(axis=0).max():g}"
+            got = f"shares from {shares.min():g} to {shares.max():g}, sums up to {shares.sum(axis=0).max():g}"
             raise InputError(
-                f"parts must have shares from 0 to 1 that add up to 1 at most, got {found}"
+                f"parts must have shares from 0 to 1 that add up to 1 at most, got {got}"
             )
         shares.setflags(write=False)
         object.__setattr__(self, "masks", shares)
 
 
 def aperture_points(
-    lens: Lens, parts: Parts | None = None, n: int = 24
+    lens: Paraxial, parts: Parts | None = None, n: int = 24
 ) -> tuple[Float, Float]:
     """Points (n^2, 2) of the aperture in metres, each with the same area, and the share (P, n^2) of each part in them.
 
@@ -132,6 +132,7 @@ def aperture_points(
     >>> points.shape, shares.shape, bool((shares[0] == (points[:, 0] < 0)).all())
     ((576, 2), (2, 576), True)
     """
+    require_paraxial(lens, "a division of the aperture into points")
     check_int("n", n, 1)
     if parts is not None:
         check_parts(parts, lens)
@@ -146,12 +147,13 @@ def check_parts(parts: Parts, lens: Lens) -> None:
         raise InputError(
             f"parts must be Dual, Quad, Grid or Masks, got {format_value(parts)}"
         )
-    if lens.aperture_diameter == 0:
+    divided = require_paraxial(lens, "an image of the parts of an aperture")
+    if divided.aperture_diameter == 0:
         raise InputError("parts need a lens with an aperture; a pinhole has none")
 
 
 def dual_pixel_disparity(
-    truth: Truth | ArrayLike, camera: Camera, lens: Lens, axis: str = "x"
+    truth: Truth | ArrayLike, camera: Camera, lens: Paraxial, axis: str = "x"
 ) -> NDArray[np.float32]:
     """True disparity of the halves of an aperture, float32 (H, W), pixels; +inf where nothing was hit.
 
@@ -166,7 +168,6 @@ def dual_pixel_disparity(
     """
     if not isinstance(camera, Camera):
         raise InputError(f"camera must be a Camera, got {format_value(camera)}")
-    check_lens(lens)
     halves = Dual(axis)
     check_parts(halves, lens)
     depth = np.asarray(truth.depth if isinstance(truth, Truth) else truth)

@@ -46,27 +46,24 @@ class CameraPreset:
         >>> wide.height, round(wide.fx, 3), wide.pixel_pitch_um
         (400, 321.667, 6.0)
         """
-        own, most = self.camera, self.size(width)[1]
+        sensor, most = self.camera, self.size(width)[1]
         width, height = self.size(width, height)
         if height > most:
             raise InputError(
                 f"height: the sensor has {most} rows at a width of {width}, got {height}; use at most {most}"
             )
-        scale = width / own.width
-        cx, cy = (
-            (own.cx + 0.5) * scale - 0.5,
-            0.5 * (height - 1) + (own.cy - 0.5 * (own.height - 1)) * scale,
-        )
-        pitch = own.pixel_pitch_um / scale
+        scale = width / sensor.width
+        # Columns are binned from the image's left edge, at -0.5; rows stay centred.
+        below_centre = sensor.cy - 0.5 * (sensor.height - 1)
         return replace(
-            own,
+            sensor,
             width=width,
             height=height,
-            fx=own.fx * scale,
-            fy=own.fy * scale,
-            cx=cx,
-            cy=cy,
-            pixel_pitch_um=pitch,
+            fx=sensor.fx * scale,
+            fy=sensor.fy * scale,
+            cx=(sensor.cx + 0.5) * scale - 0.5,
+            cy=0.5 * (height - 1) + below_centre * scale,
+            pixel_pitch_um=sensor.pixel_pitch_um / scale,
         )
 
     def reference(self, name: str) -> dict[str, Any]:

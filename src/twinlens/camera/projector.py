@@ -66,6 +66,10 @@ class Projector:
             raise InputError(
                 f"a projector's intrinsics must be a Camera, got {format_value(intrinsics)}"
             )
+        if intrinsics.is_wide:
+            raise InputError(
+                "a projector's pattern must be within 90 degrees of its axis: use a larger fx and fy"
+            )
         check_number(
             "a projector's power",
             power,
@@ -106,18 +110,15 @@ class Projector:
 
     def agrees_with(self, other: "Projector") -> bool:
         """Whether all values are equal, but for the rounding of poses."""
-        own, values = (
-            [getattr(each, item.name) for item in fields(self)[1:]]
-            for each in (self, other)
-        )
+        names = [field.name for field in fields(self) if field.name != "pose"]
         equal = all(
-            np.array_equal(one, value) for one, value in zip(own, values, strict=True)
+            np.array_equal(getattr(self, name), getattr(other, name)) for name in names
         )
         return equal and np.allclose(self.pose, other.pose, rtol=1e-12, atol=1e-9)
 
     def with_pattern(self, pattern: ArrayLike | str) -> "Projector":
         """The same projector with another pattern: an array, or a name."""
-        values = {each.name: getattr(self, each.name) for each in fields(self)}
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
         return Projector(**{**values, "pattern": pattern})
 
     def with_lux(self, lux: float, distance: float = 1.0) -> "Projector":

@@ -74,14 +74,12 @@ class Rectification:
 
     def source_pixels(self, side: int, rectified: ArrayLike) -> Float:
         """Original pixels (..., 2), float64, of rectified pixels (..., 2); NaN where there are none."""
-        rays = self.rectified_rig.cameras[side].unproject(rectified) @ self.rotation(
-            side
-        )
+        rays = self.rectified_rig.cameras[side].rays(rectified) @ self.rotation(side)
         return self.pair.cameras[side].project(rays)
 
     def rectified_pixels(self, side: int, source: ArrayLike) -> Float:
         """Rectified pixels (..., 2), float64, of original pixels (..., 2); the inverse of `source_pixels`."""
-        rays = self.pair.cameras[side].unproject(source) @ self.rotation(side).T
+        rays = self.pair.cameras[side].rays(source) @ self.rotation(side).T
         return self.rectified_rig.cameras[side].project(rays)
 
 
@@ -122,14 +120,7 @@ def rectify(
         first.width if width is None else width,
         first.height if height is None else height,
     )
-    # The direction (x, y) at the middle of each rectified image; y is that of both.
-    centres = [
-        0.5 * (outline.min(axis=0) + outline.max(axis=0)) for outline in outlines
-    ]
-    mean = 0.5 * (centres[0] + centres[1])
-    centres = [
-        np.array([mean[0] if zero_doffs else centre[0], mean[1]]) for centre in centres
-    ]
+    centres = _centres(outlines, zero_doffs)
     focal = _focal_length(fit, pair, world_from_rect, outlines, centres, size)
     cameras = []
     for centre, old in zip(centres, pair.cameras, strict=True):
@@ -159,9 +150,9 @@ def rectify(
 
 
 def _outline(pair: Rig, side: int, world_from_rect: Float) -> Float:
-    """The border of an original image as directions (x, y, 1) of the rectified frame: (N, 2)."""
+    """The border of an original image in ideal coordinates (x, y) of the rectified frame: (N, 2)."""
     camera = pair.cameras[side]
-    rays = camera.unproject(image_border(camera.width, camera.height))
+    rays = camera.rays(image_border(camera.width, camera.height))
     x, y, z = (rays @ pair.world_from_cams[side][:3, :3].T @ world_from_rect).T
     if not (np.hypot(x, y) < _MAX_TAN * z).all():
         remedy = "use a narrower field of view, or cameras with more similar directions"
@@ -169,6 +160,15 @@ def _outline(pair: Rig, side: int, world_from_rect: Float) -> Float:
             f"camera {side} of the pair sees 85 degrees or more from the rectified axis: {remedy}"
         )
     return np.stack([x / z, y / z], axis=1)
+
+
+def _centres(outlines: list[Float], zero_doffs: bool) -> list[Float]:
+    """The direction (x, y) at the middle of each rectified image: y is that of both, and x too for `zero_doffs`."""
+    middles = [0.5 * (border.min(axis=0) + border.max(axis=0)) for border in outlines]
+    mean = 0.5 * (middles[0] + middles[1])
+    if zero_doffs:
+        return [mean, mean]
+    return [np.array([middle[0], mean[1]]) for middle in middles]
 
 
 def _focal_length(
@@ -183,29 +183,30 @@ def _focal_length(
     mean = float(np.mean([(camera.fx, camera.fy) for camera in pair.cameras]))
     if fit == "focal":
         return mean
-    reach = np.max(
-        [
-            np.abs(outline - centre).max(axis=0)
-            for outline, centre in zip(outlines, centres, strict=True)
-        ],
-        0,
-    )
-    low, high = float((0.5 * (np.array(size) - 1) / reach).min()), 1e3 * mean
+    half_size = 0.5 * (np.array(size) - 1)
+    reaches = [
+        np.abs(outline - centre).max(axis=0)
+        for outline, centre in zip(outlines, centres, strict=True)
+    ]
+    # The outline that reaches farthest from the centre of its image just fits.
+    low = float((half_size / np.max(reaches, axis=0)).min())
     if fit == "all":
         return low
-    offsets = image_border(*size) - 0.5 * (np.array(size) - 1)
+    offsets = image_border(*size) - half_size
 
     def covered(focal: float) -> bool:
+        """Whether the borders of both rectified images have their source within the original image."""
         for camera, pose, centre in zip(
             pair.cameras, pair.world_from_cams, centres, strict=True
         ):
-            rays = (
-                homogeneous(centre + offsets / focal) @ world_from_rect.T @ pose[:3, :3]
-            )
+            cam_from_rect = pose[:3, :3].T @ world_from_rect
+            rays = homogeneous(centre + offsets / focal) @ cam_from_rect.T
             if not _within(camera, camera.project(rays)).all():
                 return False
         return True
 
+    # What is covered at a focal length is covered at larger ones: bisect the logarithm.
+    high = 1e3 * mean
     if not covered(high):
         raise InputError(
             "fit='valid' needs the middle of the rectified image in both views: try zero_doffs=False"

@@ -66,33 +66,36 @@ class GrayCode:
 
     def _decode(self, images: Float) -> tuple[Float, Float]:
         """Positions, +inf for a code that is not in use, and modulation (H, W)."""
-        difference = images[0::2] - images[1::2]
-        pixel = np.zeros(images.shape[1:], dtype=np.int64)
+        differences = images[0::2] - images[1::2]
+        pixel = self._pixel(differences)
+        contrasts = np.abs(differences)
+        modulation = contrasts.max(axis=0)
+        coded = (pixel < self.count) & (modulation > 0)
+        # Towards a border of two pixels, the contrast of the bit that changes there falls linearly to 0.
+        left = self._contrast_at(pixel, contrasts, modulation)
+        right = self._contrast_at(pixel + 1, contrasts, modulation)
+        step = 0.5 * (left - right) / np.where(coded, modulation, 1.0)
+        return np.where(coded, pixel + step, np.inf), modulation
+
+    def _pixel(self, differences: Float) -> NDArray[np.int64]:
+        """The pixel whose code is seen, from the differences of each pattern and its inverse: b_i = g_i xor b_(i-1)."""
+        pixel = np.zeros(differences.shape[1:], dtype=np.int64)
         bit = np.zeros_like(pixel)
-        for each in difference:
-            bit = bit ^ (each > 0)
+        for difference in differences:
+            bit = bit ^ (difference > 0)
             pixel = 2 * pixel + bit
-        sizes = np.abs(difference)
-        modulation = sizes.max(axis=0)
-        known = (pixel < self.count) & (modulation > 0)
+        return pixel
 
-        def size_at(border: NDArray[np.int64]) -> Float:
-            """Of the bit that changes between the pixels border - 1 and border; the modulation where there is none."""
-            inner = (border > 0) & (border < self.count)
-            changing = np.log2(np.where(inner, border & -border, 1)).astype(
-                np.int64
-            )  # the lowest set bit
-            found: Float = np.take_along_axis(
-                sizes, (self.bits - 1 - changing)[None], axis=0
-            )[0]
-            return np.where(inner, found, modulation)
-
-        step = (
-            0.5
-            * (size_at(pixel) - size_at(pixel + 1))
-            / np.where(known, modulation, 1.0)
-        )
-        return np.where(known, pixel + step, np.inf), modulation
+    def _contrast_at(
+        self, border: NDArray[np.int64], contrasts: Float, modulation: Float
+    ) -> Float:
+        """Contrast of the bit that changes between pixels border - 1 and border; the modulation at the ends."""
+        inner = (border > 0) & (border < self.count)
+        lowest_set = np.where(inner, border & -border, 1)
+        changing = np.log2(lowest_set).astype(np.int64)
+        place = (self.bits - 1 - changing)[None]
+        contrast = np.take_along_axis(contrasts, place, axis=0)[0]
+        return np.where(inner, contrast, modulation)
 
 
 @dataclass(frozen=True)
@@ -177,13 +180,23 @@ def decode(
         raise InputError(
             f"decode needs a GrayCode or a PhaseShift, got {format_value(code)}"
         )
-    if not isinstance(images, Sequence | np.ndarray):
-        raise InputError(f"decode needs a list of images, got {format_value(images)}")
     check_number("least", least, "a fraction from 0 to 1", least=0, most=1)
     if coarse is not None and isinstance(code, GrayCode):
         raise InputError(
             "coarse positions unwrap a phase shift; a Gray code has none to unwrap: leave them out"
         )
+    position, modulation = code._decode(_grey_stack(images, code))
+    if coarse is not None and isinstance(code, PhaseShift):
+        position = _unwrapped(position, coarse, code.period)
+    bright = np.percentile(modulation, _BRIGHT_PERCENTILE)
+    position = np.where(modulation > least * bright, position, np.inf)
+    return Decoded(position, modulation)
+
+
+def _grey_stack(images: Sequence[ArrayLike], code: GrayCode | PhaseShift) -> Float:
+    """The images as grey ones, (N, H, W), N patterns of the code."""
+    if not isinstance(images, Sequence | np.ndarray):
+        raise InputError(f"decode needs a list of images, got {format_value(images)}")
     arrays = [float_array(f"images[{i}]", image) for i, image in enumerate(images)]
     expected = 2 * code.bits if isinstance(code, GrayCode) else code.steps
     if len(arrays) != expected:
@@ -198,15 +211,16 @@ def decode(
     )
     if not np.isfinite(stack).all():
         raise InputError("decode needs finite images")
-    position, modulation = code._decode(stack)
-    if coarse is not None and isinstance(code, PhaseShift):
-        rough = float_array("coarse positions", coarse)
-        if rough.shape != position.shape:
-            raise InputError(
-                f"coarse positions must have the shape {position.shape} of the images, got {rough.shape}"
-            )
-        known = np.isfinite(rough)
-        turns = np.round((np.where(known, rough, 0.0) - position) / code.period)
-        position = np.where(known, position + code.period * turns, np.inf)
-    enough = modulation > least * np.percentile(modulation, _BRIGHT_PERCENTILE)
-    return Decoded(np.where(enough, position, np.inf), modulation)
+    return stack
+
+
+def _unwrapped(position: Float, coarse: ArrayLike, period: float) -> Float:
+    """Positions modulo `period`, moved by whole periods to the coarse ones; +inf where these are not finite."""
+    rough = float_array("coarse positions", coarse)
+    if rough.shape != position.shape:
+        raise InputError(
+            f"coarse positions must have the shape {position.shape} of the images, got {rough.shape}"
+        )
+    finite = np.isfinite(rough)
+    periods = np.round((np.where(finite, rough, 0.0) - position) / period)
+    return np.where(finite, position + period * periods, np.inf)

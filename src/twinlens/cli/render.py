@@ -5,7 +5,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from twinlens.camera import Camera, Lens, Rig
+from twinlens.camera import Camera, RecipeLens, Rig
 from twinlens.cli.options import (
     POSITIVE,
     Sectioned,
@@ -199,7 +199,7 @@ def command(
 
 def _job(
     scene: Scene, sensor: Sensor, options: dict[str, Any]
-) -> tuple[Scene, Rig, list[tuple[str, Lens]], Sensor]:
+) -> tuple[Scene, Rig, list[tuple[str, RecipeLens]], Sensor]:
     """The scene, the rig, the lenses that the options describe, with their texts, and the sensor with its mismatch."""
     width, height = camera_text.parse_size(options["size"], options["camera"])
     if options["sky"] is not None:
@@ -241,7 +241,7 @@ def _job(
 
 def _lenses(
     view: View, tables: list[Any], options: dict[str, Any]
-) -> list[tuple[str, Lens]]:
+) -> list[tuple[str, RecipeLens]]:
     """The lenses of the options, or those of the rig's file in `tables`, with their texts."""
     if tables and not _is_given("lenses"):
         if _is_given("aperture"):
@@ -254,7 +254,7 @@ def _lenses(
         ]
         return [(format_lens(lens), lens) for lens in made]
     aperture = parse_aperture(options["aperture"])
-    lenses: list[tuple[str, Lens]] = []
+    lenses: list[tuple[str, RecipeLens]] = []
     for text in options["lenses"]:
         lens = parse_lens(text, view, aperture)
         if lens in (other for _, other in lenses):

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import pydantic
 
-from twinlens.camera import Camera, Lens, Rig, dual_pixel_disparity
+from twinlens.camera import Camera, RecipeLens, Rig, dual_pixel_disparity
 from twinlens.camera.truth import MATERIAL_KINDS
 from twinlens.dataset import consistency
 from twinlens.dataset.codecs.exr import encode_exr, read_exr
@@ -54,7 +54,7 @@ class ViewContent:
     channels: Mapping[str, Any]
     rig: Rig
     view: int
-    lens: Lens
+    lens: RecipeLens
 
     @property
     def camera(self) -> Camera:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import bdtrc
 
 from twinlens import geometry
-from twinlens.camera import Camera, Lens, ObjectTruth, Rig, dual_pixel_disparity
+from twinlens.camera import Camera, ObjectTruth, RecipeLens, Rig, dual_pixel_disparity
 from twinlens.camera.masks import decode_mask
 from twinlens.dataset.codecs.calib import Calibration
 from twinlens.dataset.sample import blur_circle_px
@@ -132,7 +132,7 @@ def check_objects(objects: Sequence[ObjectTruth], truth: Arrays, key: str) -> Fi
     return findings
 
 
-def check_blur(truth: Arrays, camera: Camera, lens: Lens) -> Findings:
+def check_blur(truth: Arrays, camera: Camera, lens: RecipeLens) -> Findings:
     """The blur circles are those of the lens in sample.json."""
     expected = blur_circle_px(truth["depth"], camera, lens).astype(np.float64)
     error = np.abs(truth["blur_circle_px"] - expected)
@@ -144,7 +144,7 @@ def check_blur(truth: Arrays, camera: Camera, lens: Lens) -> Findings:
     )
 
 
-def check_dual_pixels(channels: Arrays, camera: Camera, lens: Lens) -> Findings:
+def check_dual_pixels(channels: Arrays, camera: Camera, lens: RecipeLens) -> Findings:
     """The disparity of dual pixels is that of the depth and of the lens in sample.json."""
     disparity = channels["dp_disp"]
     expected = dual_pixel_disparity(channels["depth"], camera, lens).astype(np.float64)

@@ -23,7 +23,7 @@ import pydantic
 from numpy.typing import NDArray
 
 from twinlens import camera, schema
-from twinlens.camera import Lens, Rig
+from twinlens.camera import RecipeLens, Rig
 from twinlens.dataset.files import read_bytes
 from twinlens.dataset.storage import Where
 from twinlens.errors import FileError, InputError
@@ -241,7 +241,7 @@ def _rebuilt(kind: type[T], model: pydantic.BaseModel) -> T:
 
 
 RIG: pydantic.TypeAdapter[Rig] = pydantic.TypeAdapter(annotation_of(Rig))
-LENS: pydantic.TypeAdapter[Lens] = pydantic.TypeAdapter(annotation_of(Lens))
+LENS: pydantic.TypeAdapter[RecipeLens] = pydantic.TypeAdapter(annotation_of(RecipeLens))
 """For `read`: the Rig of `plain(rig)`, the lens of `plain(lens)`."""
 
 

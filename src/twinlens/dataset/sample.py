@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens import optics
-from twinlens.camera import Camera, Lens, Rig
+from twinlens.camera import Camera, RecipeLens, Rig
 from twinlens.camera.truth import Truth
 from twinlens.errors import InputError
 
@@ -20,14 +20,14 @@ KIND, VERSION = "twinlens-sample", 1
 class Shot:
     """One image per camera of the rig, through one lens.
 
-    lens : Lens
+    lens : RecipeLens
     images : one uint8 or uint16 (H, W, 3) or (H, W) array per camera.
     radiances : one float32 (H, W, 3) linear array per camera, or None to store none.
     record : plain data on how the images were taken (spp, sensor, exposure, ...).
     halves : of dual pixels: the left and the right image of each camera, as `images`; or None.
     """
 
-    lens: Lens
+    lens: RecipeLens
     images: tuple[NDArray[Any], ...]
     radiances: tuple[NDArray[np.float32], ...] | None = None
     record: Mapping[str, Any] = field(default_factory=dict)
@@ -107,7 +107,7 @@ def lens_folder(lens: int) -> str:
 
 
 def blur_circle_px(
-    depth: NDArray[Any], camera: Camera, lens: Lens
+    depth: NDArray[Any], camera: Camera, lens: RecipeLens
 ) -> NDArray[np.float32]:
     """Signed diameter of the blur circle at `depth`, pixels, float32 (H, W); positive before the plane of focus."""
     blur = optics.circle_of_confusion_px(

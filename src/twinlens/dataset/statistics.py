@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from twinlens.camera import Camera, Lens
+from twinlens.camera import Camera, RecipeLens
 from twinlens.dataset.sample import Sample, blur_circle_px
 from twinlens.dataset.stored import StoredSample
 from twinlens.dataset.visibility import HIDDEN, UNKNOWN, VISIBLE
@@ -148,7 +148,7 @@ def _are_numbers(value: Any, nesting: int) -> bool:
 def _statistics(
     shape: Sequence[int],
     cameras: int,
-    lenses: Sequence[Lens | None],
+    lenses: Sequence[RecipeLens | None],
     maps: tuple[NDArray[Any], NDArray[Any], NDArray[Any]] | None = None,
     camera: Camera | None = None,
 ) -> Statistics:

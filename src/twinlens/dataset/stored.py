@@ -16,7 +16,7 @@ import numpy as np
 import pydantic
 from numpy.typing import NDArray
 
-from twinlens.camera import Lens, ObjectTruth, Rig
+from twinlens.camera import ObjectTruth, RecipeLens, Rig
 from twinlens.camera.truth import Correspondence, Projection, Truth
 from twinlens.dataset.channels import (
     CHANNELS,
@@ -74,7 +74,7 @@ class _PlainShot(FileModel):
 class ShotEntry(_PlainShot):
     """A lens of a sample in sample.json."""
 
-    lens: annotation_of(Lens)  # type: ignore[valid-type]
+    lens: annotation_of(RecipeLens)  # type: ignore[valid-type]
 
 
 _OBJECT: Any = annotation_of(ObjectTruth)
@@ -330,7 +330,7 @@ class StoredShot:
     entry: _PlainShot = field(compare=False, repr=False)
 
     @property
-    def lens(self) -> Lens:
+    def lens(self) -> RecipeLens:
         """The lens. Raises FileError if the sample has no sample.json."""
         file = self.sample.folder / "sample.json"
         if not self.sample.has("sample.json"):

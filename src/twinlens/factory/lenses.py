@@ -20,10 +20,10 @@ from twinlens.camera import (
     Annulus,
     Camera,
     Disk,
-    Lens,
     MaskAperture,
     Pinhole,
     Polygon,
+    RecipeLens,
     ThinLens,
 )
 from twinlens.camera.aperture import Aperture
@@ -148,7 +148,9 @@ SPELLINGS: dict[str, Any] = {
 _SPELLED = (Pinhole, ThinLens, BareAperture)
 
 
-def lens_tables(lenses: Iterable[type[Any]] = typing.get_args(Lens)) -> dict[str, Any]:
+def lens_tables(
+    lenses: Iterable[type[Any]] = typing.get_args(RecipeLens),
+) -> dict[str, Any]:
     """The type of the table of each kind of lens; those without a spelling have the fields of their class."""
     tables = dict(SPELLINGS)
     for lens in lenses:
@@ -166,7 +168,7 @@ def lens_table(tables: Mapping[str, Any]) -> Any:
 LensTable: Any = lens_table(lens_tables())
 
 
-def make_lens(table: Any, view: View | None, find: Find = Path) -> Lens:
+def make_lens(table: Any, view: View | None, find: Find = Path) -> RecipeLens:
     """The lens of a LensTable. Without a view, a focus that depends on the scene is 1 m: enough to check the table."""
     if not isinstance(table, (ThinTable, HoleTable)):
         return table  # type: ignore[no-any-return]  # a lens
@@ -288,8 +290,8 @@ def parse_lens(
     text: str,
     view: View,
     aperture: Aperture | None = None,
-    lenses: Iterable[type[Any]] = typing.get_args(Lens),
-) -> Lens:
+    lenses: Iterable[type[Any]] = typing.get_args(RecipeLens),
+) -> RecipeLens:
     """A lens in the syntax of LENS_HELP; `aperture` is the shape of its opening.
 
     lenses : the classes of lenses; those without a form of their own have the form `NAME:FIELD=VALUE,...`.
@@ -341,7 +343,7 @@ def parse_lens(
     )
 
 
-def _lens_of_fields(lens: type[Any], text: str, where: str) -> Lens:
+def _lens_of_fields(lens: type[Any], text: str, where: str) -> RecipeLens:
     """A lens in the syntax `NAME:FIELD=VALUE,...`."""
     name, _, rest = text.partition(":")
     with located(where):
@@ -370,7 +372,7 @@ def parse_aperture(text: str) -> Aperture:
         return make_aperture(shape)
 
 
-def format_lens(lens: Lens) -> str:
+def format_lens(lens: RecipeLens) -> str:
     """A lens in the syntax of LENS_HELP, lengths to four digits, without the shape of its opening.
 
     >>> format_lens(ThinLens(aperture_diameter=0.012, focus_distance=2.0))

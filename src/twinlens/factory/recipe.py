@@ -19,7 +19,7 @@ from pydantic import (
     model_validator,
 )
 
-from twinlens.camera import Lens
+from twinlens.camera import RecipeLens
 from twinlens.dataset.metadata import About
 from twinlens.errors import InputError, format_value, located, unknown
 from twinlens.factory.draws import corners, hint, leaves, normalized, template
@@ -274,7 +274,7 @@ class _Corner:
     """
 
     settings: Settings
-    lenses: list[Lens]
+    lenses: list[RecipeLens]
     object_files: Mapping[str, bool]
 
     @property

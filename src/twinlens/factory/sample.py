@@ -16,7 +16,7 @@ from scipy.ndimage import uniform_filter
 
 import twinlens
 from twinlens import rendering
-from twinlens.camera import Disk, Dual, Lens, Rig
+from twinlens.camera import Disk, Dual, Paraxial, RecipeLens, Rig
 from twinlens.camera.film import diffract
 from twinlens.camera.lens import check_lens
 from twinlens.camera.truth import Truth
@@ -119,7 +119,7 @@ class Shoot(Settings, noun="sample"):
         """Whether the renderer's noise is measured, from two images of half the samples."""
         return self.spp > 1 and (self.denoise or self.noise is not None)
 
-    def check(self, rig: Rig, lenses: Sequence[Lens]) -> None:
+    def check(self, rig: Rig, lenses: Sequence[RecipeLens]) -> None:
         """Raise InputError unless the rig and the lenses can be used."""
         if not lenses:
             raise InputError("a sample needs at least one lens")
@@ -137,7 +137,7 @@ class Shoot(Settings, noun="sample"):
 def make_sample(
     scene: Scene,
     rig: Rig,
-    lenses: Sequence[Lens],
+    lenses: Sequence[RecipeLens],
     shoot: Shoot | None = None,
     *,
     truths: Sequence[Truth] | None = None,
@@ -203,7 +203,7 @@ class _Photographer:
 
     scene: Scene
     rig: Rig
-    lens: Lens
+    lens: RecipeLens
     shoot: Shoot
     seed: int
 
@@ -228,7 +228,7 @@ class _Photographer:
         return Dual() if self.shoot.dual_pixel and is_open else None
 
     @property
-    def _lenses(self) -> tuple[Lens, ...]:
+    def _lenses(self) -> tuple[Paraxial, ...]:
         """The lens of each camera, with its mismatch."""
         return self.shoot.sensor.lenses(self.rig, self.lens)
 
@@ -309,7 +309,7 @@ def _noise_ratios(
     photos: Sequence[Photo],
     sensor: Sensor,
     rig: Rig,
-    lens: Lens,
+    lens: RecipeLens,
 ) -> list[float]:
     """Per view: noise of the light paths over noise of the sensor at the exposure of its photo, median over pixels.
 

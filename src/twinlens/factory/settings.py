@@ -19,7 +19,7 @@ from pydantic import (
 )
 
 from twinlens.camera import (
-    Lens,
+    RecipeLens,
     Rig,
 )
 from twinlens.camera.intrinsics import MAX_SIDE
@@ -350,7 +350,7 @@ def _seeded(table: Mapping[str, Any], camera: int, seed: int) -> Mapping[str, An
 
 def check_settings(
     drawn: Mapping[str, Any], file: Path, families: Sequence[str]
-) -> tuple[Settings, list[Lens]]:
+) -> tuple[Settings, list[RecipeLens]]:
     """The settings and lenses of a drawn table, or InputError where no scene (of these families) could be its sample.
 
     Focus distances that depend on the scene are 1 m.
@@ -385,7 +385,7 @@ def check_settings(
 
 def make_lenses(
     settings: Settings, view: View | None, file: Path, find: Find
-) -> list[Lens]:
+) -> list[RecipeLens]:
     """The lenses of a sample; without a view they are only checked."""
     lenses = []
     for k, table in enumerate(settings.lenses):

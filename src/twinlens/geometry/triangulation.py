@@ -95,9 +95,9 @@ def dlt(
     intersecting = (
         np.linalg.norm(np.cross(rays[0], rays[1:]), axis=-1) > _PARALLEL
     ).any(axis=0)
-    known = (intersecting & np.isfinite(points).all(axis=1))[:, None]
+    solved = (intersecting & np.isfinite(points).all(axis=1))[:, None]
     return np.where(
-        known, transform_points(first, scale * np.where(known, points, 0.0)), np.inf
+        solved, transform_points(first, scale * np.where(solved, points, 0.0)), np.inf
     )
 
 

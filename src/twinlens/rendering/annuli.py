@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twinlens.camera import Camera, Lens
+from twinlens.camera import Camera, Paraxial
 
 SHARING_COST = 1.11  # factor in samples that compensates for errors that pixels share
 
@@ -40,7 +40,7 @@ def area_fraction(annulus: ApertureAnnulus, radius: float) -> float:
     return (annulus.outer**2 - annulus.inner**2) / radius**2 if radius else 1.0
 
 
-def plan_annuli(lenses: Sequence[Lens], spp: int) -> list[ApertureAnnulus]:
+def plan_annuli(lenses: Sequence[Paraxial], spp: int) -> list[ApertureAnnulus]:
     """Annuli between the radii, innermost first, with samples that give every lens the error of `spp`.
 
     An annulus that is the fraction w of the disk of area a within its outer radius gets w spp samples. In units of one

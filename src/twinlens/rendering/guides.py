@@ -162,9 +162,9 @@ def _features(
 
     from twinlens.rendering.ray_generation import pixel_means  # sets up the backend
 
-    ray, x, y = sensor.film_rays(count, seed)
+    ray, aperture = sensor.film_rays(count, seed)
     albedo, normal = _first_rough_surfaces(built, mitsuba().Ray3f(ray))
-    nothing_random = drjit.zeros(mitsuba().Float, drjit.width(x))
+    nothing_random = drjit.zeros(mitsuba().Float, drjit.width(aperture))
     channels = [*albedo, *normal, nothing_random]
     if built.projected is not None:
         channels.extend(
@@ -173,7 +173,7 @@ def _features(
     if parts is None:
         return pixel_means(channels, count, camera)
     channels.append(mitsuba().Float(1.0))  # whose mean is the part's share of samples
-    shares = parts.shares(x, y, sensor.math)
+    shares = sensor.shares(parts, aperture)
     return pixel_means(channels, count, camera, shares)
 
 

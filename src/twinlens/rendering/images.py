@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import Camera, Lens
+from twinlens.camera.lens import require_paraxial
 from twinlens.camera.parts import Parts
 from twinlens.errors import BackendError
 from twinlens.geometry import Float
@@ -104,12 +105,12 @@ def _render_parts(
         )
     from twinlens.rendering.ray_generation import pixel_means  # sets up the backend
 
-    ray, x, y = sensor.film_rays(count, seed)
+    ray, aperture = sensor.film_rays(count, seed)
     radiance, _, features = built.integrator.sample(
         built.mi_scene, sensor.sampler(), ray
     )
     channels = [*radiance, *features, mitsuba().Float(1.0)] if features else radiance
-    return pixel_means(channels, count, camera, parts.shares(x, y, sensor.math))
+    return pixel_means(channels, count, camera, sensor.shares(parts, aperture))
 
 
 def other_guides(
@@ -131,7 +132,10 @@ def image_passes(
 
 def light_of_parts(parts: Parts | None, lens: Lens) -> Float | None:
     """The share of a lens's light that each part gets; None without parts."""
-    return None if parts is None else parts.light(lens.aperture)[0]
+    if parts is None:
+        return None
+    aperture = require_paraxial(lens, "an image of the parts of an aperture").aperture
+    return parts.light(aperture)[0]
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.camera import Disk, Lens, Rig, ThinLens
+from twinlens.camera import Disk, Paraxial, Rig, ThinLens
+from twinlens.camera.lens import require_paraxial
 from twinlens.camera.parts import Parts
 from twinlens.errors import InputError, format_value
 from twinlens.geometry import Float
@@ -84,7 +85,7 @@ class LensGrid(Sequence[list[Image]]):
 def render_lens_grid(
     scene: Scene,
     rig: Rig,
-    lenses: Sequence[Lens],
+    lenses: Sequence[Paraxial],
     spp: int = 64,
     seed: int = 0,
     *,
@@ -130,6 +131,8 @@ def render_lens_grid(
     alone = sampler or default_sampler(denoise)
     scenes = split_bands(scene, rig)
     check_request(scenes, rig, lenses, spp, seed, alone, parts)
+    for lens in lenses:
+        require_paraxial(lens, "a lens grid")
     denoise = denoise and not _sees_projectors(rig)
     views = views_of(scenes, rig, [lenses[0]] * len(rig), int(seed), denoise)
 
@@ -214,7 +217,7 @@ def _sees_projectors(rig: Rig) -> bool:
     )
 
 
-def _shareable(views: Sequence[View], lenses: Sequence[Lens]) -> list[int]:
+def _shareable(views: Sequence[View], lenses: Sequence[Paraxial]) -> list[int]:
     """Indices of the lenses that can share paths: disk apertures.
 
     None with lens distortion, whose shifts are not equal in all pixels, or with an integrator that does not follow
@@ -231,7 +234,7 @@ def _shareable(views: Sequence[View], lenses: Sequence[Lens]) -> list[int]:
 
 
 def _render_separately(
-    views: Sequence[View], lens: Lens, samples: Samples, progress: Progress
+    views: Sequence[View], lens: Paraxial, samples: Samples, progress: Progress
 ) -> tuple[list[Image], list[float]]:
     """Images of one lens before denoising, and variances from halves of their samples, which are NaN with `parts`."""
     views = [replace(view, lens=lens, denoised=False) for view in views]
@@ -254,7 +257,7 @@ def _render_separately(
 def _denoised(
     views: Sequence[View],
     images: Sequence[Image],
-    lens: Lens,
+    lens: Paraxial,
     number: int,
     seed: int,
     parts: Parts | None,
@@ -273,7 +276,10 @@ def _denoised(
 
 
 def _render_shared(
-    views: Sequence[View], lenses: Sequence[Lens], samples: Samples, progress: Progress
+    views: Sequence[View],
+    lenses: Sequence[Paraxial],
+    samples: Samples,
+    progress: Progress,
 ) -> tuple[list[list[Image]], Float, int]:
     """Images of all lenses from one set of paths per view, their variances, and the number of paths."""
     images: list[list[Image]] = [[] for _ in lenses]
@@ -303,7 +309,9 @@ class _Sums:
     follow the whole image. The variances of independent annuli add up with the squared weights.
     """
 
-    def __init__(self, view: View, lenses: Sequence[Lens], samples: Samples) -> None:
+    def __init__(
+        self, view: View, lenses: Sequence[Paraxial], samples: Samples
+    ) -> None:
         self.view, self.lenses, self.samples = view, lenses, samples
         self.size = 1 if samples.parts is None else 1 + len(samples.parts)
         self.total = np.zeros(

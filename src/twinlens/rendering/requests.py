@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from twinlens.camera import Lens, Rig
-from twinlens.camera.lens import check_lens
+from twinlens.camera.lens import check_lens_on
 from twinlens.camera.parts import Parts, check_parts
 from twinlens.camera.rig import check_seen
 from twinlens.errors import InputError, check_int, check_known
@@ -44,7 +44,8 @@ def check_request(
         ):
             check_lit(scene, band)
     for lens in lenses:
-        check_lens(lens)
+        for camera in rig.cameras:
+            check_lens_on(camera, lens)
         if parts is not None:
             check_parts(parts, lens)
     check_int("spp", spp, 1)

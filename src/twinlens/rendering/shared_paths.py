@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from twinlens.camera import Camera
 from twinlens.camera.aperture import NUMPY, on_ring
+from twinlens.camera.lens import paraxial_ray
 from twinlens.geometry import Float
 from twinlens.rendering.annuli import ApertureAnnulus
 from twinlens.rendering.backends import mitsuba
@@ -137,10 +138,10 @@ class SharedPaths:
         margin_y = (height - self.camera.height) // 2
         u = mi.Float(pixel % columns) - opaque(margin_x + 0.5) + x
         v = mi.Float(pixel // columns) - opaque(margin_y + 0.5) + y
-        origin, direction = RayGenerator(self.camera, self.pose).ray(
-            u, v, ax, ay, opaque(self.annulus.middle)
-        )
-        ray = mi.RayDifferential3f(mi.Ray3f(origin, direction))
+        rays = RayGenerator(self.camera, self.pose)
+        vergence = opaque(self.annulus.middle)
+        in_camera = paraxial_ray(*rays.coordinates(u, v), ax, ay, vergence)
+        ray = mi.RayDifferential3f(mi.Ray3f(*rays.in_world(*in_camera)))
         if self.sampler == "multijitter":
             sampler = StratifiedSampler(grid, shifts, pixel, sample, seed)
         else:

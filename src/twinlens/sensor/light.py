@@ -18,7 +18,14 @@ import warnings
 
 import numpy as np
 
-from twinlens.camera import BareAperture, Camera, Disk, Lens, ThinLens, film_distance
+from twinlens.camera import (
+    BareAperture,
+    Camera,
+    Disk,
+    Paraxial,
+    ThinLens,
+    film_distance,
+)
 from twinlens.geometry import Float
 
 PLANCK = 6.62607015e-34  # J s, exact in the SI
@@ -32,7 +39,7 @@ class ParaxialWarning(UserWarning):
     """The working f-number of a lens is below 1, where the paraxial formula gives too much light."""
 
 
-def warn_below_f1(camera: Camera, lens: Lens, stacklevel: int) -> None:
+def warn_below_f1(camera: Camera, lens: Paraxial, stacklevel: int) -> None:
     """Give a `ParaxialWarning` for a lens of v/A < 1; for given exposures, as automatic ones compensate."""
     number = (
         math.inf
@@ -48,7 +55,7 @@ def warn_below_f1(camera: Camera, lens: Lens, stacklevel: int) -> None:
         )
 
 
-def working_f_number(camera: Camera, lens: Lens, pinhole_f_number: float) -> float:
+def working_f_number(camera: Camera, lens: Paraxial, pinhole_f_number: float) -> float:
     """N = v/A; `pinhole_f_number` for an aperture of zero width.
 
     Not f/A, the number engraved on a lens (`ThinLens.from_f_number`); they are equal for a focus at infinity.
@@ -57,7 +64,7 @@ def working_f_number(camera: Camera, lens: Lens, pinhole_f_number: float) -> flo
     return film_distance(camera, lens) / diameter if diameter > 0 else pinhole_f_number
 
 
-def irradiance_factor(camera: Camera, lens: Lens, pinhole_f_number: float) -> float:
+def irradiance_factor(camera: Camera, lens: Paraxial, pinhole_f_number: float) -> float:
     """E/L in steradians, on the axis; for a bare aperture at most pi.
 
     >>> from twinlens.camera import ThinLens
@@ -82,7 +89,7 @@ def irradiance_factor(camera: Camera, lens: Lens, pinhole_f_number: float) -> fl
     return 0.25 * math.pi * open_fraction / number**2
 
 
-def vignetting(camera: Camera, lens: Lens) -> Float:
+def vignetting(camera: Camera, lens: Paraxial) -> Float:
     """The light of the pixels relative to the axis, (H, W): natural, and for a lens of some width also mechanical.
 
     Natural is cos^4 of the angle between the axis and the line from the aperture to the pixel.

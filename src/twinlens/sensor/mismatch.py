@@ -15,13 +15,20 @@ from twinlens.camera import (
     ALIGNED,
     BareAperture,
     Camera,
-    Lens,
     Misalignment,
+    Paraxial,
     Pinhole,
     Rig,
+    ThinLens,
     misaligned,
 )
-from twinlens.errors import InputError, check_int, check_known, located
+from twinlens.errors import (
+    InputError,
+    check_int,
+    check_known,
+    format_value,
+    located,
+)
 from twinlens.geometry import Float
 from twinlens.seeds import generator
 from twinlens.sensor.exposure import Exposure
@@ -369,7 +376,7 @@ class Mismatch(Settings, noun="mismatch"):
             else np.clip(linear, 0.0, 1.0) ** self.tone_exponent
         )
 
-    def lens(self, lens: Lens, camera: Camera) -> Lens:
+    def lens(self, lens: Paraxial, camera: Camera) -> Paraxial:
         """The lens of a camera of this mismatch, with its f-number and its focus, from the nominal one.
 
         `camera` is the calibrated one; its film is at v = fx * pixel pitch. The thin-lens law 1/f = 1/z + 1/v gives a
@@ -378,7 +385,7 @@ class Mismatch(Settings, noun="mismatch"):
         blur at f/1. A calibration measures the intrinsics with the displaced film, so they stay. Pinholes and bare
         apertures have no focus.
 
-        Raises InputError for a film displaced to the lens or beyond.
+        Raises InputError for a film displaced to the lens or beyond, and for another kind of lens.
 
         >>> from twinlens.camera import ThinLens
         >>> camera = Camera.from_fov(640, 480, fov_x_deg=60)  # v = 2.77 mm
@@ -390,6 +397,10 @@ class Mismatch(Settings, noun="mismatch"):
         diameter = lens.aperture_diameter / self.f_number
         if isinstance(lens, BareAperture):
             return lens.replace(diameter=diameter)
+        if not isinstance(lens, ThinLens):
+            raise InputError(
+                f"a mismatch of f_number or focus_um needs a ThinLens, got {format_value(lens)}"
+            )
         film = camera.film_distance
         step = (
             1e-6 * self.focus_um * min(1.0, film / max(lens.aperture_diameter, 1e-12))

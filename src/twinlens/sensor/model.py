@@ -18,10 +18,10 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from twinlens.camera import Camera, Lens, Rig, film_distance
+from twinlens.camera import Camera, Paraxial, Rig, film_distance
 from twinlens.camera.film import checked_radiance
 from twinlens.camera.intrinsics import BANDS
-from twinlens.camera.lens import check_lens
+from twinlens.camera.lens import require_paraxial
 from twinlens.errors import (
     InputError,
     check_int,
@@ -31,6 +31,8 @@ from twinlens.errors import (
 from twinlens.geometry import Float
 from twinlens.optics.diffraction import (
     CHANNEL_WAVELENGTHS,
+    LONGEST_WAVE,
+    SHORTEST_WAVE,
 )
 from twinlens.seeds import derived_seed, generator
 from twinlens.sensor import light, picture
@@ -72,7 +74,12 @@ class Sensor(Settings, noun="sensor"):
     ] = (0.55, 0.62, 0.50)
     wavelengths: Annotated[
         tuple[float, float, float],
-        Setting("Of the red, green and blue band.", "metres", above=0),
+        Setting(
+            "Of the red, green and blue band.",
+            "metres",
+            least=SHORTEST_WAVE,
+            most=LONGEST_WAVE,
+        ),
     ] = CHANNEL_WAVELENGTHS
     nir_efficiency: Annotated[
         float, Setting("Electrons per photon in the near infrared.", least=1e-9, most=1)
@@ -286,12 +293,12 @@ class Sensor(Settings, noun="sensor"):
         self.check_mismatches(rig)
         return misalign(rig, [self.mismatch_of(i) for i in range(1, len(rig))])
 
-    def lenses(self, rig: Rig, lens: Lens) -> tuple[Lens, ...]:
+    def lenses(self, rig: Rig, lens: Paraxial) -> tuple[Paraxial, ...]:
         """The lens of each camera of a rig, for `render`: `lens` with the f-numbers and the focus of the mismatches.
 
         Raises InputError as `misalign`, and as `Mismatch.lens`.
         """
-        check_lens(lens)
+        require_paraxial(lens, "a mismatch of lenses")
         self.check_mismatches(rig)
         return tuple(
             self.mismatch_of(i).lens(lens, camera)
@@ -315,7 +322,7 @@ class Sensor(Settings, noun="sensor"):
         """EMVA's K, DN per electron: `gain` times (largest DN - black level) / full well."""
         return gain * (self.largest_dn - self.black_level) / self.full_well
 
-    def electrons_per_radiance(self, camera: Camera, lens: Lens) -> Float:
+    def electrons_per_radiance(self, camera: Camera, lens: Paraxial) -> Float:
         """Electrons per second in a pixel on the axis, per unit of rendered radiance, (3,) for red, green and blue."""
         distance = film_distance(camera, lens)
         pixel_area = distance / camera.fx * distance / camera.fy
@@ -328,9 +335,11 @@ class Sensor(Settings, noun="sensor"):
             self.radiance_scale * joules * photons * np.array(own.quantum_efficiency)
         )
 
-    def level_rate(self, radiance: ArrayLike, *, camera: Camera, lens: Lens) -> Float:
+    def level_rate(
+        self, radiance: ArrayLike, *, camera: Camera, lens: Paraxial
+    ) -> Float:
         """Signal per second at gain 1 over the full well, (H, W, 3), of a radiance image; for automatic exposure."""
-        check_lens(lens)
+        require_paraxial(lens, "an exposure")
         rates = checked_radiance("radiance", radiance, camera) * self.pixel_rates(
             camera, lens
         )
@@ -344,7 +353,7 @@ class Sensor(Settings, noun="sensor"):
         radiance: ArrayLike,
         *,
         camera: Camera,
-        lens: Lens,
+        lens: Paraxial,
         seed: int = 0,
         exposure: Exposure | None = None,
         eye: int = 0,
@@ -362,7 +371,7 @@ class Sensor(Settings, noun="sensor"):
     def _expose(
         self,
         views: Sequence[tuple[ArrayLike, Camera, int]],
-        lens: Lens,
+        lens: Paraxial,
         seed: int,
         exposure: Exposure | None,
     ) -> list[Photo]:
@@ -385,12 +394,12 @@ class Sensor(Settings, noun="sensor"):
         self,
         images: Sequence[Float],
         cameras: Sequence[Camera],
-        lens: Lens,
+        lens: Paraxial,
         seed: int,
         exposure: Exposure | None,
     ) -> list[Exposure]:
         """For each image the given exposure, or the automatic one of the images of its band, after checks."""
-        check_lens(lens)
+        require_paraxial(lens, "an exposure")
         check_exposure(exposure)
         check_int("seed", seed, 0)
         if exposure is not None:
@@ -412,7 +421,7 @@ class Sensor(Settings, noun="sensor"):
         halves: ArrayLike,
         *,
         camera: Camera,
-        lens: Lens,
+        lens: Paraxial,
         seed: int = 0,
         exposure: Exposure | None = None,
         eye: int = 0,
@@ -436,7 +445,7 @@ class Sensor(Settings, noun="sensor"):
         images: Sequence[ArrayLike],
         *,
         rig: Rig,
-        lens: Lens,
+        lens: Paraxial,
         seed: int = 0,
         exposure: Exposure | None = None,
     ) -> list[tuple[Photo, Photo, Photo]]:
@@ -446,11 +455,11 @@ class Sensor(Settings, noun="sensor"):
     def _expose_dual(
         self,
         views: Sequence[tuple[ArrayLike, Camera, int]],
-        lens: Lens,
+        lens: Paraxial,
         seed: int,
         exposure: Exposure | None,
     ) -> list[tuple[Photo, Photo, Photo]]:
-        check_lens(lens)
+        require_paraxial(lens, "an exposure")
         if lens.aperture_diameter == 0:
             raise InputError(
                 "dual pixels need a lens with an aperture; a pinhole has none"
@@ -487,7 +496,7 @@ class Sensor(Settings, noun="sensor"):
         self,
         image: Float,
         camera: Camera,
-        lens: Lens,
+        lens: Paraxial,
         nominal: Exposure,
         seed: int,
         eye: int,
@@ -505,7 +514,7 @@ class Sensor(Settings, noun="sensor"):
         self,
         image: Float,
         camera: Camera,
-        lens: Lens,
+        lens: Paraxial,
         nominal: Exposure,
         seed: int,
         eye: int,
@@ -526,7 +535,7 @@ class Sensor(Settings, noun="sensor"):
         self,
         wells: Float,
         camera: Camera,
-        lens: Lens,
+        lens: Paraxial,
         nominal: Exposure,
         seed: int,
         eye: int,
@@ -580,7 +589,7 @@ class Sensor(Settings, noun="sensor"):
         right: ArrayLike,
         *,
         rig: Rig,
-        lens: Lens,
+        lens: Paraxial,
         seed: int = 0,
         exposure: Exposure | None = None,
     ) -> tuple[Photo, Photo]:
@@ -595,7 +604,7 @@ class Sensor(Settings, noun="sensor"):
         images: Sequence[ArrayLike],
         *,
         rig: Rig,
-        lens: Lens,
+        lens: Paraxial,
         seed: int = 0,
         exposure: Exposure | None = None,
     ) -> list[Photo]:
@@ -616,11 +625,11 @@ class Sensor(Settings, noun="sensor"):
             )
         return list(zip(images, rig.cameras, range(len(rig)), strict=True))
 
-    def pixel_rates(self, camera: Camera, lens: Lens) -> Float:
+    def pixel_rates(self, camera: Camera, lens: Paraxial) -> Float:
         """Electrons per second per unit of rendered radiance, (H, W, 3); (3,) without vignetting."""
         return self._vignetted(self.electrons_per_radiance(camera, lens), camera, lens)
 
-    def _vignetted(self, values: Float, camera: Camera, lens: Lens) -> Float:
+    def _vignetted(self, values: Float, camera: Camera, lens: Paraxial) -> Float:
         """`values` (H, W, 3) or (3,) times the vignetting, if it is on."""
         on = lens.aperture_diameter > 0 if self.vignetting is None else self.vignetting
         return values * light.vignetting(camera, lens)[..., None] if on else values

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twinlens.camera import Camera, Dual, Lens, Pinhole, Rig, ThinLens
+from twinlens.camera import Camera, Dual, Paraxial, Pinhole, Rig, ThinLens
 from twinlens.camera.parts import Parts, aperture_points
 from twinlens.geometry import Float, depth_error, rigid
 from twinlens.matching import (
@@ -57,7 +57,7 @@ _TOLERANCE, _MOST = 0.15, 1.5
 class LensView:
     """An image, or the images of the parts, of a lens whose centre is at x in metres."""
 
-    lens: Lens
+    lens: Paraxial
     x: float = 0.0
     parts: Parts | None = None
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from twinlens.camera import Lens, Rig, ThinLens
+from twinlens.camera import Paraxial, Rig, ThinLens
 from twinlens.geometry import Float
 from twinlens.rendering import render, render_lens_grid
 from twinlens.sensor import Sensor
@@ -66,7 +66,7 @@ def _line(seed: int) -> list[Row]:
 
 
 def blur_and_disparity(
-    rig: Rig, lens: Lens, depth: float, spp: int, seed: int
+    rig: Rig, lens: Paraxial, depth: float, spp: int, seed: int
 ) -> tuple[float, float]:
     """(blur diameter, disparity) in pixels, measured on rendered images of a lamp between the two cameras."""
     pose = np.eye(4)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from twinlens.camera import Camera, Lens, Rig, ThinLens
+from twinlens.camera import Camera, Paraxial, Rig, ThinLens
 from twinlens.camera.truth import Truth
 from twinlens.factory import default_rig
 from twinlens.geometry import Float
@@ -101,19 +101,21 @@ class Stage:
         diameter = blur_px / (self.camera.fx * (1.0 / near - 1.0 / far))
         return ThinLens(diameter, 1.0 / ((1.0 - focus) / far + focus / near))
 
-    def blur(self, lens: Lens) -> Float:
+    def blur(self, lens: Paraxial) -> Float:
         """The signed blur circle of every left pixel, (H, W), pixels."""
         depth = np.where(np.isfinite(self.truth.depth), self.truth.depth, 1e9)
         return circle_of_confusion_px(
             depth, lens.aperture_diameter, self.camera.fx, lens.vergence
         )
 
-    def photograph(self, lens: Lens, spp: int, seed: int) -> list[NDArray[np.float32]]:
+    def photograph(
+        self, lens: Paraxial, spp: int, seed: int
+    ) -> list[NDArray[np.float32]]:
         """The radiance of both views through one lens."""
         return render(self.scene, self.rig, lens, spp, seed, denoise=self.denoise)
 
     def expose(
-        self, radiance: Sequence[Image], lens: Lens, seed: int, sensor: Sensor | None = None,
+        self, radiance: Sequence[Image], lens: Paraxial, seed: int, sensor: Sensor | None = None,
         exposure: Exposure | None = None,
     ) -> tuple[Image, Image]:  # fmt: skip
         """The digital images of both views; automatic exposure unless one is given."""
@@ -133,7 +135,7 @@ class Stage:
         disparity: Image,
         pictures: Sequence[Image],
         regions: Sequence[str] = (),
-        lens: Lens | None = None,
+        lens: Paraxial | None = None,
     ) -> Scores:
         """Middlebury v3 scores of a disparity map, also in these regions; the lens defines the blur."""
         truth, visible = self.truth.disparity, self.truth.visible
