@@ -14,7 +14,6 @@ from twinlens.camera.aperture import (
     Polygon,
     concentric,
 )
-from twinlens.errors import InputError
 
 LETTER = np.array([[1, 0, 0], [1, 0.5, 0], [1, 1, 0.25], [0, 0, 0]])
 SHAPES = [
@@ -161,29 +160,3 @@ def test_mask_sampling_reaches_the_last_cell_with_float32_numbers():
     mask = MaskAperture(np.eye(3))
     x, y = mask.sample(np.float32([0.0, 1 - 2**-24]), np.float32([0.0, 1 - 2**-24]))
     assert np.allclose([x, y], [[-1, 1], [-1, 1]], atol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("make", "says"),
-    [
-        (lambda: Polygon(2), "blades"),
-        (lambda: Polygon(5.0), "blades"),
-        (lambda: Polygon(5, roundness=1.5), "roundness"),
-        (lambda: Polygon(5, roundness=math.nan), "roundness"),
-        (lambda: Polygon(5, rotation_deg=math.inf), "rotation_deg"),
-        (lambda: Annulus(1.0), "inner"),
-        (lambda: Annulus(-0.1), "inner"),
-        (lambda: Annulus(math.nan), "inner"),
-        (lambda: MaskAperture(np.zeros((4, 4))), "black"),
-        (lambda: MaskAperture([[0.5, -0.1]]), "negative"),
-        (lambda: MaskAperture([[0.5, math.nan]]), "NaN"),
-        (lambda: MaskAperture([[0.5, 2.0]]), "0 to 1"),
-        (lambda: MaskAperture(np.ones((4, 4, 3))), "grey-scale"),
-        (lambda: MaskAperture(np.ones((0, 4))), "grey-scale"),
-        (lambda: MaskAperture([["a"]]), "numbers"),
-    ],
-)
-def test_invalid_apertures_raise_in_one_line(make, says):
-    with pytest.raises(InputError, match=says) as refusal:
-        make()
-    assert "\n" not in str(refusal.value)

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import assume, given, strategies as st
 
 from twinlens.camera import BrownConrady, Camera, KannalaBrandt
-from twinlens.errors import InputError
 
 focal = st.floats(50, 5000)
 cameras = st.builds(
@@ -139,47 +138,3 @@ def test_K_is_the_matrix_of_project(camera):  # noqa: N802
     u, v, w = camera.K @ point
     assume(abs(u) < 1e6)
     assert np.allclose(camera.project(point), [u / w, v / w], rtol=1e-12, atol=1e-9)
-
-
-GOOD = {"width": 640, "height": 480, "fx": 700.0, "fy": 700.0, "cx": 319.5, "cy": 239.5}
-
-
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [
-        (side, v)
-        for side in ("width", "height")
-        for v in (0, -3, 2.5, True, 65537, math.nan, "640", None)
-    ]
-    + [
-        (size, v)
-        for size in ("fx", "fy", "pixel_pitch_um")
-        for v in (0.0, -1.0, math.inf, math.nan)
-    ]
-    + [(centre, v) for centre in ("cx", "cy") for v in (math.inf, math.nan)],
-)
-def test_invalid_cameras_raise_naming_the_field(field, value):
-    with pytest.raises(InputError) as caught:
-        Camera(**GOOD | {field: value})
-    assert f"camera {field}" in str(caught.value)
-    assert str(value) in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("fov", [0, 180, -5, math.nan])
-def test_invalid_fields_of_view_raise(fov):
-    with pytest.raises(InputError, match="fov_x_deg"):
-        Camera.from_fov(640, 480, fov)
-
-
-def test_from_fov_checks_the_size_too():
-    with pytest.raises(InputError, match="camera width"):
-        Camera.from_fov(-640, 480, 50)
-
-
-def test_replace_returns_a_checked_copy():
-    camera = Camera(**GOOD)
-    assert camera.replace(cx=3.0).cx == 3.0
-    assert camera == Camera(**GOOD)
-    with pytest.raises(InputError, match="camera fx"):
-        camera.replace(fx=0.0)

@@ -405,25 +405,6 @@ def test_a_rig_without_errors_of_alignment_is_returned():
     assert twice.nominal is three
 
 
-@pytest.mark.parametrize(
-    ("level", "seed", "given", "says"),
-    [
-        ("consummer", 1, {}, "did you mean 'consumer'"),
-        ("typical", -1, {}, "seed must be a whole number >= 0, got -1"),
-        ("typical", None, {}, "seed must be a whole number >= 0, got None"),
-        (
-            "typical",
-            1,
-            {"gian": 1.0},
-            "unknown mismatch field 'gian'; did you mean 'gain'",
-        ),
-    ],
-)
-def test_invalid_draws_raise(level, seed, given, says):
-    with pytest.raises(InputError, match=says):
-        Mismatch.draw(level, seed, **given)
-
-
 def test_an_edge_is_blurred_as_the_normal_distribution():
     edge = WHITE.copy()
     edge[:, :48] = 0

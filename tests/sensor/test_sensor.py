@@ -18,7 +18,6 @@ from twinlens.camera import (
     Rig,
     ThinLens,
 )
-from twinlens.errors import InputError
 from twinlens.sensor import PRESETS, Exposure, Mismatch, Sensor, auto_exposure
 from twinlens.sensor.picture import FILTERS, demosaic, mosaic
 
@@ -362,59 +361,6 @@ def test_the_default_has_the_snr_and_the_threshold_of_its_source():
     )
     assert 10 * np.log10(sensor.full_well) == pytest.approx(40.3, abs=0.05)
     assert 20 * np.log10(sensor.full_well / threshold) == pytest.approx(71.2, abs=0.14)
-
-
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        ({"full_well": 10**400}, "full_well"),
-        ({"full_well": np.ones((40, 40))}, "full_well"),
-        (
-            {"mismatch": Mismatch(time=2.0), "longest_exposure": 1e9},
-            "mismatch makes the exposure invalid",
-        ),
-        ({"mismatch": {"gain": 1.1}}, "must be a Mismatch or a tuple of Mismatch"),
-        ({"black_level": 4095.0}, "black_level must be below 4095 DN, got 4095"),
-    ],
-)
-def test_invalid_sensors_raise(change, says):
-    with pytest.raises(InputError, match=says) as refusal:
-        Sensor().replace(**change)
-    assert "\n" not in str(refusal.value)
-
-
-def test_unknown_presets_and_invalid_f_numbers_raise():
-    with pytest.raises(InputError, match="working_f_number must be a positive"):
-        Exposure(1.0).value(0.0)
-    with pytest.raises(InputError, match="did you mean 'phone'"):
-        Sensor.preset("phne")
-
-
-@pytest.mark.parametrize(
-    ("image", "how", "says"),
-    [
-        (np.zeros((64, 96)), {}, "shape"),
-        (np.zeros((96, 64, 3)), {}, "shape"),
-        (np.full((64, 96, 3), np.nan), {}, "NaN"),
-        (np.full((64, 96, 3), "a"), {}, "numbers"),
-        (np.ones((64, 96, 3), complex), {}, "real numbers"),
-        ([[1.0], [1.0, 2.0]], {}, "unequal"),
-        (np.full((64, 96, 3), -1.0), {}, "negative"),
-        (np.zeros((64, 96, 3)), {"seed": -1}, "seed"),
-        (np.zeros((64, 96, 3)), {"seed": 1.5}, "seed"),
-        (np.zeros((64, 96, 3)), {"eye": -1}, "eye"),
-    ],
-)
-def test_invalid_radiances_and_seeds_raise(image, how, says):
-    with pytest.raises(InputError, match=says):
-        Sensor().expose(image, camera=CAMERA, lens=LENS, **how)
-
-
-def test_a_missing_image_raises():
-    with pytest.raises(InputError, match="one image per camera"):
-        Sensor().expose_rig([grey()], rig=RIG, lens=LENS)
-    with pytest.raises(InputError, match="one camera each"):
-        auto_exposure([], sensor=Sensor(), cameras=CAMERA, lens=LENS)
 
 
 def test_every_preset_works_without_opencv(monkeypatch):
