@@ -89,7 +89,9 @@ def test_a_further_channel_is_computed_stored_and_read(scene, tmp_path, monkeypa
     )
     monkeypatch.setitem(CHANNELS, "ray_distance", row)
     rig = default_rig(scene, 24, 18)
-    write_sample(tmp_path / "s", make_sample(scene, rig, LENSES[:1], spp=1, seed=0))
+    write_sample(
+        tmp_path / "s", make_sample(scene, rig, LENSES[:1], Shoot(spp=1, seed=0))
+    )
     stored = Dataset(tmp_path)[0]
     assert verify_sample(stored) == []
     for view, camera in enumerate(rig.cameras):

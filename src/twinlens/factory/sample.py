@@ -124,6 +124,10 @@ class Shoot(Settings, noun="sample"):
         if not lenses:
             raise InputError("a sample needs at least one lens")
         self.sensor.check_mismatches(rig)
+        if any(camera.is_wide for camera in rig.cameras):
+            raise InputError(
+                "a sample holds depth along the axis: its cameras must see less than 90 degrees from theirs"
+            )
         for lens in lenses:
             check_lens(lens)
             is_open = lens.aperture_diameter > 0
