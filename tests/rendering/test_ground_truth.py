@@ -12,8 +12,9 @@ import twinlens as tl
 from tests.rendering import rendering_cases as cases, rendering_corners as corners
 from tests.rendering.rendering_answers import View
 from tests.rendering.rendering_bodies import Ball, unit
-from twinlens.camera import Camera, Rig
+from twinlens.camera import Camera, KannalaBrandt, Rig
 from twinlens.camera.truth import MATERIAL_KINDS
+from twinlens.scenes import SceneObject
 
 GRAZING = 0.02  # cosine of the angle of incidence
 TYPES = {
@@ -309,6 +310,33 @@ def test_smooth_normals_are_interpolated_and_face_the_camera(corner_answers):
         assert np.abs(flat - radius).max() > 0.05
         assert ((smooth * flat).sum(axis=-1) > 0.99).all()
         assert np.abs(np.linalg.norm(smooth, axis=-1) - 1).max() < 1e-6
+
+
+def test_a_fisheye_of_200_degrees_has_ray_distances_and_depths_behind_it():
+    """A camera in a ball, off its centre; at r pixels from the middle it looks at an angle of r / f to its axis."""
+    size, radius, centre = 65, 2.0, np.array([0.3, -0.2, 0.5])
+    focal = (size - 1) / np.deg2rad(200)
+    middle = (size - 1) / 2
+    fisheye = KannalaBrandt()
+    camera = Camera(size, size, focal, focal, middle, middle, fisheye)
+    placed = np.eye(4)
+    placed[:3, :3] *= radius
+    placed[:3, 3] = centre
+    ball = SceneObject("ball", {"type": "sphere"}, "chalk", placed)
+    truth = tl.ground_truth(corners.scene(ball), Rig([camera], [np.eye(4)]))[0]
+    offset = camera.pixel_grid() - middle
+    angle = np.linalg.norm(offset, axis=-1) / focal
+    azimuth = np.arctan2(offset[..., 1], offset[..., 0])
+    x, y = np.sin(angle) * np.cos(azimuth), np.sin(angle) * np.sin(azimuth)
+    along = np.stack([x, y, np.cos(angle)], axis=-1) @ centre
+    distance = along + np.sqrt(along**2 - centre @ centre + radius**2)
+    position = truth.position
+    np.testing.assert_allclose(truth.depth, distance * np.cos(angle), atol=3e-6)
+    np.testing.assert_allclose(position[..., 0], distance * x, atol=3e-6)
+    np.testing.assert_allclose(position[..., 1], distance * y, atol=3e-6)
+    assert truth.depth.min() < -1
+    (whole,) = truth.objects
+    assert whole.pixel_count == whole.visible_pixel_count == size**2
 
 
 def test_a_mitsuba_file_has_ground_truth(tmp_path):

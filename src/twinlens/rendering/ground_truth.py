@@ -25,7 +25,6 @@ from twinlens.rendering.tracing import (
     Rays,
     Stop,
     intersect,
-    lengths,
     trace_surfaces,
     visible_from,
 )
@@ -109,11 +108,10 @@ def ground_truth(
 
 def _view_hits(built: BuiltScene, rig: Rig, index: int) -> ViewHits:
     camera, pose = rig.cameras[index], rig.world_from_cams[index]
-    in_camera = camera.unproject(camera.pixel_grid()).reshape(-1, 3)
-    cosine = in_camera[:, 2] / lengths(in_camera)
-    rays = Rays.from_point(pose[:3, 3], rotate(pose, in_camera))
+    bearings = camera.rays(camera.pixel_grid()).reshape(-1, 3)
+    rays = Rays.from_point(pose[:3, 3], rotate(pose, bearings))
     (first,) = trace_surfaces(built, rays, Stop.FIRST)
-    return ViewHits(built, rig, index, rays, cosine, first)
+    return ViewHits(built, rig, index, rays, bearings[:, 2], first)
 
 
 def _truth(view: ViewHits, sky_disparity: bool, objects: bool) -> Truth:

@@ -260,7 +260,7 @@ def _cast_alone(
         v, u = np.nonzero(chosen[start : start + step])
         v += start
         pixels = np.stack([u + window.u0, v + window.v0], axis=-1)
-        ahead = rotate(local_from_cam, view.camera.unproject(pixels))
+        ahead = rotate(local_from_cam, view.camera.rays(pixels))
         has_ray = np.isfinite(ahead).all(axis=1)  # pixels far outside may have none
         rays = Rays.from_point(centre, ahead[has_ray])
         hit[v[has_ray], u[has_ray]] = intersect(alone, rays).body >= 0
