@@ -162,38 +162,37 @@ def numbers(cost: Cost, dtype: np.dtype[Any], side: int) -> Numbers:
     """
     if dtype.kind == "f":
         return Numbers(np.float64, np.float64, np.float64)
+    if cost.term == "product":
+        return _numbers_of_products(cost, dtype, side)
     area, largest = side * side, int(np.iinfo(dtype).max)
     bytewise = dtype.itemsize == 1
-    if cost.term == "product":
-        _check_room(
-            cost,
-            dtype,
-            side,
-            (area * largest) ** 2 // 4 if cost.scoring == "zncc" else area * largest**2,
-            63,
-        )
-        if not bytewise:
-            return Numbers(np.int64, np.int64, np.float64)
-        totals = np.int32 if (area * largest) ** 2 // 4 < 1 << 31 else np.float64
-        return Numbers(
-            np.int32 if area * largest**2 < 1 << 31 else np.int64, totals, np.float32
-        )
-    top = {"absolute": largest, "square": largest**2, "hamming": 8 * dtype.itemsize}[
-        cost.term
-    ] * area
-    sums = next(
-        kind for kind in (np.uint16, np.uint32, np.uint64) if top < np.iinfo(kind).max
-    )
     if cost.scoring == "zssd":
         _check_room(cost, dtype, side, (area * largest) ** 2, 64)
-        return (
-            Numbers(np.uint32, np.float64, np.float64)
-            if bytewise
-            else Numbers(np.uint64, np.uint64, np.uint64)
-        )
+        if bytewise:
+            return Numbers(np.uint32, np.float64, np.float64)
+        return Numbers(np.uint64, np.uint64, np.uint64)
+    bits = 8 * dtype.itemsize  # the largest Hamming distance of two words
+    pixel_tops = {"absolute": largest, "square": largest**2, "hamming": bits}
+    top = pixel_tops[cost.term] * area
+    kinds = np.uint16, np.uint32, np.uint64
+    sums = next(kind for kind in kinds if top < np.iinfo(kind).max)
     if cost.scoring == "jaccard":
+        # float32 holds whole numbers below 2^24.
         return Numbers(sums, np.float64, np.float32 if top < 1 << 24 else np.float64)
     return Numbers(sums, np.float64, sums)
+
+
+def _numbers_of_products(cost: Cost, dtype: np.dtype[Any], side: int) -> Numbers:
+    """The dtypes for NCC and ZNCC, whose covariance n S_LR - S_L S_R is at most (n m / 2)^2."""
+    area, largest = side * side, int(np.iinfo(dtype).max)
+    covariance = (area * largest) ** 2 // 4
+    bound = covariance if cost.scoring == "zncc" else area * largest**2
+    _check_room(cost, dtype, side, bound, 63)
+    if dtype.itemsize > 1:
+        return Numbers(np.int64, np.int64, np.float64)
+    sums = np.int32 if area * largest**2 < 1 << 31 else np.int64
+    totals = np.int32 if covariance < 1 << 31 else np.float64
+    return Numbers(sums, totals, np.float32)
 
 
 def _check_room(
@@ -224,11 +223,9 @@ def largest_cost(
         return float((descriptor**2 - 1) * area)
     if left.dtype.kind == "u":
         span = float(np.iinfo(left.dtype).max)
-    else:  # 1 where all pixels are equal
-        span = (
-            float(max(left.max(), right.max())) - float(min(left.min(), right.min()))
-            or 1.0
-        )
+    else:
+        lowest, highest = min(left.min(), right.min()), max(left.max(), right.max())
+        span = float(highest) - float(lowest) or 1.0  # 1 where all pixels are equal
     if cost.term == "square":
         # The kernel's ZSSD is n times the sum of squares; differences reach from -span to span.
         return (area * span) ** 2 if cost.scoring == "zssd" else area * span**2
