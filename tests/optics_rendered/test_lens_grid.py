@@ -5,7 +5,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import drjit
 import numpy as np
 import pytest
 from scipy.stats import t as student
@@ -20,8 +19,11 @@ from tests.optics_rendered.optics_lights import (
 )
 from twinlens.camera import Annulus, BrownConrady, MaskAperture, Polygon
 from twinlens.errors import InputError
-from twinlens.rendering import lens_grid, shared_paths
+from twinlens.rendering import backend, lens_grid, shared_paths
 from twinlens.rendering.annuli import area_fraction, plan_annuli, split_vergences
+
+backend()
+import drjit  # noqa: E402, Dr.Jit reads DRJIT_LIBLLVM_PATH when it is imported
 
 LEFT = tl.Camera(
     24, 18, fx=26.0, fy=31.0, cx=10.2, cy=9.1

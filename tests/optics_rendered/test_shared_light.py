@@ -1,6 +1,5 @@
 """Light fields of shared light: each view is what a pinhole camera sees that is rendered by itself."""
 
-import drjit
 import numpy as np
 import pytest
 
@@ -9,7 +8,11 @@ from tests.optics_rendered.optics_lights import FACING, HERE, chequered_room, sk
 from tests.optics_rendered.test_light_field import block_means, error_over_noise
 from twinlens.camera import Projector, patterns
 from twinlens.errors import InputError
+from twinlens.rendering import backend
 from twinlens.scenes import Scene, SceneObject, Sky
+
+backend()
+import drjit  # noqa: E402, Dr.Jit reads DRJIT_LIBLLVM_PATH when it is imported
 
 CAMERA = tl.Camera(48, 36, 50.0, 50.0, 23.5, 17.5)
 NARROW, WIDE = tl.ThinLens(0.03, 2.0), tl.ThinLens(0.3, 2.0)

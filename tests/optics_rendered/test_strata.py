@@ -2,14 +2,12 @@
 
 import math
 
-import drjit as dr
-import mitsuba as mi
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
 import twinlens as tl
-from twinlens.rendering import shared_paths
+from twinlens.rendering import backend, shared_paths
 from twinlens.rendering.annuli import ApertureAnnulus
 from twinlens.rendering.shared_paths import (
     SharedPaths,
@@ -19,6 +17,10 @@ from twinlens.rendering.shared_paths import (
     shuffle_within,
     stratum_grid,
 )
+
+backend()
+import drjit as dr  # noqa: E402, Dr.Jit reads DRJIT_LIBLLVM_PATH when it is imported
+import mitsuba as mi  # noqa: E402, Dr.Jit reads DRJIT_LIBLLVM_PATH when it is imported
 
 PIXELS = 50
 CAMERA = tl.Camera(10, 5, 40.0, 45.0, 4.5, 2.0)

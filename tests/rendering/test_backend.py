@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+import textwrap
 import tomllib
 from pathlib import Path
 
@@ -444,3 +445,21 @@ def run_python(script, *arguments, **environment):
         text=True,
         timeout=200,
     )
+
+
+def test_a_host_that_loaded_another_library_first_gets_one_line():
+    """Debian's LLVM 15 aborts the process at its first render."""
+    code = """
+        from pathlib import Path
+        from twinlens.rendering import backend, backends
+        backend()
+        try:
+            backends._check_loaded(Path("/usr/lib/libLLVM-99.so"))
+        except backends.BackendError as error:
+            print(error)
+    """
+    answer = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True
+    )
+    assert "has loaded" in answer.stdout
+    assert "DRJIT_LIBLLVM_PATH=/usr/lib/libLLVM-99.so" in answer.stdout

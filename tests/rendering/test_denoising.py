@@ -2,15 +2,17 @@
 
 from types import SimpleNamespace
 
-import mitsuba_oidn
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
 from tests.rendering import rendering_photos as photos
 from tests.rendering.test_render import profile, seen
-from twinlens.rendering import denoising
+from twinlens.rendering import backend, denoising
 from twinlens.rendering.guides import Guides
+
+backend()
+import mitsuba_oidn  # noqa: E402, Dr.Jit reads DRJIT_LIBLLVM_PATH when it is imported
 
 MIDDLE = slice(8, 16), slice(8, 16)
 

@@ -180,4 +180,25 @@ def _activate(chosen: Backend) -> None:
                     " imported with another DRJIT_LIBLLVM_PATH; unset it, or render with twinlens first"
                 ) from error
             mitsuba.set_log_level(mitsuba.LogLevel.Error)
+        if chosen.library is not None:
+            _check_loaded(Path(chosen.library))
         _activated[chosen.variant] = chosen
+
+
+def _check_loaded(library: Path) -> None:
+    """Raise BackendError if Dr.Jit has loaded another LLVM library than `library`.
+
+    It does where the host program imported Mitsuba or Dr.Jit before. Some versions would abort the process at the
+    first render. Loaded libraries are known on Linux only.
+    """
+    maps = Path("/proc/self/maps")
+    if not maps.exists():
+        return
+    paths = {line.split(maxsplit=5)[-1] for line in maps.read_text().splitlines()}
+    loaded = {Path(path).resolve() for path in paths if "libLLVM" in Path(path).name}
+    if loaded and library.resolve() not in loaded:
+        names = ", ".join(sorted(str(path) for path in loaded))
+        raise BackendError(
+            f"mitsuba was imported before twinlens's backend was set up and has loaded {names}: call"
+            f" twinlens.rendering.backend() first, or set DRJIT_LIBLLVM_PATH={library}"
+        )

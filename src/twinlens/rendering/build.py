@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.errors import InputError
+from twinlens.errors import BackendError, InputError
 from twinlens.geometry import Float
 from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.materials import (
@@ -481,6 +481,8 @@ def _load(plugin: Plugin, what: str) -> Any:
 def _input_errors(message: str) -> Iterator[None]:
     try:
         yield
+    except BackendError:
+        raise  # a RuntimeError too, and not about the input
     except RuntimeError as error:
         raise InputError(
             f"{message}: {str(error).strip().splitlines()[-1].strip()}"
