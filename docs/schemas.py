@@ -15,7 +15,7 @@ from twinlens.dataset.dataset import DatasetFile
 from twinlens.dataset.stored import SampleFile
 from twinlens.factory.draws import KINDS
 from twinlens.factory.recipe import RecipeTable
-from twinlens.factory.settings import Settings
+from twinlens.factory.settings import RecipeSettings
 from twinlens.scenes.rigs import RigTable
 from twinlens.scenes.scene_file import SceneFile
 from twinlens.scoring.board_file import BoardModel
@@ -63,7 +63,7 @@ def schema(name: str) -> str:
 
 def with_distributions(recipe: dict[str, Any]) -> dict[str, Any]:
     """The schema of a recipe whose drawn keys have their types, and accept a distribution in place of any value."""
-    drawn = Settings.model_json_schema(schema_generator=TomlSchema)
+    drawn = RecipeSettings.model_json_schema(schema_generator=TomlSchema)
     rig = pydantic.TypeAdapter(RigTable).json_schema(schema_generator=TomlSchema)
     tables = drawn.pop("$defs") | rig.pop("$defs")
     drawn["properties"]["rig"] = rig

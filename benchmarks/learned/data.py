@@ -16,7 +16,7 @@ from twinlens.dataset import StoredSample
 from twinlens.errors import InputError
 from twinlens.factory import generate, plan, read_recipe, worker_processes
 from twinlens.factory.recipe import Recipe
-from twinlens.factory.settings import ANY_SCENE, Settings, sensor_for
+from twinlens.factory.settings import ANY_SCENE, RecipeSettings, sensor_for
 from twinlens.matching import grey
 from twinlens.schema import read
 from twinlens.scoring import Pair
@@ -59,7 +59,7 @@ def checked_recipe(recipe: Path, **changes: Any) -> Recipe:
             f'{recipe}: add keep = ["radiance"]; training exposes the stored light again'
         )
     for spec in (plan(found, index) for index in range(found.count)):
-        rig = read(Settings, dict(spec.drawn), recipe).rig_of(
+        rig = read(RecipeSettings, dict(spec.drawn), recipe).rig_of(
             ANY_SCENE, None, recipe, found.sources.file
         )
         if len(rig) != 2 or not rig.is_rectified():

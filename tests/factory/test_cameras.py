@@ -11,7 +11,7 @@ from twinlens.camera.presets import CAMERAS
 from twinlens.errors import InputError
 from twinlens.factory import default_rig, plan
 from twinlens.factory.recipe import recipe_from_table
-from twinlens.factory.settings import Settings
+from twinlens.factory.settings import RecipeSettings
 from twinlens.scenes import Scene, rig_from_table
 from twinlens.schema import read
 
@@ -22,7 +22,7 @@ BASE = {"seed": 1, "count": 3, "scenes": ["cards"]}
 def rig_of(table, index=0, own=None):
     """The settings and the rig of a sample of a recipe; `own` is the rig's table of its scene.toml."""
     spec = plan(recipe_from_table(BASE | table), index)
-    settings = read(Settings, spec.drawn, "recipe.toml")
+    settings = read(RecipeSettings, spec.drawn, "recipe.toml")
     return settings, settings.rig_of(SCENE, own, Path("recipe.toml"), Path)
 
 

@@ -5,7 +5,7 @@ import pytest
 from twinlens.camera.film import SENSOR_WIDTHS_MM
 from twinlens.errors import InputError
 from twinlens.factory import default_rig, plan, recipe_from_table
-from twinlens.factory.settings import Settings
+from twinlens.factory.settings import RecipeSettings
 from twinlens.scenes import load_scene, rig_from_table
 from twinlens.schema import read
 
@@ -50,7 +50,9 @@ def test_near_infrared_cameras_have_a_sensor_of_their_own():
     recipe = recipe_from_table(
         {**BASE, "rig": {"camera": {"band": "nir"}}, "sensor": table}
     )
-    settings = [read(Settings, plan(recipe, i).drawn, "recipe.toml") for i in range(2)]
+    settings = [
+        read(RecipeSettings, plan(recipe, i).drawn, "recipe.toml") for i in range(2)
+    ]
     assert [each.sensor.nir.read_noise for each in settings] == [2.0, 3.0]
     assert settings[0].sensor.nir.full_well == 6000.0
     with pytest.raises(

@@ -19,22 +19,20 @@ def command(as_json: bool) -> None:
     if as_json:
         print_json({"cameras": cameras, "sensor_widths_mm": SENSOR_WIDTHS_MM})
         return
-    for each in cameras:
-        size = (
-            f"{each['width']}x{each['height']} pixels of {each['pixel_pitch_um']:g} um"
-        )
-        lens = f"{each['focal_length_mm']:.4g} mm" + (
-            f" f/{each['f_number']:g}" if each["f_number"] else ""
+    for camera in cameras:
+        size = f"{camera['width']}x{camera['height']} pixels of {camera['pixel_pitch_um']:g} um"
+        lens = f"{camera['focal_length_mm']:.4g} mm" + (
+            f" f/{camera['f_number']:g}" if camera["f_number"] else ""
         )
         baseline = (
-            [f"baseline {1e3 * each['baseline']:g} mm"] if each["baseline"] else []
+            [f"baseline {1e3 * camera['baseline']:g} mm"] if camera["baseline"] else []
         )
-        click.echo(f"{each['name']}: {each['description']}")
+        click.echo(f"{camera['name']}: {camera['description']}")
         click.echo(
             "  "
-            + ", ".join([size, lens, f"{each['fov_x_deg']:.1f} degrees", *baseline])
+            + ", ".join([size, lens, f"{camera['fov_x_deg']:.1f} degrees", *baseline])
         )
-        click.echo(f"  Source: {each['source']}")
+        click.echo(f"  Source: {camera['source']}")
     formats = ", ".join(
         f"{name} ({width:g} mm)" for name, width in SENSOR_WIDTHS_MM.items()
     )

@@ -19,7 +19,7 @@ from twinlens.dataset import About, Place, describe
 @click.option("--url", help="Address of the dataset.")
 @click.option("--published", help="Date of publication, such as 2026-01-31.")
 @click.option("--cite-as", help="A BibTeX entry.")
-def command(dataset: Place, **given: str | None) -> None:
+def command(dataset: Place, **fields: str | None) -> None:
     """Write DATASET's card (README.md with pictures and statistics) and its Croissant metadata (croissant.json).
 
     The options are stored in dataset.json and kept by later runs. Datasets made by twinlens already have both files;
@@ -28,6 +28,6 @@ def command(dataset: Place, **given: str | None) -> None:
     \b
     Example:  twinlens describe out --license CC-BY-4.0 --creator "Your Name"
     """
-    about = About.of({key: value for key, value in given.items() if value is not None})
+    about = About.of({key: value for key, value in fields.items() if value is not None})
     for file in describe(dataset, about):
         click.echo(str(dataset / file))

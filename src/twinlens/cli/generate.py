@@ -131,23 +131,23 @@ def _print(outcome: factory.Outcome, output: Place, as_json: bool) -> None:
         )
 
 
-def _print_estimate(found: factory.Estimate, output: Place, as_json: bool) -> None:
+def _print_estimate(estimate: factory.Estimate, output: Place, as_json: bool) -> None:
     if as_json:
-        print_json({"dataset": str(output), **asdict(found)})
+        print_json({"dataset": str(output), **asdict(estimate)})
         return
-    samples = f"{found.count} sample{'' if found.count == 1 else 's'}"
-    click.echo(f"{output}: {samples}, {found.before} made, {found.todo} to make")
-    if found.next is None:
+    samples = f"{estimate.count} sample{'' if estimate.count == 1 else 's'}"
+    click.echo(f"{output}: {samples}, {estimate.before} made, {estimate.todo} to make")
+    if estimate.next is None:
         return
-    split = f", split {found.next['split']}" if found.next["split"] else ""
+    split = f", split {estimate.next['split']}" if estimate.next["split"] else ""
     click.echo(
-        f"next: sample {found.next['index']}, {found.next['kind']} {found.next['scene']}{split}"
+        f"next: sample {estimate.next['index']}, {estimate.next['kind']} {estimate.next['scene']}{split}"
     )
     tables = dict.fromkeys(
-        recipe_toml(found.next["drawn"]).strip().split("\n\n")
+        recipe_toml(estimate.next["drawn"]).strip().split("\n\n")
     )  # equal copies of an object once
     click.echo(textwrap.indent("\n\n".join(tables), "  "))
-    rest = f"{timedelta(seconds=round(found.seconds))} (h:mm:ss) and {decimal(found.bytes)} on this machine"
+    rest = f"{timedelta(seconds=round(estimate.seconds))} (h:mm:ss) and {decimal(estimate.bytes)} on this machine"
     click.echo(
-        f"one sample took {found.seconds_each:.1f} s and {decimal(found.bytes_each)}; the rest needs about {rest}"
+        f"one sample took {estimate.seconds_each:.1f} s and {decimal(estimate.bytes_each)}; the rest needs about {rest}"
     )

@@ -103,14 +103,14 @@ def command(
     write_pfm(output, disparity)
     if picture is not None:
         write_png(picture, colourise(disparity, *disparity_limits(disparity, matcher)))
-    known = float(np.isfinite(disparity).mean())
+    matched = float(np.isfinite(disparity).mean())
     record = {
         "output": str(output),
         "method": name,
-        "known_fraction": known,
+        "known_fraction": matched,
         "seconds": seconds,
     }
-    text = f"{output}: {name}, {known:.1%} of the pixels matched, {seconds:.2f} s including compilation"
+    text = f"{output}: {name}, {matched:.1%} of the pixels matched, {seconds:.2f} s including compilation"
     print_result(as_json, record, text)
 
 
@@ -120,8 +120,8 @@ def _check_outputs(images: tuple[Path, ...], outputs: dict[str, Path | None]) ->
     for option, path in outputs.items():
         if path is None:
             continue
-        if (other := taken.setdefault(path.absolute(), option)) != option:
-            raise InputError(f"{option} {path}: is also {other}; choose another file")
+        if (earlier := taken.setdefault(path.absolute(), option)) != option:
+            raise InputError(f"{option} {path}: is also {earlier}; choose another file")
         if any(
             path.exists() and image.exists() and path.samefile(image)
             for image in images

@@ -164,8 +164,8 @@ def refuse_repeated(
     context = click.Context(
         command, parent=group
     )  # it has the names of --help, which a command keeps
-    _, _, given = command.make_parser(context).parse_args(list(arguments))
-    for param, count in Counter(given).items():
+    _, _, params = command.make_parser(context).parse_args(list(arguments))
+    for param, count in Counter(params).items():
         if (
             count > 1
             and isinstance(param, click.Option)

@@ -145,20 +145,20 @@ def command(
 
 
 def _task(options: Mapping[str, Any]) -> RigTask:
-    given = {name: value for name, value in options.items() if value is not None}
+    chosen = {name: value for name, value in options.items() if value is not None}
     depths = camera_text.parse_numbers(
-        "--depth", given["depth"], (2,), "NEAR,FAR in metres, such as 0.5,3"
+        "--depth", chosen["depth"], (2,), "NEAR,FAR in metres, such as 0.5,3"
     )
-    known = {"depth_range": (depths[0], depths[1]), **_camera(given)}
+    values = {"depth_range": (depths[0], depths[1]), **_camera(chosen)}
     for name in ("fov", "focal_length_mm", "baseline", "f_number"):
-        if name in given:
-            known[name] = _range(f"--{name.replace('_', '-')}", given[name])
-    if "focal_length_mm" in known:
-        known.pop("fov_x_deg", None)  # the camera's
-    if "fov" in known:
-        known["fov_x_deg"] = known.pop("fov")
-    if "depth_error_mm" in given:
-        known["depth_error"] = 1e-3 * given["depth_error_mm"]
+        if name in chosen:
+            values[name] = _range(f"--{name.replace('_', '-')}", chosen[name])
+    if "focal_length_mm" in values:
+        values.pop("fov_x_deg", None)  # the camera's
+    if "fov" in values:
+        values["fov_x_deg"] = values.pop("fov")
+    if "depth_error_mm" in chosen:
+        values["depth_error"] = 1e-3 * chosen["depth_error_mm"]
     same = (
         "focus_distance",
         "disparity_error_px",
@@ -169,9 +169,9 @@ def _task(options: Mapping[str, Any]) -> RigTask:
     )
     try:
         return RigTask(
-            **known,
-            **{name: given[name] for name in same if name in given},
-            light=_light(given, known["pixel_pitch_um"]),
+            **values,
+            **{name: chosen[name] for name in same if name in chosen},
+            light=_light(chosen, values["pixel_pitch_um"]),
         )
     except InputError as error:
         message = str(error).removeprefix("rig ").removeprefix("light ")
@@ -180,57 +180,57 @@ def _task(options: Mapping[str, Any]) -> RigTask:
             raise InputError(
                 "give exactly one of --fov and --focal-length-mm, or a --camera"
             ) from error
-        option = f"--{field.replace('_', '-')}" if field in known | given else field
+        option = f"--{field.replace('_', '-')}" if field in values | chosen else field
         raise InputError(f"{_OPTIONS.get(field, option)} {rest}") from error
 
 
-def _camera(given: Mapping[str, Any]) -> dict[str, Any]:
+def _camera(chosen: Mapping[str, Any]) -> dict[str, Any]:
     """Size and pixel pitch; of a preset also its lens and baseline."""
-    width, height = camera_text.parse_size(given.get("size"), given.get("camera"))
-    known: dict[str, Any] = {"width": width, "height": height, "pixel_pitch_um": 5.0}
-    if "camera" in given:
-        preset = find_camera(given["camera"])
+    width, height = camera_text.parse_size(chosen.get("size"), chosen.get("camera"))
+    values: dict[str, Any] = {"width": width, "height": height, "pixel_pitch_um": 5.0}
+    if "camera" in chosen:
+        preset = find_camera(chosen["camera"])
         camera = preset.resized(width, height)
-        known |= {
+        values |= {
             "pixel_pitch_um": camera.pixel_pitch_um,
             "fov_x_deg": fov_x_deg(width, camera.fx),
         }
-        known |= {
+        values |= {
             name: value
             for name in ("baseline", "f_number")
             if (value := getattr(preset, name)) is not None
         }
     pixel = ("pixel_pitch_um", "sensor_width_mm")
     intrinsics = camera_text.parse_intrinsics(
-        {name: given[name] for name in pixel if name in given}
+        {name: chosen[name] for name in pixel if name in chosen}
     )
     if len(intrinsics) > 1:
         raise InputError("--pixel-pitch-um and --sensor-width-mm exclude each other")
     if "sensor_width_mm" in intrinsics:
         intrinsics = {"pixel_pitch_um": 1e3 * intrinsics["sensor_width_mm"] / width}
-    return known | intrinsics
+    return values | intrinsics
 
 
-def _light(given: Mapping[str, Any], pixel_pitch_um: float) -> Light | None:
-    if "lux" not in given:
+def _light(chosen: Mapping[str, Any], pixel_pitch_um: float) -> Light | None:
+    if "lux" not in chosen:
         options = {"longest_exposure": "--longest-exposure", "sensor": "--sensor"}
         for name, option in {**options, "least_snr": "--snr"}.items():
-            if name in given:
+            if name in chosen:
                 raise InputError(f"{option} needs --lux")
         return None
-    text = given.get("longest_exposure", "1/50")
+    text = chosen.get("longest_exposure", "1/50")
     exposure = camera_text.parse_exposure(text)
     if exposure is None or exposure.gain != 1:
         raise InputError(
             f"--longest-exposure must be seconds, such as 1/50, got {text!r}"
         )
-    sensor = camera_text.parse_sensor(given.get("sensor", "machine_vision"))
+    sensor = camera_text.parse_sensor(chosen.get("sensor", "machine_vision"))
     return light_on_grey(
         sensor,
-        given["lux"],
+        chosen["lux"],
         pixel_pitch_um,
         exposure.time,
-        given.get("least_snr", 10.0),
+        chosen.get("least_snr", 10.0),
     )
 
 

@@ -173,13 +173,13 @@ def command(
     check_samples(output, [scene.name for scene, *_ in jobs], overwrite)
     made: list[_Made] = []
     with interrupt_note(lambda: "finished samples are kept" if made else ""):
-        for scene, rig, lenses, own in jobs:
+        for scene, rig, lenses, rig_sensor in jobs:
             with progress_bar(f"rendering {scene.name}") as report:
                 sample = make_sample(
                     scene,
-                    own.misalign(rig),
+                    rig_sensor.misalign(rig),
                     [lens for _, lens in lenses],
-                    shoot.replace(sensor=own),
+                    shoot.replace(sensor=rig_sensor),
                     progress=lambda part, report=report: report(part, ""),  # type: ignore[misc]
                 )
             row = add_sample(output, scene.name, sample, options["seed"], overwrite)
@@ -257,7 +257,7 @@ def _lenses(
     lenses: list[tuple[str, RecipeLens]] = []
     for text in options["lenses"]:
         lens = parse_lens(text, view, aperture)
-        if lens in (other for _, other in lenses):
+        if lens in (earlier for _, earlier in lenses):
             raise InputError(
                 f"--lens {text}: is given twice; it would make the same images"
             )
@@ -280,18 +280,18 @@ def _print(output: Place, made: list[_Made], as_json: bool) -> None:
                 "name": row.name,
                 "folder": str(output / row.name),
                 "files": sorted(row.files),
-                "lenses": found,
+                "lenses": effects,
             }
-            for row, _, found in made
+            for row, _, effects in made
         ]
         print_json(
             {"dataset": str(output), "backend": used.variant, "samples": samples}
         )
         return
-    for row, exposures, found in made:
+    for row, exposures, effects in made:
         click.echo(f"{output / row.name}: {len(row.files)} files")
-        for exposure, each in zip(exposures, found, strict=True):
-            click.echo(f"  {exposure}\n    {camera_text.format_optics(each)}")
-        if error := camera_text.format_depth_error(found[0]):
+        for exposure, lens_effects in zip(exposures, effects, strict=True):
+            click.echo(f"  {exposure}\n    {camera_text.format_optics(lens_effects)}")
+        if error := camera_text.format_depth_error(effects[0]):
             click.echo(f"  {error}")
     click.echo(f"rendered with {used.variant} ({used.reason})")

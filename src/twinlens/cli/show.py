@@ -158,8 +158,10 @@ def costs(
             for name, curve in curves.items()
         },
     }  # fmt: skip
-    known = f"true disparity {truth:.2f} px" if np.isfinite(truth) else "truth unknown"
-    lines = [f"{output}: pixel ({u}, {v}), {known}"]
+    truth_text = (
+        f"true disparity {truth:.2f} px" if np.isfinite(truth) else "truth unknown"
+    )
+    lines = [f"{output}: pixel ({u}, {v}), {truth_text}"]
     for name, curve in curves.items():
         winner, rival = (
             "none" if place is None else f"{shown} px (cost {curve.cost_at(place):.4g})"
@@ -210,14 +212,14 @@ def confidence(
         raise missing_output()
     pair, spec = _pair(sample, lens), parse_method(method)
     with progress_bar("matching"), located(f"--method {spec.name}"):
-        found = score_confidences(pair, spec.matcher(**pair.search))
+        scored = score_confidences(pair, spec.matcher(**pair.search))
     if output is not None:
         kind = output.suffix.lower()[1:]
         write_file(
             output,
-            confidence_picture(pair.im0, found, f"{spec.name} on {pair.name}", kind),
+            confidence_picture(pair.im0, scored, f"{spec.name} on {pair.name}", kind),
         )
-    first = next(iter(found.scores.values()))
+    first = next(iter(scored.scores.values()))
     rate, pixels, smallest = (
         first.sparsification[-1],
         first.estimated,
@@ -228,7 +230,7 @@ def confidence(
         "bad2.0": rate, "auc2.0_opt": smallest,
         "measures": {
             name: {"auc2.0": scores["auc2.0"], "sparsification": scores.sparsification}
-            for name, scores in found.scores.items()
+            for name, scores in scored.scores.items()
         },
     }  # fmt: skip
     lines = [
@@ -236,7 +238,7 @@ def confidence(
     ]
     lines += [
         f"{name:12} auc2.0 {scores['auc2.0']:.2f} %"
-        for name, scores in found.scores.items()
+        for name, scores in scored.scores.items()
     ]
     print_result(as_json, record, *lines, f"{'smallest':12} auc2.0 {smallest:.2f} %")
 

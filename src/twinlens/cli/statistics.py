@@ -55,13 +55,13 @@ def command(
     sets = [open_pairs(names) for names in (datasets, *([[like]] if like else []))]
     rows: list[dict[str, dict[str, float]]] = [{} for _ in sets]
     with progress_bar("measuring") as report:
-        for pairs, found in zip(sets, rows, strict=True):
+        for pairs, measured in zip(sets, rows, strict=True):
             for i, pair in enumerate(pairs):
                 report(i / len(pairs), pair.name)
-                found[pair.name] = pair_statistics(pair)
+                measured[pair.name] = pair_statistics(pair)
         report(1.0, "recipe")
         recipe, notes = fit_recipe(Dataset(datasets[0]), sets[1]) if like else ({}, ())
-    summaries = [summarize(list(found.values())) for found in rows]
+    summaries = [summarize(list(measured.values())) for measured in rows]
     if output is not None:
         write_file(
             output, pair_figure(list(rows[0].values()), output.suffix.lower()[1:])
@@ -79,7 +79,7 @@ def command(
         }
         print_json(record | (fit if like else {}))
         return
-    counts = [f"{len(found)} pair{'s' * (len(found) != 1)}" for found in rows]
+    counts = [f"{len(measured)} pair{'s' * (len(measured) != 1)}" for measured in rows]
     lines = [
         (
             "statistic",

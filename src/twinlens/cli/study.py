@@ -74,12 +74,12 @@ def command(
     if output is None:
         raise missing_output()
     check_results(output, "study.json", overwrite)
-    given = {key: value for key, value in options.items() if value is not None}
-    if "size" in given:
-        given["width"], given["height"] = parse_size(given.pop("size"))
+    changes = {key: value for key, value in options.items() if value is not None}
+    if "size" in changes:
+        changes["width"], changes["height"] = parse_size(changes.pop("size"))
     chosen = tuple(split_methods(methods)) if methods else None
     with progress_bar(f"study {study.name}") as report:
-        result = run_study(study, methods=chosen, progress=report, **given)
+        result = run_study(study, methods=chosen, progress=report, **changes)
     page = write_study(output, result)
     if as_json:
         click.echo((output / "study.json").read_text())

@@ -120,16 +120,16 @@ def parse_mismatch(
     if first.isidentifier() and first not in _MISMATCH_FIELDS:
         text = f"level={text}"
     with located(where):
-        given = parse_pairs(text, _MISMATCH_FIELDS, _MISMATCH)
-    if (problem := settings.only_one_camera(cameras, layout)) and given != {
+        fields = parse_pairs(text, _MISMATCH_FIELDS, _MISMATCH)
+    if (problem := settings.only_one_camera(cameras, layout)) and fields != {
         "level": "none"
     }:
         raise InputError(f"{where}: {problem}")
-    if "seed" in given:
+    if "seed" in fields:
         with located(f"{where}: seed"):
-            _SEED.checked(given["seed"])
-    of_pair = settings.mismatches_for(given, 2, seed)
-    of_rig = settings.mismatches_for(given, cameras, seed)
+            _SEED.checked(fields["seed"])
+    of_pair = settings.mismatches_for(fields, 2, seed)
+    of_rig = settings.mismatches_for(fields, cameras, seed)
     # The mismatch of a pair is read first: its messages have no number of a camera.
     mismatch = read(settings.MismatchTables, of_pair, where)
     if of_rig != of_pair:
@@ -175,27 +175,27 @@ def parse_intrinsics(options: Mapping[str, Any]) -> dict[str, Any]:
     >>> parse_intrinsics({"focal_length_px": "700", "sensor_width_mm": "35mm"})
     {'fx': 700.0, 'fy': 700.0, 'sensor_width_mm': 36.0}
     """
-    given = {name: value for name, value in options.items() if value is not None}
+    chosen = {name: value for name, value in options.items() if value is not None}
     values: dict[str, Any] = {}
-    if "camera" in given:
-        values["camera"] = {"preset": given["camera"]}
-    if "focal_length_px" in given:
+    if "camera" in chosen:
+        values["camera"] = {"preset": chosen["camera"]}
+    if "focal_length_px" in chosen:
         form = "FX[,FY] in pixels, such as 700 or 700,690"
         focal = parse_numbers(
-            "--focal-length-px", given["focal_length_px"], (1, 2), form
+            "--focal-length-px", chosen["focal_length_px"], (1, 2), form
         )
         values |= {"fx": focal[0], "fy": focal[-1]}
-    if "principal_point" in given:
+    if "principal_point" in chosen:
         values["cx"], values["cy"] = parse_numbers(
-            "--principal-point", given["principal_point"], (2,), "CX,CY"
+            "--principal-point", chosen["principal_point"], (2,), "CX,CY"
         )
-    if "distortion" in given:
-        model = parse_distortion(given["distortion"])
+    if "distortion" in chosen:
+        model = parse_distortion(chosen["distortion"])
         values["distortion"] = {"model": model.name, **asdict(model)}
-    if "pixel_pitch_um" in given:
-        values["pixel_pitch_um"] = given["pixel_pitch_um"]
-    if "sensor_width_mm" in given:
-        text = given["sensor_width_mm"]
+    if "pixel_pitch_um" in chosen:
+        values["pixel_pitch_um"] = chosen["pixel_pitch_um"]
+    if "sensor_width_mm" in chosen:
+        text = chosen["sensor_width_mm"]
         with located(f"--sensor-width-mm {text}"):
             values["sensor_width_mm"] = sensor_width_mm(
                 float(text) if re.fullmatch(NUMBER, text) else text
@@ -240,7 +240,7 @@ def optics_of(sample: Sample, k: int) -> dict[str, Any]:
         camera.fx,
         sample.truths[0].depth[sample.truths[0].hit],
     )
-    found: dict[str, Any] = {
+    effects: dict[str, Any] = {
         "depths": None, "blur_px": None, "depth_error": None,
         "depth_of_field": optics.depth_of_field(diameter, fx, lens.vergence),
         "hyperfocal_distance": optics.hyperfocal_distance(diameter, fx) if lens.name == "thinlens" else None,
@@ -248,17 +248,17 @@ def optics_of(sample: Sample, k: int) -> dict[str, Any]:
     if depth.size:
         ends = [float(depth.min()), float(depth.max())]
         blur = np.abs(optics.circle_of_confusion_px(ends, diameter, fx, lens.vergence))
-        found |= {"depths": ends, "blur_px": blur.tolist()}
+        effects |= {"depths": ends, "blur_px": blur.tolist()}
         if sample.is_rectified:
-            found["depth_error"] = depth_error(
+            effects["depth_error"] = depth_error(
                 ends, fx, rig.baseline(), TYPICAL_DISPARITY_ERROR
             ).tolist()
-    return found
+    return effects
 
 
-def format_optics(found: Mapping[str, Any]) -> str:
+def format_optics(effects: Mapping[str, Any]) -> str:
     """Depth of field, hyperfocal distance and blur of `optics_of`."""
-    near, far = found["depth_of_field"]
+    near, far = effects["depth_of_field"]
     if near == 0:
         return "sharp at every depth"
     until = "infinity" if far == math.inf else f"{far:.3g} m"
@@ -267,20 +267,20 @@ def format_optics(found: Mapping[str, Any]) -> str:
         if near == math.inf
         else f"sharp to 1 px from {near:.3g} m to {until}"
     ]
-    if found["hyperfocal_distance"] is not None:
-        parts.append(f"hyperfocal distance {found['hyperfocal_distance']:.3g} m")
-    if found["depths"] is not None:
-        parts.append(f"blur circle {_at_depths(found, 'blur_px', 'px', 2)}")
+    if effects["hyperfocal_distance"] is not None:
+        parts.append(f"hyperfocal distance {effects['hyperfocal_distance']:.3g} m")
+    if effects["depths"] is not None:
+        parts.append(f"blur circle {_at_depths(effects, 'blur_px', 'px', 2)}")
     return ", ".join(parts)
 
 
-def format_depth_error(found: Mapping[str, Any]) -> str:
+def format_depth_error(effects: Mapping[str, Any]) -> str:
     """The expected depth error of `optics_of`; empty if it is unknown."""
-    if found["depth_error"] is None:
+    if effects["depth_error"] is None:
         return ""
     millimetres = {
-        **found,
-        "depth_error": [1e3 * error for error in found["depth_error"]],
+        **effects,
+        "depth_error": [1e3 * error for error in effects["depth_error"]],
     }
     errors = _at_depths(millimetres, "depth_error", "mm", 3)
     return (
@@ -288,8 +288,8 @@ def format_depth_error(found: Mapping[str, Any]) -> str:
     )
 
 
-def _at_depths(found: Mapping[str, Any], name: str, unit: str, digits: int) -> str:
-    pairs = zip(found[name], found["depths"], strict=True)
+def _at_depths(effects: Mapping[str, Any], name: str, unit: str, digits: int) -> str:
+    pairs = zip(effects[name], effects["depths"], strict=True)
     return " and ".join(
         f"{value:.{digits}g} {unit} at {depth:.3g} m" for value, depth in pairs
     )

@@ -206,9 +206,9 @@ def template(value: Any, file: str | Path, key: str = "", depth: int = 0) -> Any
 
 def leaves(tree: Any) -> list[Leaf]:
     """Every distribution in a template, in order."""
-    found: list[Leaf] = []
-    resolve(tree, found.append)
-    return found
+    collected: list[Leaf] = []
+    resolve(tree, collected.append)
+    return collected
 
 
 def resolve(tree: Any, choose: Callable[[Leaf], Any]) -> Any:
@@ -225,9 +225,9 @@ def resolve(tree: Any, choose: Callable[[Leaf], Any]) -> Any:
 def corners(tree: Any) -> Iterator[Any]:
     """Tables to check a template with: all distributions at their first values, then each at each other value."""
     yield resolve(tree, lambda leaf: leaf.distribution.values[0])
-    for one in leaves(tree):
-        for value in one.distribution.values[1:]:
-            chosen = {one.key: value}
+    for varied in leaves(tree):
+        for value in varied.distribution.values[1:]:
+            chosen = {varied.key: value}
 
             def choose(leaf: Any, chosen: dict[Any, Any] = chosen) -> Any:
                 return chosen.get(leaf.key, leaf.distribution.values[0])
@@ -242,10 +242,10 @@ def hint(message: str, tree: Any) -> str:
     "; did you mean the distribution 'uniform'?"
     """
     key, _, problem = message.partition(": ")
-    if found := re.search(r"must be .*, got \{(.*)", problem):
+    if table := re.search(r"must be .*, got \{(.*)", problem):
         near = [
             kind
-            for word in re.findall(r"'(\w+)':", found[1])
+            for word in re.findall(r"'(\w+)':", table[1])
             for kind in difflib.get_close_matches(word, KINDS, 1)
         ]
         return (

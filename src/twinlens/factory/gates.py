@@ -31,16 +31,19 @@ Grey = NDArray[np.float32]
 
 
 class Rejected(Exception):  # noqa: N818  no failure: the draw was a bad one
-    """A gate has rejected a draw: `reason` is counted, `found` is the measurement, `remedy` names what to change.
+    """A gate has rejected a draw: `reason` is counted, `measured` says by how much, `remedy` what to change.
 
     `noisy`: the measurement depends on image noise, which differs in another draw.
     """
 
     def __init__(
-        self, reason: str, found: str, remedy: str, noisy: bool = False
+        self, reason: str, measured: str, remedy: str, noisy: bool = False
     ) -> None:
-        super().__init__(f"{reason}: {found}")
-        self.reason, self.found, self.remedy, self.noisy = reason, found, remedy, noisy
+        super().__init__(f"{reason}: {measured}")
+        self.reason = reason
+        self.measured = measured
+        self.remedy = remedy
+        self.noisy = noisy
 
 
 class Gates(StrictModel):
@@ -78,15 +81,15 @@ def check_truth(
             remedy = "scene.jitter, rig.baseline, or gates.inside"
             raise Rejected("camera inside an object", f"camera {i} in {name!r}", remedy)
     for i, truth in enumerate(truths[:2]):
-        known = truth.disparity[np.isfinite(truth.disparity)]
+        disparities = truth.disparity[np.isfinite(truth.disparity)]
         if (
             ndisp
-            and known.size
-            and ((known < 0) | (known >= ndisp)).mean() > gates.beyond_ndisp
+            and disparities.size
+            and ((disparities < 0) | (disparities >= ndisp)).mean() > gates.beyond_ndisp
         ):
             raise Rejected(
                 "disparity beyond ndisp",
-                f"view {i} has {known.min():.4g} to {known.max():.4g} px, and ndisp is {ndisp}",
+                f"view {i} has {disparities.min():.4g} to {disparities.max():.4g} px, and ndisp is {ndisp}",
                 "ndisp (larger), rig.baseline (smaller), scene.depth_range (farther), or gates.beyond_ndisp",
             )
     if len(truths) > 1:
@@ -109,19 +112,19 @@ def encloses(scene: Scene, name: str, point: Float) -> bool:
 
     Only spheres, cubes and meshes have an inside. False for scenes from Mitsuba files, whose shapes are not read.
     """
-    for thing in scene.objects:
+    for body in scene.objects:
         poses = {
-            f"{thing.name}[{i}]": pose @ thing.world_from_object
-            for i, pose in enumerate(thing.instances)
+            f"{body.name}[{i}]": pose @ body.world_from_object
+            for i, pose in enumerate(body.instances)
         }
-        pose = (poses or {thing.name: thing.world_from_object}).get(name)
+        pose = (poses or {body.name: body.world_from_object}).get(name)
         if pose is None:
             continue
-        here, shape = transform_points(np.linalg.inv(pose), point), thing.shape
+        here, shape = transform_points(np.linalg.inv(pose), point), body.shape
         if isinstance(shape, Mesh):
             return crossings(shape.vertices, shape.faces, here) % 2 == 1
-        if (own := shape.get("to_world")) is not None:
-            here = transform_points(np.linalg.inv(own), here)
+        if (to_world := shape.get("to_world")) is not None:
+            here = transform_points(np.linalg.inv(to_world), here)
         if shape["type"] == "cube":
             return bool(np.abs(here).max() < 1)
         if shape["type"] == "sphere":
@@ -209,28 +212,28 @@ def textured(greys: Sequence[Grey], rig: Rig, truths: Sequence[Truth]) -> float:
     partner = rig.partner(0)
     if partner is None:
         return textured_windows(greys[0], greys[0], np.ones(greys[0].shape, bool))
-    known, camera = truths[0].visible & truths[0].hit, rig.cameras[partner]
-    u, v = np.floor(rig.project(partner, truths[0].position[known]) + 0.5).astype(int).T
-    warped = np.zeros(known.shape, np.float32)  # to the first view, nearest pixel
-    warped[known] = greys[partner][
+    seen, camera = truths[0].visible & truths[0].hit, rig.cameras[partner]
+    u, v = np.floor(rig.project(partner, truths[0].position[seen]) + 0.5).astype(int).T
+    warped = np.zeros(seen.shape, np.float32)  # to the first view, nearest pixel
+    warped[seen] = greys[partner][
         v.clip(0, camera.height - 1), u.clip(0, camera.width - 1)
     ]
-    return textured_windows(greys[0], warped, known)
+    return textured_windows(greys[0], warped, seen)
 
 
-def textured_windows(left: Grey, right: Grey, known: NDArray[np.bool_]) -> float:
+def textured_windows(left: Grey, right: Grey, seen: NDArray[np.bool_]) -> float:
     """The share of windows in which two images of the same points covary.
 
     Noise resembles texture in one image but is independent between views. The covariance of two images is the variance
     of their common signal; that of noise is about 1/sqrt(n) of the images' variance over n pixels. It must exceed a
     minimum contrast and three such standard deviations. docs/recipes.md gives the shares of windows that pass.
     """
-    weight = _sums(known.astype(np.float64))
+    weight = _sums(seen.astype(np.float64))
     judged = weight >= _LEAST_KNOWN * WINDOW**2
     if not judged.any():
         return 1.0
     a, b = (
-        np.where(known, picture, 0.0).astype(np.float64) for picture in (left, right)
+        np.where(seen, picture, 0.0).astype(np.float64) for picture in (left, right)
     )
     count = weight[judged]
     mean_a, mean_b, ab, aa, bb = (

@@ -105,12 +105,12 @@ def generate(
         ledger.check_files()
         if not ledger.has_file:
             ledger.write()
-        before, known = len(ledger.rows), len(ledger.entries)
+        before, tried = len(ledger.rows), len(ledger.entries)
         todo = [index for index in ledger.missing() if index % n == i - 1][:limit]
         try:
             results = engine(
                 Work(recipe, root, ledger.made_with), todo,
-                lambda part, now: report(part, f"{known + round(part * len(todo))}/{recipe.count} {now}".strip()),
+                lambda part, now: report(part, f"{tried + round(part * len(todo))}/{recipe.count} {now}".strip()),
             )  # fmt: skip
             made = _collect(ledger, results, exclusive=not shared)
         finally:
@@ -180,7 +180,7 @@ def finish(ledger: Ledger) -> None:
 
 def _unusable_assets(recipe: Recipe) -> list[dict[str, str]]:
     """The files in the recipe's asset folders that cannot be used, and why; each is read."""
-    found = []
+    unusable = []
     for kind, files in recipe.sources.asset_files.items():
         for name, path in files.items():
             keep = {
@@ -194,14 +194,14 @@ def _unusable_assets(recipe: Recipe) -> list[dict[str, str]]:
                 warnings.simplefilter("ignore", MaterialWarning)
                 checked = Assets(**single).check()
             for broken, reason in checked.broken:
-                found.append(
+                unusable.append(
                     {
                         "kind": kind,
                         "file": name,
                         "reason": reason.replace(str(broken), name),
                     }
                 )
-    return found
+    return unusable
 
 
 @dataclass(frozen=True)
@@ -264,12 +264,12 @@ def write_preview(ledger: Ledger, tiles: dict[str, Image.Image]) -> None:
     `tiles` are those of the last preview, by the names of their samples, and are replaced by those of this one.
     """
     names = [row.name for row in ledger.rows]
-    known = dict(tiles)
+    earlier = dict(tiles)
     tiles.clear()
     for name in (names[k] for k in chosen(len(names))):
         sample = ledger.folder / name
         with repairable(sample):
-            tiles[name] = known.get(name) or sample_tile(StoredSample(sample, name))
+            tiles[name] = earlier.get(name) or sample_tile(StoredSample(sample, name))
     if tiles:
         write_file(
             ledger.folder / "preview.png",
@@ -297,8 +297,8 @@ def sample_tile(sample: StoredSample) -> Image.Image:
 
 def colored(disparity: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Disparity in the colour map `turbo`, from its 1st to its 99th percentile; black where unknown."""
-    known = disparity[np.isfinite(disparity)]
-    low, high = np.percentile(known, (1, 99)) if known.size else (0.0, 1.0)
+    finite = disparity[np.isfinite(disparity)]
+    low, high = np.percentile(finite, (1, 99)) if finite.size else (0.0, 1.0)
     return colourise(
         disparity, low, max(high, low + 1e-6), "turbo", unknown_colour=(0, 0, 0)
     )

@@ -76,16 +76,16 @@ class Ledger:
                         f"{folder}: is not a dataset and contains {entry.name!r}; {remedy}"
                     )
             return
-        known = read_manifest(folder)
+        manifest = read_manifest(folder)
         empty = (
-            "made_with" in known.info
-            and not known.rows
-            and not known.info.get("failed")
+            "made_with" in manifest.info
+            and not manifest.rows
+            and not manifest.info.get("failed")
         )
         if not empty or whole_samples(
             folder
         ):  # where nothing was made, another recipe may use the folder
-            self._load(known)
+            self._load(manifest)
 
     @property
     def rows(self) -> list[Row]:
@@ -106,16 +106,12 @@ class Ledger:
     @property
     def rejections(self) -> dict[str, int]:
         """The number of rejected draws by reason."""
-        lists = [row.info.get("rejections", ()) for row in self.rows] + [
-            each.rejections for each in self.failures
-        ]
-        return dict(
-            sorted(
-                Counter(
-                    rejected["reason"] for each in lists for rejected in each
-                ).items()
-            )
-        )
+        counts = Counter[str]()
+        for row in self.rows:
+            counts.update(draw["reason"] for draw in row.info.get("rejections", ()))
+        for failure in self.failures:
+            counts.update(draw["reason"] for draw in failure.rejections)
+        return dict(sorted(counts.items()))
 
     def recover(self) -> None:
         """Add every row and every whole sample that earlier runs left, and drop samples that are gone."""
@@ -123,11 +119,11 @@ class Ledger:
         pending = (
             dict(self._pending_rows()) if self.has_file else {}
         )  # else the rows may be another recipe's
-        found = (self.entries | pending).items()
+        entries = (self.entries | pending).items()
         self.entries = {
-            i: each
-            for i, each in found
-            if isinstance(each, Failure) or each.name in existing
+            i: entry
+            for i, entry in entries
+            if isinstance(entry, Failure) or entry.name in existing
         }
         for name in sorted(existing - {sample_name(index) for index in self.entries}):
             if (
@@ -184,16 +180,19 @@ class Ledger:
         elif rows.is_dir():
             shutil.rmtree(rows)
 
-    def _load(self, known: Manifest) -> None:
+    def _load(self, manifest: Manifest) -> None:
         """Take the entries of dataset.json, if it is of this recipe, these versions and these source files."""
-        made_with, sources = known.info.get("made_with"), known.info.get("sources")
+        made_with, sources = (
+            manifest.info.get("made_with"),
+            manifest.info.get("sources"),
+        )
         if not isinstance(made_with, Mapping) or not isinstance(sources, Mapping):
             raise InputError(
                 f"{self.folder}: holds a dataset that `twinlens generate` did not make; name a new folder"
             )
-        changed = differences(known.recipe, plain(self.recipe.written)) + differences(
-            made_with, self.made_with
-        )
+        changed = differences(
+            manifest.recipe, plain(self.recipe.written)
+        ) + differences(made_with, self.made_with)
         if changed:
             what = "; ".join(changed[:3])
             raise InputError(
@@ -203,12 +202,14 @@ class Ledger:
             raise InputError(
                 f"{self.folder}: has other source files ({edited}); restore them, or name another folder"
             )
-        self.described = {key: known.info[key] for key in (ABOUT,) if key in known.info}
+        self.described = {
+            key: manifest.info[key] for key in (ABOUT,) if key in manifest.info
+        }
         try:
-            self.entries |= {int(row.info["index"]): row for row in known.rows}
+            self.entries |= {int(row.info["index"]): row for row in manifest.rows}
             self.entries |= {
                 int(failed["index"]): Failure(**failed)
-                for failed in known.info.get("failed", ())
+                for failed in manifest.info.get("failed", ())
             }
         except (KeyError, TypeError, ValueError) as error:
             raise FileError(

@@ -316,14 +316,14 @@ def parse_lens(
     match = re.fullmatch(pattern, text)
     if match is None:
         raise InputError(f"{where}: must be {form}")
-    given = {
+    values = {
         key: parse_number(value)
         for key, value in match.groupdict().items()
         if value is not None
     }
     if (
         kind in ("thin", "f/")
-        and "focus" not in given
+        and "focus" not in values
         and not view.scene.depth_range_known
     ):
         raise InputError(
@@ -331,7 +331,7 @@ def parse_lens(
         )
     table = read(
         LensTable,
-        {"kind": "thin" if kind == "f/" else kind, **given},
+        {"kind": "thin" if kind == "f/" else kind, **values},
         where,
     )
     with located(where):

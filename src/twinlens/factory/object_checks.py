@@ -25,75 +25,86 @@ def check_objects(
     Returns the names of the files that the objects have, relative to the recipe, and whether each is a mesh that has
     its own materials. Raises InputError.
     """
-    folder = file.parent.resolve()
-    found: dict[str, bool] = {}
-    named: dict[tuple[Path, bool], list[Path]] = {}
+    files = _ObjectFiles(file.parent.resolve())
     for subject in subjects if objects else ():
+        scene = subject if isinstance(subject, Path) else None
         with located(str(file)):
-            home, known = written_objects(
-                subject if isinstance(subject, Path) else None
-            )
+            home, scene_objects = written_objects(scene)
         copies: dict[str, list[Draft]] = {}
         for name, tables in objects.items():
+            where = f"{file}: scene.objects.{name}"
             with located(f"{file}: scene.objects"):
-                _check_name(name, objects, known)
+                _check_name(name, objects, scene_objects)
             for table in tables:
                 if {"file", "folder"} <= table.keys():
-                    raise InputError(
-                        f"{file}: scene.objects.{name}: 'file' and 'folder' exclude each other"
-                    )
-            copies[name] = drafts(name, tables, known, home, folder, file)
+                    raise InputError(f"{where}: 'file' and 'folder' exclude each other")
+            copies[name] = drafts(name, tables, scene_objects, home, files.folder, file)
             for draft in copies[name]:
-                meshes = (
-                    []
-                    if draft.place.folder is None
-                    else meshes_in(folder, draft.place.folder)
-                )
-                bare = [
-                    mesh for mesh in meshes if not mesh.lower().endswith(WITH_MATERIALS)
-                ]
-                if bare and not draft.table.material:
-                    raise InputError(
-                        f"{file}: scene.objects.{name}: missing key 'material'; {bare[0]} has none"
-                    )
-                own = [path for path in draft.files if path.is_relative_to(folder)] + [
-                    folder / mesh for mesh in meshes
-                ]
-                has_own = not draft.table.material
-                for path in own:
-                    key = path, has_own
-                    if key not in named and path.suffix.lower() in SUFFIXES["meshes"]:
-                        named[key] = named_by_mesh(path, has_own, folder)
-                    below = [
-                        each
-                        for each in (path, *named.get(key, ()))
-                        if each.resolve().is_relative_to(folder)
-                    ]
-                    for each in below:
-                        part = each.resolve().relative_to(folder).as_posix()
-                        found[part] = found.get(part, False) or (
-                            each == path and has_own
-                        )
+                files.add(draft, where)
         for name, group in copies.items():
+            others = (scene_objects.keys() | copies.keys()) - {name}
             for draft in group:
-                things = (known.keys() | copies.keys()) - {name}
-                _check_references(
-                    draft, things, subject, f"{file}: scene.objects.{name}"
-                )
+                where = f"{file}: scene.objects.{name}"
+                _check_references(draft, others, subject, where)
         in_order(copies, file)
-    return found
+    return files.has_materials
+
+
+class _ObjectFiles:
+    """Collects the files of a recipe's objects that are in the recipe's folder.
+
+    `has_materials` : by the file's name below `folder`, whether it is a mesh with its own materials.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.has_materials: dict[str, bool] = {}
+        # Meshes are read once for their files, though every scene and every copy asks for them.
+        self._named: dict[tuple[Path, bool], list[Path]] = {}
+
+    def add(self, draft: Draft, where: str) -> None:
+        """Add the files of a copy. Raises InputError where a mesh has no material and gets none."""
+        meshes: list[str] = []
+        if draft.place.folder is not None:
+            meshes = meshes_in(self.folder, draft.place.folder)
+        keeps_material = not draft.table.material
+        for mesh in meshes:
+            if keeps_material and not mesh.lower().endswith(WITH_MATERIALS):
+                raise InputError(f"{where}: missing key 'material'; {mesh} has none")
+        paths = [path for path in draft.files if path.is_relative_to(self.folder)]
+        paths += [self.folder / mesh for mesh in meshes]
+        for path in paths:
+            self._add_file(path, keeps_material)
+            for named in self._named_by(path, keeps_material):
+                self._add_file(named, False)
+
+    def _add_file(self, path: Path, has_materials: bool) -> None:
+        whole = path.resolve()
+        if whole.is_relative_to(self.folder):
+            name = whole.relative_to(self.folder).as_posix()
+            before = self.has_materials.get(name, False)
+            self.has_materials[name] = before or has_materials
+
+    def _named_by(self, path: Path, keeps_material: bool) -> list[Path]:
+        """The files that a mesh file names; none for another file."""
+        if path.suffix.lower() not in SUFFIXES["meshes"]:
+            return []
+        key = path, keeps_material
+        if key not in self._named:
+            self._named[key] = named_by_mesh(path, keeps_material, self.folder)
+        return self._named[key]
 
 
 def _check_name(
     name: str,
     objects: Mapping[str, Sequence[Mapping[str, Any]]],
-    known: Mapping[str, Any],
+    scene_objects: Mapping[str, Any],
 ) -> None:
     """Raise InputError for an empty name, and for that of a copy of another object."""
     if not name.strip():
         raise InputError(f"an object needs a name, got {name!r}")
     if copied := re.fullmatch(r"(.+)\[\d+\]", name):
-        several = [*objects.get(copied[1], ()), known.get(copied[1], {})]
+        several = [*objects.get(copied[1], ()), scene_objects.get(copied[1], {})]
         if any({"count", "instances"} & table.keys() for table in several):
             raise InputError(
                 f"{name!r} is also the name of a copy of {copied[1]!r}; rename one"
@@ -101,17 +112,17 @@ def _check_name(
 
 
 def _check_references(
-    draft: Draft, things: Set[str], subject: Path | str, where: str
+    draft: Draft, objects: Set[str], subject: Path | str, where: str
 ) -> None:
     """Raise InputError where the scene or family has no object, or no material, that a draft names."""
-    own = isinstance(subject, Path)
-    for key, other in (
+    is_file = isinstance(subject, Path)
+    for key, target in (
         ("resting_on", draft.place.resting_on),
         ("looking_at", draft.place.looking_at),
     ):
-        if other is not None and (key, other) != ("looking_at", "camera"):
+        if target is not None and (key, target) != ("looking_at", "camera"):
             with located(f"{where}.{key}"):
-                _check_named("object", other, things, "" if own else str(subject))
+                _check_named("object", target, objects, "" if is_file else str(subject))
     material = draft.table.material
     if (
         draft.material is None and material and ":" not in material
@@ -121,12 +132,12 @@ def _check_references(
         )
         with located(f"{where}.material"):
             _check_named(
-                "material", material, written.keys(), "" if own else str(subject)
+                "material", material, written.keys(), "" if is_file else str(subject)
             )
 
 
-def _check_named(what: str, name: str, known: Set[str], family: str) -> None:
+def _check_named(what: str, name: str, written: Set[str], family: str) -> None:
     """Raise InputError for a name that is not known and that no object or material of the family has."""
     names = FAMILIES[family].names | KINDS.keys() if family else frozenset()
     if re.sub(r"(-\d+)+$", "", name) not in names:  # bottle-2 is a second bottle
-        check_known(what, name, known | names)
+        check_known(what, name, written | names)

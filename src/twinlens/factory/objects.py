@@ -135,7 +135,7 @@ class Draft:
 def drafts(
     name: str,
     tables: Sequence[Mapping[str, Any]],
-    known: Mapping[str, Any],
+    scene_objects: Mapping[str, Any],
     home: Path,
     folder: Path,
     file: Path,
@@ -144,7 +144,7 @@ def drafts(
 
     Raises InputError naming `file` and the key.
     """
-    found = []
+    checked_drafts = []
     for i, table in enumerate(tables):
         key = f"scene.objects.{name}" + (f"[{i}]" if len(tables) > 1 else "")
         place = read(
@@ -153,58 +153,67 @@ def drafts(
             file,
             key,
         )
-        own = {
+        values = {
             word: value
             for word, value in table.items()
             if word not in Placing.model_fields
         }
         new = bool({"file", "shape", "folder"} & table.keys())
-        for word in own.keys() - _OBJECT_KEYS:
+        for word in values.keys() - _OBJECT_KEYS:
             with located(f"{file}: {key}"):
                 check_known("key", word, _OBJECT_KEYS | Placing.model_fields.keys())
         with located(f"{file}: {key}"):
-            if name not in known and not new:
-                hint = f"; the scene has {', '.join(sorted(known))}" if known else ""
+            if name not in scene_objects and not new:
+                hint = (
+                    f"; the scene has {', '.join(sorted(scene_objects))}"
+                    if scene_objects
+                    else ""
+                )
                 raise InputError(
                     f"a new object needs one of 'file', 'folder' and 'shape'{hint}"
                 )
-            own = _merged(dict(known.get(name, {})), own, new)
+            values = _merged(dict(scene_objects.get(name, {})), values, new)
             if (
-                place.folder is not None and "file" not in own
+                place.folder is not None and "file" not in values
             ):  # a plan has added a file
-                own = {**own, "file": meshes_in(folder, place.folder)[0]}
-            _check_pose(place, table, own)
-            material, inline = own.get("material"), None
+                values = {**values, "file": meshes_in(folder, place.folder)[0]}
+            _check_pose(place, table, values)
+            material, inline = values.get("material"), None
             context, drawn = SceneContext(folder if new else home), SceneContext(folder)
         if isinstance(material, Mapping):
             inline = read(_MATERIAL, dict(material), file, f"{key}.material", drawn)
-            own["material"] = name
-        checked = read(_OBJECT, own, file, key, context)
+            values["material"] = name
+        checked = read(_OBJECT, values, file, key, context)
         label = f"{name}[{i}]" if "count" in table else name
-        found.append(Draft(label, place, checked, inline, context, drawn))
-    return found
+        checked_drafts.append(Draft(label, place, checked, inline, context, drawn))
+    return checked_drafts
 
 
-def _merged(known: dict[str, Any], own: Mapping[str, Any], new: bool) -> dict[str, Any]:
+def _merged(
+    base: dict[str, Any], changes: Mapping[str, Any], new: bool
+) -> dict[str, Any]:
     """An object's table with some keys replaced; those that the new ones exclude are left out."""
     if new:
-        known = {
-            key: value for key, value in known.items() if key in ObjectBase.model_fields
+        base = {
+            key: value for key, value in base.items() if key in ObjectBase.model_fields
         }
-    if "matrix" in own or (
-        "matrix" in known.keys() - own.keys() and {"translate", *_TURNS} & own.keys()
+    if "matrix" in changes or (
+        "matrix" in base.keys() - changes.keys()
+        and {"translate", *_TURNS} & changes.keys()
     ):
-        known = {
+        base = {
             key: value
-            for key, value in known.items()
+            for key, value in base.items()
             if key not in ("matrix", "translate", *_TURNS)
         }
-    if {*_TURNS} & own.keys():
-        known = {key: value for key, value in known.items() if key not in _TURNS}
-    return {**known, **own}
+    if {*_TURNS} & changes.keys():
+        base = {key: value for key, value in base.items() if key not in _TURNS}
+    return {**base, **changes}
 
 
-def _check_pose(place: Placing, table: Mapping[str, Any], own: dict[str, Any]) -> None:
+def _check_pose(
+    place: Placing, table: Mapping[str, Any], values: dict[str, Any]
+) -> None:
     """Raise InputError for keys that exclude each other; remove the position of an object that will rest elsewhere."""
     if place.resting_on is None:
         for key in ("within", "upright"):
@@ -216,17 +225,17 @@ def _check_pose(place: Placing, table: Mapping[str, Any], own: dict[str, Any]) -
                 raise InputError(
                     f"{key!r} and 'resting_on' exclude each other; 'within' limits the place"
                 )
-            own.pop(key, None)
-        if own.get("instances"):
+            values.pop(key, None)
+        if values.get("instances"):
             raise InputError(
                 "an object with instances cannot have 'resting_on'; use 'count'"
             )
     if place.looking_at is not None:
-        if given := {*_TURNS, "matrix"} & table.keys():
-            raise InputError(f"{min(given)!r} and 'looking_at' exclude each other")
+        if excluded := {*_TURNS, "matrix"} & table.keys():
+            raise InputError(f"{min(excluded)!r} and 'looking_at' exclude each other")
         for key in (*_TURNS, "matrix"):
-            own.pop(key, None)
-    if "count" in table and own.get("instances"):
+            values.pop(key, None)
+    if "count" in table and values.get("instances"):
         raise InputError("'count' and 'instances' exclude each other")
 
 
@@ -257,15 +266,15 @@ def with_objects(
     """
     if not objects:
         return scene
-    home, known = written_objects(
+    home, scene_objects = written_objects(
         scene.xml or (scene.files[0] if scene.files else None)
     )
     copies = {
-        name: drafts(name, tables, known, home, folder, file)
+        name: drafts(name, tables, scene_objects, home, folder, file)
         for name, tables in objects.items()
     }
     stage = _Stage(
-        scene, [thing for thing in scene.objects if thing.name not in copies], rig, seed
+        scene, [body for body in scene.objects if body.name not in copies], rig, seed
     )
     for name in in_order(copies, file):
         stage.added[name] = []
@@ -275,12 +284,12 @@ def with_objects(
     files = dict.fromkeys(
         path for group in copies.values() for draft in group for path in draft.files
     )
-    order = [*dict.fromkeys([thing.name for thing in scene.objects] + list(copies))]
-    placed = {thing.name: [thing] for thing in scene.objects} | stage.added
+    order = [*dict.fromkeys([body.name for body in scene.objects] + list(copies))]
+    placed = {body.name: [body] for body in scene.objects} | stage.added
     with located(str(file)):
         return replace(
             scene,
-            objects=tuple(thing for name in order for thing in placed[name]),
+            objects=tuple(body for name in order for body in placed[name]),
             materials=stage.materials,
             depth_range=stage.depth_range(),
             files=tuple(dict.fromkeys([*scene.files, *files])),
@@ -292,16 +301,17 @@ def in_order(copies: Mapping[str, Sequence[Draft]], file: Path) -> list[str]:
     before = {
         name: copies.keys()
         & {
-            other
-            for each in group
-            for other in (each.place.resting_on, each.place.looking_at)
+            target
+            for draft in group
+            for target in (draft.place.resting_on, draft.place.looking_at)
         }
         for name, group in copies.items()
     }
     posed = {
         name
         for name in copies
-        if not before[name] and not any(each.place.resting_on for each in copies[name])
+        if not before[name]
+        and not any(draft.place.resting_on for draft in copies[name])
     }
     before = {
         name: others if name in posed else others | posed
@@ -329,17 +339,15 @@ class _Stage:
 
     def __post_init__(self) -> None:
         self.materials = dict(self.scene.materials)
-        self.triangles = {thing.name: world_triangles(thing) for thing in self.kept}
+        self.triangles = {body.name: world_triangles(body) for body in self.kept}
         self.faces: dict[str, list[tuple[LevelFace, Placed | None]]] = {}
         self.shares: dict[str, Float] = {}
         self.models: dict[str, SceneObject] = {}
         self.poses: dict[tuple[int, bytes], list[StablePose]] = {}
 
-    def things(self, name: str) -> list[SceneObject]:
+    def bodies(self, name: str) -> list[SceneObject]:
         """The objects of that name: all copies of one that was added."""
-        return self.added.get(name) or [
-            thing for thing in self.kept if thing.name == name
-        ]
+        return self.added.get(name) or [body for body in self.kept if body.name == name]
 
     def add(self, name: str, index: int, draft: Draft) -> None:
         """Place one copy."""
@@ -347,21 +355,21 @@ class _Stage:
         target = self.target(place.looking_at)
         if target is not None and place.resting_on is None:
             table = table.model_copy(update={"look_at": target.tolist()})
-        thing = self.built(table, draft)
+        body = self.built(table, draft)
         if place.resting_on is not None:
-            thing = self.at_rest(
-                thing, place, target, generator(self.seed, "objects", name, index)
+            body = self.at_rest(
+                body, place, target, generator(self.seed, "objects", name, index)
             )
         elif (
             place.in_view is not None
-            and (share := self.share_in_view(thing)) < place.in_view
+            and (share := self.share_in_view(body)) < place.in_view
         ):
             remedy = f"scene.objects.{name}.translate, or scene.objects.{name}.in_view"
             raise Rejected(
                 "object out of view", f"{share:.1%} of {draft.name!r} in view", remedy
             )
-        self.added[name].append(thing)
-        self.triangles[thing.name] = world_triangles(thing)
+        self.added[name].append(body)
+        self.triangles[body.name] = world_triangles(body)
 
     def built(self, table: ObjectBase, draft: Draft) -> SceneObject:
         """The object of a table, at its own pose. Copies of a mesh file share one mesh and its materials."""
@@ -373,7 +381,7 @@ class _Stage:
             else draft.name
         )
         if key not in self.models:
-            thing = table.build(draft.context)
+            body = table.build(draft.context)
             names = {
                 name: free_name(name, self.materials)
                 for name in draft.context.materials
@@ -381,12 +389,12 @@ class _Stage:
             self.materials |= {
                 names[name]: plugin for name, plugin in draft.context.materials.items()
             }
-            own = (
-                thing.material
-                if isinstance(thing.material, str)
-                else tuple(names[name] for name in thing.material)
+            own_material = (
+                body.material
+                if isinstance(body.material, str)
+                else tuple(names[name] for name in body.material)
             )
-            self.models[key] = replace(thing, material=own)
+            self.models[key] = replace(body, material=own_material)
         made = self.models[key]
         if draft.material is not None:
             material = free_name(draft.name, self.materials)
@@ -411,31 +419,31 @@ class _Stage:
 
     def support(self, name: str, key: str) -> list[Float]:
         """The triangles of the objects of that name. Raises InputError if there is none."""
-        found = [
-            part for thing in self.things(name) for part in self.triangles[thing.name]
+        triangles = [
+            part for body in self.bodies(name) for part in self.triangles[body.name]
         ]
-        if not found and name in self.added:
+        if not triangles and name in self.added:
             raise Rejected(
                 f"no object for {key}",
                 f"0 copies of {name!r}",
                 f"scene.objects.{name}.count (larger)",
             )
-        if not found:
+        if not triangles:
             with located(key):
                 check_known(
                     "object",
                     name,
-                    [thing.name for thing in self.kept] + list(self.added),
+                    [body.name for body in self.kept] + list(self.added),
                 )
-        return found
+        return triangles
 
     def at_rest(
-        self, thing: SceneObject, place: Placing, target: Float | None, rng: Rng
+        self, body: SceneObject, place: Placing, target: Float | None, rng: Rng
     ) -> SceneObject:
         """The object in a stable pose at a random free place. Raises Rejected if none is found."""
         carrier = str(place.resting_on)
         faces = self.level(carrier)
-        rest, vertices = self.stable(thing, place, rng)
+        rest, vertices = self.stable(body, place, rng)
         near: dict[int, Float] = {}
         for _ in range(_TRIES):
             chosen = int(rng.choice(len(faces), p=self.shares[carrier]))
@@ -456,11 +464,11 @@ class _Stage:
             turn = trial.spin @ rest.turn
             low = float((vertices @ turn.T)[:, 2].min())
             pose = rigid(turn, trial.place - [0, 0, low])
-            found = replace(thing, world_from_object=pose @ thing.world_from_object)
-            if place.in_view is None or self.share_in_view(found) >= place.in_view:
-                self.rests[thing.name] = trial
-                return found
-        raise self.no_free_place(thing.name, place, rest)
+            placed = replace(body, world_from_object=pose @ body.world_from_object)
+            if place.in_view is None or self.share_in_view(placed) >= place.in_view:
+                self.rests[body.name] = trial
+                return placed
+        raise self.no_free_place(body.name, place, rest)
 
     def no_free_place(self, name: str, place: Placing, rest: StablePose) -> Rejected:
         """Why an object in a stable pose has no place on its carrier."""
@@ -473,10 +481,10 @@ class _Stage:
             float(np.ptp(rest.footprint, axis=0).max()),
             float((high - low).max()),
         )
-        found = f"{name!r}, {wide:.3g} m wide, on {carrier!r}, {free:.3g} m, in {_TRIES} tries"
+        problem = f"{name!r}, {wide:.3g} m wide, on {carrier!r}, {free:.3g} m, in {_TRIES} tries"
         remedy = f"the 'count', 'within' or 'in_view' of objects on {carrier!r}"
         if wide > free:
-            found = f"{name!r} is {wide:.3g} m wide, {carrier!r} {free:.3g} m"
+            problem = f"{name!r} is {wide:.3g} m wide, {carrier!r} {free:.3g} m"
             remedy = f"the 'scale' of {name!r}, such as 0.001 for a file in millimetres"
         elif place.within is not None:
             first, last = np.transpose(place.within)
@@ -485,71 +493,71 @@ class _Stage:
                     f"{axis} {a:.3g} to {b:.3g}"
                     for axis, a, b in zip("xy", low, high, strict=True)
                 )
-                found, remedy = (
+                problem, remedy = (
                     f"'within' is off {carrier!r}, which spans {spans} m",
                     f"the 'within' of {name!r}",
                 )
-        return Rejected("no free place", found, remedy)
+        return Rejected("no free place", problem, remedy)
 
     def level(self, carrier: str) -> list[tuple[LevelFace, Placed | None]]:
         """The level faces of all objects of that name, each with how its object lies."""
         if carrier not in self.faces:
             self.support(carrier, "resting_on")
-            found = [
-                (face, self.rests.get(thing.name))
-                for thing in self.things(carrier)
-                for part in self.triangles[thing.name]
+            faces = [
+                (face, self.rests.get(body.name))
+                for body in self.bodies(carrier)
+                for part in self.triangles[body.name]
                 for face in level_faces(part)
             ]
-            if not found:
+            if not faces:
                 raise InputError(
                     f"resting_on: {carrier!r} has no level face; name an object with one"
                 )
-            area = np.array([face.area.sum() for face, _ in found])
-            self.faces[carrier], self.shares[carrier] = found, area / area.sum()
+            area = np.array([face.area.sum() for face, _ in faces])
+            self.faces[carrier], self.shares[carrier] = faces, area / area.sum()
         return self.faces[carrier]
 
     def stable(
-        self, thing: SceneObject, place: Placing, rng: Rng
+        self, body: SceneObject, place: Placing, rng: Rng
     ) -> tuple[StablePose, Float]:
         """A stable pose of an object and its vertices (N, 3), relative to its own position and orientation."""
-        if isinstance(thing.shape, Mesh):
-            key, faces = thing.shape.vertices.tobytes(), thing.shape.faces
-            vertices = transform_points(thing.world_from_object, thing.shape.vertices)
-        elif thing.shape["type"] == "cube":
-            vertices = world_triangles(thing)[0].reshape(-1, 3)
+        if isinstance(body.shape, Mesh):
+            key, faces = body.shape.vertices.tobytes(), body.shape.faces
+            vertices = transform_points(body.world_from_object, body.shape.vertices)
+        elif body.shape["type"] == "cube":
+            vertices = world_triangles(body)[0].reshape(-1, 3)
             key, faces = (
                 b"cube",
                 np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3),
             )
         else:
             raise InputError(
-                f"resting_on: needs a mesh or a cube, got a {thing.shape['type']}; use a mesh's shape"
+                f"resting_on: needs a mesh or a cube, got a {body.shape['type']}; use a mesh's shape"
             )
-        known = hash(key), thing.world_from_object.tobytes()
-        if known not in self.poses:
+        pose_key = hash(key), body.world_from_object.tobytes()
+        if pose_key not in self.poses:
             size = float(np.ptp(vertices, axis=0).max())
             try:
-                self.poses[known] = stable_poses(Mesh(vertices / size, faces), size)
+                self.poses[pose_key] = stable_poses(Mesh(vertices / size, faces), size)
             except (QhullError, ZeroDivisionError, InputError) as error:
                 raise InputError(
                     "resting_on: needs a mesh with an extent in all three dimensions"
                 ) from error
-        found = self.poses[known]
+        poses = self.poses[pose_key]
         if place.upright:
-            found = [pose for pose in found if pose.turn[2, 2] > _UPRIGHT]
-            found = sorted(found, key=lambda pose: -float(pose.turn[2, 2]))[:1]
-        if not found:
+            poses = [pose for pose in poses if pose.turn[2, 2] > _UPRIGHT]
+            poses = sorted(poses, key=lambda pose: -float(pose.turn[2, 2]))[:1]
+        if not poses:
             remedy = (
                 "remove 'upright', or turn it with 'euler_deg'"
                 if place.upright
                 else "check that the mesh is closed"
             )
             raise InputError(
-                f"resting_on: {thing.name!r} has no {'upright ' * place.upright}stable pose; {remedy}"
+                f"resting_on: {body.name!r} has no {'upright ' * place.upright}stable pose; {remedy}"
             )
-        weights = np.array([pose.probability for pose in found])
-        return found[int(rng.choice(len(found), p=weights / weights.sum()))], vertices
+        weights = np.array([pose.probability for pose in poses])
+        return poses[int(rng.choice(len(poses), p=weights / weights.sum()))], vertices
 
     def enclosed(self, point: Float) -> bool:
         """Whether a point (3,) is inside a closed object that does not enclose the camera too, as a room does."""
@@ -562,9 +570,9 @@ class _Stage:
             for part in parts
         )
 
-    def share_in_view(self, thing: SceneObject) -> float:
+    def share_in_view(self, body: SceneObject) -> float:
         """The least share, over the cameras, of points of an object's surface that are inside the picture."""
-        triangles = np.concatenate(world_triangles(thing))
+        triangles = np.concatenate(world_triangles(body))
         area = np.linalg.norm(
             np.cross(
                 triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
@@ -583,16 +591,16 @@ class _Stage:
         )
         pixels = [self.rig.project(i, points) for i in range(len(self.rig))]
         return min(
-            float(camera.contains(each).mean())
-            for camera, each in zip(self.rig.cameras, pixels, strict=True)
+            float(camera.contains(view_pixels).mean())
+            for camera, view_pixels in zip(self.rig.cameras, pixels, strict=True)
         )
 
     def depth_range(self) -> tuple[float, float]:
         """The scene's range of depths, extended to the vertices of the added objects in the first view."""
         near, far = self.scene.depth_range
         camera_from_world = inverse(self.rig.world_from_cams[0])
-        for thing in (each for group in self.added.values() for each in group):
-            points = np.concatenate(self.triangles[thing.name]).reshape(-1, 3)
+        for body in (body for group in self.added.values() for body in group):
+            points = np.concatenate(self.triangles[body.name]).reshape(-1, 3)
             seen = points[self.rig.cameras[0].contains(self.rig.project(0, points))]
             depth = transform_points(camera_from_world, seen)[:, 2]
             near, far = min([near, *depth]), max([far, *depth])

@@ -125,11 +125,11 @@ def _with_copies(
             resolve(tree, partial(_of_copy, choose, i))
             for i in range(table.get("count", 1))
         )
-        copies[name] = [each | several for each in drawn_tables]
-        for i, each in enumerate(copies[name]):
-            if "folder" in each:
-                meshes = recipe.sources.meshes(each["folder"])
-                each["file"] = meshes[
+        copies[name] = [copy | several for copy in drawn_tables]
+        for i, copy in enumerate(copies[name]):
+            if "folder" in copy:
+                meshes = recipe.sources.meshes(copy["folder"])
+                copy["file"] = meshes[
                     generator(recipe.seed, "mesh", *draw, name, i).integers(len(meshes))
                 ]
     return {**drawn, "scene": {**scene, "objects": copies}}

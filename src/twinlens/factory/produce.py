@@ -20,7 +20,7 @@ from twinlens.factory.recipe import Recipe
 from twinlens.factory.sample import make_sample
 from twinlens.factory.settings import (
     ANY_SCENE,
-    Settings,
+    RecipeSettings,
     SkyTable,
     make_lenses,
     sensor_for,
@@ -88,17 +88,21 @@ def make(
                 )  # rendering has opened a scene.xml again
         except Rejected as rejected:
             rejections.append(
-                {"attempt": attempt, "reason": rejected.reason, "found": rejected.found}
+                {
+                    "attempt": attempt,
+                    "reason": rejected.reason,
+                    "found": rejected.measured,
+                }
             )
             remedy, by_chance = rejected.remedy, rejected.noisy
         except FileError:
             raise
         except InputError as error:
-            found = str(error).replace(
+            problem = str(error).replace(
                 f"{recipe.file.parent}/", ""
             )  # datasets record no local paths
             rejections.append(
-                {"attempt": attempt, "reason": "impossible draw", "found": found}
+                {"attempt": attempt, "reason": "impossible draw", "found": problem}
             )
             remedy, by_chance = "the value that the message names", False
         else:
@@ -144,7 +148,7 @@ def produce(
     Raises Rejected by a gate, FileError for a file that cannot be read, InputError for an impossible spec.
     """
     sources = sources or Sources()
-    settings = read(Settings, dict(spec.drawn), file)
+    settings = read(RecipeSettings, dict(spec.drawn), file)
     base = _scene(spec, settings, sources)
     if settings.sky is not None:
         base = _lit(base, settings.sky, sources, spec.seed)
@@ -180,7 +184,11 @@ def produce(
 
 
 def _cameras(
-    spec: SampleSpec, settings: Settings, scene: Scene, sources: Sources, file: Path
+    spec: SampleSpec,
+    settings: RecipeSettings,
+    scene: Scene,
+    sources: Sources,
+    file: Path,
 ) -> tuple[Rig, Sensor]:
     """The calibrated rig at the viewpoint of a scene, and its sensor with a mismatch for each camera."""
     rig = settings.rig_of(scene, scene.rig, file, sources.file)
@@ -205,11 +213,13 @@ def check_draws(recipe: Recipe, index: int) -> None:
             return
 
 
-def _dry_run(recipe: Recipe, index: int, attempt: int) -> tuple[Settings, Scene, Rig]:
+def _dry_run(
+    recipe: Recipe, index: int, attempt: int
+) -> tuple[RecipeSettings, Scene, Rig]:
     """What a draw is made of, without rendering. Raises InputError for an impossible draw."""
     file = Path(recipe.file.name)
     spec = plan(recipe, index, attempt)
-    settings = read(Settings, dict(spec.drawn), file)
+    settings = read(RecipeSettings, dict(spec.drawn), file)
     scene = recipe.sources.scene(spec.scene) if spec.kind == "scene" else ANY_SCENE
     rig, sensor = _cameras(spec, settings, scene, recipe.sources, file)
     nominal = make_lenses(settings, None, file, recipe.sources.file)
@@ -220,7 +230,9 @@ def _dry_run(recipe: Recipe, index: int, attempt: int) -> tuple[Settings, Scene,
     return settings, scene, rig
 
 
-def _check_light(recipe: Recipe, settings: Settings, scene: Scene, rig: Rig) -> None:
+def _check_light(
+    recipe: Recipe, settings: RecipeSettings, scene: Scene, rig: Rig
+) -> None:
     """Raise InputError for a scene of a file that no camera would see, for want of light in its band."""
     is_lit = settings.sky or settings.scene.objects or rig.projectors
     if is_lit or scene is ANY_SCENE:
@@ -231,7 +243,7 @@ def _check_light(recipe: Recipe, settings: Settings, scene: Scene, rig: Rig) -> 
             check_lit(in_band(scene, band), band)
 
 
-def _scene(spec: SampleSpec, settings: Settings, sources: Sources) -> Scene:
+def _scene(spec: SampleSpec, settings: RecipeSettings, sources: Sources) -> Scene:
     if spec.kind == "scene":
         return sources.scene(spec.scene)
     width, height = settings.width, settings.height

@@ -26,7 +26,7 @@ from twinlens.factory.draws import corners, hint, leaves, normalized, template
 from twinlens.factory.gates import Gates
 from twinlens.factory.lenses import MaskTable
 from twinlens.factory.object_checks import check_objects
-from twinlens.factory.settings import Settings, check_settings
+from twinlens.factory.settings import RecipeSettings, check_settings
 from twinlens.factory.sources import Sources, listed
 from twinlens.families import FAMILIES
 from twinlens.families.assets import MESH_SHARE
@@ -174,7 +174,7 @@ class _Constants(StrictModel):
         return self
 
 
-DRAWN = tuple(Settings.model_fields)
+DRAWN = tuple(RecipeSettings.model_fields)
 """The keys of a recipe that are drawn for every sample."""
 
 RecipeTable: Any = create_model(
@@ -225,11 +225,12 @@ def recipe_from_table(
     """The recipe of a table as TOML has it; `path` is named in messages, and other files are relative to it."""
     table = read(RecipeTable, dict(written), path, context=path.parent)
     names = table.families or table.scenes
-    given = table.assets.model_dump(exclude_none=True)
+    assets_table = table.assets.model_dump(exclude_none=True)
     keep = {
-        key: given.pop(key) for key in ("keep_scale", "keep_material", "mesh_share")
+        key: assets_table.pop(key)
+        for key in ("keep_scale", "keep_material", "mesh_share")
     }
-    assets = {kind: tuple(folders) for kind, folders in given.items()}
+    assets = {kind: tuple(folders) for kind, folders in assets_table.items()}
     drawn = {key: template(written[key], path, key) for key in DRAWN if key in written}
     for leaf in leaves(drawn):
         if leaf.kind == "per_scene" and len(leaf.distribution.values) != len(names):
@@ -273,7 +274,7 @@ class _Corner:
     object_files : by name, whether the object is the recipe's own file.
     """
 
-    settings: Settings
+    settings: RecipeSettings
     lenses: list[RecipeLens]
     object_files: Mapping[str, bool]
 
@@ -378,18 +379,18 @@ def differences(
     >>> differences({"spp": 16, "rig": {"baseline": 0.1}}, {"spp": 16, "rig": {"baseline": 0.2}})
     ['rig.baseline: 0.1 -> 0.2']
     """
-    found = []
+    changes = []
     for name in dict.fromkeys([*old, *new]):
         path = f"{key}.{name}" if key else str(name)
         if path in ("count", "about"):
             continue
         a, b = old.get(name), new.get(name)
         if isinstance(a, Mapping) and isinstance(b, Mapping):
-            found += differences(a, b, path)
+            changes += differences(a, b, path)
         elif a != b:
             texts = (
                 format_value(table[name]) if name in table else "absent"
                 for table in (old, new)
             )
-            found.append(f"{path}: {' -> '.join(texts)}")
-    return found
+            changes.append(f"{path}: {' -> '.join(texts)}")
+    return changes

@@ -133,7 +133,7 @@ _FILE = Path("sample.json")
 
 def scene_of(
     record: Mapping[str, Any],
-    given: Scene | None = None,
+    given_scene: Scene | None = None,
     folder: str | Path = ".",
     lit: bool = True,
 ) -> Scene:
@@ -145,7 +145,7 @@ def scene_of(
     """
     settings = read(_Record, record, _FILE).record
     try:
-        scene = given or load_scene(settings.scene)
+        scene = given_scene or load_scene(settings.scene)
     except InputError as error:
         raise InputError(
             f"scene {settings.scene!r} is not bundled; load it with load_scene and pass it"
@@ -250,13 +250,15 @@ def _in_both(
     truth: Truth, side: int, rig: Rig, valid: list[NDArray[np.bool_]]
 ) -> NDArray[np.bool_]:
     """Whether the point of each pixel is in the valid area of both rectified images, bool (H, W)."""
-    other = 1 - side
-    pixels = rig.project(other, np.where(truth.hit[..., None], truth.position, np.nan))
-    inside = rig.cameras[other].contains(pixels)
+    partner = 1 - side
+    pixels = rig.project(
+        partner, np.where(truth.hit[..., None], truth.position, np.nan)
+    )
+    inside = rig.cameras[partner].contains(pixels)
     u, v = (
         np.floor(np.where(inside[..., None], pixels, 0.0) + 0.5)
         .astype(int)
         .transpose(2, 0, 1)
     )
-    in_other = inside & valid[other][v, u]
+    in_other = inside & valid[partner][v, u]
     return np.asarray(valid[side] & (in_other | ~truth.hit))

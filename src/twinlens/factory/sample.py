@@ -375,10 +375,10 @@ def default_rig(
     Raises InputError.
     """
     options = {"fov_x_deg": fov_x_deg, "baseline": baseline, **(intrinsics or {})}
-    given = {key: value for key, value in options.items() if value is not None}
-    if "camera" in given:
-        given["camera"] = {**given["camera"], "width": width, "height": height}
-    return rig_from_table(with_values(scene.rig or {}, given), scene, width, height)
+    changes = {key: value for key, value in options.items() if value is not None}
+    if "camera" in changes:
+        changes["camera"] = {**changes["camera"], "width": width, "height": height}
+    return rig_from_table(with_values(scene.rig or {}, changes), scene, width, height)
 
 
 def check_common_view(rig: Rig, scene: Scene) -> None:
@@ -412,10 +412,10 @@ def add_sample(
         if (output / "dataset.json").exists()
         else Manifest((), seed=seed)
     )
-    known = {each.name: each for each in before.rows} | {name: row}
+    rows = {earlier.name: earlier for earlier in before.rows} | {name: row}
     shared = before.seed if before.recipe or before.seed == seed else None
     write_manifest(
-        output, Manifest(tuple(known.values()), before.recipe, shared, before.info)
+        output, Manifest(tuple(rows.values()), before.recipe, shared, before.info)
     )
     describe(output)
     return row

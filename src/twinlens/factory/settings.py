@@ -118,10 +118,12 @@ _PRESET = "machine_vision"
 ExposureTable: Any = table_of(Exposure)
 
 
-def _mismatch(level: str = "none", seed: int | None = None, **given: float) -> Mismatch:
+def _mismatch(
+    level: str = "none", seed: int | None = None, **fields: float
+) -> Mismatch:
     if level == "none" and seed is not None:
         raise InputError("seed needs a level that is drawn, such as typical")
-    return Mismatch.draw(level, seed or 0, **given)
+    return Mismatch.draw(level, seed or 0, **fields)
 
 
 MismatchTable: Any = table_of(
@@ -195,7 +197,7 @@ ANY_SCENE = Scene("any", (), {}, np.eye(4), (1.0, 10.0))
 """For checks of a rig where the scene is not known."""
 
 
-class Settings(StrictModel):
+class RecipeSettings(StrictModel):
     """How one sample is taken. The rig stays a table: it is read where the scene is known."""
 
     width: int = Field(704, ge=1, le=MAX_SIDE)
@@ -231,7 +233,7 @@ class Settings(StrictModel):
         )
 
     @model_validator(mode="after")
-    def _check_camera_and_rig(self) -> "Settings":
+    def _check_camera_and_rig(self) -> "RecipeSettings":
         if preset := (self.camera or {}).get("preset"):
             find_camera(preset).resized(self.width, self.height)
         groups = [
@@ -270,16 +272,16 @@ class Settings(StrictModel):
         )
 
     def rig_of(
-        self, scene: Scene, own: Mapping[str, Any] | None, file: Path, find: Find
+        self, scene: Scene, scene_rig: Mapping[str, Any] | None, file: Path, find: Find
     ) -> Rig:
         """The rig in `scene`: that of the recipe, or `own`, the table of the scene, with the camera of the recipe."""
-        given = with_pictures(self.rig, find)
-        table = given or own or {}
+        recipe_rig = with_pictures(self.rig, find)
+        table = recipe_rig or scene_rig or {}
         if self.camera is not None:
             camera = {**self.camera, "width": self.width, "height": self.height}
             table = (
-                {**given, "camera": camera}
-                if given
+                {**recipe_rig, "camera": camera}
+                if recipe_rig
                 else with_values(table, {"camera": camera})
             )
         return rig_from_table(table, scene, self.width, self.height, file, "rig")
@@ -289,7 +291,7 @@ def sensor_for(
     rig: Rig,
     drawn: Mapping[str, Any],
     seed: int,
-    own: Mapping[str, Any] | None = None,
+    scene_rig: Mapping[str, Any] | None = None,
     file: Path = Path(),
 ) -> Sensor:
     """The sensor of a drawn table for a rig; a level of mismatch is drawn for each camera after the first.
@@ -300,7 +302,7 @@ def sensor_for(
     table = drawn.get("sensor", {})
     mismatch = mismatch_table(table)
     if problem := only_one_camera(
-        len(rig), (drawn.get("rig") or own or {}).get("layout")
+        len(rig), (drawn.get("rig") or scene_rig or {}).get("layout")
     ):
         if "mismatch" in table and mismatch != {"level": "none"}:
             raise InputError(f"{file}: sensor.mismatch: {problem}")
@@ -330,7 +332,8 @@ def mismatches_for(table: Any, cameras: int, seed: int) -> Any:
     """A mismatch's table, or a list of them, with seeds. A level is drawn for each camera after the first."""
     if isinstance(table, list):
         return [
-            _seeded(each, camera, seed) for camera, each in enumerate(table, start=1)
+            _seeded(mismatch, camera, seed)
+            for camera, mismatch in enumerate(table, start=1)
         ]
     if cameras < 3 or table.get("level", "none") == "none":
         return _seeded(table, 1, seed)
@@ -350,12 +353,12 @@ def _seeded(table: Mapping[str, Any], camera: int, seed: int) -> Mapping[str, An
 
 def check_settings(
     drawn: Mapping[str, Any], file: Path, families: Sequence[str]
-) -> tuple[Settings, list[RecipeLens]]:
+) -> tuple[RecipeSettings, list[RecipeLens]]:
     """The settings and lenses of a drawn table, or InputError where no scene (of these families) could be its sample.
 
     Focus distances that depend on the scene are 1 m.
     """
-    settings = read(Settings, dict(drawn), file)
+    settings = read(RecipeSettings, dict(drawn), file)
     with located(str(file)):
         settings.shoot(0, settings.sensor)
     for name in families:
@@ -372,10 +375,10 @@ def check_settings(
                 raise InputError(
                     f"scene.object_count must be >= 1 in {name} scenes, got 0"
                 )
-    given = settings.scene.model_fields_set & {"depth_range", "object_count"}
-    if given and not families:
+    family_keys = settings.scene.model_fields_set & {"depth_range", "object_count"}
+    if family_keys and not families:
         raise InputError(
-            f"{file}: scene.{min(given)}: can be used with 'families' only"
+            f"{file}: scene.{min(family_keys)}: can be used with 'families' only"
         )
     rig = settings.rig_of(ANY_SCENE, None, file, lambda name: file.parent / name)
     if settings.rig:
@@ -384,7 +387,7 @@ def check_settings(
 
 
 def make_lenses(
-    settings: Settings, view: View | None, file: Path, find: Find
+    settings: RecipeSettings, view: View | None, file: Path, find: Find
 ) -> list[RecipeLens]:
     """The lenses of a sample; without a view they are only checked."""
     lenses = []

@@ -127,21 +127,21 @@ class Sources:
     @cached_property
     def asset_files(self) -> dict[str, dict[str, Path]]:
         """The files of each kind of assets by name. Raises InputError for a folder without any."""
-        found: dict[str, dict[str, Path]] = {kind: {} for kind in self.assets}
+        files: dict[str, dict[str, Path]] = {kind: {} for kind in self.assets}
         for kind, names in self.assets.items():
             for name in names:
-                found[kind] |= listed(kind, name, self.folder)
-        return found
+                files[kind] |= listed(kind, name, self.folder)
+        return files
 
     def _named_by_meshes(self) -> dict[str, Path]:
-        found: dict[str, Path] = {}
-        for name, path in self.asset_files.get("meshes", {}).items():
-            for each in named_by_mesh(path, self.keep_material, self.folder):
-                relative = os.path.relpath(each, path.parent.resolve())
-                found[
-                    Path(os.path.normpath(Path(name).parent / relative)).as_posix()
-                ] = each
-        return found
+        """The files that the mesh files of the assets name, such as pictures, by name."""
+        files: dict[str, Path] = {}
+        for name, mesh in self.asset_files.get("meshes", {}).items():
+            for path in named_by_mesh(mesh, self.keep_material, self.folder):
+                from_mesh = os.path.relpath(path, mesh.parent.resolve())
+                from_recipe = os.path.normpath(Path(name).parent / from_mesh)
+                files[Path(from_recipe).as_posix()] = path
+        return files
 
     @cached_property
     def sky_files(self) -> dict[str, dict[str, Path]]:
@@ -169,8 +169,8 @@ class Sources:
         Raises FileError.
         """
         meshes = {
-            self.folder / name: own
-            for name, own in self.named.items()
+            self.folder / name: has_materials
+            for name, has_materials in self.named.items()
             if Path(name).suffix.lower() in MESH_FILES
         }
         skies = {path for files in self.sky_files.values() for path in files.values()}
@@ -213,8 +213,8 @@ class Sources:
     def families_assets(self) -> Assets:
         """The assets as families use them."""
         listed: dict[str, Any] = {
-            kind: tuple(sorted(set(found.values())))
-            for kind, found in self.asset_files.items()
+            kind: tuple(sorted(set(files.values())))
+            for kind, files in self.asset_files.items()
         }
         listed |= {
             "keep_scale": self.keep_scale,
@@ -225,17 +225,18 @@ class Sources:
 
     def unchanged(self, path: Path) -> str:
         """The file's SHA-256. Raises FileError if it differs from the first call's."""
-        known = self._known.get(path)
+        earlier = self._known.get(path)
         try:
-            found = path.stat()
-            stamp = found.st_size, found.st_mtime_ns, found.st_ctime_ns
-            if known is not None and known[0] == stamp:
-                return known[1]
+            status = path.stat()
+            stamp = status.st_size, status.st_mtime_ns, status.st_ctime_ns
+            if earlier is not None and earlier[0] == stamp:
+                return earlier[1]
+            # A file that was restored from a backup has another time, but the same bytes.
             with path.open("rb") as file:
                 now = hashlib.file_digest(file, "sha256").hexdigest()
         except OSError as error:
             raise FileError(f"{path}: cannot be read ({error.strerror})") from error
-        if known is not None and now != known[1]:
+        if earlier is not None and now != earlier[1]:
             raise FileError(
                 f"{path}: has changed while samples were made from it; restore it and run the same command"
             )
@@ -303,15 +304,14 @@ def file_digests(scene: Scene) -> dict[str, str]:
 
 def _names_below(home: Path | None, files: tuple[Path, ...]) -> dict[str, Path]:
     """Files by their names relative to `home`, or to the first one's folder; files elsewhere by their last part."""
-    found = {}
+    names = {}
     for path in files:
-        folder, whole = (home or files[0].parent).resolve(), path.resolve()
-        found[
-            whole.relative_to(folder).as_posix()
-            if whole.is_relative_to(folder)
-            else path.name
-        ] = path
-    return found
+        folder = (home or files[0].parent).resolve()
+        whole = path.resolve()
+        is_below = whole.is_relative_to(folder)
+        name = whole.relative_to(folder).as_posix() if is_below else path.name
+        names[name] = path
+    return names
 
 
 def changed_files(before: Mapping[str, str], now: Mapping[str, str]) -> str:

@@ -365,7 +365,7 @@ def make_one(order: Order, index: int) -> Made:
         warnings.simplefilter("always", UserWarning)
         work, made = _RENDERER.submit(_rendered, order, index, threads).result()
     return written(work, index, made), [
-        each.category(str(each.message)) for each in caught
+        warning.category(str(warning.message)) for warning in caught
     ]
 
 
