@@ -8,6 +8,7 @@ import importlib
 import math
 import time
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from twinlens.dataset import Row, StoredSample, describe
+from twinlens.dataset import Place, Row, StoredSample, describe
 from twinlens.dataset.codecs.png import encode_png
 from twinlens.dataset.files import locked, remove_unfinished, write_file
 from twinlens.dataset.pictures import colourise, contact_sheet, tile
@@ -87,14 +88,7 @@ def generate(
     if not 1 <= i <= n:
         raise InputError(f"a shard is i/n with i from 1 to n, got {i}/{n}")
     root, shared = place(folder), shard != (1, 1)
-    if isinstance(root, Path):
-        recipe.sources.check_output(root)
-    _ = (
-        recipe.sources.digests
-    )  # an unreadable file is an error before anything is written
-    if not whole_samples(root):
-        recipe.sources.check_contents()
-    tools = made_with()  # and so is a missing backend
+    tools = _checked_tools(recipe, root)
     if i <= recipe.count:
         check_draws(recipe, i - 1)
     with locked(root, shared, remedy="wait for it, or split the work with --shard"):
@@ -105,14 +99,10 @@ def generate(
         ledger.check_files()
         if not ledger.has_file:
             ledger.write()
-        before, tried = len(ledger.rows), len(ledger.entries)
+        before = len(ledger.rows)
         todo = [index for index in ledger.missing() if index % n == i - 1][:limit]
         try:
-            results = engine(
-                Work(recipe, root, ledger.made_with), todo,
-                lambda part, now: report(part, f"{tried + round(part * len(todo))}/{recipe.count} {now}".strip()),
-            )  # fmt: skip
-            made = _collect(ledger, results, exclusive=not shared)
+            made = _run(ledger, engine, todo, report, exclusive=not shared)
         finally:
             if not shared:
                 remove_unfinished(root)
@@ -122,9 +112,8 @@ def generate(
             finish(ledger)
     missing = ledger.missing()
     if shared and not missing:
-        with locked(
-            root, wait=True
-        ):  # several shards may find at the same time that everything is made
+        # Several shards may find at the same time that everything is made.
+        with locked(root, wait=True):
             finish(ledger)
     left = sum(index % n == i - 1 for index in missing)
     failures, rejections = tuple(ledger.failures), ledger.rejections
@@ -138,6 +127,38 @@ def generate(
         not missing,
         left,
     )
+
+
+def _checked_tools(recipe: Recipe, root: Place) -> dict[str, Any]:
+    """`made_with`, once the recipe's files and this machine can make samples in `root`.
+
+    These are the errors that can be known before anything is written: an output among the recipe's files, files that
+    cannot be read, and a missing backend.
+    """
+    if isinstance(root, Path):
+        recipe.sources.check_output(root)
+    _ = recipe.sources.digests  # reads every file
+    # A resumed run has read the contents of the files before its first sample.
+    if not whole_samples(root):
+        recipe.sources.check_contents()
+    return made_with()
+
+
+def _run(
+    ledger: Ledger,
+    engine: Engine,
+    todo: Sequence[int],
+    report: Report,
+    exclusive: bool,
+) -> int:
+    """Make the samples `todo` with an engine and add them to the ledger; the number of samples made."""
+    tried, count = len(ledger.entries), ledger.recipe.count
+
+    def progress(part: float, now: str) -> None:
+        report(part, f"{tried + round(part * len(todo))}/{count} {now}".strip())
+
+    work = Work(ledger.recipe, ledger.folder, ledger.made_with)
+    return _collect(ledger, engine(work, todo, progress), exclusive)
 
 
 def _collect(ledger: Ledger, results: Results, exclusive: bool) -> int:

@@ -312,35 +312,31 @@ def parse_lens(
         raise InputError(
             f"{where}: {unknown('lens', kind, _FORMS)}; a lens is one of {forms}"
         )
+    table = _table_of_form(kind, text, where)
+    needs_focus = kind in ("thin", "f/") and "focus" not in table
+    if needs_focus and not view.scene.depth_range_known:
+        raise InputError(
+            f"{where}: the scene has no depth range; add the focus distance, such as {text}@2.5"
+        )
+    checked = read(LensTable, table, where)
+    with located(where):
+        lens = make_lens(checked, view)
+    if isinstance(lens, Pinhole) or aperture is None:
+        return lens
+    return lens.replace(aperture=aperture)
+
+
+def _table_of_form(kind: str, text: str, where: str) -> dict[str, Any]:
+    """The table of a lens in one of `_FORMS`. Raises InputError where the text does not have that form."""
     form, pattern = _FORMS[kind]
     match = re.fullmatch(pattern, text)
     if match is None:
         raise InputError(f"{where}: must be {form}")
-    values = {
-        key: parse_number(value)
-        for key, value in match.groupdict().items()
-        if value is not None
-    }
-    if (
-        kind in ("thin", "f/")
-        and "focus" not in values
-        and not view.scene.depth_range_known
-    ):
-        raise InputError(
-            f"{where}: the scene has no depth range; add the focus distance, such as {text}@2.5"
-        )
-    table = read(
-        LensTable,
-        {"kind": "thin" if kind == "f/" else kind, **values},
-        where,
-    )
-    with located(where):
-        lens = make_lens(table, view)
-    return (
-        lens
-        if isinstance(lens, Pinhole) or aperture is None
-        else lens.replace(aperture=aperture)
-    )
+    table: dict[str, Any] = {"kind": "thin" if kind == "f/" else kind}
+    for key, value in match.groupdict().items():
+        if value is not None:
+            table[key] = parse_number(value)
+    return table
 
 
 def _lens_of_fields(lens: type[Any], text: str, where: str) -> RecipeLens:

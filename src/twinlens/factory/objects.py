@@ -147,39 +147,15 @@ def drafts(
     checked_drafts = []
     for i, table in enumerate(tables):
         key = f"scene.objects.{name}" + (f"[{i}]" if len(tables) > 1 else "")
-        place = read(
-            Placing,
-            {word: table[word] for word in Placing.model_fields if word in table},
-            file,
-            key,
-        )
-        values = {
-            word: value
-            for word, value in table.items()
-            if word not in Placing.model_fields
-        }
         new = bool({"file", "shape", "folder"} & table.keys())
-        for word in values.keys() - _OBJECT_KEYS:
-            with located(f"{file}: {key}"):
-                check_known("key", word, _OBJECT_KEYS | Placing.model_fields.keys())
+        part = {word: table[word] for word in Placing.model_fields if word in table}
+        place = read(Placing, part, file, key)
         with located(f"{file}: {key}"):
-            if name not in scene_objects and not new:
-                hint = (
-                    f"; the scene has {', '.join(sorted(scene_objects))}"
-                    if scene_objects
-                    else ""
-                )
-                raise InputError(
-                    f"a new object needs one of 'file', 'folder' and 'shape'{hint}"
-                )
-            values = _merged(dict(scene_objects.get(name, {})), values, new)
-            if (
-                place.folder is not None and "file" not in values
-            ):  # a plan has added a file
-                values = {**values, "file": meshes_in(folder, place.folder)[0]}
-            _check_pose(place, table, values)
-            material, inline = values.get("material"), None
-            context, drawn = SceneContext(folder if new else home), SceneContext(folder)
+            values = _object_table(name, table, place, scene_objects, folder)
+        # Files of a new object and of an inline material are relative to the recipe, those of a changed object to its
+        # scene.
+        context, drawn = SceneContext(folder if new else home), SceneContext(folder)
+        material, inline = values.get("material"), None
         if isinstance(material, Mapping):
             inline = read(_MATERIAL, dict(material), file, f"{key}.material", drawn)
             values["material"] = name
@@ -187,6 +163,34 @@ def drafts(
         label = f"{name}[{i}]" if "count" in table else name
         checked_drafts.append(Draft(label, place, checked, inline, context, drawn))
     return checked_drafts
+
+
+def _object_table(
+    name: str,
+    table: Mapping[str, Any],
+    place: Placing,
+    scene_objects: Mapping[str, Any],
+    folder: Path,
+) -> dict[str, Any]:
+    """The table of an object as scene.toml would have it: without the keys of `Placing`, with those of the scene."""
+    values = {
+        word: value for word, value in table.items() if word not in Placing.model_fields
+    }
+    for word in values.keys() - _OBJECT_KEYS:
+        check_known("key", word, _OBJECT_KEYS | Placing.model_fields.keys())
+    new = bool({"file", "shape", "folder"} & table.keys())
+    if name not in scene_objects and not new:
+        names = ", ".join(sorted(scene_objects))
+        hint = f"; the scene has {names}" if scene_objects else ""
+        raise InputError(
+            f"a new object needs one of 'file', 'folder' and 'shape'{hint}"
+        )
+    values = _merged(dict(scene_objects.get(name, {})), values, new)
+    # The plan of a sample has drawn the file; a recipe that is only checked has none yet.
+    if place.folder is not None and "file" not in values:
+        values = {**values, "file": meshes_in(folder, place.folder)[0]}
+    _check_pose(place, table, values)
+    return values
 
 
 def _merged(

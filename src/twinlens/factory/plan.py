@@ -57,36 +57,24 @@ def plan(recipe: Recipe, index: int, attempt: int = 0) -> SampleSpec:
     Raises InputError for a negative index.
     """
     check_int("the index of a sample", index, 0)
-    sizes = {} if recipe.weights else {"": len(recipe.names)}
-    sizes |= {
-        leaf.key: len(leaf.distribution.values)
-        for leaf in leaves(recipe.drawn)
-        if leaf.kind == "sweep"
-    }
-    digits, rest = {}, index
-    for key, size in sizes.items():
-        rest, digits[key] = divmod(rest, size)
+    digits = _digits(recipe, index)
     if recipe.weights:
-        chosen = int(
-            generator(recipe.seed, "subject", index, attempt).choice(
-                len(recipe.names), p=recipe.weights
-            )
-        )
+        rng = generator(recipe.seed, "subject", index, attempt)
+        chosen = int(rng.choice(len(recipe.names), p=recipe.weights))
     else:
-        chosen = digits[""]
+        chosen = digits[_SUBJECT]
 
     def choose(leaf: Leaf, *copy: int) -> Any:
         if leaf.kind == "sweep":
             return leaf.distribution.values[digits[leaf.key]]
         if leaf.kind == "per_scene":
             return leaf.distribution.values[chosen]
-        return leaf.distribution.draw(
-            generator(recipe.seed, "draw", index, attempt, leaf.key, *copy)
-        )
+        # A stream for each key, so that a new distribution does not change the others.
+        rng = generator(recipe.seed, "draw", index, attempt, leaf.key, *copy)
+        return leaf.distribution.draw(rng)
 
-    seed = int(
-        generator(recipe.seed, "sample", index, attempt).integers(1 << _SEED_BITS)
-    )
+    rng = generator(recipe.seed, "sample", index, attempt)
+    seed = int(rng.integers(1 << _SEED_BITS))
     return SampleSpec(
         index=index,
         attempt=attempt,
@@ -101,6 +89,26 @@ def plan(recipe: Recipe, index: int, attempt: int = 0) -> SampleSpec:
         ndisp=recipe.ndisp,
         keep=recipe.keep,
     )
+
+
+_SUBJECT = ""
+"""The digit of the scene or family in `_digits`; no key of a recipe is empty."""
+
+
+def _digits(recipe: Recipe, index: int) -> dict[str, int]:
+    """The positions in the list of scenes and in each sweep, by key, of a sample.
+
+    They are the digits of the index in a mixed base, so that samples count through all combinations. The scene changes
+    fastest. With weights it is drawn, and has no digit.
+    """
+    sizes = {} if recipe.weights else {_SUBJECT: len(recipe.names)}
+    for leaf in leaves(recipe.drawn):
+        if leaf.kind == "sweep":
+            sizes[leaf.key] = len(leaf.distribution.values)
+    digits, rest = {}, index
+    for key, size in sizes.items():
+        rest, digits[key] = divmod(rest, size)
+    return digits
 
 
 def _with_copies(

@@ -75,40 +75,30 @@ def make(
             )
         spec = plan(recipe, index, attempt)
         if spec.kind == "scene":
-            recipe.sources.scene(
-                spec.scene
-            )  # an unreadable file is an error, not a rejected draw
+            # Outside the try: an unreadable file is an error, not a rejected draw.
+            recipe.sources.scene(spec.scene)
         try:
             sample = produce(
                 spec, recipe.sources, recipe.gates, progress, Path(recipe.file.name)
             )
             if spec.kind == "scene":
-                recipe.sources.scene(
-                    spec.scene
-                )  # rendering has opened a scene.xml again
+                # Rendering has opened a scene.xml again, which may have changed meanwhile.
+                recipe.sources.scene(spec.scene)
         except Rejected as rejected:
-            rejections.append(
-                {
-                    "attempt": attempt,
-                    "reason": rejected.reason,
-                    "found": rejected.measured,
-                }
-            )
+            reason, detail = rejected.reason, rejected.measured
             remedy, by_chance = rejected.remedy, rejected.noisy
         except FileError:
             raise
         except InputError as error:
-            problem = str(error).replace(
-                f"{recipe.file.parent}/", ""
-            )  # datasets record no local paths
-            rejections.append(
-                {"attempt": attempt, "reason": "impossible draw", "found": problem}
-            )
+            # Datasets record no local paths.
+            detail = str(error).replace(f"{recipe.file.parent}/", "")
+            reason = "impossible draw"
             remedy, by_chance = "the value that the message names", False
         else:
             warn_of_noise(sample, index)
             more = {"rejections": rejections, "sources_sha256": recipe.sources.digest}
             return dataclasses.replace(sample, record={**sample.record, **more})
+        rejections.append({"attempt": attempt, "reason": reason, "found": detail})
         if not by_chance and is_fixed(recipe):
             break
     raise Exhausted(index, rejections, remedy)
@@ -149,11 +139,7 @@ def produce(
     """
     sources = sources or Sources()
     settings = read(RecipeSettings, dict(spec.drawn), file)
-    base = _scene(spec, settings, sources)
-    if settings.sky is not None:
-        base = _lit(base, settings.sky, sources, spec.seed)
-    if settings.scene.ambient != 1:
-        base = base.with_ambient(settings.scene.ambient)
+    base = _lit_scene(spec, settings, sources)
     moved = base.at(base.world_from_left @ settings.scene.jitter.pose())
     rig, sensor = _cameras(spec, settings, moved, sources, file)
     scene = with_objects(
@@ -252,6 +238,16 @@ def _scene(spec: SampleSpec, settings: RecipeSettings, sources: Sources) -> Scen
         depth_range=settings.scene.depth_range, object_count=settings.scene.object_count,
         aspect=width / height, width=width, own_lights=settings.sky is None,
     )  # fmt: skip
+
+
+def _lit_scene(spec: SampleSpec, settings: RecipeSettings, sources: Sources) -> Scene:
+    """The scene of a spec under its sky, with its factor of the scene's own light."""
+    scene = _scene(spec, settings, sources)
+    if settings.sky is not None:
+        scene = _lit(scene, settings.sky, sources, spec.seed)
+    if settings.scene.ambient != 1:
+        scene = scene.with_ambient(settings.scene.ambient)
+    return scene
 
 
 def under_sky(

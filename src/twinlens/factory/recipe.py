@@ -232,21 +232,15 @@ def recipe_from_table(
     }
     assets = {kind: tuple(folders) for kind, folders in assets_table.items()}
     drawn = {key: template(written[key], path, key) for key in DRAWN if key in written}
-    for leaf in leaves(drawn):
-        if leaf.kind == "per_scene" and len(leaf.distribution.values) != len(names):
-            raise InputError(
-                f"{path}: {leaf.key}: per_scene needs {len(names)} values, one for each scene or family of the recipe, "
-                f"got {len(leaf.distribution.values)}"
-            )
+    _check_per_scene(drawn, len(names), path)
     named, skies, random_places = _check_drawn(drawn, path, table)
     sources = Sources(
         path.parent, tuple(table.scenes or ()), assets, named, skies, **keep
     )
-    for k, credit in enumerate(About.of(table.about or {}).credits):
-        if not any(map(credit.covers, sources.files)):
-            raise InputError(
-                f"{path}: about.credits[{k}].files: {credit.files!r} is none of the recipe's files"
-            )
+    _check_credits(table.about or {}, sources, path)
+    weights = None
+    if table.weights is not None:
+        weights = tuple(map(float, normalized(table.weights, len(names))))
     return Recipe(
         file=path,
         written=dict(written),
@@ -254,9 +248,7 @@ def recipe_from_table(
         count=table.count,
         kind="scene" if table.families is None else "family",
         names=tuple(names),
-        weights=None
-        if table.weights is None
-        else tuple(map(float, normalized(table.weights, len(names)))),
+        weights=weights,
         drawn=drawn,
         ndisp=table.ndisp,
         keep=tuple(table.keep),
@@ -265,6 +257,25 @@ def recipe_from_table(
         sources=sources,
         random_places=random_places,
     )
+
+
+def _check_per_scene(drawn: Mapping[str, Any], count: int, path: Path) -> None:
+    """Raise InputError unless each list of `per_scene` has as many values as there are scenes or families."""
+    for leaf in leaves(drawn):
+        if leaf.kind == "per_scene" and len(leaf.distribution.values) != count:
+            raise InputError(
+                f"{path}: {leaf.key}: per_scene needs {count} values, one for each scene or family of the recipe, "
+                f"got {len(leaf.distribution.values)}"
+            )
+
+
+def _check_credits(about: Mapping[str, Any], sources: Sources, path: Path) -> None:
+    """Raise InputError for a credit that covers no file of the recipe."""
+    for k, credit in enumerate(About.of(about).credits):
+        if not any(map(credit.covers, sources.files)):
+            raise InputError(
+                f"{path}: about.credits[{k}].files: {credit.files!r} is none of the recipe's files"
+            )
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import Field, create_model
 
 from twinlens.camera import ALIGNED, Misalignment, Rig
-from twinlens.camera.rectification import rectify
+from twinlens.camera.rectification import Rectification, rectify
 from twinlens.camera.truth import Truth
 from twinlens.dataset import Sample, Shot, StoredSample
 from twinlens.dataset.record import LENS, RIG, FileModel, plain, read
@@ -223,27 +223,40 @@ def rectified_sample(
         new = {**stored.record, "record": settings, "rig": plain(result.rectified_rig)}
         sample = remake(new, scene, progress=progress)
         return replace(sample, record={**sample.record, **origin})
+    # Warped images have no halves of dual pixels, no radiance and no models.
+    absent = dict.fromkeys(("dual_pixel", "keep_radiance", "keep_models"), False)
+    return Sample(
+        result.rectified_rig,
+        _warped_shots(stored, result, (left, right)),
+        _rectified_truths(scene, result, settings["sky_disparity"]),
+        record={**settings, **absent, **origin},
+    )
+
+
+def _warped_shots(
+    stored: StoredSample, result: Rectification, views: tuple[int, int]
+) -> tuple[Shot, ...]:
+    """The stored images of two views through each lens, warped into the rectified cameras."""
     shots = []
     for shot in map(stored.lens, range(stored.num_lenses)):
         images = tuple(
-            result.warp(side, shot.image(view))
-            for side, view in enumerate((left, right))
+            result.warp(side, shot.image(view)) for side, view in enumerate(views)
         )
         shots.append(Shot(shot.lens, images, record=shot.record))
-    truths, valid = [], [result.valid(side) for side in (0, 1)]
-    for side, truth in enumerate(
-        ground_truth(scene, result.aligned_rig, sky_disparity=settings["sky_disparity"])
-    ):
-        in_both = _in_both(truth, side, result.aligned_rig, valid)
-        truths.append(replace(truth, visible=truth.visible & in_both))
-    record = {
-        **settings,
-        "dual_pixel": False,
-        "keep_radiance": False,
-        "keep_models": False,
-        **origin,
-    }
-    return Sample(result.rectified_rig, tuple(shots), tuple(truths), record=record)
+    return tuple(shots)
+
+
+def _rectified_truths(
+    scene: Scene, result: Rectification, sky_disparity: bool
+) -> tuple[Truth, ...]:
+    """The truth of the aligned pair. Points outside either stored image do not count as visible."""
+    rig = result.aligned_rig
+    valid = [result.valid(side) for side in (0, 1)]
+    truths = ground_truth(scene, rig, sky_disparity=sky_disparity)
+    return tuple(
+        replace(truth, visible=truth.visible & _in_both(truth, side, rig, valid))
+        for side, truth in enumerate(truths)
+    )
 
 
 def _in_both(

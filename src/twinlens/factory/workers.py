@@ -326,8 +326,9 @@ def _collected(
             try:
                 entry, caught = future.result()
             except Exception as error:
+                # KilledWorker is by name, because it is of Dask, which need not be installed.
                 if not is_lost(error) and type(error).__name__ != "KilledWorker":
-                    raise  # KilledWorker: of Dask, which need not be installed
+                    raise
                 tries[index] += 1
                 if tries[index] < _TRIES:
                     running[submit(index)] = index
@@ -342,7 +343,12 @@ def _collected(
                     warnings.warn(warning, stacklevel=2)
                 yield index, entry
         report(done / len(indices), "")
-    if lost := [index for index, count in tries.items() if count == _TRIES]:
+    _refuse_lost([index for index, count in tries.items() if count == _TRIES])
+
+
+def _refuse_lost(lost: Sequence[int]) -> None:
+    """Raise BackendError for samples, by index, whose workers died too often."""
+    if lost:
         raise BackendError(
             f"the worker of sample {lost[0]} died {_TRIES} times (out of memory?), as did those of {len(lost) - 1} "
             "others; all other samples are kept; use fewer workers (--workers 1), give them more memory or make the "
