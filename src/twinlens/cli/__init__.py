@@ -130,9 +130,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except MemoryError as error:
         return _report_error(f"not enough memory ({error}); make the images smaller", 2)
     except BrokenPipeError:
-        os.dup2(
-            os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno()
-        )  # the reader has closed the pipe
+        # The reader has closed the pipe; Python's flush at the exit would fail again.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:
         if error.errno in (
@@ -145,9 +144,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
             return _report_error(f"{error.filename or 'output'}: {error.strerror}", 2)
         raise
     except (KeyboardInterrupt, click.Abort) as error:
-        cause = (
-            error if isinstance(error, KeyboardInterrupt) else error.__cause__
-        )  # click wraps it
+        # click wraps the interrupt, whose text says what is kept.
+        cause = error if isinstance(error, KeyboardInterrupt) else error.__cause__
         return _report_error(
             "; ".join(filter(None, ("interrupted", str(cause or "")))), INTERRUPTED
         )

@@ -11,6 +11,7 @@ from twinlens.cli.places import FIGURE_FILE, PATH
 from twinlens.dataset.files import write_file
 from twinlens.report.plots import agreement_figure
 from twinlens.scoring import agreement
+from twinlens.scoring.agreement import Agreement
 
 MOVES = 5  # methods listed, those whose rank differs most
 
@@ -55,6 +56,13 @@ def command(
     if as_json:
         print_json(asdict(result))
         return
+    _print(result, names)
+    if output is not None:
+        click.echo(f"figure: {output}")
+
+
+def _print(result: Agreement, names: tuple[str, str]) -> None:
+    """Print the agreement of two boards with these names."""
     click.echo(
         f"{len(result.moves)} methods ranked by {result.metric}, {result.region}, {result.protocol}"
     )
@@ -78,5 +86,3 @@ def command(
         if differ
         else "no mean ranks differ"
     )
-    if output is not None:
-        click.echo(f"figure: {output}")

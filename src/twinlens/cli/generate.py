@@ -90,10 +90,8 @@ def command(
         raise InputError(
             f"--shard must be i/n with i from 1 to n, such as 2/8, got {options['shard']!r}"
         )
-    shard, kept = (
-        (int(part[1]), int(part[2])),
-        "finished samples are kept; run the same command to resume",
-    )
+    shard = int(part[1]), int(part[2])
+    kept = "finished samples are kept; run the same command to resume"
     engine = factory.worker_processes(workers) if workers else factory.usual_engine
     if scheduler:
         engine = factory.dask_cluster(scheduler)

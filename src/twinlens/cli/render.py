@@ -187,13 +187,8 @@ def command(
                 camera_text.format_exposure(sample, k, text)
                 for k, (text, _) in enumerate(lenses)
             ]
-            made.append(
-                (
-                    row,
-                    exposures,
-                    [camera_text.optics_of(sample, k) for k in range(len(lenses))],
-                )
-            )
+            effects = [camera_text.optics_of(sample, k) for k in range(len(lenses))]
+            made.append((row, exposures, effects))
     _print(output, made, as_json)
 
 

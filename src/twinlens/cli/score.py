@@ -1,6 +1,6 @@
 """`twinlens score`: score disparity maps made by other programs."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -81,26 +81,11 @@ def command(
         if not path.exists():
             raise FileError(f"{path}: no such file or folder")
     one_map = submissions[0].suffix.lower() in _MAPS and not submissions[0].is_dir()
-    for truth in truths if one_map else ():
-        if place(truth).is_dir() or (
-            truth == "motorcycle" and not place(truth).exists()
-        ):
-            raise InputError(
-                f"{truth} is a dataset, and {submissions[0]} is one map: give one truth map, as --truth "
-                "SAMPLE/disp0.pfm, or a folder of maps"
-            )
-    for name, option in (_FOR_BOARDS if one_map else _FOR_ONE_MAP).items():
-        if (
-            click.get_current_context().get_parameter_source(name)
-            is not ParameterSource.DEFAULT
-        ):
-            only = (
-                "folders or zip files scored against datasets"
-                if one_map
-                else "one map scored against one truth map"
-            )
-            raise InputError(f"{option}: is only for {only}")
-    if not one_map:
+    if one_map:
+        _check_truth_maps(truths, submissions[0])
+        _refuse(_FOR_BOARDS, "folders or zip files scored against datasets")
+    else:
+        _refuse(_FOR_ONE_MAP, "one map scored against one truth map")
         return _score_submissions(submissions, truths, as_json, options)
     if len(submissions) > 1 or len(truths) > 1 or len(options["protocols"]) > 1:
         raise InputError(
@@ -108,6 +93,25 @@ def command(
         )
     _print(_score_map(submissions[0], truths[0], options), as_json)
     return 0
+
+
+def _check_truth_maps(truths: Sequence[str], estimate: Path) -> None:
+    """Raise InputError for a dataset among the truths of one map."""
+    for truth in truths:
+        bundled = truth == "motorcycle" and not place(truth).exists()
+        if bundled or place(truth).is_dir():
+            raise InputError(
+                f"{truth} is a dataset, and {estimate} is one map: give one truth map, as --truth "
+                "SAMPLE/disp0.pfm, or a folder of maps"
+            )
+
+
+def _refuse(options: Mapping[str, str], purpose: str) -> None:
+    """Raise InputError where the command line has one of these options, which serve another purpose."""
+    context = click.get_current_context()
+    for name, option in options.items():
+        if context.get_parameter_source(name) is not ParameterSource.DEFAULT:
+            raise InputError(f"{option}: is only for {purpose}")
 
 
 def _score_submissions(
@@ -139,24 +143,24 @@ def _score_submissions(
         {UNSCORED: unmatched},
     )
     for submission in submissions:
-        missing, extra = (
-            submission.missing_files(pairs.aliases),
-            unmatched[submission.name],
-        )
+        missing = submission.missing_files(pairs.aliases)
+        extra = unmatched[submission.name]
         count = f"missing maps: {len(missing)} of {len(pairs)}"
-        for what, names in (
-            (count, missing),
-            (f"maps that match no sample: {len(extra)}", extra),
-        ):
-            more = (
-                f" and {len(names) - FIRST_FEW} more" if len(names) > FIRST_FEW else ""
-            )
-            if names:
-                click.echo(
-                    f"{submission.name}: {what} ({', '.join(names[:FIRST_FEW])}{more})",
-                    err=True,
-                )
+        _warn_of_files(submission.name, count, missing)
+        count = f"maps that match no sample: {len(extra)}"
+        _warn_of_files(submission.name, count, extra)
     return code
+
+
+def _warn_of_files(submission: str, count: str, names: Sequence[str]) -> None:
+    """Print the first few of some files on the error stream, if there are any."""
+    if not names:
+        return
+    hidden = len(names) - FIRST_FEW
+    more = f" and {hidden} more" if hidden > 0 else ""
+    click.echo(
+        f"{submission}: {count} ({', '.join(names[:FIRST_FEW])}{more})", err=True
+    )
 
 
 def _score_map(estimate: Path, truth: str, options: dict[str, Any]) -> Scores:

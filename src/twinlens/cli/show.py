@@ -19,7 +19,7 @@ from twinlens.dataset import Place, open_sample, place, write_png
 from twinlens.dataset.files import write_file
 from twinlens.errors import check_int, located
 from twinlens.geometry.epipolar import sampson_distance
-from twinlens.matching import cost_curve, parse_method
+from twinlens.matching import CostCurve, cost_curve, parse_method
 from twinlens.report.confidence_picture import confidence_picture
 from twinlens.report.cost_picture import cost_picture
 from twinlens.report.epipolar_picture import epipolar_picture, true_matches
@@ -139,17 +139,11 @@ def costs(
     curves = cost_curve(
         pair.im0, pair.im1, u, v, methods or (COST_METHODS,), **pair.search
     )
-    truth, reasons = (
-        float(pair.disp0[v, u]),
-        {name: reason_of(pair, curve) for name, curve in curves.items()},
-    )
+    truth = float(pair.disp0[v, u])
+    reasons = {name: reason_of(pair, curve) for name, curve in curves.items()}
     if output is not None:
-        write_file(
-            output,
-            cost_picture(
-                (pair.im0, pair.im1), curves, truth, output.suffix.lower()[1:]
-            ),
-        )
+        kind = output.suffix.lower()[1:]
+        write_file(output, cost_picture((pair.im0, pair.im1), curves, truth, kind))
     record = {
         "picture": None if output is None else str(output), "at": [u, v], "truth": truth,
         "curves": {
@@ -162,20 +156,25 @@ def costs(
         f"true disparity {truth:.2f} px" if np.isfinite(truth) else "truth unknown"
     )
     lines = [f"{output}: pixel ({u}, {v}), {truth_text}"]
-    for name, curve in curves.items():
-        winner, rival = (
-            "none" if place is None else f"{shown} px (cost {curve.cost_at(place):.4g})"
-            for place, shown in (
-                (curve.winner, f"{curve.disparity:.2f}"),
-                (curve.rival, curve.rival),
-            )
-        )
-        cost = curve.cost_at(truth) if np.isfinite(truth) else np.inf
-        at_truth = f", cost at the truth {cost:.4g}" if np.isfinite(cost) else ""
-        lines.append(
-            f"{name}: winner {winner}, rival {rival}{at_truth}. {reasons[name].text}"
-        )
+    lines += [
+        f"{name}: {_describe(curve, truth)}. {reasons[name].text}"
+        for name, curve in curves.items()
+    ]
     print_result(as_json, record, *lines)
+
+
+def _describe(curve: CostCurve, truth: float) -> str:
+    """The winner and the rival of a curve with their costs, and the cost of the true disparity where it has one."""
+    winner = rival = "none"
+    if curve.winner is not None:
+        # The disparity is the winner's, refined to fractions of a pixel.
+        cost = curve.cost_at(curve.winner)
+        winner = f"{curve.disparity:.2f} px (cost {cost:.4g})"
+    if curve.rival is not None:
+        rival = f"{curve.rival} px (cost {curve.cost_at(curve.rival):.4g})"
+    text = f"winner {winner}, rival {rival}"
+    cost = curve.cost_at(truth) if np.isfinite(truth) else np.inf
+    return f"{text}, cost at the truth {cost:.4g}" if np.isfinite(cost) else text
 
 
 @command.command("confidence")
@@ -220,11 +219,10 @@ def confidence(
             confidence_picture(pair.im0, scored, f"{spec.name} on {pair.name}", kind),
         )
     first = next(iter(scored.scores.values()))
-    rate, pixels, smallest = (
-        first.sparsification[-1],
-        first.estimated,
-        first["auc2.0_opt"],
-    )
+    # The last point of a curve has all pixels; these three are the same for every measure.
+    rate = first.sparsification[-1]
+    pixels = first.estimated
+    smallest = first["auc2.0_opt"]
     record = {
         "picture": None if output is None else str(output), "method": spec.name, "pixels": pixels,
         "bad2.0": rate, "auc2.0_opt": smallest,

@@ -1,6 +1,7 @@
 """`twinlens statistics`: what the images of a dataset look like, beside real pairs."""
 
 import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import click
@@ -79,37 +80,39 @@ def command(
         }
         print_json(record | (fit if like else {}))
         return
-    counts = [f"{len(measured)} pair{'s' * (len(measured) != 1)}" for measured in rows]
-    lines = [
-        (
-            "statistic",
-            "unit",
-            counts[0],
-            *(f"like: {count}" for count in counts[1:]),
-            "24 real pairs",
-            "",
-        )
-    ]
-    for name, statistic in STATISTICS.items():
-        values = [_text(summary[name]) for summary in summaries]
-        lines.append(
-            (name, statistic.unit, *values, _text(statistic.real), statistic.text)
-        )
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     comment = "# " if like else ""
-    for line in lines:
-        click.echo(
-            comment
-            + "  ".join(
-                f"{text:{width}}" for text, width in zip(line, widths, strict=True)
-            ).rstrip()
-        )
+    for line in _table([len(measured) for measured in rows], summaries):
+        click.echo(comment + line)
     if output is not None:
         click.echo(f"{comment}figure: {output}")
     if like:
         click.echo(
             "".join(f"# {note}\n" for note in notes) + recipe_toml(recipe), nl=False
         )
+
+
+def _table(
+    counts: Sequence[int],
+    summaries: Sequence[Mapping[str, tuple[float, float, float]]],
+) -> list[str]:
+    """The lines of a table: for each statistic its values in the datasets, and in real pairs.
+
+    counts : pairs of each dataset; those after the first are of `--like`.
+    """
+    titles = [f"{count} pair{'s' * (count != 1)}" for count in counts]
+    titles[1:] = [f"like: {title}" for title in titles[1:]]
+    rows = [("statistic", "unit", *titles, "24 real pairs", "")]
+    for name, statistic in STATISTICS.items():
+        values = [_text(summary[name]) for summary in summaries]
+        rows.append(
+            (name, statistic.unit, *values, _text(statistic.real), statistic.text)
+        )
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = []
+    for row in rows:
+        cells = [f"{text:{width}}" for text, width in zip(row, widths, strict=True)]
+        lines.append("  ".join(cells).rstrip())
+    return lines
 
 
 def _text(values: tuple[float, float, float]) -> str:

@@ -113,7 +113,8 @@ def parse_mismatch(
 ) -> Mismatch | tuple[Mismatch, ...]:
     """The mismatch of a sensor in the syntax of MISMATCH_HELP; `seed` draws the values of a level for each camera.
 
-    cameras, layout : of the rig. Raises InputError where there is `settings.only_one_camera`.
+    cameras, layout : of the rig. Raises InputError for a rig with one camera, which has no mismatch
+        (`settings.only_one_camera`).
     """
     where = f"--mismatch {text!r}"
     first = text.partition(",")[0].strip()

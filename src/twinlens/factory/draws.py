@@ -223,7 +223,10 @@ def resolve(tree: Any, choose: Callable[[Leaf], Any]) -> Any:
 
 
 def corners(tree: Any) -> Iterator[Any]:
-    """Tables to check a template with: all distributions at their first values, then each at each other value."""
+    """Tables to check a template with.
+
+    The first has the first value of every distribution. Each of the others has another value of one distribution.
+    """
     yield resolve(tree, lambda leaf: leaf.distribution.values[0])
     for varied in leaves(tree):
         for value in varied.distribution.values[1:]:

@@ -138,6 +138,7 @@ def crossings(vertices: Float, faces: NDArray[np.uint32], origin: Float) -> int:
     """How many triangles a ray from `origin` (3,) crosses. Source: Moeller and Trumbore 1997."""
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     ab, ac = b - a, c - a
+    # Moeller and Trumbore solve origin + t direction = a + u ab + v ac for (t, u, v) by Cramer's rule.
     across = np.cross(_DIRECTION, ac)
     det = np.einsum("nc,nc->n", ab, across)
     with np.errstate(divide="ignore", invalid="ignore"):

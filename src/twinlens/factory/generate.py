@@ -163,9 +163,8 @@ def _run(
 
 def _collect(ledger: Ledger, results: Results, exclusive: bool) -> int:
     """Add results to the ledger; the number of samples made. `exclusive`: keep dataset.json and the preview current."""
-    importlib.import_module(
-        "matplotlib"
-    )  # for the preview: an import that an interrupt stops cannot be repeated
+    # The preview needs it. An import that an interrupt stops cannot be repeated, so it is done before the first sample.
+    importlib.import_module("matplotlib")
     tiles: dict[str, Image.Image] = {}
     made, due = 0, time.monotonic() + _WRITE_EVERY_S
 
@@ -180,9 +179,9 @@ def _collect(ledger: Ledger, results: Results, exclusive: bool) -> int:
                 made += isinstance(entry, Row)
                 if exclusive and (start := time.monotonic()) >= due:
                     write()
-                    due = start + max(
-                        _WRITE_EVERY_S, 50 * (time.monotonic() - start)
-                    )  # the files grow
+                    # The files grow: writing them takes at most 2 % of the time.
+                    seconds = time.monotonic() - start
+                    due = start + max(_WRITE_EVERY_S, 50 * seconds)
     finally:
         if exclusive:
             write()
@@ -209,9 +208,8 @@ def _unusable_assets(recipe: Recipe) -> list[dict[str, str]]:
                 "folder": recipe.sources.folder,
             }
             single: dict[str, Any] = {kind: (path,), **keep}
-            with (
-                warnings.catch_warnings()
-            ):  # samples have given those of the files that they use
+            # Samples have given the warnings of the files that they use.
+            with warnings.catch_warnings():
                 warnings.simplefilter("ignore", MaterialWarning)
                 checked = Assets(**single).check()
             for broken, reason in checked.broken:
@@ -227,9 +225,12 @@ def _unusable_assets(recipe: Recipe) -> list[dict[str, str]]:
 
 @dataclass(frozen=True)
 class Estimate:
-    """Samples of the recipe, in the folder, and to make; the next one's spec; seconds and bytes of one and of all.
+    """What a run would make, and what it would cost.
 
-    If nothing is left to make, `next` is None and `seconds_each` is NaN.
+    count, before, todo : samples of the recipe, those made or failed before, and those to be made.
+    next : the spec of the next sample; None if no sample is left.
+    seconds_each, bytes_each : measured on that sample; NaN seconds if no sample is left.
+    seconds, bytes : of all samples that are left.
     """
 
     count: int

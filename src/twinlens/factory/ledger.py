@@ -82,9 +82,8 @@ class Ledger:
             and not manifest.rows
             and not manifest.info.get("failed")
         )
-        if not empty or whole_samples(
-            folder
-        ):  # where nothing was made, another recipe may use the folder
+        # Where nothing was made yet, another recipe may use the folder.
+        if not empty or whole_samples(folder):
             self._load(manifest)
 
     @property
@@ -116,9 +115,8 @@ class Ledger:
     def recover(self) -> None:
         """Add every row and every whole sample that earlier runs left, and drop samples that are gone."""
         existing = whole_samples(self.folder)
-        pending = (
-            dict(self._pending_rows()) if self.has_file else {}
-        )  # else the rows may be another recipe's
+        # Without dataset.json the pending rows may be another recipe's.
+        pending = dict(self._pending_rows()) if self.has_file else {}
         entries = (self.entries | pending).items()
         self.entries = {
             i: entry

@@ -332,7 +332,12 @@ def in_order(copies: Mapping[str, Sequence[Draft]], file: Path) -> list[str]:
 
 @dataclass(eq=False)
 class _Stage:
-    """The scene while objects are added to it. `added` are the copies by name, `rests` how those at rest lie."""
+    """The scene while objects are added to it.
+
+    kept : the scene's objects that no object of the recipe replaces.
+    added : the placed copies of the recipe's objects, by the object's name.
+    rests : the pose and the place of the copies that rest on another object, by the copy's name.
+    """
 
     scene: Scene
     kept: list[SceneObject]
@@ -346,6 +351,7 @@ class _Stage:
         self.triangles = {body.name: world_triangles(body) for body in self.kept}
         self.faces: dict[str, list[tuple[LevelFace, Placed | None]]] = {}
         self.shares: dict[str, Float] = {}
+        # Copies of a file share its mesh, and copies of a mesh its stable poses, which take long to find.
         self.models: dict[str, SceneObject] = {}
         self.poses: dict[tuple[int, bytes], list[StablePose]] = {}
 
@@ -542,6 +548,7 @@ class _Stage:
         if pose_key not in self.poses:
             size = float(np.ptp(vertices, axis=0).max())
             try:
+                # A unit size, so that the tolerances of the search hold for meshes of any size.
                 self.poses[pose_key] = stable_poses(Mesh(vertices / size, faces), size)
             except (QhullError, ZeroDivisionError, InputError) as error:
                 raise InputError(
@@ -583,6 +590,7 @@ class _Stage:
             ),
             axis=1,
         )
+        # Always the same points, so that the share depends on the pose alone.
         rng = generator(0, "surface")
         u, v = rng.random((2, _SURFACE_POINTS, 1))
         a, b, c = np.moveaxis(

@@ -121,10 +121,9 @@ def _with_copies(
     scene = drawn.get("scene", {})
     if not scene.get("objects"):
         return drawn
+    # Where the whole table `scene` is a distribution, its objects have constants only, which are the drawn values.
     written: Any = recipe.drawn["scene"]
-    written = (
-        written.get("objects") if isinstance(written, dict) else None
-    )  # a choice has constants only
+    written = written.get("objects") if isinstance(written, dict) else None
     copies = {}
     for name, table in scene["objects"].items():
         tree = written[name] if isinstance(written, dict) else table

@@ -342,7 +342,7 @@ def _wholes(images: Iterable[NDArray[np.float32]]) -> list[NDArray[np.float32]]:
 
 
 def _denoise_record(scene: Scene, rig: Rig) -> dict[str, Any] | None:
-    """How images were denoised, and of which cameras unless of all; None if of none."""
+    """The denoiser, with the list of denoised cameras if some are not; None if no camera is denoised."""
     cameras = rendering.denoised_cameras(scene, rig)
     some = {} if len(cameras) == len(rig) else {"cameras": cameras}
     return {**rendering.denoiser_record(), **some} if cameras else None

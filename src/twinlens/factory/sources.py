@@ -183,9 +183,8 @@ class Sources:
                 with located("sky.file"):
                     _read_sky(path)
             elif meshes[path] or path.suffix.lower() in GLTF_FILES:
-                with (
-                    warnings.catch_warnings()
-                ):  # samples give those of the files that they use
+                # Samples give the warnings of the files that they use.
+                with warnings.catch_warnings():
                     warnings.simplefilter("ignore", MaterialWarning)
                     read_model(
                         path,
@@ -246,9 +245,8 @@ class Sources:
 
 def _read_sky(path: Path) -> Any:
     pixels = read_sky(path)
-    if (
-        not pixels.any()
-    ):  # here and not where the sky is made: each draw would be rejected
+    # Checked here and not where the sky is made, where the error would only reject each draw.
+    if not pixels.any():
         raise FileError(f"{path}: is black, and a sky needs some light")
     return pixels
 

@@ -135,9 +135,9 @@ def in_process(work: Work, indices: Sequence[int], report: Report) -> Results:
 
 @contextmanager
 def _fewer_objects_collected() -> Iterator[None]:
-    """Collections of cyclic garbage within, one after each sample, leave out the objects of before.
+    """Skip all objects that exist now when garbage is collected within this context.
 
-    Those of all modules take 80 ms.
+    There is a collection after each sample, and visiting the objects of all modules would take 80 ms each time.
     """
     gc.collect()
     gc.freeze()
@@ -200,8 +200,8 @@ def usual_engine(work: Work, indices: Sequence[int], report: Report) -> Results:
 def usual_workers(recipe: Recipe, samples: int) -> int:
     """Number of worker processes that suit so many samples on this machine; 0 is the calling process alone.
 
-    Scenes that differ are drawn, built and, with LLVM, compiled by one processor each, while the others of a process
-    wait. Other backends have no kernels to compile, or one device that all processes would share.
+    Several help with LLVM and scenes that differ: one processor draws, builds and compiles a scene while the other
+    processors of its process wait. CUDA has one device, which all processes would share.
     """
     if not recipe.varied_scenes:
         return 0
