@@ -204,7 +204,7 @@ def test_the_confidence_is_written(twinlens, images, tmp_path):
     [
         ("c.pfm", "sad", "--confidence: sad computes none"),
         ("d.pfm", "sad:confidence=ambiguity", "is also --output"),
-        ("c.pfm", "sad:confidence=variance", "unknown confidence 'variance'"),
+        ("c.pfm", "sad:confidence=variance", "option confidence must be one of"),
         ("c.png", "sad:confidence=ambiguity", "must end in .pfm"),
     ],
 )

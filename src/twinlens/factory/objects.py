@@ -12,6 +12,7 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.random import Generator as Rng
+from numpy.typing import NDArray
 from pydantic import BeforeValidator, ConfigDict, Field, TypeAdapter
 from scipy.spatial import QhullError
 
@@ -270,34 +271,21 @@ def with_objects(
     """
     if not objects:
         return scene
-    home, scene_objects = written_objects(
-        scene.xml or (scene.files[0] if scene.files else None)
-    )
+    scene_file = scene.xml or (scene.files[0] if scene.files else None)
+    home, scene_objects = written_objects(scene_file)
     copies = {
         name: drafts(name, tables, scene_objects, home, folder, file)
         for name, tables in objects.items()
     }
-    stage = _Stage(
-        scene, [body for body in scene.objects if body.name not in copies], rig, seed
-    )
+    kept = [body for body in scene.objects if body.name not in copies]
+    stage = _Stage(scene, kept, rig, seed)
     for name in in_order(copies, file):
         stage.added[name] = []
         for i, draft in enumerate(copies[name]):
             with located(f"{file}: scene.objects.{name}"):
                 stage.add(name, i, draft)
-    files = dict.fromkeys(
-        path for group in copies.values() for draft in group for path in draft.files
-    )
-    order = [*dict.fromkeys([body.name for body in scene.objects] + list(copies))]
-    placed = {body.name: [body] for body in scene.objects} | stage.added
     with located(str(file)):
-        return replace(
-            scene,
-            objects=tuple(body for name in order for body in placed[name]),
-            materials=stage.materials,
-            depth_range=stage.depth_range(),
-            files=tuple(dict.fromkeys([*scene.files, *files])),
-        )
+        return stage.scene_with(copies)
 
 
 def in_order(copies: Mapping[str, Sequence[Draft]], file: Path) -> list[str]:
@@ -354,6 +342,23 @@ class _Stage:
         # Copies of a file share its mesh, and copies of a mesh its stable poses, which take long to find.
         self.models: dict[str, SceneObject] = {}
         self.poses: dict[tuple[int, bytes], list[StablePose]] = {}
+
+    def scene_with(self, copies: Mapping[str, Sequence[Draft]]) -> Scene:
+        """The scene with the added objects: changed ones at their old places in the list, then new ones."""
+        # The order of objects numbers them in the ground truth, so it is that of the files, not that of placing.
+        order = dict.fromkeys([*(body.name for body in self.scene.objects), *copies])
+        placed = {body.name: [body] for body in self.scene.objects} | self.added
+        files = [*self.scene.files]
+        for group in copies.values():
+            for draft in group:
+                files += draft.files
+        return replace(
+            self.scene,
+            objects=tuple(body for name in order for body in placed[name]),
+            materials=self.materials,
+            depth_range=self.depth_range(),
+            files=tuple(dict.fromkeys(files)),
+        )
 
     def bodies(self, name: str) -> list[SceneObject]:
         """The objects of that name: all copies of one that was added."""
@@ -531,19 +536,7 @@ class _Stage:
         self, body: SceneObject, place: Placing, rng: Rng
     ) -> tuple[StablePose, Float]:
         """A stable pose of an object and its vertices (N, 3), relative to its own position and orientation."""
-        if isinstance(body.shape, Mesh):
-            key, faces = body.shape.vertices.tobytes(), body.shape.faces
-            vertices = transform_points(body.world_from_object, body.shape.vertices)
-        elif body.shape["type"] == "cube":
-            vertices = world_triangles(body)[0].reshape(-1, 3)
-            key, faces = (
-                b"cube",
-                np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3),
-            )
-        else:
-            raise InputError(
-                f"resting_on: needs a mesh or a cube, got a {body.shape['type']}; use a mesh's shape"
-            )
+        key, vertices, faces = _solid(body)
         pose_key = hash(key), body.world_from_object.tobytes()
         if pose_key not in self.poses:
             size = float(np.ptp(vertices, axis=0).max())
@@ -617,6 +610,23 @@ class _Stage:
             depth = transform_points(camera_from_world, seen)[:, 2]
             near, far = min([near, *depth]), max([far, *depth])
         return float(near), float(far)
+
+
+def _solid(body: SceneObject) -> tuple[bytes, Float, NDArray[np.uint32]]:
+    """What tells the shape of an object from others, its vertices (N, 3) at its own pose, and its triangles (F, 3).
+
+    Raises InputError for other shapes than meshes and cubes.
+    """
+    if isinstance(body.shape, Mesh):
+        vertices = transform_points(body.world_from_object, body.shape.vertices)
+        return body.shape.vertices.tobytes(), vertices, body.shape.faces
+    if body.shape["type"] == "cube":
+        vertices = world_triangles(body)[0].reshape(-1, 3)
+        faces = np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3)
+        return b"cube", vertices, faces
+    raise InputError(
+        f"resting_on: needs a mesh or a cube, got a {body.shape['type']}; use a mesh's shape"
+    )
 
 
 def _trial(

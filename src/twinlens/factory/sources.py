@@ -46,7 +46,7 @@ class Sources:
     keep_scale: bool = False
     keep_material: bool = False
     mesh_share: float = MESH_SHARE
-    _known: dict[Path, tuple[tuple[int, int, int], str]] = field(
+    _checked: dict[Path, tuple[tuple[int, int, int], str]] = field(
         default_factory=dict, init=False, repr=False
     )
     _loaded: dict[str, Scene] = field(default_factory=dict, init=False, repr=False)
@@ -224,7 +224,7 @@ class Sources:
 
     def unchanged(self, path: Path) -> str:
         """The file's SHA-256. Raises FileError if it differs from the first call's."""
-        earlier = self._known.get(path)
+        earlier = self._checked.get(path)
         try:
             status = path.stat()
             stamp = status.st_size, status.st_mtime_ns, status.st_ctime_ns
@@ -239,7 +239,7 @@ class Sources:
             raise FileError(
                 f"{path}: has changed while samples were made from it; restore it and run the same command"
             )
-        self._known[path] = (stamp, now)
+        self._checked[path] = (stamp, now)
         return now
 
 
