@@ -31,7 +31,8 @@ from twinlens.errors import FileError, InputError
 TYPES: dict[str, type] = {
     name: public for name, public in vars(camera).items() if isinstance(public, type)
 }
-"""The public dataclasses of twinlens.camera by name: those that a record can contain."""
+TYPES |= {lens.__name__: lens for lens in typing.get_args(camera.RecipeLens)}
+"""The dataclasses that a record can contain, by name: the public ones of twinlens.camera, and the lenses of recipes."""
 
 RENAMED = {("Rig", "believed"): "calibrated"}
 """Fields that earlier versions wrote under another name."""

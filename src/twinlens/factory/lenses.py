@@ -302,7 +302,9 @@ def parse_lens(
     kind = "f/" if text.startswith("f/") else text.partition(":")[0]
     for lens_class in lenses:
         if kind == lens_class.name and kind not in _FORMS:
-            return _lens_of_fields(lens_class, text, where)
+            lens = _lens_of_fields(lens_class, text, where)
+            has_shape = aperture is not None and "aperture" in fields_of(lens_class)
+            return lens.replace(aperture=aperture) if has_shape else lens  # type: ignore[union-attr]
     if kind not in _FORMS:
         if meant := re.fullmatch(r"[fF]/?([0-9.].*)", text):
             raise InputError(
@@ -378,4 +380,11 @@ def format_lens(lens: RecipeLens) -> str:
         return lens.name
     if isinstance(lens, BareAperture):
         return f"hole:{1e3 * lens.diameter:.4g}@{1e3 * lens.film_distance:.4g}"
-    return f"thin:{1e3 * lens.aperture_diameter:.4g}@{lens.focus_distance:.4g}"
+    if isinstance(lens, ThinLens):
+        return f"thin:{1e3 * lens.aperture_diameter:.4g}@{lens.focus_distance:.4g}"
+    values = [
+        f"{name}={getattr(lens, name)}"
+        for name, field in fields_of(type(lens)).items()
+        if field.is_plain
+    ]
+    return f"{lens.name}:{','.join(values)}"
