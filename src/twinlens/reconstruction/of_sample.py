@@ -156,9 +156,11 @@ def _matched(stored: StoredSample, matcher: MatcherFactory, left: int) -> DepthV
         result = rectify(rig, zero_doffs=False)
         images = [result.warp(side, image) for side, image in enumerate(images)]
         rig = result.rectified_rig
-    first, count = 0, stored.ndisp
     if stored.has_truth(left):
         first, count = _search_range(stored, rig, left)
+    else:
+        # Only a rectified pair has a number of disparities.
+        first, count = 0, stored.ndisp
     disparity = matcher(num_disparities=count, min_disparity=first).match(*images)
     return view_of_disparity(disparity, rig, image=images[0])
 
