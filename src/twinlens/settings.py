@@ -170,6 +170,8 @@ class Field:
     def note(self) -> str:
         """The unit and the range, for help texts: "seconds, > 0"; empty without both."""
         words = self.setting.range.removeprefix("from ")
+        if self.kind is int and self.setting.choices:
+            words = " or ".join(map(str, self.setting.choices))
         return ", ".join(part for part in (self.setting.unit, words) if part)
 
     def checked(self, value: Any, noun: str = "") -> Any:
@@ -203,14 +205,19 @@ class Field:
             return is_number and self.setting.admits(as_float(value))
         if self.kind is int:
             is_whole = isinstance(value, Integral) and not _is_bool(value)
-            in_choices = not self.setting.choices or value in self.setting.choices
-            return is_whole and in_choices and self.setting.admits(as_float(value))
+            return (
+                is_whole
+                and self._is_choice(value)
+                and self.setting.admits(as_float(value))
+            )
         if self.kind is bool:
             return _is_bool(value)
         if self.kind is str:
-            in_choices = not self.setting.choices or value in self.setting.choices
-            return isinstance(value, str) and in_choices
+            return isinstance(value, str) and self._is_choice(value)
         return _is_instance(value, self.kind)
+
+    def _is_choice(self, value: Any) -> bool:
+        return not self.setting.choices or value in self.setting.choices
 
     def read(self, value: Any) -> Any:
         """A plain value, as TOML and JSON have it: whole numbers become floats, and lists become tuples."""

@@ -58,6 +58,7 @@ def test_lenses(text, lens):
     [
         ("", "unknown lens ''"),
         ("thick:2", "did you mean 'thin'"),
+        ("thinlens:aperture_diameter=0.01,focus_distance=2", "did you mean 'thin'"),
         ("pinhole:3", "must be pinhole"),
         ("thin", "must be thin:DIAMETER_MM"),
         ("thin:", "must be thin:DIAMETER_MM"),

@@ -301,7 +301,8 @@ def parse_lens(
     where = f"--lens {text!r}"
     kind = "f/" if text.startswith("f/") else text.partition(":")[0]
     for lens_class in lenses:
-        if kind == lens_class.name and kind not in _FORMS:
+        is_spelled = lens_class in _SPELLED or kind in _FORMS
+        if kind == lens_class.name and not is_spelled:
             lens = _lens_of_fields(lens_class, text, where)
             has_shape = aperture is not None and "aperture" in fields_of(lens_class)
             return lens.replace(aperture=aperture) if has_shape else lens  # type: ignore[union-attr]

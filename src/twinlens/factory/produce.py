@@ -213,6 +213,7 @@ def _dry_run(
         sensor.misalign(rig)
         for lens in nominal:
             sensor.lenses(rig, lens)
+        settings.shoot(spec.seed, sensor).check(rig, nominal)
     return settings, scene, rig
 
 

@@ -77,16 +77,18 @@ class Shoot(Settings, noun="sample"):
         bool, Setting("Apply each lens's Airy pattern; disk apertures only.")
     ] = False
     dual_pixel: Annotated[
-        bool, Setting("Also take the images of the halves of each lens.")
+        bool,
+        Setting("Also take the images of the halves of each lens (dp-left0.png ...)."),
     ] = False
     sky_disparity: Annotated[
         bool, Setting("Give the sky the disparity at infinity instead of unknown.")
     ] = False
     keep_radiance: Annotated[
-        bool, Setting("Also keep the linear images, including diffraction.")
+        bool,
+        Setting("Also keep the linear images, with diffraction (radiance0.exr ...)."),
     ] = False
     keep_models: Annotated[
-        bool, Setting("Also keep the triangles of the scene's objects.")
+        bool, Setting("Also keep the triangles of the scene's objects (models/*.ply).")
     ] = False
     sampler: Annotated[
         str | None,
@@ -108,9 +110,12 @@ class Shoot(Settings, noun="sample"):
     def from_record(cls, record: Mapping[str, Any]) -> "Shoot":
         """The settings in a sample's record. Those that earlier versions did not write get their defaults."""
         values = {name: record[name] for name in fields_of(cls) if name in record}
-        values["denoise"] = values["denoise"] is not None  # the record has the method
+        values["denoise"] = (
+            values.get("denoise") is not None
+        )  # the record has the method
+        values.setdefault("sampler", "multijitter")  # that of versions without the key
         values["sensor"] = Sensor.from_record(values["sensor"])
-        if values["exposure"] is not None:
+        if values.get("exposure") is not None:
             values["exposure"] = Exposure(**values["exposure"])
         return cls(**values)
 
@@ -325,12 +330,13 @@ def _noise_ratios(
         rate = sensor.pixel_rates(camera, lens) * photo.record["time_s"]
         electrons = np.maximum(_wholes([view.image])[0] * rate, 0)
         error = view.error * rate
-        if sensor.for_band(camera.band).filters == "mono":
+        of_band = sensor.for_band(camera.band)
+        if of_band.filters == "mono":
             electrons = electrons.sum(axis=-1, keepdims=True)
             error = error.sum(axis=-1, keepdims=True)
         # Rounding to a digital number has a variance of 1/12 DN^2.
         step = 1 / photo.record["system_gain_dn_per_electron"]
-        least = sensor.read_noise**2 + step**2 / 12
+        least = of_band.read_noise**2 + step**2 / 12
         excess = np.nan_to_num(error**2 / (electrons + least)).mean(axis=-1)
         ratios.append(float(np.sqrt(np.median(uniform_filter(excess, 9)))))
     return ratios

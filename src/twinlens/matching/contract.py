@@ -39,6 +39,9 @@ class WrongAnswerError(MatcherFailedError):
         super().__init__(message)
         self.kind = kind
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.kind, str(self))  # worker processes pickle it
+
 
 class Answer(NamedTuple):
     """What a matcher computes for a pair of images.
