@@ -1,4 +1,4 @@
-"""Builds a Mitsuba scene from a `Scene`: once, after which rendering and ground truth look at what was built alone.
+"""Builds the Mitsuba scene of a `Scene`, once. Rendering and ground truth use only the result.
 
 A built scene has one band of light (`scenes.bands`). Its objects can take new poses without being loaded again.
 """

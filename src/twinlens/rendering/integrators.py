@@ -15,7 +15,7 @@ from twinlens.rendering.sensors import make_sensor
 from twinlens.seeds import derived_seed
 
 _LEAST_DEPTH = 3
-"""Of paths that an irradiance cache helps: two surfaces, and a third that lights the second."""
+"""Least `max_depth` for which a cache is made: two surfaces, and a third that lights the second."""
 
 
 def own_paths(

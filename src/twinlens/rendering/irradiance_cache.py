@@ -190,7 +190,7 @@ def _trace(scene: Any, rays: Any, seed: int, lamps: Sequence[Any]) -> _Paths:
     ) -> tuple[Any, ...]:
         """One surface. `passed` counts the mirrors and glass since the last one that scatters light.
 
-        `last` is that surface, the density of the ray's direction there, and its irradiance by the light sampled there.
+        `last`: the last scattering surface, the pdf of the ray's direction there, and the light sampled there.
         """
         si = scene.ray_intersect(ray, mi.RayFlags.All, False, active)
         # Light that the path meets: after mirrors and glass it belongs to what they show, straight after a surface

@@ -215,7 +215,7 @@ def _glass(maps: "_Maps") -> Plugin:
 
 
 def _principled(maps: "_Maps") -> Plugin:
-    """Burley's material. A parameter of 0 would switch a lobe off in Mitsuba too, but is left out for clarity."""
+    """Burley's material. Parameters of 0 are left out: Mitsuba has no such lobe then either."""
     material = maps.material
     plugin: dict[str, Any] = {
         "type": "principled",

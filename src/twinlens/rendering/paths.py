@@ -228,8 +228,9 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
         return light
 
     def _survivors(self, path: PathState, active: Any, survives: Any) -> PathState:
-        """Russian roulette: paths go on with the probability `survives`, less if their weight is small, 1 over it
-        times as heavy. The square of eta takes out of the weight what refraction changes only until the path leaves.
+        """Russian roulette: a path survives with a probability of at most `survives`, which falls with its weight.
+
+        The weight is divided by that probability. eta^2 undoes the scaling of radiance inside a medium.
         """
         active = active & dr.any(path.weight != 0)
         weight_in_air = dr.max(dr.abs(path.weight)) * dr.square(path.eta)

@@ -71,7 +71,7 @@ def views_of(
 
 
 def by_camera(rig: Rig, items: Sequence[_T]) -> Iterator[list[_T]]:
-    """What belongs to the views of each camera, from one item for each of `views_of`."""
+    """Group `items`, one per view in the order of `views_of`, by camera."""
     rest = iter(items)
     for camera in rig.cameras:
         yield [next(rest) for _ in camera.bands]

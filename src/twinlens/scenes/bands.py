@@ -193,7 +193,7 @@ class _Converter:
         return {"base_color": base_color, "conductor": conductor}
 
     def plugin(self, plugin: Plugin, nir: Any = None) -> dict[str, Any]:
-        """A BSDF with grey reflectances; `given` is the `nir` of a BSDF around it."""
+        """A BSDF with grey reflectances; `nir` is that of a BSDF around it."""
         nir = plugin.get("nir", nir)
         made = {
             key: self.part(key, value, nir)
