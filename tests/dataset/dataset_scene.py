@@ -10,7 +10,15 @@ from twinlens import geometry
 from twinlens.camera import Camera, Rig, ThinLens
 from twinlens.camera.masks import encode_mask
 from twinlens.camera.truth import ObjectTruth, Projection, Truth
-from twinlens.dataset import Manifest, Sample, Shot, write_manifest
+from twinlens.dataset import (
+    Manifest,
+    Sample,
+    Shot,
+    StoredSample,
+    open_sample,
+    write_manifest,
+    write_sample,
+)
 from twinlens.dataset.dataset import row_of
 
 LENS = ThinLens(0.02, focus_distance=2.5)
@@ -172,6 +180,12 @@ def sample(num_lenses=1, **size) -> Sample:
         for k, lens in enumerate(lenses)
     )
     return Sample(pair, shots, truths(pair), record={"seed": 7, "scene": "two planes"})
+
+
+def stored(folder, made: Sample | None = None) -> StoredSample:
+    """A sample, by default `sample()`, written as `folder` and opened."""
+    write_sample(folder, made or sample())
+    return open_sample(folder)
 
 
 def full_sample() -> Sample:

@@ -1,25 +1,42 @@
-"""Verification of whole datasets: dataset.json, unlisted samples, metadata, and repair hints."""
+"""Verification of whole datasets: dataset.json, unlisted and pending samples, metadata, and repair hints.
+
+Pending samples are made but not yet listed in dataset.json, as parallel shards and interrupted runs leave them.
+"""
 
 import json
 import shutil
 
 import pytest
 
-from tests.dataset import dataset_scene
+from tests.dataset.dataset_scene import sample
 from twinlens.dataset import (
     Dataset,
     Manifest,
     Row,
     describe,
     place,
+    verify,
     verify_place,
     write_manifest,
     write_sample,
 )
+from twinlens.dataset.files import hash_files, write_file
+from twinlens.dataset.record import encode_json
 from twinlens.dataset.verify import missing_parts, repair_hint
 from twinlens.errors import FileError
+from twinlens.factory.plan import sample_name
 
 NAMES = ("a", "train/0")
+SAMPLE = sample()
+GROWING = {"complete": False, "made_with": {"backend": "llvm_ad_rgb"}}
+NOT_LISTED = "is a sample that dataset.json does not list"
+
+
+def write(root):
+    rows = [Row(name, write_sample(root / name, SAMPLE)) for name in NAMES]
+    write_manifest(root, Manifest(rows))
+    describe(root)
+    return root
 
 
 @pytest.fixture(scope="module")
@@ -27,30 +44,50 @@ def made(tmp_path_factory):
     return write(tmp_path_factory.mktemp("made") / "set")
 
 
-def write(root):
-    rows = [
-        Row(name, write_sample(root / name, dataset_scene.sample())) for name in NAMES
-    ]
-    write_manifest(root, Manifest(tuple(rows)))
-    describe(root)
-    return root
-
-
 @pytest.fixture
 def root(made, tmp_path):
     return shutil.copytree(made, tmp_path / "set")
+
+
+def bucket(tmp_path):
+    return place(f"memory:/{tmp_path}/set")
+
+
+def row_file(root, name):
+    return root / ".rows" / f"{name}.json"
+
+
+def encode_row(**content):
+    return encode_json({"format": "twinlens-row", "version": 1, **content})
+
+
+def shards(root, count, **info):
+    """A dataset of `count` samples made by shards: two samples and one failure, none listed yet."""
+    for name in ("0000000", "0000002"):
+        row = {"name": name, "files": write_sample(root / name, SAMPLE)}
+        write_file(row_file(root, name), encode_row(row=row))
+    write_file(row_file(root, "0000004"), encode_row(failure={}))
+    write_manifest(root, Manifest((), {"count": count}, info=GROWING | info))
+    return root
+
+
+@pytest.fixture(params=["disk", "bucket"])
+def growing(request, tmp_path):
+    return shards(tmp_path / "set" if request.param == "disk" else bucket(tmp_path), 6)
 
 
 def wrong(where):
     return {name: findings for name, findings in verify_place(where) if findings}
 
 
+def none_wrong(*names):
+    return {"dataset.json": []} | {name: [] for name in names}
+
+
 def test_a_complete_dataset_has_no_findings(root):
     calls = []
-    assert [name for name, _ in verify_place(root, lambda *now: calls.append(now))] == [
-        "dataset.json",
-        *NAMES,
-    ]
+    findings = dict(verify_place(root, lambda *now: calls.append(now)))
+    assert findings == none_wrong(*NAMES)
     assert calls == [(0.0, "a"), (0.5, "train/0")]
     (root / ".cache").mkdir()
     (root / "notes").mkdir()
@@ -60,161 +97,47 @@ def test_a_complete_dataset_has_no_findings(root):
 
 
 def test_verification_in_a_bucket(tmp_path):
-    root = write(place(f"memory:/{tmp_path}/set"))
+    root = write(bucket(tmp_path))
     assert wrong(root) == {}
-    write_sample(root / "train" / "1", dataset_scene.sample())
+    write_sample(root / "train" / "1", SAMPLE)
     (root / "a" / "im0.png").write_bytes(b"short")
     assert wrong(root) == {
-        "dataset.json": ["train/1: is a sample that dataset.json does not list"],
+        "dataset.json": [f"train/1: {NOT_LISTED}"],
         "a": ["im0.png: differs from its SHA-256 in dataset.json"],
     }
 
 
-def test_unlisted_samples_are_reported(root):
-    write_sample(root / "b", dataset_scene.sample(num_lenses=2))
+def test_unlisted_and_removed_samples_are_reported(root):
+    write_sample(root / "b", sample(num_lenses=2))
     shutil.copytree(root / "a", root / "train" / "deep" / "er")
-    assert wrong(root)["dataset.json"] == [
-        "b: is a sample that dataset.json does not list",
-        "train/deep/er: is a sample that dataset.json does not list",
-    ]
-
-
-def test_a_removed_sample_is_reported(root):
     shutil.rmtree(root / "a")
-    ((name, findings),) = wrong(root).items()
-    assert name == "a"
-    assert "no such folder" in findings[0]
+    findings = wrong(root)
+    assert findings["dataset.json"] == [
+        f"b: {NOT_LISTED}",
+        f"train/deep/er: {NOT_LISTED}",
+    ]
+    assert "no such folder" in findings["a"][0]
 
 
 def test_a_damaged_list_is_reported_and_samples_are_checked(root):
     path = root / "dataset.json"
     path.write_bytes(path.read_bytes()[:-40])
     (root / "a" / "disp0.pfm").write_bytes(b"")
-    found = wrong(root)
-    assert found["dataset.json"][0].startswith("not valid JSON")
-    assert found["a"][0].startswith("disp0.pfm: not a PFM")
-    assert str(root) not in str(found)
+    findings = wrong(root)
+    assert findings["dataset.json"][0].startswith("not valid JSON")
+    assert findings["a"][0].startswith("disp0.pfm: not a PFM")
+    assert str(root) not in str(findings)
+    assert missing_parts(root) == repair_hint(root, findings) == ""
 
 
 def test_a_removed_list_is_reported(root):
     (root / "dataset.json").unlink()
     ((name, (finding,)),) = wrong(root).items()
     assert name == "dataset.json"
-    assert finding.startswith(
-        "is missing, so no checksums can be verified; 1 found without it; "
-    )
-    assert finding.endswith(
-        "if `twinlens generate` made them, rerun it to restore the file"
-    )
+    assert finding.startswith("is missing, so no checksums can be verified; 1 found")
     assert missing_parts(root).startswith("no dataset.json: ")
     # The folder of a single sample needs no dataset.json.
     assert wrong(root / "a") == {}
-
-
-def test_outdated_metadata_is_reported(root):
-    write_manifest(root, Manifest(Dataset(root).manifest.rows, seed=1))
-    assert wrong(root) == {
-        "dataset.json": [
-            "croissant.json: describes another dataset.json; `twinlens describe` rewrites it"
-        ]
-    }
-    describe(root)
-    assert wrong(root) == {}
-
-
-@pytest.mark.parametrize(
-    ("count", "info", "expected"),
-    [
-        (2, {"complete": True}, ""),
-        (
-            5,
-            {"complete": False},
-            "lists 2 of 5 samples; rerun `twinlens generate` to make",
-        ),
-        (
-            5,
-            {},
-            "lists 2 of 5 samples; rerun `twinlens generate` to make the missing samples",
-        ),
-        (
-            5,
-            {"failed": [{}]},
-            '1 failed ("failed" in it says why); rerun `twinlens generate`',
-        ),
-        (
-            3,
-            {"complete": True, "failed": [{}]},
-            'lists 2 of 3 samples; 1 failed ("failed"',
-        ),
-        ("many", {"failed": 7}, ""),
-    ],
-)
-def test_missing_samples_are_counted_and_not_findings(root, count, info, expected):
-    write_manifest(
-        root, Manifest(Dataset(root).manifest.rows, {"count": count}, info=info)
-    )
-    describe(root)
-    assert wrong(root) == {}
-    assert expected in missing_parts(root)
-    assert bool(expected) == bool(missing_parts(root))
-    assert ("make the missing" in missing_parts(root)) == (count == 5)
-
-
-def test_metadata_of_an_unfinished_dataset_is_not_checked(root):
-    """It describes the last complete dataset, and is rewritten when the dataset is complete again."""
-    rows = Dataset(root).manifest.rows
-    write_manifest(root, Manifest(rows, {"count": 5}, info={"complete": False}))
-    assert wrong(root) == {}
-    write_manifest(root, Manifest(rows, {"count": 2}, info={"complete": True}))
-    assert "describes another dataset.json" in wrong(root)["dataset.json"][0]
-
-
-def test_an_unreadable_row_is_reported_and_its_sample_checked(root):
-    for name in ("0000000", "0000001"):
-        shutil.copytree(root / "a", root / name)
-    (root / ".rows").mkdir()
-    (root / ".rows" / "0000001.json").touch()
-    unlisted, row = wrong(root)["dataset.json"][::-1]
-    assert unlisted == "0000000: is a sample that dataset.json does not list"
-    assert row.startswith(".rows/0000001.json: not valid JSON")
-    assert row.endswith(
-        "the next `twinlens generate` makes it again, from the sample's files"
-    )
-    (root / "0000001" / "disp0.pfm").write_bytes(b"")
-    assert wrong(root)["0000001"][0].startswith("disp0.pfm: not a PFM")
-
-
-def test_nothing_is_counted_without_a_readable_list(root):
-    (root / "dataset.json").write_text("{")
-    assert missing_parts(root) == ""
-
-
-def test_repair_hint_for_samples_of_generate(root):
-    rows = Dataset(root).manifest.rows
-    write_manifest(root, Manifest(rows, info={"made_with": {"backend": "llvm_ad_rgb"}}))
-    assert repair_hint(root, wrong(root)) == ""
-    (root / "a" / "notes.txt").touch()
-    assert repair_hint(root, wrong(root)) == ""
-    (root / "a" / "disp0.pfm").write_bytes(b"")
-    assert repair_hint(root, wrong(root)).startswith(
-        "1 sample is damaged: delete its folder and rerun"
-    )
-    shutil.rmtree(root / "train" / "0")
-    assert repair_hint(root, wrong(root)).startswith("2 samples are damaged: ")
-    write_manifest(root, Manifest(rows))
-    assert repair_hint(root, wrong(root)) == "", "not made by generate"
-    (root / "dataset.json").write_text("{")
-    assert repair_hint(root, wrong(root)) == ""
-
-
-@pytest.mark.parametrize(
-    "text", ["", "[]", "{}", '{"distribution": 7}', '{"distribution": [7]}', "[" * 5000]
-)
-def test_damaged_metadata_is_reported(root, text):
-    (root / "croissant.json").write_text(text)
-    assert wrong(root)["dataset.json"] == [
-        "croissant.json: is damaged; `twinlens describe` rewrites it"
-    ]
 
 
 def test_folders_without_samples_are_rejected(tmp_path):
@@ -222,3 +145,216 @@ def test_folders_without_samples_are_rejected(tmp_path):
         list(verify_place(tmp_path))
     (tmp_path / "dataset.json").write_text(json.dumps({"format": "other"}))
     assert "not a twinlens-dataset file" in wrong(tmp_path)["dataset.json"][0]
+
+
+def test_outdated_metadata_is_reported_of_complete_datasets(root):
+    """Otherwise it describes the last complete one, and is rewritten when the dataset is complete again."""
+    rows = Dataset(root).manifest.rows
+    write_manifest(root, Manifest(rows, {"count": 5}, info={"complete": False}))
+    assert wrong(root) == {}
+    write_manifest(root, Manifest(rows, {"count": 2}, info={"complete": True}))
+    finding = "croissant.json: describes another dataset.json; `twinlens describe` rewrites it"
+    assert wrong(root) == {"dataset.json": [finding]}
+    describe(root)
+    assert wrong(root) == {}
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[]", "{}", '{"distribution": 7}', '{"distribution": [7]}', "[" * 5000]
+)
+def test_damaged_metadata_is_reported(root, text):
+    (root / "croissant.json").write_text(text)
+    finding = "croissant.json: is damaged; `twinlens describe` rewrites it"
+    assert wrong(root) == {"dataset.json": [finding]}
+
+
+RERUN = "rerun `twinlens generate` to "
+
+
+@pytest.mark.parametrize(
+    ("count", "info", "expected"),
+    [
+        (2, {"complete": True}, ""),
+        ("many", {"failed": 7}, ""),
+        (5, {}, f"lists 2 of 5 samples; {RERUN}make the missing samples"),
+        (5, {"failed": [{}]}, f'samples; 1 failed ("failed" in it says why); {RERUN}make the missing samples'),
+        (3, {"failed": [{}]}, 'lists 2 of 3 samples; 1 failed ("failed" in it says why)'),
+    ],
+)  # fmt: skip
+def test_missing_samples_are_counted_and_not_findings(root, count, info, expected):
+    rows = Dataset(root).manifest.rows
+    write_manifest(root, Manifest(rows, {"count": count}, info=info))
+    describe(root)
+    assert wrong(root) == {}
+    assert missing_parts(root).endswith(expected)
+    assert bool(missing_parts(root)) == bool(expected)
+
+
+@pytest.mark.parametrize(
+    ("count", "failed", "action"),
+    [
+        (6, [], "make the missing samples and list the finished ones"),
+        (2, [], "list the finished ones"),
+        (3, [{}], "list the finished ones"),
+    ],
+)
+def test_pending_samples_are_counted(tmp_path, count, failed, action):
+    line = missing_parts(shards(tmp_path / "set", count, failed=failed))
+    counts = f"dataset.json lists 0 of {count} samples; 2 made but not listed yet; "
+    assert line.startswith(counts)
+    assert line.endswith(RERUN + action)
+
+
+def test_repair_hint_for_samples_of_generate(root):
+    rows = Dataset(root).manifest.rows
+    write_manifest(root, Manifest(rows, info={"made_with": {"backend": "llvm_ad_rgb"}}))
+    (root / "a" / "notes.txt").touch()
+    assert repair_hint(root, wrong(root)) == "", "an additional file is no damage"
+    (root / "a" / "disp0.pfm").write_bytes(b"")
+    one = "1 sample is damaged: delete its folder and rerun"
+    assert repair_hint(root, wrong(root)).startswith(one)
+    shutil.rmtree(root / "train" / "0")
+    assert repair_hint(root, wrong(root)).startswith("2 samples are damaged: ")
+    write_manifest(root, Manifest(rows))
+    assert repair_hint(root, wrong(root)) == "", "not made by generate"
+
+
+def test_pending_samples_are_verified_by_their_rows(growing):
+    assert dict(verify_place(growing)) == none_wrong("0000000", "0000002")
+    (growing / "0000002" / "disp0.pfm").write_bytes(b"short")
+    (growing / "0000002" / "extra.txt").write_bytes(b"")
+    findings = wrong(growing)
+    assert findings == {
+        "0000002": [
+            "disp0.pfm: differs from its SHA-256 in .rows/0000002.json",
+            "extra.txt: is not listed in .rows/0000002.json",
+        ]
+    }
+    assert repair_hint(growing, findings).startswith("1 sample is damaged: ")
+
+
+def test_a_sample_without_a_row_is_pending_in_an_unfinished_dataset(growing):
+    """A process that is killed between the sample and its row leaves it so."""
+    write_sample(growing / sample_name(5), SAMPLE)
+    assert dict(verify_place(growing)) == none_wrong("0000000", "0000002", "0000005")
+    line = missing_parts(growing)
+    assert "3 made but not listed yet (1 without checksums); rerun" in line
+    (growing / "0000005" / "disp0.pfm").write_bytes(b"")
+    assert wrong(growing)["0000005"][0].startswith("disp0.pfm: not a PFM")
+
+
+def test_samples_with_other_names_are_not_pending(growing):
+    names = ("0000006", "3", "deep/0000003")
+    for name in names:
+        write_sample(growing / name, SAMPLE)
+    lines = [f"{name}: {NOT_LISTED}" for name in names]
+    assert wrong(growing) == {"dataset.json": lines}
+    # These are not continued by `twinlens generate`.
+    for info in (GROWING | {"complete": True}, {"complete": False}):
+        write_manifest(growing, Manifest((), {"count": 7}, info=info))
+        assert wrong(growing)["dataset.json"] == lines
+
+
+def test_incomplete_samples_are_reported_on_disk_only(tmp_path):
+    disk, remote = shards(tmp_path / "set", 6), shards(bucket(tmp_path), 6)
+    write_file(disk / "0000003" / "im0.png", b"some")
+    for name in ("im0.png", "lens-1/im0.png"):
+        write_file(remote / "0000003" / name, b"some")
+    write_sample(disk / "0000001" / "deep", SAMPLE)
+    assert wrong(remote) == {}
+    assert wrong(disk) == {
+        "dataset.json": [f"0000001/deep: {NOT_LISTED}", f"0000003: {NOT_LISTED}"]
+    }
+
+
+def test_a_dataset_without_samples_yet_has_no_findings(tmp_path):
+    write_manifest(tmp_path, Manifest((), {"count": 3}, info=GROWING))
+    assert list(verify_place(tmp_path)) == [("dataset.json", [])]
+    assert missing_parts(tmp_path).startswith("dataset.json lists 0 of 3 samples; ")
+
+
+@pytest.fixture(params=["_sample_folders", "pending_rows"])
+def after_step(request, monkeypatch):
+    """Let another process act after a step of the verification."""
+
+    def install(act):
+        step = getattr(verify, request.param)
+
+        def step_and_act(*arguments):
+            result = step(*arguments)
+            seen = list(result) if request.param == "_sample_folders" else result
+            act()
+            return seen
+
+        monkeypatch.setattr(verify, request.param, step_and_act)
+
+    return install
+
+
+def test_samples_listed_during_verification_are_not_findings(tmp_path, after_step):
+    """Shards may add a sample, a row, or the whole list at any moment."""
+    root = shards(tmp_path / "set", 4)
+    write_sample(root / "0000001", SAMPLE)
+
+    def finish():
+        write_sample(root / "0000003", SAMPLE)
+        names = [sample_name(i) for i in range(4)]
+        rows = [Row(name, hash_files(root / name)) for name in names]
+        write_manifest(root, Manifest(rows, {"count": 4}, info={"complete": True}))
+        shutil.rmtree(root / ".rows")
+
+    after_step(finish)
+    assert dict(verify_place(root)) == none_wrong(*map(sample_name, range(4)))
+
+
+def test_a_sample_that_appears_has_its_row_or_is_not_seen(tmp_path, after_step):
+    root = shards(tmp_path / "set", 4)
+
+    def add():
+        row = {"name": "0000003", "files": write_sample(root / "0000003", SAMPLE)}
+        row_file(root, "0000003").write_bytes(encode_row(row=row))
+
+    after_step(add)
+    line = missing_parts(root)
+    assert " made but not listed yet; " in line, "each with its checksums"
+    assert line.startswith("dataset.json lists 0 of 4")
+
+
+@pytest.mark.parametrize("name", ["..", ".", ""])
+def test_the_name_of_a_row_stays_below_the_folder(tmp_path, name):
+    root = shards(tmp_path / "set", 4)
+    write_sample(tmp_path / "other", SAMPLE)
+    mark = (root / "0000000" / "sample.json").read_bytes()
+    for other in (root, tmp_path):
+        (other / "sample.json").write_bytes(mark)
+    row_file(root, name).write_bytes(encode_row(row={"name": name, "files": {}}))
+    findings = dict(verify_place(root))
+    assert list(findings) == ["dataset.json", "0000000", "0000002"]
+    line = f".rows/{name}.json: {name!r} is not a plain relative name"
+    assert findings["dataset.json"] == [line]
+
+
+def files_row(files):
+    return encode_row(row={"name": "0000000", "files": files})
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        (b"{", "not valid JSON"),
+        (files_row({"../im0.png": "0"}), "row.files.../im0.png: '../im0.png' is not a plain relative name"),
+        (files_row({"im0.png": 7}), "row.files.im0.png: must be a string, got 7"),
+        (files_row(None), "row.files: must be a table"),
+        (encode_row(failure={}), "missing key 'row'"),
+    ],
+)  # fmt: skip
+def test_an_unreadable_row_is_reported_and_its_sample_checked(tmp_path, row, message):
+    root = shards(tmp_path / "set", 4)
+    row_file(root, "0000000").write_bytes(row)
+    (root / "0000000" / "disp0.pfm").write_bytes(b"")
+    findings = wrong(root)
+    assert list(findings) == ["dataset.json", "0000000"]
+    (line,) = findings["dataset.json"]
+    assert line.startswith(f".rows/0000000.json: {message}")
+    assert findings["0000000"][0].startswith("disp0.pfm: not a PFM")
+    assert "(1 without checksums)" in missing_parts(root)

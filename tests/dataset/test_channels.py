@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from tests.dataset import dataset_scene
 from twinlens.dataset import Dataset, describe, write_sample
@@ -46,10 +47,8 @@ def test_every_channel_is_read_as_it_was_written(tmp_path):
             array = stored[channel.quantity(view)]
             written = np.asarray(channel.of(sample, view))
             assert array.dtype.name in channel.dtype.split(" or ")
-            np.testing.assert_array_equal(array, written.astype(array.dtype))
-            np.testing.assert_array_equal(
-                array, getattr(stored, channel.quantity(view))
-            )
+            assert_array_equal(array, written.astype(array.dtype))
+            assert_array_equal(array, getattr(stored, channel.quantity(view)))
 
 
 def test_names_of_files_are_parsed_as_they_are_made(tmp_path):
@@ -92,12 +91,12 @@ def test_a_new_channel_is_one_new_row(tmp_path, monkeypatch):
     data = Dataset(tmp_path / "set")
     stored = data[0]
 
-    np.testing.assert_array_equal(stored.second_distance0, second[0])
-    np.testing.assert_array_equal(stored["second_distance1"], second[1])
-    np.testing.assert_array_equal(
+    assert_array_equal(stored.second_distance0, second[0])
+    assert_array_equal(stored["second_distance1"], second[1])
+    assert_array_equal(
         data.select("second_distance0")[0]["second_distance0"], second[0]
     )
-    np.testing.assert_array_equal(stored.truth1.extra["second_distance"], second[1])
+    assert_array_equal(stored.truth1.extra["second_distance"], second[1])
 
     assert verify_sample(stored) == []
     nearer = [
@@ -113,7 +112,7 @@ def test_a_new_channel_is_one_new_row(tmp_path, monkeypatch):
 
     export(data, tmp_path / "out", to="exr")
     planes = read_exr(tmp_path / "out" / "s" / "view1.exr").channels
-    np.testing.assert_array_equal(planes["second_distance"], second[1])
+    assert_array_equal(planes["second_distance"], second[1])
 
 
 def test_samples_without_an_optional_channel_are_read(tmp_path, monkeypatch):

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from numpy.testing import assert_array_equal
 
 from tests.dataset.dataset_damage import damaged
 from twinlens.dataset.codecs.exr import decode_exr, encode_exr
@@ -97,7 +98,7 @@ def test_strides_and_byte_order_do_not_matter(codec):
         np.asfortranarray(array),
         np.broadcast_to(array[:1, :1], array.shape),
     ):
-        np.testing.assert_array_equal(codec.decode(codec.encode(view)), view)
+        assert_array_equal(codec.decode(codec.encode(view)), view)
         contiguous = np.ascontiguousarray(view, array.dtype)
         assert codec.encode(view) == codec.encode(contiguous)
 

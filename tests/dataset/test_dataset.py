@@ -2,11 +2,10 @@ import json
 import pickle
 import subprocess
 import sys
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from tests.dataset import dataset_scene
 from twinlens.dataset import (
@@ -67,12 +66,9 @@ def shape_of(sample):
     return sample.im0.shape, float(np.isfinite(sample.disp0).mean())
 
 
-def test_it_works_in_worker_processes(folder):
+def test_it_can_be_pickled_for_worker_processes(folder):
     data = pickle.loads(pickle.dumps(Dataset(folder)[1:].map(shape_of)))
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        assert list(pool.map(data.__getitem__, range(2))) == [
-            shape_of(s) for s in Dataset(folder)[1:]
-        ]
+    assert list(data) == [shape_of(sample) for sample in Dataset(folder)[1:]]
 
 
 def test_mapped_items_can_be_collated(folder):
@@ -127,11 +123,11 @@ def test_a_plain_middlebury_folder(tmp_path):
     data = Dataset(tmp_path)
     assert [sample.name for sample in data] == ["Adirondack", "Motorcycle"]
     sample = data["Motorcycle"]
-    np.testing.assert_array_equal(sample.disp0, pair.disp0)
-    np.testing.assert_array_equal(sample.mask0_nonocc, pair.mask0_nonocc)
+    assert_array_equal(sample.disp0, pair.disp0)
+    assert_array_equal(sample.mask0_nonocc, pair.mask0_nonocc)
     assert sample.ndisp == 70
     assert sample.num_lenses == 1
-    np.testing.assert_array_equal(sample.lens(0).im1, pair.im1)
+    assert_array_equal(sample.lens(0).im1, pair.im1)
     assert sample.rig.baseline() == pytest.approx(0.193001)
     assert verify_sample(sample) == []
     for missing in ("disp1", "record", "truth0"):
@@ -144,7 +140,7 @@ def test_a_plain_middlebury_folder(tmp_path):
 def test_a_folder_of_one_sample(folder, tmp_path):
     data = Dataset(folder / "a")
     assert [sample.name for sample in data] == ["a"]
-    np.testing.assert_array_equal(data[0].im0, Dataset(folder)["a"].im0)
+    assert_array_equal(data[0].im0, Dataset(folder)["a"].im0)
 
 
 def test_missing_masks_are_computed(tmp_path):
@@ -158,13 +154,6 @@ def test_missing_masks_are_computed(tmp_path):
         assert (stored.mask_nonocc(i) == exact).mean() > 0.999
         assert (exact == 128).mean() > 0.01
     assert stored.ndisp == np.ceil(stored.disp0[np.isfinite(stored.disp0)].max()) + 1
-
-
-def test_folders_without_samples_are_rejected(tmp_path):
-    with pytest.raises(FileError, match="no such folder"):
-        Dataset(tmp_path / "nothing")
-    with pytest.raises(FileError, match=r"has no sample: .* im0.png$"):
-        Dataset(tmp_path)
 
 
 def test_a_folder_above_datasets_names_them(tmp_path):

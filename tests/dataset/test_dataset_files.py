@@ -43,13 +43,6 @@ def fail_after(monkeypatch, count, error):
     monkeypatch.setattr(files, "_write_and_flush", write)
 
 
-def test_a_folder_appears_with_all_its_files(tmp_path):
-    write_folder(tmp_path / "new" / "sample", CONTENT)
-    assert tree(tmp_path) == {
-        f"new/sample/{name}": data for name, data in CONTENT.items()
-    }
-
-
 @pytest.mark.parametrize("count", [0, 1])
 @pytest.mark.parametrize(
     ("error", "raised", "remedy"),
@@ -75,15 +68,6 @@ def test_a_failure_leaves_nothing_and_keeps_existing_files(
             assert "\n" not in str(caught.value)
     assert tree(tmp_path) == {"old/x": b"kept"}
     assert names(tmp_path) == ["old"]
-
-
-def test_existing_folders_are_replaced_only_with_overwrite(tmp_path):
-    write_folder(tmp_path / "s", {"x": b"old", "y": b"gone"})
-    with pytest.raises(OutputError, match="already exists"):
-        write_folder(tmp_path / "s", CONTENT)
-    write_folder(tmp_path / "s", CONTENT, overwrite=True)
-    assert tree(tmp_path / "s") == CONTENT
-    assert names(tmp_path) == ["s"]
 
 
 def test_a_failed_swap_restores_the_old_folder(tmp_path, monkeypatch):

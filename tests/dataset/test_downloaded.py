@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 
 from tests.dataset import dataset_scene
@@ -28,10 +29,10 @@ def test_an_export_is_read_back(data, tmp_path, layout, folder):
     inner = tmp_path / "made" / folder
     for root in (inner, inner.parent, tmp_path / "made"):
         for pair, sample in zip(downloaded_pairs(root), data, strict=True):
-            np.testing.assert_array_equal(pair.im0, sample.im0)
-            np.testing.assert_array_equal(pair.im1, sample.im1)
-            np.testing.assert_array_equal(pair.mask0_nonocc, sample.mask0_nonocc)
-            np.testing.assert_allclose(
+            assert_array_equal(pair.im0, sample.im0)
+            assert_array_equal(pair.im1, sample.im1)
+            assert_array_equal(pair.mask0_nonocc, sample.mask0_nonocc)
+            assert_allclose(
                 pair.disp0, sample.disp0, atol=0 if layout == "eth3d" else 0.5 / 256
             )
     names = [pair.name for pair in open_pairs([str(inner)])]
@@ -45,8 +46,8 @@ def test_an_export_to_middlebury_is_read_back(data, tmp_path):
             open_pairs([str(tmp_path / folder)]), data, strict=True
         ):
             assert pair.name == f"{sample.name}-perfect"
-            np.testing.assert_array_equal(pair.im1, sample.im1)
-            np.testing.assert_array_equal(pair.disp0, sample.disp0)
+            assert_array_equal(pair.im1, sample.im1)
+            assert_array_equal(pair.disp0, sample.disp0)
 
 
 def test_kitti_2012_has_grey_images_of_its_own(tmp_path):

@@ -3,6 +3,7 @@ import OpenEXR
 import pytest
 from hypothesis import given, strategies as st
 from hypothesis.extra import numpy as hnp
+from numpy.testing import assert_array_equal
 
 from twinlens.dataset.codecs.exr import decode_exr, encode_exr, read_exr
 from twinlens.errors import FileError, InputError
@@ -18,14 +19,12 @@ GOOD = encode_exr(
 @given(hnp.arrays(np.float32, shapes), hnp.arrays(np.uint32, st.just((3, 5))))
 def test_channels_read_back_bit_for_bit(floats, integers):
     back = decode_exr(encode_exr({"z": floats}))
-    np.testing.assert_array_equal(
-        back.channels["z"].view(np.uint32), floats.view(np.uint32)
-    )
+    assert_array_equal(back.channels["z"].view(np.uint32), floats.view(np.uint32))
     ids = decode_exr(
         encode_exr({"position.X": integers.astype(np.float32), "id": integers})
     ).channels["id"]
     assert ids.dtype == np.uint32
-    np.testing.assert_array_equal(ids, integers)
+    assert_array_equal(ids, integers)
 
 
 def test_types():
@@ -39,7 +38,7 @@ def test_types():
     assert list(back) == sorted(views)
     for name, view in views.items():
         assert back[name].dtype == (np.float32 if view.dtype.kind == "f" else np.uint32)
-        np.testing.assert_array_equal(back[name], view)
+        assert_array_equal(back[name], view)
 
 
 def test_text_round_trip_and_equal_bytes():
@@ -54,8 +53,8 @@ def test_mitsuba_reads_it(tmp_path):
     (tmp_path / "t.exr").write_bytes(encode_exr({"depth": PLANE, "normal.X": -PLANE}))
     bitmap = mi.Bitmap(str(tmp_path / "t.exr"))
     names, pixels = [field.name for field in bitmap.struct_()], np.array(bitmap)
-    np.testing.assert_array_equal(pixels[..., names.index("depth")], PLANE)
-    np.testing.assert_array_equal(pixels[..., names.index("normal.X")], -PLANE)
+    assert_array_equal(pixels[..., names.index("depth")], PLANE)
+    assert_array_equal(pixels[..., names.index("normal.X")], -PLANE)
 
 
 def test_half_floats_become_float32(tmp_path):
@@ -65,7 +64,7 @@ def test_half_floats_become_float32(tmp_path):
     )
     back = read_exr(tmp_path / "h.exr").channels["R"]
     assert back.dtype == np.float32
-    np.testing.assert_array_equal(back, half)
+    assert_array_equal(back, half)
 
 
 def test_unsupported_channels_are_rejected():

@@ -1,8 +1,8 @@
 """Damaged files of each format are read or raise a twinlens error, in bounded memory and time.
 
-A hundred each time, ten thousand in the slow set. Bytes are damaged as disks and downloads do it; the values of JSON
-files are also exchanged for others, so that what is behind the parser is met too. Each test reads them in a process of
-its own, so that its peak memory does not depend on the tests before it.
+A hundred files each time; ten thousand in the slow set, which also has the decoders of test_codecs.py. Bytes are
+damaged as disks and downloads do it. The values of JSON files are also exchanged for others, to get past the parser.
+Each test reads in a process of its own, so that its peak memory does not depend on the tests before it.
 """
 
 import json
@@ -158,23 +158,22 @@ def rejected(read, data) -> bool:
 
 def fuzz(read, strategy, cases):
     """Read `cases` damaged files; some must be rejected, and memory must not grow."""
-    checks = list(HealthCheck)
 
     def peak_after(check):
         """The process's peak memory, in kB, after all cases. Hypothesis takes much of it."""
 
-        @settings(
+        limits = settings(
             max_examples=cases,
             deadline=LONGEST_MS,
             database=None,
             derandomize=True,
-            suppress_health_check=checks,
+            suppress_health_check=list(HealthCheck),
         )
-        @given(strategy)
-        def each(data):
+
+        def look(data):
             check(data)
 
-        each()
+        limits(given(strategy)(look))()
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
     outcomes = []
@@ -226,10 +225,10 @@ many = pytest.mark.parametrize(
 )
 
 
-@many
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", DECODERS)
-def test_damaged_bytes(in_process, kind, cases):
-    in_process(fuzz_bytes, kind, cases)
+def test_damaged_bytes(in_process, kind):
+    in_process(fuzz_bytes, kind, CASES)
 
 
 @many

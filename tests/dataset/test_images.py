@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from PIL import EpsImagePlugin, Image
 
 from twinlens.dataset import read_image
@@ -33,7 +34,7 @@ def test_lossless_formats_keep_every_pixel(read_back):
         for name in names:
             back = read_back(name, pixels)
             assert back.dtype == pixels.dtype
-            np.testing.assert_array_equal(back, pixels)
+            assert_array_equal(back, pixels)
 
 
 def test_lossy_formats_are_read(read_back):
@@ -41,7 +42,7 @@ def test_lossy_formats_are_read(read_back):
     for name in ("a.jpg", "a.webp"):
         back = read_back(name, pixels)
         assert back.shape == pixels.shape
-        np.testing.assert_allclose(back, pixels.astype(int), atol=6)
+        assert_allclose(back, pixels.astype(int), atol=6)
 
 
 def test_postscript_is_never_interpreted(tmp_path, monkeypatch):

@@ -8,6 +8,7 @@ import pytest
 import skimage.io
 from hypothesis import given, strategies as st
 from hypothesis.extra import numpy as hnp
+from numpy.testing import assert_array_equal
 from PIL import Image
 
 from twinlens.dataset.codecs.png import decode_png, encode_png, read_png, write_png
@@ -31,7 +32,7 @@ def test_round_trip_with_our_reader_and_opencv(array):
     data = encode_png(array)
     for back in (decode_png(data), by_opencv(data)):
         assert back.dtype == array.dtype
-        np.testing.assert_array_equal(back, array)
+        assert_array_equal(back, array)
 
 
 @given(hnp.arrays(st.sampled_from([np.uint8, np.uint16]), shapes))
@@ -39,22 +40,22 @@ def test_we_read_what_opencv_writes(array):
     data = cv2.imencode(".png", array[..., ::-1] if array.ndim == 3 else array)[
         1
     ].tobytes()
-    np.testing.assert_array_equal(decode_png(data), array)
+    assert_array_equal(decode_png(data), array)
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 def test_smooth_images_use_every_branch_of_the_filter(dtype):
     v, u = np.mgrid[:40, :50]
     array = np.stack([3 * u, 2 * v + u, (u - v) ** 2], axis=-1).astype(dtype)
-    np.testing.assert_array_equal(by_opencv(encode_png(array)), array)
+    assert_array_equal(by_opencv(encode_png(array)), array)
 
 
 def test_skimage_and_pillow_read_it(tmp_path):
     array = rng.integers(0, 256, (7, 4, 3), np.uint8)
     write_png(tmp_path / "a.png", array)
-    np.testing.assert_array_equal(skimage.io.imread(tmp_path / "a.png"), array)
-    np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "a.png")), array)
-    np.testing.assert_array_equal(read_png(tmp_path / "a.png"), array)
+    assert_array_equal(skimage.io.imread(tmp_path / "a.png"), array)
+    assert_array_equal(np.asarray(Image.open(tmp_path / "a.png")), array)
+    assert_array_equal(read_png(tmp_path / "a.png"), array)
 
 
 def test_the_bytes_depend_on_the_pixels_only():

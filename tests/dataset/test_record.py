@@ -6,6 +6,7 @@ import numpy as np
 import pydantic
 import pytest
 from hypothesis import given, strategies as st
+from numpy.testing import assert_array_equal
 from typing_extensions import TypeAliasType
 
 from twinlens import camera, geometry
@@ -78,7 +79,7 @@ def test_rigs_read_back_equal(one, baseline):
     back = rig_from_plain(through_text(rig))
     assert back.cameras == rig.cameras
     for pose, expected in zip(back.world_from_cams, rig.world_from_cams, strict=True):
-        np.testing.assert_array_equal(pose, expected)
+        assert_array_equal(pose, expected)
 
 
 @pytest.mark.parametrize(

@@ -1,29 +1,34 @@
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from tests.dataset import dataset_scene
+from tests.dataset.dataset_scene import list_samples, rig, sample, stored
 from twinlens import geometry
 from twinlens.camera import Camera, Rig
 from twinlens.dataset import (
     Dataset,
+    Shot,
     consistency,
+    open_sample,
     read_pfm,
     read_png,
     write_pfm,
     write_png,
-    write_sample,
 )
 from twinlens.dataset.codecs.exr import encode_exr, read_exr
 from twinlens.dataset.verify import verify_sample
+
+SIZE = {"width": 120, "height": 90}
 
 
 @pytest.fixture(scope="module")
 def good(tmp_path_factory):
     folder = tmp_path_factory.mktemp("good")
-    write_sample(folder / "s", dataset_scene.sample(num_lenses=2, width=120, height=90))
-    dataset_scene.list_samples(folder, "s")
+    stored(folder / "s", sample(num_lenses=2, **SIZE))
+    list_samples(folder, "s")
     return folder
 
 
@@ -37,35 +42,27 @@ def listed(good, tmp_path):
 def loose(good, tmp_path):
     """The same sample without a manifest."""
     shutil.copytree(good / "s", tmp_path / "loose")
-    return Dataset(tmp_path / "loose")[0]
+    return open_sample(tmp_path / "loose")
 
 
 def test_a_correct_sample_has_no_findings(listed, loose):
     assert verify_sample(listed) == []
     assert verify_sample(loose) == []
-    assert verify_sample(Dataset(listed.folder.parent)["s"]) == []
 
 
 @pytest.mark.parametrize("baseline", [0.05, 1.0])
-@pytest.mark.parametrize("seed", range(3))
-def test_correct_samples_have_no_findings_at_any_pose(tmp_path, baseline, seed):
-    rng = np.random.default_rng(seed)
-    pair = dataset_scene.rig(
-        width=90, height=70, baseline=baseline, doffs=rng.uniform(-9, 9)
-    )
-    far = geometry.rigid(np.eye(3), rng.uniform(-100, 100, 3))
-    truths = tuple(
-        type(t)(**{**vars(t), "position": t.position + far[:3, 3]})
-        for t in dataset_scene.truths(pair)
-    )
-    moved = Rig(pair.cameras, [far @ pose for pose in pair.world_from_cams])
-    sample = dataset_scene.Sample(
-        moved,
-        (dataset_scene.Shot(dataset_scene.LENS, dataset_scene.images(pair, 0)),),
-        truths,
-    )
-    write_sample(tmp_path / "s", sample)
-    assert verify_sample(Dataset(tmp_path)[0]) == []
+def test_correct_samples_have_no_findings_far_from_the_origin(tmp_path, baseline):
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        made = sample(baseline=baseline, doffs=rng.uniform(-9, 9), **SIZE)
+        shift = rng.uniform(-100, 100, 3)
+        far = geometry.rigid(np.eye(3), shift)
+        poses = [far @ pose for pose in made.rig.world_from_cams]
+        truths = tuple(
+            replace(truth, position=truth.position + shift) for truth in made.truths
+        )
+        moved = replace(made, rig=Rig(made.rig.cameras, poses), truths=truths)
+        assert verify_sample(stored(tmp_path / f"s{seed}", moved)) == []
 
 
 def test_missing_changed_and_added_files_are_reported(listed):
@@ -82,8 +79,12 @@ def test_missing_changed_and_added_files_are_reported(listed):
     assert len(verify_sample(listed)) == 1
 
 
+def files_of(loose):
+    return sorted(path for path in loose.folder.rglob("*") if path.is_file())
+
+
 def test_a_truncated_file_is_reported(loose):
-    for path in sorted(path for path in loose.folder.rglob("*") if path.is_file()):
+    for path in files_of(loose):
         whole = path.read_bytes()
         path.write_bytes(whole[:-60])
         (finding,) = verify_sample(loose)
@@ -92,9 +93,31 @@ def test_a_truncated_file_is_reported(loose):
         path.write_bytes(whole)
 
 
-def test_a_missing_image_is_reported_without_a_manifest(loose):
-    (loose.folder / "lens-1" / "im1.png").unlink()
-    assert verify_sample(loose) == ["lens-1/im1.png: is missing (the image of view 1)"]
+def test_damage_never_raises(loose):
+    rng = np.random.default_rng(0)
+    for path in files_of(loose):
+        whole = path.read_bytes()
+        data = bytearray(whole)
+        for _ in range(3):
+            data[rng.integers(len(data))] = rng.integers(256)
+        path.write_bytes(data[: rng.integers(len(data) // 2, len(data) + 1)])
+        for finding in verify_sample(loose):
+            assert "\n" not in finding
+        path.write_bytes(whole)
+
+
+@pytest.mark.parametrize(
+    ("name", "purpose"),
+    [
+        ("lens-1/im1.png", " (the image of view 1)"),
+        ("truth1.exr", ""),
+        ("disp0.pfm", ""),
+        ("mask1nocc.png", ""),
+    ],
+)
+def test_a_missing_file_is_reported_without_a_manifest(loose, name, purpose):
+    (loose.folder / name).unlink()
+    assert verify_sample(loose) == [f"{name}: is missing{purpose}"]
 
 
 def test_sizes_are_compared(loose):
@@ -102,30 +125,16 @@ def test_sizes_are_compared(loose):
     assert verify_sample(loose) == ["im1.png: is 120 x 89, must be 120 x 90"]
 
 
-def test_missing_truth_is_reported_without_a_manifest(loose):
-    for name in ("truth1.exr", "disp0.pfm", "mask1nocc.png"):
-        (loose.folder / name).rename(loose.folder / "aside")
-        assert verify_sample(loose) == [f"{name}: is missing"]
-        (loose.folder / "aside").rename(loose.folder / name)
-
-
 def test_exchanged_images_are_reported(tmp_path):
     # Images of a texture on the planes, evaluated at the position of each pixel.
-    sample = dataset_scene.sample(num_lenses=2, width=160, height=120)
-    left, right = (texture(truth) for truth in sample.truths)
-    for name, lenses in (
-        ("good", [(left, right)] * 2),
-        ("bad", [(left, right), (right, left)]),
-    ):
-        shots = [
-            dataset_scene.Shot(s.lens, images)
-            for s, images in zip(sample.shots, lenses, strict=True)
-        ]
-        write_sample(
-            tmp_path / name, type(sample)(sample.rig, tuple(shots), sample.truths)
-        )
-    assert verify_sample(Dataset(tmp_path)["good"]) == []
-    (finding,) = verify_sample(Dataset(tmp_path)["bad"])
+    made = sample(num_lenses=2, width=160, height=120)
+    left, right = (texture(truth) for truth in made.truths)
+    good, bad = (
+        [Shot(made.shots[0].lens, (left, right)), Shot(made.shots[1].lens, second)]
+        for second in ((left, right), (right, left))
+    )
+    assert verify_sample(stored(tmp_path / "good", replace(made, shots=good))) == []
+    (finding,) = verify_sample(stored(tmp_path / "bad", replace(made, shots=bad)))
     assert finding.startswith(
         "lens-1/im0.png: looks exchanged with its partner's image: edges correlate by "
     )
@@ -219,29 +228,13 @@ def edit(path, old, new):
     path.write_text(path.read_text().replace(old, new))
 
 
-def test_views_of_different_scenes_are_reported(tmp_path):
-    # Each view is consistent; together they are not, as the right one shows a scene that is larger by a tenth.
-    sample = dataset_scene.sample(width=120, height=90)
-    right = sample.truths[1]
-    pose = sample.rig.world_from_cams[1]
-    cam = geometry.transform_points(
-        geometry.inverse(pose), np.where(right.hit[..., None], right.position, 0.0)
-    )
-    position = np.where(
-        right.hit[..., None], geometry.transform_points(pose, cam * 1.1), np.inf
-    )
-    depth = right.depth * 1.1
-    disparity = np.where(right.hit, 70.0 * 0.4 / depth - 1.25, np.inf).astype(
-        np.float32
-    )
-    larger = type(right)(
-        **{**vars(right), "depth": depth, "position": position, "disparity": disparity}
-    )
-    write_sample(
-        tmp_path / "s",
-        type(sample)(sample.rig, sample.shots, (sample.truths[0], larger)),
-    )
-    findings = verify_sample(Dataset(tmp_path)[0])
+def test_views_of_different_scenes_are_reported(tmp_path, monkeypatch):
+    """Each view is consistent; together they are not, as the right one shows a farther wall."""
+    left = sample(**SIZE)
+    monkeypatch.setattr(dataset_scene, "WALL", dataset_scene.WALL / 1.1)
+    right = sample(**SIZE)
+    mixed = replace(left, truths=(left.truths[0], right.truths[1]))
+    findings = verify_sample(stored(tmp_path / "s", mixed))
     assert findings[0].startswith("truth0.exr: only ")
     assert "are at a depth that the other view has there" in findings[0]
 
@@ -300,7 +293,7 @@ def as_seen_by(truth, camera, pose):
 )
 def test_a_view_shifted_by_a_pixel_is_reported(monkeypatch, wall, step, axis, views):
     monkeypatch.setattr(dataset_scene, "WALL", np.array(wall) / 4.0)
-    pair = dataset_scene.rig(width=120, height=90)
+    pair = rig(width=120, height=90)
     truths = [vars(truth) for truth in dataset_scene.truths(pair)]
     here, there = (truths[i] for i in views)
     camera, pose = pair.cameras[views[1]], pair.world_from_cams[views[1]]
@@ -317,9 +310,7 @@ def test_a_view_shifted_by_a_pixel_is_reported(monkeypatch, wall, step, axis, vi
 
 def test_a_view_with_another_pixel_convention_is_reported():
     """Pixel centres at integers in one view and at halves in the other."""
-    pair, other = (
-        dataset_scene.rig(width=120, height=90, doffs=doffs) for doffs in (1.25, 1.75)
-    )
+    pair, other = (rig(width=120, height=90, doffs=doffs) for doffs in (1.25, 1.75))
     left, right = (
         vars(dataset_scene.truths(pair)[0]),
         vars(dataset_scene.truths(other)[1]),
@@ -370,17 +361,3 @@ def test_a_record_with_another_rig_is_reported(loose):
         line.startswith("truth0.exr: position does not project to its pixel")
         for line in findings
     )
-
-
-def test_damage_never_raises(loose):
-    rng = np.random.default_rng(0)
-    paths = sorted(path for path in loose.folder.rglob("*") if path.is_file())
-    for path in 4 * paths:
-        whole = path.read_bytes()
-        data = bytearray(whole)
-        for _ in range(3):
-            data[rng.integers(len(data))] = rng.integers(256)
-        path.write_bytes(data[: rng.integers(len(data) // 2, len(data) + 1)])
-        for finding in verify_sample(loose):
-            assert "\n" not in finding
-        path.write_bytes(whole)

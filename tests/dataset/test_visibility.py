@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from hypothesis.extra import numpy as hnp
+from numpy.testing import assert_array_equal
 
 from tests.dataset import dataset_scene
 from twinlens.dataset.visibility import mask_from_both, mask_from_one
@@ -39,7 +40,7 @@ def loop_from_one(disparity, sign):
 @given(maps, st.booleans())
 def test_mask_from_one_equals_loops(disparity, left):
     expected = loop_from_one(disparity, 1 if left else -1)
-    np.testing.assert_array_equal(mask_from_one(disparity, left), expected)
+    assert_array_equal(mask_from_one(disparity, left), expected)
 
 
 @given(maps)
@@ -51,9 +52,9 @@ def test_the_right_view_is_the_mirrored_left_one(disparity):
     mirrored = mask_from_one(np.ascontiguousarray(disparity[:, ::-1]), left=False)[
         :, ::-1
     ]
-    np.testing.assert_array_equal(mask_from_one(disparity), mirrored)
+    assert_array_equal(mask_from_one(disparity), mirrored)
     both = mask_from_both(disparity[:, ::-1], disparity[:, ::-1], left=False)[:, ::-1]
-    np.testing.assert_array_equal(mask_from_both(disparity, disparity), both)
+    assert_array_equal(mask_from_both(disparity, disparity), both)
 
 
 @pytest.mark.parametrize("i", [0, 1])
@@ -70,7 +71,7 @@ def test_masks_equal_exact_occlusions_except_at_edges(i):
         mask_from_one(disparities[i], left=i == 0),
         mask_from_both(disparities[i], disparities[1 - i], left=i == 0),
     ):
-        np.testing.assert_array_equal(mask == 0, exact == 0)
+        assert_array_equal(mask == 0, exact == 0)
         wrong = mask != exact
         # At most two pixels of each row's four edges (the card's, the frame's) may fall to the other side.
         assert wrong.sum(axis=1).max() <= 8

@@ -1,7 +1,7 @@
 """Every shell block and every Python block of the README runs, in order, in one empty folder.
 
 Of the shell blocks only the `make` lines are left out: they install, and run these tests. The blocks run with images of
-80x60 pixels and, as slow tests, as printed.
+80x60 pixels of 4 samples and, as slow tests, as printed.
 """
 
 import re
@@ -17,6 +17,9 @@ SIZES = {
     r"--size \d+x\d+": "--size 80x60",
     r"width = \d+\nheight = \d+": "width = 80\nheight = 60",
     r"from_fov\(\d+, \d+": "from_fov(80, 60",
+    r"--spp \d+": "--spp 4",
+    r"\bspp = \d+": "spp = 4",
+    r"\bspp=\d+": "spp=4",
 }
 
 
