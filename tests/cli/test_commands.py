@@ -1,14 +1,15 @@
 """Normal use of each command; see test_refusals for invalid input."""
 
 import json
-import shutil
 
-import numpy as np
 import pytest
 
 import twinlens as tl
+from tests.cli.conftest import QUICK
+from tests.factory_recipes import digests
 from twinlens.cli import COMMANDS
 from twinlens.dataset import read_pfm
+from twinlens.scoring import read_board
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -20,28 +21,9 @@ def test_every_command_has_help_with_an_example(twinlens, name):
     assert twinlens(name, "-h") == (code, out, "")
 
 
-def test_render_writes_a_dataset_that_verifies(twinlens, dataset):
-    samples = tl.Dataset(dataset)
-    assert [sample.name for sample in samples] == ["cards"]
-    assert samples[0].im0.shape == (48, 64, 3)
-    assert samples[0].num_lenses == 2
-    assert not np.array_equal(samples[0].lens(1).im0, samples[0].im0)
-    assert twinlens("verify", dataset)[0] == 0
-
-
 def test_render_says_what_it_wrote_and_with_what(twinlens, tmp_path):
-    code, out, _ = twinlens(
-        "render",
-        "cards",
-        "--size",
-        "32x24",
-        "--spp",
-        "1",
-        "--no-denoise",
-        "-o",
-        tmp_path / "o",
-        "--json",
-    )
+    line = ("render", "cards", *QUICK, "-o", tmp_path / "o", "--json")
+    code, out, _ = twinlens(*line)
     answer = json.loads(out)
     assert code == 0
     assert answer["backend"] in ("llvm_ad_rgb", "cuda_ad_rgb")
@@ -49,57 +31,11 @@ def test_render_says_what_it_wrote_and_with_what(twinlens, tmp_path):
 
 
 def test_the_same_command_gives_the_same_bytes(twinlens, tmp_path):
+    line = ("render", "cards", "--size", "32x24", "--spp", "2", "--seed", "7", "-o")
     for name in ("a", "b"):
-        twinlens(
-            "render",
-            "cards",
-            "--size",
-            "32x24",
-            "--spp",
-            "2",
-            "--seed",
-            "7",
-            "-o",
-            tmp_path / name,
-        )
-    files = sorted(
-        path.relative_to(tmp_path / "a")
-        for path in (tmp_path / "a").rglob("*")
-        if path.is_file()
-    )
-    assert len(files) > 8
-    assert all(
-        (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
-        for file in files
-    )
-
-
-def test_a_second_scene_joins_the_dataset(twinlens, ball, tmp_path):
-    for scene in ("cards", ball):
-        assert (
-            twinlens(
-                "render",
-                scene,
-                "--size",
-                "32x24",
-                "--spp",
-                "1",
-                "--no-denoise",
-                "-o",
-                tmp_path / "o",
-            )[0]
-            == 0
-        )
-    assert [sample.name for sample in tl.Dataset(tmp_path / "o")] == ["cards", "ball"]
-
-
-def test_verify_finds_a_changed_file(twinlens, dataset, tmp_path):
-    shutil.copytree(dataset, tmp_path / "o")
-    (tmp_path / "o" / "cards" / "im0.png").write_bytes(b"not the picture")
-    code, out, _ = twinlens("verify", tmp_path / "o")
-    assert code == 1
-    assert "cards: " in out
-    assert "im0.png" in out
+        twinlens(*line, tmp_path / name / "set")
+    assert len(digests(tmp_path / "a")) > 8
+    assert digests(tmp_path / "a") == digests(tmp_path / "b")
 
 
 def test_match_then_score(twinlens, dataset, tmp_path):
@@ -119,49 +55,27 @@ def test_match_then_score(twinlens, dataset, tmp_path):
     assert json.loads(out)["regions"]["all"]["bad2.0"] == direct.all["bad2.0"]
 
 
-def test_the_truth_scores_perfectly(twinlens, dataset):
-    truth = dataset / "cards" / "disp0.pfm"
-    _, out, _ = twinlens("score", truth, "--truth", truth, "--json")
-    assert json.loads(out)["regions"]["all"]["totbad0.5"] == 0.0
-
-
 def test_benchmark_makes_a_board_and_a_page(twinlens, dataset, tmp_path):
-    code, out, _ = twinlens(
-        "benchmark",
-        dataset,
-        "--methods",
-        "sad,zncc:block_size=5",
-        "-o",
-        tmp_path / "board",
-    )
+    board, methods = tmp_path / "board", "sad,zncc:block_size=5"
+    line = ("benchmark", dataset, "--methods", methods, "-o", board)
+    code, out, _ = twinlens(*line)
     assert code == 0
     assert "zncc:block_size=5" in out
     assert "page: file://" in out
-    board = json.loads((tmp_path / "board" / "board.json").read_text())
-    assert len(board["entries"]) == 2 * 2
-    assert (tmp_path / "board" / "index.html").stat().st_size > 10_000
+    assert len(read_board(board / "board.json").entries) == 2 * 2
+    assert (board / "index.html").stat().st_size > 10_000
 
 
-def test_report_makes_the_page_again(twinlens, dataset, tmp_path):
-    twinlens("benchmark", dataset, "--methods", "sad", "-o", tmp_path / "board")
-    code, out, _ = twinlens(
-        "report",
-        tmp_path / "board" / "board.json",
-        dataset,
-        "-o",
-        tmp_path / "page.html",
-    )
+def test_report_makes_the_page_of_a_board_or_of_its_folder(twinlens, dataset, tmp_path):
+    board, page = tmp_path / "board", tmp_path / "page.html"
+    twinlens("benchmark", dataset, "--methods", "sad", "-o", board)
+    code, out, _ = twinlens("report", board / "board.json", dataset, "-o", page)
     assert code == 0
-    assert (tmp_path / "page.html").exists()
+    assert page.exists()
     assert "page.html" in out
-
-
-def test_report_takes_the_board_s_folder_too(twinlens, dataset, tmp_path):
-    twinlens("benchmark", dataset, "--methods", "sad", "-o", tmp_path / "board")
-    (tmp_path / "board" / "index.html").unlink()
-    code, _, err = twinlens("report", tmp_path / "board")
-    assert code == 0, err
-    assert (tmp_path / "board" / "index.html").exists()
+    (board / "index.html").unlink()
+    assert twinlens("report", board)[0] == 0
+    assert (board / "index.html").exists()
     code, _, err = twinlens("report", tmp_path)
     assert code == 2
     assert str(tmp_path / "board.json") in err
@@ -170,21 +84,9 @@ def test_report_takes_the_board_s_folder_too(twinlens, dataset, tmp_path):
 @pytest.fixture
 def other(twinlens, tmp_path):
     """A dataset whose sample has the name of the fixture `dataset`'s, and other images."""
-    quick = ("--size", "64x48", "--spp", "2", "--seed", "1")
-    assert (
-        twinlens(
-            "render",
-            "cards",
-            "--lens",
-            "pinhole",
-            "--lens",
-            "thin:30",
-            *quick,
-            "-o",
-            tmp_path / "other",
-        )[0]
-        == 0
-    )
+    lenses = ("--lens", "pinhole", "--lens", "thin:30")
+    line = ("render", "cards", *lenses, *QUICK, "--seed", "1", "-o", tmp_path / "other")
+    assert twinlens(*line)[0] == 0
     return tmp_path / "other"
 
 
@@ -194,21 +96,13 @@ def test_samples_that_are_not_the_board_s_are_refused(
     board, page = tmp_path / "board", tmp_path / "page.html"
     assert twinlens("benchmark", dataset, "--methods", "sad", "-o", board)[0] == 0
     before = (board / "board.json").read_bytes()
+    changed = "is not the one that the board scores"
+    foreign = "motorcycle: none of its samples is on the board"
     for line, words in (
-        (
-            ("benchmark", other, "--methods", "sad", "-o", board),
-            "is not the one that the board scores",
-        ),
-        (("report", board, other, "-o", page), "is not the one that the board scores"),
-        (
-            ("report", board, "motorcycle", "-o", page),
-            "motorcycle: none of its samples is on the board",
-        ),
-        (
-            ("report", board, dataset, "motorcycle", "-o", page),
-            "motorcycle: none of its samples is on the board",
-        ),
-        (("report", board, dataset, "-o", tmp_path / "notes.txt"), "must end in .html"),
+        (("benchmark", other, "--methods", "sad", "-o", board), changed),
+        (("report", board, other, "-o", page), changed),
+        (("report", board, dataset, "motorcycle", "-o", page), foreign),
+        (("report", board, dataset, "-o", tmp_path / "a.txt"), "must end in .html"),
     ):
         code, out, err = twinlens(*line)
         assert (code, out, err.count("\n")) == (2, "", 1)
@@ -220,54 +114,29 @@ def test_samples_that_are_not_the_board_s_are_refused(
 def test_samples_of_one_name_in_two_datasets_are_named_after_their_datasets(
     twinlens, dataset, other, tmp_path
 ):
+    sets = (dataset, other, "motorcycle")
     code, _, err = twinlens(
-        "benchmark",
-        dataset,
-        other,
-        "motorcycle",
-        "--methods",
-        "sad",
-        "-o",
-        tmp_path / "board",
+        "benchmark", *sets, "--methods", "sad", "-o", tmp_path / "board"
     )
     assert code == 0, err
-    entries = json.loads((tmp_path / "board" / "board.json").read_text())["entries"]
-    names = ["out/cards · pinhole", "other/cards · pinhole", "motorcycle"]
-    assert [
-        name for name in names if name in {entry["sample"] for entry in entries}
-    ] == names
+    entries = read_board(tmp_path / "board" / "board.json").entries
+    names = {"out/cards · pinhole", "other/cards · pinhole", "motorcycle"}
+    assert names <= {entry.sample for entry in entries}
     code, out, _ = twinlens("statistics", dataset, other)
     assert code == 0
     assert "4 pairs" in out
 
 
 def test_a_folder_of_maps_is_scored_like_a_method(twinlens, dataset, tmp_path):
-    twinlens("benchmark", dataset, "--methods", "sad", "-o", tmp_path / "board")
-    code, _, _ = twinlens(
-        "score",
-        tmp_path / "board" / "maps",
-        "--truth",
-        dataset,
-        "-o",
-        tmp_path / "other",
-    )
-    boards = [
-        json.loads((tmp_path / name / "board.json").read_text())
-        for name in ("board", "other")
-    ]
-    computed, submitted = (
-        {e["sample"]: e["regions"] for e in board["entries"]} for board in boards
-    )
-    assert code == 0
-    assert computed == submitted
-
-
-def test_export(twinlens, dataset, tmp_path):
-    assert (
-        twinlens("export", dataset, "--to", "kitti2015", "-o", tmp_path / "kitti")[0]
-        == 0
-    )
-    assert (tmp_path / "kitti" / "Kitti2015" / "training" / "disp_occ_0").is_dir()
+    board, other = tmp_path / "board", tmp_path / "other"
+    twinlens("benchmark", dataset, "--methods", "sad", "-o", board)
+    line = ("score", board / "maps", "--truth", dataset, "-o", other)
+    assert twinlens(*line)[0] == 0
+    regions = []
+    for folder in (board, other):
+        entries = json.loads((folder / "board.json").read_text())["entries"]
+        regions.append({entry["sample"]: entry["regions"] for entry in entries})
+    assert regions[0] == regions[1]
 
 
 def test_scenes_lists_every_bundled_scene(twinlens):
@@ -291,43 +160,26 @@ def test_doctor_reports_a_missing_package(twinlens, monkeypatch):
     assert "no-such-package missing" in out
 
 
-def test_a_board_on_which_everything_failed_says_why(twinlens, dataset, tmp_path):
-    empty = tmp_path / "empty"
-    empty.mkdir()
-    (empty / "other.pfm").write_bytes((dataset / "cards" / "disp0.pfm").read_bytes())
-    code, out, _ = twinlens(
-        "score", empty, "--truth", dataset, "-o", tmp_path / "board"
-    )
+def test_a_board_without_a_map_of_its_samples_says_so(twinlens, dataset, tmp_path):
+    maps = tmp_path / "maps"
+    maps.mkdir()
+    (maps / "other.pfm").write_bytes((dataset / "cards" / "disp0.pfm").read_bytes())
+    line = ("score", maps, "--truth", dataset, "-o", tmp_path / "board")
+    code, out, _ = twinlens(*line)
     assert code == 1
     assert "no map of" in out
-    assert "every method failed" in out
 
 
-@pytest.mark.parametrize("form", [(), ("--json",)])
-def test_the_exit_code_is_1_only_if_every_method_failed(
-    twinlens, dataset, tmp_path, form
-):
+def test_the_exit_code_is_1_only_if_every_method_failed(twinlens, dataset, tmp_path):
     """A function that does not accept images fails; a matcher in the same run succeeds."""
     bad = "function:function=math:cos"
-    assert (
-        twinlens(
-            "benchmark", dataset, "--methods", bad, "-o", tmp_path / "none", *form
-        )[0]
-        == 1
-    )
-    assert (tmp_path / "none" / "index.html").exists()
-    assert (
-        twinlens(
-            "benchmark",
-            dataset,
-            "--methods",
-            f"{bad},sad",
-            "-o",
-            tmp_path / "some",
-            *form,
-        )[0]
-        == 0
-    )
+    line = ("benchmark", dataset, "-o", tmp_path / "board", "--methods")
+    code, out, _ = twinlens(*line, bad)
+    assert code == 1
+    assert "every method failed" in out
+    assert (tmp_path / "board" / "index.html").exists()
+    assert twinlens(*line, bad, "--json")[0] == 1
+    assert twinlens(*line, f"{bad},sad")[0] == 0
 
 
 def test_a_demo_without_a_terminal_prints_its_stages(capsys, monkeypatch, tmp_path):

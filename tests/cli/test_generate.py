@@ -39,53 +39,22 @@ def test_a_dataset_is_made_and_told(twinlens, recipe, tmp_path):
     )
 
 
-def test_a_finished_dataset_that_grows_again_is_unfinished_and_nothing_wrong(
-    twinlens, recipe, tmp_path
-):
-    grown = write_recipe(tmp_path, count=4)
-    twinlens("generate", recipe, "-o", tmp_path / "set")
-    twinlens("generate", grown, "-o", tmp_path / "set", "--limit", 1)
-    code, out, err = twinlens("verify", tmp_path / "set")
-    assert (code, out) == (0, "3 samples, 0 with findings\n")
-    assert "lists 3 of 4 samples" in err
-    twinlens("generate", grown, "-o", tmp_path / "set")
-    assert twinlens("verify", tmp_path / "set") == (
-        0,
-        "4 samples, 0 with findings\n",
-        "",
-    )
-    twinlens("generate", grown, "-o", tmp_path / "other" / "set")
-    assert digests(tmp_path / "set") == digests(tmp_path / "other" / "set")
-
-
-@pytest.mark.parametrize("damage", ["changed", "cut", "lost"])
-def test_the_repair_hint_of_verify_repairs_damage(twinlens, recipe, tmp_path, damage):
+def test_the_repair_hint_of_verify_repairs_damage(twinlens, recipe, tmp_path):
     root = tmp_path / "set"
     twinlens("generate", recipe, "-o", root)
-    before = digests(root)
-    file = (
-        root
-        / "0000001"
-        / {"changed": "disp0.pfm", "cut": "im1.png", "lost": "calib.txt"}[damage]
-    )
-    data = file.read_bytes()
-    if damage == "lost":
-        file.unlink()
-        code, out, err = twinlens("generate", recipe, "-o", root)
-        assert (code, out, err.count("\n")) == (2, "", 1)
-        assert (
-            f"{file}: is missing; delete the folder {file.parent} and run the same command again"
-            in err
-        )
-    else:
-        file.write_bytes(
-            data[:-20] if damage == "cut" else data[:-1] + bytes([data[-1] ^ 1])
-        )
+    before, file = digests(root), root / "0000001" / "disp0.pfm"
+    damaged = bytearray(file.read_bytes())
+    damaged[-1] ^= 1
+    file.write_bytes(damaged)
     code, out, err = twinlens("verify", root)
     assert (code, out.splitlines()[-1]) == (1, "2 samples, 1 with findings")
     assert err == (
         f"{root}: 1 sample is damaged: delete its folder and rerun `twinlens generate`, which makes identical files\n"
     )
+    file.unlink()
+    code, out, err = twinlens("generate", recipe, "-o", root)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert f"delete the folder {file.parent} and run the same command again" in err
     shutil.rmtree(file.parent)
     twinlens("generate", recipe, "-o", root)
     assert digests(root) == before
@@ -111,26 +80,9 @@ def test_json_has_no_infinity_or_nan(capsys):
     }
 
 
-def test_a_dry_run_prints_strict_json_of_a_lens_focused_at_infinity(twinlens, tmp_path):
-    recipe = write_recipe(tmp_path, count=1)
-    recipe.write_text(
-        recipe.read_text()
-        + '\n[[lenses]]\nkind = "thin"\naperture_mm = 1\nfocus = inf\n'
-    )
-    code, out, _ = twinlens(
-        "generate", recipe, "-o", tmp_path / "set", "--dry-run", "--json"
-    )
-    assert code == 0
-    assert (
-        json.loads(out, parse_constant=pytest.fail)["next"]["drawn"]["lenses"][-1][
-            "focus"
-        ]
-        == "inf"
-    )
-
-
 def test_a_dry_run_tells_time_and_disk_and_writes_nothing(twinlens, recipe, tmp_path):
-    code, out, _ = twinlens("generate", recipe, "-o", tmp_path / "set", "--dry-run")
+    line = ("generate", recipe, "-o", tmp_path / "set", "--dry-run")
+    code, out, _ = twinlens(*line)
     assert code == 0
     assert "2 samples, 0 made, 2 to make" in out
     assert "next: sample 0, scene tiny, split test\n" in out
@@ -139,15 +91,10 @@ def test_a_dry_run_tells_time_and_disk_and_writes_nothing(twinlens, recipe, tmp_
         out,
     )
     assert not (tmp_path / "set").exists()
-    report = json.loads(
-        twinlens("generate", recipe, "-o", tmp_path / "set", "--dry-run", "--json")[1]
-    )
+    report = json.loads(twinlens(*line, "--json")[1])
     assert report["bytes"] == 2 * report["bytes_each"]
-    drawn = report["next"]["drawn"]
-    assert (
-        tomllib.loads(out.partition("split test\n")[2].partition("one sample")[0])
-        == drawn
-    )
+    table = out.partition("split test\n")[2].partition("one sample")[0]
+    assert tomllib.loads(table) == report["next"]["drawn"]
 
 
 def test_a_dry_run_shows_equal_copies_of_an_object_once(twinlens, tmp_path):
@@ -176,16 +123,13 @@ def test_samples_that_cannot_be_are_told_with_the_remedy(twinlens, tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
+        (("--shard", "0/2"), "--shard must be i/n with i from 1 to n, such as 2/8"),
+        (("--shard", "3/2"), "--shard must be i/n"),
+        (("--shard", "half"), "--shard must be i/n"),
+        (("--workers", "2", "--scheduler", "tcp://x:1"), "exclude each other"),
         (
-            ["--shard", "0/2"],
-            "--shard must be i/n with i from 1 to n, such as 2/8, got '0/2'",
-        ),
-        (["--shard", "3/2"], "--shard must be i/n"),
-        (["--shard", "half"], "--shard must be i/n"),
-        (["--limit", "0"], "--limit must be a whole number >= 1, got 0"),
-        (
-            ["--workers", "2", "--scheduler", "tcp://x:1"],
-            "--workers and --scheduler exclude each other",
+            ("--scheduler", "nonsense://x"),
+            "no Dask scheduler answers at 'nonsense://x'",
         ),
     ],
 )
@@ -193,9 +137,8 @@ def test_bad_options_are_refused_in_a_line(
     twinlens, recipe, tmp_path, options, message
 ):
     code, out, err = twinlens("generate", recipe, "-o", tmp_path / "set", *options)
-    assert (code, out) == (2, "")
+    assert (code, out, err.count("\n")) == (2, "", 1)
     assert message in err
-    assert len(err.splitlines()) == 1
     assert not (tmp_path / "set").exists()
 
 
@@ -209,14 +152,23 @@ def test_a_backend_that_is_none_leaves_no_folder(recipe, tmp_path):
     assert not (tmp_path / "set").exists()
 
 
-def test_a_mistake_in_the_recipe_is_a_line(twinlens, tmp_path):
-    path = write_recipe(tmp_path, RECIPE.replace("baseline", "basline"))
-    code, _, err = twinlens("generate", path, "-o", tmp_path / "set")
-    assert code == 2
-    assert (
-        err
-        == f"twinlens: {path}: rig: unknown key 'basline'; did you mean 'baseline'? (known: {err.split('known: ')[1]}"
-    )
+@pytest.mark.parametrize(
+    ("right", "wrong", "message"),
+    [
+        ("baseline", "basline", "rig: unknown key 'basline'; did you mean 'baseline'?"),
+        (
+            "[[lenses]]",
+            "[lenses]",
+            "lenses: must be a list of tables: write [[lenses]]",
+        ),
+    ],
+)
+def test_a_mistake_in_the_recipe_is_a_line(twinlens, tmp_path, right, wrong, message):
+    path = write_recipe(tmp_path, RECIPE.replace(right, wrong))
+    code, out, err = twinlens("generate", path, "-o", tmp_path / "set")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert err.startswith(f"twinlens: {path}: {message}")
+    assert not (tmp_path / "set").exists()
 
 
 def test_a_shard_that_is_done_says_what_is_needed_still(twinlens, recipe, tmp_path):
@@ -253,40 +205,15 @@ def test_render_puts_no_sample_into_what_generate_makes(twinlens, recipe, tmp_pa
     assert twinlens("generate", recipe, "-o", tmp_path / "set")[0] == 0
 
 
-def test_an_unreachable_scheduler_writes_nothing(twinlens, recipe, tmp_path):
-    pytest.importorskip("distributed")
-    code, out, err = twinlens(
-        "generate", recipe, "-o", tmp_path / "set", "--scheduler", "nonsense://x"
-    )
-    assert (code, out, err.count("\n")) == (2, "", 1)
-    assert "no Dask scheduler answers at 'nonsense://x'" in err
-    assert not (tmp_path / "set").exists()
-
-
 def test_a_dataset_without_samples_is_reported(twinlens, tmp_path):
     """With a fixed scene and rig one draw is made; an empty dataset is distinguished from a missing one."""
     text = "seed = 1\ncount = {count}\nscenes = ['tiny']\nwidth = 32\nheight = 24\nspp = 1\nndisp = 1\n"
-    code, out, err = twinlens(
-        "generate", write_recipe(tmp_path, text, count=2), "-o", tmp_path / "set"
-    )
+    recipe, folder = write_recipe(tmp_path, text, count=2), tmp_path / "set"
+    code, out, err = twinlens("generate", recipe, "-o", folder)
     assert code == 1
     assert "0 of 2 samples" in out
     assert err.startswith("sample 0 failed: disparity beyond ndisp (view 0 has")
-    for command in (
-        ("describe",),
-        ("export", "--to", "carla", "-o", tmp_path / "out"),
-        ("verify",),
-    ):
-        code, out, err = twinlens(command[0], tmp_path / "set", *command[1:])
-        assert code in (1, 2)
-        assert "lists no sample; 2 samples failed" in out + err
-        assert "no dataset.json" not in out + err
-
-
-def test_brackets_of_lenses_that_are_too_few(twinlens, tmp_path):
-    path = write_recipe(tmp_path, RECIPE.replace("[[lenses]]", "[lenses]"))
-    code, _, err = twinlens("generate", path, "-o", tmp_path / "set")
+    code, _, err = twinlens("describe", folder)
     assert code == 2
-    assert err == (
-        f"twinlens: {path}: lenses: must be a list of tables: write [[lenses]] above each lens, not [lenses]\n"
-    )
+    assert "lists no sample; 2 samples failed" in err
+    assert "no dataset.json" not in err

@@ -4,56 +4,59 @@ import numpy as np
 import pytest
 
 from tests.factory_recipes import write_recipe, write_sky
+from twinlens.cli import run
 from twinlens.dataset import Dataset, write_sample
 from twinlens.factory import make, read_recipe
 
 QUICK = ("--size", "48x36", "--spp", "1", "--no-denoise")
 
 
-def test_a_toed_in_pair_is_rectified_and_verifies(twinlens, tmp_path):
-    file = tmp_path / "rig.toml"
-    file.write_text('layout = "toed_in"\nbaseline = 0.2\n')
-    assert (
-        twinlens("render", "cards", "--rig", file, *QUICK, "-o", tmp_path / "out")[0]
-        == 0
+@pytest.fixture(scope="module")
+def toed_in(tmp_path_factory):
+    """A sample of two cameras that are turned to each other."""
+    folder = tmp_path_factory.mktemp("toed_in")
+    (folder / "rig.toml").write_text('layout = "toed_in"\nbaseline = 0.2\n')
+    line = (
+        "render",
+        "cards",
+        "--rig",
+        folder / "rig.toml",
+        *QUICK,
+        "-o",
+        folder / "out",
     )
-    target = tmp_path / "new" / "cards"
-    code, out, _ = twinlens(
-        "rectify", tmp_path / "out" / "cards", "-o", target, "--own-centres", "--json"
-    )
+    assert run([str(part) for part in line]) == 0
+    return folder / "out" / "cards"
+
+
+def test_a_toed_in_pair_is_rectified_and_verifies(twinlens, toed_in, tmp_path):
+    target, photos = tmp_path / "new" / "cards", tmp_path / "photos"
+    line = ("rectify", toed_in, "-o")
+    code, out, _ = twinlens(*line, target, "--own-centres", "--json")
+    answer = json.loads(out)
     assert code == 0
-    assert {"disp0.pfm", "calib.txt"} <= set(json.loads(out)["files"])
-    assert Dataset(target)[0].calibration.doffs == json.loads(out)["doffs"] != 0
+    assert {"disp0.pfm", "calib.txt"} <= set(answer["files"])
+    assert Dataset(target)[0].calibration.doffs == answer["doffs"] != 0
     assert twinlens("verify", target)[0] == 0
-    code, _, err = twinlens("rectify", tmp_path / "out" / "cards", "-o", target)
-    assert (code, err) == (
-        2,
-        f"twinlens: {target}: exists already; choose another name, or add --overwrite\n",
-    )
-    (tmp_path / "photos").mkdir()
-    (tmp_path / "photos" / "1.png").touch()
-    code, _, err = twinlens(
-        "rectify", tmp_path / "out" / "cards", "-o", tmp_path / "photos", "--overwrite"
-    )
-    assert (code, "is not a sample, so it is not overwritten" in err) == (2, True)
-    assert (tmp_path / "photos" / "1.png").exists()
-    assert (
-        twinlens("rectify", tmp_path / "out" / "cards", "-o", target, "--overwrite")[0]
-        == 0
-    )
-    for wrong in (
-        ("--fit", "vlid"),
-        ("--misalignment", "roll=1"),
-        ("--misalignment", "roll_deg=x"),
-        ("--misalignment", "roll_deg=1,roll_deg=2"),
-        ("--misalignment", "roll_deg=inf"),
-        ("--cameras", "1,0"),
-    ):
-        code, _, err = twinlens(
-            "rectify", tmp_path / "out" / "cards", "-o", tmp_path / "no", *wrong
-        )
-        assert code == 2
-        assert err.count("\n") == 1
+    words = f"{target}: exists already; choose another name, or add --overwrite"
+    assert twinlens(*line, target) == (2, "", f"twinlens: {words}\n")
+    assert twinlens(*line, target, "--overwrite")[0] == 0
+    photos.mkdir()
+    (photos / "1.png").touch()
+    code, _, err = twinlens(*line, photos, "--overwrite")
+    assert code == 2
+    assert "is not a sample, so it is not overwritten" in err
+    assert (photos / "1.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("--fit", "vlid"), ("--misalignment", "roll=1"), ("--cameras", "1,0")],
+)
+def test_bad_options_give_one_line_errors(twinlens, toed_in, tmp_path, option, value):
+    code, _, err = twinlens("rectify", toed_in, "-o", tmp_path / "no", option, value)
+    assert (code, err.count("\n")) == (2, 1)
+    assert not (tmp_path / "no").exists()
 
 
 @pytest.mark.parametrize(
@@ -67,24 +70,19 @@ def test_a_pair_without_a_rectification_is_refused_in_a_line(
     twinlens, tmp_path, second, says
 ):
     """The epipole inside the image; two cameras in one place. The truth of such a pair is there all the same."""
-    file, sample = tmp_path / "rig.toml", tmp_path / "out" / "cards"
+    file, sample, no = tmp_path / "rig.toml", tmp_path / "out/cards", tmp_path / "no"
     file.write_text(f'layout = "cameras"\ncameras = [{{}}, {second}]\n')
-    quick = ("--size", "96x72", "--spp", "1", "--no-denoise")
-    assert (
-        twinlens("render", "cards", "--rig", file, *quick, "-o", tmp_path / "out")[0]
-        == 0
-    )
+    line = ("render", "cards", "--rig", file, *QUICK, "-o", tmp_path / "out")
+    assert twinlens(*line)[0] == 0
     assert twinlens("verify", tmp_path / "out")[0] == 0
-    commands = [("rectify", sample, "-o", tmp_path / "no")]
-    commands += [("reconstruct", sample, "--method", "sgm", "-o", tmp_path / "no")]
-    if second == "{}":
-        commands += [("show", "epipolar", sample, "-o", tmp_path / "no.png")]
-    for command in commands:
-        code, _, err = twinlens(*command)
-        assert code == 2
+    for line in (
+        ("rectify", sample, "-o", no),
+        ("reconstruct", sample, "--method", "sgm", "-o", no),
+    ):
+        code, _, err = twinlens(*line)
+        assert (code, err.count("\n")) == (2, 1)
         assert says in err
-        assert err.count("\n") == 1
-    assert not list(tmp_path.glob("no*"))
+        assert not no.exists()
 
 
 OWN = """
@@ -110,31 +108,16 @@ translate = [{{ uniform = [-0.2, 0.2] }}, -0.6, 1]
 """
 
 
-@pytest.mark.parametrize("pictures", ["maps", "render"])
-def test_a_sample_with_the_objects_and_the_sky_of_a_recipe(
-    twinlens, tmp_path, pictures
-):
+def test_a_sample_with_the_objects_and_the_sky_of_a_recipe(twinlens, tmp_path):
     """Warped pictures need no sky; new ones need its file in the folder of the recipe."""
     recipe = write_recipe(tmp_path / "recipe", OWN)
     write_sky(recipe.parent / "day.exr", np.full((4, 8, 3), 1.5))
     write_sample(tmp_path / "own", make(read_recipe(recipe), 0))
-    scene = recipe.parent / "tiny" / "scene.toml"
-    line = (
-        "rectify",
-        tmp_path / "own",
-        "--scene",
-        scene,
-        "--pictures",
-        pictures,
-        "-o",
-        tmp_path / "new",
-    )
-    code, _, err = twinlens(*line, "--folder", recipe.parent)
-    assert (code, err) == (0, "")
-    assert "ball" in Dataset(tmp_path / "new")[0].truth(0).object_names
-    if pictures == "render":
-        code, _, err = twinlens(*line, "--overwrite")
-        assert (code, err) == (
-            2,
-            "twinlens: sample.json: record.sky: no file or folder 'day.exr'\n",
-        )
+    scene, new = recipe.parent / "tiny" / "scene.toml", tmp_path / "new"
+    line = ("rectify", tmp_path / "own", "--scene", scene, "--overwrite", "-o", new)
+    for pictures in ("maps", "render"):
+        options = ("--pictures", pictures, "--folder", recipe.parent)
+        assert twinlens(*line, *options)[::2] == (0, "")
+        assert "ball" in Dataset(new)[0].truth(0).object_names
+    error = "twinlens: sample.json: record.sky: no file or folder 'day.exr'\n"
+    assert twinlens(*line, "--pictures", "render") == (2, "", error)

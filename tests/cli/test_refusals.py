@@ -1,23 +1,21 @@
 """Bad input of every kind: exit code 2, a one-line error, and no partial output."""
 
 import math
-import os
 import re
-import shutil
 import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
 
 import click
-import numpy as np
 import pytest
 
 from tests.dataset import dataset_scene
+from tests.factory_recipes import digests
 from twinlens.camera import Rig
 from twinlens.cli import COMMANDS, cli
 from twinlens.cli.options import SettingType
-from twinlens.dataset import write_pfm, write_sample
+from twinlens.dataset import write_sample
 from twinlens.errors import InputError
 from twinlens.scenes import bundled_folder
 
@@ -47,19 +45,9 @@ def test_unknown_option(refuses):
     refuses("--sizes", "render", "cards", "--sizes", "3", "-o", "x")
 
 
-@pytest.mark.parametrize("option", ["--sensor", "--size", "--baseline"])
-def test_an_option_given_twice(refuses, option):
-    refuses(
-        f"option {option} is given 2 times; give it once",
-        "render",
-        "cards",
-        option,
-        "1",
-        option,
-        "2",
-        "-o",
-        "x",
-    )
+def test_an_option_given_twice(refuses):
+    words = "option --size is given 2 times; give it once"
+    refuses(words, "render", "cards", "--size", "1", "--size", "2", "-o", "x")
 
 
 def test_unknown_scene(refuses, tmp_path):
@@ -76,84 +64,40 @@ def test_missing_scene_file(refuses, tmp_path):
     refuses("scene.toml", "render", tmp_path / "scene.toml", "-o", tmp_path / "o")
 
 
+THIN = ("--lens", "thin:3")
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--size", "64"), "WIDTHxHEIGHT"),
         (("--size", "0x9"), "WIDTHxHEIGHT"),
-        (("--seed", "-1"), "--seed must be a whole number >= 0, got -1"),
         (("--fov", "wide"), "--fov must be a finite number > 0, got 'wide'"),
-        (("--baseline", "0"), "--baseline must be a finite number > 0, got 0.0"),
-        (("--baseline", "nan"), "baseline"),
-        (
-            ("--fov", "200"),
-            "--fov: must be a number of degrees > 0 and <= 179, got 200",
-        ),
-        (("--lens", "thik:3"), "pinhole"),
-        (("--lens", "thin:3@-1"), "focus: must be a number of metres"),
-        (("--aperture", "polygon:2"), "blades"),
-        (
-            ("--aperture", "polygon:5", "--lens", "thin:3", "--diffraction"),
-            "diffraction needs a disk aperture, got polygon",
-        ),
-        (("--distortion", "-3"), "--distortion BrownConrady(k1=-3"),
-        (
-            ("--distortion", "fisheye:"),
-            "--distortion must be fisheye:k1[,k2,k3,k4], got ''",
-        ),
-        (("--distortion", "0.1,0.2,0.3"), "--distortion must be k1[,k2[,p1,p2["),
-        (("--distortion", "0.1,"), "--distortion must be k1[,k2"),
-        (("--baseline", "1e7"), "--baseline: must be <= 1e+06"),
+        (("--fov", "200"), "--fov: must be a number of degrees > 0 and <= 179, got"),
         (("--baseline", "1e5"), "--baseline 100000: the views have nothing in common"),
         (("--lens", "F/2.8"), "did you mean 'f/2.8'?"),
         (("--lens", "f2.8@3"), "did you mean 'f/2.8@3'?"),
-        (
-            ("--aperture", "polygon:6"),
-            "--aperture polygon:6: has no effect, every lens is a pinhole",
-        ),
-        (
-            ("--aperture", "disk", "--lens", "thin:0"),
-            "--aperture disk: has no effect, every lens is a pinhole",
-        ),
+        ((*THIN, *THIN), "--lens thin:3: is given twice"),
+        (("--aperture", "polygon:6"), "--aperture polygon:6: has no effect, every"),
         (("--diffraction",), "--diffraction: has no effect, every lens is a pinhole"),
         (("--dual-pixel",), "--dual-pixel: has no effect, every lens is a pinhole"),
         (
-            ("--dual-pixel", "--diffraction", "--lens", "thin:3"),
-            "dual_pixel and diffraction exclude each other",
+            (*THIN, "--dual-pixel", "--diffraction"),
+            "dual_pixel and diffraction exclude",
         ),
-        (
-            ("--exposure", "1e9", "--mismatch", "time=2"),
-            "the mismatch makes the exposure invalid",
-        ),
-        (("--focal-length-px", "0"), "--focal-length-px: must be a number of pixels"),
+        (("--distortion", "-3"), "--distortion BrownConrady(k1=-3"),
+        (("--exposure", "1e9", "--mismatch", "time=2"), "makes the exposure invalid"),
         (("--focal-length-px", "1,2,3"), "FX[,FY]"),
-        (
-            ("--focal-length-px", "70", "--fov", "40"),
-            "--fov and --focal-length-px both set the focal length",
-        ),
+        (("--focal-length-px", "7", "--fov", "4"), "both set the focal length"),
         (("--principal-point", "3"), "CX,CY"),
-        (
-            ("--principal-point", "3,inf"),
-            "--principal-point: must be a number of pixels",
-        ),
-        (
-            ("--sensor-width-mm", "-36"),
-            "--sensor-width-mm -36: must be a positive number or the name of a format",
-        ),
-        (
-            ("--sensor-width-mm", "36", "--pixel-pitch-um", "5"),
-            "--pixel-pitch-um and --sensor-width-mm both set",
-        ),
-        (("--exposure", "1/0"), "1/60"),
-        (("--mismatch", "gian=2"), "did you mean 'gain'"),
+        (("--sensor-width-mm", "APSC"), "did you mean 'APS-C'?"),
+        (("--sensor-width-mm", "36", "--pixel-pitch-um", "5"), "both set"),
         (("--sensor", "phone:bit=16"), "did you mean 'bits'"),
-        (
-            ("--lens", "thin:2", "--lens", "f/2", "--lens", "thin:2"),
-            "--lens thin:2: is given twice",
-        ),
+        (("--camera", "oak"), "--camera oak: unknown camera 'oak'; did you mean"),
+        (("--camera", "oak-d", "--size", "64x48"), "--camera: height: the sensor has"),
+        (("--sky", "none.exr"), "--sky: no file or folder 'none.exr'"),
     ],
 )
-def test_bad_numbers(refuses, tmp_path, options, words):
+def test_options_that_no_picture_can_have(refuses, tmp_path, options, words):
     refuses(words, "render", "cards", *options, "-o", tmp_path / "o")
 
 
@@ -188,18 +132,6 @@ def test_unknown_key_in_a_scene(refuses, tmp_path):
     refuses("fov_x_deg", "render", scene, "-o", tmp_path / "o")
 
 
-def test_broken_toml(refuses, tmp_path):
-    scene = tmp_path / "scene.toml"
-    scene.write_text("[camera\n")
-    refuses("scene.toml", "render", scene, "-o", tmp_path / "o")
-
-
-def test_an_xml_that_names_a_plugin_path(refuses, tmp_path):
-    scene = tmp_path / "scene.xml"
-    scene.write_text('<scene version="3.0.0"><shape type="../../evil"/></scene>')
-    refuses("../../evil", "render", scene, "-o", tmp_path / "o")
-
-
 def test_a_lens_needs_a_focus_where_the_scene_has_no_depth_range(refuses, tmp_path):
     scene = tmp_path / "scene.xml"
     scene.write_text(
@@ -217,41 +149,11 @@ def test_a_lens_needs_a_focus_where_the_scene_has_no_depth_range(refuses, tmp_pa
     )
 
 
-def test_an_existing_sample(refuses, tmp_path):
-    (tmp_path / "o" / "cards").mkdir(parents=True)
-    refuses("--overwrite", "render", "cards", "-o", tmp_path / "o")
-
-
-def test_images_of_different_sizes(refuses, dataset, tmp_path):
-    from twinlens.dataset import write_png
-
-    write_png(tmp_path / "small.png", np.zeros((5, 5), np.uint8))
-    refuses(
-        "size",
-        "match",
-        dataset / "cards" / "im0.png",
-        tmp_path / "small.png",
-        "-o",
-        tmp_path / "d.pfm",
-    )
-
-
 @pytest.mark.parametrize(
     ("method", "words"),
     [
-        (
-            "zncc:block_size=8",
-            "twinlens: zncc:block_size=8: option block_size must be an odd whole number",
-        ),
-        (
-            "mine=zncc:block_size=8",
-            "twinlens: mine: option block_size must be an odd whole number",
-        ),
         ("znc", "did you mean 'zncc'"),
-        (
-            "zncc:blok=9",
-            "zncc:blok=9: unknown option of zncc 'blok'; did you mean 'block_size'?",
-        ),
+        ("mine=zncc:block_size=8", "mine: option block_size must be an odd whole"),
     ],
 )
 def test_bad_methods(refuses, dataset, tmp_path, method, words):
@@ -260,47 +162,26 @@ def test_bad_methods(refuses, dataset, tmp_path, method, words):
     refuses(words, "benchmark", dataset, "--methods", method, "-o", tmp_path / "board")
 
 
-@pytest.mark.parametrize("name", ["im0.png", "disp0.pfm"])
-def test_truncated_files(refuses, dataset, tmp_path, name):
-    copy = tmp_path / "cut"
-    shutil.copytree(dataset / "cards", copy)
-    whole = (copy / name).read_bytes()
-    (copy / name).write_bytes(whole[: len(whole) // 2])
-    if name.endswith("pfm"):
-        refuses(name, "score", copy / name, "--truth", dataset / "cards" / name)
-    else:
-        refuses(name, "match", copy / name, copy / "im1.png", "-o", tmp_path / "d.pfm")
-
-
-def test_nan_disparity(refuses, dataset, tmp_path):
-    truth = dataset / "cards" / "disp0.pfm"
-    raw = bytearray(truth.read_bytes())
-    raw[-4:] = np.array([np.nan], "<f4").tobytes()
-    (tmp_path / "nan.pfm").write_bytes(raw)
-    refuses("nan.pfm", "score", tmp_path / "nan.pfm", "--truth", truth)
-
-
-@pytest.mark.parametrize("output", [(), ("-o", "board")])
-def test_maps_that_do_not_exist_and_other_files_are_named(
-    refuses, dataset, tmp_path, output
-):
-    (tmp_path / "notes.txt").write_text("no map")
-    truth = "--truth", dataset
-    for name in ("none", "none.pfm", "none.zip"):
-        refuses(
-            f"{tmp_path / name}: no such file or folder",
-            "score",
-            tmp_path / name,
-            *truth,
-            *output,
-        )
+def test_truncated_files(refuses, dataset, tmp_path):
+    sample = dataset / "cards"
+    for name in ("im0.png", "disp0.pfm"):
+        whole = (sample / name).read_bytes()
+        (tmp_path / name).write_bytes(whole[: len(whole) // 2])
     refuses(
-        "notes.txt: neither a folder nor a readable zip",
-        "score",
-        tmp_path / "notes.txt",
-        *truth,
-        *output,
+        "disp0.pfm", "score", tmp_path / "disp0.pfm", "--truth", sample / "disp0.pfm"
     )
+    pair = tmp_path / "im0.png", sample / "im1.png"
+    refuses("im0.png", "match", *pair, "-o", tmp_path / "d.pfm")
+
+
+def test_maps_that_do_not_exist_and_other_files_are_named(refuses, dataset, tmp_path):
+    notes = tmp_path / "notes.txt"
+    notes.write_text("no map")
+    for maps, words in (
+        (tmp_path / "none.pfm", f"{tmp_path / 'none.pfm'}: no such file or folder"),
+        (notes, "notes.txt: neither a folder nor a readable zip"),
+    ):
+        refuses(words, "score", maps, "--truth", dataset, "-o", tmp_path / "board")
 
 
 @pytest.mark.parametrize(
@@ -372,25 +253,7 @@ def test_missing_dataset_and_board(refuses, tmp_path):
     refuses("none.json", "report", tmp_path / "none.json")
 
 
-def test_an_estimate_of_another_size(refuses, dataset, tmp_path):
-    write_pfm(tmp_path / "d.pfm", np.zeros((7, 9), np.float32))
-    refuses(
-        "shape", "score", tmp_path / "d.pfm", "--truth", dataset / "cards" / "disp0.pfm"
-    )
-
-
 def test_an_unwritable_output(refuses, dataset):
-    refuses(
-        "/proc/nowhere",
-        "render",
-        "cards",
-        "--size",
-        "32x24",
-        "--spp",
-        "1",
-        "-o",
-        "/proc/nowhere",
-    )
     pair = dataset / "cards" / "im0.png", dataset / "cards" / "im1.png"
     refuses("/proc/d.pfm", "match", *pair, "-o", "/proc/d.pfm")
 
@@ -408,52 +271,37 @@ def test_a_full_disk_behind_the_output_stream():
     assert child.stderr.startswith("twinlens: ")
 
 
-def test_an_unknown_backend():
-    child = subprocess.run(
-        [sys.executable, "-m", "twinlens", "doctor"],
-        env={**os.environ, "TWINLENS_BACKEND": "lvm"},
-        capture_output=True,
-        text=True,
-    )
-    assert child.returncode == 2
-    assert "did you mean 'llvm'" in child.stderr
+OUTPUTS = [
+    (("render", "cards"), "Dataset folder"),
+    (("generate", "recipe.toml"), "Dataset folder"),
+    (("reconstruct", "out"), "Folder of the reconstruction."),
+    (("rectify", "out"), "Folder of the new sample."),
+    (("show", "epipolar", "out"), "The picture, a PNG file."),
+    (("export", "out", "--to", "carla"), "Folder of the export."),
+    (("match", "a.png", "b.png"), "The disparity map, a .pfm file."),
+    (("benchmark", "out"), "Folder of the board."),
+    (("score", ".", "--truth", "out"), "Folder of the board."),
+    (("study", "window"), "Output folder."),
+    (("demo",), None),
+    (("report", "board.json"), None),
+]
+"""Commands that write, and the help of an output that has to be given."""
+WRITES_BUCKETS = ("render", "generate", "export")
 
 
 @pytest.mark.parametrize(
-    ("line", "meaning"),
-    [
-        (("render", "cards"), "Dataset folder"),
-        (("generate", "recipe.toml"), "Dataset folder"),
-        (("reconstruct", "out"), "Folder of the reconstruction."),
-        (("rectify", "out"), "Folder of the new sample."),
-        (("show", "epipolar", "out"), "The picture, a PNG file."),
-        (("export", "out", "--to", "carla"), "Folder of the export."),
-        (("match", "a.png", "b.png"), "The disparity map, a .pfm file."),
-        (("benchmark", "out"), "Folder of the board."),
-        (("score", ".", "--truth", "out"), "Folder of the board."),
-        (("study", "window"), "Output folder."),
-    ],
-    ids=lambda value: value[0] if isinstance(value, tuple) else "",
+    ("line", "meaning"), OUTPUTS, ids=lambda value: value and value[0]
 )
-def test_a_missing_output_gives_the_same_error_everywhere(
-    refuses, line, meaning, tmp_path, monkeypatch
+def test_an_output_that_is_missing_empty_or_a_bucket(
+    refuses, tmp_path, monkeypatch, line, meaning
 ):
     monkeypatch.chdir(tmp_path)
-    refuses(f"twinlens: Missing option '-o' / '--output': {meaning}", *line)
-
-
-@pytest.mark.parametrize(
-    "line",
-    [
-        ("demo",), ("render", "cards"), ("generate", "recipe.toml"), ("reconstruct", "out"), ("rectify", "out"),
-        ("show", "epipolar", "out"), ("export", "out", "--to", "carla"), ("match", "a.png", "b.png"),
-        ("benchmark", "out"), ("score", "maps", "--truth", "out"), ("study", "window"), ("report", "board.json"),
-    ],
-    ids=lambda line: line[0],
-)  # fmt: skip
-def test_an_empty_output_is_refused(refuses, tmp_path, monkeypatch, line):
-    monkeypatch.chdir(tmp_path)
+    if meaning:
+        refuses(f"twinlens: Missing option '-o' / '--output': {meaning}", *line)
     refuses("'-o' / '--output': the name is empty", *line, "-o", "")
+    if line[0] not in WRITES_BUCKETS:
+        words = "'memory://x/y' is a bucket's address"
+        refuses(words, *line, "-o", "memory://x/y")
 
 
 def test_a_demo_in_a_folder_with_other_files(refuses, tmp_path):
@@ -495,83 +343,30 @@ def test_folders_above_an_output_are_made(twinlens, dataset, tmp_path):
 
 def test_a_folder_without_a_scene(refuses, tmp_path):
     (tmp_path / "scenes").mkdir()
-    refuses(
-        "the folder has no scene.toml; name a scene file, or one of",
-        "render",
-        tmp_path / "scenes",
-        "-o",
-        "x",
-    )
+    words = "the folder has no scene.toml; name a scene file, or one of"
+    refuses(words, "render", tmp_path / "scenes", "-o", "x")
 
 
-def test_disparities_beyond_the_image_width(refuses, dataset):
+@pytest.mark.parametrize("first", ["64", "-64"])
+def test_disparities_beyond_the_image_width(refuses, dataset, first):
     truth = dataset / "cards" / "disp0.pfm"
-    for first in ("64", "400", "-64"):
-        refuses(
-            "expected -63 to 63",
-            "score",
-            truth,
-            "--truth",
-            truth,
-            "--min-disparity",
-            first,
-        )
-
-
-def test_a_misalignment_beyond_a_quarter_turn(refuses, dataset, tmp_path):
-    for turn in ("roll_deg=200", "yaw_deg=-90"):
-        refuses(
-            "from -89.999 to 89.999",
-            "rectify",
-            dataset / "cards",
-            "--misalignment",
-            turn,
-            "-o",
-            tmp_path / "o",
-        )
-
-
-@pytest.mark.parametrize(
-    "line",
-    [
-        ("demo",), ("reconstruct", "out"), ("rectify", "out"), ("show", "epipolar", "out"), ("match", "a.png", "b.png"),
-        ("benchmark", "out"), ("score", "maps", "--truth", "out"), ("study", "window"), ("report", "board.json"),
-    ],
-    ids=lambda line: line[0],
-)  # fmt: skip
-def test_a_bucket_address_is_refused_where_a_local_path_is_needed(
-    refuses, tmp_path, monkeypatch, line
-):
-    monkeypatch.chdir(tmp_path)
-    refuses("'memory://x/y' is a bucket's address", *line, "-o", "memory://x/y")
+    line = ("score", truth, "--truth", truth, "--min-disparity", first)
+    refuses("expected -63 to 63", *line)
 
 
 @pytest.mark.parametrize(
     ("option", "value", "words"),
     [
-        (
-            "--published",
-            "yesterday",
-            "published: must be a date such as 2026-01-31, got 'yesterday'",
-        ),
-        ("--published", "2026-02-30", "published: must be a date"),
+        ("--published", "2026-02-30", "published: must be a date such as 2026-01-31"),
         ("--published", "20260131", "published: must be a date"),
-        (
-            "--url",
-            "example.org/set",
-            "url: must be an address such as https://example.org/set",
-        ),
+        ("--url", "example.org/set", "url: must be an address such as https://"),
         ("--url", "https://", "url: must be an address"),
         ("--url", "https://[x", "url: must be an address"),
         ("--url", "https://exam ple.org", "url: must be an address"),
-        ("--name", "", "name: must be a text that is not empty"),
         ("--creator", "  ", "creator: must be a text that is not empty"),
-        ("--license", "", "license: must be a text that is not empty"),
     ],
 )
 def test_bad_descriptions(refuses, dataset, option, value, words):
-    before = {path: path.read_bytes() for path in dataset.iterdir() if path.is_file()}
+    before = digests(dataset)
     refuses(words, "describe", dataset, option, value)
-    assert {
-        path: path.read_bytes() for path in dataset.iterdir() if path.is_file()
-    } == before
+    assert digests(dataset) == before

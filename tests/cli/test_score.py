@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import twinlens as tl
+from tests.dataset import dataset_scene
 from twinlens.cli.boards import run_board
-from twinlens.dataset import write_pfm
+from twinlens.dataset import write_pfm, write_sample
 from twinlens.dataset.files import locked
 from twinlens.scoring import Pair, caption, open_submission, read_board
 from twinlens.scoring.board_file import board_from_json
@@ -25,40 +26,23 @@ def maps(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "extra", [("--region", "all"), ("-o", "board"), ("--time-limit", "3")]
+    ("options", "words"),
+    [
+        (("--region", "all"), "--region"),
+        (("-o", "board"), "-o"),
+        (("--time-limit", "3"), "--time-limit"),
+        (("--protocol", "points"), "--protocol points: needs the pair's calibration"),
+    ],
 )
-def test_one_map_refuses_options_of_boards(twinlens, maps, extra):
-    code, out, err = twinlens(
-        "score", maps / "d.pfm", "--truth", maps / "gt.pfm", *extra
-    )
-    assert (code, out) == (2, "")
-    assert extra[0] in err
-    assert err.count("\n") == 1
-
-
-def test_one_map_has_no_calibration(twinlens, maps):
-    code, _, err = twinlens(
-        "score", maps / "d.pfm", "--truth", maps / "gt.pfm", "--protocol", "points"
-    )
-    assert (code, err.count("\n")) == (2, 1)
-    assert (
-        "--protocol points: needs the pair's calibration; score a folder of maps, with --truth DATASET"
-        in err
-    )
-
-
-@pytest.mark.parametrize("extra", [(), ("-o", "board")])
-def test_one_map_needs_a_truth_map(twinlens, maps, extra):
-    code, _, err = twinlens("score", maps / "d.pfm", "--truth", maps, *extra)
-    assert code == 2
-    assert (
-        f"{maps} is a dataset, and {maps / 'd.pfm'} is one map: give one truth map"
-        in err
-    )
+def test_one_map_refuses_options_of_boards(twinlens, maps, options, words):
+    line = ("score", maps / "d.pfm", "--truth", maps / "gt.pfm", *options)
+    code, out, err = twinlens(*line)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert words in err
 
 
 @pytest.mark.parametrize(
-    "extra",
+    ("option", "value"),
     [
         ("--mask", "m.png"),
         ("--ndisp", "8"),
@@ -66,20 +50,12 @@ def test_one_map_needs_a_truth_map(twinlens, maps, extra):
         ("--time-limit", "3"),
     ],
 )
-def test_boards_refuse_options_of_one_map(twinlens, maps, extra):
+def test_boards_refuse_options_of_one_map(twinlens, maps, option, value):
     """Also if a folder is named like a map."""
-    code, out, err = twinlens(
-        "score",
-        maps / "mine.pfm",
-        "--truth",
-        "motorcycle",
-        "-o",
-        maps / "board",
-        *extra,
-    )
-    assert (code, out) == (2, "")
-    assert extra[0] in err
-    assert err.count("\n") == 1
+    line = ("score", maps / "mine.pfm", "--truth", "motorcycle", option, value)
+    code, out, err = twinlens(*line, "-o", maps / "board")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert option in err
     assert not (maps / "board").exists()
 
 
@@ -112,126 +88,79 @@ def test_an_earlier_map_is_dropped_after_a_failure(maps):
     ("protocol", "avgerr"), [("middlebury-v3", None), ("eth3d", "inf")]
 )
 def test_a_metric_without_a_number_is_still_json(twinlens, maps, protocol, avgerr):
-    arguments = (
-        "score",
-        maps / "d.pfm",
-        "--truth",
-        maps / "gt.pfm",
-        "--protocol",
-        protocol,
-        "--json",
-    )
-    code, out, _ = twinlens(*arguments)
-    found = json.loads(out, parse_constant=pytest.fail)["regions"]["all"]
+    line = ("score", maps / "d.pfm", "--truth", maps / "gt.pfm", "--protocol", protocol)
+    code, out, _ = twinlens(*line, "--json")
+    scores = json.loads(out, parse_constant=pytest.fail)["regions"]["all"]
     assert code == 0
-    assert (found["avgerr"], found["coverage"], found["evaluated"]) == (avgerr, 0, 20)
-    assert all(
-        value is None or value == "inf" or math.isfinite(value)
-        for value in found.values()
+    assert (scores["avgerr"], scores["coverage"], scores["evaluated"]) == (
+        avgerr,
+        0,
+        20,
     )
+    for value in scores.values():
+        assert value is None or value == "inf" or math.isfinite(value)
 
 
 def test_missing_maps_are_counted_and_named(twinlens, dataset, tmp_path):
     """One of three maps exists, under the sample's plain name."""
-    truth = tl.Dataset(dataset)[0].disp0
-    write_pfm(tmp_path / "mine" / "cards.pfm", truth)
-    arguments = (
-        "score",
-        tmp_path / "mine",
-        "--truth",
-        dataset,
-        "--truth",
-        "motorcycle",
-        "-o",
-        tmp_path / "b",
-        "--json",
-    )
-    code, out, err = twinlens(*arguments)
-    found = {e["sample"]: e["failure"] for e in json.loads(out)["entries"]}
+    write_pfm(tmp_path / "mine" / "cards.pfm", tl.Dataset(dataset)[0].disp0)
+    truths = ("--truth", dataset, "--truth", "motorcycle")
+    line = ("score", tmp_path / "mine", *truths, "-o", tmp_path / "b", "--json")
+    code, out, err = twinlens(*line)
+    failures = [entry["failure"] for entry in json.loads(out)["entries"]]
     assert code == 0
-    assert [failure and failure["kind"] for failure in found.values()] == [
-        None,
-        "missing",
-        "missing",
-    ]
+    assert failures[0] is None
+    assert [failure["kind"] for failure in failures[1:]] == ["missing", "missing"]
     assert err == "mine: missing maps: 2 of 3 (cards/lens-1.pfm, motorcycle.pfm)\n"
 
 
 def test_unmatched_maps_are_counted_and_named(twinlens, dataset, tmp_path):
     """The first three are printed; the JSON, which is still a board, lists all."""
-    truth = tl.Dataset(dataset)[0].disp0
-    for name in (
-        "cards/lens-0",
-        "cards/lens-1",
-        "card",
-        "cards/lens-2",
-        "crads/lens-0",
-        "fence",
-    ):
-        write_pfm(tmp_path / "mine" / f"{name}.pfm", truth)
-    arguments = ("score", tmp_path / "mine", "--truth", dataset, "-o", tmp_path / "b")
-    code, out, err = twinlens(*arguments, "--json")
+    truth, mine = tl.Dataset(dataset)[0].disp0, tmp_path / "mine"
+    unscored = ["card.pfm", "cards/lens-2.pfm", "crads/lens-0.pfm", "fence.pfm"]
+    for name in ("cards/lens-0.pfm", "cards/lens-1.pfm", *unscored):
+        write_pfm(mine / name, truth)
+    line = ("score", mine, "--truth", dataset, "-o", tmp_path / "b")
+    code, out, err = twinlens(*line, "--json")
     assert code == 0
     names = "card.pfm, cards/lens-2.pfm, crads/lens-0.pfm and 1 more"
     assert err == f"mine: maps that match no sample: 4 ({names})\n"
-    unscored = ["card.pfm", "cards/lens-2.pfm", "crads/lens-0.pfm", "fence.pfm"]
     assert json.loads(out)["unscored"] == {"mine": unscored}
     assert board_from_json(out) == read_board(tmp_path / "b" / "board.json")
-    for name in unscored[1:]:
-        (tmp_path / "mine" / name).unlink()
-    assert twinlens(*arguments)[2] == "mine: maps that match no sample: 1 (card.pfm)\n"
-    (tmp_path / "mine" / unscored[0]).unlink()
-    code, out, err = twinlens(*arguments, "--json")
+    for name in unscored:
+        (mine / name).unlink()
+    code, out, err = twinlens(*line, "--json")
     assert (code, err, json.loads(out)["unscored"]) == (0, "", {"mine": []})
 
 
-@pytest.mark.parametrize("word", ["folder", "motorcycle"])
-def test_one_map_against_a_dataset_is_refused(twinlens, maps, dataset, word):
-    truth = dataset if word == "folder" else word
-    code, out, err = twinlens("score", maps / "d.pfm", "--truth", truth)
-    assert (code, out) == (2, "")
-    assert f"{truth} is a dataset" in err
-    assert "one truth map" in err
-    assert err.count("\n") == 1
+def test_one_map_against_a_dataset_is_refused(twinlens, maps, dataset):
+    for truth in (dataset, "motorcycle", maps):
+        for board in ((), ("-o", "board")):
+            line = ("score", maps / "d.pfm", "--truth", truth, *board)
+            code, out, err = twinlens(*line)
+            assert (code, out, err.count("\n")) == (2, "", 1)
+            words = (
+                f"{truth} is a dataset, and {maps / 'd.pfm'} is one map: give one truth"
+            )
+            assert words in err
 
 
-@pytest.mark.parametrize("turned", [False, True])
-def test_one_map_that_matches_two_datasets_is_refused(
-    twinlens, maps, dataset, tmp_path, turned
-):
+def test_one_map_that_matches_two_datasets_is_refused(twinlens, dataset, tmp_path):
     """cards.pfm matches the first lens of one dataset's `cards`, and the other dataset's `cards`."""
-    other = tmp_path / "other"
-    assert (
-        twinlens(
-            "render",
-            "cards",
-            "--size",
-            "64x48",
-            "--spp",
-            "2",
-            "--no-denoise",
-            "-o",
-            other,
-        )[0]
-        == 0
-    )
-    write_pfm(tmp_path / "mine" / "cards.pfm", tl.Dataset(dataset)[0].disp0)
-    truths = (other, dataset) if turned else (dataset, other)
-    options = [word for truth in truths for word in ("--truth", truth)]
-    code, out, err = twinlens(
-        "score", tmp_path / "mine", *options, "-o", tmp_path / "board"
-    )
-    assert (code, out) == (2, "")
-    assert "cards.pfm matches both" in err
-    assert "'cards'" in err
-    assert not (tmp_path / "board").exists()
-    write_pfm(tmp_path / "mine" / "cards" / "lens-0.pfm", tl.Dataset(dataset)[0].disp0)
-    code, _, err = twinlens(
-        "score", tmp_path / "mine", *options, "-o", tmp_path / "board"
-    )
-    assert (code, err) == (0, "mine: missing maps: 1 of 3 (cards/lens-1.pfm)\n"), (
-        "each has a file of its own now"
-    )
+    other, mine, board = (tmp_path / name for name in ("other", "mine", "board"))
+    write_sample(other / "cards", dataset_scene.sample(width=64, height=48))
+    truth = tl.Dataset(dataset)[0].disp0
+    write_pfm(mine / "cards.pfm", truth)
+    for first, second in ((other, dataset), (dataset, other)):
+        line = ("score", mine, "--truth", first, "--truth", second, "-o", board)
+        code, out, err = twinlens(*line)
+        assert (code, out) == (2, "")
+        assert "cards.pfm matches both" in err
+        assert not board.exists()
+    write_pfm(mine / "cards" / "lens-0.pfm", truth)
+    code, _, err = twinlens(*line)
+    missing = "mine: missing maps: 1 of 3 (cards/lens-1.pfm)\n"
+    assert (code, err) == (0, missing), "each has a file of its own now"
 
 
 def test_a_board_locked_by_another_run_is_not_changed(twinlens, dataset, tmp_path):
@@ -239,79 +168,57 @@ def test_a_board_locked_by_another_run_is_not_changed(twinlens, dataset, tmp_pat
     board = tmp_path / "board"
     maps = board / "maps" / "cards"
     maps.mkdir(parents=True)
-    commands = (
-        ("benchmark", dataset, "--methods", "sad"),
-        ("score", maps, "--truth", dataset),
-    )
+    error = f"twinlens: {board}: another run is writing there; wait for it\n"
     with locked(board):
         before = sorted(board.rglob("*"))
-        for command in commands:
-            code, out, err = twinlens(*command, "-o", board)
-            assert (code, out) == (2, "")
-            assert (
-                err == f"twinlens: {board}: another run is writing there; wait for it\n"
-            )
+        for line in (
+            ("benchmark", dataset, "--methods", "sad", "-o", board),
+            ("score", maps, "--truth", dataset, "-o", board),
+        ):
+            assert twinlens(*line) == (2, "", error)
         assert sorted(board.rglob("*")) == before
 
 
 def test_boards_one_after_the_other_are_one_board(twinlens, dataset, tmp_path):
+    board = tmp_path / "board"
     for method in ("sad", "ssd"):
-        assert (
-            twinlens(
-                "benchmark", dataset, "--methods", method, "-o", tmp_path / "board"
-            )[0]
-            == 0
-        )
-        assert sorted(path.name for path in (tmp_path / "board").iterdir()) == [
-            "board.json",
-            "index.html",
-            "maps",
-        ]
-    entries = json.loads((tmp_path / "board" / "board.json").read_text())["entries"]
-    assert {entry["method"] for entry in entries} == {"sad", "ssd"}
+        line = ("benchmark", dataset, "--methods", method, "-o", board)
+        assert twinlens(*line)[0] == 0
+        names = sorted(path.name for path in board.iterdir())
+        assert names == ["board.json", "index.html", "maps"]
+    entries = read_board(board / "board.json").entries
+    assert {entry.method for entry in entries} == {"sad", "ssd"}
 
 
 def test_a_table_without_terminal_is_not_truncated(twinlens, dataset, tmp_path):
-    maps = tmp_path / ("m" * 200)
-    for name in ("lens-0.pfm", "lens-1.pfm"):
-        (maps / "cards").mkdir(parents=True, exist_ok=True)
-        (maps / "cards" / name).write_bytes(
-            (dataset / "cards" / "disp0.pfm").read_bytes()
-        )
-    code, out, err = twinlens(
-        "score",
-        maps,
-        "--truth",
-        dataset,
-        "-o",
-        tmp_path / "board",
-        "--protocol",
-        "eth3d",
-    )
+    maps, board = tmp_path / ("m" * 200), tmp_path / "board"
+    truth = tl.Dataset(dataset)[0].disp0
+    for lens in (0, 1):
+        write_pfm(maps / "cards" / f"lens-{lens}.pfm", truth)
+    line = ("score", maps, "--truth", dataset, "-o", board, "--protocol", "eth3d")
+    code, out, err = twinlens(*line)
     assert code == 0, err
     lines = out.splitlines()
     assert sum(maps.name in line for line in lines) == 1
     assert lines == [line.rstrip() for line in lines]
-    board = read_board(tmp_path / "board" / "board.json")
-    assert set(caption(board, "eth3d", "nonocc").splitlines()) <= set(lines)
+    table = caption(read_board(board / "board.json"), "eth3d", "nonocc")
+    assert set(table.splitlines()) <= set(lines)
 
 
 def test_matches_before_a_damaged_sample_are_kept(twinlens, dataset, tmp_path):
-    copy = tmp_path / "set"
+    copy, board = tmp_path / "set", tmp_path / "board"
     shutil.copytree(dataset, copy)
-    image = next(copy.glob("cards/lens-*/im1.png"))
+    image = copy / "cards" / "lens-1" / "im1.png"
     whole = image.read_bytes()
     image.write_bytes(whole[:50])
-    command = ("benchmark", copy, "--methods", "sad", "-o", tmp_path / "board")
-    code, out, err = twinlens(*command)
+    line = ("benchmark", copy, "--methods", "sad", "-o", board)
+    code, out, err = twinlens(*line)
     assert (code, out) == (2, "")
     assert str(image) in err
-    board = tmp_path / "board" / "board.json"
-    assert err.endswith(
-        f"; 1 finished matches are in {board}: fix this and rerun to resume\n"
-    )
-    first = json.loads(board.read_text())["entries"]
-    assert len(first) == 1
+    note = f"; 1 finished matches are in {board / 'board.json'}: fix this and rerun to resume\n"
+    assert err.endswith(note)
+    (first,) = read_board(board / "board.json").entries
     image.write_bytes(whole)
-    assert twinlens(*command)[0] == 0
-    assert json.loads(board.read_text())["entries"][0] == first[0]
+    assert twinlens(*line)[0] == 0
+    again, _ = read_board(board / "board.json").entries
+    assert again.seconds == first.seconds

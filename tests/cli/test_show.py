@@ -35,177 +35,102 @@ def test_a_folder_without_truth_is_drawn_from_its_disparity_map(
     folder.mkdir()
     for name in ("im0.png", "im1.png", "disp0.pfm", "calib.txt"):
         (folder / name).write_bytes((dataset / "cards" / name).read_bytes())
-    assert twinlens("show", "epipolar", folder, "-o", tmp_path / "e.png")[0] == 0
-    assert (
-        twinlens(
-            "show", "epipolar", folder, "-o", tmp_path / "e.png", "--cameras", "1,0"
-        )[0]
-        == 2
-    )
+    line = ("show", "epipolar", folder, "-o", tmp_path / "e.png")
+    assert twinlens(*line)[0] == 0
+    assert twinlens(*line, "--cameras", "1,0")[0] == 2
 
 
-@pytest.mark.parametrize("cameras", ["0", "0,0", "0,2", "a,b", "0,1,2"])
+@pytest.mark.parametrize("cameras", ["0", "0,0", "0,2", "a,b"])
 def test_bad_camera_pairs_are_refused(twinlens, dataset, tmp_path, cameras):
-    code, _, err = twinlens(
-        "show",
-        "epipolar",
-        dataset / "cards",
-        "-o",
-        tmp_path / "e.png",
-        "--cameras",
-        cameras,
-    )
+    line = ("show", "epipolar", dataset / "cards", "-o", tmp_path / "e.png")
+    code, _, err = twinlens(*line, "--cameras", cameras)
     assert code == 2
     assert "--cameras" in err
 
 
-def test_missing_samples_and_unknown_subcommands_are_refused(
-    twinlens, dataset, tmp_path
-):
-    assert (
-        twinlens("show", "epipolar", tmp_path / "none", "-o", tmp_path / "e.png")[0]
-        == 2
-    )
-    assert (
-        twinlens("show", "epipolr", dataset / "cards", "-o", tmp_path / "e.png")[0] == 2
-    )
-
-
 def test_the_picture_must_end_in_png(twinlens, dataset, tmp_path):
-    for name in ("e.jpg", "e"):
-        code, _, err = twinlens(
-            "show", "epipolar", dataset / "cards", "-o", tmp_path / name
-        )
-        assert (code, err.count("\n")) == (2, 1)
-        assert "must end in .png" in err
-        assert not (tmp_path / name).exists()
-    assert (
-        twinlens("show", "epipolar", dataset / "cards", "-o", tmp_path / "E.PNG")[0]
-        == 0
-    )
+    line = ("show", "epipolar", dataset / "cards", "-o")
+    code, _, err = twinlens(*line, tmp_path / "e.jpg")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "must end in .png" in err
+    assert not (tmp_path / "e.jpg").exists()
+    assert twinlens(*line, tmp_path / "E.PNG")[0] == 0
 
 
 def test_costs_are_those_of_the_library(twinlens, dataset, tmp_path):
-    place = dataset / "cards"
-    code, out, _ = twinlens(
-        "show",
-        "costs",
-        place,
-        "--at",
-        "40,20",
-        "--methods",
-        "sad,sgm",
-        "-o",
-        tmp_path / "c.png",
-    )
-    assert (code, out.count("\n")) == (0, 3)
+    line = ("show", "costs", dataset / "cards", "--at", "40,20", "--methods", "sad")
+    code, out, _ = twinlens(*line, "-o", tmp_path / "c.png")
+    assert (code, out.count("\n")) == (0, 2)
     assert read_png(tmp_path / "c.png").shape[1] == 1575
-    arguments = (
-        "--at",
-        "40,20",
-        "--methods",
-        "sad",
-        "--methods",
-        "sgm",
-        "--lens",
-        1,
-        "--json",
-    )
-    record = json.loads(twinlens("show", "costs", place, *arguments)[1])
     stored = Dataset(dataset)[0]
-    assert record["truth"] == pytest.approx(float(stored.disp0[20, 40]))
-    images = stored.lens(1).image(0), stored.lens(1).image(1)
-    curves = tl.cost_curve(
-        *images, 40, 20, ["sad", "sgm"], num_disparities=stored.ndisp
-    )
-    for name, curve in curves.items():
-        found = record["curves"][name]
-        assert (found["winner"], found["rival"]) == (curve.winner, curve.rival)
-        reason = tl.scoring.reason_of(load_pair(stored, 1), curve)
-        assert found["reason"] == {"kind": reason.kind, "text": reason.text}
-        assert [float(cost) for cost in found["costs"]] == pytest.approx(
-            list(curve.costs)
-        )
-    first = tl.cost_curve(
-        stored.im0, stored.im1, 40, 20, ["sad"], num_disparities=stored.ndisp
-    )["sad"]
-    assert (
-        f"sad: winner {first.disparity:.2f} px (cost {first.costs.min():.4g}), rival {first.rival} px"
-        in out
-    )
+    search = {"methods": ["sad", "sgm"], "num_disparities": stored.ndisp}
+    first = tl.cost_curve(stored.im0, stored.im1, 40, 20, **search)["sad"]
+    costs = f"sad: winner {first.disparity:.2f} px (cost {first.costs.min():.4g})"
+    assert f"{costs}, rival {first.rival} px" in out
     assert tl.scoring.reason_of(load_pair(stored), first).text in out
 
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (
-            ("--at", "64,0"),
-            "--at must be U,V, a column from 0 to 63 and a row from 0 to 47, got '64,0'",
-        ),
-        (("--at", "1"), "--at must be U,V"),
-        (("--at", "1,-2"), "--at must be U,V"),
-        (("--at", "1,2", "--methods", "opencv_bm"), "opencv_bm has no cost curve"),
-        (("--at", "1,2", "--lens", "2"), "--lens must be a whole number from 0 to 1"),
-    ],
-)
-def test_wrong_pixels_and_methods_are_refused(
-    twinlens, dataset, tmp_path, arguments, message
-):
-    code, _, err = twinlens(
-        "show", "costs", dataset / "cards", *arguments, "-o", tmp_path / "c.svg"
-    )
-    assert (code, err.count("\n")) == (2, 1)
-    assert message in err
-    assert not (tmp_path / "c.svg").exists()
-
-
-def test_costs_need_a_figure_or_json(twinlens, dataset):
-    code, _, err = twinlens("show", "costs", dataset / "cards", "--at", "1,1")
-    assert (code, err.count("\n")) == (2, 1)
-    assert "--output" in err
-
-
-def test_confidences_are_scored_as_by_evaluate(twinlens, dataset, tmp_path):
-    arguments = "show", "confidence", dataset / "cards", "--method", "sad:block_size=5"
-    code, out, _ = twinlens(*arguments, "-o", tmp_path / "c.png")
-    assert (code, out.count("\n")) == (0, 7)
-    assert read_png(tmp_path / "c.png").ndim == 3
-    record = json.loads(twinlens(*arguments, "--json")[1])
-    stored = Dataset(dataset)[0]
-    options = {
-        "block_size": 5,
-        "num_disparities": stored.ndisp,
-        "confidence": "curvature",
-    }
-    disparity, trust = tl.matching.match_with_confidence(
-        stored.im0, stored.im1, "sad", **options
-    )
-    scores = tl.evaluate(
-        disparity, stored.disp0, stored.mask0_nonocc, stored.ndisp, confidence=trust
-    ).nonocc
-    assert record["measures"]["curvature"]["auc2.0"] == pytest.approx(scores["auc2.0"])
-    assert record["measures"]["curvature"]["sparsification"] == pytest.approx(
-        scores.sparsification
-    )
-    assert (record["pixels"], record["auc2.0_opt"]) == (
-        scores.estimated,
-        pytest.approx(scores["auc2.0_opt"]),
-    )
+    record = json.loads(twinlens(*line, "--methods", "sgm", "--lens", 1, "--json")[1])
+    assert record["truth"] == pytest.approx(float(stored.disp0[20, 40]))
+    lens = stored.lens(1)
+    curves = tl.cost_curve(lens.image(0), lens.image(1), 40, 20, **search)
+    for name, curve in curves.items():
+        shown = record["curves"][name]
+        assert (shown["winner"], shown["rival"]) == (curve.winner, curve.rival)
+        reason = tl.scoring.reason_of(load_pair(stored, 1), curve)
+        assert shown["reason"] == {"kind": reason.kind, "text": reason.text}
+        assert [float(cost) for cost in shown["costs"]] == pytest.approx(curve.costs)
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
         (
-            ("--method", "opencv_bm", "-o", "c.png"),
-            "--method opencv_bm: this method has no cost volume",
+            ("--at", "64,0"),
+            "--at must be U,V, a column from 0 to 63 and a row from 0 to 47, got '64,0'",
         ),
-        (
-            ("--method", "sad:block_size=999", "-o", "c.png"),
-            "--method sad:block_size=999: block_size is 999",
-        ),
-        (("--lens", "2", "-o", "c.png"), "--lens must be a whole number from 0 to 1"),
+        (("--at", "1,48"), "--at must be U,V"),
+        (("--at", "1,-2"), "--at must be U,V"),
+        (("--at", "1"), "--at must be U,V"),
+        (("--at", "1,2", "--methods", "opencv_bm"), "opencv_bm has no cost curve"),
+        (("--at", "1,2", "--lens", "2"), "--lens must be a whole number from 0 to 1"),
+    ],
+)
+def test_wrong_pixels_and_methods_are_refused(
+    twinlens, dataset, tmp_path, options, message
+):
+    file = tmp_path / "c.svg"
+    code, _, err = twinlens("show", "costs", dataset / "cards", *options, "-o", file)
+    assert (code, err.count("\n")) == (2, 1)
+    assert message in err
+    assert not file.exists()
+
+
+def test_confidences_are_scored_as_by_evaluate(twinlens, dataset, tmp_path):
+    line = ("show", "confidence", dataset / "cards", "--method", "sad:block_size=5")
+    code, out, _ = twinlens(*line, "-o", tmp_path / "c.png")
+    assert (code, out.count("\n")) == (0, 7)
+    assert read_png(tmp_path / "c.png").ndim == 3
+    record = json.loads(twinlens(*line, "--json")[1])
+    stored = Dataset(dataset)[0]
+    ndisp = stored.ndisp
+    options = {"block_size": 5, "num_disparities": ndisp, "confidence": "curvature"}
+    disparity, trust = tl.matching.match_with_confidence(
+        stored.im0, stored.im1, "sad", **options
+    )
+    truth = (stored.disp0, stored.mask0_nonocc, ndisp)
+    scores = tl.evaluate(disparity, *truth, confidence=trust).nonocc
+    measured = record["measures"]["curvature"]
+    assert measured["auc2.0"] == pytest.approx(scores["auc2.0"])
+    assert measured["sparsification"] == pytest.approx(scores.sparsification)
+    assert record["pixels"] == scores.estimated
+    assert record["auc2.0_opt"] == pytest.approx(scores["auc2.0_opt"])
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--method", "opencv_bm", "-o", "c.png"), "this method has no cost volume"),
+        (("--method", "sad:block_size=999", "-o", "c.png"), "block_size is 999"),
         ((), "--output"),
     ],
 )
