@@ -58,22 +58,14 @@ def test_lenses(text, lens):
     [
         ("", "unknown lens ''"),
         ("thick:2", "did you mean 'thin'"),
-        ("thinlens:aperture_diameter=0.01,focus_distance=2", "did you mean 'thin'"),
         ("pinhole:3", "must be pinhole"),
-        ("thin", "must be thin:DIAMETER_MM"),
         ("thin:", "must be thin:DIAMETER_MM"),
-        ("thin:2@", "must be thin:DIAMETER_MM"),
+        ("thin:2@near", "must be thin:DIAMETER_MM"),
         ("f/", "must be f/N"),
         ("hole:1", "must be hole:DIAMETER_MM@FILM_MM"),
         ("thin:x", "aperture_mm: must be a number of millimetres .* got 'x'"),
-        ("thin:nan", "aperture_mm: must be a number"),
-        ("thin:-2", "aperture_mm: must be a number"),
         ("thin:2@0", "focus: must be a number"),
-        ("thin:2@near", "must be thin:DIAMETER_MM"),
-        ("f/0", "f_number"),
         ("f/-2", "f_number"),
-        ("f/inf", "f_number"),
-        ("hole:1@0", "film_mm: must be a number"),
         ("hole:1@inf", "film_mm: must be a number"),
     ],
 )
@@ -105,33 +97,24 @@ def test_apertures(text, shape):
     assert parse_aperture(text) == shape
 
 
-@pytest.mark.parametrize("colours", [(), (3,)], ids=["grey", "grey in three channels"])
-def test_a_mask_has_the_transmission_of_the_image(tmp_path, colours):
+@pytest.mark.parametrize("channels", [1, 3])
+def test_a_mask_has_the_transmission_of_the_image(tmp_path, channels):
     cells = np.random.default_rng(0).integers(0, 256, (4, 6), dtype=np.uint8)
-    write_png(
-        tmp_path / "code.png",
-        np.broadcast_to(cells[..., None], (4, 6, 3)).copy() if colours else cells,
-    )
-    assert parse_aperture(f"mask:{tmp_path / 'code.png'}") == MaskAperture(cells / 255)
+    path = tmp_path / "code.png"
+    write_png(path, cells if channels == 1 else np.dstack([cells] * 3))
+    assert parse_aperture(f"mask:{path}") == MaskAperture(cells / 255)
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         ("polygn:6", "did you mean 'polygon'"),
-        ("polygon", "must be polygon:BLADES"),
         ("polygon:", "must be polygon:BLADES"),
         ("polygon:6:1:0:3", "must be polygon:BLADES"),
         ("polygon:x", "blades: must be a whole number from 3 to 1000, got 'x'"),
-        ("polygon:2", "blades"),
         ("polygon:6.5", "blades"),
-        ("polygon:inf", "blades"),
-        ("polygon:6:inf", "rotation_deg"),
-        ("polygon:6:0:2", "roundness"),
-        ("annulus", "must be annulus:INNER"),
         ("annulus:1", "inner"),
         ("disk:2", "must be disk"),
-        ("mask", "must be mask:FILE"),
         ("mask:", "must be mask:FILE"),
     ],
 )
@@ -230,49 +213,26 @@ def test_sensors(text, sensor):
     [
         (parse_distortion, "", "must be k1"),
         (parse_distortion, "0.1,nan", "must be k1"),
-        (
-            parse_distortion,
-            "0.1,inf",
-            "k2 must be a number from .* got inf",
-        ),
+        (parse_distortion, "0.1,inf", "k2 must be a number from .* got inf"),
         (parse_distortion, "1,2,3,4,5,6,7,8,9", "must be k1"),
         (parse_distortion, "fisheye:1,2,3,4,5", r"fisheye:k1\[,k2"),
-        (parse_distortion, "fisheye:", r"must be fisheye:k1\["),
         (parse_distortion, "fishey:1", "did you mean 'fisheye'"),
-        (parse_exposure, "0", "time"),
         (parse_exposure, "-1/60", "time"),
         (parse_exposure, "inf", "must be TIME_S"),
         (parse_exposure, "1/0", "1/60"),
         (parse_exposure, "1/60,0", "gain"),
         (parse_exposure, "1/60,", "must be TIME_S"),
-        (
-            parse_mismatch,
-            "",
-            r"NAME=VALUE, or a level \(none, .*\) alone or first; got ''",
-        ),
-        (parse_mismatch, "gain", "NAME=VALUE"),
-        (
-            parse_mismatch,
-            "gain=1.05,typical",
-            "or a level .* alone or first; got 'typical'",
-        ),
-        (
-            parse_mismatch,
-            "typical,typical",
-            "or a level .* alone or first; got 'typical'",
-        ),
-        (parse_mismatch, "gain=1,gain=2", "gain is given twice"),
+        (parse_mismatch, "", r"NAME=VALUE, or a level \(none, .*\) alone or first"),
+        (parse_mismatch, "gain=1.05,typical", "alone or first; got 'typical'"),
+        (parse_mismatch, "typical,typical", "alone or first; got 'typical'"),
         (parse_mismatch, "seed=3", "seed needs a level"),
-        (parse_mismatch, "gian=1", "did you mean 'gain'"),
         (parse_mismatch, "typcal", "did you mean 'typical'"),
         (parse_misalignment, "pitch=1", "did you mean 'pitch_deg'"),
-        (parse_misalignment, "roll_deg", "NAME=VALUE"),
+        (parse_misalignment, "foo=1", "^--misalignment 'foo=1': [^-]*$"),
         (parse_sensor, "phne", "did you mean 'phone'"),
         (parse_sensor, "phone:", "NAME=VALUE"),
-        (parse_sensor, "phone:prn=1", "did you mean 'prnu'"),
         (parse_sensor, "ideal:preset=phone", "unknown parameter 'preset'"),
         (parse_sensor, "ideal:mismatch=3", "unknown parameter 'mismatch'"),
-        (parse_misalignment, "foo=1", "^--misalignment 'foo=1': [^-]*$"),
     ],
 )
 def test_errors_begin_with_the_option(parse, text, message):

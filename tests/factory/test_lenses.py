@@ -146,41 +146,25 @@ def test_a_mask_of_a_recipe_reaches_the_sample(tmp_path):
     ("shape", "message"),
     [
         ({"kind": "mask"}, r"lenses\[0\].shape: a mask needs exactly one of 'file'"),
-        (
-            {"kind": "mask", "file": "a.png", "cells": [[1]]},
-            "a mask needs exactly one of 'file'",
-        ),
-        (
-            {"kind": "mask", "file": "nowhere.png"},
-            r"recipe\.toml: lenses\[0\]: .*nowhere\.png: no such file",
-        ),
+        ({"kind": "mask", "file": "a.png", "cells": [[1]]}, "exactly one of 'file'"),
+        ({"kind": "mask", "file": "none.png"}, r"toml: lenses\[0\]: .*no such file"),
         (
             {"kind": "mask", "file": "blue.png"},
-            r"lenses\[0\]: .*blue\.png: is coloured; an aperture mask",
+            r"lenses\[0\]: .*blue\.png: is coloured",
         ),
-        ({"kind": "mask", "file": "black.png"}, r"lenses\[0\]: .*black\.png: .*black"),
-        ({"kind": "mask", "file": ""}, r"shape: file must be the name of a picture"),
-        (
-            {"kind": "mask", "file": "a\nb.png"},
-            r"shape: file must be the name of a picture",
-        ),
+        ({"kind": "mask", "file": "a\nb.png"}, "file must be the name of a picture"),
         ({"kind": "mask", "cells": [[0, 0]]}, "mask is black"),
         ({"kind": "mask", "cells": [[0, 2]]}, r"shape\.cells\[0\]\[1\]: must be <= 1"),
         ({"kind": "mask", "cells": [[1, 0], [1]]}, "unequal"),
-        ({"kind": "mask", "cells": []}, r"shape\.cells: must be a list"),
         ({"kind": "annulus"}, "missing key 'inner'"),
-        ({"kind": "annulus", "inner": 1}, "inner"),
         ({"kind": "disk", "blades": 5}, "unknown key 'blades'"),
         ({"kind": "msk"}, "did you mean 'mask'"),
     ],
 )
 def test_invalid_aperture_shapes_are_errors(tmp_path, shape, message):
     write_png(tmp_path / "blue.png", np.full((3, 3, 3), (0, 0, 255), np.uint8))
-    write_png(tmp_path / "black.png", np.zeros((3, 3), np.uint8))
     lens = {"kind": "thin", "aperture_mm": 8, "shape": shape}
+    table = {"seed": 1, "count": 1, "scenes": ["cards"], "lenses": [lens]}
     with pytest.raises(InputError, match=message) as caught:
-        recipe_from_table(
-            {"seed": 1, "count": 1, "scenes": ["cards"], "lenses": [lens]},
-            tmp_path / "recipe.toml",
-        )
+        recipe_from_table(table, tmp_path / "recipe.toml")
     assert "\n" not in str(caught.value)

@@ -105,33 +105,15 @@ def test_a_list_has_the_mismatch_of_each_camera():
 @pytest.mark.parametrize(
     ("rig", "mismatch", "message"),
     [
-        (
-            LINE,
-            ["typical", "none"],
-            "recipe.toml: number of mismatches of the sensor must be 3, one for each .* got 2",
-        ),
-        (
-            {"baseline": 0.1},
-            ["typical"] * 2,
-            "must be 1, one for each camera after the first, got 2",
-        ),
+        (LINE, ["typical", "none"], "of the sensor must be 3, one for each .* got 2"),
         (LINE, ["typical", "typcal", "none"], "did you mean 'typical'"),
         (LINE, [{"gain": 0}] * 3, r"sensor.mismatch\[0\]"),
-        (
-            LIGHT_FIELD,
-            "typical",
-            "recipe.toml: sensor.mismatch: the views of a light field are of one camera",
-        ),
-        (LIGHT_FIELD, {"gain": 1.1}, "the views of a light field are of one camera"),
-        (
-            ONE,
-            {"roll_px": 1},
-            "recipe.toml: sensor.mismatch: the rig has one camera, and only those after the first",
-        ),
+        (LIGHT_FIELD, "typical", "sensor.mismatch: the views of a light field are of"),
+        (ONE, {"roll_px": 1}, "sensor.mismatch: the rig has one camera, and only"),
     ],
 )
 def test_mismatches_that_do_not_fit_the_rig(rig, mismatch, message):
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(InputError, match=rf"^recipe\.toml: .*{message}"):
         recipe_from_table({**BASE, "rig": rig, "sensor": {"mismatch": mismatch}})
 
 
@@ -177,54 +159,41 @@ def test_the_option_draws_as_a_recipe_does():
 
 def test_a_sample_records_the_mismatch_of_each_camera_and_is_made_again(tmp_path):
     """The rig that takes the images, the photos, the record and `rectified_sample` have the same mismatches."""
-    table = {
-        **BASE,
-        "rig": LINE,
-        "sensor": {"mismatch": {"level": "consumer", "distortion_px": 0}},
-    }
+    mismatch = {"level": "consumer", "distortion_px": 0}
+    table = {**BASE, "rig": LINE, "sensor": {"mismatch": mismatch}}
     recipe = recipe_from_table(table)
     sample = make(recipe, 0)
+    rig, exposures = sample.rig, sample.shots[0].record["exposures"]
     files = sample_files(sample)
     record = json.loads(files["sample.json"])
     drawn = Sensor.from_record(record["record"]["sensor"]).mismatch
     assert len(set(drawn)) == 3
-    expected = sensor_for(
-        sample.rig.nominal, recipe.drawn, record["record"]["spec"]["seed"]
-    )
-    assert drawn == expected.mismatch
+    seed = record["record"]["spec"]["seed"]
+    assert drawn == sensor_for(rig.nominal, recipe.drawn, seed).mismatch
+    first = exposures[0]
     for i, mismatch in enumerate(drawn, start=1):
-        alone = mismatch.misalign(sample.rig.nominal)
-        assert np.array_equal(sample.rig.world_from_cams[i], alone.world_from_cams[i])
-        taken = sample.shots[0].record["exposures"][i]
-        first = sample.shots[0].record["exposures"][0]
+        moved = mismatch.misalign(rig.nominal).world_from_cams[i]
+        assert np.array_equal(rig.world_from_cams[i], moved)
+        taken = exposures[i]
         assert Mismatch(**taken["sensor"]["mismatch"]) == mismatch
         assert taken["gain"] == pytest.approx(first["gain"] * mismatch.gain)
-        assert taken["black_level_dn"] == pytest.approx(
-            first["black_level_dn"] + mismatch.black_level
-        )
+        level = first["black_level_dn"] + mismatch.black_level
+        assert taken["black_level_dn"] == pytest.approx(level)
     assert sample_files(remake(record)) == files
     write_sample(tmp_path / "cards", sample)
-    assert verify_sample(Dataset(tmp_path / "cards")[0]) == []
-    rectified = rectified_sample(
-        Dataset(tmp_path / "cards")[0], left=1, right=3, pictures="render"
-    )
+    stored = Dataset(tmp_path / "cards")[0]
+    assert verify_sample(stored) == []
+    rectified = rectified_sample(stored, left=1, right=3, pictures="render")
     assert Sensor.from_record(rectified.record["sensor"]).mismatch == drawn[2]
 
 
-def test_old_samples_have_one_mismatch_for_all_cameras():
-    rig = rig_from_table(LINE, tl.load_scene("cards"), 48, 36)
-    old = Sensor.from_record({"mismatch": {"gain": 1.2, "level": "typical"}})
-    sample = make_sample(
-        tl.load_scene("cards"), rig, [tl.Pinhole()], Shoot(spp=1, sensor=old)
-    )
+def test_one_mismatch_is_that_of_all_cameras_after_the_first():
+    scene = tl.load_scene("cards")
+    rig = rig_from_table(LINE, scene, 48, 36)
+    sensor = Sensor(mismatch=Mismatch(gain=1.2))
+    sample = make_sample(scene, rig, [tl.Pinhole()], Shoot(spp=1, sensor=sensor))
     gains = [exposure["gain"] for exposure in sample.shots[0].record["exposures"]]
     assert np.array(gains) / gains[0] == pytest.approx([1, 1.2, 1.2, 1.2])
-    with pytest.raises(
-        InputError, match="must be 3, one for each camera after the first, got 1"
-    ):
-        make_sample(
-            tl.load_scene("cards"),
-            rig,
-            [tl.Pinhole()],
-            Shoot(sensor=old.replace(mismatch=(Mismatch(),))),
-        )
+    one = sensor.replace(mismatch=(Mismatch(),))
+    with pytest.raises(InputError, match="must be 3, one for each camera after the"):
+        make_sample(scene, rig, [tl.Pinhole()], Shoot(sensor=one))

@@ -31,17 +31,6 @@ def test_a_camera_may_have_a_sensor_of_its_own():
     assert (first.pixel_pitch_um, second.pixel_pitch_um) == pytest.approx((25.0, 82.5))
 
 
-def test_a_format_may_be_drawn():
-    recipe = recipe_from_table(
-        {**BASE, "rig": {"sensor_width_mm": {"sweep": ["35mm", 12]}}}
-    )
-    assert [plan(recipe, i).drawn["rig"]["sensor_width_mm"] for i in range(3)] == [
-        "35mm",
-        12,
-        "35mm",
-    ]
-
-
 def test_near_infrared_cameras_have_a_sensor_of_their_own():
     table = {
         "filters": "RGGB",

@@ -18,7 +18,7 @@ from twinlens.dataset import (
     write_sample,
 )
 from twinlens.dataset.sample_files import sample_files
-from twinlens.errors import FileError, InputError
+from twinlens.errors import InputError
 from twinlens.factory import generate, make, read_recipe, remake
 from twinlens.families import random_scene
 from twinlens.scenes import Sky, load_scene
@@ -56,24 +56,23 @@ def recipe(tmp_path):
 
 
 def test_a_sky_replaces_the_scenes_own_and_is_recorded(recipe, tmp_path):
-    samples = [make(read_recipe(recipe), i) for i in (0, 1)]
-    for sample, scale in zip(samples, (1.0, 2.0), strict=True):
+    digest = hashlib.sha256((tmp_path / "skies" / "day.exr").read_bytes()).hexdigest()
+    expected = {
+        "file": "skies/day.exr",
+        "sha256": digest,
+        "visible": True,
+        "lamps": True,
+    }
+    levels = []
+    for i, scale in enumerate((1.0, 2.0)):
+        sample = make(read_recipe(recipe), i)
         sky = sample.record["sky"]
-        assert (sky["file"], sky["scale"], sky["visible"], sky["lamps"]) == (
-            "skies/day.exr",
-            scale,
-            True,
-            True,
-        )
-        assert (
-            sky["sha256"]
-            == hashlib.sha256((tmp_path / "skies" / "day.exr").read_bytes()).hexdigest()
-        )
+        assert sky.items() >= expected.items()
+        assert sky["scale"] == scale
         assert 0 <= sky["turn_deg"] <= 360
-    one, two = (sample.shots[0].radiances[0] for sample in samples)
-    assert two.mean() / one.mean() == pytest.approx(
-        2, rel=0.15
-    )  # equal but for the noise
+        levels.append(sample.shots[0].radiances[0].mean())
+    # The turn of a uniform sky changes nothing but the noise.
+    assert levels[1] / levels[0] == pytest.approx(2, rel=0.15)
 
 
 def test_licence_and_author_of_each_file_are_in_the_dataset(recipe, tmp_path):
@@ -168,17 +167,3 @@ def test_mistakes_are_named(recipe, old, new, message):
     with pytest.raises(InputError, match=message) as caught:
         read_recipe(recipe)
     assert "\n" not in str(caught.value)
-
-
-def test_a_damaged_sky_ends_the_run(recipe, tmp_path):
-    (tmp_path / "skies" / "day.exr").write_bytes(b"v/1\x01 damaged")
-    with pytest.raises(FileError, match=r"day\.exr: cannot be read as a \.exr picture"):
-        make(read_recipe(recipe), 0)
-
-
-def test_a_black_sky_ends_the_run(recipe, tmp_path):
-    write_sky(tmp_path / "skies" / "day.exr", np.zeros((4, 8, 3)))
-    with pytest.raises(
-        FileError, match=r"day\.exr: is black, and a sky needs some light"
-    ):
-        make(read_recipe(recipe), 0)

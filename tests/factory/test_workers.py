@@ -25,7 +25,7 @@ from tests.factory_recipes import (
 )
 from twinlens.dataset import place
 from twinlens.dataset.record import plain
-from twinlens.errors import BackendError, InputError, MissingExtraError
+from twinlens.errors import InputError, MissingExtraError
 from twinlens.factory import generate, read_recipe, sample, workers
 from twinlens.factory.workers import (
     Order,
@@ -38,6 +38,9 @@ from twinlens.rendering.backends import Backend
 from twinlens.scenes.model_files import MaterialWarning
 
 THREADS = os.cpu_count() or 1
+
+
+FLYING = 'seed = 1\ncount = {count}\nfamilies = ["flying"]\nwidth = 64\nheight = 48\nspp = 2\n'
 
 
 @pytest.fixture(scope="module")
@@ -149,7 +152,7 @@ def test_a_script_without_a_guard_is_named_as_the_cause(recipe, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("processors", "gib", "backend", "samples", "count"),
+    ("processors", "gib", "device", "samples", "count"),
     [
         (8, 16, "llvm", 100, 4),
         (3, 16, "llvm", 100, 3),
@@ -161,60 +164,25 @@ def test_a_script_without_a_guard_is_named_as_the_cause(recipe, tmp_path):
     ],
 )
 def test_large_runs_of_random_scenes_get_several_processes(
-    tmp_path, monkeypatch, processors, gib, backend, samples, count
+    tmp_path, monkeypatch, processors, gib, device, samples, count
 ):
+    backend = Backend(device, f"{device}_rgb", "as in the test")
     monkeypatch.setattr(workers, "processor_count", lambda: processors)
     monkeypatch.setattr(workers, "memory_bytes", lambda: gib << 30)
-    monkeypatch.setattr(
-        workers, "backend", lambda: Backend(backend, f"{backend}_rgb", "as in the test")
-    )
-    family = read_recipe(
-        write_recipe(
-            tmp_path, 'seed = 1\ncount = {count}\nfamilies = ["flying"]\n', count=1000
-        )
-    )
+    monkeypatch.setattr(workers, "backend", lambda: backend)
+    family = read_recipe(write_recipe(tmp_path, FLYING, count=1000))
     assert usual_workers(family, samples) == count
-    same_scene = read_recipe(
-        write_recipe(
-            tmp_path, 'seed = 1\ncount = {count}\nscenes = ["cards"]\n', count=1000
-        )
-    )
-    assert usual_workers(same_scene, samples) == 0
+    assert usual_workers(read_recipe(write_recipe(tmp_path)), samples) == 0
 
 
 def test_the_usual_engine_counts_the_samples_that_are_left(tmp_path, monkeypatch):
-    read = read_recipe(
-        write_recipe(
-            tmp_path, 'seed = 1\ncount = {count}\nfamilies = ["flying"]\n', count=100
-        )
-    )
-    work = workers.Work(read, place(tmp_path / "set"), {})
-    monkeypatch.setattr(workers, "usual_workers", lambda recipe, samples: samples // 10)
-    monkeypatch.setattr(
-        workers, "worker_processes", lambda count: lambda *_: iter([(count, "several")])
-    )
-    monkeypatch.setattr(workers, "in_process", lambda *_: iter([(0, "alone")]))
-    assert list(workers.usual_engine(work, range(30), lambda *_: None)) == [
-        (3, "several")
-    ]
-    assert list(workers.usual_engine(work, range(95, 100), lambda *_: None)) == [
-        (0, "alone")
-    ]
-
-
-@pytest.mark.slow
-def test_random_scenes_are_the_same_by_default_and_in_one_process(
-    tmp_path, monkeypatch
-):
-    monkeypatch.setattr(workers, "processor_count", lambda: 2)
-    family = 'seed = 1\ncount = {count}\nfamilies = ["flying"]\nwidth = 64\nheight = 48\nspp = 2\n'
-    recipe = write_recipe(tmp_path, family, count=20)
-    for name, engine in (
-        ("usual", workers.usual_engine),
-        ("alone", workers.in_process),
-    ):
-        assert generate(read_recipe(recipe), tmp_path / name, engine=engine).complete
-    assert digests(tmp_path / "usual") == digests(tmp_path / "alone")
+    recipe = read_recipe(write_recipe(tmp_path, FLYING, count=100))
+    work = workers.Work(recipe, place(tmp_path / "set"), {})
+    monkeypatch.setattr(workers, "usual_workers", lambda _, samples: samples // 10)
+    monkeypatch.setattr(workers, "worker_processes", lambda count: lambda *_: [count])
+    monkeypatch.setattr(workers, "in_process", lambda *_: ["alone"])
+    assert list(workers.usual_engine(work, range(30), print)) == [3]
+    assert list(workers.usual_engine(work, range(95, 100), print)) == ["alone"]
 
 
 @pytest.mark.slow
@@ -254,26 +222,15 @@ def test_ctrl_c_in_a_terminal_ends_the_workers_too_and_keeps_finished_samples(
 
 
 @pytest.mark.slow
-def test_any_number_of_workers_makes_the_same_bytes(tmp_path):
-    """Of denoised images."""
-    recipe = write_recipe(tmp_path, RECIPE.replace("denoise = false", ""), count=8)
-    made = []
+@pytest.mark.parametrize("text", [RECIPE.replace("denoise = false", ""), FLYING])
+def test_any_number_of_workers_makes_the_same_bytes(tmp_path, text):
+    """Of denoised images, and of random scenes."""
+    recipe, made = write_recipe(tmp_path, text, count=8), []
     for options in ((), ("--workers", "1"), ("--workers", "2"), ("--workers", "3")):
         folder = tmp_path / f"{len(made)}" / "set"
         finish(start(recipe, folder, *options))
         made.append(digests(folder))
     assert made == made[:1] * 4
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("workers", [1, 2, 3])
-def test_thirty_samples_with_a_worker_killed(tmp_path, workers):
-    recipe = write_recipe(tmp_path, count=30)
-    finish(start(recipe, tmp_path / "one" / "set"))
-    process = start(recipe, tmp_path / "many" / "set", "--workers", str(workers))
-    killing_one(process, tmp_path / "many" / "set")
-    finish(process)
-    assert digests(tmp_path / "many" / "set") == digests(tmp_path / "one" / "set")
 
 
 @pytest.mark.slow
@@ -314,16 +271,6 @@ def test_a_scheduler_of_the_users_serves_as_well(recipe, whole, tmp_path):
             process.terminate()
             process.wait()
     assert digests(tmp_path / "set") == digests(whole)
-
-
-def test_nobody_at_the_address_is_told(recipe, tmp_path):
-    with pytest.raises(
-        BackendError, match="no Dask scheduler answers at 'nonsense://x'"
-    ):
-        generate(
-            read_recipe(recipe), tmp_path / "set", engine=dask_cluster("nonsense://x")
-        )
-    assert not (tmp_path / "set").exists()
 
 
 def test_without_dask_the_extra_is_named(monkeypatch):
