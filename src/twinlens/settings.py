@@ -243,7 +243,7 @@ class Field:
         if self.kind is bool:
             return _WORDS.get(text.lower(), text)
         if self.kind is int:
-            return int(text) if re.fullmatch(r"[-+]?[0-9]+", text) else text
+            return _parse_whole(text)
         if self.kind is float:
             return parse_number(text)
         if self.length:
@@ -397,8 +397,14 @@ def _as_floats(values: Any) -> tuple[float, ...]:
 
 
 def parse_number(text: str) -> float | str:
-    """The number of a text, or the text where it is none."""
-    return float(text) if re.fullmatch(f"{NUMBER}|[-+]?inf", text) else text
+    """The number of a text, which spaces may surround, or the text where it is none."""
+    return float(text) if re.fullmatch(f"{NUMBER}|[-+]?inf", text.strip()) else text
+
+
+def _parse_whole(text: str) -> int | str:
+    """The whole number of a text, also of "6.0", or the text where it is none."""
+    whole = re.fullmatch(r"([-+]?[0-9]+)(\.0*)?", text.strip())
+    return int(whole[1]) if whole else text
 
 
 def _digits(limit: float) -> str:

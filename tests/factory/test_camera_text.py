@@ -46,6 +46,7 @@ VIEW = View(
         ("thin:20", ThinLens(0.02, middle_focus(2.0, 6.0))),
         ("thin:20@1.5", ThinLens(0.02, 1.5)),
         ("f/2@inf", ThinLens(0.0025, float("inf"))),
+        ("f/ 2@inf", ThinLens(0.0025, float("inf"))),
         ("hole:0.35@50", BareAperture(0.35e-3, 0.05)),
     ],
 )
@@ -88,6 +89,7 @@ def test_the_aperture_applies_to_every_lens_with_a_diameter():
     [
         ("disk", Disk()),
         ("polygon:6", Polygon(6)),
+        ("polygon: 6.0", Polygon(6)),
         ("polygon:5:-12.5", Polygon(5, rotation_deg=-12.5)),
         ("polygon:5:0:0.3", Polygon(5, roundness=0.3)),
         ("annulus:0.5", Annulus(0.5)),

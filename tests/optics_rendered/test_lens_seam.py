@@ -1,9 +1,14 @@
-"""A lens needs `rays` and `chief_ray` and nothing else: a lens that shears, which is in this file only."""
+"""A new lens: one that shears and has rays and nothing else, and an anamorphic one for samples."""
+
+import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 
 import twinlens as tl
+from tests.optics_rendered.anamorphic import LENS
 from tests.optics_rendered.optics_lights import (
     HERE,
     centroid,
@@ -14,6 +19,7 @@ from tests.optics_rendered.optics_lights import (
 )
 from twinlens.camera import Lens, chief_rays
 from twinlens.camera.aperture import NUMPY
+from twinlens.factory import Shoot, make_sample
 
 FX = 300.0
 SIDE = 61
@@ -23,6 +29,8 @@ HALF_WIDTH = 0.02
 
 CAMERA = square_camera(SIDE, FX)
 RIG = tl.Rig([CAMERA], [HERE])
+SCENE = lamps([(0.0, 0.0, 1.0)], 0.01)
+BRIGHT = np.ones((SIDE, SIDE, 3))
 
 
 class Shear(Lens):
@@ -83,29 +91,121 @@ def test_guides_and_denoising_need_nothing_more():
 
 
 NEEDS_A_PURE_SHIFT = {
-    "lens grid": lambda scene: tl.render_lens_grid(scene, RIG, [Shear()], spp=1),
-    "image of the parts": lambda scene: tl.render(
-        scene, RIG, Shear(), spp=1, parts=tl.Dual()
+    "lens grid": lambda lens: tl.render_lens_grid(SCENE, RIG, [lens], spp=1),
+    "image of the parts": lambda lens: tl.render(
+        SCENE, RIG, lens, spp=1, parts=tl.Dual()
     ),
-    "parts of an aperture": lambda scene: tl.dual_pixel_disparity(
-        np.ones((SIDE, SIDE)), CAMERA, Shear()
+    "parts of an aperture": lambda lens: tl.dual_pixel_disparity(
+        np.ones((SIDE, SIDE)), CAMERA, lens
     ),
-    "division of the aperture": lambda scene: tl.aperture_points(Shear()),
-    "light field": lambda scene: tl.light_field_rig(CAMERA, Shear(), 3),
-    "refocusing": lambda scene: tl.refocus([np.ones((SIDE, SIDE, 3))], RIG, Shear()),
-    "diffraction": lambda scene: tl.diffract(np.ones((SIDE, SIDE, 3)), CAMERA, Shear()),
-    "exposure": lambda scene: tl.Sensor().expose(
-        np.ones((SIDE, SIDE, 3)), camera=CAMERA, lens=Shear()
-    ),
+    "division of the aperture": lambda lens: tl.aperture_points(lens),
+    "light field": lambda lens: tl.light_field_rig(CAMERA, lens, 3),
+    "refocusing": lambda lens: tl.refocus([BRIGHT], RIG, lens),
 }
+NEEDS_AN_APERTURE = {
+    "diffraction": lambda lens: tl.diffract(BRIGHT, CAMERA, lens),
+    "exposure": lambda lens: tl.Sensor().expose(BRIGHT, camera=CAMERA, lens=lens),
+    "mismatch": lambda lens: tl.Sensor().lenses(RIG, lens),
+    "sample": lambda lens: make_sample(SCENE, RIG, [lens], Shoot(spp=1)),
+}
+A_PARAXIAL = "a paraxial lens (Pinhole, ThinLens or BareAperture)"
+AN_OPEN = "a lens with an aperture (an ApertureLens, as ThinLens is)"
 
 
-def test_tricks_that_need_a_pure_shift_refuse_it_in_one_line():
-    scene = lamps([(0.0, 0.0, 1.0)], 0.01)
-    for name, trick in NEEDS_A_PURE_SHIFT.items():
+@pytest.mark.parametrize(
+    ("uses", "lens", "needed"),
+    [
+        (NEEDS_A_PURE_SHIFT, Shear(), A_PARAXIAL),
+        (NEEDS_A_PURE_SHIFT, LENS, A_PARAXIAL),
+        (NEEDS_AN_APERTURE, Shear(), AN_OPEN),
+    ],
+)
+def test_a_lens_is_refused_in_one_line_by_what_needs_more_of_it(uses, lens, needed):
+    for name, use in uses.items():
         with pytest.raises(tl.TwinlensError) as error:
-            trick(scene)
+            use(lens)
         purpose, _, rest = str(error.value).partition(" needs ")
-        allowed = "(Pinhole, ThinLens or BareAperture)"
-        assert rest == f"a paraxial lens {allowed}, got the lens 'shear'", name
+        assert rest == f"{needed}, got the lens {lens.name!r}", name
         assert name in purpose
+
+
+@pytest.mark.parametrize("defocus", [0.0, 0.15])
+@pytest.mark.parametrize("depth", [0.8, 2.0, 2.6, 3.5, 8.0])
+def test_an_anamorphic_lens_blurs_across_and_down_by_two_foci(depth, defocus):
+    """A light becomes an ellipse with the diameters A fx |1/z - kx| and A fy |1/z - ky|.
+
+    A uniform ellipse has the second moments c^2/16; those of the light, a disk, and of pixels add. A mismatch of focus
+    adds to both vergences.
+    """
+    light_px = 4.0
+    lens = LENS.adjusted(f_number=1.0, defocus=defocus)
+    lights = lamps([(0, 0, depth)], light_px * depth / FX)
+    image = grey(tl.render(lights, RIG, lens, spp=1024)[0])
+    vergences = np.array([1 / LENS.focus_x, 1 / LENS.focus_y]) + defocus
+    diameters = FX * LENS.aperture_diameter * (1 / depth - vergences)
+    expected = diameters**2 / 16 + light_px**2 / 4 + 1 / 12
+    np.testing.assert_allclose(second_moments(image), expected, rtol=0.02)
+    assert lens.blur_px(depth, FX) == pytest.approx(diameters[0], abs=1e-9)
+
+
+def second_moments(image):
+    """Mean squared distances from the centroid across and down, px^2."""
+    v, u = np.mgrid[:SIDE, :SIDE]
+    middle_u, middle_v = centroid(image)
+    across = ((u - middle_u) ** 2 * image).sum() / image.sum()
+    down = ((v - middle_v) ** 2 * image).sum() / image.sum()
+    return [across, down]
+
+
+def test_the_blur_of_rays_is_signed_and_known_at_every_film_point():
+    """A (fx/z - fx k), at infinity too, and at points off the axis, as a pure shift does not depend on them."""
+    depth = np.array([1.0, 2.0, np.inf])
+    expected = FX * 0.02 * (1 / depth - 0.5)
+    for x in (0.0, -0.3, 0.4):
+        np.testing.assert_allclose(LENS.blur_px(depth, FX, x, 0.2), expected, atol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def commands(tmp_path_factory):
+    """What the commands did with the anamorphic lens, and the folder where they did it."""
+    folder = tmp_path_factory.mktemp("anamorphic")
+    program = [sys.executable, "-m", "tests.optics_rendered.anamorphic", str(folder)]
+    done = subprocess.run(program, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout.splitlines()[-1]), folder
+
+
+def test_samples_of_a_new_lens_are_made_verified_and_made_again(commands):
+    results, folder = commands
+    assert [code for code, _ in results["codes"]] == [0] * 4, results["codes"]
+    assert results["lens"] == repr(LENS.replace(aperture=tl.Polygon(6)))
+    assert results["same_again"]
+    maps = np.load(folder / "maps.npz")
+    for name in ("rendered", "generated"):
+        depth, blur = maps[f"{name}_depth"], maps[f"{name}_blur"]
+        expected = (
+            results["fx"] * LENS.aperture_diameter * (1 / depth - 1 / LENS.focus_x)
+        )
+        np.testing.assert_allclose(blur, expected, rtol=1e-5, atol=1e-6)
+
+
+def test_a_new_lens_is_refused_by_name_where_it_cannot_be_used(commands):
+    results, _ = commands
+    code, line = results["dual_pixel"]
+    assert code == 2
+    assert "an image of dual pixels needs a paraxial lens" in line
+    code, line = results["unknown"]
+    assert code == 2
+    assert "did you mean 'anamorphic'" in line
+    form = "anamorphic:aperture_diameter=VALUE,focus_x=VALUE,focus_y=VALUE"
+    assert line.endswith(form)
+    code, line = results["incomplete"]
+    assert code == 2
+    assert "aperture_diameter" in line
+
+
+def test_a_paraxial_lens_cannot_replace_its_rays():
+    """Lens grids share light paths by aperture and vergence alone."""
+    for name in ("rays", "through", "chief_ray"):
+        with pytest.raises(TypeError, match=f"must not replace '{name}'"):
+            type("Zoom", (tl.ThinLens,), {name: lambda self: None})

@@ -21,6 +21,7 @@ from twinlens.camera.intrinsics import (
     undistort_maps as undistort_maps,
 )
 from twinlens.camera.lens import (
+    ApertureLens as ApertureLens,
     BareAperture as BareAperture,
     Lens as Lens,
     Paraxial as Paraxial,

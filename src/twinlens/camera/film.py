@@ -10,10 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from twinlens.camera.intrinsics import Camera
 from twinlens.camera.lens import (
-    BareAperture,
-    Paraxial,
+    ApertureLens,
     film_distance,
-    require_paraxial,
+    require_aperture,
 )
 from twinlens.errors import InputError, check_known, format_value
 from twinlens.optics.diffraction import (
@@ -80,7 +79,7 @@ def checked_radiance(
 def diffract(
     image: ArrayLike,
     camera: Camera,
-    lens: Paraxial,
+    lens: ApertureLens,
     wavelengths: tuple[float, float, float] = CHANNEL_WAVELENGTHS,
 ) -> NDArray[np.float32]:
     """`image`, linear radiance (H, W, 3), blurred by diffraction at the circular aperture of `lens`; float32 (H, W, 3).
@@ -98,7 +97,7 @@ def diffract(
     """
     radiance = checked_radiance("image to diffract", image, camera)
     waves = check_wavelengths("wavelengths", wavelengths)
-    require_paraxial(lens, "diffraction")
+    require_aperture(lens, "diffraction")
     if lens.aperture_diameter == 0:
         raise InputError(
             "a pinhole (zero width) has no diffraction pattern; give the aperture a diameter"
@@ -107,9 +106,9 @@ def diffract(
         raise InputError(
             f"diffraction is available for a disk aperture only, got {lens.aperture.name}"
         )
-    if isinstance(lens, BareAperture):
-        _warn_of_fresnel(lens, waves)
     distance = film_distance(camera, lens)
+    if lens.is_bare:
+        _warn_of_fresnel(lens.aperture_diameter, distance, waves)
     pitch = (distance / camera.fx, distance / camera.fy)
     number = distance / lens.aperture_diameter
     blurred = [
@@ -119,11 +118,12 @@ def diffract(
     return np.stack(blurred, axis=-1).astype(np.float32)
 
 
-def _warn_of_fresnel(hole: BareAperture, wavelengths: Sequence[float]) -> None:
+def _warn_of_fresnel(
+    diameter: float, distance: float, wavelengths: Sequence[float]
+) -> None:
     """Give a `FresnelWarning` where the pattern of a bare aperture is neither its shadow nor Fraunhofer's."""
     numbers = [
-        fresnel_number(hole.diameter, wavelength, hole.film_distance)
-        for wavelength in wavelengths
+        fresnel_number(diameter, wavelength, distance) for wavelength in wavelengths
     ]
     if max(numbers) > FRESNEL_LOW and min(numbers) < FRESNEL_HIGH:
         warnings.warn(

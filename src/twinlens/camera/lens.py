@@ -1,7 +1,12 @@
 """Lenses: how a point of the film and a point of the aperture become a ray.
 
-`Lens` is all that the renderer knows of a lens. `Paraxial` adds what formulas of blur, light and diffraction need: an
-aperture and a vergence. The three lenses of twinlens, `Pinhole`, `ThinLens` and `BareAperture`, are paraxial.
+Three levels, each of which adds what more of twinlens needs:
+
+    Lens            rays and a chief ray                        images and ground truth
+    ApertureLens    an aperture, a ray through each point       samples: blur circles, light on the film, mismatches
+    Paraxial        a vergence: rays differ by a pure shift     lens grids, parts of an aperture, light fields
+
+`Pinhole`, `ThinLens` and `BareAperture` are paraxial.
 
 Rays are in the camera frame (x right, y down, z forward, metres), from the aperture into the scene. Vectors are tuples
 of three components, each a number or an array, so that one formula serves NumPy and the renderer's arrays.
@@ -15,10 +20,23 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twinlens import optics
-from twinlens.camera.aperture import FULL_DISK, NUMPY, Aperture, ArrayFunctions
+from twinlens.camera.aperture import (
+    FULL_DISK,
+    NUMPY,
+    Aperture,
+    ArrayFunctions,
+    Disk,
+)
 from twinlens.camera.intrinsics import Camera
 from twinlens.errors import InputError, format_value
 from twinlens.geometry import Float
+from twinlens.optics.irradiance import (
+    barrel_vignetting,
+    disk_irradiance,
+    hole_irradiance,
+    lens_irradiance,
+    natural_vignetting,
+)
 from twinlens.settings import Field, Setting, Settings
 
 DIAMETER = Setting(
@@ -35,6 +53,8 @@ F_NUMBER = Field(
     False,
     Setting("Focal length over aperture diameter.", least=1e-6, most=1e9),
 )
+
+_STRATA = 256  # per side, over a bare aperture that is not a disk
 
 Vector = tuple[Any, Any, Any]
 """Components x, y, z, which broadcast against each other."""
@@ -72,35 +92,163 @@ class Lens(ABC):
         """
 
 
-class Paraxial(Lens):
-    """A lens whose rays differ from those of a pinhole by a pure shift, in proportion to the aperture point.
+class ApertureLens(Lens):
+    """A lens with an aperture, of which the ray through each point of that aperture is known.
 
-    A point (ax, ay, 0) of the aperture sends the ray with the direction (x - k ax, y - k ay, 1), with the vergence k.
-    All film points use one aperture, and a change of k shifts images by a known amount for each aperture point.
+    A subclass has the two attributes and `through`. Everything else follows from them, and is overridden where a lens
+    has a closed form or light of its own.
 
-    aperture_diameter : A in metres, 0 for a pinhole.
+    aperture_diameter : A in metres, 0 for a lens without blur.
     aperture : the shape of the opening inside the circle of diameter A.
     """
 
     aperture_diameter: float
-    aperture: Aperture
+    aperture: Aperture = FULL_DISK
+    is_bare: ClassVar[bool] = False
+    """Whether it is an opening without glass, which has no focus."""
 
-    @property
     @abstractmethod
-    def vergence(self) -> float:
-        """k in 1/m: points at the depth 1/k are sharp."""
+    def through(
+        self, x: Any, y: Any, ax: Any, ay: Any, xp: ArrayFunctions = NUMPY
+    ) -> tuple[Vector, Vector, Any]:
+        """Origin, direction and weight of the ray from a film point through a point of the aperture, as in `rays`.
+
+        ax, ay : the point of the aperture, metres right and down from its middle.
+        """
 
     def rays(
         self, x: Any, y: Any, u1: Any, u2: Any, xp: ArrayFunctions = NUMPY
     ) -> tuple[Vector, Vector, Any]:
         radius = xp.constant(0.5 * self.aperture_diameter)
         across, down = self.aperture.sample(u1, u2, xp)
-        vergence = xp.constant(self.vergence)
-        return *paraxial_ray(x, y, radius * across, radius * down, vergence), 1.0
+        return self.through(x, y, radius * across, radius * down, xp)
 
     def chief_ray(self, x: Any, y: Any) -> tuple[Vector, Vector]:
-        """The ray of the pinhole in the middle of the aperture."""
-        return (0.0, 0.0, 0.0), (x, y, 1.0)
+        """The ray through the middle of the aperture."""
+        origin, direction, _ = self.through(x, y, 0.0, 0.0)
+        return origin, direction
+
+    def blur_px(
+        self, depth: ArrayLike, fx: float, x: ArrayLike = 0.0, y: ArrayLike = 0.0
+    ) -> Float:
+        """Signed width of the blur circle along the rows of the image, pixels, of points at `depth`; float64.
+
+        That of the rays through both ends of the aperture's horizontal diameter; positive before the plane of focus.
+
+        depth : metres along the axis, > 0; +inf is allowed.
+        x, y : film points, by default on the axis.
+        """
+        radius = 0.5 * self.aperture_diameter
+        inverse_depth = 1.0 / np.asarray(depth, dtype=np.float64)
+        left = self._tangent_at(x, y, -radius, inverse_depth)
+        right = self._tangent_at(x, y, radius, inverse_depth)
+        return np.asarray(fx * (right - left))
+
+    def _tangent_at(self, x: Any, y: Any, ax: float, inverse_depth: Float) -> Any:
+        """X/Z of the point at a depth on the ray through (ax, 0) of the aperture."""
+        origin, direction, _ = self.through(x, y, ax, 0.0)
+        slope = direction[0] / direction[2]
+        # X = ox + (Z - oz) slope, over Z: in this form also for Z = inf.
+        return slope + (origin[0] - origin[2] * slope) * inverse_depth
+
+    def depth_of_field(self, fx: float) -> tuple[float, float] | None:
+        """(near, far) depths between which the blur circle is at most a pixel wide; None if they are not known."""
+        return None
+
+    def distance_to_film(self, camera: Camera) -> float:
+        """v in metres: by default the camera's, fx times pixel pitch."""
+        return camera.film_distance
+
+    def irradiance(self, camera: Camera) -> float:
+        """E/L in steradians on the axis of a lens with A > 0: light on the film over radiance."""
+        f_number = self.distance_to_film(camera) / self.aperture_diameter
+        return lens_irradiance(f_number, self.aperture.area_fraction)
+
+    def relative_light(self, camera: Camera) -> Float:
+        """The light of the pixels relative to the axis, (H, W), of images whose rays have their weights already.
+
+        By default cos^4 of the angle between the axis and the line from the aperture to the pixel.
+        """
+        x = (np.arange(camera.width) - camera.cx) / camera.fx
+        y = (np.arange(camera.height) - camera.cy) / camera.fy
+        return natural_vignetting(x[None, :], y[:, None])
+
+    def adjusted(self, f_number: float, defocus: float) -> "ApertureLens":
+        """The lens with the aperture diameter divided by `f_number`, and with the vergence raised by `defocus`, 1/m."""
+        return _Adjusted(self, f_number, defocus)
+
+
+@dataclass(frozen=True)
+class _Adjusted(ApertureLens):
+    """A lens stopped down by a factor, whose rays are tilted by another focus."""
+
+    lens: ApertureLens
+    f_number: float
+    defocus: float
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        return self.lens.name
+
+    @property
+    def aperture_diameter(self) -> float:  # type: ignore[override]
+        return self.lens.aperture_diameter / self.f_number
+
+    @property
+    def aperture(self) -> Aperture:  # type: ignore[override]
+        return self.lens.aperture
+
+    def through(
+        self, x: Any, y: Any, ax: Any, ay: Any, xp: ArrayFunctions = NUMPY
+    ) -> tuple[Vector, Vector, Any]:
+        origin, (dx, dy, dz), weight = self.lens.through(x, y, ax, ay, xp)
+        defocus = xp.constant(self.defocus)
+        return origin, (dx - defocus * ax * dz, dy - defocus * ay * dz, dz), weight
+
+
+class Paraxial(ApertureLens):
+    """A lens whose rays differ from those of a pinhole by a pure shift, in proportion to the aperture point.
+
+    A point (ax, ay, 0) of the aperture sends the ray with the direction (x - k ax, y - k ay, 1), with the vergence k.
+    All film points use one aperture, and a change of k shifts images by a known amount for each aperture point. Lens
+    grids trace one ray for lenses with different k, so that a subclass cannot replace the rays. Raises TypeError for a
+    class that does.
+    """
+
+    def __init_subclass__(cls, **rest: Any) -> None:
+        super().__init_subclass__(**rest)
+        for name in ("rays", "through", "chief_ray"):
+            if getattr(cls, name) is not getattr(Paraxial, name):
+                raise TypeError(
+                    f"{cls.__name__} is Paraxial and must not replace {name!r}: derive it from ApertureLens"
+                )
+
+    @property
+    @abstractmethod
+    def vergence(self) -> float:
+        """k in 1/m: points at the depth 1/k are sharp."""
+
+    def through(
+        self, x: Any, y: Any, ax: Any, ay: Any, xp: ArrayFunctions = NUMPY
+    ) -> tuple[Vector, Vector, Any]:
+        vergence = xp.constant(self.vergence)
+        return *paraxial_ray(x, y, ax, ay, vergence), 1.0
+
+    def blur_px(
+        self, depth: ArrayLike, fx: float, x: ArrayLike = 0.0, y: ArrayLike = 0.0
+    ) -> Float:
+        """`optics.circle_of_confusion_px`: the same at all film points."""
+        return optics.circle_of_confusion_px(
+            depth, self.aperture_diameter, fx, self.vergence
+        )
+
+    def depth_of_field(self, fx: float) -> tuple[float, float]:
+        return optics.depth_of_field(self.aperture_diameter, fx, self.vergence)
+
+    def adjusted(self, f_number: float, defocus: float) -> "Paraxial":
+        # A, k and the shape of the aperture are all there is to the rays.
+        diameter = self.aperture_diameter / f_number
+        return ThinLens(diameter, np.inf, self.aperture, self.vergence + defocus)
 
 
 def paraxial_ray(
@@ -118,9 +266,13 @@ class Pinhole(Paraxial):
     """The ideal pinhole: an aperture of zero width, sharp everywhere."""
 
     name: ClassVar[str] = "pinhole"
-    aperture = FULL_DISK
+    is_bare: ClassVar[bool] = True
     aperture_diameter = 0.0
     vergence = 0.0
+
+    def adjusted(self, f_number: float, defocus: float) -> "Pinhole":
+        """The pinhole itself, which has no focus."""
+        return self
 
 
 @dataclass(frozen=True)
@@ -173,6 +325,20 @@ class ThinLens(Settings, Paraxial, noun="lens"):
         """k = 1/focus_distance + defocus, in 1/m."""
         return 1.0 / self.focus_distance + self.defocus
 
+    def relative_light(self, camera: Camera) -> Float:
+        """`natural_vignetting`, and for a lens of some width `barrel_vignetting` of `optics.irradiance`."""
+        natural = super().relative_light(camera)
+        radius = 0.5 * self.aperture_diameter
+        if radius == 0:
+            return natural
+        return natural * barrel_vignetting(natural, radius, camera.film_distance)
+
+    def adjusted(self, f_number: float, defocus: float) -> "ThinLens":
+        return self.replace(
+            aperture_diameter=self.aperture_diameter / f_number,
+            defocus=self.defocus + defocus,
+        )
+
 
 @dataclass(frozen=True)
 class BareAperture(Settings, Paraxial, noun="lens"):
@@ -184,6 +350,7 @@ class BareAperture(Settings, Paraxial, noun="lens"):
     """
 
     name: ClassVar[str] = "bareaperture"
+    is_bare: ClassVar[bool] = True
     diameter: Annotated[float, DIAMETER]
     film_distance: Annotated[
         float,
@@ -206,6 +373,24 @@ class BareAperture(Settings, Paraxial, noun="lens"):
         """k = -1/film_distance, in 1/m."""
         return optics.vergence(0.0, self.film_distance)
 
+    def distance_to_film(self, camera: Camera) -> float:
+        """Its own: the film need not be at fx times the pixel pitch."""
+        return self.film_distance
+
+    def irradiance(self, camera: Camera) -> float:
+        """Exact on the axis, at most pi; of other shapes than a disk to 0.1 % up to A/v = 100."""
+        radius = 0.5 * self.diameter
+        if isinstance(self.aperture, Disk):
+            return disk_irradiance(radius, self.film_distance)
+        middles = (np.arange(_STRATA) + 0.5) / _STRATA
+        x, y = self.aperture.sample(*np.meshgrid(middles, middles))
+        fraction = self.aperture.area_fraction
+        return hole_irradiance(x, y, radius, self.film_distance, fraction)
+
+    def adjusted(self, f_number: float, defocus: float) -> "BareAperture":
+        """The hole with another diameter: it has no focus."""
+        return self.replace(diameter=self.diameter / f_number)
+
 
 RecipeLens = Pinhole | ThinLens | BareAperture
 """The lenses that recipes and records can hold."""
@@ -218,6 +403,16 @@ def check_lens(lens: object) -> Lens:
             f"a lens must be a Pinhole, ThinLens or BareAperture, got {format_value(lens)}"
         )
     return lens
+
+
+def require_aperture(lens: object, purpose: str) -> ApertureLens:
+    """`lens`, if it has an aperture. Raises InputError that says what needs it: `purpose`, as "an exposure"."""
+    checked = check_lens(lens)
+    if not isinstance(checked, ApertureLens):
+        raise InputError(
+            f"{purpose} needs a lens with an aperture (an ApertureLens, as ThinLens is), got the lens {checked.name!r}"
+        )
+    return checked
 
 
 def require_paraxial(lens: object, purpose: str) -> Paraxial:
@@ -273,6 +468,6 @@ def film_distance(camera: Camera, lens: Lens) -> float:
     >>> round(film_distance(camera, Pinhole()), 9), film_distance(camera, BareAperture(1e-3, film_distance=0.05))
     (0.0016, 0.05)
     """
-    if isinstance(lens, BareAperture):
-        return lens.film_distance
+    if isinstance(lens, ApertureLens):
+        return lens.distance_to_film(camera)
     return camera.film_distance

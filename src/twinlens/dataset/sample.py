@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens import optics
-from twinlens.camera import Camera, RecipeLens, Rig
+from twinlens.camera import ApertureLens, Camera, RecipeLens, Rig
 from twinlens.camera.truth import Truth
 from twinlens.errors import InputError
 
@@ -107,10 +106,8 @@ def lens_folder(lens: int) -> str:
 
 
 def blur_circle_px(
-    depth: NDArray[Any], camera: Camera, lens: RecipeLens
+    depth: NDArray[Any], camera: Camera, lens: ApertureLens
 ) -> NDArray[np.float32]:
-    """Signed diameter of the blur circle at `depth`, pixels, float32 (H, W); positive before the plane of focus."""
-    blur = optics.circle_of_confusion_px(
-        depth, lens.aperture_diameter, camera.fx, lens.vergence
-    )
-    return blur.astype(np.float32)
+    """`ApertureLens.blur_px` of the depth map of a camera, pixels, float32 (H, W)."""
+    x, y, _ = np.moveaxis(camera.unproject(camera.pixel_grid()), -1, 0)
+    return lens.blur_px(depth, camera.fx, x, y).astype(np.float32)

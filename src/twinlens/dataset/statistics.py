@@ -162,17 +162,17 @@ def _statistics(
         return counts
     step = max(1, int(np.ceil(np.sqrt(maps[0].size / _MAX_PIXELS))))
     disparity, depth, mask = (array[::step, ::step] for array in maps)
-    hit = depth[np.isfinite(depth)]
-    blurs = [
-        quantiles(np.abs(blur_circle_px(hit, camera, lens)))
-        for lens in lenses
-        if camera and lens
-    ]
+    is_hit = np.isfinite(depth)
+    blurs = []
+    for lens in lenses:
+        if camera and lens:
+            blur = blur_circle_px(maps[1], camera, lens)[::step, ::step]
+            blurs.append(quantiles(np.abs(blur[is_hit])))
     shares = {"visible": VISIBLE, "occluded": HIDDEN, "unknown": UNKNOWN}
     return {
         **counts,
         "disparity": quantiles(disparity),
-        "depth": quantiles(hit),
+        "depth": quantiles(depth[is_hit]),
         "blur_px": blurs,
         **{
             name: round(float((mask == value).mean()), 5)

@@ -232,23 +232,23 @@ def optics_of(sample: Sample, k: int) -> dict[str, Any]:
     """What lens k does with the depths of the first view, metres and pixels.
 
     depths : the nearest and the farthest; None if the view is empty, as are `blur_px` and `depth_error` at them.
-    depth_of_field, hyperfocal_distance : for a blur circle of one pixel; the latter is None without a lens.
+    blur_px : on the axis.
+    depth_of_field, hyperfocal_distance : for a blur circle of one pixel; None for a lens that does not know them, the
+        latter also without a lens.
     depth_error : for `TYPICAL_DISPARITY_ERROR`; None also unless the first two cameras are a rectified pair.
     """
     lens, camera, rig = sample.shots[k].lens, sample.rig.cameras[0], sample.rig.nominal
-    diameter, fx, depth = (
-        lens.aperture_diameter,
-        camera.fx,
-        sample.truths[0].depth[sample.truths[0].hit],
-    )
+    fx, depth = camera.fx, sample.truths[0].depth[sample.truths[0].hit]
+    depths = lens.depth_of_field(fx)
+    is_focused = depths is not None and not lens.is_bare
     effects: dict[str, Any] = {
         "depths": None, "blur_px": None, "depth_error": None,
-        "depth_of_field": optics.depth_of_field(diameter, fx, lens.vergence),
-        "hyperfocal_distance": optics.hyperfocal_distance(diameter, fx) if lens.name == "thinlens" else None,
+        "depth_of_field": depths,
+        "hyperfocal_distance": optics.hyperfocal_distance(lens.aperture_diameter, fx) if is_focused else None,
     }  # fmt: skip
     if depth.size:
         ends = [float(depth.min()), float(depth.max())]
-        blur = np.abs(optics.circle_of_confusion_px(ends, diameter, fx, lens.vergence))
+        blur = np.abs(lens.blur_px(ends, fx))
         effects |= {"depths": ends, "blur_px": blur.tolist()}
         if sample.is_rectified:
             effects["depth_error"] = depth_error(
@@ -259,20 +259,24 @@ def optics_of(sample: Sample, k: int) -> dict[str, Any]:
 
 def format_optics(effects: Mapping[str, Any]) -> str:
     """Depth of field, hyperfocal distance and blur of `optics_of`."""
-    near, far = effects["depth_of_field"]
-    if near == 0:
-        return "sharp at every depth"
-    until = "infinity" if far == math.inf else f"{far:.3g} m"
-    parts = [
-        "not sharp to 1 px at any depth"
-        if near == math.inf
-        else f"sharp to 1 px from {near:.3g} m to {until}"
-    ]
+    parts = []
+    if effects["depth_of_field"] is not None:
+        near, far = effects["depth_of_field"]
+        if near == 0:
+            return "sharp at every depth"
+        parts.append(_format_sharp(near, far))
     if effects["hyperfocal_distance"] is not None:
         parts.append(f"hyperfocal distance {effects['hyperfocal_distance']:.3g} m")
     if effects["depths"] is not None:
         parts.append(f"blur circle {_at_depths(effects, 'blur_px', 'px', 2)}")
     return ", ".join(parts)
+
+
+def _format_sharp(near: float, far: float) -> str:
+    if near == math.inf:
+        return "not sharp to 1 px at any depth"
+    until = "infinity" if far == math.inf else f"{far:.3g} m"
+    return f"sharp to 1 px from {near:.3g} m to {until}"
 
 
 def format_depth_error(effects: Mapping[str, Any]) -> str:
@@ -318,7 +322,7 @@ def format_exposure(sample: Sample, k: int, text: str) -> str:
         return f"{text}: exposed as f/{number:g}, {exposure}"
     shown = f"{number:.0f}" if 99.5 <= number < 1e5 else f"{number:.2g}"
     line = f"{text}: f/{shown}, {exposure}"
-    if number >= _FASTEST or shot.lens.name != "thinlens":
+    if number >= _FASTEST or shot.lens.is_bare:
         return line
     line += " (the blur is as specified, but no lens on the market is this fast"
     if text.startswith("f/"):  # independent of the sensor's size

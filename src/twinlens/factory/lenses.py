@@ -1,8 +1,8 @@
 """Lenses and apertures as recipes and the command line write them.
 
 A recipe has lengths of lenses in millimetres, and a focus distance in metres or by name. A lens without a spelling of
-its own here is written with the fields of its class: `kind = "NAME"` and its fields in a recipe, `NAME:FIELD=VALUE,...`
-on the command line.
+its own here is written with the fields of its class: `kind = "NAME"` and its fields in a recipe, where `aperture` is a
+table as `shape` is for others, and `NAME:FIELD=VALUE,...` on the command line, where --aperture has the shape.
 """
 
 import math
@@ -26,7 +26,7 @@ from twinlens.camera import (
     RecipeLens,
     ThinLens,
 )
-from twinlens.camera.aperture import Aperture
+from twinlens.camera.aperture import FULL_DISK, Aperture
 from twinlens.camera.lens import F_NUMBER, BareAperture
 from twinlens.camera.truth import Truth
 from twinlens.dataset import read_image
@@ -155,8 +155,30 @@ def lens_tables(
     tables = dict(SPELLINGS)
     for lens in lenses:
         if lens not in _SPELLED:
-            tables[lens.name] = table_of(lens, kind=(Literal[lens.name], ...))
+            tables[lens.name] = _table_of_fields(lens)
     return tables
+
+
+@dataclass(frozen=True)
+class _ShapedLens:
+    """The class of a lens with an aperture, its fields, and the table of the aperture, whose mask may be in a file."""
+
+    lens: type[Any]
+    values: Mapping[str, Any]
+    aperture: Any
+
+
+def _table_of_fields(lens: type[Any]) -> Any:
+    """The type of the table of a lens with the fields of its class."""
+    keys: dict[str, Any] = {"kind": (Literal[lens.name], ...)}
+    if "aperture" not in fields_of(lens):
+        return table_of(lens, **keys)
+
+    def shaped(kind: str, aperture: Any = FULL_DISK, **values: Any) -> _ShapedLens:
+        return _ShapedLens(lens, values, aperture)
+
+    keys["aperture"] = (ShapeTable, Field(default_factory=Disk))
+    return table_of(lens, shaped, **keys)
 
 
 def lens_table(tables: Mapping[str, Any]) -> Any:
@@ -170,6 +192,9 @@ LensTable: Any = lens_table(lens_tables())
 
 def make_lens(table: Any, view: View | None, find: Find = Path) -> RecipeLens:
     """The lens of a LensTable. Without a view, a focus that depends on the scene is 1 m: enough to check the table."""
+    if isinstance(table, _ShapedLens):
+        made = make_aperture(table.aperture, find)
+        return table.lens(**table.values, aperture=made)  # type: ignore[no-any-return]
     if not isinstance(table, (ThinTable, HoleTable)):
         return table  # type: ignore[no-any-return]  # a lens
     shape = make_aperture(table.shape, find)
@@ -266,8 +291,34 @@ _FORMS = {
         "hole:(?P<aperture_mm>[^@]+)@(?P<film_mm>[^@]+)",
     ),
 }
+
+
+def lens_forms(
+    lenses: Iterable[type[Any]] = typing.get_args(RecipeLens),
+) -> dict[str, str]:
+    """How each kind of lens is written on the command line: those of `_FORMS`, then lenses with their fields."""
+    forms = {kind: form for kind, (form, _) in _FORMS.items()}
+    for lens in lenses:
+        if lens not in _SPELLED:
+            forms[lens.name] = f"{lens.name}:{_pairs_form(lens)}"
+    return forms
+
+
+def _pairs_form(lens: type[Any]) -> str:
+    """The fields of a lens that a text can give, those with a default in brackets: `width=VALUE,[height=VALUE]`."""
+    pairs = []
+    for field in _plain_fields(lens):
+        pair = f"{field.name}=VALUE"
+        pairs.append(pair if field.required else f"[{pair}]")
+    return ",".join(pairs)
+
+
+def _plain_fields(lens: type[Any]) -> list[DeclaredField]:
+    return [field for field in fields_of(lens).values() if field.is_plain]
+
+
 LENS_HELP = (
-    " | ".join(form for form, _ in _FORMS.values()) + "; may be given several times. "
+    " | ".join(lens_forms().values()) + "; may be given several times. "
     "The default focus is at the middle of the scene's disparities."
 )
 _FILE = DeclaredField(
@@ -294,26 +345,23 @@ def parse_lens(
 ) -> RecipeLens:
     """A lens in the syntax of LENS_HELP; `aperture` is the shape of its opening.
 
-    lenses : the classes of lenses; those without a form of their own have the form `NAME:FIELD=VALUE,...`.
+    lenses : the classes of lenses; those without a form of their own have that of `lens_forms`.
 
     Raises InputError where the text has no focus distance and the scene no depth range.
     """
     where = f"--lens {text!r}"
     kind = "f/" if text.startswith("f/") else text.partition(":")[0]
-    for lens_class in lenses:
-        is_spelled = lens_class in _SPELLED or kind in _FORMS
-        if kind == lens_class.name and not is_spelled:
-            lens = _lens_of_fields(lens_class, text, where)
-            has_shape = aperture is not None and "aperture" in fields_of(lens_class)
-            return lens.replace(aperture=aperture) if has_shape else lens  # type: ignore[union-attr]
+    of_fields = {lens.name: lens for lens in lenses if lens not in _SPELLED}
+    if kind in of_fields:
+        return _with_shape(_lens_of_fields(of_fields[kind], text, where), aperture)
     if kind not in _FORMS:
         if meant := re.fullmatch(r"[fF]/?([0-9.].*)", text):
             raise InputError(
                 f"{where}: an f-number is f/N[@FOCUS_M]; did you mean 'f/{meant[1]}'?"
             )
-        forms = " | ".join(form for form, _ in _FORMS.values())
+        forms = lens_forms(lenses)
         raise InputError(
-            f"{where}: {unknown('lens', kind, _FORMS)}; a lens is one of {forms}"
+            f"{where}: {unknown('lens', kind, forms)}; a lens is one of {' | '.join(forms.values())}"
         )
     table = _table_of_form(kind, text, where)
     needs_focus = kind in ("thin", "f/") and "focus" not in table
@@ -324,9 +372,7 @@ def parse_lens(
     checked = read(LensTable, table, where)
     with located(where):
         lens = make_lens(checked, view)
-    if isinstance(lens, Pinhole) or aperture is None:
-        return lens
-    return lens.replace(aperture=aperture)
+    return _with_shape(lens, aperture)
 
 
 def _table_of_form(kind: str, text: str, where: str) -> dict[str, Any]:
@@ -345,9 +391,25 @@ def _table_of_form(kind: str, text: str, where: str) -> dict[str, Any]:
 def _lens_of_fields(lens: type[Any], text: str, where: str) -> RecipeLens:
     """A lens in the syntax `NAME:FIELD=VALUE,...`."""
     name, _, rest = text.partition(":")
+    plain = {field.name: field for field in _plain_fields(lens)}
+    values: dict[str, Any] = {"kind": name}
     with located(where):
-        values = parse_pairs(rest, fields_of(lens), f"{name}:FIELD=VALUE,FIELD=VALUE")
-    return read(table_of(lens), values, where)  # type: ignore[no-any-return]
+        if rest:
+            values |= parse_pairs(rest, plain, f"{name}:{_pairs_form(lens)}")
+    table = read(_table_of_fields(lens), values, where)
+    with located(where):
+        return make_lens(table, None)
+
+
+def _with_shape(lens: RecipeLens, aperture: Aperture | None) -> RecipeLens:
+    """The lens with the shape of --aperture. Raises InputError for an open lens whose shape is fixed."""
+    if aperture is None or isinstance(lens, Pinhole):
+        return lens
+    if "aperture" in fields_of(type(lens)):
+        return lens.replace(aperture=aperture)
+    if aperture != FULL_DISK:
+        raise InputError(f"--aperture: the shape of the lens {lens.name!r} is fixed")
+    return lens
 
 
 def parse_aperture(text: str) -> Aperture:

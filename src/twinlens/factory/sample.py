@@ -16,9 +16,9 @@ from scipy.ndimage import uniform_filter
 
 import twinlens
 from twinlens import rendering
-from twinlens.camera import Disk, Dual, Paraxial, RecipeLens, Rig
+from twinlens.camera import ApertureLens, Disk, Dual, RecipeLens, Rig
 from twinlens.camera.film import diffract
-from twinlens.camera.lens import check_lens
+from twinlens.camera.lens import require_aperture, require_paraxial
 from twinlens.camera.truth import Truth
 from twinlens.dataset import (
     Manifest,
@@ -134,13 +134,18 @@ class Shoot(Settings, noun="sample"):
                 "a sample holds depth along the axis: its cameras must see less than 90 degrees from theirs"
             )
         for lens in lenses:
-            check_lens(lens)
-            is_open = lens.aperture_diameter > 0
-            if self.diffraction and is_open and not isinstance(lens.aperture, Disk):
-                shape = lens.aperture.name
-                raise InputError(
-                    f"diffraction needs a disk aperture, got {shape}; disable it or change the aperture"
-                )
+            if require_aperture(lens, "a sample").aperture_diameter > 0:
+                self._check_open(lens)
+
+    def _check_open(self, lens: RecipeLens) -> None:
+        """Raise InputError for a lens that has no dual pixels or diffraction, where they are asked for."""
+        if self.dual_pixel:
+            require_paraxial(lens, "an image of dual pixels")
+        if self.diffraction and not isinstance(lens.aperture, Disk):
+            shape = lens.aperture.name
+            raise InputError(
+                f"diffraction needs a disk aperture, got {shape}; disable it or change the aperture"
+            )
 
 
 def make_sample(
@@ -237,7 +242,7 @@ class _Photographer:
         return Dual() if self.shoot.dual_pixel and is_open else None
 
     @property
-    def _lenses(self) -> tuple[Paraxial, ...]:
+    def _lenses(self) -> tuple[ApertureLens, ...]:
         """The lens of each camera, with its mismatch."""
         return self.shoot.sensor.lenses(self.rig, self.lens)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twinlens.camera import Camera, Paraxial, ThinLens
+from twinlens.camera import ApertureLens, Camera, ThinLens
 from twinlens.errors import InputError, check_number, format_value
 from twinlens.optics.rig_task import Light
 from twinlens.settings import Setting, Settings
@@ -70,7 +70,7 @@ def auto_exposure(
     *,
     sensor: "Sensor",
     cameras: Sequence[Camera] | Camera,
-    lens: Paraxial,
+    lens: ApertureLens,
 ) -> Exposure:
     """One exposure for all `images` (linear radiance (H, W, 3)), so that a stereo pair is exposed equally.
 

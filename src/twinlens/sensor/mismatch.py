@@ -13,20 +13,16 @@ import numpy as np
 
 from twinlens.camera import (
     ALIGNED,
-    BareAperture,
+    ApertureLens,
     Camera,
     Misalignment,
-    Paraxial,
-    Pinhole,
     Rig,
-    ThinLens,
     misaligned,
 )
 from twinlens.errors import (
     InputError,
     check_int,
     check_known,
-    format_value,
     located,
 )
 from twinlens.geometry import Float
@@ -376,7 +372,7 @@ class Mismatch(Settings, noun="mismatch"):
             else np.clip(linear, 0.0, 1.0) ** self.tone_exponent
         )
 
-    def lens(self, lens: Paraxial, camera: Camera) -> Paraxial:
+    def lens(self, lens: ApertureLens, camera: Camera) -> ApertureLens:
         """The lens of a camera of this mismatch, with its f-number and its focus, from the nominal one.
 
         `camera` is the calibrated one; its film is at v = fx * pixel pitch. The thin-lens law 1/f = 1/z + 1/v gives a
@@ -385,23 +381,18 @@ class Mismatch(Settings, noun="mismatch"):
         blur at f/1. A calibration measures the intrinsics with the displaced film, so they stay. Pinholes and bare
         apertures have no focus.
 
-        Raises InputError for a film displaced to the lens or beyond, and for another kind of lens.
+        Raises InputError for a film displaced to the lens or beyond.
 
         >>> from twinlens.camera import ThinLens
         >>> camera = Camera.from_fov(640, 480, fov_x_deg=60)  # v = 2.77 mm
         >>> round(1 / Mismatch(focus_um=1.0).lens(ThinLens(0.001, focus_distance=2.0), camera).vergence, 2)
         1.59
         """
-        if isinstance(lens, Pinhole) or (self.f_number, self.focus_um) == (1.0, 0.0):
+        if (self.f_number, self.focus_um) == (1.0, 0.0):
             return lens
-        diameter = lens.aperture_diameter / self.f_number
-        if isinstance(lens, BareAperture):
-            return lens.replace(diameter=diameter)
-        if not isinstance(lens, ThinLens):
-            raise InputError(
-                f"a mismatch of f_number or focus_um needs a ThinLens, got {format_value(lens)}"
-            )
-        film = camera.film_distance
+        if lens.is_bare:
+            return lens.adjusted(self.f_number, defocus=0.0)
+        film = lens.distance_to_film(camera)
         step = (
             1e-6 * self.focus_um * min(1.0, film / max(lens.aperture_diameter, 1e-12))
         )
@@ -409,8 +400,7 @@ class Mismatch(Settings, noun="mismatch"):
             raise InputError(
                 f"mismatch focus_um={self.focus_um:g} moves the film to the lens, {1e6 * film:g} um away"
             )
-        defocus = lens.defocus + step / (film * (film + step))
-        return lens.replace(aperture_diameter=diameter, defocus=defocus)
+        return lens.adjusted(self.f_number, step / (film * (film + step)))
 
     def misalign(self, rig: Rig) -> Rig:
         """The misaligned rig, which takes the images; calibration and truth are those of `rig`.

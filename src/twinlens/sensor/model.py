@@ -18,10 +18,10 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from twinlens.camera import Camera, Paraxial, Rig, film_distance
+from twinlens.camera import ApertureLens, Camera, Rig, film_distance
 from twinlens.camera.film import checked_radiance
 from twinlens.camera.intrinsics import BANDS
-from twinlens.camera.lens import require_paraxial
+from twinlens.camera.lens import require_aperture
 from twinlens.errors import (
     InputError,
     check_int,
@@ -293,12 +293,12 @@ class Sensor(Settings, noun="sensor"):
         self.check_mismatches(rig)
         return misalign(rig, [self.mismatch_of(i) for i in range(1, len(rig))])
 
-    def lenses(self, rig: Rig, lens: Paraxial) -> tuple[Paraxial, ...]:
+    def lenses(self, rig: Rig, lens: ApertureLens) -> tuple[ApertureLens, ...]:
         """The lens of each camera of a rig, for `render`: `lens` with the f-numbers and the focus of the mismatches.
 
         Raises InputError as `misalign`, and as `Mismatch.lens`.
         """
-        require_paraxial(lens, "a mismatch of lenses")
+        require_aperture(lens, "a mismatch of lenses")
         self.check_mismatches(rig)
         return tuple(
             self.mismatch_of(i).lens(lens, camera)
@@ -322,7 +322,7 @@ class Sensor(Settings, noun="sensor"):
         """EMVA's K, DN per electron: `gain` times (largest DN - black level) / full well."""
         return gain * (self.largest_dn - self.black_level) / self.full_well
 
-    def electrons_per_radiance(self, camera: Camera, lens: Paraxial) -> Float:
+    def electrons_per_radiance(self, camera: Camera, lens: ApertureLens) -> Float:
         """Electrons per second in a pixel on the axis, per unit of rendered radiance, (3,) for red, green and blue."""
         distance = film_distance(camera, lens)
         pixel_area = distance / camera.fx * distance / camera.fy
@@ -336,10 +336,10 @@ class Sensor(Settings, noun="sensor"):
         )
 
     def level_rate(
-        self, radiance: ArrayLike, *, camera: Camera, lens: Paraxial
+        self, radiance: ArrayLike, *, camera: Camera, lens: ApertureLens
     ) -> Float:
         """Signal per second at gain 1 over the full well, (H, W, 3), of a radiance image; for automatic exposure."""
-        require_paraxial(lens, "an exposure")
+        require_aperture(lens, "an exposure")
         rates = checked_radiance("radiance", radiance, camera) * self.pixel_rates(
             camera, lens
         )
@@ -353,7 +353,7 @@ class Sensor(Settings, noun="sensor"):
         radiance: ArrayLike,
         *,
         camera: Camera,
-        lens: Paraxial,
+        lens: ApertureLens,
         seed: int = 0,
         exposure: Exposure | None = None,
         eye: int = 0,
@@ -371,7 +371,7 @@ class Sensor(Settings, noun="sensor"):
     def _expose(
         self,
         views: Sequence[tuple[ArrayLike, Camera, int]],
-        lens: Paraxial,
+        lens: ApertureLens,
         seed: int,
         exposure: Exposure | None,
     ) -> list[Photo]:
@@ -394,12 +394,12 @@ class Sensor(Settings, noun="sensor"):
         self,
         images: Sequence[Float],
         cameras: Sequence[Camera],
-        lens: Paraxial,
+        lens: ApertureLens,
         seed: int,
         exposure: Exposure | None,
     ) -> list[Exposure]:
         """For each image the given exposure, or the automatic one of the images of its band, after checks."""
-        require_paraxial(lens, "an exposure")
+        require_aperture(lens, "an exposure")
         check_exposure(exposure)
         check_int("seed", seed, 0)
         if exposure is not None:
@@ -421,7 +421,7 @@ class Sensor(Settings, noun="sensor"):
         halves: ArrayLike,
         *,
         camera: Camera,
-        lens: Paraxial,
+        lens: ApertureLens,
         seed: int = 0,
         exposure: Exposure | None = None,
         eye: int = 0,
@@ -445,7 +445,7 @@ class Sensor(Settings, noun="sensor"):
         images: Sequence[ArrayLike],
         *,
         rig: Rig,
-        lens: Paraxial,
+        lens: ApertureLens,
         seed: int = 0,
         exposure: Exposure | None = None,
     ) -> list[tuple[Photo, Photo, Photo]]:
@@ -455,11 +455,11 @@ class Sensor(Settings, noun="sensor"):
     def _expose_dual(
         self,
         views: Sequence[tuple[ArrayLike, Camera, int]],
-        lens: Paraxial,
+        lens: ApertureLens,
         seed: int,
         exposure: Exposure | None,
     ) -> list[tuple[Photo, Photo, Photo]]:
-        require_paraxial(lens, "an exposure")
+        require_aperture(lens, "an exposure")
         if lens.aperture_diameter == 0:
             raise InputError(
                 "dual pixels need a lens with an aperture; a pinhole has none"
@@ -496,7 +496,7 @@ class Sensor(Settings, noun="sensor"):
         self,
         image: Float,
         camera: Camera,
-        lens: Paraxial,
+        lens: ApertureLens,
         nominal: Exposure,
         seed: int,
         eye: int,
@@ -514,7 +514,7 @@ class Sensor(Settings, noun="sensor"):
         self,
         image: Float,
         camera: Camera,
-        lens: Paraxial,
+        lens: ApertureLens,
         nominal: Exposure,
         seed: int,
         eye: int,
@@ -535,7 +535,7 @@ class Sensor(Settings, noun="sensor"):
         self,
         wells: Float,
         camera: Camera,
-        lens: Paraxial,
+        lens: ApertureLens,
         nominal: Exposure,
         seed: int,
         eye: int,
@@ -589,7 +589,7 @@ class Sensor(Settings, noun="sensor"):
         right: ArrayLike,
         *,
         rig: Rig,
-        lens: Paraxial,
+        lens: ApertureLens,
         seed: int = 0,
         exposure: Exposure | None = None,
     ) -> tuple[Photo, Photo]:
@@ -604,7 +604,7 @@ class Sensor(Settings, noun="sensor"):
         images: Sequence[ArrayLike],
         *,
         rig: Rig,
-        lens: Paraxial,
+        lens: ApertureLens,
         seed: int = 0,
         exposure: Exposure | None = None,
     ) -> list[Photo]:
@@ -625,11 +625,11 @@ class Sensor(Settings, noun="sensor"):
             )
         return list(zip(images, rig.cameras, range(len(rig)), strict=True))
 
-    def pixel_rates(self, camera: Camera, lens: Paraxial) -> Float:
+    def pixel_rates(self, camera: Camera, lens: ApertureLens) -> Float:
         """Electrons per second per unit of rendered radiance, (H, W, 3); (3,) without vignetting."""
         return self._vignetted(self.electrons_per_radiance(camera, lens), camera, lens)
 
-    def _vignetted(self, values: Float, camera: Camera, lens: Paraxial) -> Float:
+    def _vignetted(self, values: Float, camera: Camera, lens: ApertureLens) -> Float:
         """`values` (H, W, 3) or (3,) times the vignetting, if it is on."""
         on = lens.aperture_diameter > 0 if self.vignetting is None else self.vignetting
         return values * light.vignetting(camera, lens)[..., None] if on else values
