@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from twinlens.errors import FileError, InputError, format_value
 from twinlens.scenes import shapes
 from twinlens.scenes.materials import AnyMaterial
+from twinlens.scenes.polygons import triangulated_obj, triangulated_ply
 from twinlens.scenes.scene import Mesh
 
 MESH_FILES = {".ply", ".obj", ".glb", ".gltf", ".stl"}
@@ -33,9 +34,10 @@ _MOST_CHANNELS = 64
 _MOST_VALUES = 1 << 29
 _LARGEST_HDR_FILE = 1 << 30  # bytes
 _LONGEST_REASON = 300
-_OBJ_ZERO = re.compile(rb"^f(?=[ \t]).*[ \t/]0+(?![^ \t/\r\n])", re.MULTILINE)
-_OBJ_NEGATIVE = re.compile(rb"^f(?=[ \t]).*[ \t/]-", re.MULTILINE)
-_OBJ_VERTEX = re.compile(rb"^v[tn]?[ \t]", re.MULTILINE)
+_OBJ_ZERO = re.compile(r"[ /]0+(?![^ /])")
+_COMMENT = re.compile(r"(^|\s)#.*")  # names such as "Material__#25" have the sign too
+_CONTINUED = re.compile(r"\\\r?\n")
+_OBJ_VERTEX = re.compile("v[tn]? ")
 _SILENCING = threading.Lock()
 _PILLOW_FORMATS = {".png": ["PNG"], ".jpg": ["JPEG"], ".jpeg": ["JPEG"]}
 
@@ -310,7 +312,9 @@ def read_mesh(path: Path, crease_deg: float = 30.0) -> Mesh:
         # A stream has no folder, so that the file cannot name its neighbours.
         data = read_limited(path, LARGEST_MESH_FILE)
         if path.suffix.lower() == ".obj":
-            check_obj(path, data)
+            data = "\n".join(obj_lines(path, data)).encode()
+        if path.suffix.lower() == ".ply":
+            data = triangulated_ply(data)
         stream = BytesIO(data)
         loaded = trimesh.load_scene(
             stream, file_type=path.suffix[1:].lower(), process=False
@@ -328,15 +332,31 @@ def read_mesh(path: Path, crease_deg: float = 30.0) -> Mesh:
         return shapes.from_trimesh(made, crease_deg)
 
 
-def check_obj(path: Path, data: bytes) -> None:
-    """Raise FileError for vertex numbers of an OBJ file that trimesh misreads."""
-    if _OBJ_ZERO.search(data):
+def text_lines(data: bytes) -> list[str]:
+    """The lines of an OBJ or .mtl file, words separated by one space, without comments; "\\" continues a line.
+
+    >>> text_lines(b"\\tusemtl  wood #25 \\r\\nf 1 2 \\\\\\n  3\\nnewmtl wood__#25")
+    ['usemtl wood', 'f 1 2 3', 'newmtl wood__#25']
+    """
+    text = _CONTINUED.sub(" ", data.decode("utf-8-sig", "replace"))
+    return [" ".join(_COMMENT.sub("", line).split()) for line in text.splitlines()]
+
+
+def obj_lines(path: Path, data: bytes) -> list[str]:
+    """The lines of an OBJ file, words separated by one space, without comments, and without concave polygons.
+
+    Raises FileError for vertex numbers that trimesh misreads.
+    """
+    lines = text_lines(data)
+    faces = [(i, line) for i, line in enumerate(lines) if line.startswith("f ")]
+    if any(_OBJ_ZERO.search(line) for _, line in faces):
         raise FileError(f"{path}: a face has the vertex number 0; OBJ counts from 1")
-    negative = _OBJ_NEGATIVE.search(data)
-    if negative and _OBJ_VERTEX.search(data, negative.end()):
+    negative = next((i for i, line in faces if " -" in line or "/-" in line), None)
+    if negative is not None and any(map(_OBJ_VERTEX.match, lines[negative:])):
         raise FileError(
             f"{path}: has negative vertex numbers before its last vertex; export it with positive ones"
         )
+    return triangulated_obj(lines)
 
 
 def check_faces(path: Path, part: Any) -> None:

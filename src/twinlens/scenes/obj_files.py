@@ -7,28 +7,44 @@ specification, and its keys Pr, Pm for roughness.
 
 import math
 import posixpath
-from collections.abc import Callable, Iterator, Mapping
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 
-from twinlens.errors import FileError, InputError
+from twinlens.errors import FileError, InputError, format_value
 from twinlens.scenes.assets import (
     LARGEST_MESH_FILE,
     check_face_count,
     check_faces,
-    check_obj,
+    obj_lines,
     read_limited,
+    text_lines,
 )
 from twinlens.scenes.gltf import Part
 from twinlens.scenes.gltf_materials import PbrMaterial, Texture, Textures
 from twinlens.schema import read
 
-_COLORS = {"kd": 3, "ke": 3, "ks": 3}
-_NUMBERS = ("ns", "ni", "d", "tr", "pr", "pm")
+_COLORS = {"kd": ("Kd", 1.0), "ks": ("Ks", math.inf), "ke": ("Ke", math.inf)}
+"""Keys as they are compared, as they are written, and the largest value."""
+_NUMBERS = {
+    "ns": ("Ns", math.inf),
+    "ni": ("Ni", math.inf),
+    "d": ("d", 1.0),
+    "tr": ("Tr", 1.0),
+    "pr": ("Pr", 1.0),
+    "pm": ("Pm", 1.0),
+}
 _MAPS = {"map_kd": "base", "map_ke": "emissive", "norm": "normal"}
 _IGNORED = {"newmtl", "ka", "illum", "map_ka", "sharpness"}
+_USE = "usemtl "
+_BETWEEN_LIBRARIES = re.compile(r"(?<=\.mtl) ", re.IGNORECASE)  # names may have spaces
+Table = dict[str, list[str]]
+"""The keys of one material, in lower case, with the words that follow them."""
+_DEFAULT: Table = {"ks": ["0"]}
+"""The material of faces before the first `usemtl`: white and diffuse."""
 
 
 def open_obj(
@@ -39,30 +55,43 @@ def open_obj(
 
     lines, materials, pictures, lost = obj_materials(path, open_file)
     number = {material.name: i for i, material in enumerate(materials)}
-    names = dict.fromkeys(_arguments(lines, "usemtl"))
+    names = list(dict.fromkeys(_arguments(lines, "usemtl")))
     if missing := [name for name in names if name not in number]:
         raise FileError(f"{path}: its .mtl file has no material {missing[0]!r}")
-    # Only the names of materials reach trimesh, as an .mtl file that is called "names".
-    geometry = [line for line in lines if not line.startswith("mtllib")]
+    # Only numbers of materials reach trimesh, as the names in an .mtl file that is called "names".
+    aliases = {name: f"material-{number[name]}" for name in names}
+    geometry = [
+        f"usemtl {aliases[line.removeprefix(_USE).strip()]}"
+        if line.startswith(_USE)
+        else line
+        for line in lines
+        if not line.startswith("mtllib")
+    ]
     text = "\n".join(["mtllib names", *geometry])
-    listed = "\n".join(f"newmtl {name}\nKd 1 1 1" for name in names)
+    listed = "\n".join(f"newmtl {alias}\nKd 1 1 1" for alias in aliases.values())
     loaded = trimesh.load_scene(
         BytesIO(text.encode()),
         file_type="obj",
         resolver={"names": listed.encode()},
         process=False,
     )
+    number_of_alias = {alias: number[name] for name, alias in aliases.items()}
     parts = []
     for mesh in loaded.geometry.values():
         check_faces(path, mesh)
         if len(getattr(mesh, "faces", ())):
-            name = str(getattr(getattr(mesh.visual, "material", None), "name", ""))
-            parts.append(Part(mesh, np.eye(4), number.get(name), False, None))
+            alias = str(getattr(getattr(mesh.visual, "material", None), "name", ""))
+            # Faces before the first `usemtl` have the format's default, which follows those of the files.
+            material = number_of_alias.get(alias, len(materials))
+            parts.append(Part(mesh, np.eye(4), material, False, None))
+    if any(part.material == len(materials) for part in parts):
+        table = read(PbrMaterial, _as_gltf("default", _DEFAULT, {}), str(path))
+        materials = [*materials, table]
     check_face_count(path, sum(len(part.mesh.faces) for part in parts))
     if not parts:
         raise FileError(f"{path}: has no triangles")
     # trimesh's order is that of a set.
-    parts.sort(key=lambda part: -1 if part.material is None else part.material)
+    parts.sort(key=lambda part: part.material or 0)
     textures = Textures(
         [Texture(source=i) for i in range(len(pictures))],
         [],
@@ -77,11 +106,17 @@ def obj_materials(
 ) -> tuple[list[str], list[PbrMaterial], list[str], list[str]]:
     """The lines of an OBJ file, its materials, the names of their pictures, and what is not rendered."""
     data = read_limited(path, LARGEST_MESH_FILE)
-    check_obj(path, data)
-    lines = data.decode("utf-8", "replace").splitlines()
-    libraries = _arguments(lines, "mtllib")
-    if not libraries:
-        raise FileError(f"{path}: names no material file; give the object a 'material'")
+    lines = obj_lines(path, data)
+    libraries = [
+        name
+        for names in _arguments(lines, "mtllib")
+        for name in _BETWEEN_LIBRARIES.split(names)
+    ]
+    used = _arguments(lines, "usemtl")
+    if used and not libraries:
+        raise FileError(
+            f"{path}: names no .mtl file with its material {used[0]!r}; give the object a 'material'"
+        )
     return lines, *read_mtl({name: open_file(name) for name in libraries})
 
 
@@ -119,18 +154,14 @@ def read_mtl(
     return materials, pictures, sorted(lost.union(_not_rendered(tables)))
 
 
-Table = dict[str, list[str]]
-"""The keys of one material, in lower case, with the words that follow them."""
-
-
 def _tables(files: Mapping[str, bytes]) -> tuple[dict[str, Table], dict[str, str]]:
     """The materials of all files by name, and the folder of the file that each was in."""
     tables: dict[str, Table] = {}
     folders: dict[str, str] = {}
     for file, data in files.items():
         table: Table = {}
-        for line in data.decode("utf-8", "replace").splitlines():
-            key, *values = line.split("#")[0].split() or [""]
+        for line in text_lines(data):
+            key, *values = line.split() or [""]
             if key.lower() == "newmtl":
                 name = " ".join(values)
                 table = tables.setdefault(name, {})
@@ -151,21 +182,43 @@ def _not_rendered(tables: Mapping[str, Table]) -> Iterator[str]:
     """What the tables have that is not rendered."""
     for table in tables.values():
         yield from table.keys() - {*_COLORS, *_NUMBERS, *_MAPS, *_IGNORED}
-        if len(set(map(float, table.get("ks", [])[:3]))) > 1:
+        if len(set(table.get("ks", [])[:3])) > 1:
             yield "the colour of Ks"
+
+
+def _numbers(
+    words: list[str], where: str, key: str, most: float, counts: Sequence[int]
+) -> list[float]:
+    """The numbers of a key, each 0 to `most`. Raises InputError that names the key of the file."""
+    try:
+        numbers = [float(word) for word in words]
+    except ValueError:
+        numbers = []
+    limit = f"0 to {most:g}" if math.isfinite(most) else "0 or more"
+    if len(numbers) not in counts or not all(0 <= v <= most for v in numbers):
+        form = " or ".join({1: "one number", 3: "three numbers"}[n] for n in counts)
+        raise InputError(
+            f"{where}: {key} must be {form}, {limit}, got {format_value(' '.join(words))}"
+        )
+    return numbers
 
 
 def _as_gltf(
     name: str, table: dict[str, list[str]], infos: dict[str, dict[str, int]]
 ) -> dict[str, object]:
-    try:
-        colors = {
-            key: [float(v) for v in table[key][:3]] for key in _COLORS if key in table
-        }
-        numbers = {key: float(table[key][0]) for key in _NUMBERS if key in table}
-    except ValueError as error:
-        raise InputError(f"material {name!r}: {error}") from error
-    exponent = max(numbers.get("ns", 0.0), 0.0)
+    where = f"material {name!r}"
+    colors = {}
+    for key, (label, most) in _COLORS.items():
+        if key in table:
+            # A single number is a grey; a fourth, which some programs write, has no meaning.
+            values = _numbers(table[key][:3], where, label, most, (1, 3))
+            colors[key] = values if len(values) == 3 else values * 3
+    numbers = {}
+    for key, (label, most) in _NUMBERS.items():
+        if key in table:
+            # Options such as -halo precede the value.
+            numbers[key] = _numbers(table[key][-1:], where, label, most, (1,))[0]
+    exponent = numbers.get("ns", 0.0)
     rough = numbers.get("pr", math.sqrt(math.sqrt(2 / (exponent + 2))))
     opacity = numbers.get("d", 1 - numbers.get("tr", 0.0))
     surface = {
