@@ -293,9 +293,8 @@ class Gltf:
                 pose = parent @ node.pose()
             if not np.isfinite(pose).all():
                 raise FileError(f"{self.path}: nodes[{index}] has no finite pose")
-            if (
-                node.mesh is not None and np.linalg.det(pose[:3, :3]) != 0
-            ):  # a scale of 0 hides a part
+            # A scale of 0 on all axes hides a part; on two axes nothing with an area is left.
+            if node.mesh is not None and np.linalg.matrix_rank(pose[:3, :3]) >= 2:
                 placed.append((node.mesh, pose))
             waiting += [(child, pose) for child in reversed(node.children)]
         return placed

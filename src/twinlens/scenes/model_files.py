@@ -9,11 +9,13 @@ import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.errors import FileError, InputError, format_value
+from twinlens.geometry import Float
 from twinlens.scenes import shapes
 from twinlens.scenes.assets import (
     LARGEST_MESH_FILE,
@@ -218,40 +220,37 @@ def part_mesh(part: Part, crease_deg: float | None) -> Mesh:
 
     Without (u, v) it gets longitude and height: `shapes.merged` keeps (u, v) only if all parts have them.
     """
-    made = part.mesh
-    uv = getattr(made.visual, "uv", None)
-    if part.colors is not None or (part.has_normals and crease_deg is None):
-        vertices, faces = (
-            np.array(made.vertices, dtype=np.float64),
-            np.array(made.faces, dtype=np.uint32),
-        )
-        normals = np.array(made.vertex_normals, dtype=np.float64)
-        if (zero := ~normals.any(axis=1)).any():
-            sums = np.zeros_like(normals)
-            np.add.at(
-                sums,
-                faces.ravel(),
-                np.repeat(shapes.face_cross(vertices, faces), 3, axis=0),
-            )
-            normals[zero] = np.where(
-                sums.any(axis=1, keepdims=True), sums, [0.0, 0.0, 1.0]
-            )[zero]
-        attributes = {}
-        if part.colors is not None:
-            attributes = {VERTEX_COLOR.attribute: part.colors}
-        mesh = Mesh(
-            vertices,
-            faces,
-            normals,
-            None if uv is None else np.array(uv),
-            attributes=attributes,
-        )
-        mesh = mesh if uv is not None else shapes.with_longitude(mesh)
+    attributes = {}
+    if part.colors is not None:
+        attributes = {VERTEX_COLOR.attribute: part.colors}
+    if part.has_normals and crease_deg is None:
+        mesh = _with_own_normals(part.mesh, attributes)
     else:
-        mesh = shapes.from_trimesh(made, 30.0 if crease_deg is None else crease_deg)
+        crease = 30.0 if crease_deg is None else crease_deg
+        mesh = shapes.from_trimesh(part.mesh, crease, attributes)
+    linear = part.pose[:3, :3]
+    if np.linalg.matrix_rank(linear) < 3:
+        return shapes.flattened(mesh, part.pose)
     placed = shapes.transformed(mesh, part.pose)
-    return (
-        replace(placed, faces=placed.faces[:, ::-1])
-        if np.linalg.det(part.pose[:3, :3]) < 0
-        else placed
-    )
+    if np.linalg.det(linear) < 0:
+        return replace(placed, faces=placed.faces[:, ::-1])
+    return placed
+
+
+def _with_own_normals(made: Any, attributes: dict[str, Float]) -> Mesh:
+    """A trimesh mesh with the normals of its file; those of length 0 become the mean of their faces' normals."""
+    vertices = np.array(made.vertices, dtype=np.float64)
+    faces = np.array(made.faces, dtype=np.uint32)
+    normals = np.array(made.vertex_normals, dtype=np.float64)
+    missing = ~normals.any(axis=1)
+    if missing.any():
+        sums = np.zeros_like(normals)
+        of_corners = np.repeat(shapes.face_cross(vertices, faces), 3, axis=0)
+        np.add.at(sums, faces.ravel(), of_corners)
+        has_area = sums.any(axis=1, keepdims=True)
+        normals[missing] = np.where(has_area, sums, [0.0, 0.0, 1.0])[missing]
+    uv = getattr(made.visual, "uv", None)
+    if uv is None:
+        bare = Mesh(vertices, faces, normals, attributes=attributes)
+        return shapes.with_longitude(bare)
+    return Mesh(vertices, faces, normals, np.array(uv), attributes=attributes)

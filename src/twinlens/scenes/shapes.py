@@ -5,7 +5,7 @@ boxes and cones of few sides are flat.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -172,6 +172,18 @@ def transformed(mesh: Mesh, b_from_a: Float) -> Mesh:
     )
 
 
+def flattened(mesh: Mesh, b_from_a: Float) -> Mesh:
+    """A mesh transformed by an affine 4x4 that makes it flat; triangles without area and normals are left out."""
+    vertices = transform_points(b_from_a, mesh.vertices)
+    area = np.linalg.norm(face_cross(vertices, mesh.faces), axis=1)
+    size = np.ptp(vertices, axis=0).max()
+    shown = area > 1e-12 * size**2
+    surface = None if mesh.surface is None else mesh.surface[shown]
+    return replace(
+        mesh, vertices=vertices, faces=mesh.faces[shown], normals=None, surface=surface
+    )
+
+
 def tessellated(shape: Plugin) -> Mesh:
     """Triangles of an analytic shape. Their vertices are on it, some of them at the ends of its own axes."""
     kind, radius, pose = shape["type"], float(shape.get("radius", 1.0)), np.eye(4)
@@ -282,21 +294,41 @@ def creation(name: str, **parameters: Any) -> Mesh:
     return from_trimesh(getattr(trimesh.creation, name)(**parameters))
 
 
-def from_trimesh(made: Any, crease_deg: float = 30.0) -> Mesh:
-    """A trimesh mesh, smooth where faces meet at less than `crease_deg`; (u, v) its own, else longitude and height."""
+def from_trimesh(
+    made: Any, crease_deg: float = 30.0, attributes: Mapping[str, Float] | None = None
+) -> Mesh:
+    """A trimesh mesh, smooth where faces meet at less than `crease_deg`; (u, v) its own, else longitude and height.
+
+    `attributes` are values of its vertices, (V, N) each.
+    """
     import trimesh
 
+    values = dict(attributes or {})
+    normals = None
     if crease_deg > 0:
-        made = trimesh.graph.smooth_shade(made, angle=math.radians(crease_deg))
+        whole = made
+        made = trimesh.graph.smooth_shade(whole, angle=math.radians(crease_deg))
+        sources = _sources(whole, made)
+        values = {name: array[sources] for name, array in values.items()}
+        normals = np.array(made.vertex_normals, dtype=np.float64)
     vertices = np.array(made.vertices, dtype=np.float64)
     faces = np.array(made.faces, dtype=np.uint32)
-    normals = (
-        np.array(made.vertex_normals, dtype=np.float64) if crease_deg > 0 else None
-    )
     uv = getattr(made.visual, "uv", None)
     if uv is None or len(uv) != len(vertices):
-        return with_longitude(Mesh(vertices, faces, normals))
-    return Mesh(vertices, faces, normals, np.array(uv, dtype=np.float64))
+        return with_longitude(Mesh(vertices, faces, normals, attributes=values))
+    uv = np.array(uv, dtype=np.float64)
+    return Mesh(vertices, faces, normals, uv, attributes=values)
+
+
+def _sources(whole: Any, smooth: Any) -> NDArray[np.int64]:
+    """The vertex of `whole` that each vertex of the mesh of `trimesh.graph.smooth_shade` is a copy of, (V,)."""
+    components = smooth.metadata.get("original_components")
+    if components is None:  # nothing was split
+        return np.arange(len(smooth.vertices))
+    corners = whole.faces[np.concatenate(components)]
+    sources = np.zeros(len(smooth.vertices), dtype=np.int64)
+    sources[smooth.faces.ravel()] = corners.ravel()
+    return sources
 
 
 def with_longitude(mesh: Mesh) -> Mesh:
