@@ -2,7 +2,7 @@
 
 import contextlib
 import json
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from twinlens.dataset import (
     write_manifest,
     write_sample,
 )
+from twinlens.dataset.channels import CHANNELS, TRUTH
 from twinlens.dataset.dataset import row_of
 
 LENS = ThinLens(0.02, focus_distance=2.5)
@@ -188,6 +189,16 @@ def stored(folder, made: Sample | None = None) -> StoredSample:
     return open_sample(folder)
 
 
+def extra_channels() -> list[str]:
+    """The channels whose arrays are in `Truth.extra`."""
+    of_truth = {field.name for field in fields(Truth)}
+    return [
+        channel.name
+        for channel in TRUTH.channels
+        if channel.value is None and channel.name not in of_truth
+    ]
+
+
 def full_sample() -> Sample:
     """A sample of two lenses that has every channel: radiance, dual pixels and a projector too."""
     made = sample(num_lenses=2)
@@ -197,7 +208,8 @@ def full_sample() -> Sample:
     rng = np.random.default_rng(0)
     shape = made.truths[0].depth.shape
     light = Projection(rng.random((*shape, 2)), rng.random(shape) < 0.5)
-    lit = [replace(truth, projections=(light,)) for truth in made.truths]
+    extra = {name: np.zeros(shape, CHANNELS[name].dtype) for name in extra_channels()}
+    lit = [replace(truth, projections=(light,), extra=extra) for truth in made.truths]
     return replace(made, shots=tuple(shots), truths=tuple(lit))
 
 

@@ -1,5 +1,10 @@
-"""The table of channels: every row is documented and round trips, and a new channel is one new row."""
+"""The table of channels: every row is documented and round trips, and a new channel is one new row.
 
+Who adds a channel of truth changes three files: rendering/ground_truth.py, a function and its name in `EXTRA_CHANNELS`
+(tests/factory/test_sample.py renders one); dataset/channels.py, a row of `CHANNELS`; and docs/format.md, a row there.
+"""
+
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,12 +13,13 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from tests.dataset import dataset_scene
+from tests.dataset.dataset_scene import edited, stored
 from twinlens.dataset import Dataset, describe, write_sample
 from twinlens.dataset.channels import CHANNELS, TEXTS, TRUTH, Channel, parse_file
 from twinlens.dataset.codecs.exr import read_exr
 from twinlens.dataset.export import export
 from twinlens.dataset.verify import verify_sample
-from twinlens.errors import InputError
+from twinlens.errors import FileError, InputError
 
 SAMPLE = dataset_scene.sample(num_lenses=2)
 
@@ -25,30 +31,44 @@ def _behind(view):
     return [text] if wrong.any() else []
 
 
-SECOND_DISTANCE = Channel(
+ROW = Channel(
     "second_distance",
     TRUTH,
     "float32",
     "distance to the second surface along the chief ray; +inf unknown",
     "m",
-    optional=True,
+    since="0.2.0",
     check=_behind,
 )
+
+
+def with_second(*distances):
+    truths = tuple(
+        replace(truth, extra={"second_distance": distance})
+        for truth, distance in zip(SAMPLE.truths, distances, strict=True)
+    )
+    return replace(SAMPLE, truths=truths)
+
+
+SECOND = [np.float32(truth.depth + 0.25) for truth in SAMPLE.truths]
+
+
+@pytest.fixture
+def new_row(monkeypatch):
+    monkeypatch.setitem(CHANNELS, ROW.name, ROW)
 
 
 def test_every_channel_is_read_as_it_was_written(tmp_path):
     sample = dataset_scene.full_sample()
     write_sample(tmp_path / "s", sample)
-    stored = Dataset(tmp_path)[0]
-    for channel in CHANNELS.values():
-        if channel.dtype == TEXTS:
-            continue
-        for view in (0, 1):
-            array = stored[channel.quantity(view)]
+    rows = [channel for channel in CHANNELS.values() if channel.dtype != TEXTS]
+    for view in (0, 1):
+        names = [channel.quantity(view) for channel in rows]
+        values = Dataset(tmp_path).select(*names)[0]
+        for channel, array in zip(rows, values.values(), strict=True):
             written = np.asarray(channel.of(sample, view))
             assert array.dtype.name in channel.dtype.split(" or ")
             assert_array_equal(array, written.astype(array.dtype))
-            assert_array_equal(array, getattr(stored, channel.quantity(view)))
 
 
 def test_names_of_files_are_parsed_as_they_are_made(tmp_path):
@@ -74,52 +94,90 @@ def test_the_page_of_formats_lists_every_channel_of_the_truth():
         assert f"`{first}`" in page
 
 
-def test_a_new_channel_is_one_new_row(tmp_path, monkeypatch):
-    """Written, read, verified, described and exported, without any other change."""
-    second = [np.float32(truth.depth + 0.25) for truth in SAMPLE.truths]
-    truths = [
-        replace(truth, extra={"second_distance": distance})
-        for truth, distance in zip(SAMPLE.truths, second, strict=True)
-    ]
-    sample = replace(SAMPLE, truths=tuple(truths))
+def test_a_channel_without_a_row_is_not_written(tmp_path):
     with pytest.raises(InputError, match="unknown channel 'second_distance'"):
-        write_sample(tmp_path / "set" / "s", sample)
+        write_sample(tmp_path / "s", with_second(*SECOND))
 
-    monkeypatch.setitem(CHANNELS, "second_distance", SECOND_DISTANCE)
-    write_sample(tmp_path / "set" / "s", sample)
+
+@pytest.mark.usefixtures("new_row")
+def test_a_new_channel_is_one_new_row(tmp_path):
+    """Written, read, verified, described and exported, without any other change."""
+    write_sample(tmp_path / "set" / "s", with_second(*SECOND))
     dataset_scene.list_samples(tmp_path / "set", "s")
     data = Dataset(tmp_path / "set")
-    stored = data[0]
 
-    assert_array_equal(stored.second_distance0, second[0])
-    assert_array_equal(stored["second_distance1"], second[1])
-    assert_array_equal(
-        data.select("second_distance0")[0]["second_distance0"], second[0]
-    )
-    assert_array_equal(stored.truth1.extra["second_distance"], second[1])
+    assert_array_equal(data[0].second_distance0, SECOND[0])
+    assert_array_equal(data[0]["second_distance1"], SECOND[1])
+    assert_array_equal(data[0].truth1.extra["second_distance"], SECOND[1])
 
-    assert verify_sample(stored) == []
-    nearer = [
-        replace(truth, extra={"second_distance": 0.5 * truth.depth})
-        for truth in SAMPLE.truths
-    ]
-    write_sample(tmp_path / "wrong", replace(SAMPLE, truths=tuple(nearer)))
-    findings = verify_sample(Dataset(tmp_path / "wrong")[0])
+    assert verify_sample(data[0]) == []
+    nearer = with_second(*(0.5 * truth.depth for truth in SAMPLE.truths))
+    findings = verify_sample(stored(tmp_path / "wrong", nearer))
     assert findings[0].startswith("truth0.exr: second_distance is before depth at ")
-
-    describe(data)
-    assert "second_distance" in (tmp_path / "set" / "croissant.json").read_text()
 
     export(data, tmp_path / "out", to="exr")
     planes = read_exr(tmp_path / "out" / "s" / "view1.exr").channels
-    assert_array_equal(planes["second_distance"], second[1])
+    assert_array_equal(planes["second_distance"], SECOND[1])
 
 
-def test_samples_without_an_optional_channel_are_read(tmp_path, monkeypatch):
-    monkeypatch.setitem(CHANNELS, "second_distance", SECOND_DISTANCE)
-    write_sample(tmp_path / "s", SAMPLE)
-    stored = Dataset(tmp_path)[0]
-    assert stored.truth0.extra == {}
-    assert verify_sample(stored) == []
-    with pytest.raises(ValueError, match=r"truth0.exr: has no channel"):
-        _ = stored.second_distance0
+def described_lines(folder):
+    """The lines of the description of truth0.exr in croissant.json."""
+    describe(folder)
+    sets = json.loads((folder / "croissant.json").read_text())["recordSet"]
+    (text,) = (entry["description"] for entry in sets if entry["name"] == "truth0-exr")
+    return text.splitlines()
+
+
+@pytest.mark.usefixtures("new_row")
+def test_the_metadata_list_the_channels_that_a_sample_holds(tmp_path):
+    write_sample(tmp_path / "s", with_second(*SECOND))
+    dataset_scene.list_samples(tmp_path, "s")
+    lines = described_lines(tmp_path)
+    assert f"- second_distance [m]: {ROW.meaning}" in lines
+    assert not any("projector" in line for line in lines), "the rig has none"
+
+
+def test_a_sample_needs_the_channels_of_the_version_that_wrote_it(
+    tmp_path, monkeypatch
+):
+    old = stored(tmp_path / "s", SAMPLE)
+    monkeypatch.setitem(CHANNELS, ROW.name, ROW)
+    with pytest.raises(InputError, match="lacks 'second_distance'"):
+        write_sample(tmp_path / "new", SAMPLE)
+    with pytest.raises(FileError, match=r"truth0\.exr: has no channel 'second_dist"):
+        _ = old.truth0
+    missing = "has no channel 'second_distance'"
+    expected = [f"truth{view}.exr: {missing}" for view in (0, 1)]
+    assert verify_sample(old) == expected
+    with edited(old.folder) as record:
+        record["twinlens"] = "0.1.9"
+    assert old.truth0.extra == {}
+    assert verify_sample(old) == []
+    with pytest.raises(FileError, match=missing):
+        _ = old.second_distance0
+
+
+@pytest.mark.usefixtures("new_row")
+@pytest.mark.parametrize(
+    ("array", "message"),
+    [
+        (SECOND[0][1:], r"'second_distance' must have the shape \(48, 64\), got \(47, 64\)"),
+        (SECOND[0][..., None], "must have the shape"),
+        (SECOND[0] + 0j, "'second_distance' must be float32, got complex64"),
+        (np.full((48, 64), 2**24 + 1), "must be float32, got int64"),
+    ],
+)  # fmt: skip
+def test_an_array_that_its_file_cannot_hold_is_refused(tmp_path, array, message):
+    with pytest.raises(InputError, match=message):
+        write_sample(tmp_path / "s", with_second(array, SECOND[1]))
+    assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.usefixtures("new_row")
+def test_an_array_of_another_dtype_is_written_if_its_values_stay(tmp_path):
+    whole = np.arange(48 * 64).reshape(48, 64) + 10
+    back = stored(tmp_path / "s", with_second(whole, whole.astype(float)))
+    for view in (0, 1):
+        array = back[f"second_distance{view}"]
+        assert array.dtype == np.float32
+        assert_array_equal(array, whole)

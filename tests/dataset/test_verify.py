@@ -303,7 +303,8 @@ def test_a_view_shifted_by_a_pixel_is_reported(monkeypatch, wall, step, axis, vi
         == []
     )
     moved = shifted(there, camera, pose, *step)
-    assert consistency.check_positions(moved, camera, pose) == []
+    content = consistency.ViewContent(moved, pair, views[1], dataset_scene.LENS)
+    assert consistency.check_positions(content) == []
     (finding,) = consistency.check_views((here, moved), pair, views)
     assert f" px along {axis} against the other view's surfaces" in finding
 

@@ -62,7 +62,7 @@ def test_a_further_channel_is_computed_stored_and_read(scene, tmp_path, monkeypa
     """A function of the renderer's hits and a row of the table of channels are all that it needs."""
     name, meaning = "ray_distance", "distance along the chief ray; +inf unknown"
     monkeypatch.setitem(EXTRA_CHANNELS, name, lambda view: view.first.distance)
-    row = Channel(name, TRUTH, "float32", meaning, "m", optional=True)
+    row = Channel(name, TRUTH, "float32", meaning, "m", since="0.2.0")
     monkeypatch.setitem(CHANNELS, name, row)
     rig = default_rig(scene, 24, 18)
     sample = make_sample(scene, rig, LENSES[:1], Shoot(spp=1, seed=0))

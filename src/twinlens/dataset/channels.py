@@ -1,14 +1,15 @@
 """What a sample may hold: the table `CHANNELS`, one row a channel, and the files that its arrays are in.
 
 Whatever writes, reads, verifies, describes or exports arrays of a sample goes over this table, so a new channel is one
-new row. A row of the file `TRUTH` needs a name, a dtype and a meaning: its array is the field of `Truth`, or the entry
-of `Truth.extra`, with that name.
+new row. A row of the file `TRUTH` needs a name, a dtype, a meaning, and `since`: its array is the field of `Truth`, or
+the entry of `Truth.extra`, with that name.
 
     Sample -- Channel.of --> arrays -- ViewFile.encode --> bytes -- ViewFile.read --> arrays by name of their channel
 
 calib.txt, sample.json and models/*.ply hold no arrays of a view and are not in the table.
 """
 
+import contextlib
 import json
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -18,13 +19,14 @@ from typing import Any
 import numpy as np
 import pydantic
 
-from twinlens.camera import Camera, RecipeLens, Rig, dual_pixel_disparity
+import twinlens
+from twinlens.camera import Camera, Rig, dual_pixel_disparity
 from twinlens.camera.truth import MATERIAL_KINDS
 from twinlens.dataset import consistency
 from twinlens.dataset.codecs.exr import encode_exr, read_exr
 from twinlens.dataset.codecs.pfm import encode_pfm, read_disparity
 from twinlens.dataset.codecs.png import encode_png, read_png
-from twinlens.dataset.consistency import Findings
+from twinlens.dataset.consistency import Check
 from twinlens.dataset.sample import (
     Sample,
     blur_circle_px,
@@ -32,7 +34,7 @@ from twinlens.dataset.sample import (
     rectified_pair,
 )
 from twinlens.dataset.storage import Where
-from twinlens.errors import FileError
+from twinlens.errors import FileError, InputError
 
 PIXELS = "uint8 or uint16"
 """The dtype of photographs."""
@@ -45,29 +47,11 @@ _FILE_NAME = re.compile(r"(?:lens-(\d+)/)?[a-z-]+(\d+)[A-Za-z]*\.[a-z]+")
 
 
 @dataclass(frozen=True, eq=False)
-class ViewContent:
-    """What a check of a channel sees: the channels of one view by name, and what sample.json says of the view.
-
-    rig : of the truth. lens : that of the images; the truth's `blur_circle_px` is that of the first lens.
-    """
-
-    channels: Mapping[str, Any]
-    rig: Rig
-    view: int
-    lens: RecipeLens
-
-    @property
-    def camera(self) -> Camera:
-        """The camera of the view."""
-        return self.rig.cameras[self.view]
-
-
-@dataclass(frozen=True, eq=False)
 class FileFormat:
     """How arrays become the bytes of a file, and back.
 
     encode : from arrays by their channels. Raises InputError.
-    read : arrays by the names of their channels. Raises FileError.
+    read : arrays by the names of their channels, without those that the file lacks. Raises FileError.
     media_types, data_type : for croissant.json.
     """
 
@@ -118,22 +102,41 @@ class ViewFile:
         """The rows of the table that are in this file."""
         return [channel for channel in CHANNELS.values() if channel.file is self]
 
-    def description(self, view: int) -> str:
-        """`meaning` for one view, and the channels if there are several."""
-        meaning = self.meaning.format(view)
-        names = [channel.name for channel in self.channels if channel.dtype != TEXTS]
-        return f"{meaning}: {', '.join(names)}" if len(names) > 1 else meaning
+    def description(self, view: int, channels: Sequence["Channel"]) -> str:
+        """`meaning` for one view, and a line for each of the channels that the file holds if there are several."""
+        lines = [self.meaning.format(view)]
+        if len(self.channels) > 1:
+            lines += [
+                f"- {channel.description}"
+                for channel in channels
+                if channel.dtype != TEXTS
+            ]
+        return "\n".join(lines)
 
     def encode(self, sample: Sample, view: int, lens: int = 0) -> bytes | None:
-        """The file of a sample in memory; None if the sample has none of its channels. Raises InputError."""
-        arrays = {channel: channel.of(sample, view, lens) for channel in self.channels}
-        held = {
-            channel: array for channel, array in arrays.items() if array is not None
-        }
-        return self.format.encode(held) if held else None
+        """The file of a sample in memory; None if the sample has none of its channels.
+
+        Raises InputError for an array that does not fit its channel, and if the sample lacks some of the channels.
+        """
+        camera = sample.rig.nominal.cameras[view]
+        arrays: dict[Channel, Any] = {}
+        for channel in self.channels:
+            array = channel.of(sample, view, lens)
+            if array is not None:
+                channel.check_array(array, camera)
+                arrays[channel] = array
+        if not arrays:
+            return None
+        for channel in self.channels:
+            if channel not in arrays and channel.is_written_by(twinlens.__version__):
+                raise InputError(f"view {view} of the sample lacks {channel.name!r}")
+        return self.format.encode(arrays)
 
     def read(self, path: Where) -> dict[str, Any]:
-        """The arrays in such a file by the names of their channels. Raises FileError."""
+        """The arrays in such a file by the names of their channels, without those that it lacks. Raises FileError.
+
+        `StoredSample.read_file` also raises FileError if a channel is missing.
+        """
         return self.format.read(path, self.channels)
 
 
@@ -148,7 +151,7 @@ class Channel:
     planes : names of the planes of an EXR file that hold it, by default its own name. One plane is an array (H, W),
         several are one (H, W, C). {} in a name stands for a projector's number: the array has an axis P before H.
     is_vector : whether the components are along the axes of the world.
-    optional : whether its file may lack it.
+    since : the version of twinlens that added it, such as 0.3.0; samples of earlier versions lack it. Empty: 0.1.0.
     value : the array of a view and a lens of a sample in memory, or None. By default it is that of the truth.
     check : findings on it, one line each.
     is_basis : whether the checks of other rows would be meaningless if this one fails.
@@ -161,9 +164,9 @@ class Channel:
     unit: str = ""
     planes: tuple[str, ...] = ()
     is_vector: bool = False
-    optional: bool = False
+    since: str = ""
     value: Callable[[Sample, int, int], Any] | None = field(default=None, repr=False)
-    check: Callable[[ViewContent], Findings] | None = field(default=None, repr=False)
+    check: Check | None = field(default=None, repr=False)
     is_basis: bool = False
 
     def quantity(self, view: int) -> str:
@@ -179,6 +182,45 @@ class Channel:
             return None
         truth = sample.truths[view]
         return getattr(truth, self.name, truth.extra.get(self.name))
+
+    @property
+    def description(self) -> str:
+        """Name, unit and meaning.
+
+        >>> CHANNELS["depth"].description
+        'depth [m]: z along the optical axis; +inf unknown'
+        """
+        unit = f" [{self.unit}]" if self.unit else ""
+        return f"{self.name}{unit}: {self.meaning}"
+
+    def is_written_by(self, version: str) -> bool:
+        """Whether a version of twinlens writes the channel; "" is an unknown version.
+
+        >>> row = Channel("speed", TRUTH, "float32", "of the point", "m/s", since="0.3.0")
+        >>> [row.is_written_by(version) for version in ("", "0.2.9", "0.3.0", "0.12.1.dev3")]
+        [False, False, True, True]
+        """
+        return _numbers(version) >= _numbers(self.since)
+
+    def check_array(self, array: Any, camera: Camera) -> None:
+        """Raise InputError for an array of another shape, or with values that the file would not keep.
+
+        Only floats may be rounded, to float32. Encoders check photographs and texts themselves.
+        """
+        if self.dtype in (PIXELS, TEXTS):
+            return
+        components = (len(self.planes),) if len(self.planes) > 1 else ()
+        shape = (camera.height, camera.width, *components)
+        for part in array if self.per_projector else [array]:
+            values = np.asarray(part)
+            if values.shape != shape:
+                raise InputError(
+                    f"channel {self.name!r} must have the shape {shape}, got {values.shape}"
+                )
+            if not _keeps_values(values, self.dtype):
+                raise InputError(
+                    f"channel {self.name!r} must be {self.dtype}, got {values.dtype} that it cannot hold"
+                )
 
     @property
     def per_projector(self) -> bool:
@@ -221,6 +263,18 @@ class Channel:
     def _joined(self, planes: Mapping[str, Any], projector: int) -> Any:
         parts = [planes[name] for name in self._plane_names(projector)]
         return parts[0] if len(parts) == 1 else np.stack(parts, axis=-1)
+
+
+def _numbers(version: str) -> tuple[int, ...]:
+    """Major, minor and patch number of a version."""
+    return tuple(map(int, re.findall(r"\d+", version)[:3]))
+
+
+def _keeps_values(values: Any, dtype: str) -> bool:
+    """Whether an array can become `dtype` without a change but the rounding of floats."""
+    if not np.can_cast(values.dtype, dtype, "same_kind"):
+        return False
+    return values.dtype.kind == "f" or np.array_equal(values.astype(dtype), values)
 
 
 def view_files() -> list[ViewFile]:
@@ -284,7 +338,7 @@ def encode_channels(arrays: Mapping[Channel, Any]) -> bytes:
 
 
 def _read_channels(path: Where, channels: Sequence[Channel]) -> dict[str, Any]:
-    """The arrays of some channels in an EXR file, without the optional ones that it lacks."""
+    """The arrays of some channels in an EXR file, without those that it lacks."""
     exr = read_exr(path)
     projectors = _count_projectors(exr.channels)
     arrays: dict[str, Any] = {}
@@ -292,14 +346,8 @@ def _read_channels(path: Where, channels: Sequence[Channel]) -> dict[str, Any]:
         if channel.dtype == TEXTS:
             arrays[channel.name] = _texts(exr.text.get(channel.name, "[]"), path)
             continue
-        try:
+        with contextlib.suppress(KeyError):  # a plane that the file lacks
             arrays[channel.name] = channel.from_planes(exr.channels, projectors)
-        except KeyError as error:
-            if not channel.optional:
-                names = ", ".join(exr.channels)
-                raise FileError(
-                    f"{path}: has no channel {error}, only {names}"
-                ) from None
     return arrays
 
 
@@ -467,49 +515,6 @@ def _dual_disparity(sample: Sample, view: int, lens: int) -> Any:
     return dual_pixel_disparity(sample.truths[view], camera, shot.lens)
 
 
-def _check_position(view: ViewContent) -> Findings:
-    pose = view.rig.world_from_cams[view.view]
-    return consistency.check_positions(view.channels, view.camera, pose)
-
-
-def _check_object_id(view: ViewContent) -> Findings:
-    count = len(view.channels["object_names"])
-    return consistency.check_ids(view.channels, "object_id", count)
-
-
-def _check_material_id(view: ViewContent) -> Findings:
-    count = len(view.channels["material_names"])
-    return consistency.check_ids(view.channels, "material_id", count)
-
-
-def _check_material_kind(view: ViewContent) -> Findings:
-    largest = len(MATERIAL_KINDS) - 1
-    return consistency.check_ids(view.channels, "material_kind", largest)
-
-
-def _check_blur_circle(view: ViewContent) -> Findings:
-    return consistency.check_blur(view.channels, view.camera, view.lens)
-
-
-def _check_projectors(view: ViewContent) -> Findings:
-    return consistency.check_projections(view.channels, view.rig)
-
-
-def _check_mask(view: ViewContent) -> Findings:
-    return consistency.check_mask(view.channels)
-
-
-def _check_disparity(view: ViewContent) -> Findings:
-    pair = rectified_pair(view.rig, view.view)
-    if pair is None:
-        return ["is a disparity map, but the view is not in a rectified pair"]
-    return consistency.check_disparity(view.channels, view.rig.pair(*pair))
-
-
-def _check_dual_disparity(view: ViewContent) -> Findings:
-    return consistency.check_dual_pixels(view.channels, view.camera, view.lens)
-
-
 def _vector(name: str) -> tuple[str, ...]:
     return tuple(f"{name}.{axis}" for axis in "XYZ")
 
@@ -523,30 +528,33 @@ _ROWS = (
 
     Channel("depth", TRUTH, "float32", "z along the optical axis; +inf unknown", "m"),
     Channel("position", TRUTH, "float32", "point in the world; +inf unknown", "m",
-            planes=_vector("position"), is_vector=True, check=_check_position, is_basis=True),
+            planes=_vector("position"), is_vector=True, check=consistency.check_positions, is_basis=True),
     Channel("normal", TRUTH, "float32", "geometric unit normal in the world, towards the camera; 0 unknown",
             planes=_vector("normal"), is_vector=True),
     Channel("shading_normal", TRUTH, "float32", "interpolated unit normal in the world; 0 unknown",
             planes=_vector("shading_normal"), is_vector=True),
     Channel("visible", TRUTH, "bool", "whether the partner view sees the point"),
-    Channel("object_id", TRUTH, "int32", "1 + index into object_names; 0 unknown", check=_check_object_id),
-    Channel("material_id", TRUTH, "int32", "1 + index into material_names; 0 unknown", check=_check_material_id),
-    Channel("material_kind", TRUTH, "uint8", "index into MATERIAL_KINDS", check=_check_material_kind),
+    Channel("object_id", TRUTH, "int32", "1 + index into object_names; 0 unknown",
+            check=consistency.check_ids("object_id", "object_names")),
+    Channel("material_id", TRUTH, "int32", "1 + index into material_names; 0 unknown",
+            check=consistency.check_ids("material_id", "material_names")),
+    Channel("material_kind", TRUTH, "uint8", "index into MATERIAL_KINDS",
+            check=consistency.check_ids("material_kind", MATERIAL_KINDS[1:])),
     Channel("blur_circle_px", TRUTH, "float32", "signed diameter of the blur circle, positive before the focus", "px",
-            value=_blur_circle, check=_check_blur_circle),
+            value=_blur_circle, check=consistency.check_blur),
     Channel("projector_pixels", TRUTH, "float32", "pixels of the projectors that light the point; +inf unknown", "px",
-            planes=("projector{}.u", "projector{}.v"), value=_projector_pixels, check=_check_projectors),
+            planes=("projector{}.u", "projector{}.v"), value=_projector_pixels, check=consistency.check_projections),
     Channel("lit", TRUTH, "bool", "whether the light of each projector reaches the point",
             planes=("projector{}.lit",), value=_lit),
     Channel("object_names", TRUTH, TEXTS, "names of the objects"),
     Channel("material_names", TRUTH, TEXTS, "names of the materials"),
 
     Channel("dp_disp", DP_DISPARITY, "float32", "true disparity of the halves of dual pixels; +inf unknown", "px",
-            value=_dual_disparity, check=_check_dual_disparity),
+            value=_dual_disparity, check=consistency.check_dual_pixels),
     Channel("disp", DISPARITY, "float32", "true disparity, u_left - u_right; +inf unknown", "px",
-            value=_disparity, check=_check_disparity),
+            value=_disparity, check=consistency.check_disparity),
     Channel("mask_nonocc", MASK, "uint8", "255 visible in both views, 128 occluded or out of frame, 0 unknown",
-            value=_mask, check=_check_mask),
+            value=_mask, check=consistency.check_mask),
 )
 # fmt: on
 

@@ -1,10 +1,12 @@
 """Checks of the relations between the arrays of a sample; each function returns its findings, one line each.
 
-Tolerances follow from the files: depth, position and disparity are float32, so a relation may be off by a few units in
-the last place, and by 1e-4 px where pixels are compared.
+A check of one channel is a function of a `ViewContent`, named in the channel's row of `channels.CHANNELS`. Tolerances
+follow from the files: depth, position and disparity are float32, so a relation may be off by a few units in the last
+place, and by 1e-4 px where pixels are compared.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,12 +17,34 @@ from twinlens import geometry
 from twinlens.camera import Camera, ObjectTruth, RecipeLens, Rig, dual_pixel_disparity
 from twinlens.camera.masks import decode_mask
 from twinlens.dataset.codecs.calib import Calibration
-from twinlens.dataset.sample import blur_circle_px
+from twinlens.dataset.sample import blur_circle_px, rectified_pair
 from twinlens.dataset.visibility import HIDDEN, UNKNOWN, VISIBLE, mask_of
 from twinlens.errors import InputError
 
 Arrays = Mapping[str, Any]
 Findings = list[str]
+
+
+@dataclass(frozen=True, eq=False)
+class ViewContent:
+    """What a check of a channel sees: the channels of one view by name, and what sample.json says of the view.
+
+    rig : of the truth. number : of the view in the rig.
+    lens : that of the images; the truth's `blur_circle_px` is that of the first lens.
+    """
+
+    channels: Arrays
+    rig: Rig
+    number: int
+    lens: RecipeLens
+
+    @property
+    def camera(self) -> Camera:
+        """The camera of the view."""
+        return self.rig.cameras[self.number]
+
+
+Check = Callable[[ViewContent], Findings]
 
 _PX = 1e-4
 # Cosine of the angle to a surface that counts as lit from its edge.
@@ -42,10 +66,10 @@ _MAX_PIXELS, _MIN_PIXELS = 50_000, 1_000
 _MIN_DIFFERENCE = 0.15
 
 
-def check_positions(
-    truth: Arrays, camera: Camera, world_from_cam: NDArray[np.float64]
-) -> Findings:
+def check_positions(view: ViewContent) -> Findings:
     """Every position is at its depth, on the ray through its pixel centre."""
+    truth, camera = view.channels, view.camera
+    world_from_cam = view.rig.world_from_cams[view.number]
     hit = truth["object_id"] > 0
     if not np.array_equal(hit, np.isfinite(truth["depth"])):
         return ["depth is not finite exactly where object_id > 0"]
@@ -55,6 +79,7 @@ def check_positions(
             "position is not finite, or depth not positive, where something was hit"
         ]
     cam = geometry.transform_points(geometry.inverse(world_from_cam), world)
+    # A float32 coordinate is off by a share of the largest term of its sum.
     scale = np.abs(world).sum(axis=-1) + np.abs(world_from_cam[:3, 3]).sum()
     depth = truth["depth"][hit].astype(np.float64)
     allowed_px = scale * _ROUNDING * max(camera.fx, camera.fy) / depth + _PX
@@ -68,9 +93,13 @@ def check_positions(
     ]
 
 
-def check_disparity(channels: Arrays, pair: Rig) -> Findings:
+def check_disparity(view: ViewContent) -> Findings:
     """d = fx B / z - doffs of the rectified pair where something was hit; elsewhere +inf, or that of infinity."""
-    calibration = Calibration.from_rig(pair)
+    pair = rectified_pair(view.rig, view.number)
+    if pair is None:
+        return ["is a disparity map, but the view is not in a rectified pair"]
+    calibration = Calibration.from_rig(view.rig.pair(*pair))
+    channels = view.channels
     disparity = channels["disp"]
     hit = channels["object_id"] > 0
     sky = disparity[~hit]
@@ -83,8 +112,9 @@ def check_disparity(channels: Arrays, pair: Rig) -> Findings:
     return _compare("disparity differs from fx B / z - doffs", error, allowed, "px")
 
 
-def check_mask(channels: Arrays) -> Findings:
+def check_mask(view: ViewContent) -> Findings:
     """The mask is 0 where nothing is known, 255 where the partner sees the point, 128 elsewhere."""
+    channels = view.channels
     mask = channels["mask_nonocc"]
     if not np.isin(mask, (UNKNOWN, HIDDEN, VISIBLE)).all():
         return [f"mask has other values than {UNKNOWN}, {HIDDEN} and {VISIBLE}"]
@@ -97,12 +127,17 @@ def check_mask(channels: Arrays) -> Findings:
     return [f"mask differs from the truth at {wrong} of {mask.size} pixels"]
 
 
-def check_ids(channels: Arrays, name: str, count: int) -> Findings:
-    """No number of the channel `name` is greater than the `count` of its names."""
-    largest = channels[name].max()
-    if largest <= count:
-        return []
-    return [f"{name} has the value {largest}, but only {count} names exist"]
+def check_ids(name: str, names: str | Sequence[str]) -> Check:
+    """The check that no number of a channel is greater than the count of `names`, or of the channel of that name."""
+
+    def check(view: ViewContent) -> Findings:
+        largest = view.channels[name].max()
+        count = len(view.channels[names] if isinstance(names, str) else names)
+        if largest <= count:
+            return []
+        return [f"{name} has the value {largest}, but only {count} names exist"]
+
+    return check
 
 
 def check_objects(objects: Sequence[ObjectTruth], truth: Arrays, key: str) -> Findings:
@@ -132,22 +167,19 @@ def check_objects(objects: Sequence[ObjectTruth], truth: Arrays, key: str) -> Fi
     return findings
 
 
-def check_blur(truth: Arrays, camera: Camera, lens: RecipeLens) -> Findings:
+def check_blur(view: ViewContent) -> Findings:
     """The blur circles are those of the lens in sample.json."""
-    expected = blur_circle_px(truth["depth"], camera, lens).astype(np.float64)
-    error = np.abs(truth["blur_circle_px"] - expected)
-    return _compare(
-        "blur_circle_px is not that of the lens",
-        error,
-        _PX + 10 * _ROUNDING * np.abs(expected),
-        "px",
-    )
+    depth = view.channels["depth"]
+    expected = blur_circle_px(depth, view.camera, view.lens).astype(np.float64)
+    error = np.abs(view.channels["blur_circle_px"] - expected)
+    allowed = _PX + 10 * _ROUNDING * np.abs(expected)
+    return _compare("blur_circle_px is not that of the lens", error, allowed, "px")
 
 
-def check_dual_pixels(channels: Arrays, camera: Camera, lens: RecipeLens) -> Findings:
+def check_dual_pixels(view: ViewContent) -> Findings:
     """The disparity of dual pixels is that of the depth and of the lens in sample.json."""
-    disparity = channels["dp_disp"]
-    expected = dual_pixel_disparity(channels["depth"], camera, lens).astype(np.float64)
+    depth, disparity = view.channels["depth"], view.channels["dp_disp"]
+    expected = dual_pixel_disparity(depth, view.camera, view.lens).astype(np.float64)
     hit = np.isfinite(expected)
     if not np.array_equal(disparity[~hit], expected[~hit]):
         return ["disparity is known where nothing was hit"]
@@ -156,45 +188,50 @@ def check_dual_pixels(channels: Arrays, camera: Camera, lens: RecipeLens) -> Fin
     return _compare("disparity is not that of the lens", error, allowed, "px")
 
 
-def check_projections(truth: Arrays, rig: Rig) -> Findings:
+def check_projections(view: ViewContent) -> Findings:
     """The pixels of each projector are those of the positions; what it lights is in its pattern, and faces it."""
-    pixels, lit = truth["projector_pixels"], truth["lit"]
-    if len(pixels) != len(rig.projectors):
-        return [f"has {len(pixels)} projectors, but sample.json {len(rig.projectors)}"]
+    projectors, stored = view.rig.projectors, view.channels["projector_pixels"]
+    if len(stored) != len(projectors):
+        return [f"has {len(stored)} projectors, but sample.json {len(projectors)}"]
     findings = []
-    hit = truth["object_id"] > 0
+    for number in range(len(projectors)):
+        findings += _check_projection(view, number)
+    return findings
+
+
+def _check_projection(view: ViewContent, number: int) -> Findings:
+    """`check_projections` of one projector."""
+    truth, rig = view.channels, view.rig
+    pattern = rig.projectors[number].intrinsics
+    pose = rig.world_from_projectors[number]
+    hit, lit = truth["object_id"] > 0, truth["lit"][number]
     world = truth["position"][hit].astype(np.float64)
-    for i, (projector, pose) in enumerate(
-        zip(rig.projectors, rig.world_from_projectors, strict=True)
-    ):
-        camera, seen = projector.intrinsics, pixels[i][hit].astype(np.float64)
-        cam = geometry.transform_points(geometry.inverse(pose), world)
-        expected = camera.project(cam)
-        inside = camera.contains(seen) | camera.contains(expected)
-        # Rounding of the coordinates, as pixels; pixels far outside the pattern are not compared.
-        scale = np.abs(world).sum(axis=-1) + np.abs(pose[:3, 3]).sum()
-        farthest = 2.0 * max(camera.fx, camera.fy, camera.width, camera.height)
-        allowed = _PX + _ROUNDING * farthest * (1 + scale[inside] / cam[inside, 2])
-        error = np.abs(seen - expected)[inside].max(axis=-1, initial=0.0)
-        findings += _compare(
-            f"position does not project to projector{i}.u and .v", error, allowed, "px"
+    stored = truth["projector_pixels"][number][hit].astype(np.float64)
+    cam = geometry.transform_points(geometry.inverse(pose), world)
+    expected = pattern.project(cam)
+    # Pixels far outside the pattern are not compared: there, rounding of the positions is many pixels.
+    inside = pattern.contains(stored) | pattern.contains(expected)
+    scale = np.abs(world).sum(axis=-1) + np.abs(pose[:3, 3]).sum()
+    farthest = 2.0 * max(pattern.fx, pattern.fy, pattern.width, pattern.height)
+    allowed = _PX + _ROUNDING * farthest * (1 + scale[inside] / cam[inside, 2])
+    error = np.abs(stored - expected)[inside].max(axis=-1, initial=0.0)
+    name = f"projector{number}"
+    what = f"position does not project to {name}.u and .v"
+    findings = _compare(what, error, allowed, "px")
+    # A point on the border of the pattern may be outside by rounding.
+    reached = np.zeros(hit.shape, dtype=bool)
+    reached[hit] = (
+        inside | pattern.contains(stored - _PX) | pattern.contains(stored + _PX)
+    )
+    if wrong := np.count_nonzero(lit & ~reached):
+        findings.append(f"{name}.lit is 1 at {wrong} pixels outside its pattern")
+    towards = pose[:3, 3] - world
+    cosine = (truth["normal"][hit] * towards).sum(axis=-1)
+    cosine /= np.linalg.norm(towards, axis=-1)
+    if wrong := np.count_nonzero(lit[hit] & (cosine < -_GRAZING)):
+        findings.append(
+            f"{name}.lit is 1 at {wrong} pixels whose surface faces away from it"
         )
-        reached = np.zeros(hit.shape, dtype=bool)
-        reached[hit] = (
-            inside | camera.contains(seen - _PX) | camera.contains(seen + _PX)
-        )
-        if wrong := np.count_nonzero(lit[i] & ~reached):
-            findings.append(
-                f"projector{i}.lit is 1 at {wrong} pixels outside its pattern"
-            )
-        towards = pose[:3, 3] - world
-        cosine = (truth["normal"][hit] * towards).sum(axis=-1) / np.linalg.norm(
-            towards, axis=-1
-        )
-        if wrong := np.count_nonzero(lit[i][hit] & (cosine < -_GRAZING)):
-            findings.append(
-                f"projector{i}.lit is 1 at {wrong} pixels whose surface faces away from it"
-            )
     return findings
 
 

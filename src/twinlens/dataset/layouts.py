@@ -281,7 +281,7 @@ def exr(source: Source) -> Files:
         for file in view_files():
             path = (shot if file.per_lens else sample).path(file.name(view))
             if path.is_file():
-                arrays |= file.read(path)
+                arrays |= sample.read_file(file, path)
         if "blur_circle_px" in arrays:
             arrays["blur_circle_px"] = shot.blur_circle_px(view)
         maps = {

@@ -16,14 +16,16 @@ from datetime import date
 from typing import Annotated, Any
 from urllib.parse import urlsplit
 
+import numpy as np
 import pydantic
 
 from twinlens import schema
-from twinlens.dataset.channels import DISPARITY, IMAGE, parse_file
+from twinlens.dataset.channels import DISPARITY, IMAGE, Channel, ViewFile, parse_file
 from twinlens.dataset.dataset import MANIFEST, Dataset, Manifest
 from twinlens.dataset.files import read_bytes, write_file
 from twinlens.dataset.record import read
 from twinlens.dataset.storage import Place
+from twinlens.errors import FileError
 
 KEY, UNNAMED = "about", "stereo dataset"
 CROISSANT = "croissant.json"
@@ -167,11 +169,11 @@ def write_croissant(dataset: Dataset, texts: About, manifest: Manifest) -> str:
         paths = {name for name in _plain_names() if dataset[0].has(name)}
     # Without the folders of lenses.
     names = sorted({name.rpartition("/")[2] for name in paths})
-    described = [
-        _file_records(name, *description)
-        for name in names
-        if (description := _description(name)) is not None
-    ]
+    described = []
+    for name in names:
+        description = _description(name, dataset)
+        if description is not None:
+            described.append(_file_records(name, *description))
     path = dataset.path / MANIFEST
     if path.is_file():
         described.insert(0, _manifest_records(read_bytes(path), manifest))
@@ -249,7 +251,7 @@ def _plain_names() -> Iterator[str]:
     yield "calib.txt"
 
 
-def _description(name: str) -> tuple[str, list[str], str] | None:
+def _description(name: str, dataset: Dataset) -> tuple[str, list[str], str] | None:
     """What a file of a sample holds, its media types, and Croissant's type; None for files that are not described."""
     if name in _TEXT_FILES:
         text, media_types = _TEXT_FILES[name]
@@ -258,11 +260,25 @@ def _description(name: str) -> tuple[str, list[str], str] | None:
     if parsed is None:
         return None
     file, view, _ = parsed
-    return (
-        file.description(view),
-        list(file.format.media_types),
-        file.format.data_type,
-    )
+    text = file.description(view, _channels_in(dataset, file, view))
+    return text, list(file.format.media_types), file.format.data_type
+
+
+def _channels_in(dataset: Dataset, file: ViewFile, view: int) -> list[Channel]:
+    """The channels that a file of several holds, in the first sample where it can be read.
+
+    Samples of an earlier version lack some, and those without projectors have empty ones.
+    """
+    if len(file.channels) == 1:
+        return file.channels
+    for sample in dataset:
+        try:
+            arrays = file.read(sample.path(file.name(view)))
+        except FileError:
+            continue
+        sizes = {name: np.size(array) for name, array in arrays.items()}
+        return [channel for channel in file.channels if sizes.get(channel.name)]
+    return []
 
 
 def _file_records(

@@ -10,7 +10,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 import pydantic
@@ -137,7 +137,8 @@ class StoredSample(Mapping[str, Any]):
     if not TYPE_CHECKING:  # so that type checkers still find misspelt names
 
         def __getattr__(self, name: str) -> Any:
-            if name.startswith("_") or channel_of(name) is None:
+            quantity = None if name.startswith("_") else find_quantity(name)
+            if quantity is None or quantity.channel is None:
                 kind = type(self).__name__
                 raise AttributeError(f"{kind!r} object has no attribute {name!r}")
             return self[name]
@@ -316,8 +317,28 @@ class StoredSample(Mapping[str, Any]):
             return paths[0]
         return next((path for path in paths if path.exists()), paths[0])
 
+    @property
+    def written_by(self) -> str:
+        """The version of twinlens that wrote the sample; empty if it is unknown."""
+        if not self.has("sample.json"):
+            return ""
+        return str(self.record.get("twinlens", ""))
+
+    def read_file(self, file: ViewFile, path: Place) -> dict[str, Any]:
+        """The arrays in a file of the sample by channel.
+
+        Raises FileError, also for a channel that the file lacks, unless the sample is older than the channel.
+        """
+        arrays = file.read(path)
+        missing = [channel for channel in file.channels if channel.name not in arrays]
+        for channel in missing:
+            # sample.json is read for channels of later versions only.
+            if channel.is_written_by(self.written_by if channel.since else ""):
+                raise FileError(f"{path}: has no channel {channel.name!r}")
+        return arrays
+
     def _read(self, file: ViewFile, view: int) -> dict[str, Any]:
-        return file.read(self._view_path(file, view))
+        return self.read_file(file, self._view_path(file, view))
 
 
 @dataclass(frozen=True)
@@ -394,7 +415,7 @@ class StoredShot:
         return blur_circle_px(depth, self.sample.rig.cameras[i], self.lens)
 
     def _read(self, file: ViewFile, view: int) -> dict[str, Any]:
-        return file.read(self.path(file.name(view)))
+        return self.sample.read_file(file, self.path(file.name(view)))
 
 
 def samples_in(path: Place) -> tuple[StoredSample, ...]:
@@ -415,69 +436,93 @@ def _is_sample(folder: Place) -> bool:
     return (folder / IMAGE.name(0)).is_file()
 
 
-_SAMPLE_QUANTITIES: dict[str, Callable[[StoredSample], Any]] = {
-    "name": lambda sample: sample.name,
-    "ndisp": lambda sample: sample.ndisp,
-    "baseline": lambda sample: sample.calibration.baseline,
-    "doffs": lambda sample: sample.calibration.doffs,
-}
-"""The quantities that a sample has once."""
+def _camera_of(sample: StoredSample, view: int) -> Rig:
+    """The rig, if it has a camera of that number. Raises InputError."""
+    rig = sample.rig
+    if view >= len(rig):
+        raise InputError(
+            f"{sample.name}: has cameras 0 to {len(rig) - 1}, no camera {view}"
+        )
+    return rig
 
-_CAMERA_QUANTITIES: dict[str, Callable[[Rig, int], Any]] = {
-    "K": lambda rig, view: rig.cameras[view].K,
-    "world_from_cam": lambda rig, view: rig.world_from_cams[view].copy(),
-}
-"""The quantities of a camera."""
 
-_COMPUTED: dict[str, Callable[[StoredSample, int], Any]] = {
+_PER_SAMPLE = ("name", "ndisp", "baseline", "doffs")
+_PER_CAMERA = ("K", "world_from_cam")
+_NOT_IN_ONE_FILE: dict[str, Callable[[StoredSample, int], Any]] = {
+    "name": lambda sample, view: sample.name,
+    "ndisp": lambda sample, view: sample.ndisp,
+    "baseline": lambda sample, view: sample.calibration.baseline,
+    "doffs": lambda sample, view: sample.calibration.doffs,
+    "K": lambda sample, view: _camera_of(sample, view).cameras[view].K,
+    "world_from_cam": lambda sample, view: (
+        _camera_of(sample, view).world_from_cams[view].copy()
+    ),
+    # Plain folders may have these two in another form, or not at all.
     "disp": StoredSample.disparity,
     "mask_nonocc": StoredSample.mask_nonocc,
 }
-"""The channels that plain folders need not have, or have in another form."""
+"""How the quantities are read that are not simply an array of a file."""
 
 _NAME = re.compile(r"(?:lens(\d{1,4})\.)?([A-Za-z_]+?)(\d{1,4})(_nonocc)?")
 
 
-def channel_of(name: str) -> tuple[Channel, int | None, int] | None:
-    """Channel, lens and view of the name of a quantity; None if it is not that of a channel."""
+class Quantity(NamedTuple):
+    """A value that a sample has under a name of docs/loading.md, such as im0, lens1.im0, K1 or ndisp.
+
+    kind : the name of a channel, or of a quantity of the sample or of a camera.
+    lens : the number of the lens in the name, or None.
+    view : the number of the view; 0 for a quantity of the sample.
+    """
+
+    kind: str
+    lens: int | None = None
+    view: int = 0
+
+    @property
+    def channel(self) -> Channel | None:
+        """The row of the table of channels that has the quantity, if one has."""
+        return CHANNELS.get(self.kind)
+
+
+def find_quantity(name: str) -> Quantity | None:
+    """The quantity of that name, or None."""
+    if name in _PER_SAMPLE:
+        return Quantity(name)
     match = _NAME.fullmatch(name)
     if match is None:
         return None
     lens, stem, view, ending = match.groups()
-    channel = CHANNELS.get(stem + (ending or ""))
-    if channel is None or channel.dtype == TEXTS:
+    number = None if lens is None else int(lens)
+    quantity = Quantity(stem + (ending or ""), number, int(view))
+    channel = quantity.channel
+    if channel is None:
+        is_of_camera = quantity.kind in _PER_CAMERA and lens is None
+        return quantity if is_of_camera else None
+    has_lenses = channel.file.per_lens or channel.name == "blur_circle_px"
+    if channel.dtype == TEXTS or (lens is not None and not has_lenses):
         return None
-    if lens is None:
-        return channel, None, int(view)
-    if channel.file.per_lens or channel.name == "blur_circle_px":
-        return channel, int(lens), int(view)
-    return None
+    return quantity
 
 
-def parse_quantity(name: str) -> tuple[str, int | None, int]:
-    """Quantity, lens and view of a name of docs/loading.md. Raises InputError, with the nearest name, for another.
+def parse_quantity(name: str) -> Quantity:
+    """The quantity of that name. Raises InputError, with the nearest name, if there is none.
 
-    >>> parse_quantity("lens1.im0"), parse_quantity("mask1_nonocc")
-    (('im', 1, 0), ('mask_nonocc', None, 1))
+    >>> parse_quantity("lens1.im0")
+    Quantity(kind='im', lens=1, view=0)
+    >>> parse_quantity("mask1_nonocc")
+    Quantity(kind='mask_nonocc', lens=None, view=1)
     """
     if not isinstance(name, str):
         raise InputError(
             f"the name of a quantity is a text, such as 'im0', got {format_value(name)}"
         )
-    if name in _SAMPLE_QUANTITIES:
-        return name, None, 0
-    if (parsed := channel_of(name)) is not None:
-        channel, lens, view = parsed
-        return channel.name, lens, view
-    match = _NAME.fullmatch(name)
-    if match and match[2] in _CAMERA_QUANTITIES and not match[1] and not match[4]:
-        return match[2], None, int(match[3])
-    arrays = [channel for channel in CHANNELS.values() if channel.dtype != TEXTS]
-    suggestions = [channel.quantity(0) for channel in arrays]
-    suggestions += [f"{quantity}0" for quantity in _CAMERA_QUANTITIES]
-    raise unknown(
-        "quantity of a sample", name, (*_SAMPLE_QUANTITIES, *suggestions, "lens1.im0")
-    )
+    quantity = find_quantity(name)
+    if quantity is None:
+        arrays = [channel for channel in CHANNELS.values() if channel.dtype != TEXTS]
+        names = [*_PER_SAMPLE, *(channel.quantity(0) for channel in arrays)]
+        names += [*(f"{kind}0" for kind in _PER_CAMERA), "lens1.im0"]
+        raise unknown("quantity of a sample", name, names)
+    return quantity
 
 
 def read_quantities(names: Iterable[str], sample: StoredSample) -> dict[str, Any]:
@@ -486,33 +531,25 @@ def read_quantities(names: Iterable[str], sample: StoredSample) -> dict[str, Any
     Raises InputError for an unknown name, FileError for a missing file.
     """
     truth = functools.cache(functools.partial(sample._read, TRUTH))
-    return {name: _read_quantity(name, sample, truth) for name in names}
+    return {name: _read_quantity(parse_quantity(name), sample, truth) for name in names}
 
 
 def _read_quantity(
-    name: str, sample: StoredSample, truth: Callable[[int], dict[str, Any]]
+    quantity: Quantity, sample: StoredSample, truth: Callable[[int], dict[str, Any]]
 ) -> Any:
-    quantity, lens, view = parse_quantity(name)
-    if quantity in _SAMPLE_QUANTITIES:
-        return _SAMPLE_QUANTITIES[quantity](sample)
-    if quantity in _CAMERA_QUANTITIES:
-        rig = sample.rig
-        if view >= len(rig):
-            raise InputError(
-                f"{sample.name}: has cameras 0 to {len(rig) - 1}, no camera {view}"
-            )
-        return _CAMERA_QUANTITIES[quantity](rig, view)
-    if quantity in _COMPUTED:
-        return _COMPUTED[quantity](sample, view)
-    channel = CHANNELS[quantity]
-    if channel.file is TRUTH:
+    kind, lens, view = quantity
+    if kind in _NOT_IN_ONE_FILE:
+        return _NOT_IN_ONE_FILE[kind](sample, view)
+    file = CHANNELS[kind].file
+    if file is TRUTH and lens is not None:
         # The file has the blur circle of the first lens; those of others are computed.
-        if lens is not None:
-            return sample.lens(lens).blur_circle_px(view)
-        if quantity not in truth(view):
-            path = sample.path(TRUTH.name(view))
-            raise FileError(f"{path}: has no channel {quantity!r}")
-        return truth(view)[quantity]
-    if lens is not None:
-        return sample.lens(lens)._read(channel.file, view)[quantity]
-    return sample._read(channel.file, view)[quantity]
+        return sample.lens(lens).blur_circle_px(view)
+    if file is TRUTH:
+        arrays = truth(view)
+    elif lens is None:
+        arrays = sample._read(file, view)
+    else:
+        arrays = sample.lens(lens)._read(file, view)
+    if kind not in arrays:
+        raise FileError(f"{sample.path(file.name(view))}: has no channel {kind!r}")
+    return arrays[kind]

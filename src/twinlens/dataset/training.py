@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.dataset.channels import CHANNELS
-from twinlens.dataset.stored import parse_quantity
+from twinlens.dataset.stored import Quantity, parse_quantity
 from twinlens.dataset.visibility import HIDDEN, VISIBLE
 from twinlens.errors import InputError, check_int, format_value
 
@@ -33,7 +33,7 @@ def crop(
         check_int(side, number)
     cropped = {}
     for name, value in _items(sample).items():
-        quantity, _ = _quantity_and_view(name)
+        quantity = _of_pair(name).kind
         if quantity == "K":
             cropped[name] = value - [[0, 0, x], [0, 0, y], [0, 0, 0]]
         elif quantity not in CHANNELS:
@@ -67,7 +67,7 @@ def stereo_flip(sample: Mapping[str, Any]) -> dict[str, Any]:
     flipped = {}
     sample = _items(sample)
     for name, value in sample.items():
-        quantity, view = _quantity_and_view(name)
+        quantity, _, view = _of_pair(name)
         if quantity in _OF_THE_PAIR:
             flipped[name] = value
             continue
@@ -144,11 +144,12 @@ def _row_axis(quantity: str) -> int:
     return 1 if CHANNELS[quantity].per_projector else 0
 
 
-def _quantity_and_view(name: str) -> tuple[str, int]:
-    quantity, _, view = parse_quantity(name)
-    if view > 1:
+def _of_pair(name: str) -> Quantity:
+    """The quantity of that name, which must be of one of the two views of a pair. Raises InputError."""
+    quantity = parse_quantity(name)
+    if quantity.view > 1:
         raise InputError(f"a crop or flip is of a pair, views 0 and 1, not of {name}")
-    return quantity, view
+    return quantity
 
 
 def _of_view(name: str, view: int, other: int) -> str:
@@ -204,9 +205,9 @@ def _mirrored(
 def _width(sample: Mapping[str, Any], view: int) -> int:
     """Width of a view in pixels, from any of its images."""
     for name, value in sample.items():
-        quantity, of = parse_quantity(name)[::2]
-        if of == view and quantity in CHANNELS:
-            return int(value.shape[_row_axis(quantity) + 1])
+        quantity = parse_quantity(name)
+        if quantity.view == view and quantity.channel is not None:
+            return int(value.shape[_row_axis(quantity.kind) + 1])
     raise InputError(
         f"a flip of K{view} needs the width of its view; select im{view} too"
     )

@@ -20,7 +20,6 @@ from twinlens.dataset.channels import (
     CHANNELS,
     IMAGE,
     TRUTH,
-    ViewContent,
     ViewFile,
     parse_file,
     view_files,
@@ -355,7 +354,7 @@ def _read_files(sample: StoredSample, present: list[str]) -> tuple[_Content, lis
         path = sample.folder / name
         try:
             if (kind := parse_file(name)) is not None:
-                content.views[kind] = kind[0].read(path)
+                content.views[kind] = sample.read_file(kind[0], path)
                 content.names[kind] = name
             elif name == "calib.txt":
                 content.calibration = read_calib(path)
@@ -431,13 +430,13 @@ def _check_view(
     findings: list[str] = []
     for lens, shot in enumerate(record.shots):
         channels = content.of_view(view, lens)
-        seen = ViewContent(channels, rig, view, shot.lens)
+        content_of_view = consistency.ViewContent(channels, rig, view, shot.lens)
         for channel in CHANNELS.values():
             # What the lenses share is checked once, with the first.
             is_new = lens == 0 or channel.file.per_lens
             if channel.check is None or channel.name not in channels or not is_new:
                 continue
-            wrong = channel.check(seen)
+            wrong = channel.check(content_of_view)
             findings += _named(channel.file.name(view, lens), wrong)
             if wrong and channel.is_basis:
                 return findings

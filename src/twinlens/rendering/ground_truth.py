@@ -68,9 +68,7 @@ class ViewHits:
         return values.astype(dtype or values.dtype, copy=False).reshape(shape)
 
 
-Channel = Callable[[ViewHits], NDArray[Any]]
-
-EXTRA_CHANNELS: dict[str, Channel] = {}
+EXTRA_CHANNELS: dict[str, Callable[[ViewHits], NDArray[Any]]] = {}
 """Channels of `Truth.extra`, by name: functions from the hits of a view to an array (N,) or (N, 3)."""
 
 
@@ -148,7 +146,7 @@ def _truth(view: ViewHits, sky_disparity: bool, objects: bool) -> Truth:
             for projector in range(len(view.rig.projectors))
         ),
         extra={
-            name: view.image(channel(view)) for name, channel in EXTRA_CHANNELS.items()
+            name: view.image(compute(view)) for name, compute in EXTRA_CHANNELS.items()
         },
     )
 
