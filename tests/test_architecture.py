@@ -41,8 +41,6 @@ MAY_IMPORT = {
 MAY_IMPORT["studies"] = {*MAY_IMPORT["factory"], "factory", "matching", "scoring"}
 MAY_IMPORT["report"] = {*UNDER_SCENES, "dataset", "matching", "scoring", "studies"}
 MAY_IMPORT["cli"] = {*MAY_IMPORT} | {"cli"}
-ANNOTATED = [("sensor.exposure", "sensor.model")]
-"""Files that name a type of a file that imports them."""
 RENDERERS = {"mitsuba", "mitsuba_oidn", "drjit"}
 
 
@@ -102,12 +100,10 @@ def test_only_rendering_knows_the_renderer():
 
 
 def test_no_files_import_each_other():
-    """Nor over others, also inside functions and for annotations, but for what ANNOTATED lists."""
+    """Nor over others, also inside functions and for annotations."""
     graph = {}
     for path in modules():
         graph[module_name(path)] = set(imported_modules(path)) - {module_name(path)}
-    for user, used in ANNOTATED:
-        graph.get(f"twinlens.{user}", set()).discard(f"twinlens.{used}")
     try:
         graphlib.TopologicalSorter(graph).prepare()
     except graphlib.CycleError as error:

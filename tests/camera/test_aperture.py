@@ -94,26 +94,6 @@ def test_the_concentric_map_keeps_areas(a, b):
     assert 0 <= turn <= 1
 
 
-def test_stratified_samples_estimate_better_than_random_ones():
-    """The mean of x^2 over a hexagon against its closed form; strata reduce the random error."""
-    shape = Polygon(6)
-    truth = 5 / 24  # second moment of the regular hexagon of unit side over its area
-    strata = np.std(
-        [np.mean(shape.sample(*stratified(16, s))[0] ** 2) - truth for s in range(30)]
-    )
-    rng = np.random.default_rng(0)
-    loose = np.std(
-        [
-            np.mean(shape.sample(*rng.random((2, 256)))[0] ** 2) - truth
-            for _ in range(30)
-        ]
-    )
-    assert strata < loose / 5
-    assert np.mean(shape.sample(*stratified(256))[0] ** 2) == pytest.approx(
-        truth, rel=1e-3
-    )
-
-
 @pytest.mark.parametrize(
     ("blades", "area"), [(3, 3 * math.sqrt(3) / 4), (4, 2), (6, 3 * math.sqrt(3) / 2)]
 )

@@ -1,7 +1,6 @@
 """Distortion against OpenCV, against its inverse, and at the fold."""
 
 import math
-import time
 
 import cv2
 import numpy as np
@@ -95,22 +94,6 @@ def numeric_jacobian(model, point: np.ndarray, step: float = 1e-5) -> np.ndarray
     return np.stack(ends, axis=1)
 
 
-@pytest.mark.parametrize(
-    "model",
-    [
-        BrownConrady(-0.3, 0.1, 1e-3, -2e-3, 0.02),
-        KannalaBrandt(0.05, -0.02, 0.01, -0.002),
-    ],
-)
-def test_pixels_and_directions_round_trip_over_a_whole_image(model):
-    cam = camera(model)
-    grid = cam.pixel_grid()
-    start = time.perf_counter()
-    directions = cam.unproject(grid)
-    assert time.perf_counter() - start < 5
-    assert np.abs(cam.project(directions * 3.0) - grid).max() < 1e-9
-
-
 def test_an_extreme_fisheye_still_inverts():
     """Up to 89.9 degrees off axis, where tan(theta) is 573."""
     model = KannalaBrandt(-0.02, 0.003)
@@ -164,6 +147,7 @@ def test_the_image_may_reach_up_to_the_fold(edge):
         BrownConrady(k1=-2.0, k2=1.5),
         BrownConrady(k4=-4.0),
         BrownConrady(p1=0.6),
+        BrownConrady(p2=-2.0),
         KannalaBrandt(k1=-0.9),
     ],
     ids=str,
@@ -202,21 +186,6 @@ def test_undistort_maps_equal_opencv(turned):
     )
     assert all(m.dtype == np.float32 and m.shape == (240, 320) for m in mine)
     assert max(np.abs(m - t).max() for m, t in zip(mine, theirs, strict=True)) < 1e-3
-
-
-def test_remapping_straightens_a_line():
-    """A line in space, curved in the distorted image, is straight in the undistorted one."""
-    model = BrownConrady(k1=-0.3, k2=0.05)
-    cam = camera(model)
-    x, y = np.moveaxis(cam.unproject(cam.pixel_grid())[..., :2], -1, 0)
-    picture = (np.abs(y - 0.2 - 0.1 * x) < 0.004).astype(np.float32)
-    straight = cv2.remap(
-        picture, *undistort_maps(cam, cam.replace(distortion=None)), cv2.INTER_LINEAR
-    )
-    v, u = np.nonzero(straight > 0.5)
-    wanted = 211.5 + 650 * (0.2 + 0.1 * (u - 330.25) / 700)
-    assert len(u) > 500
-    assert np.abs(v - wanted).max() < 4
 
 
 def test_unseen_pixels_map_outside():

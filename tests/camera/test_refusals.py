@@ -6,11 +6,8 @@ import numpy as np
 import pytest
 
 import twinlens as tl
-from twinlens import optics
 from twinlens.camera import (
     ALIGNED,
-    BrownConrady,
-    KannalaBrandt,
     MaskAperture,
     Misalignment,
     Polygon,
@@ -36,9 +33,8 @@ def check_one_line(error: InputError) -> None:
 
 def test_numbers_beyond_floats_and_arrays_are_refused():
     for value in (10**400, np.array([1.0, 2.0])):
-        for settings, name in ((CAMERA, "fx"), (LENS, "focus_distance")):
-            with pytest.raises(InputError, match=name):
-                settings.replace(**{name: value})
+        with pytest.raises(InputError, match="fx"):
+            CAMERA.replace(fx=value)
         with pytest.raises(InputError, match="blades"):
             Polygon(value)
 
@@ -50,10 +46,6 @@ def test_f_numbers_film_and_focus_have_limits():
             with pytest.raises(InputError, match=name) as error:
                 tl.ThinLens.from_f_number(**valid | {name: value})
             check_one_line(error.value)
-
-
-def bent(model):
-    return CAMERA.replace(distortion=model)
 
 
 def layout_at(pose):
@@ -69,17 +61,10 @@ REFUSALS = [  # what the message says, and the call
     ("mask must hold transmissions from 0 to 1", lambda: MaskAperture([[2.0]])),
     ("unequal length", lambda: MaskAperture([[1.0], [1.0, 0.0]])),
     ("mask must hold numbers", lambda: MaskAperture([["open"]])),
-    ("fold", lambda: bent(BrownConrady(k1=-2.0))),
-    ("fold", lambda: bent(BrownConrady(p2=-2.0))),
-    ("fold", lambda: bent(BrownConrady(k4=-4.0))),
-    ("fold", lambda: bent(KannalaBrandt(k1=-2.0))),
-    ("distortion must be", lambda: bent((0.1, 0.2))),
-    ("camera band must be one of rgb, nir", lambda: CAMERA.replace(band="ir")),
+    ("distortion must be", lambda: CAMERA.replace(distortion=(0.1, 0.2))),
     ("aperture must be", lambda: tl.ThinLens(0.01, 2.0, "disk")),
-    ("focus_distance", lambda: tl.ThinLens(0.01, 5e-324)),
     ("aperture_diameter", lambda: tl.ThinLens(1e-200, 2.0)),
     ("width", lambda: tl.Camera.from_fov(0.5, 48, 40.0)),
-    ("width", lambda: tl.Camera.from_fov(-640, 480, 50)),
     ("one pose per camera", lambda: tl.Rig([], [])),
     ("1 cameras and 0 poses", lambda: tl.Rig([CAMERA], [])),
     (r"world_from_cams\[1\]", lambda: tl.Rig([CAMERA] * 2, [HERE, 2 * HERE])),
@@ -98,19 +83,12 @@ REFUSALS = [  # what the message says, and the call
     ("distance", lambda: layouts.toed_in(CAMERA, 0.1, 0.0)),
     ("3 places", lambda: layouts.line([CAMERA] * 2, 3, 0.1)),
     ("pose of a layout", lambda: layout_at(np.diag([1, 1, -1, 1]))),
-    ("depth", lambda: optics.circle_of_confusion_px(NAN, 0.01, 60, 0.5)),
-    ("circle_px", lambda: optics.in_focus(1.0, 0.01, 60, 0.5, circle_px=0.0)),
     ("two cameras", lambda: undistort_maps(None, CAMERA)),
     ("to_from_camera", lambda: undistort_maps(CAMERA, CAMERA, "left")),
-    ("wavelengths", lambda: diffract(DARK, CAMERA, LENS, (-5e-7, 5e-7, 4e-7))),
     ("550e-9", lambda: diffract(DARK, CAMERA, LENS, (611, 549, 464))),
-    ("three", lambda: diffract(DARK, CAMERA, LENS, (5e-7, 5e-7))),
     ("a lens must be", lambda: diffract(DARK, CAMERA, "lens")),
     ("camera must be a Camera", lambda: diffract(DARK, None, LENS)),
-    ("pinhole", lambda: diffract(DARK, CAMERA, tl.Pinhole())),
-    ("disk", lambda: diffract(DARK, CAMERA, tl.ThinLens(0.01, 1.0, Polygon(5)))),
     ("pixel_pitch", lambda: airy_kernel(1e-6, 5e-7, 8.0, 3)),
-    ("radius_px", lambda: airy_kernel((1e-6, 1e-6), 5e-7, 8.0, 10**9)),
 ]
 
 
@@ -122,12 +100,12 @@ def test_invalid_calls_raise_in_one_line():
 
 
 def test_lengths_have_limits():
+    allowed = "a positive number of metres, from 1e-12 to 1e"
     for length in (0, -0.1, 1e-30, 1e300, NAN, INF):
-        for call in (tl.Rig.stereo, lambda camera, step: layouts.line(camera, 2, step)):
-            with pytest.raises(
-                InputError, match="a positive number of metres, from 1e-12 to 1e"
-            ):
-                call(CAMERA, length)
+        with pytest.raises(InputError, match=allowed):
+            tl.Rig.stereo(CAMERA, length)
+        with pytest.raises(InputError, match=allowed):
+            layouts.line(CAMERA, 2, length)
 
 
 def test_fields_of_view_have_limits():

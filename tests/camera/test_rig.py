@@ -11,7 +11,6 @@ from hypothesis.extra.numpy import arrays
 from tests.rigs import px_from_world
 from twinlens import geometry
 from twinlens.camera import BrownConrady, Camera, Rig
-from twinlens.geometry.triangulation import triangulate_dlt
 
 CAMERA = Camera(640, 480, 700.0, 690.0, 310.25, 241.0)
 turns = arrays(np.float64, 3, elements=st.floats(-3, 3))
@@ -62,45 +61,6 @@ def test_relative_poses_compose(a, b, c):
     )
     assert np.allclose(rig.b_from_a(0, 1) @ rig.b_from_a(1, 0), np.eye(4), atol=1e-10)
     assert np.allclose(a @ rig.b_from_a(1, 0), b, atol=1e-9)
-
-
-@given(poses, poses)
-def test_triangulation_inverts_projection(a, b):
-    """Two random cameras with the point in front of both."""
-    rig = Rig([CAMERA, CAMERA], [a, b])
-    point = 0.5 * (a[:3, 3] + b[:3, 3]) + 3 * (a[:3, 2] + b[:3, 2])
-    depths = [(px_from_world(rig, i) @ [*point, 1])[2] for i in (0, 1)]
-    rays = [point - pose[:3, 3] for pose in (a, b)]
-    apart = np.linalg.norm(np.cross(*rays)) / max(
-        1e-9, np.linalg.norm(rays[0]) * np.linalg.norm(rays[1])
-    )
-    if min(depths) < 0.5 or apart < 0.05:
-        return
-    matrices = [px_from_world(rig, i) for i in (0, 1)]
-    seen = [geometry.dehomogeneous(matrix @ [*point, 1])[None] for matrix in matrices]
-    assert np.allclose(triangulate_dlt(matrices, seen)[0], point, atol=1e-7)
-
-
-def test_projection_equals_opencv():
-    rng = np.random.default_rng(0)
-    rig = Rig.stereo(
-        CAMERA,
-        0.2,
-        geometry.rigid(cv2.Rodrigues(rng.normal(size=3))[0], rng.normal(size=3)),
-    )
-    points = geometry.transform_points(
-        rig.world_from_cams[0], rng.uniform([-1, -1, 2], [1, 1, 5], (30, 3))
-    )
-    for i in (0, 1):
-        cam_from_world = np.linalg.inv(rig.world_from_cams[i])
-        turn, _ = cv2.Rodrigues(cam_from_world[:3, :3])
-        theirs, _ = cv2.projectPoints(
-            points, turn, cam_from_world[:3, 3], CAMERA.K, None
-        )
-        ours = geometry.dehomogeneous(
-            geometry.homogeneous(points) @ px_from_world(rig, i).T
-        )
-        assert np.allclose(ours, theirs[:, 0], atol=1e-8)
 
 
 def shifted(x=0.1, y=0.0, z=0.0, turn=(0.0, 0.0, 0.0)):

@@ -195,34 +195,21 @@ def test_a_line_at_infinity_is_0_0_1():
     )
 
 
+PAIR, TOGETHER = line(CAMERA, 2, 0.1), Rig([CAMERA] * 2, [np.eye(4)] * 2)
+INFINITE = [[np.inf] * 3]
+
+
 @pytest.mark.parametrize(
-    ("make", "says"),
+    ("call", "says"),
     [
-        (
-            lambda: multiview.essential_matrix(Rig([CAMERA] * 2, [np.eye(4)] * 2)),
-            "centres coincide",
-        ),
-        (
-            lambda: multiview.fundamental_matrix(line(CAMERA, 2, 0.1), 0, 0),
-            "two different cameras",
-        ),
-        (
-            lambda: multiview.fundamental_matrix(line(CAMERA, 2, 0.1), 0, 2),
-            "from 0 to 1",
-        ),
+        (lambda: multiview.essential_matrix(TOGETHER), "centres coincide"),
+        (lambda: multiview.fundamental_matrix(PAIR, 0, 0), "two different cameras"),
+        (lambda: multiview.fundamental_matrix(PAIR, 0, 2), "from 0 to 1"),
         (lambda: multiview.ideal_pixels(CAMERA, [[np.nan, 0]]), "finite"),
-        (
-            lambda: multiview.epipolar_curve(line(CAMERA, 2, 0.1), [0, 0], [0.0]),
-            "positive",
-        ),
-        (
-            lambda: epipolar.epipolar_planes(
-                *centres(line(CAMERA, 2, 0.1)), [[np.inf] * 3]
-            ),
-            "infinity",
-        ),
+        (lambda: multiview.epipolar_curve(PAIR, [0, 0], [0.0]), "positive"),
+        (lambda: epipolar.epipolar_planes(*centres(PAIR), INFINITE), "infinity"),
     ],
 )
-def test_invalid_input_raises(make, says):
+def test_invalid_input_raises(call, says):
     with pytest.raises(InputError, match=says):
-        make()
+        call()

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, strategies as st
 
 from twinlens import optics
-from twinlens.camera import Camera
 from twinlens.errors import InputError
 
 focal = st.floats(0.005, 0.2)
@@ -122,94 +121,55 @@ def test_focal_length_obeys_the_thin_lens_equation(s, v):
     assert optics.focal_length(math.inf, v) == pytest.approx(v)
 
 
-def test_blur_is_linear_in_disparity():
-    """c = (A/B) (d - d_focus), over depths on both sides of focus."""
-    fx, a, b, focus = 700.0, 0.02, 0.12, 1.5
-    z = np.linspace(0.4, 20, 50)
-    disparity, at_focus = fx * b / z, fx * b / focus
-    assert optics.circle_of_confusion_px(z, a, fx, 1 / focus) == pytest.approx(
-        a / b * (disparity - at_focus)
-    )
-
-
-def test_film_distance_and_fov_of_a_full_frame_camera():
-    """36 mm of film at 50 mm: 39.6 degrees."""
-    camera = Camera.from_fov(
-        6000, 4000, fov_x_deg=math.degrees(2 * math.atan(18 / 50)), pixel_pitch_um=6.0
-    )
-    assert camera.film_distance == pytest.approx(0.05)
-    assert camera.fov_x_deg == pytest.approx(39.6, abs=0.01)
-
-
-@pytest.mark.parametrize("depth", [0.0, -1.0, math.nan, [1.0, math.nan], "near", None])
-def test_invalid_depths_raise(depth):
-    with pytest.raises(InputError, match="depth must be"):
-        optics.circle_of_confusion_px(depth, 0.01, 700, 0.5)
-
-
-@pytest.mark.parametrize("circle", [0.0, -1.0, math.nan, "1", True])
-def test_invalid_circles_raise(circle):
-    with pytest.raises(InputError, match="circle_px"):
-        optics.depth_of_field(0.01, 700, 0.5, circle)
-    with pytest.raises(InputError, match="circle_px"):
-        optics.hyperfocal_distance(0.01, 700, circle)
-    with pytest.raises(InputError, match="circle_px"):
-        optics.in_focus(1.0, 0.01, 700, 0.5, circle)
-
-
-INVALID_APERTURES = {
-    "aperture_diameter": [
-        {"aperture_diameter": a} for a in (-0.01, math.nan, math.inf, "wide", None)
-    ],
-    "fx": [{"fx": fx} for fx in (0.0, -700.0, math.nan, math.inf, "700")],
-    "k": [{"k": k} for k in (math.nan, math.inf, None)],
-}
-
-
-@pytest.mark.parametrize(
-    ("named", "change"),
-    [
-        (named, change)
-        for named, changes in INVALID_APERTURES.items()
-        for change in changes
-    ],
-    ids=str,
-)
-def test_invalid_apertures_raise(named, change):
-    aperture = {"aperture_diameter": 0.01, "fx": 700.0, "k": 0.5} | change
-    calls = [
-        lambda: optics.circle_of_confusion_px(1.0, **aperture),
-        lambda: optics.depth_of_field(**aperture),
-    ]
-    calls.append(lambda: optics.in_focus([1.0, 2.0], **aperture))
-    if named != "k":
-        calls.append(
-            lambda: optics.hyperfocal_distance(
-                aperture["aperture_diameter"], aperture["fx"]
-            )
-        )
-    for call in calls:
-        with pytest.raises(InputError, match=f"^{named} must be") as refusal:
-            call()
-        assert "\n" not in str(refusal.value)
-
-
-@pytest.mark.parametrize("distance", [0.0, -2.0, math.nan, "2", None])
-def test_invalid_distances_raise(distance):
-    with pytest.raises(InputError, match="focus_distance"):
-        optics.focal_length(distance, 0.05)
-    with pytest.raises(InputError, match="film_distance"):
-        optics.focal_length(2.0, distance)
-    with pytest.raises(InputError, match="film_distance"):
-        optics.vergence(20.0, distance)
-
-
-def test_an_invalid_power_raises():
-    with pytest.raises(InputError, match="power"):
-        optics.vergence(math.nan, 0.05)
-
-
 def test_the_middle_focus_is_at_the_middle_of_the_disparities():
     middle = optics.middle_focus(0.7, 2.5)
     assert 1 / 0.7 - 1 / middle == pytest.approx(1 / middle - 1 / 2.5)
     assert optics.middle_focus(math.inf, math.inf) == math.inf
+
+
+NAN, INF = math.nan, math.inf
+NOT_POSITIVE = (0.0, -2.0, NAN, "2", None)
+LENS = {"aperture_diameter": 0.01, "fx": 700.0, "k": 0.5}
+DEPTHS = (0.0, -1.0, NAN, [1.0, NAN], "near", None)
+INVALID = {
+    "aperture_diameter": (-0.01, NAN, INF, "wide", None),
+    "fx": (*NOT_POSITIVE, INF),
+    "k": (NAN, INF, None),
+}
+
+
+@pytest.mark.parametrize("name", INVALID)
+def test_invalid_apertures_raise_in_one_line(name):
+    for value in INVALID[name]:
+        lens = LENS | {name: value}
+        calls = [
+            lambda lens=lens: optics.circle_of_confusion_px(1.0, **lens),
+            lambda lens=lens: optics.depth_of_field(**lens),
+            lambda lens=lens: optics.in_focus([1.0, 2.0], **lens),
+        ]
+        if name != "k":
+            del lens["k"]
+            calls = [lambda lens=lens: optics.hyperfocal_distance(**lens)]
+        for call in calls:
+            with pytest.raises(InputError, match=f"^{name} must be") as refusal:
+                call()
+            assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("call", "values", "says"),
+    [
+        (lambda z: optics.circle_of_confusion_px(z, **LENS), DEPTHS, "depth must be"),
+        (lambda c: optics.depth_of_field(**LENS, circle_px=c), [*NOT_POSITIVE, True], "circle_px"),
+        (lambda c: optics.hyperfocal_distance(0.01, 700, c), NOT_POSITIVE, "circle_px"),
+        (lambda c: optics.in_focus(1.0, **LENS, circle_px=c), NOT_POSITIVE, "circle_px"),
+        (lambda s: optics.focal_length(s, 0.05), NOT_POSITIVE, "focus_distance"),
+        (lambda v: optics.focal_length(2.0, v), NOT_POSITIVE, "film_distance"),
+        (lambda v: optics.vergence(20.0, v), NOT_POSITIVE, "film_distance"),
+        (lambda power: optics.vergence(power, 0.05), [NAN], "power"),
+    ],
+)  # fmt: skip
+def test_invalid_numbers_raise(call, values, says):
+    for value in values:
+        with pytest.raises(InputError, match=says):
+            call(value)

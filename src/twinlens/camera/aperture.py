@@ -66,6 +66,8 @@ def concentric(u1: Any, u2: Any, xp: ArrayFunctions = NUMPY) -> tuple[Any, Any]:
     Area-preserving and continuous. Source: Shirley and Chiu, A low distortion map between disk and square, 1997.
     """
     a, b = 2.0 * u1 - 1.0, 2.0 * u2 - 1.0
+    # In the left and right quarters of the square the radius is |a| and the angle grows with b / a, in the others the
+    # reverse. The opposite quarter is half a turn away.
     wide = xp.abs(a) > xp.abs(b)
     signed = xp.where(wide, a, b)
     ratio = xp.where(wide, b, a) / xp.where(signed == 0.0, 1.0, signed)
@@ -176,9 +178,11 @@ class Polygon(Settings, noun="polygon aperture"):
 
     def sample(self, u1: Any, u2: Any, xp: ArrayFunctions = NUMPY) -> tuple[Any, Any]:
         alpha, beta = self._half_angles
+        # A turn covers the blades one after another; within a blade, step is -1 to 1 from corner to corner.
         radius, turn = concentric(u1, u2, xp)
         blade = xp.minimum(xp.floor(turn * self.blades), self.blades - 1.0)
         step = 2.0 * (turn * self.blades - blade) - 1.0
+        # The point in the frame of the blade, whose x axis goes through the middle of its edge; then turned in place.
         along = math.cos(alpha) / math.cos(beta) * radius * xp.cos(beta * step)
         edge = step if beta == 0 else xp.sin(beta * step) / math.sin(beta)
         across = math.sin(alpha) * radius * edge
@@ -274,6 +278,7 @@ class MaskAperture:
         return np.where(inside, cells, 0.0)
 
     def sample(self, u1: Any, u2: Any, xp: ArrayFunctions = NUMPY) -> tuple[Any, Any]:
+        # A row by the light of the rows, then a cell by that of the row; what is left of u1 and u2 is the place within.
         height, width = self.mask.shape
         row, down = invert_cdf(self._row_cdf, height, 0.0, u2, xp)
         column, right = invert_cdf(self._cell_cdf, width, row * (width + 1.0), u1, xp)

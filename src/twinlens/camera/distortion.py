@@ -51,24 +51,28 @@ class FilmProjection(ABC):
             return np.asarray(directions[..., :2] / np.where(z > 0, z, np.nan))
 
 
-class PlanarProjection(FilmProjection):
-    """A projection that starts from ideal coordinates (X/Z, Y/Z): the perspective, without distortion."""
+class PlaneMap(FilmProjection):
+    """A projection that, in front of the camera, is a map of ideal coordinates (x, y) = (X/Z, Y/Z) to film points."""
 
+    @abstractmethod
     def distort(self, xy: ArrayLike) -> Float:
         """Film points (..., 2) of ideal coordinates (..., 2), float64, also beyond the fold."""
-        return np.asarray(xy, dtype=np.float64)
 
+    @abstractmethod
     def jacobian(self, xy: ArrayLike) -> Float:
         """d(x_d, y_d)/d(x, y), (..., 2, 2)."""
-        return np.broadcast_to(np.eye(2), (*np.shape(xy), 2))
 
+    @abstractmethod
     def valid(self, xy: ArrayLike) -> NDArray[np.bool_]:
         """Whether ideal points (..., 2) are before the first fold."""
-        return np.asarray(np.isfinite(xy).all(axis=-1))
 
+
+class PlanarProjection(PlaneMap):
+    """A projection that starts from ideal coordinates, so that directions of 90 degrees and more have no image."""
+
+    @abstractmethod
     def undistort(self, film: ArrayLike) -> Float:
         """Ideal coordinates (..., 2) of film points (..., 2); NaN where there are none."""
-        return np.asarray(film, dtype=np.float64)
 
     def project(self, directions: ArrayLike) -> Float:
         points = np.asarray(directions, dtype=np.float64)
@@ -83,7 +87,23 @@ class PlanarProjection(FilmProjection):
         return np.asarray(directions / length)
 
 
-PERSPECTIVE = PlanarProjection()
+class Perspective(PlanarProjection):
+    """The projection without distortion: film points are ideal coordinates."""
+
+    def distort(self, xy: ArrayLike) -> Float:
+        return np.asarray(xy, dtype=np.float64)
+
+    def undistort(self, film: ArrayLike) -> Float:
+        return np.asarray(film, dtype=np.float64)
+
+    def jacobian(self, xy: ArrayLike) -> Float:
+        return np.broadcast_to(np.eye(2), (*np.shape(xy), 2))
+
+    def valid(self, xy: ArrayLike) -> NDArray[np.bool_]:
+        return np.asarray(np.isfinite(xy).all(axis=-1))
+
+
+PERSPECTIVE = Perspective()
 
 
 Coefficient = Annotated[
@@ -92,7 +112,7 @@ Coefficient = Annotated[
 
 
 @dataclass(frozen=True)
-class _Model(Settings, PlanarProjection):
+class _Coefficients(Settings):
     """Base of the two models of distortion."""
 
     name: ClassVar[str]
@@ -102,48 +122,9 @@ class _Model(Settings, PlanarProjection):
         """The coefficients in the order of the fields, which is OpenCV's."""
         return astuple(self)
 
-    def undistort(self, film: ArrayLike) -> Float:
-        """Ideal coordinates (..., 2) of film points (..., 2), to 1e-12; NaN where there are none.
-
-        Newton's method, each step halved until it reduces the error.
-        """
-        film = np.asarray(film, dtype=np.float64)
-        target = film.reshape(-1, 2)
-        with np.errstate(all="ignore"):  # a step may reach a pole of R
-            xy, error = target.copy(), self.distort(target) - target
-            active = np.flatnonzero(np.isfinite(error).all(axis=1))
-            for _ in range(_ITERATIONS):
-                size = np.abs(error[active]).max(axis=1)
-                active, size = active[size > _CONVERGED], size[size > _CONVERGED]
-                if not active.size:
-                    break
-                start, step = xy[active], self._newton_step(xy[active], error[active])
-                closer = np.zeros(len(active), dtype=bool)
-                for halving in range(_HALVINGS):
-                    trial = start - 0.5**halving * step
-                    residual = self.distort(trial) - target[active]
-                    take = ~closer & (np.abs(residual).max(axis=1) < size)
-                    xy[active[take]], error[active[take]] = trial[take], residual[take]
-                    closer |= take
-                    if closer.all():
-                        break
-                active = active[closer]
-            xy -= self._newton_step(xy, error)
-            solved = (np.abs(error).max(axis=1) <= _CONVERGED) & self.valid(xy)
-        return np.where(solved[:, None], xy, np.nan).reshape(film.shape)
-
-    def _newton_step(self, xy: Float, error: Float) -> Float:
-        """J^-1 error for (N, 2) points; not finite where J has no inverse."""
-        (a, b), (c, d) = np.moveaxis(self.jacobian(xy), 0, -1)
-        ex, ey = error.T
-        return np.asarray(
-            np.stack([d * ex - b * ey, a * ey - c * ex], axis=1)
-            / (a * d - b * c)[:, None]
-        )
-
 
 @dataclass(frozen=True)
-class BrownConrady(_Model, noun="brown-conrady distortion"):
+class BrownConrady(_Coefficients, PlanarProjection, noun="brown-conrady distortion"):
     """Radial and tangential distortion with OpenCV's eight coefficients.
 
     With r^2 = x^2 + y^2 and R = (1 + k1 r^2 + k2 r^4 + k3 r^6) / (1 + k4 r^2 + k5 r^4 + k6 r^6)::
@@ -179,6 +160,7 @@ class BrownConrady(_Model, noun="brown-conrady distortion"):
         r2 = x * x + y * y
         over, under = self._parts
         radial = over(r2) / under(r2)
+        # dR/dx = slope x and dR/dy = slope y, by the chain rule over r^2.
         slope = 2 * (over.deriv()(r2) - radial * under.deriv()(r2)) / under(r2)
         mixed = slope * x * y + 2 * self.p1 * x + 2 * self.p2 * y
         dxx = radial + slope * x * x + 2 * self.p1 * y + 6 * self.p2 * x
@@ -194,6 +176,47 @@ class BrownConrady(_Model, noun="brown-conrady distortion"):
         with np.errstate(all="ignore"):
             return np.asarray(before & (np.linalg.det(self.jacobian(xy)) > 0))
 
+    def undistort(self, film: ArrayLike) -> Float:
+        """Ideal coordinates (..., 2) of film points (..., 2), to 1e-12; NaN where there are none.
+
+        Newton's method from the film point itself, each step halved until it reduces the error.
+        """
+        film = np.asarray(film, dtype=np.float64)
+        target = film.reshape(-1, 2)
+        with np.errstate(all="ignore"):  # a step may reach a pole of R
+            xy, error = target.copy(), self.distort(target) - target
+            # Only points that have not converged, and that a step brought nearer, are iterated.
+            active = np.flatnonzero(np.isfinite(error).all(axis=1))
+            for _ in range(_ITERATIONS):
+                size = np.abs(error[active]).max(axis=1)
+                active, size = active[size > _CONVERGED], size[size > _CONVERGED]
+                if not active.size:
+                    break
+                start, step = xy[active], self._newton_step(xy[active], error[active])
+                closer = np.zeros(len(active), dtype=bool)
+                for halving in range(_HALVINGS):
+                    trial = start - 0.5**halving * step
+                    residual = self.distort(trial) - target[active]
+                    take = ~closer & (np.abs(residual).max(axis=1) < size)
+                    xy[active[take]], error[active[take]] = trial[take], residual[take]
+                    closer |= take
+                    if closer.all():
+                        break
+                active = active[closer]
+            # One more full step, which near the solution squares the error.
+            xy -= self._newton_step(xy, error)
+            solved = (np.abs(error).max(axis=1) <= _CONVERGED) & self.valid(xy)
+        return np.where(solved[:, None], xy, np.nan).reshape(film.shape)
+
+    def _newton_step(self, xy: Float, error: Float) -> Float:
+        """J^-1 error for (N, 2) points; not finite where J has no inverse."""
+        (a, b), (c, d) = np.moveaxis(self.jacobian(xy), 0, -1)
+        ex, ey = error.T
+        return np.asarray(
+            np.stack([d * ex - b * ey, a * ey - c * ex], axis=1)
+            / (a * d - b * c)[:, None]
+        )
+
     @cached_property
     def _parts(self) -> tuple[Polynomial, Polynomial]:
         """The numerator and the denominator of R, of r^2."""
@@ -204,6 +227,7 @@ class BrownConrady(_Model, noun="brown-conrady distortion"):
     @cached_property
     def _fold_radius2(self) -> float:
         """The first r^2 at which d(r R)/dr = 0 or R has a pole; inf if there is none."""
+        # With s = r^2 and R = over / under, d(r R)/dr has the numerator (over + 2 s over') under - 2 s over under'.
         s = Polynomial([0.0, 1.0])
         over, under = self._parts
         rise = (over + 2 * s * over.deriv()) * under - 2 * s * over * under.deriv()
@@ -211,12 +235,12 @@ class BrownConrady(_Model, noun="brown-conrady distortion"):
 
 
 @dataclass(frozen=True)
-class KannalaBrandt(_Model, noun="kannala-brandt distortion"):
+class KannalaBrandt(_Coefficients, PlaneMap, noun="kannala-brandt distortion"):
     """OpenCV's fisheye: theta_d = theta (1 + k1 theta^2 + ... + k4 theta^8), theta the angle from the axis.
 
     ``(x_d, y_d) = theta_d (X, Y) / hypot(X, Y)`` for the direction (X, Y, Z) at the angle theta, which may exceed 90
     degrees. The image folds where theta_d falls. `distort`, `undistort`, `jacobian` and `valid` are those of OpenCV: of
-    ideal coordinates, which have r = tan(theta) and end at 90 degrees.
+    ideal coordinates, where r = tan(theta), which end at 90 degrees.
 
     >>> KannalaBrandt().project([1.0, 0.0, 0.0]).round(6).tolist()
     [1.570796, 0.0]
@@ -247,9 +271,6 @@ class KannalaBrandt(_Model, noun="kannala-brandt distortion"):
             [film * scale[..., None], np.cos(angle)[..., None]], axis=-1
         )
 
-    def undistort(self, film: ArrayLike) -> Float:
-        return FilmProjection.undistort(self, film)
-
     def _angle_of(self, radius: Float) -> Float:
         """The angle before the fold whose theta_d is `radius` (...); NaN where there is none.
 
@@ -260,11 +281,13 @@ class KannalaBrandt(_Model, noun="kannala-brandt distortion"):
         angle = np.minimum(radius, 0.5 * self._fold_angle)
         for _ in range(_ITERATIONS):
             error = self._angle(angle) - radius
+            # The polynomial rises, so the sign of the error says on which side of the solution the angle is.
             low = np.where(error < 0, angle, low)
             high = np.where(error > 0, angle, high)
             if (np.abs(error) <= _CONVERGED)[reached].all():
                 break
             step = angle - error / self._angle.deriv()(angle)
+            # A step that leaves the bracket is replaced by its middle.
             inside = (step > low) & (step < high)
             angle = np.where(inside, step, 0.5 * (low + high))
         angle -= error / self._angle.deriv()(angle)
@@ -321,6 +344,7 @@ def check_invertible(
 
     On the lines from the image's border to the axis every point must have an inverse before the first fold.
     """
+    # The border of the pixels, half a pixel outside the outermost centres, in units of the focal length.
     border = image_border(width, height, margin=0.5)
     ends = (border - K[:2, 2]) / (K[0, 0], K[1, 1])
     path = np.linspace(0.0, 1.0, _PATH_STEPS)[:, None, None] * ends

@@ -17,7 +17,7 @@ from twinlens.camera.distortion import (
     PERSPECTIVE,
     Distortion,
     FilmProjection,
-    PlanarProjection,
+    PlaneMap,
     check_invertible,
 )
 from twinlens.errors import (
@@ -196,7 +196,7 @@ class Camera(Settings, noun="camera"):
         xy, z = points[..., :2] / points[..., 2:], points[..., 2, None, None]
         inner = np.zeros((*points.shape[:-1], 2, 3))
         inner[..., :2], inner[..., 2] = np.eye(2), -xy
-        if not isinstance(self.projection, PlanarProjection):
+        if not isinstance(self.projection, PlaneMap):
             raise InputError(
                 f"a projection's derivative needs a planar projection, got {format_value(self.projection)}"
             )

@@ -199,6 +199,7 @@ def places_in_plane(rig: Rig) -> Float:
 
 def _weights(places: Float, lens: Paraxial) -> Float:
     """The fraction (n,) of the lens's light that is nearest to each view; they add up to 1."""
+    # The weight of a view is the share of evenly spread points of the aperture that are nearer to it than to others.
     tree = cKDTree(places)
     u1, u2 = (np.mgrid[:_POINTS, :_POINTS].reshape(2, -1) + 0.5) / _POINTS
     points = (

@@ -98,13 +98,13 @@ def speckle(width: int, height: int, grain: float = 4.0, seed: int = 0) -> Patte
         most=most,
     )
     check_int("the seed of speckle", seed, 0)
-    aperture = (
-        np.hypot(np.fft.fftfreq(height)[:, None], np.fft.fftfreq(width)) <= 0.5 / grain
-    )
+    # A rough surface sends waves of random phase through the aperture, a disk of spatial frequencies; their sum, the
+    # Fourier transform, is the field on the film, and its squared magnitude the intensity, here of mean 1.
+    frequency = np.hypot(np.fft.fftfreq(height)[:, None], np.fft.fftfreq(width))
+    aperture = frequency <= 0.5 / grain
     real, imaginary = np.random.default_rng(seed).standard_normal((2, height, width))
-    intensity = np.abs(
-        np.fft.fft2(np.where(aperture, real + 1j * imaginary, 0.0))
-    ) ** 2 / (2 * aperture.sum())
+    field = np.fft.fft2(np.where(aperture, real + 1j * imaginary, 0.0))
+    intensity = np.abs(field) ** 2 / (2 * aperture.sum())
     pattern: Pattern = np.minimum(SPECKLE_MEAN * intensity, 1.0).astype(np.float32)
     return pattern
 

@@ -124,9 +124,8 @@ def rectify(
     focal = _focal_length(fit, pair, world_from_rect, outlines, centres, size)
     cameras = []
     for centre, old in zip(centres, pair.cameras, strict=True):
-        cx, cy = np.round(
-            0.5 * (np.array(size) - 1) - focal * centre, 9
-        )  # rounding errors of the focal length would move half pixels
+        # `centre` is seen in the middle of the image. Rounding errors of the focal length would move half pixels.
+        cx, cy = np.round(0.5 * (np.array(size) - 1) - focal * centre, 9)
         cameras.append(
             Camera(
                 *size,
@@ -233,9 +232,9 @@ def rectified_orientation(world_from_left: Float, world_from_right: Float) -> Fl
         Rotation.from_matrix(pose[:3, :3])
         for pose in (world_from_left, world_from_right)
     )
-    mean = (
-        left * Rotation.from_rotvec(0.5 * (left.inv() * right).as_rotvec())
-    ).as_matrix()
+    # Half of the rotation from the left to the right camera, after the left one.
+    halfway = Rotation.from_rotvec(0.5 * (left.inv() * right).as_rotvec())
+    mean = (left * halfway).as_matrix()
     baseline = world_from_right[:3, 3] - world_from_left[:3, 3]
     x = baseline / np.linalg.norm(baseline)
     cosine = float(mean[:, 0] @ x)
@@ -243,10 +242,10 @@ def rectified_orientation(world_from_left: Float, world_from_right: Float) -> Fl
         raise InputError(
             "the second camera is left of the first: exchange the two cameras"
         )
-    v = skew(
-        np.cross(mean[:, 0], x)
-    )  # Rodrigues' formula: I + v + v v / (1 + cosine) rotates the mean x to x
+    # Rodrigues' formula: I + v + v v / (1 + cosine) rotates the mean x to x. Only the viewing direction z is needed.
+    v = skew(np.cross(mean[:, 0], x))
     z = (mean + v @ mean + v @ v @ mean / (1.0 + cosine))[:, 2]
+    # Rounding errors leave z not quite perpendicular to x: y is taken from its perpendicular part.
     y = np.cross(z - (z @ x) * x, x)
     y /= np.linalg.norm(y)
     return np.stack([x, y, np.cross(x, y)], axis=1)

@@ -66,7 +66,7 @@ class Rig:
                     "a rig and its calibrated rig must have as many cameras, of the same image sizes"
                 )
         if not isinstance(projectors, Sequence) or not all(
-            isinstance(each, Projector) for each in projectors
+            isinstance(projector, Projector) for projector in projectors
         ):
             raise InputError(
                 f"the projectors of a rig must be a list of Projectors, got {format_value(projectors)}"
@@ -210,7 +210,9 @@ class Rig:
         )
         seen = {band for camera in cameras for band in camera.bands}
         projectors = [
-            each for each in self.projectors_from(poses[0]) if each.band in seen
+            projector
+            for projector in self.projectors_from(poses[0])
+            if projector.band in seen
         ]
         return Rig(cameras, poses, calibrated, projectors)
 

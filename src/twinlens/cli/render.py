@@ -37,6 +37,7 @@ from twinlens.factory.lenses import (
 )
 from twinlens.factory.settings import read_rig_file
 from twinlens.rendering import backend
+from twinlens.report import shot_text
 from twinlens.scenes import Scene, load_scene, scene_with_rig
 from twinlens.sensor import Sensor
 from twinlens.settings import fields_of
@@ -184,10 +185,10 @@ def command(
                 )
             row = add_sample(output, scene.name, sample, options["seed"], overwrite)
             exposures = [
-                camera_text.format_exposure(sample, k, text)
+                shot_text.format_exposure(sample, k, text)
                 for k, (text, _) in enumerate(lenses)
             ]
-            effects = [camera_text.optics_of(sample, k) for k in range(len(lenses))]
+            effects = [shot_text.optics_of(sample, k) for k in range(len(lenses))]
             made.append((row, exposures, effects))
     _print(output, made, as_json)
 
@@ -286,7 +287,7 @@ def _print(output: Place, made: list[_Made], as_json: bool) -> None:
     for row, exposures, effects in made:
         click.echo(f"{output / row.name}: {len(row.files)} files")
         for exposure, lens_effects in zip(exposures, effects, strict=True):
-            click.echo(f"  {exposure}\n    {camera_text.format_optics(lens_effects)}")
-        if error := camera_text.format_depth_error(effects[0]):
+            click.echo(f"  {exposure}\n    {shot_text.format_optics(lens_effects)}")
+        if error := shot_text.format_depth_error(effects[0]):
             click.echo(f"  {error}")
     click.echo(f"rendered with {used.variant} ({used.reason})")

@@ -4,16 +4,12 @@ Each `_HELP` text shows the syntax of its option. Texts are read as the tables o
 option's name.
 """
 
-import math
 import re
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
 from typing import Any
 
-import numpy as np
-
-from twinlens import optics
 from twinlens.camera import (
     ALIGNED,
     BrownConrady,
@@ -23,11 +19,8 @@ from twinlens.camera import (
 )
 from twinlens.camera.film import SENSOR_WIDTHS_MM, sensor_width_mm
 from twinlens.camera.presets import find_camera
-from twinlens.dataset import Sample
 from twinlens.errors import InputError, format_value, located, unknown
 from twinlens.factory import settings
-from twinlens.geometry import depth_error
-from twinlens.optics.rig_task import RigTask
 from twinlens.scenes.rigs import CalibrationError
 from twinlens.schema import read
 from twinlens.sensor import LEVELS, PRESETS, Exposure, Mismatch, Sensor
@@ -222,110 +215,3 @@ def options_named(options: Mapping[str, Any]) -> Iterator[None]:
             if options[option.replace("-", "_")] is not None:
                 message = re.sub(rf"^rig: {key}\b|'{key}'", f"--{option}", message)
         raise type(error)(message.replace("rig: --", "--")) from error
-
-
-TYPICAL_DISPARITY_ERROR = RigTask.disparity_error_px
-"""Pixels, standard deviation: about twice that of ZNCC on fine texture without noise."""
-
-
-def optics_of(sample: Sample, k: int) -> dict[str, Any]:
-    """What lens k does with the depths of the first view, metres and pixels.
-
-    depths : the nearest and the farthest; None if the view is empty, as are `blur_px` and `depth_error` at them.
-    blur_px : on the axis.
-    depth_of_field, hyperfocal_distance : for a blur circle of one pixel; None for a lens that does not know them, the
-        latter also without a lens.
-    depth_error : for `TYPICAL_DISPARITY_ERROR`; None also unless the first two cameras are a rectified pair.
-    """
-    lens, camera, rig = sample.shots[k].lens, sample.rig.cameras[0], sample.rig.nominal
-    fx, depth = camera.fx, sample.truths[0].depth[sample.truths[0].hit]
-    depths = lens.depth_of_field(fx)
-    is_focused = depths is not None and not lens.is_bare
-    effects: dict[str, Any] = {
-        "depths": None, "blur_px": None, "depth_error": None,
-        "depth_of_field": depths,
-        "hyperfocal_distance": optics.hyperfocal_distance(lens.aperture_diameter, fx) if is_focused else None,
-    }  # fmt: skip
-    if depth.size:
-        ends = [float(depth.min()), float(depth.max())]
-        blur = np.abs(lens.blur_px(ends, fx))
-        effects |= {"depths": ends, "blur_px": blur.tolist()}
-        if sample.is_rectified:
-            effects["depth_error"] = depth_error(
-                ends, fx, rig.baseline(), TYPICAL_DISPARITY_ERROR
-            ).tolist()
-    return effects
-
-
-def format_optics(effects: Mapping[str, Any]) -> str:
-    """Depth of field, hyperfocal distance and blur of `optics_of`."""
-    parts = []
-    if effects["depth_of_field"] is not None:
-        near, far = effects["depth_of_field"]
-        if near == 0:
-            return "sharp at every depth"
-        parts.append(_format_sharp(near, far))
-    if effects["hyperfocal_distance"] is not None:
-        parts.append(f"hyperfocal distance {effects['hyperfocal_distance']:.3g} m")
-    if effects["depths"] is not None:
-        parts.append(f"blur circle {_at_depths(effects, 'blur_px', 'px', 2)}")
-    return ", ".join(parts)
-
-
-def _format_sharp(near: float, far: float) -> str:
-    if near == math.inf:
-        return "not sharp to 1 px at any depth"
-    until = "infinity" if far == math.inf else f"{far:.3g} m"
-    return f"sharp to 1 px from {near:.3g} m to {until}"
-
-
-def format_depth_error(effects: Mapping[str, Any]) -> str:
-    """The expected depth error of `optics_of`; empty if it is unknown."""
-    if effects["depth_error"] is None:
-        return ""
-    millimetres = {
-        **effects,
-        "depth_error": [1e3 * error for error in effects["depth_error"]],
-    }
-    errors = _at_depths(millimetres, "depth_error", "mm", 3)
-    return (
-        f"depth error {errors}, for a disparity error of {TYPICAL_DISPARITY_ERROR:g} px"
-    )
-
-
-def _at_depths(effects: Mapping[str, Any], name: str, unit: str, digits: int) -> str:
-    pairs = zip(effects[name], effects["depths"], strict=True)
-    return " and ".join(
-        f"{value:.{digits}g} {unit} at {depth:.3g} m" for value, depth in pairs
-    )
-
-
-_FASTEST = 0.95
-"""The smallest f-number of photographic lenses on the market; an indication, not a limit."""
-
-
-def format_exposure(sample: Sample, k: int, text: str) -> str:
-    """F-number, time and gain of lens k, which the option `text` describes; and whether such a lens can be bought."""
-    shot, camera = sample.shots[k], sample.rig.cameras[0]
-    taken = shot.record["exposures"][0]
-    number, time, gain = taken["working_f_number"], taken["time_s"], taken["gain"]
-    if time < 1e-4:
-        duration = f"{1e6 * time:.3g} us"
-    else:
-        duration = f"1/{1 / time:.0f} s" if time < 0.1 else f"{time:.3g} s"
-    exposure = f"{duration}, gain {gain:.3g}"
-    if ratios := shot.record.get("light_paths_over_sensor"):
-        exposure += f", renderer noise {max(ratios):.2g} x sensor noise, {shot.record['spp']} samples"
-        if (bound := sample.record["noise"]) is not None and max(ratios) > bound:
-            exposure += f" (limit {bound:g} not met)"
-    if shot.lens.aperture_diameter == 0:
-        return f"{text}: exposed as f/{number:g}, {exposure}"
-    shown = f"{number:.0f}" if 99.5 <= number < 1e5 else f"{number:.2g}"
-    line = f"{text}: f/{shown}, {exposure}"
-    if number >= _FASTEST or shot.lens.is_bare:
-        return line
-    line += " (the blur is as specified, but no lens on the market is this fast"
-    if text.startswith("f/"):  # independent of the sensor's size
-        return f"{line})"
-    width = 1e-3 * camera.width * camera.pixel_pitch_um
-    return f"{line}: this sensor is {width:.3g} mm wide; --sensor-width-mm {width * 1.4 / number:.2g} gives f/1.4)"

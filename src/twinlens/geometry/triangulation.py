@@ -60,20 +60,20 @@ def midpoint(
     equations would square the small angle between distant rays.
     """
     centres, rays = _rays(Ks, world_from_cams, pixels)
+    # World axes, from the first centre and in units of the largest baseline: no digits are lost far from the origin.
     origin, scale = centres[0], np.abs(centres - centres[0]).max()
     count, equations = rays.shape[1], 3 * len(rays)
+    # Each view k asks (I - d d^T) (X - c_k) = 0: three equations, of which two are independent.
     orthogonal = np.eye(3) - rays[..., :, None] * rays[..., None, :]
-    offsets = np.einsum(
-        "knij,kxj->nki", orthogonal, (centres - origin) / scale
-    ).reshape(count, equations)
-    left, size, axes = np.linalg.svd(
-        orthogonal.swapaxes(0, 1).reshape(count, equations, 3), full_matrices=False
-    )
+    offsets = np.einsum("knij,kxj->nki", orthogonal, (centres - origin) / scale)
+    offsets = offsets.reshape(count, equations)
+    stacked = orthogonal.swapaxes(0, 1).reshape(count, equations, 3)
+    left, size, axes = np.linalg.svd(stacked, full_matrices=False)
+    # Parallel rays leave the position along them undetermined: the smallest singular value is 0.
     intersecting = size[:, 2:] > _PARALLEL
     along = np.einsum("nki,nk->ni", left, offsets) / np.where(intersecting, size, 1.0)
-    return np.where(
-        intersecting, origin + scale * np.einsum("nki,nk->ni", axes, along), np.inf
-    )
+    points = origin + scale * np.einsum("nki,nk->ni", axes, along)
+    return np.where(intersecting, points, np.inf)
 
 
 def dlt(
@@ -155,29 +155,41 @@ def correct_matches(
         np.array(values, dtype=np.float64) for values in (F, pixels_a, pixels_b)
     )
     _check(matrix, seen_a, seen_b)
+    # The quadratic part of the constraint is d_b^T F_2 d_a, with the upper left block F_2 = L diag(s) R of F. In the
+    # axes (R d_a + L^T d_b) / sqrt(2) and (R d_a - L^T d_b) / sqrt(2) it has no mixed terms, and the bends b = s, -s.
     left, size, right = np.linalg.svd(matrix[:2, :2])
     bend = np.concatenate([size, -size])
+    # The constraint at the seen pixels, o, and its gradient g in these axes, from both epipolar lines.
     lines_b, lines_a = homogeneous(seen_a) @ matrix.T, homogeneous(seen_b) @ matrix
     offset = np.einsum("ni,ni->n", homogeneous(seen_b), lines_b)[:, None]
     along_a, along_b = lines_a[:, :2] @ right.T, lines_b[:, :2] @ left
     slope = math.sqrt(0.5) * np.hstack([along_a + along_b, along_a - along_b])
-    steepness = np.square(slope).sum(axis=1, keepdims=True)
-    # The residual's derivative is at least steepness / 8 where 1 + m b > 0 for every b.
-    bound, least = 8.0 * offset, np.maximum(steepness, 8.0 * size[0] * np.abs(offset))
-    near, far = (
-        np.zeros_like(offset),
-        _INSIDE * np.divide(bound, least, out=np.zeros_like(offset), where=least > 0),
-    )
-    for _ in range(_HALVINGS):
-        m = 0.5 * (near + far)
-        residual = offset - (
-            m * slope**2 * (1.0 + 0.5 * m * bend) / (1.0 + m * bend) ** 2
-        ).sum(axis=1, keepdims=True)
-        beyond = residual * offset < 0
-        near, far = np.where(beyond, near, m), np.where(beyond, m, far)
-    moves = -math.sqrt(0.5) * near * slope / (1.0 + near * bend)
+    m = _multiplier(offset, slope, bend)
+    # The move d = -m g / (1 + m b), turned back to the pixels of each image.
+    moves = -math.sqrt(0.5) * m * slope / (1.0 + m * bend)
     sums, differences = moves[:, :2], moves[:, 2:]
     return seen_a + (sums + differences) @ right, seen_b + (sums - differences) @ left.T
+
+
+def _multiplier(offset: Float, slope: Float, bend: Float) -> Float:
+    """The Lagrange multiplier m (N, 1) of the smallest move, by bisection from 0 to the end of the valid interval.
+
+    offset, slope, bend : o (N, 1), g (N, 4) and b (4,) of the constraint o + g . d + sum b d^2 / 2 = 0.
+    """
+    steepness = np.square(slope).sum(axis=1, keepdims=True)
+    # 1 + m b > 0 bounds m, and the residual's derivative is at least steepness / 8 there, which bounds its zero.
+    bound = 8.0 * offset
+    least = np.maximum(steepness, 8.0 * bend[0] * np.abs(offset))
+    end = np.divide(bound, least, out=np.zeros_like(offset), where=least > 0)
+    near, far = np.zeros_like(offset), _INSIDE * end
+    for _ in range(_HALVINGS):
+        m = 0.5 * (near + far)
+        # The constraint after the move of m; it starts with the sign of o.
+        falls = m * slope**2 * (1.0 + 0.5 * m * bend) / (1.0 + m * bend) ** 2
+        residual = offset - falls.sum(axis=1, keepdims=True)
+        beyond = residual * offset < 0
+        near, far = np.where(beyond, near, m), np.where(beyond, m, far)
+    return near
 
 
 def _check(matrix: Float, seen_a: Float, seen_b: Float) -> None:

@@ -121,12 +121,9 @@ def convolve_airy(
     padded = np.pad(channel, radius, mode="symmetric")
     size = [next_fast_len(n, real=True) for n in padded.shape]
     blurred: Float = irfft2(rfft2(padded, size) * rfft2(kernel, size), size)
-    inner = blurred[
-        2 * radius : padded.shape[0], 2 * radius : padded.shape[1]
-    ]  # the part without wrap-around
-    return np.maximum(
-        inner, 0.0
-    )  # rounding of the transform may give small negative values
+    # Without the border that the transform wraps around. Its rounding may give small negative values.
+    inner = blurred[2 * radius : padded.shape[0], 2 * radius : padded.shape[1]]
+    return np.maximum(inner, 0.0)
 
 
 def check_wavelengths(name: str, values: Any) -> tuple[float, float, float]:
@@ -146,18 +143,18 @@ def _airy_kernel(
     pixel_pitch: Pitch, wavelength: float, working_f_number: float, radius_px: int
 ) -> Float:
     px, py = (pitch / (wavelength * working_f_number) for pitch in pixel_pitch)
-    right = _edge_flux(
-        px, py, radius_px
-    ).T  # [y, x]: through the right edges of the pixels of one quadrant
+    # Fluxes [y, x] out of the right and the lower edges of the pixels of one quadrant; the others follow by symmetry.
+    right = _edge_flux(px, py, radius_px).T
     below = _edge_flux(py, px, radius_px)
     quadrant = right + below
+    # What leaves a pixel through its right or lower edge enters its neighbour, whose left or upper edge that is. The
+    # pixels on the axes have their own edge on the other side, with the same flux outwards.
     quadrant[:, 1:] -= right[:, :-1]
     quadrant[:, 0] += right[:, 0]
     quadrant[1:] -= below[:-1]
     quadrant[0] += below[0]
-    kernel = np.pad(
-        np.maximum(quadrant, 0.0), ((radius_px, 0), (radius_px, 0)), mode="reflect"
-    )
+    light = np.maximum(quadrant, 0.0)
+    kernel = np.pad(light, ((radius_px, 0), (radius_px, 0)), mode="reflect")
     return np.asarray(kernel / kernel.sum())
 
 
@@ -172,14 +169,9 @@ def _edge_flux(across: float, along: float, radius_px: int) -> Float:
     for i in steps:
         x = (i + 0.5) * across
         r2 = x * x + y * y
-        flux[i] = (
-            x
-            * 0.5
-            * along
-            / (2 * math.pi)
-            * (encircled_energy(np.sqrt(r2)) / r2)
-            @ weights
-        )
+        # The component across the edge of the field E(r) / (2 pi r), which is x / r of it; 0.5 along scales the nodes.
+        normal = encircled_energy(np.sqrt(r2)) / r2
+        flux[i] = x * 0.5 * along / (2 * math.pi) * normal @ weights
     return flux
 
 

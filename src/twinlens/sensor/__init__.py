@@ -1,11 +1,11 @@
 """Digital images from radiance, after EMVA standard 1288: light on the film, electrons, digital numbers, an image."""
 
-from twinlens.sensor.exposure import (
-    Exposure as Exposure,
+from twinlens.sensor.exposure import Exposure as Exposure
+from twinlens.sensor.light import ParaxialWarning as ParaxialWarning
+from twinlens.sensor.metering import (
     auto_exposure as auto_exposure,
     light_on_grey as light_on_grey,
 )
-from twinlens.sensor.light import ParaxialWarning as ParaxialWarning
 from twinlens.sensor.mismatch import (
     DEFAULT_MISMATCH as DEFAULT_MISMATCH,
     LEVELS as LEVELS,

@@ -1,22 +1,16 @@
-"""Exposure time and gain, automatic exposure, and the light of a scene for planning a rig."""
+"""Exposure time and gain, given or automatic."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from twinlens.camera import ApertureLens, Camera, ThinLens
 from twinlens.errors import InputError, check_number, format_value
-from twinlens.optics.rig_task import Light
+from twinlens.geometry import Float
 from twinlens.settings import Setting, Settings
 
-if TYPE_CHECKING:
-    from twinlens.sensor.model import Sensor
-
-_MIDDLE_GREY = 0.18  # of white: target of the geometric mean
+MIDDLE_GREY = 0.18  # of white: target of the geometric mean
 _HIGHLIGHT = 0.9  # of white: limit of the highlight percentile
 _HIGHLIGHT_PERCENTILE = 98.0
 _STOPS_BELOW = 2.0  # largest reduction of the mean for the highlights
@@ -65,90 +59,21 @@ def check_exposure(exposure: Exposure | None) -> None:
         )
 
 
-def auto_exposure(
-    images: Sequence[ArrayLike],
-    *,
-    sensor: "Sensor",
-    cameras: Sequence[Camera] | Camera,
-    lens: ApertureLens,
-) -> Exposure:
-    """One exposure for all `images` (linear radiance (H, W, 3)), so that a stereo pair is exposed equally.
+def automatic(levels: Float, longest_time: float, largest_gain: float) -> Exposure:
+    """One exposure for pixels of these levels, (N, 3): shares of white per second at gain 1.
 
     The geometric mean luminance of the pixels that are not black becomes 18% of white. If the brightest 2% would
-    exceed 90% of white, the exposure is reduced by up to two stops. Time is increased first, up to the sensor's
-    `longest_exposure`, then gain, up to its `largest_gain`. A black image gets both limits.
+    exceed 90% of white, the exposure is reduced by up to two stops. Time is increased first, then gain, up to their
+    limits. Black pixels alone get both limits.
     """
-    per_image = (
-        [cameras] * len(images) if isinstance(cameras, Camera) else list(cameras)
-    )
-    if not images or len(per_image) != len(images):
-        raise InputError(
-            f"auto exposure needs images and one camera each, got {len(images)} and {len(per_image)}"
-        )
-    levels = [
-        sensor.level_rate(image, camera=c, lens=lens).reshape(-1, 3)
-        for image, c in zip(images, per_image, strict=True)
-    ]
-    shares = np.concatenate(levels)  # (N, 3), of white per second at gain 1
-    highlight = float(
-        np.percentile(shares.max(axis=1), _HIGHLIGHT_PERCENTILE)
-    ) or float(shares.max())
+    brightest = levels.max(axis=1)
+    highlight = float(np.percentile(brightest, _HIGHLIGHT_PERCENTILE))
+    highlight = highlight or float(brightest.max())
     product = math.inf  # time times gain, seconds
     if highlight > 0:
-        luminance = shares @ _LUMINANCE
+        luminance = levels @ _LUMINANCE
         lit = luminance[luminance > _BLACK * highlight]
-        middle = _MIDDLE_GREY / float(np.exp(np.log(lit).mean()))
+        middle = MIDDLE_GREY / float(np.exp(np.log(lit).mean()))
         product = max(min(middle, _HIGHLIGHT / highlight), middle / 2**_STOPS_BELOW)
-    time = min(product, sensor.longest_exposure)
-    return Exposure(time, min(max(product / time, 1.0), sensor.largest_gain))
-
-
-def light_on_grey(
-    sensor: "Sensor",
-    illuminance_lux: float,
-    pixel_pitch_um: float,
-    longest_exposure: float,
-    least_snr: float = 10.0,
-) -> Light:
-    """The light that a mid-grey (18 %) diffuse surface gives to a pixel, for `plan_rig`.
-
-    The surface has the luminance 0.18 E / pi and equal radiances in the sensor's three bands. The signal is that of the
-    green band, and of all three for `filters="mono"`.
-
-    >>> from twinlens.sensor import Sensor
-    >>> round(light_on_grey(Sensor(), 500, pixel_pitch_um=3.45, longest_exposure=0.01).electrons_per_second)
-    434120
-    """
-    check_number(
-        "illuminance_lux",
-        illuminance_lux,
-        "a number of lux, 1e-6 to 1e9",
-        least=1e-6,
-        most=1e9,
-    )
-    efficacy = sum(
-        683.0 * _luminosity(1e9 * wavelength) for wavelength in sensor.wavelengths
-    )
-    radiance = (
-        _MIDDLE_GREY * illuminance_lux / math.pi / efficacy / sensor.radiance_scale
-    )
-    camera = Camera.from_fov(1, 1, 90, pixel_pitch_um)
-    lens = ThinLens(camera.film_distance, math.inf)  # f/1
-    rates = radiance * sensor.electrons_per_radiance(camera, lens)
-    rate = float(rates.sum() if sensor.filters == "mono" else rates[1])
-    return Light(
-        rate,
-        longest_exposure,
-        sensor.read_noise,
-        _MIDDLE_GREY * sensor.full_well,
-        least_snr,
-    )
-
-
-def _luminosity(nm: float) -> float:
-    """CIE 1931 luminous efficiency. Source: Wyman, Sloan and Shirley, JCGT 2(2), 2013, the fit of two lobes."""
-    lobes = ((0.821, 568.8, 0.0213, 0.0247), (0.286, 530.9, 0.0613, 0.0322))
-    return sum(
-        height * math.exp(-0.5 * ((nm - peak) * (left if nm < peak else right)) ** 2)
-        for height, peak, left, right in lobes
-    )
+    time = min(product, longest_time)
+    return Exposure(time, min(max(product / time, 1.0), largest_gain))

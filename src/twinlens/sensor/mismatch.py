@@ -277,10 +277,10 @@ class Mismatch(Settings, noun="mismatch"):
     ] = "none"
 
     @classmethod
-    def draw(cls, level: str, seed: int, **given: float) -> "Mismatch":
+    def draw(cls, level: str, seed: int, **fixed: float) -> "Mismatch":
         """A random mismatch: normal deviates with the standard deviations of a level, limited to 2.5 of these.
 
-        Fields in `given` are not drawn. Each field has its own stream: at every level, one seed gives the same
+        Fields in `fixed` are not drawn. Each field has its own stream: at every level, one seed gives the same
         differences, scaled. Raises InputError for an unknown level or field, and for a negative seed.
 
         >>> Mismatch.draw("typical", 1) == Mismatch.draw("typical", 1), Mismatch.draw("none", 1) == Mismatch()
@@ -288,9 +288,9 @@ class Mismatch(Settings, noun="mismatch"):
         """
         check_known("mismatch level", level, LEVELS)
         check_int("seed", seed, 0)
-        for name in given:
+        for name in fixed:
             check_known("mismatch field", name, vars(cls()).keys() - {"level"})
-        values: dict[str, Any] = {**given, "level": level}
+        values: dict[str, Any] = {**fixed, "level": level}
         if level == "none":
             return cls(**values)
         values.setdefault(
@@ -393,6 +393,7 @@ class Mismatch(Settings, noun="mismatch"):
         if lens.is_bare:
             return lens.adjusted(self.f_number, defocus=0.0)
         film = lens.distance_to_film(camera)
+        # An f-number below 1 belongs to a larger camera, whose film moves less in units of its distance.
         step = (
             1e-6 * self.focus_um * min(1.0, film / max(lens.aperture_diameter, 1e-12))
         )
@@ -434,11 +435,11 @@ class Mismatch(Settings, noun="mismatch"):
             names = [
                 name for name in ("scale_px", "distortion_px") if getattr(self, name)
             ]
-            given = " and ".join(f"{name}={getattr(self, name):g}" for name in names)
+            values = " and ".join(f"{name}={getattr(self, name):g}" for name in names)
             corner = f"its corners are {camera.fx * radius:.3g} px from the centre"
             size = f"an image of {camera.width}x{camera.height} pixels, {corner}"
             raise InputError(
-                f"mismatch {given}: too large for {size}; use a value nearer to 0"
+                f"mismatch {values}: too large for {size}; use a value nearer to 0"
             ) from problem
         return error
 
@@ -449,8 +450,8 @@ def misalign(rig: Rig, mismatches: Sequence[Mismatch]) -> Rig:
     errors = [
         ALIGNED,
         *(
-            each.misalignment(camera)
-            for each, camera in zip(mismatches, cameras, strict=True)
+            mismatch.misalignment(camera)
+            for mismatch, camera in zip(mismatches, cameras, strict=True)
         ),
     ]
     return misaligned(rig, errors) if any(error != ALIGNED for error in errors) else rig
@@ -467,7 +468,7 @@ def mismatch_table(sensor: Mapping[str, Any]) -> Any:
         "none" if sensor.get("preset") == "ideal" else dict(DEFAULT_MISMATCH),
     )
     return (
-        [level_table(each) for each in mismatch]
+        [level_table(one) for one in mismatch]
         if isinstance(mismatch, list)
         else level_table(mismatch)
     )

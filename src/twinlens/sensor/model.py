@@ -36,7 +36,7 @@ from twinlens.optics.diffraction import (
 )
 from twinlens.seeds import derived_seed, generator
 from twinlens.sensor import light, picture
-from twinlens.sensor.exposure import Exposure, auto_exposure, check_exposure
+from twinlens.sensor.exposure import Exposure, automatic, check_exposure
 from twinlens.sensor.mismatch import Mismatch, misalign
 from twinlens.sensor.picture import Image
 from twinlens.sensor.presets import PRESETS
@@ -236,7 +236,7 @@ class Sensor(Settings, noun="sensor"):
         nir, mismatch = record.get("nir"), record.get("mismatch", {})
         several = isinstance(mismatch, (list, tuple))
         parts = {
-            "mismatch": tuple(Mismatch(**each) for each in mismatch)
+            "mismatch": tuple(Mismatch(**values) for values in mismatch)
             if several
             else Mismatch(**mismatch),
             "nir": None if nir is None else cls.from_record(nir),
@@ -256,12 +256,14 @@ class Sensor(Settings, noun="sensor"):
         check_known("camera band", band, BANDS)
         if band != "nir":
             return self
-        own = self.nir or self
+        of_band = self.nir or self
         changes = {
-            "quantum_efficiency": (own.nir_efficiency,) * 3,
-            "wavelengths": (own.nir_wavelength,) * 3,
+            "quantum_efficiency": (of_band.nir_efficiency,) * 3,
+            "wavelengths": (of_band.nir_wavelength,) * 3,
         }
-        return own.replace(**changes, filters="mono", mismatch=self.mismatch, nir=None)
+        return of_band.replace(
+            **changes, filters="mono", mismatch=self.mismatch, nir=None
+        )
 
     @property
     def mismatches(self) -> tuple[Mismatch, ...]:
@@ -329,10 +331,13 @@ class Sensor(Settings, noun="sensor"):
         joules = (
             light.irradiance_factor(camera, lens, self.pinhole_f_number) * pixel_area
         )
-        own = self.for_band(camera.band)
-        photons = np.array(own.wavelengths) / (light.PLANCK * light.SPEED)
+        of_band = self.for_band(camera.band)
+        photons = np.array(of_band.wavelengths) / (light.PLANCK * light.SPEED)
         return np.asarray(
-            self.radiance_scale * joules * photons * np.array(own.quantum_efficiency)
+            self.radiance_scale
+            * joules
+            * photons
+            * np.array(of_band.quantum_efficiency)
         )
 
     def level_rate(
@@ -343,10 +348,25 @@ class Sensor(Settings, noun="sensor"):
         rates = checked_radiance("radiance", radiance, camera) * self.pixel_rates(
             camera, lens
         )
-        own = self.for_band(camera.band)
-        if own.filters == "mono":
+        of_band = self.for_band(camera.band)
+        if of_band.filters == "mono":
             rates = np.repeat(rates.sum(axis=-1, keepdims=True), 3, axis=-1)
-        return rates * own.balance() / self.full_well
+        return rates * of_band.balance() / self.full_well
+
+    def metered(
+        self,
+        images: Sequence[ArrayLike],
+        cameras: Sequence[Camera],
+        lens: ApertureLens,
+    ) -> Exposure:
+        """The automatic exposure of images (H, W, 3), one for each camera; see `auto_exposure`."""
+        levels = [
+            self.level_rate(image, camera=camera, lens=lens).reshape(-1, 3)
+            for image, camera in zip(images, cameras, strict=True)
+        ]
+        return automatic(
+            np.concatenate(levels), self.longest_exposure, self.largest_gain
+        )
 
     def expose(
         self,
@@ -409,12 +429,13 @@ class Sensor(Settings, noun="sensor"):
                 stacklevel=5,
             )
             return [exposure] * len(images)
-        found = {}
+        exposures = {}
         for band in {camera.band for camera in cameras}:
-            seen = [i for i, camera in enumerate(cameras) if camera.band == band]
-            alike, own = [images[i] for i in seen], [cameras[i] for i in seen]
-            found[band] = auto_exposure(alike, sensor=self, cameras=own, lens=lens)
-        return [found[camera.band] for camera in cameras]
+            indices = [i for i, camera in enumerate(cameras) if camera.band == band]
+            exposures[band] = self.metered(
+                [images[i] for i in indices], [cameras[i] for i in indices], lens
+            )
+        return [exposures[camera.band] for camera in cameras]
 
     def expose_dual(
         self,
@@ -465,32 +486,46 @@ class Sensor(Settings, noun="sensor"):
                 "dual pixels need a lens with an aperture; a pinhole has none"
             )
         halves = [
-            [checked_radiance("radiance", each, camera) for each in _two(given)]
-            for given, camera, _ in views
+            [checked_radiance("radiance", half, camera) for half in _two(images)]
+            for images, camera, _ in views
         ]
         cameras = [camera for _, camera, _ in views]
+        # The two halves of a pixel share the time and the gain of the whole one.
         exposures = self._nominal(
             [left + right for left, right in halves], cameras, lens, seed, exposure
         )
-        streams = [derived_seed(seed, "dual pixel", i) for i in (0, 1)]
-        found = []
+        photos = []
         for images, (_, camera, eye), nominal in zip(
             halves, views, exposures, strict=True
         ):
-            photos, wells = [], []
-            own = self.for_band(camera.band)
-            for i, (stream, image) in enumerate(zip(streams, images, strict=True)):
-                mixed = image + own.dual_crosstalk * (images[1 - i] - image)
-                diode = own.replace(
-                    full_well=own.full_well / 2,
-                    dark_current=own.dark_current / 2,
-                    serial=derived_seed(own.serial, "dual pixel", i),
-                )
-                wells.append(diode._collect(mixed, camera, lens, nominal, stream, eye))
-                photos.append(diode._read(wells[i], camera, lens, nominal, stream, eye))
-            whole = own._read(wells[0] + wells[1], camera, lens, nominal, seed, eye)
-            found.append((photos[0], photos[1], whole))
-        return found
+            sensor = self.for_band(camera.band)
+            photos.append(sensor._take_dual(images, camera, lens, nominal, seed, eye))
+        return photos
+
+    def _take_dual(
+        self,
+        halves: Sequence[Float],
+        camera: Camera,
+        lens: ApertureLens,
+        nominal: Exposure,
+        seed: int,
+        eye: int,
+    ) -> tuple[Photo, Photo, Photo]:
+        """The photos of the left half, the right half and the whole pixels of one camera."""
+        photos, wells = [], []
+        for i, image in enumerate(halves):
+            mixed = image + self.dual_crosstalk * (halves[1 - i] - image)
+            diode = self.replace(
+                full_well=self.full_well / 2,
+                dark_current=self.dark_current / 2,
+                serial=derived_seed(self.serial, "dual pixel", i),
+            )
+            stream = derived_seed(seed, "dual pixel", i)
+            electrons = diode._collect(mixed, camera, lens, nominal, stream, eye)
+            wells.append(electrons)
+            photos.append(diode._read(electrons, camera, lens, nominal, stream, eye))
+        whole = self._read(wells[0] + wells[1], camera, lens, nominal, seed, eye)
+        return photos[0], photos[1], whole
 
     def _take(
         self,
@@ -554,6 +589,7 @@ class Sensor(Settings, noun="sensor"):
             electrons = electrons + self.read_noise * generator(
                 seed, "read", eye
             ).standard_normal(wells.shape)
+        # EMVA 1288, equation 4: y = K (electrons + noise) above the black level, rounded by the converter.
         numbers = np.rint(self.system_gain(true.gain) * electrons + black)
         numbers = np.clip(numbers, 0, self.largest_dn).astype(np.uint16)
         saturated = (wells >= self.full_well) | (numbers >= self.largest_dn)
@@ -636,6 +672,7 @@ class Sensor(Settings, noun="sensor"):
 
     def _wells(self, expected: Float, time: float, seed: int, eye: int) -> Float:
         """Electrons of each pixel at the end of the exposure, (H, W, 3) or (H, W), from the expected ones of light."""
+        # A mono pixel counts the photons of all bands; a pixel behind a filter those of one.
         if self.filters == "mono":
             expected = expected.sum(axis=-1)
         elif self.filters in picture.BAYER:
@@ -645,6 +682,7 @@ class Sensor(Settings, noun="sensor"):
                 expected.shape
             )
             expected = expected * (1.0 + self.prnu * pattern)
+        # PRNU can make the expectation negative, and a Poisson number of huge ones is slow to draw.
         expected = np.clip(expected, 0.0, _MAX_WELLS * self.full_well)
         dark = self.dark_current * time
         if not self.shot_noise:
@@ -667,6 +705,7 @@ class Sensor(Settings, noun="sensor"):
     def _develop(self, numbers: NDArray[np.uint16], mismatch: Mismatch) -> Image:
         if self.output == "raw":
             return numbers.astype(np.uint8) if self.adc_bits == 8 else numbers
+        # The nominal black level, which the camera knows, is subtracted; the mismatch's stays as an error.
         linear = (numbers.astype(np.float64) - self.black_level) / (
             self.largest_dn - self.black_level
         )
@@ -682,9 +721,9 @@ class Sensor(Settings, noun="sensor"):
 
 def _two(halves: Any) -> list[Any]:
     """The images of two halves. Raises InputError for another number of them."""
-    found = list(halves) if isinstance(halves, Sequence) or np.ndim(halves) else []
-    if len(found) != 2:
+    images = list(halves) if isinstance(halves, Sequence) or np.ndim(halves) else []
+    if len(images) != 2:
         raise InputError(
-            f"expose_dual needs the images of two halves, got {len(found) or format_value(halves)}"
+            f"expose_dual needs the images of two halves, got {len(images) or format_value(halves)}"
         )
-    return found
+    return images
