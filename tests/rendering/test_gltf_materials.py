@@ -47,7 +47,7 @@ def pbr(color, metallic, roughness):
         "metallicFactor": metallic,
         "roughnessFactor": roughness,
     }
-    return lambda header: header["materials"][0].update(pbrMetallicRoughness=table)
+    return {"materials/0/pbrMetallicRoughness": table}
 
 
 def ball():
@@ -76,13 +76,8 @@ def gallery(tmp_path_factory):
 
 
 def coat_over(look, roughness):
-    def change(header):
-        pbr(*look)(header)
-        with_extensions(
-            clearcoat={"clearcoatFactor": 1.0, "clearcoatRoughnessFactor": roughness}
-        )(header)
-
-    return change
+    coat = {"clearcoatFactor": 1.0, "clearcoatRoughnessFactor": roughness}
+    return pbr(*look) | with_extensions(clearcoat=coat)
 
 
 @pytest.fixture(scope="module")

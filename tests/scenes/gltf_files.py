@@ -1,11 +1,9 @@
 """Writes glTF files for tests: trimesh's exporter, and changes of the header that it cannot write."""
 
+import copy
 import json
 import struct
-from collections.abc import Callable
 from io import BytesIO
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import trimesh
@@ -15,7 +13,7 @@ SQUARE = [[-0.5, 0, 0], [0.5, 0, 0], [0.5, 1, 0], [-0.5, 1, 0]]
 SQUARE_UV = [[0.0, 0.0], [1, 0], [1, 1], [0, 1]]
 
 
-def square(**material: Any) -> trimesh.Trimesh:
+def square(**material):
     """A square of 1 m in the plane z = 0 of the file, facing +z, its texture upright along +y."""
     visual = trimesh.visual.TextureVisuals(
         uv=SQUARE_UV,
@@ -24,53 +22,63 @@ def square(**material: Any) -> trimesh.Trimesh:
     return trimesh.Trimesh(SQUARE, [[0, 1, 2], [0, 2, 3]], visual=visual, process=False)
 
 
-def picture(texels: Any) -> Image.Image:
+def picture(texels):
     """An 8-bit picture of texels (H, W, C) in [0, 1], stored as given."""
     return Image.fromarray(np.round(255 * np.asarray(texels)).astype(np.uint8))
 
 
-def png(texels: Any) -> bytes:
+def png(texels):
     stream = BytesIO()
     picture(texels).save(stream, format="PNG")
     return stream.getvalue()
 
 
-def glb(header: dict[str, Any], binary: bytes) -> bytes:
+def glb(header, binary):
     """A .glb file of a header and a binary chunk. Source: glTF 2.0, chapter 4."""
     text = json.dumps(header).encode()
     text += b" " * (-len(text) % 4)
     binary += bytes(-len(binary) % 4)
     size = 12 + 8 + len(text) + 8 + len(binary)
-    chunks = (
-        struct.pack("<II", len(text), 0x4E4F534A)
-        + text
-        + struct.pack("<II", len(binary), 0x004E4942)
-        + binary
-    )
-    return struct.pack("<4sII", b"glTF", 2, size) + chunks
+    start = struct.pack("<4sIIII", b"glTF", 2, size, len(text), 0x4E4F534A)
+    return start + text + struct.pack("<II", len(binary), 0x004E4942) + binary
 
 
-def unpacked(data: bytes) -> tuple[dict[str, Any], bytes]:
+def unpacked(data):
     """The header and the binary chunk of a .glb file that trimesh wrote."""
     size = struct.unpack_from("<I", data, 12)[0]
     return json.loads(data[20 : 20 + size]), data[20 + size + 8 :]
 
 
-def write(
-    path: Path, what: Any, change: Callable[[dict[str, Any]], object] | None = None
-) -> Path:
-    """Export a trimesh mesh or scene as .glb, after `change` of its header."""
-    scene = what if isinstance(what, trimesh.Scene) else trimesh.Scene(what)
-    header, binary = unpacked(scene.export(file_type="glb"))
-    if change is not None:
-        change(header)
-    path.write_bytes(glb(header, binary))
+def with_values(header, values):
+    """A header with the values of paths such as "materials/0/name"; None removes a key."""
+    header = copy.deepcopy(header)
+    for path, value in values.items():
+        *above, key = path.split("/")
+        table = header
+        for part in above:
+            is_list = isinstance(table, list)
+            table = table[int(part)] if is_list else table.setdefault(part, {})
+        if value is None:
+            del table[key]
+        else:
+            table[key] = value
+    return header
+
+
+def exported(mesh, **options):
+    """The header and the binary chunk of a trimesh mesh or scene."""
+    scene = mesh if isinstance(mesh, trimesh.Scene) else trimesh.Scene(mesh)
+    return unpacked(scene.export(file_type="glb", **options))
+
+
+def write(path, mesh, values=None):
+    """Export a trimesh mesh or scene as .glb, with `values` in its header."""
+    header, binary = exported(mesh)
+    path.write_bytes(glb(with_values(header, values or {}), binary))
     return path
 
 
-def with_extensions(**extensions: Any) -> Callable[[dict[str, Any]], None]:
-    """A change that adds extensions KHR_materials_* to the first material."""
-    named = {f"KHR_materials_{name}": table for name, table in extensions.items()}
-    return lambda header: (
-        header["materials"][0].setdefault("extensions", {}).update(named)
-    )
+def with_extensions(**extensions):
+    """Values of a header: extensions KHR_materials_* of the first material."""
+    folder = "materials/0/extensions/KHR_materials_"
+    return {folder + name: table for name, table in extensions.items()}

@@ -1,7 +1,5 @@
 """The plain data of a scene checks itself, whoever makes it."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -14,7 +12,7 @@ CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
 FACE = np.array([[0, 1, 2]], dtype=np.uint32)
 
 
-def test_a_mesh_holds_float64_and_uint32() -> None:
+def test_a_mesh_holds_float64_and_uint32():
     mesh = Mesh(
         [[0, 0, 0], [1, 0, 0], [0, 1, 0]],
         [[0, 1, 2]],
@@ -22,12 +20,11 @@ def test_a_mesh_holds_float64_and_uint32() -> None:
     )  # type: ignore[arg-type]
     assert mesh.vertices.dtype == np.float64
     assert mesh.faces.dtype == np.uint32
-    assert mesh.uv is not None
     assert mesh.uv.dtype == np.float64
     assert Mesh(CORNERS, np.zeros((0, 3), np.int64)).faces.shape == (0, 3)
 
 
-BROKEN: list[tuple[dict[str, Any], str]] = [
+BROKEN = [
     (
         {"vertices": CORNERS[:, :2]},
         r"vertices must have the shape \(3, 3\), got \(3, 2\)",
@@ -51,19 +48,19 @@ BROKEN: list[tuple[dict[str, Any], str]] = [
 ]
 
 
-def test_an_invalid_mesh_is_an_error() -> None:
+def test_an_invalid_mesh_is_an_error():
     for change, message in BROKEN:
         with pytest.raises(InputError, match=message):
             Mesh(**({"vertices": CORNERS, "faces": FACE} | change))
 
 
-def two_balls() -> Scene:
+def two_balls():
     balls = [SceneObject(name, {"type": "sphere"}, "paint") for name in ("one", "two")]
     paint = {"paint": lambert(0.5)}
     return Scene("balls", tuple(balls), paint, np.eye(4), (1.0, 2.0))
 
 
-def test_other_poses_change_nothing_else() -> None:
+def test_other_poses_change_nothing_else():
     scene = two_balls()
     pose = translation([1, 2, 3]) @ rotation([0, 0, 1], 30)
     moved = scene.with_poses({"two": pose})
@@ -75,7 +72,7 @@ def test_other_poses_change_nothing_else() -> None:
     assert scene.with_poses({}).objects == scene.objects
 
 
-WRONG_POSES: list[tuple[str, Any, str]] = [
+WRONG_POSES = [
     ("three", np.eye(4), "unknown object 'three'"),
     ("one", np.eye(3), r"the pose of 'one' must be finite \(4, 4\)"),
     ("one", np.diag([1, 1, np.nan, 1]), "must be finite"),
@@ -85,7 +82,7 @@ WRONG_POSES: list[tuple[str, Any, str]] = [
 ]
 
 
-def test_wrong_poses_are_refused() -> None:
+def test_wrong_poses_are_refused():
     for name, pose, message in WRONG_POSES:
         with pytest.raises(InputError, match=message):
             two_balls().with_poses({name: pose})

@@ -1,7 +1,6 @@
 """Texture tables: colours, ranges, mixes and files become the pixels they describe."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import OpenEXR
@@ -11,16 +10,15 @@ from PIL import Image
 
 from tests.scenes.scene_text import required
 from twinlens.errors import InputError
-from twinlens.scenes import Bitmap
 from twinlens.scenes.assets import SceneContext, read_picture
 from twinlens.scenes.texture_tables import PATTERNS, Texture, TextureMap
 from twinlens.schema import read
 
-_TABLE: pydantic.TypeAdapter[Any] = pydantic.TypeAdapter(Texture)
-_MAP: pydantic.TypeAdapter[Bitmap] = pydantic.TypeAdapter(TextureMap)
+_TABLE = pydantic.TypeAdapter(Texture)
+_MAP = pydantic.TypeAdapter(TextureMap)
 
 
-def paint(table: Any, folder: Path = Path(), **named: Any) -> Bitmap:
+def paint(table, folder=Path(), **named):
     context = SceneContext(folder)
     context.textures.update(
         {
@@ -31,7 +29,7 @@ def paint(table: Any, folder: Path = Path(), **named: Any) -> Bitmap:
     return read(_MAP, table, "scene.toml", "t", context)
 
 
-def test_colors_are_spread_evenly_and_are_linear() -> None:
+def test_colors_are_spread_evenly_and_are_linear():
     made = paint(
         {
             "type": "stripes",
@@ -50,7 +48,7 @@ def test_colors_are_spread_evenly_and_are_linear() -> None:
     np.testing.assert_allclose(ramp[0, :, 0], [0.2, 0.6, 1.0, 0.6, 0.2], atol=1e-6)
 
 
-def test_range_repeat_and_wrap_are_kept() -> None:
+def test_range_repeat_and_wrap_are_kept():
     made = paint(
         {
             "type": "checker",
@@ -67,7 +65,7 @@ def test_range_repeat_and_wrap_are_kept() -> None:
     assert made.wrap == "mirror"
 
 
-def test_mix_and_multiply_follow_their_formulas() -> None:
+def test_mix_and_multiply_follow_their_formulas():
     left, right = {"type": "stripes", "count": 1}, {"type": "gradient", "along": "u"}
     mixed = paint(
         {"type": "mix", "size": [8, 2], "low": 0.1, "high": 0.9, "weight": left}
@@ -79,7 +77,7 @@ def test_mix_and_multiply_follow_their_formulas() -> None:
     np.testing.assert_allclose(product[0, :, 2], [0.0625, 0.1875, 0, 0], atol=1e-7)
 
 
-def test_a_warp_moves_texels_only() -> None:
+def test_a_warp_moves_texels_only():
     plain = {"type": "value_noise", "cells": 9, "size": 64, "seed": 2}
     straight = paint(plain).pixels
     np.testing.assert_allclose(
@@ -91,7 +89,7 @@ def test_a_warp_moves_texels_only() -> None:
     assert bent.max() <= straight.max() + 1e-6
 
 
-def test_circular_texture_references_are_an_error() -> None:
+def test_circular_texture_references_are_an_error():
     with pytest.raises(InputError, match="deep"):
         paint(
             "a",
@@ -101,7 +99,7 @@ def test_circular_texture_references_are_an_error() -> None:
 
 
 @pytest.mark.parametrize("name", PATTERNS)
-def test_every_pattern_rejects_unknown_and_missing_keys(name: str) -> None:
+def test_every_pattern_rejects_unknown_and_missing_keys(name):
     needed = {"cells": 4, "count": 3, "radius": 0.1, "spokes": 5, "rings": 3}
     given = {key: needed[key] for key in required(PATTERNS[name])}
     assert paint({"type": name, "size": 16, **given}).pixels.shape == (16, 16)
@@ -112,7 +110,7 @@ def test_every_pattern_rejects_unknown_and_missing_keys(name: str) -> None:
             paint({"type": name, **{k: v for k, v in given.items() if k != key}})
 
 
-def test_pictures_are_read_with_their_own_encoding(tmp_path: Path) -> None:
+def test_pictures_are_read_with_their_own_encoding(tmp_path):
     grey = np.full((3, 5, 3), 128, np.uint8)
     Image.fromarray(grey).save(tmp_path / "a.png")
     made = paint({"type": "bitmap", "filename": "a.png"}, tmp_path)
@@ -131,7 +129,7 @@ def test_pictures_are_read_with_their_own_encoding(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("width", [5, 40])
-def test_radiance_pictures_match_opencv(tmp_path: Path, width: int) -> None:
+def test_radiance_pictures_match_opencv(tmp_path, width):
     cv2 = pytest.importorskip("cv2")
     light = np.random.default_rng(2).random((7, width, 3)).astype(np.float32) * 5
     light[2, 3:30] = 1.5
@@ -141,7 +139,7 @@ def test_radiance_pictures_match_opencv(tmp_path: Path, width: int) -> None:
 
 
 @pytest.mark.parametrize("name", ["a.png", "a.jpg", "a.exr", "a.hdr", "a.tga"])
-def test_a_damaged_picture_is_named(tmp_path: Path, name: str) -> None:
+def test_a_damaged_picture_is_named(tmp_path, name):
     (tmp_path / name).write_bytes(b"#?RADIANCE\nnothing")
     with pytest.raises(InputError, match=name):
         paint({"type": "bitmap", "filename": name}, tmp_path)

@@ -63,8 +63,9 @@ def centre_of_mass(mesh: Mesh) -> Float:
     """The centroid (3,) of a closed mesh's volume, or of the surface of a mesh that is not closed: a thin shell."""
     triangles = mesh.vertices[mesh.faces]
     size = np.ptp(mesh.vertices, axis=0).max()
-    # The sum over tetrahedra does not depend on their common corner if the mesh is closed.
-    corner = mesh.vertices.max(axis=0)
+    # The sum over tetrahedra does not depend on their common corner if the mesh is closed. The second corner is outside
+    # of the planes that the rim of an open mesh is likely to be in, where both sums would be those of a closed one.
+    corner = mesh.vertices.max(axis=0) + size * np.array([1.0, 2.0, 3.0])
     about_origin = _solid_centroid(triangles)
     about_corner = _solid_centroid(triangles - corner) + corner
     if np.abs(about_corner - about_origin).max() < _SAME_CENTRE * size:
