@@ -1,5 +1,6 @@
 """Every study at a tiny size: rows, findings, figures, reproducibility, errors."""
 
+import functools
 import math
 from dataclasses import replace
 
@@ -31,8 +32,6 @@ METHODS = {
     "window": ("sad", "census"),
     "radiometric": ("sad", "census"),
 }
-QUICK = ("texture", "radiometric")
-"""Studies that are run twice; the others only in slow tests."""
 SOME = [
     pytest.param(
         name, marks=pytest.mark.slow if name in ("pinhole", "focal-length") else ()
@@ -40,64 +39,51 @@ SOME = [
     for name in STUDIES
 ]
 """All studies; the test of `baseline` runs the same code as that of `focal-length`."""
-TINY = {"width": 96, "height": 72, "spp": 2}
+TINY = {"width": 64, "height": 48, "spp": 2}
+
+
+SHORT_SWEEPS = (
+    (active, "SWEEPS", {"ambient": (0.5, 109.0), "distance": (1.0,), "power": (0.36,), "texture": (0.2,)}),
+    (defocus, "OFFSETS", (0.0, 0.2)),
+    (defocus, "DIAMETERS", (0.01,)),
+    (defocus, "STEPS", 9),
+    (depth_error, "DEPTHS", (1.0, 4.0)),
+    (stage, "PHASES", (0.25,)),
+    (texture, "CONTRASTS", (0.04, 0.06, 0.08, 0.32)),
+    (texture, "SCALES_PX", (1.0, 2.5)),
+    (pinhole, "DIAMETERS_MM", (2.0, 0.6, 0.29, 0.23, 0.15, 0.07)),
+    (pinhole, "SHOWN_MM", (pinhole.BOX_MM, 0.35)),
+    (pinhole, "_PLATE_SPP", 4),
+    (focus, "_LINE_SPP", 64),
+    (window, "SIZES", (3, 9, 21)),
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _fewer():
-    """Shorter sweeps."""
-    patch = pytest.MonkeyPatch()
-    patch.setattr(
-        active,
-        "SWEEPS",
-        {
-            "ambient": (0.5, 109.0),
-            "distance": (1.0,),
-            "power": (0.36,),
-            "texture": (0.2,),
-        },
-    )
-    patch.setattr(defocus, "OFFSETS", (0.0, 0.2))
-    patch.setattr(defocus, "DIAMETERS", (0.01,))
-    patch.setattr(defocus, "STEPS", 9)
-    patch.setattr(depth_error, "DEPTHS", (1.0, 4.0))
-    patch.setattr(stage, "PHASES", (0.25,))
-    patch.setattr(texture, "CONTRASTS", (0.04, 0.06, 0.08, 0.32))
-    patch.setattr(texture, "SCALES_PX", (1.0, 2.5))
-    patch.setattr(pinhole, "DIAMETERS_MM", (2.0, 0.6, 0.29, 0.23, 0.15, 0.07))
-    patch.setattr(pinhole, "SHOWN_MM", (pinhole.BOX_MM, 0.35))
-    patch.setattr(pinhole, "_PLATE_SPP", 4)
-    for name, whole in (
-        ("baseline", depth_error.BY_BASELINE),
-        ("focal-length", depth_error.BY_FOCAL_LENGTH),
-    ):
-        part = replace(whole, planes=whole.planes[::2], factors=whole.factors[1::2])
-        patch.setitem(STUDIES, name, replace(STUDIES[name], measure=part.measure))
-    patch.setattr(focus, "_LINE_SPP", 64)
-    patch.setattr(window, "SIZES", (3, 9, 21))
-    yield
-    patch.undo()
-
-
-@pytest.fixture(scope="module")
-def results(_fewer):
-    made = {}
-
-    def of(name):
-        if name not in made:
-            made[name] = run(name)
-        return made[name]
-
-    return of
+    with pytest.MonkeyPatch.context() as patch:
+        for module, name, values in SHORT_SWEEPS:
+            patch.setattr(module, name, values)
+        sweeps = {"baseline": depth_error.BY_BASELINE, "focal-length": depth_error.BY_FOCAL_LENGTH}  # fmt: skip
+        for name, sweep in sweeps.items():
+            planes, factors = sweep.planes[::2], sweep.factors[1::2]
+            part = replace(sweep, planes=planes, factors=factors)
+            patch.setitem(STUDIES, name, replace(STUDIES[name], measure=part.measure))
+        yield
 
 
 def run(name, **more):
     study = STUDIES[name]
     scenes = study.defaults.scenes[:1]
     methods = study.defaults.methods and METHODS.get(name, ("zncc", "census"))
-    return run_study(
-        study, scenes=scenes, methods=methods, **{"seeds": 1, **TINY, **more}
-    )
+    choices = {"scenes": scenes, "methods": methods, "seeds": 1, **TINY, **more}
+    return run_study(study, **choices)
+
+
+@pytest.fixture(scope="module")
+def results(_fewer):
+    """Results of studies by name, each run once."""
+    return functools.cache(run)
 
 
 @pytest.mark.parametrize("name", SOME)
@@ -131,23 +117,22 @@ def test_findings_are_sentences_with_a_number(results, name):
 def test_every_seed_tests_the_same_claims(results, name):
     """The rows repeated with another seed: as many findings, and equal findings of equal rows."""
     result = results(name)
-    again = tuple({**row, "seed": 1.0} for row in result.table)
+    again = [{**row, "seed": 1.0} for row in result.table]
     both = replace(result.table, rows=(*result.table.rows, *again))
+    assert len(result.study.conclude(both)) == len(result.findings)
+    texts = [support.finding.text for support in result.findings]
     single = result.study.conclude(both.where(seed=1.0))
-    assert len(single) == len(result.study.conclude(both)) == len(result.findings)
-    assert [finding.text for finding in single] == [
-        support.finding.text for support in result.findings
-    ]
+    assert [finding.text for finding in single] == texts
 
 
 @pytest.mark.parametrize("name", SOME)
 def test_conclusions_from_some_of_the_methods_or_scenes(results, name):
     """Open claims have no verdict, and NaN is never printed."""
-    result = results(name)
-    for column in ("method", "scene"):
-        names = [listed.name for listed in result.table.columns]
-        for value in result.table.values(column) if column in names else ():
-            for finding in result.study.conclude(result.table.where(**{column: value})):
+    study, table = results(name).study, results(name).table
+    columns = {column.name for column in table.columns}
+    for column in columns & {"method", "scene"}:
+        for value in table.values(column):
+            for finding in study.conclude(table.where(**{column: value})):
                 assert "nan" not in finding.sentence
                 assert not (finding.has_verdict and math.isnan(finding.measured.value))
 
@@ -164,84 +149,56 @@ def test_figures_are_drawn_from_the_csv_read_back(results, name):
 
 @pytest.mark.parametrize(
     "name",
-    [
-        *QUICK,
-        *(
-            pytest.param(name, marks=pytest.mark.slow)
-            for name in STUDIES
-            if name not in QUICK
-        ),
-    ],
-)
+    [name if name == "texture" else pytest.param(name, marks=pytest.mark.slow) for name in STUDIES],
+)  # fmt: skip
 def test_the_same_seed_gives_the_same_bytes(results, name):
-    assert to_csv(run(name).table) == to_csv(results(name).table)
-
-
-def test_another_seed_gives_another_table():
-    first, second = (run("texture", first_seed=seed).table for seed in (0, 5))
-    assert first.numbers("error_px").tolist() != second.numbers("error_px").tolist()
-
-
-def test_the_panel_of_window(results):
-    panel = results("window").pictures[0]
-    assert panel.captions[:6] == (
-        "left",
-        "right",
-        "true disparity",
-        "SSD, fixed 21x21",
-        "adaptive window",
-        "semi-global",
-    )
-    assert all(
-        image.shape[:2] == (TINY["height"], TINY["width"]) for image in panel.images
-    )
-
-
-def test_progress_increases_from_zero():
     shares = []
-    run("texture", progress=lambda share, label: shares.append(share))
+    again = run(name, progress=lambda share, label: shares.append(share))
+    assert to_csv(again.table) == to_csv(results(name).table)
     assert shares == sorted(shares)
     assert shares[0] == 0
 
 
-def test_study_returns_the_table():
-    table = tl.study("texture", methods="zncc", seeds=1, **TINY)
+def test_a_study_by_name_returns_its_table_which_depends_on_the_seed(results):
+    table = tl.study("texture", methods="zncc", seeds=1, first_seed=5, **TINY)
     assert set(table.values("method")) == {"zncc"}
-    assert (table.numbers("error_px") > 0).all()
+    errors = table.numbers("error_px")
+    assert (errors > 0).all()
+    other_seed = results("texture").table.where(method="zncc").numbers("error_px")
+    assert errors.tolist() != other_seed.tolist()
 
 
-@pytest.mark.parametrize(
-    ("name", "choices", "words"),
-    [
-        ("apertur", {}, "did you mean 'aperture'"),
-        ("window", {"scenes": ("stairs",)}, "did you mean 'staircase'"),
-        ("window", {"methods": ("zncd",)}, "did you mean 'zncc'"),
-        ("texture", {"scenes": ("cards",)}, "takes no scenes"),
-        ("pinhole", {"methods": ("sad",)}, "takes no methods"),
-        ("window", {"seeds": 0}, "at least one seed"),
-        ("window", {"first_seed": -1}, "at least one seed"),
-        ("window", {"scenes": ("cards", "cards")}, "must be distinct"),
-        ("window", {"spp": 0}, "spp"),
-        (
-            "window",
-            {"sedes": 3},
-            "unknown choice of a study 'sedes'; did you mean 'seeds'",
-        ),
-        (
-            "texture",
-            {"width": 63},
-            "width of a study must be a whole number >= 64, got 63",
-        ),
-        (
-            "window",
-            {"width": 64, "height": 47},
-            "height of a study must be a whole number >= 48, got 47",
-        ),
-        ("no/such.py", {}, "no such file"),
-    ],
-)
-def test_invalid_choices_raise(name, choices, words):
-    with pytest.raises(InputError, match=words):
+def test_the_panel_of_window(results):
+    panel = results("window").pictures[0]
+    first = (
+        "left, right, true disparity, SSD, fixed 21x21, adaptive window, semi-global"
+    )
+    assert ", ".join(panel.captions).startswith(first)
+    for image in panel.images:
+        assert image.shape[:2] == (TINY["height"], TINY["width"])
+
+
+WRONG_CHOICES = {
+    "did you mean 'aperture'": ("apertur", {}),
+    "did you mean 'staircase'": ("window", {"scenes": ("stairs",)}),
+    "did you mean 'zncc'": ("window", {"methods": ("zncd",)}),
+    "takes no scenes": ("texture", {"scenes": ("cards",)}),
+    "takes no methods": ("pinhole", {"methods": ("sad",)}),
+    "at least one seed": ("window", {"seeds": 0}),
+    "at least one seed, .* from -1": ("window", {"first_seed": -1}),
+    "must be distinct": ("window", {"scenes": ("cards", "cards")}),
+    "spp": ("window", {"spp": 0}),
+    "unknown choice of a study 'sedes'; did you mean 'seeds'": ("window", {"sedes": 3}),
+    "width of a study must be a whole number >= 64, got 63": ("texture", {"width": 63}),
+    "height of a study must be a whole number >= 48, got 47": ("window", {"width": 64, "height": 47}),
+    "no such file": ("no/such.py", {}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("message", WRONG_CHOICES)
+def test_invalid_choices_raise(message):
+    name, choices = WRONG_CHOICES[message]
+    with pytest.raises(InputError, match=message):
         tl.study(name, **choices)
 
 
@@ -251,21 +208,19 @@ def test_a_setup_without_seeds_raises():
 
 
 def test_a_claim_that_the_methods_leave_open_has_no_verdict():
+    study = STUDIES["radiometric"]
     rest = {"scene": "cards", "seed": 0, "amount": 0.5, "totbad1": 0.0, "avgerr": 0.0}
-    rows = tuple(
-        {**rest, "change": change, "method": method, "totbad2": wrong}
-        for change in ("gain", "gamma", "vignetting", "noise")
-        for method, wrong in (("sad", 30.0), ("census", 10.0))
-    )
-    columns = STUDIES["radiometric"].all_columns
-    both, one = (
-        STUDIES["radiometric"].conclude(Table(columns, part))[-1]
-        for part in (rows, rows[::2])
-    )
-    none = STUDIES["radiometric"].conclude(
-        Table(columns, tuple({**row, "method": "sgm"} for row in rows[::2]))
-    )
-    assert [finding.has_verdict for finding in none] == 5 * [False]
+
+    def findings(*methods):
+        rows = [
+            {**rest, "change": change, "method": method, "totbad2": 10.0 * (number + 1)}
+            for change in ("gain", "gamma", "vignetting", "noise")
+            for number, method in enumerate(methods)
+        ]
+        return study.conclude(Table(study.all_columns, tuple(rows)))
+
+    assert [finding.has_verdict for finding in findings("sgm")] == 5 * [False]
+    both, one = findings("census", "sad")[-1], findings("sad")[-1]
     assert both.has_verdict
     assert both.holds
     assert not one.has_verdict

@@ -31,7 +31,7 @@ def test_the_example_study_is_short_and_runs(tmp_path):
                 "--seeds",
                 "1",
                 "--size",
-                "96x72",
+                "64x48",
                 "--spp",
                 "2",
                 "-o",

@@ -5,9 +5,17 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.ndimage import convolve, gaussian_filter
+from scipy.ndimage import convolve
 
+from tests.studies.aperture.naive import (
+    measured_noise,
+    refined_shifts,
+    sheet,
+    wall_of,
+    window_costs,
+)
 from twinlens.camera import ThinLens
+from twinlens.matching import grey
 from twinlens.sensor import Exposure
 from twinlens.studies.aperture import theory as aperture_theory
 from twinlens.studies.aperture.theory import (
@@ -24,24 +32,12 @@ NEAR, FAR = 20, 8
 LEFT_EDGE, RIGHT_EDGE = 60, 130
 
 
-def sheet(random, shape, grain=GRAIN):
-    return (
-        gaussian_filter(random.normal(size=shape), grain, mode="wrap")
-        * 2
-        * grain
-        * math.sqrt(math.pi)
-    )
-
-
-@pytest.mark.parametrize(
-    ("grain", "noise"), [(1.2, 0.0), (1.2, 0.7), (2.0, 0.0), (2.0, 0.7)]
-)
+@pytest.mark.parametrize("grain", [1.2, 2.0])
+@pytest.mark.parametrize("noise", [0.0, 0.21])
 def test_shared_texture_excludes_noise(grain, noise):
     random = np.random.default_rng(4)
-    texture = 0.3 * sheet(random, (240, 320), grain)
-    left, right = (
-        1.0 + texture + random.normal(0, 0.3 * noise, texture.shape) for _ in range(2)
-    )
+    texture = 1.0 + 0.3 * sheet(random, (240, 320), grain)
+    left, right = texture + random.normal(0, noise, (2, *texture.shape))
     depth = np.full(texture.shape, 7)
     depth[:, :40] = -1
     measured, variance = shared_texture(left, right, depth)
@@ -60,9 +56,8 @@ def test_an_edge_between_two_depths_belongs_to_the_nearer_one():
 
 
 def test_images_without_common_texture():
-    grain, variance = shared_texture(
-        np.ones((20, 30)), np.ones((20, 30)), np.ones((20, 30), np.int64)
-    )
+    flat = np.ones((20, 30))
+    grain, variance = shared_texture(flat, flat, flat.astype(np.int64))
     assert grain == 1.0
     assert (variance == 0).all()
 
@@ -71,29 +66,14 @@ def test_images_without_common_texture():
     ("colour", "gain"),
     [((0.2, 0.2, 0.2), 1.0), ((0.3, 0.1, 0.05), 1.0), ((0.05, 0.1, 0.3), 8.0)],
 )
-@pytest.mark.parametrize("level", [0.005, 0.05, 0.3])
-def test_luma_noise_of_images_of_a_coloured_wall(colour, gain, level):
-    from twinlens.matching import grey
-
-    stage = Stage.of("cards", 160, 120, pixel_pitch_um=3.45)
-    lens, sensor = Model(stage, 1.0).lens(4.0), aperture_theory.SENSOR
-    wall = np.broadcast_to(np.array(colour, np.float32), (120, 160, 3)).copy()
-    rate = sensor.level_rate(wall, camera=stage.camera, lens=lens)[0, 0]
-    time = level / float(gain * rate @ aperture_theory.LUMA)
-
-    def lumas(times):
-        exposure = Exposure(times * time, gain)
-        shots = [
-            sensor.expose(
-                wall, camera=stage.camera, lens=lens, seed=k, exposure=exposure
-            )
-            for k in range(4)
-        ]
-        return np.stack([grey(shot.image) for shot in shots]).astype(np.float64)
-
-    rise = (lumas(1.1).mean() - lumas(0.9).mean()) / (0.2 * level)
-    expected = float(aperture_theory.luma_noise(gain * time * rate[None], gain)[0])
-    assert lumas(1.0).std() / rise == pytest.approx(expected, rel=0.06)
+def test_luma_noise_of_images_of_a_coloured_wall(colour, gain):
+    camera, lens, wall = wall_of(colour)
+    rate = aperture_theory.SENSOR.level_rate(wall, camera=camera, lens=lens)[0, 0]
+    for level in (0.005, 0.05, 0.3):
+        time = level / float(gain * rate @ aperture_theory.LUMA)
+        noise = measured_noise(grey, camera, lens, wall, Exposure(time, gain))
+        predicted = aperture_theory.luma_noise(gain * time * rate[None], gain)[0]
+        assert level * noise == pytest.approx(float(predicted), rel=0.06)
 
 
 def test_luma_noise_of_saturated_channels():
@@ -128,16 +108,10 @@ def pair(near_disk, far_disk, wall, card):
 
 
 def matched(left, right):
-    """The shifts of the least sums of squared differences, (rows, columns)."""
+    """The shifts of the least sums of squared differences, (rows, columns); 0 at the border."""
     half = SIDE // 2
-    costs = np.full((NDISP, *left.shape), np.inf)
-    for d in range(NDISP):
-        squares = (left[:, d:] - right[:, : left.shape[1] - d]) ** 2
-        windows = np.lib.stride_tricks.sliding_window_view(squares, (SIDE, SIDE)).sum(
-            axis=(2, 3)
-        )
-        costs[d, half:-half, d + half : left.shape[1] - half] = windows
-    return costs.argmin(axis=0)
+    shifts = window_costs(left, right, NDISP, SIDE).argmin(axis=0)
+    return np.pad(shifts, ((half, half), (NDISP + half, half)))
 
 
 @pytest.mark.parametrize(
@@ -150,25 +124,24 @@ def test_the_strip_of_wrong_depth_along_an_edge(near_disk, far_disk, pixels):
     The theory ignores that a blurred card is translucent, so the tolerance is doubled there.
     """
     random = np.random.default_rng(8)
-    x = np.arange(200)
-    truth = np.broadcast_to(
-        np.where((x >= LEFT_EDGE) & (x < RIGHT_EDGE), NEAR, FAR), (96, 200)
-    ).astype(np.int64)
-    blur = np.where(truth == NEAR, near_disk, far_disk).astype(np.float64)
+    columns = np.arange(200)
+    on_card = (columns >= LEFT_EDGE) & (columns < RIGHT_EDGE)
+    truth = np.tile(np.where(on_card, NEAR, FAR), (96, 1))
+    blur = np.where(truth == NEAR, near_disk, far_disk)
     band = np.zeros(truth.shape, bool)
     band[10:-10, RIGHT_EDGE - 16 : RIGHT_EDGE + 16] = True
     measured, expected = [], []
     for _ in range(3):
-        sheets = sheet(random, (96, 260)), sheet(random, (96, 260))
-        measured.append(
-            np.abs(matched(*pair(near_disk, far_disk, *sheets)) - truth)[band] > 2
-        )
+        sheets = [sheet(random, (96, 260), GRAIN) for _ in range(2)]
+        shifts = matched(*pair(near_disk, far_disk, *sheets))
+        measured.append(np.abs(shifts - truth)[band] > 2)
         left, right = pair(0.6, 0.6, *sheets)
-        grain, texture = shared_texture(
-            left, np.take_along_axis(right, np.maximum(x - truth, 0), axis=1), truth
-        )
+        partners = np.maximum(columns - truth, 0)
+        aligned = np.take_along_axis(right, partners, axis=1)
+        grain, texture = shared_texture(left, aligned, truth)
         theory = Texture(grain, texture, truth, band, NDISP)
-        expected.append(np.abs(theory.majority(blur, grain**2)[0] - truth[band]) > 2)
+        majority = theory.majority(blur, grain**2)[0]
+        expected.append(np.abs(majority - truth[band]) > 2)
     assert 32 * np.mean(expected) == pytest.approx(32 * np.mean(measured), abs=pixels)
 
 
@@ -202,26 +175,6 @@ def test_wrong_pixels_depend_on_light_blur_and_diffraction():
     )
 
 
-def refined(left, right):
-    """As `matched`, refined by a parabola, at every fourth pixel whose partners are all in the image, (N,)."""
-    squares = np.stack(
-        [
-            (left[:, NDISP:] - np.roll(right, d, axis=1)[:, NDISP:]) ** 2
-            for d in range(NDISP)
-        ]
-    )
-    costs = np.lib.stride_tricks.sliding_window_view(
-        squares, (SIDE, SIDE), axis=(1, 2)
-    )[:, ::4, ::4].sum(axis=(3, 4))
-    best = costs.argmin(axis=0)
-    inner = np.clip(best, 1, NDISP - 2)
-    below, least, above = (
-        np.take_along_axis(costs, (inner + k)[None], axis=0)[0] for k in (-1, 0, 1)
-    )
-    bend = np.maximum(below - 2 * least + above, 1)
-    return np.where(best == inner, best + 0.5 * (below - above) / bend, best).ravel()
-
-
 @pytest.mark.parametrize(("grain", "contrast", "level", "blur"), [
     (1.2, 0.08, 0.005, 0.0), (1.2, 0.02, 0.2, 0.0), (1.2, 0.02, 0.04, 0.0),
     (2.0, 0.08, 0.008, 0.0), (2.0, 0.02, 0.05, 0.0),
@@ -233,41 +186,33 @@ def test_wrong_pixels_of_a_flat_sheet(grain, contrast, level, blur):
     The tolerance is 5 percentage points. Counts of 1600 windows have a standard deviation of at most 1.2. Without blur
     the theory is 1 to 4 too high: it includes windows at the borders, and means over 25 px remove some texture.
     """
-    from twinlens.matching import grey
-
     stage = Stage.of("cards", 320, 240, pixel_pitch_um=3.45)
-    lens, sensor, away = Model(stage, 1.0).lens(11.0), aperture_theory.SENSOR, 14
+    lens, away = Model(stage, 1.0).lens(11.0), 14
     everywhere = np.ones((240, 320))
-    truth = SimpleNamespace(
-        visible=np.indices(everywhere.shape)[1] >= away, disparity=away * everywhere
-    )
+    visible = np.indices(everywhere.shape)[1] >= away
+    truth = SimpleNamespace(visible=visible, disparity=away * everywhere)
     flat = SimpleNamespace(camera=stage.camera, truth=truth, ndisp=NDISP)
-    shares = []
 
     def both(texture):
-        pictures = texture[:, :320], texture[:, away:]
-        return [
-            np.repeat(0.2 * picture[..., None], 3, axis=2).astype(np.float32)
-            for picture in pictures
-        ]
+        radiance = np.repeat(0.2 * texture[..., None], 3, axis=2).astype(np.float32)
+        return radiance[:, :320], radiance[:, away:]
 
+    counted, expected = [], []
     for seed in range(2):
-        sharp = 1.0 + contrast * sheet(
-            np.random.default_rng(seed), (240, 320 + away), grain
-        )
+        random = np.random.default_rng(seed)
+        sharp = 1.0 + contrast * sheet(random, (240, 320 + away), grain)
         blurred = convolve(sharp, disk(blur), mode="wrap") if blur else sharp
         theory = Evidence.of(flat, lens, 0.0 * everywhere, both(sharp))
         exposure = Exposure(level / float(theory.levels.mean()))
-        photos = sensor.expose_pair(
+        photos = aperture_theory.SENSOR.expose_pair(
             *both(blurred), rig=stage.rig, lens=lens, seed=seed, exposure=exposure
         )
-        shifts = refined(*(grey(photo.image).astype(np.float64) for photo in photos))
-        expected = theory.expected(lens, exposure, blur * everywhere, diffracts=False)[
-            0
-        ]
-        shares.append((100 * float((np.abs(shifts - away) > 2).mean()), expected))
-    counted, expected = np.mean(shares, axis=0)
-    assert expected == pytest.approx(counted, abs=5.0)
+        lumas = [grey(photo.image).astype(np.float64) for photo in photos]
+        shifts = refined_shifts(window_costs(*lumas, NDISP, SIDE, step=4))
+        counted.append(100 * np.mean(np.abs(shifts - away) > 2))
+        predicted = theory.expected(lens, exposure, blur * everywhere, diffracts=False)
+        expected.append(predicted[0])
+    assert np.mean(expected) == pytest.approx(np.mean(counted), abs=5.0)
 
 
 def test_the_ratio_of_rendering_noise_to_shot_noise():
