@@ -15,6 +15,7 @@ from twinlens.studies import (
     Setup,
     Table,
     active,
+    aperture,
     defocus,
     depth_error,
     focus,
@@ -55,6 +56,8 @@ SHORT_SWEEPS = (
     (pinhole, "SHOWN_MM", (pinhole.BOX_MM, 0.35)),
     (pinhole, "_PLATE_SPP", 4),
     (focus, "_LINE_SPP", 64),
+    (focus, "BLURS_PX", (6.0, 12.0)),
+    (aperture, "F_NUMBERS", (1.0, 2.8, 4.0, 11.0, 32.0)),
     (window, "SIZES", (3, 9, 21)),
 )  # fmt: skip
 
