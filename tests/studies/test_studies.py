@@ -57,7 +57,7 @@ SHORT_SWEEPS = (
     (pinhole, "_PLATE_SPP", 4),
     (focus, "_LINE_SPP", 64),
     (focus, "BLURS_PX", (6.0, 12.0)),
-    (aperture, "F_NUMBERS", (1.0, 2.8, 4.0, 11.0, 32.0)),
+    (aperture, "F_NUMBERS", (1.0, 5.6, 8.0, 11.0, 32.0)),
     (window, "SIZES", (3, 9, 21)),
 )  # fmt: skip
 
