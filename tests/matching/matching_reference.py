@@ -1,8 +1,11 @@
 """Naive loops over pixels and candidates, the references of the matching kernels."""
 
-from collections.abc import Callable
+import functools
 
 import numpy as np
+
+MARGIN = 32
+"""Pixels by which images are continued: windows and disparities reach less far beyond them."""
 
 
 def _ratio(top: float, bottom: float, otherwise: float) -> float:
@@ -16,7 +19,15 @@ def _zncc(a, b):
     return 1 - (a * b).sum() / np.sqrt((a * a).sum() * (b * b).sum())
 
 
-WINDOW_COSTS: dict[str, Callable[[np.ndarray, np.ndarray], float]] = {
+def _birchfield_tomasi(a, b):
+    """Of the values, the lowest and the highest of a pixel: the distance of each from the other's range."""
+    (ours, our_low, our_high), (theirs, their_low, their_high) = a.T, b.T
+    forward = np.maximum(0, np.maximum(ours - their_high, their_low - ours))
+    backward = np.maximum(0, np.maximum(theirs - our_high, our_low - theirs))
+    return np.minimum(forward, backward).sum()
+
+
+WINDOW_COSTS = {
     "sad": lambda a, b: np.abs(a - b).sum(),
     "zsad": lambda a, b: np.abs((a - a.mean()) - (b - b.mean())).sum(),
     "ssd": lambda a, b: ((a - b) ** 2).sum(),
@@ -26,69 +37,71 @@ WINDOW_COSTS: dict[str, Callable[[np.ndarray, np.ndarray], float]] = {
     ),
     "zncc": _zncc,
     "jaccard": lambda a, b: _ratio(np.minimum(a, b).sum(), np.maximum(a, b).sum(), 0.0),
+    "census": lambda a, b: np.abs(a - b).sum(),
+    "rank": lambda a, b: np.abs(a - b).sum(),
+    "birchfield_tomasi": _birchfield_tomasi,
 }
+"""Costs of two windows of features, (side, side, C)."""
 
 
 def naive_descriptors(image, side, name):
     """(H, W, side^2) 0 or 1: is the neighbour darker; or, for rank, (H, W, 1) how many are."""
-    radius = side // 2
-    padded = np.pad(image, radius, mode="edge")
+    padded = np.pad(image, side // 2, mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, (side, side))
     darker = (windows < image[:, :, None, None]).reshape(*image.shape, -1).astype(float)
     return darker if name == "census" else darker.sum(axis=2, keepdims=True)
 
 
-def pixel_difference(name, left, right, descriptor):
-    """difference(y, x, u) of one pixel of each image; places outside an image mean its nearest edge pixel."""
-    width = left.shape[1]
+def features(name, image, descriptor=3):
+    """(H, W, C): what a cost compares of each pixel."""
     if name in ("census", "rank"):
-        a, b = (naive_descriptors(image, descriptor, name) for image in (left, right))
-        return lambda y, x, u: np.abs(a[y, x] - b[y, u]).sum()
-    a, b = left.astype(float), right.astype(float)
-    if name == "sad":
-        return lambda y, x, u: abs(a[y, x] - b[y, u])
-
-    def around(image, y, x):
-        middle = image[y, x]
-        before, after = image[y, max(x - 1, 0)], image[y, min(x + 1, width - 1)]
-        values = (middle, (middle + before) / 2, (middle + after) / 2)
-        return middle, min(values), max(values)
-
-    def birchfield_tomasi(y, x, u):
-        one, low, high = around(a, y, x)
-        other, low2, high2 = around(b, y, u)
-        return min(max(0, one - high2, low2 - one), max(0, other - high, low - other))
-
-    return birchfield_tomasi
+        return naive_descriptors(image, descriptor, name)
+    image = image.astype(float)
+    if name != "birchfield_tomasi":
+        return image[..., None]
+    padded = np.pad(image, ((0, 0), (1, 1)), mode="edge")
+    before = (image + padded[:, :-2]) / 2
+    after = (image + padded[:, 2:]) / 2
+    values = np.stack([image, before, after], axis=-1)
+    return np.stack([image, values.min(axis=-1), values.max(axis=-1)], axis=-1)
 
 
-def naive_pixel_window_volume(left, right, name, side, low, count, descriptor=3):
-    """(H, W, count): sums of pixel differences over windows, each pixel taken from the nearest in its image."""
-    height, width = left.shape
-    difference, radius = pixel_difference(name, left, right, descriptor), side // 2
-    reach = range(-radius, radius + 1)
-    volume = np.full((height, width, count), np.inf)
+def window_cost(name, left, right, descriptor=3):
+    """cost(y, x, d, side) of two windows; a place outside an image means its nearest edge pixel."""
+    margins = ((MARGIN, MARGIN), (MARGIN, MARGIN), (0, 0))
+    padded_left, padded_right = (
+        np.pad(features(name, image, descriptor), margins, mode="edge")
+        for image in (left, right)
+    )
+    measure = WINDOW_COSTS[name]
+
+    @functools.cache
+    def cost(y, x, d, side):
+        top = y + MARGIN - side // 2
+        first = x + MARGIN - side // 2
+        rows = slice(top, top + side)
+        ours = padded_left[rows, first : first + side]
+        theirs = padded_right[rows, first - d : first - d + side]
+        return measure(ours, theirs)
+
+    return cost
+
+
+def cost_volume(cost, shape, side, low, count):
+    """(H, W, count): the costs of all disparities, also of those without a partner."""
+    volume = np.empty((*shape, count))
     for y, x, i in np.ndindex(volume.shape):
-        u = x - low - i
-        if 0 <= u < width:
-            volume[y, x, i] = sum(
-                difference(
-                    np.clip(y + v, 0, height - 1),
-                    np.clip(x + h, 0, width - 1),
-                    np.clip(u + h, 0, width - 1),
-                )
-                for v in reach
-                for h in reach
-            )
+        volume[y, x, i] = cost(y, x, low + i, side)
     return volume
 
 
-def naive_pixel_costs(left, right, low, count):
-    """(H, W, count): absolute differences; a partner outside the image is its edge pixel."""
-    columns = np.clip(
-        np.arange(left.shape[1])[:, None] - low - np.arange(count), 0, left.shape[1] - 1
-    )
-    return np.abs(left[:, :, None].astype(float) - right[:, columns].astype(float))
+def naive_volume(left, right, name, side, low, count, descriptor=3):
+    """(H, W, count): the costs of the candidates; +inf elsewhere."""
+    cost = window_cost(name, left, right, descriptor)
+    volume = np.full((*left.shape, count), np.inf)
+    for y, x, i in np.argwhere(is_candidate(left.shape, low, count)):
+        volume[y, x, i] = cost(y, x, low + i, side)
+    return volume
 
 
 def is_candidate(shape, low, count):
@@ -101,78 +114,40 @@ def naive_paths(costs, directions, small, large):
     height, width = costs.shape[:2]
     total = np.zeros(costs.shape, int)
     for dy, dx in directions:
-        path = np.zeros(costs.shape, int)
-        rows = (
-            range(height)
-            if dy < 0 or (dy == 0 and dx < 0)
-            else range(height - 1, -1, -1)
-        )
-        columns = (
-            range(width) if dy < 0 or (dy == 0 and dx < 0) else range(width - 1, -1, -1)
-        )
-        for y in rows:
-            for x in columns:
-                path[y, x] = costs[y, x]
-                if not (0 <= y + dy < height and 0 <= x + dx < width):
-                    continue
-                before = path[y + dy, x + dx].astype(float)
-                steps = [
-                    before,
-                    np.append(np.inf, before[:-1]) + small,
-                    np.append(before[1:], np.inf) + small,
-                ]
-                path[y, x] += (
-                    np.minimum(np.min(steps, axis=0), before.min() + large)
-                    - before.min()
-                ).astype(int)
+        # A path comes from (dy, dx): the pixels before are visited first.
+        path = costs.astype(int)
+        order = list(np.ndindex(height, width))
+        if dy > 0 or (dy == 0 and dx > 0):
+            order.reverse()
+        for y, x in order:
+            if not (0 <= y + dy < height and 0 <= x + dx < width):
+                continue
+            before = path[y + dy, x + dx].astype(float)
+            padded = np.pad(before, 1, constant_values=np.inf)
+            step = np.minimum(padded[:-2], padded[2:]) + small
+            jump = before.min() + large
+            best = np.minimum(np.minimum(before, step), jump)
+            path[y, x] += (best - before.min()).astype(int)
         total += path
     return total
 
 
-def naive_volume(left, right, name, side, low, count):
-    """(H, W, count): the cost of every candidate over whole windows of edge-continued images; +inf: not a candidate."""
-    cost, radius = WINDOW_COSTS[name], side // 2
-    height, width = left.shape
-    padded_left, padded_right = (
-        np.pad(image.astype(np.float64), radius, mode="edge") for image in (left, right)
-    )
-    volume = np.full((height, width, count), np.inf)
-    for y in range(height):
-        for x in range(width):
-            for i in range(count):
-                u = x - low - i
-                if 0 <= u < width:
-                    window = padded_left[y : y + side, x : x + side]
-                    volume[y, x, i] = cost(
-                        window, padded_right[y : y + side, u : u + side]
-                    )
-    return volume
-
-
 def naive_fit(volume, winners, kind):
     """The sub-pixel disparity index of each winner from its two neighbours, where both are candidates."""
-    height, width, count = volume.shape
-    result = np.full((height, width), np.inf)
-    for y in range(height):
-        for x in range(width):
-            k = winners[y, x]
-            if not np.isfinite(volume[y, x, k]):
-                continue
-            result[y, x] = k
-            if not (
-                0 < k < count - 1 and np.isfinite(volume[y, x, [k - 1, k + 1]]).all()
-            ):
-                continue
-            before, here, after = volume[y, x, k - 1 : k + 2]
-            if kind == "v":
-                slope = max(before, after) - here
-                result[y, x] += 0.5 * (before - after) / slope if slope > 0 else 0
-            else:
-                result[y, x] += (
-                    0.5 * (before - after) / (before - 2 * here + after)
-                    if before + after > 2 * here
-                    else 0
-                )
+    result = np.full(winners.shape, np.inf)
+    beside = np.pad(volume, ((0, 0), (0, 0), (1, 1)), constant_values=np.inf)
+    for (y, x), k in np.ndenumerate(winners):
+        before, here, after = beside[y, x, k : k + 3]
+        if not np.isfinite(here):
+            continue
+        result[y, x] = k
+        if not np.isfinite(before + after):
+            continue
+        scale = before - 2 * here + after
+        if kind == "v":
+            scale = max(before, after) - here
+        if scale > 0:
+            result[y, x] += 0.5 * (before - after) / scale
     return result
 
 

@@ -109,54 +109,14 @@ def test_the_prefilter_equals_that_of_opencv():
         )
         + 31
     )
-    np.testing.assert_array_equal(clipped_slope(image.astype(np.int32)), expected)
-
-
-def test_the_prefilter_is_invariant_to_a_brightness_offset():
-    scene = np.random.default_rng(4).integers(0, 200, (30, 80), dtype=np.uint8)
-    left, right = scene[:, 5:65], scene[:, 9:69] + np.uint8(50)
-    found = tm.match(
-        left, right, "sad", block_size=5, num_disparities=9, prefilter="xsobel"
+    slopes = clipped_slope(image.astype(np.int32))
+    np.testing.assert_array_equal(slopes, expected)
+    pair = np.roll(image, 3, axis=1), image
+    filtered = [clipped_slope(side.astype(np.int32)) for side in pair]
+    np.testing.assert_array_equal(
+        tm.match(*pair, "sad", num_disparities=9, prefilter="xsobel"),
+        tm.match(*filtered, "sad", num_disparities=9),
     )
-    assert np.mean(np.abs(found[3:-3, 14:-4] - 4) < 0.5) > 0.99
-
-
-PILLAR = 7
-
-
-def scene_of_a_pillar():
-    """A thin pillar in front of a textured ground, a wall of faint texture to its right, and noise in both images.
-
-    Returns left, right, the disparity, and the pixels visible in both.
-    """
-    rng = np.random.default_rng(5)
-    ground, front = rng.normal(120, 30, (2, 60, 220))
-    ground[:, 110:] = 120 + np.repeat(rng.normal(0, 1.5, (60, 55)), 2, axis=1)
-    truth, seen = np.full((60, 160), 6.0), np.ones((60, 160), bool)
-    truth[:, 50 : 50 + PILLAR], seen[:, 42:50] = 14, False
-    left, right = ground[:, 10:170].copy(), ground[:, 16:176].copy()
-    left[:, 50 : 50 + PILLAR] = right[:, 36 : 36 + PILLAR] = front[:, :PILLAR]
-    noisy = [np.rint(image + rng.normal(0, 2, image.shape)) for image in (left, right)]
-    return *(np.clip(image, 0, 255).astype(np.uint8) for image in noisy), truth, seen
-
-
-def test_adaptive_windows_beat_fixed_ones_at_edges_and_on_faint_texture():
-    left, right, truth, seen = scene_of_a_pillar()
-    edges = seen.copy()
-    edges[:, :38] = edges[:, 62 + PILLAR :] = edges[:10] = edges[-10:] = False
-
-    def bad(**options):
-        wrong = (
-            np.abs(tm.match(left, right, "sad", num_disparities=32, **options) - truth)
-            > 1
-        )
-        return wrong[edges].mean(), wrong[10:-10, 112:145].mean()
-
-    at_edges, on_walls = bad(support="adaptive", block_size=15)
-    for side in range(3, 23, 2):
-        edges_then, walls_then = bad(block_size=side)
-        assert at_edges < 0.5 * edges_then
-        assert on_walls < 0.6 * walls_then or at_edges < 0.2 * edges_then
 
 
 def test_adaptive_windows_are_small_on_texture_and_large_without():

@@ -19,9 +19,9 @@ MAPS = hnp.arrays(
 
 @given(disparity=MAPS)
 def test_filling_makes_all_pixels_known_and_keeps_known_ones(disparity):
-    result, known = refine.filled(disparity), np.isfinite(disparity)
-    np.testing.assert_array_equal(result[known], disparity[known])
-    assert np.isfinite(result).all() == known.any()
+    result, finite = refine.filled(disparity), np.isfinite(disparity)
+    np.testing.assert_array_equal(result[finite], disparity[finite])
+    assert np.isfinite(result).all() == finite.any()
 
 
 def test_filling_takes_the_background():
@@ -54,50 +54,37 @@ def test_median_is_that_of_known_neighbours_and_keeps_density(disparity):
         assert result[y, x] == near[(len(near) - 1) // 2]
 
 
-def test_uniqueness_removes_repetitive_texture():
+@pytest.mark.parametrize("method", ["sad", "zncc", "sad:support=adaptive"])
+def test_uniqueness_removes_repetitive_texture(method):
     rng = np.random.default_rng(0)
-    tile = rng.integers(0, 256, (12, 6), dtype=np.uint8)
-    repeated = np.tile(tile, (1, 8))
-    free = rng.integers(0, 256, (12, 48), dtype=np.uint8)
-    for method in (
-        "sad:block_size=3",
-        "zncc:block_size=3",
-        "sad:block_size=3,support=adaptive",
-    ):
-        matcher = tm.parse_method(method).matcher(num_disparities=14, uniqueness=5)
-        again = matcher.match(repeated, repeated)
-        assert np.isinf(again[2:-2, 14:-2]).all(), method
-        assert np.isfinite(matcher.match(free, free)[2:-2, 14:-2]).mean() > 0.9, method
+    repeated = np.tile(rng.integers(0, 256, (12, 6), dtype=np.uint8), (1, 8))
+    unique = rng.integers(0, 256, (12, 48), dtype=np.uint8)
+    options = {"block_size": 3, "num_disparities": 14, "uniqueness": 5}
+    inside = np.s_[2:-2, 14:-2]
+    assert np.isinf(tm.match(repeated, repeated, method, **options)[inside]).all()
+    of_unique = tm.match(unique, unique, method, **options)[inside]
+    assert np.isfinite(of_unique).mean() > 0.9
 
 
 def test_texture_removes_surfaces_without_texture():
     image = np.full((20, 40), 90, np.uint8)
     image[:, :20] = np.random.default_rng(0).integers(0, 256, (20, 20))
-    got = np.isfinite(
-        tm.match(image, image, "sad", block_size=5, num_disparities=4, texture=5)
+    disparity = tm.match(
+        image, image, "sad", block_size=5, num_disparities=4, texture=5
     )
-    assert got[:, :18].all()
-    assert not got[:, 24:].any()
+    assert np.isfinite(disparity[:, :18]).all()
+    assert np.isinf(disparity[:, 24:]).all()
 
 
-@pytest.mark.parametrize(
-    "option",
-    [
-        {"uniqueness": 10},
-        {"texture": 4},
-        {"lr_check": 1},
-        {"speckle_size": 30},
-        {"median": 3},
-    ],
-)
-def test_no_refinement_but_filling_makes_a_pixel_known(option):
+def test_no_refinement_but_filling_makes_a_pixel_known():
     left, right = np.random.default_rng(1).integers(0, 256, (2, 30, 50), dtype=np.uint8)
     plain = tm.StereoMatcher(
         cost="sad", block_size=5, num_disparities=10, min_disparity=3
     )
     unknown = np.isinf(plain.match(left, right))
-    refined = plain.replace(**option).match(left, right)
-    assert np.isinf(refined[unknown]).all()
-    assert np.isfinite(
-        plain.replace(**option, fill="background").match(left, right)
-    ).all()
+    options = {"uniqueness": 10, "texture": 4, "lr_check": 1, "speckle_size": 30}
+    for name, value in (options | {"median": 3}).items():
+        refined = plain.replace(**{name: value})
+        assert np.isinf(refined.match(left, right)[unknown]).all(), name
+        filling = refined.replace(fill="background")
+        assert np.isfinite(filling.match(left, right)).all(), name
