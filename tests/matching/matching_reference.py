@@ -66,14 +66,17 @@ def features(name, image, descriptor=3):
     return np.stack([image, values.min(axis=-1), values.max(axis=-1)], axis=-1)
 
 
-def window_cost(name, left, right, descriptor=3):
-    """cost(y, x, d, side) of two windows; a place outside an image means its nearest edge pixel."""
+def window_cost(name, left, right, descriptor=3, measure=None):
+    """cost(y, x, d, side) of two windows; a place outside an image means its nearest edge pixel.
+
+    measure: another function of two windows than that of the name.
+    """
     margins = ((MARGIN, MARGIN), (MARGIN, MARGIN), (0, 0))
     padded_left, padded_right = (
         np.pad(features(name, image, descriptor), margins, mode="edge")
         for image in (left, right)
     )
-    measure = WINDOW_COSTS[name]
+    measure = measure or WINDOW_COSTS[name]
 
     @functools.cache
     def cost(y, x, d, side):
@@ -239,3 +242,20 @@ def naive_guided(costs, left, radius):
     covariance = mean(costs * guide) - mean(guide) * mean(costs)
     slope = covariance / (mean(guide**2) - mean(guide) ** 2 + 1e-4)
     return mean(slope) * guide + mean(mean(costs) - slope * mean(guide))
+
+
+def naive_support(support, cost, levels, side, low, count):
+    """The volume of cost(y, x, d, side) over a support, but the adaptive one; levels: both images in grey levels."""
+    left, right = levels
+    if support in ("fixed", "shiftable"):
+        volume = cost_volume(cost, left.shape, side, low, count)
+        if support == "fixed":
+            return volume
+        volume[~is_candidate(left.shape, low, count)] = np.inf
+        return naive_shiftable(volume, side // 2)
+    pixels = cost_volume(cost, left.shape, 1, low, count)
+    if support == "cross":
+        return naive_cross(pixels, left, side // 2)
+    if support == "weighted":
+        return naive_weighted(pixels, left, right, low, side // 2)
+    return naive_guided(pixels, left, side // 2)

@@ -6,13 +6,9 @@ import pytest
 import twinlens.matching as tm
 from tests.matching.matching_reference import (
     assert_minimal,
-    cost_volume,
     first_minimum,
     is_candidate,
-    naive_cross,
-    naive_guided,
-    naive_shiftable,
-    naive_weighted,
+    naive_support,
     window_cost,
 )
 from twinlens.errors import InputError
@@ -20,7 +16,6 @@ from twinlens.matching.costs import COSTS
 from twinlens.matching.supports import SUPPORTS
 
 SIDE, LOW, COUNT, DESCRIPTOR = 5, -2, 5, 3
-RADIUS = SIDE // 2
 SHAPE = (6, 11)
 NORMALISED = ("ncc", "zsad", "zssd", "zncc", "jaccard")
 PIXELWISE = ("cross", "weighted", "guided")
@@ -43,14 +38,6 @@ def grey_levels(pair):
         lowest, highest = float(pair.min()), float(pair.max())
         return np.rint((pair.astype(float) - lowest) * (255 / (highest - lowest)))
     return np.rint(pair / (257 if pair.dtype == np.uint16 else 1))
-
-
-def volume_of(cost, side):
-    return cost_volume(cost, SHAPE, side, LOW, COUNT)
-
-
-def candidates_of(volume):
-    return np.where(is_candidate(SHAPE, LOW, COUNT), volume, np.inf)
 
 
 def adaptive_sides(left):
@@ -86,24 +73,6 @@ def adaptive(cost, left, growth):
     return volume
 
 
-def reference(name, support, pair):
-    """The volume of a measure aggregated over a support, by plain loops."""
-    cost = window_cost(name, *pair, DESCRIPTOR)
-    left, right = grey_levels(pair)
-    if support == "fixed":
-        return volume_of(cost, SIDE)
-    if support == "shiftable":
-        return naive_shiftable(candidates_of(volume_of(cost, SIDE)), RADIUS)
-    if support == "adaptive":
-        return adaptive(cost, left, GROWTH.get(name, 1))
-    pixels = volume_of(cost, 1)
-    if support == "cross":
-        return naive_cross(pixels, left, RADIUS)
-    if support == "weighted":
-        return naive_weighted(pixels, left, right, LOW, RADIUS)
-    return naive_guided(pixels, left, RADIUS)
-
-
 def matched(pair, name, support):
     return tm.match(
         *pair,
@@ -129,7 +98,13 @@ def test_every_measure_with_every_support_equals_plain_loops(name, support, dtyp
         with pytest.raises(InputError, match="statistics of whole windows"):
             matched(pair, name, support)
         return
-    volume = candidates_of(reference(name, support, pair))
+    cost = window_cost(name, *pair, DESCRIPTOR)
+    levels = grey_levels(pair)
+    if support == "adaptive":
+        volume = adaptive(cost, levels[0], GROWTH.get(name, 1))
+    else:
+        volume = naive_support(support, cost, levels, SIDE, LOW, COUNT)
+    volume[~is_candidate(SHAPE, LOW, COUNT)] = np.inf
     disparity = matched(pair, name, support)
     least = volume.min(axis=-1)
     scale = 1.0

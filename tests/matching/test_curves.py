@@ -4,11 +4,7 @@ import numpy as np
 import pytest
 
 import twinlens as tl
-from tests.matching.matching_reference import (
-    naive_descriptors,
-    naive_paths,
-    naive_volume,
-)
+from tests.matching.matching_reference import naive_volume
 from twinlens.matching import METHODS, StereoMatcher
 from twinlens.matching.costs import COSTS
 
@@ -65,21 +61,6 @@ def test_float_ties_go_to_the_smallest_disparity_as_in_the_map():
     image = np.tile(row, (9, 1))
     curve = curve_of((image, image), 30, 4, "sad:block_size=5", num_disparities=12)
     assert (curve.winner, curve.rival) == (0, 4)
-
-
-def test_a_semi_global_curve_is_the_mean_over_its_paths():
-    images = shifted_pair(shape=(8, 16))
-    a, b = (naive_descriptors(image, 3, "census") for image in images)
-    pixel_costs = np.full((8, 16, 5), 8)  # the largest cost, where there is no partner
-    for d in range(5):
-        pixel_costs[:, d:, d] = np.abs(a[:, d:] - b[:, : 16 - d]).sum(axis=2)
-    penalties = round(0.2 * 8), round(0.9 * 8)
-    paths = naive_paths(pixel_costs, [(0, -1), (-1, 0), (0, 1), (1, 0)], *penalties)
-    for u, v in ((12, 4), (15, 7), (2, 0)):
-        curve = curve_of(images, u, v, "sgm4:census_window=3", num_disparities=5)
-        candidate = np.isfinite(curve.costs)
-        np.testing.assert_allclose(curve.costs[candidate], paths[v, u][candidate] / 4)
-        assert candidate.sum() == min(u + 1, 5)
 
 
 @pytest.mark.parametrize("method", ["zssd", "sgm", "adaptive", "sad"])

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import twinlens.matching as tm
+from tests.matching.matching_reference import window_cost
 from tests.matching.onnx_models import node, save
 from twinlens.errors import FileError, InputError
 from twinlens.matching.contract import MatcherFailedError
@@ -57,14 +58,13 @@ def test_windows_sum_the_costs_of_their_pixels(tmp_path):
     cost = angles(tmp_path / "net.onnx")
     matcher = tm.StereoMatcher(cost=cost, block_size=3, **SEARCH)
     volume = matcher.cost_volume(LEFT, RIGHT)
-    pixels = [(0, 9, 0), (7, 20, 5), (13, 39, 8), (4, 30, -2), (13, 0, 0), (5, 37, -2)]
-    for y, u, d in pixels:
-        rows = np.clip(np.arange(y - 1, y + 2), 0, 13)
-        columns = np.arange(u - 1, u + 2)
-        ours = LEFT[np.ix_(rows, np.clip(columns, 0, 39))].astype(float)
-        theirs = RIGHT[np.ix_(rows, np.clip(columns - d, 0, 39))].astype(float)
-        expected = (1 - np.cos((ours - theirs) / 255)).sum()
-        assert volume[y, u, d + 2] == pytest.approx(expected, abs=1e-5)
+    cosine_cost = window_cost(
+        "angles", LEFT, RIGHT, measure=lambda a, b: (1 - np.cos((a - b) / 255)).sum()
+    )
+    places = [(0, 9, 0), (7, 20, 5), (13, 39, 8), (4, 30, -2), (13, 0, 0), (5, 37, -2)]
+    for y, u, d in places:
+        expected = pytest.approx(cosine_cost(y, u, d, 3), abs=1e-5)
+        assert volume[y, u, d + 2] == expected
     assert np.isinf(volume[3, 1, 5:]).all()
     assert np.isfinite(volume[3, 1, 0:4]).all()
 

@@ -8,7 +8,6 @@ import pytest
 
 import twinlens as tl
 import twinlens.matching as tm
-from twinlens.matching.contract import MissingExtraError
 from twinlens.matching.costs import LEARNED_FILE
 
 BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "learned"
@@ -47,12 +46,6 @@ def test_it_is_small_and_part_of_the_package():
     assert LEARNED_FILE.is_relative_to(Path(tl.__file__).parent)
     assert LEARNED_FILE.stat().st_size < 1_000_000
     assert "learned.onnx=" in tm.parse_method("learned").spec
-
-
-def test_without_onnxruntime_the_message_names_the_extra(monkeypatch):
-    monkeypatch.setitem(sys.modules, "onnxruntime", None)
-    with pytest.raises(MissingExtraError, match=r"pip install 'twinlens\[onnx\]'"):
-        tm.parse_method("learned").check_parts()
 
 
 @pytest.fixture

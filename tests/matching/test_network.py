@@ -4,7 +4,6 @@ import sys
 
 import numpy as np
 import pytest
-from onnx import TensorProto
 
 import twinlens.matching as tm
 from tests.matching.onnx_models import node, save
@@ -26,40 +25,6 @@ def difference(path, **options):
     """left - right, summed over the channels."""
     nodes = [node("Sub", ["left", "right"], ["gap"]), sum_of("gap", "out")]
     return "onnx:model=" + save(path, nodes, constants=ONE, **options)
-
-
-def block_matcher(path, count, side):
-    """A whole SAD matcher as a network: shift, |.|, box filter, argmin."""
-    constants = {"zero": np.array([0]), "end": np.array([64]), "last": np.array([3])}
-    box = {"kernel_shape": [side] * 2, "pads": [side // 2] * 4}
-    nodes, costs = [], []
-    for d in range(count):
-        constants[f"pads{d}"] = np.array([0, 0, 0, d, 0, 0, 0, 0])
-        crop = [f"moved{d}", "zero", "end", "last"]
-        nodes += [
-            node("Pad", ["right", f"pads{d}"], [f"moved{d}"], mode="edge"),
-            node("Slice", crop, [f"there{d}"]),
-            node("Sub", ["left", f"there{d}"], [f"gap{d}"]),
-            node("Abs", [f"gap{d}"], [f"size{d}"]),
-            node("AveragePool", [f"size{d}"], [f"cost{d}"], **box),
-        ]
-        costs.append(f"cost{d}")
-    nodes += [
-        node("Concat", costs, ["costs"], axis=1),
-        node("ArgMin", ["costs"], ["best"], axis=1, keepdims=0),
-        node("Cast", ["best"], ["out"], to=TensorProto.FLOAT),
-    ]
-    return save(path, nodes, shape=(1, 1, 32, 64), constants=constants)
-
-
-def test_a_matcher_made_of_layers_finds_the_shift(tmp_path):
-    texture = np.random.default_rng(2).integers(0, 256, (30, 66), dtype=np.uint8)
-    left, right = texture[:, :60], texture[:, 5:65]
-    model = block_matcher(tmp_path / "sad.onnx", 8, 5)
-    disparity = tm.match(left, right, f"onnx:{model}")
-    assert disparity.shape == left.shape
-    assert disparity.dtype == np.float32
-    assert np.mean(disparity[4:-4, 12:-8] == 5) > 0.99
 
 
 @pytest.mark.parametrize("scale", [1.0, 255.0])
@@ -94,6 +59,7 @@ def test_every_layout_of_the_answer_comes_back_the_same(tmp_path, axes):
     model = save(tmp_path / "net.onnx", nodes, constants=constants)
     disparity = tm.match(COLOUR, COLOUR, f"onnx:{model}")
     np.testing.assert_allclose(disparity, COLOUR.sum(axis=2) / 255, atol=1e-5)
+    assert disparity.dtype == np.float32
 
 
 def test_the_outputs_and_the_sign_are_chosen(tmp_path):

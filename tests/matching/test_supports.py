@@ -8,14 +8,10 @@ from scipy import ndimage
 import twinlens.matching as tm
 from tests.matching.matching_reference import (
     assert_minimal,
-    cost_volume,
     is_candidate,
-    naive_cross,
-    naive_guided,
     naive_paths,
-    naive_shiftable,
+    naive_support,
     naive_volume,
-    naive_weighted,
     window_cost,
 )
 from twinlens.matching.costs import COSTS
@@ -24,8 +20,7 @@ from twinlens.matching.semiglobal import Penalties, Sweeps
 from twinlens.matching.supports import SUPPORTS
 
 DIRECTIONS = (0, -1), (0, 1), (-1, 0), (1, 0), (-1, -1), (1, 1), (-1, 1), (1, -1)
-RADIUS = 2
-SIDE = 2 * RADIUS + 1
+SIDE = 5
 
 
 @st.composite
@@ -38,23 +33,13 @@ def pairs(draw):
     return *scene.astype(np.uint8), draw(st.integers(-6, 4))
 
 
-def reference(support, left, right, low):
-    if support == "shiftable":
-        return naive_shiftable(naive_volume(left, right, "sad", SIDE, low, 5), RADIUS)
-    pixels = cost_volume(window_cost("sad", left, right), left.shape, 1, low, 5)
-    if support == "cross":
-        return naive_cross(pixels, left, RADIUS)
-    if support == "weighted":
-        return naive_weighted(pixels, left, right, low, RADIUS)
-    return naive_guided(pixels, left, RADIUS)
-
-
 @pytest.mark.parametrize("support", ["shiftable", "cross", "weighted", "guided"])
 @settings(max_examples=6, deadline=None)
 @given(problem=pairs())
 def test_every_support_equals_plain_loops(support, problem):
     left, right, low = problem
-    volume = reference(support, left, right, low)
+    cost = window_cost("sad", left, right)
+    volume = naive_support(support, cost, (left, right), SIDE, low, 5)
     volume[~is_candidate(left.shape, low, 5)] = np.inf
     disparity = tm.match(
         left,
@@ -125,19 +110,21 @@ def test_semi_global_matching_of_census_equals_its_formula(paths, low):
     costs[..., :7][candidate] = volume[candidate]
     sums = naive_paths(costs, DIRECTIONS[:paths], round(0.2 * 24), round(0.9 * 24))
     total = np.where(candidate, sums[..., :7], np.inf)
-    disparity = tm.match(
-        left,
-        right,
-        f"sgm{paths}" if paths == 4 else "sgm",
+    matcher = tm.StereoMatcher(
+        cost="census",
+        block_size=1,
+        census_window=5,
+        optimisation=f"sgm{paths}",
         min_disparity=low,
         num_disparities=7,
-        census_window=5,
         p1=0.2,
         p2=0.9,
         subpixel="none",
     )
     expected = np.where(candidate.any(-1), total.argmin(-1) + low, np.inf)
-    np.testing.assert_array_equal(disparity, expected)
+    np.testing.assert_array_equal(matcher.match(left, right), expected)
+    mean_costs = matcher.cost_volume(left, right)
+    np.testing.assert_allclose(mean_costs, total / paths, rtol=1e-6)
 
 
 METHODS = ("census", "rank", "cross", "guided", "adaptive", "sgm", "birchfield_tomasi", "zsad")  # fmt: skip
