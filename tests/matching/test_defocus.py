@@ -19,15 +19,18 @@ def texture(seed=0, size=(96, 112)):
     return 1.0 + 0.25 * white / white.std()
 
 
-def phases(shape, dx, dy):
-    """The factors of a spectrum for a shift in pixels."""
-    v, u = np.fft.fftfreq(shape[0])[:, None], np.fft.fftfreq(shape[1])
-    return np.exp(-2j * np.pi * (u * dx + v * dy))
+def transfer(shape, shifts):
+    """The factors of a spectrum for the mean of an image's copies moved by (dx, dy), in pixels."""
+    dx, dy = np.transpose(shifts)
+    across = np.exp(-2j * np.pi * np.outer(dx, np.fft.fftfreq(shape[1])))
+    down = np.exp(-2j * np.pi * np.outer(np.fft.fftfreq(shape[0]), dy))
+    return down @ across / len(dx)
 
 
 def moved(image, dx, dy=0.0):
     """The image moved by a number of pixels, periodic."""
-    return np.fft.ifft2(np.fft.fft2(image) * phases(image.shape, dx, dy)).real
+    spectrum = np.fft.fft2(image) * transfer(image.shape, [(dx, dy)])
+    return np.fft.ifft2(spectrum).real
 
 
 def through(image, circle, keep=lambda x, y: np.ones(x.shape, bool)):
@@ -39,8 +42,8 @@ def through(image, circle, keep=lambda x, y: np.ones(x.shape, bool)):
     x, y = np.meshgrid(across, across)
     inside = (x**2 + y**2 < 1) & keep(x, y)
     shifts = -circle / 2 * np.stack([x[inside], y[inside]], axis=1)
-    transfer = sum(phases(image.shape, *shift) for shift in shifts) / len(shifts)
-    return np.fft.ifft2(np.fft.fft2(image) * transfer).real
+    spectrum = np.fft.fft2(image) * transfer(image.shape, shifts)
+    return np.fft.ifft2(spectrum).real
 
 
 def circle(inverse_depth, vergence, diameter=APERTURE):

@@ -291,6 +291,7 @@ def test_larger_disparities_have_more_candidates_and_wider_crops(
 @pytest.fixture(scope="module")
 def stored(tmp_path_factory):
     """A sample with a fixed exposure, and a mismatch of which the recipe gives the gain."""
+    pytest.importorskip("torch")
     folder = tmp_path_factory.mktemp("recipe")
     (folder / "my.toml").write_text(
         'seed = 3\ncount = 1\nfamilies = ["cards"]\nwidth = 64\nheight = 48\nspp = 4\nkeep = ["radiance"]\n'

@@ -46,6 +46,22 @@ class Constant:
         return disp
 
 
+class Counting:
+    """Counts its calls, and records the rows and the range of each."""
+
+    def __init__(self, name, value, spec="v1"):
+        self.name, self.value, self.spec = name, value, spec
+        self.rows_and_ranges = []
+
+    @property
+    def calls(self):
+        return len(self.rows_and_ranges)
+
+    def match(self, left, right, *, num_disparities, min_disparity):
+        self.rows_and_ranges.append((len(left), num_disparities))
+        return np.full(left.shape[:2], self.value, np.float32)
+
+
 @dataclass(frozen=True)
 class Slow:
     """Its first call in a process takes `compiling` seconds, like compilation."""

@@ -93,18 +93,6 @@ def test_tau_and_rho_equal_scipys_with_ties():
         )
 
 
-def test_tau_b_by_its_definition():
-    """(concordant - discordant) / sqrt((pairs - ties in a) (pairs - ties in b)), counted pair by pair."""
-    a, b = np.array([[1.0, 2, 2, 3, 4]]), np.array([[1.0, 3, 2, 2, 5]])
-    x, y = (stats.rankdata(v[0]) for v in (a, b))
-    pairs = [(i, j) for i in range(5) for j in range(i)]
-    score = sum(np.sign(x[i] - x[j]) * np.sign(y[i] - y[j]) for i, j in pairs)
-    free = [sum(v[i] != v[j] for i, j in pairs) for v in (x, y)]
-    assert agreement(board(a), board(b), resamples=1).tau.value == pytest.approx(
-        score / math.sqrt(free[0] * free[1])
-    )
-
-
 def test_a_board_agrees_with_itself_and_is_opposite_to_its_reverse():
     a = noisy(1, noise=0.0)
     assert agreement(board(a), board(a), resamples=5).tau.value == pytest.approx(1.0)
@@ -136,7 +124,7 @@ def test_the_interval_is_that_of_scipys_bootstrap_of_scenes():
     """SciPy resamples indices of the scenes of one board; the other one has too few scenes to be resampled."""
     values, scenes = clustered(7, 8, 3)
     fixed = board(noisy(6, 1, 6))
-    found = agreement(board(values, scenes=scenes), fixed, resamples=4000).tau
+    found = agreement(board(values, scenes=scenes), fixed, resamples=1000).tau
     ranks, other = stats.rankdata(values, axis=1), stats.rankdata(noisy(6, 1, 6)[0])
 
     def tau(chosen):
@@ -148,7 +136,7 @@ def test_the_interval_is_that_of_scipys_bootstrap_of_scenes():
     limits = stats.bootstrap(
         (np.arange(8),),
         tau,
-        n_resamples=4000,
+        n_resamples=1000,
         vectorized=False,
         method="percentile",
         rng=np.random.default_rng(1),
@@ -157,7 +145,7 @@ def test_the_interval_is_that_of_scipys_bootstrap_of_scenes():
     assert found.low == pytest.approx(limits.low, abs=step + 1e-9)
     assert found.high == pytest.approx(limits.high, abs=step + 1e-9)
     rows = agreement(
-        board(values), fixed, resamples=4000
+        board(values), fixed, resamples=1000
     ).tau  # each image a scene of its own
     assert rows.low > limits.low + 1.5 * step
 
@@ -165,16 +153,21 @@ def test_the_interval_is_that_of_scipys_bootstrap_of_scenes():
 def test_copies_of_a_scenes_images_add_no_information():
     """Four copies of each sample give the interval and the halves of one, if the board has their scenes."""
     values, others = clustered(1, 8, 1)[0], board(clustered(2, 8, 1)[0])
-    once = agreement(board(values, scenes=range(8)), others)
+    once = agreement(board(values, scenes=range(8)), others, resamples=300)
     repeated = np.repeat(values, 4, axis=0)
-    copied = agreement(board(repeated, scenes=np.repeat(range(8), 4)), others)
+    copied = agreement(
+        board(repeated, scenes=np.repeat(range(8), 4)), others, resamples=300
+    )
     assert (copied.samples_a, copied.scenes_a) == (32, 8)
     assert (copied.tau, copied.rho, copied.reliability_a) == (
         once.tau,
         once.rho,
         once.reliability_a,
     )
-    assert agreement(board(repeated), others).reliability_a.low > once.reliability_a.low
+    assert (
+        agreement(board(repeated), others, resamples=300).reliability_a.low
+        > once.reliability_a.low
+    )
 
 
 def test_without_recorded_scenes_the_lenses_of_a_view_are_one_scene():
@@ -199,17 +192,17 @@ def test_without_recorded_scenes_the_lenses_of_a_view_are_one_scene():
 def test_boards_of_few_scenes_have_no_interval():
     """A board of fewer than four scenes is not resampled; the notes say so."""
     few, many = board(noisy(0, 12), scenes=[0, 1, 2] * 4), board(noisy(1, 12))
-    both = agreement(few, few)
+    both = agreement(few, few, resamples=100)
     assert both.tau.value == pytest.approx(1.0)
     assert str(both.tau) == "1.00 (-)"
     assert str(both.reliability_a) == "-"
     assert len(both.notes(("a", "b"))) == 2
-    one = agreement(few, many)
+    one = agreement(few, many, resamples=100)
     assert one.tau.low <= one.tau.value <= one.tau.high
     assert one.notes(("a", "b")) == [
         "no interval contains the uncertainty of a, which has fewer than 4 scenes"
     ]
-    assert agreement(many, many).notes(("a", "b")) == []
+    assert agreement(many, many, resamples=100).notes(("a", "b")) == []
 
 
 def test_split_half_reliability_grows_with_less_noise():
@@ -300,34 +293,26 @@ def test_boards_with_too_few_common_methods_are_refused():
 
 
 def test_the_command_prints_and_draws(tmp_path, capsys):
-    write_board(board(noisy(0)), tmp_path / "a" / "board.json")
-    write_board(board(noisy(1)), tmp_path / "b.json")
-    assert agreement(str(tmp_path / "a"), tmp_path / "b.json") == agreement(
-        board(noisy(0)), board(noisy(1))
-    )
-    arguments = ["agree", str(tmp_path / "a"), str(tmp_path / "b.json")]
-    assert run([*arguments, "-o", str(tmp_path / "agree.svg")]) == 0
+    a, b, one = (tmp_path / name for name in ("a", "b.json", "one.json"))
+    write_board(board(noisy(0)), a / "board.json")
+    write_board(board(noisy(1)), b)
+    write_board(board(noisy(0, 1)), one)
+    result = agreement(str(a), b, resamples=5)
+    assert result == agreement(board(noisy(0)), board(noisy(1)), resamples=5)
+    figure = tmp_path / "agree.svg"
+    assert run(["agree", str(a), str(b), "-o", str(figure)]) == 0
     text = capsys.readouterr().out
     assert "8 methods ranked by" in text
     assert "Kendall's tau-b" in text
-    assert (tmp_path / "agree.svg").read_text().startswith("<?xml")
-    assert run([*arguments, "--json"]) == 0
-    printed = json.loads(capsys.readouterr().out)
-    assert (printed["samples_a"], printed["scenes_a"]) == (12, 12)
-    write_board(board(noisy(0, 1)), tmp_path / "one.json")
-    assert run(["agree", str(tmp_path / "one.json"), str(tmp_path / "one.json")]) == 0
+    assert figure.read_text().startswith("<?xml")
+    drawn = [agreement_figure(result, ("a", "b")) for _ in range(2)]
+    assert drawn[0] == drawn[1]
+    assert run(["agree", str(one), str(one)]) == 0
     text = capsys.readouterr().out
     assert "Kendall's tau-b  1.00 (-)\n" in text
     assert text.count("one.json, which has fewer than 4 scenes") == 2
     assert text.endswith("no mean ranks differ\n")
-    assert (
-        run(["agree", str(tmp_path / "one.json"), str(tmp_path / "one.json"), "--json"])
-        == 0
-    )
-    assert json.loads(capsys.readouterr().out)["tau"]["low"] is None
-    assert run([*arguments, "-o", str(tmp_path / "agree.pdf")]) == 2
-
-
-def test_the_same_agreement_gives_the_same_figure():
-    result = agreement(board(noisy(0)), board(noisy(1)), resamples=5)
-    assert agreement_figure(result, ("a", "b")) == agreement_figure(result, ("a", "b"))
+    assert run(["agree", str(one), str(one), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert (document["samples_a"], document["tau"]["low"]) == (1, None)
+    assert run(["agree", str(a), str(b), "-o", str(tmp_path / "agree.pdf")]) == 2

@@ -203,31 +203,29 @@ def test_noise_that_no_sensor_reaches_is_not_fitted():
 
 def test_distributions_have_the_moments_without_those_of_the_errors():
     """Values of known mean and variance plus errors of known mean and variance, uncorrelated in the sample."""
-    sign = np.array([1.0, 1, -1, -1])[:, None] * math.sqrt(3) / 2  # sample variance 1
-    other = np.array([1.0, -1, 1, -1])[:, None] * math.sqrt(3) / 2
-    true, bias = (
-        np.array([1.05, 0.02, -0.03, 0.0, 4.0]),
-        np.array([0.01, 0.0, 0.01, 0.0, 3.0]),
-    )
-    errors = bias + 0.004 * other
-    fields = _distributions(true + 0.02 * sign + errors, errors, 0.0)
-    for (name, field), mean in zip(fields.items(), true, strict=True):
+    # Both have the sample variance 1.
+    signs = np.array([1.0, 1, -1, -1])[:, None] * math.sqrt(3) / 2
+    uncorrelated = np.array([1.0, -1, 1, -1])[:, None] * math.sqrt(3) / 2
+    means = np.array([1.05, 0.02, -0.03, 0.0, 4.0])
+    errors = np.array([0.01, 0.0, 0.01, 0.0, 3.0]) + 0.004 * uncorrelated
+    values = means + 0.02 * signs + errors
+    fields = _distributions(values, errors, 0.0)
+    for name, mean in zip(LIGHT, means, strict=True):
+        field = fields[name]
+        limits = [mean - 0.06, mean + 0.06]
         assert field["normal"] == pytest.approx([mean, 0.02], abs=2e-4), name
-        assert field["clip"] == pytest.approx([mean - 0.06, mean + 0.06], abs=5e-4), (
-            name
-        )
-    assert _distributions(true + errors, errors, 0.0) == pytest.approx(
-        dict(zip(LIGHT, true, strict=True))
-    )
-    more = _distributions(true + 0.02 * sign + errors, errors, 0.03**2)
-    assert [more[name]["normal"][1] for name in LIGHT] == pytest.approx(
-        [0.02, *[math.hypot(0.02, 0.03)] * 3, 0.02], rel=0.01
-    )
-    wide = _distributions(
-        np.array([[0.6, -0.4, 0, 0, 0], [1.4, 0.6, 0, 0, 0]]), 0 * errors, 0.0
-    )
-    assert wide["shading_right"]["clip"] == [-0.3, 0.3]
-    assert wide["gain"]["clip"][0] == 0.001
+        assert field["clip"] == pytest.approx(limits, abs=5e-4), name
+    constant = _distributions(means + errors, errors, 0.0)
+    assert constant == pytest.approx(dict(zip(LIGHT, means, strict=True)))
+    wider = _distributions(values, errors, 0.03**2)
+    spreads = [wider[name]["normal"][1] for name in LIGHT]
+    shading = math.hypot(0.02, 0.03)
+    expected = [0.02, shading, shading, shading, 0.02]
+    assert spreads == pytest.approx(expected, rel=0.01)
+    extreme = np.array([[0.6, -0.4, 0, 0, 0], [1.4, 0.6, 0, 0, 0]])
+    clipped = _distributions(extreme, 0 * errors, 0.0)
+    assert clipped["shading_right"]["clip"] == [-0.3, 0.3]
+    assert clipped["gain"]["clip"][0] == 0.001
 
 
 def test_weights_have_the_mean_share_and_are_nearest():
@@ -383,77 +381,52 @@ def test_other_fields_of_the_recipe_stay(folder, tmp_path):
 
 
 def test_the_command_prints_a_recipe(folder, capsys):
-    assert (
-        run(["statistics", str(folder / "start"), "--like", str(folder / "real")]) == 0
-    )
+    start, real = str(folder / "start"), str(folder / "real")
+    recipe, notes = fit_recipe(Dataset(start), open_pairs([real]))
+    assert run(["statistics", start, "--like", real]) == 0
     text = capsys.readouterr().out
     assert text.startswith("# statistic")
     assert "# Fitted to 6 pairs." in text
-    expected = fit_recipe(Dataset(folder / "start"), open_pairs([str(folder / "real")]))
-    assert tomllib.loads(text) == expected[0]
+    assert tomllib.loads(text) == recipe
     assert recipe_from_table(tomllib.loads(text), folder / "like.toml").count == 6
-    assert (
-        run(
-            [
-                "statistics",
-                str(folder / "start"),
-                "--like",
-                str(folder / "real"),
-                "--json",
-            ]
-        )
-        == 0
-    )
+    assert run(["statistics", start, "--like", real, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert (document["recipe"], tuple(document["notes"])) == expected
+    assert (document["recipe"], tuple(document["notes"])) == (recipe, notes)
     assert len(document["like"]["pairs"]) == 6
     assert document["like"]["summary"] != document["summary"]
 
 
+def edited(dataset, copy, old, new):
+    """A copy of a dataset, with another text in its JSON files."""
+    shutil.copytree(dataset, copy)
+    for file in copy.rglob("*.json"):
+        file.write_text(file.read_text().replace(old, new))
+    return str(copy)
+
+
 def test_what_cannot_be_fitted_is_refused_in_one_line(folder, tmp_path, capsys):
-    start, real = str(folder / "start"), folder / "real"
-    blind, drawn, raw = tmp_path / "blind", tmp_path / "drawn", tmp_path / "raw"
-    shutil.copytree(real / "0000000", blind / "a")
-    shutil.copytree(real / "0000001", blind / "b")
-    assert run(["statistics", str(blind), "--like", start]) == 2
-    assert "dataset.json" in capsys.readouterr().err
-    (blind / "b" / "disp0.pfm").unlink()
-    for folder_changed, change in ((drawn, '"sensor": {"choice": []}'), (raw, None)):
-        shutil.copytree(folder / "start", folder_changed)
-        for file in folder_changed.rglob("*.json"):
-            text = file.read_text()
-            text = (
-                text.replace('"output": "srgb"', '"output": "raw"')
-                if change is None
-                else text
-            )
-            text = (
-                text.replace(
-                    '"seed": 1,\n  "count"', f'{change},\n  "seed": 1,\n  "count"'
-                )
-                if change
-                else text
-            )
-            file.write_text(text)
-    for arguments, message in (
-        ((start, start, "--like", str(real)), "--like fits the recipe of one DATASET"),
-        (
-            ("motorcycle", "--like", str(real)),
-            "motorcycle: has no dataset.json; --like needs a dataset of",
-        ),
-        (
-            (start, "--like", "motorcycle"),
-            "a fit needs two pairs or more in both sets, got 6 and 1",
-        ),
-        ((start, "--like", str(blind)), "disp0.pfm"),
-        ((start, "--like", str(tmp_path / "none")), "no such folder"),
-        ((str(drawn), "--like", str(real)), "draws sensor or mismatch as a whole"),
-        (
-            (str(raw), "--like", str(real)),
-            "has raw images; a fit needs srgb, linear, gamma",
-        ),
+    start, real = str(folder / "start"), str(folder / "real")
+    blind = tmp_path / "blind"
+    for name in ("0000000", "0000001"):
+        shutil.copytree(folder / "real" / name, blind / name)
+    (blind / "0000001" / "disp0.pfm").unlink()
+    seed = '"seed": 1,\n  "count"'
+    drawn = edited(
+        start, tmp_path / "drawn", seed, f'"sensor": {{"choice": []}}, {seed}'
+    )
+    raw = edited(start, tmp_path / "raw", '"output": "srgb"', '"output": "raw"')
+    for dataset, like, message in (
+        ("motorcycle", real, "motorcycle: has no dataset.json; --like needs a dataset"),
+        (str(blind), start, "dataset.json"),
+        (start, "motorcycle", "two pairs or more in both sets, got 6 and 1"),
+        (start, str(blind), "disp0.pfm"),
+        (start, str(tmp_path / "none"), "no such folder"),
+        (drawn, real, "draws sensor or mismatch as a whole"),
+        (raw, real, "has raw images; a fit needs srgb, linear, gamma"),
     ):
-        assert run(["statistics", *arguments]) == 2, message
-        out, err = capsys.readouterr()
-        assert (out, message in err) == ("", True), err
-        assert err.count("\n") == 1 or "Usage" in err
+        assert run(["statistics", dataset, "--like", like]) == 2, message
+        printed = capsys.readouterr()
+        assert (printed.out, message in printed.err) == ("", True), printed.err
+        assert printed.err.count("\n") == 1
+    assert run(["statistics", start, start, "--like", real]) == 2
+    assert "--like fits the recipe of one DATASET" in capsys.readouterr().err
