@@ -9,7 +9,6 @@ from twinlens.factory.generate import (
 from twinlens.factory.plan import plan as plan
 from twinlens.factory.produce import (
     make as make,
-    produce as produce,
     under_sky as under_sky,
 )
 from twinlens.factory.recipe import (

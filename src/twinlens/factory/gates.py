@@ -45,6 +45,10 @@ class Rejected(Exception):  # noqa: N818  no failure: the draw was a bad one
         self.remedy = remedy
         self.noisy = noisy
 
+    def record(self, attempt: int) -> dict[str, Any]:
+        """The entry of the `attempt`-th draw among the rejections of a sample."""
+        return {"attempt": attempt, "reason": self.reason, "found": self.measured}
+
 
 class Gates(StrictModel):
     """Thresholds, mostly as shares of an image's pixels.

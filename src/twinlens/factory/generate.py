@@ -25,10 +25,10 @@ from twinlens.dataset.sample_files import sample_files
 from twinlens.dataset.storage import Where, place
 from twinlens.errors import FileError, InputError
 from twinlens.factory.ledger import Failure, Ledger, repairable, whole_samples
-from twinlens.factory.produce import check_draws
+from twinlens.factory.produce import check_draws, sample_or_failure
 from twinlens.factory.recipe import Recipe
 from twinlens.factory.sample import made_with
-from twinlens.factory.workers import Engine, Report, Results, Work, in_process, rendered
+from twinlens.factory.workers import Engine, Report, Work, in_process
 from twinlens.families import Assets
 from twinlens.scenes.model_files import MaterialWarning
 
@@ -151,41 +151,51 @@ def _run(
     report: Report,
     exclusive: bool,
 ) -> int:
-    """Make the samples `todo` with an engine and add them to the ledger; the number of samples made."""
+    """Make the samples `todo` with an engine and add them to the ledger; the number of samples made.
+
+    exclusive : keep dataset.json and the preview current.
+    """
+    # The preview needs it. An import that an interrupt stops cannot be repeated, so it is done before the first sample.
+    importlib.import_module("matplotlib")
     tried, count = len(ledger.entries), ledger.recipe.count
 
     def progress(part: float, now: str) -> None:
         report(part, f"{tried + round(part * len(todo))}/{count} {now}".strip())
 
     work = Work(ledger.recipe, ledger.folder, ledger.made_with)
-    return _collect(ledger, engine(work, todo, progress), exclusive)
-
-
-def _collect(ledger: Ledger, results: Results, exclusive: bool) -> int:
-    """Add results to the ledger; the number of samples made. `exclusive`: keep dataset.json and the preview current."""
-    # The preview needs it. An import that an interrupt stops cannot be repeated, so it is done before the first sample.
-    importlib.import_module("matplotlib")
-    tiles: dict[str, Image.Image] = {}
-    made, due = 0, time.monotonic() + _WRITE_EVERY_S
-
-    def write() -> None:
-        ledger.write()
-        write_preview(ledger, tiles)
-
+    overview, made = _Overview(ledger), 0
     try:
-        with contextlib.closing(results):
+        with contextlib.closing(engine(work, todo, progress)) as results:
             for index, entry in results:
                 ledger.entries[index] = entry
                 made += isinstance(entry, Row)
-                if exclusive and (start := time.monotonic()) >= due:
-                    write()
-                    # The files grow: writing them takes at most 2 % of the time.
-                    seconds = time.monotonic() - start
-                    due = start + max(_WRITE_EVERY_S, 50 * seconds)
+                if exclusive:
+                    overview.write_if_due()
     finally:
         if exclusive:
-            write()
+            overview.write()
     return made
+
+
+class _Overview:
+    """The dataset.json and preview.png of a run that adds samples."""
+
+    def __init__(self, ledger: Ledger) -> None:
+        self.ledger = ledger
+        self.tiles: dict[str, Image.Image] = {}
+        self.due = time.monotonic() + _WRITE_EVERY_S
+
+    def write(self) -> None:
+        self.ledger.write()
+        write_preview(self.ledger, self.tiles)
+
+    def write_if_due(self) -> None:
+        start = time.monotonic()
+        if start >= self.due:
+            self.write()
+            # The files grow: writing them takes at most 2 % of the time.
+            seconds = time.monotonic() - start
+            self.due = start + max(_WRITE_EVERY_S, 50 * seconds)
 
 
 def finish(ledger: Ledger) -> None:
@@ -256,10 +266,9 @@ def estimate(recipe: Recipe, folder: Where) -> Estimate:
     before = recipe.count - len(missing)
     if not missing:
         return Estimate(recipe.count, before, 0, None)
-    work = Work(recipe, root, ledger.made_with)
-    rendered(work, missing[0])
+    sample_or_failure(recipe, missing[0])
     start = time.perf_counter()
-    made = rendered(work, missing[0])
+    made = sample_or_failure(recipe, missing[0])
     if isinstance(made, Failure):
         last = made.rejections[-1]
         raise InputError(

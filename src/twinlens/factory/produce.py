@@ -5,14 +5,18 @@ spec -> scene -> rig -> objects -> truth -> gates -> lenses -> photographs -> ga
 
 import dataclasses
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from twinlens.camera import Rig
+from twinlens.camera.truth import Truth
 from twinlens.dataset import Sample
+from twinlens.dataset.record import plain
 from twinlens.errors import FileError, InputError, located
-from twinlens.factory.gates import Gates, Rejected, check_photographs, check_truth
+from twinlens.factory.gates import Rejected, check_photographs, check_truth
+from twinlens.factory.ledger import Failure
 from twinlens.factory.lenses import View
 from twinlens.factory.objects import check_seen, with_objects
 from twinlens.factory.plan import SampleSpec, is_fixed, plan
@@ -30,6 +34,7 @@ from twinlens.families import random_scene
 from twinlens.rendering import (
     Progress,
     check_lit,
+    forget_kernels,
     ground_truth,
 )
 from twinlens.scenes import Scene, Sky
@@ -42,66 +47,92 @@ from twinlens.sensor import Sensor
 class Exhausted(Exception):  # noqa: N818  the run continues without this sample
     """Every draw of a sample was rejected, for the reasons in `rejections`; `remedy` names what to change."""
 
-    def __init__(
-        self, index: int, rejections: list[dict[str, Any]], remedy: str
-    ) -> None:
+    def __init__(self, failure: Failure) -> None:
+        draws, last = len(failure.rejections), failure.rejections[-1]["found"]
         super().__init__(
-            f"sample {index}: {len(rejections)} draws rejected; last reason: {rejections[-1]['found']}"
+            f"sample {failure.index}: {draws} draws rejected; last reason: {last}"
         )
-        self.index, self.rejections, self.remedy = index, rejections, remedy
+        self.rejections, self.remedy = failure.rejections, failure.remedy
 
 
-def make(
-    recipe: Recipe,
-    index: int,
-    progress: Progress | None = None,
-    note: Callable[[str], object] | None = None,
-) -> Sample:
+def make(recipe: Recipe, index: int, progress: Progress | None = None) -> Sample:
     """Make a sample of a recipe from the first of its draws that passes the gates.
-
-    `note` is called with a text when a draw was rejected and another one is made.
 
     Its record has the `spec`, the `rejections` of earlier draws, and in `sources_sha256` the digest of the files.
 
     Raises Exhausted if all draws were rejected (only one is made if nothing in the recipe is random), and FileError for
     a file that cannot be read or has changed since the recipe's first sample was made.
     """
+    made = sample_or_failure(recipe, index, progress)
+    if isinstance(made, Failure):
+        raise Exhausted(made)
+    return made
+
+
+def sample_or_failure(
+    recipe: Recipe,
+    index: int,
+    progress: Progress | None = None,
+    note: Callable[[str], object] = lambda text: None,
+) -> Sample | Failure:
+    """The sample as `make` returns it, or why all its draws were rejected.
+
+    `note` is called with a text when a draw was rejected and another one is made.
+    """
     rejections: list[dict[str, Any]] = []
-    remedy = ""
-    for attempt in range(recipe.gates.attempts):
-        if rejections and note is not None:
-            note(
-                f"draw {attempt + 1} of {recipe.gates.attempts}; last rejected: {rejections[-1]['reason']}"
-            )
-        spec = plan(recipe, index, attempt)
-        if spec.kind == "scene":
-            # Outside the try: an unreadable file is an error, not a rejected draw.
-            recipe.sources.scene(spec.scene)
-        try:
-            sample = produce(
-                spec, recipe.sources, recipe.gates, progress, Path(recipe.file.name)
-            )
-            if spec.kind == "scene":
-                # Rendering has opened a scene.xml again, which may have changed meanwhile.
-                recipe.sources.scene(spec.scene)
-        except Rejected as rejected:
-            reason, detail = rejected.reason, rejected.measured
-            remedy, by_chance = rejected.remedy, rejected.noisy
-        except FileError:
-            raise
-        except InputError as error:
-            # Datasets record no local paths.
-            detail = str(error).replace(f"{recipe.file.parent}/", "")
-            reason = "impossible draw"
-            remedy, by_chance = "the value that the message names", False
-        else:
-            warn_of_noise(sample, index)
-            more = {"rejections": rejections, "sources_sha256": recipe.sources.digest}
-            return dataclasses.replace(sample, record={**sample.record, **more})
-        rejections.append({"attempt": attempt, "reason": reason, "found": detail})
-        if not by_chance and is_fixed(recipe):
-            break
-    raise Exhausted(index, rejections, remedy)
+    remedy, attempts = "", recipe.gates.attempts
+    try:
+        for attempt in range(attempts):
+            spec = plan(recipe, index, attempt)
+            _check_scene_file(recipe, spec)
+            try:
+                with _impossible_draws_rejected(recipe):
+                    sample = _produced(recipe, spec, progress)
+                    # Rendering has opened a scene.xml again, which may have changed meanwhile.
+                    _check_scene_file(recipe, spec)
+            except Rejected as rejected:
+                rejections.append(rejected.record(attempt))
+                remedy = rejected.remedy
+                if is_fixed(recipe) and not rejected.noisy:
+                    break
+                if attempt + 1 < attempts:
+                    last = rejected.reason
+                    note(f"draw {attempt + 2} of {attempts}; last rejected: {last}")
+            else:
+                warn_of_noise(sample, index)
+                digest = recipe.sources.digest
+                return _with_record(
+                    sample, rejections=rejections, sources_sha256=digest
+                )
+    finally:
+        # Kernels of a random scene are of no use to the next one.
+        if recipe.varied_scenes:
+            forget_kernels()
+    return Failure(index, remedy, plain(rejections))
+
+
+def _check_scene_file(recipe: Recipe, spec: SampleSpec) -> None:
+    """Raise FileError if the scene's file cannot be read or has changed."""
+    if spec.kind == "scene":
+        recipe.sources.scene(spec.scene)
+
+
+@contextmanager
+def _impossible_draws_rejected(recipe: Recipe) -> Iterator[None]:
+    """Turn the error of an impossible draw into its rejection; files that cannot be read stay errors."""
+    try:
+        yield
+    except FileError:
+        raise
+    except InputError as error:
+        # Datasets record no local paths.
+        text = str(error).replace(f"{recipe.file.parent}/", "")
+        remedy = "the value that the message names"
+        raise Rejected("impossible draw", text, remedy) from error
+
+
+def _with_record(sample: Sample, **more: Any) -> Sample:
+    return dataclasses.replace(sample, record={**sample.record, **more})
 
 
 class NoiseWarning(UserWarning):
@@ -122,35 +153,30 @@ def warn_of_noise(sample: Sample, index: int) -> None:
         warnings.warn(f"sample {index}: {text}", NoiseWarning, stacklevel=2)
 
 
-def produce(
-    spec: SampleSpec,
-    sources: Sources | None = None,
-    gates: Gates | None = None,
-    progress: Progress | None = None,
-    file: Path = Path("recipe.toml"),
-) -> Sample:
+def _produced(recipe: Recipe, spec: SampleSpec, progress: Progress | None) -> Sample:
     """Make the sample of a spec; the same spec and files give the same sample.
-
-    sources : the recipe's files; without them, scenes are bundled names or paths.
-    gates : None disables all.
-    file : the recipe's name in messages, without its folder: datasets record them.
 
     Raises Rejected by a gate, FileError for a file that cannot be read, InputError for an impossible spec.
     """
-    sources = sources or Sources()
+    sources, gates = recipe.sources, recipe.gates
+    # Datasets record messages, so that the recipe's name in them has no folder.
+    file = Path(recipe.file.name)
     settings = read(RecipeSettings, dict(spec.drawn), file)
+    objects = settings.scene.objects
     base = _lit_scene(spec, settings, sources)
     moved = base.at(base.world_from_left @ settings.scene.jitter.pose())
     rig, sensor = _cameras(spec, settings, moved, sources, file)
-    scene = with_objects(
-        base, settings.scene.objects, rig.nominal, spec.seed, sources.folder, file
-    )
+    scene = with_objects(base, objects, rig.nominal, spec.seed, sources.folder, file)
     if scene is not base:
         sources.check_files(scene)
-    truths = ground_truth(scene, rig.nominal, sky_disparity=settings.sky_disparity)
-    if gates is not None:
+
+    def check(truths: Sequence[Truth]) -> None:
         check_truth(gates, scene, rig, truths, spec.ndisp)
-        check_seen(settings.scene.objects, truths)
+        check_seen(objects, truths)
+
+    truths = ground_truth(
+        scene, rig.nominal, sky_disparity=settings.sky_disparity, check=check
+    )
     view = View(scene, rig.nominal.cameras[0], truths, spec.seed)
     sample = make_sample(
         scene,
@@ -160,13 +186,9 @@ def produce(
         truths=truths,
         progress=progress,
     )
-    if gates is not None:
-        check_photographs(gates, sample, sensor)
-    return dataclasses.replace(
-        sample,
-        ndisp=spec.ndisp,
-        record={**sample.record, "spec": dataclasses.asdict(spec)},
-    )
+    check_photographs(gates, sample, sensor)
+    with_bound = dataclasses.replace(sample, ndisp=spec.ndisp)
+    return _with_record(with_bound, spec=dataclasses.asdict(spec))
 
 
 def _cameras(

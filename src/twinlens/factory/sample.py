@@ -223,7 +223,22 @@ class _Photographer:
 
     def shot(self, progress: rendering.Progress | None) -> Shot:
         """The images of all cameras and the record of how they were taken."""
-        images, views, spp = self._rendered(progress)
+        shoot, spp = self.shoot, self.shoot.spp
+        request = (self.scene, self.rig, self._lenses, spp, self.seed)
+        how: dict[str, Any] = {
+            "denoise": shoot.denoise,
+            "parts": self._parts,
+            "sampler": shoot.sampler or rendering.default_sampler(shoot.denoise),
+            "progress": progress,
+        }
+        views: Sequence[rendering.NoisyImage] = ()
+        if shoot.measures_noise:
+            views, spp = rendering.render_measured(
+                *request, **how, enough=self._is_clean_enough
+            )
+            images = [view.image for view in views]
+        else:
+            images = list(rendering.render(*request, **how))
         radiances = self._diffracted(_wholes(images))
         photos, halves = self._exposed(images, radiances)
         record: dict[str, Any] = {"spp": spp}
@@ -231,7 +246,7 @@ class _Photographer:
             record["light_paths_over_sensor"] = self._noise_ratios(views, photos)
         record["seed"] = self.seed
         record["exposures"] = [photo.record for photo in photos]
-        kept = tuple(radiances) if self.shoot.keep_radiance else None
+        kept = tuple(radiances) if shoot.keep_radiance else None
         taken = tuple(photo.image for photo in photos)
         return Shot(self.lens, taken, kept, record, halves)
 
@@ -245,25 +260,6 @@ class _Photographer:
     def _lenses(self) -> tuple[ApertureLens, ...]:
         """The lens of each camera, with its mismatch."""
         return self.shoot.sensor.lenses(self.rig, self.lens)
-
-    def _rendered(
-        self, progress: rendering.Progress | None
-    ) -> tuple[list[NDArray[np.float32]], Sequence[rendering.NoisyImage], int]:
-        """The images, with their errors if the noise is measured, and the samples per pixel."""
-        shoot = self.shoot
-        how: dict[str, Any] = {
-            "denoise": shoot.denoise,
-            "parts": self._parts,
-            "sampler": shoot.sampler or rendering.default_sampler(shoot.denoise),
-            "progress": progress,
-        }
-        request = (self.scene, self.rig, self._lenses, shoot.spp, self.seed)
-        if not shoot.measures_noise:
-            return list(rendering.render(*request, **how)), (), shoot.spp
-        views, spp = rendering.render_measured(
-            *request, **how, enough=self._is_clean_enough
-        )
-        return [view.image for view in views], views, spp
 
     def _is_clean_enough(self, views: Sequence[rendering.NoisyImage]) -> bool:
         if self.shoot.noise is None:

@@ -35,7 +35,7 @@ from twinlens.factory.ledger import (
     write_row,
 )
 from twinlens.factory.plan import sample_name
-from twinlens.factory.produce import Exhausted, make
+from twinlens.factory.produce import sample_or_failure
 from twinlens.factory.recipe import Recipe, differences, recipe_from_table
 from twinlens.factory.sample import made_with
 from twinlens.factory.sources import changed_files
@@ -44,7 +44,6 @@ from twinlens.processes import Worker, blocked_interrupts, end_with_parent, is_l
 from twinlens.rendering import (
     Progress,
     backend,
-    forget_kernels,
     share_kernels,
     use_threads,
 )
@@ -78,22 +77,6 @@ Engine = Callable[[Work, Sequence[int], Report], Results]
 """Makes the samples of some indices; yields (index, entry) when a sample is on the disk, in any order."""
 
 
-def rendered(
-    work: Work,
-    index: int,
-    progress: Progress | None = None,
-    note: Callable[[str], object] | None = None,
-) -> Sample | Failure:
-    """One sample in memory, or why all its draws were rejected; `note` as for `make`."""
-    try:
-        return make(work.recipe, index, progress, note)
-    except Exhausted as error:
-        return Failure(index, error.remedy, plain(error.rejections))
-    finally:
-        if work.recipe.varied_scenes:
-            forget_kernels()
-
-
 def written(work: Work, index: int, made: Sample | Failure | None) -> Entry:
     """Write a sample's folder, unless another worker has written it (`made` is None then), and its row."""
     folder = work.folder / sample_name(index)
@@ -125,7 +108,8 @@ def in_process(work: Work, indices: Sequence[int], report: Report) -> Results:
     writing: tuple[int, Future[Entry]] | None = None
     with ThreadPoolExecutor(1, "twinlens-writer") as writer, _fewer_objects_collected():
         for done, index in enumerate(indices):
-            made = rendered(work, index, *_reported(report, done, len(indices)))
+            progress, note = _reported(report, done, len(indices))
+            made = sample_or_failure(work.recipe, index, progress, note)
             if writing is not None:
                 yield writing[0], writing[1].result()
             writing = index, writer.submit(written, work, index, made)
@@ -194,7 +178,8 @@ class Order:
 def usual_engine(work: Work, indices: Sequence[int], report: Report) -> Results:
     """`in_process`, or worker processes where they are faster, or where their replacement returns memory."""
     count = usual_workers(work.recipe, len(indices))
-    yield from (worker_processes(count) if count else in_process)(work, indices, report)
+    engine = worker_processes(count) if count else in_process
+    return engine(work, indices, report)
 
 
 def usual_workers(recipe: Recipe, samples: int) -> int:
@@ -380,9 +365,9 @@ def _rendered(
 ) -> tuple[Work, Sample | Failure | None]:
     """The sample, why there is none, or None where it is written already."""
     work = _work(order, threads)
-    return work, None if is_whole(order.folder / sample_name(index)) else rendered(
-        work, index
-    )
+    if is_whole(order.folder / sample_name(index)):
+        return work, None
+    return work, sample_or_failure(work.recipe, index)
 
 
 @functools.lru_cache(1)

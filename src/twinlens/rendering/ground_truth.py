@@ -6,15 +6,15 @@ A channel is an array over the pixels of a view. Those of every `Truth` are its 
 `ViewHits` and a row of `EXTRA_CHANNELS`; `Truth.extra` has it under its name.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import Camera, Rig
-from twinlens.camera.truth import Correspondence, ObjectTruth, Projection, Truth
+from twinlens.camera.truth import Correspondence, Projection, Truth
 from twinlens.errors import InputError, check_int
 from twinlens.geometry import Float, inverse, rotate, transform_points
 from twinlens.rendering.build import BuiltScene, build
@@ -73,7 +73,12 @@ EXTRA_CHANNELS: dict[str, Callable[[ViewHits], NDArray[Any]]] = {}
 
 
 def ground_truth(
-    scene: Scene, rig: Rig, *, sky_disparity: bool = False, objects: bool = True
+    scene: Scene,
+    rig: Rig,
+    *,
+    sky_disparity: bool = False,
+    objects: bool = True,
+    check: Callable[[Sequence[Truth]], object] = lambda truths: None,
 ) -> list[Truth]:
     """The exact ground truth of every camera of `rig`, with disparity to its partner (`Rig.partner`).
 
@@ -85,6 +90,8 @@ def ground_truth(
         Give rays that hit nothing the disparity at infinity, -doffs, instead of +inf (unknown).
     objects : bool
         Also compute `Truth.objects`, by casting the rays at each object alone. This takes about as long as the rest.
+    check : callable
+        Called with the truth of every camera before its objects are computed. It may raise, which saves their time.
 
     Returns
     -------
@@ -98,9 +105,19 @@ def ground_truth(
     """
     check_view(scene, rig)
     built = build(scene)
+    truths, distances = [], []
+    for index in range(len(rig)):
+        hits = _view_hits(built, rig, index)
+        truths.append(_truth(hits, sky_disparity))
+        distances.append(hits.image(hits.first.distance))
+    check(truths)
+    if not objects:
+        return truths
     return [
-        _truth(_view_hits(built, rig, index), sky_disparity, objects)
-        for index in range(len(rig))
+        replace(
+            truth, objects=object_truths(built, rig, index, truth.object_id, distance)
+        )
+        for index, (truth, distance) in enumerate(zip(truths, distances, strict=True))
     ]
 
 
@@ -112,8 +129,8 @@ def _view_hits(built: BuiltScene, rig: Rig, index: int) -> ViewHits:
     return ViewHits(built, rig, index, rays, bearings[:, 2], first)
 
 
-def _truth(view: ViewHits, sky_disparity: bool, objects: bool) -> Truth:
-    """The channels of a view."""
+def _truth(view: ViewHits, sky_disparity: bool) -> Truth:
+    """The channels of a view, without its objects."""
     built, first = view.built, view.first
     partner = _in_partner(view, sky_disparity)
     ids = [
@@ -121,13 +138,6 @@ def _truth(view: ViewHits, sky_disparity: bool, objects: bool) -> Truth:
     ]
     ids.append((0, 0, 0))  # row -1, of no hit
     object_id, material_id, material_kind = np.array(ids).T[:, first.body]
-    seen_object = view.image(object_id, np.int32)
-    whole_objects: tuple[ObjectTruth, ...] = ()
-    if objects:
-        distance = view.image(first.distance)
-        whole_objects = object_truths(
-            built, view.rig, view.index, seen_object, distance
-        )
     return Truth(
         depth=view.image(view.depth, np.float64),
         position=view.image(first.position, np.float64),
@@ -135,12 +145,11 @@ def _truth(view: ViewHits, sky_disparity: bool, objects: bool) -> Truth:
         visible=view.image(partner.visible, np.bool_),
         normal=view.image(first.normal, np.float32),
         shading_normal=view.image(first.shading_normal, np.float32),
-        object_id=seen_object,
+        object_id=view.image(object_id, np.int32),
         material_id=view.image(material_id, np.int32),
         material_kind=view.image(material_kind, np.uint8),
         object_names=built.object_names,
         material_names=built.material_names,
-        objects=whole_objects,
         projections=tuple(
             _projection(view, projector)
             for projector in range(len(view.rig.projectors))
