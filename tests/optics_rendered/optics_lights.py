@@ -1,84 +1,93 @@
-"""Scenes of lights on a black background, and measurements of their images: centroids, moments, diameters."""
+"""Scenes of lights and of a chequered room, and measurements of images: centroids, moments, diameters."""
 
 import numpy as np
 
 import twinlens as tl
 from twinlens.scenes import Scene, SceneObject
 
-BLACK = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
-FACING = np.diag(
-    [1.0, -1.0, -1.0, 1.0]
-)  # Mitsuba's flat shapes look along +z: turned towards the camera
+FACING = np.diag([1.0, -1.0, -1.0, 1.0])
+"""Mitsuba's flat shapes look along +z: this pose turns them to the camera."""
+
 HERE = np.eye(4)
+
+
+def rgb(value):
+    return {"type": "rgb", "value": value}
+
+
+def diffuse(reflectance):
+    return {"type": "diffuse", "reflectance": rgb(reflectance)}
+
+
+def glow(radiance):
+    return {"type": "area", "radiance": rgb(radiance)}
+
+
+BLACK = diffuse(0.0)
+
+
+def facing(place, half: float) -> np.ndarray:
+    """The pose of a flat shape of this half width that faces the camera."""
+    pose = FACING @ np.diag([half, half, 1.0, 1.0])
+    pose[:3, 3] = place
+    return pose
+
+
+def scene_of(*objects, sky_radiance: float = 0.0, depth: int = 2, **materials) -> Scene:
+    """Objects in black or in `materials`, under a uniform sky."""
+    lights = {}
+    if sky_radiance:
+        lights["sky"] = {"type": "constant", "radiance": rgb(sky_radiance)}
+    materials["black"] = BLACK
+    path = {"type": "path", "max_depth": depth}
+    return Scene("test", objects, materials, HERE, (0.2, 20.0), lights, path)
+
+
+def wall_of(material, z: float, half: float = 9.0, **options) -> Scene:
+    """A wall that faces the camera at a distance z, under a uniform sky of radiance 1."""
+    pose = facing((0.0, 0.0, z), half)
+    wall = SceneObject("wall", {"type": "rectangle"}, "paint", pose)
+    return scene_of(wall, sky_radiance=1.0, paint=material, **options)
 
 
 def lamps(places, radius, radiance=1.0) -> Scene:
     """Disks of light of `radius` metres that face the camera, centred on camera points `places`."""
-    light = {"type": "area", "radiance": {"type": "rgb", "value": radiance}}
     objects = []
     for i, place in enumerate(places):
-        pose = FACING @ np.diag([radius, radius, 1.0, 1.0])
-        pose[:3, 3] = place
-        objects.append(SceneObject(f"lamp {i}", {"type": "disk"}, "black", pose, light))
-    return Scene(
-        "lamps",
-        tuple(objects),
-        {"black": BLACK},
-        HERE,
-        (0.2, 20.0),
-        {},
-        {"type": "path", "max_depth": 2},
-    )
+        pose, light = facing(place, radius), glow(radiance)
+        disk = SceneObject(f"lamp {i}", {"type": "disk"}, "black", pose, light)
+        objects.append(disk)
+    return scene_of(*objects)
 
 
 def sky(radiance=1.0) -> Scene:
     """A uniform sky."""
-    lights = {
-        "sky": {"type": "constant", "radiance": {"type": "rgb", "value": radiance}}
-    }
-    return Scene(
-        "sky",
-        (),
-        {"black": BLACK},
-        HERE,
-        (0.2, 20.0),
-        lights,
-        {"type": "path", "max_depth": 2},
-    )
+    return scene_of(sky_radiance=radiance)
 
 
-def chequered_room() -> Scene:
-    """A tilted chequered card and a ball before a chequered wall, under a sky and a small lamp."""
-    check = {
-        "type": "diffuse",
-        "reflectance": {"type": "checkerboard", "to_uv": np.diag([9.0, 9.0, 1.0, 1.0])},
-    }
-    wall = FACING @ np.diag([3.0, 3.0, 1.0, 1.0])
-    wall[2, 3] = 5.0
+def chequered_room(depth: int = 5, **surface) -> Scene:
+    """A tilted chequered card and a ball before a chequered wall, under a sky and a small lamp.
+
+    surface : a material of the card and the ball.
+    """
+    texture = {"type": "checkerboard", "to_uv": np.diag([9.0, 9.0, 1.0, 1.0])}
     tilt = np.array([[0.8, 0, 0.6, 0], [0, 1, 0, 0], [-0.6, 0, 0.8, 0], [0, 0, 0, 1.0]])
-    card = tilt @ FACING @ np.diag([0.6, 0.6, 1.0, 1.0])
+    card = tilt @ facing((0.0, 0.0, 0.0), 0.6)
     card[:3, 3] = (-0.5, 0.1, 2.5)
     ball = np.diag([0.25, 0.25, 0.25, 1.0])
     ball[:3, 3] = (0.5, 0.2, 1.8)
-    lamp = FACING @ np.diag([0.3, 0.3, 1.0, 1.0])
-    lamp[:3, 3] = (0.3, -0.5, 3.0)
-    glow = {"type": "area", "radiance": {"type": "rgb", "value": [2.0, 1.5, 1.0]}}
-    objects = (
+    wall, lamp = facing((0.0, 0.0, 5.0), 3.0), facing((0.3, -0.5, 3.0), 0.3)
+    paint_of_card, paint_of_ball = list(surface) * 2 or ("check", "chalk")
+    return scene_of(
         SceneObject("wall", {"type": "rectangle"}, "check", wall),
-        SceneObject("card", {"type": "rectangle"}, "check", card),
-        SceneObject("ball", {"type": "sphere"}, "chalk", ball),
-        SceneObject("lamp", {"type": "disk"}, "black", lamp, glow),
-    )
-    lights = {"sky": {"type": "constant", "radiance": {"type": "rgb", "value": 0.4}}}
-    materials = {"check": check, "chalk": {"type": "diffuse"}, "black": BLACK}
-    return Scene(
-        "room",
-        objects,
-        materials,
-        HERE,
-        (1.0, 6.0),
-        lights,
-        {"type": "path", "max_depth": 5},
+        SceneObject("card", {"type": "rectangle"}, paint_of_card, card),
+        SceneObject("ball", {"type": "sphere"}, paint_of_ball, ball),
+        SceneObject("lamp", {"type": "disk"}, "black", lamp, glow([2.0, 1.5, 1.0])),
+        sky_radiance=0.4,
+        depth=depth,
+        check={"type": "diffuse", "reflectance": texture},
+        chalk={"type": "diffuse"},
+        **surface,
     )
 
 
@@ -89,6 +98,17 @@ def square_camera(side: int, fx: float, **changes) -> tl.Camera:
 
 def grey(image: np.ndarray) -> np.ndarray:
     return np.asarray(image, dtype=np.float64).mean(axis=-1)
+
+
+def block_means(image: np.ndarray) -> np.ndarray:
+    """Means over 4 x 4 pixels."""
+    return grey(image).reshape(image.shape[0] // 4, 4, -1, 4).mean(axis=(1, 3))
+
+
+def error_over_noise(a: list, b: list) -> float:
+    """The mean squared difference of the means of two pairs of independent images, over its expectation from noise."""
+    noise = sum(np.mean((first - second) ** 2) / 4 for first, second in (a, b))
+    return float(np.mean((np.mean(a, axis=0) - np.mean(b, axis=0)) ** 2) / noise)
 
 
 def centroid(image: np.ndarray) -> np.ndarray:

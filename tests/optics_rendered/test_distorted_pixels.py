@@ -60,16 +60,3 @@ def test_lights_are_at_their_projections(name):
     ]
     assert np.abs(missed).max() < 0.02
     assert np.abs(CAMERA.project(places) - wanted).max() > 1.0
-
-
-def test_lights_without_distortion_are_at_their_projections():
-    """Non-square pixels and an off-centre principal point: the accuracy of the measurement itself."""
-    places = np.array([(-0.9, -0.6, DEPTH), (0.31, 0.27, DEPTH), (0.87, -0.44, DEPTH)])
-    image = grey(
-        tl.render(lamps(places, RADIUS), tl.Rig([CAMERA], [HERE]), spp=1024, seed=0)[0]
-    )
-    missed = [
-        gathered(image, CAMERA.project(place)) - landing(CAMERA, place)
-        for place in places
-    ]
-    assert np.abs(missed).max() < 0.02

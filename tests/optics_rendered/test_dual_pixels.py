@@ -7,9 +7,9 @@ import pytest
 from scipy.ndimage import map_coordinates
 
 import twinlens as tl
-from tests.optics_rendered.optics_lights import BLACK, HERE, grey
+from tests.optics_rendered.optics_lights import HERE, grey, scene_of
 from twinlens.errors import InputError
-from twinlens.scenes import Bitmap, Scene, SceneObject
+from twinlens.scenes import Bitmap, SceneObject
 from twinlens.studies.stage import noise_texture
 
 CAMERA = tl.Camera(160, 120, 150.0, 150.0, 79.5, 59.5)
@@ -25,16 +25,8 @@ def slanted_plane() -> tl.Scene:
     pose[:3, 3] = 0, 0, 1
     texture = np.float32(noise_texture(720, 720, 2.5, 0.5, 3))
     light = {"type": "area", "radiance": Bitmap(texture)}
-    plane = SceneObject("plane", {"type": "rectangle"}, "black", pose, light)
-    return Scene(
-        "plane",
-        (plane,),
-        {"black": BLACK},
-        HERE,
-        (0.5, 2.0),
-        {},
-        {"type": "path", "max_depth": 2},
-    )
+    shape = {"type": "rectangle"}
+    return scene_of(SceneObject("plane", shape, "black", pose, light))
 
 
 def measured_disparity(
@@ -115,30 +107,26 @@ def test_disparity_is_that_of_two_pinholes_at_the_centroids():
     np.testing.assert_allclose(found, truth.disparity - at_focus, atol=2e-3)
 
 
-def test_disparity_where_nothing_was_hit_is_unknown():
-    depth = np.array([[np.inf, 1.0, 0.5]])
-    found = tl.dual_pixel_disparity(depth, CAMERA, LENS)
-    assert found[0, 0] == np.inf
-    assert found[0, 1] == 0
-    assert found[0, 2] == pytest.approx(4 / (3 * math.pi) * 0.3 * 150, rel=1e-3)
-
-
-def test_disparity_along_y_has_the_focal_length_along_y():
-    camera, depth = CAMERA.replace(fy=300.0), np.array([[0.5]])
+def test_disparity_of_given_depths_along_both_axes():
+    """0 in focus, unknown where nothing was hit; along y it has the focal length along y."""
+    camera, depth = CAMERA.replace(fy=300.0), np.array([[np.inf, 1.0, 0.5]])
     across, down = (
-        tl.dual_pixel_disparity(depth, camera, LENS, axis)[0, 0] for axis in "xy"
+        tl.dual_pixel_disparity(depth, camera, LENS, axis)[0] for axis in "xy"
     )
-    assert down == pytest.approx(2 * across, rel=1e-3)
+    assert across[0] == np.inf
+    assert across[1] == 0
+    assert across[2] == pytest.approx(4 / (3 * math.pi) * 0.3 * 150, rel=1e-3)
+    assert down[2] == pytest.approx(2 * across[2], rel=1e-3)
 
 
 def test_disparity_needs_light_in_both_halves():
     depth = np.ones((2, 2))
-    with pytest.raises(InputError, match="a pinhole has none"):
-        tl.dual_pixel_disparity(depth, CAMERA, tl.Pinhole())
     right = LENS.replace(aperture=tl.MaskAperture(np.array([[0.0, 1.0], [0.0, 1.0]])))
-    with pytest.raises(InputError, match="light in both halves"):
-        tl.dual_pixel_disparity(depth, CAMERA, right)
-    with pytest.raises(InputError, match="depth must be positive"):
-        tl.dual_pixel_disparity(-depth, CAMERA, LENS)
-    with pytest.raises(InputError, match="axis"):
-        tl.dual_pixel_disparity(depth, CAMERA, LENS, "z")
+    for arguments, message in (
+        ((depth, CAMERA, tl.Pinhole()), "a pinhole has none"),
+        ((depth, CAMERA, right), "light in both halves"),
+        ((-depth, CAMERA, LENS), "depth must be positive"),
+        ((depth, CAMERA, LENS, "z"), "axis"),
+    ):
+        with pytest.raises(InputError, match=message):
+            tl.dual_pixel_disparity(*arguments)

@@ -4,33 +4,24 @@ import numpy as np
 import pytest
 
 import twinlens as tl
-from tests.optics_rendered.optics_lights import FACING, HERE, chequered_room, grey, sky
+from tests.optics_rendered.optics_lights import (
+    HERE,
+    block_means,
+    chequered_room,
+    error_over_noise,
+    wall_of,
+)
 from twinlens.camera.layouts import grid
 from twinlens.errors import InputError
-from twinlens.scenes import Scene, SceneObject
 
 CAMERA = tl.Camera(48, 36, 50.0, 50.0, 23.5, 17.5)
 LENS = tl.ThinLens(0.09, 2.0)
 
 
-def wall(depth: float) -> Scene:
-    pose = FACING @ np.diag([5.0, 5.0, 1.0, 1.0])
-    pose[2, 3] = depth
-    surface = SceneObject("wall", {"type": "rectangle"}, "chalk", pose)
-    return Scene(
-        "wall",
-        (surface,),
-        {"chalk": {"type": "diffuse"}},
-        HERE,
-        (0.2, 20.0),
-        sky().lights,
-        {"type": "path"},
-    )
+SLOW_VIEWS = (pytest.param(view, marks=pytest.mark.slow) for view in (0, 1, 8))
 
 
-@pytest.mark.parametrize(
-    "view", [0, 5, *(pytest.param(view, marks=pytest.mark.slow) for view in (1, 8))]
-)
+@pytest.mark.parametrize("view", [5, *SLOW_VIEWS])
 def test_a_view_is_what_the_lens_sees_through_a_small_hole(view):
     """A mask with one open cell of 1/63 of the aperture, rendered by the lens, against the view: equal within noise.
 
@@ -42,29 +33,15 @@ def test_a_view_is_what_the_lens_sees_through_a_small_hole(view):
     mask[10 + 21 * row, 10 + 21 * column] = 1.0
     through = lens.replace(aperture=tl.MaskAperture(mask))
     alone, rig = tl.Rig([CAMERA], [HERE]), tl.light_field_rig(CAMERA, lens, 3)
-    holes = [
-        block_means(tl.render(scene, alone, through, spp=128, seed=seed)[0])
-        for seed in (1, 2)
-    ]
-    views = [
-        [block_means(image) for image in tl.render(scene, rig, spp=128, seed=seed)]
-        for seed in (3, 4)
-    ]
+    holes = [tl.render(scene, alone, through, 128, seed)[0] for seed in (1, 2)]
+    fields = [tl.render(scene, rig, spp=128, seed=seed) for seed in (3, 4)]
+    blocks = [block_means(image) for image in holes]
     ratios = [
-        error_over_noise(holes, [images[i] for images in views]) for i in range(9)
+        error_over_noise(blocks, [block_means(field[i]) for field in fields])
+        for i in range(9)
     ]
-    assert 0.5 < ratios[view] < 2
-    assert min(ratios[:view] + ratios[view + 1 :]) > 20
-
-
-def error_over_noise(a: list, b: list) -> float:
-    """The mean squared difference of the means of two pairs of independent images, over its expectation from noise."""
-    noise = sum(np.mean((first - second) ** 2) / 4 for first, second in (a, b))
-    return float(np.mean((np.mean(a, axis=0) - np.mean(b, axis=0)) ** 2) / noise)
-
-
-def block_means(image: np.ndarray) -> np.ndarray:
-    return grey(image).reshape(image.shape[0] // 4, 4, -1, 4).mean(axis=(1, 3))
+    assert 0.5 < ratios.pop(view) < 2
+    assert min(ratios) > 20
 
 
 @pytest.mark.parametrize(
@@ -73,7 +50,7 @@ def block_means(image: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("depth", [1.0, 3.0])
 def test_disparity_of_a_plane_follows_from_the_aperture(lens, depth):
     """Between neighbours in x and in y: f A/n (1/Z - k), to 1e-4 px, from the truth of the renderer."""
-    n, scene = 3, wall(depth)
+    n, scene = 3, wall_of({"type": "diffuse"}, depth)
     rig = tl.light_field_rig(CAMERA, lens, n)
     expected = 50.0 * lens.aperture_diameter / n * (1 / depth - lens.vergence)
     truth = tl.ground_truth(scene, rig.pair(3, 4))[0].disparity
@@ -132,16 +109,11 @@ def test_refocusing_equals_a_naive_sum_over_the_views_of_a_ramp():
     np.testing.assert_allclose(found[8:-8, 8:-8], expected[8:-8, 8:-8], atol=2e-3)
 
 
-@pytest.mark.parametrize(
-    "aperture",
-    [
-        tl.Disk(),
-        *(
-            pytest.param(each, marks=pytest.mark.slow)
-            for each in (tl.Polygon(5), tl.Annulus(0.5))
-        ),
-    ],
-)
+SHAPES = (tl.Polygon(5), tl.Annulus(0.5))
+SLOW_SHAPES = (pytest.param(shape, marks=pytest.mark.slow) for shape in SHAPES)
+
+
+@pytest.mark.parametrize("aperture", [tl.Disk(), *SLOW_SHAPES])
 def test_refocused_views_equal_the_lens(aperture):
     """9 x 9 views at their own focus against the traced lens, in a room with sharp edges."""
     scene, lens = chequered_room(), tl.ThinLens(0.04, 2.5, aperture)
@@ -162,27 +134,6 @@ def psnr(image: np.ndarray, reference: np.ndarray) -> float:
     )
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("focus", [1.22, 0.88, 2.34])
-def test_refocusing_17x17_views_equals_the_traced_lens(focus, cards_views):
-    """The bundled cards, 96 x 72 px, raw images: 289 views focused at 1.22 m, and the lens at three distances."""
-    scene, camera, rig, views = cards_views
-    lens = tl.ThinLens(0.016, focus)
-    traced = tl.render(
-        scene, tl.Rig([camera], [scene.world_from_left]), lens, spp=1024, seed=2
-    )[0]
-    assert psnr(tl.refocus(views, rig, lens), traced) >= 40
-
-
-@pytest.fixture(scope="module")
-def cards_views():
-    scene, camera = tl.load_scene("cards"), tl.Camera.from_fov(96, 72, fov_x_deg=50)
-    rig = tl.light_field_rig(
-        camera, tl.ThinLens(0.016, 1.22), 17, scene.world_from_left
-    )
-    return scene, camera, rig, tl.render(scene, rig, spp=8, seed=1)
-
-
 def test_a_camera_array_is_a_synthetic_aperture():
     """Parallel cameras with equal principal points, refocused at a wall: every view moves by its disparity."""
     rig = grid(CAMERA, 3, 3, 0.03, 0.03)
@@ -196,22 +147,24 @@ def test_a_camera_array_is_a_synthetic_aperture():
 
 
 def test_what_has_no_light_field_is_refused():
-    with pytest.raises(InputError, match="a pinhole has none"):
-        tl.light_field_rig(CAMERA, tl.Pinhole(), 3)
-    with pytest.raises(InputError, match="without lens distortion"):
-        tl.light_field_rig(CAMERA.replace(distortion=tl.BrownConrady(k1=0.1)), LENS, 3)
-    rig = tl.light_field_rig(CAMERA, LENS, 3)
-    images = [np.zeros((36, 48))] * 9
-    with pytest.raises(InputError, match="needs 9 images of 48x36 pixels, got 8"):
-        tl.refocus(images[:8], rig, LENS)
-    with pytest.raises(
-        InputError, match=r"got 9 of shapes \[\(36, 48\), \(36, 48, 3\)\]"
+    distorted = CAMERA.replace(distortion=tl.BrownConrady(k1=0.1))
+    for camera, lens, message in (
+        (CAMERA, tl.Pinhole(), "a pinhole has none"),
+        (distorted, LENS, "without lens distortion"),
     ):
-        tl.refocus([*images[:8], np.zeros((36, 48, 3))], rig, LENS)
-    with pytest.raises(InputError, match="a list of images of numbers, got None"):
-        tl.refocus(None, rig, LENS)
-    with pytest.raises(InputError, match="larger than the light field's views reach"):
-        tl.refocus(images, rig, LENS.replace(aperture_diameter=0.1))
+        with pytest.raises(InputError, match=message):
+            tl.light_field_rig(camera, lens, 3)
+    rig = tl.light_field_rig(CAMERA, LENS, 3)
     turned = np.array([[0.0, -1, 0, 1], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
-    with pytest.raises(InputError, match="parallel axes"):
-        tl.refocus(images[:2], tl.Rig([CAMERA] * 2, [HERE, turned]), tl.Pinhole())
+    crossed = tl.Rig([CAMERA] * 2, [HERE, turned])
+    images, colour = [np.zeros((36, 48))] * 9, np.zeros((36, 48, 3))
+    wide = LENS.replace(aperture_diameter=0.1)
+    for views, views_rig, lens, message in (
+        (images[:8], rig, LENS, "needs 9 images of 48x36 pixels, got 8"),
+        ([*images[:8], colour], rig, LENS, r"got 9 of shapes \[\(36, 48\), \(36, 48, 3\)\]"),
+        (None, rig, LENS, "a list of images of numbers, got None"),
+        (images, rig, wide, "larger than the light field's views reach"),
+        (images[:2], crossed, tl.Pinhole(), "parallel axes"),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=message):
+            tl.refocus(views, views_rig, lens)

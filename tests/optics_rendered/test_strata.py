@@ -92,13 +92,6 @@ def test_every_stratum_of_every_pixel_gets_one_sample_and_so_does_every_row_and_
 
 
 @pytest.mark.parametrize("count", [1, 11, 32])
-def test_single_numbers_are_stratified(count):
-    x = drawn(count, 4, lambda sampler: sampler.next_1d())[0][..., 0]
-    n = x.shape[1]
-    assert (np.sort(np.floor(x * n), axis=1) == np.arange(n)).all()
-
-
-@pytest.mark.parametrize("count", [1, 11, 32])
 def test_film_and_aperture_points_are_stratified(count):
     grid = stratum_grid(count)
     places = multijitter(
@@ -162,20 +155,6 @@ def test_dimensions_and_seeds_do_not_repeat_each_other():
     ]
     assert agreement.max() < 0.2
     assert agreement.mean() == pytest.approx(1 / 64, rel=0.15)
-
-
-@pytest.mark.slow
-def test_dimensions_are_independent():
-    """A sample's strata of two of them, over seeds: every pair as often."""
-    counts = {pair: np.zeros((6, 6)) for pair in ((0, 2), (1, 3), (2, 6))}
-    for seed in range(800):
-        sampler = sampler_for((2, 3), shared_points((2, 3), seed)[1], seed, pixels=1)
-        cells = [
-            cells_of(np.array(sampler.next_2d()).T, (2, 3))[seed % 6] for _ in range(7)
-        ]
-        for (one, other), found in counts.items():
-            found[cells[one], cells[other]] += 1
-    assert all(uniform(found) for found in counts.values())
 
 
 def test_dimensions_beyond_the_tables_are_random():

@@ -50,8 +50,9 @@ class View:
     def points(self, pixels, z):
         return self.pose[:3, 3] + z[:, None] * self.directions(pixels)
 
-    def partner_pixels(self, points):
-        c, pose = self.rig.cameras[self.other], self.rig.world_from_cams[self.other]
+    def pixels_in(self, index, points):
+        """Where a camera of the rig sees points; NaN behind it."""
+        c, pose = self.rig.cameras[index], self.rig.world_from_cams[index]
         x, y, z = ((points - pose[:3, 3]) @ pose[:3, :3]).T
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(z > 0, [c.fx * x / z + c.cx, c.fy * y / z + c.cy], np.nan).T
@@ -62,7 +63,7 @@ class View:
         seen = np.zeros(len(pixels), bool)
         points = self.points(pixels[body >= 0], z[body >= 0])
         c = self.rig.cameras[self.other]
-        u, v = self.partner_pixels(points).T
+        u, v = self.pixels_in(self.other, points).T
         inside = (u >= -0.5) & (u < c.width - 0.5) & (v >= -0.5) & (v < c.height - 0.5)
         seen[body >= 0] = inside & seen_from(
             self.bodies, self.rig.world_from_cams[self.other][:3, 3], points

@@ -1,74 +1,120 @@
 """Denoised images against closed forms and converged images, and guides against the textures they show."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
+import twinlens as tl
 from tests.rendering import rendering_photos as photos
-from tests.rendering.test_render import profile, seen
 from twinlens.rendering import backend, denoising
-from twinlens.rendering.guides import Guides
+from twinlens.rendering.build import build
+from twinlens.rendering.guides import Guides, render_guides
+from twinlens.rendering.images import image_passes, other_guides, raw_image
+from twinlens.rendering.sensors import make_sensor
+from twinlens.rendering.views import View, views_of
 
 backend()
 import mitsuba_oidn  # noqa: E402, Dr.Jit reads DRJIT_LIBLLVM_PATH when it is imported
 
+CAMERA = photos.camera(64, 48, 60.0)
+RIG = photos.rig_of(CAMERA)
+SMALL = photos.camera(24, 24, 60.0)
 MIDDLE = slice(8, 16), slice(8, 16)
+WIDE = tl.ThinLens(0.1, 2.5)
 
 
-@pytest.fixture
-def found(renderer):
-    return renderer("denoise")
+def denoised(scene, lens=tl.Pinhole(), rig=RIG, spp=16, seed=0):  # noqa: B008
+    return tl.render(scene, rig, lens, spp=spp, seed=seed, denoise=True)[0]
 
 
-def test_a_uniform_sky_stays_uniform(found):
-    np.testing.assert_allclose(found["sky"], 0.3, rtol=0.03)
-    assert found["sky"].mean() == pytest.approx(0.3, rel=0.003)
+def test_a_uniform_sky_stays_uniform():
+    sky = denoised(replace(photos.room(), objects=()), spp=4)
+    np.testing.assert_allclose(sky, 0.3, rtol=0.03)
+    assert sky.mean() == pytest.approx(0.3, rel=0.003)
 
 
 @pytest.mark.parametrize("name", ["pinhole x", "far"])
-def test_a_painted_edge_keeps_its_profile(found, name):
+def test_a_painted_edge_keeps_its_profile(name):
     """From 16 samples: reflectance 0.8 and 0.1 under a uniform sky, blurred by the lens."""
-    row = photos.EDGES[name]
-    across, _ = seen(found[f"edge/{name}"], row[3])
-    assert np.abs((across - 0.1) / 0.7 - profile(*row)).max() < 0.02
+    row = camera, lens, z, axis, position = photos.EDGES[name]
+    rig = photos.rig_of(camera.replace(height=48, cy=23.5))
+    image = denoised(photos.painted_edge(z, position), photos.lens_of(lens), rig)
+    across, _ = photos.along(image, axis)
+    assert np.abs((across - 0.1) / 0.7 - photos.profile(*row)).max() < 0.02
 
 
 def squared_error(image, reference):
     return np.mean(((image - reference) / (reference + 0.05)) ** 2)
 
 
-@pytest.mark.parametrize(
-    ("lens", "kind", "share"),
-    [("pinhole", "denoised", 0.25), ("lens", "denoised", 0.25), ("lens", "grid", 0.5)],
-)
-def test_the_error_falls_to_a_fraction(found, lens, kind, share):
+def test_the_error_falls_to_a_fraction():
     """In the mean square, from 2 samples. Neighbouring pixels of a grid share samples: their noise is correlated."""
-    denoised, raw, reference = (
-        found[f"{lens}/{name}"] for name in (kind, "raw", "reference")
+    scene, lenses = photos.room(), [tl.Pinhole(), WIDE]
+    grid = tl.render_lens_grid(scene, RIG, lenses, spp=2, denoise=True)
+    for lens, shared, of_grid in zip(lenses, (None, 0.5), grid, strict=True):
+        raw = tl.render(scene, RIG, lens, spp=2, seed=3)[0]
+        reference = tl.render(scene, RIG, lens, spp=512, seed=4)[0]
+        images = {0.25: denoised(scene, lens, spp=2, seed=3)}
+        if shared is not None:
+            images[shared] = of_grid[0]
+        for share, image in images.items():
+            error = squared_error(image, reference)
+            assert error < share * squared_error(raw, reference)
+            assert np.mean(image) == pytest.approx(np.mean(reference), rel=0.02)
+
+
+def test_images_are_raw_by_default():
+    scene = photos.room()
+    raw, default = (
+        tl.render(scene, RIG, spp=2, seed=3, **options)[0]
+        for options in ({"denoise": False}, {})
     )
-    assert squared_error(denoised, reference) < share * squared_error(raw, reference)
-    assert np.mean(denoised) == pytest.approx(np.mean(reference), rel=0.02)
+    np.testing.assert_array_equal(raw, default)
 
 
-def test_the_raw_image_does_not_change(found):
-    np.testing.assert_array_equal(found["pinhole/raw"], found["pinhole/raw by default"])
-
-
-def test_eyes_and_seeds_have_guides_of_their_own(found):
-    left, right, other_seed = found["own guides"]
+def test_eyes_and_seeds_have_guides_of_their_own():
+    view = View(build(photos.room()), CAMERA, photos.POSE, WIDE, denoised=True)
+    left, right, other_seed = (
+        other_guides(view, 4, seed, eye).albedo
+        for seed, eye in ((3, 0), (3, 1), (4, 0))
+    )
     assert not np.array_equal(left, right)
     assert not np.array_equal(left, other_seed)
 
 
-def test_bytes_do_not_depend_on_threads(found):
-    np.testing.assert_array_equal(found["threads 1"], found["threads 3"])
+def test_bytes_do_not_depend_on_threads():
+    images = []
+    for count in (1, 3):
+        with photos.threads(count):
+            images.append(denoised(photos.room(), WIDE, spp=4))
+    np.testing.assert_array_equal(*images)
 
 
-def test_guides_show_the_texture_and_the_normals(found):
+def guides_of(scene, camera=SMALL, passes=(("multijitter", 16, 5),), lens=tl.Pinhole()):  # noqa: B008
+    return render_guides(build(scene), camera, photos.POSE, lens, passes)
+
+
+def guides_of_paths(scene):
+    """Guides from the paths of an image."""
+    rig = photos.rig_of(SMALL)
+    (view,) = views_of({"rgb": scene}, rig, [tl.Pinhole()], 0, denoise=True)
+    passes = image_passes(SMALL, 256, 0, 0, "sobol")
+    _, guides = raw_image(view, passes, None, lambda _: None)
+    return guides
+
+
+@pytest.fixture(scope="module")
+def traced():
+    """Guides of each scene of `guided` that are traced apart from the image."""
+    return {name: guides_of(scene) for name, scene in photos.guided().items()}
+
+
+def test_guides_show_the_texture_and_the_normals(traced):
     """A chequered wall, 0.4 and 0.2, that faces the camera: each square exactly, apart from its edges."""
-    albedo, normal = found["guide/wall/albedo"][..., 0], found["guide/wall/normal"]
+    albedo, normal = traced["wall"].albedo[..., 0], traced["wall"].normal
     inside = np.isclose(albedo, 0.4, atol=1e-4) | np.isclose(albedo, 0.2, atol=1e-4)
     assert inside.mean() > 0.6
     assert 0.25 < np.mean(albedo > 0.3) < 0.75
@@ -76,46 +122,53 @@ def test_guides_show_the_texture_and_the_normals(found):
     np.testing.assert_allclose(normal, expected, atol=1e-4)
 
 
-def test_guides_follow_mirrors_and_openings(found):
+def test_guides_follow_mirrors_and_openings(traced):
     """A mirror of reflectance 0.8 before paint of 0.5, and a half open net of black cloth: nothing is random."""
-    mirror = found["guide/mirror/albedo"][MIDDLE]
-    np.testing.assert_allclose(mirror, 0.8 * 0.5, atol=1e-4)
-    np.testing.assert_allclose(found["guide/net/albedo"], 0.5 * 0.5, atol=1e-6)
-    normal = found["guide/mirror/normal"][MIDDLE][0, 0]
-    np.testing.assert_allclose(normal, photos.POSE[:3, 2], atol=1e-4)
+    mirror = traced["mirror"]
+    np.testing.assert_allclose(mirror.albedo[MIDDLE], 0.8 * 0.5, atol=1e-4)
+    np.testing.assert_allclose(mirror.normal[12, 12], photos.POSE[:3, 2], atol=1e-4)
+    np.testing.assert_allclose(traced["net"].albedo, 0.5 * 0.5, atol=1e-6)
 
 
-def test_guides_of_glass_are_weighted_by_fresnel(found):
+def test_guides_of_glass_are_weighted_by_fresnel(traced):
     """A pane of index 1.5, that shows black cloth through it and chalk of 0.5 in it, reflects 1/13 of what is normal
     to it: 0.04 at each surface, and once more for each time the light turns round inside."""
-    albedo = found["guide/pane/albedo"][MIDDLE]
+    albedo = traced["pane"].albedo[MIDDLE]
     np.testing.assert_allclose(albedo, 0.5 / 13, rtol=0.005)
     assert np.ptp(albedo) < 1e-4
 
 
-def test_paths_find_the_same_guides(found):
+def test_paths_find_the_same_guides(traced):
     """In the mean: they choose at random at nets and glass. These are 16,384 paths of a Sobol sequence."""
     random_shares = {"wall": 0, "mirror": 0, "net": 0.5, "hole": 0, "pane": 1}
-    for name, share in random_shares.items():
-        is_random = found[f"path guide/{name}/random"][MIDDLE].mean()
-        np.testing.assert_allclose(is_random, share, atol=2e-4)
+    for name, scene in photos.guided().items():
+        guides = guides_of_paths(scene)
+        is_random = guides.random_share[MIDDLE].mean()
+        np.testing.assert_allclose(is_random, random_shares[name], atol=2e-4)
         for kind in ("albedo", "normal"):
-            of_paths, expected = (
-                found[f"{guide}/{name}/{kind}"][MIDDLE].mean((0, 1))
-                for guide in ("path guide", "guide")
-            )
+            of_paths = getattr(guides, kind)[MIDDLE].mean((0, 1))
+            expected = getattr(traced[name], kind)[MIDDLE].mean((0, 1))
             np.testing.assert_allclose(of_paths, expected, atol=2e-4)
 
 
-def test_guides_do_not_depend_on_passes(found):
-    in_passes = found["guide/net/in passes"]
-    np.testing.assert_allclose(in_passes, found["guide/net/albedo"], atol=1e-6)
+def test_guides_do_not_depend_on_passes(traced):
+    passes = [("multijitter", 4, 1), ("independent", 3, 2)]
+    in_passes = guides_of(photos.guided()["net"], passes=passes)
+    np.testing.assert_allclose(in_passes.albedo, traced["net"].albedo, atol=1e-6)
 
 
-def test_guides_have_the_samples_of_the_image(found):
+def test_guides_have_the_samples_of_the_image():
     """The share of a pixel's samples that hit a lamp is its brightness and the length of its normal."""
-    assert np.mean((found["lamp/image"] > 0) & (found["lamp/image"] < 1)) > 0.1
-    np.testing.assert_allclose(found["lamp/normal"], found["lamp/image"], atol=1e-5)
+    camera, lens, z, _, x = photos.EDGES["far"]
+    scene, lens = photos.half_plane(z, x=x), photos.lens_of(lens)
+    built, sampling = build(scene), ("multijitter", 4, 6)
+    sampler, spp, seed = sampling
+    sensor = make_sensor(camera, photos.POSE, lens, spp, sampler)
+    image = built.integrator.render(built.mi_scene, sensor, seed=seed, spp=spp)
+    lit = np.array(image)[..., 0]
+    normal = guides_of(scene, camera, [sampling], lens).normal
+    assert np.mean((lit > 0) & (lit < 1)) > 0.1
+    np.testing.assert_allclose(normal @ -photos.POSE[:3, 2], lit, atol=1e-5)
 
 
 def squares(dark, light):
@@ -166,12 +219,12 @@ def test_values_that_are_not_finite_do_not_spread():
     for value in (np.inf, np.nan):
         image = even.copy()
         image[20, 30] = value
-        denoised = denoising.denoise_image(image, guides)
-        np.testing.assert_allclose(denoised, even, rtol=0.05)
+        result = denoising.denoise_image(image, guides)
+        np.testing.assert_allclose(result, even, rtol=0.05)
     means[20, 30] = np.nan
     own_guides = Guides.from_means(means, 1, None)
-    denoised = denoising.denoise_image(even, guides, own_guides)
-    changed = np.abs(denoised - even) > 0.05
+    result = denoising.denoise_image(even, guides, own_guides)
+    changed = np.abs(result - even) > 0.05
     assert changed[18:23, 28:33].sum() == changed.sum()
 
 

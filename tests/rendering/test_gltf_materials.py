@@ -14,13 +14,19 @@ from twinlens.scenes.gltf_materials import PbrMaterial, Textures, material_of
 from twinlens.scenes.materials import Bitmap
 from twinlens.scenes.model_files import read_model
 from twinlens.scenes.placement import rotation
-from twinlens.scenes.scene import Mesh, SceneObject
+from twinlens.scenes.scene import Mesh, Scene, SceneObject
 
 SPACING = 200.0  # metres: no object lights another
-BALLS = [(color, metallic, roughness) for color in ((0.1, 0.1, 0.1), (0.8, 0.3, 0.05), (1.0, 1.0, 1.0))
-         for metallic, roughness in ((0.0, 0.1), (0.0, 0.5), (0.0, 1.0), (1.0, 0.2), (1.0, 1.0))]  # fmt: skip
+DARK, ORANGE, WHITE = (0.1, 0.1, 0.1), (0.8, 0.3, 0.05), (1.0, 1.0, 1.0)
+FINISHES = ((0.0, 0.1), (0.0, 0.5), (0.0, 1.0), (1.0, 0.2), (1.0, 1.0))
+BALLS = [(color, *finish) for color in (DARK, ORANGE, WHITE) for finish in FINISHES]
 PLANES = [((0.5, 0.5, 0.5), 0.0, 0.4), ((0.2, 0.4, 0.9), 1.0, 0.5), ((0.9, 0.6, 0.1), 0.5, 0.3), ((0, 0, 0), 0.0, 0.2),
           ((0.6, 0.6, 0.6), 0.2, 0.8)]  # fmt: skip
+LOOKS = [*BALLS, *PLANES]
+"""Base colour, metallic and roughness."""
+
+FACING = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+"""Turns a surface's normal, z, to -y of the world."""
 
 
 def constant(directions):
@@ -40,152 +46,108 @@ def panorama(sky, rows=128):
     return np.repeat(column[:, None], 2 * rows, axis=1).astype(np.float32)
 
 
+UPRIGHT = {"bitmap": Bitmap(panorama(gradient)), "to_world": rotation([1.0, 0, 0], 90)}
+SKIES = {
+    "constant": (constant, {"type": "constant", "radiance": 1.0}),
+    "hdri": (gradient, {"type": "envmap", **UPRIGHT}),
+}
+
+
 def pbr(color, metallic, roughness):
-    rgba = np.append(np.asarray(color, float), 1.0)
+    """Values of a header: its material is this one."""
     table = {
-        "baseColorFactor": rgba.tolist(),
+        "baseColorFactor": [*map(float, color), 1.0],
         "metallicFactor": metallic,
         "roughnessFactor": roughness,
     }
     return {"materials/0/pbrMetallicRoughness": table}
 
 
-def ball():
-    made = trimesh.creation.icosphere(subdivisions=5)
-    made.visual = square().visual.copy()
-    made.visual.uv = np.zeros((len(made.vertices), 2))
-    return made
-
-
-@pytest.fixture(scope="module")
-def gallery(tmp_path_factory):
-    """Objects and materials of all balls, then all planes, each from its own file, along x. Planes face -y."""
-    folder = tmp_path_factory.mktemp("gallery")
-    things, materials = [], {}
-    for i, look in enumerate([*BALLS, *PLANES]):
-        path = write(
-            folder / f"{i}.glb", ball() if i < len(BALLS) else square(), pbr(*look)
-        )
-        model = read_model(path, SceneContext(folder))
-        pose = np.array(
-            [[1, 0, 0, i * SPACING], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]]
-        )
-        things.append(SceneObject(f"{i}", model.mesh, tuple(model.materials), pose))
-        materials |= model.materials
-    return things, materials
-
-
-def coat_over(look, roughness):
+def coated(look, roughness):
+    """The same under a clear coat."""
     coat = {"clearcoatFactor": 1.0, "clearcoatRoughnessFactor": roughness}
     return pbr(*look) | with_extensions(clearcoat=coat)
 
 
-@pytest.fixture(scope="module")
-def coated(tmp_path_factory):
-    """Planes under a clear coat, as `gallery`; and their base, and the roughness of their coat."""
-    folder = tmp_path_factory.mktemp("coated")
-    looks = [(((0, 0, 0), 0.0, 1.0), 0.3), (((1.0, 1.0, 1.0), 0.0, 1.0), 0.05), (((0.5, 0.1, 0.1), 0.0, 0.5), 0.1),
-             (((0.8, 0.8, 0.8), 1.0, 0.4), 0.1)]  # fmt: skip
-    things, materials = [], {}
-    for i, (look, roughness) in enumerate(looks):
-        path = write(folder / f"{i}.glb", square(), coat_over(look, roughness))
-        model = read_model(path, SceneContext(folder))
-        pose = np.array(
-            [[1, 0, 0, i * SPACING], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]]
-        )
-        things.append(SceneObject(f"{i}", model.mesh, tuple(model.materials), pose))
-        materials |= model.materials
-    return looks, (things, materials)
+def ball():
+    sphere = trimesh.creation.icosphere(subdivisions=5)
+    sphere.visual = square().visual.copy()
+    sphere.visual.uv = np.zeros((len(sphere.vertices), 2))
+    return sphere
 
 
-def seen_at(gallery, light, angles_deg, spp, chosen=range(20)):
-    """The mean radiance (N, len(angles), 3) of a spot of each object, seen at these angles from its normal, -y."""
-    things, materials = gallery
-    scene = tl.Scene(
-        "gallery",
-        tuple(things[i] for i in chosen),
-        materials,
-        np.eye(4),
-        (1.0, 99.0),
-        {"sky": light},
-    )
-    poses = []
-    for i in chosen:
-        is_ball = things[i].shape.vertices.min() < -0.9
-        spot = np.array([i * SPACING, -1.0, 0.0] if is_ball else [i * SPACING, 0, 0.5])
-        poses += [
-            tl.geometry.look_at(spot + 40 * view(angle), spot) for angle in angles_deg
-        ]
-    rig = tl.Rig((tl.Camera(4, 4, 8000.0, 8000.0, 1.5, 1.5),) * len(poses), poses)
-    found = np.array(
-        [
-            image.mean(axis=(0, 1))
-            for image in tl.render(scene, rig, tl.Pinhole(), spp=spp, seed=1)
-        ]
-    )
-    return found.reshape(len(chosen), len(angles_deg), 3)
+class Gallery:
+    """Objects, each from its own file, in a row along x, that face -y."""
+
+    def __init__(self, folder, models):
+        self.objects, self.materials, self.spots = [], {}, []
+        for i, (shape, values) in enumerate(models):
+            path = write(folder / f"{i}.glb", shape, values)
+            model = read_model(path, SceneContext(folder))
+            place = np.array([i * SPACING, 0.0, 0.0])
+            pose = tl.geometry.rigid(FACING, place)
+            thing = SceneObject(f"{i}", model.mesh, tuple(model.materials), pose)
+            is_ball = model.mesh.vertices.min() < -0.9
+            self.spots.append(place + ([0, -1.0, 0] if is_ball else [0, 0, 0.5]))
+            self.objects.append(thing)
+            self.materials |= model.materials
+
+    def seen(self, light, angles_deg, chosen):
+        """The mean radiance (N, len(angles), 3) of a spot of each object, at these angles from its normal."""
+        objects = tuple(self.objects[i] for i in chosen)
+        lights = {"sky": light}
+        scene = Scene("row", objects, self.materials, np.eye(4), (1.0, 99.0), lights)
+        poses = []
+        for i in chosen:
+            for angle in angles_deg:
+                eye = self.spots[i] + 40 * towards(angle)
+                poses.append(tl.geometry.look_at(eye, self.spots[i]))
+        camera = tl.Camera(4, 4, 8000.0, 8000.0, 1.5, 1.5)
+        rig = tl.Rig([camera] * len(poses), poses)
+        images = tl.render(scene, rig, tl.Pinhole(), spp=256, seed=1)
+        means = np.mean(images, axis=(1, 2))
+        return means.reshape(len(chosen), len(angles_deg), 3)
 
 
-def view(angle_deg):
+def towards(angle_deg):
     """The direction to a camera in the plane x = 0, from below the level of its spot."""
     angle = np.radians(angle_deg)
     return np.array([0, -np.cos(angle), -np.sin(angle)])
 
 
-def expected(look, sky, angle_deg):
+def of_gltf(look, sky, angle_deg):
     """glTF's radiance on a surface whose normal is -y."""
-    world_from_local = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
     color, metallic, roughness = look
-    local = view(angle_deg) @ world_from_local
-    return reflected(
-        local,
-        lambda light: sky(light @ world_from_local.T),
-        color=color,
-        metallic=metallic,
-        roughness=roughness,
-    )
+    material = {"color": color, "metallic": metallic, "roughness": roughness}
+    view = towards(angle_deg) @ FACING
+    return reflected(view, lambda light: sky(light @ FACING.T), **material)
 
 
-SKIES = {
-    "constant": (constant, {"type": "constant", "radiance": 1.0}),
-    "hdri": (
-        gradient,
-        {
-            "type": "envmap",
-            "bitmap": Bitmap(panorama(gradient)),
-            "to_world": rotation([1.0, 0, 0], 90.0),
-        },
-    ),
-}
+@pytest.fixture(scope="module")
+def gallery(tmp_path_factory):
+    shapes = [ball()] * len(BALLS) + [square()] * len(PLANES)
+    values = [pbr(*look) for look in LOOKS]
+    models = zip(shapes, values, strict=True)
+    return Gallery(tmp_path_factory.mktemp("gallery"), models)
 
 
 ANGLES = (0.0, 45.0, 60.0)
-FEW = [BALLS.index(((0.8, 0.3, 0.05), 0.0, 0.1)), BALLS.index(((1.0, 1.0, 1.0), 0.0, 0.1)),
-       BALLS.index(((0.8, 0.3, 0.05), 1.0, 0.2)), BALLS.index(((1.0, 1.0, 1.0), 1.0, 0.2)),
-       BALLS.index(((0.8, 0.3, 0.05), 0.0, 1.0))]  # fmt: skip
+PLASTIC, METAL = (0.0, 0.1), (1.0, 0.2)
+FEW = [(ORANGE, *PLASTIC), (WHITE, *PLASTIC), (ORANGE, *METAL), (WHITE, *METAL), (ORANGE, 0.0, 1.0)]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def few(gallery):
-    return dict(
-        zip(
-            FEW,
-            seen_at(gallery, SKIES["constant"][1], ANGLES, spp=256, chosen=FEW),
-            strict=True,
-        )
-    )
+    """Radiance of some of the balls, by look."""
+    light = SKIES["constant"][1]
+    rows = gallery.seen(light, ANGLES, [BALLS.index(look) for look in FEW])
+    return dict(zip(FEW, rows, strict=True))
 
 
-def assert_that_of_gltf(found, sky):
-    for i, radiance in found.items():
-        look = [*BALLS, *PLANES][i]
-        for k, angle in enumerate(ANGLES):
-            np.testing.assert_allclose(
-                radiance[k],
-                expected(look, sky, angle),
-                rtol=0.03,
-                err_msg=f"{look} at {angle}",
-            )
+def assert_that_of_gltf(radiance_by_look, sky):
+    for look, radiance in radiance_by_look.items():
+        expected = [of_gltf(look, sky, angle) for angle in ANGLES]
+        np.testing.assert_allclose(radiance, expected, rtol=0.03, err_msg=f"{look}")
 
 
 def test_radiance_of_some_materials_is_that_of_gltf_within_3_percent(few):
@@ -196,26 +158,23 @@ def test_radiance_of_some_materials_is_that_of_gltf_within_3_percent(few):
 @pytest.mark.parametrize("sky", SKIES)
 def test_radiance_of_twenty_materials_is_that_of_gltf_within_3_percent(gallery, sky):
     radiance, light = SKIES[sky]
-    found = seen_at(gallery, light, ANGLES, spp=256)
-    assert len(found) == 20
-    assert_that_of_gltf(dict(enumerate(found)), radiance)
+    rows = gallery.seen(light, ANGLES, range(len(LOOKS)))
+    assert len(rows) == 20
+    assert_that_of_gltf(dict(zip(LOOKS, rows, strict=True)), radiance)
 
 
-def test_a_white_surface_returns_all_light(few):
-    """Of the smooth ones: rough facets lose light that a second reflection would return, in glTF too."""
-    for look in (((1.0, 1.0, 1.0), 0.0, 0.1), ((1.0, 1.0, 1.0), 1.0, 0.2)):
-        np.testing.assert_allclose(few[BALLS.index(look)][0], 1, rtol=0.01)
+def test_a_white_surface_returns_all_light_and_a_metal_its_color(few):
+    """At normal incidence. Rough facets lose light that a second reflection would return, in glTF too."""
+    np.testing.assert_allclose(few[WHITE, *PLASTIC][0], 1, rtol=0.01)
+    np.testing.assert_allclose(few[WHITE, *METAL][0], 1, rtol=0.01)
+    np.testing.assert_allclose(few[ORANGE, *METAL][0], ORANGE, rtol=0.02)
 
 
-def test_a_metal_reflects_its_color_at_normal_incidence(few):
-    for look in (((0.8, 0.3, 0.05), 1.0, 0.2), ((1.0, 1.0, 1.0), 1.0, 0.2)):
-        np.testing.assert_allclose(few[BALLS.index(look)][0], look[0], rtol=0.02)
-
-
-_GLASS = {
+GLASS = {
     "KHR_materials_transmission": {"transmissionFactor": 1.0},
     "KHR_materials_volume": {"thicknessFactor": 0.1},
 }
+COAT = {"KHR_materials_clearcoat": {"clearcoatFactor": 1.0}}
 
 
 @pytest.mark.parametrize(
@@ -225,54 +184,43 @@ _GLASS = {
         ("diffuse", 0.0, 0.9, {"doubleSided": True}),
         ("glossy", 0.0, 0.3, {}),
         ("glossy", 1.0, 0.9, {}),
-        (
-            "glossy",
-            0.0,
-            0.9,
-            {"extensions": {"KHR_materials_clearcoat": {"clearcoatFactor": 1.0}}},
-        ),
-        ("transmissive", 0.0, 0.9, {"extensions": _GLASS}),
-        ("transmissive", 0.0, 0.0, {"extensions": _GLASS}),
+        ("glossy", 0.0, 0.9, {"extensions": COAT}),
+        ("transmissive", 0.0, 0.9, {"extensions": GLASS}),
+        ("transmissive", 0.0, 0.0, {"extensions": GLASS}),
         ("transmissive", 0.0, 0.9, {"alphaMode": "BLEND"}),
     ],
 )
 def test_the_kind_of_a_material(kind, metallic, roughness, more):
     """Dielectrics as rough as matte paint are diffuse, as `principled` ones are."""
-    base = {
-        "metallicFactor": metallic,
-        "roughnessFactor": roughness,
-        "baseColorFactor": [0.5, 0.2, 0.2, 0.5],
-    }
+    color = {"baseColorFactor": [0.5, 0.2, 0.2, 0.5]}
+    base = {"metallicFactor": metallic, "roughnessFactor": roughness, **color}
     table = PbrMaterial.model_validate({"pbrMetallicRoughness": base, **more})
     material = material_of(table, Textures([], [], lambda _: b""))
-    triangle = Mesh(
-        np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]], np.uint32)
-    )
-    scene = tl.Scene(
-        "one",
-        (SceneObject("triangle", triangle, "m"),),
-        {"m": material},
-        np.eye(4),
-        (1.0, 2.0),
-    )
+    triangle = Mesh(np.eye(3), np.array([[0, 1, 2]], np.uint32))
+    objects = (SceneObject("triangle", triangle, "m"),)
+    scene = Scene("one", objects, {"m": material}, np.eye(4), (1.0, 2.0))
     assert MATERIAL_KINDS[build(scene).bodies[0].material_kind] == kind
 
 
+COATED = [  # look of the base, roughness of the coat
+    (((0, 0, 0), 0.0, 1.0), 0.3),
+    ((WHITE, 0.0, 1.0), 0.05),
+    (((0.5, 0.1, 0.1), 0.0, 0.5), 0.1),
+    (((0.8, 0.8, 0.8), 1.0, 0.4), 0.1),
+]
+
+
 @pytest.mark.slow
-def test_a_clear_coat_is_that_of_gltf_within_3_percent(coated):
+def test_a_clear_coat_is_that_of_gltf_within_3_percent(tmp_path):
     """(1 - F(n . v)) base + coat, KHR_materials_clearcoat; a black dielectric has the reflectance of a coat."""
-    looks, gallery = coated
-    found = seen_at(
-        gallery, SKIES["constant"][1], ANGLES[:2], spp=256, chosen=range(len(looks))
-    )
-    for i, (look, roughness) in enumerate(looks):
+    gallery = Gallery(tmp_path, [(square(), coated(*row)) for row in COATED])
+    rows = gallery.seen(SKIES["constant"][1], ANGLES[:2], range(len(COATED)))
+    for (look, roughness), radiance in zip(COATED, rows, strict=True):
         for k, angle in enumerate(ANGLES[:2]):
             through = 1 - 0.04 - 0.96 * (1 - np.cos(np.radians(angle))) ** 5
-            coat = expected(((0, 0, 0), 0.0, roughness), constant, angle)
-            of_gltf = through * expected(look, constant, angle) + coat
-            np.testing.assert_allclose(
-                found[i, k], of_gltf, rtol=0.03, err_msg=f"{look} at {angle}"
-            )
+            coat = of_gltf(((0, 0, 0), 0.0, roughness), constant, angle)
+            expected = through * of_gltf(look, constant, angle) + coat
+            np.testing.assert_allclose(radiance[k], expected, rtol=0.03)
 
 
 @pytest.mark.slow
@@ -280,21 +228,17 @@ def test_a_clear_coat_is_that_of_gltf_within_3_percent(coated):
 def test_a_normal_map_tilts_along_the_texture(tmp_path, signs):
     """Lambert's law with n = 0.36 du + 0.48 dv + 0.8 z; u and v run along or against x and y."""
     signs, tilt = np.array(signs), np.array([0.36, 0.48, 0.8])
-    one = square(
-        metallicFactor=0.0, normalTexture=picture(np.tile((tilt + 1) / 2, (2, 2, 1)))
-    )
+    normals = picture(np.tile((tilt + 1) / 2, (2, 2, 1)))
+    one = square(metallicFactor=0.0, normalTexture=normals)
     one.visual.uv = 0.5 + signs * (one.visual.uv - 0.5)
-    path = write(
-        tmp_path / "m.glb", one, with_extensions(specular={"specularFactor": 0.0})
-    )
-    model = read_model(path, SceneContext(tmp_path))
-    towards = np.array([0.3, 0.5, 1.0]) / np.linalg.norm([0.3, 0.5, 1.0])
-    sun = {"type": "directional", "direction": (-towards).tolist(), "irradiance": 1.0}
+    matte = with_extensions(specular={"specularFactor": 0.0})
+    model = read_model(write(tmp_path / "m.glb", one, matte), SceneContext(tmp_path))
+    to_sun = np.array([0.3, 0.5, 1.0]) / np.linalg.norm([0.3, 0.5, 1.0])
+    sun = {"type": "directional", "direction": (-to_sun).tolist(), "irradiance": 1.0}
     pose = tl.geometry.look_at([0, 0.5, 2], [0, 0.5, 0], [0, 1, 0])
-    thing = SceneObject("square", model.mesh, tuple(model.materials))
-    scene = tl.Scene("tilt", (thing,), model.materials, pose, (1.0, 3.0), {"sun": sun})
-    (image,) = tl.render(
-        scene, tl.Rig([tl.Camera.from_fov(4, 4, 10)], [pose]), spp=4, seed=0
-    )
-    expected = np.append(signs * tilt[:2], tilt[2]) @ towards / np.pi
+    objects = (SceneObject("square", model.mesh, tuple(model.materials)),)
+    scene = Scene("tilt", objects, model.materials, pose, (1.0, 3.0), {"sun": sun})
+    rig = tl.Rig([tl.Camera.from_fov(4, 4, 10)], [pose])
+    (image,) = tl.render(scene, rig, spp=4, seed=0)
+    expected = np.append(signs * tilt[:2], tilt[2]) @ to_sun / np.pi
     assert image.mean() == pytest.approx(expected, rel=0.01)  # texels have 8 bits

@@ -106,10 +106,11 @@ def test_disparity_equals_the_closed_form(answers):
     wrong_pixels = []
     for answer in answers:
         if not answer.is_pair:
+            assert np.isinf(answer["disparity"]).all()
             continue
         view, hit = answer.view, answer.body >= 0
         points = view.points(answer.pixels[hit], answer.depth[hit])
-        to_partner = answer.pixels[hit, 0] - view.partner_pixels(points)[:, 0]
+        to_partner = answer.pixels[hit, 0] - view.pixels_in(view.other, points)[:, 0]
         expected = np.full(len(hit), np.inf)
         expected[hit] = to_partner if view.index == 0 else -to_partner
         disparity = answer["disparity"].astype(float)
@@ -119,21 +120,6 @@ def test_disparity_equals_the_closed_form(answers):
     wrong_pixels = np.concatenate(wrong_pixels)
     assert len(wrong_pixels) > 100_000
     assert wrong_pixels.mean() < 1e-4
-
-
-def test_disparity_is_fx_b_over_z_less_doffs(answers):
-    """The other closed form, of the depth map alone."""
-    for answer in answers:
-        if not answer.is_pair:
-            assert np.isinf(answer["disparity"]).all()
-            continue
-        rig = answer.view.rig
-        left, right = rig.cameras
-        between = rig.world_from_cams[1][:3, 3] - rig.world_from_cams[0][:3, 3]
-        parallax = left.fx * np.linalg.norm(between) / answer["depth"]
-        expected = parallax - (right.cx - left.cx)
-        error = np.abs(answer["disparity"] - expected)
-        assert error[answer.hit].max() <= 1e-4
 
 
 def test_visibility_equals_the_closed_form(answers):
@@ -148,47 +134,11 @@ def test_visibility_equals_the_closed_form(answers):
     assert np.concatenate(wrong_pixels).mean() < 1e-4
 
 
-def test_positions_project_onto_their_own_pixels_and_at_their_disparity_into_the_partner(
-    answers,
-):
+def test_positions_project_onto_their_own_pixels(answers):
     for answer in answers:
         view, pixels = answer.view, answer.pixels[answer.hit]
-        position = answer["position"][answer.hit]
-        partner = View(view.bodies, view.rig, view.other)
-        if partner.other == view.index:
-            assert np.abs(partner.partner_pixels(position) - pixels).max() <= 1e-6
-        if not answer.is_pair:
-            continue
-        there = view.partner_pixels(position)
-        to_partner = pixels[:, 0] - there[:, 0]
-        disparity = to_partner if view.index == 0 else -to_partner
-        assert np.abs(there[:, 1] - pixels[:, 1]).max() <= 1e-6
-        assert np.abs(disparity - answer["disparity"][answer.hit]).max() <= 1e-4
-
-
-def test_both_views_agree_on_points_visible_in_both(scene, answers):
-    """The right camera's rays through the exact image points of what it should see hit the same points of the same
-    objects: no resampling on the way."""
-    random = np.random.default_rng(0)
-    for answer in answers:
-        if not answer.is_pair or answer.view.index == 1:
-            continue
-        left, rig = answer.truth, answer.view.rig
-        rows, columns = random.permutation(np.argwhere(left.visible))[:40].T
-        assert len(rows) == 40
-        u = columns - left.disparity[rows, columns].astype(float)
-        right, pose = rig.cameras[1], rig.world_from_cams[1]
-        single = [
-            Camera(1, 1, right.fx, right.fy, right.cx - a, right.cy - b)
-            for a, b in zip(u, rows, strict=True)
-        ]
-        again = tl.ground_truth(scene, Rig(single, [pose] * len(single)), objects=False)
-        ids = [truth.object_id[0, 0] for truth in again]
-        assert np.array_equal(left.object_id[rows, columns], ids)
-        points = left.position[rows, columns]
-        error = points - [truth.position[0, 0] for truth in again]
-        distance = np.linalg.norm(points - pose[:3, 3], axis=1)
-        assert (np.linalg.norm(error, axis=1) <= 3e-6 * distance).all()
+        projected = view.pixels_in(view.index, answer["position"][answer.hit])
+        assert np.abs(projected - pixels).max() <= 1e-6
 
 
 def test_normals_are_unit_face_the_camera_and_equal_the_closed_form(answers):
@@ -251,17 +201,6 @@ def test_rays_that_hit_nothing_are_unknown_in_every_field(answers):
         assert np.isfinite(answer["depth"][answer.hit]).all()
         missed += (~answer.hit & np.isinf(answer.depth)).sum()
     assert missed > 10_000
-
-
-def test_the_sky_may_have_the_disparity_at_infinity(scene, answers):
-    rig = cases.rigs()[0]
-    left, right = rig.cameras
-    skies = tl.ground_truth(scene, rig, sky_disparity=True, objects=False)
-    for plain, sky in zip(answers[:2], skies, strict=True):
-        disparity = sky.disparity.ravel()
-        assert not plain.hit.all()
-        assert np.allclose(disparity[~plain.hit], left.cx - right.cx, atol=1e-5)
-        assert np.array_equal(disparity[plain.hit], plain["disparity"][plain.hit])
 
 
 def test_arrays_have_the_documented_shapes_and_types(answers):

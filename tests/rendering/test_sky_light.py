@@ -11,50 +11,39 @@ import pytest
 import twinlens as tl
 from twinlens.errors import InputError
 from twinlens.geometry import look_at
-from twinlens.scenes import Color, Mesh, SceneObject, Sky
+from twinlens.scenes import Color, Mesh, Scene, SceneObject, Sky
 
 HEIGHT, WIDTH = 256, 512
 HALF_PIXEL = math.pi / WIDTH
 ALBEDO = 0.5
-SQUARE = Mesh(
-    np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]),
-    np.array([[0, 1, 2], [0, 2, 3]], np.uint32),
-)
+CORNERS = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+SQUARE = Mesh(CORNERS, np.array([[0, 1, 2], [0, 2, 3]], np.uint32))
 GREY = {"type": "diffuse", "reflectance": Color((ALBEDO,) * 3)}
+WHITE = np.ones((4, 8, 3), np.float32)
+GLOW = {"type": "area", "radiance": Color((7.0,) * 3)}
+ABOVE = look_at([0, 0, 2], [0, 0, 0], [0, 1, 0])
 
 
-def patch(row, column, radiance=1000.0):
-    """A black panorama with a bright patch of 8x8 pixels, and its azimuth, elevation and solid angle.
+def scene_of(*objects, pose=ABOVE):
+    return Scene("test", objects, {"grey": GREY}, pose, (0.5, 3.0))
 
-    The middle column is towards -y, the column at a quarter of the width towards +x.
+
+class Patch:
+    """A black panorama with a bright patch of 8x8 pixels.
+
+    The middle column is towards -y, the column at a quarter of the width towards +x; the sky is turned about z.
     """
-    pixels = np.zeros((HEIGHT, WIDTH, 3), np.float32)
-    pixels[row : row + 8, column : column + 8] = radiance
-    azimuth = math.pi / 2 - (column + 4) * 2 * math.pi / WIDTH
-    elevation = math.pi / 2 - (row + 4) * math.pi / HEIGHT
-    return (
-        pixels,
-        azimuth,
-        elevation,
-        128 * math.pi**2 / (HEIGHT * WIDTH) * math.cos(elevation),
-    )
 
-
-def plane(normal, **sky):
-    """A square of 2x2 m at the origin with this normal, under a sky; and a small camera 1 m in front of it."""
-    up = [0.0, 1.0, 0.0] if abs(normal[2]) > 0.9 else [0.0, 0.0, 1.0]
-    pose = look_at([0, 0, 0], normal, up)
-    scene = tl.Scene(
-        "plane",
-        (SceneObject("plane", SQUARE, "grey", pose),),
-        {"grey": GREY},
-        np.eye(4),
-        (0.5, 2.0),
-    )
-    camera = tl.Camera.from_fov(8, 8, 20)
-    return scene.lit_by(Sky(**sky)), tl.Rig(
-        [camera], [look_at(np.array(normal, float), [0, 0, 0], up)]
-    )
+    def __init__(self, row, column, turn_deg, radiance=1000.0):
+        self.pixels = np.zeros((HEIGHT, WIDTH, 3), np.float32)
+        self.pixels[row : row + 8, column : column + 8] = radiance
+        self.elevation = math.pi / 2 - (row + 4) * math.pi / HEIGHT
+        in_map = math.pi / 2 - (column + 4) * 2 * math.pi / WIDTH
+        self.azimuth = in_map + math.radians(turn_deg)
+        across = math.cos(self.elevation)
+        self.solid_angle = 128 * math.pi**2 / (HEIGHT * WIDTH) * across
+        x, y = across * math.cos(self.azimuth), across * math.sin(self.azimuth)
+        self.towards = np.array([x, y, math.sin(self.elevation)])
 
 
 @pytest.mark.parametrize(("row", "column", "turn", "normal"), [
@@ -63,21 +52,19 @@ def plane(normal, **sky):
 ])  # fmt: skip
 def test_a_patch_lights_a_diffuse_plane_by_the_cosine(row, column, turn, normal):
     """L = albedo / pi * scale * radiance * solid angle * cos(angle of incidence)."""
-    pixels, azimuth, elevation, solid_angle = patch(row, column)
-    a = azimuth + math.radians(turn)
-    towards = np.array(
-        [
-            math.cos(elevation) * math.cos(a),
-            math.cos(elevation) * math.sin(a),
-            math.sin(elevation),
-        ]
-    )
-    scene, rig = plane(normal, pixels=pixels, turn_deg=turn, scale=1.7)
+    patch = Patch(row, column, turn)
+    up = [0.0, 1.0, 0.0] if normal[2] else [0.0, 0.0, 1.0]
+    facing = look_at([0, 0, 0], normal, up)
+    plane = scene_of(SceneObject("plane", SQUARE, "grey", facing))
+    scene = plane.lit_by(Sky(patch.pixels, turn_deg=turn, scale=1.7))
+    pose = look_at(np.array(normal, float), [0, 0, 0], up)
+    rig = tl.Rig([tl.Camera.from_fov(8, 8, 20)], [pose])
     measured = tl.render(scene, rig, spp=64, seed=1)[0]
-    expected = ALBEDO / math.pi * 1.7 * 1000.0 * solid_angle * (towards @ normal)
+    cosine = patch.towards @ normal
+    expected = ALBEDO / math.pi * 1.7 * 1000.0 * patch.solid_angle * cosine
     assert expected > 0
-    tangent = math.tan(math.acos(towards @ normal))
-    bound = HALF_PIXEL * max(tangent, math.tan(elevation)) + 0.005
+    steepness = max(math.tan(math.acos(cosine)), math.tan(patch.elevation))
+    bound = HALF_PIXEL * steepness + 0.005
     assert measured.mean() == pytest.approx(expected, rel=bound)
 
 
@@ -85,50 +72,30 @@ def test_a_patch_lights_a_diffuse_plane_by_the_cosine(row, column, turn, normal)
     ("row", "column", "turn"), [(96, 240, 0.0), (120, 80, 128.0), (140, 280, -17.0)]
 )
 def test_the_camera_sees_a_patch_where_its_direction_projects(row, column, turn):
-    pixels, azimuth, elevation, _ = patch(row, column)
-    a = azimuth + math.radians(turn)
-    towards = np.array(
-        [
-            math.cos(elevation) * math.cos(a),
-            math.cos(elevation) * math.sin(a),
-            math.sin(elevation),
-        ]
-    )
-    scene, _ = plane((0, 0, 1), pixels=pixels, turn_deg=turn)
-    camera = tl.Camera.from_fov(64, 48, 70)
-    pose = look_at([0.0, 0, 50], [math.cos(a + 0.2), math.sin(a + 0.2), 50.0])
-    seen = tl.render(scene, tl.Rig([camera], [pose]), spp=64, seed=1)[0].sum(axis=-1)
+    patch = Patch(row, column, turn)
+    scene = scene_of(SceneObject("plane", SQUARE, "grey"))
+    scene = scene.lit_by(Sky(patch.pixels, turn_deg=turn))
+    camera, aside = tl.Camera.from_fov(64, 48, 70), patch.azimuth + 0.2
+    pose = look_at([0.0, 0, 50], [math.cos(aside), math.sin(aside), 50.0])
+    light = tl.render(scene, tl.Rig([camera], [pose]), spp=64, seed=1)[0].sum(axis=-1)
     rays = camera.unproject(camera.pixel_grid())
-    weight = seen * np.linalg.norm(rays, axis=-1) ** -3  # solid angle of a pixel
-    centre = np.einsum(
-        "ij,ijk->k", weight, rays / np.linalg.norm(rays, axis=-1, keepdims=True)
-    )
-    cosine = centre / np.linalg.norm(centre) @ pose[:3, :3].T @ towards
+    length = np.linalg.norm(rays, axis=-1, keepdims=True)
+    weight = light[..., None] * length**-3  # the solid angle of a pixel
+    centre = (weight * rays / length).sum(axis=(0, 1))
+    cosine = centre / np.linalg.norm(centre) @ pose[:3, :3].T @ patch.towards
     assert math.acos(min(cosine, 1.0)) < 1.1 * HALF_PIXEL
 
 
 @pytest.fixture(scope="module")
 def hidden():
     """Images and truth of a square and a lamp before a uniform sky of radiance 1 that is visible, or hidden."""
-    lamp = SceneObject(
-        "lamp",
-        Mesh(SQUARE.vertices * 0.2 + [0, 0.6, 0.1], SQUARE.faces),
-        "grey",
-        emitter={"type": "area", "radiance": Color((7.0,) * 3)},
-    )
-    board = SceneObject("board", Mesh(SQUARE.vertices * 0.5, SQUARE.faces), "grey")
-    scene = tl.Scene(
-        "open",
-        (board, lamp),
-        {"grey": GREY},
-        look_at([0, 0, 2], [0, 0, 0], [0, 1, 0]),
-        (1.0, 3.0),
-    )
-    rig = tl.Rig([tl.Camera.from_fov(48, 48, 60)], [scene.world_from_left])
-    white = np.ones((4, 8, 3), np.float32)
+    small = Mesh(CORNERS * 0.2 + [0, 0.6, 0.1], SQUARE.faces)
+    lamp = SceneObject("lamp", small, "grey", emitter=GLOW)
+    board = SceneObject("board", Mesh(CORNERS * 0.5, SQUARE.faces), "grey")
+    rig = tl.Rig([tl.Camera.from_fov(48, 48, 60)], [ABOVE])
     made = {}
     for visible in (True, False):
-        lit = scene.lit_by(Sky(white, visible=visible))
+        lit = scene_of(board, lamp).lit_by(Sky(WHITE, visible=visible))
         images = [
             tl.render(lit, rig, spp=16, seed=3, denoise=denoise)[0]
             for denoise in (False, True)
@@ -151,33 +118,29 @@ def test_a_hidden_sky_is_black_and_still_lights_the_scene(hidden):
 
 
 def test_a_hidden_sky_hides_no_lamp(hidden):
+    """The lamp reflects the sky, too."""
     (black, _), truth = hidden[False]
     lamp = truth.object_id == 2
     assert lamp.any()
-    assert np.median(black[lamp]) == pytest.approx(
-        7.0 + ALBEDO, rel=0.02
-    )  # it also reflects the sky
+    assert np.median(black[lamp]) == pytest.approx(7.0 + ALBEDO, rel=0.02)
 
 
 def test_without_lamps_the_objects_stay_and_are_dark():
-    scene, rig = plane((0, 0, 1), pixels=np.ones((4, 8, 3), np.float32))
-    glowing = SceneObject(
-        "glow", SQUARE, "grey", emitter={"type": "area", "radiance": Color((7.0,) * 3)}
-    )
-    scene = tl.Scene("glow", (glowing,), {"grey": GREY}, np.eye(4), (0.5, 2.0))
-    dark = scene.lit_by(Sky(np.ones((4, 8, 3), np.float32)), lamps=False)
+    scene = scene_of(SceneObject("glow", SQUARE, "grey", emitter=GLOW))
+    dark = scene.lit_by(Sky(WHITE), lamps=False)
     assert dark.objects[0].emitter is None
+    rig = tl.Rig([tl.Camera.from_fov(8, 8, 20)], [ABOVE])
     assert tl.render(dark, rig, spp=64)[0].mean() == pytest.approx(ALBEDO, rel=0.02)
 
 
 @pytest.mark.parametrize(("changes", "message"), [
-    ({"pixels": np.zeros((4, 8, 3))}, "some light"), ({"pixels": np.full((4, 8, 3), np.nan)}, "finite"),
-    ({"pixels": np.full((4, 8, 3), -1.0)}, ">= 0"), ({"pixels": np.ones((2, 8, 3))}, r"shape \(2, 8, 3\)"),
-    ({"scale": 0.0}, "scale"), ({"turn_deg": math.inf}, "turn_deg"),
+    ({"pixels": 0 * WHITE}, "some light"), ({"pixels": np.nan * WHITE}, "finite"), ({"pixels": -WHITE}, ">= 0"),
+    ({"pixels": np.ones((2, 8, 3))}, r"shape \(2, 8, 3\)"), ({"scale": 0.0}, "scale"),
+    ({"turn_deg": math.inf}, "turn_deg"),
 ])  # fmt: skip
 def test_an_impossible_sky_is_refused(changes, message):
     with pytest.raises(InputError, match=message):
-        Sky(**{"pixels": np.ones((4, 8, 3), np.float32), **changes})
+        Sky(**{"pixels": WHITE, **changes})
 
 
 XML = """<scene version="3.0.0">
@@ -188,27 +151,23 @@ XML = """<scene version="3.0.0">
  <emitter type="constant"><rgb name="radiance" value="9"/></emitter>
  <shape type="rectangle"><bsdf type="diffuse"><rgb name="reflectance" value="0.5"/></bsdf></shape>
 </scene>"""
+GROUP = '<shape type="shapegroup" id="g"><shape type="sphere"/></shape><shape type="instance"><ref id="g"/></shape>'
 
 
-def test_a_mitsuba_file_is_lit_by_a_sky_in_place_of_its_own(tmp_path):
-    (tmp_path / "scene.xml").write_text(XML)
-    scene = tl.load_scene(tmp_path / "scene.xml").lit_by(
-        Sky(np.full((4, 8, 3), 0.4, np.float32))
-    )
+def test_a_mitsuba_file_is_lit_by_a_sky_in_place_of_its_own_unless_it_has_instances(
+    tmp_path,
+):
+    path = tmp_path / "scene.xml"
+    path.write_text(XML)
+    scene = tl.load_scene(path)
+    lit = scene.lit_by(Sky(0.4 * WHITE))
     rig = tl.Rig([tl.Camera.from_fov(8, 8, 20)], [scene.world_from_left])
-    assert tl.render(scene, rig, spp=64)[0].mean() == pytest.approx(0.5 * 0.4, rel=0.01)
-    assert np.allclose(tl.ground_truth(scene, rig)[0].depth, 2.0)
-
-
-def test_a_mitsuba_file_with_instances_cannot_have_a_sky(tmp_path):
-    group = '<shape type="shapegroup" id="g"><shape type="sphere"/></shape><shape type="instance"><ref id="g"/></shape>'
-    (tmp_path / "scene.xml").write_text(XML.replace("</scene>", f"{group}</scene>"))
-    scene = tl.load_scene(tmp_path / "scene.xml")
-    rig = tl.Rig([tl.Camera.from_fov(8, 8, 20)], [scene.world_from_left])
+    assert tl.render(lit, rig, spp=64)[0].mean() == pytest.approx(0.5 * 0.4, rel=0.01)
+    assert np.allclose(tl.ground_truth(lit, rig)[0].depth, 2.0)
+    path.write_text(XML.replace("</scene>", f"{GROUP}</scene>"))
+    scene = tl.load_scene(path)
     tl.render(scene, rig, spp=1)
-    with pytest.raises(
-        InputError,
-        match=r"scene\.xml: has instances; a sky can light only Mitsuba files",
-    ) as caught:
-        tl.render(scene.lit_by(Sky(np.ones((4, 8, 3), np.float32))), rig, spp=1)
+    message = r"scene\.xml: has instances; a sky can light only Mitsuba files"
+    with pytest.raises(InputError, match=message) as caught:
+        tl.render(scene.lit_by(Sky(WHITE)), rig, spp=1)
     assert "\n" not in str(caught.value)

@@ -99,13 +99,12 @@ def test_panes_let_the_share_of_fresnel_through():
     rays = chief_rays()
     last = trace_surfaces(build(panes()), rays, Stop.ALL)[-1]
     expected = np.ones(len(rays))
-    for name in ("front", "back"):
-        normal = np.array(PANES[name][2]) / np.linalg.norm(PANES[name][2])
-        cosine = np.abs(rays.direction @ normal)
+    for _, _, normal in (PANES["front"], PANES["back"]):
+        cosine = np.abs(rays.direction @ np.array(normal)) / np.linalg.norm(normal)
         inside = np.cos(snell(np.sqrt(1 - cosine**2)))
-        across = ((cosine - INDEX * inside) / (cosine + INDEX * inside)) ** 2
-        along = ((INDEX * cosine - inside) / (INDEX * cosine + inside)) ** 2
-        reflectance = (across + along) / 2
+        across = (cosine - INDEX * inside) / (cosine + INDEX * inside)
+        along = (INDEX * cosine - inside) / (INDEX * cosine + inside)
+        reflectance = (across**2 + along**2) / 2
         expected *= (1 - reflectance) / (1 + reflectance)
     np.testing.assert_allclose(last.share, expected, rtol=1e-5)
 

@@ -1,31 +1,46 @@
+"""Requests that cannot be rendered are errors of one line that name the argument, its value and what is allowed."""
+
 import pytest
 
 import twinlens as tl
 from twinlens.errors import InputError
 from twinlens.rendering import render_measured
 
+NUMBERS = [("spp", 0), ("spp", 1.5), ("spp", True), ("spp", "4"), ("seed", -1), ("seed", 0.5)]  # fmt: skip
+
 
 @pytest.fixture(scope="module")
 def view():
-    scene = tl.load_scene("cards")
-    return scene, tl.Rig.stereo(
-        tl.Camera.from_fov(16, 12, 50), 0.1, scene.world_from_left
-    )
+    scene, camera = tl.load_scene("cards"), tl.Camera.from_fov(16, 12, 50)
+    return scene, tl.Rig.stereo(camera, 0.1, scene.world_from_left)
+
+
+@pytest.mark.parametrize(("name", "value"), NUMBERS)
+def test_wrong_numbers_are_named(view, name, value):
+    for render in (tl.render, render_measured):
+        options = {"lens": tl.Pinhole(), "spp": 4, "seed": 0, name: value}
+        with pytest.raises(InputError) as refusal:
+            render(*view, **options)
+        assert str(refusal.value).startswith(name)
+        assert repr(value) in str(refusal.value)
+        assert "\n" not in str(refusal.value)
 
 
 def test_arguments_of_wrong_types_are_input_errors(view):
     scene, rig = view
-    for call, words in (
-        (lambda: tl.render("cards", rig), "load_scene"),
-        (lambda: tl.ground_truth("cards", rig), "load_scene"),
-        (lambda: tl.render(scene, rig.cameras[0]), "Rig"),
-        (lambda: tl.render(scene, rig, "pinhole"), "a lens must be"),
-        (lambda: tl.render_lens_grid(scene, rig, tl.Pinhole()), "list"),
-        (lambda: tl.render(scene, rig, spp="4"), "'4'"),
-        (lambda: render_measured(scene, rig, tl.Pinhole(), "4", 0), "'4'"),
-        (lambda: render_measured(scene, rig, tl.Pinhole(), 1, 0), "spp >= 2"),
-        (lambda: render_measured(scene, rig, tl.Pinhole(), 4, -1), "seed"),
-        (lambda: render_measured(scene, rig, "pinhole", 4, 0), "a lens must be"),
-    ):
+    pinhole = tl.Pinhole()
+    for words, call, arguments in (
+        ("load_scene", tl.render, ("cards", rig)),
+        ("load_scene", tl.ground_truth, ("cards", rig)),
+        ("Rig", tl.render, (scene, rig.cameras[0])),
+        ("a lens must be", tl.render, (scene, rig, "pinhole")),
+        ("a lens must be", render_measured, (scene, rig, "pinhole", 4, 0)),
+        ("one lens, or one for each camera, got 3", tl.render, (scene, rig, [pinhole] * 3)),
+        ("list", tl.render_lens_grid, (scene, rig, pinhole)),
+        ("at least one lens", tl.render_lens_grid, (scene, rig, [])),
+        ("spp >= 2", render_measured, (scene, rig, pinhole, 1, 0)),
+    ):  # fmt: skip
         with pytest.raises(InputError, match=words):
-            call()
+            call(*arguments)
+    with pytest.raises(InputError, match="did you mean 'multijitter'"):
+        tl.render(scene, rig, sampler="multijiter")
