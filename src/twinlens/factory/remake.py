@@ -196,11 +196,6 @@ def rectified_sample(
     """
     check_known("pictures", pictures, PICTURES)
     scene = scene_of(stored.record, scene, folder, lit=pictures == "render")
-    settings = {
-        key: value
-        for key, value in stored.record["record"].items()
-        if key not in ORIGIN
-    }
     result = rectify(
         stored.rig,
         left,
@@ -218,18 +213,45 @@ def rectified_sample(
         }
     }
     if pictures == "render":
-        mismatch = Sensor.from_record(settings["sensor"]).mismatch_of(right or left)
-        settings["sensor"] = {**settings["sensor"], "mismatch": asdict(mismatch)}
-        new = {**stored.record, "record": settings, "rig": plain(result.rectified_rig)}
-        sample = remake(new, scene, progress=progress)
-        return replace(sample, record={**sample.record, **origin})
-    # Warped images have no halves of dual pixels, no radiance and no models.
+        sample = _rendered_pair(stored, scene, result, right or left, progress)
+    else:
+        sample = _warped_pair(stored, scene, result, (left, right))
+    return replace(sample, record={**sample.record, **origin})
+
+
+def _settings(stored: StoredSample) -> dict[str, Any]:
+    """The settings of a stored sample, without its origin."""
+    record = stored.record["record"]
+    return {key: value for key, value in record.items() if key not in ORIGIN}
+
+
+def _rendered_pair(
+    stored: StoredSample,
+    scene: Scene,
+    result: Rectification,
+    second: int,
+    progress: Progress | None,
+) -> Sample:
+    """The scene, rendered again through the rectified cameras. The right one differs as view `second` did."""
+    settings = _settings(stored)
+    mismatch = Sensor.from_record(settings["sensor"]).mismatch_of(second)
+    settings["sensor"] = {**settings["sensor"], "mismatch": asdict(mismatch)}
+    rig = plain(result.rectified_rig)
+    changed = {**stored.record, "record": settings, "rig": rig}
+    return remake(changed, scene, progress=progress)
+
+
+def _warped_pair(
+    stored: StoredSample, scene: Scene, result: Rectification, views: tuple[int, int]
+) -> Sample:
+    """The stored images, warped: without halves of dual pixels, radiance and models."""
+    settings = _settings(stored)
     absent = dict.fromkeys(("dual_pixel", "keep_radiance", "keep_models"), False)
     return Sample(
         result.rectified_rig,
-        _warped_shots(stored, result, (left, right)),
+        _warped_shots(stored, result, views),
         _rectified_truths(scene, result, settings["sky_disparity"]),
-        record={**settings, **absent, **origin},
+        record={**settings, **absent},
     )
 
 

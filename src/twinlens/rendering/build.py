@@ -201,25 +201,7 @@ def _build_objects(scene: Scene) -> BuiltScene:
         for i, name in enumerate(plugins)
     }
     parts: dict[str, Any] = {"type": "scene", "embree_use_robust_intersections": True}
-    bodies: dict[str, Body] = {}  # by the id of its shape or instance in the scene
-    names: list[str] = []
-    for index, scene_object in enumerate(scene.objects):
-        leaves = _leaves(scene_object, scene, materials)
-        for number, (material, surface, leaf) in enumerate(leaves):
-            body = Body(
-                object_id=len(names) + 1,  # of its first copy
-                material_id=1 + list(materials).index(material),
-                material_kind=material_kind(leaf.bsdf(), scene.materials[material]),
-                shape=leaf,
-                model=scene_object.shape,
-                surface=surface,
-                group_from_model=scene_object.world_from_object,
-            )
-            label = f"{index:04d}-{number}" if number else f"{index:04d}"
-            copies = dict(_parts(scene_object, label, leaf, parts))
-            parts |= copies
-            bodies |= _copies(body, copies, _poses(scene_object))
-        names += _copy_names(scene_object)
+    bodies, names = _bodies(scene, materials, parts)
     parts |= lights
     mi_scene = mitsuba().load_dict(parts, optimize=False)
     shapes = {shape.id(): shape for shape in mi_scene.shapes()}
@@ -239,6 +221,35 @@ def _build_objects(scene: Scene) -> BuiltScene:
         material_names=tuple(materials),
         parts=parts,
     )
+
+
+def _bodies(
+    scene: Scene, materials: dict[str, Any], parts: dict[str, Any]
+) -> tuple[dict[str, Body], list[str]]:
+    """The bodies by the id of their shape or instance in the scene, and the names of all copies of objects.
+
+    The shapes are added to `parts`, the dictionary of the scene.
+    """
+    bodies: dict[str, Body] = {}
+    names: list[str] = []
+    for index, scene_object in enumerate(scene.objects):
+        leaves = _leaves(scene_object, scene, materials)
+        for number, (material, surface, leaf) in enumerate(leaves):
+            body = Body(
+                object_id=len(names) + 1,  # of its first copy
+                material_id=1 + list(materials).index(material),
+                material_kind=material_kind(leaf.bsdf(), scene.materials[material]),
+                shape=leaf,
+                model=scene_object.shape,
+                surface=surface,
+                group_from_model=scene_object.world_from_object,
+            )
+            label = f"{index:04d}-{number}" if number else f"{index:04d}"
+            copies = dict(_parts(scene_object, label, leaf, parts))
+            parts |= copies
+            bodies |= _copies(body, copies, _poses(scene_object))
+        names += _copy_names(scene_object)
+    return bodies, names
 
 
 def _copies(body: Body, keys: Iterable[str], poses: Sequence[Float]) -> dict[str, Body]:

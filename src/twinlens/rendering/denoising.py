@@ -64,20 +64,26 @@ def denoise_image(
     stay 0.
     """
     image = _filled(image)
-    seen = image.any(axis=-1, keepdims=True) | guides.normal.any(axis=-1, keepdims=True)
+    has_light = image.any(axis=-1, keepdims=True)
+    has_surface = guides.normal.any(axis=-1, keepdims=True)
+    # Step 4, its first half: without the light of projectors that the image's own samples have.
     if guides.projected.size:
         image = image - (guides if own_guides is None else own_guides).projected
+    # Step 1. From here on the guides are those of all samples. Where a path chose at random between glass and what is
+    # behind it, its own albedo is no texture: it is replaced by that of other samples, which follow both ways.
     if own_guides is not None:
         own_guides = own_guides.replaced_where_random(guides)
         guides = guides + own_guides
         image = _with_texture_of(image, own_guides.albedo, guides.albedo)
+    # Step 2, on I / sqrt(G), and step 3, on the same scale.
     divisor = np.sqrt(np.maximum(guides.albedo, np.float32(LEAST_ALBEDO)))
     demodulated: NDArray[np.float32] = np.divide(image, divisor, dtype=np.float32)
     filtered = _filtered(demodulated, divisor, guides.normal, fast)
     denoised = _with_lost_texture(filtered, demodulated, divisor) * divisor
+    # Step 4, its second half: with the light of projectors that all samples have.
     if guides.projected.size:
         denoised = denoised + guides.projected
-    return np.where(seen, denoised, np.float32(0))
+    return np.where(has_light | has_surface, denoised, np.float32(0))
 
 
 def denoise_parts(
@@ -163,9 +169,11 @@ def _with_lost_texture(
     The noise does not depend on the texture, so that least squares find a and b. A pixel gets details of its
     surroundings' brightness: its own, from the filter, is already blurred at edges.
     """
+    # Brightness of the surroundings, relative to the pixel's own: that of details before they were blurred.
     brightness = np.maximum(filtered, np.float32(_DARK))
     relative = _blurred(filtered, _SURROUNDINGS_PX) / brightness
     surroundings = np.minimum(relative, _MOST_SURROUNDINGS)
+    # Left side of the fit, and the details of the texture at both scales: it, less its blur, relative to it.
     removed = np.divide(unfiltered - filtered, brightness, dtype=np.float32)
     removed = removed.clip(-1, 1)  # limits outliers
     fine, coarse = (

@@ -228,10 +228,10 @@ class _Seen(NamedTuple):
     visible: NDArray[np.bool_]
 
 
-def _seen_from(view: ViewHits, rig: Rig, other: int, sky: bool) -> _Seen:
-    """Where view `other` of `rig` sees the hits; with `sky`, also the points at infinity of rays without a hit."""
+def _seen_from(view: ViewHits, rig: Rig, target: int, sky: bool) -> _Seen:
+    """Where view `target` of `rig` sees the hits; with `sky`, also the points at infinity of rays without a hit."""
     first, hit = view.first, view.first.is_hit
-    camera, pose = rig.cameras[other], rig.world_from_cams[other]
+    camera, pose = rig.cameras[target], rig.world_from_cams[target]
     centre, cam_from_world = pose[:3, 3], inverse(pose)
     points = first.position[hit]
     pixels = np.full((len(hit), 2), np.inf)
@@ -266,17 +266,17 @@ def _in_partner(view: ViewHits, sky_disparity: bool) -> _Partner:
     return _Partner(_disparity(view, seen.pixels, partner, sky), seen.visible)
 
 
-def _disparity(view: ViewHits, pixels: Float, other: int, sky: bool) -> Float:
+def _disparity(view: ViewHits, pixels: Float, partner: int, sky: bool) -> Float:
     """u_left - u_right (N,) of a rectified pair in either order; +inf for others, and without `sky` where nothing is.
 
     At infinity it is -doffs.
     """
     rig, hit = view.rig, view.first.is_hit
     disparity = np.full(len(hit), np.inf)
-    if not _is_rectified(rig, view.index, other):
+    if not _is_rectified(rig, view.index, partner):
         return disparity
-    is_left = rig.is_rectified(view.index, other)
-    left, right = (view.index, other) if is_left else (other, view.index)
+    is_left = rig.is_rectified(view.index, partner)
+    left, right = (view.index, partner) if is_left else (partner, view.index)
     u = view.camera.pixel_grid()[..., 0].reshape(-1)
     difference = u[hit] - pixels[hit, 0]
     disparity[hit] = difference if is_left else -difference

@@ -79,39 +79,47 @@ class IrradianceCache:
         self, scene: Any, rays: Any, seed: int, lamps: Sequence[Any], bounces: int
     ) -> None:
         paths = _trace(scene, rays, seed, lamps)
-        on_surface = paths.met == _SURFACE
         # First surfaces are no samples: cameras choose them. Neither are last ones: nothing is known of what they face.
-        middle = on_surface[1:-1]
-        self._set_bounds(paths.position[1:-1][middle])
-
-        # The number of the box of each surface, then that of its cell: boxes that have a sample, in order.
-        places, normals = (
-            mi.Vector3f(of.reshape(-1, 3).T) for of in (paths.position, paths.normal)
-        )
-        inside, boxes = (
-            np.array(of).reshape(paths.met.shape) for of in self._box(places, normals)
-        )
-        inside &= on_surface
-        used, cells, samples = np.unique(
-            boxes[1:-1][inside[1:-1]], return_inverse=True, return_counts=True
-        )
-        count = max(len(used), 1)  # Dr.Jit does not read from empty arrays
-        cell = np.full(boxes.shape, _UNKNOWN)
-        cell[1:-1][inside[1:-1]] = cells
-        # A last surface may be in a box without samples.
-        last = np.minimum(np.searchsorted(used, boxes[-1]), count - 1)
-        if len(used):
-            cell[-1] = np.where(inside[-1] & (used[last] == boxes[-1]), last, _UNKNOWN)
-        tables = _tables(paths, cell, count, bounces)
+        is_sample = paths.met[1:-1] == _SURFACE
+        self._set_bounds(paths.position[1:-1][is_sample])
+        boxes, cell, samples = self._cells_of(paths)
+        tables = _tables(paths, cell, len(samples), bounces)
 
         # Paths look up the row of a box: 0 where too few samples know its irradiance, else 1 + its cell.
         sampled = np.flatnonzero(samples >= _LEAST_SAMPLES)
         rows = np.zeros(math.prod(self._counts) * _FACES * _LAYERS, np.uint32)
-        rows[used[sampled]] = 1 + sampled
+        rows[boxes[sampled]] = 1 + sampled
         self._rows = mi.UInt32(rows)
         self._tables = mi.Float(tables.astype(np.float32).ravel())
-        self._count = dr.opaque(mi.UInt32, count)
+        self._count = dr.opaque(mi.UInt32, len(samples))
         self._top = dr.opaque(mi.UInt32, len(tables) - 1)
+
+    def _cells_of(
+        self, paths: _Paths
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+        """Cells are the boxes that have a sample, in order: (their boxes (C,), the cell of each surface (K, N), their
+        numbers of samples (C,)).
+
+        Without any, there is one cell without samples: Dr.Jit does not read from empty arrays.
+        """
+        inside, boxes = (
+            np.array(part).reshape(paths.met.shape)
+            for part in self._box(_vectors(paths.position), _vectors(paths.normal))
+        )
+        inside &= paths.met == _SURFACE
+        is_sample = inside[1:-1]
+        used, cells, samples = np.unique(
+            boxes[1:-1][is_sample], return_inverse=True, return_counts=True
+        )
+        cell = np.full(boxes.shape, _UNKNOWN)
+        if not len(used):
+            return np.zeros(1, np.int64), cell, np.zeros(1, np.int64)
+        cell[1:-1][is_sample] = cells
+        # A last surface is in a cell too, unless its box has no samples.
+        last = np.minimum(np.searchsorted(used, boxes[-1]), len(used) - 1)
+        has_cell = inside[-1] & (used[last] == boxes[-1])
+        cell[-1] = np.where(has_cell, last, _UNKNOWN)
+        return used, cell, samples
 
     def _set_bounds(self, positions: NDArray[np.float32]) -> None:
         """Set the grid around positions (N, 3), but for the few that lie far outside, with a margin of one cell."""
@@ -164,6 +172,59 @@ class IrradianceCache:
         return is_cached, dr.gather(mi.Color3f, self._tables, row, is_cached)
 
 
+@dataclass
+class _Departure:
+    """The last surface of paths that scattered light.
+
+    point : the interaction there.
+    pdf : density, per solid angle, of the direction in which the path went on.
+    light : the irradiance there from points of lights, the first of its two estimates.
+    """
+
+    point: Any
+    pdf: Any
+    light: Any
+
+
+@dataclass
+class _Walk:
+    """Paths on the way to their next surface: the state of Dr.Jit's loop.
+
+    active : whether the path goes on.
+    ray : the path's next ray, in the world.
+    last : the last surface that scattered light; meaningless before the first one.
+    arrival : share of the light that the mirrors and glass since then let through.
+    emission : radiance of the lights that these show.
+    passed : the number of mirrors and glass since then.
+    scattered : the number of surfaces that scattered light.
+    """
+
+    active: Any
+    sampler: Any
+    ray: Any
+    last: _Departure
+    arrival: Any
+    emission: Any
+    passed: Any
+    scattered: Any
+
+
+@dataclass(frozen=True, eq=False)
+class _Met:
+    """What paths meet next: a surface that scatters light, or a mirror or glass that they pass, or neither.
+
+    si, normal : the interaction, and the geometric normal on the side where the path comes from.
+    sample, factor : the direction that the BSDF draws there, and BSDF * cosine / pdf in it: the reflectance.
+    """
+
+    si: Any
+    normal: Any
+    sample: Any
+    factor: Any
+    scatters: Any
+    passes: Any
+
+
 def _trace(scene: Any, rays: Any, seed: int, lamps: Sequence[Any]) -> _Paths:
     """Paths from `rays`, whose directions after each surface that scatters light are cosine-weighted.
 
@@ -174,118 +235,149 @@ def _trace(scene: Any, rays: Any, seed: int, lamps: Sequence[Any]) -> _Paths:
     count = dr.width(rays)
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(seed, count)
-    kinds = dr.zeros(mi.UInt32, _SURFACES * count)
-    *vectors, lit = [dr.zeros(mi.Float, 3 * _SURFACES * count) for _ in range(6)]
-    path, paths = dr.arange(mi.UInt32, count), dr.opaque(mi.UInt32, count)
+    tracer = _Tracer(scene, lamps, count)
+    start = _Walk(
+        active=mi.Bool(True),
+        sampler=sampler,
+        ray=mi.Ray3f(rays),
+        last=_Departure(dr.zeros(mi.Interaction3f), mi.Float(1.0), mi.Spectrum(0.0)),
+        arrival=mi.Spectrum(1.0),
+        emission=mi.Spectrum(0.0),
+        passed=mi.UInt32(0),
+        scattered=mi.UInt32(0),
+    )
+    dr.while_loop((start,), lambda walk: walk.active, lambda walk: (tracer.step(walk),))
+    return tracer.paths()
 
-    def step(
-        active: Any,
-        sampler: Any,
-        ray: Any,
-        last: Any,
-        arrival: Any,
-        emission: Any,
-        passed: Any,
-        k: Any,
-    ) -> tuple[Any, ...]:
-        """One surface. `passed` counts the mirrors and glass since the last one that scatters light.
 
-        `last`: the last scattering surface, the pdf of the ray's direction there, and the light sampled there.
+class _Tracer:
+    """Follows paths through a scene and keeps what they meet, in Dr.Jit arrays: row k N + n for surface k of path n."""
+
+    def __init__(self, scene: Any, lamps: Sequence[Any], count: int) -> None:
+        self.scene, self.lamps, self.count = scene, lamps, count
+        self.kinds = dr.zeros(mi.UInt32, _SURFACES * count)
+        *vectors, lit = [dr.zeros(mi.Float, 3 * _SURFACES * count) for _ in range(6)]
+        self.vectors, self.lit = vectors, lit
+        # The number of paths is opaque, so that kernels do not depend on it.
+        self.row_length = dr.opaque(mi.UInt32, count)
+        self.path = dr.arange(mi.UInt32, count)
+
+    def step(self, walk: _Walk) -> _Walk:
+        """The paths after their next surface."""
+        si = self.scene.ray_intersect(walk.ray, mi.RayFlags.All, False, walk.active)
+        emission = self._meet_light(walk, si)
+        met = _met(walk, si)
+        light = self._light_of_points(met, walk.sampler)
+        self._keep(walk, met, emission)
+        return _onward(walk, met, light, emission)
+
+    def _row(self, surface: Any) -> Any:
+        return surface * self.row_length + self.path
+
+    def _meet_light(self, walk: _Walk, si: Any) -> Any:
+        """The `emission` of the paths, with that of the light which they meet.
+
+        Light that is met after mirrors and glass belongs to what these show. Light that is met straight after a surface
+        that scatters light is the second estimate of that surface's irradiance: pi L, by the density cos(theta) / pi
+        of the direction. The sum of both estimates is kept here, where the second one is first known.
         """
-        si = scene.ray_intersect(ray, mi.RayFlags.All, False, active)
-        # Light that the path meets: after mirrors and glass it belongs to what they show, straight after a surface
-        # that scatters light it is the second estimate of that surface's irradiance.
-        shines = mi.DirectionSample3f(scene, si, last[0])
-        shown = arrival * shines.emitter.eval(si)
-        emission = emission + dr.select(active & (passed > 0), shown, 0.0)
-        follows = active & (k > 0) & (passed == 0)
-        density = scene.pdf_emitter_direction(last[0], shines, follows)
-        by_chance = math.pi * shown * mis(last[1], density)
-        dr.scatter(
-            lit, mi.Color3f(last[2] + by_chance), (k - 1) * paths + path, follows
-        )
-        # Whether the surface scatters light, or is a mirror or glass that the path passes.
-        there = active & si.is_valid()
-        bsdf, context, normal = si.bsdf(), mi.BSDFContext(), _facing(si, ray)
-        chosen, factor = bsdf.sample(
-            context, si, sampler.next_1d(), sampler.next_2d(), there
-        )
-        onwards = mi.BSDFFlags.Transmission | mi.BSDFFlags.Null
-        flags = bsdf.flags()
-        is_glass = mi.has_flag(flags, mi.BSDFFlags.Transmission) & ~mi.has_flag(
-            flags, mi.BSDFFlags.Diffuse
-        )
-        scatters = mi.has_flag(flags, mi.BSDFFlags.Smooth) & ~is_glass
-        scatters &= ~mi.has_flag(chosen.sampled_type, onwards)
-        on_surface = there & scatters
-        # The first estimate: a point of a light. Projectors can only be found so.
-        ds, light = scene.sample_emitter_direction(
-            si, sampler.next_2d(), True, on_surface
+        last = walk.last
+        shines = mi.DirectionSample3f(self.scene, si, last.point)
+        shown = walk.arrival * shines.emitter.eval(si)
+        is_behind_glass = walk.active & (walk.passed > 0)
+        emission = walk.emission + dr.select(is_behind_glass, shown, 0.0)
+        follows = walk.active & (walk.scattered > 0) & (walk.passed == 0)
+        density = self.scene.pdf_emitter_direction(last.point, shines, follows)
+        by_chance = math.pi * shown * mis(last.pdf, density)
+        irradiance = mi.Color3f(last.light + by_chance)
+        dr.scatter(self.lit, irradiance, self._row(walk.scattered - 1), follows)
+        return emission
+
+    def _light_of_points(self, met: _Met, sampler: Any) -> Any:
+        """The first estimate of the irradiance: L cos(theta) / pdf of a point of a light, weighted, and of each lamp.
+
+        Projectors, the lamps, can only be found so: their weight is 1, and each takes one shadow ray.
+        """
+        si, normal = met.si, met.normal
+        ds, light = self.scene.sample_emitter_direction(
+            si, sampler.next_2d(), True, met.scatters
         )
         cosine = dr.maximum(dr.dot(ds.d, normal), 0.0)
         weight = dr.select(ds.delta, 1.0, mis(ds.pdf, cosine / math.pi))
         irradiance = dr.select(ds.pdf != 0, light * cosine * weight, 0.0)
-        for lamp in lamps:
-            ds, light = lamp.sample_direction(si, sampler.next_2d(), on_surface)
-            dark = scene.ray_test(si.spawn_ray_to(ds.p), on_surface)
-            irradiance += dr.select(
-                dark, 0.0, light * dr.maximum(dr.dot(ds.d, normal), 0.0)
-            )
+        for lamp in self.lamps:
+            ds, light = lamp.sample_direction(si, sampler.next_2d(), met.scatters)
+            is_dark = self.scene.ray_test(si.spawn_ray_to(ds.p), met.scatters)
+            cosine = dr.maximum(dr.dot(ds.d, normal), 0.0)
+            irradiance += dr.select(is_dark, 0.0, light * cosine)
+        return irradiance
 
-        # What is kept of the surface, in the row of its number on the path.
-        after = arrival * factor
-        passes = there & ~scatters & dr.any(after != 0)
-        ends = active & ~on_surface & ~passes
-        row, met = (
-            k * paths + path,
-            dr.select(on_surface, mi.UInt32(_SURFACE), mi.UInt32(_NOTHING)),
-        )
-        dr.scatter(kinds, met, row, on_surface | ends)
-        for buffer, value in zip(
-            vectors, (si.p, normal, factor, arrival, emission), strict=True
-        ):
-            dr.scatter(buffer, mi.Color3f(value), row, on_surface | ends)
+    def _keep(self, walk: _Walk, met: _Met, emission: Any) -> None:
+        """Keep a surface that scatters light, or the path's end, in its row."""
+        ends = walk.active & ~met.scatters & ~met.passes
+        row, kept = self._row(walk.scattered), met.scatters | ends
+        kind = dr.select(met.scatters, mi.UInt32(_SURFACE), mi.UInt32(_NOTHING))
+        dr.scatter(self.kinds, kind, row, kept)
+        values = (met.si.p, met.normal, met.factor, walk.arrival, emission)
+        for buffer, value in zip(self.vectors, values, strict=True):
+            dr.scatter(buffer, mi.Color3f(value), row, kept)
 
-        # The next ray: from a surface into the hemisphere, from a mirror or glass where its BSDF sent it.
-        spread = mi.warp.square_to_cosine_hemisphere(sampler.next_2d())
-        ray = si.spawn_ray(
-            dr.select(
-                on_surface, mi.Frame3f(normal).to_world(spread), si.to_world(chosen.wo)
-            )
+    def paths(self) -> _Paths:
+        """What has been kept, as NumPy arrays."""
+        buffers = [*self.vectors, self.lit]
+        dr.eval(self.kinds, buffers)
+        shape = _SURFACES, self.count
+        arrays = (
+            np.nan_to_num(np.array(buffer)).reshape(*shape, 3) for buffer in buffers
         )
-        here = (
-            mi.Interaction3f(si),
-            mi.warp.square_to_cosine_hemisphere_pdf(spread),
-            mi.Spectrum(irradiance),
-        )
-        last = dr.select(on_surface, here, last)
-        arrival, emission = (
-            dr.select(on_surface, 1.0, after),
-            dr.select(on_surface, 0.0, emission),
-        )
-        passed, k = (
-            dr.select(on_surface, 0, passed + 1),
-            dr.select(on_surface, k + 1, k),
-        )
-        active = (on_surface & (k < _SURFACES)) | (passes & (passed < MAX_SPECULAR))
-        return active, sampler, ray, last, arrival, emission, passed, k
+        return _Paths(np.array(self.kinds).reshape(shape), *arrays)
 
-    none = dr.zeros(mi.Interaction3f), mi.Float(1.0), mi.Spectrum(0.0)
-    start = (
-        mi.Bool(True),
-        sampler,
-        mi.Ray3f(rays),
-        none,
-        mi.Spectrum(1.0),
-        mi.Spectrum(0.0),
+
+def _met(walk: _Walk, si: Any) -> _Met:
+    """What the rays of the paths hit, and whether it scatters light or is a mirror or glass that they pass.
+
+    Rough glass scatters light, but not in the directions of a hemisphere: it counts as glass, as do openings.
+    """
+    is_there = walk.active & si.is_valid()
+    bsdf = si.bsdf()
+    normal = _facing(si, walk.ray)
+    sample, factor = bsdf.sample(
+        mi.BSDFContext(), si, walk.sampler.next_1d(), walk.sampler.next_2d(), is_there
     )
-    dr.while_loop((*start, mi.UInt32(0), mi.UInt32(0)), lambda active, *_: active, step)
-    dr.eval(kinds, vectors, lit)
-    arrays = (
-        np.nan_to_num(np.array(buffer)).reshape(_SURFACES, count, 3)
-        for buffer in (*vectors, lit)
+    flags, onwards = bsdf.flags(), mi.BSDFFlags.Transmission | mi.BSDFFlags.Null
+    transmits = mi.has_flag(flags, mi.BSDFFlags.Transmission)
+    is_glass = transmits & ~mi.has_flag(flags, mi.BSDFFlags.Diffuse)
+    goes_through = mi.has_flag(sample.sampled_type, onwards)
+    scatters = mi.has_flag(flags, mi.BSDFFlags.Smooth) & ~is_glass & ~goes_through
+    passes = is_there & ~scatters & dr.any(walk.arrival * factor != 0)
+    return _Met(si, normal, sample, factor, is_there & scatters, passes)
+
+
+def _onward(walk: _Walk, met: _Met, light: Any, emission: Any) -> _Walk:
+    """The paths on their next ray: from a surface into the hemisphere, else where the BSDF sent it.
+
+    light : the first estimate of the irradiance of the surface, kept until the next ray gives the second one.
+    """
+    si, scatters = met.si, met.scatters
+    local = mi.warp.square_to_cosine_hemisphere(walk.sampler.next_2d())
+    spread = mi.Frame3f(met.normal).to_world(local)
+    ray = si.spawn_ray(dr.select(scatters, spread, si.to_world(met.sample.wo)))
+    pdf = mi.warp.square_to_cosine_hemisphere_pdf(local)
+    here = _Departure(mi.Interaction3f(si), pdf, mi.Spectrum(light))
+    passed = dr.select(scatters, 0, walk.passed + 1)
+    scattered = dr.select(scatters, walk.scattered + 1, walk.scattered)
+    goes_on = scatters & (scattered < _SURFACES)
+    passes = met.passes & (passed < MAX_SPECULAR)
+    return _Walk(
+        active=goes_on | passes,
+        sampler=walk.sampler,
+        ray=ray,
+        last=dr.select(scatters, here, walk.last),
+        arrival=dr.select(scatters, 1.0, walk.arrival * met.factor),
+        emission=dr.select(scatters, 0.0, emission),
+        passed=passed,
+        scattered=scattered,
     )
-    return _Paths(np.array(kinds).reshape(_SURFACES, count), *arrays)
 
 
 def _tables(paths: _Paths, cell: NDArray[np.int64], count: int, bounces: int) -> Float:
@@ -338,6 +430,11 @@ def mis(density: Any, density_of_other: Any) -> Any:
     square = density * density
     weight = square / (square + density_of_other * density_of_other)
     return dr.select(dr.isfinite(weight), weight, 0.0)
+
+
+def _vectors(values: NDArray[np.float32]) -> Any:
+    """Vectors (..., 3) as one Dr.Jit array."""
+    return mi.Vector3f(values.reshape(-1, 3).T)
 
 
 def _facing(si: Any, ray: Any) -> Any:

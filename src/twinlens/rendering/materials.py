@@ -393,6 +393,18 @@ def lobes(
         below = (1 - _COAT_F0 * coat) / (1 - coat * most)
         at_normal, diffuse = below * at_normal, below * diffuse
 
+    parts = _blended(diffuse, at_normal, at_grazing, roughness)
+    arrays = *parts, coat * most, _COAT_F0 / most
+    return Lobes(*(np.asarray(array, dtype=np.float32) for array in arrays))
+
+
+def _blended(
+    diffuse: Pixels, at_normal: Pixels, at_grazing: Pixels, roughness: Pixels
+) -> tuple[Pixels, ...]:
+    """(diffuse, lambert, weight, facets, schlick) of `Lobes`: a blend whose parts keep their colours below 1.
+
+    diffuse, at_normal, at_grazing : light that the surface scatters, and reflects at normal and grazing incidence.
+    """
     lambert = np.clip((roughness - _LAMBERT_FROM) / (1 - _LAMBERT_FROM), 0, 1)
     lambert = np.where(at_grazing > 0, lambert, 1)
     # Reflectance of a diffuse lobe of colour 1; Disney's is 0.976 + 0.06 roughness at normal incidence.
@@ -413,8 +425,7 @@ def lobes(
         # A metal has a diffuse lobe where schlick < 1; what it reflects is taken from the lower part.
         rest = diffuse - weight * (1 - schlick) * facets
         diffuse = np.where(weight < 1, np.maximum(rest, 0) / ((1 - weight) * unit), 0)
-    arrays = diffuse, lambert, weight, facets, schlick, coat * most, _COAT_F0 / most
-    return Lobes(*(np.asarray(array, dtype=np.float32) for array in arrays))
+    return diffuse, lambert, weight, facets, schlick
 
 
 def _gltf(maps: _Maps) -> Plugin:

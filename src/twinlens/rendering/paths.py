@@ -82,6 +82,19 @@ class PathState:
     radiance: Any
 
 
+class _Numbers(NamedTuple):
+    """Random numbers of a surface: a point on an emitter, a lobe of the BSDF, a direction in it."""
+
+    for_light: Any
+    for_lobe: Any
+    for_direction: Any
+
+    @classmethod
+    def drawn(cls, sampler: Any) -> "_Numbers":
+        """The next numbers of a sampler."""
+        return cls(sampler.next_2d(), sampler.next_1d(), sampler.next_2d())
+
+
 class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
     """Paths in a scene and the light of `lamps`, emitters that are not in the scene and that no ray can hit.
 
@@ -163,7 +176,12 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
         return end
 
     def _step(self, scene: Any, path: PathState) -> PathState:
-        """The paths after their next surface."""
+        """The paths after their next surface.
+
+        The light that leaves a surface along the ray is what it emits, and by the equation of rendering the integral of
+        BSDF * cosine * light that arrives. Of the latter, light directly from one emitter and from the lamps is added
+        here, that of the matte part comes from the cache, and the rest is what the path meets next.
+        """
         ray = mi.Ray3f(path.origin, path.direction)
         is_first = path.depth == 0
         si = scene.ray_intersect(ray, mi.RayFlags.All, is_first, path.active)
@@ -174,19 +192,11 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
         bsdf = si.bsdf(ray)
         smooth = active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
         numbers = _Numbers.drawn(path.sampler)
-
-        # The cache has the light that the matte part of the BSDF reflects; the rest of the BSDF is sampled below.
-        cached, matte = mi.Bool(False), mi.Spectrum(0.0)
+        cached, matte, irradiance = self._from_cache(
+            path, si, ray, bsdf, numbers, active
+        )
         if self.cache is not None:
-            is_diffuse = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse)
-            may_be_cached = active & path.was_diffuse & is_diffuse
-            bounces = self.max_depth - 2 - path.depth
-            cached, irradiance = self.cache.look_up(
-                si, ray, numbers.for_direction, bounces, may_be_cached
-            )
-            matte = matte_part(bsdf, si, cached)
             radiance = radiance + path.weight * matte * irradiance
-
         light, chosen, factor = _scattered(
             scene, si, bsdf, numbers, matte, active, smooth
         )
@@ -200,23 +210,33 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
         survives = mi.Float(1.0)
         if self.cache is not None:
             factor, survives = _beyond_matte(si, chosen, factor, matte, cached)
-        onward = si.spawn_ray(si.to_world(chosen.wo))
-        is_diffuse = mi.has_flag(chosen.sampled_type, mi.BSDFFlags.Diffuse)
-        path = replace(
-            path,
-            origin=onward.o,
-            direction=onward.d,
-            weight=path.weight * factor,
-            eta=path.eta * chosen.eta,
-            depth=path.depth + 1,
-            previous_point=mi.Point3f(si.p),
-            previous_pdf=chosen.pdf,
-            previous_is_delta=_is_delta(chosen),
-            was_diffuse=path.was_diffuse | is_diffuse,
-            features=features,
-            radiance=radiance,
-        )
+        onward = _onward(path, si, chosen, factor)
+        path = replace(onward, features=features, radiance=radiance)
         return self._survivors(path, active, survives)
+
+    def _from_cache(
+        self,
+        path: PathState,
+        si: Any,
+        ray: Any,
+        bsdf: Any,
+        numbers: _Numbers,
+        active: Any,
+    ) -> tuple[Any, Any, Any]:
+        """Whether the cache has the light of surfaces, the matte part of their BSDFs, and their irradiance.
+
+        Behind a diffuse reflection alone: cells would show at the first surface, and in mirrors. The path ends with a
+        light, and this surface is on it already: `max_depth` - 2 - `depth` more reflections are left.
+        """
+        if self.cache is None:
+            return mi.Bool(False), mi.Spectrum(0.0), mi.Spectrum(0.0)
+        is_diffuse = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse)
+        may_be_cached = active & path.was_diffuse & is_diffuse
+        bounces = self.max_depth - 2 - path.depth
+        cached, irradiance = self.cache.look_up(
+            si, ray, numbers.for_direction, bounces, may_be_cached
+        )
+        return cached, matte_part(bsdf, si, cached), irradiance
 
     def _from_lamps(
         self, scene: Any, bsdf: Any, si: Any, sampler: Any, active: Any, matte: Any
@@ -265,19 +285,6 @@ def _emitted(scene: Any, si: Any, path: PathState) -> Any:
     return path.weight * ds.emitter.eval(si) * share
 
 
-class _Numbers(NamedTuple):
-    """Random numbers of a surface: a point on an emitter, a lobe of the BSDF, a direction in it."""
-
-    for_light: Any
-    for_lobe: Any
-    for_direction: Any
-
-    @classmethod
-    def drawn(cls, sampler: Any) -> "_Numbers":
-        """The next numbers of a sampler."""
-        return cls(sampler.next_2d(), sampler.next_1d(), sampler.next_2d())
-
-
 def _scattered(
     scene: Any,
     si: Any,
@@ -291,16 +298,36 @@ def _scattered(
 
     The light is the radiance that leaves the surface along the ray by light of the emitter, without that of `matte`.
     """
+    # Without the test of visibility, whose shadow ray is left until it is known that the light matters.
     ds, light = scene.sample_emitter_direction(si, numbers.for_light, False, smooth)
     wo = si.to_local(ds.d)
     value, pdf, chosen, factor = bsdf.eval_pdf_sample(
         mi.BSDFContext(), si, wo, numbers.for_lobe, numbers.for_direction, active
     )
+    # The light is radiance / pdf, and `value` is BSDF * cosine. The path's own direction finds all but point lights.
     share = dr.select(ds.delta, 1.0, mis(ds.pdf, pdf))
     light = light * (value - matte * shading_cosine(si, wo)) * share
     matters = smooth & (ds.pdf != 0) & dr.any(light != 0)
     matters &= ~scene.ray_test(si.spawn_ray_to(ds.p), matters)
     return dr.select(matters, light, 0.0), chosen, factor
+
+
+def _onward(path: PathState, si: Any, chosen: Any, factor: Any) -> PathState:
+    """The path on its ray from `si` in the direction chosen there, with BSDF * cosine / pdf in its weight."""
+    ray = si.spawn_ray(si.to_world(chosen.wo))
+    is_diffuse = mi.has_flag(chosen.sampled_type, mi.BSDFFlags.Diffuse)
+    return replace(
+        path,
+        origin=ray.o,
+        direction=ray.d,
+        weight=path.weight * factor,
+        eta=path.eta * chosen.eta,
+        depth=path.depth + 1,
+        previous_point=mi.Point3f(si.p),
+        previous_pdf=chosen.pdf,
+        previous_is_delta=_is_delta(chosen),
+        was_diffuse=path.was_diffuse | is_diffuse,
+    )
 
 
 def _seen(

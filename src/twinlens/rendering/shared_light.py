@@ -411,21 +411,20 @@ def _radiance(
     """Sums of the radiance (V, H, W, 3) of a batch."""
     views = light.views
     rays = views.rays(batch)
+    place = views.split(rays, batch)
     ray = views.film_ray(rays, batch, samples, seed)
     si = scene.ray_intersect(ray, mi.RayFlags.All, True)
-    valid, bsdf = si.is_valid(), si.bsdf()
-    place = views.split(rays, batch)
-    known, reflected = _from_cells(light, si, ray, batch, place.view)
-    traced = valid & ~known
-    radiance = dr.select(known | (~valid & sky), si.emitter(scene).eval(si), 0.0)
-    radiance += dr.select(known, reflected, 0.0)
+    valid = si.is_valid()
+    has_cell, reflected = _from_cells(light, si, ray, batch, place.view)
+    traced = valid & ~has_cell
+    shows_emitter = has_cell | (~valid & sky)
+    radiance = dr.select(shows_emitter, si.emitter(scene).eval(si), 0.0)
+    radiance += dr.select(has_cell, reflected, 0.0)
     sampler = SobolSampler(samples, views.width)
     if paths.lamps:
         _seed(sampler, place, seed)
-        is_smooth = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-        smooth = known & (paths.max_depth > 1) & is_smooth
-        for lamp in paths.lamps:
-            radiance += lit_by(scene, lamp, bsdf, si, sampler.next_2d(), smooth, 0.0)
+        for from_lamp in _from_lamps(scene, paths, si, sampler, has_cell):
+            radiance += from_lamp
     dr.eval(radiance, traced)
 
     # Whole light paths for the rays that found no cell.
@@ -436,12 +435,21 @@ def _radiance(
         traced_radiance, *_ = paths.sample(scene, sampler, ray)
         for channel, values in zip(radiance, traced_radiance, strict=True):
             dr.scatter(channel, values, alone)
-    sums = [
-        np.asarray(dr.block_sum(channel, len(batch.samples)), dtype=np.float64)
-        for channel in radiance
-    ]
+    # The samples of a pixel are next to each other.
+    sums = [dr.block_sum(channel, len(batch.samples)) for channel in radiance]
     shape = len(batch.views), views.height, views.width, 3
-    return np.stack(sums, axis=-1).reshape(shape)
+    return np.stack([np.asarray(part, np.float64) for part in sums], -1).reshape(shape)
+
+
+def _from_lamps(
+    scene: Any, paths: Paths, si: Any, sampler: Any, active: Any
+) -> Iterator[Any]:
+    """The radiance that leaves surfaces along their rays by light directly from each lamp."""
+    bsdf = si.bsdf()
+    is_smooth = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+    smooth = active & (paths.max_depth > 1) & is_smooth
+    for lamp in paths.lamps:
+        yield lit_by(scene, lamp, bsdf, si, sampler.next_2d(), smooth, 0.0)
 
 
 def _from_cells(
@@ -449,19 +457,20 @@ def _from_cells(
 ) -> tuple[Any, Any]:
     """Whether cells have the light that surfaces reflect along their rays, and this radiance."""
     bsdf = si.bsdf()
-    known, cell = light.look_up(si, ray, si.is_valid())
-    known &= ~light.needs_paths(si, bsdf, known)
+    has_cell, cell = light.look_up(si, ray, si.is_valid())
+    has_cell &= ~light.needs_paths(si, bsdf, has_cell)
     is_diffuse = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse)
-    matte = matte_part(bsdf, si, known & is_diffuse)
+    matte = matte_part(bsdf, si, has_cell & is_diffuse)
+    # Two colours for each view of the batch and each cell: irradiance, and the rest of the radiance.
     colours = light.towards(batch.views)
     view_in_batch = view - dr.opaque(mi.UInt32, batch.views[0])
     place = 2 * (view_in_batch * dr.opaque(mi.UInt32, light.count) + cell)
-    irradiance = dr.gather(mi.Color3f, colours, place, known)
-    rest = dr.gather(mi.Color3f, colours, place + 1, known)
+    irradiance = dr.gather(mi.Color3f, colours, place, has_cell)
+    rest = dr.gather(mi.Color3f, colours, place + 1, has_cell)
     reflected = dr.select(matte > 0, matte * irradiance, 0.0) + rest
     # NaN: part of the texture is black, and so were all samples of the cell.
-    known &= ~dr.any(dr.isnan(reflected))
-    return known, reflected
+    has_cell &= ~dr.any(dr.isnan(reflected))
+    return has_cell, reflected
 
 
 def _seed(sampler: SobolSampler, place: Place, seed: int) -> None:

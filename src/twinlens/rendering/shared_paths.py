@@ -44,7 +44,7 @@ Shifts = NDArray[np.int32]
 Shares = Callable[[NDArray[np.float32]], Float]
 
 MAX_SAMPLES = 1 << 12  # per pixel and pass
-RAYS_PER_PASS = 3 << 23  # 300 MB of radiance; enough for 64 samples of 640x480 pixels
+PATHS_PER_PASS = 3 << 23  # 300 MB of radiance; enough for 64 samples of 640x480 pixels
 _TABLE_SIZE, _MIN_ROWS = 1 << 16, 32
 _DIMENSIONS = 16  # stratified: four bounces; later dimensions are independent
 _LIGHT, _BOUNCE = 0, 2  # of the first surface; dimension 1 chooses a lobe
@@ -77,7 +77,7 @@ class SharedPaths:
         so it is an upper bound: exact for noise, and about twice the variance where stratification works best.
         """
         film = math.prod(self.annulus.film_size(self.camera))
-        most_per_pass = min(MAX_SAMPLES, max(1, RAYS_PER_PASS // film))
+        most_per_pass = min(MAX_SAMPLES, max(1, PATHS_PER_PASS // film))
         passes = math.ceil(self.annulus.spp / most_per_pass)
         grid = stratum_grid(math.ceil(self.annulus.spp / passes))
         count = passes * math.prod(grid)
@@ -109,6 +109,7 @@ class SharedPaths:
         Positions are in [0, 1)^2, aperture points in metres. Rays are traced for the vergence k of the annulus' middle.
         In the image of vergence k', a ray through the aperture point a is that of a film point (k' - k) fx a away.
         """
+        # Places on two n x n grids, jittered: (x, y) in the pixel, (across, down) in a unit square for the aperture.
         annulus = self.annulus
         film_places = multijitter(random_cells(grid, random), grid, random)
         aperture_places = multijitter(random_cells(grid, random), grid, random)
@@ -116,6 +117,7 @@ class SharedPaths:
         x, y, across, down = ((places + random.random(places.shape)) / len(places)).T
         ax, ay = on_ring(across, down, annulus.inner**2, annulus.outer**2, NUMPY)
         points = np.stack([x, y, ax, ay], axis=-1).astype(np.float32)
+        # x + s a in pixels, with the shear s = (k' - k) (fx, fy): its whole part is the shift of the sample.
         vergence_changes = np.subtract(annulus.vergences, annulus.middle)
         shears = vergence_changes[:, None] * (self.camera.fx, self.camera.fy)
         landing = points[:, None, :2] + points[:, None, 2:] * shears
@@ -140,6 +142,7 @@ class SharedPaths:
         v = mi.Float(pixel // columns) - opaque(margin_y + 0.5) + y
         rays = RayGenerator(self.camera, self.pose)
         vergence = opaque(self.annulus.middle)
+        # From the pixel to the camera's frame, and to the world: o = (ax, ay, 0), d = (x - k ax, y - k ay, 1).
         in_camera = paraxial_ray(*rays.coordinates(u, v), ax, ay, vergence)
         ray = mi.RayDifferential3f(mi.Ray3f(*rays.in_world(*in_camera)))
         if self.sampler == "multijitter":
@@ -179,6 +182,7 @@ class SharedPaths:
         if weights is not None:
             factors = mi.Float(weights.astype(np.float32).ravel())
 
+        # In float64 and in the order of m, so that sums depend neither on threads nor on the order of rays.
         def add(m: Any, total: Any) -> tuple[Any, Any]:
             place = m * row_length + image_number
             ray = mi.UInt32(first_ray + dr.gather(mi.Int32, steps, place))
@@ -229,6 +233,7 @@ def random_cells(grid: Grid, random: np.random.Generator) -> Cells:
 
 def shuffle_within(classes: Cells, count: int, random: np.random.Generator) -> Cells:
     """Random permutations (count, n) of samples that exchange only samples of equal classes."""
+    # Sorting by class, and at random within it, gives members of a class the places that the class has.
     orders = np.empty((count, len(classes)), np.int64)
     orders[:, np.argsort(classes, kind="stable")] = np.argsort(
         classes + random.random(orders.shape), axis=1
@@ -238,6 +243,7 @@ def shuffle_within(classes: Cells, count: int, random: np.random.Generator) -> C
 
 def multijitter(cells: Cells, grid: Grid, random: np.random.Generator) -> Cells:
     """Random places (..., n, 2) on an n x n grid, within `cells` (..., n), that use every column and every row once."""
+    # Columns of cells, then rows: ranks among all samples, at random within a column or row, are places 0 .. n - 1.
     parts = np.stack([cells % grid[0], cells // grid[0]])
     ranks = np.argsort(np.argsort(parts + random.random(parts.shape)))
     return np.moveaxis(ranks, 0, -1)
@@ -295,6 +301,7 @@ def _table_of_places(
     grid: Grid, shifts: Shifts, rows: int, random: np.random.Generator
 ) -> NDArray[np.uint32]:
     """For each dimension, row and sample, the sample's place x | y << 16 on the n x n grid, flattened."""
+    # Samples with equal shifts at all vergences land together.
     n = len(shifts)
     _, together = np.unique(shifts.reshape(n, -1), axis=0, return_inverse=True)
     half = np.arange(n) >= n - n // 2

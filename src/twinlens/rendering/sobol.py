@@ -66,6 +66,8 @@ class SobolSampler(mi.Sampler):  # type: ignore[misc, name-defined]
 
     def seed_at(self, column: Any, row: Any, sample: Any, seed: Any) -> None:
         """Seed for rays that are this `sample` of the pixel in this `column` and `row`."""
+        # Bits of the column and of the row alternate in the Morton number. So pixels of a block of 2^k x 2^k have
+        # consecutive numbers, and their samples are consecutive points of the sequence.
         count = dr.opaque(mi.UInt32, self.sample_count())
         morton = _spread(column) | (_spread(row) << 1)
         place = dr.brev(morton * count + sample)
@@ -82,6 +84,7 @@ class SobolSampler(mi.Sampler):  # type: ignore[misc, name-defined]
         return _unit(dr.brev(x))
 
     def next_2d(self, active: Any = True) -> Any:
+        # Shuffling the sequence is Owen scrambling of the place itself: blocks of 2^k points stay together.
         order, for_x, for_y = self._keys()
         place = dr.brev(_scrambled(self.place.value, order))
         x = _scrambled(place, for_x)
