@@ -9,6 +9,7 @@ in Mitsuba files and with other integrators, it is a light of the scene, which i
 
 import math
 import sys
+import threading
 import warnings
 from dataclasses import dataclass, field, replace
 from types import FrameType
@@ -50,8 +51,9 @@ class _Lit:
 def lit_by_projectors(built: BuiltScene, rig: Rig, band: str) -> BuiltScene:
     """`built`, a scene in a band, with the projectors of `rig` in this band as lights, for images.
 
-    The last scene with projectors is cached. Where only patterns, powers and poses of projectors differ, it is not
-    loaded again but changed to those of `rig`. Gives a `ProjectorWarning` for smooth glass in front of a projector.
+    The last scene with projectors is cached in each thread, so that threads which render at the same time do not change
+    each other's projectors. Where only patterns, powers and poses of projectors differ, it is not loaded again but
+    changed to those of `rig`. Gives a `ProjectorWarning` for smooth glass in front of a projector.
     """
     pairs = zip(rig.projectors, rig.world_from_projectors, strict=True)
     placed = [(projector, pose) for projector, pose in pairs if projector.band == band]
@@ -63,15 +65,14 @@ def lit_by_projectors(built: BuiltScene, rig: Rig, band: str) -> BuiltScene:
         (lamp.intrinsics, lamp.filter, lamp.aperture_diameter, lamp.focus_distance)
         for lamp in shown
     ]
-    lit: _Lit | None = built.cache.get("projectors")
+    of_this_thread = built.cache.setdefault("projectors", threading.local())
+    lit: _Lit | None = getattr(of_this_thread, "lit", None)
     if lit is None or lit.kinds != kinds:
         lamps = [mi.load_dict(_plugin(projector)) for projector in shown]
         lights = list(map(_opened, lamps, shown))
-        lit = built.cache["projectors"] = _Lit(
-            kinds,
-            _with_lights(built, lights),
-            [mi.traverse(lamp) for lamp in lamps],
-        )
+        parameters = [mi.traverse(lamp) for lamp in lamps]
+        lit = _Lit(kinds, _with_lights(built, lights), parameters)
+        of_this_thread.lit = lit
     poses = [pose.tolist() for _, pose in placed]
     if lit.poses != poses:
         _warn_of_glass(built, rig, band)
@@ -124,19 +125,21 @@ def _warn_of_glass(built: BuiltScene, rig: Rig, band: str) -> None:
 def can_denoise(built: BuiltScene, rig: Rig, band: str) -> bool:
     """Whether denoised images keep the patterns of the projectors of `rig` in this band, from `lit_by_projectors`.
 
-    Gives a `ProjectorWarning` where they would not: there the projectors' light is not known apart from the scene's.
+    They do where the projectors' light is known apart from the scene's.
     """
-    if built.projected is not None or not any(
+    is_lit = any(
         projector.emitted_power and projector.band == band
         for projector in rig.projectors
-    ):
-        return True
-    message = (
+    )
+    return built.projected is not None or not is_lit
+
+
+def warn_of_noise() -> None:
+    """Give a `ProjectorWarning` that images which were to be denoised are not, as `can_denoise` says."""
+    _warn(
         "images with the light of projectors are not denoised here, as their patterns would be lost: use a"
         " scene with the integrator 'path', or more samples per pixel"
     )
-    _warn(message)
-    return False
 
 
 def _warn(message: str) -> None:

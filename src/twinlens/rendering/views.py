@@ -15,7 +15,11 @@ from twinlens.camera import Camera, Lens, Rig
 from twinlens.geometry import Float
 from twinlens.rendering.build import BuiltScene, build
 from twinlens.rendering.integrators import for_denoising
-from twinlens.rendering.projectors import can_denoise, lit_by_projectors
+from twinlens.rendering.projectors import (
+    can_denoise,
+    lit_by_projectors,
+    warn_of_noise,
+)
 from twinlens.rendering.requests import split_bands
 from twinlens.scenes import Scene
 from twinlens.seeds import derived_seed
@@ -56,6 +60,8 @@ def views_of(
     for band, scene in scenes.items():
         built = lit_by_projectors(build(scene), rig, band)
         denoised = denoise and can_denoise(built, rig, band)
+        if denoise and not denoised:
+            warn_of_noise()
         if denoised:
             cache_seed = derived_seed(seed, _CACHE_STREAM)
             built = for_denoising(built, rig, band, cache_seed)
@@ -83,6 +89,8 @@ def denoised_cameras(scene: Scene, rig: Rig) -> list[int]:
     for band, in_this_band in split_bands(scene, rig).items():
         built = lit_by_projectors(build(in_this_band), rig, band)
         keeps[band] = can_denoise(built, rig, band)
+        if not keeps[band]:
+            warn_of_noise()
     return [
         i
         for i, camera in enumerate(rig.cameras)
