@@ -324,7 +324,7 @@ def _noise_ratios(
     """Per view: noise of the light paths over noise of the sensor at the exposure of its photo, median over pixels.
 
     Both are standard deviations in electrons, over the channels and windows of 9x9 pixels. The sensor's noise is
-    that of photons, readout and rounding. A mono sensor's is that of the sum of the channels.
+    that of photons, readout and rounding. A mono sensor adds up the channels, and so do the errors with their signs.
     """
     ratios = []
     for view, photo, camera in zip(views, photos, rig.cameras, strict=True):

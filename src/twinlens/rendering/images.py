@@ -1,8 +1,8 @@
 """The image of one view: passes of samples, their mean, the denoiser, and an estimate of the noise that remains.
 
-The noise is estimated from two independent halves A and B of the samples. In raw images |A - B| / 2 estimates the
-standard deviation of the mean. A denoised image is filtered from all samples; its halves are filtered separately, at
-half the resolution, with a fast network and half of the guides' samples each. The estimate is |A - B| / 1.5: noise
+The noise is estimated from two independent halves A and B of the samples. In raw images (A - B) / 2 has the standard
+deviation of the mean. A denoised image is filtered from all samples; its halves are filtered separately, at
+half the resolution, with a fast network and half of the guides' samples each. The estimate is (A - B) / 1.5: noise
 alone would give 2 at the full resolution, and the filter's bias, which halves share, gives less. How the divisor was
 chosen: docs/decisions/denoising.md.
 """
@@ -143,7 +143,8 @@ class NoisyImage:
     """Linear radiance, float32 (H, W, 3) or (P, H, W, 3), and an estimate of the error of the whole image, (H, W, 3).
 
     The estimate is one random draw in each pixel, or in each 2x2 pixels if denoised: average its square over windows.
-    It does not contain the error of an irradiance cache.
+    It has a sign, so that it adds up over channels as the noise does, which the channels share in part: for the noise
+    of a sum of channels, average the square of its sum. It does not contain the error of an irradiance cache.
     """
 
     image: NDArray[np.float32]
@@ -180,36 +181,35 @@ class _Halves:
 
     def estimate(self) -> NoisyImage:
         """The image of all samples, and the error that the difference of the halves shows."""
-        counts = self.counts
-        fractions = light_of_parts(self.samples.parts, self.view.lens)
-        mean = (self.total.sum(axis=0) / counts.sum()).astype(np.float32)
-        whole = self.total if fractions is None else self.total.sum(axis=1)
-        a, b = (whole / counts[:, None, None, None]).astype(np.float32)
+        mean = (self.total.sum(axis=0) / self.counts.sum()).astype(np.float32)
+        first, second = self._halves_of_the_whole_aperture()
         if not self.view.denoised:
             # Var(A - B) = s^2 (1/n_A + 1/n_B) and Var(mean) = s^2 / (n_A + n_B), with s^2 that of one sample.
-            scale = math.sqrt(counts.prod()) / counts.sum()
-            return NoisyImage(mean, np.abs(a - b) * np.float32(scale))
-        more_guides, image_guides = self.more_guides, self.image_guides
-        denoised = denoise_parts(
-            mean, more_guides[0] + more_guides[1], _joined(*image_guides), fractions
-        )
-        if fractions is not None:
-            more_guides = [guides.of_parts() for guides in more_guides]
-            image_guides = [guides and guides.of_parts() for guides in image_guides]
-        halves = []
-        for half, image in enumerate((a, b)):
-            of_half = image_guides[half]
-            halves.append(
-                denoise_image(
-                    binned(image),
-                    more_guides[half].binned(),
-                    of_half and of_half.binned(),
-                    fast=True,
-                )
-            )
-        error = np.abs(halves[0] - halves[1]) / np.float32(_HALVES_PER_ERROR)
+            scale = math.sqrt(self.counts.prod()) / self.counts.sum()
+            return NoisyImage(mean, (first - second) * np.float32(scale))
+        guides = self.more_guides[0] + self.more_guides[1]
+        fractions = light_of_parts(self.samples.parts, self.view.lens)
+        image = denoise_parts(mean, guides, _joined(*self.image_guides), fractions)
+        difference = self._denoised_half(0, first) - self._denoised_half(1, second)
+        error = difference / np.float32(_HALVES_PER_ERROR)
         enlarged = error.repeat(2, axis=0).repeat(2, axis=1)
-        return NoisyImage(denoised, enlarged[: len(a), : a.shape[1]])
+        height, width = first.shape[:2]
+        return NoisyImage(image, enlarged[:height, :width])
+
+    def _halves_of_the_whole_aperture(self) -> NDArray[np.float32]:
+        """The mean of each half of the samples, (2, H, W, 3): the parts of an aperture added up."""
+        whole = self.total if self.samples.parts is None else self.total.sum(axis=1)
+        means: Float = whole / self.counts[:, None, None, None]
+        return means.astype(np.float32)
+
+    def _denoised_half(self, half: int, image: NDArray[np.float32]) -> Any:
+        """One half of the samples, at half the resolution, filtered by the fast network."""
+        more_guides, image_guides = self.more_guides[half], self.image_guides[half]
+        if self.samples.parts is not None:
+            more_guides = more_guides.of_parts()
+            image_guides = image_guides and image_guides.of_parts()
+        coarse = image_guides and image_guides.binned()
+        return denoise_image(binned(image), more_guides.binned(), coarse, fast=True)
 
 
 def measured(

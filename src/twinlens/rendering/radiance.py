@@ -138,6 +138,6 @@ def _joined(rig: Rig, images: Sequence[NoisyImage]) -> list[NoisyImage]:
             joined += of_camera
             continue
         image = views.sum_of([noisy.image for noisy in of_camera])
-        errors = np.stack([noisy.error for noisy in of_camera])
-        joined.append(NoisyImage(image, np.sqrt(np.square(errors).sum(axis=0))))
+        error = views.sum_of([noisy.error for noisy in of_camera])
+        joined.append(NoisyImage(image, error))
     return joined
