@@ -106,7 +106,7 @@ def test_images_have_the_brightness_of_mitsubas(name):
 def test_light_between_surfaces_has_less_noise():
     """In `room`, where it is 43 % of the light and most of the noise."""
     scene = tl.load_scene("room")
-    rig = Rig.stereo(CAMERA, 0.1, scene.world_from_left)
+    rig = Rig.stereo(LARGE.cameras[0], 0.1, scene.world_from_left)
     ours, theirs = (
         images(scene, rig, 16, range(4), cached, "multijitter").var(axis=0, ddof=1)
         for cached in (True, False)

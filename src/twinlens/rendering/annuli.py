@@ -1,12 +1,17 @@
 """Concentric annuli that compose a list of disk apertures: their radii, sample counts and vergences."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twinlens.camera import Camera, Paraxial
+from twinlens.geometry import Float
+
+Shares = Callable[[NDArray[np.float32]], Float]
+"""Weights (n, K) of samples in K images, from their points (n, 2) of the aperture in metres."""
 
 SHARING_COST = 1.11  # factor in samples that compensates for errors that pixels share
 

@@ -8,7 +8,7 @@ A focal stack is such a list with one aperture.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,6 +23,7 @@ from twinlens.geometry import Float
 from twinlens.optics import check_focus
 from twinlens.rendering.annuli import (
     ApertureAnnulus,
+    Shares,
     area_fraction,
     plan_annuli,
     split_vergences,
@@ -54,8 +55,6 @@ from twinlens.scenes import Scene
 from twinlens.seeds import derived_seed, seed_sequence
 
 Image = NDArray[np.float32]
-
-Shares = Callable[[NDArray[np.float32]], Float]
 
 _GRID_STREAM = 1
 

@@ -18,7 +18,7 @@ that each half is stratified by itself.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,7 +29,7 @@ from twinlens.camera import Camera
 from twinlens.camera.aperture import NUMPY, on_ring
 from twinlens.camera.lens import paraxial_ray
 from twinlens.geometry import Float
-from twinlens.rendering.annuli import ApertureAnnulus
+from twinlens.rendering.annuli import ApertureAnnulus, Shares
 from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import BuiltScene
 from twinlens.rendering.ray_generation import RayGenerator, opaque
@@ -41,7 +41,6 @@ import drjit as dr  # noqa: E402, Dr.Jit reads DRJIT_LIBLLVM_PATH when it is imp
 Cells = NDArray[np.int64]
 Grid = tuple[int, int]
 Shifts = NDArray[np.int32]
-Shares = Callable[[NDArray[np.float32]], Float]
 
 MAX_SAMPLES = 1 << 12  # per pixel and pass
 PATHS_PER_PASS = 3 << 23  # 300 MB of radiance; enough for 64 samples of 640x480 pixels
