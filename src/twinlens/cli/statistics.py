@@ -1,8 +1,9 @@
 """`twinlens statistics`: what the images of a dataset look like, beside real pairs."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -16,6 +17,7 @@ from twinlens.errors import InputError
 from twinlens.report.plots import pair_figure
 from twinlens.scoring import (
     STATISTICS,
+    Pair,
     fit_recipe,
     open_pairs,
     pair_statistics,
@@ -47,48 +49,58 @@ def command(
               twinlens statistics motorcycle --json
               twinlens statistics out --like my-pairs > like.toml
     """
-    if like is not None and len(datasets) > 1:
+    if like is not None:
+        _check_like(datasets)
+    sets = [open_pairs(datasets)] + ([open_pairs([like])] if like else [])
+    recipe: dict[str, Any] = {}
+    notes: Sequence[str] = ()
+    with progress_bar("measuring") as report:
+        measured = [_measured(pairs, report) for pairs in sets]
+        report(1.0, "recipe")
+        if like:
+            recipe, notes = fit_recipe(Dataset(datasets[0]), sets[1])
+    summaries = [summarize(list(pairs.values())) for pairs in measured]
+    if output is not None:
+        figure = pair_figure(list(measured[0].values()), output.suffix.lower()[1:])
+        write_file(output, figure)
+    if as_json:
+        record = {"pairs": measured[0], "summary": summaries[0]}
+        record["real"] = {name: s.real for name, s in STATISTICS.items()}
+        if like:
+            record["like"] = {"pairs": measured[1], "summary": summaries[1]}
+            record |= {"recipe": recipe, "notes": notes}
+        print_json(record)
+        return
+    lines = _table([len(pairs) for pairs in measured], summaries)
+    if output is not None:
+        lines.append(f"figure: {output}")
+    if not like:
+        click.echo("\n".join(lines))
+        return
+    for line in (*lines, *notes):
+        click.echo(f"# {line}")
+    click.echo(recipe_toml(recipe), nl=False)
+
+
+def _check_like(datasets: Sequence[str]) -> None:
+    """Raise errors unless --like can fit the recipe of the datasets."""
+    if len(datasets) > 1:
         raise click.UsageError("--like fits the recipe of one DATASET")
-    if like is not None and not (place(datasets[0]) / "dataset.json").is_file():
+    if not (place(datasets[0]) / "dataset.json").is_file():
         raise InputError(
             f"{datasets[0]}: has no dataset.json; --like needs a dataset of `twinlens generate`"
         )
-    sets = [open_pairs(names) for names in (datasets, *([[like]] if like else []))]
-    rows: list[dict[str, dict[str, float]]] = [{} for _ in sets]
-    with progress_bar("measuring") as report:
-        for pairs, measured in zip(sets, rows, strict=True):
-            for i, pair in enumerate(pairs):
-                report(i / len(pairs), pair.name)
-                measured[pair.name] = pair_statistics(pair)
-        report(1.0, "recipe")
-        recipe, notes = fit_recipe(Dataset(datasets[0]), sets[1]) if like else ({}, ())
-    summaries = [summarize(list(measured.values())) for measured in rows]
-    if output is not None:
-        write_file(
-            output, pair_figure(list(rows[0].values()), output.suffix.lower()[1:])
-        )
-    if as_json:
-        record = {
-            "pairs": rows[0],
-            "summary": summaries[0],
-            "real": {name: s.real for name, s in STATISTICS.items()},
-        }
-        fit = {
-            "like": {"pairs": rows[-1], "summary": summaries[-1]},
-            "recipe": recipe,
-            "notes": notes,
-        }
-        print_json(record | (fit if like else {}))
-        return
-    comment = "# " if like else ""
-    for line in _table([len(measured) for measured in rows], summaries):
-        click.echo(comment + line)
-    if output is not None:
-        click.echo(f"{comment}figure: {output}")
-    if like:
-        click.echo(
-            "".join(f"# {note}\n" for note in notes) + recipe_toml(recipe), nl=False
-        )
+
+
+def _measured(
+    pairs: Sequence[Pair], report: Callable[[float, str], None]
+) -> dict[str, dict[str, float]]:
+    """The statistics of each pair, by its name."""
+    measured = {}
+    for i, pair in enumerate(pairs):
+        report(i / len(pairs), pair.name)
+        measured[pair.name] = pair_statistics(pair)
+    return measured
 
 
 def _table(

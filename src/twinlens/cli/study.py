@@ -59,15 +59,10 @@ def command(
     from twinlens.factory.camera_text import parse_size
     from twinlens.matching import split_methods
     from twinlens.report.study_files import write_study
-    from twinlens.studies import STUDIES, find_study, run_study
+    from twinlens.studies import find_study, run_study
 
     if name == "list":
-        questions = {name: study.question for name, study in STUDIES.items()}
-        print_result(
-            as_json,
-            questions,
-            *(f"{name:<14}{question}" for name, question in questions.items()),
-        )
+        _list_studies(as_json)
         return
     with progress_bar("loading"):
         study = find_study(name)
@@ -87,3 +82,11 @@ def command(
     for support in result.findings:
         click.echo(f"{support.finding.sentence}.\n    {support.verdict}.")
     click.echo(f"page: {page.resolve().as_uri()}")
+
+
+def _list_studies(as_json: bool) -> None:
+    from twinlens.studies import STUDIES
+
+    questions = {name: study.question for name, study in STUDIES.items()}
+    lines = [f"{name:<14}{question}" for name, question in questions.items()]
+    print_result(as_json, questions, *lines)

@@ -82,30 +82,16 @@ def generate(
     where it cannot be written or another run writes there. Before anything is written, raises BackendError where no
     backend works on this machine, and InputError where all draws of the first sample are impossible.
     """
-    if limit is not None and limit < 1:
-        raise InputError(f"limit must be 1 or more, got {limit}")
-    i, n = shard
-    if not 1 <= i <= n:
-        raise InputError(f"a shard is i/n with i from 1 to n, got {i}/{n}")
+    _check_part(limit, shard)
     root, shared = place(folder), shard != (1, 1)
     tools = _checked_tools(recipe, root)
-    if i <= recipe.count:
-        check_draws(recipe, i - 1)
+    if shard[0] <= recipe.count:
+        check_draws(recipe, shard[0] - 1)
     with locked(root, shared, remedy="wait for it, or split the work with --shard"):
-        ledger = Ledger(root, recipe, tools)
-        if not shared:
-            remove_unfinished(root)
-        ledger.recover()
-        ledger.check_files()
-        if not ledger.has_file:
-            ledger.write()
+        ledger = _resumed(Ledger(root, recipe, tools), shared)
         before = len(ledger.rows)
-        todo = [index for index in ledger.missing() if index % n == i - 1][:limit]
-        try:
-            made = _run(ledger, engine, todo, report, exclusive=not shared)
-        finally:
-            if not shared:
-                remove_unfinished(root)
+        todo = [index for index in ledger.missing() if _is_in(shard, index)]
+        made = _run(ledger, engine, todo[:limit], report, exclusive=not shared)
         if shared:
             ledger.recover()
         elif not ledger.missing():
@@ -115,18 +101,40 @@ def generate(
         # Several shards may find at the same time that everything is made.
         with locked(root, wait=True):
             finish(ledger)
-    left = sum(index % n == i - 1 for index in missing)
-    failures, rejections = tuple(ledger.failures), ledger.rejections
     return Outcome(
-        recipe.count,
-        made,
-        before,
-        len(ledger.rows),
-        failures,
-        rejections,
-        not missing,
-        left,
+        count=recipe.count,
+        made=made,
+        before=before,
+        there=len(ledger.rows),
+        failures=tuple(ledger.failures),
+        rejections=ledger.rejections,
+        complete=not missing,
+        left=sum(_is_in(shard, index) for index in missing),
     )
+
+
+def _check_part(limit: int | None, shard: tuple[int, int]) -> None:
+    if limit is not None and limit < 1:
+        raise InputError(f"limit must be 1 or more, got {limit}")
+    i, n = shard
+    if not 1 <= i <= n:
+        raise InputError(f"a shard is i/n with i from 1 to n, got {i}/{n}")
+
+
+def _is_in(shard: tuple[int, int], index: int) -> bool:
+    i, n = shard
+    return index % n == i - 1
+
+
+def _resumed(ledger: Ledger, shared: bool) -> Ledger:
+    """The ledger with the samples that the folder has; a new dataset.json is begun."""
+    if not shared:
+        remove_unfinished(ledger.folder)
+    ledger.recover()
+    ledger.check_files()
+    if not ledger.has_file:
+        ledger.write()
+    return ledger
 
 
 def _checked_tools(recipe: Recipe, root: Place) -> dict[str, Any]:
@@ -153,7 +161,8 @@ def _run(
 ) -> int:
     """Make the samples `todo` with an engine and add them to the ledger; the number of samples made.
 
-    exclusive : keep dataset.json and the preview current.
+    exclusive : keep dataset.json and the preview current, and leave no unfinished sample. Runs that share the folder
+        must not, because such a sample may be another run's.
     """
     # The preview needs it. An import that an interrupt stops cannot be repeated, so it is done before the first sample.
     importlib.import_module("matplotlib")
@@ -173,6 +182,7 @@ def _run(
                     overview.write_if_due()
     finally:
         if exclusive:
+            remove_unfinished(ledger.folder)
             overview.write()
     return made
 
