@@ -4,6 +4,8 @@ A point is inside a body where the surface's winding number, the sum of solid an
 Source: van Oosterom and Strackee, The Solid Angle of a Plane Triangle, IEEE TBME 30(2), 1983.
 """
 
+import itertools
+
 import numpy as np
 from scipy.spatial import Delaunay, QhullError
 
@@ -12,15 +14,18 @@ from twinlens.geometry import transform_points
 SURROUNDINGS = {"table", "wall", "floor", "key-light", "fill-light", "sun"}
 
 
+def in_world(item):
+    """(vertices in the world, faces) of an object."""
+    mesh = item.shape
+    return transform_points(item.world_from_object, mesh.vertices), mesh.faces
+
+
 def bodies(scene):
     """name -> (vertices in the world, faces) of the bodies on the table."""
     return {
-        thing.name: (
-            transform_points(thing.world_from_object, thing.shape.vertices),
-            thing.shape.faces,
-        )
-        for thing in scene.objects
-        if thing.name not in SURROUNDINGS
+        item.name: in_world(item)
+        for item in scene.objects
+        if item.name not in SURROUNDINGS
     }
 
 
@@ -56,15 +61,18 @@ def samples(body, count):
     return points[np.linspace(0, len(points) - 1, min(count, len(points))).astype(int)]
 
 
+def pairs(scene, meet):
+    """Pairs of names of bodies for which `meet` is true."""
+    return [
+        (name, other)
+        for (name, body), (other, second) in itertools.permutations(bodies(scene).items(), 2)
+        if meet(body, second)
+    ]  # fmt: skip
+
+
 def intersecting(scene, count=400):
     """Pairs of names of bodies of which the first has points inside the second."""
-    found = bodies(scene)
-    return [
-        (one, other)
-        for one in found
-        for other in found
-        if one != other and inside(samples(found[one], count), found[other]).any()
-    ]
+    return pairs(scene, lambda body, other: inside(samples(body, count), other).any())
 
 
 def crossing(scene):
@@ -72,13 +80,12 @@ def crossing(scene):
 
     Source: Moeller and Trumbore, Fast, Minimum Storage Ray/Triangle Intersection, JGT 2(1), 1997.
     """
-    found = {name: vertices[faces] for name, (vertices, faces) in bodies(scene).items()}
-    return [
-        (one, other)
-        for one in found
-        for other in found
-        if one != other and _crosses(found[one], found[other])
-    ]
+
+    def meet(body, other):
+        (vertices, faces), (others, other_faces) = body, other
+        return _crosses(vertices[faces], others[other_faces])
+
+    return pairs(scene, meet)
 
 
 def _crosses(edged, faced):
@@ -141,21 +148,12 @@ def floating(scene, table):
 
 def table_height(scene):
     """The height of the table's top."""
-    table = next(thing for thing in scene.objects if thing.name == "table")
-    return transform_points(table.world_from_object, table.shape.vertices)[:, 2].max()
+    (table,) = (item for item in scene.objects if item.name == "table")
+    vertices, _ = in_world(table)
+    return vertices[:, 2].max()
 
 
 def camera_inside(scene):
     """Names of closed bodies that contain the camera."""
     eye = scene.world_from_left[None, :3, 3]
-    return [
-        thing.name
-        for thing in scene.objects
-        if inside(
-            eye,
-            (
-                transform_points(thing.world_from_object, thing.shape.vertices),
-                thing.shape.faces,
-            ),
-        )[0]
-    ]
+    return [item.name for item in scene.objects if inside(eye, in_world(item))[0]]

@@ -166,35 +166,30 @@ def test_a_kept_size_excludes_a_depth_range(tmp_path):
         random_scene("tabletop", 3, assets=assets, width=80, depth_range=(1.0, 4.0))
 
 
+PAINTED = {"materials": [{"name": "paint"}], "meshes/0/primitives/0/material": 0}
+
+
 def test_own_materials_do_not_depend_on_what_was_read_before(tmp_path):
     """More files than are kept in memory: one that is read twice for a scene has its materials once."""
+    box = trimesh.creation.box([0.1, 0.2, 0.3])
     for i in range(MAX_CACHED + 3):
-        write(
-            tmp_path / f"m{i}.glb", trimesh.creation.box([0.1, 0.2, 0.3]), add_material
-        )
-    before = Assets.from_folders(meshes=[tmp_path], keep_material=True, mesh_share=1.0)
-    random_scene("tabletop", 1, assets=before, width=64)
-    again = 0
-    for seed in (2, 3):
-        fresh = Assets.from_folders(
+        write(tmp_path / f"m{i}.glb", box, PAINTED)
+
+    def assets():
+        return Assets.from_folders(
             meshes=[tmp_path], keep_material=True, mesh_share=1.0
         )
-        first, second = (
-            random_scene("tabletop", seed, assets=each, width=64)
-            for each in (fresh, before)
-        )
+
+    used = assets()
+    random_scene("tabletop", 1, assets=used, width=64)
+    copies = 0
+    for seed in (2, 3):
+        first = random_scene("tabletop", seed, assets=assets(), width=64)
+        second = random_scene("tabletop", seed, assets=used, width=64)
         assert list(first.materials) == list(second.materials)
-        assert [each.material for each in first.objects] == [
-            each.material for each in second.objects
-        ]
-        own = [
-            each.material for each in first.objects if isinstance(each.material, tuple)
-        ]
-        again += len(own) - len(set(own))
-        assert not any("-2" in name for names in own for name in names)
-    assert again > 0
-
-
-def add_material(header):
-    header["materials"] = [{"name": "paint"}]
-    header["meshes"][0]["primitives"][0]["material"] = 0
+        materials = [item.material for item in first.objects]
+        assert materials == [item.material for item in second.objects]
+        of_files = [names for names in materials if isinstance(names, tuple)]
+        copies += len(of_files) - len(set(of_files))
+        assert not any("-2" in name for names in of_files for name in names)
+    assert copies > 0

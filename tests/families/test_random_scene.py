@@ -12,6 +12,7 @@ from twinlens.errors import InputError
 from twinlens.families import FAMILIES, Assets, random_scene
 from twinlens.families.composition import View, rasterize
 from twinlens.families.kinds import KINDS
+from twinlens.geometry import transform_points
 from twinlens.rendering.materials import bsdf_of
 from twinlens.scenes import Bitmap, Mesh
 
@@ -48,15 +49,14 @@ def fingerprint(scene):
 def depths(scene, objects):
     """The depth of some of a scene's objects at 4:3."""
     view = View(scene.world_from_left, scene.fov_x_deg, 4 / 3)
-    world = [
+    meshes = [
         (
-            t.shape.vertices @ t.world_from_object[:3, :3].T
-            + t.world_from_object[:3, 3],
-            t.shape.faces,
+            transform_points(item.world_from_object, item.shape.vertices),
+            item.shape.faces,
         )
-        for t in objects
+        for item in objects
     ]
-    return rasterize(view, world)
+    return rasterize(view, meshes)
 
 
 SEED_11 = {
@@ -70,18 +70,14 @@ SEED_11 = {
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_the_same_seed_gives_the_same_scene(family):
-    first, again = scene_of(family, 11), random_scene(family, 11, width=80)
+    first = scene_of(family, 11)
     numbers = fingerprint(first)
+    again = random_scene(family, np.random.SeedSequence(11), width=80)
     np.testing.assert_array_equal(numbers, fingerprint(again))
-    assert (numbers.size, numbers.mean()) == (
-        SEED_11[family][0],
-        pytest.approx(SEED_11[family][1], rel=1e-7),
-    )
-    other = scene_of(family, 5)
-    assert (
-        fingerprint(other).shape != fingerprint(first).shape
-        or (fingerprint(other) != fingerprint(first)).any()
-    )
+    size, mean = SEED_11[family]
+    assert numbers.size == size
+    assert numbers.mean() == pytest.approx(mean, rel=1e-7)
+    assert not np.array_equal(numbers, fingerprint(scene_of(family, 5)))
     assert first.name == f"{family}-11"
 
 
@@ -89,19 +85,10 @@ def test_a_seed_sequence_is_a_seed_and_is_not_changed():
     sequence = np.random.SeedSequence(5, spawn_key=(3,))
     first = random_scene("cards", sequence, width=80)
     sequence.spawn(2)
-    np.testing.assert_array_equal(
-        fingerprint(first), fingerprint(random_scene("cards", sequence, width=80))
-    )
-    assert (
-        first.name
-        != random_scene(
-            "cards", np.random.SeedSequence(5, spawn_key=(4,)), width=80
-        ).name
-    )
-    np.testing.assert_array_equal(
-        fingerprint(scene_of("cards", 5)),
-        fingerprint(random_scene("cards", np.random.SeedSequence(5), width=80)),
-    )
+    again = random_scene("cards", sequence, width=80)
+    np.testing.assert_array_equal(fingerprint(first), fingerprint(again))
+    other = random_scene("cards", np.random.SeedSequence(5, spawn_key=(4,)), width=80)
+    assert first.name != other.name
 
 
 @pytest.mark.parametrize("family", FAMILIES)
@@ -113,27 +100,26 @@ def test_the_requested_depth_range_is_that_of_the_picture(family, wanted):
     assert far == pytest.approx(wanted[1], rel=0.06)
     depth = depths(scene, scene.objects)
     visible = depth[np.isfinite(depth)]
-    np.testing.assert_allclose(
-        (visible.min(), visible.max()), scene.depth_range, rtol=1e-6
-    )
+    ends = visible.min(), visible.max()
+    np.testing.assert_allclose(ends, scene.depth_range, rtol=1e-6)
 
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_scenes_are_small_textured_meshes_with_unique_names(family):
     scene = scene_of(family, 4)
-    assert all(isinstance(thing.shape, Mesh) for thing in scene.objects)
-    assert all(
-        thing.shape.uv is not None and thing.shape.normals is not None
-        for thing in scene.objects
-    )
-    assert sum(len(thing.shape.faces) for thing in scene.objects) < 100_000
-    assert len({thing.name for thing in scene.objects}) == len(scene.objects)
+    meshes = [item.shape for item in scene.objects]
+    for mesh in meshes:
+        assert isinstance(mesh, Mesh)
+        assert mesh.uv is not None
+        assert mesh.normals is not None
+    assert sum(len(mesh.faces) for mesh in meshes) < 100_000
+    assert len({item.name for item in scene.objects}) == len(scene.objects)
     assert camera_inside(scene) == []
     for material in scene.materials.values():
-        for part in vars(material).values():
-            if isinstance(part, Bitmap):
-                assert part.pixels.dtype == np.float32
-                assert 0 <= part.pixels.min() <= part.pixels.max() <= 1
+        for value in vars(material).values():
+            if isinstance(value, Bitmap):
+                assert value.pixels.dtype == np.float32
+                assert 0 <= value.pixels.min() <= value.pixels.max() <= 1
 
 
 @pytest.mark.parametrize("family", FAMILIES)
@@ -160,17 +146,14 @@ def test_all_materials_have_the_same_form(family):
 
 @pytest.mark.parametrize("family", FAMILIES)
 @pytest.mark.parametrize(
-    "seeds",
-    [range(3), pytest.param(range(3, 200), marks=pytest.mark.slow)],
-    ids=["3", "197"],
+    "seeds", [(4, 5, 11), pytest.param(range(200), marks=pytest.mark.slow)]
 )
 def test_every_object_and_material_has_a_declared_name(family, seeds):
+    declared = FAMILIES[family].names | KINDS.keys()
     for seed in seeds:
-        scene = random_scene(family, seed, width=64, object_count=1)
-        names = {thing.name for thing in scene.objects} | scene.materials.keys()
-        assert {re.sub(r"(-\d+)+$", "", name) for name in names} <= FAMILIES[
-            family
-        ].names | KINDS.keys()
+        scene = scene_of(family, seed)
+        names = {item.name for item in scene.objects} | scene.materials.keys()
+        assert {re.sub(r"(-\d+)+$", "", name) for name in names} <= declared
 
 
 def test_a_larger_object_count_gives_more_objects():
@@ -188,25 +171,28 @@ def test_disparities_are_spread_over_the_range(family):
     filled = []
     for seed in range(6):
         scene = scene_of(family, seed)
-        depth = depths(scene, scene.objects)
-        share = (
-            1 / depth[np.isfinite(depth)] - 1 / depth[np.isfinite(depth)].max()
-        ) / np.ptp(1 / depth[np.isfinite(depth)])
-        filled.append((np.histogram(share, 3, (0, 1))[0] > 0).mean())
+        disparity = 1 / depths(scene, scene.objects)
+        visible = disparity[disparity > 0]
+        counts, _ = np.histogram(visible, 3)
+        filled.append(np.mean(counts > 0))
     assert np.mean(filled) > 0.9
 
 
 def test_added_textures_move_no_object(tmp_path):
-    Image.fromarray(
-        np.random.default_rng(0).integers(0, 255, (32, 32, 3), dtype=np.uint8)
-    ).save(tmp_path / "a.png")
+    pixels = np.random.default_rng(0).integers(0, 255, (32, 32, 3), dtype=np.uint8)
+    Image.fromarray(pixels).save(tmp_path / "a.png")
     plain = scene_of("tabletop", 5)
-    dressed = random_scene(
-        "tabletop", 5, width=80, assets=Assets.from_folders(textures=[tmp_path])
-    )
-    assert [t.name for t in plain.objects] == [t.name for t in dressed.objects]
-    for one, other in zip(plain.objects, dressed.objects, strict=True):
-        np.testing.assert_array_equal(one.world_from_object, other.world_from_object)
+    assets = Assets.from_folders(textures=[tmp_path])
+    dressed = random_scene("tabletop", 5, width=80, assets=assets)
+    assert_same_places(plain, dressed)
+
+
+def assert_same_places(one, other):
+    """Both scenes have the same objects in the same places."""
+    for first, second in zip(one.objects, other.objects, strict=True):
+        assert first.name == second.name
+        np.testing.assert_array_equal(first.world_from_object, second.world_from_object)
+        np.testing.assert_array_equal(first.shape.vertices, second.shape.vertices)
 
 
 @pytest.mark.parametrize(
@@ -234,30 +220,26 @@ def test_bad_settings_raise_one_line_errors(bad, message):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    "seed", [4, 5, 9, 16, 26]
-)  # 4: a lamp before the camera; the others: none
+# Seed 4: a lamp before the camera; the others: none.
+@pytest.mark.parametrize("seed", [4, 5, 9])
 def test_the_main_lights_of_a_room_are_not_visible(seed):
     """The ceiling lamp and a window beside the camera give more light than all visible windows and lamp shades."""
     scene = scene_of("room", seed)
     nearest = depths(scene, scene.objects)
-    shown = {
-        t.name
-        for t in scene.objects
-        if (np.isfinite(nearest) & (depths(scene, [t]) <= nearest)).any()
-    }
-    flux = {}
-    for thing in scene.objects:
-        if thing.emitter is not None:
-            a, b, c = (thing.shape.vertices[thing.shape.faces[:, i]] for i in range(3))
-            area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
-            flux[thing.name] = area * float(np.mean(thing.emitter["radiance"].rgb))
-    filling = {"ceiling-light", "side-window"} & set(flux)
-    assert not filling & shown
-    assert sum(flux[name] for name in filling) > sum(
-        flux[name] for name in set(flux) - filling
-    )
-    assert sum(flux[name] for name in filling) > 15
+    visible, flux = set(), {}
+    for item in scene.objects:
+        if item.emitter is None:
+            continue
+        a, b, c = np.moveaxis(item.shape.vertices[item.shape.faces], 1, 0)
+        area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+        flux[item.name] = area * float(np.mean(item.emitter["radiance"].rgb))
+        if (np.isfinite(nearest) & (depths(scene, [item]) <= nearest)).any():
+            visible.add(item.name)
+    main = {"ceiling-light", "side-window"} & set(flux)
+    assert not main & visible
+    light = sum(flux[name] for name in main)
+    assert light > sum(flux.values()) - light
+    assert light > 15
 
 
 @pytest.mark.parametrize("family", ["tabletop", "room", "cards"])
@@ -265,27 +247,20 @@ def test_plain_surfaces_may_be_left_out(family):
     """Where a surface was plain, its contrast is higher; all other surfaces, and all objects, are the same."""
     changed = []
     for seed in (4, 5, 11):
-        plain, textured = (
-            scene_of(family, seed),
-            random_scene(family, seed, width=80, plain_surfaces=False),
-        )
-        assert [thing.name for thing in plain.objects] == [
-            thing.name for thing in textured.objects
-        ]
+        plain = scene_of(family, seed)
+        textured = random_scene(family, seed, width=80, plain_surfaces=False)
+        assert_same_places(plain, textured)
         for one, other in zip(plain.objects, textured.objects, strict=True):
-            assert np.array_equal(one.world_from_object, other.world_from_object)
-            assert np.array_equal(one.shape.vertices, other.shape.vertices)
-            maps = [
-                scene.materials[thing.material].base_color
-                for scene, thing in ((plain, one), (textured, other))
-            ]
-            if isinstance(maps[0], Bitmap) and not np.array_equal(
-                maps[0].pixels, maps[1].pixels
-            ):
-                before, after = (
-                    np.log(each.pixels).std(axis=(0, 1)).max() for each in maps
-                )
+            before = plain.materials[one.material].base_color
+            after = textured.materials[other.material].base_color
+            if not isinstance(before, Bitmap):
+                continue
+            if not np.array_equal(before.pixels, after.pixels):
                 changed.append(one.name)
-                assert after > before, (seed, one.name)
+                assert contrast(after) > contrast(before), (seed, one.name)
     assert 2 <= len(changed) < 12
     assert all(re.search("wall|floor|table", name) for name in changed)
+
+
+def contrast(texture):
+    return np.log(texture.pixels).std(axis=(0, 1)).max()

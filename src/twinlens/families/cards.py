@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from twinlens.families import lighting
-from twinlens.families.composition import Composition
+from twinlens.families.composition import Composition, View
 from twinlens.families.draws import Rng, one_of, weighted
 from twinlens.families.furniture import board
 from twinlens.families.materials import (
@@ -33,6 +33,8 @@ from twinlens.scenes.placement import rotation, translation
 from twinlens.scenes.scene import Bitmap, Mesh
 from twinlens.scenes.stable_poses import gap, outline
 
+_TRIES = 30  # random poses of a chart before it is left out
+_NEAREST = 0.92  # metres, before scaling to the depth range
 NAMES = frozenset(
     (
         "wall",
@@ -68,27 +70,37 @@ def compose(scene: Composition) -> None:
 def _add_charts(scene: Composition, depth_ratio: float) -> None:
     """Add charts from near to far, left and right by turns; their footprints do not overlap."""
     count, view = scene.count, scene.view
+    # One step of 1/depth for each chart, from 1 m to 0.88 `depth_ratio`, at a random place within it.
     steps = (np.arange(count) + scene.rng("steps").uniform(0.1, 0.9, count)) / count
     depths = 1 / (1 + (1 / (0.88 * depth_ratio) - 1) * steps)
     taken: list[Float] = []
     for index, depth in enumerate(depths.tolist()):
         place = scene.rng("place", index)
-        name = weighted(place, list(BODIES), [0.62, 0.14, 0.12, 0.12])
+        name = weighted(place, list(BODIES), _WEIGHTS)
         size = float(place.uniform(0.26, 0.5)) * view.covered(depth)[1]
         mesh, height = BODIES[name](scene.rng("shape", index), size)
-        for attempt in range(30):
-            side = (-1) ** (index + attempt) * place.uniform(0.05, 0.95)
-            at = view.at(side, 0.0, depth) * [1, 1, 0]
-            turn_deg = np.clip(place.normal(0, 28), -60, 60)
-            pose = translation(at) @ rotation([0, 0, 1], turn_deg)
-            points = transform_points(pose, mesh.vertices)
-            footprint = outline(points[:, :2])
-            is_far = float(view.depth(points).min()) > 0.92
-            if is_far and all(gap(footprint, placed) > 0.01 for placed in taken):
-                taken.append(footprint)
-                n = texels(height, scene.pixel_at(pose[:3, 3], 0.3))
-                _add_card(scene, place, index, name, mesh, n, pose)
-                break
+        pose = _free_pose(view, place, index, depth, mesh, taken)
+        if pose is not None:
+            n = texels(height, scene.pixel_at(pose[:3, 3], 0.3))
+            _add_card(scene, place, index, name, mesh, n, pose)
+
+
+def _free_pose(
+    view: View, rng: Rng, index: int, depth: float, mesh: Mesh, taken: list[Float]
+) -> Float | None:
+    """A pose on the floor apart from the footprints that are taken, to which its own is added; None without one."""
+    for attempt in range(_TRIES):
+        side = (-1) ** (index + attempt) * rng.uniform(0.05, 0.95)
+        on_floor = view.at(side, 0.0, depth) * [1, 1, 0]
+        turn_deg = np.clip(rng.normal(0, 28), -60, 60)
+        pose = translation(on_floor) @ rotation([0, 0, 1], turn_deg)
+        points = transform_points(pose, mesh.vertices)
+        footprint = outline(points[:, :2])
+        is_far = float(view.depth(points).min()) > _NEAREST
+        if is_far and all(gap(footprint, other) > 0.01 for other in taken):
+            taken.append(footprint)
+            return pose
+    return None
 
 
 def _add_card(
@@ -115,57 +127,80 @@ def _add_card(
 
 
 def _chart(rng: Rng, size: float) -> tuple[Mesh, float]:
-    w, h, thick = size * rng.uniform(0.7, 1.3), size, 0.02 * size
-    made = board((w, thick, h), (0, 0, 0))
-    uv = np.column_stack([made.vertices[:, 0] / w + 0.5, made.vertices[:, 2] / h + 0.5])
-    lean = rotation([1, 0, 0], rng.uniform(-25, 35))
-    leaning = shapes.transformed(
-        Mesh(made.vertices, made.faces, made.normals, uv), lean
-    )
+    """A board that leans back or forward, its front covered by the whole texture, above the floor."""
+    width, thickness = size * rng.uniform(0.7, 1.3), 0.02 * size
+    made = board((width, thickness, size), (0, 0, 0))
+    u = made.vertices[:, 0] / width + 0.5
+    v = made.vertices[:, 2] / size + 0.5
+    upright = Mesh(made.vertices, made.faces, made.normals, np.column_stack([u, v]))
+    leaning = shapes.transformed(upright, rotation([1, 0, 0], rng.uniform(-25, 35)))
     rise = 0.12 * size - float(leaning.vertices[:, 2].min())
     return shapes.transformed(leaning, translation([0, 0, rise])), size
 
 
 def _foot(chart: Mesh) -> Mesh:
+    """A plate on the floor and two posts below the lower edge of a chart."""
     low, high = chart.vertices.min(axis=0), chart.vertices.max(axis=0)
-    w = high[0] - low[0]
-    edge = chart.vertices[
-        chart.vertices[:, 2] < low[2] + 0.03 * (high[2] - low[2])
-    ].mean(axis=0)
-    thick = 0.02 * w
-    posts = [
-        board((thick, thick, low[2] + 0.2 * thick), (s * 0.3 * w, edge[1], low[2] / 2))
-        for s in (-1, 1)
-    ]
-    return shapes.merged(
-        [board((0.8 * w, 0.3 * w, 0.5 * thick), (0, edge[1], 0.25 * thick)), *posts]
+    width = high[0] - low[0]
+    is_lower = chart.vertices[:, 2] < low[2] + 0.03 * (high[2] - low[2])
+    _, edge_y, _ = chart.vertices[is_lower].mean(axis=0)
+    thickness = 0.02 * width
+    sides = (0.8 * width, 0.3 * width, 0.5 * thickness)
+    plate = board(sides, (0, edge_y, 0.25 * thickness))
+    # The posts end a little above the edge, so that no gap is visible.
+    sides = (thickness, thickness, low[2] + 0.2 * thickness)
+    left, right = (
+        board(sides, (sign * 0.3 * width, edge_y, low[2] / 2)) for sign in (-1, 1)
     )
+    return shapes.merged([plate, left, right])
 
 
 def _extruded(profile: Float, width: float) -> Mesh:
     """A strip of (y, z) points, bottom to top as seen from the front, extruded along x, with sides and back."""
+    rear = profile[:, 0].max()
+    return shapes.merged(
+        [*_front(profile, width), *_flanks(profile, width, rear), _back(profile, width, rear)]
+    )  # fmt: skip
+
+
+def _left_and_right(width: float) -> Float:
+    """x of the corners of a rectangle that is seen from the front, counter-clockwise."""
+    return np.array([-width / 2, width / 2, width / 2, -width / 2])
+
+
+def _front(profile: Float, width: float) -> list[Mesh]:
+    """A quadrilateral for each pair of points; v is the share of the strip's length below."""
     steps = np.linalg.norm(np.diff(profile, axis=0), axis=1)
     length = np.concatenate([[0.0], np.cumsum(steps)])
-    x = np.array([-width / 2, width / 2, width / 2, -width / 2])
+    x = _left_and_right(width)
     parts = []
     for (a, b), (low, high) in zip(pairwise(profile), pairwise(length), strict=True):
         v = np.array([low, low, high, high]) / length[-1]
-        uv = np.column_stack([x / width + 0.5, v])
         y, z = [a[0], a[0], b[0], b[0]], [a[1], a[1], b[1], b[1]]
-        parts.append(quad(np.column_stack([x, y, z]), uv))
-    rear = profile[:, 0].max()
+        corners = np.column_stack([x, y, z])
+        parts.append(quad(corners, np.column_stack([x / width + 0.5, v])))
+    return parts
+
+
+def _flanks(profile: Float, width: float, rear: float) -> list[Mesh]:
+    """Both sides, in slices between each pair of points and the rear."""
+    parts = []
     for side, faces in ((-1.0, QUAD[:, ::-1]), (1.0, QUAD)):
+        normals = np.tile([side, 0.0, 0.0], (4, 1))
         for a, b in pairwise(profile):
             yz = np.array([a, [rear, a[1]], [rear, b[1]], b])
             corners = np.column_stack([np.full(4, side * width / 2), yz])
-            normals = np.tile([side, 0.0, 0.0], (4, 1))
             uv = (yz - profile.min(axis=0)) / width
             parts.append(Mesh(corners, faces, normals, uv))
-    back = np.column_stack([x, np.full(4, rear), profile[[0, 0, -1, -1], 1]])
+    return parts
+
+
+def _back(profile: Float, width: float, rear: float) -> Mesh:
+    z = profile[[0, 0, -1, -1], 1]
+    corners = np.column_stack([_left_and_right(width), np.full(4, rear), z])
     normals = np.tile([0.0, 1.0, 0.0], (4, 1))
-    backwards = np.array([[0, 2, 1], [0, 3, 2]], dtype=np.uint32)
-    parts.append(Mesh(back, backwards, normals, np.zeros((4, 2))))
-    return shapes.merged(parts)
+    faces = np.array([[0, 2, 1], [0, 3, 2]], dtype=np.uint32)
+    return Mesh(corners, faces, normals, np.zeros((4, 2)))
 
 
 def _steps(rng: Rng, size: float) -> tuple[Mesh, float]:
@@ -174,6 +209,7 @@ def _steps(rng: Rng, size: float) -> tuple[Mesh, float]:
     corners = [(i * run, j * rise) for i in range(count) for j in (i, i + 1)]
     profile = np.array([*corners, (count * run, count * rise)])
     centred = profile - [0.5 * count * run, 0]
+    # The texture covers the height and the depth of the stairs.
     return _extruded(centred, size * rng.uniform(0.7, 1.1)), size * 1.6
 
 
@@ -184,18 +220,19 @@ def _wedge(rng: Rng, size: float) -> tuple[Mesh, float]:
 
 
 def _wave(rng: Rng, size: float) -> tuple[Mesh, float]:
-    count, deep = int(rng.integers(2, 6)), size * rng.uniform(0.04, 0.1)
+    """An upright sine wave: extruded along x, then turned so that its texture stands."""
+    count, amplitude = int(rng.integers(2, 6)), size * rng.uniform(0.04, 0.1)
     t = np.linspace(0, 1, 16 * count + 1)
-    width = size * rng.uniform(1.0, 1.5)
-    profile = np.column_stack([deep * np.sin(2 * np.pi * count * t), (t - 0.5) * width])
-    upright = shapes.transformed(
-        _extruded(profile, 0.85 * size), rotation([0, 1, 0], 90.0)
-    )
+    width, height = size * rng.uniform(1.0, 1.5), 0.85 * size
+    y = amplitude * np.sin(2 * np.pi * count * t)
+    lying = _extruded(np.column_stack([y, (t - 0.5) * width]), height)
+    upright = shapes.transformed(lying, rotation([0, 1, 0], 90.0))
     return shapes.transformed(upright, translation([0, 0, 0.425 * size])), size
 
 
 BODIES = {"chart": _chart, "steps": _steps, "wedge": _wedge, "wave": _wave}
 """Functions of a random stream and a size that make a mesh and the height of its whole texture in metres."""
+_WEIGHTS = (0.62, 0.14, 0.12, 0.12)  # of the bodies in draws
 
 
 def _add_surroundings(scene: Composition, depth_ratio: float) -> None:
@@ -213,16 +250,17 @@ def _add_surroundings(scene: Composition, depth_ratio: float) -> None:
         floor = Sheet(corner, across, np.array([0.0, 1.6 * distance + 0.2, 0.0]))
         return floor, wall
 
-    far = scene.visible_range([sheets(depth_ratio)[0].mesh()])[0] * depth_ratio
-    distance = scene.backdrop_distance(
-        lambda d: [sheet.mesh() for sheet in sheets(d)], far, far
-    )
+    def meshes(distance: float) -> list[Mesh]:
+        return [sheet.mesh() for sheet in sheets(distance)]
+
+    floor, _ = sheets(depth_ratio)
+    near, _ = scene.visible_range([floor.mesh()])
+    far = near * depth_ratio
+    distance = scene.backdrop_distance(meshes, far, far)
     floor, wall = sheets(distance)
-    for name, sheet, kinds, contrast in (
-        ("floor", floor, FLOORS, 0.55),
-        ("wall", wall, WALLS, 0.4),
-    ):
-        kind, tile = surface_pattern(rng, kinds, scene.plain_surfaces)
+    parts = (("floor", floor, FLOORS, 0.55), ("wall", wall, WALLS, 0.4))
+    for name, sheet, patterns, contrast in parts:
+        kind, tile = surface_pattern(rng, patterns, scene.plain_surfaces)
         colors = wall_colors(scene.rng(name, "colours"), scene.palette, contrast)
         tile *= 0.3 * view.covered(distance)[0]
         look = surface(scene, scene.rng(name), sheet, kind, colors, tile)

@@ -6,6 +6,7 @@ pixel there, so no visible detail is finer than two pixels. Source: Williams, Py
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ from twinlens.scenes.textures import Image
 
 Mask = NDArray[np.bool_]
 _MAX_TEXELS = 2048
+_BLOCK = 4  # texels, rows and columns, that share a value outside the picture
 _BEYOND = 1.4  # half widths of the picture: what the right camera may see of a surface
 _MIN_COSINE = 0.25  # views at a smaller one are filtered like this one
 _SQUARE = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
@@ -51,22 +53,20 @@ class Sheet:
         if thickness == 0:
             return Mesh(corners, QUAD, np.tile(self.normal, (4, 1)), _SQUARE)
         behind = corners - thickness * self.normal
-        sides = [
-            quad(
-                np.stack([corners[i], behind[i], behind[i - 3], corners[i - 3]]),
-                _SQUARE[[i, i, i - 3, i - 3]],
-            )
-            for i in range(4)
-        ]
-        return shapes.merged(
-            [quad(corners, _SQUARE), quad(behind[::-1], _SQUARE[::-1]), *sides]
-        )
+        sides = []
+        for i in range(4):
+            # From corner i to the next one, which is number i - 3.
+            edge = [corners[i], behind[i], behind[i - 3], corners[i - 3]]
+            sides.append(quad(np.stack(edge), _SQUARE[[i, i, i - 3, i - 3]]))
+        front, back = quad(corners, _SQUARE), quad(behind[::-1], _SQUARE[::-1])
+        return shapes.merged([front, back, *sides])
 
 
 def quad(corners: Float, uv: Float) -> Mesh:
     """A flat quadrilateral of corners (4, 3), counter-clockwise as seen from its front."""
     normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
-    return Mesh(corners, QUAD, np.tile(normal / np.linalg.norm(normal), (4, 1)), uv)
+    unit = normal / np.linalg.norm(normal)
+    return Mesh(corners, QUAD, np.tile(unit, (4, 1)), uv)
 
 
 def surface(
@@ -79,26 +79,34 @@ def surface(
     finish: str = "matte",
 ) -> Material:
     """The material of a sheet: a pattern that repeats every `tile` metres, filtered for the scene's view."""
-    view = scene.view
-    depth, inside = _project(
-        sheet, view, np.linspace(0.02, 0.98, 25), np.linspace(0.02, 0.98, 25)
-    )
-    chosen = depth[inside] if inside.any() else depth[depth > 0]
-    near = max(view.pixel(float(chosen.min()) if chosen.size else 1.0), 1e-6)
+    near = _nearest_pixel(sheet, scene.view)
     if name == "cloudy":
+        # Clouds of a wall are faint: the other colours are mixed with the first one.
         colors = np.vstack([colors[:1], 0.55 * colors[:1] + 0.45 * colors[1:]])
     image = pattern(name, texels(tile, near, 1024), rng, colors, tile)
-    baked = bake(image, tile, sheet, view)
-    slow = textures.fractal_noise(
-        baked.shape[1], baked.shape[0], (2, 2), texture_seed(rng), 2, contrast=0.5
-    )
-    wear = np.float32(0.05 if name == "plain" else 0.3)
-    baked = np.clip(
-        baked * (1 + wear * (slow - np.float32(0.5)))[..., None], 0.005, 0.88
-    )
-    return material(
-        rng, "fabric" if name in _CLOTH else finish, Bitmap(baked, wrap="clamp")
-    )
+    baked = bake(image, tile, sheet, scene.view)
+
+    # Wear: noise that is slow over the whole surface, faint on plain paint.
+    height, width = baked.shape[:2]
+    seed = texture_seed(rng)
+    slow = textures.fractal_noise(width, height, (2, 2), seed, 2, contrast=0.5)
+    strength = np.float32(0.05 if name == "plain" else 0.3)
+    wear = 1 + strength * (slow - np.float32(0.5))
+    worn = np.clip(baked * wear[..., None], 0.005, 0.88)
+    kind = "fabric" if name in _CLOTH else finish
+    return material(rng, kind, Bitmap(worn, wrap="clamp"))
+
+
+def _nearest_pixel(sheet: Sheet, view: View) -> float:
+    """The width in metres of a pixel where the sheet is nearest: in the picture, else anywhere before the camera.
+
+    At 1 m if all of it is behind the camera.
+    """
+    shares = np.linspace(0.02, 0.98, 25)
+    depth, inside = _project(sheet, view, shares, shares)
+    chosen = depth[inside] if inside.any() else depth[depth > 0]
+    nearest = float(chosen.min()) if chosen.size else 1.0
+    return max(view.pixel(nearest), 1e-6)
 
 
 def _project(
@@ -106,36 +114,44 @@ def _project(
 ) -> tuple[Float, Mask]:
     """Depth (rows, columns) at fractions t, s of the sides, and whether the point is within `reach` half pictures."""
     points = sheet.corner + s[None, :, None] * sheet.u + t[:, None, None] * sheet.v
-    cam = (points - view.eye) @ view.world_from_cam[:3, :3]
-    depth = cam[..., 2]
+    in_cam = (points - view.eye) @ view.world_from_cam[:3, :3]
+    depth = in_cam[..., 2]
+    # Positions in the picture, 1 at its edges.
     x, y = (
-        np.abs(cam[..., i]) / np.maximum(depth, 1e-9) / view.half[i] for i in range(2)
+        np.abs(in_cam[..., axis]) / np.maximum(depth, 1e-9) / view.half[axis]
+        for axis in range(2)
     )
     return depth, (depth > 1e-6) & (x < reach) & (y < reach)
 
 
 def bake(image: Image, tile: float, sheet: Sheet, view: View) -> Image:
     """A periodic image repeated over a sheet, filtered to the size of a pixel there; coarser outside the picture."""
+    # As fine as the image, in multiples of the blocks, but not beyond three texels a pixel across the picture.
     texel = tile / len(image)
-    most = min(_MAX_TEXELS, 3 * view.width_px // 4 * 4)
+    most = min(_MAX_TEXELS, 3 * view.width_px // _BLOCK * _BLOCK)
     columns, rows = (
-        int(np.clip(math.ceil(length / texel / 4) * 4, 8, most))
+        int(np.clip(math.ceil(length / texel / _BLOCK) * _BLOCK, 8, most))
         for length in sheet.lengths
     )
     pyramid = [image]
     while len(pyramid[-1]) > 2:
         pyramid.append(half_size(pyramid[-1]))
-    coarse = _sampled(pyramid, tile, sheet, view, rows // 4, columns // 4, None)
-    out = np.repeat(np.repeat(coarse, 4, axis=0), 4, axis=1)
-    s, t = (
-        (np.arange(columns // 4) + 0.5) / (columns // 4),
-        1 - (np.arange(rows // 4) + 0.5) / (rows // 4),
-    )
-    inside = _project(sheet, view, s, t, _BEYOND)[1]
-    inside = np.repeat(np.repeat(inside, 4, axis=0), 4, axis=1)
+
+    # Blocks of texels first, then each texel of the blocks that a camera may see.
+    block_rows, block_columns = rows // _BLOCK, columns // _BLOCK
+    coarse = _sampled(pyramid, tile, sheet, view, block_rows, block_columns, None)
+    s = (np.arange(block_columns) + 0.5) / block_columns
+    t = 1 - (np.arange(block_rows) + 0.5) / block_rows  # row 0 is the top, t = 1
+    _, is_visible = _project(sheet, view, s, t, _BEYOND)
+    baked, inside = _enlarged(coarse), _enlarged(is_visible)
     if inside.any():
-        out[inside] = _sampled(pyramid, tile, sheet, view, rows, columns, inside)
-    return out
+        baked[inside] = _sampled(pyramid, tile, sheet, view, rows, columns, inside)
+    return baked
+
+
+def _enlarged(blocks: NDArray[Any]) -> NDArray[Any]:
+    """Each block repeated in all its rows and columns of texels."""
+    return np.repeat(np.repeat(blocks, _BLOCK, axis=0), _BLOCK, axis=1)
 
 
 def _sampled(

@@ -1,13 +1,15 @@
 """The family "tabletop": a still life of bodies at rest on a table, with a wall behind and light from one side."""
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from twinlens.families import lighting
 from twinlens.families.arrangement import Area, arrange, bodies_at_rest
-from twinlens.families.composition import Composition
+from twinlens.families.composition import Composition, View
 from twinlens.families.draws import Rng, one_of
+from twinlens.families.kinds import Body
 from twinlens.families.surfaces import (
     FLOORS,
     TOPS,
@@ -21,8 +23,14 @@ from twinlens.geometry import Float
 from twinlens.scenes.scene import Mesh
 from twinlens.scenes.stable_poses import StablePose
 
-_TABLE_HEIGHT = 0.74
-_THICKNESS = 0.035
+_TABLE_HEIGHT = 0.74  # metres, of the table's top above the floor
+_THICKNESS = 0.035  # metres, of the table's top
+_NARROWEST_DEG = 12  # the field of view is not narrowed below it
+_TABLE_FINISHES = ("matte", "satin", "satin", "clearcoat")
+_PATTERNS = {"table": (TOPS, 0.8), "wall": (WALLS, 0.45), "floor": (FLOORS, 0.6)}
+"""The patterns of each surface, and the contrast of their colours."""
+
+Vector = tuple[float, float, float]
 
 
 NAMES = frozenset(("table", "wall", "floor", "sun", "key-light", "fill-light"))
@@ -33,115 +41,140 @@ def compose(scene: Composition) -> None:
     """Add the bodies, then table, wall and floor at suitable distances, then lights."""
     depth_ratio = scene.depth_ratio(2.0, 5.0)
     _set_view(scene, depth_ratio)
-    half = float(
-        0.5 * scene.view.covered(float(scene.view.depth(np.zeros((1, 3)))[0]))[0]
-    )
+    depth = float(scene.view.depth(np.zeros((1, 3)))[0])
+    half = float(0.5 * scene.view.covered(depth)[0])
     _add_still_life(scene, half)
     _add_surroundings(scene, depth_ratio, half)
+    _light(scene, half)
+
+
+def _light(scene: Composition, half: float) -> None:
+    """Light the still life, `half` metres to each side, by a user's environment, the sun, or two lamps."""
     rng = scene.rng("light")
-    if not (
-        scene.assets.hdris
-        and rng.random() < 0.6
-        and lighting.user_environment(scene, rng)
-    ):
-        light = lighting.daylight if rng.random() < 0.25 else lighting.key_and_fill
-        light(scene, rng, np.array([0.0, 0.0, 0.1]), half)
+    wants_user_environment = bool(scene.assets.hdris) and rng.random() < 0.6
+    if wants_user_environment and lighting.user_environment(scene, rng):
+        return
+    light = lighting.daylight if rng.random() < 0.25 else lighting.key_and_fill
+    light(scene, rng, np.array([0.0, 0.0, 0.1]), half)
 
 
 def _set_view(scene: Composition, depth_ratio: float) -> None:
     """Look down at the origin; the larger the depth ratio, the nearer the camera and the wider its field."""
     rng = scene.rng("view")
-    pitch, fov = math.radians(rng.uniform(14, 36)), rng.uniform(38, 56)
-    while fov > 12:
-        half = math.atan(math.tan(math.radians(fov) / 2) / scene.aspect)
-        if (
-            math.sin(pitch) * math.cos(half) / math.sin(pitch + half)
-            >= 1.45 / depth_ratio
-        ):
-            break  # depth of the table at the picture's lower edge over that at its middle
-        fov *= 0.94
-    distance = rng.uniform(0.34, 0.46) / math.tan(math.radians(fov) / 2)
+    pitch, fov_deg = math.radians(rng.uniform(14, 36)), rng.uniform(38, 56)
+    while fov_deg > _NARROWEST_DEG:
+        half = math.atan(math.tan(math.radians(fov_deg) / 2) / scene.aspect)
+        # The depth of the table at the picture's lower edge over that at its middle.
+        nearest = math.sin(pitch) * math.cos(half) / math.sin(pitch + half)
+        if nearest >= 1.45 / depth_ratio:
+            break
+        fov_deg *= 0.94
+    distance = rng.uniform(0.34, 0.46) / math.tan(math.radians(fov_deg) / 2)
     aim = np.array([0.0, 0.0, 0.07])
-    scene.look(
-        distance * np.array([0.0, -math.cos(pitch), math.sin(pitch)]) + aim, aim, fov
-    )
+    backwards = np.array([0.0, -math.cos(pitch), math.sin(pitch)])
+    scene.look(distance * backwards + aim, aim, fov_deg)
 
 
 def _add_still_life(scene: Composition, half: float) -> None:
     """Add bodies in a loose group around the origin, the large ones first and towards the back."""
     bodies = bodies_at_rest(scene, "body", [(index,) for index in range(scene.count)])
-    bodies.sort(key=lambda each: -each[1].height * np.ptp(each[1].points[:, 0]))
+
+    def frontal_area(resting: tuple[Body, StablePose, Rng]) -> float:
+        _, rest, _ = resting
+        return float(rest.height * np.ptp(rest.points[:, 0]))
+
+    bodies.sort(key=frontal_area, reverse=True)
 
     def sample(rng: Rng, rest: StablePose) -> Float:
+        # High bodies, of 30 cm and more, are farther back than low ones.
         back = 0.5 * min(rest.height / 0.3, 1.0) - 0.15
         return np.asarray(np.clip(rng.normal([0.0, back], [0.55, 0.45]), -1, 1))
 
-    spacing = float(scene.rng("spacing").uniform(0.003, 0.02))
     area = Area(
-        np.zeros(2), np.array([0.8, 0.7]) * half, 0.0, spacing, 0.3, 1.15, sample
+        middle=np.zeros(2),
+        half=np.array([0.8, 0.7]) * half,
+        height=0.0,
+        spacing=float(scene.rng("spacing").uniform(0.003, 0.02)),
+        stacked=0.3,
+        overhang=1.15,
+        sample=sample,
     )
     for placement in arrange(bodies, area):
         body = placement.body
-        scene.add(
-            body.name,
-            body.solid.mesh,
-            body.material(scene.pixel_at(placement.at.place)),
-            placement.pose,
-        )
+        look = body.material(scene.pixel_at(placement.at.place))
+        scene.add(body.name, body.solid.mesh, look, placement.pose)
 
 
 def _add_surroundings(scene: Composition, depth_ratio: float, half: float) -> None:
     """Add the table, and the wall at the distance that gives the depth ratio; a floor where the table has an edge."""
-    rng, view = scene.rng("surroundings"), scene.view
-    behind = (
-        max(
-            (float(vertices[:, 1].max()) for vertices, _ in scene.triangles),
-            default=half,
-        )
-        + 0.02
-    )
-    near_y = float(view.eye[1])
-    edge = behind + rng.uniform(0.03, 0.25) if rng.random() < 0.6 else None
-    table_half = half * rng.uniform(1.6, 3.0)
-
-    def sheets(distance: float) -> dict[str, Sheet]:
-        y = max(near_y + distance, behind + 0.05)
-        width = max(2.0 * view.covered(distance)[0], 2.2 * table_half)
-        far = y if edge is None else min(edge, y)
-        high = 1.2 * view.covered(distance)[1] + 1.0 + _TABLE_HEIGHT
-        corners_and_sides = {
-            "table": [
-                (-table_half, near_y, 0.0),
-                (2 * table_half, 0, 0),
-                (0, far - near_y, 0),
-            ],
-            "wall": [(-width / 2, y, -_TABLE_HEIGHT), (width, 0, 0), (0, 0, high)],
-        }
-        if edge is not None:
-            corners_and_sides["floor"] = [
-                (-width / 2, near_y, -_TABLE_HEIGHT),
-                (width, 0, 0),
-                (0, y - near_y, 0),
-            ]
-        return {
-            name: Sheet(*np.array(vectors))
-            for name, vectors in corners_and_sides.items()
-        }
+    surroundings = _Surroundings.draw(scene, half)
 
     def meshes(distance: float) -> list[Mesh]:
-        return [sheet.mesh() for sheet in sheets(distance).values()]
+        return [sheet.mesh() for sheet in surroundings.sheets(distance).values()]
 
-    far = scene.visible_range(meshes(depth_ratio))[0] * depth_ratio
-    patterns = {"table": (TOPS, 0.8), "wall": (WALLS, 0.45), "floor": (FLOORS, 0.6)}
+    near, _ = scene.visible_range(meshes(depth_ratio))
+    far = near * depth_ratio
+    distance = scene.backdrop_distance(meshes, far, far)
     rng = scene.rng("furnish")
-    for name, sheet in sheets(scene.backdrop_distance(meshes, far, far)).items():
-        kinds, contrast = patterns[name]
-        kind, tile = surface_pattern(rng, kinds, scene.plain_surfaces)
+    for name, sheet in surroundings.sheets(distance).items():
+        patterns, contrast = _PATTERNS[name]
+        kind, tile = surface_pattern(rng, patterns, scene.plain_surfaces)
         colors = wall_colors(scene.rng(f"{name} colours"), scene.palette, contrast)
-        finish = (
-            one_of(rng, ["matte", "satin", "satin", "clearcoat"])
-            if name == "table"
-            else "matte"
-        )
-        made = surface(scene, scene.rng(name), sheet, kind, colors, tile, finish)
-        scene.add(name, sheet.mesh(_THICKNESS if name == "table" else 0.0), made)
+        finish, thickness = "matte", 0.0
+        if name == "table":
+            finish, thickness = one_of(rng, _TABLE_FINISHES), _THICKNESS
+        look = surface(scene, scene.rng(name), sheet, kind, colors, tile, finish)
+        scene.add(name, sheet.mesh(thickness), look)
+
+
+@dataclass(frozen=True)
+class _Surroundings:
+    """Table, wall and floor around a still life, metres. The table top is at z = 0; the camera looks along +y.
+
+    camera_y : of the camera; the table begins below it.
+    behind_y : just behind the hindmost body.
+    edge_y : of the far edge of the table; None where the table reaches the wall.
+    """
+
+    view: View
+    camera_y: float
+    behind_y: float
+    edge_y: float | None
+    table_half: float
+
+    @staticmethod
+    def draw(scene: Composition, half: float) -> "_Surroundings":
+        """Of the bodies of a scene; most tables have an edge."""
+        rng = scene.rng("surroundings")
+        hindmost = [float(vertices[:, 1].max()) for vertices, _ in scene.triangles]
+        behind_y = max(hindmost, default=half) + 0.02
+        has_edge = rng.random() < 0.6
+        edge_y = behind_y + rng.uniform(0.03, 0.25) if has_edge else None
+        table_half = half * rng.uniform(1.6, 3.0)
+        camera_y = float(scene.view.eye[1])
+        return _Surroundings(scene.view, camera_y, behind_y, edge_y, table_half)
+
+    def sheets(self, distance: float) -> dict[str, Sheet]:
+        """The rectangles by name, with the wall `distance` metres from the camera but behind all bodies."""
+        covered_width, covered_height = self.view.covered(distance)
+        wall_y = max(self.camera_y + distance, self.behind_y + 0.05)
+        table_y = wall_y if self.edge_y is None else min(self.edge_y, wall_y)
+        # Twice the picture's field, as the right camera sees more on one side.
+        width = max(2.0 * covered_width, 2.2 * self.table_half)
+        height = 1.2 * covered_height + 1.0 + _TABLE_HEIGHT
+
+        def sheet(corner: Vector, across: float, along: Vector) -> Sheet:
+            return Sheet(np.array(corner), np.array([across, 0, 0]), np.array(along))
+
+        table_corner = (-self.table_half, self.camera_y, 0.0)
+        table_depth = (0, table_y - self.camera_y, 0)
+        wall_corner = (-width / 2, wall_y, -_TABLE_HEIGHT)
+        sheets = {
+            "table": sheet(table_corner, 2 * self.table_half, table_depth),
+            "wall": sheet(wall_corner, width, (0, 0, height)),
+        }
+        if self.edge_y is not None:
+            floor_corner = (-width / 2, self.camera_y, -_TABLE_HEIGHT)
+            floor_depth = (0, wall_y - self.camera_y, 0)
+            sheets["floor"] = sheet(floor_corner, width, floor_depth)
+        return sheets
