@@ -2,11 +2,16 @@
 
 import re
 
+import numpy as np
 import pytest
+import trimesh
 from PIL import Image
 
 from twinlens.errors import InputError
-from twinlens.scenes.xml_file import checked_xml
+from twinlens.rendering import backends
+from twinlens.scenes import load_scene
+from twinlens.scenes.scene import SceneWarning
+from twinlens.scenes.xml_file import checked_xml, resolved_xml
 
 HARMLESS = """<scene version="3.0.0">
   <default name="spp" value="16"/>
@@ -42,47 +47,45 @@ def test_a_harmless_file_passes_and_its_files_are_listed(tmp_path):
     assert check(tmp_path, HARMLESS) == [(tmp_path / "deep" / "t.png").resolve()]
 
 
-NUMBERS_ONLY = "$ parameters may replace numbers only"
 EVIL = {
     '<shape type="../../evil"/>': "unknown shape type '../../evil'",
-    '<shape type="$kind"/>': "type='$kind': write the type itself",
+    '<shape type="$kind"/>': "type='$kind': no parameter 'kind'; add <default name='kind' value=.../> before",
+    '<default name="k" value="../../evil"/><shape type="$k"/>': "unknown shape type '../../evil'",
+    '<default name="a" value="$spp$b"/>': "no parameter 'b'",
+    '<default name="a b" value="1"/>': "'a b' is not the name of a parameter",
     "<shape/>": "unknown shape type",
     '<bsdf type="difuse"/>': "unknown bsdf type 'difuse'; did you mean 'diffuse'",
     '<bsdf type="diffuse"><texture type="../x"/></bsdf>': "scene.bsdf.texture: unknown texture type",
-    '<include filename="other.xml"/>': "unknown element 'include'",
-    '<path value="/tmp"/>': "unknown element 'path'",
+    '<include filename="other.xml"/>': "no file 'other.xml'",
+    '<include filename="s.xml"/>': "s.xml includes itself",
+    '<include filename="../s.xml"/>': "leads outside the folder '",
+    '<path value="/tmp"/>': "'/tmp': write the folder relative to the file that names it",
+    '<path value="../../../../../.."/>': "leads more than 3 levels above the scene file",
+    '<path value="nowhere"/>': "no folder 'nowhere' beside s.xml",
     '<plugin type="x"/>': "unknown element 'plugin'",
     '<shape type="obj"><string name="filename" value="../m.obj"/></shape>': "leads outside the folder '",
     '<shape type="obj"><string name="filename" value="/etc/passwd"/></shape>': "must be a file name relative",
-    '<shape type="obj"><string name="filename" value="$f"/></shape>': NUMBERS_ONLY,
     '<shape type="obj"><string name="filename" value="missing.obj"/></shape>': "no file 'missing.obj'",
-    '<string name="$n" value="secret"/>': "scene.string: name='$n': write the name itself",
-    '<bsdf type="diffuse" id="$n"/>': "write the id itself",
-    '<bsdf type="diffuse"><ref id="$n"/></bsdf>': "write the id itself",
-    '<float name="a$n" value="1"/>': "write the name itself",
-    '<default name="m" value="$n"/>': "write the value itself",
-    '<emitter type="constant"><spectrum name="radiance" value="$n"/></emitter>': "write the value itself",
-    '<emitter type="constant"><spectrum name="radiance" filename="$n"/></emitter>': "write the filename itself",
     '<emitter type="constant"><spectrum name="radiance" filename="../x.spd"/></emitter>': "leads outside",
     '<emitter type="constant"><spectrum name="radiance" value="x.spd"/></emitter>': "write the spectrum's numbers",
-    '<default name="f" value="../../x"/>': "looks like a file name",
     '<bsdf type="conductor"><string name="material" value="../../x"/></bsdf>': "unknown conductor",
     '<bsdf type="conductor"><string name="eta" value="../../x.spd"/></bsdf>': "looks like a file name",
     '<float type="x" name="a" value="1"/>': "<float> takes no type",
     '<spectrum type="../x" name="a"/>': "unknown spectrum type",
     '<sub xmlns:x="y"><x:shape type="../e"/></sub>': "unknown element 'sub'",
     # every name that a link out of the folder may get
-    '<default name="n" value="filename"/><shape type="ply"><string name="$n" value="secret"/></shape>': NUMBERS_ONLY,
-    '<default name="n" value="name"/><shape type="ply"><string name="file$n" value="secret"/></shape>': NUMBERS_ONLY,
+    '<default name="n" value="filename"/><shape type="ply"><string name="$n" value="secret"/></shape>': "leads outside",
+    '<default name="n" value="name"/><shape type="ply"><string name="file$n" value="secret"/></shape>': "leads outside",
     '<shape type="ply"><string name="filename" value="secret"/></shape>': "leads outside",
     '<bsdf type="measured"><string name="material_name" value="secret"/></bsdf>': "leads outside",
-    '<default name="n" value="secret"/>': "leads outside",
     # pictures
     '<texture type="bitmap"><string name="filename" value="t.png"/></texture>': "cannot be read",
     '<texture type="bitmap"><string name="filename" value="t.txt"/></texture>': "pictures may be",
     '<texture type="bitmap"><string name="filename" value="wide.hdr"/></texture>': "pixels",
     '<emitter type="envmap"><string name="filename" value="t.png"/></emitter>': "cannot be read as a .png picture",
     '<emitter type="envmap"><string name="filename" value="deep/t.png"/></emitter>': "2x3 pixels or more",
+    '<default name="t" value="wide.hdr"/>'
+    '<texture type="bitmap"><string name="filename" value="$t"/></texture>': "pixels",
     "<transform>" * 3000 + "</transform>" * 3000: "nested more than",
 }  # fmt: skip
 
@@ -122,7 +125,7 @@ BROKEN = {
     '<!DOCTYPE scene [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;&a;">]><scene/>': NO_DOCTYPE,
     '<!DOCTYPE scene SYSTEM "file:///etc/passwd"><scene/>': NO_DOCTYPE,
     '<!DOCTYPE scene [<!ENTITY % p SYSTEM "file:///etc/passwd"> %p;]><scene/>': NO_DOCTYPE,
-    '<scene version="$v"/>': "scene: version=",
+    '<scene version="$v"/>': "scene: version=.*no parameter",
     '<scene xmlns:x="y"><x:shape type="../e"/></scene>': "",
     **dict.fromkeys(("", "<scene>", "<scene></shape>", "&x;", "<scene a=1/>", "<notscene/>", "\x00"), ""),
 }  # fmt: skip
@@ -133,3 +136,71 @@ def test_broken_xml_is_refused_in_one_line(tmp_path, text):
     with pytest.raises(InputError, match=rf"s\.xml: .*{BROKEN[text]}") as caught:
         check(tmp_path, text)
     assert "\n" not in str(caught.value)
+
+
+SPHERE = '<shape type="sphere" id="sphere"><bsdf type="diffuse"><rgb name="reflectance" value="$grey"/></bsdf></shape>'
+BALL = (
+    '<shape type="ply" id="ball"><string name="filename" value="m/ball.ply"/></shape>'
+)
+
+
+def test_parameters_includes_and_folders_are_resolved_as_by_mitsuba(tmp_path):
+    """Mitsuba itself reads the file, and the text that is given to it: the same shapes, sizes and reflectances."""
+    mi = backends.mitsuba()
+    (tmp_path / "common" / "m").mkdir(parents=True)
+    trimesh.creation.icosphere().export(tmp_path / "common" / "m" / "ball.ply")
+    home = tmp_path / "scenes" / "one"
+    (home / "parts").mkdir(parents=True)
+    (home / "parts" / "ball.xml").write_text(
+        f'<scene version="3.0.0">{BALL}{SPHERE}</scene>'
+    )
+    path = home / "s.xml"
+    path.write_text(
+        '<scene version="3.0.0"><default name="width" value="32"/><default name="grey" value="0.25"/>'
+        '<default name="grey" value="0.75"/><path value="../../common"/>'
+        '<path value="parts"/><include filename="ball.xml"/>'
+        '<sensor type="perspective" id="sensor"><film type="hdrfilm"><integer name="width" value="$width"/>'
+        '<string name="file_format" value="openexr"/></film></sensor></scene>'
+    )
+    root, files = checked_xml(path)
+    assert [file.name for file in files] == ["ball.xml", "ball.ply"]
+    assert not {"default", "path", "include"} & {item.tag for item in root.iter()}
+    theirs, ours = (
+        dict(mi.traverse(scene))
+        for scene in (
+            mi.load_file(str(path), optimize=False),
+            mi.load_string(resolved_xml(path), optimize=False),
+        )
+    )
+    names = [key for key in theirs if key.split(".")[0] in ("sphere", "ball", "sensor")]
+    assert len(names) > 10
+    for name in names:
+        np.testing.assert_array_equal(np.array(ours[name]), np.array(theirs[name]))
+    assert np.array(ours["sensor.film.size"]).tolist() == [32, 576]
+    assert (np.array(ours["sphere.bsdf.reflectance.value"]) == 0.25).all()
+
+
+def test_older_names_and_integrators_that_record_more_are_read(tmp_path):
+    path = tmp_path / "s.xml"
+    path.write_text(
+        '<scene version="0.5.0"><integrator type="moment"><integrator type="path"/></integrator>'
+        '<sensor type="perspective"><float name="nearClip" value="2"/><float name="farClip" value="5"/>'
+        '<transform name="toWorld"><translate z="1"/></transform></sensor></scene>'
+    )
+    scene = load_scene(path)
+    assert scene.depth_range == (2.0, 5.0)
+    assert scene.world_from_left[2, 3] == 1.0
+    assert 'integrator type="path"' in resolved_xml(path)
+    assert "moment" not in resolved_xml(path)
+
+
+def test_a_principal_point_that_is_not_used_is_said(tmp_path):
+    path = tmp_path / "s.xml"
+    path.write_text(
+        '<scene version="3.0.0"><sensor type="perspective">'
+        '<float name="principal_point_offset_x" value="0.25"/></sensor></scene>'
+    )
+    with pytest.warns(
+        SceneWarning, match=r"s\.xml: sensor: principal_point_offset_x ignored"
+    ):
+        load_scene(path)

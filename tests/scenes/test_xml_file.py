@@ -86,7 +86,7 @@ WRONG_SENSORS = {
     '<float name="fov" value="200"/>': "fov must lie between",
     '<string name="focal_length" value="0mm"/>': "got 180 along diagonal",
     '<float name="fov" value="wide"/>': "'wide' must be a finite number",
-    '<float name="fov" value="$fov"/>': "without $ parameters",
+    '<float name="fov" value="$fov"/>': "no parameter 'fov'; add <default name='fov'",
 }
 NO_ROTATION = "must hold a right-handed rotation"
 WRONG_TRANSFORMS = {

@@ -24,6 +24,7 @@ from twinlens.rendering.materials import (
 )
 from twinlens.scenes import Bitmap, Color, Mesh, Plugin, Scene, SceneObject
 from twinlens.scenes.shapes import transformed
+from twinlens.scenes.xml_file import resolved_xml
 
 _INSTANCE = 1 << 10  # Mitsuba 3.9 has no name for this shape type
 
@@ -183,6 +184,7 @@ def _need_two_threads() -> None:
 
     The second thread stays: Dr.Jit sometimes waits forever for the end of a thread that is about to sleep.
     """
+    mitsuba()  # chooses the LLVM library, which must happen before Dr.Jit is imported
     import drjit
 
     if drjit.thread_count() < 2:
@@ -544,8 +546,10 @@ def _scale_light(mi_scene: Any, factor: float) -> None:
 def _build_xml(scene: Scene) -> BuiltScene:
     """A checked Mitsuba file: ids in the order of its shapes, materials by their names."""
     _need_two_threads()
+    assert scene.xml is not None
+    text = resolved_xml(scene.xml)
     with _input_errors(f"{scene.xml}: Mitsuba rejects it"):
-        mi_scene = mitsuba().load_file(str(scene.xml), optimize=False)
+        mi_scene = mitsuba().load_string(text, optimize=False)
     integrator = mi_scene.integrator()
     parts: dict[str, Any] | None = None
     if not any(shape.shape_type() == _INSTANCE for shape in mi_scene.shapes()):

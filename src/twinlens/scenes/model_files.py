@@ -35,13 +35,13 @@ from twinlens.scenes.gltf_materials import (
 )
 from twinlens.scenes.materials import Material
 from twinlens.scenes.obj_files import obj_materials, open_obj
-from twinlens.scenes.scene import Mesh, free_name
+from twinlens.scenes.scene import Mesh, SceneWarning, free_name
 
 GLTF_FILES = (".glb", ".gltf")
 WITH_MATERIALS = (*GLTF_FILES, ".obj")
 
 
-class MaterialWarning(UserWarning):
+class MaterialWarning(SceneWarning):
     """A part of a file's material cannot be rendered; the message names it."""
 
 

@@ -28,6 +28,10 @@ _EQUAL_SCALES = {"sphere": 3, "cylinder": 2}
 """How many axes of a shape need the same scale. Otherwise Mitsuba logs a warning and renders it without the stretch."""
 
 
+class SceneWarning(UserWarning):
+    """A part of a file of a scene is ignored; the message names file and part."""
+
+
 @dataclass(frozen=True, eq=False)
 class Mesh:
     """Triangles: vertices float64 (V, 3) in object coordinates, faces uint32 (F, 3), uv float64 (V, 2) or None.

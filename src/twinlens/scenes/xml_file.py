@@ -2,14 +2,17 @@
 
 Mitsuba opens a shared library for a plugin type that it does not know, follows ``include`` and ``path``, reads any file
 that a string names, and substitutes ``$`` parameters in every attribute. So every element, plugin type and file name
-must be a known one, and document types and entities are rejected. Mitsuba loads the checked file itself; only the first
-sensor is interpreted here, as the default view.
+must be a known one, and document types and entities are rejected. Parameters and included files are put in their place
+here, and Mitsuba loads the text that results; only the first sensor is interpreted, as the default view.
 """
 
 import math
+import os
 import re
-from pathlib import Path
+import warnings
+from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
+from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
@@ -33,7 +36,7 @@ from twinlens.scenes.plugins import (
     LIGHTS,
     MATERIALS,
 )
-from twinlens.scenes.scene import Scene
+from twinlens.scenes.scene import Scene, SceneWarning
 
 PLUGINS: dict[str, set[str]] = {
     "bsdf": {*MATERIALS, "pplastic", "measured"},
@@ -53,7 +56,7 @@ PLUGINS: dict[str, set[str]] = {
     "sampler": {"independent", "stratified", "multijitter", "orthogonal", "ldsampler"},
     "rfilter": {"box", "tent", "gaussian", "mitchell", "catmullrom", "lanczos"},
     "integrator": {*INTEGRATORS, "volpath", "volpathmis"},
-    "texture": {"bitmap", "checkerboard", "mesh_attribute"},
+    "texture": {"bitmap", "checkerboard", "mesh_attribute", "rawconstant"},
     "spectrum": {
         "uniform",
         "regular",
@@ -77,13 +80,15 @@ VALUES = {
     "point",
     "ref",
     "alias",
-    "default",
 }
 TRANSFORMS = {"transform", "translate", "rotate", "scale", "lookat", "matrix"}
-_NUMERIC_TAGS = {"boolean", "integer", "float", "rgb", "vector", "point", *TRANSFORMS}
-_NUMERIC_ATTRIBUTES = {"value", "x", "y", "z", "angle", "origin", "target", "up"}
 _MAX_DEPTH = 200  # of nested elements
+_MOST_UP = 3
+_RECORDING = {"aov", "moment"}
 _FILE_PARAMETER = re.compile(r"file|path", re.IGNORECASE)
+_NO_FILES = {"file_format", "fileFormat"}
+_PARAMETER_NAME = re.compile(r"[A-Za-z_]\w*")
+_PARAMETER = re.compile(r"\$([A-Za-z_]\w*)")
 _NUMBERS = re.compile(r"[\d.eE+\-,:\s]*")
 _LOOKS_LIKE_PATH = re.compile(r"[/\\]|^\.|\.[A-Za-z]\w{1,7}$")
 
@@ -92,6 +97,7 @@ _PICTURES: dict[tuple[str, str | None], Any] = {
     ("texture", "bitmap"): decode_picture,
 }
 _MITSUBA_FROM_OPENCV = np.diag([-1.0, -1.0, 1.0, 1.0])
+_PRINCIPAL_POINT = ("principal_point_offset_x", "principal_point_offset_y")
 _FRAME_35MM = (36.0, 24.0)
 
 
@@ -106,6 +112,13 @@ def read_scene_xml(path: Path) -> Scene:
     if sensor is None:
         raise InputError(
             f"{path}: has no <sensor>; add one (perspective or thinlens) for the pose of the left camera"
+        )
+    shifts = [name for name in _PRINCIPAL_POINT if _value(sensor, name) is not None]
+    if shifts:
+        warnings.warn(
+            f"{path}: sensor: {' and '.join(shifts)} ignored; the cameras of a scene have centred principal points",
+            SceneWarning,
+            stacklevel=2,
         )
     with located(f"{path}: sensor"):
         transforms = (
@@ -146,22 +159,145 @@ def read_scene_xml(path: Path) -> Scene:
 
 
 def checked_xml(path: Path) -> tuple[Element, list[Path]]:
-    """The root element of a harmless Mitsuba file, and the files it names; InputError for anything else."""
-    context = SceneContext(
-        path.resolve().parent
-    )  # Mitsuba resolves names from the file's folder, not a link's
+    """The elements of a harmless Mitsuba file, and the files that it names. Raises InputError for anything else.
+
+    Files of `include` are in their place, parameters have their values, and file names are absolute, so that neither
+    `default`, `include` nor `path` is left for Mitsuba to follow.
+    """
+    resolver = _Resolver(path)
+    root = _parsed(path)
+    with located(f"{path}: scene"):
+        _substitute(root, resolver)
+    resolver.expand(root, path, "scene")
+    return root, list(dict.fromkeys(resolver.files))
+
+
+def resolved_xml(path: Path) -> str:
+    """The text of a harmless Mitsuba file for `mitsuba.load_string`, read and checked again. Raises InputError."""
+    return ElementTree.tostring(checked_xml(path)[0], encoding="unicode")
+
+
+class _Resolver:
+    """What the elements of a file and of the files it includes share: parameters, and folders to look for files.
+
+    `path` elements may name folders up to `_MOST_UP` levels above the file. Files must lie in these folders, or below
+    that of the file. Source of the order: Mitsuba 3, `src/core/xml.cpp`, which looks in the folder named last first.
+    """
+
+    def __init__(self, path: Path) -> None:
+        # Mitsuba resolves names from the file's folder, not a link's.
+        self.home = path.resolve().parent
+        self.folders = [self.home]
+        self.parameters: dict[str, str] = {}
+        self.files: list[Path] = []
+        self._open = [path.resolve()]
+
+    def expand(self, parent: Element, file: Path, where: str) -> None:
+        """Replace the children of an element of a file by what they stand for, and check each of them."""
+        children: list[Element] = []
+        for written in parent:
+            child = _radiance_integrator(written)
+            place = f"{where}.{child.tag}"
+            with located(f"{file}: {place}"):
+                _substitute(child, self)
+                if child.tag == "default":
+                    self._add_parameter(child)
+                    continue
+                if child.tag == "path":
+                    self._add_folder(child.get("value", ""), file)
+                    continue
+                if child.tag != "include":
+                    _check_element(child, self)
+                    children.append(child)
+            if child.tag == "include":
+                children += self._included(child, file, place)
+            else:
+                self.expand(child, file, place)
+        parent[:] = children
+
+    def find(self, name: str) -> Path:
+        """The file of a name in one of the folders. Raises InputError."""
+        names_a_place = not PurePosixPath(name).is_absolute() and len(name) < 256
+        folder = self.home
+        if names_a_place and "\0" not in name:
+            holders = (place for place in self.folders if (place / name).exists())
+            folder = next(holders, self.home)
+        return find_asset(name, SceneContext(folder, files=self.files))
+
+    def has_link(self, name: str) -> bool:
+        """Whether a text is the name of a link in one of the folders."""
+        if not 0 < len(name.encode()) < 256 or "\0" in name:
+            return False
+        return any((folder / name).is_symlink() for folder in self.folders)
+
+    def _add_parameter(self, element: Element) -> None:
+        name = element.get("name", "")
+        if not _PARAMETER_NAME.fullmatch(name):
+            raise InputError(f"{name!r} is not the name of a parameter")
+        self.parameters.setdefault(name, element.get("value", ""))
+
+    def _add_folder(self, name: str, file: Path) -> None:
+        if PurePosixPath(name).is_absolute() or PureWindowsPath(name).drive:
+            raise InputError(
+                f"{name!r}: write the folder relative to the file that names it"
+            )
+        # Beside the file that names it, or else in one of the folders named before.
+        candidates = [
+            (base / name).resolve() for base in (file.resolve().parent, *self.folders)
+        ]
+        folder = next((place for place in candidates if place.is_dir()), None)
+        if folder is None:
+            raise InputError(f"no folder {name!r} beside {file.name}")
+        shared = os.path.commonpath([folder, self.home])
+        if len(self.home.relative_to(shared).parts) > _MOST_UP:
+            raise InputError(
+                f"{name!r} leads more than {_MOST_UP} levels above the scene file; copy the folder beside it"
+            )
+        self.folders.insert(0, folder)
+
+    def _included(self, element: Element, file: Path, where: str) -> list[Element]:
+        """The elements of the file that an `include` names."""
+        with located(f"{file}: {where}"):
+            target = self.find(element.get("filename", ""))
+            if target in self._open:
+                raise InputError(f"{target.name} includes itself")
+            root = _parsed(target)
+            _substitute(root, self)
+        self._open.append(target)
+        self.expand(root, target, "scene")
+        self._open.pop()
+        return list(root)
+
+
+def _parsed(path: Path) -> Element:
+    """The root element of a file, <scene>. Raises InputError for other files, and for document types and entities."""
     builder = TreeBuilder()
     parser = expat.ParserCreate()
+    depth = 0
 
     def reject(*_: Any) -> None:
         raise FileError(
             f"{path}: line {parser.CurrentLineNumber}: a scene needs no <!DOCTYPE> or <!ENTITY>; remove it"
         )
 
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal depth
+        depth += 1
+        if depth > _MAX_DEPTH:
+            raise FileError(
+                f"{path}: line {parser.CurrentLineNumber}: elements are nested more than {_MAX_DEPTH} deep"
+            )
+        builder.start(tag, attributes)
+
+    def end(tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+        builder.end(tag)
+
     parser.StartDoctypeDeclHandler = reject
     parser.EntityDeclHandler = reject
-    parser.StartElementHandler = builder.start
-    parser.EndElementHandler = builder.end
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
     parser.CharacterDataHandler = builder.data
     try:
         parser.Parse(read_limited(path, 64 << 20), True)
@@ -172,62 +308,70 @@ def checked_xml(path: Path) -> tuple[Element, list[Path]]:
         raise InputError(
             f"{path}: a Mitsuba file starts with <scene>, got <{root.tag}>"
         )
-    elements = [("scene", root, 0)]
-    while elements:
-        where, element, depth = elements.pop()
-        if depth > _MAX_DEPTH:
-            raise InputError(
-                f"{path}: scene: elements are nested more than {_MAX_DEPTH} deep"
-            )
-        with located(f"{path}: {where}"):
-            _check_element(element, context)
-        elements += [
-            (f"{where}.{child.tag}", child, depth + 1) for child in reversed(element)
-        ]
-    return root, list(dict.fromkeys(context.files))
+    return root
 
 
-def _check_element(element: Element, context: SceneContext) -> None:
+def _substitute(element: Element, resolver: _Resolver) -> None:
+    """Replace $NAME in the attributes of an element by the parameters defined so far. Raises InputError."""
+    for key, text in element.attrib.items():
+        for name in _PARAMETER.findall(text):
+            if name not in resolver.parameters:
+                raise InputError(
+                    f"{key}={text!r}: no parameter {name!r}; add <default name={name!r} value=.../> before"
+                )
+        element.set(
+            key, _PARAMETER.sub(lambda found: resolver.parameters[found[1]], text)
+        )
+
+
+def _radiance_integrator(element: Element) -> Element:
+    """The integrator inside one that only records more than the radiance; other elements as they are."""
+    while element.tag == "integrator" and element.get("type") in _RECORDING:
+        nested = element.find("integrator")
+        if nested is None:
+            return element
+        element = nested
+    return element
+
+
+def _check_element(element: Element, resolver: _Resolver) -> None:
+    """Raise InputError for an element that Mitsuba should not see; make the file names of others absolute."""
     tag, kind = element.tag, element.get("type")
-    if tag not in PLUGINS.keys() | VALUES | TRANSFORMS | {"scene"}:
+    if tag not in PLUGINS.keys() | VALUES | TRANSFORMS:
         raise unknown("element", tag, PLUGINS.keys() | VALUES | TRANSFORMS)
     for key, text in element.attrib.items():
-        if "$" in text and not (tag in _NUMERIC_TAGS and key in _NUMERIC_ATTRIBUTES):
-            raise InputError(
-                f"{key}={text!r}: write the {key} itself; $ parameters may replace numbers only"
-            )
+        if "$" in text:
+            raise InputError(f"{key}={text!r} must not have a $")
     if tag in PLUGINS and not (tag == "spectrum" and kind is None):
         check_known(f"{tag} type", kind, PLUGINS[tag])
     elif kind is not None:
         raise InputError(f"<{tag}> takes no type")
     if check_picture := _PICTURES.get((tag, kind)):
         for file in element.iterfind("string[@name='filename']"):
-            check_picture(find_asset(file.get("value", ""), context))
+            _substitute(file, resolver)
+            check_picture(resolver.find(file.get("value", "")))
     value = element.get("value", "")
-    if tag == "default":
-        _check_no_path(value, context)
     if tag == "spectrum" and "filename" in element.attrib:
-        find_asset(element.attrib["filename"], context)
+        element.set("filename", str(resolver.find(element.attrib["filename"])))
     if tag == "spectrum" and not _NUMBERS.fullmatch(value):
         raise InputError(
             f"{value!r}: write the spectrum's numbers, as 400:1.0, 700:1.5"
         )
     name = element.get("name", "")
-    if tag == "string" and _FILE_PARAMETER.search(name):
-        find_asset(value, context)
+    if tag == "string" and _FILE_PARAMETER.search(name) and name not in _NO_FILES:
+        element.set("value", str(resolver.find(value)))
     elif tag == "string" and name == "material":
         check_known("conductor", value, CONDUCTORS)
     elif tag == "string":
-        _check_no_path(value, context)
+        _check_no_path(value, resolver)
 
 
-def _check_no_path(value: str, context: SceneContext) -> None:
+def _check_no_path(value: str, resolver: _Resolver) -> None:
     if _LOOKS_LIKE_PATH.search(value):
         raise InputError(f"{value!r} looks like a file name, which is not allowed here")
-    if 0 < len(value.encode()) < 256 and (context.folder / value).is_symlink():
-        find_asset(
-            value, context
-        )  # a plugin may still read it as a file, so it must be in the folder
+    if resolver.has_link(value):
+        # A plugin may still read it as a file, so it must be in the folder.
+        resolver.find(value)
 
 
 def _floats(text: str, count: int) -> list[float]:
@@ -237,7 +381,7 @@ def _floats(text: str, count: int) -> list[float]:
         values = []
     if len(values) != count or not all(map(math.isfinite, values)):
         number = "a finite number" if count == 1 else f"{count} finite numbers"
-        raise InputError(f"value {text!r} must be {number}, without $ parameters")
+        raise InputError(f"value {text!r} must be {number}")
     return values
 
 
