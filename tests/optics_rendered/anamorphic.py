@@ -67,13 +67,13 @@ def register() -> None:
 
 
 def run(*arguments: object) -> tuple[int, str]:
-    """The exit code and the last line that a command printed."""
+    """The exit code and what a command printed."""
     from twinlens import cli
 
     out = io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
         code = cli.run([str(argument) for argument in arguments])
-    return code, out.getvalue().strip().splitlines()[-1]
+    return code, out.getvalue()
 
 
 def main(folder: Path) -> dict[str, object]:
