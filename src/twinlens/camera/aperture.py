@@ -102,10 +102,8 @@ def invert_cdf(
         low = xp.where(right, middle, low)
         high = xp.where(right, high, middle)
     low = xp.minimum(low, cells - 1.0)
-    left_edge, right_edge = (
-        xp.gather(table, start + low),
-        xp.gather(table, start + low + 1.0),
-    )
+    left_edge = xp.gather(table, start + low)
+    right_edge = xp.gather(table, start + low + 1.0)
     span = right_edge - left_edge
     return low, xp.minimum((u - left_edge) / xp.where(span > 0.0, span, 1.0), 1.0)
 
@@ -167,10 +165,9 @@ class Polygon(Settings, noun="polygon aperture"):
 
     def transmission(self, x: ArrayLike, y: ArrayLike) -> Float:
         alpha, beta = self._half_angles
-        radius, angle = (
-            np.hypot(x, y),
-            np.arctan2(y, x) - math.radians(self.rotation_deg),
-        )
+        # The point in the frame of the blade that it is nearest to, as in `sample`.
+        radius = np.hypot(x, y)
+        angle = np.arctan2(y, x) - math.radians(self.rotation_deg)
         off_middle = np.mod(angle, 2 * alpha) - alpha
         along = radius * np.cos(off_middle) * math.cos(beta) / math.cos(alpha)
         across = radius * np.sin(off_middle) * math.sin(beta) / math.sin(alpha)

@@ -122,30 +122,25 @@ def rectify(
     )
     centres = _centres(outlines, zero_doffs)
     focal = _focal_length(fit, pair, world_from_rect, outlines, centres, size)
-    cameras = []
-    for centre, old in zip(centres, pair.cameras, strict=True):
-        # `centre` is seen in the middle of the image. Rounding errors of the focal length would move half pixels.
-        cx, cy = np.round(0.5 * (np.array(size) - 1) - focal * centre, 9)
-        cameras.append(
-            Camera(
-                *size,
-                focal,
-                focal,
-                float(cx),
-                float(cy),
-                None,
-                old.pixel_pitch_um,
-                old.band,
-            )
-        )
+    cameras = [
+        _facing(camera, centre, focal, size)
+        for camera, centre in zip(pair.cameras, centres, strict=True)
+    ]
     poses = [rigid(world_from_rect, pose[:3, 3]) for pose in pair.world_from_cams]
     aligned = Rig(cameras, poses, projectors=pair.projectors_from(poses[0]))
-    rectified = (
-        aligned
-        if misalignment == ALIGNED
-        else misaligned(aligned, (ALIGNED, misalignment))
-    )
+    if misalignment == ALIGNED:
+        return Rectification(pair, aligned, aligned)
+    rectified = misaligned(aligned, (ALIGNED, misalignment))
     return Rectification(pair, aligned, rectified)
+
+
+def _facing(
+    camera: Camera, centre: Float, focal: float, size: tuple[int, int]
+) -> Camera:
+    """The rectified camera of a view, undistorted, that sees the direction `centre` (x, y) in its middle."""
+    # Rounding errors of the focal length would move half pixels.
+    cx, cy = np.round(0.5 * (np.array(size) - 1) - focal * centre, 9).tolist()
+    return Camera(*size, focal, focal, cx, cy, None, camera.pixel_pitch_um, camera.band)
 
 
 def _outline(pair: Rig, side: int, world_from_rect: Float) -> Float:

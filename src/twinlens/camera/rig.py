@@ -140,9 +140,8 @@ class Rig:
         >>> rig.project(1, rig.unproject(1, [10.0, 20.0], 2.0)).round(9).tolist()
         [10.0, 20.0]
         """
-        points_cam = np.asarray(depth, dtype=np.float64)[..., None] * self.cameras[
-            index
-        ].unproject(pixels)
+        directions = self.cameras[index].unproject(pixels)
+        points_cam = np.asarray(depth, dtype=np.float64)[..., None] * directions
         return transform_points(self.world_from_cams[index], points_cam)
 
     @property
@@ -186,17 +185,15 @@ class Rig:
 
         The count is among the cameras of its band, or among all where it is the only one of its band.
         """
-        alike = [
-            i
-            for i, camera in enumerate(self.cameras)
-            if camera.band == self.cameras[index].band
-        ]
+        band = self.cameras[index].band
+        alike = [i for i, camera in enumerate(self.cameras) if camera.band == band]
         if len(alike) == 1:
             alike = list(range(len(self)))
         if len(alike) == 1:
             return None
         place = alike.index(index)
-        return alike[place ^ 1 if place ^ 1 < len(alike) else place - 1]
+        other = place ^ 1  # exchanges 0 with 1, 2 with 3, ...
+        return alike[other] if other < len(alike) else alike[place - 1]
 
     def pair(self, a: int, b: int) -> "Rig":
         """The rig of cameras `a` and `b`, in that order, with the pair of its `calibrated` rig.
@@ -204,10 +201,8 @@ class Rig:
         Projectors whose light neither of the two sees are left out.
         """
         calibrated = None if self.calibrated is None else self.calibrated.pair(a, b)
-        cameras, poses = (
-            [self.cameras[i] for i in (a, b)],
-            [self.world_from_cams[i] for i in (a, b)],
-        )
+        cameras = [self.cameras[i] for i in (a, b)]
+        poses = [self.world_from_cams[i] for i in (a, b)]
         seen = {band for camera in cameras for band in camera.bands}
         projectors = [
             projector
@@ -321,11 +316,8 @@ class Misalignment(Settings, noun="misalignment"):
         if self.k1:
             distortion = distortion or BrownConrady()
             distortion = replace(distortion, k1=distortion.k1 + self.k1)
-        fx, fy, cy = (
-            camera.fx * self.focal,
-            camera.fy * self.focal,
-            camera.cy + self.vertical_px,
-        )
+        fx, fy = camera.fx * self.focal, camera.fy * self.focal
+        cy = camera.cy + self.vertical_px
         return camera.replace(fx=fx, fy=fy, cy=cy, distortion=distortion)
 
 

@@ -204,10 +204,8 @@ def image_border(width: int, height: int, margin: float = 0.0) -> Float:
     [-0.5, -0.5]
     """
     left, right, top, bottom = -margin, width - 1 + margin, -margin, height - 1 + margin
-    u, v = (
-        np.linspace(left, right, _BORDER_POINTS),
-        np.linspace(top, bottom, _BORDER_POINTS),
-    )
+    u = np.linspace(left, right, _BORDER_POINTS)
+    v = np.linspace(top, bottom, _BORDER_POINTS)
     sides = [(u, np.full_like(u, y)) for y in (top, bottom)] + [
         (np.full_like(v, x), v) for x in (left, right)
     ]

@@ -91,10 +91,8 @@ def epipolar_planes(centre_a: Float, centre_b: Float, points_world: ArrayLike) -
     (..., 4). A point on the line through the centres determines no plane: (0, 0, 0, 0).
     Raises InputError for points that are not finite.
     """
-    to_point, to_b = (
-        np.asarray(points_world, dtype=np.float64) - centre_a,
-        centre_b - centre_a,
-    )
+    to_point = np.asarray(points_world, dtype=np.float64) - centre_a
+    to_b = centre_b - centre_a
     if not np.isfinite(to_point).all():
         raise InputError(
             "epipolar planes need finite points: leave out those at infinity"

@@ -16,10 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from twinlens.errors import InputError, check_number, format_value
 
-SHORTEST, LONGEST = (
-    1e-12,
-    1e9,
-)  # accepted lengths in metres, without overflow of squares and ratios
+SHORTEST, LONGEST = 1e-12, 1e9
+"""Accepted lengths in metres, without overflow of squares and ratios."""
 
 
 def vergence(power: float, film_distance: float) -> float:

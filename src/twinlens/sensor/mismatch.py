@@ -322,43 +322,51 @@ class Mismatch(Settings, noun="mismatch"):
 
     def light(self, light: Float) -> Float:
         """The light (H, W, 3) on the sensor, from that of a camera without differences."""
-        x, y = (
-            np.linspace(-1, 1, light.shape[1]),
-            np.linspace(-1, 1, light.shape[0])[:, None],
-        )
-        if self.shading_right or self.shading_down or self.shading_corner:
-            height, width = light.shape[:2]
-            r2 = ((width * x) ** 2 + (height * y) ** 2) / (width**2 + height**2)
-            field = (
-                1
-                + self.shading_right * x
-                + self.shading_down * y
-                - self.shading_corner * r2
-            )
-            light = light * field[..., None]
-        if self.blur_px:
-            from scipy.ndimage import gaussian_filter  # slow to import
-
-            light = gaussian_filter(
-                light, (self.blur_px, self.blur_px, 0), mode="reflect"
-            )
-        if self.veiling_glare or self.stray_light:
-            angle = math.radians(self.stray_direction_deg)
-            across, down = math.cos(angle), math.sin(angle)
-            veil = self.veiling_glare + self.stray_light * (
-                1 + (across * x + down * y) / (abs(across) + abs(down))
-            )
-            light = (1 - self.veiling_glare) * light + veil[..., None] * light.mean(
-                axis=(0, 1)
-            )
-        if self.filter_shift:
-            source = (
-                light[..., [0, 0, 1]]
-                if self.filter_shift > 0
-                else light[..., [1, 2, 2]]
-            )
-            light = light + abs(self.filter_shift) * (source - light)
+        # In the order of the way of the light: lens, camera body, filters.
+        light = self._blurred(self._shaded(light))
+        light = self._filtered(self._veiled(light))
         return light / self.f_number**2
+
+    def _shaded(self, light: Float) -> Float:
+        """With the slopes and the fall to the corners of another shading, relative to the middle."""
+        if not (self.shading_right or self.shading_down or self.shading_corner):
+            return light
+        height, width = light.shape[:2]
+        x, y = _field(height, width)
+        # The squared distance from the middle, 1 in the corners.
+        r2 = ((width * x) ** 2 + (height * y) ** 2) / (width**2 + height**2)
+        slope = 1 + self.shading_right * x + self.shading_down * y
+        return np.asarray(light * (slope - self.shading_corner * r2)[..., None])
+
+    def _blurred(self, light: Float) -> Float:
+        """With the blur of a worse lens."""
+        if not self.blur_px:
+            return light
+        from scipy.ndimage import gaussian_filter  # slow to import
+
+        sigmas = (self.blur_px, self.blur_px, 0)
+        return np.asarray(gaussian_filter(light, sigmas, mode="reflect"))
+
+    def _veiled(self, light: Float) -> Float:
+        """With light that is scattered over the film: evenly, and as a slope from 0 to twice its mean."""
+        if not (self.veiling_glare or self.stray_light):
+            return light
+        x, y = _field(*light.shape[:2])
+        angle = math.radians(self.stray_direction_deg)
+        across, down = math.cos(angle), math.sin(angle)
+        # -1 to 1 from corner to corner in the direction of the angle.
+        slope = (across * x + down * y) / (abs(across) + abs(down))
+        veil = self.veiling_glare + self.stray_light * (1 + slope)
+        mean = light.mean(axis=(0, 1))
+        return np.asarray((1 - self.veiling_glare) * light + veil[..., None] * mean)
+
+    def _filtered(self, light: Float) -> Float:
+        """With filters whose bands are shifted: a share of each channel comes from a neighbouring one."""
+        if not self.filter_shift:
+            return light
+        # The channel of the next longer wavelength, or of the next shorter; red, or blue, has none but itself.
+        neighbours = [0, 0, 1] if self.filter_shift > 0 else [1, 2, 2]
+        return light + abs(self.filter_shift) * (light[..., neighbours] - light)
 
     def developed(self, linear: Float) -> Float:
         """Apply white balance and tone exponent to linear values (H, W, 3) or (H, W), where 1 is white."""
@@ -366,11 +374,9 @@ class Mismatch(Settings, noun="mismatch"):
             linear = linear * np.array(
                 [self.white_balance_red, 1.0, self.white_balance_blue]
             )
-        return (
-            linear
-            if self.tone_exponent == 1
-            else np.clip(linear, 0.0, 1.0) ** self.tone_exponent
-        )
+        if self.tone_exponent == 1:
+            return linear
+        return np.clip(linear, 0.0, 1.0) ** self.tone_exponent
 
     def lens(self, lens: ApertureLens, camera: Camera) -> ApertureLens:
         """The lens of a camera of this mismatch, with its f-number and its focus, from the nominal one.
@@ -442,6 +448,11 @@ class Mismatch(Settings, noun="mismatch"):
                 f"mismatch {values}: too large for {size}; use a value nearer to 0"
             ) from problem
         return error
+
+
+def _field(height: int, width: int) -> tuple[Float, Float]:
+    """Places x (W,) and y (H, 1) of pixels, -1 to 1 over the image."""
+    return np.linspace(-1, 1, width), np.linspace(-1, 1, height)[:, None]
 
 
 def misalign(rig: Rig, mismatches: Sequence[Mismatch]) -> Rig:

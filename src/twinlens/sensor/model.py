@@ -12,7 +12,7 @@ In a dual-pixel sensor each pixel has two photodiodes, which see the halves of t
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -54,6 +54,17 @@ class Photo:
 
     image: Image
     record: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """One exposure of one camera: `exposure` without the camera's mismatch, `eye` the index of the camera."""
+
+    camera: Camera
+    lens: ApertureLens
+    exposure: Exposure
+    seed: int
+    eye: int
 
 
 @dataclass(frozen=True)
@@ -400,15 +411,16 @@ class Sensor(Settings, noun="sensor"):
             checked_radiance("radiance", radiance, camera)
             for radiance, camera, _ in views
         ]
-        exposures = self._nominal(
-            images, [camera for _, camera, _ in views], lens, seed, exposure
-        )
-        return [
-            self.for_band(camera.band)._take(image, camera, lens, nominal, seed, eye)
-            for image, (_, camera, eye), nominal in zip(
-                images, views, exposures, strict=True
-            )
-        ]
+        cameras = [camera for _, camera, _ in views]
+        exposures = self._nominal(images, cameras, lens, seed, exposure)
+        photos = []
+        for image, (_, camera, eye), nominal in zip(
+            images, views, exposures, strict=True
+        ):
+            sensor = self.for_band(camera.band)
+            frame = _Frame(camera, lens, nominal, seed, eye)
+            photos.append(sensor._read(sensor._collect(image, frame), frame))
+        return photos
 
     def _nominal(
         self,
@@ -498,18 +510,12 @@ class Sensor(Settings, noun="sensor"):
         for images, (_, camera, eye), nominal in zip(
             halves, views, exposures, strict=True
         ):
-            sensor = self.for_band(camera.band)
-            photos.append(sensor._take_dual(images, camera, lens, nominal, seed, eye))
+            frame = _Frame(camera, lens, nominal, seed, eye)
+            photos.append(self.for_band(camera.band)._take_dual(images, frame))
         return photos
 
     def _take_dual(
-        self,
-        halves: Sequence[Float],
-        camera: Camera,
-        lens: ApertureLens,
-        nominal: Exposure,
-        seed: int,
-        eye: int,
+        self, halves: Sequence[Float], frame: _Frame
     ) -> tuple[Photo, Photo, Photo]:
         """The photos of the left half, the right half and the whole pixels of one camera."""
         photos, wells = [], []
@@ -520,104 +526,67 @@ class Sensor(Settings, noun="sensor"):
                 dark_current=self.dark_current / 2,
                 serial=derived_seed(self.serial, "dual pixel", i),
             )
-            stream = derived_seed(seed, "dual pixel", i)
-            electrons = diode._collect(mixed, camera, lens, nominal, stream, eye)
+            half = replace(frame, seed=derived_seed(frame.seed, "dual pixel", i))
+            electrons = diode._collect(mixed, half)
             wells.append(electrons)
-            photos.append(diode._read(electrons, camera, lens, nominal, stream, eye))
-        whole = self._read(wells[0] + wells[1], camera, lens, nominal, seed, eye)
-        return photos[0], photos[1], whole
+            photos.append(diode._read(electrons, half))
+        return photos[0], photos[1], self._read(wells[0] + wells[1], frame)
 
-    def _take(
-        self,
-        image: Float,
-        camera: Camera,
-        lens: ApertureLens,
-        nominal: Exposure,
-        seed: int,
-        eye: int,
-    ) -> Photo:
-        return self._read(
-            self._collect(image, camera, lens, nominal, seed, eye),
-            camera,
-            lens,
-            nominal,
-            seed,
-            eye,
-        )
-
-    def _collect(
-        self,
-        image: Float,
-        camera: Camera,
-        lens: ApertureLens,
-        nominal: Exposure,
-        seed: int,
-        eye: int,
-    ) -> Float:
+    def _collect(self, image: Float, frame: _Frame) -> Float:
         """Electrons of each pixel at the end of the exposure, (H, W, 3) or (H, W), from radiance."""
-        mismatch = self.mismatch_of(eye)
-        true = mismatch.applied(nominal)
+        mismatch = self.mismatch_of(frame.eye)
+        time = mismatch.applied(frame.exposure).time
         # Glare is spread evenly over the film: it comes after vignetting.
-        film = mismatch.light(self._vignetted(image, camera, lens))
-        return self._wells(
-            film * self.electrons_per_radiance(camera, lens) * true.time,
-            true.time,
-            seed,
-            eye,
-        )
+        film = mismatch.light(self._vignetted(image, frame.camera, frame.lens))
+        rates = self.electrons_per_radiance(frame.camera, frame.lens)
+        return self._wells(film * rates * time, time, frame.seed, frame.eye)
 
-    def _read(
-        self,
-        wells: Float,
-        camera: Camera,
-        lens: ApertureLens,
-        nominal: Exposure,
-        seed: int,
-        eye: int,
-    ) -> Photo:
+    def _read(self, wells: Float, frame: _Frame) -> Photo:
         """Read and develop the electrons of each pixel."""
-        mismatch = self.mismatch_of(eye)
-        true = mismatch.applied(nominal)
-        black = self.black_level + mismatch.black_level
-        rates = self.electrons_per_radiance(camera, lens)
+        mismatch = self.mismatch_of(frame.eye)
         electrons = wells
+        # The fixed pattern belongs to the sensor, and the noise to the frame: each has its own stream.
         if self.dsnu:
-            electrons = electrons + self.dsnu * generator(
-                self.serial, "dsnu", eye
-            ).standard_normal(wells.shape)
+            pattern = generator(self.serial, "dsnu", frame.eye)
+            electrons = electrons + self.dsnu * pattern.standard_normal(wells.shape)
         if self.read_noise:
-            electrons = electrons + self.read_noise * generator(
-                seed, "read", eye
-            ).standard_normal(wells.shape)
+            noise = generator(frame.seed, "read", frame.eye)
+            electrons = electrons + self.read_noise * noise.standard_normal(wells.shape)
         # EMVA 1288, equation 4: y = K (electrons + noise) above the black level, rounded by the converter.
-        numbers = np.rint(self.system_gain(true.gain) * electrons + black)
+        gain = self.system_gain(mismatch.applied(frame.exposure).gain)
+        black = self.black_level + mismatch.black_level
+        numbers = np.rint(gain * electrons + black)
         numbers = np.clip(numbers, 0, self.largest_dn).astype(np.uint16)
         saturated = (wells >= self.full_well) | (numbers >= self.largest_dn)
-        number = (
-            light.working_f_number(camera, lens, self.pinhole_f_number)
-            * mismatch.f_number
-        )
         record = {
+            **self._record_of(frame),
+            "saturated_fraction": float(saturated.mean()),
+            "mean_electrons": float(electrons.mean()),
+        }
+        return Photo(self._develop(numbers, mismatch), record)
+
+    def _record_of(self, frame: _Frame) -> dict[str, Any]:
+        """How a frame was exposed, with the mismatch of its camera."""
+        mismatch = self.mismatch_of(frame.eye)
+        true = mismatch.applied(frame.exposure)
+        camera, lens = frame.camera, frame.lens
+        nominal_number = light.working_f_number(camera, lens, self.pinhole_f_number)
+        number = nominal_number * mismatch.f_number
+        rates = self.electrons_per_radiance(camera, lens) * true.time
+        several = isinstance(self.mismatch, tuple)
+        sensor = self.replace(mismatch=mismatch) if several else self
+        return {
             "time_s": true.time,
             "gain": true.gain,
             "working_f_number": number,
             "ev": true.value(number),
             "system_gain_dn_per_electron": self.system_gain(true.gain),
-            "black_level_dn": black,
-            "electrons_per_radiance": (
-                rates * true.time / mismatch.f_number**2
-            ).tolist(),
-            "seed": int(seed),
-            "eye": int(eye),
-            "sensor": (
-                self.replace(mismatch=mismatch)
-                if isinstance(self.mismatch, tuple)
-                else self
-            ).record(),
-            "saturated_fraction": float(saturated.mean()),
-            "mean_electrons": float(electrons.mean()),
+            "black_level_dn": self.black_level + mismatch.black_level,
+            "electrons_per_radiance": (rates / mismatch.f_number**2).tolist(),
+            "seed": int(frame.seed),
+            "eye": int(frame.eye),
+            "sensor": sensor.record(),
         }
-        return Photo(self._develop(numbers, mismatch), record)
 
     def expose_pair(
         self,
