@@ -70,8 +70,7 @@ def hci4d(source: Source) -> Iterator[tuple[str, bytes]]:
     sample = source.sample
     n, spacing, vergence = _grid(source)
     middle = n**2 // 2
-    rig, lens = sample.rig, sample.lens(source.lens).lens
-    camera, pose = rig.cameras[middle], rig.world_from_cams[middle]
+    camera = sample.rig.cameras[middle]
     if n % 2 == 0 or camera.fx != camera.fy:
         counted = f"{n} x {n} views, fx = {camera.fx:g} and fy = {camera.fy:g}"
         raise InputError(
@@ -80,41 +79,70 @@ def hci4d(source: Source) -> Iterator[tuple[str, bytes]]:
     depth = sample.truth(middle).depth
     # Of neighbouring views, in pixels: 0 at the plane that the grid is focused at.
     disparity = (camera.fx * spacing * (1 / depth - vergence)).astype(np.float32)
-    low, high = float(np.floor(disparity.min())), float(np.ceil(disparity.max()))
-    angles = Rotation.from_matrix(pose[:3, :3] @ _BLENDER_FROM_OPENCV).as_euler("xyz")
-    pitch, size = 1e-3 * camera.pixel_pitch_um, (camera.width, camera.height)
-    stop = np.inf
+    root = f"{_hci4d_category(source)}/{source.name}"
+    for i in range(n**2):
+        yield f"{root}/input_Cam{i:03d}.png", encode_png(_rgb8(source, i))
+    yield f"{root}/parameters.cfg", _hci4d_parameters(source, disparity)
+    yield f"{root}/gt_disp_lowres.pfm", encode_pfm(disparity)
+    yield f"{root}/gt_depth_lowres.pfm", encode_pfm(depth.astype(np.float32))
+
+
+def _hci4d_category(source: Source) -> str:
+    return "test" if source.split == "test" else "training"
+
+
+def _hci4d_parameters(source: Source, disparity: NDArray[np.float32]) -> bytes:
+    """parameters.cfg: the toolkit computes depth from its lengths, and the pose of the middle view is in Blender's."""
+    n, spacing, vergence = _grid(source)
+    rig, lens = source.sample.rig, source.sample.lens(source.lens).lens
+    camera, pose = rig.cameras[n**2 // 2], rig.world_from_cams[n**2 // 2]
+    pitch_mm, size = 1e-3 * camera.pixel_pitch_um, (camera.width, camera.height)
+    f_number = np.inf
     if lens.aperture_diameter > 0:
-        stop = camera.film_distance / lens.aperture_diameter
-    category = "test" if source.split == "test" else "training"
+        f_number = camera.film_distance / lens.aperture_diameter
+    turn = Rotation.from_matrix(pose[:3, :3] @ _BLENDER_FROM_OPENCV)
+    position, angles = pose[:3, 3].tolist(), turn.as_euler("xyz").tolist()
+    low, high = float(np.floor(disparity.min())), float(np.ceil(disparity.max()))
     sections: dict[str, dict[str, Any]] = {
         "intrinsics": {
-            "focal_length_mm": camera.fx * pitch, "image_resolution_x_px": size[0], "image_resolution_y_px": size[1],
-            "sensor_size_mm": max(size) * pitch, "fstop": stop,
+            "focal_length_mm": camera.fx * pitch_mm,
+            "image_resolution_x_px": size[0],
+            "image_resolution_y_px": size[1],
+            "sensor_size_mm": max(size) * pitch_mm,
+            "fstop": f_number,
         },
         "extrinsics": {
-            "num_cams_x": n, "num_cams_y": n, "baseline_mm": 1e3 * spacing,
+            "num_cams_x": n,
+            "num_cams_y": n,
+            "baseline_mm": 1e3 * spacing,
             "focus_distance_m": 1 / vergence if vergence else np.inf,
-            **{f"center_cam_{axis}_m": value for axis, value in zip("xyz", pose[:3, 3].tolist(), strict=True)},
-            **{f"center_cam_r{axis}_rad": value for axis, value in zip("xyz", angles.tolist(), strict=True)},
+            **dict(
+                zip((f"center_cam_{axis}_m" for axis in "xyz"), position, strict=True)
+            ),
+            **dict(
+                zip((f"center_cam_r{axis}_rad" for axis in "xyz"), angles, strict=True)
+            ),
         },
         "meta": {
-            "scene": source.name, "category": category, "date": "", "version": f"twinlens {twinlens.__version__}",
-            "authors": "", "contact": "", "disp_min": low, "disp_max": high, "frustum_disp_min": low,
-            "frustum_disp_max": high, "depth_map_scale": 1.0,
+            "scene": source.name,
+            "category": _hci4d_category(source),
+            "date": "",
+            "version": f"twinlens {twinlens.__version__}",
+            "authors": "",
+            "contact": "",
+            "disp_min": low,
+            "disp_max": high,
+            "frustum_disp_min": low,
+            "frustum_disp_max": high,
+            "depth_map_scale": 1.0,
         },
-    }  # fmt: skip
+    }
     lines: list[str] = []
     for section, entries in sections.items():
         lines.append(f"[{section}]")
         lines += [f"{key} = {value}" for key, value in entries.items()]
         lines.append("")
-    root = f"{category}/{source.name}"
-    for i in range(n**2):
-        yield f"{root}/input_Cam{i:03d}.png", encode_png(_rgb8(source, i))
-    yield f"{root}/parameters.cfg", "\n".join(lines).encode()
-    yield f"{root}/gt_disp_lowres.pfm", encode_pfm(disparity)
-    yield f"{root}/gt_depth_lowres.pfm", encode_pfm(depth.astype(np.float32))
+    return "\n".join(lines).encode()
 
 
 def eslf(source: Source) -> Iterator[tuple[str, bytes]]:

@@ -142,13 +142,10 @@ def check_ids(name: str, names: str | Sequence[str]) -> Check:
 
 def check_objects(objects: Sequence[ObjectTruth], truth: Arrays, key: str) -> Findings:
     """Objects have rising ids of the file; their visible pixels are those of the ids, and inside their silhouettes."""
-    ids = [entry.object_id for entry in objects]
-    if ids and not (
-        ids == sorted(set(ids)) and ids[0] > 0 and ids[-1] <= len(truth["object_names"])
-    ):
-        return [
-            f"{key}: object ids are not rising numbers from 1 to {len(truth['object_names'])}"
-        ]
+    ids, count = [entry.object_id for entry in objects], len(truth["object_names"])
+    is_rising = ids == sorted(set(ids))
+    if ids and not (is_rising and ids[0] > 0 and ids[-1] <= count):
+        return [f"{key}: object ids are not rising numbers from 1 to {count}"]
     findings = []
     for entry in objects:
         visible = truth["object_id"] == entry.object_id
@@ -157,10 +154,8 @@ def check_objects(objects: Sequence[ObjectTruth], truth: Arrays, key: str) -> Fi
         except InputError as error:
             findings.append(f"{key}: object {entry.object_id}: {error}")
             continue
-        if (
-            np.count_nonzero(visible) != entry.visible_pixel_count
-            or (visible & ~whole).any()
-        ):
+        has_other_count = np.count_nonzero(visible) != entry.visible_pixel_count
+        if has_other_count or (visible & ~whole).any():
             findings.append(
                 f"{key}: object {entry.object_id} differs from the object ids of the truth"
             )
@@ -251,8 +246,8 @@ def check_views(
     here, there = truths
     camera, world_from_other = rig.cameras[views[1]], rig.world_from_cams[views[1]]
     # The visible points of this view in the other camera's frame, and their pixels there.
-    seen = here["visible"] & (here["object_id"] > 0)
-    world = here["position"][seen].astype(np.float64)
+    is_visible = here["visible"] & (here["object_id"] > 0)
+    world = here["position"][is_visible].astype(np.float64)
     cam = geometry.transform_points(geometry.inverse(world_from_other), world)
     px = camera.project(cam)
     # A projection on the border may be outside by rounding.
@@ -264,25 +259,36 @@ def check_views(
         return [f"{outside} visible pixels project outside the other view"]
     # Silhouettes are left out in both views: depth jumps there.
     v, u = _nearest(px, camera)
-    tested = _inside_one_object(here["object_id"])[seen]
+    tested = _inside_one_object(here["object_id"])[is_visible]
     tested &= _inside_one_object(there["object_id"])[v, u]
-    px, cam, world = px[tested], cam[tested], world[tested]
+    px, depth, world = px[tested], cam[tested, 2], world[tested]
     v, u = _nearest(px, camera)
     around = np.stack(
         [there["depth"][v + dv, u + du] for dv in (-1, 0, 1) for du in (-1, 0, 1)]
     )
+    if findings := _check_depths(around, depth):
+        return findings
+    # Rounding of a float32 position grows with its coordinates.
+    scale = np.abs(world).sum(axis=-1) + np.abs(world_from_other[:3, 3]).sum()
+    # Every n-th pixel is enough for a median.
+    step = max(1, len(px) // _MAX_PIXELS)
+    return _check_shift(
+        around[:, ::step], px[::step], depth[::step], scale[::step], camera
+    )
+
+
+def _check_depths(around: NDArray[Any], depth: NDArray[np.float64]) -> Findings:
+    """Points at `depth` (N,) are between the smallest and largest of the nine depths around them (9, N)."""
     nearest = around.min(axis=0) * (1 - _DEPTH_TOLERANCE)
     farthest = around.max(axis=0) * (1 + _DEPTH_TOLERANCE)
-    agree = (cam[:, 2] >= nearest) & (cam[:, 2] <= farthest)
-    # The probability of as many failures, or more, is a binomial tail.
+    agree = (depth >= nearest) & (depth <= farthest)
     wrong = int(np.count_nonzero(~agree))
+    # The probability of as many failures, or more, is a binomial tail.
     if wrong and bdtrc(wrong - 1, agree.size, _ALLOWED_FAILURES) < _SIGNIFICANCE:
         return [
             f"only {agree.mean():.1%} of its visible pixels are at a depth that the other view has there"
         ]
-    scale = np.abs(world).sum(axis=-1) + np.abs(world_from_other[:3, 3]).sum()
-    some = slice(None, None, max(1, len(px) // _MAX_PIXELS))
-    return _check_shift(around[:, some], px[some], cam[some, 2], scale[some], camera)
+    return []
 
 
 def _check_shift(
@@ -354,8 +360,8 @@ def check_exchange(
 
 def _edges(image: NDArray[Any]) -> NDArray[np.float64]:
     """Horizontal differences of the mean of the channels, (H, W)."""
-    grey = image.reshape(*image.shape[:2], -1).mean(axis=-1)
-    return np.diff(grey, axis=1, append=grey[:, -1:])
+    mean = image.reshape(*image.shape[:2], -1).mean(axis=-1)
+    return np.diff(mean, axis=1, append=mean[:, -1:])
 
 
 def _correlation(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:

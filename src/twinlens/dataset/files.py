@@ -181,11 +181,7 @@ def locked(
         operation |= fcntl.LOCK_NB
     created = [part for part in (folder, *folder.parents) if not part.is_dir()]
     while True:
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            descriptor = os.open(lock, os.O_RDWR | os.O_CREAT, 0o666)
-        except OSError as error:
-            raise _not_written(folder, error) from error
+        descriptor = _open_lock(folder, lock)
         with contextlib.ExitStack() as stack:
             stack.callback(os.close, descriptor)
             try:
@@ -204,6 +200,15 @@ def locked(
                 stack.callback(lock.unlink, missing_ok=True)
             yield
             return
+
+
+def _open_lock(folder: Path, lock: Path) -> int:
+    """The descriptor of a lock file in a folder, both of which are created if needed. Raises OutputError."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        return os.open(lock, os.O_RDWR | os.O_CREAT, 0o666)
+    except OSError as error:
+        raise _not_written(folder, error) from error
 
 
 def _remove_empty(folders: Iterable[Path]) -> None:

@@ -124,35 +124,33 @@ def write_transforms(
     for name, camera, pose in zip(
         _image_names(rig, names), rig.cameras, rig.world_from_cams, strict=True
     ):
-        size = {
-            "w": camera.width,
-            "h": camera.height,
-            "fl_x": camera.fx,
-            "fl_y": camera.fy,
-        }
-        center = {"cx": camera.cx + _CORNER, "cy": camera.cy + _CORNER}
-        model = (
-            "OPENCV_FISHEYE"
-            if isinstance(camera.distortion, KannalaBrandt)
-            else "OPENCV"
-        )
-        values = asdict(camera.distortion) if camera.distortion is not None else {}
-        if model == "OPENCV" and any(
-            values.pop(name, 0.0) for name in ("k4", "k5", "k6")
-        ):
+        matrix = (pose @ _OPENGL).tolist()
+        frame = {"file_path": name, **_intrinsics(camera), "transform_matrix": matrix}
+        frames.append(frame)
+    table = {"camera_model": frames[0]["camera_model"], "frames": frames}
+    write_file(path, (json.dumps(table, indent=1) + "\n").encode())
+
+
+def _intrinsics(camera: Camera) -> dict[str, Any]:
+    """The keys of a frame of transforms.json that describe its camera. Raises InputError."""
+    is_fisheye = isinstance(camera.distortion, KannalaBrandt)
+    coefficients = asdict(camera.distortion) if camera.distortion is not None else {}
+    if not is_fisheye:
+        rational = [coefficients.pop(name, 0.0) for name in ("k4", "k5", "k6")]
+        if any(rational):
             raise InputError(
                 "transforms.json cannot hold k4, k5, k6 (rational distortion): use COLMAP or OpenCV files"
             )
-        frame = {
-            "file_path": name,
-            **size,
-            **center,
-            "camera_model": model,
-            **dict(sorted(values.items())),
-        }
-        frames.append(frame | {"transform_matrix": (pose @ _OPENGL).tolist()})
-    table = {"camera_model": frames[0]["camera_model"], "frames": frames}
-    write_file(path, (json.dumps(table, indent=1) + "\n").encode())
+    return {
+        "w": camera.width,
+        "h": camera.height,
+        "fl_x": camera.fx,
+        "fl_y": camera.fy,
+        "cx": camera.cx + _CORNER,
+        "cy": camera.cy + _CORNER,
+        "camera_model": "OPENCV_FISHEYE" if is_fisheye else "OPENCV",
+        **dict(sorted(coefficients.items())),
+    }
 
 
 def read_transforms(path: FilePath) -> NamedRig:

@@ -122,21 +122,7 @@ def plain(value: Any, nan_as_null: bool = False) -> Any:
     'inf'
     """
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        record: dict[str, Any] = {"type": type(value).__name__}
-        for name in (field.name for field in dataclasses.fields(value) if field.init):
-            each = getattr(value, name)
-            key = record["type"], name
-            if key in ADDED and each == ADDED[key]:
-                continue
-            is_float = isinstance(each, np.ndarray) and each.dtype.kind == "f"
-            is_large = (
-                is_float
-                and PACKED_ABOVE < each.size <= MAX_PACKED
-                and not np.isnan(each).any()
-            )
-            # Only fields of dataclasses are unpacked.
-            record[name] = pack(each) if is_large else plain(each, nan_as_null)
-        return record
+        return _plain_dataclass(value, nan_as_null)
     if isinstance(value, Mapping):
         if wrong := [key for key in value if not isinstance(key, str)]:
             raise InputError(f"the keys of a record must be strings, got {wrong[0]!r}")
@@ -160,6 +146,30 @@ def plain(value: Any, nan_as_null: bool = False) -> Any:
     )
 
 
+def _plain_dataclass(value: Any, nan_as_null: bool) -> dict[str, Any]:
+    """The class name under "type", and the fields; large arrays are packed, which readers unpack in fields only."""
+    record: dict[str, Any] = {"type": type(value).__name__}
+    for field in dataclasses.fields(value):
+        if not field.init:
+            continue
+        content = getattr(value, field.name)
+        key = record["type"], field.name
+        if key in ADDED and content == ADDED[key]:
+            continue
+        if _is_packed(content):
+            record[field.name] = pack(content)
+        else:
+            record[field.name] = plain(content, nan_as_null)
+    return record
+
+
+def _is_packed(content: Any) -> bool:
+    """Whether a field is an array that would be long as a list of decimals."""
+    if not isinstance(content, np.ndarray) or content.dtype.kind != "f":
+        return False
+    return PACKED_ABOVE < content.size <= MAX_PACKED and not np.isnan(content).any()
+
+
 def annotation_of(hint: Any) -> Any:
     """The pydantic annotation for a value of type `hint`, a dataclass of twinlens.camera or the type of a field."""
     if hint is float:
@@ -168,27 +178,19 @@ def annotation_of(hint: Any) -> Any:
         return Annotated[
             _model(hint), pydantic.AfterValidator(lambda model: _rebuilt(hint, model))
         ]
-    origin = typing.get_origin(hint)
-    if np.ndarray in (
-        origin,
-        typing.get_origin(getattr(origin, "__value__", None)),
-    ):  # NDArray of NumPy >= 2.5
+    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+    # NumPy 2.5 declares NDArray by a `type` statement, which has a __value__.
+    aliased = typing.get_origin(getattr(origin, "__value__", None))
+    if np.ndarray in (origin, aliased):
         return _ARRAY
     if origin is tuple:
-        return list[annotation_of(typing.get_args(hint)[0])]  # type: ignore[misc]
+        return list[annotation_of(arguments[0])]  # type: ignore[misc]
     if origin in (typing.Union, types.UnionType):
-        members = [
-            annotation_of(each)
-            for each in typing.get_args(hint)
-            if each is not type(None)
-        ]
+        members = [annotation_of(kind) for kind in arguments if kind is not type(None)]
         union = functools.reduce(operator.or_, members)
-        union = (
-            Annotated[union, pydantic.Field(discriminator="type")]
-            if members[1:]
-            else union
-        )
-        return union | None if type(None) in typing.get_args(hint) else union
+        if len(members) > 1:
+            union = Annotated[union, pydantic.Field(discriminator="type")]
+        return union | None if type(None) in arguments else union
     return hint
 
 
@@ -197,23 +199,22 @@ def _model(kind: type) -> type[pydantic.BaseModel]:
     """The model of a dataclass's fields and its "type"."""
     hints = typing.get_type_hints(kind)
     fields: dict[str, Any] = {"type": (Literal[kind.__name__], ...)}
-    for each in dataclasses.fields(kind):
-        if each.init and hints[each.name] != kind | None:
-            required = (
-                each.default is dataclasses.MISSING
-                and each.default_factory is dataclasses.MISSING
-            )
-            default = (
-                pydantic.Field()
-                if required
-                else pydantic.Field(default_factory=lambda: None)
-            )
-            fields[each.name] = (annotation_of(hints[each.name]), default)
-        elif each.init:  # a Rig in a Rig, whose model does not exist yet
+    for field in dataclasses.fields(kind):
+        if not field.init:
+            continue
+        hint = hints[field.name]
+        if hint == kind | None:  # a Rig in a Rig, whose model does not exist yet
             optional = pydantic.AfterValidator(
                 lambda value: value and RIG.validate_python(value)
             )
-            fields[each.name] = (Annotated[Any, optional], None)
+            fields[field.name] = (Annotated[Any, optional], None)
+            continue
+        defaults = {field.default, field.default_factory}
+        if defaults == {dataclasses.MISSING}:
+            default = pydantic.Field()
+        else:
+            default = pydantic.Field(default_factory=lambda: None)
+        fields[field.name] = (annotation_of(hint), default)
     return pydantic.create_model(kind.__name__, __base__=_DescriptionModel, **fields)
 
 

@@ -34,11 +34,10 @@ def mask_from_both(disparity: Disparity, partner: Disparity, left: bool = True) 
     _, target, inside = _matches(disparity, partner, left)
     matched = np.take_along_axis(partner, target, axis=1)
     finite = np.isfinite(disparity)
-    agree = (
-        np.abs(np.where(inside, matched, np.inf) - np.where(finite, disparity, 0))
-        <= _CROSS_CHECK_PX
+    difference = np.abs(
+        np.where(inside, matched, np.inf) - np.where(finite, disparity, 0)
     )
-    return mask_of(finite, inside & agree)
+    return mask_of(finite, inside & (difference <= _CROSS_CHECK_PX))
 
 
 def mask_from_one(disparity: Disparity, left: bool = True) -> Mask:
@@ -55,16 +54,13 @@ def mask_from_one(disparity: Disparity, left: bool = True) -> Mask:
     winners = np.full(disparity.shape, -np.inf, np.float32)
     for columns in (np.floor(matches), np.ceil(matches)):
         covered = (columns >= 0) & (columns < disparity.shape[1])
-        np.maximum.at(
-            winners,
-            (np.nonzero(covered)[0], columns[covered].astype(np.intp)),
-            disparity[covered],
-        )
+        rows = np.nonzero(covered)[0]
+        pixels = rows, columns[covered].astype(np.intp)
+        np.maximum.at(winners, pixels, disparity[covered])
     finite = np.isfinite(disparity)
     winner = np.take_along_axis(winners, target, axis=1)
-    return mask_of(
-        finite, inside & (winner <= np.where(finite, disparity, 0) + _CROSS_CHECK_PX)
-    )
+    farthest = np.where(finite, disparity, 0) + _CROSS_CHECK_PX
+    return mask_of(finite, inside & (winner <= farthest))
 
 
 def correspondence_of(
@@ -140,15 +136,13 @@ def _matches(
     u = np.arange(disparity.shape[1], dtype=np.float64)
     matches = u - disparity if left else u + disparity
     inside = (matches >= -0.5) & (matches < disparity.shape[1] - 0.5)
-    return (
-        matches,
-        np.floor(np.where(inside, matches, 0.0) + 0.5).astype(np.intp),
-        inside,
-    )
+    nearest = np.floor(np.where(inside, matches, 0.0) + 0.5).astype(np.intp)
+    return matches, nearest, inside
 
 
 def mask_of(has_truth: NDArray[np.bool_], visible: NDArray[np.bool_]) -> Mask:
     """The mask, uint8 (H, W), of pixels whose truth is known and whose point the partner sees."""
-    return np.where(
-        has_truth & visible, VISIBLE, np.where(has_truth, HIDDEN, UNKNOWN)
-    ).astype(np.uint8)
+    mask = np.full(has_truth.shape, UNKNOWN, np.uint8)
+    mask[has_truth] = HIDDEN
+    mask[has_truth & visible] = VISIBLE
+    return mask

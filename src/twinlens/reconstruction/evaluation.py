@@ -80,6 +80,7 @@ def compare(
     from_truth = _distances_mm(true, reconstructed)
     accuracy = _Distances.of(to_truth, max_distance_mm)
     completeness = _Distances.of(from_truth, max_distance_mm)
+    shares = [_share(to_truth, from_truth, float(limit)) for limit in tolerances_mm]
     return Comparison(
         accuracy_mean_mm=accuracy.mean,
         accuracy_median_mm=accuracy.median,
@@ -87,10 +88,7 @@ def compare(
         completeness_mean_mm=completeness.mean,
         completeness_median_mm=completeness.median,
         completeness_outliers=completeness.outliers,
-        shares=tuple(
-            _share(to_truth, from_truth, float(tolerance))
-            for tolerance in tolerances_mm
-        ),
+        shares=tuple(shares),
         points=len(to_truth),
         true_points=len(from_truth),
         max_distance_mm=float(max_distance_mm),

@@ -111,15 +111,7 @@ def integrate(
     check_number("reach", reach, "a number of metres, one cell or more", least=cell)
     if bounds is None:
         bounds = _bounds_of(views, reach)
-    corners = np.asarray(bounds, dtype=np.float64)
-    if (
-        corners.shape != (2, 3)
-        or not np.isfinite(corners).all()
-        or not (corners[0] < corners[1]).all()
-    ):
-        raise InputError(
-            f"bounds must be the lowest and highest corner, (2, 3), got {corners.tolist()}"
-        )
+    corners = _checked_corners(bounds)
     has_colors = all(view.image is not None for view in views)
     volume = _empty_volume(corners, cell, reach, has_colors)
     weighted = [(view, _pixel_weights(view)) for view in views]
@@ -130,6 +122,17 @@ def integrate(
         for view, weights in weighted:
             _add_view(view, weights, centres, volume, i)
     return volume
+
+
+def _checked_corners(bounds: ArrayLike) -> Float:
+    """Bounds in float64 (2, 3). Raises InputError."""
+    corners = np.asarray(bounds, dtype=np.float64)
+    has_two_corners = corners.shape == (2, 3) and np.isfinite(corners).all()
+    if not has_two_corners or not (corners[0] < corners[1]).all():
+        raise InputError(
+            f"bounds must be the lowest and highest corner, (2, 3), got {corners.tolist()}"
+        )
+    return corners
 
 
 def _bounds_of(views: Sequence[DepthView], margin: float) -> tuple[Float, Float]:
@@ -170,19 +173,19 @@ def surface_of(volume: Volume) -> Surface:
     """
     from skimage.measure import marching_cubes
 
-    seen = volume.weight > 0
-    distance = np.where(seen, volume.distance, np.float32(1.0))
+    is_known = volume.weight > 0
+    distance = np.where(is_known, volume.distance, np.float32(1.0))
     # Flags of a cube: those of a cell and of the seven before it. Marching cubes takes masks at the last corner.
     cube = np.ones((2, 2, 2))
-    seen_cubes = ndimage.binary_erosion(seen, cube)
+    known_cubes = ndimage.binary_erosion(is_known, cube)
     outside = ndimage.binary_erosion(distance > 0, cube)
     inside = ndimage.binary_erosion(distance <= 0, cube)
-    if not (seen_cubes & ~outside & ~inside).any():
+    if not (known_cubes & ~outside & ~inside).any():
         raise InputError(
             "no surface crosses the grid: check the bounds, and that the cells are smaller than the scene"
         )
     vertices, faces, _, _ = marching_cubes(
-        distance, 0.0, mask=seen_cubes, gradient_direction="descent"
+        distance, 0.0, mask=known_cubes, gradient_direction="descent"
     )
     colors = None
     if volume.colors is not None:
@@ -206,7 +209,9 @@ def _agrees(view: DepthView, points: Float, tolerance: float) -> NDArray[np.bool
 def _pixel_weights(view: DepthView) -> Float:
     """Weight of each pixel (H, W): the cosine between its ray and the surface normal, at least `_MIN_WEIGHT`."""
     points = view.positions()
+    # Positions are +inf where the depth is unknown, and inf - inf is NaN.
     with np.errstate(invalid="ignore"):
+        # Differences along u and v are two tangents of the surface.
         normal = np.cross(np.gradient(points, axis=1), np.gradient(points, axis=0))
         ray = view.world_from_cam[:3, 3] - points
         size = np.linalg.norm(normal, axis=-1) * np.linalg.norm(ray, axis=-1)
@@ -230,9 +235,9 @@ def _add_view(
     per_depth = ray_distance / np.where(inside, cam[..., 2], 1.0)
     away = (depth - cam[..., 2]) * per_depth
     # Cells farther behind the surface than the reach are hidden: this view says nothing about them.
-    seen = inside & np.isfinite(depth) & (away >= -volume.reach)
-    u, v = np.floor(pixels[seen] + 0.5).astype(int).T
-    weight_before, weight = volume.weight[i][seen], pixel_weights[v, u]
+    observed = inside & np.isfinite(depth) & (away >= -volume.reach)
+    u, v = np.floor(pixels[observed] + 0.5).astype(int).T
+    weight_before, weight = volume.weight[i][observed], pixel_weights[v, u]
     weight_after = weight_before + weight
 
     def running_mean(mean: NDArray[Any], values: NDArray[Any]) -> Any:
@@ -240,12 +245,12 @@ def _add_view(
         before, new = weight_before.reshape(shape), weight.reshape(shape)
         return (mean * before + values * new) / weight_after.reshape(shape)
 
-    truncated = np.minimum(away[seen] / volume.reach, 1.0)
-    volume.distance[i][seen] = running_mean(volume.distance[i][seen], truncated)
+    truncated = np.minimum(away[observed] / volume.reach, 1.0)
+    volume.distance[i][observed] = running_mean(volume.distance[i][observed], truncated)
     if volume.colors is not None and view.image is not None:
         colors = volume.colors[i]
-        colors[seen] = running_mean(colors[seen], view.image[v, u])
-    volume.weight[i][seen] = weight_after
+        colors[observed] = running_mean(colors[observed], view.image[v, u])
+    volume.weight[i][observed] = weight_after
 
 
 def _depth_at(view: DepthView, pixels: Float, reach: float) -> Float:
@@ -254,12 +259,13 @@ def _depth_at(view: DepthView, pixels: Float, reach: float) -> Float:
     u, v = pixels.clip(0, (width - 1, height - 1)).T
     left, top = np.floor(u).astype(int), np.floor(v).astype(int)
     right, bottom = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
-    x, y = u - left, v - top
+    x, y = u - left, v - top  # of the pixel between its neighbours, 0 to 1
     depth = view.depth
     corners = np.stack(
         [depth[top, left], depth[top, right], depth[bottom, left], depth[bottom, right]]
     )
     shares = np.stack([(1 - y) * (1 - x), (1 - y) * x, y * (1 - x), y * x])
+    # The neighbour with the largest share is the nearest pixel.
     nearest = np.take_along_axis(corners, shares.argmax(axis=0)[None], axis=0)[0]
     with np.errstate(invalid="ignore"):  # inf - inf
         smooth = np.ptp(corners, axis=0) <= reach

@@ -115,14 +115,13 @@ def reconstruct(
     surface = surface_of(integrate(views, cell))
     clouds = {"points": points, "mesh": sampled(surface, 0.5 * cell)}
     progress(0.8, "comparing")
-    against_truth = {}
+    against_truth: dict[str, Any] = {}
     if stored.has_truth(0):
         true = fuse(depth_views(stored, None, far))
         spacing_mm = 1e3 * (0.5 * cell if spacing is None else spacing)
-        against_truth = {
-            name: asdict(compare(cloud, true, spacing_mm=spacing_mm))
-            for name, cloud in clouds.items()
-        }
+        for name, cloud in clouds.items():
+            comparison = compare(cloud, true, spacing_mm=spacing_mm)
+            against_truth[name] = asdict(comparison)
     return Reconstruction(views, points, surface, cell, against_truth)
 
 
