@@ -76,12 +76,6 @@ def test_the_card_tells_what_there_is(tmp_path):
     assert f"| depth | {least:.4g} to " in body
 
 
-def test_the_card_of_a_recipe_without_splits_has_none(tmp_path):
-    root = made(tmp_path / "set", split=None)
-    describe(root)
-    assert "splits" not in (root / "README.md").read_text()
-
-
 def test_the_card_has_the_noise_of_the_renderer(tmp_path):
     root = made(tmp_path / "set")
     for name, ratio in (("a", 0.2), ("train/0", 0.4)):
@@ -189,7 +183,7 @@ def test_the_contact_sheet_shows_each_image():
         contact_sheet([])
 
 
-@pytest.mark.parametrize("count", [0, 1, 3])
+@pytest.mark.parametrize("count", [0, 3])
 def test_the_figure_of_any_statistics(count):
     sample = statistics(dataset_scene.sample())
     same = sample | {"disparity": [0.0] * 33, "blur_px": []}

@@ -137,12 +137,6 @@ def test_a_plain_middlebury_folder(tmp_path):
         _ = data.manifest
 
 
-def test_a_folder_of_one_sample(folder, tmp_path):
-    data = Dataset(folder / "a")
-    assert [sample.name for sample in data] == ["a"]
-    assert_array_equal(data[0].im0, Dataset(folder)["a"].im0)
-
-
 def test_missing_masks_are_computed(tmp_path):
     sample = dataset_scene.sample(width=200, height=150)
     for i in (0, 1):

@@ -39,17 +39,6 @@ def test_an_export_is_read_back(data, tmp_path, layout, folder):
     assert names == (["s0", "s1"] if layout == "eth3d" else ["000000_10", "000001_10"])
 
 
-def test_an_export_to_middlebury_is_read_back(data, tmp_path):
-    export(data, tmp_path / "made", "middlebury")
-    for folder in ("made", "made/Middlebury2014/train"):
-        for pair, sample in zip(
-            open_pairs([str(tmp_path / folder)]), data, strict=True
-        ):
-            assert pair.name == f"{sample.name}-perfect"
-            assert_array_equal(pair.im1, sample.im1)
-            assert_array_equal(pair.disp0, sample.disp0)
-
-
 def test_kitti_2012_has_grey_images_of_its_own(tmp_path):
     """disp_occ holds all measured pixels, disp_noc those visible in both views; 256 d in 16 bits, 0 unknown."""
     occluded = np.array([[0, 512, 1280], [256, 0, 2560]], np.uint16)

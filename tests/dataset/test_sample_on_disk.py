@@ -1,11 +1,4 @@
-import os
-import pickle
-import signal
-import subprocess
-import sys
-import textwrap
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -147,12 +140,6 @@ def test_rejected_arrays_leave_nothing_behind(tmp_path, sample):
     assert not list(tmp_path.iterdir())
 
 
-def test_stored_samples_can_be_pickled(stored):
-    again = pickle.loads(pickle.dumps(stored))
-    assert again == stored
-    assert_array_equal(again.disp0, stored.disp0)
-
-
 def test_an_invalid_record_is_rejected(tmp_path, sample):
     glass = {"type": "Glass"}
     for number, (keys, value, message) in enumerate(
@@ -194,41 +181,6 @@ def test_a_damaged_lens_leaves_the_rest_readable(tmp_path, sample):
     (tmp_path / "s" / "sample.json").unlink()
     with pytest.raises(FileError, match=r"sample\.json: no such file"):
         _ = stored.lens(0).lens
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(os.name != "posix", reason="kills a process")
-def test_a_killed_writer_leaves_complete_samples_only(tmp_path):
-    program = textwrap.dedent(
-        f"""
-        import itertools, sys
-        sys.path.insert(0, {str(Path(__file__).parents[2])!r})
-        from tests.dataset import dataset_scene
-        from twinlens.dataset import write_sample
-        sample = dataset_scene.sample()
-        print("ready", flush=True)
-        for i in itertools.count():
-            write_sample(f"{tmp_path}/{{i:06d}}", sample)
-        """
-    )
-    rng = np.random.default_rng(0)
-    for _ in range(5):
-        process = subprocess.Popen(
-            [sys.executable, "-c", program], stdout=subprocess.PIPE
-        )
-        process.stdout.readline()
-        with pytest.raises(subprocess.TimeoutExpired):
-            process.wait(timeout=float(rng.uniform(0.01, 0.2)))
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-        process.stdout.close()
-        whole = set(sample_files(dataset_scene.sample()))
-        for folder in tmp_path.iterdir():
-            if not folder.name.startswith("."):
-                assert {p.name for p in folder.iterdir()} == whole
-                for path in folder.iterdir():
-                    path.unlink()
-                folder.rmdir()
 
 
 def test_files_with_fewer_and_with_unknown_keys_are_read(tmp_path, sample):

@@ -7,7 +7,6 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tests.dataset import dataset_scene
-from twinlens import geometry
 from twinlens.camera import Rig
 from twinlens.dataset import Dataset, collate, crop, stereo_flip, write_sample
 from twinlens.errors import InputError
@@ -87,40 +86,6 @@ def test_a_crop_is_the_scene_seen_by_the_smaller_cameras(window):
         assert (expected["mask0_nonocc"] == 128).sum() > (
             SAMPLE["mask0_nonocc"] == 128
         )[y : y + height, x : x + width].sum()
-
-
-@pytest.mark.parametrize("i", [0, 1])
-@pytest.mark.parametrize(
-    "change",
-    [
-        lambda s: crop(s, 13, 7, 40, 33),
-        stereo_flip,
-        lambda s: crop(stereo_flip(s), 5, 2, 50, 40),
-    ],
-)
-def test_pixels_reproject_to_their_positions_and_to_their_matches(change, i):
-    sample = change(SAMPLE)
-    height, width = sample[f"depth{i}"].shape
-    v, u = np.indices((height, width))
-    hit = np.isfinite(sample[f"depth{i}"])
-    rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(sample[f"K{i}"]).T
-    points = sample[f"depth{i}"][hit][:, None] * rays[hit]
-    world = geometry.transform_points(sample[f"world_from_cam{i}"], points)
-    assert_allclose(world, sample[f"position{i}"][hit], atol=1e-9)
-    partner = geometry.transform_points(
-        np.linalg.inv(sample[f"world_from_cam{1 - i}"]), world
-    )
-    match = partner @ sample[f"K{1 - i}"].T
-    sign = 1 - 2 * i
-    expected = u[hit] - sign * sample[f"disp{i}"][hit]
-    assert_allclose(match[:, 0] / match[:, 2], expected, atol=1e-4)
-    assert_allclose(match[:, 1] / match[:, 2], v[hit], atol=1e-9)
-    depth = (
-        sample[f"K{i}"][0, 0]
-        * sample["baseline"]
-        / (sample[f"disp{i}"][hit] + sample["doffs"])
-    )
-    assert_allclose(depth, sample[f"depth{i}"][hit], rtol=1e-5)
 
 
 def test_a_stereo_flip_is_the_pair_of_the_mirrored_scene(monkeypatch):

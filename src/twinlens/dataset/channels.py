@@ -236,17 +236,17 @@ class Channel:
         if not self.per_projector:
             return self._split(array, 0)
         planes: dict[str, Any] = {}
-        for projector, part in enumerate(array):
-            planes |= self._split(part, projector)
+        for projector, values in enumerate(array):
+            planes |= self._split(values, projector)
         return planes
 
     def from_planes(self, planes: Mapping[str, Any], projectors: int = 0) -> Any:
         """The array in the planes of an EXR file. Raises KeyError with the name of a missing plane."""
         if not self.per_projector:
             return self._joined(planes, 0).astype(self.dtype, copy=False)
-        parts = [self._joined(planes, number) for number in range(projectors)]
-        if parts:
-            return np.stack(parts).astype(self.dtype, copy=False)
+        arrays = [self._joined(planes, number) for number in range(projectors)]
+        if arrays:
+            return np.stack(arrays).astype(self.dtype, copy=False)
         height, width = next(iter(planes.values())).shape
         components = (len(self.planes),) if len(self.planes) > 1 else ()
         return np.empty((0, height, width, *components), self.dtype)
@@ -261,8 +261,10 @@ class Channel:
         return dict(zip(names, np.moveaxis(array, -1, 0), strict=True))
 
     def _joined(self, planes: Mapping[str, Any], projector: int) -> Any:
-        parts = [planes[name] for name in self._plane_names(projector)]
-        return parts[0] if len(parts) == 1 else np.stack(parts, axis=-1)
+        components = [planes[name] for name in self._plane_names(projector)]
+        if len(components) == 1:
+            return components[0]
+        return np.stack(components, axis=-1)
 
 
 def _numbers(version: str) -> tuple[int, ...]:

@@ -103,11 +103,8 @@ def contact_sheet(tiles: Sequence[Image.Image], columns: int = 8) -> Image.Image
         "padding_width": _GAP,
         "fill": (255, 255, 255),
     }
-    return Image.fromarray(
-        montage(
-            np.stack([np.asarray(each) for each in padded]), channel_axis=-1, **grid
-        )
-    )
+    images = np.stack([np.asarray(picture) for picture in padded])
+    return Image.fromarray(montage(images, channel_axis=-1, **grid))
 
 
 @dataclass(frozen=True)

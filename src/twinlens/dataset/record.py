@@ -328,18 +328,12 @@ def unpack(value: Mapping[str, Any]) -> NDArray[np.float64]:
 
 
 def _depth(value: Any) -> int:
-    below = (
-        value.values()
-        if isinstance(value, dict)
-        else value
-        if isinstance(value, list)
-        else None
-    )
-    if below is None:
+    """The number of nested dicts and lists."""
+    if isinstance(value, dict):
+        value = list(value.values())
+    if not isinstance(value, list):
         return 0
-    return 1 + max(
-        [_depth(each) for each in below if isinstance(each, (dict, list))], default=0
-    )
+    return 1 + max((_depth(entry) for entry in value), default=0)
 
 
 def _reject_constant(name: str) -> float:
@@ -354,16 +348,12 @@ def _indented(value: Any, depth: int) -> str:
     ):
         return json.dumps(value, ensure_ascii=False, allow_nan=False)
     gap, end = "\n" + " " * (depth + 1), "\n" + " " * depth
+    separator = f",{gap}"
     if isinstance(value, list):
-        return (
-            "["
-            + gap
-            + f",{gap}".join(_indented(entry, depth + 1) for entry in value)
-            + end
-            + "]"
-        )
-    entries = (
+        entries = [_indented(entry, depth + 1) for entry in value]
+        return f"[{gap}{separator.join(entries)}{end}]"
+    entries = [
         f"{json.dumps(key, ensure_ascii=False)}: {_indented(entry, depth + 1)}"
         for key, entry in value.items()
-    )
-    return "{" + gap + f",{gap}".join(entries) + end + "}"
+    ]
+    return "{" + gap + separator.join(entries) + end + "}"

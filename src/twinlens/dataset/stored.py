@@ -367,10 +367,10 @@ class StoredShot:
     def renderer_noise(self) -> float | None:
         """Renderer noise over sensor noise in the noisiest view, or None where it was not measured."""
         ratios = self.record.get("light_paths_over_sensor")
-        known = isinstance(ratios, list) and all(
-            isinstance(ratio, (int, float)) for ratio in ratios
-        )
-        return max(ratios) if known and ratios else None
+        if not isinstance(ratios, list) or not ratios:
+            return None
+        are_numbers = all(isinstance(ratio, (int, float)) for ratio in ratios)
+        return max(ratios) if are_numbers else None
 
     def path(self, name: str) -> Place:
         """The place of the lens's file of that name."""

@@ -78,18 +78,17 @@ class _Content:
 
     def required(self, is_truth: bool) -> Iterator[tuple[ViewFile, int, int]]:
         """The files of views that the sample must have: those of the truth, or the others."""
-        rig = None if self.record is None else self.record.rig.nominal
         for file in view_files():
             for lens in range(self.num_lenses if file.per_lens else 1):
                 for view in range(self.num_views):
-                    # A plain folder needs its two images only.
-                    needed = (
-                        file is IMAGE
-                        if rig is None
-                        else file.required(rig, view, self.is_dual(lens))
-                    )
-                    if needed and file.is_truth == is_truth:
+                    if file.is_truth == is_truth and self._needs(file, view, lens):
                         yield file, view, lens
+
+    def _needs(self, file: ViewFile, view: int, lens: int) -> bool:
+        """Whether the sample must have a file; a plain folder needs its two images only."""
+        if self.record is None:
+            return file is IMAGE
+        return file.required(self.record.rig.nominal, view, self.is_dual(lens))
 
     def of_view(self, view: int, lens: int) -> dict[str, Any]:
         """The channels of a view, of the files of one lens and of those that all lenses share."""
@@ -134,20 +133,18 @@ def missing_parts(where: Where) -> str:
         return ""
     num_failed = len(failed) if isinstance(failed, list) else 0
     unhashed = sum("files" not in sample.row for sample in pending)
-    parts, actions = [f"{MANIFEST} lists {listed} of {count} samples"], []
+    counts, actions = [f"{MANIFEST} lists {listed} of {count} samples"], []
     if pending:
         note = f" ({unhashed} without checksums)" if unhashed else ""
-        parts.append(f"{len(pending)} made but not listed yet{note}")
+        counts.append(f"{len(pending)} made but not listed yet{note}")
         actions = ["list the finished ones"]
     if num_failed:
-        parts.append(f'{num_failed} failed ("failed" in it says why)')
+        counts.append(f'{num_failed} failed ("failed" in it says why)')
     if listed + len(pending) + num_failed < count:
         actions.insert(0, "make the missing samples")
-    return "; ".join(
-        [*parts, f"rerun `twinlens generate` to {' and '.join(actions)}"]
-        if actions
-        else parts
-    )
+    if actions:
+        counts.append(f"rerun `twinlens generate` to {' and '.join(actions)}")
+    return "; ".join(counts)
 
 
 def repair_hint(where: Where, findings: Mapping[str, Sequence[str]]) -> str:
