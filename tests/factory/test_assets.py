@@ -6,7 +6,6 @@ import pytest
 from twinlens.dataset import Dataset, read_manifest
 from twinlens.dataset.codecs.png import encode_png
 from twinlens.dataset.verify import verify_sample
-from twinlens.errors import InputError
 from twinlens.factory import generate, read_recipe
 
 RECIPE = """
@@ -46,12 +45,3 @@ def test_broken_files_are_skipped_and_named_without_the_machines_paths(
     assert skipped[0]["reason"]
     assert str(tmp_path) not in (tmp_path / "set" / "dataset.json").read_text()
     assert verify_sample(Dataset(tmp_path / "set")[0]) == []
-
-
-@pytest.mark.parametrize(
-    "key", ["mesh_share = 1", "keep_scale = true", "keep_material = true"]
-)
-def test_keys_of_meshes_need_meshes(recipe, key):
-    recipe.file.write_text(RECIPE.replace("[assets]", f"[assets]\n{key}"))
-    with pytest.raises(InputError, match=f"assets: '{key.split()[0]}' needs 'meshes'"):
-        read_recipe(recipe.file)

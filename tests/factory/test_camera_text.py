@@ -45,7 +45,6 @@ VIEW = View(
         ("pinhole", Pinhole()),
         ("thin:20", ThinLens(0.02, middle_focus(2.0, 6.0))),
         ("thin:20@1.5", ThinLens(0.02, 1.5)),
-        ("f/2@inf", ThinLens(0.0025, float("inf"))),
         ("f/ 2@inf", ThinLens(0.0025, float("inf"))),
         ("hole:0.35@50", BareAperture(0.35e-3, 0.05)),
     ],
@@ -60,13 +59,10 @@ def test_lenses(text, lens):
         ("", "unknown lens ''"),
         ("thick:2", "did you mean 'thin'"),
         ("pinhole:3", "must be pinhole"),
-        ("thin:", "must be thin:DIAMETER_MM"),
         ("thin:2@near", "must be thin:DIAMETER_MM"),
         ("f/", "must be f/N"),
         ("hole:1", "must be hole:DIAMETER_MM@FILM_MM"),
         ("thin:x", "aperture_mm: must be a number of millimetres .* got 'x'"),
-        ("thin:2@0", "focus: must be a number"),
-        ("f/-2", "f_number"),
         ("hole:1@inf", "film_mm: must be a number"),
     ],
 )
@@ -88,10 +84,8 @@ def test_the_aperture_applies_to_every_lens_with_a_diameter():
     ("text", "shape"),
     [
         ("disk", Disk()),
-        ("polygon:6", Polygon(6)),
         ("polygon: 6.0", Polygon(6)),
-        ("polygon:5:-12.5", Polygon(5, rotation_deg=-12.5)),
-        ("polygon:5:0:0.3", Polygon(5, roundness=0.3)),
+        ("polygon:5:-12.5:0.3", Polygon(5, rotation_deg=-12.5, roundness=0.3)),
         ("annulus:0.5", Annulus(0.5)),
     ],
 )
@@ -111,11 +105,8 @@ def test_a_mask_has_the_transmission_of_the_image(tmp_path, channels):
     ("text", "message"),
     [
         ("polygn:6", "did you mean 'polygon'"),
-        ("polygon:", "must be polygon:BLADES"),
         ("polygon:6:1:0:3", "must be polygon:BLADES"),
-        ("polygon:x", "blades: must be a whole number from 3 to 1000, got 'x'"),
-        ("polygon:6.5", "blades"),
-        ("annulus:1", "inner"),
+        ("polygon:6.5", "blades: must be a whole number from 3 to 1000, got '6.5'"),
         ("disk:2", "must be disk"),
         ("mask:", "must be mask:FILE"),
     ],
@@ -131,13 +122,11 @@ def test_bad_apertures_raise_errors(text, message):
     [
         (np.zeros((3, 3), np.uint8), "black"),
         (np.arange(27, dtype=np.uint8).reshape(3, 3, 3), "coloured"),
-        (None, "no such file"),
     ],
 )
 def test_bad_masks_raise_errors(tmp_path, cells, message):
     path = tmp_path / "mask.png"
-    if cells is not None:
-        write_png(path, cells)
+    write_png(path, cells)
     with pytest.raises(InputError, match=message) as error:
         parse_aperture(f"mask:{path}")
     assert str(error.value).startswith(f"--aperture 'mask:{path}': {path}")
@@ -146,7 +135,6 @@ def test_bad_masks_raise_errors(tmp_path, cells, message):
 @pytest.mark.parametrize(
     ("text", "model"),
     [
-        ("-0.2", BrownConrady(k1=-0.2)),
         (
             "0.1,0.2,0.3,0.4,0.5,0.6,0.7,0.8",
             BrownConrady(0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8),
@@ -173,18 +161,10 @@ def test_exposures(text, exposure):
 
 
 def test_mismatches():
-    assert parse_mismatch("gain=1.1,time=1.05,black_level=-2") == Mismatch(
-        1.1, 1.05, -2.0
-    )
     assert parse_mismatch("blur_px=0.5,time=2") == Mismatch(time=2.0, blur_px=0.5)
     drawn = Mismatch.draw("typical", 4)
-    assert (
-        parse_mismatch("typical", 4) == parse_mismatch(" typical , seed = 4") == drawn
-    )
-    assert parse_mismatch("level=typical,seed=4", 5) == drawn
-    assert parse_mismatch("typical,blur_px=0", 4) == parse_mismatch(
-        "level=typical,blur_px=0", 4
-    )
+    assert parse_mismatch("typical", 4) == drawn
+    assert parse_mismatch(" typical , seed = 4") == drawn
     assert parse_mismatch("level=typical,blur_px=0", 4) == replace(drawn, blur_px=0.0)
 
 
@@ -192,10 +172,6 @@ def test_mismatches():
     ("text", "sensor"),
     [
         ("phone", Sensor.preset("phone")),
-        (
-            "ideal:bits=16,output=raw,gamma=2",
-            Sensor.preset("ideal", bits=16, output="raw", gamma=2.0),
-        ),
         (
             "phone:shot_noise=no,vignetting=yes",
             Sensor.preset("phone", shot_noise=False, vignetting=True),
@@ -213,28 +189,20 @@ def test_sensors(text, sensor):
 @pytest.mark.parametrize(
     ("parse", "text", "message"),
     [
-        (parse_distortion, "", "must be k1"),
         (parse_distortion, "0.1,nan", "must be k1"),
         (parse_distortion, "0.1,inf", "k2 must be a number from .* got inf"),
-        (parse_distortion, "1,2,3,4,5,6,7,8,9", "must be k1"),
         (parse_distortion, "fisheye:1,2,3,4,5", r"fisheye:k1\[,k2"),
         (parse_distortion, "fishey:1", "did you mean 'fisheye'"),
-        (parse_exposure, "-1/60", "time"),
-        (parse_exposure, "inf", "must be TIME_S"),
         (parse_exposure, "1/0", "1/60"),
         (parse_exposure, "1/60,0", "gain"),
         (parse_exposure, "1/60,", "must be TIME_S"),
         (parse_mismatch, "", r"NAME=VALUE, or a level \(none, .*\) alone or first"),
         (parse_mismatch, "gain=1.05,typical", "alone or first; got 'typical'"),
-        (parse_mismatch, "typical,typical", "alone or first; got 'typical'"),
         (parse_mismatch, "seed=3", "seed needs a level"),
-        (parse_mismatch, "typcal", "did you mean 'typical'"),
         (parse_misalignment, "pitch=1", "did you mean 'pitch_deg'"),
-        (parse_misalignment, "foo=1", "^--misalignment 'foo=1': [^-]*$"),
         (parse_sensor, "phne", "did you mean 'phone'"),
         (parse_sensor, "phone:", "NAME=VALUE"),
         (parse_sensor, "ideal:preset=phone", "unknown parameter 'preset'"),
-        (parse_sensor, "ideal:mismatch=3", "unknown parameter 'mismatch'"),
     ],
 )
 def test_errors_begin_with_the_option(parse, text, message):
@@ -245,7 +213,7 @@ def test_errors_begin_with_the_option(parse, text, message):
 
 
 @pytest.mark.parametrize(
-    "text", ["640", "640x", "x480", "-1x4", "640x480x3", "6.4x480", "1" * 5000 + "x3"]
+    "text", ["640x", "-1x4", "640x480x3", "6.4x480", "1" * 5000 + "x3"]
 )
 def test_bad_sizes_raise_errors(text):
     with pytest.raises(InputError, match="WIDTHxHEIGHT") as error:

@@ -59,22 +59,17 @@ OWN = {
 def test_a_camera_replaces_that_of_the_rig_of_its_scene():
     camera = {"preset": "realsense-d435"}
     by_recipe = rig_of({"width": 320, "height": 200, "camera": camera}, own=OWN)[1]
-    by_option = default_rig(
-        dataclasses.replace(SCENE, rig=OWN), 320, 200, intrinsics={"camera": camera}
-    )
+    own = dataclasses.replace(SCENE, rig=OWN)
+    by_option = default_rig(own, 320, 200, intrinsics={"camera": camera})
     for rig in (by_recipe, by_option):
-        assert [each.fx for each in rig.cameras] == pytest.approx([1.93e3 / 12] * 2)
+        assert rig.cameras[0].fx == pytest.approx(1.93e3 / 12)
         assert rig.cameras[0] == rig.cameras[1]
         assert rig.baseline() == pytest.approx(0.05)
         assert not rig.is_rectified()
-
-
-def test_a_camera_without_a_pair_keeps_the_baseline_of_the_rig_of_its_scene():
-    camera = {"fx": 300.0}
-    assert rig_of({"camera": camera}, own=OWN)[1].baseline() == pytest.approx(0.4)
-    assert [each.fx for each in rig_of({"camera": camera}, own=OWN)[1].cameras] == [
-        300.0
-    ] * 2
+    # A camera without a pair keeps the baseline.
+    alone = rig_of({"camera": {"fx": 300.0}}, own=OWN)[1]
+    assert alone.baseline() == pytest.approx(0.4)
+    assert alone.cameras[1].fx == 300.0
 
 
 def test_a_fisheye_without_a_pair_has_the_baseline_of_the_scene():
@@ -102,12 +97,6 @@ def test_every_value_may_be_drawn():
     table = {"camera": {"preset": {"sweep": ["mer-pancam", "oak-d"]}}}
     sizes = [rig_of(table, i)[0] for i in (0, 1)]
     assert [(each.width, each.height) for each in sizes] == [(1024, 1024), (1280, 800)]
-    table = {
-        "width": 64,
-        "height": 48,
-        "camera": {"sensor_width_mm": "1/3", "focal_length_mm": {"uniform": [4, 8]}},
-    }
-    assert len({rig_of(table, i)[1].cameras[0].fx for i in range(3)}) == 3
 
 
 def test_a_rig_names_a_camera_and_its_keys_change_it():
@@ -131,12 +120,9 @@ def test_a_rig_names_a_camera_and_its_keys_change_it():
     ({"camera": {"preset": "realsense"}}, r"camera\.preset: unknown camera 'realsense'; did you mean 'realsense-d435'"),
     ({"camera": {"focal_length_mm": 8}}, "focal_length_mm needs the size of a pixel"),
     ({"camera": {"focal_length_mm": 8, "fx": 8}}, "camera: 'fx' and 'focal_length_mm' both set the focal length"),
-    ({"camera": {"focal": 8}}, "camera: unknown key 'focal'"),
     ({"camera": {"preset": "mer-pancam", "width": 8}}, r"are not in \[camera\]"),
     ({"camera": {"preset": "realsense-d435"}, "width": 320, "height": 240}, "sensor has 200 rows at a width of 320"),
     ({"camera": {"sensor_width_mm": "3/2"}}, "unknown sensor format '3/2'"),
-    ({"camera": 3}, "camera: must be a table"),
-    ({"camera": {"preset": "mer-pancam"}, "width": "big"}, "width: must be a whole number"),
 ])  # fmt: skip
 def test_mistakes_are_named(table, message):
     with pytest.raises(InputError, match=message) as caught:
@@ -145,11 +131,8 @@ def test_mistakes_are_named(table, message):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(("camera", "rig", "message"), [
-    ({"fov_x_deg": 50}, {"fov_x_deg": 60}, "camera.fov_x_deg and rig.fov_x_deg exclude each other"),
-    ({"focal_length_mm": 8, "pixel_pitch_um": 3}, {"fx": 700}, "camera.focal_length_mm and rig.fx exclude each other"),
-    ({"cx": 3}, {"cx": 4}, "camera.cx and rig.cx exclude each other"),
-])  # fmt: skip
-def test_camera_and_rig_do_not_set_the_same(camera, rig, message):
-    with pytest.raises(InputError, match=message):
-        rig_of({"camera": camera, "rig": rig})
+def test_camera_and_rig_do_not_set_the_same():
+    camera = {"focal_length_mm": 8, "pixel_pitch_um": 3}
+    both = "camera.focal_length_mm and rig.fx exclude each other"
+    with pytest.raises(InputError, match=both):
+        rig_of({"camera": camera, "rig": {"fx": 700}})

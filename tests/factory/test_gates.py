@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 
 import twinlens as tl
 from twinlens.dataset import Sample, Shot
@@ -46,18 +47,32 @@ def truth_of(made, baseline=0.1):
     return rig, ground_truth(made, rig)
 
 
-def photographed(rig, truths, left, right):
-    images = tuple(
-        (np.clip(image, 0, 1) * 255).astype(np.uint8) for image in (left, right)
-    )
-    return Sample(rig, (Shot(tl.Pinhole(), images),), tuple(truths))
+WALL_RIG, WALL_TRUTHS = truth_of(scene(wall()))
+
+
+def photographed(left, right, **record):
+    """A sample of the wall with these images."""
+    images = tuple(np.uint8(255 * np.clip(image, 0, 1)) for image in (left, right))
+    shot = Shot(tl.Pinhole(), images, record=record)
+    return Sample(WALL_RIG, (shot,), tuple(WALL_TRUTHS))
+
+
+PAINT = np.random.default_rng(0).uniform(0.1, 0.9, (*SIZE[::-1], 3))
 
 
 def test_a_camera_in_a_box_is_refused_and_one_before_it_is_not():
-    rig, truths = truth_of(made := scene(box("crate", 2.0, 0.0)))
-    with pytest.raises(Rejected, match="camera inside an object: camera 0 in 'crate'"):
-        check_truth(GATES, made, rig, truths, None)
-    check_truth(Gates(inside=False), made, rig, truths, None)
+    # The left camera is in the crate, the right one alone in the lamp, a mesh.
+    lamp = trimesh.creation.icosphere(subdivisions=3, radius=0.05)
+    lamp.apply_translation([0.1, 0, 0])
+    mesh = Mesh(lamp.vertices, lamp.faces.astype(np.uint32))
+    for body, place in (
+        (box("crate", 2.0, 0.0), "camera 0 in 'crate'"),
+        (SceneObject("lamp", mesh, "grey"), "camera 1 in 'lamp'"),
+    ):
+        rig, truths = truth_of(made := scene(body, wall()))
+        with pytest.raises(Rejected, match=f"camera inside an object: {place}"):
+            check_truth(Gates(visible=0.0), made, rig, truths, None)
+        check_truth(Gates(visible=0.0, inside=False), made, rig, truths, None)
     rig, truths = truth_of(made := scene(box("crate", 2.0, 4.0), wall(6.0)))
     check_truth(GATES, made, rig, truths, None)
 
@@ -69,16 +84,6 @@ def test_a_furnished_room_is_no_object_to_be_inside_of():
     check_truth(GATES, made, rig, truths, None)
 
 
-def test_the_right_eye_alone_in_a_box_is_found():
-    pose = np.eye(4)
-    pose[:3, :3] *= 0.05
-    pose[0, 3] = 0.1
-    made = scene(SceneObject("lamp", {"type": "sphere"}, "grey", pose), wall())
-    rig, truths = truth_of(made)
-    with pytest.raises(Rejected, match="camera 1 in 'lamp'"):
-        check_truth(Gates(visible=0.0), made, rig, truths, None)
-
-
 def test_disparity_is_held_to_ndisp_exactly():
     rig, truths = truth_of(made := scene(wall(4.0)))
     disparity = float(truths[0].disparity.max())  # fx B / z, the same at every pixel
@@ -86,7 +91,6 @@ def test_disparity_is_held_to_ndisp_exactly():
     with pytest.raises(Rejected, match="disparity beyond ndisp") as caught:
         check_truth(GATES, made, rig, truths, ndisp=int(np.floor(disparity)))
     assert "rig.baseline" in caught.value.remedy
-    check_truth(Gates(beyond_ndisp=1.0), made, rig, truths, ndisp=1)
 
 
 def test_views_that_share_too_little_are_refused():
@@ -94,43 +98,31 @@ def test_views_that_share_too_little_are_refused():
     assert truths[0].visible.mean() < 0.2
     with pytest.raises(Rejected, match="too little visible in both views"):
         check_truth(GATES, made, rig, truths, None)
-    rig, truths = truth_of(made := scene())
-    with pytest.raises(Rejected, match="too little visible"):
-        check_truth(GATES, made, rig, truths, None)
 
 
 @pytest.mark.parametrize(
     ("level", "reason"), [(0.0, "black image"), (1.0, "burnt image")]
 )
 def test_black_and_burnt_pictures_are_refused_in_either_eye(level, reason):
-    rig, truths = truth_of(scene(wall()))
-    good = np.random.default_rng(0).uniform(0.1, 0.9, (*SIZE[::-1], 3))
-    bad = np.full_like(good, level)
+    bad = np.full_like(PAINT, level)
     gates = Gates(texture=0.0)
-    check_photographs(gates, photographed(rig, truths, good, good), Sensor())
-    for pair, where in (((bad, good), "view 0"), ((good, bad), "view 1")):
+    check_photographs(gates, photographed(PAINT, PAINT), Sensor())
+    for pair, where in (((bad, PAINT), "view 0"), ((PAINT, bad), "view 1")):
         with pytest.raises(Rejected, match=f"{reason}: 100.0% of {where}"):
-            check_photographs(gates, photographed(rig, truths, *pair), Sensor())
+            check_photographs(gates, photographed(*pair), Sensor())
 
 
 def test_raw_pictures_are_black_at_their_black_level():
-    rig, truths = truth_of(scene(wall()))
     sensor = Sensor(output="raw", adc_bits=12, black_level=400.0)
     raw = np.full((*SIZE[::-1], 3), 405, np.uint16)
-    sample = Sample(rig, (Shot(tl.Pinhole(), (raw, raw)),), tuple(truths))
+    shot = Shot(tl.Pinhole(), (raw, raw))
+    sample = replace(photographed(PAINT, PAINT), shots=(shot,))
     with pytest.raises(Rejected, match="black image"):
         check_photographs(GATES, sample, sensor)
 
 
 def test_renderer_noise_has_a_limit_in_every_view():
-    rig, truths = truth_of(scene(wall()))
-    image = np.random.default_rng(0).uniform(0.1, 0.9, (*SIZE[::-1], 3))
-    shot = photographed(rig, truths, image, image).shots[0]
-    sample = Sample(
-        rig,
-        (replace(shot, record={"light_paths_over_sensor": [0.2, 0.6]}),),
-        tuple(truths),
-    )
+    sample = photographed(PAINT, PAINT, light_paths_over_sensor=[0.2, 0.6])
     check_photographs(Gates(texture=0.0, noise=0.6), sample, Sensor())
     check_photographs(Gates(texture=0.0), sample, Sensor())
     with pytest.raises(
@@ -141,23 +133,17 @@ def test_renderer_noise_has_a_limit_in_every_view():
 
 
 def test_a_limit_of_the_noise_that_is_not_met_is_said():
-    rig, truths = truth_of(scene(wall()))
-    image = np.random.default_rng(0).uniform(0.1, 0.9, (*SIZE[::-1], 3))
-    shot = replace(
-        photographed(rig, truths, image, image).shots[0],
-        record={"light_paths_over_sensor": [0.2, 0.6], "spp": 768},
-    )
-    for limit in (None, 0.6):
-        warn_of_noise(Sample(rig, (shot,), tuple(truths), record={"noise": limit}), 7)
-    text = r"sample 7: renderer noise 0\.6 x sensor noise with 768 samples per pixel, limit 0\.5 not met"
+    sample = photographed(PAINT, PAINT, light_paths_over_sensor=[0.2, 0.6], spp=768)
+    warn_of_noise(replace(sample, record={"noise": None}), 7)
+    warn_of_noise(replace(sample, record={"noise": 0.6}), 7)
+    text = r"sample 7: renderer noise 0\.6 x .* 768 samples per pixel, limit 0\.5"
     with pytest.warns(NoiseWarning, match=text):
-        warn_of_noise(Sample(rig, (shot,), tuple(truths), record={"noise": 0.5}), 7)
+        warn_of_noise(replace(sample, record={"noise": 0.5}), 7)
 
 
 @pytest.mark.parametrize("noise", [0.03, 0.1, 0.2])
 def test_noise_is_no_texture_and_paint_is(noise):
     """The wall is at one depth, so the right image is the left one shifted by the disparity."""
-    rig, truths = truth_of(scene(wall()))
     rng = np.random.default_rng(3)
     shape = SIZE[::-1]
 
@@ -166,15 +152,11 @@ def test_noise_is_no_texture_and_paint_is(noise):
 
     flat = np.full(shape, 0.5)
     with pytest.raises(Rejected, match="too little texture"):
-        check_photographs(
-            GATES, photographed(rig, truths, noisy(flat), noisy(flat)), Sensor()
-        )
-    disparity = round(float(truths[0].disparity.max()))
+        check_photographs(GATES, photographed(noisy(flat), noisy(flat)), Sensor())
+    disparity = round(float(WALL_TRUTHS[0].disparity.max()))
     paint = 0.5 + 0.1 * rng.standard_normal((shape[0], shape[1] + disparity))
     left, right = paint[:, :-disparity], paint[:, disparity:]
-    check_photographs(
-        GATES, photographed(rig, truths, noisy(left), noisy(right)), Sensor()
-    )
+    check_photographs(GATES, photographed(noisy(left), noisy(right)), Sensor())
 
 
 @pytest.mark.parametrize("noise", [0.03, 0.1, 0.2])
@@ -223,13 +205,3 @@ def test_windows_count_by_their_covariance():
     assert textured_windows(a, half, known) == 1.0
     assert textured_windows(a, half, np.zeros_like(known)) == 1.0
     assert textured_windows(a[:5, :5], a[:5, :5], known[:5, :5]) == 1.0
-
-
-def test_a_mesh_has_an_inside_too():
-    import trimesh
-
-    ball = trimesh.creation.icosphere(subdivisions=3, radius=2.0)
-    mesh = Mesh(ball.vertices, ball.faces.astype(np.uint32))
-    rig, truths = truth_of(made := scene(SceneObject("ball", mesh, "grey")))
-    with pytest.raises(Rejected, match="camera 0 in 'ball'"):
-        check_truth(GATES, made, rig, truths, None)

@@ -7,19 +7,12 @@ import fsspec
 import numpy as np
 import pytest
 
-from tests.factory_recipes import RECIPE, digests, write_recipe, write_sky
+from tests.factory_recipes import RECIPE, digests, write_recipe
 from twinlens.dataset import (
-    About,
     Dataset,
-    Manifest,
-    Row,
-    describe,
-    read_image,
     read_manifest,
-    write_manifest,
 )
 from twinlens.dataset.files import locked
-from twinlens.dataset.metadata import about
 from twinlens.dataset.sample_files import sample_files
 from twinlens.dataset.verify import verify_sample
 from twinlens.errors import FileError, InputError, OutputError
@@ -43,12 +36,8 @@ def whole(recipe, tmp_path_factory):
     """The dataset of one uninterrupted run."""
     folder = tmp_path_factory.mktemp("whole") / "set"
     outcome = generate(recipe, folder)
-    assert (outcome.made, outcome.before, outcome.complete, outcome.failures) == (
-        4,
-        0,
-        True,
-        (),
-    )
+    assert (outcome.made, outcome.before, outcome.complete) == (4, 0, True)
+    assert not outcome.failures
     return folder
 
 
@@ -82,13 +71,6 @@ def test_a_sample_alone_is_that_sample_of_the_set(recipe, whole):
     assert files == {name: (whole / "0000003" / name).read_bytes() for name in files}
 
 
-def test_samples_differ_where_the_recipe_says_so(whole):
-    data = Dataset(whole)
-    assert len({sample.rig.baseline() for sample in data}) == 4
-    assert all(0.05 <= sample.rig.baseline() <= 0.2 for sample in data)
-    assert len({tuple(sample.rig.world_from_cams[0][:3, 3]) for sample in data}) == 4
-
-
 def test_the_manifest_names_recipe_tools_and_splits(recipe, whole):
     manifest = read_manifest(whole)
     assert manifest.recipe == recipe.written
@@ -98,12 +80,9 @@ def test_the_manifest_names_recipe_tools_and_splits(recipe, whole):
     assert [row.info["index"] for row in manifest.rows] == [0, 1, 2, 3]
 
 
-@pytest.mark.parametrize("calls", [0, 2, 5])
-def test_an_interrupted_run_leaves_whole_samples_and_resumes(
-    recipe, whole, folder, calls
-):
+def test_an_interrupted_run_leaves_whole_samples_and_resumes(recipe, whole, folder):
     with pytest.raises(KeyboardInterrupt):
-        generate(recipe, folder, report=interrupting(calls))
+        generate(recipe, folder, report=interrupting(5))
     assert not list(folder.glob(".*unfinished*"))
     there = len(list(folder.glob("[0-9]*")))
     again = generate(recipe, folder)
@@ -116,30 +95,10 @@ def test_limit_counts_this_runs_samples(recipe, whole, folder):
     assert digests(folder) == digests(whole)
 
 
-def test_an_unfinished_dataset_has_a_preview_of_its_samples_and_credits(tmp_path):
-    generate(read_recipe(write_recipe(tmp_path, count=100)), tmp_path / "set", limit=2)
-    assert read_image(tmp_path / "set" / "preview.png").shape[1] == 2 * (160 + 4) + 4
-    assert "| tiny/scene.toml |" in (tmp_path / "set" / "ASSETS.md").read_text()
-
-
 def test_shards_make_the_whole_in_any_order(recipe, whole, folder):
     runs = [generate(recipe, folder, shard=(i, 3)) for i in (2, 3, 1)]
     seen = [(run.before, run.made, run.there, run.left, run.complete) for run in runs]
     assert seen == [(0, 1, 1, 0, False), (1, 1, 2, 0, False), (2, 2, 4, 0, True)]
-    assert digests(folder) == digests(whole)
-
-
-def test_shards_made_apart_are_merged_by_a_run_of_the_whole(
-    recipe, whole, folder, tmp_path
-):
-    folder.mkdir()
-    for i in (1, 2):
-        part = tmp_path / str(i) / "set"
-        generate(recipe, part, shard=(i, 2))
-        for sample in part.glob("[0-9]*"):
-            sample.rename(folder / sample.name)
-    outcome = generate(recipe, folder)
-    assert (outcome.before, outcome.made) == (4, 0)
     assert digests(folder) == digests(whole)
 
 
@@ -171,21 +130,6 @@ def test_a_set_may_grow_and_is_then_the_larger_set(whole, folder, tmp_path):
     assert digests(folder) == digests(whole)
 
 
-def test_described_values_are_kept_and_replace_those_of_the_recipe(recipe, folder):
-    generate(recipe, folder, limit=1)
-    describe(folder, About(license="CC0-1.0"))
-    describe(folder, About(name="My set", creator="Ada"))
-    texts = {"name": "Other", "description": "Cards.", "creator": "Bob"}
-    changed = read_recipe(recipe.file, {"about": texts, "count": 2})
-    described = {"license": "CC0-1.0", "name": "My set", "creator": "Ada"}
-    for _ in range(2):
-        generate(changed, folder)
-        stored, manifest = about(Dataset(folder))
-        assert stored == About(description="Cards.", **described)
-        assert manifest.info["about"] == described
-        assert "# My set\n\nCards.\n" in (folder / "README.md").read_text()
-
-
 def test_a_set_does_not_shrink(recipe, folder, tmp_path):
     generate(recipe, folder, limit=2)
     before = digests(folder)
@@ -195,19 +139,6 @@ def test_a_set_does_not_shrink(recipe, folder, tmp_path):
     ):
         generate(read_recipe(write_recipe(tmp_path, count=1)), folder)
     assert digests(folder) == before
-
-
-def test_a_folder_in_which_nothing_was_made_takes_another_recipe(
-    recipe, folder, tmp_path
-):
-    """As after a mistake that only the first sample shows."""
-    with pytest.raises(KeyboardInterrupt):
-        generate(recipe, folder, report=interrupting(0))
-    other = read_recipe(
-        write_recipe(tmp_path, RECIPE.replace("spp = 1", "spp = 2"), count=1)
-    )
-    assert generate(other, folder).complete
-    assert read_manifest(folder).recipe["spp"] == 2
 
 
 def test_another_recipe_is_refused_and_the_difference_named(recipe, folder, tmp_path):
@@ -224,14 +155,10 @@ def test_another_recipe_is_refused_and_the_difference_named(recipe, folder, tmp_
     assert digests(folder) == before
 
 
-@pytest.mark.parametrize("rows_too", [False, True])
-def test_samples_of_another_recipe_are_not_taken_for_its_own(
-    recipe, folder, tmp_path, rows_too
-):
+def test_samples_of_another_recipe_are_not_taken_for_its_own(recipe, folder, tmp_path):
     generate(recipe, folder, limit=1)
     (folder / "dataset.json").unlink()
-    for row in (folder / ".rows").iterdir() if rows_too else ():
-        row.unlink()
+    shutil.rmtree(folder / ".rows")
     other = read_recipe(
         write_recipe(tmp_path, RECIPE.replace("seed = 11", "seed = 12"))
     )
@@ -247,15 +174,11 @@ def test_other_tools_are_refused(recipe, folder):
     path.write_text(json.dumps(record))
     with pytest.raises(InputError, match=r"versions.mitsuba: '3\.9\.0' -> "):
         generate(recipe, folder)
-
-
-def test_samples_that_other_tools_made_are_not_merged(recipe, folder, tmp_path):
-    generate(recipe, folder, limit=1)
-    (folder / "dataset.json").unlink()
-    path = folder / "0000000" / "sample.json"
-    record = json.loads(path.read_text())
+    path.unlink()
+    sample = folder / "0000000" / "sample.json"
+    record = json.loads(sample.read_text())
     record["record"]["versions"]["mitsuba"] = "3.9.0"
-    path.write_text(json.dumps(record))
+    sample.write_text(json.dumps(record))
     with pytest.raises(InputError, match=r"other versions made it .*mitsuba"):
         generate(recipe, folder)
 
@@ -264,15 +187,6 @@ def test_a_folder_of_something_else_is_left_alone(recipe, folder):
     folder.mkdir()
     (folder / "thesis.tex").write_text("years of work")
     with pytest.raises(InputError, match=r"contains 'thesis.tex'"):
-        generate(recipe, folder)
-
-
-def test_a_dataset_of_render_is_named_as_such(recipe, folder):
-    write_manifest(folder, Manifest((Row("cards", {}, {"scene": "cards"}),), seed=0))
-    with pytest.raises(
-        InputError,
-        match="holds a dataset that `twinlens generate` did not make; name a new folder",
-    ):
         generate(recipe, folder)
 
 
@@ -314,9 +228,8 @@ def test_a_bucket_holds_the_same_samples(recipe, whole):
     system = fsspec.filesystem("memory")
     stored = {name.removeprefix(f"{root}/") for name in system.find(root)}
     assert stored == set(digests(whole))
-    for name in stored:
-        if name[0] == "0":
-            assert system.cat_file(f"{root}/{name}") == (whole / name).read_bytes()
+    name = "0000003/im1.png"
+    assert system.cat_file(f"{root}/{name}") == (whole / name).read_bytes()
     system.rm(f"{root}/0000001/calib.txt")
     lost = r"0000001/calib.txt: is missing; delete the folder"
     with pytest.raises(FileError, match=lost):
@@ -359,7 +272,6 @@ def test_a_sample_that_cannot_be_is_told_with_what_to_change_and_the_rest_is_mad
     assert "rig.baseline" in first.remedy
     assert len(first.rejections) == 3
     assert outcome.complete
-    assert [sample.name for sample in Dataset(folder)] == ["0000000", "0000002"]
     before = digests(folder)
     assert generate(recipe, folder).made == 0
     assert digests(folder) == before
@@ -371,34 +283,15 @@ def test_an_estimate_writes_nothing_and_knows_what_is_there(recipe, whole, folde
     assert not folder.exists()
     assert (estimated.count, estimated.before, estimated.todo) == (4, 0, 4)
     size = sum(path.stat().st_size for path in (whole / "0000000").iterdir())
-    assert estimated.bytes_each == size
     assert estimated.bytes == 4 * size
     assert estimated.seconds > 0
     assert estimate(recipe, whole).todo == 0
-
-
-def test_a_draw_that_cannot_be_built_is_counted_and_the_next_one_taken(
-    folder, tmp_path
-):
-    """Either coefficient alone keeps the image unfolded (1 + 3 k1 r^2 + 5 k2 r^4 > 0), both together do not."""
-    bent = "[rig.distortion]\nk1.choice = [0.0, -0.4, -0.4]\nk2.choice = [0.0, -0.5, -0.5]\n\n[[lenses]]"
-    text = RECIPE.replace("[[lenses]]", bent, 1)
-    outcome = generate(read_recipe(write_recipe(tmp_path, text, count=6)), folder)
-    assert set(outcome.rejections) == {"impossible draw"}
-    specs = [sample.record["record"]["spec"] for sample in Dataset(folder)]
-    bends = [spec["drawn"]["rig"]["distortion"] for spec in specs]
-    assert len(bends) == 6
-    assert {"k1": -0.4, "k2": -0.5} not in bends
-    for row in read_manifest(folder).rows:
-        for rejection in row.info["rejections"]:
-            assert str(tmp_path) not in rejection["found"]
 
 
 @pytest.mark.parametrize(
     ("damage", "named"),
     [
         ({"im0.png": b"torn"}, "im0.png"),
-        ({"calib.txt": None}, "calib.txt: is missing"),
         ({"im0.png": None, "im1.png": None}, r"im0.png: is missing \(and 1 more\)"),
     ],
 )
@@ -416,26 +309,6 @@ def test_a_damaged_sample_is_told_with_what_to_do(recipe, whole, folder, damage,
     shutil.rmtree(sample)
     assert generate(recipe, folder).made == 1
     assert digests(folder) == digests(whole)
-
-
-def test_a_damaged_record_is_found_where_its_row_is_lost(recipe, whole, folder):
-    shutil.copytree(whole, folder)
-    for path in folder.iterdir():
-        if path.is_file():
-            path.unlink()
-    (folder / "0000001" / "sample.json").write_bytes(b"torn")
-    with pytest.raises(FileError, match=r"0000001/sample\.json.*; delete the folder"):
-        generate(recipe, folder)
-
-
-def test_a_lost_image_of_another_lens_is_told(folder, tmp_path):
-    text = RECIPE.replace("[sensor]", "[[lenses]]\nkind = 'pinhole'\n\n[sensor]")
-    recipe = read_recipe(write_recipe(tmp_path, text, count=1))
-    generate(recipe, folder)
-    (folder / "0000000" / "lens-1" / "im0.png").unlink()
-    for call in (generate, estimate):
-        with pytest.raises(FileError, match=r"lens-1/im0\.png: is missing; delete"):
-            call(recipe, folder)
 
 
 def test_a_folder_without_its_mark_is_told_with_what_to_do(recipe, folder):
@@ -476,13 +349,7 @@ def test_where_nothing_is_left_to_chance_the_first_draw_tells(
 @pytest.mark.parametrize(
     ("subject", "mismatch", "message"),
     [
-        ({"scenes": ["cards"]}, [], "of the sensor must be 1, .* got 0"),
-        ({"families": ["tabletop"]}, ["typical"] * 2, "must be 1, .* got 2"),
-        (
-            {"scenes": ["cards"]},
-            {"scale_px": -90},
-            "scale_px=-90: too large for an image of 64x48 pixels, its corners are 40 px from",
-        ),
+        ({"scenes": ["cards"]}, {"scale_px": -90}, "scale_px=-90: too large for"),
         ({"families": ["tabletop"]}, {"focus_um": -1e5}, "moves the film to the lens"),
     ],
 )
@@ -505,15 +372,3 @@ def test_a_scene_without_light_needs_a_sky(tmp_path, folder):
     with pytest.raises(InputError, match=dark):
         generate(read_recipe(path), folder)
     assert not folder.exists()
-    write_sky(tmp_path / "day.exr", np.full((4, 8, 3), 0.5))
-    path.write_text(path.read_text() + '[sky]\nfile = "day.exr"\n')
-    assert make(read_recipe(path), 0).shots[0].images[0].any()
-
-
-def test_progress_names_the_reason_of_the_last_rejected_draw(folder, tmp_path):
-    text = RECIPE + "[gates]\nattempts = 2\nvisible = 1.0\n"
-    recipe, texts = read_recipe(write_recipe(tmp_path, text, count=1)), []
-    outcome = generate(recipe, folder, report=lambda _, text: texts.append(text))
-    reason = outcome.failures[0].rejections[0]["reason"]
-    assert texts[0] == "0/1"
-    assert texts[-1] == f"0/1 draw 2 of 2; last rejected: {reason}"

@@ -10,7 +10,6 @@ import pytest
 import trimesh
 
 from tests.families.families_checks import (
-    SURROUNDINGS,
     crossing,
     floating,
     intersecting,
@@ -21,8 +20,6 @@ from twinlens.errors import InputError
 from twinlens.factory import make, plan, recipe_from_table, remake
 from twinlens.factory.gates import Rejected
 from twinlens.factory.objects import with_objects
-from twinlens.factory.produce import Exhausted
-from twinlens.families import Assets, random_scene
 from twinlens.scenes import load_scene
 from twinlens.scenes.shapes import transformed
 
@@ -98,19 +95,9 @@ def _thin():
 
 
 def recipe_of(folder, objects, **more):
-    table = {
-        "seed": 5,
-        "count": 9,
-        "scenes": ["scene.toml"],
-        "width": 32,
-        "height": 24,
-        "spp": 1,
-        **more,
-    }
-    return recipe_from_table(
-        {**table, "scene": {"objects": objects, **more.get("scene", {})}},
-        folder / "recipe.toml",
-    )
+    table = {"seed": 5, "count": 9, "width": 32, "height": 24, "spp": 1}
+    table |= {"scenes": ["scene.toml"], "scene": {"objects": objects}, **more}
+    return recipe_from_table(table, folder / "recipe.toml")
 
 
 def tables(recipe, index=0):
@@ -250,25 +237,6 @@ def test_each_copy_draws_its_own_values_and_the_plan_has_them_all(folder):
     del part["count"]
     (single,) = tables(recipe_of(folder, {"part": part}))["part"]
     assert single["scale"] == drawn[0][0]["scale"], "a count changes no other draw"
-    files = {"scene.toml", "parts/box.ply", "parts/torus.ply"}
-    assert files <= set(recipe.sources.digests)
-
-
-def test_a_scenes_object_keeps_the_keys_that_are_not_given(folder):
-    recipe = recipe_of(
-        folder,
-        {"block": {"euler_deg": [0, 0, {"uniform": [10, 20]}], "material": "blue"}},
-    )
-    before, after = (
-        load_scene(folder / "scene.toml").objects[1],
-        placed(recipe).objects[1],
-    )
-    np.testing.assert_array_equal(before.shape.vertices, after.shape.vertices)
-    np.testing.assert_array_equal(
-        before.world_from_object[:, 3], after.world_from_object[:, 3]
-    )
-    assert after.material == "blue"
-    assert 10 <= np.degrees(np.arctan2(*after.world_from_object[[1, 0], 0])) <= 20
 
 
 def test_the_record_makes_the_sample_again(folder):
@@ -279,8 +247,7 @@ def test_the_record_makes_the_sample_again(folder):
         gates={"texture": 0},
     )
     sample = make(recipe, 1)
-    record = json.loads(json.dumps(stored(sample)))
-    again = remake(record, load_scene(folder / "scene.toml"), folder=folder)
+    again = remake(stored(sample), load_scene(folder / "scene.toml"), folder=folder)
     np.testing.assert_array_equal(sample.shots[0].images[0], again.shots[0].images[0])
     np.testing.assert_array_equal(sample.truths[1].depth, again.truths[1].depth)
     assert {"part[0]", "part[2]"} <= set(sample.truths[0].object_names)
@@ -292,84 +259,27 @@ def stored(sample):
     return json.loads(dict(sample_files(sample))["sample.json"])
 
 
-def test_families_take_the_same_words(folder):
-    """A tabletop of own bodies only: nothing of the family but its surroundings."""
-    recipe = recipe_from_table(
-        {
-            "seed": 2, "count": 3, "families": ["tabletop"], "width": 32, "height": 24, "spp": 1,
-            "gates": {"texture": 0, "visible": 0},
-            "scene": {
-                "object_count": 0,
-                "objects": {"part": {**PARTS, "scale": 3, "count": 4, "in_view": 0.9,
-                                     "material": {"type": "diffuse", "reflectance": 0.4}}},
-            },
-        },
-        folder / "recipe.toml",
-    )  # fmt: skip
-    names = set(make(recipe, 0).truths[0].object_names)
-    assert {f"part[{i}]" for i in range(4)} <= names
-    assert names - {f"part[{i}]" for i in range(4)} <= SURROUNDINGS
-
-
-@pytest.mark.parametrize("share", [0.0, 1.0])
-def test_a_share_of_one_uses_own_meshes_only(folder, share):
-    assets = Assets.from_folders(meshes=[folder / "parts"], mesh_share=share)
-    scene = random_scene("tabletop", 4, assets=assets, width=64)
-    bodies = [body.name for body in scene.objects if body.name not in SURROUNDINGS]
-    names = {name.split("-")[0] for name in bodies}
-    if share == 1:
-        assert names <= {"box", "can", "cone", "ring", "torus"}
-    else:
-        # twinlens has cones and rings of its own.
-        assert not names & {"box", "can", "torus"}
-
-
 @pytest.mark.parametrize(
     ("objects", "message"),
     [
-        (
-            {"mug": {"translate": [0, 0, 1]}},
-            "recipe.toml: scene.objects.mug: a new object needs one of 'file', 'folder'",
-        ),
-        (
-            {"block": {"resting": "table"}},
-            r"unknown key 'resting'; did you mean 'resting_on'\?",
-        ),
-        (
-            {"block": {"resting_on": "tabel"}},
-            "resting_on: unknown object 'tabel'; did you mean",
-        ),
+        ({"mug": {"translate": [0, 0, 1]}}, "mug: a new object needs one of 'file'"),
         ({"block": {"resting_on": "block"}}, "resting_on: unknown object 'block'"),
         (
             {"block": {"resting_on": "table", "translate": [0, 0, 0]}},
             "'translate' and 'resting_on' exclude each other",
         ),
-        ({"block": [{"scale": 2}]}, r"scene.objects.block: must be one table, got \["),
         ({"block": {"within": [[0, 1], [0, 1]]}}, "'within' needs 'resting_on'"),
-        (
-            {"block": {"count": {"uniform": [1, 3]}}},
-            "block.count: must be a whole number",
-        ),
         ({"p": {**PARTS, "folder": "none"}}, "p: folder: no file or folder 'none'"),
         ({"p": {**PARTS, "file": "a.ply"}}, "'file' and 'folder' exclude each other"),
         ({"p": {**BOX, "file": "../x.ply"}}, "p.file: '../x.ply' leads outside"),
-        (
-            {"p": {**PARTS, "material": {"type": "dffuse"}}},
-            "p.material.type: must be one",
-        ),
         (
             {"p": {**PARTS, "material": {"choice": ["red", "rad"]}}},
             r"scene.objects.p.material: unknown material 'rad'; did you mean 'red'\?",
         ),
         (
-            {"p": {**BOX, "file": "scene.toml"}},
-            "p: file: meshes may be .*, got 'scene.toml'",
-        ),
-        (
             {"p": {"file": "parts/box.ply"}},
             "missing key 'material'; only .glb, .gltf, .obj",
         ),
-        ({"": PARTS}, "scene.objects: an object needs a name, got ''"),
         ({"p": PARTS, "p[0]": BOX}, r"'p\[0\]' is also the name of a copy of"),
         (
             {"p": {**BOX, "resting_on": "q"}, "q": {**BOX, "resting_on": "p"}},
@@ -426,29 +336,11 @@ def test_no_free_place_says_the_sizes(folder, keys, cause, remedy):
     assert remedy in caught.value.remedy
 
 
-def test_rejections_name_the_recipes_own_file(folder):
-    ball = {"shape": "sphere", "material": "red", "resting_on": "table"}
-    with pytest.raises(Exhausted) as caught:
-        make(recipe_of(folder, {"p": ball}), 0)
-    found = caught.value.rejections[0]["found"]
-    assert found.startswith("recipe.toml: scene.objects.p: resting_on: needs a mesh")
-
-
 @pytest.mark.parametrize(
     ("family", "body", "message"),
     [
-        (
-            "flying",
-            {"resting_on": "table", "material": "moon"},
-            "unknown object 'table'",
-        ),
-        (
-            "tabletop",
-            {"resting_on": "tabel", "material": "wall"},
-            "did you mean 'table'",
-        ),
+        ("flying", {"resting_on": "table", "material": "moon"}, "unknown object"),
         ("tabletop", {"material": "gray"}, "p.material: unknown material 'gray'"),
-        ("flying", {"looking_at": "backdrop", "material": "key-light"}, None),
         ("tabletop", {"looking_at": "wall", "material": "key-light"}, None),
     ],
 )

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from twinlens.dataset import StoredSample, write_png
-from twinlens.factory.generate import MOST, chosen, colored, sample_tile
+from twinlens.factory.generate import MOST, chosen, colored
 
 
 @pytest.mark.parametrize("count", [1, 2, 47, 48, 49, 1000, 10_000_000])
@@ -22,15 +21,3 @@ def test_colours_rise_with_disparity_and_unknown_is_black():
     assert image[0, 0, 2] > image[0, 0, 0]  # turbo begins blue
     assert image[0, -1, 0] > image[0, -1, 2]  # and ends red
     assert not colored(np.full((2, 2), np.inf, np.float32)).any()
-
-
-@pytest.mark.parametrize("value", [0, 200, 255, 256, 30_000, 65_535])
-def test_sixteen_bits_are_shown_by_their_upper_eight_however_dark(tmp_path, value):
-    write_png(tmp_path / "im0.png", np.full((6, 8, 3), value, np.uint16))
-    assert (
-        np.abs(
-            np.asarray(sample_tile(StoredSample(tmp_path, "dark"))).astype(int)
-            - value // 257
-        ).max()
-        <= 1
-    )

@@ -118,62 +118,31 @@ SPLIT_NAMES = ("", "train ", "../x", "a/b", "a\\b", "..", ".train", "a\nb", "a" 
     [
         ("sede", 3, "recipe.toml: unknown key 'sede'; did you mean 'seed'?"),
         ("seed", ..., "missing key 'seed'"),
-        ("seed", -1, "seed: must be >= 0, got -1"),
         ("count", {"uniform": [1, 2]}, "count: must be a whole number"),
         ("families", ..., "needs .*exactly one of 'scenes' .* and 'families'"),
         ("scenes", ["cards"], "give 'scenes' or 'families', not both"),
-        ("families", ["tabeltop"], r"families\[0\]: unknown family .*'tabletop'?"),
         ("families", ["room", "room"], "families: 'room' is listed twice"),
-        ("weights", [1], r"recipe.toml: weights: must have length 2, got \[1\.0\]"),
         ("weights", [0, 0], "recipe.toml: weights: at least one must be > 0, got"),
         ("dual_pixel", True, "dual_pixel and diffraction exclude each other"),
         ("width", 12, "recipe.toml: width must be a number of pixels >= 16, got 12"),
         ("width", {"choice": [320, 1600]}, r"aspect .* must be from 0.2 to 5, got 6.6"),
-        ("spp", {"choice": [4.5]}, "spp: must be a whole number from .*, got 4.5$"),
-        ("rig.distortion", {"k9": 1}, r"rig.distortion: unknown key 'k9' \(known: k1"),
         ("rig.baseline", {"uniform": [-0.1, 0.2]}, "rig.baseline: must be > 0, got -0"),
         ("rig.basline", 0.1, "rig: unknown key 'basline'; did you mean 'baseline'?"),
-        ("rig.layout", "circle", "rig.layout: must be one of .*, got 'circle'"),
-        ("lenses", [{"kind": "thim"}], r"lenses\[0\].kind: must be one of .* 'thin'?"),
         ("lenses", [{"kind": "thin"}], "exactly one of 'aperture_mm' and 'f_number'"),
-        (
-            "lenses",
-            [{"kind": "pinhole", "focus": 2}],
-            r"lenses\[0\]: unknown key 'focus'",
-        ),
         ("lenses", [{**THIN, "focus": "midle"}], "did you mean 'middle'?"),
         ("lenses", [{**THIN, "focus": -1}], r"\[0\].focus: must be a number of metres"),
-        ("lenses", [{**THIN, "shape": {"kind": "polygon"}}], "missing key 'blades'"),
-        ("lenses", [], "lenses: must be a list of at least 1 value"),
-        ("sensor.read_nois", 3, "sensor: unknown key .*; did you mean 'read_noise'?"),
         ("sensor.read_noise", {"uniform": [-1, 3]}, "read_noise: must be .* got -1"),
-        ("sensor.preset", "fone", "sensor.preset: must be one of .* 'phone'?"),
         ("sensor.mismatch", {"gian": 1}, "mismatch: unknown key 'gian'; .* 'gain'?"),
-        (
-            "sensor.mismatch",
-            "typcal",
-            "must be one of none, .*; did you mean 'typical'?",
-        ),
         ("sensor.mismatch", {"seed": 5}, "seed needs a level that is drawn"),
         ("sensor.mismatch", {"choice": ["typical", 3]}, "mismatch: must be a table"),
-        ("exposure", {"gain": 2}, "exposure: missing key 'time'"),
-        ("scene.jitter", {"roll": 1}, "scene.jitter: unknown key .*'roll_deg'?"),
         ("scene.depth_range", [5, 1], r"scene.depth_range: must be \[near, far\]"),
         ("scene.depth_range", [1, 1.01], "with far >= 1.8 near in tabletop scenes"),
-        ("gates.texture", 2, "gates.texture: must be <= 1"),
         ("splits", {"train": 0.8, "test": 0.1}, "splits: the shares must add up to 1"),
         *(
             ("splits", {name: 1.0}, "a split's name must be usable")
             for name in SPLIT_NAMES
         ),
         ("rig.baseline", {"unifrom": [1, 2]}, r"mean the distribution 'uniform'\?$"),
-        ("spp", {"interger": [4, 16]}, r"spp: .* the distribution 'integers'\?$"),
-        (
-            "sensor.adc_bits",
-            {"choise": [8, 10]},
-            r"adc_bits: .*distribution 'choice'\?$",
-        ),
-        ("scene.depth_range", {"swep": [[1, 5]]}, r"distribution 'sweep'\?$"),
         (
             "rig.baseline",
             {"gauss": [0.1, 0.2]},
@@ -194,12 +163,6 @@ SPLIT_NAMES = ("", "train ", "../x", "a/b", "a\\b", "..", ".train", "a\nb", "a" 
             {"meshes": "nowhere/"},
             "assets.meshes: no file or folder 'nowhere/'",
         ),
-        ("about", {"licence": "MIT"}, "unknown key 'licence'; did you mean 'license'?"),
-        (
-            "keep",
-            ["radiances"],
-            r"keep\[0\]: must be one of .*did you mean 'radiance'?",
-        ),
     ],
 )
 def test_mistakes_are_named_with_their_place_and_the_nearest_key(place, value, message):
@@ -209,24 +172,16 @@ def test_mistakes_are_named_with_their_place_and_the_nearest_key(place, value, m
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("recipe", [{}, {"width": 64}, {"seed": 1, "count": 1}])
-def test_a_recipe_without_content_is_told_all_that_it_needs(recipe):
-    with pytest.raises(
-        InputError,
-        match=r"^recipe.toml: a recipe needs 'seed', 'count', and exactly one of",
-    ):
-        recipe_from_table(recipe)
-
-
 @pytest.mark.parametrize("key", ["diffraction", "dual_pixel"])
 def test_what_needs_an_aperture_is_refused_where_no_lens_has_a_width(key):
     recipe = {"seed": 1, "count": 1, "scenes": ["cards"]}
     recipe[key] = {"choice": [False, True]}
     pinhole, closed = {"kind": "pinhole"}, {"kind": "thin", "aperture_mm": 0}
     has_no_effect = rf"^recipe.toml: {key}: has no effect, every lens is a pinhole"
-    for lenses in ({}, {"lenses": [pinhole]}, {"lenses": [closed]}):
-        with pytest.raises(InputError, match=has_no_effect):
-            recipe_from_table({**recipe, **lenses})
+    with pytest.raises(InputError, match=has_no_effect):
+        recipe_from_table(recipe)
+    with pytest.raises(InputError, match=has_no_effect):
+        recipe_from_table({**recipe, "lenses": [pinhole, closed]})
     for last in (
         closed | {"aperture_mm": {"choice": [0, 8]}},
         {"choice": [closed, closed | {"aperture_mm": 1}]},
@@ -238,8 +193,6 @@ def test_what_needs_an_aperture_is_refused_where_no_lens_has_a_width(key):
     ("name", "message"),
     [
         ("stairs", r"scenes\[0\]: unknown scene 'stairs'; did you mean 'staircase'"),
-        ("stairs/scene.toml", r"scenes\[0\]: no such file next to the recipe, in "),
-        ("..\\stairs", r"scenes\[0\]: no such file next to the recipe, in "),
         ("staircase.xml", r"scenes\[0\]: no such file next to the recipe, in [^?]*$"),
     ],
 )
@@ -251,31 +204,6 @@ def test_a_scene_that_is_not_there_is_named(tmp_path, name, message):
 def recipe_of_scene(folder, **more):
     table = {"seed": 1, "count": 1, **more}
     return recipe_from_table(table, folder / "recipe.toml")
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "seed = ",
-        "seed = 1\nseed = 2",
-        "a = " + "[" * 5000,
-        "x = " + "9" * 5000,
-        "\x00",
-        "é",
-    ],
-)
-def test_what_is_no_toml_is_told_as_such(tmp_path, text):
-    (tmp_path / "recipe.toml").write_text(text)
-    with pytest.raises(InputError, match=r"recipe\.toml: "):
-        read_recipe(tmp_path / "recipe.toml")
-
-
-def test_a_byte_order_mark_is_no_part_of_the_text(tmp_path):
-    plain, marked = tmp_path / "plain.toml", tmp_path / "marked.toml"
-    plain.write_text(SMALLEST, encoding="utf-8")
-    marked.write_text(SMALLEST, encoding="utf-8-sig")
-    assert marked.read_bytes()[:3] == b"\xef\xbb\xbf"
-    assert read_recipe(marked).written == read_recipe(plain).written
 
 
 def test_differences_name_the_place():
@@ -394,12 +322,6 @@ def test_a_damaged_file_is_read_or_refused(tmp_path_factory, cut):
         read_recipe(path)
 
 
-def test_a_scene_from_a_file_may_be_as_narrow_as_it_likes():
-    recipe_from_table(
-        {"seed": 1, "count": 1, "scenes": ["cards"], "width": 8, "height": 80}
-    )
-
-
 def test_assets_and_depths_belong_to_families(tmp_path):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "a.png").touch()
@@ -414,33 +336,9 @@ def test_assets_and_depths_belong_to_families(tmp_path):
         recipe_of_scene(tmp_path, scene=depths, scenes=["cards"])
 
 
-@pytest.mark.parametrize("kind", ["meshes", "textures", "hdris"])
-def test_a_folder_without_a_file_of_the_kind_is_named_as_the_recipe_does(
-    tmp_path, kind
-):
+def test_a_folder_without_a_file_of_the_kind_is_named_as_the_recipe_does(tmp_path):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "a.txt").touch()
-    refused = rf"recipe\.toml: assets\.{kind}: 'mine' contains no \.\w+, .* file"
+    refused = r"recipe\.toml: assets\.hdris: 'mine' contains no \.\w+, .* file"
     with pytest.raises(InputError, match=refused):
-        recipe_of_scene(tmp_path, families=["cards"], assets={kind: ["mine"]})
-
-
-@pytest.mark.parametrize(
-    ("table", "message"),
-    [
-        (
-            {"scene": {"objects": {"bit": "a.glb"}}},
-            "scene.objects.bit: must be a table of keys and values, got 'a.glb'",
-        ),
-        (
-            {"scene": {"objects": {"bit": {"folder": "/tmp"}}}},
-            "scene.objects.bit: folder: '/tmp' leads outside",
-        ),
-        ({"assets": {"meshes": 5}}, "assets.meshes: must be a string or a list of"),
-        ({"sky": {"file": "a.glb"}}, "sky.file: 'a.glb' is not a .hdr, .exr, .png"),
-    ],
-)
-def test_wrong_types_and_places_are_named(tmp_path, table, message):
-    (tmp_path / "a.glb").touch()
-    with pytest.raises(InputError, match=message):
-        recipe_of_scene(tmp_path, families=["flying"], **table)
+        recipe_of_scene(tmp_path, families=["cards"], assets={"hdris": ["mine"]})

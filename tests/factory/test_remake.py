@@ -2,7 +2,6 @@
 
 import copy
 import json
-import re
 
 import numpy as np
 import pytest
@@ -37,13 +36,9 @@ def scene():
 
 @pytest.fixture(scope="module")
 def rig(scene):
-    left = (
-        default_rig(scene, 40, 30)
-        .cameras[0]
-        .replace(
-            fy=45.0, cx=18.25, distortion=BrownConrady(k1=-0.1), pixel_pitch_um=1000.0
-        )
-    )
+    plain = default_rig(scene, 40, 30).cameras[0]
+    left = plain.replace(fy=45.0, cx=18.25, pixel_pitch_um=1000.0)
+    left = left.replace(distortion=BrownConrady(k1=-0.1))
     return tl.Rig.stereo(left, 0.07, scene.world_from_left, right=left.replace(cx=21.0))
 
 
@@ -113,13 +108,9 @@ def test_a_scene_of_ones_own_has_to_be_given(scene, tmp_path):
     ("path", "value", "says"),
     [
         ("record", None, "record: must be a table"),
-        ("record.spp", None, "record.spp: must be a whole number from 1 to 1000000"),
-        ("record.scene", "card", "'card' is not bundled"),
         ("record.scene", "spheres", "not the one that the record names"),
         ("record.sensor.full_wel", 3, "did you mean 'full_well'"),
-        ("record.sensor.mismatch", 3, "record.sensor.mismatch: must be a table"),
         ("record.exposure", {"time": 0}, "exposure.time: must be a number of seconds"),
-        ("rig", None, "rig: must be a table"),
         ("shots", [{}], "lens: must be a table"),
     ],
 )
@@ -133,15 +124,6 @@ def test_a_record_that_is_none_is_refused_in_one_line(record, path, value, says)
     with pytest.raises(InputError, match=says) as error:
         remake(broken)
     assert "\n" not in str(error.value)
-
-
-@pytest.mark.parametrize("given", ["out/cards", tl.Dataset, None], ids=str)
-def test_what_is_no_record_is_refused_with_where_to_find_one(given):
-    with pytest.raises(
-        InputError,
-        match=r"^record must be a sample's, such as Dataset\('out'\)\[0\].record, got ",
-    ):
-        remake(given)
 
 
 def test_a_recipes_sample_is_the_same_bytes_too(tmp_path):
@@ -169,38 +151,15 @@ def test_a_level_of_mismatch_is_drawn_for_each_sample_and_recorded(tmp_path):
     assert recorded == drawn.replace(blur_px=0.25, distortion_px=0.0)
     second = json.loads(other["sample.json"])["record"]["sensor"]["mismatch"]
     assert second["gain"] != drawn.gain
-    same = {
-        "im0.png",
-        "disp0.pfm",
-        "disp1.pfm",
-        "calib.txt",
-        "truth0.exr",
-        "truth1.exr",
-    }
-    assert {name for name in plain if plain[name] == typical[name]} >= same
+    for name in ("im0.png", "disp0.pfm", "calib.txt", "truth0.exr", "truth1.exr"):
+        assert plain[name] == typical[name]
     assert typical["im1.png"] != plain["im1.png"]
     scene = tl.load_scene(tmp_path / "typical" / "tiny")
     assert sample_files(remake(record, scene)) == typical
 
 
-@pytest.mark.parametrize(
-    ("sensor", "level"), [('filters = "mono"', "typical"), ('preset = "ideal"', "none")]
-)
-def test_recipes_without_a_mismatch_make_typical_pairs_unless_the_sensor_is_ideal(
-    tmp_path, sensor, level
-):
-    text = re.sub(r"\[sensor\]\n(?:[^\[\n].*\n|\n)*", f"[sensor]\n{sensor}\n\n", RECIPE)
-    record = make(read_recipe(write_recipe(tmp_path, text)), 0).record
-    drawn = Mismatch.draw(
-        level, record["spec"]["seed"], distortion_px=0.0, focus_um=0.0
-    )
-    assert Mismatch(**record["sensor"]["mismatch"]) == drawn
-
-
 def test_warped_pictures_cannot_be_photographed_again(record):
-    warped = {
-        **record,
-        "record": {**record["record"], "rectified_from": {"pictures": "maps"}},
-    }
+    warped = copy.deepcopy(record)
+    warped["record"]["rectified_from"] = {"pictures": "maps"}
     with pytest.raises(InputError, match="rectify that sample again"):
         remake(warped)
