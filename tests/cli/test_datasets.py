@@ -2,12 +2,11 @@
 
 import json
 import shutil
-from dataclasses import replace
 
 import pytest
 
 from tests.cli.conftest import QUICK
-from twinlens.dataset import Dataset, place, read_manifest, write_manifest
+from twinlens.dataset import Dataset, place, read_manifest
 
 
 @pytest.fixture
@@ -42,23 +41,6 @@ def test_verify_reports_a_missing_dataset_json(twinlens, own):
     assert "not against checksums" in err
 
 
-def test_verify_needs_a_dataset(twinlens, tmp_path):
-    for where in (tmp_path, "memory://nothing/there", "nowhere://x"):
-        code, _, err = twinlens("verify", where)
-        assert code == 2
-        assert err.count("\n") == 1
-
-
-def test_export_reports_what_it_wrote(twinlens, dataset, tmp_path):
-    out = tmp_path / "out"
-    code, printed, _ = twinlens("export", dataset, "--to", "carla", "-o", out, "--json")
-    assert code == 0
-    answer = json.loads(printed)
-    assert answer["layout"] == "carla"
-    for name, size in answer["files"].items():
-        assert (out / name).stat().st_size == size
-
-
 def test_exporting_again_needs_overwrite(twinlens, dataset, tmp_path):
     arguments = ("export", dataset, "--to", "eth3d", "-o", tmp_path / "out")
     assert twinlens(*arguments)[0] == 0
@@ -88,20 +70,6 @@ def test_describe_keeps_what_it_is_told(twinlens, own):
     assert twinlens("verify", own)[0] == 0
 
 
-def test_export_of_a_split(twinlens, own, tmp_path):
-    line = ("export", own, "--to", "carla", "-o", tmp_path / "out", "--split")
-    code, _, err = twinlens(*line, "train")
-    assert code == 2
-    assert "has no splits, so no split 'train'" in err
-    manifest = read_manifest(own)
-    row = replace(manifest.rows[0], info={"split": "train"})
-    write_manifest(own, replace(manifest, rows=(row,)))
-    code, _, err = twinlens(*line, "trian")
-    assert code == 2
-    assert "unknown split 'trian'; did you mean 'train'? (known: train)" in err
-    assert twinlens(*line, "train")[0] == 0
-
-
 def test_a_bucket_is_rendered_into_and_looked_at(twinlens, tmp_path):
     """And file:// is a folder of this machine."""
     bucket, local = f"memory:/{tmp_path}/rendered", f"file://{tmp_path}"
@@ -126,25 +94,3 @@ def test_a_bucket_is_rendered_into_and_looked_at(twinlens, tmp_path):
     assert (tmp_path / "e.png").is_file()
     assert (tmp_path / "board" / "board.json").is_file()
     assert not [path.name for path in tmp_path.iterdir() if ":" in path.name]
-
-
-SLOW = pytest.mark.slow
-
-
-@pytest.mark.parametrize(
-    ("scene", "size"),
-    [
-        ("fence", "8x6"),
-        pytest.param("fence", "16x12", marks=SLOW),
-        pytest.param("staircase", "8x6", marks=SLOW),
-        pytest.param("staircase", "16x12", marks=SLOW),
-        pytest.param("room", "8x6", marks=SLOW),
-        pytest.param("room", "16x12", marks=SLOW),
-    ],
-)
-def test_a_picture_of_a_few_pixels_verifies(twinlens, tmp_path, scene, size):
-    """Thin bars, steps and steep walls: hardly a pixel shows what its neighbours show."""
-    line = ("render", scene, "--size", size, "--spp", "1", "--no-denoise")
-    assert twinlens(*line, "-o", tmp_path / "out")[0] == 0
-    findings = twinlens("verify", tmp_path / "out")[:2]
-    assert findings == (0, "1 sample, 0 with findings\n")

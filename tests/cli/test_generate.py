@@ -60,18 +60,6 @@ def test_the_repair_hint_of_verify_repairs_damage(twinlens, recipe, tmp_path):
     assert digests(root) == before
 
 
-def test_json_is_all_that_is_printed(twinlens, recipe, tmp_path):
-    code, out, _ = twinlens("generate", recipe, "-o", tmp_path / "set", "--json")
-    report = json.loads(out)
-    assert code == 0
-    assert (
-        report["count"],
-        report["made"],
-        report["complete"],
-        report["failures"],
-    ) == (2, 2, True, [])
-
-
 def test_json_has_no_infinity_or_nan(capsys):
     print_json({"focus": [math.inf, (-math.inf, math.nan)], "spp": 4})
     assert json.loads(capsys.readouterr().out, parse_constant=pytest.fail) == {
@@ -97,15 +85,6 @@ def test_a_dry_run_tells_time_and_disk_and_writes_nothing(twinlens, recipe, tmp_
     assert tomllib.loads(table) == report["next"]["drawn"]
 
 
-def test_a_dry_run_shows_equal_copies_of_an_object_once(twinlens, tmp_path):
-    recipe = write_recipe(tmp_path, count=1)
-    block = 'count = 3\nshape = "box"\nextents = 0.01\ntranslate = [0, 9, 0]\nmaterial = {type = "diffuse"}\n'
-    recipe.write_text(recipe.read_text() + f"\n[scene.objects.block]\n{block}")
-    code, out, _ = twinlens("generate", recipe, "-o", tmp_path / "set", "--dry-run")
-    assert code == 0
-    assert out.count("[[scene.objects.block]]") == 1
-
-
 def test_samples_that_cannot_be_are_told_with_the_remedy(twinlens, tmp_path):
     text = (
         RECIPE.replace("uniform = [0.05, 0.2]", "sweep = [0.1, 2.5]")
@@ -120,28 +99,6 @@ def test_samples_that_cannot_be_are_told_with_the_remedy(twinlens, tmp_path):
     assert "change rig.baseline" in err
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (("--shard", "0/2"), "--shard must be i/n with i from 1 to n, such as 2/8"),
-        (("--shard", "3/2"), "--shard must be i/n"),
-        (("--shard", "half"), "--shard must be i/n"),
-        (("--workers", "2", "--scheduler", "tcp://x:1"), "exclude each other"),
-        (
-            ("--scheduler", "nonsense://x"),
-            "no Dask scheduler answers at 'nonsense://x'",
-        ),
-    ],
-)
-def test_bad_options_are_refused_in_a_line(
-    twinlens, recipe, tmp_path, options, message
-):
-    code, out, err = twinlens("generate", recipe, "-o", tmp_path / "set", *options)
-    assert (code, out, err.count("\n")) == (2, "", 1)
-    assert message in err
-    assert not (tmp_path / "set").exists()
-
-
 def test_a_backend_that_is_none_leaves_no_folder(recipe, tmp_path):
     done = subprocess.run(
         [sys.executable, "-m", "twinlens", "generate", str(recipe), "-o", str(tmp_path / "set")],
@@ -149,25 +106,6 @@ def test_a_backend_that_is_none_leaves_no_folder(recipe, tmp_path):
     )  # fmt: skip
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
     assert "banana" in done.stderr
-    assert not (tmp_path / "set").exists()
-
-
-@pytest.mark.parametrize(
-    ("right", "wrong", "message"),
-    [
-        ("baseline", "basline", "rig: unknown key 'basline'; did you mean 'baseline'?"),
-        (
-            "[[lenses]]",
-            "[lenses]",
-            "lenses: must be a list of tables: write [[lenses]]",
-        ),
-    ],
-)
-def test_a_mistake_in_the_recipe_is_a_line(twinlens, tmp_path, right, wrong, message):
-    path = write_recipe(tmp_path, RECIPE.replace(right, wrong))
-    code, out, err = twinlens("generate", path, "-o", tmp_path / "set")
-    assert (code, out, err.count("\n")) == (2, "", 1)
-    assert err.startswith(f"twinlens: {path}: {message}")
     assert not (tmp_path / "set").exists()
 
 
@@ -203,17 +141,3 @@ def test_render_puts_no_sample_into_what_generate_makes(twinlens, recipe, tmp_pa
     assert "is a dataset of `twinlens generate`; choose another folder" in err
     assert digests(tmp_path / "set") == before
     assert twinlens("generate", recipe, "-o", tmp_path / "set")[0] == 0
-
-
-def test_a_dataset_without_samples_is_reported(twinlens, tmp_path):
-    """With a fixed scene and rig one draw is made; an empty dataset is distinguished from a missing one."""
-    text = "seed = 1\ncount = {count}\nscenes = ['tiny']\nwidth = 32\nheight = 24\nspp = 1\nndisp = 1\n"
-    recipe, folder = write_recipe(tmp_path, text, count=2), tmp_path / "set"
-    code, out, err = twinlens("generate", recipe, "-o", folder)
-    assert code == 1
-    assert "0 of 2 samples" in out
-    assert err.startswith("sample 0 failed: disparity beyond ndisp (view 0 has")
-    code, _, err = twinlens("describe", folder)
-    assert code == 2
-    assert "lists no sample; 2 samples failed" in err
-    assert "no dataset.json" not in err

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import twinlens as tl
-from twinlens.dataset import read_pfm, read_png, write_png
+from twinlens.dataset import read_pfm, write_png
 from twinlens.dataset.pictures import disparity_limits
 from twinlens.matching import METHODS, StereoMatcher
 from twinlens.matching.contract import LARGEST_DEFAULT_WINDOW, WINDOW_OPTIONS
@@ -20,36 +20,6 @@ def images(tmp_path):
     for name, image in (("l.png", np.roll(right, 3, axis=1)), ("r.png", right)):
         write_png(tmp_path / name, image)
     return tmp_path / "l.png", tmp_path / "r.png"
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (
-            ("--num-disparities", "80"),
-            "num_disparities is 80: an image 40 pixels wide has disparities from -39 to 39",
-        ),
-        (("--min-disparity", "40"), "min_disparity is 40: an image 40 pixels wide"),
-        (
-            ("--method", "sad:block_size=999999"),
-            "is 999999: a window of 79 covers all of an image of 40 x 30",
-        ),
-        (("--method", "sad:median=81"), "median is 81"),
-        (("--method", "census:census_window=81"), "census_window is 81"),
-        (("--method", "opencv_sgbm:block_size=99999"), "block_size is 99999"),
-        (
-            ("--method", "onnx:model=n.onnx", "--num-disparities", "8"),
-            "the search range of onnx:model=n.onnx is fixed",
-        ),
-    ],
-)
-def test_searches_larger_than_the_images_are_refused(
-    twinlens, images, tmp_path, options, words
-):
-    code, out, err = twinlens("match", *images, *options, "-o", tmp_path / "d.pfm")
-    assert (code, out, err.count("\n")) == (2, "", 1)
-    assert words in err
-    assert not (tmp_path / "d.pfm").exists()
 
 
 def test_input_images_and_samples_are_not_overwritten(twinlens, images, tmp_path):
@@ -68,33 +38,6 @@ def test_input_images_and_samples_are_not_overwritten(twinlens, images, tmp_path
     assert images[0].read_bytes() == before
     assert [path.name for path in sample.iterdir()] == ["sample.json"]
     assert not map_.exists()
-
-
-@pytest.mark.parametrize(
-    "options",
-    [
-        ("--num-disparities", "79", "--min-disparity", "-39"),
-        (),
-        ("--method", "sad:block_size=79"),
-    ],
-)
-def test_the_largest_useful_search_is_accepted(twinlens, images, tmp_path, options):
-    code, _, err = twinlens("match", *images, *options, "-o", tmp_path / "d.pfm")
-    assert code == 0, err
-
-
-@pytest.mark.parametrize("ndisp", ["1", "2", "16"])
-def test_a_picture_of_few_disparities_has_a_colour_range(
-    twinlens, images, tmp_path, ndisp
-):
-    found, picture = tmp_path / "d.pfm", tmp_path / "d.png"
-    search = ("--num-disparities", ndisp, "--min-disparity", "3", "--method", "sad")
-    code, _, err = twinlens(
-        "match", *images, *search, "-o", found, "--picture", picture
-    )
-    assert code == 0, err
-    assert read_pfm(found)[15, 20] == pytest.approx(3, abs=0.5)
-    assert read_png(picture).shape == (30, 40, 3)
 
 
 def test_colours_span_the_search_range_or_else_the_map():
@@ -148,21 +91,3 @@ def test_the_confidence_is_written(twinlens, images, tmp_path):
     confidence = read_pfm(file)
     assert confidence.shape == (30, 40)
     assert (confidence[5:-5, 15:-5] == 1).all(), "the shifted images differ nowhere"
-
-
-@pytest.mark.parametrize(
-    ("name", "method", "words"),
-    [
-        ("c.pfm", "sad", "--confidence: sad computes none"),
-        ("d.pfm", "sad:confidence=ambiguity", "is also --output"),
-        ("c.png", "sad:confidence=ambiguity", "must end in .pfm"),
-    ],
-)
-def test_a_confidence_that_cannot_be_written_is_refused(
-    twinlens, images, tmp_path, name, method, words
-):
-    options = ("--ndisp", "8", "--confidence", tmp_path / name, "--method", method)
-    code, _, err = twinlens("match", *images, *options, "-o", tmp_path / "d.pfm")
-    assert (code, err.count("\n")) == (2, 1)
-    assert words in err
-    assert not (tmp_path / "d.pfm").exists()

@@ -2,17 +2,13 @@
 
 import json
 import os
-import re
 import sys
 import time
 from pathlib import Path
 
 import pytest
 
-from twinlens.cli.benchmark import DEFAULT_METHODS
 from twinlens.matching import split_methods
-from twinlens.scoring import PROTOCOLS, REGIONS
-from twinlens.scoring.runners import WARM_UP_LIMIT_S
 
 FLAT = """
 import struct, sys
@@ -46,23 +42,6 @@ def program(tmp_path):
 
 def entries(out):
     return {entry["method"]: entry for entry in json.loads(out)["entries"]}
-
-
-def test_a_program_is_listed_under_its_name(twinlens, dataset, tmp_path, program):
-    line = (
-        "benchmark",
-        dataset,
-        "--command",
-        f"flat={program(FLAT)}",
-        "--methods",
-        "sad",
-    )
-    code, out, err = twinlens(*line, "-o", tmp_path / "board", "--json")
-    assert code == 0, err
-    board = entries(out)
-    assert set(board) == {"flat", "sad"}
-    assert all(entry["failure"] is None for entry in board.values())
-    assert " program:command=" in board["flat"]["spec"]
 
 
 def test_what_a_program_does_wrong_it_does_alone(twinlens, dataset, tmp_path, program):
@@ -125,39 +104,6 @@ def test_no_shell_reads_the_command(twinlens, dataset, tmp_path, program):
     assert os.environ["HOME"] not in err.split("status 1:")[1].split("`")[0]
 
 
-def test_match_by_a_program(twinlens, dataset, tmp_path, program):
-    images = dataset / "cards/im0.png", dataset / "cards/im1.png"
-    line = ("match", *images, "-o", tmp_path / "d.pfm")
-    code, out, err = twinlens(*line, "--command", program(FLAT), "--json")
-    assert code == 0, err
-    assert json.loads(out)["known_fraction"] == 1
-    command = ("--command", "prog {left} {right} {out}")
-    for options, words in (
-        (("--method", "sad", *command), "use one of them"),
-        (("--time-limit", "3"), "applies to programs only"),
-        (("--command", "prog {left} {right}"), "needs {out}"),
-        ((*command, "--time-limit", "0"), "--time-limit must be a finite number > 0"),
-    ):
-        code, _, err = twinlens(*line, *options)
-        assert code == 2
-        assert words in err
-
-
-@pytest.mark.parametrize("command", ["", "x=prog", "'prog {left} {right} {out}"])
-def test_invalid_commands_are_refused(twinlens, dataset, tmp_path, command):
-    line = ("benchmark", dataset, "--command", command, "-o", tmp_path / "board")
-    code, _, err = twinlens(*line)
-    assert code == 2
-    assert err.startswith("twinlens: command ")
-    assert not (tmp_path / "board").exists()
-
-
-def test_default_methods(twinlens, dataset, tmp_path):
-    code, out, _ = twinlens("benchmark", dataset, "-o", tmp_path / "b", "--json")
-    assert code == 0
-    assert set(entries(out)) == set(DEFAULT_METHODS.split(","))
-
-
 def test_methods_are_separated_by_commas_outside_quotes_and_options():
     command = "program:command='./prog {left} {right} {out} 3,4'"
     texts = [f"sad,{command},zncc:block_size=5,lr_check=1,ssd", "census"]
@@ -168,72 +114,6 @@ def test_methods_are_separated_by_commas_outside_quotes_and_options():
         "ssd",
         "census",
     ]
-
-
-def test_help_lists_protocols_regions_and_the_warm_up_limit(twinlens):
-    words = " ".join(twinlens("benchmark", "--help")[1].split())
-    assert ", ".join(PROTOCOLS) in words
-    assert ", ".join(REGIONS) in words
-    assert f"[default: {WARM_UP_LIMIT_S}" in words
-
-
-FUNCTIONS = """
-import ctypes
-import time
-import numpy as np
-
-def good(left, right, num_disparities, min_disparity):
-    print("hello, I am no JSON")
-    return np.full(left.shape[:2], 4, np.float32)
-
-def segfaults(left, right, num_disparities, min_disparity):
-    ctypes.string_at(0)
-
-def sleeps(left, right, num_disparities, min_disparity):
-    time.sleep(60)
-
-def hoards(left, right, num_disparities, min_disparity):
-    kept = []
-    while True:
-        kept.append(np.ones(2**24))
-"""
-
-
-def test_a_crashing_function_does_not_end_the_run(
-    twinlens, dataset, tmp_path, monkeypatch
-):
-    """By default, functions and networks run in a worker process."""
-    (tmp_path / "functions.py").write_text(FUNCTIONS)
-    monkeypatch.syspath_prepend(str(tmp_path))
-    names = "function:function=functions:good,function:function=functions:segfaults"
-    line = ("benchmark", dataset, "--methods", names, "-o", tmp_path / "c", "--json")
-    code, out, err = twinlens(*line)
-    assert code == 0, err
-    failures = [entry["failure"] is not None for entry in json.loads(out)["entries"]]
-    assert failures == [False, True] * 2
-
-
-@pytest.mark.slow
-def test_a_function_that_exhausts_memory_fails_by_its_kind(
-    twinlens, dataset, tmp_path, monkeypatch
-):
-    (tmp_path / "functions.py").write_text(FUNCTIONS)
-    monkeypatch.syspath_prepend(str(tmp_path))
-    names = "function:function=functions:good,function:function=functions:hoards"
-    line = ("benchmark", dataset, "--methods", names, "--memory-limit", "2")
-    code, out, err = twinlens(*line, "-o", tmp_path / "b", "--json")
-    assert code == 0, err
-    good, hoards = entries(out).values()
-    assert good["failure"] is None
-    assert hoards["failure"]["kind"] == "memory"
-
-
-@pytest.mark.parametrize("gib", ["0", "nan", "1e9"])
-def test_an_invalid_memory_limit_is_refused(twinlens, dataset, tmp_path, gib):
-    line = ("benchmark", dataset, "--memory-limit", gib, "-o", tmp_path / "b")
-    code, out, err = twinlens(*line)
-    assert (code, out) == (2, "")
-    assert "--memory-limit must be a finite number > 0 and <= 1048576, got" in err
 
 
 def test_matchers_output_does_not_mix_with_json(
@@ -269,41 +149,6 @@ def test_earlier_failures_are_reported_and_rerun_on_request(
         status, out, err = twinlens(*line, *rest)
         assert (status, err) == (0, "")
         assert "failed: " not in out
-
-
-def test_a_hanging_function_is_stopped_at_its_limits(
-    twinlens, dataset, tmp_path, monkeypatch
-):
-    (tmp_path / "sleepers.py").write_text(FUNCTIONS)
-    monkeypatch.syspath_prepend(str(tmp_path))
-    started = time.monotonic()
-    line = ("benchmark", dataset, "--methods", "function:function=sleepers:sleeps")
-    limits = ("--time-limit", "0.2", "--warm-up-limit", "0.5")
-    code, out, err = twinlens(*line, *limits, "-o", tmp_path / "b", "--json")
-    assert code == 1, err
-    assert time.monotonic() - started < 30
-    messages = [entry["failure"]["message"] for entry in json.loads(out)["entries"]]
-    assert len(messages) == 2
-    note = r"exceeded the time limit of 0.2 s; the warm-up took \d+(\.\d+)? s and was not repeated"
-    for message in messages:
-        assert re.fullmatch(note, message)
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (("--methods", "sad,function:function=nomodule:f"), "cannot be imported"),
-        (("--methods", "sad,onnx:model=none.onnx"), "none.onnx: No such file"),
-        (("--command", "x=none {left} {right} {out}"), "'none' cannot be started"),
-    ],
-)
-def test_missing_requirements_are_reported_before_anything_runs(
-    twinlens, dataset, tmp_path, options, words
-):
-    code, out, err = twinlens("benchmark", dataset, *options, "-o", tmp_path / "b")
-    assert (code, out, err.count("\n")) == (2, "", 1)
-    assert words in err
-    assert not (tmp_path / "b").exists()
 
 
 def test_a_missing_program_does_not_change_the_board(

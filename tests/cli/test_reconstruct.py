@@ -56,42 +56,6 @@ def test_unrectified_views_are_rectified_before_matching(twinlens, arc, tmp_path
     assert "accuracy" in out
 
 
-@pytest.mark.parametrize(
-    ("option", "value", "words"),
-    [
-        ("--method", "truht", "--method is 'truth' or a matcher: unknown method"),
-        ("--far", "0.1", "no point is left; allow larger depths"),
-        ("--far", "nan", "--far must be a finite number > 0, got nan"),
-        ("--cell-mm", "-1", "--cell-mm"),
-        ("--min-views", "9", "9"),
-    ],
-)
-def test_bad_options_give_one_line_errors(
-    twinlens, arc, tmp_path, option, value, words
-):
-    code, _, err = twinlens("reconstruct", arc, "-o", tmp_path / "r", option, value)
-    assert (code, err.count("\n")) == (2, 1)
-    assert words in err
-    assert not (tmp_path / "r").exists()
-
-
-def test_a_function_that_raises_is_a_one_line_error(twinlens, arc, tmp_path):
-    file = tmp_path / "own.py"
-    file.write_text("def boom(left, right, **_):\n    raise SystemExit('no luck')\n")
-    line = ("reconstruct", arc, "-o", tmp_path / "r")
-    error = f"twinlens: function '{file}:boom' failed: SystemExit: no luck\n"
-    assert twinlens(*line, "--method", f"function:{file}:boom") == (1, "", error)
-    assert not (tmp_path / "r").exists()
-
-
-def test_a_pair_that_is_not_rectified_is_not_matched(twinlens, arc, tmp_path):
-    code, _, err = twinlens("benchmark", arc.parent, "-o", tmp_path / "board")
-    assert (code, err.count("\n")) == (2, 1)
-    assert (
-        "the pair is not rectified and has no disparity; run `twinlens rectify`" in err
-    )
-
-
 def test_a_folder_without_truth_is_reconstructed_without_comparison(
     twinlens, dataset, tmp_path
 ):
@@ -104,16 +68,6 @@ def test_a_folder_without_truth_is_reconstructed_without_comparison(
     assert code == 0
     assert json.loads(out)["against_truth"] == {}
     assert twinlens(*line, tmp_path / "s")[0] == 2, "it has no truth to fuse"
-
-
-def test_a_view_without_surfaces_gives_a_one_line_error(twinlens, tmp_path):
-    sky, out = tmp_path / "sky.toml", tmp_path / "o"
-    sky.write_text("position = [0, -3, 1]\nlook_at = [0, -3, 9]\nup = [0, 1, 0]\n")
-    assert twinlens("render", "cards", "--rig", sky, *QUICK, "-o", out)[0] == 0
-    line = ("reconstruct", out / "cards", "--method", "sad", "-o", tmp_path / "r")
-    code, _, err = twinlens(*line)
-    assert (code, err.count("\n")) == (2, 1)
-    assert "has no surface that both cameras can see" in err
 
 
 def test_only_earlier_reconstructions_are_overwritten(

@@ -50,16 +50,6 @@ def test_a_toed_in_pair_is_rectified_and_verifies(twinlens, toed_in, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("option", "value"),
-    [("--fit", "vlid"), ("--misalignment", "roll=1"), ("--cameras", "1,0")],
-)
-def test_bad_options_give_one_line_errors(twinlens, toed_in, tmp_path, option, value):
-    code, _, err = twinlens("rectify", toed_in, "-o", tmp_path / "no", option, value)
-    assert (code, err.count("\n")) == (2, 1)
-    assert not (tmp_path / "no").exists()
-
-
-@pytest.mark.parametrize(
     ("second", "says"),
     [
         ("{ translate = [0.02, 0.0, 0.4] }", "looks along the baseline"),

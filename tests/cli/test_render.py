@@ -1,20 +1,16 @@
 """`twinlens render`: every option of lens, camera and sensor reaches the sample."""
 
-import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from tests.cli.conftest import BALL
 from tests.factory_recipes import write_sky
-from tests.scenes.gltf_files import square, with_extensions, write
 from twinlens.camera import BareAperture, BrownConrady, MaskAperture, ThinLens
 from twinlens.dataset import (
     Dataset,
     Manifest,
     Row,
-    place,
     read_manifest,
     write_manifest,
     write_png,
@@ -94,21 +90,6 @@ def test_render_says_what_no_lens_can_be_and_where_the_model_ends(
     assert err.startswith("twinlens: warning: working f-number")
 
 
-def test_a_lens_by_its_f_number_is_not_sent_to_a_wider_sensor(twinlens, ball, tmp_path):
-    """There it would be as fast; and what can be bought is not called impossible."""
-    lenses = ("--lens", "f/0.5@1000", "--lens", "f/0.96@1000", "--lens", "thin:0.0005")
-    code, out, _ = twinlens("render", ball, *QUICK, *lenses, "-o", tmp_path / "out")
-    fast, sold, narrow = (
-        line for line in out.splitlines() if re.match(r"  (f/|thin)", line)
-    )
-    assert code == 0
-    assert fast.endswith(
-        "(the blur is as specified, but no lens on the market is this fast)"
-    )
-    assert sold.endswith("gain 1")
-    assert re.match(r"  thin:0.0005: f/\d{3,}, ", narrow)
-
-
 def test_what_was_finished_is_listed_when_the_next_scene_fails(
     twinlens, ball, tmp_path, monkeypatch
 ):
@@ -130,40 +111,6 @@ def test_what_was_finished_is_listed_when_the_next_scene_fails(
     assert twinlens("verify", out)[0] == 0
     code, _, err = twinlens("render", "cards", "-o", tmp_path / "new")
     assert (code, err.strip()) == (130, "twinlens: interrupted")
-
-
-def test_a_damaged_list_is_told_before_a_picture_is_taken(twinlens, ball, tmp_path):
-    (tmp_path / "dataset.json").write_text("garbage")
-    code, out, err = twinlens("render", ball, *QUICK, "-o", tmp_path)
-    assert (code, out) == (2, "")
-    assert "dataset.json: not valid JSON" in err
-    assert [path.name for path in tmp_path.iterdir()] == ["dataset.json"]
-
-
-def test_help_shows_options_in_groups_and_each_once(twinlens):
-    from twinlens.cli.render import command
-
-    _, out, _ = twinlens("render", "--help")
-    for heading in (
-        "Lens:",
-        "Camera:",
-        "Light and sensor:",
-        "Rendering:",
-        "Output:",
-        "Options:",
-    ):
-        assert out.count(f"\n{heading}\n") == 1
-    for option in command.params:
-        if option.param_type_name == "option":
-            assert (
-                len(
-                    re.findall(
-                        rf"^  (-\w, )?{option.opts[-1]}\b(?!-)", out, re.MULTILINE
-                    )
-                )
-                == 1
-            ), option.opts
-    assert "TWINLENS_BACKEND" in out
 
 
 def test_a_folder_of_other_things_is_left_alone(twinlens, ball, tmp_path, monkeypatch):
@@ -211,29 +158,6 @@ def test_what_render_made_it_adds_to_and_replaces(twinlens, ball, tmp_path):
     assert f"{out}: contains 'ball' and no dataset.json" in err
     assert twinlens(*again)[0] == 0
     assert [row.name for row in read_manifest(out).rows] == ["ball"]
-
-
-def test_a_bucket_of_other_things_is_left_alone(twinlens, ball):
-    bucket = place("memory://others/set")
-    (bucket / "letter.txt").write_bytes(b"mine")
-    code, _, err = twinlens("render", ball, *QUICK, "-o", bucket)
-    assert (code, err.count("\n")) == (2, 1)
-    assert "contains 'letter.txt' and no dataset.json" in err
-    assert bucket.files() == ["letter.txt"]
-
-
-def test_what_a_file_has_that_is_not_rendered_is_one_line(twinlens, tmp_path):
-    write(tmp_path / "m.glb", square(), with_extensions(sheen={}))
-    text = BALL.replace('shape = "sphere"\nmaterial = "grey"', 'file = "m.glb"')
-    (tmp_path / "own.toml").write_text(text)
-    code, _, err = twinlens(
-        "render", tmp_path / "own.toml", *QUICK, "-o", tmp_path / "out"
-    )
-    assert code == 0
-    assert (
-        err
-        == f"twinlens: warning: {tmp_path / 'm.glb'}: not rendered: KHR_materials_sheen\n"
-    )
 
 
 def test_a_camera_that_exists_under_a_sky(twinlens, ball, tmp_path):

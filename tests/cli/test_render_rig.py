@@ -23,17 +23,6 @@ def test_a_rig_of_a_file_photographs_the_scene_and_verifies(twinlens, tmp_path):
     assert twinlens("verify", out)[0] == 0
 
 
-def test_a_mistake_in_the_file_is_named_by_file_and_key(twinlens, tmp_path):
-    file, out = tmp_path / "rig.toml", tmp_path / "out"
-    line = ("render", "cards", "--rig", file, "-o", out)
-    assert twinlens(*line)[0] == 2, "there is no such file"
-    file.write_text('layout = "arc"\ncount = "three"\n')
-    code, _, err = twinlens(*line)
-    assert code == 2
-    assert f"{file}: count: must be a whole number" in err
-    assert not out.exists()
-
-
 PLANNED = """
 width = 48
 height = 36

@@ -28,35 +28,6 @@ def test_points_are_true_matches_on_their_epipolar_lines(twinlens, dataset, tmp_
         assert v == pytest.approx(v2, abs=1e-3)
 
 
-def test_a_folder_without_truth_is_drawn_from_its_disparity_map(
-    twinlens, dataset, tmp_path
-):
-    folder = tmp_path / "plain"
-    folder.mkdir()
-    for name in ("im0.png", "im1.png", "disp0.pfm", "calib.txt"):
-        (folder / name).write_bytes((dataset / "cards" / name).read_bytes())
-    line = ("show", "epipolar", folder, "-o", tmp_path / "e.png")
-    assert twinlens(*line)[0] == 0
-    assert twinlens(*line, "--cameras", "1,0")[0] == 2
-
-
-@pytest.mark.parametrize("cameras", ["0", "0,0", "0,2", "a,b"])
-def test_bad_camera_pairs_are_refused(twinlens, dataset, tmp_path, cameras):
-    line = ("show", "epipolar", dataset / "cards", "-o", tmp_path / "e.png")
-    code, _, err = twinlens(*line, "--cameras", cameras)
-    assert code == 2
-    assert "--cameras" in err
-
-
-def test_the_picture_must_end_in_png(twinlens, dataset, tmp_path):
-    line = ("show", "epipolar", dataset / "cards", "-o")
-    code, _, err = twinlens(*line, tmp_path / "e.jpg")
-    assert (code, err.count("\n")) == (2, 1)
-    assert "must end in .png" in err
-    assert not (tmp_path / "e.jpg").exists()
-    assert twinlens(*line, tmp_path / "E.PNG")[0] == 0
-
-
 def test_costs_are_those_of_the_library(twinlens, dataset, tmp_path):
     line = ("show", "costs", dataset / "cards", "--at", "40,20", "--methods", "sad")
     code, out, _ = twinlens(*line, "-o", tmp_path / "c.png")
@@ -81,30 +52,6 @@ def test_costs_are_those_of_the_library(twinlens, dataset, tmp_path):
         assert [float(cost) for cost in shown["costs"]] == pytest.approx(curve.costs)
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (
-            ("--at", "64,0"),
-            "--at must be U,V, a column from 0 to 63 and a row from 0 to 47, got '64,0'",
-        ),
-        (("--at", "1,48"), "--at must be U,V"),
-        (("--at", "1,-2"), "--at must be U,V"),
-        (("--at", "1"), "--at must be U,V"),
-        (("--at", "1,2", "--methods", "opencv_bm"), "opencv_bm has no cost curve"),
-        (("--at", "1,2", "--lens", "2"), "--lens must be a whole number from 0 to 1"),
-    ],
-)
-def test_wrong_pixels_and_methods_are_refused(
-    twinlens, dataset, tmp_path, options, message
-):
-    file = tmp_path / "c.svg"
-    code, _, err = twinlens("show", "costs", dataset / "cards", *options, "-o", file)
-    assert (code, err.count("\n")) == (2, 1)
-    assert message in err
-    assert not file.exists()
-
-
 def test_confidences_are_scored_as_by_evaluate(twinlens, dataset, tmp_path):
     line = ("show", "confidence", dataset / "cards", "--method", "sad:block_size=5")
     code, out, _ = twinlens(*line, "-o", tmp_path / "c.png")
@@ -124,21 +71,3 @@ def test_confidences_are_scored_as_by_evaluate(twinlens, dataset, tmp_path):
     assert measured["sparsification"] == pytest.approx(scores.sparsification)
     assert record["pixels"] == scores.estimated
     assert record["auc2.0_opt"] == pytest.approx(scores["auc2.0_opt"])
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (("--method", "opencv_bm", "-o", "c.png"), "this method has no cost volume"),
-        (("--method", "sad:block_size=999", "-o", "c.png"), "block_size is 999"),
-        ((), "--output"),
-    ],
-)
-def test_confidences_that_cannot_be_drawn_are_refused(
-    twinlens, dataset, monkeypatch, tmp_path, options, message
-):
-    monkeypatch.chdir(tmp_path)
-    code, _, err = twinlens("show", "confidence", dataset / "cards", *options)
-    assert (code, err.count("\n")) == (2, 1)
-    assert message in err
-    assert not (tmp_path / "c.png").exists()

@@ -4,8 +4,6 @@ import json
 
 import pytest
 
-from twinlens.studies.run import STUDIES
-
 OWN = """
 from twinlens.studies import Column, Figure, Finding, Measured, Setup, Study, mean_of
 
@@ -25,13 +23,6 @@ def own(tmp_path):
     path = tmp_path / "mine.py"
     path.write_text(OWN)
     return path
-
-
-def test_the_list_names_every_study(twinlens):
-    code, out, _ = twinlens("study", "list")
-    assert code == 0
-    assert [line.split()[0] for line in out.splitlines()] == list(STUDIES)
-    assert list(json.loads(twinlens("study", "list", "--json")[1])) == list(STUDIES)
 
 
 def test_a_study_from_a_file(twinlens, own, tmp_path):
@@ -68,31 +59,6 @@ def refused(twinlens, *arguments):
     assert out == ""
     assert err.count("\n") == 1
     return err
-
-
-def test_errors_are_one_line(twinlens, tmp_path):
-    for options, words in (
-        (("pinhol",), "did you mean 'pinhole'"),
-        (("window", "--scene", "stairs"), "did you mean 'staircase'"),
-        (("window", "--methods", "zncd"), "did you mean 'zncc'"),
-        (("texture", "--scene", "cards"), "takes no scenes"),
-        (("window", "--seeds", "0"), "seeds"),
-        (("window", "--size", "9"), "WIDTHxHEIGHT"),
-        ((tmp_path / "absent.py",), "no such file"),
-    ):
-        assert words in refused(twinlens, *options, "-o", tmp_path / "out")
-    assert not (tmp_path / "out").exists()
-
-
-def test_an_undecided_claim_has_no_verdict(twinlens, own, tmp_path):
-    own.write_text(OWN.replace("True)]", "False, decided=False)]"))
-    output = tmp_path / "out"
-    code, out, err = twinlens("study", own, "-o", output)
-    assert code == 0, err
-    assert "no verdict: not decided" in out
-    assert "hold" not in out
-    (finding,) = json.loads((output / "study.json").read_text())["findings"]
-    assert finding["holds"] is None
 
 
 def test_results_never_overwrite_other_files(twinlens, own, tmp_path):
