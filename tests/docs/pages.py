@@ -35,10 +35,3 @@ def run_block(kind: str, text: str, folder: Path) -> str:
     )
     assert child.returncode == 0, child.stderr
     return child.stdout
-
-
-def check_links(page: Path) -> None:
-    """Every linked file exists."""
-    links = re.findall(r"\]\((?!https://)([^)#]+)\)", page.read_text())
-    assert links
-    assert [link for link in links if not (page.parent / link).exists()] == []

@@ -3,7 +3,6 @@
 import ast
 import importlib
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -19,21 +18,6 @@ pytestmark = pytest.mark.skipif(
     not COURSE.is_dir(), reason="docs/ is not next to tests/"
 )
 each_script = pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
-
-
-def test_scripts_are_numbered_without_gaps():
-    numbers = [re.fullmatch(r"(\d\d)_[a-z0-9_]+", script.stem)[1] for script in SCRIPTS]
-    assert numbers == [f"{number:02}" for number in range(1, len(SCRIPTS) + 1)]
-    assert len(SCRIPTS) >= 8
-
-
-@each_script
-def test_a_script_has_a_title_a_formula_and_a_figure(script):
-    text = ast.get_docstring(ast.parse(script.read_text()))
-    title, line, blank = text.splitlines()[:3]
-    assert (line, blank) == ("=" * len(title), "")
-    assert re.search(r"::\n\n    \S", text)
-    assert script.read_text().endswith("plt.show()\n")
 
 
 @each_script

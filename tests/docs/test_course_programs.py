@@ -1,7 +1,6 @@
 """The programs of docs/course: the path of a robot and the inserted object."""
 
 import runpy
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -9,10 +8,6 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from skimage.graph import MCP_Geometric
-
-import twinlens as tl
-from twinlens.reconstruction import DepthView
-from twinlens.scenes import Color
 
 COURSE = Path(__file__).parents[2] / "docs" / "course"
 pytestmark = pytest.mark.skipif(
@@ -84,51 +79,3 @@ def test_the_path_is_the_cheapest(robot):
     assert (
         middle * np.linalg.norm(np.diff(path, axis=0), axis=1)
     ).sum() == pytest.approx(costs[28, 3])
-
-
-def test_an_enclosed_goal_has_no_path(robot):
-    depth = np.full((40, 60), np.inf)
-    camera = tl.Camera.from_fov(60, 40, 70)
-    pose = tl.load_scene(COURSE / "hall.toml").world_from_left
-    wall = (3.0 - pose[1, 3]) / (
-        camera.unproject(camera.pixel_grid()) @ pose[:3, :3].T
-    )[..., 1]  # y = 3 m
-    view = DepthView(camera, pose, np.where(wall > 0, wall, depth))
-    assert not len(robot.plan(view)[2])
-
-
-@pytest.mark.slow
-def test_the_inserted_ball_equals_the_rendered_one():
-    """A weakly emitting ball: the composed image equals a rendering of the scene with the ball."""
-    virtual = run("15_inserted_object")
-    scene, rig, lens, place = virtual.stage(100, 75)
-    glow = 0.02
-    photos = tl.render(scene, rig, lens, spp=64)
-    balls = (
-        replace(virtual.ball(place, glow), material="black"),
-        virtual.ball(place, 1.0),
-    )
-    mixed, covered = virtual.insert(
-        photos, rig, lens, virtual.room_meshes(scene, rig), balls, spp=64
-    )
-    dull = {"type": "diffuse", "reflectance": Color((0.0, 0.0, 0.0))}
-    there = replace(
-        scene,
-        objects=(*scene.objects, replace(virtual.ball(place, glow), material="dull")),
-        materials={**scene.materials, "dull": dull},
-    )
-    for i, real in enumerate(tl.render(there, rig, lens, spp=64)):
-        share = covered[i][..., 0]
-        assert 0.98 < share.max() < 1.02
-        full = share > 0.99
-        assert full.sum() > 50
-        assert np.abs(mixed[i][full] - real[full]).mean() < 1e-3
-        rim = (share > 0.02) & ~full
-        assert rim.sum() > 30  # the lens blurs its edge
-        before, after = (
-            np.abs(image - real).mean(axis=2) for image in (photos[i], mixed[i])
-        )
-        assert np.median(after[rim]) < 0.3 * np.median(before[rim])
-        assert after[share > 0.02].mean() < 0.4 * before[share > 0.02].mean()
-    disk = np.pi * (rig.cameras[0].fx * virtual.RADIUS / virtual.DEPTH) ** 2
-    assert covered[0][..., 0].sum() < 0.85 * disk  # the jug occludes a part of it

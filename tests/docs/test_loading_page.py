@@ -54,11 +54,6 @@ def test_the_block_with_torch_runs_as_printed(folder, names, monkeypatch):
     assert batch["disp0"].is_contiguous()
 
 
-def test_all_of_the_page_is_covered():
-    assert len(BLOCKS) == PAGE.count("```") / 2
-    assert USES_TORCH.count(True) == 1
-
-
 def test_the_recipes_keep_their_promises(folder, names, monkeypatch):
     """Splits are disjoint and of exact size; the normalised disparity is baseline over depth, also when augmented."""
     monkeypatch.chdir(folder)

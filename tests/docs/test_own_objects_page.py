@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from tests.docs.pages import blocks, check_links, run_block
+from tests.docs.pages import blocks, run_block
 from twinlens.dataset import open_sample
 from twinlens.dataset.codecs.ply import read_ply
 from twinlens.geometry import transform_points
@@ -62,7 +62,3 @@ def test_the_part_has_its_own_size_and_its_poses_reproject_it(run):
         heights = transform_points(table_from_part, vertices)[:, 2] - table.extent[1, 2]
         assert 0 <= heights.min() < 1e-4  # metres
         assert np.count_nonzero(heights < 1e-4) >= 3
-
-
-def test_links_exist():
-    check_links(PAGE)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.docs.pages import blocks, check_links, run_block
+from tests.docs.pages import blocks, run_block
 
 README = Path(__file__).parents[2] / "README.md"
 BLOCKS = blocks(README, "sh", "python")
@@ -42,16 +42,6 @@ def folder(edit, tmp_path_factory):
     return tmp_path_factory.mktemp("readme")
 
 
-def test_the_readme_shows_all_three_uses():
-    shell = "".join(text for kind, text in BLOCKS if kind == "sh")
-    assert all(
-        f"twinlens {command} " in shell
-        for command in ("render", "benchmark", "score", "match", "verify")
-    )
-    assert "make demo" in shell
-    assert "make test" in shell
-
-
 @pytest.mark.parametrize(
     "number", range(len(BLOCKS)), ids=lambda number: f"{number}-{BLOCKS[number][0]}"
 )
@@ -60,11 +50,3 @@ def test_block_works(folder, edit, number):
     assert "no lens on the market" not in run_block(kind, edit(text), folder), (
         "examples use realistic lenses"
     )
-
-
-def test_the_readme_gives_sizes_in_each_of_the_replaced_ways():
-    assert all(any(re.search(pattern, text) for _, text in BLOCKS) for pattern in SIZES)
-
-
-def test_every_linked_file_exists():
-    check_links(README)

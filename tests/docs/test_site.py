@@ -2,20 +2,14 @@
 
 import doctest
 import importlib.util
-import json
 import os
 import re
-import subprocess
-import sys
 from pathlib import Path
-from typing import Annotated, Literal
 
 import numpy as np
 import pytest
-from numpy.typing import ArrayLike
 
 import twinlens as tl
-from twinlens import Rig
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -135,16 +129,6 @@ def test_the_examples_on_light_fields_run():
     assert names["truth"].disparity.shape == names["index"].shape == (72, 96)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("page", ["index.md", "families.md"])
-def test_the_first_example_of_a_page_renders(page):
-    code = (
-        python_blocks(page)[0].replace("640, 480", "64, 48")
-        + "\nassert left.shape == right.shape == (48, 64, 3)\n"
-    )
-    subprocess.run([sys.executable, "-W", "error", "-c", code], check=True)
-
-
 def test_every_public_name_is_in_the_reference():
     names = REFERENCE.names_page()
     pages = "".join(REFERENCE.room_page(room) for room in REFERENCE.rooms())
@@ -154,76 +138,3 @@ def test_every_public_name_is_in_the_reference():
     assert ":: twinlens.scoring.run_benchmark\n" in pages
     assert "exception:: twinlens.errors.InputError\n" in pages
     assert "check_number" not in pages
-
-
-def example(
-    x: ArrayLike,
-    *rigs: "Rig | None",
-    how: Literal["Rig"] = "Rig",
-    n: Annotated[int, "n"] = 1,
-) -> list[Rig]:
-    """A function with annotations."""
-
-
-def test_signatures_are_those_of_the_source():
-    def signature(obj, what="function"):
-        return REFERENCE.written_signature(None, what, "", obj, None, None, None)
-
-    assert signature(example) == (
-        "(x: ArrayLike, *rigs: twinlens.Rig | None, how: Literal['Rig']='Rig', n: int=1)",
-        "list[twinlens.Rig]",
-    )
-    assert signature(tl.Dataset.select, "method") == (
-        "(*names: str)",
-        "Mapped[dict[str, Any]]",
-    )
-    assert signature(tl.ThinLens)[0].startswith(
-        "(aperture_diameter: float, focus_distance: float"
-    )
-    assert ", *, " in signature(tl.StereoMatcher)[0]
-    assert "Annotated" not in signature(tl.StereoMatcher)[0]
-    assert signature(np.add) is None
-
-
-@pytest.mark.parametrize(
-    ("lines", "expected"),
-    [
-        (["a * b of |x| and `name`, see docs/rigs.md"],
-         [r"a \* b of \|x\| and :py:obj:`name`, see :doc:`docs/rigs.md </docs/rigs>`"]),
-        (["`c = A fx`s and ``two``"], [r"``c = A fx``\ s and :py:obj:`two`"]),
-        (["depth : metres,", "    along z.", "ids : >= 0"], ["- **depth**: metres,", "  along z.", "- **ids**: >= 0"]),
-        (["Law:", "", "    z = f b / d", "      * 2"], ["Law:", "", "::", "", "    z = f b / d", "      * 2"]),
-        (["Law::", "", "    a_b = 1", "", "Text."], ["Law::", "", "    a_b = 1", "", "Text."]),
-        (["- one", "  and more", "", ">>> 2**3", "8"], ["- one", "  and more", "", ">>> 2**3", "8"]),
-        (["Sum.", "", "Returns", "-------", "float", "", "Raises E."],
-         ["Sum.", "", "Returns", "-------", "float", "", "Notes", "-----", "Raises E."]),
-    ],
-)  # fmt: skip
-def test_docstrings_become_restructured_text(lines, expected):
-    REFERENCE.rewrite_docstring(None, "function", "", None, None, lines)
-    assert lines == [*expected, ""]
-
-
-def test_the_tables_of_a_schema(tmp_path):
-    path = tmp_path / "toy.json"
-    lens = {
-        "properties": {
-            "kind": {"const": "a"},
-            "f": {"type": "number", "exclusiveMinimum": 0},
-        },
-        "required": ["f"],
-    }
-    lenses = {
-        "type": "array",
-        "items": {"$ref": "#/$defs/Lens"},
-        "default": [],
-        "description": "a | b",
-    }
-    path.write_text(
-        json.dumps({"properties": {"lenses": lenses}, "$defs": {"Lens": lens}})
-    )
-    page = REFERENCE.schema_page(path)
-    assert r"| `lenses` | array of [Lens](#lens) | `[]` | a \| b |" in page
-    assert "## Lens\n" in page
-    assert '| `kind` | `"a"` |  |  |' in page
-    assert "| `f` | number > 0 | required |  |" in page

@@ -142,23 +142,10 @@ FLAT = np.full((30, 40), 2.0)
     ("make", "says"),
     [
         (lambda: view(np.where(FLAT > 1, np.nan, 0)), "NaN"),
-        (lambda: view(-FLAT), "positive"),
         (lambda: view(FLAT[1:]), "needs depth"),
         (
             lambda: view_of_disparity(FLAT, toed_in(CAMERA, 0.3, 2.0)),
             "rectify them first",
-        ),
-        (
-            lambda: view_of_disparity(
-                -np.inf * FLAT, Rig.stereo(CAMERA.replace(distortion=None), 0.1)
-            ),
-            "-inf",
-        ),
-        (
-            lambda: view_of_disparity(
-                "x", Rig.stereo(CAMERA.replace(distortion=None), 0.1)
-            ),
-            "array of numbers",
         ),
         (lambda: mesh_of(view(FLAT), 90), "max_angle_deg"),
         (lambda: Cloud(np.array([[np.inf, 0, 0]])), "finite"),
@@ -169,16 +156,6 @@ FLAT = np.full((30, 40), 2.0)
 def test_invalid_input_raises(make, says):
     with pytest.raises(InputError, match=says):
         make()
-
-
-def test_disparities_at_or_beyond_infinity_are_unknown():
-    rig = Rig.stereo(CAMERA.replace(distortion=None), 0.1)
-    unknown = view_of_disparity(
-        np.where(np.arange(40) < 20, [[0.0]], [[-3.0]]) * np.ones((30, 1)), rig
-    )
-    assert not unknown.known.any()
-    assert not len(points_of(unknown))
-    assert not len(mesh_of(unknown).faces)
 
 
 def test_samples_are_uniform_on_the_triangles_with_interpolated_colours():
@@ -206,13 +183,6 @@ def test_splatted_points_are_at_their_projections_and_occlude_farther_ones():
         assert (picture[round(v), round(u)] == [0, 0, 255]).all()
         assert (picture == 255).all(axis=2).sum() == 40 * 30 - 8
     carried = orbit(POSE, [0.2, 3.0, 1.0], 30.0, 10.0)
-    distance = [
-        np.linalg.norm(pose[:3, 3] - [0.2, 3.0, 1.0]) for pose in (POSE, carried)
-    ]
-    assert distance[0] == pytest.approx(distance[1])
-    assert np.allclose(
-        Camera(9, 9, 9.0, 9.0, 4.0, 4.0).project(
-            np.linalg.inv(carried)[:3] @ [0.2, 3.0, 1.0, 1]
-        ),
-        4,
-    )
+    target = np.linalg.inv(carried)[:3] @ [0.2, 3.0, 1.0, 1]
+    distance = np.linalg.norm(POSE[:3, 3] - [0.2, 3.0, 1.0])
+    np.testing.assert_allclose(target, [0, 0, distance], atol=1e-9)

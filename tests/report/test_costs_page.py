@@ -11,7 +11,7 @@ from scipy import ndimage
 import twinlens as tl
 from tests.report.test_page import Elements, browse, needs_chromium
 from twinlens.matching.costs import COSTS
-from twinlens.matching.methods import matcher_of_spec, parse_method
+from twinlens.matching.methods import parse_method
 from twinlens.report.page import page_html
 from twinlens.scoring import Pair, run_benchmark
 
@@ -304,18 +304,3 @@ def test_a_page_without_room_has_no_full_images(listed):
     assert grey() == [True, True]
     assert grey(budget_bytes=2000) == [True, False]
     assert grey(budget_bytes=100) == [False, False]
-
-
-def test_the_page_knows_the_cost_of_a_method():
-    matcher = matcher_of_spec(
-        parse_method("mine=census:block_size=3,census_window=5,p1=none").spec
-    )
-    assert (matcher.cost, matcher.block_size, matcher.census_window, matcher.p1) == (
-        "census",
-        3,
-        5,
-        None,
-    )
-    assert matcher_of_spec(parse_method("opencv_bm").spec) is None
-    assert matcher_of_spec("constant 3") is None
-    assert matcher_of_spec("twinlens 9.9 zncc:unheard_of=3") is None

@@ -5,7 +5,6 @@ import pytest
 
 from twinlens.camera import BrownConrady, Camera, Rig
 from twinlens.camera.layouts import line, toed_in
-from twinlens.errors import InputError
 from twinlens.geometry import rigid
 from twinlens.report.epipolar_picture import epipolar_picture, spread_points
 
@@ -79,21 +78,3 @@ def test_points_are_allowed_and_spread_evenly():
     assert apart.min() > 12
     assert len(spread_points(np.zeros((4, 5), bool), 3)) == 0
     assert spread_points(np.eye(3, dtype=bool)[:1], 5).tolist() == [[0, 0]]
-
-
-@pytest.mark.parametrize(
-    ("here", "there", "says"),
-    [
-        ([[np.nan, 0.0]], None, "finite"),
-        ([0.0, 1.0], None, "N, 2"),
-        ([[0.0, 1.0]], [[0.0, 1.0], [2.0, 3.0]], "same N"),
-    ],
-)
-def test_invalid_points_raise(here, there, says):
-    with pytest.raises(InputError, match=says):
-        epipolar_picture((GREY, GREY), line(CAMERA, 2, 0.1), here, there)
-
-
-def test_coinciding_cameras_raise():
-    with pytest.raises(InputError, match="centres coincide"):
-        epipolar_picture((GREY, GREY), Rig([CAMERA] * 2, [np.eye(4)] * 2), [[0.0, 0.0]])

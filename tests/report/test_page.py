@@ -8,20 +8,17 @@ import re
 import shutil
 import subprocess
 import zlib
-from dataclasses import replace
 from html.parser import HTMLParser
 from importlib import resources
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
 
 from twinlens.errors import OutputError
 from twinlens.report import write_page
 from twinlens.report.page import page_html
 from twinlens.scoring import (
     PROTOCOLS,
-    Board,
     Pair,
     board_csv,
     board_latex,
@@ -90,30 +87,24 @@ class Elements(HTMLParser):
             self._inside = False
 
 
+def document_of(*contents, **options):
+    """The JSON document in a page."""
+    return json.loads(Elements(page_html(*contents, **options)).data)
+
+
+def made_with_evil_names():
+    return made((EVIL, "b" + EVIL, "c" + EVIL), sample="s" + EVIL, title="t" + EVIL)
+
+
 def test_names_cannot_inject_markup():
+    """The page has the elements of one with harmless names, and the names arrive as they are."""
     plain = Elements(page_html(*made(("a", "b", "c"))))
-    evil = page_html(
-        *made((EVIL, "b" + EVIL, "c" + EVIL), sample="s" + EVIL, title="t" + EVIL)
-    )
-    assert Elements(evil).tags == [
-        (tag, tuple((k, v) for k, v in attributes)) for tag, attributes in plain.tags
-    ], "a name added or changed an element"
-    assert "<img src=x" not in evil
-    document = json.loads(Elements(evil).data)
+    evil = Elements(page_html(*made_with_evil_names()))
+    assert evil.tags == plain.tags
+    document = json.loads(evil.data)
     assert [m["name"] for m in document["methods"]] == [EVIL, "b" + EVIL, "c" + EVIL]
     assert document["samples"][0]["name"] == "s" + EVIL
     assert document["entries"][-1]["failure"][1].startswith("RuntimeError: c</script>")
-
-
-@given(name=st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=30))
-@settings(max_examples=60, deadline=None)
-def test_any_name_arrives_as_it_is(name):
-    board = run_benchmark([pair(name)], [Flat(name, 5)], warm_up=False, title=name)
-    found = Elements(page_html(board))
-    assert [(m["name"], m["spec"]) for m in json.loads(found.data)["methods"]] == [
-        (name, name)
-    ]
-    assert len(found.tags) == len(Elements(page_html(Board())).tags)
 
 
 def test_scripts_never_write_markup():
@@ -132,23 +123,15 @@ def test_scripts_never_write_markup():
                 assert word not in text, (file.name, word)
 
 
-def test_the_page_needs_nothing_from_elsewhere():
+def test_the_page_needs_nothing_from_elsewhere_and_allows_its_own_script_alone():
     text = page_html(*made())
-    assert [
-        a
-        for _, attributes in Elements(text).tags
-        for k, a in attributes
-        if k in ("src", "href") and a[0] != "#"
-    ] == []
-    assert set(re.findall(r"https?://[^\s\"'`)]+", text)) <= {
-        "http://www.w3.org/2000/svg"
-    }
+    for _, attributes in Elements(text).tags:
+        for name, value in attributes:
+            assert name not in ("src", "href") or value.startswith("#")
+    addresses = set(re.findall(r"https?://[^\s\"'`)]+", text))
+    assert addresses <= {"http://www.w3.org/2000/svg"}
     assert "@import" not in text
     assert "url(" not in text
-
-
-def test_the_policy_allows_the_pages_own_script_alone():
-    text = page_html(*made())
     script = re.search(r"<script>(.*)</script>", text, re.S)[1]
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     policy = re.search(r'Content-Security-Policy" content="([^"]+)"', text)[1]
@@ -158,30 +141,20 @@ def test_the_policy_allows_the_pages_own_script_alone():
 
 def test_the_page_says_what_the_board_says():
     board, samples, maps = made(("low", "high", "none"))
-    document = json.loads(Elements(page_html(board, samples, maps)).data)
+    document = document_of(board, samples, maps)
+    of_page = document["means"]["middlebury-v3"]["near"]["low"]["v"]
     mean = board.mean("low", "middlebury-v3", "near").metrics
-    assert document["means"]["middlebury-v3"]["near"]["low"]["v"][
-        "totbad2.0"
-    ] == pytest.approx(mean["totbad2.0"], rel=1e-5)
-    assert inflated(document["downloads"]["csv"]) == board_csv(board)
-    assert inflated(document["downloads"]["json"]) == board_to_json(board)
-    assert inflated(document["downloads"]["latex"]["eth3d"]["near"]) == board_latex(
-        board, "eth3d", "near"
-    )
-    entry, place = (
-        document["entries"][0],
-        PROTOCOLS["middlebury-v3"].metrics.index("avgerr"),
-    )
-    assert entry["regions"]["all"]["v"][place] == pytest.approx(
-        board.entries[0].value("all", "avgerr"), rel=1e-5
-    )
+    assert of_page["totbad2.0"] == pytest.approx(mean["totbad2.0"], rel=1e-5)
     assert document["means"]["eth3d"]["all"]["none"]["v"]["bad1.0"] is None
+    downloads = document["downloads"]
+    assert inflated(downloads["csv"]) == board_csv(board)
+    assert inflated(downloads["json"]) == board_to_json(board)
+    latex = board_latex(board, "eth3d", "near")
+    assert inflated(downloads["latex"]["eth3d"]["near"]) == latex
+    place = PROTOCOLS["middlebury-v3"].metrics.index("avgerr")
+    error = document["entries"][0]["regions"]["all"]["v"][place]
+    assert error == pytest.approx(board.entries[0].value("all", "avgerr"), rel=1e-5)
     assert set(document["samples"][0]["pictures"]["maps"]) == {"low", "high"}
-    assert [p["name"] for p in document["protocols"]] == [
-        "middlebury-v3",
-        "eth3d",
-        "kitti2015",
-    ]
 
 
 def inflated(packed):
@@ -206,29 +179,6 @@ def ranked_board():
     )
 
 
-def test_a_page_has_the_sparsification_of_methods_with_a_confidence():
-    board = ranked_board()
-    document = json.loads(Elements(page_html(board)).data)
-    regions = {
-        e["method"]: e["regions"]["all"]
-        for e in document["entries"]
-        if e["sample"] == "lane"
-    }
-    scores = board.find("ranked", "lane", "middlebury-v3").regions["all"]
-    assert regions["ranked"]["s"] == pytest.approx(scores.sparsification, rel=1e-5)
-    assert regions["ranked"]["v"][-2:] == pytest.approx(
-        [scores["auc2.0"], scores["auc2.0_opt"]], rel=1e-5
-    )
-    assert "s" not in regions["plain"]
-    assert document["protocols"][0]["columns"][-2:] == ["auc2.0", "auc2.0_opt"]
-    without = json.loads(Elements(page_html(made()[0])).data)["protocols"][0]
-    assert not [
-        name
-        for name in without["metrics"] + without["columns"]
-        if name.startswith("auc")
-    ]
-
-
 def test_the_page_lists_samples_a_method_was_not_run_on():
     """A method run on one of two samples has no mean, and the page names the other sample."""
     board, samples, _ = made()
@@ -239,50 +189,25 @@ def test_the_page_lists_samples_a_method_was_not_run_on():
         regions=board.regions,
         board=board,
     )
-    mean = json.loads(Elements(page_html(both)).data)["means"]["eth3d"]["all"]["late"]
+    mean = document_of(both)["means"]["eth3d"]["all"]["late"]
     assert (mean["n"], mean["failed"], mean["missing"]) == (1, [], ["street again"])
     assert mean["v"]["bad1.0"] is None
 
 
 def test_samples_and_maps_are_optional_and_unknown_samples_ignored():
     board, samples, _ = made()
-    assert json.loads(Elements(page_html(board)).data)["samples"][0]["pictures"] is None
+    assert document_of(board)["samples"][0]["pictures"] is None
     assert len(page_html(board, [pair("unknown")])) == len(page_html(board))
-    pictures = json.loads(Elements(page_html(board, samples)).data)["samples"][0][
-        "pictures"
-    ]
+    pictures = document_of(board, samples)["samples"][0]["pictures"]
     assert (pictures["maps"], pictures["noise"]) == ({}, "")
-
-
-def test_the_page_gives_the_noise_of_the_renderer():
-    board, samples, _ = made()
-    noisy = [replace(samples[0], renderer_noise=0.234)]
-    assert json.loads(Elements(page_html(board, noisy)).data)["samples"][0]["pictures"][
-        "noise"
-    ] == ("light paths 0.23 × sensor noise")
-
-
-def test_large_maps_are_subsampled():
-    board, samples, maps = made()
-    for options in ({"max_width": 20}, {"budget_bytes": 2000}):
-        truth = json.loads(Elements(page_html(board, samples, maps, **options)).data)[
-            "samples"
-        ][0]["pictures"]["truth"]
-        assert (truth["w"], truth["h"], truth["stride"]) == (20, 12, 2)
 
 
 @pytest.mark.parametrize(
     ("max_width", "stride"), [(40, 1), (39, 2), (14, 3), (13, 4), (1, 40)]
 )
 def test_a_map_is_at_most_as_wide_as_asked(max_width, stride):
-    board, samples, maps = made()
-    document = json.loads(
-        Elements(page_html(board, samples, maps, max_width=max_width)).data
-    )
-    for packed in (
-        document["samples"][0]["pictures"]["truth"],
-        document["samples"][0]["pictures"]["maps"]["low"],
-    ):
+    pictures = document_of(*made(), max_width=max_width)["samples"][0]["pictures"]
+    for packed in (pictures["truth"], pictures["maps"]["low"]):
         assert packed["stride"] == stride
         assert packed["w"] <= max_width
 
@@ -501,21 +426,6 @@ def test_sorting_selecting_inspecting_and_downloading(tmp_path):
 
 
 @needs_chromium
-def test_a_method_that_was_not_run_everywhere_says_so(tmp_path):
-    board, samples, _ = made()
-    both = run_benchmark(
-        samples[:1],
-        [Flat("late", 5)],
-        protocol=board.protocols,
-        regions=board.regions,
-        board=board,
-    )
-    dom = browse(tmp_path / "page.html", page_html(both))
-    assert "1 of 2 samples<" in dom
-    assert "street again: not run" in dom
-
-
-@needs_chromium
 def test_sparsification_is_drawn_for_methods_with_a_confidence(tmp_path):
     dom = browse(tmp_path / "page.html", page_html(ranked_board()))
     card = re.search(
@@ -547,19 +457,15 @@ def test_a_board_on_which_everything_failed_lists_every_failure(tmp_path):
     dom = browse(tmp_path / "page.html", page_html(board))
     assert 'data-ready="1"' in dom
     listed = re.search(r'<div id="failed">(.*?)</div>', dom, re.S)[1]
-    assert re.sub(r"<[^>]+>", "", listed) == (
-        "crash first on every sample: RuntimeError: firstcrash second on every sample: RuntimeError: second"
-    )
+    for name in ("first", "second"):
+        assert f"RuntimeError: {name}" in listed
     assert "0 of 2 samples, 2 failed" in dom
     assert "Nothing was scored." in dom
 
 
 @needs_chromium
 def test_names_with_markup_are_shown_as_text(tmp_path):
-    board, samples, maps = made(
-        (EVIL, "b" + EVIL, "c" + EVIL), sample="s" + EVIL, title="t" + EVIL
-    )
-    dom = browse(tmp_path / "page.html", page_html(board, samples, maps))
+    dom = browse(tmp_path / "page.html", page_html(*made_with_evil_names()))
     assert 'data-ready="1"' in dom
     assert "<title>pwned</title>" not in dom
     assert not [

@@ -1,8 +1,5 @@
 """The figure of a plan shows its curves and limits, and is reproducible."""
 
-import pytest
-
-from twinlens.errors import InputError
 from twinlens.optics.planning import plan_rig
 from twinlens.optics.rig_task import RigTask
 from twinlens.report import plan_figure as module
@@ -28,12 +25,3 @@ def test_curves_and_limits_of_each_panel(monkeypatch):
         "tolerated", "largest blur circle", "largest Airy disk", "end of the search", "least overlap",
     }  # fmt: skip
     assert error.lines[-1].get_ydata()[0] == 30.0
-
-
-def test_bytes_are_reproducible_and_an_infeasible_task_has_no_figure():
-    figures = {module.plan_figure(plan_rig(TASK), "png") for _ in range(2)}
-    assert len(figures) == 1
-    with pytest.raises(InputError, match="infeasible"):
-        module.plan_figure(
-            plan_rig(RigTask(640, 480, 5.0, (1.0, 4.0), fov_x_deg=60, depth_error=1e-5))
-        )
