@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from twinlens.studies import Column, Table, mean_of, paired_difference
-from twinlens.studies.intervals import bootstrap, log_slope, mean, over_scenes
+from twinlens.studies.intervals import bootstrap, log_slope, mean
 
 COLUMNS = tuple(Column(name, "", name) for name in ("scene", "seed", "kind", "value"))
 TRIALS = 200
@@ -69,20 +69,6 @@ def test_seeds_of_one_scene_are_not_counted_as_scenes():
     assert (mean_of(many, "value").low, mean_of(many, "value").high) == (0.0, 2.0)
 
 
-def test_the_interval_of_one_scene_is_over_its_seeds():
-    interval = mean_of(
-        make([("x", seed, "a", float(seed)) for seed in range(3)]), "value"
-    )
-    assert (interval.low, interval.value, interval.high) == (0.0, 1.0, 2.0)
-
-
-def test_one_unit_has_no_interval():
-    interval = bootstrap(mean, [[1.0, 2.0]])
-    assert interval.value == 1.5
-    assert math.isnan(interval.low)
-    assert interval.format("px") == "1.5 px"
-
-
 def test_fewer_than_five_units_give_a_range():
     few, enough = (bootstrap(mean, [[float(k)] for k in range(n)]) for n in (3, 5))
     assert few.format("px") == "1 px (range of 3: 0 to 2)"
@@ -92,11 +78,6 @@ def test_fewer_than_five_units_give_a_range():
 def test_nan_is_ignored():
     assert math.isnan(bootstrap(mean, [[math.nan]]).value)
     assert bootstrap(mean, [[1.0, math.nan], [3.0]]).value == 2.0
-
-
-def test_the_same_units_give_the_same_interval():
-    units = np.random.default_rng(0).normal(size=(7, 3))
-    assert bootstrap(mean, units) == bootstrap(mean, units)
 
 
 def test_paired_differences_cancel_differences_between_scenes():
@@ -116,13 +97,3 @@ def test_log_slope_of_powers():
     )
     assert log_slope("scene", "value")(grown) == pytest.approx(-1.7)
     assert math.isnan(log_slope("seed", "value")(grown))
-
-
-def test_other_statistics():
-    rows = make([(scene, 0, "a", value) for scene, value in (("x", 5.0), ("y", 1.0))])
-    assert (
-        over_scenes(
-            rows, lambda unit: unit.numbers("value"), lambda values: float(values.min())
-        ).value
-        == 1.0
-    )

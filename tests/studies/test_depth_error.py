@@ -1,7 +1,5 @@
 """The occluded share against geometry."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -44,13 +42,3 @@ def test_a_card_occludes_a_strip_as_wide_as_the_difference_of_disparities(base):
     )
     # Each border of the strip, of 36 rows, may move by half a pixel.
     assert occluded_percent(stage) == pytest.approx(expected, abs=100 * 36 / (96 * 72))
-
-
-def test_pixels_outside_the_right_image_are_not_counted():
-    truth = SimpleNamespace(
-        disparity=np.array([[3.0, 1.0, 1.0, 1.0, np.inf]], np.float32),
-        visible=np.array([[False, True, True, False, False]]),
-    )
-    assert occluded_percent(
-        SimpleNamespace(truth=truth, camera=SimpleNamespace(width=5))
-    ) == pytest.approx(100 / 3)

@@ -8,7 +8,6 @@ from twinlens.studies.radiometric import (
     SENSOR,
     changed_pair,
     image_pair,
-    is_local,
 )
 from twinlens.studies.stage import Stage
 
@@ -24,13 +23,6 @@ def test_the_neutral_amount_changes_nothing(name):
     left, right = changed(name, CHANGES[name].neutral)
     assert np.array_equal(left, GREY)
     assert np.array_equal(right, GREY)
-
-
-@pytest.mark.parametrize("name", ["gain", "gamma", "vignetting"])
-def test_the_left_image_is_unchanged(name):
-    left, right = changed(name, CHANGES[name].amounts[0])
-    assert np.array_equal(left, GREY)
-    assert not np.array_equal(right, GREY)
 
 
 def test_gain_multiplies_and_saturates():
@@ -76,12 +68,3 @@ def test_rendering_noise_falls_with_the_samples():
     stage = Stage.of("cards", 64, 48)
     few, many = (image_pair(stage, spp, 0)[1] for spp in (8, 128))
     assert 0 < many < 0.5 * few
-
-
-@pytest.mark.parametrize(
-    ("method", "local"),
-    [("sad", True), ("zncc:block_size=21", True), ("sgm", False), ("sgm4", False), ("sad:optimisation=sgm8", False),
-     ("adaptive", False), ("program:command='prog {left} {right} {out}'", False)],
-)  # fmt: skip
-def test_local_costs_are_recognised(method, local):
-    assert is_local(method) is local

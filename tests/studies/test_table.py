@@ -31,24 +31,6 @@ def test_nine_digits_preserve_float32(values):
     assert np.array_equal(np.float32(back), np.float32(values))
 
 
-def test_line_ends_and_quotes():
-    text = to_csv(Table(COLUMNS, ({"name": 'a,"b"', "z_m": 1},)))
-    assert text == 'name,z_m\n"a,""b""",1\n'
-
-
-def test_unknown_values_are_nan_in_the_file():
-    text = to_csv(
-        Table(COLUMNS, ({"name": "", "z_m": math.nan}, {"name": "x", "z_m": -math.inf}))
-    )
-    assert text == "name,z_m\n,nan\nx,-inf\n"
-
-
-def test_a_table_is_rounded_as_its_csv():
-    rounded = filled_table(COLUMNS, [{"name": "a", "z_m": 1 / 3}])
-    assert rounded.rows == from_csv(to_csv(rounded), COLUMNS).rows
-    assert rounded.numbers("z_m")[0] != 1 / 3
-
-
 def test_missing_values_are_filled():
     filled = filled_table(COLUMNS, [{"name": "a"}, {"z_m": 2.0}])
     assert [row["name"] for row in filled] == ["a", ""]
@@ -60,16 +42,6 @@ def test_missing_values_are_filled():
 def test_missing_and_unknown_columns_raise(row):
     with pytest.raises(InputError, match=r"row 0 .*(z_m|more)"):
         Table(COLUMNS, (row,))
-
-
-def test_unknown_columns_name_the_nearest():
-    with pytest.raises(InputError, match="did you mean 'z_m'"):
-        Table(COLUMNS, ()).numbers("z_mm")
-
-
-def test_a_csv_with_other_columns_raises():
-    with pytest.raises(InputError, match="expected name, z_m"):
-        from_csv("name,depth\na,1\n", COLUMNS)
 
 
 def test_where_and_groups():

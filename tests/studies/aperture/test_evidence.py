@@ -14,7 +14,6 @@ from tests.studies.aperture.naive import (
     wall_of,
     window_costs,
 )
-from twinlens.camera import ThinLens
 from twinlens.matching import grey
 from twinlens.sensor import Exposure
 from twinlens.studies.aperture import theory as aperture_theory
@@ -55,13 +54,6 @@ def test_an_edge_between_two_depths_belongs_to_the_nearer_one():
         assert variance[near == 8].any()
 
 
-def test_images_without_common_texture():
-    flat = np.ones((20, 30))
-    grain, variance = shared_texture(flat, flat, flat.astype(np.int64))
-    assert grain == 1.0
-    assert (variance == 0).all()
-
-
 @pytest.mark.parametrize(
     ("colour", "gain"),
     [((0.2, 0.2, 0.2), 1.0), ((0.3, 0.1, 0.05), 1.0), ((0.05, 0.1, 0.3), 8.0)],
@@ -74,14 +66,6 @@ def test_luma_noise_of_images_of_a_coloured_wall(colour, gain):
         noise = measured_noise(grey, camera, lens, wall, Exposure(time, gain))
         predicted = aperture_theory.luma_noise(gain * time * rate[None], gain)[0]
         assert level * noise == pytest.approx(float(predicted), rel=0.06)
-
-
-def test_luma_noise_of_saturated_channels():
-    some, all_of_them = aperture_theory.luma_noise(
-        np.array([[1.0, 0.5, 0.5], [1.0, 1.0, 1.0]])
-    )
-    assert math.isfinite(some)
-    assert math.isinf(all_of_them)
 
 
 def disk(width):
@@ -145,40 +129,9 @@ def test_the_strip_of_wrong_depth_along_an_edge(near_disk, far_disk, pixels):
     assert 32 * np.mean(expected) == pytest.approx(32 * np.mean(measured), abs=pixels)
 
 
-def test_wrong_pixels_depend_on_light_blur_and_diffraction():
-    """More wrong pixels with less light, more blur, or diffraction; equal for lenses with equal light.
-
-    Blur below that of the sharp images has no effect.
-    """
-    stage = Stage.of("cards", 96, 72, pixel_pitch_um=3.45)
-    model = Model.of(stage)
-    lens = model.lens(11.0)
-    radiance = stage.photograph(model.full_size(lens), 16, 1)
-    sharp = stage.blur(model.full_size(lens))
-    theory = Evidence.of(stage, lens, sharp, radiance)
-    time = 0.3 / float(theory.levels.mean())
-
-    def wrong(lens, time, blur=sharp, diffracts=False):
-        return theory.expected(lens, Exposure(time), blur, diffracts)[0]
-
-    few = wrong(lens, time)
-    assert wrong(lens, time / 100) > few
-    assert wrong(lens, time, blur=np.hypot(sharp, 12.0)) > few
-    assert wrong(lens, time, blur=0.0 * sharp) == few
-    assert wrong(model.lens(32.0), time * (32 / 11) ** 2, diffracts=True) > few
-    assert wrong(
-        ThinLens(4 * lens.aperture_diameter, lens.focus_distance), time / 16
-    ) == pytest.approx(few)
-    assert (
-        theory.expected(lens, Exposure(time), sharp, diffracts=False, paths=0.5)[0]
-        == few
-    )
-
-
 @pytest.mark.parametrize(("grain", "contrast", "level", "blur"), [
-    (1.2, 0.08, 0.005, 0.0), (1.2, 0.02, 0.2, 0.0), (1.2, 0.02, 0.04, 0.0),
-    (2.0, 0.08, 0.008, 0.0), (2.0, 0.02, 0.05, 0.0),
-    (1.2, 0.08, 0.02, 6.0), (1.2, 0.08, 0.005, 6.0), (1.2, 0.08, 0.05, 12.0),
+    (1.2, 0.08, 0.005, 0.0), (1.2, 0.02, 0.04, 0.0), (2.0, 0.02, 0.05, 0.0),
+    (1.2, 0.08, 0.005, 6.0), (1.2, 0.08, 0.05, 12.0),
 ])  # fmt: skip
 def test_wrong_pixels_of_a_flat_sheet(grain, contrast, level, blur):
     """The whole chain: a texture blurred by a disk, exposed by the sensor, its 8-bit luma matched by a naive SSD.

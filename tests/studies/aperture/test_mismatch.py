@@ -1,6 +1,6 @@
 """The probability of mismatches against naive block matching of noisy synthetic textures.
 
-The tolerance of 0.03 is at least two standard deviations: 0.027 for the count of one seed, 0.011 for the mean of six,
+The tolerance of 0.03 is at least two standard deviations: 0.027 for the count of one seed, 0.016 for the mean of three,
 0.008 for the theory with its 4000 samples.
 """
 
@@ -47,7 +47,7 @@ RATIOS = {
 @pytest.mark.parametrize("grain", RATIOS)
 def test_counted_mismatches_equal_the_prediction(grain):
     for snr in RATIOS[grain]:
-        share = np.mean([counted(grain, snr, seed) for seed in range(3, 9)])
+        share = np.mean([counted(grain, snr, seed) for seed in range(3, 6)])
         predicted = mismatch(np.array([snr]), grain, SIDE, NDISP)[0]
         assert predicted == pytest.approx(share, abs=0.03), snr
 
@@ -86,14 +86,6 @@ def test_variances_of_the_noise_sums():
     assert both[:, far].var() == pytest.approx(8 * texture[:, far].mean(), rel=0.1)
     difference = noise[:, far] - noise[:, zero]
     assert difference.var() == pytest.approx(12 * SIDE**2, rel=0.1)
-
-
-@pytest.mark.parametrize("spread", [0.7, 2.0, 8.0])
-def test_limits_without_texture_and_without_noise(spread):
-    """Of the shifts -16 to 15 those from -2 to 2 are right, the outer two half of the time after refinement."""
-    none, only_texture = mismatch(np.array([0.0, 1e6]), spread, SIDE, NDISP)
-    assert none == pytest.approx(1 - 4 / 32, abs=0.03)
-    assert only_texture == 0.0
 
 
 @pytest.mark.parametrize("spread", [1.3, 4.0])

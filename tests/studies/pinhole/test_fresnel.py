@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from twinlens.optics.diffraction import airy_kernel
-from twinlens.studies import pinhole
 from twinlens.studies.pinhole.film import convolved, fresnel_kernel, intensity, transfer
 
 FILM, WAVE = 0.05, 550e-9
@@ -36,18 +35,6 @@ def test_a_small_hole_gives_the_airy_pattern():
     assert np.abs(kernel - airy).max() < 0.01 * airy.max()
 
 
-def test_a_wide_hole_gives_its_shadow():
-    """Fresnel number 90: uniform light inside the hole's projection, apart from fringes."""
-    diameter, depth = 3e-3, 1.0
-    shadow = 0.5 * diameter * (1 + FILM / depth)
-    radius = np.linspace(0.0, 1.5 * shadow, 600)
-    light = intensity(radius, diameter, FILM, depth, WAVE) * radius
-    inside = light[radius < shadow].sum() / light.sum()
-    half = light[radius < shadow / np.sqrt(2)].sum() / light[radius < shadow].sum()
-    assert inside > 0.96
-    assert half == pytest.approx(0.5, abs=0.02)
-
-
 def test_fresnel_zones_on_the_axis():
     """On the axis |U|^2 = (lambda v / pi)^2 sin^2(pi F / 2): bright for odd Fresnel numbers, dark for even ones."""
     numbers = np.array([0.5, 1.0, 1.5, 2.0, 3.0])
@@ -68,34 +55,3 @@ def test_kernels_are_normalised_and_symmetric():
     assert np.allclose(kernel, kernel.T)
     assert np.allclose(kernel, kernel[::-1, ::-1])
     assert np.allclose(convolved(np.full((30, 40), 0.7), kernel), 0.7)
-
-
-def test_a_sampled_pattern_excludes_the_pixel():
-    """The pupil limits the band, so that sampling above twice the cutoff frequency is exact."""
-    diameter, depth, pitch = 0.26e-3, 10.0, 8e-6
-    kernel = fresnel_kernel(diameter, FILM, depth, WAVE, pitch, sub=1)
-    frequency = np.linspace(0.0, 0.9 * diameter / (WAVE * FILM), 12)[1:]
-    places = (np.arange(kernel.shape[0]) - kernel.shape[0] // 2) * pitch
-    measured = np.array(
-        [(kernel.sum(axis=0) * np.cos(2 * np.pi * f * places)).sum() for f in frequency]
-    )
-    theory = transfer(frequency, diameter, FILM, depth, WAVE)
-    assert np.abs(measured - theory).max() < 0.01
-
-
-def test_the_light_outside_forty_rings():
-    """Forty against 160 rings: 0.5 % of the light, less the light outside 160."""
-    diameter, pitch = 0.05e-3, 100e-6
-    few = fresnel_kernel(diameter, FILM, np.inf, WAVE, pitch)
-    many = airy_kernel((pitch, pitch), WAVE, FILM / diameter, 4 * (few.shape[0] // 2))
-    middle = slice(
-        many.shape[0] // 2 - few.shape[0] // 2,
-        many.shape[0] // 2 + few.shape[0] // 2 + 1,
-    )
-    assert 0.002 < 1.0 - many[middle, middle].sum() < 0.006
-
-
-def test_predicted_best_holes_against_the_rules():
-    """The rules ignore the pixel and the target distance, so the predictions are somewhat smaller."""
-    assert pinhole.AIRY_MM * 0.85 < pinhole.predicted_best(0.5) < pinhole.AIRY_MM
-    assert pinhole.AIRY_MM < pinhole.predicted_best(0.1) < pinhole.RAYLEIGH_MM

@@ -7,7 +7,6 @@ from scipy import special
 from twinlens.errors import InputError
 from twinlens.studies.pinhole.film import (
     crossing,
-    edge_spread,
     frequency_at,
     modulation_transfer,
 )
@@ -61,19 +60,6 @@ def test_inverted_and_scaled_contrast():
     assert frequency_at(0.1 + 0.3 * picture, 0.5) == pytest.approx(
         frequency_at(picture, 0.5), rel=1e-9
     )
-
-
-def test_a_bigger_blur_is_a_lower_frequency():
-    frequencies = [
-        frequency_at(disk_edge(radius), 0.5) for radius in (2.0, 3.0, 5.0, 8.0)
-    ]
-    assert frequencies == sorted(frequencies, reverse=True)
-
-
-def test_edge_spread_rises_from_black_to_white():
-    place, grey = edge_spread(EDGES["box"][0]())
-    assert np.allclose(grey[place < -2.0], 0.0, atol=0.01)
-    assert np.allclose(grey[place > 2.0], 1.0, atol=0.01)
 
 
 @pytest.mark.parametrize(
