@@ -194,6 +194,7 @@ class Camera(Settings, noun="camera"):
                 "a projection's derivative needs finite points with z > 0: leave out the others"
             )
         xy, z = points[..., :2] / points[..., 2:], points[..., 2, None, None]
+        # d(x, y)/d(X, Y, Z) = [[1, 0, -x], [0, 1, -y]] / Z; the chain rule adds the distortion and the focal lengths.
         inner = np.zeros((*points.shape[:-1], 2, 3))
         inner[..., :2], inner[..., 2] = np.eye(2), -xy
         if not isinstance(self.projection, PlaneMap):

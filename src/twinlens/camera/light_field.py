@@ -84,6 +84,7 @@ def light_field_grid(rig: Rig) -> tuple[int, float, float]:
         shifts = np.array(
             [(view.cx - camera.cx, view.cy - camera.cy) for view in rig.cameras]
         )
+        # Neighbours are `spacing` apart and have principal points fx k spacing apart, in rows from the top left.
         vergence = float(shifts[1, 0]) / (camera.fx * spacing)
         steps = spacing * np.stack([np.arange(n**2) % n, np.arange(n**2) // n], axis=-1)
         on_grid = np.allclose(
@@ -206,6 +207,7 @@ def _weights(places: Float, lens: Paraxial) -> Float:
         0.5 * lens.aperture_diameter * np.stack(lens.aperture.sample(u1, u2), axis=-1)
     )
     _, nearest = tree.query(points)
+    # Beyond half the distance of neighbours, a point of the aperture is outside the cells of all views.
     pitch = tree.query(places, k=2)[0][:, 1].max() if len(places) > 1 else 0.0
     if (
         np.abs(points - places[nearest]).max() > (0.5 + _ROUNDING) * pitch

@@ -98,6 +98,7 @@ def epipole_in_image(rig: Rig, a: int = 0, b: int = 1) -> Float | None:
     direction = epipolar.centre_direction(
         rig.world_from_cams[a], rig.world_from_cams[b]
     )
+    # A centre behind the camera is replaced by its opposite direction, on the same line.
     pixel = rig.cameras[a].project(direction * np.sign(direction[2]))
     return pixel if rig.cameras[a].contains(pixel) else None
 
@@ -158,6 +159,7 @@ def covariance(
         raise InputError(
             "covariance needs finite points (N, 3): leave out those at infinity"
         )
+    # J_i / sigma_i of each camera, in world axes, below each other: (N, 2 V, 3).
     rows = []
     for i, sigma in zip(chosen, sigmas, strict=True):
         cam_from_world = inverse(rig.world_from_cams[i])
@@ -165,6 +167,7 @@ def covariance(
             transform_points(cam_from_world, points)
         )
         rows.append(jacobian @ cam_from_world[:3, :3] / sigma)
+    # The inverse of J^T J by the singular values of J, which are not squared before they are compared.
     _, singular, axes = np.linalg.svd(np.concatenate(rows, axis=1))
     if (singular[:, 2] <= _SINGULAR * singular[:, 0]).any():
         raise InputError(

@@ -34,6 +34,7 @@ class Parts:
 
     def shares(self, x: Any, y: Any, xp: ArrayFunctions = NUMPY) -> list[Any]:
         """The share of each part at points of the square; for NumPy and other libraries as `Aperture.sample`."""
+        # The cell of a point in the flattened masks; points on the right and lower edges belong to the last cells.
         height, width = self.masks.shape[1:]
         column = xp.minimum(xp.floor((0.5 * x + 0.5) * width), width - 1.0)
         row = xp.minimum(xp.floor((0.5 * y + 0.5) * height), height - 1.0)
@@ -46,6 +47,7 @@ class Parts:
 
         Centroids are in units of the aperture's radius, NaN for a part without light; exact to about 1e-4.
         """
+        # Points from evenly spread random numbers stand for equal amounts of light.
         u1, u2 = (np.mgrid[:_POINTS, :_POINTS].reshape(2, -1) + 0.5) / _POINTS
         x, y = aperture.sample(u1, u2)
         shares = np.array(self.shares(x, y))

@@ -91,6 +91,7 @@ class GrayCode:
     ) -> Float:
         """Contrast of the bit that changes between pixels border - 1 and border; the modulation at the ends."""
         inner = (border > 0) & (border < self.count)
+        # The Gray codes of n - 1 and n differ in the bit whose place is that of the lowest 1 in n.
         lowest_set = np.where(inner, border & -border, 1)
         changing = np.log2(lowest_set).astype(np.int64)
         place = (self.bits - 1 - changing)[None]
@@ -134,6 +135,8 @@ class PhaseShift:
 
     def _decode(self, images: Float) -> tuple[Float, Float]:
         """Positions in [-0.5, period - 0.5) and modulation (H, W)."""
+        # The first harmonic of the images over their shifts: its angle is the position, and its size is steps / 4 times
+        # the difference of bright and dark.
         turns = np.exp(2j * np.pi * np.arange(self.steps) / self.steps)
         phasor = np.tensordot(turns, images, axes=1)
         position = (

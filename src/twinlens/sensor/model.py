@@ -339,6 +339,7 @@ class Sensor(Settings, noun="sensor"):
         """Electrons per second in a pixel on the axis, per unit of rendered radiance, (3,) for red, green and blue."""
         distance = film_distance(camera, lens)
         pixel_area = distance / camera.fx * distance / camera.fy
+        # Watts of a pixel for a radiance of 1 W/(m^2 sr): E/L times its area. Photons carry h c / lambda each.
         joules = (
             light.irradiance_factor(camera, lens, self.pinhole_f_number) * pixel_area
         )
