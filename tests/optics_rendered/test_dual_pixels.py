@@ -69,7 +69,7 @@ def measured_disparity(
     return shift
 
 
-@pytest.mark.parametrize("axis", ["x", "y"])
+@pytest.mark.parametrize("axis", ["x", pytest.param("y", marks=pytest.mark.slow)])
 def test_disparity_on_a_slanted_plane_follows_the_law(axis):
     """Within 2 % in every window whose blur circle is above 2 px, on both sides of the focus."""
     scene, rig = slanted_plane(), tl.Rig([CAMERA], [HERE])

@@ -5,7 +5,7 @@ guides cost a small part of a render. All samples of an image are traced in one 
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -178,22 +178,28 @@ def _features(
 
 
 @dataclass
-class _Search:
-    """Rays on the way to their first rough surfaces: the state of Dr.Jit's loop.
+class _Way:
+    """One of two ways of a sample: its ray, its share of the sample, and that times the colour of what it passed."""
 
-    active : whether the ray goes on.
-    ray, part, tint : the ray, its share of the sample, and this share times the colour of what it passed.
-    waiting : (ray, part, tint) of the other ray of the sample, whose part is 0 if there is none.
-    is_split : whether the sample has been split into two rays.
-    depth : surfaces that the ray has passed.
+    ray: Any
+    part: Any
+    tint: Any
+
+
+@dataclass
+class _Search:
+    """Samples on the way to their first rough surfaces: the state of Dr.Jit's loop.
+
+    active : whether the sample goes on.
+    way, waiting : the way that is followed, and the other one of the sample, whose part is 0 if there is none.
+    is_split : whether the sample has been split into two ways.
+    depth : surfaces that the way has passed.
     albedo, normal : what the sample has seen so far.
     """
 
     active: Any
-    ray: Any
-    part: Any
-    tint: Any
-    waiting: tuple[Any, Any, Any]
+    way: _Way
+    waiting: _Way
     is_split: Any
     depth: Any
     albedo: Any
@@ -215,10 +221,8 @@ def _first_rough_surfaces(built: BuiltScene, ray: Any) -> tuple[Any, Any]:
         return surface_features(si, si.bsdf(), mi.Bool(True))
     start = _Search(
         active=mi.Bool(True),
-        ray=ray,
-        part=mi.Float(1.0),
-        tint=mi.Color3f(1.0),
-        waiting=(ray, mi.Float(0.0), mi.Color3f(0.0)),
+        way=_Way(ray, mi.Float(1.0), mi.Color3f(1.0)),
+        waiting=_Way(ray, mi.Float(0.0), mi.Color3f(0.0)),
         is_split=mi.Bool(False),
         depth=mi.UInt32(0),
         albedo=mi.Color3f(0.0),
@@ -231,12 +235,12 @@ def _first_rough_surfaces(built: BuiltScene, ray: Any) -> tuple[Any, Any]:
 
 
 def _step(scene: Any, search: _Search) -> _Search:
-    """The search after the next surface of each ray."""
+    """The search after the next surface of each sample."""
     import drjit as dr
 
     mi = mitsuba()
-    active, ray, part, tint = search.active, search.ray, search.part, search.tint
-    si = scene.ray_intersect(ray, mi.RayFlags.All, True, active)
+    active, way = search.active, search.way
+    si = scene.ray_intersect(way.ray, mi.RayFlags.All, True, active)
     bsdf = si.bsdf()
     can_pass = active & si.is_valid() & (search.depth < MAX_SPECULAR)
     passes, specular, sample, weight = passage(bsdf, si, can_pass)
@@ -247,30 +251,23 @@ def _step(scene: Any, search: _Search) -> _Search:
     # What the ray sees here: the rest of it at masks, all of it at rough surfaces and in the sky.
     stays = dr.select(active & ~specular, 1 - share, 0.0)
     albedo, normal = surface_features(si, bsdf, stays > 0)
-    albedo = search.albedo + stays * tint * albedo
-    normal = search.normal + stays * part * normal
 
     # The reflected ray waits until the transmitted one has ended.
     splits = specular & (share < 1)
-    reflected = si.spawn_ray(si.to_world(mi.reflect(si.wi)))
-    rest = reflected, (1 - share) * part, (1 - share) * tint
-    waiting = dr.select(splits, rest, search.waiting)
-    ray = dr.select(passes, si.spawn_ray(si.to_world(sample.wo)), ray)
-    part = dr.select(passes, share * part, part)
-    tint = dr.select(passes, share * weight * tint, tint)
-
-    turns = active & ~passes & (waiting[1] > 0)
-    ray, part, tint = dr.select(turns, waiting, (ray, part, tint))
+    mirrored = si.spawn_ray(si.to_world(mi.reflect(si.wi)))
+    reflected = _Way(mirrored, (1 - share) * way.part, (1 - share) * way.tint)
+    waiting = dr.select(splits, reflected, search.waiting)
+    refracted = si.spawn_ray(si.to_world(sample.wo))
+    onward = _Way(refracted, share * way.part, share * weight * way.tint)
+    turns = active & ~passes & (waiting.part > 0)
     return _Search(
         active=passes | turns,
-        ray=ray,
-        part=part,
-        tint=tint,
-        waiting=(waiting[0], dr.select(turns, 0.0, waiting[1]), waiting[2]),
+        way=dr.select(turns, waiting, dr.select(passes, onward, way)),
+        waiting=replace(waiting, part=dr.select(turns, 0.0, waiting.part)),
         is_split=search.is_split | splits,
         depth=dr.select(turns, 0, search.depth + 1),
-        albedo=albedo,
-        normal=normal,
+        albedo=search.albedo + stays * way.tint * albedo,
+        normal=search.normal + stays * way.part * normal,
     )
 
 
