@@ -5,6 +5,8 @@ import json
 import cv2
 import numpy as np
 import pytest
+import yaml
+from scipy.spatial.transform import Rotation
 
 from tests.rigs import DISTORTIONS, random_rig
 from twinlens import geometry
@@ -12,7 +14,9 @@ from twinlens.camera import BrownConrady, Camera, KannalaBrandt, Rig
 from twinlens.camera.layouts import arc, line
 from twinlens.dataset.poses import (
     read_colmap,
+    read_kalibr,
     read_opencv,
+    read_ros,
     read_transforms,
     write_colmap,
     write_opencv,
@@ -89,6 +93,201 @@ def test_opencv_reads_our_file_and_we_read_its(rig, tmp_path):
     target.release()
     back = read_opencv(theirs, size=(640, 480))
     same(Rig(pair.cameras, [np.eye(4), pair.b_from_a(1, 0)]), back)
+
+
+@pytest.mark.parametrize("suffix", ["yml", "xml", "json"])
+@pytest.mark.parametrize(
+    "names", [("M", "D"), ("K", "D"), ("cameraMatrix", "distCoeffs")]
+)
+def test_files_that_opencv_writes_are_read(rig, tmp_path, suffix, names):
+    """In all three forms, with the size in one file and R, T in another."""
+    pair = Rig(
+        [rig.cameras[1], rig.cameras[3]], [rig.world_from_cams[i] for i in (1, 3)]
+    )
+    second_from_first = pair.b_from_a(0, 1)
+    inside, outside = (tmp_path / f"{name}.{suffix}" for name in ("in", "ex"))
+    storage = cv2.FileStorage(str(inside), cv2.FILE_STORAGE_WRITE)
+    for i, camera in enumerate(pair.cameras, 1):
+        storage.write(f"{names[0]}{i}", camera.K)
+        coefficients = np.array([camera.distortion.coefficients])
+        storage.write(f"{names[1]}{i}", coefficients)
+    storage.write("image_width", pair.cameras[0].width)
+    storage.write("image_height", pair.cameras[0].height)
+    storage.write("camera_name", "the left one")
+    storage.release()
+    storage = cv2.FileStorage(str(outside), cv2.FILE_STORAGE_WRITE)
+    storage.write("R", second_from_first[:3, :3].copy())
+    storage.write("T", second_from_first[:3, 3:].copy())
+    storage.release()
+    back = read_opencv(inside, extrinsics=outside)
+    same(Rig(pair.cameras, [np.eye(4), pair.b_from_a(1, 0)]), back)
+
+
+def test_a_ros_pair_is_the_rig_that_opencv_rectified(tmp_path):
+    """R and P of both files are OpenCV's, from a verged pair; the poses come back from them alone."""
+    left = Camera(640, 480, 500.0, 502.0, 320.0, 240.0, BrownConrady(-0.2, 0.05, 1e-3))
+    right = Camera(640, 480, 510.0, 511.0, 318.0, 241.0, BrownConrady(-0.2, 0.05))
+    turn = Rotation.from_euler("xyz", [0.6, -2.5, 1.1], degrees=True).as_matrix()
+    right_from_left = geometry.rigid(turn, [-0.12, 0.003, 0.001])
+    r0, r1, p0, p1, *_ = cv2.stereoRectify(
+        left.K, np.zeros(5), right.K, np.zeros(5), (640, 480), turn,
+        right_from_left[:3, 3:].copy(), flags=cv2.CALIB_ZERO_DISPARITY,
+    )  # fmt: skip
+    for name, camera, r, p in (("left", left, r0, p0), ("right", right, r1, p1)):
+        write_ros(tmp_path / f"{name}.yaml", camera, r, p)
+    wanted = Rig([left, right], [np.eye(4), geometry.inverse(right_from_left)])
+    same(wanted, read_ros(tmp_path / "left.yaml", tmp_path / "right.yaml"))
+    with pytest.raises(FileError, match=r"left\.yaml: .* has no baseline"):
+        read_ros(tmp_path / "right.yaml", tmp_path / "left.yaml")
+
+
+def write_ros(path, camera, rectification, projection):
+    """A file of ROS's camera_calibration, as that program writes it."""
+    coefficients = [*camera.distortion.coefficients][:5]
+
+    def rows(name, array):
+        array = np.asarray(array)
+        data = ", ".join(map(repr, array.ravel().tolist()))
+        return f"{name}:\n  rows: {array.shape[0]}\n  cols: {array.shape[1]}\n  data: [{data}]\n"
+
+    path.write_text(
+        f"image_width: {camera.width}\nimage_height: {camera.height}\ncamera_name: narrow_stereo\n"
+        + rows("camera_matrix", camera.K)
+        + "distortion_model: plumb_bob\n"
+        + rows("distortion_coefficients", [coefficients])
+        + rows("rectification_matrix", rectification)
+        + rows("projection_matrix", projection)
+    )
+
+
+KALIBR = """cam0:
+  cam_overlaps: [1]
+  camera_model: pinhole
+  distortion_coeffs: [-0.28, 0.07, 0.0002, 1.7e-05]
+  distortion_model: radtan
+  intrinsics: [458.654, 457.296, 367.215, 248.375]
+  resolution: [752, 480]
+  rostopic: /cam0/image_raw
+cam1:
+  T_cn_cnm1:
+  - [0.99999, -0.0017, -0.0040, -0.11]
+  - [0.0017, 0.99999, 0.0010, 0.0004]
+  - [0.0040, -0.0010, 0.99999, -0.0008]
+  - [0.0, 0.0, 0.0, 1.0]
+  camera_model: pinhole
+  distortion_coeffs: [-0.01, 0.02, -0.003, 0.001]
+  distortion_model: equidistant
+  intrinsics: [457.587, 456.134, 379.999, 255.238]
+  resolution: [752, 480]
+"""
+
+
+def test_a_kalibr_chain_is_read(tmp_path):
+    (tmp_path / "chain.yaml").write_text(KALIBR)
+    back = read_kalibr(tmp_path / "chain.yaml")
+    assert back.names == ("/cam0/image_raw", "cam1")
+    first, second = back.rig.cameras
+    assert first.distortion == BrownConrady(-0.28, 0.07, 0.0002, 1.7e-05)
+    assert second.distortion == KannalaBrandt(-0.01, 0.02, -0.003, 0.001)
+    assert (second.fx, second.cy, second.width) == (457.587, 255.238, 752)
+    # The second camera is to the right: its centre is -R^T t.
+    centre = back.rig.world_from_cams[1][:3, 3]
+    assert np.allclose(centre, [0.11, 0, 0], atol=2e-3)
+    turned = Rotation.from_matrix(back.rig.b_from_a(0, 1)[:3, :3]).as_rotvec()
+    assert np.allclose(turned, [-0.0010, -0.0040, 0.0017], atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("pinhole", "omni", "cam0: unknown camera_model 'omni'"),
+        ("radtan", "fov", "cam0: unknown distortion_model 'fov'"),
+        ("458.654", ".nan", "cam0: intrinsics is not finite: it has nan"),
+        (
+            "[752, 480]",
+            "[752.5, 480]",
+            "cam0: resolution must be the width and the height",
+        ),
+        (
+            "[0.0017, 0.99999",
+            "[0.0017, 0.98",
+            "cam1: T_cn_cnm1 must hold .* differ .* by 0.0",
+        ),
+        ("  T_cn_cnm1:", "  T_imu:", "cam1 has no T_cn_cnm1"),
+        ("cam0:", "left:", "has no cam0"),
+        ("cam0:", "cam0: [", "cannot be read"),
+    ],
+)
+def test_what_is_wrong_in_a_kalibr_chain_is_said(tmp_path, old, new, says):
+    path = tmp_path / "chain.yaml"
+    path.write_text(KALIBR.replace(old, new, 1))
+    with pytest.raises(FileError, match=rf"chain\.yaml: {says}") as caught:
+        read_kalibr(path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("decimals", [3, 4, 5, 8])
+def test_rotations_of_few_digits_are_made_orthonormal(tmp_path, decimals):
+    """Within what the digits explain; the nearest rotation is within the rounding of the one that was written."""
+    rng = np.random.default_rng(decimals)
+    for turn in Rotation.random(50, random_state=rng).as_matrix():
+        pose = geometry.check_rigid(geometry_of(np.round(turn, decimals)), "pose")
+        assert np.allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=1e-12)
+        assert np.abs(pose[:3, :3] - turn).max() < 1.5 * 10.0**-decimals
+
+
+def geometry_of(rotation):
+    pose = np.eye(4)
+    pose[:3, :3] = rotation
+    return pose
+
+
+def test_a_rotation_that_its_digits_do_not_explain_is_refused_with_the_figure():
+    turn = Rotation.from_euler("x", 20, degrees=True).as_matrix()
+    for wrong, says in (
+        (np.round(turn, 2), "differ from orthonormal ones by"),
+        (np.round(turn, 5) * 1.001, "by 0.002, more than the"),
+        (turn * 1.001, "by 0.002, more than the 1e-06"),
+        (np.diag([1.0, 1.0, -1.0]), "mirror image"),
+    ):
+        with pytest.raises(InputError, match=says):
+            geometry.check_rigid(geometry_of(wrong), "pose")
+
+
+def test_values_that_are_not_finite_are_named(tmp_path):
+    pair = line(CAMERA, 2, 0.1)
+    for suffix, text in (
+        ("yml", "M1: !!opencv-matrix\n   rows: 3\n   cols: 3\n   data: [5., 0., .Nan, 0., 5., 2., 0., 0., 1.]\n"),
+        ("xml", '<M1 type_id="opencv-matrix"><rows>3</rows><cols>3</cols><data>5 0 .Nan 0 5 2 0 0 1</data></M1>'),
+        ("json", '"M1": {"rows": 3, "cols": 3, "data": [5, 0, .Nan, 0, 5, 2, 0, 0, 1]}'),
+    ):  # fmt: skip
+        path = tmp_path / f"nan.{suffix}"
+        write_opencv(path, pair)
+        whole = path.read_text()
+        rest = whole.split("---\n")[1]
+        if suffix == "yml":
+            path.write_text(text + rest[rest.index("D1") :])
+        else:
+            path.write_text(converted(rest[rest.index("D1") :], suffix, text))
+        with pytest.raises(FileError, match=r"M1 is not finite: it has nan"):
+            read_opencv(path, size=(640, 480))
+
+
+def converted(text, suffix, first):
+    """OpenCV's matrices of a YAML text as XML or JSON, after a first node."""
+    nodes = yaml.safe_load(text.replace("!!opencv-matrix", ""))
+    matrices = {name: node for name, node in nodes.items() if isinstance(node, dict)}
+    if suffix == "json":
+        rest = ", ".join(
+            f"{json.dumps(name)}: {json.dumps(node)}" for name, node in matrices.items()
+        )
+        return "{" + first + ", " + rest + "}"
+    rest = "".join(
+        f'<{name} type_id="opencv-matrix"><rows>{node["rows"]}</rows><cols>{node["cols"]}</cols>'
+        f"<data>{' '.join(map(str, node['data']))}</data></{name}>"
+        for name, node in matrices.items()
+    )
+    return f'<?xml version="1.0"?>\n<opencv_storage>{first}{rest}</opencv_storage>'
 
 
 def test_colmap_quaternions_transform_from_world_to_camera(tmp_path):
@@ -238,7 +437,7 @@ def test_invalid_transforms_raise(tmp_path, table, says):
         (
             "D2: !!opencv-matrix\n   rows: 1\n   cols: 5",
             "D2: !!opencv-matrix\n   rows: 5\n   cols: 2",
-            "has no D2",
+            "D2 is not a matrix of 5x2 numbers",
         ),
         ("fisheye1: 0", "fisheye1: 1", "4 coefficients"),
         ("data: [ 700.0, 0.0", "data: [ 700.0, 0.5", "without skew"),

@@ -1,4 +1,4 @@
-"""Rigs in the files of COLMAP, NeRF programs and OpenCV, with axes and pixel conventions converted.
+"""Rigs in the files of COLMAP, NeRF programs, OpenCV, ROS and Kalibr, with axes and pixel conventions converted.
 
 COLMAP's text model has no length unit: metres are assumed. The ``transform_matrix`` of NeRF's transforms.json is
 world_from_cam with OpenGL's camera axes (x right, y up, z backward). Both count pixels from the image's corner: cx and
@@ -10,11 +10,9 @@ Sources: https://colmap.github.io/format.html#text-format and .../cameras.html; 
 instant-ngp, docs/nerf_dataset_tips.md; OpenCV, samples/cpp/stereo_calib.cpp, and its documentation of FileStorage.
 """
 
-import contextlib
 import json
 import math
 import os
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -27,8 +25,9 @@ from scipy.spatial.transform import Rotation
 from twinlens.camera import BrownConrady, Camera, Distortion, KannalaBrandt, Rig
 from twinlens.dataset.channels import IMAGE
 from twinlens.dataset.files import read_text, write_file
-from twinlens.errors import FileError, InputError, check_known
-from twinlens.geometry import Float, inverse, rigid
+from twinlens.dataset.storages import matrix, numbers, read_storage
+from twinlens.errors import FileError, InputError, check_known, format_value, located
+from twinlens.geometry import Float, check_rigid, inverse, rigid
 
 FilePath = str | os.PathLike[str]
 
@@ -48,11 +47,6 @@ COLMAP_MODELS = {
 _CORNER = 0.5  # added to cx and cy where pixels are counted from the image's corner
 _OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 _NERF_MODELS = ("OPENCV", "OPENCV_FISHEYE", "PINHOLE", "SIMPLE_PINHOLE")
-_YAML_MATRIX = re.compile(
-    r"^(\w+):\s*!!opencv-matrix\s+rows:\s*(\d+)\s+cols:\s*(\d+)\s+dt:\s*\S+\s+data:\s*\[([^\]]*)\]",
-    re.M,
-)
-_YAML_NUMBERS = re.compile(r"^(\w+):(?:\s*\[([^\]]*)\]|[ \t]*([-+.\w]+)[ \t]*$)", re.M)
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,17 +193,30 @@ def write_opencv(path: FilePath, rig: Rig) -> None:
     write_file(path, ("\n".join(text) + "\n").encode())
 
 
-def read_opencv(path: FilePath, size: tuple[int, int] | None = None) -> Rig:
-    """The pair in an OpenCV stereo file; without a pose, the world is the first camera's frame.
+def read_opencv(
+    path: FilePath,
+    size: tuple[int, int] | None = None,
+    extrinsics: FilePath | None = None,
+) -> Rig:
+    """The pair in an OpenCV stereo file in YAML, XML or JSON; without a pose, the world is the first camera's frame.
 
-    `size` (width, height) is needed for files without it, as OpenCV's intrinsics.yml and extrinsics.yml joined in one
-    file. Raises FileError.
+    size : (width, height), for files without it.
+    extrinsics : the file of R and T where they are in another file, as in OpenCV's sample.
+
+    Camera matrices are named M1, K1 or cameraMatrix1, coefficients D1 or distCoeffs1, and the same of camera 2. T is in
+    metres. A rotation of few digits is made orthonormal as far as its digits explain (`geometry.check_rigid`). Raises
+    FileError.
     """
-    nodes = _yaml_nodes(read_text(path))
+    values = read_storage(Path(path))
+    if extrinsics is not None:
+        values |= read_storage(Path(extrinsics))
     try:
-        pose = nodes.get("world_from_1", np.eye(4))
-        second_from_first = rigid(nodes["R"], nodes["T"].ravel())
-        cameras = [_opencv_camera(nodes, i, size) for i in (1, 2)]
+        pose = np.eye(4)
+        if "world_from_1" in values:
+            pose = matrix(values["world_from_1"], "world_from_1", 4, 4)
+        rotation = matrix(values["R"], "R", 3, 3)
+        second_from_first = rigid(rotation, matrix(values["T"], "T", 1, 3)[0])
+        cameras = [_opencv_camera(values, i, size) for i in (1, 2)]
         return Rig(cameras, [pose, pose @ inverse(second_from_first)])
     except KeyError as error:
         raise FileError(
@@ -217,6 +224,71 @@ def read_opencv(path: FilePath, size: tuple[int, int] | None = None) -> Rig:
         ) from None
     except ValueError as error:
         raise FileError(f"{path}: {error}") from None
+
+
+def read_ros(left: FilePath, right: FilePath) -> Rig:
+    """The pair in two camera_info files of ROS's stereo calibration; the world is the left camera's frame.
+
+    The rectified cameras have parallel axes, so that the second camera's frame follows from the rectifications R and
+    the right projection matrix P, whose last column is fx' times the shift in metres. Raises FileError. Source:
+    sensor_msgs/CameraInfo.
+    """
+    cameras, rectified_from_cam = [], []
+    shift = np.zeros(3)
+    for path in (left, right):
+        values = read_storage(Path(path))
+        try:
+            cameras.append(_ros_camera(values))
+            rotation = matrix(
+                values["rectification_matrix"], "rectification_matrix", 3, 3
+            )
+            rectified_from_cam.append(rigid(rotation, np.zeros(3)))
+            projection = matrix(values["projection_matrix"], "projection_matrix", 3, 4)
+            if not (projection[0, 0] > 0 and projection[1, 1] > 0):
+                raise InputError("projection_matrix needs positive focal lengths")
+            focal = np.array([projection[0, 0], projection[1, 1], 1.0])
+            shift = projection[:, 3] / focal
+        except KeyError as error:
+            raise FileError(f"{path}: has no {error.args[0]}") from None
+        except ValueError as error:
+            raise FileError(f"{path}: {error}") from None
+    if not shift.any():
+        raise FileError(
+            f"{right}: projection_matrix has no baseline in its last column; is it the right camera of a pair?"
+        )
+    between = rigid(np.eye(3), shift)
+    right_from_left = inverse(rectified_from_cam[1]) @ between @ rectified_from_cam[0]
+    return Rig(cameras, [np.eye(4), inverse(right_from_left)])
+
+
+def read_kalibr(path: FilePath) -> NamedRig:
+    """The rig in a camchain file of Kalibr; the world is the frame of cam0, names are the topics.
+
+    Raises FileError. Source: https://github.com/ethz-asl/kalibr/wiki/yaml-formats.
+    """
+    values = read_storage(Path(path))
+    cameras: list[Camera] = []
+    poses = [np.eye(4)]
+    names: list[str] = []
+    try:
+        while (name := f"cam{len(cameras)}") in values:
+            table = values[name]
+            if not isinstance(table, dict):
+                raise InputError(f"{name} must have keys, got {format_value(table)}")
+            with located(name):
+                if cameras:
+                    this_from_last = matrix(table["T_cn_cnm1"], "T_cn_cnm1", 4, 4)
+                    checked = check_rigid(this_from_last, "T_cn_cnm1")
+                    poses.append(poses[-1] @ inverse(checked))
+                cameras.append(_kalibr_camera(table))
+            names.append(str(table.get("rostopic", name)))
+    except KeyError as error:
+        raise FileError(f"{path}: cam{len(cameras)} has no {error.args[0]}") from None
+    except ValueError as error:
+        raise FileError(f"{path}: {error}") from None
+    if not cameras:
+        raise FileError(f"{path}: has no cam0")
+    return NamedRig(Rig(cameras, poses[: len(cameras)]), tuple(names))
 
 
 def colmap_camera(camera: Camera) -> str:
@@ -361,59 +433,97 @@ def _yaml_matrix(name: str, values: ArrayLike) -> str:
     return f"{name}: !!opencv-matrix\n   rows: {rows}\n   cols: {cols}\n   dt: d\n   data: [ {lines} ]"
 
 
-def _yaml_nodes(text: str) -> dict[str, Float]:
-    """Matrices, lists of numbers and numbers at the top level, by name; other nodes are ignored."""
-    nodes: dict[str, Float] = {}
-    matrices = (
-        (name, (int(rows), int(cols)), data)
-        for name, rows, cols, data in _YAML_MATRIX.findall(text)
-    )
-    numbers = (
-        (name, (-1,), many or one) for name, many, one in _YAML_NUMBERS.findall(text)
-    )
-    for name, shape, data in (*matrices, *numbers):
-        with contextlib.suppress(
-            ValueError
-        ):  # not numbers, or not as many as the shape needs
-            nodes.setdefault(
-                name,
-                np.array(
-                    [float(word) for word in data.replace(",", " ").split()]
-                ).reshape(shape),
-            )
-    return nodes
+_OPENCV_NAMES = {"M": ("M", "K", "cameraMatrix"), "D": ("D", "distCoeffs")}
 
 
 def _opencv_camera(
-    nodes: Mapping[str, Float], i: int, size: tuple[int, int] | None
+    values: Mapping[str, Any], i: int, size: tuple[int, int] | None
 ) -> Camera:
-    if size is None and f"size{i}" in nodes:
-        width, height = map(int, nodes[f"size{i}"])
-    else:
-        width, height = size or (
-            int(nodes["image_width"][0]),
-            int(nodes["image_height"][0]),
+    if size is None and f"size{i}" in values:
+        size = _size(values[f"size{i}"], f"size{i}")
+    if size is None:
+        image = [values["image_width"], values["image_height"]]
+        size = _size(image, "image_width, image_height")
+    names = {
+        key: next(
+            (f"{name}{i}" for name in known if f"{name}{i}" in values), f"{key}{i}"
         )
-    k = nodes[f"M{i}"]
-    if k.shape != (3, 3) or k[0, 1] or k[1, 0] or k[2].tolist() != [0, 0, 1]:
-        raise InputError(
-            f"M{i} must be a camera matrix fx 0 cx, 0 fy cy, 0 0 1, without skew"
-        )
-    numbers = [float(number) for number in nodes[f"D{i}"].ravel()]
-    distortion: Distortion | None = None
-    if nodes.get(f"fisheye{i}", np.zeros(1))[0]:
-        if len(numbers) != 4:
-            raise InputError(
-                f"D{i} of a fisheye has 4 coefficients, got {len(numbers)}"
-            )
-        distortion = KannalaBrandt(*numbers)
-    elif len(numbers) not in (4, 5, 8, 12, 14) or any(numbers[8:]):
-        raise InputError(
-            f"D{i} must hold 4, 5 or 8 coefficients (no thin prism, no tilt), got {numbers}"
-        )
-    elif any(numbers):
-        distortion = BrownConrady(*numbers[:8])
-    fx, fy, cx, cy = (
-        float(k[row, column]) for row, column in ((0, 0), (1, 1), (0, 2), (1, 2))
+        for key, known in _OPENCV_NAMES.items()
+    }
+    k = _camera_matrix(values[names["M"]], names["M"])
+    fisheye = bool(numbers(values.get(f"fisheye{i}", 0), f"fisheye{i}")[0])
+    distortion = _distortion(values[names["D"]], names["D"], fisheye)
+    return Camera(*size, *k, distortion)
+
+
+_ROS_MODELS = {
+    "plumb_bob": False,
+    "rational_polynomial": False,
+    "equidistant": True,
+    "fisheye": True,
+}
+"""Distortion models of ROS, and whether they are the Kannala-Brandt fisheye."""
+
+
+def _ros_camera(values: Mapping[str, Any]) -> Camera:
+    size = _size(
+        [values["image_width"], values["image_height"]], "image_width, image_height"
     )
-    return Camera(width, height, fx, fy, cx, cy, distortion)
+    k = _camera_matrix(values["camera_matrix"], "camera_matrix")
+    model = values.get("distortion_model", "plumb_bob")
+    check_known("distortion_model", model, _ROS_MODELS)
+    coefficients = values["distortion_coefficients"]
+    distortion = _distortion(
+        coefficients, "distortion_coefficients", _ROS_MODELS[model]
+    )
+    return Camera(*size, *k, distortion)
+
+
+_KALIBR_MODELS = {"radtan": False, "equidistant": True, "none": False}
+
+
+def _kalibr_camera(table: Mapping[str, Any]) -> Camera:
+    check_known("camera_model", table["camera_model"], ["pinhole"])
+    size = _size(table["resolution"], "resolution")
+    fx, fy, cx, cy = matrix(table["intrinsics"], "intrinsics", 1, 4)[0].tolist()
+    model = table.get("distortion_model", "none")
+    check_known("distortion_model", model, _KALIBR_MODELS)
+    coefficients = table.get("distortion_coeffs", []) if model != "none" else []
+    distortion = _distortion(coefficients, "distortion_coeffs", _KALIBR_MODELS[model])
+    return Camera(*size, fx, fy, cx, cy, distortion)
+
+
+def _size(value: Any, name: str) -> tuple[int, int]:
+    """(width, height). Raises InputError for other numbers than two whole ones."""
+    pair = numbers(value, name)
+    if len(pair) != 2 or not (pair == np.round(pair)).all():
+        raise InputError(
+            f"{name} must be the width and the height in pixels, got {pair.tolist()}"
+        )
+    return int(pair[0]), int(pair[1])
+
+
+def _camera_matrix(value: Any, name: str) -> tuple[float, float, float, float]:
+    """(fx, fy, cx, cy) of a camera matrix. Raises InputError for other matrices."""
+    k = matrix(value, name, 3, 3)
+    if k[0, 1] or k[1, 0] or k[2].tolist() != [0, 0, 1]:
+        raise InputError(
+            f"{name} must be a camera matrix fx 0 cx, 0 fy cy, 0 0 1, without skew"
+        )
+    return float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2])
+
+
+def _distortion(value: Any, name: str, is_fisheye: bool) -> Distortion | None:
+    """The model of coefficients in OpenCV's order. Raises InputError for other numbers of them."""
+    coefficients = numbers(value, name).tolist()
+    if is_fisheye:
+        if len(coefficients) != 4:
+            raise InputError(
+                f"{name} of a fisheye has 4 coefficients, got {len(coefficients)}"
+            )
+        return KannalaBrandt(*coefficients)
+    if len(coefficients) not in (0, 4, 5, 8, 12, 14) or any(coefficients[8:]):
+        raise InputError(
+            f"{name} must hold 4, 5 or 8 coefficients (no thin prism, no tilt), got {coefficients}"
+        )
+    return BrownConrady(*coefficients[:8]) if any(coefficients) else None

@@ -9,6 +9,9 @@ integer coordinates, `world_from_cam` maps camera to world coordinates, and unkn
 Source: Hartley and Zisserman, Multiple View Geometry in Computer Vision, 2nd ed., 2004.
 """
 
+import math
+from decimal import Decimal
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -17,6 +20,7 @@ from twinlens.errors import InputError
 Float = NDArray[np.float64]
 
 _ROTATION_TOLERANCE = 1e-6  # a matrix written with seven digits is accepted
+_FEWEST_DECIMALS = 3  # of a matrix that may be taken for a rounded rotation
 _ROUNDING = 1e-13  # products of exact rotations deviate by less
 _BORDER_POINTS = 33  # per side of an image
 _BLOCK = (
@@ -45,7 +49,14 @@ def rigid(rotation: ArrayLike, translation: ArrayLike) -> Float:
 def check_rigid(matrix: ArrayLike, name: str) -> Float:
     """A float64 (4, 4) copy of `matrix`. Raises InputError if it is not a rotation and a translation.
 
-    A rotation written with few digits is replaced by the nearest orthonormal matrix. An orthonormal one is unchanged.
+    A rotation written with few digits is replaced by the nearest orthonormal matrix, if rounding to its digits explains
+    the deviation. An orthonormal one is unchanged.
+
+    >>> few_digits = [[0.87, -0.5, 0, 0], [0.5, 0.87, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+    >>> check_rigid(few_digits, "pose")
+    Traceback (most recent call last):
+    twinlens.errors.InputError: pose must hold a right-handed rotation: rows differ from orthonormal ones by 0.0069, \
+more than the 1e-06 that rounding explains
     """
     pose = float_array(name, matrix)
     if (
@@ -58,14 +69,35 @@ def check_rigid(matrix: ArrayLike, name: str) -> Float:
         )
     rotation = pose[:3, :3]
     error = np.abs(rotation @ rotation.T - np.eye(3)).max()
-    if error > _ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
+    allowed = _ROTATION_TOLERANCE
+    if error > allowed:
+        allowed = max(allowed, _explained_by_digits(rotation))
+    if error > allowed:
         raise InputError(
-            f"{name} must hold a right-handed rotation (orthonormal, determinant +1)"
+            f"{name} must hold a right-handed rotation: rows differ from orthonormal ones by {error:.2g}, "
+            f"more than the {allowed:.1g} that rounding explains"
+        )
+    if np.linalg.det(rotation) < 0:
+        raise InputError(
+            f"{name} must hold a right-handed rotation, got a mirror image"
         )
     if error > _ROUNDING:
         u, _, vt = np.linalg.svd(rotation)
         pose[:3, :3] = u @ vt
     return pose
+
+
+def _explained_by_digits(rotation: Float) -> float:
+    """The largest entry of R R^T - I that rounding a rotation to its decimals can cause; 0 for two decimals or fewer.
+
+    With the error h of an entry, a product of two rows differs by at most 2 h sum |r| + 3 h^2, and sum |r| <= sqrt(3).
+    """
+    entries = [Decimal(repr(value)).normalize() for value in rotation.ravel().tolist()]
+    decimals = max(-int(entry.as_tuple().exponent) for entry in entries)
+    if decimals < _FEWEST_DECIMALS:
+        return 0.0
+    h = 0.5 * 10.0**-decimals
+    return 2 * h * math.sqrt(3) + 3 * h**2
 
 
 def inverse(b_from_a: ArrayLike) -> Float:

@@ -1,0 +1,171 @@
+"""Numbers in the calibration files of other programs: OpenCV's FileStorage (YAML, XML, JSON) and plain YAML.
+
+Only values are read: no tag of YAML makes an object, and XML may not have document types. Sources: OpenCV's
+documentation of FileStorage and `modules/core/src/persistence_*.cpp`, whose YAML 1.0 has no space after a colon where a
+matrix follows, and writes .Nan and .Inf.
+"""
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element, TreeBuilder
+from xml.parsers import expat
+
+import numpy as np
+import yaml
+
+from twinlens.dataset.files import read_text
+from twinlens.errors import FileError, InputError, format_value
+from twinlens.geometry import Float
+
+_MOST_CHARACTERS = 1 << 24
+_MATRIX = "opencv-matrix"
+_YAML_HEAD = re.compile(r"\A\ufeff?%YAML[: ][^\n]*\n")  # OpenCV writes %YAML:1.0
+_NOT_NUMBERS = {".nan": "nan", ".inf": "inf", "-.inf": "-inf", "+.inf": "inf"}
+
+
+class _Loader(yaml.SafeLoader):
+    """Plain values. A matrix becomes the mapping of its keys, whatever its tag is."""
+
+
+def _without_tag(loader: Any, _tag: str, node: Any) -> Any:
+    if isinstance(node, yaml.MappingNode):
+        return loader.construct_mapping(node, deep=True)
+    if isinstance(node, yaml.SequenceNode):
+        return loader.construct_sequence(node, deep=True)
+    return loader.construct_scalar(node)
+
+
+_Loader.add_multi_constructor("", _without_tag)
+
+
+def read_storage(path: Path) -> dict[str, Any]:
+    """The values at the top level of a file in YAML, XML or JSON, by their names.
+
+    Matrices of OpenCV are float64 arrays of two dimensions. Raises FileError.
+    """
+    text = read_text(path)
+    if len(text) > _MOST_CHARACTERS:
+        raise FileError(f"{path}: is too large for a calibration")
+    start = text.lstrip("\ufeff \t\r\n")[:1]
+    try:
+        values = _READERS.get(start, _from_yaml)(text)
+        if not isinstance(values, dict):
+            raise InputError("has no names with values")
+        return {str(name): _matrix(name, value) for name, value in values.items()}
+    except (yaml.YAMLError, expat.ExpatError) as error:
+        reason = " ".join(str(error).split())
+        raise FileError(f"{path}: cannot be read: {reason[:200]}") from None
+    except RecursionError:
+        raise FileError(f"{path}: is nested too deeply") from None
+    except ValueError as error:
+        raise FileError(f"{path}: {error}") from None
+
+
+def numbers(value: Any, name: str) -> Float:
+    """Finite numbers (N,) of a list or a matrix. Raises InputError that names it."""
+    if isinstance(value, Mapping) and "data" in value:  # as ROS writes matrices
+        value = value["data"]
+    flat = value.ravel().tolist() if isinstance(value, np.ndarray) else value
+    if isinstance(flat, (int, float, str)):
+        flat = [flat]
+    if not isinstance(flat, list):
+        raise InputError(f"{name} must be numbers, got {format_value(value)}")
+    try:
+        array = np.array([_number(item) for item in _flattened(flat)])
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be numbers, got {format_value(value)}") from None
+    if not np.isfinite(array).all():
+        raise InputError(f"{name} is not finite: it has {_first_odd(array)}")
+    return array
+
+
+def matrix(value: Any, name: str, rows: int, columns: int) -> Float:
+    """A matrix of finite numbers. Raises InputError that names it."""
+    flat = numbers(value, name)
+    if len(flat) != rows * columns:
+        raise InputError(f"{name} must be {rows}x{columns} numbers, got {len(flat)}")
+    return flat.reshape(rows, columns)
+
+
+def _first_odd(array: Float) -> str:
+    return str(array[~np.isfinite(array)][0])
+
+
+def _flattened(items: list[Any]) -> Iterator[Any]:
+    for item in items:
+        if isinstance(item, list):
+            yield from _flattened(item)
+        else:
+            yield item
+
+
+def _number(value: Any) -> float:
+    if isinstance(value, bool):
+        raise TypeError
+    text = value.strip().lower() if isinstance(value, str) else value
+    return float(_NOT_NUMBERS.get(text, text))
+
+
+def _matrix(name: Any, value: Any) -> Any:
+    """A matrix of OpenCV as an array; other values as they are."""
+    if not (isinstance(value, dict) and {"rows", "cols", "data"} <= value.keys()):
+        return value
+    rows, columns = int(value["rows"]), int(value["cols"])
+    try:
+        flat = np.array([_number(item) for item in _flattened(list(value["data"]))])
+        return flat.reshape(rows, columns)
+    except (TypeError, ValueError):
+        raise InputError(
+            f"{name} is not a matrix of {rows}x{columns} numbers"
+        ) from None
+
+
+def _from_yaml(text: str) -> Any:
+    return yaml.load(_YAML_HEAD.sub("", text), Loader=_Loader)
+
+
+def _from_json(text: str) -> Any:
+    try:
+        return json.loads(text.lstrip("\ufeff"))
+    except json.JSONDecodeError:
+        # OpenCV writes .Nan, which YAML has and JSON has not; JSON is YAML otherwise.
+        return _from_yaml(text)
+
+
+def _from_xml(text: str) -> dict[str, Any]:
+    builder = TreeBuilder()
+    parser = expat.ParserCreate()
+
+    def reject(*_: Any) -> None:
+        raise InputError("a calibration needs no <!DOCTYPE>; remove it")
+
+    parser.StartDoctypeDeclHandler = reject
+    parser.StartElementHandler = builder.start
+    parser.EndElementHandler = builder.end
+    parser.CharacterDataHandler = builder.data
+    parser.Parse(text.lstrip("\ufeff \t\r\n").encode(), True)
+    root = builder.close()
+    if root.tag != "opencv_storage":
+        raise InputError(f"starts with <{root.tag}>, not with <opencv_storage>")
+    return {child.tag: _xml_value(child) for child in root}
+
+
+def _xml_value(element: Element) -> Any:
+    if element.get("type_id") == _MATRIX:
+        table: dict[str, Any] = {child.tag: (child.text or "") for child in element}
+        table["data"] = table.get("data", "").split()
+        return table
+    if len(element):
+        return {child.tag: _xml_value(child) for child in element}
+    text = (element.text or "").strip()
+    if text.startswith('"'):
+        return text.strip('"')
+    words = text.split()
+    return words[0] if len(words) == 1 else words
+
+
+_READERS = {"<": _from_xml, "{": _from_json}
+"""By the first character; other files are YAML."""
