@@ -1,3 +1,5 @@
+from functools import partial
+
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
@@ -6,6 +8,7 @@ from numpy.testing import assert_array_equal
 from tests.dataset.dataset_damage import damaged
 from twinlens import geometry
 from twinlens.camera import Camera, Rig
+from twinlens.dataset import Dataset, write_pfm, write_png
 from twinlens.dataset.codecs.calib import (
     Calibration,
     decode_calib,
@@ -14,6 +17,7 @@ from twinlens.dataset.codecs.calib import (
     write_calib,
 )
 from twinlens.errors import FileError, InputError, TwinlensError
+from twinlens.scoring import Pair
 
 MOTORCYCLE = """cam0=[3979.911 0 1244.772; 0 3979.911 1019.507; 0 0 1]
 cam1=[3979.911 0 1369.115; 0 3979.911 1019.507; 0 0 1]
@@ -107,14 +111,15 @@ def test_a_pair_that_is_not_rectified_has_no_calib():
         ("doffs=124.343", "doffs=12.343", "doffs must be cx1 - cx0"),
         ("doffs=124.343", "doffs", "line 3 must read name=value"),
         ("width=2964", "width=0", "positive"),
-        ("width=2964", "width=29.64", "invalid literal"),
+        ("width=2964", "width=29.64", "width must be a whole number, got '29.64'"),
         ("width=2964", "width=2964\nwidth=2964", "repeats the key"),
         ("baseline=193.001", "baseline=1e999999999", "number of millimetres"),
         ("baseline=193.001", "baseline=-1", "positive"),
         ("baseline=193.001", "baseline=nan", "finite"),
         ("baseline=193.001", "baseline=wide", "number of millimetres"),
         ("0 0 1]\ncam1", "0 0 2]\ncam1", "without skew"),
-        ("; 0 0 1]\ncam1", "]\ncam1", "must read"),
+        ("; 0 0 1]\ncam1", "]\ncam1", r"cam0 must be \[fx 0 cx"),
+        ("ndisp=270", "ndisp=many", "ndisp must be a whole number, got 'many'"),
         ("ndisp=270", "ndisp=-3", "ndisp must be 1 or more"),
     ],
 )
@@ -122,6 +127,49 @@ def test_errors_name_the_wrong_line(old, new, message):
     assert old in MOTORCYCLE
     with pytest.raises(FileError, match=rf"^calib\.txt: .*{message}"):
         decode_calib(MOTORCYCLE.replace(old, new, 1))
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        MOTORCYCLE.replace("\n", "\r\n"),
+        "\ufeff" + MOTORCYCLE,
+        MOTORCYCLE.rstrip("\n"),
+        MOTORCYCLE.replace("ndisp=270", "ndisp=270.0").replace("2964", "2964."),
+        MOTORCYCLE.replace("=", " = ").replace("; ", " ;  "),
+        MOTORCYCLE.replace("3979.911 0 ", "3979.911, 0, "),
+    ],
+)
+def test_forms_of_other_programs_are_read(changed):
+    """A byte order mark, Windows's line ends, no last line end, whole numbers with a point, spaces, commas."""
+    assert changed != MOTORCYCLE
+    assert decode_calib(changed) == decode_calib(MOTORCYCLE)
+
+
+def test_a_calibration_of_another_size_than_the_images_is_an_error(tmp_path):
+    """As the pair is scored, and as its rig is read; the same with the right size is not."""
+    image = np.zeros((120, 160, 3), dtype=np.uint8)
+    truth = np.ones((120, 160), dtype=np.float32)
+    folder = tmp_path / "scene"
+    folder.mkdir()
+    for size in ((320, 240), (160, 120)):
+        camera = Camera.from_fov(*size, fov_x_deg=50)
+        calibration = Calibration.from_rig(Rig.stereo(camera, 0.1), ndisp=16)
+        write_calib(folder / "calib.txt", calibration)
+        for view in (0, 1):
+            write_png(folder / f"im{view}.png", image)
+            write_pfm(folder / f"disp{view}.pfm", truth)
+        sample = Dataset(tmp_path)[0]
+        pair = partial(Pair, "a", image, image, truth, None, 16, calibration)
+        if size == (160, 120):
+            assert sample.rig.cameras[0].width == pair().im0.shape[1]
+            continue
+        for refused in (pair, lambda: sample.rig):  # noqa: B023
+            with pytest.raises(
+                InputError,
+                match=r"calib\.txt is of 320x240 pixels, but the images have 160x120",
+            ):
+                refused()
 
 
 @given(damaged(MOTORCYCLE.encode()))

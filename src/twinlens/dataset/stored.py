@@ -288,7 +288,10 @@ class StoredSample(Mapping[str, Any]):
     def photographed_by(self) -> Rig:
         """The rig that took the images: `rig`, except for calibration errors introduced on purpose."""
         if not self.has("sample.json"):
-            return self.calibration.rig()
+            calibration = self.calibration
+            if self.has(IMAGE.name(0)):
+                calibration.check_size(self.im0.shape, self.path("calib.txt"))
+            return calibration.rig()
         return read_part(RIG, self.record, "rig", self.folder / "sample.json")
 
     @property

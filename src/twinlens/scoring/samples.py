@@ -82,6 +82,8 @@ class Pair:
                 raise InputError(
                     f"{name} is {image.dtype} {image.shape}: expected uint8 or uint16 {size} or {(*size, 3)}"
                 )
+        if self.calibration is not None:
+            self.calibration.check_size(self.im0.shape, "calib.txt")
         if self.mask0_nonocc is not None:
             boolean_mask("mask0_nonocc", self.mask0_nonocc, size)
         for name, extra in (

@@ -100,6 +100,15 @@ class Calibration:
         """Focal length of the left camera, pixels."""
         return self.cam0[0]
 
+    def check_size(self, shape: tuple[int, ...], name: object) -> None:
+        """Raise InputError, which names the calibration, unless images of a shape (H, W, ...) have its size."""
+        height, width = shape[:2]
+        if (width, height) != (self.width, self.height):
+            raise InputError(
+                f"{name} is of {self.width}x{self.height} pixels, but the images have {width}x{height}; "
+                "scale one of them"
+            )
+
     def rig(self) -> Rig:
         """The pair as a Rig; the world frame is the left camera's."""
         left, right = (
@@ -156,7 +165,7 @@ def decode_calib(text: str, name: str = "calib.txt") -> Calibration:
     Raises FileError, whose message starts with `name`, for an invalid line or number and for a missing key.
     """
     fields: dict[str, str] = {}
-    for number, line in enumerate(text.splitlines(), 1):
+    for number, line in enumerate(text.removeprefix("\ufeff").splitlines(), 1):
         key, equals, value = (part.strip() for part in line.partition("="))
         if line.strip() and not equals:
             raise FileError(
@@ -170,17 +179,21 @@ def decode_calib(text: str, name: str = "calib.txt") -> Calibration:
         raise FileError(
             f"{name}: has no {missing[0]}= line; required are {', '.join(_REQUIRED)}"
         )
+    values = {}
+    for key, value in fields.items():
+        if key not in _READ:
+            continue
+        kind, read = _READ[key]
+        try:
+            values[key] = read(value)
+        except (ValueError, ArithmeticError):
+            raise FileError(
+                f"{name}: {key} must be {kind}, got {value[:80]!r}"
+            ) from None
     try:
-        return Calibration(
-            **{key: _READ[key](value) for key, value in fields.items() if key in _READ}
-        )
-    except ValueError as error:
+        return Calibration(**values)
+    except InputError as error:
         raise FileError(f"{name}: {error}") from None
-    except ArithmeticError:
-        got = fields["baseline"][:40]
-        raise FileError(
-            f"{name}: the baseline must be a number of millimetres, got {got!r}"
-        ) from None
 
 
 def read_calib(path: Where) -> Calibration:
@@ -199,25 +212,34 @@ def tidy(length: float) -> float:
 
 
 def _camera(text: str) -> tuple[float, float, float, float]:
+    """(fx, fy, cx, cy) of "[fx 0 cx; 0 fy cy; 0 0 1]". Raises ValueError for other texts."""
     rows = [
-        [float(entry) for entry in row.split()]
+        [float(entry) for entry in row.replace(",", " ").split()]
         for row in re.sub(r"^\[|\]$", "", text).split(";")
     ]
-    if [len(row) for row in rows] != [3, 3, 3] or (rows[0][1], rows[1][0], rows[2]) != (
-        0.0,
-        0.0,
-        [0.0, 0.0, 1.0],
-    ):
-        raise ValueError(
-            f"a camera must read [fx 0 cx; 0 fy cy; 0 0 1], without skew, got {text[:80]!r}"
-        )
-    return rows[0][0], rows[1][1], rows[0][2], rows[1][2]
+    (fx, skew, cx), (zero, fy, cy), last = rows
+    if skew or zero or last != [0.0, 0.0, 1.0]:
+        raise ValueError
+    return fx, fy, cx, cy
 
 
-_READ: dict[str, Callable[[str], Any]] = {
-    **dict.fromkeys(("cam0", "cam1"), _camera),
-    **dict.fromkeys(("doffs", "vmin", "vmax"), float),
-    **dict.fromkeys(("width", "height", "ndisp"), int),
-    "baseline": lambda text: float(Decimal(text).scaleb(-3)),
-    "isint": lambda text: text != "0",
+def _integer(text: str) -> int:
+    """A whole number, which some programs write as 12.0. Raises ValueError for others."""
+    number = float(text)
+    if not number.is_integer():
+        raise ValueError
+    return int(number)
+
+
+_CAMERA = "[fx 0 cx; 0 fy cy; 0 0 1], without skew"
+_READ: dict[str, tuple[str, Callable[[str], Any]]] = {
+    **dict.fromkeys(("cam0", "cam1"), (_CAMERA, _camera)),
+    **dict.fromkeys(("doffs", "vmin", "vmax"), ("a number of pixels", float)),
+    **dict.fromkeys(("width", "height", "ndisp"), ("a whole number", _integer)),
+    "baseline": (
+        "a number of millimetres",
+        lambda text: float(Decimal(text).scaleb(-3)),
+    ),
+    "isint": ("0 or 1", lambda text: float(text) != 0),
 }
+"""What the value of a key must be, and the function that reads it."""
