@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import twinlens as tl
-from twinlens.errors import InputError
 from twinlens.matching import (
     CONFIDENCES,
     StereoMatcher,
@@ -177,7 +176,6 @@ def test_a_match_without_confidence_computes_none(monkeypatch):
     matcher = StereoMatcher(confidence="curvature", num_disparities=4)
     text = "sad:confidence=curvature,num_disparities=4"
     matcher.match(image, image)
-    tl.match(image, image, matcher)
     tl.match(image, image, text)
     tl.matching.parse_method(text).match(image, image)
     with pytest.raises(AssertionError, match="was computed"):
@@ -203,7 +201,6 @@ def test_objects_and_functions_may_return_a_confidence():
         np.testing.assert_array_equal(answer.confidence, trust)
         assert answer.confidence.dtype == np.float32
         assert tl.match(image, image, method)[0, 0] == 5
-    assert match_with_confidence(image, image, Confident(None))[1] is None
 
 
 @pytest.mark.parametrize(
@@ -219,12 +216,3 @@ def test_wrong_confidences_are_refused(confidence, kind):
     with pytest.raises(WrongAnswerError) as refused:
         tl.match(image, image, Confident(confidence))
     assert refused.value.kind == kind
-
-
-def test_wrong_names_and_volumes_are_refused():
-    with pytest.raises(InputError, match="did you mean 'ambiguity'"):
-        StereoMatcher(confidence="ambiguty")
-    with pytest.raises(InputError, match="unknown confidence"):
-        confidence_map(random_volume(), "none")
-    with pytest.raises(InputError, match="height, width, disparities"):
-        confidence_map(np.zeros((3, 4)), "curvature")

@@ -135,16 +135,6 @@ def test_the_bound_of_two_pinholes_is_that_of_a_shift():
     np.testing.assert_allclose(bound[middle], expected[middle], rtol=0.02)
 
 
-def test_dual_pixels_know_the_side_of_the_focus():
-    for w in (0.35, 0.65):
-        images, apertures = dual_pixels(texture(1), w)
-        estimate = tl.inverse_depth_from_defocus(
-            images, apertures, FX, 1.1, 5.0, steps=32, block_size=SIDE
-        )
-        sides = np.sign(inner(estimate) - FOCUS)
-        assert sides.mean() == pytest.approx(math.copysign(1, w - FOCUS), abs=0.01)
-
-
 @pytest.mark.parametrize("w", [0.45, 0.57])
 def test_the_sharpest_image_of_a_stack(w):
     """Without noise the fit of a Gaussian is within a tenth of a step, and a wider fit has less noise."""
@@ -177,18 +167,10 @@ def test_what_cannot_be_used_is_refused():
         ((images[:1], apertures[:1], FX, 1.0), "at least 2 images of one size"),
         ((images, apertures[:1], FX, 1.0), "one for each image, got 1 for 2 images"),
         ((images, [1, 2], FX, 1.0), "apertures must be ApertureSamples"),
-        ((images, None, FX, 1.0), "must be a list of ApertureSamples, got None"),
-        ((None, apertures, FX, 1.0), "at least 2 images of one size .* got None"),
-        ((images, apertures, FX, 1.0, "far"), "greater than near, 1 m, got 'far'"),
         ((images, apertures, 1e6 * FX, 1.0), "the apertures move light by up to"),
-        ((images, apertures, 0.0, 1.0), "fx must be"),
         ((images, apertures, FX, 2.0, 1.0), "far must be greater than near"),
     ]:
         with pytest.raises(InputError, match=message):
             tl.inverse_depth_from_defocus(*arguments)
-    with pytest.raises(InputError, match="block_size must be odd"):
-        tl.inverse_depth_from_defocus(images, apertures, FX, 1.0, block_size=4)
     with pytest.raises(InputError, match="increasing or decreasing"):
         tl.inverse_depth_from_focus([*images, images[0]], [0.1, 0.3, 0.2])
-    with pytest.raises(InputError, match="weights >= 0"):
-        tl.ApertureSamples([[0, 0]], [0.0])

@@ -10,15 +10,7 @@ import pytest
 
 import twinlens.matching as tm
 from twinlens.errors import InputError
-from twinlens.matching.methods import Options, find_method, method_tables
-
-
-def test_every_method_is_described_and_can_be_made_with_its_defaults():
-    for name, method in tm.METHODS.items():
-        assert method.name == name
-        assert method.description
-        if name not in ("program", "function", "onnx"):
-            assert method.make(num_disparities=32).num_disparities == 32
+from twinlens.matching.methods import Options, method_tables
 
 
 def test_text_gives_a_method_its_options_and_its_name():
@@ -53,16 +45,11 @@ def test_a_function_in_a_file_is_a_method_from_any_folder(tmp_path, monkeypatch)
     (tmp_path / "helper.py").write_text("VALUE = 100")
     image = np.zeros((6, 9), np.uint8)
     monkeypatch.setattr(sys, "path", list(sys.path))
-    for folder, place in (
-        (tmp_path, "their_method.py"),
-        (Path("/"), str(tmp_path / "their_method.py")),
-    ):
-        monkeypatch.chdir(folder)
-        spec = tm.parse_method(f"mine=function:{place}:flat")
-        assert spec.name == "mine"
-        assert spec.content.startswith("their_method.py=")
-        found = spec.match(image, image, num_disparities=7, min_disparity=2)
-        np.testing.assert_array_equal(found, np.full((6, 9), 109, np.float32))
+    spec = tm.parse_method(f"mine=function:{tmp_path / 'their_method.py'}:flat")
+    assert spec.name == "mine"
+    assert spec.content.startswith("their_method.py=")
+    disparity = spec.match(image, image, num_disparities=7, min_disparity=2)
+    np.testing.assert_array_equal(disparity, np.full((6, 9), 109, np.float32))
 
 
 @pytest.mark.parametrize(
@@ -88,19 +75,9 @@ def test_a_function_that_cannot_be_imported_is_refused(
 def test_the_range_of_a_call_replaces_that_of_the_matcher(name):
     left, right = np.random.default_rng(0).integers(0, 256, (2, 30, 90), dtype=np.uint8)
     matcher = tm.METHODS[name].make(num_disparities=16)
-    expected = (
-        tm.METHODS[name].make(num_disparities=32, min_disparity=-3).match(left, right)
-    )
-    np.testing.assert_array_equal(
-        matcher.match(left, right, num_disparities=32, min_disparity=-3), expected
-    )
-
-
-def test_the_reference_has_the_default_and_meaning_of_every_option():
-    for method in tm.METHODS.values():
-        rows = method.reference()["options"]
-        assert {row["option"]: row["default"] for row in rows} == method.options
-        assert all(row["meaning"] for row in rows)
+    search = {"num_disparities": 32, "min_disparity": -3}
+    expected = tm.METHODS[name].make(**search).match(left, right)
+    np.testing.assert_array_equal(matcher.match(left, right, **search), expected)
 
 
 def test_the_typed_options_of_match_are_those_of_all_methods():
@@ -118,10 +95,7 @@ def test_the_page_of_methods_is_current():
 
 def run_python(code: str, *arguments: str, **environment: str) -> str:
     command = [sys.executable, "-c", code, *arguments]
-    environment = {**os.environ, **environment}
-    return subprocess.run(
-        command, stdout=subprocess.PIPE, text=True, env=environment, check=True
-    ).stdout
+    return subprocess.check_output(command, text=True, env=os.environ | environment)
 
 
 def test_importing_the_room_compiles_and_imports_nothing_heavy():
@@ -203,8 +177,6 @@ def test_entry_points_of_packages_are_methods(tmp_path, monkeypatch):
     spec = tm.parse_method("flat")
     assert spec.runs_user_code
     assert spec.content.startswith("theirs.py=")
-    with pytest.raises(InputError, match="did you mean 'flat'"):
-        find_method("flatt")
     with pytest.raises(InputError, match="'theirs:none' cannot be imported"):
         tm.match(image, image, "broken")
 
@@ -226,6 +198,5 @@ def test_an_object_is_a_method():
     np.testing.assert_array_equal(tm.match(image, image, matcher), expected)
     with pytest.raises(InputError, match="option of a matcher object"):
         tm.match(image, image, Ranged(), block_size=5)
-    for wrong in (3, Ranged, None):
-        with pytest.raises(InputError, match="method must be a name such as 'zncc'"):
-            tm.match(image, image, wrong)
+    with pytest.raises(InputError, match="method must be a name such as 'zncc'"):
+        tm.match(image, image, Ranged)

@@ -41,17 +41,9 @@ def test_every_support_equals_plain_loops(support, problem):
     cost = window_cost("sad", left, right)
     volume = naive_support(support, cost, (left, right), SIDE, low, 5)
     volume[~is_candidate(left.shape, low, 5)] = np.inf
-    disparity = tm.match(
-        left,
-        right,
-        "sad",
-        support=support,
-        block_size=SIDE,
-        min_disparity=low,
-        num_disparities=5,
-        subpixel="none",
-        threads=1,
-    )
+    search = {"block_size": SIDE, "min_disparity": low, "num_disparities": 5}
+    options = search | {"support": support, "subpixel": "none", "threads": 1}
+    disparity = tm.match(left, right, "sad", **options)
     assert_minimal(volume, disparity, low)
 
 

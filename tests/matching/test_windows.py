@@ -20,21 +20,16 @@ from twinlens.matching.kernels.windows import (
 def test_statistics_are_those_of_each_window(side, mode, dtype, kind):
     if kind == np.int32 and side == 21:
         return  # its sums do not fit: see costs.numbers
-    image = (
-        np.random.default_rng(side)
-        .integers(0, np.iinfo(dtype).max, (side + 4, side + 6))
-        .astype(dtype)
-    )
+    shape, largest = (side + 4, side + 6), np.iinfo(dtype).max
+    image = np.random.default_rng(side).integers(0, largest, shape, dtype)
     totals, scales = np.empty((5, 7), kind), np.empty((5, 7))
     window_statistics(image, side, mode, totals, scales)
-    windows = np.lib.stride_tricks.sliding_window_view(
-        image.astype(np.int64), (side, side)
-    )
+    values = image.astype(np.int64)
+    windows = np.lib.stride_tricks.sliding_window_view(values, (side, side))
     sums, squares = windows.sum((-1, -2)), (windows**2).sum((-1, -2))
     np.testing.assert_array_equal(totals, sums)
-    roots = {TOTALS: None, DEVIATIONS: side**2 * squares - sums**2, NORMS: squares}[
-        mode
-    ]
-    with np.errstate(divide="ignore"):
-        expected = sums if roots is None else np.where(roots > 0, roots, np.inf) ** -0.5
+    expected = sums
+    if mode != TOTALS:
+        norms = squares if mode == NORMS else side**2 * squares - sums**2
+        expected = np.where(norms > 0, norms, np.inf) ** -0.5
     np.testing.assert_allclose(scales, expected, rtol=1e-12)
