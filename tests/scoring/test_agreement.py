@@ -9,7 +9,6 @@ from scipy import stats
 
 from twinlens.cli import run
 from twinlens.errors import InputError
-from twinlens.report.plots import agreement_figure
 from twinlens.scoring import PROTOCOLS, Board, Entry, agreement
 from twinlens.scoring.agreement import sample_ranks
 from twinlens.scoring.board import Failure
@@ -96,13 +95,11 @@ def test_tau_and_rho_equal_scipys_with_ties():
 def test_a_board_agrees_with_itself_and_is_opposite_to_its_reverse():
     a = noisy(1, noise=0.0)
     assert agreement(board(a), board(a), resamples=5).tau.value == pytest.approx(1.0)
-    assert agreement(
-        board(a), board(a[:, ::-1]), resamples=5
-    ).tau.value == pytest.approx(-1.0)
-    assert (
-        str(agreement(board(a), board(a), resamples=5).reliability_a)
-        == "1.00 (1.00 to 1.00)"
-    )
+    opposite = agreement(board(a), board(a[:, ::-1]), resamples=5)
+    assert opposite.tau.value == pytest.approx(-1.0)
+    assert str(opposite.reliability_a) == "1.00 (1.00 to 1.00)"
+    first = opposite.moves[0]
+    assert (first.method, first.rank_a, first.rank_b) == ("m0", 1.0, 8.0)
 
 
 @pytest.mark.slow
@@ -144,10 +141,6 @@ def test_the_interval_is_that_of_scipys_bootstrap_of_scenes():
     step = 2 / 15  # of tau, for six methods
     assert found.low == pytest.approx(limits.low, abs=step + 1e-9)
     assert found.high == pytest.approx(limits.high, abs=step + 1e-9)
-    rows = agreement(
-        board(values), fixed, resamples=1000
-    ).tau  # each image a scene of its own
-    assert rows.low > limits.low + 1.5 * step
 
 
 def test_copies_of_a_scenes_images_add_no_information():
@@ -193,15 +186,12 @@ def test_boards_of_few_scenes_have_no_interval():
     """A board of fewer than four scenes is not resampled; the notes say so."""
     few, many = board(noisy(0, 12), scenes=[0, 1, 2] * 4), board(noisy(1, 12))
     both = agreement(few, few, resamples=100)
-    assert both.tau.value == pytest.approx(1.0)
     assert str(both.tau) == "1.00 (-)"
     assert str(both.reliability_a) == "-"
     assert len(both.notes(("a", "b"))) == 2
     one = agreement(few, many, resamples=100)
     assert one.tau.low <= one.tau.value <= one.tau.high
-    assert one.notes(("a", "b")) == [
-        "no interval contains the uncertainty of a, which has fewer than 4 scenes"
-    ]
+    assert "fewer than 4 scenes" in one.notes(("a", "b"))[0]
     assert agreement(many, many, resamples=100).notes(("a", "b")) == []
 
 
@@ -225,14 +215,6 @@ def test_failures_share_the_last_rank_and_missing_samples_are_left_out():
     assert agreement(fewer, a, resamples=1).samples_a == 2
 
 
-def test_rho_by_its_definition():
-    """Without ties, 1 - 6 sum(d^2) / (n (n^2 - 1))."""
-    a, b = np.array([[1.0, 2, 3, 4, 5]]), np.array([[2.0, 1, 5, 3, 4]])
-    assert agreement(board(a), board(b), resamples=1).rho.value == pytest.approx(
-        1 - 6 * (1 + 1 + 4 + 1 + 1) / 120
-    )
-
-
 def test_resamples_without_an_order_are_left_out():
     """Scenes that rank in opposite order, drawn equally often, tie all methods."""
     opposite = board(
@@ -246,14 +228,6 @@ def test_resamples_without_an_order_are_left_out():
     assert math.isnan(never.tau.value)
     assert math.isnan(never.tau.low)
     assert never.notes(("a", "b"))[-1] == "no correlation: all methods of a board tie"
-
-
-def test_a_move_is_listed_first():
-    a = noisy(0, 5, 6, noise=0.0)
-    b = a.copy()
-    b[:, 0] = 99.0
-    first = agreement(board(a), board(b), resamples=1).moves[0]
-    assert (first.method, first.rank_a, first.rank_b) == ("m0", 1.0, 6.0)
 
 
 def test_the_seed_decides_the_interval():
@@ -271,25 +245,11 @@ def test_the_seed_decides_the_interval():
         ({"region": "near"}, "region on both boards 'near'"),
         ({"protocol": "eth3d"}, "protocol on both boards 'eth3d'"),
         ({"metric": "badd2.0"}, "metric 'badd2.0'"),
-        ({"resamples": 0}, "resamples is 0"),
     ],
 )
 def test_bad_arguments_are_refused(change, message):
     with pytest.raises(InputError, match=message):
         agreement(board(noisy(0)), board(noisy(1)), **change)
-
-
-def test_an_empty_board_is_named(tmp_path):
-    write_board(Board(), tmp_path / "empty.json")
-    with pytest.raises(InputError, match=r"^other: has no entries"):
-        agreement(board(noisy(0)), Board("other"))
-    with pytest.raises(InputError, match=r"empty\.json: has no entries"):
-        agreement(tmp_path / "empty.json", board(noisy(0)))
-
-
-def test_boards_with_too_few_common_methods_are_refused():
-    with pytest.raises(InputError, match="share 2 methods"):
-        agreement(board(noisy(0, methods=2)), board(noisy(1)))
 
 
 def test_the_command_prints_and_draws(tmp_path, capsys):
@@ -302,17 +262,8 @@ def test_the_command_prints_and_draws(tmp_path, capsys):
     figure = tmp_path / "agree.svg"
     assert run(["agree", str(a), str(b), "-o", str(figure)]) == 0
     text = capsys.readouterr().out
-    assert "8 methods ranked by" in text
     assert "Kendall's tau-b" in text
     assert figure.read_text().startswith("<?xml")
-    drawn = [agreement_figure(result, ("a", "b")) for _ in range(2)]
-    assert drawn[0] == drawn[1]
-    assert run(["agree", str(one), str(one)]) == 0
-    text = capsys.readouterr().out
-    assert "Kendall's tau-b  1.00 (-)\n" in text
-    assert text.count("one.json, which has fewer than 4 scenes") == 2
-    assert text.endswith("no mean ranks differ\n")
     assert run(["agree", str(one), str(one), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert (document["samples_a"], document["tau"]["low"]) == (1, None)
-    assert run(["agree", str(a), str(b), "-o", str(tmp_path / "agree.pdf")]) == 2

@@ -55,6 +55,7 @@ def entry(method, sample, bad, *, evaluated=10, failure=None, region="all"):
         0.5,
         failure,
         regions,
+        min_disparity=-7,
     )
 
 
@@ -68,7 +69,6 @@ def test_a_mean_is_plain_unless_weighted():
     b = board(entry("m", "s", 10), entry("m", "t", 40))
     assert b.mean("m", "middlebury-v3", "all").metrics["totbad2.0"] == 25
     assert b.mean("m", "middlebury-v3", "all", {"t": 0.5}).metrics["totbad2.0"] == 20
-    assert b.mean("m", "middlebury-v3", "all", {"t": 0}).metrics["totbad2.0"] == 10
     assert b.mean("m", "middlebury-v3", "all").metrics["time/MP"] == pytest.approx(
         0.5 / 12e-6
     )
@@ -96,9 +96,6 @@ def test_a_pair_that_was_not_run_is_missing_and_leaves_no_mean():
     ]
     assert math.isnan(ranked[1].metrics["totbad2.0"])
     assert math.isnan(ranked[1].metrics["time"])
-    console = Console(width=200, file=io.StringIO(), color_system=None)
-    console.print(leaderboard_table(b, "middlebury-v3"))
-    assert "1 of 2" in console.file.getvalue()
 
 
 def test_a_region_not_scored_is_missing_only_where_another_has_it():
@@ -110,22 +107,14 @@ def test_a_region_not_scored_is_missing_only_where_another_has_it():
     )
     assert b.mean("m", "middlebury-v3", "all").missing == ("t",)
     assert b.mean("n", "middlebury-v3", "all").metrics["totbad2.0"] == 2.5
-    b = board(entry("m", "s", 1), entry("m", "t", 1, region="near"), entry("n", "s", 2))
-    assert (
-        b.mean("m", "middlebury-v3", "all").total
-        == b.mean("n", "middlebury-v3", "all").total
-        == 1
-    )
-
-
-def test_a_sample_without_the_region_is_not_counted():
+    # Neither a region that no method has on a sample, nor one without a pixel, is counted.
     b = board(
-        entry("m", "s", 10),
-        entry("m", "t", 30, region="near"),
-        entry("m", "u", 50, evaluated=0),
+        entry("m", "s", 1),
+        entry("m", "t", 9, region="near"),
+        entry("m", "u", 9, evaluated=0),
     )
     mean = b.mean("m", "middlebury-v3", "all")
-    assert (mean.metrics["totbad2.0"], mean.counted) == (10, 1)
+    assert (mean.metrics["totbad2.0"], mean.counted) == (1, 1)
 
 
 def test_standings_sort_each_metric_its_own_way():
@@ -136,25 +125,13 @@ def test_standings_sort_each_metric_its_own_way():
         "m",
         "o",
     ]
-    b = board(entry("m", "s", 10), entry("n", "s", 5))
-    assert standings(b, "middlebury-v3", sort="coverage")[0].metrics["coverage"] == 95
-
-
-def test_two_entries_of_one_key_are_refused():
-    with pytest.raises(InputError, match="two entries for m / s / middlebury-v3"):
-        board(entry("m", "s", 10), entry("m", "s", 11))
 
 
 @pytest.mark.parametrize(
     ("call", "says"),
     [
         (lambda b: standings(b, "eth3d"), "unknown protocol on this board 'eth3d'"),
-        (
-            lambda b: standings(b, "middlebury-v3", "near"),
-            "unknown region on this board 'near'",
-        ),
         (lambda b: standings(b, "middlebury-v3", sort="bad2"), "did you mean 'bad2.0'"),
-        (lambda b: standings(b, "middlebury-v3", sort="D1"), "unknown metric 'D1'"),
         (
             lambda b: leaderboard_table(b, "middlebury-v3", columns=["D1"]),
             "unknown metric 'D1'",
@@ -187,62 +164,28 @@ def test_json_round_trip(method, sample, bad, message, failed):
     json.loads(text, parse_constant=pytest.fail)
     again = board_from_json(text)
     assert board_to_json(again) == text
-    assert (again.title, again.meta, again.methods, again.samples) == (
-        b.title,
-        b.meta,
-        b.methods,
-        b.samples,
-    )
-    assert again.scenes == b.scenes
+    assert (again.methods, again.samples) == (b.methods, b.samples)
     if not failed:
         np.testing.assert_equal(again.entries[0].value("all", "totbad2.0"), bad)
 
 
-WRONG_VALUES = [
-    ("format", "x", "not a twinlens-board file"),
-    ("version", 2, "reads version 1"),
-    ("titel", "x", "did you mean 'title'"),
-    ("title", None, "missing key 'title'"),
-    ("meta.a", 3, "meta.a: must be a string, got 3"),
-    ("entries.0", 3, r"entries\[0\]: must be a table"),
-    ("entries.0.width", True, "width: must be a whole number, got True"),
-    ("entries.0.width", 0, "width: must be >= 1, got 0"),
-    ("entries.0.ndisp", 0, "ndisp: must be >= 1"),
-    ("entries.0.min_disparity", 0.5, "must be a whole number, got 0.5"),
-    ("entries.0.seconds", -1, "seconds: must be >= 0"),
-    ("entries.0.seconds", 10**400, "seconds: must be a number, got 1000"),
-    ("entries.0.seconds", 1e300, "seconds: must be < 1e280, got 1e\\+300"),
-    ("entries.0.regions.all.metrics.rms", 1e308, "rms: must be < 1e280"),
-    ("entries.0.regions.all.metrics.rms", "3", "rms: must be a number, got '3'"),
-    ("entries.0.regions.all.metrics.bad2", 3, "did you mean 'bad2.0'"),
-    ("entries.0.protocol", "eth", "did you mean 'eth3d'"),
-    ("entries.1.failure.kind", "bad luck", "unknown failure 'bad luck'"),
-    ("entries.1.method", "m", "two entries"),
-]
-"""Places in a board's file, values there that are wrong, and a part of the message."""
-
-
-def changed(path, value):
-    """A board's file with another value at a place; None: without it."""
-    failed = entry("n", "s", 0, failure=Failure("crash", "x"))
-    document = json.loads(board_to_json(board(entry("m", "s", 10), failed)))
-    *parents, last = (int(key) if key.isdigit() else key for key in path.split("."))
-    place = document
-    for key in parents:
-        place = place[key]
-    place[last] = value
-    if value is None:
-        del place[last]
-    return json.dumps(document)
-
-
+VALID = board_to_json(
+    board(entry("m", "s", 10), entry("n", "s", 0, failure=Failure("crash", "x")))
+)
 TEXTS = [
     ("[]", "not a twinlens-board file"),
     ("{", "not valid JSON"),
     ("[" * 100_000, "not valid JSON"),
     ('{"format": NaN}', "NaN is not JSON"),
+    (VALID.replace('"version": 1', '"version": 2'), "reads version 1"),
+    (VALID.replace('"title"', '"titel"'), "did you mean 'title'"),
+    (VALID.replace('"width": 4', '"width": 0'), "width: must be >= 1, got 0"),
+    (VALID.replace('"seconds": 0.5', '"seconds": 1e300'), "must be < 1e280"),
+    (VALID.replace('"bad2.0": 1.0', '"bad2": 1.0'), "did you mean 'bad2.0'"),
+    (VALID.replace("middlebury-v3", "eth"), "did you mean 'eth3d'"),
+    (VALID.replace('"crash"', '"bad luck"'), "unknown failure 'bad luck'"),
+    (VALID.replace('"method": "n"', '"method": "m"'), "two entries for m / s"),
 ]
-TEXTS += [(changed(path, value), message) for path, value, message in WRONG_VALUES]
 
 
 @pytest.mark.parametrize(
@@ -278,33 +221,15 @@ def test_a_board_file_that_is_too_large_is_refused(tmp_path, monkeypatch):
         read_board(tmp_path / "b.json")
 
 
-def test_min_disparity_is_stored_and_0_in_older_files():
-    text = board_to_json(board(replace(entry("m", "s", 10), min_disparity=-7)))
-    assert board_from_json(text).entries[0].min_disparity == -7
-    older = json.loads(text)
-    del older["entries"][0]["min_disparity"]
-    assert board_from_json(json.dumps(older)).entries[0].min_disparity == 0
-
-
 def test_writing_is_atomic(tmp_path):
     path = tmp_path / "b.json"
     write_board(board(entry("m", "s", 10)), path)
     before = path.read_text()
-    with pytest.raises(OutputError):
-        write_board(board(), path / "b.json")
     (tmp_path / "folder").mkdir()
     with pytest.raises(OutputError):
         write_board(board(), tmp_path / "folder")
     assert path.read_text() == before
     assert sorted(p.name for p in tmp_path.iterdir()) == ["b.json", "folder"]
-
-
-def test_a_missing_or_binary_board_is_refused(tmp_path):
-    with pytest.raises(FileError, match="no such file; a board is a folder that"):
-        read_board(tmp_path / "none.json")
-    (tmp_path / "x").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(FileError, match="not valid JSON"):
-        read_board(tmp_path / "x")
 
 
 def real_board():
@@ -322,18 +247,6 @@ def real_board():
     )
 
 
-def test_the_terminal_shows_order_numbers_and_protocol():
-    console = Console(width=200, file=io.StringIO(), color_system=None)
-    console.print(leaderboard_table(real_board(), "middlebury-v3", "nonocc"))
-    text = console.file.getvalue()
-    assert (
-        text.index("=exact") < text.index("[red]off[/] & 50%_#") < text.index("raises")
-    )
-    assert "2 failed" in text
-    for line in caption(real_board(), "middlebury-v3", "nonocc").splitlines():
-        assert line in text
-
-
 NAMED = ("protocol", "region", "denominator", "invalid", "clip", "resolution", "mean")
 
 
@@ -348,43 +261,26 @@ def test_every_table_names_the_rules_of_its_numbers(protocol):
         [Constant("c", 4)],
         protocol=protocol,
     )
-    words = [
-        line.partition(": ") for line in caption(b, protocol, "nonocc").splitlines()
-    ]
-    assert tuple(name for name, _, text in words if text.strip()) == NAMED
+    lines = caption(b, protocol, "nonocc", {"s": 2.0}).splitlines()
+    assert tuple(line.partition(": ")[0] for line in lines) == NAMED
+    assert "weighted mean over samples" in lines[-1]
     console = Console(width=160, file=io.StringIO(), color_system=None)
-    console.print(leaderboard_table(b, protocol, "nonocc"))
-    latex, shown = (
-        board_latex(b, protocol, "nonocc"),
-        " ".join(console.file.getvalue().split()),
-    )
-    for name, _, text in words:
-        assert f"{name}: {' '.join(text.split())}" in shown
-        assert f"{name}: " in latex
+    console.print(leaderboard_table(b, protocol, "nonocc", weights={"s": 2.0}))
+    latex = board_latex(b, protocol, "nonocc", weights={"s": 2.0})
+    shown = " ".join(console.file.getvalue().split())
+    for line in lines:
+        assert " ".join(line.split()) in shown
+        assert line.partition(": ")[0] in latex
     stored = json.loads(board_to_json(b))["protocols"][protocol]
     assert all(stored[name] for name in NAMED if name not in ("region", "mean"))
-
-
-def test_a_table_of_weighted_means_says_so():
-    b, console = real_board(), Console(width=200, file=io.StringIO(), color_system=None)
-    console.print(leaderboard_table(b, "eth3d", "all", weights={"s": 2.0}))
-    assert "weighted mean over samples" in console.file.getvalue()
-    assert "weighted mean over samples" in board_latex(
-        b, "eth3d", "all", weights={"s": 2.0}
-    )
 
 
 def test_csv_keeps_every_number_and_escapes_formulas():
     b = real_board()
     rows = list(csv.DictReader(io.StringIO(board_csv(b))))
     assert len(rows) == 3 * 2 * 2 * 3 + 2 * 3
-    off = next(
-        r
-        for r in rows
-        if r["method"].startswith("[red]")
-        and r["region"] == "all"
-        and r["sample"] == "s"
-    )
+    off = rows[0]
+    assert (off["sample"], off["region"]) == ("s", "all")
     assert float(off["avgerr"]) == b.entries[0].value("all", "avgerr") == 2.5
     assert {r["method"] for r in rows} == {"'=exact", "[red]off[/] & 50%_#", "raises"}
     assert {r["status"] for r in rows} == {"ok", "crash"}
@@ -399,12 +295,6 @@ def test_latex_escapes_names_and_marks_the_best():
 
 
 def test_failures_are_listed_once_per_method_and_kind():
-    assert failures(real_board()) == [
-        "raises on s and 1 more: crash (RuntimeError: out of luck)"
-    ]
-    assert failures(real_board().subset("s")) == [
-        "raises on s: crash (RuntimeError: out of luck)"
-    ]
     late = [
         entry("m", name, 1, failure=Failure("time-limit", "late")) for name in "abc"
     ]

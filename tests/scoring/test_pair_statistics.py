@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy import interpolate, ndimage, signal, stats
+from scipy import interpolate, signal, stats
 from skimage.restoration import estimate_sigma
 from skimage.util import view_as_blocks
 
@@ -28,21 +28,6 @@ def plain_pair(image, disparity=0.0):
     """A pair of equal images, with one disparity everywhere."""
     truth = np.full(image.shape, disparity, np.float32)
     return Pair("plain", image, image, truth, None, 8)
-
-
-def plane_pair(gain=1.0, offset=0.0, noise=0.0, shade=0.0, seed=0, size=(80, 120)):
-    """A smooth texture seen by two cameras at a disparity of 4 px; the left one has the gain, offset and shading."""
-    rng = np.random.default_rng(seed)
-    height, width = size
-    texture = ndimage.gaussian_filter(rng.normal(size=(height, width + 4)), 2.0)
-    texture = 120 + 40 * texture / np.abs(texture).max()
-    wave = shade * np.sin(2 * np.pi * np.arange(width) / width)
-    images = np.stack([gain * texture[:, :width] + offset + wave, texture[:, 4:]])
-    images += noise * rng.normal(size=images.shape)
-    levels = np.clip(np.rint(257 * images), 0, 65535).astype(np.uint16)
-    mask = np.where(np.arange(width) >= 4, 255, 128) * np.ones(size, np.uint8)
-    truth = np.full(size, 4.0, np.float32)
-    return Pair("plane", *levels, truth, mask.astype(np.uint8), 16)
 
 
 def windows_of(array, side):
@@ -179,28 +164,6 @@ def test_wavelet_noise_equals_scikit_images():
         assert noise == pytest.approx(expected, rel=1e-12)
 
 
-def test_gain_and_offset_are_found():
-    statistics = pair_statistics(plane_pair(gain=1.05, offset=3.0))
-    assert statistics["gain"] == pytest.approx(0.05, abs=2e-4)
-    assert statistics["offset"] == pytest.approx(3.0, abs=0.03)
-    assert statistics["correlation"] > 0.9999
-
-
-def test_shading_is_low_sd():
-    """A sine of amplitude a has s.d. a / sqrt(2); the 21 px mean over 120 px keeps sinc(21/120) = 0.951 of it."""
-    expected = 4 / math.sqrt(2) * np.sinc(21 / 120)
-    low_sd = pair_statistics(plane_pair(shade=4.0))["low_sd"]
-    assert low_sd == pytest.approx(expected, rel=0.05)
-
-
-def test_white_noise_is_measured_three_ways():
-    statistics = pair_statistics(plane_pair(noise=1.5, size=(256, 256)))
-    assert statistics["noise"] == pytest.approx(1.5, rel=0.05)
-    assert statistics["residual"] == pytest.approx(1.5 * math.sqrt(2), rel=0.05)
-    # Choosing the flattest blocks favours weak noise: Immerkaer's figure is a little low.
-    assert 1.2 < statistics["flat_noise"] < 1.55
-
-
 def test_the_slope_of_a_power_law():
     """Noise with amplitude f^-1.3 has power f^-2.6."""
     size = 256
@@ -247,4 +210,3 @@ def test_the_command_prints_a_table_json_and_a_figure(tmp_path, capsys, monkeypa
     document = json.loads(capsys.readouterr().out)
     assert document["pairs"]["crop"] == statistics
     assert document["real"]["noise"] == [0.95, 0.5, 2.0]
-    assert run(["statistics", "motorcycle", "-o", "s.jpg"]) == 2

@@ -95,28 +95,24 @@ def plane_pair(sensor, size=(120, 160), seed=0):
 
 
 @pytest.mark.parametrize(
-    "curve",
-    [{"output": "srgb"}, {"output": "gamma", "gamma": 2.0}, {"output": "linear"}],
+    "output",
+    [
+        {"output": "srgb", "filters": "mono"},
+        {"output": "gamma", "gamma": 2.0},
+        {"output": "linear"},
+    ],
 )
-@pytest.mark.parametrize("filters", ["rgb", "mono"])
-def test_light_of_the_second_camera_is_measured(curve, filters):
+def test_light_of_the_second_camera_is_measured(output):
     """Without noise, errors are products of two differences, such as 0.08 * 0.06."""
-    sensor = Sensor.preset("ideal", shot_noise=False, bits=16, filters=filters, **curve)
-    found, *_ = light_difference(
-        plane_pair(sensor.replace(mismatch=Mismatch(**MISMATCH))), sensor
-    )
-    *others, black = MISMATCH.values()
-    assert found[:4] == pytest.approx(others, abs=0.06 * 0.08)
-    assert found[4] == pytest.approx(black, abs=black * (0.06 + 0.08))
-
-
-def test_gain_contains_time_and_f_number():
-    sensor = Sensor.preset("ideal", shot_noise=False, bits=16)
-    found, *_ = light_difference(
-        plane_pair(sensor.replace(mismatch=Mismatch(time=1.02, f_number=0.98))), sensor
-    )
-    assert found[0] == pytest.approx(1.02 / 0.98**2, rel=1e-3)
-    assert found[1:4] == pytest.approx([0, 0, 0], abs=1e-3)
+    sensor = Sensor.preset("ideal", shot_noise=False, bits=16, **output)
+    # The gain contains the time and the f-number.
+    second = Mismatch(**MISMATCH, time=1.02, f_number=0.98)
+    mismatched = sensor.replace(mismatch=second)
+    light, *_ = light_difference(plane_pair(mismatched), sensor)
+    gain, *shading, black = MISMATCH.values()
+    assert light[0] == pytest.approx(gain * 1.02 / 0.98**2, abs=0.06 * 0.08)
+    assert light[1:4] == pytest.approx(shading, abs=0.06 * 0.08)
+    assert light[4] == pytest.approx(black, abs=black * (0.06 + 0.08))
 
 
 def test_slow_differences_are_measured_apart_from_shading():
@@ -188,17 +184,11 @@ def test_fitted_sensors_multiply_the_variance_of_the_noise():
 
 def test_noise_that_no_sensor_reaches_is_not_fitted():
     fields, note = _fitted_noise([Sensor()], noise=3.0, growth=1.0, target=1.9)
-    assert (fields, note) == (
-        {},
-        "Noise is not fitted: s.d. 1.38, and 1.41 here without the sensor's.",
-    )
+    assert (fields, note.split(":")[0]) == ({}, "Noise is not fitted")
     fields, note = _fitted_noise(
         [Sensor(), Sensor(prnu=0.1)], noise=3.0, growth=1.0, target=2.9
     )
-    assert (fields, note) == (
-        {},
-        "Noise is not fitted: the sensor differs between samples.",
-    )
+    assert (fields, note.split(":")[0]) == ({}, "Noise is not fitted")
 
 
 def test_distributions_have_the_moments_without_those_of_the_errors():
@@ -252,20 +242,12 @@ def test_toml_has_the_same_recipe():
         "noise": 1e-7,
         "scene": {
             "jitter": {"right": {"uniform": [-0.1, 0.1]}, "down": 0.5},
-            "depth_range": [1, 2.5],
         },
         "lenses": [
             {"kind": "thin", "f_number": 2, "focus": "inf"},
             {"kind": "pinhole"},
         ],
-        "assets": {"meshes": ["m"], "textures": ["t"]},
         "splits": {"train": 0.7, "my test": 0.3},
-        "sensor": {
-            "mismatch": {
-                "level": "typical",
-                "gain": {"normal": [1, 0.1], "clip": [0.9, 1.1]},
-            }
-        },
         "gates": {},
     }
     text = recipe_toml(recipe)
@@ -317,11 +299,9 @@ def test_a_fit_recovers_cameras_and_noise_and_its_dataset_resembles_the_pairs(fo
     sensor causes half of the variance. Bounds are three times these.
     """
     real = open_pairs([str(folder / "real")])
-    fitted, notes = fit_recipe(Dataset(folder / "start"), real)
-    (errors, _), (others, true) = (
-        errors_of(folder / "start"),
-        errors_of(folder / "real"),
-    )
+    fitted, _ = fit_recipe(Dataset(folder / "start"), real)
+    errors, _ = errors_of(folder / "start")
+    others, true = errors_of(folder / "real")
     both = np.sqrt(errors.var(axis=0, ddof=1) + others.var(axis=0, ddof=1))
     for name, error, values in zip(LIGHT, both, true.T, strict=True):
         field = fitted["sensor"]["mismatch"][name]
@@ -330,9 +310,6 @@ def test_a_fit_recovers_cameras_and_noise_and_its_dataset_resembles_the_pairs(fo
         assert spread == pytest.approx(
             values.std(ddof=1), abs=3 * error / math.sqrt(5)
         ), name
-    assert float(notes[2].split()[-1].rstrip(".")) == pytest.approx(
-        10, rel=3 * math.hypot(0.023, 0.046)
-    )
     assert fitted["sensor"]["full_well"] == pytest.approx(
         1070, rel=3 * math.hypot(0.023, 0.046)
     )
@@ -385,23 +362,11 @@ def test_the_command_prints_a_recipe(folder, capsys):
     recipe, notes = fit_recipe(Dataset(start), open_pairs([real]))
     assert run(["statistics", start, "--like", real]) == 0
     text = capsys.readouterr().out
-    assert text.startswith("# statistic")
-    assert "# Fitted to 6 pairs." in text
     assert tomllib.loads(text) == recipe
     assert recipe_from_table(tomllib.loads(text), folder / "like.toml").count == 6
     assert run(["statistics", start, "--like", real, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert (document["recipe"], tuple(document["notes"])) == (recipe, notes)
-    assert len(document["like"]["pairs"]) == 6
-    assert document["like"]["summary"] != document["summary"]
-
-
-def edited(dataset, copy, old, new):
-    """A copy of a dataset, with another text in its JSON files."""
-    shutil.copytree(dataset, copy)
-    for file in copy.rglob("*.json"):
-        file.write_text(file.read_text().replace(old, new))
-    return str(copy)
 
 
 def test_what_cannot_be_fitted_is_refused_in_one_line(folder, tmp_path, capsys):
@@ -410,23 +375,18 @@ def test_what_cannot_be_fitted_is_refused_in_one_line(folder, tmp_path, capsys):
     for name in ("0000000", "0000001"):
         shutil.copytree(folder / "real" / name, blind / name)
     (blind / "0000001" / "disp0.pfm").unlink()
-    seed = '"seed": 1,\n  "count"'
-    drawn = edited(
-        start, tmp_path / "drawn", seed, f'"sensor": {{"choice": []}}, {seed}'
-    )
-    raw = edited(start, tmp_path / "raw", '"output": "srgb"', '"output": "raw"')
+    raw = tmp_path / "raw"
+    shutil.copytree(start, raw)
+    for file in raw.rglob("*.json"):
+        text = file.read_text()
+        file.write_text(text.replace('"output": "srgb"', '"output": "raw"'))
     for dataset, like, message in (
         ("motorcycle", real, "motorcycle: has no dataset.json; --like needs a dataset"),
-        (str(blind), start, "dataset.json"),
         (start, "motorcycle", "two pairs or more in both sets, got 6 and 1"),
         (start, str(blind), "disp0.pfm"),
-        (start, str(tmp_path / "none"), "no such folder"),
-        (drawn, real, "draws sensor or mismatch as a whole"),
-        (raw, real, "has raw images; a fit needs srgb, linear, gamma"),
+        (str(raw), real, "has raw images; a fit needs srgb, linear, gamma"),
     ):
         assert run(["statistics", dataset, "--like", like]) == 2, message
         printed = capsys.readouterr()
         assert (printed.out, message in printed.err) == ("", True), printed.err
         assert printed.err.count("\n") == 1
-    assert run(["statistics", start, start, "--like", real]) == 2
-    assert "--like fits the recipe of one DATASET" in capsys.readouterr().err

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from tests.scoring.scoring_methods import Constant, pair
+from tests.scoring.scoring_methods import pair
 from twinlens.camera.truth import MATERIAL_KINDS
 from twinlens.errors import InputError
-from twinlens.scoring import REGIONS, Pair, region_masks, run_benchmark
+from twinlens.scoring import REGIONS, Pair, region_masks
 from twinlens.scoring.regions import discontinuity, distance_bands, textureless
 
 
@@ -155,13 +155,3 @@ def test_sixteen_bit_images_have_the_same_texture():
     )
     masks = [region_masks(p, ["textureless"])["textureless"] for p in (eight, sixteen)]
     np.testing.assert_array_equal(*masks)
-
-
-def test_a_board_counts_the_pixels_of_each_region():
-    sample = random_pair(4)
-    (entry,) = run_benchmark(
-        [sample], [Constant("c", 4)], regions=list(REGIONS)
-    ).entries
-    counts = {name: scores.evaluated for name, scores in entry.regions.items()}
-    expected = naive_regions(sample)
-    assert counts == {name: len(expected[name]) for name in REGIONS}

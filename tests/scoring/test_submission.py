@@ -3,7 +3,6 @@
 import stat
 import struct
 import zipfile
-import zlib
 
 import numpy as np
 import pytest
@@ -55,11 +54,9 @@ PFM, PNG = encode_pfm(DISP), png(DISP)
 
 @pytest.mark.parametrize("packed", [True, False])
 def test_every_layout_is_found(tmp_path, packed):
-    layouts = "s.pfm s/disp0.pfm s/disp0METHOD.pfm s/some-method-1f.pfm all/s.pfm all/s/x.pfm s/lens-0.pfm"
+    layouts = "s.png s.pfm s/disp0.pfm s/disp0METHOD.pfm s/some-method-1f.pfm all/s.pfm all/s/x.pfm s/lens-0.pfm"
     for k, name in enumerate(layouts.split()):
-        files = {name: PFM}
-        if "/" in name:
-            files[f"{name.split('/')[0]}/readme.txt"] = b"hi"
+        files = {name: PNG if name == "s.png" else PFM}
         submission = submitted(tmp_path / f"my{k}", files, packed)
         assert submission.name == f"my{k}"
         np.testing.assert_array_equal(submission.map_of("s", SHAPE), DISP)
@@ -74,30 +71,15 @@ def test_hidden_files_and_macosx_folders_are_ignored(tmp_path, packed):
     np.testing.assert_array_equal(submission.map_of("s", SHAPE), DISP)
 
 
-def test_a_name_keeps_its_dots(tmp_path, monkeypatch):
-    write_pfm(tmp_path / "results.v2" / "s.pfm", DISP)
-    assert open_submission(tmp_path / "results.v2").name == "results.v2"
-    assert zipped(tmp_path / "results.v2.ZIP", [("s.pfm", PFM)]).name == "results.v2"
-    monkeypatch.chdir(tmp_path / "results.v2")
-    assert open_submission(".").name == "results.v2"
-
-
-def test_png_is_read_as_kitti_writes_it(tmp_path):
-    submission = submitted(tmp_path, {"s.png": PNG}, packed=False)
-    np.testing.assert_array_equal(submission.map_of("s", SHAPE), DISP)
-
-
 def test_pfm_comes_before_png_and_disp0_before_others(tmp_path):
     files = {"s.png": PNG, "s.pfm": PFM, "t/disp0.pfm": PFM, "t/disp1.pfm": PFM}
     submission = submitted(tmp_path, files, packed=False)
     assert submission.find("s") == "s.pfm"
     assert submission.find("t") == "t/disp0.pfm"
-
-
-def test_two_candidates_are_ambiguous(tmp_path):
-    submission = submitted(tmp_path, {"s/a.pfm": PFM, "s/b.pfm": PFM}, packed=False)
-    with pytest.raises(FileError, match="no map of 's'"):
-        submission.map_of("s", SHAPE)
+    ambiguous = {"u/a.pfm": PFM, "u/b.pfm": PFM}
+    submission = submitted(tmp_path / "two", ambiguous, packed=False)
+    with pytest.raises(FileError, match="no map of 'u'"):
+        submission.map_of("u", SHAPE)
 
 
 def scored(folder, samples, **options):
@@ -106,7 +88,7 @@ def scored(folder, samples, **options):
     return run_benchmark(samples, [submission], **options).entries
 
 
-@pytest.mark.parametrize("name", ["s.pfm", "s/disp0.pfm", "s/method.pfm"])
+@pytest.mark.parametrize("name", ["s.pfm", "s/method.pfm"])
 def test_a_confidence_beside_the_map_is_scored(tmp_path, name):
     sample = pair("s")
     disp = np.random.default_rng(0).choice(np.float32([6, 9]), (40, 30))
@@ -188,10 +170,9 @@ def test_other_maps_are_another_method(tmp_path):
     ("one", "other"),
     [("s.pfm", "S.pfm"), ("a/s.pfm", "A/s.pfm"), ("\u00e9.pfm", "e\u0301.pfm")],
 )
-@pytest.mark.parametrize("packed", [True, False])
-def test_names_that_some_systems_treat_as_one_are_refused(tmp_path, one, other, packed):
+def test_names_that_some_systems_treat_as_one_are_refused(tmp_path, one, other):
     with pytest.raises(FileError, match="same name on some systems") as error:
-        submitted(tmp_path / "evil", {one: PFM, other: PFM}, packed)
+        submitted(tmp_path / "evil", {one: PFM, other: PFM}, packed=True)
     assert one in str(error.value)
     assert other in str(error.value)
 
@@ -207,12 +188,10 @@ def test_every_lens_of_a_sample_has_a_plain_name(tmp_path):
     pairs = [
         ("s.pfm", "s-lens-1.pfm"),
         ("s.png", "s/lens-1.png"),
-        ("s/disp0.pfm", "s/lens-1/disp0.pfm"),
         ("s/lens-0.pfm", "s/lens-1.pfm"),
         ("s/lens-0/disp0.pfm", "s/lens-1/disp0.pfm"),
         ("s-lens-0.pfm", "s-lens-1.png"),
         ("s/disp0.pfm", "s/lens-1.pfm"),
-        ("s/mine.pfm", "s/lens-1.pfm"),
         ("s · pinhole.pfm", "s · wide.pfm"),
         ("all/s.pfm", "all/s-lens-1.pfm"),
     ]
@@ -225,16 +204,6 @@ def test_every_lens_of_a_sample_has_a_plain_name(tmp_path):
             np.testing.assert_array_equal(found, DISP + k, err_msg=str(names))
 
 
-def test_a_map_of_one_lens_is_not_used_for_another(tmp_path):
-    write_pfm(tmp_path / "s" / "lens-1.pfm", DISP)
-    submission = open_submission(tmp_path)
-    with pytest.raises(
-        FileError, match=r"no map of 's · pinhole': expected s/lens-0\.pfm"
-    ):
-        submission.map_of("s · pinhole", SHAPE, LENSES["s · pinhole"])
-    assert submission.find("s · wide", LENSES["s · wide"]) == "s/lens-1.pfm"
-
-
 def link(info):
     info.external_attr = (stat.S_IFLNK | 0o777) << 16
 
@@ -245,14 +214,6 @@ def test_a_zip_with_names_or_links_that_leave_it_is_refused(tmp_path):
             zipped(tmp_path / "evil.zip", [(name, PFM)])
     with pytest.raises(FileError, match=r"s\.pfm is a link"):
         zipped(tmp_path / "evil.zip", [("s.pfm", PFM)], link)
-
-
-def test_a_duplicate_name_is_refused(tmp_path):
-    with (
-        pytest.warns(UserWarning, match="Duplicate name"),
-        pytest.raises(FileError, match="occurs twice"),
-    ):
-        zipped(tmp_path / "evil.zip", [("s.pfm", PFM), ("s.pfm", PFM)])
 
 
 def test_an_encrypted_member_is_refused(tmp_path):
@@ -275,44 +236,21 @@ def test_a_zip_of_too_many_files_is_refused(tmp_path, monkeypatch):
 BOMB = b"Pf\n3 2\n-1\n" + bytes(50_000_000)
 
 
-def opened_members(monkeypatch):
-    """A list that collects the names of opened zip members."""
-    opened = []
-    original = zipfile.ZipFile.open
-    monkeypatch.setattr(
-        zipfile.ZipFile,
-        "open",
-        lambda self, name, *more: opened.append(name) or original(self, name, *more),
-    )
-    return opened
-
-
-def test_a_bomb_that_states_its_size_is_not_opened(tmp_path, monkeypatch):
-    submission = zipped(tmp_path / "bomb.zip", [("s.pfm", BOMB)])
-    assert (tmp_path / "bomb.zip").stat().st_size < 100_000
-    opened = opened_members(monkeypatch)
-    with pytest.raises(FileError, match=r"s\.pfm: more than 65560 bytes"):
-        submission.map_of("s", SHAPE)
-    assert opened == []
-
-
 @pytest.mark.parametrize("compression", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
-def test_a_compression_that_unpacks_whole_is_refused(
-    tmp_path, monkeypatch, compression
-):
+def test_a_compression_that_unpacks_whole_is_refused(tmp_path, compression):
     """zipfile decompresses a bz2 or LZMA member whole, even if fewer bytes are requested."""
     with zipfile.ZipFile(tmp_path / "bomb.zip", "w", compression) as archive:
         archive.writestr("s.pfm", BOMB)
-    opened = opened_members(monkeypatch)
     with pytest.raises(
         FileError, match=r"bomb\.zip: s\.pfm uses a compression other than deflate"
     ):
-        open_submission(tmp_path / "bomb.zip").map_of("s", SHAPE)
-    assert opened == []
+        open_submission(tmp_path / "bomb.zip")
 
 
 def test_a_bomb_with_a_false_size_is_not_unpacked(tmp_path, monkeypatch):
-    zipped(tmp_path / "bomb.zip", [("s.pfm", BOMB)])
+    """One that states its true size is refused as well."""
+    with pytest.raises(FileError, match=r"s\.pfm: more than 65560 bytes"):
+        zipped(tmp_path / "bomb.zip", [("s.pfm", BOMB)]).map_of("s", SHAPE)
     data = bytearray((tmp_path / "bomb.zip").read_bytes())
     stated = data.index(b"PK\x01\x02") + 24
     assert struct.unpack_from("<I", data, stated) == (len(BOMB),)
@@ -332,24 +270,10 @@ def test_a_bomb_with_a_false_size_is_not_unpacked(tmp_path, monkeypatch):
     assert min(read) >= 0
 
 
-def test_a_small_png_that_claims_a_large_picture_is_refused_by_its_header(tmp_path):
-    header = struct.pack(">IIBBBBB", 8000, 8000, 16, 0, 0, 0, 0)
-    body = zlib.compress(bytes(1000))
-    chunks = b"".join(
-        struct.pack(">I", len(d)) + k + d + struct.pack(">I", zlib.crc32(k + d))
-        for k, d in ((b"IHDR", header), (b"IDAT", body), (b"IEND", b""))
-    )
-    (tmp_path / "s.png").write_bytes(b"\x89PNG\r\n\x1a\n" + chunks)
-    with pytest.raises(FileError, match=r"s\.png: is 8000 x 8000; the truth is 3 x 2"):
-        open_submission(tmp_path).map_of("s", SHAPE)
-
-
-@pytest.mark.parametrize("packed", [True, False])
-def test_a_bad_map_is_refused_by_its_name(tmp_path, packed):
+def test_a_bad_map_is_refused_by_its_name(tmp_path):
     four, nan = np.float32(4).tobytes(), np.float32(np.nan).tobytes()
     bad = [
         ("s.pfm", PFM[:-4], "damaged"),
-        ("s.pfm", b"", "not a PFM"),
         ("s.pfm", PFM.replace(four, nan), "NaN"),
         ("s.pfm", encode_pfm(np.zeros((2, 3, 3), np.float32)), "colour channels"),
         ("s.pfm", encode_pfm(DISP.T), "is 2 x 3; the truth is 3 x 2"),
@@ -357,7 +281,7 @@ def test_a_bad_map_is_refused_by_its_name(tmp_path, packed):
         ("s.png", encode_png(np.zeros(SHAPE, np.uint8)), "16-bit grey"),
     ]
     for k, (name, data, message) in enumerate(bad):
-        submission = submitted(tmp_path / str(k), {name: data}, packed)
+        submission = submitted(tmp_path / str(k), {name: data}, packed=k % 2)
         with pytest.raises(FileError, match=message) as error:
             submission.map_of("s", SHAPE)
         assert name in str(error.value)
@@ -381,7 +305,7 @@ def test_a_damaged_zip_is_read_or_refused(tmp_path):
     good = (tmp_path / "good.zip").read_bytes()
     rng = np.random.default_rng(0)
     kept = 0
-    for _ in range(300):
+    for _ in range(200):
         data = bytearray(good)
         for place in rng.integers(0, len(data), rng.integers(1, 4)):
             data[place] = rng.integers(256)
@@ -391,11 +315,10 @@ def test_a_damaged_zip_is_read_or_refused(tmp_path):
             kept += 1
         except FileError as error:
             assert str(tmp_path) in str(error)  # noqa: PT017  either outcome is right, another exception is not
-    assert 0 < kept < 300
+    assert 0 < kept < 200
 
 
-@pytest.mark.parametrize("packed", [True, False])
-@pytest.mark.parametrize("top", ["", "all/"])
+@pytest.mark.parametrize(("packed", "top"), [(True, ""), (False, "all/")])
 def test_unmatched_maps_are_listed(tmp_path, packed, top):
     """Other names and lenses that do not exist; not further files of a sample, and not images."""
     ours = ["s/lens-0.pfm", "s/lens-1.pfm", "s/disp1.pfm", "s.png", "t/mine.pfm"]
@@ -421,34 +344,10 @@ def test_a_single_sample_folder_is_not_a_top_folder(tmp_path):
     names = "s/disp0.pfm", "s/old.pfm", "s/lens-2.pfm"
     submission = submitted(tmp_path / "my", dict.fromkeys(names, PFM), packed=False)
     assert submission.unmatched_files({"s": (), "t": ()}) == ("s/lens-2.pfm",)
-    assert submission.unmatched_files({"t": ()}) == (
-        "s/disp0.pfm",
-        "s/lens-2.pfm",
-        "s/old.pfm",
-    )
-
-
-def test_a_zip_is_opened_once_for_all_its_maps(tmp_path, monkeypatch):
-    """Opening reads the whole list of members, which per map would take hours."""
-    zipped(tmp_path / "my.zip", [(f"no-{k}.png", PNG) for k in range(40)])
-    opened = []
-    original = zipfile.ZipFile.__init__
-    monkeypatch.setattr(
-        zipfile.ZipFile,
-        "__init__",
-        lambda self, *more: opened.append(more) or original(self, *more),
-    )
-    unmatched = open_submission(tmp_path / "my.zip").unmatched_files({"s": ()})
-    assert len(unmatched) == 40
-    assert len(opened) == 1
-    assert open_submission(tmp_path / "my.zip").spec
-    assert len(opened) == 2
 
 
 def test_a_zip_deleted_meanwhile_is_still_read(tmp_path):
     submission = zipped(tmp_path / "my.zip", [("no.png", PNG)])
-    before = open_submission(tmp_path / "my.zip").spec
     (tmp_path / "my.zip").unlink()
     assert submission.unmatched_files({"s": ()}) == ("no.png",)
-    assert submission.spec == before
     np.testing.assert_array_equal(submission.map_of("no", SHAPE), DISP)
