@@ -54,7 +54,8 @@ def lamps(places, radius, radiance=1.0) -> Scene:
     """Disks of light of `radius` metres that face the camera, centred on camera points `places`."""
     objects = []
     for i, place in enumerate(places):
-        pose, light = facing(place, radius), glow(radiance)
+        pose = facing(place, radius)
+        light = glow(radiance)
         disk = SceneObject(f"lamp {i}", {"type": "disk"}, "black", pose, light)
         objects.append(disk)
     return scene_of(*objects)
@@ -76,7 +77,8 @@ def chequered_room(depth: int = 5, **surface) -> Scene:
     card[:3, 3] = (-0.5, 0.1, 2.5)
     ball = np.diag([0.25, 0.25, 0.25, 1.0])
     ball[:3, 3] = (0.5, 0.2, 1.8)
-    wall, lamp = facing((0.0, 0.0, 5.0), 3.0), facing((0.3, -0.5, 3.0), 0.3)
+    wall = facing((0.0, 0.0, 5.0), 3.0)
+    lamp = facing((0.3, -0.5, 3.0), 0.3)
     paint_of_card, paint_of_ball = list(surface) * 2 or ("check", "chalk")
     return scene_of(
         SceneObject("wall", {"type": "rectangle"}, "check", wall),
@@ -124,9 +126,9 @@ def spread(image: np.ndarray) -> float:
     return float((((u - cu) ** 2 + (v - cv) ** 2) * image).sum() / image.sum()) - 2 / 12
 
 
-def disk_diameter(image: np.ndarray, own: float) -> float:
+def disk_diameter(image: np.ndarray, light_px: float) -> float:
     """The diameter of a uniform disk whose image is widened by a light of diameter `own` (px).
 
     A uniform disk of diameter D has the mean squared radius D^2/8; those of convolved shapes add.
     """
-    return float(np.sqrt(max(0.0, 8 * spread(image) - own**2)))
+    return float(np.sqrt(max(0.0, 8 * spread(image) - light_px**2)))

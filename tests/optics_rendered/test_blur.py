@@ -23,7 +23,8 @@ SIDE = 35
 SPP = 1024
 NEEDED = 0.0018  # standard error of a diameter that a measurement goes on for
 LENS_WIDTHS, HOLE_WIDTHS = (0.04, 0.045, 0.05, 0.055, 0.06), (0.015, 0.018, 0.021, 0.025, 0.03)  # fmt: skip
-LENS_LIGHTS, HOLE_LIGHTS = (2.0, 1.7, 1.5, 0.5, 0.2), (1.5, 1.2, 1.0, 0.7, 0.4)
+LENS_LIGHTS = (2.0, 1.7, 1.5, 0.5, 0.2)
+HOLE_LIGHTS = (1.5, 1.2, 1.0, 0.7, 0.4)
 
 
 def lens_at_1_m(aperture):
@@ -51,9 +52,9 @@ def photographed(scene, lens, seeds) -> np.ndarray:
     return np.mean(images, axis=0)
 
 
-def lamp(depth: float, own: float, x: float = 0.0):
+def lamp(depth: float, light_px: float, x: float = 0.0):
     """A light whose image in focus is `own` px wide."""
-    return lamps([(x, 0.0, depth)], 0.5 * own * depth / FX)
+    return lamps([(x, 0.0, depth)], 0.5 * light_px * depth / FX)
 
 
 @pytest.mark.parametrize(("lens_of", "vergence", "light", "aperture"), CASES)
@@ -75,7 +76,8 @@ def test_blur_circle_diameter(lens_of, vergence, light, aperture):
 def test_blur_is_linear_in_disparity_with_slope_aperture_over_baseline():
     """Disparity is measured from the centroids in the two images, blur from the second moments."""
     aperture, baseline, focus = 0.06, 0.12, 1.0
-    camera, lens = square_camera(SIDE, FX), tl.ThinLens(aperture, focus)
+    camera = square_camera(SIDE, FX)
+    lens = tl.ThinLens(aperture, focus)
     measured = []
     for seed, depth in enumerate((0.55, 0.65, 0.8, 1.3, 2.0, 4.0)):
         scene = lamp(depth, OWN, x=0.5 * baseline)
@@ -105,12 +107,12 @@ SHAPES = {
 }
 
 
-def through(shape, own: float, blur: float, side: int) -> np.ndarray:
+def through(shape, light_px: float, blur: float, side: int) -> np.ndarray:
     """The aperture's transmission over a blur of `blur` px, integrated over pixels for a light of diameter `own` px."""
     fine = 8
     line = ((np.arange(side * fine) + 0.5) / fine - 0.5 * side) / (0.5 * blur)
     transmission = shape.transmission(*np.meshgrid(line, line))
-    grain = own * fine
+    grain = light_px * fine
     reach = math.ceil(0.5 * grain)
     v, u = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     light = (np.hypot(u, v) <= 0.5 * grain).astype(float)
@@ -129,16 +131,20 @@ def correlation(a: np.ndarray, b: np.ndarray) -> float:
 @pytest.mark.parametrize(("focus", "is_turned"), [(8.0, True), (8 / 15, False)])
 def test_a_defocused_light_has_the_shape_of_the_aperture(name, focus, is_turned):
     """Rotated by 180 degrees in front of the plane of focus, upright behind it; correlation >= 0.99."""
-    shape, depth, own, blur = SHAPES[name], 1.0, 5.0, 26.0
+    shape = SHAPES[name]
+    depth = 1.0
+    light_px = 5.0
+    blur = 26.0
     lens = tl.ThinLens(blur / FX / abs(1 / depth - 1 / focus), focus, aperture=shape)
-    image = photographed(lamp(depth, own), lens, range(4))
-    upright = through(shape, own, blur, SIDE)
-    expected, other = upright, upright[::-1, ::-1]
+    image = photographed(lamp(depth, light_px), lens, range(4))
+    upright = through(shape, light_px, blur, SIDE)
+    expected = upright
+    opposite = upright[::-1, ::-1]
     if is_turned:
-        expected, other = other, expected
+        expected, opposite = opposite, expected
     assert correlation(image, expected) > 0.99
     if name != "hexagon":  # which turned by 180 degrees is itself
-        assert correlation(image, other) < 0.9
+        assert correlation(image, opposite) < 0.9
 
 
 def test_a_blur_of_another_size_is_detected():

@@ -40,14 +40,16 @@ RIG = tl.Rig([CAMERA], [HERE])
 
 def direction(angle_deg: float, turn_deg: float) -> np.ndarray:
     """The unit direction at an angle from the axis, turned from +x (right) towards +y (down)."""
-    angle, turn = math.radians(angle_deg), math.radians(turn_deg)
+    angle = math.radians(angle_deg)
+    turn = math.radians(turn_deg)
     across = math.sin(angle)
     return np.array([across * math.cos(turn), across * math.sin(turn), math.cos(angle)])
 
 
 def pixel(angle_deg: float, turn_deg: float) -> np.ndarray:
     """Its pixel in an equidistant image."""
-    radius, turn = FX * math.radians(angle_deg), math.radians(turn_deg)
+    radius = FX * math.radians(angle_deg)
+    turn = math.radians(turn_deg)
     return 60.0 + radius * np.array([math.cos(turn), math.sin(turn)])
 
 

@@ -8,14 +8,12 @@ import pytest
 import twinlens as tl
 from twinlens.studies.stage import centred_camera, noise_planes
 
-CAMERA, DEPTH, APERTURE, SIGMA, SIDE, RIM = (
-    centred_camera(64, 48, 200.0),
-    1.9,
-    0.03,
-    0.05,
-    9,
-    12,
-)
+CAMERA = centred_camera(64, 48, 200.0)
+DEPTH = 1.9
+APERTURE = 0.03
+SIGMA = 0.05
+SIDE = 9
+RIM = 12
 RIG = tl.Rig([CAMERA], [np.eye(4)])
 STACK = [tl.ThinLens(APERTURE, 1 / k) for k in (0.2, 0.36, 0.52, 0.68, 0.84)]
 
@@ -42,12 +40,12 @@ def samples(lens, parts=None):
     return [tl.ApertureSamples(points, share, lens.vergence) for share in shares]
 
 
-def ratio(found, sharp, apertures):
+def ratio(estimate, sharp, apertures):
     """The rms error of 1/z over its bound."""
     bound = tl.inverse_depth_bound(
         sharp / sharp.mean(), apertures, CAMERA.fx, 1 / DEPTH, SIGMA, block_size=SIDE
     )
-    return math.sqrt(np.mean(((found - 1 / DEPTH) / bound)[RIM:-RIM, RIM:-RIM] ** 2))
+    return math.sqrt(np.mean(((estimate - 1 / DEPTH) / bound)[RIM:-RIM, RIM:-RIM] ** 2))
 
 
 def test_a_focal_stack_is_near_its_bound(plane):
@@ -57,10 +55,10 @@ def test_a_focal_stack_is_near_its_bound(plane):
         for k, lens in enumerate(STACK)
     ]
     apertures = [samples(lens)[0] for lens in STACK]
-    found = tl.inverse_depth_from_defocus(
+    estimate = tl.inverse_depth_from_defocus(
         stack, apertures, CAMERA.fx, 1.1, 10.0, steps=24, block_size=SIDE
     )
-    assert ratio(found, sharp, apertures) < 1.5
+    assert ratio(estimate, sharp, apertures) < 1.5
     vergences = [lens.vergence for lens in STACK]
     sharpest = tl.inverse_depth_from_focus(
         stack, vergences, block_size=SIDE, neighbours=2
@@ -78,7 +76,7 @@ def test_dual_pixels_are_near_their_bound(plane):
     halves = tl.render(scene, RIG, lens, spp=512, seed=3, parts=tl.Dual())[0]
     images = [noisy(grey(half), 20 + k) for k, half in enumerate(halves)]
     apertures = samples(lens, tl.Dual())
-    found = tl.inverse_depth_from_defocus(
+    estimate = tl.inverse_depth_from_defocus(
         images, apertures, CAMERA.fx, 1.1, 10.0, steps=32, block_size=SIDE
     )
-    assert ratio(found, sharp, apertures) < 1.5
+    assert ratio(estimate, sharp, apertures) < 1.5

@@ -19,7 +19,8 @@ SIDE = 48  # of the windows, pixels
 
 def slanted_plane() -> tl.Scene:
     """A glowing plane of noise at 1 m, whose near corner is at 0.8 m and whose far one at 1.4 m, about."""
-    right, down = np.array([0.9, 0.0, 0.3]), np.array([0.0, 0.9, 0.3])
+    right = np.array([0.9, 0.0, 0.3])
+    down = np.array([0.0, 0.9, 0.3])
     pose = np.eye(4)
     pose[:3, :3] = np.stack([right, -down, np.cross(right, -down)], axis=1)
     pose[:3, 3] = 0, 0, 1
@@ -40,12 +41,12 @@ def measured_disparity(
     """
     v, u = np.mgrid[:SIDE, :SIDE] - 0.5 * (SIDE - 1)
     taper = np.outer(np.hanning(SIDE + 2)[1:-1], np.hanning(SIDE + 2)[1:-1])
-    omega, other = np.meshgrid(*2 * [2 * np.pi * np.fft.fftfreq(SIDE)])
+    omega, omega_down = np.meshgrid(*2 * [2 * np.pi * np.fft.fftfreq(SIDE)])
     used = (
         (omega > 0)
         & (0.5 * across * omega < 1.8)
         & (omega < 1.2)
-        & (np.abs(other) < 1.5 * 2 * np.pi / SIDE)
+        & (np.abs(omega_down) < 1.5 * 2 * np.pi / SIDE)
     )
     shift = 0.0
     for _ in range(8):
@@ -58,8 +59,8 @@ def measured_disparity(
             for half, place in zip(halves, places, strict=True)
         ]
         first, second = (
-            np.fft.fft2(taper * (each / np.average(each, weights=taper) - 1))
-            for each in windows
+            np.fft.fft2(taper * (window / np.average(window, weights=taper) - 1))
+            for window in windows
         )
         cross = (first * second.conj())[used]
         shift -= float(
@@ -72,7 +73,8 @@ def measured_disparity(
 @pytest.mark.parametrize("axis", ["x", pytest.param("y", marks=pytest.mark.slow)])
 def test_disparity_on_a_slanted_plane_follows_the_law(axis):
     """Within 2 % in every window whose blur circle is above 2 px, on both sides of the focus."""
-    scene, rig = slanted_plane(), tl.Rig([CAMERA], [HERE])
+    scene = slanted_plane()
+    rig = tl.Rig([CAMERA], [HERE])
     law = tl.dual_pixel_disparity(tl.ground_truth(scene, rig)[0], CAMERA, LENS, axis)
     images = tl.render(scene, rig, LENS, spp=256, seed=1, parts=tl.Dual(axis))[0]
     halves = np.stack([grey(image) for image in images])
@@ -102,14 +104,15 @@ def test_disparity_is_that_of_two_pinholes_at_the_centroids():
     rig = tl.Rig.stereo(CAMERA, 4 / (3 * math.pi) * LENS.aperture_diameter)
     truth = tl.ground_truth(slanted_plane(), rig)[0]
     at_focus = CAMERA.fx * rig.baseline() / LENS.focus_distance
-    found = tl.dual_pixel_disparity(truth, CAMERA, LENS)
-    assert found.dtype == np.float32
-    np.testing.assert_allclose(found, truth.disparity - at_focus, atol=2e-3)
+    disparity = tl.dual_pixel_disparity(truth, CAMERA, LENS)
+    assert disparity.dtype == np.float32
+    np.testing.assert_allclose(disparity, truth.disparity - at_focus, atol=2e-3)
 
 
 def test_disparity_of_given_depths_along_both_axes():
     """0 in focus, unknown where nothing was hit; along y it has the focal length along y."""
-    camera, depth = CAMERA.replace(fy=300.0), np.array([[np.inf, 1.0, 0.5]])
+    camera = CAMERA.replace(fy=300.0)
+    depth = np.array([[np.inf, 1.0, 0.5]])
     across, down = (
         tl.dual_pixel_disparity(depth, camera, LENS, axis)[0] for axis in "xy"
     )

@@ -14,14 +14,17 @@ RIG = tl.Rig([CAMERA], [HERE])
 
 def test_sharpness_is_the_sum_modified_laplacian():
     image = np.random.default_rng(0).uniform(size=(12, 10))
-    found = tl.sharpness(image, 3)
+    measured = tl.sharpness(image, 3)
     expected = 0.0
     for v in range(4, 7):
         for u in range(3, 6):
-            x, y = image[v, u - 1] + image[v, u + 1], image[v - 1, u] + image[v + 1, u]
+            x = image[v, u - 1] + image[v, u + 1]
+            y = image[v - 1, u] + image[v + 1, u]
             expected += abs(2 * image[v, u] - x) + abs(2 * image[v, u] - y)
-    assert found[5, 4] == pytest.approx(expected)
-    np.testing.assert_allclose(tl.sharpness(np.stack([image] * 3, axis=-1), 3), found)
+    assert measured[5, 4] == pytest.approx(expected)
+    np.testing.assert_allclose(
+        tl.sharpness(np.stack([image] * 3, axis=-1), 3), measured
+    )
     with pytest.raises(InputError, match="odd"):
         tl.sharpness(image, 4)
 
@@ -29,7 +32,8 @@ def test_sharpness_is_the_sum_modified_laplacian():
 def test_sharpness_of_a_wall_peaks_at_its_focus():
     """The wall of the room is at 5 m; pixels whose windows and blur reach a nearer object are left out."""
     focuses = [2.0, 3.0, 5.0, 9.0, 20.0]
-    scene, lens = chequered_room(), tl.ThinLens(0.2, 1.0)
+    scene = chequered_room()
+    lens = tl.ThinLens(0.2, 1.0)
     stack = [images[0] for images in tl.focal_stack(scene, RIG, lens, focuses, 64, 1)]
     lenses = [lens.replace(focus_distance=focus) for focus in focuses]
     grid = tl.render_lens_grid(scene, RIG, lenses, spp=64, seed=1)

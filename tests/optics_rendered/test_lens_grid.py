@@ -87,7 +87,8 @@ def differ(a: np.ndarray, b: np.ndarray) -> bool:
     The bound holds however the blocks of an image depend on each other.
     """
     a, b = blocks(a), blocks(b)
-    va, vb = a.var(0, ddof=1) / len(a), b.var(0, ddof=1) / len(b)
+    va = a.var(0, ddof=1) / len(a)
+    vb = b.var(0, ddof=1) / len(b)
     apart = np.abs(a.mean(0) - b.mean(0))
     varies = va + vb > 0  # black stays black in every seed
     if (apart[~varies] > 1e-6).any():
@@ -120,7 +121,8 @@ def left_out(images: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("index", range(len(LENSES)), ids=list(LENSES))
 def test_every_lens_equals_its_direct_image(grids, direct, index):
     """Its error is about that of the direct image, which is what `spp` promises."""
-    of_grid, alone = grids[0][:, index], direct[:, index]
+    of_grid = grids[0][:, index]
+    alone = direct[:, index]
     assert not differ(of_grid, alone)
     low, high = variance_ratio(left_out(of_grid), left_out(alone))
     assert low < 1.0
@@ -128,7 +130,8 @@ def test_every_lens_equals_its_direct_image(grids, direct, index):
 
 
 def test_the_comparison_detects_another_lens_and_the_other_camera(grids, direct):
-    images, names = grids[0], list(LENSES)
+    images = grids[0]
+    names = list(LENSES)
     for a, b in (("wide near", "wide far"), ("pinhole", "wide far")):
         assert differ(images[:, names.index(a)], direct[:, names.index(b)])
     assert differ(images[:, :1, 0], direct[:, :1, 1])
@@ -187,7 +190,8 @@ def test_bytes_depend_on_the_seed_and_not_on_the_threads(room):
         grid = tl.render_lens_grid(room, RIG, lenses, spp=4, seed=seed)
         return np.array(list(grid)).tobytes()
 
-    usual, first = drjit.thread_count(), taken(5)
+    usual = drjit.thread_count()
+    first = taken(5)
     try:
         for threads in (1, 3):
             drjit.set_thread_count(threads)
@@ -233,7 +237,8 @@ POLYGON = tl.ThinLens(0.2, 2.0, Polygon(5, rotation_deg=10))
     ids=["distortion", "polygon"],
 )
 def test_lenses_that_cannot_share_paths_are_rendered_separately(room, camera, lens):
-    rig, lenses = tl.Rig([camera], [HERE]), [tl.ThinLens(0.2, 5.0), lens]
+    rig = tl.Rig([camera], [HERE])
+    lenses = [tl.ThinLens(0.2, 5.0), lens]
 
     def of_grid(seed):
         return tl.render_lens_grid(room, rig, lenses, spp=SPP, seed=seed)[1]
@@ -291,7 +296,8 @@ def test_non_finite_light_is_as_in_direct_images(monkeypatch, room, radiance):
     assert np.isfinite(grid.standard_error).all()
 
 
-WIDE, NARROW = LENSES["wide near"], LENSES["narrow near"]
+WIDE = LENSES["wide near"]
+NARROW = LENSES["narrow near"]
 LISTS = {
     "one": [WIDE],
     "pinhole alone": [tl.Pinhole()],
@@ -312,7 +318,8 @@ def test_lists_of_every_kind(room, name):
     def alone(seed):
         return [tl.render(room, ALONE, lens, 8, 100 + seed) for lens in lenses]
 
-    images, expected = repeated(of_grid), repeated(alone)
+    images = repeated(of_grid)
+    expected = repeated(alone)
     for index in range(len(lenses)):
         assert not differ(images[:, index], expected[:, index])
     if name == "the same twice":

@@ -27,12 +27,14 @@ def test_a_view_is_what_the_lens_sees_through_a_small_hole(view):
 
     Errors are of means over 4 x 4 pixels; the noise is that of two independent images each.
     """
-    scene, lens = chequered_room(), tl.ThinLens(0.3, 2.0)
+    scene = chequered_room()
+    lens = tl.ThinLens(0.3, 2.0)
     row, column = divmod(view, 3)
     mask = np.zeros((63, 63))
     mask[10 + 21 * row, 10 + 21 * column] = 1.0
     through = lens.replace(aperture=tl.MaskAperture(mask))
-    alone, rig = tl.Rig([CAMERA], [HERE]), tl.light_field_rig(CAMERA, lens, 3)
+    alone = tl.Rig([CAMERA], [HERE])
+    rig = tl.light_field_rig(CAMERA, lens, 3)
     holes = [tl.render(scene, alone, through, 128, seed)[0] for seed in (1, 2)]
     fields = [tl.render(scene, rig, spp=128, seed=seed) for seed in (3, 4)]
     blocks = [block_means(image) for image in holes]
@@ -50,24 +52,25 @@ def test_a_view_is_what_the_lens_sees_through_a_small_hole(view):
 @pytest.mark.parametrize("depth", [1.0, 3.0])
 def test_disparity_of_a_plane_follows_from_the_aperture(lens, depth):
     """Between neighbours in x and in y: f A/n (1/Z - k), to 1e-4 px, from the truth of the renderer."""
-    n, scene = 3, wall_of({"type": "diffuse"}, depth)
+    n = 3
+    scene = wall_of({"type": "diffuse"}, depth)
     rig = tl.light_field_rig(CAMERA, lens, n)
     expected = 50.0 * lens.aperture_diameter / n * (1 / depth - lens.vergence)
     truth = tl.ground_truth(scene, rig.pair(3, 4))[0].disparity
     np.testing.assert_allclose(truth[np.isfinite(truth)], expected, rtol=0, atol=1e-4)
     assert np.isfinite(truth).mean() > 0.9
-    for other, step in ((5, (1.0, 0.0)), (7, (0.0, 1.0))):
-        found = tl.correspondence(scene, rig, 4, other).pixels
+    for neighbour, step in ((5, (1.0, 0.0)), (7, (0.0, 1.0))):
+        pixels = tl.correspondence(scene, rig, 4, neighbour).pixels
         v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
-        known = np.isfinite(found).all(axis=-1)
-        shift = np.stack([u, v], axis=-1)[known] - found[known]
+        finite = np.isfinite(pixels).all(axis=-1)
+        shift = np.stack([u, v], axis=-1)[finite] - pixels[finite]
         np.testing.assert_allclose(
             shift,
             np.broadcast_to(np.multiply(step, expected), shift.shape),
             rtol=0,
             atol=1e-4,
         )
-        assert known.mean() > 0.9
+        assert finite.mean() > 0.9
 
 
 def test_the_middle_view_is_the_camera():
@@ -86,10 +89,12 @@ def test_points_in_focus_have_equal_pixels_in_all_views():
 
 def test_refocusing_equals_a_naive_sum_over_the_views_of_a_ramp():
     """On a ramp, which splines reproduce: each view moved by fx (k' - k) a, weighted by its cell's light."""
-    rig, n = tl.light_field_rig(CAMERA, LENS, 5), 5
+    rig = tl.light_field_rig(CAMERA, LENS, 5)
+    n = 5
     target = tl.ThinLens(0.06, 1.5)
     rng = np.random.default_rng(0)
-    level, slope = rng.uniform(1, 2, n * n), rng.uniform(-0.01, 0.01, (n * n, 2))
+    level = rng.uniform(1, 2, n * n)
+    slope = rng.uniform(-0.01, 0.01, (n * n, 2))
     v, u = np.mgrid[: CAMERA.height, : CAMERA.width].astype(float)
     views = [level[i] + slope[i, 0] * u + slope[i, 1] * v for i in range(n * n)]
     x, y = 0.03 * rng.uniform(-1, 1, (2, 400_000))
@@ -100,13 +105,14 @@ def test_refocusing_equals_a_naive_sum_over_the_views_of_a_ramp():
     weights = np.bincount(row * n + column, minlength=n * n) / inside.sum()
     expected = 0.0
     for i in range(n * n):
-        ax, ay = 0.09 / n * (i % n - 2), 0.09 / n * (i // n - 2)
+        ax = 0.09 / n * (i % n - 2)
+        ay = 0.09 / n * (i // n - 2)
         du, dv = (50.0 * (1 / 1.5 - 1 / 2.0) * a for a in (ax, ay))
         expected = expected + weights[i] * (
             level[i] + slope[i, 0] * (u - du) + slope[i, 1] * (v - dv)
         )
-    found = tl.refocus(views, rig, target)
-    np.testing.assert_allclose(found[8:-8, 8:-8], expected[8:-8, 8:-8], atol=2e-3)
+    refocused = tl.refocus(views, rig, target)
+    np.testing.assert_allclose(refocused[8:-8, 8:-8], expected[8:-8, 8:-8], atol=2e-3)
 
 
 SHAPES = (tl.Polygon(5), tl.Annulus(0.5))
@@ -116,7 +122,8 @@ SLOW_SHAPES = (pytest.param(shape, marks=pytest.mark.slow) for shape in SHAPES)
 @pytest.mark.parametrize("aperture", [tl.Disk(), *SLOW_SHAPES])
 def test_refocused_views_equal_the_lens(aperture):
     """9 x 9 views at their own focus against the traced lens, in a room with sharp edges."""
-    scene, lens = chequered_room(), tl.ThinLens(0.04, 2.5, aperture)
+    scene = chequered_room()
+    lens = tl.ThinLens(0.04, 2.5, aperture)
     views = tl.render(scene, tl.light_field_rig(CAMERA, lens, 9), spp=16, seed=1)
     traced = tl.render(scene, tl.Rig([CAMERA], [HERE]), lens, spp=1024, seed=2)[0]
     assert (
@@ -141,9 +148,11 @@ def test_a_camera_array_is_a_synthetic_aperture():
     views = [
         u + 50.0 * pose[0, 3] / 1.5 for pose in rig.world_from_cams
     ]  # texture of a wall at 1.5 m
-    found = tl.refocus([np.sin(view) for view in views], rig, tl.ThinLens(0.09, 1.5))
+    refocused = tl.refocus(
+        [np.sin(view) for view in views], rig, tl.ThinLens(0.09, 1.5)
+    )
     expected = np.sin(u + 50.0 * 0.03 / 1.5)
-    np.testing.assert_allclose(found[:, 8:-8], expected[:, 8:-8], atol=0.02)
+    np.testing.assert_allclose(refocused[:, 8:-8], expected[:, 8:-8], atol=0.02)
 
 
 def test_what_has_no_light_field_is_refused():
@@ -157,7 +166,8 @@ def test_what_has_no_light_field_is_refused():
     rig = tl.light_field_rig(CAMERA, LENS, 3)
     turned = np.array([[0.0, -1, 0, 1], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
     crossed = tl.Rig([CAMERA] * 2, [HERE, turned])
-    images, colour = [np.zeros((36, 48))] * 9, np.zeros((36, 48, 3))
+    images = [np.zeros((36, 48))] * 9
+    colour = np.zeros((36, 48, 3))
     wide = LENS.replace(aperture_diameter=0.1)
     for views, views_rig, lens, message in (
         (images[:8], rig, LENS, "needs 9 images of 48x36 pixels, got 8"),

@@ -22,20 +22,22 @@ from twinlens.rendering import render_measured
 )
 def test_the_blur_disk_of_a_displaced_film(focus, focus_um, f_number):
     """A |v' - v_point| / v_point on the film, by Gauss's lens equation, in the second image of a sample."""
-    film, aperture, depth, pitch, own = 0.016, 0.005, 2.0, 4e-6, 6.0
+    film, aperture, depth, pitch, light_px = 0.016, 0.005, 2.0, 4e-6, 6.0
     camera = square_camera(41, 4000.0, pixel_pitch_um=1e6 * pitch)
-    rig, lens = tl.Rig([camera, camera], [HERE, HERE]), tl.ThinLens(aperture, focus)
+    rig = tl.Rig([camera, camera], [HERE, HERE])
+    lens = tl.ThinLens(aperture, focus)
     sensor = tl.Sensor(mismatch=tl.Mismatch(focus_um=focus_um, f_number=f_number))
-    lamp = lamps([(0.0, 0.0, depth)], 0.5 * own * depth / 4000)
+    lamp = lamps([(0.0, 0.0, depth)], 0.5 * light_px * depth / 4000)
     shoot = Shoot(spp=4096, sensor=sensor, keep_radiance=True)
     sample = make_sample(lamp, rig, [lens], shoot)
     power = 1 / focus + 1 / film
     point = 1 / (power - 1 / depth)
-    gaps, widths = (0.0, 1e-6 * focus_um), (aperture, aperture / f_number)
+    gaps = (0.0, 1e-6 * focus_um)
+    widths = (aperture, aperture / f_number)
     images = sample.shots[0].radiances
     for image, gap, width in zip(images, gaps, widths, strict=True):
         blur = width * abs(film + gap - point) / point / pitch
-        assert disk_diameter(grey(image), own) == pytest.approx(blur, rel=0.015)
+        assert disk_diameter(grey(image), light_px) == pytest.approx(blur, rel=0.015)
     assert sample.shots[0].lens == lens  # that of the truth
     assert sample.rig is rig
 

@@ -19,7 +19,8 @@ from twinlens.rendering import render_measured
 
 CAMERA = tl.Camera(48, 36, 50.0, 50.0, 23.5, 17.5)
 RIG = tl.Rig([CAMERA], [HERE])
-LENS, STOPPED = tl.ThinLens(0.05, 2.0), tl.ThinLens(0.02, 3.0)
+LENS = tl.ThinLens(0.05, 2.0)
+STOPPED = tl.ThinLens(0.02, 3.0)
 HOLE = tl.BareAperture(0.01, 0.5)
 BLADES = tl.ThinLens(0.05, 2.0, tl.Polygon(5, 20.0, 0.3))
 LETTER = np.array([[1, 0, 0.3], [0.5, 0.2, 0.9], [1, 1, 0.0]])
@@ -39,7 +40,8 @@ def room():
 
 
 def assert_adds_up(parts, whole, relative=1e-6):
-    total, bound = parts.sum(axis=0), relative * whole.max()
+    total = parts.sum(axis=0)
+    bound = relative * whole.max()
     np.testing.assert_allclose(total, whole, rtol=0, atol=bound)
 
 
@@ -95,7 +97,8 @@ def test_denoised_small_parts_have_the_light_of_raw_ones(room):
 
 def test_halves_of_a_lens_grid_equal_halves_rendered_alone(room):
     """Independent samples of the same halves, within the noise that their difference shows."""
-    lenses, dual = [LENS, STOPPED], tl.Dual()
+    lenses = [LENS, STOPPED]
+    dual = tl.Dual()
     alone = grey(tl.render(room, RIG, LENS, spp=256, seed=2, parts=dual)[0][0])
     for seed in range(3):
         grid = tl.render_lens_grid(room, RIG, lenses, spp=256, seed=seed, parts=dual)
@@ -110,7 +113,8 @@ def test_halves_see_a_small_light_apart(depth, axis):
     fx, focus, aperture, spp, repeats = 400.0, 1.0, 0.05, 1024, 16
     scene = lamps([(0.0, 0.0, depth)], 1.0 * depth / fx)
     rig = tl.Rig([square_camera(35, fx)], [HERE])
-    lens, parts = tl.ThinLens(aperture, focus), tl.Dual(axis)
+    lens = tl.ThinLens(aperture, focus)
+    parts = tl.Dual(axis)
     images = np.mean(
         [tl.render(scene, rig, lens, spp, k, parts=parts)[0] for k in range(repeats)],
         axis=0,
@@ -124,7 +128,8 @@ def test_halves_see_a_small_light_apart(depth, axis):
 
 
 def test_what_has_no_parts_is_refused(room):
-    dual, pinhole = tl.Dual(), tl.Pinhole()
+    dual = tl.Dual()
+    pinhole = tl.Pinhole()
     for render, lens, parts, message in (
         (tl.render, pinhole, dual, "a pinhole has none"),
         (tl.render_lens_grid, [LENS, pinhole], dual, "a pinhole has none"),

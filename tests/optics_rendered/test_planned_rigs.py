@@ -32,7 +32,7 @@ TASKS = {
 
 def errors(camera, baseline, lens, depth, seed, sensor=None, exposure=None):
     """The robust standard deviations of depth (m) and of disparity (px), over positions between pixels."""
-    found = []
+    measured_errors = []
     for k, stage in enumerate(noise_planes(camera, baseline, depth, seed)):
         radiance = stage.photograph(lens, 16, seed + k)
         if lens.aperture_diameter:
@@ -46,8 +46,10 @@ def errors(camera, baseline, lens, depth, seed, sensor=None, exposure=None):
         z = depth_from_disparity(
             disparity[used], camera.fx, baseline, stage.rig.doffs()
         )
-        found.append(np.abs([z - stage.truth.depth[used], (disparity - true)[used]]))
-    return 1.4826 * np.median(np.hstack(found), axis=1)
+        measured_errors.append(
+            np.abs([z - stage.truth.depth[used], (disparity - true)[used]])
+        )
+    return 1.4826 * np.median(np.hstack(measured_errors), axis=1)
 
 
 @functools.cache
@@ -56,8 +58,8 @@ def disparity_error():
 
 
 def assert_predicted(name, depths, seed):
-    known = {"width": 128, "height": 96, "pixel_pitch_um": 5.0, **TASKS[name]}
-    best = plan_rig(RigTask(**known, disparity_error_px=disparity_error())).best
+    settings = {"width": 128, "height": 96, "pixel_pitch_um": 5.0, **TASKS[name]}
+    best = plan_rig(RigTask(**settings, disparity_error_px=disparity_error())).best
     camera = centred_camera(128, 96, best.fx).replace(
         pixel_pitch_um=best.task.pixel_pitch_um
     )
@@ -85,12 +87,15 @@ def test_the_depth_error_of_a_plan_is_measured_over_its_range(name):
 @pytest.mark.slow
 def test_noise_at_the_default_limit_raises_the_disparity_error_little():
     """Mid-grey with a signal-to-noise ratio of 10, in the mean of the texture."""
-    camera, sensor = centred_camera(128, 96, 160.0), Sensor(read_noise=0.0)
+    camera = centred_camera(128, 96, 160.0)
+    sensor = Sensor(read_noise=0.0)
     electrons = sensor.electrons_per_radiance(camera, Pinhole())[1] * 0.5
-    found = []
+    measured_errors = []
     for ratio in (10.0, 80.0):
         exposure = Exposure(
             ratio**2 / electrons, gain=0.5 * sensor.full_well / ratio**2
         )
-        found.append(errors(camera, 0.1, Pinhole(), 1.5, 5, sensor, exposure)[1])
-    assert 1 < found[0] / found[1] < 1.25
+        measured_errors.append(
+            errors(camera, 0.1, Pinhole(), 1.5, 5, sensor, exposure)[1]
+        )
+    assert 1 < measured_errors[0] / measured_errors[1] < 1.25

@@ -27,7 +27,8 @@ backend()
 import drjit  # noqa: E402, Dr.Jit reads DRJIT_LIBLLVM_PATH when it is imported
 
 CAMERA = tl.Camera(48, 36, 50.0, 50.0, 23.5, 17.5)
-NARROW, WIDE = tl.ThinLens(0.03, 2.0), tl.ThinLens(0.3, 2.0)
+NARROW = tl.ThinLens(0.03, 2.0)
+WIDE = tl.ThinLens(0.3, 2.0)
 CLOTH = {"type": "twosided", "bsdf": {"type": "diffuse"}}
 LACQUER = {"type": "roughplastic", "alpha": 0.15, "nonlinear": True}
 SURFACES = {
@@ -49,7 +50,8 @@ def narrow_rig(side=3):
 
 def ratio(scene: tl.Scene, rig: tl.Rig, view: int, spp: int = 128) -> float:
     """The squared error of a view's means over 4 x 4 pixels against pinholes, over its expectation from noise."""
-    camera, pose = rig.cameras[view], rig.world_from_cams[view]
+    camera = rig.cameras[view]
+    pose = rig.world_from_cams[view]
     alone = tl.Rig([camera], [pose], projectors=rig.projectors)
     theirs = [tl.render(scene, alone, spp=spp, seed=seed)[0] for seed in (1, 2)]
     ours = [tl.render_light_field(scene, rig, spp, seed)[view] for seed in (3, 4)]
@@ -73,10 +75,12 @@ def test_a_view_is_what_a_pinhole_sees(surface):
 @pytest.mark.parametrize("view", [1, 8])
 def test_views_of_a_matte_room_differ_by_parallax(view, lens):
     """Another view's pinhole differs, where views are far apart."""
-    scene, rig = chequered_room(), tl.light_field_rig(CAMERA, lens, 3)
+    scene = chequered_room()
+    rig = tl.light_field_rig(CAMERA, lens, 3)
     assert ratio(scene, rig, view) < 2
     if lens is WIDE:
-        cameras, poses = rig.cameras, rig.world_from_cams
+        cameras = rig.cameras
+        poses = rig.world_from_cams
         turned = tl.Rig([*cameras[1:], cameras[0]], [*poses[1:], poses[0]])
         theirs = [tl.render(scene, turned, spp=32, seed=seed)[view] for seed in (1, 2)]
         ours = [tl.render_light_field(scene, rig, 32, seed)[view] for seed in (3, 4)]
@@ -154,8 +158,10 @@ def test_a_hidden_sky_lights_but_is_not_seen():
 
 
 def test_images_do_not_depend_on_the_number_of_threads():
-    scene, rig = chequered_room(surface=LACQUER), narrow_rig()
-    usual, images = drjit.thread_count(), []
+    scene = chequered_room(surface=LACQUER)
+    rig = narrow_rig()
+    usual = drjit.thread_count()
+    images = []
     try:
         for threads in (2, 3):
             drjit.set_thread_count(threads)

@@ -34,7 +34,8 @@ def shared_points(grid, seed, ring=RING):
 
 
 def sampler_for(grid, shifts, seed, pixels=PIXELS):
-    ray, n = dr.arange(mi.UInt32, pixels * len(shifts)), len(shifts)
+    ray = dr.arange(mi.UInt32, pixels * len(shifts))
+    n = len(shifts)
     return StratifiedSampler(grid, shifts, ray // n, ray % n, seed)
 
 
@@ -110,7 +111,8 @@ def test_film_and_aperture_points_are_stratified(count):
 def test_strata_hold_where_samples_land(name):
     """Samples of equal shifts come from one pixel, others from any other: together they have all strata once."""
     values, shifts = drawn(64, 5, pair, DIMENSIONS[name])
-    cells, random = cells_of(values, (8, 8)), np.random.default_rng(0)
+    cells = cells_of(values, (8, 8))
+    random = np.random.default_rng(0)
     group = np.unique(shifts.reshape(64, -1), axis=0, return_inverse=True)[1].ravel()
     assert len(np.unique(group)) > 8
     for _ in range(20):
@@ -170,7 +172,8 @@ def test_dimensions_beyond_the_tables_are_random():
 
 
 def test_every_stratum_is_equally_likely_for_every_sample():
-    classes, dealt = 2 * np.array([0, 1, 0, 1, 0, 1, 1, 0]) + (np.arange(8) >= 4), []
+    classes = 2 * np.array([0, 1, 0, 1, 0, 1, 1, 0]) + (np.arange(8) >= 4)
+    dealt = []
     for seed in range(2000):
         random = np.random.default_rng(seed)
         dealt.append(
@@ -180,18 +183,19 @@ def test_every_stratum_is_equally_likely_for_every_sample():
     assert uniform(np.array([(dealt[:, 3] == stratum).sum() for stratum in range(8)]))
     assert uniform(
         np.array(
-            [((dealt[:, 3] == 5) & (dealt[:, 2] == other)).sum() for other in (0, 2, 7)]
+            [
+                ((dealt[:, 3] == 5) & (dealt[:, 2] == second)).sum()
+                for second in (0, 2, 7)
+            ]
         )
     )
 
 
 def test_places_are_uniform_at_every_aperture_point_over_seeds():
     """Jointly in 4x4 parts of the pixel and the quadrants of the aperture; where they start, and where they land."""
-    random, starts, lands = (
-        np.random.default_rng(0),
-        np.zeros((4, 4, 2, 2)),
-        np.zeros((4, 4, 2, 2)),
-    )
+    random = np.random.default_rng(0)
+    starts = np.zeros((4, 4, 2, 2))
+    lands = np.zeros((4, 4, 2, 2))
     for seed in range(2500):
         points, _ = shared_points((4, 3), seed)
         point = points[random.integers(12)].astype(float)
@@ -231,7 +235,8 @@ def test_gathering_puts_every_ray_where_it_lands():
     weights = random.random((6, 2))
     expected, weighted = np.zeros((2, 2, 2, 3, 5, 7))
     for m, y, x, focus in np.ndindex(6, 11, 11, 2):
-        column, row = x - 2 + shifts[m, focus, 0], y - 3 + shifts[m, focus, 1]
+        column = x - 2 + shifts[m, focus, 0]
+        row = y - 3 + shifts[m, focus, 1]
         if 0 <= column < 7 and 0 <= row < 5:
             expected[int(m >= 3), focus, :, row, column] += values[:, y, x, m]
             weighted[int(m >= 3), focus, :, row, column] += (
