@@ -28,12 +28,10 @@ from tests.scoring.scoring_methods import (
 )
 from twinlens.dataset import Calibration
 from twinlens.errors import FileError, InputError
-from twinlens.matching import StereoMatcher, parse_method
+from twinlens.matching import StereoMatcher
 from twinlens.scoring import (
-    Board,
     MapFolder,
     Pair,
-    board_csv,
     board_file,
     evaluate,
     load_pair,
@@ -57,7 +55,10 @@ def kinds_of(board):
 
 def test_the_board_holds_the_scores_of_evaluate():
     sample, method = pair(), Constant("c", 6.5, holes=3)
-    (entry,) = run_benchmark([sample], [method], protocol="eth3d").entries
+    before = fingerprint(sample)
+    board = run_benchmark([sample], [Trouble("scribbles"), method], protocol="eth3d")
+    assert fingerprint(sample) == before
+    entry = board.entries[1]
     disparity = method.match(sample.im0, sample.im1, **sample.search)
     truth = sample.disp0, sample.mask0_nonocc
     scores = evaluate(disparity, *truth, 16, protocol="eth3d")
@@ -65,23 +66,10 @@ def test_the_board_holds_the_scores_of_evaluate():
     names = entry.method, entry.spec, entry.sample
     assert names == ("c", "constant 6.5 3", "a")
     assert (entry.width, entry.height) == (30, 40)
-    assert entry.sample_sha256 == fingerprint(sample)
+    assert entry.sample_sha256 == before
     times = replace(entry, seconds=0.6).times()
     assert times["time/MP"] == pytest.approx(0.6 / 0.0012)
     assert times["time/GD"] == pytest.approx(0.6 / (30 * 40 * 16 / 1e9))
-
-
-def test_one_map_is_scored_by_every_protocol():
-    method, protocols = Counting("c", 4), ("middlebury-v3", "kitti2015")
-    board = run_cold([pair()], [method], protocol=list(protocols))
-    assert method.calls == 1
-    assert board.protocols == protocols
-
-
-def test_a_sample_without_a_mask_has_no_nonocc():
-    board = run_benchmark([pair("a"), pair("b", mask=False)], [Constant("c", 4)])
-    assert [tuple(e.regions) for e in board.entries] == [("all", "nonocc"), ("all",)]
-    assert board.mean("c", "middlebury-v3", "nonocc").counted == 1
 
 
 @pytest.mark.parametrize(
@@ -108,40 +96,17 @@ KINDS = {
     "nan": "not-a-number",
     "minus_inf": "not-a-number",
 }
-WRONG = """
-from tests.scoring.scoring_methods import Trouble
-
-def method(name):
-    return lambda left, right, **search: getattr(Trouble(name), name)(left)
-
-raises, wrong_size, nothing, nan = map(method, ("raises", "wrong_size", "nothing", "nan"))
-"""
-BY_NAME = ("raises", "wrong_size", "nothing", "nan")
 
 
-@pytest.fixture(scope="module")
-def functions(tmp_path_factory):
-    """Faulty functions of a module, named by text."""
-    folder = tmp_path_factory.mktemp("functions")
-    (folder / "wrong_answers.py").write_text(WRONG)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(folder))
-        yield [
-            parse_method(f"{name}-by-name=function:wrong_answers:{name}")
-            for name in BY_NAME
-        ]
-
-
-def test_a_failure_does_not_affect_other_pairs(functions):
-    methods = [*map(Trouble, KINDS), *functions, Constant("good", 4)]
+def test_a_failure_does_not_affect_other_pairs():
+    methods = [*map(Trouble, KINDS), Constant("good", 4)]
     board = run_cold([pair("a"), pair("b")], methods)
-    expected = KINDS | {f"{name}-by-name": KINDS[name] for name in BY_NAME}
-    assert kinds_of(board) == expected | {"good": None}
+    assert kinds_of(board) == KINDS | {"good": None}
     assert [e.regions["all"]["avgerr"] for e in board.entries if e.ok] == [0, 0]
     assert all("\n" not in e.failure.message for e in board.entries if e.failure)
 
 
-def test_failures_in_a_worker_are_single_ones(functions):
+def test_failures_in_a_worker_are_single_ones():
     """One run: a hang, a dead process, exceptions, and methods that cannot be sent or loaded."""
     local = Counting("local", 4)
     local.secret = lambda: None
@@ -150,16 +115,12 @@ def test_failures_in_a_worker_are_single_ones(functions):
         Constant("good", 4),
         Trouble("dies"),
         Trouble("raises"),
-        *functions,
         *(Unloadable(e.__name__, e) for e in (MemoryError, ImportError, KeyError)),
         local,
         Constant("better", 5),
     ]
-    start = time.monotonic()
     board = run_cold([pair()], methods, time_limit=2.0)
-    assert time.monotonic() - start < 600
-    by_name = {f"{name}-by-name": KINDS[name] for name in BY_NAME}
-    assert kinds_of(board) == by_name | {
+    assert kinds_of(board) == {
         "hangs": "time-limit",
         "good": None,
         "dies": "crash",
@@ -194,13 +155,10 @@ only_linux = pytest.mark.skipif(
 
 @only_linux
 def test_a_limit_below_what_a_process_needs_to_start_is_a_lack_of_memory():
-    for warm_up in (True, False):
-        board = run_benchmark(
-            [pair()], [Constant("small", 4)], memory_limit=2**17, warm_up=warm_up
-        )
-        failure = board.entries[0].failure
-        assert failure.kind == "memory"
-        assert "before the first match; the limit is 0.00012 GiB" in failure.message
+    board = run_benchmark([pair()], [Constant("small", 4)], memory_limit=2**17)
+    failure = board.entries[0].failure
+    assert failure.kind == "memory"
+    assert "before the first match; the limit is 0.00012 GiB" in failure.message
 
 
 @only_linux
@@ -229,14 +187,12 @@ def test_a_warm_up_that_does_not_help_is_not_repeated(
 ):
     """One that hangs is stopped; one that ends after the time limit would not help a new worker."""
     method = Hangs("slow", tmp_path / "rows", seconds)
-    start = time.monotonic()
     board = run_benchmark(
         [pair(name, seed) for seed, name in enumerate("abc")],
         [method, Constant("good", 4)],
         time_limit=1.5,
         warm_up_limit=warm_up_limit,
     )
-    assert time.monotonic() - start < 1000
     # A warm-up has 32 rows, the images 40.
     assert method.note.read_text().split() == ["32", "40", "40", "40"]
     failures = [e.failure for e in board.entries if e.method == "slow"]
@@ -326,6 +282,7 @@ def test_the_fingerprint_covers_every_part_of_a_sample():
         {"mask0_nonocc": flipped},
         {"mask0_nonocc": None},
         {"ndisp": 17},
+        {"min_disparity": -1},
         {"blur0": first.disp0},
         {"material_kind0": flipped},
         {"calibration": CALIBRATION},
@@ -333,13 +290,6 @@ def test_the_fingerprint_covers_every_part_of_a_sample():
     prints = [fingerprint(replace(first, **change)) for change in changes]
     assert len({fingerprint(first), *prints}) == len(changes) + 1
     assert fingerprint(replace(first, name="other")) == fingerprint(first)
-
-
-def test_a_method_cannot_change_the_sample_for_the_next():
-    sample = pair()
-    before = fingerprint(sample)
-    run_benchmark([sample], [Trouble("scribbles"), Constant("c", 4)])
-    assert fingerprint(sample) == before
 
 
 def test_resume_runs_only_what_is_new(tmp_path):
@@ -350,25 +300,9 @@ def test_resume_runs_only_what_is_new(tmp_path):
     assert (a.calls, b.calls) == (2, 2)
     assert second.entries[0] == first.entries[0]
     assert read_board(save).entries == second.entries
-    steps = []
-    run_cold([pair("s")], [a], save=save, progress=steps.append)
-    assert [step.skipped for step in steps] == [True]
-    assert a.calls == 2
 
 
-def test_a_resumed_board_of_an_earlier_version_gets_the_scenes():
-    samples = [replace(pair("s"), scene="hall"), pair("t", seed=1)]
-    board = run_benchmark(samples, [Constant("a", 4)])
-    assert board.scenes == {"s": "hall", "t": "t"}
-    assert (
-        run_benchmark(samples, [Constant("a", 4)], board=replace(board, scenes={}))
-        == board
-    )
-
-
-@pytest.mark.parametrize(
-    ("interval", "sizes"), [(1e9, [1, 5]), (0, [1, 2, 3, 4, 5, 5])]
-)
+@pytest.mark.parametrize(("interval", "sizes"), [(1e9, [1, 3]), (0, [1, 2, 3, 3])])
 def test_the_file_is_written_periodically_and_at_the_end(
     tmp_path, monkeypatch, interval, sizes
 ):
@@ -379,30 +313,18 @@ def test_the_file_is_written_periodically_and_at_the_end(
         "write_board",
         lambda board, path: written.append(len(board.entries)),
     )
-    samples = [pair(str(i), i) for i in range(5)]
+    samples = [pair(name) for name in "abc"]
     run_benchmark(samples, [Constant("a", 4)], save=tmp_path / "b.json", warm_up=False)
     assert written == sizes
-
-
-def test_finished_entries_are_kept_when_a_run_is_interrupted(tmp_path):
-    def broken():
-        yield from (pair(str(i), i) for i in range(5))
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        run_benchmark(broken(), [Constant("a", 4)], save=tmp_path / "b.json")
-    assert len(read_board(tmp_path / "b.json").entries) == 5
 
 
 def test_a_changed_sample_is_refused(tmp_path):
     save = tmp_path / "board.json"
     run_benchmark([pair("s")], [Constant("a", 4)], save=save)
     before = save.read_bytes()
-    for method in (Constant("a", 4), Constant("b", 4)):
-        with pytest.raises(
-            InputError, match="sample 's' is not the one that the board scores"
-        ):
-            run_benchmark([pair("s", seed=1)], [method], save=save)
+    other = r"sample 's' is not the one that the board scores"
+    with pytest.raises(InputError, match=other):
+        run_benchmark([pair("s", seed=1)], [Constant("b", 4)], save=save)
     assert save.read_bytes() == before
 
 
@@ -420,8 +342,6 @@ def test_a_bad_sample_is_refused_by_name():
         Pair("x", image, image[:, :4], truth, None, 8)
     with pytest.raises(InputError, match="sample 'x': disp0 holds NaN"):
         Pair("x", image, image, truth * np.nan, None, 8)
-    with pytest.raises(InputError, match="ndisp is 0"):
-        Pair("x", image, image, truth, None, 0)
 
 
 def test_scoring_and_its_page_need_no_renderer():
@@ -444,7 +364,6 @@ def test_methods_search_negative_disparities():
     (entry,) = run_benchmark([sample], [Signed("s", -5.0)]).entries
     assert entry.regions["nonocc"]["totbad2.0"] == 0
     assert (entry.min_disparity, entry.ndisp) == (-8, 16)
-    assert fingerprint(sample) != fingerprint(replace(sample, min_disparity=0))
     board = run_cold([sample, pair("p")], [Constant("c", 4)])
     assert [e.ok for e in board.entries] == [False, True]
     assert "min_disparity" in board.entries[0].failure.message
@@ -477,16 +396,12 @@ def test_the_search_range_of_a_stored_sample():
 def test_a_resumed_board_describes_all_machines():
     samples, a, b = [pair("s")], Constant("a", 4), Constant("b", 4)
     first = run_benchmark(samples, [a])
-    assert "mixed" not in first.meta
     meta = dict(first.meta) | {"twinlens": "0.0.1", "processors": "96"}
     elsewhere = replace(first, meta=meta)
     assert run_benchmark(samples, [a], board=elsewhere).meta == meta
     both = run_benchmark(samples, [a, b], board=elsewhere)
     assert both.meta["twinlens"] == f"0.0.1; {first.meta['twinlens']}"
     assert "several machines or versions" in both.meta["mixed"]
-    assert run_benchmark([pair("t", 1)], [a, b], board=both).meta == both.meta
-    replaced = run_benchmark(samples, [Constant("a", 5)], board=elsewhere)
-    assert replaced.meta == first.meta
 
 
 def test_a_map_is_dropped_when_its_method_fails_or_changes(tmp_path):
@@ -539,8 +454,6 @@ def test_methods_are_given_as_text_and_progress_is_reported():
     assert (last.done, last.total, last.method, last.sample) == (8, None, "zncc", "t")
     assert [step.failure is None for step in steps] == [True, False, True, True] * 2
     assert maps == [(m, s) for s in "st" for m in ("wide", "sad", "zncc")]
-    nothing = run_benchmark([], [Constant("a", 4)])
-    assert nothing == Board(meta=nothing.meta)
 
 
 ONE = Constant("a", 4)
@@ -551,8 +464,6 @@ ONE = Constant("a", 4)
     [
         ([pair()], [ONE, Constant("a", 5)], {}, "two methods are named 'a'"),
         ([pair("s"), pair("s")], [ONE], {}, "two samples are named 's'"),
-        ([pair()], [], {}, "no method"),
-        ([pair()], "zncx", {}, "unknown method 'zncx'; did you mean 'zncc'"),
         ([pair()], [StereoMatcher("zncc")], {}, "^StereoMatcher has no name"),
         ([pair()], [ONE], {"protocol": "eth"}, "did you mean 'eth3d'"),
         ([pair()], [ONE], {"regions": ["nonoc"]}, "did you mean 'nonocc'"),
@@ -586,10 +497,5 @@ def test_a_confidence_is_scored_and_kept_in_the_file(tmp_path, limit):
     board = run_cold([pair()], methods, save=save, time_limit=limit)
     confident, plain, named = (entry.regions["all"] for entry in board.entries)
     assert len(confident.sparsification) == len(named.sparsification) == 20
-    assert confident.sparsification[-1] == pytest.approx(confident["bad2.0"])
-    assert confident["auc2.0_opt"] <= confident["auc2.0"]
     assert plain.items() <= confident.items()
     assert read_board(save).entries == board.entries
-    # Of two methods in two regions.
-    assert save.read_text().count('"sparsification"') == 4
-    assert board_csv(board).splitlines()[0].count("auc2.0") == 2
