@@ -102,15 +102,11 @@ def main(folder: Path) -> dict[str, object]:
     stored = Dataset(generated)[0]
     record = json.loads((generated / stored.name / "sample.json").read_text())
     again = remake(record, load_scene(folder / "tiny"))
-    other = folder / "other"
     return {
         "codes": codes,
         "fx": stored.rig.cameras[0].fx,
         "lens": repr(stored.lens(0).lens),
         "same_again": bool((again.shots[0].images[0] == stored.lens(0).image(0)).all()),
-        "unknown": run(*render, "anamorfic:1", "-o", other),
-        "incomplete": run(*render, "anamorphic:focus_x=1", "-o", other),
-        "dual_pixel": run(*render, TEXT, "--dual-pixel", "-o", other),
     }
 
 

@@ -8,13 +8,12 @@ import pytest
 import twinlens as tl
 from tests.optics_rendered.optics_lights import (
     HERE,
-    centroid,
     disk_diameter,
     grey,
     lamps,
     square_camera,
 )
-from twinlens.camera import Disk, MaskAperture, Polygon
+from twinlens.camera import MaskAperture, Polygon
 
 FX = 400.0
 OWN = 6.0  # px: the diameter of the light's own image
@@ -36,13 +35,12 @@ def hole_2_m_before_the_film(aperture):
 
 
 CASES = []  # (lens, its vergence, the vergence of the light, aperture)
-for step in (0, 2):  # each light and each aperture twice
-    for i in range(5):
-        k = (i + step) % 5
-        CASES += [
-            (lens_at_1_m, 1.0, LENS_LIGHTS[i], LENS_WIDTHS[k]),
-            (hole_2_m_before_the_film, -0.5, HOLE_LIGHTS[i], HOLE_WIDTHS[k]),
-        ]
+for i in range(5):
+    k = (i + 2) % 5
+    CASES += [
+        (lens_at_1_m, 1.0, LENS_LIGHTS[i], LENS_WIDTHS[k]),
+        (hole_2_m_before_the_film, -0.5, HOLE_LIGHTS[i], HOLE_WIDTHS[k]),
+    ]
 
 
 def photographed(scene, lens, seeds) -> np.ndarray:
@@ -52,9 +50,9 @@ def photographed(scene, lens, seeds) -> np.ndarray:
     return np.mean(images, axis=0)
 
 
-def lamp(depth: float, light_px: float, x: float = 0.0):
-    """A light whose image in focus is `own` px wide."""
-    return lamps([(x, 0.0, depth)], 0.5 * light_px * depth / FX)
+def lamp(depth: float, light_px: float):
+    """A light whose image in focus is `light_px` wide."""
+    return lamps([(0.0, 0.0, depth)], 0.5 * light_px * depth / FX)
 
 
 @pytest.mark.parametrize(("lens_of", "vergence", "light", "aperture"), CASES)
@@ -71,30 +69,6 @@ def test_blur_circle_diameter(lens_of, vergence, light, aperture):
     assert image.sum() == pytest.approx(LIT, rel=0.03)
     error = per_hit / math.sqrt(image.sum() * SPP * passes)
     assert abs(disk_diameter(image, OWN) / expected - 1) + 3 * error < 0.01
-
-
-def test_blur_is_linear_in_disparity_with_slope_aperture_over_baseline():
-    """Disparity is measured from the centroids in the two images, blur from the second moments."""
-    aperture, baseline, focus = 0.06, 0.12, 1.0
-    camera = square_camera(SIDE, FX)
-    lens = tl.ThinLens(aperture, focus)
-    measured = []
-    for seed, depth in enumerate((0.55, 0.65, 0.8, 1.3, 2.0, 4.0)):
-        scene = lamp(depth, OWN, x=0.5 * baseline)
-        # Principal points are shifted to keep the light on the film.
-        shift = 0.5 * FX * baseline / depth
-        left, right = (camera.replace(cx=camera.cx + s * shift) for s in (-1, 1))
-        rig = tl.Rig.stereo(left, baseline, right=right)
-        first, second = map(grey, tl.render(scene, rig, lens, spp=SPP, seed=seed))
-        disparity = centroid(first)[0] - centroid(second)[0] + rig.doffs()
-        blur = 0.5 * (disk_diameter(first, OWN) + disk_diameter(second, OWN))
-        measured.append((disparity, math.copysign(blur, focus - depth)))
-    disparity, blur = np.array(measured).T
-    (slope, offset), covariance = np.polyfit(disparity, blur, 1, cov=True)
-    error = math.sqrt(covariance[0, 0])  # as the points scatter about the line
-    assert abs(slope / (aperture / baseline) - 1) + 3 * error / slope < 0.01
-    assert -offset / slope == pytest.approx(FX * baseline / focus, rel=0.01)
-    assert np.std(blur - slope * disparity - offset) < 0.01 * np.ptp(blur)
 
 
 CODE = np.random.default_rng(7).random((7, 7)).round(1) * np.pad(np.ones((5, 5)), 1)
@@ -145,10 +119,3 @@ def test_a_defocused_light_has_the_shape_of_the_aperture(name, focus, is_turned)
     assert correlation(image, expected) > 0.99
     if name != "hexagon":  # which turned by 180 degrees is itself
         assert correlation(image, opposite) < 0.9
-
-
-def test_a_blur_of_another_size_is_detected():
-    """And the light itself, if it is forgotten."""
-    drawn = through(Disk(), OWN, 30.0, 48)
-    assert disk_diameter(drawn, OWN) == pytest.approx(30.0, rel=2e-3)
-    assert disk_diameter(drawn, 0.0) > 30.5

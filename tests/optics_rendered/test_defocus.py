@@ -35,8 +35,8 @@ def noisy(image, seed):
     )
 
 
-def samples(lens, parts=None):
-    points, shares = tl.aperture_points(lens, parts)
+def samples(lens):
+    points, shares = tl.aperture_points(lens)
     return [tl.ApertureSamples(points, share, lens.vergence) for share in shares]
 
 
@@ -67,16 +67,3 @@ def test_a_focal_stack_is_near_its_bound(plane):
     assert np.median(sharpest[RIM:-RIM, RIM:-RIM]) == pytest.approx(
         1 / DEPTH, abs=quarter_step
     )
-
-
-@pytest.mark.slow
-def test_dual_pixels_are_near_their_bound(plane):
-    scene, sharp = plane
-    lens = tl.ThinLens(APERTURE, 1.4)
-    halves = tl.render(scene, RIG, lens, spp=512, seed=3, parts=tl.Dual())[0]
-    images = [noisy(grey(half), 20 + k) for k, half in enumerate(halves)]
-    apertures = samples(lens, tl.Dual())
-    estimate = tl.inverse_depth_from_defocus(
-        images, apertures, CAMERA.fx, 1.1, 10.0, steps=32, block_size=SIDE
-    )
-    assert ratio(estimate, sharp, apertures) < 1.5

@@ -51,22 +51,3 @@ def test_sharpness_of_a_wall_peaks_at_its_focus():
         np.mean((image - pinhole)[wall] ** 2) for image in (sharp, stack[0], stack[4])
     )
     assert of_sharp < 0.5 * min(of_near, of_far)
-
-
-@pytest.mark.parametrize("distances", [[1.0, np.nan], [0.0], [None], ["near"], 1.0, []])
-def test_a_stack_needs_a_lens_and_distances(distances):
-    scene = chequered_room()
-    with pytest.raises(InputError, match="needs a ThinLens"):
-        tl.focal_stack(scene, RIG, tl.Pinhole(), [1.0])
-    with pytest.raises(InputError, match=r"focus_distance|at least one lens"):
-        tl.focal_stack(scene, RIG, tl.ThinLens(0.2, 1.0), distances)
-
-
-DIFFERENT_SIZES = [np.zeros((4, 4)), np.zeros((5, 4))]
-NO_STACKS = [[], None, "near", DIFFERENT_SIZES, np.zeros((2, 4, 4, 2)), [np.full((4, 4), np.nan)]]  # fmt: skip
-
-
-@pytest.mark.parametrize("images", NO_STACKS)
-def test_what_is_no_stack_is_refused(images):
-    with pytest.raises(InputError, match="one or more images"):
-        tl.all_in_focus(images)

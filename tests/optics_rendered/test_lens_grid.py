@@ -19,7 +19,7 @@ from tests.optics_rendered.optics_lights import (
 )
 from twinlens.camera import Annulus, BrownConrady, MaskAperture, Polygon
 from twinlens.rendering import backend, lens_grid, shared_paths
-from twinlens.rendering.annuli import area_fraction, plan_annuli, split_vergences
+from twinlens.rendering.annuli import area_fraction, plan_annuli
 
 backend()
 import drjit  # noqa: E402, Dr.Jit reads DRJIT_LIBLLVM_PATH when it is imported
@@ -338,33 +338,6 @@ def test_other_apertures_do_not_stop_disks_from_sharing(room):
         assert (both[2 * index + 1][0] == alone[index][0]).all()
     assert both.rays == alone.rays + 3 * 8 * LEFT.width * LEFT.height
     assert (both.standard_error > 0).all()
-
-
-LARGE = tl.Camera.from_fov(640, 480, fov_x_deg=40)
-FILM = 640 * 480
-
-
-def film_of(parts):
-    return sum(math.prod(part.film_size(LARGE)) for part in parts)
-
-
-def test_a_bare_aperture_among_lenses_does_not_enlarge_the_film():
-    """5 mm before a film 5 cm away shears by 45 pixels where the lenses shear by 2."""
-    diameters = [0.02 / 2 ** (0.5 * stop) for stop in range(6)]
-    lenses = [tl.ThinLens(d, z) for d in diameters for z in (1.2, 1.5, 2.0, 2.9)]
-    for ring in plan_annuli([*lenses, tl.BareAperture(0.005, 0.05)], 64):
-        parts = split_vergences(ring, LARGE)
-        vergences = [vergence for part in parts for vergence in part.vergences]
-        assert sorted(vergences) == sorted(ring.vergences)
-        assert film_of(parts) <= 2.1 * FILM
-
-
-def test_vergences_are_split_only_where_that_saves_film():
-    for far in (0.4, 10.0, 1e3, 1e5):
-        focuses = (1.2, 1.3, 1 / far)
-        (ring,) = plan_annuli([tl.ThinLens(0.02, focus) for focus in focuses], 4)
-        one_by_one = 3 * FILM
-        assert film_of(split_vergences(ring, LARGE)) <= one_by_one
 
 
 PASSES = """

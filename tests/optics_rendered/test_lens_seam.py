@@ -83,13 +83,6 @@ def test_chief_rays_follow_the_lens():
     np.testing.assert_allclose(directions, expected, rtol=0, atol=1e-15)
 
 
-def test_guides_and_denoising_need_nothing_more():
-    scene = lamps([(0.0, 0.0, 1.0)], 0.05)
-    image = tl.render(scene, RIG, Shear(), spp=16, seed=0, denoise=True)[0]
-    shift = 0.5 * FX * HALF_WIDTH
-    assert np.abs(centroid(grey(image)) - pixel_of(0, 0, 1) - (shift, 0)).max() < 0.3
-
-
 NEEDS_A_PURE_SHIFT = {
     "lens grid": lambda lens: tl.render_lens_grid(SCENE, RIG, [lens], spp=1),
     "image of the parts": lambda lens: tl.render(
@@ -190,21 +183,6 @@ def test_samples_of_a_new_lens_are_made_verified_and_made_again(commands):
             results["fx"] * LENS.aperture_diameter * (1 / depth - 1 / LENS.focus_x)
         )
         np.testing.assert_allclose(blur, expected, rtol=1e-5, atol=1e-6)
-
-
-def test_a_new_lens_is_refused_by_name_where_it_cannot_be_used(commands):
-    results, _ = commands
-    code, line = results["dual_pixel"]
-    assert code == 2
-    assert "an image of dual pixels needs a paraxial lens" in line
-    code, line = results["unknown"]
-    assert code == 2
-    assert "did you mean 'anamorphic'" in line
-    form = "anamorphic:aperture_diameter=VALUE,focus_x=VALUE,focus_y=VALUE"
-    assert line.strip().endswith(form)
-    code, line = results["incomplete"]
-    assert code == 2
-    assert "aperture_diameter" in line
 
 
 def test_a_paraxial_lens_cannot_replace_its_rays():

@@ -6,9 +6,7 @@ import pytest
 import twinlens as tl
 from tests.optics_rendered.optics_lights import (
     HERE,
-    block_means,
     chequered_room,
-    error_over_noise,
     wall_of,
 )
 from twinlens.camera.layouts import grid
@@ -16,34 +14,6 @@ from twinlens.errors import InputError
 
 CAMERA = tl.Camera(48, 36, 50.0, 50.0, 23.5, 17.5)
 LENS = tl.ThinLens(0.09, 2.0)
-
-
-SLOW_VIEWS = (pytest.param(view, marks=pytest.mark.slow) for view in (0, 1, 8))
-
-
-@pytest.mark.parametrize("view", [5, *SLOW_VIEWS])
-def test_a_view_is_what_the_lens_sees_through_a_small_hole(view):
-    """A mask with one open cell of 1/63 of the aperture, rendered by the lens, against the view: equal within noise.
-
-    Errors are of means over 4 x 4 pixels; the noise is that of two independent images each.
-    """
-    scene = chequered_room()
-    lens = tl.ThinLens(0.3, 2.0)
-    row, column = divmod(view, 3)
-    mask = np.zeros((63, 63))
-    mask[10 + 21 * row, 10 + 21 * column] = 1.0
-    through = lens.replace(aperture=tl.MaskAperture(mask))
-    alone = tl.Rig([CAMERA], [HERE])
-    rig = tl.light_field_rig(CAMERA, lens, 3)
-    holes = [tl.render(scene, alone, through, 128, seed)[0] for seed in (1, 2)]
-    fields = [tl.render(scene, rig, spp=128, seed=seed) for seed in (3, 4)]
-    blocks = [block_means(image) for image in holes]
-    ratios = [
-        error_over_noise(blocks, [block_means(field[i]) for field in fields])
-        for i in range(9)
-    ]
-    assert 0.5 < ratios.pop(view) < 2
-    assert min(ratios) > 20
 
 
 @pytest.mark.parametrize(
@@ -71,14 +41,6 @@ def test_disparity_of_a_plane_follows_from_the_aperture(lens, depth):
             atol=1e-4,
         )
         assert finite.mean() > 0.9
-
-
-def test_the_middle_view_is_the_camera():
-    pose = np.eye(4)
-    pose[:3, 3] = (1.0, 2.0, 3.0)
-    rig = tl.light_field_rig(CAMERA, LENS, 5, pose)
-    assert rig.cameras[12] == CAMERA
-    np.testing.assert_array_equal(rig.world_from_cams[12], pose)
 
 
 def test_points_in_focus_have_equal_pixels_in_all_views():
@@ -164,17 +126,11 @@ def test_what_has_no_light_field_is_refused():
         with pytest.raises(InputError, match=message):
             tl.light_field_rig(camera, lens, 3)
     rig = tl.light_field_rig(CAMERA, LENS, 3)
-    turned = np.array([[0.0, -1, 0, 1], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
-    crossed = tl.Rig([CAMERA] * 2, [HERE, turned])
     images = [np.zeros((36, 48))] * 9
-    colour = np.zeros((36, 48, 3))
     wide = LENS.replace(aperture_diameter=0.1)
-    for views, views_rig, lens, message in (
-        (images[:8], rig, LENS, "needs 9 images of 48x36 pixels, got 8"),
-        ([*images[:8], colour], rig, LENS, r"got 9 of shapes \[\(36, 48\), \(36, 48, 3\)\]"),
-        (None, rig, LENS, "a list of images of numbers, got None"),
-        (images, rig, wide, "larger than the light field's views reach"),
-        (images[:2], crossed, tl.Pinhole(), "parallel axes"),
-    ):  # fmt: skip
+    for views, lens, message in (
+        (images[:8], LENS, "needs 9 images of 48x36 pixels, got 8"),
+        (images, wide, "larger than the light field's views reach"),
+    ):
         with pytest.raises(InputError, match=message):
-            tl.refocus(views, views_rig, lens)
+            tl.refocus(views, rig, lens)

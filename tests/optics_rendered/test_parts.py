@@ -14,7 +14,6 @@ from tests.optics_rendered.optics_lights import (
     lamps,
     square_camera,
 )
-from twinlens.errors import InputError
 from twinlens.rendering import render_measured
 
 CAMERA = tl.Camera(48, 36, 50.0, 50.0, 23.5, 17.5)
@@ -87,14 +86,6 @@ def test_denoised_parts_add_up_to_the_denoised_image(room):
     assert not tl.render(room, RIG, LENS, **options, parts=black)[0].any()
 
 
-def test_denoised_small_parts_have_the_light_of_raw_ones(room):
-    """Of the 32 guide samples of a pixel, about one is in each of 25 parts."""
-    raw = tl.render(room, RIG, LENS, 256, 2, parts=tl.Grid(5))[0]
-    denoised = tl.render(room, RIG, LENS, 16, 1, denoise=True, parts=tl.Grid(5))[0]
-    means = [images.mean(axis=(1, 2, 3)) for images in (denoised, raw)]
-    np.testing.assert_allclose(*means, rtol=0.15)
-
-
 def test_halves_of_a_lens_grid_equal_halves_rendered_alone(room):
     """Independent samples of the same halves, within the noise that their difference shows."""
     lenses = [LENS, STOPPED]
@@ -125,15 +116,3 @@ def test_halves_see_a_small_light_apart(depth, axis):
     light = images.sum(axis=(1, 2, 3))
     hits = repeats * spp * light[0] / 3
     assert light[0] == pytest.approx(light[1], rel=4 * math.sqrt(2 / hits))
-
-
-def test_what_has_no_parts_is_refused(room):
-    dual = tl.Dual()
-    pinhole = tl.Pinhole()
-    for render, lens, parts, message in (
-        (tl.render, pinhole, dual, "a pinhole has none"),
-        (tl.render_lens_grid, [LENS, pinhole], dual, "a pinhole has none"),
-        (tl.render, LENS, "dual", "must be Dual, Quad, Grid or Masks, got 'dual'"),
-    ):
-        with pytest.raises(InputError, match=message):
-            render(room, RIG, lens, parts=parts)

@@ -13,7 +13,6 @@ from twinlens.camera.film import diffract
 from twinlens.geometry import depth_from_disparity
 from twinlens.optics.planning import plan_rig
 from twinlens.optics.rig_task import RigTask
-from twinlens.sensor import Exposure, Sensor
 from twinlens.studies.stage import centred_camera, noise_planes
 
 RIM = 10
@@ -82,20 +81,3 @@ def test_the_depth_error_of_a_plan_is_measured_at_its_ends():
 @pytest.mark.parametrize("name", TASKS)
 def test_the_depth_error_of_a_plan_is_measured_over_its_range(name):
     assert_predicted(name, 7, seed=40)
-
-
-@pytest.mark.slow
-def test_noise_at_the_default_limit_raises_the_disparity_error_little():
-    """Mid-grey with a signal-to-noise ratio of 10, in the mean of the texture."""
-    camera = centred_camera(128, 96, 160.0)
-    sensor = Sensor(read_noise=0.0)
-    electrons = sensor.electrons_per_radiance(camera, Pinhole())[1] * 0.5
-    measured_errors = []
-    for ratio in (10.0, 80.0):
-        exposure = Exposure(
-            ratio**2 / electrons, gain=0.5 * sensor.full_well / ratio**2
-        )
-        measured_errors.append(
-            errors(camera, 0.1, Pinhole(), 1.5, 5, sensor, exposure)[1]
-        )
-    assert 1 < measured_errors[0] / measured_errors[1] < 1.25

@@ -1,7 +1,5 @@
 """Light fields of shared light: each view is what a pinhole camera sees that is rendered by itself."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -19,7 +17,6 @@ from tests.optics_rendered.optics_lights import (
     wall_of,
 )
 from twinlens.camera import Projector, patterns
-from twinlens.errors import InputError
 from twinlens.rendering import backend
 from twinlens.scenes import SceneObject, Sky
 
@@ -175,19 +172,3 @@ def test_images_do_not_depend_on_the_number_of_threads():
 @pytest.mark.parametrize("depth", [1, 2, 3])
 def test_paths_end_where_they_do_in_other_images(depth):
     assert ratio(chequered_room(depth, surface=LACQUER), narrow_rig(), 4) < 2
-
-
-def test_what_shares_no_light_is_refused():
-    scene = chequered_room()
-    turned = np.array([[0.0, 0, 1, 0], [0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 1]])
-    crossed = tl.Rig([CAMERA, CAMERA], [HERE, turned])
-    two_bands = tl.Rig([CAMERA, CAMERA.replace(band="nir")], [HERE, HERE])
-    direct = replace(scene, integrator={"type": "direct"})
-    for arguments, message in (
-        ((scene, crossed), "parallel axes"),
-        ((scene, two_bands), "see the same bands"),
-        ((scene, narrow_rig(), 0), "spp"),
-        ((direct, narrow_rig()), "another integrator than 'path'"),
-    ):
-        with pytest.raises(InputError, match=message):
-            tl.render_light_field(*arguments)

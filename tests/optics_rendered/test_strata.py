@@ -1,13 +1,11 @@
 """The samples of the lens grid: one in each stratum where they start and where they land, and uniform over seeds."""
 
-import math
-
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
 import twinlens as tl
-from twinlens.rendering import backend, shared_paths
+from twinlens.rendering import backend
 from twinlens.rendering.annuli import ApertureAnnulus
 from twinlens.rendering.shared_paths import (
     SharedPaths,
@@ -59,10 +57,6 @@ def cells_of(values, grid) -> np.ndarray:
         np.floor(values[..., 0] * grid[0])
         + grid[0] * np.floor(values[..., 1] * grid[1])
     ).astype(int)
-
-
-def white_squares(grid) -> np.ndarray:
-    return np.add(*np.divmod(np.arange(math.prod(grid)), grid[0])) % 2 == 1
 
 
 def uniform(counts) -> bool:
@@ -122,30 +116,6 @@ def test_strata_hold_where_samples_land(name):
     assert len(np.unique(cells[:, np.argmax(np.bincount(traders)[traders])])) > 1
 
 
-@pytest.mark.parametrize("name", DIMENSIONS)
-def test_either_half_of_the_samples_has_the_strata_of_one_colour(name):
-    values, _ = drawn(32, 8, pair, DIMENSIONS[name])
-    colours = white_squares((8, 4))[cells_of(values, (8, 4))]
-    assert (np.abs((colours == (np.arange(32) >= 16)).mean(axis=1) - 0.5) == 0.5).all()
-
-
-def test_pixels_differ_where_nothing_shears():
-    """With no shift to keep, two pixels agree as often as chance has it: on one of the 15 strata of a colour, or on all
-    if they draw the same row of the table."""
-    rows = shared_paths._TABLE_SIZE // (shared_paths._DIMENSIONS * 30)
-    flat = ApertureAnnulus(0.05, 0.2, (0.3,), 28)
-    for dimension in DIMENSIONS.values():
-        values, shifts = drawn(30, 6, pair, dimension, flat)
-        assert (shifts == 0).all()
-        cell = cells_of(values, (6, 5))
-        agreement = (
-            (cell[:, None] == cell[None])
-            .mean(axis=-1)[~np.eye(PIXELS, dtype=bool)]
-            .mean()
-        )
-        assert agreement == pytest.approx(1 / 15 + 14 / 15 / rows, rel=0.1)
-
-
 def test_dimensions_and_seeds_do_not_repeat_each_other():
     """The order of strata is another one in the next dimension and with the next seed."""
     orders = []
@@ -157,18 +127,6 @@ def test_dimensions_and_seeds_do_not_repeat_each_other():
     ]
     assert agreement.max() < 0.2
     assert agreement.mean() == pytest.approx(1 / 64, rel=0.15)
-
-
-def test_dimensions_beyond_the_tables_are_random():
-    sampler = sampler_for((8, 8), shared_points((8, 8), 0)[1], 0, pixels=64)
-    sampler.dimension = dr.opaque(mi.UInt32, 16)
-    x = np.array(sampler.next_1d())
-    assert uniform(np.histogram(x, bins=20, range=(0, 1))[0])
-    assert (
-        (np.sort(np.floor(x.reshape(64, 64) * 64), axis=1) != np.arange(64))
-        .any(axis=1)
-        .all()
-    )
 
 
 def test_every_stratum_is_equally_likely_for_every_sample():
@@ -208,18 +166,6 @@ def test_places_are_uniform_at_every_aperture_point_over_seeds():
     assert not uniform(
         starts * np.where(np.arange(2) == 0, 1.3, 0.7)
     )  # it would notice
-
-
-def test_samples_land_at_their_shifts():
-    points, shifts = shared_points((4, 3), 1)
-    for focus, vergence in enumerate(RING.vergences):
-        inside = (
-            points[:, :2]
-            + points[:, 2:] * (vergence - 0.15) * np.array((40.0, 45.0))
-            - shifts[:, focus]
-        )
-        assert (inside > -1e-5).all()
-        assert (inside < 1 + 1e-5).all()
 
 
 def test_gathering_puts_every_ray_where_it_lands():

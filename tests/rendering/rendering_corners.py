@@ -13,12 +13,6 @@ from twinlens.geometry import look_at
 from twinlens.scenes import Mesh, Scene, SceneObject
 
 CAMERA = Camera(64, 48, 90.0, 90.0, 31.5, 23.5)
-XML = """<scene version="3.0.0">
-  <shape type="sphere" id="ball">
-    <point name="center" x="0.3" y="0.2" z="0.1"/>
-    <float name="radius" value="0.5"/>
-  </shape>
-</scene>"""
 
 
 def rig() -> Rig:

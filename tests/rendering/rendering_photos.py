@@ -63,11 +63,6 @@ def half_plane(z: float, x: float | None = None, y: float | None = None) -> Scen
     return scene_of([lamp("rectangle", middle, side)])
 
 
-def dot(z: float, radius: float) -> Scene:
-    """A disk of light on the axis."""
-    return scene_of([lamp("disk", (0.0, 0.0, z), radius)])
-
-
 def room() -> Scene:
     """Balls and a tilted chequered card before a wall, from near to far, under a grey sky and a small lamp."""
     tilt = np.array([[0.8, 0, 0.6, 0], [0, 1, 0, 0], [-0.6, 0, 0.8, 0], [0, 0, 0, 1.0]])

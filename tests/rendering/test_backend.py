@@ -6,7 +6,6 @@ import os
 import shutil
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
 import pytest
@@ -38,13 +37,6 @@ def offer(monkeypatch):
         monkeypatch.setattr(llvm, "candidates", lambda: [Path(file) for file in files])
 
     return arrange
-
-
-@pytest.fixture
-def bare(monkeypatch):
-    """A machine without any LLVM library."""
-    monkeypatch.setattr(llvm, "_FOLDERS", ())
-    monkeypatch.setattr(llvm, "_packaged", lambda name: None)
 
 
 @pytest.fixture
@@ -124,37 +116,6 @@ def test_a_library_of_the_user_that_fails_leads_to_that_of_the_environment(tmp_p
         assert child.stdout.startswith(f"{VARIANT} {answer}")
 
 
-def test_a_missing_library_path_is_reported(monkeypatch, bare, tmp_path):
-    monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(tmp_path / "libLLVM-gone.so"))
-    assert "libLLVM-gone.so fails: no such file; " in refusal()
-
-
-@pytest.mark.parametrize(
-    ("system", "machine", "command"),
-    [
-        ("linux", "x86_64", "pip install karellen-llvm-core==19.1.7"),
-        ("linux", "aarch64", "apt install libllvm19"),
-        ("darwin", "arm64", "brew install llvm"),
-    ],
-)
-def test_a_machine_without_llvm_is_told_what_to_install(
-    monkeypatch, bare, system, machine, command
-):
-    monkeypatch.setattr("sys.platform", system)
-    monkeypatch.setattr("platform.machine", lambda: machine)
-    message = refusal()
-    assert "no LLVM library " in message
-    assert command in message
-
-
-def test_the_pinned_version_is_the_tested_one():
-    text = (Path(__file__).parents[2] / "pyproject.toml").read_text()
-    pins = tomllib.loads(text)["project"]["dependencies"]
-    pin = f"{llvm.PACKAGE}=={llvm.TESTED_VERSION}"
-    marker = "sys_platform == 'linux' and platform_machine == 'x86_64'"
-    assert f"{pin}; {marker}" in pins
-
-
 def test_the_tested_library_of_the_environment_needs_no_probe(monkeypatch, answers):
     """Nor does it as the DRJIT_LIBLLVM_PATH that worker processes inherit, or by one of its links."""
     library = llvm.environment_library()
@@ -186,12 +147,6 @@ def test_the_environment_works_without_the_links_of_its_pth_file(tmp_path):
     )
     child = run_python(script, str(lib), TWINLENS_BACKEND="llvm", DRJIT_LIBLLVM_PATH="")
     assert child.stdout.strip() == str(lib / "libLLVM.so.19.1"), child.stderr
-
-
-def test_a_library_name_without_a_folder_is_found_by_the_loader(monkeypatch):
-    """The system knows where libLLVM-42.so is, in a folder that this module does not."""
-    monkeypatch.setattr(llvm, "_PROBE", "raise SystemExit(0)")
-    assert llvm.probe(VARIANT, Path("libLLVM-42.so")).works
 
 
 def test_a_working_llvm_is_chosen_after_broken_ones(offer, answers):
@@ -263,15 +218,6 @@ def test_a_damaged_probe_cache_is_ignored(answers, own_cache, broken, damage):
         assert len(probed) == 2
 
 
-def test_a_read_only_cache_folder_only_costs_a_probe(monkeypatch, answers, broken):
-    """The folder's name is that of a file, which also fails for root."""
-    monkeypatch.setenv("DRJIT_CACHE_DIR", str(broken))
-    probed = answers({"libLLVM-99.so": "works"})
-    for _ in range(2):
-        assert llvm.probe(VARIANT, broken).works
-    assert len(probed) == 2
-
-
 def test_a_probe_that_hangs_is_a_timeout_which_is_not_cached(monkeypatch, broken):
     """A real child that sleeps; then one that answers."""
     monkeypatch.setattr(llvm, "_PROBE_SECONDS", 0.5)
@@ -339,14 +285,3 @@ def test_a_variant_set_by_the_host_is_kept_or_an_error():
     assert child.returncode == 1
     last = child.stderr.splitlines()[-1]
     assert "BackendError: mitsuba's variant is already scalar_rgb" in last
-
-
-def test_a_host_that_loaded_another_library_first_gets_one_line():
-    script = (
-        "from pathlib import Path; from twinlens.rendering import backend, backends\n"
-        "backend(); backends._check_loaded(Path('/usr/lib/libLLVM-99.so'))"
-    )
-    last = run_python(script).stderr.splitlines()[-1]
-    assert "BackendError: " in last
-    assert "has loaded" in last
-    assert "DRJIT_LIBLLVM_PATH=/usr/lib/libLLVM-99.so" in last

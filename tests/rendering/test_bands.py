@@ -86,18 +86,8 @@ def test_a_scene_needs_light_in_the_band_and_a_projector_a_camera_that_sees_it()
     unseen = r"projectors\[0\] has the band 'nir', which no camera sees"
     with pytest.raises(InputError, match=unseen):
         tl.render(led, rig_of(CAMERA, projectors=[PROJECTOR]), spp=1)
-    with pytest.raises(InputError, match="a finite number >= 0, got '1'"):
-        led.with_ambient("1")
     mixed = rig_of(NIR, NIR, CAMERA, CAMERA, projectors=[PROJECTOR])
     assert [len(mixed.pair(a, a + 1).projectors) for a in (0, 2)] == [1, 0]
-
-
-def test_partners_are_cameras_of_one_band():
-    rig = rig_of(CAMERA, NIR, NIR, CAMERA, BOTH)
-    assert [rig.partner(i) for i in range(5)] == [3, 2, 1, 0, 3]
-    assert rig_of(NIR).partner(0) is None
-    table = plain(rig_of(NIR, CAMERA))
-    assert [camera.get("band") for camera in table["cameras"]] == ["nir", None]
 
 
 def test_photos_of_the_near_infrared_are_mono_and_have_their_own_exposure():

@@ -55,23 +55,6 @@ def mtf50(image):
     return np.fft.rfftfreq(8192, 0.25)[first]
 
 
-def test_a_blur_disk_has_the_diameter_of_the_law_and_keeps_its_light():
-    """From the mean squared distance to the centre: (c^2 + d^2) / 8 for a light imaged to a disk d wide, and 1/6 for
-    the area of a pixel. The blur is A f |1/z - 1/focus|."""
-    camera, z, radius = photos.camera(48, 48, 120.0), 2.5, 0.06
-    scene, rig = photos.dot(z, radius), photos.rig_of(camera)
-    lens = tl.ThinLens(0.25, 1.0)
-    denoised = tl.render(scene, rig, lens, spp=256, denoise=True)[0]
-    raw = tl.render(scene, rig, lens, spp=1024, seed=1)[0]
-    assert denoised.sum() == pytest.approx(raw.sum(), rel=0.02)
-    y, x = np.mgrid[: camera.height, : camera.width]
-    distance2 = (x - camera.cx) ** 2 + (y - camera.cy) ** 2
-    squares = np.average(distance2, weights=denoised.mean(axis=-1))
-    diameter = np.sqrt(8 * (squares - 1 / 6) - (2 * radius * camera.fx / z) ** 2)
-    expected = 0.25 * camera.fx * abs(1 / z - 1 / 1.0)
-    assert diameter == pytest.approx(expected, rel=0.01)
-
-
 def test_two_eyes_do_not_agree_better_than_converged_images():
     """The right image, taken where the left pixels are seen, minus the left one; mean over eight pairs. Removed texture
     would lower it. A single pair's residual varies by 3 %."""

@@ -181,12 +181,10 @@ COAT = {"KHR_materials_clearcoat": {"clearcoatFactor": 1.0}}
     ("kind", "metallic", "roughness", "more"),
     [
         ("diffuse", 0.0, 0.9, {}),
-        ("diffuse", 0.0, 0.9, {"doubleSided": True}),
         ("glossy", 0.0, 0.3, {}),
         ("glossy", 1.0, 0.9, {}),
         ("glossy", 0.0, 0.9, {"extensions": COAT}),
         ("transmissive", 0.0, 0.9, {"extensions": GLASS}),
-        ("transmissive", 0.0, 0.0, {"extensions": GLASS}),
         ("transmissive", 0.0, 0.9, {"alphaMode": "BLEND"}),
     ],
 )

@@ -9,10 +9,7 @@ from twinlens.scenes.materials import (
     Color,
     Material,
     VertexColor,
-    glass,
     lambert,
-    metal,
-    plastic,
 )
 from twinlens.scenes.plugins import material_of
 from twinlens.scenes.scene import Mesh
@@ -81,21 +78,6 @@ def test_what_a_material_cannot_express_stays_a_plugin():
         assert bsdf_of(plugin) is plugin
 
 
-def test_models_of_one_bsdf():
-    kinds = {
-        "diffuse": lambert(0.5),
-        "plastic": plastic(0.5),
-        "roughplastic": plastic(0.5, 0.1),
-        "conductor": metal("Au"),
-        "roughconductor": metal("Au", roughness=0.1),
-        "dielectric": glass(1.5),
-        "roughdielectric": glass(1.5, roughness=0.1),
-        "thindielectric": glass(1.5, thin_walled=True),
-    }
-    for kind, material in kinds.items():
-        assert bsdf_of(material)["type"] == kind
-
-
 def found(tree, key):
     """The first value of a key anywhere in a tree of plugins, or None."""
     if not isinstance(tree, dict):
@@ -104,29 +86,6 @@ def found(tree, key):
         return tree[key]
     hits = [found(value, key) for value in tree.values()]
     return next((hit for hit in hits if hit is not None), None)
-
-
-def test_a_gltf_surface_without_facets_is_lamberts():
-    """The light that it scatters is exactly the base colour."""
-    plugin = bsdf_of(Material(base_color=PICTURE, specular=0.0))
-    assert plugin["type"] == "diffuse"
-    np.testing.assert_array_equal(plugin["reflectance"].pixels, PICTURE.pixels)
-
-
-def test_a_gltf_metal_is_all_facets():
-    metallic = Bitmap(np.array([[0.0, 1.0]], dtype=np.float32))
-    plugin = bsdf_of(Material(metallic=metallic, roughness=0.5))
-    np.testing.assert_allclose(plugin["weight"].pixels[0, 1], 1.0)
-    np.testing.assert_allclose(plugin["bsdf_1"]["base_color"].pixels[0, 1], 1.0)
-
-
-def test_glass_of_gltf_is_a_pane_or_a_solid():
-    pane = Material(transmission=1.0, roughness=0.0, ior=1.33)
-    assert bsdf_of(pane)["type"] == "thindielectric"
-    assert bsdf_of(pane)["int_ior"] == 1.33
-    solid = {"transmission": 1.0, "thin_walled": False}
-    assert bsdf_of(Material(**solid, roughness=0.0))["type"] == "dielectric"
-    assert bsdf_of(Material(**solid, roughness=0.5))["alpha"] == 0.25
 
 
 def test_opacity_is_cut_at_the_cutoff():

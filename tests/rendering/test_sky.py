@@ -26,25 +26,13 @@ def truths():
         (1.0, 9.0),
     )
     rig = tl.Rig.stereo(CAMERA, BASELINE, right=CAMERA.replace(cx=CAMERA.cx + 3))
-    return [
-        tl.ground_truth(scene, rig, sky_disparity=with_sky)
-        for with_sky in (False, True)
-    ]
-
-
-def test_sky_is_unknown_by_default(truths):
-    unknown, _ = truths
-    for truth in unknown:
-        assert (~truth.hit).any()
-        assert np.isposinf(truth.disparity[~truth.hit]).all()
-        assert (truth.mask_nonocc()[~truth.hit] == 0).all()
+    return tl.ground_truth(scene, rig, sky_disparity=True)
 
 
 def test_sky_has_the_disparity_of_infinity_and_is_seen_where_the_partner_sees_it(
     truths,
 ):
-    _, with_sky = truths
-    for index, truth in enumerate(with_sky):
+    for index, truth in enumerate(truths):
         sky = ~truth.hit
         assert (truth.disparity[sky] == -3.0).all()
         u = CAMERA.pixel_grid()[..., 0]

@@ -68,24 +68,6 @@ def test_a_patch_lights_a_diffuse_plane_by_the_cosine(row, column, turn, normal)
     assert measured.mean() == pytest.approx(expected, rel=bound)
 
 
-@pytest.mark.parametrize(
-    ("row", "column", "turn"), [(96, 240, 0.0), (120, 80, 128.0), (140, 280, -17.0)]
-)
-def test_the_camera_sees_a_patch_where_its_direction_projects(row, column, turn):
-    patch = Patch(row, column, turn)
-    scene = scene_of(SceneObject("plane", SQUARE, "grey"))
-    scene = scene.lit_by(Sky(patch.pixels, turn_deg=turn))
-    camera, aside = tl.Camera.from_fov(64, 48, 70), patch.azimuth + 0.2
-    pose = look_at([0.0, 0, 50], [math.cos(aside), math.sin(aside), 50.0])
-    light = tl.render(scene, tl.Rig([camera], [pose]), spp=64, seed=1)[0].sum(axis=-1)
-    rays = camera.unproject(camera.pixel_grid())
-    length = np.linalg.norm(rays, axis=-1, keepdims=True)
-    weight = light[..., None] * length**-3  # the solid angle of a pixel
-    centre = (weight * rays / length).sum(axis=(0, 1))
-    cosine = centre / np.linalg.norm(centre) @ pose[:3, :3].T @ patch.towards
-    assert math.acos(min(cosine, 1.0)) < 1.1 * HALF_PIXEL
-
-
 @pytest.fixture(scope="module")
 def hidden():
     """Images and truth of a square and a lamp before a uniform sky of radiance 1 that is visible, or hidden."""
@@ -131,16 +113,6 @@ def test_without_lamps_the_objects_stay_and_are_dark():
     assert dark.objects[0].emitter is None
     rig = tl.Rig([tl.Camera.from_fov(8, 8, 20)], [ABOVE])
     assert tl.render(dark, rig, spp=64)[0].mean() == pytest.approx(ALBEDO, rel=0.02)
-
-
-@pytest.mark.parametrize(("changes", "message"), [
-    ({"pixels": 0 * WHITE}, "some light"), ({"pixels": np.nan * WHITE}, "finite"), ({"pixels": -WHITE}, ">= 0"),
-    ({"pixels": np.ones((2, 8, 3))}, r"shape \(2, 8, 3\)"), ({"scale": 0.0}, "scale"),
-    ({"turn_deg": math.inf}, "turn_deg"),
-])  # fmt: skip
-def test_an_impossible_sky_is_refused(changes, message):
-    with pytest.raises(InputError, match=message):
-        Sky(**{"pixels": WHITE, **changes})
 
 
 XML = """<scene version="3.0.0">

@@ -4,10 +4,6 @@ import numpy as np
 import pytest
 from scipy.stats import chisquare, qmc
 
-import twinlens as tl
-from tests.optics_rendered.optics_lights import HERE, chequered_room
-from twinlens.camera import Camera, Rig
-
 WIDTH, HEIGHT, SPP = 16, 8, 8
 
 
@@ -107,19 +103,3 @@ def test_numbers_of_one_ray_are_uniform_and_independent():
     for a, b in ((x, y), (x, z), (y, z), (x[1:], x[:-1]), (y, far)):
         counts = np.histogram2d(a, b, bins=4, range=[[0, 1], [0, 1]])[0]
         assert chisquare(counts.ravel()).pvalue > 1e-3
-
-
-def test_twelve_samples_are_one_pass_whose_loop_is_recorded_once(monkeypatch):
-    """Dr.Jit records a loop twice if a variable of its state never changes, which doubles the time of tracing it."""
-    from twinlens.rendering import paths
-
-    recorded = []
-    original = paths.matte_part
-    monkeypatch.setattr(
-        paths,
-        "matte_part",
-        lambda *arguments: recorded.append(1) or original(*arguments),
-    )
-    camera = Camera.from_fov(32, 24, 60)
-    tl.render(chequered_room(), Rig([camera], [HERE]), spp=12, denoise=True)
-    assert len(recorded) == 1

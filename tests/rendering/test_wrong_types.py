@@ -6,24 +6,11 @@ import twinlens as tl
 from twinlens.errors import InputError
 from twinlens.rendering import render_measured
 
-NUMBERS = [("spp", 0), ("spp", 1.5), ("spp", True), ("spp", "4"), ("seed", -1), ("seed", 0.5)]  # fmt: skip
-
 
 @pytest.fixture(scope="module")
 def view():
     scene, camera = tl.load_scene("cards"), tl.Camera.from_fov(16, 12, 50)
     return scene, tl.Rig.stereo(camera, 0.1, scene.world_from_left)
-
-
-@pytest.mark.parametrize(("name", "value"), NUMBERS)
-def test_wrong_numbers_are_named(view, name, value):
-    for render in (tl.render, render_measured):
-        options = {"lens": tl.Pinhole(), "spp": 4, "seed": 0, name: value}
-        with pytest.raises(InputError) as refusal:
-            render(*view, **options)
-        assert str(refusal.value).startswith(name)
-        assert repr(value) in str(refusal.value)
-        assert "\n" not in str(refusal.value)
 
 
 def test_arguments_of_wrong_types_are_input_errors(view):
@@ -38,6 +25,8 @@ def test_arguments_of_wrong_types_are_input_errors(view):
         ("one lens, or one for each camera, got 3", tl.render, (scene, rig, [pinhole] * 3)),
         ("list", tl.render_lens_grid, (scene, rig, pinhole)),
         ("at least one lens", tl.render_lens_grid, (scene, rig, [])),
+        ("spp .* got 0", tl.render, (scene, rig, pinhole, 0)),
+        ("seed .* got -1", tl.render, (scene, rig, pinhole, 4, -1)),
         ("spp >= 2", render_measured, (scene, rig, pinhole, 1, 0)),
     ):  # fmt: skip
         with pytest.raises(InputError, match=words):
