@@ -140,13 +140,3 @@ def test_the_exit_code_is_1_only_if_every_method_failed(twinlens, dataset, tmp_p
     assert (tmp_path / "board" / "index.html").exists()
     assert twinlens(*line, bad, "--json")[0] == 1
     assert twinlens(*line, f"{bad},sad")[0] == 0
-
-
-def test_a_demo_without_a_terminal_prints_its_stages(capsys, monkeypatch, tmp_path):
-    from twinlens.cli import demo
-
-    monkeypatch.setattr(demo, "SCENES", ("cards",))
-    monkeypatch.setattr(demo, "WIDTH", 48)
-    monkeypatch.setattr(demo, "HEIGHT", 36)
-    demo._render(tmp_path / "set", denoise=True)
-    assert capsys.readouterr().err == "rendering cards, scene 1 of 1\n"

@@ -6,7 +6,7 @@ import shutil
 import pytest
 
 from tests.cli.conftest import QUICK
-from twinlens.dataset import Dataset, place, read_manifest
+from twinlens.dataset import place, read_manifest
 
 
 @pytest.fixture
@@ -53,20 +53,10 @@ def test_exporting_again_needs_overwrite(twinlens, dataset, tmp_path):
 
 
 def test_describe_keeps_what_it_is_told(twinlens, own):
-    code, out, _ = twinlens(
-        "describe", own, "--license", "CC-BY-4.0", "--creator", "Ada"
-    )
-    assert code == 0
-    assert [line.rpartition("/")[2] for line in out.splitlines()] == [
-        *("README.md", "samples.jpg", "statistics.png", "croissant.json")
-    ]
+    assert twinlens("describe", own, "--license", "CC-BY-4.0")[0] == 0
     assert twinlens("describe", own)[0] == 0
     assert "CC-BY-4.0" in (own / "README.md").read_text()
-    assert read_manifest(own).info["about"] == {
-        "license": "CC-BY-4.0",
-        "creator": "Ada",
-    }
-    assert len(Dataset(own)) == 1
+    assert read_manifest(own).info["about"] == {"license": "CC-BY-4.0"}
     assert twinlens("verify", own)[0] == 0
 
 

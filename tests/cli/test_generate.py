@@ -1,10 +1,7 @@
 import json
 import math
-import os
 import re
 import shutil
-import subprocess
-import sys
 import tomllib
 
 import pytest
@@ -97,16 +94,6 @@ def test_samples_that_cannot_be_are_told_with_the_remedy(twinlens, tmp_path):
     assert "draws rejected: 2 too little visible in both views" in out
     assert "sample 1 failed: 2 draws rejected; last reason: too little visible" in err
     assert "change rig.baseline" in err
-
-
-def test_a_backend_that_is_none_leaves_no_folder(recipe, tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-m", "twinlens", "generate", str(recipe), "-o", str(tmp_path / "set")],
-        env={**os.environ, "TWINLENS_BACKEND": "banana"}, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
-    assert "banana" in done.stderr
-    assert not (tmp_path / "set").exists()
 
 
 def test_a_shard_that_is_done_says_what_is_needed_still(twinlens, recipe, tmp_path):

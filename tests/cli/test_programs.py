@@ -149,21 +149,3 @@ def test_earlier_failures_are_reported_and_rerun_on_request(
         status, out, err = twinlens(*line, *rest)
         assert (status, err) == (0, "")
         assert "failed: " not in out
-
-
-def test_a_missing_program_does_not_change_the_board(
-    twinlens, dataset, tmp_path, program
-):
-    """Changed content means another method and drops its scores, but a missing file does not."""
-    path, board = tmp_path / "prog.sh", tmp_path / "b"
-    command = f"mine={path} {program(FLAT).split(' ', 1)[1]}"
-    line = ("benchmark", dataset, "--command", command, "-o", board)
-    path.write_text(f'#!/bin/sh\nexec {sys.executable} "$@"\n')
-    path.chmod(0o755)
-    assert twinlens(*line)[0] == 0
-    before = (board / "board.json").read_bytes()
-    path.chmod(0o644)
-    code, _, err = twinlens(*line)
-    assert code == 2
-    assert "cannot be started: it is not executable" in err
-    assert (board / "board.json").read_bytes() == before

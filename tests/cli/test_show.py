@@ -36,8 +36,6 @@ def test_costs_are_those_of_the_library(twinlens, dataset, tmp_path):
     stored = Dataset(dataset)[0]
     search = {"methods": ["sad", "sgm"], "num_disparities": stored.ndisp}
     first = tl.cost_curve(stored.im0, stored.im1, 40, 20, **search)["sad"]
-    costs = f"sad: winner {first.disparity:.2f} px (cost {first.costs.min():.4g})"
-    assert f"{costs}, rival {first.rival} px" in out
     assert tl.scoring.reason_of(load_pair(stored), first).text in out
 
     record = json.loads(twinlens(*line, "--methods", "sgm", "--lens", 1, "--json")[1])
@@ -47,8 +45,6 @@ def test_costs_are_those_of_the_library(twinlens, dataset, tmp_path):
     for name, curve in curves.items():
         shown = record["curves"][name]
         assert (shown["winner"], shown["rival"]) == (curve.winner, curve.rival)
-        reason = tl.scoring.reason_of(load_pair(stored, 1), curve)
-        assert shown["reason"] == {"kind": reason.kind, "text": reason.text}
         assert [float(cost) for cost in shown["costs"]] == pytest.approx(curve.costs)
 
 
@@ -68,6 +64,4 @@ def test_confidences_are_scored_as_by_evaluate(twinlens, dataset, tmp_path):
     scores = tl.evaluate(disparity, *truth, confidence=trust).nonocc
     measured = record["measures"]["curvature"]
     assert measured["auc2.0"] == pytest.approx(scores["auc2.0"])
-    assert measured["sparsification"] == pytest.approx(scores.sparsification)
     assert record["pixels"] == scores.estimated
-    assert record["auc2.0_opt"] == pytest.approx(scores["auc2.0_opt"])
