@@ -10,7 +10,7 @@ from PIL import Image
 from tests.families.families_checks import camera_inside
 from twinlens.errors import InputError
 from twinlens.families import FAMILIES, Assets, random_scene
-from twinlens.families.composition import View, rasterize
+from twinlens.families.composition import Viewpoint, rasterize
 from twinlens.families.kinds import KINDS
 from twinlens.geometry import transform_points
 from twinlens.rendering.materials import bsdf_of
@@ -48,7 +48,7 @@ def fingerprint(scene):
 
 def depths(scene, objects):
     """The depth of some of a scene's objects at 4:3."""
-    view = View(scene.world_from_left, scene.fov_x_deg, 4 / 3)
+    view = Viewpoint(scene.world_from_left, scene.fov_x_deg, 4 / 3)
     meshes = [
         (
             transform_points(item.world_from_object, item.shape.vertices),

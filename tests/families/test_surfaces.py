@@ -3,12 +3,12 @@
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from twinlens.families.composition import View
+from twinlens.families.composition import Viewpoint
 from twinlens.families.surfaces import Sheet, bake
 from twinlens.geometry import look_at
 
 FLOOR = Sheet(np.array([-20.0, 0.2, 0]), np.array([40.0, 0, 0]), np.array([0, 20.0, 0]))
-VIEW = View(look_at([0, 0, 0.6], [0, 3, 0]), 50.0, 4 / 3, 320)
+VIEW = Viewpoint(look_at([0, 0, 0.6], [0, 3, 0]), 50.0, 4 / 3, 320)
 
 
 def seen(texture, x, y):

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from twinlens.families.composition import View, rasterize
+from twinlens.families.composition import Viewpoint, rasterize
 from twinlens.geometry import look_at
 
 QUAD = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
 
 
 def view():
-    return View(look_at([0, 0, 0], [0, 1, 0]), 60.0, 4 / 3)
+    return Viewpoint(look_at([0, 0, 0], [0, 1, 0]), 60.0, 4 / 3)
 
 
 def rays(columns):

@@ -139,7 +139,7 @@ def matched(samples, methods):
     return board, samples, maps
 
 
-def wrong_pixels(pair, maps, cause, per_class=6):
+def wrong_pixels(pair, maps, cause, per_class=4):
     """[(method, column, row, cause)]: pixels of known cause that a method matches wrongly."""
     rng, chosen = np.random.default_rng(11), []
     for (name, _), disparity in maps.items():
@@ -270,7 +270,7 @@ def test_reasons_are_the_known_causes(tmp_path):
     }  # fmt: skip
     rng = np.random.default_rng(2)
     others = [
-        ("mine", int(rng.integers(200)), int(rng.integers(132))) for _ in range(60)
+        ("mine", int(rng.integers(200)), int(rng.integers(132))) for _ in range(24)
     ]
     asked = [pixel[:3] for pixel in labelled] + others
     results = asked_page(*page, tmp_path, reasons=asked)

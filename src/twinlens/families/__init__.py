@@ -96,32 +96,60 @@ def random_scene(
     """
     check_known("scene family", family, FAMILIES)
     chosen = FAMILIES[family]
-    if isinstance(seed, np.random.SeedSequence):
-        root, label = seed, f"{int(seed.generate_state(1)[0]):08x}"
-    else:
-        check_int("seed", seed, 0)
-        root, label = np.random.SeedSequence(int(seed)), str(seed)
-    given: Any = chosen.object_count if object_count is None else object_count
-    counts = (given, given) if np.ndim(given) == 0 else given
-    for name, pair in (("object_count", counts), ("depth_range", depth_range)):
-        if pair is not None and np.shape(pair) != (2,):
-            raise InputError(f"{name} must have two values, got {format_value(pair)}")
-    check_int("object_count", counts[0], 0 if chosen.may_be_empty else 1, _MAX_OBJECTS)
-    check_int("object_count", counts[1], counts[0], _MAX_OBJECTS)
+    root, label = _root_and_label(seed)
+    counts = _range_of_counts(chosen, object_count)
+    if depth_range is not None:
+        _check_pair("depth_range", depth_range)
     check_view(family, aspect, width, depth_range, "depth_range")
-    if depth_range is not None and assets is not None and assets.keep_scale:
+    keeps_scale = assets is not None and assets.keep_scale
+    if depth_range is not None and keeps_scale:
         raise InputError(
             "depth_range scales the whole scene; it cannot be used with keep_scale"
         )
-    depths = (
-        None if depth_range is None else (float(depth_range[0]), float(depth_range[1]))
-    )
+    depths = None
+    if depth_range is not None:
+        near, far = depth_range
+        depths = float(near), float(far)
     scene = Composition(
-        f"{family}-{label}", root, assets or Assets(), depths, counts, float(aspect), int(width), own_lights,
-        plain_surfaces,
-    )  # fmt: skip
+        name=f"{family}-{label}",
+        root=root,
+        assets=assets or Assets(),
+        depth_range=depths,
+        counts=counts,
+        aspect=float(aspect),
+        width_px=int(width),
+        own_lights=own_lights,
+        plain_surfaces=plain_surfaces,
+    )
     chosen.compose(scene)
     return scene.scene(chosen.about)
+
+
+def _root_and_label(
+    seed: int | np.random.SeedSequence,
+) -> tuple[np.random.SeedSequence, str]:
+    """The root of all random streams of a scene, and the seed's text in its name."""
+    if isinstance(seed, np.random.SeedSequence):
+        return seed, f"{int(seed.generate_state(1)[0]):08x}"
+    check_int("seed", seed, 0)
+    return np.random.SeedSequence(int(seed)), str(seed)
+
+
+def _range_of_counts(family: Family, object_count: Any) -> tuple[int, int]:
+    """The least and the largest number of objects: those of the family unless the user gave one or two."""
+    counts = family.object_count if object_count is None else object_count
+    if np.ndim(counts) == 0:
+        counts = counts, counts
+    _check_pair("object_count", counts)
+    least, most = counts
+    check_int("object_count", least, 0 if family.may_be_empty else 1, _MAX_OBJECTS)
+    check_int("object_count", most, least, _MAX_OBJECTS)
+    return least, most
+
+
+def _check_pair(name: str, pair: Any) -> None:
+    if np.shape(pair) != (2,):
+        raise InputError(f"{name} must have two values, got {format_value(pair)}")
 
 
 def check_view(

@@ -31,7 +31,7 @@ _LYING = {
 
 
 @dataclass(frozen=True, eq=False)
-class Placement:
+class RestingBody:
     """A body, and how it lies."""
 
     body: Body
@@ -92,7 +92,7 @@ def _draw_pose(body: Body, rng: Rng) -> StablePose | None:
 
 def arrange(
     bodies: Sequence[tuple[Body, StablePose, Rng]], area: Area
-) -> list[Placement]:
+) -> list[RestingBody]:
     """Place bodies one after the other, each with its own random stream; bodies without a free place are left out."""
     placed: list[Placed] = []
     placements = []
@@ -100,7 +100,7 @@ def arrange(
         for trial in _trials(body, rest, rng, placed, area):
             if all(_is_clear(trial, neighbour, area.spacing) for neighbour in placed):
                 placed.append(trial)
-                placements.append(Placement(body, trial))
+                placements.append(RestingBody(body, trial))
                 break
     return placements
 

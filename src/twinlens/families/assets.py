@@ -122,19 +122,19 @@ class Assets:
                 return paths[index].stem, made
         return None
 
+    def _named_by(self, kind: str, path: Path) -> Iterable[Path]:
+        """The files that a mesh file names."""
+        if kind != "meshes":
+            return ()
+        return named_by_mesh(path, self.keep_material, self.folder)
+
     def _get(self, kind: str, path: Path) -> Any:
         key = kind, path
         if key not in self._read and key not in self._failed:
             if self.before_reading is not None:
-                for each in (
-                    path,
-                    *(
-                        named_by_mesh(path, self.keep_material, self.folder)
-                        if kind == "meshes"
-                        else ()
-                    ),
-                ):
-                    self.before_reading(each)
+                self.before_reading(path)
+                for file in self._named_by(kind, path):
+                    self.before_reading(file)
             try:
                 self._read[key] = (
                     _READERS[kind](path) if kind != "meshes" else self._read_mesh(path)
@@ -185,7 +185,7 @@ def _root(path: Path, folder: Path | None) -> Path:
 def _listed(kind: str, folders: Iterable[str | Path]) -> tuple[Path, ...]:
     if isinstance(folders, (str, Path)):
         folders = (folders,)
-    found: set[Path] = set()
+    paths: set[Path] = set()
     for folder in map(Path, folders):
         if not folder.exists():
             raise InputError(f"{kind}: no file or folder {str(folder)!r}")
@@ -196,8 +196,8 @@ def _listed(kind: str, folders: Iterable[str | Path]) -> tuple[Path, ...]:
             raise InputError(
                 f"{kind}: {str(folder)!r} {what} {', '.join(SUFFIXES[kind])} file"
             )
-        found |= {path for path in inside if path.is_file()}
-    return tuple(sorted(found))
+        paths |= {path for path in inside if path.is_file()}
+    return tuple(sorted(paths))
 
 
 def _normalized(path: Path, model: Model) -> UserMesh:
@@ -213,15 +213,16 @@ def _normalized(path: Path, model: Model) -> UserMesh:
         raise FileError(
             f"{path}: is flat; a mesh needs an extent in all three dimensions"
         )
-    turn = (
-        np.eye(3)
-        if path.suffix.lower() in (".ply", ".stl")
-        else np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
-    )
-    kept = {each.name: getattr(mesh, each.name) for each in fields(mesh)}
-    kept["vertices"] = (mesh.vertices - (low + high) / 2) @ turn.T / size
-    kept["normals"] = None if mesh.normals is None else mesh.normals @ turn.T
-    return UserMesh(**kept, path=path, size=size, materials=model.materials)
+    has_z_up = path.suffix.lower() in (".ply", ".stl")
+    turn = np.eye(3) if has_z_up else _Z_FROM_Y_UP
+    values = {field.name: getattr(mesh, field.name) for field in fields(mesh)}
+    values["vertices"] = (mesh.vertices - (low + high) / 2) @ turn.T / size
+    values["normals"] = None if mesh.normals is None else mesh.normals @ turn.T
+    return UserMesh(**values, path=path, size=size, materials=model.materials)
+
+
+_Z_FROM_Y_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+"""Turns the y axis of glTF and of most OBJ files upwards, to z."""
 
 
 def _read_texture(path: Path) -> Image:

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from twinlens.families import lighting
-from twinlens.families.composition import Composition, View
+from twinlens.families.composition import Composition, Viewpoint
 from twinlens.families.draws import Rng, one_of, weighted
 from twinlens.families.furniture import board
 from twinlens.families.materials import (
@@ -86,7 +86,7 @@ def _add_charts(scene: Composition, depth_ratio: float) -> None:
 
 
 def _free_pose(
-    view: View, rng: Rng, index: int, depth: float, mesh: Mesh, taken: list[Float]
+    view: Viewpoint, rng: Rng, index: int, depth: float, mesh: Mesh, taken: list[Float]
 ) -> Float | None:
     """A pose on the floor apart from the footprints that are taken, to which its own is added; None without one."""
     for attempt in range(_TRIES):

@@ -29,7 +29,7 @@ _NEAR = 1e-3  # metres: triangles are clipped at this depth
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class Viewpoint:
     """A pinhole camera: its pose (4, 4), horizontal field of view, width over height, and pixels across."""
 
     world_from_cam: Float
@@ -71,7 +71,9 @@ class View:
         return 2 * depth * np.array(self.half)
 
 
-def rasterize(view: View, meshes: Iterable[Triangles], columns: int = 160) -> Float:
+def rasterize(
+    view: Viewpoint, meshes: Iterable[Triangles], columns: int = 160
+) -> Float:
     """The depth (H, W) of meshes at pixel centres, `columns` pixels wide; +inf where nothing is hit.
 
     Source: Pineda, A Parallel Algorithm for Polygon Rasterization, SIGGRAPH 1988.
@@ -168,7 +170,7 @@ class Composition:
     plain_surfaces: bool = True
     count: int = field(init=False)
     palette: Palette = field(init=False)
-    view: View = field(init=False)
+    view: Viewpoint = field(init=False)
     objects: list[SceneObject] = field(default_factory=list)
     triangles: list[Triangles] = field(default_factory=list)
     materials: dict[str, Material] = field(default_factory=dict)
@@ -193,7 +195,7 @@ class Composition:
         return log_uniform(self.rng("depth"), low, high)
 
     def look(self, eye: Float, target: Float, fov_x_deg: float) -> None:
-        self.view = View(
+        self.view = Viewpoint(
             look_at(eye, target), float(fov_x_deg), self.aspect, self.width_px
         )
 
@@ -207,7 +209,7 @@ class Composition:
     ) -> None:
         """Add an object with its own material, or those of a user's mesh. Names become unique: bottle, bottle-2, ..."""
         plain = re.sub(r"[^A-Za-z0-9_]+", "-", name).strip("-") or "body"
-        taken = {*self.materials, *(thing.name for thing in self.objects)}
+        taken = {*self.materials, *(item.name for item in self.objects)}
         unique = free_name(plain, taken)
         of_file: tuple[str, ...] = ()
         if isinstance(mesh, UserMesh):
@@ -275,8 +277,8 @@ class Composition:
             scale = self.depth_range[0] / near
             about_eye = similarity(np.eye(3), (1 - scale) * view.eye, scale)
             objects = [
-                replace(thing, world_from_object=about_eye @ thing.world_from_object)
-                for thing in objects
+                replace(item, world_from_object=about_eye @ item.world_from_object)
+                for item in objects
             ]
             near, far = near * scale, far * scale
         share = self.rng("baseline").uniform(0.08, 0.12)

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from twinlens.families import lighting
-from twinlens.families.composition import Composition, View, similarity
+from twinlens.families.composition import Composition, Viewpoint, similarity
 from twinlens.families.draws import Rng, log_uniform, one_of
 from twinlens.families.kinds import KINDS, draw_body
 from twinlens.families.materials import body_material
@@ -70,7 +70,11 @@ def _add_bodies(scene: Composition, depth_ratio: float) -> None:
 
 
 def _free_place(
-    view: View, rng: Rng, depth: float, reach: float, taken: list[tuple[Float, float]]
+    view: Viewpoint,
+    rng: Rng,
+    depth: float,
+    reach: float,
+    taken: list[tuple[Float, float]],
 ) -> Float | None:
     """A centre in the picture for a sphere of radius `reach` beside the spheres that are taken; None without one."""
     for _ in range(_TRIES):

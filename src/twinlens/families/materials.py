@@ -14,6 +14,7 @@ from twinlens.families.composition import Composition
 from twinlens.families.draws import METALS, Palette, Rng, one_of, varied
 from twinlens.families.patterns import half_size, noise, pattern
 from twinlens.families.solids import Solid
+from twinlens.geometry import Float
 from twinlens.scenes.materials import Bitmap, Material, glass, metal
 from twinlens.scenes.textures import Image
 
@@ -172,6 +173,12 @@ _FIXED_COLORS = {
 }
 
 
+_LOOKS_ALONE = ("pattern", "picture", "rug")
+"""Parts that look different from all others, also of the same piece."""
+_OF_USER = ("picture", "rug", "pattern", "fabric")
+"""Parts that may have a user's texture."""
+
+
 def furniture_material(
     scene: Composition,
     part: tuple[str | int, ...],
@@ -181,57 +188,46 @@ def furniture_material(
 ) -> Material:
     """The material of one part of a piece of furniture; parts with the same `word` and `shared` look alike."""
     if word == "spines":
-        return material(
-            scene.rng("spines", *part),
-            "satin",
-            Bitmap(_spines(scene, part), filter="nearest"),
-        )
+        spines = Bitmap(_spines(scene, part), filter="nearest")
+        return material(scene.rng("spines", *part), "satin", spines)
     names, tile, finishes = FURNITURE[word]
-    rng = scene.rng(
-        "dress", *(part if word in ("pattern", "picture", "rug") else (word, shared))
-    )
-    palette = scene.palette
+    stream = part if word in _LOOKS_ALONE else (word, shared)
+    rng = scene.rng("dress", *stream)
     n = texels(tile, pixel, 256)
-    own = (
-        user_texture(scene, *part)
-        if word in ("picture", "rug", "pattern", "fabric")
-        else None
-    )
-    if own is not None:
-        pixels = resized(own, n)
+    picture = user_texture(scene, *part) if word in _OF_USER else None
+    if picture is not None:
+        pixels = resized(picture, n)
     elif word == "metal":
         pixels = metal_pixels(rng, n, "metal")
     else:
         name = one_of(rng, names)
-        tones = (
-            np.vstack([palette.accents, palette.grounds])
-            if word in ("fabric", "paint")
-            else palette.accents
-        )
-        fixed = _FIXED_COLORS.get(word)
-        colors = (
-            varied(rng, rng.permutation(tones), 0.1)
-            if fixed is None
-            else varied(rng, fixed)
-        )
+        colors = _furniture_colors(rng, scene.palette, word)
         pixels = pattern(name, n, rng, colors, tile)
-    return material(
-        rng,
-        one_of(rng, finishes),
-        Bitmap(pixels, to_uv=np.diag([1 / tile, 1 / tile, 1.0, 1.0])),
-    )
+    finish = one_of(rng, finishes)
+    to_uv = np.diag([1 / tile, 1 / tile, 1.0, 1.0])
+    return material(rng, finish, Bitmap(pixels, to_uv=to_uv))
+
+
+def _furniture_colors(rng: Rng, palette: Palette, word: str) -> Float:
+    """Colours (N, 3) of a part: fixed ones, or the accents of the palette, for cloth and paint also its grounds."""
+    if word in _FIXED_COLORS:
+        return varied(rng, _FIXED_COLORS[word])
+    tones = palette.accents
+    if word in ("fabric", "paint"):
+        tones = np.vstack([palette.accents, palette.grounds])
+    return varied(rng, rng.permutation(tones), 0.1)
 
 
 def _spines(scene: Composition, part: tuple[str | int, ...]) -> Image:
+    """The backs of 32 books side by side, one texel wide and 64 high: a label, and in half of them two bands."""
     rng, palette = scene.rng("spines", *part), scene.palette
-    cloth = varied(
-        rng, np.vstack([palette.accents, palette.accents, palette.grounds]), 0.15
-    )
+    tones = np.vstack([palette.accents, palette.accents, palette.grounds])
+    cloth = varied(rng, tones, 0.15)
     columns = cloth[rng.integers(len(cloth), size=32)]
     pixels = np.repeat(columns[None], 64, axis=0)
     for book in range(32):
         ink = columns[rng.integers(32)]
-        at, tall = int(rng.integers(8, 30)), int(rng.integers(3, 14))
-        pixels[at : at + tall, book] = ink
+        top, height = int(rng.integers(8, 30)), int(rng.integers(3, 14))
+        pixels[top : top + height, book] = ink
         pixels[[50, 53], book] = ink if rng.random() < 0.5 else columns[book]
     return pixels.astype(np.float32)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.families.composition import Composition, View
+from twinlens.families.composition import Composition, Viewpoint
 from twinlens.families.draws import Palette, Rng, one_of, varied
 from twinlens.families.materials import material, texels
 from twinlens.families.patterns import half_size, pattern, texture_seed
@@ -97,7 +97,7 @@ def surface(
     return material(rng, kind, Bitmap(worn, wrap="clamp"))
 
 
-def _nearest_pixel(sheet: Sheet, view: View) -> float:
+def _nearest_pixel(sheet: Sheet, view: Viewpoint) -> float:
     """The width in metres of a pixel where the sheet is nearest: in the picture, else anywhere before the camera.
 
     At 1 m if all of it is behind the camera.
@@ -110,7 +110,7 @@ def _nearest_pixel(sheet: Sheet, view: View) -> float:
 
 
 def _project(
-    sheet: Sheet, view: View, s: Float, t: Float, reach: float = 1.05
+    sheet: Sheet, view: Viewpoint, s: Float, t: Float, reach: float = 1.05
 ) -> tuple[Float, Mask]:
     """Depth (rows, columns) at fractions t, s of the sides, and whether the point is within `reach` half pictures."""
     points = sheet.corner + s[None, :, None] * sheet.u + t[:, None, None] * sheet.v
@@ -124,7 +124,7 @@ def _project(
     return depth, (depth > 1e-6) & (x < reach) & (y < reach)
 
 
-def bake(image: Image, tile: float, sheet: Sheet, view: View) -> Image:
+def bake(image: Image, tile: float, sheet: Sheet, view: Viewpoint) -> Image:
     """A periodic image repeated over a sheet, filtered to the size of a pixel there; coarser outside the picture."""
     # As fine as the image, in multiples of the blocks, but not beyond three texels a pixel across the picture.
     texel = tile / len(image)
@@ -158,7 +158,7 @@ def _sampled(
     pyramid: list[Image],
     tile: float,
     sheet: Sheet,
-    view: View,
+    view: Viewpoint,
     rows: int,
     columns: int,
     inside: Mask | None,
@@ -188,7 +188,7 @@ def _sampled(
     return out
 
 
-def _pixel_footprint(sheet: Sheet, view: View, s: Image, t: Image) -> Image:
+def _pixel_footprint(sheet: Sheet, view: Viewpoint, s: Image, t: Image) -> Image:
     """The longer side, in metres, of the part of the sheet that a pixel sees at shares s, t of its sides.
 
     A pixel covers p z across at depth z, and along the slope 1/cosine of that.

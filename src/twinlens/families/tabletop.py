@@ -7,7 +7,7 @@ import numpy as np
 
 from twinlens.families import lighting
 from twinlens.families.arrangement import Area, arrange, bodies_at_rest
-from twinlens.families.composition import Composition, View
+from twinlens.families.composition import Composition, Viewpoint
 from twinlens.families.draws import Rng, one_of
 from twinlens.families.kinds import Body
 from twinlens.families.surfaces import (
@@ -136,7 +136,7 @@ class _Surroundings:
     edge_y : of the far edge of the table; None where the table reaches the wall.
     """
 
-    view: View
+    view: Viewpoint
     camera_y: float
     behind_y: float
     edge_y: float | None

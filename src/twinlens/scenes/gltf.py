@@ -29,8 +29,8 @@ from twinlens.scenes.gltf_materials import (
     Image,
     Lenient,
     PbrMaterial,
+    SampledImage,
     Sampler,
-    Texture,
 )
 from twinlens.schema import dotted, exactly, read, satisfies
 
@@ -156,7 +156,7 @@ class Header(Lenient):
     materials: Annotated[
         list[PbrMaterial], pydantic.Field(max_length=_MOST_MATERIALS)
     ] = pydantic.Field(default=[])
-    textures: list[Texture] = pydantic.Field(default=[])
+    textures: list[SampledImage] = pydantic.Field(default=[])
     images: list[Image] = pydantic.Field(default=[])
     samplers: list[Sampler] = pydantic.Field(default=[])
     extensionsRequired: list[str] = pydantic.Field(default=[])

@@ -154,7 +154,7 @@ class Sampler(Lenient):
     magFilter: int | None = None
 
 
-class Texture(Lenient):
+class SampledImage(Lenient):
     """A picture and its sampler."""
 
     source: _Index | None = None
@@ -200,7 +200,7 @@ class PbrMaterial(Lenient):
 class Textures:
     """The textures of a file. `picture` gives the encoded bytes of an image; `lost` collects what is not rendered."""
 
-    textures: list[Texture]
+    textures: list[SampledImage]
     samplers: list[Sampler]
     picture: Callable[[int], bytes]
     lost: list[str] = field(default_factory=list)
@@ -244,7 +244,7 @@ class Textures:
         return self._decoded[image]
 
     def _placed(
-        self, pixels: NDArray[np.float32], texture: Texture, info: TextureInfo
+        self, pixels: NDArray[np.float32], texture: SampledImage, info: TextureInfo
     ) -> Bitmap:
         sampler = Sampler()
         if texture.sampler is not None:

@@ -24,7 +24,7 @@ from twinlens.scenes.assets import (
     text_lines,
 )
 from twinlens.scenes.gltf import Part
-from twinlens.scenes.gltf_materials import PbrMaterial, Texture, Textures
+from twinlens.scenes.gltf_materials import PbrMaterial, SampledImage, Textures
 from twinlens.schema import read
 
 _COLORS = {"kd": ("Kd", 1.0), "ks": ("Ks", math.inf), "ke": ("Ke", math.inf)}
@@ -93,7 +93,7 @@ def open_obj(
     # trimesh's order is that of a set.
     parts.sort(key=lambda part: part.material or 0)
     textures = Textures(
-        [Texture(source=i) for i in range(len(pictures))],
+        [SampledImage(source=i) for i in range(len(pictures))],
         [],
         lambda i: open_file(pictures[i]),
         lost,

@@ -101,14 +101,12 @@ class Pose(StrictModel):
 
     @pydantic.model_validator(mode="after")
     def _check(self) -> "Pose":
-        given = [key for key in self.placing_keys if key in self.model_fields_set]
-        for one, other in itertools.combinations(given, 2):
-            if "matrix" in (one, other) or {one, other} <= {
-                "rotate",
-                "euler_deg",
-                "look_at",
-            }:
-                raise InputError(f"{one!r} and {other!r} exclude each other")
+        rotations = {"rotate", "euler_deg", "look_at"}
+        keys = [key for key in self.placing_keys if key in self.model_fields_set]
+        for first, second in itertools.combinations(keys, 2):
+            has_matrix = "matrix" in (first, second)
+            if has_matrix or {first, second} <= rotations:
+                raise InputError(f"{first!r} and {second!r} exclude each other")
         self.world_from_object()
         return self
 

@@ -89,6 +89,11 @@ ALTERNATIVES = (
 """Keys of which a table's own replace all those of the table below it."""
 
 
+def _replaced_by(values: Mapping[str, Any]) -> set[str]:
+    """The keys with alternatives that `values` replace in the table below."""
+    return {key for keys in ALTERNATIVES if values.keys() & keys for key in keys}
+
+
 class Intrinsics(StrictModel):
     """What a table may set of a camera. An image size of its own centres the camera's principal point.
 
@@ -110,14 +115,14 @@ class Intrinsics(StrictModel):
 
     @pydantic.model_validator(mode="after")
     def _check_focal_length(self) -> "Intrinsics":
-        given = [
+        keys = [
             key
             for key in ("fov_x_deg", "fx", "focal_length_mm")
             if getattr(self, key) is not None
         ]
-        if len(given) > 1:
+        if len(keys) > 1:
             raise InputError(
-                f"{given[0]!r} and {given[1]!r} both set the focal length; keep one"
+                f"{keys[0]!r} and {keys[1]!r} both set the focal length; keep one"
             )
         if self.fy is not None and self.fx is None:
             raise InputError("'fy' needs 'fx'")
@@ -137,14 +142,15 @@ class Intrinsics(StrictModel):
 
     def over(self, shared: Mapping[str, Any]) -> dict[str, Any]:
         """This table's values, and `shared` ones where it has none."""
-        own = self.given()
-        replaced = {key for keys in ALTERNATIVES if own.keys() & keys for key in keys}
-        replaced |= {
-            key for key, size in (("cx", "width"), ("cy", "height")) if size in own
-        }
-        return {
-            key: value for key, value in shared.items() if key not in replaced
-        } | own
+        values = self.given()
+        replaced = _replaced_by(values)
+        # Another size has another principal point, which is in the middle by default.
+        if "width" in values:
+            replaced.add("cx")
+        if "height" in values:
+            replaced.add("cy")
+        kept = {key: value for key, value in shared.items() if key not in replaced}
+        return kept | values
 
     def made(self, shared: Mapping[str, Any]) -> Camera:
         """The camera with this table's values, and `shared` ones where it has none."""
@@ -185,15 +191,12 @@ class CameraTable(Intrinsics):
         }
         del values["fx"], values["fy"]
         values["focal_length_mm"] = 1e3 * camera.film_distance
-        own = {
-            key: value
-            for key, value in super().given().items()
-            if key not in ("width", "height")
-        }
-        replaced = {key for keys in ALTERNATIVES if own.keys() & keys for key in keys}
-        return {
-            key: value for key, value in values.items() if key not in replaced
-        } | own
+        changes = super().given()
+        for key in ("width", "height"):
+            changes.pop(key, None)
+        replaced = _replaced_by(changes)
+        kept = {key: value for key, value in values.items() if key not in replaced}
+        return kept | changes
 
 
 class Viewed(Intrinsics):
@@ -206,10 +209,10 @@ class Viewed(Intrinsics):
     @pydantic.model_validator(mode="after")
     def _check_pose(self) -> "Viewed":
         keys = ("position", "world_from_cam", "translate", "euler_deg")
-        given = [key for key in keys if getattr(self, key, None)]
-        if len(given) > 1 and given != ["translate", "euler_deg"]:
+        present = [key for key in keys if getattr(self, key, None)]
+        if len(present) > 1 and present != ["translate", "euler_deg"]:
             raise InputError(
-                f"{given[0]!r} and {given[1]!r} both set the camera's pose; keep one"
+                f"{present[0]!r} and {present[1]!r} both set the camera's pose; keep one"
             )
         if (self.position is None) != (self.look_at is None) or (
             self.position is None and self.up is not None
@@ -344,13 +347,11 @@ def with_pictures(
                     }
         return projector
 
-    given = table.get("projectors")
-    if not isinstance(given, list):
+    projectors = table.get("projectors")
+    if not isinstance(projectors, list):
         return dict(table)
-    return {
-        **table,
-        "projectors": [found(i, projector) for i, projector in enumerate(given)],
-    }
+    with_paths = [found(i, projector) for i, projector in enumerate(projectors)]
+    return {**table, "projectors": with_paths}
 
 
 def picture_names(table: Mapping[str, Any]) -> list[str]:
@@ -504,16 +505,18 @@ RigTable = Annotated[RigBase, reads(tagged("Rig", "layout", _RIGS, "parallel"))]
 _RIG: pydantic.TypeAdapter[RigBase] = pydantic.TypeAdapter(RigTable)
 
 
-def with_values(table: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    """A rig's table with `given` values in place of its own, and of those of its `cameras`.
+def with_values(table: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
+    """A rig's table with `values` in place of its own, and of those of its `cameras`.
 
     A `camera` replaces all intrinsics and, with a preset of a pair, the baseline.
     """
-    replaced = set(given).union(*(keys for keys in ALTERNATIVES if keys & given.keys()))
-    if "camera" in given:
+    replaced = set(values).union(
+        *(keys for keys in ALTERNATIVES if keys & values.keys())
+    )
+    if "camera" in values:
         replaced |= Intrinsics.model_fields.keys()
         preset = CAMERAS.get(
-            given["camera"].get("preset")
+            values["camera"].get("preset")
         )  # an unknown one is an error where the table is read
         if preset and preset.baseline:
             replaced.add("baseline")
@@ -525,10 +528,10 @@ def with_values(table: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str,
             else part
         )
 
-    own: dict[str, Any] = kept(table)
-    if isinstance(own.get("cameras"), list):
-        own["cameras"] = [kept(camera) for camera in own["cameras"]]
-    return {**own, **given}
+    rest: dict[str, Any] = kept(table)
+    if isinstance(rest.get("cameras"), list):
+        rest["cameras"] = [kept(camera) for camera in rest["cameras"]]
+    return {**rest, **values}
 
 
 def rig_from_table(

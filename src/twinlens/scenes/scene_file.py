@@ -106,7 +106,7 @@ def read_scene_toml(path: Path, name: str) -> Scene:
         scene = Scene(
             name=name,
             objects=tuple(
-                replace(thing, name=key) for key, thing in file.objects.items()
+                replace(item, name=key) for key, item in file.objects.items()
             ),
             materials={**file.materials, **context.materials},
             lights=file.lights,
@@ -185,8 +185,8 @@ def load_scene(name_or_path: str | Path) -> Scene:
 
     The textures of the two bundled scenes that were loaded last stay in memory, for drawing them takes a second.
     """
-    path, known = Path(name_or_path), bundled_scenes()
-    if str(name_or_path) in known:
+    path, bundled = Path(name_or_path), bundled_scenes()
+    if str(name_or_path) in bundled:
         return replace(
             _read_bundled(
                 bundled_folder() / name_or_path / _SCENE_FILE, str(name_or_path)
@@ -195,7 +195,7 @@ def load_scene(name_or_path: str | Path) -> Scene:
     if path.is_dir():
         path = path / _SCENE_FILE
         if not path.is_file():
-            remedy = f"name a scene file, or one of {', '.join(known)}"
+            remedy = f"name a scene file, or one of {', '.join(bundled)}"
             raise FileError(f"{path.parent}: the folder has no {_SCENE_FILE}; {remedy}")
     if path.suffix in (".toml", ".xml"):
         if not path.is_file():
@@ -210,4 +210,4 @@ def load_scene(name_or_path: str | Path) -> Scene:
         raise InputError(
             f"{path}: a scene is a .toml or a Mitsuba .xml file, got {path.suffix!r}"
         )
-    raise unknown("scene", str(name_or_path), known)
+    raise unknown("scene", str(name_or_path), bundled)

@@ -88,7 +88,7 @@ class Warp(StrictModel):
             textures.fractal_noise(width, height, cells, self.seed + i, 3, contrast=1.5)
             for i in (0, 1)
         ]
-        dx, dy = (2 * self.amount * width * (each - 0.5) for each in noise)
+        dx, dy = (2 * self.amount * width * (shift - 0.5) for shift in noise)
         rows, columns = np.mgrid[:height, :width]
         where = np.stack([rows + dy, columns + dx])
         layers = pixels[..., None] if pixels.ndim == 2 else pixels
@@ -156,12 +156,10 @@ class Pattern(TextureBase):
         self, size: tuple[int, int], named: Mapping[str, TextureBase], depth: int
     ) -> Image:
         kind = self.type  # type: ignore[attr-defined]  # every pattern has one
-        own = self.model_fields_set - Pattern.model_fields.keys() - {"type"}
-        return np.asarray(
-            getattr(textures, kind)(
-                *size, seed=self.seed, **{key: getattr(self, key) for key in own}
-            )
-        )
+        keys = self.model_fields_set - Pattern.model_fields.keys() - {"type"}
+        parameters = {key: getattr(self, key) for key in keys}
+        draw_pattern = getattr(textures, kind)
+        return np.asarray(draw_pattern(*size, seed=self.seed, **parameters))
 
     def draw(
         self, size: tuple[int, int], named: Mapping[str, TextureBase], depth: int

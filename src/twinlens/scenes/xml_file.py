@@ -122,9 +122,9 @@ def read_scene_xml(path: Path) -> Scene:
         )
     with located(f"{path}: sensor"):
         transforms = (
-            each
-            for each in sensor.findall("transform")
-            if each.get("name") in ("to_world", "toWorld")
+            transform
+            for transform in sensor.findall("transform")
+            if transform.get("name") in ("to_world", "toWorld")
         )
         to_world = np.eye(4)
         for step in next(transforms, ()):

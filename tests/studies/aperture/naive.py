@@ -7,7 +7,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import gaussian_filter
 
 from twinlens.sensor import Exposure
-from twinlens.studies.aperture.theory import SENSOR, Model
+from twinlens.studies.aperture.theory import SENSOR, ScaleModel
 from twinlens.studies.stage import Stage
 
 
@@ -45,7 +45,7 @@ def wall_of(colour):
     """A stage with the camera of the study, its lens at f/4, and the radiance of a wall."""
     stage = Stage.of("cards", 160, 120, pixel_pitch_um=3.45)
     wall = np.tile(np.array(colour, np.float32), (120, 160, 1))
-    return stage.camera, Model(stage, 1.0).lens(4.0), wall
+    return stage.camera, ScaleModel(stage, 1.0).lens(4.0), wall
 
 
 def measured_noise(values_of, camera, lens, wall, exposure):

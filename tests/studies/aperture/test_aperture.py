@@ -13,7 +13,7 @@ from twinlens.camera import Camera, Rig, ThinLens
 from twinlens.sensor import Exposure
 from twinlens.studies import STUDIES, Table
 from twinlens.studies.aperture import conclude, theory as aperture_theory
-from twinlens.studies.aperture.theory import F_NUMBERS, MODES, Model
+from twinlens.studies.aperture.theory import F_NUMBERS, MODES, ScaleModel
 from twinlens.studies.intervals import log_parabola_minimum
 from twinlens.studies.stage import Stage
 
@@ -81,7 +81,7 @@ def test_least_squares_reach_the_bound_under_blur():
 
 def test_the_blur_at_full_size_equals_the_models():
     stage = Stage.of("cards", 96, 72, pixel_pitch_um=3.45)
-    model = Model.of(stage)
+    model = ScaleModel.of(stage)
     has_depth = np.isfinite(stage.truth.depth)
     blur = np.abs(stage.blur(model.full_size(model.lens(1.0))))[has_depth]
     assert np.quantile(blur, 0.95) == pytest.approx(24.0)
@@ -113,7 +113,7 @@ def test_the_image_at_full_size_equals_the_models():
     small = shrunk(whole, 0.2)
     assert np.allclose(small.truth.depth, 0.2 * whole.truth.depth, rtol=1e-4)
     assert np.allclose(small.truth.disparity, whole.truth.disparity, rtol=1e-3)
-    model = Model(whole, 0.2)
+    model = ScaleModel(whole, 0.2)
     lens = model.lens(0.05)
     big, little = (
         whole.photograph(model.full_size(lens), 32, 1)[0],

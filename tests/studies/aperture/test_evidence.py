@@ -20,8 +20,8 @@ from twinlens.studies.aperture import theory as aperture_theory
 from twinlens.studies.aperture.theory import (
     SIDE,
     Evidence,
-    Model,
-    Texture,
+    ScaleModel,
+    SharedTexture,
     shared_texture,
 )
 from twinlens.studies.stage import Stage
@@ -123,7 +123,7 @@ def test_the_strip_of_wrong_depth_along_an_edge(near_disk, far_disk, pixels):
         partners = np.maximum(columns - truth, 0)
         aligned = np.take_along_axis(right, partners, axis=1)
         grain, texture = shared_texture(left, aligned, truth)
-        theory = Texture(grain, texture, truth, band, NDISP)
+        theory = SharedTexture(grain, texture, truth, band, NDISP)
         majority = theory.majority(blur, grain**2)[0]
         expected.append(np.abs(majority - truth[band]) > 2)
     assert 32 * np.mean(expected) == pytest.approx(32 * np.mean(measured), abs=pixels)
@@ -140,7 +140,7 @@ def test_wrong_pixels_of_a_flat_sheet(grain, contrast, level, blur):
     the theory is 1 to 4 too high: it includes windows at the borders, and means over 25 px remove some texture.
     """
     stage = Stage.of("cards", 320, 240, pixel_pitch_um=3.45)
-    lens, away = Model(stage, 1.0).lens(11.0), 14
+    lens, away = ScaleModel(stage, 1.0).lens(11.0), 14
     everywhere = np.ones((240, 320))
     visible = np.indices(everywhere.shape)[1] >= away
     truth = SimpleNamespace(visible=visible, disparity=away * everywhere)
@@ -171,7 +171,7 @@ def test_wrong_pixels_of_a_flat_sheet(grain, contrast, level, blur):
 def test_the_ratio_of_rendering_noise_to_shot_noise():
     """A tenth of S electrons over sqrt(S)."""
     stage = Stage.of("cards", 96, 72, pixel_pitch_um=3.45)
-    lens = Model(stage, 1.0).lens(11.0)
+    lens = ScaleModel(stage, 1.0).lens(11.0)
     wall = [np.full((72, 96, 3), 0.2, np.float32)] * 2
     theory = Evidence.of(stage, lens, np.zeros((72, 96)), wall)
     time = 0.5 / float(theory.levels.mean())

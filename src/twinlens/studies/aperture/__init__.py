@@ -25,7 +25,7 @@ from twinlens.studies.aperture.theory import (
     SIDE,
     WAVELENGTH,
     Evidence,
-    Model,
+    ScaleModel,
 )
 from twinlens.studies.findings import Finding, predicted
 from twinlens.studies.intervals import (
@@ -60,7 +60,7 @@ def measure(setup: Setup) -> Measured:
     for name, seed in sweep(setup, setup.seeds):
         pitch = theory.PIXEL_PITCH_UM
         stage = Stage.of(name, setup.width, setup.height, pixel_pitch_um=pitch)
-        model = Model.of(stage)
+        model = ScaleModel.of(stage)
         pairs = []
         for number, f_number in enumerate(F_NUMBERS):
             lens, draw = model.full_size(model.lens(f_number)), stream(seed, 0, number)
@@ -86,7 +86,7 @@ def measure(setup: Setup) -> Measured:
 
 
 def _rows(
-    setup: Setup, model: Model, pairs: Sequence[Sequence[NoisyImage]], seed: int
+    setup: Setup, model: ScaleModel, pairs: Sequence[Sequence[NoisyImage]], seed: int
 ) -> list[dict[str, Any]]:
     stage = model.stage
     grid = [[view.image for view in pair] for pair in pairs]
@@ -179,7 +179,7 @@ def diffracted(stage: Stage, lens: ThinLens, radiance: Radiance) -> Radiance:
     ]
 
 
-def _crops(model: Model, images: Sequence[Radiance]) -> Picture:
+def _crops(model: ScaleModel, images: Sequence[Radiance]) -> Picture:
     """A crop around the nearest pixel of the middle of the image, through every lens, at equal brightness."""
     stage = model.stage
     side = min(_CROP, *(length // 3 for length in stage.truth.depth.shape))

@@ -6,12 +6,12 @@ fx |1/z - k|, plus (0.45 lambda N/p)^2 for the Airy pattern: the Gaussian with t
 lambda/NA (Zhang, Zerubia and Olivo-Marin, Gaussian approximations of fluorescence microscope point-spread function
 models, Applied Optics 46(10), 2007). docs/study_results.md explains the parameters.
 
-Wrong pixels (`Evidence.expected`): texture is measured on sharp images (`shared_texture`); blur and diffraction weaken
-it. A pixel is wrong if its window contains more texture of another depth (`Texture.majority`), or if noise moves its
-match far away (`mismatch`). Blur disks are squares of the same variance, near surfaces do not occlude, texture visible
-in one image only is ignored. The threshold effect of noise: Ziv and Zakai, Some lower bounds on signal parameter
-estimation, IEEE Trans. Information Theory 15(3), 1969; Weinstein and Weiss, Fundamental limitations in passive time
-delay estimation II, ASSP 32(5), 1984.
+Wrong pixels (`Evidence.expected`): texture is measured on sharp images (`shared_texture`); blur and diffraction
+weaken it. A pixel is wrong if its window contains more texture of another depth (`SharedTexture.majority`), or if
+noise moves its match far away (`mismatch`). Blur disks are squares of the same variance, near surfaces do not
+occlude, texture visible in one image only is ignored. The threshold effect of noise: Ziv and Zakai, Some lower bounds
+on signal parameter estimation, IEEE Trans. Information Theory 15(3), 1969; Weinstein and Weiss, Fundamental
+limitations in passive time delay estimation II, ASSP 32(5), 1984.
 """
 
 import math
@@ -53,21 +53,21 @@ _DRAWS = 4000
 
 
 @dataclass(frozen=True)
-class Model:
+class ScaleModel:
     """A scale model of a scene and its lenses. The scene is rendered at full size, with lenses of the same image."""
 
     stage: Stage
     scale: float
 
     @staticmethod
-    def of(stage: Stage) -> "Model":
+    def of(stage: Stage) -> "ScaleModel":
         """The model scaled so that f/1 blurs the scene by BLUR_PX."""
         focus = middle_focus(*stage.scene.depth_range)
         depth = stage.truth.depth[np.isfinite(stage.truth.depth)]
         from_focus = np.abs(1.0 / depth - 1.0 / focus)
         spread = float(np.quantile(from_focus, BLURRED_LESS))
         blur_px = stage.camera.film_distance * stage.camera.fx * spread
-        return Model(stage, blur_px / BLUR_PX)
+        return ScaleModel(stage, blur_px / BLUR_PX)
 
     def lens(self, f_number: float) -> ThinLens:
         """The lens of working f-number v/A, focused at the middle of the disparity range."""
@@ -168,7 +168,7 @@ def predicted_error(
     stage: Stage, lens: ThinLens, exposure: Exposure, image: NDArray[np.float32], blur_px: Float, grain: float,
     diffracts: bool,
 ) -> float:  # fmt: skip
-    """The predicted error of an image, the median over its pixels, arbitrary units. blur_px: see `Model.blur`."""
+    """The predicted error of an image, the median over its pixels, arbitrary units. blur_px: see `ScaleModel.blur`."""
     has_depth = np.isfinite(stage.truth.depth)
     rate = SENSOR.level_rate(image, camera=stage.camera, lens=lens).mean(axis=-1)
     wells = rate[has_depth] * exposure.time * SENSOR.full_well
@@ -182,7 +182,7 @@ def predicted_error(
     return float(np.median(np.where(lit, errors, math.inf)))
 
 
-class Texture:
+class SharedTexture:
     """The texture of sharp images: grain s in pixels, variance V (H, W).
 
     depth: true disparity in whole pixels, -1 where it is unknown or visible in one image only, (H, W). places: the
@@ -257,7 +257,7 @@ class Evidence:
     lens: ThinLens
     blur: Float
     levels: Float
-    texture: Texture
+    texture: SharedTexture
 
     @staticmethod
     def of(
@@ -278,7 +278,7 @@ class Evidence:
         depth = np.rint(disparity).astype(np.int64)
         places = np.zeros_like(both)
         places[::_STRIDE, ::_STRIDE] = both[::_STRIDE, ::_STRIDE]
-        texture = Texture(
+        texture = SharedTexture(
             *shared_texture(left, warped, depth), depth, places, stage.ndisp
         )
         return Evidence(stage, lens, np.abs(blur_px), levels[0], texture)

@@ -34,6 +34,7 @@ FILM, PITCH, WAVELENGTH, DEPTH = (
 )  # DEPTH: distance of the edge
 SLANT = math.radians(5.0)  # of the edge from the vertical
 OVERSAMPLING = 4
+_REFITS = 4  # of the line along the edge
 _RINGS = 40
 SENSOR = Sensor.preset(
     "machine_vision",
@@ -80,27 +81,19 @@ def edge_spread(picture: ArrayLike) -> tuple[Float, Float]:
         raise InputError(
             "the slanted edge needs a grey image with an edge through every row"
         )
-    middles, rows = np.arange(slopes.shape[1]) + 0.5, np.arange(slopes.shape[0])
-    near = slopes
-    for _ in range(
-        4
-    ):  # the line u = slope v + intercept, refitted to the slopes near the previous one
-        total = near.sum(axis=1)
-        good = total > 0
-        line = np.polyfit(
-            rows[good], (near * middles).sum(axis=1)[good] / total[good], 1
-        )
-        near = slopes * (
-            np.abs(middles - np.polyval(line, rows)[:, None]) < 0.25 * len(middles)
-        )
-    if abs(line[0]) * image.shape[0] < 1:
+    height, width = image.shape
+    slope, intercept = _edge_line(slopes)
+    if abs(slope) * height < 1:
         raise InputError(
             "the edge is not slanted: it must span more than a pixel from top to bottom"
         )
-    away = (np.arange(image.shape[1]) - np.polyval(line, rows)[:, None]) * math.cos(
-        math.atan(line[0])
-    )
-    bins = np.rint(away * OVERSAMPLING).astype(np.intp)
+
+    # The distance of each pixel from the edge is its distance along the row times the cosine of the edge's angle.
+    edge_u = np.polyval([slope, intercept], np.arange(height))
+    distance = (np.arange(width) - edge_u[:, None]) * math.cos(math.atan(slope))
+
+    # Means over bins of a quarter pixel. Bins with few pixels, at the ends and between rows, are interpolated.
+    bins = np.rint(distance * OVERSAMPLING).astype(np.intp)
     first = int(bins.min())
     count = np.bincount((bins - first).ravel())
     total = np.bincount((bins - first).ravel(), weights=image.ravel())
@@ -108,9 +101,23 @@ def edge_spread(picture: ArrayLike) -> tuple[Float, Float]:
     full = count >= 0.5 * np.median(count)
     span = np.flatnonzero(full)
     inner = slice(span[0], span[-1] + 1)
-    return places[inner], np.interp(
-        places[inner], places[full], total[full] / count[full]
-    )
+    means = np.interp(places[inner], places[full], total[full] / count[full])
+    return places[inner], means
+
+
+def _edge_line(slopes: Float) -> Float:
+    """(slope, intercept) of the line u = slope v + intercept through the edge; `slopes` are those along the rows."""
+    middles, rows = np.arange(slopes.shape[1]) + 0.5, np.arange(slopes.shape[0])
+    near = slopes
+    for _ in range(_REFITS):
+        # The centroid of each row's slopes, then only of the slopes within a quarter of the width of the last line.
+        total = near.sum(axis=1)
+        has_slope = total > 0
+        centroids = (near * middles).sum(axis=1)[has_slope] / total[has_slope]
+        line = np.polyfit(rows[has_slope], centroids, 1)
+        away = np.abs(middles - np.polyval(line, rows)[:, None])
+        near = slopes * (away < 0.25 * len(middles))
+    return np.asarray(line, np.float64)
 
 
 def modulation_transfer(picture: ArrayLike) -> tuple[Float, Float]:
@@ -125,11 +132,12 @@ def modulation_transfer(picture: ArrayLike) -> tuple[Float, Float]:
     length = 1 << max(len(lines) * 4 - 1, 1).bit_length()
     spectrum = np.abs(np.fft.rfft(lines, length))
     frequency = np.fft.rfftfreq(length, 1.0 / OVERSAMPLING)
-    known = frequency <= 1.0
-    damping = np.sinc(2.0 * frequency[known] / OVERSAMPLING)
-    return np.asarray(frequency[known], np.float64), np.asarray(
-        spectrum[known] / spectrum[0] / damping
-    )
+    is_kept = frequency <= 1.0
+    frequency = frequency[is_kept]
+    # The gradient over two steps damps its own frequencies.
+    damping = np.sinc(2.0 * frequency / OVERSAMPLING)
+    transfer = np.asarray(spectrum[is_kept] / spectrum[0] / damping, np.float64)
+    return np.asarray(frequency, np.float64), transfer
 
 
 def frequency_at(picture: ArrayLike, contrast: float) -> float:
@@ -229,12 +237,12 @@ def predicted_frequency(millimetres: float, contrast: float) -> float:
 @lru_cache
 def predicted_best(contrast: float) -> float:
     """The hole diameter (mm) with the highest `predicted_frequency`."""
-    found = optimize.minimize_scalar(
+    optimum = optimize.minimize_scalar(
         lambda d: -predicted_frequency(d, contrast),
         bounds=(0.12, 0.45),
         method="bounded",
     )
-    return float(found.x)
+    return float(optimum.x)
 
 
 def half_of_white(camera: Camera, hole: BareAperture) -> float:
@@ -273,35 +281,31 @@ def film_light(diameter: float, film: float, spp: int, seed: int) -> float:
     return float(picture[..., 1].mean(dtype=np.float64))
 
 
-def _box(diameter: float) -> Scene:
-    """A black plate with a hole at z = 0, black walls and a white film at z = _SIZE behind it; a sky of radiance 1."""
+def _walls(hole_radius: float, half: float) -> Mesh:
+    """A plate from the rim of the hole outwards to `half`, and a tube from there to behind the film."""
     around = np.linspace(0.0, 2.0 * math.pi, _CORNERS, endpoint=False)
     circle = np.stack([np.cos(around), np.sin(around), np.zeros(_CORNERS)], axis=1)
-    half = _HALF_WIDTH * _SIZE
-    rings = np.concatenate(
-        [
-            0.5 * diameter * circle,
-            half * circle,
-            half * circle + [0.0, 0.0, 1.01 * _SIZE],
-        ]
-    )
+    behind = [0.0, 0.0, 1.01 * _SIZE]
+    rings = [hole_radius * circle, half * circle, half * circle + behind]
+
+    # Two triangles between neighbours of one ring and of the next.
     step = np.arange(_CORNERS)
     following = (step + 1) % _CORNERS
-    strip = [
-        [step, following, step + _CORNERS],
-        [following, following + _CORNERS, step + _CORNERS],
-    ]
-    faces = np.concatenate(
-        [
-            np.stack(part, axis=1) + ring * _CORNERS
-            for ring in range(2)
-            for part in strip
-        ]
-    )
+    first = np.stack([step, following, step + _CORNERS], axis=1)
+    second = np.stack([following, following + _CORNERS, step + _CORNERS], axis=1)
+    strip = np.concatenate([first, second])
+    faces = np.concatenate([strip, strip + _CORNERS])
+    return Mesh(np.concatenate(rings), faces.astype(np.uint32))
+
+
+def _box(diameter: float) -> Scene:
+    """A black plate with a hole at z = 0, black walls and a white film at z = _SIZE behind it; a sky of radiance 1."""
+    half = _HALF_WIDTH * _SIZE
+    walls = _walls(0.5 * diameter, half)
     towards_hole = np.diag([2.0 * half, -2.0 * half, -1.0, 1.0])
     towards_hole[2, 3] = _SIZE
     objects = (
-        SceneObject("walls", Mesh(rings, faces.astype(np.uint32)), "black"),
+        SceneObject("walls", walls, "black"),
         SceneObject("film", {"type": "rectangle"}, "white", towards_hole),
     )
     grey = {name: {"type": "diffuse", "reflectance": {"type": "rgb", "value": value}}
