@@ -14,7 +14,7 @@ import math
 import os
 import re
 import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -42,7 +42,7 @@ from twinlens.scoring import (
     ScoredSample,
 )
 from twinlens.scoring.evaluate import RegionScores
-from twinlens.scoring.metrics import TIMES
+from twinlens.scoring.metrics import TIMES, Metric
 from twinlens.scoring.protocols import Protocol
 from twinlens.scoring.reasons import LIMITS
 from twinlens.scoring.regions import occluded
@@ -263,27 +263,13 @@ def _document(
         "samples": _samples(board, pictures),
         "protocols": [_protocol(board, PROTOCOLS[name]) for name in board.protocols],
         "regions": [_region(name) for name in board.regions],
-        "metrics": {
-            metric.name: {
-                "unit": metric.unit,
-                "text": metric.text,
-                "lower": metric.lower_is_better,
-            }
-            for metric in METRICS.values()
-        },
+        "metrics": {metric.name: _metric(metric) for metric in METRICS.values()},
         "times": list(TIMES),
         "densities": DENSITIES,
         "limits": LIMITS,
         "entries": [_entry(entry) for entry in board.entries],
         "means": _means(board, weights),
-        "groups": [
-            {
-                "name": name,
-                "samples": list(samples),
-                "means": _means(board.subset(samples), None),
-            }
-            for name, samples in groups.items()
-        ],
+        "groups": [_group(board, name, samples) for name, samples in groups.items()],
         "weighted": bool(weights),
         "colormaps": {
             name: _base64(colours.tobytes()) for name, colours in COLORMAPS.items()
@@ -291,6 +277,19 @@ def _document(
         "unknown": {"truth": NO_TRUTH, "estimate": NO_ESTIMATE},
         "downloads": _downloads(board, weights),
     }
+
+
+def _metric(metric: Metric) -> dict[str, Any]:
+    return {
+        "unit": metric.unit,
+        "text": metric.text,
+        "lower": metric.lower_is_better,
+    }
+
+
+def _group(board: Board, name: str, samples: Collection[str]) -> dict[str, Any]:
+    means = _means(board.subset(samples), None)
+    return {"name": name, "samples": list(samples), "means": means}
 
 
 def _samples(board: Board, pictures: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -29,6 +29,7 @@ DEPTH, BASELINE = 2.0, 0.1
 SENSOR = Sensor.preset(
     "machine_vision", filters="mono", output="linear", bits=16, prnu=0.0, dsnu=0.0
 )
+_MEAN_LEVEL = 0.25  # of the images, in units of the full well
 _RIM = 16  # pixels along the edges that are left out
 _GROSS_PX = 1.0
 _MAX_GROSS = 2.0  # percentage from which a case is excluded
@@ -68,22 +69,22 @@ def _case(
     for phase, stage in enumerate(planes):
         radiance = stage.photograph(Pinhole(), setup.spp, stream(seed, 0, phase))
         rate = SENSOR.level_rate(radiance[0], camera=camera, lens=Pinhole()).mean()
-        exposure = Exposure(
-            0.25 / float(rate)
-        )  # the mean is a quarter of the full well
+        exposure = Exposure(_MEAN_LEVEL / float(rate))
         first, second = (
             stage.expose(
                 radiance, Pinhole(), stream(seed, 1, phase, repeat), SENSOR, exposure
             )
             for repeat in range(2)
         )
-        # The difference of two exposures has the variance of two noises.
+        # The difference of two exposures has the variance of two noises, their mean half that of one.
         difference = grey(first[0]).astype(np.float64) - grey(second[0])
         sigma = float(np.std(difference)) / math.sqrt(2)
-        slopes = _slopes(0.5 * (first[0] + second[0].astype(np.float64)), radiance[0])
+        mean = 0.5 * (first[0] + second[0].astype(np.float64))
+        slopes = _slopes(mean, radiance[0])
         for method in setup.methods:
             errors = stage.match(first, method) - stage.truth.disparity
-            bounds = _bounds(slopes, sigma, parse_method(method).matcher().block_size)
+            block_size = parse_method(method).matcher().block_size
+            bounds = _bounds(slopes, sigma, block_size)
             both = np.stack([errors.astype(np.float64), bounds])
             inner = both[:, _RIM:-_RIM, _RIM:-_RIM]
             samples[method].append(inner.reshape(2, -1))

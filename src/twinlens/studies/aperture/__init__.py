@@ -98,6 +98,7 @@ def _rows(
     for number, f_number in enumerate(F_NUMBERS):
         lens, traced = model.lens(f_number), grid[number]
         blur = model.blur(lens)
+        # The noise of the renderer in units of the image, which the theory adds to that of the sensor.
         paths = _rms([view.error for view in pairs[number]]) / _rms(traced)
         for diffracts in (False, True):
             radiance = diffracted(stage, lens, traced) if diffracts else traced
@@ -106,6 +107,9 @@ def _rows(
                 wrong, path_noise = evidence.expected(
                     lens, exposure, blur, diffracts, paths
                 )
+                error = theory.predicted_error(
+                    stage, lens, exposure, radiance[0], blur, grain, diffracts
+                )
                 case = {
                     "scene": stage.scene.name,
                     "seed": seed,
@@ -113,22 +117,26 @@ def _rows(
                     "exposure": mode,
                     "diffraction": "with" if diffracts else "without",
                     "level": _level(stage, lens, exposure, radiance[0]),
-                    "predicted": theory.predicted_error(
-                        stage, lens, exposure, radiance[0], blur, grain, diffracts
-                    ),
+                    "predicted": error,
                     "predicted_wrong": wrong,
                     "path_noise": path_noise,
                 }
-                draw = stream(seed, 1, number, MODES.index(mode))
-                pictures = stage.expose(radiance, lens, draw, SENSOR, exposure)
-                for method in setup.methods:
-                    scores = stage.score(stage.match(pictures, method), pictures)
-                    a50 = scores.regions["nonocc"]["A50"]
-                    rows.append(
-                        {**case, "method": method, **score_columns(scores), "a50": a50}
-                    )
+                # With and without diffraction from the same random stream.
+                noise = stream(seed, 1, number, MODES.index(mode))
+                pictures = stage.expose(radiance, lens, noise, SENSOR, exposure)
+                rows += [
+                    {**case, **_scores(stage, pictures, method)}
+                    for method in setup.methods
+                ]
     _add_curves(rows)
     return rows
+
+
+def _scores(stage: Stage, pictures: tuple[Any, Any], method: str) -> dict[str, Any]:
+    """The columns of a matcher's disparity map."""
+    scores = stage.score(stage.match(pictures, method), pictures)
+    a50 = scores.regions["nonocc"]["A50"]
+    return {"method": method, **score_columns(scores), "a50": a50}
 
 
 def _level(
