@@ -48,11 +48,6 @@ def test_choices_come_by_their_weights():
     assert stats.chisquare(counts[::2], [COUNT / 4, 3 * COUNT / 4]).pvalue > 0.001
 
 
-def test_a_choice_may_be_of_whole_tables():
-    tables = [{"model": "brown-conrady", "k1": -0.1}, {"model": "kannala-brandt"}]
-    assert draws({"choice": tables}, 1)[0] in tables
-
-
 def test_ends_are_never_passed():
     for value, (low, high) in (
         ({"log_uniform": [0.1, 0.3]}, (0.1, 0.3)),
@@ -90,22 +85,13 @@ def test_corners_show_every_end_and_every_choice():
             {"uniform": [2, 1]},
             r"recipe.toml: rig.baseline.uniform: must be \[low, high\] with low <= high",
         ),
-        ({"uniform": [1]}, "rig.baseline.uniform: must be a list of exactly 2 values"),
-        ({"uniform": [1, "2"]}, r"rig.baseline.uniform\[1\]: must be a number"),
         ({"uniform": [1, 2], "wieghts": [1]}, "rig.baseline: unknown key 'wieghts'"),
         ({"log_uniform": [0, 2]}, r"rig.baseline.log_uniform\[0\]: must be > 0"),
-        ({"integers": [1, 2.5]}, r"rig.baseline.integers\[1\]: must be a whole number"),
-        ({"normal": [0, 1]}, "rig.baseline: missing key 'clip'"),
         ({"normal": [0, 0], "clip": [0, 1]}, "standard deviation > 0"),
         ({"normal": [0, 1], "clip": [40, 50]}, "excludes nearly all of a normal"),
-        ({"choice": []}, "choice: must be a list of at least 1 value"),
         (
             {"choice": [1, 2], "weights": [1]},
             "rig.baseline: weights: must have length 2, got .1",
-        ),
-        (
-            {"choice": [1, 2], "weights": [0, 0]},
-            "rig.baseline: weights: at least one must be > 0",
         ),
         ({"choice": [{"uniform": [1, 2]}]}, "must be constants, not distributions"),
         ({"uniform": [-1.7e308, 1.7e308]}, "with low <= high"),

@@ -12,9 +12,7 @@ from twinlens.dataset import read_manifest
 from twinlens.errors import FileError, InputError
 from twinlens.factory import generate
 from twinlens.factory.recipe import recipe_from_table
-from twinlens.factory.sources import Sources
 from twinlens.factory.workers import in_process, worker_processes
-from twinlens.families.assets import named_by_mesh
 
 OBJ = """mtllib ../../paints/a.mtl
 v 0 0 0
@@ -37,19 +35,15 @@ RECIPE = {"families": ["tabletop"], **SIZE}
 @pytest.fixture
 def folder(tmp_path):
     """parts/deep/m.gltf with its .bin and .png, and parts/box.obj with its .mtl."""
-    header, binary = unpacked(
-        trimesh.Scene(square(baseColorTexture=picture(np.ones((2, 2, 3))))).export(
-            file_type="glb"
-        )
-    )
-    (tmp_path / "parts" / "deep").mkdir(parents=True)
-    (tmp_path / "parts" / "deep" / "m.bin").write_bytes(binary)
-    (tmp_path / "parts" / "deep" / "tiles.png").write_bytes(
-        png(np.full((2, 2, 3), 0.5))
-    )
+    painted = square(baseColorTexture=picture(np.ones((2, 2, 3))))
+    header, binary = unpacked(trimesh.Scene(painted).export(file_type="glb"))
+    deep = tmp_path / "parts" / "deep"
+    deep.mkdir(parents=True)
+    (deep / "m.bin").write_bytes(binary)
+    (deep / "tiles.png").write_bytes(png(np.full((2, 2, 3), 0.5)))
     header["buffers"][0]["uri"] = "m.bin"
     header["images"] = [{"uri": "tiles.png"}]
-    (tmp_path / "parts" / "deep" / "m.gltf").write_text(json.dumps(header))
+    (deep / "m.gltf").write_text(json.dumps(header))
     (tmp_path / "parts" / "box.obj").write_text(
         "mtllib box.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n"
     )
@@ -75,16 +69,6 @@ def test_files_that_meshes_name_are_sources(folder):
     )
     assert "parts/box.mtl" not in plain.sources.digests
     assert "parts/deep/m.bin" in plain.sources.digests  # its geometry
-
-
-def test_a_change_of_a_material_file_is_noticed(folder):
-    sources = Sources(folder, assets={"meshes": ("parts/box.obj",)}, keep_material=True)
-    assert set(sources.digests) == {"parts/box.obj", "parts/box.mtl"}
-    (folder / "parts" / "box.mtl").write_text("newmtl a\nKd 0 1 0 \n")
-    with pytest.raises(
-        FileError, match=r"box\.mtl: has changed while samples were made from it"
-    ):
-        sources.families_assets.draw("meshes", np.random.default_rng(0))
 
 
 USES = {
@@ -165,25 +149,3 @@ def test_files_outside_the_recipes_folder_are_refused(shared, tmp_path):
         with pytest.raises(FileError, match=f"cut.obj: {re.escape(rule)}$"):
             generate(recipe, tmp_path / "set")
     assert not any("secret" in name for name in recipe.sources.digests)
-
-
-def test_without_a_recipe_meshes_name_files_of_their_own_folder(folder):
-    linked = folder / "linked.obj"
-    linked.symlink_to(folder / "parts" / "box.obj")
-    (folder / "box.mtl").write_text("newmtl a\nKd 0 0 1\n")
-    assert named_by_mesh(linked, True, None) == [folder / "box.mtl"]
-    assert named_by_mesh(folder / "parts" / "box.obj", True, folder / "elsewhere") == [
-        folder / "parts" / "box.mtl"
-    ]
-
-
-def test_a_mesh_with_and_without_a_material_has_the_files_of_its_own(folder):
-    """Whichever of the two objects comes first."""
-    own = {"file": "parts/box.obj", "translate": [0, 0, 1]}
-    painted = {**own, "material": {"type": "diffuse", "reflectance": 0.5}}
-    for objects in ({"a": painted, "b": own}, {"a": own, "b": painted}):
-        written = {**SIZE, "scenes": ["cards"], "scene": {"objects": objects}}
-        assert (
-            "parts/box.mtl"
-            in recipe_from_table(written, folder / "recipe.toml").sources.digests
-        )

@@ -3,7 +3,6 @@ from itertools import product
 import pytest
 from scipy import stats
 
-from twinlens.errors import InputError
 from twinlens.factory import plan, recipe_from_table
 
 BASE = {"seed": 5, "count": 10, "scenes": ["cards", "staircase"]}
@@ -109,8 +108,3 @@ def test_splits_have_their_shares_and_stay_when_the_count_grows():
         plan(recipe(splits=shares, count=7), i).split for i in range(50)
     ]
     assert plan(recipe(), 0).split is None
-
-
-def test_a_negative_index_is_refused():
-    with pytest.raises(InputError, match=">= 0, got -1"):
-        plan(recipe(), -1)
