@@ -118,21 +118,6 @@ def test_bad_apertures_raise_errors(text, message):
 
 
 @pytest.mark.parametrize(
-    ("cells", "message"),
-    [
-        (np.zeros((3, 3), np.uint8), "black"),
-        (np.arange(27, dtype=np.uint8).reshape(3, 3, 3), "coloured"),
-    ],
-)
-def test_bad_masks_raise_errors(tmp_path, cells, message):
-    path = tmp_path / "mask.png"
-    write_png(path, cells)
-    with pytest.raises(InputError, match=message) as error:
-        parse_aperture(f"mask:{path}")
-    assert str(error.value).startswith(f"--aperture 'mask:{path}': {path}")
-
-
-@pytest.mark.parametrize(
     ("text", "model"),
     [
         (

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twinlens.camera import KannalaBrandt
 from twinlens.camera.presets import CAMERAS
 from twinlens.errors import InputError
 from twinlens.factory import default_rig, plan
@@ -70,15 +69,6 @@ def test_a_camera_replaces_that_of_the_rig_of_its_scene():
     alone = rig_of({"camera": {"fx": 300.0}}, own=OWN)[1]
     assert alone.baseline() == pytest.approx(0.4)
     assert alone.cameras[1].fx == 300.0
-
-
-def test_a_fisheye_without_a_pair_has_the_baseline_of_the_scene():
-    _, rig = rig_of(
-        {"width": 96, "height": 54, "camera": {"preset": "gopro-hero9-wide"}}
-    )
-    assert rig.baseline() == pytest.approx(SCENE.baseline)
-    assert rig.cameras[0].distortion == KannalaBrandt(0.05, 0.07, -0.11, 0.05)
-    assert rig.cameras[0].cx == pytest.approx((479.12 + 0.5) / 10 - 0.5)
 
 
 @pytest.mark.parametrize(("camera", "fx", "pitch"), [

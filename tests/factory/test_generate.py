@@ -250,15 +250,6 @@ def test_draws_that_gates_turn_away_are_drawn_anew_counted_and_told(folder, tmp_
         assert sample.calibration.ndisp == 3
 
 
-def test_objects_of_a_rejected_draw_are_not_traced(tmp_path, monkeypatch):
-    """Their truth takes as long as the rest."""
-    module = importlib.import_module("twinlens.rendering.ground_truth")
-    monkeypatch.setattr(module, "object_truths", lambda *_: pytest.fail("traced"))
-    text = RECIPE + "[gates]\nattempts = 2\nvisible = 1.0\n"
-    with pytest.raises(Exhausted, match="2 draws rejected; last reason: 92"):
-        make(read_recipe(write_recipe(tmp_path, text)), 0)
-
-
 def test_a_sample_that_cannot_be_is_told_with_what_to_change_and_the_rest_is_made(
     folder, tmp_path
 ):

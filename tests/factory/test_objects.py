@@ -2,7 +2,6 @@
 
 import json
 import tomllib
-from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -334,18 +333,3 @@ def test_no_free_place_says_the_sizes(folder, keys, cause, remedy):
     with pytest.raises(Rejected, match=f"no free place: {cause}") as caught:
         placed(recipe_of(folder, {"p": body}))
     assert remedy in caught.value.remedy
-
-
-@pytest.mark.parametrize(
-    ("family", "body", "message"),
-    [
-        ("flying", {"resting_on": "table", "material": "moon"}, "unknown object"),
-        ("tabletop", {"material": "gray"}, "p.material: unknown material 'gray'"),
-        ("tabletop", {"looking_at": "wall", "material": "key-light"}, None),
-    ],
-)
-def test_names_that_no_scene_of_a_family_has_are_refused(folder, family, body, message):
-    objects = {"p": {**BOX, **body}}
-    table = {"seed": 1, "count": 1, "families": [family], "scene": {"objects": objects}}
-    with pytest.raises(InputError, match=message) if message else nullcontext():
-        recipe_from_table(table, folder / "recipe.toml")

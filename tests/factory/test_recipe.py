@@ -334,11 +334,3 @@ def test_assets_and_depths_belong_to_families(tmp_path):
     refused = r"scene\.depth_range: can be used with 'families' only"
     with pytest.raises(InputError, match=refused):
         recipe_of_scene(tmp_path, scene=depths, scenes=["cards"])
-
-
-def test_a_folder_without_a_file_of_the_kind_is_named_as_the_recipe_does(tmp_path):
-    (tmp_path / "mine").mkdir()
-    (tmp_path / "mine" / "a.txt").touch()
-    refused = r"recipe\.toml: assets\.hdris: 'mine' contains no \.\w+, .* file"
-    with pytest.raises(InputError, match=refused):
-        recipe_of_scene(tmp_path, families=["cards"], assets={"hdris": ["mine"]})

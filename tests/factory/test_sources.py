@@ -146,14 +146,6 @@ def test_a_mask_that_goes_in_the_middle_ends_the_run_and_keeps_what_was_made(tmp
     assert generate(read_recipe(path), folder).complete
 
 
-def test_nothing_is_begun_where_a_file_cannot_be_read(tmp_path):
-    recipe = read_recipe(write_recipe(tmp_path))
-    (tmp_path / "tiny" / "scene.toml").write_text("[camera\n")
-    with pytest.raises(FileError, match=r"scene\.toml: not valid TOML"):
-        generate(recipe, tmp_path / "set")
-    assert not (tmp_path / "set").exists()
-
-
 def test_a_worker_with_other_files_refuses(tmp_path):
     recipe = read_recipe(write_recipe(tmp_path))
     from twinlens.factory.sample import made_with
