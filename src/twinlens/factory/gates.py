@@ -76,26 +76,10 @@ def check_truth(
     gates: Gates, scene: Scene, rig: Rig, truths: Sequence[Truth], ndisp: int | None
 ) -> None:
     """The gates that need no images. Raises Rejected."""
-    for i, (truth, pose) in enumerate(zip(truths, rig.world_from_cams, strict=True)):
-        seen = np.unique(
-            truth.object_id
-        )  # a body that encloses the camera is all that it sees, unlike a room
-        name = truth.object_names[seen[0] - 1] if seen.size == 1 and seen[0] else ""
-        if gates.inside and name and encloses(scene, name, pose[:3, 3]):
-            remedy = "scene.jitter, rig.baseline, or gates.inside"
-            raise Rejected("camera inside an object", f"camera {i} in {name!r}", remedy)
-    for i, truth in enumerate(truths[:2]):
-        disparities = truth.disparity[np.isfinite(truth.disparity)]
-        if (
-            ndisp
-            and disparities.size
-            and ((disparities < 0) | (disparities >= ndisp)).mean() > gates.beyond_ndisp
-        ):
-            raise Rejected(
-                "disparity beyond ndisp",
-                f"view {i} has {disparities.min():.4g} to {disparities.max():.4g} px, and ndisp is {ndisp}",
-                "ndisp (larger), rig.baseline (smaller), scene.depth_range (farther), or gates.beyond_ndisp",
-            )
+    if gates.inside:
+        _check_outside_of_bodies(scene, rig, truths)
+    if ndisp:
+        _check_disparities(gates, truths[:2], ndisp)
     if len(truths) > 1:
         share = float((truths[0].visible & truths[0].hit).mean())
         if share < gates.visible:
@@ -106,9 +90,32 @@ def check_truth(
             )
 
 
-_DIRECTION = np.array(
-    [0.30151134, 0.90453403, 0.30151134]
-)  # unlikely to be parallel to an edge
+def _check_outside_of_bodies(scene: Scene, rig: Rig, truths: Sequence[Truth]) -> None:
+    for i, (truth, pose) in enumerate(zip(truths, rig.world_from_cams, strict=True)):
+        # A body that encloses the camera is all that it sees; in a room there is more to see.
+        seen = np.unique(truth.object_id)
+        if len(seen) > 1 or seen[0] == 0:
+            continue
+        name = truth.object_names[seen[0] - 1]
+        if encloses(scene, name, pose[:3, 3]):
+            remedy = "scene.jitter, rig.baseline, or gates.inside"
+            raise Rejected("camera inside an object", f"camera {i} in {name!r}", remedy)
+
+
+def _check_disparities(gates: Gates, truths: Sequence[Truth], ndisp: int) -> None:
+    for i, truth in enumerate(truths):
+        disparities = truth.disparity[np.isfinite(truth.disparity)]
+        beyond = (disparities < 0) | (disparities >= ndisp)
+        if disparities.size and beyond.mean() > gates.beyond_ndisp:
+            raise Rejected(
+                "disparity beyond ndisp",
+                f"view {i} has {disparities.min():.4g} to {disparities.max():.4g} px, and ndisp is {ndisp}",
+                "ndisp (larger), rig.baseline (smaller), scene.depth_range (farther), or gates.beyond_ndisp",
+            )
+
+
+# Unlikely to be parallel to a face or to meet an edge, where a crossing would count twice or not at all.
+_DIRECTION = np.array([0.30151134, 0.90453403, 0.30151134])
 
 
 def encloses(scene: Scene, name: str, point: Float) -> bool:
@@ -126,6 +133,7 @@ def encloses(scene: Scene, name: str, point: Float) -> bool:
             continue
         here, shape = transform_points(np.linalg.inv(pose), point), body.shape
         if isinstance(shape, Mesh):
+            # A ray from inside a closed surface leaves it once more than it enters it.
             return crossings(shape.vertices, shape.faces, here) % 2 == 1
         if (to_world := shape.get("to_world")) is not None:
             here = transform_points(np.linalg.inv(to_world), here)
@@ -170,18 +178,9 @@ def check_photographs(gates: Gates, sample: Sample, sensor: Sensor) -> None:
             for image, camera in zip(shot.images, cameras, strict=True)
         ]
         for i, picture in enumerate(greys):
-            for gate, most, bad in (
-                ("dark", gates.dark, picture <= _DARK),
-                ("burnt", gates.burnt, picture >= _BURNT),
-            ):
-                share = float(bad.mean())
-                if share > most:
-                    raise Rejected(
-                        f"{'black' if gate == 'dark' else gate} image",
-                        f"{share:.1%} of view {i}, lens {k}, maximum {most:.1%}",
-                        f"exposure, the scene's lights, or gates.{gate}",
-                        noisy=True,
-                    )
+            place = f"view {i}, lens {k}"
+            _check_share("black", "dark", gates.dark, picture <= _DARK, place)
+            _check_share("burnt", "burnt", gates.burnt, picture >= _BURNT, place)
         if sample.truths and gates.texture > 0:
             share = textured(greys, sample.rig.nominal, sample.truths)
             if share < gates.texture:
@@ -191,6 +190,20 @@ def check_photographs(gates: Gates, sample: Sample, sensor: Sensor) -> None:
                     "scenes or families, lenses (smaller aperture), exposure (less noise), or gates.texture",
                     noisy=True,
                 )
+
+
+def _check_share(
+    kind: str, gate: str, most: float, bad: NDArray[np.bool_], place: str
+) -> None:
+    """Raise Rejected if more than the share `most` of the pixels is bad."""
+    share = float(bad.mean())
+    if share > most:
+        raise Rejected(
+            f"{kind} image",
+            f"{share:.1%} of {place}, maximum {most:.1%}",
+            f"exposure, the scene's lights, or gates.{gate}",
+            noisy=True,
+        )
 
 
 def grey(image: NDArray[Any], sensor: Sensor) -> Grey:
@@ -218,11 +231,12 @@ def textured(greys: Sequence[Grey], rig: Rig, truths: Sequence[Truth]) -> float:
     if partner is None:
         return textured_windows(greys[0], greys[0], np.ones(greys[0].shape, bool))
     seen, camera = truths[0].visible & truths[0].hit, rig.cameras[partner]
-    u, v = np.floor(rig.project(partner, truths[0].position[seen]) + 0.5).astype(int).T
-    warped = np.zeros(seen.shape, np.float32)  # to the first view, nearest pixel
-    warped[seen] = greys[partner][
-        v.clip(0, camera.height - 1), u.clip(0, camera.width - 1)
-    ]
+    # Each pixel of the first view gets the value of its partner's nearest pixel; a visible point may round out of it.
+    pixels = rig.project(partner, truths[0].position[seen])
+    u, v = np.floor(pixels + 0.5).astype(int).T
+    u, v = u.clip(0, camera.width - 1), v.clip(0, camera.height - 1)
+    warped = np.zeros(seen.shape, np.float32)
+    warped[seen] = greys[partner][v, u]
     return textured_windows(greys[0], warped, seen)
 
 
@@ -240,13 +254,18 @@ def textured_windows(left: Grey, right: Grey, seen: NDArray[np.bool_]) -> float:
     a, b = (
         np.where(seen, picture, 0.0).astype(np.float64) for picture in (left, right)
     )
+    # Means over the pixels of each window that both views see.
     count = weight[judged]
     mean_a, mean_b, ab, aa, bb = (
         _sums(product)[judged] / count for product in (a, b, a * b, a * a, b * b)
     )
+    # Cov(a, b) = E[ab] - E[a] E[b] is the variance of what the images share.
     shared = ab - mean_a * mean_b
-    chance = np.sqrt(np.maximum((aa - mean_a**2) * (bb - mean_b**2), 0.0) / count)
-    return float((shared > np.maximum(_LEAST_CONTRAST**2, _CHANCE * chance)).mean())
+    # That of independent noise has the standard deviation sqrt(Var(a) Var(b) / n). Rounding may make it negative.
+    variances = (aa - mean_a**2) * (bb - mean_b**2)
+    chance = np.sqrt(np.maximum(variances, 0.0) / count)
+    least = np.maximum(_LEAST_CONTRAST**2, _CHANCE * chance)
+    return float((shared > least).mean())
 
 
 def _sums(values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -464,18 +464,17 @@ class _Stage:
             chosen = int(rng.choice(len(faces), p=self.shares[carrier]))
             face, below = faces[chosen]
             trial = _trial(rest, face, below, place, target, rng)
+            # All of its support is on the face, and the tower that it joins does not tip over.
             if not (face.holds(trial.moved(rest.support)) and trial.balanced()):
                 continue
             if chosen not in near:
-                near[chosen] = near_triangles(
-                    [part for parts in self.triangles.values() for part in parts],
-                    face,
-                    rest,
-                )
-            if trial.meets(near[chosen]) or self.enclosed(
-                trial.place + trial.spin @ rest.centre
-            ):
+                parts = [part for body in self.triangles.values() for part in body]
+                near[chosen] = near_triangles(parts, face, rest)
+            # It crosses no surface, and is not whole inside another body.
+            middle = trial.place + trial.spin @ rest.centre
+            if trial.meets(near[chosen]) or self.enclosed(middle):
                 continue
+            # First to its stable pose, then about the vertical; its lowest vertex comes to lie on the face.
             turn = trial.spin @ rest.turn
             low = float((vertices @ turn.T)[:, 2].min())
             pose = rigid(turn, trial.place - [0, 0, low])
