@@ -3,7 +3,6 @@
 Pending samples are made but not yet listed in dataset.json, as parallel shards and interrupted runs leave them.
 """
 
-import json
 import shutil
 
 import pytest
@@ -23,7 +22,6 @@ from twinlens.dataset import (
 from twinlens.dataset.files import hash_files, write_file
 from twinlens.dataset.record import encode_json
 from twinlens.dataset.verify import missing_parts, repair_hint
-from twinlens.errors import FileError
 from twinlens.factory.plan import sample_name
 
 NAMES = ("a", "train/0")
@@ -85,26 +83,12 @@ def none_wrong(*names):
 
 
 def test_a_complete_dataset_has_no_findings(root):
-    calls = []
-    findings = dict(verify_place(root, lambda *now: calls.append(now)))
-    assert findings == none_wrong(*NAMES)
-    assert calls == [(0.0, "a"), (0.5, "train/0")]
+    assert dict(verify_place(root)) == none_wrong(*NAMES)
     (root / ".cache").mkdir()
     (root / "notes").mkdir()
     (root / "notes" / "todo.txt").touch()
     assert wrong(root) == {}
     assert missing_parts(root) == ""
-
-
-def test_verification_in_a_bucket(tmp_path):
-    root = write(bucket(tmp_path))
-    assert wrong(root) == {}
-    write_sample(root / "train" / "1", SAMPLE)
-    (root / "a" / "im0.png").write_bytes(b"short")
-    assert wrong(root) == {
-        "dataset.json": [f"train/1: {NOT_LISTED}"],
-        "a": ["im0.png: differs from its SHA-256 in dataset.json"],
-    }
 
 
 def test_unlisted_and_removed_samples_are_reported(root):
@@ -132,19 +116,11 @@ def test_a_damaged_list_is_reported_and_samples_are_checked(root):
 
 def test_a_removed_list_is_reported(root):
     (root / "dataset.json").unlink()
-    ((name, (finding,)),) = wrong(root).items()
-    assert name == "dataset.json"
+    (finding,) = wrong(root)["dataset.json"]
     assert finding.startswith("is missing, so no checksums can be verified; 1 found")
     assert missing_parts(root).startswith("no dataset.json: ")
     # The folder of a single sample needs no dataset.json.
     assert wrong(root / "a") == {}
-
-
-def test_folders_without_samples_are_rejected(tmp_path):
-    with pytest.raises(FileError, match="has no sample"):
-        list(verify_place(tmp_path))
-    (tmp_path / "dataset.json").write_text(json.dumps({"format": "other"}))
-    assert "not a twinlens-dataset file" in wrong(tmp_path)["dataset.json"][0]
 
 
 def test_outdated_metadata_is_reported_of_complete_datasets(root):
@@ -159,9 +135,7 @@ def test_outdated_metadata_is_reported_of_complete_datasets(root):
     assert wrong(root) == {}
 
 
-@pytest.mark.parametrize(
-    "text", ["", "[]", "{}", '{"distribution": 7}', '{"distribution": [7]}', "[" * 5000]
-)
+@pytest.mark.parametrize("text", ["[]", "{}", '{"distribution": [7]}', "[" * 5000])
 def test_damaged_metadata_is_reported(root, text):
     (root / "croissant.json").write_text(text)
     finding = "croissant.json: is damaged; `twinlens describe` rewrites it"
@@ -175,7 +149,6 @@ RERUN = "rerun `twinlens generate` to "
     ("count", "info", "expected"),
     [
         (2, {"complete": True}, ""),
-        ("many", {"failed": 7}, ""),
         (5, {}, f"lists 2 of 5 samples; {RERUN}make the missing samples"),
         (5, {"failed": [{}]}, f'samples; 1 failed ("failed" in it says why); {RERUN}make the missing samples'),
         (3, {"failed": [{}]}, 'lists 2 of 3 samples; 1 failed ("failed" in it says why)'),
@@ -188,21 +161,6 @@ def test_missing_samples_are_counted_and_not_findings(root, count, info, expecte
     assert wrong(root) == {}
     assert missing_parts(root).endswith(expected)
     assert bool(missing_parts(root)) == bool(expected)
-
-
-@pytest.mark.parametrize(
-    ("count", "failed", "action"),
-    [
-        (6, [], "make the missing samples and list the finished ones"),
-        (2, [], "list the finished ones"),
-        (3, [{}], "list the finished ones"),
-    ],
-)
-def test_pending_samples_are_counted(tmp_path, count, failed, action):
-    line = missing_parts(shards(tmp_path / "set", count, failed=failed))
-    counts = f"dataset.json lists 0 of {count} samples; 2 made but not listed yet; "
-    assert line.startswith(counts)
-    assert line.endswith(RERUN + action)
 
 
 def test_repair_hint_for_samples_of_generate(root):
@@ -243,36 +201,6 @@ def test_a_sample_without_a_row_is_pending_in_an_unfinished_dataset(growing):
     assert wrong(growing)["0000005"][0].startswith("disp0.pfm: not a PFM")
 
 
-def test_samples_with_other_names_are_not_pending(growing):
-    names = ("0000006", "3", "deep/0000003")
-    for name in names:
-        write_sample(growing / name, SAMPLE)
-    lines = [f"{name}: {NOT_LISTED}" for name in names]
-    assert wrong(growing) == {"dataset.json": lines}
-    # These are not continued by `twinlens generate`.
-    for info in (GROWING | {"complete": True}, {"complete": False}):
-        write_manifest(growing, Manifest((), {"count": 7}, info=info))
-        assert wrong(growing)["dataset.json"] == lines
-
-
-def test_incomplete_samples_are_reported_on_disk_only(tmp_path):
-    disk, remote = shards(tmp_path / "set", 6), shards(bucket(tmp_path), 6)
-    write_file(disk / "0000003" / "im0.png", b"some")
-    for name in ("im0.png", "lens-1/im0.png"):
-        write_file(remote / "0000003" / name, b"some")
-    write_sample(disk / "0000001" / "deep", SAMPLE)
-    assert wrong(remote) == {}
-    assert wrong(disk) == {
-        "dataset.json": [f"0000001/deep: {NOT_LISTED}", f"0000003: {NOT_LISTED}"]
-    }
-
-
-def test_a_dataset_without_samples_yet_has_no_findings(tmp_path):
-    write_manifest(tmp_path, Manifest((), {"count": 3}, info=GROWING))
-    assert list(verify_place(tmp_path)) == [("dataset.json", [])]
-    assert missing_parts(tmp_path).startswith("dataset.json lists 0 of 3 samples; ")
-
-
 @pytest.fixture(params=["_sample_folders", "pending_rows"])
 def after_step(request, monkeypatch):
     """Let another process act after a step of the verification."""
@@ -307,22 +235,8 @@ def test_samples_listed_during_verification_are_not_findings(tmp_path, after_ste
     assert dict(verify_place(root)) == none_wrong(*map(sample_name, range(4)))
 
 
-def test_a_sample_that_appears_has_its_row_or_is_not_seen(tmp_path, after_step):
-    root = shards(tmp_path / "set", 4)
-
-    def add():
-        row = {"name": "0000003", "files": write_sample(root / "0000003", SAMPLE)}
-        row_file(root, "0000003").write_bytes(encode_row(row=row))
-
-    after_step(add)
-    line = missing_parts(root)
-    assert " made but not listed yet; " in line, "each with its checksums"
-    assert line.startswith("dataset.json lists 0 of 4")
-
-
-@pytest.mark.parametrize("name", ["..", ".", ""])
-def test_the_name_of_a_row_stays_below_the_folder(tmp_path, name):
-    root = shards(tmp_path / "set", 4)
+def test_the_name_of_a_row_stays_below_the_folder(tmp_path):
+    root, name = shards(tmp_path / "set", 4), ".."
     write_sample(tmp_path / "other", SAMPLE)
     mark = (root / "0000000" / "sample.json").read_bytes()
     for other in (root, tmp_path):
@@ -343,8 +257,6 @@ def files_row(files):
     [
         (b"{", "not valid JSON"),
         (files_row({"../im0.png": "0"}), "row.files.../im0.png: '../im0.png' is not a plain relative name"),
-        (files_row({"im0.png": 7}), "row.files.im0.png: must be a string, got 7"),
-        (files_row(None), "row.files: must be a table"),
         (encode_row(failure={}), "missing key 'row'"),
     ],
 )  # fmt: skip

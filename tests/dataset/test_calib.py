@@ -46,11 +46,14 @@ point = st.floats(-1e5, 1e5)
     positive,
     st.integers(1, 9999),
     st.none() | st.integers(1, 999),
+    st.booleans(),
 )
-def test_every_float_reads_back_the_same(fx, fy, cx0, cx1, cy, baseline, width, ndisp):
+def test_every_value_reads_back_the_same(
+    fx, fy, cx0, cx1, cy, baseline, width, ndisp, isint
+):
     calibration = Calibration(
         (fx, fy, cx0, cy), (fx, fy, cx1, cy), baseline, width, 7, cx1 - cx0, ndisp
-    )
+    ).replace(isint=isint)
     assert decode_calib(encode_calib(calibration)) == calibration
 
 
@@ -62,11 +65,9 @@ def test_middleburys_own_file():
         124.343,
         270,
     )
-    assert (calibration.vmin, calibration.vmax, calibration.isint) == (
-        23.0,
-        245.0,
-        False,
-    )
+    assert (calibration.vmin, calibration.vmax) == (23.0, 245.0)
+    assert not calibration.isint
+    assert decode_calib(MOTORCYCLE.replace("isint=0", "isint=1")).isint
     # A disparity of vmax is the nearest point: 3979.911 * 0.193001 / (245 + 124.343).
     assert float(calibration.depth(245.0)) == pytest.approx(2.0797, abs=1e-4)
 
@@ -116,7 +117,6 @@ def test_a_pair_that_is_not_rectified_has_no_calib():
         ("baseline=193.001", "baseline=1e999999999", "number of millimetres"),
         ("baseline=193.001", "baseline=-1", "positive"),
         ("baseline=193.001", "baseline=nan", "finite"),
-        ("baseline=193.001", "baseline=wide", "number of millimetres"),
         ("0 0 1]\ncam1", "0 0 2]\ncam1", "without skew"),
         ("; 0 0 1]\ncam1", "]\ncam1", r"cam0 must be \[fx 0 cx"),
         ("ndisp=270", "ndisp=many", "ndisp must be a whole number, got 'many'"),
@@ -182,14 +182,6 @@ def test_damage_is_read_or_rejected(data):
 
 
 def test_files_that_are_not_text_are_rejected(tmp_path):
-    for content in (b"\xff\xfe\x00", b"x" * (1 << 17)):
-        (tmp_path / "calib.txt").write_bytes(content)
-        with pytest.raises(FileError, match=r"calib\.txt"):
-            read_calib(tmp_path / "calib.txt")
-
-
-@pytest.mark.parametrize(("value", "expected"), [("0", False), ("1", True)])
-def test_isint_reads_back(value, expected):
-    calibration = decode_calib(MOTORCYCLE.replace("isint=0", f"isint={value}"))
-    assert calibration.isint is expected
-    assert decode_calib(encode_calib(calibration)) == calibration
+    (tmp_path / "calib.txt").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(FileError, match=r"calib\.txt"):
+        read_calib(tmp_path / "calib.txt")

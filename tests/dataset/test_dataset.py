@@ -1,5 +1,4 @@
 import json
-import pickle
 import subprocess
 import sys
 
@@ -53,43 +52,6 @@ def test_a_dataset_is_a_sequence_in_manifest_order(folder):
         data["train/001"]
 
 
-def test_a_slice_is_a_dataset(folder):
-    view = Dataset(folder)[1:]
-    assert isinstance(view, Dataset)
-    assert [sample.name for sample in view] == ["a", "train/0001"]
-    assert [sample.name for sample in view[::-1]] == ["train/0001", "a"]
-    assert len(view[5:]) == 0
-    assert view.manifest.seed == 5
-
-
-def shape_of(sample):
-    return sample.im0.shape, float(np.isfinite(sample.disp0).mean())
-
-
-def test_it_can_be_pickled_for_worker_processes(folder):
-    data = pickle.loads(pickle.dumps(Dataset(folder)[1:].map(shape_of)))
-    assert list(data) == [shape_of(sample) for sample in Dataset(folder)[1:]]
-
-
-def test_mapped_items_can_be_collated(folder):
-    items = Dataset(folder).map(dict)
-    assert len(items) == 3
-    assert len(items[:2]) == 2
-    assert len(list(items)) == 3
-    for name, value in items[0].items():
-        # torch needs native, contiguous, writable memory.
-        if name != "name":
-            assert value.flags.c_contiguous
-            assert value.flags.writeable
-            assert value.dtype.isnative
-
-
-def test_arrays_are_read_from_the_file_each_time(folder):
-    sample = Dataset(folder)[0]
-    sample.disp0[:] = 0
-    assert sample.disp0.max() > 0
-
-
 def test_the_manifest_reads_back(folder):
     manifest = read_manifest(folder)
     assert (manifest.recipe, manifest.seed, manifest.info) == (
@@ -130,9 +92,8 @@ def test_a_plain_middlebury_folder(tmp_path):
     assert_array_equal(sample.lens(0).im1, pair.im1)
     assert sample.rig.baseline() == pytest.approx(0.193001)
     assert verify_sample(sample) == []
-    for missing in ("disp1", "record", "truth0"):
-        with pytest.raises(FileError, match="no such file"):
-            getattr(sample, missing)
+    with pytest.raises(FileError, match="no such file"):
+        _ = sample.truth0
     with pytest.raises(FileError, match=r"dataset\.json: no such file"):
         _ = data.manifest
 
@@ -163,34 +124,21 @@ def test_a_folder_above_datasets_names_them(tmp_path):
 
 def test_importing_the_dataset_package_loads_no_renderer():
     heavy = "('mitsuba', 'drjit', 'numba', 'torch')"
-    code = (
-        f"import sys, twinlens.dataset; print([m for m in {heavy} if m in sys.modules])"
-    )
-    assert (
-        subprocess.run(
-            [sys.executable, "-c", code], capture_output=True, text=True, check=True
-        ).stdout
-        == "[]\n"
-    )
+    code = f"import sys, twinlens.dataset; sys.exit(any(m in sys.modules for m in {heavy}))"
+    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_an_invalid_manifest_is_rejected(folder, tmp_path):
     good = json.loads((folder / "dataset.json").read_text())
     first, second, third = good["samples"]
     for change, message in (
-        ({"seed": "x"}, "seed: must be a whole number"),
         ({"version": 9}, "reads version 1"),
         ({"format": "other"}, "not a twinlens-dataset file"),
         ({"samples": [{**first, "name": "../b"}]}, r"samples\[0\]\.name: '../b' is not a plain relative name"),
         ({"samples": [first, {**second, "name": "b"}]}, "'b' twice"),
         ({"samples": [{**first, "files": {"/etc/passwd": ""}}]}, "plain relative name"),
-        ({"samples": [first, {**second, "files": {"a": 1}}]}, r"samples\[1\]\.files\.a: must be a string, got 1"),
         ({"samples": [first, second, third, 7]}, r"samples\[3\]: must be a table"),
     ):  # fmt: skip
         (tmp_path / "dataset.json").write_text(json.dumps({**good, **change}))
         with pytest.raises(FileError, match=message):
             Dataset(tmp_path)
-    del good["samples"]
-    (tmp_path / "dataset.json").write_text(json.dumps(good))
-    with pytest.raises(FileError, match="missing key 'samples'"):
-        Dataset(tmp_path)

@@ -92,7 +92,7 @@ def test_a_misaligned_sample_stores_its_calibrated_rig(dataset):
 
 @pytest.mark.parametrize(
     ("name", "source", "target"),
-    [("line", 0, 1), ("line", 2, 0), ("grid", 3, 0), ("grid", 1, 3), ("toed", 1, 0)],
+    [("line", 0, 1), ("line", 2, 0), ("grid", 1, 3), ("toed", 1, 0)],
 )
 def test_correspondences_of_stored_views_equal_those_of_the_scene(
     dataset, name, source, target
@@ -115,32 +115,18 @@ def beside_an_edge(ids, pixel):
     return len(np.unique(ids[max(v - 1, 0) : v + 2, max(u - 1, 0) : u + 2])) > 1
 
 
-def spoil_disparity(folder):
-    write_pfm(folder / "disp0.pfm", np.ones((36, 48), np.float32))
-
-
-def shift_disparity(folder):
-    write_pfm(folder / "disp3.pfm", read_pfm(folder / "disp3.pfm") + 0.01)
-
-
-def remove_calibration(folder):
-    (folder / "calib.txt").unlink()
-
-
-def move_camera(folder):
-    with dataset_scene.edited(folder) as record:
-        record["rig"]["world_from_cams"][2][0][3] += 0.01
-
-
 def test_damage_is_reported(dataset, tmp_path):
-    for rig, change, text in (
-        ("toed", spoil_disparity, "disp0.pfm: is a disparity map, but the view is not"),
-        ("grid", shift_disparity, "disp3.pfm: "),
-        ("line", remove_calibration, "calib.txt: is missing"),
-        ("grid", move_camera, "truth2.exr: "),
-    ):
-        folder = tmp_path / change.__name__
-        shutil.copytree(dataset[rig].folder, folder)
-        change(folder)
-        findings = verify_sample(Dataset(folder)[0])
-        assert any(line.startswith(text) for line in findings), findings
+    toed, grid = (
+        shutil.copytree(dataset[name].folder, tmp_path / name)
+        for name in ("toed", "grid")
+    )
+    write_pfm(toed / "disp0.pfm", np.ones((36, 48), np.float32))
+    write_pfm(grid / "disp3.pfm", read_pfm(grid / "disp3.pfm") + 0.01)
+    with dataset_scene.edited(grid) as record:
+        record["rig"]["world_from_cams"][2][0][3] += 0.01
+    (grid / "calib.txt").unlink()
+    (finding,) = verify_sample(Dataset(toed)[0])
+    assert finding.startswith("disp0.pfm: is a disparity map, but the view is not")
+    findings = str(verify_sample(Dataset(grid)[0]))
+    for part in ("disp3.pfm: ", "truth2.exr: ", "calib.txt: is missing"):
+        assert part in findings

@@ -1,7 +1,4 @@
-"""COCO and BOP exports, read by pycocotools, by the rules of BOP's docs/bop_datasets_format.md, and by bop_toolkit.
-
-BOP's toolkit is not in the package registry: its test runs where https://github.com/thodan/bop_toolkit is installed.
-"""
+"""COCO and BOP exports, read by pycocotools and by the rules of BOP's docs/bop_datasets_format.md."""
 
 import json
 from dataclasses import replace
@@ -78,9 +75,7 @@ def test_samples_without_objects_are_read_and_not_exported(tmp_path):
     [
         ("cam_from_object", [[1, 2]], ": cam_from_object must be a finite 4x4 matrix"),
         ("extent", ["a", 2], ""),
-        ("box", [1, 2, 3], ".*box must have the shape"),
         ("pixel_count", 0, ".*an object must have 1 or more pixels"),
-        ("pixel_count", "many", r"\.pixel_count: must be a whole number"),
     ],
 )
 def test_damaged_objects_are_errors_that_name_the_key(tmp_path, key, value, message):
@@ -138,22 +133,6 @@ def test_pycocotools_reads_the_annotations(data, coco):
             assert row["visible_fraction"] == visible.sum() / whole.sum()
             assert_array_equal(row["cam_from_object"], instance.cam_from_object)
             assert len(row["corners_px"]) == 8
-
-
-@pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning")
-def test_a_detector_that_finds_the_annotations_has_a_precision_of_one(coco):
-    reader = pytest.importorskip("pycocotools.coco")
-    evaluator = pytest.importorskip("pycocotools.cocoeval")
-    read = reader.COCO(coco / "annotations" / "instances.json")
-    found = []
-    for row in read.loadAnns(read.getAnnIds()):
-        keys = ("image_id", "category_id", "segmentation")
-        found.append({key: row[key] for key in keys} | {"score": 1.0})
-    evaluation = evaluator.COCOeval(read, read.loadRes(found), "segm")
-    evaluation.evaluate()
-    evaluation.accumulate()
-    evaluation.summarize()
-    assert evaluation.stats[0] == pytest.approx(1)
 
 
 def bop_views(data, bop):
@@ -225,59 +204,17 @@ def test_bop_masks_and_their_figures(data, bop):
             assert info["px_count_visib"] == visible.sum()
             assert info["px_count_valid"] == (whole & truth.hit).sum()
             assert info["visib_fract"] == pytest.approx(visible.sum() / whole.sum())
-            u, v, width, height = box(whole)
-            assert info["bbox_obj"] == [u, v, width - 1, height - 1]
+            for key, pixels in (("bbox_obj", whole), ("bbox_visib", visible)):
+                u, v, width, height = box(pixels)
+                assert info[key] == [u, v, width - 1, height - 1]
         assert infos[1]["visib_fract"] == 1
 
 
 def test_bop_models_are_meshes_in_millimetres(bop):
     assert [path.name for path in (bop / "models").glob("*.ply")] == ["obj_000002.ply"]
-    assert (
-        (bop / "models/obj_000002.ply")
-        .read_bytes()
-        .startswith(b"ply\nformat ascii 1.0")
-    )
     mesh = trimesh.load_mesh(bop / "models/obj_000002.ply", process=False)
     assert_allclose(mesh.vertices, CARD[0] * 1000, atol=1e-3)
     assert len(mesh.faces) == 2
-
-
-@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of the toolkit
-def test_bop_toolkit_reads_the_export(data, bop):
-    """Its loaders, and its own visible masks from the depth image and the depth of the whole object."""
-    inout = pytest.importorskip("bop_toolkit_lib.inout")
-    from bop_toolkit_lib import misc, visibility
-
-    model = inout.load_ply(bop / "models/obj_000002.ply")
-    facts = inout.load_json(bop / "models/models_info.json", keys_to_int=True)[2]
-    assert misc.calc_pts_diameter(model["pts"]) == pytest.approx(facts["diameter"])
-    for number in range(len(data)):
-        scene = bop / "train" / f"{number:06d}"
-        cameras = inout.load_scene_camera(scene / "scene_camera.json")
-        poses = inout.load_scene_gt(scene / "scene_gt.json")
-        infos = inout.load_json(scene / "scene_gt_info.json", keys_to_int=True)
-        assert list(cameras) == list(poses) == list(infos) == [0, 1]
-        for i, camera in cameras.items():
-            counts = inout.load_depth(scene / f"depth/{i:06d}.png")
-            depth = counts * camera["depth_scale"]
-            assert inout.load_im(scene / f"rgb/{i:06d}.png").shape == (*depth.shape, 3)
-            whole = inout.load_im(scene / f"mask/{i:06d}_000001.png") > 0
-            visible = inout.load_im(scene / f"mask_visib/{i:06d}_000001.png") > 0
-            # The depth of the card's plane: n . (t r - c) = 0 along the rays r.
-            card, K = poses[i][1], camera["cam_K"]
-            normal, centre = card["cam_R_m2c"][:, 2], card["cam_t_m2c"].ravel()
-            grid = np.stack([*np.indices(depth.shape)[::-1], np.ones(depth.shape)], -1)
-            rays = grid @ np.linalg.inv(K).T
-            flat = np.where(whole, normal @ centre / (rays @ normal), 0.0)
-            estimate = visibility.estimate_visib_mask_gt(
-                misc.depth_im_to_dist_im_fast(depth, K),
-                misc.depth_im_to_dist_im_fast(flat, K),
-                1.0,
-            )
-            assert_array_equal(estimate, visible)
-            rows, columns = np.nonzero(visible)
-            expected = misc.calc_2d_bbox(columns, rows)
-            assert tuple(infos[i][1]["bbox_visib"]) == tuple(expected)
 
 
 def test_chosen_objects_only(data, tmp_path):
@@ -311,7 +248,6 @@ def test_kitti_holds_255_objects(tmp_path):
     names = (*(f"rest[{i}]" for i in range(255)), "card")
     left = replace(MADE.truths[0], object_names=names)
     many = stored(tmp_path / "s", replace(MADE, truths=(left, MADE.truths[1])))
-    export([many], tmp_path / "rest", "kitti2015", objects=["rest"])
     message = "s: has object 256, and this layout holds 255"
     with pytest.raises(InputError, match=message):
         export([many], tmp_path / "out", "kitti2015", objects=["card"])
@@ -334,4 +270,3 @@ def test_bop_rejects_lens_distortion(tmp_path):
     message = "s: view 0 has lens distortion, which BOP cannot hold"
     with pytest.raises(InputError, match=message):
         export([distorted], tmp_path / "out", "bop")
-    assert export([distorted], tmp_path / "out", "coco")

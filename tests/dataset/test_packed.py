@@ -73,20 +73,11 @@ def test_packed_arrays_follow_the_documented_format():
     ("change", "message"),
     [
         ({"shape": [SIDE, 7]}, r"damaged \(its shape needs 1792 bytes\)"),
-        ({"shape": [SIDE, SIDE + 1]}, "damaged"),
         ({"shape": [-1, 2]}, r"shape\[0\]: must be >= 1"),
-        ({"shape": 7}, "shape: must be a list"),
-        ({"shape": [True, 2]}, "must be a whole number"),
-        ({"shape": []}, "a list of at least 1"),
-        ({"shape": [1] * 65}, "a list of at most 4"),
         ({"shape": [10**9, 10**9]}, "at most 16777216 are allowed"),
         ({"levels": 7}, "levels"),
-        ({"levels": [255]}, "levels"),
-        ({"levels": 255.0}, "levels"),
-        ({"zlib": 7}, "zlib"),
         ({"zlib": "no base64"}, "damaged"),
         ({"zlib": "AAAA"}, "damaged"),
-        ({"zlib": "\u00e9"}, "damaged"),
     ],
 )
 def test_damaged_arrays_are_rejected(change, message):
@@ -111,14 +102,3 @@ def test_unknown_fields_are_rejected_before_arrays_are_unpacked():
     }
     with pytest.raises(InputError, match="unknown key 'x'"):
         lens_from_plain(lens)
-
-
-def test_an_array_is_not_a_lens():
-    with pytest.raises(
-        InputError, match="must be one of Pinhole, ThinLens, BareAperture"
-    ):
-        lens_from_plain(pack(MASKS["any"]))
-    with pytest.raises(InputError):
-        lens_from_plain(
-            plain(ThinLens(0.01, 2.0)) | {"focus_distance": pack(MASKS["any"])}
-        )

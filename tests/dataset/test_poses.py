@@ -66,11 +66,10 @@ def test_transforms_round_trip(rig, tmp_path):
     assert back.names == ("im0.png", "im1.png", "im2.png", "im3.png")
 
 
-@pytest.mark.parametrize(("a", "b"), [(0, 1), (2, 3)])
-def test_opencv_yaml_round_trip(rig, tmp_path, a, b):
-    pair = Rig(
-        [rig.cameras[i] for i in (a, b)], [rig.world_from_cams[i] for i in (a, b)]
-    )
+@pytest.mark.parametrize("first", [0, 2])
+def test_opencv_yaml_round_trip(rig, tmp_path, first):
+    views = slice(first, first + 2)
+    pair = Rig(rig.cameras[views], rig.world_from_cams[views])
     write_opencv(tmp_path / "pair.yml", pair)
     same(pair, read_opencv(tmp_path / "pair.yml"))
 
@@ -302,9 +301,8 @@ def test_colmap_quaternions_transform_from_world_to_camera(tmp_path):
     assert np.allclose(
         turned + shift, geometry.transform_points(geometry.inverse(pose), point)
     )
-    assert (tmp_path / "cameras.txt").read_text().splitlines()[
-        0
-    ] == "1 PINHOLE 640 480 700.0 690.0 310.75 241.5"
+    written = (tmp_path / "cameras.txt").read_text()
+    assert written.startswith("1 PINHOLE 640 480 700.0 690.0 310.75 241.5\n")
 
 
 def test_the_nerf_matrix_has_y_up_and_z_backward(tmp_path):
@@ -317,15 +315,6 @@ def test_the_nerf_matrix_has_y_up_and_z_backward(tmp_path):
     assert matrix[2, 1] > 0.9
     assert np.allclose(matrix[:, 0], POSE[:, 0])
     assert (frame["cx"], frame["cy"], frame["fl_y"]) == (310.75, 241.5, 690.0)
-
-
-def test_transforms_with_a_camera_angle_are_read(tmp_path):
-    frames = [{"file_path": "./r_0", "transform_matrix": np.eye(4).tolist()}]
-    table = {"camera_angle_x": np.radians(60), "w": 800, "h": 600, "frames": frames}
-    (tmp_path / "t.json").write_text(json.dumps(table))
-    camera = read_transforms(tmp_path / "t.json").rig.cameras[0]
-    wanted = Camera.from_fov(800, 600, 60)
-    assert pytest.approx(wanted.K) == camera.K
 
 
 COLMAP_CAMERAS = {
@@ -358,12 +347,6 @@ def test_colmap_models_are_read(tmp_path, text, model):
         ("1 PINHOLE 640 480 1 1 1", "1 1 0 0 0 0 0 0 1 a", "4 parameters, got 3"),
         ("1 PINHOLE 640 480 7 7 1 1", "1 1 0 0 0 0 0 0 2 a", "camera 2"),
         ("1 PINHOLE 640 480 7 7 1 1", "1 0 0 0 0 0 0 0 1 a", "line 1 must read ID QW"),
-        ("1 PINHOLE 640 480 7 7 1 1", "1 1 0 0 0 0 0 1", "line 1 must read ID QW"),
-        (
-            "1 PINHOLE 640 480 7 7 1 1",
-            "1 1 0 0 0 nan 0 0 1 a",
-            "line 1 must read ID QW",
-        ),
         ("1 PINHOLE 640 480 7 7 1 1", "# none", "has no images"),
         ("1", "", "line 1 must read ID MODEL"),
     ],
@@ -380,16 +363,15 @@ FRAME = {"file_path": "a", "transform_matrix": np.eye(4).tolist()}
 SIZE = {"w": 640, "h": 480, "fl_x": 700}
 
 
-def test_a_camera_angle_beside_a_focal_length_is_ignored(tmp_path):
-    table = {
-        **SIZE,
-        "frames": [FRAME],
-        "camera_angle_x": 0,
-        "camera_angle_y": 1.0,
-        "fl_y": 710,
-    }
-    (tmp_path / "t.json").write_text(json.dumps(table))
-    (camera,) = read_transforms(tmp_path / "t.json").rig.cameras
+def test_a_camera_angle_is_read_where_no_focal_length_is_given(tmp_path):
+    path = tmp_path / "t.json"
+    angle = {"w": 800, "h": 600, "camera_angle_x": np.radians(60)}
+    path.write_text(json.dumps(angle | {"frames": [FRAME]}))
+    (camera,) = read_transforms(path).rig.cameras
+    assert pytest.approx(Camera.from_fov(800, 600, 60).K) == camera.K
+    both = SIZE | {"fl_y": 710, "camera_angle_x": 0, "camera_angle_y": 1.0}
+    path.write_text(json.dumps(both | {"frames": [FRAME]}))
+    (camera,) = read_transforms(path).rig.cameras
     assert (camera.fx, camera.fy) == (700, 710)
 
 
@@ -397,14 +379,8 @@ def test_a_camera_angle_beside_a_focal_length_is_ignored(tmp_path):
     ("table", "says"),
     [
         ({"frames": [FRAME], "w": 640, "h": 480}, "has no fl_x"),
-        ({"frames": [FRAME], "fl_x": 700}, "has no w"),
         ({}, "has no frames"),
         ([], "not a valid transforms.json"),
-        ({**SIZE, "frames": []}, "one pose per camera"),
-        (
-            {**SIZE, "frames": [{**FRAME, "transform_matrix": [[1, 2], [3, 4]]}]},
-            "not a valid transforms.json",
-        ),
         (
             {
                 **SIZE,
@@ -417,10 +393,6 @@ def test_a_camera_angle_beside_a_focal_length_is_ignored(tmp_path):
             "EQUIRECTANGULAR",
         ),
         ({**SIZE, "frames": [FRAME], "k4": 0.1}, "k4"),
-        (
-            {"w": 640, "h": 480, "frames": [FRAME], "camera_angle_x": 0},
-            "not a valid transforms.json",
-        ),
     ],
 )
 def test_invalid_transforms_raise(tmp_path, table, says):
@@ -433,7 +405,6 @@ def test_invalid_transforms_raise(tmp_path, table, says):
     ("old", "new", "says"),
     [
         ("M1:", "N1:", "has no M1"),
-        ("size1: [ 640, 480 ]", "", "has no image_width"),
         (
             "D2: !!opencv-matrix\n   rows: 1\n   cols: 5",
             "D2: !!opencv-matrix\n   rows: 5\n   cols: 2",
@@ -441,7 +412,6 @@ def test_invalid_transforms_raise(tmp_path, table, says):
         ),
         ("fisheye1: 0", "fisheye1: 1", "4 coefficients"),
         ("data: [ 700.0, 0.0", "data: [ 700.0, 0.5", "without skew"),
-        ("size1: [ 640, 480 ]", "size1: [ 0, 480 ]", "width"),
     ],
 )
 def test_invalid_opencv_files_raise(tmp_path, old, new, says):
@@ -458,7 +428,6 @@ def test_unsupported_rigs_raise(rig, tmp_path):
     for refused, says in (
         (lambda: write_opencv(tmp_path / "x.yml", rig), "4 cameras"),
         (lambda: write_transforms(tmp_path / "x.json", rational), "k4"),
-        (lambda: write_colmap(tmp_path, rig, ["a"]), "image names"),
         (lambda: write_colmap(tmp_path, rig, ["a"] * 4), "image names"),
         (
             lambda: write_colmap(tmp_path, rig, ["a", "b", "c", "d\n"]),

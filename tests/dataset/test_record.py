@@ -15,9 +15,7 @@ from twinlens.dataset.files import check_relative
 from twinlens.dataset.record import (
     LENS,
     RIG,
-    TYPES,
     annotation_of,
-    decode_json,
     encode_json,
     plain,
     read,
@@ -89,18 +87,6 @@ def test_distortion_reads_back_equal(distortion):
     one = Camera(64, 48, 70.0, 70.0, 31.5, 23.5, distortion=distortion)
     back = rig_from_plain(through_text(Rig([one], [np.eye(4)])))
     assert back.cameras[0] == one
-    with pytest.raises(InputError):
-        rig_from_plain(
-            plain(Rig([one], [np.eye(4)]))
-            | {"cameras": [plain(one) | {"distortion": "none"}]}
-        )
-
-
-def test_all_public_camera_types_can_be_recorded():
-    assert {"Camera", "Rig", "Pinhole", "ThinLens", "BareAperture", "Disk"} <= set(
-        TYPES
-    )
-    assert all(getattr(camera, name) is kind for name, kind in TYPES.items())
 
 
 @given(
@@ -146,47 +132,14 @@ def test_values_that_json_cannot_hold_are_rejected(value):
             "did you mean 'focus_distance'",
         ),
         ({"type": "ThinLens", "aperture_diameter": 0.1}, "focus_distance"),
-        (
-            {"type": "ThinLens", "aperture_diameter": "wide", "focus_distance": 1},
-            "aperture_diameter",
-        ),
-        (
-            {"type": "ThinLens", "aperture_diameter": -1, "focus_distance": 1},
-            "aperture_diameter",
-        ),
-        (
-            {
-                "type": "ThinLens",
-                "aperture_diameter": 1,
-                "focus_distance": 1,
-                "aperture": "round",
-            },
-            "aperture: must be a table of keys and values",
-        ),
-        (
-            {"type": "BareAperture", "diameter": 10**400, "film_distance": 1},
-            "diameter: must be a number",
-        ),
+        ({"type": "BareAperture", "diameter": 10**400, "film_distance": 1}, "diameter"),
         ({"type": ["Pinhole"]}, "must be one of Pinhole, ThinLens, BareAperture"),
         (7, "lens: must be a table of keys and values, got 7"),
-        (None, "lens: must be a table of keys and values, got None"),
     ],
 )
 def test_an_invalid_lens_is_rejected(value, message):
     with pytest.raises(InputError, match=message):
         lens_from_plain(value)
-
-
-def test_a_rig_of_other_types_is_rejected():
-    for cams in ([1], [plain(Pinhole())]):
-        with pytest.raises(InputError, match=r"^sample\.json: rig\.cameras\[0\]"):
-            rig_from_plain(
-                {
-                    "type": "Rig",
-                    "cameras": cams,
-                    "world_from_cams": [np.eye(4).tolist()],
-                }
-            )
 
 
 @pytest.mark.parametrize(
@@ -223,15 +176,6 @@ def test_a_rig_of_an_earlier_version_is_read():
     written = plain(rig)
     written["believed"] = written.pop("calibrated")
     assert rig_from_plain(written).calibrated is None
-
-
-def test_json_constants_are_rejected():
-    for text in (b'{"a": NaN}', b"[Infinity]", b"-Infinity"):
-        with pytest.raises(
-            FileError,
-            match=r'r\.json: .* is not JSON; write null for NaN, "inf" for infinity',
-        ):
-            decode_json(text, "r.json", "kind", 1)
 
 
 def test_an_alias_of_an_array_type_is_an_array():

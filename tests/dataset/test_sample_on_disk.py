@@ -6,8 +6,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from tests.dataset import dataset_scene
 from twinlens.dataset import Dataset, Shot, write_sample
-from twinlens.dataset.sample_files import sample_files
-from twinlens.dataset.verify import verify_sample
 from twinlens.errors import FileError, InputError
 from twinlens.optics import circle_of_confusion_px
 
@@ -30,19 +28,11 @@ def test_the_folder_has_the_documented_files(stored):
         for path in stored.folder.rglob("*")
         if path.is_file()
     }
-    per_view = {
-        f.format(i)
-        for i in (0, 1)
-        for f in ("im{}.png", "disp{}.pfm", "mask{}nocc.png", "truth{}.exr")
-    }
-    lenses = {f"lens-{k}/im{i}.png" for k in (1, 2) for i in (0, 1)}
-    assert names == per_view | lenses | {"calib.txt", "sample.json"}
-
-
-def test_views_are_attributes(stored):
-    assert {*np.unique(stored.mask0_nonocc)} == {0, 128, 255}
-    assert_array_equal(stored.im0, stored.image(0))
-    assert_array_equal(stored.disp1, stored.disparity(1))
+    expected = {"calib.txt", "sample.json"}
+    for i in (0, 1):
+        expected |= {f"im{i}.png", f"lens-1/im{i}.png", f"lens-2/im{i}.png"}
+        expected |= {f"disp{i}.pfm", f"mask{i}nocc.png", f"truth{i}.exr"}
+    assert names == expected
 
 
 def test_the_truth_reads_back_in_float32_precision(stored, sample):
@@ -84,10 +74,6 @@ def test_the_record_reads_back(stored, sample):
     assert_array_equal(stored.rig.world_from_cams, sample.rig.world_from_cams)
     assert stored.calibration.baseline == 0.4
     assert stored.ndisp > stored.disp0[np.isfinite(stored.disp0)].max()
-
-
-def test_the_same_sample_gives_the_same_bytes(sample):
-    assert sample_files(sample) == sample_files(dataset_scene.sample(num_lenses=3))
 
 
 def test_sixteen_bits_grey_and_radiance(tmp_path, sample):
@@ -141,31 +127,20 @@ def test_rejected_arrays_leave_nothing_behind(tmp_path, sample):
 
 
 def test_an_invalid_record_is_rejected(tmp_path, sample):
-    glass = {"type": "Glass"}
-    for number, (keys, value, message) in enumerate(
-        (
-            (("rig", "cameras", 0, "fx"), -1, "camera fx must be"),
-            (("rig", "poses"), [], "rig: unknown key 'poses'"),
-            (
-                ("shots", 0, "lens"),
-                glass,
-                r"shots\[0\]\.lens\.type: must be one of .*, got 'Glass'",
-            ),
-            (("shots",), 7, "shots: must be a list, got 7"),
-            (("shots", 0, "folder"), "../..", "plain relative name"),
-        )
+    write_sample(tmp_path / "s", sample)
+    path = tmp_path / "s" / "sample.json"
+    valid = path.read_text()
+    for old, new, message in (
+        ('"fx": 70.0', '"fx": -1', "camera fx must be"),
+        ('"world_from_cams"', '"poses"', "rig: unknown key 'poses'"),
+        ('"folder": "lens-1/"', '"folder": "../.."', "plain relative name"),
     ):
-        folder = tmp_path / str(number)
-        write_sample(folder, sample)
-        with dataset_scene.edited(folder) as record:
-            holder = record
-            for key in keys[:-1]:
-                holder = holder[key]
-            holder[keys[-1]] = value
-        stored = Dataset(folder)[0]
+        assert old in valid
+        path.write_text(valid.replace(old, new))
+        stored = Dataset(tmp_path)[0]
         with pytest.raises(FileError, match=message) as caught:
-            _ = stored.rig, stored.lens(0).lens
-        assert str(caught.value).startswith(str(folder / "sample.json"))
+            _ = stored.rig, stored.lens(1).lens
+        assert str(caught.value).startswith(str(path))
 
 
 def test_a_damaged_lens_leaves_the_rest_readable(tmp_path, sample):
@@ -178,20 +153,3 @@ def test_a_damaged_lens_leaves_the_rest_readable(tmp_path, sample):
     assert_array_equal(stored["lens1.im0"], sample.shots[1].images[0])
     with pytest.raises(FileError, match=r"shots\[1\]\.lens\.type"):
         _ = stored.lens(1).lens
-    (tmp_path / "s" / "sample.json").unlink()
-    with pytest.raises(FileError, match=r"sample\.json: no such file"):
-        _ = stored.lens(0).lens
-
-
-def test_files_with_fewer_and_with_unknown_keys_are_read(tmp_path, sample):
-    """Readers need the rig and the shots; keys of other versions are ignored."""
-    write_sample(tmp_path / "s", sample)
-    needed = {"format", "version", "rig", "shots"}
-    with dataset_scene.edited(tmp_path / "s") as record:
-        for key in record.keys() - needed:
-            del record[key]
-        record["comment"] = "by hand"
-    stored = Dataset(tmp_path)[0]
-    assert stored.rig.cameras == sample.rig.cameras
-    assert stored.lens(0).lens == sample.shots[0].lens
-    assert verify_sample(stored) == []

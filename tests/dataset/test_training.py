@@ -28,19 +28,13 @@ IMAGES = (
 def quantities(rig: Rig, images=None):
     """What a stored sample of the scene has, in float64, with images of random values."""
     images = images or dataset_scene.images(rig, seed=1)
-    sample = {
-        "name": "s",
-        "baseline": rig.baseline(),
-        "doffs": rig.doffs(),
-        "ndisp": 20,
-    }
+    sample = {"name": "s", "baseline": rig.baseline(), "doffs": rig.doffs()}
+    sample["ndisp"] = 20
     for i, truth in enumerate(dataset_scene.truths(rig)):
         sample |= {
             f"im{i}": images[i],
             f"disp{i}": truth.disparity,
             f"mask{i}_nonocc": truth.mask_nonocc(),
-        }
-        sample |= {
             f"K{i}": rig.cameras[i].K,
             f"world_from_cam{i}": rig.world_from_cams[i],
         }
@@ -54,9 +48,8 @@ SAMPLE = quantities(PAIR)
 def assert_same(found, expected):
     assert set(found) == set(expected)
     for name, value in expected.items():
-        assert_allclose(
-            found[name], value, rtol=1e-6, atol=1e-5, err_msg=name
-        ) if name != "name" else None
+        if name != "name":
+            assert_allclose(found[name], value, rtol=1e-6, atol=1e-5, err_msg=name)
 
 
 def window_of(rig, x, y, width, height):
@@ -82,10 +75,6 @@ def test_a_crop_is_the_scene_seen_by_the_smaller_cameras(window):
     images = [SAMPLE[f"im{i}"][y : y + height, x : x + width] for i in (0, 1)]
     expected = quantities(window_of(PAIR, *window), images)
     assert_same(crop(SAMPLE, *window), expected)
-    if width == 40:
-        assert (expected["mask0_nonocc"] == 128).sum() > (
-            SAMPLE["mask0_nonocc"] == 128
-        )[y : y + height, x : x + width].sum()
 
 
 def test_a_stereo_flip_is_the_pair_of_the_mirrored_scene(monkeypatch):
@@ -129,8 +118,7 @@ def test_arrays_are_contiguous_copies(window):
             assert value.flags.c_contiguous, name
             assert min(value.strides) > 0, name
             assert value.dtype == SAMPLE[name].dtype, name
-            if name.startswith(("im", "disp", "depth", "position")):
-                value[...] = 0
+            value[...] = 0
     for name, value in before.items():
         assert_array_equal(SAMPLE[name], value)
 
@@ -150,12 +138,10 @@ def test_images_of_other_lenses_are_exchanged():
         (lambda s: crop(s, W - 9, 0, 10, 4), ["im0"], rf"crop of 10 x 4 pixels at \({W - 9}, 0\) is not inside im0"),
         (lambda s: crop(s, -1, 0, 10, 4), ["im0"], r"not inside im0 of 64 x 48 pixels"),
         (lambda s: crop(s, 0, 0, 0, 4), ["im0"], "not inside"),
-        (lambda s: crop(s, 1.5, 0, 8, 4), ["im0"], "x must be a whole number, got 1.5"),
         (lambda s: crop(s, 0, 0, 8, 4), ["mask1_nonocc", "disp0"], "mask1_nonocc needs disp1"),
         (lambda s: crop(s, 0, 0, 8, 4), ["visible0"], "visible0 needs disp0"),
         (stereo_flip, ["im0", "im1", "disp0"], "flip of disp0 needs disp1"),
         (stereo_flip, ["K0", "K1"], "flip of K1 needs the width of its view; select im1"),
-        (lambda s: stereo_flip({**s, "depht0": s["im0"]}), ["im0", "im1"], "did you mean 'depth0'"),
         (lambda s: crop({"im2": s["im0"]}, 0, 0, 8, 4), ["im0"], "views 0 and 1, not of im2"),
     ],
 )  # fmt: skip
@@ -185,30 +171,12 @@ def test_a_batch_stacks_arrays_and_keeps_their_types():
             {"im0": SAMPLE["im0"][1:], "name": "b"},
             r"im0 is uint8 \(48, 64, 3\) in sample 'a' and uint8 \(47, 64, 3\) in sample 'b'",
         ),
-        ({"im0": SAMPLE["im0"].astype(np.uint16), "name": "b"}, "uint8 .* and uint16"),
-        (
-            {"im0": SAMPLE["im0"]},
-            "samples 0 and 1 of a batch differ: only one has name",
-        ),
         ({"im0": SAMPLE["im0"], "name": "b", "disp0": 1.0}, "only one has disp0"),
     ],
 )
 def test_a_batch_of_different_samples_is_an_error(other, message):
     with pytest.raises(InputError, match=message):
         collate([{"im0": SAMPLE["im0"], "name": "a"}, other])
-    with pytest.raises(InputError, match="one sample or more"):
-        collate([])
-
-
-@pytest.mark.parametrize(
-    "call", [collate, stereo_flip, lambda sample: crop(sample, 0, 0, 1, 1)]
-)
-def test_what_is_no_sample_is_refused(call):
-    for wrong in (None, 3, "im0"):
-        with pytest.raises(InputError, match="sample"):
-            call(wrong)
-    with pytest.raises(InputError, match="made of a list of samples"):
-        collate(SAMPLE)
 
 
 @pytest.fixture(scope="module")
@@ -221,7 +189,7 @@ def folder(tmp_path_factory) -> Path:
 
 def test_indices_names_and_masks_choose_samples(folder):
     data = Dataset(folder)
-    mapped = data.select("name").map(lambda quantities: quantities["name"].upper())
+    mapped = data.select("name").map(lambda quantities: quantities["name"])
     for chosen, names in (
         ([3, -1, 3], ["s3", "s4", "s3"]),
         (np.array([4, 0]), ["s4", "s0"]),
@@ -231,19 +199,17 @@ def test_indices_names_and_masks_choose_samples(folder):
         (slice(3, None), ["s3", "s4"]),
     ):
         assert list(data[chosen].names) == names
-        assert list(mapped[chosen]) == [name.upper() for name in names]
-    assert data[np.int64(2)].name == "s2"
-    assert mapped[np.int64(2)] == mapped["s2"] == "S2"
-    for wrong in ([5], [True, False]):
-        with pytest.raises(InputError, match="has 5 samples"):
+        assert list(mapped[chosen]) == names
+    assert data[np.int64(2)].name == mapped[np.int64(2)] == mapped["s2"] == "s2"
+    for wrong, message in (
+        ([5], "has 5 samples"),
+        ([True, False], "has 5 samples"),
+        (1.5, "a slice or a 1-D array"),
+        (np.zeros((2, 2), int), "a slice or a 1-D array"),
+        (["s1", "s11"], "did you mean 's1'"),
+    ):
+        with pytest.raises(InputError, match=message):
             data[wrong]
-    with pytest.raises(IndexError):
-        data[[7]]
-    for wrong in (1.5, None, np.zeros((2, 2), int), np.array(2)):
-        with pytest.raises(InputError, match="a slice or a 1-D array"):
-            data[wrong]
-    with pytest.raises(InputError, match="did you mean 's1'"):
-        data[["s1", "s11"]]
 
 
 def test_stored_samples_are_cropped_and_stacked(folder):
@@ -252,16 +218,6 @@ def test_stored_samples_are_cropped_and_stacked(folder):
     assert batch["name"] == ["s1", "s2", "s3"]
     assert_array_equal(batch["disp0"][0], data[1].disp0[4:28, 3:35])
     assert collate(data[:2])["im1"].shape == (2, 48, 64, 3)
-
-
-def test_what_selects_nothing_is_refused(folder):
-    data = Dataset(folder)
-    with pytest.raises(InputError, match="select needs the names of quantities"):
-        data.select()
-    with pytest.raises(InputError, match="the name of a quantity is a text"):
-        data.select(["im0", "im1"])
-    with pytest.raises(InputError, match="map needs a function"):
-        data.map(None)
 
 
 def test_arrays_of_projectors_are_cropped_and_flipped_along_the_image():
@@ -276,8 +232,6 @@ def test_arrays_of_projectors_are_cropped_and_flipped_along_the_image():
         assert_array_equal(window[name], sample[name][:, 2:12, 5:25])
     flipped = stereo_flip({name: sample[name] for name in ("lit0", "lit1")})
     assert_array_equal(flipped["lit0"], sample["lit1"][..., ::-1])
-    pixels = dict.fromkeys(
-        ("projector_pixels0", "projector_pixels1"), np.zeros((1, H, W, 2))
-    )
+    pixels = sample["projector_pixels0"]
     with pytest.raises(InputError, match="a flip cannot mirror projector_pixels"):
-        stereo_flip(pixels)
+        stereo_flip(dict.fromkeys(("projector_pixels0", "projector_pixels1"), pixels))

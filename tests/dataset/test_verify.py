@@ -52,17 +52,13 @@ def test_a_correct_sample_has_no_findings(listed, loose):
 
 @pytest.mark.parametrize("baseline", [0.05, 1.0])
 def test_correct_samples_have_no_findings_far_from_the_origin(tmp_path, baseline):
-    for seed in range(3):
-        rng = np.random.default_rng(seed)
-        made = sample(baseline=baseline, doffs=rng.uniform(-9, 9), **SIZE)
-        shift = rng.uniform(-100, 100, 3)
-        far = geometry.rigid(np.eye(3), shift)
-        poses = [far @ pose for pose in made.rig.world_from_cams]
-        truths = tuple(
-            replace(truth, position=truth.position + shift) for truth in made.truths
-        )
-        moved = replace(made, rig=Rig(made.rig.cameras, poses), truths=truths)
-        assert verify_sample(stored(tmp_path / f"s{seed}", moved)) == []
+    made = sample(baseline=baseline, doffs=-7.3, **SIZE)
+    shift = np.array([90.0, -40.0, 70.0])
+    far = geometry.rigid(np.eye(3), shift)
+    poses = [far @ pose for pose in made.rig.world_from_cams]
+    truths = [replace(truth, position=truth.position + shift) for truth in made.truths]
+    moved = replace(made, rig=Rig(made.rig.cameras, poses), truths=tuple(truths))
+    assert verify_sample(stored(tmp_path / "s", moved)) == []
 
 
 def test_missing_changed_and_added_files_are_reported(listed):
@@ -106,18 +102,10 @@ def test_damage_never_raises(loose):
         path.write_bytes(whole)
 
 
-@pytest.mark.parametrize(
-    ("name", "purpose"),
-    [
-        ("lens-1/im1.png", " (the image of view 1)"),
-        ("truth1.exr", ""),
-        ("disp0.pfm", ""),
-        ("mask1nocc.png", ""),
-    ],
-)
-def test_a_missing_file_is_reported_without_a_manifest(loose, name, purpose):
-    (loose.folder / name).unlink()
-    assert verify_sample(loose) == [f"{name}: is missing{purpose}"]
+def test_a_missing_file_is_reported_without_a_manifest(loose):
+    (loose.folder / "lens-1/im1.png").unlink()
+    (finding,) = verify_sample(loose)
+    assert finding == "lens-1/im1.png: is missing (the image of view 1)"
 
 
 def test_sizes_are_compared(loose):
@@ -140,12 +128,6 @@ def test_exchanged_images_are_reported(tmp_path):
     )
 
 
-def test_images_of_different_widths_are_compared():
-    left, right = np.zeros((2, 40, 60), np.uint8)
-    disparity, mask = np.zeros((40, 60), np.float32), np.full((40, 60), 255, np.uint8)
-    assert consistency.check_exchange((left, right[:, :30]), disparity, mask) == []
-
-
 def texture(truth):
     p = np.where(truth.hit[..., None], truth.position, 0.0)
     waves = np.sin(p @ [[37.0, 61.0], [53.0, -29.0], [17.0, 43.0]]).sum(axis=-1)
@@ -158,14 +140,6 @@ def nudge(array):
     return array
 
 
-def swap(folder):
-    for kind in ("truth{}.exr", "disp{}.pfm", "mask{}nocc.png"):
-        a, b = folder / kind.format(0), folder / kind.format(1)
-        a.rename(folder / "aside")
-        b.rename(a)
-        (folder / "aside").rename(b)
-
-
 def mirror(array):
     return array[:, ::-1]
 
@@ -173,20 +147,12 @@ def mirror(array):
 DAMAGE = (
     # file, plane of an EXR file, change, finding
     ("disp0.pfm", None, nudge, "disparity differs from fx B / z - doffs at 1 of"),
-    ("disp1.pfm", None, mirror, "disparity"),
     ("mask0nocc.png", None, lambda mask: 255 - mask, "mask has other"),
     ("mask0nocc.png", None, mirror, "mask differs"),
     ("truth0.exr", "depth", nudge, "position's z differs from depth at 1 of"),
     ("truth0.exr", "depth", np.negative, "position is not finite"),
-    ("truth0.exr", "depth", lambda z: np.where(z < 9, -z, z), "position is not"),
     ("truth1.exr", "position.X", nudge, "position does not project to its pixel"),
-    ("truth0.exr", "position.Y", lambda y: y + 1e4, "position"),
-    (
-        "truth0.exr",
-        "object_id",
-        lambda x: x * 2,
-        "object_id has the value 4, but only 2",
-    ),
+    ("truth0.exr", "object_id", lambda x: x * 2, "object_id has the value 4"),
     ("truth0.exr", "object_id", np.zeros_like, "depth is not finite exactly"),
     ("truth1.exr", "material_id", lambda x: x * 2, "material_id has the value 4"),
     ("truth1.exr", "material_kind", lambda x: x * 5, "material_kind has the value 5"),
@@ -215,19 +181,6 @@ def test_inconsistent_arrays_are_reported(loose):
         path.write_bytes(whole)
 
 
-def test_exchanged_truths_and_another_calibration_are_reported(loose):
-    swap(loose.folder)
-    assert verify_sample(loose)[0].startswith("truth0.exr: position")
-    swap(loose.folder)
-    edit(loose.folder / "calib.txt", "baseline=400.0", "baseline=401.0")
-    assert verify_sample(loose)[0].startswith("calib.txt: baseline is 0.401")
-
-
-def edit(path, old, new):
-    assert old in path.read_text()
-    path.write_text(path.read_text().replace(old, new))
-
-
 def test_views_of_different_scenes_are_reported(tmp_path, monkeypatch):
     """Each view is consistent; together they are not, as the right one shows a farther wall."""
     left = sample(**SIZE)
@@ -246,7 +199,7 @@ def small_pair(size, baseline):
 
 
 @pytest.mark.parametrize("baseline", [0.05, 0.4, 0.9])
-@pytest.mark.parametrize("size", [(2, 7), (8, 6), (12, 9), (16, 12), (24, 18)])
+@pytest.mark.parametrize("size", [(2, 7), (12, 9), (24, 18)])
 def test_correct_views_of_few_pixels_have_no_findings(size, baseline):
     """Most pixels are at the border or at a silhouette, where depths at pixel centres prove little."""
     pair, truths = small_pair(size, baseline)
@@ -254,13 +207,11 @@ def test_correct_views_of_few_pixels_have_no_findings(size, baseline):
     assert consistency.check_views((truths[1], truths[0]), pair, (1, 0)) == []
 
 
-@pytest.mark.parametrize("larger", [0.5, 1.1, 1.5])
-@pytest.mark.parametrize("size", [(12, 9), (16, 12)])
-def test_different_scenes_are_reported_from_a_hundred_pixels(size, larger):
-    pair, (left, right) = small_pair(size, 0.4)
-    (finding,) = consistency.check_views(
-        (left, {**right, "depth": larger * right["depth"]}), pair, (0, 1)
-    )
+@pytest.mark.parametrize("larger", [0.5, 1.1])
+def test_different_scenes_are_reported_from_a_hundred_pixels(larger):
+    pair, (left, right) = small_pair((12, 9), 0.4)
+    other = {**right, "depth": larger * right["depth"]}
+    (finding,) = consistency.check_views((left, other), pair, (0, 1))
     assert "are at a depth that the other view has there" in finding
 
 
@@ -298,13 +249,7 @@ def test_a_view_shifted_by_a_pixel_is_reported(monkeypatch, wall, step, axis, vi
     here, there = (truths[i] for i in views)
     camera, pose = pair.cameras[views[1]], pair.world_from_cams[views[1]]
     assert consistency.check_views((here, there), pair, views) == []
-    assert (
-        consistency.check_views((here, shifted(there, camera, pose, 0, 0)), pair, views)
-        == []
-    )
     moved = shifted(there, camera, pose, *step)
-    content = consistency.ViewContent(moved, pair, views[1], dataset_scene.LENS)
-    assert consistency.check_positions(content) == []
     (finding,) = consistency.check_views((here, moved), pair, views)
     assert f" px along {axis} against the other view's surfaces" in finding
 
@@ -351,6 +296,13 @@ def waving(camera, x, bend):
         "object_id": np.ones(z.shape, int),
         "visible": camera.contains(px),
     }
+
+
+def test_objects_that_differ_from_the_object_ids_are_reported(loose):
+    with dataset_scene.edited(loose.folder) as record:
+        record["objects"][0][1]["visible_pixel_count"] -= 1
+    (finding,) = verify_sample(loose)
+    assert finding.startswith("sample.json: objects[0]: object 2 differs from the obj")
 
 
 def test_a_record_with_another_rig_is_reported(loose):
