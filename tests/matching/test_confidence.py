@@ -12,7 +12,7 @@ from twinlens.matching import (
     confidence_map,
     match_with_confidence,
 )
-from twinlens.matching.contract import WrongAnswerError
+from twinlens.matching.contract import MatcherFailedError
 from twinlens.scoring import motorcycle
 
 
@@ -213,6 +213,6 @@ def test_objects_and_functions_may_return_a_confidence():
 )
 def test_wrong_confidences_are_refused(confidence, kind):
     image = np.zeros((4, 6), np.uint8)
-    with pytest.raises(WrongAnswerError) as refused:
+    with pytest.raises(MatcherFailedError) as refused:
         tl.match(image, image, Confident(confidence))
     assert refused.value.kind == kind

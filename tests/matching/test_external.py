@@ -9,7 +9,8 @@ import pytest
 
 import twinlens.matching as tm
 from twinlens.errors import InputError, MissingExtraError
-from twinlens.matching.external import FunctionError, PythonFunction
+from twinlens.matching.contract import MatcherFailedError
+from twinlens.matching.external import PythonFunction
 
 cv2 = pytest.importorskip("cv2")
 
@@ -114,7 +115,7 @@ def test_an_exception_of_a_function_is_named_after_the_function():
         raise ValueError("no luck")
 
     message = r"^function 'boom' failed: ValueError: no luck$"
-    with pytest.raises(FunctionError, match=message) as caught:
+    with pytest.raises(MatcherFailedError, match=message) as caught:
         tm.match(*scene(), PythonFunction(boom))
     assert isinstance(caught.value.__cause__, ValueError)
 

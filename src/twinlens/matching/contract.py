@@ -27,20 +27,20 @@ HASH_DIGITS = 16  # hexadecimal digits kept of a file's SHA-256
 
 
 class MatcherFailedError(InputError):
-    """A program or a model failed while it ran."""
+    """A function, a program or a model failed while it ran, or did not return a disparity map.
+
+    kind: crash, time-limit, wrong-type, wrong-shape or not-a-number. An exception of a function is the cause of this
+    one.
+    """
 
     exit_code = 1
 
-
-class WrongAnswerError(MatcherFailedError):
-    """User code did not return a disparity map; kind: wrong-type, wrong-shape or not-a-number."""
-
-    def __init__(self, kind: str, message: str) -> None:
+    def __init__(self, message: str, kind: str = "crash") -> None:
         super().__init__(message)
         self.kind = kind
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.kind, str(self))  # worker processes pickle it
+        return type(self), (str(self), self.kind)  # worker processes pickle it
 
 
 class Answer(NamedTuple):
@@ -156,8 +156,8 @@ def answer_of(matcher: Any, left: Any, right: Any, **search: int) -> Any:
 def checked_answer(result: Any, shape: tuple[int, ...], name: str) -> Answer:
     """The answer of `name`, which returned a map or a pair (disparity, confidence), as float32 of this shape (H, W).
 
-    Raises WrongAnswerError for maps of another type or shape, for NaN, and for disparities of -inf; unknown disparities
-    are +inf.
+    Raises MatcherFailedError for maps of another type or shape, for NaN, and for disparities of -inf; unknown ones are
+    +inf.
     """
     disparity, confidence = unchecked_pair(result)
     checked = _checked_disparity(disparity, shape, name)
@@ -183,35 +183,37 @@ def _checked_disparity(result: Any, shape: tuple[int, ...], name: str) -> Dispar
         message = (
             f"{name} returned {type(result).__name__}, not an array of real disparities"
         )
-        raise WrongAnswerError("wrong-type", message) from None
+        raise MatcherFailedError(message, "wrong-type") from None
     if disparity.shape != shape:
-        raise WrongAnswerError(
-            "wrong-shape",
+        raise MatcherFailedError(
             f"{name} returned shape {disparity.shape}; the left image has {shape}",
+            "wrong-shape",
         )
     wrong = np.isnan(disparity) | np.isneginf(disparity)
     if wrong.any():
         y, x = np.argwhere(wrong)[0]
         message = f"{name} returned {disparity[y, x]} at [{y}, {x}]; unknown disparities are +inf"
-        raise WrongAnswerError("not-a-number", message)
+        raise MatcherFailedError(message, "not-a-number")
     return disparity
 
 
 def _checked_confidence(result: Any, shape: tuple[int, ...], name: str) -> Confidence:
     values = np.asarray(result)
     if values.dtype.kind not in "biuf":
-        raise WrongAnswerError(
-            "wrong-type",
+        raise MatcherFailedError(
             f"{name} returned a confidence of {values.dtype}, not real numbers",
+            "wrong-type",
         )
     if values.shape != shape:
-        raise WrongAnswerError(
-            "wrong-shape",
+        raise MatcherFailedError(
             f"{name} returned a confidence of shape {values.shape}; expected {shape}",
+            "wrong-shape",
         )
     confidence = values.astype(np.float32, copy=False)
     if np.isnan(confidence).any():
-        raise WrongAnswerError("not-a-number", f"{name} returned a confidence with NaN")
+        raise MatcherFailedError(
+            f"{name} returned a confidence with NaN", "not-a-number"
+        )
     return confidence
 
 

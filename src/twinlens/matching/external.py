@@ -22,7 +22,6 @@ from twinlens.matching.contract import (
     Answer,
     MatcherFailedError,
     RangeMatcher,
-    WrongAnswerError,
     checked_answer,
     file_hashes,
 )
@@ -33,16 +32,6 @@ from twinlens.settings import Setting
 _IMAGE_FILES = {"left": "left.png", "right": "right.png"}
 _MAP_FILES = {"out": "out.pfm", "confidence": "confidence.pfm"}
 """The files of a program by their placeholders in its command."""
-
-
-class FunctionError(TwinlensError):
-    """A Python function raised an exception, the cause of this one."""
-
-    exit_code = 1
-
-
-class ProgramTimeoutError(MatcherFailedError, TimeoutError):
-    """A program exceeded its time limit and was killed."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +82,7 @@ class PythonFunction(RangeMatcher):
         self._load()
 
     def compute(self, left: Any, right: Any) -> Answer:
-        """The checked answer of the function. Raises FunctionError for what it raises, and WrongAnswerError."""
+        """The checked answer of the function. Raises MatcherFailedError, also for what it raises."""
         try:
             function = self._load()
             result = function(
@@ -106,7 +95,7 @@ class PythonFunction(RangeMatcher):
             raise
         except (Exception, SystemExit) as error:
             name = getattr(self.function, "__name__", self.function)
-            raise FunctionError(
+            raise MatcherFailedError(
                 f"function {name!r} failed: {type(error).__name__}: {error}"
             ) from error
         name = getattr(function, "__name__", function)
@@ -217,7 +206,7 @@ class Program(RangeMatcher):
             raise InputError(f"program {program!r} cannot be started: {reason}")
 
     def compute(self, left: Any, right: Any) -> Answer:
-        """The maps that the program writes. Raises MatcherFailedError if it fails, and ProgramTimeoutError."""
+        """The maps that the program writes. Raises MatcherFailedError if it fails or exceeds its time limit."""
         from twinlens.dataset import write_png
 
         pair(left, right)
@@ -240,8 +229,9 @@ class Program(RangeMatcher):
                     self._filled(words, files), self.timeout_s
                 )
             except TimeoutError:
-                raise ProgramTimeoutError(
-                    f"{name} took longer than {self.timeout_s:g} s and was killed"
+                raise MatcherFailedError(
+                    f"{name} took longer than {self.timeout_s:g} s and was killed",
+                    "time-limit",
                 ) from None
             except (OSError, ValueError) as problem:
                 reason = getattr(problem, "strerror", None) or problem
@@ -284,9 +274,9 @@ def _read_pfm(path: Path, shape: tuple[int, ...], name: str) -> Disparity:
                 f"{name}: {what} is not a PFM file: its header cannot be read"
             ) from None
         if magic == b"Pf" and size != shape:
-            raise WrongAnswerError(
-                "wrong-shape",
+            raise MatcherFailedError(
                 f"{name} returned shape {size}; the left image has {shape}",
+                "wrong-shape",
             )
         body = file.read(4 * size[0] * size[1] + 1) if magic == b"Pf" else b""
     if len(body) != 4 * size[0] * size[1]:

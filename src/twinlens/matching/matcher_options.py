@@ -6,9 +6,8 @@ from typing import Annotated
 from twinlens.errors import InputError
 from twinlens.matching.box import FITS
 from twinlens.matching.confidence import CONFIDENCES
-from twinlens.matching.contract import RangeMatcher
 from twinlens.matching.costs import COSTS, Cost, find_cost
-from twinlens.matching.supports import SUPPORTS
+from twinlens.matching.supports import SUPPORTS, SupportOptions
 from twinlens.settings import Setting
 
 OPTIMISATIONS = {
@@ -20,7 +19,7 @@ PATHS = {"wta": 0, "sgm4": 4, "sgm8": 8}
 
 
 @dataclass(frozen=True)
-class MatcherOptions(RangeMatcher):
+class MatcherOptions(SupportOptions):
     """The options of a classical matcher; their annotations describe them, and `twinlens methods` lists them.
 
     Raises InputError for an option with a wrong value, and for a cost that the support cannot aggregate.
@@ -58,37 +57,6 @@ class MatcherOptions(RangeMatcher):
             choices=("none", "xsobel"),
         ),
     ] = "none"
-    contrast: Annotated[
-        float,
-        Setting(
-            "Support cross: difference in grey levels of 0..255 at which an arm ends.",
-            least=0,
-        ),
-    ] = 20.0
-    gamma_similar: Annotated[
-        float,
-        Setting(
-            "Support weighted: grey levels over which a weight falls to 1/e.", above=0
-        ),
-    ] = 12.0
-    gamma_near: Annotated[
-        float,
-        Setting("Support weighted: pixels over which a weight falls to 1/e.", above=0),
-    ] = 12.0
-    epsilon: Annotated[
-        float,
-        Setting(
-            "Support guided: variance below which the filter smooths, of grey levels in 0..1.",
-            above=0,
-        ),
-    ] = 1e-4
-    noise: Annotated[
-        float,
-        Setting(
-            "Support adaptive: standard deviation of the image noise, in grey levels of 0..255.",
-            least=0,
-        ),
-    ] = 2.0
     optimisation: Annotated[
         str,
         Setting(

@@ -1,6 +1,5 @@
 """The matchers by name, and the text that selects one with its options: `[NAME=]zncc:block_size=21,lr_check=1`."""
 
-import contextlib
 import dataclasses
 import importlib.metadata
 import re
@@ -32,8 +31,6 @@ from twinlens.settings import fields_of
 ENTRY_POINTS = "twinlens.methods"
 PROGRAM_GRACE_S = 5.0
 """Seconds beyond a time limit for a program's matcher, which ends the program itself."""
-_WORDS = {"true": True, "false": False, "none": None}
-"""Values of options that are words but not text."""
 
 
 @dataclass(frozen=True)
@@ -230,7 +227,7 @@ class UserMatcher(RangeMatcher):
     matcher: Matcher
 
     def compute(self, left: Any, right: Any) -> Answer:
-        """The checked answer of the object. Raises WrongAnswerError if it is no disparity map."""
+        """The checked answer of the object. Raises MatcherFailedError if it is no disparity map."""
         search = {
             "num_disparities": self.num_disparities,
             "min_disparity": self.min_disparity,
@@ -341,7 +338,7 @@ def parse_method(text: str) -> MethodSpec:
     `program:'prog --sizes 3,4 {left} {right} {out}'`. Raises InputError for unknown methods and wrong options.
 
     >>> parse_method("zncc:block_size=21,lr_check=1").options
-    {'block_size': 21, 'lr_check': 1}
+    {'block_size': 21, 'lr_check': 1.0}
     >>> parse_method("mine=function:path/to/file.py:name").name
     'mine'
     """
@@ -389,14 +386,14 @@ def _option(part: str, text: str, method: Method, first: bool) -> tuple[str, Any
         name, equals, value = method.positional, "=", part
     if not equals:
         raise InputError(f"{name!r} in {text!r} is not an option; write option=value")
-    if isinstance(method.options.get(name), str):
+    check_known(f"option of {method.name}", name, method.options)
+    if isinstance(method.options[name], str):
         # One pair of quotes is removed; 'a b' 'c d' is left unchanged.
         quoted = re.fullmatch(r"""'([^']*)'|"([^"]*)\"""", value)
         return name, value if quoted is None else quoted[1] or quoted[2] or ""
-    for read in (_WORDS.__getitem__, int, float):
-        with contextlib.suppress(ValueError, KeyError):
-            return name, read(value.lower())
-    return name, value
+    if value.lower() == "none":  # switches any option off
+        return name, None
+    return name, fields_of(method.matcher)[name].parse(value)
 
 
 def option_text(value: Any) -> str:

@@ -18,7 +18,6 @@ from twinlens.matching.contract import (
     Answer,
     BaseMatcher,
     MatcherFailedError,
-    WrongAnswerError,
     checked_answer,
     file_hashes,
     import_extra,
@@ -126,7 +125,7 @@ class OnnxNetwork(Settings, BaseMatcher, noun="option"):
     def _plane(self, output: Image) -> Image:
         if not 2 <= output.ndim <= 4 or any(size != 1 for size in output.shape[:-2]):
             message = f"{self.model}: returned shape {output.shape}; expected (1, 1, H, W), (1, H, W) or (H, W)"
-            raise WrongAnswerError("wrong-shape", message)
+            raise MatcherFailedError(message, "wrong-shape")
         return output.reshape(output.shape[-2:])
 
     @property

@@ -19,7 +19,7 @@ from twinlens.matching.images import Image, described, levels
 from twinlens.matching.matcher_options import PATHS, MatcherOptions
 from twinlens.matching.networks import descriptor_costs, descriptors
 from twinlens.matching.semiglobal import Penalties, Sweeps, quantised, stored
-from twinlens.matching.supports import SUPPORTS, Strip, SupportOptions
+from twinlens.matching.supports import SUPPORTS, Strip
 
 ROUNDED_DIGITS = 6
 """Similarities that differ by rounding alone become equal."""
@@ -169,7 +169,6 @@ class Search:
         halo = self.support.halo * (self.side // 2)
         sources = [self._source(side) for side in self.sides]
         left, right = levels(self.left, self.right)
-        options = self._support_options()
 
         def rows(start: int, stop: int) -> Volume:
             first, last = max(0, start - halo), min(height, stop + halo)
@@ -180,25 +179,22 @@ class Search:
             costs = volumes[0]
             if self.support.aggregate:
                 strip = Strip(
-                    volumes, first, start, stop, left, right, self.low, options
+                    volumes,
+                    first,
+                    start,
+                    stop,
+                    left,
+                    right,
+                    self.low,
+                    self.side,
+                    self.cost.growth,
+                    self.options,
                 )
                 costs = self.support.aggregate(strip)
             box.blank(costs, self.low, self.count)
             return costs
 
         return rows
-
-    def _support_options(self) -> SupportOptions:
-        options = self.options
-        return SupportOptions(
-            block_size=options.block_size,
-            contrast=options.contrast,
-            gamma_similar=options.gamma_similar,
-            gamma_near=options.gamma_near,
-            epsilon=options.epsilon,
-            noise=options.noise,
-            growth=self.cost.growth,
-        )
 
     def _source(self, side: int) -> Rows:
         """The costs of windows of this side, before aggregation."""

@@ -6,30 +6,56 @@ pixels take pixel costs, and block_size is the size of their region; the others 
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
 from twinlens.matching.box import Volume
+from twinlens.matching.contract import RangeMatcher
 from twinlens.matching.images import extended
+from twinlens.settings import Setting
 
 UNCERTAINTY = 0.05
 """Pixels: standard deviation of the disparity for which an adaptive window is large enough."""
 
 
-@dataclass(frozen=True)
-class SupportOptions:
-    """The options of `MatcherOptions` that supports read, and `growth` of the cost."""
+@dataclass(frozen=True, kw_only=True)
+class SupportOptions(RangeMatcher):
+    """The options of a matcher that its support reads, beside the side of its window."""
 
-    block_size: int
-    contrast: float
-    gamma_similar: float
-    gamma_near: float
-    epsilon: float
-    noise: float
-    growth: int
+    contrast: Annotated[
+        float,
+        Setting(
+            "Support cross: difference in grey levels of 0..255 at which an arm ends.",
+            least=0,
+        ),
+    ] = 20.0
+    gamma_similar: Annotated[
+        float,
+        Setting(
+            "Support weighted: grey levels over which a weight falls to 1/e.", above=0
+        ),
+    ] = 12.0
+    gamma_near: Annotated[
+        float,
+        Setting("Support weighted: pixels over which a weight falls to 1/e.", above=0),
+    ] = 12.0
+    epsilon: Annotated[
+        float,
+        Setting(
+            "Support guided: variance below which the filter smooths, of grey levels in 0..1.",
+            above=0,
+        ),
+    ] = 1e-4
+    noise: Annotated[
+        float,
+        Setting(
+            "Support adaptive: standard deviation of the image noise, in grey levels of 0..255.",
+            least=0,
+        ),
+    ] = 2.0
 
 
 @dataclass(frozen=True)
@@ -37,7 +63,8 @@ class Strip:
     """The input of a support: a strip of a cost volume, to be aggregated into the rows start..stop of the image.
 
     volumes: one for each of the support's windows, the widest first; `first` is the first row of each. left, right:
-    both images as levels 0..255. low: the first disparity.
+    both images as levels 0..255. low: the first disparity. side: that of the support's window, in pixels. growth: that of
+    the cost.
     """
 
     volumes: tuple[Volume, ...]
@@ -47,12 +74,9 @@ class Strip:
     left: NDArray[np.int32]
     right: NDArray[np.int32]
     low: int
+    side: int
+    growth: int
     options: SupportOptions
-
-    @property
-    def side(self) -> int:
-        """Side of the support's window in pixels."""
-        return self.options.block_size
 
     @property
     def top(self) -> int:
@@ -173,7 +197,7 @@ def _adaptive(strip: Strip) -> Volume:
     for index, (side, volume) in enumerate(zip(sides, strip.volumes, strict=True)):
         # Costs of smaller windows are scaled to the pixels of the widest, so that all sizes have one range of costs.
         ratio = quarter(sides[0]) / quarter(side)
-        scale = ratio ** (2 * strip.options.growth)
+        scale = ratio ** (2 * strip.growth)
         step = side // 2 - quarter(side) // 2
         best_quarters(volume, step, strip.top, sizes, index, scale, out)
     return out

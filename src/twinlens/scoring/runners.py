@@ -18,12 +18,11 @@ from numpy.typing import NDArray
 from twinlens.errors import InputError, TwinlensError
 from twinlens.matching import Answer, Matcher
 from twinlens.matching.contract import (
-    WrongAnswerError,
+    MatcherFailedError,
     answer_of,
     checked_answer,
     unchecked_pair,
 )
-from twinlens.matching.external import FunctionError
 from twinlens.processes import (
     IsolatedWorker,
     MemoryLimitError,
@@ -210,11 +209,14 @@ def _timed_match(
         answer = checked_answer(result, left.shape[:2], method.name)
         return Match(answer, seconds)
     except (Exception, SystemExit) as raised:
-        error = (isinstance(raised, FunctionError) and raised.__cause__) or raised
+        error: BaseException = raised
+        if isinstance(raised, MatcherFailedError):
+            if raised.kind != "crash":
+                raise MethodError(raised.kind, str(raised)) from raised
+            # The exception of a user's function says more than its name in front.
+            error = raised.__cause__ or raised
         if isinstance(error, TimeoutError):
             raise MethodError("time-limit", str(error)) from error
-        if isinstance(error, WrongAnswerError):
-            raise MethodError(error.kind, str(error)) from error
         raise _method_error(error) from error
 
 
@@ -229,9 +231,9 @@ def _check_floats(result: Any) -> None:
     """Refuse integers, which are a map that was scaled for a file and not converted back."""
     disparity, _ = unchecked_pair(result)
     if isinstance(disparity, np.ndarray) and disparity.dtype.kind != "f":
-        raise WrongAnswerError(
-            "wrong-type",
+        raise MatcherFailedError(
             f"returned an array of {disparity.dtype}: expected float32 disparities",
+            "wrong-type",
         )
 
 
