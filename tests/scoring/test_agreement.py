@@ -11,7 +11,7 @@ from twinlens.cli import run
 from twinlens.errors import InputError
 from twinlens.scoring import PROTOCOLS, Board, Entry, agreement
 from twinlens.scoring.agreement import sample_ranks
-from twinlens.scoring.board import Failure
+from twinlens.scoring.board import MatchFailure
 from twinlens.scoring.board_file import write_board
 from twinlens.scoring.evaluate import RegionScores
 
@@ -41,7 +41,7 @@ def entry(method, sample, value, failure=None):
 
 def board(values, title="board", scenes=None):
     """values: (samples, methods); NaN is a failure. scenes: the scene of each sample, by default its own."""
-    crash = Failure("crash", "it failed")
+    crash = MatchFailure("crash", "it failed")
     return Board(
         title,
         tuple(

@@ -30,7 +30,7 @@ from twinlens.scoring import (
     run_benchmark,
     standings,
 )
-from twinlens.scoring.board import Failure
+from twinlens.scoring.board import MatchFailure
 from twinlens.scoring.board_file import board_from_json, write_board
 from twinlens.scoring.evaluate import RegionScores
 
@@ -76,7 +76,7 @@ def test_a_mean_is_plain_unless_weighted():
 
 def test_a_failure_leaves_no_mean_and_comes_last():
     b = board(
-        *(entry("m", "s", 10), entry("m", "t", 0, failure=Failure("crash", "x"))),
+        *(entry("m", "s", 10), entry("m", "t", 0, failure=MatchFailure("crash", "x"))),
         *(entry("n", "s", 90), entry("n", "t", 90)),
     )
     assert math.isnan(b.mean("m", "middlebury-v3", "all").metrics["totbad2.0"])
@@ -157,7 +157,10 @@ numbers = st.one_of(st.floats(0, 1e9), st.just(math.inf), st.just(NAN))
 def test_json_round_trip(method, sample, bad, message, failed):
     b = board(
         entry(
-            method, sample, bad, failure=Failure("crash", message) if failed else None
+            method,
+            sample,
+            bad,
+            failure=MatchFailure("crash", message) if failed else None,
         )
     )
     text = board_to_json(b)
@@ -170,7 +173,7 @@ def test_json_round_trip(method, sample, bad, message, failed):
 
 
 VALID = board_to_json(
-    board(entry("m", "s", 10), entry("n", "s", 0, failure=Failure("crash", "x")))
+    board(entry("m", "s", 10), entry("n", "s", 0, failure=MatchFailure("crash", "x")))
 )
 TEXTS = [
     ("[]", "not a twinlens-board file"),
@@ -296,9 +299,10 @@ def test_latex_escapes_names_and_marks_the_best():
 
 def test_failures_are_listed_once_per_method_and_kind():
     late = [
-        entry("m", name, 1, failure=Failure("time-limit", "late")) for name in "abc"
+        entry("m", name, 1, failure=MatchFailure("time-limit", "late"))
+        for name in "abc"
     ]
-    died = entry("m", "d", 1, failure=Failure("crash", "signal 11"))
+    died = entry("m", "d", 1, failure=MatchFailure("crash", "signal 11"))
     assert failures(board(*late, died)) == [
         "m on a and 2 more: time-limit (late)",
         "m on d: crash (signal 11)",

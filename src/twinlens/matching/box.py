@@ -19,6 +19,8 @@ STATISTICS = {"zssd": 0, "jaccard": 0, "zncc": 1, "ncc": 2}
 """The mode of `kernels.windows.window_statistics` for a scoring; "sum" needs none."""
 ROUNDING = 2.0**-40
 """Floats that differ by less than this part of the largest cost are equal."""
+ROUNDED_DIGITS = 6
+"""Decimals of costs that are 1 - similarity."""
 FLOAT_ROWS = 64
 """Rows of a strip of float images."""
 Volume = NDArray[Any]
@@ -150,7 +152,14 @@ class BoxMatch:
 
         if self.count:
             in_strips(work, self.shape[0], self.rows, self.threads)
-        return winners
+        if not self.cost.offset:
+            return winners
+        # The kernels leave the offset out, and similarities that differ by rounding alone become equal.
+        return Winners(
+            winners.disparity,
+            np.round(winners.cost + self.cost.offset, ROUNDED_DIGITS),
+            np.round(winners.rival + self.cost.offset, ROUNDED_DIGITS),
+        )
 
     def fill(
         self, volume: Volume, y0: int, gain: float = 1.0, offset: float = 0.0

@@ -149,7 +149,7 @@ class RangeMatcher(Settings, BaseMatcher, noun="option"):
 def answer_of(matcher: Any, left: Any, right: Any, **search: int) -> Any:
     """What a matcher of twinlens or of a user returns, with its confidence; see `checked_answer`."""
     if isinstance(matcher, BaseMatcher):
-        return matcher.match_with_confidence(left, right, **search)
+        return matcher.searching(**search).compute(left, right)
     return matcher.match(left, right, **search)
 
 

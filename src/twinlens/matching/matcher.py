@@ -119,7 +119,9 @@ class StereoMatcher(MatcherOptions):
                 disparity, winners.cost, winners.rival, self.uniqueness
             )
         if self.texture > 0:
-            disparity = refine.textured(disparity, left, self.block_size, self.texture)
+            disparity = refine.with_texture(
+                disparity, left, self.block_size, self.texture
+            )
         return disparity
 
 

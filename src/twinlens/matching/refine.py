@@ -46,7 +46,9 @@ def unique(
     return _kept(disparity, cost < (1.0 - percent / 100.0) * rival)
 
 
-def textured(disparity: Disparity, image: Image, side: int, least: float) -> Disparity:
+def with_texture(
+    disparity: Disparity, image: Image, side: int, least: float
+) -> Disparity:
     """Keep a pixel in whose window the RMS difference of neighbours in a row is at least `least` levels of 0..255."""
     grey = levels(image, image)[0].astype(np.float64)
     squares = np.square(np.diff(grey, axis=1, append=grey[:, -1:]))

@@ -21,9 +21,6 @@ from twinlens.matching.networks import descriptor_costs, descriptors
 from twinlens.matching.semiglobal import Penalties, Sweeps, quantised, stored
 from twinlens.matching.supports import SUPPORTS, Strip
 
-ROUNDED_DIGITS = 6
-"""Similarities that differ by rounding alone become equal."""
-
 
 class Search:
     """The search of one image pair: cost, support and optimisation.
@@ -71,7 +68,7 @@ class Search:
             boxes = self._boxes(self.side)
             # A census of many bits has several words, whose costs have to be added up in a volume.
             if len(boxes) == 1:
-                return self._box_winners(boxes[0])
+                return boxes[0].winners(self.fit, costs=self.rivals)
         return self._strip_winners()
 
     def costs(self, start: int, stop: int, keep: Callable[[int, Volume], None]) -> None:
@@ -130,16 +127,6 @@ class Search:
         return tuple(
             BoxMatch(left, right, self.cost, side, self.low, self.high, self.threads)
             for left, right in zip(lefts, rights, strict=True)
-        )
-
-    def _box_winners(self, window: BoxMatch) -> Winners:
-        best = window.winners(self.fit, costs=self.rivals)
-        if not self.cost.offset:
-            return best
-        return Winners(
-            best.disparity,
-            np.round(best.cost + self.cost.offset, ROUNDED_DIGITS),
-            np.round(best.rival + self.cost.offset, ROUNDED_DIGITS),
         )
 
     def _strip_winners(self) -> Winners:

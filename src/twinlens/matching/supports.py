@@ -63,8 +63,8 @@ class Strip:
     """The input of a support: a strip of a cost volume, to be aggregated into the rows start..stop of the image.
 
     volumes: one for each of the support's windows, the widest first; `first` is the first row of each. left, right:
-    both images as levels 0..255. low: the first disparity. side: that of the support's window, in pixels. growth: that of
-    the cost.
+    both images as levels 0..255. low: the first disparity. side: that of the support's window, in pixels. growth: see
+    `Cost`.
     """
 
     volumes: tuple[Volume, ...]

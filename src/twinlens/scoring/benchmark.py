@@ -9,7 +9,7 @@ from pathlib import Path
 from twinlens.dataset.files import locked
 from twinlens.errors import FileError, InputError
 from twinlens.matching import Answer, parse_methods
-from twinlens.scoring.board import Board, Entry, Failure
+from twinlens.scoring.board import Board, Entry, MatchFailure
 from twinlens.scoring.board_file import BoardWriter, read_board
 from twinlens.scoring.evaluate import RESERVED, evaluate, upsampled, upsampling
 from twinlens.scoring.metrics import Disparity, Mask
@@ -35,7 +35,7 @@ class Step:
     method: str
     sample: str
     skipped: bool
-    failure: Failure | None
+    failure: MatchFailure | None
 
 
 def run_benchmark(
@@ -195,7 +195,7 @@ class _Run:
         writer.board = replace(writer.board, scenes=scenes)
         return cls(pair, sha, masks, applicable, runner, writer)
 
-    def match(self, method: Method | Submission) -> tuple[bool, Failure | None]:
+    def match(self, method: Method | Submission) -> tuple[bool, MatchFailure | None]:
         """Run and score a match unless the board has it: (skipped, failure)."""
         sample, board = self.sample, self._without_stale(method)
         earlier = [
@@ -207,7 +207,7 @@ class _Run:
         entries = [self._entry(method, rules, match) for rules in self.protocols]
         for entry in entries:
             board = board.having(entry)
-        if isinstance(match, Failure):
+        if isinstance(match, MatchFailure):
             self.on_drop(method.name, sample.name)
         else:
             disparity = match.answer.disparity
@@ -240,7 +240,7 @@ class _Run:
             self.on_drop(method_name, sample_name)
         return kept
 
-    def _match(self, method: Method | Submission) -> Match | Failure:
+    def _match(self, method: Method | Submission) -> Match | MatchFailure:
         """The map that the method computes, or that a submission contains; the latter has no run time."""
         sample = self.sample
         if isinstance(method, Submission):
@@ -256,19 +256,19 @@ class _Run:
                 )
                 return Match(Answer(disp, confidence), None)
             except FileError as error:
-                return Failure(kind, str(error))
+                return MatchFailure(kind, str(error))
         try:
             return self.runner.match(method, sample)
         except MethodError as error:
             return error.failure
 
     def _entry(
-        self, method: Method | Submission, rules: Protocol, match: Match | Failure
+        self, method: Method | Submission, rules: Protocol, match: Match | MatchFailure
     ) -> Entry:
         sample, (height, width) = self.sample, self.sample.disp0.shape
         ndisp, first = int(sample.ndisp), int(sample.min_disparity)
         key = method.name, spec_of(method), sample.name, self.sha, rules.name
-        if isinstance(match, Failure):
+        if isinstance(match, MatchFailure):
             return Entry(*key, width, height, ndisp, None, match, min_disparity=first)
         entry = Entry(
             *key, width, height, ndisp, match.seconds, None, min_disparity=first
@@ -277,7 +277,7 @@ class _Run:
         try:
             scale = upsampling(disparity.shape, sample.disp0.shape, rules)
         except InputError as error:
-            return replace(entry, failure=Failure("refused", str(error)))
+            return replace(entry, failure=MatchFailure("refused", str(error)))
         scores = evaluate(
             disparity,
             sample.disp0,

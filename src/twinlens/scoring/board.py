@@ -24,7 +24,7 @@ FAILURES: Mapping[str, str] = {
 
 
 @dataclass(frozen=True)
-class Failure:
+class MatchFailure:
     """Why a method has no scores on a pair: a kind of `FAILURES`, and the details in one line."""
 
     kind: str
@@ -49,7 +49,7 @@ class Entry:
     ndisp: int
     min_disparity: int = field(default=0, kw_only=True)
     seconds: float | None
-    failure: Failure | None
+    failure: MatchFailure | None
     regions: Mapping[str, RegionScores] = field(default_factory=dict)
 
     @property

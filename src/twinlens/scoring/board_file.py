@@ -18,7 +18,7 @@ from twinlens.dataset.files import read_bytes, write_file
 from twinlens.dataset.record import decode_json, plain, read
 from twinlens.errors import FileError, InputError, check_known
 from twinlens.schema import NonNegative, StrictModel, exactly, one_of, table_of
-from twinlens.scoring.board import FAILURES, Board, Entry, Failure
+from twinlens.scoring.board import FAILURES, Board, Entry, MatchFailure
 from twinlens.scoring.evaluate import RegionScores
 from twinlens.scoring.protocols import PROTOCOLS
 from twinlens.scoring.sparsification import DENSITIES
@@ -63,7 +63,7 @@ _Metric = Annotated[
 
 
 _FailureTable: Any = table_of(
-    Failure, kind=(Annotated[str, one_of("failure", FAILURES)], ...)
+    MatchFailure, kind=(Annotated[str, one_of("failure", FAILURES)], ...)
 )
 _RegionTable: Any = table_of(
     RegionScores, image=_COUNT, evaluated=_COUNT, estimated=_COUNT, metrics=(dict[str, _Metric], ...),

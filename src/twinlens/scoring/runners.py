@@ -1,6 +1,6 @@
 """Runs matchers in this process, or in a worker process with time and memory limits (docs/decisions/process-pool.md).
 
-Whatever a matcher raises or wrongly returns becomes a `MethodError` with a `Failure`.
+Whatever a matcher raises or wrongly returns becomes a `MethodError` with a `MatchFailure`.
 """
 
 import contextlib
@@ -29,7 +29,7 @@ from twinlens.processes import (
     WorkerDiedError,
     format_status,
 )
-from twinlens.scoring.board import Failure
+from twinlens.scoring.board import MatchFailure
 from twinlens.scoring.samples import Pair
 
 WARM_UP_ROWS = 32
@@ -62,7 +62,7 @@ class MethodError(Exception):
     def __init__(self, kind: str, message: str) -> None:
         # Both arguments, because the worker sends the exception as a pickle.
         super().__init__(kind, message)
-        self.failure = Failure(kind, " ".join(message.split())[:300] or kind)
+        self.failure = MatchFailure(kind, " ".join(message.split())[:300] or kind)
 
 
 class Runner:
