@@ -40,7 +40,8 @@ class View:
 
     def directions(self, pixels):
         c = self.camera
-        x, y = (pixels[:, 0] - c.cx) / c.fx, (pixels[:, 1] - c.cy) / c.fy
+        x = (pixels[:, 0] - c.cx) / c.fx
+        y = (pixels[:, 1] - c.cy) / c.fy
         return np.stack([x, y, np.ones(len(x))], axis=1) @ self.pose[:3, :3].T
 
     def hits(self, pixels):
@@ -52,7 +53,8 @@ class View:
 
     def pixels_in(self, index, points):
         """Where a camera of the rig sees points; NaN behind it."""
-        c, pose = self.rig.cameras[index], self.rig.world_from_cams[index]
+        c = self.rig.cameras[index]
+        pose = self.rig.world_from_cams[index]
         x, y, z = ((points - pose[:3, 3]) @ pose[:3, :3]).T
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(z > 0, [c.fx * x / z + c.cx, c.fy * y / z + c.cy], np.nan).T

@@ -42,7 +42,9 @@ class Tube:
             np.cross(o - self.start, self.axis),
             np.cross(d, self.axis),
         )  # distance to the axis as a vector
-        a, b, c = (w * w).sum(-1), (m * w).sum(-1), (m * m).sum(-1) - self.radius**2
+        a = (w * w).sum(-1)
+        b = (m * w).sum(-1)
+        c = (m * m).sum(-1) - self.radius**2
         half = root(b * b - a * c)
         t = np.stack([(-b - half) / a, (-b + half) / a])
         height = ((o + t[..., None] * d - self.start) * self.axis).sum(-1)
@@ -154,7 +156,9 @@ class Soup:
 
 def first_hits(bodies, o, d):
     """(t, body, label) of the nearest crossing, body -1 where none; a label is one smooth piece of one body."""
-    t, body, label = np.full(len(d), np.inf), np.full(len(d), -1), np.full(len(d), -1)
+    t = np.full(len(d), np.inf)
+    body = np.full(len(d), -1)
+    label = np.full(len(d), -1)
     for index, thing in enumerate(bodies):
         crossings = thing.crossings(o, d)
         crossings = np.where(crossings > BEHIND, crossings, np.inf)

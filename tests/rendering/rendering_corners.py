@@ -57,10 +57,8 @@ def instances() -> dict[str, tuple]:
         ("mirrored", [-1, 1, 1]),
         ("stretched", [1, 0.5, 2]),
     ):
-        inner, outer = (
-            pose(turn(rng), [0.05, 0, 0.1], [0.3, 0.4, 0.5]),
-            pose(turn(rng), [0.1, 0.2, 0.3], scale),
-        )
+        inner = pose(turn(rng), [0.05, 0, 0.1], [0.3, 0.4, 0.5])
+        outer = pose(turn(rng), [0.1, 0.2, 0.3], scale)
         cube = trimesh.creation.box(extents=(2, 2, 2))
         body = Hull.of_triangles(
             moved(outer @ inner, np.asarray(cube.vertices)[cube.faces])
@@ -77,7 +75,8 @@ def fine_balls() -> dict[str, tuple]:
     """A ball of 1280 triangles with smooth shading: unchanged, mirrored by its pose, and with reversed winding."""
     rng = np.random.default_rng(13)
     mesh = trimesh.creation.icosphere(subdivisions=3)
-    points, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces, dtype=np.uint32)
+    points = np.asarray(mesh.vertices)
+    faces = np.asarray(mesh.faces, dtype=np.uint32)
     found = {}
     for name, scale, wound in (
         ("plain", 0.9, 1),

@@ -189,9 +189,13 @@ EDGES = {  # name: (camera, lens parameters or None, depth, axis, position in me
 def profile(camera, lens, z, axis, position):
     """What a row of pixels sees of the half plane of light: a step at the edge's image, each point of which a lens
     spreads evenly over a disk of diameter A f |1/z - 1/focus|, averaged over the pixel's width."""
-    size, f, centre = camera.width, camera.fx, camera.cx
+    size = camera.width
+    f = camera.fx
+    centre = camera.cx
     if axis == "y":
-        size, f, centre = camera.height, camera.fy, camera.cy
+        size = camera.height
+        f = camera.fy
+        centre = camera.cy
     edge = f * position / z + centre
     diameter, focus = lens or (0.0, z)
     blur = diameter * f * abs(1 / z - 1 / focus)

@@ -229,7 +229,8 @@ def test_a_probe_that_hangs_is_a_timeout_which_is_not_cached(monkeypatch, broken
     assert llvm.probe(VARIANT, broken).works
 
 
-LONG, TOO_LONG = "word " * 70, "word " * 200
+LONG = "word " * 70
+TOO_LONG = "word " * 200
 EXITS = {
     "raise SystemExit(0)": "works",
     "import os; os.abort()": "aborts the process (signal 6)",

@@ -17,7 +17,8 @@ from twinlens.sensor import Mismatch, Sensor
 
 RED = {"type": "diffuse", "reflectance": Color((0.5, 0.1, 0.1)), "nir": Color((0.8,) * 3)}  # fmt: skip
 CAMERA = tl.Camera.from_fov(24, 18, 40)
-NIR, BOTH = CAMERA.replace(band="nir"), CAMERA.replace(band="rgb+nir")
+NIR = CAMERA.replace(band="nir")
+BOTH = CAMERA.replace(band="rgb+nir")
 POSES = [geometry.rigid(np.eye(3), [0.05 * i, 0.0, 0.0]) for i in range(5)]
 PROJECTOR = tl.Projector(POSES[2], tl.Camera.from_fov(32, 24, 60), "dots", 5.0)
 
@@ -65,7 +66,8 @@ def test_images_of_visible_light_do_not_change_with_near_infrared_dots(scene):
         return tl.render(scene, lit, spp=4, seed=3)
 
     for render in (grid, images):
-        bright, dark = render(rig), render(unlit)
+        bright = render(rig)
+        dark = render(unlit)
         assert (bright[2] == dark[2]).all()
         for camera in (0, 1, 3):
             assert (bright[camera] > dark[camera] + 0.01).any()

@@ -19,12 +19,14 @@ SKY = {"type": "constant", "radiance": {"type": "rgb", "value": 0.4}}
 BALL = {"type": "sphere", "radius": 0.3}
 TILE = {"type": "rectangle", "to_world": np.diag([0.3, 0.3, 1.0, 1.0])}
 BOX = tessellated({"type": "cube"})
-BACK, WIDE = np.diag([1.0, 1.0, -1.0, 1.0]), np.diag([9.0, 9.0, 1.0, 1.0])
+BACK = np.diag([1.0, 1.0, -1.0, 1.0])
+WIDE = np.diag([9.0, 9.0, 1.0, 1.0])
 CAMERA = tl.Camera.from_fov(32, 24, 60)
 
 
 def pose(x: float, y: float, z: float, turn: float = 0.0, size: float = 1.0):
-    cos, sin = np.cos(turn), np.sin(turn)
+    cos = np.cos(turn)
+    sin = np.sin(turn)
     rotation = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1.0]])
     return rigid(rotation, [x, y, z]) @ np.diag([size, size, size, 1.0])
 
@@ -60,7 +62,8 @@ def rig() -> tl.Rig:
 @pytest.fixture
 def there_and_then() -> tuple[Scene, Scene]:
     """A scene whose objects moved after it was rendered, and one that was built at the new poses."""
-    before, fresh = scene(moved=False), scene(moved=True)
+    before = scene(moved=False)
+    fresh = scene(moved=True)
     tl.render(before, rig(), spp=1)
     tl.ground_truth(before, rig())
     objects = []

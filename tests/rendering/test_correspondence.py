@@ -27,7 +27,8 @@ def small_rig(seed):
     poses = []
     for x in (-0.5, 0.5):
         centre = np.array([x, -4.0, 0.0]) + rng.uniform(-0.3, 0.3, 3)
-        target, up = rng.uniform(-0.2, 0.2, 3), rotation(rng)[0]
+        target = rng.uniform(-0.2, 0.2, 3)
+        up = rotation(rng)[0]
         poses.append(geometry.look_at(centre, target, up))
     return Rig([small_camera(rng) for _ in poses], poses)
 
@@ -88,7 +89,8 @@ def test_opencv_triangulates_the_truth_to_the_same_points(pairs):
 
 
 def test_every_ordered_pair_of_three_cameras_equals_the_closed_form(scene):
-    rig, bodies = cases.crossed_rig(), cases.bodies()
+    rig = cases.crossed_rig()
+    bodies = cases.bodies()
     for source, target in itertools.permutations(range(3), 2):
         answer = tl.correspondence(scene, rig, source, target)
         cameras = [rig.cameras[index] for index in (source, target)]
@@ -122,7 +124,8 @@ def test_ground_truth_of_a_rectified_pair_agrees_in_both_orders(scene):
 def test_cameras_at_one_position_are_related_by_a_homography(scene):
     """Also in the sky, whose points are at infinity."""
     crossed = cases.crossed_rig()
-    camera, pose = crossed.cameras[1], crossed.world_from_cams[1]
+    camera = crossed.cameras[1]
+    pose = crossed.world_from_cams[1]
     turn = rotation(np.random.default_rng(1), 0.2)
     rig = Rig([camera] * 2, [pose, pose @ geometry.rigid(turn, np.zeros(3))])
     answer = tl.correspondence(scene, rig, sky=True)

@@ -9,7 +9,10 @@ from twinlens.camera import Rig
 
 pytestmark = pytest.mark.slow
 
-SLANT, DEPTH, SIDE, FX = np.radians(5.0), 2.0, 64, 60.0
+SLANT = np.radians(5.0)
+DEPTH = 2.0
+SIDE = 64
+FX = 60.0
 LENSES = {1: (0.1, 1.5), 3: (0.1, 1.0), 9: (0.3, 1.0)}
 """By the diameter of the blur circle at `DEPTH`, px."""
 
@@ -58,7 +61,8 @@ def mtf50(image):
 def test_two_eyes_do_not_agree_better_than_converged_images():
     """The right image, taken where the left pixels are seen, minus the left one; mean over eight pairs. Removed texture
     would lower it. A single pair's residual varies by 3 %."""
-    scene, lens = photos.room(), tl.ThinLens(0.03, 2.5)
+    scene = photos.room()
+    lens = tl.ThinLens(0.03, 2.5)
     rig = Rig.stereo(photos.camera(64, 48, 60.0), 0.2, photos.POSE)
     truth = tl.ground_truth(scene, rig, objects=False)[0]
     converged = tl.render(scene, rig, lens, spp=4096, seed=9)

@@ -42,7 +42,8 @@ def squared_error(image, reference):
 
 def test_the_error_falls_to_a_fraction():
     """In the mean square, from 2 samples. Neighbouring pixels of a grid share samples: their noise is correlated."""
-    scene, lenses = photos.room(), [tl.Pinhole(), WIDE]
+    scene = photos.room()
+    lenses = [tl.Pinhole(), WIDE]
     grid = tl.render_lens_grid(scene, RIG, lenses, spp=2, denoise=True)
     for lens, shared, of_grid in zip(lenses, (None, 0.5), grid, strict=True):
         raw = tl.render(scene, RIG, lens, spp=2, seed=3)[0]
@@ -77,7 +78,8 @@ def traced():
 
 def test_guides_show_the_texture_and_the_normals(traced):
     """A chequered wall, 0.4 and 0.2, that faces the camera: each square exactly, apart from its edges."""
-    albedo, normal = traced["wall"].albedo[..., 0], traced["wall"].normal
+    albedo = traced["wall"].albedo[..., 0]
+    normal = traced["wall"].normal
     inside = np.isclose(albedo, 0.4, atol=1e-4) | np.isclose(albedo, 0.2, atol=1e-4)
     assert inside.mean() > 0.6
     assert 0.25 < np.mean(albedo > 0.3) < 0.75
@@ -118,7 +120,8 @@ def test_guides_have_the_samples_of_the_image():
     """The share of a pixel's samples that hit a lamp is its brightness and the length of its normal."""
     camera, lens, z, _, x = photos.EDGES["far"]
     scene, lens = photos.half_plane(z, x=x), photos.lens_of(lens)
-    built, sampling = build(scene), ("multijitter", 4, 6)
+    built = build(scene)
+    sampling = ("multijitter", 4, 6)
     sampler, spp, seed = sampling
     sensor = make_sensor(camera, photos.POSE, lens, spp, sampler)
     image = built.integrator.render(built.mi_scene, sensor, seed=seed, spp=spp)

@@ -17,7 +17,9 @@ from twinlens.scenes.placement import rotation
 from twinlens.scenes.scene import Mesh, Scene, SceneObject
 
 SPACING = 200.0  # metres: no object lights another
-DARK, ORANGE, WHITE = (0.1, 0.1, 0.1), (0.8, 0.3, 0.05), (1.0, 1.0, 1.0)
+DARK = (0.1, 0.1, 0.1)
+ORANGE = (0.8, 0.3, 0.05)
+WHITE = (1.0, 1.0, 1.0)
 FINISHES = ((0.0, 0.1), (0.0, 0.5), (0.0, 1.0), (1.0, 0.2), (1.0, 1.0))
 BALLS = [(color, *finish) for color in (DARK, ORANGE, WHITE) for finish in FINISHES]
 PLANES = [((0.5, 0.5, 0.5), 0.0, 0.4), ((0.2, 0.4, 0.9), 1.0, 0.5), ((0.9, 0.6, 0.1), 0.5, 0.3), ((0, 0, 0), 0.0, 0.2),
@@ -132,7 +134,8 @@ def gallery(tmp_path_factory):
 
 
 ANGLES = (0.0, 45.0, 60.0)
-PLASTIC, METAL = (0.0, 0.1), (1.0, 0.2)
+PLASTIC = (0.0, 0.1)
+METAL = (1.0, 0.2)
 FEW = [(ORANGE, *PLASTIC), (WHITE, *PLASTIC), (ORANGE, *METAL), (WHITE, *METAL), (ORANGE, 0.0, 1.0)]  # fmt: skip
 
 

@@ -95,7 +95,8 @@ def test_disparity_equals_the_closed_form(answers):
         if not answer.is_pair:
             assert np.isinf(answer["disparity"]).all()
             continue
-        view, hit = answer.view, answer.body >= 0
+        view = answer.view
+        hit = answer.body >= 0
         points = view.points(answer.pixels[hit], answer.depth[hit])
         to_partner = answer.pixels[hit, 0] - view.pixels_in(view.other, points)[:, 0]
         expected = np.full(len(hit), np.inf)
@@ -111,7 +112,8 @@ def test_disparity_equals_the_closed_form(answers):
 
 def test_visibility_equals_the_closed_form(answers):
     """Everywhere further than a hundredth of a pixel from where the closed form itself changes its mind."""
-    wrong_pixels, visible = [], []
+    wrong_pixels = []
+    visible = []
     for answer in answers:
         wrong = answer["visible"] != answer.view.all_visible
         assert answer.all_near_edge(wrong, answer.view.visible, 0.01)
@@ -123,7 +125,8 @@ def test_visibility_equals_the_closed_form(answers):
 
 def test_positions_project_onto_their_own_pixels(answers):
     for answer in answers:
-        view, pixels = answer.view, answer.pixels[answer.hit]
+        view = answer.view
+        pixels = answer.pixels[answer.hit]
         projected = view.pixels_in(view.index, answer["position"][answer.hit])
         assert np.abs(projected - pixels).max() <= 1e-6
 
@@ -131,7 +134,9 @@ def test_positions_project_onto_their_own_pixels(answers):
 def test_normals_are_unit_face_the_camera_and_equal_the_closed_form(answers):
     wrong_count = total = 0
     for answer in answers:
-        view, hit, normal = answer.view, answer.hit, answer["normal"]
+        view = answer.view
+        hit = answer.hit
+        normal = answer["normal"]
         for field in ("normal", "shading_normal"):
             lengths = np.linalg.norm(answer[field][hit], axis=1)
             assert np.abs(lengths - 1).max() < 1e-6
@@ -158,7 +163,8 @@ def near_crease(view, pixels):
 
 
 def test_names_and_materials_belong_to_the_ids(answers):
-    names, materials = [], []
+    names = []
+    materials = []
     for thing in cases.things():
         placed = thing.scene_object
         copies = [f"{placed.name}[{i}]" for i in range(len(placed.instances))]
@@ -202,7 +208,8 @@ def test_mirrored_stretched_and_reversed_meshes_equal_their_closed_form(corner_a
     for (name, _), answer in corner_answers.items():
         if name.startswith("edge on"):
             continue
-        view, expected_hit = answer.view, answer.body >= 0
+        view = answer.view
+        expected_hit = answer.body >= 0
         assert answer.all_near_edge(answer.hit != expected_hit, view.label, 1e-3), name
         clear = answer.hit & expected_hit & (view.all_cosines > GRAZING)
         assert clear.sum() > 200
@@ -230,7 +237,9 @@ def test_smooth_normals_are_interpolated_and_face_the_camera(corner_answers):
 
 def test_a_fisheye_of_200_degrees_has_ray_distances_and_depths_behind_it():
     """A camera in a ball, off its centre; at r pixels from the middle it looks at an angle of r / f to its axis."""
-    size, radius, centre = 65, 2.0, np.array([0.3, -0.2, 0.5])
+    size = 65
+    radius = 2.0
+    centre = np.array([0.3, -0.2, 0.5])
     focal = (size - 1) / np.deg2rad(200)
     middle = (size - 1) / 2
     fisheye = KannalaBrandt()
@@ -243,7 +252,8 @@ def test_a_fisheye_of_200_degrees_has_ray_distances_and_depths_behind_it():
     offset = camera.pixel_grid() - middle
     angle = np.linalg.norm(offset, axis=-1) / focal
     azimuth = np.arctan2(offset[..., 1], offset[..., 0])
-    x, y = np.sin(angle) * np.cos(azimuth), np.sin(angle) * np.sin(azimuth)
+    x = np.sin(angle) * np.cos(azimuth)
+    y = np.sin(angle) * np.sin(azimuth)
     along = np.stack([x, y, np.cos(angle)], axis=-1) @ centre
     distance = along + np.sqrt(along**2 - centre @ centre + radius**2)
     position = truth.position

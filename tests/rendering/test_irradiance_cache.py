@@ -21,7 +21,8 @@ LAMP = glow(1000.0)
 
 def room(shape, paint, depth, *things, **materials):
     """The inside of a closed shape of 4 m, and things in it."""
-    inside, size = {"type": shape, "flip_normals": True}, np.diag([2.0, 2.0, 2.0, 1.0])
+    inside = {"type": shape, "flip_normals": True}
+    size = np.diag([2.0, 2.0, 2.0, 1.0])
     objects = SceneObject("walls", inside, "paint", size), *things
     materials["paint"] = paint
     path = {"type": "path", "max_depth": depth}
@@ -75,10 +76,8 @@ def images(scene, rig, spp, seeds, cached=True, sampler="independent"):
 def mean_light(scene, rig, spp, seeds):
     """Of images with a cache, and of Mitsuba's with other seeds."""
     others = [seed + 100 for seed in seeds]
-    cached, mitsubas = (
-        images(scene, rig, spp, seeds),
-        images(scene, rig, spp, others, cached=False),
-    )
+    cached = images(scene, rig, spp, seeds)
+    mitsubas = images(scene, rig, spp, others, cached=False)
     return cached.mean(), mitsubas.mean()
 
 
@@ -144,11 +143,13 @@ NAMES = [*CASES, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW_C
 @pytest.mark.parametrize("name", NAMES)
 def test_the_light_is_that_of_mitsubas_path_tracer(name):
     """Within 1 % and five standard errors, as a whole and in its quarters; no negative light to speak of."""
-    scene, count = (CASES | SLOW_CASES)[name], 8
+    scene = (CASES | SLOW_CASES)[name]
+    count = 8
     ours = images(scene, LARGE, 16, range(count))
     theirs = images(scene, LARGE, 16, range(20, 20 + count), cached=False)
     for parts in (1, 2):
-        means, variance = [], 0.0
+        means = []
+        variance = 0.0
         for stack in (ours, theirs):
             cut = stack.reshape(count, parts, 120 // parts, parts, 160 // parts, 3)
             blocks = cut.mean(axis=(2, 4, 5))
@@ -177,8 +178,10 @@ def test_light_that_would_grow_without_limit_ends():
     """Two cells whose only samples reflect 1.5 times the light at each other, and a box that absorbs nothing."""
     from twinlens.rendering.irradiance_cache import _Paths, _tables
 
-    ones, colours = np.ones((4, 2), np.uint32), np.ones((4, 2, 3), np.float32)
-    met, cell = 2 * ones, np.array([[0, 1], [0, 1], [1, 0], [0, 1]])
+    ones = np.ones((4, 2), np.uint32)
+    colours = np.ones((4, 2, 3), np.float32)
+    met = 2 * ones
+    cell = np.array([[0, 1], [0, 1], [1, 0], [0, 1]])
     paths = _Paths(met, ones, colours, 1.5 * colours, colours, 0 * colours, colours)
     assert _tables(paths, cell, 2, -1).max() < 200
     after_bounces = _tables(paths, cell, 2, 3)[:, 0, 0]

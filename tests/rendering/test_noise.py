@@ -8,7 +8,8 @@ from tests.rendering import rendering_photos as photos
 from twinlens.rendering import images, render_measured
 from twinlens.scenes import SceneObject
 
-SCENE, RIG = photos.room(), photos.rig_of(photos.camera(64, 48, 60.0))
+SCENE = photos.room()
+RIG = photos.rig_of(photos.camera(64, 48, 60.0))
 LENS = tl.ThinLens(0.1, 2.5)
 
 
@@ -68,7 +69,8 @@ def test_samples_double_until_enough_or_until_doubling_would_exceed_the_limit(
     monkeypatch,
 ):
     monkeypatch.setattr(images, "MAX_SPP", 40)
-    rig, rounds = photos.rig_of(photos.camera(8, 6)), iter([False, True])
+    rig = photos.rig_of(photos.camera(8, 6))
+    rounds = iter([False, True])
     bounds = {4: lambda _: True, 8: lambda _: next(rounds), 32: lambda _: False}
     for expected, enough in bounds.items():
         _, spp = render_measured(SCENE, rig, LENS, 4, 0, enough=enough)

@@ -59,7 +59,8 @@ def bodies_of(*objects):
 
 def ball_mask(camera, centre, radius):
     """Which pixels of a frame of three times the image's size, centred on it, a ball covers."""
-    height, width = camera.height, camera.width
+    height = camera.height
+    width = camera.width
     v, u = np.mgrid[-height : 2 * height, -width : 2 * width]
     rays = camera.unproject(np.stack([u, v], axis=-1).astype(float))
     along = rays @ centre
@@ -141,7 +142,8 @@ def test_a_body_that_is_hidden_completely_is_listed():
 
 def test_bodies_outside_the_image_are_left_out_and_those_around_the_camera_are_counted_in_it():
     around = thing("around", {"type": "cube"}, (0, 0, 1.0), 5.0)
-    away, back = ball("away", (3.0, 0, 2.0), 0.1), ball("back", (0, 0, -2.0), 0.1)
+    away = ball("away", (3.0, 0, 2.0), 0.1)
+    back = ball("back", (0, 0, -2.0), 0.1)
     (room,) = bodies_of(around, away, back)
     assert room.object_id == 1
     assert room.box == (0, 0, 96, 72)
@@ -190,7 +192,8 @@ def assert_reprojected(truth, scene):
     models = rendering.object_models(scene)
     for body in truth.objects:
         vertices, faces = models[body.model]
-        of_model, mask = painted(body, vertices, faces, LARGE), truth.silhouette(body)
+        of_model = painted(body, vertices, faces, LARGE)
+        mask = truth.silhouette(body)
         assert (of_model & mask).sum() / (of_model | mask).sum() >= 0.99
         extent = [vertices.min(axis=0), vertices.max(axis=0)]
         np.testing.assert_allclose(body.extent, extent, atol=1e-12)

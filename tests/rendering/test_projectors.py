@@ -65,7 +65,8 @@ def rig_of(*projectors, camera=CAMERA):
 def dots(**options):
     """A projector of sparse dots."""
     shown = patterns.dots(128, 96, 0.1, seed=3)
-    lens, focus = Camera.from_fov(128, 96, 50), {"focus_distance": 2.0}
+    lens = Camera.from_fov(128, 96, 50)
+    focus = {"focus_distance": 2.0}
     return Projector(SIDE, lens, shown, 20.0, **focus, **options)
 
 
@@ -109,7 +110,8 @@ def test_irradiance_is_the_flux_of_a_pixel_over_its_area_on_the_wall(distortion)
 )
 def test_a_point_of_the_pattern_is_a_disk_away_from_the_focus(z, focus):
     """Of diameter A |1 - z/f|, from the variance D^2/16 along an axis, on a wall at right angles; its flux stays."""
-    lens, point = Camera.from_fov(32, 24, 40), np.zeros((24, 32))
+    lens = Camera.from_fov(32, 24, 40)
+    point = np.zeros((24, 32))
     point[12, 16] = 1
     aperture = {"aperture_diameter": 0.1, "focus_distance": focus}
     rig = rig_of(Projector(None, lens, point, 20.0, **aperture))
@@ -118,7 +120,8 @@ def test_a_point_of_the_pattern_is_a_disk_away_from_the_focus(z, focus):
     assert light.sum() * area == pytest.approx(20 / 3 / (32 * 24), rel=0.01)
     x = (np.arange(CAMERA.width) - CAMERA.cx) / CAMERA.fx * z
     share = light.sum(axis=0) / light.sum()
-    tent, pixel = (z / lens.fx) ** 2 / 6, area / 12
+    tent = (z / lens.fx) ** 2 / 6
+    pixel = area / 12
     variance = share @ x**2 - (share @ x) ** 2 - tent - pixel
     expected = (0.1 * (1 - z / focus)) ** 2
     assert 16 * variance == pytest.approx(expected, rel=0.02, abs=1e-6)
@@ -126,7 +129,8 @@ def test_a_point_of_the_pattern_is_a_disk_away_from_the_focus(z, focus):
 
 def shoot(scene, rig, shown, spp):
     """An image under each pattern."""
-    projector, images = rig.projectors[0], []
+    projector = rig.projectors[0]
+    images = []
     for seed, pattern in enumerate(shown):
         lit = rig.with_projectors([projector.with_pattern(pattern)])
         images.append(tl.render(scene, lit, spp=spp, seed=seed)[0])
@@ -161,7 +165,8 @@ def test_decoded_gray_code_and_phase_shift_equal_the_truth():
     lamp = {"type": "constant", "radiance": 0.5}
     scene, rig, truth, away = structured_light(lamp=lamp)
     column = truth.pixels[..., 0]
-    code, fine = GrayCode(64, 48), PhaseShift(64, 48, 16.0, 4)
+    code = GrayCode(64, 48)
+    fine = PhaseShift(64, 48, 16.0, 4)
     coarse = decode(shoot(scene, rig, code.patterns, 64), code)
     errors = np.abs(coarse.position - column)[away]
     assert (errors <= 0.5).mean() >= 0.99
@@ -179,7 +184,8 @@ def test_shadow_of_a_ball_and_the_far_side_of_a_sheet_are_not_lit():
     assert not tl.projection(scene_of(sheet), rig_of(Projector(behind, LENS))).lit.any()
     rig = rig_of(Projector(SIDE, LENS))
     scene = scene_of(wall(1.6), ball([-0.05, 0.0, 1.0], 0.1))
-    truth, image = tl.projection(scene, rig), irradiance(scene, rig)
+    truth = tl.projection(scene, rig)
+    image = irradiance(scene, rig)
     lit = truth.lit
     # The bilinear filter falls to 0 at the rim of the pattern.
     ends = np.array([[-0.5, -0.5], [63.5, 47.5]])
@@ -224,14 +230,16 @@ def test_ambient_scales_every_light_of_a_scene(kind):
     shining = Bitmap(np.linspace(0, 1, 48, dtype=np.float32).reshape(4, 4, 3))
     emitter = {"type": "area", "radiance": shining}
     lamp = SceneObject("lamp", {"type": "rectangle"}, "grey", pose, emitter)
-    up, blue = {"to_world": np.eye(4)}, Color((1.0, 2.0, 3.0))
+    up = {"to_world": np.eye(4)}
+    blue = Color((1.0, 2.0, 3.0))
     lights = {
         "point": {"type": "point", "position": [0.0, 0.5, 0.0], "intensity": 2.0},
         "spot": {"type": "spot", **up, "intensity": blue},
         "sun": {"type": "directional", "direction": [0.0, 0.1, 1.0], "irradiance": 1.0},
         "around": {"type": kind, **SURROUNDINGS[kind]},
     }
-    scene, rig = scene_of(wall(1.5), lamp, **lights), rig_of(camera=TINY)
+    scene = scene_of(wall(1.5), lamp, **lights)
+    rig = rig_of(camera=TINY)
     whole, dimmed = (
         tl.render(scene.with_ambient(ambient), rig, spp=4)[0] for ambient in (1, 0.25)
     )
@@ -354,7 +362,8 @@ def test_denoised_images_keep_the_dots_of_a_projector(aperture, band):
 
 def test_lens_grids_do_not_denoise_the_light_of_projectors():
     rig = rig_of(Projector(SIDE, LENS, "white", 5.0), camera=TINY)
-    scene, lenses = scene_of(wall(2.0)), [tl.Pinhole(), tl.ThinLens(0.05, 1.0)]
+    scene = scene_of(wall(2.0))
+    lenses = [tl.Pinhole(), tl.ThinLens(0.05, 1.0)]
     options = {"spp": 4, "sampler": "multijitter"}
     raw, denoised = (
         tl.render_lens_grid(scene, rig, lenses, **options, denoise=denoise)

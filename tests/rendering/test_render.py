@@ -84,8 +84,10 @@ def same_light(a, b):
 
 def test_images_equal_those_of_mitsubas_own_cameras():
     """The same scene, other seeds; and the test notices a lens focused 2 m away instead of 2.5, and an aperture."""
-    scene, camera = photos.room(), photos.camera(48, 36, 50.0)
-    rig, wide = photos.rig_of(camera), tl.ThinLens(0.2, 2.5)
+    scene = photos.room()
+    camera = photos.camera(48, 36, 50.0)
+    rig = photos.rig_of(camera)
+    wide = tl.ThinLens(0.2, 2.5)
 
     def ours(lens):
         stack = [tl.render(scene, rig, lens, spp=36, seed=seed)[0] for seed in range(8)]
@@ -96,7 +98,8 @@ def test_images_equal_those_of_mitsubas_own_cameras():
         stack = [mitsubas(scene, camera, lens, 36, seed) for seed in seeds]
         return np.array(stack, dtype=float)
 
-    through_lens, through_pinhole = ours(wide), ours(tl.Pinhole())
+    through_lens = ours(wide)
+    through_pinhole = ours(tl.Pinhole())
     assert same_light(through_lens, theirs(wide, 100))
     assert not same_light(through_lens, theirs(wide.replace(focus_distance=2.0), 200))
     assert same_light(through_pinhole, theirs(tl.Pinhole(), 300))
@@ -106,8 +109,10 @@ def test_images_equal_those_of_mitsubas_own_cameras():
 @pytest.fixture(scope="module")
 def twins():
     """A function from spp and seed to the images (2, H, W, 3) of two cameras in one place."""
-    scene, camera = photos.room(), photos.camera(64, 48, 60.0)
-    rig, lens = photos.rig_of(camera, camera), tl.ThinLens(0.1, 2.5)
+    scene = photos.room()
+    camera = photos.camera(64, 48, 60.0)
+    rig = photos.rig_of(camera, camera)
+    lens = tl.ThinLens(0.1, 2.5)
     return lambda spp, seed: np.array(tl.render(scene, rig, lens, spp=spp, seed=seed))
 
 
@@ -143,7 +148,8 @@ def test_bytes_depend_on_the_seed_and_not_on_the_threads(twins, noisy):
 
 def lit_edge(**options):
     """The image of an edge of light of radiance 1."""
-    scene, rig = photos.half_plane(2.0, x=photos.EDGE), photos.rig_of(photos.camera())
+    scene = photos.half_plane(2.0, x=photos.EDGE)
+    rig = photos.rig_of(photos.camera())
     return tl.render(scene, rig, LENS, **options)[0]
 
 
@@ -163,7 +169,8 @@ def test_the_number_of_samples_is_exact(sampler, spp):
 
 def test_passes_are_bounded_and_their_mean_is_right(monkeypatch):
     """Room for five samples a pixel: 13 are taken as 4 + 4 + 4 + 1, weighted alike; then a pass a sample; then 64."""
-    pixels, done = 40 * 6, []
+    pixels = 40 * 6
+    done = []
     monkeypatch.setattr(samplers, "RAYS_PER_PASS", 5 * pixels)
     assert whole_number_of_samples(lit_edge(spp=13, progress=done.append), 13)
     assert np.allclose(np.multiply(done, 13), [4, 8, 12, 13])
@@ -176,7 +183,8 @@ def test_passes_are_bounded_and_their_mean_is_right(monkeypatch):
 
 
 def test_a_closed_aperture_is_a_pinhole_and_numbers_of_numpy_are_numbers():
-    scene, rig = photos.half_plane(2.0, x=0.1), photos.rig_of(photos.camera(8, 6))
+    scene = photos.half_plane(2.0, x=0.1)
+    rig = photos.rig_of(photos.camera(8, 6))
     expected = tl.render(scene, rig, spp=2, seed=1)[0]
     hexagon = tl.ThinLens(0.0, 1.0, tl.Polygon(6))
     for lens in (hexagon, tl.BareAperture(0.0, 0.05)):

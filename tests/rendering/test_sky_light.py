@@ -42,7 +42,8 @@ class Patch:
         self.azimuth = in_map + math.radians(turn_deg)
         across = math.cos(self.elevation)
         self.solid_angle = 128 * math.pi**2 / (HEIGHT * WIDTH) * across
-        x, y = across * math.cos(self.azimuth), across * math.sin(self.azimuth)
+        x = across * math.cos(self.azimuth)
+        y = across * math.sin(self.azimuth)
         self.towards = np.array([x, y, math.sin(self.elevation)])
 
 

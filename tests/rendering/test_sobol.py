@@ -32,7 +32,8 @@ def is_net(points):
 
 def blocks(values, side):
     """The numbers (HEIGHT, WIDTH, spp[, 2]) of each block of side x side pixels, (blocks, side^2 spp[, 2])."""
-    rows, columns = HEIGHT // side, WIDTH // side
+    rows = HEIGHT // side
+    columns = WIDTH // side
     split = values.reshape(rows, side, columns, side, *values.shape[2:])
     return np.moveaxis(split, 2, 1).reshape(
         rows * columns, side * side * values.shape[2], *values.shape[3:]

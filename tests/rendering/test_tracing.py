@@ -81,7 +81,8 @@ def test_a_channel_has_the_distance_to_the_second_surface(monkeypatch):
 
 
 def test_all_surfaces_in_order_and_the_first_rough_one():
-    built, rays = build(panes()), chief_rays()
+    built = build(panes())
+    rays = chief_rays()
     layers = trace_surfaces(built, rays, Stop.ALL)
     assert [np.unique(layer.body).tolist() for layer in layers] == [[0], [1], [2]]
     for layer, (_, at, towards) in zip(layers, PANES.values(), strict=True):
@@ -123,7 +124,8 @@ def test_a_slab_of_glass_shifts_rays_as_snells_law_says(thickness):
     inside = snell(np.sin(angle))
     radius = (4 - thickness) * np.tan(angle) + thickness * np.tan(inside)
     azimuth = np.arctan2(rays.direction[:, 1], rays.direction[:, 0])
-    x, y = radius * np.cos(azimuth), radius * np.sin(azimuth)
+    x = radius * np.cos(azimuth)
+    y = radius * np.sin(azimuth)
     np.testing.assert_allclose(layers[-1].position[:, 0], x, atol=2e-6)
     np.testing.assert_allclose(layers[-1].position[:, 1], y, atol=2e-6)
     np.testing.assert_allclose(layers[-1].direction, rays.direction, atol=1e-6)

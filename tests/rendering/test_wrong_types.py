@@ -9,7 +9,8 @@ from twinlens.rendering import render_measured
 
 @pytest.fixture(scope="module")
 def view():
-    scene, camera = tl.load_scene("cards"), tl.Camera.from_fov(16, 12, 50)
+    scene = tl.load_scene("cards")
+    camera = tl.Camera.from_fov(16, 12, 50)
     return scene, tl.Rig.stereo(camera, 0.1, scene.world_from_left)
 
 
