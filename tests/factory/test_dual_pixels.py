@@ -6,16 +6,14 @@ import numpy as np
 import pytest
 
 import twinlens as tl
-from tests.factory_recipes import digests, write_recipe
+from tests.factory_recipes import write_recipe
 from twinlens.dataset import Dataset, read_pfm, write_pfm
 from twinlens.dataset.sample_files import sample_files
 from twinlens.dataset.verify import verify_sample
-from twinlens.errors import FileError
 from twinlens.factory import (
     generate,
     read_recipe,
     remake,
-    worker_processes,
 )
 
 RECIPE = """
@@ -92,57 +90,18 @@ def test_the_halves_are_apart_by_the_true_disparity(sample):
     assert best == pytest.approx(np.median(expected), abs=0.35)
 
 
-def test_quantities_by_name(sample):
-    row = tl.Dataset(sample.folder.parent).select(
-        "lens1.dp_left0", "lens1.dp_right1", "lens1.dp_disp0"
-    )[0]
-    shot = sample.lens(1)
-    np.testing.assert_array_equal(row["lens1.dp_left0"], shot.dp_left0)
-    np.testing.assert_array_equal(row["lens1.dp_right1"], shot.dp_right(1))
-    expected = tl.dual_pixel_disparity(sample.truth0, sample.rig.cameras[0], shot.lens)
-    np.testing.assert_allclose(row["lens1.dp_disp0"], expected, rtol=1e-5, atol=1e-5)
-    with pytest.raises(FileError, match=r"dp-left0\.png"):
-        sample["dp_left0"]
+def test_damage_is_found(sample, tmp_path):
+    folder = shutil.copytree(sample.folder, tmp_path / "copy")
+    lens = folder / "lens-1"
+    write_pfm(lens / "dp-disp0.pfm", -read_pfm(lens / "dp-disp0.pfm"))
+    (finding,) = verify_sample(Dataset(folder)[0])
+    assert finding.startswith("lens-1/dp-disp0.pfm: disparity is not that of the lens")
+    (lens / "dp-right1.png").unlink()
+    (finding,) = verify_sample(Dataset(folder)[0])
+    assert finding.startswith("lens-1/dp-right1.png: is missing")
 
 
 def test_a_sample_made_again_has_the_same_bytes(made, sample):
     scene = tl.load_scene(made.parent / "tiny")
     again = sample_files(remake(sample.record, scene))
     assert {name: (sample.folder / name).read_bytes() for name in again} == again
-
-
-@pytest.mark.slow
-def test_processes_give_the_same_bytes(made):
-    other = made.parent / "parallel"
-    generate(
-        read_recipe(made.parent / "recipe.toml"), other, engine=worker_processes(2)
-    )
-    assert digests(other) == digests(made)
-
-
-@pytest.mark.parametrize(
-    ("damage", "finding"),
-    [
-        (
-            lambda folder: (folder / "dp-right1.png").unlink(),
-            "lens-1/dp-right1.png: is missing",
-        ),
-        (
-            lambda folder: (folder / "dp-disp0.pfm").unlink(),
-            "lens-1/dp-disp0.pfm: is missing",
-        ),
-        (
-            lambda folder: _with_opposite_sign(folder),
-            "lens-1/dp-disp0.pfm: disparity is not that of the lens",
-        ),
-    ],
-)
-def test_damage_is_found(sample, tmp_path, damage, finding):
-    shutil.copytree(sample.folder, tmp_path / "copy")
-    damage(tmp_path / "copy" / "lens-1")
-    (found,) = verify_sample(Dataset(tmp_path / "copy")[0])
-    assert found.startswith(finding)
-
-
-def _with_opposite_sign(folder):
-    write_pfm(folder / "dp-disp0.pfm", -read_pfm(folder / "dp-disp0.pfm"))

@@ -25,11 +25,10 @@ from tests.factory_recipes import (
 )
 from twinlens.dataset import place
 from twinlens.dataset.record import plain
-from twinlens.errors import InputError, MissingExtraError
+from twinlens.errors import InputError
 from twinlens.factory import generate, read_recipe, sample, workers
 from twinlens.factory.workers import (
     Order,
-    dask_cluster,
     make_one,
     usual_workers,
     worker_processes,
@@ -72,14 +71,6 @@ def killing_one(process, folder):
     found = workers_of(process)
     found[0].kill()
     return len(found)
-
-
-def test_a_number_of_processes_below_one_is_refused():
-    with pytest.raises(
-        InputError,
-        match="number of worker processes must be a whole number >= 1, got 0",
-    ):
-        worker_processes(0)
 
 
 def test_a_killed_worker_costs_nothing(recipe, whole, tmp_path):
@@ -155,11 +146,9 @@ def test_a_script_without_a_guard_is_named_as_the_cause(recipe, tmp_path):
     ("processors", "gib", "device", "samples", "count"),
     [
         (8, 16, "llvm", 100, 4),
-        (3, 16, "llvm", 100, 3),
         (8, 5, "llvm", 100, 2),
         (8, 16, "llvm", 25, 2),
         (8, 16, "llvm", 19, 0),
-        (1, 16, "llvm", 301, 1),
         (8, 16, "cuda", 100, 0),
     ],
 )
@@ -173,16 +162,6 @@ def test_large_runs_of_random_scenes_get_several_processes(
     family = read_recipe(write_recipe(tmp_path, FLYING, count=1000))
     assert usual_workers(family, samples) == count
     assert usual_workers(read_recipe(write_recipe(tmp_path)), samples) == 0
-
-
-def test_the_usual_engine_counts_the_samples_that_are_left(tmp_path, monkeypatch):
-    recipe = read_recipe(write_recipe(tmp_path, FLYING, count=100))
-    work = workers.Work(recipe, place(tmp_path / "set"), {})
-    monkeypatch.setattr(workers, "usual_workers", lambda _, samples: samples // 10)
-    monkeypatch.setattr(workers, "worker_processes", lambda count: lambda *_: [count])
-    monkeypatch.setattr(workers, "in_process", lambda *_: ["alone"])
-    assert list(workers.usual_engine(work, range(30), print)) == [3]
-    assert list(workers.usual_engine(work, range(95, 100), print)) == ["alone"]
 
 
 @pytest.mark.slow
@@ -235,35 +214,19 @@ def test_any_number_of_workers_makes_the_same_bytes(tmp_path, text):
 
 @pytest.mark.slow
 def test_a_scheduler_of_the_users_serves_as_well(recipe, whole, tmp_path):
-    quiet = {
-        "stdout": subprocess.DEVNULL,
-        "stderr": subprocess.DEVNULL,
-        "cwd": tmp_path,
-    }
-    scheduler = tmp_path / "scheduler.json"
-    dask = [
-        sys.executable,
-        "-m",
-        "distributed.cli.dask_scheduler",
-        "--scheduler-file",
-        str(scheduler),
-        "--port",
-        "0",
-    ]
-    serving = [subprocess.Popen([*dask, "--no-dashboard"], **quiet)]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+
+    def served(program, options):
+        command = f"-m distributed.cli.{program} --no-dashboard {options}"
+        arguments = [sys.executable, *command.split(), "--scheduler-file", "s.json"]
+        return subprocess.Popen(arguments, cwd=tmp_path, **quiet)
+
+    scheduler = tmp_path / "s.json"
+    serving = [served("dask_scheduler", "--port 0")]
     try:
         while not scheduler.exists():
             time.sleep(0.05)
-        worker = [
-            sys.executable,
-            "-m",
-            "distributed.cli.dask_worker",
-            "--scheduler-file",
-            str(scheduler),
-        ]
-        serving.append(
-            subprocess.Popen([*worker, "--nthreads", "2", "--no-dashboard"], **quiet)
-        )
+        serving.append(served("dask_worker", "--nthreads 2"))
         address = json.loads(scheduler.read_text())["address"]
         finish(start(recipe, tmp_path / "set", "--scheduler", address))
     finally:
@@ -271,12 +234,6 @@ def test_a_scheduler_of_the_users_serves_as_well(recipe, whole, tmp_path):
             process.terminate()
             process.wait()
     assert digests(tmp_path / "set") == digests(whole)
-
-
-def test_without_dask_the_extra_is_named(monkeypatch):
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(MissingExtraError, match=r"pip install 'twinlens\[cluster\]'"):
-        dask_cluster("tcp://host:1")
 
 
 def test_a_worker_with_other_tools_refuses(recipe, tmp_path):
