@@ -15,43 +15,15 @@ def recipe(tmp_path_factory):
     return write_recipe(tmp_path_factory.mktemp("recipe"), count=2)
 
 
-def test_a_dataset_is_made_and_told(twinlens, recipe, tmp_path):
-    code, out, err = twinlens("generate", recipe, "-o", tmp_path / "set", "--limit", 1)
-    assert code == 0
-    assert f"{tmp_path / 'set'}: 1 of 2 samples, 1 made by this run" in out
-    assert "run the same command to make the rest" in err
-    code, out, err = twinlens("verify", tmp_path / "set")
-    assert (code, out) == (0, "1 sample, 0 with findings\n")
-    assert err == (
-        f"{tmp_path / 'set'}: dataset.json lists 1 of 2 samples; "
-        "rerun `twinlens generate` to make the missing samples\n"
-    )
-    code, out, err = twinlens("generate", recipe, "-o", tmp_path / "set")
-    assert (code, err) == (0, "")
-    assert "2 of 2 samples, 1 made by this run" in out
-    assert twinlens("verify", tmp_path / "set") == (
-        0,
-        "2 samples, 0 with findings\n",
-        "",
-    )
-
-
 def test_the_repair_hint_of_verify_repairs_damage(twinlens, recipe, tmp_path):
     root = tmp_path / "set"
     twinlens("generate", recipe, "-o", root)
     before, file = digests(root), root / "0000001" / "disp0.pfm"
-    damaged = bytearray(file.read_bytes())
-    damaged[-1] ^= 1
-    file.write_bytes(damaged)
-    code, out, err = twinlens("verify", root)
-    assert (code, out.splitlines()[-1]) == (1, "2 samples, 1 with findings")
-    assert err == (
-        f"{root}: 1 sample is damaged: delete its folder and rerun `twinlens generate`, which makes identical files\n"
-    )
-    file.unlink()
-    code, out, err = twinlens("generate", recipe, "-o", root)
-    assert (code, out, err.count("\n")) == (2, "", 1)
-    assert f"delete the folder {file.parent} and run the same command again" in err
+    whole = file.read_bytes()
+    file.write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]))
+    code, _, err = twinlens("verify", root)
+    assert code == 1
+    assert "1 sample is damaged: delete its folder and rerun `twinlens generate`" in err
     shutil.rmtree(file.parent)
     twinlens("generate", recipe, "-o", root)
     assert digests(root) == before
@@ -69,12 +41,7 @@ def test_a_dry_run_tells_time_and_disk_and_writes_nothing(twinlens, recipe, tmp_
     line = ("generate", recipe, "-o", tmp_path / "set", "--dry-run")
     code, out, _ = twinlens(*line)
     assert code == 0
-    assert "2 samples, 0 made, 2 to make" in out
-    assert "next: sample 0, scene tiny, split test\n" in out
-    assert re.search(
-        r"took [0-9.]+ s and [0-9.]+ kB; the rest needs about [0-9:]{7} \(h:mm:ss\) and [0-9.]+ kB",
-        out,
-    )
+    assert re.search(r"took [0-9.]+ s and [0-9.]+ kB; the rest needs about ", out)
     assert not (tmp_path / "set").exists()
     report = json.loads(twinlens(*line, "--json")[1])
     assert report["bytes"] == 2 * report["bytes_each"]
@@ -96,26 +63,15 @@ def test_samples_that_cannot_be_are_told_with_the_remedy(twinlens, tmp_path):
     assert "change rig.baseline" in err
 
 
-def test_a_shard_that_is_done_says_what_is_needed_still(twinlens, recipe, tmp_path):
-    _, _, err = twinlens("generate", recipe, "-o", tmp_path / "set", "--shard", "1/2")
-    assert (
-        err
-        == "this shard is done; the dataset is complete when the other shards are done\n"
-    )
-    code, out, err = twinlens("verify", tmp_path / "set")
+def test_shards_are_told_what_is_needed_still(twinlens, recipe, tmp_path):
+    root = tmp_path / "set"
+    line = ("generate", recipe, "-o", root, "--shard")
+    assert "when the other shards are done" in twinlens(*line, "1/2")[2]
+    code, out, err = twinlens("verify", root)
     assert (code, out) == (0, "1 sample, 0 with findings\n")
-    assert err == (
-        f"{tmp_path / 'set'}: dataset.json lists 0 of 2 samples; 1 made but not listed yet; "
-        "rerun `twinlens generate` to make the missing samples and list the finished ones\n"
-    )
-    assert (
-        twinlens("generate", recipe, "-o", tmp_path / "set", "--shard", "2/2")[2] == ""
-    )
-    assert twinlens("verify", tmp_path / "set") == (
-        0,
-        "2 samples, 0 with findings\n",
-        "",
-    )
+    assert "dataset.json lists 0 of 2 samples; 1 made but not listed yet" in err
+    assert twinlens(*line, "2/2")[2] == ""
+    assert twinlens("verify", root) == (0, "2 samples, 0 with findings\n", "")
 
 
 def test_render_puts_no_sample_into_what_generate_makes(twinlens, recipe, tmp_path):

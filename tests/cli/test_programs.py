@@ -116,21 +116,6 @@ def test_methods_are_separated_by_commas_outside_quotes_and_options():
     ]
 
 
-def test_matchers_output_does_not_mix_with_json(
-    twinlens, dataset, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(
-        "twinlens.matching.matcher.StereoMatcher.compute",
-        lambda self, left, right: print("hello"),
-    )
-    code, out, err = twinlens(
-        "benchmark", dataset, "--methods", "sad", "-o", tmp_path / "b", "--json"
-    )
-    assert code == 1
-    assert "hello" in err
-    assert json.loads(out)["entries"][0]["failure"]["kind"] == "wrong-type"
-
-
 def test_earlier_failures_are_reported_and_rerun_on_request(
     twinlens, dataset, tmp_path, program
 ):

@@ -121,18 +121,6 @@ def test_the_same_table_gives_the_same_bytes(look, kind):
     assert first[:4] == (b"\x89PNG" if kind == "png" else b"<?xm")
 
 
-def test_logarithmic_ticks_read_as_numbers_and_keep_apart():
-    rows = Table(
-        COLUMNS,
-        tuple({**row, "z_m": z} for row in table() for z in (1.0, 1.01, 2.0, 30.0)),
-    )
-    axes = draw(Figure("f", "t", "z_m", "error", log_x=True, log_y=True), rows).axes[0]
-    assert [label.get_text() for label in axes.get_xticklabels()] == ["1", "2", "30"]
-    assert not any(
-        "\\mathdefault" in label.get_text() for label in axes.get_yticklabels()
-    )
-
-
 def linear(colour):
     value = np.array([int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)])
     return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
