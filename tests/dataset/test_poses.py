@@ -5,7 +5,6 @@ import json
 import cv2
 import numpy as np
 import pytest
-import yaml
 from scipy.spatial.transform import Rotation
 
 from tests.rigs import DISTORTIONS, random_rig
@@ -42,11 +41,8 @@ def rig():
 
 def same(a, b):
     for mine, its in zip(a.cameras, b.cameras, strict=True):
-        assert (mine.width, mine.height, mine.distortion) == (
-            its.width,
-            its.height,
-            its.distortion,
-        )
+        assert (mine.width, mine.height) == (its.width, its.height)
+        assert mine.distortion == its.distortion
         assert pytest.approx(its.K, abs=1e-12) == mine.K
     assert np.allclose(a.world_from_cams, b.world_from_cams, rtol=0, atol=1e-12)
 
@@ -253,42 +249,6 @@ def test_a_rotation_that_its_digits_do_not_explain_is_refused_with_the_figure():
             geometry.check_rigid(geometry_of(wrong), "pose")
 
 
-def test_values_that_are_not_finite_are_named(tmp_path):
-    pair = line(CAMERA, 2, 0.1)
-    for suffix, text in (
-        ("yml", "M1: !!opencv-matrix\n   rows: 3\n   cols: 3\n   data: [5., 0., .Nan, 0., 5., 2., 0., 0., 1.]\n"),
-        ("xml", '<M1 type_id="opencv-matrix"><rows>3</rows><cols>3</cols><data>5 0 .Nan 0 5 2 0 0 1</data></M1>'),
-        ("json", '"M1": {"rows": 3, "cols": 3, "data": [5, 0, .Nan, 0, 5, 2, 0, 0, 1]}'),
-    ):  # fmt: skip
-        path = tmp_path / f"nan.{suffix}"
-        write_opencv(path, pair)
-        whole = path.read_text()
-        rest = whole.split("---\n")[1]
-        if suffix == "yml":
-            path.write_text(text + rest[rest.index("D1") :])
-        else:
-            path.write_text(converted(rest[rest.index("D1") :], suffix, text))
-        with pytest.raises(FileError, match=r"M1 is not finite: it has nan"):
-            read_opencv(path, size=(640, 480))
-
-
-def converted(text, suffix, first):
-    """OpenCV's matrices of a YAML text as XML or JSON, after a first node."""
-    nodes = yaml.safe_load(text.replace("!!opencv-matrix", ""))
-    matrices = {name: node for name, node in nodes.items() if isinstance(node, dict)}
-    if suffix == "json":
-        rest = ", ".join(
-            f"{json.dumps(name)}: {json.dumps(node)}" for name, node in matrices.items()
-        )
-        return "{" + first + ", " + rest + "}"
-    rest = "".join(
-        f'<{name} type_id="opencv-matrix"><rows>{node["rows"]}</rows><cols>{node["cols"]}</cols>'
-        f"<data>{' '.join(map(str, node['data']))}</data></{name}>"
-        for name, node in matrices.items()
-    )
-    return f'<?xml version="1.0"?>\n<opencv_storage>{first}{rest}</opencv_storage>'
-
-
 def test_colmap_quaternions_transform_from_world_to_camera(tmp_path):
     """By the rotation formula v + 2 q x (q x v + w v), not by matrices."""
     write_colmap(tmp_path, arc(CAMERA, 3, 2.0, 90, POSE))
@@ -405,6 +365,7 @@ def test_invalid_transforms_raise(tmp_path, table, says):
     ("old", "new", "says"),
     [
         ("M1:", "N1:", "has no M1"),
+        ("data: [ 700.0", "data: [ .Nan", "M1 is not finite: it has nan"),
         (
             "D2: !!opencv-matrix\n   rows: 1\n   cols: 5",
             "D2: !!opencv-matrix\n   rows: 5\n   cols: 2",
