@@ -1,0 +1,50 @@
+"""A sample of which nothing can be used is said to be so, with the likely cause; all others are not."""
+
+import warnings
+
+import pytest
+
+import twinlens as tl
+from twinlens.factory import Shoot, make_sample
+from twinlens.factory.doubts import ResultWarning
+from twinlens.sensor import Exposure
+
+SCENE = """
+[camera]
+position = [0, -3, 1]
+look_at = [0, 0, 0.5]
+depth_range = [1.0, 9.0]
+[materials.m]
+type = "diffuse"
+[objects.ball]
+shape = "sphere"
+radius = 0.4
+translate = [0, {y}, 1]
+material = "m"
+"""
+SKY = "[lights.sky]\ntype = 'constant'\n"
+
+
+@pytest.mark.parametrize(
+    ("y", "light", "seconds", "says"),
+    [
+        (0, SKY, None, None),
+        (-8, SKY, None, "views 0 and 1 show no surface, .*turned away from the scene"),
+        (0, SKY, 1e-20, "views 0 and 1 show nothing but black: is there a light"),
+        (0, SKY, 1e3, "views 0 and 1 show nothing but clipped pixels: .* too long"),
+    ],
+)
+def test_a_result_that_cannot_be_meant_is_said(tmp_path, y, light, seconds, says):
+    (tmp_path / "scene.toml").write_text(SCENE.format(y=y) + light)
+    scene = tl.load_scene(tmp_path / "scene.toml")
+    camera = tl.Camera.from_fov(16, 12, fov_x_deg=40)
+    rig = tl.Rig.stereo(camera, 0.05, world_from_left=scene.world_from_left)
+    exposure = None if seconds is None else Exposure(time=seconds)
+    shoot = Shoot(spp=1, denoise=False, exposure=exposure)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        if says is None:
+            make_sample(scene, rig, [tl.Pinhole()], shoot)
+            return
+        with pytest.raises(ResultWarning, match=f": {says}"):
+            make_sample(scene, rig, [tl.Pinhole()], shoot)
