@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from twinlens.dataset import Sample
 
-
 _BLACK = 0.02  # of white, as encoded
 
 
