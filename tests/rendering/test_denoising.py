@@ -2,18 +2,15 @@
 
 import numpy as np
 import pytest
-from scipy.ndimage import gaussian_filter
 
 import twinlens as tl
 from tests.rendering import rendering_photos as photos
-from twinlens.rendering import backend, denoising
+from twinlens.rendering import denoising
 from twinlens.rendering.build import build
 from twinlens.rendering.guides import Guides, render_guides
 from twinlens.rendering.images import image_passes, raw_image
 from twinlens.rendering.sensors import make_sensor
 from twinlens.rendering.views import views_of
-
-backend()
 
 CAMERA = photos.camera(64, 48, 60.0)
 RIG = photos.rig_of(CAMERA)
@@ -129,29 +126,6 @@ def test_guides_have_the_samples_of_the_image():
     normal = guides_of(scene, camera, [sampling], lens).normal
     assert np.mean((lit > 0) & (lit < 1)) > 0.1
     np.testing.assert_allclose(normal @ -photos.POSE[:3, 2], lit, atol=1e-5)
-
-
-def squares(dark, light):
-    """A texture (90, 120, 3) of squares of 5 pixels."""
-    rows, columns = np.mgrid[:90, :120]
-    is_dark = (rows // 5 + columns // 5) % 2
-    texture = np.where(is_dark, dark, light).astype(np.float32)
-    return texture[..., None].repeat(3, axis=2)
-
-
-def normal_noise(shape):
-    return np.random.default_rng(0).normal(0, 0.2, shape).astype(np.float32)
-
-
-def test_most_of_the_texture_that_a_filter_blurred_is_restored():
-    """Squares of 5 pixels, blurred by 0.6 pixels, and noise of a fifth of the brightness in what was filtered."""
-    texture = squares(0.4, 0.9)
-    light = (1 + np.arange(120) / 120).astype(np.float32)[:, None]
-    noisy = light * (texture + normal_noise(texture.shape))
-    blurred = light * gaussian_filter(texture, (0.6, 0.6, 0))
-    restored = denoising._with_lost_texture(blurred, noisy, texture)
-    errors = [np.mean((image - light * texture) ** 2) for image in (restored, blurred)]
-    assert errors[0] < 0.25 * errors[1]
 
 
 def test_values_that_are_not_finite_do_not_spread():
