@@ -5,15 +5,12 @@ import shutil
 import numpy as np
 import pytest
 
-import twinlens as tl
 from tests.factory_recipes import write_recipe
 from twinlens.dataset import Dataset, read_pfm, write_pfm
-from twinlens.dataset.sample_files import sample_files
 from twinlens.dataset.verify import verify_sample
 from twinlens.factory import (
     generate,
     read_recipe,
-    remake,
 )
 
 RECIPE = """
@@ -99,9 +96,3 @@ def test_damage_is_found(sample, tmp_path):
     (lens / "dp-right1.png").unlink()
     (finding,) = verify_sample(Dataset(folder)[0])
     assert finding.startswith("lens-1/dp-right1.png: is missing")
-
-
-def test_a_sample_made_again_has_the_same_bytes(made, sample):
-    scene = tl.load_scene(made.parent / "tiny")
-    again = sample_files(remake(sample.record, scene))
-    assert {name: (sample.folder / name).read_bytes() for name in again} == again

@@ -126,14 +126,6 @@ def test_a_record_that_is_none_is_refused_in_one_line(record, path, value, says)
     assert "\n" not in str(error.value)
 
 
-def test_a_recipes_sample_is_the_same_bytes_too(tmp_path):
-    text = RECIPE.replace("[rig]", "ndisp = 77\n\n[gates]\ntexture = 0\n\n[rig]", 1)
-    recipe = read_recipe(write_recipe(tmp_path, text))
-    files = sample_files(make(recipe, 1))
-    again = remake(json.loads(files["sample.json"]), tl.load_scene(tmp_path / "tiny"))
-    assert sample_files(again) == files
-
-
 def test_a_level_of_mismatch_is_drawn_for_each_sample_and_recorded(tmp_path):
     """The left image, truth and calibration are those without mismatch; values in the recipe replace drawn ones."""
     mismatch = 'mismatch = {{ level = "LEVEL", blur_px = 0.25, distortion_px = 0 }}'

@@ -13,7 +13,6 @@ from tests.factory_recipes import SCENE
 from twinlens.camera import Camera, Pinhole
 from twinlens.cli import run
 from twinlens.dataset import Dataset
-from twinlens.errors import InputError
 from twinlens.factory import generate, recipe_from_table
 from twinlens.scoring import (
     Pair,
@@ -134,17 +133,6 @@ def test_slow_differences_are_measured_apart_from_shading():
     assert rest == pytest.approx(8 * np.sinc(21 / 40) ** 2, rel=0.1)
     share = (width**4 + height**4) / (width**2 + height**2) ** 2
     assert unit == pytest.approx(100**2 * (2 / 3 + 4 / 45 * share), rel=0.05)
-
-
-def test_too_few_pixels_are_refused():
-    sensor = Sensor()
-    pair = plane_pair(sensor, size=(40, 60))
-    light_difference(pair, sensor)
-    pair.disp0[18:] = np.inf
-    with pytest.raises(
-        InputError, match=r"plane: \d+ pixels with truth, .* a fit needs 1000"
-    ):
-        light_difference(pair, sensor)
 
 
 def test_fitted_sensors_multiply_the_variance_of_the_noise():
@@ -334,35 +322,14 @@ def test_a_fit_recovers_cameras_and_noise_and_its_dataset_resembles_the_pairs(fo
     )
 
 
-def test_other_fields_of_the_recipe_stay(folder, tmp_path):
-    recipe = {
-        **RECIPE,
-        "count": 2,
-        "sensor": {"preset": "phone", "filters": "mono", "mismatch": "typical"},
-    }
-    shutil.copy(folder / "tiny.toml", tmp_path)
-    generate(recipe_from_table(recipe, tmp_path / "recipe.toml"), tmp_path / "set")
-    fitted, _ = fit_recipe(
-        Dataset(tmp_path / "set"), open_pairs([str(folder / "real")])
-    )
-    mismatch = fitted["sensor"].pop("mismatch")
-    assert {name: mismatch[name] for name in ("level", "time", "f_number")} == {
-        "level": "typical",
-        "time": 1,
-        "f_number": 1,
-    }
-    assert (
-        fitted.pop("sensor").items() >= {"preset": "phone", "filters": "mono"}.items()
-    )
-    assert fitted == {name: value for name, value in recipe.items() if name != "sensor"}
-
-
 def test_the_command_prints_a_recipe(folder, capsys):
     start, real = str(folder / "start"), str(folder / "real")
     recipe, notes = fit_recipe(Dataset(start), open_pairs([real]))
     assert run(["statistics", start, "--like", real]) == 0
     text = capsys.readouterr().out
     assert tomllib.loads(text) == recipe
+    others = {name: value for name, value in recipe.items() if name != "sensor"}
+    assert others == RECIPE
     assert recipe_from_table(tomllib.loads(text), folder / "like.toml").count == 6
     assert run(["statistics", start, "--like", real, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
