@@ -118,6 +118,38 @@ def test_files_that_opencv_writes_are_read(rig, tmp_path, suffix, names):
     same(Rig(pair.cameras, [np.eye(4), pair.b_from_a(1, 0)]), back)
 
 
+def test_two_files_of_opencv_in_one_are_read(tmp_path):
+    """Joined as they are, each with its head; OpenCV 2 writes no space before a tag."""
+    pair = line(CAMERA, 2, 0.1)
+    path = tmp_path / "pair.yml"
+    write_opencv(path, pair)
+    head, body = path.read_text().split("---\n")
+    inside, outside = body[: body.index("R:")], body[body.index("R:") :]
+    joined = f"{head}---\n{inside}...\n{head}---\n{outside}"
+    path.write_text(joined.replace(": !!opencv", ":!!opencv"))
+    same(pair, read_opencv(path))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "M1: {rows: , cols: 3, data: [1]}",
+        "M1: {rows: .inf, cols: 3, data: [1]}",
+        f"M1: [{'9' * 400}]",
+        "M1: &a [*a]",
+        "a: &a [1, 2]\nM1: [*a, *a]",
+        f"M1: [{'1, ' * 20000}1]",
+        "M1: " + "[" * 3000,
+        "M1: !!python/object/apply:os.system [ls]",
+    ],
+)
+def test_odd_yaml_is_one_error(tmp_path, text):
+    (tmp_path / "pair.yml").write_text(f"%YAML:1.0\n---\n{text}\nR: [1]\nT: [1]\n")
+    with pytest.raises(FileError, match=r"pair\.yml: ") as caught:
+        read_opencv(tmp_path / "pair.yml", size=(640, 480))
+    assert "\n" not in str(caught.value)
+
+
 def test_a_ros_pair_is_the_rig_that_opencv_rectified(tmp_path):
     """R and P of both files are OpenCV's, from a verged pair; the poses come back from them alone."""
     left = Camera(640, 480, 500.0, 502.0, 320.0, 240.0, BrownConrady(-0.2, 0.05, 1e-3))

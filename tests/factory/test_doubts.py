@@ -6,8 +6,8 @@ import pytest
 
 import twinlens as tl
 from twinlens.factory import Shoot, make_sample
-from twinlens.factory.doubts import ResultWarning
-from twinlens.sensor import Exposure
+from twinlens.factory.doubts import ResultWarning, warn_of_doubts
+from twinlens.sensor import Exposure, Sensor
 
 SCENE = """
 [camera]
@@ -25,6 +25,7 @@ material = "m"
 SKY = "[lights.sky]\ntype = 'constant'\n"
 
 
+@pytest.mark.parametrize("output", ["srgb", "raw"])
 @pytest.mark.parametrize(
     ("y", "light", "seconds", "says"),
     [
@@ -34,17 +35,21 @@ SKY = "[lights.sky]\ntype = 'constant'\n"
         (0, SKY, 1e3, "views 0 and 1 show nothing but clipped pixels: .* too long"),
     ],
 )
-def test_a_result_that_cannot_be_meant_is_said(tmp_path, y, light, seconds, says):
+def test_a_result_that_cannot_be_meant_is_said(
+    tmp_path, y, light, seconds, says, output
+):
     (tmp_path / "scene.toml").write_text(SCENE.format(y=y) + light)
     scene = tl.load_scene(tmp_path / "scene.toml")
     camera = tl.Camera.from_fov(16, 12, fov_x_deg=40)
     rig = tl.Rig.stereo(camera, 0.05, world_from_left=scene.world_from_left)
     exposure = None if seconds is None else Exposure(time=seconds)
-    shoot = Shoot(spp=1, denoise=False, exposure=exposure)
+    sensor = Sensor.preset("phone", output=output)
+    shoot = Shoot(spp=1, denoise=False, exposure=exposure, sensor=sensor)
+    sample = make_sample(scene, rig, [tl.Pinhole()], shoot)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         if says is None:
-            make_sample(scene, rig, [tl.Pinhole()], shoot)
+            warn_of_doubts(sample, sensor, "ball")
             return
-        with pytest.raises(ResultWarning, match=f": {says}"):
-            make_sample(scene, rig, [tl.Pinhole()], shoot)
+        with pytest.raises(ResultWarning, match=f"ball: {says}"):
+            warn_of_doubts(sample, sensor, "ball")

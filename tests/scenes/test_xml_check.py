@@ -47,6 +47,9 @@ def test_a_harmless_file_passes_and_its_files_are_listed(tmp_path):
     assert check(tmp_path, HARMLESS) == [(tmp_path / "deep" / "t.png").resolve()]
 
 
+LAUGHS = '<default name="p0" value="lol"/>' + "".join(
+    f'<default name="p{i + 1}" value="{f"$p{i}" * 10}"/>' for i in range(9)
+)
 EVIL = {
     '<shape type="../../evil"/>': "unknown shape type '../../evil'",
     '<shape type="$kind"/>': "type='$kind': no parameter 'kind'; add <default name='kind' value=.../> before",
@@ -86,6 +89,13 @@ EVIL = {
     '<emitter type="envmap"><string name="filename" value="deep/t.png"/></emitter>': "2x3 pixels or more",
     '<default name="t" value="wide.hdr"/>'
     '<texture type="bitmap"><string name="filename" value="$t"/></texture>': "pixels",
+    '<default name="f" value="filename"/>'
+    '<texture type="bitmap"><string name="$f" value="t.png"/></texture>': "cannot be read",
+    '<texture type="bitmap"><include filename="name.xml"/></texture>': "cannot be read",
+    # expansions that never end
+    LAUGHS: "characters",
+    '<include filename="wide.xml"/>' * 20: "more than 1000000 elements",
+    f'<shape type="ply"><string name="filename" value="{"é" * 200}"/></shape>': "no file '",
     "<transform>" * 3000 + "</transform>" * 3000: "nested more than",
 }  # fmt: skip
 
@@ -95,11 +105,15 @@ def test_harmful_elements_are_errors_with_their_place(tmp_path, element):
     (tmp_path / "secret").symlink_to("/etc/hostname")
     (tmp_path / "t.png").write_bytes(b"not a picture")
     (tmp_path / "t.txt").write_bytes(b"text")
+    (tmp_path / "name.xml").write_text(
+        '<scene><string name="filename" value="t.png"/></scene>'
+    )
+    (tmp_path / "wide.xml").write_text(f"<scene>{'<ref/>' * 60000}</scene>")
     wide = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 99999 +X 99999\n"
     (tmp_path / "wide.hdr").write_bytes(wide)
     with pytest.raises(InputError, match=re.escape(EVIL[element])) as caught:
         check(tmp_path, HARMLESS.replace("</scene>", element + "</scene>"))
-    assert str(caught.value).startswith(f"{tmp_path / 's.xml'}: ")
+    assert re.match(rf"{tmp_path}/(s|wide)\.xml: ", str(caught.value))
     assert "\n" not in str(caught.value)
 
 

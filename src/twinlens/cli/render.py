@@ -26,6 +26,7 @@ from twinlens.factory import (
     make_sample,
     under_sky,
 )
+from twinlens.factory.doubts import warn_of_doubts
 from twinlens.factory.lenses import (
     APERTURE_HELP,
     LENS_HELP,
@@ -183,6 +184,7 @@ def command(
                     shoot.replace(sensor=rig_sensor),
                     progress=lambda part, report=report: report(part, ""),  # type: ignore[misc]
                 )
+            warn_of_doubts(sample, rig_sensor, scene.name)
             row = add_sample(output, scene.name, sample, options["seed"], overwrite)
             exposures = [
                 shot_text.format_exposure(sample, k, text)

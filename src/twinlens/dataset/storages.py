@@ -5,6 +5,7 @@ documentation of FileStorage and `modules/core/src/persistence_*.cpp`, whose YAM
 matrix follows, and writes .Nan and .Inf.
 """
 
+import itertools
 import json
 import re
 from collections.abc import Iterator, Mapping
@@ -22,12 +23,21 @@ from twinlens.geometry import Float
 
 _MOST_CHARACTERS = 1 << 24
 _MATRIX = "opencv-matrix"
-_YAML_HEAD = re.compile(r"\A\ufeff?%YAML[: ][^\n]*\n")  # OpenCV writes %YAML:1.0
+# OpenCV writes %YAML:1.0, and no space between a colon and a tag. Two of its files may be joined in one.
+_YAML_HEAD = re.compile(r"^\ufeff?%YAML[^\n]*\n(---[^\n]*\n)?", re.MULTILINE)
+_YAML_END = re.compile(r"^\.\.\.[^\n]*\n?", re.MULTILINE)
+_NO_SPACE = re.compile(r"^(\s*\w+):(?=!!)", re.MULTILINE)
+_MOST_NUMBERS = 10_000
 _NOT_NUMBERS = {".nan": "nan", ".inf": "inf", "-.inf": "-inf", "+.inf": "inf"}
 
 
 class _Loader(yaml.SafeLoader):
-    """Plain values. A matrix becomes the mapping of its keys, whatever its tag is."""
+    """Plain values without aliases, which can make a short file huge. A matrix becomes the mapping of its keys."""
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        if self.check_event(yaml.AliasEvent):
+            raise InputError("has an alias (*); write the values themselves")
+        return super().compose_node(parent, index)
 
 
 def _without_tag(loader: Any, _tag: str, node: Any) -> Any:
@@ -60,7 +70,7 @@ def read_storage(path: Path) -> dict[str, Any]:
         raise FileError(f"{path}: cannot be read: {reason[:200]}") from None
     except RecursionError:
         raise FileError(f"{path}: is nested too deeply") from None
-    except ValueError as error:
+    except (ValueError, OverflowError) as error:
         raise FileError(f"{path}: {error}") from None
 
 
@@ -74,8 +84,8 @@ def numbers(value: Any, name: str) -> Float:
     if not isinstance(flat, list):
         raise InputError(f"{name} must be numbers, got {format_value(value)}")
     try:
-        array = np.array([_number(item) for item in _flattened(flat)])
-    except (TypeError, ValueError):
+        array = _array(flat)
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"{name} must be numbers, got {format_value(value)}") from None
     if not np.isfinite(array).all():
         raise InputError(f"{name} is not finite: it has {_first_odd(array)}")
@@ -102,6 +112,14 @@ def _flattened(items: list[Any]) -> Iterator[Any]:
             yield item
 
 
+def _array(items: Any) -> Float:
+    """The numbers (N,) of nested lists. Raises TypeError, ValueError or OverflowError for other values."""
+    flat = list(itertools.islice(_flattened(list(items)), _MOST_NUMBERS + 1))
+    if len(flat) > _MOST_NUMBERS:
+        raise ValueError
+    return np.array([_number(item) for item in flat], dtype=np.float64)
+
+
 def _number(value: Any) -> float:
     if isinstance(value, bool):
         raise TypeError
@@ -113,18 +131,16 @@ def _matrix(name: Any, value: Any) -> Any:
     """A matrix of OpenCV as an array; other values as they are."""
     if not (isinstance(value, dict) and {"rows", "cols", "data"} <= value.keys()):
         return value
-    rows, columns = int(value["rows"]), int(value["cols"])
+    size = f"{value['rows']}x{value['cols']}"
     try:
-        flat = np.array([_number(item) for item in _flattened(list(value["data"]))])
-        return flat.reshape(rows, columns)
-    except (TypeError, ValueError):
-        raise InputError(
-            f"{name} is not a matrix of {rows}x{columns} numbers"
-        ) from None
+        return _array(value["data"]).reshape(int(value["rows"]), int(value["cols"]))
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{name} is not a matrix of {size[:40]} numbers") from None
 
 
 def _from_yaml(text: str) -> Any:
-    return yaml.load(_YAML_HEAD.sub("", text), Loader=_Loader)
+    body = _YAML_END.sub("", _YAML_HEAD.sub("", text))
+    return yaml.load(_NO_SPACE.sub(r"\1: ", body), Loader=_Loader)
 
 
 def _from_json(text: str) -> Any:

@@ -32,7 +32,6 @@ from twinlens.dataset import (
     write_sample,
 )
 from twinlens.errors import InputError
-from twinlens.factory.doubts import warn_of_doubts
 from twinlens.factory.sources import file_digests
 from twinlens.scenes import Scene, bundled_scenes, load_scene, rig_from_table
 from twinlens.scenes.rigs import with_values
@@ -169,8 +168,7 @@ def make_sample(
         lenses.
     truths : ``ground_truth(scene, rig.nominal, sky_disparity=shoot.sky_disparity)``, if already computed.
 
-    Gives a `ResultWarning` for images of nothing, black ones and clipped ones. Raises InputError as `Shoot.check`, and
-    errors of rendering and sensor.
+    Raises InputError as `Shoot.check`, and errors of rendering and sensor.
     """
     shoot = shoot or Shoot()
     shoot.check(rig, lenses)
@@ -188,9 +186,7 @@ def make_sample(
         )
     models = rendering.object_models(scene) if shoot.keep_models else {}
     record = _record(scene, rig, shoot)
-    sample = Sample(rig, tuple(shots), tuple(truths), models=models, record=record)
-    warn_of_doubts(sample, scene.name)
-    return sample
+    return Sample(rig, tuple(shots), tuple(truths), models=models, record=record)
 
 
 def _record(scene: Scene, rig: Rig, shoot: Shoot) -> dict[str, Any]:

@@ -81,7 +81,7 @@ def open_obj(
         check_faces(path, mesh)
         if len(getattr(mesh, "faces", ())):
             alias = str(getattr(getattr(mesh.visual, "material", None), "name", ""))
-            # Faces before the first `usemtl` have the format's default, which follows those of the files.
+            # Faces before the first `usemtl` have the format's default material, the last of the list.
             material = number_of_alias.get(alias, len(materials))
             parts.append(Part(mesh, np.eye(4), material, False, None))
     if any(part.material == len(materials) for part in parts):
@@ -217,7 +217,12 @@ def _as_gltf(
     for key, (label, most) in _NUMBERS.items():
         if key in table:
             # Options such as -halo precede the value.
-            numbers[key] = _numbers(table[key][-1:], where, label, most, (1,))[0]
+            words = table[key][-1:]
+            if key == "ns" and words[0].startswith("-"):
+                words = [
+                    "0"
+                ]  # some exporters write negative exponents for rough surfaces
+            numbers[key] = _numbers(words, where, label, most, (1,))[0]
     exponent = numbers.get("ns", 0.0)
     rough = numbers.get("pr", math.sqrt(math.sqrt(2 / (exponent + 2))))
     opacity = numbers.get("d", 1 - numbers.get("tr", 0.0))

@@ -7,6 +7,7 @@ unless its projection along its mean normal is concave.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,6 +40,53 @@ _INDEX_LISTS = ("vertex_index", "vertex_indices")
 _STRAIGHT = 1e-9  # radians: a turn to the wrong side that rounding explains
 
 
+def concave(polygons: Float) -> NDArray[np.bool_]:
+    """Whether polygons of one number of vertices are concave: (P,) of vertices (P, N, 3); False for those without area.
+
+    Turns are those of the projection along Newell's normal. A polygon is convex if all turns are to the left, and add
+    up to one.
+
+    >>> dart = [[0.0, 0, 0], [2, 1, 0], [0, 2, 0], [1, 1, 0]]
+    >>> square = [[0.0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]]
+    >>> concave(np.array([dart, square])).tolist()
+    [True, False]
+    """
+    edges = np.roll(polygons, -1, axis=1) - polygons
+    normals = _newell_normals(polygons)
+    lengths = np.linalg.norm(normals, axis=1)
+    extents = np.ptp(polygons, axis=1).max(axis=1)
+    has_area = lengths > 1e-12 * extents**2
+    # An edge of a repeated vertex has no direction: each edge turns to the next one that has a length.
+    following = _next_edges(edges)
+    cross = np.einsum("pni,pi->pn", np.cross(edges, following), normals)
+    cross /= np.where(has_area, lengths, 1.0)[:, None]
+    along = np.einsum("pni,pi->pn", edges, normals)
+    along_next = np.einsum("pni,pi->pn", following, normals)
+    squared = np.where(has_area, lengths, 1.0)[:, None] ** 2
+    dot = (edges * following).sum(axis=2) - along * along_next / squared
+    turns = np.arctan2(cross, dot)
+    is_convex = (turns > -_STRAIGHT).all(axis=1) & (turns.sum(axis=1) < 3 * math.pi)
+    return np.asarray(has_area & ~is_convex)
+
+
+def _newell_normals(polygons: Float) -> Float:
+    """Twice the area vectors (P, 3) of polygons (P, N, 3). Source: Newell's method."""
+    away = polygons - polygons[:, :1]
+    crosses = np.cross(away, np.roll(away, -1, axis=1))
+    return np.asarray(crosses.sum(axis=1))
+
+
+def _next_edges(edges: Float) -> Float:
+    """For each edge (P, N, 3) the next one around its polygon that has a length."""
+    following = np.roll(edges, -1, axis=1)
+    for _ in range(edges.shape[1] - 2):
+        is_empty = ~following.any(axis=2, keepdims=True)
+        if not is_empty.any():
+            break
+        following = np.where(is_empty, np.roll(following, -1, axis=1), following)
+    return following
+
+
 def concave_triangles(points: Float) -> NDArray[np.uint32] | None:
     """Corners (T, 3) of the triangles of a concave polygon with the vertices (N, 3), None if it is convex.
 
@@ -51,9 +99,9 @@ def concave_triangles(points: Float) -> NDArray[np.uint32] | None:
     >>> concave_triangles(dart[:3]) is None
     True
     """
-    outline = _projected(points)
-    if outline is None or _is_convex(outline):
+    if not concave(points[None])[0]:
         return None
+    outline = _projected(points)
     import mapbox_earcut
 
     ends = np.array([len(outline)], dtype=np.uint32)
@@ -61,15 +109,10 @@ def concave_triangles(points: Float) -> NDArray[np.uint32] | None:
     return np.asarray(corners, dtype=np.uint32).reshape(-1, 3)
 
 
-def _projected(points: Float) -> Float | None:
-    """The outline (N, 2), counter-clockwise, in the plane across Newell's normal; None if its area is zero."""
-    following = np.roll(points, -1, axis=0)
-    normal = np.cross(points - points[0], following - points[0]).sum(axis=0)
-    length = np.linalg.norm(normal)
-    extent = np.ptp(points, axis=0).max()
-    if not length > 1e-12 * extent**2:
-        return None
-    normal = normal / length
+def _projected(points: Float) -> Float:
+    """The outline (N, 2), counter-clockwise, in the plane across Newell's normal."""
+    [normal] = _newell_normals(points[None])
+    normal = normal / np.linalg.norm(normal)
     across = np.eye(3)[np.argmin(np.abs(normal))]
     x_axis = np.cross(across, normal)
     x_axis /= np.linalg.norm(x_axis)
@@ -77,35 +120,41 @@ def _projected(points: Float) -> Float | None:
     return np.ascontiguousarray((points - points[0]) @ np.stack([x_axis, y_axis]).T)
 
 
-def _is_convex(outline: Float) -> bool:
-    """Whether all turns of a counter-clockwise outline (N, 2) are to the left, and add up to one."""
-    edges = np.roll(outline, -1, axis=0) - outline
-    edges = edges[edges.any(axis=1)]  # repeated vertices
-    following = np.roll(edges, -1, axis=0)
-    cross = edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0]
-    dot = (edges * following).sum(axis=1)
-    turns = np.arctan2(cross, dot)
-    return bool((turns > -_STRAIGHT).all() and turns.sum() < 3 * math.pi)
+def _triangles_of_concave(
+    polygons: Sequence[NDArray[np.int64]], points: Float
+) -> dict[int, NDArray[np.uint32]]:
+    """The triangles of the concave ones among polygons, by their number. Polygons of one size are examined together."""
+    numbers: dict[int, list[int]] = {}
+    for number, corners in enumerate(polygons):
+        if len(corners) > 3:
+            numbers.setdefault(len(corners), []).append(number)
+    made = {}
+    for group in numbers.values():
+        vertices = points[np.stack([polygons[number] for number in group])]
+        for place in np.flatnonzero(concave(vertices)):
+            triangles = concave_triangles(vertices[place])
+            if triangles is not None:
+                made[group[place]] = triangles
+    return made
 
 
 def triangulated_obj(lines: list[str]) -> list[str]:
     """The lines of an OBJ file, with triangles instead of its concave polygons; words are separated by one space."""
-    polygons = [
+    lines_of_polygons = [
         number
         for number, line in enumerate(lines)
         if line.startswith("f ") and line.count(" ") > 3
     ]
-    if not polygons:
+    if not lines_of_polygons:
         return lines
     vertices = _obj_vertices(lines)
+    words = [lines[number].split()[1:] for number in lines_of_polygons]
+    polygons = [_corner_indices(corners, len(vertices)) for corners in words]
     made = list(lines)
-    for number in polygons:
-        corners = lines[number].split()[1:]
-        points = _corner_points(corners, vertices)
-        triangles = None if points is None else concave_triangles(points)
-        if triangles is not None:
-            faces = [" ".join(["f", *(corners[i] for i in face)]) for face in triangles]
-            made[number] = "\n".join(faces)
+    for place, triangles in _triangles_of_concave(polygons, vertices).items():
+        corners = words[place]
+        faces = [" ".join(["f", *(corners[i] for i in face)]) for face in triangles]
+        made[lines_of_polygons[place]] = "\n".join(faces)
     return made
 
 
@@ -114,17 +163,17 @@ def _obj_vertices(lines: list[str]) -> Float:
     return np.array(positions, dtype=np.float64).reshape(-1, 3)
 
 
-def _corner_points(corners: list[str], vertices: Float) -> Float | None:
-    """The vertices (N, 3) of the corners v/vt/vn of a face; None where trimesh will report an invalid number."""
+def _corner_indices(corners: list[str], count: int) -> NDArray[np.int64]:
+    """The vertices (N,) of the corners v/vt/vn of a face; none where trimesh will report an invalid number."""
     try:
-        numbers = [int(corner.split("/")[0]) for corner in corners]
-    except ValueError:
-        return None
+        numbers = np.array([int(corner.split("/")[0]) for corner in corners])
+    except (ValueError, OverflowError):
+        return np.zeros(0, dtype=np.int64)
     # Numbers count from 1; negative ones count from the last vertex.
-    indices = [number - 1 if number > 0 else number for number in numbers]
-    if max(indices) >= len(vertices) or min(indices) < -len(vertices):
-        return None
-    return vertices[indices]
+    indices = np.where(numbers > 0, numbers - 1, numbers + count)
+    if indices.min() < 0 or indices.max() >= count:
+        return np.zeros(0, dtype=np.int64)
+    return indices
 
 
 @dataclass
@@ -225,23 +274,22 @@ def triangulated_ply(data: bytes) -> bytes:
     if not {"x", "y", "z"} <= columns.keys():
         return data
     points = np.stack([columns[axis] for axis in "xyz"], axis=1).astype(np.float64)
-    triangles = [_triangles(row[index], points) for row in rows]
-    is_mixed = len({len(row[index]) for row in rows}) > 1
-    if not is_mixed and all(corners is None for corners in triangles):
+    polygons = [_checked_face(row[index], len(points)) for row in rows]
+    triangles = _triangles_of_concave(polygons, points)
+    is_mixed = len({len(polygon) for polygon in polygons}) > 1
+    if not is_mixed and not triangles:
         return data
     made: list[list[NDArray[Any]]] = []
-    for row, corners in zip(rows, triangles, strict=True):
-        made += _divided(row, len(row[index]), corners)
+    for number, row in enumerate(rows):
+        made += _divided(row, len(row[index]), triangles.get(number))
     return _ply_text(vertices, columns, faces, made)
 
 
-def _triangles(face: NDArray[Any], points: Float) -> NDArray[np.uint32] | None:
-    """The triangles of a face that is concave, None for others. Raises InputError for a vertex that does not exist."""
-    if len(face) and not 0 <= face.min() <= face.max() < len(points):
-        raise InputError(f"a face refers to a vertex outside 0 to {len(points) - 1}")
-    if len(face) < 4:
-        return None
-    return concave_triangles(points[face.astype(np.int64)])
+def _checked_face(face: NDArray[Any], count: int) -> NDArray[np.int64]:
+    """The vertices of a face. Raises InputError for one that does not exist."""
+    if len(face) and not 0 <= face.min() <= face.max() < count:
+        raise InputError(f"a face refers to a vertex outside 0 to {count - 1}")
+    return face.astype(np.int64)
 
 
 def _divided(

@@ -82,7 +82,10 @@ VALUES = {
     "alias",
 }
 TRANSFORMS = {"transform", "translate", "rotate", "scale", "lookat", "matrix"}
-_MAX_DEPTH = 200  # of nested elements
+_MAX_DEPTH = 100  # of nested elements in a file
+_MOST_INCLUDED = 5  # files in each other
+_MOST_ELEMENTS = 1_000_000
+_LONGEST_VALUE = 10_000  # characters of a parameter
 _MOST_UP = 3
 _RECORDING = {"aov", "moment"}
 _FILE_PARAMETER = re.compile(r"file|path", re.IGNORECASE)
@@ -191,11 +194,17 @@ class _Resolver:
         self.parameters: dict[str, str] = {}
         self.files: list[Path] = []
         self._open = [path.resolve()]
+        self._elements = 0
 
     def expand(self, parent: Element, file: Path, where: str) -> None:
         """Replace the children of an element of a file by what they stand for, and check each of them."""
         children: list[Element] = []
         for written in parent:
+            self._elements += 1
+            if self._elements > _MOST_ELEMENTS:
+                raise InputError(
+                    f"{file}: {where}: more than {_MOST_ELEMENTS} elements, included files counted"
+                )
             child = _radiance_integrator(written)
             place = f"{where}.{child.tag}"
             with located(f"{file}: {place}"):
@@ -213,11 +222,14 @@ class _Resolver:
                 children += self._included(child, file, place)
             else:
                 self.expand(child, file, place)
+                with located(f"{file}: {place}"):
+                    _check_picture(child)
         parent[:] = children
 
     def find(self, name: str) -> Path:
         """The file of a name in one of the folders. Raises InputError."""
-        names_a_place = not PurePosixPath(name).is_absolute() and len(name) < 256
+        is_short = len(os.fsencode(name)) < 256
+        names_a_place = is_short and not PurePosixPath(name).is_absolute()
         folder = self.home
         if names_a_place and "\0" not in name:
             holders = (place for place in self.folders if (place / name).exists())
@@ -234,7 +246,12 @@ class _Resolver:
         name = element.get("name", "")
         if not _PARAMETER_NAME.fullmatch(name):
             raise InputError(f"{name!r} is not the name of a parameter")
-        self.parameters.setdefault(name, element.get("value", ""))
+        value = element.get("value", "")
+        if len(value) > _LONGEST_VALUE:
+            raise InputError(
+                f"the parameter {name!r} has more than {_LONGEST_VALUE} characters"
+            )
+        self.parameters.setdefault(name, value)
 
     def _add_folder(self, name: str, file: Path) -> None:
         if PurePosixPath(name).is_absolute() or PureWindowsPath(name).drive:
@@ -261,6 +278,8 @@ class _Resolver:
             target = self.find(element.get("filename", ""))
             if target in self._open:
                 raise InputError(f"{target.name} includes itself")
+            if len(self._open) > _MOST_INCLUDED:
+                raise InputError(f"files are included more than {_MOST_INCLUDED} deep")
             root = _parsed(target)
             _substitute(root, self)
         self._open.append(target)
@@ -325,7 +344,7 @@ def _substitute(element: Element, resolver: _Resolver) -> None:
 
 
 def _radiance_integrator(element: Element) -> Element:
-    """The integrator inside one that only records more than the radiance; other elements as they are."""
+    """The radiance integrator of an `aov` or `moment` integrator; other elements unchanged."""
     while element.tag == "integrator" and element.get("type") in _RECORDING:
         nested = element.find("integrator")
         if nested is None:
@@ -346,10 +365,6 @@ def _check_element(element: Element, resolver: _Resolver) -> None:
         check_known(f"{tag} type", kind, PLUGINS[tag])
     elif kind is not None:
         raise InputError(f"<{tag}> takes no type")
-    if check_picture := _PICTURES.get((tag, kind)):
-        for file in element.iterfind("string[@name='filename']"):
-            _substitute(file, resolver)
-            check_picture(resolver.find(file.get("value", "")))
     value = element.get("value", "")
     if tag == "spectrum" and "filename" in element.attrib:
         element.set("filename", str(resolver.find(element.attrib["filename"])))
@@ -364,6 +379,15 @@ def _check_element(element: Element, resolver: _Resolver) -> None:
         check_known("conductor", value, CONDUCTORS)
     elif tag == "string":
         _check_no_path(value, resolver)
+
+
+def _check_picture(element: Element) -> None:
+    """Raise InputError for a picture of an expanded element that Mitsuba should not decode."""
+    check = _PICTURES.get((element.tag, element.get("type")))
+    if check is None:
+        return
+    for file in element.iterfind("string[@name='filename']"):
+        check(Path(file.get("value", "")))
 
 
 def _check_no_path(value: str, resolver: _Resolver) -> None:
