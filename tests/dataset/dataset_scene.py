@@ -6,6 +6,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 
+import twinlens
 from twinlens import geometry
 from twinlens.camera import Camera, Rig, ThinLens
 from twinlens.camera.masks import encode_mask
@@ -98,7 +99,18 @@ def _truth(pair: Rig, i: int) -> Truth:
             for each in (_wall(pair, i, ids), _card(pair, i, ids))
             if each is not None
         ),
+        extra=_extra(depth.shape),
     )
+
+
+def _extra(shape) -> dict[str, np.ndarray]:
+    """Zeros for every channel of `Truth.extra`."""
+    arrays = {}
+    for name in extra_channels():
+        channel = CHANNELS[name]
+        components = (len(channel.planes),) if len(channel.planes) > 1 else ()
+        arrays[name] = np.zeros((*shape, *components), channel.dtype)
+    return arrays
 
 
 def _wall(pair: Rig, i: int, ids) -> ObjectTruth | None:
@@ -189,6 +201,12 @@ def stored(folder, made: Sample | None = None) -> StoredSample:
     return open_sample(folder)
 
 
+def next_version() -> str:
+    """The version of twinlens in which a new channel appears."""
+    major, minor, _ = twinlens.__version__.split(".")
+    return f"{major}.{int(minor) + 1}.0"
+
+
 def extra_channels() -> list[str]:
     """The channels whose arrays are in `Truth.extra`."""
     of_truth = {field.name for field in fields(Truth)}
@@ -208,8 +226,7 @@ def full_sample() -> Sample:
     rng = np.random.default_rng(0)
     shape = made.truths[0].depth.shape
     light = Projection(rng.random((*shape, 2)), rng.random(shape) < 0.5)
-    extra = {name: np.zeros(shape, CHANNELS[name].dtype) for name in extra_channels()}
-    lit = [replace(truth, projections=(light,), extra=extra) for truth in made.truths]
+    lit = [replace(truth, projections=(light,)) for truth in made.truths]
     return replace(made, shots=tuple(shots), truths=tuple(lit))
 
 

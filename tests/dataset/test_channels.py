@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+import twinlens
 from tests.dataset import dataset_scene
-from tests.dataset.dataset_scene import edited, stored
+from tests.dataset.dataset_scene import edited, next_version, stored
 from twinlens.dataset import Dataset, describe, write_sample
 from twinlens.dataset.channels import CHANNELS, TEXTS, TRUTH, Channel, parse_file
 from twinlens.dataset.codecs.exr import read_exr
@@ -36,14 +37,14 @@ ROW = Channel(
     "float32",
     "distance to the second surface along the chief ray; +inf unknown",
     "m",
-    since="0.2.0",
+    since=next_version(),
     check=_behind,
 )
 
 
 def with_second(*distances):
     truths = tuple(
-        replace(truth, extra={"second_distance": distance})
+        replace(truth, extra={**truth.extra, "second_distance": distance})
         for truth, distance in zip(SAMPLE.truths, distances, strict=True)
     )
     return replace(SAMPLE, truths=truths)
@@ -124,19 +125,49 @@ def test_a_sample_needs_the_channels_of_the_version_that_wrote_it(
 ):
     old = stored(tmp_path / "s", SAMPLE)
     monkeypatch.setitem(CHANNELS, ROW.name, ROW)
-    with pytest.raises(InputError, match="lacks 'second_distance'"):
-        write_sample(tmp_path / "new", SAMPLE)
-    with pytest.raises(FileError, match=r"truth0\.exr: has no channel 'second_dist"):
-        _ = old.truth0
-    missing = "has no channel 'second_distance'"
-    expected = [f"truth{view}.exr: {missing}" for view in (0, 1)]
-    assert verify_sample(old) == expected
-    with edited(old.folder) as record:
-        record["twinlens"] = "0.1.9"
-    assert old.truth0.extra == {}
+    assert ROW.name not in old.truth0.extra
     assert verify_sample(old) == []
+    missing = "has no channel 'second_distance'"
     with pytest.raises(FileError, match=missing):
         _ = old.second_distance0
+
+    monkeypatch.setattr(twinlens, "__version__", ROW.since)
+    with pytest.raises(InputError, match="lacks 'second_distance'"):
+        write_sample(tmp_path / "new", SAMPLE)
+    with edited(old.folder) as record:
+        record["twinlens"] = ROW.since
+    reason = rf"written by twinlens {ROW.since} must have, .* since='{ROW.since}'"
+    with pytest.raises(FileError, match=rf"truth0\.exr: {missing}, .* {reason}"):
+        _ = old.truth0
+    findings = verify_sample(old)
+    for view, finding in enumerate(findings):
+        assert finding.startswith(f"truth{view}.exr: {missing}")
+    assert len(findings) == 2
+
+
+@pytest.mark.parametrize("since", ["", "next", "0.3"])
+def test_a_row_of_truth_states_a_version(since):
+    with pytest.raises(InputError, match=f"channel 'speed' must be .* got '{since}'"):
+        Channel("speed", TRUTH, "float32", "of the point", since=since)
+
+
+@pytest.mark.usefixtures("new_row")
+def test_the_samples_of_tests_have_a_new_channel(tmp_path, monkeypatch):
+    monkeypatch.setattr(twinlens, "__version__", ROW.since)
+    assert ROW.name in stored(tmp_path / "s").truth0.extra
+
+
+@pytest.mark.parametrize("names", [("new", "old"), ("old", "new")])
+def test_croissant_lists_the_channels_of_samples_of_all_versions(
+    tmp_path, monkeypatch, names
+):
+    write_sample(tmp_path / "old", SAMPLE)
+    monkeypatch.setitem(CHANNELS, ROW.name, ROW)
+    monkeypatch.setattr(twinlens, "__version__", ROW.since)
+    write_sample(tmp_path / "new", with_second(*SECOND))
+    dataset_scene.list_samples(tmp_path, *names)
+    describe(Dataset(tmp_path))
+    assert f"- {ROW.description}" in (tmp_path / "croissant.json").read_text()
 
 
 @pytest.mark.usefixtures("new_row")

@@ -4,6 +4,7 @@ import io
 import json
 import re
 import tarfile
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -267,6 +268,19 @@ def test_exr(data, exported):
             }
             for name, array in expected.items():
                 assert_array_equal(planes[name].pixels, array)
+
+
+def test_exr_needs_all_truth_or_none(tmp_path):
+    damaged = stored(tmp_path / "damaged")
+    (damaged.folder / "truth0.exr").unlink()
+    with pytest.raises(FileError, match=r"damaged.truth0\.exr: no such file"):
+        export([damaged], tmp_path / "out", "exr")
+    made = sample()
+    radiances = tuple(np.float32(image) for image in made.shots[0].images)
+    shot = replace(made.shots[0], radiances=radiances)
+    without = replace(made, shots=(shot,), truths=())
+    export([stored(tmp_path / "without", without)], tmp_path / "out", "exr")
+    assert (tmp_path / "out" / "without" / "view0.exr").is_file()
 
 
 def test_parquet(data, exported):

@@ -86,6 +86,12 @@ def test_unknown_names_are_rejected_immediately(folder, name, message):
         Dataset(folder).select("im0", name)
 
 
+def test_an_unknown_attribute_names_the_nearest(folder):
+    with pytest.raises(AttributeError, match="'dept0'; did you mean 'depth0'"):
+        _ = Dataset(folder)[0].dept0
+    assert not hasattr(Dataset(folder)[0], "__array_interface__")
+
+
 @pytest.mark.parametrize(
     ("name", "error", "message"),
     [

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import twinlens as tl
+from tests.dataset.dataset_scene import next_version
 from twinlens.camera import ALIGNED, Misalignment, misaligned
 from twinlens.dataset import Dataset, write_sample
 from twinlens.dataset.channels import CHANNELS, TRUTH, Channel
@@ -61,7 +62,7 @@ def test_a_further_channel_is_computed_stored_and_read(scene, tmp_path, monkeypa
     """A function of the renderer's hits and a row of the table of channels are all that it needs."""
     name, meaning = "ray_distance", "distance along the chief ray; +inf unknown"
     monkeypatch.setitem(EXTRA_CHANNELS, name, lambda view: view.first.distance)
-    row = Channel(name, TRUTH, "float32", meaning, "m", since="0.2.0")
+    row = Channel(name, TRUTH, "float32", meaning, "m", since=next_version())
     monkeypatch.setitem(CHANNELS, name, row)
     rig = default_rig(scene, 24, 18)
     sample = make_sample(scene, rig, LENSES[:1], Shoot(spp=1, seed=0))

@@ -5,6 +5,7 @@ import pytest
 
 import twinlens as tl
 from twinlens import geometry
+from twinlens.errors import InputError
 from twinlens.rendering.build import build
 from twinlens.rendering.ground_truth import EXTRA_CHANNELS
 from twinlens.rendering.tracing import Rays, Stop, trace_surfaces
@@ -78,6 +79,24 @@ def test_a_channel_has_the_distance_to_the_second_surface(monkeypatch):
         found = truth.extra["second_distance"]
         assert found.shape == truth.depth.shape
         np.testing.assert_allclose(found.ravel(), expected, rtol=SINGLE)
+
+
+@pytest.mark.parametrize(
+    ("name", "result", "message"),
+    [
+        ("short", lambda pixels: np.zeros(pixels - 1), r"channel 'short' .* got the shape"),
+        ("image", lambda pixels: np.zeros((2, pixels // 2)), r"'image' .* got the shape"),
+        ("none", lambda pixels: None, r"'none' .* got NoneType"),
+        ("depth", np.zeros, r"channel 'depth' .* another name"),
+    ],
+)  # fmt: skip
+def test_a_function_that_gives_no_channel_is_refused(
+    monkeypatch, name, result, message
+):
+    monkeypatch.setitem(EXTRA_CHANNELS, name, lambda view: result(len(view.rays)))
+    rig = tl.Rig.stereo(CAMERA, 0.1, world_from_left=np.eye(4))
+    with pytest.raises(InputError, match=message):
+        tl.ground_truth(panes(), rig)
 
 
 def test_all_surfaces_in_order_and_the_first_rough_one():

@@ -39,10 +39,14 @@ from twinlens.errors import FileError, InputError
 PIXELS = "uint8 or uint16"
 """The dtype of photographs."""
 
+FIRST_VERSION = "0.1.0"
+"""The first version of twinlens, whose samples all have the channels that were never added later."""
+
 TEXTS = "texts"
 """The dtype of a tuple of texts, which is a string attribute of an EXR file."""
 
 _TEXTS = pydantic.TypeAdapter(tuple[str, ...])
+_VERSION = re.compile(r"\d+\.\d+\.\d+")
 _FILE_NAME = re.compile(r"(?:lens-(\d+)/)?[a-z-]+(\d+)[A-Za-z]*\.[a-z]+")
 
 
@@ -151,7 +155,8 @@ class Channel:
     planes : names of the planes of an EXR file that hold it, by default its own name. One plane is an array (H, W),
         several are one (H, W, C). {} in a name stands for a projector's number: the array has an axis P before H.
     is_vector : whether the components are along the axes of the world.
-    since : the version of twinlens that added it, such as 0.3.0; samples of earlier versions lack it. Empty: 0.1.0.
+    since : the version of twinlens in which it appears, such as 0.3.0: the next one for a new row. Samples of earlier
+        versions may lack it, and those of this one must have it. Rows of `TRUTH` state it.
     value : the array of a view and a lens of a sample in memory, or None. By default it is that of the truth.
     check : findings on it, one line each.
     is_basis : whether the checks of other rows would be meaningless if this one fails.
@@ -168,6 +173,15 @@ class Channel:
     value: Callable[[Sample, int, int], Any] | None = field(default=None, repr=False)
     check: Check | None = field(default=None, repr=False)
     is_basis: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.since and self.file is not TRUTH:
+            object.__setattr__(self, "since", FIRST_VERSION)
+        if _VERSION.fullmatch(self.since) is None:
+            raise InputError(
+                f"since of channel {self.name!r} must be the next version of twinlens, in which the channel appears, "
+                f"such as '0.3.0', got {self.since!r}"
+            )
 
     def quantity(self, view: int) -> str:
         """The name of the channel of one view: im0, depth1, mask0_nonocc."""
@@ -194,13 +208,13 @@ class Channel:
         return f"{self.name}{unit}: {self.meaning}"
 
     def is_written_by(self, version: str) -> bool:
-        """Whether a version of twinlens writes the channel; "" is an unknown version.
+        """Whether a version of twinlens writes the channel; an unknown version, "", counts as the first one.
 
         >>> row = Channel("speed", TRUTH, "float32", "of the point", "m/s", since="0.3.0")
         >>> [row.is_written_by(version) for version in ("", "0.2.9", "0.3.0", "0.12.1.dev3")]
         [False, False, True, True]
         """
-        return _numbers(version) >= _numbers(self.since)
+        return _numbers(version or FIRST_VERSION) >= _numbers(self.since)
 
     def check_array(self, array: Any, camera: Camera) -> None:
         """Raise InputError for an array of another shape, or with values that the file would not keep.
@@ -528,28 +542,30 @@ _ROWS = (
     Channel("dp_left", DP_LEFT, PIXELS, "image of the left halves of dual pixels", value=_left_half),
     Channel("dp_right", DP_RIGHT, PIXELS, "image of the right halves of dual pixels", value=_right_half),
 
-    Channel("depth", TRUTH, "float32", "z along the optical axis; +inf unknown", "m"),
+    Channel("depth", TRUTH, "float32", "z along the optical axis; +inf unknown", "m", since=FIRST_VERSION),
     Channel("position", TRUTH, "float32", "point in the world; +inf unknown", "m",
-            planes=_vector("position"), is_vector=True, check=consistency.check_positions, is_basis=True),
+            planes=_vector("position"), is_vector=True, since=FIRST_VERSION, check=consistency.check_positions,
+            is_basis=True),
     Channel("normal", TRUTH, "float32", "geometric unit normal in the world, towards the camera; 0 unknown",
-            planes=_vector("normal"), is_vector=True),
+            planes=_vector("normal"), is_vector=True, since=FIRST_VERSION),
     Channel("shading_normal", TRUTH, "float32", "interpolated unit normal in the world; 0 unknown",
-            planes=_vector("shading_normal"), is_vector=True),
-    Channel("visible", TRUTH, "bool", "whether the partner view sees the point"),
+            planes=_vector("shading_normal"), is_vector=True, since=FIRST_VERSION),
+    Channel("visible", TRUTH, "bool", "whether the partner view sees the point", since=FIRST_VERSION),
     Channel("object_id", TRUTH, "int32", "1 + index into object_names; 0 unknown",
-            check=consistency.check_ids("object_id", "object_names")),
+            check=consistency.check_ids("object_id", "object_names"), since=FIRST_VERSION),
     Channel("material_id", TRUTH, "int32", "1 + index into material_names; 0 unknown",
-            check=consistency.check_ids("material_id", "material_names")),
+            check=consistency.check_ids("material_id", "material_names"), since=FIRST_VERSION),
     Channel("material_kind", TRUTH, "uint8", "index into MATERIAL_KINDS",
-            check=consistency.check_ids("material_kind", MATERIAL_KINDS[1:])),
+            check=consistency.check_ids("material_kind", MATERIAL_KINDS[1:]), since=FIRST_VERSION),
     Channel("blur_circle_px", TRUTH, "float32", "signed diameter of the blur circle, positive before the focus", "px",
-            value=_blur_circle, check=consistency.check_blur),
+            value=_blur_circle, check=consistency.check_blur, since=FIRST_VERSION),
     Channel("projector_pixels", TRUTH, "float32", "pixels of the projectors that light the point; +inf unknown", "px",
-            planes=("projector{}.u", "projector{}.v"), value=_projector_pixels, check=consistency.check_projections),
+            planes=("projector{}.u", "projector{}.v"), since=FIRST_VERSION, value=_projector_pixels,
+            check=consistency.check_projections),
     Channel("lit", TRUTH, "bool", "whether the light of each projector reaches the point",
-            planes=("projector{}.lit",), value=_lit),
-    Channel("object_names", TRUTH, TEXTS, "names of the objects"),
-    Channel("material_names", TRUTH, TEXTS, "names of the materials"),
+            planes=("projector{}.lit",), value=_lit, since=FIRST_VERSION),
+    Channel("object_names", TRUTH, TEXTS, "names of the objects", since=FIRST_VERSION),
+    Channel("material_names", TRUTH, TEXTS, "names of the materials", since=FIRST_VERSION),
 
     Channel("dp_disp", DP_DISPARITY, "float32", "true disparity of the halves of dual pixels; +inf unknown", "px",
             value=_dual_disparity, check=consistency.check_dual_pixels),

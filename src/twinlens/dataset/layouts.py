@@ -39,7 +39,7 @@ from twinlens.dataset.files import read_bytes
 from twinlens.dataset.poses import colmap_camera, colmap_pose
 from twinlens.dataset.stored import StoredSample
 from twinlens.dataset.visibility import VISIBLE, Disparity
-from twinlens.errors import InputError, MissingExtraError
+from twinlens.errors import FileError, InputError, MissingExtraError
 
 Files = Iterator[tuple[str, bytes]]
 
@@ -273,9 +273,11 @@ def sintel(source: Source) -> Files:
 def exr(source: Source) -> Files:
     """<name>/view0.exr ...: all channels of a view but its photographs, in one EXR file with the planes of truth0.exr.
 
-    A linear image that the sample keeps is R, G and B.
+    A linear image that the sample keeps is R, G and B. Raises FileError if some of the files of truth are missing, not
+    all.
     """
     sample, shot = source.sample, source.sample.lens(source.lens)
+    _check_truth_is_whole(sample)
     for view in range(len(sample.rig)):
         arrays: dict[str, Any] = {}
         for file in view_files():
@@ -292,6 +294,26 @@ def exr(source: Source) -> Files:
         if not maps:
             raise InputError(f"{sample.name}: has no truth of view {view}")
         yield f"{source.name}/view{view}.exr", encode_channels(maps)
+
+
+def _check_truth_is_whole(sample: StoredSample) -> None:
+    """Raise FileError for a missing file of truth, unless all are: a sample may be made without truth.
+
+    Plain folders have no truth but disparities. Dual pixels, whose truth depends on the lens, are not considered.
+    """
+    if not sample.has("sample.json"):
+        return
+    rig = sample.rig
+    files = [file for file in view_files() if file.is_truth and not file.per_lens]
+    paths = [
+        sample.path(file.name(view))
+        for view in range(len(rig))
+        for file in files
+        if file.required(rig, view, False)
+    ]
+    missing = [path for path in paths if not path.is_file()]
+    if missing and len(missing) < len(paths):
+        raise FileError(f"{missing[0]}: no such file, but the sample has other truth")
 
 
 def webdataset(

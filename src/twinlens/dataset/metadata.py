@@ -265,20 +265,25 @@ def _description(name: str, dataset: Dataset) -> tuple[str, list[str], str] | No
 
 
 def _channels_in(dataset: Dataset, file: ViewFile, view: int) -> list[Channel]:
-    """The channels that a file of several holds, in the first sample where it can be read.
+    """The channels that a file of several holds in some sample, by one sample of each version of twinlens.
 
     Samples of an earlier version lack some, and those without projectors have empty ones.
     """
     if len(file.channels) == 1:
         return file.channels
+    versions: set[str] = set()
+    held: set[str] = set()
     for sample in dataset:
         try:
+            version = sample.written_by
+            if version in versions:
+                continue
             arrays = file.read(sample.path(file.name(view)))
         except FileError:
             continue
-        sizes = {name: np.size(array) for name, array in arrays.items()}
-        return [channel for channel in file.channels if sizes.get(channel.name)]
-    return []
+        versions.add(version)
+        held |= {name for name, array in arrays.items() if np.size(array)}
+    return [channel for channel in file.channels if channel.name in held]
 
 
 def _file_records(

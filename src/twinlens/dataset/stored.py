@@ -24,6 +24,7 @@ from twinlens.dataset.channels import (
     DP_DISPARITY,
     DP_LEFT,
     DP_RIGHT,
+    FIRST_VERSION,
     IMAGE,
     MASK,
     RADIANCE,
@@ -52,7 +53,7 @@ from twinlens.dataset.visibility import (
     mask_from_both,
     mask_from_one,
 )
-from twinlens.errors import FileError, InputError, format_value, unknown
+from twinlens.errors import FileError, InputError, format_value, nearest, unknown
 
 Image = NDArray[Any]
 T = TypeVar("T")
@@ -140,7 +141,9 @@ class StoredSample(Mapping[str, Any]):
             quantity = None if name.startswith("_") else find_quantity(name)
             if quantity is None or quantity.channel is None:
                 kind = type(self).__name__
-                raise AttributeError(f"{kind!r} object has no attribute {name!r}")
+                near = None if name.startswith("_") else nearest(name, _array_names())
+                hint = f"; did you mean {near!r}?" if near else ""
+                raise AttributeError(f"{kind!r} object has no attribute {name!r}{hint}")
             return self[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -335,9 +338,15 @@ class StoredSample(Mapping[str, Any]):
         arrays = file.read(path)
         missing = [channel for channel in file.channels if channel.name not in arrays]
         for channel in missing:
-            # sample.json is read for channels of later versions only.
-            if channel.is_written_by(self.written_by if channel.since else ""):
-                raise FileError(f"{path}: has no channel {channel.name!r}")
+            problem = f"{path}: has no channel {channel.name!r}"
+            if channel.since == FIRST_VERSION:  # so sample.json need not be read
+                raise FileError(problem)
+            version = self.written_by
+            if channel.is_written_by(version):
+                raise FileError(
+                    f"{problem}, which samples written by twinlens {version} must have, since its row in CHANNELS says "
+                    f"since={channel.since!r}; the row of a new channel must say the next version"
+                )
         return arrays
 
     def _read(self, file: ViewFile, view: int) -> dict[str, Any]:
@@ -521,11 +530,16 @@ def parse_quantity(name: str) -> Quantity:
         )
     quantity = find_quantity(name)
     if quantity is None:
-        arrays = [channel for channel in CHANNELS.values() if channel.dtype != TEXTS]
-        names = [*_PER_SAMPLE, *(channel.quantity(0) for channel in arrays)]
+        names = [*_PER_SAMPLE, *_array_names()]
         names += [*(f"{kind}0" for kind in _PER_CAMERA), "lens1.im0"]
         raise unknown("quantity of a sample", name, names)
     return quantity
+
+
+def _array_names() -> list[str]:
+    """The names of the arrays of view 0."""
+    arrays = [channel for channel in CHANNELS.values() if channel.dtype != TEXTS]
+    return [channel.quantity(0) for channel in arrays]
 
 
 def read_quantities(names: Iterable[str], sample: StoredSample) -> dict[str, Any]:

@@ -7,7 +7,7 @@ A channel is an array over the pixels of a view. Those of every `Truth` are its 
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -69,7 +69,10 @@ class ViewHits:
 
 
 EXTRA_CHANNELS: dict[str, Callable[[ViewHits], NDArray[Any]]] = {}
-"""Channels of `Truth.extra`, by name: functions from the hits of a view to an array (N,) or (N, 3)."""
+"""Channels of `Truth.extra`, by name: functions from the hits of a view to an array (N,) or (N, 3).
+
+A name must not be that of a field of `Truth`.
+"""
 
 
 def ground_truth(
@@ -104,6 +107,7 @@ def ground_truth(
         If `scene` or `rig` is not one, or the scene cannot be built.
     """
     check_view(scene, rig)
+    _check_extra_names()
     built = build(scene)
     truths, distances = [], []
     for index in range(len(rig)):
@@ -154,10 +158,31 @@ def _truth(view: ViewHits, sky_disparity: bool) -> Truth:
             _projection(view, projector)
             for projector in range(len(view.rig.projectors))
         ),
-        extra={
-            name: view.image(compute(view)) for name, compute in EXTRA_CHANNELS.items()
-        },
+        extra={name: _extra_channel(view, name) for name in EXTRA_CHANNELS},
     )
+
+
+def _extra_channel(view: ViewHits, name: str) -> NDArray[Any]:
+    """The image of a row of `EXTRA_CHANNELS`. Raises InputError for an array of another shape."""
+    values = EXTRA_CHANNELS[name](view)
+    pixels = len(view.rays)
+    is_array = isinstance(values, np.ndarray)
+    if not is_array or values.shape not in ((pixels,), (pixels, 3)):
+        result = f"the shape {values.shape}" if is_array else type(values).__name__
+        raise InputError(
+            f"the function of channel {name!r} must return an array ({pixels},) or ({pixels}, 3), a row for each pixel "
+            f"of {view.camera.height} x {view.camera.width}, got {result}"
+        )
+    return view.image(values)
+
+
+def _check_extra_names() -> None:
+    """Raise InputError for a channel whose name is taken, which nothing would read."""
+    for field in fields(Truth):
+        if field.name in EXTRA_CHANNELS:
+            raise InputError(
+                f"channel {field.name!r} of EXTRA_CHANNELS needs another name: Truth has a field of that name"
+            )
 
 
 def correspondence(
