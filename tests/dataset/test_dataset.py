@@ -52,6 +52,26 @@ def test_a_dataset_is_a_sequence_in_manifest_order(folder):
         data["train/001"]
 
 
+def test_a_slice_is_a_dataset_of_the_same_manifest(folder):
+    names = [sample.name for sample in Dataset(folder)[:0:-1]]
+    assert names == ["train/0001", "a"]
+    assert len(Dataset(folder)[5:]) == 0
+    assert Dataset(folder)[1:].manifest.seed == 5
+
+
+def test_arrays_are_read_from_the_file_each_time(folder):
+    sample = Dataset(folder)[0]
+    sample.disp0[:] = 0
+    assert sample.disp0.max() > 0
+
+
+def test_folders_without_samples_are_refused(tmp_path):
+    with pytest.raises(FileError, match="no such folder"):
+        Dataset(tmp_path / "nothing")
+    with pytest.raises(FileError, match=r"has no sample: .* im0.png$"):
+        Dataset(tmp_path)
+
+
 def test_the_manifest_reads_back(folder):
     manifest = read_manifest(folder)
     assert (manifest.recipe, manifest.seed, manifest.info) == (

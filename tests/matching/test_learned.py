@@ -1,11 +1,15 @@
 """The shipped network: method `learned`, and one step of its training."""
 
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import twinlens as tl
 import twinlens.matching as tm
+from twinlens.errors import InputError, MissingExtraError
+from twinlens.matching.costs import LEARNED_FILE
 
 BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "learned"
 
@@ -30,6 +34,17 @@ def test_the_shipped_network_matches(method):
     found = tm.match(*textured(), method, num_disparities=16)
     errors = np.abs(found[:, 16:] - 6) > 1
     assert errors.mean() < 0.01
+
+
+def test_its_file_is_part_of_the_package_and_of_the_spec():
+    assert LEARNED_FILE.is_relative_to(Path(tl.__file__).parent)
+    assert "learned.onnx=" in tm.parse_method("learned").spec
+
+
+def test_without_onnxruntime_the_message_names_the_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'twinlens\[onnx\]'"):
+        tm.parse_method("learned").check_parts()
 
 
 @pytest.fixture
@@ -155,6 +170,17 @@ def test_crops_of_every_scale_and_shape_keep_their_matches(benchmark_path):
     assert (errors > 0.05).float().mean() < 0.04
 
 
+def test_pairs_smaller_than_a_crop_are_enlarged(benchmark_path):
+    torch = benchmark_path
+    from crops import random_crops
+
+    pairs = training_pairs(torch)
+    random = torch.Generator().manual_seed(0)
+    crops = random_crops(pairs, 8, (40, 278), scale=1.8, shapes=0, random=random)
+    finite = crops.disparity[crops.disparity >= 0]
+    torch.testing.assert_close(finite, torch.full_like(finite, 6 * 278 / 139))
+
+
 def test_the_noise_of_a_level_is_that_of_its_pixels(benchmark_path):
     torch = benchmark_path
     import data
@@ -215,6 +241,77 @@ def test_held_out_scenes_have_other_seeds_than_the_recipe(tmp_path, script):
     )
     own = script.held_out_changes(recipe)
     assert [changes["seed"] for changes in own.values()] == [23, 25]
+
+
+def test_networks_of_other_settings_are_refused(tmp_path, script):
+    file = tmp_path / "training.json"
+    file.write_bytes(script.check_settings(file, {"steps": 4}))
+    script.check_settings(file, {"steps": 4})
+    with pytest.raises(InputError, match="other settings"):
+        script.check_settings(file, {"steps": 5})
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory):
+    """A sample with a fixed exposure, and a mismatch of which the recipe gives the gain."""
+    pytest.importorskip("torch")
+    folder = tmp_path_factory.mktemp("recipe")
+    (folder / "my.toml").write_text(
+        'seed = 3\ncount = 1\nfamilies = ["cards"]\nwidth = 64\nheight = 48\nspp = 4\nkeep = ["radiance"]\n'
+        "[exposure]\ntime = 0.004\n"
+        '[sensor]\nmismatch = { level = "calibrated", gain = 1.3, distortion_px = 0.0, focus_um = 0.0 }\n'
+    )
+    recipe = tl.factory.read_recipe(folder / "my.toml")
+    assert tl.factory.generate(recipe, folder / "out").complete
+    return tl.Dataset(folder / "out")[0]
+
+
+def test_the_exposure_of_training_is_that_of_the_sample(stored, benchmark_path):
+    import data
+
+    exposed = data.Exposed()(stored)
+    means = [tm.grey(stored.image(view)).mean() for view in (0, 1)]
+    trained = [exposed[side].mean() for side in ("left", "right")]
+    assert trained == pytest.approx(means, rel=0.03)
+    assert means[1] > 1.08 * means[0], "another gain would pass"
+
+
+def test_an_exposure_draws_the_mismatch_anew_except_what_the_recipe_gives(
+    stored, benchmark_path
+):
+    import data
+
+    record = stored.record["record"]
+    sensor = tl.Sensor.from_record(record["sensor"])
+    drawn = record["spec"]["drawn"]
+    one, other = (data.Exposed().mismatch(sensor, drawn, seed) for seed in (1, 2))
+    none = data.Exposed(level="none").mismatch(sensor, drawn, 1)
+    yaw = sensor.mismatch_of(1).yaw_px
+    assert yaw != 0
+    assert one.yaw_px == other.yaw_px == none.yaw_px == yaw
+    assert one.gain == other.gain == 1.3
+    assert one.white_balance_red != other.white_balance_red
+    assert (none.gain, none.white_balance_red) == (1, 1)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('families = ["cards", "flying", "room", "tabletop"]', 'scenes = ["cards"]', "families"),
+        ("keep =", "#", "keep"),
+        ("[rig]", '[rig]\nlayout = "toed_in"\ndistance = 2.0', "rectified pair"),
+        ("[rig]", '[rig]\nlayout = "line"\ncount = 3\nspacing = 0.1', "rectified pair"),
+        ("[sensor]", "[sensor]\nbits = 16", "sensor.bits: training needs 8, got 16"),
+        ("[sensor]", "[sensor]\nbits = { sweep = [8, 16] }", "sensor.bits: training needs 8, got 16"),
+    ],
+)  # fmt: skip
+def test_recipes_that_training_cannot_use_are_refused(
+    tmp_path, script, old, new, message
+):
+    recipe = tmp_path / "my.toml"
+    recipe.write_text((BENCHMARK / "recipe.toml").read_text().replace(old, new))
+    with pytest.raises(InputError, match=message):
+        script.data.checked_recipe(recipe)
 
 
 def test_the_published_page_is_made_from_its_results(monkeypatch):

@@ -51,3 +51,25 @@ def test_sharpness_of_a_wall_peaks_at_its_focus():
         np.mean((image - pinhole)[wall] ** 2) for image in (sharp, stack[0], stack[4])
     )
     assert of_sharp < 0.5 * min(of_near, of_far)
+
+
+STACKS = [[1.0, np.nan], [0.0], [None], ["near"], 1.0, []]
+APART = [np.zeros((4, 4)), np.zeros((5, 4))]
+IMAGES = [[], None, "near", APART, np.zeros((2, 4, 4, 2)), [np.full((4, 4), np.nan)]]
+
+
+@pytest.mark.parametrize("distances", STACKS)
+def test_a_stack_needs_distances(distances):
+    with pytest.raises(InputError, match=r"focus_distance|at least one lens"):
+        tl.focal_stack(chequered_room(), RIG, tl.ThinLens(0.2, 1.0), distances)
+
+
+def test_a_stack_needs_a_lens():
+    with pytest.raises(InputError, match="needs a ThinLens"):
+        tl.focal_stack(chequered_room(), RIG, tl.Pinhole(), [1.0])
+
+
+@pytest.mark.parametrize("images", IMAGES)
+def test_what_is_no_stack_is_refused(images):
+    with pytest.raises(InputError, match="one or more images"):
+        tl.all_in_focus(images)

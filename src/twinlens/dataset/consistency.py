@@ -128,7 +128,10 @@ def check_mask(view: ViewContent) -> Findings:
 
 
 def check_ids(name: str, names: str | Sequence[str]) -> Check:
-    """The check that no number of a channel is greater than the count of `names`, or of the channel of that name."""
+    """A check of channel `name`, which numbers objects from 1: no number is greater than the count of names.
+
+    names : the names, or the name of the channel that lists them.
+    """
 
     def check(view: ViewContent) -> Findings:
         largest = view.channels[name].max()

@@ -143,8 +143,8 @@ class NoisyImage:
     """Linear radiance, float32 (H, W, 3) or (P, H, W, 3), and an estimate of the error of the whole image, (H, W, 3).
 
     The estimate is one random draw in each pixel, or in each 2x2 pixels if denoised: average its square over windows.
-    It has a sign, so that it adds up over channels as the noise does, which the channels share in part: for the noise
-    of a sum of channels, average the square of its sum. It does not contain the error of an irradiance cache.
+    It has a sign, because the channels share a part of their noise: for the noise of a sum of channels, sum the
+    estimates of these channels, then average the square. It does not contain the error of an irradiance cache.
     """
 
     image: NDArray[np.float32]

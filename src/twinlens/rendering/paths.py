@@ -225,8 +225,9 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
     ) -> tuple[Any, Any, Any]:
         """Whether the cache has the light of surfaces, the matte part of their BSDFs, and their irradiance.
 
-        Behind a diffuse reflection alone: cells would show at the first surface, and in mirrors. The path ends with a
-        light, and this surface is on it already: `max_depth` - 2 - `depth` more reflections are left.
+        The cache is used only after a diffuse reflection: its cells would be visible on the first surface and in
+        mirrors. The path ends with a light, and this surface is on it already: `max_depth` - 2 - `depth` more
+        reflections are left.
         """
         if self.cache is None:
             return mi.Bool(False), mi.Spectrum(0.0), mi.Spectrum(0.0)

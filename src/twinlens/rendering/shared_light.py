@@ -213,8 +213,10 @@ class SharedLight:
         self._codes = mi.UInt32(np.append(cells, 0).astype(np.uint32))
 
     def towards(self, views: range) -> Any:
-        """Irradiance, and rest of the radiance towards each of `views`: cell c of the first view has the first colours
-        number 2 c and 2 c + 1. Irradiance is NaN where no sample has a matte part.
+        """Irradiance, and rest of the radiance towards each of `views`, as one array of colours on the device.
+
+        Colour 2 (k n + c) is the irradiance of cell c for the k-th of `views`, n the number of cells; the next colour
+        is the rest. Irradiance is NaN where no sample has a matte part.
         """
         rest = np.tensordot(self.views.weights[:, views], self._rest, (0, 0))
         irradiance = np.broadcast_to(self._irradiance, rest.shape)
