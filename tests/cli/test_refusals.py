@@ -82,6 +82,11 @@ match {im0} {im1} --num-disparities 128 -o {tmp}/d.pfm | num_disparities is 128:
 match {im0} {im1} --method sad:block_size=9999 -o {tmp}/d.pfm | is 9999: a window of
 match {im0} {im1} --method znc -o {tmp}/d.pfm | did you mean 'zncc'
 match {im0} {im1} --method sad --confidence {tmp}/c.pfm -o {tmp}/d.pfm | --confidence: sad computes none
+match {im0} {im1} --method sad:confidence=ambiguity --confidence {tmp}/d.pfm -o {tmp}/d.pfm | is also
+match {im0} {im1} --method sad:confidence=ambiguity --confidence {tmp}/c.png -o {tmp}/d.pfm | must end in .pfm
+match {im0} {im1} --method sad:num_disparities=4 --num-disparities 8 -o {tmp}/d.pfm | the search range of sad:num_disp
+match {im0} {im1} --method sad --command x -o {tmp}/d.pfm | both name a matcher
+match {im0} {im1} --min-disparity 64 -o {tmp}/d.pfm | min_disparity is 64: an image 64 pixels wide
 match {im0} {im1} --time-limit 3 -o {tmp}/d.pfm | applies to programs only
 match {im0} {im1} -o /proc/d.pfm | /proc/d.pfm
 match {file} {im1} -o {tmp}/d.pfm | file

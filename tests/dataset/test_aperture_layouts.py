@@ -177,6 +177,9 @@ def test_light_fields_of_other_rigs_are_refused(exported):
         InputError, match="s: the 6 cameras are not the n x n views of a light field"
     ):
         exported("eslf", {"s": light_field(grid)})
+    uneven = layouts.grid(CAMERA, 3, 3, 0.01, 0.02, SCENE.world_from_left)
+    with pytest.raises(InputError, match="t: the 9 cameras are not"):
+        exported("eslf", {"t": light_field(uneven)})
     with pytest.raises(
         InputError,
         match="u: hci4d needs an odd number of views per side and fx = fy, got 2 x 2",

@@ -135,6 +135,24 @@ def test_pycocotools_reads_the_annotations(data, coco):
             assert len(row["corners_px"]) == 8
 
 
+# of pycocotools 2.0.11
+@pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning")
+def test_a_detector_that_finds_the_annotations_has_a_precision_of_1(coco):
+    reader = pytest.importorskip("pycocotools.coco")
+    evaluation = pytest.importorskip("pycocotools.cocoeval")
+    truth = reader.COCO(coco / "annotations" / "instances.json")
+    keys = ("image_id", "category_id", "segmentation")
+    detections = [
+        {key: row[key] for key in keys} | {"score": 1.0}
+        for row in truth.loadAnns(truth.getAnnIds())
+    ]
+    evaluated = evaluation.COCOeval(truth, truth.loadRes(detections), "segm")
+    evaluated.evaluate()
+    evaluated.accumulate()
+    evaluated.summarize()
+    assert evaluated.stats[0] == pytest.approx(1)
+
+
 def bop_views(data, bop):
     """Of each view: its truth, and its entries in scene_camera, scene_gt and scene_gt_info."""
     for number, stored_sample in enumerate(data):
@@ -270,3 +288,4 @@ def test_bop_rejects_lens_distortion(tmp_path):
     message = "s: view 0 has lens distortion, which BOP cannot hold"
     with pytest.raises(InputError, match=message):
         export([distorted], tmp_path / "out", "bop")
+    assert export([distorted], tmp_path / "out", "coco")

@@ -5,6 +5,8 @@ import pytest
 
 import twinlens.matching as tm
 from twinlens.errors import InputError
+from twinlens.matching import StereoMatcher
+from twinlens.matching.contract import check_image_size
 
 OPTIONS = {
     "sadd": "did you mean 'sad'",
@@ -75,6 +77,22 @@ def test_wrong_images_and_arguments_are_refused():
         with pytest.raises(InputError, match=message) as refusal:
             tm.match(*images, **options)
         assert "\n" not in str(refusal.value), message
+
+
+LIMITS = {
+    "num_disparities": (79, 80, "num_disparities is 80: an image 40 pixels wide"),
+    "min_disparity": (-39, -40, "min_disparity is -40: .* from -39 to 39"),
+    "block_size": (79, 81, "is 81: a window of 79 covers all of an image of 40 x 30"),
+    "median": (79, 81, "median is 81"),
+}
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_searches_and_windows_up_to_the_size_of_the_images_are_accepted(name):
+    largest, larger, message = LIMITS[name]
+    check_image_size(StereoMatcher("sad", **{name: largest}), (30, 40))
+    with pytest.raises(InputError, match=message):
+        check_image_size(StereoMatcher("sad", **{name: larger}), (30, 40))
 
 
 def test_none_switches_an_option_off():

@@ -121,6 +121,15 @@ def test_focal_length_obeys_the_thin_lens_equation(s, v):
     assert optics.focal_length(math.inf, v) == pytest.approx(v)
 
 
+def test_blur_is_linear_in_disparity():
+    """c = (A/B) (d - d_focus), over depths on both sides of focus."""
+    fx, aperture, baseline, focus = 700.0, 0.02, 0.12, 1.5
+    z = np.linspace(0.4, 20, 50)
+    from_focus = fx * baseline / z - fx * baseline / focus
+    blur = optics.circle_of_confusion_px(z, aperture, fx, 1 / focus)
+    assert blur == pytest.approx(aperture / baseline * from_focus)
+
+
 def test_the_middle_focus_is_at_the_middle_of_the_disparities():
     middle = optics.middle_focus(0.7, 2.5)
     assert 1 / 0.7 - 1 / middle == pytest.approx(1 / middle - 1 / 2.5)

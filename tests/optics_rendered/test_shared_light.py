@@ -1,5 +1,7 @@
 """Light fields of shared light: each view is what a pinhole camera sees that is rendered by itself."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -17,6 +19,7 @@ from tests.optics_rendered.optics_lights import (
     wall_of,
 )
 from twinlens.camera import Projector, patterns
+from twinlens.errors import InputError
 from twinlens.rendering import backend
 from twinlens.scenes import SceneObject, Sky
 
@@ -172,3 +175,23 @@ def test_images_do_not_depend_on_the_number_of_threads():
 @pytest.mark.parametrize("depth", [1, 2, 3])
 def test_paths_end_where_they_do_in_other_images(depth):
     assert ratio(chequered_room(depth, surface=LACQUER), narrow_rig(), 4) < 2
+
+
+INFRARED = CAMERA.replace(band="nir")
+TURNED = np.array([[0.0, 0, 1, 0], [0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 1]])
+ROOM = chequered_room()
+DIRECT = replace(ROOM, integrator={"type": "direct"})
+
+
+@pytest.mark.parametrize(
+    ("scene", "rig", "spp", "message"),
+    [
+        (ROOM, tl.Rig([CAMERA] * 2, [HERE, TURNED]), 4, "parallel axes"),
+        (ROOM, tl.Rig([CAMERA, INFRARED], [HERE] * 2), 4, "see the same bands"),
+        (ROOM, narrow_rig(), 0, "spp"),
+        (DIRECT, narrow_rig(), 4, "another integrator than 'path'"),
+    ],
+)
+def test_what_shares_no_light_is_refused(scene, rig, spp, message):
+    with pytest.raises(InputError, match=message):
+        tl.render_light_field(scene, rig, spp)

@@ -58,3 +58,11 @@ def test_scenes_of_families_share_a_kernel_and_keep_their_images(tmp_path):
     assert [kernels for kernels, _ in shared] == [1, 0, 0]
     assert [kernels for kernels, _ in own] == [1, 1, 1]
     assert [digest for _, digest in shared] == [digest for _, digest in own]
+
+
+@pytest.mark.slow
+def test_the_order_of_scenes_changes_neither_kernels_nor_images(tmp_path):
+    forward = rows("shared", SCENES, tmp_path)
+    backward = rows("shared", SCENES[::-1], tmp_path)
+    assert [digest for _, digest in forward] == [digest for _, digest in backward[::-1]]
+    assert sum(kernels for kernels, _ in backward) == 0

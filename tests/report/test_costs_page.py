@@ -10,8 +10,9 @@ from scipy import ndimage
 
 import twinlens as tl
 from tests.report.test_page import Elements, browse, needs_chromium
+from twinlens.matching import StereoMatcher
 from twinlens.matching.costs import COSTS
-from twinlens.matching.methods import parse_method
+from twinlens.matching.methods import matcher_of_spec, parse_method
 from twinlens.report.page import page_html
 from twinlens.scoring import Pair, run_benchmark
 
@@ -304,3 +305,11 @@ def test_a_page_without_room_has_no_full_images(listed):
     assert grey() == [True, True]
     assert grey(budget_bytes=2000) == [True, False]
     assert grey(budget_bytes=100) == [False, False]
+
+
+def test_the_matcher_of_a_specification_on_a_board():
+    spec = parse_method("mine=census:block_size=3,census_window=5,p1=none").spec
+    expected = StereoMatcher("census", block_size=3, census_window=5, p1=None)
+    assert matcher_of_spec(spec) == expected
+    unknown = parse_method("opencv_bm").spec, "constant 3", "twinlens 9 zncc:unheard=3"
+    assert [matcher_of_spec(spec) for spec in unknown] == [None] * 3

@@ -402,6 +402,17 @@ def test_a_resumed_board_describes_all_machines():
     both = run_benchmark(samples, [a, b], board=elsewhere)
     assert both.meta["twinlens"] == f"0.0.1; {first.meta['twinlens']}"
     assert "several machines or versions" in both.meta["mixed"]
+    assert run_benchmark([pair("t", 1)], [a, b], board=both).meta == both.meta
+    replaced = run_benchmark(samples, [Constant("a", 5)], board=elsewhere)
+    assert replaced.meta == first.meta
+
+
+def test_a_resumed_board_without_scenes_gets_them():
+    samples = [replace(pair("s"), scene="hall"), pair("t", seed=1)]
+    board = run_cold(samples, [Constant("a", 4)])
+    assert board.scenes == {"s": "hall", "t": "t"}
+    earlier = replace(board, scenes={})
+    assert run_cold(samples, [Constant("a", 4)], board=earlier) == board
 
 
 def test_a_map_is_dropped_when_its_method_fails_or_changes(tmp_path):

@@ -10,6 +10,7 @@ from twinlens.studies import (
     depth_error,
     focus,
     pinhole,
+    radiometric,
     window,
 )
 from twinlens.studies.findings import Finding, compared
@@ -64,6 +65,11 @@ def test_a_difference_is_worded_by_its_sign(difference, result, holds):
     assert finding.holds is holds
 
 
+def test_the_size_of_a_difference_swaps_the_ends_of_its_interval():
+    finding = compared("a", Interval(-2.0, -5.0, 1.0, 7), "fewer", "more", "than b")
+    assert finding.measured == Interval(2.0, -1.0, 5.0, 7)
+
+
 def focus_rows(different):
     """Wrong pixels least half way between the foci; two equal foci at 20 %, different ones as given."""
     line = [
@@ -82,6 +88,24 @@ def focus_rows(different):
 
 def cameras_with_different_focus(different):
     return focus.conclude(focus_rows(different))[2]
+
+
+def best_focus(nearest):
+    """Wrong pixels of a focus at the near end of the range: 2 % at its middle, 4 % elsewhere."""
+    place = {"part": "map", "method": "sad", "aperture_px": focus.BLURS_PX[-1]}
+    wrong = {0.0: nearest, 0.5: 2.0}
+    rows = [{**place, "focus": at, "totbad2": wrong.get(at, 4.0)} for at in focus.FOCI]
+    return focus._best_focus(rows_of("focus", rows), "sad")
+
+
+def census(wrong):
+    """The best of the other costs has 8 % of wrong pixels."""
+    shares = {"census": wrong, "sad": 8.0, "rank": 20.0}
+    rows = [
+        {"change": "gain", "amount": 2.0, "method": method, "totbad2": share}
+        for method, share in shares.items()
+    ]
+    return radiometric.conclude(rows_of("radiometric", rows))[-1]
 
 
 def far_field_pattern(mtf50):
@@ -134,6 +158,10 @@ def growth_of_occlusion(power):
     [
         (cameras_with_different_focus, 30.0, 10, True),
         (cameras_with_different_focus, 10.0, 10, False),
+        (census, 5.0, 3, True),
+        (census, 11.0, 3, False),
+        (best_focus, 5.0, 2, True),
+        (best_focus, 0.0, 0, False),
         (far_field_pattern, 6.0, 1.5, True),
         (far_field_pattern, 9.0, 1.5, False),
         (adaptive_windows, 14.0, 6, True),

@@ -159,7 +159,13 @@ WRONG_CHOICES = {
     "did you mean 'aperture'": ("apertur", {}),
     "did you mean 'staircase'": ("window", {"scenes": ("stairs",)}),
     "takes no scenes": ("texture", {"scenes": ("cards",)}),
+    "takes no methods": ("pinhole", {"methods": ("sad",)}),
+    "did you mean 'zncc'": ("window", {"methods": ("zncd",)}),
     "at least one seed": ("window", {"seeds": 0}),
+    "at least one seed, each >= 0": ("window", {"first_seed": -1}),
+    "must be distinct": ("window", {"scenes": ("cards", "cards")}),
+    "unknown choice of a study 'sedes'; did you mean 'seeds'": ("window", {"sedes": 3}),
+    "spp of a study": ("window", {"spp": 0}),
     "width of a study must be a whole number >= 64, got 63": ("texture", {"width": 63}),
     "height of a study must be a whole number >= 48, got 47": ("window", {"width": 64, "height": 47}),
 }  # fmt: skip

@@ -92,5 +92,12 @@ def test_the_exponent_names_its_contrasts():
     assert "0.03" not in fewer.text
 
 
+def test_two_contrasts_do_not_decide_the_exponent():
+    few = rows(blunders=lambda contrast: 5.0 * (contrast < 0.05))
+    finding = texture.conclude(few)[-1]
+    assert not finding.decided
+    assert "{}" not in finding.text
+
+
 def test_another_exponent_does_not_hold():
     assert not texture.conclude(rows(power=-1.3))[-1].holds

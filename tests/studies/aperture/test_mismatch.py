@@ -88,6 +88,14 @@ def test_variances_of_the_noise_sums():
     assert difference.var() == pytest.approx(12 * SIDE**2, rel=0.1)
 
 
+@pytest.mark.parametrize("spread", [0.7, 8.0])
+def test_limits_without_texture_and_without_noise(spread):
+    """Of the shifts -16 to 15 those from -2 to 2 are right, the outer two half of the time after refinement."""
+    noise_alone, texture_alone = mismatch(np.array([0.0, 1e6]), spread, SIDE, NDISP)
+    assert noise_alone == pytest.approx(1 - 4 / 32, abs=0.03)
+    assert texture_alone == 0
+
+
 @pytest.mark.parametrize("spread", [1.3, 4.0])
 def test_interpolation_in_the_table(spread):
     ratios = np.array([0.2, 1.0, 5.0])
