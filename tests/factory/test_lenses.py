@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from pydantic import TypeAdapter
 
 from twinlens.camera import (
     Annulus,
+    ApertureLens,
     BareAperture,
     Disk,
     MaskAperture,
@@ -17,11 +19,13 @@ from twinlens.camera import (
     Polygon,
     ThinLens,
 )
+from twinlens.camera.lens import DIAMETER
 from twinlens.dataset import write_png
 from twinlens.errors import InputError
 from twinlens.factory import plan, recipe_from_table
-from twinlens.factory.lenses import LensTable, ShapeTable, make_lens
+from twinlens.factory.lenses import LensTable, ShapeTable, lens_forms, make_lens
 from twinlens.schema import StrictModel, read
+from twinlens.settings import Setting, Settings
 
 CELLS = [[0.0, 1.0, 0.5], [1.0, 0.25, 0.0]]
 LENSES = [
@@ -146,3 +150,18 @@ def test_invalid_aperture_shapes_are_errors(tmp_path, shape, message):
     with pytest.raises(InputError, match=message) as caught:
         recipe_from_table(table, tmp_path / "recipe.toml")
     assert "\n" not in str(caught.value)
+
+
+@dataclasses.dataclass(frozen=True)
+class Soft(Settings, ApertureLens, noun="lens"):
+    """A lens that is written by its fields."""
+
+    name = "soft"
+    aperture_diameter: Annotated[float, DIAMETER]
+    tilt: Annotated[float, Setting("Of the film.", "radians")]
+    aberration: Annotated[float, Setting("Spherical.", "1/m^3")] = 0.0
+
+
+def test_the_form_of_a_lens_has_the_units_and_brackets_what_may_be_left_out():
+    form = "soft:aperture_diameter=METRES,tilt=RADIANS[,aberration=VALUE]"
+    assert lens_forms([Soft])["soft"] == form

@@ -105,6 +105,7 @@ def main(folder: Path) -> dict[str, object]:
     return {
         "codes": codes,
         "fx": stored.rig.cameras[0].fx,
+        "blur_is": record["conventions"]["blur_circle_px"],
         "lens": repr(stored.lens(0).lens),
         "same_again": bool((again.shots[0].images[0] == stored.lens(0).image(0)).all()),
     }

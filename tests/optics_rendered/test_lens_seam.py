@@ -101,7 +101,7 @@ NEEDS_AN_APERTURE = {
     "mismatch": lambda lens: tl.Sensor().lenses(RIG, lens),
     "sample": lambda lens: make_sample(SCENE, RIG, [lens], Shoot(spp=1)),
 }
-A_PARAXIAL = "a paraxial lens (Pinhole, ThinLens or BareAperture)"
+A_PARAXIAL = "a paraxial lens (one shift of all rays for each point of the aperture, as ThinLens has)"
 AN_OPEN = "a lens with an aperture (an ApertureLens, as ThinLens is)"
 
 
@@ -176,6 +176,7 @@ def test_samples_of_a_new_lens_are_made_verified_and_made_again(commands):
     assert "sharp to" not in printed  # a lens with two foci has no one depth of field
     assert results["lens"] == repr(LENS.replace(aperture=tl.Polygon(6)))
     assert results["same_again"]
+    assert "vergence" not in results["blur_is"]  # it has two
     maps = np.load(folder / "maps.npz")
     for name in ("rendered", "generated"):
         depth, blur = maps[f"{name}_depth"], maps[f"{name}_blur"]

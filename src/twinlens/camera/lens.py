@@ -55,6 +55,7 @@ F_NUMBER = Field(
 )
 
 _STRATA = 256  # per side, over a bare aperture that is not a disk
+_BLUR_POINTS = 33  # of the aperture's horizontal diameter, with both ends
 
 Vector = tuple[Any, Any, Any]
 """Components x, y, z, which broadcast against each other."""
@@ -133,16 +134,27 @@ class ApertureLens(Lens):
     ) -> Float:
         """Signed width of the blur circle along the rows of the image, pixels, of points at `depth`; float64.
 
-        That of the rays through both ends of the aperture's horizontal diameter; positive before the plane of focus.
+        The largest distance between rays through 33 points of the aperture's horizontal diameter. These rays need not
+        be those at the rim: with spherical aberration the rim can be sharp where the rest is not. The width is
+        positive, as before the plane of focus, if of the two rays farthest apart at `depth` the right one is also the
+        right one in the aperture.
 
         depth : metres along the axis, > 0; +inf is allowed.
         x, y : film points, by default on the axis.
         """
         radius = 0.5 * self.aperture_diameter
         inverse_depth = 1.0 / np.asarray(depth, dtype=np.float64)
-        left = self._tangent_at(x, y, -radius, inverse_depth)
-        right = self._tangent_at(x, y, radius, inverse_depth)
-        return np.asarray(fx * (right - left))
+        least = most = self._tangent_at(x, y, -radius, inverse_depth)
+        ax_least = ax_most = np.asarray(-radius)
+        # One ray at a time, as `depth` may be a map of many pixels.
+        for ax in np.linspace(-radius, radius, _BLUR_POINTS)[1:]:
+            tangent = self._tangent_at(x, y, ax, inverse_depth)
+            ax_least = np.where(tangent < least, ax, ax_least)
+            ax_most = np.where(tangent > most, ax, ax_most)
+            least = np.minimum(tangent, least)
+            most = np.maximum(tangent, most)
+        sign = np.where(ax_most < ax_least, -1.0, 1.0)
+        return np.asarray(fx * sign * (most - least))
 
     def _tangent_at(self, x: Any, y: Any, ax: float, inverse_depth: Float) -> Any:
         """X/Z of the point at a depth on the ray through (ax, 0) of the aperture."""
@@ -174,13 +186,18 @@ class ApertureLens(Lens):
         return natural_vignetting(x[None, :], y[:, None])
 
     def adjusted(self, f_number: float, defocus: float) -> "ApertureLens":
-        """The lens with the aperture diameter divided by `f_number`, and with the vergence raised by `defocus`, 1/m."""
+        """The lens with the aperture diameter divided by `f_number`, and with the vergence raised by `defocus`, 1/m.
+
+        Its light on the axis is divided by f_number^2; chief rays, vignetting and film distance stay. A `rays` of the
+        lens must start at points of the aperture: those are drawn towards the middle. A lens for which this is not
+        right replaces `adjusted`.
+        """
         return _Adjusted(self, f_number, defocus)
 
 
 @dataclass(frozen=True)
-class _Adjusted(ApertureLens):
-    """A lens stopped down by a factor, whose rays are tilted by another focus."""
+class _Forwarded(ApertureLens):
+    """All but the rays of a lens that is stopped down by a factor and has another focus."""
 
     lens: ApertureLens
     f_number: float
@@ -198,12 +215,79 @@ class _Adjusted(ApertureLens):
     def aperture(self) -> Aperture:  # type: ignore[override]
         return self.lens.aperture
 
+    @property
+    def is_bare(self) -> bool:  # type: ignore[override]
+        return self.lens.is_bare
+
+    def distance_to_film(self, camera: Camera) -> float:
+        return self.lens.distance_to_film(camera)
+
+    def irradiance(self, camera: Camera) -> float:
+        """In proportion to the area of the aperture."""
+        return self.lens.irradiance(camera) / self.f_number**2
+
+    def relative_light(self, camera: Camera) -> Float:
+        return self.lens.relative_light(camera)
+
+    def blur_px(
+        self, depth: ArrayLike, fx: float, x: ArrayLike = 0.0, y: ArrayLike = 0.0
+    ) -> Float:
+        """That of the adjusted rays, or from the lens's own: c = A fx (1/z - k) with another A and k."""
+        if not _replaces(self.lens, "blur_px"):
+            return super().blur_px(depth, fx, x, y)
+        tilt = self.lens.aperture_diameter * fx * self.defocus
+        return (self.lens.blur_px(depth, fx, x, y) - tilt) / self.f_number
+
+    def depth_of_field(self, fx: float) -> tuple[float, float] | None:
+        """That of the adjusted lens, or from the lens's own: 1/z = k +- c / (A fx) with another A and k."""
+        if not _replaces(self.lens, "depth_of_field"):
+            return super().depth_of_field(fx)
+        depths = self.lens.depth_of_field(fx)
+        if depths is None or (self.f_number, self.defocus) == (1.0, 0.0):
+            return depths
+        near, far = depths
+        if not 0 < near <= far < np.inf:
+            return None  # k does not follow from one end alone
+        middle = 0.5 * (1 / near + 1 / far) + self.defocus
+        margin = 0.5 * (1 / near - 1 / far) * self.f_number
+        ends = middle + margin, middle - margin
+        near, far = (1 / end if end > 0 else np.inf for end in ends)
+        return near, far
+
+
+def _replaces(lens: ApertureLens, name: str) -> bool:
+    """Whether a lens has a method of its own instead of that of its level."""
+    method = getattr(type(lens), name)
+    return method not in (getattr(ApertureLens, name), getattr(Paraxial, name))
+
+
+@dataclass(frozen=True)
+class _Adjusted(_Forwarded):
+    """A lens stopped down by a factor, whose rays are tilted by another focus."""
+
+    def rays(
+        self, x: Any, y: Any, u1: Any, u2: Any, xp: ArrayFunctions = NUMPY
+    ) -> tuple[Vector, Vector, Any]:
+        if not _replaces(self.lens, "rays"):
+            return super().rays(x, y, u1, u2, xp)
+        (ax, ay, _), _, weight = self.lens.rays(x, y, u1, u2, xp)
+        scale = xp.constant(1.0 / self.f_number)
+        origin, direction, _ = self.through(x, y, scale * ax, scale * ay, xp)
+        return origin, direction, weight
+
     def through(
         self, x: Any, y: Any, ax: Any, ay: Any, xp: ArrayFunctions = NUMPY
     ) -> tuple[Vector, Vector, Any]:
         origin, (dx, dy, dz), weight = self.lens.through(x, y, ax, ay, xp)
         defocus = xp.constant(self.defocus)
         return origin, (dx - defocus * ax * dz, dy - defocus * ay * dz, dz), weight
+
+    def chief_ray(self, x: Any, y: Any) -> tuple[Vector, Vector]:
+        """That of the lens: the middle of the aperture has no tilt."""
+        return self.lens.chief_ray(x, y)
+
+    def adjusted(self, f_number: float, defocus: float) -> "_Adjusted":
+        return _Adjusted(self.lens, self.f_number * f_number, self.defocus + defocus)
 
 
 class Paraxial(ApertureLens):
@@ -237,7 +321,7 @@ class Paraxial(ApertureLens):
     def blur_px(
         self, depth: ArrayLike, fx: float, x: ArrayLike = 0.0, y: ArrayLike = 0.0
     ) -> Float:
-        """`optics.circle_of_confusion_px`: the same at all film points."""
+        """`optics.circle_of_confusion_px`: the same at all film points. Samples rely on this."""
         return optics.circle_of_confusion_px(
             depth, self.aperture_diameter, fx, self.vergence
         )
@@ -246,9 +330,23 @@ class Paraxial(ApertureLens):
         return optics.depth_of_field(self.aperture_diameter, fx, self.vergence)
 
     def adjusted(self, f_number: float, defocus: float) -> "Paraxial":
-        # A, k and the shape of the aperture are all there is to the rays.
-        diameter = self.aperture_diameter / f_number
-        return ThinLens(diameter, np.inf, self.aperture, self.vergence + defocus)
+        return _AdjustedParaxial(self, f_number, defocus)
+
+
+@dataclass(frozen=True)
+class _AdjustedParaxial(_Forwarded, Paraxial):  # type: ignore[misc]  # depth_of_field may be None
+    """A paraxial lens with another aperture diameter and vergence."""
+
+    lens: Paraxial
+
+    @property
+    def vergence(self) -> float:
+        return self.lens.vergence + self.defocus
+
+    def adjusted(self, f_number: float, defocus: float) -> "_AdjustedParaxial":
+        return _AdjustedParaxial(
+            self.lens, self.f_number * f_number, self.defocus + defocus
+        )
 
 
 def paraxial_ray(
@@ -400,7 +498,7 @@ def check_lens(lens: object) -> Lens:
     """`lens`, if it is a lens. Raises InputError for other objects."""
     if not isinstance(lens, Lens):
         raise InputError(
-            f"a lens must be a Pinhole, ThinLens or BareAperture, got {format_value(lens)}"
+            f"a lens must be a twinlens.camera.Lens, such as Pinhole or ThinLens, got {format_value(lens)}"
         )
     return lens
 
@@ -416,17 +514,21 @@ def require_aperture(lens: object, purpose: str) -> ApertureLens:
 
 
 def require_paraxial(lens: object, purpose: str) -> Paraxial:
-    """`lens`, if it is paraxial. Raises InputError that says what needs it: `purpose`, as "a lens grid"."""
+    """`lens`, if it is paraxial. Raises InputError that says what needs it: `purpose`, as "a lens grid".
+
+    What needs it moves an image by one shift for each point of the aperture, the same at all film points.
+    """
     checked = check_lens(lens)
     if not isinstance(checked, Paraxial):
         raise InputError(
-            f"{purpose} needs a paraxial lens (Pinhole, ThinLens or BareAperture), got the lens {checked.name!r}"
+            f"{purpose} needs a paraxial lens (one shift of all rays for each point of the aperture, as ThinLens has), "
+            f"got the lens {checked.name!r}"
         )
     return checked
 
 
 def check_lens_on(camera: Camera, lens: object) -> None:
-    """Raise InputError unless `lens` is a lens, and one of zero width if the camera `is_wide`.
+    """Raise InputError unless `lens` is a lens, and a `Pinhole` if the camera `is_wide`.
 
     The film points of a lens are ideal coordinates (x, y), which such a camera does not have.
     """

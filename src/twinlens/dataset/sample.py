@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.camera import ApertureLens, Camera, RecipeLens, Rig
+from twinlens.camera import ApertureLens, Camera, Paraxial, RecipeLens, Rig
 from twinlens.camera.truth import Truth
 from twinlens.errors import InputError
 
@@ -109,5 +109,7 @@ def blur_circle_px(
     depth: NDArray[Any], camera: Camera, lens: ApertureLens
 ) -> NDArray[np.float32]:
     """`ApertureLens.blur_px` of the depth map of a camera, pixels, float32 (H, W)."""
+    if isinstance(lens, Paraxial):  # its blur is the same at all film points
+        return lens.blur_px(depth, camera.fx).astype(np.float32)
     x, y, _ = np.moveaxis(camera.unproject(camera.pixel_grid()), -1, 0)
     return lens.blur_px(depth, camera.fx, x, y).astype(np.float32)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 import twinlens
+from twinlens.camera import Paraxial
 from twinlens.camera.truth import MATERIAL_KINDS
 from twinlens.dataset.channels import CHANNELS, view_files
 from twinlens.dataset.codecs.calib import Calibration, encode_calib, tidy
@@ -34,6 +35,10 @@ CONVENTIONS = {
     "objects": "per view; pixel boxes are u, v, width, height, all 0 if empty; silhouettes are COCO's run-length code",
     "blur_circle_px": "signed diameter, aperture_diameter * fx * (1/z - vergence); positive before the plane of focus",
 }
+WIDTH_OF_BLUR = (
+    "signed width of the blur circle along the rows; positive before the plane of focus"
+)
+"""What `blur_circle_px` is for a lens that is not paraxial, which has no vergence."""
 
 
 def sample_files(sample: Sample) -> dict[str, bytes]:
@@ -89,6 +94,13 @@ def _calibration(sample: Sample) -> Calibration:
     return Calibration.from_rig(rig, ndisp).replace(vmin=float(low), vmax=float(high))
 
 
+def _conventions(sample: Sample) -> dict[str, str]:
+    """`CONVENTIONS`, with the blur of the lens that `blur_circle_px` belongs to."""
+    if not sample.shots or isinstance(sample.shots[0].lens, Paraxial):
+        return CONVENTIONS
+    return {**CONVENTIONS, "blur_circle_px": WIDTH_OF_BLUR}
+
+
 def _record(sample: Sample) -> dict[str, Any]:
     """The content of sample.json."""
     rig = sample.rig.nominal
@@ -108,7 +120,7 @@ def _record(sample: Sample) -> dict[str, Any]:
         "format": KIND,
         "version": VERSION,
         "twinlens": twinlens.__version__,
-        "conventions": CONVENTIONS,
+        "conventions": _conventions(sample),
         "rig": plain(sample.rig),
         "rectified": sample.is_rectified,
         "pair": pair,

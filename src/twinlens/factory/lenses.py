@@ -305,12 +305,14 @@ def lens_forms(
 
 
 def _pairs_form(lens: type[Any]) -> str:
-    """The fields of a lens that a text can give, those with a default in brackets: `width=VALUE,[height=VALUE]`."""
-    pairs = []
+    """The fields of a lens that a text can give, those with a default in brackets: `width=METRES[,bend=VALUE]`."""
+    form = ""
     for field in _plain_fields(lens):
-        pair = f"{field.name}=VALUE"
-        pairs.append(pair if field.required else f"[{pair}]")
-    return ",".join(pairs)
+        unit = field.setting.unit
+        value = unit.upper() if unit.isalpha() else "VALUE"  # not for "1/m"
+        pair = f"{',' if form else ''}{field.name}={value}"
+        form += pair if field.required else f"[{pair}]"
+    return form
 
 
 def _plain_fields(lens: type[Any]) -> list[DeclaredField]:
