@@ -198,7 +198,7 @@ def test_unseen_pixels_map_outside():
 def test_a_matrix_that_is_not_a_rotation_raises():
     with pytest.raises(InputError, match="rotation"):
         undistort_maps(camera(None), camera(None), to_from_camera=2 * np.eye(3))
-    with pytest.raises(InputError, match="determinant"):
+    with pytest.raises(InputError, match="mirror image"):
         undistort_maps(
             camera(None), camera(None), to_from_camera=np.diag([-1.0, 1.0, 1.0])
         )
