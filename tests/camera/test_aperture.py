@@ -38,6 +38,17 @@ def stratified(side: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     return tuple(((cell + rng.random(cell.shape)) / side).T)
 
 
+def test_stratified_samples_have_less_noise_than_random_ones():
+    """The mean of x^2 over a hexagon of unit side is 5 / 24."""
+    shape, rng = Polygon(6), np.random.default_rng(0)
+    strata, loose = (
+        [np.mean(shape.sample(*points)[0] ** 2) - 5 / 24 for points in sets]
+        for sets in (map(stratified, [16] * 30, range(30)), rng.random((30, 2, 256)))
+    )
+    assert np.std(strata) < np.std(loose) / 5
+    assert abs(np.mean(strata)) < 4 * np.std(strata) / math.sqrt(30)
+
+
 @pytest.mark.parametrize("shape", SHAPES, ids=IDS)
 def test_samples_are_distributed_as_the_transmission(shape):
     """Counts on a grid equal the transmission integrated over the grid's cells, within five standard errors."""

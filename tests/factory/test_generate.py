@@ -10,7 +10,10 @@ import pytest
 from tests.factory_recipes import RECIPE, digests, write_recipe
 from twinlens.dataset import (
     Dataset,
+    Manifest,
+    Row,
     read_manifest,
+    write_manifest,
 )
 from twinlens.dataset.files import locked
 from twinlens.dataset.sample_files import sample_files
@@ -80,9 +83,12 @@ def test_the_manifest_names_recipe_tools_and_splits(recipe, whole):
     assert [row.info["index"] for row in manifest.rows] == [0, 1, 2, 3]
 
 
-def test_an_interrupted_run_leaves_whole_samples_and_resumes(recipe, whole, folder):
+@pytest.mark.parametrize("calls", [0, 2, 5, 8])
+def test_an_interrupted_run_leaves_whole_samples_and_resumes(
+    recipe, whole, folder, calls
+):
     with pytest.raises(KeyboardInterrupt):
-        generate(recipe, folder, report=interrupting(5))
+        generate(recipe, folder, report=interrupting(calls))
     assert not list(folder.glob(".*unfinished*"))
     there = len(list(folder.glob("[0-9]*")))
     again = generate(recipe, folder)
@@ -180,6 +186,45 @@ def test_other_tools_are_refused(recipe, folder):
     record["record"]["versions"]["mitsuba"] = "3.9.0"
     sample.write_text(json.dumps(record))
     with pytest.raises(InputError, match=r"other versions made it .*mitsuba"):
+        generate(recipe, folder)
+
+
+def test_a_list_that_was_lost_comes_back_from_the_samples(recipe, whole, folder):
+    shutil.copytree(whole, folder)
+    (folder / "dataset.json").unlink()
+    with pytest.raises(InputError, match=r"if dataset\.json was lost, move that file"):
+        generate(recipe, folder)
+    for path in folder.iterdir():
+        if path.is_file():
+            path.unlink()
+    outcome = generate(recipe, folder)
+    assert (outcome.made, outcome.before, outcome.complete) == (0, 4, True)
+    assert digests(folder) == digests(whole)
+
+
+def test_a_sample_that_was_taken_away_is_made_again(recipe, whole, folder):
+    shutil.copytree(whole, folder)
+    shutil.rmtree(folder / "0000001")
+    assert generate(recipe, folder).made == 1
+    assert digests(folder) == digests(whole)
+
+
+def test_a_folder_in_which_nothing_was_made_takes_another_recipe(
+    recipe, folder, tmp_path
+):
+    """As after a mistake that only the first sample shows."""
+    with pytest.raises(KeyboardInterrupt):
+        generate(recipe, folder, report=interrupting(0))
+    text = RECIPE.replace("spp = 1", "spp = 2")
+    assert generate(read_recipe(write_recipe(tmp_path, text, count=1)), folder).complete
+    assert read_manifest(folder).recipe["spp"] == 2
+
+
+def test_a_dataset_of_render_is_left_alone(recipe, folder):
+    write_manifest(folder, Manifest((Row("cards", {}, {"scene": "cards"}),), seed=0))
+    with pytest.raises(
+        InputError, match="`twinlens generate` did not make; name a new"
+    ):
         generate(recipe, folder)
 
 

@@ -155,3 +155,9 @@ def test_warped_pictures_cannot_be_photographed_again(record):
     warped["record"]["rectified_from"] = {"pictures": "maps"}
     with pytest.raises(InputError, match="rectify that sample again"):
         remake(warped)
+
+
+@pytest.mark.parametrize("argument", ["out/cards", tl.Dataset, None], ids=str)
+def test_what_is_no_record_is_refused_with_where_to_find_one(argument):
+    with pytest.raises(InputError, match=r"^record must be a sample's, such as"):
+        remake(argument)

@@ -25,10 +25,11 @@ from tests.factory_recipes import (
 )
 from twinlens.dataset import place
 from twinlens.dataset.record import plain
-from twinlens.errors import InputError
+from twinlens.errors import BackendError, InputError, MissingExtraError
 from twinlens.factory import generate, read_recipe, sample, workers
 from twinlens.factory.workers import (
     Order,
+    dask_cluster,
     make_one,
     usual_workers,
     worker_processes,
@@ -234,6 +235,19 @@ def test_a_scheduler_of_the_users_serves_as_well(recipe, whole, tmp_path):
             process.terminate()
             process.wait()
     assert digests(tmp_path / "set") == digests(whole)
+
+
+def test_a_scheduler_that_does_not_answer_is_an_error(recipe, tmp_path):
+    read, cluster = read_recipe(recipe), dask_cluster("nonsense://x")
+    with pytest.raises(BackendError, match="no Dask scheduler answers at 'nonsense:"):
+        generate(read, tmp_path / "set", engine=cluster)
+    assert not (tmp_path / "set").exists()
+
+
+def test_without_dask_the_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'twinlens\[cluster\]'"):
+        dask_cluster("tcp://host:1")
 
 
 def test_a_worker_with_other_tools_refuses(recipe, tmp_path):

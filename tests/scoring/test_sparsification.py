@@ -39,6 +39,7 @@ def test_the_area_is_that_of_a_fine_sum_over_random_orders(pixels):
     )  # of middles: exact to second order
     curve = sparsification(values, bad)
     assert curve.auc == pytest.approx(area, abs=1e-4)
+    assert curve.auc >= curve.optimal_auc - 1e-12
     assert curve.error_rates[-1] == pytest.approx(bad.mean())
 
 

@@ -3,6 +3,7 @@
 import stat
 import struct
 import zipfile
+import zlib
 
 import numpy as np
 import pytest
@@ -204,6 +205,12 @@ def test_every_lens_of_a_sample_has_a_plain_name(tmp_path):
             np.testing.assert_array_equal(found, DISP + k, err_msg=str(names))
 
 
+def test_a_map_of_one_lens_is_not_used_for_another(tmp_path):
+    submission = submitted(tmp_path / "my", {"s/lens-1.pfm": PFM}, packed=False)
+    with pytest.raises(FileError, match=r"no map of 's · pinhole': expected s/lens-0"):
+        submission.map_of("s · pinhole", SHAPE, LENSES["s · pinhole"])
+
+
 def link(info):
     info.external_attr = (stat.S_IFLNK | 0o777) << 16
 
@@ -214,6 +221,12 @@ def test_a_zip_with_names_or_links_that_leave_it_is_refused(tmp_path):
             zipped(tmp_path / "evil.zip", [(name, PFM)])
     with pytest.raises(FileError, match=r"s\.pfm is a link"):
         zipped(tmp_path / "evil.zip", [("s.pfm", PFM)], link)
+
+
+@pytest.mark.filterwarnings("ignore:Duplicate name")
+def test_a_duplicate_name_is_refused(tmp_path):
+    with pytest.raises(FileError, match="occurs twice"):
+        zipped(tmp_path / "evil.zip", [("s.pfm", PFM), ("s.pfm", PFM)])
 
 
 def test_an_encrypted_member_is_refused(tmp_path):
@@ -268,6 +281,18 @@ def test_a_bomb_with_a_false_size_is_not_unpacked(tmp_path, monkeypatch):
         submission.map_of("s", SHAPE)
     assert max(read) <= 65561
     assert min(read) >= 0
+
+
+def test_a_small_png_that_claims_a_large_picture_is_refused_by_its_header(tmp_path):
+    header = struct.pack(">IIBBBBB", 8000, 8000, 16, 0, 0, 0, 0)
+    png = b"\x89PNG\r\n\x1a\n"
+    chunks = (b"IHDR", header), (b"IDAT", zlib.compress(bytes(1000))), (b"IEND", b"")
+    for kind, data in chunks:
+        check = struct.pack(">I", zlib.crc32(kind + data))
+        png += struct.pack(">I", len(data)) + kind + data + check
+    (tmp_path / "s.png").write_bytes(png)
+    with pytest.raises(FileError, match=r"s\.png: is 8000 x 8000; the truth is 3 x 2"):
+        open_submission(tmp_path).map_of("s", SHAPE)
 
 
 def test_a_bad_map_is_refused_by_its_name(tmp_path):

@@ -1,5 +1,7 @@
 """The occluded share against geometry."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -42,3 +44,11 @@ def test_a_card_occludes_a_strip_as_wide_as_the_difference_of_disparities(base):
     )
     # Each border of the strip, of 36 rows, may move by half a pixel.
     assert occluded_percent(stage) == pytest.approx(expected, abs=100 * 36 / (96 * 72))
+
+
+def test_pixels_outside_the_right_image_are_not_counted():
+    disparity = np.float32([[3.0, 1.0, 1.0, 1.0, np.inf]])
+    visible = np.array([[False, True, True, False, False]])
+    truth = SimpleNamespace(disparity=disparity, visible=visible)
+    stage = SimpleNamespace(truth=truth, camera=SimpleNamespace(width=5))
+    assert occluded_percent(stage) == pytest.approx(100 / 3)

@@ -8,6 +8,7 @@ from twinlens.studies.radiometric import (
     SENSOR,
     changed_pair,
     image_pair,
+    is_local,
 )
 from twinlens.studies.stage import Stage
 
@@ -23,6 +24,20 @@ def test_the_neutral_amount_changes_nothing(name):
     left, right = changed(name, CHANGES[name].neutral)
     assert np.array_equal(left, GREY)
     assert np.array_equal(right, GREY)
+
+
+@pytest.mark.parametrize("name", ["gain", "gamma", "vignetting"])
+def test_the_left_image_is_unchanged(name):
+    left, right = changed(name, CHANGES[name].amounts[0])
+    assert np.array_equal(left, GREY)
+    assert not np.array_equal(right, GREY)
+
+
+def test_local_costs_are_recognised():
+    others = ("sgm", "sgm4", "sad:optimisation=sgm8", "adaptive")
+    program = "program:command='prog {left} {right} {out}'"
+    assert all(map(is_local, ("sad", "zncc:block_size=21")))
+    assert not any(map(is_local, (*others, program)))
 
 
 def test_gain_multiplies_and_saturates():

@@ -31,6 +31,19 @@ def test_nine_digits_preserve_float32(values):
     assert np.array_equal(np.float32(back), np.float32(values))
 
 
+def test_quotes_and_values_that_are_not_finite_in_a_file():
+    rows = ({"name": 'a,"b"', "z_m": 1}, {"name": "", "z_m": math.nan}, {"name": "x", "z_m": -math.inf})  # fmt: skip
+    text = 'name,z_m\n"a,""b""",1\n,nan\nx,-inf\n'
+    assert to_csv(Table(COLUMNS, rows)) == text
+
+
+def test_other_columns_are_refused():
+    with pytest.raises(InputError, match="did you mean 'z_m'"):
+        Table(COLUMNS, ()).numbers("z_mm")
+    with pytest.raises(InputError, match="expected name, z_m"):
+        from_csv("name,depth\na,1\n", COLUMNS)
+
+
 def test_missing_values_are_filled():
     filled = filled_table(COLUMNS, [{"name": "a"}, {"z_m": 2.0}])
     assert [row["name"] for row in filled] == ["a", ""]

@@ -23,6 +23,22 @@ def test_noise_has_the_requested_contrast_and_grain(scale, contrast):
     assert np.mean(slopes) == pytest.approx((1 - np.exp(-1.0 / scale**2)) / 2, rel=0.06)
 
 
+def test_noise_depends_on_the_seed_alone():
+    first, again, second = (noise_texture(50, 40, 1.0, 0.2, seed) for seed in (1, 1, 2))
+    assert np.array_equal(first, again)
+    assert abs(np.corrcoef(first.ravel(), second.ravel())[0, 1]) < 0.2
+
+
+def test_a_plane_has_the_same_number_of_texels_at_every_distance():
+    near, far = (
+        noise_planes(CAMERA, 1e-6, depth, 1)[0].scene.objects[0] for depth in (1.0, 8.0)
+    )
+    texels = [plane.emitter["radiance"].pixels for plane in (near, far)]
+    assert np.array_equal(*texels)
+    ratio = far.world_from_object[1, 1] / near.world_from_object[1, 1]
+    assert ratio == pytest.approx(8)
+
+
 @pytest.mark.parametrize(("depth", "base"), [(1.0, 0.3), (8.0, 0.06)])
 def test_a_plane_fills_both_views(depth, base):
     stage = noise_planes(CAMERA, base, depth, 1)[0]

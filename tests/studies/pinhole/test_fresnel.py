@@ -27,6 +27,29 @@ def test_the_fourier_transform_is_hopkins_transfer_function(diameter, depth):
     assert np.abs(measured - theory).max() < 0.03
 
 
+def test_a_wide_hole_gives_its_shadow():
+    """Fresnel number 90: uniform light inside the hole's projection, apart from fringes."""
+    diameter, depth = 3e-3, 1.0
+    shadow = 0.5 * diameter * (1 + FILM / depth)
+    radius = np.linspace(0.0, 1.5 * shadow, 600)
+    light = intensity(radius, diameter, FILM, depth, WAVE) * radius
+    inside = light[radius < shadow].sum()
+    assert inside > 0.96 * light.sum()
+    half = light[radius < shadow / np.sqrt(2)].sum()
+    assert half == pytest.approx(inside / 2, rel=0.04)
+
+
+def test_a_sampled_pattern_has_the_transfer_function():
+    """The pupil limits the band, so that sampling above twice the cutoff frequency is exact."""
+    diameter, depth, pitch = 0.26e-3, 10.0, 8e-6
+    kernel = fresnel_kernel(diameter, FILM, depth, WAVE, pitch, sub=1)
+    frequency = np.linspace(0.0, 0.9 * diameter / (WAVE * FILM), 12)[1:]
+    places = (np.arange(kernel.shape[0]) - kernel.shape[0] // 2) * pitch
+    measured = np.cos(2 * np.pi * np.outer(frequency, places)) @ kernel.sum(axis=0)
+    theory = transfer(frequency, diameter, FILM, depth, WAVE)
+    assert np.abs(measured - theory).max() < 0.01
+
+
 def test_a_small_hole_gives_the_airy_pattern():
     """Fresnel number 0.02: almost constant phase across the hole."""
     diameter, pitch = 0.05e-3, 40e-6
