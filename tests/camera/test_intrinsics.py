@@ -73,6 +73,11 @@ def test_x_is_right_and_y_is_down():
     assert camera.project([0.1, 0.2, 1.0]).tolist() == [60.0, 60.0]
 
 
+@pytest.mark.parametrize("z", [0.0, -1.0])
+def test_points_behind_the_camera_have_no_pixel(z):
+    assert np.isnan(Camera.from_fov(64, 48, 60).project([0.1, 0.1, z])).all()
+
+
 @given(st.integers(1, 4000), st.integers(1, 4000), st.floats(0.5, 175))
 def test_from_fov_spans_its_angle_from_edge_to_edge(width, height, fov):
     camera = Camera.from_fov(width, height, fov)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import twinlens as tl
+from twinlens.camera.parts import check_parts
 from twinlens.errors import InputError
 
 DISK = tl.Disk()
@@ -70,6 +71,10 @@ def test_shares_are_those_of_the_cell(side):
     )
 
 
+CAMERA = tl.Camera(48, 36, 50.0, 50.0, 23.5, 17.5)
+RIGHT = tl.ThinLens(0.05, 2.0, tl.MaskAperture([[0.0, 1.0]]))
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [
@@ -80,6 +85,9 @@ def test_shares_are_those_of_the_cell(side):
         (lambda: tl.Masks([[1, 0]]), r"masks \(P, H, W\)"),
         (lambda: tl.Masks([[[0.6]], [[0.6]]]), "add up to 1 at most"),
         (lambda: tl.Masks([[[math.nan]]]), "shares from 0 to 1"),
+        (lambda: check_parts("dual", RIGHT), "Dual, Quad, Grid or Masks, got 'dual'"),
+        (lambda: check_parts(tl.Dual(), tl.Pinhole()), "a pinhole has none"),
+        (lambda: tl.dual_pixel_disparity([[1.0]], CAMERA, RIGHT), "light in both"),
     ],
 )
 def test_parts_that_make_no_sense_are_refused(make, message):

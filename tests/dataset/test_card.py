@@ -21,7 +21,7 @@ from twinlens.dataset import (
 )
 from twinlens.dataset.pictures import contact_sheet, statistics_figure, tile
 from twinlens.dataset.statistics import statistics
-from twinlens.errors import InputError
+from twinlens.errors import FileError, InputError
 
 rdflib_warns = pytest.mark.filterwarnings("ignore::DeprecationWarning:rdflib")
 
@@ -99,6 +99,10 @@ def test_unreadable_samples_are_listed_and_not_counted(tmp_path):
     assert "Unreadable, and not counted: a." in text
     with Image.open(tmp_path / "samples.jpg") as sheet:
         assert sheet.size[0] == 160 + 8
+    for name in "bc":
+        (tmp_path / name / "sample.json").write_text("{")
+    with pytest.raises(FileError, match="no sample can be read"):
+        describe(tmp_path)
 
 
 def test_the_contact_sheet_shows_each_image():

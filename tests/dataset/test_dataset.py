@@ -59,6 +59,11 @@ def test_a_slice_is_a_dataset_of_the_same_manifest(folder):
     assert Dataset(folder)[1:].manifest.seed == 5
 
 
+def test_a_selection_needs_names(folder):
+    with pytest.raises(InputError, match="select needs the names of quantities"):
+        Dataset(folder).select()
+
+
 def test_arrays_are_read_from_the_file_each_time(folder):
     sample = Dataset(folder)[0]
     sample.disp0[:] = 0
@@ -154,6 +159,7 @@ def test_an_invalid_manifest_is_rejected(folder, tmp_path):
     for change, message in (
         ({"version": 9}, "reads version 1"),
         ({"format": "other"}, "not a twinlens-dataset file"),
+        ({"samples": []}, "lists no sample"),
         ({"samples": [{**first, "name": "../b"}]}, r"samples\[0\]\.name: '../b' is not a plain relative name"),
         ({"samples": [first, {**second, "name": "b"}]}, "'b' twice"),
         ({"samples": [{**first, "files": {"/etc/passwd": ""}}]}, "plain relative name"),

@@ -16,6 +16,7 @@ from twinlens.dataset.record import (
     LENS,
     RIG,
     annotation_of,
+    decode_json,
     encode_json,
     plain,
     read,
@@ -176,6 +177,13 @@ def test_a_rig_of_an_earlier_version_is_read():
     written = plain(rig)
     written["believed"] = written.pop("calibrated")
     assert rig_from_plain(written).calibrated is None
+
+
+@pytest.mark.parametrize("text", [b'{"a": NaN}', b"[Infinity]", b"-Infinity"])
+def test_json_constants_are_rejected(text):
+    message = r'r\.json: .* is not JSON; write null for NaN, "inf" for infinity'
+    with pytest.raises(FileError, match=message):
+        decode_json(text, "r.json", "kind", 1)
 
 
 def test_an_alias_of_an_array_type_is_an_array():

@@ -228,6 +228,13 @@ def test_a_dataset_of_render_is_left_alone(recipe, folder):
         generate(recipe, folder)
 
 
+@pytest.mark.parametrize("part", [{"shard": (0, 2)}, {"shard": (3, 2)}, {"limit": 0}])
+def test_parts_of_a_set_that_do_not_exist_are_refused(recipe, folder, part):
+    with pytest.raises(InputError, match=r"a shard is i/n with|limit must be 1"):
+        generate(recipe, folder, **part)
+    assert not folder.exists()
+
+
 def test_a_folder_of_something_else_is_left_alone(recipe, folder):
     folder.mkdir()
     (folder / "thesis.tex").write_text("years of work")

@@ -159,6 +159,11 @@ SPLIT_NAMES = ("", "train ", "../x", "a/b", "a\\b", "..", ".train", "a\nb", "a" 
             r"'uniform' draws any number, use \{ integers",
         ),
         (
+            "lenses",
+            {"kind": "pinhole"},
+            r"lenses: must be a list of tables: write \[\[lenses\]\] above each lens",
+        ),
+        (
             "assets",
             {"meshes": "nowhere/"},
             "assets.meshes: no file or folder 'nowhere/'",

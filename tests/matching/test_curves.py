@@ -113,6 +113,7 @@ def test_objects_of_one_cost_have_given_names():
         ((0, -1), "sad", "v must be a whole number from 0 to 19"),
         ((1, 1), "opencv_bm", "opencv_bm has no cost curve"),
         ((1, 1), {"mine": len}, "mine has no cost curve"),
+        ((1, 1), [], "no method is named"),
         ((1, 1), ["sad", StereoMatcher(cost="sad")], "two methods are named 'sad'"),
         ((1, 1), [StereoMatcher(), StereoMatcher()], "objects by name"),
     ],
