@@ -261,9 +261,12 @@ def _cast_alone(
         v += start
         pixels = np.stack([u + window.u0, v + window.v0], axis=-1)
         ahead = rotate(local_from_cam, view.camera.rays(pixels))
-        has_ray = np.isfinite(ahead).all(axis=1)  # pixels far outside may have none
-        rays = Rays.from_point(centre, ahead[has_ray])
-        hit[v[has_ray], u[has_ray]] = intersect(alone, rays).body >= 0
+        has_ray = np.isfinite(ahead[:, 0])  # pixels far outside may have none
+        if not has_ray.all():
+            v, u, ahead = v[has_ray], u[has_ray], ahead[has_ray]
+        # The directions have unit length already, as those of a camera.
+        rays = Rays(np.broadcast_to(centre, ahead.shape), ahead)
+        hit[v, u] = intersect(alone, rays).body >= 0
     return hit
 
 
