@@ -322,6 +322,15 @@ def test_a_fit_recovers_cameras_and_noise_and_its_dataset_resembles_the_pairs(fo
     )
 
 
+def test_two_pairs_in_both_sets_are_enough(folder, tmp_path):
+    shutil.copy(folder / "tiny.toml", tmp_path)
+    recipe = {**RECIPE, "count": 2}
+    generate(recipe_from_table(recipe, tmp_path / "recipe.toml"), tmp_path / "set")
+    pairs = open_pairs([str(folder / "real")])[:2]
+    fitted, _ = fit_recipe(Dataset(tmp_path / "set"), pairs)
+    assert fitted["count"] == 2
+
+
 def test_the_command_prints_a_recipe(folder, capsys):
     start, real = str(folder / "start"), str(folder / "real")
     recipe, notes = fit_recipe(Dataset(start), open_pairs([real]))
