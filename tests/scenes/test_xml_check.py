@@ -9,7 +9,7 @@ from PIL import Image
 
 from twinlens.errors import InputError
 from twinlens.rendering import backends
-from twinlens.scenes import load_scene
+from twinlens.scenes import load_scene, xml_file
 from twinlens.scenes.scene import SceneWarning
 from twinlens.scenes.xml_file import checked_xml, resolved_xml
 
@@ -94,21 +94,22 @@ EVIL = {
     '<texture type="bitmap"><include filename="name.xml"/></texture>': "cannot be read",
     # expansions that never end
     LAUGHS: "characters",
-    '<include filename="wide.xml"/>' * 20: "more than 1000000 elements",
+    '<include filename="wide.xml"/>' * 20: "more than 1000 elements",
     f'<shape type="ply"><string name="filename" value="{"é" * 200}"/></shape>': "no file '",
     "<transform>" * 3000 + "</transform>" * 3000: "nested more than",
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("element", EVIL, ids=[element[:45] for element in EVIL])
-def test_harmful_elements_are_errors_with_their_place(tmp_path, element):
+def test_harmful_elements_are_errors_with_their_place(tmp_path, monkeypatch, element):
+    monkeypatch.setattr(xml_file, "_MOST_ELEMENTS", 1000)
     (tmp_path / "secret").symlink_to("/etc/hostname")
     (tmp_path / "t.png").write_bytes(b"not a picture")
     (tmp_path / "t.txt").write_bytes(b"text")
     (tmp_path / "name.xml").write_text(
         '<scene><string name="filename" value="t.png"/></scene>'
     )
-    (tmp_path / "wide.xml").write_text(f"<scene>{'<ref/>' * 60000}</scene>")
+    (tmp_path / "wide.xml").write_text(f"<scene>{'<ref/>' * 60}</scene>")
     wide = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 99999 +X 99999\n"
     (tmp_path / "wide.hdr").write_bytes(wide)
     with pytest.raises(InputError, match=re.escape(EVIL[element])) as caught:

@@ -1,4 +1,4 @@
-"""Warnings of results that can hardly be meant: views of nothing, and images that are black or clipped everywhere."""
+"""Warnings of samples that are of no use: views of nothing, and images that are black or clipped everywhere."""
 
 import warnings
 

@@ -218,10 +218,9 @@ def _as_gltf(
         if key in table:
             # Options such as -halo precede the value.
             words = table[key][-1:]
+            # Some exporters write negative exponents for rough surfaces.
             if key == "ns" and words[0].startswith("-"):
-                words = [
-                    "0"
-                ]  # some exporters write negative exponents for rough surfaces
+                words = ["0"]
             numbers[key] = _numbers(words, where, label, most, (1,))[0]
     exponent = numbers.get("ns", 0.0)
     rough = numbers.get("pr", math.sqrt(math.sqrt(2 / (exponent + 2))))

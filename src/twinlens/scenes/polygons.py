@@ -247,8 +247,8 @@ def triangulated_ply(data: bytes) -> bytes:
     """A PLY file with triangles instead of its polygons; `data` itself if trimesh reads it rightly.
 
     trimesh reads faces that are convex and all have one number of corners. A file that is rewritten has its vertices
-    and faces alone. Files that this function does not understand are returned
-    as they are, so that trimesh reports the error. Raises InputError for a file that ends too early.
+    and faces alone. Files that this function does not understand are returned as they are, so that trimesh reports the
+    error. Raises InputError for a file that ends too early, and for a face with a vertex that does not exist.
     """
     header, elements, order = _ply_header(data)
     faces = next((item for item in elements if item.name == "face"), None)
