@@ -25,18 +25,22 @@ MAY_IMPORT = {
     "geometry": {*BASE},
     "optics": {*BASE, "geometry"},
     "camera": {*BASE, "geometry", "optics"},
-    "scenes": UNDER_SCENES,
+    "calibrations": {*BASE, "geometry", "camera"},
+    "scenes": {*UNDER_SCENES, "calibrations"},
     "families": {*UNDER_SCENES, "scenes"},
     "rendering": {*UNDER_SCENES, "scenes"},
     "sensor": UNDER_SCENES,
-    "dataset": UNDER_SCENES,
+    "dataset": {*UNDER_SCENES, "calibrations"},
     "matching": {
         *BASE,
         "dataset",
     },  # external programs read PNG files, which its codecs write
     "scoring": {*UNDER_SCENES, "sensor", "dataset", "matching"},
     "reconstruction": {*UNDER_SCENES, "dataset"},
-    "factory": {*UNDER_SCENES, "scenes", "families", "rendering", "sensor", "dataset"},
+    "factory": {
+        *UNDER_SCENES,
+        *("calibrations", "scenes", "families", "rendering", "sensor", "dataset"),
+    },
 }
 MAY_IMPORT["studies"] = {*MAY_IMPORT["factory"], "factory", "matching", "scoring"}
 MAY_IMPORT["report"] = {*UNDER_SCENES, "dataset", "matching", "scoring", "studies"}

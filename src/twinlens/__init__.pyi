@@ -1,4 +1,5 @@
 from . import (
+    calibrations as calibrations,
     camera as camera,
     dataset as dataset,
     errors as errors,
@@ -55,6 +56,7 @@ from .camera.multiview import (
 from .camera.parts import aperture_points as aperture_points
 from .camera.rectification import rectify as rectify
 from .dataset import Dataset as Dataset, collate as collate
+from .dataset.poses import read_rig as read_rig, write_rig as write_rig
 from .errors import TwinlensError as TwinlensError
 from .matching import (
     ApertureSamples as ApertureSamples,

@@ -3,8 +3,9 @@
 import pytest
 
 from twinlens.camera.film import SENSOR_WIDTHS_MM
+from twinlens.dataset.poses import write_rig
 from twinlens.errors import InputError
-from twinlens.factory import default_rig, plan, recipe_from_table
+from twinlens.factory import default_rig, plan, read_recipe, recipe_from_table
 from twinlens.factory.settings import RecipeSettings
 from twinlens.scenes import load_scene, rig_from_table
 from twinlens.schema import read
@@ -70,3 +71,21 @@ def test_a_width_replaces_the_pixel_pitch_of_the_scene(monkeypatch):
     assert default_rig(scene, 320, 240, intrinsics={"sensor_width_mm": "4/3"}).cameras[
         0
     ].pixel_pitch_um == (pytest.approx(1e3 * SENSOR_WIDTHS_MM["4/3"] / 320))
+
+
+def test_a_recipe_takes_the_rig_of_a_calibration(tmp_path):
+    pair = default_rig(load_scene("cards"), 320, 240, baseline=0.07)
+    write_rig(tmp_path / "stereo.yml", pair)
+    path = tmp_path / "recipe.toml"
+    path.write_text('seed = 1\ncount = 1\nscenes = ["cards"]\n[rig]\nfile = "stereo.yml"\n')  # fmt: skip
+    recipe = read_recipe(path)
+    settings = read(RecipeSettings, plan(recipe, 0).drawn, path)
+    scene = load_scene("cards")
+    rig = settings.rig_of(scene, scene.rig, path, recipe.sources.file)
+    assert rig.baseline() == pytest.approx(0.07)
+    assert rig.cameras[0].width == 320
+    assert (rig.world_from_cams[0] == scene.world_from_left).all()
+    assert "stereo.yml" in recipe.sources.digests
+    (tmp_path / "stereo.yml").write_text("%YAML:1.0\n---\nM1: 3\n")
+    with pytest.raises(InputError, match=r"recipe\.toml: rig: .*stereo\.yml"):
+        read_recipe(path)

@@ -1,26 +1,62 @@
-"""`twinlens cameras`: the cameras that rigs and recipes know by name."""
+"""`twinlens cameras`: the cameras that rigs and recipes know by name, and what a calibration file holds."""
+
+import math
+from pathlib import Path
+from typing import Any
 
 import click
+from scipy.spatial.transform import Rotation
 
+from twinlens.calibrations import NamedRig, read_rig
+from twinlens.camera import Camera
 from twinlens.camera.film import SENSOR_WIDTHS_MM
 from twinlens.camera.presets import CAMERAS
-from twinlens.cli.options import json_option, print_json
+from twinlens.cli.options import json_option, print_json, print_result
+from twinlens.cli.places import PATH
+from twinlens.factory.camera_text import parse_size
+from twinlens.geometry import Float
+
+_FAR_APART = 10.0
+"""Metres between the cameras of a pair above which the file's lengths are more likely in millimetres."""
 
 
 @click.command("cameras")
-@json_option("every camera with its source")
-def command(as_json: bool) -> None:
+@click.option(
+    "--read",
+    "files",
+    type=PATH,
+    multiple=True,
+    metavar="FILE",
+    help="Print the cameras of a calibration file as `render --rig` understands them; give it twice for two files.",
+)
+@click.option(
+    "--size",
+    metavar="WIDTHxHEIGHT",
+    help="Of the images, for a file that does not tell it.",
+)
+@json_option("every camera with its source, or those of the file")
+def command(files: tuple[Path, ...], size: str | None, as_json: bool) -> None:
     """List the cameras for `[camera]` in recipes and rigs, with the sources of their figures, and the sensor formats.
+
+    With --read, print what a calibration file holds: image sizes, fields of view, distortion, and each camera's place
+    in the axes of the first: x right, y down, z forward. Files of OpenCV, ROS, Kalibr, COLMAP and transforms.json are
+    read.
 
     \b
     Example:  twinlens cameras
+              twinlens cameras --read stereo.yml
+              twinlens cameras --read left.yaml --read right.yaml
     """
+    if files:
+        rig = read_rig(*files, size=parse_size(size) if size else None)
+        print_result(as_json, _record(rig), *_described(rig, files))
+        return
     cameras = [preset.reference(name) for name, preset in CAMERAS.items()]
     if as_json:
         print_json({"cameras": cameras, "sensor_widths_mm": SENSOR_WIDTHS_MM})
         return
     for camera in cameras:
-        size = f"{camera['width']}x{camera['height']} pixels of {camera['pixel_pitch_um']:g} um"
+        size_text = f"{camera['width']}x{camera['height']} pixels of {camera['pixel_pitch_um']:g} um"
         lens = f"{camera['focal_length_mm']:.4g} mm" + (
             f" f/{camera['f_number']:g}" if camera["f_number"] else ""
         )
@@ -30,10 +66,99 @@ def command(as_json: bool) -> None:
         click.echo(f"{camera['name']}: {camera['description']}")
         click.echo(
             "  "
-            + ", ".join([size, lens, f"{camera['fov_x_deg']:.1f} degrees", *baseline])
+            + ", ".join(
+                [size_text, lens, f"{camera['fov_x_deg']:.1f} degrees", *baseline]
+            )
         )
         click.echo(f"  Source: {camera['source']}")
     formats = ", ".join(
         f"{name} ({width:g} mm)" for name, width in SENSOR_WIDTHS_MM.items()
     )
     click.echo(f"\nSensor formats and their widths: {formats}")
+
+
+def _record(named: NamedRig) -> dict[str, Any]:
+    """What a calibration holds, as plain values."""
+    cameras = []
+    for i, (name, camera) in enumerate(
+        zip(named.names, named.rig.cameras, strict=True)
+    ):
+        first_from_cam = named.rig.b_from_a(i, 0)
+        cameras.append(
+            {
+                "name": name,
+                **{key: getattr(camera, key) for key in ("width", "height")},
+                **{key: getattr(camera, key) for key in ("fx", "fy", "cx", "cy")},
+                "distortion": camera.distortion and camera.distortion.name,
+                "field_deg": _fields_of_view(camera),
+                "translate": first_from_cam[:3, 3].tolist(),
+                "euler_deg": _euler_deg(first_from_cam),
+                "distance": math.dist(first_from_cam[:3, 3], (0, 0, 0)),
+            }
+        )
+    return {"cameras": cameras, "is_rectified": _is_rectified(named)}
+
+
+def _is_rectified(named: NamedRig) -> bool:
+    return len(named.rig) == 2 and named.rig.is_rectified()
+
+
+def _fields_of_view(camera: Camera) -> list[float | None]:
+    """Degrees from edge to edge, horizontally and vertically, through the principal point, without the distortion."""
+    ideal = camera.replace(distortion=None)
+    across = math.atan((ideal.cx + 0.5) / ideal.fx)
+    across += math.atan((ideal.width - 0.5 - ideal.cx) / ideal.fx)
+    down = math.atan((ideal.cy + 0.5) / ideal.fy)
+    down += math.atan((ideal.height - 0.5 - ideal.cy) / ideal.fy)
+    return [math.degrees(across), math.degrees(down)]
+
+
+def _euler_deg(pose: Float) -> list[float]:
+    """Turns about the fixed axes x, then y, then z, as `euler_deg` of a rig's table has them."""
+    angles = Rotation.from_matrix(pose[:3, :3]).as_euler("xyz", degrees=True)
+    return [float(angle) for angle in angles]
+
+
+def _described(named: NamedRig, files: tuple[Path, ...]) -> list[str]:
+    """What a calibration holds, in lines."""
+    record = _record(named)
+    cameras = record["cameras"]
+    lines = [f"{', '.join(map(str, files))}: {len(cameras)} cameras"]
+    for i, camera in enumerate(cameras):
+        lines += _intrinsics_lines(i, camera)
+        if i:
+            lines.append(_place_line(camera))
+    lines.append(
+        "The centre of the first pixel is at 0 here and in OpenCV's files, at 0.5 in COLMAP's and transforms.json."
+    )
+    if any(camera["distance"] > _FAR_APART for camera in cameras):
+        lines.append(
+            "If these lengths are millimetres, name the file in a rig's .toml: "
+            'file = "...", length_unit = "mm".'
+        )
+    if len(cameras) == 2 and not record["is_rectified"]:
+        lines.append(
+            "Not a rectified pair: `twinlens rectify` makes one of each sample, with disparities."
+        )
+    return lines
+
+
+def _intrinsics_lines(i: int, camera: dict[str, Any]) -> list[str]:
+    across, down = camera["field_deg"]
+    size = f"{camera['width']}x{camera['height']} pixels"
+    model = camera["distortion"] or "no"
+    focal = f"fx {camera['fx']:.6g}, fy {camera['fy']:.6g}"
+    centre = f"cx {camera['cx']:.6g}, cy {camera['cy']:.6g}"
+    return [
+        f"camera {i} ({camera['name']}): {size}, {across:.1f} x {down:.1f} degrees, {model} distortion",
+        f"  {focal}, {centre} px",
+    ]
+
+
+def _place_line(camera: dict[str, Any]) -> str:
+    right, down, forward = camera["translate"]
+    turns = ", ".join(f"{angle:.4g}" for angle in camera["euler_deg"])
+    return (
+        f"  {camera['distance']:.6g} m from camera 0: {right:.6g} right, {down:.6g} down, {forward:.6g} forward; "
+        f"turned by euler_deg = [{turns}] (about x, then y, then z)"
+    )

@@ -111,8 +111,11 @@ _SECTIONS = {
 )
 @click.option(
     "--rig",
+    "rig",
     type=PATH,
-    help="A .toml file with the rig and, without --lens, its lenses; see docs/rigs.md.",
+    multiple=True,
+    help="A .toml file with the rig and, without --lens, its lenses; or a calibration of OpenCV, ROS, Kalibr, COLMAP "
+    "or a NeRF program, the option given twice where it is two files; see docs/rigs.md.",
 )
 @click.option(
     "--sky",
@@ -211,14 +214,16 @@ def _job(
                 options["seed"],
             )
     tables: list[Any] = []
-    if options["rig"] is not None:
-        table, key, tables = read_rig_file(options["rig"])
-        scene = scene_with_rig(scene, options["rig"], table, key)
+    if options["rig"]:
+        stated = (width, height) if options["size"] else None
+        table, key, tables = read_rig_file(options["rig"], stated)
+        scene = scene_with_rig(scene, options["rig"][0], table, key)
     intrinsics = camera_text.parse_intrinsics(options)
     with camera_text.options_named(options):
         rig = default_rig(
             scene, width, height, options["fov"], options["baseline"], intrinsics
         )
+    _check_size(rig, options)
     if options["baseline"] is not None and scene.depth_range_known:
         check_common_view(rig, scene)
     lenses = _lenses(View(scene, rig.cameras[0], ()), tables, options)
@@ -237,6 +242,16 @@ def _job(
     return scene, rig, lenses, sensor
 
 
+def _check_size(rig: Rig, options: dict[str, Any]) -> None:
+    """Raise InputError where --size is another size than the rig's file has."""
+    camera = rig.cameras[0]
+    size = f"{camera.width}x{camera.height}"
+    if options["size"] and options["size"].lower() != size:
+        raise InputError(
+            f"--size {options['size']}: the rig's images have {size} pixels; leave --size out"
+        )
+
+
 def _lenses(
     view: View, tables: list[Any], options: dict[str, Any]
 ) -> list[tuple[str, RecipeLens]]:
@@ -247,7 +262,7 @@ def _lenses(
                 "--aperture is for --lens; the lenses of a file have a 'shape'"
             )
         made = [
-            make_lens(table, view, lambda name: options["rig"].parent / name)
+            make_lens(table, view, lambda name: options["rig"][0].parent / name)
             for table in tables
         ]
         return [(format_lens(lens), lens) for lens in made]

@@ -1,20 +1,11 @@
-"""Rigs in the files of COLMAP, NeRF programs, OpenCV, ROS and Kalibr, with axes and pixel conventions converted.
+"""Rigs written for other programs: COLMAP, NeRF programs and OpenCV. `twinlens.calibrations` reads them.
 
-COLMAP's text model has no length unit: metres are assumed. The ``transform_matrix`` of NeRF's transforms.json is
-world_from_cam with OpenGL's camera axes (x right, y up, z backward). Both count pixels from the image's corner: cx and
-cy are larger by 0.5. OpenCV's YAML has the names of its stereo calibration sample, ``M1 D1 M2 D2 R T`` (first to second
-camera, metres), and ours: ``size1`` ([width, height]) and ``fisheye1`` (1 for the Kannala-Brandt model), the same for
-camera 2, and ``world_from_1``, the pose of the pair.
-
-Sources: https://colmap.github.io/format.html#text-format and .../cameras.html; Nerfstudio, "Data conventions";
-instant-ngp, docs/nerf_dataset_tips.md; OpenCV, samples/cpp/stereo_calib.cpp, and its documentation of FileStorage.
+`twinlens.calibrations.rig_files` states the conventions of the files and their sources.
 """
 
 import json
-import math
-import os
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -22,39 +13,24 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from twinlens.camera import BrownConrady, Camera, Distortion, KannalaBrandt, Rig
+from twinlens.calibrations import read_rig as read_rig, rig_table
+from twinlens.calibrations.rig_files import (
+    COLMAP_MODELS as COLMAP_MODELS,
+    CORNER,
+    OPENGL,
+    FilePath,
+    NamedRig as NamedRig,
+    read_colmap as read_colmap,
+    read_kalibr as read_kalibr,
+    read_opencv as read_opencv,
+    read_ros as read_ros,
+    read_transforms as read_transforms,
+)
+from twinlens.camera import Camera, KannalaBrandt, Rig
 from twinlens.dataset.channels import IMAGE
-from twinlens.dataset.files import read_text, write_file
-from twinlens.dataset.storages import matrix, numbers, read_storage
-from twinlens.errors import FileError, InputError, check_known, format_value, located
-from twinlens.geometry import Float, check_rigid, inverse, rigid
-
-FilePath = str | os.PathLike[str]
-
-COLMAP_MODELS = {
-    "SIMPLE_PINHOLE": "f cx cy",
-    "PINHOLE": "fx fy cx cy",
-    "SIMPLE_RADIAL": "f cx cy k1",
-    "RADIAL": "f cx cy k1 k2",
-    "OPENCV": "fx fy cx cy k1 k2 p1 p2",
-    "FULL_OPENCV": "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6",
-    "OPENCV_FISHEYE": "fx fy cx cy k1 k2 k3 k4",
-    "SIMPLE_RADIAL_FISHEYE": "f cx cy k1",
-    "RADIAL_FISHEYE": "f cx cy k1 k2",
-}
-"""The parameters of each supported camera model, in COLMAP's order."""
-
-_CORNER = 0.5  # added to cx and cy where pixels are counted from the image's corner
-_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
-_NERF_MODELS = ("OPENCV", "OPENCV_FISHEYE", "PINHOLE", "SIMPLE_PINHOLE")
-
-
-@dataclass(frozen=True, eq=False)
-class NamedRig:
-    """A rig and one image name per camera."""
-
-    rig: Rig
-    names: tuple[str, ...]
+from twinlens.dataset.files import write_file
+from twinlens.errors import InputError
+from twinlens.geometry import Float, inverse
 
 
 def write_colmap(
@@ -78,34 +54,6 @@ def write_colmap(
         )
 
 
-def read_colmap(folder: FilePath) -> NamedRig:
-    """The rig of a model's images, in the order of their ids. Raises FileError."""
-    cameras: dict[int, Camera] = {}
-    path = Path(folder) / "cameras.txt"
-    for number, line in _lines(path):
-        words = line.split()
-        try:
-            if words:
-                numbers = [float(word) for word in words[4:]]
-                cameras[int(words[0])] = _colmap_camera(
-                    words[1], int(words[2]), int(words[3]), numbers
-                )
-        except (ValueError, IndexError) as error:
-            raise FileError(
-                f"{path}: line {number} must read ID MODEL WIDTH HEIGHT PARAMS: {error}"
-            ) from None
-    path = Path(folder) / "images.txt"
-    images = sorted(_colmap_images(path), key=lambda image: image[0])
-    if not images:
-        raise FileError(f"{path}: has no images")
-    _, used, names, poses = zip(*images, strict=True)
-    if missing := [camera for camera in used if camera not in cameras]:
-        raise FileError(
-            f"{path}: refers to camera {missing[0]}, which cameras.txt does not have"
-        )
-    return NamedRig(Rig([cameras[camera] for camera in used], poses), names)
-
-
 def write_transforms(
     path: FilePath, rig: Rig, names: Sequence[str] | None = None
 ) -> None:
@@ -118,7 +66,7 @@ def write_transforms(
     for name, camera, pose in zip(
         _image_names(rig, names), rig.cameras, rig.world_from_cams, strict=True
     ):
-        matrix = (pose @ _OPENGL).tolist()
+        matrix = (pose @ OPENGL).tolist()
         frame = {"file_path": name, **_intrinsics(camera), "transform_matrix": matrix}
         frames.append(frame)
     table = {"camera_model": frames[0]["camera_model"], "frames": frames}
@@ -140,31 +88,11 @@ def _intrinsics(camera: Camera) -> dict[str, Any]:
         "h": camera.height,
         "fl_x": camera.fx,
         "fl_y": camera.fy,
-        "cx": camera.cx + _CORNER,
-        "cy": camera.cy + _CORNER,
+        "cx": camera.cx + CORNER,
+        "cy": camera.cy + CORNER,
         "camera_model": "OPENCV_FISHEYE" if is_fisheye else "OPENCV",
         **dict(sorted(coefficients.items())),
     }
-
-
-def read_transforms(path: FilePath) -> NamedRig:
-    """The rig of a transforms.json, in the order of its frames. Raises FileError."""
-    text = read_text(path)
-    try:
-        table = json.loads(text)
-        frames = table["frames"]
-        cameras = [_nerf_camera({**table, **frame}) for frame in frames]
-        poses = [
-            np.array(frame["transform_matrix"], dtype=np.float64) @ _OPENGL
-            for frame in frames
-        ]
-        return NamedRig(
-            Rig(cameras, poses), tuple(str(frame["file_path"]) for frame in frames)
-        )
-    except KeyError as error:
-        raise FileError(f"{path}: has no {error.args[0]}") from None
-    except (ValueError, TypeError, ArithmeticError, RecursionError) as error:
-        raise FileError(f"{path}: not a valid transforms.json: {error}") from None
 
 
 def write_opencv(path: FilePath, rig: Rig) -> None:
@@ -193,111 +121,13 @@ def write_opencv(path: FilePath, rig: Rig) -> None:
     write_file(path, ("\n".join(text) + "\n").encode())
 
 
-def read_opencv(
-    path: FilePath,
-    size: tuple[int, int] | None = None,
-    extrinsics: FilePath | None = None,
-) -> Rig:
-    """The pair in an OpenCV stereo file in YAML, XML or JSON; without a pose, the world is the first camera's frame.
-
-    size : (width, height), for files without it.
-    extrinsics : the file of R and T where they are in another file, as in OpenCV's sample.
-
-    Camera matrices are named M1, K1 or cameraMatrix1, coefficients D1 or distCoeffs1, and the same of camera 2. T is in
-    metres. A rotation of few digits is made orthonormal as far as its digits explain (`geometry.check_rigid`). Raises
-    FileError.
-    """
-    values = read_storage(Path(path))
-    if extrinsics is not None:
-        values |= read_storage(Path(extrinsics))
-    try:
-        pose = np.eye(4)
-        if "world_from_1" in values:
-            pose = matrix(values["world_from_1"], "world_from_1", 4, 4)
-        rotation = matrix(values["R"], "R", 3, 3)
-        second_from_first = rigid(rotation, matrix(values["T"], "T", 1, 3)[0])
-        cameras = [_opencv_camera(values, i, size) for i in (1, 2)]
-        return Rig(cameras, [pose, pose @ inverse(second_from_first)])
-    except KeyError as error:
-        raise FileError(
-            f"{path}: has no {error.args[0]}; it needs M1, D1, M2, D2, R, T and the images' size"
-        ) from None
-    except ValueError as error:
-        raise FileError(f"{path}: {error}") from None
-
-
-def read_ros(left: FilePath, right: FilePath) -> Rig:
-    """The pair in two camera_info files of ROS's stereo calibration; the world is the left camera's frame.
-
-    The rectified cameras have parallel axes, so that the second camera's frame follows from the rectifications R and
-    the right projection matrix P, whose last column is fx' times the shift in metres. Raises FileError. Source:
-    sensor_msgs/CameraInfo.
-    """
-    cameras, rectified_from_cam = [], []
-    shift = np.zeros(3)
-    for path in (left, right):
-        values = read_storage(Path(path))
-        try:
-            cameras.append(_ros_camera(values))
-            rotation = matrix(
-                values["rectification_matrix"], "rectification_matrix", 3, 3
-            )
-            rectified_from_cam.append(rigid(rotation, np.zeros(3)))
-            projection = matrix(values["projection_matrix"], "projection_matrix", 3, 4)
-            if not (projection[0, 0] > 0 and projection[1, 1] > 0):
-                raise InputError("projection_matrix needs positive focal lengths")
-            focal = np.array([projection[0, 0], projection[1, 1], 1.0])
-            shift = projection[:, 3] / focal
-        except KeyError as error:
-            raise FileError(f"{path}: has no {error.args[0]}") from None
-        except ValueError as error:
-            raise FileError(f"{path}: {error}") from None
-    if not shift.any():
-        raise FileError(
-            f"{right}: projection_matrix has no baseline in its last column; is it the right camera of a pair?"
-        )
-    between = rigid(np.eye(3), shift)
-    right_from_left = inverse(rectified_from_cam[1]) @ between @ rectified_from_cam[0]
-    return Rig(cameras, [np.eye(4), inverse(right_from_left)])
-
-
-def read_kalibr(path: FilePath) -> NamedRig:
-    """The rig in a camchain file of Kalibr; the world is the frame of cam0, names are the topics.
-
-    Raises FileError. Source: https://github.com/ethz-asl/kalibr/wiki/yaml-formats.
-    """
-    values = read_storage(Path(path))
-    cameras: list[Camera] = []
-    poses = [np.eye(4)]
-    names: list[str] = []
-    try:
-        while (name := f"cam{len(cameras)}") in values:
-            table = values[name]
-            if not isinstance(table, dict):
-                raise InputError(f"{name} must have keys, got {format_value(table)}")
-            with located(name):
-                if cameras:
-                    this_from_last = matrix(table["T_cn_cnm1"], "T_cn_cnm1", 4, 4)
-                    checked = check_rigid(this_from_last, "T_cn_cnm1")
-                    poses.append(poses[-1] @ inverse(checked))
-                cameras.append(_kalibr_camera(table))
-            names.append(str(table.get("rostopic", name)))
-    except KeyError as error:
-        raise FileError(f"{path}: cam{len(cameras)} has no {error.args[0]}") from None
-    except ValueError as error:
-        raise FileError(f"{path}: {error}") from None
-    if not cameras:
-        raise FileError(f"{path}: has no cam0")
-    return NamedRig(Rig(cameras, poses[: len(cameras)]), tuple(names))
-
-
 def colmap_camera(camera: Camera) -> str:
     """``MODEL WIDTH HEIGHT PARAMS``."""
     values = {
         "fx": camera.fx,
         "fy": camera.fy,
-        "cx": camera.cx + _CORNER,
-        "cy": camera.cy + _CORNER,
+        "cx": camera.cx + CORNER,
+        "cy": camera.cy + CORNER,
     }
     model = "PINHOLE"
     if camera.distortion is not None:
@@ -336,94 +166,6 @@ def _image_names(rig: Rig, names: Sequence[str] | None) -> tuple[str, ...]:
     return chosen
 
 
-def _colmap_camera(model: str, width: int, height: int, numbers: list[float]) -> Camera:
-    check_known("COLMAP camera model", model, COLMAP_MODELS)
-    names = COLMAP_MODELS[model].split()
-    if len(numbers) != len(names):
-        raise InputError(f"{model} has {len(names)} parameters, got {len(numbers)}")
-    values = dict(zip(names, numbers, strict=True))
-    focal = values.pop("f", 0.0)
-    fx, fy = values.pop("fx", focal), values.pop("fy", focal)
-    cx, cy = values.pop("cx") - _CORNER, values.pop("cy") - _CORNER
-    if "FISHEYE" in model:
-        return Camera(width, height, fx, fy, cx, cy, KannalaBrandt(**values))
-    return Camera(
-        width,
-        height,
-        fx,
-        fy,
-        cx,
-        cy,
-        BrownConrady(**values) if any(values.values()) else None,
-    )
-
-
-def _colmap_images(path: Path) -> Iterator[tuple[int, int, str, Float]]:
-    """(id, camera id, name, world_from_cam) of each image; every second line has its 2D points and may be empty."""
-    lines = list(_lines(path))
-    while lines and not lines[-1][1].strip():
-        lines.pop()
-    for number, line in lines[::2]:
-        words = line.split(maxsplit=9)
-        try:
-            w, x, y, z, *shift = (float(word) for word in words[1:8])
-            rotation = Rotation.from_quat([x, y, z, w]).as_matrix()
-            yield (
-                int(words[0]),
-                int(words[8]),
-                words[9].strip(),
-                inverse(rigid(rotation, shift)),
-            )
-        except (ValueError, IndexError) as error:
-            form = "ID QW QX QY QZ TX TY TZ CAMERA_ID NAME"
-            raise FileError(
-                f"{path}: line {number} must read {form}: {error}"
-            ) from None
-
-
-def _lines(path: Path) -> Iterator[tuple[int, str]]:
-    """The lines without comments, numbered from 1."""
-    numbered = enumerate(read_text(path).splitlines(), 1)
-    return (
-        (number, line) for number, line in numbered if not line.lstrip().startswith("#")
-    )
-
-
-def _nerf_camera(values: Mapping[str, Any]) -> Camera:
-    width, height = int(values["w"]), int(values["h"])
-
-    def focal_px(axis: str, size: int) -> float | None:
-        if f"fl_{axis}" in values:
-            return float(values[f"fl_{axis}"])
-        angle = values.get(f"camera_angle_{axis}")
-        return None if angle is None else 0.5 * size / math.tan(0.5 * float(angle))
-
-    fx, fy = focal_px("x", width), focal_px("y", height)
-    if fx is None:
-        raise KeyError("fl_x")
-    fy = fx if fy is None else fy
-    cx, cy = (
-        float(values.get(name, size / 2)) - _CORNER
-        for name, size in (("cx", width), ("cy", height))
-    )
-    model = values.get("camera_model", "OPENCV")
-    if model not in _NERF_MODELS:
-        raise InputError(
-            f"camera_model must be one of {', '.join(_NERF_MODELS)}, got {model!r}"
-        )
-    k1, k2, k3, k4, p1, p2 = (
-        float(values.get(name, 0.0)) for name in ("k1", "k2", "k3", "k4", "p1", "p2")
-    )
-    distortion: Distortion | None = (
-        BrownConrady(k1, k2, p1, p2, k3) if any((k1, k2, k3, p1, p2)) else None
-    )
-    if model == "OPENCV_FISHEYE":
-        distortion = KannalaBrandt(k1, k2, k3, k4)
-    elif k4:
-        raise InputError("k4 of a perspective camera is not supported")
-    return Camera(width, height, fx, fy, cx, cy, distortion)
-
-
 def _yaml_matrix(name: str, values: ArrayLike) -> str:
     matrix = np.atleast_2d(np.asarray(values, dtype=np.float64))
     rows, cols = matrix.shape
@@ -433,97 +175,44 @@ def _yaml_matrix(name: str, values: ArrayLike) -> str:
     return f"{name}: !!opencv-matrix\n   rows: {rows}\n   cols: {cols}\n   dt: d\n   data: [ {lines} ]"
 
 
-_OPENCV_NAMES = {"M": ("M", "K", "cameraMatrix"), "D": ("D", "distCoeffs")}
+def write_rig(path: FilePath, rig: Rig, names: Sequence[str] | None = None) -> None:
+    """Write `rig` as a calibration file, of the kind that the name's ending tells.
 
+    path : .yml or .yaml for OpenCV's stereo file of a pair; .json for transforms.json; .toml for our own; a name
+        without an ending is a folder for COLMAP's text model.
+    names : of the images, for transforms.json and COLMAP; im0.png ... by default.
 
-def _opencv_camera(
-    values: Mapping[str, Any], i: int, size: tuple[int, int] | None
-) -> Camera:
-    if size is None and f"size{i}" in values:
-        size = _size(values[f"size{i}"], f"size{i}")
-    if size is None:
-        image = [values["image_width"], values["image_height"]]
-        size = _size(image, "image_width, image_height")
-    names = {
-        key: next(
-            (f"{name}{i}" for name in known if f"{name}{i}" in values), f"{key}{i}"
-        )
-        for key, known in _OPENCV_NAMES.items()
-    }
-    k = _camera_matrix(values[names["M"]], names["M"])
-    fisheye = bool(numbers(values.get(f"fisheye{i}", 0), f"fisheye{i}")[0])
-    distortion = _distortion(values[names["D"]], names["D"], fisheye)
-    return Camera(*size, *k, distortion)
-
-
-_ROS_MODELS = {
-    "plumb_bob": False,
-    "rational_polynomial": False,
-    "equidistant": True,
-    "fisheye": True,
-}
-"""Distortion models of ROS, and whether they are the Kannala-Brandt fisheye."""
-
-
-def _ros_camera(values: Mapping[str, Any]) -> Camera:
-    size = _size(
-        [values["image_width"], values["image_height"]], "image_width, image_height"
-    )
-    k = _camera_matrix(values["camera_matrix"], "camera_matrix")
-    model = values.get("distortion_model", "plumb_bob")
-    check_known("distortion_model", model, _ROS_MODELS)
-    coefficients = values["distortion_coefficients"]
-    distortion = _distortion(
-        coefficients, "distortion_coefficients", _ROS_MODELS[model]
-    )
-    return Camera(*size, *k, distortion)
-
-
-_KALIBR_MODELS = {"radtan": False, "equidistant": True, "none": False}
-
-
-def _kalibr_camera(table: Mapping[str, Any]) -> Camera:
-    check_known("camera_model", table["camera_model"], ["pinhole"])
-    size = _size(table["resolution"], "resolution")
-    fx, fy, cx, cy = matrix(table["intrinsics"], "intrinsics", 1, 4)[0].tolist()
-    model = table.get("distortion_model", "none")
-    check_known("distortion_model", model, _KALIBR_MODELS)
-    coefficients = table.get("distortion_coeffs", []) if model != "none" else []
-    distortion = _distortion(coefficients, "distortion_coeffs", _KALIBR_MODELS[model])
-    return Camera(*size, fx, fy, cx, cy, distortion)
-
-
-def _size(value: Any, name: str) -> tuple[int, int]:
-    """(width, height). Raises InputError for other numbers than two whole ones."""
-    pair = numbers(value, name)
-    if len(pair) != 2 or not (pair == np.round(pair)).all():
+    `read_rig` reads all but the .toml file, which `twinlens render --rig` and recipes read. Raises InputError for
+    another ending and for what the kind cannot hold, and OutputError.
+    """
+    kind = Path(path).suffix.lower()
+    if kind in (".yml", ".yaml"):
+        write_opencv(path, rig)
+    elif kind == ".json":
+        write_transforms(path, rig, names)
+    elif kind == ".toml":
+        write_file(path, _rig_toml(rig).encode())
+    elif not kind:
+        write_colmap(path, rig, names)
+    else:
         raise InputError(
-            f"{name} must be the width and the height in pixels, got {pair.tolist()}"
+            f"{path}: a rig is written as .yml, .json or .toml, or as COLMAP's model into a folder, got {kind!r}"
         )
-    return int(pair[0]), int(pair[1])
 
 
-def _camera_matrix(value: Any, name: str) -> tuple[float, float, float, float]:
-    """(fx, fy, cx, cy) of a camera matrix. Raises InputError for other matrices."""
-    k = matrix(value, name, 3, 3)
-    if k[0, 1] or k[1, 0] or k[2].tolist() != [0, 0, 1]:
-        raise InputError(
-            f"{name} must be a camera matrix fx 0 cx, 0 fy cy, 0 0 1, without skew"
-        )
-    return float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2])
+def _rig_toml(rig: Rig) -> str:
+    """The rig as a file of layout "cameras", with poses in the world."""
+    lines = ['layout = "cameras"']
+    for table in rig_table(rig, "world")["cameras"]:
+        lines += ["", "[[cameras]]"]
+        for key, value in table.items():
+            lines.append(f"{key} = {_toml_value(value)}")
+    return "\n".join(lines) + "\n"
 
 
-def _distortion(value: Any, name: str, is_fisheye: bool) -> Distortion | None:
-    """The model of coefficients in OpenCV's order. Raises InputError for other numbers of them."""
-    coefficients = numbers(value, name).tolist()
-    if is_fisheye:
-        if len(coefficients) != 4:
-            raise InputError(
-                f"{name} of a fisheye has 4 coefficients, got {len(coefficients)}"
-            )
-        return KannalaBrandt(*coefficients)
-    if len(coefficients) not in (0, 4, 5, 8, 12, 14) or any(coefficients[8:]):
-        raise InputError(
-            f"{name} must hold 4, 5 or 8 coefficients (no thin prism, no tilt), got {coefficients}"
-        )
-    return BrownConrady(*coefficients[:8]) if any(coefficients) else None
+def _toml_value(value: Any) -> str:
+    """A value of `rig_table` in TOML, in which numbers, texts and lists are as in JSON."""
+    if isinstance(value, dict):
+        pairs = [f"{key} = {_toml_value(item)}" for key, item in value.items()]
+        return "{ " + ", ".join(pairs) + " }"
+    return json.dumps(value)

@@ -31,7 +31,7 @@ from twinlens.factory.sources import Sources, listed
 from twinlens.families import FAMILIES
 from twinlens.families.assets import MESH_SHARE
 from twinlens.scenes import bundled_folder, bundled_scenes, read_toml
-from twinlens.scenes.rigs import picture_names
+from twinlens.scenes.rigs import file_names
 from twinlens.schema import Fraction, NonNegative, StrictModel, one_of, read
 
 
@@ -300,15 +300,15 @@ class _Corner:
         return self.settings.scene.objects
 
     @property
-    def picture_files(self) -> list[str]:
-        """The masks of apertures and the patterns of projectors, as the recipe names them."""
+    def named_files(self) -> list[str]:
+        """The masks of apertures, the patterns of projectors and the calibration, as the recipe names them."""
         shapes = [getattr(lens, "shape", None) for lens in self.settings.lenses]
         masks = [
             shape.file
             for shape in shapes
             if isinstance(shape, MaskTable) and shape.file
         ]
-        return [*masks, *picture_names(self.settings.rig)]
+        return [*masks, *file_names(self.settings.rig)]
 
 
 def _check_corner(table: Mapping[str, Any], path: Path, recipe: Any) -> _Corner:
@@ -343,7 +343,7 @@ def _check_drawn(
     _check_effects(checked, path, recipe.gates)
     files: dict[str, bool] = {}
     for corner in checked:
-        files |= {Path(name).as_posix(): False for name in corner.picture_files}
+        files |= {Path(name).as_posix(): False for name in corner.named_files}
     for corner in checked:
         for name, is_own in corner.object_files.items():
             files[name] = files.get(name, False) or is_own

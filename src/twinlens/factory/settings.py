@@ -18,13 +18,14 @@ from pydantic import (
     model_validator,
 )
 
+from twinlens.calibrations import read_rig, rig_table
 from twinlens.camera import (
     RecipeLens,
     Rig,
 )
 from twinlens.camera.intrinsics import MAX_SIDE
 from twinlens.camera.presets import CAMERAS, find_camera
-from twinlens.errors import InputError, located
+from twinlens.errors import FileError, InputError, located
 from twinlens.factory.lenses import Find, Lenses, View, make_lens
 from twinlens.factory.objects import Objects
 from twinlens.factory.sample import Shoot
@@ -36,7 +37,7 @@ from twinlens.scenes.rigs import (
     ALTERNATIVES,
     CameraTable,
     Intrinsics,
-    with_pictures,
+    with_files,
     with_values,
 )
 from twinlens.schema import (
@@ -161,21 +162,29 @@ class RigFile(StrictModel):
     lenses: Lenses | None = None
 
 
-def read_rig_file(path: Path) -> tuple[dict[str, Any], str, list[Any]]:
+def read_rig_file(
+    paths: Sequence[Path], size: tuple[int, int] | None = None
+) -> tuple[dict[str, Any], str, list[Any]]:
     """The rig's table in a .toml file, its key in the file, and the tables of lenses.
 
-    The file is a rig's table, or has its keys in `[rig]`, beside `width`, `height` and `[[lenses]]`.
+    The file is a rig's table, or has its keys in `[rig]`, beside `width`, `height` and `[[lenses]]`. Files of other
+    kinds are calibrations (`calibrations.read_rig`), without lenses; `size` is for those that tell none.
     """
+    if not any(path.suffix == ".toml" for path in paths):
+        return rig_table(read_rig(*paths, size=size).rig), "", []
+    if len(paths) > 1:
+        raise FileError(f"{paths[1]}: a rig in a .toml file has no second file")
+    path = paths[0]
     table = read_toml(path)
     if not isinstance(table.get("rig"), Mapping):
         return table, "", []
     part = read(RigFile, table, path)
-    size = {
+    image_size = {
         key: getattr(part, key)
         for key in ("width", "height")
         if getattr(part, key) is not None
     }
-    return size | part.rig, "rig", part.lenses or []
+    return image_size | part.rig, "rig", part.lenses or []
 
 
 def _check_camera(table: Any) -> Any:
@@ -275,7 +284,7 @@ class RecipeSettings(StrictModel):
         self, scene: Scene, scene_rig: Mapping[str, Any] | None, file: Path, find: Find
     ) -> Rig:
         """The rig in `scene`: that of the recipe, or `own`, the table of the scene, with the camera of the recipe."""
-        recipe_rig = with_pictures(self.rig, find)
+        recipe_rig = with_files(self.rig, find)
         table = recipe_rig or scene_rig or {}
         if self.camera is not None:
             camera = {**self.camera, "width": self.width, "height": self.height}

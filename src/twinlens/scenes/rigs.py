@@ -11,6 +11,7 @@ import numpy as np
 import pydantic
 from numpy.typing import NDArray
 
+from twinlens.calibrations import read_rig, rig_table
 from twinlens.camera import (
     BrownConrady,
     Camera,
@@ -208,7 +209,10 @@ class Viewed(Intrinsics):
 
     @pydantic.model_validator(mode="after")
     def _check_pose(self) -> "Viewed":
-        keys = ("position", "world_from_cam", "translate", "euler_deg")
+        keys = (
+            *("position", "world_from_cam", "rig_from_cam"),
+            *("translate", "euler_deg"),
+        )
         present = [key for key in keys if getattr(self, key, None)]
         if len(present) > 1 and present != ["translate", "euler_deg"]:
             raise InputError(
@@ -232,16 +236,20 @@ class Viewed(Intrinsics):
 class PosedIntrinsics(Viewed):
     """A camera with a pose of its own, also as `world_from_cam`.
 
-    `translate` and `euler_deg` are relative to the rig's pose, in its axes: x right, y down, z forward.
+    `rig_from_cam`, or `translate` and `euler_deg`, are relative to the rig's pose, in its axes: x right, y down,
+    z forward.
     """
 
     world_from_cam: Matrix | None = None
+    rig_from_cam: Matrix | None = None
     translate: Vector3 | None = None
     euler_deg: Vector3 | None = None
 
     def pose(self, default: Float) -> Float:
         if self.world_from_cam is not None:
             return np.array(self.world_from_cam, dtype=np.float64)
+        if self.rig_from_cam is not None:
+            return default @ np.array(self.rig_from_cam, dtype=np.float64)
         turn = euler_rotation(self.euler_deg or [0.0] * 3)
         return super().pose(default @ rigid(turn[:3, :3], self.translate or [0.0] * 3))
 
@@ -332,29 +340,64 @@ def _grey_picture(path: Path) -> NDArray[np.float32]:
     return pixels[..., 0]
 
 
-def with_pictures(
-    table: Mapping[str, Any], find: Callable[[str], Path]
+Find = Callable[[str], Path]
+"""The path of a file that a table names. Raises InputError."""
+
+
+def with_files(
+    table: Mapping[str, Any], find: Find, size: tuple[int, int] | None = None
 ) -> dict[str, Any]:
-    """The table of a rig with the paths `find(name)` of the pictures that are patterns of its projectors."""
+    """The table of a rig with what its files hold, which `find` finds by their names.
 
-    def found(i: int, projector: Any) -> Any:
-        match projector:
-            case {"pattern": {"type": "picture", "file": str(name)} as pattern}:
-                with located(f"projectors[{i}].pattern.file"):
-                    return {
-                        **projector,
-                        "pattern": {**pattern, "file": str(find(name))},
-                    }
-        return projector
+    A calibration `file` is replaced by its cameras; the pictures that are patterns of projectors, by their paths.
 
+    size : (width, height) for a calibration without it. Raises InputError.
+    """
+    placed = _with_pictures(table, find)
+    return _with_calibration(placed, find, size) if "file" in placed else placed
+
+
+def _with_pictures(table: Mapping[str, Any], find: Find) -> dict[str, Any]:
     projectors = table.get("projectors")
     if not isinstance(projectors, list):
         return dict(table)
-    with_paths = [found(i, projector) for i, projector in enumerate(projectors)]
+    with_paths = [
+        _with_picture(projector, i, find) for i, projector in enumerate(projectors)
+    ]
     return {**table, "projectors": with_paths}
 
 
-def picture_names(table: Mapping[str, Any]) -> list[str]:
+def _with_picture(projector: Any, i: int, find: Find) -> Any:
+    match projector:
+        case {"pattern": {"type": "picture", "file": str(name)} as pattern}:
+            with located(f"projectors[{i}].pattern.file"):
+                path = str(find(name))
+            return {**projector, "pattern": {**pattern, "file": path}}
+    return projector
+
+
+def _with_calibration(
+    table: Mapping[str, Any], find: Find, size: tuple[int, int] | None
+) -> dict[str, Any]:
+    """The table with the cameras of its calibration, and its other keys."""
+    settings = read(
+        CalibrationKeys,
+        {key: table[key] for key in table if key in CalibrationKeys.model_fields},
+        "file",
+    )
+    rest = {key: table[key] for key in table if key not in CalibrationKeys.model_fields}
+    for key in rest:
+        if key in _OF_CALIBRATION:
+            raise InputError(
+                f"{key!r} is in the calibration file; remove the key or 'file'"
+            )
+    with located("file"):
+        paths = [find(name) for name in settings.names()]
+    calibration = read_rig(*paths, length_unit=settings.length_unit, size=size)
+    return {**rest, **rig_table(calibration.rig, settings.poses)}
+
+
+def file_names(table: Mapping[str, Any]) -> list[str]:
     """The files that a rig's table names."""
     names: list[str] = []
 
@@ -362,8 +405,42 @@ def picture_names(table: Mapping[str, Any]) -> list[str]:
         names.append(name)
         return Path(name)
 
-    with_pictures(table, find)
-    return names
+    _with_pictures(table, find)
+    file = table.get("file", [])
+    calibration = [file] if isinstance(file, str) else file
+    return names + [name for name in calibration if isinstance(name, str)]
+
+
+_CalibrationFile: Any = (
+    str | Annotated[list[str], pydantic.Field(min_length=1, max_length=2)]
+)
+_LengthUnit: Any = Literal["m", "cm", "mm"]
+_Poses: Any = Literal["rig", "world"]
+
+
+class CalibrationKeys(StrictModel):
+    """The keys of a rig that is in the calibration file of another program.
+
+    file : its name, or two names: intrinsics and extrinsics of OpenCV, left and right camera_info of ROS, cameras.txt
+        and images.txt of COLMAP.
+    length_unit : of the file's lengths.
+    poses : "rig" puts the first camera at the rig's pose, "world" takes the file's world for the scene's.
+    """
+
+    layout: Literal["file"] = "file"
+    file: _CalibrationFile
+    length_unit: _LengthUnit = "m"
+    poses: _Poses = "rig"
+
+    def names(self) -> list[str]:
+        return [self.file] if isinstance(self.file, str) else list(self.file)
+
+
+_OF_CALIBRATION = {
+    *("camera", "cameras", "baseline", "width", "height", "fov_x_deg", "fx", "fy"),
+    *("focal_length_mm", "cx", "cy", "distortion"),
+}
+"""Keys of a rig that its calibration file sets."""
 
 
 class RigBase(Viewed):
@@ -497,6 +574,11 @@ _KEYS: dict[str, dict[str, Any]] = {
         "focus": _Focus | None,
     },
     "cameras": {"cameras": Annotated[list[PosedIntrinsics], _CAMERAS]},
+    "file": {
+        "file": _CalibrationFile,
+        "length_unit": _LengthUnit | None,
+        "poses": _Poses | None,
+    },
 }
 _RIGS = variants(RigBase, "layout", _KEYS, "parallel")
 RigTable = Annotated[RigBase, reads(tagged("Rig", "layout", _RIGS, "parallel"))]
@@ -544,12 +626,15 @@ def rig_from_table(
 ) -> Rig:
     """The rig that `table` describes, at the viewpoint of the scene unless the table has one.
 
-    `table` has plain values as TOML has them; docs/rigs.md shows the keys. The scene's pose, field of view and baseline
-    are the defaults; `width` and `height` in pixels are for cameras whose tables have none. With `misalignment`, the
-    rig's `calibrated` is the one without the calibration errors.
+    `table` has plain values as TOML has them; docs/rigs.md shows the keys. Files that it names are below the current
+    folder. The scene's pose, field of view and baseline are the defaults; `width` and `height` in pixels are for
+    cameras whose tables have none. With `misalignment`, the rig's `calibrated` is the one without the calibration
+    errors.
 
     Raises InputError that names `file`, the key below the dotted path `key`, and what is allowed.
     """
+    with located(f"{file}: {key}" if key else str(file)):
+        table = with_files(table, Path)
     checked = read(_RIG, table, file, key)
     with located(f"{file}: {key}" if key else str(file)):
         return checked.rig(scene, width, height)

@@ -14,7 +14,7 @@ from twinlens.scenes.assets import SceneContext, find_asset, read_limited
 from twinlens.scenes.objects import Object
 from twinlens.scenes.placement import Length, Vector3, view_pose
 from twinlens.scenes.plugins import SURROUNDING_LIGHTS, Integrator, Light, MaterialTable
-from twinlens.scenes.rigs import RigLength, RigTable, rig_from_table, with_pictures
+from twinlens.scenes.rigs import RigLength, RigTable, rig_from_table, with_files
 from twinlens.scenes.scene import Scene
 from twinlens.scenes.texture_tables import Texture
 from twinlens.scenes.xml_file import read_scene_xml
@@ -45,6 +45,12 @@ class ViewTable(StrictModel):
         return self
 
 
+def _with_files_of_rig(table: Any, info: Any) -> Any:
+    if not isinstance(table, Mapping):
+        return table
+    return with_files(table, lambda name: find_asset(name, info.context))
+
+
 def _register_textures(textures: dict[str, Any], info: Any) -> dict[str, Any]:
     info.context.textures.update(textures)
     return textures
@@ -62,7 +68,7 @@ class SceneFile(StrictModel):
     camera: ViewTable
     lights: dict[str, Light] = pydantic.Field({})
     integrator: Integrator = pydantic.Field({"type": "path", "max_depth": 6})
-    rig: RigTable | None = None
+    rig: Annotated[RigTable, pydantic.BeforeValidator(_with_files_of_rig)] | None = None
 
     @pydantic.model_validator(mode="after")
     def _check_scene(self) -> "SceneFile":
@@ -139,7 +145,7 @@ def scene_with_rig(
     table = read_toml(path) if table is None else table
     assets = context or SceneContext(path.parent)
     with located(f"{path}: {key}" if key else str(path)):
-        table = with_pictures(table, lambda name: find_asset(name, assets))
+        table = with_files(table, lambda name: find_asset(name, assets))
     rig_from_table(table, scene, *_ANY_SIZE, path, key)
     return replace(scene, rig=table)
 

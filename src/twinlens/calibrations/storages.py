@@ -17,7 +17,6 @@ from xml.parsers import expat
 import numpy as np
 import yaml
 
-from twinlens.dataset.files import read_text
 from twinlens.errors import FileError, InputError, format_value
 from twinlens.geometry import Float
 
@@ -49,6 +48,19 @@ def _without_tag(loader: Any, _tag: str, node: Any) -> Any:
 
 
 _Loader.add_multi_constructor("", _without_tag)
+
+
+def read_text(path: Path) -> str:
+    """The content of a UTF-8 file. Raises FileError that names it."""
+    try:
+        return path.read_text("utf-8")
+    except FileNotFoundError:
+        raise FileError(f"{path}: no such file") from None
+    except UnicodeDecodeError:
+        raise FileError(f"{path}: not a text file") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise FileError(f"{path}: cannot be read ({reason})") from None
 
 
 def read_storage(path: Path) -> dict[str, Any]:

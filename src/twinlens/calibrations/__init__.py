@@ -1,0 +1,4 @@
+"""Rigs in the calibration files of other programs. Never renders."""
+
+from twinlens.calibrations.reading import read_rig as read_rig, rig_table as rig_table
+from twinlens.calibrations.rig_files import NamedRig as NamedRig

@@ -1,0 +1,148 @@
+"""A rig from a calibration file, whose program is recognised by what the file holds."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from twinlens.calibrations.rig_files import (
+    FilePath,
+    NamedRig,
+    read_colmap,
+    read_kalibr,
+    read_opencv,
+    read_ros,
+    read_transforms,
+)
+from twinlens.calibrations.storages import read_storage
+from twinlens.camera import Camera, Rig
+from twinlens.errors import FileError, InputError
+
+COLMAP_FILES = ("cameras.txt", "images.txt")
+FORMS = (
+    "OpenCV's stereo files (YAML, XML, JSON), ROS camera_info of both cameras, Kalibr's camchain, "
+    "COLMAP's cameras.txt with images.txt, transforms.json"
+)
+"""What `read_rig` reads."""
+
+LENGTH_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+"""Metres of each unit of length. Calibrations do not name theirs."""
+
+
+def read_rig(
+    *paths: FilePath,
+    length_unit: Literal["m", "cm", "mm"] = "m",
+    size: tuple[int, int] | None = None,
+) -> NamedRig:
+    """The rig in a calibration file of another program, or in two files that belong together.
+
+    paths : one file; or two: intrinsics and extrinsics of OpenCV, left and right camera_info of ROS, cameras.txt and
+        images.txt of COLMAP. A folder stands for the two of COLMAP in it.
+    length_unit : of the file's lengths.
+    size : (width, height) of the images, for a file of OpenCV that does not tell it.
+
+    Poses are world_from_cam, where the world is the first camera's frame unless the file has one. Raises FileError for
+    a file that is none of these, or not valid.
+    """
+    files = [file for path in paths for file in calibration_files(Path(path))]
+    if not files:
+        raise InputError("a rig needs a calibration file")
+    read = _read(files, size)
+    metres = LENGTH_UNITS[length_unit]
+    poses = [pose.copy() for pose in read.rig.world_from_cams]
+    for pose in poses:
+        pose[:3, 3] *= metres
+    return NamedRig(Rig(read.rig.cameras, poses), read.names)
+
+
+def calibration_files(path: Path) -> list[Path]:
+    """The files that `path` stands for: those of COLMAP's text model for its folder, or else the path itself."""
+    return [path / name for name in COLMAP_FILES] if path.is_dir() else [path]
+
+
+def _read(files: Sequence[Path], size: tuple[int, int] | None) -> NamedRig:
+    first = files[0]
+    if first.name in COLMAP_FILES:
+        if sorted(file.name for file in files) != sorted(COLMAP_FILES):
+            raise FileError(f"{first}: COLMAP's cameras.txt and images.txt go together")
+        if len({file.parent for file in files}) > 1:
+            raise FileError(f"{first}: cameras.txt and images.txt are in two folders")
+        return read_colmap(first.parent)
+    values = read_storage(first)
+    if "projection_matrix" in values or "camera_matrix" in values:
+        return _ros_pair(files)
+    if len(files) > 2:
+        raise FileError(f"{files[2]}: a rig has at most two files")
+    if "frames" in values:
+        return read_transforms(_only(files))
+    if "cam0" in values:
+        return read_kalibr(_only(files))
+    if _has_cameras(values) or {"R", "T"} <= values.keys():
+        return NamedRig(_opencv_pair(files, values, size), ("1", "2"))
+    raise FileError(f"{first}: holds no rig that is known; it may be of {FORMS}")
+
+
+def _only(files: Sequence[Path]) -> Path:
+    if len(files) > 1:
+        raise FileError(f"{files[1]}: {files[0].name} is complete without it")
+    return files[0]
+
+
+def _ros_pair(files: Sequence[Path]) -> NamedRig:
+    if len(files) != 2:
+        raise FileError(
+            f"{files[0]}: camera_info is of one camera; give the left file, then the right one"
+        )
+    return NamedRig(read_ros(*files), ("left", "right"))
+
+
+def _opencv_pair(
+    files: Sequence[Path], first: Mapping[str, Any], size: tuple[int, int] | None
+) -> Rig:
+    """The pair of one file, or of two in either order, of which `first` are the values of the first."""
+    if len(files) == 1:
+        return read_opencv(files[0], _size_unless_stored(first, size))
+    intrinsics, extrinsics = files if _has_cameras(first) else reversed(files)
+    stored = read_storage(intrinsics)
+    return read_opencv(intrinsics, _size_unless_stored(stored, size), extrinsics)
+
+
+def _has_cameras(values: Mapping[str, Any]) -> bool:
+    return any(name in values for name in ("M1", "K1", "cameraMatrix1"))
+
+
+def _size_unless_stored(
+    values: Mapping[str, Any], size: tuple[int, int] | None
+) -> tuple[int, int] | None:
+    return None if {"size1", "image_width"} & values.keys() else size
+
+
+def rig_table(rig: Rig, poses: Literal["rig", "world"] = "rig") -> dict[str, Any]:
+    """The table of `rig` as a rig's file has it, with layout "cameras".
+
+    poses : "rig" gives poses relative to the first camera, which then stands where the rig's pose is; "world" gives
+        `world_from_cams` as they are.
+    """
+    placed = list(rig.world_from_cams)
+    if poses == "rig":
+        # b_from_a(0, 0) would differ from the identity by rounding.
+        placed = [np.eye(4), *(rig.b_from_a(i, 0) for i in range(1, len(rig)))]
+    key = f"{poses}_from_cam"
+    cameras = [
+        _camera_table(camera) | {key: pose.tolist()}
+        for camera, pose in zip(rig.cameras, placed, strict=True)
+    ]
+    return {"layout": "cameras", "cameras": cameras}
+
+
+def _camera_table(camera: Camera) -> dict[str, Any]:
+    names = ("width", "height", "fx", "fy", "cx", "cy")
+    table: dict[str, Any] = {name: getattr(camera, name) for name in names}
+    if camera.distortion is not None:
+        coefficients = {
+            name: value for name, value in asdict(camera.distortion).items() if value
+        }
+        table["distortion"] = {"model": camera.distortion.name, **coefficients}
+    return table
