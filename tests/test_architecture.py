@@ -13,11 +13,12 @@ import pytest
 import twinlens
 
 PACKAGE = Path(twinlens.__file__).parent
-BASE = {"errors", "machine", "processes", "schema", "seeds", "settings"}
+BASE = {"errors", "machine", "pictures", "processes", "schema", "seeds", "settings"}
 UNDER_SCENES = {*BASE, "geometry", "optics", "camera"}
 MAY_IMPORT = {
     "errors": set(),
     "machine": set(),
+    "pictures": set(),
     "processes": {"errors"},
     "schema": {"errors", "settings"},
     "seeds": set(),

@@ -4,6 +4,7 @@ A message states the value, what is allowed, and what to do. Imports nothing of 
 """
 
 import difflib
+import importlib
 import math
 import re
 import reprlib
@@ -36,6 +37,17 @@ class OutputError(TwinlensError, OSError):
 
 class MissingExtraError(TwinlensError, ImportError):
     """An optional package is not installed; the message names the extra that installs it."""
+
+
+def import_extra(module: str, extra: str) -> Any:
+    """The module of an optional package. Raises MissingExtraError, with the extra that installs it."""
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        package = module.partition(".")[0]
+        raise MissingExtraError(
+            f"{package} is not installed; pip install 'twinlens[{extra}]'"
+        ) from None
 
 
 class BackendError(TwinlensError, RuntimeError):

@@ -7,7 +7,6 @@ satisfies `Matcher`; `answer_of` calls either kind, and `checked_answer` validat
 import abc
 import functools
 import hashlib
-import importlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +14,7 @@ from typing import Annotated, Any, NamedTuple, Protocol, Self
 
 import numpy as np
 
-from twinlens.errors import InputError, MissingExtraError
+from twinlens.errors import InputError
 from twinlens.matching.images import Confidence, Disparity
 from twinlens.settings import Setting, Settings
 
@@ -241,16 +240,6 @@ def _cached_hash(path: Path, _written_ns: int, _size: int) -> str:
     """The hash of a file until its time or size changes; a board needs it for every sample."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()[:HASH_DIGITS]
-
-
-def import_extra(module: str, extra: str) -> Any:
-    """The module of an optional package. Raises MissingExtraError, with the extra that installs it."""
-    try:
-        return importlib.import_module(module)
-    except ImportError:
-        raise MissingExtraError(
-            f"{module} is not installed; pip install 'twinlens[{extra}]'"
-        ) from None
 
 
 def check_image_size(matcher: Any, size: tuple[int, ...]) -> None:

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.errors import FileError, InputError
+from twinlens.errors import FileError, InputError, import_extra
 from twinlens.matching.box import Rows, Volume
 from twinlens.matching.contract import (
     Answer,
@@ -20,7 +20,6 @@ from twinlens.matching.contract import (
     MatcherFailedError,
     checked_answer,
     file_hashes,
-    import_extra,
 )
 from twinlens.matching.images import Image, grey, pair
 from twinlens.settings import Setting, Settings

@@ -5,11 +5,10 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from twinlens.errors import InputError
+from twinlens.errors import InputError, import_extra
 from twinlens.matching.contract import (
     Answer,
     RangeMatcher,
-    import_extra,
 )
 from twinlens.matching.images import levels, pair
 from twinlens.settings import Setting

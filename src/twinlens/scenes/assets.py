@@ -9,6 +9,7 @@ Ghostscript on PostScript).
 import os
 import re
 import threading
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass, field
@@ -20,11 +21,12 @@ import numpy as np
 import pydantic
 from numpy.typing import ArrayLike, NDArray
 
-from twinlens.errors import FileError, InputError, format_value
+from twinlens.errors import FileError, InputError, MissingExtraError, format_value
+from twinlens.pictures import decode_sixteen_bits, has_sixteen_bits
 from twinlens.scenes import shapes
 from twinlens.scenes.materials import AnyMaterial
 from twinlens.scenes.polygons import triangulated_obj, triangulated_ply
-from twinlens.scenes.scene import Mesh
+from twinlens.scenes.scene import Mesh, SceneWarning
 
 MESH_FILES = {".ply", ".obj", ".glb", ".gltf", ".stl"}
 MOST_FACES = 20_000_000
@@ -32,7 +34,7 @@ LARGEST_MESH_FILE = 2 << 30  # bytes, and of all files that it names
 _MOST_PIXELS = 1 << 27
 _MOST_CHANNELS = 64
 _MOST_VALUES = 1 << 29
-_LARGEST_HDR_FILE = 1 << 30  # bytes
+_LARGEST_PICTURE_FILE = 1 << 30  # bytes
 _LONGEST_REASON = 300
 _OBJ_ZERO = re.compile(r"[ /]0+(?![^ /])")
 _COMMENT = re.compile(r"(^|\s)#.*")  # names such as "Material__#25" have the sign too
@@ -139,6 +141,8 @@ def reading(path: Path, kind: str) -> Iterator[None]:
     except InputError as error:
         reason = str(error).removeprefix(f"{path}: ")
         raise FileError(f"{path}: {reason[:_LONGEST_REASON]}") from error
+    except MissingExtraError as error:
+        raise MissingExtraError(f"{path}: {error}") from error
     except Exception as error:
         reason = " ".join(str(error).split())[:_LONGEST_REASON]
         raise FileError(
@@ -178,14 +182,32 @@ def check_picture_size(name: object, width: int, height: int) -> None:
 def _read_8bit(path: Path) -> tuple[NDArray[np.float32], bool]:
     from PIL import Image
 
-    with Image.open(path, formats=_PILLOW_FORMATS[path.suffix.lower()]) as image:
+    data = read_limited(path, _LARGEST_PICTURE_FILE)
+    formats = _PILLOW_FORMATS[path.suffix.lower()]
+    with Image.open(BytesIO(data), formats=formats) as image:
         check_picture_size(path, image.width, image.height)
-        if image.mode.startswith("I"):
-            grey = np.asarray(image, dtype=np.float32) / np.float32(65535)
-            return np.repeat(grey[..., None], 3, axis=2), True
-        return np.asarray(image.convert("RGB"), dtype=np.float32) / np.float32(
-            255
-        ), True
+        _name_alpha(path, image)
+        if not has_sixteen_bits(data):
+            pixels = np.asarray(image.convert("RGB"), dtype=np.float32)
+            return pixels / np.float32(255), True
+    values = decode_sixteen_bits(data)
+    colors = values[..., [0, 0, 0]] if values.shape[2] < 3 else values[..., :3]
+    return colors.astype(np.float32) / np.float32(65535), True
+
+
+def _name_alpha(path: Path, image: Any) -> None:
+    """Warn of a picture of Pillow that is partly transparent."""
+    if not image.has_transparency_data:
+        return
+    if image.convert("RGBA").getchannel("A").getextrema()[0] < 255:
+        warn_ignored(path, ["its alpha channel (opaque; a 'mask' takes opacity)"])
+
+
+def warn_ignored(path: Path, parts: list[str]) -> None:
+    """Warn in one line of parts of a file that are not used, each with what is done instead."""
+    if parts:
+        named = ", ".join(dict.fromkeys(parts))
+        warnings.warn(f"{path}: not used: {named}", SceneWarning, stacklevel=3)
 
 
 @contextmanager
@@ -240,7 +262,7 @@ def _read_exr(path: Path) -> tuple[NDArray[np.float32], bool]:
 
 def _read_hdr(path: Path) -> tuple[NDArray[np.float32], bool]:
     """Radiance RGBE. Source: G. Ward, Real Pixels, Graphics Gems II, 1991."""
-    data = read_limited(path, _LARGEST_HDR_FILE)
+    data = read_limited(path, _LARGEST_PICTURE_FILE)
     head, _, body = data.partition(b"\n\n")
     size, _, body = body.partition(b"\n")
     words = size.split()

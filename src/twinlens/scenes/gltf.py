@@ -1,7 +1,7 @@
 """glTF 2.0 files: geometry, the node tree, and where materials and their pictures are.
 
-The header is checked here. Only buffers, accessors and primitives reach trimesh, which decodes them; trimesh opens no
-picture and no other file.
+The header is checked here; `gltf_arrays` decodes accessors and compressed geometry. trimesh holds the triangles of a
+part, and opens no file.
 """
 
 # ruff: noqa: N815 (keys are spelt as in glTF)
@@ -12,18 +12,29 @@ import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from io import BytesIO
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 from urllib.parse import unquote
 
 import numpy as np
 import pydantic
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from twinlens.errors import FileError, InputError
+from twinlens.errors import FileError, InputError, located
 from twinlens.geometry import Float
 from twinlens.scenes.assets import LARGEST_MESH_FILE, read_limited
+from twinlens.scenes.gltf_arrays import (
+    ARRAY_EXTENSIONS,
+    FACE_MODES,
+    Accessor,
+    Arrays,
+    Draco,
+    View,
+    draco_values,
+    from_draco,
+    triangles_of,
+)
 from twinlens.scenes.gltf_materials import (
     EXTENSIONS,
     Image,
@@ -36,27 +47,12 @@ from twinlens.schema import dotted, exactly, read, satisfies
 
 MOST_NODES = 50_000
 _MOST_MATERIALS = 10_000
-_MOST_BYTES = 2 << 30  # of decoded accessors
 _JSON, _BIN = 0x4E4F534A, 0x004E4942
-_COLUMNS = {
-    "SCALAR": 1,
-    "VEC2": 2,
-    "VEC3": 3,
-    "VEC4": 4,
-    "MAT2": 4,
-    "MAT3": 9,
-    "MAT4": 16,
-}
-_BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 _ATTRIBUTES = {
     "POSITION": ("VEC3",),
     "NORMAL": ("VEC3",),
-    "TEXCOORD_0": ("VEC2",),
     "COLOR_0": ("VEC3", "VEC4"),
 }
-_TRIANGLES = (4, 5)  # modes: a list, a strip
-
-_INDICES = (5121, 5123, 5125)  # unsigned bytes, shorts, integers
 _TABLES = {
     "buffer": "buffers",
     "bufferView": "bufferViews",
@@ -73,6 +69,11 @@ _TABLES = {
 }
 """The table of the header that a key's value is an index of."""
 
+_REMEDIES = {
+    "KHR_texture_basisu": "convert its KTX2 pictures to PNG, JPEG or WebP (gltf-transform)",
+}
+"""What to do about an extension that a file requires."""
+
 _Index = Annotated[int, pydantic.Field(ge=0)]
 
 
@@ -85,21 +86,19 @@ class _Asset(Lenient):
 
 class _Buffer(Lenient):
     uri: str | None = None
+    extensions: dict[str, Any] = pydantic.Field(default={})
+
+    @property
+    def is_fallback(self) -> bool:
+        """Whether it has no data, as those of its views are compressed in another buffer."""
+        tables = [self.extensions.get(name) for name in ARRAY_EXTENSIONS]
+        return any(
+            isinstance(table, dict) and table.get("fallback") for table in tables
+        )
 
 
-class _View(Lenient):
-    buffer: _Index
-    byteOffset: _Index = 0
-    byteLength: _Index
-    byteStride: Annotated[int, pydantic.Field(ge=1, le=255)] | None = None
-
-
-class _Accessor(Lenient):
-    bufferView: _Index | None = None
-    byteOffset: _Index = 0
-    componentType: Literal[5120, 5121, 5122, 5123, 5125, 5126]
-    count: Annotated[int, pydantic.Field(ge=1)]
-    type: Literal["SCALAR", "VEC2", "VEC3", "VEC4", "MAT2", "MAT3", "MAT4"]
+class _PrimitiveExtensions(Lenient):
+    KHR_draco_mesh_compression: Draco | None = None
 
 
 class _Primitive(Lenient):
@@ -107,6 +106,7 @@ class _Primitive(Lenient):
     indices: _Index | None = None
     material: _Index | None = None
     mode: int = 4
+    extensions: _PrimitiveExtensions = _PrimitiveExtensions()
 
 
 class _Mesh(Lenient):
@@ -145,8 +145,8 @@ class Header(Lenient):
 
     asset: _Asset
     buffers: list[_Buffer] = pydantic.Field(default=[])
-    bufferViews: list[_View] = pydantic.Field(default=[])
-    accessors: list[_Accessor] = pydantic.Field(default=[])
+    bufferViews: list[View] = pydantic.Field(default=[])
+    accessors: list[Accessor] = pydantic.Field(default=[])
     meshes: list[_Mesh] = pydantic.Field(default=[])
     nodes: Annotated[list[_Node], pydantic.Field(max_length=MOST_NODES)] = (
         pydantic.Field(default=[])
@@ -159,6 +159,8 @@ class Header(Lenient):
     textures: list[SampledImage] = pydantic.Field(default=[])
     images: list[Image] = pydantic.Field(default=[])
     samplers: list[Sampler] = pydantic.Field(default=[])
+    cameras: list[Any] = pydantic.Field(default=[])
+    animations: list[Any] = pydantic.Field(default=[])
     extensionsRequired: list[str] = pydantic.Field(default=[])
 
 
@@ -196,52 +198,65 @@ class Gltf:
 
     @property
     def lost(self) -> list[str]:
-        """What is not rendered, besides parts of materials."""
+        """What is not rendered, besides parts of materials, and what is done instead."""
+        header = self.header
         primitives = [
-            item
-            for mesh, _ in self._placed
-            for item in self.header.meshes[mesh].primitives
+            primitive
+            for mesh in sorted({mesh for mesh, _ in self._placed})
+            for primitive in header.meshes[mesh].primitives
         ]
-        tables = [
-            (item.model_extra or {}).get("extensions")
-            for item in (self.header, *self.header.nodes, *primitives)
-        ]
-        unknown = {
-            name for table in tables if isinstance(table, dict) for name in table
-        }
+        node_keys = [node.model_extra or {} for node in header.nodes]
         present = {
-            "points, lines and triangle fans": any(
-                item.mode not in _TRIANGLES for item in primitives
+            "points and lines (left out)": any(
+                primitive.mode not in FACE_MODES for primitive in primitives
             ),
-            "morph targets": any(
-                "targets" in (item.model_extra or {}) for item in primitives
+            "morph targets (the mesh without them)": any(
+                "targets" in (primitive.model_extra or {}) for primitive in primitives
             ),
-            "skins": any(
-                "skin" in (item.model_extra or {}) for item in self.header.nodes
+            "skins (the mesh as its nodes place it)": any(
+                "skin" in keys for keys in node_keys
             ),
+            "animations (the pose of the nodes)": bool(header.animations),
+            "cameras (those of the scene)": any("camera" in keys for keys in node_keys),
+            **{
+                f"{name} (not used)": True
+                for name in sorted(set().union(*map(self._unused, primitives)))
+            },
         }
-        return [*(name for name, has in present.items() if has), *sorted(unknown)]
+        return [
+            *(name for name, is_there in present.items() if is_there),
+            *sorted(self._unknown_extensions()),
+        ]
+
+    def _unused(self, primitive: _Primitive) -> set[str]:
+        """The attributes of a primitive of triangles that nothing reads."""
+        if primitive.mode not in FACE_MODES:
+            return set()
+        used = {*_ATTRIBUTES, "TANGENT", f"TEXCOORD_{self._coordinate_set(primitive)}"}
+        # Joints and weights are named as a skin.
+        names = {name for name in primitive.attributes if name not in used}
+        return {name for name in names if not name.startswith(("JOINTS", "WEIGHTS"))}
+
+    def _unknown_extensions(self) -> set[str]:
+        """The extensions of everything but materials that are not read."""
+        tables = self.header.model_dump(exclude={"materials"}, exclude_none=True)
+        return set(_extensions_in(tables)) - EXTENSIONS - ARRAY_EXTENSIONS
 
     def parts(self) -> list[Part]:
         """All placed primitives of triangles."""
-        loaded = self._geometry()
+        arrays = Arrays(self.buffers, self.header.bufferViews, self.header.accessors)
+        decoded = {
+            name: self._decoded(arrays, f"meshes[{mesh}]", primitive)
+            for mesh in sorted({mesh for mesh, _ in self._placed})
+            for name, primitive in self._triangles(mesh)
+        }
         parts = []
         for mesh, pose in self._placed:
             for name, primitive in self._triangles(mesh):
-                if name not in loaded:
-                    continue
-                decoded = loaded[name]
-                color = decoded.visual.vertex_attributes.get("color")
-                colors = None if color is None else _rgba(np.asarray(color))
-                parts.append(
-                    Part(
-                        decoded,
-                        pose,
-                        primitive.material,
-                        "NORMAL" in primitive.attributes,
-                        colors,
-                    )
-                )
+                made, colors = decoded[name]
+                has_normals = "NORMAL" in primitive.attributes
+                part = Part(made, pose, primitive.material, has_normals, colors)
+                parts.append(part)
         return parts
 
     def picture(self, index: int) -> bytes:
@@ -249,14 +264,12 @@ class Gltf:
         image = self.header.images[index]
         if image.bufferView is None:
             return read_uri(image.uri or "", self.open_file)
-        view = self.header.bufferViews[image.bufferView]
-        return self.buffers[view.buffer][
-            view.byteOffset : view.byteOffset + view.byteLength
-        ]
+        arrays = Arrays(self.buffers, self.header.bufferViews, [])
+        return arrays.view(image.bufferView)
 
     def _triangles(self, mesh: int) -> Iterator[tuple[str, _Primitive]]:
         for i, primitive in enumerate(self.header.meshes[mesh].primitives):
-            if primitive.mode in _TRIANGLES:
+            if primitive.mode in FACE_MODES:
                 yield f"{mesh}/{i}", primitive
 
     def _face_count(self, primitive: _Primitive) -> int:
@@ -299,106 +312,104 @@ class Gltf:
             waiting += [(child, pose) for child in reversed(node.children)]
         return placed
 
-    def _geometry(self) -> Any:
-        """trimesh's meshes by "mesh/primitive"."""
+    def _decoded(
+        self, arrays: Arrays, mesh: str, primitive: _Primitive
+    ) -> tuple[Any, Float | None]:
+        """A primitive as trimesh's mesh, and the colours of its vertices. Raises FileError that names the mesh."""
         import trimesh
 
-        header = self.header
-        size = sum(
-            accessor.count * _COLUMNS[accessor.type] * _BYTES[accessor.componentType]
-            for accessor in header.accessors
+        with located(f"{self.path}: {mesh}"):
+            kept = self._kept(primitive)
+            self._check_attributes(kept)
+            values, faces = self._arrays_of(arrays, primitive, kept)
+        uv = values.get("TEXCOORD")
+        visual = None
+        if uv is not None:
+            # glTF counts v from the top of the picture.
+            visual = trimesh.visual.TextureVisuals(uv=uv * [1, -1] + [0, 1])
+        made = trimesh.Trimesh(
+            values["POSITION"],
+            faces,
+            vertex_normals=values.get("NORMAL"),
+            visual=visual,
+            process=False,
+            validate=False,
         )
-        if size > _MOST_BYTES:
-            raise FileError(
-                f"{self.path}: accessors of {size >> 20} MiB are more than {_MOST_BYTES >> 20} MiB"
-            )
-        meshes = [
-            {"name": name, "primitives": [self._checked(f"meshes[{index}]", primitive)]}
-            for index in sorted({mesh for mesh, _ in self._placed})
-            for name, primitive in self._triangles(index)
-        ]
-        cleaned = {
-            "asset": {"version": "2.0"},
-            "buffers": [{"uri": str(i)} for i in range(len(self.buffers))],
-            "bufferViews": [
-                view.model_dump(exclude_none=True) for view in header.bufferViews
-            ],
-            "accessors": [
-                accessor.model_dump(exclude_none=True) for accessor in header.accessors
-            ],
-            "meshes": meshes,
-            # Without a material trimesh reads no texture coordinates.
-            "materials": [{}],
-        }
-        stream = BytesIO(json.dumps(cleaned).encode())
-        buffers = {str(i): data for i, data in enumerate(self.buffers)}
-        return trimesh.load_scene(
-            stream, file_type="gltf", resolver=buffers, process=False
-        ).geometry
+        return made, _rgba(values.get("COLOR_0"))
 
-    def _checked(self, mesh: str, primitive: _Primitive) -> dict[str, Any]:
-        """A primitive's table with the attributes that are read, checked. Raises FileError that names the mesh."""
-        attributes = {
-            **primitive.attributes,
-            "TEXCOORD_0": self._coordinates(primitive),
-        }
-        kept = {
-            key: attributes[key]
-            for key in _ATTRIBUTES
-            if attributes.get(key) is not None
-        }
-        self._check_attributes(mesh, kept)
-        table = {"attributes": kept, "mode": primitive.mode, "material": 0}
-        if primitive.indices is None:
-            return table
-        numbers = self.header.accessors[primitive.indices]
-        if numbers.type != "SCALAR" or numbers.componentType not in _INDICES:
-            raise FileError(
-                f"{self.path}: {mesh}: indices must be SCALAR, of unsigned integers"
+    def _arrays_of(
+        self, arrays: Arrays, primitive: _Primitive, kept: dict[str, int]
+    ) -> tuple[dict[str, Float], NDArray[np.int64]]:
+        """The attributes of a primitive by the keys of `_kept`, and its triangles (F, 3)."""
+        accessors = self.header.accessors
+        draco = primitive.extensions.KHR_draco_mesh_compression
+        stored: dict[str, NDArray[Any]] = {}
+        faces = None
+        if draco is not None:
+            stored, faces = from_draco(arrays.view(draco.bufferView), draco)
+        names = {index: name for name, index in primitive.attributes.items()}
+        values = {}
+        for key, index in kept.items():
+            name = names[index]
+            values[key] = (
+                draco_values(stored[name], accessors[index])
+                if name in stored
+                else arrays.values(index)
             )
-        return {**table, "indices": primitive.indices}
+            if not np.isfinite(values[key]).all():
+                raise InputError(f"{name} has numbers that are not finite")
+        count = len(values["POSITION"])
+        if faces is not None and primitive.indices is not None:
+            return values, np.asarray(faces, dtype=np.int64).reshape(-1, 3)
+        indices = np.arange(count)
+        if primitive.indices is not None:
+            indices = arrays.indices(primitive.indices)
+        return values, triangles_of(indices, primitive.mode)
 
-    def _check_attributes(self, mesh: str, attributes: dict[str, Any]) -> None:
+    def _kept(self, primitive: _Primitive) -> dict[str, int]:
+        """The accessors of the attributes that are read; TEXCOORD are the coordinates that the material uses."""
+        attributes = primitive.attributes
+        kept = {key: attributes[key] for key in _ATTRIBUTES if key in attributes}
+        chosen = attributes.get(f"TEXCOORD_{self._coordinate_set(primitive)}")
+        return kept if chosen is None else {**kept, "TEXCOORD": chosen}
+
+    def _check_attributes(self, attributes: dict[str, int]) -> None:
         if "POSITION" not in attributes:
-            raise FileError(f"{self.path}: {mesh} has a primitive without POSITION")
+            raise InputError("has a primitive without POSITION")
         accessors = {
             key: self.header.accessors[index] for key, index in attributes.items()
         }
         for key, accessor in accessors.items():
-            if (
-                accessor.type not in _ATTRIBUTES[key]
-                or accessor.count != accessors["POSITION"].count
-            ):
-                allowed = f"{' or '.join(_ATTRIBUTES[key])}, one for each position"
-                raise FileError(f"{self.path}: {mesh}: {key} must be {allowed}")
-            if "sparse" in (accessor.model_extra or {}):
-                raise FileError(
-                    f"{self.path}: {mesh}: {key} is sparse, which twinlens cannot read; export without it"
-                )
+            types = _ATTRIBUTES.get(key, ("VEC2",))
+            is_fitting = accessor.count == accessors["POSITION"].count
+            if accessor.type not in types or not is_fitting:
+                allowed = f"{' or '.join(types)}, one for each position"
+                raise InputError(f"{key} must be {allowed}")
 
-    def _coordinates(self, primitive: _Primitive) -> int | None:
-        """The accessor of the texture coordinates that the material uses."""
-        chosen = (
-            0
-            if primitive.material is None
-            else self.header.materials[primitive.material].coordinate_set
-        )
-        accessor = primitive.attributes.get(f"TEXCOORD_{chosen}")
-        if (
-            accessor is not None
-            and self.header.accessors[accessor].componentType != 5126
-        ):
-            raise FileError(
-                f"{self.path}: texture coordinates must be float32; export the file without quantization"
-            )
-        return accessor
+    def _coordinate_set(self, primitive: _Primitive) -> int:
+        """The set of texture coordinates that the material of a primitive uses."""
+        if primitive.material is None:
+            return 0
+        return self.header.materials[primitive.material].coordinate_set
 
 
-def _rgba(values: Any) -> Float | None:
-    """Colours (V, 4) in [0, 1] of floats or normalized integers (V, 3 or 4); None if all are 1."""
-    scale = 1.0 if values.dtype.kind == "f" else float(np.iinfo(values.dtype).max)
+def _extensions_in(value: Any) -> Iterator[str]:
+    """The names of all extensions in a part of a header."""
+    children = value if isinstance(value, list) else []
+    if isinstance(value, dict):
+        extensions = value.get("extensions")
+        yield from extensions if isinstance(extensions, dict) else ()
+        children = [child for key, child in value.items() if key != "extensions"]
+    for child in children:
+        yield from _extensions_in(child)
+
+
+def _rgba(values: Float | None) -> Float | None:
+    """Colours (V, 4) in [0, 1] of colours (V, 3 or 4); None without any, or if all are 1."""
+    if values is None:
+        return None
     rgba = np.ones((len(values), 4))
-    rgba[:, : values.shape[1]] = np.clip(values / scale, 0.0, 1.0)
+    rgba[:, : values.shape[1]] = np.clip(values, 0.0, 1.0)
     return None if (rgba == 1).all() else rgba
 
 
@@ -433,9 +444,14 @@ def named_by(header: Header) -> list[str]:
 def open_gltf(path: Path, open_file: Callable[[str], bytes]) -> Gltf:
     """The checked header and the buffers of a .glb or .gltf file. Raises FileError."""
     header, binary = read_header(path)
-    if unknown := sorted(set(header.extensionsRequired) - EXTENSIONS):
+    if unknown := sorted(
+        set(header.extensionsRequired) - EXTENSIONS - ARRAY_EXTENSIONS
+    ):
+        remedy = "; ".join(
+            {_REMEDIES.get(name, "export without it") for name in unknown}
+        )
         raise FileError(
-            f"{path}: requires {', '.join(unknown)}, which twinlens cannot read; export without it"
+            f"{path}: requires {', '.join(unknown)}, which twinlens cannot read; {remedy}"
         )
     for where, table, index in _indices(header):
         if index >= (count := len(getattr(header, table))):
@@ -444,16 +460,16 @@ def open_gltf(path: Path, open_file: Callable[[str], bytes]) -> Gltf:
             )
     buffers = []
     for i, buffer in enumerate(header.buffers):
-        if buffer.uri is None and (binary is None or i > 0):
+        is_missing = buffer.uri is None and (binary is None or i > 0)
+        if is_missing and not buffer.is_fallback:
             raise FileError(f"{path}: buffers[{i}] has no data")
         buffers.append(
-            binary if buffer.uri is None else read_uri(buffer.uri, open_file)
+            b""
+            if is_missing
+            else binary
+            if buffer.uri is None
+            else read_uri(buffer.uri, open_file)
         )
-    for i, view in enumerate(header.bufferViews):
-        if view.byteOffset + view.byteLength > len(buffers[view.buffer] or b""):
-            raise FileError(
-                f"{path}: bufferViews[{i}] ends after its buffer; is the file complete?"
-            )
     return Gltf(path, header, [data or b"" for data in buffers], open_file)
 
 

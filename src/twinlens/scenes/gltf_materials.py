@@ -8,6 +8,7 @@ glTF 2.0, chapter 5, and Khronos's extensions.
 # ruff: noqa: N815 (keys are spelt as in glTF)
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from io import BytesIO
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 
 from twinlens.errors import InputError
 from twinlens.geometry import Float
+from twinlens.pictures import decode_sixteen_bits, has_sixteen_bits
 from twinlens.scenes.assets import check_picture_size, linear_from_srgb
 from twinlens.scenes.materials import Bitmap, Color, Material, VertexColor
 from twinlens.schema import Fraction, NonNegative, exactly
@@ -30,7 +32,13 @@ VERTEX_COLOR = VertexColor("color")
 
 _NEAREST, _CLAMP, _MIRROR = 9728, 33071, 33648
 _WRAPS = {_CLAMP: "clamp", _MIRROR: "mirror"}
-_FORMATS = {b"\x89PNG": "PNG", b"\xff\xd8\xff": "JPEG"}
+_FORMATS = {
+    re.compile(rb"\x89PNG"): "PNG",
+    re.compile(rb"\xff\xd8\xff"): "JPEG",
+    re.compile(rb"RIFF.{4}WEBP", re.DOTALL): "WEBP",
+}
+_RGBA_CHANNELS = {1: [0, 0, 0, 1], 2: [0, 0, 0, 1], 3: [0, 1, 2, 3], 4: [0, 1, 2, 3]}
+"""Where RGBA are in the channels of a picture and one of full opacity after them."""
 _SMOOTHEST = 0.03  # roughness below which a pane is taken as clear
 
 
@@ -135,8 +143,20 @@ class _Extensions(Lenient):
     KHR_materials_volume: _Volume = _Volume()
 
 
-EXTENSIONS = {*_Extensions.model_fields, *_InfoExtensions.model_fields}
-"""The extensions that are read."""
+class _Source(Lenient):
+    source: _Index
+
+
+class _SourceExtensions(Lenient):
+    EXT_texture_webp: _Source | None = None
+
+
+EXTENSIONS = {
+    *_Extensions.model_fields,
+    *_InfoExtensions.model_fields,
+    *_SourceExtensions.model_fields,
+}
+"""The extensions of materials and textures that are read."""
 
 
 class Image(Lenient):
@@ -159,6 +179,13 @@ class SampledImage(Lenient):
 
     source: _Index | None = None
     sampler: _Index | None = None
+    extensions: _SourceExtensions = _SourceExtensions()
+
+    @property
+    def image(self) -> int | None:
+        """The number of its picture, that of EXT_texture_webp before the one for programs without."""
+        webp = self.extensions.EXT_texture_webp
+        return self.source if webp is None else webp.source
 
 
 class PbrMaterial(Lenient):
@@ -220,12 +247,14 @@ class Textures:
         if info is None:
             return None
         texture = self.textures[info.index]
-        if texture.source is None:
-            self.lost.append(f"textures[{info.index}] without a .png or .jpg picture")
+        if texture.image is None:
+            self.lost.append(f"textures[{info.index}], without a readable picture")
             return None
         if info.coordinate_set != coordinate_set:
-            self.lost.append("a second set of texture coordinates")
-        stored = self._stored(texture.source)[..., channels]
+            self.lost.append(
+                f"TEXCOORD_{info.coordinate_set} of textures[{info.index}] (TEXCOORD_{coordinate_set})"
+            )
+        stored = self._stored(texture.image)[..., channels]
         most = np.iinfo(stored.dtype).max
         pixels = np.divide(stored, most, dtype=np.float32)
         if srgb:
@@ -266,17 +295,18 @@ def _decoded(data: bytes, index: int) -> Stored:
     """A .png or .jpg picture as stored values (H, W, 4), whatever its suffix and media type."""
     from PIL import Image as Pillow
 
-    kind = next(
-        (name for magic, name in _FORMATS.items() if data.startswith(magic)), None
-    )
+    kinds = (name for form, name in _FORMATS.items() if form.match(data))
+    kind = next(kinds, None)
     if kind is None:
-        raise InputError(f"images[{index}] must be a .png or .jpg picture")
+        raise InputError(f"images[{index}] must be a .png, .jpg or .webp picture")
     with Pillow.open(BytesIO(data), formats=[kind]) as image:
         check_picture_size(f"images[{index}]", image.width, image.height)
-        if image.mode.startswith("I"):
-            grey = np.asarray(image).astype(np.uint16)
-            return np.stack([grey, grey, grey, np.full_like(grey, 65535)], axis=-1)
-        return np.asarray(image.convert("RGBA"))
+        if not has_sixteen_bits(data):
+            return np.asarray(image.convert("RGBA"))
+    values = decode_sixteen_bits(data)
+    full = np.full_like(values[..., :1], 65535)
+    channels = _RGBA_CHANNELS[values.shape[2]]
+    return np.concatenate([values, full], axis=2)[..., channels]
 
 
 def material_of(

@@ -20,6 +20,7 @@ from PIL import Image, UnidentifiedImageError
 from twinlens.dataset.files import read_bytes, write_file
 from twinlens.dataset.storage import Where
 from twinlens.errors import FileError, InputError
+from twinlens.pictures import decode_sixteen_bits
 
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
@@ -99,7 +100,7 @@ def decode_png(data: bytes, name: str = "PNG data") -> Pixels:
     _check_chunks(data, name)
     try:
         if depth == 16 and color == _RGB:
-            return _decode_sixteen_bit_rgb(data)
+            return decode_sixteen_bits(data)
         return _decode(data, name)
     except FileError:
         raise
@@ -203,13 +204,3 @@ def _decode(data: bytes, name: str) -> Pixels:
                 )
         grey = image.mode in ("1", "L", "LA")
         return np.array(image.convert("L" if grey else "RGB"))
-
-
-def _decode_sixteen_bit_rgb(data: bytes) -> NDArray[np.uint16]:
-    """Decode twice: Pillow unpacks one byte of two, the high one or, with the other byte order, the low one."""
-    planes = []
-    for rawmode in ("RGB;16B", "RGB;16L"):
-        with Image.open(io.BytesIO(data), formats=["PNG"]) as image:
-            image.tile = [tile._replace(args=rawmode) for tile in image.tile]
-            planes.append(np.array(image).astype(np.uint16))
-    return (planes[0] << np.uint16(8)) | planes[1]

@@ -1,0 +1,303 @@
+"""Forms that glTF files have besides lists of float32: sparse, quantized, compressed, strips and fans.
+
+The right values are those of the same model saved plainly, or of another library.
+"""
+
+import sys
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial import cKDTree
+from shapely import Polygon
+
+from tests.scenes.gltf_files import (
+    exported,
+    glb,
+    picture,
+    square,
+    with_values,
+)
+from twinlens.errors import FileError, MissingExtraError
+from twinlens.scenes.assets import SceneContext
+from twinlens.scenes.materials import Bitmap
+from twinlens.scenes.model_files import MaterialWarning, read_model
+
+FORMS = Path(__file__).parent / "gltf_forms"
+BYTE, UNSIGNED_BYTE, SHORT, UNSIGNED_SHORT = range(5120, 5124)
+UNSIGNED_INT, FLOAT = 5125, 5126
+CODES = {
+    BYTE: "i1",
+    UNSIGNED_BYTE: "u1",
+    SHORT: "<i2",
+    UNSIGNED_SHORT: "<u2",
+    UNSIGNED_INT: "<u4",
+    FLOAT: "<f4",
+}
+
+
+def read(path):
+    return read_model(path, SceneContext(path.parent))
+
+
+def of_faces(model):
+    """The mean position, texture coordinates of the picture, and normal of each triangle, and the picture."""
+    [material] = model.materials.values()
+    to_uv = material.base_color.to_uv[np.ix_([0, 1, 3], [0, 1, 3])]
+    mesh = model.mesh
+    uv = np.column_stack([mesh.uv, np.ones(len(mesh.uv))]) @ to_uv.T
+    means = [
+        values[mesh.faces].mean(axis=1) for values in (mesh.vertices, uv, mesh.normals)
+    ]
+    return *means, material.base_color.pixels
+
+
+@pytest.mark.parametrize("name", sorted(path.name for path in FORMS.glob("g*.glb")))
+def test_a_compressed_file_has_the_mesh_of_the_plain_one(name):
+    """Within half a step of 14 bits of 0.3 m for positions, 12 bits of 3 for (u, v) and 8 bits for normals."""
+    centres, uv, normals, pixels = of_faces(read(FORMS / "plain.glb"))
+    made = of_faces(read(FORMS / name))
+    distances, nearest = cKDTree(centres).query(made[0])
+    assert sorted(nearest) == list(range(48))
+    assert distances.max() < np.sqrt(3) / 2 * 0.3 / (2**14 - 1)
+    np.testing.assert_allclose(made[1], uv[nearest], atol=0.5 * 3 / (2**12 - 1))
+    np.testing.assert_allclose(made[2], normals[nearest], atol=1 / 127)
+    np.testing.assert_array_equal(made[3], pixels)
+
+
+@pytest.mark.parametrize(
+    ("module", "name"),
+    [("DracoPy", "gltf-transform-draco.glb"), ("meshopt", "gltfpack-cz.glb")],
+)
+def test_a_missing_library_is_named_with_its_extra(monkeypatch, module, name):
+    monkeypatch.setitem(sys.modules, module, None)
+    message = rf"{name}: {module} is not installed; pip install 'twinlens\[gltf\]'"
+    with pytest.raises(MissingExtraError, match=message):
+        read(FORMS / name)
+
+
+class Binary:
+    """A binary chunk with its views and accessors."""
+
+    def __init__(self):
+        self.data = b""
+        self.views = []
+        self.accessors = []
+
+    def view(self, array):
+        self.data += bytes(-len(self.data) % 4)
+        size = len(array.tobytes())
+        self.views.append(
+            {"buffer": 0, "byteOffset": len(self.data), "byteLength": size}
+        )
+        self.data += array.tobytes()
+        return len(self.views) - 1
+
+    def accessor(self, values, kind, code=FLOAT, **keys):
+        array = np.asarray(values).astype(CODES[code])
+        table = {"componentType": code, "count": len(array), "type": kind, **keys}
+        self.accessors.append({"bufferView": self.view(array), **table})
+        return len(self.accessors) - 1
+
+    def write(self, path, *primitives, **more):
+        header = {
+            "asset": {"version": "2.0"},
+            "buffers": [{"byteLength": len(self.data)}],
+            "bufferViews": self.views,
+            "accessors": self.accessors,
+            "meshes": [{"primitives": list(primitives)}],
+            **more,
+        }
+        path.write_bytes(glb(header, self.data))
+        return path
+
+
+def area(mesh):
+    corners = mesh.vertices[mesh.faces]
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return cross.sum(axis=0) / 2
+
+
+OUTLINE = np.array([[0, 0, 0], [3, 0, 0], [4, 2, 0], [2, 4, 0], [-1, 2, 0]])
+
+
+@pytest.mark.parametrize("code", [UNSIGNED_BYTE, UNSIGNED_SHORT, UNSIGNED_INT, None])
+def test_a_fan_covers_its_polygon_and_faces_as_it_does(tmp_path, code):
+    binary = Binary()
+    primitive = {
+        "mode": 6,
+        "attributes": {"POSITION": binary.accessor(OUTLINE, "VEC3")},
+    }
+    if code is not None:
+        primitive["indices"] = binary.accessor(np.arange(5), "SCALAR", code)
+    mesh = read(binary.write(tmp_path / "m.glb", primitive)).mesh
+    assert len(mesh.faces) == 3
+    np.testing.assert_allclose(area(mesh), [0, 0, Polygon(OUTLINE[:, :2]).area])
+
+
+@pytest.mark.parametrize(
+    "strip", [[0, 1, 2, 3, 4, 5], [0, 1, 2, 3, 3, 4, 4, 4, 5, 6, 7], [2, 0, 1]]
+)
+def test_a_strip_has_the_triangles_of_trimesh(tmp_path, strip):
+    rng = np.random.default_rng(3)
+    points = np.float32(rng.random((8, 3)))
+    binary = Binary()
+    attributes = {"POSITION": binary.accessor(points, "VEC3")}
+    indices = binary.accessor(strip, "SCALAR", UNSIGNED_BYTE)
+    primitive = {"mode": 5, "attributes": attributes, "indices": indices}
+    mesh = read(binary.write(tmp_path / "m.glb", primitive)).mesh
+    faces = trimesh.util.triangle_strips_to_faces([np.array(strip)])
+    other = trimesh.Trimesh(points, faces, process=False)
+    other.update_faces(other.area_faces > 0)
+    assert len(mesh.faces) == len(other.faces)
+    np.testing.assert_allclose(
+        mesh.vertices[mesh.faces].mean(axis=1), other.triangles_center, atol=1e-6
+    )
+
+
+@pytest.mark.parametrize(
+    ("code", "most", "normalized"),
+    [
+        (UNSIGNED_BYTE, 255, True),
+        (UNSIGNED_SHORT, 65535, True),
+        (SHORT, 32767, True),
+        (UNSIGNED_SHORT, 1, False),
+    ],
+)
+def test_texture_coordinates_may_be_integers(tmp_path, code, most, normalized):
+    binary = Binary()
+    stored = np.round(np.array([[0, 1], [1, 1], [1, 0]]) * most)
+    primitive = {
+        "material": 0,
+        "attributes": {
+            "POSITION": binary.accessor(OUTLINE[:3], "VEC3"),
+            "TEXCOORD_0": binary.accessor(stored, "VEC2", code, normalized=normalized),
+        },
+    }
+    mesh = read(binary.write(tmp_path / "m.glb", primitive, materials=[{}])).mesh
+    np.testing.assert_allclose(mesh.uv, [[0, 0], [1, 0], [1, 1]], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("code", "factor", "normalized"),
+    [
+        (BYTE, 1 / 127, True),
+        (UNSIGNED_BYTE, 1 / 255, True),
+        (SHORT, 1, False),
+        (UNSIGNED_SHORT, 1 / 65535, True),
+    ],
+)
+def test_positions_may_be_integers(tmp_path, code, factor, normalized):
+    binary = Binary()
+    points = np.array([[0, 0, 0], [100, 0, 0], [0, 50, 120]])
+    position = binary.accessor(points, "VEC3", code, normalized=normalized)
+    primitive = {"attributes": {"POSITION": position}}
+    used = ["KHR_mesh_quantization"]
+    path = binary.write(tmp_path / "m.glb", primitive, extensionsRequired=used)
+    np.testing.assert_allclose(read(path).mesh.vertices, points * factor, rtol=1e-12)
+
+
+@pytest.mark.parametrize("code", [UNSIGNED_BYTE, UNSIGNED_SHORT, UNSIGNED_INT])
+@pytest.mark.parametrize("is_based", [True, False])
+def test_sparse_positions_and_indices(tmp_path, code, is_based):
+    """Rows 1 and 3 are replaced; without a view the others are 0."""
+    binary = Binary()
+    base = np.arange(12.0).reshape(4, 3)
+    position = binary.accessor(base, "VEC3")
+    rows = binary.view(np.array([1, 3]).astype(CODES[code]))
+    values = binary.view(np.float32([[5, 6, 7], [1, 9, 3]]))
+    binary.accessors[position]["sparse"] = {
+        "count": 2,
+        "indices": {"bufferView": rows, "componentType": code},
+        "values": {"bufferView": values},
+    }
+    if not is_based:
+        del binary.accessors[position]["bufferView"]
+    numbers = binary.accessor([0, 1, 1], "SCALAR", UNSIGNED_SHORT)
+    third = {
+        "bufferView": binary.view(np.array([2], "u1")),
+        "componentType": UNSIGNED_BYTE,
+    }
+    three = {"bufferView": binary.view(np.array([3], "<u2"))}
+    binary.accessors[numbers]["sparse"] = {
+        "count": 1,
+        "indices": third,
+        "values": three,
+    }
+    primitive = {"attributes": {"POSITION": position}, "indices": numbers}
+    mesh = read(binary.write(tmp_path / "m.glb", primitive)).mesh
+    expected = [base[0] * is_based, [5, 6, 7], [1, 9, 3]]
+    np.testing.assert_allclose(mesh.vertices[mesh.faces[0]], expected)
+
+
+def test_a_sparse_row_beyond_the_accessor_is_an_error(tmp_path):
+    binary = Binary()
+    position = binary.accessor(OUTLINE[:3], "VEC3")
+    rows = {
+        "bufferView": binary.view(np.array([3], "u1")),
+        "componentType": UNSIGNED_BYTE,
+    }
+    values = {"bufferView": binary.view(np.float32([[5, 6, 7]]))}
+    binary.accessors[position]["sparse"] = {
+        "count": 1,
+        "indices": rows,
+        "values": values,
+    }
+    path = binary.write(tmp_path / "m.glb", {"attributes": {"POSITION": position}})
+    with pytest.raises(
+        FileError,
+        match=r"meshes\[0\]: accessors\[0\].sparse: index 3, but its count is 3",
+    ):
+        read(path)
+
+
+def with_webp(is_only):
+    """A square whose texture is a .webp picture, and a .png one for programs without WebP unless `is_only`."""
+    colors = np.array([[[1, 0, 0], [0, 1, 0]], [[0, 0, 1], [1, 1, 1.0]]])
+    header, binary = exported(square(baseColorTexture=picture(np.zeros((2, 2, 3)))))
+    stream = BytesIO()
+    picture(colors).save(stream, format="WEBP", lossless=True)
+    binary += bytes(-len(binary) % 4)
+    view = {
+        "buffer": 0,
+        "byteOffset": len(binary),
+        "byteLength": len(stream.getvalue()),
+    }
+    texture = {"extensions": {"EXT_texture_webp": {"source": 1}}}
+    if not is_only:
+        texture["source"] = 0
+    values = {
+        "bufferViews": [*header["bufferViews"], view],
+        "images": [*header["images"], {"bufferView": len(header["bufferViews"])}],
+        "textures": [texture],
+        "buffers": [{"byteLength": len(binary) + view["byteLength"]}],
+    }
+    return glb(with_values(header, values), binary + stream.getvalue()), colors
+
+
+@pytest.mark.parametrize("is_only", [True, False])
+def test_a_webp_picture_goes_before_its_substitute(tmp_path, is_only):
+    path = tmp_path / "m.glb"
+    data, colors = with_webp(is_only)
+    path.write_bytes(data)
+    [material] = read(path).materials.values()
+    np.testing.assert_array_equal(material.base_color.pixels, colors)
+
+
+def test_a_ktx2_picture_that_is_required_says_what_to_do(tmp_path):
+    header, binary = exported(square(baseColorTexture=picture(np.zeros((2, 2, 3)))))
+    basis = {"KHR_texture_basisu": {"source": 0}}
+    textures = [{"extensions": basis}]
+    values = {"textures": textures, "extensionsRequired": list(basis)}
+    path = tmp_path / "m.glb"
+    path.write_bytes(glb(with_values(header, values), binary))
+    message = r"requires KHR_texture_basisu, which twinlens cannot read; convert its KTX2 pictures to PNG"
+    with pytest.raises(FileError, match=message):
+        read(path)
+    values = {"textures/0/extensions": basis}
+    path.write_bytes(glb(with_values(header, values), binary))
+    with pytest.warns(MaterialWarning, match="not rendered: KHR_texture_basisu"):
+        [material] = read(path).materials.values()
+    assert isinstance(material.base_color, Bitmap)
