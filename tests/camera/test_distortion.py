@@ -162,8 +162,49 @@ def test_folding_distortion_raises_in_one_line(model):
 
 def test_a_fisheye_image_beyond_360_degrees_raises():
     assert Camera(400, 400, 100.0, 100.0, 199.5, 199.5, KannalaBrandt()).is_wide
-    with pytest.raises(InputError, match="folds"):
+    with pytest.raises(
+        InputError, match=r"-0.5\), which is more than 180 degrees from"
+    ):
         Camera(400, 400, 80.0, 80.0, 199.5, 199.5, KannalaBrandt())
+
+
+FISHEYES = {
+    # Calibrations of TUM VI (Kalibr), Intel T265, OpenCV's tests, and of equidistant lenses of 190 and 220 degrees.
+    "tum": (512, 512, 190.978, 190.973, 254.932, 256.897, (0.0034823894, 0.0007150348, -0.0020532361, 0.0002029367)),
+    "t265": (848, 800, 286.18, 286.32, 421.37, 398.8, (-0.00666, 0.0448, -0.0420, 0.00787)),
+    "opencv": (1280, 800, 558.478, 620.459, 638.18, 381.94, (-0.00146133, -0.00329861, 0.00605760, -0.00374209)),
+    "190": (1000, 1000, 301.5, 301.5, 499.5, 499.5, (0.0, 0.0, 0.0, 0.0)),
+    "220": (1280, 960, 275.0, 275.0, 639.5, 479.5, (-0.005, 0.0, 0.0, 0.0)),
+}  # fmt: skip
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("name", FISHEYES)
+def test_calibrations_of_wide_fisheyes_are_used_up_to_their_corners(name):
+    *intrinsics, coefficients = FISHEYES[name]
+    cam = Camera(*intrinsics, distortion=KannalaBrandt(*coefficients))
+    corner = np.array([-0.5, -0.5])
+    film = (corner - cam.K[:2, 2]) / (cam.fx, cam.fy)
+    # The angle of the corner by a search on a fine grid, on which theta_d rises.
+    theta = np.linspace(0, math.pi, 2_000_001)
+    k1, k2, k3, k4 = coefficients
+    theta_d = theta + k1 * theta**3 + k2 * theta**5 + k3 * theta**7 + k4 * theta**9
+    angle = theta[np.searchsorted(theta_d, np.linalg.norm(film))]
+    x, y, z = cam.rays(corner)
+    assert math.atan2(math.hypot(x, y), z) == pytest.approx(angle, abs=3e-6)
+    assert cam.project([x, y, z]) == pytest.approx(corner, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("fx", "k1", "angle"), [(200.0, -0.05, "147.9"), (150.0, -0.1, "104.6"), (190.0, -0.3, "60.4")]
+)  # fmt: skip
+def test_a_fisheye_that_folds_is_refused_with_the_angle(fx, k1, angle):
+    """theta + k1 theta^3 has its maximum at sqrt(-1 / (3 k1))."""
+    assert float(angle) == pytest.approx(
+        math.degrees(math.sqrt(-1 / (3 * k1))), rel=1e-3
+    )
+    with pytest.raises(InputError, match=f"theta_d falls beyond {angle} degrees"):
+        Camera(640, 480, fx, fx, 319.5, 239.5, KannalaBrandt(k1))
 
 
 @pytest.mark.parametrize("turned", [False, True])

@@ -17,9 +17,17 @@ from tests.sensor.flat_fields import (
     exposure_to,
     shot,
 )
-from twinlens.camera import BareAperture, Camera, Pinhole, Rig, ThinLens
+from twinlens.camera import (
+    BareAperture,
+    BrownConrady,
+    Camera,
+    KannalaBrandt,
+    Pinhole,
+    Rig,
+    ThinLens,
+)
 from twinlens.errors import InputError
-from twinlens.sensor import LEVELS, Mismatch, Sensor
+from twinlens.sensor import LEVELS, Exposure, Mismatch, Sensor
 from twinlens.sensor.mismatch import SPREADS
 
 PINHOLE = Pinhole()
@@ -247,11 +255,63 @@ def test_the_center_and_the_corners_move_by_the_given_pixels():
         assert moved(**{name: 0.3})[2:] == pytest.approx(expected, abs=1e-6)
 
 
+OBLONG = Camera(320, 240, 170.0, 165.0, 159.5, 119.5)
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        OBLONG,
+        OBLONG.replace(fx=300.0, fy=400.0),
+        OBLONG.replace(cx=150.0, cy=130.0),
+        OBLONG.replace(fx=240.0, distortion=BrownConrady(k1=-0.2, k2=0.04, k4=0.01)),
+        OBLONG.replace(distortion=KannalaBrandt(k1=-0.02, k2=0.003)),
+    ],
+)
+def test_pixels_that_are_not_square_move_by_the_given_pixels(camera):
+    """OpenCV projects points that are seen half an image right of the principal point, and half a diagonal from it."""
+    half = 0.5 * np.array([camera.width, camera.height])
+    pixels = (camera.cx, camera.cy) + half * [[1, 0], [1, 1], [-0.9, -0.9]]
+    rig = Rig.stereo(camera, 0.1)
+    points = rig.unproject(1, pixels, np.full(3, 2.0)) - [0.1, 0, 0]
+
+    def moved(**values):
+        off = Mismatch(**values).misalign(rig)
+        return projected_by_opencv(off.cameras[1], off.world_from_cams[1], points)
+
+    def outwards(change):
+        return change @ half / np.linalg.norm(half)
+
+    still = moved()
+    assert still == pytest.approx(pixels, abs=1e-3)
+    assert (moved(roll_px=0.3) - still)[0, 1] == pytest.approx(0.3, abs=1e-4)
+    if camera.distortion is None:
+        assert (moved(roll_px=9.0) - still)[0, 1] == pytest.approx(9.0, abs=1e-4)
+    for name, value in (("scale_px", 0.4), ("distortion_px", -0.4)):
+        assert outwards((moved(**{name: value}) - still)[1]) == pytest.approx(
+            value, abs=1e-4
+        )
+
+
+def projected_by_opencv(camera, world_from_cam, points):
+    turn, _ = cv2.Rodrigues(world_from_cam[:3, :3].T)
+    to_origin = -world_from_cam[:3, :3].T @ (world_from_cam[:3, 3] - [0.1, 0, 0])
+    coefficients = np.zeros(5)
+    project = cv2.projectPoints
+    if camera.distortion is not None:
+        coefficients = np.array(camera.distortion.coefficients)
+    if isinstance(camera.distortion, KannalaBrandt):
+        project = cv2.fisheye.projectPoints
+    points = points.reshape(-1, 1, 3)
+    return project(points, turn, to_origin, camera.K, coefficients)[0].reshape(-1, 2)
+
+
 @pytest.mark.parametrize(
     ("values", "text"),
     [
         ({"scale_px": -80}, "scale_px=-80"),
         ({"scale_px": 3, "distortion_px": -50}, "scale_px=3 and distortion_px=-50"),
+        ({"roll_px": 60}, "roll_px=60"),
     ],
 )
 def test_a_lens_that_no_camera_has_is_named_by_its_fields(values, text):
@@ -416,3 +476,66 @@ def test_another_number_of_mismatches_than_of_cameras_is_refused(use):
         use(sensor)
     with pytest.raises(InputError, match="those of 2 cameras after the first, not 3"):
         shot(sensor, eye=3)
+
+
+SIGMAS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 2.0)
+
+
+@pytest.mark.parametrize("sigma", SIGMAS)
+def test_a_point_has_the_variance_of_the_blur(sigma):
+    point = np.zeros((64, 65, 3))
+    point[30, 32] = 1.0
+    # Once as light that a sensor can measure, and once as a lamp far beyond its white.
+    for white in (None, np.full(3, 1e-3)):
+        spread = Mismatch(blur_px=sigma).light(point, white)
+        assert spread.sum() == pytest.approx(3)
+        for axis, place in ((0, 32), (1, 30)):
+            profile = spread[..., 1].sum(axis=axis)
+            variance = profile @ np.square(np.arange(len(profile)) - place)
+            assert variance**0.5 == pytest.approx(sigma, rel=2e-3)
+
+
+@pytest.mark.parametrize("sigma", SIGMAS)
+def test_gratings_lose_the_contrast_of_a_gaussian(sigma):
+    """exp(-2 pi^2 s^2 f^2) at f cycles per pixel, in both directions and slanted."""
+    frequency = np.array([3, 16, 40, 60]) / 128
+    # A whole number of half periods, with a crest at each border.
+    waves = np.cos(2 * np.pi * frequency[:, None] * (np.arange(64) + 0.5))
+    lost = np.exp(-2 * (np.pi * sigma * frequency) ** 2)
+    for wave, contrast in zip(waves, lost, strict=True):
+        for grating, expected in (
+            (wave[:, None] * np.ones(64), contrast),
+            (wave * np.ones((64, 1)), contrast),
+            (wave[:, None] * wave, contrast**2),
+        ):
+            light = (1 + 0.5 * grating)[..., None] * [1.0, 2.0, 0.5]
+            blurred = Mismatch(blur_px=sigma).light(light)
+            wanted = (1 + 0.5 * expected * grating)[..., None] * [1.0, 2.0, 0.5]
+            np.testing.assert_allclose(blurred, wanted, atol=1e-12)
+
+
+@pytest.mark.parametrize("sigma", SIGMAS)
+def test_no_black_surrounds_a_lamp_and_edges_hardly_ring(sigma):
+    """A lamp, 1000 times white, before a dark wall; and a step from black to white."""
+    mismatch, white = Mismatch(blur_px=sigma), np.ones(3)
+    lamp = np.full((48, 64, 3), 0.1)
+    lamp[20:24, 30:33] = 1000.0
+    assert mismatch.light(lamp, white).min() > 0.08
+    step = np.zeros((48, 64, 3))
+    step[:, 32:] = 1.0
+    blurred = mismatch.light(step, white)
+    assert blurred.min() > -0.015
+    assert blurred.max() < 1.015
+    far = np.abs(np.arange(64) - 31.5) > 6 + 5 * sigma
+    assert np.abs(blurred - step)[:, far].max() < 0.002
+
+
+def test_a_lamp_in_a_photo_has_no_dark_ring():
+    wall = 0.1 * WHITE
+    wall[30:33, 40:43] = 500.0
+    for gain in (1.0, 8.0):
+        sensor = QUIET.replace(mismatch=Mismatch(blur_px=0.4))
+        exposure = exposure_to(0.5 / gain, sensor)
+        exposure = Exposure(exposure.time, gain)
+        photo = shot(sensor, wall, exposure=exposure, eye=1).image
+        assert photo.min() > 0.8 * np.median(photo)

@@ -43,6 +43,11 @@ class FilmProjection(ABC):
     def unproject(self, film: ArrayLike) -> Float:
         """Unit directions (..., 3) of film points (..., 2); NaN where none, or several, lead there."""
 
+    @property
+    def fold(self) -> str:
+        """Where the projection folds, for error messages; empty where it does not."""
+        return ""
+
     def undistort(self, film: ArrayLike) -> Float:
         """Ideal coordinates (..., 2) = (X/Z, Y/Z) of film points (..., 2); NaN for directions with Z <= 0."""
         directions = self.unproject(film)
@@ -224,6 +229,13 @@ class BrownConrady(_Coefficients, PlanarProjection, noun="brown-conrady distorti
             [1.0, self.k4, self.k5, self.k6]
         )
 
+    @property
+    def fold(self) -> str:
+        fold_deg = math.degrees(math.atan(math.sqrt(self._fold_radius2)))
+        if fold_deg < 90:
+            return f"its radial part folds at {fold_deg:.4g} degrees from the axis"
+        return "its tangential part folds"
+
     @cached_property
     def _fold_radius2(self) -> float:
         """The first r^2 at which d(r R)/dr = 0 or R has a pole; inf if there is none."""
@@ -278,13 +290,16 @@ class KannalaBrandt(_Coefficients, PlaneMap, noun="kannala-brandt distortion"):
         """
         low, high = np.zeros_like(radius), np.full_like(radius, self._fold_angle)
         reached = radius < self._angle(self._fold_angle)
+        radius = np.where(
+            reached, radius, 0.0
+        )  # others would end at the fold, where the slope is 0
         angle = np.minimum(radius, 0.5 * self._fold_angle)
         for _ in range(_ITERATIONS):
             error = self._angle(angle) - radius
             # The polynomial rises, so the sign of the error says on which side of the solution the angle is.
             low = np.where(error < 0, angle, low)
             high = np.where(error > 0, angle, high)
-            if (np.abs(error) <= _CONVERGED)[reached].all():
+            if (np.abs(error) <= _CONVERGED).all():
                 break
             step = angle - error / self._angle.deriv()(angle)
             # A step that leaves the bracket is replaced by its middle.
@@ -329,6 +344,11 @@ class KannalaBrandt(_Coefficients, PlaneMap, noun="kannala-brandt distortion"):
             [0.0, 1.0, 0.0, self.k1, 0.0, self.k2, 0.0, self.k3, 0.0, self.k4]
         )
 
+    @property
+    def fold(self) -> str:
+        fold_deg = math.degrees(self._fold_angle)
+        return f"theta_d falls beyond {fold_deg:.4g} degrees" if fold_deg < 180 else ""
+
     @cached_property
     def _fold_angle(self) -> float:
         return min(_first_positive_root(self._angle.deriv()), math.pi)
@@ -340,7 +360,7 @@ Distortion = BrownConrady | KannalaBrandt
 def check_invertible(
     projection: FilmProjection, K: Float, width: int, height: int
 ) -> None:
-    """Raise InputError if the projection folds the image over itself.
+    """Raise InputError if the projection folds the image over itself, or the image is of more than all directions.
 
     On the lines from the image's border to the axis every point must have an inverse before the first fold.
     """
@@ -349,13 +369,16 @@ def check_invertible(
     ends = (border - K[:2, 2]) / (K[0, 0], K[1, 1])
     path = np.linspace(0.0, 1.0, _PATH_STEPS)[:, None, None] * ends
     lost = np.isnan(projection.unproject(path)).any(axis=(0, 2))
-    if lost.any():
-        u, v = border[np.argmax(lost)]
-        remedy = "use smaller coefficients, a smaller image, or a larger fx and fy"
-        where = f"before pixel ({u:g}, {v:g}): no ray, or more than one, reaches it"
-        raise InputError(
-            f"distortion {projection} folds the image over itself {where}; {remedy}"
-        )
+    if not lost.any():
+        return
+    u, v = border[np.argmax(lost)]
+    pixel = f"pixel ({u:g}, {v:g})"
+    remedy = "use smaller coefficients, a smaller image, or a larger fx and fy"
+    if projection.fold:
+        fold = f"folds the image over itself before {pixel}: no ray, or more than one, reaches it, as {projection.fold}"
+    else:
+        fold = f"does not reach {pixel}, which is more than 180 degrees from the axis"
+    raise InputError(f"distortion {projection} {fold}; {remedy}")
 
 
 def _first_positive_root(polynomial: Polynomial) -> float:

@@ -538,9 +538,20 @@ class Sensor(Settings, noun="sensor"):
         mismatch = self.mismatch_of(frame.eye)
         time = mismatch.applied(frame.exposure).time
         # Glare is spread evenly over the film: it comes after vignetting.
-        film = mismatch.light(self._vignetted(image, frame.camera, frame.lens))
         rates = self.electrons_per_radiance(frame.camera, frame.lens)
+        white = self._white(rates, mismatch.applied(frame.exposure))
+        film = mismatch.light(self._vignetted(image, frame.camera, frame.lens), white)
         return self._wells(film * rates * time, time, frame.seed, frame.eye)
+
+    def _white(self, rates: Float, exposure: Exposure) -> Float:
+        """The radiance (3,) that saturates the well of a pixel or its number, from `electrons_per_radiance`."""
+        if self.filters == "mono":
+            rates = np.full(3, rates.sum())
+        electrons = self.full_well / max(exposure.gain, 1.0)
+        with np.errstate(
+            divide="ignore", over="ignore"
+        ):  # a band without electrons, no time
+            return np.asarray(electrons / (rates * exposure.time))
 
     def _read(self, wells: Float, frame: _Frame) -> Photo:
         """Read and develop the electrons of each pixel."""
