@@ -29,7 +29,7 @@ KINDS = {
     "silver": "mirror",
     "glass": "transmissive",
     "pane": "transmissive",
-    "net": "transmissive",
+    "net": "diffuse",
     "paint": "glossy",
 }
 

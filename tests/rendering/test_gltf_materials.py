@@ -188,7 +188,7 @@ COAT = {"KHR_materials_clearcoat": {"clearcoatFactor": 1.0}}
         ("glossy", 1.0, 0.9, {}),
         ("glossy", 0.0, 0.9, {"extensions": COAT}),
         ("transmissive", 0.0, 0.9, {"extensions": GLASS}),
-        ("transmissive", 0.0, 0.9, {"alphaMode": "BLEND"}),
+        ("diffuse", 0.0, 0.9, {"alphaMode": "BLEND"}),
     ],
 )
 def test_the_kind_of_a_material(kind, metallic, roughness, more):

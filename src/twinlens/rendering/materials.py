@@ -55,6 +55,7 @@ samples by weight; a large one leaves less for the facets, whose reflectance is 
 _COAT_F0 = 0.04
 _COAT_MOST = 0.99  # weight of a coat in the blend with what is below
 _SMOOTHEST = 0.03  # roughness below which transmission is without facets
+_STEEPNESS = 2.0**16  # of the ramp of opacity at a cutoff
 _LEAST_IOR = 1.0001  # of glass, whose facets must refract
 
 
@@ -132,16 +133,37 @@ def _bumped(material: Material, plugin: Plugin) -> Plugin:
 
 def _masked(maps: "_Maps", plugin: Plugin) -> Plugin:
     """`plugin` where the surface is."""
-    material = maps.material
-    value: Any = material.opacity
-    if material.model == "gltf":
-        opacity = maps.opacity()
-        if material.alpha_cutoff is not None:
-            opacity = (opacity >= material.alpha_cutoff).astype(np.float32)
-        value = maps.value("opacity", opacity)
+    value = _opacity(maps)
     if isinstance(value, float) and value == 1.0:
         return plugin
     return {"type": "mask", "opacity": value, "bsdf": plugin}
+
+
+def _opacity(maps: "_Maps") -> Any:
+    """The opacity of a `mask`. It is in no formula with other values, so its texture keeps a frame of its own."""
+    opacity, cutoff = maps.material.opacity, maps.material.alpha_cutoff
+    if isinstance(opacity, VertexColor):
+        return maps.value("opacity", _cut(maps.vertex_opacity(), cutoff))
+    if isinstance(opacity, float):
+        return float(_cut(np.array(opacity, dtype=np.float32), cutoff))
+    pixels = _cut(opacity.pixels, cutoff)
+    if (pixels == pixels[0, 0]).all():
+        return float(pixels[0, 0].mean())
+    return opacity if cutoff is None else _like(opacity, pixels)
+
+
+def _cut(opacity: Pixels, cutoff: float | None) -> Pixels:
+    """Opacity with a step from 0 to 1 at the cutoff, after interpolation between texels or vertices.
+
+    glTF compares the interpolated opacity with the cutoff. Interpolation is linear and `mask` clips to [0, 1], so a
+    steep ramp of the values themselves, from 0 to 1 just below the cutoff, is the same.
+    """
+    if cutoff is None:
+        return opacity
+    ramp = (opacity - np.float32(cutoff)) * np.float32(_STEEPNESS) + 1
+    if ramp.min() >= 1:
+        return np.ones_like(ramp)
+    return np.zeros_like(ramp) if ramp.max() <= 0 else ramp
 
 
 # Models that have one BSDF of the same formulas in Mitsuba.
@@ -269,12 +291,10 @@ class _Maps:
             return self.shared(self.material.base_color)
         return np.asarray(self.colors[None, :, :3], dtype=np.float32)
 
-    def opacity(self) -> Pixels:
-        """(H, W, 1)."""
-        if isinstance(self.material.opacity, VertexColor):
-            assert self.colors is not None
-            return np.asarray(self.colors[None, :, 3:], dtype=np.float32)
-        return self.shared(self.material.opacity)
+    def vertex_opacity(self) -> Pixels:
+        """(1, V, 1)."""
+        assert self.colors is not None
+        return np.asarray(self.colors[None, :, 3:], dtype=np.float32)
 
     def shared(self, value: Any) -> Pixels:
         """A value as (H, W, C), or (1, 1, C) without a texture.
@@ -536,16 +556,17 @@ _MODELS: dict[str, Callable[[_Maps], Plugin]] = {
 
 
 def material_kind(bsdf: Any, material: AnyMaterial | None = None) -> int:
-    """Index into MATERIAL_KINDS from the flags of a BSDF: transmissive, mirror, glossy, or diffuse if it is matte."""
+    """Index into MATERIAL_KINDS from the flags of a BSDF: transmissive, mirror, glossy, or diffuse if it is matte.
+
+    The kind of a masked surface is that of its opaque texels, as ground truth passes the others.
+    """
     flags = mitsuba().BSDFFlags
+    bsdf = _below_masks(bsdf)
     has = int(bsdf.flags()).__and__
     passes = (
-        flags.DiffuseTransmission
-        | flags.GlossyTransmission
-        | flags.DeltaTransmission
-        | flags.Null
+        flags.DiffuseTransmission | flags.GlossyTransmission | flags.DeltaTransmission
     )
-    if has(int(passes)):
+    if has(int(passes)) or (has(int(flags.Null)) and has_pane(bsdf)):
         return 4
     glossy = has(int(flags.GlossyReflection | flags.DeltaReflection))
     if has(int(flags.DiffuseReflection)):
@@ -554,6 +575,27 @@ def material_kind(bsdf: Any, material: AnyMaterial | None = None) -> int:
     if has(int(flags.GlossyReflection)):
         return 2
     return 3 if has(int(flags.DeltaReflection)) else 1
+
+
+def _below_masks(bsdf: Any) -> Any:
+    """The BSDF that a mask cuts out."""
+    while bsdf.class_name() == "MaskBSDF":
+        (bsdf,) = parts_of(bsdf, mitsuba().BSDF)
+    return bsdf
+
+
+def parts_of(bsdf: Any, kind: Any) -> list[Any]:
+    """The objects of a class of Mitsuba that a BSDF has: those directly below it."""
+    below = mitsuba().traverse(bsdf).hierarchy.items()
+    return [
+        part for part, (parent, _) in below if parent is bsdf and isinstance(part, kind)
+    ]
+
+
+def has_pane(bsdf: Any) -> bool:
+    """Whether a BSDF is or has a thin pane of glass. Mitsuba's flag for its passage is that of masks and openings."""
+    parts = mitsuba().traverse(bsdf).hierarchy
+    return any(part.class_name() == "ThinDielectric" for part in parts)
 
 
 def is_matte(material: AnyMaterial | None) -> bool:

@@ -4,6 +4,8 @@
 them on its way. Mitsuba finds them in float32, and `surfaces` intersects the same primitives in float64. Guides of the
 denoiser trace many samples in one kernel of Dr.Jit; the rule by which rays pass surfaces, `passage`, is the same.
 
+Where a surface is cut out (`rendering.cut_outs`), there is none: `intersect` continues the ray behind it.
+
 A ray is an origin and a unit direction in world coordinates, and its parameter t is a distance in metres. Depth along
 an optical axis is t times the cosine to that axis.
 """
@@ -18,6 +20,7 @@ from numpy.typing import NDArray
 from twinlens.geometry import Float
 from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import BuiltScene
+from twinlens.rendering.cut_outs import CUT, CutOuts, cut_outs
 from twinlens.rendering.surfaces import (
     MAX_CORRECTION,
     Exact,
@@ -30,6 +33,9 @@ from twinlens.rendering.surfaces import (
 MAX_SPECULAR = 8
 """Mirrors, glass and openings that a ray passes before it stops."""
 
+MAX_CUT_OUTS = 4096
+"""Cut-outs that a ray passes. It ends at the next one, whatever its opacity, so that no ray goes on forever."""
+
 _UNKNOWN_KIND = 0  # in MATERIAL_KINDS
 _SPECULAR_KINDS = (3, 4)  # mirror and transmissive
 _SAME_POINT = 1e-5  # relative tolerance for two rays that end at the same point
@@ -38,6 +44,8 @@ _CLEARANCE = (
     2.0**-16
 )  # of a ray's start from the surface that it leaves, relative to coordinates
 _LEAST_COSINE = 0.05
+_CUT_OUT_CLEARANCE = 2.0**-18
+"""Distance from a cut-out at which the ray goes on, relative to coordinates. A ray that meets it again passes again."""
 _BUNDLE = 1 << 22  # rays traced at once; bounds the memory
 
 
@@ -79,15 +87,30 @@ class Intersections(NamedTuple):
     body : int32 (N,), row of the scene's body table, -1 where nothing was hit.
     t : float64 (N,), +inf where nothing was hit.
     prim : uint32 (N,), the triangle of a mesh.
+    start : float64 (N,), the distance behind the last cut-out that the ray passed; 0 where it passed none.
+    share : float64 (N,), the share of the light that passes the cut-outs: 1 unless they are partly opaque.
     """
 
     body: NDArray[np.int32]
     t: Float
     prim: NDArray[np.uint32]
+    start: Float
+    share: Float
+
+    @classmethod
+    def nothing(cls, count: int) -> "Intersections":
+        """Rays that hit nothing."""
+        return cls(
+            np.full(count, -1, np.int32),
+            np.full(count, np.inf),
+            np.zeros(count, np.uint32),
+            np.zeros(count),
+            np.ones(count),
+        )
 
     def of(self, chosen: Any) -> "Intersections":
         """Those of some of the rays."""
-        return Intersections(self.body[chosen], self.t[chosen], self.prim[chosen])
+        return Intersections(*(values[chosen] for values in self))
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,16 +177,16 @@ def trace_surfaces(
     has; rays that ended before hit nothing. Rays pass at most `MAX_SPECULAR` surfaces. Where a surface both reflects
     and transmits, the ray is transmitted.
     """
-    layers = [_hits(built, _Way.start(rays))]
+    first, way = _hits(built, _Way.start(rays))
+    layers = [first]
     if stop is Stop.FIRST:
         return layers
-    last = layers[0]
-    way = _Way.start(rays)
+    last = first
     while len(layers) <= MAX_SPECULAR:
         way = _onward(built, way, layers[-1])
         if not len(way.rows):
             break
-        hits = _hits(built, way)
+        hits, way = _hits(built, way)
         layers.append(Hits.nothing(len(rays)).replaced(way.rows, hits))
         last = last.replaced(way.rows, hits)
     return [last] if stop is Stop.ROUGH else layers
@@ -206,17 +229,21 @@ class _Way(NamedTuple):
         return Rays(self.rays.at(self.clearance), self.rays.direction)
 
 
-def _hits(built: BuiltScene, way: _Way) -> Hits:
-    """What the rays of `way` hit next, (M,) rows."""
+def _hits(built: BuiltScene, way: _Way) -> tuple[Hits, _Way]:
+    """What the rays of `way` hit next, (M,) rows, and the way from the last cut-out before it."""
     rays = way.rays
     intersections = intersect(built, way.mitsuba_rays())
     intersections = intersections._replace(t=way.clearance + intersections.t)
+    way = way._replace(
+        clearance=way.clearance + intersections.start,
+        share=way.share * intersections.share,
+    )
     exact = refined(built, rays, intersections, way.mitsuba_rays())
     hit = intersections.body >= 0
     position = np.full_like(rays.direction, np.inf)
     position[hit] = rays[hit].at(exact.t[hit])
     normal = _facing(exact.normal, -rays.direction)
-    return Hits(
+    hits = Hits(
         body=intersections.body,
         prim=intersections.prim,
         distance=way.distance + exact.t,
@@ -226,6 +253,7 @@ def _hits(built: BuiltScene, way: _Way) -> Hits:
         shading_normal=_facing(exact.shading_normal, normal),
         share=way.share,
     )
+    return hits, way
 
 
 def _onward(built: BuiltScene, way: _Way, layer: Hits) -> _Way:
@@ -335,7 +363,11 @@ def _facing(vectors: Float, towards: Float) -> Float:
 def may_pass(built: BuiltScene) -> NDArray[np.bool_]:
     """Whether rays may pass each body: mirrors, glass and openings. The last row, of no body, is False."""
     kinds = [body.material_kind for body in built.bodies]
-    return np.isin([*kinds, -1], (_UNKNOWN_KIND, *_SPECULAR_KINDS))
+    passes = np.isin([*kinds, -1], (_UNKNOWN_KIND, *_SPECULAR_KINDS))
+    openings = cut_outs(built)
+    if openings is not None:
+        passes[:-1] |= [openings.has(body.shape) for body in built.bodies]
+    return passes
 
 
 def passage(bsdf: Any, si: Any, active: Any) -> tuple[Any, Any, Any, Any]:
@@ -367,11 +399,9 @@ def is_null(sample: Any) -> Any:
 
 
 def intersect(built: BuiltScene, rays: Rays) -> Intersections:
-    """What rays hit first, from Mitsuba in float32."""
+    """What rays hit first, behind the cut-outs that they pass, from Mitsuba in float32."""
     count = len(rays)
-    intersections = Intersections(
-        np.full(count, -1, np.int32), np.full(count, np.inf), np.zeros(count, np.uint32)
-    )
+    intersections = Intersections.nothing(count)
     for start in range(0, count, _BUNDLE):
         bundle = slice(start, start + _BUNDLE)
         _intersect_bundle(built, rays[bundle], intersections.of(bundle))
@@ -384,17 +414,98 @@ def _intersect_bundle(built: BuiltScene, rays: Rays, out: Intersections) -> None
     mi, count = mitsuba(), len(rays)
     if not count:
         return
-    nearest = built.mi_scene.ray_intersect_preliminary(_mitsuba_ray(rays))
-    shape = dr.reinterpret_array(mi.UInt32, nearest.shape)
-    instance = dr.reinterpret_array(mi.UInt32, nearest.instance)
-    dr.eval(nearest.t, nearest.prim_index, shape, instance)
+    openings = cut_outs(built)
+    if openings is None:
+        nearest = built.mi_scene.ray_intersect_preliminary(_mitsuba_ray(rays))
+        t, prim = nearest.t, nearest.prim_index
+        shape, instance = nearest.shape, nearest.instance
+    else:
+        end = _behind_cut_outs(built.mi_scene, _mitsuba_ray(rays), openings)
+        t, prim, shape, instance = end.t, end.prim, end.shape, end.instance
+        dr.eval(end.start, end.share)
+        out.start[:] = np.asarray(end.start)[:count]
+        out.share[:] = np.asarray(end.share)[:count]
+    shape = dr.reinterpret_array(mi.UInt32, shape)
+    instance = dr.reinterpret_array(mi.UInt32, instance)
+    dr.eval(t, prim, shape, instance)
     # An instance is a body of its own; the shape that it places may be in many bodies.
     instance, shape = np.asarray(instance), np.asarray(shape)
     handle = np.where(instance > 0, instance, shape)[:count]
     hit = handle > 0
     out.body[:] = _row_of_handle(built)[handle]
-    out.t[hit] = np.asarray(nearest.t)[:count][hit]
-    out.prim[hit] = np.asarray(nearest.prim_index)[:count][hit]
+    out.t[hit] = np.asarray(t)[:count][hit]
+    out.prim[hit] = np.asarray(prim)[:count][hit]
+
+
+@dataclass
+class _Passing:
+    """Rays on the way to the first surface that is not cut out: the state of Dr.Jit's loop.
+
+    active : whether the ray goes on.
+    count : cut-outs that it passed.
+    start, share : as in `Intersections`.
+    t, prim, shape, instance : what it hit last.
+    """
+
+    active: Any
+    count: Any
+    start: Any
+    share: Any
+    t: Any
+    prim: Any
+    shape: Any
+    instance: Any
+
+
+def _behind_cut_outs(mi_scene: Any, ray: Any, openings: CutOuts) -> _Passing:
+    """What rays hit behind the cut-outs that they pass, in one kernel."""
+    import drjit as dr
+
+    mi = mitsuba()
+    begin = _Passing(
+        active=mi.Bool(True),
+        count=mi.UInt32(0),
+        start=mi.Float(0.0),
+        share=mi.Float(1.0),
+        t=mi.Float(0.0),
+        prim=mi.UInt32(0),
+        shape=dr.zeros(mi.ShapePtr),
+        instance=dr.zeros(mi.ShapePtr),
+    )
+    (end,) = dr.while_loop(
+        (begin,),
+        lambda passing: passing.active,
+        lambda passing: (_past_cut_out(mi_scene, ray, openings, passing),),
+    )
+    return end
+
+
+def _past_cut_out(
+    mi_scene: Any, ray: Any, openings: CutOuts, passing: _Passing
+) -> _Passing:
+    """The rays after their next surface. They stay on their lines: each starts behind a cut-out, at ray.o + start d."""
+    import drjit as dr
+
+    mi, active = mitsuba(), passing.active
+    onward = mi.Ray3f(ray(passing.start), ray.d)
+    nearest = mi_scene.ray_intersect_preliminary(onward, active=active)
+    hit = active & nearest.is_valid()
+    flags = mi.RayFlags.Minimal | mi.RayFlags.UV
+    si = nearest.compute_surface_interaction(onward, flags, hit)
+    transmission = openings.transmission(si, hit)
+    passes = (transmission > 1 - CUT) & (passing.count < MAX_CUT_OUTS)
+    t = passing.start + nearest.t
+    size = dr.maximum(dr.max(dr.abs(ray(t))), t)
+    return _Passing(
+        active=hit & passes,
+        count=passing.count + 1,
+        start=dr.select(hit & passes, t + _CUT_OUT_CLEARANCE * size, passing.start),
+        share=dr.select(hit & passes, passing.share * transmission, passing.share),
+        t=t,
+        prim=nearest.prim_index,
+        shape=nearest.shape,
+        instance=nearest.instance,
+    )
 
 
 def _mitsuba_ray(rays: Rays) -> Any:

@@ -1,0 +1,101 @@
+"""Cut-outs: the texels of a surface that are not there, such as those around a leaf on a card.
+
+A material has them where it has an opacity: `alphaMode` MASK and BLEND of glTF, `map_d` of OBJ, the BSDFs `mask` and
+`null`, also below other BSDFs. Ground truth passes texels whose opacity is below `CUT` and ends at the others. The
+opacity is evaluated by the texture that the picture uses, so that both have the same edge. Texels of MASK have the
+opacity 0 or 1 already (`rendering.materials`).
+
+A thin pane of glass is no cut-out, although Mitsuba gives it the flag of one.
+"""
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from twinlens.rendering.backends import mitsuba
+from twinlens.rendering.build import BuiltScene
+from twinlens.rendering.materials import has_pane, parts_of
+
+CUT = 0.5
+"""Opacity from which a texel is a surface of the ground truth."""
+
+_BUMPED = ("NormalMap", "BumpMap")  # have the cut-outs of the BSDF below them
+
+
+class CutOuts:
+    """The cut-outs of a scene, for kernels of Dr.Jit.
+
+    Each BSDF with cut-outs has a second one whose null transmission is 1 - opacity, without that of glass below a mask.
+    """
+
+    def __init__(self, openings: dict[Any, Any]) -> None:
+        mi = mitsuba()
+        self._openings = openings  # keeps the BSDFs alive
+        handles = np.array([_handle(mi.BSDFPtr(bsdf)) for bsdf in openings])
+        table = np.zeros(handles.max() + 1, dtype=np.uint32)
+        table[handles] = [_handle(mi.BSDFPtr(bsdf)) for bsdf in openings.values()]
+        self._table = mi.UInt32(table)
+
+    def has(self, shape: Any) -> bool:
+        """Whether a shape has cut-outs."""
+        return shape is not None and shape.bsdf() in self._openings
+
+    def transmission(self, si: Any, active: Any) -> Any:
+        """The share 1 - opacity of the light that passes at surface interactions; 0 at surfaces without cut-outs."""
+        import drjit as dr
+
+        mi = mitsuba()
+        handle: Any = dr.reinterpret_array(mi.UInt32, si.bsdf())
+        in_table = active & (handle < dr.width(self._table))
+        opening: Any = dr.gather(mi.UInt32, self._table, handle, in_table)
+        has_opening = in_table & (opening > 0)
+        bsdf: Any = dr.reinterpret_array(mi.BSDFPtr, opening)
+        passed = bsdf.eval_null_transmission(si, has_opening)
+        return dr.select(has_opening, passed[0], 0.0)
+
+
+def cut_outs(built: BuiltScene) -> CutOuts | None:
+    """The cut-outs of a built scene, None where no surface has any. Found once for each scene."""
+    if "cut-outs" not in built.cache:
+        openings = {}
+        for bsdf in _bsdfs(built):
+            opening = opening_of(bsdf)
+            if opening is not None:
+                openings[bsdf] = opening
+        built.cache["cut-outs"] = CutOuts(openings) if openings else None
+    return built.cache["cut-outs"]  # type: ignore[no-any-return]
+
+
+def _bsdfs(built: BuiltScene) -> Iterable[Any]:
+    """The BSDFs of a scene, each once."""
+    mi = mitsuba()
+    if all(body.shape is not None for body in built.bodies):
+        return dict.fromkeys(body.shape.bsdf() for body in built.bodies)
+    # The shapes of instances in a Mitsuba file are known to the traversal of the whole scene only.
+    nodes = mi.traverse(built.mi_scene).hierarchy
+    return [node for node in nodes if isinstance(node, mi.BSDF)]
+
+
+def opening_of(bsdf: Any) -> Any:
+    """A BSDF with the null transmission of the cut-outs of `bsdf`; None without any."""
+    mi = mitsuba()
+    if not int(bsdf.flags()) & int(mi.BSDFFlags.Null):
+        return None
+    if bsdf.class_name() in _BUMPED:
+        (nested,) = parts_of(bsdf, mi.BSDF)
+        return opening_of(nested)
+    if not has_pane(bsdf):
+        return bsdf
+    if bsdf.class_name() != "MaskBSDF":
+        return None
+    (opacity,) = parts_of(bsdf, mi.Texture)
+    below = {"type": "diffuse"}
+    return mi.load_dict({"type": "mask", "opacity": opacity, "bsdf": below})
+
+
+def _handle(pointer: Any) -> int:
+    """The number of an object in Dr.Jit's registry."""
+    import drjit as dr
+
+    return int(np.asarray(dr.reinterpret_array(mitsuba().UInt32, pointer))[0])

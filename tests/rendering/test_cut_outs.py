@@ -1,0 +1,288 @@
+"""Truth passes what is cut out of a surface: beside a ray caster in NumPy, and beside edges in rendered images."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import twinlens as tl
+from tests.rendering.cut_out_cases import CORNERS, FACES, UV, Card, blobs, cast, facing
+from twinlens.camera.truth import MATERIAL_KINDS
+from twinlens.rendering.build import build
+from twinlens.rendering.tracing import Rays, Stop, trace_surfaces
+from twinlens.scenes import Mesh, Scene, SceneObject
+from twinlens.scenes.materials import Bitmap, Material, VertexColor, lambert
+
+CAMERA = tl.Camera.from_fov(96, 72, fov_x_deg=40)
+BASELINE = 0.2
+RIG = tl.Rig.stereo(CAMERA, BASELINE, world_from_left=np.eye(4))
+ALONE = tl.Rig((CAMERA,), (np.eye(4),))
+ROUNDING = 2e-5  # of an alpha: where it is nearer to the cut, either answer is right
+SKY = {"sky": {"type": "constant"}}
+DIRECT = {"type": "path", "max_depth": 2}
+OPAQUE = np.ones((1, 1))
+
+
+def scene_of(cards, color=None, **more):
+    colors = color or {}
+    materials = {card.name: card.material(colors.get(card.name, 0.8)) for card in cards}
+    objects = tuple(card.scene_object(card.name) for card in cards)
+    return Scene(
+        "cards", objects, materials, np.eye(4), (0.5, 10.0), SKY, DIRECT, **more
+    )
+
+
+def wall(z=4.0):
+    return Card("wall", facing((0, 0, z), 12.0), OPAQUE)
+
+
+SCALE = np.diag([2.7, 3.4, 1])
+TURN = np.array([[0.8, -0.6, 0.3], [0.6, 0.8, -0.2], [0, 0, 1]])
+TILTED = (0.3, -0.2, -1)
+LEAVES = {
+    "cutoff 0.3": Card("leaf", facing((0, 0, 2), 1.2), blobs(9, 16, 1), 0.3),
+    "cutoff 0.55, tilted": Card("leaf", facing((0, 0, 2), 1.3, 0.4, TILTED), blobs(64, 48, 2), 0.55),
+    "nearest": Card("leaf", facing((0.1, 0, 2), 1.2, 0.2), blobs(12, 10, 3), 0.5, filter="nearest"),
+    "mirrored, repeated": Card("leaf", facing((0, 0, 2), 1.2), blobs(8, 6, 4), wrap="mirror", to_uv=SCALE),
+    "clamped, turned": Card("leaf", facing((0, 0, 2), 1.2), blobs(20, 20, 5), 0.45, wrap="clamp", to_uv=TURN),
+    "repeated, turned": Card("leaf", facing((0, 0, 2), 1.2), blobs(20, 31, 6), 0.55, to_uv=2 * TURN),
+    "blended": Card("leaf", facing((0, 0, 2), 1.2, 1.0), blobs(20, 30, 7), 0.5, "BLEND"),
+    "cutoff 0": Card("leaf", facing((0, 0, 2), 1.2), blobs(20, 30, 8), 0.0),
+    "cutoff 1": Card("leaf", facing((0, 0, 2), 1.2), np.clip(2 * blobs(20, 30, 9), 0, 1), 1.0, filter="nearest"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", LEAVES)
+def test_truth_of_a_leaf_before_a_wall(name):
+    """Object, depth and disparity per pixel, and whether the partner sees the point past or through the leaf."""
+    cards = [LEAVES[name], wall()]
+    truths = tl.ground_truth(scene_of(cards), RIG)
+    for index, truth in enumerate(truths):
+        check_view(cards, truth, RIG, index)
+        check_objects(cards, truth, RIG, index)
+
+
+def check_view(cards, truth, rig, index):
+    camera, pose = rig.cameras[index], rig.world_from_cams[index]
+    rays = camera.rays(camera.pixel_grid()).reshape(-1, 3)
+    directions = rays @ pose[:3, :3].T
+    centre = np.broadcast_to(pose[:3, 3], directions.shape)
+    first, distance, margin = cast(cards, centre, directions)
+    sure = margin > ROUNDING
+    assert sure.mean() > 0.99
+    assert np.array_equal(truth.object_id.ravel()[sure], first[sure] + 1)
+    assert (truth.material_kind.ravel()[first >= 0] == 1).all()
+    sure &= first >= 0
+    depth = distance * rays[:, 2]
+    np.testing.assert_allclose(truth.depth.ravel()[sure], depth[sure], rtol=1e-6)
+    disparity = camera.fx * BASELINE / depth
+    np.testing.assert_allclose(truth.disparity.ravel()[sure], disparity[sure], atol=1e-4)  # fmt: skip
+
+    partner = rig.world_from_cams[1 - index]
+    points = centre + distance[:, None] * directions
+    with np.errstate(invalid="ignore"):
+        offset = points - partner[:3, 3]
+        length = np.linalg.norm(offset, axis=1)
+        from_partner = offset / length[:, None]
+    sure &= np.isfinite(length)
+    eye = np.broadcast_to(partner[:3, 3], offset.shape)
+    _, reach, margin = cast(cards, eye[sure], from_partner[sure])
+    # The point itself may be at a texel's edge, where the partner's ray passes on: it is seen all the same.
+    seen = reach >= length[sure] * (1 - 1e-6)
+    u = camera.pixel_grid()[..., 0].ravel()[sure]
+    u = u - disparity[sure] if index == 0 else u + disparity[sure]
+    in_image = (u > -0.5) & (u < camera.width - 0.5)
+    in_sure = margin > ROUNDING
+    assert in_sure.mean() > 0.99
+    expected = seen & in_image
+    assert np.array_equal(truth.visible.ravel()[sure][in_sure], expected[in_sure])
+
+
+def check_objects(cards, truth, rig, index):
+    """Amodal masks: the pixels whose rays meet the card's opaque texels, whatever is before it."""
+    camera, pose = rig.cameras[index], rig.world_from_cams[index]
+    directions = camera.rays(camera.pixel_grid()).reshape(-1, 3) @ pose[:3, :3].T
+    centre = np.broadcast_to(pose[:3, 3], directions.shape)
+    names = {truth.object_names[body.object_id - 1]: body for body in truth.objects}
+    for card in cards:
+        first, _, margin = cast([card], centre, directions)
+        whole = (first == 0) & (margin > ROUNDING)
+        if not whole.any():
+            continue
+        mask = truth.silhouette(names[card.name]).ravel()
+        sure = margin > ROUNDING
+        assert np.array_equal(mask[sure], first[sure] == 0)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "cutoff 0.3",
+        "blended",
+        pytest.param("mirrored, repeated", marks=pytest.mark.slow),
+        pytest.param("nearest", marks=pytest.mark.slow),
+        pytest.param("cutoff 0.55, tilted", marks=pytest.mark.slow),
+    ],
+)
+def test_the_edge_of_truth_is_that_of_the_converged_picture(name):
+    """A white leaf before a black wall: its part of each pixel is the pixel's radiance over that of the leaf.
+
+    The centre of a pixel is inside where the part is over half, but for edges that bend within a pixel.
+    """
+    leaf = LEAVES[name]
+    whole = replace(leaf, alpha=OPAQUE)
+    scene, without_cut_outs = (
+        scene_of([card, wall()], {"leaf": 1.0, "wall": 0.0}) for card in (leaf, whole)
+    )
+    (image,), (bright,) = (
+        tl.render(shown, ALONE, spp=256, seed=1) for shown in (scene, without_cut_outs)
+    )
+    (truth,), (of_whole,) = (
+        tl.ground_truth(shown, ALONE) for shown in (scene, without_cut_outs)
+    )
+    is_whole = of_whole.object_id == 1
+    part = image.mean(axis=-1) / np.median(bright.mean(axis=-1)[is_whole])
+    inside = truth.object_id == 1
+    assert 0.1 < inside.mean() < 0.9
+    if leaf.mode == "MASK":
+        assert part[inside].min() > 0.2
+        assert part[~inside].max() < 0.8
+    is_near = np.abs(part - 0.5) < (0.02 if leaf.mode == "MASK" else 0.05)
+    assert ((inside != (part > 0.5)) & ~is_near).mean() < 0.01
+
+
+CHALK = {"type": "diffuse"}
+HOLE = {"type": "mask", "opacity": 0.0, "bsdf": CHALK}
+PANE = {"type": "thindielectric"}
+FLAT = Bitmap(np.full((2, 2, 3), 0.5, np.float32))
+
+
+def bare(name, material, at, size=1.0):
+    return SceneObject(name, {"type": "rectangle"}, material, facing(at, size))
+
+
+def before_a_wall(material, size=1.0):
+    """A sheet at 2 m in front of a wall at 4 m."""
+    sheet, back = bare("sheet", "sheet", (0, 0, 2), size), bare("wall", "chalk", (0, 0, 4), 9.0)  # fmt: skip
+    materials = {"sheet": material, "chalk": CHALK}
+    return Scene("sheet", (sheet, back), materials, np.eye(4), (0.5, 10.0), SKY)
+
+
+@pytest.mark.parametrize(
+    ("material", "is_there", "kind"),
+    [
+        ({"type": "mask", "opacity": 0.5, "bsdf": CHALK}, True, "diffuse"),
+        ({"type": "mask", "opacity": 0.49, "bsdf": CHALK}, False, None),
+        ({"type": "mask", "opacity": 0.9, "bsdf": {"type": "conductor"}}, True, "mirror"),
+        ({"type": "mask", "opacity": 0.9, "bsdf": {"type": "dielectric"}}, True, "transmissive"),
+        ({"type": "mask", "opacity": 0.9, "bsdf": PANE}, True, "transmissive"),
+        ({"type": "mask", "opacity": 0.1, "bsdf": PANE}, False, None),
+        ({"type": "mask", "opacity": 0.9, "bsdf": {"type": "roughconductor"}}, True, "glossy"),
+        ({"type": "null"}, False, None),
+        (PANE, True, "transmissive"),
+        ({"type": "normalmap", "normalmap": FLAT, "bsdf": HOLE}, False, None),
+        ({"type": "bumpmap", "bump": FLAT, "bsdf": HOLE}, False, None),
+        ({"type": "blendbsdf", "weight": 0.4, "bsdfs": [CHALK, HOLE]}, True, "diffuse"),
+        ({"type": "blendbsdf", "weight": 0.6, "bsdfs": [CHALK, HOLE]}, False, None),
+        (lambert(0.5, opacity=0.3, alpha_cutoff=0.3), True, "diffuse"),
+        (lambert(0.5, opacity=0.3, alpha_cutoff=0.31), False, None),
+        (lambert(0.5, opacity=1.0, alpha_cutoff=1.5), False, None),
+        (lambert(0.5, opacity=0.0, alpha_cutoff=0.0), True, "diffuse"),
+        (Material(opacity=0.6, transmission=1.0), True, "transmissive"),
+        (Material(opacity=0.4, transmission=1.0), False, None),
+    ],
+)  # fmt: skip
+def test_opacity_of_half_or_more_is_a_surface_of_the_kind_below_the_mask(
+    material, is_there, kind
+):
+    """Whatever the mask is around or below; a pane of glass is a surface although it passes light straight on."""
+    if isinstance(material, dict) and "bsdfs" in material:
+        first, second = material["bsdfs"]
+        material = {"type": "blendbsdf", "weight": material["weight"], "bsdf_0": first, "bsdf_1": second}  # fmt: skip
+    (truth,) = tl.ground_truth(before_a_wall(material, 9.0), ALONE)
+    assert np.unique(truth.object_id).tolist() == [1 if is_there else 2]
+    np.testing.assert_allclose(truth.depth, 2.0 if is_there else 4.0, rtol=1e-6)
+    expected = MATERIAL_KINDS.index(kind or "diffuse")
+    assert np.unique(truth.material_kind).tolist() == [expected]
+
+
+def test_what_is_behind_many_cut_outs_is_the_first_surface():
+    """40 sheets that are not there, in any order of their objects, before a mirror, before a wall behind the camera."""
+    places = np.random.default_rng(1).permutation(np.linspace(0.5, 3.5, 40))
+    holes = [bare(f"hole{i}", "hole", (0, 0, z), 9.0) for i, z in enumerate(places)]
+    mirror = bare("mirror", "mirror", (0, 0, 4), 9.0)
+    back = SceneObject("back", {"type": "rectangle"}, "chalk", facing((0, 0, -1), 30, towards=(0, 0, 1)))  # fmt: skip
+    materials = {"hole": HOLE, "mirror": {"type": "conductor"}, "chalk": CHALK}
+    objects = (*holes, mirror, back)
+    scene = Scene("holes", objects, materials, np.eye(4), (0.5, 10.0), SKY)
+    directions = CAMERA.rays(CAMERA.pixel_grid()).reshape(-1, 3)
+    rays = Rays.from_point(np.zeros(3), directions)
+    layers = trace_surfaces(build(scene), rays, Stop.ALL)
+    assert [np.unique(layer.body).tolist() for layer in layers] == [[40], [41]]
+    np.testing.assert_allclose(layers[0].distance, 4 / directions[:, 2], rtol=1e-6)
+    np.testing.assert_allclose(layers[1].distance, 9 / directions[:, 2], rtol=1e-6)
+    np.testing.assert_allclose(layers[1].share, 1.0)
+
+
+def test_light_that_passes_a_thin_veil_is_the_share_of_what_is_behind():
+    """Two veils of opacity 0.2 and 0.3 are no surfaces; a net of 0.75 is one, with the wall as its second layer."""
+    materials = {
+        f"opacity {value}": {"type": "mask", "opacity": value, "bsdf": CHALK}
+        for value in (0.2, 0.3, 0.75)
+    }
+    sheets = [bare(name, name, (0, 0, 1 + i), 9.0) for i, name in enumerate(materials)]
+    objects = (*sheets, bare("wall", "chalk", (0, 0, 4), 9.0))
+    materials["chalk"] = CHALK
+    scene = Scene("veils", objects, materials, np.eye(4), (0.5, 10.0), SKY)
+    rays = Rays.from_point(np.zeros(3), np.array([[0.0, 0, 1], [0.1, 0.05, 1]]))
+    layers = trace_surfaces(build(scene), rays, Stop.ALL)
+    assert [np.unique(layer.body).tolist() for layer in layers] == [[2], [3]]
+    np.testing.assert_allclose(layers[0].share, 0.8 * 0.7, rtol=1e-6)
+    np.testing.assert_allclose(layers[1].share, 0.8 * 0.7 * 0.25, rtol=1e-6)
+
+
+def test_opacity_of_vertices_is_cut_between_them():
+    """Opacity from 0 to 1 across a square, by vertices: the cut at 0.3 is a straight line, in closed form."""
+    color = np.column_stack([np.full((4, 3), 0.8), [0.0, 1.0, 1.0, 0.0]])
+    mesh = Mesh(CORNERS, FACES.astype(np.uint32), None, UV, attributes={"color": color})
+    vertex = VertexColor("color")
+    paint = Material(
+        base_color=vertex, opacity=vertex, alpha_cutoff=0.3, two_sided=True
+    )
+    materials = {"leaf": paint}
+    pose = facing((0, 0, 2), 1.0)
+    leaf = SceneObject("leaf", mesh, "leaf", pose)
+    scene = Scene("vertices", (leaf,), materials, np.eye(4), (0.5, 10.0), SKY)
+    (truth,) = tl.ground_truth(scene, ALONE)
+    directions = CAMERA.rays(CAMERA.pixel_grid()).reshape(-1, 3)
+    points = 2 * directions / directions[:, 2:]
+    across = (points - pose[:3, 3]) @ np.linalg.inv(pose[:3, :3]).T
+    expected = (np.abs(across) <= 0.5).all(axis=1) & (across[:, 0] + 0.5 >= 0.3)
+    assert np.array_equal(truth.object_id.ravel() == 1, expected)
+
+
+def test_instances_and_round_shapes_have_cut_outs():
+    """Copies of a card, in their own axes, before a ball whose texture leaves its upper half."""
+    card = LEAVES["cutoff 0.3"]
+    poses = [facing((x, 0, 2), 0.6, 0.3 * x) for x in (-0.4, 0.4)]
+    placed = SceneObject("leaf", card.scene_object("leaf").shape, "leaf", instances=tuple(poses))  # fmt: skip
+    half = np.zeros((2, 1), np.float32)
+    half[0] = 1.0
+    upper = lambert(0.5, opacity=Bitmap(half, "nearest"), two_sided=True)
+    ball = SceneObject("ball", {"type": "sphere"}, "upper", facing((0, 0, 4), 1.0, towards=(0, 1, 0)))  # fmt: skip
+    materials = {"leaf": card.material(), "upper": upper}
+    scene = Scene("copies", (placed, ball), materials, np.eye(4), (0.5, 10.0), SKY)
+    cards = [replace(card, world_from_card=pose, name=f"leaf[{i}]") for i, pose in enumerate(poses)]  # fmt: skip
+    (truth,) = tl.ground_truth(scene, ALONE)
+    directions = CAMERA.rays(CAMERA.pixel_grid()).reshape(-1, 3)
+    first, _, margin = cast(cards, np.zeros_like(directions), directions)
+    leaves = truth.object_id.ravel() * (truth.object_id.ravel() < 3)
+    sure = margin > ROUNDING
+    assert np.array_equal(leaves[sure], first[sure] + 1)
+    check_objects(cards, truth, ALONE, 0)
+    # The ball's texture has v along its own z axis; its lower half is open, also from inside.
+    on_ball = truth.object_id == 3
+    assert on_ball.any()
+    above = truth.position[on_ball] - (0, 0, 4)
+    axis = ball.world_from_object[:3, 2]
+    assert (above @ axis > 0).all() or (above @ axis < 0).all()
