@@ -286,8 +286,9 @@ def test_paths_are_those_of_mitsuba_where_there_is_no_projector(name):
     scene = tl.load_scene(name)
     built = build(scene)
     view = TINY, scene.world_from_left, tl.Pinhole(), 64, "multijitter"
-    ours = Paths([], scene.integrator["max_depth"], rr_depth=3)
-    theirs = mitsuba().load_dict({**scene.integrator, "rr_depth": 3})
+    # Without Russian roulette, which ends other paths.
+    ours = Paths([], max_depth=6, rr_depth=6)
+    theirs = mitsuba().load_dict({"type": "path", "max_depth": 6, "rr_depth": 6})
     images = [
         np.asarray(paths.render(built.mi_scene, make_sensor(*view), seed=3, spp=64))
         for paths in (ours, theirs)

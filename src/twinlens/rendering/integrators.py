@@ -1,4 +1,4 @@
-"""Our own path integrator in the place of Mitsuba's: for the light of projectors, and for denoised images.
+"""Our own path integrator in the place of Mitsuba's `path`, in all images of scene files.
 
 Denoised images get most of the light between surfaces from a cache (`rendering.irradiance_cache`). It is made for each
 request, from what the calibrated cameras of the rig see, and they share it.
@@ -27,6 +27,14 @@ def own_paths(
     from twinlens.rendering.paths import Paths  # sets up the backend
 
     return Paths(lamps, **built.path, gives_guides=gives_guides)
+
+
+def for_images(built: BuiltScene) -> BuiltScene:
+    """`built` with our integrator, unless it has it already; `built` itself where that does not do the same."""
+    paths = own_paths(built, ())
+    if paths is None or built.projected is not None:
+        return built
+    return built.with_integrator(paths)
 
 
 def for_denoising(built: BuiltScene, rig: Rig, band: str, seed: int) -> BuiltScene:

@@ -300,11 +300,13 @@ class _Tracer:
         """
         si, normal = met.si, met.normal
         ds, light = self.scene.sample_emitter_direction(
-            si, sampler.next_2d(), True, met.scatters
+            si, sampler.next_2d(), False, met.scatters
         )
         cosine = dr.maximum(dr.dot(ds.d, normal), 0.0)
         weight = dr.select(ds.delta, 1.0, mis(ds.pdf, cosine / math.pi))
-        irradiance = dr.select(ds.pdf != 0, light * cosine * weight, 0.0)
+        is_lit = met.scatters & (ds.pdf != 0) & (cosine > 0)
+        is_lit = lights_surface(self.scene, ds, si, is_lit)
+        irradiance = dr.select(is_lit, light * cosine * weight, 0.0)
         for lamp in self.lamps:
             ds, light = lamp.sample_direction(si, sampler.next_2d(), met.scatters)
             is_dark = self.scene.ray_test(si.spawn_ray_to(ds.p), met.scatters)
@@ -420,6 +422,19 @@ def _tables(paths: _Paths, cell: NDArray[np.int64], count: int, bounces: int) ->
             break
         before = change
     return np.stack(tables)
+
+
+def lights_surface(scene: Any, ds: Any, si: Any, active: Any) -> Any:
+    """Whether the light of the point `ds` of an emitter reaches the surface at `si`.
+
+    The shadow ray starts a little off the surface, on its lit side, and must meet the side of the emitter that shines.
+    Mitsuba compares that side with the direction between the two points, which rounding decides where both are on one
+    sphere: a ball that shines outward would light its own inside.
+    """
+    ray = si.spawn_ray_to(ds.p)
+    meets_lit_side = ds.delta | (dr.dot(ray.d, ds.n) < 0)
+    active = active & meets_lit_side
+    return active & ~scene.ray_test(ray, active)
 
 
 def mis(density: Any, density_of_other: Any) -> Any:

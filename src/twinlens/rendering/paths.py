@@ -1,4 +1,4 @@
-"""The path integrator of twinlens: Mitsuba's `path`, with the light of projectors, and with a cache of irradiance.
+"""The path integrator of scene files: as Mitsuba's `path`, with the light of projectors and a cache of irradiance.
 
 At each surface of a path, light that arrives from an emitter directly is found in two ways: by a point drawn on an
 emitter, and by the direction in which the path goes on. Multiple importance sampling weights the two (Veach, Robust
@@ -22,13 +22,14 @@ from typing import Any, NamedTuple
 
 from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.guides import surface_features
-from twinlens.rendering.irradiance_cache import IrradianceCache, mis
+from twinlens.rendering.irradiance_cache import IrradianceCache, lights_surface, mis
 from twinlens.rendering.tracing import MAX_SPECULAR, is_null, is_specular
 
 mi = mitsuba()
 import drjit as dr  # noqa: E402, Dr.Jit reads DRJIT_LIBLLVM_PATH when it is imported
 
 _MOST_SURVIVE = 0.95  # of the paths, in Russian roulette: as in Mitsuba's `path`
+_WHOLE_WEIGHT = 0.25  # of a path that is as likely to survive; a heavier path's end would be seen as noise
 _LEAST_REST = 1e-3  # share of a reflectance not worth another ray: rounding errors
 
 
@@ -108,7 +109,7 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
         self,
         lamps: Sequence[Any],
         max_depth: int = -1,
-        rr_depth: int = 5,
+        rr_depth: int = 3,
         gives_guides: bool = False,
     ) -> None:
         super().__init__(mi.Properties())
@@ -251,11 +252,12 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
     def _survivors(self, path: PathState, active: Any, survives: Any) -> PathState:
         """Russian roulette: a path survives with a probability of at most `survives`, which falls with its weight.
 
-        The weight is divided by that probability. eta^2 undoes the scaling of radiance inside a medium.
+        The weight is divided by that probability. eta^2 undoes the scaling of radiance inside a medium. Mitsuba lets a
+        path of weight w survive with the probability w, so that many end that carry much light; ours with 4 w.
         """
         active = active & dr.any(path.weight != 0)
         weight_in_air = dr.max(dr.abs(path.weight)) * dr.square(path.eta)
-        kept = dr.minimum(weight_in_air, _MOST_SURVIVE)
+        kept = dr.minimum(weight_in_air / _WHOLE_WEIGHT, _MOST_SURVIVE)
         survives = survives * dr.select(path.depth >= self.rr_depth, kept, 1.0)
         active = active & (path.sampler.next_1d() < survives)
         return replace(path, active=active, weight=path.weight * dr.rcp(survives))
@@ -309,8 +311,8 @@ def _scattered(
     share = dr.select(ds.delta, 1.0, mis(ds.pdf, pdf))
     light = light * (value - matte * shading_cosine(si, wo)) * share
     matters = smooth & (ds.pdf != 0) & dr.any(light != 0)
-    matters &= ~scene.ray_test(si.spawn_ray_to(ds.p), matters)
-    return dr.select(matters, light, 0.0), chosen, factor
+    is_lit = lights_surface(scene, ds, si, matters)
+    return dr.select(is_lit, light, 0.0), chosen, factor
 
 
 def _onward(path: PathState, si: Any, chosen: Any, factor: Any) -> PathState:

@@ -29,7 +29,7 @@ from twinlens.camera import Rig
 from twinlens.camera.light_field import places_in_plane
 from twinlens.geometry import Float
 from twinlens.rendering.backends import mitsuba
-from twinlens.rendering.irradiance_cache import mis
+from twinlens.rendering.irradiance_cache import lights_surface, mis
 from twinlens.rendering.paths import (
     Paths,
     PathState,
@@ -322,16 +322,14 @@ class SharedLight:
         reflects = active & (paths.max_depth > 1)
         smooth = reflects & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
         # As in `Paths`: a point on an emitter, and a direction in which the path goes on.
-        ds, light = scene.sample_emitter_direction(si, sampler.next_2d(), True, smooth)
+        ds, light = scene.sample_emitter_direction(si, sampler.next_2d(), False, smooth)
         to_light = si.to_local(ds.d)
         _, pdf, chosen, factor = bsdf.eval_pdf_sample(
             context, si, to_light, sampler.next_1d(), sampler.next_2d(), reflects
         )
-        light = dr.select(
-            smooth & (ds.pdf != 0),
-            light * dr.select(ds.delta, 1.0, mis(ds.pdf, pdf)),
-            0.0,
-        )
+        is_lit = lights_surface(scene, ds, si, smooth & (ds.pdf != 0))
+        share = dr.select(ds.delta, 1.0, mis(ds.pdf, pdf))
+        light = dr.select(is_lit, light * share, 0.0)
         goes_on = reflects & (chosen.pdf > 0) & dr.any(factor != 0)
         end = paths.follow(scene, _second_surface(si, chosen, sampler, goes_on))
         reached = dr.select(goes_on, end.radiance / chosen.pdf, 0.0)

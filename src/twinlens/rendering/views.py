@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from twinlens.camera import Camera, Lens, Rig
 from twinlens.geometry import Float
 from twinlens.rendering.build import BuiltScene, build
-from twinlens.rendering.integrators import for_denoising
+from twinlens.rendering.integrators import for_denoising, for_images
 from twinlens.rendering.projectors import (
     can_denoise,
     lit_by_projectors,
@@ -65,6 +65,8 @@ def views_of(
         if denoised:
             cache_seed = derived_seed(seed, _CACHE_STREAM)
             built = for_denoising(built, rig, band, cache_seed)
+        else:
+            built = for_images(built)
         stages[band] = built, denoised
     views = []
     for camera, pose, lens in zip(

@@ -32,6 +32,10 @@ class SceneWarning(UserWarning):
     """A part of a file of a scene is ignored; the message names file and part."""
 
 
+WHOLE_PATHS: Plugin = {"type": "path", "max_depth": -1, "rr_depth": 3}
+"""The default integrator: paths of any length, which end at random once they carry little light. The mean is right."""
+
+
 @dataclass(frozen=True, eq=False)
 class Mesh:
     """Triangles: vertices float64 (V, 3) in object coordinates, faces uint32 (F, 3), uv float64 (V, 2) or None.
@@ -224,7 +228,7 @@ class Scene:
     world_from_left: Float
     depth_range: tuple[float, float]
     lights: Mapping[str, Plugin] = field(default_factory=dict)
-    integrator: Plugin = field(default_factory=lambda: {"type": "path", "max_depth": 6})
+    integrator: Plugin = field(default_factory=lambda: {**WHOLE_PATHS})
     fov_x_deg: float = 50.0
     baseline: float = 0.1
     description: str = ""

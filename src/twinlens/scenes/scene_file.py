@@ -11,11 +11,12 @@ import pydantic
 
 from twinlens.errors import FileError, InputError, located, unknown
 from twinlens.scenes.assets import SceneContext, find_asset, read_limited
+from twinlens.scenes.materials import Plugin
 from twinlens.scenes.objects import Object
 from twinlens.scenes.placement import Length, Vector3, view_pose
 from twinlens.scenes.plugins import SURROUNDING_LIGHTS, Integrator, Light, MaterialTable
 from twinlens.scenes.rigs import RigLength, RigTable, rig_from_table, with_files
-from twinlens.scenes.scene import Scene
+from twinlens.scenes.scene import WHOLE_PATHS, Scene
 from twinlens.scenes.texture_tables import Texture
 from twinlens.scenes.xml_file import read_scene_xml
 from twinlens.schema import NEAR_FAR, StrictModel, exactly, read
@@ -67,7 +68,7 @@ class SceneFile(StrictModel):
     objects: dict[str, Object]
     camera: ViewTable
     lights: dict[str, Light] = pydantic.Field({})
-    integrator: Integrator = pydantic.Field({"type": "path", "max_depth": 6})
+    integrator: Integrator = pydantic.Field({**WHOLE_PATHS})
     rig: Annotated[RigTable, pydantic.BeforeValidator(_with_files_of_rig)] | None = None
 
     @pydantic.model_validator(mode="after")
@@ -116,7 +117,7 @@ def read_scene_toml(path: Path, name: str) -> Scene:
             ),
             materials={**file.materials, **context.materials},
             lights=file.lights,
-            integrator=file.integrator,
+            integrator=_with_defaults(file.integrator),
             world_from_left=view_pose(camera.position, camera.look_at, camera.up),
             fov_x_deg=camera.fov_x_deg,
             baseline=camera.baseline,
@@ -184,6 +185,11 @@ def bundled_headings() -> list[dict[str, Any]]:
 
 
 _read_bundled = lru_cache(maxsize=2)(read_scene_toml)
+
+
+def _with_defaults(integrator: Plugin) -> Plugin:
+    """The integrator with its parameters that decide on the light of images, which records then have."""
+    return {**WHOLE_PATHS, **integrator} if integrator["type"] == "path" else integrator
 
 
 def load_scene(name_or_path: str | Path) -> Scene:
