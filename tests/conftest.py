@@ -1,7 +1,14 @@
-"""Settings of all tests: repeatable hypothesis cases without deadlines, a kernel cache, equal figures drawn once."""
+"""Settings of all tests: repeatable hypothesis cases without deadlines, a kernel cache, equal figures drawn once.
 
+Mitsuba's scenes end with their test, or with its module if they belong to the module: Dr.Jit compiles the materials and
+lights of all scenes that exist into every kernel, so kernels take longer to compile the more scenes there are, and are
+found in its cache only if the same scenes existed.
+"""
+
+import gc
 import json
 import os
+import sys
 import tempfile
 
 import pytest
@@ -48,3 +55,21 @@ def _equal_figures_of_cards_are_drawn_once():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(card, "statistics_figure", remembered)
         yield
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _scenes_of_a_module_end_with_it():
+    yield
+    if "twinlens.rendering.build" in sys.modules:
+        from twinlens.rendering import build
+
+        build._cache.clear()
+    gc.collect()
+    gc.freeze()  # what is left, such as imported modules, is not searched after every test
+
+
+@pytest.fixture(autouse=True)
+def _scenes_of_a_test_end_with_it(_scenes_of_a_module_end_with_it):
+    yield
+    if "mitsuba" in sys.modules:
+        gc.collect()

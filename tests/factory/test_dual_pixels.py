@@ -19,7 +19,8 @@ count = {count}
 scenes = ["tiny"]
 width = 48
 height = 36
-spp = 4
+spp = 16
+denoise = false
 dual_pixel = true
 
 [[lenses]]

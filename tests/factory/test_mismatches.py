@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from tests.factory_recipes import write_recipe
 from twinlens.dataset import Dataset, write_sample
 from twinlens.dataset.sample_files import sample_files
 from twinlens.dataset.verify import verify_sample
@@ -17,7 +18,7 @@ from twinlens.factory import (
 )
 from twinlens.factory.camera_text import parse_mismatch
 from twinlens.factory.settings import ANY_SCENE, sensor_for
-from twinlens.scenes import rig_from_table
+from twinlens.scenes import load_scene, rig_from_table
 from twinlens.sensor import Mismatch, Sensor
 
 LINE = {"layout": "line", "count": 4, "spacing": 0.05}
@@ -118,8 +119,8 @@ def test_the_views_of_a_light_field_are_of_one_camera():
 def test_a_sample_records_the_mismatch_of_each_camera_and_is_made_again(tmp_path):
     """The rig that takes the images, the photos, the record and `rectified_sample` have the same mismatches."""
     mismatch = {"level": "consumer", "distortion_px": 0}
-    table = {**BASE, "rig": LINE, "sensor": {"mismatch": mismatch}}
-    recipe = recipe_from_table(table)
+    table = {**BASE, "scenes": ["tiny"], "rig": LINE, "sensor": {"mismatch": mismatch}}
+    recipe = recipe_from_table(table, write_recipe(tmp_path))
     sample = make(recipe, 0)
     rig, exposures = sample.rig, sample.shots[0].record["exposures"]
     files = sample_files(sample)
@@ -137,9 +138,10 @@ def test_a_sample_records_the_mismatch_of_each_camera_and_is_made_again(tmp_path
         assert taken["gain"] == pytest.approx(first["gain"] * mismatch.gain)
         level = first["black_level_dn"] + mismatch.black_level
         assert taken["black_level_dn"] == pytest.approx(level)
-    assert sample_files(remake(record)) == files
-    write_sample(tmp_path / "cards", sample)
-    stored = Dataset(tmp_path / "cards")[0]
+    scene = load_scene(tmp_path / "tiny")
+    assert sample_files(remake(record, scene)) == files
+    write_sample(tmp_path / "made", sample)
+    stored = Dataset(tmp_path / "made")[0]
     assert verify_sample(stored) == []
-    rectified = rectified_sample(stored, left=1, right=3, pictures="render")
+    rectified = rectified_sample(stored, scene, left=1, right=3, pictures="render")
     assert Sensor.from_record(rectified.record["sensor"]).mismatch == drawn[2]

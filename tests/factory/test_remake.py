@@ -35,17 +35,22 @@ def scene():
 
 
 @pytest.fixture(scope="module")
-def rig(scene):
+def tiny(tmp_path_factory):
+    """A scene of a user's own, whose kernels are compiled quickly."""
+    folder = tmp_path_factory.mktemp("scenes") / "tiny"
+    folder.mkdir()
+    (folder / "scene.toml").write_text(SCENE)
+    return tl.load_scene(folder)
+
+
+def shaped(scene):
     plain = default_rig(scene, 40, 30).cameras[0]
     left = plain.replace(fy=45.0, cx=18.25, pixel_pitch_um=1000.0)
     left = left.replace(distortion=BrownConrady(k1=-0.1))
-    return tl.Rig.stereo(left, 0.07, scene.world_from_left, right=left.replace(cx=21.0))
-
-
-def shaped(scene, rig):
+    right = left.replace(cx=21.0)
     return make_sample(
         scene,
-        rig,
+        tl.Rig.stereo(left, 0.07, scene.world_from_left, right=right),
         SHAPED,
         Shoot(
             spp=3,
@@ -60,7 +65,7 @@ def shaped(scene, rig):
     )
 
 
-def diffracted(scene, rig):
+def diffracted(scene):
     lenses = (tl.Pinhole(), tl.ThinLens(2e-4, 1.2))
     return make_sample(
         scene,
@@ -73,18 +78,27 @@ def diffracted(scene, rig):
 @pytest.mark.parametrize(
     "made", [shaped, pytest.param(diffracted, marks=pytest.mark.slow)]
 )
-def test_the_record_alone_gives_the_same_bytes(made, scene, rig):
-    files = sample_files(made(scene, rig))
+def test_the_record_gives_the_same_bytes(made, tiny):
+    files = sample_files(made(tiny))
     assert any(name.startswith("models/") for name in files) == (made is shaped)
-    assert sample_files(remake(json.loads(files["sample.json"]))) == files
+    assert sample_files(remake(json.loads(files["sample.json"]), tiny)) == files
 
 
 @pytest.fixture(scope="module")
-def record(scene):
+def files(scene):
     sample = make_sample(
         scene, default_rig(scene, 8, 6), [tl.ThinLens(0.01, 1.2)], Shoot(spp=1)
     )
-    return json.loads(sample_files(sample)["sample.json"])
+    return sample_files(sample)
+
+
+@pytest.fixture(scope="module")
+def record(files):
+    return json.loads(files["sample.json"])
+
+
+def test_a_sample_of_a_bundled_scene_needs_its_record_alone(files, record):
+    assert sample_files(remake(record)) == files
 
 
 def test_a_scene_of_ones_own_has_to_be_given(scene, tmp_path):
