@@ -8,6 +8,7 @@ import importlib
 import math
 import re
 import reprlib
+import warnings
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from numbers import Integral, Real
@@ -33,6 +34,19 @@ class FileError(InputError):
 
 class OutputError(TwinlensError, OSError):
     """A file could not be written: a full disk, a read-only folder."""
+
+
+class NotUsedWarning(UserWarning):
+    """A part of a file is not used; the message names it and what is done instead."""
+
+
+def warn_not_used(
+    file: object, parts: Iterable[str], kind: type[NotUsedWarning] = NotUsedWarning
+) -> None:
+    """Warn in one line of the parts of a file that are not used, each with what is done instead."""
+    named = ", ".join(dict.fromkeys(parts))
+    if named:
+        warnings.warn(f"{file}: not used: {named}", kind, stacklevel=3)
 
 
 class MissingExtraError(TwinlensError, ImportError):

@@ -116,6 +116,7 @@ def area(path: Path) -> float:
     return float(np.linalg.norm(cross, axis=1).sum() / 2)
 
 
+@pytest.mark.filterwarnings("ignore:.*not used:twinlens.errors.NotUsedWarning")
 @pytest.mark.parametrize("name", OUTLINES)
 def test_a_polygon_of_a_file_covers_its_own_area_alone(
     tmp_path: Path, name: str
@@ -158,6 +159,7 @@ def test_a_quad_that_is_not_planar_is_split_from_its_first_vertex(
     assert trimesh.Trimesh(mesh.vertices, mesh.faces).area == pytest.approx(3**0.5)
 
 
+@pytest.mark.filterwarnings("ignore:.*not used:twinlens.errors.NotUsedWarning")
 @settings(max_examples=300, deadline=None)
 @given(st.data())
 def test_damaged_polygon_files_are_one_error_or_read(

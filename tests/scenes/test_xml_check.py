@@ -216,6 +216,6 @@ def test_a_principal_point_that_is_not_used_is_said(tmp_path):
         '<float name="principal_point_offset_x" value="0.25"/></sensor></scene>'
     )
     with pytest.warns(
-        SceneWarning, match=r"s\.xml: sensor: principal_point_offset_x ignored"
+        SceneWarning, match=r"s\.xml: sensor: not used: principal_point_offset_x"
     ):
         load_scene(path)

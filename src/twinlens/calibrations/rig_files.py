@@ -23,7 +23,14 @@ from scipy.spatial.transform import Rotation
 
 from twinlens.calibrations.storages import matrix, numbers, read_storage, read_text
 from twinlens.camera import BrownConrady, Camera, Distortion, KannalaBrandt, Rig
-from twinlens.errors import FileError, InputError, check_known, format_value, located
+from twinlens.errors import (
+    FileError,
+    InputError,
+    check_known,
+    format_value,
+    located,
+    warn_not_used,
+)
 from twinlens.geometry import Float, check_rigid, inverse, rigid
 
 FilePath = str | os.PathLike[str]
@@ -45,6 +52,11 @@ CORNER = 0.5
 """Added to cx and cy where pixels are counted from the image's corner."""
 OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 """Turns our camera axes into OpenGL's, and back."""
+_NERF_NAMES = {
+    *("frames", "file_path", "transform_matrix", "camera_model", "w", "h"),
+    *("fl_x", "fl_y", "camera_angle_x", "camera_angle_y", "cx", "cy"),
+    *("k1", "k2", "k3", "k4", "p1", "p2"),
+}
 _NERF_MODELS = ("OPENCV", "OPENCV_FISHEYE", "PINHOLE", "SIMPLE_PINHOLE")
 
 
@@ -95,6 +107,8 @@ def read_transforms(path: FilePath) -> NamedRig:
             np.array(frame["transform_matrix"], dtype=np.float64) @ OPENGL
             for frame in frames
         ]
+        names = {name for keys in (table, *frames) for name in keys}
+        warn_not_used(path, sorted(names - _NERF_NAMES))
         return NamedRig(
             Rig(cameras, poses), tuple(str(frame["file_path"]) for frame in frames)
         )
@@ -128,6 +142,9 @@ def read_opencv(
         rotation = matrix(values["R"], "R", 3, 3)
         second_from_first = rigid(rotation, matrix(values["T"], "T", 1, 3)[0])
         cameras = [_opencv_camera(values, i, size) for i in (1, 2)]
+        others = values.keys() - _OPENCV_READ - _OPENCV_NOTES
+        texts = {name for name in others if isinstance(values[name], str)}
+        warn_not_used(path, sorted(others - texts))
         return Rig(cameras, [pose, pose @ inverse(second_from_first)])
     except KeyError as error:
         raise FileError(
@@ -160,6 +177,7 @@ def read_ros(left: FilePath, right: FilePath) -> Rig:
                 raise InputError("projection_matrix needs positive focal lengths")
             focal = np.array([projection[0, 0], projection[1, 1], 1.0])
             shift = projection[:, 3] / focal
+            warn_not_used(path, _ros_not_used(values))
         except KeyError as error:
             raise FileError(f"{path}: has no {error.args[0]}") from None
         except ValueError as error:
@@ -182,6 +200,7 @@ def read_kalibr(path: FilePath) -> NamedRig:
     cameras: list[Camera] = []
     poses = [np.eye(4)]
     names: list[str] = []
+    not_used: list[str] = []
     try:
         while (name := f"cam{len(cameras)}") in values:
             table = values[name]
@@ -193,6 +212,7 @@ def read_kalibr(path: FilePath) -> NamedRig:
                     checked = check_rigid(this_from_last, "T_cn_cnm1")
                     poses.append(poses[-1] @ inverse(checked))
                 cameras.append(_kalibr_camera(table))
+                not_used += sorted(f"{name}.{key}" for key in table.keys() - _KALIBR)
             names.append(str(table.get("rostopic", name)))
     except KeyError as error:
         raise FileError(f"{path}: cam{len(cameras)} has no {error.args[0]}") from None
@@ -200,6 +220,8 @@ def read_kalibr(path: FilePath) -> NamedRig:
         raise FileError(f"{path}: {error}") from None
     if not cameras:
         raise FileError(f"{path}: has no cam0")
+    names_of_cameras = {f"cam{i}" for i in range(len(cameras))}
+    warn_not_used(path, [*sorted(values.keys() - names_of_cameras), *not_used])
     return NamedRig(Rig(cameras, poses[: len(cameras)]), tuple(names))
 
 
@@ -314,6 +336,42 @@ def _opencv_camera(
     return Camera(*size, *k, distortion)
 
 
+_OPENCV_READ = {
+    *(
+        f"{name}{i}"
+        for names in _OPENCV_NAMES.values()
+        for name in names
+        for i in (1, 2)
+    ),
+    *(f"{name}{i}" for name in ("size", "fisheye") for i in (1, 2)),
+    *("image_width", "image_height", "R", "T", "world_from_1"),
+}
+_OPENCV_NOTES = {
+    *("R1", "R2", "P1", "P2", "Q", "E", "F"),
+    *("calibration_time", "nframes", "nr_of_frames", "flags", "square_size"),
+    *("board_width", "board_height", "avg_reprojection_error", "rms", "error"),
+}
+"""What follows from the values that are read, and how they were found."""
+
+
+def _ros_not_used(values: Mapping[str, Any]) -> list[str]:
+    """What a camera_info has besides the pose and the camera; binning or a region of all pixels change nothing."""
+    parts = []
+    for name in sorted(values.keys() - _ROS_READ):
+        value = values[name]
+        flat = list(value.values()) if isinstance(value, Mapping) else [value]
+        if name not in ("binning_x", "binning_y", "roi"):
+            parts.append(name)
+        elif any(item not in (0, 1, False) for item in flat):
+            parts.append(f"{name} (the whole image)")
+    return parts
+
+
+_ROS_READ = {
+    *("image_width", "image_height", "camera_name", "camera_matrix"),
+    *("distortion_model", "distortion_coefficients"),
+    *("rectification_matrix", "projection_matrix"),
+}
 _ROS_MODELS = {
     "plumb_bob": False,
     "rational_polynomial": False,
@@ -337,6 +395,10 @@ def _ros_camera(values: Mapping[str, Any]) -> Camera:
     return Camera(*size, *k, distortion)
 
 
+_KALIBR = {
+    *("camera_model", "intrinsics", "distortion_model", "distortion_coeffs"),
+    *("resolution", "rostopic", "T_cn_cnm1", "cam_overlaps"),
+}
 _KALIBR_MODELS = {"radtan": False, "equidistant": True, "none": False}
 
 

@@ -23,14 +23,13 @@ from twinlens.dataset.files import locked, remove_unfinished, write_file
 from twinlens.dataset.pictures import colourise, contact_sheet, tile
 from twinlens.dataset.sample_files import sample_files
 from twinlens.dataset.storage import Where, place
-from twinlens.errors import FileError, InputError
+from twinlens.errors import FileError, InputError, NotUsedWarning
 from twinlens.factory.ledger import Failure, Ledger, repairable, whole_samples
 from twinlens.factory.produce import check_draws, sample_or_failure
 from twinlens.factory.recipe import Recipe
 from twinlens.factory.sample import made_with
 from twinlens.factory.workers import Engine, Report, Work, in_process
 from twinlens.families import Assets
-from twinlens.scenes.model_files import MaterialWarning
 
 MOST = 48
 """Samples on preview.png."""
@@ -230,7 +229,7 @@ def _unusable_assets(recipe: Recipe) -> list[dict[str, str]]:
             single: dict[str, Any] = {kind: (path,), **keep}
             # Samples have given the warnings of the files that they use.
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", MaterialWarning)
+                warnings.simplefilter("ignore", NotUsedWarning)
                 checked = Assets(**single).check()
             for broken, reason in checked.broken:
                 unusable.append(

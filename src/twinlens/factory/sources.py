@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import Any
 
 from twinlens.dataset.files import read_bytes
-from twinlens.errors import FileError, InputError, located
+from twinlens.errors import FileError, InputError, NotUsedWarning, located
 from twinlens.families import Assets
 from twinlens.families.assets import MESH_SHARE, named_by_mesh
 from twinlens.scenes import Scene, bundled_folder, bundled_scenes, load_scene
 from twinlens.scenes.assets import MESH_FILES, SceneContext, read_mesh, read_sky
-from twinlens.scenes.model_files import GLTF_FILES, MaterialWarning, read_model
+from twinlens.scenes.model_files import GLTF_FILES, read_model
 
 _SCENES_KEPT = 8
 _NAMED = 3
@@ -179,21 +179,17 @@ class Sources:
             left -= path.stat().st_size
             if left < 0:
                 return
-            if path in skies:
-                with located("sky.file"):
-                    _read_sky(path)
-            elif meshes[path] or path.suffix.lower() in GLTF_FILES:
-                # Samples give the warnings of the files that they use.
-                with warnings.catch_warnings():
-                    warnings.simplefilter("ignore", MaterialWarning)
-                    read_model(
-                        path,
-                        SceneContext(self.folder),
-                        None,
-                        with_materials=meshes[path],
-                    )
-            else:
-                read_mesh(path)
+            # Samples give the warnings of the files that they use.
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", NotUsedWarning)
+                if path in skies:
+                    with located("sky.file"):
+                        _read_sky(path)
+                elif meshes[path] or path.suffix.lower() in GLTF_FILES:
+                    context = SceneContext(self.folder)
+                    read_model(path, context, with_materials=meshes[path])
+                else:
+                    read_mesh(path)
 
     def check_output(self, output: Path) -> None:
         """Raise InputError for an output folder below one whose files the recipe draws from."""

@@ -9,7 +9,6 @@ Ghostscript on PostScript).
 import os
 import re
 import threading
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass, field
@@ -21,11 +20,17 @@ import numpy as np
 import pydantic
 from numpy.typing import ArrayLike, NDArray
 
-from twinlens.errors import FileError, InputError, MissingExtraError, format_value
+from twinlens.errors import (
+    FileError,
+    InputError,
+    MissingExtraError,
+    format_value,
+    warn_not_used,
+)
 from twinlens.pictures import decode_sixteen_bits, has_sixteen_bits
 from twinlens.scenes import shapes
 from twinlens.scenes.materials import AnyMaterial
-from twinlens.scenes.polygons import triangulated_obj, triangulated_ply
+from twinlens.scenes.polygons import ply_not_used, triangulated_obj, triangulated_ply
 from twinlens.scenes.scene import Mesh, SceneWarning
 
 MESH_FILES = {".ply", ".obj", ".glb", ".gltf", ".stl"}
@@ -37,6 +42,8 @@ _MOST_VALUES = 1 << 29
 _LARGEST_PICTURE_FILE = 1 << 30  # bytes
 _LONGEST_REASON = 300
 _OBJ_ZERO = re.compile(r"[ /]0+(?![^ /])")
+_OBJ_READ = {"v", "vt", "vn", "f", "g", "o", "s", "usemtl", "mtllib"}
+_MOST_POSITION_WORDS = 4  # x, y, z and a weight
 _COMMENT = re.compile(r"(^|\s)#.*")  # names such as "Material__#25" have the sign too
 _CONTINUED = re.compile(r"\\\r?\n")
 _OBJ_VERTEX = re.compile("v[tn]? ")
@@ -200,14 +207,8 @@ def _name_alpha(path: Path, image: Any) -> None:
     if not image.has_transparency_data:
         return
     if image.convert("RGBA").getchannel("A").getextrema()[0] < 255:
-        warn_ignored(path, ["its alpha channel (opaque; a 'mask' takes opacity)"])
-
-
-def warn_ignored(path: Path, parts: list[str]) -> None:
-    """Warn in one line of parts of a file that are not used, each with what is done instead."""
-    if parts:
-        named = ", ".join(dict.fromkeys(parts))
-        warnings.warn(f"{path}: not used: {named}", SceneWarning, stacklevel=3)
+        part = "its alpha channel (opaque; a 'mask' takes opacity)"
+        warn_not_used(path, [part], SceneWarning)
 
 
 @contextmanager
@@ -319,10 +320,11 @@ _READERS = {
 }
 
 
-def read_mesh(path: Path, crease_deg: float = 30.0) -> Mesh:
-    """All triangles of a mesh file as one mesh; edges sharper than `crease_deg` stay sharp, 0 makes every face flat.
+def read_mesh(path: Path, crease_deg: float | None = None) -> Mesh:
+    """All triangles of a mesh file as one mesh; edges over `crease_deg` (30) stay sharp, all of them for 0.
 
-    Materials and other files it names are ignored. Raises FileError for a damaged or too large file.
+    Materials and other files it names are ignored. Gives a `SceneWarning` that names other parts that are not used,
+    the normals of the file only without `crease_deg`. Raises FileError for a damaged or too large file.
     """
     if path.suffix.lower() not in MESH_FILES:
         raise FileError(
@@ -333,10 +335,16 @@ def read_mesh(path: Path, crease_deg: float = 30.0) -> Mesh:
 
         # A stream has no folder, so that the file cannot name its neighbours.
         data = read_limited(path, LARGEST_MESH_FILE)
+        not_used: list[str] = []
         if path.suffix.lower() == ".obj":
-            data = "\n".join(obj_lines(path, data)).encode()
-        if path.suffix.lower() == ".ply":
+            lines = obj_lines(path, data)
+            not_used = obj_not_used(lines)
+            data = "\n".join(lines).encode()
+        elif path.suffix.lower() == ".ply":
+            not_used = ply_not_used(data)
             data = triangulated_ply(data)
+        elif path.suffix.lower() == ".stl" and _has_facet_colors(data):
+            not_used = ["colours of facets (the object's material)"]
         stream = BytesIO(data)
         loaded = trimesh.load_scene(
             stream, file_type=path.suffix[1:].lower(), process=False
@@ -351,7 +359,26 @@ def read_mesh(path: Path, crease_deg: float = 30.0) -> Mesh:
         made = loaded.to_mesh()
         if not len(made.faces) or not np.isfinite(made.vertices).all():
             raise FileError(f"{path}: has no triangles with finite vertices")
-        return shapes.from_trimesh(made, crease_deg)
+        mesh = shapes.from_trimesh(made, 30.0 if crease_deg is None else crease_deg)
+    warn_not_used(path, without_normals(not_used, crease_deg), SceneWarning)
+    return mesh
+
+
+def without_normals(not_used: list[str], crease_deg: float | None) -> list[str]:
+    """Parts of a file that are not used; its "normals" are among them only where nothing else was asked for."""
+    named = {"normals": "normals (edges over 30 degrees are sharp; see crease_deg)"}
+    if crease_deg is not None:
+        not_used = [part for part in not_used if part != "normals"]
+    return [named.get(part, part) for part in not_used]
+
+
+def _has_facet_colors(stl: bytes) -> bool:
+    """Whether a binary STL file has attributes, in which some programs keep colours."""
+    count = int.from_bytes(stl[80:84], "little")
+    if len(stl) != 84 + 50 * count:
+        return False
+    facets = np.frombuffer(stl[84:], dtype=np.uint8).reshape(count, 50)
+    return bool(facets[:, 48:].any())
 
 
 def text_lines(data: bytes) -> list[str]:
@@ -379,6 +406,23 @@ def obj_lines(path: Path, data: bytes) -> list[str]:
             f"{path}: has negative vertex numbers before its last vertex; export it with positive ones"
         )
     return triangulated_obj(lines)
+
+
+def obj_not_used(lines: list[str]) -> list[str]:
+    """What the lines of an OBJ file have besides positions, texture coordinates, faces and materials."""
+    keywords = {line.partition(" ")[0] for line in lines if line}
+    parts = []
+    smooth = [line for line in lines if line.startswith("s ")]
+    is_smooth = any(line not in ("s off", "s 0") for line in smooth)
+    if "vn" in keywords or is_smooth:
+        parts.append("normals")
+    if any(
+        line.count(" ") > _MOST_POSITION_WORDS for line in lines if line[:2] == "v "
+    ):
+        parts.append("colours of vertices (the material)")
+    others = sorted(keywords - _OBJ_READ)
+    named = {"l": "lines", "p": "points"}
+    return [*parts, *(f"{named.get(key, key)} (left out)" for key in others)]
 
 
 def check_faces(path: Path, part: Any) -> None:

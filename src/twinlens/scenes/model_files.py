@@ -25,6 +25,7 @@ from twinlens.scenes.assets import (
     find_asset,
     read_limited,
     reading,
+    without_normals,
 )
 from twinlens.scenes.gltf import Gltf, Part, named_by, open_gltf, read_header
 from twinlens.scenes.gltf_materials import (
@@ -75,8 +76,8 @@ def read_model(
             meshes, materials = _painted(parts, meshes, tables, textures, shown)
         else:
             meshes = [replace(mesh, attributes={}) for mesh in meshes]
-    if textures.lost:
-        lost = ", ".join(dict.fromkeys(textures.lost))
+    lost = ", ".join(dict.fromkeys(without_normals(textures.lost, crease_deg)))
+    if lost:
         warnings.warn(f"{path}: not rendered: {lost}", MaterialWarning, stacklevel=2)
     return Model(shapes.merged(meshes), materials)
 

@@ -20,6 +20,7 @@ from twinlens.scenes.assets import (
     check_face_count,
     check_faces,
     obj_lines,
+    obj_not_used,
     read_limited,
     text_lines,
 )
@@ -39,6 +40,7 @@ _NUMBERS = {
 }
 _MAPS = {"map_kd": "base", "map_ke": "emissive", "norm": "normal"}
 _IGNORED = {"newmtl", "ka", "illum", "map_ka", "sharpness"}
+_ILLUM = {"0", "1", "2"}  # with and without highlights; others are glass and mirrors
 _USE = "usemtl "
 _BETWEEN_LIBRARIES = re.compile(r"(?<=\.mtl) ", re.IGNORECASE)  # names may have spaces
 Table = dict[str, list[str]]
@@ -96,7 +98,7 @@ def open_obj(
         [SampledImage(source=i) for i in range(len(pictures))],
         [],
         lambda i: open_file(pictures[i]),
-        lost,
+        [*obj_not_used(lines), *lost],
     )
     return parts, materials, textures
 
@@ -184,6 +186,8 @@ def _not_rendered(tables: Mapping[str, Table]) -> Iterator[str]:
         yield from table.keys() - {*_COLORS, *_NUMBERS, *_MAPS, *_IGNORED}
         if len(set(table.get("ks", [])[:3])) > 1:
             yield "the colour of Ks"
+        if table.get("illum", ["2"])[0] not in _ILLUM:
+            yield f"illum {table['illum'][0]}"
 
 
 def _numbers(

@@ -204,9 +204,7 @@ class MeshFile(MeshBase):
                     self.file, context, crease_deg, with_materials=not self.material
                 )
                 if suffix in GLTF_FILES or not self.material
-                else Model(
-                    read_mesh(self.file, 30.0 if crease_deg is None else crease_deg), {}
-                )
+                else Model(read_mesh(self.file, crease_deg), {})
             )
         model: Model = context.models[key]
         context.materials.update(model.materials)

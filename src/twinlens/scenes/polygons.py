@@ -37,6 +37,9 @@ _PLY_TYPES = {
 }
 _PLY_FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _INDEX_LISTS = ("vertex_index", "vertex_indices")
+_PLY_READ = {"x", "y", "z", "texture_u", "texture_v", "u", "v", "s", "t"}
+_PLY_NORMALS = {"nx", "ny", "nz"}
+_PLY_COLORS = {"red", "green", "blue", "alpha"}
 _STRAIGHT = 1e-9  # radians: a turn to the wrong side that rounding explains
 
 
@@ -283,6 +286,29 @@ def triangulated_ply(data: bytes) -> bytes:
     for number, row in enumerate(rows):
         made += _divided(row, len(row[index]), triangles.get(number))
     return _ply_text(vertices, columns, faces, made)
+
+
+def ply_not_used(data: bytes) -> list[str]:
+    """What a PLY file has besides positions, texture coordinates and faces, with what is done instead."""
+    _, elements, _ = _ply_header(data)
+    names = {
+        item.name: {column.name for column in item.properties} for item in elements
+    }
+    of_vertices = names.pop("vertex", set()) - _PLY_READ
+    of_faces = names.pop("face", set()) - {*_INDEX_LISTS, "texcoord"}
+    parts = []
+    if of_vertices & _PLY_NORMALS:
+        parts.append("normals")
+    for owner, others in (("vertices", of_vertices), ("faces", of_faces)):
+        if others & _PLY_COLORS:
+            parts.append(f"colours of {owner} (the object's material)")
+        rest = sorted(others - _PLY_COLORS - _PLY_NORMALS)
+        parts += [f"{name!r} of {owner} (left out)" for name in rest]
+    parts += [f"element {name!r} (left out)" for name in sorted(names)]
+    header = data[: data.find(b"end_header")]
+    if b"comment TextureFile" in header:
+        parts.append("its picture (the object's material)")
+    return parts
 
 
 def _checked_face(face: NDArray[Any], count: int) -> NDArray[np.int64]:

@@ -12,7 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from twinlens.errors import InputError, check_known, check_number, located
+from twinlens.errors import (
+    InputError,
+    NotUsedWarning,
+    check_known,
+    check_number,
+    located,
+)
 from twinlens.geometry import Float, check_rigid
 from twinlens.scenes.materials import (
     AnyMaterial,
@@ -28,7 +34,7 @@ _EQUAL_SCALES = {"sphere": 3, "cylinder": 2}
 """How many axes of a shape need the same scale. Otherwise Mitsuba logs a warning and renders it without the stretch."""
 
 
-class SceneWarning(UserWarning):
+class SceneWarning(NotUsedWarning):
     """A part of a file of a scene is ignored; the message names file and part."""
 
 

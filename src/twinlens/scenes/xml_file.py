@@ -9,7 +9,6 @@ here, and Mitsuba loads the text that results; only the first sensor is interpre
 import math
 import os
 import re
-import warnings
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 from xml.etree import ElementTree
@@ -18,7 +17,14 @@ from xml.parsers import expat
 
 import numpy as np
 
-from twinlens.errors import FileError, InputError, check_known, located, unknown
+from twinlens.errors import (
+    FileError,
+    InputError,
+    check_known,
+    located,
+    unknown,
+    warn_not_used,
+)
 from twinlens.geometry import Float, check_rigid, look_at
 from twinlens.scenes.assets import (
     SceneContext,
@@ -100,7 +106,19 @@ _PICTURES: dict[tuple[str, str | None], Any] = {
     ("texture", "bitmap"): decode_picture,
 }
 _MITSUBA_FROM_OPENCV = np.diag([-1.0, -1.0, 1.0, 1.0])
-_PRINCIPAL_POINT = ("principal_point_offset_x", "principal_point_offset_y")
+_OF_SENSOR = {
+    "principal_point_offset_x": "a centred principal point",
+    "principal_point_offset_y": "a centred principal point",
+    "aperture_radius": "the lens of the command or recipe",
+    "focus_distance": "the lens of the command or recipe",
+    "shutter_open": "no motion",
+    "shutter_close": "no motion",
+    "medium": "no medium around the camera",
+}
+"""Parameters of a sensor that are not used, and what is done instead."""
+_OF_FILM = dict.fromkeys(
+    ("crop_offset_x", "crop_offset_y", "crop_width", "crop_height"), "the whole film"
+)
 _FRAME_35MM = (36.0, 24.0)
 
 
@@ -116,13 +134,7 @@ def read_scene_xml(path: Path) -> Scene:
         raise InputError(
             f"{path}: has no <sensor>; add one (perspective or thinlens) for the pose of the left camera"
         )
-    shifts = [name for name in _PRINCIPAL_POINT if _value(sensor, name) is not None]
-    if shifts:
-        warnings.warn(
-            f"{path}: sensor: {' and '.join(shifts)} ignored; the cameras of a scene have centred principal points",
-            SceneWarning,
-            stacklevel=2,
-        )
+    _name_ignored(path, root, sensor)
     with located(f"{path}: sensor"):
         transforms = (
             transform
@@ -159,6 +171,21 @@ def read_scene_xml(path: Path) -> Scene:
         xml=path.resolve(),
         files=(path, *assets),
     )
+
+
+def _name_ignored(path: Path, root: Element, sensor: Element) -> None:
+    """Warn of what the file says about cameras beyond the pose and the field of view of the first one."""
+    film = sensor.find("film")
+    parts = [
+        f"{name} ({instead})"
+        for owner, ignored in ((sensor, _OF_SENSOR), (film, _OF_FILM))
+        for name, instead in ignored.items()
+        if owner is not None and _value(owner, name) is not None
+    ]
+    others = len(root.findall("sensor")) - 1
+    if others:
+        parts.append(f"{others} more sensor{'s' if others > 1 else ''} (the first one)")
+    warn_not_used(f"{path}: sensor", parts, SceneWarning)
 
 
 def checked_xml(path: Path) -> tuple[Element, list[Path]]:
