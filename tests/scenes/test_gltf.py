@@ -416,9 +416,9 @@ def test_vertex_numbers_that_would_be_misread_are_errors(
 
 
 def test_keys_of_a_mtl_file_that_are_not_rendered_are_named(tmp_path):
-    others = "bump -bm 2 b.png\nmap_d d.png\nKs 1 0.5 0.5\n"
+    others = "bump -bm 2 b.png\nmap_Ns d.png\nKs 1 0.5 0.5\n"
     path = write_obj(tmp_path, mtl=MTL.replace("map_Kd", "map_Ks") + others)
-    lost = r"m\.obj: not rendered: bump, map_d, map_ks, the colour of Ks$"
+    lost = r"m\.obj: not rendered: bump, map_ks, map_ns, the colour of Ks$"
     with pytest.warns(MaterialWarning, match=lost):
         read(path)
 

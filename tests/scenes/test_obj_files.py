@@ -1,13 +1,16 @@
 """OBJ and .mtl files as other programs write them. The right values are those of the format's specification."""
 
+from io import BytesIO
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from tests.scenes.scene_text import Read
 from twinlens.errors import FileError
 from twinlens.scenes.assets import SceneContext
-from twinlens.scenes.materials import Color, Material
+from twinlens.scenes.materials import Bitmap, Color, Material
 from twinlens.scenes.model_files import Model, read_model
 
 CORNERS = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
@@ -126,3 +129,49 @@ def test_a_scene_takes_an_obj_without_materials(
     (tmp_path / "m.obj").write_text(f"{CORNERS}f 1 2 3\n")
     scene = read_scene("[objects.own]\nfile = 'm.obj'\n")
     assert "m.obj:default" in scene.materials
+
+
+CARD = f"mtllib m.mtl\n{CORNERS}vt 0 0\nvt 1 0\nvt 0 1\nusemtl leaf\nf 1/1 2/2 3/3\n"
+GREY = np.array([[0, 51, 102], [153, 204, 255]], np.uint8)
+
+
+def png(texels):
+    stream = BytesIO()
+    Image.fromarray(texels).save(stream, format="PNG")
+    return stream.getvalue()
+
+
+COLORED = np.stack([GREY, 255 - GREY, GREY], axis=-1)
+PICTURES = {
+    "grey.png": png(GREY),
+    "colored.png": png(COLORED),
+    "alpha.png": png(np.dstack([COLORED, GREY])),
+    "a leaf.png": png(np.stack([GREY] * 3, axis=-1)),
+}
+WHOLE = GREY / 255
+LUMINANCE = COLORED / 255 @ [0.2126, 0.7152, 0.0722]
+
+
+@pytest.mark.parametrize(
+    ("mtl", "opacity"),
+    [
+        ("map_d grey.png", WHOLE),
+        ("map_D a leaf.png", WHOLE),
+        ("d 0.5\nmap_d grey.png", 0.5 * WHOLE),
+        ("Tr 0.25\nmap_d grey.png", 0.75 * WHOLE),
+        ("map_d alpha.png", WHOLE),
+        ("map_d colored.png", LUMINANCE),
+        ("map_Kd alpha.png", 1.0),
+        ("map_Kd alpha.png\nd 0.5", 0.5),
+        ("map_Kd colored.png\nmap_d alpha.png", WHOLE),
+        ("d 0.25", 0.25),
+    ],
+)
+def test_opacity_is_the_factor_times_its_own_map(tmp_path, mtl, opacity):
+    """A map's alpha where it has some, else its luminance; the alpha of `map_Kd` has no meaning in the format."""
+    for name, data in PICTURES.items():
+        (tmp_path / name).write_bytes(data)
+    made = material(read(tmp_path, CARD, m=f"newmtl leaf\n{mtl}\n"))
+    values = made.opacity.pixels if isinstance(made.opacity, Bitmap) else made.opacity
+    np.testing.assert_allclose(values, opacity, atol=1e-6)
+    assert made.alpha_cutoff is None

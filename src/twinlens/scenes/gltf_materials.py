@@ -223,6 +223,17 @@ class PbrMaterial(Lenient):
         return bool(self._infos)
 
 
+class MtlMaterial(PbrMaterial):
+    """A material of an .mtl file: its opacity has a texture of its own, and is not the alpha of the base colour."""
+
+    opacityTexture: TextureInfo | None = None
+
+    @property
+    def _infos(self) -> list[TextureInfo]:
+        infos = super()._infos
+        return infos if self.opacityTexture is None else [*infos, self.opacityTexture]
+
+
 @dataclass(eq=False)
 class Textures:
     """The textures of a file. `picture` gives the encoded bytes of an image; `lost` collects what is not rendered."""
@@ -263,6 +274,16 @@ class Textures:
                 # One by one: NumPy converts indices to 8 bytes each.
                 pixels[..., channel] = linear[stored[..., channel]]
         return self._placed(pixels, texture, info)
+
+    def read_opacity(self, info: TextureInfo | None) -> Bitmap | None:
+        """The opacity that a texture of its own gives: its alpha where it has some, else its luminance (BT.709)."""
+        alpha = self.read(info, 0, 3)
+        if alpha is None or (alpha.pixels < 1).any():
+            return alpha
+        colors = self.read(info, 0, slice(0, 3))
+        assert colors is not None
+        luminance = colors.pixels @ np.array([0.2126, 0.7152, 0.0722], np.float32)
+        return replace(colors, pixels=luminance)
 
     def _stored(self, image: int) -> Stored:
         """The texels of an image; all images of a file together have a limit."""
@@ -370,10 +391,7 @@ class _Reader:
         self, info: TextureInfo | None, factor: float, channel: int
     ) -> float | Bitmap:
         """`factor`, or `factor` times a channel of a texture."""
-        texture = self.read(info, channel)
-        if texture is None:
-            return factor
-        return replace(texture, pixels=np.float32(factor) * texture.pixels)
+        return _times(factor, self.read(info, channel))
 
     def color(self, info: TextureInfo | None, factor: list[float]) -> Color | Bitmap:
         """`factor` (3,), or `factor` times a texture."""
@@ -393,6 +411,9 @@ class _Reader:
         color = self.color(surface.baseColorTexture, factor)
         if is_opaque:
             return color, 1.0
+        if isinstance(self.table, MtlMaterial):
+            texture = self.textures.read_opacity(self.table.opacityTexture)
+            return color, _times(alpha, texture)
         return color, self.number(surface.baseColorTexture, alpha, 3)
 
     def normals(self, info: TextureInfo | None) -> Bitmap | None:
@@ -414,6 +435,13 @@ class _Reader:
         if not factor.any():
             return None
         return self.color(self.table.emissiveTexture, factor.astype(float).tolist())
+
+
+def _times(factor: float, texture: Bitmap | None) -> float | Bitmap:
+    """`factor`, times a texture if there is one."""
+    if texture is None:
+        return factor
+    return replace(texture, pixels=np.float32(factor) * texture.pixels)
 
 
 def _limits(material: Material, table: PbrMaterial) -> list[str]:

@@ -25,7 +25,12 @@ from twinlens.scenes.assets import (
     text_lines,
 )
 from twinlens.scenes.gltf import Part
-from twinlens.scenes.gltf_materials import PbrMaterial, SampledImage, Textures
+from twinlens.scenes.gltf_materials import (
+    MtlMaterial,
+    PbrMaterial,
+    SampledImage,
+    Textures,
+)
 from twinlens.schema import read
 
 _COLORS = {"kd": ("Kd", 1.0), "ks": ("Ks", math.inf), "ke": ("Ke", math.inf)}
@@ -38,7 +43,7 @@ _NUMBERS = {
     "pr": ("Pr", 1.0),
     "pm": ("Pm", 1.0),
 }
-_MAPS = {"map_kd": "base", "map_ke": "emissive", "norm": "normal"}
+_MAPS = {"map_kd": "base", "map_ke": "emissive", "map_d": "opacity", "norm": "normal"}
 _IGNORED = {"newmtl", "ka", "illum", "map_ka", "sharpness"}
 _ILLUM = {"0", "1", "2"}  # with and without highlights; others are glass and mirrors
 _USE = "usemtl "
@@ -87,7 +92,7 @@ def open_obj(
             material = number_of_alias.get(alias, len(materials))
             parts.append(Part(mesh, np.eye(4), material, False, None))
     if any(part.material == len(materials) for part in parts):
-        table = read(PbrMaterial, _as_gltf("default", _DEFAULT, {}), str(path))
+        table = read(MtlMaterial, _as_gltf("default", _DEFAULT, {}), str(path))
         materials = [*materials, table]
     check_face_count(path, sum(len(part.mesh.faces) for part in parts))
     if not parts:
@@ -140,7 +145,7 @@ def read_mtl(
     tables, folders = _tables(files)
     pictures: list[str] = []
     lost: set[str] = set()
-    materials = []
+    materials: list[PbrMaterial] = []
     for name, table in tables.items():
         infos = {}
         for key, slot in _MAPS.items():
@@ -152,7 +157,7 @@ def read_mtl(
             infos[slot] = {"index": len(pictures)}
             pictures.append(posixpath.join(folders[name], picture))
         keys = _as_gltf(name, table, infos)
-        materials.append(read(PbrMaterial, keys, f"material {name}"))
+        materials.append(read(MtlMaterial, keys, f"material {name}"))
     return materials, pictures, sorted(lost.union(_not_rendered(tables)))
 
 
@@ -251,7 +256,8 @@ def _as_gltf(
         "emissiveFactor": [value / strength for value in glow],
         **({"emissiveTexture": infos["emissive"]} if "emissive" in infos else {}),
         **({"normalTexture": infos["normal"]} if "normal" in infos else {}),
-        "alphaMode": "BLEND" if opacity < 1 else "OPAQUE",
+        **({"opacityTexture": infos["opacity"]} if "opacity" in infos else {}),
+        "alphaMode": "BLEND" if opacity < 1 or "opacity" in infos else "OPAQUE",
         "doubleSided": True,
         "extensions": extensions,
     }
