@@ -24,7 +24,7 @@ from twinlens.geometry import Float, homogeneous, image_border, rigid, skew
 _MAX_TAN = math.tan(math.radians(85))  # the widest direction in a rectified image
 _BISECTIONS = 60
 
-FITS = ("focal", "all", "valid")
+FITS = ("focal", "all", "valid", "opencv")
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +98,8 @@ def rectify(
 
     width, height : size of the rectified images, pixels; by default the left camera's.
     fit : how fx = fy is chosen. "focal": the mean focal length of the two cameras; "all": the largest that shows all of
-    both images; "valid": the smallest for which every rectified pixel has a source.
+    both images; "valid": the smallest for which every rectified pixel has a source; "opencv": the mean fy,
+    and centres from the corners of the images, as `cv2.stereoRectify` with alpha = -1 has them.
     zero_doffs : give both cameras one principal point, so that infinity has disparity 0. If False, each image is
     centred on its camera's field of view, which suits converging cameras, and `doffs` is not 0.
     misalignment : calibration error of the second rectified camera.
@@ -120,7 +121,13 @@ def rectify(
         first.width if width is None else width,
         first.height if height is None else height,
     )
-    centres = _centres(outlines, zero_doffs)
+    if fit == "opencv":
+        middles = [_mean_of_corners(pair, side, world_from_rect) for side in (0, 1)]
+    else:
+        middles = [
+            0.5 * (outline.min(axis=0) + outline.max(axis=0)) for outline in outlines
+        ]
+    centres = _centres(middles, zero_doffs)
     focal = _focal_length(fit, pair, world_from_rect, outlines, centres, size)
     cameras = [
         _facing(camera, centre, focal, size)
@@ -156,9 +163,18 @@ def _outline(pair: Rig, side: int, world_from_rect: Float) -> Float:
     return np.stack([x / z, y / z], axis=1)
 
 
-def _centres(outlines: list[Float], zero_doffs: bool) -> list[Float]:
+def _mean_of_corners(pair: Rig, side: int, world_from_rect: Float) -> Float:
+    """The mean of the ideal coordinates (x, y) of the four corner pixels of an original image, as OpenCV takes it."""
+    camera = pair.cameras[side]
+    right, bottom = camera.width - 1, camera.height - 1
+    corners = [(0, 0), (right, 0), (0, bottom), (right, bottom)]
+    rays = camera.rays(np.array(corners, dtype=np.float64))
+    x, y, z = (rays @ pair.world_from_cams[side][:3, :3].T @ world_from_rect).T
+    return np.array([(x / z).mean(), (y / z).mean()])
+
+
+def _centres(middles: list[Float], zero_doffs: bool) -> list[Float]:
     """The direction (x, y) at the middle of each rectified image: y is that of both, and x too for `zero_doffs`."""
-    middles = [0.5 * (border.min(axis=0) + border.max(axis=0)) for border in outlines]
     mean = 0.5 * (middles[0] + middles[1])
     if zero_doffs:
         return [mean, mean]
@@ -177,6 +193,8 @@ def _focal_length(
     mean = float(np.mean([(camera.fx, camera.fy) for camera in pair.cameras]))
     if fit == "focal":
         return mean
+    if fit == "opencv":
+        return float(np.mean([camera.fy for camera in pair.cameras]))
     half_size = 0.5 * (np.array(size) - 1)
     reaches = [
         np.abs(outline - centre).max(axis=0)

@@ -429,6 +429,10 @@ def _is_rectified(rig: Rig, view: int, dual: bool) -> bool:
     return rectified_pair(rig, view) is not None
 
 
+def _valid(sample: Sample, view: int, lens: int) -> Any:
+    return sample.truths[view].extra.get("valid") if sample.truths else None
+
+
 IMAGE = ViewFile("im", PNG, "image of view {}", _always, per_lens=True)
 RADIANCE = ViewFile("radiance", EXR, "linear image of view {}", _never, per_lens=True)
 DP_LEFT = ViewFile(
@@ -453,6 +457,12 @@ MASK = ViewFile(
     _has_partner,
     suffix="nocc",
     is_truth=True,
+)
+VALID = ViewFile(
+    "valid",
+    GREY_PNG,
+    "view {} of a rectified sample: 255 where the pixel lies in its photograph, 0 elsewhere",
+    _never,
 )
 DISPARITY = ViewFile(
     "disp",
@@ -573,6 +583,8 @@ _ROWS = (
             value=_disparity, check=consistency.check_disparity),
     Channel("mask_nonocc", MASK, "uint8", "255 visible in both views, 128 occluded or out of frame, 0 unknown",
             value=_mask, check=consistency.check_mask),
+    Channel("valid", VALID, "uint8", "255 where a rectified pixel lies in its photograph, 0 elsewhere",
+            value=_valid),
 )
 # fmt: on
 

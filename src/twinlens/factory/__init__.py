@@ -15,10 +15,11 @@ from twinlens.factory.recipe import (
     read_recipe as read_recipe,
     recipe_from_table as recipe_from_table,
 )
-from twinlens.factory.remake import (
+from twinlens.factory.rectified import (
     rectified_sample as rectified_sample,
-    remake as remake,
+    sources_of as sources_of,
 )
+from twinlens.factory.remake import remake as remake
 from twinlens.factory.sample import (
     Shoot as Shoot,
     add_sample as add_sample,

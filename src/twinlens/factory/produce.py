@@ -252,15 +252,27 @@ def _check_light(
             check_lit(in_band(scene, band), band)
 
 
+def family_scene(
+    family: str, seed: int, settings: RecipeSettings, sources: Sources
+) -> Scene:
+    """The scene of a family that a sample's seed and settings give."""
+    width, height = settings.width, settings.height
+    return random_scene(
+        family,
+        int(generator(seed, "scene").integers(1 << 31)),
+        assets=sources.families_assets,
+        depth_range=settings.scene.depth_range,
+        object_count=settings.scene.object_count,
+        aspect=width / height,
+        width=width,
+        own_lights=settings.sky is None,
+    )
+
+
 def _scene(spec: SampleSpec, settings: RecipeSettings, sources: Sources) -> Scene:
     if spec.kind == "scene":
         return sources.scene(spec.scene)
-    width, height = settings.width, settings.height
-    return random_scene(
-        spec.scene, int(generator(spec.seed, "scene").integers(1 << 31)), assets=sources.families_assets,
-        depth_range=settings.scene.depth_range, object_count=settings.scene.object_count,
-        aspect=width / height, width=width, own_lights=settings.sky is None,
-    )  # fmt: skip
+    return family_scene(spec.scene, spec.seed, settings, sources)
 
 
 def _lit_scene(spec: SampleSpec, settings: RecipeSettings, sources: Sources) -> Scene:

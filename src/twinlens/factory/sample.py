@@ -401,19 +401,22 @@ def check_common_view(rig: Rig, scene: Scene) -> None:
 
 
 def add_sample(
-    output: Place, name: str, sample: Sample, seed: int, overwrite: bool = False
+    output: Place,
+    name: str,
+    sample: Sample,
+    seed: int | None,
+    overwrite: bool = False,
+    info: Mapping[str, Any] | None = None,
 ) -> Row:
     """Write a sample into a dataset that no recipe made: its folder, its row in dataset.json, and the card.
+
+    info : of the row, such as its split; by default the scene, with the name of the sample, and its files.
 
     dataset.json keeps its recipe, its other info and its other rows. It has a seed only while all samples share it. The
     row has the SHA-256 of the files of the sky, and of the scene unless it is a bundled one, for ASSETS.md.
     """
-    sky, files = sample.record.get("sky"), sample.record.get("scene_files", {})
-    sources = {sky["file"]: sky["sha256"]} if sky else {}
-    if name not in bundled_scenes() or files != file_digests(load_scene(name)):
-        sources |= {f"{name}/{file}": digest for file, digest in files.items()}
-    info = {"scene": name, **({"sources": sources} if sources else {})}
-    row = Row(name, write_sample(output / name, sample, overwrite), info)
+    row_info = _scene_info(name, sample) if info is None else info
+    row = Row(name, write_sample(output / name, sample, overwrite), row_info)
     before = (
         read_manifest(output)
         if (output / "dataset.json").exists()
@@ -426,3 +429,12 @@ def add_sample(
     )
     describe(output)
     return row
+
+
+def _scene_info(name: str, sample: Sample) -> dict[str, Any]:
+    """The scene of a sample that is called after it, and the files of scene and sky unless the scene is bundled."""
+    sky, files = sample.record.get("sky"), sample.record.get("scene_files", {})
+    sources = {sky["file"]: sky["sha256"]} if sky else {}
+    if name not in bundled_scenes() or files != file_digests(load_scene(name)):
+        sources |= {f"{name}/{file}": digest for file, digest in files.items()}
+    return {"scene": name, **({"sources": sources} if sources else {})}

@@ -1,0 +1,169 @@
+"""Rectified pairs from stored samples. Images are warped or rendered again; truth is computed, never resampled."""
+
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twinlens.camera import ALIGNED, Misalignment, Rig
+from twinlens.camera.rectification import Rectification, rectify
+from twinlens.camera.truth import Truth
+from twinlens.dataset import Place, Sample, Shot, StoredSample, read_manifest
+from twinlens.dataset.dataset import MANIFEST
+from twinlens.dataset.record import plain
+from twinlens.errors import check_known
+from twinlens.factory.recipe import recipe_from_table
+from twinlens.factory.remake import ORIGIN, remake, scene_of
+from twinlens.factory.sources import Sources
+from twinlens.rendering import Progress, ground_truth
+from twinlens.scenes import Scene
+from twinlens.sensor import Sensor
+
+PICTURES = ("maps", "render")
+
+
+def rectified_sample(
+    stored: StoredSample,
+    scene: Scene | None = None,
+    left: int = 0,
+    right: int = 1,
+    *,
+    pictures: str = "maps",
+    fit: str = "focal",
+    zero_doffs: bool = True,
+    misalignment: Misalignment = ALIGNED,
+    folder: str | Path = ".",
+    sources: Sources | None = None,
+    progress: Progress | None = None,
+) -> Sample:
+    """Views `left` and `right` of a stored sample as a rectified pair (`rectification.rectify`), with exact truth.
+
+    scene, folder : the sample's, as for `remake`; a bundled scene and that of a family need not be given.
+    sources : files of the sample's recipe, if its scene is made of them: `recipe_from_table(...).sources`.
+    pictures : "maps" warps the stored images (bilinear; black outside them, where no point counts as visible), as
+        software does after a calibration. "render" renders the scene again through the rectified cameras, of which the
+        right one differs as its camera did.
+    fit, zero_doffs, misalignment : see `rectify`. A misalignment affects the images; the ground truth is that of the
+        aligned pair.
+
+    Raises InputError for a pair that cannot be rectified, and for a scene that is not the sample's.
+    """
+    check_known("pictures", pictures, PICTURES)
+    scene = scene_of(stored.record, scene, folder, pictures == "render", sources)
+    result = rectify(
+        stored.rig,
+        left,
+        right,
+        fit=fit,
+        zero_doffs=zero_doffs,
+        misalignment=misalignment,
+    )
+    origin = {
+        "rectified_from": {
+            "sample": stored.name,
+            "views": [left, right],
+            "fit": fit,
+            "pictures": pictures,
+        }
+    }
+    if pictures == "render":
+        sample = _rendered_pair(stored, scene, result, right or left, progress)
+    else:
+        sample = _warped_pair(stored, scene, result, (left, right))
+    return replace(sample, record={**sample.record, **origin})
+
+
+def _settings(stored: StoredSample) -> dict[str, Any]:
+    """The settings of a stored sample, without its origin."""
+    record = stored.record["record"]
+    return {key: value for key, value in record.items() if key not in ORIGIN}
+
+
+def _rendered_pair(
+    stored: StoredSample,
+    scene: Scene,
+    result: Rectification,
+    second: int,
+    progress: Progress | None,
+) -> Sample:
+    """The scene, rendered again through the rectified cameras. The right one differs as view `second` did."""
+    settings = _settings(stored)
+    mismatch = Sensor.from_record(settings["sensor"]).mismatch_of(second)
+    settings["sensor"] = {**settings["sensor"], "mismatch": asdict(mismatch)}
+    rig = plain(result.rectified_rig)
+    changed = {**stored.record, "record": settings, "rig": rig}
+    return remake(changed, scene, progress=progress)
+
+
+def _warped_pair(
+    stored: StoredSample, scene: Scene, result: Rectification, views: tuple[int, int]
+) -> Sample:
+    """The stored images, warped: without halves of dual pixels, radiance and models."""
+    settings = _settings(stored)
+    absent = dict.fromkeys(("dual_pixel", "keep_radiance", "keep_models"), False)
+    return Sample(
+        result.rectified_rig,
+        _warped_shots(stored, result, views),
+        _rectified_truths(scene, result, settings["sky_disparity"]),
+        record={**settings, **absent},
+    )
+
+
+def _warped_shots(
+    stored: StoredSample, result: Rectification, views: tuple[int, int]
+) -> tuple[Shot, ...]:
+    """The stored images of two views through each lens, warped into the rectified cameras."""
+    shots = []
+    for shot in map(stored.lens, range(stored.num_lenses)):
+        images = tuple(
+            result.warp(side, shot.image(view)) for side, view in enumerate(views)
+        )
+        shots.append(Shot(shot.lens, images, record=shot.record))
+    return tuple(shots)
+
+
+def _rectified_truths(
+    scene: Scene, result: Rectification, sky_disparity: bool
+) -> tuple[Truth, ...]:
+    """The truth of the aligned pair, with the channel `valid`. Points outside either stored image are not visible."""
+    rig = result.aligned_rig
+    valid = [result.valid(side) for side in (0, 1)]
+    truths = ground_truth(scene, rig, sky_disparity=sky_disparity)
+    return tuple(
+        replace(
+            truth,
+            visible=truth.visible & _in_both(truth, side, rig, valid),
+            extra={**truth.extra, "valid": np.uint8(255) * valid[side]},
+        )
+        for side, truth in enumerate(truths)
+    )
+
+
+def _in_both(
+    truth: Truth, side: int, rig: Rig, valid: list[NDArray[np.bool_]]
+) -> NDArray[np.bool_]:
+    """Whether the point of each pixel is in the valid area of both rectified images, bool (H, W)."""
+    partner = 1 - side
+    pixels = rig.project(
+        partner, np.where(truth.hit[..., None], truth.position, np.nan)
+    )
+    inside = rig.cameras[partner].contains(pixels)
+    u, v = (
+        np.floor(np.where(inside[..., None], pixels, 0.0) + 0.5)
+        .astype(int)
+        .transpose(2, 0, 1)
+    )
+    in_other = inside & valid[partner][v, u]
+    return np.asarray(valid[side] & (in_other | ~truth.hit))
+
+
+def sources_of(dataset: Place, folder: Path) -> Sources | None:
+    """The files of the recipe that made a dataset, relative to `folder`; None without a recipe. Raises InputError."""
+    if not (dataset / MANIFEST).exists():
+        return None
+    recipe = read_manifest(dataset).recipe
+    if not recipe:
+        return None
+    return recipe_from_table(recipe, folder / "recipe.toml").sources
