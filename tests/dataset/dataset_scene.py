@@ -218,7 +218,7 @@ def extra_channels() -> list[str]:
 
 
 def full_sample() -> Sample:
-    """A sample of two lenses that has every channel: radiance, dual pixels and a projector too."""
+    """A sample of two lenses that has every channel: radiance, dual pixels, a projector, and where it was warped."""
     made = sample(num_lenses=2)
     radiances = tuple(image.astype(np.float32) for image in made.shots[0].images)
     halves = tuple((image, 255 - image) for image in made.shots[0].images)
@@ -226,7 +226,8 @@ def full_sample() -> Sample:
     rng = np.random.default_rng(0)
     shape = made.truths[0].depth.shape
     light = Projection(rng.random((*shape, 2)), rng.random(shape) < 0.5)
-    lit = [replace(truth, projections=(light,)) for truth in made.truths]
+    warped = {"valid": np.uint8(255) * (rng.random(shape) < 0.9)}
+    lit = [replace(truth, projections=(light,), extra=warped) for truth in made.truths]
     return replace(made, shots=tuple(shots), truths=tuple(lit))
 
 

@@ -114,6 +114,7 @@ def test_pixels_that_a_picture_lacks_are_not_called_visible(stored):
     for side in (0, 1):
         valid, visible = result.valid(side), made.truths[side].visible
         assert not visible[~valid].any()
+        assert np.array_equal(made.truths[side].extra["valid"], 255 * valid)
         lost = exact[side].visible & valid & ~visible
         u, v = np.rint(
             tl.correspondence(

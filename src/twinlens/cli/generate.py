@@ -11,10 +11,16 @@ import click
 from rich.filesize import decimal
 
 from twinlens import factory
-from twinlens.cli.options import Whole, json_option, print_json, setting
+from twinlens.cli.options import (
+    Whole,
+    json_option,
+    print_json,
+    rectify_hint,
+    setting,
+)
 from twinlens.cli.places import PATH, PLACE
 from twinlens.cli.progress import interrupt_note, progress_bar
-from twinlens.dataset import Place
+from twinlens.dataset import Dataset, Place
 from twinlens.errors import InputError
 from twinlens.scoring import recipe_toml
 
@@ -100,7 +106,15 @@ def command(
             read, output, limit=limit, shard=shard, report=report, engine=engine
         )
     _print(outcome, output, as_json)
+    if outcome.there:
+        _print_rectify_hint(output)
     return 1 if outcome.failures else 0
+
+
+def _print_rectify_hint(output: Place) -> None:
+    """Say it where the samples, as far as the first one tells, have no disparity."""
+    if hint := rectify_hint(Dataset(output)[0].rig, output):
+        click.echo(hint, err=True)
 
 
 def _print(outcome: factory.Outcome, output: Place, as_json: bool) -> None:

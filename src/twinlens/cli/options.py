@@ -208,3 +208,13 @@ def parse_pixel(text: str, width: int, height: int) -> tuple[int, int]:
             f"--at must be U,V, a column from 0 to {width - 1} and a row from 0 to {height - 1}, got {text!r}"
         )
     return int(parts[0]), int(parts[1])
+
+
+def rectify_hint(rig: Any, output: Any) -> str:
+    """What to do with samples in `output` whose first two cameras are not a rectified pair; empty for others."""
+    if len(rig) < 2 or rig.nominal.is_rectified():
+        return ""
+    return (
+        "no disparity: the first two cameras are not a rectified pair; "
+        f"`twinlens rectify {output} -o {output}-rectified` makes one of each sample"
+    )

@@ -11,6 +11,7 @@ from twinlens.cli.options import (
     Sectioned,
     json_option,
     print_json,
+    rectify_hint,
     setting,
 )
 from twinlens.cli.places import PATH, PLACE, check_samples
@@ -196,6 +197,9 @@ def command(
             effects = [shot_text.optics_of(sample, k) for k in range(len(lenses))]
             made.append((row, exposures, effects))
     _print(output, made, as_json)
+    hints = {} if as_json else {rectify_hint(rig, output): 0 for _, rig, *_ in jobs}
+    for hint in filter(None, hints):
+        click.echo(hint, err=True)
 
 
 def _job(

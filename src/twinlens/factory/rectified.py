@@ -18,7 +18,7 @@ from twinlens.factory.recipe import recipe_from_table
 from twinlens.factory.remake import ORIGIN, remake, scene_of
 from twinlens.factory.sources import Sources
 from twinlens.rendering import Progress, ground_truth
-from twinlens.scenes import Scene
+from twinlens.scenes import Scene, bundled_scenes
 from twinlens.sensor import Sensor
 
 PICTURES = ("maps", "render")
@@ -160,10 +160,14 @@ def _in_both(
 
 
 def sources_of(dataset: Place, folder: Path) -> Sources | None:
-    """The files of the recipe that made a dataset, relative to `folder`; None without a recipe. Raises InputError."""
+    """The files that the scenes of a dataset are made of, relative to the `folder` of its recipe.
+
+    None where there are none but bundled scenes. Raises InputError.
+    """
     if not (dataset / MANIFEST).exists():
         return None
     recipe = read_manifest(dataset).recipe
-    if not recipe:
+    has_files = set(recipe.get("scenes", ())) - set(bundled_scenes())
+    if not (has_files or "assets" in recipe):
         return None
     return recipe_from_table(recipe, folder / "recipe.toml").sources
