@@ -20,8 +20,8 @@ SHIFT = np.array([-0.12, 0.003, 0.001])
 @pytest.mark.parametrize("zero_doffs", [True, False])
 def test_focal_length_and_centres_are_opencvs(k1, k2, tolerance, zero_doffs):
     distortion = BrownConrady(k1, k2)
-    left = Camera(640, 480, 500.0, 504.0, 321.0, 238.0, distortion)
-    right = Camera(640, 480, 512.0, 509.0, 317.0, 241.0, distortion)
+    left = Camera(640, 480, 700.0, 704.0, 321.0, 238.0, distortion)
+    right = Camera(640, 480, 712.0, 709.0, 317.0, 241.0, distortion)
     second_from_first = geometry.rigid(TURN, SHIFT)
     rig = Rig([left, right], [np.eye(4), geometry.inverse(second_from_first)])
     r0, r1, p0, p1, *_ = cv2.stereoRectify(
