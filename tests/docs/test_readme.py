@@ -1,7 +1,8 @@
 """Every shell block and every Python block of the README runs, in order, in one empty folder.
 
 Of the shell blocks only the `make` lines are left out: they install, and run these tests. The blocks run with images of
-80x60 pixels of 4 samples and, as slow tests, as printed.
+80x60 pixels of 4 samples and, as slow tests, as printed. Blocks of which no other block needs the results, and whose
+commands have tests of their own, are slow tests too.
 """
 
 import re
@@ -42,9 +43,14 @@ def folder(edit, tmp_path_factory):
     return tmp_path_factory.mktemp("readme")
 
 
-@pytest.mark.parametrize(
-    "number", range(len(BLOCKS)), ids=lambda number: f"{number}-{BLOCKS[number][0]}"
-)
+def case(number):
+    kind, text = BLOCKS[number]
+    by_itself = "twinlens generate" in text or "twinlens study" in text
+    marks = pytest.mark.slow if by_itself else ()
+    return pytest.param(number, id=f"{number}-{kind}", marks=marks)
+
+
+@pytest.mark.parametrize("number", [case(number) for number in range(len(BLOCKS))])
 def test_block_works(folder, edit, number):
     kind, text = BLOCKS[number]
     assert "no lens on the market" not in run_block(kind, edit(text), folder), (

@@ -56,7 +56,9 @@ def test_kills_change_nothing(tmp_path, count, spp, kills):
     assert digests(killed) == digests(whole)
 
 
-@pytest.mark.parametrize("kind", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "kind", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
+)
 def test_an_interrupt_leaves_whole_samples_and_says_how_to_go_on(tmp_path, kind):
     recipe, folder = write_recipe(tmp_path, count=500), tmp_path / "set"
     process = start(recipe, folder)

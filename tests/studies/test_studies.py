@@ -30,13 +30,13 @@ METHODS = {
     "window": ("sad", "census"),
     "radiometric": ("sad", "census"),
 }
+SLOW = ("active", "aperture", "focal-length", "pinhole")
+"""Studies with tests of their own in other files; `baseline` runs the same code as `focal-length`."""
+
 SOME = [
-    pytest.param(
-        name, marks=pytest.mark.slow if name in ("pinhole", "focal-length") else ()
-    )
+    pytest.param(name, marks=pytest.mark.slow if name in SLOW else ())
     for name in STUDIES
 ]
-"""All studies; the test of `baseline` runs the same code as that of `focal-length`."""
 TINY = {"width": 64, "height": 48, "spp": 2}
 
 
