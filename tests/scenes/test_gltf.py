@@ -82,7 +82,7 @@ def test_a_material_of_the_scene_replaces_those_of_the_file(glb_path, read_scene
 
 def test_other_mesh_files_need_a_material(tmp_path, read_scene):
     trimesh.creation.box().export(tmp_path / "m.ply")
-    message = r"missing key 'material'; only \.glb, \.gltf, \.obj files have"
+    message = r"missing key 'material'; only \.glb, \.gltf, .*\.usdz, \.obj files have"
     with pytest.raises(InputError, match=message):
         read_scene("[objects.m]\nfile = 'm.ply'\n")
 

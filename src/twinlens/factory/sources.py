@@ -20,7 +20,7 @@ from twinlens.families import Assets
 from twinlens.families.assets import MESH_SHARE, named_by_mesh
 from twinlens.scenes import Scene, bundled_folder, bundled_scenes, load_scene
 from twinlens.scenes.assets import MESH_FILES, SceneContext, read_mesh, read_sky
-from twinlens.scenes.model_files import GLTF_FILES, read_model
+from twinlens.scenes.model_files import HAVE_MATERIALS_ALONE, read_model
 
 _SCENES_KEPT = 8
 _NAMED = 3
@@ -185,7 +185,7 @@ class Sources:
                 if path in skies:
                     with located("sky.file"):
                         _read_sky(path)
-                elif meshes[path] or path.suffix.lower() in GLTF_FILES:
+                elif meshes[path] or path.suffix.lower() in HAVE_MATERIALS_ALONE:
                     context = SceneContext(self.folder)
                     read_model(path, context, with_materials=meshes[path])
                 else:

@@ -13,10 +13,16 @@ import numpy as np
 
 from twinlens.errors import FileError, InputError
 from twinlens.families.draws import Rng
-from twinlens.scenes.assets import SceneContext, read_mesh, read_picture, read_sky
+from twinlens.scenes.assets import (
+    USD_FILES,
+    SceneContext,
+    read_mesh,
+    read_picture,
+    read_sky,
+)
 from twinlens.scenes.materials import Material
 from twinlens.scenes.model_files import (
-    GLTF_FILES,
+    HAVE_MATERIALS_ALONE,
     WITH_MATERIALS,
     Model,
     named_files,
@@ -148,7 +154,9 @@ class Assets:
     def _read_mesh(self, path: Path) -> UserMesh:
         context = SceneContext(_root(path, self.folder))
         suffix = path.suffix.lower()
-        if suffix in GLTF_FILES or (self.keep_material and suffix in WITH_MATERIALS):
+        if suffix in HAVE_MATERIALS_ALONE or (
+            self.keep_material and suffix in WITH_MATERIALS
+        ):
             model = read_model(
                 path,
                 context,
@@ -165,7 +173,7 @@ def named_by_mesh(path: Path, keep_material: bool, folder: Path | None) -> list[
 
     `folder` is that of `Assets`.
     """
-    suffixes = WITH_MATERIALS if keep_material else (".gltf",)
+    suffixes = WITH_MATERIALS if keep_material else (".gltf", *USD_FILES)
     return (
         named_files(path, SceneContext(_root(path, folder)))
         if path.suffix.lower() in suffixes

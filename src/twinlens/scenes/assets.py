@@ -33,7 +33,8 @@ from twinlens.scenes.materials import AnyMaterial
 from twinlens.scenes.polygons import ply_not_used, triangulated_obj, triangulated_ply
 from twinlens.scenes.scene import Mesh, SceneWarning
 
-MESH_FILES = {".ply", ".obj", ".glb", ".gltf", ".stl"}
+USD_FILES = (".usd", ".usda", ".usdc", ".usdz")
+MESH_FILES = {".ply", ".obj", ".glb", ".gltf", ".stl", *USD_FILES}
 MOST_FACES = 20_000_000
 LARGEST_MESH_FILE = 2 << 30  # bytes, and of all files that it names
 _MOST_PIXELS = 1 << 27
@@ -48,7 +49,12 @@ _COMMENT = re.compile(r"(^|\s)#.*")  # names such as "Material__#25" have the si
 _CONTINUED = re.compile(r"\\\r?\n")
 _OBJ_VERTEX = re.compile("v[tn]? ")
 _SILENCING = threading.Lock()
-_PILLOW_FORMATS = {".png": ["PNG"], ".jpg": ["JPEG"], ".jpeg": ["JPEG"]}
+_PILLOW_FORMATS = {
+    ".png": ["PNG"],
+    ".jpg": ["JPEG"],
+    ".jpeg": ["JPEG"],
+    ".bmp": ["BMP"],
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,8 +218,8 @@ def _name_alpha(path: Path, image: Any) -> None:
 
 
 @contextmanager
-def _silent() -> Iterator[None]:
-    """Discard what OpenEXR prints about damaged pixels, to sys.stdout and to file descriptor 2, besides raising it."""
+def silent() -> Iterator[None]:
+    """Discard what libraries print about damaged files, to sys.stdout and to file descriptor 2, besides raising it."""
     with _SILENCING, Path(os.devnull).open("w") as nowhere, redirect_stdout(nowhere):
         stderr = os.dup(2)
         os.dup2(nowhere.fileno(), 2)
@@ -246,7 +252,7 @@ def _read_exr(path: Path) -> tuple[NDArray[np.float32], bool]:
         raise FileError(
             f"{path}: {len(header['channels'])} channels of {width}x{height} pixels are too many values"
         )
-    with _silent(), OpenEXR.File(str(path), separate_channels=True) as file:
+    with silent(), OpenEXR.File(str(path), separate_channels=True) as file:
         channels = {
             name: np.asarray(channel.pixels, dtype=np.float32)
             for name, channel in file.channels().items()
@@ -315,6 +321,7 @@ _READERS = {
     ".png": _read_8bit,
     ".jpg": _read_8bit,
     ".jpeg": _read_8bit,
+    ".bmp": _read_8bit,
     ".exr": _read_exr,
     ".hdr": _read_hdr,
 }

@@ -288,7 +288,8 @@ class Textures:
     def _stored(self, image: int) -> Stored:
         """The texels of an image; all images of a file together have a limit."""
         if image not in self._decoded:
-            self._decoded[image] = _decoded(self.picture(image), image)
+            name = f"images[{image}]"
+            self._decoded[image] = decode_texels(self.picture(image), name)
             total = sum(texels[..., 0].size for texels in self._decoded.values())
             check_picture_size(f"images[{image}]", 1, total)
         return self._decoded[image]
@@ -312,16 +313,16 @@ class Textures:
         )
 
 
-def _decoded(data: bytes, index: int) -> Stored:
-    """A .png or .jpg picture as stored values (H, W, 4), whatever its suffix and media type."""
+def decode_texels(data: bytes, name: str) -> Stored:
+    """A PNG, JPEG or WebP picture as stored values (H, W, 4), whatever its suffix. Raises InputError."""
     from PIL import Image as Pillow
 
     kinds = (name for form, name in _FORMATS.items() if form.match(data))
     kind = next(kinds, None)
     if kind is None:
-        raise InputError(f"images[{index}] must be a .png, .jpg or .webp picture")
+        raise InputError(f"{name} must be a .png, .jpg or .webp picture")
     with Pillow.open(BytesIO(data), formats=[kind]) as image:
-        check_picture_size(f"images[{index}]", image.width, image.height)
+        check_picture_size(name, image.width, image.height)
         if not has_sixteen_bits(data):
             return np.asarray(image.convert("RGBA"))
     values = decode_sixteen_bits(data)

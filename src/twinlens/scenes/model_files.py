@@ -1,4 +1,4 @@
-"""Mesh files with their materials: glTF (.glb, .gltf) and OBJ with its .mtl file.
+"""Mesh files with their materials: glTF (.glb, .gltf), USD, and OBJ with its .mtl file.
 
 Files that a mesh file names are opened only below the folder of the `SceneContext`: that of the scene or recipe.
 """
@@ -14,11 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.errors import FileError, InputError, format_value
+from twinlens.errors import FileError, InputError, format_value, warn_not_used
 from twinlens.geometry import Float
 from twinlens.scenes import shapes
 from twinlens.scenes.assets import (
     LARGEST_MESH_FILE,
+    USD_FILES,
     SceneContext,
     check_face_count,
     check_faces,
@@ -37,9 +38,11 @@ from twinlens.scenes.gltf_materials import (
 from twinlens.scenes.materials import Material
 from twinlens.scenes.obj_files import obj_materials, open_obj
 from twinlens.scenes.scene import Mesh, SceneWarning, free_name
+from twinlens.scenes.usd import open_usd
 
 GLTF_FILES = (".glb", ".gltf")
-WITH_MATERIALS = (*GLTF_FILES, ".obj")
+HAVE_MATERIALS_ALONE = (*GLTF_FILES, *USD_FILES)
+WITH_MATERIALS = (*HAVE_MATERIALS_ALONE, ".obj")
 
 
 class MaterialWarning(SceneWarning):
@@ -48,10 +51,14 @@ class MaterialWarning(SceneWarning):
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A mesh in the file's coordinates; `materials` are those that its `surface` numbers, in order."""
+    """A mesh in the file's coordinates, in metres; `materials` are those that its `surface` numbers, in order.
+
+    up_axis : the axis of the file that points up, "y" or "z".
+    """
 
     mesh: Mesh
     materials: Mapping[str, Material]
+    up_axis: str = "z"
 
 
 def read_model(
@@ -65,6 +72,8 @@ def read_model(
     The file's own normals are used unless `crease_deg` is given; without both, edges over 30 degrees are sharp. Gives a
     `MaterialWarning` that names what cannot be rendered. Raises FileError.
     """
+    if path.suffix.lower() in USD_FILES:
+        return _read_usd(path, context, crease_deg, with_materials)
     open_file = _opener(path, context)
     with reading(path, "mesh"):
         is_gltf = path.suffix.lower() in GLTF_FILES
@@ -79,7 +88,51 @@ def read_model(
     lost = ", ".join(dict.fromkeys(without_normals(textures.lost, crease_deg)))
     if lost:
         warnings.warn(f"{path}: not rendered: {lost}", MaterialWarning, stacklevel=2)
-    return Model(shapes.merged(meshes), materials)
+    up_axis = "y" if is_gltf else "z"
+    return Model(shapes.merged(meshes), materials, up_axis)
+
+
+def _read_usd(
+    path: Path, context: SceneContext, crease_deg: float | None, with_materials: bool
+) -> Model:
+    with reading(path, "mesh"):
+        file = open_usd(
+            path, lambda name, owner: _find(name, owner, context), with_materials
+        )
+        meshes = [part_mesh(part, crease_deg) for part in file.parts]
+        materials: dict[str, Material] = {}
+        if with_materials:
+            shown = (_folder(path, context) / path.name).as_posix()
+            meshes, materials = _numbered(
+                [part.material or 0 for part in file.parts],
+                meshes,
+                file.materials,
+                [f"{shown}:{name}" for name in file.names],
+            )
+    warn_not_used(path, file.lost, MaterialWarning)
+    return Model(shapes.merged(meshes), materials, file.up_axis)
+
+
+def _numbered(
+    numbers: list[int], meshes: list[Mesh], made: list[Material], names: list[str]
+) -> tuple[list[Mesh], dict[str, Material]]:
+    """The meshes with their `surface`, and the materials that are used; one with normal maps may be there twice."""
+    places: dict[tuple[int, bool], int] = {}
+    materials: dict[str, Material] = {}
+    numbered = []
+    for number, mesh in zip(numbers, meshes, strict=True):
+        mirrored = np.zeros(len(mesh.faces), dtype=bool)
+        if made[number].has_normal_maps:
+            mirrored = _is_mirrored(mesh)
+        surface = np.empty(len(mesh.faces), dtype=np.uint16)
+        for side in np.unique(mirrored).tolist():
+            if (number, side) not in places:
+                places[number, side] = len(materials)
+                name = free_name(names[number], materials)
+                materials[name] = replace(made[number], mirrored=side)
+            surface[mirrored == side] = places[number, side]
+        numbered.append(replace(mesh, surface=surface))
+    return numbered, materials
 
 
 def _painted(
@@ -93,32 +146,22 @@ def _painted(
 
     A material is there once for each combination of colours per vertex and mirrored texture coordinates.
     """
-    made: dict[tuple[int | None, bool], Material] = {}
-    numbers: dict[tuple[int | None, bool, bool], int] = {}
-    materials: dict[str, Material] = {}
-    painted = []
+    places: dict[tuple[int | None, bool], int] = {}
+    made: list[Material] = []
+    names: list[str] = []
+    tinted, numbers = [], []
     for part, mesh in zip(parts, meshes, strict=True):
         table = PbrMaterial() if part.material is None else tables[part.material]
         _check_coordinates(part, table)
         mesh = _tinted(mesh, table, textures)
-        colored = bool(mesh.attributes)
-        if (part.material, colored) not in made:
-            made[part.material, colored] = material_of(table, textures, colored)
-        material = made[part.material, colored]
-        mirrored = np.zeros(len(mesh.faces), dtype=bool)
-        if material.has_normal_maps:
-            mirrored = _is_mirrored(mesh)
-        surface = np.empty(len(mesh.faces), dtype=np.uint16)
-        for side in np.unique(mirrored).tolist():
-            key = part.material, colored, side
-            if key not in numbers:
-                numbers[key] = len(materials)
-                label = table.name or part.material or 0
-                name = free_name(f"{file}:{label}", materials)
-                materials[name] = replace(material, mirrored=side)
-            surface[mirrored == side] = numbers[key]
-        painted.append(replace(mesh, surface=surface))
-    return painted, materials
+        key = part.material, bool(mesh.attributes)
+        if key not in places:
+            places[key] = len(made)
+            made.append(material_of(table, textures, colored=key[1]))
+            names.append(f"{file}:{table.name or part.material or 0}")
+        tinted.append(mesh)
+        numbers.append(places[key])
+    return _numbered(numbers, tinted, made, names)
 
 
 def _check_coordinates(part: Part, table: PbrMaterial) -> None:
@@ -183,6 +226,9 @@ def _folder(path: Path, context: SceneContext) -> Path:
 def named_files(path: Path, context: SceneContext) -> list[Path]:
     """The files that a .glb, .gltf or .obj file names; not all of them if it is damaged."""
     with contextlib.suppress(InputError), reading(path, "mesh"):
+        if path.suffix.lower() in USD_FILES:
+            open_usd(path, lambda name, owner: _find(name, owner, context))
+            return list(dict.fromkeys(context.files))
         is_gltf = path.suffix.lower() in GLTF_FILES
         names = (
             named_by(read_header(path)[0])

@@ -18,7 +18,12 @@ from twinlens.scenes.assets import (
     SceneContext,
     read_mesh,
 )
-from twinlens.scenes.model_files import GLTF_FILES, WITH_MATERIALS, Model, read_model
+from twinlens.scenes.model_files import (
+    HAVE_MATERIALS_ALONE,
+    WITH_MATERIALS,
+    Model,
+    read_model,
+)
 from twinlens.scenes.placement import (
     Coordinate,
     Copies,
@@ -203,13 +208,13 @@ class MeshFile(MeshBase):
                 read_model(
                     self.file, context, crease_deg, with_materials=not self.material
                 )
-                if suffix in GLTF_FILES or not self.material
+                if suffix in HAVE_MATERIALS_ALONE or not self.material
                 else Model(read_mesh(self.file, crease_deg), {})
             )
         model: Model = context.models[key]
         context.materials.update(model.materials)
         mesh = self.mapped(model.mesh)
-        if (self.up_axis or ("y" if suffix in GLTF_FILES else "z")) == "y":
+        if (self.up_axis or model.up_axis) == "y":
             mesh = shapes.transformed(mesh, rotation([1.0, 0.0, 0.0], 90.0))
         return mesh, self.material or tuple(model.materials)
 

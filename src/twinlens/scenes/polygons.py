@@ -141,6 +141,33 @@ def _triangles_of_concave(
     return made
 
 
+def triangulated(
+    counts: NDArray[np.int64], vertices: NDArray[np.int64], points: Float
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Triangles (T, 3) of polygons, as numbers of their corners, and the polygon (T,) of each.
+
+    counts : the number of corners of each polygon (P,). vertices : the number in `points` (V, 3) of each corner (C,).
+    """
+    starts = np.concatenate([[0], np.cumsum(counts)])[:-1]
+    polygons = np.split(vertices, starts[1:]) if len(counts) else []
+    concave_ones = _triangles_of_concave(polygons, points)
+    is_fan = counts >= 3
+    is_fan[list(concave_ones)] = False
+    fans = np.flatnonzero(is_fan)
+    # The triangle k of a fan has the corners 0, k + 1, k + 2 of its polygon.
+    of_triangles = np.repeat(fans, counts[fans] - 2)
+    firsts = np.concatenate([[0], np.cumsum(counts[fans] - 2)])[:-1]
+    step = np.arange(len(of_triangles)) - np.repeat(firsts, counts[fans] - 2)
+    corners = starts[of_triangles][:, None] + np.stack(
+        [np.zeros_like(step), step + 1, step + 2], axis=1
+    )
+    made, owners = [corners], [of_triangles]
+    for number, triangles in concave_ones.items():
+        made.append(starts[number] + triangles.astype(np.int64))
+        owners.append(np.full(len(triangles), number))
+    return np.concatenate(made), np.concatenate(owners)
+
+
 def triangulated_obj(lines: list[str]) -> list[str]:
     """The lines of an OBJ file, with triangles instead of its concave polygons; words are separated by one space."""
     lines_of_polygons = [

@@ -1,0 +1,385 @@
+"""USD files (.usd, .usda, .usdc, .usdz): meshes and materials of UsdPreviewSurface, by usd-core.
+
+The stage is read at its earliest time, in metres, with its own up axis. Source: OpenUSD's documentation of UsdGeom and
+UsdShade, and the UsdPreviewSurface proposal, version 2.6.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twinlens.errors import FileError, InputError, import_extra
+from twinlens.geometry import Float
+from twinlens.scenes.assets import check_face_count, silent
+from twinlens.scenes.gltf import Part
+from twinlens.scenes.materials import Color, Material
+from twinlens.scenes.polygons import triangulated
+from twinlens.scenes.usd_layers import Find, UsdFiles
+from twinlens.scenes.usd_materials import Surfaces
+
+_MOST_PRIMS = 200_000
+_SIDES = 64  # of round shapes
+_AXES = {"X": [2, 0, 1], "Y": [1, 2, 0], "Z": [0, 1, 2]}
+"""Where x, y, z come from for a shape around z that is turned to an axis."""
+_SILENT = {
+    *("", "Xform", "Scope", "Material", "Shader", "NodeGraph", "GeomSubset"),
+    *("Mesh", "Cube", "Sphere", "Cylinder", "Cone", "Capsule", "Skeleton", "SkelRoot"),
+}
+"""Types of prims that are read, or that only group others."""
+_LIGHTS = (
+    "Distant",
+    "Dome",
+    "Rect",
+    "Sphere",
+    "Disk",
+    "Cylinder",
+    "Geometry",
+    "Portal",
+)
+_NAMED = {
+    "Camera": "cameras (those of the scene)",
+    "SkelAnimation": "skins (the mesh as it is stored)",
+    **{f"{kind}Light": "lights (those of the scene)" for kind in _LIGHTS},
+}
+
+
+@dataclass(eq=False)
+class UsdModel:
+    """The parts of a stage, the material that each is numbered by, and what is not rendered.
+
+    up_axis : "y" or "z".
+    """
+
+    parts: list[Part]
+    names: list[str]
+    materials: list[Material]
+    up_axis: str
+    lost: list[str] = field(default_factory=list)
+
+
+def open_usd(path: Path, find: Find, with_materials: bool = True) -> UsdModel:
+    """The meshes of a USD file. Raises FileError, and MissingExtraError without usd-core."""
+    import_extra("pxr", "usd")
+    from pxr import Sdf, Usd, UsdGeom
+
+    with silent():
+        files = UsdFiles(path, Sdf, find)
+        stage = Usd.Stage.Open(str(path))
+        if stage is None:
+            raise FileError(f"{path}: not a USD file; is it complete?")
+        reader = _Reader(stage, Surfaces(files), with_materials)
+        parts = list(reader.parts())
+    if not parts:
+        raise FileError(f"{path}: has no triangles")
+    up_axis = str(UsdGeom.GetStageUpAxis(stage)).lower()
+    surfaces = reader.surfaces
+    lost = [*reader.lost, *surfaces.lost]
+    return UsdModel(parts, surfaces.names, surfaces.materials, up_axis, lost)
+
+
+class _Reader:
+    def __init__(self, stage: Any, surfaces: Surfaces, with_materials: bool) -> None:
+        from pxr import Usd, UsdGeom
+
+        self.stage = stage
+        self.surfaces = surfaces
+        self.lost: list[str] = []
+        self._with_materials = with_materials
+        self._time = Usd.TimeCode.EarliestTime()
+        self._poses = UsdGeom.XformCache(self._time)
+        self._metres = float(UsdGeom.GetStageMetersPerUnit(stage))
+        self._faces = 0
+
+    def parts(self) -> Iterator[Part]:
+        """The parts of all visible prims of the purposes default and render."""
+        from pxr import Usd, UsdGeom
+
+        every = Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)
+        prims = iter(Usd.PrimRange(self.stage.GetPseudoRoot(), every))
+        for count, prim in enumerate(prims):
+            if count > _MOST_PRIMS:
+                raise InputError(f"has more than {_MOST_PRIMS} prims")
+            imageable = UsdGeom.Imageable(prim)
+            if not imageable:
+                self._name(prim)
+                continue
+            is_hidden = imageable.ComputeVisibility(self._time) == "invisible"
+            if is_hidden or imageable.ComputePurpose() in ("guide", "proxy"):
+                prims.PruneChildren()
+                continue
+            self._name(prim)
+            yield from self._parts_of(prim)
+
+    def _name(self, prim: Any) -> None:
+        """Note a prim of a type that is not rendered."""
+        kind = str(prim.GetTypeName())
+        if kind not in _SILENT:
+            self.lost.append(_NAMED.get(kind, f"{kind} (left out)"))
+
+    def _parts_of(self, prim: Any) -> Iterator[Part]:
+        from pxr import UsdGeom
+
+        if prim.IsA(UsdGeom.Mesh):
+            yield from self._mesh_parts(UsdGeom.Mesh(prim))
+            return
+        made = _shape(prim, self._time)
+        if made is not None:
+            self._count(len(made.faces))
+            material, _ = self._material(prim, None)
+            yield Part(made, self._pose(prim), material, False, None)
+
+    def _count(self, faces: int) -> None:
+        self._faces += faces
+        check_face_count(self.surfaces.files.path, self._faces)
+
+    def _pose(self, prim: Any) -> Float:
+        """world_from_prim (4, 4) in metres; USD multiplies rows by matrices."""
+        pose = np.array(self._poses.GetLocalToWorldTransform(prim), dtype=np.float64).T
+        scaled = np.diag([self._metres] * 3 + [1.0]) @ pose
+        if not np.isfinite(scaled).all():
+            raise InputError(f"{prim.GetPath()} has no finite pose")
+        return np.asarray(scaled)
+
+    def _material(self, prim: Any, mesh: Any) -> tuple[int, str]:
+        """The number of the material of a prim, and the primvar of its texture coordinates."""
+        from pxr import UsdShade
+
+        if not self._with_materials:
+            return self.surfaces.plain(None, False), "st"
+        bound = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()[0]
+        if bound:
+            return self.surfaces.of(bound)
+        color = _uniform_color(mesh, self._time) if mesh is not None else None
+        has_colors = mesh is not None and color is None and _has_colors(mesh)
+        return self.surfaces.plain(color, has_colors), "st"
+
+    def _mesh_parts(self, mesh: Any) -> Iterator[Part]:
+        """One part for each material of a mesh."""
+        from pxr import UsdShade
+
+        prim = mesh.GetPrim()
+        where = str(prim.GetPath())
+        surface = _Polygons(mesh, self._time, where)
+        self._count(surface.triangle_count)
+        if mesh.GetSubdivisionSchemeAttr().Get() != "none":
+            self.lost.append("subdivision (the control mesh)")
+        if prim.HasAPI("SkelBindingAPI") and prim.HasAttribute(
+            "primvars:skel:jointIndices"
+        ):
+            self.lost.append("skins (the mesh as it is stored)")
+        pose = self._pose(prim)
+        left = np.ones(surface.polygon_count, dtype=bool)
+        groups: list[tuple[Any, NDArray[np.bool_]]] = []
+        for subset in UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets():
+            indices = _whole(subset.GetIndicesAttr().Get(self._time))
+            if len(indices) and not 0 <= indices.min() <= indices.max() < len(left):
+                raise InputError(f"{where}: a subset has a face that does not exist")
+            chosen = np.zeros_like(left)
+            chosen[indices] = True
+            groups.append((subset.GetPrim(), chosen & left))
+            left &= ~chosen
+        groups.append((prim, left))
+        for owner, chosen in groups:
+            if chosen.any():
+                material, primvar = self._material(owner, mesh)
+                yield from surface.part(chosen, pose, material, primvar, self.surfaces)
+
+
+class _Polygons:
+    """The polygons of a mesh as triangles of corners: numbers in the list of all corners of its faces."""
+
+    def __init__(self, mesh: Any, time: Any, where: str) -> None:
+        self.mesh, self._time, self._where = mesh, time, where
+        points = _array(mesh.GetPointsAttr().Get(time), 3)
+        counts = _whole(mesh.GetFaceVertexCountsAttr().Get(time))
+        indices = _whole(mesh.GetFaceVertexIndicesAttr().Get(time))
+        self._vertices = indices
+        if not np.isfinite(points).all():
+            raise InputError(f"{where}: points are not finite")
+        is_whole = len(counts) == 0 or counts.min() >= 0
+        if not is_whole or counts.sum() != len(indices):
+            raise InputError(f"{where}: faceVertexCounts do not fit faceVertexIndices")
+        if len(indices) and not 0 <= indices.min() <= indices.max() < len(points):
+            raise InputError(f"{where}: a face refers to a point that does not exist")
+        self.points = points
+        self.polygon_count = len(counts)
+        self.triangle_count = int(np.maximum(counts - 2, 0).sum())
+        self._corners, self._polygons = triangulated(counts, self._vertices, points)
+        holes = _whole(mesh.GetHoleIndicesAttr().Get(time))
+        self._is_there = ~np.isin(np.arange(len(counts)), holes)
+
+    def part(
+        self,
+        chosen: NDArray[np.bool_],
+        pose: Float,
+        material: int,
+        primvar: str,
+        surfaces: Surfaces,
+    ) -> Iterator[Part]:
+        """The chosen polygons (P,) as a part, unless there are none."""
+        import trimesh
+
+        kept = (chosen & self._is_there)[self._polygons]
+        corners, polygons = self._corners[kept], self._polygons[kept]
+        if not len(corners):
+            return
+        if self.mesh.GetOrientationAttr().Get() == "leftHanded":
+            corners = corners[:, ::-1]
+        flat, of_polygon = corners.ravel(), np.repeat(polygons, 3)
+        columns = [self._vertices[flat][:, None].astype(np.float64)]
+        uv = self._values(primvar, 2, flat, of_polygon)
+        if uv is None and primvar != "st":
+            uv = self._values("st", 2, flat, of_polygon)
+        if uv is None and surfaces.has_textures(material):
+            raise InputError(
+                f"{self._where}: its material {surfaces.names[material]!r} has textures, "
+                f"but the mesh has no texture coordinates {primvar!r}"
+            )
+        normals = self._normals(flat, of_polygon)
+        colors = None
+        if surfaces.has_colors(material):
+            colors = self._values("displayColor", 3, flat, of_polygon)
+        columns += [values for values in (uv, normals, colors) if values is not None]
+        # Corners of one vertex that agree in everything are one vertex, so that smooth surfaces stay connected.
+        _, first, numbers = np.unique(
+            np.hstack(columns), axis=0, return_index=True, return_inverse=True
+        )
+        visual = None
+        if uv is not None:
+            visual = trimesh.visual.TextureVisuals(uv=uv[first])
+        made = trimesh.Trimesh(
+            self.points[self._vertices[flat[first]]],
+            numbers.reshape(-1, 3),
+            vertex_normals=None if normals is None else normals[first],
+            visual=visual,
+            process=False,
+            validate=False,
+        )
+        rgba = None
+        if colors is not None:
+            opaque = np.ones((len(first), 1))
+            rgba = np.hstack([np.clip(colors[first], 0.0, 1.0), opaque])
+        yield Part(made, pose, material, normals is not None, rgba)
+
+    def _normals(
+        self, corners: NDArray[np.int64], polygons: NDArray[np.int64]
+    ) -> Float | None:
+        """Normals of corners, those of a primvar before those of the attribute."""
+        normals = self._values("normals", 3, corners, polygons)
+        if normals is not None:
+            return normals
+        attribute = self.mesh.GetNormalsAttr()
+        stored = _array(attribute.Get(self._time), 3)
+        if not len(stored):
+            return None
+        kind = str(self.mesh.GetNormalsInterpolation())
+        return self._at_corners("normals", stored, kind, corners, polygons)
+
+    def _values(
+        self,
+        name: str,
+        columns: int,
+        corners: NDArray[np.int64],
+        polygons: NDArray[np.int64],
+    ) -> Float | None:
+        """The values of a primvar at corners (C, columns), None without it."""
+        from pxr import UsdGeom
+
+        primvar = UsdGeom.PrimvarsAPI(self.mesh).FindPrimvarWithInheritance(name)
+        if not primvar or not primvar.HasValue():
+            return None
+        stored = _array(primvar.ComputeFlattened(self._time), columns)
+        if not len(stored):
+            return None
+        kind = str(primvar.GetInterpolation())
+        return self._at_corners(name, stored, kind, corners, polygons)
+
+    def _at_corners(
+        self,
+        name: str,
+        stored: Float,
+        interpolation: str,
+        corners: NDArray[np.int64],
+        polygons: NDArray[np.int64],
+    ) -> Float:
+        numbers = {
+            "constant": np.zeros_like(corners),
+            "uniform": polygons,
+            "vertex": self._vertices[corners],
+            "varying": self._vertices[corners],
+            "faceVarying": corners,
+        }.get(interpolation)
+        if numbers is None or (len(numbers) and numbers.max() >= len(stored)):
+            raise InputError(
+                f"{self._where}: {name} has {len(stored)} values, too few for its interpolation {interpolation}"
+            )
+        values = stored[numbers]
+        if not np.isfinite(values).all():
+            raise InputError(f"{self._where}: {name} is not finite")
+        return np.asarray(values)
+
+
+def _array(values: Any, columns: int) -> Float:
+    """Numbers (N, columns) of an attribute, of which there are none without a value. Raises InputError."""
+    if values is None:
+        return np.zeros((0, columns))
+    array = np.asarray(values, dtype=np.float64)
+    if array.size % columns:
+        raise InputError(f"an attribute of {array.shape} needs {columns} columns")
+    return array.reshape(-1, columns)
+
+
+def _whole(values: Any) -> NDArray[np.int64]:
+    """Whole numbers (N,) of an attribute."""
+    return np.array(() if values is None else values, dtype=np.int64).ravel()
+
+
+def _uniform_color(mesh: Any, time: Any) -> Color | None:
+    """The only displayColor of a mesh."""
+    stored = mesh.GetDisplayColorPrimvar()
+    if not stored.HasValue():
+        return None
+    values = _array(stored.ComputeFlattened(time), 3)
+    if len(values) != 1:
+        return None
+    r, g, b = np.clip(values[0], 0.0, 1.0).tolist()
+    return Color((r, g, b))
+
+
+def _has_colors(mesh: Any) -> bool:
+    return bool(mesh.GetDisplayColorPrimvar().HasValue())
+
+
+def _shape(prim: Any, time: Any) -> Any:
+    """trimesh's mesh of a cube or a round shape; None of other prims."""
+    import trimesh
+    from pxr import UsdGeom
+
+    def value(name: str) -> float:
+        number = float(prim.GetAttribute(name).Get(time))
+        if not 0 < number < 1e9:
+            raise InputError(f"{prim.GetPath()}: {name} must be > 0, got {number}")
+        return number
+
+    creation = trimesh.creation
+    if prim.IsA(UsdGeom.Cube):
+        return creation.box([value("size")] * 3)
+    if prim.IsA(UsdGeom.Sphere):
+        return creation.uv_sphere(value("radius"), count=[_SIDES // 2, _SIDES])
+    if prim.IsA(UsdGeom.Cylinder):
+        made = creation.cylinder(value("radius"), value("height"), sections=_SIDES)
+    elif prim.IsA(UsdGeom.Cone):
+        made = creation.cone(value("radius"), value("height"), sections=_SIDES)
+        made.apply_translation([0, 0, -value("height") / 2])
+    elif prim.IsA(UsdGeom.Capsule):
+        count = [_SIDES, _SIDES]
+        made = creation.capsule(value("height"), value("radius"), count=count)
+        made.apply_translation([0, 0, -made.bounds.mean(axis=0)[2]])
+    else:
+        return None
+    order = _AXES[str(prim.GetAttribute("axis").Get(time))]
+    return trimesh.Trimesh(made.vertices[:, order], made.faces, process=False)

@@ -1,0 +1,472 @@
+"""USD files: meshes, poses and materials. Bounds and areas are those of OpenUSD, trimesh and shapely."""
+
+import sys
+import warnings
+import zipfile
+
+import numpy as np
+import pytest
+import trimesh
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade, UsdUtils, Vt
+from shapely import Polygon
+
+from tests.scenes.gltf_files import png
+from twinlens.errors import InputError, MissingExtraError
+from twinlens.scenes.assets import SceneContext
+from twinlens.scenes.gltf_materials import VERTEX_COLOR
+from twinlens.scenes.materials import Bitmap, Color
+from twinlens.scenes.model_files import MaterialWarning, named_files, read_model
+
+C_PLATE = [(0, 0), (3, 0), (3, 1), (1, 1), (1, 2), (3, 2), (3, 3), (0, 3)]
+
+
+def read(path, **options):
+    return read_model(path, SceneContext(path.parent), **options)
+
+
+def stage_at(path, metres=1.0, up="Z"):
+    stage = Usd.Stage.CreateNew(str(path))
+    UsdGeom.SetStageMetersPerUnit(stage, metres)
+    UsdGeom.SetStageUpAxis(stage, up)
+    return stage
+
+
+def add_mesh(stage, name, points, faces, **values):
+    mesh = UsdGeom.Mesh.Define(stage, name)
+    mesh.CreatePointsAttr([Gf.Vec3f(*map(float, point)) for point in points])
+    mesh.CreateFaceVertexCountsAttr([len(face) for face in faces])
+    mesh.CreateFaceVertexIndicesAttr([index for face in faces for index in face])
+    mesh.CreateSubdivisionSchemeAttr("none")
+    for key, value in values.items():
+        getattr(mesh, f"Create{key}Attr")(value)
+    return mesh
+
+
+def add_square(stage, name="/square", **values):
+    points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
+    return add_mesh(stage, name, points, [[0, 1, 2, 3]], **values)
+
+
+def add_primvar(mesh, name, kind, values, interpolation, indices=None):
+    primvar = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(name, kind, interpolation)
+    primvar.Set(values)
+    if indices is not None:
+        primvar.SetIndices(Vt.IntArray(indices))
+
+
+def preview(stage, name, **inputs):
+    """A material whose inputs are values, or (shader, output)."""
+    material = UsdShade.Material.Define(stage, name)
+    shader = UsdShade.Shader.Define(stage, f"{name}/surface")
+    shader.CreateIdAttr("UsdPreviewSurface")
+    for key, value in inputs.items():
+        if isinstance(value, tuple) and isinstance(value[0], UsdShade.Shader):
+            source, output, kind = value
+            target = shader.CreateInput(key, kind)
+            target.ConnectToSource(source.CreateOutput(output, kind))
+        elif isinstance(value, tuple):
+            shader.CreateInput(key, Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(*value))
+        else:
+            shader.CreateInput(key, Sdf.ValueTypeNames.Float).Set(value)
+    material.CreateSurfaceOutput().ConnectToSource(shader.ConnectableAPI(), "surface")
+    return material
+
+
+def bind(prim, material):
+    UsdShade.MaterialBindingAPI.Apply(prim.GetPrim()).Bind(material)
+
+
+def area(mesh):
+    corners = mesh.vertices[mesh.faces]
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return cross.sum(axis=0) / 2
+
+
+@pytest.mark.parametrize("suffix", ["usda", "usdc", "usd"])
+@pytest.mark.parametrize(
+    "outline",
+    [C_PLATE, [(0, 0), (4, 0), (4, 3), (2, 1), (0, 3)], [(0, 0), (2, 0), (3, 2), (1, 4), (-1, 2)]],
+)  # fmt: skip
+def test_polygons_cover_their_own_area(tmp_path, suffix, outline):
+    path = tmp_path / f"m.{suffix}"
+    stage = stage_at(path)
+    face = list(range(len(outline)))
+    points = [(x, y, 0) for x, y in outline]
+    add_mesh(stage, "/right", points, [face])
+    add_mesh(stage, "/left", points, [face[::-1]], Orientation="leftHanded")
+    add_mesh(stage, "/hole", points, [face], HoleIndices=[0])
+    stage.Save()
+    np.testing.assert_allclose(area(read(path).mesh), [0, 0, 2 * Polygon(outline).area])
+
+
+@pytest.mark.parametrize(("metres", "up"), [(0.01, "Y"), (1.0, "Z"), (0.001, "Z")])
+def test_poses_and_units(tmp_path, read_scene, metres, up):
+    """The bounds that OpenUSD computes, in metres, with z up."""
+    path = tmp_path / "m.usda"
+    stage = stage_at(path, metres, up)
+    top = UsdGeom.Xform.Define(stage, "/top")
+    top.AddTranslateOp().Set(Gf.Vec3d(1, 2, 3))
+    top.AddRotateXYZOp().Set(Gf.Vec3f(20, 30, 40))
+    part = UsdGeom.Xform.Define(stage, "/top/part")
+    part.AddScaleOp().Set(Gf.Vec3f(2, 0.5, -1))
+    add_square(stage, "/top/part/square")
+    UsdGeom.Cube.Define(stage, "/cube").CreateSizeAttr(0.5)
+    stage.Save()
+    bounds = UsdGeom.BBoxCache(Usd.TimeCode.Default(), ["default"])
+    corners = [
+        np.array(
+            bounds.ComputeWorldBound(stage.GetPrimAtPath(name))
+            .ComputeAlignedRange()
+            .GetCorner(i)
+        )
+        for name in ("/top", "/cube")
+        for i in range(8)
+    ]
+    expected = np.array(corners) * metres
+    mesh = read_scene("[objects.own]\nfile = 'm.usda'\n").objects[-1].shape
+    if up == "Y":
+        expected = expected[:, [0, 2, 1]] * [1, -1, 1]
+    made = [mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)]
+    np.testing.assert_allclose(
+        made, [expected.min(axis=0), expected.max(axis=0)], rtol=1e-6
+    )
+
+
+def test_the_unit_of_a_file_that_names_none_is_a_centimetre(tmp_path):
+    (tmp_path / "m.usda").write_text('#usda 1.0\ndef Cube "c" {}\n')
+    assert np.ptp(read(tmp_path / "m.usda").mesh.vertices) == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize("axis", ["X", "Y", "Z"])
+@pytest.mark.parametrize(
+    ("kind", "volume"),
+    [("Cylinder", 0.024), ("Cone", 0.008), ("Capsule", 0.024 + 4 / 3 * 0.008)],
+)  # fmt: skip
+def test_round_shapes(tmp_path, axis, kind, volume):
+    path = tmp_path / "m.usda"
+    stage = stage_at(path)
+    shape = getattr(UsdGeom, kind).Define(stage, "/shape")
+    shape.CreateRadiusAttr(0.2)
+    shape.CreateHeightAttr(0.6)
+    shape.CreateAxisAttr(axis)
+    shape.CreateExtentAttr(
+        UsdGeom.Boundable.ComputeExtentFromPlugins(shape, Usd.TimeCode.Default())
+    )
+    stage.Save()
+    mesh = read(path).mesh
+    solid = trimesh.Trimesh(mesh.vertices, mesh.faces)
+    assert solid.volume == pytest.approx(np.pi * volume, rel=0.005)
+    np.testing.assert_allclose(solid.bounds, shape.GetExtentAttr().Get(), atol=1e-6)
+
+
+def test_values_of_corners_faces_and_vertices(tmp_path):
+    """Two triangles that share an edge: (u, v) of corners by index, a normal of each face."""
+    path = tmp_path / "m.usda"
+    stage = stage_at(path)
+    points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 1)]
+    mesh = add_mesh(stage, "/m", points, [[0, 1, 2], [0, 2, 3]])
+    uv = [(0, 0), (0.5, 0), (0.5, 1), (1, 1)]
+    kind = Sdf.ValueTypeNames.TexCoord2fArray
+    add_primvar(mesh, "st", kind, uv, "faceVarying", [0, 1, 2, 0, 2, 3])
+    normals = [(0, 0, 1), (-0.6, 0, 0.8)]
+    add_primvar(mesh, "normals", Sdf.ValueTypeNames.Normal3fArray, normals, "uniform")
+    stage.Save()
+    model = read(path).mesh
+    np.testing.assert_allclose(
+        model.uv[model.faces].reshape(-1, 2), np.array(uv)[[0, 1, 2, 0, 2, 3]]
+    )
+    np.testing.assert_allclose(model.normals[model.faces[:, 0]], normals, atol=1e-6)
+    assert len(model.vertices) == 6
+
+
+def test_purposes_visibility_and_instances(tmp_path):
+    path = tmp_path / "m.usda"
+    stage = stage_at(path)
+    for name, purpose in (("a", "guide"), ("b", "proxy"), ("c", "render")):
+        add_square(stage, f"/{name}").CreatePurposeAttr(purpose)
+    hidden = UsdGeom.Xform.Define(stage, "/hidden")
+    hidden.CreateVisibilityAttr("invisible")
+    add_square(stage, "/hidden/square")
+    stage.CreateClassPrim("/prototype")
+    add_square(stage, "/prototype/square")
+    for i in range(3):
+        copy = UsdGeom.Xform.Define(stage, f"/copy{i}")
+        copy.AddTranslateOp().Set(Gf.Vec3d(0, 0, i + 1))
+        copy.GetPrim().GetReferences().AddInternalReference("/prototype")
+        copy.GetPrim().SetInstanceable(True)
+    stage.Save()
+    mesh = read(path).mesh
+    heights = mesh.vertices[mesh.faces[::2, 0], 2]
+    assert sorted(heights) == [0, 1, 2, 3]
+
+
+def textured(stage, name, file="t.png", **inputs):
+    shader = UsdShade.Shader.Define(stage, name)
+    shader.CreateIdAttr("UsdUVTexture")
+    shader.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(file)
+    for key, value in inputs.items():
+        kind = (
+            Sdf.ValueTypeNames.Float4
+            if key in ("scale", "bias")
+            else Sdf.ValueTypeNames.Token
+        )
+        shader.CreateInput(key, kind).Set(value)
+    return shader
+
+
+def test_materials_of_the_mesh_and_of_subsets(tmp_path):
+    path = tmp_path / "m.usda"
+    stage = stage_at(path)
+    points = [(x, y, 0) for y in range(2) for x in range(4)]
+    mesh = add_mesh(stage, "/m", points, [[i, i + 1, i + 5, i + 4] for i in range(3)])
+    red = preview(
+        stage, "/red", diffuseColor=(0.8, 0.1, 0.0), metallic=1.0, roughness=0.3
+    )
+    glow = preview(stage, "/glow", emissiveColor=(2.0, 1.0, 0.0), opacity=0.5, ior=1.3)
+    bind(mesh, red)
+    binding = UsdShade.MaterialBindingAPI(mesh.GetPrim())
+    subset = binding.CreateMaterialBindSubset("part", [1], UsdGeom.Tokens.face)
+    bind(subset, glow)
+    stage.Save()
+    model = read(path)
+    assert list(model.materials) == ["m.usda:glow", "m.usda:red"]
+    lit, metal = model.materials.values()
+    assert metal.base_color.rgb == pytest.approx((0.8, 0.1, 0.0))
+    assert (metal.metallic, metal.roughness) == (1.0, pytest.approx(0.3))
+    assert lit.emission == Color((2.0, 1.0, 0.0))
+    assert (lit.opacity, lit.ior) == (0.5, pytest.approx(1.3))
+    middle = model.mesh.vertices[model.mesh.faces].mean(axis=1)[:, 0]
+    assert (model.mesh.surface == np.where((middle > 1) & (middle < 2), 0, 1)).all()
+
+
+def add_textured_square(stage, **more):
+    """A square with a colour from t.png and a roughness from the green channel of r.png, through a primvar `map1`."""
+    mesh = add_square(stage)
+    uv = [(0, 0), (1, 0), (1, 1), (0, 1)]
+    add_primvar(mesh, "map1", Sdf.ValueTypeNames.TexCoord2fArray, uv, "vertex")
+    color = textured(stage, "/m/color", wrapS="clamp", wrapT="clamp", **more)
+    reader = UsdShade.Shader.Define(stage, "/m/reader")
+    reader.CreateIdAttr("UsdPrimvarReader_float2")
+    reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set("map1")
+    place = UsdShade.Shader.Define(stage, "/m/place")
+    place.CreateIdAttr("UsdTransform2d")
+    pair = Sdf.ValueTypeNames.Float2
+    place.CreateInput("scale", pair).Set(Gf.Vec2f(2, 3))
+    place.CreateInput("translation", pair).Set(Gf.Vec2f(0.25, 0.5))
+    place.CreateInput("rotation", Sdf.ValueTypeNames.Float).Set(90.0)
+    place.CreateInput("in", pair).ConnectToSource(reader.CreateOutput("result", pair))
+    color.CreateInput("st", pair).ConnectToSource(place.CreateOutput("result", pair))
+    rough = textured(
+        stage,
+        "/m/rough",
+        "r.png",
+        sourceColorSpace="raw",
+        scale=Gf.Vec4f(0.5),
+        bias=Gf.Vec4f(0.25),
+    )
+    of_color, of_number = Sdf.ValueTypeNames.Color3f, Sdf.ValueTypeNames.Float
+    material = preview(
+        stage,
+        "/m",
+        diffuseColor=(color, "rgb", of_color),
+        roughness=(rough, "g", of_number),
+        opacity=(color, "a", of_number),
+    )
+    bind(mesh, material)
+
+
+RGBA = np.array([[[0.5, 1, 0, 1], [0, 0, 0, 0.0]]])
+
+
+@pytest.mark.parametrize("space", ["sRGB", "raw", None])
+def test_textures(tmp_path, space):
+    path = tmp_path / "m.usda"
+    stage = stage_at(path)
+    (tmp_path / "t.png").write_bytes(png(RGBA))
+    (tmp_path / "r.png").write_bytes(png(np.array([[[1, 0.2, 1]], [[0, 1, 0]]])))
+    add_textured_square(stage, **({"sourceColorSpace": space} if space else {}))
+    stage.Save()
+    [material] = read(path).materials.values()
+    color = material.base_color
+    half = 128 / 255 if space == "raw" else ((128 / 255 + 0.055) / 1.055) ** 2.4
+    np.testing.assert_allclose(color.pixels[0, 0], [half, 1, 0], atol=1e-6)
+    np.testing.assert_allclose(material.roughness.pixels, [[0.35], [0.75]], atol=1e-6)
+    np.testing.assert_allclose(material.opacity.pixels, [[1, 0]])
+    assert color.wrap == "clamp"
+    # (1, 0) is scaled to (2, 0), turned to (0, 2) and moved to (0.25, 2.5).
+    np.testing.assert_allclose(
+        color.to_uv @ [1, 0, 0, 1], [0.25, 2.5, 0, 1], atol=1e-12
+    )
+    assert {file.name for file in named_files(path, SceneContext(tmp_path))} >= {
+        "t.png",
+        "r.png",
+    }
+
+
+def test_a_package_has_its_own_pictures(tmp_path):
+    folder = tmp_path / "parts"
+    folder.mkdir()
+    stage = stage_at(folder / "m.usda")
+    (folder / "t.png").write_bytes(png(RGBA))
+    (folder / "r.png").write_bytes(png(np.ones((1, 1, 3))))
+    add_textured_square(stage)
+    stage.Save()
+    package = tmp_path / "m.usdz"
+    assert UsdUtils.CreateNewUsdzPackage(str(folder / "m.usda"), str(package))
+    for file in folder.iterdir():
+        file.unlink()
+    [material] = read(package).materials.values()
+    assert isinstance(material.base_color, Bitmap)
+    np.testing.assert_allclose(area(read(package).mesh), [0, 0, 1])
+
+
+@pytest.mark.parametrize(
+    "interpolation", ["constant", "vertex", "uniform", "faceVarying"]
+)
+def test_display_colors(tmp_path, interpolation):
+    path = tmp_path / "m.usda"
+    stage = stage_at(path)
+    mesh = add_square(stage)
+    count = {"constant": 1, "uniform": 1, "vertex": 4, "faceVarying": 4}[interpolation]
+    colors = np.linspace(0.1, 0.9, 3 * count).reshape(count, 3)
+    kind = Sdf.ValueTypeNames.Color3fArray
+    add_primvar(
+        mesh,
+        "displayColor",
+        kind,
+        Vt.Vec3fArray.FromNumpy(np.float32(colors)),
+        interpolation,
+    )
+    stage.Save()
+    model = read(path)
+    [material] = model.materials.values()
+    if count == 1:
+        assert material.base_color.rgb == pytest.approx(tuple(colors[0]))
+        return
+    assert material.base_color == VERTEX_COLOR
+    stored = model.mesh.attributes[VERTEX_COLOR.attribute]
+    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    for vertex, color in zip(model.mesh.vertices, stored, strict=True):
+        number = np.flatnonzero((corners == vertex[:2]).all(axis=1))[0]
+        np.testing.assert_allclose(color[:3], colors[number], atol=1e-6)
+
+
+def test_what_is_not_rendered_is_named(tmp_path):
+    path = tmp_path / "m.usda"
+    stage = stage_at(path)
+    square = add_square(stage, SubdivisionScheme="catmullClark")
+    material = UsdShade.Material.Define(stage, "/mdl")
+    bind(square, material)
+    for kind in ("BasisCurves", "Points", "PointInstancer", "Camera"):
+        getattr(UsdGeom, kind).Define(stage, f"/{kind}")
+    stage.DefinePrim("/light", "SphereLight")
+    stage.DefinePrim("/joint", "PhysicsRevoluteJoint")
+    stage.Save()
+    with pytest.warns(MaterialWarning) as caught:
+        read(path)
+    [warning] = caught
+    message = str(warning.message)
+    assert message.startswith(f"{path}: not used: ")
+    for part in (
+        "subdivision (the control mesh)",
+        "BasisCurves (left out)",
+        "Points (left out)",
+        "PointInstancer (left out)",
+        "cameras (those of the scene)",
+        "lights (those of the scene)",
+        "PhysicsRevoluteJoint (left out)",
+        "material 'mdl', no UsdPreviewSurface (white and diffuse)",
+    ):
+        assert part in message
+
+
+HEAD = '#usda 1.0\n(\n  subLayers = [@{}@]\n)\ndef Cube "c" {{}}\n'
+OUTSIDE = {
+    "absolute": HEAD.format("/etc/hostname.usda"),
+    "above": HEAD.format("../secret.usda"),
+    "web": HEAD.format("https://a.b/c.usda"),
+    "reference": '#usda 1.0\ndef "a" (references = @../secret.usda@) {}\n',
+    "payload": '#usda 1.0\ndef "a" (payload = @../secret.usda@</c>) {}\n',
+    "link": HEAD.format("link.usda"),
+    "nested": HEAD.format("below/inner.usda"),
+    "clips": '#usda 1.0\ndef "a" (clips = { dictionary default = { asset[] assetPaths = [@../secret.usda@] } }) {}\n',
+}
+
+
+@pytest.mark.parametrize("name", OUTSIDE)
+def test_layers_outside_the_folder_are_refused(tmp_path, name):
+    folder = tmp_path / "scene"
+    (folder / "below").mkdir(parents=True)
+    secret = tmp_path / "secret.usda"
+    secret.write_text('#usda 1.0\ndef Cube "c" {}\n')
+    (folder / "link.usda").symlink_to(secret)
+    (folder / "below" / "inner.usda").write_text(HEAD.format("../../secret.usda"))
+    path = folder / "m.usda"
+    path.write_text(OUTSIDE[name])
+    reasons = "leads outside|must be a file name|web addresses|value clips"
+    with pytest.raises(InputError, match=reasons) as caught:
+        read(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_layers_below_the_folder_are_read(tmp_path):
+    (tmp_path / "below").mkdir()
+    (tmp_path / "below" / "inner.usda").write_text(HEAD.format("../other.usda"))
+    (tmp_path / "other.usda").write_text(
+        '#usda 1.0\n(metersPerUnit = 1)\ndef Sphere "s" {}\n'
+    )
+    (tmp_path / "m.usda").write_text(HEAD.format("below/inner.usda"))
+    read(tmp_path / "m.usda")
+    names = {
+        file.name for file in named_files(tmp_path / "m.usda", SceneContext(tmp_path))
+    }
+    assert names == {"inner.usda", "other.usda"}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            {"FaceVertexCounts": [5]},
+            "/square: faceVertexCounts do not fit faceVertexIndices",
+        ),
+        (
+            {"FaceVertexIndices": [0, 1, 2, 9]},
+            "/square: a face refers to a point that does not exist",
+        ),
+        (
+            {"Points": [Gf.Vec3f(float("nan"), 0, 0)] * 4},
+            "/square: points are not finite",
+        ),
+        ({"HoleIndices": [0]}, "has no triangles"),
+    ],
+)
+def test_wrong_meshes_are_errors_of_one_line(tmp_path, change, message):
+    path = tmp_path / "m.usda"
+    stage = stage_at(path)
+    mesh = add_square(stage)
+    for key, value in change.items():
+        getattr(mesh, f"Create{key}Attr")(value)
+    stage.Save()
+    with pytest.raises(InputError, match=rf"m\.usda: {message}"):
+        read(path)
+
+
+def test_a_file_of_another_kind_is_an_error(tmp_path):
+    for name in ("m.usda", "m.usdc", "m.usdz", "m.usd"):
+        (tmp_path / name).write_bytes(b"PK\3\4 no such file")
+        with pytest.raises(InputError, match=rf"{name}: "), warnings.catch_warnings():
+            read(tmp_path / name)
+    with zipfile.ZipFile(tmp_path / "m.usdz", "w") as archive:
+        archive.writestr("a.txt", "no layer")
+    with pytest.raises(InputError, match=r"m\.usdz: "):
+        read(tmp_path / "m.usdz")
+
+
+def test_without_usd_core_the_extra_is_named(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pxr", None)
+    (tmp_path / "m.usda").write_text('#usda 1.0\ndef Cube "c" {}\n')
+    with pytest.raises(
+        MissingExtraError, match=r"m\.usda: .*pip install 'twinlens\[usd\]'"
+    ):
+        read(tmp_path / "m.usda")
