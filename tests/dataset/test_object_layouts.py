@@ -13,6 +13,7 @@ from tests.dataset.dataset_scene import box, edited, sample, stored
 from twinlens import geometry
 from twinlens.camera import BrownConrady, Rig
 from twinlens.camera.masks import decode_mask, encode_mask
+from twinlens.dataset import Dataset, Manifest, Row, write_manifest, write_sample
 from twinlens.dataset.export import export
 from twinlens.errors import FileError, InputError
 
@@ -103,6 +104,28 @@ def test_masks_are_coded_as_pycocotools_does():
         code = coco_masks.encode(np.asfortranarray(mask.astype(np.uint8)))["counts"]
         assert encode_mask(mask) == code.decode()
         assert_array_equal(decode_mask(code.decode(), *mask.shape), mask)
+
+
+def test_coco_names_license_creator_and_splits(tmp_path):
+    folder = tmp_path / "data"
+    rows = []
+    for name, made, split in (("s0", MADE, "val"), ("s1", WITH_MODEL, "train")):
+        hashes = write_sample(folder / name, made)
+        rows.append(Row(name, hashes, {"split": split}))
+    texts = {"license": "CC-BY-4.0", "creator": "A lab", "description": "two scenes"}
+    write_manifest(folder, Manifest(rows, info={"about": texts}))
+    export(Dataset(folder), tmp_path / "out", "coco")
+    whole = read_json(tmp_path / "out/annotations/instances.json")
+    assert whole["info"] == {"description": "two scenes", "contributor": "A lab"}
+    assert whole["licenses"] == [{"id": 1, "name": "CC-BY-4.0", "url": ""}]
+    assert {image["license"] for image in whole["images"]} == {1}
+    parts = [read_json(tmp_path / f"out/annotations/instances_{split}.json") for split in ("val", "train")]  # fmt: skip
+    for key in ("images", "annotations"):
+        assert [item for part in parts for item in part[key]] == whole[key]
+    for part in parts:
+        assert part["categories"] == whole["categories"]
+        inside = {image["id"] for image in part["images"]}
+        assert {item["image_id"] for item in part["annotations"]} <= inside
 
 
 # of pycocotools 2.0.11

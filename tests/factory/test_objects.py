@@ -18,7 +18,7 @@ from twinlens.camera import Camera, Rig
 from twinlens.errors import InputError
 from twinlens.factory import make, plan, recipe_from_table, remake
 from twinlens.factory.gates import Rejected
-from twinlens.factory.objects import with_objects
+from twinlens.factory.objects import copy_names, with_objects
 from twinlens.scenes import load_scene
 from twinlens.scenes.shapes import transformed
 
@@ -139,7 +139,7 @@ def test_own_meshes_rest_without_intersections(folder, count, parts):
     )
     for index in range(count // 10):
         scene = placed(recipe, index)
-        assert sum(thing.name.startswith("part[") for thing in scene.objects) == 10
+        assert sum("[" in thing.name for thing in scene.objects) == 10
         assert intersecting(scene, 200) == []
         assert crossing(scene) == []
         assert floating(scene, table_height(scene)) == []
@@ -238,6 +238,28 @@ def test_each_copy_draws_its_own_values_and_the_plan_has_them_all(folder):
     assert single["scale"] == drawn[0][0]["scale"], "a count changes no other draw"
 
 
+def test_copies_are_called_after_their_meshes_or_as_the_recipe_says(folder):
+    objects = {
+        "part": {**PARTS, "count": 6},
+        "tool": {**PARTS, "count": 2, "label": "wrench"},
+        "block": {**BOX, "translate": [0, 0, 0.4], "label": "brick"},
+    }
+    recipe = recipe_of(folder, objects)
+    names = copy_names(tables(recipe))
+    meshes = [Path(copy["file"]).stem for copy in tables(recipe)["part"]]
+    assert [name.split("[")[0] for name in names["part"]] == meshes
+    assert names["tool"] == ["wrench[0]", "wrench[1]"]
+    assert names["block"] == ["brick"]
+    everything = [name for group in names.values() for name in group]
+    assert len(set(everything)) == len(everything) == 9
+    assert set(everything) <= {thing.name for thing in placed(recipe).objects}
+    taken = {"block": {**BOX, "translate": [0, 0, 0.4], "label": "table"}}
+    with pytest.raises(
+        InputError, match=r"'table' is also an object of the scene; give"
+    ):
+        placed(recipe_of(folder, taken))
+
+
 def test_the_record_makes_the_sample_again(folder):
     looks = {"type": "diffuse", "reflectance": {"uniform": [0.2, 0.8]}}
     recipe = recipe_of(
@@ -249,7 +271,9 @@ def test_the_record_makes_the_sample_again(folder):
     again = remake(stored(sample), load_scene(folder / "scene.toml"), folder=folder)
     np.testing.assert_array_equal(sample.shots[0].images[0], again.shots[0].images[0])
     np.testing.assert_array_equal(sample.truths[1].depth, again.truths[1].depth)
-    assert {"part[0]", "part[2]"} <= set(sample.truths[0].object_names)
+    meshes = [Path(copy["file"]).stem for copy in tables(recipe, 1)["part"]]
+    names = sample.truths[0].object_names
+    assert sorted(name.split("[")[0] for name in names if "[" in name) == sorted(meshes)
 
 
 def stored(sample):

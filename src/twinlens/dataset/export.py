@@ -10,9 +10,10 @@ from pathlib import Path
 
 import twinlens
 from twinlens.dataset import aperture_layouts, layouts, object_layouts
-from twinlens.dataset.dataset import MANIFEST
+from twinlens.dataset.dataset import MANIFEST, Dataset
 from twinlens.dataset.files import check_replaceable, read_bytes, write_folder
 from twinlens.dataset.layouts import Files, Source
+from twinlens.dataset.metadata import about
 from twinlens.dataset.storage import Place, RemotePath, Where, place
 from twinlens.dataset.stored import StoredSample
 from twinlens.errors import InputError, OutputError, check_known
@@ -138,6 +139,9 @@ def _sources(
 ) -> Iterator[Source]:
     """The samples to export. Raises InputError for an unrectified pair, and for objects that no sample has."""
     names_seen: set[str] = set()
+    texts = {}
+    if isinstance(dataset, Dataset):
+        texts = about(dataset)[0].model_dump(exclude={"credits"}, exclude_defaults=True)
     for i, sample in enumerate(dataset):
         progress(i / len(dataset), sample.name)
         has_record = sample.has("sample.json")
@@ -149,6 +153,7 @@ def _sources(
         if objects and has_record:
             names = sample.record.get("object_names", [])
             names_seen.update(map(layouts.category, names))
-        yield Source(sample, i, lens, frozenset(objects) if objects else None)
+        chosen = frozenset(objects) if objects else None
+        yield Source(sample, i, lens, chosen, texts)
     for name in objects:
         check_known("object", name, names_seen)

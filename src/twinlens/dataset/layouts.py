@@ -16,8 +16,8 @@ import io
 import json
 import re
 import tarfile
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -78,13 +78,15 @@ NUMBERS = (
 class Source:
     """A sample to export: number `index` of its dataset, with the images of lens number `lens`.
 
-    `objects` are the names of the objects to export, without the numbers of copies; None for all.
+    `objects` are the names of the objects to export, without the numbers of copies; None for all. `about` is what the
+    recipe says of the dataset, empty where it is not known.
     """
 
     sample: StoredSample
     index: int
     lens: int = 0
     objects: frozenset[str] | None = None
+    about: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def name(self) -> str:

@@ -5,7 +5,7 @@ docs/bop_datasets_format.md and scripts/calc_gt_info.py of https://github.com/th
 """
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -23,6 +23,8 @@ from twinlens.dataset.layouts import Source, category
 from twinlens.errors import InputError
 from twinlens.geometry import Float, inverse
 
+_LICENSE = 1
+"""The number of the dataset's license in COCO's list."""
 _MM = 1000.0
 _DEPTH_SCALE = 0.1  # millimetres per unit of a depth image, or ten, a hundred times that if 16 bits need it
 
@@ -31,12 +33,14 @@ def coco(sources: Iterable[Source]) -> Iterator[tuple[str, bytes]]:
     """annotations/instances.json and images/<name>-im0.png ...: one annotation per visible object of each view.
 
     `segmentation`, `bbox` and `area` are of the visible part. Categories are those of `category`. Further keys have the
-    whole object, its pose and its box.
+    whole object, its pose and its box. A dataset with splits has annotations/instances_<split>.json for each, too.
     """
     images: list[dict[str, Any]] = []
     annotations: list[dict[str, Any]] = []
     categories: dict[str, int] = {}
+    texts: Mapping[str, str] = {}
     for source in sources:
+        texts = source.about
         for view, truth in enumerate(_truths(source)):
             image = {"id": len(images) + 1, **_coco_image(source, view)}
             images.append(image)
@@ -53,23 +57,54 @@ def coco(sources: Iterable[Source]) -> Iterator[tuple[str, bytes]]:
                     "name": name,
                 }
                 annotations.append(annotation | _annotation(truth, instance))
-    content = {
-        "info": {"description": "exported by twinlens"},
-        "licenses": [],
-        "images": images,
-        "annotations": annotations,
-        "categories": [
-            {"id": number, "name": name, "supercategory": ""}
-            for name, number in categories.items()
-        ],
-    }
-    yield "annotations/instances.json", json.dumps(content, allow_nan=False).encode()
+    head = _coco_head(texts, categories)
+    yield "annotations/instances.json", _coco_file(head, images, annotations)
+    for split in sorted({image["split"] for image in images if "split" in image}):
+        part = [image for image in images if image.get("split") == split]
+        name = f"annotations/instances_{split}.json"
+        yield name, _coco_file(head, part, annotations)
+
+
+def _coco_head(
+    texts: Mapping[str, str], categories: Mapping[str, int]
+) -> dict[str, Any]:
+    """What a file of annotations says of all images: `texts` are those of `About`."""
+    info = {"description": texts.get("description") or "exported by twinlens"}
+    for key, text in (("url", "url"), ("contributor", "creator"), ("date_created", "published")):  # fmt: skip
+        if text in texts:
+            info[key] = texts[text]
+    licenses = []
+    if license_name := texts.get("license"):
+        is_address = license_name.startswith(("http://", "https://"))
+        address = license_name if is_address else ""
+        licenses = [{"id": _LICENSE, "name": license_name, "url": address}]
+    numbered = [
+        {"id": number, "name": name, "supercategory": ""}
+        for name, number in categories.items()
+    ]
+    return {"info": info, "licenses": licenses, "categories": numbered}
+
+
+def _coco_file(
+    head: Mapping[str, Any],
+    images: Sequence[Mapping[str, Any]],
+    annotations: Sequence[Mapping[str, Any]],
+) -> bytes:
+    """A file of these images with those of the annotations that are of them."""
+    numbers = {image["id"] for image in images}
+    chosen = [item for item in annotations if item["image_id"] in numbers]
+    content = {**head, "images": images, "annotations": chosen}
+    return json.dumps(content, allow_nan=False).encode()
 
 
 def _coco_image(source: Source, view: int) -> dict[str, Any]:
     rig = source.sample.rig
     camera = rig.cameras[view]
+    licensed = {"license": _LICENSE} if source.about.get("license") else {}
+    in_split = {"split": source.split} if source.split else {}
     return {
+        **licensed,
+        **in_split,
         "file_name": f"{source.name}-{IMAGE.name(view)}",
         "width": camera.width,
         "height": camera.height,

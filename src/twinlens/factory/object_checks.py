@@ -6,7 +6,13 @@ from pathlib import Path
 from typing import Any
 
 from twinlens.errors import InputError, check_known, located
-from twinlens.factory.objects import Draft, drafts, in_order, written_objects
+from twinlens.factory.objects import (
+    Draft,
+    copy_names,
+    drafts,
+    in_order,
+    written_objects,
+)
 from twinlens.factory.sources import meshes_in
 from twinlens.families import FAMILIES
 from twinlens.families.assets import SUFFIXES, named_by_mesh
@@ -26,6 +32,7 @@ def check_objects(
     its own materials. Raises InputError.
     """
     files = _ObjectFiles(file.parent.resolve())
+    names = copy_names(objects)
     for subject in subjects if objects else ():
         scene = subject if isinstance(subject, Path) else None
         with located(str(file)):
@@ -38,7 +45,9 @@ def check_objects(
             for table in tables:
                 if {"file", "folder"} <= table.keys():
                     raise InputError(f"{where}: 'file' and 'folder' exclude each other")
-            copies[name] = drafts(name, tables, scene_objects, home, files.folder, file)
+            copies[name] = drafts(
+                name, tables, names[name], scene_objects, home, files.folder, file
+            )
             for draft in copies[name]:
                 files.add(draft, where)
         for name, group in copies.items():

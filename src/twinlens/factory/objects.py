@@ -5,9 +5,10 @@ A table replaces keys of the object with its name in scene.toml, or is a whole o
 
 import graphlib
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Annotated, Any
 
 import numpy as np
@@ -73,6 +74,8 @@ class Placing(StrictModel):
 
     count : copies, each with its own draws.
     folder : a random mesh of this folder, in place of `file`.
+    label : the name of its copies in the truth, and their category; by default the object's own, for meshes of a folder
+        that of the mesh file.
     resting_on : the object on whose level faces it is placed, in a stable pose and clear of all other objects.
     within : [[x low, x high], [y low, y high]], the part of the world in metres that it is placed in.
     upright : use the stable pose in which its own z axis is closest to vertical, instead of a random one.
@@ -82,6 +85,7 @@ class Placing(StrictModel):
 
     count: int = Field(1, ge=0, le=1000)
     folder: str | None = None
+    label: Annotated[str, Field(min_length=1, max_length=100)] | None = None
     resting_on: str | None = None
     within: Annotated[list[_RANGE], exactly(2, _RANGE)] | None = None
     upright: bool = False
@@ -133,17 +137,52 @@ class Draft:
         return [*self.context.files, *self.drawn.files]
 
 
+def copy_names(
+    objects: Mapping[str, Sequence[Mapping[str, Any]]],
+) -> dict[str, list[str]]:
+    """The names of the copies of each object in the truth: numbered where there is a count, or several of one label.
+
+    >>> parts = [{"folder": "parts", "count": 2, "file": f"parts/{mesh}.glb"} for mesh in ("mug", "brick")]
+    >>> copy_names({"part": parts, "lamp": [{"translate": [0, 0, 1]}]})
+    {'part': ['mug[0]', 'brick[0]'], 'lamp': ['lamp']}
+    """
+    labels = {
+        name: [_label(name, table) for table in tables]
+        for name, tables in objects.items()
+    }
+    of_all = Counter(label for group in labels.values() for label in group)
+    used: Counter[str] = Counter()
+    names: dict[str, list[str]] = {}
+    for name, tables in objects.items():
+        names[name] = []
+        for label, table in zip(labels[name], tables, strict=True):
+            is_numbered = "count" in table or of_all[label] > 1
+            names[name].append(f"{label}[{used[label]}]" if is_numbered else label)
+            used[label] += 1
+    return names
+
+
+def _label(name: str, table: Mapping[str, Any]) -> str:
+    """What the copies of an object are called: its label, the mesh that was drawn from its folder, or its own name."""
+    if isinstance(label := table.get("label"), str):
+        return label
+    if "folder" in table and isinstance(file := table.get("file"), str):
+        return PurePosixPath(file).stem
+    return name
+
+
 def drafts(
     name: str,
     tables: Sequence[Mapping[str, Any]],
+    names: Sequence[str],
     scene_objects: Mapping[str, Any],
     home: Path,
     folder: Path,
     file: Path,
 ) -> list[Draft]:
-    """The checked copies of the object `name`, of a scene whose scene.toml in `home` has the objects `known`.
+    """The checked copies of the object `name`, of a scene whose scene.toml in `home` has `scene_objects`.
 
-    Raises InputError naming `file` and the key.
+    names : of the copies (`copy_names`). Raises InputError naming `file` and the key.
     """
     checked_drafts = []
     for i, table in enumerate(tables):
@@ -161,8 +200,8 @@ def drafts(
             inline = read(_MATERIAL, dict(material), file, f"{key}.material", drawn)
             values["material"] = name
         checked = read(_OBJECT, values, file, key, context)
-        label = f"{name}[{i}]" if "count" in table else name
-        checked_drafts.append(Draft(label, place, checked, inline, context, drawn))
+        draft = Draft(names[i], place, checked, inline, context, drawn)
+        checked_drafts.append(draft)
     return checked_drafts
 
 
@@ -273,11 +312,13 @@ def with_objects(
         return scene
     scene_file = scene.xml or (scene.files[0] if scene.files else None)
     home, scene_objects = written_objects(scene_file)
+    names = copy_names(objects)
     copies = {
-        name: drafts(name, tables, scene_objects, home, folder, file)
+        name: drafts(name, tables, names[name], scene_objects, home, folder, file)
         for name, tables in objects.items()
     }
     kept = [body for body in scene.objects if body.name not in copies]
+    _check_labels(names, [body.name for body in kept], file)
     stage = _Stage(scene, kept, rig, seed)
     for name in in_order(copies, file):
         stage.added[name] = []
@@ -286,6 +327,18 @@ def with_objects(
                 stage.add(name, i, draft)
     with located(str(file)):
         return stage.scene_with(copies)
+
+
+def _check_labels(
+    names: Mapping[str, Sequence[str]], others: Sequence[str], file: Path
+) -> None:
+    """Raise InputError where a copy is called as another object of the scene."""
+    for name, group in names.items():
+        for copy_name in group:
+            if copy_name in others:
+                raise InputError(
+                    f"{file}: scene.objects.{name}: {copy_name!r} is also an object of the scene; give a 'label'"
+                )
 
 
 def in_order(copies: Mapping[str, Sequence[Draft]], file: Path) -> list[str]:
@@ -675,16 +728,14 @@ def check_seen(
     objects: Mapping[str, Sequence[Mapping[str, Any]]], truths: Sequence[Truth]
 ) -> None:
     """Raise Rejected unless the first view shows a pixel of each copy of the objects with `in_view`."""
-    names = truths[0].object_names
+    numbers = {name: 1 + i for i, name in enumerate(truths[0].object_names)}
+    names = copy_names(objects)
     for name, tables in objects.items():
-        for i, table in enumerate(tables):
-            label = f"{name}[{i}]" if "count" in table else name
-            if (
-                table.get("in_view")
-                and not (truths[0].object_id == 1 + names.index(label)).any()
-            ):
+        for table, copy_name in zip(tables, names[name], strict=True):
+            number = numbers[copy_name]
+            if table.get("in_view") and not (truths[0].object_id == number).any():
                 raise Rejected(
                     "object hidden",
-                    f"{label!r} in view 0",
+                    f"{copy_name!r} in view 0",
                     f"scene.objects.{name}.within or in_view",
                 )
