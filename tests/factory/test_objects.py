@@ -301,7 +301,7 @@ def stored(sample):
         ),
         (
             {"p": {"file": "parts/box.ply"}},
-            "missing key 'material'; only .glb, .gltf, .obj",
+            r"missing key 'material'; only \.glb, \.gltf",
         ),
         ({"p": PARTS, "p[0]": BOX}, r"'p\[0\]' is also the name of a copy of"),
         (
