@@ -6,9 +6,10 @@ A built scene has one band of light (`scenes.bands`). Its objects can take new p
 import contextlib
 import threading
 import weakref
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,19 +17,25 @@ from numpy.typing import NDArray
 from twinlens.errors import BackendError, InputError
 from twinlens.geometry import Float
 from twinlens.rendering.backends import mitsuba
+from twinlens.rendering.frames import WORLD, Frame, in_frame
 from twinlens.rendering.materials import (
     bsdf_of,
     emitter_of,
     material_kind,
     vertex_attributes,
 )
+from twinlens.rendering.xml_frames import place, scale_lights
 from twinlens.scenes import Bitmap, Color, Mesh, Plugin, Scene, SceneObject
 from twinlens.scenes.shapes import transformed
-from twinlens.scenes.xml_file import resolved_xml
+from twinlens.scenes.xml_file import checked_xml
 
 _INSTANCE = 1 << 10  # Mitsuba 3.9 has no name for this shape type
 
-_cache: "weakref.WeakKeyDictionary[Scene, BuiltScene]" = weakref.WeakKeyDictionary()
+_MOST_FRAMES = 3  # of a scene, whose built scenes are kept
+
+_cache: "weakref.WeakKeyDictionary[Scene, dict[Frame, BuiltScene]]" = (
+    weakref.WeakKeyDictionary()
+)
 _building = threading.Lock()
 
 
@@ -36,10 +43,10 @@ _building = threading.Lock()
 class Body:
     """A shape in the world, with its ids in the ground truth.
 
-    `shape` is the Mitsuba shape whose geometry is hit, `instance` the Mitsuba instance that places it, if any.
-    `model` and `world_from_model` (4x4, affine) are those of its scene file; None for a shape of a Mitsuba file.
-    `surface` is the part of `model` with this material, and `group_from_model` (4x4) the pose of a shape
-    in the group whose instance it is.
+    `shape` is the Mitsuba shape whose geometry is hit, `instance` the Mitsuba instance that places it, if any; both are
+    in the frame of the built scene. `model` and `world_from_model` (4x4, affine) are those of its scene file, in the
+    world; None for a shape of a Mitsuba file. `surface` is the part of `model` with this material, and
+    `group_from_model` (4x4) the pose of a shape in the group whose instance it is.
     """
 
     object_id: int
@@ -65,6 +72,7 @@ class BuiltScene:
     integrator : the scene's own, whose images hide the sky if the scene does.
     object_names, material_names : entry i has the id i + 1.
     name : of the scene, for messages.
+    frame : of all coordinates in the Mitsuba scene.
     path : the options `max_depth` and `rr_depth` of its path integrator; None if it is another one, or of a Mitsuba
         file: then our own integrators cannot take its place.
     sky_visible : whether camera rays that hit nothing see the sky.
@@ -79,6 +87,7 @@ class BuiltScene:
     object_names: tuple[str, ...]
     material_names: tuple[str, ...]
     name: str = ""
+    frame: Frame = WORLD
     path: Mapping[str, int] | None = None
     sky_visible: bool = True
     parts: Mapping[str, Any] | None = None
@@ -96,31 +105,36 @@ class BuiltScene:
         )
 
 
-def build(scene: Scene) -> BuiltScene:
-    """The Mitsuba scene of `scene`, cached as long as the Scene exists."""
+def build(scene: Scene, frame: Frame = WORLD) -> BuiltScene:
+    """The Mitsuba scene of `scene` in a frame. The last few frames are cached as long as the Scene exists."""
     with _building:
-        if scene not in _cache:
-            _cache[scene] = _built(scene)
-        return _cache[scene]
+        in_frames = _cache.setdefault(scene, {})
+        if frame not in in_frames:
+            in_frames[frame] = _built(scene, frame)
+            if len(in_frames) > _MOST_FRAMES:
+                del in_frames[next(iter(in_frames))]
+        return in_frames[frame]
 
 
-def build_moved(scene: Scene, before: Scene) -> BuiltScene:
+def build_moved(scene: Scene, before: Scene, frame: Frame = WORLD) -> BuiltScene:
     """The built scene of `before`, whose objects take the poses that they have in `scene`, where these are all that
-    differs. Nothing is loaded again. What was built then belongs to `scene`; `before` would be built anew.
+    differs. Nothing is loaded again. What was built in any frame then belongs to `scene`; `before` would be built anew.
 
     Raises InputError where the scenes differ in more than poses, and for Mitsuba files.
     """
     _check_moved(scene, before)
-    built = build(before)
+    built = build(before, frame)
     with _building:
-        _cache.pop(before, None)
-        _move(built, scene.objects)
-        _cache[scene] = built
+        in_frames = _cache.pop(before)
+        for of_frame in in_frames.values():
+            _move(of_frame, scene)
+        _cache[scene] = in_frames
     return built
 
 
-def _built(scene: Scene) -> BuiltScene:
-    built = _build_xml(scene) if scene.xml is not None else _build_objects(scene)
+def _built(scene: Scene, frame: Frame) -> BuiltScene:
+    is_file = scene.xml is not None
+    built = _build_xml(scene, frame) if is_file else _build_objects(scene, frame)
     if scene.ambient != 1:
         _scale_light(built.mi_scene, scene.ambient)
     return built
@@ -142,18 +156,16 @@ def _check_moved(scene: Scene, before: Scene) -> None:
         )
 
 
-def _move(built: BuiltScene, objects: Sequence[SceneObject]) -> None:
-    """Place the objects of a built scene where `objects` are."""
-    poses: list[Float] = []  # by object id - 1
-    for scene_object in objects:
-        poses += _poses(scene_object)
+def _move(built: BuiltScene, scene: Scene) -> None:
+    """Place the objects of a built scene where those of `scene` are."""
+    poses = _poses_of(scene)
     for row, body in enumerate(built.bodies):
         pose = poses[body.object_id - 1]
         assert body.world_from_model is not None  # only Mitsuba files have such bodies
         if np.array_equal(pose, body.world_from_model):
             continue
         parameters = mitsuba().traverse(body.hit_object)
-        for name, value in _placement(body, pose).items():
+        for name, value in _placement(body, built.frame.affine(pose)).items():
             parameters[name] = value
         parameters.update()
         built.bodies[row] = replace(body, world_from_model=pose)
@@ -163,18 +175,18 @@ def _move(built: BuiltScene, objects: Sequence[SceneObject]) -> None:
     built.cache.clear()
 
 
-def _placement(body: Body, world_from_model: Float) -> dict[str, Any]:
+def _placement(body: Body, frame_from_model: Float) -> dict[str, Any]:
     """The parameters of a body's Mitsuba shape or instance that place it."""
     mi = mitsuba()
     assert body.surface is not None
     if body.instance is not None and body.group_from_model is not None:
         # The shape in the group has the object's own pose already.
-        world_from_group = world_from_model @ np.linalg.inv(body.group_from_model)
-        return {"to_world": mi.Transform4f(world_from_group)}
+        frame_from_group = frame_from_model @ np.linalg.inv(body.group_from_model)
+        return {"to_world": mi.Transform4f(frame_from_group)}
     if isinstance(body.surface, Mesh):
-        return _mesh_buffers(body.surface, world_from_model)
+        return _mesh_buffers(body.surface, frame_from_model)
     # Mitsuba folds other keys of the plugin into its pose, such as the radius of a sphere.
-    plugin = {**body.surface, "to_world": _shape_pose(body.surface, world_from_model)}
+    plugin = _placed_plugin(body.surface, frame_from_model)
     loaded = mi.traverse(mi.load_dict(mitsuba_value(plugin)))
     return {"to_world": loaded["to_world"]}
 
@@ -191,29 +203,34 @@ def _need_two_threads() -> None:
         drjit.set_thread_count(2)
 
 
-def _build_objects(scene: Scene) -> BuiltScene:
+def _build_objects(scene: Scene, frame: Frame) -> BuiltScene:
+    placed = in_frame(scene, frame)
     materials = {
         name: _load(bsdf_of(material), f"material {name!r}")
-        for name, material in scene.materials.items()
+        for name, material in placed.materials.items()
     }
     # Made before lamps: the id of an environment map is a literal of kernels, and should be equal in all scenes.
-    plugins = scene.lights if scene.sky is None else {"sky": scene.sky.plugin()}
+    plugins = placed.lights if scene.sky is None else {"sky": scene.sky.plugin()}
     lights = {
         f"light{i:04d}": _load(plugins[name], f"light {name!r}")
         for i, name in enumerate(plugins)
     }
     parts: dict[str, Any] = {"type": "scene", "embree_use_robust_intersections": True}
-    bodies, names = _bodies(scene, materials, parts)
+    bodies, names = _bodies(placed, materials, parts)
     parts |= lights
     mi_scene = mitsuba().load_dict(parts, optimize=False)
     shapes = {shape.id(): shape for shape in mi_scene.shapes()}
     for key, body in bodies.items():
         if shapes[key] is not body.shape:
             bodies[key] = replace(body, instance=shapes[key])
+    poses = _poses_of(scene)
+    for key, body in bodies.items():
+        bodies[key] = replace(body, world_from_model=poses[body.object_id - 1])
     sky_visible = scene.sky is None or scene.sky.visible
     integrator = _load(scene.integrator, "integrator")
     return BuiltScene(
         name=scene.name,
+        frame=frame,
         mi_scene=mi_scene,
         integrator=_sky_hidden(integrator, sky_visible),
         path=_path_options(scene.integrator),
@@ -230,7 +247,7 @@ def _bodies(
 ) -> tuple[dict[str, Body], list[str]]:
     """The bodies by the id of their shape or instance in the scene, and the names of all copies of objects.
 
-    The shapes are added to `parts`, the dictionary of the scene.
+    The bodies have no pose in the world yet. The shapes are added to `parts`, the dictionary of the scene.
     """
     bodies: dict[str, Body] = {}
     names: list[str] = []
@@ -249,16 +266,15 @@ def _bodies(
             label = f"{index:04d}-{number}" if number else f"{index:04d}"
             copies = dict(_parts(scene_object, label, leaf, parts))
             parts |= copies
-            bodies |= _copies(body, copies, _poses(scene_object))
+            bodies |= _copies(body, copies)
         names += _copy_names(scene_object)
     return bodies, names
 
 
-def _copies(body: Body, keys: Iterable[str], poses: Sequence[Float]) -> dict[str, Body]:
+def _copies(body: Body, keys: Iterable[str]) -> dict[str, Body]:
     """The copies of an object's surface, by the ids of their parts; each is an object of its own."""
     return {
-        key: replace(body, object_id=body.object_id + i, world_from_model=pose)
-        for i, (key, pose) in enumerate(zip(keys, poses, strict=True))
+        key: replace(body, object_id=body.object_id + i) for i, key in enumerate(keys)
     }
 
 
@@ -267,6 +283,14 @@ def _copy_names(scene_object: SceneObject) -> list[str]:
     if not scene_object.instances:
         return [scene_object.name]
     return [f"{scene_object.name}[{i}]" for i in range(len(scene_object.instances))]
+
+
+def _poses_of(scene: Scene) -> list[Float]:
+    """The world_from_model of each copy of all objects, by object id - 1."""
+    poses: list[Float] = []
+    for scene_object in scene.objects:
+        poses += _poses(scene_object)
+    return poses
 
 
 def _poses(scene_object: SceneObject) -> list[Float]:
@@ -371,21 +395,29 @@ def _leaf(scene_object: SceneObject, bsdf: Any) -> Any:
             bsdf,
             emitter,
         )
-    plugin = {
-        **scene_object.shape,
-        "to_world": _shape_pose(scene_object.shape, scene_object.world_from_object),
-        "bsdf": bsdf,
-    }
+    plugin = _placed_plugin(scene_object.shape, scene_object.world_from_object)
+    plugin["bsdf"] = bsdf
     if emitter is not None:
         plugin["emitter"] = emitter
     return _load(plugin, f"shape of object {scene_object.name!r}")
 
 
-def _shape_pose(shape: Plugin, world_from_object: Float) -> Any:
-    """The `to_world` of an analytic shape, which may have a pose of its own in the object."""
-    mi = mitsuba()
-    object_from_shape = mi.ScalarTransform4f(shape.get("to_world", np.eye(4)))
-    return mi.ScalarTransform4f(world_from_object) @ object_from_shape
+def _placed_plugin(shape: Plugin, world_from_object: Float) -> dict[str, Any]:
+    """An analytic shape with its `to_world`, where it may have a pose and a place of its own in the object.
+
+    All that moves it is multiplied in float64: Mitsuba would do so in float32.
+    """
+    placed = dict(shape)
+    place = np.eye(4)
+    if "center" in placed:  # of a sphere
+        place[:3, 3] = placed.pop("center")
+    elif "p0" in placed:  # one end of a cylinder; the other one is at z = 1 by default
+        place[:3, 3] = placed["p0"]
+        end = np.asarray(placed.get("p1", (0.0, 0.0, 1.0)), dtype=np.float64)
+        placed |= {"p0": [0.0, 0.0, 0.0], "p1": (end - place[:3, 3]).tolist()}
+    object_from_shape = np.asarray(shape.get("to_world", np.eye(4)), dtype=np.float64)
+    placed["to_world"] = world_from_object @ object_from_shape @ place
+    return placed
 
 
 def mitsuba_mesh(
@@ -543,13 +575,18 @@ def _scale_light(mi_scene: Any, factor: float) -> None:
         parameters.update()
 
 
-def _build_xml(scene: Scene) -> BuiltScene:
+def _build_xml(scene: Scene, frame: Frame) -> BuiltScene:
     """A checked Mitsuba file: ids in the order of its shapes, materials by their names."""
     _need_two_threads()
     assert scene.xml is not None
-    text = resolved_xml(scene.xml)
+    root, _ = checked_xml(scene.xml)
+    if frame != WORLD:
+        frame = place(root, frame)
+    text = ElementTree.tostring(root, encoding="unicode")
     with _input_errors(f"{scene.xml}: Mitsuba rejects it"):
         mi_scene = mitsuba().load_string(text, optimize=False)
+    if frame.scale != 1:
+        scale_lights(mi_scene, frame.scale)
     integrator = mi_scene.integrator()
     parts: dict[str, Any] | None = None
     if not any(shape.shape_type() == _INSTANCE for shape in mi_scene.shapes()):
@@ -576,6 +613,7 @@ def _build_xml(scene: Scene) -> BuiltScene:
         integrator = _load(scene.integrator, "integrator")
     return BuiltScene(
         name=str(scene.xml),
+        frame=frame,
         mi_scene=mi_scene,
         integrator=_sky_hidden(integrator, sky_visible),
         path=None,

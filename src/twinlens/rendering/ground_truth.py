@@ -17,8 +17,9 @@ from twinlens.camera import Camera, Rig
 from twinlens.camera.truth import Correspondence, Projection, Truth
 from twinlens.errors import InputError, check_int
 from twinlens.geometry import Float, inverse, rotate, transform_points
-from twinlens.rendering.build import BuiltScene, build
-from twinlens.rendering.object_truth import object_truths
+from twinlens.rendering.build import BuiltScene
+from twinlens.rendering.framing import built_for
+from twinlens.rendering.object_truth import models_of, object_truths
 from twinlens.rendering.requests import check_view
 from twinlens.rendering.tracing import (
     Hits,
@@ -108,7 +109,7 @@ def ground_truth(
     """
     check_view(scene, rig)
     _check_extra_names()
-    built = build(scene)
+    built = built_for(scene, rig)
     truths, distances = [], []
     for index in range(len(rig)):
         hits = _view_hits(built, rig, index)
@@ -117,9 +118,11 @@ def ground_truth(
     check(truths)
     if not objects:
         return truths
+    models = models_of(scene, built)
     return [
         replace(
-            truth, objects=object_truths(built, rig, index, truth.object_id, distance)
+            truth,
+            objects=object_truths(built, models, rig, index, truth.object_id, distance),
         )
         for index, (truth, distance) in enumerate(zip(truths, distances, strict=True))
     ]
@@ -205,7 +208,7 @@ def correspondence(
         raise InputError(
             f"a pair needs two different cameras from 0 to {len(rig) - 1}, got {source} and {target}"
         )
-    view = _view_hits(build(scene), rig, source)
+    view = _view_hits(built_for(scene, rig), rig, source)
     seen = _seen_from(view, rig, target, sky)
     return Correspondence(
         view.image(seen.pixels, np.float64),
@@ -229,7 +232,7 @@ def projection(
         raise InputError("the rig has no projectors")
     check_int("camera", camera, 0, len(rig) - 1)
     check_int("projector", projector, 0, len(rig.projectors) - 1)
-    return _projection(_view_hits(build(scene), rig, camera), projector)
+    return _projection(_view_hits(built_for(scene, rig), rig, camera), projector)
 
 
 def _projection(view: ViewHits, projector: int) -> Projection:

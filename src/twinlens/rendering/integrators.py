@@ -11,6 +11,7 @@ from typing import Any
 from twinlens.camera import Pinhole, Rig
 from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import BuiltScene
+from twinlens.rendering.frames import Frame
 from twinlens.rendering.sensors import make_sensor
 from twinlens.seeds import derived_seed
 
@@ -60,13 +61,13 @@ def _irradiance_cache(
         IrradianceCache,
     )  # sets up the backend
 
-    rays = _camera_rays(rig.nominal, band, derived_seed(seed, 0))
+    rays = _camera_rays(rig.nominal, built.frame, band, derived_seed(seed, 0))
     bounces = depth - _LEAST_DEPTH if depth >= 0 else -1
     return IrradianceCache(built.mi_scene, rays, derived_seed(seed, 1), lamps, bounces)
 
 
-def _camera_rays(rig: Rig, band: str, seed: int) -> Any:
-    """Rays from the cameras in `band` through random points of their images: `PATHS`, but at most one per pixel."""
+def _camera_rays(rig: Rig, frame: Frame, band: str, seed: int) -> Any:
+    """Rays in `frame` from the cameras in `band`, through random points: `PATHS`, but at most one per pixel."""
     import drjit as dr
 
     from twinlens.rendering.irradiance_cache import PATHS
@@ -82,7 +83,7 @@ def _camera_rays(rig: Rig, band: str, seed: int) -> Any:
     sampler.seed(seed, math.ceil(min(PATHS, pixels) / len(cameras)))
     origins, directions = [], []
     for camera, pose in cameras:
-        sensor = make_sensor(camera, pose, Pinhole(), 1, "independent")
+        sensor = make_sensor(camera, frame.affine(pose), Pinhole(), 1, "independent")
         ray, _ = sensor.sample_ray(0.0, 0.5, sampler.next_2d(), sampler.next_2d())
         origins.append(ray.o)
         directions.append(ray.d)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from twinlens.camera import Pinhole, Rig
 from twinlens.camera.light_field import places_in_plane
 from twinlens.errors import InputError
-from twinlens.rendering.build import build
+from twinlens.rendering.framing import built_for, frame_of
 from twinlens.rendering.integrators import own_paths
 from twinlens.rendering.projectors import lit_by_projectors
 from twinlens.rendering.requests import (
@@ -78,10 +78,11 @@ def render_light_field(
         shared_images,
     )  # sets up the backend
 
-    views = Views(rig)
+    frame = frame_of(scenes[first.bands[0]], rig)
+    views = Views(frame.rig(rig))
     bands = []
     for number, band in enumerate(first.bands):
-        built = lit_by_projectors(build(scenes[band]), rig, band)
+        built = lit_by_projectors(built_for(scenes[band], rig), rig, band)
         lamps = () if built.projected is None else built.projected.lamps
         paths = own_paths(built, lamps)
         if paths is None:

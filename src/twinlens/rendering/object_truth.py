@@ -18,6 +18,7 @@ from twinlens.camera.masks import encode_mask
 from twinlens.geometry import Float, inverse, rotate, transform_points
 from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import Body, BuiltScene, build
+from twinlens.rendering.frames import Frame, default_frame
 from twinlens.rendering.surfaces import Surface, Triangles, pose_of, surfaces
 from twinlens.rendering.tracing import Rays, intersect, lengths
 from twinlens.scenes import Mesh, Plugin, Scene
@@ -42,7 +43,7 @@ def object_models(scene: Scene) -> dict[str, tuple[Float, NDArray[Any]]]:
     """The triangles of every object of a scene in its own axes, by `ObjectTruth.model`: vertices, metres, and faces."""
     return {
         model.digest: (model.mesh.vertices, model.mesh.faces)
-        for model in models(build(scene)).values()
+        for model in models_of(scene).values()
     }
 
 
@@ -54,13 +55,23 @@ class Model(NamedTuple):
     world_from_model: Float
 
 
-def models(built: BuiltScene) -> dict[int, Model]:
-    """The model of each object, by object id. Instances of Mitsuba files have none."""
+def models_of(scene: Scene, built: BuiltScene | None = None) -> dict[int, Model]:
+    """The model of each object, by object id. Instances of Mitsuba files have none.
+
+    built : the scene in any frame. Models of a scene file do not depend on it. The vertices of a Mitsuba file are read
+        back from the renderer, in one frame, so that their rounding and their digests do not depend on the rig.
+    """
+    if built is None or scene.xml is not None:
+        built = build(scene, default_frame(scene))
+    return _models(built)
+
+
+def _models(built: BuiltScene) -> dict[int, Model]:
     if "models" not in built.cache:
         by_object: dict[int, Model] = {}
         by_shape: dict[tuple[int, bytes], tuple[Mesh, str]] = {}  # shared by copies
         for body, surface in zip(built.bodies, surfaces(built), strict=True):
-            source, affine = _source(body, surface)
+            source, affine = _source(body, surface, built.frame)
             if source is None or affine is None:
                 continue
             world_from_model, scale = _split(affine)
@@ -73,14 +84,16 @@ def models(built: BuiltScene) -> dict[int, Model]:
 
 
 def _source(
-    body: Body, surface: Surface | None
+    body: Body, surface: Surface | None, frame: Frame
 ) -> tuple[Mesh | Plugin | None, Float | None]:
-    """A body's shape and its affine pose: those of the scene file, or else those that Mitsuba read."""
+    """A body's shape and its affine pose: those of the scene file, or else those that Mitsuba read, in `frame`."""
     if body.model is not None or surface is None:
         return body.model, body.world_from_model
+    pose = frame.to_world @ surface.world_from_local
     if isinstance(surface, Triangles):
-        return Mesh(surface.vertices, surface.faces), surface.world_from_local
-    return {"type": surface.kind}, surface.world_from_local
+        vertices = transform_points(pose, surface.vertices)
+        return Mesh(vertices, surface.faces), np.eye(4)
+    return {"type": surface.kind}, pose
 
 
 def _split(affine: Float) -> tuple[Float, Float]:
@@ -104,7 +117,12 @@ def _scaled_mesh(source: Mesh | Plugin, scale: Float) -> tuple[Mesh, str]:
 
 
 def object_truths(
-    built: BuiltScene, rig: Rig, index: int, object_id: NDArray[Any], distance: Float
+    built: BuiltScene,
+    models: dict[int, Model],
+    rig: Rig,
+    index: int,
+    object_id: NDArray[Any],
+    distance: Float,
 ) -> tuple[ObjectTruth, ...]:
     """Every object in the image of camera `index`; `object_id` and `distance` (H, W) are the view's."""
     view = _View(rig.cameras[index], rig.world_from_cams[index], object_id, distance)
@@ -113,7 +131,7 @@ def object_truths(
         bodies.setdefault(body.object_id, []).append(body)
     truths = [
         _object_truth(built, view, number, model, bodies[number])
-        for number, model in models(built).items()
+        for number, model in models.items()
     ]
     return tuple(truth for truth in truths if truth is not None)
 
@@ -251,7 +269,7 @@ def _cast_alone(
     if not chosen.any():
         return hit
     alone = _scene_of(built, body)
-    local_from_cam = view.world_from_cam
+    local_from_cam = built.frame.rigid(view.world_from_cam)
     if body.instance is not None:
         local_from_cam = np.linalg.inv(pose_of(body.instance)) @ local_from_cam
     centre = local_from_cam[:3, 3]

@@ -69,7 +69,11 @@ def lit_by_projectors(built: BuiltScene, rig: Rig, band: str) -> BuiltScene:
     lit: _Lit | None = getattr(of_this_thread, "lit", None)
     if lit is None or lit.kinds != kinds:
         lamps = [mi.load_dict(_plugin(projector)) for projector in shown]
-        lights = list(map(_opened, lamps, shown))
+        scale = built.frame.scale
+        lights = [
+            _opened(lamp, projector, scale)
+            for lamp, projector in zip(lamps, shown, strict=True)
+        ]
         parameters = [mi.traverse(lamp) for lamp in lamps]
         lit = _Lit(kinds, _with_lights(built, lights), parameters)
         of_this_thread.lit = lit
@@ -78,9 +82,11 @@ def lit_by_projectors(built: BuiltScene, rig: Rig, band: str) -> BuiltScene:
         _warn_of_glass(built, rig, band)
     if lit.shown != shown or lit.poses != poses:
         for lamp, (projector, pose) in zip(lit.lamps, placed, strict=True):
-            lamp["irradiance.data"] = _texture(projector)[0][..., None]
+            # The irradiance at one unit of the frame, which is metres / scale.
+            light = np.float32(built.frame.scale**2) * _texture(projector)[0]
+            lamp["irradiance.data"] = light[..., None]
             lamp["to_world"] = mi.ScalarTransform4f(
-                pose @ np.diag([-1.0, -1.0, 1.0, 1.0])
+                built.frame.rigid(pose) @ np.diag([-1.0, -1.0, 1.0, 1.0])
             )  # x left, y up
             lamp.update()
         lit.shown, lit.poses = shown, poses
@@ -169,8 +175,8 @@ def _with_lights(built: BuiltScene, lights: list[Any]) -> BuiltScene:
     )
 
 
-def _opened(lamp: Any, projector: Projector) -> Any:
-    """`lamp` with the projector's aperture."""
+def _opened(lamp: Any, projector: Projector, scale: float) -> Any:
+    """`lamp` with the projector's aperture, in a frame of `scale` units per metre."""
     if not projector.aperture_diameter:
         return lamp
     from twinlens.rendering.projector_aperture import (
@@ -178,7 +184,9 @@ def _opened(lamp: Any, projector: Projector) -> Any:
     )  # sets up the backend
 
     return ApertureProjector(
-        lamp, projector.aperture_diameter, 1.0 / projector.focus_distance
+        lamp,
+        projector.aperture_diameter * scale,
+        1.0 / (projector.focus_distance * scale),
     )
 
 

@@ -9,7 +9,10 @@ from twinlens.rendering.samplers import load_sampler
 
 
 def make_sensor(camera: Camera, pose: Float, lens: Lens, spp: int, sampler: str) -> Any:
-    """The Mitsuba sensor of a camera and a lens. A box filter makes images reproducible to the byte."""
+    """The Mitsuba sensor of a camera and a lens. A box filter makes images reproducible to the byte.
+
+    pose : frame_from_cam, which may scale metres to units of the frame.
+    """
     film = {
         "type": "hdrfilm",
         "width": camera.width,

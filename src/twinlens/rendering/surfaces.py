@@ -24,7 +24,10 @@ _QUADRICS = (*_ROUND_AXES, "disk", "rectangle")
 
 @dataclass(frozen=True, eq=False)
 class Triangles:
-    """A mesh: vertices (V, 3), faces (F, 3), vertex normals (V, 3) or None, all in the space of `world_from_local`."""
+    """A mesh: vertices (V, 3), faces (F, 3), vertex normals (V, 3) or None, all in the space of `world_from_local`.
+
+    The world is here that of Mitsuba's scene: the frame of the built scene.
+    """
 
     vertices: Float
     faces: NDArray[np.uint32]

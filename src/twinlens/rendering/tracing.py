@@ -11,7 +11,7 @@ an optical axis is t times the cosine to that axis.
 """
 
 import enum
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +21,7 @@ from twinlens.geometry import Float
 from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import BuiltScene
 from twinlens.rendering.cut_outs import CUT, CutOuts, cut_outs
+from twinlens.rendering.frames import Frame
 from twinlens.rendering.surfaces import (
     MAX_CORRECTION,
     Exact,
@@ -73,6 +74,10 @@ class Rays:
     def at(self, t: Any) -> Float:
         """The points (N, 3) at the distances t (N,)."""
         return np.asarray(self.origin + np.asarray(t)[..., None] * self.direction)
+
+    def in_frame(self, frame: Frame) -> "Rays":
+        """Rays of the world in a frame, whose axes are parallel to the world's."""
+        return Rays(frame.points(self.origin), self.direction)
 
     @classmethod
     def from_point(cls, origin: Float, directions: Float) -> "Rays":
@@ -151,6 +156,14 @@ class Hits:
             whole[name][rows] = values
         return Hits(**whole)
 
+    def in_world(self, frame: Frame) -> "Hits":
+        """Hits in a frame as they are in the world."""
+        return replace(
+            self,
+            distance=self.distance / frame.scale,
+            position=frame.points_in_world(self.position),
+        )
+
     @classmethod
     def nothing(cls, count: int) -> "Hits":
         """The hits of rays that have ended before."""
@@ -175,8 +188,14 @@ def trace_surfaces(
     FIRST gives one layer, the first surfaces. ROUGH gives one layer, the first surfaces that are not mirrors, smooth
     glass or openings. ALL gives the first, second, ... surfaces up to that one, in as many layers as the longest way
     has; rays that ended before hit nothing. Rays pass at most `MAX_SPECULAR` surfaces. Where a surface both reflects
-    and transmits, the ray is transmitted.
+    and transmits, the ray is transmitted. Rays and hits are in the world.
     """
+    layers = _layers(built, rays.in_frame(built.frame), stop)
+    return [layer.in_world(built.frame) for layer in layers]
+
+
+def _layers(built: BuiltScene, rays: Rays, stop: Stop) -> list[Hits]:
+    """`trace_surfaces` in the frame of the built scene, as all that follows here."""
     first, way = _hits(built, _Way.start(rays))
     layers = [first]
     if stop is Stop.FIRST:
@@ -232,7 +251,7 @@ class _Way(NamedTuple):
 def _hits(built: BuiltScene, way: _Way) -> tuple[Hits, _Way]:
     """What the rays of `way` hit next, (M,) rows, and the way from the last cut-out before it."""
     rays = way.rays
-    intersections = intersect(built, way.mitsuba_rays())
+    intersections = _intersections(built, way.mitsuba_rays())
     intersections = intersections._replace(t=way.clearance + intersections.t)
     way = way._replace(
         clearance=way.clearance + intersections.start,
@@ -399,7 +418,16 @@ def is_null(sample: Any) -> Any:
 
 
 def intersect(built: BuiltScene, rays: Rays) -> Intersections:
-    """What rays hit first, behind the cut-outs that they pass, from Mitsuba in float32."""
+    """What rays of the world hit first, behind the cut-outs that they pass, from Mitsuba in float32."""
+    intersections = _intersections(built, rays.in_frame(built.frame))
+    return intersections._replace(
+        t=intersections.t / built.frame.scale,
+        start=intersections.start / built.frame.scale,
+    )
+
+
+def _intersections(built: BuiltScene, rays: Rays) -> Intersections:
+    """`intersect` in the frame of the built scene."""
     count = len(rays)
     intersections = Intersections.nothing(count)
     for start in range(0, count, _BUNDLE):
@@ -594,9 +622,10 @@ def visible_from(
 
     Hits slightly in front of the point are refined: the float32 errors of grazing hits exceed the tolerance.
     """
-    offset = points - centre
-    rays, distance = Rays.from_point(centre, offset), lengths(offset)
-    intersections = intersect(built, rays)
+    offset = built.frame.scale * (points - centre)
+    rays = Rays.from_point(built.frame.points(centre), offset)
+    distance = lengths(offset)
+    intersections = _intersections(built, rays)
     is_mesh, is_flat = _planes(built)
     same_plane = is_flat[body] | (is_mesh[body] & (intersections.prim == prim))
     same_plane &= intersections.body == body

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from twinlens.camera import Camera, Lens, Rig
 from twinlens.geometry import Float
-from twinlens.rendering.build import BuiltScene, build
+from twinlens.rendering.build import BuiltScene
+from twinlens.rendering.framing import built_for
 from twinlens.rendering.integrators import for_denoising, for_images
 from twinlens.rendering.projectors import (
     can_denoise,
@@ -30,7 +31,10 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """One image: a camera with one band, its pose and lens, and the scene with the integrator of the image."""
+    """One image: a camera with one band, its pose and lens, and the scene with the integrator of the image.
+
+    pose : frame_from_cam, from the camera's axes in metres to the frame of the built scene.
+    """
 
     built: BuiltScene
     camera: Camera
@@ -58,7 +62,7 @@ def views_of(
     """
     stages: dict[str, tuple[BuiltScene, bool]] = {}
     for band, scene in scenes.items():
-        built = lit_by_projectors(build(scene), rig, band)
+        built = lit_by_projectors(built_for(scene, rig), rig, band)
         denoised = denoise and can_denoise(built, rig, band)
         if denoise and not denoised:
             warn_of_noise()
@@ -74,7 +78,9 @@ def views_of(
     ):
         for band in camera.bands:
             built, denoised = stages[band]
-            views.append(View(built, camera.replace(band=band), pose, lens, denoised))
+            in_frame = built.frame.affine(pose)
+            in_band = camera.replace(band=band)
+            views.append(View(built, in_band, in_frame, lens, denoised))
     return views
 
 
@@ -89,7 +95,7 @@ def denoised_cameras(scene: Scene, rig: Rig) -> list[int]:
     """Indices of the cameras whose images `render` denoises if asked; `can_denoise` says where it does not."""
     keeps = {}
     for band, in_this_band in split_bands(scene, rig).items():
-        built = lit_by_projectors(build(in_this_band), rig, band)
+        built = lit_by_projectors(built_for(in_this_band, rig), rig, band)
         keeps[band] = can_denoise(built, rig, band)
         if not keeps[band]:
             warn_of_noise()

@@ -136,14 +136,7 @@ def read_scene_xml(path: Path) -> Scene:
         )
     _name_ignored(path, root, sensor)
     with located(f"{path}: sensor"):
-        transforms = (
-            transform
-            for transform in sensor.findall("transform")
-            if transform.get("name") in ("to_world", "toWorld")
-        )
-        to_world = np.eye(4)
-        for step in next(transforms, ()):
-            to_world = _matrix(step) @ to_world
+        to_world = to_world_of(sensor)
         if not np.linalg.det(to_world[:3, :3]) > 0:
             raise InputError(
                 "to_world is mirrored or singular; a camera needs a rotation"
@@ -157,7 +150,8 @@ def read_scene_xml(path: Path) -> Scene:
             for name, default in (("near_clip", 1e-2), ("far_clip", 1e4))
         ]
         near, far = (
-            default if text is None else _floats(text, 1)[0] for text, default in clips
+            default if text is None else numbers_of(text, 1)[0]
+            for text, default in clips
         )
     return Scene(
         name=path.stem,
@@ -425,7 +419,8 @@ def _check_no_path(value: str, resolver: _Resolver) -> None:
         resolver.find(value)
 
 
-def _floats(text: str, count: int) -> list[float]:
+def numbers_of(text: str, count: int) -> list[float]:
+    """The finite numbers of a parameter. Raises InputError for another count of them."""
     try:
         values = [float(word) for word in text.replace(",", " ").split()]
     except ValueError:
@@ -451,14 +446,17 @@ def _fov_x_deg(sensor: Element) -> float:
     sizes = [
         None if film is None else _value(film, name) for name in ("width", "height")
     ]
-    (width,), (height,) = _floats(sizes[0] or "768", 1), _floats(sizes[1] or "576", 1)
+    (width,), (height,) = (
+        numbers_of(sizes[0] or "768", 1),
+        numbers_of(sizes[1] or "576", 1),
+    )
     if not (width >= 1 and height >= 1):
         raise InputError(f"film must be at least 1x1 pixels, got {width:g}x{height:g}")
     fov, axis = _value(sensor, "fov"), _value(sensor, "fov_axis") or "x"
     if fov is not None:
-        angle = math.radians(_floats(fov, 1)[0])
+        angle = math.radians(numbers_of(fov, 1)[0])
     else:
-        (focal_mm,) = _floats(
+        (focal_mm,) = numbers_of(
             (_value(sensor, "focal_length") or "50mm").strip().removesuffix("mm"), 1
         )
         axis, angle = "diagonal", 2 * math.atan2(math.hypot(*_FRAME_35MM) / 2, focal_mm)
@@ -472,15 +470,31 @@ def _fov_x_deg(sensor: Element) -> float:
     return math.degrees(2 * math.atan(math.tan(angle / 2) * width / sides[axis]))
 
 
+def to_world_of(parent: Element) -> Float:
+    """The steps of an element's `to_world` multiplied, (4, 4); the identity where it has none. Raises InputError."""
+    to_world = np.eye(4)
+    for transform in parent.findall("transform"):
+        if transform.get("name") in ("to_world", "toWorld"):
+            for step in transform:
+                to_world = _matrix(step) @ to_world
+            break
+    return to_world
+
+
 def _matrix(step: Element) -> Float:
     """The 4x4 matrix of one element of a <transform>."""
     if step.tag == "matrix":
-        return np.array(_floats(step.get("value", ""), 16)).reshape(4, 4)
+        values = step.get("value", "")
+        matrix = np.eye(4)
+        if len(values.replace(",", " ").split()) == 9:
+            matrix[:3, :3] = np.array(numbers_of(values, 9)).reshape(3, 3)
+            return matrix
+        return np.array(numbers_of(values, 16)).reshape(4, 4)
     if step.tag == "lookat":
         origin, target = (
-            np.array(_floats(step.get(key, ""), 3)) for key in ("origin", "target")
+            np.array(numbers_of(step.get(key, ""), 3)) for key in ("origin", "target")
         )
-        up = np.array(_floats(step.get("up", "0 0 0"), 3))
+        up = np.array(numbers_of(step.get("up", "0 0 0"), 3))
         try:
             return (
                 look_at(
@@ -500,7 +514,7 @@ def _matrix(step: Element) -> Float:
         axis = _xyz(step, "0")
         if not any(axis):
             raise InputError("rotate needs an axis that is not zero")
-        return rotation(axis, _floats(step.get("angle", ""), 1)[0])
+        return rotation(axis, numbers_of(step.get("angle", ""), 1)[0])
     raise InputError(f"to_world has <{step.tag}>, which is not a transform")
 
 
@@ -522,6 +536,6 @@ def _default_up(forward: Float) -> Float:
 def _xyz(step: Element, default: str) -> list[float]:
     value = step.get("value")
     if value is None:
-        return [_floats(step.get(key, default), 1)[0] for key in "xyz"]
+        return [numbers_of(step.get(key, default), 1)[0] for key in "xyz"]
     one = len(value.replace(",", " ").split()) == 1
-    return _floats(value, 1) * 3 if one else _floats(value, 3)
+    return numbers_of(value, 1) * 3 if one else numbers_of(value, 3)
