@@ -1,17 +1,22 @@
 """Denoises images with Intel Open Image Denoise, guided by albedo and normals through the same lens.
 
-The image I is filtered in four steps.
+The image I is filtered in six steps.
 
 1. Texture. The few samples of an image see textures with noise of their own, above all through a wide aperture. With
    the albedo G of many samples, the albedo G_own of the image's own samples, and the local irradiance
    L = mean(I) / mean(G_own) in windows of 5x5 pixels, the image becomes I + L (G - G_own). This is a control variate:
    the mean of G - G_own over all choices of samples is 0. So the sum is nearly unbiased; not quite, because L is
    computed from the same samples, though from 25 pixels of them.
-2. Filter. The image is divided by sqrt(G), filtered, and multiplied by sqrt(G), which is also the albedo that the
+2. Dark surfaces. Beside white, black is a step that the filter rings at, and I / G is unknown there. So albedos below
+   `LEAST_ALBEDO` are raised to it: the image gets L times what they lack, and loses the same after the filter.
+3. Filter. The image is divided by sqrt(G), filtered, and multiplied by sqrt(G), which is also the albedo that the
    filter sees. docs/decisions/denoising.md compares other powers of G.
-3. Lost texture. The filter blurs textures a little. How much is measured in each image: what the filter removed is
-   fitted by the details of sqrt(G) at two scales, and the fit is added to the result.
-4. Projectors. Light directly from projectors has no noise, and the filter would take its patterns for noise. It is
+4. Lost texture. The filter blurs textures a little. How much is measured in each image: what the filter removed is
+   fitted by the details of sqrt(G) at two scales, and the fit is added to the result. Pixels without light, such as
+   those of a sky that cameras do not see, are not in the fit: what is relative to their light is rounding.
+5. Lost light. The filter works on a scale like a logarithm, on which the mean of noise is too low: images lose up to
+   0.6 % of their light. So the result is scaled to the mean of the image in wide windows.
+6. Projectors. Light directly from projectors has no noise, and the filter would take its patterns for noise. It is
    known for the image's own samples too: this is subtracted before step 1, and that of all samples is added at the end.
 
 The filter runs in linear radiance, on the processor unless the backend is CUDA and the library supports the GPU, and
@@ -35,18 +40,26 @@ from twinlens.rendering.guides import Guides
 GUIDE_SAMPLES = 32
 """Samples per pixel of the guides, besides those of the image."""
 
-LEAST_ALBEDO = 0.02
-"""Darker albedos count as this one, so that what noise is left in black pixels is not amplified."""
+LEAST_ALBEDO = 0.1
+"""Darker surfaces are filtered as if they had this albedo."""
 
 _WINDOW = (5, 5, 1)
+_LEAST_MEAN = (
+    0.02  # albedo of windows; in darker ones the light is no measure of the irradiance
+)
 _LUMINANCE = (0.212671, 0.715160, 0.072169)  # of linear RGB, ITU-R BT.709
 _EXPOSURE_BLOCK = 16
 _DARK = 1e-8
 _MARGIN_PX = 8
 _DETAIL_PX = (0.7, 1.5)  # scales of details, standard deviations of blurs
+_LEAST_LIGHT = np.float32(
+    1e-3
+)  # of a pixel in the fit of details, relative to the mean
 _SURROUNDINGS_PX = 2.0
 _MOST_SURROUNDINGS = np.float32(2.0)
 """Limit of the brightness of a pixel's surroundings, relative to its own. Beside a lamp they are far brighter."""
+_NEAR_PX, _WIDE_PX = 3.0, 16.0  # windows of lost light, standard deviations
+_MOST_LOST = 3.0  # light of a pixel, relative to that near it: a single bright sample is not spread over its window
 
 
 def denoise_image(
@@ -66,7 +79,7 @@ def denoise_image(
     image = _filled(image)
     has_light = image.any(axis=-1, keepdims=True)
     has_surface = guides.normal.any(axis=-1, keepdims=True)
-    # Step 4, its first half: without the light of projectors that the image's own samples have.
+    # Step 6, its first half: without the light of projectors that the image's own samples have.
     if guides.projected.size:
         image = image - (guides if own_guides is None else own_guides).projected
     # Step 1. From here on the guides are those of all samples. Where a path chose at random between glass and what is
@@ -75,12 +88,19 @@ def denoise_image(
         own_guides = own_guides.replaced_where_random(guides)
         guides = guides + own_guides
         image = _with_texture_of(image, own_guides.albedo, guides.albedo)
-    # Step 2, on I / sqrt(G), and step 3, on the same scale.
-    divisor = np.sqrt(np.maximum(guides.albedo, np.float32(LEAST_ALBEDO)))
-    demodulated: NDArray[np.float32] = np.divide(image, divisor, dtype=np.float32)
+    # Step 2.
+    albedo = np.maximum(guides.albedo, np.float32(LEAST_ALBEDO))
+    lack = _irradiance(image, guides.albedo, LEAST_ALBEDO) * (albedo - guides.albedo)
+    # Step 3, on I / sqrt(G), and step 4, on the same scale.
+    divisor = np.sqrt(albedo)
+    demodulated: NDArray[np.float32] = np.divide(
+        image + lack, divisor, dtype=np.float32
+    )
     filtered = _filtered(demodulated, divisor, guides.normal, fast)
-    denoised = _with_lost_texture(filtered, demodulated, divisor) * divisor
-    # Step 4, its second half: with the light of projectors that all samples have.
+    restored = _with_lost_texture(filtered, demodulated, divisor) * divisor
+    # Step 5, without what step 2 has added.
+    denoised = _with_lost_light(np.maximum(restored - lack, 0), image)
+    # Step 6, its second half: with the light of projectors that all samples have.
     if guides.projected.size:
         denoised = denoised + guides.projected
     return np.where(has_light | has_surface, denoised, np.float32(0))
@@ -125,10 +145,17 @@ def _with_texture_of(
     albedo: NDArray[np.float32],
 ) -> NDArray[np.float32]:
     """Step 1: the image with the noise of its texture replaced, I + L (G - G_own)."""
-    mean_albedo = np.maximum(uniform_filter(own_albedo, _WINDOW), LEAST_ALBEDO)
-    irradiance = uniform_filter(image, _WINDOW) / mean_albedo
+    irradiance = _irradiance(image, own_albedo, _LEAST_MEAN)
     replaced = image + irradiance * (albedo - own_albedo)
     return np.asarray(np.maximum(replaced, 0, dtype=np.float32))
+
+
+def _irradiance(
+    image: NDArray[np.float32], albedo: NDArray[np.float32], least: float
+) -> NDArray[np.float32]:
+    """The local irradiance over pi, L = mean(I) / mean(G), with means of the albedo of at least `least`."""
+    mean_albedo = np.maximum(uniform_filter(albedo, _WINDOW), np.float32(least))
+    return np.asarray(uniform_filter(image, _WINDOW) / mean_albedo, np.float32)
 
 
 def _filtered(
@@ -137,7 +164,7 @@ def _filtered(
     normal: NDArray[np.float32],
     fast: bool,
 ) -> NDArray[np.float32]:
-    """Step 2: the output of the library's network. The guides are taken as free of noise."""
+    """Step 3: the output of the library's network. The guides are taken as free of noise."""
     import mitsuba_oidn
 
     quality = mitsuba_oidn.Quality.Fast if fast else mitsuba_oidn.Quality.High
@@ -160,7 +187,7 @@ def _with_lost_texture(
     unfiltered: NDArray[np.float32],
     texture: NDArray[np.float32],
 ) -> NDArray[np.float32]:
-    """Step 3: `filtered` and what the filter removed of the details of `texture` from `unfiltered`; all (H, W, 3).
+    """Step 4: `filtered` and what the filter removed of the details of `texture` from `unfiltered`; all (H, W, 3).
 
     What the filter removed, relative to the image, is noise and details:
 
@@ -180,9 +207,22 @@ def _with_lost_texture(
         surroundings * (texture - _blurred(texture, scale)) / texture
         for scale in _DETAIL_PX
     )
-    of_fine, of_coarse = _fitted(removed, fine, coarse)
+    is_lit = filtered > _LEAST_LIGHT * filtered.mean(dtype=np.float64)
+    of_fine, of_coarse = _fitted(removed[is_lit], fine[is_lit], coarse[is_lit])
     details = brightness * (of_fine * fine + of_coarse * coarse)
     return np.asarray(np.maximum(filtered + details, 0), np.float32)
+
+
+def _with_lost_light(
+    denoised: NDArray[np.float32], image: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Step 5: `denoised`, scaled to the mean of `image` in wide windows.
+
+    What a pixel has lost is relative to the light near it, so that a lamp's loss does not darken what is around it.
+    """
+    light_near = np.maximum(_blurred(denoised, _NEAR_PX), np.float32(_DARK))
+    lost = ((image - denoised) / light_near).clip(-1, _MOST_LOST)
+    return np.asarray(denoised * (1 + _blurred(lost, _WIDE_PX)), np.float32)
 
 
 def _fitted(
@@ -190,10 +230,12 @@ def _fitted(
     first: NDArray[np.float32],
     second: NDArray[np.float32],
 ) -> NDArray[np.float32]:
-    """The factors (2,) of `first` and `second` in the least squares fit of `values` by them and a constant.
+    """The factors (2,) of `first` and `second` in the least squares fit of `values` by them and a constant; (N,) each.
 
     By the normal equations of deviations from the means: the constant drops out.
     """
+    if not len(values):
+        return np.zeros(2, np.float32)
     both = _covariance(first, second)
     matrix = np.array(
         [[_covariance(first, first), both], [both, _covariance(second, second)]]
@@ -258,7 +300,7 @@ def denoiser_record() -> dict[str, Any]:
 
     return {
         "method": "Open Image Denoise, albedo and normal guides, demodulated by sqrt(albedo), control variate,"
-        " restored texture; irradiance cache with the integrator 'path'",
+        " restored texture and light; irradiance cache with the integrator 'path'",
         "guide_spp": GUIDE_SAMPLES,
         "oidn": mitsuba_oidn.oidn_version(),
         "mitsuba-oidn": importlib.metadata.version("mitsuba-oidn"),

@@ -31,7 +31,8 @@ class Guides:
     features : albedo, normal, random share and projected light.
     shares : mean shares of the parts, (P, H, W, 1): of the samples of a pixel, not of the aperture. None without parts.
 
-    albedo : diffuse reflectance, times the tint of the mirrors and glass before it; 1 for lamps and the sky.
+    albedo : diffuse reflectance, times the tint of the mirrors and glass before it; 1 for lamps and the
+        sky, 0 for a sky that cameras do not see.
     normal : shading normal in the world, 0 where nothing was hit.
     random_share : share of the samples that followed a ray of glass or of a mask that they chose at random.
     projected : radiance of the light directly from projectors; no channels if there are none.
@@ -164,6 +165,9 @@ def _features(
 
     ray, aperture = sensor.film_rays(count, seed)
     albedo, normal = _first_rough_surfaces(built, mitsuba().Ray3f(ray))
+    if not built.sky_visible:
+        first = built.mi_scene.ray_intersect_preliminary(mitsuba().Ray3f(ray), True)
+        albedo = drjit.select(first.is_valid(), albedo, 0.0)
     nothing_random = drjit.zeros(mitsuba().Float, drjit.width(aperture))
     channels = [*albedo, *normal, nothing_random]
     if built.projected is not None:

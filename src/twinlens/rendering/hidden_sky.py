@@ -28,7 +28,9 @@ class HiddenSky(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
         hit = scene.ray_intersect_preliminary(
             ray, coherent=True, active=active
         ).is_valid()
-        return dr.select(hit, radiance, 0.0), valid & hit, channels
+        # The albedo, if there are guides, is the first of the channels.
+        albedo = [dr.select(hit, channel, 0.0) for channel in channels[:3]]
+        return dr.select(hit, radiance, 0.0), valid & hit, [*albedo, *channels[3:]]
 
     def aov_names(self) -> list[str]:
         return list(self.inner.aov_names())
