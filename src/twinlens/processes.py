@@ -14,7 +14,14 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import connection, get_context, parent_process, resource_tracker
+from multiprocessing import (
+    active_children,
+    connection,
+    get_context,
+    parent_process,
+    resource_tracker,
+)
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
@@ -26,11 +33,20 @@ _CHILD_S = 0.1  # seconds to wait for output after a program has ended: its chil
 
 
 class WorkerDiedError(Exception):
-    """A worker process ended while it ran a function. status: its exit status; None if it had not begun."""
+    """A worker process ended while it ran a function, or before it began: while it received the arguments.
 
-    def __init__(self, status: int | None) -> None:
-        super().__init__(status)
+    status: its exit status; None if that is not known.
+    """
+
+    def __init__(self, status: int | None, began: bool) -> None:
+        super().__init__(status, began)
         self.status = status
+        self.began = began
+
+    @property
+    def was_killed(self) -> bool:
+        """Whether a signal ended it, such as that of a segmentation fault."""
+        return self.status is not None and self.status < 0
 
 
 class MemoryLimitError(Exception):
@@ -114,9 +130,13 @@ class IsolatedWorker(Worker):
     def __init__(self, memory_limit: float | None) -> None:
         super().__init__()
         self._group = 0
+        self._process: BaseProcess | None = None
         start = super().submit(_isolate, memory_limit, limit_s=START_LIMIT_S)
         try:
             self._group = start.result(2 * START_LIMIT_S)
+            # Pebble tells nothing of a process that died while it was sent the arguments of a function.
+            children = {child.pid: child for child in active_children()}
+            self._process = children.get(self._group)
         except BaseException as error:
             self.end()
             if isinstance(error, TimeoutError) or is_lost(error):
@@ -136,10 +156,18 @@ class IsolatedWorker(Worker):
             raise
         except pebble.ProcessExpired as expired:
             self.end()
-            raise WorkerDiedError(expired.exitcode) from None
+            raise WorkerDiedError(expired.exitcode, began=True) from None
         except BrokenProcessPool:
+            status = self._exit_status()
             self.end()
-            raise WorkerDiedError(None) from None
+            raise WorkerDiedError(status, began=False) from None
+
+    def _exit_status(self) -> int | None:
+        """The exit status of the process, if it ends within a second."""
+        if self._process is None:
+            return None
+        self._process.join(1.0)
+        return self._process.exitcode
 
     def end(self) -> None:
         """End the process and its group, and wait for it."""

@@ -17,6 +17,7 @@ import pytest
 from tests.scoring.scoring_methods import (
     Constant,
     Counting,
+    DiesBetween,
     Hangs,
     Signed,
     Slow,
@@ -131,6 +132,9 @@ def test_failures_in_a_worker_are_single_ones():
         "local": "crash",
         "better": None,
     }
+    raised = board.find("raises", "a", "middlebury-v3").failure
+    assert re.fullmatch(r".*\.py:\d+ in raises: raise .*", raised.frames[-1])
+    assert board_file.board_from_json(board_file.board_to_json(board)) == board
     died = board.find("dies", "a", "middlebury-v3").failure
     unsent = board.find("local", "a", "middlebury-v3").failure
     assert "SIGABRT" in died.message
@@ -171,6 +175,15 @@ def test_a_worker_out_of_memory_between_two_matches_is_a_memory_failure():
     large = Pair("a", image, image, np.ones((3600, 3200), np.float32), None, 16)
     board = run_benchmark([large], [Starving("s")], time_limit=30)
     assert kinds_of(board) == {"s": "memory"}
+
+
+def test_a_signal_between_two_matches_is_no_lack_of_memory():
+    image = np.zeros((3000, 3000, 3), np.uint8)
+    large = Pair("a", image, image, np.ones((3000, 3000), np.float32), None, 16)
+    board = run_benchmark([large], [DiesBetween()], time_limit=30)
+    failure = board.entries[0].failure
+    assert failure.kind == "crash"
+    assert "SIGSEGV" in failure.message
 
 
 LATE = r"exceeded the time limit of 1\.5 s; the warm-up took [\d.]+ s"

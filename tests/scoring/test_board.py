@@ -302,9 +302,11 @@ def test_failures_are_listed_once_per_method_and_kind():
         entry("m", name, 1, failure=MatchFailure("time-limit", "late"))
         for name in "abc"
     ]
-    died = entry("m", "d", 1, failure=MatchFailure("crash", "signal 11"))
+    raised = MatchFailure("crash", "ValueError: no", ("mine.py:3 in match: raise",))
+    died = entry("m", "d", 1, failure=raised)
     assert failures(board(*late, died)) == [
         "m on a and 2 more: time-limit (late)",
-        "m on d: crash (signal 11)",
+        "m on d: crash (ValueError: no)",
+        "    mine.py:3 in match: raise",
     ]
     assert failures(board(died), ["other"]) == []

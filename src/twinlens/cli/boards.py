@@ -115,7 +115,7 @@ def print_board(
     for note in notes:
         click.echo(note)
     for line in scoring.failures(board, methods):
-        click.echo(f"failed: {line}")
+        click.echo(line if line.startswith(" ") else f"failed: {line}")
     if not region:
         click.echo(
             "nothing was scored: "

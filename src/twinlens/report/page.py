@@ -390,6 +390,7 @@ def _entry(entry: Entry) -> dict[str, Any]:
         "sample": entry.sample,
         "protocol": entry.protocol,
         "failure": failure,
+        "frames": entry.failure.frames if entry.failure else (),
         "times": {name: _rounded(value) for name, value in entry.times().items()},
         "regions": {
             name: _scores(scores, metrics) for name, scores in entry.regions.items()

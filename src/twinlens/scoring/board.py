@@ -25,10 +25,14 @@ FAILURES: Mapping[str, str] = {
 
 @dataclass(frozen=True)
 class MatchFailure:
-    """Why a method has no scores on a pair: a kind of `FAILURES`, and the details in one line."""
+    """Why a method has no scores on a pair: a kind of `FAILURES`, and the details in one line.
+
+    frames : where an exception came from, the last calls of its traceback, one line each.
+    """
 
     kind: str
     message: str
+    frames: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -63,7 +63,9 @@ _Metric = Annotated[
 
 
 _FailureTable: Any = table_of(
-    MatchFailure, kind=(Annotated[str, one_of("failure", FAILURES)], ...)
+    MatchFailure,
+    kind=(Annotated[str, one_of("failure", FAILURES)], ...),
+    frames=(Annotated[list[str], pydantic.AfterValidator(tuple)], ()),
 )
 _RegionTable: Any = table_of(
     RegionScores, image=_COUNT, evaluated=_COUNT, estimated=_COUNT, metrics=(dict[str, _Metric], ...),
@@ -125,8 +127,10 @@ def board_to_json(board: Board) -> str:
 
 
 def _record(entry: Entry) -> dict[str, Any]:
-    """The entry as plain data, without the sparsification curves of regions that have none."""
+    """The entry as plain data, without frames and sparsification curves where there are none."""
     record = asdict(entry)
+    if record["failure"] and not record["failure"]["frames"]:
+        del record["failure"]["frames"]
     for region in record["regions"].values():
         if not region["sparsification"]:
             del region["sparsification"]

@@ -8,13 +8,16 @@ import errno
 import functools
 import pickle
 import time
+import traceback
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+import twinlens
 from twinlens.errors import InputError, TwinlensError
 from twinlens.matching import Answer, Matcher
 from twinlens.matching.contract import (
@@ -37,6 +40,8 @@ WARM_UP_LIMIT_S = 120.0
 WORKER_LIMIT_S = 600.0
 """Seconds per match if only a memory limit was given."""
 LONGEST_LIMIT_S = 1e6
+_FRAMES, _LONGEST_LINE = 4, 300
+_PACKAGE = str(Path(twinlens.__file__).parent)
 
 Image = NDArray[Any]
 
@@ -59,10 +64,11 @@ class Match:
 class MethodError(Exception):
     """A method failed on a pair; see `failure`."""
 
-    def __init__(self, kind: str, message: str) -> None:
-        # Both arguments, because the worker sends the exception as a pickle.
-        super().__init__(kind, message)
-        self.failure = MatchFailure(kind, " ".join(message.split())[:300] or kind)
+    def __init__(self, kind: str, message: str, frames: tuple[str, ...] = ()) -> None:
+        # All arguments, because the worker sends the exception as a pickle.
+        super().__init__(kind, message, frames)
+        line = " ".join(message.split())[:300] or kind
+        self.failure = MatchFailure(kind, line, frames)
 
 
 class Runner:
@@ -175,11 +181,7 @@ class Runner:
             message = f"exceeded the time limit of {limit:g} s"
             raise MethodError("time-limit", message) from None
         except WorkerDiedError as error:
-            if error.status is None:
-                message = "its process died while it received the images, probably out of memory"
-                raise MethodError("memory", message) from None
-            message = f"its process {format_status(error.status)}"
-            raise MethodError("crash", message) from None
+            raise _error_of_death(error) from None
 
     def _started(self) -> IsolatedWorker:
         if self._worker is None or not self._worker.active:
@@ -196,6 +198,14 @@ class Runner:
         if worker is not None:
             self._warm.clear()
             worker.end()
+
+
+def _error_of_death(error: WorkerDiedError) -> MethodError:
+    """A process that ends by itself while it receives the images has no memory for them."""
+    if error.began or error.was_killed:
+        return MethodError("crash", f"its process {format_status(error.status or 0)}")
+    message = "its process died while it received the images, probably out of memory"
+    return MethodError("memory", message)
 
 
 def _timed_match(
@@ -259,7 +269,26 @@ def _method_error(error: BaseException, prefix: str = "") -> MethodError:
         ):
             message = f"{prefix}ran out of memory: {cause}".rstrip(": ")
             return MethodError("memory", message)
-    return MethodError("crash", f"{prefix}{type(error).__name__}: {error}")
+    message = f"{prefix}{type(error).__name__}: {error}"
+    return MethodError("crash", message, _last_frames(error))
+
+
+def _last_frames(error: BaseException) -> tuple[str, ...]:
+    """The last calls of an exception's traceback that are not of twinlens, one line each, the innermost last."""
+    frames = [
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)
+        if not frame.filename.startswith(_PACKAGE)
+    ]
+    return tuple(_frame_line(frame)[:_LONGEST_LINE] for frame in frames[-_FRAMES:])
+
+
+def _frame_line(frame: traceback.FrameSummary) -> str:
+    """`file:line in function: code`; the file is relative to the current folder where it is below it."""
+    path = Path(frame.filename)
+    if path.is_relative_to(Path.cwd()):
+        path = path.relative_to(Path.cwd())
+    return f"{path}:{frame.lineno} in {frame.name}: {frame.line}"
 
 
 def _causes(error: BaseException) -> Iterator[BaseException]:

@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from twinlens.scoring.board import Board, Mean
+from twinlens.scoring.board import Board, MatchFailure, Mean
 from twinlens.scoring.metrics import TIMES, Metric, find_metric
 from twinlens.scoring.protocols import PROTOCOLS
 from twinlens.scoring.regions import REGIONS
@@ -142,18 +142,22 @@ def comparison_table(board: Board, protocol: str, region: str, groups: Groups) -
 
 
 def failures(board: Board, methods: Collection[str] | None = None) -> list[str]:
-    """One line per kind of failure of each of these methods, None for all: the first sample, its message, the count."""
-    kinds: dict[tuple[str, str], dict[str, str]] = {}
+    """Lines for each kind of failure of each of these methods, None for all: the first sample, its message, the count.
+
+    Below the line of an exception are the last frames of its traceback.
+    """
+    kinds: dict[tuple[str, str], dict[str, MatchFailure]] = {}
     for entry in board.entries:
         wanted = methods is None or entry.method in methods
         if entry.failure is not None and wanted:
-            messages = kinds.setdefault((entry.method, entry.failure.kind), {})
-            messages.setdefault(entry.sample, entry.failure.message)
+            of_kind = kinds.setdefault((entry.method, entry.failure.kind), {})
+            of_kind.setdefault(entry.sample, entry.failure)
     lines = []
     for (method, kind), samples in kinds.items():
-        first, message = next(iter(samples.items()))
+        first, failure = next(iter(samples.items()))
         more = f" and {len(samples) - 1} more" if len(samples) > 1 else ""
-        lines.append(f"{method} on {first}{more}: {kind} ({message})")
+        lines.append(f"{method} on {first}{more}: {kind} ({failure.message})")
+        lines += [f"    {frame}" for frame in failure.frames]
     return lines
 
 

@@ -95,17 +95,21 @@ function drawRules() {
   drawFailures();
 }
 
-// One line for each method and reason, with the samples concerned. Protocols share their failures.
+// One line for each method and reason, with the samples concerned, and the last calls of an exception below it.
+// Protocols share their failures. Messages that differ in numbers only, such as times, are one reason.
 function drawFailures() {
-  const lines = new Map();
+  const reasons = new Map();
   for (const e of data.entries.filter((e) => e.failure)) {
-    const key = JSON.stringify([e.method, ...e.failure]);
-    lines.set(key, (lines.get(key) || new Set()).add(e.sample));
+    const [kind, message] = e.failure;
+    const key = JSON.stringify([e.method, kind, message.replace(/[0-9.]+/g, "#")]);
+    if (!reasons.has(key)) reasons.set(key, { entry: e, samples: new Set() });
+    reasons.get(key).samples.add(e.sample);
   }
-  $("failed").replaceChildren(...[...lines].map(([key, samples]) => {
-    const [method, kind, message] = JSON.parse(key);
+  $("failed").replaceChildren(...[...reasons.values()].flatMap(({ entry, samples }) => {
+    const [kind, message] = entry.failure;
     const where = samples.size === data.samples.length && samples.size > 1 ? "every sample" : [...samples].join(", ");
-    return el("p", {}, el("span", { class: "fail" }, kind), el("b", {}, ` ${method}`), ` on ${where}: ${message}`);
+    const line = el("p", {}, el("span", { class: "fail" }, kind), el("b", {}, ` ${entry.method}`), ` on ${where}: ${message}`);
+    return entry.frames.length ? [line, el("pre", {}, entry.frames.join("\n"))] : [line];
   }));
 }
 
