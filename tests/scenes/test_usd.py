@@ -1,5 +1,6 @@
 """USD files: meshes, poses and materials. Bounds and areas are those of OpenUSD, trimesh and shapely."""
 
+import subprocess
 import sys
 import warnings
 import zipfile
@@ -12,12 +13,26 @@ from shapely import Polygon
 
 from tests.scenes.gltf_files import png
 from twinlens.errors import InputError, MissingExtraError
+from twinlens.scenes import usd_process
 from twinlens.scenes.assets import SceneContext
 from twinlens.scenes.gltf_materials import VERTEX_COLOR
 from twinlens.scenes.materials import Bitmap, Color
 from twinlens.scenes.model_files import MaterialWarning, named_files, read_model
 
 C_PLATE = [(0, 0), (3, 0), (3, 1), (1, 1), (1, 2), (3, 2), (3, 3), (0, 3)]
+
+
+def open_here(path, context, with_materials=True):
+    """`usd_process.open_usd` without the process, which takes two seconds to start."""
+    request = usd_process.Request(path, context.folder, with_materials)
+    return usd_process._unpacked(usd_process.answer_to(request), context)
+
+
+@pytest.fixture(autouse=True)
+def here(monkeypatch):
+    """Tests of the process undo it."""
+    monkeypatch.setattr("twinlens.scenes.model_files.open_usd", open_here)
+    return monkeypatch
 
 
 def read(path, **options):
@@ -303,7 +318,9 @@ def test_textures(tmp_path, space):
     }
 
 
-def test_a_package_has_its_own_pictures(tmp_path):
+def test_a_package_has_its_own_pictures(tmp_path, here):
+    """Read in the process of its own."""
+    here.undo()
     folder = tmp_path / "parts"
     folder.mkdir()
     stage = stage_at(folder / "m.usda")
@@ -463,10 +480,37 @@ def test_a_file_of_another_kind_is_an_error(tmp_path):
         read(tmp_path / "m.usdz")
 
 
-def test_without_usd_core_the_extra_is_named(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "pxr", None)
+def test_without_usd_core_the_extra_is_named(tmp_path, here):
+    here.undo()
+    here.setitem(sys.modules, "pxr", None)
     (tmp_path / "m.usda").write_text('#usda 1.0\ndef Cube "c" {}\n')
     with pytest.raises(
         MissingExtraError, match=r"m\.usda: .*pip install 'twinlens\[usd\]'"
+    ):
+        read(tmp_path / "m.usda")
+
+
+def test_a_file_that_usd_core_never_finishes_is_an_error(tmp_path, here):
+    here.undo()
+    here.setattr("twinlens.scenes.usd_process.SECONDS", 0.01)
+    (tmp_path / "m.usda").write_text('#usda 1.0\ndef Cube "c" {}\n')
+    with pytest.raises(
+        InputError, match=r"m\.usda: reading takes more than 0 s; is it damaged\?"
+    ):
+        read(tmp_path / "m.usda")
+
+
+def test_a_file_that_usd_core_does_not_survive_is_an_error(tmp_path, here):
+    here.undo()
+    crash = "import os; os.abort()"
+    run = subprocess.run
+    here.setattr(
+        "twinlens.scenes.usd_process.subprocess.run",
+        lambda words, **options: run([words[0], "-c", crash], **options),
+    )
+    (tmp_path / "m.usda").write_text('#usda 1.0\ndef Cube "c" {}\n')
+    with pytest.raises(
+        InputError,
+        match=r"m\.usda: its reader was killed by SIGABRT; is the file damaged\?",
     ):
         read(tmp_path / "m.usda")

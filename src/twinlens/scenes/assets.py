@@ -6,7 +6,9 @@ Libraries that detect the format from the content would pass a renamed file to a
 Ghostscript on PostScript).
 """
 
+import logging
 import os
+import posixpath
 import re
 import threading
 from collections.abc import Iterator
@@ -49,6 +51,8 @@ _COMMENT = re.compile(r"(^|\s)#.*")  # names such as "Material__#25" have the si
 _CONTINUED = re.compile(r"\\\r?\n")
 _OBJ_VERTEX = re.compile("v[tn]? ")
 _SILENCING = threading.Lock()
+# trimesh logs tracebacks of damaged files; without any handler, Python would print them.
+logging.getLogger("trimesh").addHandler(logging.NullHandler())
 _PILLOW_FORMATS = {
     ".png": ["PNG"],
     ".jpg": ["JPEG"],
@@ -96,6 +100,22 @@ def find_asset(name: str, context: SceneContext) -> Path:
         raise InputError(f"no file {name!r} in the folder {folder.name!r}")
     context.files.append(path)
     return path
+
+
+def find_named(name: str, path: Path, context: SceneContext) -> Path:
+    """The file that the file at `path` names; `..` may lead to other folders below the context's."""
+    if "://" in name:
+        raise InputError(
+            f"web addresses are not read; save the file beside this one, got {format_value(name)}"
+        )
+    return find_asset(
+        posixpath.normpath(folder_of(path, context) / name) if name else "", context
+    )
+
+
+def folder_of(path: Path, context: SceneContext) -> Path:
+    """The folder of a mesh file, relative to the context's."""
+    return path.parent.resolve().relative_to(context.folder.resolve())
 
 
 def _sky(name: Any, info: Any) -> str:
@@ -157,7 +177,10 @@ def reading(path: Path, kind: str) -> Iterator[None]:
     except MissingExtraError as error:
         raise MissingExtraError(f"{path}: {error}") from error
     except Exception as error:
-        reason = " ".join(str(error).split())[:_LONGEST_REASON]
+        try:
+            reason = " ".join(str(error).split())[:_LONGEST_REASON]
+        except UnicodeDecodeError:  # a library's text of bytes of the file
+            reason = type(error).__name__
         raise FileError(
             f"{path}: cannot be read as a {path.suffix} {kind} ({reason})"
         ) from error
@@ -218,8 +241,8 @@ def _name_alpha(path: Path, image: Any) -> None:
 
 
 @contextmanager
-def silent() -> Iterator[None]:
-    """Discard what libraries print about damaged files, to sys.stdout and to file descriptor 2, besides raising it."""
+def _silent() -> Iterator[None]:
+    """Discard what OpenEXR prints about damaged pixels, to sys.stdout and to file descriptor 2, besides raising it."""
     with _SILENCING, Path(os.devnull).open("w") as nowhere, redirect_stdout(nowhere):
         stderr = os.dup(2)
         os.dup2(nowhere.fileno(), 2)
@@ -252,7 +275,7 @@ def _read_exr(path: Path) -> tuple[NDArray[np.float32], bool]:
         raise FileError(
             f"{path}: {len(header['channels'])} channels of {width}x{height} pixels are too many values"
         )
-    with silent(), OpenEXR.File(str(path), separate_channels=True) as file:
+    with _silent(), OpenEXR.File(str(path), separate_channels=True) as file:
         channels = {
             name: np.asarray(channel.pixels, dtype=np.float32)
             for name, channel in file.channels().items()

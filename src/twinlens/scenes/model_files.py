@@ -4,7 +4,6 @@ Files that a mesh file names are opened only below the folder of the `SceneConte
 """
 
 import contextlib
-import posixpath
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -14,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.errors import FileError, InputError, format_value, warn_not_used
+from twinlens.errors import FileError, InputError, warn_not_used
 from twinlens.geometry import Float
 from twinlens.scenes import shapes
 from twinlens.scenes.assets import (
@@ -23,7 +22,8 @@ from twinlens.scenes.assets import (
     SceneContext,
     check_face_count,
     check_faces,
-    find_asset,
+    find_named,
+    folder_of,
     read_limited,
     reading,
     without_normals,
@@ -38,7 +38,7 @@ from twinlens.scenes.gltf_materials import (
 from twinlens.scenes.materials import Material
 from twinlens.scenes.obj_files import obj_materials, open_obj
 from twinlens.scenes.scene import Mesh, SceneWarning, free_name
-from twinlens.scenes.usd import open_usd
+from twinlens.scenes.usd_process import open_usd
 
 GLTF_FILES = (".glb", ".gltf")
 HAVE_MATERIALS_ALONE = (*GLTF_FILES, *USD_FILES)
@@ -81,7 +81,7 @@ def read_model(
         meshes = [part_mesh(part, crease_deg) for part in parts]
         materials: dict[str, Material] = {}
         if with_materials:
-            shown = (_folder(path, context) / path.name).as_posix()
+            shown = (folder_of(path, context) / path.name).as_posix()
             meshes, materials = _painted(parts, meshes, tables, textures, shown)
         else:
             meshes = [replace(mesh, attributes={}) for mesh in meshes]
@@ -96,13 +96,11 @@ def _read_usd(
     path: Path, context: SceneContext, crease_deg: float | None, with_materials: bool
 ) -> Model:
     with reading(path, "mesh"):
-        file = open_usd(
-            path, lambda name, owner: _find(name, owner, context), with_materials
-        )
+        file = open_usd(path, context, with_materials)
         meshes = [part_mesh(part, crease_deg) for part in file.parts]
         materials: dict[str, Material] = {}
         if with_materials:
-            shown = (_folder(path, context) / path.name).as_posix()
+            shown = (folder_of(path, context) / path.name).as_posix()
             meshes, materials = _numbered(
                 [part.material or 0 for part in file.parts],
                 meshes,
@@ -200,34 +198,18 @@ def _opener(path: Path, context: SceneContext) -> Callable[[str], bytes]:
 
     def open_file(name: str) -> bytes:
         nonlocal left
-        data = read_limited(_find(name, path, context), left)
+        data = read_limited(find_named(name, path, context), left)
         left -= len(data)
         return data
 
     return open_file
 
 
-def _find(name: str, path: Path, context: SceneContext) -> Path:
-    """The file that the file at `path` names; `..` may lead to other folders below the context's."""
-    if "://" in name:
-        raise InputError(
-            f"web addresses are not read; save the file beside this one, got {format_value(name)}"
-        )
-    return find_asset(
-        posixpath.normpath(_folder(path, context) / name) if name else "", context
-    )
-
-
-def _folder(path: Path, context: SceneContext) -> Path:
-    """The folder of a mesh file, relative to the context's."""
-    return path.parent.resolve().relative_to(context.folder.resolve())
-
-
 def named_files(path: Path, context: SceneContext) -> list[Path]:
     """The files that a .glb, .gltf or .obj file names; not all of them if it is damaged."""
     with contextlib.suppress(InputError), reading(path, "mesh"):
         if path.suffix.lower() in USD_FILES:
-            open_usd(path, lambda name, owner: _find(name, owner, context))
+            open_usd(path, context)
             return list(dict.fromkeys(context.files))
         is_gltf = path.suffix.lower() in GLTF_FILES
         names = (
@@ -236,7 +218,7 @@ def named_files(path: Path, context: SceneContext) -> list[Path]:
             else obj_materials(path, _opener(path, context))[2]
         )
         for name in names:
-            _find(name, path, context)
+            find_named(name, path, context)
     return list(dict.fromkeys(context.files))
 
 

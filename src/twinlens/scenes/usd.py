@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.errors import FileError, InputError, import_extra
+from twinlens.errors import FileError, InputError
 from twinlens.geometry import Float
-from twinlens.scenes.assets import check_face_count, silent
+from twinlens.scenes.assets import check_face_count
 from twinlens.scenes.gltf import Part
 from twinlens.scenes.materials import Color, Material
 from twinlens.scenes.polygons import triangulated
@@ -61,18 +61,19 @@ class UsdModel:
     lost: list[str] = field(default_factory=list)
 
 
-def open_usd(path: Path, find: Find, with_materials: bool = True) -> UsdModel:
-    """The meshes of a USD file. Raises FileError, and MissingExtraError without usd-core."""
-    import_extra("pxr", "usd")
+def read_stage(path: Path, find: Find, with_materials: bool = True) -> UsdModel:
+    """The meshes of a USD file, read in this process. Raises FileError.
+
+    usd-core may crash or run forever on a damaged file; `usd_process.open_usd` bounds that.
+    """
     from pxr import Sdf, Usd, UsdGeom
 
-    with silent():
-        files = UsdFiles(path, Sdf, find)
-        stage = Usd.Stage.Open(str(path))
-        if stage is None:
-            raise FileError(f"{path}: not a USD file; is it complete?")
-        reader = _Reader(stage, Surfaces(files), with_materials)
-        parts = list(reader.parts())
+    files = UsdFiles(path, Sdf, find)
+    stage = Usd.Stage.Open(str(path))
+    if stage is None:
+        raise FileError(f"{path}: not a USD file; is it complete?")
+    reader = _Reader(stage, Surfaces(files), with_materials)
+    parts = list(reader.parts())
     if not parts:
         raise FileError(f"{path}: has no triangles")
     up_axis = str(UsdGeom.GetStageUpAxis(stage)).lower()
