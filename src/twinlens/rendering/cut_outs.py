@@ -5,10 +5,14 @@ A material has them where it has an opacity: `alphaMode` MASK and BLEND of glTF,
 opacity is evaluated by the texture that the picture uses, so that both have the same edge. Texels of MASK have the
 opacity 0 or 1 already (`rendering.materials`).
 
+Images made by our own integrator pass them as the truth does, also where light falls on a surface: what is partly
+opaque passes its share.
+
 A thin pane of glass is no cut-out, although Mitsuba gives it the flag of one.
 """
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -37,6 +41,14 @@ class CutOuts:
         table[handles] = [_handle(mi.BSDFPtr(bsdf)) for bsdf in openings.values()]
         self._table = mi.UInt32(table)
 
+    def _opening(self, handle: Any, active: Any) -> Any:
+        """The handle of the second BSDF of each BSDF; 0 where there is none."""
+        import drjit as dr
+
+        in_table = active & (handle < dr.width(self._table))
+        opening = dr.gather(mitsuba().UInt32, self._table, handle, in_table)
+        return dr.select(in_table, opening, 0)
+
     def has(self, shape: Any) -> bool:
         """Whether a shape has cut-outs."""
         return shape is not None and shape.bsdf() in self._openings
@@ -46,13 +58,68 @@ class CutOuts:
         import drjit as dr
 
         mi = mitsuba()
-        handle: Any = dr.reinterpret_array(mi.UInt32, si.bsdf())
-        in_table = active & (handle < dr.width(self._table))
-        opening: Any = dr.gather(mi.UInt32, self._table, handle, in_table)
-        has_opening = in_table & (opening > 0)
+        opening = self._opening(dr.reinterpret_array(mi.UInt32, si.bsdf()), active)
+        has_opening = opening > 0
         bsdf: Any = dr.reinterpret_array(mi.BSDFPtr, opening)
         passed = bsdf.eval_null_transmission(si, has_opening)
         return dr.select(has_opening, passed[0], 0.0)
+
+    def lets_through(self, bsdf: Any) -> Any:
+        """Whether all light that passes a BSDF straight on passes its cut-outs: not where there is glass too."""
+        import drjit as dr
+
+        handle: Any = dr.reinterpret_array(mitsuba().UInt32, bsdf)
+        opening = self._opening(handle, True)
+        return (opening > 0) & (opening == handle)
+
+    def transmittance(self, scene: Any, si: Any, point: Any, active: Any) -> Any:
+        """The share of the light from `point` that reaches surfaces through cut-outs; 0 behind anything else."""
+        import drjit as dr
+
+        mi = mitsuba()
+        start = _Shadow(mi.Bool(active), si.spawn_ray_to(point), mi.Float(1.0))
+        (end,) = dr.while_loop(
+            (start,),
+            lambda shadow: shadow.active,
+            lambda shadow: (self._past(scene, point, shadow),),
+        )
+        return end.share
+
+    def _past(self, scene: Any, point: Any, shadow: "_Shadow") -> "_Shadow":
+        """The shadow rays after their next surface."""
+        import drjit as dr
+
+        mi = mitsuba()
+        si = scene.ray_intersect(shadow.ray, mi.RayFlags.All, False, shadow.active)
+        hit = shadow.active & si.is_valid()
+        bsdf = si.bsdf()
+        is_cut_out = hit & self.lets_through(bsdf)
+        passed = bsdf.eval_null_transmission(si, is_cut_out)[0]
+        passed = dr.select(is_cut_out, passed, 0.0)
+        share = dr.select(hit, shadow.share * passed, shadow.share)
+        return _Shadow(hit & (share > 0), si.spawn_ray_to(point), share)
+
+
+@dataclass
+class _Shadow:
+    """Shadow rays on their way: whether they go on, and the share of the light that has passed."""
+
+    active: Any
+    ray: Any
+    share: Any
+
+
+def arriving(
+    scene: Any, si: Any, point: Any, light: Any, active: Any, openings: CutOuts | None
+) -> Any:
+    """The part of `light` from a point that reaches the surfaces at `si`, where nothing but cut-outs is between."""
+    import drjit as dr
+
+    if openings is None:
+        active = active & ~scene.ray_test(si.spawn_ray_to(point), active)
+        return dr.select(active, light, 0.0)
+    share = openings.transmittance(scene, si, point, active)
+    return dr.select(active & (share > 0), light * share, 0.0)
 
 
 def cut_outs(built: BuiltScene) -> CutOuts | None:

@@ -16,8 +16,9 @@ from twinlens.camera.parts import Parts
 from twinlens.geometry import Float
 from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import BuiltScene
+from twinlens.rendering.cut_outs import CutOuts, cut_outs
 from twinlens.rendering.sensors import make_sensor
-from twinlens.rendering.tracing import MAX_SPECULAR, may_pass, passage
+from twinlens.rendering.tracing import MAX_SPECULAR, is_null, may_pass, passage
 
 _NOTHING = (1, 1, 1, 0, 0, 0, 0)  # albedo, normal and random share of the sky
 _SURFACE_CHANNELS = len(_NOTHING)
@@ -219,7 +220,7 @@ def _first_rough_surfaces(built: BuiltScene, ray: Any) -> tuple[Any, Any]:
     import drjit as dr
 
     mi = mitsuba()
-    scene = built.mi_scene
+    scene, openings = built.mi_scene, cut_outs(built)
     if not may_pass(built).any():
         si = scene.ray_intersect(ray, mi.RayFlags.All, True)
         return surface_features(si, si.bsdf(), mi.Bool(True))
@@ -233,12 +234,14 @@ def _first_rough_surfaces(built: BuiltScene, ray: Any) -> tuple[Any, Any]:
         normal=mi.Vector3f(0.0),
     )
     (end,) = dr.while_loop(
-        (start,), lambda search: search.active, lambda search: (_step(scene, search),)
+        (start,),
+        lambda search: search.active,
+        lambda search: (_step(scene, search, openings),),
     )
     return end.albedo, end.normal
 
 
-def _step(scene: Any, search: _Search) -> _Search:
+def _step(scene: Any, search: _Search, openings: CutOuts | None) -> _Search:
     """The search after the next surface of each sample."""
     import drjit as dr
 
@@ -264,12 +267,16 @@ def _step(scene: Any, search: _Search) -> _Search:
     refracted = si.spawn_ray(si.to_world(sample.wo))
     onward = _Way(refracted, share * way.part, share * weight * way.tint)
     turns = active & ~passes & (waiting.part > 0)
+    depth = search.depth + 1
+    if openings is not None:
+        is_cut_out = passes & is_null(sample) & openings.lets_through(bsdf)
+        depth = dr.select(is_cut_out, search.depth, depth)
     return _Search(
         active=passes | turns,
         way=dr.select(turns, waiting, dr.select(passes, onward, way)),
         waiting=replace(waiting, part=dr.select(turns, 0.0, waiting.part)),
         is_split=search.is_split | splits,
-        depth=dr.select(turns, 0, search.depth + 1),
+        depth=dr.select(turns, 0, depth),
         albedo=search.albedo + stays * way.tint * albedo,
         normal=search.normal + stays * way.part * normal,
     )

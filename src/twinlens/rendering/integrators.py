@@ -11,6 +11,7 @@ from typing import Any
 from twinlens.camera import Pinhole, Rig
 from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import BuiltScene
+from twinlens.rendering.cut_outs import cut_outs
 from twinlens.rendering.frames import Frame
 from twinlens.rendering.sensors import make_sensor
 from twinlens.seeds import derived_seed
@@ -27,7 +28,9 @@ def own_paths(
         return None
     from twinlens.rendering.paths import Paths  # sets up the backend
 
-    return Paths(lamps, **built.path, gives_guides=gives_guides)
+    return Paths(
+        lamps, **built.path, gives_guides=gives_guides, openings=cut_outs(built)
+    )
 
 
 def for_images(built: BuiltScene) -> BuiltScene:
@@ -63,7 +66,9 @@ def _irradiance_cache(
 
     rays = _camera_rays(rig.nominal, built.frame, band, derived_seed(seed, 0))
     bounces = depth - _LEAST_DEPTH if depth >= 0 else -1
-    return IrradianceCache(built.mi_scene, rays, derived_seed(seed, 1), lamps, bounces)
+    return IrradianceCache(
+        built.mi_scene, rays, derived_seed(seed, 1), lamps, bounces, cut_outs(built)
+    )
 
 
 def _camera_rays(rig: Rig, frame: Frame, band: str, seed: int) -> Any:

@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 
 from twinlens.geometry import Float
 from twinlens.rendering.backends import mitsuba
-from twinlens.rendering.tracing import MAX_SPECULAR
+from twinlens.rendering.cut_outs import CutOuts, arriving
+from twinlens.rendering.tracing import MAX_SPECULAR, is_null
 
 mi = mitsuba()
 import drjit as dr  # noqa: E402, Dr.Jit reads DRJIT_LIBLLVM_PATH when it is imported
@@ -73,12 +74,19 @@ class IrradianceCache:
     rays : rays from the cameras.
     lamps : emitters that are not in the scene.
     bounces : the most that are needed; -1 is no limit.
+    openings : the cut-outs of the scene.
     """
 
     def __init__(
-        self, scene: Any, rays: Any, seed: int, lamps: Sequence[Any], bounces: int
+        self,
+        scene: Any,
+        rays: Any,
+        seed: int,
+        lamps: Sequence[Any],
+        bounces: int,
+        openings: CutOuts | None = None,
     ) -> None:
-        paths = _trace(scene, rays, seed, lamps)
+        paths = _trace(scene, rays, seed, lamps, openings)
         # First surfaces are no samples: cameras choose them. Neither are last ones: nothing is known of what they face.
         is_sample = paths.met[1:-1] == _SURFACE
         self._set_bounds(paths.position[1:-1][is_sample])
@@ -225,7 +233,9 @@ class _Met:
     passes: Any
 
 
-def _trace(scene: Any, rays: Any, seed: int, lamps: Sequence[Any]) -> _Paths:
+def _trace(
+    scene: Any, rays: Any, seed: int, lamps: Sequence[Any], openings: CutOuts | None
+) -> _Paths:
     """Paths from `rays`, whose directions after each surface that scatters light are cosine-weighted.
 
     The irradiance E of a surface is the integral of L cos(theta) over the hemisphere. It is estimated from the lights
@@ -235,7 +245,7 @@ def _trace(scene: Any, rays: Any, seed: int, lamps: Sequence[Any]) -> _Paths:
     count = dr.width(rays)
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(seed, count)
-    tracer = _Tracer(scene, lamps, count)
+    tracer = _Tracer(scene, lamps, count, openings)
     start = _Walk(
         active=mi.Bool(True),
         sampler=sampler,
@@ -253,8 +263,11 @@ def _trace(scene: Any, rays: Any, seed: int, lamps: Sequence[Any]) -> _Paths:
 class _Tracer:
     """Follows paths through a scene and keeps what they meet, in Dr.Jit arrays: row k N + n for surface k of path n."""
 
-    def __init__(self, scene: Any, lamps: Sequence[Any], count: int) -> None:
+    def __init__(
+        self, scene: Any, lamps: Sequence[Any], count: int, openings: CutOuts | None
+    ) -> None:
         self.scene, self.lamps, self.count = scene, lamps, count
+        self.openings = openings
         self.kinds = dr.zeros(mi.UInt32, _SURFACES * count)
         *vectors, lit = [dr.zeros(mi.Float, 3 * _SURFACES * count) for _ in range(6)]
         self.vectors, self.lit = vectors, lit
@@ -269,7 +282,13 @@ class _Tracer:
         met = _met(walk, si)
         light = self._light_of_points(met, walk.sampler)
         self._keep(walk, met, emission)
-        return _onward(walk, met, light, emission)
+        onward = _onward(walk, met, light, emission)
+        if self.openings is not None:
+            # The light behind a cut-out belongs to the surface before it, not to what glass shows.
+            is_cut_out = met.passes & is_null(met.sample)
+            is_cut_out &= self.openings.lets_through(met.si.bsdf())
+            onward.passed = dr.select(is_cut_out, walk.passed, onward.passed)
+        return onward
 
     def _row(self, surface: Any) -> Any:
         return surface * self.row_length + self.path
@@ -305,13 +324,14 @@ class _Tracer:
         cosine = dr.maximum(dr.dot(ds.d, normal), 0.0)
         weight = dr.select(ds.delta, 1.0, mis(ds.pdf, cosine / math.pi))
         is_lit = met.scatters & (ds.pdf != 0) & (cosine > 0)
-        is_lit = lights_surface(self.scene, ds, si, is_lit)
-        irradiance = dr.select(is_lit, light * cosine * weight, 0.0)
+        light = light * cosine * weight
+        irradiance = from_emitter(self.scene, ds, si, light, is_lit, self.openings)
         for lamp in self.lamps:
             ds, light = lamp.sample_direction(si, sampler.next_2d(), met.scatters)
-            is_dark = self.scene.ray_test(si.spawn_ray_to(ds.p), met.scatters)
             cosine = dr.maximum(dr.dot(ds.d, normal), 0.0)
-            irradiance += dr.select(is_dark, 0.0, light * cosine)
+            irradiance += arriving(
+                self.scene, si, ds.p, light * cosine, met.scatters, self.openings
+            )
         return irradiance
 
     def _keep(self, walk: _Walk, met: _Met, emission: Any) -> None:
@@ -424,8 +444,10 @@ def _tables(paths: _Paths, cell: NDArray[np.int64], count: int, bounces: int) ->
     return np.stack(tables)
 
 
-def lights_surface(scene: Any, ds: Any, si: Any, active: Any) -> Any:
-    """Whether the light of the point `ds` of an emitter reaches the surface at `si`.
+def from_emitter(
+    scene: Any, ds: Any, si: Any, light: Any, active: Any, openings: CutOuts | None
+) -> Any:
+    """The part of `light` from the point `ds` of an emitter that reaches the surface at `si`.
 
     The shadow ray starts a little off the surface, on its lit side, and must meet the side of the emitter that shines.
     Mitsuba compares that side with the direction between the two points, which rounding decides where both are on one
@@ -433,8 +455,7 @@ def lights_surface(scene: Any, ds: Any, si: Any, active: Any) -> Any:
     """
     ray = si.spawn_ray_to(ds.p)
     meets_lit_side = ds.delta | (dr.dot(ray.d, ds.n) < 0)
-    active = active & meets_lit_side
-    return active & ~scene.ray_test(ray, active)
+    return arriving(scene, si, ds.p, light, active & meets_lit_side, openings)
 
 
 def mis(density: Any, density_of_other: Any) -> Any:

@@ -21,9 +21,15 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from twinlens.rendering.backends import mitsuba
+from twinlens.rendering.cut_outs import CutOuts, arriving
 from twinlens.rendering.guides import surface_features
-from twinlens.rendering.irradiance_cache import IrradianceCache, lights_surface, mis
-from twinlens.rendering.tracing import MAX_SPECULAR, is_null, is_specular
+from twinlens.rendering.irradiance_cache import IrradianceCache, from_emitter, mis
+from twinlens.rendering.tracing import (
+    MAX_SPECULAR,
+    behind_cut_outs,
+    is_null,
+    is_specular,
+)
 
 mi = mitsuba()
 import drjit as dr  # noqa: E402, Dr.Jit reads DRJIT_LIBLLVM_PATH when it is imported
@@ -102,6 +108,7 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
     max_depth : surfaces on a path to a light, and 1; -1 is no limit.
     rr_depth : surfaces before Russian roulette.
     gives_guides : whether there are channels for the features of `rendering.guides.Guides`.
+    openings : the cut-outs of the scene. They are no surfaces of a path, and light passes them.
     cache : the irradiance of the scene and of `lamps`. Images with one are biased.
     """
 
@@ -111,10 +118,12 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
         max_depth: int = -1,
         rr_depth: int = 3,
         gives_guides: bool = False,
+        openings: CutOuts | None = None,
     ) -> None:
         super().__init__(mi.Properties())
         self.lamps = tuple(lamps)
         self.gives_guides = gives_guides
+        self.openings = openings
         self.cache: IrradianceCache | None = None
         self.max_depth = dr.opaque(
             mi.UInt32, max_depth if max_depth >= 0 else 0xFFFFFFFF
@@ -189,17 +198,22 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
         radiance = path.radiance + _emitted(scene, si, path)
 
         has_next = path.depth + 1 < self.max_depth
-        active = path.active & si.is_valid() & has_next
+        scatters = path.active & si.is_valid() & has_next
+        active = scatters
         bsdf = si.bsdf(ray)
-        smooth = active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+        if self.openings is not None:
+            # Behind the last surface, light still comes through cut-outs.
+            is_card = path.active & si.is_valid() & self.openings.lets_through(bsdf)
+            active = scatters | is_card
+        smooth = scatters & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
         numbers = _Numbers.drawn(path.sampler)
         cached, matte, irradiance = self._from_cache(
-            path, si, ray, bsdf, numbers, active
+            path, si, ray, bsdf, numbers, scatters
         )
         if self.cache is not None:
             radiance = radiance + path.weight * matte * irradiance
         light, chosen, factor = _scattered(
-            scene, si, bsdf, numbers, matte, active, smooth
+            scene, si, bsdf, numbers, matte, active, smooth, self.openings
         )
         radiance = radiance + path.weight * light
         from_lamps = self._from_lamps(scene, bsdf, si, path.sampler, smooth, matte)
@@ -212,6 +226,10 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
         if self.cache is not None:
             factor, survives = _beyond_matte(si, chosen, factor, matte, cached)
         onward = _onward(path, si, chosen, factor)
+        if self.openings is not None:
+            is_cut_out = is_card & is_null(chosen)
+            onward = _past_cut_outs(path, onward, is_cut_out)
+            active = scatters | is_cut_out
         path = replace(onward, features=features, radiance=radiance)
         return self._survivors(path, active, survives)
 
@@ -246,7 +264,8 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
         """The radiance that leaves surfaces along their rays by light directly from the lamps."""
         light = mi.Spectrum(0.0)
         for lamp in self.lamps:
-            light += lit_by(scene, lamp, bsdf, si, sampler.next_2d(), active, matte)
+            drawn = sampler.next_2d()
+            light += lit_by(scene, lamp, bsdf, si, drawn, active, matte, self.openings)
         return light
 
     def _survivors(self, path: PathState, active: Any, survives: Any) -> PathState:
@@ -264,7 +283,11 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
 
     def direct_light(self, scene: Any, sampler: Any, ray: Any) -> Any:
         """The part of `sample` that comes directly from the lamps to the first surface."""
-        si = scene.ray_intersect(mi.Ray3f(ray), mi.RayFlags.All, True)
+        ray = mi.Ray3f(ray)
+        if self.openings is not None:
+            start = behind_cut_outs(scene, ray, self.openings).start
+            ray = mi.Ray3f(ray(start), ray.d)
+        si = scene.ray_intersect(ray, mi.RayFlags.All, True)
         bsdf = si.bsdf()
         is_smooth = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
         active = si.is_valid() & (self.max_depth > 1) & is_smooth
@@ -296,6 +319,7 @@ def _scattered(
     matte: Any,
     active: Any,
     smooth: Any,
+    openings: CutOuts | None,
 ) -> tuple[Any, Any, Any]:
     """One emitter, and the direction in which the path goes on: (light, BSDF sample, factor of the path's weight).
 
@@ -311,8 +335,8 @@ def _scattered(
     share = dr.select(ds.delta, 1.0, mis(ds.pdf, pdf))
     light = light * (value - matte * shading_cosine(si, wo)) * share
     matters = smooth & (ds.pdf != 0) & dr.any(light != 0)
-    is_lit = lights_surface(scene, ds, si, matters)
-    return dr.select(is_lit, light, 0.0), chosen, factor
+    light = from_emitter(scene, ds, si, light, matters, openings)
+    return light, chosen, factor
 
 
 def _onward(path: PathState, si: Any, chosen: Any, factor: Any) -> PathState:
@@ -330,6 +354,21 @@ def _onward(path: PathState, si: Any, chosen: Any, factor: Any) -> PathState:
         previous_pdf=chosen.pdf,
         previous_is_delta=_is_delta(chosen),
         was_diffuse=path.was_diffuse | is_diffuse,
+    )
+
+
+def _past_cut_outs(path: PathState, onward: PathState, is_cut_out: Any) -> PathState:
+    """`onward`, but where a path passed a cut-out as if there had been no surface: it goes on from the one before."""
+    return replace(
+        onward,
+        depth=dr.select(is_cut_out, path.depth, onward.depth),
+        previous_point=dr.select(
+            is_cut_out, path.previous_point, onward.previous_point
+        ),
+        previous_pdf=dr.select(is_cut_out, path.previous_pdf, onward.previous_pdf),
+        previous_is_delta=dr.select(
+            is_cut_out, path.previous_is_delta, onward.previous_is_delta
+        ),
     )
 
 
@@ -406,7 +445,14 @@ def shading_cosine(si: Any, wo: Any) -> Any:
 
 
 def lit_by(
-    scene: Any, lamp: Any, bsdf: Any, si: Any, drawn: Any, active: Any, matte: Any
+    scene: Any,
+    lamp: Any,
+    bsdf: Any,
+    si: Any,
+    drawn: Any,
+    active: Any,
+    matte: Any,
+    openings: CutOuts | None,
 ) -> Any:
     """The radiance that leaves surfaces along their rays by light directly from `lamp`, without that of `matte`.
 
@@ -414,7 +460,8 @@ def lit_by(
     """
     ds, light = lamp.sample_direction(si, drawn, active)
     seen = active & (dr.max(light) > 0)
-    seen &= ~scene.ray_test(si.spawn_ray_to(ds.p), seen)
+    light = arriving(scene, si, ds.p, light, seen, openings)
+    seen &= dr.max(light) > 0
     wo = si.to_local(ds.d)
     value = bsdf.eval(mi.BSDFContext(), si, wo, seen) - matte * shading_cosine(si, wo)
     return dr.select(seen, light * value, 0.0)

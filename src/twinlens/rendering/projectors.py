@@ -25,6 +25,7 @@ from twinlens.geometry import Float, image_border, rotate
 from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import BuiltScene
 from twinlens.rendering.integrators import own_paths
+from twinlens.rendering.materials import has_pane
 from twinlens.rendering.tracing import Rays, intersect
 
 _CHANNELS = 3  # that share the power
@@ -96,10 +97,9 @@ def lit_by_projectors(built: BuiltScene, rig: Rig, band: str) -> BuiltScene:
 def _warn_of_glass(built: BuiltScene, rig: Rig, band: str) -> None:
     """Give a `ProjectorWarning` for each material that first meets light of a projector and passes it on unscattered.
 
-    No shadow ray passes it, and no path finds a projector by chance.
+    No shadow ray passes it, and no path finds a projector by chance. Those of our own integrator pass cut-outs.
     """
-    flags = mitsuba().BSDFFlags
-    smooth = int(flags.DeltaTransmission | flags.Null)
+    pass_cut_outs = built.path is not None
     for i, (projector, pose) in enumerate(
         zip(rig.projectors, rig.world_from_projectors, strict=True)
     ):
@@ -112,12 +112,13 @@ def _warn_of_glass(built: BuiltScene, rig: Rig, band: str) -> None:
         )
         pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
         ahead = rotate(pose, camera.unproject(pixels))
-        rows = intersect(built, Rays.from_point(pose[:3, 3], ahead)).body
+        light = Rays.from_point(pose[:3, 3], ahead)
+        rows = intersect(built, light, pass_cut_outs).body
         bodies = [built.bodies[row] for row in np.unique(rows[rows >= 0])]
         blocking = {
             body.material_id
             for body in bodies
-            if body.shape and int(body.shape.bsdf().flags()) & smooth
+            if body.shape and _blocks(body.shape.bsdf(), pass_cut_outs)
         }
         for material in sorted(blocking):
             name = built.material_names[material - 1]
@@ -126,6 +127,16 @@ def _warn_of_glass(built: BuiltScene, rig: Rig, band: str) -> None:
                 " light, which is a limit of the renderer (docs/projectors.md, Limits)"
             )
             _warn(message)
+
+
+def _blocks(bsdf: Any, passes_cut_outs: bool) -> bool:
+    """Whether a surface passes light on unscattered that no shadow ray finds."""
+    flags = mitsuba().BSDFFlags
+    has = int(bsdf.flags()).__and__
+    if has(int(flags.DeltaTransmission)):
+        return True
+    is_opening = bool(has(int(flags.Null)))
+    return is_opening and (has_pane(bsdf) or not passes_cut_outs)
 
 
 def can_denoise(built: BuiltScene, rig: Rig, band: str) -> bool:

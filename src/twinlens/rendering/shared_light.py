@@ -29,7 +29,7 @@ from twinlens.camera import Rig
 from twinlens.camera.light_field import places_in_plane
 from twinlens.geometry import Float
 from twinlens.rendering.backends import mitsuba
-from twinlens.rendering.irradiance_cache import lights_surface, mis
+from twinlens.rendering.irradiance_cache import from_emitter, mis
 from twinlens.rendering.paths import (
     Paths,
     PathState,
@@ -327,9 +327,9 @@ class SharedLight:
         _, pdf, chosen, factor = bsdf.eval_pdf_sample(
             context, si, to_light, sampler.next_1d(), sampler.next_2d(), reflects
         )
-        is_lit = lights_surface(scene, ds, si, smooth & (ds.pdf != 0))
-        share = dr.select(ds.delta, 1.0, mis(ds.pdf, pdf))
-        light = dr.select(is_lit, light * share, 0.0)
+        is_lit = smooth & (ds.pdf != 0)
+        light = light * dr.select(ds.delta, 1.0, mis(ds.pdf, pdf))
+        light = from_emitter(scene, ds, si, light, is_lit, paths.openings)
         goes_on = reflects & (chosen.pdf > 0) & dr.any(factor != 0)
         end = paths.follow(scene, _second_surface(si, chosen, sampler, goes_on))
         reached = dr.select(goes_on, end.radiance / chosen.pdf, 0.0)
@@ -449,7 +449,9 @@ def _from_lamps(
     is_smooth = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
     smooth = active & (paths.max_depth > 1) & is_smooth
     for lamp in paths.lamps:
-        yield lit_by(scene, lamp, bsdf, si, sampler.next_2d(), smooth, 0.0)
+        yield lit_by(
+            scene, lamp, bsdf, si, sampler.next_2d(), smooth, 0.0, paths.openings
+        )
 
 
 def _from_cells(

@@ -417,38 +417,42 @@ def is_null(sample: Any) -> Any:
     return mi.has_flag(sample.sampled_type, mi.BSDFFlags.Null)
 
 
-def intersect(built: BuiltScene, rays: Rays) -> Intersections:
-    """What rays of the world hit first, behind the cut-outs that they pass, from Mitsuba in float32."""
-    intersections = _intersections(built, rays.in_frame(built.frame))
+def intersect(built: BuiltScene, rays: Rays, passing: bool = True) -> Intersections:
+    """What rays of the world hit first, behind cut-outs unless `passing` is false, from Mitsuba in float32."""
+    intersections = _intersections(built, rays.in_frame(built.frame), passing)
     return intersections._replace(
         t=intersections.t / built.frame.scale,
         start=intersections.start / built.frame.scale,
     )
 
 
-def _intersections(built: BuiltScene, rays: Rays) -> Intersections:
+def _intersections(
+    built: BuiltScene, rays: Rays, passing: bool = True
+) -> Intersections:
     """`intersect` in the frame of the built scene."""
     count = len(rays)
     intersections = Intersections.nothing(count)
     for start in range(0, count, _BUNDLE):
         bundle = slice(start, start + _BUNDLE)
-        _intersect_bundle(built, rays[bundle], intersections.of(bundle))
+        _intersect_bundle(built, rays[bundle], passing, intersections.of(bundle))
     return intersections
 
 
-def _intersect_bundle(built: BuiltScene, rays: Rays, out: Intersections) -> None:
+def _intersect_bundle(
+    built: BuiltScene, rays: Rays, passing: bool, out: Intersections
+) -> None:
     import drjit as dr
 
     mi, count = mitsuba(), len(rays)
     if not count:
         return
-    openings = cut_outs(built)
+    openings = cut_outs(built) if passing else None
     if openings is None:
         nearest = built.mi_scene.ray_intersect_preliminary(_mitsuba_ray(rays))
         t, prim = nearest.t, nearest.prim_index
         shape, instance = nearest.shape, nearest.instance
     else:
-        end = _behind_cut_outs(built.mi_scene, _mitsuba_ray(rays), openings)
+        end = behind_cut_outs(built.mi_scene, _mitsuba_ray(rays), openings)
         t, prim, shape, instance = end.t, end.prim, end.shape, end.instance
         dr.eval(end.start, end.share)
         out.start[:] = np.asarray(end.start)[:count]
@@ -485,7 +489,7 @@ class _Passing:
     instance: Any
 
 
-def _behind_cut_outs(mi_scene: Any, ray: Any, openings: CutOuts) -> _Passing:
+def behind_cut_outs(mi_scene: Any, ray: Any, openings: CutOuts) -> _Passing:
     """What rays hit behind the cut-outs that they pass, in one kernel."""
     import drjit as dr
 
