@@ -4,6 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
+from PIL import Image
+from scipy.ndimage import maximum_filter, minimum_filter
 
 import twinlens as tl
 from tests.rendering.cut_out_cases import CORNERS, FACES, UV, Card, blobs, cast, facing
@@ -286,3 +289,104 @@ def test_instances_and_round_shapes_have_cut_outs():
     above = truth.position[on_ball] - (0, 0, 4)
     axis = ball.world_from_object[:3, 2]
     assert (above @ axis > 0).all() or (above @ axis < 0).all()
+
+
+def leaf_picture(width=48, height=80):
+    """A white leaf on a card, alpha 0 around it and in a few holes, with soft borders."""
+    x = np.abs(np.linspace(-1, 1, width))[None, :]
+    y = np.linspace(-1, 1, height)[:, None]
+    outline = 0.9 * np.cos(0.5 * np.pi * y) ** 0.8 - x
+    holes = np.sin(9 * y + 4) * np.sin(11 * x) - 0.8
+    alpha = np.clip(0.5 + 12 * np.minimum(outline, -holes), 0, 1)
+    return np.round(255 * alpha).astype(np.uint8)
+
+
+def plant(folder, leaves=200):
+    """A .glb of one mesh of leaves with alphaMode MASK, a scene of it before a black wall, and its cards."""
+    rng = np.random.default_rng(7)
+    alpha = leaf_picture()
+    cards = []
+    for _ in range(leaves):
+        at = rng.uniform((-0.9, -0.7, 2.4), (0.9, 0.7, 3.6))
+        pose = facing(at, rng.uniform(0.2, 0.4), rng.uniform(0, 6.3), rng.normal(size=3))  # fmt: skip
+        cards.append(Card("plant", pose, alpha / 255, 0.4))
+    vertices = np.concatenate([
+        CORNERS @ card.world_from_card[:3, :3].T + card.world_from_card[:3, 3] for card in cards
+    ])  # fmt: skip
+    faces = np.concatenate([FACES + 4 * i for i in range(leaves)])
+    white = np.full((*alpha.shape, 3), 255, np.uint8)
+    texture = Image.fromarray(np.dstack([white, alpha]))
+    paint = trimesh.visual.material.PBRMaterial(
+        baseColorTexture=texture, alphaMode="MASK", alphaCutoff=0.4, doubleSided=True,
+        metallicFactor=0.0, roughnessFactor=1.0,
+    )  # fmt: skip
+    visual = trimesh.visual.TextureVisuals(uv=np.tile(UV, (leaves, 1)), material=paint)
+    trimesh.Trimesh(vertices, faces, visual=visual, process=False).export(folder / "plant.glb")  # fmt: skip
+    (folder / "scene.toml").write_text(
+        """
+[camera]
+position = [0, 0, 0]
+look_at = [0, 0, 1]
+up = [0, -1, 0]
+depth_range = [1.0, 8.0]
+[integrator]
+type = "path"
+max_depth = 2
+[materials.black]
+type = "diffuse"
+reflectance = 0.0
+[lights.sky]
+type = "constant"
+[objects.plant]
+file = "plant.glb"
+up_axis = "z"
+[objects.wall]
+shape = "box"
+extents = [20, 20, 0.1]
+translate = [0, 0, 6]
+material = "black"
+"""
+    )
+    return tl.load_scene(folder / "scene.toml"), cards
+
+
+@pytest.mark.slow
+def test_masks_truth_and_picture_agree_on_a_plant_of_200_leaves(tmp_path):
+    scene, cards = plant(tmp_path)
+    camera = tl.Camera.from_fov(192, 144, fov_x_deg=40)
+    rig = tl.Rig.stereo(camera, BASELINE, world_from_left=scene.world_from_left)
+    np.testing.assert_allclose(scene.world_from_left, np.eye(4), atol=1e-9)
+    truths = tl.ground_truth(scene, rig)
+    images = tl.render(scene, rig, spp=256, seed=1)
+    directions = camera.rays(camera.pixel_grid()).reshape(-1, 3)
+    for i, (truth, image) in enumerate(zip(truths, images, strict=True)):
+        centre = np.broadcast_to([BASELINE * i, 0, 0], directions.shape)
+        first, distance, margin = cast(cards, centre, directions)
+        # Cards that meet at one distance are one object, and so are those whose edges a ray grazes.
+        sure = (margin > 1e-4).reshape(truth.depth.shape)
+        is_plant = (first >= 0).reshape(truth.depth.shape)
+        assert sure.mean() > 0.99
+        assert 0.2 < is_plant.mean() < 0.8
+        assert np.array_equal((truth.object_id == 1)[sure], is_plant[sure])
+        mask = truth.silhouette(truth.objects[0])
+        assert np.array_equal(mask[sure], is_plant[sure])
+        assert truth.objects[0].visible_pixel_count == (truth.object_id == 1).sum()
+        both = sure & is_plant
+        depth = (distance * directions[:, 2]).reshape(is_plant.shape)
+        np.testing.assert_allclose(truth.depth[both], depth[both], rtol=1e-5)
+        # The wall is black, and leaves are not: a pixel has light if rays through sixteen points of it meet leaves.
+        part = image.mean(axis=-1)
+        share = sum(
+            (cast(cards, centre, rays)[0] >= 0).reshape(part.shape)
+            for rays in points_of_pixels(camera, 4)
+        )  # fmt: skip
+        assert part[maximum_filter(share, 3) == 0].max() == 0
+        assert part[minimum_filter(share, 3) == 16].min() > 0
+
+
+def points_of_pixels(camera, count):
+    """Rays through count^2 points of each pixel, on a grid, as one array (H W, 3) for each point."""
+    offsets = (np.arange(count) + 0.5) / count - 0.5
+    for x in offsets:
+        for y in offsets:
+            yield camera.rays(camera.pixel_grid() + np.array([x, y])).reshape(-1, 3)
