@@ -8,7 +8,6 @@ found in its cache only if the same scenes existed.
 import gc
 import json
 import os
-import sys
 import tempfile
 
 import pytest
@@ -57,19 +56,35 @@ def _equal_figures_of_cards_are_drawn_once():
         yield
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _scenes_of_a_module_end_with_it():
-    yield
-    if "twinlens.rendering.build" in sys.modules:
-        from twinlens.rendering import build
+@pytest.fixture(scope="session", autouse=True)
+def _built_scenes():
+    """The names of Mitsuba scenes that were built since the list was emptied."""
+    from twinlens.rendering import build
 
-        build._cache.clear()
+    names, built = [], build._built
+
+    def noted(scene):
+        names.append(scene.name)
+        return built(scene)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(build, "_built", noted)
+        yield names
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _scenes_of_a_module_end_with_it(_built_scenes):
+    from twinlens.rendering import build
+
+    yield
+    build._cache.clear()
     gc.collect()
     gc.freeze()  # what is left, such as imported modules, is not searched after every test
 
 
 @pytest.fixture(autouse=True)
-def _scenes_of_a_test_end_with_it(_scenes_of_a_module_end_with_it):
+def _scenes_of_a_test_end_with_it(_scenes_of_a_module_end_with_it, _built_scenes):
     yield
-    if "mitsuba" in sys.modules:
+    if _built_scenes:
+        _built_scenes.clear()
         gc.collect()
