@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 PAGE = (Path(__file__).parents[2] / "docs" / "projectors.md").read_text()
 SMALLER = {
@@ -15,6 +16,7 @@ SMALLER = {
 }
 
 
+@pytest.mark.slow
 def test_blocks_run_and_decoded_columns_are_those_of_the_truth():
     made: dict[str, object] = {}
     for block in re.findall(r"```python\n(.*?)```", PAGE, re.S):

@@ -18,6 +18,7 @@ SIZES = {
     r"--size \d+x\d+": "--size 80x60",
     r"width = \d+\nheight = \d+": "width = 80\nheight = 60",
     r"from_fov\(\d+, \d+": "from_fov(80, 60",
+    r"(twinlens render .*)--spp \d+": r"\1--spp 4 --no-denoise",
     r"--spp \d+": "--spp 4",
     r"\bspp = \d+": "spp = 4",
     r"\bspp=\d+": "spp=4",

@@ -15,6 +15,7 @@ families = ["cards"]
 width = 48
 height = 36
 spp = 1
+denoise = false
 [scene]
 object_count = 4
 [assets]

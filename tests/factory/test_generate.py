@@ -83,7 +83,10 @@ def test_the_manifest_names_recipe_tools_and_splits(recipe, whole):
     assert [row.info["index"] for row in manifest.rows] == [0, 1, 2, 3]
 
 
-@pytest.mark.parametrize("calls", [0, 2, 5, 8])
+@pytest.mark.parametrize(
+    "calls",
+    [5, *(pytest.param(calls, marks=pytest.mark.slow) for calls in (0, 2, 8))],
+)
 def test_an_interrupted_run_leaves_whole_samples_and_resumes(
     recipe, whole, folder, calls
 ):

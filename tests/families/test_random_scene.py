@@ -242,7 +242,9 @@ def test_the_main_lights_of_a_room_are_not_visible(seed):
     assert light > 15
 
 
-@pytest.mark.parametrize("family", ["tabletop", "room", "cards"])
+@pytest.mark.parametrize(
+    "family", ["tabletop", pytest.param("room", marks=pytest.mark.slow), "cards"]
+)
 def test_plain_surfaces_may_be_left_out(family):
     """Where a surface was plain, its contrast is higher; all other surfaces, and all objects, are the same."""
     changed = []

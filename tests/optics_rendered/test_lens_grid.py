@@ -145,7 +145,7 @@ def out_of_focus():
     lenses = [tl.ThinLens(0.4, 1.0), tl.ThinLens(0.2, 1.0)]
 
     def images(seed):
-        return tl.render(scene, rig, lenses[0], spp=1024, seed=100 + seed)
+        return tl.render(scene, rig, lenses[0], spp=256, seed=100 + seed)
 
     return scene, rig, lenses, repeated(images)
 
@@ -166,7 +166,7 @@ def test_weights_of_annuli_are_right_and_an_error_of_a_fifth_is_detected(
     scene, rig, lenses, alone = out_of_focus
 
     def images(seed):
-        return tl.render_lens_grid(scene, rig, lenses, spp=1024, seed=seed)[0]
+        return tl.render_lens_grid(scene, rig, lenses, spp=256, seed=seed)[0]
 
     assert differ(repeated(images), alone) != same
 

@@ -123,10 +123,10 @@ NET = {"type": "mask", "opacity": 0.5, "bsdf": {"type": "twosided", "bsdf": MATT
 PANE = {"type": "dielectric"}
 CASES = {
     "white, any depth": lit_cube(diffuse(0.8), -1),
-    "glossy": lit_cube(principled(roughness=0.3)),
     "a lamp before a wall": lamp_before_a_wall(0.2),
 }
 SLOW_CASES = {
+    "glossy": lit_cube(principled(roughness=0.3)),
     "a pane below the lamp": lit_cube(
         MATTE, -1, level("pane", -1.2, 1.9, 0.05), pane=PANE
     ),

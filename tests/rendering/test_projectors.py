@@ -333,7 +333,10 @@ def test_lumens_are_those_of_the_wavelengths_of_the_channels():
     assert pytest.approx(683.0 * np.mean(efficiency), rel=1e-3) == LUMENS_PER_WATT
 
 
-@pytest.mark.parametrize(("aperture", "band"), [(0.0, "rgb"), (0.02, "nir")])
+@pytest.mark.parametrize(
+    ("aperture", "band"),
+    [pytest.param(0.0, "rgb", marks=pytest.mark.slow), (0.02, "nir")],
+)
 def test_denoised_images_keep_the_dots_of_a_projector(aperture, band):
     """Noise around the dots is removed; the dots themselves are those of many raw samples."""
     lamp = {"type": "sphere", "center": [-2.0, -2.0, 1.0], "radius": 0.5}

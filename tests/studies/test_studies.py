@@ -30,7 +30,7 @@ METHODS = {
     "window": ("sad", "census"),
     "radiometric": ("sad", "census"),
 }
-SLOW = ("active", "aperture", "focal-length", "pinhole")
+SLOW = ("active", "aperture", "defocus", "focal-length", "focus", "pinhole")
 """Studies with tests of their own in other files; `baseline` runs the same code as `focal-length`."""
 
 SOME = [
