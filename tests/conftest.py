@@ -63,9 +63,9 @@ def _built_scenes():
 
     names, built = [], build._built
 
-    def noted(scene):
+    def noted(scene, *options):
         names.append(scene.name)
-        return built(scene)
+        return built(scene, *options)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(build, "_built", noted)
