@@ -390,3 +390,37 @@ def points_of_pixels(camera, count):
     for x in offsets:
         for y in offsets:
             yield camera.rays(camera.pixel_grid() + np.array([x, y])).reshape(-1, 3)
+
+
+XML = """
+<scene version="3.0.0">
+  <sensor type="perspective">
+    <float name="fov" value="40"/>
+    <transform name="to_world"><lookat origin="0, 0, 0" target="0, 0, 1" up="0, -1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="32"/><integer name="height" value="24"/></film>
+  </sensor>
+  <emitter type="constant"/>
+  <bsdf type="mask" id="net"><float name="opacity" value="OPACITY"/><bsdf type="diffuse"/></bsdf>
+  SHEET
+  <shape type="rectangle" id="wall">
+    <transform name="to_world"><scale value="9"/><translate z="4"/></transform>
+  </shape>
+</scene>
+"""
+PLACED = '<transform name="to_world"><scale value="9"/><translate z="2"/></transform>'
+SHEET = f'<shape type="rectangle">{PLACED}<ref id="net"/></shape>'
+COPY = f"""
+<shape type="shapegroup" id="group"><shape type="rectangle"><ref id="net"/></shape></shape>
+<shape type="instance">{PLACED}<ref id="group"/></shape>
+"""
+
+
+@pytest.mark.parametrize("sheet", [SHEET, COPY])
+@pytest.mark.parametrize(("opacity", "depth"), [(0.4, 4.0), (0.6, 2.0)])
+def test_masks_of_mitsuba_files_are_cut_at_half(tmp_path, sheet, opacity, depth):
+    """Also those of instances, whose shape Mitsuba does not give."""
+    path = tmp_path / "scene.xml"
+    path.write_text(XML.replace("SHEET", sheet).replace("OPACITY", str(opacity)))
+    camera = tl.Camera.from_fov(16, 12, fov_x_deg=40)
+    (truth,) = tl.ground_truth(tl.load_scene(path), tl.Rig((camera,), (np.eye(4),)))
+    np.testing.assert_allclose(truth.depth, depth, rtol=1e-5)
