@@ -8,6 +8,7 @@ import twinlens as tl
 from tests.rendering.cut_out_cases import Card, blobs, cast, facing
 from twinlens.camera import Projector
 from twinlens.scenes import Scene, SceneObject
+from twinlens.scenes.materials import Bitmap, Color, lambert
 
 CAMERA = tl.Camera.from_fov(32, 24, fov_x_deg=40)
 ALONE = tl.Rig((CAMERA,), (np.eye(4),))
@@ -108,3 +109,29 @@ def test_a_projector_lights_what_the_truth_calls_lit(denoise):
     assert bright.sum() > 20
     assert dark.sum() > 20
     assert light[dark].max() < 0.2 * light[bright].min()
+
+
+@pytest.mark.parametrize("is_textured", [False, True])
+def test_nothing_shines_where_nothing_is(is_textured):
+    """A card that emits light, its left half cut out, in the dark."""
+    alpha = np.repeat([[0.0, 1.0]], 2, axis=0).astype(np.float32)
+    opacity = Bitmap(alpha, "nearest")
+    glow = Color((2.0, 1.0, 0.5))
+    emission = Bitmap(np.full((2, 2, 3), glow.rgb, np.float32), "nearest")
+    paint = lambert(
+        0.0,
+        opacity=opacity,
+        alpha_cutoff=0.5,
+        emission=emission if is_textured else glow,
+        two_sided=True,
+    )
+    card = Card("card", facing((0, 0, 2), 1.0), alpha, filter="nearest")
+    scene = scene_of(card.scene_object("paint"), lights={}, paint=paint)
+    (image,) = tl.render(scene, ALONE, spp=16, seed=1)
+    directions = CAMERA.rays(CAMERA.pixel_grid()).reshape(-1, 3)
+    first, _, _ = cast([card], np.zeros_like(directions), directions)
+    is_there = (first == 0).reshape(image.shape[:2])
+    inside, outside = minimum_filter(is_there, 3), minimum_filter(~is_there, 3)
+    assert inside.sum() > 10
+    np.testing.assert_allclose(image[inside], np.tile(glow.rgb, (inside.sum(), 1)), rtol=1e-4)  # fmt: skip
+    assert image[outside].max() == 0

@@ -86,7 +86,24 @@ def emitter_of(material: AnyMaterial) -> Plugin | None:
     """The area light of a material that emits light."""
     if not isinstance(material, Material) or material.emission is None:
         return None
-    return {"type": "area", "radiance": material.emission}
+    return {"type": "area", "radiance": _covered(material.emission, material)}
+
+
+def _covered(emission: Any, material: Material) -> Any:
+    """The radiance of a surface that emits, where its opacity is a texture: nothing is emitted where nothing is.
+
+    A texture of emission that lies or is sized differently keeps its light at cut-outs.
+    """
+    opacity = material.opacity
+    if not isinstance(opacity, Bitmap) or opacity.pixels.ndim != 2:
+        return emission
+    share = np.clip(_cut(opacity.pixels, material.alpha_cutoff), 0, 1)[..., None]
+    if isinstance(emission, Color):
+        return _like(opacity, share * np.array(emission.rgb, dtype=np.float32))
+    is_same = isinstance(emission, Bitmap) and emission.lies_like(opacity)
+    if is_same and emission.pixels.shape[:2] == opacity.pixels.shape:
+        return _like(opacity, share * np.atleast_3d(emission.pixels))
+    return emission
 
 
 def _has_vertex_colors(material: Material) -> bool:
