@@ -123,6 +123,33 @@ def test_files_are_read_by_trimesh(make, tmp_path):
     assert np.abs(back.vertices[:, 1] + y).max() < 1e-5
 
 
+@pytest.mark.parametrize("make", [points_of, mesh_of])
+@pytest.mark.parametrize("with_colors", [True, False])
+def test_files_are_exact_far_from_the_origin(make, with_colors, tmp_path):
+    """At UTM coordinates, float32 is off by 0.25 m."""
+    place = np.eye(4)
+    place[:3, 3] = 408201.5848, 4080928.0166, 31.4
+    depth = np.random.default_rng(2).uniform(1, 1.1, (30, 40))
+    image = np.zeros((30, 40, 3), np.uint8) + 7 if with_colors else None
+    shape = make(DepthView(CAMERA, place @ POSE, depth, image))
+    points = shape.points if isinstance(shape, Cloud) else shape.vertices
+    write_ply(tmp_path / "a.ply", shape)
+    back = trimesh.load(tmp_path / "a.ply", process=False)
+    np.testing.assert_array_equal(back.vertices, points)
+    if isinstance(shape, Surface):
+        np.testing.assert_array_equal(back.faces, shape.faces)
+    if with_colors:
+        colors = back.colors if isinstance(shape, Cloud) else back.visual.vertex_colors
+        assert (np.asarray(colors)[:, :3] == 7).all()
+    write_glb(tmp_path / "a.glb", shape)
+    scene = trimesh.load(tmp_path / "a.glb", process=False)
+    (node,) = scene.graph.nodes_geometry
+    world_from_node, name = scene.graph[node]
+    vertices = trimesh.transform_points(scene.geometry[name].vertices, world_from_node)
+    x, y, z = points.T
+    np.testing.assert_allclose(vertices, np.stack([x, z, -y], 1), rtol=0, atol=1e-6)
+
+
 def test_a_view_of_truth_has_its_depth_and_an_8_bit_image():
     scene = tl.load_scene("cards")
     rig = toed_in(

@@ -6,6 +6,7 @@ point by the square of the scale, so that surfaces get the same light.
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from PIL import Image
 
 import twinlens as tl
 from twinlens.camera import Projector
+from twinlens.families import random_scene
 from twinlens.geometry import look_at, rigid
 from twinlens.rendering.framing import frame_of
 from twinlens.scenes import Bitmap, Scene, SceneObject
@@ -350,3 +352,157 @@ def test_a_mitsuba_file_is_the_same_at_any_place_and_scale(tmp_path, scale, plac
     close = np.isclose(far, image, rtol=1e-3, atol=1e-3 * image.mean()).all(axis=-1)
     assert close[inside].mean() >= 0.98
     assert far.mean() == pytest.approx(image.mean(), rel=2e-3)
+
+
+def test_a_light_field_is_the_same_at_any_place():
+    here, there = still_life(), still_life(1.0, FAR)
+    fields = []
+    for scene in (here, there):
+        rig = tl.light_field_rig(
+            CAMERA, tl.ThinLens(0.1, 2.2), 2, scene.world_from_left
+        )
+        fields.append(tl.render_light_field(scene, rig, spp=4))
+    for image, far in zip(*fields, strict=True):
+        close = np.isclose(far, image, rtol=1e-3, atol=1e-3 * image.mean())
+        assert close.mean() >= 0.98
+
+
+BUNDLED = ["cards", "fence", "room", "spheres", "staircase", "tabletop"]
+RANDOM = [
+    (family, seed)
+    for family in ("tabletop", "room", "flying", "cards")
+    for seed in (5, 6)
+]
+SMALL = (64, 48)
+
+
+def turned(turn_deg):
+    """world_from_old, a rotation about the vertical axis."""
+    turn = math.radians(turn_deg)
+    cos, sin = math.cos(turn), math.sin(turn)
+    return np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1.0]])
+
+
+def moved_light(light, scale, place, turn):
+    """A light turned with the scene."""
+    light = dict(light)
+    for key in ("direction", "sun_direction"):
+        if key in light:
+            light[key] = (turn @ np.asarray(light[key], dtype=float)).tolist()
+    if "to_world" in light:
+        pose = rigid(turn, [0, 0, 0]) @ np.asarray(light["to_world"])
+        light["to_world"] = moved_pose(pose, scale, place)
+    if "position" in light:
+        light["position"] = (scale * turn @ light["position"] + place).tolist()
+    assert "intensity" not in light
+    return light
+
+
+def moved(scene, scale, place, turn_deg=0.0):
+    """The scene, turned about the vertical axis, then enlarged, then moved."""
+    turn = turned(turn_deg)
+    world = placed(scale, place) @ rigid(turn, [0, 0, 0])
+    objects = []
+    for item in scene.objects:
+        if item.instances:
+            instances = tuple(world @ pose for pose in item.instances)
+            objects.append(replace(item, instances=instances))
+        else:
+            pose = world @ item.world_from_object
+            objects.append(replace(item, world_from_object=pose))
+    near, far = scene.depth_range
+    view = rigid(turn, [0, 0, 0]) @ scene.world_from_left
+    sky = scene.sky
+    return replace(
+        scene,
+        objects=tuple(objects),
+        materials={
+            name: replace(paint, bump_scale=paint.bump_scale * scale)
+            if isinstance(paint, Material)
+            else paint
+            for name, paint in scene.materials.items()
+        },
+        lights={
+            name: moved_light(light, scale, np.array(place), turn)
+            for name, light in scene.lights.items()
+        },
+        sky=sky and replace(sky, turn_deg=sky.turn_deg + turn_deg),
+        world_from_left=moved_pose(view, scale, place),
+        depth_range=(near * scale, far * scale),
+    )
+
+
+def rig_of(scene, baseline, lit=False):
+    """A pair at a scene's view; with a projector beside the left camera if it is to be lit."""
+    camera = tl.Camera.from_fov(*SMALL, scene.fov_x_deg)
+    rig = tl.Rig.stereo(camera, baseline, scene.world_from_left)
+    if not lit:
+        return rig
+    near, far = scene.depth_range
+    dots = np.random.default_rng(0).random((48, 64)) < 0.2
+    lamp = Projector(
+        rigid(np.eye(3), [baseline / 2, 0, 0]),
+        camera,
+        dots.astype(np.float32),
+        power=3.0 * near * far,
+        band="rgb",
+    )
+    return tl.Rig(rig.cameras, rig.world_from_cams, projectors=[lamp])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [*BUNDLED, *RANDOM], ids=str)
+def test_scenes_are_the_same_at_any_place_and_scale(name):
+    """Bundled and random scenes: truth, raw images through a lens, denoised ones with a projector and a pinhole."""
+    is_random = isinstance(name, tuple)
+    here = random_scene(*name) if is_random else tl.load_scene(name)
+    truths = tl.ground_truth(here, rig_of(here, here.baseline), objects=False)
+    smooth = [smooth_pixels(truth) for truth in truths]
+    focus = here.depth_range[0] * 1.3
+    raw = tl.render(here, rig_of(here, here.baseline), tl.ThinLens(0.01, focus), spp=4)
+    lit = rig_of(here, here.baseline, lit=True)
+    clean = tl.render(here, lit, spp=4, denoise=True)
+    for scale, place, turn_deg in (
+        (1.0, FAR, 0.0),
+        (1e-4, (3.0, 5.0, -7.0), 0.0),
+        (1e4, (0.0, 0.0, 0.0), 0.0),
+        (1.0, UTM, 65.0),
+    ):
+        there = moved(here, scale, place, turn_deg)
+        baseline = here.baseline * scale
+        pair = rig_of(there, baseline)
+        far_truths = tl.ground_truth(there, pair, objects=False)
+        lens = tl.ThinLens(0.01 * scale, focus * scale)
+        far_raw = tl.render(there, pair, lens, spp=4)
+        far_clean = tl.render(
+            there, rig_of(there, baseline, lit=True), spp=4, denoise=True
+        )
+        for truth, far in zip(truths, far_truths, strict=True):
+            other = truth.object_id != far.object_id
+            same = ~other & np.isfinite(truth.disparity) & np.isfinite(far.disparity)
+            error = np.abs(far.disparity[same] - truth.disparity[same]).max()
+            print(
+                name,
+                scale,
+                turn_deg,
+                f"ids {other.sum()} disparity {error:.1e} px",
+                end=" ",
+            )
+            assert other.sum() <= 4
+            assert error <= 1e-3
+            assert (truth.visible != far.visible).sum() <= 4
+        for kind, images, far_images in (
+            ("raw", raw, far_raw),
+            ("denoised", clean, far_clean),
+        ):
+            for image, far, inside in zip(images, far_images, smooth, strict=True):
+                mean = image.mean()
+                close = np.isclose(far, image, rtol=1e-3, atol=1e-3 * mean).all(axis=-1)
+                share = close[inside].mean()
+                print(kind, f"{share:.4f} {far.mean() / mean - 1:+.1e}", end=" ")
+                if not turn_deg:
+                    assert share >= 0.95
+                    assert far.mean() == pytest.approx(mean, rel=5e-3)
+                else:  # other random directions: the same within noise
+                    assert far.mean() == pytest.approx(mean, rel=0.05)
+        print()

@@ -23,6 +23,7 @@ from twinlens.geometry import Float, check_rigid, rigid
 _POINTS = 512  # a side, of the aperture's points that are divided among views
 _ROUNDING = 1e-9  # relative to the aperture
 _ALIGNED = 1e-9
+_FLOAT64 = 1e-15  # rounding of poses, relative to the distance from the origin
 _TOLERANCE = 1e-6  # of the distance of neighbours; pixels
 
 
@@ -186,11 +187,12 @@ def places_in_plane(rig: Rig) -> Float:
     )
     poses = np.array([rig.b_from_a(i, 0) for i in range(len(rig))])
     places = poses[:, :3, 3] - poses[:, :3, 3].mean(axis=0)
-    extent = np.abs(places).max()
+    extent = max(float(np.abs(places).max()), 1.0)
+    coordinates = np.abs([pose[:3, 3] for pose in rig.world_from_cams])
+    out_of_plane = float(np.abs(places[:, 2]).max())
+    is_plane = out_of_plane <= _ALIGNED * extent + _FLOAT64 * float(coordinates.max())
     parallel = np.abs(poses[:, :3, :3] - np.eye(3)).max() <= _ALIGNED
-    if not (
-        alike and parallel and np.abs(places[:, 2]).max() <= _ALIGNED * max(extent, 1.0)
-    ):
+    if not (alike and parallel and is_plane):
         raise InputError(
             "a light field needs cameras in one plane, with parallel axes and equal fx, fy and image sizes"
         )

@@ -17,6 +17,7 @@ from twinlens import geometry
 from twinlens.camera import Camera, ObjectTruth, RecipeLens, Rig, dual_pixel_disparity
 from twinlens.camera.masks import decode_mask
 from twinlens.dataset.codecs.calib import Calibration
+from twinlens.dataset.points import rounding_scale, world_points
 from twinlens.dataset.sample import blur_circle_px, rectified_pair
 from twinlens.dataset.visibility import HIDDEN, UNKNOWN, VISIBLE, mask_of
 from twinlens.errors import InputError
@@ -203,13 +204,20 @@ def _check_projection(view: ViewContent, number: int) -> Findings:
     pattern = rig.projectors[number].intrinsics
     pose = rig.world_from_projectors[number]
     hit, lit = truth["object_id"] > 0, truth["lit"][number]
-    world = truth["position"][hit].astype(np.float64)
+    points = world_points(
+        view.camera,
+        rig.world_from_cams[view.number],
+        truth["depth"],
+        truth["position"],
+    )
+    world = points[hit]
     stored = truth["projector_pixels"][number][hit].astype(np.float64)
     cam = geometry.transform_points(geometry.inverse(pose), world)
     expected = pattern.project(cam)
     # Pixels far outside the pattern are not compared: there, rounding of the positions is many pixels.
     inside = pattern.contains(stored) | pattern.contains(expected)
-    scale = np.abs(world).sum(axis=-1) + np.abs(pose[:3, 3]).sum()
+    centre = rig.world_from_cams[view.number][:3, 3]
+    scale = rounding_scale(world, centre, pose[:3, 3])
     farthest = 2.0 * max(pattern.fx, pattern.fy, pattern.width, pattern.height)
     allowed = _PX + _ROUNDING * farthest * (1 + scale[inside] / cam[inside, 2])
     error = np.abs(stored - expected)[inside].max(axis=-1, initial=0.0)
@@ -250,7 +258,12 @@ def check_views(
     camera, world_from_other = rig.cameras[views[1]], rig.world_from_cams[views[1]]
     # The visible points of this view in the other camera's frame, and their pixels there.
     is_visible = here["visible"] & (here["object_id"] > 0)
-    world = here["position"][is_visible].astype(np.float64)
+    world = world_points(
+        rig.cameras[views[0]],
+        rig.world_from_cams[views[0]],
+        here["depth"],
+        here["position"],
+    )[is_visible]
     cam = geometry.transform_points(geometry.inverse(world_from_other), world)
     px = camera.project(cam)
     # A projection on the border may be outside by rounding.
@@ -271,8 +284,8 @@ def check_views(
     )
     if findings := _check_depths(around, depth):
         return findings
-    # Rounding of a float32 position grows with its coordinates.
-    scale = np.abs(world).sum(axis=-1) + np.abs(world_from_other[:3, 3]).sum()
+    centre = rig.world_from_cams[views[0]][:3, 3]
+    scale = rounding_scale(world, centre, world_from_other[:3, 3])
     # Every n-th pixel is enough for a median.
     step = max(1, len(px) // _MAX_PIXELS)
     return _check_shift(

@@ -35,6 +35,7 @@ from twinlens.dataset.channels import (
 )
 from twinlens.dataset.codecs.calib import Calibration, read_calib
 from twinlens.dataset.files import check_relative
+from twinlens.dataset.points import world_points
 from twinlens.dataset.record import (
     LENS,
     RIG,
@@ -209,12 +210,20 @@ class StoredSample(Mapping[str, Any]):
         return mask_from_one(self.disparity(i), left=i == 0)
 
     def truth(self, i: int) -> Truth:
-        """Truth of view i; depth, position and the pixels of projectors have float32 precision."""
+        """Truth of view i; depth, position and the pixels of projectors have float32 precision.
+
+        Far from the origin, positions are computed from depth, in float64.
+        """
         channels = self._read(TRUTH, i)
         # The blur circle is that of a lens, and a Truth is of no lens.
         del channels["blur_circle_px"]
-        for name in ("depth", "position"):
-            channels[name] = channels[name].astype(np.float64)
+        channels["position"] = world_points(
+            self.rig.cameras[i],
+            self.rig.world_from_cams[i],
+            channels["depth"],
+            channels["position"],
+        )
+        channels["depth"] = channels["depth"].astype(np.float64)
         pixels, lit = channels.pop("projector_pixels"), channels.pop("lit")
         projections = map(Projection, pixels.astype(np.float64), lit)
         disparity = np.full(channels["depth"].shape, np.inf, np.float32)

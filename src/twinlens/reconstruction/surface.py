@@ -15,6 +15,8 @@ from twinlens.errors import InputError, check_number
 from twinlens.geometry import Float, check_rigid, depth_from_disparity, float_array
 
 _MOST_SAMPLES = 50_000_000
+_ROUNDING = 1e-6  # of coordinates in files, relative to the extent of a shape
+_END_OF_HEADER = b"end_header\n"
 _GLTF_FROM_WORLD = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 _GLTF_FROM_CAM = np.diag([1.0, -1.0, -1.0, 1.0])
 
@@ -220,22 +222,70 @@ def write_glb(
 
 
 def ply_bytes(shape: Cloud | Surface) -> bytes:
-    """A binary PLY in world axes, metres, float32, with colours."""
-    return bytes(_trimesh(shape).export(file_type="ply"))
+    """A binary PLY in world axes, metres, with colours. Coordinates are float32, or double far from the origin."""
+    written = bytes(_trimesh(shape).export(file_type="ply"))
+    points = _points(shape)
+    return written if _is_float32_enough(points) else _with_doubles(written, points)
 
 
 def glb_bytes(shape: Cloud | Surface, world_from_cam: ArrayLike | None = None) -> bytes:
     """A binary glTF 2.0: metres, float32, vertex colours.
 
     glTF's axes are x right, y up, z towards the viewer. With `world_from_cam` (4, 4) the camera looks along -z with
-    its up direction along y; without it, the world's z axis is up: (x, z, -y).
+    its up direction along y; without it, the world's z axis is up: (x, z, -y). Far from the origin, vertices are
+    relative to a node, whose translation is exact.
     """
     if world_from_cam is None:
         gltf_from_world = _GLTF_FROM_WORLD
     else:
         gltf_from_world = _GLTF_FROM_CAM @ np.linalg.inv(np.asarray(world_from_cam))
-    scene = _trimesh(shape).apply_transform(gltf_from_world).scene()
+    model = _trimesh(shape).apply_transform(gltf_from_world)
+    scene = model.scene()
+    points = np.asarray(model.vertices)
+    if not _is_float32_enough(points):
+        import trimesh
+
+        middle = np.round(points.mean(axis=0))
+        node = trimesh.transformations.translation_matrix(middle)
+        scene = trimesh.Scene()
+        scene.add_geometry(model.apply_translation(-middle), transform=node)
     return bytes(scene.export(file_type="glb"))
+
+
+def _points(shape: Cloud | Surface) -> Float:
+    return shape.points if isinstance(shape, Cloud) else shape.vertices
+
+
+def _is_float32_enough(points: Float) -> bool:
+    """Whether float32 coordinates are right to `_ROUNDING` of the extent of points (N, 3)."""
+    if len(points) < 2:
+        return True
+    extent = float(np.ptp(points, axis=0).max())
+    error = float(np.abs(points).max()) * float(np.finfo(np.float32).eps) / 2
+    return error <= _ROUNDING * extent
+
+
+def _with_doubles(ply: bytes, points: Float) -> bytes:
+    """A binary PLY of trimesh with its vertices' coordinates as doubles.
+
+    Its header declares x, y and z as floats, then the rest of a vertex, floats and bytes.
+    """
+    end = ply.index(_END_OF_HEADER) + len(_END_OF_HEADER)
+    header = ply[:end]
+    of_vertex = header.split(b"element face")[0]
+    colors = of_vertex.count(b"property uchar")
+    rest = colors + 4 * (of_vertex.count(b"property float") - 3)
+    old = np.dtype([("xyz", "<f4", 3), ("rest", "u1", (rest,))])
+    new = np.dtype([("xyz", "<f8", 3), ("rest", "u1", (rest,))])
+    vertices = np.frombuffer(ply, old, count=len(points), offset=end)
+    exact = np.empty(len(points), new)
+    exact["xyz"] = points
+    exact["rest"] = vertices["rest"]
+    for axis in (b"x", b"y", b"z"):
+        header = header.replace(
+            b"property float " + axis + b"\n", b"property double " + axis + b"\n"
+        )
+    return header + exact.tobytes() + ply[end + vertices.nbytes :]
 
 
 def _trimesh(shape: Cloud | Surface) -> Any:

@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from twinlens.camera import Rig
 from twinlens.geometry import Float
 from twinlens.scenes import Bitmap, Color, Mesh, Plugin, Scene, SceneObject
 from twinlens.scenes.materials import AnyMaterial, Material
@@ -75,10 +74,6 @@ class Frame:
         placed = np.array(world_from_cam, dtype=np.float64)
         placed[:3, 3] = self.points(placed[:3, 3])
         return placed
-
-    def rig(self, rig: Rig) -> Rig:
-        """The cameras of a rig in the frame, without projectors."""
-        return Rig(rig.cameras, [self.rigid(pose) for pose in rig.world_from_cams])
 
 
 WORLD = Frame()

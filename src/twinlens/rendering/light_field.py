@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from twinlens.camera import Pinhole, Rig
 from twinlens.camera.light_field import places_in_plane
 from twinlens.errors import InputError
-from twinlens.rendering.framing import built_for, frame_of
+from twinlens.rendering.framing import built_for
 from twinlens.rendering.integrators import own_paths
 from twinlens.rendering.projectors import lit_by_projectors
 from twinlens.rendering.requests import (
@@ -78,8 +78,6 @@ def render_light_field(
         shared_images,
     )  # sets up the backend
 
-    frame = frame_of(scenes[first.bands[0]], rig)
-    views = Views(frame.rig(rig))
     bands = []
     for number, band in enumerate(first.bands):
         built = lit_by_projectors(built_for(scenes[band], rig), rig, band)
@@ -92,6 +90,7 @@ def render_light_field(
         report = partial_progress(
             progress, number / len(first.bands), (number + 1) / len(first.bands)
         )
+        views = Views(rig, built.frame)
         light = SharedLight(
             built.mi_scene,
             paths,

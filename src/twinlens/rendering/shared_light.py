@@ -29,6 +29,7 @@ from twinlens.camera import Rig
 from twinlens.camera.light_field import places_in_plane
 from twinlens.geometry import Float
 from twinlens.rendering.backends import mitsuba
+from twinlens.rendering.frames import Frame
 from twinlens.rendering.irradiance_cache import from_emitter, mis
 from twinlens.rendering.paths import (
     Paths,
@@ -74,17 +75,18 @@ class Place(NamedTuple):
 
 
 class Views:
-    """The rays of a rig of pinhole cameras in one plane, and the four corners around them.
+    """The rays of a rig of pinhole cameras in one plane, and the four corners around them, all in `frame`.
 
-    axes : x, y and z of the cameras, in the world.
+    axes : x, y and z of the cameras.
     middle, middle_principal : centre and principal point of a camera in the middle of the views.
     corners : of the rectangle around the views; `extent` is its longer side.
     weights : (4, N), of each corner at each view, for bilinear interpolation.
     """
 
-    def __init__(self, rig: Rig) -> None:
-        places = places_in_plane(rig)
-        camera, pose = rig.cameras[0], rig.world_from_cams[0]
+    def __init__(self, rig: Rig, frame: Frame) -> None:
+        places = frame.scale * places_in_plane(rig)
+        poses = [frame.rigid(pose) for pose in rig.world_from_cams]
+        camera, pose = rig.cameras[0], poses[0]
         self.count, self.width, self.height = len(rig), camera.width, camera.height
         self._pixels = dr.opaque(mi.UInt32, camera.width * camera.height)
         self._columns = dr.opaque(mi.UInt32, camera.width)
@@ -92,7 +94,7 @@ class Views:
         self.axes = [mi.Vector3f(*map(opaque, axis)) for axis in pose[:3, :3].T]
 
         principal = np.array([(camera.cx, camera.cy) for camera in rig.cameras])
-        origins = np.array([pose[:3, 3] for pose in rig.world_from_cams])
+        origins = np.array([pose[:3, 3] for pose in poses])
         self._principal = [_on_device(values) for values in principal.T]
         self._origins = [_on_device(values) for values in origins.T]
         middle = origins.mean(axis=0)
