@@ -201,3 +201,10 @@ def test_a_confidence_of_a_small_map_is_enlarged_but_not_scaled():
         confidence=np.kron(trust, np.ones((2, 2))),
     ).all
     assert small.sparsification == whole.sparsification
+
+
+def test_printed_scores_are_lines_of_metrics():
+    truth = np.full((4, 5), 1.6, np.float32)
+    lines = str(evaluate(np.ones((4, 5), np.float32), truth)).splitlines()
+    assert lines[1] == "all: 20 of 20 pixels evaluated, 20 estimated"
+    assert any(line.split() == ["avgerr", "0.60", "px"] for line in lines)

@@ -15,7 +15,6 @@ from twinlens.errors import FileError, InputError
 from twinlens.scoring import (
     Scores,
     evaluate,
-    find_metric,
     open_pairs,
     open_submission,
     search_range,
@@ -190,11 +189,4 @@ def _print(scores: Scores, as_json: bool) -> None:
         }
         print_json({"protocol": scores.protocol.name, "regions": rows})
         return
-    click.echo(scores.protocol.title)
-    for name, region in scores.regions.items():
-        click.echo(
-            f"{name}: {region.evaluated} of {region.image} pixels evaluated, {region.estimated} estimated"
-        )
-        for key, value in region.items():
-            metric = find_metric(key)
-            click.echo(f"  {key:<10} {metric.show(value):>10} {metric.unit}")
+    click.echo(scores)

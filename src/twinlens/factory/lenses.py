@@ -30,7 +30,14 @@ from twinlens.camera.aperture import FULL_DISK, Aperture
 from twinlens.camera.lens import F_NUMBER, BareAperture
 from twinlens.camera.truth import Truth
 from twinlens.dataset import read_image
-from twinlens.errors import FileError, InputError, format_value, located, unknown
+from twinlens.errors import (
+    FileError,
+    InputError,
+    format_value,
+    located,
+    nearest,
+    unknown,
+)
 from twinlens.optics import middle_focus
 from twinlens.scenes import Scene
 from twinlens.schema import Declared, Fraction, StrictModel, read, setting, table_of
@@ -90,13 +97,20 @@ ShapeTable: Any = Annotated[
 _LEAST_SEEN = 0.005  # of the image: an object that is large enough to focus on
 _Aperture = Annotated[float, setting(ThinLens, "aperture_diameter", "millimetres", 1e3)]
 _FOCUS_NAMES = ("near", "middle", "far", "centre", "object")
-_FOCUS_NAME = DeclaredField("focus", str, False, Setting("", choices=_FOCUS_NAMES))
 _FOCUS_DISTANCE = fields_of(ThinLens)["focus_distance"]
 
 
 def _read_focus(value: Any) -> Any:
-    field = _FOCUS_NAME if isinstance(value, str) else _FOCUS_DISTANCE
-    return field.read(value)
+    if not isinstance(value, str):
+        return _FOCUS_DISTANCE.read(value)
+    if value not in _FOCUS_NAMES:
+        names = ", ".join(_FOCUS_NAMES)
+        near = nearest(value, _FOCUS_NAMES)
+        hint = f"; did you mean {near!r}?" if near else ""
+        raise InputError(
+            f"must be metres as a number, such as 2.5 or inf, or one of {names}, got {value!r}{hint}"
+        )
+    return value
 
 
 Focus = Annotated[

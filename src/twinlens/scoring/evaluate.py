@@ -10,7 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 from twinlens.dataset import Calibration
 from twinlens.errors import InputError
 from twinlens.geometry import Float
-from twinlens.scoring.metrics import Disparity, Mask, boolean_mask, disparity_map
+from twinlens.scoring.metrics import (
+    Disparity,
+    Mask,
+    boolean_mask,
+    disparity_map,
+    find_metric,
+)
 from twinlens.scoring.protocols import Pixels, Protocol, find_protocol
 
 RESERVED = ("all", "nonocc")
@@ -64,6 +70,17 @@ class Scores:
                 "no scores for region 'nonocc': pass evaluate(..., mask_nonocc=mask)"
             )
         return self.regions["nonocc"]
+
+    def __str__(self) -> str:
+        """The scores as lines of text: counts of pixels, and each metric with its unit, for every region."""
+        lines = [self.protocol.title]
+        for name, region in self.regions.items():
+            counts = f"{region.evaluated} of {region.image} pixels evaluated, {region.estimated} estimated"
+            lines.append(f"{name}: {counts}")
+            for key, value in region.items():
+                metric = find_metric(key)
+                lines.append(f"  {key:<10} {metric.show(value):>10} {metric.unit}")
+        return "\n".join(lines)
 
 
 def evaluate(
