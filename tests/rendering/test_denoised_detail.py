@@ -84,10 +84,52 @@ def rms(difference):
 def test_a_bright_sample_does_not_brighten_what_is_around_it():
     """One pixel that is 100 times as bright as the others."""
     image = np.full((64, 64, 3), 0.5, np.float32)
-    features = np.zeros((64, 64, 7), np.float32)
+    features = np.zeros((64, 64, 10), np.float32)
     features[..., :3] = 0.5
     features[..., 5] = 1.0
     image[32, 32] = 50.0
     filtered = denoise_image(image, Guides(features, 16))
     far = np.hypot(*(np.indices((64, 64)) - 32)) > 12
     assert filtered[far] == pytest.approx(0.5, rel=0.01)
+
+
+def reflected_wall(paint):
+    """A square at 45 degrees that fills the view and reflects a textured wall beside it."""
+    shown, material = wall(SPECKLES)
+    slanted, beside = np.eye(4), np.eye(4)
+    normal, along = np.array([1.0, 0.0, -1.0]), np.array([1.0, 0.0, 1.0])
+    slanted[:3, 0], slanted[:3, 1] = along, [0.0, 1.5, 0.0]
+    slanted[:3, 2], slanted[:3, 3] = normal, [0.0, 0.0, 1.5]
+    beside[:3, 0], beside[:3, 1] = [0.0, 0.0, 3.0], [0.0, 3.0, 0.0]
+    beside[:3, 2], beside[:3, 3] = [-1.0, 0.0, 0.0], [2.0, 0.0, 1.5]
+    mirror = SceneObject("mirror", {"type": "rectangle"}, "coat", slanted)
+    shown = SceneObject("wall", {"type": "rectangle"}, "paint", beside)
+    materials = {"paint": material, "coat": paint}
+    scene = Scene("coat", (mirror, shown), materials, HERE, (0.3, 9.0))
+    return scene.lit_by(SKY)
+
+
+PLASTIC = {
+    reflectance: {
+        "type": "plastic",
+        "diffuse_reflectance": {"type": "rgb", "value": reflectance},
+    }
+    for reflectance in (0.0, 0.1, 0.5)
+}
+
+
+@pytest.mark.parametrize("reflectance", PLASTIC)
+def test_reflections_in_plastic_keep_their_contrast(reflectance):
+    """From 16 samples. Two references, so that their noise has no share in the details of both."""
+    scene = reflected_wall(PLASTIC[reflectance])
+    first, second = (
+        details(tl.render(scene, RIG, spp=512, seed=seed)) for seed in (1, 2)
+    )
+    image = details(tl.render(scene, RIG, spp=16, seed=3, denoise=True))
+    measured = (image * (first + second)).sum() / (2 * first * second).sum()
+    assert measured == pytest.approx(1.0, abs=0.1)
+
+
+def details(images):
+    image = grey(images)
+    return (image - gaussian_filter(image, 2))[8:-8, 8:-8]

@@ -131,7 +131,8 @@ def test_guides_have_the_samples_of_the_image():
 def test_values_that_are_not_finite_do_not_spread():
     """A pixel of an even image, and one of its own albedo."""
     even = np.full((48, 64, 3), 0.5, np.float32)
-    means = np.broadcast_to(np.array([0.5, 0.5, 0.5, 0, 0, 1, 0]), (48, 64, 7)).copy()
+    features = np.array([0.5, 0.5, 0.5, 0, 0, 1, 0, 0, 0, 0])
+    means = np.broadcast_to(features, (48, 64, 10)).copy()
     guides = Guides.from_means(means, 1, None)
     for value in (np.inf, np.nan):
         image = even.copy()

@@ -13,7 +13,8 @@ The image I is filtered in six steps.
    filter sees. docs/decisions/denoising.md compares other powers of G.
 4. Lost texture. The filter blurs textures a little. How much is measured in each image: what the filter removed is
    fitted by the details of sqrt(G) at two scales, and the fit is added to the result. Pixels without light, such as
-   those of a sky that cameras do not see, are not in the fit: what is relative to their light is rounding.
+   those of a sky that cameras do not see, are not in the fit. What smooth coats reflect is in G, and its details have a
+   fit of their own.
 5. Lost light. The filter works on a scale like a logarithm, on which the mean of noise is too low: images lose up to
    0.6 % of their light. So the result is scaled to the mean of the image in wide windows.
 6. Projectors. Light directly from projectors has no noise, and the filter would take its patterns for noise. It is
@@ -44,9 +45,8 @@ LEAST_ALBEDO = 0.1
 """Darker surfaces are filtered as if they had this albedo."""
 
 _WINDOW = (5, 5, 1)
-_LEAST_MEAN = (
-    0.02  # albedo of windows; in darker ones the light is no measure of the irradiance
-)
+_LEAST_MEAN = 0.02
+"""Albedo of windows in step 1. In darker ones the light, of highlights, is no measure of the irradiance."""
 _LUMINANCE = (0.212671, 0.715160, 0.072169)  # of linear RGB, ITU-R BT.709
 _EXPOSURE_BLOCK = 16
 _DARK = 1e-8
@@ -55,6 +55,7 @@ _DETAIL_PX = (0.7, 1.5)  # scales of details, standard deviations of blurs
 _LEAST_LIGHT = np.float32(
     1e-3
 )  # of a pixel in the fit of details, relative to the mean
+_REFLECTED_PX = 3.0  # scale of details in reflections
 _SURROUNDINGS_PX = 2.0
 _MOST_SURROUNDINGS = np.float32(2.0)
 """Limit of the brightness of a pixel's surroundings, relative to its own. Beside a lamp they are far brighter."""
@@ -89,15 +90,19 @@ def denoise_image(
         guides = guides + own_guides
         image = _with_texture_of(image, own_guides.albedo, guides.albedo)
     # Step 2.
-    albedo = np.maximum(guides.albedo, np.float32(LEAST_ALBEDO))
-    lack = _irradiance(image, guides.albedo, LEAST_ALBEDO) * (albedo - guides.albedo)
+    reflectance = np.minimum(guides.reflectance, np.float32(1))
+    albedo = np.maximum(reflectance, np.float32(LEAST_ALBEDO))
+    lack = _irradiance(image, reflectance, LEAST_ALBEDO) * (albedo - reflectance)
     # Step 3, on I / sqrt(G), and step 4, on the same scale.
     divisor = np.sqrt(albedo)
     demodulated: NDArray[np.float32] = np.divide(
         image + lack, divisor, dtype=np.float32
     )
     filtered = _filtered(demodulated, divisor, guides.normal, fast)
-    restored = _with_lost_texture(filtered, demodulated, divisor) * divisor
+    restored = _with_lost_texture(filtered, demodulated, divisor)
+    if guides.coat.any():
+        restored = _with_lost_reflections(restored, demodulated, divisor, guides.coat)
+    restored = restored * divisor
     # Step 5, without what step 2 has added.
     denoised = _with_lost_light(np.maximum(restored - lack, 0), image)
     # Step 6, its second half: with the light of projectors that all samples have.
@@ -211,6 +216,28 @@ def _with_lost_texture(
     of_fine, of_coarse = _fitted(removed[is_lit], fine[is_lit], coarse[is_lit])
     details = brightness * (of_fine * fine + of_coarse * coarse)
     return np.asarray(np.maximum(filtered + details, 0), np.float32)
+
+
+def _with_lost_reflections(
+    filtered: NDArray[np.float32],
+    unfiltered: NDArray[np.float32],
+    divisor: NDArray[np.float32],
+    coat: NDArray[np.float32],
+) -> NDArray[np.float32]:
+    """`filtered` and what the filter removed of the details that smooth coats reflect.
+
+    As for lost texture, with one factor for all coats: the light on what they reflect is not that on them.
+    """
+    brightness = np.maximum(filtered, np.float32(_DARK))
+    removed = ((unfiltered - filtered) / brightness).clip(-1, 1)
+    details = (coat - _blurred(coat, _REFLECTED_PX)) / np.square(divisor)
+    shows = (coat > 0) & (filtered > _LEAST_LIGHT * filtered.mean(dtype=np.float64))
+    if not shows.any() or np.ptp(details[shows]) == 0:
+        return filtered
+    variance = _covariance(details[shows], details[shows])
+    factor = np.float32(_covariance(details[shows], removed[shows]) / variance)
+    restored = filtered + brightness * np.where(shows, factor * details, 0)
+    return np.asarray(np.maximum(restored, 0), np.float32)
 
 
 def _with_lost_light(

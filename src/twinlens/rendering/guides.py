@@ -20,7 +20,18 @@ from twinlens.rendering.cut_outs import CutOuts, cut_outs
 from twinlens.rendering.sensors import make_sensor
 from twinlens.rendering.tracing import MAX_SPECULAR, is_null, may_pass, passage
 
-_NOTHING = (1, 1, 1, 0, 0, 0, 0)  # albedo, normal and random share of the sky
+_NOTHING = (
+    1,
+    1,
+    1,
+    0,
+    0,
+    0,
+    0,
+    0,
+    0,
+    0,
+)  # of the sky: albedo, normal, random share, coat
 _SURFACE_CHANNELS = len(_NOTHING)
 
 
@@ -29,13 +40,14 @@ class Guides:
     """Means over each pixel, float32 (H, W, C); with parts of the aperture (P, H, W, C), weighted by the parts' shares.
 
     count : samples per pixel.
-    features : albedo, normal, random share and projected light.
+    features : albedo, normal, random share, coat and projected light.
     shares : mean shares of the parts, (P, H, W, 1): of the samples of a pixel, not of the aperture. None without parts.
 
     albedo : diffuse reflectance, times the tint of the mirrors and glass before it; 1 for lamps and the
         sky, 0 for a sky that cameras do not see.
     normal : shading normal in the world, 0 where nothing was hit.
     random_share : share of the samples that followed a ray of glass or of a mask that they chose at random.
+    coat : what smooth coats, such as that of plastic, reflect: the albedo seen in them, times their reflectance.
     projected : radiance of the light directly from projectors; no channels if there are none.
     """
 
@@ -66,13 +78,26 @@ class Guides:
         return self.features[..., 6:7]
 
     @property
+    def coat(self) -> NDArray[np.float32]:
+        return self.features[..., 7:10]
+
+    @property
+    def reflectance(self) -> NDArray[np.float32]:
+        """Of the surface and its coat, (H, W, 3)."""
+        return self.albedo + self.coat
+
+    @property
     def projected(self) -> NDArray[np.float32]:
         return self.features[..., _SURFACE_CHANNELS:]
 
     def replaced_where_random(self, steady: "Guides") -> "Guides":
-        """These guides, but the `steady` ones where samples chose a way at random, which would give glass specks."""
+        """These guides, but the `steady` ones where samples chose a way at random, which would give glass specks.
+
+        Samples choose between a coat and what is below it, too: what coats reflect is that of the `steady` ones.
+        """
         is_random = self.random_share > 0
         features = np.where(is_random, steady.features, self.features)
+        features[..., 7:10] = steady.coat
         return Guides(features, self.count)
 
     def __add__(self, more: "Guides") -> "Guides":
@@ -170,7 +195,7 @@ def _features(
         first = built.mi_scene.ray_intersect_preliminary(mitsuba().Ray3f(ray), True)
         albedo = drjit.select(first.is_valid(), albedo, 0.0)
     nothing_random = drjit.zeros(mitsuba().Float, drjit.width(aperture))
-    channels = [*albedo, *normal, nothing_random]
+    channels = [*albedo, *normal, nothing_random, *_seen_in_coats(built, ray)]
     if built.projected is not None:
         channels.extend(
             built.projected.direct_light(built.mi_scene, sensor.sampler(), ray)
@@ -180,6 +205,36 @@ def _features(
     channels.append(mitsuba().Float(1.0))  # whose mean is the part's share of samples
     shares = sensor.shares(parts, aperture)
     return pixel_means(channels, count, camera, shares)
+
+
+def _seen_in_coats(built: BuiltScene, ray: Any) -> Any:
+    """The albedo that smooth coats show along each ray, times their reflectance; 0 elsewhere, and behind glass.
+
+    A coat is the mirror of a material that also reflects diffusely.
+    """
+    import drjit as dr
+
+    mi = mitsuba()
+    flags = mi.BSDFFlags
+    kinds = {int(body.shape.bsdf().flags()) for body in built.bodies if body.shape}
+    is_coat = int(flags.DeltaReflection), int(flags.DiffuseReflection)
+    if not any(kind & is_coat[0] and kind & is_coat[1] for kind in kinds):
+        return dr.zeros(mi.Color3f, dr.width(ray.o))
+    si = built.mi_scene.ray_intersect(mi.Ray3f(ray), mi.RayFlags.All, True)
+    bsdf = si.bsdf()
+    has_mirror = mi.has_flag(bsdf.flags(), flags.DeltaReflection)
+    coated = si.is_valid() & has_mirror & mi.has_flag(bsdf.flags(), flags.Diffuse)
+    # The only lobe that is asked for: its weight is the coat's reflectance.
+    only_mirror = mi.BSDFContext()
+    only_mirror.type_mask = int(flags.DeltaReflection)
+    sample, reflectance = bsdf.sample(
+        only_mirror, si, mi.Float(0.0), mi.Point2f(0.5), coated
+    )
+    coated &= dr.any(reflectance > 0)
+    onward = si.spawn_ray(si.to_world(sample.wo))
+    shown = built.mi_scene.ray_intersect(onward, mi.RayFlags.All, False, coated)
+    albedo, _ = surface_features(shown, shown.bsdf(), coated)
+    return dr.select(coated, reflectance * albedo, 0.0)
 
 
 @dataclass

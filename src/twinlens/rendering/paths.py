@@ -155,7 +155,13 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
         if isinstance(end.features, tuple):
             return end.radiance, mi.Bool(True), []
         features = end.features
-        channels = [*features.albedo, *features.normal, features.is_random]
+        no_coat = [mi.Float(0.0)] * 3  # known from other samples only
+        channels = [
+            *features.albedo,
+            *features.normal,
+            features.is_random,
+            *no_coat,
+        ]
         for light in features.projected:
             channels.extend(light)
         return end.radiance, mi.Bool(True), channels
@@ -170,7 +176,7 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
         """Names of the channels besides the radiance."""
         if not self.gives_guides:
             return []
-        colours = ["albedo", "normal"]
+        colours = ["albedo", "normal", "coat"]
         if self.lamps:
             colours.append("projected")
         names = [f"{colour}.{i}" for colour in colours for i in range(3)]
