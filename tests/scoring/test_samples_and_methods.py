@@ -22,6 +22,7 @@ from twinlens.scoring import (
     run_benchmark,
 )
 from twinlens.scoring.benchmark import spec_of
+from twinlens.scoring.samples import Pair
 from twinlens.scoring.submission import file_name
 
 
@@ -189,3 +190,27 @@ def test_a_damaged_map_is_named(tmp_path):
     folder.path("m", "s").write_bytes(b"Pf\n9 9\n-1\n")
     with pytest.raises(FileError, match=r"m\.pfm"):
         folder.get(("m", "s"))
+
+
+@pytest.mark.parametrize(
+    ("disparities", "ndisp", "low", "says"),
+    [
+        ([20.0, 35.5], 16, 0, "20 to 35.5 px, are beyond the search of 0 to 15"),
+        ([-9.0, -4.0], 64, 0, "-9 to -4 px, are beyond the search of 0 to 63"),
+        ([3.0, 4.0], 32, 8, "3 to 4 px, are beyond the search of 8 to 39"),
+        ([20.0, 10.0], 16, 0, None),
+        ([np.inf, np.inf], 16, 0, None),
+    ],
+)
+def test_a_search_without_any_true_disparity_is_said(disparities, ndisp, low, says):
+    image = np.zeros((1, 2), np.uint8)
+    truth = np.array([disparities], np.float32)
+
+    def make():
+        return Pair("shelf", image, image, truth, None, ndisp, min_disparity=low)
+
+    if says is None:
+        make()
+        return
+    with pytest.warns(UserWarning, match=f"'shelf': all true disparities, {says}"):
+        make()

@@ -263,5 +263,5 @@ def _add_surroundings(scene: Composition, depth_ratio: float) -> None:
         kind, tile = surface_pattern(rng, patterns, scene.plain_surfaces)
         colors = wall_colors(scene.rng(name, "colours"), scene.palette, contrast)
         tile *= 0.3 * view.covered(distance)[0]
-        look = surface(scene, scene.rng(name), sheet, kind, colors, tile)
-        scene.add(name, sheet.mesh(), look)
+        fitted, look = surface(scene, scene.rng(name), sheet, kind, colors, tile)
+        scene.add(name, fitted.mesh(), look)

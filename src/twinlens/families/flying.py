@@ -116,8 +116,8 @@ def _add_wall(scene: Composition, far: float) -> None:
     name, tile = one_of(rng, WALLS[1])  # never plain: other scenes have a plain sky
     tile *= 0.25 * view.covered(distance)[0]
     wall, colors = sheet(distance), wall_colors(rng, scene.palette)
-    look = surface(scene, scene.rng("wall"), wall, name, colors, tile)
-    scene.add("backdrop", wall.mesh(), look)
+    fitted, look = surface(scene, scene.rng("wall"), wall, name, colors, tile)
+    scene.add("backdrop", fitted.mesh(), look)
 
 
 def _add_moon(scene: Composition, far: float) -> None:

@@ -267,8 +267,8 @@ def _add_shell(scene: Composition, shell: Shell) -> None:
             kind, size = surface_pattern(rng, WALLS, scene.plain_surfaces)
             tones = wall_colors(scene.rng("accent"), scene.palette, 0.45)
         stream = scene.rng("surface", side)
-        look = surface(scene, stream, sheet, kind, tones, size, finish)
-        scene.add(side, sheet.mesh(), look)
+        fitted, look = surface(scene, stream, sheet, kind, tones, size, finish)
+        scene.add(side, fitted.mesh(), look)
     if rng.random() < 0.8:
         white = furniture_material(scene, ("skirting",), "white", scene.view.pixel(2.0))
         scene.add("skirting", _skirting(shell), white)

@@ -1,19 +1,24 @@
 """Large flat surfaces (floors, walls, table tops): patterns baked for the view, finer near the camera than far away.
 
-The renderer has no mipmaps. Each texel is therefore taken from the level of an image pyramid that matches the size of a
-pixel there, so no visible detail is finer than two pixels. Source: Williams, Pyramidal Parametrics, SIGGRAPH 1983.
+A surface may be 30 m long and begin half a metre from the camera. Its texels are therefore spread as the pixels that
+see it: along each side, the texture coordinate is a piecewise linear function of the position, steep near the camera.
+
+The renderer has no mipmaps. Each texel is taken from the levels of an image pyramid that match the size of a pixel
+there, so no visible detail is finer than two pixels; a pixel that covers a long strip of the surface takes several
+places along it. Sources: Williams, Pyramidal Parametrics, SIGGRAPH 1983; McCormack et al., Feline, SIGGRAPH 1999.
 """
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.families.composition import Composition, Viewpoint
 from twinlens.families.draws import Palette, Rng, one_of, varied
-from twinlens.families.materials import material, texels
+from twinlens.families.materials import material
 from twinlens.families.patterns import half_size, pattern, texture_seed
 from twinlens.geometry import Float
 from twinlens.scenes import shapes, textures
@@ -22,21 +27,60 @@ from twinlens.scenes.scene import Mesh
 from twinlens.scenes.textures import Image
 
 Mask = NDArray[np.bool_]
-_MAX_TEXELS = 2048
-_BLOCK = 4  # texels, rows and columns, that share a value outside the picture
+Texels = NDArray[np.complex128]
+_MAX_TEXELS = 8192  # along a side
+_MAX_PATTERN = 2048  # texels along a tile
+_PATTERN_STEP = 64  # so that half, quarter, ... sizes are whole
+_WEAR = 64  # texels along each side
+_TEXELS_PER_PIXEL = 1.1  # at least, in the picture
+_UNSEEN = 0.04  # share of the texels that is spread evenly, also outside of the picture
+_CELLS = 32  # along a side, in which the texture coordinate is linear
+_SAMPLES = 4  # places in a cell where the pixels are computed
+_REFINEMENTS = 6
 _BEYOND = 1.4  # half widths of the picture: what the right camera may see of a surface
-_MIN_COSINE = 0.25  # views at a smaller one are filtered like this one
+_ABOVE = 1.1  # half heights
+_SEEN = np.array([_BEYOND, _ABOVE])
+_MIN_TEXELS = 128
+_BAND = 16  # rows that are baked at a time
+_MAX_STRIDE = 16
+_MAX_TAPS = 4  # places along the strip that a pixel covers
 _SQUARE = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
 QUAD = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
 
 
 @dataclass(frozen=True, eq=False)
+class Knots:
+    """A piecewise linear map from shares of a side, `at`, to texture coordinates, `uv`; both rise from 0 to 1."""
+
+    at: Float
+    uv: Float
+    texels: int = 0
+
+    def shares(self) -> Float:
+        """The shares of the side at the centres of its texels."""
+        return np.interp((np.arange(self.texels) + 0.5) / self.texels, self.uv, self.at)
+
+    def steps(self) -> Float:
+        """The lengths of its texels, as shares of the side."""
+        edges = np.arange(self.texels + 1) / self.texels
+        return np.diff(np.interp(edges, self.uv, self.at))
+
+
+EVEN = Knots(np.array([0.0, 1.0]), np.array([0.0, 1.0]))
+
+
+@dataclass(frozen=True, eq=False)
 class Sheet:
-    """A rectangle: a corner (3,) and two perpendicular sides (3,) as vectors; its front is u x v."""
+    """A rectangle: a corner (3,) and two perpendicular sides (3,) as vectors; its front is u x v.
+
+    `across` and `along` are the texture coordinates along u and v; `seen_from` fits them to a view.
+    """
 
     corner: Float
     u: Float
     v: Float
+    across: Knots = EVEN
+    along: Knots = EVEN
 
     @property
     def lengths(self) -> tuple[float, float]:
@@ -47,19 +91,36 @@ class Sheet:
         n = np.cross(self.u, self.v)
         return np.asarray(n / np.linalg.norm(n))
 
+    def seen_from(self, view: Viewpoint, texel: float) -> "Sheet":
+        """The same rectangle, with texels as small as the pixels of a view, but not smaller than `texel` metres."""
+        across, along = _fitted(self, view, texel)
+        return replace(self, across=across, along=along)
+
+    def front(self) -> Mesh:
+        """Two triangles for each cell in which the texture coordinates are linear."""
+        uv = np.stack(np.meshgrid(self.across.uv, self.along.uv), axis=-1)
+        share = np.stack(np.meshgrid(self.across.at, self.along.at), axis=-1)
+        corners = self.corner + share.reshape(-1, 2) @ np.stack([self.u, self.v])
+        rows, columns = share.shape[:2]
+        first = np.arange((rows - 1) * columns).reshape(rows - 1, columns)[:, :-1]
+        cell = first.reshape(-1, 1) + np.array([0, 1, columns + 1, columns])
+        faces = cell[:, QUAD.astype(np.int64)].reshape(-1, 3).astype(np.uint32)
+        normals = np.tile(self.normal, (len(corners), 1))
+        return Mesh(corners, faces, normals, uv.reshape(-1, 2))
+
     def mesh(self, thickness: float = 0.0) -> Mesh:
-        """Two triangles or, with a thickness, a closed slab behind them; (u, v) are those of the front."""
-        corners = self.corner + _SQUARE @ np.stack([self.u, self.v])
+        """The front or, with a thickness, a closed slab behind it; (u, v) are those of the front."""
         if thickness == 0:
-            return Mesh(corners, QUAD, np.tile(self.normal, (4, 1)), _SQUARE)
+            return self.front()
+        corners = self.corner + _SQUARE @ np.stack([self.u, self.v])
         behind = corners - thickness * self.normal
         sides = []
         for i in range(4):
             # From corner i to the next one, which is number i - 3.
             edge = [corners[i], behind[i], behind[i - 3], corners[i - 3]]
             sides.append(quad(np.stack(edge), _SQUARE[[i, i, i - 3, i - 3]]))
-        front, back = quad(corners, _SQUARE), quad(behind[::-1], _SQUARE[::-1])
-        return shapes.merged([front, back, *sides])
+        back = quad(behind[::-1], _SQUARE[::-1])
+        return shapes.merged([self.front(), back, *sides])
 
 
 def quad(corners: Float, uv: Float) -> Mesh:
@@ -77,138 +138,263 @@ def surface(
     colors: Float,
     tile: float,
     finish: str = "matte",
-) -> Material:
-    """The material of a sheet: a pattern that repeats every `tile` metres, filtered for the scene's view."""
+) -> tuple[Sheet, Material]:
+    """The sheet with texels as small as the view's pixels, and its material.
+
+    The material has a pattern that repeats every `tile` metres, filtered for the view.
+    """
     near = _nearest_pixel(sheet, scene.view)
     if name == "cloudy":
         # Clouds of a wall are faint: the other colours are mixed with the first one.
         colors = np.vstack([colors[:1], 0.55 * colors[:1] + 0.45 * colors[1:]])
-    image = pattern(name, texels(tile, near, 1024), rng, colors, tile)
+    image = pattern(name, _pattern_texels(tile, near), rng, colors, tile)
+    # Of the view alone, so that another pattern does not change the mesh.
+    sheet = sheet.seen_from(scene.view, 0.0)
     baked = bake(image, tile, sheet, scene.view)
 
     # Wear: noise that is slow over the whole surface, faint on plain paint.
-    height, width = baked.shape[:2]
     seed = texture_seed(rng)
-    slow = textures.fractal_noise(width, height, (2, 2), seed, 2, contrast=0.5)
+    slow = textures.fractal_noise(_WEAR, _WEAR, (2, 2), seed, 2, contrast=0.5)
     strength = np.float32(0.05 if name == "plain" else 0.3)
-    wear = 1 + strength * (slow - np.float32(0.5))
-    worn = np.clip(baked * wear[..., None], 0.005, 0.88)
+    baked *= (1 + strength * (_on_texels(slow, sheet) - np.float32(0.5)))[..., None]
     kind = "fabric" if name in _CLOTH else finish
-    return material(rng, kind, Bitmap(worn, wrap="clamp"))
+    return sheet, material(rng, kind, Bitmap(np.clip(baked, 0.005, 0.88), wrap="clamp"))
+
+
+def _pattern_texels(tile: float, pixel: float) -> int:
+    """Texels of a tile of `tile` metres: none larger than a pixel of `pixel` metres, in whole steps of the pyramid."""
+    steps = math.ceil(tile / (_PATTERN_STEP * pixel))
+    return int(np.clip(_PATTERN_STEP * steps, _PATTERN_STEP, _MAX_PATTERN))
+
+
+def _on_texels(picture: Image, sheet: Sheet) -> Image:
+    """Values (rows, columns) of a picture (n, n), stretched over the sheet, at its texels; linear along each side."""
+    n = len(picture)
+    centres = (np.arange(n) + 0.5) / n
+
+    def weights(shares: Float) -> Image:
+        """The linear interpolation (len(shares), n) between the picture's centres."""
+        hats = [np.interp(shares, centres, unit) for unit in np.eye(n)]
+        return np.stack(hats, axis=-1).astype(np.float32)
+
+    down = 1 - sheet.along.shares()[::-1]  # row 0 is the top, where the share is 1
+    return np.asarray(weights(down) @ picture @ weights(sheet.across.shares()).T)
 
 
 def _nearest_pixel(sheet: Sheet, view: Viewpoint) -> float:
-    """The width in metres of a pixel where the sheet is nearest: in the picture, else anywhere before the camera.
-
-    At 1 m if all of it is behind the camera.
-    """
-    shares = np.linspace(0.02, 0.98, 25)
-    depth, inside = _project(sheet, view, shares, shares)
-    chosen = depth[inside] if inside.any() else depth[depth > 0]
-    nearest = float(chosen.min()) if chosen.size else 1.0
-    return max(view.pixel(nearest), 1e-6)
+    """The width in metres of a pixel where the visible part of the sheet is nearest; at 1 m if no part is visible."""
+    across, along = _fitted(sheet, view, 0.0)
+    depth, is_visible = _project(sheet, view, across.at, along.at, _SEEN)
+    nearest = float(depth[is_visible].min()) if is_visible.any() else 1.0
+    return view.pixel(nearest)
 
 
 def _project(
-    sheet: Sheet, view: Viewpoint, s: Float, t: Float, reach: float = 1.05
+    sheet: Sheet, view: Viewpoint, s: Float, t: Float, reach: Float
 ) -> tuple[Float, Mask]:
-    """Depth (rows, columns) at fractions t, s of the sides, and whether the point is within `reach` half pictures."""
+    """Depth (rows, columns) at shares t, s of the sides, and whether the point is within `reach` half pictures."""
     points = sheet.corner + s[None, :, None] * sheet.u + t[:, None, None] * sheet.v
     in_cam = (points - view.eye) @ view.world_from_cam[:3, :3]
     depth = in_cam[..., 2]
     # Positions in the picture, 1 at its edges.
-    x, y = (
-        np.abs(in_cam[..., axis]) / np.maximum(depth, 1e-9) / view.half[axis]
-        for axis in range(2)
-    )
-    return depth, (depth > 1e-6) & (x < reach) & (y < reach)
+    position = np.abs(in_cam[..., :2]) / np.maximum(depth, 1e-9)[..., None] / view.half
+    return depth, (depth > 1e-6) & (position < reach).all(axis=-1)
 
 
-def bake(image: Image, tile: float, sheet: Sheet, view: Viewpoint) -> Image:
-    """A periodic image repeated over a sheet, filtered to the size of a pixel there; coarser outside the picture."""
-    # As fine as the image, in multiples of the blocks, but not beyond three texels a pixel across the picture.
-    texel = tile / len(image)
-    most = min(_MAX_TEXELS, 3 * view.width_px // _BLOCK * _BLOCK)
-    columns, rows = (
-        int(np.clip(math.ceil(length / texel / _BLOCK) * _BLOCK, 8, most))
-        for length in sheet.lengths
-    )
-    pyramid = [image]
-    while len(pyramid[-1]) > 2:
-        pyramid.append(half_size(pyramid[-1]))
+def _fitted(sheet: Sheet, view: Viewpoint, texel: float) -> tuple[Knots, Knots]:
+    """Knots of both sides, whose texels are as small as the pixels that see them, but not smaller than `texel`.
 
-    # Blocks of texels first, then each texel of the blocks that a camera may see.
-    block_rows, block_columns = rows // _BLOCK, columns // _BLOCK
-    coarse = _sampled(pyramid, tile, sheet, view, block_rows, block_columns, None)
-    s = (np.arange(block_columns) + 0.5) / block_columns
-    t = 1 - (np.arange(block_rows) + 0.5) / block_rows  # row 0 is the top, t = 1
-    _, is_visible = _project(sheet, view, s, t, _BEYOND)
-    baked, inside = _enlarged(coarse), _enlarged(is_visible)
-    if inside.any():
-        baked[inside] = _sampled(pyramid, tile, sheet, view, rows, columns, inside)
-    return baked
-
-
-def _enlarged(blocks: NDArray[Any]) -> NDArray[Any]:
-    """Each block repeated in all its rows and columns of texels."""
-    return np.repeat(np.repeat(blocks, _BLOCK, axis=0), _BLOCK, axis=1)
-
-
-def _sampled(
-    pyramid: list[Image],
-    tile: float,
-    sheet: Sheet,
-    view: Viewpoint,
-    rows: int,
-    columns: int,
-    inside: Mask | None,
-) -> Image:
-    """The image at a grid of texels (rows, columns, 3), or at those `inside` (N, 3): trilinear in the pyramid."""
-    row, column = np.indices((rows, columns)) if inside is None else np.nonzero(inside)
-    s = ((column + 0.5) / columns).astype(np.float32)
-    t = (1 - (row + 0.5) / rows).astype(np.float32)
+    The knots, between which the density of texels is constant, are moved to where most texels are.
+    """
     wide, high = sheet.lengths
-    footprint = _pixel_footprint(sheet, view, s, t)
-    # No finer than the texels that are baked, which are seen interpolated.
-    footprint = np.maximum(footprint, np.float32(max(wide / columns, high / rows)))
-    texel = np.float32(tile / len(pyramid[0]))
-    level = np.asarray(np.log2(np.maximum(footprint / texel, 1.0)), np.float32)
-    level = np.clip(level, 0, len(pyramid) - 1.001)
-
-    x, y = s * np.float32(wide / tile), (1 - t) * np.float32(high / tile)
-    out = np.zeros((*level.shape, 3), dtype=np.float32)
-    lower = level.astype(np.int64)
-    fraction = (level - lower).astype(np.float32)
-    for number in np.unique(lower):
-        here = lower == number
-        w = fraction[here][:, None]
-        fine = _wrapped(pyramid[number], y[here], x[here])
-        rough = _wrapped(pyramid[number + 1], y[here], x[here])
-        out[here] = fine * (1 - w) + rough * w
-    return out
+    s = t = np.linspace(0, 1, _CELLS * _SAMPLES + 1)
+    for _ in range(_REFINEMENTS):
+        _, is_visible = _project(sheet, view, s, t, _SEEN)
+        stretch = _stretch(sheet, view, s[None, :], t[:, None])
+        # Pixels in a metre along each side; the most that any visible place needs.
+        pixels = np.linalg.norm(stretch, axis=-2) * is_visible[..., None]
+        needed = np.minimum(_TEXELS_PER_PIXEL * pixels, 1 / max(texel, 1e-9))
+        across = _knots(s, wide * needed[..., 0].max(axis=0))
+        along = _knots(t, high * needed[..., 1].max(axis=1))
+        s, t = _samples(across.at), _samples(along.at)
+    return across, along
 
 
-def _pixel_footprint(sheet: Sheet, view: Viewpoint, s: Image, t: Image) -> Image:
-    """The longer side, in metres, of the part of the sheet that a pixel sees at shares s, t of its sides.
+def _samples(knots: Float) -> Float:
+    """`_SAMPLES` places in each cell, and its ends."""
+    cells = len(knots) - 1
+    place = np.arange(cells * _SAMPLES + 1) / _SAMPLES
+    return np.interp(place, np.arange(cells + 1), knots)
 
-    A pixel covers p z across at depth z, and along the slope 1/cosine of that.
+
+def _knots(at: Float, density: Float) -> Knots:
+    """Knots for texels of this density at places `at` of a side of length 1; 0 where nothing is seen."""
+    in_step = np.maximum(density[1:], density[:-1])
+    needed = in_step * np.diff(at)
+    total = max(float(needed.sum()), _MIN_TEXELS)
+    # Some texels are spread evenly over all of the side, so that no part is without.
+    edges = np.append(0.0, np.cumsum(needed + _UNSEEN * total * np.diff(at)))
+    knots = np.interp(np.linspace(0, edges[-1], _CELLS + 1), edges, at)
+    # The ends of what is seen are knots, as the density falls to little there.
+    seen = np.flatnonzero(in_step > 0)
+    if seen.size:
+        knots = np.union1d(knots, [at[seen[0]], at[seen[-1] + 1]])
+    uv = np.interp(knots, at, edges / edges[-1])
+    return Knots(knots, uv, _texel_count(edges[-1]))
+
+
+def _texel_count(needed: float) -> int:
+    return int(np.clip(math.ceil(needed), _MIN_TEXELS, _MAX_TEXELS))
+
+
+def _stretch(sheet: Sheet, view: Viewpoint, s: Float, t: Float) -> Float:
+    """Pixels (..., 2) = (right, down) that a metre along each side, u and v, spans at shares s, t of them: (..., 2, 2).
+
+    The projection x / z has the derivative (dx - dz x / z) / z, in units of the focal length.
     """
     cam_from_world = view.cam_from_world[:3, :3]
     origin = cam_from_world @ (sheet.corner - view.eye)
-    u, v = cam_from_world @ sheet.u, cam_from_world @ sheet.v
-    x, y, z = (
-        np.float32(origin[i]) + s * np.float32(u[i]) + t * np.float32(v[i])
-        for i in range(3)
-    )
-    distance_of_plane = abs(float((sheet.corner - view.eye) @ sheet.normal))
-    cosine = np.float32(distance_of_plane) / np.sqrt(x * x + y * y + z * z)
-    cosine = np.maximum(cosine, np.float32(_MIN_COSINE))
-    depth = np.maximum(z, np.float32(1e-6))
-    return np.asarray(np.float32(view.pixel(1.0)) * depth / cosine)
+    sides = np.stack([cam_from_world @ sheet.u, cam_from_world @ sheet.v], axis=-1)
+    s, t = np.broadcast_arrays(s, t)
+    point = origin + s[..., None] * sides[:, 0] + t[..., None] * sides[:, 1]
+    depth = np.maximum(point[..., 2], 1e-6)[..., None, None]
+    units = sides / sheet.lengths
+    slope = (point[..., :2, None] / depth) * units[2]
+    return np.asarray((units[:2] - slope) / (depth * view.pixel(1.0)))
 
 
-def _wrapped(picture: Image, y: Image, x: Image) -> Image:
-    """Bilinear values (N, 3) of a periodic picture at fractions y, x of its height and width."""
+def bake(image: Image, tile: float, sheet: Sheet, view: Viewpoint) -> Image:
+    """A periodic image repeated over the texels of a sheet (rows, columns, 3), filtered to the size of pixels."""
+    pyramid = [image]
+    while len(pyramid[-1]) > 2:
+        pyramid.append(half_size(pyramid[-1]))
+    packed = [_packed(level) for level in pyramid]
+    t = sheet.along.shares()[::-1]  # row 0 is the top, where the share is 1
+    high = sheet.along.steps()[::-1] * sheet.lengths[1]
+    columns = sheet.across.texels
+    baked = np.empty((len(t), columns, 3), dtype=np.float32)
+    for top in range(0, len(t), _BAND):
+        rows = slice(top, top + _BAND)
+        # Columns are as near to each other as the nearest pixels need. Farther away only some are computed.
+        stride = _stride(sheet, view, t[rows])
+        computed = np.minimum(np.arange(0, columns + stride, stride), columns - 1)
+        s = sheet.across.shares()[computed]
+        wide = sheet.across.steps()[computed] * sheet.lengths[0]
+        strip = _footprint(sheet, view, s, t[rows, None], (wide, high[rows, None]))
+        x = np.broadcast_to(s * sheet.lengths[0] / tile, strip.width.shape)
+        y = (1 - t[rows, None]) * sheet.lengths[1] / tile
+        y = np.broadcast_to(y, strip.width.shape)
+        values = _filtered(packed, tile, x, y, strip)
+        baked[rows] = _every_column(values, stride, columns)
+    return baked
+
+
+def _stride(sheet: Sheet, view: Viewpoint, t: Float) -> int:
+    """How many columns of texels, in rows at shares `t` of the side, are as wide as the smallest pixel seen there."""
+    s = sheet.across.shares()[::_MAX_STRIDE]
+    wide = sheet.across.steps()[::_MAX_STRIDE] * sheet.lengths[0]
+    _, is_visible = _project(sheet, view, s, t, _SEEN)
+    strip = _footprint(sheet, view, s, t[:, None], (wide, np.zeros_like(wide)))
+    ratio = np.where(is_visible, strip.width / wide, np.inf).min()
+    return int(np.clip(ratio, 1, _MAX_STRIDE))
+
+
+def _every_column(values: Image, stride: int, columns: int) -> Image:
+    """All `columns` of values (R, N, 3) that were computed for every `stride`-th one, and for the last; linear."""
+    if stride == 1:
+        return values[:, :columns]
+    place = np.arange(columns)
+    left = place // stride
+    # The last two computed columns may be nearer to each other.
+    ends = np.minimum(np.arange(values.shape[1]) * stride, columns - 1)
+    gap = np.maximum(ends[left + 1] - ends[left], 1)
+    weight = ((place - ends[left]) / gap).astype(np.float32)[:, None]
+    return np.asarray(values[:, left] * (1 - weight) + values[:, left + 1] * weight)
+
+
+class _Strip(NamedTuple):
+    """The part of a sheet that a pixel sees: its width (...), length (...) and direction (..., 2), metres in u, v."""
+
+    width: Float
+    length: Float
+    direction: Float
+
+
+def _footprint(
+    sheet: Sheet, view: Viewpoint, s: Float, t: Float, texel: Sequence[Float]
+) -> _Strip:
+    """What a pixel sees at shares s, t of the sides; nothing smaller than a texel of these lengths along u and v.
+
+    With J the pixels a metre, a round pixel is an ellipse on the sheet, of the matrix C = (J^T J)^-1. Its axes are the
+    roots of C's eigenvalues. Source: Heckbert, Fundamentals of Texture Mapping and Image Warping, 1989.
+    """
+    stretch = _stretch(sheet, view, s, t)
+    right_u, right_v = stretch[..., 0, 0], stretch[..., 0, 1]
+    down_u, down_v = stretch[..., 1, 0], stretch[..., 1, 1]
+    determinant = (right_u * down_v - right_v * down_u) ** 2
+    determinant = np.maximum(determinant, 1e-12)
+    # A texel that is longer than the ellipse is seen interpolated.
+    c_uu = np.maximum((right_v**2 + down_v**2) / determinant, texel[0] ** 2)
+    c_vv = np.maximum((right_u**2 + down_u**2) / determinant, texel[1] ** 2)
+    c_uv = -(right_u * right_v + down_u * down_v) / determinant
+    mean, half = 0.5 * (c_uu + c_vv), 0.5 * (c_uu - c_vv)
+    root = np.hypot(half, c_uv)
+    largest, least = mean + root, np.maximum(mean - root, 0.0)
+    # The eigenvector of the largest eigenvalue is at half the angle of (c_uu - c_vv, 2 c_uv).
+    angle = 0.5 * np.arctan2(c_uv, half)
+    direction = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    return _Strip(np.sqrt(least), np.sqrt(largest), direction)
+
+
+def _filtered(
+    pyramid: list[Texels], tile: float, x: Float, y: Float, strip: _Strip
+) -> Image:
+    """The mean (..., 3) of a periodic image over strips around x, y, in tiles: of places that are a width apart."""
+    # No narrower than what `_MAX_TAPS` places cover, nor than the image's texels.
+    width = np.maximum(strip.width, strip.length / _MAX_TAPS)
+    width = np.maximum(width, tile / len(pyramid[0]))
+    taps = np.rint(strip.length / width).astype(np.int64).clip(1, _MAX_TAPS)
+    level = np.log2(width * len(pyramid[0]) / tile).clip(0, len(pyramid) - 1.001)
+    out = np.empty((*x.shape, 3), dtype=np.float32)
+    # Between strips of several places, levels need no blending.
+    level = np.where(taps == 1, level, np.rint(level))
+    for count in np.unique(taps):
+        chosen = taps == count
+        place = np.stack([x[chosen], y[chosen]], axis=-1)
+        # Along the strip; y runs against v.
+        step = strip.direction[chosen] * [1, -1] * strip.length[chosen, None] / tile
+        total = np.zeros((len(place), 4), dtype=np.float32)
+        for offset in (np.arange(count) + 0.5) / count - 0.5:
+            total += _trilinear(pyramid, level[chosen], place + offset * step)
+        out[chosen] = total[:, :3] / np.float32(count)
+    return out
+
+
+def _trilinear(pyramid: list[Texels], level: Float, place: Float) -> Image:
+    """Values (N, 4) at places (N, 2) = (x, y), in tiles, and levels (N,) of the pyramid, between two of its images."""
+    x, y = place.astype(np.float32).T
+    lower = level.astype(np.int64)
+    fraction = (level - lower).astype(np.float32)
+    out = np.empty((len(place), 4), dtype=np.float32)
+    for number in np.unique(lower):
+        here = lower == number
+        out[here] = _wrapped(pyramid[number], y[here], x[here])
+        here &= fraction > 0
+        if not here.any():
+            continue
+        rough = _wrapped(pyramid[number + 1], y[here], x[here])
+        out[here] += fraction[here, None] * (rough - out[here])
+    return out
+
+
+def _packed(picture: Image) -> Texels:
+    """A picture (n, n, 3) with a fourth channel, each texel as one number of 16 bytes: `take` is twice as fast."""
+    padded = np.concatenate([picture, np.zeros_like(picture[..., :1])], axis=-1)
+    return np.ascontiguousarray(padded).view(np.complex128)[..., 0]
+
+
+def _wrapped(picture: Texels, y: Image, x: Image) -> Image:
+    """Bilinear values (N, 4) of a packed periodic picture (n, n) at fractions y, x of its height and width."""
     n = len(picture)
     rows, columns = y * n - np.float32(0.5), x * n - np.float32(0.5)
     i, j = np.floor(rows).astype(np.int32), np.floor(columns).astype(np.int32)
@@ -216,14 +402,17 @@ def _wrapped(picture: Image, y: Image, x: Image) -> Image:
     # Offsets into the flat picture, of whole rows and of columns: `take` is twice as fast as two indices.
     above, below = i % n * n, (i + 1) % n * n
     left, right = j % n, (j + 1) % n
-    flat = picture.reshape(-1, 3)
+    flat = picture.reshape(-1)
 
     def texels_at(row: NDArray[np.int32], column: NDArray[np.int32]) -> Image:
-        return np.take(flat, row + column, axis=0)
+        return np.take(flat, row + column).view(np.float32).reshape(-1, 4)
 
-    upper = texels_at(above, left) * (1 - fx) + texels_at(above, right) * fx
-    lower = texels_at(below, left) * (1 - fx) + texels_at(below, right) * fx
-    return np.asarray(upper * (1 - fy) + lower * fy)
+    upper = texels_at(above, left)
+    upper += fx * (texels_at(above, right) - upper)
+    lower = texels_at(below, left)
+    lower += fx * (texels_at(below, right) - lower)
+    upper += fy * (lower - upper)
+    return upper
 
 
 Patterns = tuple[float, tuple[tuple[str, float], ...]]

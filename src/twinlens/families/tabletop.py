@@ -123,8 +123,9 @@ def _add_surroundings(scene: Composition, depth_ratio: float, half: float) -> No
         finish, thickness = "matte", 0.0
         if name == "table":
             finish, thickness = one_of(rng, _TABLE_FINISHES), _THICKNESS
-        look = surface(scene, scene.rng(name), sheet, kind, colors, tile, finish)
-        scene.add(name, sheet.mesh(thickness), look)
+        stream = scene.rng(name)
+        fitted, look = surface(scene, stream, sheet, kind, colors, tile, finish)
+        scene.add(name, fitted.mesh(thickness), look)
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,15 @@ from twinlens.camera.lens import check_lens_on
 from twinlens.camera.parts import Parts, check_parts
 from twinlens.camera.rig import check_seen
 from twinlens.errors import InputError, check_int, check_known
+from twinlens.machine import memory_bytes
 from twinlens.rendering.samplers import SAMPLERS
 from twinlens.scenes import Scene
 from twinlens.scenes.bands import in_band
+
+# Lower bounds in bytes for a pixel of the view in work, and of finished images in float32. One sample a pixel without
+# denoising takes 65 in all: the peak of an image of 1000x1000 pixels less that of 100x100.
+_BYTES_OF_PIXEL = 50
+_BYTES_KEPT = 12
 
 Progress = Callable[[float], None]
 """Called with the fraction done, in (0, 1]."""
@@ -35,6 +41,7 @@ def check_request(
     parts: Parts | None = None,
 ) -> None:
     """Raise InputError for a request that cannot be rendered; `scenes` are those of `split_bands`."""
+    check_memory(rig)
     check_seen(rig)
     for band, scene in scenes.items():
         if not any(
@@ -51,6 +58,20 @@ def check_request(
     check_int("spp", spp, 1)
     check_int("seed", seed, 0)
     check_known("sampler", sampler, SAMPLERS)
+
+
+def check_memory(rig: Rig) -> None:
+    """Raise InputError for images that this machine cannot hold while they are rendered, by a lower bound."""
+    pixels = max(camera.width * camera.height for camera in rig.cameras)
+    kept = sum(camera.width * camera.height for camera in rig.cameras)
+    needed = _BYTES_OF_PIXEL * pixels + _BYTES_KEPT * kept
+    memory = memory_bytes()
+    if needed > memory:
+        largest = max(rig.cameras, key=lambda camera: camera.width * camera.height)
+        raise InputError(
+            f"{len(rig)} images of up to {largest.width}x{largest.height} pixels need at least {needed / 1e9:.3g} GB "
+            f"of memory, this machine has {memory / 1e9:.3g} GB: use smaller images"
+        )
 
 
 def lens_of_each_camera(lens: Lens | Sequence[Lens], rig: Rig) -> list[Lens]:
