@@ -601,8 +601,8 @@ class _Stage:
                 ) from error
         poses = self.poses[pose_key]
         if place.upright:
-            poses = [pose for pose in poses if pose.turn[2, 2] > _UPRIGHT]
-            poses = sorted(poses, key=lambda pose: -float(pose.turn[2, 2]))[:1]
+            poses = [pose for pose in poses if pose.up[2] > _UPRIGHT]
+            poses = sorted(poses, key=lambda pose: -float(pose.up[2]))[:1]
         if not poses:
             remedy = (
                 "remove 'upright', or turn it with 'euler_deg'"

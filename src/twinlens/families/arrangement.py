@@ -83,8 +83,8 @@ def _draw_pose(body: Body, rng: Rng) -> StablePose | None:
     poses = stable_poses(body.solid.mesh, body.size)
     if not poses:
         return None
-    most_upright = max(poses, key=lambda pose: float(pose.turn[2, 2]))
-    can_stand = body.solid.upright and most_upright.turn[2, 2] > 0.9
+    most_upright = max(poses, key=lambda pose: float(pose.up[2]))
+    can_stand = body.solid.upright and most_upright.up[2] > 0.9
     if can_stand and rng.random() >= _LYING.get(body.kind, 0.0):
         return most_upright
     return weighted(rng, poses, [pose.probability for pose in poses])

@@ -1,41 +1,100 @@
 """Stable poses of meshes on level ground, and distances of convex outlines in the plane.
 
-A body is stable on a face of its convex hull if its centre of mass lies above that face. Its footprint is the convex
-hull of its vertices seen from above; bodies whose footprints are apart cannot intersect.
+A body at rest has a face of its convex hull on the ground, with its centre of mass above that face. How probable the
+pose is follows from the quasi-static model: the body lands on the face that a random direction from its centre of mass
+meets, and tips from face to face until it is at rest. A finer mesh of a round body has more poses, each less probable;
+the sum over its wall stays.
+
+Its footprint is the convex hull of its vertices seen from above; bodies whose footprints are apart cannot intersect.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull
 
 from twinlens.geometry import Float
 from twinlens.scenes import shapes
 from twinlens.scenes.scene import Mesh
 
+Ids = NDArray[np.intp]
+
 # Lengths in units of the body's size.
-_SAME_PLANE = 1e-5  # hull triangles whose planes differ by less are one face
+_SAME_PLANE = 1e-5  # points nearer to the ground touch it
 _SAME_CENTRE = 1e-3  # the centroids of a closed mesh differ by rounding only
-_MIN_MARGIN = 2e-3  # least distance of the centre of mass from the edge of the contact
-_MAX_FACES = 12
+_MIN_MARGIN = 2e-3  # a body that is nearer to an edge tips if it ends lower by more
+_SAME_FACE = 2e-4  # radians: neighbours of a smaller angle are one face
+_ROLLS = np.radians(10)  # facets of a smaller angle are those of a round body
+
+
+@dataclass(frozen=True, eq=False)
+class _Body:
+    """The vertices (N, 3) and triangles (F, 3) of a mesh, its hull points (M, 3), centre of mass (3,) and size."""
+
+    vertices: Float
+    faces: NDArray[np.uint32]
+    points: Float
+    centre: Float
+    size: float
 
 
 @dataclass(frozen=True, eq=False)
 class StablePose:
-    """A rotation (3, 3), and the rotated hull points (N, 3) and centre of mass (3,), with the lowest point at z = 0.
+    """A body at rest on the face of its hull with the outward unit normal `down` (3,), in the body's axes.
 
-    `support` (N, 2) is the contact polygon, `top` (N, 2) the level face on top; `probability` is relative.
+    The probabilities of all poses of a body have the sum 1. Everything else is computed when it is read, as round
+    bodies have thousands of poses.
     """
 
-    turn: Float
-    points: Float
-    centre: Float
-    support: Float
-    top: Float | None
+    body: _Body
+    down: Float
     probability: float
 
     @property
+    def up(self) -> Float:
+        """The direction (3,) in the body's axes that points up, the third row of `turn`."""
+        return -self.down
+
+    @cached_property
+    def turn(self) -> Float:
+        """The rotation (3, 3) from the body's axes to those of the ground."""
+        return _turn_down(self.down)
+
+    @cached_property
+    def _lift(self) -> Float:
+        """The offset (3,) that takes the lowest rotated point to z = 0."""
+        return np.array([0.0, 0.0, float((self.body.points @ self.down).max())])
+
+    @property
+    def points(self) -> Float:
+        """The rotated hull points (N, 3), the lowest one at z = 0; computed anew, as they are many."""
+        return np.asarray(self.body.points @ self.turn.T + self._lift)
+
+    @cached_property
+    def centre(self) -> Float:
+        """The rotated centre of mass (3,)."""
+        return np.asarray(self.turn @ self.body.centre + self._lift)
+
+    @cached_property
+    def support(self) -> Float:
+        """The contact polygon (N, 2)."""
+        points = self.points
+        near = _SAME_PLANE * self.body.size
+        return outline(points[points[:, 2] < near, :2])
+
+    @cached_property
+    def top(self) -> Float | None:
+        """The outline (N, 2) of the level face on top, None if there is none."""
+        points = self.points
+        highest = points[:, 2].max() - _SAME_PLANE * self.body.size
+        top = _polygon(points[points[:, 2] > highest, :2])
+        return top if top is not None and _is_solid(self, top) else None
+
+    @cached_property
     def height(self) -> float:
         return float(self.points[:, 2].max())
 
@@ -85,82 +144,198 @@ def _solid_centroid(triangles: Float) -> Float:
 
 
 def stable_poses(mesh: Mesh, size: float = 1.0) -> list[StablePose]:
-    """The stable poses of a mesh scaled by `size`; `probability` is about the solid angle of the face underneath."""
+    """The stable poses of a mesh scaled by `size`, the most probable one first.
+
+    Source: Goldberg et al., Part pose statistics: estimators and experiments, IEEE Transactions on Robotics and
+    Automation 15(5), 1999.
+    """
     vertices = mesh.vertices * size
     hull = ConvexHull(vertices)
     points = vertices[hull.vertices]
     centre = centre_of_mass(mesh) * size
     if np.any(hull.equations[:, :3] @ centre + hull.equations[:, 3] > 0):
         centre = points.mean(axis=0)  # parts of the mesh are inside out
-    poses = []
-    for plane in _candidate_planes(hull, centre, size):
-        pose = _pose(points, centre, plane, size)
-        if pose is None:
-            continue
-        if pose.top is not None and not _is_solid(pose, pose.top, vertices, mesh, size):
-            pose = replace(pose, top=None)
-        poses.append(pose)
-    return sorted(poses, key=lambda pose: -pose.probability)
-
-
-def _candidate_planes(hull: ConvexHull, centre: Float, size: float) -> Float:
-    """Planes (N, 4) of the largest faces of the hull and of those nearest to the centre of mass.
-
-    The nearest face of all is always stable. Triangles in one plane are one face.
-    """
-    scaled = hull.equations / [1, 1, 1, size]
-    _, first, face_of = np.unique(
-        np.round(scaled / (10 * _SAME_PLANE)),
-        axis=0,
-        return_index=True,
-        return_inverse=True,
-    )
-    doubled_areas = np.linalg.norm(
-        shapes.face_cross(hull.points, hull.simplices), axis=1
-    )
-    area = np.bincount(face_of.ravel(), doubled_areas)
-    height = hull.equations[first] @ [*centre, 1.0]  # below the plane: negative
+    body = _Body(vertices, mesh.faces, points, centre, size)
+    faces = _faces(hull, centre)
+    rest_of = _resting_face(faces, size)
+    probability = np.bincount(rest_of, faces.share, minlength=len(faces.share))
+    stable = np.flatnonzero(probability)
     # Rounded, so that the order of equal faces does not depend on the machine.
-    largest = np.argsort(-np.round(area / size**2, 9), kind="stable")
-    nearest = np.argsort(-np.round(height / size, 9), kind="stable")
-    chosen = np.unique(np.concatenate([largest[:_MAX_FACES], nearest[:_MAX_FACES]]))
-    return np.asarray(hull.equations[first[chosen]])
+    x, y, z = np.round(faces.normal[stable].T, 6) + 0.0
+    order = stable[np.lexsort((z, y, x, -np.round(probability[stable], 9)))]
+    return [StablePose(body, faces.normal[i], float(probability[i])) for i in order]
 
 
-def _is_solid(
-    pose: StablePose, top: Float, vertices: Float, mesh: Mesh, size: float
-) -> bool:
+@dataclass(frozen=True, eq=False)
+class _Faces:
+    """The N faces of a hull, and the E edges between faces, listed once from each side.
+
+    normal (N, 3) : outward, of the triangle below the centre of mass where there is one.
+    share (N,) : of all directions from the centre of mass, those that meet the face.
+    height (N,) : of the centre of mass above the face.
+    side, beyond (E,) : the face that the edge is listed for, and its neighbour there.
+    bend (E,) : the angle between the two faces, radians.
+    inside (E,) : how far the centre of mass, seen from above the face, lies inside of the edge; negative outside.
+    ahead (E,) : whether the way from the middle of the face to below the centre of mass leads to this edge.
+    """
+
+    normal: Float
+    share: Float
+    height: Float
+    side: Ids
+    beyond: Ids
+    bend: Float
+    inside: Float
+    ahead: NDArray[np.bool_]
+
+
+def _faces(hull: ConvexHull, centre: Float) -> _Faces:
+    """The faces of a hull, of neighbouring triangles in one plane, as seen from the centre of mass (3,)."""
+    corners = hull.points[hull.simplices] - centre
+    normal, offset = hull.equations[:, :3], hull.equations[:, 3]
+    height = -(normal @ centre + offset)
+    face_of, middle = _same_planes(hull, corners)
+
+    # The edges of all triangles. Triangle i meets triangle neighbors[i, k] opposite to its corner k.
+    triangle = np.repeat(np.arange(len(corners)), 3)
+    neighbor = hull.neighbors.ravel()
+    side, beyond = face_of[triangle], face_of[neighbor]
+    out = normal[triangle]
+    start, end = _edges(corners, out, middle[side])
+
+    # Below the centre of mass, which is the origin, in the plane of the triangle.
+    foot = height[triangle, None] * out
+    along = end - start
+    inward = np.cross(out, along) / np.linalg.norm(along, axis=1, keepdims=True)
+    inside = _dot(foot - start, inward)
+    way = foot - middle[side]
+    ahead = _triple(out, start - middle[side], way) >= 0
+    ahead &= _triple(out, way, end - middle[side]) >= 0
+    chord = np.linalg.norm(out - normal[neighbor], axis=1)
+    bend = 2 * np.arcsin(np.minimum(chord / 2, 1))
+
+    # The normal of a face is that of its triangle that the centre of mass is above, or nearest to it.
+    depth = inside.reshape(-1, 3).min(axis=1)
+    order = np.lexsort((-depth, face_of))
+    below = order[np.unique(face_of[order], return_index=True)[1]]
+    border = side != beyond
+    return _Faces(
+        normal=normal[below],
+        share=np.bincount(face_of, _solid_angles(corners)) / (4 * np.pi),
+        height=height[below],
+        side=side[border],
+        beyond=beyond[border],
+        bend=bend[border],
+        inside=inside[border],
+        ahead=ahead[border],
+    )
+
+
+def _edges(corners: Float, normal: Float, middle: Float) -> tuple[Float, Float]:
+    """The ends (3F, 3) of the edges of triangles (F, 3, 3), opposite to their corners 0, 1 and 2.
+
+    Counter-clockwise about the middle (3F, 3) of the edge's face with that outward normal: Qhull does not orient
+    triangles.
+    """
+    start = np.roll(corners, -1, axis=1).reshape(-1, 3)
+    end = np.roll(corners, -2, axis=1).reshape(-1, 3)
+    is_clockwise = _triple(normal, start - middle, end - middle) < 0
+    swap = is_clockwise[:, None]
+    return np.where(swap, end, start), np.where(swap, start, end)
+
+
+def _same_planes(hull: ConvexHull, corners: Float) -> tuple[Ids, Float]:
+    """The face (F,) of each triangle of a hull with corners (F, 3, 3), and the centroid (N, 3) of each face."""
+    count = len(corners)
+    first = np.repeat(np.arange(count), 3)
+    second = hull.neighbors.ravel()
+    bend = hull.equations[first, :3] - hull.equations[second, :3]
+    is_flat = np.linalg.norm(bend, axis=1) < _SAME_FACE
+    pairs = first[is_flat], second[is_flat]
+    links = coo_array((np.ones(is_flat.sum()), pairs), shape=(count, count))
+    faces, face_of = connected_components(links, directed=False)
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    # A face without an area has the mean of its triangles.
+    weight = np.maximum(np.linalg.norm(cross, axis=1), np.finfo(float).tiny)
+    weighted = weight[:, None] * corners.mean(axis=1)
+    total = np.stack([np.bincount(face_of, axis, faces) for axis in weighted.T], axis=1)
+    middle = total / np.bincount(face_of, weight, faces)[:, None]
+    return face_of.astype(np.intp), middle
+
+
+def _solid_angles(triangles: Float) -> Float:
+    """The solid angles (F,) of triangles (F, 3, 3) at the origin.
+
+    Source: Van Oosterom and Strackee, IEEE Transactions on Biomedical Engineering 30(2), 1983.
+    """
+    a, b, c = np.moveaxis(triangles, 1, 0)
+    lengths = np.linalg.norm(triangles, axis=2)
+    p, q, r = lengths.T
+    volume = np.abs(_triple(a, b, c))
+    projected = p * q * r + _dot(a, b) * r + _dot(b, c) * p + _dot(c, a) * q
+    return np.asarray(2 * np.arctan2(volume, projected))
+
+
+def _resting_face(faces: _Faces, size: float) -> Ids:
+    """The face (N,) that a body comes to rest on, for each face that it lands on."""
+    # The centre of mass is beyond an edge: the body tips over it, and gets lower. Without this order, rounding could
+    # lead around in a circle.
+    gets_lower = faces.height[faces.beyond] < faces.height[faces.side]
+    tips = faces.ahead & (faces.inside < 0) & gets_lower
+    following = np.arange(len(faces.height))
+    following[faces.side[tips]] = faces.beyond[tips]
+    rest_of = _ends(following)
+
+    pushed = _pushed(faces, rest_of, size)[rest_of]
+    drop = faces.height[rest_of] - faces.height[pushed]
+    return np.where(drop > _MIN_MARGIN * size, pushed, rest_of)
+
+
+def _pushed(faces: _Faces, rest_of: Ids, size: float) -> Ids:
+    """Where bodies at rest end after a push, wherever it brings them lower: `rest_of` (N,), changed.
+
+    A push is enough over an edge that is nearly below the centre of mass: of a sheet on its rim, and between facets of
+    a round body, which rolls. A level cylinder ends no lower.
+    """
+    is_near = faces.inside < _MIN_MARGIN * size
+    is_round = faces.bend < _ROLLS
+    is_round &= faces.inside < np.tan(_ROLLS / 2) * faces.height[faces.side]
+    is_resting = rest_of[faces.side] == faces.side
+    end_height = faces.height[rest_of[faces.beyond]]
+    gets_lower = end_height < faces.height[faces.side]
+    gives_way = np.flatnonzero((is_near | is_round) & is_resting & gets_lower)
+    # Of several edges, the one beyond which the body ends lowest: the last one written.
+    gives_way = gives_way[np.argsort(-end_height[gives_way], kind="stable")]
+    following = rest_of.copy()
+    following[faces.side[gives_way]] = rest_of[faces.beyond[gives_way]]
+    return _ends(following)
+
+
+def _ends(following: Ids) -> Ids:
+    """The last item of the chain from each item (N,) to the one that follows it; the last is followed by itself."""
+    while not np.array_equal(further := following[following], following):
+        following = further
+    return following
+
+
+def _dot(a: Float, b: Float) -> Float:
+    return np.asarray((a * b).sum(axis=-1))
+
+
+def _triple(a: Float, b: Float, c: Float) -> Float:
+    return _dot(a, np.cross(b, c))
+
+
+def _is_solid(pose: StablePose, top: Float) -> bool:
     """Whether level triangles of the mesh fill the outline of its top; around a hollow, only a rim is there."""
-    up = pose.turn[2]
-    cross = shapes.face_cross(vertices, mesh.faces)
-    rise = cross @ up
+    vertices, faces = pose.body.vertices, pose.body.faces
+    cross = shapes.face_cross(vertices, faces)
+    rise = cross @ pose.up
     level = rise > (1 - 1e-9) * np.linalg.norm(cross, axis=1)
-    height = vertices[mesh.faces[:, 0]] @ up
-    highest = (vertices @ up).max()
-    level &= np.abs(height - highest) < _SAME_PLANE * size
+    height = vertices @ pose.up
+    is_high = height > height.max() - _SAME_PLANE * pose.body.size
+    level &= is_high[faces[:, 0]]
     return bool(0.5 * rise[level].sum() >= 0.99 * _area(top))
-
-
-def _pose(points: Float, centre: Float, plane: Float, size: float) -> StablePose | None:
-    """The pose with `plane` on the ground, None where it is not stable; `top` is the outline of the highest points."""
-    turn = _turn_down(plane[:3] / np.linalg.norm(plane[:3]))
-    turned = points @ turn.T
-    floor = turned[:, 2].min()
-    turned[:, 2] -= floor
-    balanced = turn @ centre - [0, 0, floor]
-    contact = turned[turned[:, 2] < _SAME_PLANE * size, :2]
-    above = balanced[:2]
-    # The bounding box first: it rules out most faces without a convex hull.
-    margins = above - contact.min(axis=0), contact.max(axis=0) - above
-    if np.minimum(*margins).min() < _MIN_MARGIN * size:
-        return None
-    support = _polygon(contact)
-    if support is None or inside_by(support, above) < _MIN_MARGIN * size:
-        return None
-    highest = turned[:, 2].max() - _SAME_PLANE * size
-    top = _polygon(turned[turned[:, 2] > highest, :2])
-    probability = _probability(support, float(balanced[2]))
-    return StablePose(turn, turned, balanced, support, top, probability)
 
 
 def _turn_down(normal: Float) -> Float:
@@ -177,12 +352,6 @@ def _turn_down(normal: Float) -> Float:
             [-x, -y, -z],
         ]
     )
-
-
-def _probability(support: Float, height: float) -> float:
-    """About the solid angle of a face of the contact's area as seen from the centre of mass, `height` above it."""
-    area = _area(support)
-    return area / (height**2 + area)
 
 
 def _area(convex: Float) -> float:
