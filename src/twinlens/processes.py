@@ -134,7 +134,7 @@ class IsolatedWorker(Worker):
         start = super().submit(_isolate, memory_limit, limit_s=START_LIMIT_S)
         try:
             self._group = start.result(2 * START_LIMIT_S)
-            # Pebble tells nothing of a process that died while it was sent the arguments of a function.
+            # Pebble does not report the status of a process that died while it was sent the arguments of a function.
             children = {child.pid: child for child in active_children()}
             self._process = children.get(self._group)
         except BaseException as error:

@@ -110,6 +110,12 @@ def test_the_size_is_stated_where_the_file_has_none(tmp_path):
         read_rig(path)
 
 
+def test_a_stated_size_must_be_that_of_the_file(tmp_path):
+    (path,) = files_of("yml", tmp_path)
+    with pytest.raises(FileError, match="640x480 pixels, not the stated 1280x960"):
+        read_rig(path, size=(1280, 960))
+
+
 def test_values_of_the_file_are_not_set_beside_it(tmp_path):
     (path,) = files_of("yml", tmp_path)
     for key, value in {"fx": 500.0, "baseline": 0.2, "cameras": [{}, {}]}.items():

@@ -253,6 +253,16 @@ def test_copies_are_called_after_their_meshes_or_as_the_recipe_says(folder):
     everything = [name for group in names.values() for name in group]
     assert len(set(everything)) == len(everything) == 9
     assert set(everything) <= {thing.name for thing in placed(recipe).objects}
+    numbered = {"part": {**PARTS, "count": 1, "file": "parts/mug-2.glb"}}
+    assert copy_names({"part": [numbered["part"]]}) == {"part": ["mug_2[0]"]}
+    assert copy_names(
+        {"mug": [{}], "part": [{"folder": "p", "file": "p/mug.glb"}]}
+    ) == {
+        "mug": ["mug"],
+        "part": ["mug[0]"],
+    }
+    with pytest.raises(InputError, match="label: must not end as the number of a copy"):
+        recipe_of(folder, {"part": {**PARTS, "label": "nut-2"}})
     taken = {"block": {**BOX, "translate": [0, 0, 0.4], "label": "table"}}
     with pytest.raises(
         InputError, match=r"'table' is also an object of the scene; give"

@@ -1,5 +1,8 @@
 """Rectified samples: their truth is that of the pair built rectified, their rows agree, their pictures show it."""
 
+import importlib
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,10 +11,19 @@ from twinlens.camera import BrownConrady, Misalignment, Rig, layouts
 from twinlens.camera.rectification import warp
 from twinlens.dataset import Dataset, write_sample
 from twinlens.dataset.verify import verify_sample
-from twinlens.factory import Shoot, make_sample, rectified_sample
+from twinlens.errors import InputError
+from twinlens.factory import (
+    Shoot,
+    make,
+    make_sample,
+    recipe_from_table,
+    rectified_sample,
+)
 from twinlens.geometry import rigid
 from twinlens.sensor import Sensor
 
+# `twinlens.factory.remake` is the function of that name.
+families_of_records = importlib.import_module("twinlens.factory.remake")
 BASELINE, CROSSING = 0.3, 1.6
 FINE = Sensor.preset("ideal")
 
@@ -123,6 +135,25 @@ def test_pixels_that_a_picture_lacks_are_not_called_visible(stored):
         ).T
         assert not result.valid(1 - side)[v.astype(int), u.astype(int)].any()
         assert not (visible & ~exact[side].visible).any()
+
+
+def test_a_family_that_has_changed_since_is_refused(tmp_path, monkeypatch):
+    recipe = recipe_from_table(
+        {"seed": 3, "count": 1, "families": ["cards"], "width": 48, "height": 36, "spp": 1,
+         "denoise": False, "gates": {"texture": 0}, "rig": {"layout": "toed_in"}}
+    )  # fmt: skip
+    write_sample(tmp_path / "s", make(recipe, 0))
+    stored = Dataset(tmp_path / "s")[0]
+    rectified_sample(stored)
+    before = families_of_records.family_scene
+
+    def family_scene(*arguments):
+        made = before(*arguments)
+        return replace(made, objects=made.objects[1:])
+
+    monkeypatch.setattr(families_of_records, "family_scene", family_scene)
+    with pytest.raises(InputError, match="makes another scene from its record"):
+        rectified_sample(stored)
 
 
 def test_warping_is_bilinear_and_black_outside():

@@ -444,10 +444,15 @@ def rig_of(scene, baseline, lit=False):
         rigid(np.eye(3), [baseline / 2, 0, 0]),
         camera,
         dots.astype(np.float32),
-        power=min(near * far, 1e9),
+        # Less than the 1e9 W that are allowed, also for scenes 1e4 times as large.
+        power=0.01 * near * far,
         band="rgb",
     )
     return tl.Rig(rig.cameras, rig.world_from_cams, projectors=[lamp])
+
+
+def rms_difference(image, other, inside):
+    return float(np.sqrt(np.mean((image - other)[inside] ** 2)))
 
 
 @pytest.mark.slow
@@ -462,6 +467,11 @@ def test_scenes_are_the_same_at_any_place_and_scale(name):
     raw = tl.render(here, rig_of(here, here.baseline), tl.ThinLens(0.01, focus), spp=4)
     lit = rig_of(here, here.baseline, lit=True)
     clean = tl.render(here, lit, spp=4, denoise=True)
+    other_seed = tl.render(here, lit, spp=4, denoise=True, seed=1)
+    noise = [
+        rms_difference(image, other, inside)
+        for image, other, inside in zip(clean, other_seed, smooth, strict=True)
+    ]
     for scale, place, turn_deg in (
         (1.0, FAR, 0.0),
         (1e-4, (3.0, 5.0, -7.0), 0.0),
@@ -491,19 +501,22 @@ def test_scenes_are_the_same_at_any_place_and_scale(name):
             assert other.sum() <= 4
             assert error <= 1e-3
             assert (truth.visible != far.visible).sum() <= 4
-        for kind, images, far_images in (
-            ("raw", raw, far_raw),
-            ("denoised", clean, far_clean),
+        for image, far, inside in zip(raw, far_raw, smooth, strict=True):
+            mean = image.mean()
+            close = np.isclose(far, image, rtol=1e-3, atol=1e-3 * mean).all(axis=-1)
+            share = close[inside].mean()
+            print("raw", f"{share:.4f} {far.mean() / mean - 1:+.1e}", end=" ")
+            # Turned scenes have other random directions.
+            assert turn_deg or share >= 0.95
+            assert far.mean() == pytest.approx(mean, rel=0.05 if turn_deg else 5e-3)
+        for image, far, inside, limit in zip(
+            clean, far_clean, smooth, noise, strict=True
         ):
-            for image, far, inside in zip(images, far_images, smooth, strict=True):
-                mean = image.mean()
-                close = np.isclose(far, image, rtol=1e-3, atol=1e-3 * mean).all(axis=-1)
-                share = close[inside].mean()
-                print(kind, f"{share:.4f} {far.mean() / mean - 1:+.1e}", end=" ")
-                if not turn_deg:
-                    # The cache of light amplifies the few paths that differ: denoised images agree within noise.
-                    assert kind == "denoised" or share >= 0.95
-                    assert far.mean() == pytest.approx(mean, rel=5e-3)
-                else:  # other random directions: the same within noise
-                    assert far.mean() == pytest.approx(mean, rel=0.05)
+            # A path that rounding changes changes its whole neighbourhood, so that only few pixels keep their value;
+            # the images differ less than those of two seeds.
+            difference = rms_difference(image, far, inside) / limit
+            print("denoised", f"{difference:.2f} of the noise", end=" ")
+            assert difference <= (1.5 if turn_deg else 1.0)
+            rel = 0.05 if turn_deg else 5e-3
+            assert far.mean() == pytest.approx(image.mean(), rel=rel)
         print()

@@ -190,12 +190,12 @@ def test_parameters_includes_and_folders_are_resolved_as_by_mitsuba(tmp_path):
     names = [key for key in theirs if key.split(".")[0] in ("sphere", "ball", "sensor")]
     assert len(names) > 10
     for name in names:
-        mine, its = np.array(ours[name]), np.array(theirs[name])
+        resolved, loaded = np.array(ours[name]), np.array(theirs[name])
         if name.endswith("vertex_normals"):
             # Mitsuba sums the normals of a mesh in the order in which its threads come.
-            np.testing.assert_allclose(mine, its, rtol=0, atol=1e-6)
+            np.testing.assert_allclose(resolved, loaded, rtol=0, atol=1e-6)
         else:
-            np.testing.assert_array_equal(mine, its)
+            np.testing.assert_array_equal(resolved, loaded)
     assert np.array(ours["sensor.film.size"]).tolist() == [32, 576]
     assert (np.array(ours["sphere.bsdf.reflectance.value"]) == 0.25).all()
 

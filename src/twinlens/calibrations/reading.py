@@ -41,7 +41,7 @@ def read_rig(
     paths : one file; or two: intrinsics and extrinsics of OpenCV, left and right camera_info of ROS, cameras.txt and
         images.txt of COLMAP. A folder stands for the two of COLMAP in it.
     length_unit : of the file's lengths.
-    size : (width, height) of the images, for a file of OpenCV that does not tell it.
+    size : (width, height) of the images, for a file of OpenCV without it.
 
     Poses are world_from_cam, where the world is the first camera's frame unless the file has one. Raises FileError for
     a file that is none of these, or not valid.
@@ -50,6 +50,11 @@ def read_rig(
     if not files:
         raise InputError("a rig needs a calibration file")
     read = _read(files, size)
+    first = read.rig.cameras[0]
+    if size is not None and size != (first.width, first.height):
+        raise FileError(
+            f"{files[0]}: its images have {first.width}x{first.height} pixels, not the stated {size[0]}x{size[1]}"
+        )
     metres = LENGTH_UNITS[length_unit]
     poses = [pose.copy() for pose in read.rig.world_from_cams]
     for pose in poses:

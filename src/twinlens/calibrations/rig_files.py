@@ -326,9 +326,9 @@ def _opencv_camera(
         size = _size(image, "image_width, image_height")
     names = {
         key: next(
-            (f"{name}{i}" for name in known if f"{name}{i}" in values), f"{key}{i}"
+            (f"{name}{i}" for name in spellings if f"{name}{i}" in values), f"{key}{i}"
         )
-        for key, known in _OPENCV_NAMES.items()
+        for key, spellings in _OPENCV_NAMES.items()
     }
     k = _camera_matrix(values[names["M"]], names["M"])
     fisheye = bool(numbers(values.get(f"fisheye{i}", 0), f"fisheye{i}")[0])

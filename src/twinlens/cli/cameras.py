@@ -32,7 +32,7 @@ _FAR_APART = 10.0
 @click.option(
     "--size",
     metavar="WIDTHxHEIGHT",
-    help="Of the images, for a file that does not tell it.",
+    help="Of the images, for a file without it.",
 )
 @json_option("every camera with its source, or those of the file")
 def command(files: tuple[Path, ...], size: str | None, as_json: bool) -> None:

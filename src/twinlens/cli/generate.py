@@ -112,7 +112,7 @@ def command(
 
 
 def _print_rectify_hint(output: Place) -> None:
-    """Say it where the samples, as far as the first one tells, have no disparity."""
+    """Print what to do if the first sample, and so probably all, has no disparity."""
     if hint := rectify_hint(Dataset(output)[0].rig, output):
         click.echo(hint, err=True)
 

@@ -176,7 +176,7 @@ def _yaml_matrix(name: str, values: ArrayLike) -> str:
 
 
 def write_rig(path: FilePath, rig: Rig, names: Sequence[str] | None = None) -> None:
-    """Write `rig` as a calibration file, of the kind that the name's ending tells.
+    """Write `rig` as a calibration file of the kind that the ending of the name selects.
 
     path : .yml or .yaml for OpenCV's stereo file of a pair; .json for transforms.json; .toml for our own; a name
         without an ending is a folder for COLMAP's text model.

@@ -5,6 +5,7 @@ A table replaces keys of the object with its name in scene.toml, or is a whole o
 
 import graphlib
 import math
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -58,6 +59,15 @@ _RANGE = Annotated[
     exactly(2, Number),
     satisfies(lambda ends: ends[0] < ends[1], "must be [low, high], got {}"),
 ]
+Label = Annotated[
+    str,
+    Field(min_length=1, max_length=100),
+    satisfies(
+        lambda label: not re.search(r"(-\d+|\[\d+\])$", label),
+        "must not end as the number of a copy, such as -2 or [2], got {}",
+    ),
+]
+"""The name of an object's copies, without their numbers."""
 _TURNS = ("rotate", "euler_deg", "look_at")
 _MATERIAL: TypeAdapter[AnyMaterial] = TypeAdapter(MaterialTable)
 _OBJECT: TypeAdapter[ObjectBase] = TypeAdapter(ObjectTable)
@@ -85,7 +95,7 @@ class Placing(StrictModel):
 
     count: int = Field(1, ge=0, le=1000)
     folder: str | None = None
-    label: Annotated[str, Field(min_length=1, max_length=100)] | None = None
+    label: Label | None = None
     resting_on: str | None = None
     within: Annotated[list[_RANGE], exactly(2, _RANGE)] | None = None
     upright: bool = False
@@ -156,8 +166,10 @@ def copy_names(
     for name, tables in objects.items():
         names[name] = []
         for label, table in zip(labels[name], tables, strict=True):
-            is_numbered = "count" in table or of_all[label] > 1
-            names[name].append(f"{label}[{used[label]}]" if is_numbered else label)
+            if "count" not in table and (label == name or of_all[label] == 1):
+                names[name].append(label)
+                continue
+            names[name].append(f"{label}[{used[label]}]")
             used[label] += 1
     return names
 
@@ -167,7 +179,9 @@ def _label(name: str, table: Mapping[str, Any]) -> str:
     if isinstance(label := table.get("label"), str):
         return label
     if "folder" in table and isinstance(file := table.get("file"), str):
-        return PurePosixPath(file).stem
+        stem = PurePosixPath(file).stem
+        # A number at the end would be taken for that of a copy.
+        return re.sub(r"-(?=\d+$)", "_", stem.replace("[", "(").replace("]", ")"))
     return name
 
 

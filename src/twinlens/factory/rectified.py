@@ -13,7 +13,7 @@ from twinlens.camera.truth import Truth
 from twinlens.dataset import Place, Sample, Shot, StoredSample, read_manifest
 from twinlens.dataset.dataset import MANIFEST
 from twinlens.dataset.record import plain
-from twinlens.errors import check_known
+from twinlens.errors import InputError, check_known
 from twinlens.factory.recipe import recipe_from_table
 from twinlens.factory.remake import ORIGIN, remake, scene_of
 from twinlens.factory.sources import Sources
@@ -22,6 +22,8 @@ from twinlens.scenes import Scene, bundled_scenes
 from twinlens.sensor import Sensor
 
 PICTURES = ("maps", "render")
+_MOST_CHANGED = 0.005
+"""Share of pixels whose object may differ by rounding between versions."""
 
 
 def rectified_sample(
@@ -51,7 +53,10 @@ def rectified_sample(
     Raises InputError for a pair that cannot be rectified, and for a scene that is not the sample's.
     """
     check_known("pictures", pictures, PICTURES)
+    is_given = scene is not None
     scene = scene_of(stored.record, scene, folder, pictures == "render", sources)
+    if not is_given and stored.has_truth(left):
+        _check_same_scene(stored, scene, left)
     result = rectify(
         stored.rig,
         left,
@@ -73,6 +78,22 @@ def rectified_sample(
     else:
         sample = _warped_pair(stored, scene, result, (left, right))
     return replace(sample, record={**sample.record, **origin})
+
+
+def _check_same_scene(stored: StoredSample, scene: Scene, view: int) -> None:
+    """Raise InputError where the scene is another one than that of the stored truth.
+
+    A family makes other scenes in another version of twinlens.
+    """
+    spec = stored.record["record"].get("spec") or {}
+    if spec.get("kind") != "family":
+        return
+    stored_ids = stored.truth(view).object_id
+    ids = ground_truth(scene, stored.rig.nominal, objects=False)[view].object_id
+    if (ids != stored_ids).mean() > _MOST_CHANGED:
+        raise InputError(
+            f"{stored.name}: this version of twinlens makes another scene from its record; make the dataset again"
+        )
 
 
 def _settings(stored: StoredSample) -> dict[str, Any]:

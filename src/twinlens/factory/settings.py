@@ -168,7 +168,7 @@ def read_rig_file(
     """The rig's table in a .toml file, its key in the file, and the tables of lenses.
 
     The file is a rig's table, or has its keys in `[rig]`, beside `width`, `height` and `[[lenses]]`. Files of other
-    kinds are calibrations (`calibrations.read_rig`), without lenses; `size` is for those that tell none.
+    kinds are calibrations (`calibrations.read_rig`), without lenses; `size` is for those without one.
     """
     if not any(path.suffix == ".toml" for path in paths):
         return rig_table(read_rig(*paths, size=size).rig), "", []

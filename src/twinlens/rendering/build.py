@@ -106,14 +106,15 @@ class BuiltScene:
 
 
 def build(scene: Scene, frame: Frame = WORLD) -> BuiltScene:
-    """The Mitsuba scene of `scene` in a frame. The last few frames are cached as long as the Scene exists."""
+    """The Mitsuba scene of `scene` in a frame. The frames used last are cached as long as the Scene exists."""
     with _building:
         in_frames = _cache.setdefault(scene, {})
-        if frame not in in_frames:
-            in_frames[frame] = _built(scene, frame)
-            if len(in_frames) > _MOST_FRAMES:
-                del in_frames[next(iter(in_frames))]
-        return in_frames[frame]
+        # The first key is the one that has not been used for longest.
+        built = in_frames.pop(frame, None) or _built(scene, frame)
+        in_frames[frame] = built
+        if len(in_frames) > _MOST_FRAMES:
+            del in_frames[next(iter(in_frames))]
+        return built
 
 
 def build_moved(scene: Scene, before: Scene, frame: Frame = WORLD) -> BuiltScene:

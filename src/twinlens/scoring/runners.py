@@ -41,7 +41,7 @@ WORKER_LIMIT_S = 600.0
 """Seconds per match if only a memory limit was given."""
 LONGEST_LIMIT_S = 1e6
 _FRAMES, _LONGEST_LINE = 4, 300
-_PACKAGE = str(Path(twinlens.__file__).parent)
+_PACKAGE = Path(twinlens.__file__).parent
 
 Image = NDArray[Any]
 
@@ -278,16 +278,16 @@ def _last_frames(error: BaseException) -> tuple[str, ...]:
     frames = [
         frame
         for frame in traceback.extract_tb(error.__traceback__)
-        if not frame.filename.startswith(_PACKAGE)
+        if not Path(frame.filename).is_relative_to(_PACKAGE)
     ]
     return tuple(_frame_line(frame)[:_LONGEST_LINE] for frame in frames[-_FRAMES:])
 
 
 def _frame_line(frame: traceback.FrameSummary) -> str:
-    """`file:line in function: code`; the file is relative to the current folder where it is below it."""
+    """`file:line in function: code`, with the path below the current folder; boards name no other folders."""
     path = Path(frame.filename)
-    if path.is_relative_to(Path.cwd()):
-        path = path.relative_to(Path.cwd())
+    is_below = path.is_relative_to(Path.cwd())
+    path = path.relative_to(Path.cwd()) if is_below else Path(path.name)
     return f"{path}:{frame.lineno} in {frame.name}: {frame.line}"
 
 
