@@ -48,10 +48,12 @@ def open_usd(path: Path, context: SceneContext, with_materials: bool = True) -> 
     import_extra("pxr", "usd")
     request = Request(path, context.folder, with_materials)
     limit = SECONDS + _SECONDS_PER_BYTE * path.stat().st_size
+    # -P: modules in the current folder are not imported; `-m` would look there first.
+    command = [sys.executable, "-P", "-m", "twinlens.scenes.usd_process"]
     search = os.pathsep.join(filter(None, sys.path))
     try:
         child = subprocess.run(
-            [sys.executable, "-m", "twinlens.scenes.usd_process"],
+            command,
             input=pickle.dumps(request),
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
