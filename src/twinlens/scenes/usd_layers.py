@@ -80,14 +80,16 @@ class UsdFiles:
         return f"{package['package']}[{inside}]"
 
     def _refuse_clips(self, layer: Any) -> None:
-        """Value clips read further files when a value is asked for."""
-        found: list[str] = []
+        """Value clips read further files when a value is asked for. Prims and their variants have them."""
+        paths_with_clips: list[str] = []
 
         def visit(path: Any) -> None:
             spec = layer.GetObjectAtPath(path)
-            if path.IsPrimPath() and spec is not None and spec.HasInfo("clips"):
-                found.append(str(path))
+            if spec is not None and spec.HasInfo("clips"):
+                paths_with_clips.append(str(path))
 
         layer.Traverse(self._sdf.Path.absoluteRootPath, visit)
-        if found:
-            raise InputError(f"{found[0]} has value clips; export it without them")
+        if paths_with_clips:
+            raise InputError(
+                f"{paths_with_clips[0]} has value clips; export it without them"
+            )
