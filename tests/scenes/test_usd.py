@@ -368,19 +368,49 @@ def test_display_colors(tmp_path, interpolation):
         np.testing.assert_allclose(color[:3], colors[number], atol=1e-6)
 
 
+def add_instancer(stage, name):
+    """Copies of a square and of a cube, its prototypes, which are its children or grandchildren."""
+    instancer = UsdGeom.PointInstancer.Define(stage, name)
+    add_square(stage, f"{name}/square")
+    UsdGeom.Xform.Define(stage, f"{name}/prototypes")
+    UsdGeom.Cube.Define(stage, f"{name}/prototypes/cube")
+    children = [f"{name}/square", f"{name}/prototypes/cube"]
+    instancer.CreatePrototypesRel().SetTargets(children)
+    instancer.CreateProtoIndicesAttr([0, 1, 1])
+    instancer.CreatePositionsAttr([Gf.Vec3f(float(x), 0, 0) for x in (5, 6, 7)])
+
+
+def test_prototypes_of_an_instancer_have_no_place(tmp_path):
+    """The bounds of what is left: squares before and after instancers, one of them in a group of its own."""
+    path = tmp_path / "m.usda"
+    stage = stage_at(path)
+    add_square(stage, "/a")
+    add_instancer(stage, "/b")
+    UsdGeom.Xform.Define(stage, "/c").AddTranslateOp().Set(Gf.Vec3d(0, 0, 9))
+    add_instancer(stage, "/c/instancer")
+    add_square(stage, "/c/square")
+    stage.Save()
+    with pytest.warns(MaterialWarning, match=r"PointInstancer \(left out\)"):
+        mesh = read(path).mesh
+    assert len(mesh.faces) == 4
+    assert sorted(set(mesh.vertices[:, 2])) == [0, 9]
+
+
 def test_what_is_not_rendered_is_named(tmp_path):
     path = tmp_path / "m.usda"
     stage = stage_at(path)
     square = add_square(stage, SubdivisionScheme="catmullClark")
     material = UsdShade.Material.Define(stage, "/mdl")
     bind(square, material)
-    for kind in ("BasisCurves", "Points", "PointInstancer", "Camera"):
+    for kind in ("BasisCurves", "Points", "Camera"):
         getattr(UsdGeom, kind).Define(stage, f"/{kind}")
+    add_instancer(stage, "/instancer")
     stage.DefinePrim("/light", "SphereLight")
     stage.DefinePrim("/joint", "PhysicsRevoluteJoint")
     stage.Save()
     with pytest.warns(MaterialWarning) as caught:
-        read(path)
+        model = read(path)
+    assert len(model.mesh.faces) == 2
     [warning] = caught
     message = str(warning.message)
     assert message.startswith(f"{path}: not used: ")
@@ -398,6 +428,27 @@ def test_what_is_not_rendered_is_named(tmp_path):
 
 
 HEAD = '#usda 1.0\n(\n  subLayers = [@{}@]\n)\ndef Cube "c" {{}}\n'
+CLIPS = "clips = { dictionary default = { asset[] assetPaths = [@../secret.usda@] } }"
+VARIANT = """#usda 1.0
+def "a" (
+  prepend variantSets = "v"
+  variants = {{ string v = "x" }}
+) {{
+  variantSet "v" = {{
+    "x" ({}) {{
+      {}
+    }}
+  }}
+}}
+"""
+NESTED = """
+def Cube "c" (prepend variantSets = "w"
+  variants = {{ string w = "y" }}) {{
+  variantSet "w" = {{
+    "y" ({}) {{ }}
+  }}
+}}
+"""
 OUTSIDE = {
     "absolute": HEAD.format("/etc/hostname.usda"),
     "above": HEAD.format("../secret.usda"),
@@ -406,7 +457,22 @@ OUTSIDE = {
     "payload": '#usda 1.0\ndef "a" (payload = @../secret.usda@</c>) {}\n',
     "link": HEAD.format("link.usda"),
     "nested": HEAD.format("below/inner.usda"),
-    "clips": '#usda 1.0\ndef "a" (clips = { dictionary default = { asset[] assetPaths = [@../secret.usda@] } }) {}\n',
+    "clips": f'#usda 1.0\ndef "a" ({CLIPS}) {{}}\n',
+    "clips of a variant": VARIANT.format(CLIPS, ""),
+    "clips of a prim in a variant": VARIANT.format("", f'def Cube "c" ({CLIPS}) {{}}'),
+    "clips of a nested variant": VARIANT.format("", NESTED.format(CLIPS)),
+    "clips of a class": f'#usda 1.0\nclass "a" ({CLIPS}) {{}}\n',
+    "clips of an over": f'#usda 1.0\nover "a" ({CLIPS}) {{}}\n',
+    "reference of a variant": VARIANT.format("references = @../secret.usda@", ""),
+    "payload of a nested variant": VARIANT.format(
+        "", NESTED.format("payload = @../secret.usda@")
+    ),
+    "expression": """#usda 1.0
+(
+  expressionVariables = { string X = "../secret.usda" }
+)
+def "a" (references = @`"${X}"`@) {}
+""",
 }
 
 
@@ -420,7 +486,7 @@ def test_layers_outside_the_folder_are_refused(tmp_path, name):
     (folder / "below" / "inner.usda").write_text(HEAD.format("../../secret.usda"))
     path = folder / "m.usda"
     path.write_text(OUTSIDE[name])
-    reasons = "leads outside|must be a file name|web addresses|value clips"
+    reasons = "leads outside|must be a file name|web addresses|value clips|no file"
     with pytest.raises(InputError, match=reasons) as caught:
         read(path)
     assert "\n" not in str(caught.value)
@@ -488,6 +554,18 @@ def test_without_usd_core_the_extra_is_named(tmp_path, here):
         MissingExtraError, match=r"m\.usda: .*pip install 'twinlens\[usd\]'"
     ):
         read(tmp_path / "m.usda")
+
+
+@pytest.mark.parametrize("module", ["pxr", "contextlib"])
+def test_modules_in_the_current_folder_are_not_run(tmp_path, here, module):
+    """As in a terminal, where the current folder is not among the paths of modules."""
+    here.undo()
+    here.chdir(tmp_path)
+    here.setattr(sys, "path", [path for path in sys.path if path])
+    (tmp_path / f"{module}.py").write_text("open('was_run', 'w').close()\n")
+    (tmp_path / "m.usda").write_text('#usda 1.0\ndef Cube "c" {}\n')
+    assert len(read(tmp_path / "m.usda").mesh.faces) == 12
+    assert not (tmp_path / "was_run").exists()
 
 
 def test_a_file_that_usd_core_never_finishes_is_an_error(tmp_path, here):

@@ -113,6 +113,10 @@ class _Reader:
                 prims.PruneChildren()
                 continue
             self._name(prim)
+            if prim.IsA(UsdGeom.PointInstancer):
+                # The prims below are its prototypes, which have no place of their own.
+                prims.PruneChildren()
+                continue
             yield from self._parts_of(prim)
 
     def _name(self, prim: Any) -> None:
