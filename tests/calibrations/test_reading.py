@@ -116,6 +116,23 @@ def test_a_stated_size_must_be_that_of_the_file(tmp_path):
         read_rig(path, size=(1280, 960))
 
 
+def test_a_fisheye_of_opencv_has_to_be_stated(tmp_path):
+    """cv2.fisheye projects as the camera that is read; its file does not say that it is of cv2.fisheye."""
+    k = np.array([[0.02, -0.003, 1e-3, 2e-4]])
+    moved = {"R": TURN, "T": SHIFT[:, None], "image_width": 640, "image_height": 480}
+    matrices = {"M1": LEFT.K, "D1": k.T, "M2": RIGHT.K, "D2": k.T}
+    path = opencv_file(tmp_path / "s.yml", **matrices, **moved)
+    camera = read_rig(path, fisheye=True).rig.cameras[0]
+    points = np.array([[0.3, -0.2, 1.0], [1.5, 1.0, 1.0]])
+    pixels, _ = cv2.fisheye.projectPoints(
+        points[:, None], np.zeros(3), np.zeros(3), LEFT.K, k
+    )
+    assert np.abs(camera.project(points) - pixels[:, 0]).max() < 1e-6
+    table = {"file": str(path), "fisheye": True}
+    assert rig_from_table(table, SCENE, 64, 48).cameras[1].distortion == KannalaBrandt(*k[0])  # fmt: skip
+    assert isinstance(read_rig(path).rig.cameras[0].distortion, BrownConrady)
+
+
 def test_values_of_the_file_are_not_set_beside_it(tmp_path):
     (path,) = files_of("yml", tmp_path)
     for key, value in {"fx": 500.0, "baseline": 0.2, "cameras": [{}, {}]}.items():

@@ -23,6 +23,7 @@ translate = [0, {y}, 1]
 material = "m"
 """
 SKY = "[lights.sky]\ntype = 'constant'\n"
+INSIDE = "[lights.lamp]\ntype = 'point'\nposition = [0, 0, 1]\nintensity = 1\n"
 
 
 @pytest.mark.parametrize("output", ["srgb", "raw"])
@@ -31,6 +32,7 @@ SKY = "[lights.sky]\ntype = 'constant'\n"
     [
         (0, SKY, None, None),
         (-8, SKY, None, "views 0 and 1 show no surface, .*turned away from the scene"),
+        (0, INSIDE, None, "views 0 and 1 show no light at all: is there a light"),
         (0, SKY, 1e-20, "views 0 and 1 show nothing but black: is there a light"),
         (0, SKY, 1e3, "views 0 and 1 show nothing but clipped pixels: .* too long"),
     ],

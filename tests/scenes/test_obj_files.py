@@ -66,6 +66,19 @@ def test_names_of_materials_may_have_signs_and_spaces(
     assert material(model).base_color == HALF
 
 
+def test_names_in_latin_1_stay_different(tmp_path: Path) -> None:
+    """As German exporters of Windows write them."""
+    faces = "usemtl grün\nf 1 2 3\nusemtl grän\nf 1 3 2\n"
+    (tmp_path / "m.obj").write_bytes(
+        f"mtllib m.mtl\n{CORNERS}{faces}".encode("latin-1")
+    )
+    colours = "newmtl grün\nKd 0 .5 0\nnewmtl grän\nKd .5 0 0\n"
+    (tmp_path / "m.mtl").write_bytes(colours.encode("latin-1"))
+    model = read_model(tmp_path / "m.obj", SceneContext(tmp_path))
+    assert sorted(model.materials) == ["m.obj:grän", "m.obj:grün"]
+    assert model.materials["m.obj:grün"].base_color == Color((0.0, 0.5, 0.0))
+
+
 @pytest.mark.parametrize(
     "libraries",
     ["mtllib a.mtl b.mtl", "mtllib a.mtl\nmtllib b.mtl", "mtllib A parts.mtl b.MTL"],

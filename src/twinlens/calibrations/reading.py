@@ -35,6 +35,7 @@ def read_rig(
     *paths: FilePath,
     length_unit: Literal["m", "cm", "mm"] = "m",
     size: tuple[int, int] | None = None,
+    fisheye: bool = False,
 ) -> NamedRig:
     """The rig in a calibration file of another program, or in two files that belong together.
 
@@ -42,6 +43,7 @@ def read_rig(
         images.txt of COLMAP. A folder stands for the two of COLMAP in it.
     length_unit : of the file's lengths.
     size : (width, height) of the images, for a file of OpenCV without it.
+    fisheye : whether an OpenCV file, which does not state it, has the coefficients of `cv2.fisheye`.
 
     Poses are world_from_cam, where the world is the first camera's frame unless the file has one. Raises FileError for
     a file that is none of these, or not valid.
@@ -49,7 +51,7 @@ def read_rig(
     files = [file for path in paths for file in calibration_files(Path(path))]
     if not files:
         raise InputError("a rig needs a calibration file")
-    read = _read(files, size)
+    read = _read(files, size, fisheye)
     first = read.rig.cameras[0]
     if size is not None and size != (first.width, first.height):
         raise FileError(
@@ -67,7 +69,9 @@ def calibration_files(path: Path) -> list[Path]:
     return [path / name for name in COLMAP_FILES] if path.is_dir() else [path]
 
 
-def _read(files: Sequence[Path], size: tuple[int, int] | None) -> NamedRig:
+def _read(
+    files: Sequence[Path], size: tuple[int, int] | None, fisheye: bool
+) -> NamedRig:
     first = files[0]
     if first.name in COLMAP_FILES:
         if sorted(file.name for file in files) != sorted(COLMAP_FILES):
@@ -85,7 +89,7 @@ def _read(files: Sequence[Path], size: tuple[int, int] | None) -> NamedRig:
     if "cam0" in values:
         return read_kalibr(_only(files))
     if _has_cameras(values) or {"R", "T"} <= values.keys():
-        return NamedRig(_opencv_pair(files, values, size), ("1", "2"))
+        return NamedRig(_opencv_pair(files, values, size, fisheye), ("1", "2"))
     raise FileError(f"{first}: holds no rig that is known; it may be of {FORMS}")
 
 
@@ -104,14 +108,18 @@ def _ros_pair(files: Sequence[Path]) -> NamedRig:
 
 
 def _opencv_pair(
-    files: Sequence[Path], first: Mapping[str, Any], size: tuple[int, int] | None
+    files: Sequence[Path],
+    first: Mapping[str, Any],
+    size: tuple[int, int] | None,
+    fisheye: bool,
 ) -> Rig:
     """The pair of one file, or of two in either order, of which `first` are the values of the first."""
     if len(files) == 1:
-        return read_opencv(files[0], _size_unless_stored(first, size))
+        return read_opencv(files[0], _size_unless_stored(first, size), None, fisheye)
     intrinsics, extrinsics = files if _has_cameras(first) else reversed(files)
     stored = read_storage(intrinsics)
-    return read_opencv(intrinsics, _size_unless_stored(stored, size), extrinsics)
+    size = _size_unless_stored(stored, size)
+    return read_opencv(intrinsics, size, extrinsics, fisheye)
 
 
 def _has_cameras(values: Mapping[str, Any]) -> bool:

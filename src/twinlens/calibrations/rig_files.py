@@ -122,11 +122,13 @@ def read_opencv(
     path: FilePath,
     size: tuple[int, int] | None = None,
     extrinsics: FilePath | None = None,
+    fisheye: bool = False,
 ) -> Rig:
     """The pair in an OpenCV stereo file in YAML, XML or JSON; without a pose, the world is the first camera's frame.
 
     size : (width, height), for files without it.
     extrinsics : the file of R and T where they are in another file, as in OpenCV's sample.
+    fisheye : whether the coefficients are those of `cv2.fisheye`, which a file of OpenCV does not state.
 
     Camera matrices are named M1, K1 or cameraMatrix1, coefficients D1 or distCoeffs1, and the same of camera 2. T is in
     metres. A rotation of few digits is made orthonormal as far as its digits explain (`geometry.check_rigid`). Raises
@@ -141,7 +143,7 @@ def read_opencv(
             pose = matrix(values["world_from_1"], "world_from_1", 4, 4)
         rotation = matrix(values["R"], "R", 3, 3)
         second_from_first = rigid(rotation, matrix(values["T"], "T", 1, 3)[0])
-        cameras = [_opencv_camera(values, i, size) for i in (1, 2)]
+        cameras = [_opencv_camera(values, i, size, fisheye) for i in (1, 2)]
         others = values.keys() - _OPENCV_READ - _OPENCV_NOTES
         texts = {name for name in others if isinstance(values[name], str)}
         warn_not_used(path, sorted(others - texts))
@@ -295,7 +297,8 @@ def _nerf_camera(values: Mapping[str, Any]) -> Camera:
         float(values.get(name, size / 2)) - CORNER
         for name, size in (("cx", width), ("cy", height))
     )
-    model = values.get("camera_model", "OPENCV")
+    is_fisheye = values.get("is_fisheye", False)
+    model = values.get("camera_model", "OPENCV_FISHEYE" if is_fisheye else "OPENCV")
     if model not in _NERF_MODELS:
         raise InputError(
             f"camera_model must be one of {', '.join(_NERF_MODELS)}, got {model!r}"
@@ -317,7 +320,7 @@ _OPENCV_NAMES = {"M": ("M", "K", "cameraMatrix"), "D": ("D", "distCoeffs")}
 
 
 def _opencv_camera(
-    values: Mapping[str, Any], i: int, size: tuple[int, int] | None
+    values: Mapping[str, Any], i: int, size: tuple[int, int] | None, fisheye: bool
 ) -> Camera:
     if size is None and f"size{i}" in values:
         size = _size(values[f"size{i}"], f"size{i}")
@@ -331,8 +334,8 @@ def _opencv_camera(
         for key, spellings in _OPENCV_NAMES.items()
     }
     k = _camera_matrix(values[names["M"]], names["M"])
-    fisheye = bool(numbers(values.get(f"fisheye{i}", 0), f"fisheye{i}")[0])
-    distortion = _distortion(values[names["D"]], names["D"], fisheye)
+    stated = numbers(values.get(f"fisheye{i}", int(fisheye)), f"fisheye{i}")
+    distortion = _distortion(values[names["D"]], names["D"], bool(stated[0]))
     return Camera(*size, *k, distortion)
 
 

@@ -8,11 +8,13 @@ import click
 from scipy.spatial.transform import Rotation
 
 from twinlens.calibrations import NamedRig, read_rig
-from twinlens.camera import Camera
+from twinlens.camera import BrownConrady, Camera
 from twinlens.camera.film import SENSOR_WIDTHS_MM
 from twinlens.camera.presets import CAMERAS
+from twinlens.camera.rectification import rectify
 from twinlens.cli.options import json_option, print_json, print_result
 from twinlens.cli.places import PATH
+from twinlens.errors import InputError
 from twinlens.factory.camera_text import parse_size
 from twinlens.geometry import Float
 
@@ -136,11 +138,32 @@ def _described(named: NamedRig, files: tuple[Path, ...]) -> list[str]:
             "If these lengths are millimetres, name the file in a rig's .toml: "
             'file = "...", length_unit = "mm".'
         )
-    if len(cameras) == 2 and not record["is_rectified"]:
+    if any(_may_be_fisheye(camera) for camera in named.rig.cameras):
         lines.append(
-            "Not a rectified pair: `twinlens rectify` makes one of each sample, with disparities."
+            "Read as k1 k2 p1 p2. If the coefficients are those of cv2.fisheye, name the file in a rig's .toml: "
+            'file = "...", fisheye = true.'
         )
+    if len(cameras) == 2 and not record["is_rectified"]:
+        lines.append(_rectify_line(named))
     return lines
+
+
+def _may_be_fisheye(camera: Camera) -> bool:
+    """Whether a distortion has the four coefficients k1 k2 p1 p2, as many as a fisheye's."""
+    distortion = camera.distortion
+    return (
+        isinstance(distortion, BrownConrady)
+        and not any(distortion.coefficients[4:])
+        and any(distortion.coefficients[2:4])
+    )
+
+
+def _rectify_line(named: NamedRig) -> str:
+    try:
+        rectify(named.rig)
+    except InputError as error:
+        return f"Not a rectified pair, and none can be made of it: {error}."
+    return "Not a rectified pair: `twinlens rectify` makes one of each sample, with disparities."
 
 
 def _intrinsics_lines(i: int, camera: dict[str, Any]) -> list[str]:

@@ -212,8 +212,16 @@ def parse_pixel(text: str, width: int, height: int) -> tuple[int, int]:
 
 def rectify_hint(rig: Any, output: Any) -> str:
     """What to do with samples in `output` whose first two cameras are not a rectified pair; empty for others."""
+    from twinlens.camera.rectification import (
+        rectify,
+    )  # imports NumPy and SciPy, which --help does not need
+
     if len(rig) < 2 or rig.nominal.is_rectified():
         return ""
+    try:
+        rectify(rig.nominal)
+    except InputError as error:
+        return f"no disparity, and no rectification: {error}"
     return (
         "no disparity: the first two cameras are not a rectified pair; "
         f"`twinlens rectify {output} -o {output}-rectified` makes one of each sample"

@@ -32,7 +32,17 @@ def doubts(sample: Sample, sensor: Sensor) -> list[str]:
     for k, shot in enumerate(sample.shots):
         lens = f" through lens {k}" if k else ""
         greys = [grey(image, sensor) for image in shot.images]
-        black = [view for view, values in enumerate(greys) if values.max() <= _BLACK]
+        # A sensor's noise, amplified by the automatic exposure, is not black.
+        unlit = shot.record.get("unlit_views", [])
+        if unlit:
+            reasons.append(
+                f"{_views(unlit)} no light at all{lens}: is there a light, and does it reach what is seen?"
+            )
+        black = [
+            view
+            for view, values in enumerate(greys)
+            if values.max() <= _BLACK and view not in unlit
+        ]
         if black:
             reasons.append(
                 f"{_views(black)} nothing but black{lens}: is there a light, and is the exposure long enough?"

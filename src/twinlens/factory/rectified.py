@@ -1,5 +1,6 @@
 """Rectified pairs from stored samples. Images are warped or rendered again; truth is computed, never resampled."""
 
+import warnings
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from twinlens.dataset import Place, Sample, Shot, StoredSample, read_manifest
 from twinlens.dataset.dataset import MANIFEST
 from twinlens.dataset.record import plain
 from twinlens.errors import InputError, check_known
+from twinlens.factory.doubts import ResultWarning
 from twinlens.factory.recipe import recipe_from_table
 from twinlens.factory.remake import ORIGIN, remake, scene_of
 from twinlens.factory.sources import Sources
@@ -77,6 +79,12 @@ def rectified_sample(
         sample = _rendered_pair(stored, scene, result, right or left, progress)
     else:
         sample = _warped_pair(stored, scene, result, (left, right))
+    if not any(truth.visible.any() for truth in sample.truths):
+        warnings.warn(
+            f"{stored.name}: no pixel is visible in both rectified views; are the lengths of the rig's file in metres?",
+            ResultWarning,
+            stacklevel=2,
+        )
     return replace(sample, record={**sample.record, **origin})
 
 

@@ -244,6 +244,8 @@ class _Photographer:
         record: dict[str, Any] = {"spp": spp}
         if views:
             record["light_paths_over_sensor"] = self._noise_ratios(views, photos)
+        if unlit := [view for view, light in enumerate(radiances) if not light.any()]:
+            record["unlit_views"] = unlit
         record["seed"] = self.seed
         record["exposures"] = [photo.record for photo in photos]
         kept = tuple(radiances) if shoot.keep_radiance else None

@@ -417,7 +417,11 @@ def text_lines(data: bytes) -> list[str]:
     >>> text_lines(b"\\tusemtl  wood #25 \\r\\nf 1 2 \\\\\\n  3\\nnewmtl wood__#25")
     ['usemtl wood', 'f 1 2 3', 'newmtl wood__#25']
     """
-    text = _CONTINUED.sub(" ", data.decode("utf-8-sig", "replace"))
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:  # of older programs, in which every byte is a letter
+        text = data.decode("latin-1")
+    text = _CONTINUED.sub(" ", text)
     return [" ".join(_COMMENT.sub("", line).split()) for line in text.splitlines()]
 
 

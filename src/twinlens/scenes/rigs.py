@@ -393,7 +393,12 @@ def _with_calibration(
             )
     with located("file"):
         paths = [find(name) for name in settings.names()]
-    calibration = read_rig(*paths, length_unit=settings.length_unit, size=size)
+    calibration = read_rig(
+        *paths,
+        length_unit=settings.length_unit,
+        size=size,
+        fisheye=settings.fisheye,
+    )
     return {**rest, **rig_table(calibration.rig, settings.poses)}
 
 
@@ -424,12 +429,14 @@ class CalibrationKeys(StrictModel):
     file : its name, or two names: intrinsics and extrinsics of OpenCV, left and right camera_info of ROS, cameras.txt
         and images.txt of COLMAP.
     length_unit : of the file's lengths.
+    fisheye : whether an OpenCV file has the coefficients of `cv2.fisheye`.
     poses : "rig" puts the first camera at the rig's pose, "world" takes the file's world for the scene's.
     """
 
     layout: Literal["file"] = "file"
     file: _CalibrationFile
     length_unit: _LengthUnit = "m"
+    fisheye: bool = False
     poses: _Poses = "rig"
 
     def names(self) -> list[str]:
@@ -577,6 +584,7 @@ _KEYS: dict[str, dict[str, Any]] = {
     "file": {
         "file": _CalibrationFile,
         "length_unit": _LengthUnit | None,
+        "fisheye": bool | None,
         "poses": _Poses | None,
     },
 }
