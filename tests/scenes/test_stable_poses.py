@@ -165,6 +165,36 @@ def test_a_cone_stands_on_its_base_or_rolls_on_its_side(radius, height, sides):
     assert rests_on_its_support(poses)
 
 
+@pytest.mark.parametrize("sides", [24, 64, 360])
+@pytest.mark.parametrize(("low", "high"), [(0.3, 0.4), (0.2, 0.7), (0.5, 0.45)])
+def test_a_cup_stands_on_either_end_or_lies(low, high, sides):
+    """A solid frustum of height 1, whose centre of mass is nearer to its wide end."""
+    profile = np.array([(0, 0), (low, 0), (high, 1), (0, 1)])
+    poses = stable_poses(mesh_of(trimesh.creation.revolve(profile, sections=sides)))
+    moment = low**2 + 2 * low * high + 3 * high**2
+    centre = moment / (4 * (low**2 + low * high + high**2))
+    upright = sum(pose.probability for pose in poses if pose.up[2] > 0.999)
+    upside_down = sum(pose.probability for pose in poses if pose.up[2] < -0.999)
+    tolerance = 0.01 if sides == 24 else 0.002
+    assert upright == pytest.approx(cap_angle(low, centre), abs=tolerance)
+    assert upside_down == pytest.approx(cap_angle(high, 1 - centre), abs=tolerance)
+    assert len(poses) == sides + 2
+
+
+@pytest.mark.parametrize("subdivisions", [3, 4])
+def test_ellipsoids_rest_on_their_shortest_axis(subdivisions):
+    """Two poles of an oblate one, the belt of a prolate one: they roll off their long axis, whatever its facet."""
+    ball = trimesh.creation.icosphere(subdivisions)
+    oblate = stable_poses(Mesh(ball.vertices * [0.5, 0.5, 0.25], np.array(ball.faces)))
+    for sign in (1, -1):
+        on_pole = [pose for pose in oblate if sign * pose.up[2] > 0.98]
+        share = sum(pose.probability for pose in on_pole)
+        assert share == pytest.approx(0.5, abs=0.01)
+    prolate = stable_poses(Mesh(ball.vertices * [0.3, 0.3, 0.5], np.array(ball.faces)))
+    belt = sum(pose.probability for pose in prolate if abs(pose.up[2]) < 0.1)
+    assert belt == pytest.approx(1)
+
+
 @pytest.mark.parametrize(("corners", "radius"), [(6, 0.004), (6, 0.05), (3, 0.01)])
 def test_the_faces_of_a_pencil_stay_faces(corners, radius):
     """Solid angle of a regular polygon: 2 pi - 2 n atan(tan(pi / n) / sqrt(1 + (radius / distance)^2))."""
