@@ -318,6 +318,154 @@ def test_textures(tmp_path, space):
     }
 
 
+def linked(stage, name, kind, source=None, **inputs):
+    """A shader whose input `in` is the result of another one."""
+    shader = UsdShade.Shader.Define(stage, name)
+    shader.CreateIdAttr(kind)
+    pair = Sdf.ValueTypeNames.Float2
+    for key, value in inputs.items():
+        kinds = {
+            "varname": Sdf.ValueTypeNames.String,
+            "rotation": Sdf.ValueTypeNames.Float,
+        }
+        shader.CreateInput(key, kinds.get(key, pair)).Set(value)
+    if source is not None:
+        shader.CreateInput("in", pair).ConnectToSource(
+            source.CreateOutput("result", pair)
+        )
+    return shader
+
+
+def place(texture, source):
+    pair = Sdf.ValueTypeNames.Float2
+    texture.CreateInput("st", pair).ConnectToSource(source.CreateOutput("result", pair))
+
+
+def with_texture(stage, tmp_path, *primvars, **inputs):
+    """A square with the primvars, and a texture of its material's colour."""
+    (tmp_path / "t.png").write_bytes(png(RGBA))
+    mesh = add_square(stage)
+    kind = Sdf.ValueTypeNames.TexCoord2fArray
+    for number, name in enumerate(primvars):
+        uv = [(number, 0), (1, 0), (1, 1), (0, 1)]
+        add_primvar(mesh, name, kind, uv, "vertex")
+    texture = textured(stage, "/m/color", **inputs)
+    color = texture, "rgb", Sdf.ValueTypeNames.Color3f
+    bind(mesh, preview(stage, "/m", diffuseColor=color))
+    return texture
+
+
+@pytest.mark.parametrize(
+    ("steps", "expected"),
+    [
+        ([{"scale": (2, 3)}], (2, 3)),
+        # (1, 1) is scaled to (2, 3), then moved.
+        ([{"scale": (2, 3)}, {"translation": (5, 7)}], (7, 10)),
+        # (1, 1) is moved to (6, 8), then scaled.
+        ([{"translation": (5, 7)}, {"scale": (2, 3)}], (12, 24)),
+        # (1, 1) is moved to (6, 8), turned to (-8, 6), then scaled.
+        ([{"translation": (5, 7)}, {"rotation": 90.0}, {"scale": (2, 3)}], (-16, 18)),
+    ],
+)
+def test_chained_transforms(tmp_path, steps, expected):
+    """The steps are those from the primvar to the texture."""
+    path = tmp_path / "m.usda"
+    stage = stage_at(path)
+    texture = with_texture(stage, tmp_path, "map1")
+    shader = linked(stage, "/m/reader", "UsdPrimvarReader_float2", varname="map1")
+    for number, step in enumerate(steps):
+        values = {
+            key: value if key == "rotation" else Gf.Vec2f(*value)
+            for key, value in step.items()
+        }
+        shader = linked(stage, f"/m/step{number}", "UsdTransform2d", shader, **values)
+    place(texture, shader)
+    stage.Save()
+    [material] = read(path).materials.values()
+    uv = material.base_color.to_uv @ [1, 1, 0, 1]
+    np.testing.assert_allclose(uv, [*expected, 0, 1], atol=1e-6)
+
+
+def ignored_coordinates(stage, tmp_path, case):
+    wrap = {case: case for case in ("black", "repeat", "useMetadata")}.get(
+        case, "repeat"
+    )
+    primvars = ["map1", "map2"] if case == "primvar" else ["st"]
+    texture = with_texture(stage, tmp_path, *primvars, wrapS=wrap, wrapT=wrap)
+    if case == "constant":
+        texture.CreateInput("st", Sdf.ValueTypeNames.Float2).Set(Gf.Vec2f(0.5, 0.5))
+    elif case == "other":
+        place(texture, linked(stage, "/m/other", "ND_noise2d"))
+    elif case == "circle":
+        shader = linked(stage, "/m/a", "UsdTransform2d")
+        place(texture, linked(stage, "/m/a", "UsdTransform2d", shader))
+    elif case == "primvar":
+        rough = textured(stage, "/m/rough")
+        for number, shader in enumerate((texture, rough)):
+            name = primvars[number]
+            place(
+                shader,
+                linked(stage, f"/m/{name}", "UsdPrimvarReader_float2", varname=name),
+            )
+        number = Sdf.ValueTypeNames.Float
+        surface = UsdShade.Shader(stage.GetPrimAtPath("/m/surface"))
+        surface.CreateInput("opacity", number).ConnectToSource(
+            rough.CreateOutput("g", number)
+        )
+
+
+@pytest.mark.parametrize(
+    ("case", "part"),
+    [
+        ("repeat", None),
+        ("useMetadata", None),
+        ("black", "wrap mode black (clamp)"),
+        ("constant", "constant texture coordinates (those of the mesh)"),
+        ("other", "texture coordinates by ND_noise2d (those of the mesh)"),
+        ("circle", "more than 32 chained UsdTransform2d"),
+        ("primvar", "primvar 'map2' (the material uses 'map1')"),
+    ],
+)  # fmt: skip
+def test_ignored_texture_coordinates_are_named(tmp_path, case, part):
+    path = tmp_path / "m.usda"
+    stage = stage_at(path)
+    ignored_coordinates(stage, tmp_path, case)
+    stage.Save()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        model = read(path)
+    messages = [f"{path}: not used: {part}"] if part else []
+    assert [str(warning.message) for warning in caught] == messages
+    # (u, v) of `map2` would begin at u = 1.
+    assert model.mesh.uv[:, 0].min() == 0
+
+
+def test_materials_are_those_of_the_earliest_time(tmp_path):
+    """Values that change have no default; those of an input without samples are its default."""
+    path = tmp_path / "m.usda"
+    stage = stage_at(path)
+    texture = with_texture(stage, tmp_path, "st")
+    (tmp_path / "late.png").write_bytes(png(np.zeros((1, 1, 3))))
+    file = texture.GetInput("file").GetAttr()
+    file.Clear()
+    transform = linked(stage, "/m/place", "UsdTransform2d")
+    shift = transform.CreateInput("translation", Sdf.ValueTypeNames.Float2)
+    place(texture, transform)
+    surface = UsdShade.Shader(stage.GetPrimAtPath("/m/surface"))
+    rough = surface.CreateInput("roughness", Sdf.ValueTypeNames.Float)
+    metal = surface.CreateInput("metallic", Sdf.ValueTypeNames.Float)
+    metal.Set(0.75)
+    for time, name, value in ((8, "late.png", 0.9), (3, "t.png", 0.125)):
+        file.Set(name, time)
+        shift.Set(Gf.Vec2f(value, 0), time)
+        rough.Set(value, time)
+    stage.Save()
+    [material] = read(path).materials.values()
+    assert (material.roughness, material.metallic) == (0.125, 0.75)
+    assert material.base_color.pixels.shape == (1, 2, 3)
+    assert material.base_color.to_uv[0, 3] == 0.125
+
+
 def test_a_package_has_its_own_pictures(tmp_path, here):
     """Read in the process of its own."""
     here.undo()

@@ -24,6 +24,9 @@ _CHANNELS = {
     "rgb": slice(0, 3),
 }
 _WRAPS = {"repeat": "repeat", "mirror": "mirror", "clamp": "clamp", "black": "clamp"}
+_EXACT_WRAPS = ("repeat", "mirror", "clamp", "useMetadata")
+_READERS = ("UsdPrimvarReader_float2", "UsdPrimvarReader_string")
+_LONGEST_CHAIN = 32  # of UsdTransform2d, which may be connected in a circle
 _ST = "st"  # the usual primvar of texture coordinates
 
 
@@ -92,10 +95,16 @@ class _Preview:
     def __init__(self, surfaces: Surfaces, shader: Any) -> None:
         self._surfaces = surfaces
         self._shader = shader
-        self.primvar = _ST
+        self._primvar: str | None = None
+
+    @property
+    def primvar(self) -> str:
+        """The primvar of the texture coordinates: that of the first input that names one."""
+        return self._primvar or _ST
 
     def material(self) -> Material:
         """The `Material`. Both sides are visible: `doubleSided` is a hint to leave faces out."""
+        base_color = self.color("diffuseColor", 0.18)
         opacity = self.number("opacity", 1.0)
         cutoff = self.number("opacityThreshold", 0.0)
         self._name_lost()
@@ -103,7 +112,7 @@ class _Preview:
         emission = self.color("emissiveColor", 0.0)
         is_dark = isinstance(emission, Color) and not any(emission.rgb)
         return Material(
-            base_color=self.color("diffuseColor", 0.18),
+            base_color=base_color,
             metallic=0.0 if is_specular else self.number("metallic", 0.0),
             roughness=self.number("roughness", 0.5),
             # An infinite index reflects the specular colour.
@@ -180,15 +189,11 @@ class _Preview:
         """The value of an input, or else the texels (H, W, 1 or 3) of its texture and how they are placed."""
         from pxr import UsdShade
 
-        source = self._shader.GetInput(name)
-        if not source:
+        attribute = _source(self._shader, name)
+        if attribute is None:
             return None, None
-        attributes = UsdShade.Utils.GetValueProducingAttributes(source)
-        if not attributes:
-            return None, None
-        attribute = attributes[0]
         if not UsdShade.Output.IsOutput(attribute):
-            return attribute.Get(), None
+            return _stored(attribute), None
         shader = UsdShade.Shader(attribute.GetPrim())
         if shader.GetIdAttr().Get() != "UsdUVTexture":
             self._lost(f"{name} by {shader.GetIdAttr().Get()} (its default)")
@@ -209,7 +214,7 @@ class _Preview:
                 return None, None
             channels = list(fallback)[_CHANNELS.get(output, slice(0, 3))]
             return (channels if output == "rgb" else channels[0]), None
-        stored = self._surfaces.texels(asset, _layer_of(shader.GetInput("file")))
+        stored = self._surfaces.texels(asset, _layer_of(_source(shader, "file")))
         most = float(np.iinfo(stored.dtype).max)
         values = stored / np.float32(most)
         if _is_srgb(shader, name, stored):
@@ -227,30 +232,70 @@ class _Preview:
         wraps = [str(_value(shader, name) or "repeat") for name in ("wrapS", "wrapT")]
         if wraps[0] != wraps[1]:
             self._lost("different wrapping along s and t")
-        matrix, primvar = _coordinates(shader)
-        if primvar is not None:
-            self.primvar = primvar
+        if wraps[0] not in _EXACT_WRAPS:
+            self._lost(f"wrap mode {wraps[0]} ({_WRAPS.get(wraps[0], 'repeat')})")
+        matrix, primvar = self._coordinates(shader)
+        if self._primvar is None:
+            self._primvar = primvar
+        elif primvar not in (None, self._primvar):
+            self._lost(f"primvar {primvar!r} (the material uses {self._primvar!r})")
         to_uv = np.eye(4)
         to_uv[np.ix_([0, 1, 3], [0, 1, 3])] = matrix
         return {"wrap": _WRAPS.get(wraps[0], "repeat"), "to_uv": to_uv}
 
+    def _coordinates(self, texture: Any) -> tuple[Float, str | None]:
+        """The matrix (3, 3) from a primvar to the coordinates of a texture, and the primvar."""
+        from pxr import UsdShade
+
+        matrix = np.eye(3)
+        attribute = _source(texture, "st")
+        for _ in range(_LONGEST_CHAIN):
+            if attribute is None:
+                return matrix, None
+            if not UsdShade.Output.IsOutput(attribute):
+                self._lost("constant texture coordinates (those of the mesh)")
+                return matrix, None
+            shader = UsdShade.Shader(attribute.GetPrim())
+            kind = shader.GetIdAttr().Get()
+            if kind in _READERS:
+                name = _value(shader, "varname")
+                return matrix, str(name) if name else None
+            if kind != "UsdTransform2d":
+                self._lost(f"texture coordinates by {kind} (those of the mesh)")
+                return matrix, None
+            # The innermost transform comes first.
+            matrix = matrix @ _transform(shader)
+            attribute = _source(shader, "in")
+        self._lost(f"more than {_LONGEST_CHAIN} chained UsdTransform2d")
+        return matrix, None
+
+
+def _source(shader: Any, name: str) -> Any:
+    """The attribute that has the value of an input, of any prim, or the output that computes it; None without one."""
+    from pxr import UsdShade
+
+    connected = shader.GetInput(name)
+    if not connected:
+        return None
+    attributes = UsdShade.Utils.GetValueProducingAttributes(connected)
+    return attributes[0] if attributes else None
+
+
+def _stored(attribute: Any) -> Any:
+    """The value of an attribute at its earliest time; its default if it does not change."""
+    from pxr import Usd
+
+    return attribute.Get(Usd.TimeCode.EarliestTime())
+
 
 def _value(shader: Any, name: str) -> Any:
     """The value of an input, which another prim may hold; None without one."""
-    from pxr import UsdShade
-
-    source = shader.GetInput(name)
-    if not source:
-        return None
-    attributes = UsdShade.Utils.GetValueProducingAttributes(source)
-    return attributes[0].Get() if attributes else None
+    attribute = _source(shader, name)
+    return None if attribute is None else _stored(attribute)
 
 
-def _layer_of(source: Any) -> str:
+def _layer_of(attribute: Any) -> str:
     """The layer that names the file of a texture."""
-    from pxr import UsdShade
-
-    attribute = UsdShade.Utils.GetValueProducingAttributes(source)[0]
     stack = attribute.GetPropertyStack()
     return str(stack[0].layer.identifier)
 
@@ -265,36 +310,6 @@ def _is_srgb(shader: Any, name: str, stored: NDArray[Any]) -> bool:
         "emissiveColor",
         "specularColor",
     )
-
-
-def _coordinates(shader: Any) -> tuple[Float, str | None]:
-    """The matrix (3, 3) from a primvar to the coordinates of a texture, and the primvar."""
-    from pxr import UsdShade
-
-    matrix = np.eye(3)
-    for _ in range(8):
-        source = shader.GetInput("st")
-        attributes = (
-            UsdShade.Utils.GetValueProducingAttributes(source) if source else []
-        )
-        if not attributes:
-            return matrix, None
-        shader = UsdShade.Shader(attributes[0].GetPrim())
-        kind = shader.GetIdAttr().Get()
-        if kind == "UsdTransform2d":
-            matrix = matrix @ _transform(shader)
-            inner = shader.GetInput("in")
-            attributes = (
-                UsdShade.Utils.GetValueProducingAttributes(inner) if inner else []
-            )
-            if not attributes:
-                return matrix, None
-            shader = UsdShade.Shader(attributes[0].GetPrim())
-            kind = shader.GetIdAttr().Get()
-        if kind in ("UsdPrimvarReader_float2", "UsdPrimvarReader_string"):
-            name = _value(shader, "varname")
-            return matrix, str(name) if name else None
-    return matrix, None
 
 
 def _transform(shader: Any) -> Float:
