@@ -69,7 +69,7 @@ class Body:
 class BuiltScene:
     """A loaded Mitsuba scene and its bodies: all that rendering and ground truth know of a Scene.
 
-    integrator : the scene's own, whose images hide the sky if the scene does.
+    integrator : the scene's own, or one in its place. `rendering.integrators` hides the sky from it.
     object_names, material_names : entry i has the id i + 1.
     name : of the scene, for messages.
     frame : of all coordinates in the Mitsuba scene.
@@ -99,10 +99,8 @@ class BuiltScene:
         return isinstance(self.integrator, mitsuba().SamplingIntegrator)
 
     def with_integrator(self, integrator: Any, **changes: Any) -> "BuiltScene":
-        """This scene with another integrator, which shows the sky only if the scene does."""
-        return replace(
-            self, integrator=_sky_hidden(integrator, self.sky_visible), **changes
-        )
+        """This scene with another integrator."""
+        return replace(self, integrator=integrator, **changes)
 
 
 def build(scene: Scene, frame: Frame = WORLD) -> BuiltScene:
@@ -233,7 +231,7 @@ def _build_objects(scene: Scene, frame: Frame) -> BuiltScene:
         name=scene.name,
         frame=frame,
         mi_scene=mi_scene,
-        integrator=_sky_hidden(integrator, sky_visible),
+        integrator=integrator,
         path=_path_options(scene.integrator),
         sky_visible=sky_visible,
         bodies=list(bodies.values()),
@@ -306,14 +304,6 @@ def _path_options(plugin: Plugin) -> dict[str, int] | None:
     if plugin["type"] != "path" or plugin.get("hide_emitters"):
         return None
     return {key: plugin[key] for key in ("max_depth", "rr_depth") if key in plugin}
-
-
-def _sky_hidden(integrator: Any, sky_visible: bool) -> Any:
-    if sky_visible:
-        return integrator
-    from twinlens.rendering.hidden_sky import HiddenSky  # sets up the backend
-
-    return HiddenSky(integrator)
 
 
 def _parts(
@@ -616,7 +606,7 @@ def _build_xml(scene: Scene, frame: Frame) -> BuiltScene:
         name=str(scene.xml),
         frame=frame,
         mi_scene=mi_scene,
-        integrator=_sky_hidden(integrator, sky_visible),
+        integrator=integrator,
         path=None,
         sky_visible=sky_visible,
         bodies=bodies,

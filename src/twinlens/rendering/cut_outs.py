@@ -11,7 +11,7 @@ opaque passes its share.
 A thin pane of glass is no cut-out, although Mitsuba gives it the flag of one.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -72,6 +72,15 @@ class CutOuts:
         opening = self._opening(handle, True)
         return (opening > 0) & (opening == handle)
 
+    def passed(self, si: Any, active: Any) -> Any:
+        """The share of the light that passes at surface interactions; 0 at other surfaces and where there is glass."""
+        import drjit as dr
+
+        bsdf = si.bsdf()
+        is_cut_out = active & self.lets_through(bsdf)
+        share = bsdf.eval_null_transmission(si, is_cut_out)[0]
+        return dr.select(is_cut_out, share, 0.0)
+
     def transmittance(self, scene: Any, si: Any, point: Any, active: Any) -> Any:
         """The share of the light from `point` that reaches surfaces through cut-outs; 0 behind anything else."""
         import drjit as dr
@@ -92,11 +101,7 @@ class CutOuts:
         mi = mitsuba()
         si = scene.ray_intersect(shadow.ray, mi.RayFlags.All, False, shadow.active)
         hit = shadow.active & si.is_valid()
-        bsdf = si.bsdf()
-        is_cut_out = hit & self.lets_through(bsdf)
-        passed = bsdf.eval_null_transmission(si, is_cut_out)[0]
-        passed = dr.select(is_cut_out, passed, 0.0)
-        share = dr.select(hit, shadow.share * passed, shadow.share)
+        share = dr.select(hit, shadow.share * self.passed(si, hit), shadow.share)
         return _Shadow(hit & (share > 0), si.spawn_ray_to(point), share)
 
 
@@ -120,6 +125,60 @@ def arriving(
         return dr.select(active, light, 0.0)
     share = openings.transmittance(scene, si, point, active)
     return dr.select(active & (share > 0), light * share, 0.0)
+
+
+def seen_along(
+    scene: Any,
+    ray: Any,
+    openings: CutOuts | None,
+    light_of: Callable[[Any, Any, Any], Any],
+    sampler: Any = None,
+) -> Any:
+    """What rays see: `light_of` their first surfaces, and by the share that passes these, of what is behind cut-outs.
+
+    light_of : of (surface interactions, whether they are wanted, sampler), a colour each. It weights a surface by its
+        opacity itself, as BSDFs do.
+
+    Nothing is chosen at random, so that a sum over few rays has no noise of the cut-outs.
+    """
+    import drjit as dr
+
+    mi = mitsuba()
+    if openings is None:
+        si = scene.ray_intersect(ray, mi.RayFlags.All, True)
+        return light_of(si, mi.Bool(True), sampler)
+    start = _Sight(
+        mi.Bool(True), mi.Ray3f(ray), mi.Float(1.0), mi.Color3f(0.0), sampler
+    )
+
+    def onward(sight: _Sight) -> _Sight:
+        si = scene.ray_intersect(sight.ray, mi.RayFlags.All, False, sight.active)
+        hit = sight.active & si.is_valid()
+        seen = sight.share * light_of(si, sight.active, sight.sampler)
+        share = sight.share * openings.passed(si, hit)
+        return _Sight(
+            hit & (share > 0),
+            si.spawn_ray(sight.ray.d),
+            share,
+            sight.seen + dr.select(sight.active, seen, 0.0),
+            sight.sampler,
+        )
+
+    (end,) = dr.while_loop(
+        (start,), lambda sight: sight.active, lambda sight: (onward(sight),)
+    )
+    return end.seen
+
+
+@dataclass
+class _Sight:
+    """Rays on their way through cut-outs: whether they go on, the share that has passed, and what it has seen."""
+
+    active: Any
+    ray: Any
+    share: Any
+    seen: Any
+    sampler: Any
 
 
 def cut_outs(built: BuiltScene) -> CutOuts | None:

@@ -16,7 +16,7 @@ from twinlens.camera.parts import Parts
 from twinlens.geometry import Float
 from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import BuiltScene
-from twinlens.rendering.cut_outs import CutOuts, cut_outs
+from twinlens.rendering.cut_outs import CutOuts, cut_outs, seen_along
 from twinlens.rendering.sensors import make_sensor
 from twinlens.rendering.tracing import MAX_SPECULAR, is_null, may_pass, passage
 
@@ -191,9 +191,6 @@ def _features(
 
     ray, aperture = sensor.film_rays(count, seed)
     albedo, normal = _first_rough_surfaces(built, mitsuba().Ray3f(ray))
-    if not built.sky_visible:
-        first = built.mi_scene.ray_intersect_preliminary(mitsuba().Ray3f(ray), True)
-        albedo = drjit.select(first.is_valid(), albedo, 0.0)
     nothing_random = drjit.zeros(mitsuba().Float, drjit.width(aperture))
     channels = [*albedo, *normal, nothing_random, *_seen_in_coats(built, ray)]
     if built.projected is not None:
@@ -220,21 +217,50 @@ def _seen_in_coats(built: BuiltScene, ray: Any) -> Any:
     is_coat = int(flags.DeltaReflection), int(flags.DiffuseReflection)
     if not any(kind & is_coat[0] and kind & is_coat[1] for kind in kinds):
         return dr.zeros(mi.Color3f, dr.width(ray.o))
-    si = built.mi_scene.ray_intersect(mi.Ray3f(ray), mi.RayFlags.All, True)
-    bsdf = si.bsdf()
-    has_mirror = mi.has_flag(bsdf.flags(), flags.DeltaReflection)
-    coated = si.is_valid() & has_mirror & mi.has_flag(bsdf.flags(), flags.Diffuse)
-    # The only lobe that is asked for: its weight is the coat's reflectance.
+    scene, openings = built.mi_scene, cut_outs(built)
+
+    def seen_in_coat(si: Any, active: Any, _sampler: Any) -> Any:
+        bsdf = si.bsdf()
+        has_mirror = mi.has_flag(bsdf.flags(), flags.DeltaReflection)
+        coated = active & si.is_valid() & has_mirror
+        coated &= mi.has_flag(bsdf.flags(), flags.Diffuse)
+        mirrored = mi.reflect(si.wi)
+        reflectance = _coat_reflectance(bsdf, si, coated)
+        coated &= dr.any(reflectance > 0)
+        onward = si.spawn_ray(si.to_world(mirrored))
+        shown = scene.ray_intersect(onward, mi.RayFlags.All, False, coated)
+        albedo, _ = surface_features(shown, shown.bsdf(), coated)
+        return dr.select(coated, reflectance * albedo, 0.0)
+
+    return seen_along(scene, mi.Ray3f(ray), openings, seen_in_coat)
+
+
+def _coat_reflectance(bsdf: Any, si: Any, coated: Any) -> Any:
+    """The reflectance of the mirrors of BSDFs, in which a blend counts each of its two by its share."""
+    import drjit as dr
+
+    mi = mitsuba()
+    flags = mi.BSDFFlags
+    middle = mi.Point2f(0.5)
+
+    def mirror(context: Any, number: float) -> tuple[Any, Any, Any]:
+        sample, weight = bsdf.sample(context, si, mi.Float(number), middle, coated)
+        is_mirror = coated & mi.has_flag(sample.sampled_type, flags.DeltaReflection)
+        share = dr.select(is_mirror, sample.pdf, 0.0)
+        return sample, share, dr.select(is_mirror, weight, 0.0)
+
+    # The only lobe that is asked for: its weight is its reflectance, its density the share of its branch in a blend.
+    # The least number chooses one branch of a blend, and the largest below 1 the other one.
     only_mirror = mi.BSDFContext()
     only_mirror.type_mask = int(flags.DeltaReflection)
-    sample, reflectance = bsdf.sample(
-        only_mirror, si, mi.Float(0.0), mi.Point2f(0.5), coated
-    )
-    coated &= dr.any(reflectance > 0)
-    onward = si.spawn_ray(si.to_world(sample.wo))
-    shown = built.mi_scene.ray_intersect(onward, mi.RayFlags.All, False, coated)
-    albedo, _ = surface_features(shown, shown.bsdf(), coated)
-    return dr.select(coated, reflectance * albedo, 0.0)
+    sample, first_share, first = mirror(only_mirror, 0.0)
+    _, second_share, second = mirror(only_mirror, 1 - 2.0**-24)
+    rest = dr.minimum(second_share, 1 - first_share)
+    # A mask that is asked for one lobe gives its opening. Of all lobes, the least number chooses the mirror.
+    _, density, weight = mirror(mi.BSDFContext(), 0.0)
+    of_mask = density * weight
+    has_opening = mi.has_flag(sample.sampled_type, flags.Null)
+    return dr.select(has_opening, of_mask, first_share * first + rest * second)
 
 
 @dataclass
@@ -270,7 +296,8 @@ def _first_rough_surfaces(built: BuiltScene, ray: Any) -> tuple[Any, Any]:
     """Albedo and shading normal along each ray.
 
     Nothing is chosen at random. At the first surface that reflects and transmits, both rays are followed, weighted by
-    their shares; from there on each is transmitted where possible. Masks are weighted by their opacity.
+    their shares; from there on each is transmitted where possible. Masks are weighted by their opacity. A hidden sky is
+    black, straight on and through cut-outs.
     """
     import drjit as dr
 
@@ -278,7 +305,8 @@ def _first_rough_surfaces(built: BuiltScene, ray: Any) -> tuple[Any, Any]:
     scene, openings = built.mi_scene, cut_outs(built)
     if not may_pass(built).any():
         si = scene.ray_intersect(ray, mi.RayFlags.All, True)
-        return surface_features(si, si.bsdf(), mi.Bool(True))
+        is_seen = si.is_valid() | built.sky_visible
+        return surface_features(si, si.bsdf(), is_seen)
     start = _Search(
         active=mi.Bool(True),
         way=_Way(ray, mi.Float(1.0), mi.Color3f(1.0)),
@@ -291,12 +319,14 @@ def _first_rough_surfaces(built: BuiltScene, ray: Any) -> tuple[Any, Any]:
     (end,) = dr.while_loop(
         (start,),
         lambda search: search.active,
-        lambda search: (_step(scene, search, openings),),
+        lambda search: (_step(scene, search, openings, built.sky_visible),),
     )
     return end.albedo, end.normal
 
 
-def _step(scene: Any, search: _Search, openings: CutOuts | None) -> _Search:
+def _step(
+    scene: Any, search: _Search, openings: CutOuts | None, sky_visible: bool
+) -> _Search:
     """The search after the next surface of each sample."""
     import drjit as dr
 
@@ -312,7 +342,9 @@ def _step(scene: Any, search: _Search, openings: CutOuts | None) -> _Search:
     share = dr.select(passes, dr.select(passed_whole, 1.0, sample.pdf), 0.0)
     # What the ray sees here: the rest of it at masks, all of it at rough surfaces and in the sky.
     stays = dr.select(active & ~specular, 1 - share, 0.0)
-    albedo, normal = surface_features(si, bsdf, stays > 0)
+    is_direct = (search.depth == 0) & ~search.is_split
+    is_seen = si.is_valid() | ~is_direct | sky_visible
+    albedo, normal = surface_features(si, bsdf, (stays > 0) & is_seen)
 
     # The reflected ray waits until the transmitted one has ended.
     splits = specular & (share < 1)

@@ -29,32 +29,49 @@ def own_paths(
     from twinlens.rendering.paths import Paths  # sets up the backend
 
     return Paths(
-        lamps, **built.path, gives_guides=gives_guides, openings=cut_outs(built)
+        lamps,
+        **built.path,
+        gives_guides=gives_guides,
+        openings=cut_outs(built),
+        shows_sky=built.sky_visible,
     )
 
 
 def for_images(built: BuiltScene) -> BuiltScene:
-    """`built` with our integrator, unless it has it already; `built` itself where that does not do the same."""
+    """`built` with our integrator, unless it has it already; with its own where that does not do the same.
+
+    Both show the sky only if the scene does.
+    """
     paths = own_paths(built, ())
-    if paths is None or built.projected is not None:
+    if paths is None:
+        return _sky_hidden(built)
+    if built.projected is not None:
         return built
     return built.with_integrator(paths)
 
 
 def for_denoising(built: BuiltScene, rig: Rig, band: str, seed: int) -> BuiltScene:
-    """`built` with an integrator that gives guides and has an irradiance cache, `built` itself where it is not ours.
+    """`built` with an integrator that gives guides and has an irradiance cache; as `for_images` where it is not ours.
 
     The cache is made from what the cameras of `rig` in `band` see; without a third surface, paths do not need one.
     """
     lamps = () if built.projected is None else built.projected.lamps
     if built.path is None:
-        return built
+        return for_images(built)
     paths = own_paths(built, lamps, gives_guides=True)
     depth = built.path.get("max_depth", -1)
     if not 0 <= depth < _LEAST_DEPTH:
         paths.cache = _irradiance_cache(built, rig, band, seed, lamps, depth)
     projected = None if built.projected is None else paths
     return built.with_integrator(paths, projected=projected)
+
+
+def _sky_hidden(built: BuiltScene) -> BuiltScene:
+    if built.sky_visible:
+        return built
+    from twinlens.rendering.hidden_sky import HiddenSky  # sets up the backend
+
+    return built.with_integrator(HiddenSky(built.integrator, cut_outs(built)))
 
 
 def _irradiance_cache(

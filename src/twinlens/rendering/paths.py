@@ -21,12 +21,11 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from twinlens.rendering.backends import mitsuba
-from twinlens.rendering.cut_outs import CutOuts, arriving
+from twinlens.rendering.cut_outs import CutOuts, arriving, seen_along
 from twinlens.rendering.guides import surface_features
 from twinlens.rendering.irradiance_cache import IrradianceCache, from_emitter, mis
 from twinlens.rendering.tracing import (
     MAX_SPECULAR,
-    behind_cut_outs,
     is_null,
     is_specular,
 )
@@ -109,6 +108,7 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
     rr_depth : surfaces before Russian roulette.
     gives_guides : whether there are channels for the features of `rendering.guides.Guides`.
     openings : the cut-outs of the scene. They are no surfaces of a path, and light passes them.
+    shows_sky : whether a camera sees the sky straight on and through cut-outs; else it is black there.
     cache : the irradiance of the scene and of `lamps`. Images with one are biased.
     """
 
@@ -119,11 +119,13 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
         rr_depth: int = 3,
         gives_guides: bool = False,
         openings: CutOuts | None = None,
+        shows_sky: bool = True,
     ) -> None:
         super().__init__(mi.Properties())
         self.lamps = tuple(lamps)
         self.gives_guides = gives_guides
         self.openings = openings
+        self.shows_sky = shows_sky
         self.cache: IrradianceCache | None = None
         self.max_depth = dr.opaque(
             mi.UInt32, max_depth if max_depth >= 0 else 0xFFFFFFFF
@@ -201,7 +203,9 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
         ray = mi.Ray3f(path.origin, path.direction)
         is_first = path.depth == 0
         si = scene.ray_intersect(ray, mi.RayFlags.All, is_first, path.active)
-        radiance = path.radiance + _emitted(scene, si, path)
+        is_hidden = mi.Bool(False) if self.shows_sky else is_first & ~si.is_valid()
+        emitted = _emitted(scene, si, path)
+        radiance = path.radiance + dr.select(is_hidden, 0.0, emitted)
 
         has_next = path.depth + 1 < self.max_depth
         scatters = path.active & si.is_valid() & has_next
@@ -227,7 +231,9 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
 
         features = path.features
         if isinstance(features, Features):
-            features = _seen(features, path, active, si, bsdf, chosen, from_lamps)
+            features = _seen(
+                features, path, active, si, bsdf, chosen, from_lamps, is_hidden
+            )
         survives = mi.Float(1.0)
         if self.cache is not None:
             factor, survives = _beyond_matte(si, chosen, factor, matte, cached)
@@ -288,16 +294,17 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
         return replace(path, active=active, weight=path.weight * dr.rcp(survives))
 
     def direct_light(self, scene: Any, sampler: Any, ray: Any) -> Any:
-        """The part of `sample` that comes directly from the lamps to the first surface."""
-        ray = mi.Ray3f(ray)
-        if self.openings is not None:
-            start = behind_cut_outs(scene, ray, self.openings).start
-            ray = mi.Ray3f(ray(start), ray.d)
-        si = scene.ray_intersect(ray, mi.RayFlags.All, True)
-        bsdf = si.bsdf()
-        is_smooth = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-        active = si.is_valid() & (self.max_depth > 1) & is_smooth
-        return self._from_lamps(scene, bsdf, si, sampler, active, 0.0)
+        """The part of `sample` that comes directly from the lamps to the first surface and those seen through it."""
+
+        def from_lamps(si: Any, active: Any, sampler: Any) -> Any:
+            bsdf = si.bsdf()
+            is_smooth = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+            lit = active & si.is_valid() & (self.max_depth > 1) & is_smooth
+            return self._from_lamps(scene, bsdf, si, sampler, lit, 0.0)
+
+        return seen_along(
+            scene, mi.Ray3f(ray), self.openings, from_lamps, sampler=sampler
+        )
 
     def to_string(self) -> str:
         return "Paths[]"
@@ -386,14 +393,16 @@ def _seen(
     bsdf: Any,
     chosen: Any,
     from_lamps: Any,
+    is_hidden: Any,
 ) -> Features:
     """Features after a surface: complete unless the path passes it, a mirror, glass or an opening."""
     specular = is_specular(bsdf) | is_null(chosen)
     passes = features.is_open & active & (path.depth < MAX_SPECULAR) & specular
     ends = features.is_open & path.active & ~passes
     albedo, normal = surface_features(si, bsdf, ends)
+    albedo = dr.select(is_hidden, 0.0, albedo)
     is_choice = passes & (chosen.pdf < 1)
-    lit = dr.select(path.depth == 0, from_lamps, 0.0)
+    lit = dr.select(path.depth == 0, path.weight * from_lamps, 0.0)
     return Features(
         passes,
         features.albedo + dr.select(ends, path.weight * albedo, 0.0),
