@@ -206,11 +206,9 @@ def test_a_search_without_any_true_disparity_is_said(disparities, ndisp, low, sa
     image = np.zeros((1, 2), np.uint8)
     truth = np.array([disparities], np.float32)
 
-    def make():
-        return Pair("shelf", image, image, truth, None, ndisp, min_disparity=low)
-
+    shelf = Pair("shelf", image, image, truth, None, ndisp, min_disparity=low)
     if says is None:
-        make()
+        shelf.warn_of_search()
         return
     with pytest.warns(UserWarning, match=f"'shelf': all true disparities, {says}"):
-        make()
+        shelf.warn_of_search()

@@ -184,6 +184,7 @@ class _Run:
     ) -> "_Run":
         """The runs of a sample, with its scene on the board. Raises InputError if it differs from the board's."""
         pair = load_pair(sample)
+        pair.warn_of_search()
         sha, masks = fingerprint(pair), region_masks(pair, regions)
         applicable = [
             rules

@@ -71,9 +71,8 @@ class Pair:
     def __post_init__(self) -> None:
         with located(f"sample {self.name!r}"):
             self._check()
-        self._warn_of_search()
 
-    def _warn_of_search(self) -> None:
+    def warn_of_search(self) -> None:
         """Warn where no true disparity is in the range of the search."""
         finite = self.disp0[np.isfinite(self.disp0)]
         last = self.min_disparity + self.ndisp - 1
@@ -82,7 +81,7 @@ class Pair:
         warnings.warn(
             f"sample {self.name!r}: all true disparities, {finite.min():.4g} to {finite.max():.4g} px, are beyond the "
             f"search of {self.min_disparity} to {last}: is ndisp that of another image size?",
-            stacklevel=4,
+            stacklevel=2,
         )
 
     def _check(self) -> None:
