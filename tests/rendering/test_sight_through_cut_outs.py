@@ -1,5 +1,6 @@
 """What guides and hidden skies take of partly opaque cards: closed forms, and images that are not denoised."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -159,3 +160,17 @@ def test_guides_of_a_hidden_sky_are_black_through_cut_outs():
     pose = built.frame.affine(HERE)
     guides = render_guides(built, CAMERA, pose, Pinhole(), [("independent", 16, 1)])
     np.testing.assert_allclose(guides.albedo[INNER, INNER], 0.4 * 0.5, rtol=1e-4)
+
+
+@pytest.mark.parametrize("opacity", [0.0, 0.4])
+@pytest.mark.parametrize(
+    ("kind", "key"), [("normalmap", "normalmap"), ("bumpmap", "texture")]
+)
+def test_masks_below_flat_bumps_are_cut_outs(tmp_path, opacity, kind, key):
+    file = tmp_path / "flat.png"
+    cv2.imwrite(str(file), np.full((2, 2, 3), (255, 128, 128), np.uint8))
+    picture = {"type": "bitmap", "filename": str(file), "raw": True}
+    bumped = {"type": kind, key: picture, "bsdf": masked(opacity)}
+    light, has_truth = under_hidden_sky(card("soft", "soft", 2.0, 400.0), soft=bumped)
+    assert not has_truth
+    assert light == pytest.approx(0.5 * opacity, rel=0.04, abs=1e-6)

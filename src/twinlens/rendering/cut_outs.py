@@ -40,6 +40,9 @@ class CutOuts:
         table = np.zeros(handles.max() + 1, dtype=np.uint32)
         table[handles] = [_handle(mi.BSDFPtr(bsdf)) for bsdf in openings.values()]
         self._table = mi.UInt32(table)
+        lets_through = np.zeros(len(table), dtype=bool)
+        lets_through[handles] = [not has_pane(bsdf) for bsdf in openings]
+        self._lets_through = mi.Bool(lets_through)
 
     def _opening(self, handle: Any, active: Any) -> Any:
         """The handle of the second BSDF of each BSDF; 0 where there is none."""
@@ -69,17 +72,12 @@ class CutOuts:
         import drjit as dr
 
         handle: Any = dr.reinterpret_array(mitsuba().UInt32, bsdf)
-        opening = self._opening(handle, True)
-        return (opening > 0) & (opening == handle)
+        in_table = handle < dr.width(self._lets_through)
+        return dr.gather(mitsuba().Bool, self._lets_through, handle, in_table)
 
     def passed(self, si: Any, active: Any) -> Any:
         """The share of the light that passes at surface interactions; 0 at other surfaces and where there is glass."""
-        import drjit as dr
-
-        bsdf = si.bsdf()
-        is_cut_out = active & self.lets_through(bsdf)
-        share = bsdf.eval_null_transmission(si, is_cut_out)[0]
-        return dr.select(is_cut_out, share, 0.0)
+        return self.transmission(si, active & self.lets_through(si.bsdf()))
 
     def transmittance(self, scene: Any, si: Any, point: Any, active: Any) -> Any:
         """The share of the light from `point` that reaches surfaces through cut-outs; 0 behind anything else."""
