@@ -683,6 +683,21 @@ def test_wrong_meshes_are_errors_of_one_line(tmp_path, change, message):
         read(path)
 
 
+def test_triangles_are_counted_before_they_are_made(tmp_path, here):
+    """A polygon of 7 corners is 5 triangles."""
+    path = tmp_path / "m.usda"
+    stage = stage_at(path)
+    points = [(np.cos(a), np.sin(a), 0) for a in range(7)]
+    add_mesh(stage, "/a", points, [list(range(7))])
+    stage.Save()
+    here.setattr("twinlens.scenes.assets.MOST_FACES", 4)
+    here.setattr(
+        "twinlens.scenes.usd.triangulated", lambda *_: pytest.fail("were made")
+    )
+    with pytest.raises(InputError, match="5 triangles are more than 4"):
+        read(path)
+
+
 def test_a_file_of_another_kind_is_an_error(tmp_path):
     for name in ("m.usda", "m.usdc", "m.usdz", "m.usd"):
         (tmp_path / name).write_bytes(b"PK\3\4 no such file")

@@ -6,6 +6,7 @@ UsdShade, and the UsdPreviewSurface proposal, version 2.6.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -213,9 +214,14 @@ class _Polygons:
         self.points = points
         self.polygon_count = len(counts)
         self.triangle_count = int(np.maximum(counts - 2, 0).sum())
-        self._corners, self._polygons = triangulated(counts, self._vertices, points)
+        self._counts = counts
         holes = _whole(mesh.GetHoleIndicesAttr().Get(time))
         self._is_there = ~np.isin(np.arange(len(counts)), holes)
+
+    @cached_property
+    def _triangles(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """The corners (T, 3) of all triangles, and the polygon (T,) of each. Made once their number is checked."""
+        return triangulated(self._counts, self._vertices, self.points)
 
     def part(
         self,
@@ -228,8 +234,9 @@ class _Polygons:
         """The chosen polygons (P,) as a part, unless there are none."""
         import trimesh
 
-        kept = (chosen & self._is_there)[self._polygons]
-        corners, polygons = self._corners[kept], self._polygons[kept]
+        corners, polygons = self._triangles
+        kept = (chosen & self._is_there)[polygons]
+        corners, polygons = corners[kept], polygons[kept]
         if not len(corners):
             return
         if self.mesh.GetOrientationAttr().Get() == "leftHanded":
