@@ -7,6 +7,7 @@ import sys
 from io import BytesIO
 from pathlib import Path
 
+import DracoPy
 import numpy as np
 import pytest
 import trimesh
@@ -76,6 +77,98 @@ def test_a_missing_library_is_named_with_its_extra(monkeypatch, module, name):
     message = rf"{name}: {module} is not installed; pip install 'twinlens\[gltf\]'"
     with pytest.raises(MissingExtraError, match=message):
         read(FORMS / name)
+
+
+GRID = np.array([[x, y, x * y / 9] for y in range(4) for x in range(4)], np.float32)
+CELLS = np.array([i for i in range(11) if i % 4 < 3])[:, None]
+GRID_FACES = np.vstack([np.add(CELLS, [0, 1, 5]), np.add(CELLS, [0, 5, 4])]).astype(
+    np.uint32
+)
+DRACO = {
+    "sequential": {"compression_level": 0},
+    "edgebreaker": {"compression_level": 1},
+    "valence": {"compression_level": 10},
+    "ordered": {"preserve_order": True},
+    "metadata": {
+        "create_metadata": True,
+        "generic_attributes": {"a": GRID, "bc": GRID},
+    },
+}
+
+
+def draco_glb(data, vertices=16, indices=54):
+    accessor = {"componentType": FLOAT, "type": "VEC3", "count": vertices}
+    numbers = {"componentType": UNSIGNED_INT, "type": "SCALAR", "count": indices}
+    extension = {"bufferView": 0, "attributes": {"POSITION": 0}}
+    primitive = {
+        "attributes": {"POSITION": 0},
+        "indices": 1,
+        "extensions": {"KHR_draco_mesh_compression": extension},
+    }
+    header = {
+        "asset": {"version": "2.0"},
+        "extensionsRequired": ["KHR_draco_mesh_compression"],
+        "buffers": [{"byteLength": len(data)}],
+        "bufferViews": [{"buffer": 0, "byteLength": len(data)}],
+        "accessors": [accessor, numbers],
+        "meshes": [{"primitives": [primitive]}],
+    }
+    return glb(header, data)
+
+
+@pytest.mark.parametrize("form", DRACO)
+def test_draco_data_are_decoded(tmp_path, form):
+    """The area of a grid of 3 x 3 cells by all methods of connectivity, within the rounding to 14 bits."""
+    data = DracoPy.encode(GRID, GRID_FACES, **DRACO[form])
+    path = tmp_path / "m.glb"
+    path.write_bytes(draco_glb(data))
+    mesh = read(path).mesh
+    expected = trimesh.Trimesh(GRID, GRID_FACES).area
+    assert trimesh.Trimesh(mesh.vertices, mesh.faces).area == pytest.approx(
+        expected, rel=1e-3
+    )
+
+
+@pytest.mark.parametrize(
+    ("form", "counts", "message"),
+    [
+        *((form, {"indices": 51}, "have 18 triangles, its accessor 17") for form in DRACO),
+        ("sequential", {"vertices": 15}, "have 16 vertices, its accessor 15"),
+        ("ordered", {"vertices": 3}, "have 16 vertices, its accessor 3"),
+        ("cloud", {"vertices": 15}, "have 16 vertices, its accessor 15"),
+    ],
+)  # fmt: skip
+def test_draco_data_larger_than_their_accessors_are_not_decoded(
+    tmp_path, monkeypatch, form, counts, message
+):
+    faces = None if form == "cloud" else GRID_FACES
+    data = DracoPy.encode(GRID, faces, **DRACO.get(form, {}))
+    refused_unread(tmp_path, monkeypatch, draco_glb(data, **counts), message)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda data: b"", "the Draco data end early"),
+        (lambda data: data[:12], "the Draco data end early"),
+        (lambda data: b"draco" + data[5:], "not Draco data"),
+        (lambda data: data[:6] + b"\1" + data[7:], r"Draco 2\.1 is not 2\.2"),
+        (lambda data: data[:12] + b"\xff" * 20, "more than 64 bits"),
+        # The header alone declares 2^28 - 1 triangles.
+        (lambda data: data[:13] + b"\xff\xff\xff\x7f", "have 268435455 triangles"),
+    ],
+)
+def test_damaged_draco_data_are_not_decoded(tmp_path, monkeypatch, change, message):
+    data = change(DracoPy.encode(GRID, GRID_FACES))
+    refused_unread(tmp_path, monkeypatch, draco_glb(data), message)
+
+
+def refused_unread(tmp_path, monkeypatch, content, message):
+    monkeypatch.setattr("DracoPy.decode", lambda data: pytest.fail("was decoded"))
+    path = tmp_path / "m.glb"
+    path.write_bytes(content)
+    with pytest.raises(FileError, match=rf"m\.glb: .*{message}"):
+        read(path)
 
 
 class Binary:

@@ -31,6 +31,7 @@ from twinlens.scenes.gltf_arrays import (
     Arrays,
     Draco,
     View,
+    check_draco_size,
     draco_values,
     from_draco,
     triangles_of,
@@ -346,7 +347,10 @@ class Gltf:
         stored: dict[str, NDArray[Any]] = {}
         faces = None
         if draco is not None:
-            stored, faces = from_draco(arrays.view(draco.bufferView), draco)
+            data = arrays.view(draco.bufferView)
+            vertex_count = accessors[primitive.attributes["POSITION"]].count
+            check_draco_size(data, vertex_count, self._face_count(primitive))
+            stored, faces = from_draco(data, draco)
         names = {index: name for name, index in primitive.attributes.items()}
         values = {}
         for key, index in kept.items():
@@ -460,17 +464,15 @@ def open_gltf(path: Path, open_file: Callable[[str], bytes]) -> Gltf:
             )
     buffers = []
     for i, buffer in enumerate(header.buffers):
-        is_missing = buffer.uri is None and (binary is None or i > 0)
-        if is_missing and not buffer.is_fallback:
+        if buffer.uri is not None:
+            buffers.append(read_uri(buffer.uri, open_file))
+        elif binary is not None and i == 0:
+            buffers.append(binary)
+        elif buffer.is_fallback:
+            buffers.append(b"")
+        else:
             raise FileError(f"{path}: buffers[{i}] has no data")
-        buffers.append(
-            b""
-            if is_missing
-            else binary
-            if buffer.uri is None
-            else read_uri(buffer.uri, open_file)
-        )
-    return Gltf(path, header, [data or b"" for data in buffers], open_file)
+    return Gltf(path, header, buffers, open_file)
 
 
 def _indices(

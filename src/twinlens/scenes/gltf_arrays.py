@@ -31,6 +31,8 @@ _COLUMNS = {
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _UNSIGNED = (5121, 5123, 5125)
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6  # modes of primitives
+_DRACO_METADATA = 0x8000  # flag
+_DRACO_CLOUD, _DRACO_SEQUENTIAL = 0, 0  # a kind of geometry, a method of connectivity
 FACE_MODES = (_TRIANGLES, _STRIP, _FAN)
 ARRAY_EXTENSIONS = {
     "KHR_mesh_quantization",
@@ -219,6 +221,91 @@ class Arrays:
             return flat.reshape(count, columns)
         table = np.ndarray((count, length), np.uint8, data, start, (stride, 1))
         return np.ascontiguousarray(table).view(dtype)
+
+
+class _DracoHeader:
+    """Reads the first numbers of Draco data. Raises InputError where the data end.
+
+    Source: Draco bitstream specification 2.2, "Draco Header", "Metadata Decoder", and "Connectivity Decoder".
+    """
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+        self._at = 0
+
+    def take(self, count: int) -> bytes:
+        """The next bytes."""
+        taken = self._data[self._at : self._at + count]
+        if len(taken) < count:
+            raise InputError("the Draco data end early; is the file complete?")
+        self._at += count
+        return taken
+
+    def number(self, count: int = 1) -> int:
+        """The next number, of `count` bytes."""
+        return int.from_bytes(self.take(count), "little")
+
+    def varint(self) -> int:
+        """The next number in LEB128: 7 bits a byte, the lowest first."""
+        value = 0
+        for shift in range(0, 64, 7):
+            byte = self.number()
+            value |= (byte & 0x7F) << shift
+            if byte < 0x80:
+                return value
+        raise InputError("the Draco data have a number of more than 64 bits")
+
+    def skip_metadata(self) -> None:
+        """Skip the metadata of attributes, and those of the mesh."""
+        for _ in range(self.varint()):
+            self.varint()  # the number of the attribute
+            self._skip_table()
+        self._skip_table()
+
+    def _skip_table(self) -> None:
+        """Skip a table of names and values, and the tables in it."""
+        left = 1
+        while left:
+            left -= 1
+            for _ in range(self.varint()):
+                self.take(self.number())
+                self.take(self.varint())
+            # Tables in a table follow it, each after its name, and have tables of their own.
+            left += self.varint()
+            if left:
+                self.take(self.number())
+
+
+def check_draco_size(data: bytes, vertex_count: int, face_count: int) -> None:
+    """Raise InputError for Draco data of more vertices or triangles than their accessors have, before decoding.
+
+    Few bytes may decode to billions of vertices. The vertices of EdgeBreaker are at most three a triangle.
+    """
+    header = _DracoHeader(data)
+    if header.take(5) != b"DRACO":
+        raise InputError("its compressed data are not Draco data")
+    major, minor, kind, method = header.take(4)
+    if (major, minor) < (2, 2):
+        raise InputError(f"Draco {major}.{minor} is not 2.2; compress the mesh again")
+    if header.number(2) & _DRACO_METADATA:
+        header.skip_metadata()
+    faces = vertices = 0
+    if kind == _DRACO_CLOUD:
+        vertices = header.number(4)
+    elif method == _DRACO_SEQUENTIAL:
+        faces, vertices = header.varint(), header.varint()
+    else:
+        header.number()  # the order of its symbols
+        header.varint()  # vertices before those at seams are doubled
+        faces = header.varint()
+    if vertices > vertex_count:
+        raise InputError(
+            f"the Draco data have {vertices} vertices, its accessor {vertex_count}"
+        )
+    if faces > face_count:
+        raise InputError(
+            f"the Draco data have {faces} triangles, its accessor {face_count}"
+        )
 
 
 def from_draco(data: bytes, table: Draco) -> tuple[dict[str, NDArray[Any]], Any]:
