@@ -68,6 +68,15 @@ class BackendError(TwinlensError, RuntimeError):
     """The rendering backend is not available on this machine; the message says what to install."""
 
 
+def is_interrupt(error: BaseException | None) -> bool:
+    """Whether Ctrl-C raised the error, or caused it: a loop of Dr.Jit raises a RuntimeError from it."""
+    while error is not None:
+        if isinstance(error, KeyboardInterrupt):
+            return True
+        error = error.__cause__
+    return False
+
+
 @contextmanager
 def located(where: str) -> Iterator[None]:
     """Prefix the InputErrors of a block, such as with a file and a key; their type is kept."""

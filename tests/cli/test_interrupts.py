@@ -8,6 +8,8 @@ import time
 import psutil
 import pytest
 
+from twinlens.cli.progress import interrupt_note
+
 PATIENCE_S = 60
 SLEEPER = """
 import os, sys, time
@@ -159,3 +161,21 @@ def test_the_help_of_a_command_line_imports_no_numpy():
     script = "import sys; from twinlens.cli import run; run(['--help']); assert 'numpy' not in sys.modules"
     command = [sys.executable, "-c", script]
     subprocess.run(command, stdout=subprocess.DEVNULL, timeout=PATIENCE_S, check=True)
+
+
+def test_an_interrupt_inside_a_loop_of_the_renderer_is_one():
+    """Dr.Jit turns it into a RuntimeError, once for each loop around it."""
+    dr = pytest.importorskip("drjit")
+    from drjit.llvm.ad import UInt
+
+    def interrupted(_):
+        raise KeyboardInterrupt
+
+    def inner(i):
+        dr.while_loop((i,), lambda j: j < 9, interrupted)
+        return (i + 1,)
+
+    with pytest.raises(KeyboardInterrupt, match="kept"), interrupt_note(lambda: "kept"):
+        dr.while_loop((UInt(0),), lambda i: i < 3, inner)
+    with pytest.raises(RuntimeError), interrupt_note(lambda: "kept"):
+        raise RuntimeError from ValueError()

@@ -18,7 +18,7 @@ import click
 
 import twinlens
 from twinlens.cli.options import refuse_repeated
-from twinlens.errors import TwinlensError, unknown
+from twinlens.errors import TwinlensError, is_interrupt, unknown
 from twinlens.processes import deferred_interrupts
 
 INTERRUPTED = 130
@@ -149,6 +149,10 @@ def run(arguments: Sequence[str] | None = None) -> int:
         return _report_error(
             "; ".join(filter(None, ("interrupted", str(cause or "")))), INTERRUPTED
         )
+    except RuntimeError as error:
+        if not is_interrupt(error):
+            raise
+        return _report_error("interrupted", INTERRUPTED)
     return result if isinstance(result, int) else 0
 
 

@@ -8,6 +8,8 @@ from contextlib import contextmanager, redirect_stdout
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from twinlens.errors import is_interrupt
+
 _DELAY_S = 2.0
 
 
@@ -45,5 +47,7 @@ def interrupt_note(kept: Callable[[], str]) -> Iterator[None]:
     """Add a text, which may be empty, to the message of an interrupt within the block."""
     try:
         yield
-    except KeyboardInterrupt as error:
+    except BaseException as error:
+        if not is_interrupt(error):
+            raise
         raise KeyboardInterrupt(kept()) from error
