@@ -456,6 +456,7 @@ def rms_difference(image, other, inside):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*blocks its light")  # glass before the projector
 @pytest.mark.parametrize("name", [*BUNDLED, *RANDOM], ids=str)
 def test_scenes_are_the_same_at_any_place_and_scale(name):
     """Bundled and random scenes: truth, raw images through a lens, denoised ones with a projector and a pinhole."""
