@@ -72,9 +72,9 @@ def command(
 ) -> None:
     """Rectify two views of each sample of a dataset, so that matching pixels share a row, with new ground truth.
 
-    A dataset becomes a dataset, with valid0.png and valid1.png in each sample: 255 where a rectified pixel lies in its
-    photograph. Scenes of families and bundled scenes are made again from the record; for other files of the recipe,
-    name its folder by --folder.
+    A dataset becomes a dataset. Samples of warped images have valid0.png and valid1.png: 255 where a rectified pixel
+    lies in its photograph. Scenes of families and bundled scenes are made again from the record; for other files of
+    the recipe, name its folder by --folder.
 
     \b
     Example:  twinlens rectify out -o rectified
