@@ -17,10 +17,10 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import (
     active_children,
     connection,
-    get_context,
     parent_process,
     resource_tracker,
 )
+from multiprocessing.context import SpawnContext, SpawnProcess
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,10 @@ from twinlens.errors import InputError
 START_LIMIT_S = 60.0  # for the imports of a new worker
 TAIL_BYTES = 4096  # of a program's output
 _CHILD_S = 0.1  # seconds to wait for output after a program has ended: its children may keep the pipe open
+_SAFE_PATH = (
+    "PYTHONSAFEPATH"  # a variable: Python does not import from the current folder
+)
+_starting = threading.RLock()  # while a process of Python or a program starts
 
 
 class WorkerDiedError(Exception):
@@ -67,6 +71,54 @@ def format_status(status: int) -> str:
     return f"was killed by {name}{hint}"
 
 
+@contextlib.contextmanager
+def _safe_path() -> Iterator[str | None]:
+    """Processes of Python that start within import nothing from the current folder, whose files may be of strangers.
+
+    multiprocessing starts Python by `python -c`, which would search modules there first, even those of Python itself.
+    Gives the value of the variable before.
+    """
+    with _starting:
+        before = os.environ.get(_SAFE_PATH)
+        os.environ[_SAFE_PATH] = "1"
+        try:
+            yield before
+        finally:
+            _restore_safe_path(before)
+
+
+def _restore_safe_path(before: str | None) -> None:
+    if before is None:
+        os.environ.pop(_SAFE_PATH, None)
+    else:
+        os.environ[_SAFE_PATH] = before
+
+
+class _SafeProcess(SpawnProcess):
+    """A spawned process that starts in `_safe_path`. Its `sys.path` and its variables are those of its parent."""
+
+    _before: str | None = None
+
+    def start(self) -> None:
+        with _safe_path() as self._before:
+            super().start()
+
+    def run(self) -> None:
+        # Programs that it starts, such as `python matcher.py`, may import what lies beside them.
+        _restore_safe_path(self._before)
+        super().run()
+
+
+class _SafeContext(SpawnContext):
+    Process = _SafeProcess
+
+
+def _start_tracker() -> None:
+    """Start the process by which multiprocessing tracks its semaphores, if it does not run."""
+    with _safe_path():
+        resource_tracker.ensure_running()
+
+
 class Worker:
     """One spawned process that runs functions in turn. A process that has died is not replaced.
 
@@ -79,8 +131,9 @@ class Worker:
     ) -> None:
         import pebble
 
+        _start_tracker()
         self._pool = pebble.ProcessPool(
-            1, renewed_after, initializer=initializer, context=get_context("spawn")
+            1, renewed_after, initializer=initializer, context=_SafeContext()
         )
 
     @property
@@ -231,14 +284,15 @@ def run_program(words: list[str], limit_s: float) -> tuple[int, str]:
     It runs in its own session, so that its children are killed with it at the time limit. Raises TimeoutError at the
     limit, and OSError or ValueError if it cannot be started.
     """
-    process = subprocess.Popen(
-        words,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        start_new_session=True,
-        bufsize=0,
-    )
+    with _starting:
+        process = subprocess.Popen(
+            words,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            bufsize=0,
+        )
     _end_first_without_memory(process.pid)
     tail = bytearray()
 
@@ -280,7 +334,7 @@ def end_with_parent() -> None:
 @contextlib.contextmanager
 def blocked_interrupts() -> Iterator[None]:
     """Threads and processes started within never receive SIGINT, which a terminal sends to all of a command."""
-    resource_tracker.ensure_running()  # its start would unblock SIGINT (CPython 3.11)
+    _start_tracker()  # its start would unblock SIGINT (CPython 3.11)
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
