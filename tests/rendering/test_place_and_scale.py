@@ -467,8 +467,9 @@ def test_scenes_are_the_same_at_any_place_and_scale(name):
     focus = here.depth_range[0] * 1.3
     raw = tl.render(here, rig_of(here, here.baseline), tl.ThinLens(0.01, focus), spp=4)
     lit = rig_of(here, here.baseline, lit=True)
-    clean = tl.render(here, lit, spp=4, denoise=True)
-    other_seed = tl.render(here, lit, spp=4, denoise=True, seed=1)
+    # With 4 samples, means differ by 0.2 % from seed to seed where rounding changes paths.
+    clean = tl.render(here, lit, spp=16, denoise=True)
+    other_seed = tl.render(here, lit, spp=16, denoise=True, seed=1)
     noise = [
         rms_difference(image, other, inside)
         for image, other, inside in zip(clean, other_seed, smooth, strict=True)
@@ -486,7 +487,7 @@ def test_scenes_are_the_same_at_any_place_and_scale(name):
         lens = tl.ThinLens(0.01 * scale, focus * scale)
         far_raw = tl.render(there, pair, lens, spp=4)
         far_clean = tl.render(
-            there, rig_of(there, baseline, lit=True), spp=4, denoise=True
+            there, rig_of(there, baseline, lit=True), spp=16, denoise=True
         )
         for truth, far in zip(truths, far_truths, strict=True):
             other = truth.object_id != far.object_id

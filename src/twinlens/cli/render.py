@@ -188,7 +188,7 @@ def command(
                     shoot.replace(sensor=rig_sensor),
                     progress=lambda part, report=report: report(part, ""),  # type: ignore[misc]
                 )
-            warn_of_doubts(sample, rig_sensor, scene.name)
+            warn_of_doubts(sample, rig_sensor, scene.name, scene)
             row = add_sample(output, scene.name, sample, options["seed"], overwrite)
             exposures = [
                 shot_text.format_exposure(sample, k, text)

@@ -15,6 +15,7 @@ from twinlens.camera.truth import Truth
 from twinlens.dataset import Sample
 from twinlens.dataset.record import plain
 from twinlens.errors import FileError, InputError, located
+from twinlens.factory.doubts import warn_of_doubts
 from twinlens.factory.gates import Rejected, check_photographs, check_truth
 from twinlens.factory.ledger import Failure
 from twinlens.factory.lenses import View
@@ -187,6 +188,7 @@ def _produced(recipe: Recipe, spec: SampleSpec, progress: Progress | None) -> Sa
         progress=progress,
     )
     check_photographs(gates, sample, sensor)
+    warn_of_doubts(sample, sensor, f"sample {spec.index}")
     with_bound = dataclasses.replace(sample, ndisp=spec.ndisp)
     return _with_record(with_bound, spec=dataclasses.asdict(spec))
 
