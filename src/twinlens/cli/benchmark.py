@@ -5,7 +5,14 @@ from typing import Any
 
 import click
 
-from twinlens.cli.boards import print_board, protocol_option, region_option, run_board
+from twinlens.cli.boards import (
+    by_option,
+    check_by,
+    print_board,
+    protocol_option,
+    region_option,
+    run_board,
+)
 from twinlens.cli.options import SECONDS, Positive, json_option
 from twinlens.cli.places import PATH
 from twinlens.matching import parse_methods, parse_program
@@ -46,6 +53,7 @@ FOREIGN_LIMIT_S = 600.0
 )
 @protocol_option
 @region_option
+@by_option
 @json_option("the board")
 def command(
     datasets: tuple[str, ...],
@@ -54,6 +62,7 @@ def command(
     commands: tuple[str, ...],
     time_limit: float | None,
     memory_limit: float | None,
+    by: tuple[str, ...],
     as_json: bool,
     **options: Any,
 ) -> int:
@@ -67,16 +76,22 @@ def command(
     \b
     Example:  twinlens benchmark out motorcycle --methods sad,zncc:block_size=15 -o board
               twinlens benchmark out --command "mine=./prog --fast {left} {right} {out}" --time-limit 60 -o board
+              twinlens benchmark out --methods sgm --by lens -o board
     """
-    names = methods or (() if commands else (DEFAULT_METHODS,))
-    matchers: list[Any] = [*parse_methods(names)] if names else []
+    texts = methods or (() if commands else (DEFAULT_METHODS,))
+    matchers: list[Any] = [*parse_methods(texts)] if texts else []
     matchers += [parse_program(text, time_limit) for text in commands]
     if time_limit is None and any(
         getattr(matcher, "runs_user_code", False) for matcher in matchers
     ):
         time_limit = FOREIGN_LIMIT_S
+    pairs = open_pairs(datasets)
+    check_by(pairs, by)
     board = run_board(
-        open_pairs(datasets), matchers, output, time_limit=time_limit,
-        memory_limit=None if memory_limit is None else memory_limit * 2**30, **options,
+        pairs, matchers, output, time_limit=time_limit,
+        memory_limit=None if memory_limit is None else memory_limit * 2**30,
+        page_options=lambda _: {"by": "".join(by[:1])},
+        **options,
     )  # fmt: skip
-    return print_board(board, output, as_json, [matcher.name for matcher in matchers])
+    names = [matcher.name for matcher in matchers]
+    return print_board(board, output, as_json, names, by=by)

@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 from rich.console import Console
+from rich.markup import escape
 from rich.text import Text
 
 from twinlens import scoring
@@ -15,10 +16,15 @@ from twinlens.cli.options import print_json
 from twinlens.cli.places import check_results
 from twinlens.cli.progress import interrupt_note, progress_bar
 from twinlens.dataset.files import locked
-from twinlens.errors import InputError
+from twinlens.errors import InputError, located
 from twinlens.report import write_page
+from twinlens.scoring.board_file import COMPARED
 
 _WIDE, _ENDLESS = 132, 100_000
+_DIFFERENCES = (
+    "differences: from the first group, with 95 % intervals by the bootstrap over scenes; paired: within the scenes "
+    "that both groups have"
+)
 _NARROW = ("totbad2.0", "bad2.0", "avgerr", "invalid", "time")
 protocol_option = click.option(
     "--protocol", "protocols", multiple=True, default=("middlebury-v3",), show_default=True,
@@ -28,6 +34,19 @@ region_option = click.option(
     "--region", "regions", multiple=True, default=("all", "nonocc"), show_default=True,
     help=f"Regions to score: {', '.join(scoring.REGIONS)}. Repeatable.",
 )  # fmt: skip
+
+by_option = click.option(
+    "--by", multiple=True, metavar="NAME",
+    help="Compare groups of samples by a recorded value: lens, scene, family, sensor, mismatch, dataset, or a key of "
+    "the recipe such as rig.baseline; see docs/benchmark.md. Repeatable.",
+)  # fmt: skip
+
+
+def check_by(pairs: scoring.DatasetPairs, by: Sequence[str]) -> None:
+    """Raise InputError, before anything is run, for a value of --by that does not group the pairs."""
+    for name in by:
+        with located("--by"):
+            pairs.check_groups(name)
 
 
 def run_board(
@@ -99,19 +118,25 @@ def print_board(
     extra: Mapping[str, Any] | None = None,
     groups: scoring.Groups | None = None,
     notes: Sequence[str] = (),
+    by: Sequence[str] = (),
 ) -> int:
     """Print the leaderboards, the failures and the page's address; return the exit code, 1 if nothing has scores.
 
     methods: those whose failures are listed, None for all. extra: further keys of the JSON. groups: print means over
-    these groups of samples in place of means over all, and the `notes`.
+    these groups of samples in place of means over all, and the `notes`. by: recorded values by whose groups to compare
+    the methods, after the means over all.
     """
     code = 1 if board.entries and not any(entry.ok for entry in board.entries) else 0
+    groupings = {name: scoring.groups_by(board, name) for name in by}
     if as_json:
-        print_json(json.loads(scoring.board_to_json(board)) | dict(extra or {}))
+        record = json.loads(scoring.board_to_json(board)) | dict(extra or {})
+        print_json(record | _comparisons(board, groupings))
         return code
     region = "nonocc" if "nonocc" in board.regions else next(iter(board.regions), "")
     for protocol in board.protocols if region else ():
         _print_table(board, protocol, region, groups)
+        for name, samples in groupings.items():
+            _print_table(board, protocol, region, samples, by=name)
     for note in notes:
         click.echo(note)
     for line in scoring.failures(board, methods):
@@ -125,10 +150,30 @@ def print_board(
     return code
 
 
+def _comparisons(
+    board: scoring.Board, groupings: Mapping[str, scoring.Groups]
+) -> dict[str, Any]:
+    """The key of the JSON that compares groups by recorded values, if there are any."""
+    if not groupings:
+        return {}
+    records = {
+        name: scoring.comparison_record(board, groups)
+        for name, groups in groupings.items()
+    }
+    return {COMPARED: records}
+
+
 def _print_table(
-    board: scoring.Board, protocol: str, region: str, groups: scoring.Groups | None
+    board: scoring.Board,
+    protocol: str,
+    region: str,
+    groups: scoring.Groups | None,
+    by: str = "",
 ) -> None:
-    """Print a table, with columns chosen for the terminal's width; without a terminal, all columns untruncated."""
+    """Print a table, with columns chosen for the terminal's width; without a terminal, all columns untruncated.
+
+    by: the recorded value that makes the groups, for their differences.
+    """
     terminal = Console()
     narrow = (
         terminal.is_terminal and protocol == "middlebury-v3" and terminal.width < _WIDE
@@ -137,7 +182,9 @@ def _print_table(
         board, protocol, region, columns=_NARROW if narrow else None
     )
     if groups is not None:
-        table = scoring.comparison_table(board, protocol, region, groups)
+        comparison = scoring.compared(board, protocol, region, groups) if by else None
+        table = scoring.comparison_table(board, protocol, region, groups, comparison)
+        table.title = f"{table.title} · by {escape(by)}" if by else table.title
     if terminal.is_terminal:
         terminal.print(table)
         return
@@ -148,6 +195,8 @@ def _print_table(
     lines = [
         Text.from_markup(title).plain,
         *text.get().splitlines(),
-        *scoring.caption(board, protocol, region).splitlines(),
+        *(
+            _DIFFERENCES if by else scoring.caption(board, protocol, region)
+        ).splitlines(),
     ]
     click.echo("\n".join(line.rstrip() for line in lines))

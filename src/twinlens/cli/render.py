@@ -186,6 +186,7 @@ def command(
                     rig_sensor.misalign(rig),
                     [lens for _, lens in lenses],
                     shoot.replace(sensor=rig_sensor),
+                    labels=[text for text, _ in lenses],
                     progress=lambda part, report=report: report(part, ""),  # type: ignore[misc]
                 )
             warn_of_doubts(sample, rig_sensor, scene.name, scene)

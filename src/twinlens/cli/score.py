@@ -7,7 +7,14 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from twinlens.cli.boards import print_board, protocol_option, region_option, run_board
+from twinlens.cli.boards import (
+    by_option,
+    check_by,
+    print_board,
+    protocol_option,
+    region_option,
+    run_board,
+)
 from twinlens.cli.options import DISPARITY, Whole, json_option, print_json
 from twinlens.cli.places import PATH, missing_output
 from twinlens.dataset import place, read_disparity, read_png
@@ -24,7 +31,7 @@ from twinlens.scoring.protocols import find_protocol
 
 FIRST_FEW = 3  # file names listed in a warning
 _MAPS = (".pfm", ".png")
-_FOR_BOARDS = {"output": "-o", "regions": "--region"}
+_FOR_BOARDS = {"output": "-o", "regions": "--region", "by": "--by"}
 _FOR_ONE_MAP = {
     "mask": "--mask",
     "ndisp": "--ndisp",
@@ -59,6 +66,7 @@ _FOR_ONE_MAP = {
 )  # fmt: skip
 @protocol_option
 @region_option
+@by_option
 @json_option("the board")
 def command(
     submissions: tuple[Path, ...],
@@ -120,6 +128,7 @@ def _score_submissions(
     if output is None:
         raise missing_output()
     pairs = open_pairs(truths)
+    check_by(pairs, options["by"])
     for submission in submissions:
         submission.check_unambiguous(pairs.aliases)
     unmatched = {
@@ -133,6 +142,7 @@ def _score_submissions(
         options["protocols"],
         options["regions"],
         retry_failed=True,
+        page_options=lambda _: {"by": "".join(options["by"][:1])},
     )
     code = print_board(
         board,
@@ -140,6 +150,7 @@ def _score_submissions(
         as_json,
         [submission.name for submission in submissions],
         {UNSCORED: unmatched},
+        by=options["by"],
     )
     for submission in submissions:
         missing = submission.missing_files(pairs.aliases)

@@ -35,6 +35,7 @@ from twinlens.dataset.channels import (
 )
 from twinlens.dataset.codecs.calib import Calibration, read_calib
 from twinlens.dataset.files import check_relative
+from twinlens.dataset.lens_labels import label_of_lens, written_label
 from twinlens.dataset.points import world_points
 from twinlens.dataset.record import (
     LENS,
@@ -378,6 +379,13 @@ class StoredShot:
         if not self.sample.has("sample.json"):
             raise FileError(f"{file}: no such file")
         return read(LENS, self.entry.lens, file, f"shots[{self.number}].lens")
+
+    @property
+    def label(self) -> str:
+        """The lens as the maker of the sample wrote it, such as f/1.4, or else by its aperture and focus distance."""
+        return written_label(self.sample.record, self.number) or label_of_lens(
+            self.lens
+        )
 
     @property
     def record(self) -> dict[str, Any]:

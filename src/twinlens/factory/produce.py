@@ -13,6 +13,7 @@ from typing import Any
 from twinlens.camera import Rig
 from twinlens.camera.truth import Truth
 from twinlens.dataset import Sample
+from twinlens.dataset.lens_labels import label_of_table
 from twinlens.dataset.record import plain
 from twinlens.errors import FileError, InputError, located
 from twinlens.factory.doubts import warn_of_doubts
@@ -185,6 +186,7 @@ def _produced(recipe: Recipe, spec: SampleSpec, progress: Progress | None) -> Sa
         make_lenses(settings, view, file, sources.file),
         settings.shoot(spec.seed, sensor, spec.keep),
         truths=truths,
+        labels=[label_of_table(table) for table in spec.drawn.get("lenses", ())],
         progress=progress,
     )
     check_photographs(gates, sample, sensor)

@@ -73,6 +73,7 @@ def rectified_sample(
             "views": [left, right],
             "fit": fit,
             "pictures": pictures,
+            **_spec(stored),
         }
     }
     if pictures == "render":
@@ -86,6 +87,12 @@ def rectified_sample(
             stacklevel=2,
         )
     return replace(sample, record={**sample.record, **origin})
+
+
+def _spec(stored: StoredSample) -> dict[str, Any]:
+    """The spec of a recipe's sample, whose drawn values describe its rectified pair too."""
+    spec = stored.record["record"].get("spec")
+    return {} if spec is None else {"spec": spec}
 
 
 def _check_same_scene(stored: StoredSample, scene: Scene, view: int) -> None:

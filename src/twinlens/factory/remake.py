@@ -1,6 +1,6 @@
 """A stored sample rendered again from its record."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,6 +8,7 @@ from typing import Any
 from pydantic import Field, create_model
 
 from twinlens.dataset import Sample
+from twinlens.dataset.lens_labels import LABEL
 from twinlens.dataset.record import LENS, RIG, FileModel, read
 from twinlens.errors import InputError, format_value, located
 from twinlens.factory.objects import with_objects
@@ -67,6 +68,7 @@ def remake(
         read(RIG, record.get("rig"), _FILE, "rig"),
         [read(LENS, shot.get("lens"), _FILE, "lens") for shot in record["shots"]],
         Shoot.from_record(written),
+        labels=_labels(record["shots"]),
         progress=progress,
     )
     origin = {key: written[key] for key in ORIGIN if key in written}
@@ -75,6 +77,13 @@ def remake(
         ndisp=None if settings.spec is None else settings.spec.ndisp,
         record={**sample.record, **origin},
     )
+
+
+def _labels(shots: Sequence[Mapping[str, Any]]) -> list[str]:
+    """The recorded labels of the lenses; empty in samples of versions without them."""
+    records = [shot.get("record") or {} for shot in shots]
+    labels = [str(record[LABEL]) for record in records if LABEL in record]
+    return labels if len(labels) == len(shots) else []
 
 
 class _Spec(FileModel):

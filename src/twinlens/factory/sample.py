@@ -5,7 +5,7 @@ scene, rig ---------> ground_truth ------------------------------> Truths ---+->
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib import metadata
 from pathlib import Path
 from typing import Annotated, Any
@@ -31,6 +31,7 @@ from twinlens.dataset import (
     write_manifest,
     write_sample,
 )
+from twinlens.dataset.lens_labels import LABEL
 from twinlens.errors import InputError
 from twinlens.factory.sources import file_digests
 from twinlens.scenes import Scene, bundled_scenes, load_scene, rig_from_table
@@ -155,6 +156,7 @@ def make_sample(
     shoot: Shoot | None = None,
     *,
     truths: Sequence[Truth] | None = None,
+    labels: Sequence[str] = (),
     progress: rendering.Progress | None = None,
 ) -> Sample:
     """Render `scene` through every lens, expose the images, and compute their common ground truth.
@@ -167,6 +169,7 @@ def make_sample(
         (`Sensor.lenses`); for the alignment, give ``sensor.misalign(rig)`` as the rig. Truth is that of the nominal
         lenses.
     truths : ``ground_truth(scene, rig.nominal, sky_disparity=shoot.sky_disparity)``, if already computed.
+    labels : of the lenses, as their author wrote them, for boards and pages; recorded, if there are any.
 
     Raises InputError as `Shoot.check`, and errors of rendering and sensor.
     """
@@ -179,7 +182,10 @@ def make_sample(
         report = rendering.partial_progress(
             progress, k / len(lenses), (k + 1) / len(lenses)
         )
-        shots.append(_Photographer(scene, rig, lens, shoot, stream).shot(report))
+        shot = _Photographer(scene, rig, lens, shoot, stream).shot(report)
+        if labels:
+            shot = replace(shot, record={LABEL: labels[k], **shot.record})
+        shots.append(shot)
     if truths is None:
         truths = rendering.ground_truth(
             scene, rig.nominal, sky_disparity=shoot.sky_disparity

@@ -14,7 +14,7 @@ import math
 import os
 import re
 import zlib
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -42,6 +42,7 @@ from twinlens.scoring import (
     ScoredSample,
 )
 from twinlens.scoring.evaluate import RegionScores
+from twinlens.scoring.grouping import Difference
 from twinlens.scoring.metrics import TIMES, Metric
 from twinlens.scoring.protocols import Protocol
 from twinlens.scoring.reasons import LIMITS
@@ -91,6 +92,7 @@ def page_html(
     *,
     weights: Mapping[str, float] | None = None,
     groups: Groups | None = None,
+    by: str = "",
     notes: Sequence[str] = (),
     max_width: int = MAX_WIDTH,
     budget_bytes: int = BUDGET_BYTES,
@@ -99,11 +101,14 @@ def page_html(
 
     samples: samples of the board to show with images, truth and error maps, each in memory only while it is packed.
     maps: the methods' disparity maps; methods without one appear in the tables only. weights: of the mean over samples,
-    1 by default. groups, notes: compare the means over these groups of samples, with lines of text below. max_width,
-    budget_bytes: maps are subsampled until they are at most this wide and the page about this large.
+    1 by default. groups, notes: compare the means over these groups of samples, with lines of text below. by: the
+    recorded value whose groups are compared at first, by default those of lenses. max_width, budget_bytes: maps are
+    subsampled until they are at most this wide and the page about this large.
     """
     pictures = _all_pictures(board, samples, maps, max_width, budget_bytes)
-    document = _document(board, pictures, weights, groups or {})
+    document = _document(board, pictures, weights)
+    document["groupings"] = [*_groupings(board, groups)]
+    document["by"] = _first_grouping(document["groupings"], by)
     document["notes"] = list(notes)
     script = "\n".join(_file(name) for name in _SCRIPTS)
     digest = _base64(hashlib.sha256(script.encode()).digest())
@@ -253,7 +258,6 @@ def _document(
     board: Board,
     pictures: Mapping[str, Any],
     weights: Mapping[str, float] | None,
-    groups: Groups,
 ) -> dict[str, Any]:
     """All that the page's script shows. It only formats these numbers."""
     return {
@@ -269,7 +273,6 @@ def _document(
         "limits": LIMITS,
         "entries": [_entry(entry) for entry in board.entries],
         "means": _means(board, weights),
-        "groups": [_group(board, name, samples) for name, samples in groups.items()],
         "weighted": bool(weights),
         "colormaps": {
             name: _base64(colours.tobytes()) for name, colours in COLORMAPS.items()
@@ -287,9 +290,54 @@ def _metric(metric: Metric) -> dict[str, Any]:
     }
 
 
+def _groupings(board: Board, groups: Groups | None) -> Iterator[dict[str, Any]]:
+    """The given groups, without a name, and those by each recorded value, with their differences from the first."""
+    if groups:
+        titled = [_group(board, name, samples) for name, samples in groups.items()]
+        yield {"by": "", "groups": titled}
+        return
+    for by, of_value in scoring.groupings(board).items():
+        gaps = _gaps(board, of_value)
+        members = [
+            {**_group(board, name, samples), "gaps": gaps.get(name)}
+            for name, samples in of_value.items()
+        ]
+        yield {"by": by, "groups": members}
+
+
+def _first_grouping(groupings: Sequence[Mapping[str, Any]], by: str) -> str:
+    """The grouping that the page shows at first: the one asked for, or that of lenses, or none."""
+    names = [grouping["by"] for grouping in groupings]
+    for name in (by, "lens"):
+        if name in names:
+            return name
+    return ""
+
+
 def _group(board: Board, name: str, samples: Collection[str]) -> dict[str, Any]:
     means = _means(board.subset(samples), None)
     return {"name": name, "samples": list(samples), "means": means}
+
+
+def _gaps(board: Board, groups: Groups) -> dict[str, Any]:
+    """Group -> protocol -> region -> method -> the headline's difference from the first group: value, ends, basis."""
+    gaps: dict[str, Any] = {}
+    for protocol in board.protocols:
+        for region in board.regions:
+            comparison = scoring.compared(board, protocol, region, groups)
+            for name, differences in comparison.differences.items():
+                of_protocol = gaps.setdefault(name, {}).setdefault(protocol, {})
+                of_protocol[region] = {
+                    method: _gap(difference)
+                    for method, difference in differences.items()
+                }
+    return gaps
+
+
+def _gap(difference: Difference) -> list[Any]:
+    interval = difference.interval
+    ends = [interval.value, interval.low, interval.high]
+    return [*map(_rounded, ends), difference.basis]
 
 
 def _samples(board: Board, pictures: Mapping[str, Any]) -> list[dict[str, Any]]:

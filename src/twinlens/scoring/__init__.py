@@ -9,6 +9,12 @@ from twinlens.scoring.board_file import (
 )
 from twinlens.scoring.confidences import score_confidences as score_confidences
 from twinlens.scoring.evaluate import Scores as Scores, evaluate as evaluate
+from twinlens.scoring.grouping import (
+    Groups as Groups,
+    compared as compared,
+    groupings as groupings,
+    groups_by as groups_by,
+)
 from twinlens.scoring.metrics import METRICS as METRICS, find_metric as find_metric
 from twinlens.scoring.pair_statistics import (
     STATISTICS as STATISTICS,
@@ -40,10 +46,10 @@ from twinlens.scoring.submission import (
     open_submission as open_submission,
 )
 from twinlens.scoring.tables import (
-    Groups as Groups,
     board_csv as board_csv,
     board_latex as board_latex,
     caption as caption,
+    comparison_record as comparison_record,
     comparison_table as comparison_table,
     failures as failures,
     group_means as group_means,

@@ -182,7 +182,7 @@ class _Run:
         protocols: Sequence[Protocol],
         regions: Sequence[str],
     ) -> "_Run":
-        """The runs of a sample, with its scene on the board. Raises InputError if it differs from the board's."""
+        """The runs of a sample, whose origin is then on the board. Raises InputError if it differs from the board's."""
         pair = load_pair(sample)
         pair.warn_of_search()
         sha, masks = fingerprint(pair), region_masks(pair, regions)
@@ -193,7 +193,8 @@ class _Run:
         ]
         writer.board.check_sample(pair.name, sha)
         scenes = {**writer.board.scenes, pair.name: pair.scene or pair.name}
-        writer.board = replace(writer.board, scenes=scenes)
+        recorded = {**writer.board.recorded, pair.name: pair.recorded}
+        writer.board = replace(writer.board, scenes=scenes, recorded=recorded)
         return cls(pair, sha, masks, applicable, runner, writer)
 
     def match(self, method: Method | Submission) -> tuple[bool, MatchFailure | None]:

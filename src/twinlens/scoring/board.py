@@ -11,6 +11,8 @@ from twinlens.scoring.protocols import PROTOCOLS, Protocol
 
 LENS_SEPARATOR = " · "
 """In the name of a sample that has several lenses, between its view and its lens."""
+Recorded = str | float
+"""A recorded value of a sample."""
 FAILURES: Mapping[str, str] = {
     "crash": "the method raised an exception, or its process died",
     "memory": "the method ran out of memory, or exceeded its memory limit",
@@ -111,12 +113,16 @@ class Mean:
 
 @dataclass(frozen=True)
 class Board:
-    """All entries in order of measurement. meta: versions and machine. scenes: the scene of each sample."""
+    """All entries in order of measurement. meta: versions and machine. scenes: the scene of each sample.
+
+    recorded: for each sample, what is recorded of how it was made, by name: see `scoring.recorded`.
+    """
 
     title: str = "twinlens board"
     entries: tuple[Entry, ...] = ()
     meta: Mapping[str, str] = field(default_factory=dict)
     scenes: Mapping[str, str] = field(default_factory=dict)
+    recorded: Mapping[str, Mapping[str, Recorded]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         seen: set[tuple[str, str, str]] = set()
@@ -186,6 +192,14 @@ class Board:
         if hashes - {sha256}:
             what = f"sample {name!r} is not the one that the board scores: its images, truth or search range differ"
             raise InputError(f"{what}; use the board's dataset, or another board")
+        view = name.partition(LENS_SEPARATOR)[0] + LENS_SEPARATOR
+        for entry in self.entries:
+            is_same = entry.sample_sha256 == sha256 and entry.sample.startswith(view)
+            if is_same and entry.sample != name and sha256:
+                raise InputError(
+                    f"sample {name!r} is on the board as {entry.sample!r}, the name that an earlier version gave it; "
+                    "use another folder for the board"
+                )
 
     def having(self, entry: Entry) -> "Board":
         """A board with `entry` in place of the one with its key, or appended."""

@@ -8,7 +8,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 import pydantic
@@ -17,7 +17,14 @@ import twinlens
 from twinlens.dataset.files import read_bytes, write_file
 from twinlens.dataset.record import decode_json, plain, read
 from twinlens.errors import FileError, InputError, check_known
-from twinlens.schema import NonNegative, StrictModel, exactly, one_of, table_of
+from twinlens.schema import (
+    NonNegative,
+    Number,
+    StrictModel,
+    exactly,
+    one_of,
+    table_of,
+)
 from twinlens.scoring.board import FAILURES, Board, Entry, MatchFailure
 from twinlens.scoring.evaluate import RegionScores
 from twinlens.scoring.protocols import PROTOCOLS
@@ -25,11 +32,13 @@ from twinlens.scoring.sparsification import DENSITIES
 
 FORMAT, VERSION = "twinlens-board", 1
 UNSCORED = "unscored"  # key that `twinlens score --json` adds: maps that match no sample; `read_board` ignores it
+COMPARED = "compared"  # key that --json with --by adds: groups of samples; `read_board` ignores it
 MAX_BYTES = 256 * 2**20
 WRITE_EVERY_S = 2.0
 """At least: the time of a write is proportional to the number of entries."""
 MIXED = "entries of several machines or versions"
 
+T = TypeVar("T")
 _COUNT = (Annotated[int, pydantic.Field(ge=0, lt=2**53)], ...)
 _SIZE = (Annotated[int, pydantic.Field(ge=1, lt=2**53)], ...)
 
@@ -105,7 +114,9 @@ class BoardModel(StrictModel):
     protocols: dict[str, dict[str, str]]
     entries: list[_EntryTable]
     scenes: dict[str, str] = pydantic.Field(default={})
+    recorded: dict[str, dict[str, str | Number]] = pydantic.Field(default={})
     unscored: dict[str, list[str]] | None = None
+    compared: dict[str, Any] | None = None
 
 
 def board_to_json(board: Board) -> str:
@@ -116,14 +127,18 @@ def board_to_json(board: Board) -> str:
         "title": board.title,
         "meta": dict(board.meta),
         "protocols": {name: dict(PROTOCOLS[name].lines()) for name in board.protocols},
-        "scenes": {
-            name: board.scenes[name] for name in board.samples if name in board.scenes
-        },
+        "scenes": _of_samples(board, board.scenes),
+        "recorded": _of_samples(board, board.recorded),
         "entries": [_record(entry) for entry in board.entries],
     }
     return (
         json.dumps(plain(document, nan_as_null=True), indent=1, allow_nan=False) + "\n"
     )
+
+
+def _of_samples(board: Board, values: Mapping[str, T]) -> dict[str, T]:
+    """The values of the samples that have one, in the order of the samples."""
+    return {name: values[name] for name in board.samples if name in values}
 
 
 def _record(entry: Entry) -> dict[str, Any]:
@@ -142,7 +157,13 @@ def board_from_json(text: str | bytes, file: str | Path = "board") -> Board:
     data = text.encode("utf-8", "surrogatepass") if isinstance(text, str) else text
     model = read(BoardModel, decode_json(data, str(file), FORMAT, VERSION), file)
     try:
-        return Board(model.title, tuple(model.entries), model.meta, model.scenes)
+        return Board(
+            model.title,
+            tuple(model.entries),
+            model.meta,
+            model.scenes,
+            model.recorded,
+        )
     except InputError as error:
         raise FileError(f"{file}: {error}") from None
 

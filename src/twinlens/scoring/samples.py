@@ -4,8 +4,8 @@ import hashlib
 import math
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol, overload
 
@@ -16,9 +16,11 @@ from twinlens.dataset import Calibration, Dataset, StoredSample, downloaded_pair
 from twinlens.dataset.layouts import MIDDLEBURY_FOLDER
 from twinlens.dataset.storage import place
 from twinlens.dataset.visibility import mask_from_one
-from twinlens.errors import FileError, InputError, located
-from twinlens.scoring.board import LENS_SEPARATOR, Board
+from twinlens.errors import FileError, InputError, check_known, located
+from twinlens.scoring.board import LENS_SEPARATOR, Board, Recorded
+from twinlens.scoring.grouping import SCENE, grouped
 from twinlens.scoring.metrics import Disparity, boolean_mask, disparity_map
+from twinlens.scoring.recorded import recorded_values
 
 
 class ScoredSample(Protocol):
@@ -50,8 +52,9 @@ class Pair:
     calibration: for errors in metres. blur0 (pixels), material_kind0: (H, W), for regions. The search covers
     min_disparity to min_disparity + ndisp - 1. aliases: other names of this sample's map in a submission, the
     recommended one first. renderer_noise: over the sensor's noise, if measured. scene: a name that views of the same
-    surfaces share; empty if it is not known. Raises InputError for images that are not 8 or 16 bit, sizes that differ,
-    and ndisp < 1.
+    surfaces share; empty if it is not known. recorded: how the sample was made, by name (`scoring.recorded`).
+
+    Raises InputError for images that are not 8 or 16 bit, sizes that differ, and ndisp < 1.
     """
 
     name: str
@@ -67,6 +70,7 @@ class Pair:
     aliases: tuple[str, ...] = ()
     renderer_noise: float | None = None
     scene: str = ""
+    recorded: Mapping[str, Recorded] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         with located(f"sample {self.name!r}"):
@@ -180,7 +184,16 @@ def load_pair(sample: ScoredSample | StoredSample, lens: int = 0) -> Pair:
         low,
         renderer_noise=getattr(images, "renderer_noise", None),
         scene=str(getattr(sample, "scene", "")),
+        recorded=_recorded(sample, lens),
     )
+
+
+def _recorded(sample: Any, lens: int) -> Mapping[str, Recorded]:
+    """How a pair was made, by name."""
+    if isinstance(sample, StoredSample):
+        return recorded_values(sample, lens)
+    values: Mapping[str, Recorded] = getattr(sample, "recorded", {})
+    return values
 
 
 def search_range(
@@ -219,24 +232,13 @@ def fingerprint(sample: Pair) -> str:
     return digest.hexdigest()
 
 
-def lens_label(lens: object) -> str:
-    """A lens in a few words: its aperture and focus distance."""
-    diameter = getattr(lens, "aperture_diameter", None)
-    focus = getattr(lens, "focus_distance", None)
-    if not diameter:
-        return "pinhole"
-    if focus is None:
-        return f"hole {1e3 * diameter:.3g} mm"
-    return f"lens {1e3 * diameter:.3g} mm at {focus:.3g} m"
-
-
 class DatasetPairs(Sequence[Pair]):
     """Every sample of the datasets (sequences of stored or other samples), once for each lens.
 
     A pair has its sample's name, or "name · lens" if the sample has several lenses, numbered if labels repeat.
     A name that several datasets have is preceded by the dataset's label: "label/name". The scene of a pair is the one
-    that its sample records, or else the sample. Indexing reads a pair from disk; nothing is cached. Raises InputError
-    if two pairs have the same name.
+    that its sample records, or else the sample. Of several datasets, a pair records its own label as "dataset".
+    Indexing reads a pair from disk; nothing is cached. Raises InputError if two pairs have the same name.
     """
 
     def __init__(
@@ -248,6 +250,8 @@ class DatasetPairs(Sequence[Pair]):
             str, tuple[StoredSample | ScoredSample, int, tuple[str, ...]]
         ] = {}
         self._sources: list[tuple[int, str]] = []
+        self._labels: dict[str, str] = {}
+        self._are_several = len(datasets) > 1
         named = [_named_pairs(samples) for samples in datasets]
         counts = Counter(name for pairs in named for _, _, name, _ in pairs)
         labels = labels or [""] * len(named)
@@ -262,6 +266,7 @@ class DatasetPairs(Sequence[Pair]):
                 free = tuple(prefix + alias for alias in aliases if alias not in names)
                 self._places[prefix + name] = sample, lens, free
                 self._sources.append((source, label))
+                self._labels[prefix + name] = label
         self._pairs = list(self._places.items())
 
     def __len__(self) -> int:
@@ -277,7 +282,9 @@ class DatasetPairs(Sequence[Pair]):
         name, (sample, lens, aliases) = self._pairs[index]
         pair = load_pair(sample, lens)
         scene = pair.scene or name.partition(LENS_SEPARATOR)[0]
-        return replace(pair, name=name, aliases=pair.aliases or aliases, scene=scene)
+        recorded = {**pair.recorded, **self._label_of(name)}
+        aliases = pair.aliases or aliases
+        return replace(pair, name=name, aliases=aliases, scene=scene, recorded=recorded)
 
     def on(self, board: Board) -> Iterator[Pair]:
         """The pairs that the board scores. Raises InputError if a dataset has none, or if one has changed."""
@@ -293,6 +300,22 @@ class DatasetPairs(Sequence[Pair]):
         for pair in (self[k] for k in shared):
             board.check_sample(pair.name, fingerprint(pair))
             yield pair
+
+    def check_groups(self, name: str) -> None:
+        """Raise InputError unless the value `name` makes groups of these pairs; reads no image. See `groups_by`."""
+        recorded, scenes = {}, {}
+        for pair, (sample, lens, _) in self._places.items():
+            recorded[pair] = {**_recorded(sample, lens), **self._label_of(pair)}
+            scenes[pair] = getattr(sample, "scene", "") or sample.name
+        names = [key for values in recorded.values() for key in values]
+        check_known("recorded value", name, [*dict.fromkeys(names), SCENE])
+        values = {pair: recorded[pair].get(name) for pair in recorded}
+        grouped(name, scenes if name == SCENE else values)
+
+    def _label_of(self, pair: str) -> dict[str, Recorded]:
+        """The label of a pair's dataset, if there are several datasets."""
+        label = self._labels[pair]
+        return {"dataset": label} if self._are_several and label else {}
 
     @property
     def aliases(self) -> dict[str, tuple[str, ...]]:
@@ -335,7 +358,7 @@ def _names(sample: Any) -> list[tuple[str, tuple[str, ...]]]:
     count = getattr(sample, "num_lenses", 1)
     if count == 1:
         return [(sample.name, ())]
-    labels = [lens_label(sample.lens(k).lens) for k in range(count)]
+    labels = [sample.lens(k).label for k in range(count)]
     names: list[tuple[str, tuple[str, ...]]] = []
     for k, label in enumerate(labels):
         number = f" ({k})" if labels.count(label) > 1 else ""

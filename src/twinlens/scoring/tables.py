@@ -4,6 +4,7 @@ import csv
 import io
 import math
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import asdict
 from typing import Any, TypedDict, Unpack
 
 from rich.markup import escape
@@ -11,12 +12,17 @@ from rich.table import Table
 from rich.text import Text
 
 from twinlens.scoring.board import Board, MatchFailure, Mean
+from twinlens.scoring.grouping import (
+    Comparison,
+    Groups,
+    compared,
+    recorded_names,
+    recorded_value,
+)
 from twinlens.scoring.metrics import TIMES, Metric, find_metric
 from twinlens.scoring.protocols import PROTOCOLS
 from twinlens.scoring.regions import REGIONS
 
-Groups = Mapping[str, Collection[str]]
-"""Title -> names of the samples of a group."""
 _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 
 
@@ -122,23 +128,50 @@ def group_means(
     }
 
 
-def comparison_table(board: Board, protocol: str, region: str, groups: Groups) -> Table:
-    """The protocol's headline metric, one column per group of samples, the first group's best method first."""
+def comparison_table(
+    board: Board,
+    protocol: str,
+    region: str,
+    groups: Groups,
+    comparison: Comparison | None = None,
+) -> Table:
+    """The protocol's headline metric, one column per group of samples, the first group's best method first.
+
+    With a `comparison` of these groups also the differences from the first group, with their intervals.
+    """
     rules, metric = board.rules(protocol, region)
     columns = list(group_means(board, protocol, region, groups).values())
     title = f"{board.title} · {rules.title} · {region} · {metric.name} [{metric.unit}]"
     table = Table(title=escape(title), title_justify="left")
     table.add_column("method", no_wrap=True)
     for name in groups:
-        table.add_column(name, justify="right")
+        table.add_column(escape(name), justify="right")
+    first = next(iter(groups))
+    differences = {} if comparison is None else comparison.differences
+    for name in differences:
+        basis = f"\n[dim]{comparison.basis(name)}[/]" if comparison else ""
+        table.add_column(f"{escape(f'{name} - {first}')}{basis}", justify="right")
     for method in columns[0]:
         cells = []
         for means in columns:
             best = next(iter(means))
             style = "bold" if method == best else ""
             cells.append(Text(metric.show(means[method]), style=style))
+        intervals = [of_group[method].interval for of_group in differences.values()]
+        cells += [Text(interval.format()) for interval in intervals]
         table.add_row(Text(method), *cells)
     return table
+
+
+def comparison_record(board: Board, groups: Groups) -> dict[str, Any]:
+    """Groups as plain data: their samples, and by protocol and region means and differences of each method."""
+    record: dict[str, Any] = {"groups": {name: [*groups[name]] for name in groups}}
+    for protocol in board.protocols:
+        record[protocol] = {}
+        for region in board.regions:
+            comparison = compared(board, protocol, region, groups)
+            record[protocol][region] = asdict(comparison)
+    return record
 
 
 def failures(board: Board, methods: Collection[str] | None = None) -> list[str]:
@@ -162,14 +195,19 @@ def failures(board: Board, methods: Collection[str] | None = None) -> list[str]:
 
 
 def board_csv(board: Board) -> str:
-    """Every entry and region as a CSV row, in full precision; formulas of spreadsheets get a leading apostrophe."""
+    """Every entry and region as a CSV row, in full precision, with the sample's scene and recorded values at its end.
+
+    Formulas of spreadsheets get a leading apostrophe.
+    """
     names = [name for rules in board.protocols for name in PROTOCOLS[rules].metrics]
     metrics = tuple(dict.fromkeys(names))
     times = [f"{name}_{find_metric(name).unit.split('/')[0]}" for name in TIMES]
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow([*_CSV_COLUMNS, *metrics, *times])
+    recorded = recorded_names(board)
+    writer.writerow([*_CSV_COLUMNS, *metrics, *times, *map(_csv_text, recorded)])
     for entry in board.entries:
+        origin = [_csv_value(board, entry.sample, name) for name in recorded]
         status = ["ok", ""]
         if entry.failure is not None:
             status = [entry.failure.kind, entry.failure.message]
@@ -182,7 +220,7 @@ def board_csv(board: Board) -> str:
                 counts = [str(size) for size in sizes]
             values = [entry.value(region, name) for name in (*metrics, *TIMES)]
             numbers = ["" if math.isnan(value) else repr(value) for value in values]
-            writer.writerow([*map(_csv_text, text), *counts, *numbers])
+            writer.writerow([*map(_csv_text, text), *counts, *numbers, *origin])
     return out.getvalue()
 
 
@@ -190,6 +228,14 @@ _CSV_COLUMNS = (
     *("method", "sample", "protocol", "region", "status", "reason"),
     *("image_pixels", "evaluated", "estimated"),
 )
+
+
+def _csv_value(board: Board, sample: str, name: str) -> str:
+    """A recorded value of a sample; empty where there is none."""
+    value = recorded_value(board, sample, name)
+    if isinstance(value, str):
+        return _csv_text(value)
+    return "" if value is None else repr(value)
 
 
 def _csv_text(text: str) -> str:

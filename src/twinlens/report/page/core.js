@@ -8,7 +8,7 @@ const byName = (list, name) => list.find((item) => item.name === name);
 const state = {
   protocol: data.protocols.length ? data.protocols[0].name : "",
   region: data.regions.some((r) => r.name === "nonocc") ? "nonocc" : data.regions.length ? data.regions[0].name : "",
-  over: data.groups.length ? `mean: ${data.groups[0].name}` : "", sort: "", flipped: false, columns: "main",
+  over: "", by: data.by, sort: "", flipped: false, columns: "main",
   sample: "", method: "", first: "", second: "", range: 4, wide: "", pixel: null,
 };
 
@@ -46,7 +46,11 @@ const entryOf = (method, sample) => entries.get(keyOf(method, sample, state.prot
 const places = Object.fromEntries(data.protocols.map((p) => [p.name, Object.fromEntries(p.metrics.map((m, i) => [m, i]))]));
 
 // A group of samples, and the sample, that the "Over" control selects, if any.
-const groupOf = (over) => data.groups.find((g) => over === `mean: ${g.name}`);
+const groups = data.groupings.flatMap((grouping) => grouping.groups.map((g) => ({ ...g, by: grouping.by, key: `${grouping.by || "mean"}: ${g.name}` })));
+const groupOf = (over) => groups.find((g) => over === g.key);
+// Groups without a recorded value take the place of the mean over all samples.
+const titled = groups.filter((g) => !g.by);
+if (titled.length) state.over = titled[0].key;
 const overSample = () => (byName(data.samples, state.over) ? state.over : "");
 
 // A method's numbers for the selected protocol and region: the mean over all samples or a group, or one sample's.

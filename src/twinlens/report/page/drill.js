@@ -138,7 +138,7 @@ function start() {
   state.method = state.first = order[0];
   state.second = order[1] || order[0];
   state.sample = (data.samples.find((s) => s.pictures) || data.samples[0]).name;
-  for (const id of ["region", "over", "columns", "sample", "method", "first", "second"])
+  for (const id of ["region", "over", "by", "columns", "sample", "method", "first", "second"])
     $(id).addEventListener("change", (event) => { state[id] = event.target.value; if (id === "sample") state.pixel = null; redraw(); });
   for (const id of ["at-u", "at-v"])
     $(id).addEventListener("change", () => pickPixel(Number($("at-u").value), Number($("at-v").value)));

@@ -65,19 +65,42 @@ function whyNot({ failure, failed, missing, n }) {
   return `${n} of ${n + failed.length + missing.length} samples${failed.length ? `, ${failed.length} failed` : ""}`;
 }
 
-// The headline metric, one column for each group of samples.
+// The headline metric, one column for each group of samples, and its differences from the first group.
 function drawGroups() {
-  $("groups-card").hidden = !data.groups.length;
-  if (!data.groups.length || !state.region) return;
+  const shown = titled.length ? titled : groups.filter((g) => g.by === state.by);
+  $("groups-card").hidden = !shown.length;
+  if (!shown.length || !state.region) return;
   const metric = rules().headline, order = compareBy(metric, false), m = data.metrics[metric];
-  const values = data.methods.map((method) => [method.name, data.groups.map((g) => scoresOf(method.name, `mean: ${g.name}`).value(metric))]);
-  const best = data.groups.map((_, k) => values.map((row) => row[1][k]).sort(order)[0]);
-  $("groups-title").textContent = `${metric} [${m.unit}], ${state.region}: ${m.text}`;
+  const values = data.methods.map((method) => [method.name, shown.map((g) => scoresOf(method.name, g.key).value(metric))]);
+  const best = shown.map((_, k) => values.map((row) => row[1][k]).sort(order)[0]);
+  const compared = shown.filter((g) => g.gaps);
+  $("groups-title").textContent = `${metric} [${m.unit}], ${state.region}${state.by && `, by ${state.by}`}: ${m.text}`;
   $("groups").replaceChildren(
-    el("thead", {}, el("tr", {}, el("th", { class: "name", scope: "col" }, "Method"), data.groups.map((g) => el("th", { scope: "col", title: g.samples.join(", ") }, g.name)))),
+    el("thead", {}, el("tr", {}, el("th", { class: "name", scope: "col" }, "Method"), shown.map((g) => el("th", { scope: "col", title: g.samples.join(", ") }, g.name, el("small", {}, samplesText(g.samples.length)))),
+      compared.map((g) => el("th", { scope: "col" }, `${g.name} − ${shown[0].name}`, el("small", {}, basisOf(g)))))),
     el("tbody", {}, values.sort((a, b) => order(a[1][0], b[1][0])).map(([name, row]) => el("tr", {}, el("td", { class: "name" }, name),
-      row.map((v, k) => el("td", { class: v === best[k] ? "best" : "" }, show(metric, v)))))));
-  $("notes").replaceChildren(...data.notes.map((text) => el("p", {}, text)));
+      row.map((v, k) => el("td", { class: v === best[k] ? "best" : "" }, show(metric, v))), compared.map((g) => gapCell(metric, gapOf(g, name)))))));
+  const about = "Differences from the first group have 95 % intervals by the bootstrap over scenes; paired: within the scenes that both groups have. Coloured: the interval excludes 0.";
+  $("notes").replaceChildren(...[...(compared.length ? [about] : []), ...data.notes].map((text) => el("p", {}, text)));
+}
+
+const samplesText = (n) => `${n} ${n === 1 ? "sample" : "samples"}`;
+const gapOf = (group, method) => group.gaps[state.protocol][state.region][method];
+
+// What most of a group's intervals rest on.
+function basisOf(group) {
+  const gaps = data.methods.map((m) => gapOf(group, m.name)).filter((gap) => gap[0] != null);
+  return gaps.length ? gaps[0][3] : "";
+}
+
+const signed = (metric, v) => `${v > 0 ? "+" : v < 0 ? "−" : ""}${show(metric, Math.abs(v))}`;
+
+function gapCell(metric, [value, low, high, basis]) {
+  if (value == null) return el("td", { title: "a method that failed on a sample of a group has no mean" }, "–");
+  if (low == null) return el("td", { title: basis }, signed(metric, value));
+  const certain = low > 0 || high < 0, better = data.metrics[metric].lower ? value < 0 : value > 0;
+  const ends = el("small", {}, ` [${signed(metric, low)}, ${signed(metric, high)}]`);
+  return el("td", { class: certain ? (better ? "gain" : "loss") : "", title: basis }, signed(metric, value), ends);
 }
 
 function drawRules() {
@@ -85,7 +108,7 @@ function drawRules() {
   const lines = { ...rules().lines };
   if (region) lines.region = `${region.name}: ${region.text || "defined by the caller"}`;
   const group = groupOf(state.over), sample = overSample();
-  if (!sample) lines.mean = `${data.weighted ? "weighted" : "plain"} mean over ${group ? group.samples.join(", ") : "samples"}; none if a method failed or was not run on a sample`;
+  if (!sample) lines.mean = `${data.weighted ? "weighted" : "plain"} mean over ${group ? (group.by ? `the ${samplesText(group.samples.length)} of ${group.key}` : group.samples.join(", ")) : "samples"}; none if a method failed or was not run on a sample`;
   $("rules").replaceChildren(...Object.entries(lines).flatMap(([k, v]) => [el("dt", {}, k), el("dd", {}, v)]));
   const counts = sample ? data.methods.map((m) => scoresOf(m.name, sample).counts).find(Boolean) : null;
   if (!region) { $("counts").textContent = "Nothing was scored."; drawFailures(); return; }
@@ -148,13 +171,14 @@ const walk = (open) => (event) => {
 function drawMatrix() {
   const m = data.metrics[state.sort];
   $("matrix-title").textContent = `${state.sort} [${m.unit}] on each sample${state.region && `, ${state.region}`}`;
-  const rows = ranked(groupOf(state.over) ? state.over : "");
-  const cells = rows.map((r) => data.samples.map((s) => scoresOf(r.method.name, s.name)));
-  const limits = data.samples.map((_, k) => cells.map((row) => row[k].value(state.sort)).filter(Number.isFinite));
+  const group = groupOf(state.over), rows = ranked(group ? state.over : "");
+  const samples = group && group.by ? data.samples.filter((s) => group.samples.includes(s.name)) : data.samples;
+  const cells = rows.map((r) => samples.map((s) => scoresOf(r.method.name, s.name)));
+  const limits = samples.map((_, k) => cells.map((row) => row[k].value(state.sort)).filter(Number.isFinite));
   $("matrix").replaceChildren(
-    el("thead", {}, el("tr", {}, el("th", { class: "name" }), data.samples.map((s) => el("th", { title: s.name }, s.name.length > 48 ? `${s.name.slice(0, 47)}…` : s.name)))),
+    el("thead", {}, el("tr", {}, el("th", { class: "name" }), samples.map((s) => el("th", { title: s.name }, s.name.length > 48 ? `${s.name.slice(0, 47)}…` : s.name)))),
     el("tbody", {}, rows.map((r, i) => el("tr", {}, el("td", { class: "name", title: r.method.spec }, r.method.name),
-      data.samples.map((s, k) => {
+      samples.map((s, k) => {
         const c = cells[i][k], v = c.value(state.sort), open = () => look(s.name, r.method.name);
         return el("td", { class: "cell", tabindex: i || k ? "-1" : "0", onkeydown: walk(open), style: `background:${shade(v, Math.min(...limits[k]), Math.max(...limits[k]))}`, title: c.failure ? c.failure.join(": ") : `${r.method.name} on ${s.name}`, onclick: open },
           c.failure ? el("span", { class: "fail" }, c.failure[0]) : show(state.sort, v));
@@ -248,7 +272,11 @@ function drawSparsification() {
 function drawControls() {
   segments($("protocols"), data.protocols.map((p) => [p.name, p.title]), state.protocol, (name) => { state.protocol = name; state.sort = ""; redraw(); });
   options($("region"), data.regions.map((r) => r.name), state.region);
-  const means = data.groups.length ? data.groups.map((g) => `mean: ${g.name}`) : [""];
-  const texts = data.groups.length ? means : [`mean of ${data.samples.length} samples`];
-  options($("over"), [...means, ...data.samples.map((s) => s.name)], state.over, [...texts, ...data.samples.map((s) => s.name)]);
+  const means = groups.map((g) => [g.key, g.by ? `${g.key} (${samplesText(g.samples.length)})` : g.key]);
+  if (!titled.length) means.unshift(["", `mean of ${samplesText(data.samples.length)}`]);
+  const choices = [...means, ...data.samples.map((s) => [s.name, s.name])];
+  options($("over"), choices.map((c) => c[0]), state.over, choices.map((c) => c[1]));
+  const names = data.groupings.map((g) => g.by).filter(Boolean);
+  $("by").parentElement.hidden = !names.length;
+  options($("by"), ["", ...names], state.by, ["none", ...names]);
 }

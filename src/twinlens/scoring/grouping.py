@@ -1,0 +1,228 @@
+"""Groups of a board's samples by a recorded value, and how the methods' means differ between two groups.
+
+Samples of one scene are not independent, so intervals are over scenes. Where two groups are of the same scenes, such as
+two lenses of each sample, their difference is taken within each scene, and what scenes differ in cancels.
+"""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from twinlens.errors import InputError, check_known
+from twinlens.scoring.board import Board, Recorded
+from twinlens.scoring.intervals import Interval, difference_of_means, mean_of_units
+
+Groups = Mapping[str, Collection[str]]
+"""Title -> names of the samples of a group."""
+SCENE = "scene"
+NOT_RECORDED = "not recorded"
+MAX_GROUPS = 12
+_MOST_NUMBERS, _RANGES = 6, 3
+"""Numbers of more than so many values, or with fewer than three samples each, are grouped in so many ranges."""
+
+
+def recorded_value(board: Board, sample: str, name: str) -> Recorded | None:
+    """What is recorded of a sample under a name, and its scene under "scene"; None where nothing is."""
+    if name == SCENE:
+        return board.scene(sample)
+    return board.recorded.get(sample, {}).get(name)
+
+
+def recorded_names(board: Board) -> tuple[str, ...]:
+    """All names of recorded values, in order of appearance, and "scene"."""
+    names = [
+        name for sample in board.samples for name in board.recorded.get(sample, {})
+    ]
+    return tuple(dict.fromkeys([*names, SCENE]))
+
+
+def groups_by(board: Board, name: str) -> dict[str, tuple[str, ...]]:
+    """Group -> its samples, for a recorded value: one group for each text, in order of appearance, or number.
+
+    Numbers that hardly any samples share are grouped in three ranges of about as many samples. Samples without the
+    value come last.
+
+    Raises InputError for an unknown name, and unless there are 2 to `MAX_GROUPS` groups.
+    """
+    check_known("recorded value", name, recorded_names(board))
+    values = {sample: recorded_value(board, sample, name) for sample in board.samples}
+    return grouped(name, values)
+
+
+def grouped(
+    name: str, values: Mapping[str, Recorded | None]
+) -> dict[str, tuple[str, ...]]:
+    """The groups of samples with these values under a name. Raises InputError as `groups_by`."""
+    titles = _titles(values)
+    groups: dict[str, list[str]] = {title: [] for title in titles.values()}
+    for sample, value in values.items():
+        groups[NOT_RECORDED if value is None else titles[value]].append(sample)
+    if not 2 <= len(groups) <= MAX_GROUPS:
+        count = f"{len(groups)} groups" if len(groups) > 1 else "one group"
+        listed = ", ".join([*groups][:3])
+        raise InputError(
+            f"{name}: makes {count} of the samples ({listed}): expected 2 to {MAX_GROUPS}"
+        )
+    return {title: tuple(samples) for title, samples in groups.items()}
+
+
+def _titles(values: Mapping[str, Recorded | None]) -> dict[Recorded | None, str]:
+    """The title of the group of each value, in the order of the groups."""
+    numbers = [value for value in values.values() if isinstance(value, float)]
+    texts = [value for value in values.values() if isinstance(value, str)]
+    titles: dict[Recorded | None, str] = {
+        **{text: text for text in texts},
+        **dict(_titles_of_numbers(numbers)),
+    }
+    if None in values.values():
+        titles[None] = NOT_RECORDED
+    return titles
+
+
+def _titles_of_numbers(numbers: Sequence[float]) -> list[tuple[float, str]]:
+    """(number, title of its group), in ascending order."""
+    distinct = sorted(set(numbers))
+    are_shared = len(distinct) <= _MOST_NUMBERS and 2 * len(distinct) < len(numbers)
+    if len(distinct) <= _RANGES or are_shared:
+        return [(number, f"{number:.6g}") for number in distinct]
+    shares = np.arange(1, _RANGES) / _RANGES
+    limits = np.quantile(numbers, shares)
+    ranges: dict[int, list[float]] = {}
+    for number in distinct:
+        ranges.setdefault(int(np.searchsorted(limits, number)), []).append(number)
+    titles = []
+    for members in ranges.values():
+        title = f"{members[0]:.3g} to {members[-1]:.3g}"
+        titles += [(number, title) for number in members]
+    return titles
+
+
+def groupings(board: Board) -> dict[str, dict[str, tuple[str, ...]]]:
+    """The groups by every recorded value that makes 2 to `MAX_GROUPS`; of values that make the same, the first."""
+    seen: list[set[tuple[str, ...]]] = []
+    chosen = {}
+    for name in recorded_names(board):
+        try:
+            groups = groups_by(board, name)
+        except InputError:
+            continue
+        if set(groups.values()) not in seen:
+            seen.append(set(groups.values()))
+            chosen[name] = groups
+    return chosen
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A method's mean over one group of samples minus that over another.
+
+    interval : 95 %, over scenes; all NaN where the method has no mean.
+    paired : whether the difference is the mean of those within the scenes that both groups have.
+    """
+
+    interval: Interval
+    paired: bool
+
+    @property
+    def basis(self) -> str:
+        """What the interval rests on, as text."""
+        count = self.interval.units
+        scenes = "1 scene" if count == 1 else f"{count} scenes"
+        return f"{'paired' if self.paired else 'unpaired'}, {scenes}"
+
+
+def difference(
+    board: Board,
+    method: str,
+    samples: Collection[str],
+    reference: Collection[str],
+    protocol: str,
+    region: str,
+    metric: str,
+) -> Difference:
+    """The mean of a metric over `samples` minus that over `reference`.
+
+    Where at least half of the scenes of the smaller group are in both groups, it is the mean over these scenes of the
+    difference within the scene, and they are resampled. Otherwise the scenes of either group are resampled. Where there
+    are fewer than two scenes, the interval is NaN.
+    """
+    first = _scene_values(board, method, samples, protocol, region, metric)
+    second = _scene_values(board, method, reference, protocol, region, metric)
+    shared = [scene for scene in first if scene in second]
+    paired = 2 * len(shared) >= min(len(first), len(second)) > 0
+    if not paired:
+        return Difference(
+            difference_of_means([*first.values()], [*second.values()]), False
+        )
+    within = [[np.mean(first[scene]) - np.mean(second[scene])] for scene in shared]
+    return Difference(mean_of_units(within), True)
+
+
+def _scene_values(
+    board: Board,
+    method: str,
+    samples: Collection[str],
+    protocol: str,
+    region: str,
+    metric: str,
+) -> dict[str, list[float]]:
+    """Scene -> the values of a method on its samples; empty where it has no mean over the samples."""
+    part = board.subset(samples)
+    mean = part.mean(method, protocol, region)
+    if not np.isfinite(mean.metrics[metric]):
+        return {}
+    values: dict[str, list[float]] = {}
+    for entry in part.entries:
+        is_of_method = (entry.method, entry.protocol) == (method, protocol)
+        if is_of_method and entry.evaluated(region):
+            scene = board.scene(entry.sample)
+            values.setdefault(scene, []).append(entry.value(region, metric))
+    return values
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The methods' means over groups of samples, and their differences from the first group.
+
+    means : group -> method -> mean.
+    differences : group -> method -> difference; of all groups but the first.
+    """
+
+    metric: str
+    means: Mapping[str, Mapping[str, float]]
+    differences: Mapping[str, Mapping[str, Difference]]
+
+    def basis(self, group: str) -> str:
+        """What the intervals of a group's differences rest on, as text; empty if no method has one."""
+        texts = [
+            difference.basis
+            for difference in self.differences[group].values()
+            if difference.interval.units
+        ]
+        return max(set(texts), key=texts.count, default="")
+
+
+def compared(
+    board: Board, protocol: str, region: str, groups: Groups, metric: str | None = None
+) -> Comparison:
+    """The comparison of groups by a metric, the protocol's headline by default. Raises InputError as `Board.rules`."""
+    _, chosen = board.rules(protocol, region, metric)
+    name = chosen.name
+    means = {}
+    for title, samples in groups.items():
+        part = board.subset(samples)
+        means[title] = {
+            method: part.mean(method, protocol, region).metrics[name]
+            for method in board.methods
+        }
+    reference, *others = groups
+    differences = {}
+    for title in others:
+        differences[title] = {
+            method: difference(
+                board, method, groups[title], groups[reference], protocol, region, name
+            )
+            for method in board.methods
+        }
+    return Comparison(name, means, differences)
