@@ -26,7 +26,7 @@ class Card:
     cut: float = 0.5
     mode: str = "MASK"
     filter: str = "bilinear"
-    wrap: str = "repeat"
+    wrap: str | tuple = "repeat"
     to_uv: np.ndarray = field(default_factory=lambda: np.eye(3))
 
     def material(self, color=0.8):
@@ -68,7 +68,9 @@ class Card:
 
     def texel(self, row, column):
         height, width = self.alpha.shape
-        return self.alpha[wrapped(row, height, self.wrap), wrapped(column, width, self.wrap)]  # fmt: skip
+        both = isinstance(self.wrap, str)
+        along_u, along_v = (self.wrap, self.wrap) if both else self.wrap
+        return self.alpha[wrapped(row, height, along_v), wrapped(column, width, along_u)]  # fmt: skip
 
 
 def wrapped(index, size, wrap):

@@ -42,6 +42,7 @@ def wall(z=4.0):
 SCALE = np.diag([2.7, 3.4, 1])
 TURN = np.array([[0.8, -0.6, 0.3], [0.6, 0.8, -0.2], [0, 0, 1]])
 TILTED = (0.3, -0.2, -1)
+TURNED = {"wrap": ("repeat", "clamp"), "to_uv": 2 * TURN}
 LEAVES = {
     "cutoff 0.3": Card("leaf", facing((0, 0, 2), 1.2), blobs(9, 16, 1), 0.3),
     "cutoff 0.55, tilted": Card("leaf", facing((0, 0, 2), 1.3, 0.4, TILTED), blobs(64, 48, 2), 0.55),
@@ -49,6 +50,11 @@ LEAVES = {
     "mirrored, repeated": Card("leaf", facing((0, 0, 2), 1.2), blobs(8, 6, 4), wrap="mirror", to_uv=SCALE),
     "clamped, turned": Card("leaf", facing((0, 0, 2), 1.2), blobs(20, 20, 5), 0.45, wrap="clamp", to_uv=TURN),
     "repeated, turned": Card("leaf", facing((0, 0, 2), 1.2), blobs(20, 31, 6), 0.55, to_uv=2 * TURN),
+    "repeated and clamped": Card("leaf", facing((0, 0, 2), 1.2), blobs(9, 16, 10), **TURNED),
+    "mirrored and repeated": Card("leaf", facing((0, 0, 2), 1.2), blobs(7, 8, 11),
+                                  wrap=("mirror", "repeat"), to_uv=SCALE),
+    "clamped and mirrored": Card("leaf", facing((0, 0, 2), 1.2), blobs(9, 5, 12), filter="nearest",
+                                 wrap=("clamp", "mirror"), to_uv=SCALE),
     "blended": Card("leaf", facing((0, 0, 2), 1.2, 1.0), blobs(20, 30, 7), 0.5, "BLEND"),
     "cutoff 0": Card("leaf", facing((0, 0, 2), 1.2), blobs(20, 30, 8), 0.0),
     "cutoff 1": Card("leaf", facing((0, 0, 2), 1.2), np.clip(2 * blobs(20, 30, 9), 0, 1), 1.0, filter="nearest"),

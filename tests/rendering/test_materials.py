@@ -121,24 +121,18 @@ def test_colors_of_vertices_become_attributes():
     colors = np.array([[1, 0, 0, 1], [0, 1, 0, 0.5], [0.2, 0.4, 0.8, 0]])
     material = Material(base_color=VertexColor(), opacity=VertexColor())
     attributes = vertex_attributes(material, colored_triangle(colors))
-    scattered = attributes["vertex_diffuse"] * (1 - attributes["vertex_weight"])
-    np.testing.assert_allclose(scattered, 0.96 * colors[:, :3], atol=1e-5)
-    np.testing.assert_allclose(attributes["vertex_opacity"], colors[:, 3:], atol=1e-6)
+    np.testing.assert_array_equal(attributes["vertex_color"], colors[:, :3])
+    np.testing.assert_array_equal(attributes["vertex_color_opacity"], colors[:, 3:])
+    assert set(names_in(bsdf_of(material))) == attributes.keys()
     assert vertex_attributes(lambert(RED), colored_triangle(colors)) == {}
 
 
-@pytest.mark.parametrize("specular", [0.0, 1.0])
-def test_the_bsdf_reads_the_attributes_of_every_mesh(specular):
-    """Black has no diffuse light, and specular = 0 no facets: the attributes of both are there all the same."""
-    material = Material(base_color=VertexColor(), specular=specular)
-    attributes = [
-        vertex_attributes(material, colored_triangle(np.full((3, 4), value)))
-        for value in (0.0, 0.8)
-    ]
-    assert attributes[0].keys() == attributes[1].keys()
-    read = set(names_in(bsdf_of(material)))
-    assert "vertex_diffuse" in read
-    assert read <= attributes[0].keys()
+def test_a_dielectric_has_colors_of_vertices_in_its_diffuse_light_only():
+    tree = bsdf_of(Material(base_color=VertexColor(), roughness=0.5))
+    assert len(set(names_in(tree))) == 1
+    metal = found(tree, "bsdf_1")
+    assert not set(names_in(metal))
+    assert set(names_in(bsdf_of(Material(base_color=VertexColor(), metallic=0.5))))
 
 
 def names_in(tree):

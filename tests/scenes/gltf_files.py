@@ -82,3 +82,31 @@ def with_extensions(**extensions):
     """Values of a header: extensions KHR_materials_* of the first material."""
     folder = "materials/0/extensions/KHR_materials_"
     return {folder + name: table for name, table in extensions.items()}
+
+
+def write_colored(path, colors, dtype="<f4", values=None, **material):
+    """A square whose vertices have colours (4, 3 or 4), floats, or whole numbers of 8 or 16 bits that are normalized.
+
+    trimesh writes colours for meshes without a texture only.
+    """
+    header, binary = exported(square(**material))
+    data = np.asarray(colors, dtype=float)
+    is_float = dtype == "<f4"
+    if not is_float:
+        data = np.round(data * np.iinfo(dtype).max)
+    stored = data.astype(dtype)
+    # Rows start at multiples of 4 bytes.
+    row = -(-stored[0].nbytes // 4) * 4
+    padded = b"".join(vertex.tobytes().ljust(row, b"\0") for vertex in stored)
+    view = {"buffer": 0, "byteOffset": len(binary), "byteLength": len(padded)}
+    view["byteStride"] = row
+    kinds = {"<f4": 5126, "u1": 5121, "<u2": 5123}
+    accessor = {"bufferView": len(header["bufferViews"]), "componentType": kinds[dtype]}
+    accessor |= {"count": 4, "type": f"VEC{data.shape[1]}", "normalized": not is_float}
+    attributes = header["meshes"][0]["primitives"][0]["attributes"]
+    attributes["COLOR_0"] = len(header["accessors"])
+    header["bufferViews"].append(view)
+    header["accessors"].append(accessor)
+    header["buffers"][0]["byteLength"] = len(binary) + len(padded)
+    path.write_bytes(glb(with_values(header, values or {}), binary + padded))
+    return path

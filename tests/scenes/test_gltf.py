@@ -21,11 +21,12 @@ from tests.scenes.gltf_files import (
     with_extensions,
     with_values,
     write,
+    write_colored,
 )
 from twinlens.errors import FileError, InputError
 from twinlens.scenes.assets import SceneContext, read_mesh
 from twinlens.scenes.gltf_materials import VERTEX_COLOR, Transform
-from twinlens.scenes.materials import Bitmap, Color
+from twinlens.scenes.materials import Bitmap, Color, VertexColor
 from twinlens.scenes.model_files import MaterialWarning, read_model
 
 OWN = "[objects.own]\nfile = 'm.glb'\n"
@@ -225,21 +226,6 @@ def test_a_file_without_a_scene_has_its_nodes(glb_path):
     np.testing.assert_allclose(mesh.vertices.max(axis=0), [1, 2, 2], atol=1e-6)
 
 
-def write_colored(path, colors, **material):
-    """A square with vertex colours (4, 3 or 4), which trimesh writes for meshes without a texture only."""
-    header, binary = exported(square(**material))
-    data = np.asarray(colors, dtype="<f4")
-    view = {"buffer": 0, "byteOffset": len(binary), "byteLength": data.nbytes}
-    accessor = {"bufferView": len(header["bufferViews"]), "componentType": 5126}
-    accessor |= {"count": 4, "type": f"VEC{data.shape[1]}"}
-    attributes = header["meshes"][0]["primitives"][0]["attributes"]
-    attributes["COLOR_0"] = len(header["accessors"])
-    header["bufferViews"].append(view)
-    header["accessors"].append(accessor)
-    header["buffers"][0]["byteLength"] = len(binary) + data.nbytes
-    path.write_bytes(glb(header, binary + data.tobytes()))
-
-
 FACTOR = [0.2, 0.4, 0.8]
 COLORS = np.array([[1, 0, 0, 1], [0, 1, 0, 0.5], [0, 0, 1, 0], [1, 1, 1, 1]])
 
@@ -249,17 +235,18 @@ def test_vertex_colors_are_mesh_attributes(glb_path, channels):
     """With opacity if they have four channels."""
     mode = {3: "OPAQUE", 4: "BLEND"}[channels]
     colors = COLORS[:, :channels]
-    write_colored(glb_path, colors, alphaMode=mode, baseColorFactor=[*FACTOR, 1.0])
+    write_colored(glb_path, colors, alphaMode=mode, baseColorFactor=[*FACTOR, 0.2])
     model = read(glb_path)
     (material,) = model.materials.values()
-    assert material.base_color == VERTEX_COLOR
-    assert material.opacity == (1.0 if channels == 3 else VERTEX_COLOR)
-    tinted = model.mesh.attributes[VERTEX_COLOR.attribute][:, :channels]
-    expected = colors * [*FACTOR, 1.0][:channels]
-    np.testing.assert_allclose(tinted, expected, atol=1e-6)
+    assert material.base_color == VertexColor("color", Color(tuple(FACTOR)))
+    assert material.opacity == (1.0 if channels == 3 else VertexColor("color", 0.2))
+    values = model.mesh.attributes[VERTEX_COLOR.attribute][:, :channels]
+    np.testing.assert_allclose(values, colors, atol=1e-6)
 
 
-def test_a_texture_is_kept_where_vertices_have_colors_too(glb_path):
+def test_a_texture_is_a_factor_of_colors_of_vertices(glb_path):
+    """Colours that are all white are none."""
+
     def color():
         (material,) = read(glb_path).materials.values()
         return material.base_color
@@ -267,9 +254,27 @@ def test_a_texture_is_kept_where_vertices_have_colors_too(glb_path):
     write_colored(glb_path, np.ones((4, 3)), baseColorTexture=WHITE)
     assert isinstance(color(), Bitmap)
     write_colored(glb_path, COLORS, baseColorTexture=WHITE)
-    message = "not rendered: vertex colours multiplied with a texture"
-    with pytest.warns(MaterialWarning, match=message):
-        assert isinstance(color(), Bitmap)
+    assert isinstance(color(), VertexColor)
+    assert isinstance(color().factor, Bitmap)
+
+
+@pytest.mark.parametrize(
+    ("modes", "expected"),
+    [
+        ((10497, 33071), ("repeat", "clamp")),
+        ((33648, 10497), ("mirror", "repeat")),
+        ((33071, 33648), ("clamp", "mirror")),
+        ((33071, 33071), "clamp"),
+    ],
+)
+def test_textures_are_wrapped_along_each_axis(glb_path, modes, expected):
+    values = {
+        "samplers": [dict(zip(("wrapS", "wrapT"), modes, strict=True))],
+        "textures/0/sampler": 0,
+    }
+    model = read(write(glb_path, square(baseColorTexture=WHITE), values))
+    (material,) = model.materials.values()
+    assert material.base_color.wrap == expected
 
 
 def test_normal_maps_are_there_twice_where_texture_coordinates_are_mirrored(glb_path):

@@ -386,6 +386,15 @@ def test_chained_transforms(tmp_path, steps, expected):
     np.testing.assert_allclose(uv, [*expected, 0, 1], atol=1e-6)
 
 
+def test_a_texture_may_be_wrapped_differently_along_s_and_t(tmp_path):
+    path = tmp_path / "m.usda"
+    stage = stage_at(path)
+    with_texture(stage, tmp_path, "st", wrapS="mirror", wrapT="repeat")
+    stage.Save()
+    [material] = read(path).materials.values()
+    assert material.base_color.wrap == ("mirror", "repeat")
+
+
 def ignored_coordinates(stage, tmp_path, case):
     wrap = {case: case for case in ("black", "repeat", "useMetadata")}.get(
         case, "repeat"

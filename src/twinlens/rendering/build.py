@@ -203,6 +203,10 @@ def _need_two_threads() -> None:
 
 
 def _build_objects(scene: Scene, frame: Frame) -> BuiltScene:
+    from twinlens.rendering.textures import register_textures  # sets up the backend
+
+    register_textures()
+
     placed = in_frame(scene, frame)
     materials = {
         name: _load(bsdf_of(material), f"material {name!r}")
@@ -496,15 +500,25 @@ def _bitmap(texture: Bitmap) -> dict[str, Any]:
     upside = np.ascontiguousarray(
         texture.pixels[::-1], dtype=np.float32
     )  # Mitsuba's row 0 is v = 0
-    return {
+    to_uv = np.asarray(texture.to_uv)[np.ix_([0, 1, 3], [0, 1, 3])]
+    bitmap = {
         "type": "bitmap",
         "bitmap": mi.Bitmap(upside),
         "raw": True,
         "filter_type": texture.filter,
-        "wrap_mode": texture.wrap,
-        "to_uv": mi.ScalarTransform3f(
-            np.asarray(texture.to_uv)[np.ix_([0, 1, 3], [0, 1, 3])]
-        ),
+    }
+    if isinstance(texture.wrap, str):
+        placed = {"wrap_mode": texture.wrap, "to_uv": mi.ScalarTransform3f(to_uv)}
+        return {**bitmap, **placed}
+    u, v = texture.wrap
+    repeating = {**bitmap, "wrap_mode": "repeat"}
+    return {
+        "type": "wrapped",
+        "texture": repeating,
+        "wrap_u": u,
+        "wrap_v": v,
+        "u_row": to_uv[0].tolist(),
+        "v_row": to_uv[1].tolist(),
     }
 
 

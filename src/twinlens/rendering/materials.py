@@ -1,7 +1,8 @@
 """The one translator of materials to Mitsuba's BSDFs, and the kind of a material in the ground truth.
 
 `bsdf_of` gives a tree of plugins in plain Python (`scenes.materials.Plugin`), which `rendering.build` loads. Colours
-per vertex become attributes of the mesh (`vertex_attributes`), computed by the same formulas.
+per vertex become attributes of the mesh (`vertex_attributes`). With fixed weights of its lobes a BSDF is linear in its
+base colour, so that those of vertices mix its colours for black and for the material's own (`rendering.textures`).
 
 glTF's surface mixes a diffuse lobe below a dielectric, and a metal. Both have GGX facets of alpha = roughness^2 whose
 reflectance is Schlick's, F + (1 - F) s with s = (1 - cos)^5. Mitsuba's `principled` has these facets, with two
@@ -63,13 +64,11 @@ def bsdf_of(material: AnyMaterial) -> Plugin:
     """The BSDF of a material, as a tree of plugins."""
     if not isinstance(material, Material):
         return material
-    # The structure of the tree does not depend on the colours of vertices, only its attributes do.
-    colors = np.zeros((2, 4)) if _has_vertex_colors(material) else None
-    return _translated(_Maps(material, colors))
+    return _translated(_Maps(material))
 
 
 def vertex_attributes(material: AnyMaterial, mesh: Mesh) -> dict[str, Float]:
-    """The attributes (V, C) that `bsdf_of(material)` may read of a mesh."""
+    """The attributes (V, C) of a mesh that `bsdf_of(material)` may read, by their names in Mitsuba."""
     base = material.base_color if isinstance(material, Material) else None
     if not isinstance(material, Material) or not isinstance(base, VertexColor):
         return {
@@ -77,9 +76,19 @@ def vertex_attributes(material: AnyMaterial, mesh: Mesh) -> dict[str, Float]:
             for name, values in mesh.attributes.items()
             if name.startswith(_ATTRIBUTE_PREFIXES)
         }
-    maps = _Maps(material, mesh.attributes[base.attribute])
-    _translated(maps)
-    return maps.attributes
+    colors = mesh.attributes[base.attribute]
+    return {
+        _color_name(base): colors[:, :3],
+        _opacity_name(base): colors[:, 3:],
+    }
+
+
+def _color_name(colors: VertexColor) -> str:
+    return f"vertex_{colors.attribute}"
+
+
+def _opacity_name(colors: VertexColor) -> str:
+    return f"vertex_{colors.attribute}_opacity"
 
 
 def emitter_of(material: AnyMaterial) -> Plugin | None:
@@ -94,7 +103,7 @@ def _covered(emission: Any, material: Material) -> Any:
 
     A texture of emission that lies or is sized differently keeps its light at cut-outs.
     """
-    opacity = material.opacity
+    opacity = _own(material.opacity)
     if not isinstance(opacity, Bitmap) or opacity.pixels.ndim != 2:
         return emission
     share = np.clip(_cut(opacity.pixels, material.alpha_cutoff), 0, 1)[..., None]
@@ -106,8 +115,15 @@ def _covered(emission: Any, material: Material) -> Any:
     return emission
 
 
-def _has_vertex_colors(material: Material) -> bool:
-    return isinstance(material.base_color, VertexColor)
+def _own(value: Any) -> Any:
+    """A value of a material without the colours of vertices, which it is multiplied by."""
+    return value.factor if isinstance(value, VertexColor) else value
+
+
+def _mixed(share: str, low: Any, high: Any) -> Plugin:
+    """The texture low + share (high - low), where an attribute of vertices is the share."""
+    attribute = {"type": "mesh_attribute", "name": share}
+    return {"type": "vertex_mix", "low": low, "high": high, "share": attribute}
 
 
 def _translated(maps: "_Maps") -> Plugin:
@@ -160,7 +176,10 @@ def _opacity(maps: "_Maps") -> Any:
     """The opacity of a `mask`. It is in no formula with other values, so its texture keeps a frame of its own."""
     opacity, cutoff = maps.material.opacity, maps.material.alpha_cutoff
     if isinstance(opacity, VertexColor):
-        return maps.value("opacity", _cut(maps.vertex_opacity(), cutoff))
+        name = _opacity_name(opacity)
+        if cutoff is None:
+            return _mixed(name, 0.0, opacity.factor)
+        return _mixed(name, _ramp(0.0, cutoff), _ramp(opacity.factor, cutoff))
     if isinstance(opacity, float):
         return float(_cut(np.array(opacity, dtype=np.float32), cutoff))
     pixels = _cut(opacity.pixels, cutoff)
@@ -177,10 +196,18 @@ def _cut(opacity: Pixels, cutoff: float | None) -> Pixels:
     """
     if cutoff is None:
         return opacity
-    ramp = (opacity - np.float32(cutoff)) * np.float32(_STEEPNESS) + 1
+    ramp = np.asarray(_ramp(opacity, cutoff))
     if ramp.min() >= 1:
         return np.ones_like(ramp)
     return np.zeros_like(ramp) if ramp.max() <= 0 else ramp
+
+
+def _ramp(opacity: Any, cutoff: float) -> Any:
+    """The ramp of an opacity at the cutoff: of a number, an array or a texture."""
+    if isinstance(opacity, Bitmap):
+        return _like(opacity, _ramp(opacity.pixels, cutoff))
+    ramp = (np.float32(opacity) - np.float32(cutoff)) * np.float32(_STEEPNESS) + 1
+    return float(ramp) if np.ndim(ramp) == 0 else ramp
 
 
 # Models that have one BSDF of the same formulas in Mitsuba.
@@ -205,7 +232,7 @@ def _unless_white(key: str, value: Any) -> dict[str, Any]:
 
 def _lambert(maps: "_Maps") -> Plugin:
     material = maps.material
-    plugin = {"type": "diffuse", "reflectance": material.base_color}
+    plugin = {"type": "diffuse", "reflectance": maps.base_color}
     return _both_sides(material, plugin)
 
 
@@ -215,7 +242,7 @@ def _plastic(maps: "_Maps") -> Plugin:
     plugin = {
         "type": "roughplastic" if rough else "plastic",
         "int_ior": material.ior,
-        "diffuse_reflectance": material.base_color,
+        "diffuse_reflectance": maps.base_color,
         **_unless_white("specular_reflectance", material.specular_color),
         **(_alpha(material) if rough else {}),
     }
@@ -232,7 +259,7 @@ def _metal(maps: "_Maps") -> Plugin:
     plugin = {
         "type": "roughconductor" if rough else "conductor",
         **index,
-        **_unless_white("specular_reflectance", material.base_color),
+        **_unless_white("specular_reflectance", maps.base_color),
         **(_alpha(material) if rough else {}),
     }
     return _both_sides(material, plugin)
@@ -246,7 +273,7 @@ def _glass(maps: "_Maps") -> Plugin:
     plugin = {
         "type": kind,
         "int_ior": material.ior,
-        **_unless_white("specular_transmittance", material.base_color),
+        **_unless_white("specular_transmittance", maps.base_color),
         **_unless_white("specular_reflectance", material.specular_color),
         **(_alpha(material) if kind == "roughdielectric" else {}),
     }
@@ -258,7 +285,7 @@ def _principled(maps: "_Maps") -> Plugin:
     material = maps.material
     plugin: dict[str, Any] = {
         "type": "principled",
-        "base_color": material.base_color,
+        "base_color": maps.base_color,
         "roughness": material.roughness,
     }
     lobes_of = {
@@ -279,39 +306,58 @@ def _principled(maps: "_Maps") -> Plugin:
 
 
 class _Maps:
-    """Values of a glTF material over its texels, in the frame of the first texture.
+    """Values of a glTF material over its texels, in the frame of the first texture."""
 
-    With `colors` (V, 4) of vertices the values are computed at vertices, as (1, V, C), and go into `attributes`
-    (V, C), which the BSDF reads by name.
-    """
-
-    def __init__(self, material: Material, colors: Float | None) -> None:
+    def __init__(self, material: Material) -> None:
         self.material = material
-        self.colors = colors
         self.frame: Bitmap | None = None
-        self.attributes: dict[str, Float] = {}
 
     @cached_property
     def surface(self) -> "Lobes":
-        """The lobes of the opaque surface and its clear coat."""
+        """The lobes of the opaque surface and its clear coat, below colours of vertices."""
+        base = self.base()
+        return self._lobes(base, base)
+
+    @cached_property
+    def black_surface(self) -> "Lobes":
+        """As `surface`, with its weights, of a base colour of 0."""
+        base = self.base()
+        return self._lobes(np.zeros_like(base[:1, :1]), base)
+
+    def _lobes(self, color: Pixels, brightest: Pixels) -> "Lobes":
         material = self.material
-        color = _as_rgb(self.base())
         metallic = self.shared(material.metallic)
         roughness = self.shared(material.roughness)
         coat = self.shared(material.coat)
         at_normal, at_grazing = _dielectric(self)
-        return lobes(color, metallic, roughness, at_normal, at_grazing, coat)
+        return lobes(color, metallic, roughness, at_normal, at_grazing, coat, brightest)
 
     def base(self) -> Pixels:
-        """The base colour (H, W, 3)."""
-        if self.colors is None:
-            return self.shared(self.material.base_color)
-        return np.asarray(self.colors[None, :, :3], dtype=np.float32)
+        """The base colour (H, W, 3), below colours of vertices."""
+        return _as_rgb(self.shared(_own(self.material.base_color)))
 
-    def vertex_opacity(self) -> Pixels:
-        """(1, V, 1)."""
-        assert self.colors is not None
-        return np.asarray(self.colors[None, :, 3:], dtype=np.float32)
+    @property
+    def base_color(self) -> Any:
+        """The base colour as a Mitsuba value."""
+        return self.times_vertices(_own(self.material.base_color))
+
+    def times_vertices(self, value: Any) -> Any:
+        """A Mitsuba value times the colours of vertices, if there are any."""
+        colors = self.material.base_color
+        if not isinstance(colors, VertexColor):
+            return value
+        return _mixed(_color_name(colors), 0.0, value)
+
+    def of_lobes(self, color_of: Callable[["Lobes"], Pixels]) -> Any:
+        """A colour of the lobes as a Mitsuba value; it is linear in colours of vertices, if there are any."""
+        color = color_of(self.surface)
+        vertices = self.material.base_color
+        if not isinstance(vertices, VertexColor):
+            return self.value(color)
+        black = color_of(self.black_surface)
+        if np.array_equal(color, black):
+            return self.value(color)
+        return _mixed(_color_name(vertices), self.value(black), self.value(color))
 
     def shared(self, value: Any) -> Pixels:
         """A value as (H, W, C), or (1, 1, C) without a texture.
@@ -323,23 +369,16 @@ class _Maps:
         if isinstance(value, Color):
             return np.asarray(value.rgb, dtype=np.float32).reshape(1, 1, 3)
         pixels: Pixels = np.atleast_3d(value.pixels)
-        in_frame = self.frame is None or value.lies_like(self.frame)
-        if self.colors is None and in_frame:
+        if self.frame is None or value.lies_like(self.frame):
             self.frame = value
             return pixels
         mean: Pixels = pixels.mean(axis=(0, 1), keepdims=True)
         return mean
 
-    def value(self, name: str, pixels: Pixels) -> Any:
-        """A Mitsuba value of (H, W, C): a number or a colour if it is uniform, else a mesh attribute or a Bitmap."""
-        if self.colors is None and (pixels == pixels[:1, :1]).all():
-            pixels = pixels[:1, :1]
-        if pixels.shape[:2] == (1, 1):
-            return _uniform_value(pixels)
-        if self.colors is not None:
-            attribute = f"vertex_{name}"
-            self.attributes[attribute] = pixels[0].astype(np.float64)
-            return {"type": "mesh_attribute", "name": attribute}
+    def value(self, pixels: Pixels) -> Any:
+        """A Mitsuba value of (H, W, C): a number or a colour if it is uniform, else a Bitmap."""
+        if (pixels == pixels[:1, :1]).all():
+            return _uniform_value(pixels[:1, :1])
         if pixels.shape[2] == 1:
             pixels = pixels[..., 0]
         pixels = np.ascontiguousarray(pixels, dtype=np.float32)
@@ -407,38 +446,62 @@ def lobes(
     dielectric: Pixels,
     grazing: Pixels,
     coat: Pixels,
+    brightest: Pixels | None = None,
 ) -> Lobes:
     """The lobes of base colour, metalness, roughness, a dielectric's reflectance at normal and grazing incidence, coat.
+
+    brightest : the base colour that all weights are chosen for, in place of `color`, which is nowhere above it. With
+        it, `diffuse` and `facets` are linear in `color`, except where black would need a diffuse part below 0.
 
     Source: glTF 2.0, B.3.5; KHR_materials_specular, KHR_materials_clearcoat. Of the diffuse light, 1 - F0 leaves the
     dielectric: the mean of glTF's 1 - F over directions differs from it by less than 0.02.
     """
-    color, metallic, roughness, dielectric, grazing, coat = _fitted(
-        color, metallic, roughness, dielectric, grazing, coat
+    brightest = color if brightest is None else brightest
+    color, brightest, metallic, roughness, dielectric, grazing, coat = _fitted(
+        color, brightest, metallic, roughness, dielectric, grazing, coat
     )
-    at_normal = (1 - metallic) * dielectric + metallic * color
     at_grazing = (1 - metallic) * grazing + metallic
-    diffuse = (1 - metallic) * (1 - _brightest(dielectric)) * color
+    diffuse, at_normal = _reflected(color, metallic, dielectric)
+    most_diffuse, most_at_normal = diffuse, at_normal
+    if brightest is not color:
+        most_diffuse, most_at_normal = _reflected(brightest, metallic, dielectric)
 
     most = np.ones_like(coat)
     if coat.any():
         # At grazing angles a coat reflects its weight. The blend below takes `coat * most` of the light from what is
         # beneath, so that is divided by the rest, for 1 - F0 to remain at normal incidence.
         most = np.clip(
-            1 - (1 - _COAT_F0) * _brightest(diffuse + at_normal), _COAT_F0, _COAT_MOST
+            1 - (1 - _COAT_F0) * _brightest(most_diffuse + most_at_normal),
+            _COAT_F0,
+            _COAT_MOST,
         )
         below = (1 - _COAT_F0 * coat) / (1 - coat * most)
-        at_normal, diffuse = below * at_normal, below * diffuse
+        diffuse, at_normal = below * diffuse, below * at_normal
+        most_diffuse, most_at_normal = below * most_diffuse, below * most_at_normal
 
-    parts = _blended(diffuse, at_normal, at_grazing, roughness)
-    arrays = *parts, coat * most, _COAT_F0 / most
+    shares = _shares(most_diffuse, most_at_normal, at_grazing, roughness)
+    lambert, weight, schlick, unit = shares
+    diffuse, facets = _lobe_colors(diffuse, at_normal, weight, schlick, unit)
+    coats = coat * most, _COAT_F0 / most
+    arrays = diffuse, lambert, weight, facets, schlick, *coats
     return Lobes(*(np.asarray(array, dtype=np.float32) for array in arrays))
 
 
-def _blended(
+def _reflected(
+    color: Pixels, metallic: Pixels, dielectric: Pixels
+) -> tuple[Pixels, Pixels]:
+    """The light that a surface scatters, and that it reflects at normal incidence, (H, W, 3)."""
+    diffuse = (1 - metallic) * (1 - _brightest(dielectric)) * color
+    at_normal = (1 - metallic) * dielectric + metallic * color
+    return diffuse, at_normal
+
+
+def _shares(
     diffuse: Pixels, at_normal: Pixels, at_grazing: Pixels, roughness: Pixels
 ) -> tuple[Pixels, ...]:
-    """(diffuse, lambert, weight, facets, schlick) of `Lobes`: a blend whose parts keep their colours below 1.
+    """(lambert, weight, schlick) of `Lobes`, and the reflectance of a diffuse lobe of colour 1.
+
+    The parts of the blend keep their colours below 1.
 
     diffuse, at_normal, at_grazing : light that the surface scatters, and reflects at normal and grazing incidence.
     """
@@ -456,13 +519,21 @@ def _blended(
         # Both parts have facets of reflectance s at grazing angles, except for Lambert's share of the lower one.
         schlick = np.minimum(at_grazing / (weight + (1 - weight) * (1 - lambert)), 1)
         schlick = np.where(at_grazing > 0, schlick, 0)
+    return lambert, weight, schlick, unit
+
+
+def _lobe_colors(
+    diffuse: Pixels, at_normal: Pixels, weight: Pixels, schlick: Pixels, unit: Pixels
+) -> tuple[Pixels, Pixels]:
+    """(diffuse, facets) of `Lobes`, for the light that a surface scatters and that it reflects at normal incidence."""
+    with np.errstate(divide="ignore", invalid="ignore"):
         facets = np.where(
             weight * schlick > 0, np.clip(at_normal / (weight * schlick), 0, 1), 0
         )
         # A metal has a diffuse lobe where schlick < 1; what it reflects is taken from the lower part.
         rest = diffuse - weight * (1 - schlick) * facets
         diffuse = np.where(weight < 1, np.maximum(rest, 0) / ((1 - weight) * unit), 0)
-    return diffuse, lambert, weight, facets, schlick
+    return diffuse, facets
 
 
 def _gltf(maps: _Maps) -> Plugin:
@@ -489,19 +560,19 @@ def _opaque(maps: _Maps) -> Plugin:
         "roughness": maps.material.roughness,
         "eta": 1.01,  # almost no Fresnel reflectance; 1 would switch the facets off
     }
-    diffuse = maps.value("diffuse", surface.diffuse)
-    schlick = maps.value("schlick", surface.schlick)
+    diffuse = maps.of_lobes(lambda lobes: lobes.diffuse)
+    schlick = maps.value(surface.schlick)
     lower = _blend(
-        maps.value("lambert", surface.lambert),
+        maps.value(surface.lambert),
         {**facets, "base_color": diffuse, "spec_tint": schlick},
         {"type": "diffuse", "reflectance": diffuse},
     )
     metal = {
         **facets,
-        "base_color": maps.value("facets", surface.facets),
+        "base_color": maps.of_lobes(lambda lobes: lobes.facets),
         "metallic": schlick,
     }
-    return _blend(maps.value("weight", surface.weight), lower, metal)
+    return _blend(maps.value(surface.weight), lower, metal)
 
 
 def _transmissive(maps: _Maps, opaque: Plugin) -> Plugin:
@@ -510,11 +581,11 @@ def _transmissive(maps: _Maps, opaque: Plugin) -> Plugin:
     amount = maps.shared(material.transmission)
     if not amount.any():
         return opaque
-    color = _as_rgb(maps.base())
+    color = maps.times_vertices(maps.value(maps.base()))
     pane: dict[str, Any] = {
         "type": "thindielectric",
         "int_ior": max(material.ior, _LEAST_IOR),
-        "specular_transmittance": maps.value("transmittance", color),
+        "specular_transmittance": color,
     }
     if not material.thin_walled:
         # One roughness for all of it: Mitsuba's rough glass has none per texel.
@@ -524,7 +595,7 @@ def _transmissive(maps: _Maps, opaque: Plugin) -> Plugin:
         if rough:
             pane |= {"distribution": "ggx", "alpha": roughness**2}
     amount, metallic = _fitted(amount, maps.shared(material.metallic))
-    return _blend(maps.value("transmission", amount * (1 - metallic)), opaque, pane)
+    return _blend(maps.value(amount * (1 - metallic)), opaque, pane)
 
 
 def _coated(maps: _Maps, plugin: Plugin) -> Plugin:
@@ -534,13 +605,13 @@ def _coated(maps: _Maps, plugin: Plugin) -> Plugin:
         return plugin
     layer: Plugin = {
         "type": "principled",
-        "base_color": maps.value("coat_facets", maps.surface.coat_facets),
+        "base_color": maps.value(maps.surface.coat_facets),
         "metallic": 1.0,
         "roughness": material.coat_roughness,
     }
     layer = _both_sides(material, layer)
     layer = _normal_mapped(material.coat_normal, material, layer)
-    return _blend(maps.value("coat_weight", maps.surface.coat_weight), plugin, layer)
+    return _blend(maps.value(maps.surface.coat_weight), plugin, layer)
 
 
 def _blend(weight: Any, first: Plugin, second: Plugin) -> Plugin:

@@ -24,6 +24,7 @@ from twinlens.scenes.materials import (
     ComplexIndex,
     Material,
     Plugin,
+    VertexColor,
 )
 from twinlens.scenes.scene import Mesh, Scene, SceneObject, Sky
 
@@ -229,9 +230,14 @@ class _Converter:
         return value
 
     def grey(self, value: Any) -> Any:
-        """A reflectance: a number, a colour, a texture, or a plugin with some of them."""
+        """A reflectance: a number, a colour, a texture, or a plugin with some of them.
+
+        Of colours of vertices times a texture both are converted: no rule for their product is simpler.
+        """
         if isinstance(value, Color):
             return Color((float(nir_reflectance(np.array(value.rgb))),) * 3)
+        if isinstance(value, VertexColor):
+            return replace(value, factor=self.grey(value.factor))
         if isinstance(value, Bitmap):
             if value.pixels.ndim == 2:
                 return value

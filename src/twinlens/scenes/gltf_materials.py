@@ -22,13 +22,19 @@ from twinlens.errors import InputError
 from twinlens.geometry import Float
 from twinlens.pictures import decode_sixteen_bits, has_sixteen_bits
 from twinlens.scenes.assets import check_picture_size, linear_from_srgb
-from twinlens.scenes.materials import Bitmap, Color, Material, VertexColor
+from twinlens.scenes.materials import (
+    Bitmap,
+    Color,
+    Material,
+    VertexColor,
+    wrap_along,
+)
 from twinlens.schema import Fraction, NonNegative, exactly
 
 Stored = NDArray[np.uint8] | NDArray[np.uint16]
 
 VERTEX_COLOR = VertexColor("color")
-"""The colours of vertices that a file has, times the base colour of their material."""
+"""The colours of vertices that a file has."""
 
 _NEAREST, _CLAMP, _MIRROR = 9728, 33071, 33648
 _WRAPS = {_CLAMP: "clamp", _MIRROR: "mirror"}
@@ -300,15 +306,14 @@ class Textures:
         sampler = Sampler()
         if texture.sampler is not None:
             sampler = self.samplers[texture.sampler]
-        if sampler.wrapS != sampler.wrapT:
-            self.lost.append("different wrapping along u and v")
+        along = [_WRAPS.get(mode, "repeat") for mode in (sampler.wrapS, sampler.wrapT)]
         to_uv = np.eye(4)
         matrix = info.extensions.KHR_texture_transform.matrix()
         to_uv[np.ix_([0, 1, 3], [0, 1, 3])] = matrix
         return Bitmap(
             pixels,
             filter="nearest" if sampler.magFilter == _NEAREST else "bilinear",
-            wrap=_WRAPS.get(sampler.wrapS, "repeat"),
+            wrap=wrap_along(*along),
             to_uv=to_uv,
         )
 
@@ -334,7 +339,7 @@ def decode_texels(data: bytes, name: str) -> Stored:
 def material_of(
     table: PbrMaterial, textures: Textures, colored: bool = False
 ) -> Material:
-    """The `Material` of a table; with `colored`, its base colour and opacity are `VERTEX_COLOR`.
+    """The `Material` of a table; with `colored`, its base colour and opacity are factors of those of vertices.
 
     What cannot be rendered is added to `textures.lost`.
     """
@@ -404,13 +409,20 @@ class _Reader:
 
     def base(self) -> tuple[Any, Any]:
         """The base colour and the opacity."""
+        color, opacity = self.plain_base()
+        if not self.colored:
+            return color, opacity
+        of_vertices = replace(VERTEX_COLOR, factor=color)
+        if self.table.alphaMode == "OPAQUE":
+            return of_vertices, 1.0
+        return of_vertices, replace(VERTEX_COLOR, factor=opacity)
+
+    def plain_base(self) -> tuple[Any, Any]:
+        """The base colour and the opacity without those of vertices."""
         surface = self.table.pbrMetallicRoughness
-        is_opaque = self.table.alphaMode == "OPAQUE"
-        if self.colored:
-            return VERTEX_COLOR, 1.0 if is_opaque else VERTEX_COLOR
         *factor, alpha = surface.baseColorFactor
         color = self.color(surface.baseColorTexture, factor)
-        if is_opaque:
+        if self.table.alphaMode == "OPAQUE":
             return color, 1.0
         if isinstance(self.table, MtlMaterial):
             texture = self.textures.read_opacity(self.table.opacityTexture)
@@ -447,8 +459,9 @@ def _times(factor: float, texture: Bitmap | None) -> float | Bitmap:
 
 def _limits(material: Material, table: PbrMaterial) -> list[str]:
     """What `twinlens.rendering.materials` does not show of a material."""
+    base = material.base_color
     mixed = (
-        material.base_color,
+        base.factor if isinstance(base, VertexColor) else base,
         material.metallic,
         material.coat,
         material.specular,
@@ -457,11 +470,7 @@ def _limits(material: Material, table: PbrMaterial) -> list[str]:
     )
     pictures = [value for value in mixed if isinstance(value, Bitmap)]
     lost = []
-    if isinstance(material.base_color, VertexColor):
-        in_one_frame = not pictures
-    else:
-        in_one_frame = all(picture.lies_like(pictures[0]) for picture in pictures)
-    if not in_one_frame:
+    if not all(picture.lies_like(pictures[0]) for picture in pictures):
         lost.append("textures of one material placed in different ways")
     transmission = material.transmission
     passes_light = isinstance(transmission, Bitmap) or transmission > 0

@@ -37,6 +37,15 @@ class Color:
     rgb: tuple[float, float, float]
 
 
+Wrap = str | tuple[str, str]
+"""What is outside a picture, in both directions or along u and along v: "repeat", "mirror" or "clamp"."""
+
+
+def wrap_along(u: str, v: str) -> Wrap:
+    """The `Wrap` of two directions."""
+    return u if u == v else (u, v)
+
+
 @dataclass(frozen=True, eq=False)
 class Bitmap:
     """A texture in memory: float32 (H, W, 3) or (H, W), linear; row 0 is v = 1, the top of the picture.
@@ -46,7 +55,7 @@ class Bitmap:
 
     pixels: NDArray[np.float32]
     filter: str = "bilinear"  # bilinear | nearest
-    wrap: str = "repeat"  # repeat | mirror | clamp
+    wrap: Wrap = "repeat"
     to_uv: Float = field(default_factory=lambda: np.eye(4))
 
     def lies_like(self, other: "Bitmap") -> bool:
@@ -57,9 +66,13 @@ class Bitmap:
 
 @dataclass(frozen=True)
 class VertexColor:
-    """The attribute of a mesh with a value (V, 4) per vertex: a linear colour, and an opacity."""
+    """The attribute of a mesh with a value (V, 4) per vertex, a linear colour and an opacity in [0, 1], times `factor`.
+
+    factor : for a colour a grey, a colour or a texture, for an opacity a number or a texture.
+    """
 
     attribute: str = "color"
+    factor: "float | Color | Bitmap" = 1.0
 
 
 @dataclass(frozen=True)
@@ -137,8 +150,10 @@ class Material:
             value = getattr(self, parameter.name)
             if isinstance(value, int) and not isinstance(value, bool):
                 object.__setattr__(self, parameter.name, float(value))
-        if isinstance(self.opacity, VertexColor) and self.base_color != self.opacity:
-            raise InputError("opacity per vertex needs base_color per vertex")
+        if isinstance(self.opacity, VertexColor):
+            attribute = getattr(self.base_color, "attribute", None)
+            if attribute != self.opacity.attribute:
+                raise InputError("opacity per vertex needs base_color per vertex")
 
     @property
     def has_normal_maps(self) -> bool:

@@ -147,19 +147,17 @@ def _painted(
     places: dict[tuple[int | None, bool], int] = {}
     made: list[Material] = []
     names: list[str] = []
-    tinted, numbers = [], []
+    numbers = []
     for part, mesh in zip(parts, meshes, strict=True):
         table = PbrMaterial() if part.material is None else tables[part.material]
         _check_coordinates(part, table)
-        mesh = _tinted(mesh, table, textures)
         key = part.material, bool(mesh.attributes)
         if key not in places:
             places[key] = len(made)
             made.append(material_of(table, textures, colored=key[1]))
             names.append(f"{file}:{table.name or part.material or 0}")
-        tinted.append(mesh)
         numbers.append(places[key])
-    return _numbered(numbers, tinted, made, names)
+    return _numbered(numbers, meshes, made, names)
 
 
 def _check_coordinates(part: Part, table: PbrMaterial) -> None:
@@ -169,19 +167,6 @@ def _check_coordinates(part: Part, table: PbrMaterial) -> None:
         raise InputError(
             f"material {(table.name or part.material)!r} has textures, but {where}; give the object a 'material'"
         )
-
-
-def _tinted(mesh: Mesh, table: PbrMaterial, textures: Textures) -> Mesh:
-    """A mesh whose colours of vertices, if any, are multiplied by the base colour of its material."""
-    colors = mesh.attributes.get(VERTEX_COLOR.attribute)
-    if colors is None:
-        return mesh
-    surface = table.pbrMetallicRoughness
-    if surface.baseColorTexture is not None:
-        textures.lost.append("vertex colours multiplied with a texture")
-        return replace(mesh, attributes={})
-    tinted = colors * np.array(surface.baseColorFactor)
-    return replace(mesh, attributes={VERTEX_COLOR.attribute: tinted})
 
 
 def _is_mirrored(mesh: Mesh) -> NDArray[np.bool_]:

@@ -12,7 +12,13 @@ from twinlens.errors import InputError
 from twinlens.geometry import Float
 from twinlens.scenes.assets import linear_from_srgb
 from twinlens.scenes.gltf_materials import VERTEX_COLOR, decode_texels
-from twinlens.scenes.materials import Bitmap, Color, Material
+from twinlens.scenes.materials import (
+    Bitmap,
+    Color,
+    Material,
+    VertexColor,
+    wrap_along,
+)
 from twinlens.scenes.scene import free_name
 from twinlens.scenes.usd_layers import UsdFiles
 
@@ -69,7 +75,7 @@ class Surfaces:
 
     def has_colors(self, number: int) -> bool:
         """Whether a material takes the colours of vertices."""
-        return self.materials[number].base_color == VERTEX_COLOR
+        return isinstance(self.materials[number].base_color, VertexColor)
 
     def has_textures(self, number: int) -> bool:
         """Whether a material has textures."""
@@ -230,10 +236,10 @@ class _Preview:
 
     def _placed(self, shader: Any) -> dict[str, Any]:
         wraps = [str(_value(shader, name) or "repeat") for name in ("wrapS", "wrapT")]
-        if wraps[0] != wraps[1]:
-            self._lost("different wrapping along s and t")
-        if wraps[0] not in _EXACT_WRAPS:
-            self._lost(f"wrap mode {wraps[0]} ({_WRAPS.get(wraps[0], 'repeat')})")
+        along = [_WRAPS.get(wrap, "repeat") for wrap in wraps]
+        for wrap, used in dict(zip(wraps, along, strict=True)).items():
+            if wrap not in _EXACT_WRAPS:
+                self._lost(f"wrap mode {wrap} ({used})")
         matrix, primvar = self._coordinates(shader)
         if self._primvar is None:
             self._primvar = primvar
@@ -241,7 +247,7 @@ class _Preview:
             self._lost(f"primvar {primvar!r} (the material uses {self._primvar!r})")
         to_uv = np.eye(4)
         to_uv[np.ix_([0, 1, 3], [0, 1, 3])] = matrix
-        return {"wrap": _WRAPS.get(wraps[0], "repeat"), "to_uv": to_uv}
+        return {"wrap": wrap_along(*along), "to_uv": to_uv}
 
     def _coordinates(self, texture: Any) -> tuple[Float, str | None]:
         """The matrix (3, 3) from a primvar to the coordinates of a texture, and the primvar."""
