@@ -224,6 +224,16 @@ def format_value(value: Any) -> str:
     return " ".join(reprlib.repr(value).split())
 
 
+def counted(number: int, noun: str, plural: str = "") -> str:
+    """The number with its noun, whose plural ends in s unless another one is given.
+
+    >>> counted(1, "seed"), counted(0, "seed"), counted(2, "pass", "passes")
+    ('1 seed', '0 seeds', '2 passes')
+    """
+    word = noun if number == 1 else plural or f"{noun}s"
+    return f"{number} {word}"
+
+
 def as_float(value: Any) -> float:
     """`value` as a float; NaN for what is not a real number or is too large."""
     try:

@@ -8,8 +8,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from twinlens.report.documentation import ROOT, documentation_link
 from twinlens.report.study_files import write_study
-from twinlens.studies import Column, Figure, Measured, Picture, Setup, Study, run_study
+from twinlens.studies import (
+    STUDIES,
+    Column,
+    Figure,
+    Measured,
+    Needs,
+    Picture,
+    Setup,
+    Study,
+    bounded,
+    run_study,
+)
 from twinlens.studies.findings import Finding
 from twinlens.studies.intervals import Interval
 
@@ -92,17 +104,69 @@ def test_the_page_is_self_contained(folder):
 def test_the_page_gives_the_reason_for_no_verdict(tmp_path):
     """Grey: neither confirmed nor refuted."""
     nothing = Interval(math.nan, math.nan, math.nan)
+    wide = Interval(1.0, 0.0, 4.0, 2)
     findings = [
         Finding("It is {}", nothing, False),
-        Finding("So is {}", Interval(1.0, 0.0, 2.0), False, decided=False),
+        bounded("So is {}", wide, 2.0, 9.0, needs=Needs(units=0)),
+        bounded("That is {}", wide, 2.0, 9.0, needs=Needs(5, 10**6)),
     ]
     page = write_study(
         tmp_path, run_study(replace(STUDY, conclude=lambda table: findings))
     ).read_text()
-    html = '<div class="finding"><p>{}.</p><p class=note>No verdict: {}.</p></div>'
+    html = '<div class="finding open"><p>{}.</p><p class=note><b>Not decided</b>: {}.</p></div>'
     assert html.format("It is <b>(not measured)</b>", "not measured") in page
-    assert html.format("So is <b>1 [0, 2]</b>", "not decided") in page
+    number = "<b>1 (range of 2: 0 to 4)</b>"
+    limit = "the interval contains the limit 2; about 19 scenes would decide it"
+    assert html.format(f"So is {number}", limit) in page
+    lacks = "needs 5 scenes (has 2) and images of 1000000 pixels (has 76800)"
+    assert html.format(f"That is {number}", lacks) in page
+    assert "<span class=open>not decided: 3</span>" in page
+    assert "enough: 5 scenes --size 1156x868." in page
     assert "not hold" not in page
+
+
+def test_the_page_has_the_law_the_legends_and_the_documentation(tmp_path):
+    taught = replace(
+        STUDY,
+        law="y = x²",
+        lesson="docs/course/08_triangulation.py",
+        docs="docs/studies.md#intervals",
+    )
+    page = write_study(tmp_path, run_study(taught)).read_text()
+    assert "<h2>The law</h2><p>y = x²</p>" in page
+    for name in ("docs/course/08_triangulation.py", "docs/studies.md#intervals"):
+        assert f"<code>{name}</code>" in page
+    assert "Lines: means over scenes and seeds. Bands or bars: 95 % intervals" in page
+    assert "2 seeds (0, 1)" in page
+
+
+def test_links_to_the_documentation_prefer_the_built_site(tmp_path):
+    script = "docs/course/08_triangulation.py"
+    name = f"<code>{script}</code>"
+    assert documentation_link(script, tmp_path) == name
+    source = tmp_path / script
+    built = tmp_path / "docs" / "site" / "docs" / "gallery" / "08_triangulation.html"
+    for path in (source, built):
+        path.parent.mkdir(parents=True)
+        path.write_text("")
+        expected = f'<a href="{path.as_uri()}">{name}</a>'
+        assert documentation_link(script, tmp_path) == expected
+    guide = tmp_path / "docs" / "studies.md"
+    guide.write_text("")
+    address = documentation_link("docs/studies.md#intervals", tmp_path)
+    assert f'href="{guide.as_uri()}#intervals"' in address
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_every_study_explains_its_law_and_links_to_pages_that_exist(name):
+    study = STUDIES[name]
+    assert len(study.law) > 200
+    for page in (study.lesson, study.docs):
+        file, _, anchor = page.partition("#")
+        text = (ROOT / file).read_text()
+        headings = [line for line in text.splitlines() if line.startswith("## ")]
+        anchors = [line[3:].strip().lower().replace(" ", "-") for line in headings]
+        assert not anchor or anchor in anchors
 
 
 def test_the_protocol_is_complete(folder):

@@ -5,7 +5,11 @@ import math
 import pytest
 
 from twinlens.studies import (
+    FAILS,
+    HOLDS,
+    OPEN,
     STUDIES,
+    Needs,
     SeedSupport,
     depth_error,
     focus,
@@ -13,7 +17,16 @@ from twinlens.studies import (
     radiometric,
     window,
 )
-from twinlens.studies.findings import Finding, compared
+from twinlens.studies.findings import (
+    SHARES,
+    Finding,
+    bounded,
+    compared,
+    fewer_wrong,
+    predicted,
+    shortages,
+    units_to_decide,
+)
 from twinlens.studies.intervals import Interval
 from twinlens.studies.table import filled_table
 
@@ -33,7 +46,7 @@ def test_a_finding_without_a_measurement_has_no_verdict():
     finding = Finding("Census has {} fewer", NOTHING, holds=True, unit="%")
     assert not finding.has_verdict
     assert finding.sentence == "Census has (not measured) fewer"
-    assert SeedSupport(finding, 0, 1).verdict == "no verdict: not measured"
+    assert SeedSupport(finding, 0, 1).verdict == "not decided: not measured"
 
 
 def test_the_verdict_names_the_prediction_and_the_seeds():
@@ -45,24 +58,108 @@ def test_the_verdict_names_the_prediction_and_the_seeds():
         == "holds; expected 2 within 5 %; 1 of 3 seeds support it"
     )
     open_one = Finding("p = {}", Interval(2.0, NAN, NAN), False, decided=False)
-    assert SeedSupport(open_one, 0, 3).verdict == "no verdict: not decided"
+    assert SeedSupport(open_one, 0, 3).state == OPEN
 
 
 @pytest.mark.parametrize(
-    ("difference", "result", "holds"),
+    ("difference", "result", "state"),
     [
-        (Interval(2, 1, 3, 9), "2 s [1, 3] fewer than b", True),
-        (Interval(-2, -3, -1, 9), "2 s [1, 3] more than b", False),
-        (Interval(2, -1, 5, 9), "2 s [-1, 5] fewer than b", False),
-        (NOTHING, "(not measured) fewer than b", False),
+        (Interval(2, 1, 3, 9), "2 s [1, 3] fewer than b", HOLDS),
+        (Interval(-2, -3, -1, 9), "2 s [1, 3] more than b", FAILS),
+        (Interval(2, -1, 5, 9), "2 s [-1, 5] fewer than b", OPEN),
+        (Interval(-2, -5, 1, 9), "2 s [-1, 5] more than b", OPEN),
+        (Interval(0, 0, 0, 9), "0 s [0, 0] fewer than b", FAILS),
+        (NOTHING, "(not measured) fewer than b", OPEN),
     ],
 )
-def test_a_difference_is_worded_by_its_sign(difference, result, holds):
+def test_a_difference_is_worded_by_its_sign(difference, result, state):
     finding = compared(
         "a is fewer than b", difference, "fewer", "more", "than b", unit="s"
     )
     assert finding.sentence == f"a is fewer than b. Measured: {result}"
-    assert finding.holds is holds
+    assert SeedSupport(finding, 1, 1).state == state
+
+
+@pytest.mark.parametrize(
+    ("value", "low", "high", "state"),
+    [
+        (2.05, 2.0, 2.1, HOLDS),
+        (2.05, 1.9, 2.3, OPEN),  # within the tolerance, but the interval is not
+        (2.3, 2.25, 2.35, FAILS),
+        (2.3, 1.0, 3.5, OPEN),
+        (1.7, 1.6, 1.75, FAILS),
+    ],
+)
+def test_a_prediction_is_refuted_only_by_an_interval_outside_its_tolerance(
+    value, low, high, state
+):
+    finding = predicted("p = {}", Interval(value, low, high, 9), 2.0, 0.1)
+    assert SeedSupport(finding, 1, 1).state == state
+
+
+@pytest.mark.parametrize(
+    ("value", "low", "high", "state"),
+    [(4, 3, 4.5, HOLDS), (6, 5.5, 7, FAILS), (4, 3, 5.5, OPEN), (-1, -2, -0.5, FAILS)],
+)
+def test_a_bounded_value_is_judged_by_its_interval(value, low, high, state):
+    finding = bounded("It is {}", Interval(value, low, high, 9), 0.0, 5.0)
+    assert SeedSupport(finding, 1, 1).state == state
+
+
+def rows_of_scenes(scenes, seeds):
+    return filled_table(STUDIES["window"].all_columns, [
+        {"scene": scene, "seed": float(seed), "method": method, "block_size": NAN, "region": "nonocc",
+         "totbad2": wrong + seed, "totbad1": NAN, "avgerr": NAN, "pixels": 1e6}
+        for scene in scenes for seed in range(seeds) for method, wrong in (("sad", 9.0), ("census", 4.0))
+    ])  # fmt: skip
+
+
+def lacking_of(scenes, seeds, pixels=320 * 240, **more):
+    table = rows_of_scenes(scenes, seeds)
+    finding = fewer_wrong("a", table, "census", "sad", "than SAD", **more)
+    return [shortage.text for shortage in shortages(finding, pixels)]
+
+
+def test_scenes_are_the_units_of_a_claim_or_the_seeds_of_a_single_scene():
+    assert lacking_of("abc", 1) == []
+    assert lacking_of("a", 3) == []
+    assert lacking_of("ab", 9) == ["3 scenes (has 2)"]
+    assert lacking_of("a", 2) == ["3 seeds (has 2)"]
+    assert lacking_of("a", 1) == ["3 seeds (has 1)"]
+
+
+def test_a_share_needs_an_image_and_a_mean_over_a_region_its_pixels():
+    """400 blocks of 9x9 pixels: the standard error of a share is at most sqrt(0.25 / 400) = 2.5 %."""
+    assert SHARES.pixels == round(0.25 / 0.025**2) * 81
+    assert lacking_of("abc", 1, 160 * 120) == ["images of 32400 pixels (has 19200)"]
+    assert lacking_of("abc", 1, 240 * 180) == []
+    few = {"needs": Needs(region_pixels=2430), "region_pixels": 1200.0}
+    (text,) = lacking_of("abc", 1, 160 * 120, **few)
+    assert text == "2430 pixels in its smallest region (has 1200)"
+
+
+def test_a_claim_that_lacks_its_sample_is_not_decided_however_clear_it_looks():
+    table = rows_of_scenes("ab", 1)
+    finding = fewer_wrong("a", table, "census", "sad", "than SAD")
+    assert finding.measured.low == 5.0
+    support = SeedSupport(finding, 1, 1, shortages(finding, 10**6))
+    assert support.verdict == "not decided: needs 3 scenes (has 2)"
+
+
+def test_the_number_of_units_that_would_decide():
+    """Half an interval of 4 units is 3; of 10 units 3 sqrt(4 / 10) = 1.9, which is less than the distance 2."""
+    finding = compared("a", Interval(2, -1, 5, 4), "more", "fewer", "")
+    assert units_to_decide(finding) == 10
+    assert "about 10 scenes would decide it" in SeedSupport(finding, 1, 1).verdict
+    hopeless = compared("a", Interval(0.1, -3, 3, 4), "more", "fewer", "")
+    assert units_to_decide(hopeless) is None
+    assert "over 100 scenes would decide it" in SeedSupport(hopeless, 1, 1).verdict
+
+
+def test_a_verdict_of_one_scene_of_many_names_it():
+    finding = Finding("a", Interval(1.0, 0.5, 1.5, 3, "cards"), True)
+    support = SeedSupport(finding, 1, 1, place="cards")
+    assert support.verdict == "holds on cards; 1 of 1 seed supports it"
 
 
 def test_the_size_of_a_difference_swaps_the_ends_of_its_interval():
@@ -176,4 +273,4 @@ def growth_of_occlusion(power):
 def test_both_outcomes_of_a_finding(finding_of, value, measured, holds):
     finding = finding_of(value)
     assert finding.measured.value == pytest.approx(measured)
-    assert finding.holds is holds
+    assert SeedSupport(finding, 1, 1).state == (HOLDS if holds else FAILS)

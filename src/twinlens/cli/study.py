@@ -59,7 +59,7 @@ def command(
     from twinlens.factory.camera_text import parse_size
     from twinlens.matching import split_methods
     from twinlens.report.study_files import write_study
-    from twinlens.studies import find_study, run_study
+    from twinlens.studies import advice, find_study, run_study
 
     if name == "list":
         _list_studies(as_json)
@@ -81,6 +81,8 @@ def command(
         return
     for support in result.findings:
         click.echo(f"{support.finding.sentence}.\n    {support.verdict}.")
+    for sentence in advice(result):
+        click.echo(sentence)
     click.echo(f"page: {page.resolve().as_uri()}")
 
 

@@ -16,11 +16,25 @@ from twinlens.dataset.codecs.png import encode_png
 from twinlens.dataset.files import write_file
 from twinlens.dataset.pictures import rgb8
 from twinlens.dataset.record import encode_json
+from twinlens.errors import counted
+from twinlens.report.documentation import documentation_link
 from twinlens.report.plots import DPI, draw, encode
-from twinlens.studies import Picture, Result, SeedSupport, to_csv
+from twinlens.studies import (
+    FAILS,
+    HOLDS,
+    OPEN,
+    Figure,
+    Picture,
+    Result,
+    SeedSupport,
+    Study,
+    advice,
+    to_csv,
+)
 
 _GAP = 6  # pixels between pictures
 _CSS_DPI = 96  # pixels per inch in CSS
+_CLASSES = {HOLDS: "good", FAILS: "bad", OPEN: "open"}
 
 
 def write_study(folder: str | os.PathLike[str], result: Result) -> Path:
@@ -92,7 +106,8 @@ def _plain(support: SeedSupport) -> dict[str, Any]:
         "unit": finding.unit,
         "expected": _nine_digits(finding.expected),
         "tolerance": finding.tolerance,
-        "holds": bool(finding.holds) if finding.has_verdict else None,
+        "holds": None if support.state == OPEN else support.state == HOLDS,
+        "verdict": support.verdict,
         "seeds_alone": [support.supporting, support.seeds],
     }
 
@@ -108,15 +123,17 @@ def _page(result: Result, images: Mapping[str, bytes]) -> str:
     study = result.study
     parts = [
         f"<h1>{html.escape(study.name)}</h1><p class=lead>{html.escape(study.question)}</p>",
-        "<h2>Findings</h2>" + "".join(_finding(support) for support in result.findings),
+        _law(study),
+        _findings(result),
     ]
     if study.figures:
         parts.append("<h2>Figures</h2>")
     for figure in study.figures:
         name = f"figures/{figure.name}"
         links = f"{_link(f'{name}.png', 'PNG')} {_link(f'{name}.svg', 'SVG')}"
+        caption = f"{html.escape(legend(figure, result))} {links}"
         png = images[f"{name}.png"]
-        parts.append(_image(png, figure.title, links, _CSS_DPI / DPI))
+        parts.append(_image(png, figure.title, caption, _CSS_DPI / DPI))
     if result.pictures:
         parts.append("<h2>Pictures</h2>")
     for picture in result.pictures:
@@ -129,17 +146,78 @@ def _page(result: Result, images: Mapping[str, bytes]) -> str:
     return page.replace("{{title}}", title).replace("{{body}}", "\n".join(parts))
 
 
+def _law(study: Study) -> str:
+    """The physics that is tested, with the pages that explain it; nothing for a study without a text."""
+    links = []
+    if study.lesson:
+        links.append(f"Lesson of the course: {documentation_link(study.lesson)}.")
+    if study.docs:
+        links.append(f"Results at full size: {documentation_link(study.docs)}.")
+    law = f"<p>{html.escape(study.law)}</p>" if study.law else ""
+    note = f"<p class=note>{' '.join(links)}</p>" if links else ""
+    return f"<h2>The law</h2>{law}{note}" if law or note else ""
+
+
+def _findings(result: Result) -> str:
+    """All findings, how many are in each state, and what would decide the open ones."""
+    states = [support.state for support in result.findings]
+    counts = ", ".join(
+        f"<span class={name}>{state}: {states.count(state)}</span>"
+        for state, name in _CLASSES.items()
+        if state in states
+    )
+    summary = f"<p>{counted(len(states), 'finding')}; {counts}.</p>"
+    notes = "".join(
+        f"<p class=note>{html.escape(sentence)}</p>"
+        for sentence in advice(result, with_time=False)
+    )
+    findings = "".join(_finding(support) for support in result.findings)
+    return f"<h2>Findings</h2>{summary}{notes}{findings}"
+
+
+def legend(figure: Figure, result: Result) -> str:
+    """What the marks of a figure are, in sentences."""
+    column = result.table.column
+    one_each = f", one for each {column(figure.by).text}" if figure.by else ""
+    if figure.panel:
+        one_each += f", in a panel for each {column(figure.panel).text}"
+    if figure.kind == "heatmap":
+        return f"Numbers and colours: {column(figure.z).label}, the mean over scenes and seeds{one_each}."
+    if figure.kind == "scatter":
+        sentences = [
+            f"Points: single measurements{one_each.replace('one', 'a colour')}."
+        ]
+    else:
+        sentences = [
+            f"Lines: means over scenes and seeds{one_each}.",
+            "Bands or bars: 95 % intervals; a single measurement has none.",
+        ]
+    if figure.also:
+        texts = ", ".join(column(name).text for name in figure.also)
+        sentences.append(f"Dashed: {texts}.")
+    if figure.best:
+        sentences.append(f"Rings: the {figure.best} of each line.")
+    if figure.marks:
+        texts = ", ".join(text for _, text in figure.marks)
+        sentences.append(f"Dotted vertical lines: {texts}.")
+    if figure.residual_of:
+        sentences.append(
+            f"The strip below: measured / predicted - 1, predicted by {column(figure.residual_of).text}."
+        )
+    return " ".join(sentences)
+
+
 def _protocol(result: Result) -> str:
     """What was run, as a table, with links to the complete record."""
     setup = result.setup
     rows = {
         "scenes": ", ".join(setup.scenes) or "synthetic targets",
         "matchers": ", ".join(setup.methods) or "none",
-        "seeds": ", ".join(str(seed) for seed in setup.seeds),
+        "repetitions": f"{counted(len(setup.seeds), 'seed')} ({', '.join(map(str, setup.seeds))})",
         "images": f"{setup.width}x{setup.height}, {setup.spp} samples per pixel",
         "backend": str(result.protocol.get("backend", "")),
         "intervals": "95 % bootstrap over scenes, or over seeds for one scene, in brackets and as bands; the range of "
-        "fewer than five scenes or seeds",
+        "two to four scenes or seeds",
         "rows": f"{len(result.table)}",
         **result.remarks,
     }
@@ -158,15 +236,12 @@ def _finding(support: SeedSupport) -> str:
     if number:
         text += f"<b>{html.escape(finding.measured.format(finding.unit))}</b>"
     text += html.escape(after)
-    kind = ""
-    if finding.has_verdict and not finding.holds:
-        kind = " bad"
-    elif finding.has_verdict:
-        kind = " good" if support.supporting >= support.seeds else " shaky"
-    verdict = html.escape(support.verdict)
-    verdict = verdict[0].upper() + verdict[1:]
+    state = support.state
+    rest = html.escape(support.verdict.removeprefix(state))
+    verdict = f"<b>{state.capitalize()}</b>{rest}"
     return (
-        f'<div class="finding{kind}"><p>{text}.</p><p class=note>{verdict}.</p></div>\n'
+        f'<div class="finding {_CLASSES[state]}"><p>{text}.</p>'
+        f"<p class=note>{verdict}.</p></div>\n"
     )
 
 
@@ -175,7 +250,10 @@ def _link(path: str, text: str) -> str:
 
 
 def _image(png: bytes, title: str, caption: str, scale: float = 1.0) -> str:
+    """A figure that fits the page, and has its full width, with a scroll bar, after a touch, by CSS alone."""
     source = "data:image/png;base64," + base64.b64encode(png).decode("ascii")
     width_px = int.from_bytes(png[16:20], "big")  # of the PNG's header
     width, alt = round(scale * width_px), html.escape(title)
-    return f'<figure><img src="{source}" width="{width}" alt="{alt}"><figcaption>{caption}</figcaption></figure>'
+    box = f'<input type="checkbox" aria-label="full width: {alt}">'
+    image = f'<img src="{source}" width="{width}" alt="{alt}">'
+    return f"<figure><label>{box}{image}</label><figcaption>{caption}</figcaption></figure>"

@@ -9,7 +9,7 @@ they cover the whole range.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,15 +28,27 @@ _STREAM, _SECOND_STREAM = 6, 7
 
 @dataclass(frozen=True)
 class Interval:
-    """An estimate and its confidence interval, NaN for a single unit. units: of resampling; 0 if unknown."""
+    """An estimate and its confidence interval, NaN for a single unit.
+
+    units: of resampling; 0 if unknown. scene: the only scene, if its repetitions are the units.
+    """
 
     value: float
     low: float
     high: float
     units: int = 0
+    scene: str = field(default="", repr=False, compare=False)
 
     def __neg__(self) -> "Interval":
-        return Interval(-self.value, -self.high, -self.low, self.units)
+        return replace(self, value=-self.value, low=-self.high, high=-self.low)
+
+    def contains(self, limit: float) -> bool:
+        """Whether the limit is in the interval; False without an interval, or if all units have the same value.
+
+        >>> Interval(2.0, 1.0, 3.0).contains(3.0), Interval(2.0, 2.0, 2.0).contains(2.0)
+        (True, False)
+        """
+        return self.low < self.high and self.low <= limit <= self.high
 
     def format(self, unit: str = "") -> str:
         """The value and its interval as text.

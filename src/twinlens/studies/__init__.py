@@ -3,9 +3,15 @@
 A study is one module or package that defines a `Study`; `STUDIES` lists the included ones.
 """
 
+from twinlens.studies.advice import advice as advice
 from twinlens.studies.findings import (
+    FAILS as FAILS,
+    HOLDS as HOLDS,
+    OPEN as OPEN,
     Finding as Finding,
+    Needs as Needs,
     SeedSupport as SeedSupport,
+    bounded as bounded,
     compared as compared,
     predicted as predicted,
 )

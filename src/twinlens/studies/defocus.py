@@ -28,7 +28,7 @@ from twinlens.matching import (
 from twinlens.rendering import render
 from twinlens.scenes import Scene
 from twinlens.seeds import generator
-from twinlens.studies.findings import Finding, predicted
+from twinlens.studies.findings import Finding, Needs, predicted
 from twinlens.studies.intervals import Interval, mean_of, over_scenes
 from twinlens.studies.model import Figure, Measured, Setup, Study, sweep
 from twinlens.studies.stage import centred_camera, noise_plane, stream
@@ -51,6 +51,8 @@ _RIM = 18  # pixels along the edges that are left out
 _MORE_SAMPLES = 4  # of parts: samples are stratified in a pixel, not in each part
 _BLIND = 0.25  # of the search; cues with a greater bound are left out of the comparison with it
 _TOLERANCE, _MOST = 0.15, 1.5
+NEEDS = Needs(pixels=160 * 120)
+"""The rim leaves 128 independent blocks: the standard error of a standard deviation is 6 %."""
 
 
 @dataclass(frozen=True)
@@ -206,7 +208,7 @@ def _effective_baseline(table: Table) -> Finding:
         table, ratios, lambda logarithms: math.exp(float(logarithms.mean()))
     )
     text = "In focus, the depth error of dual pixels is {} times that of a pair with the baseline 4/(3 pi) D"
-    return predicted(text, measured, 1.0, _TOLERANCE)
+    return predicted(text, measured, 1.0, _TOLERANCE, needs=NEEDS)
 
 
 def _error_times_baseline(rows: Table) -> Float:
@@ -226,7 +228,7 @@ def _crossing(table: Table) -> Finding:
         f"With {1e3 * max(DIAMETERS):g} mm of glass, the pair of touching lenses is more precise than the focal stack"
         " up to a blur circle of {}, and less beyond, where their bounds cross"
     )
-    return predicted(text, measured, expected, _TOLERANCE, "px")
+    return predicted(text, measured, expected, _TOLERANCE, "px", needs=NEEDS)
 
 
 def crossing(rows: Table, first: str, second: str, column: str) -> float:
@@ -256,13 +258,22 @@ def _efficiency(table: Table) -> Finding:
         (ratio for ratio in ratios if not math.isnan(ratio)), default=math.nan
     )
     text = f"No depth error exceeds {_MOST:g} times its Cramer-Rao bound"
-    measured = Interval(largest, math.nan, math.nan)
+    # A maximum has no interval.
+    seeds = len(table.values("seed"))
+    measured = Interval(largest, math.nan, math.nan, seeds, "plane")
     result = "the largest is {} times the bound"
-    return Finding(text, measured, largest <= _MOST, result=result)
+    return Finding(text, measured, largest <= _MOST, result=result, needs=NEEDS)
 
 
 _SHOWN = (1.25, 2.0, 5.0)
 _BY_DISTANCE = (TOUCHING, HALVES, APERTURES, FOCI)
+LAW = (
+    "Depth follows from how the light that passes different parts of an aperture moves in the image. Two lenses a "
+    "baseline B apart move a point by f B / z pixels; one lens of diameter D blurs it by a circle that is "
+    "proportional to D |1/z - 1/z_focus|; the two halves of a lens act as a pair with the baseline 4/(3π) D. All "
+    "cues here have equal glass (the same total area of lenses) and equal light (the same number of photons), and "
+    "are compared with the Cramer-Rao bound of the same estimator."
+)
 STUDY = Study(
     name="defocus",
     question="Is depth more precise from a baseline, from defocus or from dual pixels, at equal light and equal glass?",
@@ -287,5 +298,6 @@ STUDY = Study(
                "depth_error_mm", by="z_m", log_x=True, log_y=True, also=("bound_mm",),
                where={"cue": (HALVES, TOUCHING, WIDE), "aperture_mm": 1e3 * WIDER_DIAMETER}),
     ),
+    law=LAW, docs="docs/study_results.md#defocus", lesson="docs/course/05_aperture_and_depth_of_field.py",
     defaults=Setup((), (), (0, 1, 2), width=160, height=120, spp=256),
 )  # fmt: skip

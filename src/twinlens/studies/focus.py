@@ -14,7 +14,7 @@ from twinlens.camera import Paraxial, Rig, ThinLens
 from twinlens.geometry import Float
 from twinlens.rendering import render, render_lens_grid
 from twinlens.sensor import Sensor
-from twinlens.studies.findings import Finding, compared, predicted
+from twinlens.studies.findings import SHARES, Finding, compared, predicted
 from twinlens.studies.intervals import over_scenes, paired_difference
 from twinlens.studies.model import Figure, Measured, Setup, Study, sweep
 from twinlens.studies.stage import GLOW, Stage, centred_camera, glowing, stream
@@ -189,6 +189,7 @@ def _best_focus(table: Table, method: str) -> Finding:
         "more",
         rest,
         answer=f"{best:g}",
+        needs=SHARES,
     )
 
 
@@ -203,9 +204,17 @@ def _worse_if_different(table: Table, method: str) -> Finding:
 
     difference = over_scenes(table.where(part="eyes", method=method), gap)
     text = f"{method}: cameras with different focus give more wrong pixels than with equal focus and mean blur"
-    return compared(text, difference, "more", "fewer", "with different focus")
+    return compared(
+        text, difference, "more", "fewer", "with different focus", needs=SHARES
+    )
 
 
+LAW = (
+    "Blur and disparity are one law: a lens of aperture A in a pair of baseline B blurs a point by c = (A/B) |d - "
+    "d_focus| pixels, where d is its disparity. Blur is therefore least in the mean if the focus is inside the "
+    "range of disparities, 1/z, not of depths. Cameras with different focus blur the same point differently, so "
+    "that their windows differ even where the mean blur is the same."
+)
 STUDY = Study(
     name="focus",
     question="Where should a stereo pair focus, and what if the two cameras focus differently?",
@@ -232,5 +241,6 @@ STUDY = Study(
         Figure("eyes", "Wrong pixels with equal and different focus against mean blur", "mean_blur_px",
                "totbad2", by="eyes", panel="method", kind="scatter", where={"part": "eyes"}),
     ),
-    defaults=Setup(("staircase", "tabletop", "cards"), ("sad", "zncc", "census", "sgm"), (0, 1), spp=32),
+    law=LAW, docs="docs/study_results.md#focus", lesson="docs/course/05_aperture_and_depth_of_field.py",
+    defaults=Setup(("staircase", "tabletop", "cards"), ("sad", "zncc", "census", "sgm"), (0, 1, 2), spp=32),
 )  # fmt: skip

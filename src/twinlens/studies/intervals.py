@@ -6,6 +6,7 @@ The rows of one scene are not independent, so whole scenes are resampled, or the
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -35,7 +36,8 @@ def over_scenes(
         measured = [measure(rows) for _, rows in scene.groups("seed")]
         scenes.append([np.asarray(values, np.float64).ravel() for values in measured])
     if len(scenes) == 1:
-        return bootstrap(statistic, scenes[0])
+        name = str(table.rows[0]["scene"])
+        return replace(bootstrap(statistic, scenes[0]), scene=name)
     return bootstrap(statistic, [np.concatenate(seeds) for seeds in scenes])
 
 

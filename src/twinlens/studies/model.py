@@ -117,7 +117,8 @@ class Study:
     """A sweep of one physical quantity.
 
     columns: of its table, besides "scene" and "seed", which every table has. conclude: called with the whole table, and
-    with the rows of each seed alone. defaults: the Setup where nothing else is chosen.
+    with the rows of each seed alone. defaults: the Setup where nothing else is chosen. law: a paragraph on the physics
+    that is tested. docs, lesson: a page of the documentation and a script of the course, from the root of the source.
 
     Raises InputError if a figure draws a column that the table does not have.
     """
@@ -129,6 +130,9 @@ class Study:
     conclude: Callable[[Table], Sequence[Finding]]
     figures: tuple[Figure, ...]
     defaults: Setup
+    law: str = ""
+    docs: str = ""
+    lesson: str = ""
 
     def __post_init__(self) -> None:
         names = [column.name for column in self.all_columns]
@@ -146,7 +150,7 @@ class Study:
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """A completed study."""
+    """A completed study. seconds: that it took to measure."""
 
     study: Study
     setup: Setup
@@ -155,3 +159,4 @@ class Result:
     pictures: tuple[Picture, ...]
     protocol: Mapping[str, Any]
     remarks: Mapping[str, str] = field(default_factory=dict)
+    seconds: float = 0.0

@@ -166,6 +166,13 @@ def _fewest(rows: Table, change: str) -> Finding:
     return fewer_wrong(text, rows, best, second, f"than {second}", answer=best)
 
 
+LAW = (
+    "Real cameras differ in gain, gamma and vignetting, so that corresponding pixels have different values. A "
+    "cost that compares values (SAD, SSD) then has its minimum at a wrong disparity. A cost is invariant to a "
+    "gain if it normalises the windows (NCC), to a gain and an offset if it subtracts their means too (ZNCC), and "
+    "to any increasing function of the values if it compares their order only (census, rank). Order is sensitive "
+    "to noise where the window is plain."
+)
 STUDY = Study(
     name="radiometric",
     question="Which matching cost is most robust to differences in gain, gamma, vignetting or noise?",
@@ -181,6 +188,7 @@ STUDY = Study(
         Figure("radiometric", "Wrong pixels of each cost under radiometric differences", "amount", "totbad2",
                by="method", panel="change", x_of={name: change.text for name, change in CHANGES.items()}),
     ),
+    law=LAW, docs="docs/study_results.md#radiometric", lesson="docs/course/11_sliding_window.py",
     defaults=Setup(
         ("staircase", "tabletop", "cards"),
         ("sad", "ssd", "ncc", "zsad", "zssd", "zncc", "jaccard", "census", "rank", "birchfield_tomasi", "sgm"),

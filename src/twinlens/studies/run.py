@@ -5,6 +5,7 @@ import dataclasses
 import importlib.metadata
 import os
 import runpy
+import time
 import traceback
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -18,7 +19,7 @@ from twinlens.studies.active import STUDY as ACTIVE
 from twinlens.studies.aperture import STUDY as APERTURE
 from twinlens.studies.defocus import STUDY as DEFOCUS
 from twinlens.studies.depth_error import BASELINE, FOCAL_LENGTH
-from twinlens.studies.findings import Finding, SeedSupport
+from twinlens.studies.findings import Finding, SeedSupport, shortages
 from twinlens.studies.focus import STUDY as FOCUS
 from twinlens.studies.model import Measured, Progress, Result, Setup, Study
 from twinlens.studies.pinhole import STUDY as PINHOLE
@@ -76,6 +77,7 @@ def run_study(study: Study, **choices: Unpack[Choices]) -> Result:
         parse_method(method)
     for name in setup.scenes:
         load_scene(name)
+    start = time.monotonic()
     measured = _measured(study, setup)
     rows = filled_table(study.all_columns, measured.rows)
     protocol = {
@@ -87,10 +89,11 @@ def run_study(study: Study, **choices: Unpack[Choices]) -> Result:
         study,
         setup,
         rows,
-        _findings(study, rows),
+        _findings(study, setup, rows),
         measured.pictures,
         protocol,
         measured.remarks,
+        time.monotonic() - start,
     )
 
 
@@ -156,7 +159,7 @@ def _measured(study: Study, setup: Setup) -> Measured:
     return measured
 
 
-def _findings(study: Study, rows: Table) -> tuple[SeedSupport, ...]:
+def _findings(study: Study, setup: Setup, rows: Table) -> tuple[SeedSupport, ...]:
     """The findings of all rows, with the number of seeds that support each one, matched by position, on their own."""
     overall = _concluded(study, rows)
     by_seed = []
@@ -167,14 +170,24 @@ def _findings(study: Study, rows: Table) -> tuple[SeedSupport, ...]:
                 f"the study {study.name}: `conclude` must return as many findings for one seed as for all"
             )
         by_seed.append(findings)
-    supports = []
-    for number, finding in enumerate(overall):
-        alone = [findings[number] for findings in by_seed]
-        supporting = sum(
-            single.holds and single.answer == finding.answer for single in alone
-        )
-        supports.append(SeedSupport(finding, supporting, len(alone)))
-    return tuple(supports)
+    return tuple(
+        _supported(study, setup, finding, [findings[number] for findings in by_seed])
+        for number, finding in enumerate(overall)
+    )
+
+
+def _supported(
+    study: Study, setup: Setup, finding: Finding, alone: Sequence[Finding]
+) -> SeedSupport:
+    """The finding with what its sample lacks, and the number of its repetitions by single seeds that agree with it."""
+    supporting = sum(
+        single.holds and single.answer == finding.answer for single in alone
+    )
+    lacking = shortages(finding, setup.width * setup.height, len(setup.seeds))
+    scene = finding.measured.scene
+    is_one_of_many = scene in setup.scenes and len(study.defaults.scenes) > 1
+    place = scene if is_one_of_many else ""
+    return SeedSupport(finding, supporting, len(alone), lacking, place)
 
 
 def _concluded(study: Study, rows: Table) -> Sequence[Finding]:

@@ -13,8 +13,13 @@ from numpy.typing import NDArray
 
 from twinlens.dataset.pictures import colourise
 from twinlens.sensor import Sensor
-from twinlens.studies.findings import Finding, fewer_wrong
-from twinlens.studies.intervals import is_above, over_scenes
+from twinlens.studies.findings import (
+    REGIONS as REGION_NEEDS,
+    Finding,
+    bounded,
+    fewer_wrong,
+)
+from twinlens.studies.intervals import over_scenes
 from twinlens.studies.model import Figure, Measured, Picture, Setup, Study, sweep
 from twinlens.studies.stage import SCORES, Stage, score_columns, stream
 from twinlens.studies.table import Column, Row, Table
@@ -46,7 +51,12 @@ def measure(setup: Setup) -> Measured:
             scores = stage.score(maps[spec], pictures, REGIONS, lens)
             case = {"scene": scene, "seed": seed, "method": method, "block_size": size}
             rows += [
-                {**case, "region": region, **score_columns(scores, region)}
+                {
+                    **case,
+                    "region": region,
+                    "pixels": scores.regions[region].evaluated,
+                    **score_columns(scores, region),
+                }
                 for region in REGIONS
                 if region in scores.regions
             ]
@@ -115,7 +125,15 @@ def conclude(table: Table) -> list[Finding]:
     ):
         text = f"At discontinuities, {name} has fewer wrong pixels than SSD with a fixed 21x21 block"
         findings.append(
-            fewer_wrong(text, edges, better, next(iter(COMPARED)), f"with {name}")
+            fewer_wrong(
+                text,
+                edges,
+                better,
+                next(iter(COMPARED)),
+                f"with {name}",
+                needs=REGION_NEEDS,
+                region_pixels=_least_pixels(edges),
+            )
         )
     return findings
 
@@ -129,7 +147,15 @@ def _larger(rows: Table, method: str, region: str, words: str) -> Finding:
 
     times = over_scenes(rows, log_ratio, lambda values: math.exp(float(values.mean())))
     text = f"{method}: the best block {words} is larger than at discontinuities"
-    return Finding(text, times, is_above(times, 1.0), result="{} times its width")
+    least = _least_pixels(rows.where(region=(region, "discontinuity")))
+    return bounded(
+        text, times, 1.0, math.inf, result="{} times its width", needs=REGION_NEEDS, region_pixels=least
+    )  # fmt: skip
+
+
+def _least_pixels(rows: Table) -> float:
+    """The evaluated pixels of the smallest region."""
+    return float(rows.numbers("pixels").min(initial=math.inf))
 
 
 def best_size(rows: Table) -> float:
@@ -142,6 +168,12 @@ def best_size(rows: Table) -> float:
     return min(wrong, key=lambda size: wrong[size], default=math.nan)
 
 
+LAW = (
+    "A matcher compares blocks of the two images and assumes that a block has one disparity. The error by noise "
+    "falls as a block grows, because it averages more texture; the error at depth edges grows, because the block "
+    "covers two surfaces. Where there is little texture, or where blur removed it, the best block is therefore "
+    "larger than at depth discontinuities."
+)
 STUDY = Study(
     name="window",
     question="How large should the block be in textureless, discontinuous and out-of-focus regions?",
@@ -149,6 +181,7 @@ STUDY = Study(
         Column("method", "", "matcher"),
         Column("block_size", "px", "block size"),
         Column("region", "", "region"),
+        Column("pixels", "px", "evaluated pixels of the region"),
         *SCORES,
     ),
     measure=measure,
@@ -157,5 +190,6 @@ STUDY = Study(
         Figure("window", "Wrong pixels against block size by region", "block_size", "totbad2", by="method",
                panel="region", log_x=True, best="least", where={"block_size": tuple(map(float, SIZES))}),
     ),
+    law=LAW, docs="docs/study_results.md#window", lesson="docs/course/12_matchers.py",
     defaults=Setup(("staircase", "tabletop", "cards"), ("sad", "ssd", "zncc", "census"), (0, 1, 2)),
 )  # fmt: skip

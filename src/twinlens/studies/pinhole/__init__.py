@@ -254,6 +254,13 @@ def _figure(name: str, title: str, y: str, **more: Any) -> Figure:
 
 
 _MARKS = (("rayleigh_mm", "1.9 sqrt(f lambda)"), ("airy_mm", "sqrt(2.44 f lambda)"))
+LAW = (
+    "A large hole of diameter A blurs by geometry: its image of a far point is as wide as the hole. A small hole "
+    "blurs by diffraction: at the film distance f and the wavelength λ the Airy disk is 2.44 λ f / A wide. The "
+    "sharpest image is where both are nearly equal, about A = sqrt(2.44 λ f), or Rayleigh's 1.9 sqrt(λ f). "
+    "Hopkins's transfer function predicts the best hole for each measure of sharpness. The light on the film is "
+    "proportional to A²."
+)
 STUDY = Study(
     name="pinhole",
     question="Which hole diameter is best for a pinhole camera?",
@@ -280,5 +287,6 @@ STUDY = Study(
         _figure("noise", "Signal to noise at a fixed exposure", "snr", marks=_MARKS,
                 where={"diameter_mm": DIAMETERS_MM, "model": LIGHTS[0]}),
     ),
+    law=LAW, docs="docs/study_results.md#pinhole", lesson="docs/course/03_size_of_the_hole.py",
     defaults=Setup(("tabletop", "staircase"), (), (0, 1, 2)),
 )  # fmt: skip
