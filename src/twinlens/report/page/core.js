@@ -25,6 +25,10 @@ function el(tag, properties, ...children) {
 }
 el.svg = new Set(["circle", "line", "polyline", "text", "g", "title"]);
 
+// A number with its noun; its verb. As `errors.counted`.
+const counted = (n, noun) => `${n} ${noun}${n === 1 ? "" : "s"}`;
+const have = (n) => (n === 1 ? "has" : "have");
+
 const number = (value) => (value == null ? NaN : value === "inf" ? Infinity : value);
 
 function show(metric, value) {

@@ -128,7 +128,7 @@ function redraw() {
 function start() {
   setTheme(firstTheme());
   $("theme").addEventListener("click", () => setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark"));
-  const sizes = `${data.methods.length} ${data.methods.length === 1 ? "method" : "methods"} on ${data.samples.length} stereo ${data.samples.length === 1 ? "pair" : "pairs"}`;
+  const sizes = `${counted(data.methods.length, "method")} on ${counted(data.samples.length, "stereo pair")}`;
   $("summary").textContent = `${sizes}, scored by ${data.protocols.map((p) => p.title).join(", ")}.`;
   $("made").textContent = Object.entries(data.meta).map(([k, v]) => `${k} ${v}`).join(" · ");
   $("groups-card").hidden = true;

@@ -62,7 +62,7 @@ function boardRow({ method, scores }, i, columns, best, largest) {
 function whyNot({ failure, failed, missing, n }) {
   if (failure) return failure[0];
   if (!failed.length && !missing.length) return "";
-  return `${n} of ${n + failed.length + missing.length} samples${failed.length ? `, ${failed.length} failed` : ""}`;
+  return `${n} of ${counted(n + failed.length + missing.length, "sample")}${failed.length ? `, ${failed.length} failed` : ""}`;
 }
 
 // The headline metric, one column for each group of samples, and its differences from the first group.
@@ -76,7 +76,7 @@ function drawGroups() {
   const compared = shown.filter((g) => g.gaps);
   $("groups-title").textContent = `${metric} [${m.unit}], ${state.region}${state.by && `, by ${state.by}`}: ${m.text}`;
   $("groups").replaceChildren(
-    el("thead", {}, el("tr", {}, el("th", { class: "name", scope: "col" }, "Method"), shown.map((g) => el("th", { scope: "col", title: g.samples.join(", ") }, g.name, el("small", {}, samplesText(g.samples.length)))),
+    el("thead", {}, el("tr", {}, el("th", { class: "name", scope: "col" }, "Method"), shown.map((g) => el("th", { scope: "col", title: g.samples.join(", ") }, g.name, el("small", {}, counted(g.samples.length, "sample")))),
       compared.map((g) => el("th", { scope: "col" }, `${g.name} − ${shown[0].name}`, el("small", {}, basisOf(g)))))),
     el("tbody", {}, values.sort((a, b) => order(a[1][0], b[1][0])).map(([name, row]) => el("tr", {}, el("td", { class: "name" }, name),
       row.map((v, k) => el("td", { class: v === best[k] ? "best" : "" }, show(metric, v))), compared.map((g) => gapCell(metric, gapOf(g, name)))))));
@@ -84,7 +84,6 @@ function drawGroups() {
   $("notes").replaceChildren(...[...(compared.length ? [about] : []), ...data.notes].map((text) => el("p", {}, text)));
 }
 
-const samplesText = (n) => `${n} ${n === 1 ? "sample" : "samples"}`;
 const gapOf = (group, method) => group.gaps[state.protocol][state.region][method];
 
 // What most of a group's intervals rest on.
@@ -108,13 +107,13 @@ function drawRules() {
   const lines = { ...rules().lines };
   if (region) lines.region = `${region.name}: ${region.text || "defined by the caller"}`;
   const group = groupOf(state.over), sample = overSample();
-  if (!sample) lines.mean = `${data.weighted ? "weighted" : "plain"} mean over ${group ? (group.by ? `the ${samplesText(group.samples.length)} of ${group.key}` : group.samples.join(", ")) : "samples"}; none if a method failed or was not run on a sample`;
+  if (!sample) lines.mean = `${data.weighted ? "weighted" : "plain"} mean over ${group ? (group.by ? `the ${counted(group.samples.length, "sample")} of ${group.key}` : group.samples.join(", ")) : "samples"}; none if a method failed or was not run on a sample`;
   $("rules").replaceChildren(...Object.entries(lines).flatMap(([k, v]) => [el("dt", {}, k), el("dd", {}, v)]));
   const counts = sample ? data.methods.map((m) => scoresOf(m.name, sample).counts).find(Boolean) : null;
   if (!region) { $("counts").textContent = "Nothing was scored."; drawFailures(); return; }
   const n = sample ? 0 : Math.max(...data.methods.map((m) => scoresOf(m.name, state.over).n), 0);
   $("counts").textContent = counts ? `${counts[1].toLocaleString("en")} of ${counts[0].toLocaleString("en")} pixels are evaluated in this region.`
-    : sample ? "No pixel of this sample is in this region." : `${n} of ${(group ? group.samples : data.samples).length} samples have pixels in this region. Click a row to inspect its maps.`;
+    : sample ? "No pixel of this sample is in this region." : `${n} of ${counted((group ? group.samples : data.samples).length, "sample")} ${have(n)} pixels in this region. Click a row to inspect its maps.`;
   drawFailures();
 }
 
@@ -272,8 +271,8 @@ function drawSparsification() {
 function drawControls() {
   segments($("protocols"), data.protocols.map((p) => [p.name, p.title]), state.protocol, (name) => { state.protocol = name; state.sort = ""; redraw(); });
   options($("region"), data.regions.map((r) => r.name), state.region);
-  const means = groups.map((g) => [g.key, g.by ? `${g.key} (${samplesText(g.samples.length)})` : g.key]);
-  if (!titled.length) means.unshift(["", `mean of ${samplesText(data.samples.length)}`]);
+  const means = groups.map((g) => [g.key, g.by ? `${g.key} (${counted(g.samples.length, "sample")})` : g.key]);
+  if (!titled.length) means.unshift(["", `mean of ${counted(data.samples.length, "sample")}`]);
   const choices = [...means, ...data.samples.map((s) => [s.name, s.name])];
   options($("over"), choices.map((c) => c[0]), state.over, choices.map((c) => c[1]));
   const names = data.groupings.map((g) => g.by).filter(Boolean);
