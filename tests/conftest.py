@@ -38,6 +38,17 @@ def pytest_configure(config):
     os.environ["NUMBA_CACHE_DIR"] = folder
 
 
+def pytest_collection(session):
+    gc.disable()
+
+
+def pytest_collection_finish(session):
+    """No collection visits the modules of all tests, neither while they are imported nor after every test."""
+    gc.collect()
+    gc.freeze()
+    gc.enable()
+
+
 @pytest.fixture(scope="session", autouse=True)
 def _equal_figures_of_cards_are_drawn_once():
     """Many tests make the same tiny datasets, of which each has a card with a figure."""

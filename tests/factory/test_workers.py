@@ -51,7 +51,7 @@ def recipe(tmp_path_factory):
 @pytest.fixture(scope="module")
 def whole(recipe, tmp_path_factory):
     folder = tmp_path_factory.mktemp("whole") / "set"
-    finish(start(recipe, folder))
+    assert generate(read_recipe(recipe), folder).complete
     return folder
 
 
@@ -75,6 +75,21 @@ def killing_one(process, folder):
 
 
 def test_a_killed_worker_costs_nothing(recipe, whole, tmp_path):
+    folder, killed = tmp_path / "set", []
+
+    def report(fraction, text):
+        if rows_in(folder) and not killed:
+            killed.extend(multiprocessing.active_children())
+            killed[0].kill()
+
+    engine = worker_processes(1)
+    assert generate(read_recipe(recipe), folder, engine=engine, report=report).complete
+    assert len(killed) == 1
+    assert digests(folder) == digests(whole)
+
+
+@pytest.mark.slow
+def test_a_killed_worker_of_a_command_costs_nothing(recipe, whole, tmp_path):
     process = start(recipe, tmp_path / "set", "--workers", "2")
     assert killing_one(process, tmp_path / "set") >= 2
     assert "8 of 8 samples" in finish(process)
@@ -116,6 +131,7 @@ def test_interrupts_stay_blocked_while_the_first_worker_starts():
     assert subprocess.check_output([sys.executable, "-c", code], text=True) == "True\n"
 
 
+@pytest.mark.slow
 def test_workers_end_when_their_run_is_killed(recipe, tmp_path):
     process = start(recipe, tmp_path / "set", "--workers", "2")
     wait_for_a_sample(process, tmp_path / "set")

@@ -92,7 +92,9 @@ def test_a_seed_sequence_is_a_seed_and_is_not_changed():
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-@pytest.mark.parametrize("wanted", [(0.5, 2.0), (2.0, 11.0)])
+@pytest.mark.parametrize(
+    "wanted", [(0.5, 2.0), pytest.param((2.0, 11.0), marks=pytest.mark.slow)]
+)
 def test_the_requested_depth_range_is_that_of_the_picture(family, wanted):
     scene = random_scene(family, 4, depth_range=wanted, width=80)
     near, far = scene.depth_range
@@ -221,7 +223,7 @@ def test_bad_settings_raise_one_line_errors(bad, message):
 
 
 # Seed 4: a lamp before the camera; the others: none.
-@pytest.mark.parametrize("seed", [4, 5, 9])
+@pytest.mark.parametrize("seed", [4, 5, pytest.param(9, marks=pytest.mark.slow)])
 def test_the_main_lights_of_a_room_are_not_visible(seed):
     """The ceiling lamp and a window beside the camera give more light than all visible windows and lamp shades."""
     scene = scene_of("room", seed)
@@ -243,7 +245,8 @@ def test_the_main_lights_of_a_room_are_not_visible(seed):
 
 
 @pytest.mark.parametrize(
-    "family", ["tabletop", pytest.param("room", marks=pytest.mark.slow), "cards"]
+    "family",
+    ["cards", *(pytest.param(f, marks=pytest.mark.slow) for f in ("tabletop", "room"))],
 )
 def test_plain_surfaces_may_be_left_out(family):
     """Where a surface was plain, its contrast is higher; all other surfaces, and all objects, are the same."""

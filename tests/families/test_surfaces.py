@@ -12,8 +12,11 @@ FLOOR = Sheet(np.array([-20.0, 0.2, 0]), np.array([40.0, 0, 0]), np.array([0, 20
 VIEW = Viewpoint(look_at([0, 0, 0.6], [0, 3, 0]), 50.0, 4 / 3, 320)
 
 
-def seen(texture, x, y, sheet=None):
-    """Bilinear values of the floor's texture at picture positions x, y in [-1, 1]; it covers the floor, or `sheet`."""
+def seen(texture, x, y, sheet=None, copies=(1, 1)):
+    """Bilinear values of the floor's texture at picture positions x, y in [-1, 1].
+
+    It covers the floor, with a number of copies (down, across), or `sheet`.
+    """
     directions = (
         np.stack([x * VIEW.half[0], y * VIEW.half[1], np.ones_like(x)], axis=-1)
         @ VIEW.world_from_cam[:3, :3].T
@@ -25,7 +28,7 @@ def seen(texture, x, y, sheet=None):
         mesh = sheet.mesh()
         s = np.interp((s * 40 - 20), *unique(mesh.vertices[:, 0], mesh.uv[:, 0]))
         up = np.interp(up * 20 + 0.2, *unique(mesh.vertices[:, 1], mesh.uv[:, 1]))
-    rows, columns = texture.shape[:2]
+    rows, columns = np.multiply(texture.shape[:2], copies)
     mode = "nearest" if sheet is not None else "grid-wrap"
     place = [(1 - up) * rows - 0.5, s * columns - 0.5]
     return map_coordinates(texture[..., 0], place, order=1, mode=mode)
@@ -36,14 +39,15 @@ def unique(position, coordinate):
     return positions, coordinate[first]
 
 
-def roughness(texture, row, sheet=None):
+def roughness(texture, row, sheet=None, copies=(1, 1)):
     """RMS difference of a pixel's centre from its mean, along a row of pixels."""
     columns = (2 * (np.arange(320) + 0.5) / 320 - 1)[:, None, None]
     offset = (np.arange(8) + 0.5) / 8 - 0.5
     x = columns + offset[None, :, None] * 2 / 320
     y = row + offset[None, None, :] * 2 / 240
-    mean = seen(texture, *np.broadcast_arrays(x, y), sheet).mean(axis=(1, 2))
-    middle = seen(texture, columns[:, 0, 0], np.full(320, row), sheet)
+    surface = sheet, copies
+    mean = seen(texture, *np.broadcast_arrays(x, y), *surface).mean(axis=(1, 2))
+    middle = seen(texture, columns[:, 0, 0], np.full(320, row), *surface)
     return np.sqrt(np.mean((middle - mean) ** 2))
 
 
@@ -52,10 +56,10 @@ def test_a_checkered_floor_does_not_alias_far_away_and_keeps_contrast_nearby():
     checks = np.repeat(squares[..., None], 3, axis=2).astype(np.float32)
     sheet = FLOOR.seen_from(VIEW, 0.8 / 64)
     baked = bake(checks, 0.8, sheet, VIEW)
-    untreated = np.tile(checks[::4, ::4], (25, 50, 1))
     far, near = -0.42, 0.8
     assert roughness(baked, far, sheet) < 0.06
-    assert roughness(untreated, far) > 3 * roughness(baked, far, sheet)
+    untreated = roughness(checks[::4, ::4], far, copies=(25, 50))
+    assert untreated > 3 * roughness(baked, far, sheet)
     assert np.ptp(seen(baked, np.linspace(-1, 1, 320), np.full(320, near), sheet)) > 0.7
 
 
@@ -83,8 +87,8 @@ def test_a_pixel_shows_the_mean_of_the_pattern_in_it(row, kept, alike):
     offset = (np.arange(16) + 0.5) / 16 - 0.5
     x = columns[:, None, None] + offset[:, None] * 2 / 320
     y = row + offset * 2 / 240
-    tiled = np.tile(noise, (25, 50, 1))
-    expected = seen(tiled, *np.broadcast_arrays(x, y)).mean(axis=(1, 2))
+    places = np.broadcast_arrays(x, y)
+    expected = seen(noise, *places, copies=(25, 50)).mean(axis=(1, 2))
     shown = seen(baked, columns, np.full(320, row), sheet)
     assert kept < shown.std() / expected.std() < 1.05
     assert np.corrcoef(shown, expected)[0, 1] > alike

@@ -17,6 +17,7 @@ from twinlens.matching.supports import SUPPORTS
 
 SIDE, LOW, COUNT, DESCRIPTOR = 5, -2, 5, 3
 SHAPE = (6, 11)
+NUMBER_TYPES = ("uint8", "uint16", "float32")
 NORMALISED = ("ncc", "zsad", "zssd", "zncc", "jaccard")
 PIXELWISE = ("cross", "weighted", "guided")
 GROWTH = {"ncc": 0, "zncc": 0, "jaccard": 0, "zssd": 2}
@@ -87,10 +88,17 @@ def matched(pair, name, support):
     )
 
 
-@pytest.mark.parametrize(
-    "dtype", ["uint8", "float32", pytest.param("uint16", marks=pytest.mark.slow)]
-)
-@pytest.mark.parametrize("support", SUPPORTS)
+def case(support, dtype):
+    """Bytes with every support and floats with the usual one are quick; kernels are compiled for each."""
+    quick = dtype == "uint8" or (support, dtype) == ("fixed", "float32")
+    marks = () if quick else pytest.mark.slow
+    return pytest.param(support, dtype, marks=marks)
+
+
+CASES = [case(support, dtype) for support in SUPPORTS for dtype in NUMBER_TYPES]
+
+
+@pytest.mark.parametrize(("support", "dtype"), CASES)
 @pytest.mark.parametrize("name", COSTS)
 def test_every_measure_with_every_support_equals_plain_loops(name, support, dtype):
     pair = images(dtype)

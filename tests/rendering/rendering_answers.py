@@ -61,7 +61,10 @@ class View:
 
     def visible(self, pixels):
         """Whether the partner sees what these pixels hit: inside its image, and nothing in between."""
-        z, body, _ = self.hits(pixels)
+        return self._visible(pixels, self.hits(pixels))
+
+    def _visible(self, pixels, hits):
+        z, body, _ = hits
         seen = np.zeros(len(pixels), bool)
         points = self.points(pixels[body >= 0], z[body >= 0])
         c = self.rig.cameras[self.other]
@@ -73,21 +76,28 @@ class View:
         return seen
 
     @cached_property
+    def all_hits(self):
+        """`hits`, `visible`, `normals` and `cosine` of every pixel, kept: they cost the most."""
+        return self.hits(self.pixels())
+
+    @cached_property
     def all_visible(self):
-        """`visible`, `normals` and `cosine` of every pixel, kept: they cost the most."""
-        return self.visible(self.pixels())
+        return self._visible(self.pixels(), self.all_hits)
 
     @cached_property
     def all_normals(self):
-        return self.normals(self.pixels())
+        return self._normals(self.pixels(), self.all_hits)
 
     @cached_property
     def all_cosines(self):
-        return self.cosine(self.pixels())
+        return self._cosine(self.pixels(), self.all_normals)
 
     def normals(self, pixels):
         """Closed-form normals of what is hit, turned towards the camera; 0 where nothing is."""
-        z, body, _ = self.hits(pixels)
+        return self._normals(pixels, self.hits(pixels))
+
+    def _normals(self, pixels, hits):
+        z, body, _ = hits
         normal = np.zeros((len(pixels), 3))
         for index, thing in enumerate(self.bodies):
             mine = body == index
@@ -97,11 +107,16 @@ class View:
 
     def cosine(self, pixels):
         """Of the angle at which the ray meets the surface; 0 is grazing."""
+        return self._cosine(pixels, self.normals(pixels))
+
+    def _cosine(self, pixels, normals):
         d = self.directions(pixels)
-        return np.abs((self.normals(pixels) * d).sum(-1)) / np.linalg.norm(d, axis=-1)
+        return np.abs((normals * d).sum(-1)) / np.linalg.norm(d, axis=-1)
 
     def near_edge(self, answer, pixels, distance_px):
         """Whether `answer(pixels)` changes within `distance_px` of each pixel."""
+        if not len(pixels):
+            return np.zeros(0, bool)
         here = answer(pixels)
         changes = np.zeros(len(pixels), bool)
         for step in ROUND:

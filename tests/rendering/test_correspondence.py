@@ -63,14 +63,14 @@ class Pair:
 
 @pytest.fixture(scope="module")
 def pairs(scene):
-    return [Pair(scene, seed) for seed in range(100)]
+    return [Pair(scene, seed) for seed in range(40)]
 
 
 def unit(vectors):
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
-def test_truth_of_a_hundred_random_rigs_satisfies_their_fundamental_matrices(pairs):
+def test_truth_of_random_rigs_satisfies_their_fundamental_matrices(pairs):
     """p_b^T F p_a is 0, for pixels scaled to unit norm."""
     for pair in pairs:
         assert len(pair.here) > LEAST
@@ -97,7 +97,7 @@ def test_every_ordered_pair_of_three_cameras_equals_the_closed_form(scene):
         poses = [rig.world_from_cams[index] for index in (source, target)]
         view = View(bodies, Rig(cameras, poses), 0)
         pixels = view.pixels()
-        depth, body, _ = view.hits(pixels)
+        depth, body, _ = view.all_hits
         hit = body >= 0
         expected = np.full((len(pixels), 2), np.inf)
         expected[hit] = view.pixels_in(1, view.points(pixels[hit], depth[hit]))

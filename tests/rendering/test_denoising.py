@@ -1,5 +1,7 @@
 """Denoised images against closed forms and converged images, and guides against the textures they show."""
 
+import functools
+
 import numpy as np
 import pytest
 
@@ -67,16 +69,16 @@ def guides_of_paths(scene):
     return guides
 
 
-@pytest.fixture(scope="module")
-def traced():
-    """Guides of each scene of `guided` that are traced apart from the image."""
-    return {name: guides_of(scene) for name, scene in photos.guided().items()}
+@functools.cache
+def traced(name):
+    """Guides of a scene of `guided` that are traced apart from the image."""
+    return guides_of(photos.guided()[name])
 
 
-def test_guides_show_the_texture_and_the_normals(traced):
+def test_guides_show_the_texture_and_the_normals():
     """A chequered wall, 0.4 and 0.2, that faces the camera: each square exactly, apart from its edges."""
-    albedo = traced["wall"].albedo[..., 0]
-    normal = traced["wall"].normal
+    albedo = traced("wall").albedo[..., 0]
+    normal = traced("wall").normal
     inside = np.isclose(albedo, 0.4, atol=1e-4) | np.isclose(albedo, 0.2, atol=1e-4)
     assert inside.mean() > 0.6
     assert 0.25 < np.mean(albedo > 0.3) < 0.75
@@ -84,33 +86,41 @@ def test_guides_show_the_texture_and_the_normals(traced):
     np.testing.assert_allclose(normal, expected, atol=1e-4)
 
 
-def test_guides_follow_mirrors_and_openings(traced):
+def test_guides_follow_mirrors_and_openings():
     """A mirror of reflectance 0.8 before paint of 0.5, and a half open net of black cloth: nothing is random."""
-    mirror = traced["mirror"]
+    mirror = traced("mirror")
     np.testing.assert_allclose(mirror.albedo[MIDDLE], 0.8 * 0.5, atol=1e-4)
     np.testing.assert_allclose(mirror.normal[12, 12], photos.POSE[:3, 2], atol=1e-4)
-    np.testing.assert_allclose(traced["net"].albedo, 0.5 * 0.5, atol=1e-6)
+    np.testing.assert_allclose(traced("net").albedo, 0.5 * 0.5, atol=1e-6)
 
 
-def test_guides_of_glass_are_weighted_by_fresnel(traced):
+def test_guides_of_glass_are_weighted_by_fresnel():
     """A pane of index 1.5, that shows black cloth through it and chalk of 0.5 in it, reflects 1/13 of what is normal
     to it: 0.04 at each surface, and once more for each time the light turns round inside."""
-    albedo = traced["pane"].albedo[MIDDLE]
+    albedo = traced("pane").albedo[MIDDLE]
     np.testing.assert_allclose(albedo, 0.5 / 13, rtol=0.005)
     assert np.ptp(albedo) < 1e-4
 
 
-def test_paths_find_the_same_guides(traced):
+@pytest.mark.parametrize(
+    ("name", "random_share"),
+    [
+        ("net", 0.5),
+        ("pane", 1),
+        pytest.param("wall", 0, marks=pytest.mark.slow),
+        pytest.param("mirror", 0, marks=pytest.mark.slow),
+        pytest.param("hole", 0, marks=pytest.mark.slow),
+    ],
+)
+def test_paths_find_the_same_guides(name, random_share):
     """In the mean: they choose at random at nets and glass. These are 16,384 paths of a Sobol sequence."""
-    random_shares = {"wall": 0, "mirror": 0, "net": 0.5, "hole": 0, "pane": 1}
-    for name, scene in photos.guided().items():
-        guides = guides_of_paths(scene)
-        is_random = guides.random_share[MIDDLE].mean()
-        np.testing.assert_allclose(is_random, random_shares[name], atol=2e-4)
-        for kind in ("albedo", "normal"):
-            of_paths = getattr(guides, kind)[MIDDLE].mean((0, 1))
-            expected = getattr(traced[name], kind)[MIDDLE].mean((0, 1))
-            np.testing.assert_allclose(of_paths, expected, atol=2e-4)
+    guides = guides_of_paths(photos.guided()[name])
+    is_random = guides.random_share[MIDDLE].mean()
+    np.testing.assert_allclose(is_random, random_share, atol=2e-4)
+    for kind in ("albedo", "normal"):
+        of_paths = getattr(guides, kind)[MIDDLE].mean((0, 1))
+        expected = getattr(traced(name), kind)[MIDDLE].mean((0, 1))
+        np.testing.assert_allclose(of_paths, expected, atol=2e-4)
 
 
 def test_guides_have_the_samples_of_the_image():

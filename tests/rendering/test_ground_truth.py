@@ -24,7 +24,7 @@ class Answer:
         self.truth = truth
         self.view = View(bodies, rig, index)
         self.pixels = self.view.pixels()
-        self.depth, self.body, _ = self.view.hits(self.pixels)
+        self.depth, self.body, _ = self.view.all_hits
         self.hit = self["object_id"] > 0
         self.is_pair = len(rig.cameras) == 2
 

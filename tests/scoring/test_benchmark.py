@@ -247,17 +247,18 @@ def has_ended(pid):
 
 
 @needs_proc
-def test_a_limit_ends_what_the_methods_started(tmp_path):
+@pytest.mark.parametrize(
+    "habit", ["session", pytest.param("deaf", marks=pytest.mark.slow)]
+)
+def test_a_limit_ends_what_the_methods_started(tmp_path, habit):
     """In a session of its own, which killing a process group does not reach, and with SIGTERM blocked."""
-    apart = Starts("apart", tmp_path / "pid", session=True)
-    deaf = Starts("deaf", tmp_path / "deaf" / "pid", deaf=True)
-    deaf.note.parent.mkdir()
-    board = run_cold([pair()], [apart, deaf], time_limit=2.0)
-    assert kinds_of(board) == {"apart": "time-limit", "deaf": "time-limit"}
-    assert has_ended(int(apart.note.read_text()))
-    assert has_ended(int(deaf.note.read_text()))
-    # The method that received SIGTERM removed its temporary folder.
-    assert {path.name for path in tmp_path.iterdir()} == {"pid", "deaf"}
+    method = Starts("starts", tmp_path / "pid", **{habit: True})
+    board = run_cold([pair()], [method], time_limit=2.0)
+    assert kinds_of(board) == {"starts": "time-limit"}
+    assert has_ended(int(method.note.read_text()))
+    if habit == "session":
+        # A method that receives SIGTERM removes its temporary folder.
+        assert {path.name for path in tmp_path.iterdir()} == {"pid"}
 
 
 @needs_proc
