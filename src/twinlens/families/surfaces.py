@@ -32,7 +32,7 @@ _MAX_TEXELS = 8192  # along a side
 _MAX_PATTERN = 2048  # texels along a tile
 _PATTERN_STEP = 64  # so that half, quarter, ... sizes are whole
 _WEAR = 64  # texels along each side
-_TEXELS_PER_PIXEL = 1.1  # at least, in the picture
+_TEXELS_PER_PIXEL = 1.0  # at least, in the picture
 _UNSEEN = 0.04  # share of the texels that is spread evenly, also outside of the picture
 _CELLS = 32  # along a side, in which the texture coordinate is linear
 _SAMPLES = 4  # places in a cell where the pixels are computed
@@ -212,12 +212,24 @@ def _fitted(sheet: Sheet, view: Viewpoint, texel: float) -> tuple[Knots, Knots]:
         _, is_visible = _project(sheet, view, s, t, _SEEN)
         stretch = _stretch(sheet, view, s[None, :], t[:, None])
         # Pixels in a metre along each side; the most that any visible place needs.
-        pixels = np.linalg.norm(stretch, axis=-2) * is_visible[..., None]
+        pixels = _pixels_per_metre(stretch) * is_visible[..., None]
         needed = np.minimum(_TEXELS_PER_PIXEL * pixels, 1 / max(texel, 1e-9))
         across = _knots(s, wide * needed[..., 0].max(axis=0))
         along = _knots(t, high * needed[..., 1].max(axis=1))
         s, t = _samples(across.at), _samples(along.at)
     return across, along
+
+
+def _pixels_per_metre(stretch: Float) -> Float:
+    """Pixels (..., 2) of a metre along each side, for texels that are no larger than a pixel in any direction.
+
+    A texel is a parallelogram in the picture. With sides of length 1 at the angle a, it has the singular values
+    sqrt(1 +- cos a): along its long diagonal it is larger than along its sides.
+    """
+    length = np.linalg.norm(stretch, axis=-2)
+    products = np.abs((stretch[..., 0] * stretch[..., 1]).sum(axis=-1))
+    cosine = products / np.maximum(length.prod(axis=-1), 1e-12)
+    return np.asarray(length * np.sqrt(1 + cosine)[..., None])
 
 
 def _samples(knots: Float) -> Float:
