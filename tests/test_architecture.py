@@ -37,7 +37,7 @@ MAY_IMPORT = {
         "dataset",
     },  # external programs read PNG files, which its codecs write
     "scoring": {*UNDER_SCENES, "sensor", "dataset", "matching"},
-    "reconstruction": {*UNDER_SCENES, "dataset"},
+    "reconstruction": {*UNDER_SCENES, "sensor", "dataset"},
     "factory": {
         *UNDER_SCENES,
         *("calibrations", "scenes", "families", "rendering", "sensor", "dataset"),

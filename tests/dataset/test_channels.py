@@ -76,8 +76,8 @@ def test_names_of_files_are_parsed_as_they_are_made(tmp_path):
     names = set()
     for name in hashes:
         if (parsed := parse_file(name)) is not None:
-            file, view, lens = parsed
-            assert file.name(view, lens) == name
+            file, view, lens, frame = parsed
+            assert file.name(view, lens, frame) == parsed.name == name
             names.add(name)
     assert set(hashes) - names == {"calib.txt", "sample.json"}
     for name in ("im0.exr", "xim0.png", "lens-a/im0.png", "im.png", "notes0.txt"):

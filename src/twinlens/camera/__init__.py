@@ -54,7 +54,9 @@ from twinlens.camera.structured_light import (
     Decoded as Decoded,
     GrayCode as GrayCode,
     PhaseShift as PhaseShift,
+    Still as Still,
     decode as decode,
+    decode_sequence as decode_sequence,
 )
 from twinlens.camera.truth import (
     Correspondence as Correspondence,

@@ -4,14 +4,17 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from twinlens.camera.intrinsics import check_size
 from twinlens.errors import InputError, check_int, check_known, check_number
+from twinlens.geometry import float_array
 
 Pattern = NDArray[np.float32]
 AXES = ("u", "v")
 """Across the columns, or down the rows."""
+PHASE_PERIOD = 16.0
+"""The default period of a phase shift, pixels."""
 SPECKLE_MEAN = 0.125
 """The mean of a speckle pattern: 1 is 8 times as bright."""
 
@@ -128,7 +131,7 @@ def phase_shift(
     width: int,
     height: int,
     frame: int = 0,
-    period: float = 16.0,
+    period: float = PHASE_PERIOD,
     steps: int = 4,
     axis: str = "u",
 ) -> Pattern:
@@ -170,6 +173,21 @@ def named(name: str, width: int, height: int, /, **options: Any) -> Pattern:
         return PATTERNS[name](width, height, **options)
     except TypeError as error:
         raise InputError(f"pattern {name!r}: {error}") from error
+
+
+def checked_pattern(values: ArrayLike) -> Pattern:
+    """The pattern float32 (H, W), which cannot be written to. Raises InputError unless its values are in [0, 1]."""
+    pattern = float_array("a projector's pattern", values).astype(np.float32)
+    if pattern.ndim != 2:
+        raise InputError(
+            f"a projector's pattern must have the shape (H, W), got {pattern.shape}"
+        )
+    if not ((pattern >= 0) & (pattern <= 1)).all():
+        raise InputError(
+            "a projector's pattern must have values from 0 to 1, and no NaN"
+        )
+    pattern.setflags(write=False)
+    return pattern
 
 
 def along(

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from twinlens.camera.distortion import BrownConrady
 from twinlens.camera.intrinsics import Camera
 from twinlens.camera.projector import Projector
-from twinlens.errors import InputError, format_value
+from twinlens.errors import InputError, check_int, format_value
 from twinlens.geometry import Float, check_rigid, inverse, rigid, transform_points
 from twinlens.optics import check_length
 from twinlens.settings import Setting, Settings
@@ -76,6 +76,7 @@ class Rig:
             "world_from_cams": poses,
             "calibrated": calibrated,
         }
+        _check_sequences(projectors)
         for name, value in (values | {"projectors": tuple(projectors)}).items():
             object.__setattr__(self, name, value)
         if calibrated is not None and not _same_projectors(self, calibrated):
@@ -169,6 +170,19 @@ class Rig:
         )
 
     @property
+    def num_frames(self) -> int:
+        """The number of frames of a sample: that of the patterns of its projectors' sequences, or 1."""
+        return max((projector.num_frames for projector in self.projectors), default=1)
+
+    def at_frame(self, frame: int) -> "Rig":
+        """The rig with the patterns that its projectors show in a frame. Raises InputError for another frame."""
+        check_int("frame", frame, 0, self.num_frames - 1)
+        if self.num_frames == 1:
+            return self
+        shown = [projector.at_frame(frame) for projector in self.projectors]
+        return self.with_projectors(shown)
+
+    @property
     def views(self) -> "Rig":
         """The cameras and then the projectors as cameras: projector i is camera len(rig) + i.
 
@@ -243,6 +257,15 @@ class Rig:
             parallel
             and x > 0
             and max(abs(y), abs(z)) <= _ALIGNED * x + _ROUNDING * extent
+        )
+
+
+def _check_sequences(projectors: Sequence[Projector]) -> None:
+    """Raise InputError for sequences of different lengths."""
+    lengths = [projector.num_frames for projector in projectors if projector.sequence]
+    if len(set(lengths)) > 1:
+        raise InputError(
+            f"the sequences of a rig's projectors must have equally many patterns, got {lengths}"
         )
 
 

@@ -4,6 +4,8 @@
                    Between two pixel centres one bit changes; its difference, linear there, has the sub-pixel position
     phase shift    I_k(u) = (1 + cos(2 pi (u/period - k/steps))) / 2,  u = period/(2 pi) arg sum I_k exp(2 pi i k/steps)
 
+A sequence is a tuple of codes: `GrayCode`, `PhaseShift`, and `Still` for one image that carries no code.
+
 Sources: Inokuchi, Sato and Matsuda, Range imaging system for 3-D object recognition, ICPR 1984 (Gray code); Geng,
 Structured-light 3D surface imaging: a tutorial, Advances in Optics and Photonics 3(2), 2011 (both).
 """
@@ -18,6 +20,7 @@ from twinlens.camera.intrinsics import check_size
 from twinlens.camera.patterns import (
     AXES,
     Pattern,
+    checked_pattern,
     gray_code,
     gray_code_bits,
     phase_shift,
@@ -57,12 +60,18 @@ class GrayCode:
         return gray_code_bits(self.count)
 
     @property
+    def num_patterns(self) -> int:
+        """2 * bits."""
+        return 2 * self.bits
+
+    def pattern(self, frame: int) -> Pattern:
+        """Pattern `frame` of `patterns`."""
+        return gray_code(self.width, self.height, frame, self.axis)
+
+    @property
     def patterns(self) -> list[Pattern]:
         """2 * bits patterns float32 (H, W): the highest bit first, each followed by its inverse."""
-        return [
-            gray_code(self.width, self.height, frame, self.axis)
-            for frame in range(2 * self.bits)
-        ]
+        return [self.pattern(frame) for frame in range(self.num_patterns)]
 
     def _decode(self, images: Float) -> tuple[Float, Float]:
         """Positions, +inf for a code that is not in use, and modulation (H, W)."""
@@ -123,15 +132,28 @@ class PhaseShift:
             above=2,
         )
         check_int("the steps of a phase shift", self.steps, 3)
+        object.__setattr__(self, "period", float(self.period))
+
+    @property
+    def count(self) -> int:
+        """The number of positions along the axis."""
+        return self.width if self.axis == "u" else self.height
+
+    @property
+    def num_patterns(self) -> int:
+        """`steps`."""
+        return self.steps
+
+    def pattern(self, frame: int) -> Pattern:
+        """Pattern `frame` of `patterns`."""
+        return phase_shift(
+            self.width, self.height, frame, self.period, self.steps, self.axis
+        )
 
     @property
     def patterns(self) -> list[Pattern]:
         """`steps` patterns, float32 (H, W)."""
-        frames = range(self.steps)
-        return [
-            phase_shift(self.width, self.height, k, self.period, self.steps, self.axis)
-            for k in frames
-        ]
+        return [self.pattern(frame) for frame in range(self.steps)]
 
     def _decode(self, images: Float) -> tuple[Float, Float]:
         """Positions in [-0.5, period - 0.5) and modulation (H, W)."""
@@ -143,6 +165,42 @@ class PhaseShift:
             np.angle(phasor) / (2 * np.pi) * self.period + 0.5
         ) % self.period - 0.5
         return position, np.abs(phasor) * (4 / self.steps)
+
+
+@dataclass(frozen=True, eq=False)
+class Still:
+    """One image of a sequence that carries no code, such as a white one.
+
+    image : float32 (H, W) in [0, 1].
+    """
+
+    image: Pattern
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "image", checked_pattern(self.image))
+
+    @property
+    def width(self) -> int:
+        """Columns of the image."""
+        return int(self.image.shape[1])
+
+    @property
+    def height(self) -> int:
+        """Rows of the image."""
+        return int(self.image.shape[0])
+
+    @property
+    def num_patterns(self) -> int:
+        """1."""
+        return 1
+
+    def pattern(self, frame: int) -> Pattern:
+        """The image, for every `frame`."""
+        return self.image
+
+
+Code = GrayCode | PhaseShift | Still
+"""A part of a sequence of patterns: `num_patterns` images, `pattern(frame)`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,6 +252,64 @@ def decode(
     bright = np.percentile(modulation, _BRIGHT_PERCENTILE)
     position = np.where(modulation > least * bright, position, np.inf)
     return Decoded(position, modulation)
+
+
+def decode_sequence(
+    images: Sequence[ArrayLike], sequence: Sequence[Code], least: float = 0.05
+) -> dict[str, Decoded]:
+    """The positions that each pixel of a camera sees, along each axis that a sequence codes: "u", "v" or both.
+
+    The Gray code of an axis comes first, then its phase shifts from the longest period to the shortest; the positions
+    of each code unwrap the next one. Without a Gray code, the longest period must span the axis. The modulation is that
+    of the last code.
+
+    images : one for each pattern of the sequence, as for `decode`, which has `least`.
+
+    Raises InputError as `decode` does, for a sequence without a code, and for a phase shift that nothing unwraps.
+    """
+    expected = sum(code.num_patterns for code in sequence)
+    if len(images) != expected:
+        raise InputError(
+            f"this sequence has {expected} patterns, got {len(images)} images"
+        )
+    by_axis: dict[str, list[tuple[GrayCode | PhaseShift, Sequence[ArrayLike]]]] = {}
+    first = 0
+    for code in sequence:
+        of_code = images[first : first + code.num_patterns]
+        first += code.num_patterns
+        if not isinstance(code, Still):
+            by_axis.setdefault(code.axis, []).append((code, of_code))
+    if not by_axis:
+        raise InputError(
+            "a sequence to decode needs a Gray code or a phase shift, got patterns without a code only"
+        )
+    return {
+        axis: _decoded_axis(codes, least) for axis, codes in sorted(by_axis.items())
+    }
+
+
+def _decoded_axis(
+    codes: Sequence[tuple[GrayCode | PhaseShift, Sequence[ArrayLike]]], least: float
+) -> Decoded:
+    """The positions along one axis, by codes from coarse to fine."""
+
+    def fineness(part: tuple[GrayCode | PhaseShift, Sequence[ArrayLike]]) -> float:
+        code = part[0]
+        return -np.inf if isinstance(code, GrayCode) else -code.period
+
+    coarse = None
+    for code, images in sorted(codes, key=fineness):
+        if isinstance(code, GrayCode):
+            decoded = decode(images, code, least=least)
+        elif coarse is None and code.period < code.count:
+            raise InputError(
+                f"a phase shift of {code.period:g} pixels repeats across {code.count}: add a Gray code of the axis"
+                f" {code.axis!r}, or a phase shift with a period of {code.count} or more"
+            )
+        else:
+            decoded = decode(images, code, coarse, least)
+        coarse = decoded.position
+    return decoded
 
 
 def _grey_stack(images: Sequence[ArrayLike], code: GrayCode | PhaseShift) -> Float:

@@ -33,6 +33,7 @@ COMMANDS = {
     "render": "Render scenes with a stereo rig; write pairs with exact ground truth.",
     "generate": "Make a dataset from a recipe; resumable, parallel.",
     "reconstruct": "Reconstruct points and a surface from a sample; compare with the truth.",
+    "decode": "Decode the structured light of samples; compare with the truth.",
     "rectify": "Rectify two views of each sample, with exact ground truth.",
     "show": "Draw a sample's epipolar geometry, the costs of a pixel, or confidences.",
     "verify": "Check a dataset: checksums, and consistency of its ground truth.",

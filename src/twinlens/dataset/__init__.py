@@ -25,7 +25,7 @@ from twinlens.dataset.dataset import (
 )
 from twinlens.dataset.metadata import About as About
 from twinlens.dataset.real_pairs import downloaded_pairs as downloaded_pairs
-from twinlens.dataset.sample import Sample as Sample, Shot as Shot
+from twinlens.dataset.sample import Frame as Frame, Sample as Sample, Shot as Shot
 from twinlens.dataset.sample_files import write_sample as write_sample
 from twinlens.dataset.storage import (
     Place as Place,

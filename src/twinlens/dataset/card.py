@@ -62,13 +62,15 @@ class Contents:
 
     statistics : of each readable sample, by name.
     noise : renderer noise over sensor noise, of the lenses where it was measured.
-    bands, powers : the bands of the cameras, and the power of each projector (W), of each sample.
+    bands, powers, frames : the bands of the cameras, the power of each projector (W), and the number of frames, of each
+        sample.
     """
 
     statistics: dict[str, Statistics] = field(default_factory=dict)
     noise: list[float] = field(default_factory=list)
     bands: list[tuple[str, ...]] = field(default_factory=list)
     powers: list[list[float]] = field(default_factory=list)
+    frames: list[int] = field(default_factory=list)
 
 
 def describe(dataset: Where | Dataset, given: About | None = None) -> list[str]:
@@ -175,6 +177,7 @@ def _contents(dataset: Dataset) -> Contents:
             rig = sample.rig
             contents.bands.append(tuple(camera.band for camera in rig.cameras))
             contents.powers.append([projector.power for projector in rig.projectors])
+            contents.frames.append(sample.num_frames)
     return contents
 
 
@@ -264,6 +267,8 @@ def _facts(manifest: Manifest, contents: Contents) -> Iterator[tuple[str, str]]:
         powers = [[power] for sample in contents.powers for power in sample]
         yield "projectors of a sample", _counted(map(len, contents.powers))
         yield "power of a projector", _range(map(quantiles, powers), "W")
+    if any(frames > 1 for frames in contents.frames):
+        yield "frames of a sample", _counted(contents.frames)
     splits = [row.info.get("split") for row in manifest.rows]
     counts = Counter(str(split) for split in splits if split is not None)
     if counts:
@@ -289,7 +294,7 @@ def _has_dual_pixels(manifest: Manifest) -> bool:
     for row in manifest.rows:
         for name in row.files:
             parsed = parse_file(name)
-            if parsed is not None and parsed[0] is DP_DISPARITY:
+            if parsed is not None and parsed.file is DP_DISPARITY:
                 return True
     return False
 

@@ -14,7 +14,7 @@ import json
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pydantic
@@ -30,8 +30,8 @@ from twinlens.dataset.consistency import Check
 from twinlens.dataset.sample import (
     Sample,
     blur_circle_px,
-    lens_folder,
     rectified_pair,
+    shot_folder,
 )
 from twinlens.dataset.storage import Where
 from twinlens.errors import FileError, InputError
@@ -47,7 +47,9 @@ TEXTS = "texts"
 
 _TEXTS = pydantic.TypeAdapter(tuple[str, ...])
 _VERSION = re.compile(r"\d+\.\d+\.\d+")
-_FILE_NAME = re.compile(r"(?:lens-(\d+)/)?[a-z-]+(\d+)[A-Za-z]*\.[a-z]+")
+_FILE_NAME = re.compile(
+    r"(?:lens-(\d+)/)?(?:frame-(\d+)/)?[a-z-]+(\d+)[A-Za-z]*\.[a-z]+"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +76,7 @@ class ViewFile:
     meaning : one line, in which {} stands for the number of the view.
     required : whether a sample needs it, by the rig, the view, and whether the lens has dual pixels.
     per_lens : whether each lens has its own, in the folder of the lens.
+    per_frame : whether each frame of a sequence has its own, in the folder of the frame.
     is_truth : whether it may be missing together with all other files of truth.
     aliases : suffixes of the same file in Middlebury's folders, read and never written.
     """
@@ -84,20 +87,21 @@ class ViewFile:
     required: Callable[[Rig, int, bool], bool]
     suffix: str = ""
     per_lens: bool = False
+    per_frame: bool = False
     is_truth: bool = False
     aliases: tuple[str, ...] = ()
 
-    def name(self, view: int, lens: int = 0) -> str:
+    def name(self, view: int, lens: int = 0, frame: int = 0) -> str:
         """The name of a view's file, relative to the sample.
 
-        >>> IMAGE.name(1), IMAGE.name(0, lens=2), MASK.name(0)
-        ('im1.png', 'lens-2/im0.png', 'mask0nocc.png')
+        >>> IMAGE.name(1), IMAGE.name(0, lens=2), IMAGE.name(0, frame=3), MASK.name(0)
+        ('im1.png', 'lens-2/im0.png', 'frame-3/im0.png', 'mask0nocc.png')
         """
-        return self.names(view, lens)[0]
+        return self.names(view, lens, frame)[0]
 
-    def names(self, view: int, lens: int = 0) -> tuple[str, ...]:
+    def names(self, view: int, lens: int = 0, frame: int = 0) -> tuple[str, ...]:
         """`name`, and the names that Middlebury uses for the same file. All names of files of views are made here."""
-        start = f"{lens_folder(lens)}{self.stem}{view}"
+        start = f"{shot_folder(lens, frame)}{self.stem}{view}"
         suffixes = (self.suffix, *self.aliases)
         return tuple(f"{start}{suffix}{self.format.extension}" for suffix in suffixes)
 
@@ -298,20 +302,34 @@ def view_files() -> list[ViewFile]:
     return list(dict.fromkeys(channel.file for channel in CHANNELS.values()))
 
 
-def parse_file(name: str) -> tuple[ViewFile, int, int] | None:
-    """Kind of file, view and lens of a name relative to a sample; None if it is no file of a view.
+class FileOf(NamedTuple):
+    """A file of a view: its kind, and the view, lens and frame that it is of."""
 
-    >>> kind, view, lens = parse_file("lens-2/im1.png")
-    >>> kind is IMAGE, view, lens
-    (True, 1, 2)
+    file: ViewFile
+    view: int
+    lens: int = 0
+    frame: int = 0
+
+    @property
+    def name(self) -> str:
+        """The name, relative to the sample."""
+        return self.file.name(self.view, self.lens, self.frame)
+
+
+def parse_file(name: str) -> FileOf | None:
+    """Kind of file, view, lens and frame of a name relative to a sample; None if it is no file of a view.
+
+    >>> kind, view, lens, frame = parse_file("lens-2/frame-3/im1.png")
+    >>> kind is IMAGE, view, lens, frame
+    (True, 1, 2, 3)
     """
     match = _FILE_NAME.fullmatch(name)
     if match is None:
         return None
-    lens, view = int(match[1] or 0), int(match[2])
+    lens, frame, view = int(match[1] or 0), int(match[2] or 0), int(match[3])
     for file in view_files():
-        if name in file.names(view, lens):
-            return file, view, lens
+        if name in file.names(view, lens, frame):
+            return FileOf(file, view, lens, frame)
     return None
 
 
@@ -433,8 +451,10 @@ def _valid(sample: Sample, view: int, lens: int) -> Any:
     return sample.truths[view].extra.get("valid") if sample.truths else None
 
 
-IMAGE = ViewFile("im", PNG, "image of view {}", _always, per_lens=True)
-RADIANCE = ViewFile("radiance", EXR, "linear image of view {}", _never, per_lens=True)
+IMAGE = ViewFile("im", PNG, "image of view {}", _always, per_lens=True, per_frame=True)
+RADIANCE = ViewFile(
+    "radiance", EXR, "linear image of view {}", _never, per_lens=True, per_frame=True
+)
 DP_LEFT = ViewFile(
     "dp-left",
     PNG,

@@ -259,7 +259,7 @@ def _description(name: str, dataset: Dataset) -> tuple[str, list[str], str] | No
     parsed = parse_file(name)
     if parsed is None:
         return None
-    file, view, _ = parsed
+    file, view = parsed.file, parsed.view
     text = file.description(view, _channels_in(dataset, file, view))
     return text, list(file.format.media_types), file.format.data_type
 

@@ -43,6 +43,7 @@ ADDED: dict[tuple[str, str], Any] = {
     ("ThinLens", "defocus"): 0.0,
     ("Projector", "aperture_diameter"): 0.0,
     ("Projector", "focus_distance"): math.inf,
+    ("Projector", "sequence"): (),
 }
 """Fields that earlier versions do not have. They are left out at this value."""
 

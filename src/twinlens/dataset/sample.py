@@ -1,7 +1,7 @@
 """A sample in memory: a rig, its truth, and the images taken with it. `sample_files` has its files."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,15 @@ KIND, VERSION = "twinlens-sample", 1
 
 
 @dataclass(frozen=True, eq=False)
+class Frame:
+    """The images of one frame of a sequence, and the record of how they were taken; see `Shot`."""
+
+    images: tuple[NDArray[Any], ...]
+    radiances: tuple[NDArray[np.float32], ...] | None = None
+    record: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
 class Shot:
     """One image per camera of the rig, through one lens.
 
@@ -24,6 +33,7 @@ class Shot:
     radiances : one float32 (H, W, 3) linear array per camera, or None to store none.
     record : plain data on how the images were taken (spp, sensor, exposure, ...).
     halves : of dual pixels: the left and the right image of each camera, as `images`; or None.
+    frames : of a sequence: the frames after the first, whose images are `images`.
     """
 
     lens: RecipeLens
@@ -31,6 +41,14 @@ class Shot:
     radiances: tuple[NDArray[np.float32], ...] | None = None
     record: Mapping[str, Any] = field(default_factory=dict)
     halves: tuple[tuple[NDArray[Any], NDArray[Any]], ...] | None = None
+    frames: tuple[Frame, ...] = ()
+
+    def at_frame(self, number: int) -> "Shot":
+        """The shot with the images of one frame only. The halves are those of the first frame."""
+        if number == 0:
+            return replace(self, frames=())
+        frame = self.frames[number - 1]
+        return Shot(self.lens, frame.images, frame.radiances, frame.record)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +62,7 @@ class Sample:
     record : plain data on how the sample was made (seed, scene, backend, versions, ...).
     models : triangles to store, by the name in `ObjectTruth.model`: vertices float (V, 3), metres, and faces (F, 3).
 
-    Raises InputError if an array does not fit the rig.
+    Raises InputError if an array does not fit the rig, and for shots with different numbers of frames.
     """
 
     rig: Rig
@@ -61,7 +79,11 @@ class Sample:
             raise InputError("a sample needs one or more shots")
         if self.truths:
             self._check_sizes("truths", [truth.depth for truth in self.truths])
+        if any(len(shot.frames) != len(self.shots[0].frames) for shot in self.shots):
+            raise InputError("the shots of a sample must have equally many frames")
         for number, shot in enumerate(self.shots):
+            for frame in shot.frames:
+                self._check_sizes(f"images of a frame of shot {number}", frame.images)
             self._check_sizes(f"images of shot {number}", shot.images)
             if shot.radiances is not None:
                 self._check_sizes(f"radiances of shot {number}", shot.radiances)
@@ -86,6 +108,16 @@ class Sample:
                 )
 
     @property
+    def num_frames(self) -> int:
+        """The number of frames that each shot has; 1 without a sequence."""
+        return 1 + len(self.shots[0].frames)
+
+    def at_frame(self, number: int) -> "Sample":
+        """The sample with the images of one frame only."""
+        shots = tuple(shot.at_frame(number) for shot in self.shots)
+        return replace(self, shots=shots)
+
+    @property
     def is_rectified(self) -> bool:
         """Whether the first two cameras are a rectified pair, which calib.txt can describe."""
         return len(self.rig) > 1 and self.rig.nominal.is_rectified()
@@ -100,9 +132,16 @@ def rectified_pair(rig: Rig, view: int) -> tuple[int, int] | None:
     return pair if rig.is_rectified(*pair) else None
 
 
-def lens_folder(lens: int) -> str:
-    """The folder of a lens's images, with its slash; those of the first are in the sample's own."""
-    return f"lens-{lens}/" if lens else ""
+def shot_folder(lens: int, frame: int = 0) -> str:
+    """The folder of the images through a lens in a frame, with its slash.
+
+    Those of the first lens and frame are in the sample's own.
+
+    >>> shot_folder(2), shot_folder(0, 1), shot_folder(2, 1)
+    ('lens-2/', 'frame-1/', 'lens-2/frame-1/')
+    """
+    of_lens = f"lens-{lens}/" if lens else ""
+    return f"{of_lens}frame-{frame}/" if frame else of_lens
 
 
 def blur_circle_px(

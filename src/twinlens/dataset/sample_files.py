@@ -18,7 +18,7 @@ from twinlens.dataset.codecs.calib import Calibration, encode_calib, tidy
 from twinlens.dataset.codecs.ply import encode_ply
 from twinlens.dataset.files import check_replaceable, write_folder
 from twinlens.dataset.record import encode_json, plain
-from twinlens.dataset.sample import KIND, VERSION, Sample, lens_folder
+from twinlens.dataset.sample import KIND, VERSION, Sample, Shot, shot_folder
 from twinlens.dataset.statistics import KEY, statistics
 from twinlens.dataset.storage import MARK, RemotePath, Where, place
 from twinlens.errors import check_known
@@ -56,11 +56,27 @@ def sample_files(sample: Sample) -> dict[str, bytes]:
                 content = file.encode(sample, view, lens)
                 if content is not None:
                     files[file.name(view, lens)] = content
+    for frame in range(1, sample.num_frames):
+        files |= _frame_files(sample.at_frame(frame), frame)
     if sample.is_rectified:
         files["calib.txt"] = encode_calib(_calibration(sample)).encode()
     for name, (vertices, faces) in sample.models.items():
         files[f"models/{name}.ply"] = encode_ply(vertices, faces)
     files["sample.json"] = encode_json(_record(sample))
+    return files
+
+
+def _frame_files(sample: Sample, frame: int) -> dict[str, bytes]:
+    """The files of a frame after the first, from the sample with the images of this frame."""
+    files: dict[str, bytes] = {}
+    for file in view_files():
+        if not file.per_frame:
+            continue
+        for lens in range(len(sample.shots)):
+            for view in range(len(sample.rig)):
+                content = file.encode(sample, view, lens)
+                if content is not None:
+                    files[file.name(view, lens, frame)] = content
     return files
 
 
@@ -101,20 +117,25 @@ def _conventions(sample: Sample) -> dict[str, str]:
     return {**CONVENTIONS, "blur_circle_px": WIDTH_OF_BLUR}
 
 
+def _shot_record(number: int, shot: Shot) -> dict[str, Any]:
+    """The entry of a shot in sample.json."""
+    entry = {
+        "folder": shot_folder(number) or "./",
+        "lens": plain(shot.lens),
+        "record": plain(shot.record),
+    }
+    if shot.frames:
+        entry["frames"] = [plain(frame.record) for frame in shot.frames]
+    return entry
+
+
 def _record(sample: Sample) -> dict[str, Any]:
     """The content of sample.json."""
     rig = sample.rig.nominal
     pair = None
     if len(rig) > 1:
         pair = {"baseline": tidy(rig.baseline()), "doffs_px": rig.doffs()}
-    shots = [
-        {
-            "folder": lens_folder(number) or "./",
-            "lens": plain(shot.lens),
-            "record": plain(shot.record),
-        }
-        for number, shot in enumerate(sample.shots)
-    ]
+    shots = [_shot_record(number, shot) for number, shot in enumerate(sample.shots)]
     truth = sample.truths[0] if sample.truths else None
     return {
         "format": KIND,

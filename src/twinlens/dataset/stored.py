@@ -9,7 +9,7 @@ import itertools
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
@@ -17,6 +17,7 @@ import pydantic
 from numpy.typing import NDArray
 
 from twinlens.camera import ObjectTruth, RecipeLens, Rig
+from twinlens.camera.projector import MAX_FRAMES
 from twinlens.camera.truth import Correspondence, Projection, Truth
 from twinlens.dataset.channels import (
     CHANNELS,
@@ -46,7 +47,7 @@ from twinlens.dataset.record import (
     read_json,
     read_part,
 )
-from twinlens.dataset.sample import KIND, VERSION, blur_circle_px
+from twinlens.dataset.sample import KIND, VERSION, blur_circle_px, shot_folder
 from twinlens.dataset.storage import Place, RemotePath, is_whole
 from twinlens.dataset.visibility import (
     Disparity,
@@ -72,6 +73,16 @@ class _PlainShot(FileModel):
     ]
     lens: dict[str, Any]
     record: dict[str, Any] | None = None
+    frames: list[dict[str, Any]] = pydantic.Field(
+        default=[],
+        max_length=MAX_FRAMES,
+        description="records of the frames of a sequence after the first",
+    )
+
+    @property
+    def num_frames(self) -> int:
+        """The number of frames."""
+        return 1 + len(self.frames)
 
 
 class ShotEntry(_PlainShot):
@@ -321,6 +332,15 @@ class StoredSample(Mapping[str, Any]):
             )
         return StoredShot(self, self.folder / shots[k].folder, k, shots[k])
 
+    @property
+    def num_frames(self) -> int:
+        """Number of frames, each with its images; 1 unless a projector showed a sequence of patterns."""
+        return self._shots()[0].num_frames
+
+    def frame(self, k: int) -> "StoredShot":
+        """The images of frame k through the first lens; 0 is the sample's own. Raises InputError beyond the last."""
+        return self.lens(0).frame(k)
+
     def _shots(self) -> list[_PlainShot]:
         if not self.has("sample.json"):
             return [_PlainShot(folder="./", lens={})]
@@ -365,12 +385,13 @@ class StoredSample(Mapping[str, Any]):
 
 @dataclass(frozen=True)
 class StoredShot:
-    """The images taken through one lens of a stored sample."""
+    """The images taken through one lens of a stored sample, in one frame of its sequence."""
 
     sample: StoredSample
     folder: Place
     number: int
     entry: _PlainShot = field(compare=False, repr=False)
+    frame_number: int = 0
 
     @property
     def lens(self) -> RecipeLens:
@@ -390,7 +411,22 @@ class StoredShot:
     @property
     def record(self) -> dict[str, Any]:
         """How the images were taken, as plain data."""
+        if self.frame_number:
+            return dict(self.entry.frames[self.frame_number - 1])
         return dict(self.entry.record or {})
+
+    @property
+    def num_frames(self) -> int:
+        """Number of frames."""
+        return self.entry.num_frames
+
+    def frame(self, k: int) -> "StoredShot":
+        """The images of frame k through this lens. Raises InputError beyond the last."""
+        if not 0 <= k < self.num_frames:
+            raise InputError(
+                f"{self.sample.name}: has frames 0 to {self.num_frames - 1}, no frame {k}"
+            )
+        return replace(self, frame_number=k)
 
     @property
     def renderer_noise(self) -> float | None:
@@ -402,7 +438,9 @@ class StoredShot:
         return max(ratios) if are_numbers else None
 
     def path(self, name: str) -> Place:
-        """The place of the lens's file of that name."""
+        """The place of the lens's file of that name, in the folder of the frame."""
+        if self.frame_number:
+            name = f"{shot_folder(0, self.frame_number)}{name}"
         return self.folder / name if self.number else self.sample.path(name)
 
     def image(self, i: int) -> Image:
@@ -492,7 +530,9 @@ _NOT_IN_ONE_FILE: dict[str, Callable[[StoredSample, int], Any]] = {
 }
 """How the quantities are read that are not simply an array of a file."""
 
-_NAME = re.compile(r"(?:lens(\d{1,4})\.)?([A-Za-z_]+?)(\d{1,4})(_nonocc)?")
+_NAME = re.compile(
+    r"(?:lens(\d{1,4})\.)?(?:frame(\d{1,4})\.)?([A-Za-z_]+?)(\d{1,4})(_nonocc)?"
+)
 
 
 class Quantity(NamedTuple):
@@ -501,11 +541,13 @@ class Quantity(NamedTuple):
     kind : the name of a channel, or of a quantity of the sample or of a camera.
     lens : the number of the lens in the name, or None.
     view : the number of the view; 0 for a quantity of the sample.
+    frame : the number of the frame in the name, or None.
     """
 
     kind: str
     lens: int | None = None
     view: int = 0
+    frame: int | None = None
 
     @property
     def channel(self) -> Channel | None:
@@ -520,15 +562,17 @@ def find_quantity(name: str) -> Quantity | None:
     match = _NAME.fullmatch(name)
     if match is None:
         return None
-    lens, stem, view, ending = match.groups()
-    number = None if lens is None else int(lens)
-    quantity = Quantity(stem + (ending or ""), number, int(view))
+    lens, frame, stem, view, ending = match.groups()
+    of_lens, of_frame = (None if text is None else int(text) for text in (lens, frame))
+    quantity = Quantity(stem + (ending or ""), of_lens, int(view), of_frame)
     channel = quantity.channel
     if channel is None:
-        is_of_camera = quantity.kind in _PER_CAMERA and lens is None
+        is_of_camera = quantity.kind in _PER_CAMERA and lens is None and frame is None
         return quantity if is_of_camera else None
     has_lenses = channel.file.per_lens or channel.name == "blur_circle_px"
     if channel.dtype == TEXTS or (lens is not None and not has_lenses):
+        return None
+    if frame is not None and not channel.file.per_frame:
         return None
     return quantity
 
@@ -537,9 +581,9 @@ def parse_quantity(name: str) -> Quantity:
     """The quantity of that name. Raises InputError, with the nearest name, if there is none.
 
     >>> parse_quantity("lens1.im0")
-    Quantity(kind='im', lens=1, view=0)
-    >>> parse_quantity("mask1_nonocc")
-    Quantity(kind='mask_nonocc', lens=None, view=1)
+    Quantity(kind='im', lens=1, view=0, frame=None)
+    >>> parse_quantity("frame3.im1")
+    Quantity(kind='im', lens=None, view=1, frame=3)
     """
     if not isinstance(name, str):
         raise InputError(
@@ -571,7 +615,7 @@ def read_quantities(names: Iterable[str], sample: StoredSample) -> dict[str, Any
 def _read_quantity(
     quantity: Quantity, sample: StoredSample, truth: Callable[[int], dict[str, Any]]
 ) -> Any:
-    kind, lens, view = quantity
+    kind, lens, view, frame = quantity
     if kind in _NOT_IN_ONE_FILE:
         return _NOT_IN_ONE_FILE[kind](sample, view)
     file = CHANNELS[kind].file
@@ -580,10 +624,10 @@ def _read_quantity(
         return sample.lens(lens).blur_circle_px(view)
     if file is TRUTH:
         arrays = truth(view)
-    elif lens is None:
+    elif lens is None and frame is None:
         arrays = sample._read(file, view)
     else:
-        arrays = sample.lens(lens)._read(file, view)
+        arrays = sample.lens(lens or 0).frame(frame or 0)._read(file, view)
     if kind not in arrays:
         raise FileError(f"{sample.path(file.name(view))}: has no channel {kind!r}")
     return arrays[kind]

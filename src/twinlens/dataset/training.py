@@ -67,7 +67,8 @@ def stereo_flip(sample: Mapping[str, Any]) -> dict[str, Any]:
     flipped = {}
     sample = _items(sample)
     for name, value in sample.items():
-        quantity, _, view = _of_pair(name)
+        parsed = _of_pair(name)
+        quantity, view = parsed.kind, parsed.view
         if quantity in _OF_THE_PAIR:
             flipped[name] = value
             continue

@@ -20,6 +20,7 @@ from twinlens.dataset.channels import (
     CHANNELS,
     IMAGE,
     TRUTH,
+    FileOf,
     ViewFile,
     parse_file,
     view_files,
@@ -49,13 +50,13 @@ _MISSING, _CHANGED = "is missing", "differs from its SHA-256 in"
 class _Content:
     """What the files of a sample hold.
 
-    views : the channels of each file of a view, by kind, view and lens. In the order in which they were read.
+    views : the channels of each file of a view. In the order in which they were read.
     names : the names of these files.
     record : sample.json, if the sample has one.
     """
 
-    views: dict[tuple[ViewFile, int, int], dict[str, Any]] = field(default_factory=dict)
-    names: dict[tuple[ViewFile, int, int], str] = field(default_factory=dict)
+    views: dict[FileOf, dict[str, Any]] = field(default_factory=dict)
+    names: dict[FileOf, str] = field(default_factory=dict)
     record: SampleFile | None = None
     calibration: Calibration | None = None
 
@@ -69,6 +70,10 @@ class _Content:
         """Lenses of the sample; of a plain folder 1."""
         return 1 if self.record is None else len(self.record.shots)
 
+    def num_frames(self, lens: int) -> int:
+        """Frames that were taken through a lens; of a plain folder 1."""
+        return 1 if self.record is None else self.record.shots[lens].num_frames
+
     def is_dual(self, lens: int) -> bool:
         """Whether the images of the lens were taken with dual pixels."""
         if self.record is None or self.record.record.get("dual_pixel") is not True:
@@ -76,13 +81,20 @@ class _Content:
         diameter: float = self.record.shots[lens].lens.aperture_diameter
         return diameter > 0
 
-    def required(self, is_truth: bool) -> Iterator[tuple[ViewFile, int, int]]:
+    def required(self, is_truth: bool) -> Iterator[FileOf]:
         """The files of views that the sample must have: those of the truth, or the others."""
         for file in view_files():
+            if file.is_truth != is_truth:
+                continue
             for lens in range(self.num_lenses if file.per_lens else 1):
                 for view in range(self.num_views):
-                    if file.is_truth == is_truth and self._needs(file, view, lens):
-                        yield file, view, lens
+                    if self._needs(file, view, lens):
+                        yield from self._frames_of(file, view, lens)
+
+    def _frames_of(self, file: ViewFile, view: int, lens: int) -> Iterator[FileOf]:
+        """A file in each of the frames that have their own."""
+        for frame in range(self.num_frames(lens) if file.per_frame else 1):
+            yield FileOf(file, view, lens, frame)
 
     def _needs(self, file: ViewFile, view: int, lens: int) -> bool:
         """Whether the sample must have a file; a plain folder needs its two images only."""
@@ -91,10 +103,11 @@ class _Content:
         return file.required(self.record.rig.nominal, view, self.is_dual(lens))
 
     def of_view(self, view: int, lens: int) -> dict[str, Any]:
-        """The channels of a view, of the files of one lens and of those that all lenses share."""
+        """The channels of a view, of the files of one lens and of those that all lenses share; of the first frame."""
         channels: dict[str, Any] = {}
-        for (file, number, shot), arrays in self.views.items():
-            if number == view and (shot == lens or not file.per_lens):
+        for (file, number, shot, frame), arrays in self.views.items():
+            is_of_lens = shot == lens or not file.per_lens
+            if number == view and is_of_lens and frame == 0:
                 channels |= arrays
         return channels
 
@@ -360,10 +373,11 @@ def _read_files(sample: StoredSample, present: list[str]) -> tuple[_Content, lis
         except FileError as error:
             reason = str(error).removeprefix(str(path)).lstrip(": ")
             findings.append(f"{name}: {reason}")
-    for file, view, lens in content.required(is_truth=False):
-        name = file.name(view, lens)
-        if name not in present:
-            findings.append(f"{name}: {_MISSING} (the image of view {view})")
+    findings += [
+        f"{kind.name}: {_MISSING} (the image of view {kind.view})"
+        for kind in content.required(is_truth=False)
+        if kind.name not in present
+    ]
     return content, findings
 
 
@@ -375,15 +389,14 @@ def _check_sizes(content: _Content) -> list[str]:
             for view, camera in enumerate(content.record.rig.cameras)
         }
     else:
-        size = content.views[IMAGE, 0, 0]["im"].shape[:2]
+        size = content.views[FileOf(IMAGE, 0)]["im"].shape[:2]
         if content.calibration is not None:
             size = (content.calibration.height, content.calibration.width)
         sizes = {0: size, 1: size}
     findings = []
     for kind, arrays in content.views.items():
-        file, view, _ = kind
-        size = arrays[file.channels[0].name].shape[:2]
-        height, width = sizes.get(view, size)
+        size = arrays[kind.file.channels[0].name].shape[:2]
+        height, width = sizes.get(kind.view, size)
         if size != (height, width):
             problem = f"is {size[1]} x {size[0]}, must be {width} x {height}"
             findings.append(f"{content.names[kind]}: {problem}")
@@ -410,12 +423,10 @@ def _check_truth(content: _Content) -> list[str]:
     expected = list(content.required(is_truth=True))
     if any(kind in content.views for kind in expected):
         findings += [
-            f"{file.name(view, lens)}: {_MISSING}"
-            for file, view, lens in expected
-            if (file, view, lens) not in content.views
+            f"{kind.name}: {_MISSING}" for kind in expected if kind not in content.views
         ]
     for view in range(len(rig)):
-        if (TRUTH, view, 0) in content.views:
+        if FileOf(TRUTH, view) in content.views:
             findings += _check_view(content, content.record, rig, view)
     return findings or _check_exchange(content, rig)
 
@@ -437,14 +448,14 @@ def _check_view(
             findings += _named(channel.file.name(view, lens), wrong)
             if wrong and channel.is_basis:
                 return findings
-    truth = content.views[TRUTH, view, 0]
+    truth = content.views[FileOf(TRUTH, view)]
     objects = record.objects[view] if view < len(record.objects) else []
     wrong = consistency.check_objects(objects, truth, f"objects[{view}]")
     findings += _named(MARK, wrong)
     partner = rig.partner(view)
-    if findings or partner is None or (TRUTH, partner, 0) not in content.views:
+    if findings or partner is None or FileOf(TRUTH, partner) not in content.views:
         return findings
-    truths = truth, content.views[TRUTH, partner, 0]
+    truths = truth, content.views[FileOf(TRUTH, partner)]
     wrong = consistency.check_views(truths, rig, (view, partner))
     return _named(TRUTH.name(view), wrong)
 
@@ -459,7 +470,7 @@ def _check_exchange(content: _Content, rig: Rig) -> list[str]:
                 channels
             ):
                 continue
-            right = content.views[IMAGE, view + 1, lens]["im"]
+            right = content.views[FileOf(IMAGE, view + 1, lens)]["im"]
             wrong = consistency.check_exchange(
                 (channels["im"], right), channels["disp"], channels["mask_nonocc"]
             )

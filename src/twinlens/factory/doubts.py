@@ -8,7 +8,10 @@ import numpy as np
 from twinlens.camera import Rig
 from twinlens.camera.truth import Truth
 from twinlens.dataset import Sample
+from twinlens.factory.draws import leaves
 from twinlens.factory.gates import grey
+from twinlens.factory.plan import is_fixed
+from twinlens.factory.recipe import Recipe
 from twinlens.geometry import Float, inverse, transform_points
 from twinlens.scenes import Mesh, Scene, SceneObject
 from twinlens.scenes.materials import emission_of
@@ -143,6 +146,23 @@ def _direction(middle: Float) -> str:
     if abs(x) > abs(y):
         return f"{distance} away, {'right' if x > 0 else 'left'} of view 0"
     return f"{distance} away, {'below' if y > 0 else 'above'} view 0"
+
+
+def warn_of_lone_patterns(recipe: Recipe) -> None:
+    """Give a `ResultWarning` for patterns of a code that are drawn for each sample, where each has another scene."""
+    if is_fixed(recipe):
+        return
+    keys = [
+        leaf.key for leaf in leaves(recipe.drawn) if leaf.key.endswith("pattern.frame")
+    ]
+    if keys:
+        warnings.warn(
+            f"{recipe.file.name}: {keys[0]} is drawn: each sample shows one pattern, in another scene; for all patterns"
+            ' of a scene, as frames of one sample, replace pattern by sequence = [{ type = "gray_code" }]'
+            " (docs/projectors.md)",
+            ResultWarning,
+            stacklevel=2,
+        )
 
 
 def _views(views: list[int]) -> str:

@@ -24,6 +24,7 @@ from twinlens.dataset.pictures import colourise, contact_sheet, tile
 from twinlens.dataset.sample_files import sample_files
 from twinlens.dataset.storage import Where, place
 from twinlens.errors import FileError, InputError, NotUsedWarning
+from twinlens.factory.doubts import warn_of_lone_patterns
 from twinlens.factory.ledger import Failure, Ledger, repairable, whole_samples
 from twinlens.factory.produce import check_draws, sample_or_failure
 from twinlens.factory.recipe import Recipe
@@ -82,6 +83,7 @@ def generate(
     backend works on this machine, and InputError where all draws of the first sample are impossible.
     """
     _check_part(limit, shard)
+    warn_of_lone_patterns(recipe)
     root, shared = place(folder), shard != (1, 1)
     tools = _checked_tools(recipe, root)
     if shard[0] <= recipe.count:

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from twinlens.camera import ALIGNED, Misalignment, Rig
 from twinlens.camera.rectification import Rectification, rectify
 from twinlens.camera.truth import Truth
-from twinlens.dataset import Place, Sample, Shot, StoredSample, read_manifest
+from twinlens.dataset import Frame, Place, Sample, Shot, StoredSample, read_manifest
 from twinlens.dataset.dataset import MANIFEST
 from twinlens.dataset.record import plain
+from twinlens.dataset.stored import StoredShot
 from twinlens.errors import InputError, check_known
 from twinlens.factory.doubts import ResultWarning
 from twinlens.factory.recipe import recipe_from_table
@@ -153,11 +154,24 @@ def _warped_shots(
     """The stored images of two views through each lens, warped into the rectified cameras."""
     shots = []
     for shot in map(stored.lens, range(stored.num_lenses)):
-        images = tuple(
-            result.warp(side, shot.image(view)) for side, view in enumerate(views)
+        frames = map(shot.frame, range(shot.num_frames))
+        first, *others = [
+            Frame(_warped_images(frame, result, views), record=frame.record)
+            for frame in frames
+        ]
+        shots.append(
+            Shot(shot.lens, first.images, record=first.record, frames=tuple(others))
         )
-        shots.append(Shot(shot.lens, images, record=shot.record))
     return tuple(shots)
+
+
+def _warped_images(
+    frame: StoredShot, result: Rectification, views: tuple[int, int]
+) -> tuple[NDArray[Any], ...]:
+    """The images of two views in one frame, warped into the rectified cameras."""
+    return tuple(
+        result.warp(side, frame.image(view)) for side, view in enumerate(views)
+    )
 
 
 def _rectified_truths(

@@ -21,6 +21,7 @@ from twinlens.camera.film import diffract
 from twinlens.camera.lens import require_aperture, require_paraxial
 from twinlens.camera.truth import Truth
 from twinlens.dataset import (
+    Frame,
     Manifest,
     Place,
     Row,
@@ -134,6 +135,10 @@ class Shoot(Settings, noun="sample"):
             raise InputError(
                 "a sample holds depth along the axis: its cameras must see less than 90 degrees from theirs"
             )
+        if self.dual_pixel and rig.num_frames > 1:
+            raise InputError(
+                "dual_pixel and a projector's sequence exclude each other; remove one"
+            )
         for lens in lenses:
             if require_aperture(lens, "a sample").aperture_diameter > 0:
                 self._check_open(lens)
@@ -164,6 +169,10 @@ def make_sample(
     Each lens has its own random stream, derived from the seed, the scene's name and the lens's index. The record has
     everything needed to make the sample again with `remake`. Calibration errors of the rig affect the images; the
     ground truth is that of `Rig.nominal`.
+
+    Where projectors have a sequence of patterns, each lens takes a frame of each pattern, with one exposure. All frames
+    have the same light paths, so the renderer's noise does not differ between them, and noise of the sensor of their
+    own; its fixed patterns are those of the sensor.
 
     shoot : by default `Shoot()`. The mismatch of its sensor makes the cameras and their lenses differ
         (`Sensor.lenses`); for the alignment, give ``sensor.misalign(rig)`` as the rig. Truth is that of the nominal
@@ -217,6 +226,22 @@ def _record(scene: Scene, rig: Rig, shoot: Shoot) -> dict[str, Any]:
     }
 
 
+@dataclass(frozen=True, eq=False)
+class _Light:
+    """What the cameras see in one frame, before their sensors.
+
+    images : per camera (H, W, 3), or the parts of its aperture (P, H, W, 3).
+    radiances : the whole images, diffracted.
+    views : the images with estimates of their noise, where it was measured.
+    spp : samples per pixel used.
+    """
+
+    images: Sequence[NDArray[np.float32]]
+    radiances: Sequence[NDArray[np.float32]]
+    views: Sequence[rendering.NoisyImage]
+    spp: int
+
+
 @dataclass(frozen=True)
 class _Photographer:
     """Takes the images of one lens; `seed` is that of its light paths and of its sensors' noise."""
@@ -228,9 +253,48 @@ class _Photographer:
     seed: int
 
     def shot(self, progress: rendering.Progress | None) -> Shot:
-        """The images of all cameras and the record of how they were taken."""
+        """The images of all cameras in all frames, and the record of how they were taken."""
+        lights = self._rendered(progress)
+        brightest = None
+        if len(lights) > 1:
+            per_camera = zip(*(light.radiances for light in lights), strict=True)
+            brightest = [np.maximum.reduce(radiances) for radiances in per_camera]
+        frames, halves = [], None
+        for number, light in enumerate(lights):
+            # Each frame has noise of its own; fixed patterns are those of the sensor.
+            seed = derived_seed(self.seed, "frame", number) if number else self.seed
+            photos, halves = self._exposed(light, seed, brightest)
+            frames.append(self._frame(light, photos, seed))
+        first = frames[0]
+        return Shot(
+            self.lens,
+            first.images,
+            first.radiances,
+            first.record,
+            halves,
+            tuple(frames[1:]),
+        )
+
+    def _rendered(self, progress: rendering.Progress | None) -> list[_Light]:
+        """The light of each frame. All frames have the random numbers and the samples per pixel of the first."""
+        count = self.rig.num_frames
+        lights: list[_Light] = []
+        for number in range(count):
+            report = rendering.partial_progress(
+                progress, number / count, (number + 1) / count
+            )
+            doublings = None
+            if lights:
+                doublings = round(np.log2(lights[0].spp / self.shoot.spp))
+            lights.append(self._light(self.rig.at_frame(number), report, doublings))
+        return lights
+
+    def _light(
+        self, rig: Rig, progress: rendering.Progress | None, doublings: int | None
+    ) -> _Light:
+        """The light of one frame; its samples are doubled this often, or until the noise is small enough."""
         shoot, spp = self.shoot, self.shoot.spp
-        request = (self.scene, self.rig, self._lenses, spp, self.seed)
+        request = (self.scene, rig, self._lenses, spp, self.seed)
         how: dict[str, Any] = {
             "denoise": shoot.denoise,
             "parts": self._parts,
@@ -239,24 +303,31 @@ class _Photographer:
         }
         views: Sequence[rendering.NoisyImage] = ()
         if shoot.measures_noise:
+            rounds = iter(range(doublings or 0))
             views, spp = rendering.render_measured(
-                *request, **how, enough=self._is_clean_enough
+                *request,
+                **how,
+                enough=self._is_clean_enough
+                if doublings is None
+                else lambda views: next(rounds, None) is None,
             )
             images = [view.image for view in views]
         else:
             images = list(rendering.render(*request, **how))
-        radiances = self._diffracted(_wholes(images))
-        photos, halves = self._exposed(images, radiances)
-        record: dict[str, Any] = {"spp": spp}
-        if views:
-            record["light_paths_over_sensor"] = self._noise_ratios(views, photos)
-        if unlit := [view for view, light in enumerate(radiances) if not light.any()]:
+        return _Light(images, self._diffracted(_wholes(images)), views, spp)
+
+    def _frame(self, light: _Light, photos: Sequence[Photo], seed: int) -> Frame:
+        """The images of a frame, and the record of how they were taken."""
+        record: dict[str, Any] = {"spp": light.spp}
+        if light.views:
+            record["light_paths_over_sensor"] = self._noise_ratios(light.views, photos)
+        unlit = [view for view, film in enumerate(light.radiances) if not film.any()]
+        if unlit:
             record["unlit_views"] = unlit
-        record["seed"] = self.seed
+        record["seed"] = seed
         record["exposures"] = [photo.record for photo in photos]
-        kept = tuple(radiances) if shoot.keep_radiance else None
-        taken = tuple(photo.image for photo in photos)
-        return Shot(self.lens, taken, kept, record, halves)
+        kept = tuple(light.radiances) if self.shoot.keep_radiance else None
+        return Frame(tuple(photo.image for photo in photos), kept, record)
 
     @property
     def _parts(self) -> Dual | None:
@@ -272,7 +343,7 @@ class _Photographer:
     def _is_clean_enough(self, views: Sequence[rendering.NoisyImage]) -> bool:
         if self.shoot.noise is None:
             return True
-        photos = self._photos(_wholes(view.image for view in views))
+        photos = self._photos(_wholes(view.image for view in views), self.seed)
         return max(self._noise_ratios(views, photos)) <= self.shoot.noise
 
     def _noise_ratios(
@@ -294,28 +365,35 @@ class _Photographer:
             )
         ]
 
-    def _photos(self, radiances: Sequence[NDArray[np.float32]]) -> list[Photo]:
+    def _photos(
+        self,
+        radiances: Sequence[NDArray[np.float32]],
+        seed: int,
+        brightest: Sequence[NDArray[np.float32]] | None = None,
+    ) -> list[Photo]:
         return self.shoot.sensor.expose_rig(
             radiances,
             rig=self.rig,
             lens=self.lens,
-            seed=self.seed,
+            seed=seed,
             exposure=self.shoot.exposure,
+            brightest=brightest,
         )
 
     def _exposed(
         self,
-        images: Sequence[NDArray[np.float32]],
-        radiances: Sequence[NDArray[np.float32]],
+        light: _Light,
+        seed: int,
+        brightest: Sequence[NDArray[np.float32]] | None,
     ) -> tuple[list[Photo], tuple[Any, ...] | None]:
         """The photos, and of dual pixels the images of the left and right half of each."""
         if self._parts is None:
-            return self._photos(radiances), None
+            return self._photos(light.radiances, seed, brightest), None
         dual = self.shoot.sensor.expose_dual_rig(
-            images,
+            light.images,
             rig=self.rig,
             lens=self.lens,
-            seed=self.seed,
+            seed=seed,
             exposure=self.shoot.exposure,
         )
         photos = [whole for _, _, whole in dual]

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -16,8 +17,10 @@ from twinlens.camera import (
     BrownConrady,
     Camera,
     Distortion,
+    GrayCode,
     KannalaBrandt,
     Misalignment,
+    PhaseShift,
     Projector,
     Rig,
     ThinLens,
@@ -27,8 +30,9 @@ from twinlens.camera import (
 )
 from twinlens.camera.film import sensor_width_mm
 from twinlens.camera.intrinsics import MAX_SIDE
-from twinlens.camera.patterns import named
+from twinlens.camera.patterns import PHASE_PERIOD, named
 from twinlens.camera.presets import CAMERAS, find_camera
+from twinlens.camera.projector import MAX_FRAMES
 from twinlens.camera.rig import check_seen
 from twinlens.errors import FileError, InputError, located
 from twinlens.geometry import Float, rigid
@@ -287,11 +291,20 @@ class ProjectorTable(Intrinsics):
     Field of view and image size are by default those of the scene's cameras; a pattern of type "picture" has the size
     of the picture. `power` is in watts; `lux` is the illuminance of a white pattern on the axis, 1 m away, for the band
     "rgb". An aperture blurs the pattern away from `focus`, in metres.
+
+    `sequence` has patterns that are shown one after another, in the frames of one sample: a code without `frame` stands
+    for all of its images.
     """
 
     translate: Vector3 | None = None
     euler_deg: Vector3 | None = None
     pattern: PatternTable | None = None
+    sequence: (
+        Annotated[
+            list[PatternTable], pydantic.Field(min_length=1, max_length=MAX_FRAMES)
+        ]
+        | None
+    ) = None
     power: NonNegative | None = None
     lux: NonNegative | None = None
     band: Literal["nir", "rgb"] = "nir"
@@ -303,21 +316,20 @@ class ProjectorTable(Intrinsics):
         """The projector, with the intrinsics in `shared` where the table has none."""
         if self.power is not None and self.lux is not None:
             raise InputError("'power' and 'lux' both set the light; keep one")
-        options = (
-            {"type": "white"}
-            if self.pattern is None
-            else self.pattern.model_dump(exclude_none=True)
-        )
-        kind, picture = options.pop("type"), None
-        if kind == "picture":
-            picture = _grey_picture(Path(options["file"]))
-            shared = {**shared, "height": len(picture), "width": len(picture[0])}
+        if self.pattern is not None and self.sequence is not None:
+            raise InputError("'pattern' and 'sequence' both set the patterns; keep one")
+        shown = [self.pattern] if self.sequence is None else self.sequence
+        tables = [_options(table) for table in shown]
+        pictures = [_picture_of(table) for table in tables]
+        for picture in pictures:
+            if picture is not None:
+                shared = {**shared, "height": len(picture), "width": len(picture[0])}
         intrinsics = self.made(shared).replace(band="rgb")
-        pattern = (
-            named(kind, intrinsics.width, intrinsics.height, **options)
-            if picture is None
-            else picture
-        )
+        parts = []
+        for i, (table, picture) in enumerate(zip(tables, pictures, strict=True)):
+            with located(f"sequence[{i}]") if self.sequence else nullcontext():
+                is_whole = self.sequence is not None and "frame" not in table
+                parts.append(_part(table, picture, intrinsics, is_whole))
         pose = rigid(
             euler_rotation(self.euler_deg or [0.0] * 3)[:3, :3],
             self.translate or [0.0] * 3,
@@ -325,9 +337,44 @@ class ProjectorTable(Intrinsics):
         power = 1.0 if self.power is None else self.power
         lens = 1e-3 * self.aperture_mm, self.focus
         made = Projector(
-            pose, intrinsics, pattern, power, self.band, self.filter, *lens
+            pose, intrinsics, "white", power, self.band, self.filter, *lens
+        )
+        made = (
+            made.with_sequence(parts) if self.sequence else made.with_pattern(parts[0])
         )
         return made if self.lux is None else made.with_lux(self.lux)
+
+
+def _options(table: StrictModel | None) -> dict[str, Any]:
+    """The type of a pattern and its options; that of no pattern is white."""
+    if table is None:
+        return {"type": "white"}
+    return table.model_dump(exclude_none=True)
+
+
+def _picture_of(table: Mapping[str, Any]) -> NDArray[np.float32] | None:
+    """The picture of a pattern, or None for a pattern of another type."""
+    if table["type"] != "picture":
+        return None
+    return _grey_picture(Path(table["file"]))
+
+
+def _part(
+    table: Mapping[str, Any],
+    picture: NDArray[np.float32] | None,
+    intrinsics: Camera,
+    is_whole: bool,
+) -> Any:
+    """A pattern (H, W), or with `is_whole` the code whose images are all shown, where the type is a code."""
+    if picture is not None:
+        return picture
+    size = intrinsics.width, intrinsics.height
+    options = {key: value for key, value in table.items() if key != "type"}
+    if is_whole and table["type"] == "gray_code":
+        return GrayCode(*size, **options)
+    if is_whole and table["type"] == "phase_shift":
+        return PhaseShift(*size, **{"period": PHASE_PERIOD, **options})
+    return named(table["type"], *size, **options)
 
 
 def _grey_picture(path: Path) -> NDArray[np.float32]:
@@ -362,18 +409,36 @@ def _with_pictures(table: Mapping[str, Any], find: Find) -> dict[str, Any]:
     if not isinstance(projectors, list):
         return dict(table)
     with_paths = [
-        _with_picture(projector, i, find) for i, projector in enumerate(projectors)
+        _with_pictures_of(projector, f"projectors[{i}]", find)
+        for i, projector in enumerate(projectors)
     ]
     return {**table, "projectors": with_paths}
 
 
-def _with_picture(projector: Any, i: int, find: Find) -> Any:
-    match projector:
-        case {"pattern": {"type": "picture", "file": str(name)} as pattern}:
-            with located(f"projectors[{i}].pattern.file"):
+def _with_pictures_of(projector: Any, key: str, find: Find) -> Any:
+    """The table of a projector with the paths of the pictures of its pattern and its sequence."""
+    if not isinstance(projector, Mapping):
+        return projector
+    changed = dict(projector)
+    if "pattern" in projector:
+        changed["pattern"] = _with_path(projector["pattern"], f"{key}.pattern", find)
+    sequence = projector.get("sequence")
+    if isinstance(sequence, list):
+        changed["sequence"] = [
+            _with_path(pattern, f"{key}.sequence[{i}]", find)
+            for i, pattern in enumerate(sequence)
+        ]
+    return changed
+
+
+def _with_path(pattern: Any, key: str, find: Find) -> Any:
+    """The table of a pattern with the path of its picture."""
+    match pattern:
+        case {"type": "picture", "file": str(name)}:
+            with located(f"{key}.file"):
                 path = str(find(name))
-            return {**projector, "pattern": {**pattern, "file": path}}
-    return projector
+            return {**pattern, "file": path}
+    return pattern
 
 
 def _with_calibration(

@@ -406,14 +406,24 @@ class Sensor(Settings, noun="sensor"):
         lens: ApertureLens,
         seed: int,
         exposure: Exposure | None,
+        brightest: Sequence[ArrayLike] | None = None,
     ) -> list[Photo]:
-        """One photo for each radiance, camera and eye; cameras of the same band have the same exposure."""
+        """One photo for each radiance, camera and eye; cameras of the same band have the same exposure.
+
+        An automatic exposure is that of the `brightest` radiances, by default the ones that are exposed.
+        """
         images = [
             checked_radiance("radiance", radiance, camera)
             for radiance, camera, _ in views
         ]
         cameras = [camera for _, camera, _ in views]
-        exposures = self._nominal(images, cameras, lens, seed, exposure)
+        metered = images
+        if brightest is not None:
+            metered = [
+                checked_radiance("radiance", radiance, camera)
+                for radiance, camera in zip(brightest, cameras, strict=True)
+            ]
+        exposures = self._nominal(metered, cameras, lens, seed, exposure)
         photos = []
         for image, (_, camera, eye), nominal in zip(
             images, views, exposures, strict=True
@@ -624,12 +634,17 @@ class Sensor(Settings, noun="sensor"):
         lens: ApertureLens,
         seed: int = 0,
         exposure: Exposure | None = None,
+        brightest: Sequence[ArrayLike] | None = None,
     ) -> list[Photo]:
         """Expose one image per camera of a rig, with one exposure for the cameras of each band; see `expose`.
 
+        brightest : one image per camera, which the automatic exposure is made for in place of `images`: that of the
+            frames of a sequence, which share an exposure.
+
         The `ParaxialWarning` is given once, for the camera with the smallest film distance.
         """
-        return self._expose(self._views(images, rig), lens, seed, exposure)
+        views = self._views(images, rig)
+        return self._expose(views, lens, seed, exposure, brightest)
 
     def _views(
         self, images: Sequence[ArrayLike], rig: Rig
@@ -682,6 +697,16 @@ class Sensor(Settings, noun="sensor"):
             return np.ones(3)
         response: Float = np.array(self.quantum_efficiency) * np.array(self.wavelengths)
         return np.asarray(response.max() / response)
+
+    def linear(self, image: Image) -> Float:
+        """The linear values, 1 for white, of an image that this sensor has developed; the white balance is kept.
+
+        Values of raw images have the black level subtracted, and may be negative.
+        """
+        if self.output != "raw":
+            return picture.linear(image, self.output, self.gamma)
+        span = self.largest_dn - self.black_level
+        return np.asarray((image.astype(np.float64) - self.black_level) / span)
 
     def _develop(self, numbers: NDArray[np.uint16], mismatch: Mismatch) -> Image:
         if self.output == "raw":

@@ -96,6 +96,19 @@ def demosaic(values: Float, pattern: str) -> Float:
     return full
 
 
+def linear(image: Image, curve: str, gamma: float) -> Float:
+    """The values in 0..1 of an image before its tone curve, the inverse of `encode`.
+
+    >>> linear(encode(np.array([0.18, 0.5]), "srgb", 2.2, 16), "srgb", 2.2).round(4).tolist()
+    [0.18, 0.5]
+    """
+    encoded = image.astype(np.float64) / np.iinfo(image.dtype).max
+    if curve == "srgb":
+        power = ((encoded + 0.055) / 1.055) ** 2.4
+        return np.where(encoded <= 0.04045, encoded / 12.92, power)
+    return encoded**gamma if curve == "gamma" else encoded
+
+
 def encode(linear: Float, curve: str, gamma: float, bits: int) -> Image:
     """An image of `bits` (8 or 16) from linear values, clipped to 0..1; the sRGB curve is that of IEC 61966-2-1.
 

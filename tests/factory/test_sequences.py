@@ -1,0 +1,173 @@
+"""Samples of a sequence of patterns: their frames, files and noise; decoded, against the closed form of a plane."""
+
+import numpy as np
+import pytest
+
+import twinlens as tl
+from twinlens import geometry
+from twinlens.camera import GrayCode, PhaseShift, Pinhole, ThinLens
+from twinlens.dataset import open_sample, write_sample
+from twinlens.dataset.sample_files import sample_files
+from twinlens.dataset.verify import verify_sample
+from twinlens.errors import InputError
+from twinlens.factory import remake
+from twinlens.factory.rectified import rectified_sample
+from twinlens.factory.sample import Shoot, make_sample
+from twinlens.reconstruction.decoding import decode_sample
+from twinlens.scenes import Scene, SceneObject
+from twinlens.sensor import Sensor
+
+Z, BASELINE, APART = 2.0, 0.1, 0.25
+CAMERA = tl.Camera.from_fov(48, 36, 30)
+LENS = tl.Camera.from_fov(64, 48, 50)
+CODES = ["white", GrayCode(64, 48), GrayCode(64, 48, "v"), PhaseShift(64, 48, 16, 4)]
+FRAMES = 1 + 12 + 12 + 4
+LINEAR = Sensor(
+    output="linear", bits=16, shot_noise=False, read_noise=0.0, prnu=0.0, dsnu=0.0
+)
+
+
+def plane(**lights):
+    """A grey plane at depth Z before cameras at the origin that look along z."""
+    turn = np.diag([-1.0, 1, -1])
+    pose = geometry.rigid(turn, [0, 0, Z]) @ np.diag([9.0, 9, 1, 1])
+    grey = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.5}}
+    wall = SceneObject("wall", {"type": "rectangle"}, "grey", pose)
+    path = {"type": "path", "max_depth": 2}
+    return Scene("plane", (wall,), {"grey": grey}, np.eye(4), (1.0, 9.0), lights, path)
+
+
+def rig_of(*sequence):
+    pose = geometry.rigid(np.eye(3), [APART, 0, 0])
+    lamp = tl.Projector(pose, LENS, power=20.0, band="rgb", sequence=sequence)
+    return tl.Rig.stereo(CAMERA, BASELINE).with_projectors([lamp])
+
+
+def seen_positions(view):
+    """The closed form of the projector pixels (H, W, 2) on the plane that a view sees, of parallel pinholes."""
+    v, u = np.mgrid[:36, :48]
+    x = Z * (u - CAMERA.cx) / CAMERA.fx + view * BASELINE - APART
+    y = Z * (v - CAMERA.cy) / CAMERA.fy
+    return np.stack([LENS.fx * x / Z + LENS.cx, LENS.fy * y / Z + LENS.cy], axis=-1)
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("sequence") / "plane"
+    shoot = Shoot(spp=16, sensor=LINEAR, keep_radiance=True, seed=5)
+    sample = make_sample(plane(), rig_of(*CODES), [Pinhole()], shoot)
+    write_sample(folder, sample)
+    return open_sample(folder)
+
+
+def test_decoded_positions_and_points_are_the_closed_form_of_the_plane(stored):
+    assert stored.num_frames == FRAMES
+    for view, decoded in enumerate(decode_sample(stored)):
+        exact = seen_positions(view)
+        inside = (exact >= 1).all(axis=-1) & (exact <= (62, 46)).all(axis=-1)
+        assert inside.mean() > 0.5
+        assert decoded.valid[inside].all()
+        u, v = decoded.axes["u"].position, decoded.axes["v"].position
+        assert np.abs(u - exact[..., 0])[inside].max() < 0.05  # a phase shift
+        assert np.abs(v - exact[..., 1])[inside].max() < 0.5  # a Gray code
+        # An error e of the column moves the point by z^2 e / (f b) to first order.
+        apart = abs(APART - view * BASELINE)
+        depth = decoded.points[..., 2][inside]
+        assert np.abs(depth - Z).max() < 1.1 * 0.05 * Z**2 / (LENS.fx * apart)
+        truth = decoded.against_truth
+        assert truth["u_px"]["median"] < 0.05
+        assert truth["u_px"]["within_half"] == 1
+        assert truth["decoded_of_lit"] > 0.9
+        error = np.linalg.norm(decoded.points - stored.truth(view).position, axis=-1)
+        compared = decoded.valid & stored.truth(view).projections[0].lit
+        median = 1e3 * np.median(error[compared])
+        assert truth["point_mm"]["median"] == pytest.approx(median)
+
+
+def test_a_pattern_and_its_inverse_add_up_to_white(stored):
+    """The frames have one exposure and the same light paths; between them only the pattern differs."""
+    white = stored.frame(0).radiance(0)
+    for first in (1, 7, 13):
+        pair = stored.frame(first).radiance(0) + stored.frame(first + 1).radiance(0)
+        assert np.abs(pair - white).max() < 1e-5 * white.max()
+    times = {
+        frame.record["exposures"][view]["time_s"]
+        for frame in map(stored.frame, range(FRAMES))
+        for view in (0, 1)
+    }
+    assert len(times) == 1
+    images = [stored.frame(number).im1 for number in (0, 3, 4)]
+    assert images[0].max() <= 0.95 * 65535
+    # The converter rounds each image to half a digital number.
+    number = 65535 / (LINEAR.largest_dn - LINEAR.black_level) * LINEAR.balance().max()
+    rounding = images[1].astype(float) + images[2] - images[0]
+    assert np.abs(rounding).max() <= 1.5 * number + 2
+
+
+def test_frames_have_noise_of_their_own_and_the_fixed_pattern_of_the_sensor():
+    noisy = LINEAR.replace(shot_noise=True, read_noise=2.0)
+    fixed = LINEAR.replace(prnu=0.05, dsnu=20.0)
+    taken = {}
+    for name, sensor in {"noisy": noisy, "fixed": fixed}.items():
+        shoot = Shoot(spp=2, sensor=sensor, keep_radiance=True)
+        (taken[name],) = make_sample(
+            plane(), rig_of("white", "white"), [Pinhole()], shoot, truths=()
+        ).shots
+    for shot in taken.values():
+        (second,) = shot.frames
+        assert np.array_equal(shot.radiances[0], second.radiances[0])
+    noise = [frame.images[0].astype(float) for frame in (taken["noisy"], *taken["noisy"].frames)]  # fmt: skip
+    lit = noise[0] > 1000
+    first, second = (image[lit] - image[lit].mean() for image in noise)
+    assert abs(np.corrcoef(first - second, first + second)[0, 1]) < 0.1
+    assert (first != second).mean() > 0.9
+    assert np.array_equal(taken["fixed"].images[0], taken["fixed"].frames[0].images[0])
+
+
+def test_the_files_of_frames_are_read_verified_and_made_again(stored, tmp_path):
+    assert verify_sample(stored) == []
+    assert stored["frame3.im1"].shape == (36, 48, 3)
+    assert np.array_equal(stored["frame3.im1"], stored.frame(3).im1)
+    assert np.array_equal(stored["lens0.frame3.radiance0"], stored.frame(3).radiance(0))
+    assert not np.array_equal(stored["frame3.im0"], stored.im0)
+    for number in (-1, FRAMES):
+        with pytest.raises(InputError, match=f"frames 0 to {FRAMES - 1}, no frame"):
+            stored.frame(number)
+    with pytest.raises(InputError, match="quantity"):
+        stored["frame3.disp0"]
+    made = sample_files(remake(stored.record, plane()))
+    for name, content in made.items():
+        assert stored.path(name).read_bytes() == content
+    damaged = tmp_path / "damaged"
+    for name, content in made.items():
+        if name != "frame-7/im1.png":
+            (damaged / name).parent.mkdir(exist_ok=True, parents=True)
+            (damaged / name).write_bytes(content)
+    (finding,) = verify_sample(open_sample(damaged))
+    assert finding.startswith("frame-7/im1.png: is missing")
+    (damaged / "frame-7/im1.png").write_bytes(made["frame-7/im1.png"][:99])
+    (finding,) = verify_sample(open_sample(damaged))
+    assert finding.startswith("frame-7/im1.png: ")
+
+
+def test_rectified_samples_have_all_frames_and_each_lens_has_its_own(stored):
+    rectified = rectified_sample(stored, plane())
+    assert rectified.num_frames == FRAMES
+    result = rectified.shots[0].frames[4].images[1]
+    assert np.abs(result.astype(float) - stored.frame(5).im1).mean() < 200  # of 65535
+    lenses = [Pinhole(), ThinLens(0.05, focus_distance=1.0)]
+    shoot = Shoot(spp=2, sensor=LINEAR)
+    sample = make_sample(plane(), rig_of("white", "checker"), lenses, shoot, truths=())
+    files = sample_files(sample)
+    assert {"frame-1/im0.png", "lens-1/im0.png", "lens-1/frame-1/im1.png"} < files.keys()  # fmt: skip
+    assert files["frame-1/im0.png"] != files["lens-1/frame-1/im0.png"]
+
+
+def test_dual_pixels_and_samples_without_codes_are_refused(tmp_path):
+    shoot = Shoot(spp=1, sensor=LINEAR, dual_pixel=True)
+    with pytest.raises(InputError, match="dual_pixel and a projector's sequence"):
+        make_sample(plane(), rig_of("white", "dots"), [Pinhole()], shoot)
+    sample = make_sample(plane(), rig_of("white", "dots"), [Pinhole()], Shoot(spp=1))
+    write_sample(tmp_path / "plain", sample)
+    with pytest.raises(InputError, match="no projector of 1 shows a sequence of coded"):
+        decode_sample(open_sample(tmp_path / "plain"))
