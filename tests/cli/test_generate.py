@@ -15,6 +15,36 @@ def recipe(tmp_path_factory):
     return write_recipe(tmp_path_factory.mktemp("recipe"), count=2)
 
 
+NARROW = """
+seed = 1
+count = 1
+families = ["cards"]
+width = 32
+height = 24
+spp = 1
+denoise = false
+[rig]
+fov_x_deg = 0.9
+[gates]
+attempts = 2
+"""
+
+
+def test_a_dataset_of_rejected_draws_alone_names_the_field_and_its_ledger(
+    twinlens, tmp_path
+):
+    (tmp_path / "narrow.toml").write_text(NARROW)
+    root = tmp_path / "set"
+    line = ("generate", tmp_path / "narrow.toml", "-o", root)
+    code, out, err = twinlens(*line)
+    assert code == 1
+    assert "too little visible in both views" in err
+    assert "rig.fov_x_deg" in err
+    assert f"{root / 'dataset.json'} lists the rejected draws" in err
+    assert "0 of 1 sample, 0 made" in out
+    assert [path.name for path in root.iterdir()] == ["dataset.json"]
+
+
 def test_the_repair_hint_of_verify_repairs_damage(twinlens, recipe, tmp_path):
     root = tmp_path / "set"
     twinlens("generate", recipe, "-o", root)

@@ -34,6 +34,27 @@ def test_json_is_the_plan_of_the_library(twinlens):
     assert answer["used"].keys() == answer["limits"].keys() <= set(LIMITS)
 
 
+@pytest.mark.parametrize(
+    "task",
+    [
+        ("--depth", "1,4", "--fov", "50,70", "--depth-error-mm", "20"),
+        ("--depth", "0.5,3", "--fov", "60", "--max-disparities", "400"),
+        ("--depth", "0.4,2", "--camera", "realsense-d435"),
+        ("--depth", "2,30", "--fov", "40,60", "--max-disparities", "600"),
+    ],
+)
+def test_disparities_are_one_number(twinlens, task):
+    """The number of `match --num-disparities`, which covers the whole numbers around both ends, is the one used."""
+    code, out, err = twinlens("plan", *task)
+    assert (code, err) == (0, "")
+    least, count = map(int, re.search(r"min-disparity (\d+) --num-disparities (\d+)", out).groups())  # fmt: skip
+    assert re.search(r"^  disparities +(\d+)  at most", out, re.MULTILINE)[1] == str(count)  # fmt: skip
+    shown = re.findall(r"^ +[\d.]+ m +([\d.]+) px", out, re.MULTILINE)
+    near, far = float(shown[0]), float(shown[-1])
+    assert least <= far + 0.05
+    assert near - 0.05 <= least + count - 1 < near + 1.05
+
+
 def test_the_file_of_a_plan_renders_and_is_part_of_a_recipe(twinlens, ball, tmp_path):
     file, recipe = tmp_path / "plan.toml", tmp_path / "recipe.toml"
     plan = json.loads(twinlens("plan", *TASK, "-o", file, "--json")[1])["best"]

@@ -70,6 +70,27 @@ def test_a_folder_without_truth_is_reconstructed_without_comparison(
     assert twinlens(*line, tmp_path / "s")[0] == 2, "it has no truth to fuse"
 
 
+@pytest.mark.parametrize(
+    ("line", "instead"),
+    [("height=48", "height=96"), ("width=64", "width=128"), ("height=48", "height=47")],
+)
+def test_a_calibration_of_another_size_is_refused_by_name(
+    twinlens, dataset, tmp_path, line, instead
+):
+    for name in ("im0.png", "im1.png"):
+        (tmp_path / name).write_bytes((dataset / "cards" / name).read_bytes())
+    text = (dataset / "cards" / "calib.txt").read_text()
+    assert line in text
+    (tmp_path / "calib.txt").write_text(text.replace(line, instead))
+    made = tmp_path / "made"
+    code, _, err = twinlens("reconstruct", tmp_path, "--method", "sad", "-o", made)
+    assert code == 2
+    assert f"{tmp_path / 'calib.txt'} is of" in err
+    assert "but the images have 64x48" in err
+    assert err.count("\n") == 1
+    assert not made.exists()
+
+
 def test_only_earlier_reconstructions_are_overwritten(twinlens, arc, tmp_path):
     made, home = tmp_path / "r", tmp_path / "home"
     line = ("reconstruct", arc, "--far", 2, "--cell-mm", 40, "-o")

@@ -1,10 +1,13 @@
 """Exclusive and shared locks of a folder; no lock file is left."""
 
+import signal
+import subprocess
+import sys
 import threading
 
 import pytest
 
-from twinlens.dataset.files import locked
+from twinlens.dataset.files import locked, remove_abandoned, write_file
 from twinlens.errors import OutputError
 
 
@@ -57,3 +60,49 @@ def test_a_waiting_process_locks_the_new_file_when_the_old_one_is_removed(folder
     leave.set()
     waiter.join()
     assert not (folder / ".lock").exists()
+
+
+WRITER = """
+import sys
+from twinlens.dataset.files import write_folder
+
+def files():
+    yield "a.txt", b"one"
+    print("writing", flush=True)
+    sys.stdin.read()
+
+write_folder(sys.argv[1], files())
+"""
+
+
+def test_what_a_killed_process_was_writing_is_removed_and_what_a_living_one_writes_is_kept(
+    tmp_path,
+):
+    def begin(name):
+        command = [sys.executable, "-c", WRITER, tmp_path / name]
+        writer = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        )
+        assert writer.stdout.readline() == b"writing\n"
+        return writer
+
+    with begin("killed") as killed, begin("living") as living:
+        killed.send_signal(signal.SIGKILL)
+        killed.wait()
+        assert len(list(tmp_path.iterdir())) == 2
+        remove_abandoned(tmp_path)
+        (left,) = tmp_path.iterdir()
+        assert left.name.startswith(".living.unfinished-")
+        living.stdin.close()
+        assert living.wait() == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["living"]
+
+
+def test_only_unfinished_folders_are_removed(tmp_path):
+    for name in (".hidden", "folder"):
+        (tmp_path / name).mkdir()
+    write_file(tmp_path / ".a.unfinished-1-00", b"a file may still be written")
+    (tmp_path / ".b.unfinished-1-00" / "deep").mkdir(parents=True)
+    remove_abandoned(tmp_path)
+    names = sorted(path.name for path in tmp_path.iterdir())
+    assert names == [".a.unfinished-1-00", ".hidden", "folder"]

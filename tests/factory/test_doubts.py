@@ -6,7 +6,12 @@ import pytest
 
 import twinlens as tl
 from twinlens.factory import Shoot, make_sample
-from twinlens.factory.doubts import ResultWarning, misplaced, warn_of_doubts
+from twinlens.factory.doubts import (
+    ResultWarning,
+    misplaced,
+    warn_of_doubts,
+    warn_of_wide_view,
+)
 from twinlens.sensor import Exposure, Sensor
 
 SCENE = """
@@ -55,6 +60,24 @@ def test_a_result_that_cannot_be_meant_is_said(
             return
         with pytest.raises(ResultWarning, match=f"ball: {says}"):
             warn_of_doubts(sample, sensor, "ball")
+
+
+@pytest.mark.parametrize(
+    ("degrees", "warns"),
+    [(40, False), (65, False), (65.1, True), (95, True), (140, True)],
+)
+def test_a_view_wider_than_scenes_of_families_are_made_for_is_said(degrees, warns):
+    camera = tl.Camera.from_fov(640, 480, fov_x_deg=degrees)
+    rig = tl.Rig.stereo(camera, 0.05)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        if not warns:
+            warn_of_wide_view(rig, "room")
+            return
+        with pytest.raises(
+            ResultWarning, match=rf"room: the view is {degrees:g} degrees.*rig\.fov_x"
+        ):
+            warn_of_wide_view(rig, "room")
 
 
 POST = """

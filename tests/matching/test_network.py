@@ -134,7 +134,7 @@ def test_models_that_are_no_stereo_networks_are_refused(tmp_path):
     single = [node("Identity", ["left"], ["out"])]
     flat = [node("Add", ["left", "right"], ["out"])]
     for name, nodes, options, message in (
-        ("one", single, {"inputs": ("left",)}, "1 inputs; .* sgm:cost=onnx:"),
+        ("one", single, {"inputs": ("left",)}, "1 input; .* sgm:cost=onnx:"),
         ("four", flat, {"shape": (1, 4, "h", "w")}, "4 channels; images have 1 or 3"),
         ("flat", flat, {"shape": ("h", "w")}, r"expected float \(1, C, H, W\)"),
     ):

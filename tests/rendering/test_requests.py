@@ -18,7 +18,7 @@ def rig_of(*sizes):
     [
         (
             [(30000, 30000)],
-            "1 images of up to 30000x30000 pixels need at least 55.8 GB",
+            "1 image of up to 30000x30000 pixels need at least 55.8 GB",
         ),
         ([(4000, 200), (65536, 3000)], "2 images of up to 65536x3000 pixels need at"),
         ([(4000, 3000)] * 60, "60 images of up to 4000x3000 pixels need at least"),

@@ -27,6 +27,7 @@ from twinlens.errors import (
     FileError,
     InputError,
     check_known,
+    counted,
     format_value,
     located,
     warn_not_used,
@@ -231,7 +232,9 @@ def _colmap_camera(model: str, width: int, height: int, numbers: list[float]) ->
     check_known("COLMAP camera model", model, COLMAP_MODELS)
     names = COLMAP_MODELS[model].split()
     if len(numbers) != len(names):
-        raise InputError(f"{model} has {len(names)} parameters, got {len(numbers)}")
+        raise InputError(
+            f"{model} has {counted(len(names), 'parameter')}, got {len(numbers)}"
+        )
     values = dict(zip(names, numbers, strict=True))
     focal = values.pop("f", 0.0)
     fx, fy = values.pop("fx", focal), values.pop("fy", focal)

@@ -14,7 +14,7 @@ from twinlens.camera.patterns import dots
 from twinlens.camera.presets import CAMERAS
 from twinlens.camera.projector import Projector
 from twinlens.camera.rig import Rig
-from twinlens.errors import InputError, check_int, check_number
+from twinlens.errors import InputError, check_int, check_number, counted
 from twinlens.geometry import Float, check_rigid, rigid
 from twinlens.optics import check_length
 
@@ -167,6 +167,6 @@ def _placed(
     if len(chosen) != len(places):
         count = len(places)
         raise InputError(
-            f"this layout has {count} places: give one camera for all, or {count}, got {len(chosen)}"
+            f"this layout has {counted(count, 'place')}: give one camera for all, or {count}, got {len(chosen)}"
         )
     return Rig(chosen, [pose @ place for place in places])

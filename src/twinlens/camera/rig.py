@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from twinlens.camera.distortion import BrownConrady
 from twinlens.camera.intrinsics import Camera
 from twinlens.camera.projector import Projector
-from twinlens.errors import InputError, check_int, format_value
+from twinlens.errors import InputError, check_int, counted, format_value
 from twinlens.geometry import Float, check_rigid, inverse, rigid, transform_points
 from twinlens.optics import check_length
 from twinlens.settings import Setting, Settings
@@ -48,7 +48,7 @@ class Rig:
         projectors: Sequence[Projector] = (),
     ) -> None:
         if len(cameras) != len(world_from_cams) or not cameras:
-            got = f"{len(cameras)} cameras and {len(world_from_cams)} poses"
+            got = f"{counted(len(cameras), 'camera')} and {counted(len(world_from_cams), 'pose')}"
             raise InputError(f"a rig needs one pose per camera, got {got}")
         poses = tuple(
             check_rigid(pose, f"world_from_cams[{i}]")
@@ -353,7 +353,7 @@ def misaligned(rig: Rig, errors: Sequence[Misalignment]) -> Rig:
 
     if len(errors) != len(rig):
         raise InputError(
-            f"a rig of {len(rig)} cameras needs {len(rig)} misalignments, got {len(errors)}"
+            f"a rig of {counted(len(rig), 'camera')} needs {counted(len(rig), 'misalignment')}, got {len(errors)}"
         )
     cameras, poses = [], []
     for camera, pose, error in zip(

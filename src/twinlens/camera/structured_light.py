@@ -30,6 +30,7 @@ from twinlens.errors import (
     check_int,
     check_known,
     check_number,
+    counted,
     format_value,
 )
 from twinlens.geometry import Float, float_array
@@ -319,7 +320,9 @@ def _grey_stack(images: Sequence[ArrayLike], code: GrayCode | PhaseShift) -> Flo
     arrays = [float_array(f"images[{i}]", image) for i, image in enumerate(images)]
     expected = 2 * code.bits if isinstance(code, GrayCode) else code.steps
     if len(arrays) != expected:
-        raise InputError(f"this code has {expected} patterns, got {len(arrays)} images")
+        raise InputError(
+            f"this code has {counted(expected, 'pattern')}, got {counted(len(arrays), 'image')}"
+        )
     shapes = sorted({array.shape for array in arrays})
     if len(shapes) != 1 or arrays[0].ndim not in (2, 3) or not arrays[0].size:
         raise InputError(

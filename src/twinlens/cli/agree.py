@@ -9,6 +9,7 @@ import click
 from twinlens.cli.options import Whole, json_option, print_json
 from twinlens.cli.places import FIGURE_FILE, PATH
 from twinlens.dataset.files import write_file
+from twinlens.errors import counted
 from twinlens.report.plots import agreement_figure
 from twinlens.scoring import agreement
 from twinlens.scoring.agreement import Agreement
@@ -64,7 +65,7 @@ def command(
 def _print(result: Agreement, names: tuple[str, str]) -> None:
     """Print the agreement of two boards with these names."""
     click.echo(
-        f"{len(result.moves)} methods ranked by {result.metric}, {result.region}, {result.protocol}"
+        f"{counted(len(result.moves), 'method')} ranked by {result.metric}, {result.region}, {result.protocol}"
     )
     click.echo(f"Kendall's tau-b  {result.tau}\nSpearman's rho   {result.rho}")
     click.echo("tau-b between random halves of the scenes of one board:")

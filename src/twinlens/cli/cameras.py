@@ -14,7 +14,7 @@ from twinlens.camera.presets import CAMERAS
 from twinlens.camera.rectification import rectify
 from twinlens.cli.options import json_option, print_json, print_result
 from twinlens.cli.places import PATH
-from twinlens.errors import InputError
+from twinlens.errors import InputError, counted
 from twinlens.factory.camera_text import parse_size
 from twinlens.geometry import Float
 
@@ -125,7 +125,7 @@ def _described(named: NamedRig, files: tuple[Path, ...]) -> list[str]:
     """What a calibration holds, in lines."""
     record = _record(named)
     cameras = record["cameras"]
-    lines = [f"{', '.join(map(str, files))}: {len(cameras)} cameras"]
+    lines = [f"{', '.join(map(str, files))}: {counted(len(cameras), 'camera')}"]
     for i, camera in enumerate(cameras):
         lines += _intrinsics_lines(i, camera)
         if i:

@@ -19,6 +19,7 @@ from twinlens.dataset import (
     write_manifest,
     write_sample,
 )
+from twinlens.errors import counted
 from twinlens.factory import Shoot, default_rig, make_sample
 from twinlens.optics import middle_focus
 from twinlens.rendering import backend
@@ -78,7 +79,10 @@ def command(output: Path, denoise: bool, as_json: bool) -> None:
         shutil.rmtree(board_folder)
     rendered = time.perf_counter()
     pairs = DatasetPairs(Dataset(dataset), [motorcycle()])
-    click.echo(f"matching {len(pairs)} pairs with {len(METHODS)} methods", err=True)
+    click.echo(
+        f"matching {counted(len(pairs), 'pair')} with {counted(len(METHODS), 'method')}",
+        err=True,
+    )
     groups = {
         "pinhole": [name for name in pairs.aliases if name.endswith("pinhole")],
         "wide aperture": [name for name in pairs.aliases if " · lens" in name],

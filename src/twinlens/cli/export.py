@@ -9,6 +9,7 @@ from twinlens.cli.places import PLACE
 from twinlens.cli.progress import progress_bar
 from twinlens.dataset import Dataset, Place
 from twinlens.dataset.export import LAYOUTS, export
+from twinlens.errors import counted
 
 
 @click.command("export")
@@ -50,8 +51,8 @@ def command(
     with progress_bar("exporting") as report:
         sizes = export(samples, output, layout, progress=report, **options)
     size = sum(sizes.values()) / 1e6
-    count = f"{len(samples)} sample" + "s" * (len(samples) != 1)
-    text = f"{output}: {count}, {len(sizes)} files, {size:.1f} MB in the layout of {layout}"
+    counts = f"{counted(len(samples), 'sample')}, {counted(len(sizes), 'file')}"
+    text = f"{output}: {counts}, {size:.1f} MB in the layout of {layout}"
     print_result(
         as_json, {"output": str(output), "layout": layout, "files": sizes}, text
     )

@@ -21,7 +21,8 @@ from twinlens.cli.options import (
 from twinlens.cli.places import PATH, PLACE
 from twinlens.cli.progress import interrupt_note, progress_bar
 from twinlens.dataset import Dataset, Place
-from twinlens.errors import InputError
+from twinlens.dataset.dataset import MANIFEST
+from twinlens.errors import InputError, counted
 from twinlens.scoring import recipe_toml
 
 
@@ -132,10 +133,17 @@ def _print(outcome: factory.Outcome, output: Place, as_json: bool) -> None:
     rejected = ", ".join(
         f"{count} {reason}" for reason, count in outcome.rejections.items()
     )
-    made = f"{output}: {outcome.there} of {outcome.count} samples, {outcome.made} made by this run"
+    count = counted(outcome.count, "sample")
+    made = f"{output}: {outcome.there} of {count}, {outcome.made} made by this run"
     click.echo(made + (f"; draws rejected: {rejected}" if rejected else ""))
     if outcome.left:
         click.echo("run the same command to make the rest", err=True)
+    elif not outcome.there and outcome.failures:
+        click.echo(
+            f"{output / MANIFEST} lists the rejected draws; change the recipe, and name another folder or delete this "
+            "one",
+            err=True,
+        )
     elif not outcome.complete:
         click.echo(
             "this shard is done; the dataset is complete when the other shards are done",
@@ -147,7 +155,7 @@ def _print_estimate(estimate: factory.Estimate, output: Place, as_json: bool) ->
     if as_json:
         print_json({"dataset": str(output), **asdict(estimate)})
         return
-    samples = f"{estimate.count} sample{'' if estimate.count == 1 else 's'}"
+    samples = counted(estimate.count, "sample")
     click.echo(f"{output}: {samples}, {estimate.before} made, {estimate.todo} to make")
     if estimate.next is None:
         return

@@ -11,7 +11,7 @@ from twinlens.cli.places import PATH, PLACE, check_new
 from twinlens.cli.progress import progress_bar
 from twinlens.dataset import Place, open_sample
 from twinlens.dataset.files import write_folder
-from twinlens.errors import located
+from twinlens.errors import counted, located
 from twinlens.matching import parse_method
 from twinlens.reconstruction.of_sample import RECORD, reconstruct
 
@@ -82,10 +82,12 @@ def command(
         **result.record(),
     }
     write_folder(output, result.files(record), overwrite)
-    maps = f"{record['views']} depth map" + "s" * (record["views"] != 1)
-    lines = [
-        f"{output}: {record['points']} points, {record['faces']} triangles from {maps}"
-    ]
+    sizes = (
+        counted(record["points"], "point"),
+        counted(record["faces"], "triangle"),
+    )
+    maps = counted(record["views"], "depth map")
+    lines = [f"{output}: {', '.join(sizes)} from {maps}"]
     for name, scores in record["against_truth"].items():
         means = f"accuracy {scores['accuracy_mean_mm']:.3g} mm, completeness {scores['completeness_mean_mm']:.3g} mm"
         shares = ", ".join(

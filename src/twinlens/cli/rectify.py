@@ -19,7 +19,7 @@ from twinlens.dataset import (
     write_sample,
 )
 from twinlens.dataset.dataset import MANIFEST
-from twinlens.errors import located
+from twinlens.errors import counted, located
 from twinlens.factory import add_sample, rectified_sample, sources_of
 from twinlens.factory.camera_text import parse_misalignment
 from twinlens.rendering import Progress
@@ -117,7 +117,9 @@ def _rectify_sample(
     files = write_sample(output, made, overwrite)
     record = {"sample": str(output), "files": sorted(files), **_calibration(made)}
     print_result(
-        as_json, record, f"{output}: {len(files)} files, {_calibration_text(made)}"
+        as_json,
+        record,
+        f"{output}: {counted(len(files), 'file')}, {_calibration_text(made)}",
     )
 
 

@@ -17,7 +17,7 @@ from twinlens.cli.options import (
 from twinlens.cli.places import PATH, PLACE, check_samples
 from twinlens.cli.progress import interrupt_note, progress_bar
 from twinlens.dataset import Place, Row
-from twinlens.errors import InputError, located
+from twinlens.errors import InputError, counted, located
 from twinlens.factory import (
     Shoot,
     add_sample,
@@ -307,7 +307,7 @@ def _print(output: Place, made: list[_Made], as_json: bool) -> None:
         )
         return
     for row, exposures, effects in made:
-        click.echo(f"{output / row.name}: {len(row.files)} files")
+        click.echo(f"{output / row.name}: {counted(len(row.files), 'file')}")
         for exposure, lens_effects in zip(exposures, effects, strict=True):
             click.echo(f"  {exposure}\n    {shot_text.format_optics(lens_effects)}")
         if error := shot_text.format_depth_error(effects[0]):

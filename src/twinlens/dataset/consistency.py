@@ -20,7 +20,7 @@ from twinlens.dataset.codecs.calib import Calibration
 from twinlens.dataset.points import rounding_scale, world_points
 from twinlens.dataset.sample import blur_circle_px, rectified_pair
 from twinlens.dataset.visibility import HIDDEN, UNKNOWN, VISIBLE, mask_of
-from twinlens.errors import InputError
+from twinlens.errors import InputError, counted
 
 Arrays = Mapping[str, Any]
 Findings = list[str]
@@ -191,7 +191,9 @@ def check_projections(view: ViewContent) -> Findings:
     """The pixels of each projector are those of the positions; what it lights is in its pattern, and faces it."""
     projectors, stored = view.rig.projectors, view.channels["projector_pixels"]
     if len(stored) != len(projectors):
-        return [f"has {len(stored)} projectors, but sample.json {len(projectors)}"]
+        return [
+            f"has {counted(len(stored), 'projector')}, but sample.json {len(projectors)}"
+        ]
     findings = []
     for number in range(len(projectors)):
         findings += _check_projection(view, number)

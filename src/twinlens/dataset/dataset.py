@@ -40,7 +40,14 @@ from twinlens.dataset.stored import (
     read_quantities,
     samples_in,
 )
-from twinlens.errors import FileError, InputError, check_known, format_value, unknown
+from twinlens.errors import (
+    FileError,
+    InputError,
+    check_known,
+    counted,
+    format_value,
+    unknown,
+)
 
 MANIFEST, _KIND, _VERSION = "dataset.json", "twinlens-dataset", 1
 ROW_KIND, ROW_VERSION, ROWS = "twinlens-row", 1, ".rows"
@@ -214,7 +221,7 @@ class Dataset(Sequence[StoredSample]):
             return self._samples[index]
         except IndexError:
             raise SampleIndexError(
-                f"{self.path}: has {len(self)} samples, no sample {index}"
+                f"{self.path}: has {counted(len(self), 'sample')}, no sample {index}"
             ) from None
 
     def __getitems__(self, indices: Sequence[int]) -> list[dict[str, Any]]:
@@ -239,12 +246,12 @@ class Dataset(Sequence[StoredSample]):
             chosen = np.arange(len(self))[picked if picked.size else []]
         except IndexError as error:
             raise SampleIndexError(
-                f"{self.path}: has {len(self)} samples; {error}"
+                f"{self.path}: has {counted(len(self), 'sample')}; {error}"
             ) from None
         return tuple(self._samples[i] for i in chosen.tolist())
 
     def __repr__(self) -> str:
-        return f"Dataset({str(self.path)!r}, {len(self)} samples)"
+        return f"Dataset({str(self.path)!r}, {counted(len(self), 'sample')})"
 
     def __contains__(self, sample: object) -> bool:
         return sample in (self.names if isinstance(sample, str) else self._samples)
@@ -348,7 +355,7 @@ def open_sample(path: Where) -> StoredSample:
     if len(dataset) > 1:
         example = dataset.path / dataset[0].name
         raise InputError(
-            f"{path}: is a dataset of {len(dataset)} samples; name one of them, such as {example}"
+            f"{path}: is a dataset of {counted(len(dataset), 'sample')}; name one of them, such as {example}"
         )
     return dataset[0]
 
@@ -369,7 +376,7 @@ def _why_empty(path: Place, info: Mapping[str, Any]) -> str:
     """Why a dataset.json lists no sample, from what `twinlens generate` writes in it."""
     failed = info.get("failed")
     if isinstance(failed, list) and failed:
-        return f'; {len(failed)} samples failed ("failed" in it says why)'
+        return f'; {counted(len(failed), "sample")} failed ("failed" in it says why)'
     if info.get("complete") is False:
         action = (
             "list the finished samples and make the others"

@@ -11,7 +11,12 @@ from pathlib import Path
 import twinlens
 from twinlens.dataset import aperture_layouts, layouts, object_layouts
 from twinlens.dataset.dataset import MANIFEST, Dataset
-from twinlens.dataset.files import check_replaceable, read_bytes, write_folder
+from twinlens.dataset.files import (
+    check_replaceable,
+    read_bytes,
+    remove_abandoned,
+    write_folder,
+)
 from twinlens.dataset.layouts import Files, Source
 from twinlens.dataset.metadata import about
 from twinlens.dataset.storage import Place, RemotePath, Where, place
@@ -72,10 +77,11 @@ def export(
 ) -> dict[str, int]:
     """Write samples to `folder` in the layout `to`, a key of LAYOUTS.
 
-    The folder appears whole or not at all; it must not exist, unless `overwrite` is set and it is an earlier export or
-    empty. EXPORT.md in it lists the samples in order. `lens` selects the images of samples taken through several
-    lenses. `progress` is called with the fraction done and the sample's name. `objects` are the names of the objects to
-    export, without the numbers of copies, in the layouts that hold objects; by default all, and none in kitti2015.
+    The folder appears whole or not at all. What killed exports left beside it is removed. It must not exist, unless
+    `overwrite` is set and it is an earlier export or empty. EXPORT.md in it lists the samples in order. `lens` selects
+    the images of samples taken through several lenses. `progress` is called with the fraction done and the sample's
+    name. `objects` are the names of the objects to export, without the numbers of copies, in the layouts that hold
+    objects; by default all, and none in kitti2015.
 
     Returns the size in bytes of each file by relative name. Raises InputError for an unknown layout and for a sample
     that the layout cannot hold, FileError for a file that a sample lacks, and OutputError.
@@ -100,6 +106,7 @@ def export(
             sizes[name] = len(content)
             yield name, content
 
+    remove_abandoned(folder.parent)
     write_folder(folder, files(), overwrite)
     return sizes
 

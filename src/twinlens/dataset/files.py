@@ -96,15 +96,16 @@ def write_folder(
         raise OutputError(f"{folder}: {EXISTS}")
     with _temporary(folder) as temporary:
         temporary.mkdir(parents=True)
-        folders = {temporary}
-        for name, data in checked:
-            path = temporary / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            _write_and_flush(path, data)
-            folders.add(path.parent)
-        for path in folders:
-            _flush_folder(path)
-        _put_in_place(temporary, folder)
+        with _locked_folder(temporary):
+            folders = {temporary}
+            for name, data in checked:
+                path = temporary / name
+                path.parent.mkdir(parents=True, exist_ok=True)
+                _write_and_flush(path, data)
+                folders.add(path.parent)
+            for path in folders:
+                _flush_folder(path)
+            _put_in_place(temporary, folder)
 
 
 def _put_in_place(temporary: Path, folder: Path) -> None:
@@ -154,6 +155,41 @@ def remove_unfinished(folder: Where) -> list[str]:
     for entry in leftovers:
         _remove(entry)
     return [entry.name for entry in leftovers]
+
+
+def remove_abandoned(folder: Where) -> None:
+    """Remove the unfinished folders of killed processes from a local `folder`; those being written are locked."""
+    folder = place(folder)
+    if isinstance(folder, RemotePath):
+        return
+    leftovers = [entry for entry in folder.glob(f".*{_TEMPORARY}*") if entry.is_dir()]
+    for entry in leftovers:
+        with contextlib.suppress(OSError), _locked_folder(entry) as is_locked:
+            if is_locked:
+                _remove(entry)
+
+
+@contextlib.contextmanager
+def _locked_folder(folder: Path) -> Iterator[bool]:
+    """Lock a folder while the block runs, and yield whether it could be.
+
+    It could not if another process has locked it, nor on file systems without locks. A killed process loses its locks.
+    """
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        yield False
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            is_locked = True
+        except OSError:
+            is_locked = False
+        yield is_locked
+    finally:
+        os.close(descriptor)
 
 
 @contextlib.contextmanager

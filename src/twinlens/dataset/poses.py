@@ -29,7 +29,7 @@ from twinlens.calibrations.rig_files import (
 from twinlens.camera import Camera, KannalaBrandt, Rig
 from twinlens.dataset.channels import IMAGE
 from twinlens.dataset.files import write_file
-from twinlens.errors import InputError
+from twinlens.errors import InputError, counted
 from twinlens.geometry import Float, inverse
 
 
@@ -99,7 +99,7 @@ def write_opencv(path: FilePath, rig: Rig) -> None:
     """Write a pair for `cv2.FileStorage`. Raises InputError unless the rig has two cameras, and OutputError."""
     if len(rig) != 2:
         raise InputError(
-            f"OpenCV's stereo files describe a pair, got {len(rig)} cameras: write COLMAP's text instead"
+            f"OpenCV's stereo files describe a pair, got {counted(len(rig), 'camera')}: write COLMAP's text instead"
         )
     text = ["%YAML:1.0", "---"]
     for i, camera in enumerate(rig.cameras, 1):
@@ -156,7 +156,7 @@ def _image_names(rig: Rig, names: Sequence[str] | None) -> tuple[str, ...]:
     chosen = tuple(map(IMAGE.name, range(len(rig)))) if names is None else tuple(names)
     if len(chosen) != len(rig) or len(set(chosen)) != len(chosen):
         raise InputError(
-            f"a rig of {len(rig)} cameras needs as many different image names, got {list(chosen)}"
+            f"a rig of {counted(len(rig), 'camera')} needs as many different image names, got {list(chosen)}"
         )
     for name in chosen:
         if not name or name != name.strip() or not name.isprintable():

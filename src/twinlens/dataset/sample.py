@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from twinlens.camera import ApertureLens, Camera, Paraxial, RecipeLens, Rig
 from twinlens.camera.truth import Truth
-from twinlens.errors import InputError
+from twinlens.errors import InputError, counted
 
 KIND, VERSION = "twinlens-sample", 1
 """The format and version of sample.json."""
@@ -96,7 +96,7 @@ class Sample:
         """Raise InputError unless there is one array for each camera, of its size."""
         if len(arrays) != len(self.rig):
             raise InputError(
-                f"{what}: got {len(arrays)}, but the rig has {len(self.rig)} cameras"
+                f"{what}: got {len(arrays)}, but the rig has {counted(len(self.rig), 'camera')}"
             )
         for view, (array, camera) in enumerate(
             zip(arrays, self.rig.cameras, strict=True)

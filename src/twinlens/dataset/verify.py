@@ -40,7 +40,7 @@ from twinlens.dataset.files import hash_files, is_hidden, read_bytes
 from twinlens.dataset.metadata import CROISSANT
 from twinlens.dataset.storage import MARK, Place, RemotePath, Where, is_whole, place
 from twinlens.dataset.stored import SampleFile, StoredSample, samples_in
-from twinlens.errors import FileError, InputError
+from twinlens.errors import FileError, InputError, counted
 
 _SAMPLE_FILES = (MARK, IMAGE.name(0))
 _MISSING, _CHANGED = "is missing", "differs from its SHA-256 in"
@@ -146,7 +146,7 @@ def missing_parts(where: Where) -> str:
         return ""
     num_failed = len(failed) if isinstance(failed, list) else 0
     unhashed = sum("files" not in sample.row for sample in pending)
-    counts, actions = [f"{MANIFEST} lists {listed} of {count} samples"], []
+    counts, actions = [f"{MANIFEST} lists {listed} of {counted(count, 'sample')}"], []
     if pending:
         note = f" ({unhashed} without checksums)" if unhashed else ""
         counts.append(f"{len(pending)} made but not listed yet{note}")

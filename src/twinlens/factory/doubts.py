@@ -12,6 +12,7 @@ from twinlens.factory.draws import leaves
 from twinlens.factory.gates import grey
 from twinlens.factory.plan import is_fixed
 from twinlens.factory.recipe import Recipe
+from twinlens.families import WIDEST_FOV_DEG
 from twinlens.geometry import Float, inverse, transform_points
 from twinlens.scenes import Mesh, Scene, SceneObject
 from twinlens.scenes.materials import emission_of
@@ -22,6 +23,7 @@ _BLACK = 0.05  # of white; noise in the dark is below
 _WHITE = 0.99
 _GRID = 9  # points of a box, along each side
 _MOST_NAMES = 3  # of objects that a message lists
+_ROUNDING_DEG = 1e-6
 
 
 class ResultWarning(UserWarning):
@@ -40,6 +42,19 @@ def warn_of_doubts(
         reasons = misplaced(scene, sample.rig, sample.truths)
     if reasons:
         warnings.warn(f"{name}: {'; '.join(reasons)}", ResultWarning, stacklevel=2)
+
+
+def warn_of_wide_view(rig: Rig, family: str) -> None:
+    """Give a `ResultWarning` if a camera's view is wider than the family's pictures and textures are made for."""
+    widest = max(camera.fov_x_deg for camera in rig.cameras)
+    if widest > WIDEST_FOV_DEG + _ROUNDING_DEG:
+        warnings.warn(
+            f"{family}: the view is {widest:.4g} degrees wide, and its scenes are made for up to "
+            f"{WIDEST_FOV_DEG:g}: the ends of rooms and tables are seen, and textures are coarse beside the middle "
+            "(rig.fov_x_deg)",
+            ResultWarning,
+            stacklevel=2,
+        )
 
 
 def doubts(sample: Sample, sensor: Sensor) -> list[str]:

@@ -86,7 +86,7 @@ def check_truth(
             raise Rejected(
                 "too little visible in both views",
                 f"{share:.1%} of the first view, minimum {gates.visible:.1%}",
-                "rig.baseline (smaller), scene.jitter, or gates.visible",
+                "rig.baseline (smaller), rig.fov_x_deg or [camera] (a wider view), scene.jitter, or gates.visible",
             )
 
 

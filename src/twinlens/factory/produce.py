@@ -15,8 +15,8 @@ from twinlens.camera.truth import Truth
 from twinlens.dataset import Sample
 from twinlens.dataset.lens_labels import label_of_table
 from twinlens.dataset.record import plain
-from twinlens.errors import FileError, InputError, located
-from twinlens.factory.doubts import warn_of_doubts
+from twinlens.errors import FileError, InputError, counted, located
+from twinlens.factory.doubts import warn_of_doubts, warn_of_wide_view
 from twinlens.factory.gates import Rejected, check_photographs, check_truth
 from twinlens.factory.ledger import Failure
 from twinlens.factory.lenses import View
@@ -52,7 +52,7 @@ class Exhausted(Exception):  # noqa: N818  the run continues without this sample
     def __init__(self, failure: Failure) -> None:
         draws, last = len(failure.rejections), failure.rejections[-1]["found"]
         super().__init__(
-            f"sample {failure.index}: {draws} draws rejected; last reason: {last}"
+            f"sample {failure.index}: {counted(draws, 'draw')} rejected; last reason: {last}"
         )
         self.rejections, self.remedy = failure.rejections, failure.remedy
 
@@ -191,6 +191,8 @@ def _produced(recipe: Recipe, spec: SampleSpec, progress: Progress | None) -> Sa
     )
     check_photographs(gates, sample, sensor)
     warn_of_doubts(sample, sensor, f"sample {spec.index}")
+    if spec.kind == "family":
+        warn_of_wide_view(rig.nominal, spec.scene)
     with_bound = dataclasses.replace(sample, ndisp=spec.ndisp)
     return _with_record(with_bound, spec=dataclasses.asdict(spec))
 

@@ -21,7 +21,7 @@ from pydantic import (
 
 from twinlens.camera import RecipeLens
 from twinlens.dataset.metadata import About
-from twinlens.errors import InputError, format_value, located, unknown
+from twinlens.errors import InputError, counted, format_value, located, unknown
 from twinlens.factory.draws import corners, hint, leaves, normalized, template
 from twinlens.factory.gates import Gates
 from twinlens.factory.lenses import MaskTable
@@ -264,8 +264,8 @@ def _check_per_scene(drawn: Mapping[str, Any], count: int, path: Path) -> None:
     for leaf in leaves(drawn):
         if leaf.kind == "per_scene" and len(leaf.distribution.values) != count:
             raise InputError(
-                f"{path}: {leaf.key}: per_scene needs {count} values, one for each scene or family of the recipe, "
-                f"got {len(leaf.distribution.values)}"
+                f"{path}: {leaf.key}: per_scene needs {counted(count, 'value')}, one for each scene or family of the "
+                f"recipe, got {len(leaf.distribution.values)}"
             )
 
 

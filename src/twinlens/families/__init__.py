@@ -43,6 +43,8 @@ FAMILIES: dict[str, Family] = {
 }
 """Every family by its name."""
 
+WIDEST_FOV_DEG = 65.0
+"""The widest view, horizontally, that scenes are composed for; wider cameras see the ends of rooms and tables."""
 _MAX_OBJECTS = 200
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import fft, ndimage
 
-from twinlens.errors import InputError, check_int, check_number, format_value
+from twinlens.errors import InputError, check_int, check_number, counted, format_value
 from twinlens.matching.images import grey, to_working_dtype
 
 Float = NDArray[np.float64]
@@ -326,7 +326,7 @@ def _check(
         )
     wrong = [item for item in apertures if not isinstance(item, ApertureSamples)]
     if wrong or len(apertures) != (count or len(pictures)):
-        got = f"{len(apertures)} for {len(pictures)} images"
+        got = f"{len(apertures)} for {counted(len(pictures), 'image')}"
         if wrong:
             got = format_value(wrong[0])
         raise InputError(

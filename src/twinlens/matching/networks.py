@@ -12,7 +12,7 @@ from typing import Annotated, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.errors import FileError, InputError, import_extra
+from twinlens.errors import FileError, InputError, counted, import_extra
 from twinlens.matching.box import Rows, Volume
 from twinlens.matching.contract import (
     Answer,
@@ -138,7 +138,7 @@ class OnnxNetwork(Settings, BaseMatcher, noun="option"):
             if len(inputs) == 1:
                 remedy = f"; a descriptor network is a cost: sgm:cost=onnx:{self.model}"
             raise InputError(
-                f"{self.model}: has {len(inputs)} inputs; a stereo model has two, left and right{remedy}"
+                f"{self.model}: has {counted(len(inputs), 'input')}; a stereo model has two, left and right{remedy}"
             )
         for node in inputs:
             where = f"{self.model}: input {node.name!r}"
@@ -153,7 +153,7 @@ class OnnxNetwork(Settings, BaseMatcher, noun="option"):
         for option, index in zip(("output", "confidence"), self._outputs, strict=False):
             if not -len(outputs) <= index < len(outputs):
                 raise InputError(
-                    f"{self._name} has {len(outputs)} outputs; {option} is {index}"
+                    f"{self._name} has {counted(len(outputs), 'output')}; {option} is {index}"
                 )
 
     def _tensor(self, image: Image, node: Any) -> Image:

@@ -166,13 +166,13 @@ def _film_distance(focal_length: float, focus_distance: float) -> float:
 def _used(best: RigChoice, limits: Limits) -> dict[str, float]:
     """What a choice needs of each limit, as `_limits`."""
     task = best.task
-    near, far = best.disparity(task.depth_range).tolist()
     used = {
         "depth error": float(best.depth_error(task.depth_range[1])),
         "blur": float(best.blur_px(task.depth_range).max()),
         "diffraction": best.airy_px,
         "overlap": float(best.overlap(task.depth_range[0])),
-        "disparities": near - far + EXTRA_DISPARITIES,
+        # The limit allows for whole numbers at both ends wherever they fall; this rig's may need one fewer.
+        "disparities": float(best.search[1]),
         "smallest baseline": best.baseline,
         "largest baseline": best.baseline,
         "shortest focal length": best.fx,

@@ -6,7 +6,7 @@ from twinlens.camera import Lens, Rig
 from twinlens.camera.lens import check_lens_on
 from twinlens.camera.parts import Parts, check_parts
 from twinlens.camera.rig import check_seen
-from twinlens.errors import InputError, check_int, check_known
+from twinlens.errors import InputError, check_int, check_known, counted
 from twinlens.machine import memory_bytes
 from twinlens.rendering.samplers import SAMPLERS
 from twinlens.scenes import Scene
@@ -69,8 +69,8 @@ def check_memory(rig: Rig) -> None:
     if needed > memory:
         largest = max(rig.cameras, key=lambda camera: camera.width * camera.height)
         raise InputError(
-            f"{len(rig)} images of up to {largest.width}x{largest.height} pixels need at least {needed / 1e9:.3g} GB "
-            f"of memory, this machine has {memory / 1e9:.3g} GB: use smaller images"
+            f"{counted(len(rig), 'image')} of up to {largest.width}x{largest.height} pixels need at least "
+            f"{needed / 1e9:.3g} GB of memory, this machine has {memory / 1e9:.3g} GB: use smaller images"
         )
 
 
@@ -80,7 +80,7 @@ def lens_of_each_camera(lens: Lens | Sequence[Lens], rig: Rig) -> list[Lens]:
         return [lens] * len(rig)
     if len(lens) != len(rig):
         raise InputError(
-            f"a rig of {len(rig)} cameras needs one lens, or one for each camera, got {len(lens)}"
+            f"a rig of {counted(len(rig), 'camera')} needs one lens, or one for each camera, got {len(lens)}"
         )
     return list(lens)
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import pydantic
 
-from twinlens.errors import InputError
+from twinlens.errors import InputError, counted
 from twinlens.scenes import shapes
 from twinlens.scenes.assets import (
     MESH_FILES,
@@ -161,7 +161,7 @@ class MeshBase(ObjectBase):
             points, radius = values["points"], values["radius"]
             if isinstance(radius, list) and len(radius) != len(points):
                 raise InputError(
-                    f"radius: needs one value for each of the {len(points)} points, got {len(radius)}"
+                    f"radius: needs one value for each of {counted(len(points), 'point')}, got {len(radius)}"
                 )
             if any(a == b for a, b in itertools.pairwise(points)):
                 raise InputError("points: two neighbours are equal")

@@ -34,7 +34,7 @@ from twinlens.camera.patterns import PHASE_PERIOD, named
 from twinlens.camera.presets import CAMERAS, find_camera
 from twinlens.camera.projector import MAX_FRAMES
 from twinlens.camera.rig import check_seen
-from twinlens.errors import FileError, InputError, located
+from twinlens.errors import FileError, InputError, counted, located
 from twinlens.geometry import Float, rigid
 from twinlens.optics import middle_focus
 from twinlens.scenes.assets import decode_picture
@@ -541,7 +541,7 @@ class RigBase(Viewed):
         tables = self.cameras or [Intrinsics()] * count
         if len(tables) != count:
             raise InputError(
-                f"cameras: this layout has {count} cameras, got {len(tables)} tables"
+                f"cameras: this layout has {counted(count, 'camera')}, got {counted(len(tables), 'table')}"
             )
         cameras = [
             _shifted(table.made(shared), one)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.errors import FileError, InputError
+from twinlens.errors import FileError, InputError, counted
 from twinlens.geometry import Float
 from twinlens.scenes.assets import check_face_count
 from twinlens.scenes.gltf import Part
@@ -327,7 +327,8 @@ class _Polygons:
         }.get(interpolation)
         if numbers is None or (len(numbers) and numbers.max() >= len(stored)):
             raise InputError(
-                f"{self._where}: {name} has {len(stored)} values, too few for its interpolation {interpolation}"
+                f"{self._where}: {name} has {counted(len(stored), 'value')}, too few for its interpolation "
+                f"{interpolation}"
             )
         values = stored[numbers]
         if not np.isfinite(values).all():

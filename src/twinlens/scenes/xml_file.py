@@ -21,6 +21,7 @@ from twinlens.errors import (
     FileError,
     InputError,
     check_known,
+    counted,
     located,
     unknown,
     warn_not_used,
@@ -178,7 +179,7 @@ def _name_ignored(path: Path, root: Element, sensor: Element) -> None:
     ]
     others = len(root.findall("sensor")) - 1
     if others:
-        parts.append(f"{others} more sensor{'s' if others > 1 else ''} (the first one)")
+        parts.append(f"{counted(others, 'more sensor')} (the first one)")
     warn_not_used(f"{path}: sensor", parts, SceneWarning)
 
 

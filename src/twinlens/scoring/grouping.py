@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twinlens.errors import InputError, check_known
+from twinlens.errors import InputError, check_known, counted
 from twinlens.scoring.board import Board, Recorded
 from twinlens.scoring.intervals import Interval, difference_of_means, mean_of_units
 
@@ -128,7 +128,7 @@ class Difference:
     def basis(self) -> str:
         """What the interval rests on, as text."""
         count = self.interval.units
-        scenes = "1 scene" if count == 1 else f"{count} scenes"
+        scenes = counted(count, "scene")
         return f"{'paired' if self.paired else 'unpaired'}, {scenes}"
 
 

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from twinlens.camera import Camera, Pinhole
 from twinlens.dataset import Dataset, StoredSample
-from twinlens.errors import InputError
+from twinlens.errors import InputError, counted
 from twinlens.scoring.pair_statistics import (
     appearance,
     compared,
@@ -116,7 +116,7 @@ def fit_recipe(
     mismatch = {**mismatch, **_distributions(np.array(light), errors, extra)}
     uncertainty = 100 / (2 * len(like) - 2) ** 0.5
     notes = (
-        f"Fitted to {len(like)} pairs. Standard deviations are uncertain by {uncertainty:.0f} %.",
+        f"Fitted to {counted(len(like), 'pair')}. Standard deviations are uncertain by {uncertainty:.0f} %.",
         f"Shading: a standard deviation of {extra**0.5:.2g} is added for other slow differences.",
         noise_note,
         weights_note,

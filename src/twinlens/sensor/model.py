@@ -22,12 +22,7 @@ from twinlens.camera import ApertureLens, Camera, Rig, film_distance
 from twinlens.camera.film import checked_radiance
 from twinlens.camera.intrinsics import BANDS
 from twinlens.camera.lens import require_aperture
-from twinlens.errors import (
-    InputError,
-    check_int,
-    check_known,
-    format_value,
-)
+from twinlens.errors import InputError, check_int, check_known, counted, format_value
 from twinlens.geometry import Float
 from twinlens.optics.diffraction import (
     CHANNEL_WAVELENGTHS,
@@ -653,7 +648,8 @@ class Sensor(Settings, noun="sensor"):
         self.check_mismatches(rig)
         if len(images) != len(rig):
             raise InputError(
-                f"expose_rig needs one image per camera, got {len(images)} images and {len(rig)} cameras"
+                f"expose_rig needs one image per camera, got {counted(len(images), 'image')} and "
+                f"{counted(len(rig), 'camera')}"
             )
         return list(zip(images, rig.cameras, range(len(rig)), strict=True))
 
