@@ -36,8 +36,10 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "sphinx_gallery.gen_gallery",
+    "sphinx_mathml",
     "sphinx_reference",
 ]
+html_math_renderer = "mathml"
 myst_heading_anchors = 4  # the anchors of headings are those of GitHub
 highlight_language = "text"
 default_role = "py:obj"

@@ -1,12 +1,14 @@
-"""
+r"""
 A film without a barrier
 ========================
 
 Hold a film in front of a scene, with nothing between them. Each point x of the film receives light from every point of
 the scene that is in front of it. The irradiance E of the film is the integral of the radiance L over the directions w,
-weighted by the cosine of their angle theta to the axis, and it is nearly the same at all points::
+weighted by the cosine of their angle theta to the axis, and it is nearly the same at all points:
 
-    E(x) = integral of L(x, w) cos(theta) dw
+.. math::
+
+    E(x) = \int L(x, w) \cos\theta \; \mathrm{d}w
 
 The film turns grey. twinlens renders it through an opening ten times as wide as its distance from the film, which lets
 96 % of the light through. The film has only 40 x 30 pixels, for there is no detail, and 16384 samples per pixel, with

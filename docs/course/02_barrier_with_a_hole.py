@@ -1,12 +1,14 @@
-"""
+r"""
 A barrier with a hole
 =====================
 
 A barrier in front of the film lets light pass through one small hole only. Each point of the film now sees one small
 part of the scene, and an image appears. Through a hole of diameter A, at distance D from the film, a point at depth Z
-lights a disk of diameter c on the film::
+lights a disk of diameter c on the film:
 
-    c = A (1 + D / Z)
+.. math::
+
+    c = A \left( 1 + \frac{D}{Z} \right)
 
 A smaller hole gives a sharper and darker image: the light on the film is proportional to (A / D)^2. The images are
 drawn upright here, and each has its own exposure. The white bar has the length c for Z = 1.5 m.

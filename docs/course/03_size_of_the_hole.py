@@ -1,13 +1,17 @@
-"""
+r"""
 The best size of the hole
 =========================
 
 A large hole blurs by geometry: its image of a far point is as wide as the hole. A small hole blurs by diffraction: its
-image of a point is the Airy disk, which grows as the hole shrinks. With wavelength lambda and film distance D::
+image of a point is the Airy disk, which grows as the hole shrinks. With wavelength lambda and film distance D:
 
-    geometry      c = A
-    diffraction   c = 2.44 lambda D / A
-    best hole     A = sqrt(2.44 lambda D)
+.. math::
+
+    c = A \qquad \text{(geometry)}
+
+    c = \frac{2.44 \, \lambda D}{A} \qquad \text{(diffraction)}
+
+    A = \sqrt{2.44 \, \lambda D} \qquad \text{(best hole)}
 
 At the best hole both are equal. For green light (549 nm) and D = 50 mm it is 0.26 mm wide. Each picture has its own
 exposure. Those of the two holes next to the best one, 0.35 mm and 0.15 mm, look almost equally sharp, for the sum of

@@ -1,13 +1,14 @@
-"""
+r"""
 The inverted image
 ==================
 
 Rays through a small hole go on in straight lines. What is above the axis lands below it, and what is on the left lands
 on the right: the image on the film behind the hole is turned by 180 degrees. A point (X, Y, Z) in front of a hole lands
-at distance D behind it at::
+at distance D behind it at:
 
-    x = -D X / Z
-    y = -D Y / Z
+.. math::
+
+    x = -D \, \frac{X}{Z}, \qquad y = -D \, \frac{Y}{Z}
 
 In formulas and programs the film is therefore thought in front of the hole, where the image is upright and x = D X / Z.
 twinlens renders this image, and ``tl.film_image`` turns it.

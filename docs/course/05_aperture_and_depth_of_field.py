@@ -1,14 +1,18 @@
-"""
+r"""
 Aperture and depth of field
 ===========================
 
 A lens collects the light of a whole aperture and still gives a sharp image, but only of one depth, the focus distance
 Z_f. With aperture diameter A and f in pixels, the blur circle of a point at depth Z has the diameter c, and c is at
-most c_max between the near and far limits of the depth of field::
+most c_max between the near and far limits of the depth of field:
 
-    c = A f |1/Z - 1/Z_f|
-    1/Z_near = 1/Z_f + c_max / (A f)
-    1/Z_far  = 1/Z_f - c_max / (A f)
+.. math::
+
+    c = A f \left| \frac{1}{Z} - \frac{1}{Z_f} \right|
+
+    \frac{1}{Z_\text{near}} = \frac{1}{Z_f} + \frac{c_\text{max}}{A f}
+
+    \frac{1}{Z_\text{far}} = \frac{1}{Z_f} - \frac{c_\text{max}}{A f}
 
 A wider aperture collects more light and has a smaller depth of field. Lines in the pictures show
 its near and far limits; the curves show the blur. At A = 20 mm no object is nearer than the near limit, so that only

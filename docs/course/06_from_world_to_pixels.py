@@ -1,14 +1,18 @@
-"""
+r"""
 From the world to pixels
 ========================
 
 A point P of the world becomes a pixel in three steps. The pose of the camera (rotation R_wc and position C) moves it
 into the camera's frame: X right, Y down, Z forward. The perspective projection takes it to the film at distance D, and
-the pixel pitch p and the principal point (cx, cy) give the pixel::
+the pixel pitch p and the principal point (cx, cy) give the pixel:
 
-    world to camera   (X, Y, Z) = R_cw (P - C)
-    camera to film    x = D X / Z,   y = D Y / Z
-    film to pixels    u = x / p + cx,   v = y / p + cy
+.. math::
+
+    (X, Y, Z)^\top = R_{cw} (P - C) \qquad \text{(world to camera)}
+
+    x = \frac{D X}{Z}, \quad y = \frac{D Y}{Z} \qquad \text{(camera to film)}
+
+    u = \frac{x}{p} + c_x, \quad v = \frac{y}{p} + c_y \qquad \text{(film to pixels)}
 
 The focal length in pixels is f = D / p, so that u = f X / Z + cx. R_cw is the transpose of R_wc.
 """

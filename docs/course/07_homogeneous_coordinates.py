@@ -1,14 +1,18 @@
-"""
+r"""
 Homogeneous coordinates and vanishing points
 ============================================
 
 With a fourth coordinate, the whole projection is one product with a 3 x 4 matrix. The fourth coordinate of a point is
 1. With 0 it is the point at infinity in the direction V, whose image is the vanishing point. The point P and the
-direction V are in the frame of the world::
+direction V are in the frame of the world:
 
-    K = [f 0 cx; 0 f cy; 0 0 1]         t = -R_cw C
-    (u w, v w, w) = K [R_cw | t] (P, 1)
-    (u w, v w, w) = K R_cw V            vanishing point
+.. math::
+
+    K = \begin{pmatrix} f & 0 & c_x \\ 0 & f & c_y \\ 0 & 0 & 1 \end{pmatrix}, \qquad t = -R_{cw} C
+
+    (u w, \; v w, \; w)^\top = K \, [R_{cw} \,|\, t] \, (P, 1)^\top
+
+    (u w, \; v w, \; w)^\top = K R_{cw} V \qquad \text{(vanishing point)}
 
 Division by w gives the pixel. Parallel lines of the world share their point at infinity, and so their images meet in
 one pixel. In homogeneous coordinates the line through pixels q1 and q2 is the cross product q1 x q2, and lines l1 and

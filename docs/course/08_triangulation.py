@@ -1,12 +1,13 @@
-"""
+r"""
 Triangulation
 =============
 
 Two cameras with parallel axes, a baseline B apart, see a point in the same image row, at different columns. Their
-difference, the disparity d, gives the depth: by similar triangles, with the focal length f in pixels::
+difference, the disparity d, gives the depth: by similar triangles, with the focal length f in pixels:
 
-    d = u_left - u_right
-    Z = f B / d
+.. math::
+
+    d = u_\text{left} - u_\text{right}, \qquad Z = \frac{f B}{d}
 
 The ray through the left pixel and the ray through the right pixel meet in the point. A point twice as far away has half
 the disparity.

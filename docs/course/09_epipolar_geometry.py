@@ -1,18 +1,23 @@
-"""
+r"""
 Epipolar lines and planes
 =========================
 
 A point and the centres of two cameras span an epipolar plane. The plane intersects each image in a line, so the match
-of a pixel lies on a known line. With homogeneous pixels q = (u, v, 1) and the fundamental matrix F of the pair::
+of a pixel lies on a known line. With homogeneous pixels q = (u, v, 1) and the fundamental matrix F of the pair:
 
-    q_right^T F q_left = 0
-    l_right = F q_left             the line in the right image
+.. math::
+
+    q_\text{right}^\top F \, q_\text{left} = 0
+
+    l_\text{right} = F \, q_\text{left} \qquad \text{(the line in the right image)}
 
 The cameras of this pair are verged: they look at one point. Rectification rotates each about its centre until the
 epipolar lines are rows of the images. Then a match differs in u only. The rectified images are
-shifted to the middle of their fields of view, so that their principal points differ and a disparity may be negative::
+shifted to the middle of their fields of view, so that their principal points differ and a disparity may be negative:
 
-    Z = f B / (d + cx_right - cx_left)
+.. math::
+
+    Z = \frac{f B}{d + c_{x,\text{right}} - c_{x,\text{left}}}
 """
 
 import matplotlib.pyplot as plt

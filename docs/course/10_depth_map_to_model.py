@@ -1,12 +1,12 @@
-"""
+r"""
 From depth maps to a 3D model
 =============================
 
-A depth map and its camera give a point in space for each pixel::
+A depth map and its camera give a point in space for each pixel:
 
-    Z = f B / d
-    X = (u - cx) Z / f
-    Y = (v - cy) Z / f
+.. math::
+
+    Z = \frac{f B}{d}, \qquad X = \frac{(u - c_x) Z}{f}, \qquad Y = \frac{(v - c_y) Z}{f}
 
 One depth map has holes behind the objects. Several are fused to one surface: the signed distances of all views are
 averaged in a grid of cells, and the surface is where the mean is 0 (Curless and Levoy 1996). The depth maps here are

@@ -1,13 +1,19 @@
-"""
+r"""
 A window slides along the scan line
 ===================================
 
 A template window around a pixel of the left image is compared with the window around (u - d, v) of the right image,
-for each disparity d. With the grey levels a and b of two windows, and a' and b' after subtraction of their means::
+for each disparity d. With the grey levels a and b of two windows, and their means with a bar:
 
-    SAD = sum |a - b|                            ZNCC = sum a' b' / sqrt(sum a'^2 sum b'^2)
-    SSD = sum (a - b)^2                          Jaccard = sum min(a, b) / sum max(a, b)
-    NCC = sum a b / sqrt(sum a^2 sum b^2)
+.. math::
+
+    \text{SAD} = \sum |a - b|, \qquad \text{SSD} = \sum (a - b)^2
+
+    \text{NCC} = \frac{\sum a b}{\sqrt{\sum a^2 \sum b^2}}
+
+    \text{ZNCC} = \frac{\sum (a - \bar{a}) (b - \bar{b})}{\sqrt{\sum (a - \bar{a})^2 \sum (b - \bar{b})^2}}
+
+    \text{Jaccard} = \frac{\sum \min(a, b)}{\sum \max(a, b)}
 
 The best d is the minimum of SAD and SSD, and the maximum of the others. The right image here has 30 % less light: SAD,
 SSD and Jaccard fail, NCC is invariant to a gain, and ZNCC to a gain and an offset.

@@ -1,12 +1,14 @@
-"""
+r"""
 Fixed windows, adaptive windows, semi-global matching
 =====================================================
 
 The cost of a window is small where its pixels have one disparity. A large fixed window averages much texture, but it
 smears over depth edges: its error there is up to half a window wide. Adaptive windows are small near edges and large
-on plain surfaces. Semi-global matching has no window: it minimises, along 8 paths through each pixel::
+on plain surfaces. Semi-global matching has no window: it minimises, along 8 paths through each pixel:
 
-    sum over q of cost(q, d) + P1 (number of steps of one pixel) + P2 (number of larger steps)
+.. math::
+
+    \sum_q \text{cost}(q, d) + P_1 \, (\text{steps of one pixel}) + P_2 \, (\text{larger steps})
 
 The error is bad 2.0: the share of pixels, visible in both images, whose disparity is wrong by more than 2 pixels.
 

@@ -1,12 +1,14 @@
-"""
+r"""
 The hard cases of stereo matching
 =================================
 
 A matcher assumes that both cameras see the same window. Five things break this: occlusion (a point is seen by one
 camera only), no texture (all windows look alike), repetition (several do), reflections (a mirror shows things at
-another disparity), and distortion (a slanted surface is narrower in one image). On a surface of slope s = dd/du::
+another disparity), and distortion (a slanted surface is narrower in one image). On a surface of slope s = dd/du:
 
-    width in the right image = (1 - s) times the width in the left image
+.. math::
+
+    \text{width in the right image} = (1 - s) \times \text{width in the left image}
 
 The truth of each pixel gives the masks of the five cases, and the share of disparities in each that are wrong by more
 than 1 pixel. The left edge of the image is an occlusion too: the right camera does not see it. Of the rest, pixels

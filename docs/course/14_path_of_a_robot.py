@@ -1,12 +1,14 @@
-"""
+r"""
 The path of a robot
 ===================
 
 Semi-global matching of a stereo pair gives the depths of a hall, Z = f B / d, and these give points in metres. Points
 above the floor are obstacles on a map with cells of 5 cm. The cheapest path for a robot with a radius of 25 cm follows
-from the cost T(i) of reaching cell i, which spreads from the start over the eight neighbours j of each cell::
+from the cost T(i) of reaching cell i, which spreads from the start over the eight neighbours j of each cell:
 
-    T(i) = min over j of T(j) + |i - j| (w(i) + w(j)) / 2
+.. math::
+
+    T(i) = \min_j \left( T(j) + |i - j| \, \frac{w(i) + w(j)}{2} \right)
 
 The weight w is 1 on seen floor and 4 where nothing was seen.
 

@@ -1,13 +1,16 @@
-"""
+r"""
 An inserted object
 ==================
 
 A ball is inserted into both images of a stereo pair that was taken with a wide aperture. It is half behind the jug and
 slightly out of focus. The true depths give a black mesh of the room, which is rendered together with the ball through
-the same lens. The share s of each pixel that the ball covers, and the new image, are::
+the same lens. The share s of each pixel that the ball covers, and the new image, are:
 
-    s = image of a ball of radiance 1 in the black room
-    new = (1 - s) old + ball
+.. math::
+
+    s = \text{image of a ball of radiance 1 in the black room}
+
+    \text{new} = (1 - s) \, \text{old} + \text{ball}
 
 The share includes occlusion and defocus. Two things are approximate: where a pixel shows both, the light of the old
 image is assumed to come from behind the ball; and the ball, with two lights of its own, casts no shadow.

@@ -3,11 +3,14 @@
 import ast
 import importlib
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
+from latex2mathml.converter import convert
 
 import twinlens as tl
 
@@ -42,6 +45,29 @@ def test_a_script_uses_public_names_only(script):
             and node.value.id == "tl"
         ):
             assert node.attr in tl.__all__
+
+
+def test_the_first_pages_name_the_course_and_the_number_of_its_lessons():
+    lessons = f"{len(SCRIPTS)} (?:short )?lessons"
+    for page in (COURSE.parents[1] / "README.md", COURSE.parent / "index.md"):
+        text = " ".join(page.read_text().split())
+        assert re.search(rf"course[^.]* {lessons}", text), page.name
+
+
+@each_script
+def test_the_formulas_of_a_script_are_typeset(script):
+    """They become MathML without an error and without a command that was not understood."""
+    text = ast.get_docstring(ast.parse(script.read_text()))
+    blocks = re.findall(r"^\.\. math::\n\n((?: {4}.*\n|\n)+)", text, re.MULTILINE)
+    assert blocks
+    for formula in "\n\n".join(blocks).split("\n\n"):
+        if not formula.strip():
+            continue
+        mathml = ElementTree.fromstring(convert(formula, display="block"))
+        tags = {element.tag.rpartition("}")[2] for element in mathml.iter()}
+        assert "merror" not in tags
+        assert "\\" not in "".join(mathml.itertext())
+        assert tags & {"mfrac", "msub", "msqrt", "mtext", "mo"}
 
 
 @pytest.mark.slow
