@@ -1,7 +1,10 @@
 import pytest
 
 from twinlens.cli import run
+from twinlens.dataset import card
+from twinlens.dataset.pictures import panels, statistics_figure
 
+FIGURES = {}
 QUICK = ("--size", "64x48", "--spp", "2", "--no-denoise")
 BALL = """
 [camera]
@@ -16,6 +19,21 @@ type = "constant"
 shape = "sphere"
 material = "grey"
 """
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _figures_of_as_many_panels_are_drawn_once():
+    """Cards have figures; tests of the card look at these."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(card, "statistics_figure", _figure)
+        yield
+
+
+def _figure(many):
+    count = len(panels(many))
+    if count not in FIGURES:
+        FIGURES[count] = statistics_figure(many)
+    return FIGURES[count]
 
 
 @pytest.fixture(scope="session")

@@ -49,7 +49,7 @@ def test_the_fused_truth_of_several_views_is_the_true_surface(twinlens, arc, tmp
 
 
 def test_unrectified_views_are_rectified_before_matching(twinlens, arc, tmp_path):
-    line = ("reconstruct", arc, "-o", tmp_path / "r", "--far", 2)
+    line = ("reconstruct", arc, "-o", tmp_path / "r", "--far", 2, "--cell-mm", 40)
     code, out, _ = twinlens(*line, "--method", "zncc:block_size=7")
     assert code == 0
     assert "from 2 depth maps" in out

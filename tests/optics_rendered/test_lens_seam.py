@@ -123,7 +123,10 @@ def test_a_lens_is_refused_in_one_line_by_what_needs_more_of_it(uses, lens, need
 
 
 @pytest.mark.parametrize("defocus", [0.0, 0.15])
-@pytest.mark.parametrize("depth", [0.8, 2.0, 2.6, 3.5, 8.0])
+@pytest.mark.parametrize(
+    "depth",
+    [0.8, 2.6, *(pytest.param(z, marks=pytest.mark.slow) for z in (2.0, 3.5, 8.0))],
+)
 def test_an_anamorphic_lens_blurs_across_and_down_by_two_foci(depth, defocus):
     """A light becomes an ellipse with the diameters A fx |1/z - kx| and A fy |1/z - ky|.
 

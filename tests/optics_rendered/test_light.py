@@ -46,7 +46,7 @@ def test_light_is_proportional_to_the_square_of_the_aperture():
     assert np.abs(relative.mean(axis=1) - 1).max() + 3 * error < 0.01
 
 
-@pytest.mark.parametrize("f_number", [16.0, 24.0])
+@pytest.mark.parametrize("f_number", [16.0, pytest.param(24.0, marks=pytest.mark.slow)])
 def test_the_first_dark_ring_of_a_rendered_point(f_number):
     """A light of half a pixel in focus, rendered and diffracted: its ring is at 1.22 lambda v/A within 2 %."""
     camera = square_camera(161, 4000.0, pixel_pitch_um=1.0)

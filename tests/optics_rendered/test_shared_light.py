@@ -72,7 +72,7 @@ def test_a_view_is_what_a_pinhole_sees(surface):
 
 
 @pytest.mark.parametrize("lens", [NARROW, WIDE])
-@pytest.mark.parametrize("view", [1, 8])
+@pytest.mark.parametrize("view", [pytest.param(1, marks=pytest.mark.slow), 8])
 def test_views_of_a_matte_room_differ_by_parallax(view, lens):
     """Another view's pinhole differs, where views are far apart."""
     scene = chequered_room()

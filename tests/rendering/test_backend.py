@@ -129,6 +129,7 @@ def test_the_tested_library_of_the_environment_needs_no_probe(monkeypatch, answe
     assert probed == [library.name]
 
 
+@pytest.mark.slow
 def test_the_environment_works_without_the_links_of_its_pth_file(tmp_path):
     """An environment as pip leaves it before Python's first start: files of the wheel alone."""
     lib = tmp_path / "lib"

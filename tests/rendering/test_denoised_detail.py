@@ -51,7 +51,16 @@ SCENES = {
 }
 
 
-@pytest.mark.parametrize("name", SCENES)
+QUICK = ("a black card, faint texture", "a hidden sky and a black card")
+
+
+def quick_or_slow(value, is_quick):
+    return pytest.param(value, marks=() if is_quick else pytest.mark.slow)
+
+
+@pytest.mark.parametrize(
+    "name", [quick_or_slow(name, name in QUICK) for name in SCENES]
+)
 def test_light_and_contrast_are_those_of_a_converged_image(name):
     """The contrast is the factor of the reference's details in the image's, away from the card; noise does not change
     it in the mean. The mean of 576 to 6912 pixels of 16 samples varies by less than 0.1 %."""
@@ -118,7 +127,9 @@ PLASTIC = {
 }
 
 
-@pytest.mark.parametrize("reflectance", PLASTIC)
+@pytest.mark.parametrize(
+    "reflectance", [quick_or_slow(share, share == 0.1) for share in PLASTIC]
+)
 def test_reflections_in_plastic_keep_their_contrast(reflectance):
     """From 16 samples. Two references, so that their noise has no share in the details of both."""
     scene = reflected_wall(PLASTIC[reflectance])

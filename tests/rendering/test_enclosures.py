@@ -19,6 +19,10 @@ RIG = Rig([Camera.from_fov(24, 24, 70)], [HERE])
 LENS = tl.ThinLens(0.05, 1.0)
 
 
+def slow(value):
+    return pytest.param(value, marks=pytest.mark.slow)
+
+
 def enclosure(reflectance, *parts, **options):
     """A scene whose surfaces reflect light on both sides."""
     paint = {"type": "twosided", "bsdf": diffuse(reflectance)}
@@ -46,7 +50,7 @@ def lit_sphere(reflectance, **options):
 
 
 @pytest.mark.parametrize("denoise", [False, True])
-@pytest.mark.parametrize("reflectance", [0.5, 0.8, 0.9])
+@pytest.mark.parametrize("reflectance", [slow(0.5), slow(0.8), 0.9])
 def test_a_glowing_sphere_has_the_light_of_all_reflections(reflectance, denoise):
     """512 samples of 576 pixels: a standard error below 0.2 %."""
     scene = glowing("sphere", reflectance)
@@ -55,7 +59,7 @@ def test_a_glowing_sphere_has_the_light_of_all_reflections(reflectance, denoise)
 
 
 @pytest.mark.parametrize("denoise", [False, True])
-@pytest.mark.parametrize("reflectance", [0.5, 0.8, 0.9])
+@pytest.mark.parametrize("reflectance", [slow(0.5), slow(0.8), 0.9])
 def test_an_integrating_sphere_has_the_light_of_all_reflections(reflectance, denoise):
     """The first reflection leaves r E / pi, all of them r / (1 - r) E / pi."""
     scene = lit_sphere(reflectance)
@@ -64,14 +68,14 @@ def test_an_integrating_sphere_has_the_light_of_all_reflections(reflectance, den
     assert image.mean() == pytest.approx(expected, rel=0.01)
 
 
-@pytest.mark.parametrize("reflectance", [0.5, 0.9])
+@pytest.mark.parametrize("reflectance", [slow(0.5), 0.9])
 def test_a_glowing_cube_has_the_light_of_all_reflections(reflectance):
     image = tl.render(glowing("cube", reflectance), RIG, LENS, spp=512, seed=2)[0]
     assert image.mean() == pytest.approx(1 / (1 - reflectance), rel=0.01)
 
 
 @pytest.mark.parametrize("denoise", [False, True])
-@pytest.mark.parametrize("depth", [2, 4, 12])
+@pytest.mark.parametrize("depth", [2, slow(4), 12])
 def test_an_explicit_depth_is_a_limit(depth, denoise):
     path = {"type": "path", "max_depth": depth}
     scene = glowing("sphere", 0.8, integrator=path)
@@ -105,8 +109,8 @@ OUTWARD = {
 }
 
 
-@pytest.mark.parametrize("denoise", [False, True])
-@pytest.mark.parametrize("middle", [(0.0, 0.0, 0.0), (0.7, -0.4, 0.3)])
+@pytest.mark.parametrize("denoise", [False, slow(True)])
+@pytest.mark.parametrize("middle", [slow((0.0, 0.0, 0.0)), (0.7, -0.4, 0.3)])
 @pytest.mark.parametrize("shape", OUTWARD)
 def test_a_lamp_that_shines_outward_is_dark_inside(shape, middle, denoise):
     """But for rounding: its own radiance is 1."""
