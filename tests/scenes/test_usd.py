@@ -728,7 +728,9 @@ def test_without_usd_core_the_extra_is_named(tmp_path, here):
         read(tmp_path / "m.usda")
 
 
-@pytest.mark.parametrize("module", ["pxr", "contextlib"])
+@pytest.mark.parametrize(
+    "module", ["pxr", pytest.param("contextlib", marks=pytest.mark.slow)]
+)
 def test_modules_in_the_current_folder_are_not_run(tmp_path, here, module):
     """As in a terminal, where the current folder is not among the paths of modules."""
     here.undo()

@@ -36,7 +36,9 @@ def coverage(draw, truth, units, seed):
     ("draw", "truth"),
     [
         (lambda random, n: random.normal(3.0, 2.0, n), 3.0),
-        (lambda random, n: random.uniform(0.0, 1.0, n), 0.5),
+        pytest.param(
+            lambda random, n: random.uniform(0.0, 1.0, n), 0.5, marks=pytest.mark.slow
+        ),
     ],
     ids=["normal", "uniform"],
 )

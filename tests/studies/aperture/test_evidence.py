@@ -56,7 +56,7 @@ def test_an_edge_between_two_depths_belongs_to_the_nearer_one():
 
 @pytest.mark.parametrize(
     ("colour", "gain"),
-    [((0.2, 0.2, 0.2), 1.0), ((0.3, 0.1, 0.05), 1.0), ((0.05, 0.1, 0.3), 8.0)],
+    [((0.3, 0.1, 0.05), 1.0), ((0.05, 0.1, 0.3), 8.0)],
 )
 def test_luma_noise_of_images_of_a_coloured_wall(colour, gain):
     camera, lens, wall = wall_of(colour)
@@ -130,8 +130,10 @@ def test_the_strip_of_wrong_depth_along_an_edge(near_disk, far_disk, pixels):
 
 
 @pytest.mark.parametrize(("grain", "contrast", "level", "blur"), [
-    (1.2, 0.08, 0.005, 0.0), (1.2, 0.02, 0.04, 0.0), (2.0, 0.02, 0.05, 0.0),
-    (1.2, 0.08, 0.005, 6.0), (1.2, 0.08, 0.05, 12.0),
+    (1.2, 0.08, 0.005, 0.0), (1.2, 0.08, 0.05, 12.0),
+    pytest.param(1.2, 0.02, 0.04, 0.0, marks=pytest.mark.slow),
+    pytest.param(2.0, 0.02, 0.05, 0.0, marks=pytest.mark.slow),
+    pytest.param(1.2, 0.08, 0.005, 6.0, marks=pytest.mark.slow),
 ])  # fmt: skip
 def test_wrong_pixels_of_a_flat_sheet(grain, contrast, level, blur):
     """The whole chain: a texture blurred by a disk, exposed by the sensor, its 8-bit luma matched by a naive SSD.
