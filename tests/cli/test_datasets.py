@@ -52,6 +52,24 @@ def test_exporting_again_needs_overwrite(twinlens, dataset, tmp_path):
     assert "1 sample, 9 files" in out
 
 
+@pytest.mark.parametrize("name", ["out", "other"])
+def test_an_export_removes_what_a_killed_one_left(twinlens, dataset, tmp_path, name):
+    """Its own leftovers, and those of an export to another folder beside it."""
+    left = tmp_path / f".{name}.unfinished-99999-0123abcd" / "training" / "image_2"
+    left.mkdir(parents=True)
+    (left / "000000_10.png").write_bytes(b"half")
+    arguments = ("export", dataset, "--to", "eth3d", "-o", tmp_path / "out")
+    assert twinlens(*arguments)[0] == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_rendering_again_removes_what_a_killed_run_left(twinlens, own):
+    (own / ".cards.unfinished-99999-0123abcd").mkdir()
+    line = ("render", "cards", *QUICK, "-o", own)
+    assert twinlens(*line, "--overwrite")[0] == 0
+    assert not list(own.glob(".*"))
+
+
 def test_describe_keeps_what_it_is_told(twinlens, own):
     assert twinlens("describe", own, "--license", "CC-BY-4.0")[0] == 0
     assert twinlens("describe", own)[0] == 0

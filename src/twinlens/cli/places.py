@@ -9,7 +9,12 @@ import click
 from click.shell_completion import CompletionItem
 
 from twinlens.dataset import Place, RemotePath, place, read_manifest
-from twinlens.dataset.files import A_FILE, check_replaceable, existing_part
+from twinlens.dataset.files import (
+    A_FILE,
+    check_replaceable,
+    existing_part,
+    remove_abandoned,
+)
 from twinlens.errors import InputError, OutputError, format_value
 
 
@@ -77,7 +82,8 @@ def check_new(
 ) -> None:
     """Raise OutputError where the output exists, unless it may be overwritten: an empty folder, or one with `mark`.
 
-    Whether a bucket has files of other kinds is checked when it is written.
+    Whether a bucket has files of other kinds is checked when it is written. What killed commands left beside the output
+    is removed.
     """
     if not overwrite and (
         os.path.lexists(output) if isinstance(output, Path) else output.exists()
@@ -86,6 +92,7 @@ def check_new(
     check_replaceable(
         output, not isinstance(output, Path) or (output / mark).is_file(), kind
     )
+    remove_abandoned(output.parent)
 
 
 def check_results(folder: Path, mark: str, overwrite: bool = True) -> None:
