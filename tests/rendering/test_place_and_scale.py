@@ -467,7 +467,6 @@ def raw_images(scene, baseline, lens):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(1500)
 @pytest.mark.filterwarnings("ignore:.*blocks its light")  # glass before the projector
 @pytest.mark.parametrize("name", [*BUNDLED, *RANDOM], ids=str)
 def test_scenes_are_the_same_at_any_place_and_scale(name):
