@@ -8,6 +8,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+from sphinx.application import Sphinx
+
 import twinlens
 
 project = "twinlens"
@@ -71,3 +73,13 @@ html_static_path = ["static"]
 html_css_files = ["phone.css", "gallery.css"]
 html_copy_source = False
 html_show_copyright = False
+
+
+def _link_gallery(app: Sphinx, page: str, source: list[str]) -> None:
+    """Let links to the folder of the course, which GitHub shows, lead to its gallery on the site."""
+    source[0] = source[0].replace("](docs/course)", "](docs/gallery/index.rst)")
+
+
+def setup(app: Sphinx) -> None:
+    """Change the sources as they are read."""
+    app.connect("source-read", _link_gallery)
