@@ -1,11 +1,22 @@
-"""From the calibration file of a rig that is not rectified to a dataset that a matcher can use, by commands alone."""
+"""From the calibration file of a rig that is not rectified to a dataset that a matcher can use.
+
+By the commands of docs/rigs.md alone, with the same rig in the files of four programs.
+"""
+
+import json
+import shlex
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
 import twinlens as tl
+from tests.docs.pages import blocks
 
+PAGE = Path(__file__).parents[2] / "docs" / "rigs.md"
+pytestmark = pytest.mark.skipif(not PAGE.exists(), reason="docs/ is not next to tests/")
+SIZE = (128, 96)
 TURN = cv2.Rodrigues(np.radians([0.4, -3.0, 0.5]))[0]
 SHIFT = np.array([[-0.11], [0.002], [0.004]])
 K = (
@@ -13,69 +24,139 @@ K = (
     np.array([[112.0, 0, 64.5], [0, 112.5, 47.0], [0, 0, 1]]),
 )
 D = np.array([[-0.12, 0.02, 1e-3, -5e-4, 0.0]])
-
-RECIPE = """
-seed = 3
-count = 2
-families = ["tabletop"]
-width = 128
-height = 96
-spp = 2
-denoise = false
-[rig]
-file = "stereo.yml"
-[gates]
-attempts = 5
-"""
+SMALL = "spp = 2\ndenoise = false\n[gates]\nattempts = 5\n"
+FEW = ["--spp", "2", "--no-denoise"]
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("calibrated")
+def write_opencv(folder):
     storage = cv2.FileStorage(str(folder / "stereo.yml"), cv2.FILE_STORAGE_WRITE)
     for name, value in {"M1": K[0], "D1": D, "M2": K[1], "D2": D}.items():
         storage.write(name, value)
     storage.write("R", TURN)
     storage.write("T", SHIFT)
-    storage.write("image_width", 128)
-    storage.write("image_height", 96)
+    storage.write("image_width", SIZE[0])
+    storage.write("image_height", SIZE[1])
     storage.release()
-    (folder / "recipe.toml").write_text(RECIPE)
-    return folder
+    return ["stereo.yml"]
 
 
-def test_from_a_calibration_to_rectified_pairs(twinlens, folder):
-    calibration = folder / "stereo.yml"
-    code, out, _ = twinlens("cameras", "--read", calibration)
-    assert code == 0
-    assert "128x96 pixels" in out
-    assert "0.11009" in out  # |T|, metres
-    assert "Not a rectified pair" in out
+def write_kalibr(folder):
+    """A camchain: intrinsics [fx, fy, cx, cy], and the pose of cam0 in cam1."""
+    second_from_first = np.eye(4)
+    second_from_first[:3] = np.hstack([TURN, SHIFT])
+    text = ""
+    for i, matrix in enumerate(K):
+        values = [matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]]
+        text += (
+            f"cam{i}:\n  camera_model: pinhole\n  distortion_model: radtan\n"
+            f"  distortion_coeffs: {D[0, :4].tolist()}\n"
+            f"  intrinsics: {np.array(values).tolist()}\n  resolution: {list(SIZE)}\n"
+        )
+    text += f"  T_cn_cnm1: {second_from_first.tolist()}\n"
+    (folder / "camchain.yaml").write_text(text)
+    return ["camchain.yaml"]
 
-    few = ("--spp", 2, "--no-denoise")
-    shown = folder / "shown"
-    code, _, err = twinlens("render", "cards", "--rig", calibration, *few, "-o", shown)
-    assert code == 0
-    assert f"twinlens rectify {shown}" in err
 
-    made, rectified = folder / "made", folder / "rectified"
-    code, _, err = twinlens("generate", folder / "recipe.toml", "-o", made)
-    assert code == 0
-    assert f"twinlens rectify {made}" in err
-    assert twinlens("rectify", made, "-o", rectified, "--fit", "opencv")[0] == 0
-    assert twinlens("verify", rectified)[0] == 0
-    _check_disparities(tl.Dataset(rectified))
-    code, out, _ = twinlens(
-        "benchmark", rectified, "--methods", "sgm", "-o", folder / "b"
+def write_ros(folder):
+    """The camera_info of both cameras, with the rectification of OpenCV's stereo calibration."""
+    r1, r2, p1, p2, *_ = cv2.stereoRectify(K[0], D, K[1], D, SIZE, TURN, SHIFT)
+    for name, matrix, turn, projection in (("left", K[0], r1, p1), ("right", K[1], r2, p2)):  # fmt: skip
+        tables = {
+            "camera_matrix": matrix,
+            "distortion_coefficients": D,
+            "rectification_matrix": turn,
+            "projection_matrix": projection,
+        }
+        text = f"image_width: {SIZE[0]}\nimage_height: {SIZE[1]}\ncamera_name: {name}\ndistortion_model: plumb_bob\n"
+        for key, table in tables.items():
+            rows, columns = table.shape
+            text += f"{key}:\n  rows: {rows}\n  cols: {columns}\n  data: {table.ravel().tolist()}\n"
+        (folder / f"{name}.yaml").write_text(text)
+    return ["left.yaml", "right.yaml"]
+
+
+def write_nerf(folder):
+    """transforms.json: world_from_cam with y up and z backward, pixel centres at 0.5, the fields of OpenCV."""
+    first_from_second = np.eye(4)
+    first_from_second[:3] = np.hstack([TURN.T, -TURN.T @ SHIFT])
+    frames = []
+    for name, matrix, pose in (
+        ("left.png", K[0], np.eye(4)),
+        ("right.png", K[1], first_from_second),
+    ):
+        frames.append(
+            {
+                "file_path": name,
+                "w": SIZE[0],
+                "h": SIZE[1],
+                "fl_x": matrix[0, 0],
+                "fl_y": matrix[1, 1],
+                "cx": matrix[0, 2] + 0.5,
+                "cy": matrix[1, 2] + 0.5,
+                **dict(zip(("k1", "k2", "p1", "p2"), D[0].tolist(), strict=False)),
+                "transform_matrix": (pose @ np.diag([1.0, -1, -1, 1])).tolist(),
+            }
+        )
+    table = {"camera_model": "OPENCV", "frames": frames}
+    (folder / "transforms.json").write_text(json.dumps(table))
+    return ["transforms.json"]
+
+
+def commands(files):
+    """The commands of the page, with these files in the place of stereo.yml."""
+    (text,) = (text for _, text in blocks(PAGE, "sh") if "stereo.yml" in text)
+    for line in text.splitlines():
+        _, *words = shlex.split(line, comments=True)
+        if "stereo.yml" in words:
+            at = words.index("stereo.yml")
+            option = words[at - 1]
+            again = [word for file in files for word in (option, file)]
+            words[at - 1 : at + 1] = again
+        yield words
+
+
+def write_recipe(folder, files, more=SMALL):
+    """The recipe of the page with these files, smaller."""
+    recipe = next(text for _, text in blocks(PAGE, "toml") if "seed = " in text)
+    assert 'file = "stereo.yml"' in recipe
+    recipe = recipe.replace('"stereo.yml"', json.dumps(files)).replace(
+        "[rig]", f"width = {SIZE[0]}\nheight = {SIZE[1]}\n{more}[rig]"
     )
-    assert code == 0
-    assert "sgm" in out
+    (folder / "calibrated.toml").write_text(recipe)
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        write_opencv,
+        pytest.param(write_kalibr, marks=pytest.mark.slow),
+        pytest.param(write_ros, marks=pytest.mark.slow),
+        pytest.param(write_nerf, marks=pytest.mark.slow),
+    ],
+)
+def test_from_a_calibration_to_rectified_pairs(twinlens, tmp_path, monkeypatch, write):
+    monkeypatch.chdir(tmp_path)
+    files = write(tmp_path)
+    write_recipe(tmp_path, files)
+    said = {}
+    for words in commands(files):
+        few = FEW if words[0] == "render" else []
+        code, out, err = twinlens(*words, *few)
+        assert code == 0, out + err
+        said[words[0]] = out + err
+    assert "128x96 pixels" in said["cameras"]
+    assert "0.11009" in said["cameras"]  # |T|, metres
+    assert "Not a rectified pair" in said["cameras"]
+    assert "twinlens rectify shown" in said["render"]
+    assert "twinlens rectify made" in said["generate"]
+    assert "sgm" in said["benchmark"]
+    _check_disparities(tl.Dataset("rectified"))
 
 
 def _check_disparities(dataset):
     """The calibration is OpenCV's, and disparity the closed form f B / z of it, to 1e-4 px."""
     *_, p1, p2, _, _, _ = cv2.stereoRectify(
-        K[0], D, K[1], D, (128, 96), TURN, SHIFT, flags=cv2.CALIB_ZERO_DISPARITY, alpha=-1
+        K[0], D, K[1], D, SIZE, TURN, SHIFT, flags=cv2.CALIB_ZERO_DISPARITY, alpha=-1
     )  # fmt: skip
     baseline = np.linalg.norm(SHIFT)
     assert -p2[0, 3] / p2[0, 0] == pytest.approx(baseline)
@@ -91,3 +172,27 @@ def _check_disparities(dataset):
         outside = sample.valid0 == 0
         assert not sample.im0[outside].any()
         assert not (sample.mask0_nonocc[outside] == 255).any()
+
+
+@pytest.mark.slow
+def test_semi_global_matching_of_rectified_pairs_has_no_bias(
+    twinlens, tmp_path, monkeypatch
+):
+    """Of a pair without mismatch, where an error of the truth or of the warp would be one of all disparities."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(f"{__name__}.SIZE", (320, 240))
+    scaled = tuple(np.diag([2.5, 2.5, 1]) @ matrix for matrix in K)
+    monkeypatch.setattr(f"{__name__}.K", scaled)
+    files = write_opencv(tmp_path)
+    write_recipe(tmp_path, files, 'spp = 16\nsensor = { mismatch = "none" }\n')
+    for words in list(commands(files))[2:4]:
+        code, out, err = twinlens(*words)
+        assert code == 0, out + err
+    errors = []
+    for sample in tl.Dataset("rectified"):
+        found = tl.match(sample.im0, sample.im1, method="sgm", num_disparities=sample.ndisp)  # fmt: skip
+        compared = (sample.mask0_nonocc == 255) & np.isfinite(found)
+        error = (found - sample.disp0)[compared]
+        errors.append(error[np.abs(error) < 1])
+        assert errors[-1].size > 0.3 * found.size
+    assert abs(np.median(np.concatenate(errors))) < 0.05
