@@ -45,6 +45,15 @@ def test_a_dataset_of_rejected_draws_alone_names_the_field_and_its_ledger(
     assert [path.name for path in root.iterdir()] == ["dataset.json"]
 
 
+def test_a_view_too_wide_for_a_family_is_said_once(twinlens, tmp_path):
+    wide = NARROW.replace("0.9", "95").replace("count = 1", "count = 2")
+    (tmp_path / "wide.toml").write_text(wide)
+    code, _, err = twinlens("generate", tmp_path / "wide.toml", "-o", tmp_path / "set")
+    assert code == 0
+    assert err.count("cards: the view is 95 degrees wide") == 1
+    assert "rig.fov_x_deg" in err
+
+
 def test_the_repair_hint_of_verify_repairs_damage(twinlens, recipe, tmp_path):
     root = tmp_path / "set"
     twinlens("generate", recipe, "-o", root)
