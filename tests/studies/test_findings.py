@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from twinlens.studies import (
@@ -27,7 +28,7 @@ from twinlens.studies.findings import (
     shortages,
     units_to_decide,
 )
-from twinlens.studies.intervals import Interval
+from twinlens.studies.intervals import Interval, bootstrap, mean
 from twinlens.studies.table import filled_table
 
 NAN = math.nan
@@ -144,6 +145,18 @@ def test_a_claim_that_lacks_its_sample_is_not_decided_however_clear_it_looks():
     assert finding.measured.low == 5.0
     support = SeedSupport(finding, 1, 1, shortages(finding, 10**6))
     assert support.verdict == "not decided: needs 3 scenes (has 2)"
+
+
+def test_three_units_without_an_effect_decide_by_chance_in_a_quarter_of_the_runs():
+    """All three signs are equal with a probability of 2 / 2^3; the bound is four standard errors."""
+    runs, rng = 1000, np.random.default_rng(5)
+    states = [
+        SeedSupport(compared("a", bootstrap(mean, units), "", "", ""), 1, 1).state
+        for units in rng.standard_normal((runs, 3, 1))
+    ]
+    for state in (HOLDS, FAILS):
+        share = states.count(state) / runs
+        assert abs(share - 1 / 8) < 4 * math.sqrt(1 / 8 * 7 / 8 / runs)
 
 
 def test_the_number_of_units_that_would_decide():
