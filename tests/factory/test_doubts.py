@@ -128,6 +128,7 @@ def test_an_object_outside_of_every_view_is_said(tmp_path, post, says):
             warn_of_doubts(sample, Sensor(), "ball", scene)
 
 
+@pytest.mark.slow
 def test_bundled_scenes_have_no_object_outside_of_every_view():
     for name in tl.bundled_scenes():
         scene = tl.load_scene(name)

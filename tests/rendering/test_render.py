@@ -160,7 +160,9 @@ def whole_number_of_samples(image, spp):
     return np.abs(lit - np.round(lit)).max() < 1e-4
 
 
-@pytest.mark.parametrize("spp", [1, 3, 8, 13])
+@pytest.mark.parametrize(
+    "spp", [13, *(pytest.param(spp, marks=pytest.mark.slow) for spp in (1, 3, 8))]
+)
 @pytest.mark.parametrize("sampler", samplers.SAMPLERS)
 def test_the_number_of_samples_is_exact(sampler, spp):
     """Samplers round counts to squares, powers of two, or primes."""

@@ -20,6 +20,10 @@ WHITE = np.ones((3, 6, 3), np.float32)
 INNER = slice(6, -6)
 
 
+def slow(value):
+    return pytest.param(value, marks=pytest.mark.slow)
+
+
 def masked(opacity, bsdf=CHALK):
     return {"type": "mask", "opacity": opacity, "bsdf": bsdf}
 
@@ -43,7 +47,9 @@ def by_lamp(scene, denoise, spp=256):
     return image[INNER, INNER].mean()
 
 
-@pytest.mark.parametrize("layers", [[0.1], [0.3], [0.45], [0.55], [0.3, 0.45]])
+@pytest.mark.parametrize(
+    "layers", [slow([0.1]), slow([0.3]), [0.45], slow([0.55]), [0.3, 0.45]]
+)
 def test_denoised_cards_keep_the_light_of_a_projector(layers):
     """Beside nothing: all light is the projector's, and the raw image is the reference."""
     cards = [card(f"card{i}", f"soft{i}", 2 + 0.5 * i) for i in range(len(layers))]
@@ -124,9 +130,21 @@ def under_hidden_sky(*objects, denoise=False, integrator=None, **materials):
     return image[INNER, INNER].mean(), np.isfinite(truth.depth[INNER, INNER]).all()
 
 
-@pytest.mark.parametrize("denoise", [False, True])
-@pytest.mark.parametrize("layers", [[0.0], [0.3], [0.8], [0.0, 0.4], [0.4, 1.0]])
-def test_a_hidden_sky_is_black_through_cut_outs(layers, denoise):
+HIDDEN = [[0.0], [0.3], [0.8], [0.0, 0.4], [0.4, 1.0]]
+DENOISED = [[0.3], [0.4, 1.0], *map(slow, [[0.0], [0.8], [0.0, 0.4]])]
+
+
+@pytest.mark.parametrize("layers", HIDDEN)
+def test_a_hidden_sky_is_black_through_cut_outs(layers):
+    assert_dark_behind(layers, denoise=False)
+
+
+@pytest.mark.parametrize("layers", DENOISED)
+def test_a_hidden_sky_is_black_through_cut_outs_of_denoised_images(layers):
+    assert_dark_behind(layers, denoise=True)
+
+
+def assert_dark_behind(layers, denoise):
     """A plane of reflectance 0.5 is as bright as half the sky; what it lets through is black or the next plane."""
     cards = [card(f"card{i}", f"soft{i}", 2 + 0.1 * i, 400.0) for i in range(len(layers))]  # fmt: skip
     materials = {f"soft{i}": masked(opacity) for i, opacity in enumerate(layers)}
