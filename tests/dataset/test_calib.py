@@ -1,3 +1,4 @@
+import warnings
 from functools import partial
 
 import numpy as np
@@ -16,7 +17,7 @@ from twinlens.dataset.codecs.calib import (
     read_calib,
     write_calib,
 )
-from twinlens.errors import FileError, InputError, TwinlensError
+from twinlens.errors import FileError, InputError, NotUsedWarning, TwinlensError
 from twinlens.scoring import Pair
 
 MOTORCYCLE = """cam0=[3979.911 0 1244.772; 0 3979.911 1019.507; 0 0 1]
@@ -70,6 +71,52 @@ def test_middleburys_own_file():
     assert decode_calib(MOTORCYCLE.replace("isint=0", "isint=1")).isint
     # A disparity of vmax is the nearest point: 3979.911 * 0.193001 / (245 + 124.343).
     assert float(calibration.depth(245.0)) == pytest.approx(2.0797, abs=1e-4)
+
+
+MOBILE = """cam0=[1758.23 0 953.34; 0 1758.23 552.29; 0 0 1]
+cam1=[1758.23 0 953.34; 0 1758.23 552.29; 0 0 1]
+doffs=0
+baseline=111.53
+width=1920
+height=1080
+ndisp=290
+vmin=75
+vmax=262
+"""
+"""Of Middlebury's scenes of 2021."""
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        MOTORCYCLE,
+        MOBILE,
+        MOTORCYCLE.replace("dyavg=0.2", "dyavg=0").replace("vmin=23", "vmin=0"),
+        encode_calib(decode_calib(MOTORCYCLE)),
+    ],
+    ids=["2014", "2021", "eth3d", "twinlens"],
+)
+def test_published_files_have_no_unknown_keys(text):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        decode_calib(text)
+
+
+@pytest.mark.parametrize(
+    ("lines", "named"),
+    [
+        ("nidsp=64", "'nidsp' (unknown key, did you mean ndisp?)"),
+        ("Ndisp=64\nfps=30", "'Ndisp' (unknown key, did you mean ndisp?), 'fps' (unknown key)"),
+        ("base_line=5", "'base_line' (unknown key, did you mean baseline?)"),
+    ],
+)  # fmt: skip
+def test_unknown_keys_are_named_in_one_warning(tmp_path, lines, named):
+    path = tmp_path / "calib.txt"
+    path.write_text(MOBILE + lines + "\n")
+    with pytest.warns(NotUsedWarning) as caught:
+        calibration = read_calib(path)
+    assert [str(item.message) for item in caught] == [f"{path}: not used: {named}"]
+    assert calibration.ndisp == 290
 
 
 def test_a_rig_goes_there_and_back(tmp_path):
@@ -174,10 +221,12 @@ def test_a_calibration_of_another_size_than_the_images_is_an_error(tmp_path):
 
 @given(damaged(MOTORCYCLE.encode()))
 def test_damage_is_read_or_rejected(data):
-    try:
-        calibration = decode_calib(data.decode("utf-8", "replace"))
-    except TwinlensError:
-        return
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NotUsedWarning)
+        try:
+            calibration = decode_calib(data.decode("utf-8", "replace"))
+        except TwinlensError:
+            return
     assert decode_calib(encode_calib(calibration)) == calibration
 
 

@@ -8,7 +8,7 @@ Source: https://vision.middlebury.edu/stereo/data/scenes2014/ and .../submit3/, 
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from typing import Any
@@ -20,7 +20,7 @@ from twinlens import geometry
 from twinlens.camera import Camera, Rig
 from twinlens.dataset.files import read_text, write_file
 from twinlens.dataset.storage import Where
-from twinlens.errors import FileError, InputError
+from twinlens.errors import FileError, InputError, nearest, warn_not_used
 
 _REQUIRED = ("cam0", "cam1", "doffs", "baseline", "width", "height")
 _DOFFS_TOLERANCE = 0.01  # px: Middlebury rounds cx and doffs to three digits
@@ -160,14 +160,14 @@ def encode_calib(calibration: Calibration) -> str:
 
 
 def decode_calib(text: str, name: str = "calib.txt") -> Calibration:
-    """Parse the text of a calib.txt. Unknown keys are ignored, since Middlebury has added keys over time.
+    """Parse the text of a calib.txt. A warning names unknown keys: Middlebury has added keys over time.
 
     Raises FileError, whose message starts with `name`, for an invalid line or number and for a missing key.
     """
     fields: dict[str, str] = {}
     for number, line in enumerate(text.removeprefix("\ufeff").splitlines(), 1):
         key, equals, value = (part.strip() for part in line.partition("="))
-        if line.strip() and not equals:
+        if line.strip() and not (key and equals):
             raise FileError(
                 f"{name}: line {number} must read name=value, got {line.strip()[:40]!r}"
             )
@@ -179,6 +179,7 @@ def decode_calib(text: str, name: str = "calib.txt") -> Calibration:
         raise FileError(
             f"{name}: has no {missing[0]}= line; required are {', '.join(_REQUIRED)}"
         )
+    warn_not_used(name, _unknown(fields))
     values = {}
     for key, value in fields.items():
         if key not in _READ:
@@ -194,6 +195,18 @@ def decode_calib(text: str, name: str = "calib.txt") -> Calibration:
         return Calibration(**values)
     except InputError as error:
         raise FileError(f"{name}: {error}") from None
+
+
+def _unknown(keys: Iterable[str]) -> list[str]:
+    """The keys that are neither read nor Middlebury's, and the key that each may be meant to be."""
+    parts = []
+    for key in keys:
+        if key in _READ or key in _LEFT_OUT:
+            continue
+        meant = nearest(key, [*_READ, *_LEFT_OUT])
+        hint = f", did you mean {meant}?" if meant else ""
+        parts.append(f"{key[:40]!r} (unknown key{hint})")
+    return parts
 
 
 def read_calib(path: Where) -> Calibration:
@@ -243,3 +256,6 @@ _READ: dict[str, tuple[str, Callable[[str], Any]]] = {
     "isint": ("0 or 1", lambda text: float(text) != 0),
 }
 """What the value of a key must be, and the function that reads it."""
+
+_LEFT_OUT = ("dyavg", "dymax")
+"""Keys of Middlebury and ETH3D that say how far rows are misaligned."""
