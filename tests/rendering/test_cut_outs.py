@@ -11,10 +11,12 @@ from scipy.ndimage import maximum_filter, minimum_filter
 import twinlens as tl
 from tests.rendering.cut_out_cases import CORNERS, FACES, UV, Card, blobs, cast, facing
 from twinlens.camera.truth import MATERIAL_KINDS
+from twinlens.errors import InputError
 from twinlens.rendering.build import build
 from twinlens.rendering.tracing import Rays, Stop, trace_surfaces
 from twinlens.scenes import Mesh, Scene, SceneObject
 from twinlens.scenes.materials import Bitmap, Material, VertexColor, lambert
+from twinlens.scenes.plugins import material_of
 
 CAMERA = tl.Camera.from_fov(96, 72, fov_x_deg=40)
 BASELINE = 0.2
@@ -166,6 +168,40 @@ CHALK = {"type": "diffuse"}
 HOLE = {"type": "mask", "opacity": 0.0, "bsdf": CHALK}
 PANE = {"type": "thindielectric"}
 FLAT = Bitmap(np.full((2, 2, 3), 0.5, np.float32))
+
+
+UPRIGHT = Bitmap(np.full((2, 2, 3), [0.5, 0.5, 1.0], np.float32))
+BELOW = {
+    "diffuse": CHALK,
+    "plastic": {"type": "roughplastic", "alpha": 0.3},
+    "normal map": {"type": "normalmap", "normalmap": UPRIGHT, "bsdf": CHALK},
+    "blend": {"type": "blendbsdf", "weight": 0.4, "bsdf_0": CHALK, "bsdf_1": {"type": "principled"}},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("opacity", [0.25, 1.0])
+@pytest.mark.parametrize("name", BELOW)
+def test_both_sides_of_a_mask_are_seen(name, opacity):
+    """`twosided` may be around a mask: under a constant sky a white surface is as bright from behind."""
+    below = BELOW[name]
+    mask = {"type": "mask", "opacity": opacity, "bsdf": below}
+    material = material_of({"type": "twosided", "bsdf": mask})
+    card = SceneObject("card", {"type": "rectangle"}, "card", np.eye(4))
+    scene = Scene("card", (card,), {"card": material}, np.eye(4), (1.0, 9.0), SKY)
+    camera = tl.Camera(2, 2, 400.0, 400.0, 0.5, 0.5)
+    behind = tl.geometry.rigid(np.eye(3), np.array([0.0, 0.0, -4.0]))
+    before = tl.geometry.rigid(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 4.0]))
+    rig = tl.Rig([camera] * 2, [before, behind])
+    front, back = np.mean(tl.render(scene, rig, tl.Pinhole(), spp=256, seed=1), (1, 2))
+    np.testing.assert_allclose(back, front, rtol=0.05)
+    assert 0.4 < front.mean() < 1.1
+
+
+def test_two_sides_of_glass_are_refused_in_one_line():
+    scene = before_a_wall({"type": "twosided", "bsdf": PANE})
+    with pytest.raises(InputError, match="'twosided' takes no mask and no glass") as caught:  # fmt: skip
+        tl.ground_truth(scene, RIG)
+    assert "\n" not in str(caught.value)
 
 
 def bare(name, material, at, size=1.0):

@@ -534,9 +534,17 @@ def _input_errors(message: str) -> Iterator[None]:
     except BackendError:
         raise  # a RuntimeError too, and not about the input
     except RuntimeError as error:
-        raise InputError(
-            f"{message}: {str(error).strip().splitlines()[-1].strip()}"
-        ) from error
+        reason = str(error).strip().splitlines()[-1].strip()
+        remedies = [remedy for part, remedy in _REMEDIES.items() if part in reason]
+        raise InputError("; ".join([f"{message}: {reason}", *remedies])) from error
+
+
+_REMEDIES = {
+    "Only materials without a transmission component": (
+        "'twosided' takes no mask and no glass: put it below the mask, and leave it out for glass, which has two sides"
+    )
+}
+"""What to do about an error of Mitsuba."""
 
 
 _SCALES = {"scale", "sun_scale", "sky_scale"}

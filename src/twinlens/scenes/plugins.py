@@ -292,6 +292,11 @@ def material_of(plugin: Plugin) -> AnyMaterial:
     >>> material_of({"type": "plastic", "int_ior": "bk7"}).ior
     1.5046
     """
+    if plugin["type"] == "twosided" and plugin["bsdf"]["type"] == "mask":
+        # Mitsuba refuses a mask below `twosided`; the same surface has the mask outside.
+        mask = plugin["bsdf"]
+        sides = {**plugin, "bsdf": mask["bsdf"]}
+        return material_of({**mask, "bsdf": sides})
     reader, keys = _MATERIAL_READERS.get(plugin["type"], (None, frozenset()))
     if reader is None or not plugin.keys() <= {"type", "nir", *keys}:
         return plugin
