@@ -11,6 +11,7 @@ from tests.report.test_page import Flat, browse, needs_chromium, pair
 from twinlens.report.page import page_html
 from twinlens.scoring import run_benchmark
 
+METHOD = "sgm:cost=zncc,block_size=15,support=guided,optimisation=sgm8,p1=3,p2=40"
 FRAME = """<!doctype html><body>
 <iframe id="phone" width="{width}" height="800" srcdoc="{page}"></iframe>
 <script>
@@ -23,6 +24,7 @@ const later = (ms) => new Promise((done) => setTimeout(done, ms));
   results.links = all("nav a").map((a) => placed(a, a.getBoundingClientRect()));
   const cut = (span) => [span.textContent, span.scrollWidth - span.clientWidth];
   results.captions = all(".panel figcaption span").map(cut);
+  results.names = all(".name").map(cut);
   results.width = page().documentElement.clientWidth; // without the scroll bar
   results.wider = page().documentElement.scrollWidth - phone.clientWidth;
   results.counts = page().getElementById("counts").textContent;
@@ -49,7 +51,7 @@ def measured_on(tmp_path, width, samples):
     maps = {}
     board = run_benchmark(
         samples,
-        [Flat("low", 5)],
+        [Flat(METHOD, 5)],
         regions=["nonocc"],
         on_map=lambda method, sample, map_: maps.update({(method, sample): map_}),
         warm_up=False,
@@ -76,6 +78,8 @@ def test_a_phone_has_the_navigation_whole_texts_and_large_maps(tmp_path, width):
     texts = [text for text, _ in results["captions"]]
     assert "40 × 24, light paths 0.31 × sensor noise" in texts
     assert all(hidden <= 0 for _, hidden in results["captions"])
+    assert any(METHOD in text for text, _ in results["names"])
+    assert all(hidden <= 0 for _, hidden in results["names"])
     assert results["wider"] <= 0
     assert results["figure"] == [0, 0, results["width"], 800]
     assert results["after"] > 2 * width > 2 * results["before"]
