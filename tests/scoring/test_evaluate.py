@@ -99,7 +99,8 @@ def test_d1_of_every_png_value_with_an_error_of_exactly_5_percent(sign):
 
 def test_every_protocol_measures_what_it_lists():
     disp, gt, mask = random_case(5, (12, 12), 0.2)
-    for name, protocol in PROTOCOLS.items():
+    comparing = {name: rules for name, rules in PROTOCOLS.items() if rules.needs_truth}
+    for name, protocol in comparing.items():
         scores = evaluate(disp, gt, mask, 30, protocol=name, calibration=CALIBRATION)
         assert set(scores.all) == set(protocol.metrics) - set(protocol.auc_metrics)
         options = {"protocol": name, "calibration": CALIBRATION}

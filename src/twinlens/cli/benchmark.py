@@ -13,7 +13,7 @@ from twinlens.cli.boards import (
     region_option,
     run_board,
 )
-from twinlens.cli.options import SECONDS, Positive, json_option
+from twinlens.cli.options import SECONDS, Positive, json_option, search_options
 from twinlens.cli.places import PATH
 from twinlens.matching import parse_methods, parse_program
 from twinlens.scoring import open_pairs
@@ -51,6 +51,7 @@ FOREIGN_LIMIT_S = 600.0
 @click.option(
     "--retry-failed", is_flag=True, help="Rerun matches that failed in an earlier run."
 )
+@search_options
 @protocol_option
 @region_option
 @by_option
@@ -63,15 +64,18 @@ def command(
     time_limit: float | None,
     memory_limit: float | None,
     by: tuple[str, ...],
+    num_disparities: int | None,
+    min_disparity: int | None,
     as_json: bool,
     **options: Any,
 ) -> int:
     """Run matchers on every pair of DATASET..., score them, and write OUTPUT/board.json and OUTPUT/index.html.
 
     A dataset is a folder made by `twinlens render` or `twinlens generate`, a downloaded folder of Middlebury, KITTI or
-    ETH3D, or "motorcycle", a real pair with measured truth. Results already in OUTPUT/board.json are kept. A matcher
-    that crashes, exceeds a limit, or returns no valid map fails on that pair only. The exit code is 1 if all matches
-    failed.
+    ETH3D, "motorcycle", a real pair with measured truth, or a folder with im0.png and im1.png. Without truth, maps are
+    compared with those of the right view, with the images and with each other (docs/real_pairs.md). Results already in
+    OUTPUT/board.json are kept. A matcher that crashes, exceeds a limit, or returns no valid map fails on that pair
+    only. The exit code is 1 if all matches failed.
 
     \b
     Example:  twinlens benchmark out motorcycle --methods sad,zncc:block_size=15 -o board
@@ -85,7 +89,8 @@ def command(
         getattr(matcher, "runs_user_code", False) for matcher in matchers
     ):
         time_limit = FOREIGN_LIMIT_S
-    pairs = open_pairs(datasets)
+    search = {"num_disparities": num_disparities, "min_disparity": min_disparity}
+    pairs = open_pairs(datasets, search)
     check_by(pairs, by)
     board = run_board(
         pairs, matchers, output, time_limit=time_limit,

@@ -1,6 +1,7 @@
 """Options, run and output of the commands that make leaderboards."""
 
 import contextlib
+import itertools
 import json
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -19,6 +20,7 @@ from twinlens.dataset.files import locked
 from twinlens.errors import InputError, located
 from twinlens.report import write_page
 from twinlens.scoring.board_file import COMPARED
+from twinlens.scoring.protocols import AGREE_PX
 
 _WIDE, _ENDLESS = 132, 100_000
 _DIFFERENCES = (
@@ -49,6 +51,11 @@ def check_by(pairs: scoring.DatasetPairs, by: Sequence[str]) -> None:
             pairs.check_groups(name)
 
 
+def map_folders(folder: Path) -> tuple[scoring.MapFolder, scoring.MapFolder]:
+    """The maps of a board's folder: of the left views, and of the right views, which only pairs without truth have."""
+    return scoring.MapFolder(folder / "maps"), scoring.MapFolder(folder / "maps-right")
+
+
 def run_board(
     pairs: Sequence[Any],
     methods: Sequence[Any],
@@ -65,12 +72,16 @@ def run_board(
     page_options: further arguments of `write_page`. options: further arguments of `run_benchmark`. Raises OutputError,
     before anything is written, if another run writes there.
     """
-    maps = scoring.MapFolder(output / "maps")
+    maps, right_maps = map_folders(output)
     skipped: set[tuple[str, str]] = set()
     finished: list[str] = []
     with locked(output):
         check_results(output, "board.json")
         with progress_bar("matching") as report, _note(output, finished):
+
+            def drop(method: str, sample: str) -> None:
+                maps.drop(method, sample)
+                right_maps.drop(method, sample)
 
             def progress(step: scoring.Step) -> None:
                 report(
@@ -84,9 +95,15 @@ def run_board(
 
             board = scoring.run_benchmark(
                 pairs, methods, protocol=protocols, regions=regions, progress=progress, save=output / "board.json",
-                on_map=maps.keep, on_drop=maps.drop, title=title, **options,
+                on_map=maps.keep, on_right_map=right_maps.keep, on_drop=drop, title=title, **options,
             )  # fmt: skip
-        write_page(output / "index.html", board, pairs, maps, **page_options(board))
+        if scoring.CONSISTENCY in board.protocols:
+            board = scoring.with_disagreements(board, maps)
+            scoring.write_board(board, output / "board.json")
+        write_page(
+            output / "index.html", board, pairs, maps, right_maps=right_maps,
+            **page_options(board),
+        )  # fmt: skip
     kept = len({(e.method, e.sample) for e in board.entries if not e.ok} & skipped)
     if kept:
         click.echo(
@@ -132,16 +149,21 @@ def print_board(
         record = json.loads(scoring.board_to_json(board)) | dict(extra or {})
         print_json(record | _comparisons(board, groupings))
         return code
-    region = "nonocc" if "nonocc" in board.regions else next(iter(board.regions), "")
-    for protocol in board.protocols if region else ():
+    for protocol in board.protocols:
+        regions = board.regions_of(protocol)
+        if not regions:
+            continue
+        region = "nonocc" if "nonocc" in regions else regions[0]
         _print_table(board, protocol, region, groups)
         for name, samples in groupings.items():
             _print_table(board, protocol, region, samples, by=name)
+    for line in without_truth(board):
+        click.echo(line)
     for note in notes:
         click.echo(note)
     for line in scoring.failures(board, methods):
         click.echo(line if line.startswith(" ") else f"failed: {line}")
-    if not region:
+    if not board.regions:
         click.echo(
             "nothing was scored: "
             + ("every method failed" if code else "no sample has these regions")
@@ -161,6 +183,35 @@ def _comparisons(
         for name, groups in groupings.items()
     }
     return {COMPARED: records}
+
+
+def without_truth(board: scoring.Board) -> list[str]:
+    """What is to be said of a board with pairs without truth: how many there are, and how often methods disagree."""
+    compared = board.samples_of(scoring.CONSISTENCY)
+    scored = {
+        entry.sample
+        for entry in board.entries
+        if scoring.PROTOCOLS[entry.protocol].needs_truth
+    }
+    blind = [sample for sample in compared if sample not in scored]
+    lines = []
+    if blind:
+        listed = ", ".join(blind[:3]) + (", ..." if len(blind) > 3 else "")
+        lines.append(
+            f"without truth: {len(blind)} of {len(board.samples)} pairs ({listed}); their maps are compared, not scored"
+        )
+    for first, second in itertools.combinations(board.methods, 2):
+        shares = [
+            pair.apart
+            for pair in board.disagreements
+            if {pair.first, pair.second} == {first, second}
+        ]
+        if shares:
+            share = sum(shares) / len(shares)
+            lines.append(
+                f"{first} and {second}: {share:.1f} % of their estimates are more than {AGREE_PX:g} px apart"
+            )
+    return lines
 
 
 def _print_table(

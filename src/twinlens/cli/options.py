@@ -176,6 +176,26 @@ def refuse_repeated(
             )
 
 
+def search_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options of the range of disparities to search, in pairs that have one of their own."""
+    options = [
+        click.option(
+            "--num-disparities",
+            "--ndisp",
+            type=Whole(1),
+            help="Number of disparities to search.  [default: that of calib.txt, else of the truth, else 64]",
+        ),
+        click.option(
+            "--min-disparity",
+            type=DISPARITY,
+            help="The smallest disparity, pixels.  [default: 0, or less if calib.txt or the truth is negative]",
+        ),
+    ]
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
 def parse_pair(text: str, sample: Any, count: int) -> tuple[int, int]:
     """The two cameras of `--cameras A,B`, out of the `count` of a sample, which is named in messages.
 

@@ -4,10 +4,11 @@ from pathlib import Path
 
 import click
 
+from twinlens.cli.boards import map_folders
 from twinlens.cli.places import HTML_FILE, PATH
 from twinlens.errors import located
 from twinlens.report import write_page
-from twinlens.scoring import MapFolder, groups_by, open_pairs, read_board
+from twinlens.scoring import groups_by, open_pairs, read_board
 
 
 @click.command("report")
@@ -38,11 +39,13 @@ def command(
         with located("--by"):
             groups_by(scores, by)
     pairs = open_pairs(datasets).on(scores) if datasets else ()
+    maps, right_maps = map_folders(folder)
     page = write_page(
         output or folder / "index.html",
         scores,
         pairs,
-        MapFolder(folder / "maps"),
+        maps,
+        right_maps=right_maps,
         by=by,
     )
     click.echo(f"page: {page.resolve().as_uri()}")

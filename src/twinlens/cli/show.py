@@ -12,18 +12,31 @@ from twinlens.cli.options import (
     parse_pair,
     parse_pixel,
     print_result,
+    search_options,
 )
 from twinlens.cli.places import FIGURE_FILE, PLACE, PNG_FILE, missing_output
 from twinlens.cli.progress import progress_bar
-from twinlens.dataset import Place, open_sample, place, write_png
+from twinlens.dataset import Place, StoredSample, open_pair, place, write_png
 from twinlens.dataset.files import write_file
-from twinlens.errors import check_int, located
+from twinlens.errors import FileError, check_int, located
 from twinlens.geometry.epipolar import sampson_distance
 from twinlens.matching import CostCurve, cost_curve, parse_method
 from twinlens.report.confidence_picture import confidence_picture
 from twinlens.report.cost_picture import cost_picture
-from twinlens.report.epipolar_picture import epipolar_picture, true_matches
-from twinlens.scoring import Pair, load_pair, motorcycle, reason_of, score_confidences
+from twinlens.report.epipolar_picture import (
+    epipolar_picture,
+    found_matches,
+    true_matches,
+)
+from twinlens.scoring import (
+    ConfidenceScores,
+    Pair,
+    load_pair,
+    motorcycle,
+    reason_of,
+    score_confidences,
+    with_search,
+)
 
 COST_METHODS = "sad,zncc,census,sgm"
 
@@ -61,15 +74,22 @@ def epipolar(
     """Draw points of two views, the epipolar curves that contain their matches, and the epipoles.
 
     The points are true matches visible in both views. The curves follow from the calibration, so in a sample
-    with simulated calibration errors the points are off their curves by these errors.
+    with simulated calibration errors the points are off their curves by these errors. Without truth, the points are
+    matches of image features, which use no calibration: their distances show how well the pair is rectified.
 
     \b
     Example:  twinlens show epipolar out/staircase -o epipolar.png
     """
-    stored = open_sample(sample)
+    stored = open_pair(sample)
+    _check_calibrated(stored)
     rig = stored.rig
     a, b = parse_pair(cameras, sample, len(rig))
-    here, there = true_matches(stored, a, b, points)
+    all_off = None
+    if stored.has_truth(a) or stored.has_disparity(0):
+        here, there = true_matches(stored, a, b, points)
+    else:
+        with progress_bar("matching features"):
+            here, there, all_off = found_matches(stored, a, b, points)
     write_png(
         output,
         epipolar_picture((stored.image(a), stored.image(b)), rig, here, there, a, b),
@@ -83,7 +103,22 @@ def epipolar(
         "off_px": off, "fundamental_matrix": F, "epipoles": epipoles(rig, a, b),
     }  # fmt: skip
     text = f"{output}: {len(here)} true matches, at most {off.max():.3g} px off their epipolar lines"
+    if all_off is not None:
+        middle, most = np.percentile(all_off, (50, 90)).tolist()
+        record["features"] = {"matches": len(all_off), "off_px": [middle, most]}
+        text = (
+            f"{output}: {len(here)} of {len(all_off)} matches of features, without truth; "
+            f"half are less than {middle:.2g} px off their epipolar lines, 90 % less than {most:.2g} px"
+        )
     print_result(as_json, record, text)
+
+
+def _check_calibrated(stored: StoredSample) -> None:
+    """Raise FileError for a plain folder without calibration, from which epipolar lines follow."""
+    if not stored.has("sample.json") and not stored.has("calib.txt"):
+        raise FileError(
+            f"{stored.path('calib.txt')}: no such file; epipolar lines follow from the calibration"
+        )
 
 
 @command.command("costs")
@@ -113,6 +148,7 @@ def epipolar(
     show_default=True,
     help="The sample's lens, counted from 0.",
 )
+@search_options
 @json_option("the curves")
 def costs(
     sample: str,
@@ -120,26 +156,28 @@ def costs(
     output: Path | None,
     methods: tuple[str, ...],
     lens: int,
+    num_disparities: int | None,
+    min_disparity: int | None,
     as_json: bool,
 ) -> None:
     """Draw the cost of a pixel as a function of disparity, for each method, and print why it is right or wrong.
 
     SAMPLE may also be "motorcycle". Beside each curve are the pixel's window in the left image, and the windows in
     the right image at the true disparity, at the winner, and at the rival: the lowest other minimum. The reasons are
-    those of a board's page: docs/benchmark.md.
+    those of a board's page (docs/benchmark.md); without truth, what may be wrong (docs/real_pairs.md).
 
     \b
     Example:  twinlens show costs out/staircase --at 120,80 --methods sad,zncc,sgm -o costs.png
     """
     if output is None and not as_json:
         raise missing_output()
-    pair = _pair(sample, lens)
-    height, width = pair.disp0.shape
+    pair = _pair(sample, lens, num_disparities, min_disparity)
+    height, width = pair.shape
     u, v = parse_pixel(pixel, width, height)
     curves = cost_curve(
         pair.im0, pair.im1, u, v, methods or (COST_METHODS,), **pair.search
     )
-    truth = float(pair.disp0[v, u])
+    truth = float(pair.truth[v, u])
     reasons = {name: reason_of(pair, curve) for name, curve in curves.items()}
     if output is not None:
         kind = output.suffix.lower()[1:]
@@ -152,9 +190,11 @@ def costs(
             for name, curve in curves.items()
         },
     }  # fmt: skip
-    truth_text = (
-        f"true disparity {truth:.2f} px" if np.isfinite(truth) else "truth unknown"
-    )
+    truth_text = "truth unknown"
+    if pair.disp0 is None:
+        truth_text = "no truth"
+    elif np.isfinite(truth):
+        truth_text = f"true disparity {truth:.2f} px"
     lines = [f"{output}: pixel ({u}, {v}), {truth_text}"]
     lines += [
         f"{name}: {_describe(curve, truth)}. {reasons[name].text}"
@@ -195,21 +235,29 @@ def _describe(curve: CostCurve, truth: float) -> str:
     show_default=True,
     help="The sample's lens, counted from 0.",
 )
+@search_options
 @json_option("the areas and the curves")
 def confidence(
-    sample: str, output: Path | None, method: str, lens: int, as_json: bool
+    sample: str,
+    output: Path | None,
+    method: str,
+    lens: int,
+    num_disparities: int | None,
+    min_disparity: int | None,
+    as_json: bool,
 ) -> None:
     """Draw the confidence measures of a method on a sample, and their sparsification curves.
 
     SAMPLE may also be "motorcycle". The curves are of pixels visible in both views, or of all if the sample has no
-    mask.
+    mask. Without truth there are no curves.
 
     \b
     Example:  twinlens show confidence out/staircase --method sgm -o confidence.png
     """
     if output is None and not as_json:
         raise missing_output()
-    pair, spec = _pair(sample, lens), parse_method(method)
+    pair = _pair(sample, lens, num_disparities, min_disparity)
+    spec = parse_method(method)
     with progress_bar("matching"), located(f"--method {spec.name}"):
         scored = score_confidences(pair, spec.matcher(**pair.search))
     if output is not None:
@@ -218,6 +266,9 @@ def confidence(
             output,
             confidence_picture(pair.im0, scored, f"{spec.name} on {pair.name}", kind),
         )
+    if pair.disp0 is None:
+        _print_unscored(output, spec.name, scored, as_json)
+        return
     first = next(iter(scored.scores.values()))
     # The last point of a curve has all pixels; these three are the same for every measure.
     rate = first.sparsification[-1]
@@ -241,11 +292,38 @@ def confidence(
     print_result(as_json, record, *lines, f"{'smallest':12} auc2.0 {smallest:.2f} %")
 
 
-def _pair(sample: str, lens: int) -> Pair:
-    """The pair of a lens of a sample, or "motorcycle"."""
+def _print_unscored(
+    output: Path | None, method: str, scored: ConfidenceScores, as_json: bool
+) -> None:
+    """Print the confidences of a pair without truth: the estimates, and the quartiles of each measure."""
+    pixels = scored.estimates
+    lines = [
+        f"{output}: {method}, {pixels} estimates; without truth nothing says how well a measure ranks them"
+    ]
+    measures = {}
+    for name, values in scored.maps.items():
+        low, middle, high = np.percentile(values, (25, 50, 75)).tolist()
+        measures[name] = {"quartiles": [low, middle, high]}
+        lines.append(
+            f"{name:12} median {middle:.4g}, quartiles {low:.4g} and {high:.4g}"
+        )
+    record = {
+        "picture": None if output is None else str(output), "method": method, "pixels": pixels, "bad2.0": None,
+        "auc2.0_opt": None, "measures": measures,
+    }  # fmt: skip
+    print_result(as_json, record, *lines)
+
+
+def _pair(
+    sample: str, lens: int, num_disparities: int | None, min_disparity: int | None
+) -> Pair:
+    """The pair of a lens of a sample, or "motorcycle", with the range of the search that the options name."""
     if sample == "motorcycle" and not Path(sample).exists():
         check_int("--lens", lens, 0, 0)
-        return motorcycle()
-    stored = open_sample(place(sample))
+        return with_search(motorcycle(), num_disparities, min_disparity)
+    stored = open_pair(place(sample))
     check_int("--lens", lens, 0, stored.num_lenses - 1)
-    return load_pair(stored, lens)
+    pair = with_search(load_pair(stored, lens), num_disparities, min_disparity)
+    if pair.disp0 is None:
+        pair.warn_of_search()
+    return pair

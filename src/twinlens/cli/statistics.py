@@ -41,8 +41,9 @@ def command(
 ) -> None:
     """Measure noise, texture and left-right differences of the pairs of DATASET..., beside those of 24 real pairs.
 
-    DATASET is a folder with images and true disparity, or "motorcycle". Prints medians with 10 % and 90 % quantiles.
-    With --like, the output is a recipe whose comments are the statistics.
+    DATASET is a folder with images, or "motorcycle". Prints medians with 10 % and 90 % quantiles. Of pairs without true
+    disparity, only those statistics that need none. With --like, the output is a recipe whose comments are the
+    statistics.
 
     \b
     Example:  twinlens statistics out -o statistics.png
@@ -55,7 +56,8 @@ def command(
     recipe: dict[str, Any] = {}
     notes: Sequence[str] = ()
     with progress_bar("measuring") as report:
-        measured = [_measured(pairs, report) for pairs in sets]
+        blind: list[str] = []
+        measured = [_measured(pairs, report, blind) for pairs in sets]
         report(1.0, "recipe")
         if like:
             recipe, notes = fit_recipe(Dataset(datasets[0]), sets[1])
@@ -72,6 +74,7 @@ def command(
         print_json(record)
         return
     lines = _table([len(pairs) for pairs in measured], summaries)
+    lines += _missing(measured[0], blind)
     if output is not None:
         lines.append(f"figure: {output}")
     if not like:
@@ -93,14 +96,27 @@ def _check_like(datasets: Sequence[str]) -> None:
 
 
 def _measured(
-    pairs: Sequence[Pair], report: Callable[[float, str], None]
+    pairs: Sequence[Pair], report: Callable[[float, str], None], blind: list[str]
 ) -> dict[str, dict[str, float]]:
-    """The statistics of each pair, by its name."""
+    """The statistics of each pair, by its name; the names of those without truth are added to `blind`."""
     measured = {}
     for i, pair in enumerate(pairs):
         report(i / len(pairs), pair.name)
         measured[pair.name] = pair_statistics(pair)
+        if pair.disp0 is None:
+            blind.append(pair.name)
     return measured
+
+
+def _missing(measured: Mapping[str, Any], blind: Sequence[str]) -> list[str]:
+    """The lines that say which pairs have no truth, and which statistics they lack."""
+    if not blind:
+        return []
+    names = [name for name, statistic in STATISTICS.items() if statistic.needs_truth]
+    listed = ", ".join(blind[:3]) + (", ..." if len(blind) > 3 else "")
+    return [
+        f"without truth: {len(blind)} of {len(measured)} pairs ({listed}); these statistics need it: {', '.join(names)}"
+    ]
 
 
 def _table(

@@ -24,7 +24,10 @@ from twinlens.dataset.dataset import (
     write_manifest as write_manifest,
 )
 from twinlens.dataset.metadata import About as About
-from twinlens.dataset.real_pairs import downloaded_pairs as downloaded_pairs
+from twinlens.dataset.real_pairs import (
+    downloaded_pairs as downloaded_pairs,
+    open_pair as open_pair,
+)
 from twinlens.dataset.sample import Frame as Frame, Sample as Sample, Shot as Shot
 from twinlens.dataset.sample_files import write_sample as write_sample
 from twinlens.dataset.storage import (

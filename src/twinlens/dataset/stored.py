@@ -189,11 +189,7 @@ class StoredSample(Mapping[str, Any]):
 
     def disparity(self, i: int) -> Disparity:
         """True disparity of view i, u_left - u_right, float32 (H, W), pixels; +inf unknown."""
-        if (
-            not self.has_disparity(i)
-            and self.has("sample.json")
-            and self.record.get("rectified") is False
-        ):
+        if not self.has_disparity(i) and self.may_have_disparity(i):
             problem = "has one view; disparity needs two"
             if len(self.rig) > 1:
                 problem = "the pair is not rectified and has no disparity; run `twinlens rectify`"
@@ -204,6 +200,12 @@ class StoredSample(Mapping[str, Any]):
     def has_disparity(self, i: int) -> bool:
         """Whether the folder has a disparity map of view i."""
         return self._view_path(DISPARITY, i).is_file()
+
+    def may_have_disparity(self, i: int) -> bool:
+        """Whether `disparity` reads a map, or says why there can be none: the pair is not rectified."""
+        if self.has_disparity(i):
+            return True
+        return self.has("sample.json") and self.record.get("rectified") is False
 
     def has_truth(self, i: int) -> bool:
         """Whether the folder has the truth of view i."""

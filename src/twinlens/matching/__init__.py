@@ -19,6 +19,7 @@ from twinlens.matching.defocus import (
     sharpness as sharpness,
 )
 from twinlens.matching.external import Program as Program
+from twinlens.matching.features import feature_matches as feature_matches
 from twinlens.matching.images import grey as grey
 from twinlens.matching.matcher import StereoMatcher as StereoMatcher
 from twinlens.matching.measures import (

@@ -22,20 +22,25 @@ _PERCENT = (2, 98)  # ends of the colours of a confidence, percentiles
 def confidence_picture(
     image: NDArray[Any], scored: ConfidenceScores, title: str, kind: str = "png"
 ) -> bytes:
-    """The left image, the errors, each confidence map, and the sparsification curves, as PNG or SVG."""
+    """The left image, the errors, each confidence map, and the sparsification curves, as PNG or SVG.
+
+    Without scores, of a pair without truth, there are neither errors nor curves.
+    """
     pictures = _pictures(image, scored)
     columns = math.ceil(len(pictures) / 2)
     height = 2.7 * image.shape[0] / image.shape[1] + 0.35
     with matplotlib.rc_context(RC_PARAMS):
-        size = 2.7 * columns + 0.3, 2 * height + 3.4
+        ratios = (height, height, 3.0) if scored.scores else (height, height)
+        size = 2.7 * columns + 0.3, sum(ratios) + 0.4
         sheet = Sheet(figsize=size, layout="constrained")
-        grid = sheet.add_gridspec(3, columns, height_ratios=(height, height, 3.0))
+        grid = sheet.add_gridspec(len(ratios), columns, height_ratios=ratios)
         for number, (name, picture) in enumerate(pictures.items()):
             axes = sheet.add_subplot(grid[divmod(number, columns)])
             axes.imshow(picture)
             axes.set_axis_off()
             axes.set_title(name, fontsize=8.5, loc="left", pad=3)
-        _draw_curves(sheet.add_subplot(grid[2, :]), scored.scores)
+        if scored.scores:
+            _draw_curves(sheet.add_subplot(grid[2, :]), scored.scores)
         sheet.suptitle(title, fontsize=11, fontweight="bold", x=0.012, ha="left")
         return encode(sheet, kind)
 
@@ -44,8 +49,10 @@ def _pictures(
     image: NDArray[Any], scored: ConfidenceScores
 ) -> dict[str, NDArray[np.uint8]]:
     """The left image, the errors and the confidence maps, by their captions."""
-    errors = colourise(scored.errors, 0, _ERROR_PX, "magma")
-    pictures = {"left image": rgb8(image), f"error, 0 to {_ERROR_PX:g} px": errors}
+    pictures = {"left image": rgb8(image)}
+    if scored.scores:
+        errors = colourise(scored.errors, 0, _ERROR_PX, "magma")
+        pictures[f"error, 0 to {_ERROR_PX:g} px"] = errors
     for name, confidence in scored.maps.items():
         low, high = np.percentile(confidence, _PERCENT)
         pictures[name] = colourise(confidence, low, high if high > low else low + 1)

@@ -8,11 +8,19 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from twinlens.camera import Rig
-from twinlens.camera.multiview import check_pair, epipolar_curve, epipole_in_image
+from twinlens.camera.multiview import (
+    check_pair,
+    epipolar_curve,
+    epipole_in_image,
+    fundamental_matrix,
+    ideal_pixels,
+)
 from twinlens.dataset import StoredSample
 from twinlens.dataset.pictures import rgb8
 from twinlens.errors import InputError
 from twinlens.geometry import Float
+from twinlens.geometry.epipolar import sampson_distance
+from twinlens.matching import feature_matches
 
 # Okabe and Ito's colours, distinguishable with colour blindness, without black.
 COLORS = (
@@ -32,6 +40,9 @@ _MAX_STEP = 0.25  # of the image's diagonal: a longer step interrupts a curve
 _MARGIN = 0.06  # of the image's sides, without points
 _R2 = 1.32471795724474602596 ** -np.array([1.0, 2.0])  # the plastic number's powers
 _EDGE = (20, 20, 20)
+_NORMAL_MAD = (
+    1.4826  # standard deviation over median absolute deviation of a normal distribution
+)
 
 
 def epipolar_picture(
@@ -129,6 +140,41 @@ def true_matches(
         )
     u, v = chosen.T
     return pixels_a[v, u], pixels_b[v, u]
+
+
+def found_matches(
+    stored: StoredSample, a: int, b: int, count: int
+) -> tuple[Float, Float, Float]:
+    """Pixels (N, 2) of views a and b of a sample without truth, N <= `count`, and the distances of all matches.
+
+    They are matches of features, which use no calibration: the distances (M,), in pixels, from their epipolar lines are
+    what the calibration, or the rectification, is off by. Gross outliers, more than 5 robust standard deviations and
+    1 px above the median, are left out. Raises InputError without a match.
+    """
+    rig = stored.rig
+    here, there = feature_matches(stored.image(a), stored.image(b))
+    if not len(here):
+        raise InputError(
+            f"{stored.folder}: no features of views {a} and {b} match; the images need texture"
+        )
+    fundamental = fundamental_matrix(rig, a, b)
+    off = sampson_distance(
+        fundamental,
+        ideal_pixels(rig.cameras[a], here),
+        ideal_pixels(rig.cameras[b], there),
+    )
+    middle = np.median(off)
+    spread = _NORMAL_MAD * np.median(np.abs(off - middle))
+    plausible = off <= middle + 5 * spread + 1
+    here, there, off = here[plausible], there[plausible], off[plausible]
+    height, width = stored.image(a).shape[:2]
+    # One match a pixel; `spread_points` takes those nearest to evenly spread places.
+    index = np.full((height, width), -1)
+    columns, rows = np.rint(here).astype(int).T
+    index[rows, columns] = np.arange(len(here))
+    u, v = spread_points(index >= 0, count).T
+    chosen = index[v, u]
+    return here[chosen], there[chosen], off
 
 
 def _matches_of_disparity(stored: StoredSample, count: int) -> tuple[Float, Float]:

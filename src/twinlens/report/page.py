@@ -15,6 +15,7 @@ import os
 import re
 import zlib
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -44,7 +45,7 @@ from twinlens.scoring import (
 from twinlens.scoring.evaluate import RegionScores
 from twinlens.scoring.grouping import Difference
 from twinlens.scoring.metrics import TIMES, Metric
-from twinlens.scoring.protocols import Protocol
+from twinlens.scoring.protocols import AGREE_PX, Protocol
 from twinlens.scoring.reasons import LIMITS
 from twinlens.scoring.regions import occluded
 from twinlens.scoring.sparsification import DENSITIES
@@ -65,6 +66,8 @@ COLORMAPS = {
 around black."""
 Maps = scoring.MapFolder | Mapping[tuple[str, str], NDArray[np.floating[Any]]]
 """The (H, W) maps by (method, sample), +inf unknown."""
+MAPS_WITHOUT_TRUTH = 3  # for each method: disparity, left-right difference, residual
+_COLOUR_ENDS = (1, 99)  # of disparities without truth, percentiles of the maps
 _CURVE_OPTIONS = (
     "cost", "block_size", "census_window", "prefilter", "support", "contrast", "gamma_similar", "gamma_near", "epsilon",
     "noise",
@@ -96,16 +99,18 @@ def page_html(
     notes: Sequence[str] = (),
     max_width: int = MAX_WIDTH,
     budget_bytes: int = BUDGET_BYTES,
+    right_maps: Maps | None = None,
 ) -> str:
     """The page as text.
 
     samples: samples of the board to show with images, truth and error maps, each in memory only while it is packed.
-    maps: the methods' disparity maps; methods without one appear in the tables only. weights: of the mean over samples,
-    1 by default. groups, notes: compare the means over these groups of samples, with lines of text below. by: the
-    recorded value whose groups are compared at first, by default those of lenses. max_width, budget_bytes: maps are
-    subsampled until they are at most this wide and the page about this large.
+    maps: the methods' disparity maps; methods without one appear in the tables only. right_maps: those of the right
+    view, for the left-right differences of samples without truth. weights: of the mean over samples, 1 by default.
+    groups, notes: compare the means over these groups of samples, with lines of text below. by: the recorded value
+    whose groups are compared at first, by default those of lenses. max_width, budget_bytes: maps are subsampled until
+    they are at most this wide and the page about this large.
     """
-    pictures = _all_pictures(board, samples, maps, max_width, budget_bytes)
+    pictures = _all_pictures(board, samples, maps, right_maps, max_width, budget_bytes)
     document = _document(board, pictures, weights)
     document["groupings"] = [*_groupings(board, groups)]
     document["by"] = _first_grouping(document["groupings"], by)
@@ -142,14 +147,16 @@ def _all_pictures(
     board: Board,
     samples: Iterable[ScoredSample],
     maps: Maps | None,
+    right_maps: Maps | None,
     max_width: int,
     budget_bytes: int,
 ) -> dict[str, Any]:
     """The pictures of every sample of the board, subsampled to fit the budget."""
-    map_sizes = {
-        (entry.method, entry.sample): entry.width * entry.height
-        for entry in board.entries
-    }
+    map_sizes = {}
+    for entry in board.entries:
+        is_scored = PROTOCOLS[entry.protocol].needs_truth
+        count = 1 if is_scored else MAPS_WITHOUT_TRUTH
+        map_sizes[entry.method, entry.sample] = count * entry.width * entry.height
     packed_bytes = sum(map_sizes.values()) * BYTES_PER_PIXEL
     least_stride = max(1, math.ceil(math.sqrt(packed_bytes / budget_bytes)))
     # Both grey images of a sample, in pixels of one.
@@ -159,24 +166,36 @@ def _all_pictures(
         if sample.name not in board.samples:
             continue
         pair = scoring.load_pair(sample)
-        width = pair.disp0.shape[1]
+        height, width = pair.shape
         stride = max(least_stride, math.ceil(width / max_width))
-        with_grey = pair.disp0.size <= grey_room
-        pictures[pair.name] = _pictures(board, pair, maps, stride, with_grey)
-        grey_room -= pair.disp0.size
+        with_grey = height * width <= grey_room
+        method_maps = _maps_of(board, pair.name, maps)
+        pictures[pair.name] = _pictures(pair, method_maps, stride, with_grey)
+        if pair.disp0 is None:
+            of_right = _maps_of(board, pair.name, right_maps)
+            pictures[pair.name] |= _checks(pair, method_maps, of_right, stride)
+        grey_room -= height * width
     return pictures
 
 
+def _maps_of(
+    board: Board, sample: str, maps: Maps | None
+) -> dict[str, NDArray[np.floating[Any]]]:
+    """The maps of a sample by method, of the methods that have one."""
+    if maps is None:
+        return {}
+    available = {method: maps.get((method, sample)) for method in board.methods}
+    return {name: values for name, values in available.items() if values is not None}
+
+
 def _pictures(
-    board: Board, pair: Pair, maps: Maps | None, stride: int, with_grey: bool
+    pair: Pair,
+    maps: Mapping[str, NDArray[np.floating[Any]]],
+    stride: int,
+    with_grey: bool,
 ) -> dict[str, Any]:
     """Images, truth, occlusion and the methods' maps of one sample, as the page's script expects them."""
-    method_maps = {}
-    if maps is not None:
-        for method in board.methods:
-            disparity = maps.get((method, pair.name))
-            if disparity is not None:
-                method_maps[method] = pack(disparity, stride)
+    height, width = pair.im0[::stride, ::stride].shape[:2]
     noise, hidden, grey_images = "", None, None
     if pair.renderer_noise is not None:
         noise = f"light paths {pair.renderer_noise:.2g} × sensor noise"
@@ -185,23 +204,56 @@ def _pictures(
     if with_grey:
         grey_images = [pack_grey(grey(image)) for image in (pair.im0, pair.im1)]
     return {
+        "w": width,
+        "h": height,
+        "stride": stride,
         "left": image_uri(pair.im0, stride),
         "right": image_uri(pair.im1, stride),
-        "truth": pack(pair.disp0, stride),
+        "truth": None if pair.disp0 is None else pack(pair.disp0, stride),
         "noise": noise,
-        "range": _true_range(pair),
+        "range": _colour_range(pair, maps.values()),
         "grey": grey_images,
         "hidden": hidden,
-        "maps": method_maps,
+        "maps": {name: pack(values, stride) for name, values in maps.items()},
     }
 
 
-def _true_range(pair: Pair) -> list[int]:
-    """The ends of the colours: of the true disparities, or of the search where none is known."""
-    finite = pair.disp0[np.isfinite(pair.disp0)]
-    if not finite.size:
-        return [0, pair.ndisp]
-    return [math.floor(finite.min()), math.ceil(finite.max())]
+def _checks(
+    pair: Pair,
+    maps: Mapping[str, NDArray[np.floating[Any]]],
+    right_maps: Mapping[str, NDArray[np.floating[Any]]],
+    stride: int,
+) -> dict[str, Any]:
+    """What a sample without truth has in addition: for each method its differences from the right map, and residuals.
+
+    Both are unknown where there is no estimate, or no match in the right image.
+    """
+    differences, residuals = {}, {}
+    for name, disparity in maps.items():
+        if name in right_maps:
+            of_right = scoring.of_right_map(disparity, right_maps[name])
+            # NaN and +inf stay unknown.
+            gaps = np.abs(
+                disparity - of_right,
+                where=np.isfinite(of_right),
+                out=np.full(of_right.shape, np.inf),
+            )
+            differences[name] = pack(gaps, stride)
+        residual = scoring.photometric_residual(pair.im0, pair.im1, disparity)
+        residuals[name] = pack(residual, stride)
+    return {"differences": differences, "residuals": residuals}
+
+
+def _colour_range(pair: Pair, maps: Iterable[NDArray[np.floating[Any]]]) -> list[int]:
+    """The ends of the colours: of the true disparities; else of most estimates, or of the search without estimates."""
+    finite = pair.truth[np.isfinite(pair.truth)]
+    if finite.size:
+        return [math.floor(finite.min()), math.ceil(finite.max())]
+    estimates = [values[np.isfinite(values)] for values in maps]
+    if pair.disp0 is None and any(values.size for values in estimates):
+        low, high = np.percentile(np.concatenate(estimates), _COLOUR_ENDS)
+        return [math.floor(low), math.ceil(high)]
+    return [0, pair.ndisp]
 
 
 def pack(disp: NDArray[np.floating[Any]], stride: int = 1) -> dict[str, Any]:
@@ -273,6 +325,8 @@ def _document(
         "limits": LIMITS,
         "entries": [_entry(entry) for entry in board.entries],
         "means": _means(board, weights),
+        "disagreements": [asdict(pair) for pair in board.disagreements],
+        "agree_px": AGREE_PX,
         "weighted": bool(weights),
         "colormaps": {
             name: _base64(colours.tobytes()) for name, colours in COLORMAPS.items()
@@ -371,6 +425,9 @@ def _protocol(board: Board, protocol: Protocol) -> dict[str, Any]:
         "headline": protocol.headline,
         "metrics": metrics,
         "columns": columns,
+        "truth": protocol.needs_truth,
+        "regions": board.regions_of(protocol.name),
+        "samples": board.samples_of(protocol.name),
         "lines": dict(protocol.lines()),
     }
 

@@ -6,8 +6,18 @@ from twinlens.scoring.board import Board as Board, Entry as Entry
 from twinlens.scoring.board_file import (
     board_to_json as board_to_json,
     read_board as read_board,
+    write_board as write_board,
 )
-from twinlens.scoring.confidences import score_confidences as score_confidences
+from twinlens.scoring.confidences import (
+    ConfidenceScores as ConfidenceScores,
+    score_confidences as score_confidences,
+)
+from twinlens.scoring.consistency import (
+    check_views as check_views,
+    of_right_map as of_right_map,
+    photometric_residual as photometric_residual,
+    with_disagreements as with_disagreements,
+)
 from twinlens.scoring.evaluate import Scores as Scores, evaluate as evaluate
 from twinlens.scoring.grouping import (
     Groups as Groups,
@@ -21,7 +31,10 @@ from twinlens.scoring.pair_statistics import (
     pair_statistics as pair_statistics,
     summarize as summarize,
 )
-from twinlens.scoring.protocols import PROTOCOLS as PROTOCOLS
+from twinlens.scoring.protocols import (
+    CONSISTENCY as CONSISTENCY,
+    PROTOCOLS as PROTOCOLS,
+)
 from twinlens.scoring.reasons import Reason as Reason, reason_of as reason_of
 from twinlens.scoring.recipe_fit import (
     fit_recipe as fit_recipe,
@@ -36,6 +49,7 @@ from twinlens.scoring.samples import (
     motorcycle as motorcycle,
     open_pairs as open_pairs,
     search_range as search_range,
+    with_search as with_search,
 )
 from twinlens.scoring.sparsification import (
     Sparsification as Sparsification,

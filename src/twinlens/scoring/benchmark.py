@@ -6,14 +6,28 @@ from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from twinlens.dataset.files import locked
 from twinlens.errors import FileError, InputError
 from twinlens.matching import Answer, parse_methods
 from twinlens.scoring.board import Board, Entry, MatchFailure
 from twinlens.scoring.board_file import BoardWriter, read_board
-from twinlens.scoring.evaluate import RESERVED, evaluate, upsampled, upsampling
+from twinlens.scoring.consistency import check_views, mirrored
+from twinlens.scoring.evaluate import (
+    RESERVED,
+    Scores,
+    evaluate,
+    upsampled,
+    upsampling,
+)
 from twinlens.scoring.metrics import Disparity, Mask
-from twinlens.scoring.protocols import Protocol, find_protocol
+from twinlens.scoring.protocols import (
+    CONSISTENCY,
+    PROTOCOLS,
+    Protocol,
+    find_protocol,
+)
 from twinlens.scoring.regions import region_masks
 from twinlens.scoring.runners import (
     WARM_UP_LIMIT_S,
@@ -53,6 +67,7 @@ def run_benchmark(
     board: Board | None = None,
     retry_failed: bool = False,
     on_map: Callable[[str, str, Disparity], None] | None = None,
+    on_right_map: Callable[[str, str, Disparity], None] | None = None,
     on_drop: Callable[[str, str], None] | None = None,
     title: str = "twinlens board",
 ) -> Board:
@@ -67,16 +82,18 @@ def run_benchmark(
         `Submission`s, with unique names. Their `spec`, or else their name, must change whenever results may change.
     protocol, regions
         Names of `PROTOCOLS` and `REGIONS`. Each map is computed once and scored by all; those that need a calibration
-        or data that a sample does not have are skipped.
+        or data that a sample does not have are skipped. A sample without truth is measured by "consistency", for which
+        every method also computes the right view's map, from the mirrored images.
     time_limit, memory_limit, warm_up, warm_up_limit
         Limits of a match and its warm-up, see `runners.Runner`.
     save, board, retry_failed
         The board's JSON file: read first if it exists, written every few seconds and at the end, and locked against
         other runs. `board` is resumed instead of the file. A match is skipped if the board has its entries for the
         same method spec, sample fingerprint, protocol and regions, unless they are failures and `retry_failed` is set.
-    progress, on_map, on_drop
+    progress, on_map, on_right_map, on_drop
         Called after every match; for every computed map, with the names of method and sample and the disparity at the
-        truth's size; and with both names for every earlier map that is no longer valid.
+        left image's size; for every map of a right view, likewise; and with both names for every earlier map that is no
+        longer valid.
 
     Raises InputError for unknown protocols and regions, names that are not unique, a sample that cannot be scored or
     differs from the board's, and, before anything runs, a missing file or function of a method; FileError or
@@ -104,6 +121,7 @@ def run_benchmark(
                     run,
                     retry_failed=retry_failed,
                     on_map=on_map or _ignore,
+                    on_right_map=on_right_map or _ignore,
                     on_drop=on_drop or _ignore,
                 )
                 for method in runs:
@@ -159,6 +177,10 @@ def _check_unique(kind: str, name: str, names: set[str]) -> None:
     names.add(name)
 
 
+class _WrongSizeError(Exception):
+    """A map has a size that the protocol does not accept."""
+
+
 @dataclass(frozen=True)
 class _Run:
     """Runs and scores the matches of a sample by the applicable protocols, and adds their entries to the board."""
@@ -171,6 +193,7 @@ class _Run:
     writer: BoardWriter
     retry_failed: bool = False
     on_map: Callable[[str, str, Disparity], None] = _ignore
+    on_right_map: Callable[[str, str, Disparity], None] = _ignore
     on_drop: Callable[[str, str], None] = _ignore
 
     @classmethod
@@ -186,11 +209,11 @@ class _Run:
         pair = load_pair(sample)
         pair.warn_of_search()
         sha, masks = fingerprint(pair), region_masks(pair, regions)
-        applicable = [
-            rules
-            for rules in protocols
-            if pair.calibration is not None or not rules.needs_calibration
-        ]
+        applicable = [rules for rules in protocols if rules.applies_to(pair)]
+        if pair.disp0 is None:
+            # No region that is asked for may exist without truth: the whole image always does.
+            applicable = applicable or [PROTOCOLS[CONSISTENCY]]
+            masks = masks or region_masks(pair, ["all"])
         writer.board.check_sample(pair.name, sha)
         scenes = {**writer.board.scenes, pair.name: pair.scene or pair.name}
         recorded = {**writer.board.recorded, pair.name: pair.recorded}
@@ -212,13 +235,19 @@ class _Run:
         if isinstance(match, MatchFailure):
             self.on_drop(method.name, sample.name)
         else:
-            disparity = match.answer.disparity
-            scale = sample.disp0.shape[0] // disparity.shape[0]
-            self.on_map(method.name, sample.name, upsampled(disparity, scale))
+            self._report_maps(method.name, match)
         # After the map, so that the board lists no map that is missing.
         self.writer.update(board)
         failures = [entry.failure for entry in entries if not entry.ok]
         return False, failures[0] if failures else None
+
+    def _report_maps(self, method: str, match: Match) -> None:
+        """Call `on_map` and `on_right_map` with the maps of a match, at the left image's size."""
+        disparity = match.answer.disparity
+        scale = self.sample.shape[0] // disparity.shape[0]
+        self.on_map(method, self.sample.name, upsampled(disparity, scale))
+        if match.right is not None:
+            self.on_right_map(method, self.sample.name, match.right)
 
     def _is_valid(self, entry: Entry | None) -> bool:
         """Whether an earlier entry makes the match unnecessary."""
@@ -252,7 +281,7 @@ class _Run:
                 else "refused"
             )
             try:
-                disp = method.map_of(sample.name, sample.disp0.shape, sample.aliases)
+                disp = method.map_of(sample.name, sample.shape, sample.aliases)
                 confidence = method.confidence_of(
                     sample.name, disp.shape, sample.aliases
                 )
@@ -260,14 +289,20 @@ class _Run:
             except FileError as error:
                 return MatchFailure(kind, str(error))
         try:
-            return self.runner.match(method, sample)
+            match = self.runner.match(method, sample)
+            if all(rules.needs_truth for rules in self.protocols):
+                return match
+            # The time of a match is that of the left map.
+            of_mirrored = self.runner.match(method, mirrored(sample))
+            right = np.ascontiguousarray(of_mirrored.answer.disparity[:, ::-1])
+            return replace(match, right=right)
         except MethodError as error:
             return error.failure
 
     def _entry(
         self, method: Method | Submission, rules: Protocol, match: Match | MatchFailure
     ) -> Entry:
-        sample, (height, width) = self.sample, self.sample.disp0.shape
+        sample, (height, width) = self.sample, self.sample.shape
         ndisp, first = int(sample.ndisp), int(sample.min_disparity)
         key = method.name, spec_of(method), sample.name, self.sha, rules.name
         if isinstance(match, MatchFailure):
@@ -275,12 +310,26 @@ class _Run:
         entry = Entry(
             *key, width, height, ndisp, match.seconds, None, min_disparity=first
         )
-        disparity, confidence = match.answer
         try:
-            scale = upsampling(disparity.shape, sample.disp0.shape, rules)
-        except InputError as error:
+            scores = self._scores(rules, match)
+        except _WrongSizeError as error:
             return replace(entry, failure=MatchFailure("refused", str(error)))
-        scores = evaluate(
+        return replace(
+            entry, regions={name: scores.regions[name] for name in self.masks}
+        )
+
+    def _scores(self, rules: Protocol, match: Match) -> Scores:
+        """The scores of a match by a protocol. Raises _WrongSizeError for a map of a size that it does not accept."""
+        sample, (disparity, confidence) = self.sample, match.answer
+        try:
+            scale = upsampling(disparity.shape, sample.shape, rules)
+        except InputError as error:
+            raise _WrongSizeError(str(error)) from error
+        if sample.disp0 is None or not rules.needs_truth:
+            return check_views(
+                disparity, sample.im0, sample.im1, match.right, self.masks
+            )
+        return evaluate(
             disparity,
             sample.disp0,
             self.masks.get("nonocc"),
@@ -292,7 +341,4 @@ class _Run:
             min_disparity=sample.min_disparity / scale,
             calibration=sample.calibration,
             confidence=confidence,
-        )
-        return replace(
-            entry, regions={name: scores.regions[name] for name in self.masks}
         )

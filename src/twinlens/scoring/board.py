@@ -92,6 +92,18 @@ class Entry:
 
 
 @dataclass(frozen=True)
+class Disagreement:
+    """Two methods' maps of a sample: of the `compared` pixels, where both have an estimate, the percentage that differ
+    by more than 1 px; NaN without such pixels."""
+
+    sample: str
+    first: str
+    second: str
+    compared: int
+    apart: float
+
+
+@dataclass(frozen=True)
 class Mean:
     """A method's means of metrics over `counted` samples in one region.
 
@@ -116,6 +128,7 @@ class Board:
     """All entries in order of measurement. meta: versions and machine. scenes: the scene of each sample.
 
     recorded: for each sample, what is recorded of how it was made, by name: see `scoring.recorded`.
+    disagreements: of the methods on samples that are compared without truth; see `consistency.with_disagreements`.
     """
 
     title: str = "twinlens board"
@@ -123,6 +136,7 @@ class Board:
     meta: Mapping[str, str] = field(default_factory=dict)
     scenes: Mapping[str, str] = field(default_factory=dict)
     recorded: Mapping[str, Mapping[str, Recorded]] = field(default_factory=dict)
+    disagreements: tuple[Disagreement, ...] = ()
 
     def __post_init__(self) -> None:
         seen: set[tuple[str, str, str]] = set()
@@ -170,6 +184,17 @@ class Board:
         check_known("metric", chosen.name, (*rules.metrics, *TIMES))
         return rules, chosen
 
+    def samples_of(self, protocol: str) -> tuple[str, ...]:
+        """The samples with entries of a protocol: one that needs truth has none of a sample without truth."""
+        return _unique(
+            entry.sample for entry in self.entries if entry.protocol == protocol
+        )
+
+    def regions_of(self, protocol: str) -> tuple[str, ...]:
+        """The regions that entries of a protocol have."""
+        entries = (entry for entry in self.entries if entry.protocol == protocol)
+        return _unique(name for entry in entries for name in entry.regions)
+
     @property
     def maps(self) -> set[tuple[str, str]]:
         """(method, sample) of each map, which has an entry for each protocol."""
@@ -212,9 +237,14 @@ class Board:
 
     def without(self, unwanted: Callable[[Entry], bool]) -> "Board":
         """A board without the entries for which `unwanted` is True."""
-        return replace(
-            self, entries=tuple(entry for entry in self.entries if not unwanted(entry))
+        entries = tuple(entry for entry in self.entries if not unwanted(entry))
+        maps = {(entry.method, entry.sample) for entry in entries}
+        disagreements = tuple(
+            pair
+            for pair in self.disagreements
+            if maps >= {(pair.first, pair.sample), (pair.second, pair.sample)}
         )
+        return replace(self, entries=entries, disagreements=disagreements)
 
     def mean(
         self,

@@ -25,7 +25,13 @@ from twinlens.schema import (
     one_of,
     table_of,
 )
-from twinlens.scoring.board import FAILURES, Board, Entry, MatchFailure
+from twinlens.scoring.board import (
+    FAILURES,
+    Board,
+    Disagreement,
+    Entry,
+    MatchFailure,
+)
 from twinlens.scoring.evaluate import RegionScores
 from twinlens.scoring.protocols import PROTOCOLS
 from twinlens.scoring.sparsification import DENSITIES
@@ -104,6 +110,9 @@ _EntryTable: Any = table_of(
 )
 
 
+_DisagreementTable: Any = table_of(Disagreement, compared=_COUNT, apart=(_Metric, ...))
+
+
 class BoardModel(StrictModel):
     """board.json."""
 
@@ -115,6 +124,7 @@ class BoardModel(StrictModel):
     entries: list[_EntryTable]
     scenes: dict[str, str] = pydantic.Field(default={})
     recorded: dict[str, dict[str, str | Number]] = pydantic.Field(default={})
+    disagreements: list[_DisagreementTable] = pydantic.Field(default=[])
     unscored: dict[str, list[str]] | None = None
     compared: dict[str, Any] | None = None
 
@@ -131,6 +141,8 @@ def board_to_json(board: Board) -> str:
         "recorded": _of_samples(board, board.recorded),
         "entries": [_record(entry) for entry in board.entries],
     }
+    if board.disagreements:
+        document["disagreements"] = [asdict(pair) for pair in board.disagreements]
     return (
         json.dumps(plain(document, nan_as_null=True), indent=1, allow_nan=False) + "\n"
     )
@@ -163,6 +175,7 @@ def board_from_json(text: str | bytes, file: str | Path = "board") -> Board:
             model.meta,
             model.scenes,
             model.recorded,
+            tuple(model.disagreements),
         )
     except InputError as error:
         raise FileError(f"{file}: {error}") from None

@@ -19,12 +19,13 @@ class ConfidenceScores:
     """The measures of `matching.CONFIDENCES` by name: `maps` (H, W), and Middlebury v3's `scores` with each.
 
     errors: (H, W) |estimate - truth| in pixels, +inf where either is unknown. The scores are of pixels visible in both
-    views, or of all if the pair has no mask.
+    views, or of all if the pair has no mask; a pair without truth has none. estimates: pixels with an estimate.
     """
 
     errors: NDArray[np.float64]
     maps: Mapping[str, NDArray[np.float32]]
     scores: Mapping[str, RegionScores]
+    estimates: int = 0
 
 
 def score_confidences(pair: Pair, matcher: Any) -> ConfidenceScores:
@@ -36,20 +37,23 @@ def score_confidences(pair: Pair, matcher: Any) -> ConfidenceScores:
         raise InputError(
             "this method has no cost volume; use a method of twinlens, such as zncc or sgm"
         )
-    check_image_size(matcher, pair.disp0.shape)
+    check_image_size(matcher, pair.shape)
     disparity = matcher.match(pair.im0, pair.im1)
     volume = matcher.cost_volume(pair.im0, pair.im1)
-    known = np.isfinite(pair.disp0) & np.isfinite(disparity)
+    known = np.isfinite(pair.truth) & np.isfinite(disparity)
     errors = np.full(disparity.shape, np.inf)
-    errors[known] = np.abs(disparity[known] - pair.disp0[known])
+    errors[known] = np.abs(disparity[known] - pair.truth[known])
     maps = {
         name: confidence_map(volume, name, matcher.min_disparity)
         for name in CONFIDENCES
     }
-    scores = {}
+    scores: dict[str, RegionScores] = {}
+    estimates = int(np.count_nonzero(np.isfinite(disparity)))
+    if pair.disp0 is None:
+        return ConfidenceScores(errors, maps, scores, estimates)
     for name, confidence in maps.items():
         regions = evaluate(
-            disparity, pair.disp0, pair.mask0_nonocc, pair.ndisp,
+            disparity, pair.truth, pair.mask0_nonocc, pair.ndisp,
             min_disparity=pair.min_disparity, confidence=confidence,
         )  # fmt: skip
         scores[name] = regions.all if pair.mask0_nonocc is None else regions.nonocc
@@ -57,4 +61,4 @@ def score_confidences(pair: Pair, matcher: Any) -> ConfidenceScores:
             raise InputError(
                 f"{pair.name}: no pixel has a true disparity and an estimate"
             )
-    return ConfidenceScores(errors, maps, scores)
+    return ConfidenceScores(errors, maps, scores, estimates)

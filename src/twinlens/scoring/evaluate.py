@@ -164,7 +164,7 @@ def evaluate(
             places = np.argwhere(evaluated)
             metres = _point_errors(pixels.estimate, pixels.truth, places, calibration)
             pixels = replace(pixels, metres=metres)
-        scores[name] = _region_scores(rules, pixels, truth.size)
+        scores[name] = region_scores(rules, pixels, truth.size)
     return Scores(rules, scores, (lowest, highest), scale, round_disparity)
 
 
@@ -175,6 +175,10 @@ def _check_request(
     calibration: Calibration | None,
     regions: Mapping[str, ArrayLike],
 ) -> None:
+    if not rules.needs_truth:
+        raise InputError(
+            f"protocol {rules.name!r} compares no truth: use scoring.check_views"
+        )
     if rules.needs_calibration and calibration is None:
         raise InputError(
             f"{rules.title} needs the pair's calibration: evaluate(..., calibration=...)"
@@ -198,7 +202,7 @@ def _rounded(estimate: Disparity) -> Disparity:
     return np.asarray(whole.astype(estimate.dtype))
 
 
-def _region_scores(rules: Protocol, pixels: Pixels, image_size: int) -> RegionScores:
+def region_scores(rules: Protocol, pixels: Pixels, image_size: int) -> RegionScores:
     """The metrics of a region, with those of the sparsification curve if there is a confidence."""
     metrics = rules.measure(pixels)
     rates: tuple[float, ...] = ()

@@ -119,7 +119,7 @@ class Metric:
             return "–"
         if math.isinf(value):
             return "∞"
-        return f"{value:.2f}" if self.unit in ("%", "px") else f"{value:.3g}"
+        return f"{value:.2f}" if self.unit in ("%", "px", "grey") else f"{value:.3g}"
 
 
 _METRICS = (
@@ -163,6 +163,25 @@ _METRICS = (
             auc_names(t)[1], "%", f"auc{t} of a confidence that ranks without mistakes"
         )
         for t in AUC_THRESHOLDS
+    ),
+    Metric(
+        "confirmed",
+        "%",
+        "pixels whose estimate the right view's map confirms within 1 px",
+        lower_is_better=False,
+    ),
+    Metric(
+        "lr_consistent",
+        "%",
+        "estimates that the right view's map confirms within 1 px, of those with a match in the right image",
+        lower_is_better=False,
+    ),
+    Metric(
+        "photo_mean", "grey", "mean of |left - right image at u - d|, levels of 0..255"
+    ),
+    *(
+        Metric(f"photo_A{q}", "grey", f"{q}% quantile of |left - right image at u - d|")
+        for q in (50, 90)
     ),
     Metric("time", "s", "wall time of one match"),
     Metric("time/MP", "s/MP", "seconds per megapixel"),

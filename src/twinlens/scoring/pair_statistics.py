@@ -1,4 +1,6 @@
-"""Differences between the images of a pair, and their appearance: statistics of real and synthetic pairs with truth.
+"""Differences between the images of a pair, and their appearance: statistics of real and synthetic pairs.
+
+The differences need the true disparity.
 
 Grey levels are 0.299 R + 0.587 G + 0.114 B on a scale of 0 to 255, linearly scaled from 16 bits. `warped` is the right
 image at u - d, by cubic interpolation. Pixels are used where both views see the point and the truth has no jump of more
@@ -35,30 +37,47 @@ _BANDS = {"spectrum_low": (0.02, 0.15), "spectrum_high": (0.2, 0.45)}
 
 @dataclass(frozen=True)
 class Statistic:
-    """A statistic of a pair. real: median, 10 % and 90 % quantile of 24 pairs of Middlebury, ETH3D, KITTI; or NaN."""
+    """A statistic of a pair. real: median, 10 % and 90 % quantile of 24 pairs of Middlebury, ETH3D, KITTI; or NaN.
+
+    needs_truth: whether it is NaN for a pair without true disparity.
+    """
 
     unit: str
     text: str
     real: tuple[float, float, float]
+    needs_truth: bool = False
 
 
 STATISTICS: Mapping[str, Statistic] = {
     "low_sd": Statistic(
-        "grey", "s.d. of the 21x21 mean of left - warped", (2.4, 1.4, 5.4)
+        "grey",
+        "s.d. of the 21x21 mean of left - warped",
+        (2.4, 1.4, 5.4),
+        needs_truth=True,
     ),
-    "bias": Statistic("grey", "|median of left - warped|", (1.3, 0.2, 8.3)),
+    "bias": Statistic(
+        "grey", "|median of left - warped|", (1.3, 0.2, 8.3), needs_truth=True
+    ),
     "gain": Statistic(
-        "", "|g - 1| of the robust line left = g warped + o", (0.013, 0.002, 0.028)
+        "",
+        "|g - 1| of the robust line left = g warped + o",
+        (0.013, 0.002, 0.028),
+        needs_truth=True,
     ),
-    "offset": Statistic("grey", "o of that line", (0.3, -3.4, 4.2)),
+    "offset": Statistic("grey", "o of that line", (0.3, -3.4, 4.2), needs_truth=True),
     "noise": Statistic(
-        "grey", "noise of the left image from its wavelets", (0.95, 0.5, 2.0)
+        "grey",
+        "noise of the left image from its wavelets",
+        (0.95, 0.5, 2.0),
     ),
     "flat_noise": Statistic(
         "grey", "noise in the flattest fifth of its 8x8 blocks", (0.5, 0.3, 1.6)
     ),
     "residual": Statistic(
-        "grey", "1.48 MAD of left - g warped - o - low", (1.4, 0.8, 2.1)
+        "grey",
+        "1.48 MAD of left - g warped - o - low",
+        (1.4, 0.8, 2.1),
+        needs_truth=True,
     ),
     "textureless": Statistic("", "share of textureless windows", (0.67, 0.27, 0.90)),
     "flat": Statistic(
@@ -79,12 +98,19 @@ STATISTICS: Mapping[str, Statistic] = {
         "",
         "median correlation of 9x9 windows at the true disparity",
         (0.96, 0.90, 0.98),
+        needs_truth=True,
     ),
     "occluded": Statistic(
-        "", "occluded share of the pixels with known truth", (0.11, 0.03, 0.18)
+        "",
+        "occluded share of the pixels with known truth",
+        (0.11, 0.03, 0.18),
+        needs_truth=True,
     ),
     "largest_disparity": Statistic(
-        "", "largest true disparity over the image width", (0.09, math.nan, math.nan)
+        "",
+        "largest true disparity over the image width",
+        (0.09, math.nan, math.nan),
+        needs_truth=True,
     ),
     "width": Statistic("px", "image width", (695.0, 450.0, 740.0)),
 }
@@ -96,13 +122,14 @@ def pair_statistics(pair: Pair) -> dict[str, float]:
     Raises InputError for an image smaller than 32 x 32 pixels. Sources: for noise, Donoho and Johnstone, Biometrika 81
     (1994), section 4.2; for flat_noise, Immerkaer, "Fast noise variance estimation", CVIU 64 (1996).
     """
-    height, width = pair.disp0.shape
+    height, width = pair.shape
     if min(height, width) < 32:
         raise InputError(
             f"{pair.name}: {width} x {height} pixels; statistics need 32 x 32 or more"
         )
     left, warped, used, hidden = compared(pair)
-    known = np.isfinite(pair.disp0)
+    truth = pair.truth
+    known = np.isfinite(truth)
     noise, share = appearance(left)
     down, across = np.gradient(left)
     steps = np.diff(left, axis=1)
@@ -112,7 +139,7 @@ def pair_statistics(pair: Pair) -> dict[str, float]:
     occluded_share = largest = math.nan
     if known.any():
         occluded_share = float(hidden.sum() / known.sum())
-        largest = float(pair.disp0[known].max() / width)
+        largest = float(truth[known].max() / width)
     return {
         **_differences(left, warped, used),
         "noise": math.sqrt(noise),
@@ -150,12 +177,13 @@ def summarize(
 
 def compared(pair: Pair) -> tuple[Grey, Grey, NDArray[np.bool_], NDArray[np.bool_]]:
     """Grey levels of the left and the warped right image, the pixels to compare, and the occluded ones; (H, W) each."""
-    left, warped = grey_levels(pair.im0), warp_right(grey_levels(pair.im1), pair.disp0)
-    known = np.isfinite(pair.disp0)
+    truth = pair.truth
+    left, warped = grey_levels(pair.im0), warp_right(grey_levels(pair.im1), truth)
+    known = np.isfinite(truth)
     hidden = np.zeros_like(known)
     if pair.mask0_nonocc is not None:
         hidden = known & occluded(pair.mask0_nonocc)
-    jump = discontinuity(pair.disp0, _JUMP_WINDOW, _JUMP_PX)
+    jump = discontinuity(truth, _JUMP_WINDOW, _JUMP_PX)
     return left, warped, np.isfinite(warped) & ~hidden & ~jump, hidden
 
 

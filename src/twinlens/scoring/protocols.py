@@ -1,11 +1,12 @@
-"""Scoring rules of Middlebury v3, ETH3D and KITTI 2015, and point distances in metres: one `Protocol` each.
+"""Scoring rules of Middlebury v3, ETH3D and KITTI 2015, point distances in metres, and measures that need no truth.
 
-`evaluate` chooses the pixels.
+Each is a `Protocol`. `evaluate` chooses the pixels, and `consistency.check_views` those of the last.
 """
 
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,10 @@ from twinlens.scoring.sparsification import Sparsification, sparsification
 KITTI_PIXELS, KITTI_SHARE = 3.0, 0.05
 MIDDLEBURY_INVALID = 1000.0
 """evaldisp treats an estimate above this multiple of ndisp as no estimate."""
+CONSISTENCY = "consistency"
+"""The protocol of pairs without truth."""
+AGREE_PX = 1.0
+"""Two estimates that differ by at most this agree, pixels."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +41,9 @@ class Pixels:
 
     estimate (+inf where unknown), truth: disparities. estimated: where the method has an estimate. metres: with a
     calibration, the distance between estimated and true point, and the true point's distance from the camera.
-    confidence: the method's, if it has one.
+    confidence: the method's, if it has one. of_right: the method's right map at the estimate's match, +inf where it is
+    unknown there, NaN where the match is outside the right image or there is no estimate. residual: see
+    `consistency.photometric_residual`. Only a protocol that needs no truth has the last two, and its truth is unknown.
     """
 
     estimate: NDArray[np.float64]
@@ -44,6 +51,8 @@ class Pixels:
     estimated: NDArray[np.bool_]
     metres: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
     confidence: NDArray[np.float64] | None = None
+    of_right: NDArray[np.float64] | None = None
+    residual: NDArray[np.float64] | None = None
 
     def sparsified(self, threshold: float) -> Sparsification | None:
         """The curve of errors above the threshold, over the pixels with an estimate; None without a confidence."""
@@ -66,7 +75,8 @@ class Protocol:
     prepare: (map, lowest, highest possible disparity) -> (map to measure, where the method has an estimate). It may
     fill gaps. measure: the metrics of a region.
     upsampling: allowed ratios of the truth's size to the map's. rounds_integers: estimates are rounded if the
-    calibration has isint=1. headline: the metric that ranks methods. columns: the metrics of a table by default.
+    calibration has isint=1. needs: the data of a `Pair` without which the protocol does not apply. headline: the metric
+    that ranks methods. columns: the metrics of a table by default.
     auc_threshold: the error in pixels above which a pixel is bad in sparsification curves, None for no curves. Their
     metrics, `auc_metrics`, are the last; only methods with a confidence have them.
     """
@@ -85,8 +95,22 @@ class Protocol:
     resolution: str = "the truth's"
     upsampling: tuple[int, ...] = (1,)
     rounds_integers: bool = False
-    needs_calibration: bool = False
+    needs: tuple[str, ...] = ("disp0",)
     auc_threshold: float | None = None
+
+    def applies_to(self, pair: Any) -> bool:
+        """Whether a `Pair` has the data that the protocol needs."""
+        return all(getattr(pair, data) is not None for data in self.needs)
+
+    @property
+    def needs_truth(self) -> bool:
+        """Whether maps are compared with the true disparity."""
+        return "disp0" in self.needs
+
+    @property
+    def needs_calibration(self) -> bool:
+        """Whether errors are in metres."""
+        return "calibration" in self.needs
 
     @property
     def auc_metrics(self) -> tuple[str, ...]:
@@ -193,6 +217,31 @@ def _points_measure(pixels: Pixels) -> dict[str, float]:
     }
 
 
+def _consistency_measure(pixels: Pixels) -> dict[str, float]:
+    if pixels.residual is None:
+        raise InputError(
+            f"protocol {CONSISTENCY!r} compares no truth: use scoring.check_views"
+        )
+    total = pixels.estimate.size
+    confirmed = lr_consistent = math.nan
+    if pixels.of_right is not None:
+        has_match = ~np.isnan(pixels.of_right)
+        # A right pixel without an estimate, +inf, confirms nothing.
+        differences = np.abs(pixels.estimate[has_match] - pixels.of_right[has_match])
+        agreeing = np.count_nonzero(differences <= AGREE_PX)
+        confirmed = percent(agreeing, total)
+        lr_consistent = percent(agreeing, differences.size)
+    residuals = error_sizes(pixels.residual[~np.isnan(pixels.residual)])
+    return {
+        "confirmed": confirmed,
+        "lr_consistent": lr_consistent,
+        "coverage": percent(np.count_nonzero(pixels.estimated), total),
+        "photo_mean": residuals["avgerr"],
+        "photo_A50": residuals["A50"],
+        "photo_A90": residuals["A90"],
+    }
+
+
 def interpolate_background(disp: Disparity) -> Disparity:
     """`disp` (H, W) in pixels, +inf where unknown, with its gaps filled as KITTI 2015 does; the dtype is kept.
 
@@ -287,7 +336,29 @@ _PROTOCOLS = (
             "point_rel",
             "coverage",
         ),
-        needs_calibration=True,
+        needs=("disp0", "calibration"),
+    ),
+    Protocol(
+        name=CONSISTENCY,
+        title="Consistency, without truth",
+        source="left-right check: Fua, Machine Vision and Applications 6 (1993); residual: warped right image",
+        metrics=(
+            "confirmed",
+            "lr_consistent",
+            "coverage",
+            "photo_mean",
+            "photo_A50",
+            "photo_A90",
+        ),
+        prepare=lambda disp, low, high: (disp, np.isfinite(disp)),
+        measure=_consistency_measure,
+        denominator="confirmed, coverage: all pixels; others: estimates whose match is in the right image",
+        invalid="pixels without an estimate are not confirmed, and in no residual",
+        resolution="the left image's; a map of 1/2 or 1/4 of it is enlarged, and its values are scaled",
+        headline="confirmed",
+        columns=("confirmed", "lr_consistent", "coverage", "photo_mean", "photo_A50"),
+        upsampling=(1, 2, 4),
+        needs=(),
     ),
 )
 PROTOCOLS: Mapping[str, Protocol] = {protocol.name: protocol for protocol in _PROTOCOLS}

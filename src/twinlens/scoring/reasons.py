@@ -9,21 +9,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.geometry import Float
-from twinlens.matching import CostCurve, grey
+from twinlens.matching import CostCurve, cost_curve, grey
 from twinlens.matching.images import extended
+from twinlens.scoring.consistency import mirrored
+from twinlens.scoring.protocols import AGREE_PX
 from twinlens.scoring.regions import occluded
 from twinlens.scoring.samples import Pair
 
 LIMITS = {
     "right_px": 2.0, "jump_px": 2.0, "other_surface": 0.05, "other_depth": 0.25, "saturated": 0.25,
-    "saturated_level": 254 / 255, "no_texture": 4.0, "repeated": 0.8, "blur": 2.0,
+    "saturated_level": 254 / 255, "no_texture": 4.0, "repeated": 0.8, "blur": 2.0, "close": 0.1,
 }  # fmt: skip
-"""Pixels, shares of the window, a share of the largest level, grey levels of 0..255, a correlation, and a ratio; the
-page's script reads them."""
+"""Pixels, shares of the window, a share of the largest level, grey levels of 0..255, a correlation, a ratio, and a
+share of the way from the lowest to the median cost; the page's script reads them."""
 
 
 class Reason(NamedTuple):
-    """kind: unknown, right, range, occluded, saturation, discontinuity, texture, repetition, blur or other."""
+    """kind: unknown, right, range, occluded, saturation, discontinuity, texture, repetition, blur or other.
+
+    Of a pair without truth: texture, range, repetition, occluded, ambiguous, unmatched, other or none.
+    """
 
     kind: str
     text: str
@@ -33,8 +38,11 @@ def reason_of(pair: Pair, curve: CostCurve, estimate: float | None = None) -> Re
     """The first reason that holds, in the order of docs/benchmark.md, for an estimate at the curve's pixel.
 
     estimate: in pixels, +inf if there is none; by default the curve's `disparity`. Windows are those of its matcher.
+    For a pair without truth: `doubt_of`, the likely cause of an error.
     """
-    truth = float(pair.disp0[curve.v, curve.u])
+    if pair.disp0 is None:
+        return doubt_of(pair, curve, estimate)
+    truth = float(pair.truth[curve.v, curve.u])
     disparity = curve.disparity if estimate is None else estimate
     if not math.isfinite(truth):
         return Reason("unknown", "The truth is unknown here.")
@@ -56,6 +64,147 @@ def reason_of(pair: Pair, curve: CostCurve, estimate: float | None = None) -> Re
             f"; the cost is {at_estimate} at the estimate and {at_truth} at the truth"
         )
     return Reason("other", f"{wrong}: no known cause{costs}.")
+
+
+def doubt_of(pair: Pair, curve: CostCurve, estimate: float | None = None) -> Reason:
+    """What may be wrong with an estimate, without truth: whether there is a sign of trouble, and its likely cause.
+
+    Arguments as for `reason_of`. The signs: no estimate, one at an end of the range, a right map that disagrees, a
+    second minimum that costs nearly as little. Of the causes the first that holds is named, in the order of
+    docs/real_pairs.md.
+    """
+    disparity = curve.disparity if estimate is None else estimate
+    if curve.winner is None:
+        return Reason("unmatched", "No candidate has a match in the right image.")
+    doubt = _Doubt(pair, curve, disparity)
+    if not doubt.has_sign:
+        return Reason("none", "No sign of trouble, which is no proof.")
+    start = "Doubtful" if doubt.has_estimate else "No estimate"
+    for cause in _LIKELY_CAUSES:
+        reason = cause(doubt)
+        if reason is not None:
+            return Reason(reason.kind, f"{start}: {reason.text}.")
+    return Reason("other", f"{start}: no known cause.")
+
+
+class _Doubt:
+    """An estimate without truth: the signs that it may be wrong, and what its windows look like."""
+
+    def __init__(self, pair: Pair, curve: CostCurve, disparity: float) -> None:
+        self.pair = pair
+        self.curve = curve
+        self.disparity = disparity
+        self.has_estimate = math.isfinite(disparity)
+        self.low, self.high = int(curve.disparities[0]), int(curve.disparities[-1])
+
+    @property
+    def has_sign(self) -> bool:
+        """Whether anything speaks against the estimate."""
+        if not self.has_estimate or self.at_end or self.is_close:
+            return True
+        return not abs(self.disparity - self.of_right) <= AGREE_PX
+
+    @property
+    def at_end(self) -> bool:
+        """Whether the estimate, or else the winner, is the first or the last candidate."""
+        chosen = self.curve.winner
+        if self.has_estimate:
+            chosen = _rounded(self.disparity)
+        return chosen is not None and not self.low < chosen < self.high
+
+    @property
+    def is_close(self) -> bool:
+        """Whether the rival's cost is near the lowest one, on the scale from the lowest to the median cost."""
+        if self.curve.rival is None:
+            return False
+        finite = self.curve.costs[np.isfinite(self.curve.costs)]
+        lowest, middle = float(finite.min()), float(np.median(finite))
+        rival = self.curve.cost_at(self.curve.rival)
+        return rival - lowest <= LIMITS["close"] * (middle - lowest)
+
+    @property
+    def period(self) -> int:
+        """From the winner to the rival, pixels; 0 without a rival."""
+        winner, rival = self.curve.winner, self.curve.rival
+        return 0 if winner is None or rival is None else rival - winner
+
+    @property
+    def match(self) -> int:
+        """The column of the estimate's match in the right image."""
+        return self.curve.u - _rounded(self.disparity)
+
+    @functools.cached_property
+    def of_right(self) -> float:
+        """What the curve's matcher finds for the matched pixel of the right image; NaN without a match there."""
+        if not self.has_estimate or not 0 <= self.match < self.pair.shape[1]:
+            return math.nan
+        views = mirrored(self.pair)
+        column = self.pair.shape[1] - 1 - self.match
+        matchers = {"right": self.curve.matcher}
+        curves = cost_curve(views.im0, views.im1, column, self.curve.v, matchers)
+        return curves["right"].disparity
+
+    def left_window(self, shift: int = 0) -> "_Window":
+        """The matcher's window in the left image, `shift` pixels to the left of the pixel."""
+        scale = 255.0 / float(np.iinfo(self.pair.im0.dtype).max)
+        radius = self.curve.matcher.window // 2
+        image = scale * grey(self.pair.im0)
+        return _Window(image, self.curve.u - shift, self.curve.v, radius)
+
+
+def _likely_texture(doubt: _Doubt) -> Reason | None:
+    return _texture_reason(doubt.left_window())
+
+
+def _likely_range(doubt: _Doubt) -> Reason | None:
+    if not doubt.at_end:
+        return None
+    searched = f"{doubt.low} to {doubt.high}"
+    text = f"the disparity is at an end of the searched range {searched}, so the true one may be outside"
+    return Reason("range", text)
+
+
+def _likely_repetition(doubt: _Doubt) -> Reason | None:
+    """The rival costs nearly as little, and the left window is like the one that far away in the left image."""
+    if not doubt.is_close:
+        return None
+    here, there = doubt.left_window(), doubt.left_window(doubt.period)
+    correlation = _correlation(here.pixels, there.pixels)
+    if correlation < LIMITS["repeated"]:
+        return None
+    distance = f"{abs(doubt.period)} px (correlation {correlation:.2f})"
+    text = f"the texture repeats after {distance}, where the cost is nearly as low"
+    return Reason("repetition", text)
+
+
+def _likely_occlusion(doubt: _Doubt) -> Reason | None:
+    if not doubt.has_estimate:
+        return None
+    if doubt.match < 0:
+        return Reason("occluded", "its match is outside the right image")
+    if not math.isfinite(doubt.of_right):
+        return Reason("occluded", "the right map has no estimate at its match")
+    gap = abs(doubt.disparity - doubt.of_right)
+    if gap <= AGREE_PX:
+        return None
+    text = f"the right map differs by {gap:.1f} px at its match; the point may be hidden from the right camera"
+    return Reason("occluded", text)
+
+
+def _likely_ambiguity(doubt: _Doubt) -> Reason | None:
+    if not doubt.is_close:
+        return None
+    return Reason("ambiguous", f"{abs(doubt.period)} px away the cost is nearly as low")
+
+
+_LIKELY_CAUSES: tuple[Callable[[_Doubt], Reason | None], ...] = (
+    _likely_texture,
+    _likely_range,
+    _likely_repetition,
+    _likely_occlusion,
+    _likely_ambiguity,
+)
+"""The likely causes of a sign of trouble, in the order in which they are tried."""
 
 
 class _Case:
@@ -87,7 +236,7 @@ class _Case:
         u, v, radius = self.curve.u, self.curve.v, self.radius
         rows = slice(max(0, v - radius), v + radius + 1)
         columns = slice(max(0, u - radius), u + radius + 1)
-        disparities = self.pair.disp0[rows, columns]
+        disparities = self.pair.truth[rows, columns]
         return disparities[np.isfinite(disparities)].astype(np.float64)
 
     @functools.cached_property
@@ -145,7 +294,11 @@ def _estimate_of_other_surface(case: _Case) -> Reason | None:
 
 
 def _no_texture(case: _Case) -> Reason | None:
-    level = math.sqrt(case.left.texture)
+    return _texture_reason(case.left)
+
+
+def _texture_reason(window: "_Window") -> Reason | None:
+    level = math.sqrt(window.texture)
     if level >= LIMITS["no_texture"]:
         return None
     difference = f"RMS difference of neighbours {level:.1f} grey levels"

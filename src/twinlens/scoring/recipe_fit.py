@@ -94,6 +94,10 @@ def fit_recipe(
     sensors = [shot.sensor for shot in measured]
     light, slow = [], []
     for pair in like:
+        if pair.disp0 is None:
+            raise InputError(
+                f"{pair.name}: has no true disparity (disp0.pfm), by which a fit compares the views"
+            )
         values, slow_variance, _ = light_difference(pair, sensors[0])
         light.append(values)
         slow.append(slow_variance)
@@ -167,7 +171,7 @@ def _light_terms(
     height, width = used.shape
     rows, columns = np.nonzero(used)
     # The pixel of the right image, from -1 at the left or upper edge to 1 at the other.
-    x = 2 * (columns - pair.disp0[used]) / (width - 1) - 1
+    x = 2 * (columns - pair.truth[used]) / (width - 1) - 1
     y = 2 * rows / (height - 1) - 1
     r2 = ((width * x) ** 2 + (height * y) ** 2) / (width**2 + height**2)
     return np.stack([scale, scale * x, scale * y, -scale * r2, offset], axis=1)

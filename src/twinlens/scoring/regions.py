@@ -91,7 +91,7 @@ class Region:
 
 
 def _nonocc(sample: Any) -> Mask:
-    return boolean_mask("mask0_nonocc", sample.mask0_nonocc, sample.disp0.shape)
+    return boolean_mask("mask0_nonocc", sample.mask0_nonocc, sample.shape)
 
 
 def _textureless(sample: Any) -> Mask | None:
@@ -115,11 +115,12 @@ def _material(kind: str) -> Region:
 
 
 _SEEN = ("mask0_nonocc",)
+_TRUTH = ("disp0",)
 _REGIONS = (
     Region(
         "all",
-        "every pixel with known truth",
-        lambda s: np.ones(s.disp0.shape, np.bool_),
+        "every pixel with known truth; of a pair without truth, every pixel",
+        lambda s: np.ones(s.shape, np.bool_),
     ),
     Region("nonocc", "visible in both cameras", _nonocc, _SEEN),
     Region(
@@ -138,7 +139,7 @@ _REGIONS = (
         "discontinuity",
         "non-occluded; within 9x9 of a disparity jump of 2 px or more (Middlebury 2002)",
         lambda s: _nonocc(s) & discontinuity(s.disp0),
-        _SEEN,
+        (*_SEEN, *_TRUTH),
     ),
     Region(
         "out-of-focus",
@@ -150,16 +151,19 @@ _REGIONS = (
         "near",
         "upper third of the range of true disparities",
         lambda s: distance_bands(s.disp0)[0],
+        _TRUTH,
     ),
     Region(
         "mid",
         "middle third of the range of true disparities",
         lambda s: distance_bands(s.disp0)[1],
+        _TRUTH,
     ),
     Region(
         "far",
         "lower third of the range of true disparities",
         lambda s: distance_bands(s.disp0)[2],
+        _TRUTH,
     ),
     *map(_material, MATERIAL_KINDS[1:]),
 )

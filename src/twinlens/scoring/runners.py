@@ -55,10 +55,14 @@ class Method(Matcher, Protocol):
 
 @dataclass(frozen=True)
 class Match:
-    """The validated answer of a method for a pair, and its wall time in seconds; None for maps of a submission."""
+    """The validated answer of a method for a pair, and its wall time in seconds; None for maps of a submission.
+
+    right: the method's map of the right view, where it was asked for.
+    """
 
     answer: Answer
     seconds: float | None
+    right: NDArray[np.floating[Any]] | None = None
 
 
 class MethodError(Exception):

@@ -17,6 +17,7 @@ from twinlens.dataset.layouts import MIDDLEBURY_FOLDER
 from twinlens.dataset.storage import place
 from twinlens.dataset.visibility import mask_from_one
 from twinlens.errors import FileError, InputError, check_known, located
+from twinlens.matching.contract import DEFAULT_DISPARITIES
 from twinlens.scoring.board import LENS_SEPARATOR, Board, Recorded
 from twinlens.scoring.grouping import SCENE, grouped
 from twinlens.scoring.metrics import Disparity, boolean_mask, disparity_map
@@ -27,8 +28,8 @@ class ScoredSample(Protocol):
     """Any object with these attributes is a sample; each is read once.
 
     im0, im1: uint8 or uint16 (H, W[, 3]), left and right. disp0: float32 (H, W), true disparity of the left view in
-    pixels, +inf unknown. mask0_nonocc: uint8 (H, W), 255 visible in both views, or None. ndisp: disparities to search.
-    Other attributes of `Pair` are optional.
+    pixels, +inf unknown; None for a pair without truth. mask0_nonocc: uint8 (H, W), 255 visible in both views, or None.
+    ndisp: disparities to search. Other attributes of `Pair` are optional.
     """
 
     @property
@@ -38,7 +39,7 @@ class ScoredSample(Protocol):
     @property
     def im1(self) -> NDArray[Any]: ...
     @property
-    def disp0(self) -> Disparity: ...
+    def disp0(self) -> Disparity | None: ...
     @property
     def mask0_nonocc(self) -> NDArray[np.uint8] | NDArray[np.bool_] | None: ...
     @property
@@ -53,6 +54,7 @@ class Pair:
     min_disparity to min_disparity + ndisp - 1. aliases: other names of this sample's map in a submission, the
     recommended one first. renderer_noise: over the sensor's noise, if measured. scene: a name that views of the same
     surfaces share; empty if it is not known. recorded: how the sample was made, by name (`scoring.recorded`).
+    is_search_assumed: ndisp is a default, because nothing says what it is.
 
     Raises InputError for images that are not 8 or 16 bit, sizes that differ, and ndisp < 1.
     """
@@ -60,7 +62,7 @@ class Pair:
     name: str
     im0: NDArray[Any]
     im1: NDArray[Any]
-    disp0: Disparity
+    disp0: Disparity | None
     mask0_nonocc: NDArray[np.uint8] | NDArray[np.bool_] | None
     ndisp: int
     calibration: Calibration | None = None
@@ -71,15 +73,24 @@ class Pair:
     renderer_noise: float | None = None
     scene: str = ""
     recorded: Mapping[str, Recorded] = field(default_factory=dict)
+    is_search_assumed: bool = False
 
     def __post_init__(self) -> None:
         with located(f"sample {self.name!r}"):
             self._check()
 
     def warn_of_search(self) -> None:
-        """Warn where no true disparity is in the range of the search."""
-        finite = self.disp0[np.isfinite(self.disp0)]
+        """Warn where no true disparity is in the range of the search, and where the range is a default."""
         last = self.min_disparity + self.ndisp - 1
+        if self.is_search_assumed:
+            warnings.warn(
+                f"sample {self.name!r}: neither calib.txt nor truth has the number of disparities: searches "
+                f"{self.min_disparity} to {last}; --num-disparities sets it",
+                stacklevel=2,
+            )
+        if self.disp0 is None:
+            return
+        finite = self.disp0[np.isfinite(self.disp0)]
         if not finite.size or ((finite >= self.min_disparity) & (finite <= last)).any():
             return
         warnings.warn(
@@ -88,8 +99,23 @@ class Pair:
             stacklevel=2,
         )
 
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width of the left image, and of the truth."""
+        height, width = self.im0.shape[:2]
+        return height, width
+
+    @property
+    def truth(self) -> Disparity:
+        """`disp0`; without truth a map of the left image's size that is +inf, unknown, everywhere."""
+        if self.disp0 is None:
+            return np.full(self.shape, np.inf, np.float32)
+        return self.disp0
+
     def _check(self) -> None:
-        size = disparity_map("disp0", self.disp0).shape
+        size = self.im0.shape[:2]
+        if self.disp0 is not None:
+            size = disparity_map("disp0", self.disp0).shape
         for name, image in (("im0", self.im0), ("im1", self.im1)):
             if (
                 image.dtype not in (np.uint8, np.uint16)
@@ -99,6 +125,10 @@ class Pair:
                 raise InputError(
                     f"{name} is {image.dtype} {image.shape}: expected uint8 or uint16 {size} or {(*size, 3)}"
                 )
+        if self.im0.dtype != self.im1.dtype:
+            raise InputError(
+                f"im0 is {self.im0.dtype} and im1 is {self.im1.dtype}: expected one depth"
+            )
         if self.calibration is not None:
             self.calibration.check_size(self.im0.shape, "calib.txt")
         if self.mask0_nonocc is not None:
@@ -125,6 +155,18 @@ class Pair:
             "num_disparities": int(self.ndisp),
             "min_disparity": int(self.min_disparity),
         }
+
+
+def with_search(
+    pair: Pair, num_disparities: int | None = None, min_disparity: int | None = None
+) -> Pair:
+    """The pair with another range of the search, in pixels; None keeps its own."""
+    changes: dict[str, Any] = {}
+    if num_disparities is not None:
+        changes = {"ndisp": num_disparities, "is_search_assumed": False}
+    if min_disparity is not None:
+        changes["min_disparity"] = min_disparity
+    return replace(pair, **changes) if changes else pair
 
 
 def motorcycle() -> Pair:
@@ -166,17 +208,22 @@ def load_pair(sample: ScoredSample | StoredSample, lens: int = 0) -> Pair:
     else:
         blur = _optional(lambda: getattr(sample, "blur0", None))
         kinds = _optional(lambda: getattr(sample, "material_kind0", None))
-    calibration = _optional(lambda: getattr(sample, "calibration", None))
-    truth = sample.disp0
-    ndisp, low = sample.ndisp, getattr(sample, "min_disparity", None)
+    if isinstance(sample, StoredSample):
+        # A calib.txt that cannot be read is an error, not a missing one.
+        calibration = sample.calibration if sample.has("calib.txt") else None
+    else:
+        calibration = _optional(lambda: getattr(sample, "calibration", None))
+    truth = _truth_of(sample)
+    ndisp, is_assumed = _disparities_of(sample, calibration, truth)
+    low = getattr(sample, "min_disparity", None)
     if low is None:
-        ndisp, low = search_range(ndisp, calibration, truth)
+        ndisp, low = search_range(ndisp, calibration, truth, images.im0.shape[1])
     return Pair(
         sample.name,
         images.im0,
         images.im1,
         truth,
-        sample.mask0_nonocc,
+        None if truth is None else sample.mask0_nonocc,
         ndisp,
         calibration,
         blur,
@@ -185,6 +232,7 @@ def load_pair(sample: ScoredSample | StoredSample, lens: int = 0) -> Pair:
         renderer_noise=getattr(images, "renderer_noise", None),
         scene=str(getattr(sample, "scene", "")),
         recorded=_recorded(sample, lens),
+        is_search_assumed=is_assumed,
     )
 
 
@@ -196,15 +244,46 @@ def _recorded(sample: Any, lens: int) -> Mapping[str, Recorded]:
     return values
 
 
+def _truth_of(sample: ScoredSample | StoredSample) -> Disparity | None:
+    """The true disparity of a sample, None where it has none.
+
+    Raises FileError for a sample that records a pair that is not rectified: its rows cannot be matched.
+    """
+    if isinstance(sample, StoredSample) and not sample.may_have_disparity(0):
+        return None
+    return sample.disp0
+
+
+def _disparities_of(
+    sample: ScoredSample | StoredSample,
+    calibration: Calibration | None,
+    truth: Disparity | None,
+) -> tuple[int, bool]:
+    """The number of disparities to search, and whether it is a default because no file has it."""
+    if isinstance(sample, StoredSample) and truth is None:
+        if calibration is None or calibration.ndisp is None:
+            return DEFAULT_DISPARITIES, True
+        return calibration.ndisp, False
+    return sample.ndisp, False
+
+
 def search_range(
-    bound: int, calibration: Calibration | None, truth: Disparity
+    bound: int,
+    calibration: Calibration | None,
+    truth: Disparity | None,
+    width: int | None = None,
 ) -> tuple[int, int]:
-    """(ndisp, min_disparity) below `bound`; the latter is negative if the calibration's vmin, or else the truth, is."""
+    """(ndisp, min_disparity) below `bound`; the latter is negative if the calibration's vmin, or else the truth, is.
+
+    width: that of the images, in pixels; by default the truth's.
+    """
     low = None if calibration is None else calibration.vmin
     if low is None or not math.isfinite(low):
-        low = float(np.min(truth, initial=0.0))
+        low = 0.0 if truth is None else float(np.min(truth, initial=0.0))
+    if width is None and truth is not None:
+        width = truth.shape[1]
     # Disparities beyond the image's width match nothing.
-    first = max(min(math.floor(low), 0), -truth.shape[1])
+    first = max(min(math.floor(low), 0), -(width or 0))
     return bound - first, first
 
 
@@ -238,14 +317,17 @@ class DatasetPairs(Sequence[Pair]):
     A pair has its sample's name, or "name · lens" if the sample has several lenses, numbered if labels repeat.
     A name that several datasets have is preceded by the dataset's label: "label/name". The scene of a pair is the one
     that its sample records, or else the sample. Of several datasets, a pair records its own label as "dataset".
-    Indexing reads a pair from disk; nothing is cached. Raises InputError if two pairs have the same name.
+    search: as for `with_search`, of all pairs. Indexing reads a pair from disk; nothing is cached. Raises InputError if
+    two pairs have the same name.
     """
 
     def __init__(
         self,
         *datasets: Sequence[StoredSample | ScoredSample],
         labels: Sequence[str] | None = None,
+        search: Mapping[str, int | None] | None = None,
     ) -> None:
+        self._search = dict(search or {})
         self._places: dict[
             str, tuple[StoredSample | ScoredSample, int, tuple[str, ...]]
         ] = {}
@@ -280,7 +362,7 @@ class DatasetPairs(Sequence[Pair]):
         if isinstance(index, slice):
             return [self[i] for i in range(len(self))[index]]
         name, (sample, lens, aliases) = self._pairs[index]
-        pair = load_pair(sample, lens)
+        pair = with_search(load_pair(sample, lens), **self._search)
         scene = pair.scene or name.partition(LENS_SEPARATOR)[0]
         recorded = {**pair.recorded, **self._label_of(name)}
         aliases = pair.aliases or aliases
@@ -297,9 +379,14 @@ class DatasetPairs(Sequence[Pair]):
             raise InputError(
                 f"{label or 'dataset'}: none of its samples is on the board, which has {listed}"
             )
+        ranges = {
+            entry.sample: (entry.ndisp, entry.min_disparity) for entry in board.entries
+        }
         for pair in (self[k] for k in shared):
-            board.check_sample(pair.name, fingerprint(pair))
-            yield pair
+            # The board may have searched another range than that of the files.
+            searched = with_search(pair, *ranges[pair.name])
+            board.check_sample(pair.name, fingerprint(searched))
+            yield searched
 
     def check_groups(self, name: str) -> None:
         """Raise InputError unless the value `name` makes groups of these pairs; reads no image. See `groups_by`."""
@@ -323,15 +410,18 @@ class DatasetPairs(Sequence[Pair]):
         return {name: aliases for name, (_, _, aliases) in self._places.items()}
 
 
-def open_pairs(names: Iterable[str]) -> DatasetPairs:
+def open_pairs(
+    names: Iterable[str], search: Mapping[str, int | None] | None = None
+) -> DatasetPairs:
     """The pairs of dataset folders, of KITTI's and ETH3D's downloads, and of "motorcycle" (from scikit-image).
 
-    The last part of a folder's name is its label.
+    The last part of a folder's name is its label. search: num_disparities and min_disparity, as for `with_search`.
     """
     folders = list(names)
     return DatasetPairs(
         *map(_open, folders),
         labels=[str(name).rstrip("/").rpartition("/")[2] for name in folders],
+        search=search,
     )
 
 

@@ -7,10 +7,37 @@ const byName = (list, name) => list.find((item) => item.name === name);
 
 const state = {
   protocol: data.protocols.length ? data.protocols[0].name : "",
-  region: data.regions.some((r) => r.name === "nonocc") ? "nonocc" : data.regions.length ? data.regions[0].name : "",
+  region: data.protocols.length ? usualRegion(data.protocols[0]) : "",
   over: "", by: data.by, sort: "", flipped: false, columns: "main",
   sample: "", method: "", first: "", second: "", range: 4, wide: "", pixel: null,
 };
+
+// The region that is shown first; "" on a board where nothing was scored.
+function usualRegion(protocol) {
+  const names = protocol.regions.length ? protocol.regions : data.regions.map((r) => r.name);
+  return names.includes("nonocc") ? "nonocc" : names[0] || "";
+}
+
+// The samples with entries of a protocol: one that needs truth has none of a sample without truth.
+const samplesOf = (protocol) => data.samples.filter((s) => protocol.samples.includes(s.name));
+
+function selectProtocol(name) {
+  state.protocol = name;
+  state.sort = "";
+  const { regions, samples } = rules();
+  if (!regions.includes(state.region)) state.region = usualRegion(rules());
+  if (overSample() && !samples.includes(state.over)) state.over = "";
+  if (samples.includes(state.sample)) return;
+  state.pixel = null;
+  state.sample = (samplesOf(rules()).find((s) => s.pictures) || { name: samples[0] }).name;
+}
+
+// A sample is shown with the scores of a protocol that it has.
+function selectSample(name) {
+  if (name !== state.sample) state.pixel = null;
+  state.sample = name;
+  if (!rules().samples.includes(name)) selectProtocol(data.protocols.find((p) => p.samples.includes(name)).name);
+}
 
 function el(tag, properties, ...children) {
   const made = tag === "svg" || el.svg.has(tag) ? document.createElementNS("http://www.w3.org/2000/svg", tag)
@@ -34,7 +61,7 @@ const number = (value) => (value == null ? NaN : value === "inf" ? Infinity : va
 function show(metric, value) {
   if (Number.isNaN(value)) return "–";
   if (value === Infinity) return "∞";
-  if (["%", "px"].includes(data.metrics[metric].unit)) return value.toFixed(2);
+  if (["%", "px", "grey"].includes(data.metrics[metric].unit)) return value.toFixed(2);
   return value === 0 ? "0" : value >= 1000 ? Math.round(value).toString() : value.toPrecision(3);
 }
 

@@ -47,9 +47,29 @@ const painters = {
     : [Math.abs(a[i] - truth[i]) - Math.abs(b[i] - truth[i]), -limit, limit, luts.berlin]),
 };
 
+// Without truth: the difference from the right map, and the residual, are unknown without a match in the right image.
+const checks = {
+  difference: (est, gap, limit) => (i) => (est[i] === Infinity ? noEstimate : gap[i] === Infinity ? noTruth : [gap[i], 0, limit, luts.magma]),
+  disagreement: (shares) => (i) => (shares[i] === Infinity ? noEstimate : [shares[i], 0, 100, luts.magma]),
+  apart: (a, b, limit) => (i) => (a[i] === Infinity || b[i] === Infinity ? noEstimate : [a[i] - b[i], -limit, limit, luts.berlin]),
+};
+
+// For each pixel the percentage of the pairs of maps with an estimate there that are apart; Infinity without a pair.
+function disagreementOf(maps) {
+  return Float32Array.from({ length: maps[0].length }, (_, i) => {
+    let pairs = 0, apart = 0;
+    for (let a = 0; a < maps.length; a++) for (let b = 0; b < a; b++) {
+      if (maps[a][i] === Infinity || maps[b][i] === Infinity) continue;
+      pairs += 1;
+      apart += Math.abs(maps[a][i] - maps[b][i]) > data.agree_px ? 1 : 0;
+    }
+    return pairs ? (100 * apart) / pairs : Infinity;
+  });
+}
+
 function legend(lut, low, high, keys) {
   const bar = paint(128, 1, (i) => [i, 0, 127, luts[lut]]);
-  const key = { truth: [css(noTruth), "no truth"], estimate: [css(noEstimate), "no estimate"] };
+  const key = { truth: [css(noTruth), "no truth"], estimate: [css(noEstimate), "no estimate"], match: [css(noTruth), "no match"], pair: [css(noEstimate), "fewer than two estimates"] };
   return el("div", { class: "legend" }, el("span", {}, low), bar, el("span", {}, high),
     keys.map((k) => el("span", { class: "key" }, el("i", { style: `background:${key[k][0]}` }), key[k][1])));
 }

@@ -39,6 +39,7 @@ function drawBoard() {
   drawGroups();
   drawRules();
   drawMatrix();
+  drawDisagreement();
   drawScatter();
   drawSparsification();
 }
@@ -113,7 +114,7 @@ function drawRules() {
   if (!region) { $("counts").textContent = "Nothing was scored."; drawFailures(); return; }
   const n = sample ? 0 : Math.max(...data.methods.map((m) => scoresOf(m.name, state.over).n), 0);
   $("counts").textContent = counts ? `${counts[1].toLocaleString("en")} of ${counts[0].toLocaleString("en")} pixels are evaluated in this region.`
-    : sample ? "No pixel of this sample is in this region." : `${n} of ${counted((group ? group.samples : data.samples).length, "sample")} ${have(n)} pixels in this region. Click a row to inspect its maps.`;
+    : sample ? "No pixel of this sample is in this region." : `${n} of ${counted((group ? group.samples : rules().samples).length, "sample")} ${have(n)} pixels in this region. Click a row to inspect its maps.`;
   drawFailures();
 }
 
@@ -171,7 +172,7 @@ function drawMatrix() {
   const m = data.metrics[state.sort];
   $("matrix-title").textContent = `${state.sort} [${m.unit}] on each sample${state.region && `, ${state.region}`}`;
   const group = groupOf(state.over), rows = ranked(group ? state.over : "");
-  const samples = group && group.by ? data.samples.filter((s) => group.samples.includes(s.name)) : data.samples;
+  const samples = samplesOf(rules()).filter((s) => !group || !group.by || group.samples.includes(s.name));
   const cells = rows.map((r) => samples.map((s) => scoresOf(r.method.name, s.name)));
   const limits = samples.map((_, k) => cells.map((row) => row[k].value(state.sort)).filter(Number.isFinite));
   $("matrix").replaceChildren(
@@ -183,6 +184,27 @@ function drawMatrix() {
           c.failure ? el("span", { class: "fail" }, c.failure[0]) : show(state.sort, v));
       })))),
     el("tfoot", {}, el("tr", {}, el("td", { class: "name" }, "Colours, best to worst"), limits.map((values) => el("td", { class: "limits" }, scale(values))))));
+}
+
+// Of two methods, the share of pixels where their estimates are apart: the mean over the selected samples.
+function drawDisagreement() {
+  const samples = overSample() ? [state.over] : (groupOf(state.over) || rules()).samples;
+  const pairs = rules().truth ? [] : data.disagreements.filter((d) => samples.includes(d.sample));
+  $("apart-card").hidden = !pairs.length;
+  if (!pairs.length) return;
+  const names = ranked(state.over).map((r) => r.method.name).filter((name) => pairs.some((d) => d.first === name || d.second === name));
+  const shareOf = (a, b) => {
+    const shares = pairs.filter((d) => (d.first === a && d.second === b) || (d.first === b && d.second === a)).map((d) => number(d.apart)).filter(Number.isFinite);
+    return shares.length ? shares.reduce((sum, v) => sum + v, 0) / shares.length : NaN;
+  };
+  const text = (a, b) => (a === b ? "" : Number.isNaN(shareOf(a, b)) ? "–" : shareOf(a, b).toFixed(2));
+  const open = (a, b) => { state.first = a; state.second = b; redraw(); $("compare").scrollIntoView(); };
+  const cell = (a, b) => el("td", { class: "cell", tabindex: "0", title: `${a} and ${b}`, style: a === b ? "" : `background:${tint(1 - Math.min(1, (shareOf(a, b) || 0) / 100))}`,
+    onclick: () => open(a, b), onkeydown: pressed(() => open(a, b)) }, text(a, b));
+  $("apart-title").textContent = `Disagreement: % of the pixels with both estimates that are more than ${data.agree_px} px apart`;
+  $("apart").replaceChildren(
+    el("thead", {}, el("tr", {}, el("th", { class: "name" }), names.map((name) => el("th", { scope: "col" }, name)))),
+    el("tbody", {}, names.map((a) => el("tr", {}, el("td", { class: "name" }, a), names.map((b) => cell(a, b))))));
 }
 
 // Round numbers on a logarithmic axis: the coarsest choice with at least three ticks.
@@ -234,7 +256,7 @@ const lineColours = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56
 // The mean of a method's sparsification curves over the selected samples; null if one of them has none.
 function sparsificationOf(method) {
   const group = groupOf(state.over);
-  const samples = overSample() ? [state.over] : group ? group.samples : data.samples.map((s) => s.name);
+  const samples = overSample() ? [state.over] : group ? group.samples : rules().samples;
   const regions = samples.map((s) => entryOf(method, s)).map((e) => e && e.regions[state.region]);
   const curves = regions.filter((r) => !r || r.n[2]).map((r) => r && r.s);
   if (!curves.length || !curves.every(Boolean)) return null;
@@ -269,11 +291,11 @@ function drawSparsification() {
 }
 
 function drawControls() {
-  segments($("protocols"), data.protocols.map((p) => [p.name, p.title]), state.protocol, (name) => { state.protocol = name; state.sort = ""; redraw(); });
-  options($("region"), data.regions.map((r) => r.name), state.region);
+  segments($("protocols"), data.protocols.map((p) => [p.name, p.title]), state.protocol, (name) => { selectProtocol(name); redraw(); });
+  options($("region"), rules().regions, state.region);
   const means = groups.map((g) => [g.key, g.by ? `${g.key} (${counted(g.samples.length, "sample")})` : g.key]);
-  if (!titled.length) means.unshift(["", `mean of ${counted(data.samples.length, "sample")}`]);
-  const choices = [...means, ...data.samples.map((s) => [s.name, s.name])];
+  if (!titled.length) means.unshift(["", `mean of ${counted(rules().samples.length, "sample")}`]);
+  const choices = [...means, ...rules().samples.map((name) => [name, name])];
   options($("over"), choices.map((c) => c[0]), state.over, choices.map((c) => c[1]));
   const names = data.groupings.map((g) => g.by).filter(Boolean);
   $("by").parentElement.hidden = !names.length;

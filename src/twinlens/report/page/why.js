@@ -63,14 +63,45 @@ function reasonOf({ x, y, radius, est, low, count, costs, truth, left, right }) 
   return say("other", none ? "no known cause" : `no known cause; the cost is ${cost(est)} at the estimate and ${cost(d)} at the truth`);
 }
 
+// What may be wrong at a pixel without truth: a kind and a sentence. gap: the left-right difference in pixels, Infinity
+// without a match in the right map, null if there is no right map. The rule is that of twinlens.scoring.reasons.
+function doubtOf({ x, y, radius, est, low, count, costs, left, gap }) {
+  const limits = data.limits, last = low + count - 1, none = est === Infinity;
+  const best = lowestOf(costs), rival = rivalOf(costs, best), period = rival - best;
+  if (best < 0) return ["unmatched", "No candidate has a match in the right image."];
+  const chosen = Math.round(none ? best + low : est), atEnd = chosen <= low || chosen >= last;
+  const close = isClose(costs, best, rival), denied = !none && gap != null && !(gap <= data.agree_px);
+  if (!none && !atEnd && !close && !denied) return ["none", "No sign of trouble, which is no proof."];
+  const say = (kind, text) => [kind, `${none ? "No estimate" : "Doubtful"}: ${text}.`];
+  const level = Math.sqrt(texture(left, x, y, radius));
+  if (level < limits.no_texture) return say("texture", `the window has no texture (RMS difference of neighbours ${level.toFixed(1)} grey levels)`);
+  if (atEnd) return say("range", `the disparity is at an end of the searched range ${low} to ${last}, so the true one may be outside`);
+  const alike = close ? correlation(around(left, x, y, radius), around(left, x - period, y, radius)) : -1;
+  if (alike >= limits.repeated) return say("repetition", `the texture repeats after ${Math.abs(period)} px (correlation ${alike.toFixed(2)}), where the cost is nearly as low`);
+  if (denied && x - Math.round(est) < 0) return say("occluded", "its match is outside the right image");
+  if (denied && gap === Infinity) return say("occluded", "the right map has no estimate at its match");
+  if (denied) return say("occluded", `the right map differs by ${gap.toFixed(1)} px at its match; the point may be hidden from the right camera`);
+  return close ? say("ambiguous", `${Math.abs(period)} px away the cost is nearly as low`) : say("other", "no known cause");
+}
+
+// Whether the rival's cost is near the lowest one, on the scale from the lowest to the median cost.
+function isClose(costs, best, rival) {
+  if (rival < 0) return false;
+  const finite = [...costs].filter(Number.isFinite).sort((a, b) => a - b), middle = medianOf(finite);
+  return costs[rival] - costs[best] <= data.limits.close * (middle - costs[best]);
+}
+
+const medianOf = (sorted) => (sorted[(sorted.length - 1) >> 1] + sorted[sorted.length >> 1]) / 2;
+
 // One method at a pixel: its curve, the estimate, the rival and the reason.
-function explain(method, sample, pair, truth, est, x, y) {
+function explain(method, sample, pair, truth, est, gap, x, y) {
   const [left, right] = imagesFor(method.curve, pair), low = sample.low, count = sample.ndisp;
   const costs = costCurve(method.curve, left, right, x, y, low, count);
   const { radius } = method.curve;
   const winner = est === Infinity ? lowestOf(costs) + low : est;
   const rival = rivalOf(costs, Math.round(winner) - low);
-  const [kind, text] = reasonOf({ x, y, radius, est, low, count, costs, truth, left: pair.plain[0], right: pair.plain[1] });
+  const at = { x, y, radius, est, low, count, costs, left: pair.plain[0], right: pair.plain[1] };
+  const [kind, text] = truth ? reasonOf({ ...at, truth }) : doubtOf({ ...at, gap });
   const name = est === Infinity ? "winner" : "estimate"; // refinement may move an estimate from the lowest cost
   return { costs, low, radius, name, winner, rival: rival < 0 ? Infinity : rival + low, kind, text };
 }
@@ -124,15 +155,18 @@ async function drawWhy() {
   const shown = data.methods.filter((m) => p.maps[m.name]);
   if (!shown.length) { hint("This page was written without the methods' maps of this sample."); return; }
   if (!at) { hint("Click a pixel in an image or a map, or type its column and row."); return; }
-  const { w, h, stride } = p.truth;
+  const { w, h, stride } = p;
   const tx = clamped(Math.round(at[0] / stride), w), ty = clamped(Math.round(at[1] / stride), h), i = ty * w + tx;
   const [x, y] = [tx * stride, ty * stride];
   [$("at-u").value, $("at-v").value] = [x, y];
   const pair = await greyOf(p), hidden = p.hidden ? await mapOf(p.hidden) : null;
-  const truth = { w, h, stride, values: await mapOf(p.truth), hidden };
+  const truth = p.truth ? { w, h, stride, values: await mapOf(p.truth), hidden } : null;
   const maps = await Promise.all(shown.map((m) => mapOf(p.maps[m.name])));
+  const gaps = await Promise.all(shown.map((m) => (p.differences && p.differences[m.name] ? mapOf(p.differences[m.name]) : null)));
   if (mine !== explaining) return;
-  $("why").replaceChildren(...shown.map((m, k) => whyRow(m, explain(m, sample, pair, truth, maps[k][i], x, y), pair, truth.values[i], x, y)));
+  $("key-truth").hidden = !truth;
+  const explained = (m, k) => explain(m, sample, pair, truth, maps[k][i], gaps[k] && gaps[k][i], x, y);
+  $("why").replaceChildren(...shown.map((m, k) => whyRow(m, explained(m, k), pair, truth ? truth.values[i] : Infinity, x, y)));
 }
 
 function pickPixel(x, y) {
