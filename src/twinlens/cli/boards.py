@@ -155,8 +155,10 @@ def print_board(
             continue
         region = "nonocc" if "nonocc" in regions else regions[0]
         _print_table(board, protocol, region, groups)
-        for name, samples in groupings.items():
-            _print_table(board, protocol, region, samples, by=name)
+        for name, all_groups in groupings.items():
+            samples = scoring.groups_of_protocol(board, protocol, all_groups)
+            if samples:
+                _print_table(board, protocol, region, samples, by=name)
     for line in without_truth(board):
         click.echo(line)
     for note in notes:

@@ -24,6 +24,7 @@ from twinlens.scoring.grouping import (
     compared as compared,
     groupings as groupings,
     groups_by as groups_by,
+    groups_of_protocol as groups_of_protocol,
 )
 from twinlens.scoring.metrics import METRICS as METRICS, find_metric as find_metric
 from twinlens.scoring.pair_statistics import (

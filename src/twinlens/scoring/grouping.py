@@ -98,6 +98,19 @@ def _titles_of_numbers(numbers: Sequence[float]) -> list[tuple[float, str]]:
     return titles
 
 
+def groups_of_protocol(
+    board: Board, protocol: str, groups: Mapping[str, Collection[str]]
+) -> dict[str, tuple[str, ...]]:
+    """The groups with only those samples that have entries of the protocol; none if fewer than two groups are left."""
+    samples = board.samples_of(protocol)
+    shared = {
+        title: tuple(name for name in names if name in samples)
+        for title, names in groups.items()
+    }
+    filled = {title: names for title, names in shared.items() if names}
+    return filled if len(filled) > 1 else {}
+
+
 def groupings(board: Board) -> dict[str, dict[str, tuple[str, ...]]]:
     """The groups by every recorded value that makes 2 to `MAX_GROUPS`; of values that make the same, the first."""
     seen: list[set[tuple[str, ...]]] = []

@@ -16,6 +16,7 @@ from twinlens.scoring.grouping import (
     Comparison,
     Groups,
     compared,
+    groups_of_protocol,
     recorded_names,
     recorded_value,
 )
@@ -167,9 +168,12 @@ def comparison_record(board: Board, groups: Groups) -> dict[str, Any]:
     """Groups as plain data: their samples, and by protocol and region means and differences of each method."""
     record: dict[str, Any] = {"groups": {name: [*groups[name]] for name in groups}}
     for protocol in board.protocols:
+        of_protocol = groups_of_protocol(board, protocol, groups)
+        if not of_protocol:
+            continue
         record[protocol] = {}
-        for region in board.regions:
-            comparison = compared(board, protocol, region, groups)
+        for region in board.regions_of(protocol):
+            comparison = compared(board, protocol, region, of_protocol)
             record[protocol][region] = asdict(comparison)
     return record
 
