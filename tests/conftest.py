@@ -1,10 +1,11 @@
-"""Settings of all tests: repeatable hypothesis cases without deadlines, a kernel cache, equal figures drawn once.
+"""Settings of all tests: repeatable hypothesis cases without deadlines, a kernel cache, equal things made once.
 
 Mitsuba's scenes end with their test, or with its module if they belong to the module: Dr.Jit compiles the materials and
 lights of all scenes that exist into every kernel, so kernels take longer to compile the more scenes there are, and are
 found in its cache only if the same scenes existed.
 """
 
+import functools
 import gc
 import json
 import os
@@ -64,6 +65,17 @@ def _equal_figures_of_cards_are_drawn_once():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(card, "statistics_figure", remembered)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _bundled_scenes_are_read_once():
+    """Two of the six stay in memory by themselves, and the textures of one take a second."""
+    from twinlens.scenes import scene_file
+
+    read_once = functools.cache(scene_file.read_scene_toml)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(scene_file, "_read_bundled", read_once)
         yield
 
 
