@@ -11,7 +11,7 @@ from scipy.special import j1
 from tests.studies.aperture.naive import measured_noise, sheet, wall_of
 from twinlens.camera import Camera, Rig, ThinLens
 from twinlens.sensor import Exposure
-from twinlens.studies import STUDIES, Table
+from twinlens.studies import FAILS, HOLDS, OPEN, STUDIES, SeedSupport, Table
 from twinlens.studies.aperture import conclude, theory as aperture_theory
 from twinlens.studies.aperture.theory import F_NUMBERS, MODES, ScaleModel
 from twinlens.studies.intervals import log_parabola_minimum
@@ -193,20 +193,20 @@ def with_column(made, name, value_of):
     ("median", "holds"), [(2.0, True), (3.0, True), (4.0, False), (1.0, False)]
 )
 def test_the_median_error_is_compared_with_the_bound(median, holds):
-    finding = conclude(table({"a": 11.0, "b": 8.0}, median=median))[-3]
+    finding = conclude(table({"a": 11.0, "b": 8.0, "c": 8.0}, median=median))[-3]
     assert finding.holds == holds
     assert finding.measured.value == pytest.approx(2 * math.log2(median / 2.0), abs=0.1)
     assert ("outside in some scene for sad" in finding.sentence) != holds
 
 
-@pytest.mark.parametrize(("ratios", "holds"), [
-    ((0.2, 0.3, 0.45), True), ((0.6, 0.7, 0.8), False), ((0.2, 0.3, 0.9), False),
+@pytest.mark.parametrize(("ratios", "state"), [
+    ((0.2, 0.3, 0.45), HOLDS), ((0.6, 0.7, 0.8), FAILS), ((0.2, 0.3, 0.9), OPEN), ((0.4, 0.7, 0.9), OPEN),
 ])  # fmt: skip
-def test_the_whole_interval_of_rendering_noise_must_be_small(ratios, holds):
+def test_the_whole_interval_of_rendering_noise_decides(ratios, state):
     noise = dict(zip("abc", ratios, strict=True))
     made = table(dict.fromkeys("abc", 4.0))
     finding = conclude(
         with_column(made, "path_noise", lambda row: noise[row["scene"]])
     )[-2]
-    assert finding.holds == holds
+    assert SeedSupport(finding, 1, 1).state == state
     assert finding.measured.value == pytest.approx(np.mean(ratios))

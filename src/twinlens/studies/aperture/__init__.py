@@ -325,9 +325,17 @@ def is_near(rows: Table, aim: Aim) -> bool | None:
         for (scene,), part in rows.groups("scene")
     }
     far = [scene for scene, distance in stops.items() if abs(distance) > ALLOWED_STOPS]
-    if far and is_above(cost_over_best(rows.where(scene=far), aim)):
+    if far and _is_cost(cost_over_best(rows.where(scene=far), aim)):
         return False
-    return not far if is_above(cost_over_best(rows, aim, steps=2)) else None
+    return not far if _is_cost(cost_over_best(rows, aim, steps=2)) else None
+
+
+def _is_cost(cost: Interval) -> bool:
+    """Whether a cost is positive, by the interval of a sufficient number of scenes or seeds, or of a single one.
+
+    A single measurement has no interval; it serves to count the seeds that support a claim.
+    """
+    return is_above(cost) and (cost.units == 1 or cost.units >= SHARES.units)
 
 
 def cost_over_best(rows: Table, aim: Aim, steps: int = 0) -> Interval:
