@@ -339,6 +339,7 @@ def test_bad_input_is_one_line(tmp_path, twinlens, command, fault, message):
     assert not (tmp_path / "b" / "index.html").exists()
 
 
+@pytest.mark.slow
 def test_the_commands_of_the_page_run(tmp_path):
     """docs/real_pairs.md, as printed."""
     write_pair(tmp_path / "pairs" / "desk", *images()[:2])

@@ -3,6 +3,7 @@
 import html
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,9 +13,9 @@ import twinlens as tl
 from tests.report.test_page import Elements, browse, needs_chromium
 from twinlens.matching import StereoMatcher
 from twinlens.matching.costs import COSTS
-from twinlens.matching.methods import matcher_of_spec, parse_method
+from twinlens.matching.methods import matcher_of_spec, parse_method, parse_methods
 from twinlens.report.page import page_html
-from twinlens.scoring import Pair, run_benchmark
+from twinlens.scoring import Pair, run_benchmark, with_disagreements
 
 RADIUS, NDISP = 4, 20
 METHODS = [  # the first are quick to compute
@@ -193,9 +194,10 @@ function finish() {
 """
 
 
-def asked_page(board, samples, maps, folder, **asked):
+def asked_page(board, samples, maps, folder, right_maps=None, **asked):
     """The answers of the page's script to `asked`."""
-    text = re.sub(r"<meta http-equiv=[^>]+>", "", page_html(board, samples, maps))
+    page = page_html(board, samples, maps, right_maps=right_maps)
+    text = re.sub(r"<meta http-equiv=[^>]+>", "", page)
     driver = DRIVER.replace(
         "ASKED", json.dumps({"methods": [], "curves": [], "reasons": [], **asked})
     )
@@ -291,6 +293,41 @@ def test_reasons_are_the_known_causes(tmp_path):
         "window estimate",
         "window rival",
     ]
+
+
+@needs_chromium
+def test_doubts_without_truth_are_pythons(tmp_path):
+    """The same scene, whose truth nothing knows: the page names the causes of `reason_of`, and clicks work."""
+    scored, cause = scene()
+    pair = replace(scored, disp0=None, mask0_nonocc=None)
+    maps, right_maps = {}, {}
+    board = run_benchmark(
+        [pair],
+        parse_methods(["mine=zncc:block_size=9", "sad9=sad:block_size=9"]),
+        warm_up=False,
+        on_map=lambda m, s, d: maps.update({(m, s): d}),
+        on_right_map=lambda m, s, d: right_maps.update({(m, s): d}),
+    )
+    board = with_disagreements(board, maps)
+    labelled = wrong_pixels(scored, maps, cause, per_class=2)
+    rng = np.random.default_rng(5)
+    others = [
+        ("sad9", int(rng.integers(200)), int(rng.integers(132))) for _ in range(16)
+    ]
+    asked = [pixel[:3] for pixel in labelled] + others
+    results = asked_page(
+        board, [pair], maps, tmp_path, right_maps=right_maps, reasons=asked
+    )
+    for pixel, answer in zip(asked, results["reasons"], strict=True):
+        assert_same_reason(answer, pythons_reason(pair, maps, *pixel), pixel)
+    kinds = {kind for kind, _ in results["reasons"]}
+    assert {"none", "texture", "range", "repetition", "occluded"} <= kinds
+    # Wrong for want of texture, or beyond the right image, or in a repetition: seldom without a sign.
+    found = dict(zip(labelled, results["reasons"], strict=False))
+    of_texture = [found[pixel][0] for pixel in labelled if pixel[3] == "texture"]
+    assert of_texture.count("texture") >= 0.7 * len(of_texture)
+    assert results["names"] == ["window left", "window estimate", "window rival"]
+    assert (results["rows"], results["windows"]) == (2, 3)
 
 
 def test_a_page_without_room_has_no_full_images(listed):
