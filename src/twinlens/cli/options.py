@@ -182,7 +182,7 @@ def search_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--num-disparities",
             "--ndisp",
-            type=Whole(1),
+            type=Whole(1, 65536),
             help="Number of disparities to search.  [default: that of calib.txt, else of the truth, else 64]",
         ),
         click.option(

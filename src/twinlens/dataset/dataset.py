@@ -199,7 +199,7 @@ class Dataset(Sequence[StoredSample]):
             return
         self._samples = samples_in(self.path)
         if not self._samples:
-            problem = f"has no sample: no {MANIFEST}, and no folder with an im0.png"
+            problem = f"has no sample: no {MANIFEST}, and no folder with an im0.png (left; im1.png is the right image)"
             raise FileError(f"{self.path}: {problem}{_datasets_below(self.path)}")
 
     def __len__(self) -> int:

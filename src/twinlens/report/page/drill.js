@@ -30,6 +30,7 @@ async function drawPanels() {
   const found = truth ? null : await checksOf(p, state.method);
   if (mine !== drawing) return;
   const views = truth ? viewsOf(sample, p, truth, est) : viewsWithoutTruth(sample, p, est, found);
+  $("range-label").textContent = truth ? "Error range" : "Difference range";
   $("panels").replaceChildren(...views);
   $("versus").replaceChildren(...(truth ? versusOf(p, truth, a, b) : versusWithoutTruth(p, a, b)));
   follow([...views, ...$("versus").children], p, truth, { est, a, b, ...found });
