@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from twinlens.scoring import PROTOCOLS, REGIONS, Pair, board_to_json, run_benchmark
 
@@ -37,6 +38,7 @@ def test_every_region_and_protocol_is_listed():
     ) == list(PROTOCOLS)
 
 
+@pytest.mark.filterwarnings("ignore::twinlens.scoring.benchmark.MapWarning")
 def test_every_key_of_a_board_is_listed():
     image = np.zeros((4, 5), np.uint8)
     pair = Pair("s", image, image, np.ones((4, 5), np.float32), None, 8)

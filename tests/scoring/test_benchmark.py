@@ -383,6 +383,7 @@ def test_methods_search_negative_disparities():
     assert "min_disparity" in board.entries[0].failure.message
 
 
+@pytest.mark.filterwarnings("ignore::twinlens.scoring.benchmark.MapWarning")
 def test_a_memory_limit_implies_a_worker_process():
     corners = []
     board = run_cold(

@@ -184,9 +184,9 @@ def _checked_disparity(result: Any, shape: tuple[int, ...], name: str) -> Dispar
         )
         raise MatcherFailedError(message, "wrong-type") from None
     if disparity.shape != shape:
+        message = f"{name} returned shape {disparity.shape}; the left image has {shape}"
         raise MatcherFailedError(
-            f"{name} returned shape {disparity.shape}; the left image has {shape}",
-            "wrong-shape",
+            message + _shape_hint(disparity.shape, shape), "wrong-shape"
         )
     wrong = np.isnan(disparity) | np.isneginf(disparity)
     if wrong.any():
@@ -194,6 +194,20 @@ def _checked_disparity(result: Any, shape: tuple[int, ...], name: str) -> Dispar
         message = f"{name} returned {disparity[y, x]} at [{y}, {x}]; unknown disparities are +inf"
         raise MatcherFailedError(message, "not-a-number")
     return disparity
+
+
+def _shape_hint(found: tuple[int, ...], expected: tuple[int, ...]) -> str:
+    """What probably led to the shape of a map, and what to do; empty if it is not clear."""
+    if found == expected[::-1]:
+        return ": transpose the map, its axes are [row, column]"
+    if len(found) > 2 and tuple(side for side in found if side != 1) == expected:
+        return ": remove its axes of length 1"
+    if len(found) == 2 and all(found):
+        for factor in (2, 4, 8):
+            sizes = zip(found, expected, strict=True)
+            if all(abs(factor * side - whole) < factor for side, whole in sizes):
+                return f": enlarge the map to the image's size and multiply its values by {factor}"
+    return ""
 
 
 def _checked_confidence(result: Any, shape: tuple[int, ...], name: str) -> Confidence:

@@ -324,6 +324,7 @@ def _document(
         "densities": DENSITIES,
         "limits": LIMITS,
         "entries": [_entry(entry) for entry in board.entries],
+        "doubts": scoring.doubts(board),
         "means": _means(board, weights),
         "disagreements": [asdict(pair) for pair in board.disagreements],
         "agree_px": AGREE_PX,

@@ -1,6 +1,7 @@
 """`run_benchmark`: methods x samples -> a `Board`, resumable. A match is one method on one sample."""
 
 import os
+import warnings
 from collections.abc import Callable, Iterable, Sequence, Sized
 from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass, replace
@@ -38,6 +39,7 @@ from twinlens.scoring.runners import (
 )
 from twinlens.scoring.samples import Pair, ScoredSample, fingerprint, load_pair
 from twinlens.scoring.submission import Submission
+from twinlens.scoring.tables import doubts
 
 
 @dataclass(frozen=True)
@@ -95,6 +97,8 @@ def run_benchmark(
         left image's size; for every map of a right view, likewise; and with both names for every earlier map that is no
         longer valid.
 
+    Gives one `MapWarning` for each method whose maps look wrong in scale, sign or orientation (`Scores.doubt`).
+
     Raises InputError for unknown protocols and regions, names that are not unique, a sample that cannot be scored or
     differs from the board's, and, before anything runs, a missing file or function of a method; FileError or
     OutputError if `save` is not a board, cannot be written, or is locked by another run.
@@ -113,6 +117,7 @@ def run_benchmark(
         with BoardWriter(replace(board, title=title), save) as writer:
             for method in runs:
                 runner.check_parts(method)
+            names_of_runs = [method.name for method in runs]
             done, sample_names = 0, set[str]()
             for sample in samples:
                 _check_unique("sample", sample.name, sample_names)
@@ -132,7 +137,13 @@ def run_benchmark(
                             done, total, method.name, sample.name, skipped, failure
                         )
                         progress(step)
+        for line in doubts(writer.board, names_of_runs):
+            warnings.warn(line, MapWarning, stacklevel=2)
         return writer.board
+
+
+class MapWarning(UserWarning):
+    """A method's maps look right but for their scale, sign, orientation or mark of unknown pixels."""
 
 
 def _named_runs(
@@ -314,9 +325,8 @@ class _Run:
             scores = self._scores(rules, match)
         except _WrongSizeError as error:
             return replace(entry, failure=MatchFailure("refused", str(error)))
-        return replace(
-            entry, regions={name: scores.regions[name] for name in self.masks}
-        )
+        scored = {name: scores.regions[name] for name in self.masks}
+        return replace(entry, regions=scored, doubt=scores.doubt)
 
     def _scores(self, rules: Protocol, match: Match) -> Scores:
         """The scores of a match by a protocol. Raises _WrongSizeError for a map of a size that it does not accept."""

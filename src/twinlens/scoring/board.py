@@ -42,7 +42,8 @@ class Entry:
     """One method on one sample by one protocol: scores by region, or the failure.
 
     spec: everything that determines the method's results. sample_sha256: see `samples.fingerprint`. ndisp: number of
-    disparities from `min_disparity`. seconds: wall time of the match, None if it failed or was not measured.
+    disparities from `min_disparity`. seconds: wall time of the match, None if it failed or was not measured. doubt:
+    see `Scores.doubt`.
     """
 
     method: str
@@ -57,6 +58,7 @@ class Entry:
     seconds: float | None
     failure: MatchFailure | None
     regions: Mapping[str, RegionScores] = field(default_factory=dict)
+    doubt: str = field(default="", kw_only=True)
 
     @property
     def key(self) -> tuple[str, str, str]:

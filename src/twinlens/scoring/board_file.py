@@ -107,6 +107,7 @@ _EntryTable: Any = table_of(
     seconds=(Annotated[NonNegative, pydantic.AfterValidator(_bounded)] | None, ...),
     failure=(_FailureTable | None, ...),
     regions=(dict[str, _RegionTable], ...),
+    doubt=(str, ""),
 )
 
 
@@ -154,10 +155,12 @@ def _of_samples(board: Board, values: Mapping[str, T]) -> dict[str, T]:
 
 
 def _record(entry: Entry) -> dict[str, Any]:
-    """The entry as plain data, without frames and sparsification curves where there are none."""
+    """The entry as plain data, without frames, doubts and sparsification curves where there are none."""
     record = asdict(entry)
     if record["failure"] and not record["failure"]["frames"]:
         del record["failure"]["frames"]
+    if not entry.doubt:
+        del record["doubt"]
     for region in record["regions"].values():
         if not region["sparsification"]:
             del region["sparsification"]

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from twinlens.dataset import Calibration
 from twinlens.errors import InputError
 from twinlens.geometry import Float
+from twinlens.scoring.doubts import doubt_of
 from twinlens.scoring.metrics import (
     Disparity,
     Mask,
@@ -49,13 +50,17 @@ class RegionScores(Mapping[str, float]):
 
 @dataclass(frozen=True)
 class Scores:
-    """The result of `evaluate`. allowed: the lowest and highest possible disparity in pixels of the truth."""
+    """The result of `evaluate`. allowed: the lowest and highest possible disparity in pixels of the truth.
+
+    doubt: what is probably wrong with the map's values, such as a factor of 16, in one line; empty for most maps.
+    """
 
     protocol: Protocol
     regions: Mapping[str, RegionScores]
     allowed: tuple[float, float]
     upsampled: int
     rounded: bool
+    doubt: str = ""
 
     @property
     def all(self) -> RegionScores:
@@ -80,6 +85,8 @@ class Scores:
             for key, value in region.items():
                 metric = find_metric(key)
                 lines.append(f"  {key:<10} {metric.show(value):>10} {metric.unit}")
+        if self.doubt:
+            lines.append(f"doubtful: {self.doubt}")
         return "\n".join(lines)
 
 
@@ -140,15 +147,21 @@ def evaluate(
         confidence = _confidence_map(confidence, estimate.shape, scale)
     lowest = scale * min_disparity
     highest = math.inf if ndisp is None else scale * (min_disparity + ndisp)
-    estimate, estimated = rules.prepare(upsampled(estimate, scale), lowest, highest)
+    estimate = upsampled(estimate, scale)
+    visible = None
+    if mask_nonocc is not None:
+        visible = boolean_mask("mask_nonocc", mask_nonocc, truth.shape)
+    doffs = 0.0 if calibration is None else calibration.doffs
+    doubt = doubt_of(estimate, truth, visible, lowest, highest - 1, doffs)
+    estimate, estimated = rules.prepare(estimate, lowest, highest)
     if round_disparity is None:
         whole_truth = calibration is not None and calibration.isint
         round_disparity = rules.rounds_integers and whole_truth
     if round_disparity:
         estimate = _rounded(estimate)
     masks: dict[str, Mask] = {"all": np.ones(truth.shape, np.bool_)}
-    if mask_nonocc is not None:
-        masks["nonocc"] = boolean_mask("mask_nonocc", mask_nonocc, truth.shape)
+    if visible is not None:
+        masks["nonocc"] = visible
     for name, mask in extra_regions.items():
         masks[name] = boolean_mask(f"region {name!r}", mask, truth.shape)
     scores = {}
@@ -165,7 +178,7 @@ def evaluate(
             metres = _point_errors(pixels.estimate, pixels.truth, places, calibration)
             pixels = replace(pixels, metres=metres)
         scores[name] = region_scores(rules, pixels, truth.size)
-    return Scores(rules, scores, (lowest, highest), scale, round_disparity)
+    return Scores(rules, scores, (lowest, highest), scale, round_disparity, doubt)
 
 
 def _check_request(

@@ -245,8 +245,11 @@ def _check_floats(result: Any) -> None:
     """Refuse integers, which are a map that was scaled for a file and not converted back."""
     disparity, _ = unchecked_pair(result)
     if isinstance(disparity, np.ndarray) and disparity.dtype.kind != "f":
+        remedy = ""
+        if disparity.dtype == np.int16:
+            remedy = ", divide what cv2.StereoSGBM or StereoBM returns by 16.0"
         raise MatcherFailedError(
-            f"returned an array of {disparity.dtype}: expected float32 disparities",
+            f"returned an array of {disparity.dtype}: expected float32 disparities{remedy}",
             "wrong-type",
         )
 

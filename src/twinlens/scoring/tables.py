@@ -198,6 +198,24 @@ def failures(board: Board, methods: Collection[str] | None = None) -> list[str]:
     return lines
 
 
+def doubts(board: Board, methods: Collection[str] | None = None) -> list[str]:
+    """A line for each method, of these or of all, with a doubt about at least half of its maps (`Scores.doubt`)."""
+    maps: dict[str, set[str]] = {}
+    doubted: dict[tuple[str, str], set[str]] = {}
+    for entry in board.entries:
+        if entry.ok and (methods is None or entry.method in methods):
+            maps.setdefault(entry.method, set()).add(entry.sample)
+            if entry.doubt:
+                doubted.setdefault((entry.method, entry.doubt), set()).add(entry.sample)
+    lines = []
+    for (method, doubt), samples in doubted.items():
+        count = len(maps[method])
+        if 2 * len(samples) >= count:
+            maps_of = "its map" if count == 1 else f"{len(samples)} of {count} maps"
+            lines.append(f"{method}, {maps_of}: {doubt}")
+    return lines
+
+
 def board_csv(board: Board) -> str:
     """Every entry and region as a CSV row, in full precision, with the sample's scene and recorded values at its end.
 

@@ -121,6 +121,7 @@ function drawRules() {
 // One line for each method and reason, with the samples concerned, and the last calls of an exception below it.
 // Protocols share their failures. Messages that differ in numbers only, such as times, are one reason.
 function drawFailures() {
+  $("doubts").replaceChildren(...data.doubts.map((text) => el("p", {}, el("span", { class: "fail" }, "doubtful"), ` ${text}`)));
   const reasons = new Map();
   for (const e of data.entries.filter((e) => e.failure)) {
     const [kind, message] = e.failure;
