@@ -13,6 +13,7 @@ from twinlens.errors import InputError
 from twinlens.factory import remake
 from twinlens.factory.rectified import rectified_sample
 from twinlens.factory.sample import Shoot, make_sample
+from twinlens.factory.sequences import frame_sums
 from twinlens.reconstruction.decoding import decode_sample
 from twinlens.scenes import Scene, SceneObject
 from twinlens.sensor import Sensor
@@ -102,6 +103,21 @@ def test_a_pattern_and_its_inverse_add_up_to_white(stored):
     number = 65535 / (LINEAR.largest_dn - LINEAR.black_level) * LINEAR.balance().max()
     rounding = images[1].astype(float) + images[2] - images[0]
     assert np.abs(rounding).max() <= 1.5 * number + 2
+
+
+def test_the_light_of_inverse_patterns_is_not_rendered_twice(stored):
+    """Of each code after the first pair, half of the frames follow; they are what a render of their own gives."""
+    rigs = [rig_of(*CODES).at_frame(number) for number in range(FRAMES)]
+    rendered = [number for number, parts in enumerate(frame_sums(rigs)) if not parts]
+    assert rendered == [0, 1, 2, *range(3, 13, 2), *range(13, 25, 2), 25, 26]
+    lone = rig_of("white", "dots", PhaseShift(64, 48, 16, 3))
+    assert frame_sums([lone.at_frame(number) for number in range(5)]) == [None] * 5
+    shot = stored.lens(0)
+    for number in (4, 16, 27):
+        (left, right) = tl.render(plane(), rigs[number], spp=16, seed=shot.record["seed"])  # fmt: skip
+        for view, alone in enumerate((left, right)):
+            frame = stored.frame(number).radiance(view)
+            assert np.abs(frame - alone).max() < 1e-5 * alone.max()
 
 
 def test_frames_have_noise_of_their_own_and_the_fixed_pattern_of_the_sensor():

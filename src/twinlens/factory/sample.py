@@ -34,6 +34,7 @@ from twinlens.dataset import (
 )
 from twinlens.dataset.lens_labels import LABEL
 from twinlens.errors import InputError
+from twinlens.factory.sequences import frame_sums
 from twinlens.factory.sources import file_digests
 from twinlens.scenes import Scene, bundled_scenes, load_scene, rig_from_table
 from twinlens.scenes.rigs import with_values
@@ -278,16 +279,37 @@ class _Photographer:
     def _rendered(self, progress: rendering.Progress | None) -> list[_Light]:
         """The light of each frame. All frames have the random numbers and the samples per pixel of the first."""
         count = self.rig.num_frames
+        rigs = [self.rig.at_frame(number) for number in range(count)]
         lights: list[_Light] = []
-        for number in range(count):
+        # A denoised image is not linear in the light: each is rendered.
+        sums = [None] * count if self.shoot.denoise else frame_sums(rigs)
+        for number, parts in enumerate(sums):
+            if parts is not None:
+                lights.append(self._summed(*(lights[part] for part in parts)))
+                continue
             report = rendering.partial_progress(
                 progress, number / count, (number + 1) / count
             )
             doublings = None
             if lights:
                 doublings = round(np.log2(lights[0].spp / self.shoot.spp))
-            lights.append(self._light(self.rig.at_frame(number), report, doublings))
+            lights.append(self._light(rigs[number], report, doublings))
         return lights
+
+    def _summed(self, a: _Light, b: _Light, c: _Light) -> _Light:
+        """The light a + b - c of a frame, see `factory.sequences`."""
+        # Rounding can leave a black pixel below 0.
+        images = [
+            np.maximum(_sum(*of_camera), 0)
+            for of_camera in zip(a.images, b.images, c.images, strict=True)
+        ]
+        errors = [
+            _sum(first.error, second.error, third.error)
+            for first, second, third in zip(a.views, b.views, c.views, strict=True)
+        ]
+        pairs = zip(images, errors, strict=False)  # no errors where they are unknown
+        views = [rendering.NoisyImage(image, error) for image, error in pairs]
+        return _Light(images, self._diffracted(_wholes(images)), views, a.spp)
 
     def _light(
         self, rig: Rig, progress: rendering.Progress | None, doublings: int | None
@@ -398,6 +420,13 @@ class _Photographer:
         )
         photos = [whole for _, _, whole in dual]
         return photos, tuple((left.image, right.image) for left, right, _ in dual)
+
+
+def _sum(
+    a: NDArray[np.float32], b: NDArray[np.float32], c: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """a + b - c, rounded once."""
+    return (a.astype(np.float64) + b - c).astype(np.float32)
 
 
 def _noise_ratios(
