@@ -309,7 +309,7 @@ def test_what_cannot_be_rendered_is_named_in_one_line(glb_path):
         "nodes/0/camera": 0,
         "cameras": [{"type": "perspective"}],
         "animations": [{"channels": [], "samplers": []}],
-        "nodes/0/extensions/EXT_mesh_gpu_instancing": {},
+        "nodes/0/extensions/MSFT_lod": {},
         "extensions/KHR_lights_punctual": {"lights": []},
     }
     glb_path.write_bytes(glb(with_values(header, values), binary))
@@ -318,7 +318,7 @@ def test_what_cannot_be_rendered_is_named_in_one_line(glb_path):
     geometry = (
         "points and lines (left out), morph targets (the mesh without them), skins (the mesh as its nodes place it), "
         "animations (the pose of the nodes), cameras (those of the scene), COLOR_1 (not used), TEXCOORD_1 (not used), "
-        "EXT_mesh_gpu_instancing, KHR_lights_punctual"
+        "KHR_lights_punctual, MSFT_lod"
     )
     material = "KHR_materials_anisotropy, KHR_materials_sheen"
     (message,) = (str(warning.message) for warning in caught)

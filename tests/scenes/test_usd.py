@@ -386,6 +386,69 @@ def test_chained_transforms(tmp_path, steps, expected):
     np.testing.assert_allclose(uv, [*expected, 0, 1], atol=1e-6)
 
 
+def add_copies(stage, prototypes, of_prototype, **values):
+    """A PointInstancer /copies."""
+    made = UsdGeom.PointInstancer.Define(stage, "/copies")
+    made.CreatePrototypesRel().SetTargets([Sdf.Path(name) for name in prototypes])
+    made.CreateProtoIndicesAttr(of_prototype)
+    for name, value in values.items():
+        made.GetPrim().GetAttribute(name).Set(value)
+    return made
+
+
+def centres_and_areas(path):
+    mesh = read(path).mesh
+    corners = mesh.vertices[mesh.faces]
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return corners.mean(axis=1), np.linalg.norm(cross, axis=1) / 2
+
+
+@pytest.mark.parametrize("place", ["/copies/square", "/Library/square"])
+def test_points_of_an_instancer_are_copies(tmp_path, place):
+    """In centimetres, below a moved instancer; the prototype has a pose of its own."""
+    path = tmp_path / "m.usda"
+    stage = stage_at(path, metres=0.01)
+    made = add_copies(
+        stage, [place], [0, 0, 0],
+        positions=[(0, 0, 0), (100, 0, 0), (0, 200, 0)],
+        scales=[(1, 1, 1), (2, 2, 2), (1, 1, 1)],
+        invisibleIds=Vt.Int64Array([2]),
+    )  # fmt: skip
+    made.AddTranslateOp().Set(Gf.Vec3d(0, 0, 300))
+    square = add_square(stage, place)
+    square.AddTranslateOp().Set(Gf.Vec3d(10, 0, 0))
+    if place.startswith("/Library"):
+        stage.GetPrimAtPath("/Library").SetSpecifier(Sdf.SpecifierOver)
+    stage.Save()
+    centres, areas = centres_and_areas(path)
+    np.testing.assert_allclose(areas.sum(), 1e-4 * (1 + 4), rtol=1e-5)
+    # The middle of the square is at (10.5, 0.5, 0) of a point; the third point is invisible.
+    expected = [[0.105, 0.005, 3.0], [1.21, 0.01, 3.0]]
+    halves = centres.reshape(2, -1, 3).mean(axis=1)
+    np.testing.assert_allclose(halves, expected, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("values", "reason"),
+    [
+        ({"of_prototype": [0, 1]}, "protoIndices has a prototype that is missing"),
+        ({"of_prototype": [-1, 0]}, "protoIndices has a prototype that is missing"),
+        ({"of_prototype": [0]}, "positions do not fit protoIndices"),
+        ({"positions": [(0, 0, 0), (float("nan"), 0, 0)]}, "no finite pose"),
+    ],
+)
+def test_bad_instancers_are_refused_in_one_line(tmp_path, values, reason):
+    path = tmp_path / "m.usda"
+    stage = stage_at(path)
+    good = {"of_prototype": [0, 0], "positions": [(0, 0, 0), (1, 0, 0)]}
+    add_copies(stage, ["/copies/square"], **good | values)
+    add_square(stage, "/copies/square")
+    stage.Save()
+    with pytest.raises(InputError, match=reason) as caught:
+        read(path)
+    assert "\n" not in str(caught.value)
+
+
 def test_a_texture_may_be_wrapped_differently_along_s_and_t(tmp_path):
     path = tmp_path / "m.usda"
     stage = stage_at(path)
@@ -538,7 +601,7 @@ def add_instancer(stage, name):
 
 
 def test_prototypes_of_an_instancer_have_no_place(tmp_path):
-    """The bounds of what is left: squares before and after instancers, one of them in a group of its own."""
+    """Squares before and after instancers, one of them in a group of its own; copies are at x = 5, 6 and 7."""
     path = tmp_path / "m.usda"
     stage = stage_at(path)
     add_square(stage, "/a")
@@ -547,10 +610,28 @@ def test_prototypes_of_an_instancer_have_no_place(tmp_path):
     add_instancer(stage, "/c/instancer")
     add_square(stage, "/c/square")
     stage.Save()
-    with pytest.warns(MaterialWarning, match=r"PointInstancer \(left out\)"):
-        mesh = read(path).mesh
-    assert len(mesh.faces) == 4
-    assert sorted(set(mesh.vertices[:, 2])) == [0, 9]
+    mesh = read(path).mesh
+    assert len(mesh.faces) == 2 * (2 + 2 + 2 * 12)
+    corners = mesh.vertices[mesh.faces].mean(axis=1)
+    of_group = corners[:, 2] > 4
+    for group, height in ((~of_group, 0), (of_group, 9)):
+        x, _, z = corners[group].T
+        alone = x < 1
+        assert alone.sum() == 2
+        assert np.ptp(z[alone]) == 0
+        assert x[~alone].max() == pytest.approx(8, abs=1e-6)
+        assert z[~alone].mean() == pytest.approx(height, abs=1e-6)
+
+
+def test_an_instancer_below_another_is_named(tmp_path):
+    path = tmp_path / "m.usda"
+    stage = stage_at(path)
+    add_square(stage)
+    add_copies(stage, ["/copies/inner"], [0], positions=[(0, 0, 0)])
+    add_instancer(stage, "/copies/inner")
+    stage.Save()
+    with pytest.warns(MaterialWarning, match="a PointInstancer below another"):
+        assert len(read(path).mesh.faces) == 2
 
 
 def test_what_is_not_rendered_is_named(tmp_path):
@@ -561,7 +642,6 @@ def test_what_is_not_rendered_is_named(tmp_path):
     bind(square, material)
     for kind in ("BasisCurves", "Points", "Camera"):
         getattr(UsdGeom, kind).Define(stage, f"/{kind}")
-    add_instancer(stage, "/instancer")
     stage.DefinePrim("/light", "SphereLight")
     stage.DefinePrim("/joint", "PhysicsRevoluteJoint")
     stage.Save()
@@ -575,7 +655,6 @@ def test_what_is_not_rendered_is_named(tmp_path):
         "subdivision (the control mesh)",
         "BasisCurves (left out)",
         "Points (left out)",
-        "PointInstancer (left out)",
         "cameras (those of the scene)",
         "lights (those of the scene)",
         "PhysicsRevoluteJoint (left out)",

@@ -119,6 +119,19 @@ _Triple = Annotated[list[float], exactly(3, float)]
 _Quaternion = Annotated[list[float], exactly(4, float)]
 
 
+class _Instancing(Lenient):
+    """EXT_mesh_gpu_instancing: accessors with a translation, rotation and scale for each copy of a node's mesh."""
+
+    attributes: dict[str, _Index]
+
+
+class _NodeExtensions(Lenient):
+    EXT_mesh_gpu_instancing: _Instancing | None = None
+
+
+_READ_EXTENSIONS = {*EXTENSIONS, *ARRAY_EXTENSIONS, *_NodeExtensions.model_fields}
+
+
 class _Node(Lenient):
     mesh: _Index | None = None
     children: list[_Index] = pydantic.Field(default_factory=list)
@@ -126,6 +139,7 @@ class _Node(Lenient):
     translation: _Triple | None = None
     rotation: _Quaternion | None = None
     scale: _Triple | None = None
+    extensions: _NodeExtensions = _NodeExtensions()
 
     def pose(self) -> Float:
         """parent_from_node (4, 4): `matrix`, or translation, rotation by the quaternion x, y, z, w, scale."""
@@ -241,11 +255,11 @@ class Gltf:
     def _unknown_extensions(self) -> set[str]:
         """The extensions of everything but materials that are not read."""
         tables = self.header.model_dump(exclude={"materials"}, exclude_none=True)
-        return set(_extensions_in(tables)) - EXTENSIONS - ARRAY_EXTENSIONS
+        return set(_extensions_in(tables)) - _READ_EXTENSIONS
 
     def parts(self) -> list[Part]:
         """All placed primitives of triangles."""
-        arrays = Arrays(self.buffers, self.header.bufferViews, self.header.accessors)
+        arrays = self._arrays  # their sizes are checked here
         decoded = {
             name: self._decoded(arrays, f"meshes[{mesh}]", primitive)
             for mesh in sorted({mesh for mesh, _ in self._placed})
@@ -283,8 +297,12 @@ class Gltf:
         return count // 3 if primitive.mode == 4 else max(count - 2, 0)
 
     @cached_property
+    def _arrays(self) -> Arrays:
+        return Arrays(self.buffers, self.header.bufferViews, self.header.accessors)
+
+    @cached_property
     def _placed(self) -> list[tuple[int, Float]]:
-        """(mesh, pose in the file) of every node that has a mesh.
+        """(mesh, pose in the file) of every node that has a mesh, and of every copy of it.
 
         A file without a scene has all its nodes, or all meshes once if it has no nodes.
         """
@@ -307,11 +325,44 @@ class Gltf:
                 pose = parent @ node.pose()
             if not np.isfinite(pose).all():
                 raise FileError(f"{self.path}: nodes[{index}] has no finite pose")
-            # A scale of 0 on all axes hides a part; on two axes nothing with an area is left.
-            if node.mesh is not None and np.linalg.matrix_rank(pose[:3, :3]) >= 2:
-                placed.append((node.mesh, pose))
+            if node.mesh is not None:
+                with located(f"{self.path}: nodes[{index}]"):
+                    copies = pose @ self._copies(node, MOST_NODES - len(placed))
+                # A scale of 0 on all axes hides a part; on two axes nothing with an area is left.
+                ranks = np.linalg.matrix_rank(copies[:, :3, :3])
+                placed += [(node.mesh, copy) for copy in copies[ranks >= 2]]
             waiting += [(child, pose) for child in reversed(node.children)]
         return placed
+
+    def _copies(self, node: _Node, most: int) -> Float:
+        """node_from_copy (N, 4, 4) of the copies of a node's mesh: the identity without EXT_mesh_gpu_instancing."""
+        table = node.extensions.EXT_mesh_gpu_instancing
+        if table is None:
+            return np.eye(4)[None]
+        name = "EXT_mesh_gpu_instancing"
+        kinds = {"TRANSLATION": "VEC3", "ROTATION": "VEC4", "SCALE": "VEC3"}
+        used = {key: table.attributes[key] for key in kinds if key in table.attributes}
+        accessors = {key: self.header.accessors[index] for key, index in used.items()}
+        counts = {accessor.count for accessor in accessors.values()}
+        is_fitting = all(accessors[key].type == kinds[key] for key in accessors)
+        if len(counts) != 1 or not is_fitting:
+            raise InputError(
+                f"{name} needs TRANSLATION (VEC3), ROTATION (VEC4) or SCALE (VEC3), of one length"
+            )
+        (count,) = counts
+        if count > most:
+            raise InputError(f"{name} makes more than {MOST_NODES} copies of meshes")
+        values = {key: self._arrays.values(index) for key, index in used.items()}
+        if not all(np.isfinite(value).all() for value in values.values()):
+            raise InputError(f"{name} has numbers that are not finite")
+        turns = values.get("ROTATION", np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)))
+        if not turns.any(axis=1).all():
+            raise InputError(f"{name} has a ROTATION of length 0")
+        scales = values.get("SCALE", np.ones((count, 3)))
+        copies = np.tile(np.eye(4), (count, 1, 1))
+        copies[:, :3, :3] = Rotation.from_quat(turns).as_matrix() * scales[:, None]
+        copies[:, :3, 3] = values.get("TRANSLATION", 0.0)
+        return copies
 
     def _decoded(
         self, arrays: Arrays, mesh: str, primitive: _Primitive
@@ -448,9 +499,7 @@ def named_by(header: Header) -> list[str]:
 def open_gltf(path: Path, open_file: Callable[[str], bytes]) -> Gltf:
     """The checked header and the buffers of a .glb or .gltf file. Raises FileError."""
     header, binary = read_header(path)
-    if unknown := sorted(
-        set(header.extensionsRequired) - EXTENSIONS - ARRAY_EXTENSIONS
-    ):
+    if unknown := sorted(set(header.extensionsRequired) - _READ_EXTENSIONS):
         remedy = "; ".join(
             {_REMEDIES.get(name, "export without it") for name in unknown}
         )

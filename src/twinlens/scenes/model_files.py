@@ -78,7 +78,7 @@ def read_model(
     with reading(path, "mesh"):
         is_gltf = path.suffix.lower() in GLTF_FILES
         parts, tables, textures = (_open_gltf if is_gltf else open_obj)(path, open_file)
-        meshes = [part_mesh(part, crease_deg) for part in parts]
+        meshes = part_meshes(parts, crease_deg)
         materials: dict[str, Material] = {}
         if with_materials:
             shown = (folder_of(path, context) / path.name).as_posix()
@@ -97,7 +97,7 @@ def _read_usd(
 ) -> Model:
     with reading(path, "mesh"):
         file = open_usd(path, context, with_materials)
-        meshes = [part_mesh(part, crease_deg) for part in file.parts]
+        meshes = part_meshes(file.parts, crease_deg)
         materials: dict[str, Material] = {}
         if with_materials:
             shown = (folder_of(path, context) / path.name).as_posix()
@@ -229,23 +229,38 @@ def file_parts(file: Gltf) -> list[Part]:
     return [part for part in parts if len(part.mesh.faces)]
 
 
-def part_mesh(part: Part, crease_deg: float | None) -> Mesh:
-    """A part placed in its file, with its own normals if it has any and `crease_deg` is None.
+def part_meshes(parts: list[Part], crease_deg: float | None) -> list[Mesh]:
+    """Parts placed in their file, with their own normals if they have any and `crease_deg` is None.
 
-    Without (u, v) it gets longitude and height: `shapes.merged` keeps (u, v) only if all parts have them.
+    Without (u, v) a part gets longitude and height: `shapes.merged` keeps (u, v) only if all parts have them. Normals
+    of a mesh that is placed many times are made once.
     """
+    made: dict[tuple[int, int], Mesh] = {}
+    placed = []
+    for part in parts:
+        key = id(part.mesh), id(part.colors)
+        if key not in made:
+            made[key] = _part_mesh(part, crease_deg)
+        placed.append(_placed(made[key], part.pose))
+    return placed
+
+
+def _part_mesh(part: Part, crease_deg: float | None) -> Mesh:
+    """A part in its own coordinates."""
     attributes = {}
     if part.colors is not None:
         attributes = {VERTEX_COLOR.attribute: part.colors}
     if part.has_normals and crease_deg is None:
-        mesh = _with_own_normals(part.mesh, attributes)
-    else:
-        crease = 30.0 if crease_deg is None else crease_deg
-        mesh = shapes.from_trimesh(part.mesh, crease, attributes)
-    linear = part.pose[:3, :3]
+        return _with_own_normals(part.mesh, attributes)
+    crease = 30.0 if crease_deg is None else crease_deg
+    return shapes.from_trimesh(part.mesh, crease, attributes)
+
+
+def _placed(mesh: Mesh, pose: Float) -> Mesh:
+    linear = pose[:3, :3]
     if np.linalg.matrix_rank(linear) < 3:
-        return shapes.flattened(mesh, part.pose)
-    placed = shapes.transformed(mesh, part.pose)
+        return shapes.flattened(mesh, pose)
+    placed = shapes.transformed(mesh, pose)
     if np.linalg.det(linear) < 0:
         return replace(placed, faces=placed.faces[:, ::-1])
     return placed

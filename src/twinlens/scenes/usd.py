@@ -5,7 +5,7 @@ UsdShade, and the UsdPreviewSurface proposal, version 2.6.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,7 @@ _AXES = {"X": [2, 0, 1], "Y": [1, 2, 0], "Z": [0, 1, 2]}
 _SILENT = {
     *("", "Xform", "Scope", "Material", "Shader", "NodeGraph", "GeomSubset"),
     *("Mesh", "Cube", "Sphere", "Cylinder", "Cone", "Capsule", "Skeleton", "SkelRoot"),
+    "PointInstancer",
 }
 """Types of prims that are read, or that only group others."""
 _LIGHTS = (
@@ -95,15 +96,23 @@ class _Reader:
         self._poses = UsdGeom.XformCache(self._time)
         self._metres = float(UsdGeom.GetStageMetersPerUnit(stage))
         self._faces = 0
+        self._prims = 0
 
     def parts(self) -> Iterator[Part]:
         """The parts of all visible prims of the purposes default and render."""
+        from pxr import Usd
+
+        root = self.stage.GetPseudoRoot()
+        return self._below(root, Usd.PrimDefaultPredicate, in_prototype=False)
+
+    def _below(self, root: Any, chosen: Any, in_prototype: bool) -> Iterator[Part]:
+        """The parts of a prim and of those below it that a predicate of USD chooses."""
         from pxr import Usd, UsdGeom
 
-        every = Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)
-        prims = iter(Usd.PrimRange(self.stage.GetPseudoRoot(), every))
-        for count, prim in enumerate(prims):
-            if count > _MOST_PRIMS:
+        prims = iter(Usd.PrimRange(root, Usd.TraverseInstanceProxies(chosen)))
+        for prim in prims:
+            self._prims += 1
+            if self._prims > _MOST_PRIMS:
                 raise InputError(f"has more than {_MOST_PRIMS} prims")
             imageable = UsdGeom.Imageable(prim)
             if not imageable:
@@ -117,8 +126,59 @@ class _Reader:
             if prim.IsA(UsdGeom.PointInstancer):
                 # The prims below are its prototypes, which have no place of their own.
                 prims.PruneChildren()
+                if in_prototype:
+                    self.lost.append("a PointInstancer below another (left out)")
+                else:
+                    yield from self._copies(UsdGeom.PointInstancer(prim))
                 continue
             yield from self._parts_of(prim)
+
+    def _copies(self, instancer: Any) -> Iterator[Part]:
+        """The parts of all prototypes of a PointInstancer, at each of its points."""
+        from pxr import Usd
+
+        world_from_copies, of_prototype = self._copy_poses(instancer)
+        prototypes = instancer.GetPrototypesRel().GetTargets()
+        # Prototypes may be prims that no traversal of the stage finds: those without a definition.
+        chosen = Usd.PrimIsActive & Usd.PrimIsLoaded & ~Usd.PrimIsAbstract
+        for number, path in enumerate(prototypes):
+            root = self.stage.GetPrimAtPath(path)
+            poses = world_from_copies[of_prototype == number]
+            if not root or not len(poses):
+                continue
+            world_from_root = self._pose(root)
+            if np.linalg.matrix_rank(world_from_root) < 4:
+                raise InputError(f"{path}: a prototype needs a pose with an inverse")
+            root_from_world = np.linalg.inv(world_from_root)
+            for part in self._below(root, chosen, in_prototype=True):
+                self._count(len(part.mesh.faces) * (len(poses) - 1))
+                for world_from_copy in poses:
+                    pose = world_from_copy @ root_from_world @ part.pose
+                    yield replace(part, pose=pose)
+
+    def _copy_poses(self, instancer: Any) -> tuple[Float, NDArray[np.int64]]:
+        """world_from_copy (N, 4, 4) in metres of the visible points of a PointInstancer, and their prototypes (N,)."""
+        where = str(instancer.GetPath())
+        of_prototype = _whole(instancer.GetProtoIndicesAttr().Get(self._time))
+        if len(of_prototype) > _MOST_PRIMS:
+            raise InputError(f"{where}: has more than {_MOST_PRIMS} points")
+        count = len(instancer.GetPrototypesRel().GetTargets())
+        if len(of_prototype) and not 0 <= of_prototype.min() <= of_prototype.max() < count:  # fmt: skip
+            raise InputError(f"{where}: protoIndices has a prototype that is missing")
+        with_own_pose, all_points = instancer.IncludeProtoXform, instancer.IgnoreMask
+        stored = instancer.ComputeInstanceTransformsAtTime(
+            self._time, self._time, with_own_pose, all_points
+        )
+        if len(stored) != len(of_prototype):
+            raise InputError(f"{where}: positions do not fit protoIndices")
+        # USD multiplies rows by matrices.
+        copies = np.array(stored, dtype=np.float64).reshape(-1, 4, 4).transpose(0, 2, 1)
+        mask = np.array(instancer.ComputeMaskAtTime(self._time), dtype=bool)
+        is_there = mask if len(mask) else np.ones(len(copies), dtype=bool)
+        poses = self._pose(instancer.GetPrim()) @ copies[is_there]
+        if not np.isfinite(poses).all():
+            raise InputError(f"{where}: points have no finite pose")
+        return poses, of_prototype[is_there]
 
     def _name(self, prim: Any) -> None:
         """Note a prim of a type that is not rendered."""
