@@ -6,6 +6,7 @@ import numpy as np
 
 import twinlens as tl
 from twinlens.scenes import Bitmap, Mesh, Scene, SceneObject
+from twinlens.scenes.materials import Material, lambert
 
 FACING = np.diag([1.0, -1.0, -1.0, 1.0])
 POSE = FACING.copy()
@@ -52,3 +53,27 @@ def test_texture_repeats_on_a_mesh_look_as_on_a_rectangle():
             np.mean(np.abs(on_mesh - other) > 1e-3) < 0.01
         )  # rounding at the edges between the picture's pixels
     assert np.mean(np.abs(on_mesh - once) > 1e-3) > 0.5
+
+
+def test_a_lamp_whose_picture_wraps_differently_lights_the_floor():
+    """Nearest texels, of coordinates inside the picture: the wrapping changes neither the lamp nor its light."""
+    images = []
+    for wrap in ("repeat", ("repeat", "clamp")):
+        shining = Material(emission=Bitmap(PIXELS, filter="nearest", wrap=wrap))
+        lamp = SceneObject("lamp", QUAD, "lamp", POSE)
+        beside = np.diag([1.0, 1.0, 1.0, 1.0])
+        beside[:3, :3] = [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]
+        beside[:3, 3] = [-1.5, 0.0, 2.0]
+        floor = SceneObject("floor", {"type": "rectangle"}, "floor", beside)
+        materials = {"lamp": shining, "floor": lambert(0.8, two_sided=True)}
+        scene = Scene("lamp", (lamp, floor), materials, np.eye(4), (1.0, 4.0))
+        camera = tl.Camera.from_fov(32, 24, 90)
+        rig = tl.Rig((camera,), (np.eye(4),))
+        images.append(tl.render(scene, rig, tl.Pinhole(), spp=256, seed=2)[0])
+    of_lamp = images[0].max(axis=2) > 0.3
+    assert 0.1 < of_lamp.mean() < 0.9
+    difference = images[1] - images[0]
+    assert np.mean(np.abs(difference[of_lamp]) > 0.05) < 0.05
+    lit = ~of_lamp & (images[0].max(axis=2) > 0.01)
+    assert lit.mean() > 0.02
+    np.testing.assert_allclose(images[1][lit].mean(axis=0), images[0][lit].mean(axis=0), rtol=0.05)  # fmt: skip

@@ -44,9 +44,6 @@ class VertexMix(mi.Texture):  # type: ignore[misc, name-defined]
     def mean(self) -> Any:
         return 0.5 * (self._low.mean() + self._high.mean())
 
-    def is_spatially_varying(self) -> bool:
-        return True
-
     def to_string(self) -> str:
         return f"VertexMix[{self._low}, {self._high}, {self._share}]"
 
@@ -56,6 +53,7 @@ class Wrapped(mi.Texture):  # type: ignore[misc, name-defined]
 
     texture : repeats, and covers [0, 1]^2. Coordinates that do not repeat are moved to its texels: within half a texel
         of an edge a clamped or mirrored picture is as its last texel.
+    It counts as uniform in Mitsuba: then a lamp with it is sampled by its area, which any coordinates allow.
     u_row, v_row : of the matrix from the (u, v, 1) of a surface to those of the picture.
     """
 
@@ -89,9 +87,6 @@ class Wrapped(mi.Texture):  # type: ignore[misc, name-defined]
 
     def mean(self) -> Any:
         return self._texture.mean()
-
-    def is_spatially_varying(self) -> bool:
-        return True
 
     def to_string(self) -> str:
         return f"Wrapped[{self._wraps}, {self._texture}]"
