@@ -14,6 +14,7 @@ from twinlens.errors import InputError
 from twinlens.report.plots import pair_figure
 from twinlens.scoring import STATISTICS, Pair, motorcycle, pair_statistics, summarize
 from twinlens.scoring.regions import textureless
+from twinlens.scoring.scene_statistics import geometry_statistics, image_statistics
 
 
 def crop(rows, columns):
@@ -151,7 +152,9 @@ def test_statistics_equal_naive_code(corner):
         rough = name in ("low_sd", "bias", "gain", "offset", "residual", "correlation")
         rel, most = (0.02, 0.02) if rough else (1e-6, 1e-9)
         assert statistics[name] == pytest.approx(value, rel=rel, abs=most), name
-    assert {*expected, "noise"} == {*statistics}
+    # test_scene_statistics.py has those of the scene.
+    of_scene = geometry_statistics(pair.disp0) | image_statistics(pair.im0[..., 0])
+    assert {*expected, "noise", *of_scene} == {*statistics}
 
 
 def test_wavelet_noise_equals_scikit_images():

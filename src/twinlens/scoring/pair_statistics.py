@@ -1,4 +1,4 @@
-"""Differences between the images of a pair, and their appearance: statistics of real and synthetic pairs.
+"""Differences between the images of a pair, their appearance, and how hard the scene is (`scene_statistics`).
 
 The differences need the true disparity.
 
@@ -21,6 +21,7 @@ from twinlens.errors import InputError
 from twinlens.matching import grey
 from twinlens.scoring.regions import discontinuity, occluded, textureless
 from twinlens.scoring.samples import Pair
+from twinlens.scoring.scene_statistics import geometry_statistics, image_statistics
 
 Grey = NDArray[np.float64]
 _JUMP_PX, _JUMP_WINDOW = np.nextafter(1.0, 2.0), 7
@@ -106,6 +107,41 @@ STATISTICS: Mapping[str, Statistic] = {
         (0.11, 0.03, 0.18),
         needs_truth=True,
     ),
+    "edges": Statistic(
+        "",
+        "share within 4 px of a disparity jump of 2 px or more",
+        (0.17, 0.01, 0.32),
+        needs_truth=True,
+    ),
+    "thin": Statistic(
+        "",
+        "share of things narrower than 11 px, 2 px or more before the rest of the row",
+        (0.014, 0.002, 0.069),
+        needs_truth=True,
+    ),
+    "slant": Statistic(
+        "px",
+        "median disparity step to the next pixel of the row",
+        (0.012, 0.0, 0.052),
+        needs_truth=True,
+    ),
+    "slant_high": Statistic(
+        "px", "90 % quantile of these steps", (0.11, 0.004, 0.50), needs_truth=True
+    ),
+    "range": Statistic(
+        "",
+        "2 % to 98 % quantile of the disparity over the image width",
+        (0.066, 0.023, 0.119),
+        needs_truth=True,
+    ),
+    "unknown": Statistic(
+        "", "share without true disparity", (0.025, 0.003, 0.39), needs_truth=True
+    ),
+    "dark": Statistic("", "share with a grey level below 16", (0.003, 0.0, 0.095)),
+    "bright": Statistic("", "share with a grey level above 250", (0.001, 0.0, 0.027)),
+    "plain_areas": Statistic(
+        "", "share whose 21x21 pixels are textureless to 80 %", (0.31, 0.06, 0.53)
+    ),
     "largest_disparity": Statistic(
         "",
         "largest true disparity over the image width",
@@ -152,6 +188,8 @@ def pair_statistics(pair: Pair) -> dict[str, float]:
         **_spectrum_slopes(left),
         "correlation": _correlation(left, warped, used),
         "occluded": occluded_share,
+        **geometry_statistics(truth),
+        **image_statistics(left),
         "largest_disparity": largest,
         "width": float(width),
     }
