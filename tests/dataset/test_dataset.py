@@ -73,7 +73,10 @@ def test_arrays_are_read_from_the_file_each_time(folder):
 def test_folders_without_samples_are_refused(tmp_path):
     with pytest.raises(FileError, match="no such folder"):
         Dataset(tmp_path / "nothing")
-    with pytest.raises(FileError, match=r"has no sample: .* im0.png$"):
+    with pytest.raises(
+        FileError,
+        match=r"has no sample: .* im0.png .left; im1.png is the right image.$",
+    ):
         Dataset(tmp_path)
 
 
