@@ -84,3 +84,44 @@ def test_a_wrong_mask_is_refused(data, tmp_path, layout, file, message):
     pair = downloaded_pairs(tmp_path / "made" / file.partition("/")[0])[0]
     with pytest.raises(FileError, match=message):
         _ = pair.mask0_nonocc
+
+
+def blind_kitti(folder, calib):
+    """A frame in KITTI's folders without truth, and the sequence's calibration."""
+    grey = np.arange(64 * 48, dtype=np.uint32).reshape(48, 64).astype(np.uint8)
+    for name in ("image_0", "image_1"):
+        (folder / name).mkdir(parents=True)
+        Image.fromarray(grey).save(folder / name / "000003.png")
+    (folder / "calib.txt").write_text(calib)
+    (pair,) = downloaded_pairs(folder)
+    return pair
+
+
+def projection(shift):
+    """A line's values: K with fx = 50, the other camera `shift` / 50 metres to the right."""
+    return f"50 0 31.5 {shift} 0 50 23.5 0 0 0 1 0"
+
+
+def test_a_sequence_of_kitti_has_its_calibration_and_no_truth(tmp_path):
+    pair = blind_kitti(tmp_path, f"P0: {projection(0)}\nP1: {projection(-27)}\n")
+    assert (pair.name, pair.has_disparity(0)) == ("000003", False)
+    calibration = pair.calibration
+    assert calibration.baseline == pytest.approx(0.54)
+    assert calibration.cam0 == (50, 50, 31.5, 23.5)
+    assert (calibration.width, calibration.height, calibration.doffs) == (64, 48, 0)
+    assert load_pair(pair).disp0 is None
+
+
+@pytest.mark.parametrize(
+    ("calib", "message"),
+    [
+        (f"P0: {projection(0)}\n", "has no line P_rect_01: or P1:"),
+        (f"P0: {projection(0)}\nP1: 1 2 x\n", "P1 must be 12 numbers"),
+        (f"P0: {projection(0)}\nP1: {projection(4)}\n", "no left and right camera"),
+        (f"P0: {projection(0)}\nP1: {'nan ' * 12}\n", "P1 must be 12 numbers"),
+    ],
+)
+def test_a_wrong_calibration_of_kitti_is_named(tmp_path, calib, message):
+    pair = blind_kitti(tmp_path, calib)
+    with pytest.raises(FileError, match=message):
+        _ = pair.calibration
