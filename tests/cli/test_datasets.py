@@ -64,9 +64,22 @@ def test_an_export_removes_what_a_killed_one_left(twinlens, dataset, tmp_path, n
 
 
 def test_rendering_again_removes_what_a_killed_run_left(twinlens, own):
-    (own / ".cards.unfinished-99999-0123abcd").mkdir()
+    (own / ".cards.unfinished-99999-0123abcd" / "models").mkdir(parents=True)
     line = ("render", "cards", *QUICK, "-o", own)
     assert twinlens(*line, "--overwrite")[0] == 0
+    assert not list(own.glob(".*"))
+
+
+def test_a_folder_that_a_killed_run_had_moved_aside_is_put_back_before_it_is_checked(
+    twinlens, own
+):
+    (own / ".cards.replaced-99999-0123abcd").mkdir()
+    (own / "cards").rename(own / ".cards.replaced-99999-0123abcd" / "cards")
+    code, _, err = twinlens("render", "cards", *QUICK, "-o", own)
+    assert code == 2
+    assert "cards: restored; a command that was killed had moved it aside" in err
+    assert "exists" in err
+    assert (own / "cards" / "sample.json").is_file()
     assert not list(own.glob(".*"))
 
 

@@ -83,8 +83,10 @@ def check_new(
     """Raise OutputError where the output exists, unless it may be overwritten: an empty folder, or one with `mark`.
 
     Whether a bucket has files of other kinds is checked when it is written. What killed commands left beside the output
-    is removed.
+    is removed, or put back.
     """
+    # First, because it may put back the output itself.
+    remove_abandoned(output.parent)
     if not overwrite and (
         os.path.lexists(output) if isinstance(output, Path) else output.exists()
     ):
@@ -92,7 +94,6 @@ def check_new(
     check_replaceable(
         output, not isinstance(output, Path) or (output / mark).is_file(), kind
     )
-    remove_abandoned(output.parent)
 
 
 def check_results(folder: Path, mark: str, overwrite: bool = True) -> None:

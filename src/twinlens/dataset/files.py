@@ -11,6 +11,8 @@ import hashlib
 import os
 import secrets
 import shutil
+import time
+import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
@@ -26,6 +28,9 @@ from twinlens.errors import FileError, InputError, OutputError
 
 A_FILE = "is a file where a folder is needed; choose another name"
 _TEMPORARY = ".unfinished-"
+_REPLACED = ".replaced-"
+"""In the name of a folder that holds the earlier content of a folder, until the new one is in its place."""
+_NEW_S = 60  # an empty folder of this age may not have been locked yet
 
 _FULL = "the disk is full: free some space or write elsewhere"
 _NO_PERMISSION = "no permission: choose a folder that you may write to"
@@ -110,18 +115,46 @@ def write_folder(
 
 def _put_in_place(temporary: Path, folder: Path) -> None:
     """Rename `temporary` to `folder`; what was there is removed afterwards, or restored if the renaming fails."""
-    old = _temporary_name(folder) if os.path.lexists(folder) else None
-    if old:
-        folder.rename(old)
-    try:
+    if os.path.lexists(folder):
+        _replace(temporary, folder)
+    else:
         temporary.rename(folder)
-    except BaseException:
-        if old:
-            old.rename(folder)
-        raise
-    if old:
-        _remove(old)
     _flush_folder(folder.parent)
+
+
+def _replace(temporary: Path, folder: Path) -> None:
+    """Rename `temporary` to `folder`, whose earlier content is moved aside first.
+
+    A process that is killed between the two renamings leaves the earlier content to `remove_abandoned`, which puts it
+    back: only after the second one does it get the mark of what may be removed.
+    """
+    aside = _temporary_name(folder, _REPLACED)
+    aside.mkdir()
+    with _locked_folder(aside):
+        try:
+            folder.rename(aside / folder.name)
+            temporary.rename(folder)
+        except BaseException:
+            _put_back(aside)
+            raise
+        removable = _temporary_name(folder)
+        aside.rename(removable)
+        _remove(removable)
+
+
+def _put_back(aside: Path) -> list[Path]:
+    """Move the content of a folder one level up, where its names are free, and remove the folder if it is empty then.
+
+    Returns the new places.
+    """
+    places = []
+    for entry in aside.iterdir():
+        before = aside.parent / entry.name
+        if not os.path.lexists(before):
+            entry.rename(before)
+            places.append(before)
+    _remove_empty([aside])
+    return places
 
 
 def check_replaceable(folder: Place, replaceable: bool, kind: str) -> None:
@@ -147,26 +180,65 @@ def existing_part(path: Path) -> Path:
 
 
 def remove_unfinished(folder: Where) -> list[str]:
-    """Remove the temporary files of killed processes from a local `folder`; their names. No process may be writing."""
+    """Remove the temporary files of killed processes from a local `folder`; their names. No process may be writing.
+
+    Folders that these had moved aside are put back, as by `remove_abandoned`.
+    """
     folder = place(folder)
     if isinstance(folder, RemotePath):
         return []
-    leftovers = sorted(folder.glob(f".*{_TEMPORARY}*"))
+    for aside in _marked(folder, _REPLACED):
+        _restore(aside)
+    leftovers = _marked(folder, _TEMPORARY)
     for entry in leftovers:
         _remove(entry)
     return [entry.name for entry in leftovers]
 
 
 def remove_abandoned(folder: Where) -> None:
-    """Remove the unfinished folders of killed processes from a local `folder`; those being written are locked."""
+    """Remove the unfinished folders of killed processes from a local `folder`, and put back what they had moved aside.
+
+    Folders that are being written are locked, or are new and empty; they are left alone. Warns of each folder that is
+    put back, and of each that cannot be because its name is taken.
+    """
     folder = place(folder)
     if isinstance(folder, RemotePath):
         return
-    leftovers = [entry for entry in folder.glob(f".*{_TEMPORARY}*") if entry.is_dir()]
-    for entry in leftovers:
-        with contextlib.suppress(OSError), _locked_folder(entry) as is_locked:
-            if is_locked:
-                _remove(entry)
+    for mark, clear in ((_REPLACED, _restore), (_TEMPORARY, _remove)):
+        for entry in _marked(folder, mark):
+            if not entry.is_dir() or _may_be_unlocked(entry):
+                continue
+            with contextlib.suppress(OSError), _locked_folder(entry) as is_locked:
+                if is_locked:
+                    clear(entry)
+
+
+def _marked(folder: Path, mark: str) -> list[Path]:
+    """The hidden entries of a folder with a mark in their name."""
+    return sorted(folder.glob(f".*{mark}*"))
+
+
+def _may_be_unlocked(folder: Path) -> bool:
+    """Whether a folder is so new that its process may not have locked it yet; it writes nothing before."""
+    try:
+        is_new = time.time() - folder.stat().st_mtime < _NEW_S
+        return is_new and not any(folder.iterdir())
+    except OSError:  # the process has renamed it
+        return True
+
+
+def _restore(aside: Path) -> None:
+    """Put back what a killed process had moved aside, and say so; what cannot be put back stays."""
+    for restored in _put_back(aside):
+        warnings.warn(
+            f"{restored}: restored; a command that was killed had moved it aside",
+            stacklevel=3,
+        )
+    if aside.exists():
+        warnings.warn(
+            f"{aside}: holds an earlier folder that a killed command had replaced; delete it or move it",
+            stacklevel=3,
+        )
 
 
 @contextlib.contextmanager
@@ -316,9 +388,9 @@ def _flush_folder(folder: Path) -> None:
         os.fsync(descriptor)
 
 
-def _temporary_name(path: Path) -> Path:
+def _temporary_name(path: Path, mark: str = _TEMPORARY) -> Path:
     return path.with_name(
-        f".{path.name[:40]}{_TEMPORARY}{os.getpid()}-{secrets.token_hex(4)}"
+        f".{path.name[:40]}{mark}{os.getpid()}-{secrets.token_hex(4)}"
     )
 
 
