@@ -10,12 +10,19 @@ import pytest
 from scipy import stats
 
 from twinlens.errors import InputError
-from twinlens.scoring import Board, Entry, board_csv, compared, groupings, groups_by
+from twinlens.scoring import (
+    Board,
+    Entry,
+    board_csv,
+    compare_groups,
+    groupings,
+    groups_by,
+)
 from twinlens.scoring.board import MatchFailure
 from twinlens.scoring.board_file import board_from_json, board_to_json
 from twinlens.scoring.evaluate import RegionScores
-from twinlens.scoring.grouping import MAX_GROUPS
-from twinlens.scoring.intervals import bootstrap, mean, mean_of_units
+from twinlens.scoring.grouping import MAX_GROUPS, Comparison, Difference
+from twinlens.scoring.intervals import Interval, bootstrap, mean, mean_of_units
 
 PROTOCOL, METRIC = "middlebury-v3", "totbad2.0"
 
@@ -51,7 +58,7 @@ def two_lenses(first, second, same_scenes=True):
 
 def difference_of(board):
     groups = groups_by(board, "lens")
-    comparison = compared(board, PROTOCOL, "all", groups)
+    comparison = compare_groups(board, PROTOCOL, "all", groups)
     return comparison.differences["f/4"]["m"]
 
 
@@ -99,7 +106,7 @@ def test_samples_of_one_scene_do_not_count_as_scenes():
             other = {"lens": "b"}, 10.0 + view + shift
             samples.append((f"{scene}{view}a", scene, *base))
             samples.append((f"{scene}{view}b", scene, *other))
-    comparison = compared(
+    comparison = compare_groups(
         board_of(samples), PROTOCOL, "all", groups_by(board_of(samples), "lens")
     )
     interval = comparison.differences["b"]["m"].interval
@@ -122,6 +129,48 @@ def test_no_interval_without_means_of_two_scenes(scores):
     assert math.isnan(interval.value) == (len(scores) > 1)
 
 
+def of_groups(first, second):
+    """The difference of two groups of samples, each (scene, score)."""
+    samples = []
+    for lens, group in (("f/1.4", first), ("f/4", second)):
+        for scene, score in group:
+            samples.append((f"{scene} {lens}", scene, {"lens": lens}, score))
+    return difference_of(board_of(samples))
+
+
+def test_one_shared_scene_of_several_makes_no_pair():
+    first = [("1", 60.0), ("2", 90.0)]
+    second = [("1", 70.0), ("3", 20.0), ("4", 30.0), ("5", 30.0)]
+    result = of_groups(first, second)
+    assert (result.paired, result.basis) == (False, "unpaired, 2 scenes")
+    assert result.interval.value == pytest.approx(37.5 - 75.0)
+    assert result.interval.low < result.interval.value < result.interval.high
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "basis"),
+    [
+        ("a", "a", "paired, 1 scene"),
+        ("a", "ab", "unpaired, 1 scene"),
+        ("ab", "ab", "paired, 2 scenes"),
+        ("abc", "bcd", "paired, 2 of 4 scenes"),
+        ("ab", "cd", "unpaired, 2 scenes"),
+        ("ab", "bcdef", "unpaired, 2 scenes"),
+    ],
+)
+def test_the_basis_says_how_many_scenes_of_all_are_paired(first, second, basis):
+    groups = [[(scene, 1.0) for scene in scenes] for scenes in (first, second)]
+    assert of_groups(*groups).basis == basis
+
+
+def test_of_equally_many_bases_the_first_methods_is_said():
+    unpaired = Difference(Interval(1.0, 0.0, 2.0, 3), False, 6)
+    paired = replace(unpaired, paired=True)
+    for pair in ((paired, unpaired), (unpaired, paired)):
+        methods = dict(zip("ab", pair, strict=True))
+        assert Comparison("", {}, {"g": methods}).basis("g") == pair[0].basis
+
+
 def values(name, *of_samples):
     recorded = [{} if value is None else {name: value} for value in of_samples]
     return board_of([(str(k), str(k), each, 1.0) for k, each in enumerate(recorded)])
@@ -141,6 +190,30 @@ def test_many_numbers_are_three_ranges():
     groups = groups_by(board, "rig.baseline")
     assert [*groups] == ["0.05 to 0.08", "0.09 to 0.12", "0.13 to 0.16"]
     assert [len(samples) for samples in groups.values()] == [4, 4, 4]
+
+
+@pytest.mark.parametrize("kind", [int, np.int64, np.float32, float])
+def test_numbers_of_any_type_make_groups(kind):
+    board = values("level", kind(1), kind(2), kind(1))
+    assert groups_by(board, "level") == {"1": ("0", "2"), "2": ("1",)}
+
+
+@pytest.mark.parametrize(
+    "numbers",
+    [
+        1000 + np.arange(9) / 10,
+        0.1 + np.arange(9) * 1e-9,
+        1e6 + np.arange(7) / 1e3,
+        [1.0000001, 1.0000002, 1.0000003],
+        [np.nextafter(1, 2), 1.0],
+        -1000 - np.arange(9) / 10,
+    ],
+)
+def test_titles_have_the_digits_that_tell_groups_apart(numbers):
+    groups = groups_by(values("rig.x", *map(float, numbers)), "rig.x")
+    assert len(groups) == min(3, len(numbers))
+    ends = [end for title in groups for end in title.split(" to ")]
+    assert len(set(ends)) == len(ends)
 
 
 def test_samples_without_the_value_are_the_last_group():

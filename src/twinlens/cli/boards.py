@@ -20,13 +20,10 @@ from twinlens.dataset.files import locked
 from twinlens.errors import InputError, located
 from twinlens.report import write_page
 from twinlens.scoring.board_file import COMPARED
+from twinlens.scoring.grouping import DIFFERENCES
 from twinlens.scoring.protocols import AGREE_PX
 
 _WIDE, _ENDLESS = 132, 100_000
-_DIFFERENCES = (
-    "differences: from the first group, with 95 % intervals by the bootstrap over scenes; paired: within the scenes "
-    "that both groups have"
-)
 _NARROW = ("totbad2.0", "bad2.0", "avgerr", "invalid", "time")
 protocol_option = click.option(
     "--protocol", "protocols", multiple=True, default=("middlebury-v3",), show_default=True,
@@ -235,7 +232,9 @@ def _print_table(
         board, protocol, region, columns=_NARROW if narrow else None
     )
     if groups is not None:
-        comparison = scoring.compared(board, protocol, region, groups) if by else None
+        comparison = (
+            scoring.compare_groups(board, protocol, region, groups) if by else None
+        )
         table = scoring.comparison_table(board, protocol, region, groups, comparison)
         table.title = f"{table.title} · by {escape(by)}" if by else table.title
     if terminal.is_terminal:
@@ -248,8 +247,6 @@ def _print_table(
     lines = [
         Text.from_markup(title).plain,
         *text.get().splitlines(),
-        *(
-            _DIFFERENCES if by else scoring.caption(board, protocol, region)
-        ).splitlines(),
+        *(DIFFERENCES if by else scoring.caption(board, protocol, region)).splitlines(),
     ]
     click.echo("\n".join(line.rstrip() for line in lines))

@@ -42,8 +42,10 @@ from twinlens.scoring import (
     Pair,
     ScoredSample,
 )
+from twinlens.scoring.board import Mean
 from twinlens.scoring.evaluate import RegionScores
-from twinlens.scoring.grouping import Difference
+from twinlens.scoring.grouping import DIFFERENCES, Difference
+from twinlens.scoring.intervals import MIN_UNITS
 from twinlens.scoring.metrics import TIMES, Metric
 from twinlens.scoring.protocols import AGREE_PX, Protocol
 from twinlens.scoring.reasons import LIMITS
@@ -72,6 +74,7 @@ _CURVE_OPTIONS = (
     "cost", "block_size", "census_window", "prefilter", "support", "contrast", "gamma_similar", "gamma_near", "epsilon",
     "noise",
 )  # fmt: skip
+_LENS = "lens"  # the recorded value whose groups are compared by default
 _SCRIPTS = ("core.js", "table.js", "maps.js", "costs.js", "why.js", "drill.js")
 
 
@@ -112,7 +115,7 @@ def page_html(
     """
     pictures = _all_pictures(board, samples, maps, right_maps, max_width, budget_bytes)
     document = _document(board, pictures, weights)
-    document["groupings"] = [*_groupings(board, groups)]
+    document["groupings"] = [*_groupings(board, groups, by)]
     document["by"] = _first_grouping(document["groupings"], by)
     document["notes"] = list(notes)
     script = "\n".join(_file(name) for name in _SCRIPTS)
@@ -325,7 +328,9 @@ def _document(
         "limits": LIMITS,
         "entries": [_entry(entry) for entry in board.entries],
         "doubts": scoring.doubts(board),
-        "means": _means(board, weights),
+        "means": _means(board, board, weights),
+        "differences": DIFFERENCES,
+        "min_units": MIN_UNITS,
         "disagreements": [asdict(pair) for pair in board.disagreements],
         "agree_px": AGREE_PX,
         "weighted": bool(weights),
@@ -345,54 +350,64 @@ def _metric(metric: Metric) -> dict[str, Any]:
     }
 
 
-def _groupings(board: Board, groups: Groups | None) -> Iterator[dict[str, Any]]:
-    """The given groups, without a name, and those by each recorded value, with their differences from the first."""
+def _groupings(
+    board: Board, groups: Groups | None, by: str = ""
+) -> Iterator[dict[str, Any]]:
+    """The given groups, without a name, and those by each recorded value.
+
+    Of the value `by` and of lenses also the differences from the first group: those of all values would take minutes.
+    """
     if groups:
         titled = [_group(board, name, samples) for name, samples in groups.items()]
         yield {"by": "", "groups": titled}
         return
-    for by, of_value in scoring.groupings(board).items():
-        gaps = _gaps(board, of_value)
+    for name, of_value in scoring.groupings(board).items():
+        gaps = _gaps(board, of_value) if name in (by, _LENS) else {}
         members = [
-            {**_group(board, name, samples), "gaps": gaps.get(name)}
-            for name, samples in of_value.items()
+            {**_group(board, title, samples), "gaps": gaps.get(title)}
+            for title, samples in of_value.items()
         ]
-        yield {"by": by, "groups": members}
+        yield {"by": name, "groups": members}
 
 
 def _first_grouping(groupings: Sequence[Mapping[str, Any]], by: str) -> str:
     """The grouping that the page shows at first: the one asked for, or that of lenses, or none."""
     names = [grouping["by"] for grouping in groupings]
-    for name in (by, "lens"):
+    for name in (by, _LENS):
         if name in names:
             return name
     return ""
 
 
 def _group(board: Board, name: str, samples: Collection[str]) -> dict[str, Any]:
-    means = _means(board.subset(samples), None)
+    means = _means(board, board.subset(samples), None)
     return {"name": name, "samples": list(samples), "means": means}
 
 
 def _gaps(board: Board, groups: Groups) -> dict[str, Any]:
-    """Group -> protocol -> region -> method -> the headline's difference from the first group: value, ends, basis."""
+    """Group -> protocol -> region -> the headline's differences from the protocol's first group, and their basis."""
     gaps: dict[str, Any] = {}
     for protocol in board.protocols:
-        for region in board.regions:
-            comparison = scoring.compared(board, protocol, region, groups)
+        of_protocol = scoring.groups_of_protocol(board, protocol, groups)
+        for region in board.regions_of(protocol) if of_protocol else ():
+            comparison = scoring.compare_groups(board, protocol, region, of_protocol)
             for name, differences in comparison.differences.items():
-                of_protocol = gaps.setdefault(name, {}).setdefault(protocol, {})
-                of_protocol[region] = {
-                    method: _gap(difference)
-                    for method, difference in differences.items()
+                of_group = gaps.setdefault(name, {}).setdefault(protocol, {})
+                of_group[region] = {
+                    "basis": comparison.basis(name),
+                    "methods": {
+                        method: _gap(difference)
+                        for method, difference in differences.items()
+                    },
                 }
     return gaps
 
 
 def _gap(difference: Difference) -> list[Any]:
+    """Value, ends, number of scenes, and basis."""
     interval = difference.interval
     ends = [interval.value, interval.low, interval.high]
-    return [*map(_rounded, ends), difference.basis]
+    return [*map(_rounded, ends), interval.units, difference.basis]
 
 
 def _samples(board: Board, pictures: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -515,27 +530,25 @@ def _scores(scores: RegionScores, metrics: Sequence[str]) -> dict[str, Any]:
     return packed
 
 
-def _means(board: Board, weights: Mapping[str, float] | None) -> dict[str, Any]:
-    """Protocol -> region -> method -> mean. A board without scores has no regions; its failures are listed under ""."""
+def _means(
+    board: Board, part: Board, weights: Mapping[str, float] | None
+) -> dict[str, Any]:
+    """Protocol -> region -> method -> mean over the samples of a part of the board; all names are the board's.
+
+    A board without scores has no regions; its failures are listed under "".
+    """
     means: dict[str, dict[str, dict[str, Any]]] = {}
     for protocol in board.protocols:
         means[protocol] = {}
         for region in board.regions or ("",):
+            of_methods = part.means(protocol, region, weights, board.methods)
             means[protocol][region] = {
-                method: _mean(board, method, protocol, region, weights)
-                for method in board.methods
+                method: _mean(mean) for method, mean in of_methods.items()
             }
     return means
 
 
-def _mean(
-    board: Board,
-    method: str,
-    protocol: str,
-    region: str,
-    weights: Mapping[str, float] | None,
-) -> dict[str, Any]:
-    mean = board.mean(method, protocol, region, weights)
+def _mean(mean: Mean) -> dict[str, Any]:
     return {
         "n": mean.counted,
         "failed": list(mean.failed),

@@ -21,7 +21,7 @@ from twinlens.scoring.consistency import (
 from twinlens.scoring.evaluate import Scores as Scores, evaluate as evaluate
 from twinlens.scoring.grouping import (
     Groups as Groups,
-    compared as compared,
+    compare_groups as compare_groups,
     groupings as groupings,
     groups_by as groups_by,
     groups_of_protocol as groups_of_protocol,

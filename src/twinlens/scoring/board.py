@@ -259,6 +259,16 @@ class Board:
 
         Raises InputError for a weight of an unknown sample, or a negative weight.
         """
+        return self.means(protocol, region, weights, [method])[method]
+
+    def means(
+        self,
+        protocol: str,
+        region: str,
+        weights: Mapping[str, float] | None = None,
+        methods: Sequence[str] | None = None,
+    ) -> dict[str, Mean]:
+        """Method -> its `mean`, of these methods or of all."""
         weights = weights or {}
         samples = self.samples if weights else ()
         for name, weight in weights.items():
@@ -268,25 +278,45 @@ class Board:
                     f"the weight of {name!r} is {weight}: expected a finite number >= 0"
                 )
         entries = [entry for entry in self.entries if entry.protocol == protocol]
-        of_method = [entry for entry in entries if entry.method == method]
-        scored = [entry for entry in of_method if entry.evaluated(region)]
-        failed = tuple(entry.sample for entry in of_method if not entry.ok)
-        covered = {*failed, *(entry.sample for entry in scored)}
         expected = _expected_samples(entries, region)
-        missing = tuple(name for name in expected if name not in covered)
-        metrics = (*PROTOCOLS[protocol].metrics, *TIMES)
-        if failed or missing:
-            unknown = dict.fromkeys(metrics, math.nan)
-            return Mean(method, unknown, len(scored), failed, missing)
-        weighted = [(entry, weights.get(entry.sample, 1.0)) for entry in scored]
-        # A value may be infinite or NaN, which a weight of 0 would not remove from the sum.
-        counted = [(entry, weight) for entry, weight in weighted if weight > 0]
-        total = math.fsum(weight for _, weight in counted) or math.nan
-        means = {}
-        for name in metrics:
-            terms = [entry.value(region, name) * weight for entry, weight in counted]
-            means[name] = math.fsum(terms) / total
-        return Mean(method, means, len(scored), ())
+        of_methods: dict[str, list[Entry]] = {
+            name: [] for name in (self.methods if methods is None else methods)
+        }
+        for entry in entries:
+            if entry.method in of_methods:
+                of_methods[entry.method].append(entry)
+        return {
+            name: _mean(name, PROTOCOLS[protocol], region, of_method, expected, weights)
+            for name, of_method in of_methods.items()
+        }
+
+
+def _mean(
+    method: str,
+    protocol: Protocol,
+    region: str,
+    entries: Sequence[Entry],
+    expected: Sequence[str],
+    weights: Mapping[str, float],
+) -> Mean:
+    """The mean of a method with these entries by the protocol, over the expected samples."""
+    scored = [entry for entry in entries if entry.evaluated(region)]
+    failed = tuple(entry.sample for entry in entries if not entry.ok)
+    covered = {*failed, *(entry.sample for entry in scored)}
+    missing = tuple(name for name in expected if name not in covered)
+    metrics = (*protocol.metrics, *TIMES)
+    if failed or missing:
+        unknown = dict.fromkeys(metrics, math.nan)
+        return Mean(method, unknown, len(scored), failed, missing)
+    weighted = [(entry, weights.get(entry.sample, 1.0)) for entry in scored]
+    # A value may be infinite or NaN, which a weight of 0 would not remove from the sum.
+    counted = [(entry, weight) for entry, weight in weighted if weight > 0]
+    total = math.fsum(weight for _, weight in counted) or math.nan
+    means = {}
+    for name in metrics:
+        terms = [entry.value(region, name) * weight for entry, weight in counted]
+        means[name] = math.fsum(terms) / total
+    return Mean(method, means, len(scored), ())
 
 
 def _expected_samples(entries: Sequence[Entry], region: str) -> tuple[str, ...]:

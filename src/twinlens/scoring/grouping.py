@@ -4,14 +4,19 @@ Samples of one scene are not independent, so intervals are over scenes. Where tw
 two lenses of each sample, their difference is taken within each scene, and what scenes differ in cancels.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from twinlens.errors import InputError, check_known, counted
 from twinlens.scoring.board import Board, Recorded
-from twinlens.scoring.intervals import Interval, difference_of_means, mean_of_units
+from twinlens.scoring.intervals import (
+    MIN_UNITS,
+    Interval,
+    difference_of_means,
+    mean_of_units,
+)
 
 Groups = Mapping[str, Collection[str]]
 """Title -> names of the samples of a group."""
@@ -20,6 +25,16 @@ NOT_RECORDED = "not recorded"
 MAX_GROUPS = 12
 _MOST_NUMBERS, _RANGES = 6, 3
 """Numbers of more than so many values, or with fewer than three samples each, are grouped in so many ranges."""
+_MOST_DIGITS = 17
+"""With so many significant digits any two float64 numbers differ."""
+_LEAST_SHARED = 2
+"""A difference within fewer scenes has no interval."""
+DIFFERENCES = (
+    f"differences: from the first group, with 95 % intervals by the bootstrap over scenes, with fewer than {MIN_UNITS} "
+    "scenes their range; paired: the mean over the scenes that both groups have, which differs from the difference of "
+    "the two columns where scenes are left out (k of n scenes) or have unequal numbers of samples"
+)
+"""What is written below a table of differences."""
 
 
 def recorded_value(board: Board, sample: str, name: str) -> Recorded | None:
@@ -69,8 +84,10 @@ def grouped(
 
 def _titles(values: Mapping[str, Recorded | None]) -> dict[Recorded | None, str]:
     """The title of the group of each value, in the order of the groups."""
-    numbers = [value for value in values.values() if isinstance(value, float)]
-    texts = [value for value in values.values() if isinstance(value, str)]
+    present = [value for value in values.values() if value is not None]
+    texts = [value for value in present if isinstance(value, str)]
+    # Also integers, and numbers of NumPy.
+    numbers = [float(value) for value in present if not isinstance(value, str)]
     titles: dict[Recorded | None, str] = {
         **{text: text for text in texts},
         **dict(_titles_of_numbers(numbers)),
@@ -85,17 +102,29 @@ def _titles_of_numbers(numbers: Sequence[float]) -> list[tuple[float, str]]:
     distinct = sorted(set(numbers))
     are_shared = len(distinct) <= _MOST_NUMBERS and 2 * len(distinct) < len(numbers)
     if len(distinct) <= _RANGES or are_shared:
-        return [(number, f"{number:.6g}") for number in distinct]
+        return [*_distinct_texts(distinct, digits=6).items()]
     shares = np.arange(1, _RANGES) / _RANGES
     limits = np.quantile(numbers, shares)
     ranges: dict[int, list[float]] = {}
     for number in distinct:
         ranges.setdefault(int(np.searchsorted(limits, number)), []).append(number)
+    ends = [end for members in ranges.values() for end in (members[0], members[-1])]
+    texts = _distinct_texts(ends, digits=3)
     titles = []
     for members in ranges.values():
-        title = f"{members[0]:.3g} to {members[-1]:.3g}"
+        title = f"{texts[members[0]]} to {texts[members[-1]]}"
         titles += [(number, title) for number in members]
     return titles
+
+
+def _distinct_texts(numbers: Iterable[float], digits: int) -> dict[float, str]:
+    """Number -> its text, with the fewest significant digits, at least `digits`, by which all of them differ."""
+    texts: dict[float, str] = {}
+    for count in range(digits, _MOST_DIGITS + 1):
+        texts = {number: f"{number:.{count}g}" for number in numbers}
+        if len(set(texts.values())) == len(texts):
+            break
+    return texts
 
 
 def groups_of_protocol(
@@ -132,66 +161,57 @@ class Difference:
 
     interval : 95 %, over scenes; all NaN where the method has no mean.
     paired : whether the difference is the mean of those within the scenes that both groups have.
+    scenes : how many scenes the two groups have together.
     """
 
     interval: Interval
     paired: bool
+    scenes: int
 
     @property
     def basis(self) -> str:
-        """What the interval rests on, as text."""
+        """What the interval rests on, as text, such as "paired, 3 of 5 scenes"."""
         count = self.interval.units
-        scenes = counted(count, "scene")
-        return f"{'paired' if self.paired else 'unpaired'}, {scenes}"
+        if not self.paired:
+            return f"unpaired, {counted(count, 'scene')}"
+        if count < self.scenes:
+            return f"paired, {count} of {self.scenes} scenes"
+        return f"paired, {counted(count, 'scene')}"
 
 
-def difference(
-    board: Board,
-    method: str,
-    samples: Collection[str],
-    reference: Collection[str],
-    protocol: str,
-    region: str,
-    metric: str,
-) -> Difference:
-    """The mean of a metric over `samples` minus that over `reference`.
+SceneValues = Mapping[str, Sequence[float]]
+"""Scene -> the values of a method on its samples; empty where it has no mean over them."""
 
-    Where at least half of the scenes of the smaller group are in both groups, it is the mean over these scenes of the
-    difference within the scene, and they are resampled. Otherwise the scenes of either group are resampled. Where there
-    are fewer than two scenes, the interval is NaN.
+
+def difference(values: SceneValues, reference: SceneValues) -> Difference:
+    """The mean of the values minus that of the reference's.
+
+    Where at least two scenes, and at least half of those of the side that has fewer, are on both sides, or where both
+    have the same scenes, it is the mean over these scenes of the difference within the scene, and they are resampled.
+    Otherwise the scenes of either side are resampled. Where there are fewer than two scenes, the interval is NaN.
     """
-    first = _scene_values(board, method, samples, protocol, region, metric)
-    second = _scene_values(board, method, reference, protocol, region, metric)
-    shared = [scene for scene in first if scene in second]
-    paired = 2 * len(shared) >= min(len(first), len(second)) > 0
-    if not paired:
-        return Difference(
-            difference_of_means([*first.values()], [*second.values()]), False
-        )
-    within = [[np.mean(first[scene]) - np.mean(second[scene])] for scene in shared]
-    return Difference(mean_of_units(within), True)
+    shared = [scene for scene in values if scene in reference]
+    count = len({*values, *reference})
+    are_half = 2 * len(shared) >= min(len(values), len(reference))
+    are_same = 0 < len(shared) == count
+    if not are_same and not (are_half and len(shared) >= _LEAST_SHARED):
+        interval = difference_of_means([*values.values()], [*reference.values()])
+        return Difference(interval, False, count)
+    within = [[np.mean(values[scene]) - np.mean(reference[scene])] for scene in shared]
+    return Difference(mean_of_units(within), True, count)
 
 
 def _scene_values(
-    board: Board,
-    method: str,
-    samples: Collection[str],
-    protocol: str,
-    region: str,
-    metric: str,
-) -> dict[str, list[float]]:
-    """Scene -> the values of a method on its samples; empty where it has no mean over the samples."""
-    part = board.subset(samples)
-    mean = part.mean(method, protocol, region)
-    if not np.isfinite(mean.metrics[metric]):
-        return {}
-    values: dict[str, list[float]] = {}
+    part: Board, means: Mapping[str, float], protocol: str, region: str, metric: str
+) -> dict[str, SceneValues]:
+    """Method -> its values by scene, of a group's board and the methods' means over it."""
+    values: dict[str, dict[str, list[float]]] = {method: {} for method in means}
     for entry in part.entries:
-        is_of_method = (entry.method, entry.protocol) == (method, protocol)
-        if is_of_method and entry.evaluated(region):
-            scene = board.scene(entry.sample)
-            values.setdefault(scene, []).append(entry.value(region, metric))
-    return values
+        is_scored = entry.protocol == protocol and entry.evaluated(region)
+        if is_scored and np.isfinite(means[entry.method]):
+            of_scene = values[entry.method].setdefault(part.scene(entry.sample), [])
+            of_scene.append(entry.value(region, metric))
+    return dict(values)
 
 
 @dataclass(frozen=True)
@@ -207,35 +227,35 @@ class Comparison:
     differences: Mapping[str, Mapping[str, Difference]]
 
     def basis(self, group: str) -> str:
-        """What the intervals of a group's differences rest on, as text; empty if no method has one."""
+        """What most intervals of a group's differences rest on, as text; empty if no method has one."""
         texts = [
             difference.basis
             for difference in self.differences[group].values()
             if difference.interval.units
         ]
-        return max(set(texts), key=texts.count, default="")
+        # The first method's of those that are equally many.
+        return max(dict.fromkeys(texts), key=texts.count, default="")
 
 
-def compared(
+def compare_groups(
     board: Board, protocol: str, region: str, groups: Groups, metric: str | None = None
 ) -> Comparison:
     """The comparison of groups by a metric, the protocol's headline by default. Raises InputError as `Board.rules`."""
     _, chosen = board.rules(protocol, region, metric)
     name = chosen.name
-    means = {}
+    means, values = {}, {}
     for title, samples in groups.items():
         part = board.subset(samples)
+        of_methods = part.means(protocol, region, methods=board.methods)
         means[title] = {
-            method: part.mean(method, protocol, region).metrics[name]
-            for method in board.methods
+            method: mean.metrics[name] for method, mean in of_methods.items()
         }
+        values[title] = _scene_values(part, means[title], protocol, region, name)
     reference, *others = groups
     differences = {}
     for title in others:
         differences[title] = {
-            method: difference(
-                board, method, groups[title], groups[reference], protocol, region, name
-            )
+            method: difference(values[title][method], values[reference][method])
             for method in board.methods
         }
     return Comparison(name, means, differences)

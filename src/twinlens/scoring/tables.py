@@ -15,7 +15,7 @@ from twinlens.scoring.board import Board, MatchFailure, Mean
 from twinlens.scoring.grouping import (
     Comparison,
     Groups,
-    compared,
+    compare_groups,
     groups_of_protocol,
     recorded_names,
     recorded_value,
@@ -48,7 +48,7 @@ def standings(
     Methods without a value come last, in the board's order. Raises InputError as `Board.rules` and `Board.mean` do.
     """
     _, metric = board.rules(protocol, region, sort)
-    means = [board.mean(name, protocol, region, weights) for name in board.methods]
+    means = board.means(protocol, region, weights).values()
     sign = 1.0 if metric.lower_is_better else -1.0
 
     def order(mean: Mean) -> tuple[bool, float]:
@@ -173,7 +173,7 @@ def comparison_record(board: Board, groups: Groups) -> dict[str, Any]:
             continue
         record[protocol] = {}
         for region in board.regions_of(protocol):
-            comparison = compared(board, protocol, region, of_protocol)
+            comparison = compare_groups(board, protocol, region, of_protocol)
             record[protocol][region] = asdict(comparison)
     return record
 

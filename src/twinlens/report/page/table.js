@@ -66,41 +66,40 @@ function whyNot({ failure, failed, missing, n }) {
   return `${n} of ${counted(n + failed.length + missing.length, "sample")}${failed.length ? `, ${failed.length} failed` : ""}`;
 }
 
-// The headline metric, one column for each group of samples, and its differences from the first group.
+// How many samples of a group the selected protocol scores.
+const scored = (group) => group.samples.filter((name) => rules().samples.includes(name)).length;
+
+// The headline metric, one column for each group of samples that the protocol scores, and differences from the first.
 function drawGroups() {
-  const shown = titled.length ? titled : groups.filter((g) => g.by === state.by);
-  $("groups-card").hidden = !shown.length;
-  if (!shown.length || !state.region) return;
+  const shown = titled.length ? titled : groups.filter((g) => g.by === state.by && scored(g));
+  $("groups-card").hidden = !titled.length && shown.length < 2;
+  if ($("groups-card").hidden || !state.region) return;
   const metric = rules().headline, order = compareBy(metric, false), m = data.metrics[metric];
   const values = data.methods.map((method) => [method.name, shown.map((g) => scoresOf(method.name, g.key).value(metric))]);
   const best = shown.map((_, k) => values.map((row) => row[1][k]).sort(order)[0]);
-  const compared = shown.filter((g) => g.gaps);
+  const compared = shown.filter(gapsOf);
   $("groups-title").textContent = `${metric} [${m.unit}], ${state.region}${state.by && `, by ${state.by}`}: ${m.text}`;
   $("groups").replaceChildren(
-    el("thead", {}, el("tr", {}, el("th", { class: "name", scope: "col" }, "Method"), shown.map((g) => el("th", { scope: "col", title: g.samples.join(", ") }, g.name, el("small", {}, counted(g.samples.length, "sample")))),
-      compared.map((g) => el("th", { scope: "col" }, `${g.name} − ${shown[0].name}`, el("small", {}, basisOf(g)))))),
+    el("thead", {}, el("tr", {}, el("th", { class: "name", scope: "col" }, "Method"), shown.map((g) => el("th", { scope: "col", title: g.samples.join(", ") }, g.name, el("small", {}, counted(scored(g), "sample")))),
+      compared.map((g) => el("th", { scope: "col" }, `${g.name} − ${shown[0].name}`, el("small", {}, gapsOf(g).basis))))),
     el("tbody", {}, values.sort((a, b) => order(a[1][0], b[1][0])).map(([name, row]) => el("tr", {}, el("td", { class: "name" }, name),
-      row.map((v, k) => el("td", { class: v === best[k] ? "best" : "" }, show(metric, v))), compared.map((g) => gapCell(metric, gapOf(g, name)))))));
-  const about = "Differences from the first group have 95 % intervals by the bootstrap over scenes; paired: within the scenes that both groups have. Coloured: the interval excludes 0.";
-  $("notes").replaceChildren(...[...(compared.length ? [about] : []), ...data.notes].map((text) => el("p", {}, text)));
+      row.map((v, k) => el("td", { class: v === best[k] ? "best" : "" }, show(metric, v))), compared.map((g) => gapCell(metric, gapsOf(g).methods[name]))))));
+  const about = compared.length ? [`${data.differences}. Coloured: the interval, not a range, excludes 0.`] : [];
+  $("notes").replaceChildren(...[...about, ...data.notes].map((text) => el("p", {}, text)));
 }
 
-const gapOf = (group, method) => group.gaps[state.protocol][state.region][method];
-
-// What most of a group's intervals rest on.
-function basisOf(group) {
-  const gaps = data.methods.map((m) => gapOf(group, m.name)).filter((gap) => gap[0] != null);
-  return gaps.length ? gaps[0][3] : "";
-}
+// A group's differences by the selected protocol and region; undefined for the first group, which has none.
+const gapsOf = (group) => group.gaps && group.gaps[state.protocol] && group.gaps[state.protocol][state.region];
 
 const signed = (metric, v) => `${v > 0 ? "+" : v < 0 ? "−" : ""}${show(metric, Math.abs(v))}`;
 
-function gapCell(metric, [value, low, high, basis]) {
+function gapCell(metric, [value, low, high, scenes, basis]) {
   if (value == null) return el("td", { title: "a method that failed on a sample of a group has no mean" }, "–");
   if (low == null) return el("td", { title: basis }, signed(metric, value));
-  const certain = low > 0 || high < 0, better = data.metrics[metric].lower ? value < 0 : value > 0;
-  const ends = el("small", {}, ` [${signed(metric, low)}, ${signed(metric, high)}]`);
-  return el("td", { class: certain ? (better ? "gain" : "loss") : "", title: basis }, signed(metric, value), ends);
+  const isRange = scenes < data.min_units, lowest = signed(metric, low), highest = signed(metric, high);
+  const ends = isRange ? ` (range of ${scenes}: ${lowest} to ${highest})` : ` [${lowest}, ${highest}]`;
+  const certain = !isRange && (low > 0 || high < 0), better = data.metrics[metric].lower ? value < 0 : value > 0;
+  return el("td", { class: certain ? (better ? "gain" : "loss") : "", title: basis }, signed(metric, value), el("small", {}, ends));
 }
 
 function drawRules() {
@@ -294,7 +293,7 @@ function drawSparsification() {
 function drawControls() {
   segments($("protocols"), data.protocols.map((p) => [p.name, p.title]), state.protocol, (name) => { selectProtocol(name); redraw(); });
   options($("region"), rules().regions, state.region);
-  const means = groups.map((g) => [g.key, g.by ? `${g.key} (${counted(g.samples.length, "sample")})` : g.key]);
+  const means = groups.filter((g) => !g.by || scored(g)).map((g) => [g.key, g.by ? `${g.key} (${counted(scored(g), "sample")})` : g.key]);
   if (!titled.length) means.unshift(["", `mean of ${counted(rules().samples.length, "sample")}`]);
   const choices = [...means, ...rules().samples.map((name) => [name, name])];
   options($("over"), choices.map((c) => c[0]), state.over, choices.map((c) => c[1]));
