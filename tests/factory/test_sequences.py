@@ -1,5 +1,7 @@
 """Samples of a sequence of patterns: their frames, files and noise; decoded, against the closed form of a plane."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -16,12 +18,13 @@ from twinlens.factory.sample import Shoot, make_sample
 from twinlens.factory.sequences import frame_sums
 from twinlens.reconstruction.decoding import decode_sample
 from twinlens.scenes import Scene, SceneObject
-from twinlens.sensor import Sensor
+from twinlens.sensor import Exposure, Mismatch, Sensor
 
 Z, BASELINE, APART = 2.0, 0.1, 0.25
 CAMERA = tl.Camera.from_fov(48, 36, 30)
 LENS = tl.Camera.from_fov(64, 48, 50)
 CODES = ["white", GrayCode(64, 48), GrayCode(64, 48, "v"), PhaseShift(64, 48, 16, 4)]
+TOO_LONG_S = 0.1
 FRAMES = 1 + 12 + 12 + 4
 LINEAR = Sensor(
     output="linear", bits=16, shot_noise=False, read_noise=0.0, prnu=0.0, dsnu=0.0
@@ -83,6 +86,47 @@ def test_decoded_positions_and_points_are_the_closed_form_of_the_plane(stored):
         compared = decoded.valid & stored.truth(view).projections[0].lit
         median = 1e3 * np.median(error[compared])
         assert truth["point_mm"]["median"] == pytest.approx(median)
+
+
+def half_dark_plane():
+    """The plane, and before its left half one of a tenth of the reflectance."""
+    scene = plane()
+    (wall,) = scene.objects
+    left = geometry.rigid(np.eye(3), [-9, 0, -1e-5]) @ wall.world_from_object
+    dark = SceneObject("dark", {"type": "rectangle"}, "dark", left)
+    black = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.05}}
+    materials = {**scene.materials, "dark": black}
+    return replace(scene, objects=(wall, dark), materials=materials)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"output": "srgb", "bits": 8},
+        {"output": "raw", "adc_bits": 12},
+        {"filters": "RGGB"},
+        {"mismatch": Mismatch(white_balance_red=0.9, white_balance_blue=0.9)},
+    ],
+)
+def test_a_saturated_pixel_has_no_position(tmp_path, changes):
+    """A clipped sinusoid has another phase: an error of up to a pixel at a period of 16."""
+    sensor = LINEAR.replace(**changes)
+    rig = rig_of("white", GrayCode(64, 48), PhaseShift(64, 48, 16, 4))
+    shoot = Shoot(spp=4, sensor=sensor, exposure=Exposure(TOO_LONG_S))
+    write_sample(
+        tmp_path / "bright", make_sample(half_dark_plane(), rig, [Pinhole()], shoot)
+    )
+    for view, decoded in enumerate(decode_sample(open_sample(tmp_path / "bright"))):
+        exact = seen_positions(view)
+        inside = (exact >= 1).all(axis=-1) & (exact <= (62, 46)).all(axis=-1)
+        x = (np.arange(48) - CAMERA.cx) / CAMERA.fx * Z + view * BASELINE
+        is_dark = np.broadcast_to(x < -0.1, inside.shape)
+        is_bright = np.broadcast_to(x > 0.1, inside.shape)
+        assert decoded.valid[inside & is_dark].all()
+        assert not decoded.valid[is_bright].any()
+        error = np.abs(decoded.axes["u"].position - exact[..., 0])
+        assert error[inside & is_dark].max() < 0.5
 
 
 def test_a_pattern_and_its_inverse_add_up_to_white(stored):

@@ -1,7 +1,7 @@
 """Structured light of a stored sample: its frames decoded, triangulated, and compared with the truth of projection."""
 
 import io
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from twinlens.camera import Decoded, Rig, Still, decode_sequence
 from twinlens.camera.light_planes import light_plane_points
+from twinlens.camera.structured_light import Code
 from twinlens.camera.truth import Truth
 from twinlens.dataset import StoredSample
 from twinlens.dataset.codecs.png import encode_png
@@ -31,7 +32,8 @@ _SHOWN_ERROR_PX = 2.0  # the end of the colours of errors
 class DecodedView:
     """What one camera of a sample sees of a projector's pattern.
 
-    axes : by "u" and "v", those that the sequence codes: the decoded positions of all pixels.
+    axes : by "u" and "v", those that the sequence codes: the decoded positions of all pixels; +inf where an image of
+        the axis's codes is saturated.
     valid : (H, W), pixels that are decoded along every axis, whose point exists, and whose axes agree within 2 pixels.
     points : (H, W, 3), world, metres; +inf where not valid.
     image : of the first frame.
@@ -154,7 +156,12 @@ def _decoded_view(
     rig = stored.rig
     frames = [shot.frame(number) for number in range(shot.num_frames)]
     images = [linear_image(frame, view) for frame in frames]
-    axes = decode_sequence(images, rig.projectors[projector].sequence, least)
+    sequence = rig.projectors[projector].sequence
+    axes = _unsaturated(
+        decode_sequence(images, sequence, least),
+        sequence,
+        [_saturated(frame, view) for frame in frames],
+    )
     points = _points(rig, view, projector, axes)
     valid = _is_finite(points)
     against_truth: dict[str, Any] = {}
@@ -169,12 +176,47 @@ def _decoded_view(
     )
 
 
+def _unsaturated(
+    axes: Mapping[str, Decoded], sequence: Sequence[Code], saturated: Sequence[Mask]
+) -> dict[str, Decoded]:
+    """The positions of each axis, +inf where a frame of its codes is saturated: the light there is not known.
+
+    saturated : (H, W) for each frame.
+    """
+    positions = {axis: decoded.position for axis, decoded in axes.items()}
+    first = 0
+    for code in sequence:
+        frames = saturated[first : first + code.num_patterns]
+        first += code.num_patterns
+        if not isinstance(code, Still):
+            clipped = np.logical_or.reduce(frames)
+            positions[code.axis] = np.where(clipped, np.inf, positions[code.axis])
+    return {
+        axis: Decoded(positions[axis], decoded.modulation)
+        for axis, decoded in axes.items()
+    }
+
+
 def linear_image(frame: StoredShot, view: int) -> Float:
     """The image of a view with values proportional to light, by the tone curve in its record."""
+    sensor = Sensor.from_record(_exposure(frame, view)["sensor"])
+    return sensor.linear(frame.image(view))
+
+
+def _saturated(frame: StoredShot, view: int) -> Mask:
+    """Where the image of a view is saturated, (H, W)."""
+    exposure = _exposure(frame, view)
+    sensor = Sensor.from_record(exposure["sensor"])
+    return sensor.saturated(frame.image(view), float(exposure.get("gain", 1.0)), view)
+
+
+def _exposure(frame: StoredShot, view: int) -> Mapping[str, Any]:
+    """How the image of a view was exposed, from its record."""
     exposures = frame.record.get("exposures")
     if not isinstance(exposures, list) or view >= len(exposures):
         raise InputError("sample.json does not have the sensor of each image")
-    return Sensor.from_record(exposures[view]["sensor"]).linear(frame.image(view))
+    exposure: Mapping[str, Any] = exposures[view]
+    return exposure
 
 
 def _points(rig: Rig, view: int, projector: int, axes: Mapping[str, Decoded]) -> Float:

@@ -704,6 +704,23 @@ class Sensor(Settings, noun="sensor"):
         span = self.largest_dn - self.black_level
         return np.asarray((image.astype(np.float64) - self.black_level) / span)
 
+    def saturated(self, image: Image, gain: float, eye: int) -> NDArray[np.bool_]:
+        """Where a channel of an image that this sensor has developed has the value of a saturated pixel, (H, W).
+
+        gain, eye : of its `Exposure` as recorded, and the number of its camera. Bayer filters: neighbours of saturated
+            pixels, whose colours are interpolated from them, can have lower values.
+        """
+        # A full well may be below the converter's range, and is read with noise.
+        mismatch = self.mismatch_of(eye)
+        electrons = self.full_well - 3 * np.hypot(self.read_noise, self.dsnu)
+        black = self.black_level + mismatch.black_level
+        reading = np.floor(self.system_gain(gain) * electrons + black)
+        number = np.clip(reading, 0, self.largest_dn)
+        shape = image.shape if self.filters == "rgb" else image.shape[:2]
+        limit = self._develop(np.full(shape, number, np.uint16), mismatch)
+        reached = image >= limit
+        return np.asarray(reached if image.ndim == 2 else reached.any(axis=-1))
+
     def _develop(self, numbers: NDArray[np.uint16], mismatch: Mismatch) -> Image:
         if self.output == "raw":
             return numbers.astype(np.uint8) if self.adc_bits == 8 else numbers
