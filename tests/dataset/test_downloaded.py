@@ -1,5 +1,7 @@
 """KITTI's and ETH3D's downloads as pairs: our exports of these layouts, read back, and folders made by hand."""
 
+import shutil
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -8,6 +10,7 @@ from PIL import Image
 from tests.dataset import dataset_scene
 from twinlens.dataset import Dataset, downloaded_pairs, write_png, write_sample
 from twinlens.dataset.export import export
+from twinlens.dataset.real_pairs import open_pair
 from twinlens.errors import FileError
 from twinlens.scoring import load_pair, open_pairs
 
@@ -37,6 +40,23 @@ def test_an_export_is_read_back(data, tmp_path, layout, folder):
             )
     names = [pair.name for pair in open_pairs([str(inner)])]
     assert names == (["s0", "s1"] if layout == "eth3d" else ["000000_10", "000001_10"])
+
+
+def test_the_folder_of_a_scene_of_eth3d_has_its_truth(data, tmp_path, monkeypatch):
+    export(data, tmp_path / "made", "eth3d")
+    scenes = tmp_path / "made" / "ETH3D" / "two_view_training"
+    monkeypatch.chdir(scenes / "s1")
+    for path in (scenes / "s1", str(scenes / "s1"), "."):
+        for pair in (open_pair(path), *open_pairs([str(path)])):
+            assert pair.name == "s1"
+            assert_array_equal(pair.disp0, data[1].disp0)
+            assert_array_equal(pair.mask0_nonocc, data[1].mask0_nonocc)
+    (scenes.parent / "two_view_training_gt" / "s1" / "disp0GT.pfm").unlink()
+    with pytest.raises(FileError, match=r"disp0GT\.pfm: no such file"):
+        open_pair(scenes / "s1")
+    assert open_pair(scenes / "s0").name == "s0"
+    shutil.rmtree(scenes.parent / "two_view_training_gt")
+    assert load_pair(open_pair(scenes / "s1")).disp0 is None
 
 
 def test_kitti_2012_has_grey_images_of_its_own(tmp_path):

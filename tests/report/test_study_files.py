@@ -1,14 +1,16 @@
 """Files of a study: reproducible bytes, a self-contained page, escaped names."""
 
+import html
 import json
 import math
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from twinlens.report.documentation import ROOT, documentation_link
+import twinlens
 from twinlens.report.study_files import write_study
 from twinlens.studies import (
     STUDIES,
@@ -25,6 +27,7 @@ from twinlens.studies import (
 from twinlens.studies.findings import Finding
 from twinlens.studies.intervals import Interval
 
+ROOT = Path(twinlens.__file__).parents[2]
 EVIL = "<script>alert('a')</script>"
 
 
@@ -113,13 +116,13 @@ def test_the_page_gives_the_reason_for_no_verdict(tmp_path):
     page = write_study(
         tmp_path, run_study(replace(STUDY, conclude=lambda table: findings))
     ).read_text()
-    html = '<div class="finding open"><p>{}.</p><p class=note><b>Not decided</b>: {}.</p></div>'
-    assert html.format("It is <b>(not measured)</b>", "not measured") in page
+    finding = '<div class="finding open"><p>{}.</p><p class=note><b>Not decided</b>: {}.</p></div>'
+    assert finding.format("It is <b>(not measured)</b>", "not measured") in page
     number = "<b>1 (range of 2: 0 to 4)</b>"
     limit = "the interval contains the limit 2; about 19 scenes would decide it"
-    assert html.format(f"So is {number}", limit) in page
+    assert finding.format(f"So is {number}", limit) in page
     lacks = "needs 5 scenes (has 2) and images of 1000000 pixels (has 76800)"
-    assert html.format(f"That is {number}", lacks) in page
+    assert finding.format(f"That is {number}", lacks) in page
     assert "<span class=open>not decided: 3</span>" in page
     assert "enough: 5 scenes --size 1156x868." in page
     assert "not hold" not in page
@@ -140,21 +143,16 @@ def test_the_page_has_the_law_the_legends_and_the_documentation(tmp_path):
     assert "2 seeds (0, 1)" in page
 
 
-def test_links_to_the_documentation_prefer_the_built_site(tmp_path):
-    script = "docs/course/08_triangulation.py"
-    name = f"<code>{script}</code>"
-    assert documentation_link(script, tmp_path) == name
-    source = tmp_path / script
-    built = tmp_path / "docs" / "site" / "docs" / "gallery" / "08_triangulation.html"
-    for path in (source, built):
-        path.parent.mkdir(parents=True)
-        path.write_text("")
-        expected = f'<a href="{path.as_uri()}">{name}</a>'
-        assert documentation_link(script, tmp_path) == expected
-    guide = tmp_path / "docs" / "studies.md"
-    guide.write_text("")
-    address = documentation_link("docs/studies.md#intervals", tmp_path)
-    assert f'href="{guide.as_uri()}#intervals"' in address
+def test_a_page_names_the_pages_of_any_study_and_no_folder_of_this_machine(tmp_path):
+    own = replace(STUDY, lesson="my <lesson>.py", docs="notes.md#results")
+    taught = next(iter(STUDIES.values()))
+    shared = replace(STUDY, lesson=taught.lesson, docs=taught.docs)
+    for study in (own, shared):
+        page = write_study(tmp_path, run_study(study)).read_text()
+        for name in (study.lesson, study.docs):
+            assert f"<code>{html.escape(name)}</code>" in page
+        assert "file:" not in page
+        assert str(ROOT) not in page
 
 
 @pytest.mark.parametrize("name", STUDIES)

@@ -1,6 +1,7 @@
 """Samples of datasets, named methods, and the folder of maps."""
 
 import pickle
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 import twinlens
 from twinlens.camera import Camera, Pinhole, Rig, ThinLens
 from twinlens.camera.truth import MATERIAL_KINDS, Truth
-from twinlens.dataset import Dataset, Sample, Shot, write_sample
+from twinlens.dataset import Dataset, Sample, Shot, open_sample, write_sample
 from twinlens.errors import FileError
 from twinlens.matching import parse_method
 from twinlens.scoring import (
@@ -212,3 +213,20 @@ def test_a_search_without_any_true_disparity_is_said(disparities, ndisp, low, sa
         return
     with pytest.warns(UserWarning, match=f"'shelf': all true disparities, {says}"):
         shelf.warn_of_search()
+
+
+@pytest.mark.parametrize("kept", ["truth0.exr", "disp1.pfm", "mask0nocc.png"])
+def test_a_sample_that_lost_its_disparity_is_an_error_and_no_pair_without_truth(
+    dataset, tmp_path, kept
+):
+    shutil.copytree(dataset.path / "one", tmp_path / "one")
+    files = [*tmp_path.glob("one/disp*"), *tmp_path.glob("one/mask*")]
+    files += tmp_path.glob("one/truth*")
+    assert kept in {file.name for file in files}
+    for file in files:
+        if file.name != kept:
+            file.unlink()
+    with pytest.raises(FileError, match=r"disp0\.pfm: no such file"):
+        load_pair(open_sample(tmp_path / "one"))
+    (tmp_path / "one" / kept).unlink()
+    assert load_pair(open_sample(tmp_path / "one")).disp0 is None

@@ -34,6 +34,7 @@ _KITTI = (
 _CAMERAS = {"image_2": (2, 3), "colored_0": (2, 3), "image_0": (0, 1)}
 """KITTI's numbers of the two cameras, by the folder of the left images."""
 _ETH3D, _ETH3D_BLIND = "two_view_training", "two_view_test"
+_ETH3D_TRUTH = "two_view_training_gt"
 # The folders that `twinlens export` makes for torchvision.
 _EXPORTS = ("Kitti2015", "ETH3D")
 # KITTI's map of the pixels that are visible in both views.
@@ -77,12 +78,14 @@ class DownloadedPair(StoredSample):
 def downloaded_pairs(path: Where) -> Sequence[DownloadedPair] | None:
     """The pairs of a KITTI or ETH3D download; None if `path` is neither.
 
-    path: the folder `training` or `two_view_training`, the one that contains it, an export in such a layout, or a
-    folder of theirs without truth: with image_2 and image_3, or `two_view_test`.
+    path: the folder `training` or `two_view_training`, the one that contains it, an export in such a layout, the folder
+    of one scene of ETH3D, or a folder of theirs without truth: with image_2 and image_3, or `two_view_test`.
 
     Raises FileError if the truth of an image is missing where others have it, if its partner is, or if there is none.
     """
     root = place(path)
+    if (truth := _eth3d_truth(root)) is not None:
+        return _checked([_eth3d_pair(root, truth)], root)
     root = next((root / name for name in _EXPORTS if (root / name).is_dir()), root)
     for folder in (root, root / _ETH3D):
         if folder.name == _ETH3D and folder.is_dir():
@@ -123,16 +126,28 @@ def open_pair(path: Where) -> StoredSample:
 
 def _eth3d(folder: Place) -> list[DownloadedPair]:
     scenes = [entry for entry in folder.iterdir() if (entry / IMAGE.name(0)).is_file()]
-    pairs = []
-    for scene in sorted(scenes, key=str):
-        truth = folder.parent / "two_view_training_gt" / scene.name
-        files = {
-            IMAGE.name(1): scene / "im1.png",
-            DISPARITY.name(0): truth / "disp0GT.pfm",
-            MASK.name(0): truth / "mask0nocc.png",
-        }
-        pairs.append(DownloadedPair(scene, scene.name, files=files))
-    return pairs
+    truths = folder.parent / _ETH3D_TRUTH
+    return [
+        _eth3d_pair(scene, truths / scene.name) for scene in sorted(scenes, key=str)
+    ]
+
+
+def _eth3d_pair(scene: Place, truth: Place) -> DownloadedPair:
+    """The pair in the folder of a scene, and the folder of its truth, whose name is the scene's."""
+    files = {
+        IMAGE.name(1): scene / "im1.png",
+        DISPARITY.name(0): truth / "disp0GT.pfm",
+        MASK.name(0): truth / "mask0nocc.png",
+    }
+    return DownloadedPair(scene, truth.name, files=files)
+
+
+def _eth3d_truth(scene: Place) -> Place | None:
+    """The folder of truth of a scene in two_view_training; None for other folders, or without two_view_training_gt."""
+    location = scene.resolve()
+    truths = location.parent.parent / _ETH3D_TRUTH
+    is_scene = location.parent.name == _ETH3D and (scene / IMAGE.name(0)).is_file()
+    return truths / location.name if is_scene and truths.is_dir() else None
 
 
 def _kitti(folder: Place, names: Sequence[str]) -> list[DownloadedPair]:

@@ -189,7 +189,7 @@ class StoredSample(Mapping[str, Any]):
 
     def disparity(self, i: int) -> Disparity:
         """True disparity of view i, u_left - u_right, float32 (H, W), pixels; +inf unknown."""
-        if not self.has_disparity(i) and self.may_have_disparity(i):
+        if not self.has_disparity(i) and self._is_not_rectified:
             problem = "has one view; disparity needs two"
             if len(self.rig) > 1:
                 problem = "the pair is not rectified and has no disparity; run `twinlens rectify`"
@@ -202,9 +202,22 @@ class StoredSample(Mapping[str, Any]):
         return self._view_path(DISPARITY, i).is_file()
 
     def may_have_disparity(self, i: int) -> bool:
-        """Whether `disparity` reads a map, or says why there can be none: the pair is not rectified."""
-        if self.has_disparity(i):
+        """Whether `disparity` reads a map, or raises an error that says why there is none.
+
+        It does for a pair that is not rectified, and for a sample of twinlens that has lost this file: it has others of
+        truth. A sample without any, and a plain folder, are of a pair without truth.
+        """
+        if self.has_disparity(i) or self._is_not_rectified:
             return True
+        return self.has("sample.json") and any(
+            self._view_path(file, view).is_file()
+            for file in (DISPARITY, MASK, TRUTH)
+            for view in (0, 1)
+        )
+
+    @property
+    def _is_not_rectified(self) -> bool:
+        """Whether sample.json says that the sample is no rectified pair."""
         return self.has("sample.json") and self.record.get("rectified") is False
 
     def has_truth(self, i: int) -> bool:

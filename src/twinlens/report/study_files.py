@@ -17,7 +17,6 @@ from twinlens.dataset.files import write_file
 from twinlens.dataset.pictures import rgb8
 from twinlens.dataset.record import encode_json
 from twinlens.errors import counted
-from twinlens.report.documentation import documentation_link
 from twinlens.report.plots import DPI, draw, encode
 from twinlens.studies import (
     FAILS,
@@ -147,14 +146,17 @@ def _page(result: Result, images: Mapping[str, bytes]) -> str:
 
 
 def _law(study: Study) -> str:
-    """The physics that is tested, with the pages that explain it; nothing for a study without a text."""
-    links = []
+    """The physics that is tested, with the names of the pages that explain it; nothing for a study without a text.
+
+    The page may be sent to others, so it has no link to a file of this machine.
+    """
+    notes = []
     if study.lesson:
-        links.append(f"Lesson of the course: {documentation_link(study.lesson)}.")
+        notes.append(f"Lesson of the course: <code>{html.escape(study.lesson)}</code>.")
     if study.docs:
-        links.append(f"Results at full size: {documentation_link(study.docs)}.")
+        notes.append(f"Results at full size: <code>{html.escape(study.docs)}</code>.")
     law = f"<p>{html.escape(study.law)}</p>" if study.law else ""
-    note = f"<p class=note>{' '.join(links)}</p>" if links else ""
+    note = f"<p class=note>{' '.join(notes)}</p>" if notes else ""
     return f"<h2>The law</h2>{law}{note}" if law or note else ""
 
 
