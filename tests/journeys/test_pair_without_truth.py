@@ -256,7 +256,7 @@ def test_the_folders_of_kitti(tmp_path, twinlens):
     command = ("benchmark", tmp_path / "00", "--methods", "sad", "-o", tmp_path / "b")
     code, _, err = twinlens(*command)
     assert code == 0
-    assert "searches 0 to 63; --num-disparities sets it" in err
+    assert "searching 0 to 63; set it with --num-disparities" in err
     board = json.loads((tmp_path / "b/board.json").read_text())
     assert [entry["sample"] for entry in board["entries"]] == [
         "000000",
@@ -280,7 +280,7 @@ def test_without_a_calibration(tmp_path, twinlens):
     command = ("benchmark", pair, "--methods", "sad", "-o", tmp_path / "b")
     code, _, err = twinlens(*command)
     assert code == 0
-    assert "searches 0 to 63" in err
+    assert "searching 0 to 63" in err
     code, _, err = twinlens(*command[:-1], tmp_path / "c", "--ndisp", 24)
     assert (code, err) == (0, "")
     assert twinlens("statistics", pair)[0] == 0
@@ -295,7 +295,7 @@ def test_without_a_calibration(tmp_path, twinlens):
     ("fault", "message"),
     [
         ("size", "im1 is uint8 (80, 120, 3): expected uint8 or uint16 (90, 120)"),
-        ("depth", "im0 is uint8 and im1 is uint16: expected one depth"),
+        ("depth", "im0 is uint8 and im1 is uint16: expected the same bit depth"),
         ("missing", "im1.png: no such file"),
         ("calib", "calib.txt: line 1 must read name=value"),
         ("damaged", "im1.png: "),

@@ -12,6 +12,7 @@ import pytest
 
 import twinlens
 from twinlens.report.study_files import write_study
+from twinlens.scoring.intervals import Interval
 from twinlens.studies import (
     STUDIES,
     Column,
@@ -25,7 +26,6 @@ from twinlens.studies import (
     run_study,
 )
 from twinlens.studies.findings import Finding
-from twinlens.studies.intervals import Interval
 
 ROOT = Path(twinlens.__file__).parents[2]
 EVIL = "<script>alert('a')</script>"

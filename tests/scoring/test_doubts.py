@@ -6,7 +6,7 @@ import pytest
 
 from twinlens.matching import parse_method
 from twinlens.scoring import evaluate, motorcycle
-from twinlens.scoring.doubts import doubt_of
+from twinlens.scoring.doubts import mistake_of
 
 LAST = 69
 LOOKS = {
@@ -68,8 +68,8 @@ def test_a_transposed_square_map_is_recognized():
     rows, columns = np.mgrid[:200, :200].astype(np.float32)
     truth = 10 + 30 * np.sin(rows / 30) ** 2 + columns / 20
     mask = np.ones(truth.shape, bool)
-    assert "transposed" in doubt_of(truth.T, truth, mask, 0, 60)
-    assert doubt_of(truth, truth, mask, 0, 60) == ""
+    assert "transposed" in mistake_of(truth.T, truth, mask, 0, 60)
+    assert mistake_of(truth, truth, mask, 0, 60) == ""
 
 
 @pytest.mark.parametrize(
@@ -109,6 +109,35 @@ def test_bad_maps_raise_no_doubt(real, name):
 def test_flat_scenes_and_constant_maps_raise_no_doubt():
     truth = np.full((40, 50), 4, np.float32)
     for value in (0, 1, 2, 8, 64, 1024):
-        assert doubt_of(np.full_like(truth, value), truth, None, 0, 15) == ""
+        assert mistake_of(np.full_like(truth, value), truth, None, 0, 15) == ""
     values = truth + np.linspace(-3, 3, 50, dtype=np.float32)
-    assert doubt_of(values, truth, None, 0, 15) == ""
+    assert mistake_of(values, truth, None, 0, 15) == ""
+
+
+def steps(*disparities):
+    """A map of vertical stripes."""
+    return np.repeat(np.float32([disparities]), 40, axis=0).repeat(25, axis=1)
+
+
+@pytest.mark.parametrize(
+    ("truth", "low"),
+    [
+        (steps(-6, -3, 2, 5), 0),
+        (steps(-40, -3, 2, 5), -8),
+        (steps(2, 5, 130, 9), 0),
+        (steps(-1, 4, 8), 0),
+    ],
+)
+def test_a_right_map_with_values_beyond_the_search_raises_no_doubt(truth, low):
+    assert mistake_of(truth, truth, None, low, 60) == ""
+    assert mistake_of(np.rint(truth - 0.4), truth - 0.4, None, low, 60) == ""
+    assert evaluate(truth, truth, None, 64, min_disparity=low).doubt == ""
+
+
+@pytest.mark.parametrize("fill", [-1, -17, 999])
+def test_a_fill_value_of_a_truth_with_negative_disparities_is_said(fill):
+    truth = steps(6, 3, 2, 5) if fill == -1 else steps(-6, -3, 2, 5)
+    values = truth.copy()
+    values[:, 40:60] = fill
+    expected = f"many values are {fill}, which no pixel can have"
+    assert expected in mistake_of(values, truth, None, -8 if fill != -1 else 0, 60)

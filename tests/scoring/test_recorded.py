@@ -9,7 +9,8 @@ from twinlens.camera import Camera, Pinhole, Rig, ThinLens
 from twinlens.dataset import Dataset, Sample, Shot, write_sample
 from twinlens.dataset.lens_labels import label_of_table
 from twinlens.errors import InputError
-from twinlens.scoring import DatasetPairs
+from twinlens.scoring import Board, DatasetPairs, Entry
+from twinlens.scoring.grouping import MAX_GROUPS
 from twinlens.scoring.recorded import recorded_values
 from twinlens.scoring.samples import Pair
 
@@ -121,6 +122,58 @@ def test_pairs_of_several_datasets_record_which(tmp_path):
     pairs.check_groups("dataset")
     with pytest.raises(InputError, match="one group"):
         DatasetPairs([pair], labels=["fast"]).check_groups("scene")
+
+
+def pair_of(name, **options):
+    image = np.zeros((4, 6, 3), np.uint8)
+    return Pair(name, image, image, np.ones((4, 6), np.float32), None, 4, **options)
+
+
+def test_recorded_numbers_of_any_type_are_floats():
+    recorded = {
+        "int": 1,
+        "float32": np.float32(0.5),
+        "int64": np.int64(3),
+        "flag": True,
+        "numpy_flag": np.bool_(False),
+        "text": "a",
+    }
+    pair = pair_of("a", recorded=recorded)
+    assert pair.recorded == {
+        "int": 1.0,
+        "float32": 0.5,
+        "int64": 3.0,
+        "flag": "true",
+        "numpy_flag": "false",
+        "text": "a",
+    }
+    numbers = [pair.recorded[name] for name in ("int", "float32", "int64")]
+    assert {type(number) for number in numbers} == {float}
+
+
+def test_scenes_are_those_of_the_board_before_anything_is_run():
+    """Samples of one name in two datasets are two scenes, as on the board."""
+    pairs = DatasetPairs([pair_of("a")], [pair_of("a")], labels=["x", "y"])
+    assert [pair.scene for pair in pairs] == ["x/a", "y/a"]
+    pairs.check_groups("scene")
+
+
+def test_samples_that_the_board_has_count_in_its_groups():
+    first = pair_of("a", recorded={"level": 1})
+    names = ["a", *(f"b{k}" for k in range(MAX_GROUPS))]
+    entries = [
+        Entry("m", "m", name, "", "middlebury-v3", 6, 4, 4, None, None)
+        for name in names
+    ]
+    board = Board(entries=tuple(entries), recorded={"a": {"level": 1.0}})
+    pairs = DatasetPairs([first])
+    with pytest.raises(InputError, match="one group"):
+        pairs.check_groups("level")
+    pairs.check_groups("level", board)  # the others have no value
+    two = DatasetPairs([first, pair_of("c")])
+    two.check_groups("scene")
+    with pytest.raises(InputError, match=f"makes {MAX_GROUPS + 2} groups"):
+        two.check_groups("scene", board)
 
 
 def test_a_pinhole_is_called_so(tmp_path):

@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from twinlens.scoring.intervals import bootstrap, mean
 from twinlens.studies import Column, Table, mean_of, paired_difference
-from twinlens.studies.intervals import bootstrap, log_slope, mean
+from twinlens.studies.intervals import log_slope
 
 COLUMNS = tuple(Column(name, "", name) for name in ("scene", "seed", "kind", "value"))
 TRIALS = 200

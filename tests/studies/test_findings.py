@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from twinlens.scoring.intervals import Interval, bootstrap, mean
 from twinlens.studies import (
     FAILS,
     HOLDS,
@@ -28,7 +29,6 @@ from twinlens.studies.findings import (
     shortages,
     units_to_decide,
 )
-from twinlens.studies.intervals import Interval, bootstrap, mean
 from twinlens.studies.table import filled_table
 
 NAN = math.nan

@@ -91,7 +91,7 @@ def command(
         time_limit = FOREIGN_LIMIT_S
     search = {"num_disparities": num_disparities, "min_disparity": min_disparity}
     pairs = open_pairs(datasets, search)
-    check_by(pairs, by)
+    check_by(pairs, by, output)
     board = run_board(
         pairs, matchers, output, time_limit=time_limit,
         memory_limit=None if memory_limit is None else memory_limit * 2**30,

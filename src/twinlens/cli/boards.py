@@ -41,11 +41,16 @@ by_option = click.option(
 )  # fmt: skip
 
 
-def check_by(pairs: scoring.DatasetPairs, by: Sequence[str]) -> None:
-    """Raise InputError, before anything is run, for a value of --by that does not group the pairs."""
+def check_by(pairs: scoring.DatasetPairs, by: Sequence[str], output: Path) -> None:
+    """Raise InputError, before anything is run, for a value of --by that makes no groups of the pairs.
+
+    Samples of an earlier run, in OUTPUT/board.json, stay on the board and count too.
+    """
+    file = output / "board.json"
+    earlier = scoring.read_board(file) if by and file.exists() else None
     for name in by:
         with located("--by"):
-            pairs.check_groups(name)
+            pairs.check_groups(name, earlier)
 
 
 def map_folders(folder: Path) -> tuple[scoring.MapFolder, scoring.MapFolder]:

@@ -128,7 +128,7 @@ def _score_submissions(
     if output is None:
         raise missing_output()
     pairs = open_pairs(truths)
-    check_by(pairs, options["by"])
+    check_by(pairs, options["by"], output)
     for submission in submissions:
         submission.check_unambiguous(pairs.aliases)
     unmatched = {

@@ -327,7 +327,7 @@ def _document(
         "densities": DENSITIES,
         "limits": LIMITS,
         "entries": [_entry(entry) for entry in board.entries],
-        "doubts": scoring.doubts(board),
+        "doubts": scoring.map_warnings(board),
         "means": _means(board, board, weights),
         "differences": DIFFERENCES,
         "min_units": MIN_UNITS,

@@ -66,9 +66,9 @@ from twinlens.scoring.tables import (
     caption as caption,
     comparison_record as comparison_record,
     comparison_table as comparison_table,
-    doubts as doubts,
     failures as failures,
     group_means as group_means,
     leaderboard_table as leaderboard_table,
+    map_warnings as map_warnings,
     standings as standings,
 )

@@ -39,7 +39,7 @@ from twinlens.scoring.runners import (
 )
 from twinlens.scoring.samples import Pair, ScoredSample, fingerprint, load_pair
 from twinlens.scoring.submission import Submission
-from twinlens.scoring.tables import doubts
+from twinlens.scoring.tables import map_warnings
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ def run_benchmark(
                             done, total, method.name, sample.name, skipped, failure
                         )
                         progress(step)
-        for line in doubts(writer.board, names_of_runs):
+        for line in map_warnings(writer.board, names_of_runs):
             warnings.warn(line, MapWarning, stacklevel=2)
         return writer.board
 

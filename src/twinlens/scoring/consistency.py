@@ -152,7 +152,7 @@ def apart(first: Disparity, second: Disparity) -> tuple[int, float]:
 
 
 def with_disagreements(board: Board, maps: Maps) -> Board:
-    """The board with a `Disagreement` of each two methods on each sample that is compared without truth.
+    """The board with a `Disagreement` of each pair of methods on each sample that is compared without truth.
 
     maps: the methods' maps, as for a page. Methods without a map of a sample are left out.
     """

@@ -21,7 +21,7 @@ _GOOD_ENOUGH = 0.9
 _LEAST_GOOD, _LEAST_GAIN = 0.5, 0.1
 _MOST_ERRORS_LEFT = 0.5
 _TIGHTEST, _WIDEST, _TOLERANCE_OF_RANGE = 0.5, 2.0, 0.1
-_FILL_SHARE = 0.01
+_FILL_SHARE, _FILL_ERROR = 0.01, 1.0
 _FACTORS = {
     16.0: "values look scaled by 16: divide by 16, as cv2.StereoSGBM and StereoBM return 16 times the disparity",
     -16.0: "values look scaled by -16: divide by 16 and change the sign, the disparity is u_left - u_right",
@@ -76,13 +76,13 @@ class _Seen:
 
     @property
     def is_beyond_search(self) -> bool:
-        """Whether most values are beyond the search, which no honest map is."""
+        """Whether most values are beyond the search, which no valid map is."""
         finite = self.estimate[~np.isnan(self.estimate)]
         outside = (finite < self.low - 1) | (finite > self.last + 1)
         return bool(np.mean(outside) > 0.5)
 
 
-def doubt_of(
+def mistake_of(
     estimate: Disparity,
     truth: Disparity,
     mask: Mask | None,
@@ -97,7 +97,7 @@ def doubt_of(
     """
     if not np.isfinite(estimate).any():
         return "the map has no estimate: all of its values are +inf"
-    fill = _fill_value(estimate, low)
+    fill = _fill_value(estimate, truth, low)
     values = np.where(np.isfinite(estimate), estimate, np.nan).astype(np.float64)
     if fill is not None:
         values[values == fill] = np.nan
@@ -112,8 +112,24 @@ def doubt_of(
     return f"many values are {fill:g}, which no pixel can have: mark unknown disparities as +inf"
 
 
-def _fill_value(estimate: Disparity, low: float) -> float | None:
+def _fill_value(estimate: Disparity, truth: Disparity, low: float) -> float | None:
     """The value with which some programs mark unknown disparities: extreme, impossible, and that of many pixels."""
+    fill = _frequent_end(estimate, low)
+    return None if fill is None or _occurs(fill, estimate, truth) else fill
+
+
+def _occurs(value: float, estimate: Disparity, truth: Disparity) -> bool:
+    """Whether the truth has the value, which then is a disparity, or most estimates of this value are right."""
+    finite = truth[np.isfinite(truth)]
+    if finite.size and finite.min() <= value <= finite.max():
+        return True
+    there = truth[(estimate == value) & np.isfinite(truth)]
+    is_right = np.abs(there - value) <= _FILL_ERROR
+    return bool(there.size and np.mean(is_right) >= _GOOD_ENOUGH)
+
+
+def _frequent_end(estimate: Disparity, low: float) -> float | None:
+    """The smallest or largest value of a map if many pixels have it, outside the search or the image's width."""
     finite = estimate[np.isfinite(estimate)]
     outside = finite[(finite < low) | (finite >= estimate.shape[1])]
     if outside.size <= _FILL_SHARE * estimate.size:

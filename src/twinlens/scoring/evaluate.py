@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from twinlens.dataset import Calibration
 from twinlens.errors import InputError
 from twinlens.geometry import Float
-from twinlens.scoring.doubts import doubt_of
+from twinlens.scoring.doubts import mistake_of
 from twinlens.scoring.metrics import (
     Disparity,
     Mask,
@@ -152,7 +152,7 @@ def evaluate(
     if mask_nonocc is not None:
         visible = boolean_mask("mask_nonocc", mask_nonocc, truth.shape)
     doffs = 0.0 if calibration is None else calibration.doffs
-    doubt = doubt_of(estimate, truth, visible, lowest, highest - 1, doffs)
+    doubt = mistake_of(estimate, truth, visible, lowest, highest - 1, doffs)
     estimate, estimated = rules.prepare(estimate, lowest, highest)
     if round_disparity is None:
         whole_truth = calibration is not None and calibration.isint

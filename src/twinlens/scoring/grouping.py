@@ -44,31 +44,26 @@ def recorded_value(board: Board, sample: str, name: str) -> Recorded | None:
     return board.recorded.get(sample, {}).get(name)
 
 
-def recorded_names(board: Board) -> tuple[str, ...]:
-    """All names of recorded values, in order of appearance, and "scene"."""
-    names = [
-        name for sample in board.samples for name in board.recorded.get(sample, {})
-    ]
+def recorded_names(board: Board, further: Iterable[str] = ()) -> tuple[str, ...]:
+    """All names of recorded values, in order of appearance, and "scene"; further: samples without an entry."""
+    samples = dict.fromkeys([*board.samples, *further])
+    names = [name for sample in samples for name in board.recorded.get(sample, {})]
     return tuple(dict.fromkeys([*names, SCENE]))
 
 
-def groups_by(board: Board, name: str) -> dict[str, tuple[str, ...]]:
+def groups_by(
+    board: Board, name: str, further: Iterable[str] = ()
+) -> dict[str, tuple[str, ...]]:
     """Group -> its samples, for a recorded value: one group for each text, in order of appearance, or number.
 
     Numbers that hardly any samples share are grouped in three ranges of about as many samples. Samples without the
-    value come last.
+    value come last. further: samples that have no entry yet.
 
     Raises InputError for an unknown name, and unless there are 2 to `MAX_GROUPS` groups.
     """
-    check_known("recorded value", name, recorded_names(board))
-    values = {sample: recorded_value(board, sample, name) for sample in board.samples}
-    return grouped(name, values)
-
-
-def grouped(
-    name: str, values: Mapping[str, Recorded | None]
-) -> dict[str, tuple[str, ...]]:
-    """The groups of samples with these values under a name. Raises InputError as `groups_by`."""
+    check_known("recorded value", name, recorded_names(board, further))
+    samples = dict.fromkeys([*board.samples, *further])
+    values = {sample: recorded_value(board, sample, name) for sample in samples}
     titles = _titles(values)
     groups: dict[str, list[str]] = {title: [] for title in titles.values()}
     for sample, value in values.items():

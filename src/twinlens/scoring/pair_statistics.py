@@ -163,7 +163,7 @@ def pair_statistics(pair: Pair) -> dict[str, float]:
         raise InputError(
             f"{pair.name}: {width} x {height} pixels; statistics need 32 x 32 or more"
         )
-    left, warped, used, hidden = compared(pair)
+    left, warped, used, hidden = compared_images(pair)
     truth = pair.truth
     known = np.isfinite(truth)
     noise, share = appearance(left)
@@ -213,7 +213,9 @@ def summarize(
     return summary
 
 
-def compared(pair: Pair) -> tuple[Grey, Grey, NDArray[np.bool_], NDArray[np.bool_]]:
+def compared_images(
+    pair: Pair,
+) -> tuple[Grey, Grey, NDArray[np.bool_], NDArray[np.bool_]]:
     """Grey levels of the left and the warped right image, the pixels to compare, and the occluded ones; (H, W) each."""
     truth = pair.truth
     left, warped = grey_levels(pair.im0), warp_right(grey_levels(pair.im1), truth)

@@ -38,10 +38,10 @@ def reason_of(pair: Pair, curve: CostCurve, estimate: float | None = None) -> Re
     """The first reason that holds, in the order of docs/benchmark.md, for an estimate at the curve's pixel.
 
     estimate: in pixels, +inf if there is none; by default the curve's `disparity`. Windows are those of its matcher.
-    For a pair without truth: `doubt_of`, the likely cause of an error.
+    For a pair without truth: `likely_cause`, the likely cause of an error.
     """
     if pair.disp0 is None:
-        return doubt_of(pair, curve, estimate)
+        return likely_cause(pair, curve, estimate)
     truth = float(pair.truth[curve.v, curve.u])
     disparity = curve.disparity if estimate is None else estimate
     if not math.isfinite(truth):
@@ -66,7 +66,7 @@ def reason_of(pair: Pair, curve: CostCurve, estimate: float | None = None) -> Re
     return Reason("other", f"{wrong}: no known cause{costs}.")
 
 
-def doubt_of(pair: Pair, curve: CostCurve, estimate: float | None = None) -> Reason:
+def likely_cause(pair: Pair, curve: CostCurve, estimate: float | None = None) -> Reason:
     """What may be wrong with an estimate, without truth: whether there is a sign of trouble, and its likely cause.
 
     Arguments as for `reason_of`. The signs: no estimate, one at an end of the range, a right map that disagrees, a

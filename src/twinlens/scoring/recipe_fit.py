@@ -29,7 +29,7 @@ from twinlens.dataset import Dataset, StoredSample
 from twinlens.errors import InputError, counted
 from twinlens.scoring.pair_statistics import (
     appearance,
-    compared,
+    compared_images,
     grey_levels,
     low_pass,
     robust_fit,
@@ -136,7 +136,7 @@ def light_difference(pair: Pair, sensor: Sensor) -> tuple[Float, float, float]:
     The first is what these values do not explain, the second the sum for a = 1, b = 1 and c = 1. Raises InputError for
     less than 1000 pixels.
     """
-    left, warped, used, _ = compared(pair)
+    left, warped, used, _ = compared_images(pair)
     used &= (np.fmin(left, warped) > _DARKEST) & (np.fmax(left, warped) < _BRIGHTEST)
     count = np.count_nonzero(used)
     if count < _LEAST_PIXELS:

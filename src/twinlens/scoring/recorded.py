@@ -10,6 +10,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
+
 from twinlens.dataset import StoredSample
 from twinlens.dataset.record import plain
 from twinlens.scoring.board import Recorded
@@ -40,7 +42,7 @@ def recorded_values(sample: StoredSample, lens: int = 0) -> dict[str, Recorded]:
     values["gain"] = exposure.get("gain")
     values["baseline"] = _table(file.get("pair")).get("baseline")
     values |= _drawn_values(_table(spec.get("drawn")), lens)
-    listed = [*_scalars(values)]
+    listed = [*scalars(values)]
     return dict(listed[:_MOST_VALUES])
 
 
@@ -48,12 +50,12 @@ def _table(value: Any) -> Mapping[str, Any]:
     return value if isinstance(value, Mapping) else {}
 
 
-def _scalars(values: Mapping[str, Any]) -> Iterator[tuple[str, Recorded]]:
-    """The values that are numbers, texts or truth values, the latter as texts."""
+def scalars(values: Mapping[str, Any]) -> Iterator[tuple[str, Recorded]]:
+    """The values that are finite numbers, as float, short texts, or truth values, as texts; others group no samples."""
     for name, value in values.items():
-        if isinstance(value, bool):
+        if isinstance(value, bool | np.bool_):
             yield name, str(value).lower()
-        elif isinstance(value, int | float) and math.isfinite(value):
+        elif isinstance(value, int | float | np.number) and math.isfinite(value):
             yield name, float(value)
         elif isinstance(value, str) and len(value) <= _LONGEST_TEXT:
             yield name, value

@@ -16,12 +16,12 @@ from twinlens.dataset import Calibration, Dataset, StoredSample, downloaded_pair
 from twinlens.dataset.layouts import MIDDLEBURY_FOLDER
 from twinlens.dataset.storage import place
 from twinlens.dataset.visibility import mask_from_one
-from twinlens.errors import FileError, InputError, check_known, located
+from twinlens.errors import FileError, InputError, located
 from twinlens.matching.contract import DEFAULT_DISPARITIES
 from twinlens.scoring.board import LENS_SEPARATOR, Board, Recorded
-from twinlens.scoring.grouping import SCENE, grouped
+from twinlens.scoring.grouping import groups_by
 from twinlens.scoring.metrics import Disparity, boolean_mask, disparity_map
-from twinlens.scoring.recorded import recorded_values
+from twinlens.scoring.recorded import recorded_values, scalars
 
 
 class ScoredSample(Protocol):
@@ -76,6 +76,8 @@ class Pair:
     is_search_assumed: bool = False
 
     def __post_init__(self) -> None:
+        # The class is frozen.
+        object.__setattr__(self, "recorded", dict(scalars(self.recorded)))
         with located(f"sample {self.name!r}"):
             self._check()
 
@@ -84,8 +86,8 @@ class Pair:
         last = self.min_disparity + self.ndisp - 1
         if self.is_search_assumed:
             warnings.warn(
-                f"sample {self.name!r}: neither calib.txt nor truth has the number of disparities: searches "
-                f"{self.min_disparity} to {last}; --num-disparities sets it",
+                f"sample {self.name!r}: no number of disparities in calib.txt or truth; searching "
+                f"{self.min_disparity} to {last}; set it with --num-disparities",
                 stacklevel=2,
             )
         if self.disp0 is None:
@@ -127,7 +129,7 @@ class Pair:
                 )
         if self.im0.dtype != self.im1.dtype:
             raise InputError(
-                f"im0 is {self.im0.dtype} and im1 is {self.im1.dtype}: expected one depth"
+                f"im0 is {self.im0.dtype} and im1 is {self.im1.dtype}: expected the same bit depth"
             )
         if self.calibration is not None:
             self.calibration.check_size(self.im0.shape, "calib.txt")
@@ -240,8 +242,7 @@ def _recorded(sample: Any, lens: int) -> Mapping[str, Recorded]:
     """How a pair was made, by name."""
     if isinstance(sample, StoredSample):
         return recorded_values(sample, lens)
-    values: Mapping[str, Recorded] = getattr(sample, "recorded", {})
-    return values
+    return dict(scalars(getattr(sample, "recorded", {})))
 
 
 def _truth_of(sample: ScoredSample | StoredSample) -> Disparity | None:
@@ -363,7 +364,7 @@ class DatasetPairs(Sequence[Pair]):
             return [self[i] for i in range(len(self))[index]]
         name, (sample, lens, aliases) = self._pairs[index]
         pair = with_search(load_pair(sample, lens), **self._search)
-        scene = pair.scene or name.partition(LENS_SEPARATOR)[0]
+        scene = _scene_of(name, pair)
         recorded = {**pair.recorded, **self._label_of(name)}
         aliases = pair.aliases or aliases
         return replace(pair, name=name, aliases=aliases, scene=scene, recorded=recorded)
@@ -388,16 +389,17 @@ class DatasetPairs(Sequence[Pair]):
             board.check_sample(pair.name, fingerprint(searched))
             yield searched
 
-    def check_groups(self, name: str) -> None:
-        """Raise InputError unless the value `name` makes groups of these pairs; reads no image. See `groups_by`."""
-        recorded, scenes = {}, {}
+    def check_groups(self, name: str, board: Board | None = None) -> None:
+        """Raise InputError unless the value `name` makes groups of these pairs, and of the samples of a board to which
+        they are added; reads no image. See `groups_by`."""
+        earlier = board or Board()
+        recorded, scenes = dict(earlier.recorded), dict(earlier.scenes)
         for pair, (sample, lens, _) in self._places.items():
             recorded[pair] = {**_recorded(sample, lens), **self._label_of(pair)}
-            scenes[pair] = getattr(sample, "scene", "") or sample.name
-        names = [key for values in recorded.values() for key in values]
-        check_known("recorded value", name, [*dict.fromkeys(names), SCENE])
-        values = {pair: recorded[pair].get(name) for pair in recorded}
-        grouped(name, scenes if name == SCENE else values)
+            scenes[pair] = _scene_of(pair, sample)
+        groups_by(
+            replace(earlier, recorded=recorded, scenes=scenes), name, self._places
+        )
 
     def _label_of(self, pair: str) -> dict[str, Recorded]:
         """The label of a pair's dataset, if there are several datasets."""
@@ -423,6 +425,11 @@ def open_pairs(
         labels=[str(name).rstrip("/").rpartition("/")[2] for name in folders],
         search=search,
     )
+
+
+def _scene_of(name: str, sample: Any) -> str:
+    """The scene that a sample records; of others the sample, by the name of its pair without the lens."""
+    return str(getattr(sample, "scene", "")) or name.partition(LENS_SEPARATOR)[0]
 
 
 def _open(name: str) -> Sequence[Any]:

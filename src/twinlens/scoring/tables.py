@@ -198,7 +198,7 @@ def failures(board: Board, methods: Collection[str] | None = None) -> list[str]:
     return lines
 
 
-def doubts(board: Board, methods: Collection[str] | None = None) -> list[str]:
+def map_warnings(board: Board, methods: Collection[str] | None = None) -> list[str]:
     """A line for each method, of these or of all, with a doubt about at least half of its maps (`Scores.doubt`)."""
     maps: dict[str, set[str]] = {}
     doubted: dict[tuple[str, str], set[str]] = {}

@@ -27,9 +27,10 @@ from twinlens.matching import (
 )
 from twinlens.rendering import render
 from twinlens.scenes import Scene
+from twinlens.scoring.intervals import Interval
 from twinlens.seeds import generator
 from twinlens.studies.findings import Finding, Needs, predicted
-from twinlens.studies.intervals import Interval, mean_of, over_scenes
+from twinlens.studies.intervals import mean_of, over_scenes
 from twinlens.studies.model import Figure, Measured, Setup, Study, sweep
 from twinlens.studies.stage import centred_camera, noise_plane, stream
 from twinlens.studies.table import Column, Row, Table

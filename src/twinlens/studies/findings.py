@@ -9,13 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from twinlens.errors import counted
-from twinlens.studies.intervals import (
-    Interval,
-    brief,
-    log_slope,
-    over_scenes,
-    paired_difference,
-)
+from twinlens.scoring.intervals import Interval, brief
+from twinlens.studies.intervals import log_slope, over_scenes, paired_difference
 from twinlens.studies.table import Table, Value
 
 HOLDS, FAILS, OPEN = "holds", "does not hold", "not decided"

@@ -12,13 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twinlens.geometry import Float
-from twinlens.scoring.intervals import (
-    Interval as Interval,
-    Statistic,
-    bootstrap as bootstrap,
-    brief as brief,
-    mean as mean,
-)
+from twinlens.scoring.intervals import Interval, Statistic, bootstrap, mean
 from twinlens.studies.table import Table, Value
 
 

@@ -12,9 +12,10 @@ from numpy.random import default_rng
 
 from twinlens.camera import Pinhole
 from twinlens.matching import StereoMatcher, parse_method
+from twinlens.scoring.intervals import brief
 from twinlens.sensor import Sensor, auto_exposure
 from twinlens.studies.findings import Finding, fewer_wrong, open_claim
-from twinlens.studies.intervals import brief, mean_of
+from twinlens.studies.intervals import mean_of
 from twinlens.studies.model import Figure, Measured, Setup, Study, sweep
 from twinlens.studies.stage import SCORES, Image, Stage, stream
 from twinlens.studies.table import Column, Row, Table

@@ -15,9 +15,10 @@ from scipy import interpolate, ndimage
 from twinlens.camera import Camera, Pinhole
 from twinlens.geometry import Float
 from twinlens.matching import grey, parse_method
+from twinlens.scoring.intervals import Interval
 from twinlens.sensor import Exposure, Sensor
 from twinlens.studies.findings import Finding, Needs, open_claim, power_law
-from twinlens.studies.intervals import Interval, over_scenes
+from twinlens.studies.intervals import over_scenes
 from twinlens.studies.model import Figure, Measured, Setup, Study, sweep
 from twinlens.studies.stage import noise_planes, stream
 from twinlens.studies.table import Column, Row, Table

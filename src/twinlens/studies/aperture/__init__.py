@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from twinlens.camera import ThinLens
 from twinlens.camera.film import diffract
 from twinlens.rendering import NoisyImage, render_measured
+from twinlens.scoring.intervals import Interval, brief
 from twinlens.sensor import Exposure, auto_exposure
 from twinlens.studies.aperture import theory
 from twinlens.studies.aperture.theory import (
@@ -29,8 +30,6 @@ from twinlens.studies.aperture.theory import (
 )
 from twinlens.studies.findings import SHARES, Finding, bounded, predicted
 from twinlens.studies.intervals import (
-    Interval,
-    brief,
     is_above,
     log_parabola_minimum,
     log_slope,

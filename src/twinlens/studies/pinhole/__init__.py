@@ -20,10 +20,10 @@ from twinlens.camera.film import diffract
 from twinlens.geometry import Float
 from twinlens.optics.diffraction import FresnelWarning
 from twinlens.rendering import render
+from twinlens.scoring.intervals import Interval
 from twinlens.sensor import Sensor
 from twinlens.studies.findings import Finding, compared, power_law, predicted
 from twinlens.studies.intervals import (
-    Interval,
     log_parabola_minimum,
     over_scenes,
     paired_difference,
