@@ -76,7 +76,7 @@ def test_a_rig_has_the_frames_of_its_projectors_and_its_record_keeps_them():
         ([np.ones((4, 4))], r"must have the shape \(48, 64\)"),
         (["wihte"], "did you mean 'white'"),
         ([np.full((48, 64), 2.0)], "values from 0 to 1"),
-        (["white"] * 1001, "may have 1000 patterns, got 1001"),
+        (["white"] * 1001, "may have at most 1000 patterns, got 1001"),
         (7, "must be a list of codes and patterns, got 7"),
     ],
 )

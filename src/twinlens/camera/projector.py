@@ -219,7 +219,7 @@ def _checked_sequence(
     frames = sum(code.num_patterns for code in codes)
     if frames > MAX_FRAMES:
         raise InputError(
-            f"a projector's sequence may have {MAX_FRAMES} patterns, got {frames}"
+            f"a projector's sequence may have at most {MAX_FRAMES} patterns, got {frames}"
         )
     return tuple(codes)
 

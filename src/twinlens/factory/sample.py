@@ -136,13 +136,27 @@ class Shoot(Settings, noun="sample"):
             raise InputError(
                 "a sample holds depth along the axis: its cameras must see less than 90 degrees from theirs"
             )
-        if self.dual_pixel and rig.num_frames > 1:
-            raise InputError(
-                "dual_pixel and a projector's sequence exclude each other; remove one"
-            )
+        self._check_frames(rig)
         for lens in lenses:
             if require_aperture(lens, "a sample").aperture_diameter > 0:
                 self._check_open(lens)
+
+    def _check_frames(self, rig: Rig) -> None:
+        """Raise InputError for what a sequence of patterns excludes, and for more frames than the memory holds."""
+        if rig.num_frames == 1:
+            return
+        if self.dual_pixel:
+            raise InputError(
+                "dual_pixel and a projector's sequence exclude each other; remove one"
+            )
+        # The noise of the first frame is measured at its own exposure: that of all frames only if it is the brightest.
+        first = [lamp.pattern for lamp in rig.projectors if lamp.num_frames > 1]
+        if self.noise is not None and not all(image.min() == 1 for image in first):
+            raise InputError(
+                "a bound of the noise needs a projector's sequence that starts with white, by which it is measured: "
+                'put { type = "white" } first, or leave noise out'
+            )
+        rendering.check_memory(rig, rig.num_frames)
 
     def _check_open(self, lens: RecipeLens) -> None:
         """Raise InputError for a lens that has no dual pixels or diffraction, where they are asked for."""

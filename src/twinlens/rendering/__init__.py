@@ -28,6 +28,7 @@ from twinlens.rendering.radiance import (
 from twinlens.rendering.requests import (
     Progress as Progress,
     check_lit as check_lit,
+    check_memory as check_memory,
     partial_progress as partial_progress,
 )
 from twinlens.rendering.samplers import (

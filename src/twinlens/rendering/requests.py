@@ -60,17 +60,25 @@ def check_request(
     check_known("sampler", sampler, SAMPLERS)
 
 
-def check_memory(rig: Rig) -> None:
-    """Raise InputError for images that this machine cannot hold while they are rendered, by a lower bound."""
+def check_memory(rig: Rig, frames: int = 1) -> None:
+    """Raise InputError for images that this machine cannot hold while they are rendered, by a lower bound.
+
+    frames : images of each camera that are kept until the last one is rendered.
+    """
     pixels = max(camera.width * camera.height for camera in rig.cameras)
     kept = sum(camera.width * camera.height for camera in rig.cameras)
-    needed = _BYTES_OF_PIXEL * pixels + _BYTES_KEPT * kept
+    needed = _BYTES_OF_PIXEL * pixels + _BYTES_KEPT * kept * frames
     memory = memory_bytes()
     if needed > memory:
         largest = max(rig.cameras, key=lambda camera: camera.width * camera.height)
+        images = counted(len(rig), "image")
+        remedy = "use smaller images"
+        if frames > 1:
+            images = f"{frames} frames of {images}"
+            remedy += ", or fewer patterns"
         raise InputError(
-            f"{counted(len(rig), 'image')} of up to {largest.width}x{largest.height} pixels need at least "
-            f"{needed / 1e9:.3g} GB of memory, this machine has {memory / 1e9:.3g} GB: use smaller images"
+            f"{images} of up to {largest.width}x{largest.height} pixels need at least "
+            f"{needed / 1e9:.3g} GB of memory, this machine has {memory / 1e9:.3g} GB: {remedy}"
         )
 
 
