@@ -1,6 +1,7 @@
 """Measures without truth: closed forms of shifted pairs, OpenCV's warps, naive loops; and boards of such pairs."""
 
 import json
+import math
 from dataclasses import replace
 
 import cv2
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.scoring.scoring_methods import Constant
+from twinlens.cli.boards import without_truth
 from twinlens.errors import InputError
 from twinlens.matching import StereoMatcher
 from twinlens.scoring import (
@@ -222,6 +224,18 @@ def board_of(samples, methods, **options):
     return with_disagreements(board, maps), maps
 
 
+def test_methods_that_share_no_pixel_do_not_enter_the_mean_disagreement():
+    methods = [Constant("right", SHIFT), Constant("wrong", SHIFT + 4)]
+    pairs = [replace(shifted_pair(), name=name) for name in ("a", "b")]
+    board, _ = board_of(pairs, methods)
+    first, second = board.disagreements
+    nothing = replace(first, compared=0, apart=math.nan)
+    half = replace(second, apart=50.0)
+    (line,) = without_truth(replace(board, disagreements=(nothing, half)))[1:]
+    assert line.startswith("right and wrong: on average 50.0 % of their estimates")
+    assert len(without_truth(replace(board, disagreements=(nothing,)))) == 1
+
+
 def with_truth(pair, name):
     return replace(pair, disp0=flat(SHIFT), name=name)
 
@@ -290,12 +304,21 @@ class FailsMirrored:
         return flat(SHIFT)
 
 
-def test_a_failure_on_the_right_view_is_a_failure_of_the_match():
-    blind = shifted_pair()
-    blind.im1[:, -1] = 0  # the first column of the mirrored left image
-    board, _ = board_of([blind], [FailsMirrored()])
-    failure = board.entries[0].failure
-    assert (failure.kind, failure.message) == ("crash", "RuntimeError: no column")
+def test_a_failure_on_the_mirrored_images_keeps_the_map_of_the_left_view():
+    protocols = ["middlebury-v3", "consistency"]
+    pair = with_truth(shifted_pair(), "seeing")
+    pair.im1[:, -1] = 0  # the first column of the mirrored left image
+    with pytest.warns(UserWarning, match=r"half on 'seeing': no left-right.*no column"):
+        board, maps = board_of([pair], [FailsMirrored()], protocol=protocols)
+    assert maps.keys() == {("half", "seeing")}
+    scored, measured = (board.find("half", "seeing", name) for name in protocols)
+    assert scored.ok
+    assert scored.value("all", "totbad2.0") == 0
+    assert measured.ok
+    assert np.isfinite(measured.value("all", "photo_mean"))
+    assert np.isnan(measured.value("all", "confirmed"))
+    again = board_from_json(board_to_json(board))
+    assert again.find("half", "seeing", "consistency").ok
 
 
 def test_objects_without_truth_are_samples():

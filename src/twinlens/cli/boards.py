@@ -3,6 +3,7 @@
 import contextlib
 import itertools
 import json
+import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -209,11 +210,12 @@ def without_truth(board: scoring.Board) -> list[str]:
             pair.apart
             for pair in board.disagreements
             if {pair.first, pair.second} == {first, second}
+            and math.isfinite(pair.apart)  # NaN: no pixel has both estimates
         ]
         if shares:
             share = sum(shares) / len(shares)
             lines.append(
-                f"{first} and {second}: {share:.1f} % of their estimates are more than {AGREE_PX:g} px apart"
+                f"{first} and {second}: on average {share:.1f} % of their estimates are more than {AGREE_PX:g} px apart"
             )
     return lines
 

@@ -301,14 +301,30 @@ class _Run:
                 return MatchFailure(kind, str(error))
         try:
             match = self.runner.match(method, sample)
-            if all(rules.needs_truth for rules in self.protocols):
-                return match
-            # The time of a match is that of the left map.
-            of_mirrored = self.runner.match(method, mirrored(sample))
-            right = np.ascontiguousarray(of_mirrored.answer.disparity[:, ::-1])
-            return replace(match, right=right)
         except MethodError as error:
             return error.failure
+        if all(rules.needs_truth for rules in self.protocols):
+            return match
+        return self._with_right(method, match)
+
+    def _with_right(self, method: Method, match: Match) -> Match:
+        """The match with the map of the right view, from the mirrored images.
+
+        Where the method fails on these, a warning says why and the match stays as it is, without left-right measures.
+        """
+        try:
+            of_mirrored = self.runner.match(method, mirrored(self.sample))
+        except MethodError as error:
+            failure = error.failure
+            warnings.warn(
+                f"{method.name} on {self.sample.name!r}: no left-right measures, because it failed on the mirrored "
+                f"images ({failure.kind}: {failure.message})",
+                stacklevel=2,
+            )
+            return match
+        # The time of a match is that of the left map.
+        right = np.ascontiguousarray(of_mirrored.answer.disparity[:, ::-1])
+        return replace(match, right=right)
 
     def _entry(
         self, method: Method | Submission, rules: Protocol, match: Match | MatchFailure
