@@ -267,5 +267,5 @@ def test_what_a_sequence_excludes_is_refused(tmp_path, monkeypatch):
         make_sample(plane(), rig_of(*["white"] * 100), [Pinhole()], small)
     sample = make_sample(plane(), rig_of("white", "dots"), [Pinhole()], Shoot(spp=1))
     write_sample(tmp_path / "plain", sample)
-    with pytest.raises(InputError, match="no projector of 1 shows a sequence of coded"):
+    with pytest.raises(InputError, match="has no sequence of coded patterns"):
         decode_sample(open_sample(tmp_path / "plain"))

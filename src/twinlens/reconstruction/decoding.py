@@ -136,10 +136,8 @@ def _coded_projector(rig: Rig, asked: int | None) -> int:
     ]
     remedy = 'give a projector sequence = [{ type = "gray_code" }] (docs/projectors.md)'
     if not coded:
-        count = len(rig.projectors)
-        raise InputError(
-            f"no projector of {count} shows a sequence of coded patterns; {remedy}"
-        )
+        what = "no projector" if not rig.projectors else "no sequence of coded patterns"
+        raise InputError(f"the sample has {what}; {remedy}")
     if asked is None:
         return coded[0]
     if asked not in coded:

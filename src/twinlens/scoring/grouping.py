@@ -30,7 +30,8 @@ _MOST_DIGITS = 17
 _LEAST_SHARED = 2
 """A difference within fewer scenes has no interval."""
 DIFFERENCES = (
-    f"differences: from the first group, with 95 % intervals by the bootstrap over scenes, with fewer than {MIN_UNITS} "
+    "differences: each group minus the first one; negative is better for errors; with 95 % intervals by the bootstrap "
+    f"over scenes, with fewer than {MIN_UNITS} "
     "scenes their range; paired: the mean over the scenes that both groups have, which differs from the difference of "
     "the two columns where scenes are left out (k of n scenes) or have unequal numbers of samples"
 )
