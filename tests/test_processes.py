@@ -51,7 +51,9 @@ def started(mode, folder, environment):
     script.write_text(SCRIPT)
     (folder.parent / "helper.py").write_text("VALUE = 'helped'\n")
     command = [sys.executable, str(script), mode]
-    search = os.pathsep.join([str(folder.parent), os.environ.get("PYTHONPATH", "")])
+    # An empty entry of the path would be the current folder.
+    others = [os.environ["PYTHONPATH"]] if os.environ.get("PYTHONPATH") else []
+    search = os.pathsep.join([str(folder.parent), *others])
     variables = {**os.environ, "PYTHONPATH": search, **environment}
     return subprocess.run(
         command, cwd=folder, env=variables, capture_output=True, text=True, timeout=120
