@@ -14,6 +14,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 import twinlens as tl
+from twinlens.scenes import Scene
 
 WIDTH, HEIGHT = 160, 120
 
@@ -21,6 +22,14 @@ WIDTH, HEIGHT = 160, 120
 def detail(image: np.ndarray) -> np.ndarray:
     """(H - 16, W - 16): without what a blurred border changes."""
     return (image - gaussian_filter(image, 2))[8:-8, 8:-8]
+
+
+def grey(
+    scene: Scene, rig: tl.Rig, spp: int, seed: int, denoise: bool = False
+) -> np.ndarray:
+    """The image of the rig's one camera, the mean of its channels (H, W)."""
+    (image,) = tl.render(scene, rig, spp=spp, seed=seed, denoise=denoise)
+    return image.mean(axis=-1, dtype=np.float64)
 
 
 def main() -> None:
@@ -35,16 +44,14 @@ def main() -> None:
         camera = tl.Camera.from_fov(WIDTH, HEIGHT, scene.fov_x_deg)
         rig = tl.Rig([camera], [scene.world_from_left])
 
-        def grey(spp: int, seed: int, denoise: bool = False) -> np.ndarray:
-            (image,) = tl.render(scene, rig, spp=spp, seed=seed, denoise=denoise)  # noqa: B023  called in this round
-            return image.mean(axis=-1, dtype=np.float64)
-
-        first, second = (grey(options.reference_spp, seed) for seed in (1, 2))
+        first, second = (
+            grey(scene, rig, options.reference_spp, seed) for seed in (1, 2)
+        )
         reference = (first + second) / 2
         power = (detail(first) * detail(second)).sum()
         means, contrasts, errors = [], [], []
         for seed in range(3, 3 + options.seeds):
-            image = grey(options.spp, seed, denoise=True)
+            image = grey(scene, rig, options.spp, seed, denoise=True)
             means.append(image.mean() / reference.mean() - 1)
             contrasts.append((detail(image) * detail(reference)).sum() / power)
             errors.append(np.sqrt(((image / reference - 1) ** 2).mean()))

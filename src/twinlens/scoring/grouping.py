@@ -113,7 +113,7 @@ def _titles_of_numbers(numbers: Sequence[float]) -> list[tuple[float, str]]:
     return titles
 
 
-def _distinct_texts(numbers: Iterable[float], digits: int) -> dict[float, str]:
+def _distinct_texts(numbers: Sequence[float], digits: int) -> dict[float, str]:
     """Number -> its text, with the fewest significant digits, at least `digits`, by which all of them differ."""
     texts: dict[float, str] = {}
     for count in range(digits, _MOST_DIGITS + 1):
