@@ -30,19 +30,21 @@ attempts = 2
 """
 
 
-def test_a_dataset_of_rejected_draws_alone_names_the_field_and_its_ledger(
+def test_of_rejected_draws_alone_nothing_stays_and_the_field_is_named(
     twinlens, tmp_path
 ):
-    (tmp_path / "narrow.toml").write_text(NARROW)
-    root = tmp_path / "set"
-    line = ("generate", tmp_path / "narrow.toml", "-o", root)
-    code, out, err = twinlens(*line)
+    recipe, root = tmp_path / "narrow.toml", tmp_path / "new" / "set"
+    recipe.write_text(NARROW)
+    code, out, err = twinlens("generate", recipe, "-o", root)
     assert code == 1
     assert "too little visible in both views" in err
     assert "rig.fov_x_deg" in err
-    assert f"{root / 'dataset.json'} lists the rejected draws" in err
+    assert "nothing is kept" in err
     assert "0 of 1 sample, 0 made" in out
-    assert [path.name for path in root.iterdir()] == ["dataset.json"]
+    assert [path.name for path in tmp_path.iterdir()] == ["narrow.toml"]
+    recipe.write_text(NARROW.replace("0.9", "40"))
+    code, out, _ = twinlens("generate", recipe, "-o", root)
+    assert (code, "1 of 1 sample, 1 made" in out) == (0, True)
 
 
 def test_a_view_too_wide_for_a_family_is_said_once(twinlens, tmp_path):

@@ -324,6 +324,52 @@ def test_a_sample_that_cannot_be_is_told_with_what_to_change_and_the_rest_is_mad
     assert [entry["index"] for entry in read_manifest(folder).info["failed"]] == [1, 3]
 
 
+IMPOSSIBLE = RECIPE.replace("uniform = [0.05, 0.2]", "uniform = [2.5, 3.0]") + (
+    "[gates]\nattempts = 2\nvisible = 0.5\n"
+)
+"""The views of its rigs share too little, at every draw."""
+
+
+@pytest.mark.parametrize("shards", [1, 2])
+def test_of_rejected_samples_alone_an_own_folder_keeps_only_its_files(
+    folder, tmp_path, shards
+):
+    folder.mkdir()
+    (folder / ".gitignore").write_text("*\n")
+    impossible = read_recipe(write_recipe(tmp_path, IMPOSSIBLE, count=2))
+    for i in range(shards):
+        outcome = generate(impossible, folder, shard=(i + 1, shards))
+        assert outcome.complete == (i + 1 == shards)
+    assert len(outcome.failures) == 2
+    kept = {path.name for path in folder.iterdir()} - {".lock"}
+    assert kept == {".gitignore"}
+
+
+def test_of_rejected_samples_alone_nothing_stays_after_a_stop(folder, tmp_path):
+    impossible = read_recipe(write_recipe(tmp_path, IMPOSSIBLE, count=3))
+    generate(impossible, folder, limit=1)
+    assert (folder / "dataset.json").exists()
+    outcome = generate(impossible, folder)
+    assert [failure.index for failure in outcome.failures] == [0, 1, 2]
+    assert not folder.exists()
+
+
+def test_failures_of_another_recipe_are_not_taken_for_own_ones(
+    folder, tmp_path, recipe, whole
+):
+    impossible = read_recipe(write_recipe(tmp_path, IMPOSSIBLE, count=4))
+    generate(impossible, folder, limit=2)
+    outcome = generate(recipe, folder)
+    assert (outcome.made, len(outcome.failures)) == (4, 0)
+    assert digests(folder) == digests(whole)
+
+
+def test_of_rejected_samples_alone_nothing_stays_in_a_bucket(tmp_path):
+    impossible = read_recipe(write_recipe(tmp_path, IMPOSSIBLE, count=1))
+    generate(impossible, "memory://rejected/set")
+    assert not fsspec.filesystem("memory").find("/rejected")
+
+
 def test_an_estimate_writes_nothing_and_knows_what_is_there(recipe, whole, folder):
     estimated = estimate(recipe, folder)
     assert not folder.exists()

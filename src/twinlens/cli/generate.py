@@ -21,7 +21,6 @@ from twinlens.cli.options import (
 from twinlens.cli.places import PATH, PLACE
 from twinlens.cli.progress import interrupt_note, progress_bar
 from twinlens.dataset import Dataset, Place
-from twinlens.dataset.dataset import MANIFEST
 from twinlens.errors import InputError, counted
 from twinlens.scoring import recipe_toml
 
@@ -76,7 +75,7 @@ def command(
     The run may be stopped at any time. The same command resumes it, and the finished dataset has the same bytes as
     that of an uninterrupted run. OUTPUT/preview.png shows the samples made so far. If a random draw fails a quality
     gate, the sample is drawn again. A sample is left out if all its draws fail; it is reported at the end, and the exit
-    code is 1.
+    code is 1. If every sample fails, nothing is kept.
 
     \b
     Example:  twinlens generate recipe.toml -o out
@@ -140,8 +139,8 @@ def _print(outcome: factory.Outcome, output: Place, as_json: bool) -> None:
         click.echo("run the same command to make the rest", err=True)
     elif not outcome.there and outcome.failures:
         click.echo(
-            f"{output / MANIFEST} lists the rejected draws; change the recipe, and name another folder or delete this "
-            "one",
+            f"{output}: nothing is kept, as every sample failed; change the recipe and run the same command again "
+            "(--json lists the rejected draws)",
             err=True,
         )
     elif not outcome.complete:

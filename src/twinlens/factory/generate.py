@@ -72,6 +72,8 @@ def generate(
 ) -> Outcome:
     """Make every sample of `recipe` that is not in `folder` yet. After any stop the same call resumes.
 
+    If all draws of every sample are rejected, nothing stays of the dataset.
+
     limit : make at most so many samples.
     shard : (i, n): make only every n-th sample, starting with the i-th (1 to n). n such runs make the whole dataset, at
         the same time and on several machines if they share the folder. The last one to finish writes dataset.json.
@@ -89,7 +91,9 @@ def generate(
     if shard[0] <= recipe.count:
         check_draws(recipe, shard[0] - 1)
     with locked(root, shared, remedy="wait for it, or split the work with --shard"):
-        ledger = _resumed(Ledger(root, recipe, tools), shared)
+        ledger = Ledger(root, recipe, tools)
+        was_begun = ledger.has_file
+        _resume(ledger, shared)
         before = len(ledger.rows)
         todo = [index for index in ledger.missing() if _is_in(shard, index)]
         made = _run(ledger, engine, todo[:limit], report, exclusive=not shared)
@@ -102,6 +106,8 @@ def generate(
         # Several shards may find at the same time that everything is made.
         with locked(root, wait=True):
             finish(ledger)
+    if was_begun and not missing and not ledger.rows:
+        _remove_empty(root)
     return Outcome(
         count=recipe.count,
         made=made,
@@ -127,15 +133,24 @@ def _is_in(shard: tuple[int, int], index: int) -> bool:
     return index % n == i - 1
 
 
-def _resumed(ledger: Ledger, shared: bool) -> Ledger:
-    """The ledger with the samples that the folder has; a new dataset.json is begun."""
+def _resume(ledger: Ledger, shared: bool) -> None:
+    """Give the ledger the samples that the folder has; a new dataset.json is begun."""
     if not shared:
         remove_unfinished(ledger.folder)
+    if ledger.is_of_another_recipe:
+        # Rows of that recipe's failures would be taken for those of this one.
+        ledger.remove_rows()
     ledger.recover()
     ledger.check_files()
-    if not ledger.has_file:
+    if not ledger.has_file or ledger.is_of_another_recipe:
         ledger.write()
-    return ledger
+
+
+def _remove_empty(folder: Place) -> None:
+    """Remove a local folder that an earlier run may have made, if nothing is in it."""
+    if isinstance(folder, Path):
+        with contextlib.suppress(OSError):
+            folder.rmdir()
 
 
 def _checked_tools(recipe: Recipe, root: Place) -> dict[str, Any]:
@@ -210,12 +225,17 @@ class _Overview:
 
 
 def finish(ledger: Ledger) -> None:
-    """Write the final dataset.json, preview, card and metadata; remove the files that only unfinished datasets need."""
+    """Write the final dataset.json, preview, card and metadata; remove the files that only unfinished datasets need.
+
+    Of a dataset all of whose samples failed, nothing stays: the same command makes it anew once the recipe is changed.
+    """
+    if not ledger.rows:
+        ledger.remove()
+        return
     broken = _unusable_assets(ledger.recipe)
     ledger.write(**({"skipped_assets": broken} if ledger.recipe.sources.assets else {}))
     write_preview(ledger, {})
-    if ledger.rows:
-        describe(ledger.folder)
+    describe(ledger.folder)
     ledger.clear()
 
 

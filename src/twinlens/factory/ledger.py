@@ -64,6 +64,7 @@ class Ledger:
         self.entries: dict[int, Entry] = {}
         self.described: dict[str, Any] = {}
         self.has_file = (folder / MANIFEST).is_file()
+        self.is_of_another_recipe = False
         if not self.has_file:
             for entry in folder.iterdir() if folder.is_dir() else ():
                 if not (
@@ -77,14 +78,14 @@ class Ledger:
                     )
             return
         manifest = read_manifest(folder)
-        empty = (
-            "made_with" in manifest.info
-            and not manifest.rows
-            and not manifest.info.get("failed")
-        )
-        # Where nothing was made yet, another recipe may use the folder.
-        if not empty or whole_samples(folder):
+        is_empty = "made_with" in manifest.info and not manifest.rows
+        # Where nothing was made yet, or every draw was rejected, another recipe may use the folder.
+        if not is_empty or whole_samples(folder):
             self._load(manifest)
+        else:
+            sources = manifest.info.get("sources", {})
+            edited = changed_files(sources, self.recipe.sources.digests)
+            self.is_of_another_recipe = bool(self._changes(manifest) or edited)
 
     @property
     def rows(self) -> list[Row]:
@@ -116,7 +117,8 @@ class Ledger:
         """Add every row and every whole sample that earlier runs left, and drop samples that are gone."""
         existing = whole_samples(self.folder)
         # Without dataset.json the pending rows may be another recipe's.
-        pending = dict(self._pending_rows()) if self.has_file else {}
+        is_ours = self.has_file and not self.is_of_another_recipe
+        pending = dict(self._pending_rows()) if is_ours else {}
         entries = (self.entries | pending).items()
         self.entries = {
             i: entry
@@ -167,31 +169,42 @@ class Ledger:
         manifest = Manifest(self.rows, self.recipe.written, self.recipe.seed, info)
         write_manifest(self.folder, manifest)
         write_assets(self.folder, manifest)
-        self.has_file = True
+        self.has_file, self.is_of_another_recipe = True, False
 
     def clear(self) -> None:
         """Remove the files that only unfinished datasets need. No other run may be writing there."""
         remove_unfinished(self.folder)
+        self.remove_rows()
+
+    def remove_rows(self) -> None:
+        """Remove the rows that are not in dataset.json yet."""
         rows = self.folder / ROWS
         if isinstance(rows, RemotePath):
             remove_objects(rows, rows.files())
         elif rows.is_dir():
             shutil.rmtree(rows)
 
+    def remove(self) -> None:
+        """Remove dataset.json and all that belongs to it. No other run may be writing there."""
+        # Rows go first: without dataset.json they would be taken for another recipe's.
+        self.clear()
+        names = (ASSETS, "preview.png", MANIFEST)
+        if isinstance(self.folder, RemotePath):
+            remove_objects(self.folder, names)
+        else:
+            for name in names:
+                (self.folder / name).unlink(missing_ok=True)
+        self.has_file = False
+
     def _load(self, manifest: Manifest) -> None:
         """Take the entries of dataset.json, if it is of this recipe, these versions and these source files."""
-        made_with, sources = (
-            manifest.info.get("made_with"),
-            manifest.info.get("sources"),
-        )
-        if not isinstance(made_with, Mapping) or not isinstance(sources, Mapping):
+        sources = manifest.info.get("sources")
+        is_generated = isinstance(manifest.info.get("made_with"), Mapping)
+        if not is_generated or not isinstance(sources, Mapping):
             raise InputError(
                 f"{self.folder}: holds a dataset that `twinlens generate` did not make; name a new folder"
             )
-        changed = differences(
-            manifest.recipe, plain(self.recipe.written)
-        ) + differences(made_with, self.made_with)
-        if changed:
+        if changed := self._changes(manifest):
             what = "; ".join(changed[:3])
             raise InputError(
                 f"{self.folder}: holds another dataset ({what}); name another folder, or undo the change"
@@ -218,6 +231,11 @@ class Ledger:
                 f"{self.folder}: holds {more} sample(s) beyond the recipe's count of {self.recipe.count}; a count may "
                 "grow but not shrink: raise it, or name another folder"
             )
+
+    def _changes(self, manifest: Manifest) -> list[str]:
+        """In what the recipe and the versions of dataset.json differ from this run's."""
+        recipe = differences(manifest.recipe, plain(self.recipe.written))
+        return recipe + differences(manifest.info["made_with"], self.made_with)
 
     def _pending_rows(self) -> Iterator[tuple[int, Entry]]:
         """Rows of samples that have no entry yet. A row that cannot be read is made from the sample's files again."""
