@@ -86,27 +86,27 @@ def located(where: str) -> Iterator[None]:
         raise type(error)(f"{where}: {error}") from error
 
 
-def unknown(kind: str, name: str, known: Iterable[str]) -> InputError:
-    """The error for a name that is not in `known`, with the nearest known name.
+def unknown(kind: str, name: str, choices: Iterable[str]) -> InputError:
+    """The error for a name that is not in `choices`, with the nearest known name.
 
     >>> str(unknown("scene", "stairs", ["staircase", "fence"]))
     "unknown scene 'stairs'; did you mean 'staircase'? (known: fence, staircase)"
     """
-    names = sorted(known)
+    names = sorted(choices)
     near = nearest(name, names)
     hint = f"; did you mean {near!r}?" if near else ""
     return InputError(f"unknown {kind} {name!r}{hint} (known: {', '.join(names)})")
 
 
-def check_known(kind: str, name: Any, known: Collection[str]) -> None:
-    """Raise `unknown` unless `name` is one of `known`."""
-    if not isinstance(name, str) or name not in known:
+def check_known(kind: str, name: Any, choices: Collection[str]) -> None:
+    """Raise `unknown` unless `name` is one of `choices`."""
+    if not isinstance(name, str) or name not in choices:
         raise unknown(
-            kind, name if isinstance(name, str) else format_value(name), known
+            kind, name if isinstance(name, str) else format_value(name), choices
         )
 
 
-def nearest(name: str, known: Iterable[str]) -> str | None:
+def nearest(name: str, choices: Iterable[str]) -> str | None:
     """The known name that is meant: `name` is a part of it, or else like it, or else like its first word; or None.
 
     Alike are names with a Ratcliff-Obershelp similarity (`difflib`) of at least 0.65, case ignored: one wrong letter of
@@ -115,12 +115,15 @@ def nearest(name: str, known: Iterable[str]) -> str | None:
     >>> nearest("ZNC", ["sad", "zncc"]), nearest("diameter", ["aperture_diameter"]), nearest("nikon", ["phone"])
     ('zncc', 'aperture_diameter', None)
     """
-    typed, names = _normalized(name), {_normalized(each): each for each in known}
+    typed, names = (
+        _normalized(name),
+        {_normalized(choice): choice for choice in choices},
+    )
     long_enough = len(typed) >= _SHORTEST_PART
     parts = [
-        each
-        for each in names
-        if long_enough and (each.startswith(typed) or each.endswith(f"_{typed}"))
+        choice
+        for choice in names
+        if long_enough and (choice.startswith(typed) or choice.endswith(f"_{typed}"))
     ]
     close = parts or difflib.get_close_matches(
         typed, names, len(names) or 1, _MIN_SIMILARITY
@@ -134,7 +137,7 @@ def nearest(name: str, known: Iterable[str]) -> str | None:
     return names.get(
         max(
             sorted(close),
-            key=lambda each: difflib.SequenceMatcher(None, typed, each).ratio(),
+            key=lambda choice: difflib.SequenceMatcher(None, typed, choice).ratio(),
             default="",
         )
     )

@@ -58,9 +58,9 @@ class StrictModel(pydantic.BaseModel):
     @pydantic.model_validator(mode="before")
     @classmethod
     def _reject_unknown_keys(cls, data: Any) -> Any:
-        known = [info.alias or name for name, info in cls.model_fields.items()]
+        names = [info.alias or name for name, info in cls.model_fields.items()]
         for key in data if isinstance(data, Mapping) else ():
-            check_known("key", key, known)
+            check_known("key", key, names)
         return data
 
 
@@ -122,11 +122,13 @@ def table_of(
         if name not in more
     }
 
-    own = {item.name for item in dataclasses.fields(cls)}
+    own_names = {item.name for item in dataclasses.fields(cls)}
 
     def instance(table: Any) -> Any:
-        given = table.model_fields_set if make else table.model_fields_set & own
-        return (make or cls)(**{name: getattr(table, name) for name in given})
+        names_set = (
+            table.model_fields_set if make else table.model_fields_set & own_names
+        )
+        return (make or cls)(**{name: getattr(table, name) for name in names_set})
 
     model: Any = pydantic.create_model(
         title or f"{cls.__name__}Table", __base__=StrictModel, **{**keys, **more}
@@ -218,9 +220,9 @@ def reads(
     return pydantic.PlainValidator(read_value, json_schema_input_type=kind)
 
 
-def one_of(kind: str, known: Iterable[str]) -> pydantic.PlainValidator:
+def one_of(kind: str, choices: Iterable[str]) -> pydantic.PlainValidator:
     """Restricts a string to the names of a table, for `Annotated`. A short list of names is a `Literal` instead."""
-    names = sorted(known)
+    names = sorted(choices)
 
     def check(value: Any) -> Any:
         check_known(kind, value, names)
@@ -364,10 +366,10 @@ def _key_parts(location: tuple[str | int, ...], data: Any) -> tuple[str | int, .
     parts = []
     is_selected = False
     for part in location:
-        known = isinstance(data, Mapping) and part in data
-        if known and part in data.values() and not is_selected:
+        is_key = isinstance(data, Mapping) and part in data
+        if is_key and part in data.values() and not is_selected:
             is_selected = True
-        elif known or (
+        elif is_key or (
             isinstance(data, list) and isinstance(part, int) and part < len(data)
         ):
             parts.append(part)

@@ -35,16 +35,16 @@ def light_plane_points(
         raise InputError(
             f"positions must be (H, W) = {(film.height, film.width)}, got {positions.shape}"
         )
-    known = np.isfinite(positions)
+    has_position = np.isfinite(positions)
     world_from_camera = rig.world_from_cams[camera]
     world_from_lamp = rig.world_from_projectors[projector]
     lamp_from_camera = inverse(world_from_lamp) @ world_from_camera
-    rays = film.unproject(film.pixel_grid())[known]
+    rays = film.unproject(film.pixel_grid())[has_position]
     directions, origin = rotate(lamp_from_camera, rays), lamp_from_camera[:3, 3]
     coordinate = 0 if axis == "u" else 1
     focal = (lamp.fx, lamp.fy)[coordinate]
     centre = (lamp.cx, lamp.cy)[coordinate]
-    target = positions[known]
+    target = positions[has_position]
     slope = (target - centre) / focal
     for _ in range(_MOST_STEPS):
         points = _on_plane(origin, directions, slope, coordinate)
@@ -56,7 +56,7 @@ def light_plane_points(
     is_met = np.isfinite(points).all(axis=-1) & np.isfinite(difference)
     world = np.full((*positions.shape, 3), np.inf)
     met = np.where(is_met[:, None], points, 0.0)
-    world[known] = np.where(
+    world[has_position] = np.where(
         is_met[:, None], transform_points(world_from_lamp, met), np.inf
     )
     return world

@@ -145,15 +145,16 @@ class Projector:
         """Watts that the pattern sends: power times its mean."""
         return self.power * float(self.pattern.mean(dtype=np.float64))
 
-    def agrees_with(self, other: "Projector") -> bool:
+    def agrees_with(self, projector: "Projector") -> bool:
         """Whether all values are equal, but for the rounding of poses."""
         special = ("pose", "sequence")
         names = [field.name for field in fields(self) if field.name not in special]
         equal = all(
-            np.array_equal(getattr(self, name), getattr(other, name)) for name in names
+            np.array_equal(getattr(self, name), getattr(projector, name))
+            for name in names
         )
-        equal = equal and np.array_equal(self.patterns, other.patterns)
-        return equal and np.allclose(self.pose, other.pose, rtol=1e-12, atol=1e-9)
+        equal = equal and np.array_equal(self.patterns, projector.patterns)
+        return equal and np.allclose(self.pose, projector.pose, rtol=1e-12, atol=1e-9)
 
     def with_pattern(self, pattern: ArrayLike | str) -> "Projector":
         """The same projector with another pattern, an array or a name, in place of its own and of its sequence."""

@@ -206,8 +206,8 @@ class Rig:
         if len(alike) == 1:
             return None
         place = alike.index(index)
-        other = place ^ 1  # exchanges 0 with 1, 2 with 3, ...
-        return alike[other] if other < len(alike) else alike[place - 1]
+        partner = place ^ 1  # exchanges 0 with 1, 2 with 3, ...
+        return alike[partner] if partner < len(alike) else alike[place - 1]
 
     def pair(self, a: int, b: int) -> "Rig":
         """The rig of cameras `a` and `b`, in that order, with the pair of its `calibrated` rig.
@@ -273,7 +273,7 @@ def _same_projectors(a: Rig, b: Rig) -> bool:
     if len(a.projectors) != len(b.projectors):
         return False
     pairs = zip(a.projectors_from(np.eye(4)), b.projectors_from(np.eye(4)), strict=True)
-    return all(one.agrees_with(other) for one, other in pairs)
+    return all(one.agrees_with(partner) for one, partner in pairs)
 
 
 def check_seen(rig: Rig) -> None:

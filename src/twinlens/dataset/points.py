@@ -24,17 +24,17 @@ def world_points(
     """
     points = position.astype(np.float64)
     centre = world_from_cam[:3, 3]
-    known = np.isfinite(depth)
-    if not np.abs(centre).max() > (_FAR - 1) * depth[known].min(initial=np.inf):
+    has_depth = np.isfinite(depth)
+    if not np.abs(centre).max() > (_FAR - 1) * depth[has_depth].min(initial=np.inf):
         return points
     rays = camera.rays(camera.pixel_grid())
     cosine = rays[..., 2]
-    known &= cosine > _LEAST_COSINE
-    distance = depth[known].astype(np.float64) / cosine[known]
-    is_far = np.abs(points[known]).max(axis=-1, initial=0.0) > _FAR * distance
-    ahead = rotate(world_from_cam, rays[known])
+    has_depth &= cosine > _LEAST_COSINE
+    distance = depth[has_depth].astype(np.float64) / cosine[has_depth]
+    is_far = np.abs(points[has_depth]).max(axis=-1, initial=0.0) > _FAR * distance
+    ahead = rotate(world_from_cam, rays[has_depth])
     from_depth = centre + distance[:, None] * ahead
-    points[known] = np.where(is_far[:, None], from_depth, points[known])
+    points[has_depth] = np.where(is_far[:, None], from_depth, points[has_depth])
     return points
 
 

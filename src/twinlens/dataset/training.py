@@ -72,12 +72,12 @@ def stereo_flip(sample: Mapping[str, Any]) -> dict[str, Any]:
         if quantity in _OF_THE_PAIR:
             flipped[name] = value
             continue
-        other = _of_view(name, view, 1 - view)
-        if other not in sample:
+        partner = _of_view(name, view, 1 - view)
+        if partner not in sample:
             raise InputError(
-                f"a flip of {name} needs {other} too, which becomes {name}; select both"
+                f"a flip of {name} needs {partner} too, which becomes {name}; select both"
             )
-        flipped[name] = _mirrored(sample, other, quantity, 1 - view)
+        flipped[name] = _mirrored(sample, partner, quantity, 1 - view)
     return flipped
 
 
@@ -153,10 +153,10 @@ def _of_pair(name: str) -> Quantity:
     return quantity
 
 
-def _of_view(name: str, view: int, other: int) -> str:
+def _of_view(name: str, view: int, partner: int) -> str:
     """The name of a quantity of another view: im0 for im1, mask0_nonocc for mask1_nonocc."""
     head, _, tail = name.rpartition(str(view))
-    return f"{head}{other}{tail}"
+    return f"{head}{partner}{tail}"
 
 
 def _hide_unmatched(sample: dict[str, Any], view: int) -> None:

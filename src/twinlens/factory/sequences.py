@@ -35,8 +35,8 @@ def frame_sums(rigs: Sequence[Rig]) -> list[tuple[int, int, int] | None]:
 
 def _inverse_of(rig: Rig, earlier: Sequence[Rig]) -> int | None:
     """The first of the earlier frames whose patterns are the complements of those of `rig`; None if there is none."""
-    for number, other in enumerate(earlier):
-        pairs = zip(rig.projectors, other.projectors, strict=True)
+    for number, previous in enumerate(earlier):
+        pairs = zip(rig.projectors, previous.projectors, strict=True)
         if all(
             np.allclose(a.pattern + b.pattern, 1.0, rtol=0, atol=_ROUNDING)
             for a, b in pairs

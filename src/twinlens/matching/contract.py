@@ -196,15 +196,15 @@ def _checked_disparity(result: Any, shape: tuple[int, ...], name: str) -> Dispar
     return disparity
 
 
-def _shape_hint(found: tuple[int, ...], expected: tuple[int, ...]) -> str:
+def _shape_hint(shape: tuple[int, ...], expected: tuple[int, ...]) -> str:
     """What probably led to the shape of a map, and what to do; empty if it is not clear."""
-    if found == expected[::-1]:
+    if shape == expected[::-1]:
         return ": transpose the map, its axes are [row, column]"
-    if len(found) > 2 and tuple(side for side in found if side != 1) == expected:
+    if len(shape) > 2 and tuple(side for side in shape if side != 1) == expected:
         return ": remove its axes of length 1"
-    if len(found) == 2 and all(found):
+    if len(shape) == 2 and all(shape):
         for factor in (2, 4, 8):
-            sizes = zip(found, expected, strict=True)
+            sizes = zip(shape, expected, strict=True)
             if all(abs(factor * side - whole) < factor for side, whole in sizes):
                 return f": enlarge the map to the image's size and multiply its values by {factor}"
     return ""

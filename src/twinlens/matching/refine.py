@@ -26,9 +26,11 @@ def consistent(left: Disparity, right: Disparity, tolerance: float) -> Disparity
     Source: Fua, "A parallel stereo algorithm that produces dense depth maps and preserves image features", 1993.
     """
     height, width = left.shape
-    known = np.isfinite(left)
-    partner = np.rint(np.arange(width) - np.where(known, left, 0.0)).astype(np.int64)
-    inside = known & (partner >= 0) & (partner < width)
+    has_estimate = np.isfinite(left)
+    partner = np.rint(np.arange(width) - np.where(has_estimate, left, 0.0)).astype(
+        np.int64
+    )
+    inside = has_estimate & (partner >= 0) & (partner < width)
     rows, columns = np.arange(height)[:, None], np.clip(partner, 0, width - 1)
     at_partner = right[rows, columns]
     agree = inside & np.isfinite(at_partner)

@@ -156,7 +156,9 @@ class Sweeps:
         minima, sums = np.zeros(len(slots), dtype), np.zeros(width * depth, np.uint16)
         penalties = dtype(self.penalties.small), dtype(self.penalties.large)
         kernel = sweep_kernel(self.paths == 8)
-        ends, bars = limits(np.uint16), fence(np.uint16, self.count)
+        paths = flat, minima
+        search = sums, self.low, self.count, fence(np.uint16, self.count)
+        ends = limits(np.uint16)
         row_bytes = width * depth * np.dtype(dtype).itemsize
         rows = 1 if on_row else max(1, STRIP_BYTES // row_bytes)
 
@@ -167,17 +169,8 @@ class Sweeps:
                 # The kernel counts rows in the order of the sweep.
                 span = height - y1 if turned else y0, y1 - y0, *self.shape
                 volumes = self.costs(y0, y1).reshape(-1), kept[y0:y1].reshape(-1)
-                state = flat, minima, span, penalties, turned, finish, sums
-                kernel(
-                    *volumes,
-                    *state,
-                    self.low,
-                    self.count,
-                    FITS[self.fit],
-                    ends,
-                    bars,
-                    *winners.rows(y0, y1),
-                )
+                result = FITS[self.fit], ends, *winners.rows(y0, y1)
+                kernel(volumes, paths, span, penalties, turned, finish, search, result)
                 if on_row and finish:
                     on_row(y0, sums.reshape(width, depth))
 

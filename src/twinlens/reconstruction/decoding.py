@@ -224,12 +224,14 @@ def _points(rig: Rig, view: int, projector: int, axes: Mapping[str, Decoded]) ->
     # Depth follows from the coordinate along which the camera and the projector are apart.
     axis = max(axes, key=lambda name: abs(centre["uv".index(name)]))
     points = light_plane_points(rig, view, projector, axes[axis].position, axis)
-    for other in axes.keys() - {axis}:
+    for cross_axis in axes.keys() - {axis}:
         seen = _is_finite(points)
         lamp = rig.projectors[projector].intrinsics
         in_world = np.where(seen[..., None], points, 0.0)
         pixels = lamp.project(transform_points(lamp_from_world, in_world))
-        apart = _difference(pixels[..., "uv".index(other)], axes[other].position)
+        apart = _difference(
+            pixels[..., "uv".index(cross_axis)], axes[cross_axis].position
+        )
         agrees = seen & (np.abs(np.nan_to_num(apart, nan=np.inf)) <= _MOST_APART_PX)
         points = np.where(agrees[..., None], points, np.inf)
     return points
@@ -257,7 +259,7 @@ def _against(
     """The comparison with the truth of projection, as `decode_sample` describes it."""
     projection = truth.projections[projector]
     compared = valid & projection.lit
-    found: dict[str, Any] = {
+    comparison: dict[str, Any] = {
         "lit_share": float(projection.lit.mean()),
         "decoded_of_lit": _share(valid, projection.lit),
         "unlit_of_decoded": _share(~projection.lit, valid),
@@ -266,10 +268,10 @@ def _against(
         true = projection.pixels[..., "uv".index(axis)]
         error = np.abs(decoded.position[compared] - true[compared])
         within = float((error <= 0.5).mean()) if error.size else None
-        found[f"{axis}_px"] = {**_magnitudes(error), "within_half": within}
+        comparison[f"{axis}_px"] = {**_magnitudes(error), "within_half": within}
     distance = np.linalg.norm(points[compared] - truth.position[compared], axis=-1)
-    found["point_mm"] = _magnitudes(1e3 * distance)
-    return found
+    comparison["point_mm"] = _magnitudes(1e3 * distance)
+    return comparison
 
 
 def _share(condition: Mask, among: Mask) -> float | None:

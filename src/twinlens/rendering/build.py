@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from twinlens.errors import BackendError, InputError
 from twinlens.geometry import Float
 from twinlens.rendering.backends import mitsuba
-from twinlens.rendering.frames import WORLD, Frame, in_frame
+from twinlens.rendering.frames import WORLD, SceneFrame, in_frame
 from twinlens.rendering.materials import (
     bsdf_of,
     emitter_of,
@@ -33,7 +33,7 @@ _INSTANCE = 1 << 10  # Mitsuba 3.9 has no name for this shape type
 
 _MOST_FRAMES = 3  # of a scene, whose built scenes are kept
 
-_cache: "weakref.WeakKeyDictionary[Scene, dict[Frame, BuiltScene]]" = (
+_cache: "weakref.WeakKeyDictionary[Scene, dict[SceneFrame, BuiltScene]]" = (
     weakref.WeakKeyDictionary()
 )
 _building = threading.Lock()
@@ -87,7 +87,7 @@ class BuiltScene:
     object_names: tuple[str, ...]
     material_names: tuple[str, ...]
     name: str = ""
-    frame: Frame = WORLD
+    frame: SceneFrame = WORLD
     path: Mapping[str, int] | None = None
     sky_visible: bool = True
     parts: Mapping[str, Any] | None = None
@@ -103,7 +103,7 @@ class BuiltScene:
         return replace(self, integrator=integrator, **changes)
 
 
-def build(scene: Scene, frame: Frame = WORLD) -> BuiltScene:
+def build(scene: Scene, frame: SceneFrame = WORLD) -> BuiltScene:
     """The Mitsuba scene of `scene` in a frame. The frames used last are cached as long as the Scene exists."""
     with _building:
         in_frames = _cache.setdefault(scene, {})
@@ -115,7 +115,7 @@ def build(scene: Scene, frame: Frame = WORLD) -> BuiltScene:
         return built
 
 
-def build_moved(scene: Scene, before: Scene, frame: Frame = WORLD) -> BuiltScene:
+def build_moved(scene: Scene, before: Scene, frame: SceneFrame = WORLD) -> BuiltScene:
     """The built scene of `before`, whose objects take the poses that they have in `scene`, where these are all that
     differs. Nothing is loaded again. What was built in any frame then belongs to `scene`; `before` would be built anew.
 
@@ -131,7 +131,7 @@ def build_moved(scene: Scene, before: Scene, frame: Frame = WORLD) -> BuiltScene
     return built
 
 
-def _built(scene: Scene, frame: Frame) -> BuiltScene:
+def _built(scene: Scene, frame: SceneFrame) -> BuiltScene:
     is_file = scene.xml is not None
     built = _build_xml(scene, frame) if is_file else _build_objects(scene, frame)
     if scene.ambient != 1:
@@ -202,7 +202,7 @@ def _need_two_threads() -> None:
         drjit.set_thread_count(2)
 
 
-def _build_objects(scene: Scene, frame: Frame) -> BuiltScene:
+def _build_objects(scene: Scene, frame: SceneFrame) -> BuiltScene:
     from twinlens.rendering.textures import register_textures  # sets up the backend
 
     register_textures()
@@ -588,7 +588,7 @@ def _scale_light(mi_scene: Any, factor: float) -> None:
         parameters.update()
 
 
-def _build_xml(scene: Scene, frame: Frame) -> BuiltScene:
+def _build_xml(scene: Scene, frame: SceneFrame) -> BuiltScene:
     """A checked Mitsuba file: ids in the order of its shapes, materials by their names."""
     _need_two_threads()
     assert scene.xml is not None

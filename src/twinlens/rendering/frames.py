@@ -32,7 +32,7 @@ _POINTS = ("point", "spot")
 
 
 @dataclass(frozen=True)
-class Frame:
+class SceneFrame:
     """Axes parallel to the world's, at `origin` (metres), with `scale` units per metre, a power of two."""
 
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -76,24 +76,24 @@ class Frame:
         return placed
 
 
-WORLD = Frame()
+WORLD = SceneFrame()
 """The world's own axes, in metres."""
 
 
-def default_frame(scene: Scene) -> Frame:
+def default_frame(scene: Scene) -> SceneFrame:
     """The frame of a scene's default view, from its pose, its field of view and the depths that its file states."""
     pose = scene.world_from_left
     near, far = scene.depth_range
     if not scene.depth_range_known:
-        return Frame(_vector(pose[:3, 3]), _UNKNOWN_SCALE)
+        return SceneFrame(_vector(pose[:3, 3]), _UNKNOWN_SCALE)
     # The depth at which the largest relative distance from it, |z - depth| / z, is least: the harmonic mean.
     depth = 2 / (1 / near + 1 / far)
     half_width = math.tan(math.radians(scene.fov_x_deg) / 2)
     spread = depth * max((far - near) / (far + near), half_width) / math.sqrt(3)
-    return Frame(_vector(pose[:3, 3] + depth * pose[:3, 2]), _scale_of(spread))
+    return SceneFrame(_vector(pose[:3, 3] + depth * pose[:3, 2]), _scale_of(spread))
 
 
-def best_frame(points: Float, distances: Float, grid: Frame) -> Frame:
+def best_frame(points: Float, distances: Float, grid: SceneFrame) -> SceneFrame:
     """The frame of surface points (N, 3) that cameras see at `distances` (N,).
 
     Its origin o has the least mean square of |p - o| / distance: what matters is an error's size in pixels. It is
@@ -107,10 +107,12 @@ def best_frame(points: Float, distances: Float, grid: Frame) -> Frame:
     typical_distance = 1 / math.sqrt(np.mean(1 / np.square(distances)))
     scale = _scale_of(max(spread, _LEAST_SPREAD * typical_distance))
     step = _SIZE / 2 / scale
-    return Frame(_vector(np.array(grid.origin) + step * np.round(centre / step)), scale)
+    return SceneFrame(
+        _vector(np.array(grid.origin) + step * np.round(centre / step)), scale
+    )
 
 
-def offset_cost(frame: Frame, points: Float, distances: Float) -> float:
+def offset_cost(frame: SceneFrame, points: Float, distances: Float) -> float:
     """How far Mitsuba lifts rays off surface points, relative to their distances from the cameras, up to a factor."""
     lift = np.linalg.norm(points - np.array(frame.origin), axis=1) + 1 / frame.scale
     return math.sqrt(np.mean(np.square(lift / distances)))
@@ -126,7 +128,7 @@ def _vector(values: Float) -> tuple[float, float, float]:
     return x, y, z
 
 
-def in_frame(scene: Scene, frame: Frame) -> Scene:
+def in_frame(scene: Scene, frame: SceneFrame) -> Scene:
     """The objects, lights and materials of a scene file in a frame; its cameras stay as they are."""
     if frame == WORLD:
         return scene
@@ -142,7 +144,7 @@ def in_frame(scene: Scene, frame: Frame) -> Scene:
     )
 
 
-def _object(item: SceneObject, frame: Frame) -> SceneObject:
+def _object(item: SceneObject, frame: SceneFrame) -> SceneObject:
     pose = item.world_from_object
     if not item.instances:
         return replace(item, world_from_object=frame.affine(pose))
@@ -165,7 +167,7 @@ def _middle(shape: Mesh | Plugin) -> Float:
     return middle
 
 
-def _light(light: Plugin, frame: Frame) -> Plugin:
+def _light(light: Plugin, frame: SceneFrame) -> Plugin:
     """A light at a point in the frame; others are at infinity."""
     if light["type"] not in _POINTS:
         return light

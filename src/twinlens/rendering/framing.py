@@ -13,7 +13,7 @@ from twinlens.camera import Rig
 from twinlens.geometry import Float, rotate
 from twinlens.rendering.build import BuiltScene, build
 from twinlens.rendering.frames import (
-    Frame,
+    SceneFrame,
     best_frame,
     default_frame,
     offset_cost,
@@ -26,9 +26,7 @@ _NEAR = 4.0  # distances of the default view, in which its frame is good enough 
 _WORSE = 2.0  # than the best frame, of one that is kept
 _LEAST_DISTANCE = 1e-6  # of a surface from its camera, relative to the largest one
 
-_frames: "weakref.WeakKeyDictionary[Scene, weakref.WeakKeyDictionary[Rig, Frame]]" = (
-    weakref.WeakKeyDictionary()
-)
+_frames: "weakref.WeakKeyDictionary[Scene, weakref.WeakKeyDictionary[Rig, SceneFrame]]" = weakref.WeakKeyDictionary()
 
 
 def built_for(scene: Scene, rig: Rig) -> BuiltScene:
@@ -36,7 +34,7 @@ def built_for(scene: Scene, rig: Rig) -> BuiltScene:
     return build(scene, frame_of(scene, rig))
 
 
-def frame_of(scene: Scene, rig: Rig) -> Frame:
+def frame_of(scene: Scene, rig: Rig) -> SceneFrame:
     """The frame for what `rig` sees of the scene. Builds the scene, unless it is built already."""
     of_rigs = _frames.setdefault(scene, weakref.WeakKeyDictionary())
     if rig not in of_rigs:
@@ -44,7 +42,7 @@ def frame_of(scene: Scene, rig: Rig) -> Frame:
     return of_rigs[rig]
 
 
-def _chosen(scene: Scene, rig: Rig) -> Frame:
+def _chosen(scene: Scene, rig: Rig) -> SceneFrame:
     default = default_frame(scene)
     first = _first_look(scene, rig, default)
     points, distances = _seen(build(scene, first), rig)
@@ -56,7 +54,7 @@ def _chosen(scene: Scene, rig: Rig) -> Frame:
     return first if is_good else best
 
 
-def _first_look(scene: Scene, rig: Rig, default: Frame) -> Frame:
+def _first_look(scene: Scene, rig: Rig, default: SceneFrame) -> SceneFrame:
     """A frame in which rays from the cameras find the surfaces around them: the default, or one around a camera."""
     centres = np.array([pose[:3, 3] for pose in rig.world_from_cams])
     middle = np.array(default.origin)
@@ -65,7 +63,7 @@ def _first_look(scene: Scene, rig: Rig, default: Frame) -> Frame:
     if (np.linalg.norm(centres - middle, axis=1) <= reach).all():
         return default
     x, y, z = centres.mean(axis=0).tolist()
-    return Frame((x, y, z), default.scale)
+    return SceneFrame((x, y, z), default.scale)
 
 
 def _seen(built: BuiltScene, rig: Rig) -> tuple[Float, Float]:

@@ -12,7 +12,7 @@ from twinlens.camera import Pinhole, Rig
 from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import BuiltScene
 from twinlens.rendering.cut_outs import cut_outs
-from twinlens.rendering.frames import Frame
+from twinlens.rendering.frames import SceneFrame
 from twinlens.rendering.sensors import make_sensor
 from twinlens.seeds import derived_seed
 
@@ -88,7 +88,7 @@ def _irradiance_cache(
     )
 
 
-def _camera_rays(rig: Rig, frame: Frame, band: str, seed: int) -> Any:
+def _camera_rays(rig: Rig, frame: SceneFrame, band: str, seed: int) -> Any:
     """Rays in `frame` from the cameras in `band`, through random points: `PATHS`, but at most one per pixel."""
     import drjit as dr
 

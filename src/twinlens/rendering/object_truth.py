@@ -18,7 +18,7 @@ from twinlens.camera.masks import encode_mask
 from twinlens.geometry import Float, inverse, rotate, transform_points
 from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import Body, BuiltScene, build
-from twinlens.rendering.frames import Frame, default_frame
+from twinlens.rendering.frames import SceneFrame, default_frame
 from twinlens.rendering.surfaces import Surface, Triangles, pose_of, surfaces
 from twinlens.rendering.tracing import Rays, intersect, lengths
 from twinlens.scenes import Mesh, Plugin, Scene
@@ -84,7 +84,7 @@ def _models(built: BuiltScene) -> dict[int, Model]:
 
 
 def _source(
-    body: Body, surface: Surface | None, frame: Frame
+    body: Body, surface: Surface | None, frame: SceneFrame
 ) -> tuple[Mesh | Plugin | None, Float | None]:
     """A body's shape and its affine pose: those of the scene file, or else those that Mitsuba read, in `frame`."""
     if body.model is not None or surface is None:

@@ -29,7 +29,7 @@ from twinlens.camera import Rig
 from twinlens.camera.light_field import places_in_plane
 from twinlens.geometry import Float
 from twinlens.rendering.backends import mitsuba
-from twinlens.rendering.frames import Frame
+from twinlens.rendering.frames import SceneFrame
 from twinlens.rendering.irradiance_cache import from_emitter, mis
 from twinlens.rendering.paths import (
     Paths,
@@ -83,7 +83,7 @@ class Views:
     weights : (4, N), of each corner at each view, for bilinear interpolation.
     """
 
-    def __init__(self, rig: Rig, frame: Frame) -> None:
+    def __init__(self, rig: Rig, frame: SceneFrame) -> None:
         places = frame.scale * places_in_plane(rig)
         poses = [frame.rigid(pose) for pose in rig.world_from_cams]
         camera, pose = rig.cameras[0], poses[0]

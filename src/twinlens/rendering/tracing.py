@@ -21,7 +21,7 @@ from twinlens.geometry import Float
 from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import BuiltScene
 from twinlens.rendering.cut_outs import CUT, CutOuts, cut_outs
-from twinlens.rendering.frames import Frame
+from twinlens.rendering.frames import SceneFrame
 from twinlens.rendering.surfaces import (
     MAX_CORRECTION,
     Exact,
@@ -75,7 +75,7 @@ class Rays:
         """The points (N, 3) at the distances t (N,)."""
         return np.asarray(self.origin + np.asarray(t)[..., None] * self.direction)
 
-    def in_frame(self, frame: Frame) -> "Rays":
+    def in_frame(self, frame: SceneFrame) -> "Rays":
         """Rays of the world in a frame, whose axes are parallel to the world's."""
         return Rays(frame.points(self.origin), self.direction)
 
@@ -156,7 +156,7 @@ class Hits:
             whole[name][rows] = values
         return Hits(**whole)
 
-    def in_world(self, frame: Frame) -> "Hits":
+    def in_world(self, frame: SceneFrame) -> "Hits":
         """Hits in a frame as they are in the world."""
         return replace(
             self,

@@ -9,7 +9,7 @@ import numpy as np
 from twinlens.errors import InputError
 from twinlens.geometry import Float
 from twinlens.rendering.backends import mitsuba
-from twinlens.rendering.frames import WORLD, Frame
+from twinlens.rendering.frames import WORLD, SceneFrame
 from twinlens.scenes.xml_file import numbers_of, to_world_of
 
 _OF_ONE_SIZE = ("bsplinecurve", "linearcurve")  # their radii are not those of to_world
@@ -19,14 +19,14 @@ _INTENSITIES = ("intensity.value", "intensity.data", "scale")
 """The parameters of lights at points that scale their light; `scale` is that of a projector."""
 
 
-def place(root: Element, frame: Frame) -> Frame:
+def place(root: Element, frame: SceneFrame) -> SceneFrame:
     """Write poses in `frame` into the elements of a checked file. Returns the frame that they have.
 
     It has metres as units where the file has a medium, curves, or a black body at a point, whose units are not those of
     poses. It is the world where a pose cannot be read; Mitsuba will say so.
     """
     if not _is_scalable(root):
-        frame = Frame(frame.origin)
+        frame = SceneFrame(frame.origin)
     placed = [*_shapes(root), *_lights_at_points(root)]
     try:
         poses = [_pose(element, frame) for element in placed]
@@ -98,7 +98,7 @@ def _bump_scale(element: Element) -> float:
     return 1.0
 
 
-def _pose(element: Element, frame: Frame) -> Float:
+def _pose(element: Element, frame: SceneFrame) -> Float:
     """frame_from_shape, with the place of a sphere or a point; of a light without a scale."""
     pose = to_world_of(element)
     for name in ("center", "position"):

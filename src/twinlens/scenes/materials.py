@@ -58,10 +58,10 @@ class Bitmap:
     wrap: Wrap = "repeat"
     to_uv: Float = field(default_factory=lambda: np.eye(4))
 
-    def lies_like(self, other: "Bitmap") -> bool:
+    def lies_like(self, bitmap: "Bitmap") -> bool:
         """Whether both pictures are placed, repeated and filtered in the same way."""
-        same = (self.wrap, self.filter) == (other.wrap, other.filter)
-        return same and np.array_equal(self.to_uv, other.to_uv)
+        same = (self.wrap, self.filter) == (bitmap.wrap, bitmap.filter)
+        return same and np.array_equal(self.to_uv, bitmap.to_uv)
 
 
 @dataclass(frozen=True)

@@ -361,7 +361,7 @@ def _substitute(element: Element, resolver: _Resolver) -> None:
                     f"{key}={text!r}: no parameter {name!r}; add <default name={name!r} value=.../> before"
                 )
         element.set(
-            key, _PARAMETER.sub(lambda found: resolver.parameters[found[1]], text)
+            key, _PARAMETER.sub(lambda match: resolver.parameters[match[1]], text)
         )
 
 

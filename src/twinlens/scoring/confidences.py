@@ -40,9 +40,9 @@ def score_confidences(pair: Pair, matcher: Any) -> ConfidenceScores:
     check_image_size(matcher, pair.shape)
     disparity = matcher.match(pair.im0, pair.im1)
     volume = matcher.cost_volume(pair.im0, pair.im1)
-    known = np.isfinite(pair.truth) & np.isfinite(disparity)
+    has_both = np.isfinite(pair.truth) & np.isfinite(disparity)
     errors = np.full(disparity.shape, np.inf)
-    errors[known] = np.abs(disparity[known] - pair.truth[known])
+    errors[has_both] = np.abs(disparity[has_both] - pair.truth[has_both])
     maps = {
         name: confidence_map(volume, name, matcher.min_disparity)
         for name in CONFIDENCES

@@ -64,9 +64,9 @@ def of_right_map(left: ArrayLike, right: ArrayLike) -> Float:
     disparities = disparity_map("left", left).astype(np.float64)
     partners = disparity_map("right", right).astype(np.float64)
     height, width = disparities.shape
-    known = np.isfinite(disparities)
-    matches = np.rint(np.arange(width) - np.where(known, disparities, 0.0))
-    inside = known & (matches >= 0) & (matches <= width - 1)
+    has_estimate = np.isfinite(disparities)
+    matches = np.rint(np.arange(width) - np.where(has_estimate, disparities, 0.0))
+    inside = has_estimate & (matches >= 0) & (matches <= width - 1)
     columns = np.where(inside, matches, 0).astype(np.intp)
     rows = np.arange(height)[:, None]
     return np.where(inside, partners[rows, columns], np.nan)

@@ -70,9 +70,11 @@ class _Seen:
     @property
     def good_of_constant(self) -> float:
         """Share of good pixels of the best constant map."""
-        known = np.sort(self.truth[~np.isnan(self.truth)])
-        ends = np.searchsorted(known, known + 2 * self.tolerance, side="right")
-        return float((ends - np.arange(known.size)).max() / known.size)
+        sorted_truth = np.sort(self.truth[~np.isnan(self.truth)])
+        ends = np.searchsorted(
+            sorted_truth, sorted_truth + 2 * self.tolerance, side="right"
+        )
+        return float((ends - np.arange(sorted_truth.size)).max() / sorted_truth.size)
 
     @property
     def is_beyond_search(self) -> bool:

@@ -165,7 +165,7 @@ def pair_statistics(pair: Pair) -> dict[str, float]:
         )
     left, warped, used, hidden = compared_images(pair)
     truth = pair.truth
-    known = np.isfinite(truth)
+    has_truth = np.isfinite(truth)
     noise, share = appearance(left)
     down, across = np.gradient(left)
     steps = np.diff(left, axis=1)
@@ -173,9 +173,9 @@ def pair_statistics(pair: Pair) -> dict[str, float]:
     # Row by row, to save memory.
     contrast = np.stack([row.std(axis=(1, 2)) for row in windows])
     occluded_share = largest = math.nan
-    if known.any():
-        occluded_share = float(hidden.sum() / known.sum())
-        largest = float(truth[known].max() / width)
+    if has_truth.any():
+        occluded_share = float(hidden.sum() / has_truth.sum())
+        largest = float(truth[has_truth].max() / width)
     return {
         **_differences(left, warped, used),
         "noise": math.sqrt(noise),
@@ -219,10 +219,10 @@ def compared_images(
     """Grey levels of the left and the warped right image, the pixels to compare, and the occluded ones; (H, W) each."""
     truth = pair.truth
     left, warped = grey_levels(pair.im0), warp_right(grey_levels(pair.im1), truth)
-    known = np.isfinite(truth)
-    hidden = np.zeros_like(known)
+    has_truth = np.isfinite(truth)
+    hidden = np.zeros_like(has_truth)
     if pair.mask0_nonocc is not None:
-        hidden = known & occluded(pair.mask0_nonocc)
+        hidden = has_truth & occluded(pair.mask0_nonocc)
     jump = discontinuity(truth, _JUMP_WINDOW, _JUMP_PX)
     return left, warped, np.isfinite(warped) & ~hidden & ~jump, hidden
 

@@ -258,10 +258,10 @@ def interpolate_background(disp: Disparity) -> Disparity:
     from_right = carried_right(disp[:, ::-1])[:, ::-1]
     # In a gap both are known, and the smaller is taken; beyond the ends of a row one of them is +inf.
     rows = np.minimum(from_left, from_right)
-    known = np.isfinite(rows)
+    has_estimate = np.isfinite(rows)
     # Above its first known row, and below its last one, a column repeats them.
-    first = known.argmax(axis=0)
-    last = len(rows) - 1 - known[::-1].argmax(axis=0)
+    first = has_estimate.argmax(axis=0)
+    last = len(rows) - 1 - has_estimate[::-1].argmax(axis=0)
     sources = np.clip(np.arange(len(rows))[:, None], first, last)
     return np.take_along_axis(rows, sources, axis=0)
 

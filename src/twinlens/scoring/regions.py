@@ -42,10 +42,10 @@ def textureless(image: NDArray[np.uint8], window: int = 3, limit: float = 4.0) -
 def discontinuity(gt: ArrayLike, window: int = 9, jump: float = 2.0) -> Mask:
     """Pixels within an odd window of a jump: neighbours whose known true disparities differ by `jump` px or more."""
     truth = disparity_map("gt", gt)
-    known = np.where(np.isfinite(truth), truth, np.nan)
+    values = np.where(np.isfinite(truth), truth, np.nan)
     edge = np.zeros(truth.shape, np.bool_)
     # Along columns and, transposed, along rows; both sides of a jump are marked.
-    for line, marked in ((known, edge), (known.T, edge.T)):
+    for line, marked in ((values, edge), (values.T, edge.T)):
         with np.errstate(invalid="ignore"):
             steps = np.abs(np.diff(line, axis=0)) >= jump
         marked[1:] |= steps
@@ -71,13 +71,13 @@ def out_of_focus(blur_px: ArrayLike) -> Mask:
 def distance_bands(gt: ArrayLike) -> tuple[Mask, Mask, Mask]:
     """(near, mid, far): the upper, middle and lower third of the range of the known true disparities."""
     truth = disparity_map("gt", gt)
-    known = np.isfinite(truth)
+    has_truth = np.isfinite(truth)
     least = most = 0.0
-    if known.any():
-        least, most = float(truth[known].min()), float(truth[known].max())
-    far = known & (truth <= least + (most - least) / 3)
-    near = known & (truth > least + (most - least) * 2 / 3)
-    return near, known & ~far & ~near, far
+    if has_truth.any():
+        least, most = float(truth[has_truth].min()), float(truth[has_truth].max())
+    far = has_truth & (truth <= least + (most - least) / 3)
+    near = has_truth & (truth > least + (most - least) * 2 / 3)
+    return near, has_truth & ~far & ~near, far
 
 
 @dataclass(frozen=True)

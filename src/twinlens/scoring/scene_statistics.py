@@ -33,18 +33,18 @@ def geometry_statistics(disparity: Map) -> dict[str, float]:
     unknown : share of all pixels.
     """
     names = ("edges", "thin", "slant", "slant_high", "range", "unknown")
-    known = np.isfinite(disparity)
-    if not known.any():
+    has_truth = np.isfinite(disparity)
+    if not has_truth.any():
         return dict.fromkeys(names, math.nan)
     steps = _steps(disparity)
     slant = np.quantile(steps, (0.5, _HIGH)) if steps.size else (math.nan, math.nan)
-    low, high = np.quantile(disparity[known].astype(np.float64), (0.02, 0.98))
+    low, high = np.quantile(disparity[has_truth].astype(np.float64), (0.02, 0.98))
     numbers = (
-        discontinuity(disparity, _JUMP_WINDOW, _JUMP_PX)[known].mean(),
-        thin(disparity)[known].mean(),
+        discontinuity(disparity, _JUMP_WINDOW, _JUMP_PX)[has_truth].mean(),
+        thin(disparity)[has_truth].mean(),
         *slant,
         (high - low) / disparity.shape[1],
-        1 - known.mean(),
+        1 - has_truth.mean(),
     )
     return dict(zip(names, map(float, numbers), strict=True))
 
@@ -55,12 +55,12 @@ def thin(disparity: Map) -> NDArray[np.bool_]:
     The opening of a row is its largest lower bound without peaks narrower than the window. Holes in the truth beside a
     thing, which it hides from the other camera, count as what is behind it.
     """
-    known = np.isfinite(disparity)
+    has_truth = np.isfinite(disparity)
     margin = ((0, 0), (_OPENING, _OPENING))
-    padded = np.pad(_filled_along_rows(disparity, known), margin, mode="edge")
+    padded = np.pad(_filled_along_rows(disparity, has_truth), margin, mode="edge")
     opened = ndimage.grey_opening(padded, size=(1, _OPENING))
     is_nearer = (padded - opened >= _JUMP_PX)[:, _OPENING:-_OPENING]
-    return np.asarray(known & is_nearer)
+    return np.asarray(has_truth & is_nearer)
 
 
 def image_statistics(grey: NDArray[np.floating[Any]]) -> dict[str, float]:
@@ -86,14 +86,14 @@ def _steps(disparity: Map) -> Map:
     return np.asarray(steps[steps < _JUMP_PX])
 
 
-def _filled_along_rows(disparity: Map, known: NDArray[np.bool_]) -> Map:
+def _filled_along_rows(disparity: Map, has_truth: NDArray[np.bool_]) -> Map:
     """The disparities, where unknown the smaller of the nearest known ones of the row to the left and to the right.
 
     0 in rows without any.
     """
     filled = np.zeros(disparity.shape)
     columns = np.arange(disparity.shape[1])
-    for row, values, is_known in zip(filled, disparity, known, strict=True):
+    for row, values, is_known in zip(filled, disparity, has_truth, strict=True):
         places = columns[is_known]
         if not places.size:
             continue

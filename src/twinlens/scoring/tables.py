@@ -308,9 +308,9 @@ def _ranked(
     columns_of_cells = []
     for metric in metrics:
         values = [mean.metrics[metric.name] for mean in means]
-        known = [value for value in values if not math.isnan(value)]
+        finite = [value for value in values if not math.isnan(value)]
         best_of = min if metric.lower_is_better else max
-        best = best_of(known, default=math.nan)
+        best = best_of(finite, default=math.nan)
         columns_of_cells.append(
             [(metric.show(value), value == best) for value in values]
         )

@@ -45,23 +45,29 @@ def slot_count(height: int, width: int) -> int:
 def sweep_kernel(diagonals: bool) -> Callable[..., None]:
     """The kernel for some rows of a sweep, with or without the two diagonal paths.
 
-    costs, kept: rows of flat (H, W, depth) volumes, depth a multiple of LANES. slots: flat, 0 in the slots and between
-    them numbers that no path's cost reaches. minima: a 0 for each slot. penalties: (P1, P2). All have one unsigned
-    dtype. span: (first, rows, H, W, depth); `first` counts the rows that the sweep has done before. turned: go up
-    instead of down. finish False: kept receives the sum of the sweep's detours. finish True: kept holds those of the
-    other sweep, and the sums of all paths' costs go to `winners_of_row`; sums is its scratch, fence (depth,) the least
-    value of each candidate's sum.
+    volumes: (costs, kept), rows of flat (H, W, depth) volumes, depth a multiple of LANES. paths: (slots, minima); slots
+    are flat, 0 in the slots and between them numbers that no path's cost reaches; minima a 0 for each slot. penalties:
+    (P1, P2). All have one unsigned dtype. span: (first, rows, H, W, depth); `first` counts the rows that the sweep has
+    done before. turned: go up instead of down.
+
+    finish False: kept receives the sum of the sweep's detours. finish True: kept holds those of the other sweep, and
+    the sums of all paths' costs go to `winners_of_row`. search: (sums, low, count, fence); sums is scratch
+    (W * depth,), candidate j is disparity low + j, fence (depth,) has the least value of each candidate's sum. result:
+    (fit, limits, best, rivals, disparity) as in `winners_of_row`, with a row axis.
     """
 
     @jit
-    def sweep(costs, kept, slots, minima, span, penalties, turned, finish, sums, low, count, fit, limits, fence,
-              best, rivals, disparity):  # fmt: skip
+    def sweep(volumes, paths, span, penalties, turned, finish, search, result):
+        costs, kept = volumes
+        slots, minima = paths
+        sums, low, count, fence = search
+        fit, limits, best, rivals, disparity = result
         first, rows, height, width, depth = span
         small, large = penalties
         like = load(costs, 0)
         dtype = costs.dtype.type
         top = dtype(np.iinfo(costs.dtype).max)
-        paths = splat(np.uint16(8 if diagonals else 4))
+        path_count = splat(np.uint16(8 if diagonals else 4))
         pitch = depth + GUARD
         for i in range(rows):
             # y: the row in the order of the sweep; r: its place in the arrays.
@@ -116,7 +122,7 @@ def sweep_kernel(diagonals: bool) -> Callable[..., None]:
                         both = convert(total, sums) + convert(
                             load(kept, at + chunk), sums
                         )
-                        both = both + convert(cost, sums) * paths
+                        both = both + convert(cost, sums) * path_count
                         store(sums, u * depth + chunk, max(both, load(fence, chunk)))
                     else:
                         store(kept, at + chunk, total)
