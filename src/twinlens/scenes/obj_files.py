@@ -67,15 +67,7 @@ def open_obj(
         raise FileError(f"{path}: its .mtl file has no material {missing[0]!r}")
     # Only numbers of materials reach trimesh, as the names in an .mtl file that is called "names".
     aliases = {name: f"material-{number[name]}" for name in names}
-    geometry = [
-        f"usemtl {aliases[line.removeprefix(_USE).strip()]}"
-        if line.startswith(_USE)
-        else line
-        for line in lines
-        if not line.startswith("mtllib")
-    ]
-    text = "\n".join(["mtllib names", *geometry])
-    listed = "\n".join(f"newmtl {alias}\nKd 1 1 1" for alias in aliases.values())
+    text, listed = _with_aliases(lines, aliases)
     loaded = trimesh.load_scene(
         BytesIO(text.encode()),
         file_type="obj",
@@ -106,6 +98,19 @@ def open_obj(
         [*obj_not_used(lines), *lost],
     )
     return parts, materials, textures
+
+
+def _with_aliases(lines: list[str], aliases: dict[str, str]) -> tuple[str, str]:
+    """An OBJ file whose materials have aliases, and an .mtl file "names" that lists these."""
+    geometry = ["mtllib names"]
+    for line in lines:
+        if line.startswith(_USE):
+            name = line.removeprefix(_USE).strip()
+            geometry.append(f"usemtl {aliases[name]}")
+        elif not line.startswith("mtllib"):
+            geometry.append(line)
+    listed = [f"newmtl {alias}\nKd 1 1 1" for alias in aliases.values()]
+    return "\n".join(geometry), "\n".join(listed)
 
 
 def obj_materials(
@@ -212,16 +217,20 @@ def _numbers(
     return numbers
 
 
-def _as_gltf(
-    name: str, table: dict[str, list[str]], infos: dict[str, dict[str, int]]
-) -> dict[str, object]:
-    where = f"material {name!r}"
+def _colors(name: str, table: dict[str, list[str]]) -> dict[str, list[float]]:
+    """The colours of a material by their keys, three numbers each."""
     colors = {}
     for key, (label, most) in _COLORS.items():
         if key in table:
             # A single number is a grey; a fourth, which some programs write, has no meaning.
-            values = _numbers(table[key][:3], where, label, most, (1, 3))
+            words = table[key][:3]
+            values = _numbers(words, f"material {name!r}", label, most, (1, 3))
             colors[key] = values if len(values) == 3 else values * 3
+    return colors
+
+
+def _parameters(name: str, table: dict[str, list[str]]) -> dict[str, float]:
+    """The numbers of a material by their keys."""
     numbers = {}
     for key, (label, most) in _NUMBERS.items():
         if key in table:
@@ -230,7 +239,14 @@ def _as_gltf(
             # Some exporters write negative exponents for rough surfaces.
             if key == "ns" and words[0].startswith("-"):
                 words = ["0"]
-            numbers[key] = _numbers(words, where, label, most, (1,))[0]
+            numbers[key] = _numbers(words, f"material {name!r}", label, most, (1,))[0]
+    return numbers
+
+
+def _as_gltf(
+    name: str, table: dict[str, list[str]], infos: dict[str, dict[str, int]]
+) -> dict[str, object]:
+    colors, numbers = _colors(name, table), _parameters(name, table)
     exponent = numbers.get("ns", 0.0)
     rough = numbers.get("pr", math.sqrt(math.sqrt(2 / (exponent + 2))))
     opacity = numbers.get("d", 1 - numbers.get("tr", 0.0))

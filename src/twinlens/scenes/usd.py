@@ -293,6 +293,7 @@ class _Polygons:
     ) -> Iterator[Part]:
         """The chosen polygons (P,) as a part, unless there are none."""
         import trimesh
+        from trimesh.visual import TextureVisuals
 
         corners, polygons = self._triangles
         kept = (chosen & self._is_there)[polygons]
@@ -320,22 +321,16 @@ class _Polygons:
         _, first, numbers = np.unique(
             np.hstack(columns), axis=0, return_index=True, return_inverse=True
         )
-        visual = None
-        if uv is not None:
-            visual = trimesh.visual.TextureVisuals(uv=uv[first])
-        made = trimesh.Trimesh(
+        mesh = trimesh.Trimesh(
             self.points[self._vertices[flat[first]]],
             numbers.reshape(-1, 3),
             vertex_normals=None if normals is None else normals[first],
-            visual=visual,
+            visual=None if uv is None else TextureVisuals(uv=uv[first]),
             process=False,
             validate=False,
         )
-        rgba = None
-        if colors is not None:
-            opaque = np.ones((len(first), 1))
-            rgba = np.hstack([np.clip(colors[first], 0.0, 1.0), opaque])
-        yield Part(made, pose, material, normals is not None, rgba)
+        rgba = None if colors is None else _opaque(colors[first])
+        yield Part(mesh, pose, material, normals is not None, rgba)
 
     def _normals(
         self, corners: NDArray[np.int64], polygons: NDArray[np.int64]
@@ -456,3 +451,8 @@ def _shape(prim: Any, time: Any) -> Any:
         return None
     order = _AXES[str(prim.GetAttribute("axis").Get(time))]
     return trimesh.Trimesh(made.vertices[:, order], made.faces, process=False)
+
+
+def _opaque(colors: Float) -> Float:
+    """Colours (N, 3), clipped to [0, 1], with an opacity of 1: (N, 4)."""
+    return np.hstack([np.clip(colors, 0.0, 1.0), np.ones((len(colors), 1))])

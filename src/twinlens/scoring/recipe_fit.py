@@ -70,21 +70,8 @@ def fit_recipe(
     Raises InputError for a dataset that is not of `twinlens generate`, raw images, a sensor or mismatch that is drawn
     as a whole, fewer than two pairs, and a pair with less than 1000 pixels to compare.
     """
-    recipe = dict(dataset.manifest.recipe)
-    if not recipe:
-        raise InputError(
-            f"{dataset.path}: has no recipe; only datasets of `twinlens generate` have one"
-        )
-    table = recipe.get("sensor", {})
-    mismatch = mismatch_table(table)
-    if isinstance(mismatch, list) or {"choice", "sweep", "per_scene"} & {
-        *table,
-        *mismatch,
-    }:
-        problem = "draws sensor or mismatch as a whole, or has a list of mismatches"
-        raise InputError(
-            f"{dataset.path}: its recipe {problem}; a fit needs the fields of one"
-        )
+    recipe = _recipe_to_fit(dataset)
+    sensor_table = recipe.get("sensor", {})
     shots = [(sample, k) for sample in dataset for k in range(sample.num_lenses)]
     if len(shots) < 2 or len(like) < 2:
         raise InputError(
@@ -92,42 +79,69 @@ def fit_recipe(
         )
     measured = [_measure(*shot) for shot in shots]
     sensors = [shot.sensor for shot in measured]
+    light, slow = _light_differences(like, sensors[0])
+    # What the pairs have in slow differences beyond the dataset's becomes a spread of the shading.
+    excess = slow - float(np.mean([shot.slow for shot in measured]))
+    response = float(np.mean([shot.response for shot in measured]))
+    extra_shading = max(excess, 0.0) / response
+
+    appearances = [appearance(grey_levels(pair.im0)) for pair in like]
+    target_noise, target_share = np.mean(appearances, axis=0).tolist()
+    noise = float(np.mean([shot.noise for shot in measured]))
+    growth = float(np.mean([shot.noise_growth for shot in measured]))
+    fields, noise_note = _fitted_noise(sensors, noise, growth, target_noise)
+    scenes = [shot.scene for shot in measured]
+    shares = [shot.textureless for shot in measured]
+    weights, weights_note = _fitted_weights(recipe, scenes, shares, target_share)
+
+    mismatch = mismatch_table(sensor_table)
+    if mismatch.get("level", "none") != "none":
+        # The fitted gain includes time and f-number, which the level would draw.
+        mismatch = {**mismatch, "time": 1.0, "f_number": 1.0}
+    errors = np.array([shot.light_errors for shot in measured])
+    mismatch = {**mismatch, **_distributions(light, errors, extra_shading)}
+    uncertainty = 100 / (2 * len(like) - 2) ** 0.5
+    notes = (
+        f"Fitted to {counted(len(like), 'pair')}. Standard deviations are uncertain by {uncertainty:.0f} %.",
+        f"Shading: a standard deviation of {extra_shading**0.5:.2g} is added for other slow differences.",
+        noise_note,
+        weights_note,
+        "Not fitted: brightness, blur, glare, colours and alignment of the cameras, materials of the scenes.",
+    )
+    fitted_sensor = {**sensor_table, **fields, "mismatch": mismatch}
+    return {**recipe, **weights, "sensor": fitted_sensor}, notes
+
+
+def _recipe_to_fit(dataset: Dataset) -> dict[str, Any]:
+    """The recipe of a dataset, if it has one whose sensor and mismatch have fields of their own."""
+    recipe = dict(dataset.manifest.recipe)
+    if not recipe:
+        raise InputError(
+            f"{dataset.path}: has no recipe; only datasets of `twinlens generate` have one"
+        )
+    sensor_table = recipe.get("sensor", {})
+    mismatch = mismatch_table(sensor_table)
+    whole_draws = {"choice", "sweep", "per_scene"}
+    if isinstance(mismatch, list) or whole_draws & {*sensor_table, *mismatch}:
+        problem = "draws sensor or mismatch as a whole, or has a list of mismatches"
+        raise InputError(
+            f"{dataset.path}: its recipe {problem}; a fit needs the fields of one"
+        )
+    return recipe
+
+
+def _light_differences(like: Sequence[Pair], sensor: Sensor) -> tuple[Float, float]:
+    """The values of `LIGHT` of every pair, (N, 5), and the mean variance of the slow differences they leave."""
     light, slow = [], []
     for pair in like:
         if pair.disp0 is None:
             raise InputError(
                 f"{pair.name}: has no true disparity (disp0.pfm), by which a fit compares the views"
             )
-        values, slow_variance, _ = light_difference(pair, sensors[0])
+        values, slow_variance, _ = light_difference(pair, sensor)
         light.append(values)
         slow.append(slow_variance)
-    # What the pairs have in slow differences beyond the dataset's becomes a spread of the shading.
-    excess = float(np.mean(slow)) - float(np.mean([shot.slow for shot in measured]))
-    response = float(np.mean([shot.response for shot in measured]))
-    extra = max(excess, 0.0) / response
-    noise = float(np.mean([shot.noise for shot in measured]))
-    growth = float(np.mean([shot.noise_growth for shot in measured]))
-    appearances = [appearance(grey_levels(pair.im0)) for pair in like]
-    target, share = np.mean(appearances, axis=0).tolist()
-    fields, noise_note = _fitted_noise(sensors, noise, growth, target)
-    scenes = [shot.scene for shot in measured]
-    shares = [shot.textureless for shot in measured]
-    weights, weights_note = _fitted_weights(recipe, scenes, shares, share)
-    if mismatch.get("level", "none") != "none":
-        # The fitted gain includes time and f-number, which the level would draw.
-        mismatch = {**mismatch, "time": 1.0, "f_number": 1.0}
-    errors = np.array([shot.light_errors for shot in measured])
-    mismatch = {**mismatch, **_distributions(np.array(light), errors, extra)}
-    uncertainty = 100 / (2 * len(like) - 2) ** 0.5
-    notes = (
-        f"Fitted to {counted(len(like), 'pair')}. Standard deviations are uncertain by {uncertainty:.0f} %.",
-        f"Shading: a standard deviation of {extra**0.5:.2g} is added for other slow differences.",
-        noise_note,
-        weights_note,
-        "Not fitted: brightness, blur, glare, colours and alignment of the cameras, materials of the scenes.",
-    )
-    fitted_sensor = {**table, **fields, "mismatch": mismatch}
-    return {**recipe, **weights, "sensor": fitted_sensor}, notes
+    return np.array(light), float(np.mean(slow))
 
 
 def light_difference(pair: Pair, sensor: Sensor) -> tuple[Float, float, float]:
