@@ -6,7 +6,7 @@ texture added to the tables moves no object.
 
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -20,6 +20,7 @@ from twinlens.families.draws import PALETTES, Palette, Rng, log_uniform, one_of
 from twinlens.geometry import Float, inverse, look_at, rigid, transform_points
 from twinlens.scenes.materials import Bitmap, Material
 from twinlens.scenes.scene import Mesh, Plugin, Scene, SceneObject, free_name
+from twinlens.scenes.shapes import merged
 from twinlens.seeds import generator
 
 Triangles = tuple[Float, NDArray[np.uint32]]
@@ -208,9 +209,7 @@ class Composition:
         emitter: Plugin | None = None,
     ) -> None:
         """Add an object with its own material, or those of a user's mesh. Names become unique: bottle, bottle-2, ..."""
-        plain = re.sub(r"[^A-Za-z0-9_]+", "-", name).strip("-") or "body"
-        taken = {*self.materials, *(item.name for item in self.objects)}
-        unique = free_name(plain, taken)
+        unique = self._free_name(name)
         of_file: tuple[str, ...] = ()
         if isinstance(mesh, UserMesh):
             of_file = tuple(self._materials_of_file(mesh))
@@ -226,6 +225,37 @@ class Composition:
         self.triangles.append(
             (transform_points(world_from_object, mesh.vertices), mesh.faces)
         )
+
+    def add_surfaces(
+        self,
+        name: str,
+        surfaces: Iterable[tuple[str, Mesh, Material]],
+        poses: Sequence[Float],
+    ) -> None:
+        """Add one object of surfaces: names, meshes, materials. Copies at several poses share its mesh."""
+        unique = self._free_name(name)
+        meshes, words = [], []
+        for number, (label, mesh, material) in enumerate(surfaces):
+            mesh, material = _with_plain_texture(mesh, material)
+            word = free_name(f"{unique}-{label}", self.materials)
+            self.materials[word] = material
+            words.append(word)
+            surface = np.full(len(mesh.faces), number, dtype=np.uint16)
+            meshes.append(replace(mesh, surface=surface))
+        whole = merged(meshes)
+        pose = np.asarray(poses[0], dtype=np.float64)
+        instances = tuple(poses) if len(poses) > 1 else ()
+        placed = np.eye(4) if instances else pose
+        made = SceneObject(unique, whole, tuple(words), placed, instances=instances)
+        self.objects.append(made)
+        for world_from_mesh in poses:
+            vertices = transform_points(world_from_mesh, whole.vertices)
+            self.triangles.append((vertices, whole.faces))
+
+    def _free_name(self, name: str) -> str:
+        plain = re.sub(r"[^A-Za-z0-9_]+", "-", name).strip("-") or "body"
+        taken = {*self.materials, *(item.name for item in self.objects)}
+        return free_name(plain, taken)
 
     def _materials_of_file(self, mesh: UserMesh) -> Iterator[str]:
         """The names in the scene of the materials of a mesh's file, which are added once for all its copies.
@@ -276,10 +306,7 @@ class Composition:
         if self.depth_range is not None:
             scale = self.depth_range[0] / near
             about_eye = similarity(np.eye(3), (1 - scale) * view.eye, scale)
-            objects = [
-                replace(item, world_from_object=about_eye @ item.world_from_object)
-                for item in objects
-            ]
+            objects = [_moved(item, about_eye) for item in objects]
             near, far = near * scale, far * scale
         share = self.rng("baseline").uniform(0.08, 0.12)
         return Scene(
@@ -309,6 +336,14 @@ class Family:
     least_ratio: float
     names: frozenset[str]
     may_be_empty: bool = False
+
+
+def _moved(item: SceneObject, pose: Float) -> SceneObject:
+    """An object, or all its copies, moved by a pose (4, 4) of the world."""
+    if item.instances:
+        instances = tuple(pose @ instance for instance in item.instances)
+        return replace(item, instances=instances)
+    return replace(item, world_from_object=pose @ item.world_from_object)
 
 
 def _with_plain_texture(mesh: Mesh, material: Material) -> tuple[Mesh, Material]:

@@ -144,6 +144,12 @@ FURNITURE = {  # patterns, tile in metres, finishes
     "glaze": (("plain", "plain", "speckled", "cloudy", "stripes"), 0.5, ("glossy",)),
     "leaf": (("cloudy",), 0.4, ("satin",)),
     "card": (("plain",), 0.6, ("matte",)),
+    "bark": (("cloudy", "wood"), 0.3, ("matte",)),
+    "soil": (("granite", "chips"), 0.2, ("matte",)),
+    "rubber": (("plain",), 0.3, ("matte", "satin")),
+    "rattan": (("weave", "cloudy"), 0.08, ("matte", "satin")),
+    "paper": (("plain", "plain", "art"), 0.3, ("matte",)),
+    "toy": (("plain",), 0.3, ("satin", "glossy")),
     "rug": (
         (
             "plain",
@@ -168,12 +174,19 @@ FURNITURE = {  # patterns, tile in metres, finishes
 
 _FIXED_COLORS = {
     "leaf": np.array([[0.035, 0.11, 0.03], [0.09, 0.22, 0.05], [0.05, 0.16, 0.07]]),
+    "bark": np.array([[0.13, 0.09, 0.06], [0.22, 0.17, 0.12], [0.08, 0.06, 0.045]]),
+    "soil": np.array(
+        [[0.05, 0.035, 0.025], [0.09, 0.065, 0.045], [0.03, 0.022, 0.018]]
+    ),
+    "rubber": np.array([[0.025, 0.025, 0.027]]),
+    "rattan": np.array([[0.42, 0.28, 0.14], [0.3, 0.19, 0.09], [0.55, 0.4, 0.22]]),
+    "paper": np.array([[0.72, 0.71, 0.68], [0.55, 0.45, 0.33], [0.3, 0.32, 0.36]]),
     "card": np.array([[0.42, 0.29, 0.17], [0.36, 0.24, 0.14]]),
     "white": np.array([[0.76, 0.75, 0.72]]),
 }
 
 
-_LOOKS_ALONE = ("pattern", "picture", "rug")
+_LOOKS_ALONE = ("pattern", "picture", "rug", "toy")
 """Parts that look different from all others, also of the same piece."""
 _OF_USER = ("picture", "rug", "pattern", "fabric")
 """Parts that may have a user's texture."""

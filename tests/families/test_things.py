@@ -1,0 +1,81 @@
+"""Things have closed parts, real sizes, stand on z = 0 or hang from it, and are the same for the same seed."""
+
+import hashlib
+
+import numpy as np
+import pytest
+import trimesh
+
+from twinlens.families.materials import FURNITURE
+from twinlens.families.things import THINGS
+
+PLACES = {"table", "floor", "wall", "outdoors", "hangs"}
+SHEETS = {"leaf"}  # both sides of a blade, without its edge
+SEEDS = range(20)
+
+
+def pieces(name):
+    return [THINGS[name].make(np.random.default_rng(seed)) for seed in SEEDS]
+
+
+def closed(mesh):
+    """As a trimesh, with vertices at equal positions merged; no triangle is left out."""
+    solid = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    solid.merge_vertices(merge_tex=True, merge_norm=True, digits_vertex=7)
+    return solid
+
+
+def digest(piece):
+    sums = hashlib.sha256(repr((piece.kind, piece.floor, piece.height)).encode())
+    for name, mesh, word in piece.parts:
+        sums.update(f"{name} {word}".encode())
+        for values in (mesh.vertices, mesh.faces, mesh.normals, mesh.uv):
+            sums.update(np.ascontiguousarray(values).tobytes())
+    return sums.hexdigest()
+
+
+@pytest.mark.parametrize("name", THINGS)
+def test_a_thing_has_clean_parts_a_real_size_and_stands(name):
+    thing = THINGS[name]
+    assert thing.places
+    assert set(thing.places) <= PLACES
+    for piece in pieces(name):
+        assert piece.kind == name
+        vertices = np.concatenate([mesh.vertices for _, mesh, _ in piece.parts])
+        low, high = vertices.min(axis=0), vertices.max(axis=0)
+        assert thing.size[0] <= (high - low).max() <= thing.size[1]
+        on_ground = high[2] if "hangs" in thing.places else low[2]
+        assert on_ground == pytest.approx(0, abs=1e-12)
+        assert (low + high)[:2] == pytest.approx(0, abs=1e-9)
+        assert (high - low)[:2] == pytest.approx(piece.floor, abs=1e-9)
+        assert (high - low)[2] == pytest.approx(piece.height, abs=1e-9)
+        assert len({label for label, _, _ in piece.parts}) == len(piece.parts)
+        for _, mesh, word in piece.parts:
+            check_part(mesh, word)
+
+
+def check_part(mesh, word):
+    assert word in FURNITURE or word in ("lit", "spines")
+    assert np.isfinite(mesh.uv).all()
+    np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-6)
+    a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
+    cross = np.cross(b - a, c - a)
+    longest = np.max(
+        [np.linalg.norm(side, axis=1) for side in (b - a, c - b, a - c)], 0
+    )
+    assert (np.linalg.norm(cross, axis=1) > 1e-6 * longest**2).all()
+    facing = np.einsum("nc,nc->n", cross, mesh.normals[mesh.faces].mean(axis=1))
+    assert (facing > 0).all()
+    solid = closed(mesh)
+    assert solid.is_winding_consistent
+    if word not in SHEETS:
+        assert solid.is_watertight
+        assert min(body.volume for body in solid.split()) > 0
+
+
+@pytest.mark.parametrize("name", THINGS)
+def test_a_seed_decides_every_byte_and_seeds_differ(name):
+    first, again = pieces(name), pieces(name)
+    sums = [digest(piece) for piece in first]
+    assert sums == [digest(piece) for piece in again]
+    assert len(set(sums)) == len(sums)
