@@ -23,6 +23,14 @@ from tests.calibrations.test_reading import KINDS, files_of
 from tests.dataset.test_calib import MOTORCYCLE
 from tests.scenes.gltf_files import png, square, write, write_colored
 from tests.scenes.test_xml_check import HARMLESS
+from tests.scenes.usd_files import (
+    SQUARE,
+    TEXTURED,
+    instancer,
+    prim,
+    usda,
+    write_pictures,
+)
 from twinlens.calibrations import read_rig
 from twinlens.dataset.codecs.calib import read_calib
 from twinlens.errors import TwinlensError
@@ -268,22 +276,18 @@ def calibration_files(folder):
 
 
 def usd_files(folder, suffix):
-    from tests.scenes.test_usd import (
-        RGBA,
-        UsdGeom,
-        UsdUtils,
-        add_instancer,
-        add_textured_square,
-        stage_at,
-    )
+    from pxr import Sdf, UsdUtils
 
-    written(folder, {"t.png": png(RGBA), "r.png": png(np.ones((1, 1, 3)))})
+    write_pictures(folder)
+    copies = """
+      int[] protoIndices = [0, 0]
+      point3f[] positions = [(5, 0, 0), (6, 0, 0)]
+    """
+    prims = TEXTURED.replace("SPACE", "") + prim("Cylinder", "tube", "")
+    prims += instancer("copies", ["/copies/square"], copies, SQUARE)
+    text = usda(folder / "text.usda", prims)
     plain = folder / f"m.{'usda' if suffix == 'usdz' else suffix}"
-    stage = stage_at(plain)
-    add_textured_square(stage)
-    UsdGeom.Cylinder.Define(stage, "/tube")
-    add_instancer(stage, "/copies")
-    stage.Save()
+    Sdf.Layer.FindOrOpen(str(text)).Export(str(plain))
     path = folder / f"m.{suffix}"
     if suffix == "usdz":
         UsdUtils.CreateNewUsdzPackage(str(plain), str(path))

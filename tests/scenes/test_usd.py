@@ -1,5 +1,6 @@
 """USD files: meshes, poses and materials. Bounds and areas are those of OpenUSD, trimesh and shapely."""
 
+import math
 import subprocess
 import sys
 import warnings
@@ -8,10 +9,25 @@ import zipfile
 import numpy as np
 import pytest
 import trimesh
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade, UsdUtils, Vt
+from pxr import Gf, Usd, UsdGeom, UsdUtils
 from shapely import Polygon
 
 from tests.scenes.gltf_files import png
+from tests.scenes.usd_files import (
+    SQUARE,
+    TEXTURED,
+    instancer,
+    material,
+    mesh,
+    moved,
+    prim,
+    shader,
+    square,
+    texture,
+    textured_square,
+    usda,
+    write_pictures,
+)
 from twinlens.errors import InputError, MissingExtraError
 from twinlens.scenes import usd_process
 from twinlens.scenes.assets import SceneContext
@@ -20,6 +36,8 @@ from twinlens.scenes.materials import Bitmap, Color
 from twinlens.scenes.model_files import MaterialWarning, named_files, read_model
 
 C_PLATE = [(0, 0), (3, 0), (3, 1), (1, 1), (1, 2), (3, 2), (3, 3), (0, 3)]
+ARROW = [(0, 0), (4, 0), (4, 3), (2, 1), (0, 3)]
+PENTAGON = [(0, 0), (2, 0), (3, 2), (1, 4), (-1, 2)]
 
 
 def open_here(path, context, with_materials=True):
@@ -35,116 +53,77 @@ def here(monkeypatch):
     return monkeypatch
 
 
+@pytest.fixture
+def write(tmp_path):
+    """Writes m.usda of some prims and returns its path."""
+    return lambda prims, **options: usda(tmp_path / "m.usda", prims, **options)
+
+
 def read(path, **options):
     return read_model(path, SceneContext(path.parent), **options)
 
 
-def stage_at(path, metres=1.0, up="Z"):
-    stage = Usd.Stage.CreateNew(str(path))
-    UsdGeom.SetStageMetersPerUnit(stage, metres)
-    UsdGeom.SetStageUpAxis(stage, up)
-    return stage
+def material_of(path):
+    """The only material of a file."""
+    [only] = read(path).materials.values()
+    return only
 
 
-def add_mesh(stage, name, points, faces, **values):
-    mesh = UsdGeom.Mesh.Define(stage, name)
-    mesh.CreatePointsAttr([Gf.Vec3f(*map(float, point)) for point in points])
-    mesh.CreateFaceVertexCountsAttr([len(face) for face in faces])
-    mesh.CreateFaceVertexIndicesAttr([index for face in faces for index in face])
-    mesh.CreateSubdivisionSchemeAttr("none")
-    for key, value in values.items():
-        getattr(mesh, f"Create{key}Attr")(value)
-    return mesh
-
-
-def add_square(stage, name="/square", **values):
-    points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
-    return add_mesh(stage, name, points, [[0, 1, 2, 3]], **values)
-
-
-def add_primvar(mesh, name, kind, values, interpolation, indices=None):
-    primvar = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(name, kind, interpolation)
-    primvar.Set(values)
-    if indices is not None:
-        primvar.SetIndices(Vt.IntArray(indices))
-
-
-def preview(stage, name, **inputs):
-    """A material whose inputs are values, or (shader, output)."""
-    material = UsdShade.Material.Define(stage, name)
-    shader = UsdShade.Shader.Define(stage, f"{name}/surface")
-    shader.CreateIdAttr("UsdPreviewSurface")
-    for key, value in inputs.items():
-        if isinstance(value, tuple) and isinstance(value[0], UsdShade.Shader):
-            source, output, kind = value
-            target = shader.CreateInput(key, kind)
-            target.ConnectToSource(source.CreateOutput(output, kind))
-        elif isinstance(value, tuple):
-            shader.CreateInput(key, Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(*value))
-        else:
-            shader.CreateInput(key, Sdf.ValueTypeNames.Float).Set(value)
-    material.CreateSurfaceOutput().ConnectToSource(shader.ConnectableAPI(), "surface")
-    return material
-
-
-def bind(prim, material):
-    UsdShade.MaterialBindingAPI.Apply(prim.GetPrim()).Bind(material)
-
-
-def area(mesh):
-    corners = mesh.vertices[mesh.faces]
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return cross.sum(axis=0) / 2
+def areas(model):
+    """The area of each triangle times its normal (N, 3)."""
+    corners = model.vertices[model.faces]
+    edges = corners[:, 1:] - corners[:, :1]
+    return np.cross(edges[:, 0], edges[:, 1]) / 2
 
 
 @pytest.mark.parametrize("suffix", ["usda", "usdc", "usd"])
-@pytest.mark.parametrize(
-    "outline",
-    [C_PLATE, [(0, 0), (4, 0), (4, 3), (2, 1), (0, 3)], [(0, 0), (2, 0), (3, 2), (1, 4), (-1, 2)]],
-)  # fmt: skip
-def test_polygons_cover_their_own_area(tmp_path, suffix, outline):
-    path = tmp_path / f"m.{suffix}"
-    stage = stage_at(path)
-    face = list(range(len(outline)))
+@pytest.mark.parametrize("outline", [C_PLATE, ARROW, PENTAGON])
+def test_polygons_cover_their_own_area(tmp_path, write, suffix, outline):
     points = [(x, y, 0) for x, y in outline]
-    add_mesh(stage, "/right", points, [face])
-    add_mesh(stage, "/left", points, [face[::-1]], Orientation="leftHanded")
-    add_mesh(stage, "/hole", points, [face], HoleIndices=[0])
-    stage.Save()
-    np.testing.assert_allclose(area(read(path).mesh), [0, 0, 2 * Polygon(outline).area])
+    face = list(range(len(outline)))
+    prims = mesh("right", points, [face])
+    prims += mesh(
+        "left", points, [face[::-1]], 'uniform token orientation = "leftHanded"'
+    )
+    prims += mesh("hole", points, [face], "int[] holeIndices = [0]")
+    path = tmp_path / f"other.{suffix}"
+    Usd.Stage.Open(str(write(prims))).Export(str(path))
+    area = areas(read(path).mesh).sum(axis=0)
+    np.testing.assert_allclose(area, [0, 0, 2 * Polygon(outline).area])
+
+
+TREE = f"""
+def Xform "top" {{
+  double3 xformOp:translate = (1, 2, 3)
+  float3 xformOp:rotateXYZ = (20, 30, 40)
+  uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateXYZ"]
+  def Xform "part" {{
+    float3 xformOp:scale = (2, 0.5, -1)
+    uniform token[] xformOpOrder = ["xformOp:scale"]
+    {SQUARE}
+  }}
+}}
+def Cube "cube" {{
+  double size = 0.5
+}}
+"""
 
 
 @pytest.mark.parametrize(("metres", "up"), [(0.01, "Y"), (1.0, "Z"), (0.001, "Z")])
-def test_poses_and_units(tmp_path, read_scene, metres, up):
+def test_poses_and_units(write, read_scene, metres, up):
     """The bounds that OpenUSD computes, in metres, with z up."""
-    path = tmp_path / "m.usda"
-    stage = stage_at(path, metres, up)
-    top = UsdGeom.Xform.Define(stage, "/top")
-    top.AddTranslateOp().Set(Gf.Vec3d(1, 2, 3))
-    top.AddRotateXYZOp().Set(Gf.Vec3f(20, 30, 40))
-    part = UsdGeom.Xform.Define(stage, "/top/part")
-    part.AddScaleOp().Set(Gf.Vec3f(2, 0.5, -1))
-    add_square(stage, "/top/part/square")
-    UsdGeom.Cube.Define(stage, "/cube").CreateSizeAttr(0.5)
-    stage.Save()
+    stage = Usd.Stage.Open(str(write(TREE, metres=metres, up=up)))
     bounds = UsdGeom.BBoxCache(Usd.TimeCode.Default(), ["default"])
-    corners = [
-        np.array(
-            bounds.ComputeWorldBound(stage.GetPrimAtPath(name))
-            .ComputeAlignedRange()
-            .GetCorner(i)
-        )
-        for name in ("/top", "/cube")
-        for i in range(8)
-    ]
-    expected = np.array(corners) * metres
-    mesh = read_scene("[objects.own]\nfile = 'm.usda'\n").objects[-1].shape
+    box = Gf.Range3d()
+    for name in ("/top", "/cube"):
+        bound = bounds.ComputeWorldBound(stage.GetPrimAtPath(name))
+        box.UnionWith(bound.ComputeAlignedRange())
+    expected = np.array([box.min, box.max]) * metres
     if up == "Y":
-        expected = expected[:, [0, 2, 1]] * [1, -1, 1]
-    made = [mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)]
-    np.testing.assert_allclose(
-        made, [expected.min(axis=0), expected.max(axis=0)], rtol=1e-6
-    )
+        expected = np.sort(expected[:, [0, 2, 1]] * [1, -1, 1], axis=0)
+    vertices = read_scene("[objects.own]\nfile = 'm.usda'\n").objects[-1].shape.vertices
+    made = [vertices.min(axis=0), vertices.max(axis=0)]
+    np.testing.assert_allclose(made, expected, rtol=1e-6)
 
 
 def test_the_unit_of_a_file_that_names_none_is_a_centimetre(tmp_path):
@@ -157,93 +136,65 @@ def test_the_unit_of_a_file_that_names_none_is_a_centimetre(tmp_path):
     ("kind", "volume"),
     [("Cylinder", 0.024), ("Cone", 0.008), ("Capsule", 0.024 + 4 / 3 * 0.008)],
 )  # fmt: skip
-def test_round_shapes(tmp_path, axis, kind, volume):
-    path = tmp_path / "m.usda"
-    stage = stage_at(path)
-    shape = getattr(UsdGeom, kind).Define(stage, "/shape")
-    shape.CreateRadiusAttr(0.2)
-    shape.CreateHeightAttr(0.6)
-    shape.CreateAxisAttr(axis)
-    shape.CreateExtentAttr(
-        UsdGeom.Boundable.ComputeExtentFromPlugins(shape, Usd.TimeCode.Default())
-    )
-    stage.Save()
-    mesh = read(path).mesh
-    solid = trimesh.Trimesh(mesh.vertices, mesh.faces)
+def test_round_shapes(write, axis, kind, volume):
+    size = f'double radius = 0.2\ndouble height = 0.6\nuniform token axis = "{axis}"'
+    path = write(prim(kind, "shape", size))
+    made = read(path).mesh
+    solid = trimesh.Trimesh(made.vertices, made.faces)
     assert solid.volume == pytest.approx(np.pi * volume, rel=0.005)
-    np.testing.assert_allclose(solid.bounds, shape.GetExtentAttr().Get(), atol=1e-6)
+    stage = Usd.Stage.Open(str(path))
+    shape = UsdGeom.Boundable(stage.GetPrimAtPath("/shape"))
+    extent = UsdGeom.Boundable.ComputeExtentFromPlugins(shape, Usd.TimeCode.Default())
+    np.testing.assert_allclose(solid.bounds, extent, atol=1e-6)
 
 
-def test_values_of_corners_faces_and_vertices(tmp_path):
+def test_values_of_corners_faces_and_vertices(write):
     """Two triangles that share an edge: (u, v) of corners by index, a normal of each face."""
-    path = tmp_path / "m.usda"
-    stage = stage_at(path)
     points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 1)]
-    mesh = add_mesh(stage, "/m", points, [[0, 1, 2], [0, 2, 3]])
-    uv = [(0, 0), (0.5, 0), (0.5, 1), (1, 1)]
-    kind = Sdf.ValueTypeNames.TexCoord2fArray
-    add_primvar(mesh, "st", kind, uv, "faceVarying", [0, 1, 2, 0, 2, 3])
-    normals = [(0, 0, 1), (-0.6, 0, 0.8)]
-    add_primvar(mesh, "normals", Sdf.ValueTypeNames.Normal3fArray, normals, "uniform")
-    stage.Save()
-    model = read(path).mesh
-    np.testing.assert_allclose(
-        model.uv[model.faces].reshape(-1, 2), np.array(uv)[[0, 1, 2, 0, 2, 3]]
-    )
-    np.testing.assert_allclose(model.normals[model.faces[:, 0]], normals, atol=1e-6)
+    values = """
+      texCoord2f[] primvars:st = [(0, 0), (0.5, 0), (0.5, 1), (1, 1)] (interpolation = "faceVarying")
+      int[] primvars:st:indices = [0, 1, 2, 0, 2, 3]
+      normal3f[] primvars:normals = [(0, 0, 1), (-0.6, 0, 0.8)] (interpolation = "uniform")
+    """
+    model = read(write(mesh("m", points, [[0, 1, 2], [0, 2, 3]], values))).mesh
+    uv = [[(0, 0), (0.5, 0), (0.5, 1)], [(0, 0), (0.5, 1), (1, 1)]]
+    np.testing.assert_allclose(model.uv[model.faces], uv)
+    normals = model.normals[model.faces[:, 0]]
+    np.testing.assert_allclose(normals, [(0, 0, 1), (-0.6, 0, 0.8)], atol=1e-6)
     assert len(model.vertices) == 6
 
 
-def test_purposes_visibility_and_instances(tmp_path):
-    path = tmp_path / "m.usda"
-    stage = stage_at(path)
-    for name, purpose in (("a", "guide"), ("b", "proxy"), ("c", "render")):
-        add_square(stage, f"/{name}").CreatePurposeAttr(purpose)
-    hidden = UsdGeom.Xform.Define(stage, "/hidden")
-    hidden.CreateVisibilityAttr("invisible")
-    add_square(stage, "/hidden/square")
-    stage.CreateClassPrim("/prototype")
-    add_square(stage, "/prototype/square")
-    for i in range(3):
-        copy = UsdGeom.Xform.Define(stage, f"/copy{i}")
-        copy.AddTranslateOp().Set(Gf.Vec3d(0, 0, i + 1))
-        copy.GetPrim().GetReferences().AddInternalReference("/prototype")
-        copy.GetPrim().SetInstanceable(True)
-    stage.Save()
-    mesh = read(path).mesh
-    heights = mesh.vertices[mesh.faces[::2, 0], 2]
+def test_purposes_visibility_and_instances(write):
+    prims = "".join(
+        square(purpose, f'uniform token purpose = "{purpose}"')
+        for purpose in ("guide", "proxy", "render")
+    )
+    prims += prim("Xform", "hidden", f'token visibility = "invisible"\n{SQUARE}')
+    prims += f'class "prototype" {{\n{SQUARE}\n}}\n'
+    for height in (1, 2, 3):
+        instance = "instanceable = true\nprepend references = </prototype>"
+        prims += prim("Xform", f"copy{height}", moved(0, 0, height), instance)
+    model = read(write(prims)).mesh
+    heights = model.vertices[model.faces[::2, 0], 2]
     assert sorted(heights) == [0, 1, 2, 3]
 
 
-def textured(stage, name, file="t.png", **inputs):
-    shader = UsdShade.Shader.Define(stage, name)
-    shader.CreateIdAttr("UsdUVTexture")
-    shader.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(file)
-    for key, value in inputs.items():
-        kind = (
-            Sdf.ValueTypeNames.Float4
-            if key in ("scale", "bias")
-            else Sdf.ValueTypeNames.Token
-        )
-        shader.CreateInput(key, kind).Set(value)
-    return shader
-
-
-def test_materials_of_the_mesh_and_of_subsets(tmp_path):
-    path = tmp_path / "m.usda"
-    stage = stage_at(path)
+def test_materials_of_the_mesh_and_of_subsets(write):
     points = [(x, y, 0) for y in range(2) for x in range(4)]
-    mesh = add_mesh(stage, "/m", points, [[i, i + 1, i + 5, i + 4] for i in range(3)])
-    red = preview(
-        stage, "/red", diffuseColor=(0.8, 0.1, 0.0), metallic=1.0, roughness=0.3
-    )
-    glow = preview(stage, "/glow", emissiveColor=(2.0, 1.0, 0.0), opacity=0.5, ior=1.3)
-    bind(mesh, red)
-    binding = UsdShade.MaterialBindingAPI(mesh.GetPrim())
-    subset = binding.CreateMaterialBindSubset("part", [1], UsdGeom.Tokens.face)
-    bind(subset, glow)
-    stage.Save()
-    model = read(path)
+    faces = [[i, i + 1, i + 5, i + 4] for i in range(3)]
+    parts = """
+      rel material:binding = </red>
+      def GeomSubset "part" (prepend apiSchemas = ["MaterialBindingAPI"]) {
+        uniform token elementType = "face"
+        uniform token familyName = "materialBind"
+        int[] indices = [1]
+        rel material:binding = </glow>
+      }
+    """
+    red = "color3f inputs:diffuseColor = (0.8, 0.1, 0)\nfloat inputs:metallic = 1\nfloat inputs:roughness = 0.3"
+    glow = "color3f inputs:emissiveColor = (2, 1, 0)\nfloat inputs:opacity = 0.5\nfloat inputs:ior = 1.3"
+    prims = mesh("m", points, faces, parts)
+    model = read(write(prims + material("red", red) + material("glow", glow)))
     assert list(model.materials) == ["m.usda:glow", "m.usda:red"]
     lit, metal = model.materials.values()
     assert metal.base_color.rgb == pytest.approx((0.8, 0.1, 0.0))
@@ -251,258 +202,141 @@ def test_materials_of_the_mesh_and_of_subsets(tmp_path):
     assert lit.emission == Color((2.0, 1.0, 0.0))
     assert (lit.opacity, lit.ior) == (0.5, pytest.approx(1.3))
     middle = model.mesh.vertices[model.mesh.faces].mean(axis=1)[:, 0]
-    assert (model.mesh.surface == np.where((middle > 1) & (middle < 2), 0, 1)).all()
-
-
-def add_textured_square(stage, **more):
-    """A square with a colour from t.png and a roughness from the green channel of r.png, through a primvar `map1`."""
-    mesh = add_square(stage)
-    uv = [(0, 0), (1, 0), (1, 1), (0, 1)]
-    add_primvar(mesh, "map1", Sdf.ValueTypeNames.TexCoord2fArray, uv, "vertex")
-    color = textured(stage, "/m/color", wrapS="clamp", wrapT="clamp", **more)
-    reader = UsdShade.Shader.Define(stage, "/m/reader")
-    reader.CreateIdAttr("UsdPrimvarReader_float2")
-    reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set("map1")
-    place = UsdShade.Shader.Define(stage, "/m/place")
-    place.CreateIdAttr("UsdTransform2d")
-    pair = Sdf.ValueTypeNames.Float2
-    place.CreateInput("scale", pair).Set(Gf.Vec2f(2, 3))
-    place.CreateInput("translation", pair).Set(Gf.Vec2f(0.25, 0.5))
-    place.CreateInput("rotation", Sdf.ValueTypeNames.Float).Set(90.0)
-    place.CreateInput("in", pair).ConnectToSource(reader.CreateOutput("result", pair))
-    color.CreateInput("st", pair).ConnectToSource(place.CreateOutput("result", pair))
-    rough = textured(
-        stage,
-        "/m/rough",
-        "r.png",
-        sourceColorSpace="raw",
-        scale=Gf.Vec4f(0.5),
-        bias=Gf.Vec4f(0.25),
-    )
-    of_color, of_number = Sdf.ValueTypeNames.Color3f, Sdf.ValueTypeNames.Float
-    material = preview(
-        stage,
-        "/m",
-        diffuseColor=(color, "rgb", of_color),
-        roughness=(rough, "g", of_number),
-        opacity=(color, "a", of_number),
-    )
-    bind(mesh, material)
-
-
-RGBA = np.array([[[0.5, 1, 0, 1], [0, 0, 0, 0.0]]])
+    is_part = (middle > 1) & (middle < 2)
+    np.testing.assert_array_equal(model.mesh.surface, np.where(is_part, 0, 1))
 
 
 @pytest.mark.parametrize("space", ["sRGB", "raw", None])
-def test_textures(tmp_path, space):
-    path = tmp_path / "m.usda"
-    stage = stage_at(path)
-    (tmp_path / "t.png").write_bytes(png(RGBA))
-    (tmp_path / "r.png").write_bytes(png(np.array([[[1, 0.2, 1]], [[0, 1, 0]]])))
-    add_textured_square(stage, **({"sourceColorSpace": space} if space else {}))
-    stage.Save()
-    [material] = read(path).materials.values()
-    color = material.base_color
+def test_textures(tmp_path, write, space):
+    write_pictures(tmp_path)
+    stated = f'token inputs:sourceColorSpace = "{space}"' if space else ""
+    path = write(TEXTURED.replace("SPACE", stated))
+    made = material_of(path)
+    color = made.base_color
     half = 128 / 255 if space == "raw" else ((128 / 255 + 0.055) / 1.055) ** 2.4
     np.testing.assert_allclose(color.pixels[0, 0], [half, 1, 0], atol=1e-6)
-    np.testing.assert_allclose(material.roughness.pixels, [[0.35], [0.75]], atol=1e-6)
-    np.testing.assert_allclose(material.opacity.pixels, [[1, 0]])
+    np.testing.assert_allclose(made.roughness.pixels, [[0.35], [0.75]], atol=1e-6)
+    np.testing.assert_allclose(made.opacity.pixels, [[1, 0]])
     assert color.wrap == "clamp"
     # (1, 0) is scaled to (2, 0), turned to (0, 2) and moved to (0.25, 2.5).
-    np.testing.assert_allclose(
-        color.to_uv @ [1, 0, 0, 1], [0.25, 2.5, 0, 1], atol=1e-12
-    )
-    assert {file.name for file in named_files(path, SceneContext(tmp_path))} >= {
-        "t.png",
-        "r.png",
-    }
+    place = color.to_uv @ [1, 0, 0, 1]
+    np.testing.assert_allclose(place, [0.25, 2.5, 0, 1], atol=1e-12)
+    names = {file.name for file in named_files(path, SceneContext(tmp_path))}
+    assert names >= {"t.png", "r.png"}
 
 
-def linked(stage, name, kind, source=None, **inputs):
-    """A shader whose input `in` is the result of another one."""
-    shader = UsdShade.Shader.Define(stage, name)
-    shader.CreateIdAttr(kind)
-    pair = Sdf.ValueTypeNames.Float2
-    for key, value in inputs.items():
-        kinds = {
-            "varname": Sdf.ValueTypeNames.String,
-            "rotation": Sdf.ValueTypeNames.Float,
-        }
-        shader.CreateInput(key, kinds.get(key, pair)).Set(value)
-    if source is not None:
-        shader.CreateInput("in", pair).ConnectToSource(
-            source.CreateOutput("result", pair)
-        )
-    return shader
-
-
-def place(texture, source):
-    pair = Sdf.ValueTypeNames.Float2
-    texture.CreateInput("st", pair).ConnectToSource(source.CreateOutput("result", pair))
-
-
-def with_texture(stage, tmp_path, *primvars, **inputs):
-    """A square with the primvars, and a texture of its material's colour."""
-    (tmp_path / "t.png").write_bytes(png(RGBA))
-    mesh = add_square(stage)
-    kind = Sdf.ValueTypeNames.TexCoord2fArray
-    for number, name in enumerate(primvars):
-        uv = [(number, 0), (1, 0), (1, 1), (0, 1)]
-        add_primvar(mesh, name, kind, uv, "vertex")
-    texture = textured(stage, "/m/color", **inputs)
-    color = texture, "rgb", Sdf.ValueTypeNames.Color3f
-    bind(mesh, preview(stage, "/m", diffuseColor=color))
-    return texture
+SCALE, SHIFT = "float2 inputs:scale = (2, 3)", "float2 inputs:translation = (5, 7)"
+TURN = "float inputs:rotation = 90"
 
 
 @pytest.mark.parametrize(
     ("steps", "expected"),
     [
-        ([{"scale": (2, 3)}], (2, 3)),
+        ([SCALE], (2, 3)),
         # (1, 1) is scaled to (2, 3), then moved.
-        ([{"scale": (2, 3)}, {"translation": (5, 7)}], (7, 10)),
+        ([SCALE, SHIFT], (7, 10)),
         # (1, 1) is moved to (6, 8), then scaled.
-        ([{"translation": (5, 7)}, {"scale": (2, 3)}], (12, 24)),
+        ([SHIFT, SCALE], (12, 24)),
         # (1, 1) is moved to (6, 8), turned to (-8, 6), then scaled.
-        ([{"translation": (5, 7)}, {"rotation": 90.0}, {"scale": (2, 3)}], (-16, 18)),
+        ([SHIFT, TURN, SCALE], (-16, 18)),
     ],
 )
-def test_chained_transforms(tmp_path, steps, expected):
+def test_chained_transforms(tmp_path, write, steps, expected):
     """The steps are those from the primvar to the texture."""
-    path = tmp_path / "m.usda"
-    stage = stage_at(path)
-    texture = with_texture(stage, tmp_path, "map1")
-    shader = linked(stage, "/m/reader", "UsdPrimvarReader_float2", varname="map1")
+    write_pictures(tmp_path)
+    varname = 'string inputs:varname = "map1"'
+    shaders, source = shader("reader", "UsdPrimvarReader_float2", varname), "reader"
     for number, step in enumerate(steps):
-        values = {
-            key: value if key == "rotation" else Gf.Vec2f(*value)
-            for key, value in step.items()
-        }
-        shader = linked(stage, f"/m/step{number}", "UsdTransform2d", shader, **values)
-    place(texture, shader)
-    stage.Save()
-    [material] = read(path).materials.values()
-    uv = material.base_color.to_uv @ [1, 1, 0, 1]
+        name = f"step{number}"
+        shaders += shader(name, "UsdTransform2d", step, source)
+        source = name
+    path = write(textured_square(texture(source=source), shaders, ["map1"]))
+    uv = material_of(path).base_color.to_uv @ [1, 1, 0, 1]
     np.testing.assert_allclose(uv, [*expected, 0, 1], atol=1e-6)
 
 
-def add_copies(stage, prototypes, of_prototype, **values):
-    """A PointInstancer /copies."""
-    made = UsdGeom.PointInstancer.Define(stage, "/copies")
-    made.CreatePrototypesRel().SetTargets([Sdf.Path(name) for name in prototypes])
-    made.CreateProtoIndicesAttr(of_prototype)
-    for name, value in values.items():
-        made.GetPrim().GetAttribute(name).Set(value)
-    return made
-
-
-def centres_and_areas(path):
-    mesh = read(path).mesh
-    corners = mesh.vertices[mesh.faces]
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return corners.mean(axis=1), np.linalg.norm(cross, axis=1) / 2
-
-
-@pytest.mark.parametrize("place", ["/copies/square", "/Library/square"])
-def test_points_of_an_instancer_are_copies(tmp_path, place):
+@pytest.mark.parametrize("place", ["copies", "Library"])
+def test_points_of_an_instancer_are_copies(write, place):
     """In centimetres, below a moved instancer; the prototype has a pose of its own."""
-    path = tmp_path / "m.usda"
-    stage = stage_at(path, metres=0.01)
-    made = add_copies(
-        stage, [place], [0, 0, 0],
-        positions=[(0, 0, 0), (100, 0, 0), (0, 200, 0)],
-        scales=[(1, 1, 1), (2, 2, 2), (1, 1, 1)],
-        invisibleIds=Vt.Int64Array([2]),
-    )  # fmt: skip
-    made.AddTranslateOp().Set(Gf.Vec3d(0, 0, 300))
-    square = add_square(stage, place)
-    square.AddTranslateOp().Set(Gf.Vec3d(10, 0, 0))
-    if place.startswith("/Library"):
-        stage.GetPrimAtPath("/Library").SetSpecifier(Sdf.SpecifierOver)
-    stage.Save()
-    centres, areas = centres_and_areas(path)
-    np.testing.assert_allclose(areas.sum(), 1e-4 * (1 + 4), rtol=1e-5)
+    prototype = square("square", moved(10, 0, 0))
+    points = """
+      int[] protoIndices = [0, 0, 0]
+      point3f[] positions = [(0, 0, 0), (100, 0, 0), (0, 200, 0)]
+      float3[] scales = [(1, 1, 1), (2, 2, 2), (1, 1, 1)]
+      int64[] invisibleIds = [2]
+    """
+    inside = prototype if place == "copies" else ""
+    prims = instancer("copies", [f"/{place}/square"], points + moved(0, 0, 300), inside)
+    if place == "Library":
+        prims += f'over "Library" {{\n{prototype}\n}}\n'
+    model = read(write(prims, metres=0.01)).mesh
+    area = np.linalg.norm(areas(model), axis=1).sum()
+    np.testing.assert_allclose(area, 1e-4 * (1 + 4), rtol=1e-5)
     # The middle of the square is at (10.5, 0.5, 0) of a point; the third point is invisible.
     expected = [[0.105, 0.005, 3.0], [1.21, 0.01, 3.0]]
+    centres = model.vertices[model.faces].mean(axis=1)
     halves = centres.reshape(2, -1, 3).mean(axis=1)
     np.testing.assert_allclose(halves, expected, atol=1e-6)
 
 
 @pytest.mark.parametrize(
-    ("values", "reason"),
+    ("indices", "last", "reason"),
     [
-        ({"of_prototype": [0, 1]}, "protoIndices has a prototype that is missing"),
-        ({"of_prototype": [-1, 0]}, "protoIndices has a prototype that is missing"),
-        ({"of_prototype": [0]}, "positions do not fit protoIndices"),
-        ({"positions": [(0, 0, 0), (float("nan"), 0, 0)]}, "no finite pose"),
+        ([0, 1], "1", "protoIndices has a prototype that is missing"),
+        ([-1, 0], "1", "protoIndices has a prototype that is missing"),
+        ([0], "1", "positions do not fit protoIndices"),
+        ([0, 0], "nan", "no finite pose"),
     ],
 )
-def test_bad_instancers_are_refused_in_one_line(tmp_path, values, reason):
-    path = tmp_path / "m.usda"
-    stage = stage_at(path)
-    good = {"of_prototype": [0, 0], "positions": [(0, 0, 0), (1, 0, 0)]}
-    add_copies(stage, ["/copies/square"], **good | values)
-    add_square(stage, "/copies/square")
-    stage.Save()
+def test_bad_instancers_are_refused_in_one_line(write, indices, last, reason):
+    points = f"""
+      int[] protoIndices = {indices}
+      point3f[] positions = [(0, 0, 0), ({last}, 0, 0)]
+    """
+    path = write(instancer("copies", ["/copies/square"], points, SQUARE))
     with pytest.raises(InputError, match=reason) as caught:
         read(path)
     assert "\n" not in str(caught.value)
 
 
-def test_a_texture_may_be_wrapped_differently_along_s_and_t(tmp_path):
-    path = tmp_path / "m.usda"
-    stage = stage_at(path)
-    with_texture(stage, tmp_path, "st", wrapS="mirror", wrapT="repeat")
-    stage.Save()
-    [material] = read(path).materials.values()
-    assert material.base_color.wrap == ("mirror", "repeat")
+def test_a_texture_may_be_wrapped_differently_along_s_and_t(tmp_path, write):
+    write_pictures(tmp_path)
+    path = write(textured_square(texture(wrap_s="mirror", wrap_t="repeat")))
+    assert material_of(path).base_color.wrap == ("mirror", "repeat")
 
 
-def ignored_coordinates(stage, tmp_path, case):
-    wrap = {case: case for case in ("black", "repeat", "useMetadata")}.get(
-        case, "repeat"
-    )
-    primvars = ["map1", "map2"] if case == "primvar" else ["st"]
-    texture = with_texture(stage, tmp_path, *primvars, wrapS=wrap, wrapT=wrap)
-    if case == "constant":
-        texture.CreateInput("st", Sdf.ValueTypeNames.Float2).Set(Gf.Vec2f(0.5, 0.5))
-    elif case == "other":
-        place(texture, linked(stage, "/m/other", "ND_noise2d"))
-    elif case == "circle":
-        shader = linked(stage, "/m/a", "UsdTransform2d")
-        place(texture, linked(stage, "/m/a", "UsdTransform2d", shader))
-    elif case == "primvar":
-        rough = textured(stage, "/m/rough")
-        for number, shader in enumerate((texture, rough)):
-            name = primvars[number]
-            place(
-                shader,
-                linked(stage, f"/m/{name}", "UsdPrimvarReader_float2", varname=name),
-            )
-        number = Sdf.ValueTypeNames.Float
-        surface = UsdShade.Shader(stage.GetPrimAtPath("/m/surface"))
-        surface.CreateInput("opacity", number).ConnectToSource(
-            rough.CreateOutput("g", number)
-        )
+BLACK, REPEAT, METADATA = (
+    textured_square(texture(wrap_s=mode, wrap_t=mode))
+    for mode in ("black", "repeat", "useMetadata")
+)
+CONSTANT = textured_square(texture("float2 inputs:st = (0.5, 0.5)"))
+NOISE = textured_square(texture(source="other"), shader("other", "ND_noise2d"))
+CIRCLE = textured_square(texture(source="a"), shader("a", "UsdTransform2d", source="a"))
+TWO_PRIMVARS = textured_square(
+    texture(source="map1"),
+    shader("map1", "UsdPrimvarReader_float2", 'string inputs:varname = "map1"')
+    + shader("map2", "UsdPrimvarReader_float2", 'string inputs:varname = "map2"')
+    + texture(name="rough", source="map2"),
+    ["map1", "map2"],
+    "float inputs:opacity.connect = </m/rough.outputs:g>",
+)
 
 
 @pytest.mark.parametrize(
-    ("case", "part"),
+    ("prims", "part"),
     [
-        ("repeat", None),
-        ("useMetadata", None),
-        ("black", "wrap mode black (clamp)"),
-        ("constant", "constant texture coordinates (those of the mesh)"),
-        ("other", "texture coordinates by ND_noise2d (those of the mesh)"),
-        ("circle", "more than 32 chained UsdTransform2d"),
-        ("primvar", "primvar 'map2' (the material uses 'map1')"),
+        (REPEAT, None),
+        (METADATA, None),
+        (BLACK, "wrap mode black (clamp)"),
+        (CONSTANT, "constant texture coordinates (those of the mesh)"),
+        (NOISE, "texture coordinates by ND_noise2d (those of the mesh)"),
+        (CIRCLE, "more than 32 chained UsdTransform2d"),
+        (TWO_PRIMVARS, "primvar 'map2' (the material uses 'map1')"),
     ],
 )  # fmt: skip
-def test_ignored_texture_coordinates_are_named(tmp_path, case, part):
-    path = tmp_path / "m.usda"
-    stage = stage_at(path)
-    ignored_coordinates(stage, tmp_path, case)
-    stage.Save()
+def test_ignored_texture_coordinates_are_named(tmp_path, write, prims, part):
+    write_pictures(tmp_path)
+    path = write(prims)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         model = read(path)
@@ -512,30 +346,26 @@ def test_ignored_texture_coordinates_are_named(tmp_path, case, part):
     assert model.mesh.uv[:, 0].min() == 0
 
 
-def test_materials_are_those_of_the_earliest_time(tmp_path):
+def test_materials_are_those_of_the_earliest_time(tmp_path, write):
     """Values that change have no default; those of an input without samples are its default."""
-    path = tmp_path / "m.usda"
-    stage = stage_at(path)
-    texture = with_texture(stage, tmp_path, "st")
+    write_pictures(tmp_path)
     (tmp_path / "late.png").write_bytes(png(np.zeros((1, 1, 3))))
-    file = texture.GetInput("file").GetAttr()
-    file.Clear()
-    transform = linked(stage, "/m/place", "UsdTransform2d")
-    shift = transform.CreateInput("translation", Sdf.ValueTypeNames.Float2)
-    place(texture, transform)
-    surface = UsdShade.Shader(stage.GetPrimAtPath("/m/surface"))
-    rough = surface.CreateInput("roughness", Sdf.ValueTypeNames.Float)
-    metal = surface.CreateInput("metallic", Sdf.ValueTypeNames.Float)
-    metal.Set(0.75)
-    for time, name, value in ((8, "late.png", 0.9), (3, "t.png", 0.125)):
-        file.Set(name, time)
-        shift.Set(Gf.Vec2f(value, 0), time)
-        rough.Set(value, time)
-    stage.Save()
-    [material] = read(path).materials.values()
-    assert (material.roughness, material.metallic) == (0.125, 0.75)
-    assert material.base_color.pixels.shape == (1, 2, 3)
-    assert material.base_color.to_uv[0, 3] == 0.125
+    shift = (
+        "float2 inputs:translation.timeSamples = { 3: (0.125, 0.125), 8: (0.9, 0.9) }"
+    )
+    number = "float inputs:metallic = 0.75\nfloat inputs:roughness.timeSamples = { 3: 0.125, 8: 0.9 }"
+    files = texture(
+        "asset inputs:file.timeSamples = { 3: @t.png@, 8: @late.png@ }",
+        file=None,
+        source="place",
+    )
+    prims = textured_square(
+        files, shader("place", "UsdTransform2d", shift), values=number
+    )
+    made = material_of(write(prims))
+    assert (made.roughness, made.metallic) == (0.125, 0.75)
+    assert made.base_color.pixels.shape == (1, 2, 3)
+    assert made.base_color.to_uv[0, 3] == 0.125
 
 
 def test_a_package_has_its_own_pictures(tmp_path, here):
@@ -543,44 +373,38 @@ def test_a_package_has_its_own_pictures(tmp_path, here):
     here.undo()
     folder = tmp_path / "parts"
     folder.mkdir()
-    stage = stage_at(folder / "m.usda")
-    (folder / "t.png").write_bytes(png(RGBA))
-    (folder / "r.png").write_bytes(png(np.ones((1, 1, 3))))
-    add_textured_square(stage)
-    stage.Save()
+    write_pictures(folder)
+    path = usda(folder / "m.usda", TEXTURED.replace("SPACE", ""))
     package = tmp_path / "m.usdz"
-    assert UsdUtils.CreateNewUsdzPackage(str(folder / "m.usda"), str(package))
+    assert UsdUtils.CreateNewUsdzPackage(str(path), str(package))
     for file in folder.iterdir():
         file.unlink()
-    [material] = read(package).materials.values()
-    assert isinstance(material.base_color, Bitmap)
-    np.testing.assert_allclose(area(read(package).mesh), [0, 0, 1])
+    model = read(package)
+    [made] = model.materials.values()
+    assert isinstance(made.base_color, Bitmap)
+    np.testing.assert_allclose(areas(model.mesh).sum(axis=0), [0, 0, 1])
 
 
 @pytest.mark.parametrize(
-    "interpolation", ["constant", "vertex", "uniform", "faceVarying"]
+    ("interpolation", "count"),
+    [("constant", 1), ("vertex", 4), ("uniform", 1), ("faceVarying", 4)],
 )
-def test_display_colors(tmp_path, interpolation):
-    path = tmp_path / "m.usda"
-    stage = stage_at(path)
-    mesh = add_square(stage)
-    count = {"constant": 1, "uniform": 1, "vertex": 4, "faceVarying": 4}[interpolation]
+def test_display_colors(write, interpolation, count):
     colors = np.linspace(0.1, 0.9, 3 * count).reshape(count, 3)
-    kind = Sdf.ValueTypeNames.Color3fArray
-    add_primvar(
-        mesh,
-        "displayColor",
-        kind,
-        Vt.Vec3fArray.FromNumpy(np.float32(colors)),
-        interpolation,
+    texts = [tuple(color) for color in colors.tolist()]
+    model = read(
+        write(
+            square(
+                "square",
+                f'color3f[] primvars:displayColor = {texts} (interpolation = "{interpolation}")',
+            )
+        )
     )
-    stage.Save()
-    model = read(path)
-    [material] = model.materials.values()
+    [made] = model.materials.values()
     if count == 1:
-        assert material.base_color.rgb == pytest.approx(tuple(colors[0]))
+        assert made.base_color.rgb == pytest.approx(tuple(colors[0]))
         return
-    assert material.base_color == VERTEX_COLOR
+    assert made.base_color == VERTEX_COLOR
     stored = model.mesh.attributes[VERTEX_COLOR.attribute]
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
     for vertex, color in zip(model.mesh.vertices, stored, strict=True):
@@ -588,34 +412,33 @@ def test_display_colors(tmp_path, interpolation):
         np.testing.assert_allclose(color[:3], colors[number], atol=1e-6)
 
 
-def add_instancer(stage, name):
-    """Copies of a square and of a cube, its prototypes, which are its children or grandchildren."""
-    instancer = UsdGeom.PointInstancer.Define(stage, name)
-    add_square(stage, f"{name}/square")
-    UsdGeom.Xform.Define(stage, f"{name}/prototypes")
-    UsdGeom.Cube.Define(stage, f"{name}/prototypes/cube")
-    children = [f"{name}/square", f"{name}/prototypes/cube"]
-    instancer.CreatePrototypesRel().SetTargets(children)
-    instancer.CreateProtoIndicesAttr([0, 1, 1])
-    instancer.CreatePositionsAttr([Gf.Vec3f(float(x), 0, 0) for x in (5, 6, 7)])
+COPIES = """
+  int[] protoIndices = [0, 1, 1]
+  point3f[] positions = [(5, 0, 0), (6, 0, 0), (7, 0, 0)]
+"""
+PROTOTYPES = (
+    SQUARE
+    + 'def Xform "prototypes" {\n  def Cube "cube" {\n    double size = 2\n  }\n}'
+)
 
 
-def test_prototypes_of_an_instancer_have_no_place(tmp_path):
-    """Squares before and after instancers, one of them in a group of its own; copies are at x = 5, 6 and 7."""
-    path = tmp_path / "m.usda"
-    stage = stage_at(path)
-    add_square(stage, "/a")
-    add_instancer(stage, "/b")
-    UsdGeom.Xform.Define(stage, "/c").AddTranslateOp().Set(Gf.Vec3d(0, 0, 9))
-    add_instancer(stage, "/c/instancer")
-    add_square(stage, "/c/square")
-    stage.Save()
-    mesh = read(path).mesh
-    assert len(mesh.faces) == 2 * (2 + 2 + 2 * 12)
-    corners = mesh.vertices[mesh.faces].mean(axis=1)
-    of_group = corners[:, 2] > 4
+def squares_and_cubes(path):
+    """An instancer of a square, its child, and of a cube, its grandchild; copies are at x = 5, 6 and 7."""
+    name = path.rpartition("/")[2]
+    targets = [f"{path}/square", f"{path}/prototypes/cube"]
+    return instancer(name, targets, COPIES, PROTOTYPES)
+
+
+def test_prototypes_of_an_instancer_have_no_place(write):
+    """Squares before and after instancers, one of them in a group of its own."""
+    group = moved(0, 0, 9) + squares_and_cubes("/c/instancer") + SQUARE
+    path = write(SQUARE + squares_and_cubes("/b") + prim("Xform", "c", group))
+    model = read(path).mesh
+    assert len(model.faces) == 2 * (2 + 2 + 2 * 12)
+    centres = model.vertices[model.faces].mean(axis=1)
+    of_group = centres[:, 2] > 4
     for group, height in ((~of_group, 0), (of_group, 9)):
-        x, _, z = corners[group].T
+        x, _, z = centres[group].T
         alone = x < 1
         assert alone.sum() == 2
         assert np.ptp(z[alone]) == 0
@@ -623,43 +446,35 @@ def test_prototypes_of_an_instancer_have_no_place(tmp_path):
         assert z[~alone].mean() == pytest.approx(height, abs=1e-6)
 
 
-def test_an_instancer_below_another_is_named(tmp_path):
-    path = tmp_path / "m.usda"
-    stage = stage_at(path)
-    add_square(stage)
-    add_copies(stage, ["/copies/inner"], [0], positions=[(0, 0, 0)])
-    add_instancer(stage, "/copies/inner")
-    stage.Save()
+def test_an_instancer_below_another_is_named(write):
+    points = "int[] protoIndices = [0]\npoint3f[] positions = [(0, 0, 0)]"
+    inner = squares_and_cubes("/copies/inner")
+    path = write(SQUARE + instancer("copies", ["/copies/inner"], points, inner))
     with pytest.warns(MaterialWarning, match="a PointInstancer below another"):
         assert len(read(path).mesh.faces) == 2
 
 
-def test_what_is_not_rendered_is_named(tmp_path):
-    path = tmp_path / "m.usda"
-    stage = stage_at(path)
-    square = add_square(stage, SubdivisionScheme="catmullClark")
-    material = UsdShade.Material.Define(stage, "/mdl")
-    bind(square, material)
-    for kind in ("BasisCurves", "Points", "Camera"):
-        getattr(UsdGeom, kind).Define(stage, f"/{kind}")
-    stage.DefinePrim("/light", "SphereLight")
-    stage.DefinePrim("/joint", "PhysicsRevoluteJoint")
-    stage.Save()
+NOT_RENDERED = {
+    "BasisCurves": "BasisCurves (left out)",
+    "Points": "Points (left out)",
+    "Camera": "cameras (those of the scene)",
+    "SphereLight": "lights (those of the scene)",
+    "PhysicsRevoluteJoint": "PhysicsRevoluteJoint (left out)",
+    "Material": "material 'Material', no UsdPreviewSurface (white and diffuse)",
+}
+
+
+def test_what_is_not_rendered_is_named(write):
+    smooth = square("square", "rel material:binding = </Material>")
+    prims = smooth.replace('"none"', '"catmullClark"')
+    prims += "".join(prim(kind, kind, "") for kind in NOT_RENDERED)
+    path = write(prims)
     with pytest.warns(MaterialWarning) as caught:
-        model = read(path)
-    assert len(model.mesh.faces) == 2
+        assert len(read(path).mesh.faces) == 2
     [warning] = caught
     message = str(warning.message)
     assert message.startswith(f"{path}: not used: ")
-    for part in (
-        "subdivision (the control mesh)",
-        "BasisCurves (left out)",
-        "Points (left out)",
-        "cameras (those of the scene)",
-        "lights (those of the scene)",
-        "PhysicsRevoluteJoint (left out)",
-        "material 'mdl', no UsdPreviewSurface (white and diffuse)",
-    ):
+    for part in ("subdivision (the control mesh)", *NOT_RENDERED.values()):
         assert part in message
 
 
@@ -743,41 +558,24 @@ def test_layers_below_the_folder_are_read(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("good", "bad", "message"),
     [
-        (
-            {"FaceVertexCounts": [5]},
-            "/square: faceVertexCounts do not fit faceVertexIndices",
-        ),
-        (
-            {"FaceVertexIndices": [0, 1, 2, 9]},
-            "/square: a face refers to a point that does not exist",
-        ),
-        (
-            {"Points": [Gf.Vec3f(float("nan"), 0, 0)] * 4},
-            "/square: points are not finite",
-        ),
-        ({"HoleIndices": [0]}, "has no triangles"),
+        ("Counts = [4]", "Counts = [5]", "/square: faceVertexCounts do not fit faceVertexIndices"),
+        ("[0, 1, 2, 3]", "[0, 1, 2, 9]", "/square: a face refers to a point that does not exist"),
+        ("[(0, 0, 0)", "[(nan, 0, 0)", "/square: points are not finite"),
+        ("point3f[]", "int[] holeIndices = [0]\npoint3f[]", "has no triangles"),
     ],
-)
-def test_wrong_meshes_are_errors_of_one_line(tmp_path, change, message):
-    path = tmp_path / "m.usda"
-    stage = stage_at(path)
-    mesh = add_square(stage)
-    for key, value in change.items():
-        getattr(mesh, f"Create{key}Attr")(value)
-    stage.Save()
+)  # fmt: skip
+def test_wrong_meshes_are_errors_of_one_line(write, good, bad, message):
+    path = write(SQUARE.replace(good, bad))
     with pytest.raises(InputError, match=rf"m\.usda: {message}"):
         read(path)
 
 
-def test_triangles_are_counted_before_they_are_made(tmp_path, here):
+def test_triangles_are_counted_before_they_are_made(write, here):
     """A polygon of 7 corners is 5 triangles."""
-    path = tmp_path / "m.usda"
-    stage = stage_at(path)
-    points = [(np.cos(a), np.sin(a), 0) for a in range(7)]
-    add_mesh(stage, "/a", points, [list(range(7))])
-    stage.Save()
+    points = [(math.cos(a), math.sin(a), 0) for a in range(7)]
+    path = write(mesh("a", points, [list(range(7))]))
     here.setattr("twinlens.scenes.assets.MOST_FACES", 4)
     here.setattr(
         "twinlens.scenes.usd.triangulated", lambda *_: pytest.fail("were made")
