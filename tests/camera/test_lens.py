@@ -81,15 +81,6 @@ def test_lenses_are_equal_by_value_and_hashable():
     assert np.isclose(ThinLens(0.1, 2.0).replace(focus_distance=4.0).vergence, 0.25)
 
 
-@given(diameters, distances, st.floats(0.05, 100))
-def test_blur_is_proportional_to_disparity_from_focus(diameter, focus, z):
-    """c = (A/B) |d - d_focus|."""
-    fx, baseline = 700.0, 0.12
-    parallax = fx * baseline / z - fx * baseline / focus
-    blur = ThinLens(diameter, focus).blur_px(z, fx)
-    assert blur == pytest.approx(diameter / baseline * parallax, abs=1e-9)
-
-
 @dataclass(frozen=True)
 class Measured(ThinLens):
     """A thin lens whose blur is that of its rays."""

@@ -5,7 +5,7 @@ import pytest
 from scipy import special
 
 from tests.rigs import random_rig, rotation
-from twinlens import camera, geometry
+from twinlens import geometry
 from twinlens.camera import (
     Camera,
     GrayCode,
@@ -18,7 +18,6 @@ from twinlens.camera import (
     misaligned,
     patterns,
 )
-from twinlens.camera.multiview import triangulate
 from twinlens.camera.projector import LUMENS_PER_WATT
 from twinlens.dataset.record import RIG, plain
 from twinlens.errors import InputError
@@ -150,21 +149,6 @@ def test_projectors_move_with_the_first_camera():
     still = (rig.pair(2, 0), misaligned(rig, [Misalignment(yaw_deg=3.0)] * 3))
     for other in still:
         assert np.allclose(other.world_from_projectors[0], rig.world_from_projectors[0])
-
-
-def test_a_camera_and_a_projector_triangulate():
-    rng = np.random.default_rng(5)
-    rig, points = random_rig(rng, 1, distorted=True)
-    rig = rig.with_projectors(
-        [
-            Projector(
-                pose(rng), LENS.replace(distortion=camera.BrownConrady(-0.1)), "white"
-            )
-        ]
-    )
-    views = rig.views
-    pixels = [views.project(i, points) for i in range(2)]
-    assert np.allclose(triangulate(views, pixels, (0, 1)), points, atol=1e-6)
 
 
 def test_a_rig_with_projectors_is_stored_and_read():

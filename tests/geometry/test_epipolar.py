@@ -12,7 +12,7 @@ from twinlens.errors import InputError
 from twinlens.geometry import epipolar
 
 CAMERA = Camera(640, 480, 700.0, 690.0, 310.25, 241.0)
-SEEDS = range(100)
+SEEDS = range(40)
 
 
 def ideal(rig, points, index):
@@ -37,93 +37,37 @@ def rigs():
     return [random_rig(np.random.default_rng(seed), distorted=True) for seed in SEEDS]
 
 
-def test_matches_of_a_hundred_rigs_satisfy_the_epipolar_constraint(rigs):
+def test_matches_of_random_rigs_satisfy_the_epipolar_constraint(rigs):
     for rig, points in rigs:
-        a, b = (ideal(rig, points, i) for i in (0, 1))
-        assert residual(multiview.fundamental_matrix(rig), a, b).max() < 1e-9
-        assert (
-            epipolar.sampson_distance(multiview.fundamental_matrix(rig), a, b).max()
-            < 1e-8
-        )
-        lines = epipolar.epipolar_lines(multiview.fundamental_matrix(rig), a)
-        assert np.abs((lines * geometry.homogeneous(b)).sum(axis=1)).max() < 1e-8
-        rays = [rig.cameras[i].unproject(seen(rig, points, i)) for i in (0, 1)]
-        assert (
-            np.abs(
-                np.einsum(
-                    "ni,ij,nj->n", rays[1], multiview.essential_matrix(rig), rays[0]
-                )
-            ).max()
-            < 1e-10
-        )
+        first, second = (seen(rig, points, index) for index in (0, 1))
+        essential = multiview.essential_matrix(rig)
+        fundamental = multiview.fundamental_matrix(rig)
+
+        a, b = ideal(rig, points, 0), ideal(rig, points, 1)
+        assert residual(fundamental, a, b).max() < 1e-9
+        assert epipolar.sampson_distance(fundamental, a, b).max() < 1e-8
+        rays_a = rig.cameras[0].unproject(first)
+        rays_b = rig.cameras[1].unproject(second)
+        products = np.einsum("ni,ij,nj->n", rays_b, essential, rays_a)
+        assert np.abs(products).max() < 1e-10
+        sizes = np.linalg.svd(essential, compute_uv=False)
+        assert np.allclose(sizes, [rig.baseline(), rig.baseline(), 0], atol=1e-12)
+        assert np.linalg.norm(fundamental) == pytest.approx(1)
 
 
-def test_distance_from_the_epipolar_line_is_in_pixels(rigs):
-    for rig, points in rigs[:10]:
-        a, b = (ideal(rig, points, i) for i in (0, 1))
-        lines = epipolar.epipolar_lines(multiview.fundamental_matrix(rig), a)
+def test_lines_and_distances_equal_opencv(rigs):
+    for rig, points in rigs[:20]:
+        fundamental = multiview.fundamental_matrix(rig)
+        a, b = ideal(rig, points, 0), ideal(rig, points, 1)
+        lines = epipolar.epipolar_lines(fundamental, a)
+        theirs = cv2.computeCorrespondEpilines(a[:, None], 1, fundamental)[:, 0]
+        assert np.allclose(lines, theirs, atol=1e-6, rtol=1e-9)
+
         moved = b + 2.5 * lines[:, :2]
-        assert np.allclose(
-            (lines * geometry.homogeneous(moved)).sum(axis=1), 2.5, atol=1e-8
-        )
-        assert (
-            epipolar.sampson_distance(multiview.fundamental_matrix(rig), a, moved) > 0.5
-        ).all()
-
-
-def same_up_to_scale(a, b, tolerance):
-    a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
-    return min(np.abs(a - b).max(), np.abs(a + b).max()) < tolerance
-
-
-def test_fundamental_matrix_equals_opencvs_estimate_from_matches(rigs):
-    for rig, points in rigs[:20]:
-        a, b = (ideal(rig, points, i) for i in (0, 1))
-        theirs, _ = cv2.findFundamentalMat(a, b, cv2.FM_8POINT)
-        shift = np.array(
-            [[100.0, 0, 319.5], [0, 100.0, 239.5], [0, 0, 1.0]]
-        )  # compared in balanced coordinates
-        assert same_up_to_scale(
-            shift.T @ multiview.fundamental_matrix(rig) @ shift,
-            shift.T @ theirs @ shift,
-            1e-6,
-        )
-
-
-def test_opencv_recovers_the_pose_from_the_essential_matrix(rigs):
-    for rig, points in rigs[:20]:
-        matrix = multiview.essential_matrix(rig)
-        rays = [rig.cameras[i].unproject(seen(rig, points, i))[:, :2] for i in (0, 1)]
-        _, turn, towards, _ = cv2.recoverPose(matrix, *rays, np.eye(3))
-        b_from_a = rig.b_from_a(0, 1)
-        assert np.allclose(turn, b_from_a[:3, :3], atol=1e-6)
-        assert np.allclose(towards[:, 0] * rig.baseline(), b_from_a[:3, 3], atol=1e-6)
-        assert np.allclose(
-            np.linalg.svd(matrix)[1], [rig.baseline()] * 2 + [0], atol=1e-12
-        )
-
-
-def test_lines_equal_opencv(rigs):
-    for rig, points in rigs[:20]:
-        a = ideal(rig, points, 0)
-        theirs = cv2.computeCorrespondEpilines(
-            a[:, None], 1, multiview.fundamental_matrix(rig)
-        )[:, 0]
-        assert np.allclose(
-            epipolar.epipolar_lines(multiview.fundamental_matrix(rig), a),
-            theirs,
-            atol=1e-6,
-            rtol=1e-9,
-        )
-
-
-def test_exchanging_the_cameras_transposes_f(rigs):
-    for rig, _ in rigs[:20]:
-        assert same_up_to_scale(
-            multiview.fundamental_matrix(rig, 1, 0),
-            multiview.fundamental_matrix(rig, 0, 1).T,
-            1e-12,
-        )
+        distance = epipolar.sampson_distance(fundamental, a, moved)
+        pairs = zip(geometry.homogeneous(a), geometry.homogeneous(moved), strict=True)
+        squares = [cv2.sampsonDistance(*pair, fundamental) for pair in pairs]
+        assert np.allclose(distance, np.sqrt(squares), rtol=1e-6)
 
 
 def test_epipoles_are_images_of_the_centres_and_null_vectors_of_f(rigs):

@@ -10,7 +10,7 @@ from twinlens.camera import Camera, Rig
 from twinlens.camera.layouts import line, toed_in
 from twinlens.camera.multiview import covariance, fundamental_matrix, triangulate
 from twinlens.errors import InputError
-from twinlens.geometry.triangulation import METHODS, correct_matches, triangulate_dlt
+from twinlens.geometry.triangulation import METHODS, correct_matches
 
 CAMERA = Camera(640, 480, 700.0, 690.0, 310.25, 241.0)
 AHEAD = Rig([CAMERA] * 2, [np.eye(4), geometry.rigid(np.eye(3), [0.0, 0.0, 1.0])])
@@ -91,38 +91,6 @@ def test_corrected_matches_move_no_further_than_opencvs_for_large_noise():
         ]
         assert (moved[0] <= moved[1] + 1e-8).all()
         assert np.allclose(ours, np.reshape(theirs, given.shape), atol=0.05)
-
-
-def off_lines(matrix, a, b):
-    return np.abs(
-        np.einsum(
-            "ni,ij,nj->n", geometry.homogeneous(b), matrix, geometry.homogeneous(a)
-        )
-    )
-
-
-@pytest.mark.parametrize(
-    "rig",
-    [line(CAMERA, 2, 0.2), toed_in(CAMERA, 0.3, 2.0)],
-    ids=["rectified", "toed-in"],
-)
-def test_random_search_finds_no_nearer_match(rig):
-    rng = np.random.default_rng(1)
-    a = rng.uniform(100, 400, (5, 2))
-    b = a - (30, 0) + rng.normal(0, 3, (5, 2))
-    matrix = fundamental_matrix(rig)
-    near_a, near_b = correct_matches(matrix, a, b)
-    assert off_lines(matrix, near_a, near_b).max() < 1e-12
-    cost = ((near_a - a) ** 2 + (near_b - b) ** 2).sum(axis=1)
-    for i in range(
-        5
-    ):  # matches all about: a's pixel anywhere near, b's the foot on its line
-        tries = a[i] + rng.normal(0, 2, (4000, 2))
-        lines = geometry.homogeneous(tries) @ matrix.T
-        off = (
-            geometry.homogeneous(b[i]) @ lines.T / np.linalg.norm(lines[:, :2], axis=1)
-        )
-        assert cost[i] <= (((tries - a[i]) ** 2).sum(axis=1) + off**2).min() + 1e-9
 
 
 def test_a_vertical_error_is_divided_between_the_images():
@@ -210,30 +178,6 @@ def test_a_distant_point_is_finite(method):
     rig, far = line(CAMERA, 2, 0.1), np.array([[100.0, 50.0, 1000.0]])
     points = triangulate(rig, [seen(rig, far, i) for i in (0, 1)], method=method)
     assert np.allclose(points, far, rtol=1e-8)
-
-
-def test_triangulation_by_matrices_returns_the_points_and_equals_opencv():
-    for seed in range(20):
-        rig, points = random_rig(np.random.default_rng(seed))
-        matrices = [px_from_world(rig, i) for i in (0, 1)]
-        pixels = [seen(rig, points, i) for i in (0, 1)]
-        ours = triangulate_dlt(matrices, pixels)
-        assert np.allclose(ours, points, atol=1e-9)
-        theirs = cv2.triangulatePoints(*matrices, *(uv.T for uv in pixels))
-        assert np.allclose(ours, geometry.dehomogeneous(theirs.T), atol=1e-7)
-
-
-def test_more_views_reduce_the_error_of_noisy_pixels():
-    """By 4.5 from 2 to 5 cameras of a line, and by 2.4 to 9: the baseline grows too."""
-    rig, rng = line(CAMERA, 9, 0.1), np.random.default_rng(7)
-    points = rng.uniform([-1, -1, 4], [1, 1, 6], size=(200, 3))
-    pixels = noisy(rig, points, rng, sigma=0.2)
-    matrices = [px_from_world(rig, i) for i in range(9)]
-    error = {
-        n: np.abs(triangulate_dlt(matrices[:n], pixels[:n]) - points)[:, 2].mean()
-        for n in (2, 5, 9)
-    }
-    assert error[2] > 3 * error[5] > 3 * 1.5 * error[9]
 
 
 @pytest.mark.parametrize("method", METHODS)
