@@ -1,5 +1,4 @@
 import tracemalloc
-from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
@@ -10,7 +9,7 @@ def peak_below():
     """A context that fails if Python and numpy allocate more than `limit` bytes in it."""
 
     @contextmanager
-    def peak(limit: int) -> Iterator[None]:
+    def peak(limit):
         tracemalloc.start()
         try:
             yield

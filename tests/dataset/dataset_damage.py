@@ -4,7 +4,7 @@ from hypothesis import strategies as st
 
 
 @st.composite
-def damaged(draw, good: bytes) -> bytes:
+def damaged(draw, good):
     """`good` truncated, extended, with changed bytes, or with bytes removed."""
     kind = draw(st.sampled_from(["cut", "change", "extend", "remove", "header"]))
     place = draw(st.integers(0, len(good) - 1))

@@ -15,7 +15,6 @@ from twinlens.dataset import (
     Manifest,
     Sample,
     Shot,
-    StoredSample,
     open_sample,
     write_manifest,
     write_sample,
@@ -29,7 +28,7 @@ SKY_ABOVE = -0.7  # the wall ends there
 WALL = np.array([0.1, 0.05, 1.0]) / 4.0  # wall: WALL . p = 1
 
 
-def rig(width=64, height=48, baseline=0.4, doffs=1.25) -> Rig:
+def rig(width=64, height=48, baseline=0.4, doffs=1.25):
     left = Camera(width, height, 70.0, 66.0, width / 2 - 1, height / 2 - 0.25)
     pose = geometry.look_at([0.5, -1.0, 1.5], [2.0, 3.0, 1.0])
     return Rig.stereo(
@@ -61,11 +60,11 @@ def cast(origins, directions):
     )
 
 
-def truths(pair: Rig) -> tuple[Truth, Truth]:
+def truths(pair):
     return _truth(pair, 0), _truth(pair, 1)
 
 
-def _truth(pair: Rig, i: int) -> Truth:
+def _truth(pair, i):
     camera, partner = pair.cameras[i], pair.cameras[1 - i]
     centres = np.array([[0.0, 0, 0], [pair.baseline(), 0, 0]])
     directions = camera.unproject(camera.pixel_grid())
@@ -103,7 +102,7 @@ def _truth(pair: Rig, i: int) -> Truth:
     )
 
 
-def _extra(shape) -> dict[str, np.ndarray]:
+def _extra(shape):
     """Zeros for every channel of `Truth.extra`."""
     arrays = {}
     for name in extra_channels():
@@ -113,7 +112,7 @@ def _extra(shape) -> dict[str, np.ndarray]:
     return arrays
 
 
-def _wall(pair: Rig, i: int, ids) -> ObjectTruth | None:
+def _wall(pair, i, ids):
     """The wall, without a bound of its own but SKY_ABOVE: it is counted in the image only, also behind the card."""
     camera, origin = pair.cameras[i], np.array([i * pair.baseline(), 0.0, 0.0])
     directions = camera.unproject(camera.pixel_grid())
@@ -123,7 +122,7 @@ def _wall(pair: Rig, i: int, ids) -> ObjectTruth | None:
     return _object(1, "0123456789abcdef", pair, i, np.zeros(3), extent, whole, ids == 1)
 
 
-def _card(pair: Rig, i: int, ids) -> ObjectTruth | None:
+def _card(pair, i, ids):
     """The card, whose own axes are the left camera's, from its lower left corner."""
     (left, right), (top, bottom), z = CARD
     extent = np.array([[0.0, 0.0, 0.0], [right - left, bottom - top, 0.0]])
@@ -139,9 +138,7 @@ def _card(pair: Rig, i: int, ids) -> ObjectTruth | None:
     )
 
 
-def _object(
-    number: int, model: str, pair: Rig, i: int, at, extent, whole, visible
-) -> ObjectTruth | None:
+def _object(number, model, pair, i, at, extent, whole, visible):
     """The object in the image of a view; None if it has no pixel there."""
     if not whole.any():
         return None
@@ -156,7 +153,7 @@ def _object(
     )  # fmt: skip
 
 
-def box(mask) -> tuple[int, int, int, int]:
+def box(mask):
     if not mask.any():
         return (0, 0, 0, 0)
     (v, u), (v1, u1) = (
@@ -173,7 +170,7 @@ def first_hit(points, origin):
     return depth / z[..., 0]
 
 
-def images(pair: Rig, seed: int, dtype=np.uint8):
+def images(pair, seed, dtype=np.uint8):
     rng = np.random.default_rng(seed)
     top = np.iinfo(dtype).max
     return tuple(
@@ -182,7 +179,7 @@ def images(pair: Rig, seed: int, dtype=np.uint8):
     )
 
 
-def sample(num_lenses=1, **size) -> Sample:
+def sample(num_lenses=1, **size):
     pair = rig(**size)
     lenses = [
         LENS,
@@ -195,19 +192,19 @@ def sample(num_lenses=1, **size) -> Sample:
     return Sample(pair, shots, truths(pair), record={"seed": 7, "scene": "two planes"})
 
 
-def stored(folder, made: Sample | None = None) -> StoredSample:
+def stored(folder, made=None):
     """A sample, by default `sample()`, written as `folder` and opened."""
     write_sample(folder, made or sample())
     return open_sample(folder)
 
 
-def next_version() -> str:
+def next_version():
     """The version of twinlens in which a new channel appears."""
     major, minor, _ = twinlens.__version__.split(".")
     return f"{major}.{int(minor) + 1}.0"
 
 
-def extra_channels() -> list[str]:
+def extra_channels():
     """The channels whose arrays are in `Truth.extra`."""
     of_truth = {field.name for field in fields(Truth)}
     return [
@@ -217,7 +214,7 @@ def extra_channels() -> list[str]:
     ]
 
 
-def full_sample() -> Sample:
+def full_sample():
     """A sample of two lenses that has every channel: radiance, dual pixels, a projector, and where it was warped."""
     made = sample(num_lenses=2)
     radiances = tuple(image.astype(np.float32) for image in made.shots[0].images)
@@ -231,21 +228,21 @@ def full_sample() -> Sample:
     return replace(made, shots=tuple(shots), truths=tuple(lit))
 
 
-def unrectified(made: Sample) -> Sample:
+def unrectified(made):
     """The sample with a right camera that is turned by half a turn, so without disparities."""
     left, right = made.rig.world_from_cams
     turned = Rig(made.rig.cameras, [left, right @ np.diag([-1.0, -1, 1, 1])])
     return replace(made, rig=turned, truths=without_disparity(made.truths))
 
 
-def without_disparity(truths) -> tuple[Truth, ...]:
+def without_disparity(truths):
     return tuple(
         replace(truth, disparity=np.full_like(truth.disparity, np.inf))
         for truth in truths
     )
 
 
-def list_samples(folder, *names, **manifest) -> None:
+def list_samples(folder, *names, **manifest):
     """Write the dataset.json of a folder with samples of these names."""
     rows = tuple(row_of(folder, name) for name in names)
     write_manifest(folder, Manifest(rows, **manifest))

@@ -33,7 +33,7 @@ class Codec:
     most: int
 
     @property
-    def good(self) -> bytes:
+    def good(self):
         return self.encode(self.array)
 
 

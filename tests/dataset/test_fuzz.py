@@ -120,7 +120,7 @@ VALUES = st.recursive(
 
 
 @st.composite
-def other_values(draw, good: bytes) -> bytes:
+def other_values(draw, good):
     """A JSON file with one to three of its values, at any depth, replaced or removed."""
     record = json.loads(good)
     for _ in range(draw(st.integers(1, 3))):
@@ -144,7 +144,7 @@ def other_values(draw, good: bytes) -> bytes:
     return json.dumps(record).encode()
 
 
-def rejected(read, data) -> bool:
+def rejected(read, data):
     """Whether the data is rejected, with a message of one line."""
     try:
         read(data)

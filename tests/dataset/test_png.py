@@ -22,7 +22,7 @@ GOOD = encode_png(rng.integers(0, 256, (6, 5, 3), np.uint8))
 GOOD_16 = encode_png(rng.integers(0, 65536, (6, 5, 3), np.uint16))
 
 
-def by_opencv(data: bytes) -> np.ndarray:
+def by_opencv(data):
     image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     return image[..., ::-1] if image.ndim == 3 else image
 
@@ -76,7 +76,7 @@ def test_transparency_is_rejected(sixteen):
         decode_png(data)
 
 
-def header_only(width: int, height: int) -> bytes:
+def header_only(width, height):
     body = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
     chunk = (
         struct.pack(">I", 13)

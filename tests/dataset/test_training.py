@@ -1,7 +1,5 @@
 """Crops, stereo flips and batches, against the closed-form scene seen by other cameras."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -25,7 +23,7 @@ IMAGES = (
 )
 
 
-def quantities(rig: Rig, images=None):
+def quantities(rig, images=None):
     """What a stored sample of the scene has, in float64, with images of random values."""
     images = images or dataset_scene.images(rig, seed=1)
     sample = {"name": "s", "baseline": rig.baseline(), "doffs": rig.doffs()}
@@ -180,7 +178,7 @@ def test_a_batch_of_different_samples_is_an_error(other, message):
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory) -> Path:
+def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("made")
     for i in range(5):
         write_sample(folder / f"s{i}", dataset_scene.sample())

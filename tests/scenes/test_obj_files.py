@@ -1,23 +1,21 @@
 """OBJ and .mtl files as other programs write them. The right values are those of the format's specification."""
 
 from io import BytesIO
-from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from tests.scenes.scene_text import Read
 from twinlens.errors import FileError
 from twinlens.scenes.assets import SceneContext
-from twinlens.scenes.materials import Bitmap, Color, Material
-from twinlens.scenes.model_files import Model, read_model
+from twinlens.scenes.materials import Bitmap, Color
+from twinlens.scenes.model_files import read_model
 
 CORNERS = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 HALF = Color((0.5, 0.5, 0.5))
 
 
-def read(folder: Path, obj: str, **libraries: str) -> Model:
+def read(folder, obj, **libraries):
     """The model of an OBJ file; `libraries` are the contents of NAME.mtl files."""
     folder.mkdir(exist_ok=True)
     (folder / "m.obj").write_bytes(obj.encode())
@@ -26,7 +24,7 @@ def read(folder: Path, obj: str, **libraries: str) -> Model:
     return read_model(folder / "m.obj", SceneContext(folder))
 
 
-def material(model: Model) -> Material:
+def material(model):
     [made] = model.materials.values()
     return made
 
@@ -50,23 +48,19 @@ def material(model: Model) -> Material:
         "newmtl grey\n  kd .5 .5 .5 1\n  d -halo 1.0\n",
     ],
 )
-def test_white_space_does_not_change_a_material(
-    tmp_path: Path, obj: str, mtl: str
-) -> None:
+def test_white_space_does_not_change_a_material(tmp_path, obj, mtl):
     assert material(read(tmp_path, obj, m=mtl)).base_color == HALF
 
 
 @pytest.mark.parametrize("name", ["Material__#25", "old oak", "naïve", "0"])
-def test_names_of_materials_may_have_signs_and_spaces(
-    tmp_path: Path, name: str
-) -> None:
+def test_names_of_materials_may_have_signs_and_spaces(tmp_path, name):
     obj = f"mtllib m.mtl\n{CORNERS}usemtl {name}\nf 1 2 3\n"
     model = read(tmp_path, obj, m=f"newmtl {name}\nKd 0.5 0.5 0.5\n")
     assert list(model.materials) == [f"m.obj:{name}"]
     assert material(model).base_color == HALF
 
 
-def test_names_in_latin_1_stay_different(tmp_path: Path) -> None:
+def test_names_in_latin_1_stay_different(tmp_path):
     """As German exporters of Windows write them."""
     faces = "usemtl grün\nf 1 2 3\nusemtl grän\nf 1 3 2\n"
     (tmp_path / "m.obj").write_bytes(
@@ -83,7 +77,7 @@ def test_names_in_latin_1_stay_different(tmp_path: Path) -> None:
     "libraries",
     ["mtllib a.mtl b.mtl", "mtllib a.mtl\nmtllib b.mtl", "mtllib A parts.mtl b.MTL"],
 )
-def test_several_libraries_may_be_named(tmp_path: Path, libraries: str) -> None:
+def test_several_libraries_may_be_named(tmp_path, libraries):
     obj = f"{libraries}\n{CORNERS}usemtl grey\nf 1 2 3\nusemtl red\nf 3 2 1\n"
     red, grey = "newmtl red\nKd 1 0 0\n", "newmtl grey\nKd .5\n"
     (tmp_path / "b.MTL").write_text(grey)
@@ -93,16 +87,14 @@ def test_several_libraries_may_be_named(tmp_path: Path, libraries: str) -> None:
 
 
 @pytest.mark.parametrize("library", ["", "mtllib m.mtl\n"])
-def test_faces_without_a_material_are_white_and_diffuse(
-    tmp_path: Path, library: str
-) -> None:
+def test_faces_without_a_material_are_white_and_diffuse(tmp_path, library):
     model = read(tmp_path, f"{library}{CORNERS}f 1 2 3\n", m="newmtl unused\nKd 0 0 0")
     made = material(model)
     assert made.base_color == Color((1.0, 1.0, 1.0))
     assert (made.metallic, made.specular) == (0.0, 0.0)
 
 
-def test_faces_before_the_first_usemtl_have_the_default_alone(tmp_path: Path) -> None:
+def test_faces_before_the_first_usemtl_have_the_default_alone(tmp_path):
     obj = f"mtllib m.mtl\n{CORNERS}f 3 2 1\nusemtl grey\nf 1 2 3\n"
     model = read(tmp_path, obj, m="newmtl grey\nKd .5")
     assert list(model.materials) == ["m.obj:grey", "m.obj:default"]
@@ -121,24 +113,20 @@ def test_faces_before_the_first_usemtl_have_the_default_alone(tmp_path: Path) ->
         ("d 2", "d must be one number, 0 to 1, got '2'"),
     ],
 )
-def test_errors_name_the_key_of_the_file(
-    tmp_path: Path, line: str, message: str
-) -> None:
+def test_errors_name_the_key_of_the_file(tmp_path, line, message):
     obj = f"mtllib m.mtl\n{CORNERS}usemtl m\nf 1 2 3\n"
     with pytest.raises(FileError, match=rf"m\.obj: material 'm': {message}"):
         read(tmp_path, obj, m=f"newmtl m\n{line}\n")
 
 
-def test_a_material_without_a_library_is_an_error(tmp_path: Path) -> None:
+def test_a_material_without_a_library_is_an_error(tmp_path):
     with pytest.raises(
         FileError, match=r"m\.obj: names no \.mtl file with its material 'wood'"
     ):
         read(tmp_path, f"{CORNERS}usemtl wood\nf 1 2 3\n")
 
 
-def test_a_scene_takes_an_obj_without_materials(
-    tmp_path: Path, read_scene: Read
-) -> None:
+def test_a_scene_takes_an_obj_without_materials(tmp_path, read_scene):
     (tmp_path / "m.obj").write_text(f"{CORNERS}f 1 2 3\n")
     scene = read_scene("[objects.own]\nfile = 'm.obj'\n")
     assert "m.obj:default" in scene.materials

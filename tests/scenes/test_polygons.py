@@ -1,14 +1,12 @@
 """Polygons of mesh files cover the area that their outline has. Shapely knows the right areas and outlines."""
 
 import contextlib
-from pathlib import Path
 
 import numpy as np
 import pytest
 import shapely
 import trimesh
 from hypothesis import given, settings, strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from twinlens.errors import InputError
@@ -32,7 +30,7 @@ OUTLINES = {
 }  # fmt: skip
 
 
-def random_outline(rng: np.random.Generator) -> NDArray[np.float64]:
+def random_outline(rng):
     """The outline of a random simple polygon: boxes that overlap, or points around a centre."""
     if rng.random() < 0.5:
         corners = rng.uniform(0, 3, (6, 2))
@@ -47,7 +45,7 @@ def random_outline(rng: np.random.Generator) -> NDArray[np.float64]:
     return outline if shapely.LinearRing(outline).is_ccw else outline[::-1]
 
 
-def test_triangles_of_random_polygons_cover_their_outlines() -> None:
+def test_triangles_of_random_polygons_cover_their_outlines():
     rng = np.random.default_rng(7)
     concave = 0
     for _ in range(200):
@@ -69,13 +67,13 @@ def test_triangles_of_random_polygons_cover_their_outlines() -> None:
     assert concave > 150
 
 
-def as_obj(outline: list[tuple[float, float]]) -> str:
+def as_obj(outline):
     vertices = [f"v {x!r} {y!r} 0.5" for x, y in outline]
     corners = " ".join(f"{i + 1}//1" for i in range(len(outline)))
     return "\n".join([*vertices, "vn 0 0 1", f"f {corners}", ""])
 
 
-def as_ply(outline: list[tuple[float, float]], order: str) -> bytes:
+def as_ply(outline, order):
     """A PLY file with a triangle before the polygon, a colour of vertices, and a number for each face."""
     form = {"": "ascii", "<": "binary_little_endian", ">": "binary_big_endian"}[order]
     header = f"""ply
@@ -109,7 +107,7 @@ end_header
     return header.encode() + body
 
 
-def area(path: Path) -> float:
+def area(path):
     mesh = read_mesh(path, crease_deg=0.0)
     cross = face_cross(mesh.vertices, mesh.faces)
     assert (cross[:, 2] >= 0).all()
@@ -118,9 +116,7 @@ def area(path: Path) -> float:
 
 @pytest.mark.filterwarnings("ignore:.*not used:twinlens.errors.NotUsedWarning")
 @pytest.mark.parametrize("name", OUTLINES)
-def test_a_polygon_of_a_file_covers_its_own_area_alone(
-    tmp_path: Path, name: str
-) -> None:
+def test_a_polygon_of_a_file_covers_its_own_area_alone(tmp_path, name):
     outline, right = OUTLINES[name]
     (tmp_path / "m.obj").write_text(as_obj(outline))
     assert area(tmp_path / "m.obj") == pytest.approx(right, rel=1e-12)
@@ -129,7 +125,7 @@ def test_a_polygon_of_a_file_covers_its_own_area_alone(
         assert area(tmp_path / "m.ply") - 0.5 == pytest.approx(right, rel=1e-12)
 
 
-def test_texture_coordinates_stay_with_their_corners(tmp_path: Path) -> None:
+def test_texture_coordinates_stay_with_their_corners(tmp_path):
     """In an OBJ file by vt, in a PLY file by a list of u, v for each corner."""
     uv = [(0.1 * x, 0.2 * y) for x, y in C_PLATE]
     corners = " ".join(f"{i + 1}/{i + 1}" for i in range(len(uv)))
@@ -150,8 +146,8 @@ def test_texture_coordinates_stay_with_their_corners(tmp_path: Path) -> None:
 
 
 def test_a_quad_that_is_not_planar_is_split_from_its_first_vertex(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     (tmp_path / "m.obj").write_text("v 0 0 0\nv 1 0 1\nv 1 1 0\nv 0 1 1\nf 1 2 3 4\n")
     mesh = read_mesh(tmp_path / "m.obj", crease_deg=0.0)
     middle = mesh.vertices[mesh.faces].mean(axis=1)
@@ -162,9 +158,7 @@ def test_a_quad_that_is_not_planar_is_split_from_its_first_vertex(
 @pytest.mark.filterwarnings("ignore:.*not used:twinlens.errors.NotUsedWarning")
 @settings(max_examples=300, deadline=None)
 @given(st.data())
-def test_damaged_polygon_files_are_one_error_or_read(
-    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
-) -> None:
+def test_damaged_polygon_files_are_one_error_or_read(tmp_path_factory, data):
     """Each byte that is changed or missing ends in a mesh or in an error of the package, never in another exception."""
     order = data.draw(st.sampled_from(["", "<", ">", "obj"]))
     whole = as_obj(C_PLATE).encode() if order == "obj" else as_ply(C_PLATE, order)
