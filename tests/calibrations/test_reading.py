@@ -164,3 +164,11 @@ def test_the_table_has_the_numbers_of_the_rig():
     table = rig_table(PAIR)
     assert json.loads(json.dumps(table)) == table
     assert table["cameras"][0]["rig_from_cam"] == np.eye(4).tolist()
+
+
+def test_a_folder_without_the_files_of_colmap_says_what_it_lacks(tmp_path):
+    (tmp_path / "cameras.txt").write_text("")
+    with pytest.raises(
+        FileError, match=r"has no images\.txt; or name a file of OpenCV"
+    ):
+        read_rig(tmp_path)

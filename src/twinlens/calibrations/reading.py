@@ -66,7 +66,16 @@ def read_rig(
 
 def calibration_files(path: Path) -> list[Path]:
     """The files that `path` stands for: those of COLMAP's text model for its folder, or else the path itself."""
-    return [path / name for name in COLMAP_FILES] if path.is_dir() else [path]
+    if not path.is_dir():
+        return [path]
+    files = [path / name for name in COLMAP_FILES]
+    if missing := [file.name for file in files if not file.is_file()]:
+        raise FileError(
+            f"{path}: a folder must have {' and '.join(COLMAP_FILES)} of COLMAP, and has no "
+            f"{' and no '.join(missing)}; "
+            f"or name a file of {FORMS}"
+        )
+    return files
 
 
 def _read(

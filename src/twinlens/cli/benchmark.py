@@ -1,9 +1,11 @@
 """`twinlens benchmark`: matchers x samples -> board.json, a table and a page."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from twinlens.cli.boards import (
     by_option,
@@ -16,7 +18,7 @@ from twinlens.cli.boards import (
 from twinlens.cli.options import SECONDS, Positive, json_option, search_options
 from twinlens.cli.places import PATH
 from twinlens.matching import parse_methods, parse_program
-from twinlens.scoring import open_pairs
+from twinlens.scoring import Board, open_pairs
 
 DEFAULT_METHODS = "sad,ssd,zncc"
 FOREIGN_LIMIT_S = 600.0
@@ -99,4 +101,25 @@ def command(
         **options,
     )  # fmt: skip
     names = [matcher.name for matcher in matchers]
-    return print_board(board, output, as_json, names, by=by)
+    notes = _without_data(board, options)
+    return print_board(board, output, as_json, names, by=by, notes=notes)
+
+
+def _without_data(board: Board, options: Mapping[str, Any]) -> list[str]:
+    """A line for each protocol and region that the user names and that no pair has the data for."""
+    measured = {
+        "protocols": set(board.protocols),
+        "regions": {
+            region for name in board.protocols for region in board.regions_of(name)
+        },
+    }
+    context = click.get_current_context()
+    lines = []
+    for option, names in measured.items():
+        if context.get_parameter_source(option) != ParameterSource.COMMANDLINE:
+            continue
+        for name in options[option]:
+            if name not in names:
+                text = "no pair has the data that it needs, such as the true disparity"
+                lines.append(f"--{option[:-1]} {name}: {text}")
+    return lines

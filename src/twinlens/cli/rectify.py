@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from twinlens.camera.rectification import FITS
 from twinlens.cli.options import json_option, parse_pair, print_result
 from twinlens.cli.places import PATH, PLACE, check_new, check_samples
 from twinlens.cli.progress import interrupt_note, progress_bar
@@ -19,9 +20,10 @@ from twinlens.dataset import (
     write_sample,
 )
 from twinlens.dataset.dataset import MANIFEST
-from twinlens.errors import counted, located
+from twinlens.errors import check_known, counted, located
 from twinlens.factory import add_sample, rectified_sample, sources_of
 from twinlens.factory.camera_text import parse_misalignment
+from twinlens.factory.rectified import PICTURES
 from twinlens.rendering import Progress
 from twinlens.scenes import load_scene
 
@@ -80,6 +82,9 @@ def command(
     Example:  twinlens rectify out -o rectified
               twinlens rectify out/cards -o rectified/cards --fit valid --own-centres
     """
+    # Before the output folder, whose error would hide these.
+    check_known("--fit", options["fit"], FITS)
+    check_known("--pictures", options["pictures"], PICTURES)
     options["zero_doffs"] = not options.pop("own_centres")
     options["misalignment"] = parse_misalignment(options.pop("misalignment"))
     is_dataset = (place / MANIFEST).exists()

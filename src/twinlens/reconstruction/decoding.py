@@ -153,6 +153,7 @@ def _decoded_view(
     """One camera of a sample decoded, through one lens."""
     rig = stored.rig
     frames = [shot.frame(number) for number in range(shot.num_frames)]
+    _check_sizes([frame.image(view).shape for frame in frames], view)
     images = [linear_image(frame, view) for frame in frames]
     sequence = rig.projectors[projector].sequence
     axes = _unsaturated(
@@ -172,6 +173,16 @@ def _decoded_view(
     return DecodedView(
         axes, valid, points, frames[0].image(view), against_truth, true_pixels
     )
+
+
+def _check_sizes(shapes: Sequence[tuple[int, ...]], view: int) -> None:
+    """Raise InputError for frames of a view whose sizes or channels differ from those of the first."""
+    for number, shape in enumerate(shapes):
+        if shape != shapes[0]:
+            raise InputError(
+                f"view {view}: frame {number} is {shape[1]}x{shape[0]} pixels of {(*shape, 1)[2]} channels, frame 0 is "
+                f"{shapes[0][1]}x{shapes[0][0]} of {(*shapes[0], 1)[2]}; all frames must be alike"
+            )
 
 
 def _unsaturated(

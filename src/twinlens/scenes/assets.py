@@ -45,6 +45,8 @@ _MOST_VALUES = 1 << 29
 _LARGEST_PICTURE_FILE = 1 << 30  # bytes
 _LONGEST_REASON = 300
 _OBJ_ZERO = re.compile(r"[ /]0+(?![^ /])")
+_OBJ_FACE = re.compile(r"f( [+-]?\d+(/[+-]?\d*){0,2})+ ?")
+_OBJ_CORNER = re.compile(r" ([+-]?\d+)(?:/([+-]?\d+))?")
 _OBJ_READ = {"v", "vt", "vn", "f", "g", "o", "s", "usemtl", "mtllib"}
 _MOST_POSITION_WORDS = 4  # x, y, z and a weight
 _COMMENT = re.compile(r"(^|\s)#.*")  # names such as "Material__#25" have the sign too
@@ -434,12 +436,33 @@ def obj_lines(path: Path, data: bytes) -> list[str]:
     faces = [(i, line) for i, line in enumerate(lines) if line.startswith("f ")]
     if any(_OBJ_ZERO.search(line) for _, line in faces):
         raise FileError(f"{path}: a face has the vertex number 0; OBJ counts from 1")
+    _check_obj_faces(path, lines)
     negative = next((i for i, line in faces if " -" in line or "/-" in line), None)
     if negative is not None and any(map(_OBJ_VERTEX.match, lines[negative:])):
         raise FileError(
             f"{path}: has negative vertex numbers before its last vertex; export it with positive ones"
         )
     return triangulated_obj(lines)
+
+
+def _check_obj_faces(path: Path, lines: list[str]) -> None:
+    """Raise FileError for a face that is not of numbers, or that refers to a vertex that is not in the file."""
+    counts = {
+        name: sum(line.startswith(f"{key} ") for line in lines)
+        for name, key in (("vertex", "v"), ("texture coordinate", "vt"))
+    }
+    for line in lines:
+        if not line.startswith("f "):
+            continue
+        if not _OBJ_FACE.fullmatch(line):
+            raise FileError(f"{path}: the face {line[:60]!r} is not of vertex numbers")
+        for corner in _OBJ_CORNER.findall(line):
+            for text, (name, count) in zip(corner, counts.items(), strict=True):
+                # Files without texture coordinates may number them all the same.
+                if text and count and abs(int(text)) > count:
+                    raise FileError(
+                        f"{path}: the face {line[:60]!r} refers to {name} {text}; the file has {count}"
+                    )
 
 
 def obj_not_used(lines: list[str]) -> list[str]:
