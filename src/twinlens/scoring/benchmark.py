@@ -15,6 +15,7 @@ from twinlens.matching import Answer, parse_methods
 from twinlens.scoring.board import Board, Entry, MatchFailure
 from twinlens.scoring.board_file import BoardWriter, read_board
 from twinlens.scoring.consistency import check_views, mirrored
+from twinlens.scoring.doubts import doubt_of_search
 from twinlens.scoring.evaluate import (
     RESERVED,
     Scores,
@@ -352,9 +353,12 @@ class _Run:
         except InputError as error:
             raise _WrongSizeError(str(error)) from error
         if sample.disp0 is None or not rules.needs_truth:
-            return check_views(
+            scores = check_views(
                 disparity, sample.im0, sample.im1, match.right, self.masks
             )
+            first = sample.min_disparity / scale
+            last = (sample.min_disparity + sample.ndisp - 1) / scale
+            return replace(scores, doubt=doubt_of_search(disparity, first, last))
         return evaluate(
             disparity,
             sample.disp0,

@@ -22,6 +22,7 @@ _LEAST_GOOD, _LEAST_GAIN = 0.5, 0.1
 _MOST_ERRORS_LEFT = 0.5
 _TIGHTEST, _WIDEST, _TOLERANCE_OF_RANGE = 0.5, 2.0, 0.1
 _FILL_SHARE, _FILL_ERROR = 0.01, 1.0
+_END_SHARE = 0.05
 _FACTORS = {
     16.0: "values look scaled by 16: divide by 16, as cv2.StereoSGBM and StereoBM return 16 times the disparity",
     -16.0: "values look scaled by -16: divide by 16 and change the sign, the disparity is u_left - u_right",
@@ -112,6 +113,30 @@ def mistake_of(
     if doubt or fill is None:
         return doubt
     return f"many values are {fill:g}, which no pixel can have: mark unknown disparities as +inf"
+
+
+def doubt_of_search(estimate: Disparity, low: float, last: float) -> str:
+    """Whether a search looks too short, in one line, for a map without truth; empty for most.
+
+    Matchers choose the end of the range for what lies beyond it, or any value. A range that reaches beyond the nearest
+    surface has few estimates at its last disparity. Its first one counts only if it is not 0: there are far things.
+
+    estimate : (H, W) in pixels, +inf unknown. low, last : the ends of the search.
+    """
+    finite = estimate[np.isfinite(estimate)]
+    if not finite.size or last <= low:
+        return ""
+    ends = {"last": (last, finite >= last - 0.5)}
+    if low != 0:
+        ends["first"] = (low, finite <= low + 0.5)
+    for name, (end, is_there) in ends.items():
+        if np.mean(is_there) > _END_SHARE:
+            option = "--num-disparities" if name == "last" else "--min-disparity"
+            return (
+                f"over {_END_SHARE:.0%} of the estimates are at the {name} disparity of the search, {end:g} px: the "
+                f"range is probably too small; extend it with {option}"
+            )
+    return ""
 
 
 def _fill_value(estimate: Disparity, truth: Disparity, low: float) -> float | None:
