@@ -31,10 +31,14 @@ def pyright(folder):
 
 
 @pytest.mark.parametrize("checker", [mypy, pyright])
-def test_a_correct_program_passes_and_every_mistake_is_reported(checker, tmp_path):
-    """Both programs at once. The lines of errors by their files."""
+def test_a_correct_program_passes_and_every_mistake_is_reported(
+    checker, tmp_path, pytestconfig
+):
+    """Both programs at once. The lines of errors by their files. mypy keeps what it read of NumPy for the next run."""
+    kept = getattr(pytestconfig, "cache", None)
+    notes = kept.mkdir("mypy") if kept else tmp_path
     programs = [PROGRAMS / "right_calls.py", PROGRAMS / "wrong_calls.py"]
-    command = [sys.executable, "-m", *checker(tmp_path), *map(str, programs)]
+    command = [sys.executable, "-m", *checker(notes), *map(str, programs)]
     environment = {**os.environ, "PYTHONPATH": str(STUB.parents[1])}
     done = subprocess.run(
         command, cwd=tmp_path, env=environment, capture_output=True, text=True

@@ -7,7 +7,7 @@ import pytest
 import twinlens as tl
 from tests.cli.conftest import QUICK
 from twinlens.camera.presets import CAMERAS
-from twinlens.cli import COMMANDS
+from twinlens.cli import COMMANDS, run
 from twinlens.dataset import read_pfm
 from twinlens.matching import METHODS
 from twinlens.scoring import read_board
@@ -40,13 +40,15 @@ def test_match_then_score(twinlens, dataset, tmp_path):
     assert json.loads(out)["regions"]["all"]["bad2.0"] == direct.all["bad2.0"]
 
 
-@pytest.fixture
-def other(twinlens, tmp_path):
+@pytest.fixture(scope="module")
+def other(tmp_path_factory):
     """A dataset whose sample has the name of the fixture `dataset`'s, and other images."""
+    folder = tmp_path_factory.mktemp("rendered") / "other"
     lenses = ("--lens", "pinhole", "--lens", "thin:30")
-    line = ("render", "cards", *lenses, *QUICK, "--seed", "1", "-o", tmp_path / "other")
-    assert twinlens(*line)[0] == 0
-    return tmp_path / "other"
+    assert (
+        run(["render", "cards", *lenses, *QUICK, "--seed", "1", "-o", str(folder)]) == 0
+    )
+    return folder
 
 
 def test_samples_that_are_not_the_board_s_are_refused(

@@ -1,10 +1,15 @@
 """Run the examples of a documentation page as printed, and check its links."""
 
+import contextlib
+import io
 import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
+
+from twinlens.cli import run
 
 
 def blocks(page: Path, *kinds: str) -> list[tuple[str, str]]:
@@ -35,3 +40,19 @@ def run_block(kind: str, text: str, folder: Path) -> str:
     )
     assert child.returncode == 0, child.stderr
     return child.stdout
+
+
+def run_block_here(kind: str, text: str, folder: Path) -> str:
+    """As `run_block`, in this process, which has imported everything; the commands of a shell block are twinlens's."""
+    printed = io.StringIO()
+    with contextlib.chdir(folder), contextlib.redirect_stdout(printed):
+        if kind == "python":
+            exec(compile(text, "block", "exec"), {})
+            return printed.getvalue()
+        for line in text.splitlines():
+            program, *arguments = shlex.split(line)
+            if program == "make":
+                continue
+            assert program == "twinlens", line
+            assert run(arguments) == 0, line
+    return printed.getvalue()

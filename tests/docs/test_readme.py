@@ -1,8 +1,8 @@
 """Every shell block and every Python block of the README runs, in order, in one empty folder.
 
 Of the shell blocks only the `make` lines are left out: they install, and run these tests. The blocks run with images of
-80x60 pixels of 4 samples and, as slow tests, as printed. Blocks of which no other block needs the results, and whose
-commands have tests of their own, are slow tests too.
+80x60 pixels of 4 samples in this process and, as slow tests, as printed in processes of their own. Blocks of which no
+other block needs the results, and whose commands have tests of their own, are slow tests alone.
 """
 
 import re
@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.docs.pages import blocks, run_block
+from tests.docs.pages import blocks, run_block, run_block_here
 
 README = Path(__file__).parents[2] / "README.md"
 BLOCKS = blocks(README, "sh", "python")
@@ -31,29 +31,24 @@ def small(text):
     return text
 
 
-@pytest.fixture(
-    scope="module", params=["small", pytest.param("as printed", marks=pytest.mark.slow)]
-)
-def edit(request):
-    """The function that is applied to the text of a block."""
-    return small if request.param == "small" else str
+def is_needed(text):
+    return "twinlens generate" not in text and "twinlens study" not in text
 
 
 @pytest.fixture(scope="module")
-def folder(edit, tmp_path_factory):
+def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("readme")
 
 
-def case(number):
-    kind, text = BLOCKS[number]
-    by_itself = "twinlens generate" in text or "twinlens study" in text
-    marks = pytest.mark.slow if by_itself else ()
-    return pytest.param(number, id=f"{number}-{kind}", marks=marks)
+@pytest.mark.parametrize(
+    ("kind", "text"), [block for block in BLOCKS if is_needed(block[1])]
+)
+def test_a_small_block_works(folder, kind, text):
+    run_block_here(kind, small(text), folder)
 
 
-@pytest.mark.parametrize("number", [case(number) for number in range(len(BLOCKS))])
-def test_block_works(folder, edit, number):
-    kind, text = BLOCKS[number]
-    assert "no lens on the market" not in run_block(kind, edit(text), folder), (
-        "examples use realistic lenses"
-    )
+@pytest.mark.slow
+def test_the_blocks_work_as_printed(tmp_path):
+    for kind, text in BLOCKS:
+        printed = run_block(kind, text, tmp_path)
+        assert "no lens on the market" not in printed, "examples use realistic lenses"

@@ -1,6 +1,7 @@
 import contextlib
 import copy
 import datetime
+import tomllib
 
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -109,72 +110,65 @@ def test_every_key_is_read():
     assert len(plan(recipe, 0).drawn["lenses"]) == 4
 
 
-THIN = {"kind": "thin", "f_number": 2}
 SPLIT_NAMES = ("", "train ", "../x", "a/b", "a\\b", "..", ".train", "a\nb", "a" * 256)
+MISTAKES = r"""
+sede = 3 | recipe.toml: unknown key 'sede'; did you mean 'seed'?
+count = { uniform = [1, 2] } | count: must be a whole number
+scenes = ["cards"] | give 'scenes' or 'families', not both
+families = ["room", "room"] | families: 'room' is listed twice
+weights = [0, 0] | recipe.toml: weights: at least one must be > 0, got
+dual_pixel = true | dual_pixel and diffraction exclude each other
+width = 12 | recipe.toml: width must be a number of pixels >= 16, got 12
+width = { choice = [320, 1600] } | aspect .* must be from 0.2 to 5, got 6.6
+width = { uniform = [320, 640] } | 'uniform' draws any number, use \{ integers
+rig.baseline = { uniform = [-0.1, 0.2] } | rig.baseline: must be > 0, got -0
+rig.baseline = { unifrom = [1, 2] } | mean the distribution 'uniform'\?$
+rig.baseline = { gauss = [0.1, 0.2] } | distributions are uniform, .*per_scene$
+rig.baseline = { per_scene = [1, 1, 1, 1, 1, 1, 1, 1, 1] } | per_scene needs . values, .* got 9
+rig.basline = 0.1 | rig: unknown key 'basline'; did you mean 'baseline'?
+lenses = { kind = "pinhole" } | lenses: must be a list of tables: write \[\[lenses\]\] above each lens
+lenses = [{ kind = "thin" }] | exactly one of 'aperture_mm' and 'f_number'
+lenses = [{ kind = "thin", f_number = 2, focus = "midle" }] | did you mean 'middle'?
+lenses = [{ kind = "thin", f_number = 2, focus = -1 }] | \[0\].focus: must be a number of metres
+sensor.read_noise = { uniform = [-1, 3] } | read_noise: must be .* got -1
+sensor.mismatch = { gian = 1 } | mismatch: unknown key 'gian'; .* 'gain'?
+sensor.mismatch = { seed = 5 } | seed needs a level that is drawn
+sensor.mismatch = { choice = ["typical", 3] } | mismatch: must be a table
+scene.depth_range = [5, 1] | scene.depth_range: must be \[near, far\]
+scene.depth_range = [1, 1.01] | with far >= 1.8 near in tabletop scenes
+splits = { train = 0.8, test = 0.1 } | splits: the shares must add up to 1
+assets = { meshes = "nowhere/" } | assets.meshes: no file or folder 'nowhere/'
+"""
 
 
-@pytest.mark.parametrize(
-    ("place", "value", "message"),
-    [
-        ("sede", 3, "recipe.toml: unknown key 'sede'; did you mean 'seed'?"),
-        ("seed", ..., "missing key 'seed'"),
-        ("count", {"uniform": [1, 2]}, "count: must be a whole number"),
-        ("families", ..., "needs .*exactly one of 'scenes' .* and 'families'"),
-        ("scenes", ["cards"], "give 'scenes' or 'families', not both"),
-        ("families", ["room", "room"], "families: 'room' is listed twice"),
-        ("weights", [0, 0], "recipe.toml: weights: at least one must be > 0, got"),
-        ("dual_pixel", True, "dual_pixel and diffraction exclude each other"),
-        ("width", 12, "recipe.toml: width must be a number of pixels >= 16, got 12"),
-        ("width", {"choice": [320, 1600]}, r"aspect .* must be from 0.2 to 5, got 6.6"),
-        ("rig.baseline", {"uniform": [-0.1, 0.2]}, "rig.baseline: must be > 0, got -0"),
-        ("rig.basline", 0.1, "rig: unknown key 'basline'; did you mean 'baseline'?"),
-        ("lenses", [{"kind": "thin"}], "exactly one of 'aperture_mm' and 'f_number'"),
-        ("lenses", [{**THIN, "focus": "midle"}], "did you mean 'middle'?"),
-        ("lenses", [{**THIN, "focus": -1}], r"\[0\].focus: must be a number of metres"),
-        ("sensor.read_noise", {"uniform": [-1, 3]}, "read_noise: must be .* got -1"),
-        ("sensor.mismatch", {"gian": 1}, "mismatch: unknown key 'gian'; .* 'gain'?"),
-        ("sensor.mismatch", {"seed": 5}, "seed needs a level that is drawn"),
-        ("sensor.mismatch", {"choice": ["typical", 3]}, "mismatch: must be a table"),
-        ("scene.depth_range", [5, 1], r"scene.depth_range: must be \[near, far\]"),
-        ("scene.depth_range", [1, 1.01], "with far >= 1.8 near in tabletop scenes"),
-        ("splits", {"train": 0.8, "test": 0.1}, "splits: the shares must add up to 1"),
-        *(
-            ("splits", {name: 1.0}, "a split's name must be usable")
-            for name in SPLIT_NAMES
-        ),
-        ("rig.baseline", {"unifrom": [1, 2]}, r"mean the distribution 'uniform'\?$"),
-        (
-            "rig.baseline",
-            {"gauss": [0.1, 0.2]},
-            "distributions are uniform, .*per_scene$",
-        ),
-        (
-            "rig.baseline",
-            {"per_scene": [0.1] * 9},
-            "per_scene needs . values, .* got 9",
-        ),
-        (
-            "width",
-            {"uniform": [320, 640]},
-            r"'uniform' draws any number, use \{ integers",
-        ),
-        (
-            "lenses",
-            {"kind": "pinhole"},
-            r"lenses: must be a list of tables: write \[\[lenses\]\] above each lens",
-        ),
-        (
-            "assets",
-            {"meshes": "nowhere/"},
-            "assets.meshes: no file or folder 'nowhere/'",
-        ),
-    ],
-)
-def test_mistakes_are_named_with_their_place_and_the_nearest_key(place, value, message):
+def value_at(table, place):
+    """The value at a dotted place of a table."""
+    for key in place.split("."):
+        table = table[key]
+    return table
+
+
+def assert_refused(place, value, message):
     with pytest.raises(InputError, match=message) as caught:
         recipe_from_table(changed(place, value))
     assert str(caught.value).startswith("recipe.toml: ")
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("row", MISTAKES.strip().splitlines())
+def test_mistakes_are_named_with_their_place_and_the_nearest_key(row):
+    """Each in the full recipe."""
+    line, message = row.split(" | ")
+    place = line.partition(" = ")[0]
+    assert_refused(place, value_at(tomllib.loads(line), place), message)
+
+
+def test_missing_keys_and_names_of_splits_that_no_folder_has_are_named():
+    assert_refused("seed", ..., "missing key 'seed'")
+    one_source = "needs .*exactly one of 'scenes' .* and 'families'"
+    assert_refused("families", ..., one_source)
+    for name in SPLIT_NAMES:
+        assert_refused("splits", {name: 1.0}, "a split's name must be usable")
 
 
 @pytest.mark.parametrize("key", ["diffraction", "dual_pixel"])

@@ -38,7 +38,7 @@ def middle(scene):
     return scene.world_from_left @ rigid(np.eye(3), [0.5 * scene.baseline, 0, 0])
 
 
-def toed_in(middle, distortion=None):
+def toed_in(middle, distortion):
     camera = tl.Camera(96, 72, 105.0, 100.0, 47.0, 36.0, distortion)
     return layouts.toed_in(camera, BASELINE, CROSSING, middle)
 
@@ -54,10 +54,8 @@ def stored(scene, middle, tmp_path_factory):
     return Dataset(folder)[0]
 
 
-@pytest.mark.parametrize("distortion", [None, BrownConrady(-0.15, 0.03, 1e-3, -5e-4)])
-def test_truth_equals_that_of_the_pair_built_rectified_and_rows_agree(
-    scene, middle, distortion
-):
+def test_truth_equals_that_of_the_pair_built_rectified_and_rows_agree(scene, middle):
+    distortion = BrownConrady(-0.15, 0.03, 1e-3, -5e-4)
     rig = tl.rectify(toed_in(middle, distortion)).rectified_rig
     left = middle @ rigid(np.eye(3), [-0.5 * BASELINE, 0, 0])
     built = Rig.stereo(rig.cameras[0], BASELINE, left)

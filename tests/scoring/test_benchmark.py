@@ -332,16 +332,6 @@ def test_the_file_is_written_periodically_and_at_the_end(
     assert written == sizes
 
 
-def test_a_changed_sample_is_refused(tmp_path):
-    save = tmp_path / "board.json"
-    run_benchmark([pair("s")], [Constant("a", 4)], save=save)
-    before = save.read_bytes()
-    other = r"sample 's' is not the one that the board scores"
-    with pytest.raises(InputError, match=other):
-        run_benchmark([pair("s", seed=1)], [Constant("b", 4)], save=save)
-    assert save.read_bytes() == before
-
-
 def test_a_file_that_is_not_a_board_is_not_overwritten(tmp_path):
     save = tmp_path / "board.json"
     save.write_text("my thesis")

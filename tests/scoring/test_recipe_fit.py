@@ -56,7 +56,7 @@ DRAWN = {
 }
 RECIPE = {
     "seed": 1,
-    "count": 6,
+    "count": 2,
     "scenes": ["tiny.toml"],
     "width": 96,
     "height": 72,
@@ -246,14 +246,19 @@ def test_toml_has_the_same_recipe():
     assert found == recipe
 
 
+def datasets(folder, count):
+    """Two datasets: `start` with identical cameras, `real` with other cameras, more noise and other viewpoints."""
+    (folder / "tiny.toml").write_text(SCENE)
+    for name, table in (("start", RECIPE), ("real", REAL)):
+        recipe = recipe_from_table({**table, "count": count}, folder / "recipe.toml")
+        generate(recipe, folder / name)
+    return folder
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Two datasets: `start` with identical cameras, `real` with other cameras, more noise and other viewpoints."""
-    folder = tmp_path_factory.mktemp("fit")
-    (folder / "tiny.toml").write_text(SCENE)
-    for name, recipe in (("start", RECIPE), ("real", REAL)):
-        generate(recipe_from_table(recipe, folder / "recipe.toml"), folder / name)
-    return folder
+    """The fewest pairs that can be fitted: two in both sets."""
+    return datasets(tmp_path_factory.mktemp("fit"), 2)
 
 
 def statistics(path):
@@ -278,7 +283,7 @@ def errors_of(dataset):
 
 
 @pytest.mark.slow
-def test_a_fit_recovers_cameras_and_noise_and_its_dataset_resembles_the_pairs(folder):
+def test_a_fit_recovers_cameras_and_noise_and_its_dataset_resembles_the_pairs(tmp_path):
     """Means and s.d. are those of the recorded mismatches of `real`, which both are uncertain by the errors of the fit.
 
     With errors of s.d. e and f for a pair of the two sets of six, the mean is uncertain by sqrt((e^2 + f^2) / 6), and a
@@ -286,6 +291,7 @@ def test_a_fit_recovers_cameras_and_noise_and_its_dataset_resembles_the_pairs(fo
     1.17 * 2 / sqrt(10368) = 2.3 % for the noise of `real`, and by twice that for the growth in `start`, where the
     sensor causes half of the variance. Bounds are three times these.
     """
+    folder = datasets(tmp_path, 6)
     real = open_pairs([str(folder / "real")])
     fitted, _ = fit_recipe(Dataset(folder / "start"), real)
     errors, _ = errors_of(folder / "start")
@@ -322,15 +328,6 @@ def test_a_fit_recovers_cameras_and_noise_and_its_dataset_resembles_the_pairs(fo
     )
 
 
-def test_two_pairs_in_both_sets_are_enough(folder, tmp_path):
-    shutil.copy(folder / "tiny.toml", tmp_path)
-    recipe = {**RECIPE, "count": 2}
-    generate(recipe_from_table(recipe, tmp_path / "recipe.toml"), tmp_path / "set")
-    pairs = open_pairs([str(folder / "real")])[:2]
-    fitted, _ = fit_recipe(Dataset(tmp_path / "set"), pairs)
-    assert fitted["count"] == 2
-
-
 def test_the_command_prints_a_recipe(folder, capsys):
     start, real = str(folder / "start"), str(folder / "real")
     recipe, notes = fit_recipe(Dataset(start), open_pairs([real]))
@@ -339,7 +336,7 @@ def test_the_command_prints_a_recipe(folder, capsys):
     assert tomllib.loads(text) == recipe
     others = {name: value for name, value in recipe.items() if name != "sensor"}
     assert others == RECIPE
-    assert recipe_from_table(tomllib.loads(text), folder / "like.toml").count == 6
+    assert recipe_from_table(tomllib.loads(text), folder / "like.toml").count == 2
     assert run(["statistics", start, "--like", real, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert (document["recipe"], tuple(document["notes"])) == (recipe, notes)
@@ -358,7 +355,7 @@ def test_what_cannot_be_fitted_is_refused_in_one_line(folder, tmp_path, capsys):
         file.write_text(text.replace('"output": "srgb"', '"output": "raw"'))
     for dataset, like, message in (
         ("motorcycle", real, "motorcycle: has no dataset.json; --like needs a dataset"),
-        (start, "motorcycle", "two pairs or more in both sets, got 6 and 1"),
+        (start, "motorcycle", "two pairs or more in both sets, got 2 and 1"),
         (start, str(blind), "disp0.pfm"),
         (str(raw), real, "has raw images; a fit needs srgb, linear, gamma"),
     ):
