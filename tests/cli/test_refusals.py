@@ -108,6 +108,8 @@ report {letters} | board.json
 reconstruct {set}/cards --method truht -o {tmp}/o | --method is 'truth' or a matcher: unknown method
 reconstruct {set}/cards --far 0.1 -o {tmp}/o | no point is left; allow larger depths
 rectify {set}/cards --fit vlid -o {tmp}/o | did you mean 'valid'
+rectify {set}/cards --fit vlid -o {set}/cards | unknown --fit 'vlid'; did you mean 'valid'
+rectify {tmp}/none --pictures warp -o {tmp}/o | unknown --pictures 'warp'
 show epipolar {set}/cards --cameras 0,2 -o {tmp}/e.png | --cameras
 show epipolar {set}/cards -o {tmp}/e.jpg | must end in .png
 show confidence {set}/cards --method opencv_bm -o {tmp}/c.png | this method has no cost volume

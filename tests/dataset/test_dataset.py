@@ -80,6 +80,25 @@ def test_folders_without_samples_are_refused(tmp_path):
         Dataset(tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("name", "remedy"),
+    [
+        ("im0.jpg", "`magick im0.jpg im0.png`"),
+        ("desk/im0.tif", "`magick im0.tif im0.png`"),
+        ("desk/im0.JPEG", "`magick im0.JPEG im0.png`"),
+        ("IM0.PNG", "rename it to im0.png"),
+    ],
+)
+def test_images_of_another_format_are_named(tmp_path, name, remedy):
+    (tmp_path / "desk").mkdir()
+    (tmp_path / name).touch()
+    with pytest.raises(FileError) as caught:
+        Dataset(tmp_path)
+    message = str(caught.value)
+    assert message.startswith(f"{tmp_path / name}: the images of a pair must be im0.png and im1.png; ")  # fmt: skip
+    assert remedy in message
+
+
 def test_the_manifest_reads_back(folder):
     manifest = read_manifest(folder)
     assert (manifest.recipe, manifest.seed, manifest.info) == (

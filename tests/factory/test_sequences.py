@@ -1,5 +1,6 @@
 """Samples of a sequence of patterns: their frames, files and noise; decoded, against the closed form of a plane."""
 
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ import twinlens as tl
 from twinlens import geometry
 from twinlens.camera import GrayCode, PhaseShift, Pinhole, ThinLens
 from twinlens.dataset import open_sample, write_sample
+from twinlens.dataset.codecs.png import write_png
 from twinlens.dataset.sample_files import sample_files
 from twinlens.dataset.verify import verify_sample
 from twinlens.errors import InputError
@@ -88,6 +90,32 @@ def test_decoded_positions_and_points_are_the_closed_form_of_the_plane(stored):
         compared = decoded.valid & stored.truth(view).projections[0].lit
         median = 1e3 * np.median(error[compared])
         assert truth["point_mm"]["median"] == pytest.approx(median)
+
+
+@pytest.mark.parametrize(
+    ("image", "size"),
+    [
+        (np.zeros((18, 24, 3), np.uint16), "24x18 pixels of 3 channels"),
+        (np.zeros((36, 48), np.uint16), "48x36 pixels of 1 channel"),
+    ],
+)
+def test_frames_of_different_sizes_are_refused_by_file(stored, tmp_path, image, size):
+    """The error names the file once, and the sizes of both frames."""
+    other = tmp_path / "plane"
+    shutil.copytree(stored.folder, other)
+    write_png(other / "frame-3" / "im1.png", image)
+    with pytest.raises(InputError) as caught:
+        decode_sample(open_sample(other))
+    assert str(caught.value) == (
+        f"{other}: frame-3/im1.png is {size}, im1.png of frame 0 is 48x36 pixels of 3 channels; "
+        "all frames must be alike"
+    )
+
+
+def test_a_lens_beyond_the_last_names_the_sample_once(stored):
+    with pytest.raises(InputError) as caught:
+        decode_sample(stored, lens=1)
+    assert str(caught.value) == "plane: has lenses 0 to 0, no lens 1"
 
 
 def half_dark_plane():

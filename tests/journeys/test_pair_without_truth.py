@@ -99,6 +99,20 @@ def test_the_board_compares_without_scores(root, board, twinlens):
     assert "totbad" not in out
 
 
+def test_a_protocol_or_region_without_data_is_named(root, twinlens):
+    """A note for each name that the user gives and that needs the truth; none for those that are scored."""
+    protocols = ("--protocol", "middlebury-v3", "--protocol", "consistency")
+    names = (*protocols, "--region", "all", "--region", "nonocc")
+    command = ("benchmark", root / "pairs", "--methods", "sad", *names)
+    code, out, err = twinlens(*command, "-o", root / "noted")
+    assert code == 0, err
+    notes = [line for line in out.splitlines() if "no pair has the data" in line]
+    assert [note.split(":")[0] for note in notes] == [
+        "--protocol middlebury-v3",
+        "--region nonocc",
+    ]
+
+
 def test_the_page_has_the_figures_of_the_file(root, board):
     page = json.loads(Elements((root / "board" / "index.html").read_text()).data)
     (rules,) = page["protocols"]

@@ -36,6 +36,7 @@ from twinlens.dataset.record import (
 from twinlens.dataset.storage import Place, Where, is_whole, place
 from twinlens.dataset.stored import (
     StoredSample,
+    image_of_another_format,
     parse_quantity,
     read_quantities,
     samples_in,
@@ -199,6 +200,7 @@ class Dataset(Sequence[StoredSample]):
             return
         self._samples = samples_in(self.path)
         if not self._samples:
+            _check_format(self.path)
             problem = f"has no sample: no {MANIFEST}, and no folder with an im0.png (left; im1.png is the right image)"
             raise FileError(f"{self.path}: {problem}{_datasets_below(self.path)}")
 
@@ -358,6 +360,20 @@ def open_sample(path: Where) -> StoredSample:
             f"{path}: is a dataset of {counted(len(dataset), 'sample')}; name one of them, such as {example}"
         )
     return dataset[0]
+
+
+def _check_format(path: Place) -> None:
+    """Raise FileError for a folder whose images are of another format; not for a bucket, where a search is slow."""
+    image = image_of_another_format(path) if isinstance(path, Path) else None
+    if image is None:
+        return
+    if image.suffix.lower() == ".png":
+        remedy = f"rename it to {IMAGE.name(0)}"
+    else:
+        remedy = f"convert it, such as by `magick {image.name} {IMAGE.name(0)}`"
+    raise FileError(
+        f"{image}: the images of a pair must be {IMAGE.name(0)} and {IMAGE.name(1)}; {remedy}"
+    )
 
 
 def _datasets_below(path: Place) -> str:

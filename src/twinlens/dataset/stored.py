@@ -10,6 +10,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
@@ -59,6 +60,8 @@ from twinlens.dataset.visibility import (
 from twinlens.errors import FileError, InputError, format_value, nearest, unknown
 
 Image = NDArray[Any]
+# "png" is for IM0.PNG, which is not im0.png on most file systems.
+_OTHER_FORMATS = ("jpg", "jpeg", "tif", "tiff", "bmp", "webp", "ppm", "pgm", "png")
 T = TypeVar("T")
 
 
@@ -516,6 +519,19 @@ def samples_in(path: Place) -> tuple[StoredSample, ...]:
 
 def _is_sample(folder: Place) -> bool:
     return (folder / IMAGE.name(0)).is_file()
+
+
+def image_of_another_format(path: Path) -> Path | None:
+    """The first left image, such as im0.jpg or im0.tif, in `path` or a subfolder of it; None if there is none."""
+    stem = IMAGE.name(0).removesuffix(".png")
+    for folder in (path, *sorted(path.iterdir(), key=str)):
+        if not folder.is_dir():
+            continue
+        for entry in sorted(folder.iterdir(), key=str):
+            name, _, ending = entry.name.rpartition(".")
+            if name.lower() == stem and ending.lower() in _OTHER_FORMATS:
+                return entry
+    return None
 
 
 def _camera_of(sample: StoredSample, view: int) -> Rig:

@@ -13,10 +13,12 @@ from twinlens.camera.light_planes import light_plane_points
 from twinlens.camera.structured_light import Code
 from twinlens.camera.truth import Truth
 from twinlens.dataset import StoredSample
+from twinlens.dataset.channels import IMAGE
 from twinlens.dataset.codecs.png import encode_png
 from twinlens.dataset.pictures import colourise, rgb8
+from twinlens.dataset.sample import shot_folder
 from twinlens.dataset.stored import StoredShot
-from twinlens.errors import InputError, located
+from twinlens.errors import InputError, counted, located
 from twinlens.geometry import Float, inverse, transform_points
 from twinlens.reconstruction.surface import Cloud, ply_bytes
 from twinlens.sensor import Sensor
@@ -112,11 +114,11 @@ def decode_sample(
     Raises InputError for a sample without such a sequence, FileError for a missing file.
     """
     rig = stored.rig
+    shot = stored.lens(lens)
     with located(str(stored.folder)):
         number = _coded_projector(rig, projector)
         return [
-            _decoded_view(stored, stored.lens(lens), view, number, least)
-            for view in range(len(rig))
+            _decoded_view(stored, shot, view, number, least) for view in range(len(rig))
         ]
 
 
@@ -153,7 +155,7 @@ def _decoded_view(
     """One camera of a sample decoded, through one lens."""
     rig = stored.rig
     frames = [shot.frame(number) for number in range(shot.num_frames)]
-    _check_sizes([frame.image(view).shape for frame in frames], view)
+    _check_sizes(frames, view)
     images = [linear_image(frame, view) for frame in frames]
     sequence = rig.projectors[projector].sequence
     axes = _unsaturated(
@@ -175,14 +177,24 @@ def _decoded_view(
     )
 
 
-def _check_sizes(shapes: Sequence[tuple[int, ...]], view: int) -> None:
-    """Raise InputError for frames of a view whose sizes or channels differ from those of the first."""
-    for number, shape in enumerate(shapes):
-        if shape != shapes[0]:
+def _check_sizes(frames: Sequence[StoredShot], view: int) -> None:
+    """Raise InputError for a frame of a view whose size or number of channels differs from that of the first."""
+    file = IMAGE.name(view)
+    first = _form(frames[0].image(view))
+    for frame in frames:
+        form = _form(frame.image(view))
+        if form != first:
+            name = f"{shot_folder(0, frame.frame_number)}{file}"
             raise InputError(
-                f"view {view}: frame {number} is {shape[1]}x{shape[0]} pixels of {(*shape, 1)[2]} channels, frame 0 is "
-                f"{shapes[0][1]}x{shapes[0][0]} of {(*shapes[0], 1)[2]}; all frames must be alike"
+                f"{name} is {form}, {file} of frame 0 is {first}; all frames must be alike"
             )
+
+
+def _form(image: NDArray[Any]) -> str:
+    """The size of an image and its channels, in words."""
+    height, width = image.shape[:2]
+    channels = 1 if image.ndim == 2 else image.shape[2]
+    return f"{width}x{height} pixels of {counted(channels, 'channel')}"
 
 
 def _unsaturated(
