@@ -26,14 +26,15 @@ def test_a_low_sun_reddens_the_horizon():
     assert horizon[0] > horizon[2]
 
 
-@pytest.mark.parametrize("seed", [3, 4])
-def test_the_sky_is_brightest_around_the_sun(seed):
+@pytest.mark.parametrize(("seed", "side"), [(3, -1.0), (4, 1.0)])
+def test_the_sky_is_brightest_around_the_sun(seed, side):
     """A camera that looks at the sun sees the brightest part of the sky in the middle of its image."""
     composed = Composition(
         "sky", np.random.SeedSequence(seed), Assets(), None, (1, 1), 1.0, 64
     )
-    daylight(composed, np.random.default_rng(seed), np.zeros(3), 1.0)
+    daylight(composed, np.random.default_rng(seed), np.zeros(3), 1.0, side)
     sun = composed.objects[0].world_from_object[:3, 3]
+    assert sun[0] * side > 0
     sky = {"environment": composed.lights["environment"]}
     scene = tl.Scene("sky", (), {}, np.eye(4), (0.5, 2.0), lights=sky)
     rig = tl.Rig([tl.Camera.from_fov(32, 32, 80)], [look_at(np.zeros(3), sun)])

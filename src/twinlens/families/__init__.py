@@ -19,7 +19,7 @@ from twinlens.scenes.scene import Scene
 FAMILIES: dict[str, Family] = {
     "tabletop": Family(
         "bodies at rest on a table",
-        (12, 22),
+        (4, 30),
         tabletop.compose,
         1.8,
         tabletop.NAMES,
@@ -27,15 +27,15 @@ FAMILIES: dict[str, Family] = {
     ),
     "flying": Family(
         "things in the air, at disparities spread evenly",
-        (14, 26),
+        (6, 34),
         flying.compose,
         1.3,
         flying.NAMES,
     ),
-    "room": Family("a furnished room", (18, 36), room.compose, 2.5, room.NAMES, True),
+    "room": Family("a furnished room", (6, 48), room.compose, 2.5, room.NAMES, True),
     "cards": Family(
         "test charts, steps and waves at set distances and slants",
-        (7, 13),
+        (4, 16),
         cards.compose,
         1.8,
         cards.NAMES,

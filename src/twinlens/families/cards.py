@@ -1,6 +1,7 @@
 """The family "cards": test charts, steps, wedges and waves on a floor, each at its own distance and slant."""
 
 import math
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -44,9 +45,7 @@ NAMES = frozenset(
         "steps",
         "wedge",
         "wave",
-        "sun",
-        "key-light",
-        "fill-light",
+        *lighting.NAMES,
     )
 )
 """Names of what scenes have besides bodies, without numbers."""
@@ -60,39 +59,47 @@ def compose(scene: Composition) -> None:
     eye = np.array([0.0, 0.0, rng.uniform(0.45, 0.7)])
     target = eye + np.array([0.0, 1.0, -rng.uniform(0.05, 0.3)])
     scene.look(eye, target, rng.uniform(45, 62))
-    _add_charts(scene, depth_ratio)
-    _add_surroundings(scene, depth_ratio)
-    rng = scene.rng("light")
-    light = lighting.daylight if rng.random() < 0.3 else lighting.key_and_fill
-    light(scene, rng, np.array([0.0, 0.55 * depth_ratio, 0.3]), 0.42 * depth_ratio)
+    surroundings = _Surroundings(scene, scene.yaw(depth_ratio))
+    _add_charts(scene, depth_ratio, surroundings.behind(depth_ratio))
+    surroundings.add(depth_ratio)
+    middle = np.array([0.0, 0.55 * depth_ratio, 0.3])
+    open_side = math.copysign(1.0, surroundings.yaw)
+    lighting.one_kind(scene, scene.rng("light"), middle, 0.42 * depth_ratio, open_side)
 
 
-def _add_charts(scene: Composition, depth_ratio: float) -> None:
-    """Add charts from near to far, left and right by turns; their footprints do not overlap."""
+def _add_charts(scene: Composition, depth_ratio: float, behind: Float) -> None:
+    """Add charts from near to far, left and right by turns; footprints overlap neither each other nor `behind`."""
     count, view = scene.count, scene.view
     # One step of 1/depth for each chart, from 1 m to 0.88 `depth_ratio`, at a random place within it.
     steps = (np.arange(count) + scene.rng("steps").uniform(0.1, 0.9, count)) / count
     depths = 1 / (1 + (1 / (0.88 * depth_ratio) - 1) * steps)
-    taken: list[Float] = []
+    taken = [behind]
+    turn_deg = float(scene.rng("turn").uniform(8, 45))
     for index, depth in enumerate(depths.tolist()):
         place = scene.rng("place", index)
         name = weighted(place, list(BODIES), _WEIGHTS)
         size = float(place.uniform(0.26, 0.5)) * view.covered(depth)[1]
         mesh, height = BODIES[name](scene.rng("shape", index), size)
-        pose = _free_pose(view, place, index, depth, mesh, taken)
+        pose = _free_pose(view, place, index, depth, mesh, taken, turn_deg)
         if pose is not None:
             n = texels(height, scene.pixel_at(pose[:3, 3], 0.3))
             _add_card(scene, place, index, name, mesh, n, pose)
 
 
 def _free_pose(
-    view: Viewpoint, rng: Rng, index: int, depth: float, mesh: Mesh, taken: list[Float]
+    view: Viewpoint,
+    rng: Rng,
+    index: int,
+    depth: float,
+    mesh: Mesh,
+    taken: list[Float],
+    turn_sd_deg: float,
 ) -> Float | None:
     """A pose on the floor apart from the footprints that are taken, to which its own is added; None without one."""
     for attempt in range(_TRIES):
         side = (-1) ** (index + attempt) * rng.uniform(0.05, 0.95)
         on_floor = view.at(side, 0.0, depth) * [1, 1, 0]
-        turn_deg = np.clip(rng.normal(0, 28), -60, 60)
+        turn_deg = np.clip(rng.normal(0, turn_sd_deg), -70, 70)
         pose = translation(on_floor) @ rotation([0, 0, 1], turn_deg)
         points = transform_points(pose, mesh.vertices)
         footprint = outline(points[:, :2])
@@ -235,33 +242,55 @@ BODIES = {"chart": _chart, "steps": _steps, "wedge": _wedge, "wave": _wave}
 _WEIGHTS = (0.62, 0.14, 0.12, 0.12)  # of the bodies in draws
 
 
-def _add_surroundings(scene: Composition, depth_ratio: float) -> None:
-    rng, view = scene.rng("surroundings"), scene.view
-    yaw = math.radians(rng.uniform(-18, 18))
-    along = np.array([math.cos(yaw), math.sin(yaw), 0.0])
+@dataclass(frozen=True, eq=False)
+class _Surroundings:
+    """The floor, and the wall behind, turned by `yaw` radians: positive where its right is farther."""
 
-    def sheets(distance: float) -> tuple[Sheet, Sheet]:
-        wide = 2.2 * view.covered(distance)[0]
+    scene: Composition
+    yaw: float
+
+    def sheets(self, distance: float) -> tuple[Sheet, Sheet]:
+        """Floor and wall, with the wall `distance` metres away where the camera looks."""
+        view = self.scene.view
+        along = np.array([math.cos(self.yaw), math.sin(self.yaw), 0.0])
+        # The farther side of the wall is seen at a grazing angle.
+        grazing = math.cos(self.yaw) - 1.2 * view.half[0] * abs(math.sin(self.yaw))
+        wide = 2.2 * view.covered(distance)[0] / max(grazing, 0.25)
         middle = np.array([0.0, distance, 0.0])
-        up = np.array([0, 0, 1.6 * view.covered(distance)[1] + 1])
+        up = np.array([0, 0, 1.6 * view.covered(distance)[1] / max(grazing, 0.25) + 1])
         wall = Sheet(middle - 0.5 * wide * along, wide * along, up)
+        deep = distance + 0.5 * wide * abs(math.sin(self.yaw)) + 0.2
         corner = np.array([-wide / 2, -0.2, 0.0])
         across = np.array([wide, 0.0, 0.0])
-        floor = Sheet(corner, across, np.array([0.0, 1.6 * distance + 0.2, 0.0]))
+        floor = Sheet(corner, across, np.array([0.0, deep, 0.0]))
         return floor, wall
 
-    def meshes(distance: float) -> list[Mesh]:
-        return [sheet.mesh() for sheet in sheets(distance)]
+    def meshes(self, distance: float) -> list[Mesh]:
+        return [sheet.mesh() for sheet in self.sheets(distance)]
 
-    floor, _ = sheets(depth_ratio)
-    near, _ = scene.visible_range([floor.mesh()])
-    far = near * depth_ratio
-    distance = scene.backdrop_distance(meshes, far, far)
-    floor, wall = sheets(distance)
-    parts = (("floor", floor, FLOORS, 0.55), ("wall", wall, WALLS, 0.4))
-    for name, sheet, patterns, contrast in parts:
-        kind, tile = surface_pattern(rng, patterns, scene.plain_surfaces)
-        colors = wall_colors(scene.rng(name, "colours"), scene.palette, contrast)
-        tile *= 0.3 * view.covered(distance)[0]
-        fitted, look = surface(scene, scene.rng(name), sheet, kind, colors, tile)
-        scene.add(name, fitted.mesh(), look)
+    def distance(self, depth_ratio: float, nearest: float = math.inf) -> float:
+        """The wall's distance; `nearest` is the depth of things that are not added yet."""
+        floor, _ = self.sheets(depth_ratio)
+        near, _ = self.scene.visible_range([floor.mesh()])
+        far = min(near, nearest) * depth_ratio
+        return self.scene.backdrop_distance(self.meshes, far, far)
+
+    def behind(self, depth_ratio: float) -> Float:
+        """The ground (4, 2) behind the wall; once the charts are added the wall may be farther, but not nearer."""
+        _, wall = self.sheets(self.distance(depth_ratio, _NEAREST))
+        start, end = wall.corner[:2], wall.corner[:2] + wall.u[:2]
+        away = np.array([-wall.u[1], wall.u[0]]) / wall.lengths[0] * depth_ratio
+        return np.array([start, end, end + away, start + away])
+
+    def add(self, depth_ratio: float) -> None:
+        """Add floor and wall, with patterns of their own."""
+        scene, rng = self.scene, self.scene.rng("surroundings")
+        distance = self.distance(depth_ratio)
+        floor, wall = self.sheets(distance)
+        parts = (("floor", floor, FLOORS, 0.55), ("wall", wall, WALLS, 0.4))
+        for name, sheet, patterns, contrast in parts:
+            kind, tile = surface_pattern(rng, patterns, scene.plain_surfaces)
+            colors = wall_colors(scene.rng(name, "colours"), scene.palette, contrast)
+            tile *= 0.3 * scene.view.covered(distance)[0]
+            fitted, look = surface(scene, scene.rng(name), sheet, kind, colors, tile)
+            scene.add(name, fitted.mesh(), look)

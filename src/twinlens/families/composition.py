@@ -19,6 +19,7 @@ from twinlens.families.assets import Assets, UserMesh
 from twinlens.families.draws import PALETTES, Palette, Rng, log_uniform, one_of
 from twinlens.geometry import Float, inverse, look_at, rigid, transform_points
 from twinlens.scenes.materials import Bitmap, Material
+from twinlens.scenes.placement import rotation
 from twinlens.scenes.scene import Mesh, Plugin, Scene, SceneObject, free_name
 from twinlens.scenes.shapes import merged
 from twinlens.seeds import generator
@@ -196,9 +197,25 @@ class Composition:
         return log_uniform(self.rng("depth"), low, high)
 
     def look(self, eye: Float, target: Float, fov_x_deg: float) -> None:
-        self.view = Viewpoint(
-            look_at(eye, target), float(fov_x_deg), self.aspect, self.width_px
-        )
+        """Set the view from `eye` to `target`; most cameras are nearly level, a quarter are held by hand."""
+        rng = self.rng("roll")
+        is_held = rng.random() < 0.25
+        roll_deg = rng.uniform(-14, 14) if is_held else rng.normal(0, 0.8)
+        pose = look_at(eye, target) @ rotation([0, 0, 1], roll_deg)
+        self.view = Viewpoint(pose, float(fov_x_deg), self.aspect, self.width_px)
+
+    def yaw(self, depth_ratio: float) -> float:
+        """How far a wall behind the scene is turned about the vertical, radians; positive where its right is farther.
+
+        Many walls face the camera, some are seen at a grazing angle. The wall's nearest visible part is 1.4 times as
+        far as the scene's nearest point or more, where its farthest part is `depth_ratio` times as far.
+        """
+        rng = self.rng("yaw")
+        side = one_of(rng, [-1.0, 1.0])
+        # In the picture at x, in units of the focal length, 1/depth is proportional to 1 - x tan(yaw).
+        share = max(1.0, depth_ratio / 1.4)
+        most = (share - 1) / (share + 1) / self.view.half[0]
+        return side * math.atan(float(rng.random()) ** 2 * most)
 
     def add(
         self,
@@ -299,7 +316,7 @@ class Composition:
     def scene(self, about: str) -> Scene:
         """The scene, scaled to the requested nearest depth about the camera's centre, which changes no pixel.
 
-        The baseline gives the nearest point a disparity of 8% to 12% of the picture's width.
+        The baseline gives the nearest point a disparity of 3% to 17% of the picture's width.
         """
         objects, view = self.objects, self.view
         near, far = self.visible_range()
@@ -308,7 +325,7 @@ class Composition:
             about_eye = similarity(np.eye(3), (1 - scale) * view.eye, scale)
             objects = [_moved(item, about_eye) for item in objects]
             near, far = near * scale, far * scale
-        share = self.rng("baseline").uniform(0.08, 0.12)
+        share = self.rng("baseline").uniform(0.03, 0.17)
         return Scene(
             name=self.name,
             objects=tuple(objects),

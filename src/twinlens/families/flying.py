@@ -1,6 +1,7 @@
 """The family "flying": bodies in the air at evenly spread disparities, before a wall or the open sky."""
 
 import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -16,7 +17,7 @@ from twinlens.scenes import shapes
 from twinlens.scenes.scene import Mesh
 
 _TRIES = 40  # random places of a body before it is left out
-NAMES = frozenset(("backdrop", "moon", "key-light", "fill-light"))
+NAMES = frozenset(("backdrop", "moon", *lighting.NAMES))
 """Names of what scenes have besides bodies, without numbers."""
 
 
@@ -25,26 +26,32 @@ def compose(scene: Composition) -> None:
     target = np.array([0.0, 1.0, rng.uniform(-0.15, 0.1)])
     scene.look(np.zeros(3), target, rng.uniform(42, 65))
     depth_ratio = scene.depth_ratio(2.5, 8.0)
-    _add_bodies(scene, depth_ratio)
-    far = scene.visible_range()[0] * depth_ratio
     open_air = scene.rng("open air").random() < 0.4
-    if open_air:
+    wall = None if open_air else _Wall.draw(scene, depth_ratio)
+    _add_bodies(scene, depth_ratio, wall)
+    far = scene.visible_range()[0] * depth_ratio
+    if wall is None:
         _add_moon(scene, far)
     else:
-        _add_wall(scene, far)
+        _add_wall(scene, wall, far)
     rng = scene.rng("light")
     if scene.assets.hdris and lighting.user_environment(scene, rng):
         return
-    if open_air:
+    if wall is None:
         sky = lighting.painted_sky(rng)
         lighting.environment(scene, sky, float(rng.uniform(0, 360)))
     else:
         middle = scene.view.at(0, 0, 0.5 * depth_ratio)
-        lighting.key_and_fill(scene, rng, middle, 0.6 * depth_ratio)
+        lighting.one_kind(scene, rng, middle, 0.6 * depth_ratio, wall.open_side)
 
 
-def _add_bodies(scene: Composition, depth_ratio: float) -> None:
-    """Add bodies at even steps of 1/depth from 1 m to 0.9 `depth_ratio`; their bounding spheres do not overlap."""
+def _add_bodies(
+    scene: Composition, depth_ratio: float, wall: "_Wall | None" = None
+) -> None:
+    """Add bodies at even steps of 1/depth from 1 m to 0.9 `depth_ratio`, in front of the wall.
+
+    Their bounding spheres do not overlap.
+    """
     count, view = scene.count, scene.view
     # One step of 1/depth for each body, at a random place within it.
     steps = (np.arange(count) + scene.rng("steps").random(count)) / count
@@ -59,7 +66,7 @@ def _add_bodies(scene: Composition, depth_ratio: float) -> None:
         size = reach / radius
         if scene.assets.keep_scale and not body.kind:
             size, reach = body.size, body.size * radius
-        centre = _free_place(view, rng, depth + reach, reach, taken)
+        centre = _free_place(view, rng, depth + reach, reach, taken, wall)
         if centre is None:
             continue
         taken.append((centre, reach))
@@ -75,6 +82,7 @@ def _free_place(
     depth: float,
     reach: float,
     taken: list[tuple[Float, float]],
+    wall: "_Wall | None",
 ) -> Float | None:
     """A centre in the picture for a sphere of radius `reach` beside the spheres that are taken; None without one."""
     for _ in range(_TRIES):
@@ -83,7 +91,7 @@ def _free_place(
         is_free = all(
             np.linalg.norm(centre - other) > reach + radius for other, radius in taken
         )
-        if is_free:
+        if is_free and (wall is None or wall.clearance(centre) > reach):
             return centre
     return None
 
@@ -93,30 +101,70 @@ def _random_rotation(rng: Rng) -> Float:
     return np.asarray(Rotation.from_quat(np.roll(rng.normal(size=4), -1)).as_matrix())
 
 
-def _add_wall(scene: Composition, far: float) -> None:
+@dataclass(frozen=True, eq=False)
+class _Wall:
+    """A wall behind the bodies, through a point on the camera's axis that is at least `nearest` metres away.
+
+    yaw : radians, about the vertical; positive where its right is farther.
+    u, v : unit vectors (3,) along it, to the right and upwards.
+    """
+
+    view: Viewpoint
+    yaw: float
+    u: Float
+    v: Float
+    nearest: float
+
+    @staticmethod
+    def draw(scene: Composition, depth_ratio: float) -> "_Wall":
+        """A wall that is nowhere farther in the picture than `depth_ratio` metres."""
+        view, yaw = scene.view, scene.yaw(depth_ratio)
+        pitch = math.radians(scene.rng("pitch").normal(0, 5))
+        # In the camera's frame, x right, y down, z forward: u turned about y by the yaw, v upwards and tilted.
+        u_in_cam = [math.cos(yaw), 0, math.sin(yaw)]
+        v_in_cam = [
+            math.sin(yaw) * math.sin(pitch),
+            -math.cos(pitch),
+            -math.sin(pitch) * math.cos(yaw),
+        ]
+        world_from_cam = view.world_from_cam[:3, :3]
+        u, v = world_from_cam @ u_in_cam, world_from_cam @ v_in_cam
+        v = v - (v @ u) * u  # perpendicular to u
+        wall = _Wall(view, yaw, u, v / np.linalg.norm(v), 0.0)
+        # Bodies begin at 1 m, so that the wall is moved back, if at all, once they are placed.
+        nearest = scene.backdrop_distance(wall.meshes, depth_ratio, 0.8 * depth_ratio)
+        return replace(wall, nearest=nearest)
+
+    @property
+    def open_side(self) -> float:
+        """-1 for the left, 1 for the right: where the wall is farther, and no light is behind it."""
+        return math.copysign(1.0, self.yaw)
+
+    def clearance(self, point: Float) -> float:
+        """The distance of a point (3,) in front of the wall, metres; negative behind it."""
+        normal = np.cross(self.u, self.v)
+        return float((point - self.view.at(0, 0, self.nearest)) @ normal)
+
+    def sheet(self, distance: float) -> Sheet:
+        """The part of the wall that a pair of cameras may see."""
+        # The farther side is seen at a grazing angle, up to 1.4 half pictures from the middle.
+        grazing = math.cos(self.yaw) - 1.2 * self.view.half[0] * abs(math.sin(self.yaw))
+        width, height = 2.2 * self.view.covered(distance * 1.4) / max(grazing, 0.25)
+        centre = self.view.at(0, 0, distance)
+        corner = centre - 0.5 * (width * self.u + height * self.v)
+        return Sheet(corner, width * self.u, height * self.v)
+
+    def meshes(self, distance: float) -> list[Mesh]:
+        return [self.sheet(distance).mesh()]
+
+
+def _add_wall(scene: Composition, wall: _Wall, far: float) -> None:
     rng, view = scene.rng("backdrop"), scene.view
-    yaw, pitch = np.radians(rng.uniform(-25, 25)), np.radians(rng.uniform(-8, 8))
-    # In the camera's frame, x right, y down, z forward: u turned about y by the yaw, v upwards and tilted by the pitch.
-    u_in_cam = [math.cos(yaw), 0, math.sin(yaw)]
-    v_in_cam = [
-        math.sin(yaw) * math.sin(pitch),
-        -math.cos(pitch),
-        -math.sin(pitch) * math.cos(yaw),
-    ]
-    world_from_cam = view.world_from_cam[:3, :3]
-    u, v = world_from_cam @ u_in_cam, world_from_cam @ v_in_cam
-    v = v - (v @ u) * u  # perpendicular to u
-
-    def sheet(distance: float) -> Sheet:
-        width, height = 2.2 * view.covered(distance * 1.4)
-        centre = view.at(0, 0, distance)
-        return Sheet(centre - 0.5 * (width * u + height * v), width * u, height * v)
-
-    distance = scene.backdrop_distance(lambda d: [sheet(d).mesh()], far, 0.8 * far)
+    distance = scene.backdrop_distance(wall.meshes, far, wall.nearest)
     name, tile = one_of(rng, WALLS[1])  # never plain: other scenes have a plain sky
     tile *= 0.25 * view.covered(distance)[0]
-    wall, colors = sheet(distance), wall_colors(rng, scene.palette)
-    fitted, look = surface(scene, scene.rng("wall"), wall, name, colors, tile)
+    sheet, colors = wall.sheet(distance), wall_colors(rng, scene.palette)
+    fitted, look = surface(scene, scene.rng("wall"), sheet, name, colors, tile)
     scene.add("backdrop", fitted.mesh(), look)
 
 

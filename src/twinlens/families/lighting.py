@@ -1,11 +1,12 @@
 """Lights: area lamps, the sun, and environment maps with the zenith in their top row. All setups cast shadows."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
 from twinlens.families.composition import Composition
-from twinlens.families.draws import Rng, log_uniform, one_of
+from twinlens.families.draws import Rng, log_uniform, one_of, weighted
 from twinlens.families.patterns import noise
 from twinlens.families.surfaces import Sheet
 from twinlens.geometry import Float, look_at
@@ -13,6 +14,8 @@ from twinlens.scenes.materials import Bitmap, Color, lambert
 from twinlens.scenes.scene import Mesh, Sky
 from twinlens.scenes.textures import Image
 
+Light = Callable[[Composition, Rng, Float, float, float], None]
+"""Adds the lights of one kind: of a scene, by a stream, around a middle, of a radius, from a side; see `one_kind`."""
 _WEAK = 0.35  # share of samples of lights that add little
 _BRIGHTEST = 2e3  # of a pixel of an environment map, in units of the map's mean
 _BLACK = lambert(Bitmap(np.zeros((2, 2, 3), dtype=np.float32)))
@@ -93,9 +96,24 @@ def user_environment(scene: Composition, rng: Rng) -> bool:
     return True
 
 
-def key_and_fill(scene: Composition, rng: Rng, middle: Float, radius: float) -> None:
+def one_kind(
+    scene: Composition, rng: Rng, middle: Float, radius: float, side: float = 0.0
+) -> None:
+    """Light around `middle`, metres, of a kind drawn once for a scene: hard or soft, even or with dark parts.
+
+    The camera looks from -y. side : of the main light, -1 for -x, 1 for +x; 0 draws it.
+    """
+    kinds = [kind for kind, _ in KINDS]
+    shares = [share for _, share in KINDS]
+    light = weighted(rng, kinds, shares)
+    drawn = one_of(rng, [-1.0, 1.0])
+    light(scene, rng, middle, radius, side or drawn)
+
+
+def key_and_fill(
+    scene: Composition, rng: Rng, middle: Float, radius: float, side: float
+) -> None:
     """A key light from one side, a weak fill light from the other, and dim ambient light; the camera looks from -y."""
-    side = one_of(rng, [-1.0, 1.0])
     key_tone, fill_tone = one_of(rng, _TONES)
     half_key = log_uniform(rng, 0.18, 1.2) * radius  # small lamps cast sharp shadows
     distance = 4.5 * radius
@@ -114,16 +132,58 @@ def key_and_fill(scene: Composition, rng: Rng, middle: Float, radius: float) -> 
     panel(scene, "fill-light", place, middle, sides, level * fill_tone, _WEAK)
 
     # Half of the fill light's colour, half white.
-    ambient = rng.uniform(0.1, 0.25) * (0.5 * fill_tone + 0.5)
-    pixels = np.tile(np.asarray(ambient, dtype=np.float32), (4, 8, 1))
+    _ambient(scene, rng.uniform(0.1, 0.25) * (0.5 * fill_tone + 0.5))
+
+
+def _ambient(scene: Composition, radiance: Float) -> None:
+    """Dim light (3,) from everywhere."""
+    pixels = np.tile(np.asarray(radiance, dtype=np.float32), (4, 8, 1))
     environment(scene, pixels, weight=_WEAK)
 
 
-def daylight(scene: Composition, rng: Rng, middle: Float, radius: float) -> None:
+def one_lamp(
+    scene: Composition, rng: Rng, middle: Float, radius: float, side: float
+) -> None:
+    """Night with one small lamp near the scene: what is beside it may clip, and its shadows are nearly black."""
+    tone = one_of(rng, [WARM, WARM, NEUTRAL])
+    towards = from_direction(-90.0 + side * rng.uniform(50, 92), rng.uniform(14, 60))
+    distance = rng.uniform(1.5, 2.6) * radius
+    half = rng.uniform(0.12, 0.3) * radius
+    strength = 2.5 * (distance / half) ** 2 * rng.uniform(0.8, 1.25)
+    place = middle + distance * towards
+    panel(scene, "key-light", place, middle, np.full(2, 2 * half), strength * tone)
+    _ambient(scene, log_uniform(rng, 0.002, 0.03) * COOL)
+
+
+def window(
+    scene: Composition, rng: Rng, middle: Float, radius: float, side: float
+) -> None:
+    """A large window at one side, low, in a dim room: soft light that grazes what it meets."""
+    tone = one_of(rng, [COOL, COOL, NEUTRAL])
+    towards = from_direction(-90.0 + side * rng.uniform(70, 95), rng.uniform(6, 24))
+    place = middle + 2.6 * radius * towards
+    sides = radius * rng.uniform(1.2, 2.2, 2)
+    panel(scene, "key-light", place, middle, sides, rng.uniform(7, 12) * tone)
+    _ambient(scene, log_uniform(rng, 0.02, 0.15) * tone)
+
+
+def overcast(
+    scene: Composition, rng: Rng, middle: Float, radius: float, side: float
+) -> None:
+    """A covered sky, three times as bright at the zenith as at the horizon, without shadows (CIE, Moon and Spencer)."""
+    elevation, _ = _directions(64)
+    dome = (1 + 2 * np.maximum(np.sin(elevation), 0)) / 3
+    tone = one_of(rng, [COOL, NEUTRAL])
+    pixels = np.broadcast_to(dome[..., None] * tone, (32, 64, 3))
+    environment(scene, np.asarray(pixels, dtype=np.float32), weight=1.0)
+
+
+def daylight(
+    scene: Composition, rng: Rng, middle: Float, radius: float, side: float
+) -> None:
     """A clear sky, and a distant square as the sun, larger than the real one for soft shadows."""
-    side = one_of(rng, [-1.0, 1.0])
     azimuth_deg = -90.0 + side * float(rng.uniform(40, 95))
-    elevation_deg = float(rng.uniform(22, 55))
+    elevation_deg = float(rng.uniform(9, 55))
     sky = clear_sky(float(rng.uniform(2.2, 5.0)), elevation_deg)
     environment(scene, sky, azimuth_deg + 90.0, 0.5)  # its sun is at -y
 
@@ -137,6 +197,17 @@ def daylight(scene: Composition, rng: Rng, middle: Float, radius: float) -> None
     place = middle + distance * from_direction(azimuth_deg, elevation_deg)
     panel(scene, "sun", place, middle, np.full(2, 2 * half), radiance * tone)
 
+
+KINDS: tuple[tuple[Light, float], ...] = (
+    (key_and_fill, 0.34),
+    (daylight, 0.2),
+    (overcast, 0.12),
+    (window, 0.12),
+    (one_lamp, 0.22),
+)
+"""Kinds of light and their shares of the scenes."""
+NAMES = frozenset(("sun", "key-light", "fill-light"))
+"""Names of the lamps that they add."""
 
 # fmt: off
 _PEREZ = {

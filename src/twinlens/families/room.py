@@ -120,9 +120,11 @@ def _set_view(scene: Composition, shell: Shell) -> float:
     rng = scene.rng("view")
     x = rng.uniform(-0.3, 0.3) * shell.width
     y = shell.front + rng.uniform(0.25, 0.5)
-    eye = np.array([x, y, rng.uniform(1.15, 1.6)])
-    aim = -0.6 * x + rng.uniform(-0.4, 0.4)
-    target = np.array([aim, shell.back, rng.uniform(0.55, 1.0)])
+    eye = np.array([x, y, rng.uniform(0.7, 1.9)])
+    # To the back wall, or past it to the side wall that is farther away.
+    aside = -math.copysign(0.5 * shell.width, x)
+    aim = -0.6 * x + rng.uniform(-0.4, 0.4) + aside * scene.rng("aside").random() ** 2
+    target = np.array([aim, shell.back, rng.uniform(0.4, 1.1)])
     scene.look(eye, target, rng.uniform(50, 63))
     depth_ratio = scene.depth_ratio(3.2, 6.0)
     sides = [sheet.mesh() for sheet in shell.sheets().values()]

@@ -33,7 +33,7 @@ _PATTERNS = {"table": (TOPS, 0.8), "wall": (WALLS, 0.45), "floor": (FLOORS, 0.6)
 Vector = tuple[float, float, float]
 
 
-NAMES = frozenset(("table", "wall", "floor", "sun", "key-light", "fill-light"))
+NAMES = frozenset(("table", "wall", "floor", *lighting.NAMES))
 """Names of what scenes have besides bodies, without numbers."""
 
 
@@ -44,24 +44,24 @@ def compose(scene: Composition) -> None:
     depth = float(scene.view.depth(np.zeros((1, 3)))[0])
     half = float(0.5 * scene.view.covered(depth)[0])
     _add_still_life(scene, half)
-    _add_surroundings(scene, depth_ratio, half)
-    _light(scene, half)
+    yaw = scene.yaw(depth_ratio)
+    _add_surroundings(scene, depth_ratio, half, yaw)
+    _light(scene, half, math.copysign(1.0, yaw))
 
 
-def _light(scene: Composition, half: float) -> None:
-    """Light the still life, `half` metres to each side, by a user's environment, the sun, or two lamps."""
+def _light(scene: Composition, half: float, side: float) -> None:
+    """Light the still life, `half` metres to each side, by a user's environment or from one `side`, -1 or 1."""
     rng = scene.rng("light")
     wants_user_environment = bool(scene.assets.hdris) and rng.random() < 0.6
     if wants_user_environment and lighting.user_environment(scene, rng):
         return
-    light = lighting.daylight if rng.random() < 0.25 else lighting.key_and_fill
-    light(scene, rng, np.array([0.0, 0.0, 0.1]), half)
+    lighting.one_kind(scene, rng, np.array([0.0, 0.0, 0.1]), half, side)
 
 
 def _set_view(scene: Composition, depth_ratio: float) -> None:
     """Look down at the origin; the larger the depth ratio, the nearer the camera and the wider its field."""
     rng = scene.rng("view")
-    pitch, fov_deg = math.radians(rng.uniform(14, 36)), rng.uniform(38, 56)
+    pitch, fov_deg = math.radians(rng.uniform(9, 46)), rng.uniform(38, 56)
     while fov_deg > _NARROWEST_DEG:
         half = math.atan(math.tan(math.radians(fov_deg) / 2) / scene.aspect)
         # The depth of the table at the picture's lower edge over that at its middle.
@@ -105,9 +105,11 @@ def _add_still_life(scene: Composition, half: float) -> None:
         scene.add(body.name, body.solid.mesh, look, placement.pose)
 
 
-def _add_surroundings(scene: Composition, depth_ratio: float, half: float) -> None:
+def _add_surroundings(
+    scene: Composition, depth_ratio: float, half: float, yaw: float
+) -> None:
     """Add the table, and the wall at the distance that gives the depth ratio; a floor where the table has an edge."""
-    surroundings = _Surroundings.draw(scene, half)
+    surroundings = _Surroundings.draw(scene, half, yaw)
 
     def meshes(distance: float) -> list[Mesh]:
         return [sheet.mesh() for sheet in surroundings.sheets(distance).values()]
@@ -133,49 +135,63 @@ class _Surroundings:
     """Table, wall and floor around a still life, metres. The table top is at z = 0; the camera looks along +y.
 
     camera_y : of the camera; the table begins below it.
-    behind_y : just behind the hindmost body.
+    yaw : of the wall about the vertical, radians; positive where its right is farther.
+    behind : along the wall's normal, just behind the hindmost body.
     edge_y : of the far edge of the table; None where the table reaches the wall.
     """
 
     view: Viewpoint
     camera_y: float
-    behind_y: float
+    yaw: float
+    behind: float
     edge_y: float | None
     table_half: float
 
     @staticmethod
-    def draw(scene: Composition, half: float) -> "_Surroundings":
+    def draw(scene: Composition, half: float, yaw: float) -> "_Surroundings":
         """Of the bodies of a scene; most tables have an edge."""
         rng = scene.rng("surroundings")
         hindmost = [float(vertices[:, 1].max()) for vertices, _ in scene.triangles]
         behind_y = max(hindmost, default=half) + 0.02
+        backwards = np.array([-math.sin(yaw), math.cos(yaw), 0.0])
+        reaches = [
+            float((vertices @ backwards).max()) for vertices, _ in scene.triangles
+        ]
+        behind = max(reaches, default=half) + 0.07
         has_edge = rng.random() < 0.6
         edge_y = behind_y + rng.uniform(0.03, 0.25) if has_edge else None
         table_half = half * rng.uniform(1.6, 3.0)
         camera_y = float(scene.view.eye[1])
-        return _Surroundings(scene.view, camera_y, behind_y, edge_y, table_half)
+        return _Surroundings(scene.view, camera_y, yaw, behind, edge_y, table_half)
 
     def sheets(self, distance: float) -> dict[str, Sheet]:
         """The rectangles by name, with the wall `distance` metres from the camera but behind all bodies."""
         covered_width, covered_height = self.view.covered(distance)
-        wall_y = max(self.camera_y + distance, self.behind_y + 0.05)
-        table_y = wall_y if self.edge_y is None else min(self.edge_y, wall_y)
-        # Twice the picture's field, as the right camera sees more on one side.
-        width = max(2.0 * covered_width, 2.2 * self.table_half)
-        height = 1.2 * covered_height + 1.0 + _TABLE_HEIGHT
+        sin, cos = math.sin(self.yaw), math.cos(self.yaw)
+        # Where the wall crosses the plane x = 0; the camera is in it.
+        wall_y = max(self.camera_y + distance, self.behind / cos)
+        # Twice the picture's field, as the right camera sees more on one side, and more where the wall is grazed.
+        grazing = max(cos - 1.2 * self.view.half[0] * abs(sin), 0.25)
+        width = max(2.0 * covered_width, 2.2 * self.table_half) / grazing
+        height = 1.2 * covered_height / grazing + 1.0 + _TABLE_HEIGHT
+        deepest_y = wall_y + 0.5 * width * abs(sin)
+        # A table or floor ends behind the wall, which hides the rest.
+        table_y = deepest_y if self.edge_y is None else self.edge_y
 
         def sheet(corner: Vector, across: float, along: Vector) -> Sheet:
             return Sheet(np.array(corner), np.array([across, 0, 0]), np.array(along))
 
+        half_wall = 0.5 * width * np.array([cos, sin, 0.0])
+        foot = np.array([0.0, wall_y, -_TABLE_HEIGHT]) - half_wall
+
         table_corner = (-self.table_half, self.camera_y, 0.0)
         table_depth = (0, table_y - self.camera_y, 0)
-        wall_corner = (-width / 2, wall_y, -_TABLE_HEIGHT)
         sheets = {
             "table": sheet(table_corner, 2 * self.table_half, table_depth),
-            "wall": sheet(wall_corner, width, (0, 0, height)),
+            "wall": Sheet(foot, 2 * half_wall, np.array([0, 0, height])),
         }
         if self.edge_y is not None:
             floor_corner = (-width / 2, self.camera_y, -_TABLE_HEIGHT)
-            floor_depth = (0, wall_y - self.camera_y, 0)
+            floor_depth = (0, deepest_y - self.camera_y, 0)
             sheets["floor"] = sheet(floor_corner, width, floor_depth)
         return sheets
