@@ -153,13 +153,15 @@ def crossings(vertices: Float, faces: NDArray[np.uint32], origin: Float) -> int:
     # Moeller and Trumbore solve origin + t direction = a + u ab + v ac for (t, u, v) by Cramer's rule.
     across = np.cross(_DIRECTION, ac)
     det = np.einsum("nc,nc->n", ab, across)
+    # Triangles along the ray have det = 0: their u and v are infinite or NaN, and never count.
     with np.errstate(divide="ignore", invalid="ignore"):
         to = origin - a
         u = np.einsum("nc,nc->n", to, across) / det
         turned = np.cross(to, ab)
         v = turned @ _DIRECTION / det
         t = np.einsum("nc,nc->n", ac, turned) / det
-    return int(np.count_nonzero((u >= 0) & (v >= 0) & (u + v < 1) & (t > 0)))
+        is_crossed = (u >= 0) & (v >= 0) & (u + v < 1) & (t > 0)
+    return int(np.count_nonzero(is_crossed))
 
 
 def check_photographs(gates: Gates, sample: Sample, sensor: Sensor) -> None:
