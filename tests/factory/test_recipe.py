@@ -2,6 +2,7 @@ import contextlib
 import copy
 import datetime
 import tomllib
+from collections import Counter
 
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -9,6 +10,7 @@ from hypothesis import given, settings, strategies as st
 from twinlens.errors import InputError, TwinlensError
 from twinlens.factory import plan, read_recipe, recipe_from_table
 from twinlens.factory.recipe import differences
+from twinlens.families import FAMILIES
 
 SMALLEST = """
 seed = 3
@@ -116,6 +118,8 @@ sede = 3 | recipe.toml: unknown key 'sede'; did you mean 'seed'?
 count = { uniform = [1, 2] } | count: must be a whole number
 scenes = ["cards"] | give 'scenes' or 'families', not both
 families = ["room", "room"] | families: 'room' is listed twice
+families = ["all", "room"] | families: 'room' is listed twice
+families = ["al"] | families.*unknown family 'al'; did you mean 'all'
 weights = [0, 0] | recipe.toml: weights: at least one must be > 0, got
 dual_pixel = true | dual_pixel and diffraction exclude each other
 width = 12 | recipe.toml: width must be a number of pixels >= 16, got 12
@@ -319,6 +323,21 @@ def test_a_damaged_file_is_read_or_refused(tmp_path_factory, cut):
     path.write_bytes(text[:start] + put + text[start + length :])
     with contextlib.suppress(TwinlensError):
         read_recipe(path)
+
+
+def test_all_families_are_drawn_alike():
+    table = {"seed": 3, "count": 4 * len(FAMILIES), "families": ["all"]}
+    recipe = recipe_from_table(table)
+    drawn = Counter(plan(recipe, k).scene for k in range(recipe.count))
+    assert drawn == dict.fromkeys(FAMILIES, 4)
+    assert recipe.written["families"] == list(FAMILIES)
+
+
+def test_weights_of_all_families_are_in_their_order():
+    weights = [0] * (len(FAMILIES) - 1) + [1]
+    table = {"seed": 3, "count": 8, "families": ["all"], "weights": weights}
+    recipe = recipe_from_table(table)
+    assert {plan(recipe, k).scene for k in range(8)} == {list(FAMILIES)[-1]}
 
 
 def test_assets_and_depths_belong_to_families(tmp_path):

@@ -28,7 +28,7 @@ from twinlens.factory.lenses import MaskTable
 from twinlens.factory.object_checks import check_objects
 from twinlens.factory.settings import RecipeSettings, check_settings
 from twinlens.factory.sources import Sources, listed
-from twinlens.families import FAMILIES
+from twinlens.families import ALL, FAMILIES, family_names
 from twinlens.families.assets import MESH_SHARE
 from twinlens.scenes import bundled_folder, bundled_scenes, read_toml
 from twinlens.scenes.rigs import file_names
@@ -53,7 +53,7 @@ def _check_splits(splits: dict[str, float]) -> dict[str, float]:
     return splits
 
 
-Family = Annotated[str, one_of("family", FAMILIES)]
+Family = Annotated[str, one_of("family", [ALL, *FAMILIES])]
 
 
 def _check_unique(names: list[str]) -> list[str]:
@@ -137,7 +137,7 @@ def _check_families(families: list[str] | None, info: Any) -> list[str] | None:
             "a recipe needs 'seed', 'count', and exactly one of 'scenes' (bundled names or files) and 'families' "
             '(random scenes), as scenes = ["staircase"]'
         )
-    return families and _check_unique(families)
+    return families and _check_unique(family_names(families))
 
 
 class _Constants(StrictModel):
@@ -186,6 +186,8 @@ RecipeTable: Any = create_model(
 class Recipe:
     """A checked recipe. `written` is the content of the file; `names` are those of its scenes or families.
 
+    In both, the families of "all" are listed.
+
     `random_places` : whether objects get random places or meshes.
     """
 
@@ -225,6 +227,9 @@ def recipe_from_table(
     """The recipe of a table as TOML has it; `path` is named in messages, and other files are relative to it."""
     table = read(RecipeTable, dict(written), path, context=path.parent)
     names = table.families or table.scenes
+    if table.families is not None:
+        # Datasets record the families by name: another version may have more of them.
+        written = {**written, "families": table.families}
     assets_table = table.assets.model_dump(exclude_none=True)
     keep = {
         key: assets_table.pop(key)

@@ -1,5 +1,6 @@
 """Random scenes in four families; a scene is a pure function of its family, its seed and its settings."""
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -45,7 +46,23 @@ FAMILIES: dict[str, Family] = {
 
 WIDEST_FOV_DEG = 65.0
 """The widest view, horizontally, that scenes are composed for; wider cameras see the ends of rooms and tables."""
+ALL = "all"
+"""The name that stands for all families in a list of them."""
 _MAX_OBJECTS = 200
+
+
+def family_names(names: Iterable[str]) -> list[str]:
+    """A list of families with the name "all" replaced by all of `FAMILIES`, in their order.
+
+    >>> family_names(["all"]) == list(FAMILIES)
+    True
+    >>> family_names(["room"])
+    ['room']
+    """
+    listed: list[str] = []
+    for name in names:
+        listed += FAMILIES if name == ALL else [name]
+    return listed
 
 
 def random_scene(
