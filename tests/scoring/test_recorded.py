@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from twinlens.camera import Camera, Rig, ThinLens
+from twinlens.camera import Camera, Pinhole, Rig, ThinLens
 from twinlens.dataset import Dataset, Sample, Shot, write_sample
 from twinlens.dataset.lens_labels import label_of_table
 from twinlens.errors import InputError
@@ -174,3 +174,10 @@ def test_samples_that_the_board_has_count_in_its_groups():
     two.check_groups("scene")
     with pytest.raises(InputError, match=f"makes {MAX_GROUPS + 2} groups"):
         two.check_groups("scene", board)
+
+
+def test_a_pinhole_is_called_so(tmp_path):
+    rig = Rig.stereo(Camera(6, 4, 10.0, 10.0, 2.5, 1.5), baseline=0.07)
+    shot = Shot(Pinhole(), (np.zeros((4, 6, 3), np.uint8),) * 2)
+    write_sample(tmp_path / "s", Sample(rig, (shot,)))
+    assert Dataset(tmp_path)[0].lens(0).label == "pinhole"
