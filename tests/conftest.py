@@ -2,7 +2,8 @@
 
 Mitsuba's scenes end with their test, or with its module if they belong to the module: Dr.Jit compiles the materials and
 lights of all scenes that exist into every kernel, so kernels take longer to compile the more scenes there are, and are
-found in its cache only if the same scenes existed.
+found in its cache only if the same scenes existed. So do the placeholders of `share_kernels`, which a run of a recipe of
+families leaves behind: kernels of later modules took twice as long to compile.
 """
 
 import functools
@@ -97,10 +98,11 @@ def _built_scenes():
 
 @pytest.fixture(scope="module", autouse=True)
 def _scenes_of_a_module_end_with_it(_built_scenes):
-    from twinlens.rendering import build
+    from twinlens.rendering import build, shared_kernels
 
     yield
     build._cache.clear()
+    shared_kernels._placeholders.clear()
     gc.collect()
     gc.freeze()  # what is left, such as imported modules, is not searched after every test
 
