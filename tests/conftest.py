@@ -2,8 +2,8 @@
 
 Mitsuba's scenes end with their test, or with its module if they belong to the module: Dr.Jit compiles the materials and
 lights of all scenes that exist into every kernel, so kernels take longer to compile the more scenes there are, and are
-found in its cache only if the same scenes existed. So do the placeholders of `share_kernels`, which a run of a recipe of
-families leaves behind: kernels of later modules took twice as long to compile.
+found in its cache only if the same scenes existed. Placeholders of `share_kernels`, which a recipe of families leaves
+behind, have the same effect and end with the module too.
 """
 
 import functools
