@@ -77,10 +77,9 @@ def _peak_ratio(pixels: _Pixels) -> NDArray[Any]:
 def _curvature(pixels: _Pixels) -> NDArray[Any]:
     """c(d1 - 1) - 2 c1 + c(d1 + 1); at an end of the range the only neighbour counts twice."""
     place = pixels.winner[..., None]
-    before, after = (
-        np.take_along_axis(side, place, axis=-1)[..., 0]
-        for side in beside(pixels.costs)
-    )
+    all_before, all_after = beside(pixels.costs)
+    before = np.take_along_axis(all_before, place, axis=-1)[..., 0]
+    after = np.take_along_axis(all_after, place, axis=-1)[..., 0]
     first = np.where(np.isfinite(before), before, after)
     last = np.where(np.isfinite(after), after, before)
     bend = first + last - 2.0 * pixels.lowest
@@ -129,16 +128,16 @@ def confidence_map(
 
     It is 0 where there is no candidate, and everywhere if all costs are equal.
 
-    peak_ratio: 1 - c1 / c2 with the second-lowest local minimum c2, that is 1 - 1 / PKR, in [0, 1].
-    curvature: CUR, c(d1 - 1) - 2 c1 + c(d1 + 1), in the cost's unit. left_right: as LRD, (c2 - c1) / (c1 - c_right),
-    with the lowest cost c2 of a rival where LRD has the second-lowest cost of all, and c_right the lowest cost of the
-    matched right pixel; 0.001 of the range of all costs is added to the denominator. entropy:
-    -ln(-NEM / ln D), with the negative entropy NEM = sum p ln p of p(d) = exp(-c(d)) / sum exp(-c); it has the order of
-    NEM and depends on the cost's unit. ambiguity: Pandora's confidence from ambiguity, in [0, 1]:
-    with costs normalised to 0..1 over the volume, the number of candidates with c <= c1 + eta, summed over eta = 0,
-    0.01, ... 0.69; clipped to its 1 % and 99 % percentiles, normalised, and subtracted from 1. A candidate without a
-    partner counts as near. Source: Sarrazin et al., "Ambiguity concept in stereo matching pipeline", ISPRS Archives
-    XLIII-B2, 2021.
+    peak_ratio : 1 - c1 / c2 = 1 - 1 / PKR, in [0, 1]; c2 is the second-lowest local minimum.
+    curvature : CUR, c(d1 - 1) - 2 c1 + c(d1 + 1), in the unit of the cost.
+    left_right : (c2 - c1) / (c1 - c_right + 0.001 range). c2 is the lowest cost of a rival (LRD has the second-lowest
+        of all costs), c_right the lowest cost of the matched right pixel, and range that of all costs.
+    entropy : -ln(-NEM / ln D), with the negative entropy NEM = sum p ln p of p(d) = exp(-c(d)) / sum exp(-c). It has
+        the order of NEM, and depends on the unit of the cost.
+    ambiguity : Pandora's confidence from ambiguity, in [0, 1]. With all costs of the volume normalised to 0..1, the
+        number of candidates with c <= c1 + eta, summed over eta = 0, 0.01, ... 0.69; clipped to its 1 % and 99 %
+        percentiles, normalised, and subtracted from 1. A candidate without a partner counts as near.
+        Source: Sarrazin et al., "Ambiguity concept in stereo matching pipeline", ISPRS Archives XLIII-B2, 2021.
 
     Raises InputError for an unknown measure, and for a volume that is not (H, W, D).
     """
@@ -159,10 +158,9 @@ def confidence_map(
         candidates = np.isfinite(row).any(axis=-1)
         pixels = _Pixels(row[candidates].astype(np.float64), low, high)
         if measure == "left_right":
-            columns = np.flatnonzero(candidates) - min_disparity - pixels.winner
-            result[y, candidates] = _left_right(
-                pixels, _right_lowest(row, min_disparity)[columns]
-            )
+            partners = np.flatnonzero(candidates) - min_disparity - pixels.winner
+            of_right = _right_lowest(row, min_disparity)[partners]
+            result[y, candidates] = _left_right(pixels, of_right)
         else:
             result[y, candidates] = _OF_COSTS[measure](pixels)
     return result

@@ -207,8 +207,6 @@ class Program(RangeMatcher):
 
     def compute(self, left: Any, right: Any) -> Answer:
         """The maps that the program writes. Raises MatcherFailedError if it fails or exceeds its time limit."""
-        from twinlens.dataset import write_png
-
         pair(left, right)
         shape = np.shape(left)[:2]
         words = shlex.split(self.command)
@@ -218,31 +216,27 @@ class Program(RangeMatcher):
                 placeholder: Path(folder, file)
                 for placeholder, file in (_IMAGE_FILES | _MAP_FILES).items()
             }
-            for placeholder, image in (("left", left), ("right", right)):
-                pixels = np.asarray(image)
-                single_channel = pixels.shape[2:] == (1,)
-                write_png(
-                    files[placeholder], pixels[..., 0] if single_channel else pixels
-                )
-            try:
-                status, printed = run_program(
-                    self._filled(words, files), self.timeout_s
-                )
-            except TimeoutError:
-                raise MatcherFailedError(
-                    f"{name} took longer than {self.timeout_s:g} s and was killed",
-                    "time-limit",
-                ) from None
-            except (OSError, ValueError) as problem:
-                reason = getattr(problem, "strerror", None) or problem
-                raise InputError(f"{name} cannot be started: {reason}") from None
-            if status != 0:
-                last_line = (printed.strip() or "it printed nothing").splitlines()[-1]
-                raise MatcherFailedError(f"{name} {format_status(status)}: {last_line}")
+            _write_image(files["left"], left)
+            _write_image(files["right"], right)
+            self._run(self._filled(words, files), name)
             result: Any = _read_pfm(files["out"], shape, name)
             if "{confidence}" in self.command:
                 result = result, _read_pfm(files["confidence"], shape, name)
             return checked_answer(result, shape, name)
+
+    def _run(self, words: list[str], name: str) -> None:
+        """Run the program until it ends. Raises MatcherFailedError if it fails, InputError if it cannot be started."""
+        try:
+            status, printed = run_program(words, self.timeout_s)
+        except TimeoutError:
+            message = f"{name} took longer than {self.timeout_s:g} s and was killed"
+            raise MatcherFailedError(message, "time-limit") from None
+        except (OSError, ValueError) as problem:
+            reason = getattr(problem, "strerror", None) or problem
+            raise InputError(f"{name} cannot be started: {reason}") from None
+        if status != 0:
+            last_line = (printed.strip() or "it printed nothing").splitlines()[-1]
+            raise MatcherFailedError(f"{name} {format_status(status)}: {last_line}")
 
     def _filled(self, words: list[str], files: dict[str, Path]) -> list[str]:
         """The words of the command with its placeholders replaced."""
@@ -256,6 +250,15 @@ class Program(RangeMatcher):
         return words
 
 
+def _write_image(path: Path, image: Any) -> None:
+    """Write an image of 8 or 16 bits as a PNG file."""
+    from twinlens.dataset import write_png
+
+    pixels = np.asarray(image)
+    single_channel = pixels.shape[2:] == (1,)
+    write_png(path, pixels[..., 0] if single_channel else pixels)
+
+
 def _read_pfm(path: Path, shape: tuple[int, ...], name: str) -> Disparity:
     """Read a grey PFM file of this (H, W), float32, top row first. Reads no more bytes than such a map has."""
     what = f"{{{path.stem}}}"
@@ -265,10 +268,9 @@ def _read_pfm(path: Path, shape: tuple[int, ...], name: str) -> Disparity:
         head = [file.readline(64).split() for _ in range(3)]
         try:
             (magic,), (width, height), (scale,) = head
-            size, order = (
-                (int(height), int(width)),
-                "<f4" if float(scale) < 0 else ">f4",
-            )
+            size = int(height), int(width)
+            # The sign of the scale is the byte order: negative is little-endian.
+            order = "<f4" if float(scale) < 0 else ">f4"
         except ValueError:
             raise MatcherFailedError(
                 f"{name}: {what} is not a PFM file: its header cannot be read"

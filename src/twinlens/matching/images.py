@@ -128,26 +128,49 @@ def described(image: Image, transform: str, side: int) -> list[Image]:
     if not transform:
         return [image]
     if transform == "bounds":
-        wide = np.pad(image.astype(np.float64), ((0, 0), (1, 1)), mode="edge")
-        pixel = wide[:, 1:-1]
-        before, after = (wide[:, :-2] + pixel) / 2, (pixel + wide[:, 2:]) / 2
-        near = pixel, before, after
-        return [np.stack([pixel, np.min(near, axis=0), np.max(near, axis=0)])]
+        return [_bounds(image)]
     radius, (height, width) = side // 2, image.shape
     padded = extended(image, (-radius, height + radius), (-radius, width + radius))
     if transform == "rank":
-        ranks = np.zeros(image.shape, np.uint8 if side <= 15 else np.uint16)
-        for y, x in np.ndindex(side, side):  # the centre is not darker than itself
-            ranks += padded[y : y + height, x : x + width] < image
-        return [ranks]
+        return [_ranks(image, padded, side)]
+    return _census(image, padded, side)
+
+
+def _bounds(image: Image) -> Image:
+    """(3, H, W): the pixels, and the least and the largest value within half a pixel along the row.
+
+    The interpolation is linear, so the extremes are at the pixel and at its two half-way points.
+    """
+    wide = np.pad(image.astype(np.float64), ((0, 0), (1, 1)), mode="edge")
+    pixel = wide[:, 1:-1]
+    before = (wide[:, :-2] + pixel) / 2
+    after = (pixel + wide[:, 2:]) / 2
+    near = pixel, before, after
+    return np.stack([pixel, np.min(near, axis=0), np.max(near, axis=0)])
+
+
+def _ranks(image: Image, padded: Image, side: int) -> Image:
+    """The number of pixels in the window that are darker than its centre."""
+    height, width = image.shape
+    ranks = np.zeros(image.shape, np.uint8 if side <= 15 else np.uint16)
+    for y, x in np.ndindex(side, side):  # the centre is not darker than itself
+        ranks += padded[y : y + height, x : x + width] < image
+    return ranks
+
+
+def _census(image: Image, padded: Image, side: int) -> list[Image]:
+    """The words of the census, as many images as its side^2 - 1 bits need."""
     from twinlens.matching.kernels.windows import census_words
 
     word = np.uint32 if side <= 5 else np.uint64
-    room, bits = 8 * np.dtype(word).itemsize, side * side - 1
+    word_bits = 8 * np.dtype(word).itemsize
+    bits = side * side - 1
     result = []
-    for first in range(0, max(bits, 1), room):
-        result.append(np.zeros(image.shape, word))
-        census_words(padded, side, first, min(first + room, bits), result[-1])
+    # A window of one pixel has no neighbours, and a word of zeros.
+    for first in range(0, max(bits, 1), word_bits):
+        words = np.zeros(image.shape, word)
+        census_words(padded, side, first, min(first + word_bits, bits), words)
+        result.append(words)
     return result
 
 

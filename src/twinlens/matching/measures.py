@@ -168,9 +168,6 @@ def birchfield_tomasi(w0: ArrayLike, w1: ArrayLike) -> float:
     for here, there in ((a, b), (b, a)):
         padded = np.concatenate([there[..., :1], there, there[..., -1:]], axis=-1)
         near = there, (there + padded[..., :-2]) / 2, (there + padded[..., 2:]) / 2
-        distances.append(
-            np.maximum(
-                0, np.maximum(here - np.max(near, axis=0), np.min(near, axis=0) - here)
-            )
-        )
+        above, below = here - np.max(near, axis=0), np.min(near, axis=0) - here
+        distances.append(np.maximum(0, np.maximum(above, below)))
     return float(np.minimum(*distances).sum())

@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib.metadata
+import itertools
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -291,7 +292,7 @@ def split_methods(texts: Iterable[str]) -> list[str]:
     ['sad', 'mine=zncc:block_size=15,lr_check=1', 'sgm:cost=sad']
     """
     methods: list[str] = []
-    for part in (part for text in texts for part in split_commas(text)):
+    for part in itertools.chain.from_iterable(map(split_commas, texts)):
         option = re.match(r"(\w+)\s*=", part)
         if (
             methods
@@ -414,17 +415,23 @@ def method_tables() -> str:
         cell = f"`{defaults}`" if defaults else ""
         lines.append(f"| `{method.name}` | {method.description} | {cell} |")
     for kind in dict.fromkeys(method.matcher for method in METHODS.values()):
-        names = [method.name for method in METHODS.values() if method.matcher is kind]
-        title = "Methods of twinlens" if len(names) > 1 else f"`{names[0]}`"
-        lines += [
-            f"\n## Options: {title}\n",
-            "| option | default | meaning |",
-            "| --- | --- | --- |",
-        ]
-        for row in Method(names[0], "", {}, kind).reference()["options"]:
-            option, default = row["option"], option_text(row["default"])
-            lines.append(f"| `{option}` | {default} | {row['meaning']} |")
+        lines += _option_table(kind)
     return "\n".join([*lines, ""])
+
+
+def _option_table(kind: type[Any]) -> list[str]:
+    """The lines of the table of the options of one class of matchers."""
+    names = [method.name for method in METHODS.values() if method.matcher is kind]
+    title = "Methods of twinlens" if len(names) > 1 else f"`{names[0]}`"
+    lines = [
+        f"\n## Options: {title}\n",
+        "| option | default | meaning |",
+        "| --- | --- | --- |",
+    ]
+    for row in Method(names[0], "", {}, kind).reference()["options"]:
+        default = option_text(row["default"])
+        lines.append(f"| `{row['option']}` | {default} | {row['meaning']} |")
+    return lines
 
 
 class Options(TypedDict, total=False):

@@ -54,16 +54,16 @@ def with_texture(
     """Keep a pixel in whose window the RMS difference of neighbours in a row is at least `least` levels of 0..255."""
     grey = levels(image, image)[0].astype(np.float64)
     squares = np.square(np.diff(grey, axis=1, append=grey[:, -1:]))
-    return _kept(
-        disparity, ndimage.uniform_filter(squares, side, mode="nearest") >= least**2
-    )
+    mean_square = ndimage.uniform_filter(squares, side, mode="nearest")
+    return _kept(disparity, mean_square >= least**2)
 
 
 def without_speckles(disparity: Disparity, size: int, difference: float) -> Disparity:
     """Set patches of fewer than `size` pixels to +inf; in a patch, neighbours (4) differ by at most `difference`."""
     # Patches are the connected components of a graph of pixels, with edges between similar neighbours.
     pixel = np.arange(disparity.size).reshape(disparity.shape)
-    across, down = (np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])
+    across = np.s_[:, :-1], np.s_[:, 1:]
+    down = np.s_[:-1], np.s_[1:]
     starts, ends = [], []
     for before, after in (across, down):
         with np.errstate(invalid="ignore"):  # two unknown pixels: inf - inf

@@ -1,9 +1,18 @@
 """Semi-global matching: scanline optimisation along several directions, LANES candidates at a time.
 
+A path r enters pixel p from its neighbour p - r. Its cost for disparity d is
+
+    L(p, d) = C(p, d) + min(L'(d), L'(d - 1) + P1, L'(d + 1) + P1, min_i L'(i) + P2) - min_i L'(i),
+
+with L' = L(p - r, .), the path's cost at the pixel before: equations (13) and (14) of the source. The last term keeps
+the numbers small and does not move the minimum. What is added to C is here called the detour; it lies in [0, P2],
+because the minimum contains min L' + P2 and nothing below min L'. The winner minimises the sum of L over all paths.
+
 One sweep goes down the image with the paths from above and from the left; the other is the same sweep over the image
 turned by 180 degrees. A path's costs at its last pixel are stored in a slot (one for each column, for the vertical
 paths, and one for each diagonal), so a sweep needs memory for one row of paths.
-The sweeps store not the paths' costs L but the detours L - C, at most P2 each, which fit 8 bits for short descriptors.
+The sweeps store not the paths' costs L but the detours L - C, at most P2 each, which fit 8 bits for short descriptors:
+the sum over n paths is n C plus the sum of their detours.
 Source: Hirschmueller, "Stereo processing by semi-global matching and mutual information", PAMI 2008.
 """
 
@@ -15,9 +24,10 @@ import numpy as np
 from twinlens.matching.kernels import LANES
 from twinlens.matching.kernels.compiling import inlined, jit
 from twinlens.matching.kernels.lanes import convert, load, lowest, splat, store
-from twinlens.matching.kernels.winners import winners_of_row
+from twinlens.matching.kernels.winners import write_winners
 
 GUARD = 64  # numbers between two slots; those next to a slot are too large for a path to come from
+ROW = 0  # the slot of the horizontal path
 
 
 @inlined
@@ -41,6 +51,99 @@ def slot_count(height: int, width: int) -> int:
     return 1 + width + 2 * (width + height)
 
 
+@inlined
+def slots_of_pixel(x, y, height, width):
+    """The slots of the vertical path and of both diagonal paths through pixel (x, y) of a sweep.
+
+    All pixels of a path share a slot. x - y is constant along a diagonal that goes down and to the right, and lies
+    between 1 - H and W - 1; x + y along one to the left, between 0 and W + H - 2. The offsets place these ranges behind
+    each other: columns from 1 on, then W + H slots for each kind of diagonal.
+    """
+    return 1 + x, width + height + x - y, 1 + 2 * width + height + x + y
+
+
+@inlined
+def start_row(slots, minima, depth):
+    """Start the horizontal path: without a pixel before, L' = 0 everywhere and its cost is C alone."""
+    minima[ROW] = 0
+    for j in range(GUARD, GUARD + depth):
+        slots[j] = 0
+
+
+@inlined
+def sum_of_paths(detours, other_detours, cost, path_count, sums):
+    """The sum of L over all paths, in the dtype of `sums`: the detours of both sweeps, and C once for each path."""
+    both = convert(detours, sums) + convert(other_detours, sums)
+    return both + convert(cost, sums) * path_count
+
+
+@inlined
+def sweep_row(volumes, paths, totals, span, penalties, directions, y, r):
+    """Carry all paths of a sweep through its row y, which is row r of the volumes.
+
+    volumes, paths, penalties: see `sweep_kernel`. totals: (sums, fence, path_count). directions: (turned, finish,
+    diagonals). The paths advance together, one chunk of candidates at a time, so that each cost is loaded once.
+    """
+    costs, kept = volumes
+    slots, minima = paths
+    sums, fence, path_count = totals
+    _, _, height, width, depth = span
+    small, large = penalties
+    turned, finish, diagonals = directions
+    dtype = costs.dtype.type
+    top = dtype(np.iinfo(costs.dtype).max)
+    pitch = depth + GUARD
+    start_row(slots, minima, depth)
+    for x in range(width):
+        u = width - 1 - x if turned else x
+        at = (r * width + u) * depth
+        column, right, left = slots_of_pixel(x, y, height, width)
+        # Paths 0 to 3 are horizontal, vertical, and the diagonals to the right and to the left.
+        # place: where the slot's costs begin in `slots`.
+        place0, place1 = GUARD, GUARD + column * pitch
+        place2, place3 = GUARD + right * pitch, GUARD + left * pitch
+        # least: min L'. jump: min L' + P2, above which no path's cost can jump.
+        least0, least1 = minima[ROW], minima[column]
+        least2, least3 = minima[right], minima[left]
+        jump0, jump1 = dtype(least0 + large), dtype(least1 + large)
+        jump2, jump3 = dtype(least2 + large), dtype(least3 + large)
+        # before: L'(d - 1). Before the first chunk it is a guard number, which is too large to come from.
+        before0, before1 = load(slots, place0 - 1), load(slots, place1 - 1)
+        before2 = before3 = before1
+        if diagonals:
+            before2, before3 = load(slots, place2 - 1), load(slots, place3 - 1)
+        # new: the minimum of L over the chunks so far.
+        new0 = new1 = new2 = new3 = top
+        for chunk in range(0, depth, LANES):
+            cost = load(costs, at + chunk)
+            detours, least, before0 = step(
+                slots, place0 + chunk, before0, cost, small, least0, jump0
+            )
+            new0 = min(new0, least)
+            detour, least, before1 = step(
+                slots, place1 + chunk, before1, cost, small, least1, jump1
+            )
+            new1, detours = min(new1, least), detours + detour
+            if diagonals:
+                detour, least, before2 = step(
+                    slots, place2 + chunk, before2, cost, small, least2, jump2
+                )
+                new2, detours = min(new2, least), detours + detour
+                detour, least, before3 = step(
+                    slots, place3 + chunk, before3, cost, small, least3, jump3
+                )
+                new3, detours = min(new3, least), detours + detour
+            if finish:
+                other = load(kept, at + chunk)
+                total = sum_of_paths(detours, other, cost, path_count, sums)
+                store(sums, u * depth + chunk, max(total, load(fence, chunk)))
+            else:
+                store(kept, at + chunk, detours)
+        minima[ROW], minima[column] = new0, new1
+        if diagonals:
+            minima[right], minima[left] = new2, new3
+
+
 @functools.cache
 def sweep_kernel(diagonals: bool) -> Callable[..., None]:
     """The kernel for some rows of a sweep, with or without the two diagonal paths.
@@ -58,89 +161,15 @@ def sweep_kernel(diagonals: bool) -> Callable[..., None]:
 
     @jit
     def sweep(volumes, paths, span, penalties, turned, finish, search, result):
-        costs, kept = volumes
-        slots, minima = paths
         sums, low, count, fence = search
-        fit, limits, best, rivals, disparity = result
-        first, rows, height, width, depth = span
-        small, large = penalties
-        like = load(costs, 0)
-        dtype = costs.dtype.type
-        top = dtype(np.iinfo(costs.dtype).max)
-        path_count = splat(np.uint16(8 if diagonals else 4))
-        pitch = depth + GUARD
+        first, rows, _, _, depth = span
+        totals = sums, fence, splat(np.uint16(8 if diagonals else 4))
+        directions = turned, finish, diagonals
         for i in range(rows):
-            # y: the row in the order of the sweep; r: its place in the arrays.
-            y, r = first + i, rows - 1 - i if turned else i
-            # The horizontal path starts anew in each row: without a previous pixel its cost is C alone.
-            minima[0] = 0
-            for j in range(GUARD, GUARD + depth):
-                slots[j] = 0
-            for x in range(width):
-                u = width - 1 - x if turned else x
-                at = (r * width + u) * depth
-                # A diagonal has one slot for all its pixels: x - y is constant along one direction, x + y along the
-                # other. Slots: 0 of the row, then of the columns, then of both kinds of diagonals.
-                right, left = width + height + x - y, 1 + 2 * width + height + x + y
-                row, column = GUARD, GUARD + (1 + x) * pitch
-                falling, rising = GUARD + right * pitch, GUARD + left * pitch
-                # min L' of the four paths, and min L' + P2, above which no path's cost can jump.
-                m0, m1, m2, m3 = minima[0], minima[1 + x], minima[right], minima[left]
-                j0, j1, j2, j3 = (
-                    dtype(m0 + large),
-                    dtype(m1 + large),
-                    dtype(m2 + large),
-                    dtype(m3 + large),
-                )
-                new0 = new1 = new2 = new3 = top
-                # Before the first chunk, L'(d - 1) is a guard number, which is too large to come from.
-                low0, low1 = load(slots, row - 1), load(slots, column - 1)
-                low2 = low3 = like
-                if diagonals:
-                    low2, low3 = load(slots, falling - 1), load(slots, rising - 1)
-                for chunk in range(0, depth, LANES):
-                    cost = load(costs, at + chunk)
-                    total, least, low0 = step(
-                        slots, row + chunk, low0, cost, small, m0, j0
-                    )
-                    new0 = min(new0, least)
-                    extra, least, low1 = step(
-                        slots, column + chunk, low1, cost, small, m1, j1
-                    )
-                    new1, total = min(new1, least), total + extra
-                    if diagonals:
-                        extra, least, low2 = step(
-                            slots, falling + chunk, low2, cost, small, m2, j2
-                        )
-                        new2, total = min(new2, least), total + extra
-                        extra, least, low3 = step(
-                            slots, rising + chunk, low3, cost, small, m3, j3
-                        )
-                        new3, total = min(new3, least), total + extra
-                    if finish:
-                        # L = C + detour on every path, so the sum is that of all detours, and C once for each path.
-                        both = convert(total, sums) + convert(
-                            load(kept, at + chunk), sums
-                        )
-                        both = both + convert(cost, sums) * path_count
-                        store(sums, u * depth + chunk, max(both, load(fence, chunk)))
-                    else:
-                        store(kept, at + chunk, total)
-                minima[0], minima[1 + x] = new0, new1
-                if diagonals:
-                    minima[right], minima[left] = new2, new3
+            # The row in the order of the sweep is first + i; r is its place in the arrays.
+            r = rows - 1 - i if turned else i
+            sweep_row(volumes, paths, totals, span, penalties, directions, first + i, r)
             if finish:
-                one = min(r, len(best) - 1)
-                winners_of_row(
-                    sums,
-                    depth,
-                    low,
-                    count,
-                    fit,
-                    limits,
-                    best[one],
-                    rivals[one],
-                    disparity[r],
-                )
+                write_winners(sums, depth, low, count, result, r)
 
     return sweep

@@ -24,7 +24,7 @@ from twinlens.matching.kernels.lanes import (
     splat,
     store,
 )
-from twinlens.matching.kernels.winners import winners_of_row
+from twinlens.matching.kernels.winners import write_winners
 
 
 @inlined
@@ -51,13 +51,29 @@ def pixel_term(term, left, here, right, there, sums):
 
 
 @inlined
+def store_scaled(volume, at, cost, scale):
+    """volume[at:] = cost * scale[0] + scale[1], computed in the dtype of `scale`."""
+    gain, offset = splat(read(scale, 0)), splat(read(scale, 1))
+    store(volume, at, convert(convert(cost, scale) * gain + offset, volume))
+
+
+@inlined
 def score(scoring, total, costs, statistics, area, here, there):
-    """The cost, in the dtype of `costs`, of a window's sum. here and there: places of the windows' statistics."""
+    """The cost, in the dtype of `costs`, of a window's sum. here and there: places of the windows' statistics.
+
+    With n pixels a, b of both windows, S_L = sum a, S_R = sum b and S_LR = sum a b, the means need no second pass:
+    sum a' b' = S_LR - S_L S_R / n, of windows minus their means. Multiplied by n this stays a whole number, and the
+    factors of numerator and denominator cancel:
+    ZNCC = (n S_LR - S_L S_R) / sqrt((n S_LL - S_L^2) (n S_RR - S_R^2)), of which the roots are the `scales`;
+    n ZSSD = n sum (a - b)^2 - (S_L - S_R)^2. Similarities are negated; 1 - similarity is completed outside.
+    Source: Lewis, "Fast normalized cross-correlation", Vision Interface 1995.
+    """
     left_totals, left_scales, right_totals, right_scales = statistics
     if scoring == "sum":
         value = total
     elif scoring == "zncc":
         product = splat(read(left_totals, here)) * load(right_totals, there)
+        # Minus n times the sum of a' b': exact in whole numbers, before it is rounded to the dtype of the costs.
         covariance = convert(product - area * convert(total, left_totals), costs)
         value = covariance * load(right_scales, there) * splat(read(left_scales, here))
     elif scoring == "ncc":
@@ -102,73 +118,46 @@ def slide_kernel(term: str, scoring: str, volumes: bool) -> Callable[..., None]:
         statistics_stride = right_stride - side + 1
         zero = convert(splat(0), columns)
         area = convert(splat(side * side), statistics[0])
+        # One loop nest without inlined parts of its own: with the column's sum in a function, LLVM keeps the total in
+        # memory and the kernel takes twice the time.
         # The first side - 1 rows only fill the sums of columns: the first window is complete at y = 0.
         for y in range(1 - side, rows):
             new, old = top + y + side - 1, top + max(y - 1, 0)
             new_left, old_left = new * left_stride, old * left_stride
-            new_right, old_right = (
-                new * right_stride + right_start,
-                old * right_stride + right_start,
-            )
+            new_right = new * right_stride + right_start
+            old_right = old * right_stride + right_start
             # Candidates outside, pixels inside: the window's sum of LANES candidates stays in registers along the row.
             for chunk in range(0, depth, LANES):
                 base, total = chunk * (padded + side), zero
                 for x in range(padded):
-                    enters, leaves = base + (x + side) * LANES, base + x * LANES
-                    column = pixel_term(
-                        term, left, new_left + x, right, new_right + chunk - x, columns
-                    )
+                    # Candidate j of the padded column x is `x` places before that of column 0 in the reversed image.
+                    here, there = new_left + x, new_right + chunk - x
                     if side == 1:
-                        total = column
+                        total = pixel_term(term, left, here, right, there, columns)
                     else:
                         # The sum of the column gains the row below, and loses the row above from the second on.
-                        column = load(columns, enters) + column
+                        enters, leaves = base + (x + side) * LANES, base + x * LANES
+                        gained = pixel_term(term, left, here, right, there, columns)
+                        column = load(columns, enters) + gained
                         if y > 0:
-                            gone = pixel_term(
-                                term,
-                                left,
-                                old_left + x,
-                                right,
-                                old_right + chunk - x,
-                                columns,
-                            )
-                            column = column - gone
+                            here, there = old_left + x, old_right + chunk - x
+                            lost = pixel_term(term, left, here, right, there, columns)
+                            column = column - lost
                         store(columns, enters, column)
                         # The columns before the first are zeros, so that the first windows need no case of their own.
                         total = total + (column - load(columns, leaves))
                     u = x - side + 1
                     if y < 0 or u < 0:
                         continue
-                    here, there = (
-                        y * width + u,
-                        y * statistics_stride + right_start - x + chunk,
-                    )
-                    cost = score(scoring, total, costs, statistics, area, here, there)
+                    ours = y * width + u
+                    theirs = y * statistics_stride + right_start - x + chunk
+                    cost = score(scoring, total, costs, statistics, area, ours, theirs)
                     if volumes:
                         volume, scale = result
-                        scaled = convert(cost, scale) * splat(read(scale, 0)) + splat(
-                            read(scale, 1)
-                        )
-                        store(
-                            volume,
-                            (y * width + u) * depth + chunk,
-                            convert(scaled, volume),
-                        )
+                        store_scaled(volume, ours * depth + chunk, cost, scale)
                     else:
                         store(costs, u * depth + chunk, max(cost, load(fence, chunk)))
             if not volumes and y >= 0:
-                fit, limits, best, rivals, disparity = result
-                kept = min(y, len(best) - 1)
-                winners_of_row(
-                    costs,
-                    depth,
-                    low,
-                    count,
-                    fit,
-                    limits,
-                    best[kept],
-                    rivals[kept],
-                    disparity[y],
-                )
+                write_winners(costs, depth, low, count, result, y)
 
     return slide

@@ -22,12 +22,8 @@ def best_quarters(volume, step, top, sizes, size, scale, out):
             if sizes[y, x] != size:
                 continue
             first, last = max(x - step, 0), min(x + step, width - 1)
-            a, b, c, d = (
-                volume[up, first],
-                volume[up, last],
-                volume[down, first],
-                volume[down, last],
-            )
+            a, b = volume[up, first], volume[up, last]
+            c, d = volume[down, first], volume[down, last]
             centre, here = volume[y + top, x], out[y, x]
             for j in range(depth):
                 low, high = min(a[j], b[j]), max(a[j], b[j])
@@ -49,10 +45,8 @@ def cross_arms(image, contrast, length, arms):
                 if not 0 <= v < height:
                     break
                 first, last = max(0, -shift), min(width, width - shift)
-                here, there = (
-                    image[y, first:last],
-                    image[v, first + shift : last + shift],
-                )
+                here = image[y, first:last]
+                there = image[v, first + shift : last + shift]
                 reach = arms[side, y, first:last]
                 # An arm grows by a step only if it has reached all pixels before.
                 for x in range(last - first):
@@ -64,14 +58,16 @@ def cross_arms(image, contrast, length, arms):
 def cross_means(volume, arms, top, out):
     """out = the mean cost over each pixel's cross region: the horizontal arms of all pixels on its vertical arm.
 
+    Orthogonal integral images (Zhang, Lu and Lafruit, 2009): the sum over a horizontal arm is the difference of two
+    prefix sums along the row, P(x2 + 1) - P(x1); the sum of these over a vertical arm, of two prefix sums along the
+    column. So every region takes four reads, whatever its size.
+
     arms (4, rows, W): of the volume's rows. The volume is overwritten by prefix sums. These may wrap around; their
     differences, the sums over regions, must fit its dtype.
     """
     rows, width, depth = volume.shape
-    prefix, zeros = (
-        np.zeros((width + 1, depth), volume.dtype),
-        np.zeros((width, depth), volume.dtype),
-    )
+    prefix = np.zeros((width + 1, depth), volume.dtype)
+    zeros = np.zeros((width, depth), volume.dtype)
     sizes = np.zeros((rows + 1, width), np.int64)
     # Each row becomes the sum over the horizontal arms of all rows down to it.
     for y in range(rows):
@@ -91,11 +87,8 @@ def cross_means(volume, arms, top, out):
         for x in range(width):
             first, last = y - arms[2, y, x], y + arms[3, y, x]
             size = sizes[last + 1, x] - sizes[first, x]
-            a, b, here = (
-                volume[first - 1, x] if first > 0 else zeros[x],
-                volume[last, x],
-                out[y - top, x],
-            )
+            a = volume[first - 1, x] if first > 0 else zeros[x]
+            b, here = volume[last, x], out[y - top, x]
             for j in range(depth):
                 here[j] = volume.dtype.type(b[j] - a[j]) / size
 
@@ -103,6 +96,10 @@ def cross_means(volume, arms, top, out):
 @jit
 def adaptive_weights(volume, left, right, start, nearness, similar, radius, top, out):
     """out = the weighted mean of the costs over the window; weights of similarity and proximity in both images.
+
+    E(p, d) = sum_q w(p, q) w'(p - d, q - d) C(q, d) / sum_q w(p, q) w'(p - d, q - d): equation (7) of Yoon and Kweon,
+    "Adaptive support-weight approach for correspondence search", PAMI 28(4), 2006. w and w' are the weights in the left
+    and in the right image; `nearness` holds the product of their proximities, which are equal.
 
     left (rows, W); right reversed and edge-continued, candidate j of column x at start - x + j; nearness (side, side);
     similar[k]: the weight of an absolute difference of k grey levels; the images hold levels 0..255.
@@ -143,10 +140,8 @@ def adaptive_weights(volume, left, right, start, nearness, similar, radius, top,
 def clipped_means(volume, radius, top, out):
     """out = the volume's mean over the square window, cut at the edges."""
     rows, width, depth = volume.shape
-    prefix, column = (
-        np.zeros((width + 1, depth), np.float64),
-        np.zeros((width, depth), np.float64),
-    )
+    prefix = np.zeros((width + 1, depth), np.float64)
+    column = np.zeros((width, depth), np.float64)
     for y in range(top, top + len(out)):
         above, below = max(0, y - radius), min(rows, y + radius + 1)
         column[:] = 0.0

@@ -5,9 +5,39 @@ A volume is (rows, W, depth), the candidate's index last. Right images are rever
 
 import numpy as np
 
-from twinlens.matching.kernels.compiling import jit
+from twinlens.matching.kernels.compiling import inlined, jit
 
 TOTALS, DEVIATIONS, NORMS = 0, 1, 2
+
+
+@inlined
+def add_row(row, sums, squares):
+    """Add the values of an image row, and their squares, to the sums over columns."""
+    for x in range(len(row)):
+        value = sums.dtype.type(row[x])
+        sums[x] += value
+        squares[x] += value * value
+
+
+@inlined
+def subtract_row(row, sums, squares):
+    """Undo `add_row`."""
+    for x in range(len(row)):
+        value = sums.dtype.type(row[x])
+        sums[x] -= value
+        squares[x] -= value * value
+
+
+@inlined
+def running_sums(values, side, out):
+    """out[x] = sum of values[x : x + side]: the next value enters and the first one leaves."""
+    total = out.dtype.type(0)
+    for x in range(side - 1):
+        total += values[x]
+    for x in range(len(out)):
+        total += values[x + side - 1]
+        out[x] = total
+        total -= values[x]
 
 
 @jit
@@ -19,42 +49,27 @@ def window_statistics(image, side, mode, totals, scales):
     Whole numbers are summed without loss in the dtype of `totals`.
     """
     rows, columns = totals.shape
-    kind, area = totals.dtype.type, totals.dtype.type(side * side)
+    area = totals.dtype.type(side * side)
     padded = image.shape[1]
     sums, squares = np.zeros(padded, totals.dtype), np.zeros(padded, totals.dtype)
-    roots = np.zeros(columns, totals.dtype)
+    window_squares = np.zeros(columns, totals.dtype)
     for y in range(1 - side, rows):
-        # Sums over the columns of the window: the row that enters is added, the one that leaves subtracted.
-        new = image[y + side - 1]
-        for x in range(padded):
-            a = kind(new[x])
-            sums[x] += a
-            squares[x] += a * a
+        # Sums over the columns of the window: the row that enters is added, the one that leaves subtracted. The first
+        # side - 1 rows only fill them.
+        add_row(image[y + side - 1], sums, squares)
         if y > 0:
-            old = image[y - 1]
-            for x in range(padded):
-                a = kind(old[x])
-                sums[x] -= a
-                squares[x] -= a * a
+            subtract_row(image[y - 1], sums, squares)
         if y < 0:
             continue
-        # Sums over the window: along the row, in the same way.
-        total, square = kind(0), kind(0)
-        for x in range(side - 1):
-            total += sums[x]
-            square += squares[x]
         row = totals[y]
-        for x in range(columns):
-            total += sums[x + side - 1]
-            square += squares[x + side - 1]
-            row[x], roots[x] = total, square
-            total -= sums[x]
-            square -= squares[x]
+        running_sums(sums, side, row)
+        running_sums(squares, side, window_squares)
         for x in range(columns):
             # n S2 - S^2 is n^2 times the variance; as a difference of whole numbers it is exact.
-            spread = np.float64(
-                area * roots[x] - row[x] * row[x] if mode == DEVIATIONS else roots[x]
-            )
+            square = window_squares[x]
+            if mode == DEVIATIONS:
+                square = area * square - row[x] * row[x]
+            spread = np.float64(square)
             scale = 1.0 / np.sqrt(spread) if spread > 0 else 0.0
             scales[y, x] = row[x] if mode == TOTALS else scale
 
@@ -83,8 +98,9 @@ def zero_flat_scales(image, side, zeros_only, scales):
 def census_words(padded, side, first, last, words):
     """words (H, W), zeros: the bits first..last of each pixel's window, row by row without its centre.
 
-    A bit is set where the neighbour is darker than the centre. padded (H + side - 1, W + side - 1). The first bit ends
-    up highest.
+    Bit i of the census of a pixel p is [I(q_i) < I(p)] for the i-th neighbour q_i in reading order; the Hamming
+    distance of two such words is the census cost (Zabih and Woodfill, ECCV 1994). padded (H + side - 1, W + side - 1).
+    The first bit ends up highest.
     """
     height, width = words.shape
     one = words.dtype.type(1)
@@ -92,10 +108,11 @@ def census_words(padded, side, first, last, words):
     for y in range(height):
         centre, word = padded[y + radius, radius : radius + width], words[y]
         for bit in range(first, last):
-            # Places of the window in reading order, without its centre.
+            # The centre is place side^2 // 2 in reading order: from there on, bit i belongs to place i + 1.
             place = bit + (bit >= side * side // 2)
             column = place % side
             neighbour = padded[y + place // side, column : column + width]
+            # One bit of all pixels of the row at a time: the loop over x is vectorised.
             for x in range(width):
                 word[x] = (word[x] << one) | words.dtype.type(neighbour[x] < centre[x])
 

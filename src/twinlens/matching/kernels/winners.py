@@ -17,10 +17,12 @@ NO_FIT, V_FIT, PARABOLA_FIT = 0, 1, 2
 
 @inlined
 def fitted(fit, before, here, after):
-    """Offset of the minimum, in [-0.5, 0.5] pixels, from the costs at d - 1, d and d + 1.
+    """Offset of the minimum, in [-0.5, 0.5] pixels, from the costs a, c, b at d - 1, d and d + 1.
 
-    V: two lines of opposite slope, (before - after) / (2 (max(before, after) - here)), for absolute differences.
-    Parabola: (before - after) / (2 (before - 2 here + after)), for squares.
+    Parabola, for squares: through the points (-1, a), (0, c), (1, b) it is c + (b - a) t / 2 + (a - 2 c + b) t^2 / 2,
+    with its vertex at t = (a - b) / (2 (a - 2 c + b)).
+    V, for absolute differences: two lines of opposite slope. The steeper side has the slope s = max(a, b) - c, and the
+    lines meet at t = (a - b) / (2 s): a pair of lines through (-1, a) and (1, b) with the slopes -s and s.
     Source: Shimizu and Okutomi, "Sub-pixel estimation error cancellation on area-based matching", IJCV 2005.
     """
     a, c, b = np.float64(before), np.float64(here), np.float64(after)
@@ -40,6 +42,33 @@ def lowest_rival(costs, at, start, stop, k):
     for j in range(max(k + 2, start), stop):
         least = min(least, np.float64(costs[at + j]))
     return least
+
+
+@inlined
+def mask_row(costs, at, depth, start, stop, top):
+    """Set the costs of the candidates outside start..stop of a pixel to `top`."""
+    for chunk in range(0, depth, LANES):
+        # Only chunks that contain candidates without a partner are rewritten.
+        if start > chunk or stop < chunk + LANES:
+            first = min(max(start - chunk, 0), LANES)
+            last = min(max(stop - chunk, 0), LANES)
+            kept = mask_outside(load(costs, at + chunk), first, last, top)
+            store(costs, at + chunk, kept)
+
+
+@inlined
+def first_lowest(costs, at, depth, slack):
+    """(least, k): the lowest cost of a pixel, and the first candidate whose cost is at most `slack` above it."""
+    # First the minimum over chunks in each lane, then over the lanes.
+    lanes = load(costs, at)
+    for chunk in range(LANES, depth, LANES):
+        lanes = min(lanes, load(costs, at + chunk))
+    least = lowest(lanes)
+    bound = least + slack
+    chunk = 0
+    while lowest(load(costs, at + chunk)) > bound:
+        chunk += LANES
+    return least, chunk + first_at_most(load(costs, at + chunk), bound)
 
 
 @jit
@@ -63,29 +92,9 @@ def winners_of_row(costs, depth, low, count, fit, limits, best, rivals, disparit
             continue
         at = x * depth
         if start > 0 or stop < count:
-            # Only chunks that contain candidates without a partner are rewritten.
-            for chunk in range(0, depth, LANES):
-                if start > chunk or stop < chunk + LANES:
-                    first, last = (
-                        min(max(start - chunk, 0), LANES),
-                        min(max(stop - chunk, 0), LANES),
-                    )
-                    store(
-                        costs,
-                        at + chunk,
-                        mask_outside(load(costs, at + chunk), first, last, top),
-                    )
-        # The lowest cost: first the minimum over chunks in each lane, then over the lanes.
-        lanes = load(costs, at)
-        for chunk in range(LANES, depth, LANES):
-            lanes = min(lanes, load(costs, at + chunk))
-        least = lowest(lanes)
-        bound = least + slack
-        # The first candidate within the slack, of which the smallest disparity wins.
-        chunk = 0
-        while lowest(load(costs, at + chunk)) > bound:
-            chunk += LANES
-        k = chunk + first_at_most(load(costs, at + chunk), bound)
+            mask_row(costs, at, depth, start, stop, top)
+        # Of equal costs the smallest disparity wins.
+        least, k = first_lowest(costs, at, depth, slack)
         offset = 0.0
         # At an end of the pixel's range one of the neighbours that the fit needs is missing.
         if start < k and k < stop - 1:
@@ -96,24 +105,27 @@ def winners_of_row(costs, depth, low, count, fit, limits, best, rivals, disparit
             rivals[x] = lowest_rival(costs, at, start, stop, k)
 
 
+@inlined
+def write_winners(costs, depth, low, count, result, y):
+    """`winners_of_row` into row y of the result: (fit, limits, best, rivals, disparity), with a row axis.
+
+    best and rivals have no columns, and then maybe one row only, where they are not asked for.
+    """
+    fit, limits, best, rivals, disparity = result
+    kept = min(y, len(best) - 1)
+    winners_of_row(
+        costs, depth, low, count, fit, limits, best[kept], rivals[kept], disparity[y]
+    )
+
+
 @jit
 def winners_of_rows(volume, depth, low, count, fit, limits, best, rivals, disparity):
     """`winners_of_row` for each row of a flat (rows, W, depth) volume."""
     rows, width = disparity.shape
+    result = fit, limits, best, rivals, disparity
     for y in range(rows):
         costs = volume[y * width * depth : (y + 1) * width * depth]
-        kept = min(y, len(best) - 1)
-        winners_of_row(
-            costs,
-            depth,
-            low,
-            count,
-            fit,
-            limits,
-            best[kept],
-            rivals[kept],
-            disparity[y],
-        )
+        write_winners(costs, depth, low, count, result, y)
 
 
 @jit
