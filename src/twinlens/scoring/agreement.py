@@ -120,36 +120,51 @@ def agreement(
         with located(title):
             ranks.append(sample_ranks(board, methods, protocol, region, chosen.name))
     a, b = ranks
-    mean_a, mean_b = _mean(a), _mean(b)
     rng = generator(seed)
-    varies = max(len(a), len(b)) >= LEAST_SCENES
-    drawn = [
-        (_resampled(a, rng), _resampled(b, rng))
-        for _ in range(resamples if varies else 0)
-    ]
+    drawn = _resamples(a, b, resamples, rng)
+    return Agreement(
+        protocol=protocol,
+        region=region,
+        metric=chosen.name,
+        samples_a=sum(map(len, a)),
+        samples_b=sum(map(len, b)),
+        scenes_a=len(a),
+        scenes_b=len(b),
+        tau=_correlated(scipy.stats.kendalltau, a, b, drawn),
+        rho=_correlated(scipy.stats.spearmanr, a, b, drawn),
+        reliability_a=_reliability(a, resamples, rng),
+        reliability_b=_reliability(b, resamples, rng),
+        moves=_moves(methods, _mean(a), _mean(b)),
+    )
 
-    def interval(correlation: Callable[..., Any]) -> CorrelationInterval:
-        values = [_correlation(correlation, *means) for means in drawn]
-        return _interval(_correlation(correlation, mean_a, mean_b), values)
 
+def _moves(methods: Sequence[str], mean_a: Ranks, mean_b: Ranks) -> tuple[Move, ...]:
+    """The mean ranks of every method, the largest difference first."""
     moves = [
         Move(method, float(rank_a), float(rank_b))
         for method, rank_a, rank_b in zip(methods, mean_a, mean_b, strict=True)
     ]
-    return Agreement(
-        protocol,
-        region,
-        chosen.name,
-        sum(map(len, a)),
-        sum(map(len, b)),
-        len(a),
-        len(b),
-        interval(scipy.stats.kendalltau),
-        interval(scipy.stats.spearmanr),
-        _reliability(a, resamples, rng),
-        _reliability(b, resamples, rng),
-        tuple(sorted(moves, key=lambda move: -abs(move.rank_a - move.rank_b))),
-    )
+    return tuple(sorted(moves, key=lambda move: -abs(move.rank_a - move.rank_b)))
+
+
+def _resamples(
+    a: Sequence[Ranks], b: Sequence[Ranks], count: int, rng: np.random.Generator
+) -> list[tuple[Ranks, Ranks]]:
+    """Mean ranks of both boards for `count` draws of their scenes; none if neither has enough scenes to draw."""
+    if max(len(a), len(b)) < LEAST_SCENES:
+        return []
+    return [(_resampled(a, rng), _resampled(b, rng)) for _ in range(count)]
+
+
+def _correlated(
+    correlation: Callable[..., Any],
+    a: Sequence[Ranks],
+    b: Sequence[Ranks],
+    drawn: Sequence[tuple[Ranks, Ranks]],
+) -> CorrelationInterval:
+    """The correlation of the mean ranks of two boards, with the interval of those of the resamples."""
+    values = [_correlation(correlation, *means) for means in drawn]
+    return _interval(_correlation(correlation, _mean(a), _mean(b)), values)
 
 
 def _titled(board: Board | str | os.PathLike[str]) -> tuple[str, Board]:

@@ -1,11 +1,13 @@
 """`run_benchmark`: methods x samples -> a `Board`, resumable. A match is one method on one sample."""
 
+import itertools
 import os
 import warnings
-from collections.abc import Callable, Iterable, Sequence, Sized
+from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
 from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -111,36 +113,44 @@ def run_benchmark(
     runs = _named_runs([methods] if isinstance(methods, str) else methods)
     total = len(samples) * len(runs) if isinstance(samples, Sized) else None
     runner = Runner(time_limit, memory_limit, warm_up, warm_up_limit)
+    options: dict[str, Any] = {
+        "retry_failed": retry_failed,
+        "on_map": on_map or _ignore,
+        "on_right_map": on_right_map or _ignore,
+        "on_drop": on_drop or _ignore,
+    }
+    report = progress or _ignore
     with _locked(save), closing(runner):
-        if board is None:
-            exists = save is not None and Path(save).exists()
-            board = read_board(save) if save is not None and exists else Board()
+        board = _resumed(save) if board is None else board
         with BoardWriter(replace(board, title=title), save) as writer:
             for method in runs:
                 runner.check_parts(method)
-            names_of_runs = [method.name for method in runs]
-            done, sample_names = 0, set[str]()
-            for sample in samples:
-                _check_unique("sample", sample.name, sample_names)
+            numbers = itertools.count(1)
+            for sample in _uniquely_named(samples):
                 run = _Run.of(sample, runner, writer, protocols, regions)
-                run = replace(
-                    run,
-                    retry_failed=retry_failed,
-                    on_map=on_map or _ignore,
-                    on_right_map=on_right_map or _ignore,
-                    on_drop=on_drop or _ignore,
-                )
+                run = replace(run, **options)
                 for method in runs:
-                    skipped, failure = run.match(method)
-                    done += 1
-                    if progress is not None:
-                        step = Step(
-                            done, total, method.name, sample.name, skipped, failure
-                        )
-                        progress(step)
-        for line in map_warnings(writer.board, names_of_runs):
+                    outcome = run.match(method)
+                    done = next(numbers)
+                    report(Step(done, total, method.name, sample.name, *outcome))
+        for line in map_warnings(writer.board, [method.name for method in runs]):
             warnings.warn(line, MapWarning, stacklevel=2)
         return writer.board
+
+
+def _resumed(save: str | os.PathLike[str] | None) -> Board:
+    """The board of a file, or an empty one if there is none."""
+    if save is None or not Path(save).exists():
+        return Board()
+    return read_board(save)
+
+
+def _uniquely_named(samples: Iterable[ScoredSample]) -> Iterator[ScoredSample]:
+    """The samples. Raises InputError for a name that comes twice."""
+    names: set[str] = set()
+    for sample in samples:
+        _check_unique("sample", sample.name, names)
+        yield sample
 
 
 class MapWarning(UserWarning):

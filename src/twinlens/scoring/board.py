@@ -166,7 +166,7 @@ class Board:
 
     @property
     def regions(self) -> tuple[str, ...]:
-        return _unique(name for entry in self.entries for name in entry.regions)
+        return _regions(self.entries)
 
     def rules(
         self,
@@ -194,8 +194,7 @@ class Board:
 
     def regions_of(self, protocol: str) -> tuple[str, ...]:
         """The regions that entries of a protocol have."""
-        entries = (entry for entry in self.entries if entry.protocol == protocol)
-        return _unique(name for entry in entries for name in entry.regions)
+        return _regions(entry for entry in self.entries if entry.protocol == protocol)
 
     @property
     def maps(self) -> set[tuple[str, str]]:
@@ -331,3 +330,11 @@ def _expected_samples(entries: Sequence[Entry], region: str) -> tuple[str, ...]:
 
 def _unique(names: Iterable[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))
+
+
+def _regions(entries: Iterable[Entry]) -> tuple[str, ...]:
+    """The names of the regions of all entries, in order of appearance."""
+    names: list[str] = []
+    for entry in entries:
+        names += entry.regions
+    return _unique(names)

@@ -125,17 +125,14 @@ def check_views(
     masks: dict[str, Mask] = {}
     for name, values in (regions or {"all": np.ones(shape, np.bool_)}).items():
         masks[name] = boolean_mask(f"region {name!r}", values, shape)
-    scores = {}
-    for name, mask in masks.items():
-        values = estimate[mask].astype(np.float64)
-        pixels = Pixels(
-            values,
-            np.full(values.shape, np.inf),
-            np.isfinite(values),
-            of_right=None if of_right is None else of_right[mask],
-            residual=residual[mask],
-        )
-        scores[name] = region_scores(rules, pixels, estimate.size)
+    truth = np.full(shape, np.inf)
+    pixels = Pixels(
+        estimate, truth, np.isfinite(estimate), of_right=of_right, residual=residual
+    )
+    scores = {
+        name: region_scores(rules, pixels.at(mask), estimate.size)
+        for name, mask in masks.items()
+    }
     return Scores(rules, scores, (-np.inf, np.inf), scale, rounded=False)
 
 

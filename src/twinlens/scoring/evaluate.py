@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -159,26 +160,29 @@ def evaluate(
         round_disparity = rules.rounds_integers and whole_truth
     if round_disparity:
         estimate = _rounded(estimate)
-    masks: dict[str, Mask] = {"all": np.ones(truth.shape, np.bool_)}
-    if visible is not None:
-        masks["nonocc"] = visible
-    for name, mask in extra_regions.items():
-        masks[name] = boolean_mask(f"region {name!r}", mask, truth.shape)
+    masks = _region_masks(truth.shape, visible, extra_regions)
+    pixels = Pixels(estimate, truth, estimated, confidence=confidence)
     scores = {}
     for name, mask in masks.items():
         evaluated = mask & np.isfinite(truth)
-        pixels = Pixels(
-            estimate[evaluated].astype(np.float64),
-            truth[evaluated].astype(np.float64),
-            estimated[evaluated],
-            confidence=None if confidence is None else confidence[evaluated],
-        )
+        of_region = pixels.at(evaluated)
         if rules.needs_calibration and calibration is not None:
-            places = np.argwhere(evaluated)
-            metres = _point_errors(pixels.estimate, pixels.truth, places, calibration)
-            pixels = replace(pixels, metres=metres)
-        scores[name] = region_scores(rules, pixels, truth.size)
+            metres = _point_errors(of_region, np.argwhere(evaluated), calibration)
+            of_region = replace(of_region, metres=metres)
+        scores[name] = region_scores(rules, of_region, truth.size)
     return Scores(rules, scores, (lowest, highest), scale, round_disparity, doubt)
+
+
+def _region_masks(
+    shape: tuple[int, ...], visible: Mask | None, further: Mapping[str, ArrayLike]
+) -> dict[str, Mask]:
+    """The masks of the regions: all pixels, the visible ones if they are known, and further ones."""
+    masks: dict[str, Mask] = {"all": np.ones(shape, np.bool_)}
+    if visible is not None:
+        masks["nonocc"] = visible
+    for name, mask in further.items():
+        masks[name] = boolean_mask(f"region {name!r}", mask, shape)
+    return masks
 
 
 def _check_request(
@@ -237,10 +241,11 @@ def upsampling(
     for scale in rules.upsampling:
         if tuple(scale * n for n in estimate_shape) == truth_shape:
             return scale
+    height, width = truth_shape
     shapes = [
-        tuple(n // scale for n in truth_shape)
+        (height // scale, width // scale)
         for scale in rules.upsampling
-        if all(n % scale == 0 for n in truth_shape)
+        if height % scale == 0 and width % scale == 0
     ]
     allowed = " or ".join(map(str, shapes))
     raise InputError(
@@ -254,34 +259,41 @@ def _confidence_map(confidence: ArrayLike, shape: tuple[int, ...], scale: int) -
         raise InputError(
             f"confidence holds {values.dtype} {values.shape}: expected numbers of disp's shape, {shape}"
         )
-    return np.repeat(np.repeat(values.astype(np.float64), scale, axis=0), scale, axis=1)
+    return _repeated(values.astype(np.float64), scale)
 
 
 def upsampled(disp: Disparity, scale: int) -> Disparity:
     """The map repeated `scale` times in both directions, its values multiplied by `scale`."""
-    return np.asarray(
-        np.repeat(np.repeat(disp, scale, axis=0), scale, axis=1)
-        * disp.dtype.type(scale)
-    )
+    repeated = _repeated(disp, scale)
+    return np.asarray(repeated * disp.dtype.type(scale))
+
+
+def _repeated(values: NDArray[Any], scale: int) -> NDArray[Any]:
+    """Each value of (H, W) `scale` times in both directions."""
+    return np.repeat(np.repeat(values, scale, axis=0), scale, axis=1)
 
 
 def _point_errors(
-    estimate: Float, true: Float, pixels: NDArray[np.intp], calibration: Calibration
+    pixels: Pixels, places: NDArray[np.intp], calibration: Calibration
 ) -> tuple[Float, Float]:
     """(distance between estimated and true point, distance from the camera to the true point), each (N,) in metres.
 
-    estimate, true: (N,) disparities; pixels: (N, 2) rows of (v, u). The first is +inf where either point is undefined
-    (unknown disparity, or d + doffs <= 0).
+    places: (N, 2) rows of (v, u). The first is +inf where either point is undefined (unknown disparity, or
+    d + doffs <= 0).
     """
     fx, fy, cx, cy = calibration.cam0
-    x, y = (pixels[:, 1] - cx) / fx, (pixels[:, 0] - cy) / fy
+    x, y = (places[:, 1] - cx) / fx, (places[:, 0] - cy) / fy
     # Both points are on the ray through the pixel, of which the part up to depth z has the length z * ray_length.
     ray_length = np.sqrt(1.0 + x**2 + y**2)
-    z_estimate, z_true = (
-        calibration.depth(np.where(d + calibration.doffs > 0, d, np.inf))
-        for d in (estimate, true)
-    )
+    z_estimate = _depth(pixels.estimate, calibration)
+    z_true = _depth(pixels.truth, calibration)
     defined = np.isfinite(z_estimate) & np.isfinite(z_true)
     with np.errstate(invalid="ignore"):
         distances = np.where(defined, np.abs(z_estimate - z_true) * ray_length, np.inf)
         return distances, z_true * ray_length
+
+
+def _depth(disparity: NDArray[np.floating[Any]], calibration: Calibration) -> Float:
+    """z in metres; +inf where d + doffs <= 0."""
+    in_front = disparity + calibration.doffs > 0
+    return calibration.depth(np.where(in_front, disparity, np.inf))

@@ -37,7 +37,7 @@ AGREE_PX = 1.0
 
 @dataclass(frozen=True)
 class Pixels:
-    """The evaluated pixels of one region, as vectors of one length.
+    """The evaluated pixels of one region, as vectors of one length, or those of an image, of its shape.
 
     estimate (+inf where unknown), truth: disparities. estimated: where the method has an estimate. metres: with a
     calibration, the distance between estimated and true point, and the true point's distance from the camera.
@@ -46,13 +46,24 @@ class Pixels:
     `consistency.photometric_residual`. Only a protocol that needs no truth has the last two, and its truth is unknown.
     """
 
-    estimate: NDArray[np.float64]
-    truth: NDArray[np.float64]
+    estimate: NDArray[np.floating[Any]]
+    truth: NDArray[np.floating[Any]]
     estimated: NDArray[np.bool_]
     metres: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
     confidence: NDArray[np.float64] | None = None
     of_right: NDArray[np.float64] | None = None
     residual: NDArray[np.float64] | None = None
+
+    def at(self, mask: NDArray[np.bool_]) -> "Pixels":
+        """The pixels of a mask, disparities as float64; all arrays have the mask's shape."""
+        return Pixels(
+            self.estimate[mask].astype(np.float64),
+            self.truth[mask].astype(np.float64),
+            self.estimated[mask],
+            confidence=None if self.confidence is None else self.confidence[mask],
+            of_right=None if self.of_right is None else self.of_right[mask],
+            residual=None if self.residual is None else self.residual[mask],
+        )
 
     def sparsified(self, threshold: float) -> Sparsification | None:
         """The curve of errors above the threshold, over the pixels with an estimate; None without a confidence."""

@@ -72,12 +72,7 @@ def fit_recipe(
     """
     recipe = _recipe_to_fit(dataset)
     sensor_table = recipe.get("sensor", {})
-    shots = [(sample, k) for sample in dataset for k in range(sample.num_lenses)]
-    if len(shots) < 2 or len(like) < 2:
-        raise InputError(
-            f"a fit needs two pairs or more in both sets, got {len(shots)} and {len(like)}"
-        )
-    measured = [_measure(*shot) for shot in shots]
+    measured = _measured_shots(dataset, len(like))
     sensors = [shot.sensor for shot in measured]
     light, slow = _light_differences(like, sensors[0])
     # What the pairs have in slow differences beyond the dataset's becomes a spread of the shading.
@@ -94,12 +89,9 @@ def fit_recipe(
     shares = [shot.textureless for shot in measured]
     weights, weights_note = _fitted_weights(recipe, scenes, shares, target_share)
 
-    mismatch = mismatch_table(sensor_table)
-    if mismatch.get("level", "none") != "none":
-        # The fitted gain includes time and f-number, which the level would draw.
-        mismatch = {**mismatch, "time": 1.0, "f_number": 1.0}
     errors = np.array([shot.light_errors for shot in measured])
-    mismatch = {**mismatch, **_distributions(light, errors, extra_shading)}
+    distributions = _distributions(light, errors, extra_shading)
+    mismatch = {**_without_light(mismatch_table(sensor_table)), **distributions}
     uncertainty = 100 / (2 * len(like) - 2) ** 0.5
     notes = (
         f"Fitted to {counted(len(like), 'pair')}. Standard deviations are uncertain by {uncertainty:.0f} %.",
@@ -110,6 +102,25 @@ def fit_recipe(
     )
     fitted_sensor = {**sensor_table, **fields, "mismatch": mismatch}
     return {**recipe, **weights, "sensor": fitted_sensor}, notes
+
+
+def _measured_shots(dataset: Dataset, like_count: int) -> "list[_Shot]":
+    """The measures of every image pair of the dataset. Raises InputError for fewer than two pairs in either set."""
+    shots: list[tuple[StoredSample, int]] = []
+    for sample in dataset:
+        shots += [(sample, lens) for lens in range(sample.num_lenses)]
+    if len(shots) < 2 or like_count < 2:
+        raise InputError(
+            f"a fit needs two pairs or more in both sets, got {len(shots)} and {like_count}"
+        )
+    return [_measure(*shot) for shot in shots]
+
+
+def _without_light(mismatch: dict[str, Any]) -> dict[str, Any]:
+    """The mismatch without draws of time and f-number by its level: the fitted gain includes them."""
+    if mismatch.get("level", "none") == "none":
+        return mismatch
+    return {**mismatch, "time": 1.0, "f_number": 1.0}
 
 
 def _recipe_to_fit(dataset: Dataset) -> dict[str, Any]:

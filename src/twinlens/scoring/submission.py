@@ -332,7 +332,8 @@ def _confidence_name(map_name: str) -> str:
 
 
 def _check_size(shape: tuple[int, ...], truth: tuple[int, ...], where: str) -> None:
-    if not any(tuple(scale * n for n in shape) == truth for scale in SCALES):
+    allowed = [tuple(np.multiply(scale, shape)) for scale in SCALES]
+    if truth not in allowed:
         raise FileError(
             f"{where}: is {shape[1]} x {shape[0]}; the truth is {truth[1]} x {truth[0]}"
         )

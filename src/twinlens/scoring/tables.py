@@ -60,10 +60,11 @@ def standings(
 
 def has_confidence(board: Board, protocol: str) -> bool:
     """Whether a method of the board has sparsification curves by this protocol."""
-    entries = (entry for entry in board.entries if entry.protocol == protocol)
-    return any(
-        scores.sparsification for entry in entries for scores in entry.regions.values()
-    )
+    for entry in board.entries:
+        scores = entry.regions.values()
+        if entry.protocol == protocol and any(s.sparsification for s in scores):
+            return True
+    return False
 
 
 def caption(
@@ -120,13 +121,11 @@ def group_means(
 ) -> dict[str, dict[str, float]]:
     """Group -> method -> mean of the protocol's headline metric over the group's samples, best method first."""
     _, metric = board.rules(protocol, region)
-    return {
-        name: {
-            mean.method: mean.metrics[metric.name]
-            for mean in standings(board.subset(samples), protocol, region)
-        }
-        for name, samples in groups.items()
-    }
+    means = {}
+    for name, samples in groups.items():
+        table = standings(board.subset(samples), protocol, region)
+        means[name] = {mean.method: mean.metrics[metric.name] for mean in table}
+    return means
 
 
 def comparison_table(
