@@ -43,7 +43,7 @@ def scene_of(piece: Piece, seed: int) -> tl.Scene:
     fitted, look = surface(scene, scene.rng("floor"), ground, "plain", grey, size)
     scene.add("floor", fitted.mesh(), look)
     pose = translation([0, 0, top]) @ rotation([0, 0, 1], 25.0)
-    add_thing(scene, piece, pose, ("thing",))
+    add_thing(scene, piece, [pose], ("thing",))
     key_and_fill(scene, scene.rng("light"), middle, size, side=1.0)
     return scene.scene("a thing")
 

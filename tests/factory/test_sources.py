@@ -24,7 +24,7 @@ width = 32
 height = 24
 spp = 1
 [scene]
-object_count = 3
+object_count = 12
 [assets]
 textures = ["mine"]
 [gates]

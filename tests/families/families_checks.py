@@ -5,28 +5,52 @@ Source: van Oosterom and Strackee, The Solid Angle of a Plane Triangle, IEEE TBM
 """
 
 import itertools
+import re
 
 import numpy as np
 from scipy.spatial import Delaunay, QhullError
 
+from twinlens.families.things import THINGS
 from twinlens.geometry import transform_points
 
 SURROUNDINGS = {"table", "wall", "floor", "key-light", "fill-light", "sun"}
 
 
 def in_world(item):
-    """(vertices in the world, faces) of an object."""
+    """(vertices in the world, faces) of an object without copies, or of its first copy."""
+    return copies(item)[0]
+
+
+def copies(item):
+    """(vertices in the world, faces) of each copy of an object."""
     mesh = item.shape
-    return transform_points(item.world_from_object, mesh.vertices), mesh.faces
+    poses = [pose @ item.world_from_object for pose in item.instances]
+    return [
+        (transform_points(pose, mesh.vertices), mesh.faces)
+        for pose in poses or [item.world_from_object]
+    ]
+
+
+def is_thing(name):
+    """Whether an object is one of the things of many parts."""
+    return plain_name(name) in THINGS
+
+
+def plain_name(name):
+    """A name without the numbers that make it unique, and without that of a copy."""
+    return re.sub(r"(-\d+)*(\[\d+\])?$", "", name)
 
 
 def bodies(scene):
-    """name -> (vertices in the world, faces) of the bodies on the table."""
-    return {
-        item.name: in_world(item)
-        for item in scene.objects
-        if item.name not in SURROUNDINGS
-    }
+    """name -> (vertices in the world, faces) of the bodies and things on the table, each copy by itself."""
+    listed = {}
+    for item in scene.objects:
+        if item.name in SURROUNDINGS:
+            continue
+        for number, copy in enumerate(copies(item)):
+            name = f"{item.name}[{number}]" if item.instances else item.name
+            listed[name] = copy
+    return listed
 
 
 def winding(points, body):
@@ -120,7 +144,8 @@ def floating(scene, table):
     """Names of bodies without support, and of those below the table's top at height `table`.
 
     A lowest point is supported where the point 0.1% of the body's size below it is in the table or in another body. The
-    centre of mass, of a body that is not closed that of its surface, must lie above the supported points.
+    centre of mass, of a body that is not closed that of its surface, must lie above the supported points. The feet of
+    things are flat and slanted: their points within 1% of the size are lowest.
     """
     import trimesh
 
@@ -128,9 +153,10 @@ def floating(scene, table):
     out = []
     for name, (vertices, faces) in found.items():
         size = np.ptp(vertices, axis=0).max()
-        lowest = vertices[vertices[:, 2] < vertices[:, 2].min() + 1e-4 * size]
+        near = (1e-2 if is_thing(name) else 1e-4) * size
+        lowest = vertices[vertices[:, 2] < vertices[:, 2].min() + near]
         lowest = np.unique(np.round(lowest, 9), axis=0)
-        under = lowest - [0, 0, 1e-3 * size]
+        under = lowest - [0, 0, near + 1e-3 * size]
         carried = under[:, 2] < table
         for other, body in found.items():
             if other != name:
@@ -156,4 +182,9 @@ def table_height(scene):
 def camera_inside(scene):
     """Names of closed bodies that contain the camera."""
     eye = scene.world_from_left[None, :3, 3]
-    return [item.name for item in scene.objects if inside(eye, in_world(item))[0]]
+    return [
+        item.name
+        for item in scene.objects
+        for copy in copies(item)
+        if inside(eye, copy)[0]
+    ]

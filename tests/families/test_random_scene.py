@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tests.families.families_checks import camera_inside
+from tests.families.families_checks import camera_inside, copies
 from twinlens.errors import InputError
 from twinlens.families import FAMILIES, Assets, random_scene
 from twinlens.families.composition import Viewpoint, rasterize
 from twinlens.families.kinds import KINDS
-from twinlens.geometry import transform_points
 from twinlens.rendering.materials import bsdf_of
 from twinlens.scenes import Bitmap, Mesh
 
@@ -29,12 +28,9 @@ def fingerprint(scene):
         scene.world_from_left.ravel(),
         [scene.fov_x_deg, scene.baseline, *scene.depth_range],
     ]
-    for thing in scene.objects:
-        parts += [
-            thing.world_from_object.ravel(),
-            thing.shape.vertices.ravel(),
-            thing.shape.uv.ravel(),
-        ]
+    for item in scene.objects:
+        poses = np.stack([item.world_from_object, *item.instances])
+        parts += [poses, item.shape.vertices, item.shape.uv]
     bsdfs = [bsdf_of(material) for material in scene.materials.values()]
     for plugin in [*bsdfs, *scene.lights.values()]:
         parts += [
@@ -49,21 +45,15 @@ def fingerprint(scene):
 def depths(scene, objects):
     """The depth of some of a scene's objects at 4:3."""
     view = Viewpoint(scene.world_from_left, scene.fov_x_deg, 4 / 3)
-    meshes = [
-        (
-            transform_points(item.world_from_object, item.shape.vertices),
-            item.shape.faces,
-        )
-        for item in objects
-    ]
+    meshes = [copy for item in objects for copy in copies(item)]
     return rasterize(view, meshes)
 
 
 SEED_11 = {
-    "tabletop": (382614, 1.1350687417868317),
-    "flying": (315736, 0.6848447596121066),
-    "room": (683506, 0.6010097030108462),
-    "cards": (338733, 0.5171490350415164),
+    "tabletop": (381600, 1.0093717854759228),
+    "flying": (294670, 0.6164253932698619),
+    "room": (724805, 0.5869788135594401),
+    "cards": (359666, 0.5028832965192789),
 }
 """How many numbers the scene of seed 11 has, and their mean: datasets of earlier versions must stay reproducible."""
 
@@ -194,6 +184,7 @@ def assert_same_places(one, other):
     for first, second in zip(one.objects, other.objects, strict=True):
         assert first.name == second.name
         np.testing.assert_array_equal(first.world_from_object, second.world_from_object)
+        np.testing.assert_array_equal(first.instances, second.instances)
         np.testing.assert_array_equal(first.shape.vertices, second.shape.vertices)
 
 
@@ -255,14 +246,15 @@ def test_plain_surfaces_may_be_left_out(family):
         plain = scene_of(family, seed)
         textured = random_scene(family, seed, width=80, plain_surfaces=False)
         assert_same_places(plain, textured)
-        for one, other in zip(plain.objects, textured.objects, strict=True):
-            before = plain.materials[one.material].base_color
-            after = textured.materials[other.material].base_color
+        assert plain.materials.keys() == textured.materials.keys()
+        for name in plain.materials:
+            before = plain.materials[name].base_color
+            after = textured.materials[name].base_color
             if not isinstance(before, Bitmap):
                 continue
             if not np.array_equal(before.pixels, after.pixels):
-                changed.append(one.name)
-                assert contrast(after) > contrast(before), (seed, one.name)
+                changed.append(name)
+                assert contrast(after) > contrast(before), (seed, name)
     assert 2 <= len(changed) < 12
     assert all(re.search("wall|floor|table", name) for name in changed)
 

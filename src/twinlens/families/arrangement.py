@@ -12,6 +12,7 @@ import numpy as np
 from twinlens.families.composition import Composition, similarity
 from twinlens.families.draws import Rng, one_of, weighted
 from twinlens.families.kinds import Body, draw_body
+from twinlens.families.things.ground import Layer
 from twinlens.geometry import Float
 from twinlens.scenes.placement import rotation
 from twinlens.scenes.resting import CLEARANCE, Placed
@@ -50,7 +51,8 @@ class RestingBody:
 class Area:
     """A level rectangle for bodies: `middle` (2,), half its sides (2,), `height` and least `spacing`, metres.
 
-    A share `stacked` of the bodies is tried on top of others first. `sample` draws positions, in half sides.
+    A share `stacked` of the bodies is tried on top of others first. `sample` draws positions, in half sides. `filled`
+    are the layers of what stands there already.
     """
 
     middle: Float
@@ -60,6 +62,12 @@ class Area:
     stacked: float
     overhang: float = 1.0
     sample: Callable[[Rng, StablePose], Float] = lambda rng, _: rng.uniform(-1, 1, 2)
+    filled: Sequence[Layer] = ()
+
+    def is_free(self, trial: Placed) -> bool:
+        """Whether a body is clear of the layers that are filled."""
+        body = Layer(float(trial.place[2]), trial.top, trial.footprint)
+        return all(body.is_clear_of(layer, self.spacing) for layer in self.filled)
 
 
 def bodies_at_rest(
@@ -98,7 +106,10 @@ def arrange(
     placements = []
     for body, rest, rng in bodies:
         for trial in _trials(body, rest, rng, placed, area):
-            if all(_is_clear(trial, neighbour, area.spacing) for neighbour in placed):
+            is_clear = all(
+                _is_clear(trial, neighbour, area.spacing) for neighbour in placed
+            )
+            if is_clear and area.is_free(trial):
                 placed.append(trial)
                 placements.append(RestingBody(body, trial))
                 break

@@ -28,6 +28,8 @@ from twinlens.families.surfaces import (
     surface_pattern,
     wall_colors,
 )
+from twinlens.families.things import names_in_scenes, things_for
+from twinlens.families.things.ground import Ground, Layer, spread_count
 from twinlens.geometry import Float, transform_points
 from twinlens.scenes import shapes
 from twinlens.scenes.placement import rotation, translation
@@ -36,18 +38,17 @@ from twinlens.scenes.stable_poses import gap, outline
 
 _TRIES = 30  # random poses of a chart before it is left out
 _NEAREST = 0.92  # metres, before scaling to the depth range
-NAMES = frozenset(
-    (
-        "wall",
-        "floor",
-        "chart",
-        "chart-foot",
-        "steps",
-        "wedge",
-        "wave",
-        *lighting.NAMES,
-    )
-)
+_MOST_THINGS, _SIZES_OF_THINGS = 12, (0.2, 1.0)
+NAMES = names_in_scenes() | {
+    "wall",
+    "floor",
+    "chart",
+    "chart-foot",
+    "steps",
+    "wedge",
+    "wave",
+    *lighting.NAMES,
+}
 """Names of what scenes have besides bodies, without numbers."""
 
 
@@ -69,7 +70,9 @@ def compose(scene: Composition) -> None:
 
 def _add_charts(scene: Composition, depth_ratio: float, behind: Float) -> None:
     """Add charts from near to far, left and right by turns; footprints overlap neither each other nor `behind`."""
-    count, view = scene.count, scene.view
+    view = scene.view
+    things = spread_count(scene, "things", min(scene.count, _MOST_THINGS))
+    count = max(scene.count - things, 1)
     # One step of 1/depth for each chart, from 1 m to 0.88 `depth_ratio`, at a random place within it.
     steps = (np.arange(count) + scene.rng("steps").uniform(0.1, 0.9, count)) / count
     depths = 1 / (1 + (1 / (0.88 * depth_ratio) - 1) * steps)
@@ -84,6 +87,19 @@ def _add_charts(scene: Composition, depth_ratio: float, behind: Float) -> None:
         if pose is not None:
             n = texels(height, scene.pixel_at(pose[:3, 3], 0.3))
             _add_card(scene, place, index, name, mesh, n, pose)
+    _add_things(scene, things, taken, 0.88 * depth_ratio)
+
+
+def _add_things(scene: Composition, count: int, taken: list[Float], far: float) -> None:
+    """Add at most `count` things to the floor, nearer than `far` metres, beside the footprints that are taken."""
+    ground = Ground(scene, 0.0, 0.01, _NEAREST)
+    ground.filled += [Layer(0.0, math.inf, footprint) for footprint in taken]
+
+    def place(rng: Rng, size: float) -> Float:
+        depth = 1 / rng.uniform(1 / far, 1 / (_NEAREST + 0.2 * size))
+        return scene.view.at(rng.uniform(-1, 1), 0.0, depth)[:2]
+
+    ground.scatter("things", things_for("floor"), count, place, _SIZES_OF_THINGS)
 
 
 def _free_pose(

@@ -249,12 +249,15 @@ class Composition:
         surfaces: Iterable[tuple[str, Mesh, Material]],
         poses: Sequence[Float],
     ) -> None:
-        """Add one object of surfaces: names, meshes, materials. Copies at several poses share its mesh."""
+        """Add one object of surfaces: names, meshes, materials. Copies at several poses share its mesh.
+
+        A material is named after the object and its surface, a number that makes it unique at the end.
+        """
         unique = self._free_name(name)
         meshes, words = [], []
         for number, (label, mesh, material) in enumerate(surfaces):
             mesh, material = _with_plain_texture(mesh, material)
-            word = free_name(f"{unique}-{label}", self.materials)
+            word = free_name(f"{name}-{label}", self.materials)
             self.materials[word] = material
             words.append(word)
             surface = np.full(len(mesh.faces), number, dtype=np.uint16)

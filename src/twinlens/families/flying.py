@@ -1,7 +1,7 @@
 """The family "flying": bodies in the air at evenly spread disparities, before a wall or the open sky."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -9,15 +9,19 @@ from scipy.spatial.transform import Rotation
 from twinlens.families import lighting
 from twinlens.families.composition import Composition, Viewpoint, similarity
 from twinlens.families.draws import Rng, log_uniform, one_of
+from twinlens.families.furniture import Piece
 from twinlens.families.kinds import KINDS, draw_body
 from twinlens.families.materials import body_material
 from twinlens.families.surfaces import WALLS, Sheet, surface, wall_colors
+from twinlens.families.things import THINGS, add_thing, make_thing, names_in_scenes
 from twinlens.geometry import Float
 from twinlens.scenes import shapes
 from twinlens.scenes.scene import Mesh
 
 _TRIES = 40  # random places of a body before it is left out
-NAMES = frozenset(("backdrop", "moon", *lighting.NAMES))
+_SIZES, _SIZES_OF_THINGS = (0.1, 0.34), (0.15, 0.6)  # shares of the picture's width
+_WITHOUT_THINGS = 0.35  # share of the scenes
+NAMES = names_in_scenes() | {"backdrop", "moon", *lighting.NAMES}
 """Names of what scenes have besides bodies, without numbers."""
 
 
@@ -48,52 +52,118 @@ def compose(scene: Composition) -> None:
 def _add_bodies(
     scene: Composition, depth_ratio: float, wall: "_Wall | None" = None
 ) -> None:
-    """Add bodies at even steps of 1/depth from 1 m to 0.9 `depth_ratio`, in front of the wall.
+    """Add bodies and things at even steps of 1/depth from 1 m to 0.9 `depth_ratio`, in front of the wall.
 
     Their bounding spheres do not overlap.
     """
-    count, view = scene.count, scene.view
+    count = scene.count
     # One step of 1/depth for each body, at a random place within it.
     steps = (np.arange(count) + scene.rng("steps").random(count)) / count
     inverse = 1 + (1 / (0.9 * depth_ratio) - 1) * steps
-    taken: list[tuple[Float, float]] = []
+    models = _draw_models(scene)
+    air = _Air(scene.view, wall)
     for index, depth in enumerate((1 / inverse).tolist()):
-        body = draw_body(scene, ("body", index))
-        rng = scene.rng("place", index)
-        # The radius of the bounding sphere, a share of the picture's width, and that of the mesh.
-        reach = 0.5 * log_uniform(rng, 0.1, 0.34) * view.covered(depth)[0]
-        radius = float(np.linalg.norm(body.solid.mesh.vertices, axis=1).max())
-        size = reach / radius
-        if scene.assets.keep_scale and not body.kind:
-            size, reach = body.size, body.size * radius
-        centre = _free_place(view, rng, depth + reach, reach, taken, wall)
-        if centre is None:
+        rng, model = scene.rng("place", index), models[index]
+        if model is None:
+            _add_body(scene, air, index, depth, rng)
             continue
-        taken.append((centre, reach))
-        pose = similarity(_random_rotation(rng), centre, size)
-        # The body's material is that of `body.size`; it is enlarged together with its texels.
-        look = body.material(view.pixel(depth) / size * body.size)
-        scene.add(body.name, body.solid.mesh, look, pose)
+        reach = air.reach(depth, log_uniform(rng, *_SIZES_OF_THINGS))
+        centre = air.take(rng, depth, reach)
+        if centre is not None:
+            model.place(_random_rotation(rng), centre, reach)
+    drawn = [model for model in models if model is not None and model.poses]
+    for number, model in enumerate(dict.fromkeys(drawn)):
+        add_thing(scene, model.piece, model.poses, ("thing", number))
 
 
-def _free_place(
-    view: Viewpoint,
-    rng: Rng,
-    depth: float,
-    reach: float,
-    taken: list[tuple[Float, float]],
-    wall: "_Wall | None",
-) -> Float | None:
-    """A centre in the picture for a sphere of radius `reach` beside the spheres that are taken; None without one."""
-    for _ in range(_TRIES):
-        x, y = rng.uniform(-1, 1, 2) * (1.0, 0.95)
-        centre = view.at(float(x), float(y), depth)
-        is_free = all(
-            np.linalg.norm(centre - other) > reach + radius for other, radius in taken
-        )
-        if is_free and (wall is None or wall.clearance(centre) > reach):
-            return centre
-    return None
+def _add_body(
+    scene: Composition, air: "_Air", index: int, depth: float, rng: Rng
+) -> None:
+    """Add a body beyond a depth in metres, unless no place is free."""
+    body = draw_body(scene, ("body", index))
+    reach = air.reach(depth, log_uniform(rng, *_SIZES))
+    # The radius of the bounding sphere of the mesh.
+    radius = float(np.linalg.norm(body.solid.mesh.vertices, axis=1).max())
+    size = reach / radius
+    if scene.assets.keep_scale and not body.kind:
+        size, reach = body.size, body.size * radius
+    centre = air.take(rng, depth, reach)
+    if centre is None:
+        return
+    pose = similarity(_random_rotation(rng), centre, size)
+    # The body's material is that of `body.size`; it is enlarged together with its texels.
+    look = body.material(scene.view.pixel(depth) / size * body.size)
+    scene.add(body.name, body.solid.mesh, look, pose)
+
+
+def _draw_models(scene: Composition) -> "list[_Model | None]":
+    """For each of the objects, the thing that it is a copy of, or None for a body.
+
+    Many scenes have bodies alone; in the others the share of things is uniform.
+    """
+    rng = scene.rng("things")
+    assets = scene.assets
+    has_none = rng.random() < _WITHOUT_THINGS or (
+        assets.meshes and assets.mesh_share >= 1
+    )
+    share = 0.0 if has_none else rng.random()
+    is_thing = rng.random(scene.count) < share
+    number = max(1, math.ceil(is_thing.sum() / log_uniform(rng, 1.0, 4.0)))
+    names = tuple(THINGS)
+    drawn = [
+        _Model.of(make_thing(one_of(rng, names), scene.rng("thing", "shape", index)))
+        for index in range(number)
+    ]
+    return [one_of(rng, drawn) if chosen else None for chosen in is_thing]
+
+
+@dataclass(eq=False)
+class _Model:
+    """A thing, the middle (3,) and radius of its bounding sphere, and the poses (4, 4) of its copies."""
+
+    piece: Piece
+    middle: Float
+    radius: float
+    poses: list[Float] = field(default_factory=list)
+
+    @staticmethod
+    def of(piece: Piece) -> "_Model":
+        vertices = np.concatenate([mesh.vertices for _, mesh, _ in piece.parts])
+        middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
+        radius = float(np.linalg.norm(vertices - middle, axis=1).max())
+        return _Model(piece, middle, radius)
+
+    def place(self, turn: Float, centre: Float, reach: float) -> None:
+        """Add a copy that fills the sphere of radius `reach` around a centre (3,)."""
+        size = reach / self.radius
+        self.poses.append(similarity(turn, centre - size * turn @ self.middle, size))
+
+
+@dataclass(eq=False)
+class _Air:
+    """The space before the camera: the spheres that are taken, (centre, radius), and the wall behind."""
+
+    view: Viewpoint
+    wall: "_Wall | None"
+    taken: list[tuple[Float, float]] = field(default_factory=list)
+
+    def reach(self, depth: float, share: float) -> float:
+        """The radius of a sphere at a depth that covers a share of the picture's width."""
+        return 0.5 * share * float(self.view.covered(depth)[0])
+
+    def take(self, rng: Rng, depth: float, reach: float) -> Float | None:
+        """A centre (3,) in the picture of a free sphere that begins at a depth; None where none is found."""
+        for _ in range(_TRIES):
+            x, y = rng.uniform(-1, 1, 2) * (1.0, 0.95)
+            centre = self.view.at(float(x), float(y), depth + reach)
+            is_free = all(
+                np.linalg.norm(centre - other) > reach + radius
+                for other, radius in self.taken
+            )
+            if is_free and (self.wall is None or self.wall.clearance(centre) > reach):
+                self.taken.append((centre, reach))
+                return centre
+        return None
 
 
 def _random_rotation(rng: Rng) -> Float:

@@ -10,7 +10,7 @@ from twinlens.families import furniture, lighting
 from twinlens.families.arrangement import Area, arrange, bodies_at_rest
 from twinlens.families.composition import Composition, rasterize
 from twinlens.families.draws import Rng, one_of
-from twinlens.families.furniture import Piece, board
+from twinlens.families.furniture import Piece, Shelf, board
 from twinlens.families.materials import furniture_material
 from twinlens.families.solids import double_sided
 from twinlens.families.surfaces import (
@@ -21,7 +21,14 @@ from twinlens.families.surfaces import (
     surface_pattern,
     wall_colors,
 )
-from twinlens.geometry import Float, transform_points
+from twinlens.families.things import THINGS, add_thing, names_in_scenes, things_for
+from twinlens.families.things.ground import (
+    Ground,
+    Layer,
+    count_among_bodies,
+    spread_count,
+)
+from twinlens.geometry import Float, inverse, transform_points
 from twinlens.scenes import shapes
 from twinlens.scenes.placement import rotation, translation
 from twinlens.scenes.scene import Mesh
@@ -30,16 +37,25 @@ from twinlens.scenes.stable_poses import gap
 _SMALL = ("vase", "bottle", "bowl", "cup", "jar", "tin", "candle", "book", "book", "carton", "ball", "pebble", "knot",
           "plate", "blob", "superquadric", "goblet", "crystal", "ring")  # fmt: skip
 _SIDES = ("back", "left", "right")
+_MOST_ON_FLOOR, _MOST_ON_SHELF = 16, 4  # things
+_OFF_WALLS = 0.25  # metres: in front of window sills and curtains
+_LEAST_SIZE = 0.1  # metres, of a thing on a shelf
 
 
-NAMES = frozenset({
+NAMES = names_in_scenes() | {
     "left-wall", "right-wall", "back-wall", "front-wall", "floor", "ceiling", "skirting", "window-frame", "window-pane",
     "curtains", "side-window", "ceiling-light", "rug", "picture", "picture-frame", "table-top", "table-legs",
     "stool-table-top", "stool-table-legs", "chair", "chair-seat", "sofa", "sofa-cushions", "sofa-feet", "sofa-pillow",
     "armchair-sofa", "armchair-cushions", "armchair-feet", "armchair-pillow", "bookcase", "bookcase-books", "sideboard",
     "sideboard-doors", "sideboard-knobs", "sideboard-feet", "pot", "leaves", "lamp", "shade", "box",
-})  # fmt: skip
+}  # fmt: skip
 """Names of what scenes have besides bodies, without numbers."""
+
+_IN_FRONT = (
+    *furniture.IN_FRONT,
+    *(THINGS[name].make for name in things_for("floor")),
+)
+"""Makers of pieces that may be the nearest in the picture."""
 
 
 def compose(scene: Composition) -> None:
@@ -57,6 +73,7 @@ def compose(scene: Composition) -> None:
     _add_windows(scene, shell, plan)
     for index, (piece, pose) in enumerate(plan.placed):
         _add_piece(scene, index, piece, pose)
+    _add_things(scene, shell, plan)
     _add_small_objects(scene, plan)
     _decorate(scene, shell, plan)
     _light(scene, shell)
@@ -64,6 +81,9 @@ def compose(scene: Composition) -> None:
 
 def _add_piece(scene: Composition, index: int, piece: Piece, pose: Float) -> None:
     """Add the parts of the `index`-th piece of furniture; parts of one material look alike."""
+    if piece.kind in THINGS:
+        add_thing(scene, piece, [pose], ("piece", index))
+        return
     pixel = scene.pixel_at(pose[:3, 3], 0.5)
     shared = int(scene.rng("tone", piece.kind, index).integers(1 << 30))
     for name, mesh, word in piece.parts:
@@ -225,7 +245,7 @@ class _FloorPlan:
         """Place a piece at one side of the picture, moved along the view until its nearest visible depth is `near`."""
         rng = self.scene.rng("front")
         for attempt in range(16):
-            make = one_of(rng, furniture.IN_FRONT)
+            make = one_of(rng, _IN_FRONT)
             piece = make(self.scene.rng("piece", "front", attempt))
             side = one_of(rng, [-1.0, 1.0]) * rng.uniform(0.4, 0.8)
             turn = rotation([0, 0, 1], float(rng.uniform(0, 360)))
@@ -352,6 +372,53 @@ def _curtains(rng: Rng, wide: float, tall: float, sill: float) -> Mesh:
     return shapes.merged(made)
 
 
+def _add_things(scene: Composition, shell: Shell, plan: _FloorPlan) -> None:
+    """Add things to the floor beside the furniture: none in many rooms, a thicket of plants and chairs in some."""
+    view, far = scene.view, shell.back - scene.view.eye[1]
+
+    def holds(footprint: Float) -> bool:
+        x, y = footprint.T
+        is_inside = np.abs(x).max() < shell.width / 2 - _OFF_WALLS
+        return bool(is_inside and y.max() < shell.back - _OFF_WALLS)
+
+    def place(rng: Rng, size: float) -> Float:
+        # Even in 1/depth, as disparities are.
+        depth = 1 / rng.uniform(1 / far, 1 / (plan.near + 0.2 * size))
+        return view.at(rng.uniform(-1.1, 1.1), 0.0, depth)[:2]
+
+    ground = Ground(scene, 0.0, 0.01, plan.near, holds)
+    for piece, pose in plan.placed:
+        outline = _floor_rectangle(piece.floor, pose)
+        ground.filled.append(Layer(0.0, piece.height, outline))
+    count = spread_count(scene, "floor things", _MOST_ON_FLOOR)
+    ground.scatter("floor things", things_for("floor"), count, place)
+
+
+def _add_shelf_things(
+    scene: Composition, index: int, shelf: Shelf, pose: Float, count: int
+) -> Ground:
+    """Add at most `count` things to a shelf of a piece at a pose (4, 4) in the room."""
+    piece_from_room = inverse(pose)
+    half = np.array(shelf.size) / 2
+
+    def holds(footprint: Float) -> bool:
+        points = np.column_stack([footprint, np.zeros(len(footprint))])
+        local = transform_points(piece_from_room, points)[:, :2]
+        return bool((np.abs(local - shelf.middle) < half).all())
+
+    def place(rng: Rng, size: float) -> Float:
+        local = np.append(shelf.middle + half * rng.uniform(-1, 1, 2), 0.0)
+        return transform_points(pose, local)[:2]
+
+    ground = Ground(scene, shelf.height, 0.005, 0.0, holds)
+    most = min(0.95 * shelf.free, 1.2 * float(half.max()), 0.6)
+    if most > _LEAST_SIZE:
+        sizes = max(_LEAST_SIZE, 0.4 * most), most
+        names = things_for("table")
+        ground.scatter(f"shelf-{index}", names, count, place, sizes)
+    return ground
+
+
 def _add_small_objects(scene: Composition, plan: _FloorPlan) -> None:
     shelves = [(shelf, pose) for piece, pose in plan.placed for shelf in piece.shelves]
     if not shelves:
@@ -362,14 +429,21 @@ def _add_small_objects(scene: Composition, plan: _FloorPlan) -> None:
     share = weights / weights.sum()
     chosen = scene.rng("clutter").choice(len(shelves), size=scene.count, p=share)
     for index, (shelf, pose) in enumerate(shelves):
-        parts = [(index, k) for k in range(int((chosen == index).sum()))]
+        wanted = int((chosen == index).sum())
+        most = min(wanted, _MOST_ON_SHELF)
+        count = count_among_bodies(scene, f"shelf-{index}", most)
+        ground = _add_shelf_things(scene, index, shelf, pose, count)
+        parts = [(index, k) for k in range(wanted - ground.count)]
         resting = bodies_at_rest(scene, "clutter", parts, _SMALL)
         fitting = [
             (body, rest, rng) for body, rest, rng in resting if rest.height < shelf.free
         ]
         half = np.array(shelf.size) / 2
         stacked = 0.35 if shelf.free > 0.5 else 0.0
-        area = Area(np.array(shelf.middle), half, shelf.height, 0.01, stacked)
+        filled = [layer.moved(inverse(pose)) for layer in ground.filled]
+        area = Area(
+            np.array(shelf.middle), half, shelf.height, 0.01, stacked, filled=filled
+        )
         for placement in arrange(fitting, area):
             body = placement.body
             world_from_body = pose @ placement.pose

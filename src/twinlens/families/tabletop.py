@@ -19,6 +19,8 @@ from twinlens.families.surfaces import (
     surface_pattern,
     wall_colors,
 )
+from twinlens.families.things import names_in_scenes, things_for
+from twinlens.families.things.ground import Ground, count_among_bodies
 from twinlens.geometry import Float
 from twinlens.scenes.scene import Mesh
 from twinlens.scenes.stable_poses import StablePose
@@ -26,6 +28,7 @@ from twinlens.scenes.stable_poses import StablePose
 _TABLE_HEIGHT = 0.74  # metres, of the table's top above the floor
 _THICKNESS = 0.035  # metres, of the table's top
 _NARROWEST_DEG = 12  # the field of view is not narrowed below it
+_MOST_THINGS = 12  # on a table
 _TABLE_FINISHES = ("matte", "satin", "satin", "clearcoat")
 _PATTERNS = {"table": (TOPS, 0.8), "wall": (WALLS, 0.45), "floor": (FLOORS, 0.6)}
 """The patterns of each surface, and the contrast of their colours."""
@@ -33,7 +36,7 @@ _PATTERNS = {"table": (TOPS, 0.8), "wall": (WALLS, 0.45), "floor": (FLOORS, 0.6)
 Vector = tuple[float, float, float]
 
 
-NAMES = frozenset(("table", "wall", "floor", *lighting.NAMES))
+NAMES = names_in_scenes() | {"table", "wall", "floor", *lighting.NAMES}
 """Names of what scenes have besides bodies, without numbers."""
 
 
@@ -75,9 +78,27 @@ def _set_view(scene: Composition, depth_ratio: float) -> None:
     scene.look(distance * backwards + aim, aim, fov_deg)
 
 
+def _add_things(scene: Composition, half: float) -> Ground:
+    """Add plants and other fine things to the table: none in many scenes, most of the objects in some."""
+    camera = float(scene.view.depth(np.zeros((1, 3)))[0])
+    ground = Ground(scene, 0.0, 0.005, nearest=0.5 * camera)
+    count = count_among_bodies(scene, "things", min(scene.count, _MOST_THINGS))
+
+    def place(rng: Rng, size: float) -> Float:
+        # The larger a thing, the farther back: it would hide all others.
+        back = 0.9 * min(size / half, 1.0) - 0.3
+        return half * rng.normal([0.0, back], [0.6, 0.45])
+
+    sizes = 0.2 * half, 1.4 * half
+    ground.scatter("things", things_for("table"), count, place, sizes)
+    return ground
+
+
 def _add_still_life(scene: Composition, half: float) -> None:
-    """Add bodies in a loose group around the origin, the large ones first and towards the back."""
-    bodies = bodies_at_rest(scene, "body", [(index,) for index in range(scene.count)])
+    """Add things, then bodies in a loose group around the origin, the large ones first and towards the back."""
+    ground = _add_things(scene, half)
+    count = scene.count - ground.count
+    bodies = bodies_at_rest(scene, "body", [(index,) for index in range(count)])
 
     def frontal_area(resting: tuple[Body, StablePose, Rng]) -> float:
         _, rest, _ = resting
@@ -98,6 +119,7 @@ def _add_still_life(scene: Composition, half: float) -> None:
         stacked=0.3,
         overhang=1.15,
         sample=sample,
+        filled=ground.filled,
     )
     for placement in arrange(bodies, area):
         body = placement.body

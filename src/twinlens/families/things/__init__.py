@@ -7,6 +7,8 @@ are surfaces of one mesh. Copies of a thing share that mesh.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from twinlens.families import lighting
 from twinlens.families.composition import Composition
 from twinlens.families.draws import Rng
@@ -21,18 +23,33 @@ class Thing:
     """The range of a thing's largest extent in metres, where it may be, and how it is made.
 
     places : "table", "floor", "wall" (its back at +y touches the wall), "outdoors", "hangs" (from its highest point).
+    parts : the names of its parts.
     """
 
     size: tuple[float, float]
     places: tuple[str, ...]
+    parts: tuple[str, ...]
     make: Callable[[Rng], Piece]
 
 
 THINGS: dict[str, Thing] = {
-    "pot-plant": Thing((0.3, 1.4), ("table", "floor"), plants.pot_plant),
-    "slatted-chair": Thing((0.78, 1.03), ("floor", "outdoors"), seats.slatted_chair),
+    "pot-plant": Thing(
+        (0.3, 1.4),
+        ("table", "floor"),
+        ("pot", "soil", "stems", "leaves"),
+        plants.pot_plant,
+    ),
+    "slatted-chair": Thing(
+        (0.78, 1.03),
+        ("floor", "outdoors"),
+        ("frame", "slats", "seat"),
+        seats.slatted_chair,
+    ),
     "spoked-wheel": Thing(
-        (0.4, 0.7), ("table", "floor", "outdoors"), wheels.spoked_wheel
+        (0.4, 0.7),
+        ("table", "floor", "outdoors"),
+        ("tire", "rim", "hub", "stand"),
+        wheels.spoked_wheel,
     ),
 }
 
@@ -40,6 +57,14 @@ THINGS: dict[str, Thing] = {
 def things_for(place: str) -> tuple[str, ...]:
     """The names of all things that may be at a place."""
     return tuple(name for name, thing in THINGS.items() if place in thing.places)
+
+
+def names_in_scenes() -> frozenset[str]:
+    """The names of the objects and materials of all things, without the numbers that may follow."""
+    of_parts = {
+        f"{name}-{part}" for name, thing in THINGS.items() for part in thing.parts
+    }
+    return frozenset(of_parts | THINGS.keys())
 
 
 def make_thing(name: str, rng: Rng) -> Piece:
@@ -50,24 +75,29 @@ def make_thing(name: str, rng: Rng) -> Piece:
 def add_thing(
     scene: Composition,
     piece: Piece,
-    pose: Float,
+    poses: Sequence[Float],
     part: tuple[str | int, ...],
-    copies: Sequence[Float] = (),
 ) -> None:
-    """Add a piece at a pose (4, 4) as one object; parts of one material look alike.
+    """Add copies of a piece at poses (4, 4) that may scale evenly; parts of one material look alike.
+
+    The copies share a mesh and materials; each has its own id. Parts that shine are objects of their own, and a piece
+    with such parts has one pose.
 
     part : names the random streams of its materials.
-    copies : poses (4, 4) of further copies, which share its mesh and its materials; each has its own id. Parts that
-        shine are objects of their own, and a piece with such parts has no copies.
     """
-    pixel = scene.pixel_at(pose[:3, 3], 0.3)
+    # A pixel of the nearest copy, in metres of the piece before it is scaled.
+    pixel = min(
+        scene.pixel_at(pose[:3, 3], 0.3) / float(np.linalg.norm(pose[:3, 0]))
+        for pose in poses
+    )
     shared = int(scene.rng("tone", *part).integers(1 << 30))
     surfaces = []
     for name, mesh, word in piece.parts:
         if word == "lit":
             tone = scene.rng("lit", *part).uniform(2.0, 4.0) * lighting.WARM
-            lighting.emitter(scene, f"{piece.kind}-{name}", mesh, pose, tone, 0.4)
+            label = f"{piece.kind}-{name}"
+            lighting.emitter(scene, label, mesh, poses[0], tone, 0.4)
             continue
         look = furniture_material(scene, (*part, name), word, pixel, shared)
         surfaces.append((name, mesh, look))
-    scene.add_surfaces(piece.kind, surfaces, (pose, *copies))
+    scene.add_surfaces(piece.kind, surfaces, poses)

@@ -8,10 +8,13 @@ from twinlens.families.draws import Rng
 from twinlens.families.furniture import Piece
 from twinlens.families.things.pieces import Part, standing
 from twinlens.families.things.sweeps import circle, tube, tubes
-from twinlens.geometry import Float
+from twinlens.geometry import Float, transform_points
 from twinlens.scenes import shapes
 from twinlens.scenes.placement import rotation, translation
 from twinlens.scenes.scene import Mesh
+
+_WIRE = 0.003  # metres, radius
+_AXLE = 0.05  # metres, from the middle of the hub to its end
 
 
 def wheel_parts(radius: float, tire: float, spokes: int) -> tuple[Mesh, Mesh, Mesh]:
@@ -38,17 +41,35 @@ def _around(radius: float, angle: Float, height: Float) -> Float:
 
 
 def spoked_wheel(rng: Rng) -> Piece:
-    """A bicycle's wheel of 0.4 to 0.7 m that stands on its tire and leans back a little."""
-    radius, tire = rng.uniform(0.2, 0.35), rng.uniform(0.022, 0.05)
+    """A bicycle's wheel of 0.4 to 0.7 m that leans back on a stand of wire."""
+    radius, tire = rng.uniform(0.2, 0.345), rng.uniform(0.022, 0.05)
     spokes = 4 * int(rng.integers(5, 10))
-    turn = rotation([1, 0, 0], 90.0 - rng.uniform(2, 14))
-    pose = turn @ rotation([0, 0, 1], rng.uniform(0, 360)) @ translation([0, 0, 0])
-    rubber, metal, hub = (
-        shapes.transformed(mesh, pose) for mesh in wheel_parts(radius, tire, spokes)
+    lean_deg = rng.uniform(6, 18)
+    turn = rotation([1, 0, 0], 90.0 - lean_deg) @ rotation(
+        [0, 0, 1], rng.uniform(0, 360)
     )
+    rubber, metal, hub = wheel_parts(radius, tire, spokes)
+    lowest = float(transform_points(turn, rubber.vertices)[:, 2].min())
+    pose = translation([0, 0, -lowest]) @ turn
+    axle = transform_points(pose, np.zeros(3))
+    behind = transform_points(pose, np.array([0, 0, -_AXLE]))
     return standing(
         "spoked-wheel",
-        Part("tire", rubber, "rubber"),
-        Part("rim", metal, "metal"),
-        Part("hub", hub, "metal"),
+        Part("tire", shapes.transformed(rubber, pose), "rubber"),
+        Part("rim", shapes.transformed(metal, pose), "metal"),
+        Part("hub", shapes.transformed(hub, pose), "metal"),
+        Part("stand", _stand(axle, behind, radius), "metal"),
     )
+
+
+def _stand(axle: Float, behind: Float, radius: float) -> Mesh:
+    """Two legs of wire from the axle of a wheel to level feet behind it, on z = 0."""
+    near, far = behind[1] + 0.5 * radius, behind[1] + 0.75 * radius
+    bars = [tube([axle, behind], 0.006, 10)]
+    for side in (-1, 1):
+        foot = np.array([side * 0.45 * radius, near, _WIRE])
+        end = np.array([side * 0.45 * radius, far, _WIRE])
+        top = behind + np.array([0.004 * side, 0.001, 0.0])
+        bars.append(tube([top, foot], _WIRE, 8))
+        bars.append(tube([foot - [0, 0.002, 0], end], _WIRE, 8))
+    return shapes.merged(bars)
