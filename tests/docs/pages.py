@@ -1,4 +1,4 @@
-"""Run the examples of a documentation page as printed, and check its links."""
+"""The examples of a documentation page: its blocks, its commands and what it shows of their output; run as printed."""
 
 import contextlib
 import io
@@ -7,7 +7,9 @@ import re
 import shlex
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 from twinlens.cli import run
 
@@ -17,6 +19,51 @@ def blocks(page: Path, *kinds: str) -> list[tuple[str, str]]:
     return re.findall(
         rf"```({'|'.join(kinds)})\n(.*?)```", page.read_text(), flags=re.DOTALL
     )
+
+
+class Command(NamedTuple):
+    """A command line of a page, without comments, and the output that the page shows below it, if it does."""
+
+    line: str
+    shown: str | None
+
+
+def listings(page: Path) -> Iterator[list[str]]:
+    """The lines of each fenced or indented block; a line that ends with a backslash and the next one are one."""
+    fenced: list[str] | None = None
+    indented: list[str] = []
+    for line in page.read_text().replace("\\\n", " ").splitlines():
+        is_fence = line.lstrip().startswith("```")
+        if fenced is not None and not is_fence:
+            fenced.append(line)
+            continue
+        if line.startswith("    ") and not is_fence:
+            indented.append(line[4:])
+            continue
+        if indented:
+            yield indented
+            indented = []
+        if is_fence:
+            if fenced is not None:
+                yield fenced
+            fenced = [] if fenced is None else None
+    if indented:
+        yield indented
+
+
+def commands(page: Path) -> Iterator[Command]:
+    """The command lines of a page's blocks, in order.
+
+    In a block with lines that begin with `$ `, these are the commands, and the lines below each are its output.
+    """
+    for lines in listings(page):
+        is_transcript = any(line.startswith("$ ") for line in lines)
+        if not is_transcript:
+            yield from (Command(line.strip(), None) for line in lines if line.strip())
+            continue
+        for part in re.split(r"^\$ ", "\n".join(lines) + "\n", flags=re.MULTILINE)[1:]:
+            line, _, shown = part.partition("\n")
+            yield Command(line, shown)
 
 
 def run_block(kind: str, text: str, folder: Path) -> str:

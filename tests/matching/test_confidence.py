@@ -93,6 +93,17 @@ def test_measures_equal_naive_loops(name, low):
         assert confidence[y, x] == pytest.approx(expected, rel=1e-5), (y, x)
 
 
+@pytest.mark.parametrize("count", [2, 16, 64, 400])
+def test_a_certain_candidate_has_a_large_finite_entropy_confidence(count):
+    """All probability is at one candidate: the entropy is 0, at any number of candidates."""
+    volume = np.full((1, 2, count), 1e5, np.float32)
+    volume[0, 0, count // 2] = 0  # certain
+    volume[0, 1, : count // 2 + 1] = 0  # open between several, but for two candidates
+    confidence = confidence_map(volume, "entropy")
+    assert np.isfinite(confidence).all()
+    assert confidence[0, 0] > confidence[0, 1]
+
+
 def test_ambiguity_equals_a_naive_sum():
     """Costs in quarters of the range, so that no rounding decides whether one is within a step."""
     volume = random_volume(3, (6, 30, 9), 0)

@@ -15,6 +15,7 @@ from twinlens.scoring import (
     Entry,
     board_csv,
     compare_groups,
+    comparison_table,
     groupings,
     groups_by,
 )
@@ -54,6 +55,25 @@ def two_lenses(first, second, same_scenes=True):
             scene = f"{k}" if same_scenes else f"{k} {lens}"
             samples.append((f"{k} · {lens}", scene, {"lens": lens}, score))
     return board_of(samples)
+
+
+@pytest.mark.parametrize("missing", ["f/1.4", "f/4"])
+def test_a_method_without_results_in_a_group_has_a_dash_there(missing):
+    """As of a board that has scores of an earlier dataset too."""
+    board = two_lenses([10, 20, 30], [5, 15, 25])
+    others = [name for name in board.samples if not name.endswith(missing)]
+    more = [entry("other", name, 8) for name in others]
+    board = replace(board, entries=(*board.entries, *more))
+    groups = groups_by(board, "lens")
+    comparison = compare_groups(board, PROTOCOL, "all", groups)
+    table = comparison_table(board, PROTOCOL, "all", groups, comparison)
+    columns = {
+        str(column.header): list(map(str, column.cells)) for column in table.columns
+    }
+    row = columns["method"].index("other")
+    values = {lens: columns[lens][row] for lens in groups}
+    assert values.pop(missing) == "–"
+    assert [*values.values()] == ["8.00"]
 
 
 def difference_of(board):

@@ -179,9 +179,14 @@ def _intrinsics_lines(i: int, camera: dict[str, Any]) -> list[str]:
 
 
 def _place_line(camera: dict[str, Any]) -> str:
-    right, down, forward = camera["translate"]
-    turns = ", ".join(f"{angle:.4g}" for angle in camera["euler_deg"])
+    right, down, forward = map(_metres, camera["translate"])
+    turns = ", ".join(f"{round(angle, 4) + 0.0:g}" for angle in camera["euler_deg"])
     return (
-        f"  {camera['distance']:.6g} m from camera 0: {right:.6g} right, {down:.6g} down, {forward:.6g} forward; "
+        f"  {_metres(camera['distance'])} m from camera 0: {right} right, {down} down, {forward} forward; "
         f"turned by euler_deg = [{turns}] (about x, then y, then z)"
     )
+
+
+def _metres(length: float) -> str:
+    """A length to the micrometre, which is finer than a calibration is; files keep all digits."""
+    return f"{round(length, 6) + 0.0:g}"  # adding zero makes -0.0 positive

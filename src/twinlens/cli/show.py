@@ -102,15 +102,22 @@ def epipolar(
         "picture": str(output), "cameras": [a, b], "points": {"a": here, "b": there},
         "off_px": off, "fundamental_matrix": F, "epipoles": epipoles(rig, a, b),
     }  # fmt: skip
-    text = f"{output}: {len(here)} true matches, at most {off.max():.3g} px off their epipolar lines"
+    most = _pixels(float(off.max()))
+    text = f"{output}: {len(here)} true matches, at most {most} px off their epipolar lines"
     if all_off is not None:
-        middle, most = np.percentile(all_off, (50, 90)).tolist()
-        record["features"] = {"matches": len(all_off), "off_px": [middle, most]}
+        quantiles = np.percentile(all_off, (50, 90)).tolist()
+        record["features"] = {"matches": len(all_off), "off_px": quantiles}
+        half, most = map(_pixels, quantiles)
         text = (
             f"{output}: {len(here)} of {len(all_off)} matches of features, without truth; "
-            f"half are less than {middle:.2g} px off their epipolar lines, 90 % less than {most:.2g} px"
+            f"half are at most {half} px off their epipolar lines, 90 % at most {most} px"
         )
     print_result(as_json, record, text)
+
+
+def _pixels(distance: float) -> str:
+    """A distance in two digits, to the millionth of a pixel, below which it is rounding."""
+    return f"{round(distance, 6):.2g}"
 
 
 def _check_calibrated(stored: StoredSample) -> None:

@@ -106,7 +106,9 @@ def _entropy(pixels: _Pixels) -> NDArray[Any]:
     entropy = -np.sum(share * np.log(np.where(share > 0, share, 1.0)), axis=-1)
     largest_entropy = np.log(max(share.shape[-1], 2))
     least_entropy = np.finfo(float).tiny
-    return np.asarray(np.log(largest_entropy / np.maximum(entropy, least_entropy)))
+    # The inverse of this share overflows for a certain pixel, whose entropy is 0.
+    share_of_largest = np.maximum(entropy, least_entropy) / largest_entropy
+    return np.asarray(-np.log(share_of_largest))
 
 
 CONFIDENCES: dict[str, str] = {

@@ -42,13 +42,15 @@ def standings(
     *,
     sort: str | None = None,
     weights: Mapping[str, float] | None = None,
+    methods: Sequence[str] | None = None,
 ) -> list[Mean]:
     """The methods' means over samples, best first by the metric `sort`, by default the protocol's headline.
 
-    Methods without a value come last, in the board's order. Raises InputError as `Board.rules` and `Board.mean` do.
+    methods: those of the board by default. Methods without a value come last, in this order. Raises InputError as
+    `Board.rules` and `Board.mean` do.
     """
     _, metric = board.rules(protocol, region, sort)
-    means = board.means(protocol, region, weights).values()
+    means = board.means(protocol, region, weights, methods=methods).values()
     sign = 1.0 if metric.lower_is_better else -1.0
 
     def order(mean: Mean) -> tuple[bool, float]:
@@ -123,7 +125,8 @@ def group_means(
     _, metric = board.rules(protocol, region)
     means = {}
     for name, samples in groups.items():
-        table = standings(board.subset(samples), protocol, region)
+        part = board.subset(samples)
+        table = standings(part, protocol, region, methods=board.methods)
         means[name] = {mean.method: mean.metrics[metric.name] for mean in table}
     return means
 
