@@ -268,20 +268,18 @@ class MaskAperture:
         column = np.floor(np.asarray(x, dtype=np.float64) / self._cell + 0.5 * width)
         row = np.floor(np.asarray(y, dtype=np.float64) / self._cell + 0.5 * height)
         inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-        cells = self.mask[
-            np.where(inside, row, 0).astype(np.intp),
-            np.where(inside, column, 0).astype(np.intp),
-        ]
-        return np.where(inside, cells, 0.0)
+        safe_row = np.where(inside, row, 0).astype(np.intp)
+        safe_column = np.where(inside, column, 0).astype(np.intp)
+        return np.where(inside, self.mask[safe_row, safe_column], 0.0)
 
     def sample(self, u1: Any, u2: Any, xp: ArrayFunctions = NUMPY) -> tuple[Any, Any]:
         # A row by the light of the rows, then a cell by that of the row; what is left of u1 and u2 is the place within.
         height, width = self.mask.shape
         row, down = invert_cdf(self._row_cdf, height, 0.0, u2, xp)
         column, right = invert_cdf(self._cell_cdf, width, row * (width + 1.0), u1, xp)
-        return (column + right - 0.5 * width) * self._cell, (
-            row + down - 0.5 * height
-        ) * self._cell
+        x = (column + right - 0.5 * width) * self._cell
+        y = (row + down - 0.5 * height) * self._cell
+        return x, y
 
 
 Aperture = Disk | Polygon | Annulus | MaskAperture
@@ -303,11 +301,9 @@ def _checked_mask(mask: ArrayLike) -> Float:
         raise InputError(f"aperture mask must be {allowed}, got shape {cells.shape}")
     if cells.dtype.kind not in "bufi":
         raise InputError(f"aperture mask must hold numbers, got {cells.dtype}")
-    clear = (
-        float(np.iinfo(cells.dtype).max)
-        if cells.dtype in (np.uint8, np.uint16)
-        else 1.0
-    )
+    clear = 1.0
+    if cells.dtype in (np.uint8, np.uint16):
+        clear = float(np.iinfo(cells.dtype).max)
     cells = cells.astype(np.float64) / clear
     if not ((cells >= 0) & (cells <= 1)).all():
         raise InputError(

@@ -165,14 +165,15 @@ class BrownConrady(_Coefficients, PlanarProjection, noun="brown-conrady distorti
         r2 = x * x + y * y
         over, under = self._parts
         radial = over(r2) / under(r2)
-        # dR/dx = slope x and dR/dy = slope y, by the chain rule over r^2.
+        # With s = r^2 and R = over / under, dR/ds = (over' - R under') / under. As ds/dx = 2 x, dR/dx = slope x with
+        # slope = 2 dR/ds, and dR/dy = slope y.
         slope = 2 * (over.deriv()(r2) - radial * under.deriv()(r2)) / under(r2)
         mixed = slope * x * y + 2 * self.p1 * x + 2 * self.p2 * y
         dxx = radial + slope * x * x + 2 * self.p1 * y + 6 * self.p2 * x
         dyy = radial + slope * y * y + 6 * self.p1 * y + 2 * self.p2 * x
-        return np.stack(
-            [np.stack([dxx, mixed], axis=-1), np.stack([mixed, dyy], axis=-1)], axis=-2
-        )
+        # The matrix is symmetric: the model is the gradient of a potential.
+        rows = np.stack([dxx, mixed], axis=-1), np.stack([mixed, dyy], axis=-1)
+        return np.stack(rows, axis=-2)
 
     def valid(self, xy: ArrayLike) -> NDArray[np.bool_]:
         # the radial part increases, and det J > 0
@@ -184,7 +185,10 @@ class BrownConrady(_Coefficients, PlanarProjection, noun="brown-conrady distorti
     def undistort(self, film: ArrayLike) -> Float:
         """Ideal coordinates (..., 2) of film points (..., 2), to 1e-12; NaN where there are none.
 
-        Newton's method from the film point itself, each step halved until it reduces the error.
+        Newton's method for e(x) = distort(x) - film = 0 from the film point itself: x <- x - J^-1 e, with the Jacobian
+        J of the distortion. Far from the solution a full step may overshoot the fold or a pole of R, so each step is
+        halved until it reduces max |e|, as in Dennis and Schnabel, Numerical Methods for Unconstrained Optimization,
+        1983, section 6.3. Near the solution full steps converge quadratically.
         """
         film = np.asarray(film, dtype=np.float64)
         target = film.reshape(-1, 2)
@@ -194,40 +198,50 @@ class BrownConrady(_Coefficients, PlanarProjection, noun="brown-conrady distorti
             active = np.flatnonzero(np.isfinite(error).all(axis=1))
             for _ in range(_ITERATIONS):
                 size = np.abs(error[active]).max(axis=1)
-                active, size = active[size > _CONVERGED], size[size > _CONVERGED]
+                active = active[size > _CONVERGED]
                 if not active.size:
                     break
-                start, step = xy[active], self._newton_step(xy[active], error[active])
-                closer = np.zeros(len(active), dtype=bool)
-                for halving in range(_HALVINGS):
-                    trial = start - 0.5**halving * step
-                    residual = self.distort(trial) - target[active]
-                    take = ~closer & (np.abs(residual).max(axis=1) < size)
-                    xy[active[take]], error[active[take]] = trial[take], residual[take]
-                    closer |= take
-                    if closer.all():
-                        break
-                active = active[closer]
+                active = self._move_closer(xy, error, target, active)
             # One more full step, which near the solution squares the error.
             xy -= self._newton_step(xy, error)
             solved = (np.abs(error).max(axis=1) <= _CONVERGED) & self.valid(xy)
         return np.where(solved[:, None], xy, np.nan).reshape(film.shape)
 
+    def _move_closer(
+        self, xy: Float, error: Float, target: Float, active: NDArray[np.intp]
+    ) -> NDArray[np.intp]:
+        """Move the active points by the largest of the steps 1, 1/2, 1/4, ... that reduces their error.
+
+        Changes xy and error (N, 2). Returns the indices of the points that moved.
+        """
+        start, step = xy[active], self._newton_step(xy[active], error[active])
+        size = np.abs(error[active]).max(axis=1)
+        closer = np.zeros(len(active), dtype=bool)
+        for halving in range(_HALVINGS):
+            trial = start - 0.5**halving * step
+            residual = self.distort(trial) - target[active]
+            take = ~closer & (np.abs(residual).max(axis=1) < size)
+            xy[active[take]], error[active[take]] = trial[take], residual[take]
+            closer |= take
+            if closer.all():
+                break
+        return active[closer]
+
     def _newton_step(self, xy: Float, error: Float) -> Float:
         """J^-1 error for (N, 2) points; not finite where J has no inverse."""
         (a, b), (c, d) = np.moveaxis(self.jacobian(xy), 0, -1)
         ex, ey = error.T
-        return np.asarray(
-            np.stack([d * ex - b * ey, a * ey - c * ex], axis=1)
-            / (a * d - b * c)[:, None]
-        )
+        # Cramer's rule: [[a, b], [c, d]]^-1 = [[d, -b], [-c, a]] / (a d - b c).
+        adjugate_error = np.stack([d * ex - b * ey, a * ey - c * ex], axis=1)
+        determinant = a * d - b * c
+        return np.asarray(adjugate_error / determinant[:, None])
 
     @cached_property
     def _parts(self) -> tuple[Polynomial, Polynomial]:
         """The numerator and the denominator of R, of r^2."""
-        return Polynomial([1.0, self.k1, self.k2, self.k3]), Polynomial(
-            [1.0, self.k4, self.k5, self.k6]
-        )
+        over = Polynomial([1.0, self.k1, self.k2, self.k3])
+        under = Polynomial([1.0, self.k4, self.k5, self.k6])
+        return over, under
 
     @property
     def fold(self) -> str:
@@ -239,7 +253,8 @@ class BrownConrady(_Coefficients, PlanarProjection, noun="brown-conrady distorti
     @cached_property
     def _fold_radius2(self) -> float:
         """The first r^2 at which d(r R)/dr = 0 or R has a pole; inf if there is none."""
-        # With s = r^2 and R = over / under, d(r R)/dr has the numerator (over + 2 s over') under - 2 s over under'.
+        # d(r R)/dr = R + 2 s dR/ds, with s = r^2 and R = over / under. Over the common denominator under^2 the
+        # numerator is (over + 2 s over') under - 2 s over under'; its first positive root is the fold.
         s = Polynomial([0.0, 1.0])
         over, under = self._parts
         rise = (over + 2 * s * over.deriv()) * under - 2 * s * over * under.deriv()
@@ -290,9 +305,8 @@ class KannalaBrandt(_Coefficients, PlaneMap, noun="kannala-brandt distortion"):
         """
         low, high = np.zeros_like(radius), np.full_like(radius, self._fold_angle)
         reached = radius < self._angle(self._fold_angle)
-        radius = np.where(
-            reached, radius, 0.0
-        )  # others would end at the fold, where the slope is 0
+        # Radii beyond would end at the fold, where the slope is 0.
+        radius = np.where(reached, radius, 0.0)
         angle = np.minimum(radius, 0.5 * self._fold_angle)
         for _ in range(_ITERATIONS):
             error = self._angle(angle) - radius
@@ -312,16 +326,17 @@ class KannalaBrandt(_Coefficients, PlaneMap, noun="kannala-brandt distortion"):
         xy = np.asarray(xy, dtype=np.float64)
         radius = np.linalg.norm(xy, axis=-1, keepdims=True)
         angle = self._angle(np.arctan(radius))
-        return np.asarray(
-            xy * np.divide(angle, radius, out=np.ones_like(radius), where=radius > 0)
-        )
+        scale = np.divide(angle, radius, out=np.ones_like(radius), where=radius > 0)
+        return np.asarray(xy * scale)
 
     def valid(self, xy: ArrayLike) -> NDArray[np.bool_]:
         radius = np.linalg.norm(np.asarray(xy, dtype=np.float64), axis=-1)
         return np.asarray(np.arctan(radius) < self._fold_angle)
 
     def jacobian(self, xy: ArrayLike) -> Float:
-        # Radially d theta_d / dr = theta_d' / (1 + r^2), tangentially theta_d / r; both are 1 on the axis.
+        # The map is radial, x_d = theta_d(atan r) x / r. Its Jacobian has the eigenvalues d theta_d / dr =
+        # theta_d' / (1 + r^2) along the radius and theta_d / r across it, both 1 on the axis. With the unit vector u of
+        # the radius, J = across I + (along - across) u u^T.
         xy = np.asarray(xy, dtype=np.float64)
         radius = np.linalg.norm(xy, axis=-1)
         angle = np.arctan(radius)
@@ -333,10 +348,8 @@ class KannalaBrandt(_Coefficients, PlaneMap, noun="kannala-brandt distortion"):
             xy, radius[..., None], out=np.zeros_like(xy), where=radius[..., None] > 0
         )
         radial = unit[..., :, None] * unit[..., None, :]
-        return np.asarray(
-            across[..., None, None] * np.eye(2)
-            + (along - across)[..., None, None] * radial
-        )
+        isotropic = across[..., None, None] * np.eye(2)
+        return np.asarray(isotropic + (along - across)[..., None, None] * radial)
 
     @cached_property
     def _angle(self) -> Polynomial:
@@ -383,7 +396,6 @@ def check_invertible(
 
 def _first_positive_root(polynomial: Polynomial) -> float:
     roots = polynomial.trim(_NEGLIGIBLE).roots()
-    real = roots.real[
-        (np.abs(roots.imag) <= 1e-9 * np.abs(roots.real)) & (roots.real > 0)
-    ]
-    return float(real.min()) if real.size else math.inf
+    is_real = np.abs(roots.imag) <= 1e-9 * np.abs(roots.real)
+    positive = roots.real[is_real & (roots.real > 0)]
+    return float(positive.min()) if positive.size else math.inf

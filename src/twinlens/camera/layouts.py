@@ -3,6 +3,7 @@
 Each but the depth camera takes one `Camera` for all places, or a sequence with one for each, and one pose in the world.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -53,11 +54,9 @@ def grid(
     check_int("columns", columns, 1)
     check_length("spacing_x", spacing_x)
     check_length("spacing_y", spacing_y)
-    places = [
-        rigid(np.eye(3), [j * spacing_x, i * spacing_y, 0.0])
-        for i in range(rows)
-        for j in range(columns)
-    ]
+    places = []
+    for i, j in itertools.product(range(rows), range(columns)):
+        places.append(rigid(np.eye(3), [j * spacing_x, i * spacing_y, 0.0]))
     return _placed(cameras, places, world_from_first)
 
 

@@ -87,13 +87,13 @@ def light_field_grid(rig: Rig) -> tuple[int, float, float]:
         )
         # Neighbours are `spacing` apart and have principal points fx k spacing apart, in rows from the top left.
         vergence = float(shifts[1, 0]) / (camera.fx * spacing)
-        steps = spacing * np.stack([np.arange(n**2) % n, np.arange(n**2) // n], axis=-1)
+        index = np.arange(n**2)
+        steps = spacing * np.stack([index % n, index // n], axis=-1)
+        expected_shifts = steps * vergence * [camera.fx, camera.fy]
         on_grid = np.allclose(
             places - places[0], steps, rtol=0, atol=_TOLERANCE * spacing
         )
-        if on_grid and np.allclose(
-            shifts, steps * vergence * [camera.fx, camera.fy], rtol=0, atol=_TOLERANCE
-        ):
+        if on_grid and np.allclose(shifts, expected_shifts, rtol=0, atol=_TOLERANCE):
             return n, spacing, vergence
     raise InputError(f"the {len(rig)} cameras are not the n x n views of a light field")
 
@@ -140,9 +140,8 @@ def refocus(
     # A view at a shows the plane of focus shifted by its own principal point and by f k a.
     shifts = principal.mean(axis=0) - principal + focal * lens.vergence * places
     total = np.zeros_like(stack[0])
-    for image, weight, (du, dv) in zip(
-        stack, _weights(places, lens), shifts, strict=True
-    ):
+    weights = _weights(places, lens)
+    for image, weight, (du, dv) in zip(stack, weights, shifts, strict=True):
         if weight:
             total += weight * _shifted(image, du, dv)
     return total.astype(np.float32)
@@ -179,14 +178,13 @@ def _checked_views(images: Sequence[ArrayLike], rig: Rig) -> list[Float]:
 
 def places_in_plane(rig: Rig) -> Float:
     """The x and y (n, 2) of the cameras in their common plane, from their middle. Raises InputError for other rigs."""
-    first = rig.cameras[0]
-    alike = all(
-        (c.fx, c.fy, c.width, c.height)
-        == (first.fx, first.fy, first.width, first.height)
-        for c in rig.cameras
-    )
+    formats = {
+        (camera.fx, camera.fy, camera.width, camera.height) for camera in rig.cameras
+    }
+    alike = len(formats) == 1
     poses = np.array([rig.b_from_a(i, 0) for i in range(len(rig))])
-    places = poses[:, :3, 3] - poses[:, :3, 3].mean(axis=0)
+    centres = poses[:, :3, 3]
+    places = centres - centres.mean(axis=0)
     extent = max(float(np.abs(places).max()), 1.0)
     coordinates = np.abs([pose[:3, 3] for pose in rig.world_from_cams])
     out_of_plane = float(np.abs(places[:, 2]).max())
@@ -205,16 +203,13 @@ def _weights(places: Float, lens: Paraxial) -> Float:
     # The weight of a view is the share of evenly spread points of the aperture that are nearer to it than to others.
     tree = cKDTree(places)
     u1, u2 = (np.mgrid[:_POINTS, :_POINTS].reshape(2, -1) + 0.5) / _POINTS
-    points = (
-        0.5 * lens.aperture_diameter * np.stack(lens.aperture.sample(u1, u2), axis=-1)
-    )
+    unit_points = np.stack(lens.aperture.sample(u1, u2), axis=-1)
+    points = 0.5 * lens.aperture_diameter * unit_points
     _, nearest = tree.query(points)
     # Beyond half the distance of neighbours, a point of the aperture is outside the cells of all views.
     pitch = tree.query(places, k=2)[0][:, 1].max() if len(places) > 1 else 0.0
-    if (
-        np.abs(points - places[nearest]).max() > (0.5 + _ROUNDING) * pitch
-        and lens.aperture_diameter > 0
-    ):
+    farthest = np.abs(points - places[nearest]).max()
+    if farthest > (0.5 + _ROUNDING) * pitch and lens.aperture_diameter > 0:
         raise InputError(
             f"the aperture of {format_value(lens)} is larger than the light field's views reach"
         )

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
+from twinlens.camera.intrinsics import Camera
 from twinlens.camera.rig import Rig
 from twinlens.errors import InputError, check_int, check_known
 from twinlens.geometry import Float, float_array, inverse, rotate, transform_points
@@ -36,15 +37,31 @@ def light_plane_points(
             f"positions must be (H, W) = {(film.height, film.width)}, got {positions.shape}"
         )
     has_position = np.isfinite(positions)
-    world_from_camera = rig.world_from_cams[camera]
     world_from_lamp = rig.world_from_projectors[projector]
-    lamp_from_camera = inverse(world_from_lamp) @ world_from_camera
-    rays = film.unproject(film.pixel_grid())[has_position]
-    directions, origin = rotate(lamp_from_camera, rays), lamp_from_camera[:3, 3]
+    lamp_from_camera = inverse(world_from_lamp) @ rig.world_from_cams[camera]
+    pixels = film.pixel_grid()[has_position]
+    rays = rotate(lamp_from_camera, film.unproject(pixels))
+    centre = lamp_from_camera[:3, 3]
+    points = _lit_points(centre, rays, lamp, positions[has_position], axis)
+    is_met = np.isfinite(points).all(axis=-1, keepdims=True)
+    met = transform_points(world_from_lamp, np.where(is_met, points, 0.0))
+    world = np.full((*positions.shape, 3), np.inf)
+    world[has_position] = np.where(is_met, met, np.inf)
+    return world
+
+
+def _lit_points(
+    origin: Float, directions: Float, lamp: Camera, target: Float, axis: str
+) -> Float:
+    """Points (N, 3) of rays, in the projector's frame, that it projects at `target` (N,) along the axis; NaN for none.
+
+    The column of a distorted projector is a curved surface of light. It is found by a fixed-point iteration over the
+    plane X - x Z = 0: x += (target - u(x)) / fx, with u(x) the column of the point in which the ray meets the plane.
+    Distortion changes u slowly beside the pinhole's fx, so every step shrinks the difference.
+    """
     coordinate = 0 if axis == "u" else 1
     focal = (lamp.fx, lamp.fy)[coordinate]
     centre = (lamp.cx, lamp.cy)[coordinate]
-    target = positions[has_position]
     slope = (target - centre) / focal
     for _ in range(_MOST_STEPS):
         points = _on_plane(origin, directions, slope, coordinate)
@@ -53,13 +70,7 @@ def light_plane_points(
         if np.abs(step).max(initial=0.0) < _CLOSE_PX:
             break
         slope = slope + step / focal
-    is_met = np.isfinite(points).all(axis=-1) & np.isfinite(difference)
-    world = np.full((*positions.shape, 3), np.inf)
-    met = np.where(is_met[:, None], points, 0.0)
-    world[has_position] = np.where(
-        is_met[:, None], transform_points(world_from_lamp, met), np.inf
-    )
-    return world
+    return np.where(np.isfinite(difference)[:, None], points, np.nan)
 
 
 def _on_plane(origin: Float, directions: Float, slope: Float, coordinate: int) -> Float:

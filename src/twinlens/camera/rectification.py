@@ -110,10 +110,7 @@ def rectify(
     check_pair(rig, left, right)
     check_known("fit", fit, FITS)
     pair = rig.pair(left, right)
-    for side, index in enumerate((left, right)):
-        if epipole_in_image(pair, side, 1 - side) is not None:
-            reason = "looks along the baseline (the epipole is in its image) and cannot be rectified"
-            raise InputError(f"camera {index} {reason}; use cameras side by side")
+    _check_epipoles(pair, (left, right))
     world_from_rect = rectified_orientation(*pair.world_from_cams)
     outlines = [_outline(pair, side, world_from_rect) for side in (0, 1)]
     first = pair.cameras[0]
@@ -139,6 +136,14 @@ def rectify(
         return Rectification(pair, aligned, aligned)
     rectified = misaligned(aligned, (ALIGNED, misalignment))
     return Rectification(pair, aligned, rectified)
+
+
+def _check_epipoles(pair: Rig, indices: tuple[int, int]) -> None:
+    """InputError if a camera of the pair sees the other one's centre; indices: those of the cameras in their rig."""
+    for side, index in enumerate(indices):
+        if epipole_in_image(pair, side, 1 - side) is not None:
+            reason = "looks along the baseline (the epipole is in its image) and cannot be rectified"
+            raise InputError(f"camera {index} {reason}; use cameras side by side")
 
 
 def _facing(
@@ -204,36 +209,41 @@ def _focal_length(
     low = float((half_size / np.max(reaches, axis=0)).min())
     if fit == "all":
         return low
-    offsets = image_border(*size) - half_size
-
-    def covered(focal: float) -> bool:
-        """Whether the borders of both rectified images have their source within the original image."""
-        for camera, pose, centre in zip(
-            pair.cameras, pair.world_from_cams, centres, strict=True
-        ):
-            cam_from_rect = pose[:3, :3].T @ world_from_rect
-            rays = homogeneous(centre + offsets / focal) @ cam_from_rect.T
-            if not _within(camera, camera.project(rays)).all():
-                return False
-        return True
-
     # What is covered at a focal length is covered at larger ones: bisect the logarithm.
     high = 1e3 * mean
-    if not covered(high):
+    offsets = image_border(*size) - half_size
+    if not _covered(pair, world_from_rect, centres, offsets / high):
         raise InputError(
             "fit='valid' needs the middle of the rectified image in both views: try zero_doffs=False"
         )
     for _ in range(_BISECTIONS):
         middle = math.sqrt(low * high)
-        low, high = (low, middle) if covered(middle) else (middle, high)
+        if _covered(pair, world_from_rect, centres, offsets / middle):
+            high = middle
+        else:
+            low = middle
     return high
+
+
+def _covered(
+    pair: Rig, world_from_rect: Float, centres: list[Float], border: Float
+) -> bool:
+    """Whether the borders (N, 2) of both rectified images, from their centres, have sources in the original images."""
+    for camera, pose, centre in zip(
+        pair.cameras, pair.world_from_cams, centres, strict=True
+    ):
+        cam_from_rect = pose[:3, :3].T @ world_from_rect
+        rays = homogeneous(centre + border) @ cam_from_rect.T
+        if not _within(camera, camera.project(rays)).all():
+            return False
+    return True
 
 
 def _within(camera: Camera, pixels: Float) -> NDArray[np.bool_]:
     """Whether pixels (..., 2) are between the outermost pixel centres; False for NaN."""
-    return np.asarray(
-        ((pixels >= 0) & (pixels <= (camera.width - 1, camera.height - 1))).all(axis=-1)
-    )
+    last = camera.width - 1, camera.height - 1
+    inside = (pixels >= 0) & (pixels <= last)
+    return np.asarray(inside.all(axis=-1))
 
 
 def rectified_orientation(world_from_left: Float, world_from_right: Float) -> Float:
@@ -241,10 +251,8 @@ def rectified_orientation(world_from_left: Float, world_from_right: Float) -> Fl
 
     Raises InputError if the right camera is left of the left one.
     """
-    left, right = (
-        Rotation.from_matrix(pose[:3, :3])
-        for pose in (world_from_left, world_from_right)
-    )
+    left = Rotation.from_matrix(world_from_left[:3, :3])
+    right = Rotation.from_matrix(world_from_right[:3, :3])
     # Half of the rotation from the left to the right camera, after the left one.
     halfway = Rotation.from_rotvec(0.5 * (left.inv() * right).as_rotvec())
     mean = (left * halfway).as_matrix()

@@ -55,16 +55,7 @@ class Rig:
             for i, pose in enumerate(world_from_cams)
         )
         if calibrated is not None:
-            if not isinstance(calibrated, Rig) or calibrated.calibrated is not None:
-                raise InputError(
-                    "calibrated must be a Rig that has no calibrated rig itself"
-                )
-            if [(c.width, c.height) for c in calibrated.cameras] != [
-                (c.width, c.height) for c in cameras
-            ]:
-                raise InputError(
-                    "a rig and its calibrated rig must have as many cameras, of the same image sizes"
-                )
+            _check_calibrated(calibrated, cameras)
         if not isinstance(projectors, Sequence) or not all(
             isinstance(projector, Projector) for projector in projectors
         ):
@@ -217,7 +208,7 @@ class Rig:
         calibrated = None if self.calibrated is None else self.calibrated.pair(a, b)
         cameras = [self.cameras[i] for i in (a, b)]
         poses = [self.world_from_cams[i] for i in (a, b)]
-        seen = {band for camera in cameras for band in camera.bands}
+        seen = _bands(cameras)
         projectors = [
             projector
             for projector in self.projectors_from(poses[0])
@@ -269,6 +260,17 @@ def _check_sequences(projectors: Sequence[Projector]) -> None:
         )
 
 
+def _check_calibrated(calibrated: Rig, cameras: Sequence[Camera]) -> None:
+    """InputError unless it is a rig of as many cameras, of the same image sizes, and not itself a rig in error."""
+    if not isinstance(calibrated, Rig) or calibrated.calibrated is not None:
+        raise InputError("calibrated must be a Rig that has no calibrated rig itself")
+    sizes = [(camera.width, camera.height) for camera in cameras]
+    if [(camera.width, camera.height) for camera in calibrated.cameras] != sizes:
+        raise InputError(
+            "a rig and its calibrated rig must have as many cameras, of the same image sizes"
+        )
+
+
 def _same_projectors(a: Rig, b: Rig) -> bool:
     if len(a.projectors) != len(b.projectors):
         return False
@@ -276,9 +278,14 @@ def _same_projectors(a: Rig, b: Rig) -> bool:
     return all(one.agrees_with(partner) for one, partner in pairs)
 
 
+def _bands(cameras: Sequence[Camera]) -> set[str]:
+    """The bands that any of the cameras sees."""
+    return set[str]().union(*(camera.bands for camera in cameras))
+
+
 def check_seen(rig: Rig) -> None:
     """Raise InputError for a projector whose light no camera of `rig` sees."""
-    seen = {band for camera in rig.cameras for band in camera.bands}
+    seen = _bands(rig.cameras)
     for i, projector in enumerate(rig.projectors):
         if projector.band not in seen:
             remedy = f"give a camera band = {projector.band!r}, or the projector another band"

@@ -45,10 +45,14 @@ def triangulate_dlt(px_from_worlds: Sequence[Float], pixels: Sequence[Float]) ->
     """
     rows = []
     for p, uv in zip(px_from_worlds, pixels, strict=True):
-        rows += [uv[:, :1] * p[2] - p[0], uv[:, 1:] * p[2] - p[1]]
+        # u = p_0 . X / p_2 . X, multiplied out: (u p_2 - p_0) . X = 0, and likewise for v.
+        u, v = uv[:, :1], uv[:, 1:]
+        rows += [u * p[2] - p[0], v * p[2] - p[1]]
     system = np.stack(rows, axis=1)
     system /= np.linalg.norm(system, axis=2, keepdims=True)
-    return dehomogeneous(np.linalg.svd(system)[2][:, -1])
+    # The unit vector that minimises |A X| is the right singular vector of the smallest singular value.
+    right_vectors = np.linalg.svd(system)[2]
+    return dehomogeneous(right_vectors[:, -1])
 
 
 def midpoint(
@@ -81,24 +85,20 @@ def dlt(
 ) -> Float:
     """`triangulate_dlt` in the frame of the first camera and in units of the largest baseline, for its conditioning."""
     first = world_from_cams[0]
-    scale = max(
-        float(np.linalg.norm(pose[:3, 3] - first[:3, 3]))
-        for pose in world_from_cams[1:]
-    )
+    moves = [pose[:3, 3] - first[:3, 3] for pose in world_from_cams[1:]]
+    scale = max(float(np.linalg.norm(move)) for move in moves)
+    # In units of `scale` the translation, the last column, is divided by it.
     matrices = [
         (inverse(pose) @ first)[:3] / [1.0, 1.0, 1.0, scale] for pose in world_from_cams
     ]
-    points = triangulate_dlt(
-        matrices, [_directions(*view)[:, :2] for view in zip(Ks, pixels, strict=True)]
-    )
+    film_points = [_directions(K, uv)[:, :2] for K, uv in zip(Ks, pixels, strict=True)]
+    points = triangulate_dlt(matrices, film_points)
     _, rays = _rays(Ks, world_from_cams, pixels)
-    intersecting = (
-        np.linalg.norm(np.cross(rays[0], rays[1:]), axis=-1) > _PARALLEL
-    ).any(axis=0)
+    sines = np.linalg.norm(np.cross(rays[0], rays[1:]), axis=-1)
+    intersecting = (sines > _PARALLEL).any(axis=0)
     solved = (intersecting & np.isfinite(points).all(axis=1))[:, None]
-    return np.where(
-        solved, transform_points(first, scale * np.where(solved, points, 0.0)), np.inf
-    )
+    scaled = scale * np.where(solved, points, 0.0)
+    return np.where(solved, transform_points(first, scaled), np.inf)
 
 
 def optimal(

@@ -78,6 +78,8 @@ def _overlap(
     distance: NDArray[np.float64], small: float, large: float
 ) -> NDArray[np.float64]:
     """The share of a circle of radius `small` in one of radius `large`, by the distance of their centres."""
+    # The chord of the two intersections cuts off the angle 2 cut of the small circle and 2 arc of the large one, by the
+    # law of cosines in the triangle of both centres and an intersection, with sides d, small and large.
     # Circles inside each other, or apart, have the share of circles that touch.
     d = np.clip(distance, max(large - small, 1e-9 * large), large + small)
     cut = np.arccos(np.clip((d**2 + small**2 - large**2) / (2 * d * small), -1, 1))

@@ -296,22 +296,15 @@ class Mismatch(Settings, noun="mismatch"):
         values: dict[str, Any] = {**fixed, "level": level}
         if level == "none":
             return cls(**values)
-        values.setdefault(
-            "stray_direction_deg",
-            float(generator(seed, "mismatch", "direction").uniform(0, 360)),
-        )
+        direction = generator(seed, "mismatch", "direction").uniform(0, 360)
+        values.setdefault("stray_direction_deg", float(direction))
         for name, spreads in SPREADS.items():
-            z = float(
-                np.clip(
-                    generator(seed, "mismatch", name).standard_normal(),
-                    -_MAX_SIGMAS,
-                    _MAX_SIGMAS,
-                )
-            )
-            difference = spreads[LEVELS.index(level) - 1] * (
-                abs(z) if name in _NOT_NEGATIVE else z
-            )
-            values.setdefault(name, vars(cls)[name] + difference)
+            deviate = generator(seed, "mismatch", name).standard_normal()
+            sigmas = float(np.clip(deviate, -_MAX_SIGMAS, _MAX_SIGMAS))
+            if name in _NOT_NEGATIVE:
+                sigmas = abs(sigmas)
+            spread = spreads[LEVELS.index(level) - 1]
+            values.setdefault(name, vars(cls)[name] + spread * sigmas)
         return cls(**values)
 
     def applied(self, exposure: Exposure) -> Exposure:
@@ -501,15 +494,12 @@ def _field(height: int, width: int) -> tuple[Float, Float]:
 
 def misalign(rig: Rig, mismatches: Sequence[Mismatch]) -> Rig:
     """The rig that takes the images, whose cameras after the first have these mismatches, one each."""
-    cameras = rig.cameras[1:]
-    errors = [
-        ALIGNED,
-        *(
-            mismatch.misalignment(camera)
-            for mismatch, camera in zip(mismatches, cameras, strict=True)
-        ),
-    ]
-    return misaligned(rig, errors) if any(error != ALIGNED for error in errors) else rig
+    errors = [ALIGNED]
+    for mismatch, camera in zip(mismatches, rig.cameras[1:], strict=True):
+        errors.append(mismatch.misalignment(camera))
+    if all(error == ALIGNED for error in errors):
+        return rig
+    return misaligned(rig, errors)
 
 
 def mismatch_table(sensor: Mapping[str, Any]) -> Any:
@@ -518,15 +508,11 @@ def mismatch_table(sensor: Mapping[str, Any]) -> Any:
     >>> mismatch_table({}), mismatch_table({"preset": "ideal"}), mismatch_table({"mismatch": "consumer"})
     ({'level': 'typical', 'distortion_px': 0.0, 'focus_um': 0.0}, {'level': 'none'}, {'level': 'consumer'})
     """
-    mismatch = sensor.get(
-        "mismatch",
-        "none" if sensor.get("preset") == "ideal" else dict(DEFAULT_MISMATCH),
-    )
-    return (
-        [level_table(one) for one in mismatch]
-        if isinstance(mismatch, list)
-        else level_table(mismatch)
-    )
+    is_ideal = sensor.get("preset") == "ideal"
+    mismatch = sensor.get("mismatch", "none" if is_ideal else dict(DEFAULT_MISMATCH))
+    if isinstance(mismatch, list):
+        return [level_table(of_camera) for of_camera in mismatch]
+    return level_table(mismatch)
 
 
 def level_table(mismatch: Any) -> Any:

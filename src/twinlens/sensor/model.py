@@ -420,9 +420,8 @@ class Sensor(Settings, noun="sensor"):
             ]
         exposures = self._nominal(metered, cameras, lens, seed, exposure)
         photos = []
-        for image, (_, camera, eye), nominal in zip(
-            images, views, exposures, strict=True
-        ):
+        for image, view, nominal in zip(images, views, exposures, strict=True):
+            _, camera, eye = view
             sensor = self.for_band(camera.band)
             frame = _Frame(camera, lens, nominal, seed, eye)
             photos.append(sensor._read(sensor._collect(image, frame), frame))
@@ -503,21 +502,20 @@ class Sensor(Settings, noun="sensor"):
             raise InputError(
                 "dual pixels need a lens with an aperture; a pinhole has none"
             )
-        halves = [
-            [checked_radiance("radiance", half, camera) for half in _two(images)]
-            for images, camera, _ in views
-        ]
         cameras = [camera for _, camera, _ in views]
+        halves = []
+        for images, camera, _ in views:
+            left, right = _two(images)
+            checked_left = checked_radiance("radiance", left, camera)
+            halves.append((checked_left, checked_radiance("radiance", right, camera)))
         # The two halves of a pixel share the time and the gain of the whole one.
-        exposures = self._nominal(
-            [left + right for left, right in halves], cameras, lens, seed, exposure
-        )
+        wholes = [left + right for left, right in halves]
+        exposures = self._nominal(wholes, cameras, lens, seed, exposure)
         photos = []
-        for images, (_, camera, eye), nominal in zip(
-            halves, views, exposures, strict=True
-        ):
+        for pair, view, nominal in zip(halves, views, exposures, strict=True):
+            _, camera, eye = view
             frame = _Frame(camera, lens, nominal, seed, eye)
-            photos.append(self.for_band(camera.band)._take_dual(images, frame))
+            photos.append(self.for_band(camera.band)._take_dual(pair, frame))
         return photos
 
     def _take_dual(
@@ -526,6 +524,7 @@ class Sensor(Settings, noun="sensor"):
         """The photos of the left half, the right half and the whole pixels of one camera."""
         photos, wells = [], []
         for i, image in enumerate(halves):
+            # (1 - c) of the own half and c of the other: the centroids come together to 1 - 2c of their distance.
             mixed = image + self.dual_crosstalk * (halves[1 - i] - image)
             diode = self.replace(
                 full_well=self.full_well / 2,
