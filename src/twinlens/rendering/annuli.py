@@ -33,9 +33,9 @@ class ApertureAnnulus:
     def film_size(self, camera: Camera) -> tuple[int, int]:
         """(width, height) of the film where paths start: the image with a margin of the largest shift on every side."""
         largest = (self.vergences[-1] - self.middle) * self.outer
-        return camera.width + 2 * math.ceil(
-            largest * camera.fx
-        ), camera.height + 2 * math.ceil(largest * camera.fy)
+        margin_x = math.ceil(largest * camera.fx)
+        margin_y = math.ceil(largest * camera.fy)
+        return camera.width + 2 * margin_x, camera.height + 2 * margin_y
 
 
 def area_fraction(annulus: ApertureAnnulus, radius: float) -> float:
@@ -54,19 +54,15 @@ def plan_annuli(lenses: Sequence[Paraxial], spp: int) -> list[ApertureAnnulus]:
     annuli: list[ApertureAnnulus] = []
     inner = 0.0
     for outer in sorted({0.5 * lens.aperture_diameter for lens in lenses}):
-        radii = ((0.5 * lens.aperture_diameter, lens.vergence) for lens in lenses)
-        used = sorted(
-            {
-                vergence
-                for radius, vergence in radii
-                if radius == outer or radius > outer > 0
-            }
-        )
+        used = set()
+        for lens in lenses:
+            radius = 0.5 * lens.aperture_diameter
+            if radius == outer or radius > outer > 0:
+                used.add(lens.vergence)
         fraction = 1 - (inner / outer) ** 2 if outer else 1.0
-        count = max(
-            min(2, spp), int(SHARING_COST * spp * fraction)
-        )  # the error is estimated from two halves
-        annuli.append(ApertureAnnulus(inner, outer, tuple(used), count))
+        # The error is estimated from two halves.
+        count = max(min(2, spp), int(SHARING_COST * spp * fraction))
+        annuli.append(ApertureAnnulus(inner, outer, tuple(sorted(used)), count))
         inner = outer
     return annuli
 
@@ -79,10 +75,8 @@ def split_vergences(annulus: ApertureAnnulus, camera: Camera) -> list[ApertureAn
     if len(annulus.vergences) == 1:
         return [annulus]
     cut = int(np.argmax(np.diff(annulus.vergences))) + 1
-    sides = (
-        replace(annulus, vergences=part)
-        for part in (annulus.vergences[:cut], annulus.vergences[cut:])
-    )
-    parts = [part for side in sides for part in split_vergences(side, camera)]
+    low = replace(annulus, vergences=annulus.vergences[:cut])
+    high = replace(annulus, vergences=annulus.vergences[cut:])
+    parts = [*split_vergences(low, camera), *split_vergences(high, camera)]
     needed = sum(math.prod(part.film_size(camera)) for part in parts)
     return parts if needed < math.prod(annulus.film_size(camera)) else [annulus]

@@ -4,6 +4,7 @@ A built scene has one band of light (`scenes.bands`). Its objects can take new p
 """
 
 import contextlib
+import itertools
 import threading
 import weakref
 from collections.abc import Iterable, Iterator, Mapping
@@ -549,9 +550,10 @@ _REMEDIES = {
 
 _SCALES = {"scale", "sun_scale", "sky_scale"}
 _EMISSION = {
-    f"{name}.{key}"
-    for name in ("radiance", "intensity", "irradiance")
-    for key in ("value", "data", "scale")
+    ".".join(parts)
+    for parts in itertools.product(
+        ("radiance", "intensity", "irradiance"), ("value", "data", "scale")
+    )
 }
 
 
@@ -561,9 +563,10 @@ def _scale_light(mi_scene: Any, factor: float) -> None:
 
     traverse = mitsuba().traverse
     bsdfs = dict.fromkeys(shape.bsdf() for shape in mi_scene.shapes())
-    used = {
-        node for bsdf in bsdfs if bsdf is not None for node in traverse(bsdf).hierarchy
-    }
+    used = set()
+    for bsdf in bsdfs:
+        if bsdf is not None:
+            used.update(traverse(bsdf).hierarchy)
     for emitter in mi_scene.emitters():
         parameters = traverse(emitter)
         keys = _SCALES.intersection(parameters.keys()) or _EMISSION.intersection(
@@ -601,25 +604,7 @@ def _build_xml(scene: Scene, frame: SceneFrame) -> BuiltScene:
     if frame.scale != 1:
         scale_lights(mi_scene, frame.scale)
     integrator = mi_scene.integrator()
-    parts: dict[str, Any] | None = None
-    if not any(shape.shape_type() == _INSTANCE for shape in mi_scene.shapes()):
-        parts = {f"object{i:04d}": shape for i, shape in enumerate(mi_scene.shapes())}
-        parts["type"] = "scene"
-    if scene.sky is not None:
-        if parts is None:
-            raise InputError(
-                f"{scene.xml}: has instances; a sky can light only Mitsuba files without any"
-            )
-        parts["sky"] = _load(scene.sky.plugin(), "sky")
-        mi_scene = mitsuba().load_dict(parts, optimize=False)
-    elif parts is not None:
-        on_surface = int(mitsuba().EmitterFlags.Surface)
-        lights = [
-            light
-            for light in mi_scene.emitters()
-            if not int(light.flags()) & on_surface
-        ]
-        parts |= {f"light{i:04d}": light for i, light in enumerate(lights)}
+    mi_scene, parts = _parts_of_file(scene, mi_scene)
     bodies, names, materials = _bodies_of_file(mi_scene)
     sky_visible = scene.sky is None or scene.sky.visible
     if integrator is None:
@@ -636,6 +621,32 @@ def _build_xml(scene: Scene, frame: SceneFrame) -> BuiltScene:
         material_names=materials,
         parts=parts,
     )
+
+
+def _parts_of_file(scene: Scene, mi_scene: Any) -> tuple[Any, dict[str, Any] | None]:
+    """The scene of a Mitsuba file, lit by the sky if it has one, and its parts, from which others are made.
+
+    There are no parts of a file with instances: Mitsuba does not expose the shapes that these place.
+    """
+    has_instances = any(shape.shape_type() == _INSTANCE for shape in mi_scene.shapes())
+    if has_instances and scene.sky is not None:
+        raise InputError(
+            f"{scene.xml}: has instances; a sky can light only Mitsuba files without any"
+        )
+    if has_instances:
+        return mi_scene, None
+    parts = {f"object{i:04d}": shape for i, shape in enumerate(mi_scene.shapes())}
+    parts["type"] = "scene"
+    if scene.sky is not None:
+        parts["sky"] = _load(scene.sky.plugin(), "sky")
+        return mitsuba().load_dict(parts, optimize=False), parts
+    # The lights of surfaces come with their shapes.
+    on_surface = int(mitsuba().EmitterFlags.Surface)
+    lights = [
+        light for light in mi_scene.emitters() if not int(light.flags()) & on_surface
+    ]
+    parts |= {f"light{i:04d}": light for i, light in enumerate(lights)}
+    return mi_scene, parts
 
 
 def _bodies_of_file(

@@ -109,6 +109,6 @@ def _camera_rays(rig: Rig, frame: SceneFrame, band: str, seed: int) -> Any:
         ray, _ = sensor.sample_ray(0.0, 0.5, sampler.next_2d(), sampler.next_2d())
         origins.append(ray.o)
         directions.append(ray.d)
-    origin = [dr.concat([part[axis] for part in origins]) for axis in range(3)]
-    direction = [dr.concat([part[axis] for part in directions]) for axis in range(3)]
+    origin = [dr.concat(list(values)) for values in zip(*origins, strict=True)]
+    direction = [dr.concat(list(values)) for values in zip(*directions, strict=True)]
     return mi.Ray3f(mi.Point3f(*origin), mi.Vector3f(*direction))

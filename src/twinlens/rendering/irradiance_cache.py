@@ -43,10 +43,8 @@ _CONVERGED = 1e-4  # last change of the irradiance, relative to its mean
 _MOST_BOUNCES = 256
 _FEW_BOUNCES = 8  # after more, a change that grows will not converge
 _NOT_TRACED, _NOTHING, _SURFACE = 0, 1, 2  # what paths meet
-_NOWHERE, _UNKNOWN = (
-    -1,
-    -2,
-)  # in the place of a cell: nothing there; a surface without a cell, or not traced
+_NOWHERE = -1  # in the place of a cell: nothing there
+_UNKNOWN = -2  # in the place of a cell: a surface without a cell, or not traced
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,9 +103,9 @@ class IrradianceCache:
     def _cells_of(
         self, paths: _Paths
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-        """Cells are the boxes that have a sample, in order: (their boxes (C,), the cell of each surface (K, N), their
-        numbers of samples (C,)).
+        """The cells, which are the boxes that have a sample, in order.
 
+        Returns their boxes (C,), the cell of each surface (K, N), and their numbers of samples (C,).
         Without any, there is one cell without samples: Dr.Jit does not read from empty arrays.
         """
         inside, boxes = (
@@ -409,6 +407,10 @@ def _tables(paths: _Paths, cell: NDArray[np.int64], count: int, bounces: int) ->
 
         E_b = E_0 + mean(pi emission + arrival reflectance E_(b-1)(cell of y)),    E_0 directly from lights
 
+    This is E = integral of L cos(theta) over the hemisphere, estimated by one direction of density cos(theta) / pi, so
+    by pi L. A matte surface y with the reflectance r has L = r E(y) / pi, of which the share `arrival` comes through.
+    The iteration is the Neumann series of the rendering equation over the cells, one reflection a step.
+
     Ends where more bounces add nothing, and where they add more and more: reflectances are those of single samples, so
     that the light between two cells of few samples may grow without limit.
     """
@@ -427,9 +429,8 @@ def _tables(paths: _Paths, cell: NDArray[np.int64], count: int, bounces: int) ->
     is_sample &= after != _UNKNOWN
     here, after = here[is_sample], after[is_sample]
     lights = math.pi * paths.emission[2:][is_sample].astype(np.float64)
-    gains = np.where(
-        (after >= 0)[:, None], (paths.arrival * paths.reflectance)[2:][is_sample], 0.0
-    )
+    reflected_share = (paths.arrival * paths.reflectance)[2:][is_sample]
+    gains = np.where((after >= 0)[:, None], reflected_share, 0.0)
     least = _CONVERGED * tables[0].mean()
     before = math.inf
     for bounce in range(bounces if 0 <= bounces < _MOST_BOUNCES else _MOST_BOUNCES):
@@ -459,9 +460,10 @@ def from_emitter(
 
 
 def mis(density: Any, density_of_other: Any) -> Any:
-    """The weight of a sample that one of two techniques drew, from its densities in both: the power heuristic.
+    """The weight of a sample that one of two techniques drew, from its densities p and q in both: the power heuristic.
 
-    A light seen from its edge has an infinite density and sends nothing.
+    w = p^2 / (p^2 + q^2); the weights of both techniques add up to 1. A light seen from its edge has an infinite
+    density and sends nothing. Source: Veach 1997, section 9.2.3.
     """
     square = density * density
     weight = square / (square + density_of_other * density_of_other)

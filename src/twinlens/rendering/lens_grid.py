@@ -143,21 +143,20 @@ def render_lens_grid(
     if shared:
         report = partial_progress(progress, 0.0, len(shared) / len(lenses))
         samples = Samples(int(spp), int(seed), sampler or PLAIN_SAMPLER, parts)
-        rows, variance[shared], rays = _render_shared(
-            views, [lenses[i] for i in shared], samples, report
-        )
+        sharing = [lenses[i] for i in shared]
+        rows, variance[shared], rays = _render_shared(views, sharing, samples, report)
         for i, row in zip(shared, rows, strict=True):
             images[i] = row
     separate = [i for i in range(len(lenses)) if i not in shared]
+    film_pixels = sum(view.camera.width * view.camera.height for view in views)
     for done, i in enumerate(separate, len(shared)):
         report = partial_progress(
             progress, done / len(lenses), (done + 1) / len(lenses)
         )
-        samples = Samples(
-            int(spp), derived_seed(int(seed), _GRID_STREAM, i), alone, parts
-        )
+        lens_seed = derived_seed(int(seed), _GRID_STREAM, i)
+        samples = Samples(int(spp), lens_seed, alone, parts)
         images[i], variance[i] = _render_separately(views, lenses[i], samples, report)
-        rays += spp * sum(view.camera.width * view.camera.height for view in views)
+        rays += spp * film_pixels
     if denoise:
         for i, lens in enumerate(lenses):
             images[i] = _denoised(views, images[i], lens, i, int(seed), parts)
@@ -200,16 +199,16 @@ def _grid_of_cameras(
     rig: Rig, images: Sequence[list[Image]], variance: Float, rays: int
 ) -> LensGrid:
     """The grid of a rig's cameras, from the images (lenses, views) and their variances, which add up too."""
-    rows = [[sum_of(of_camera) for of_camera in by_camera(rig, row)] for row in images]
+    rows = tuple([*map(sum_of, by_camera(rig, row))] for row in images)
     columns = [
         np.sum(of_camera, axis=0) for of_camera in by_camera(rig, list(variance.T))
     ]
-    return LensGrid(tuple(rows), np.sqrt(np.stack(columns, axis=1)), rays)
+    return LensGrid(rows, np.sqrt(np.stack(columns, axis=1)), rays)
 
 
 def _sees_projectors(rig: Rig) -> bool:
     """Whether a projector shines in the band of a camera: shared paths do not know its light apart."""
-    bands = {band for camera in rig.cameras for band in camera.bands}
+    bands = set[str]().union(*(camera.bands for camera in rig.cameras))
     return any(
         projector.emitted_power and projector.band in bands
         for projector in rig.projectors
@@ -284,9 +283,8 @@ def _render_shared(
     images: list[list[Image]] = [[] for _ in lenses]
     variances, rays = np.zeros((len(lenses), len(views))), 0
     annuli = plan_annuli(lenses, samples.spp)
-    whole = (
-        0 if samples.parts is None else slice(1, None)
-    )  # the whole image comes first
+    # The whole image comes first, before those of the parts.
+    whole = 0 if samples.parts is None else slice(1, None)
     for index, view in enumerate(views):
         seeds = seed_sequence(samples.seed, _GRID_STREAM, index, 0)
         sums = _Sums(view, lenses, samples)
@@ -325,21 +323,14 @@ class _Sums:
         parts = self.samples.parts
         radii = [0.5 * lens.aperture_diameter for lens in self.lenses]
         fractions = [area_fraction(annulus, radius) for radius in radii]
-        users = [
-            i
-            for i, lens in enumerate(self.lenses)
-            if fractions[i] and lens.vergence in annulus.vergences
-        ]
         # Lenses of one vergence see the same image of the annulus. Its parts, though, depend on the aperture's radius.
-        outputs = [
-            (
-                annulus.vergences.index(self.lenses[i].vergence),
-                radii[i] if parts else 0.0,
-            )
-            for i in users
-        ]
-        distinct = list(dict.fromkeys(outputs))
-        focuses = [focus for focus, _ in distinct for _ in range(self.size)]
+        outputs: dict[int, tuple[int, float]] = {}
+        for i, lens in enumerate(self.lenses):
+            if fractions[i] and lens.vergence in annulus.vergences:
+                focus = annulus.vergences.index(lens.vergence)
+                outputs[i] = focus, radii[i] if parts else 0.0
+        distinct = list(dict.fromkeys(outputs.values()))
+        focuses = np.repeat([focus for focus, _ in distinct], self.size).tolist()
         shares = None
         if parts is not None:
             shares = _shares(parts, [radius for _, radius in distinct])
@@ -351,7 +342,7 @@ class _Sums:
             self.samples.sampler,
         )
         means, variance, paths = traced.images(seeds, focuses, shares)
-        for i, output in zip(users, outputs, strict=True):
+        for i, output in outputs.items():
             first = self.size * distinct.index(output)
             self.total[i] += fractions[i] * means[first : first + self.size]
             self.variance[i] += fractions[i] ** 2 * variance[first]

@@ -65,51 +65,52 @@ def render_light_field(
     check_request(scenes, rig, [Pinhole()], spp, seed, PLAIN_SAMPLER)
     places_in_plane(rig)
     first = rig.cameras[0]
-    if any(
-        camera.distortion is not None or camera.bands != first.bands
-        for camera in rig.cameras
-    ):
-        raise InputError(
-            "a light field needs cameras without lens distortion that see the same bands"
-        )
-    from twinlens.rendering.shared_light import (
-        SharedLight,
-        Views,
-        shared_images,
-    )  # sets up the backend
-
+    for camera in rig.cameras:
+        if camera.distortion is not None or camera.bands != first.bands:
+            raise InputError(
+                "a light field needs cameras without lens distortion that see the same bands"
+            )
     bands = []
     for number, band in enumerate(first.bands):
-        built = lit_by_projectors(built_for(scenes[band], rig), rig, band)
-        lamps = () if built.projected is None else built.projected.lamps
-        paths = own_paths(built, lamps)
-        if paths is None:
-            raise InputError(
-                f"the scene {scene.name!r} is a Mitsuba file or has another integrator than 'path'; use render"
-            )
         report = partial_progress(
             progress, number / len(first.bands), (number + 1) / len(first.bands)
         )
-        views = Views(rig, built.frame)
-        light = SharedLight(
-            built.mi_scene,
-            paths,
-            views,
-            math.ceil(spp / CAMERA_SAMPLES_PER_PATH),
-            derived_seed(seed, number, 0),
-        )
-        in_turn = shared_images(
-            built.mi_scene,
-            paths,
-            light,
-            int(spp),
-            derived_seed(seed, number, 1),
-            built.sky_visible,
-        )
-        images = []
-        for image in in_turn:
-            seen = in_channels(image, first.replace(band=band))
-            images.append(seen.astype(np.float32))
-            report(len(images) / len(rig))
-        bands.append(images)
+        seeds = derived_seed(seed, number, 0), derived_seed(seed, number, 1)
+        bands.append(_images_of_band(scenes[band], rig, band, int(spp), seeds, report))
     return [sum_of(images) for images in zip(*bands, strict=True)]
+
+
+def _images_of_band(
+    scene: Scene,
+    rig: Rig,
+    band: str,
+    spp: int,
+    seeds: tuple[int, int],
+    report: Progress,
+) -> list[NDArray[np.float32]]:
+    """The light of one band in every view; seeds: of the shared light paths, and of the camera rays."""
+    from twinlens.rendering.shared_light import (  # sets up the backend
+        SharedLight,
+        Views,
+        shared_images,
+    )
+
+    built = lit_by_projectors(built_for(scene, rig), rig, band)
+    lamps = () if built.projected is None else built.projected.lamps
+    paths = own_paths(built, lamps)
+    if paths is None:
+        raise InputError(
+            f"the scene {scene.name!r} is a Mitsuba file or has another integrator than 'path'; use render"
+        )
+    views = Views(rig, built.frame)
+    light_samples = math.ceil(spp / CAMERA_SAMPLES_PER_PATH)
+    light = SharedLight(built.mi_scene, paths, views, light_samples, seeds[0])
+    in_turn = shared_images(
+        built.mi_scene, paths, light, spp, seeds[1], built.sky_visible
+    )
+    camera = rig.cameras[0].replace(band=band)
+    images = []
+    for image in in_turn:
+        images.append(in_channels(image, camera).astype(np.float32))
+        report(len(images) / len(rig))
+    return images

@@ -9,6 +9,7 @@ import contextlib
 import ctypes
 import glob
 import importlib.metadata
+import itertools
 import os
 import re
 import signal
@@ -128,12 +129,10 @@ def _packaged(name: str) -> Path | None:
 
 def _system_libraries() -> list[Path]:
     """The LLVM libraries in the usual folders of the system, newest version first."""
-    libraries = {
-        Path(file).resolve()
-        for folder in _FOLDERS
-        for name in _NAMES
-        for file in glob.glob(f"{folder}/{name}")  # noqa: PTH207
-    }
+    libraries: set[Path] = set()
+    for folder, name in itertools.product(_FOLDERS, _NAMES):
+        files = glob.glob(f"{folder}/{name}")  # noqa: PTH207
+        libraries.update(Path(file).resolve() for file in files)
     return sorted(libraries, key=_version_and_path, reverse=True)
 
 

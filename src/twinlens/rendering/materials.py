@@ -468,14 +468,7 @@ def lobes(
 
     most = np.ones_like(coat)
     if coat.any():
-        # At grazing angles a coat reflects its weight. The blend below takes `coat * most` of the light from what is
-        # beneath, so that is divided by the rest, for 1 - F0 to remain at normal incidence.
-        most = np.clip(
-            1 - (1 - _COAT_F0) * _brightest(most_diffuse + most_at_normal),
-            _COAT_F0,
-            _COAT_MOST,
-        )
-        below = (1 - _COAT_F0 * coat) / (1 - coat * most)
+        most, below = _coating(coat, most_diffuse + most_at_normal)
         diffuse, at_normal = below * diffuse, below * at_normal
         most_diffuse, most_at_normal = below * most_diffuse, below * most_at_normal
 
@@ -485,6 +478,18 @@ def lobes(
     coats = coat * most, _COAT_F0 / most
     arrays = diffuse, lambert, weight, facets, schlick, *coats
     return Lobes(*(np.asarray(array, dtype=np.float32) for array in arrays))
+
+
+def _coating(coat: Pixels, beneath: Pixels) -> tuple[Pixels, Pixels]:
+    """(the largest weight of the coat in the blend, the factor of the light of what is beneath it).
+
+    At grazing angles a coat reflects its weight. The blend takes `coat * most` of the light from what is beneath, which
+    is therefore divided by 1 - coat * most: at normal incidence 1 - F0 coat of it has to remain. `most` is as large as
+    keeps the brightest colour beneath below 1: (1 - F0) beneath / (1 - most) <= 1.
+    """
+    most = np.clip(1 - (1 - _COAT_F0) * _brightest(beneath), _COAT_F0, _COAT_MOST)
+    below = (1 - _COAT_F0 * coat) / (1 - coat * most)
+    return most, below
 
 
 def _reflected(
@@ -527,9 +532,9 @@ def _lobe_colors(
 ) -> tuple[Pixels, Pixels]:
     """(diffuse, facets) of `Lobes`, for the light that a surface scatters and that it reflects at normal incidence."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        facets = np.where(
-            weight * schlick > 0, np.clip(at_normal / (weight * schlick), 0, 1), 0
-        )
+        # The blend reflects weight * schlick * facets at normal incidence, which is to be F0.
+        share = weight * schlick
+        facets = np.where(share > 0, np.clip(at_normal / share, 0, 1), 0)
         # A metal has a diffuse lobe where schlick < 1; what it reflects is taken from the lower part.
         rest = diffuse - weight * (1 - schlick) * facets
         diffuse = np.where(weight < 1, np.maximum(rest, 0) / ((1 - weight) * unit), 0)

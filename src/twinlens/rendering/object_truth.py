@@ -310,4 +310,5 @@ def _box(mask: NDArray[np.bool_], u0: int = 0, v0: int = 0) -> tuple[int, ...]:
     if not len(rows):
         return (0, 0, 0, 0)
     u, v = int(columns[0]), int(rows[0])
-    return (u + u0, v + v0, int(columns[-1]) - u + 1, int(rows[-1]) - v + 1)
+    width, height = int(columns[-1]) - u + 1, int(rows[-1]) - v + 1
+    return (u + u0, v + v0, width, height)

@@ -101,6 +101,35 @@ class _Numbers(NamedTuple):
         return cls(sampler.next_2d(), sampler.next_1d(), sampler.next_2d())
 
 
+class _Surface(NamedTuple):
+    """The surfaces that paths meet.
+
+    si, bsdf : the interaction and the BSDF there.
+    scatters : paths that go on from there in a direction of the BSDF.
+    is_card : paths that may pass a cut-out. Behind the last surface of a path, light still comes through cut-outs.
+    smooth : paths that scatter where the BSDF has more than Dirac deltas, so that light of a point is reflected.
+    """
+
+    si: Any
+    bsdf: Any
+    scatters: Any
+    is_card: Any
+    smooth: Any
+
+    @property
+    def active(self) -> Any:
+        """Paths that may go on."""
+        return self.scatters | self.is_card
+
+
+class _Matte(NamedTuple):
+    """What the cache has: whether it has the surface, the matte part of its BSDF (1/sr), and the irradiance."""
+
+    is_cached: Any
+    part: Any
+    irradiance: Any
+
+
 class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
     """Paths in a scene and the light of `lamps`, emitters that are not in the scene and that no ray can hit.
 
@@ -146,9 +175,8 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
             depth=mi.UInt32(0),
             previous_point=mi.Point3f(0.0),
             previous_pdf=mi.Float(1.0),
-            previous_is_delta=mi.Bool(
-                True
-            ),  # an emitter that a camera sees counts whole
+            # An emitter that a camera sees counts whole.
+            previous_is_delta=mi.Bool(True),
             was_diffuse=mi.Bool(False),
             features=self._no_features() if self.gives_guides else (),
             radiance=mi.Spectrum(0.0),
@@ -196,79 +224,80 @@ class Paths(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
     def _step(self, scene: Any, path: PathState) -> PathState:
         """The paths after their next surface.
 
-        The light that leaves a surface along the ray is what it emits, and by the equation of rendering the integral of
-        BSDF * cosine * light that arrives. Of the latter, light directly from one emitter and from the lamps is added
-        here, that of the matte part comes from the cache, and the rest is what the path meets next.
+        The radiance that leaves a surface in the direction o is, by the rendering equation (Kajiya 1986),
+
+            L(o) = L_e(o) + integral of f(i, o) |cos i| L(i) over the directions i.
+
+        Here f is split into a constant matte part m and the rest, and L(i) into the light directly from emitters and
+        that from other surfaces. The integral is then m E, with the irradiance E from the cache; direct light of one
+        emitter and of the lamps, reflected by f - m; and what the path meets next, in a direction drawn by the BSDF.
         """
         ray = mi.Ray3f(path.origin, path.direction)
         is_first = path.depth == 0
         si = scene.ray_intersect(ray, mi.RayFlags.All, is_first, path.active)
+        # L_e, or the sky.
         is_hidden = mi.Bool(False) if self.shows_sky else is_first & ~si.is_valid()
         emitted = _emitted(scene, si, path)
         radiance = path.radiance + dr.select(is_hidden, 0.0, emitted)
 
-        has_next = path.depth + 1 < self.max_depth
-        scatters = path.active & si.is_valid() & has_next
-        active = scatters
-        bsdf = si.bsdf(ray)
-        if self.openings is not None:
-            # Behind the last surface, light still comes through cut-outs.
-            is_card = path.active & si.is_valid() & self.openings.lets_through(bsdf)
-            active = scatters | is_card
-        smooth = scatters & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+        surface = self._met(path, si, ray)
         numbers = _Numbers.drawn(path.sampler)
-        cached, matte, irradiance = self._from_cache(
-            path, si, ray, bsdf, numbers, scatters
-        )
+        matte = self._from_cache(path, surface, ray, numbers)
         if self.cache is not None:
-            radiance = radiance + path.weight * matte * irradiance
+            radiance = radiance + path.weight * matte.part * matte.irradiance
         light, chosen, factor = _scattered(
-            scene, si, bsdf, numbers, matte, active, smooth, self.openings
+            scene, surface, numbers, matte.part, self.openings
         )
         radiance = radiance + path.weight * light
-        from_lamps = self._from_lamps(scene, bsdf, si, path.sampler, smooth, matte)
+        from_lamps = self._from_lamps(
+            scene, surface.bsdf, si, path.sampler, surface.smooth, matte.part
+        )
         radiance = radiance + path.weight * from_lamps
 
         features = path.features
         if isinstance(features, Features):
-            features = _seen(
-                features, path, active, si, bsdf, chosen, from_lamps, is_hidden
-            )
+            features = _seen(features, path, surface, chosen, from_lamps, is_hidden)
         survives = mi.Float(1.0)
         if self.cache is not None:
-            factor, survives = _beyond_matte(si, chosen, factor, matte, cached)
-        onward = _onward(path, si, chosen, factor)
+            factor, survives = _beyond_matte(si, chosen, factor, matte)
+        onward, active = _onward(path, si, chosen, factor), surface.scatters
         if self.openings is not None:
-            is_cut_out = is_card & is_null(chosen)
+            is_cut_out = surface.is_card & is_null(chosen)
             onward = _past_cut_outs(path, onward, is_cut_out)
-            active = scatters | is_cut_out
+            active = surface.scatters | is_cut_out
         path = replace(onward, features=features, radiance=radiance)
         return self._survivors(path, active, survives)
 
+    def _met(self, path: PathState, si: Any, ray: Any) -> _Surface:
+        """What the paths meet at `si`. The last surface before `max_depth` emits light, but scatters none."""
+        has_next = path.depth + 1 < self.max_depth
+        scatters = path.active & si.is_valid() & has_next
+        bsdf = si.bsdf(ray)
+        is_card = mi.Bool(False)
+        if self.openings is not None:
+            is_card = path.active & si.is_valid() & self.openings.lets_through(bsdf)
+        smooth = scatters & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+        return _Surface(si, bsdf, scatters, is_card, smooth)
+
     def _from_cache(
-        self,
-        path: PathState,
-        si: Any,
-        ray: Any,
-        bsdf: Any,
-        numbers: _Numbers,
-        active: Any,
-    ) -> tuple[Any, Any, Any]:
-        """Whether the cache has the light of surfaces, the matte part of their BSDFs, and their irradiance.
+        self, path: PathState, surface: _Surface, ray: Any, numbers: _Numbers
+    ) -> _Matte:
+        """The irradiance of surfaces from the cache, and the matte part of their BSDFs that reflects it.
 
         The cache is used only after a diffuse reflection: its cells would be visible on the first surface and in
         mirrors. The path ends with a light, and this surface is on it already: `max_depth` - 2 - `depth` more
         reflections are left.
         """
         if self.cache is None:
-            return mi.Bool(False), mi.Spectrum(0.0), mi.Spectrum(0.0)
-        is_diffuse = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse)
-        may_be_cached = active & path.was_diffuse & is_diffuse
+            return _Matte(mi.Bool(False), mi.Spectrum(0.0), mi.Spectrum(0.0))
+        is_diffuse = mi.has_flag(surface.bsdf.flags(), mi.BSDFFlags.Diffuse)
+        may_be_cached = surface.scatters & path.was_diffuse & is_diffuse
         bounces = self.max_depth - 2 - path.depth
-        cached, irradiance = self.cache.look_up(
-            si, ray, numbers.for_direction, bounces, may_be_cached
+        is_cached, irradiance = self.cache.look_up(
+            surface.si, ray, numbers.for_direction, bounces, may_be_cached
         )
-        return cached, matte_part(bsdf, si, cached), irradiance
+        part = matte_part(surface.bsdf, surface.si, is_cached)
+        return _Matte(is_cached, part, irradiance)
 
     def _from_lamps(
         self, scene: Any, bsdf: Any, si: Any, sampler: Any, active: Any, matte: Any
@@ -326,23 +355,28 @@ def _emitted(scene: Any, si: Any, path: PathState) -> Any:
 
 def _scattered(
     scene: Any,
-    si: Any,
-    bsdf: Any,
+    surface: _Surface,
     numbers: _Numbers,
     matte: Any,
-    active: Any,
-    smooth: Any,
     openings: CutOuts | None,
 ) -> tuple[Any, Any, Any]:
     """One emitter, and the direction in which the path goes on: (light, BSDF sample, factor of the path's weight).
 
     The light is the radiance that leaves the surface along the ray by light of the emitter, without that of `matte`.
+    With L of the emitter, drawn with the density p per solid angle, and q the density of the BSDF in that direction, it
+    is L (f - m) |cos| / p times the weight p^2 / (p^2 + q^2); the direction of the path gets the other weight.
     """
+    si, smooth = surface.si, surface.smooth
     # Without the test of visibility, whose shadow ray is left until it is known that the light matters.
     ds, light = scene.sample_emitter_direction(si, numbers.for_light, False, smooth)
     wo = si.to_local(ds.d)
-    value, pdf, chosen, factor = bsdf.eval_pdf_sample(
-        mi.BSDFContext(), si, wo, numbers.for_lobe, numbers.for_direction, active
+    value, pdf, chosen, factor = surface.bsdf.eval_pdf_sample(
+        mi.BSDFContext(),
+        si,
+        wo,
+        numbers.for_lobe,
+        numbers.for_direction,
+        surface.active,
     )
     # The light is radiance / pdf, and `value` is BSDF * cosine. The path's own direction finds all but point lights.
     share = dr.select(ds.delta, 1.0, mis(ds.pdf, pdf))
@@ -388,16 +422,16 @@ def _past_cut_outs(path: PathState, onward: PathState, is_cut_out: Any) -> PathS
 def _seen(
     features: Features,
     path: PathState,
-    active: Any,
-    si: Any,
-    bsdf: Any,
+    surface: _Surface,
     chosen: Any,
     from_lamps: Any,
     is_hidden: Any,
 ) -> Features:
     """Features after a surface: complete unless the path passes it, a mirror, glass or an opening."""
+    si, bsdf = surface.si, surface.bsdf
     specular = is_specular(bsdf) | is_null(chosen)
-    passes = features.is_open & active & (path.depth < MAX_SPECULAR) & specular
+    may_pass = features.is_open & surface.active & (path.depth < MAX_SPECULAR)
+    passes = may_pass & specular
     ends = features.is_open & path.active & ~passes
     albedo, normal = surface_features(si, bsdf, ends)
     albedo = dr.select(is_hidden, 0.0, albedo)
@@ -412,18 +446,17 @@ def _seen(
     )
 
 
-def _beyond_matte(
-    si: Any, chosen: Any, factor: Any, matte: Any, cached: Any
-) -> tuple[Any, Any]:
-    """The factor of a path's weight without the matte part, whose light is `cached`, and how likely the path goes on.
+def _beyond_matte(si: Any, chosen: Any, factor: Any, matte: _Matte) -> tuple[Any, Any]:
+    """The factor of a path's weight without the matte part, whose light is cached, and how likely the path goes on.
 
-    `factor` is BSDF * cosine / pdf in the direction drawn. Its matte part is matte * cosine / pdf.
+    `factor` is BSDF * cosine / pdf in the direction drawn. Its matte part is matte * cosine / pdf. The path goes on
+    with the share of `factor` that is left as its probability, so that the weights of those that survive stay alike.
     """
-    is_partial = cached & ~_is_delta(chosen)
+    is_partial = matte.is_cached & ~_is_delta(chosen)
     cosine_over_pdf = dr.select(
         is_partial & (chosen.pdf > 0), shading_cosine(si, chosen.wo) / chosen.pdf, 0.0
     )
-    rest = factor - matte * cosine_over_pdf
+    rest = factor - matte.part * cosine_over_pdf
     share = dr.minimum(dr.max(dr.abs(rest)) / dr.max(factor), 1.0)
     worthwhile = dr.select(share > _LEAST_REST, share, 0.0)
     return rest, dr.select(is_partial, worthwhile, 1.0)

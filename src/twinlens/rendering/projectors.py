@@ -11,6 +11,7 @@ import math
 import sys
 import threading
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from types import FrameType
 from typing import Any
@@ -24,6 +25,7 @@ from twinlens.errors import InputError
 from twinlens.geometry import Float, image_border, rotate
 from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import BuiltScene
+from twinlens.rendering.frames import SceneFrame
 from twinlens.rendering.integrators import own_paths
 from twinlens.rendering.materials import has_pane
 from twinlens.rendering.tracing import Rays, intersect
@@ -61,7 +63,6 @@ def lit_by_projectors(built: BuiltScene, rig: Rig, band: str) -> BuiltScene:
     if not placed:
         return built
     shown = tuple(projector for projector, _ in placed)
-    mi = mitsuba()
     kinds = [
         (lamp.intrinsics, lamp.filter, lamp.aperture_diameter, lamp.focus_distance)
         for lamp in shown
@@ -69,29 +70,39 @@ def lit_by_projectors(built: BuiltScene, rig: Rig, band: str) -> BuiltScene:
     of_this_thread = built.cache.setdefault("projectors", threading.local())
     lit: _Lit | None = getattr(of_this_thread, "lit", None)
     if lit is None or lit.kinds != kinds:
-        lamps = [mi.load_dict(_plugin(projector)) for projector in shown]
-        scale = built.frame.scale
-        lights = [
-            _opened(lamp, projector, scale)
-            for lamp, projector in zip(lamps, shown, strict=True)
-        ]
-        parameters = [mi.traverse(lamp) for lamp in lamps]
-        lit = _Lit(kinds, _with_lights(built, lights), parameters)
+        lit = _loaded(built, shown, kinds)
         of_this_thread.lit = lit
     poses = [pose.tolist() for _, pose in placed]
     if lit.poses != poses:
         _warn_of_glass(built, rig, band)
     if lit.shown != shown or lit.poses != poses:
         for lamp, (projector, pose) in zip(lit.lamps, placed, strict=True):
-            # The irradiance at one unit of the frame, which is metres / scale.
-            light = np.float32(built.frame.scale**2) * _texture(projector)[0]
-            lamp["irradiance.data"] = light[..., None]
-            lamp["to_world"] = mi.ScalarTransform4f(
-                built.frame.rigid(pose) @ np.diag([-1.0, -1.0, 1.0, 1.0])
-            )  # x left, y up
-            lamp.update()
+            _set_lamp(lamp, projector, pose, built.frame)
         lit.shown, lit.poses = shown, poses
     return lit.built
+
+
+def _loaded(
+    built: BuiltScene, projectors: Sequence[Projector], kinds: list[Any]
+) -> _Lit:
+    """The scene with the projectors as lights, whose patterns and poses are not set yet."""
+    lamps = [mitsuba().load_dict(_plugin(projector)) for projector in projectors]
+    lights = [
+        _opened(lamp, projector, built.frame.scale)
+        for lamp, projector in zip(lamps, projectors, strict=True)
+    ]
+    parameters = [mitsuba().traverse(lamp) for lamp in lamps]
+    return _Lit(kinds, _with_lights(built, lights), parameters)
+
+
+def _set_lamp(lamp: Any, projector: Projector, pose: Float, frame: SceneFrame) -> None:
+    """Set the pattern and the pose of a loaded projector."""
+    # The irradiance at one unit of the frame, which is metres / scale.
+    light = np.float32(frame.scale**2) * _texture(projector)[0]
+    lamp["irradiance.data"] = light[..., None]
+    x_left_y_up = np.diag([-1.0, -1.0, 1.0, 1.0])
+    lamp["to_world"] = mitsuba().ScalarTransform4f(frame.rigid(pose) @ x_left_y_up)
+    lamp.update()
 
 
 def _warn_of_glass(built: BuiltScene, rig: Rig, band: str) -> None:

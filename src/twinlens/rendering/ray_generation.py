@@ -89,9 +89,9 @@ class RayGenerator:
             self.bearings = CornerTable(camera.rays(corners))
         elif camera.projection is not PERSPECTIVE:
             self.ideal = CornerTable(camera.unproject(corners)[..., :2])
+        columns_of_pose = world_from_cam[:3].T
         self.x, self.y, self.z, self.origin = (
-            mi.Vector3f(*(opaque(world_from_cam[row, column]) for row in range(3)))
-            for column in range(4)
+            mi.Vector3f(*map(opaque, column)) for column in columns_of_pose
         )
 
     def coordinates(self, u: Any, v: Any) -> tuple[Any, Any]:

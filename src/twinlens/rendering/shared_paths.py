@@ -131,8 +131,9 @@ class SharedPaths:
         samples = dr.opaque(mi.UInt32, n)
         columns = dr.opaque(mi.UInt32, width)
         pixel, sample = ray_index // samples, ray_index % samples
+        columns_of_points = [mi.Float(values.copy()) for values in points.T]
         x, y, ax, ay = (
-            dr.gather(mi.Float, mi.Float(values.copy()), sample) for values in points.T
+            dr.gather(mi.Float, values, sample) for values in columns_of_points
         )
         # The film has a margin on all sides. Pixel centres are at integers, x = 0 is the left edge of a pixel.
         margin_x = (width - self.camera.width) // 2
@@ -232,18 +233,22 @@ def random_cells(grid: Grid, random: np.random.Generator) -> Cells:
 
 def shuffle_within(classes: Cells, count: int, random: np.random.Generator) -> Cells:
     """Random permutations (count, n) of samples that exchange only samples of equal classes."""
-    # Sorting by class, and at random within it, gives members of a class the places that the class has.
+    # Both sides list the samples class by class, the left one in their order and the right one at random within each
+    # class. Assigning one to the other permutes the members of every class among themselves.
     orders = np.empty((count, len(classes)), np.int64)
-    orders[:, np.argsort(classes, kind="stable")] = np.argsort(
-        classes + random.random(orders.shape), axis=1
-    )
+    in_order = np.argsort(classes, kind="stable")
+    at_random = np.argsort(classes + random.random(orders.shape), axis=1)
+    orders[:, in_order] = at_random
     return orders
 
 
 def multijitter(cells: Cells, grid: Grid, random: np.random.Generator) -> Cells:
     """Random places (..., n, 2) on an n x n grid, within `cells` (..., n), that use every column and every row once."""
     # Columns of cells, then rows: ranks among all samples, at random within a column or row, are places 0 .. n - 1.
+    # They stay within the cell: a grid of c columns has n / c samples in each, so those of column i have the ranks
+    # i n / c to (i + 1) n / c - 1, a stripe of the n x n grid.
     parts = np.stack([cells % grid[0], cells // grid[0]])
+    # The inverse of a sorting permutation is the rank of each element.
     ranks = np.argsort(np.argsort(parts + random.random(parts.shape)))
     return np.moveaxis(ranks, 0, -1)
 
@@ -283,11 +288,9 @@ class StratifiedSampler(mi.Sampler):  # type: ignore[misc, name-defined]
         places = dr.gather(mi.UInt32, self.table, index, in_table)
         key = self.key + self.dimension * _DIMENSION_KEY
         numbers = []
-        for place, bits in zip(
-            (places & 0xFFFF, places >> 16),
-            mi.sample_tea_32(self.ray, key, _ROUNDS),
-            strict=True,
-        ):
+        x_and_y = places & 0xFFFF, places >> 16
+        random_bits = mi.sample_tea_32(self.ray, key, _ROUNDS)
+        for place, bits in zip(x_and_y, random_bits, strict=True):
             unit = mi.Float(bits >> 8) * 2.0**-24
             stratified = (mi.Float(place) + unit) / self.count
             below_one = dr.minimum(stratified, 1 - 2.0**-24)

@@ -99,11 +99,8 @@ def denoised_cameras(scene: Scene, rig: Rig) -> list[int]:
         keeps[band] = can_denoise(built, rig, band)
         if not keeps[band]:
             warn_of_noise()
-    return [
-        i
-        for i, camera in enumerate(rig.cameras)
-        if any(keeps[band] for band in camera.bands)
-    ]
+    denoised = {band for band, is_denoised in keeps.items() if is_denoised}
+    return [i for i, camera in enumerate(rig.cameras) if denoised & set(camera.bands)]
 
 
 def sum_of(images: Sequence[NDArray[np.float32]]) -> NDArray[np.float32]:

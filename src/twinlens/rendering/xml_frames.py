@@ -66,11 +66,9 @@ def _is_scalable(root: Element) -> bool:
     curves = [
         shape for shape in root.iter("shape") if shape.get("type") in _OF_ONE_SIZE
     ]
-    spectra = [
-        spectrum.get("type")
-        for light in _lights_at_points(root)
-        for spectrum in light.iter("spectrum")
-    ]
+    spectra: list[str | None] = []
+    for light in _lights_at_points(root):
+        spectra += [spectrum.get("type") for spectrum in light.iter("spectrum")]
     return not (has_media or curves or "blackbody" in spectra)
 
 
