@@ -93,36 +93,10 @@ def _hci4d_category(source: Source) -> str:
 
 def _hci4d_parameters(source: Source, disparity: NDArray[np.float32]) -> bytes:
     """parameters.cfg: the toolkit computes depth from its lengths, and the pose of the middle view is in Blender's."""
-    n, spacing, vergence = _grid(source)
-    rig, lens = source.sample.rig, source.sample.lens(source.lens).lens
-    camera, pose = rig.cameras[n**2 // 2], rig.world_from_cams[n**2 // 2]
-    pitch_mm, size = 1e-3 * camera.pixel_pitch_um, (camera.width, camera.height)
-    f_number = np.inf
-    if lens.aperture_diameter > 0:
-        f_number = camera.film_distance / lens.aperture_diameter
-    turn = Rotation.from_matrix(pose[:3, :3] @ _BLENDER_FROM_OPENCV)
-    position, angles = pose[:3, 3].tolist(), turn.as_euler("xyz").tolist()
     low, high = float(np.floor(disparity.min())), float(np.ceil(disparity.max()))
     sections: dict[str, dict[str, Any]] = {
-        "intrinsics": {
-            "focal_length_mm": camera.fx * pitch_mm,
-            "image_resolution_x_px": size[0],
-            "image_resolution_y_px": size[1],
-            "sensor_size_mm": max(size) * pitch_mm,
-            "fstop": f_number,
-        },
-        "extrinsics": {
-            "num_cams_x": n,
-            "num_cams_y": n,
-            "baseline_mm": 1e3 * spacing,
-            "focus_distance_m": 1 / vergence if vergence else np.inf,
-            **dict(
-                zip((f"center_cam_{axis}_m" for axis in "xyz"), position, strict=True)
-            ),
-            **dict(
-                zip((f"center_cam_r{axis}_rad" for axis in "xyz"), angles, strict=True)
-            ),
-        },
+        "intrinsics": _hci4d_intrinsics(source),
+        "extrinsics": _hci4d_extrinsics(source),
         "meta": {
             "scene": source.name,
             "category": _hci4d_category(source),
@@ -143,6 +117,41 @@ def _hci4d_parameters(source: Source, disparity: NDArray[np.float32]) -> bytes:
         lines += [f"{key} = {value}" for key, value in entries.items()]
         lines.append("")
     return "\n".join(lines).encode()
+
+
+def _hci4d_intrinsics(source: Source) -> dict[str, Any]:
+    """The middle view's camera; the width of its sensor is that of the longer side."""
+    rig, lens = source.sample.rig, source.sample.lens(source.lens).lens
+    camera = rig.cameras[len(rig) // 2]
+    pitch_mm = 1e-3 * camera.pixel_pitch_um
+    f_number = np.inf
+    if lens.aperture_diameter > 0:
+        f_number = camera.film_distance / lens.aperture_diameter
+    return {
+        "focal_length_mm": camera.fx * pitch_mm,
+        "image_resolution_x_px": camera.width,
+        "image_resolution_y_px": camera.height,
+        "sensor_size_mm": max(camera.width, camera.height) * pitch_mm,
+        "fstop": f_number,
+    }
+
+
+def _hci4d_extrinsics(source: Source) -> dict[str, Any]:
+    """The grid of views and the pose of the middle one, as x, y, z and Euler angles in Blender's camera axes."""
+    n, spacing, vergence = _grid(source)
+    pose = source.sample.rig.world_from_cams[n**2 // 2]
+    turn = Rotation.from_matrix(pose[:3, :3] @ _BLENDER_FROM_OPENCV)
+    values: dict[str, Any] = {
+        "num_cams_x": n,
+        "num_cams_y": n,
+        "baseline_mm": 1e3 * spacing,
+        "focus_distance_m": 1 / vergence if vergence else np.inf,
+    }
+    for axis, metres in zip("xyz", pose[:3, 3].tolist(), strict=True):
+        values[f"center_cam_{axis}_m"] = metres
+    for axis, radians in zip("xyz", turn.as_euler("xyz").tolist(), strict=True):
+        values[f"center_cam_r{axis}_rad"] = radians
+    return values
 
 
 def eslf(source: Source) -> Iterator[tuple[str, bytes]]:

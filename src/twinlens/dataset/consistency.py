@@ -5,6 +5,7 @@ follow from the files: depth, position and disparity are float32, so a relation 
 place, and by 1e-4 px where pixels are compared.
 """
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -258,20 +259,15 @@ def check_views(
     """
     here, there = truths
     camera, world_from_other = rig.cameras[views[1]], rig.world_from_cams[views[1]]
+    pose = rig.world_from_cams[views[0]]
     # The visible points of this view in the other camera's frame, and their pixels there.
     is_visible = here["visible"] & (here["object_id"] > 0)
-    world = world_points(
-        rig.cameras[views[0]],
-        rig.world_from_cams[views[0]],
-        here["depth"],
-        here["position"],
-    )[is_visible]
+    this_camera = rig.cameras[views[0]]
+    points = world_points(this_camera, pose, here["depth"], here["position"])
+    world = points[is_visible]
     cam = geometry.transform_points(geometry.inverse(world_from_other), world)
     px = camera.project(cam)
-    # A projection on the border may be outside by rounding.
-    inside = (
-        camera.contains(px) | camera.contains(px - 1e-3) | camera.contains(px + 1e-3)
-    )
+    inside = _contains(camera, px)
     if not inside.all():
         outside = np.count_nonzero(~inside)
         return [f"{outside} visible pixels project outside the other view"]
@@ -281,18 +277,29 @@ def check_views(
     tested &= _inside_one_object(there["object_id"])[v, u]
     px, depth, world = px[tested], cam[tested, 2], world[tested]
     v, u = _nearest(px, camera)
-    around = np.stack(
-        [there["depth"][v + dv, u + du] for dv in (-1, 0, 1) for du in (-1, 0, 1)]
-    )
+    around = _neighbourhood(there["depth"], u, v)
     if findings := _check_depths(around, depth):
         return findings
-    centre = rig.world_from_cams[views[0]][:3, 3]
-    scale = rounding_scale(world, centre, world_from_other[:3, 3])
+    scale = rounding_scale(world, pose[:3, 3], world_from_other[:3, 3])
     # Every n-th pixel is enough for a median.
     step = max(1, len(px) // _MAX_PIXELS)
     return _check_shift(
         around[:, ::step], px[::step], depth[::step], scale[::step], camera
     )
+
+
+def _contains(camera: Camera, px: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether pixels (N, 2) are in the image; those on the border may be outside by rounding."""
+    inside = [camera.contains(px + shift) for shift in (0.0, -1e-3, 1e-3)]
+    return np.asarray(np.any(inside, axis=0))
+
+
+def _neighbourhood(
+    values: NDArray[Any], u: NDArray[np.intp], v: NDArray[np.intp]
+) -> NDArray[Any]:
+    """The values (9, N) of the 3 x 3 pixels around (u, v), row by row."""
+    shifts = itertools.product((-1, 0, 1), repeat=2)
+    return np.stack([values[v + dv, u + du] for dv, du in shifts])
 
 
 def _check_depths(around: NDArray[Any], depth: NDArray[np.float64]) -> Findings:

@@ -43,7 +43,7 @@ class Layout:
 
 def _each(layout: Callable[[Source], Files]) -> Callable[[Iterable[Source]], Files]:
     """A layout of many samples whose files are those of each sample."""
-    return lambda sources: (file for source in sources for file in layout(source))
+    return lambda sources: itertools.chain.from_iterable(map(layout, sources))
 
 
 LAYOUTS: dict[str, Layout] = {

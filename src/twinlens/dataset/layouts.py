@@ -13,6 +13,7 @@ datasets, "Image" feature: a struct of `bytes` and `path`.
 """
 
 import io
+import itertools
 import json
 import re
 import tarfile
@@ -421,11 +422,8 @@ def _kitti_calibration(calibration: Calibration) -> bytes:
 
 def _image_columns() -> list[str]:
     """The columns of images and maps, in the order of `Source.files`."""
-    return [
-        CHANNELS[name].quantity(view)
-        for name in ("im", "disp", "mask_nonocc")
-        for view in (0, 1)
-    ]
+    names = itertools.product(("im", "disp", "mask_nonocc"), (0, 1))
+    return [CHANNELS[name].quantity(view) for name, view in names]
 
 
 def _schema(pa: Any) -> Any:

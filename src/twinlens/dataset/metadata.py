@@ -164,7 +164,7 @@ def write_croissant(dataset: Dataset, texts: About, manifest: Manifest) -> str:
 
     It contains the SHA-256 of dataset.json, so it is written after it. Raises FileError and OutputError.
     """
-    paths = {name for row in manifest.rows for name in row.files}
+    paths = set[str]().union(*(row.files for row in manifest.rows))
     if not manifest.rows:
         paths = {name for name in _plain_names() if dataset[0].has(name)}
     # Without the folders of lenses.

@@ -169,9 +169,8 @@ def _image_names(rig: Rig, names: Sequence[str] | None) -> tuple[str, ...]:
 def _yaml_matrix(name: str, values: ArrayLike) -> str:
     matrix = np.atleast_2d(np.asarray(values, dtype=np.float64))
     rows, cols = matrix.shape
-    lines = ",\n       ".join(
-        ", ".join(repr(float(number)) for number in row) for row in matrix
-    )
+    row_texts = [", ".join(map(repr, row)) for row in matrix.tolist()]
+    lines = ",\n       ".join(row_texts)
     return f"{name}: !!opencv-matrix\n   rows: {rows}\n   cols: {cols}\n   dt: d\n   data: [ {lines} ]"
 
 

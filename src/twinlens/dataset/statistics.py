@@ -4,6 +4,7 @@ A quantity is stored as quantiles. Unlike histograms they have no bins, so sampl
 one distribution, with linear interpolation between quantiles, one sample in memory at a time.
 """
 
+import itertools
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -127,12 +128,10 @@ def distributions(
     with_truth = [sample for sample in many if "disparity" in sample]
     disparities = [sample["disparity"] for sample in with_truth if sample["disparity"]]
     depths = [sample["depth"] for sample in with_truth if sample["depth"]]
-    blurs = [
-        blur
-        for sample in with_truth
-        for blur in sample["blur_px"]
-        if blur and blur[-1] > 0
-    ]
+    all_blurs = itertools.chain.from_iterable(
+        sample["blur_px"] for sample in with_truth
+    )
+    blurs = [blur for blur in all_blurs if blur and blur[-1] > 0]
     return disparities, depths, blurs
 
 

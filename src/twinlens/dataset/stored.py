@@ -212,11 +212,10 @@ class StoredSample(Mapping[str, Any]):
         """
         if self.has_disparity(i) or self._is_not_rectified:
             return True
-        return self.has("sample.json") and any(
-            self._view_path(file, view).is_file()
-            for file in (DISPARITY, MASK, TRUTH)
-            for view in (0, 1)
-        )
+        if not self.has("sample.json"):
+            return False
+        files = itertools.product((DISPARITY, MASK, TRUTH), (0, 1))
+        return any(self._view_path(file, view).is_file() for file, view in files)
 
     @property
     def _is_not_rectified(self) -> bool:

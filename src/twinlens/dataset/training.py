@@ -107,10 +107,11 @@ def collate(samples: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
     names = [
         repr(row["name"]) if "name" in row else str(i) for i, row in enumerate(rows)
     ]
-    return {
-        quantity: _stacked(quantity, [row[quantity] for row in rows], names)
-        for quantity in rows[0]
-    }
+    batch = {}
+    for quantity in rows[0]:
+        values = [row[quantity] for row in rows]
+        batch[quantity] = _stacked(quantity, values, names)
+    return batch
 
 
 def _items(sample: Any) -> dict[str, Any]:

@@ -365,18 +365,8 @@ def read_mesh(path: Path, crease_deg: float | None = None) -> Mesh:
     with reading(path, "mesh"):
         import trimesh
 
+        data, not_used = _mesh_data(path)
         # A stream has no folder, so that the file cannot name its neighbours.
-        data = read_limited(path, LARGEST_MESH_FILE)
-        not_used: list[str] = []
-        if path.suffix.lower() == ".obj":
-            lines = obj_lines(path, data)
-            not_used = obj_not_used(lines)
-            data = "\n".join(lines).encode()
-        elif path.suffix.lower() == ".ply":
-            not_used = ply_not_used(data)
-            data = triangulated_ply(data)
-        elif path.suffix.lower() == ".stl" and _has_facet_colors(data):
-            not_used = ["colours of facets (the object's material)"]
         stream = BytesIO(data)
         loaded = trimesh.load_scene(
             stream, file_type=path.suffix[1:].lower(), process=False
@@ -394,6 +384,20 @@ def read_mesh(path: Path, crease_deg: float | None = None) -> Mesh:
         mesh = shapes.from_trimesh(made, 30.0 if crease_deg is None else crease_deg)
     warn_not_used(path, without_normals(not_used, crease_deg), SceneWarning)
     return mesh
+
+
+def _mesh_data(path: Path) -> tuple[bytes, list[str]]:
+    """The bytes of a mesh file, with its polygons as triangles, and what of it is not used."""
+    data = read_limited(path, LARGEST_MESH_FILE)
+    kind = path.suffix.lower()
+    if kind == ".obj":
+        lines = obj_lines(path, data)
+        return "\n".join(lines).encode(), obj_not_used(lines)
+    if kind == ".ply":
+        return triangulated_ply(data), ply_not_used(data)
+    if kind == ".stl" and _has_facet_colors(data):
+        return data, ["colours of facets (the object's material)"]
+    return data, []
 
 
 def without_normals(not_used: list[str], crease_deg: float | None) -> list[str]:
@@ -447,9 +451,10 @@ def obj_lines(path: Path, data: bytes) -> list[str]:
 
 def _check_obj_faces(path: Path, lines: list[str]) -> None:
     """Raise FileError for a face that is not of numbers, or that refers to a vertex that is not in the file."""
+    starts = [line[:3] for line in lines]
     counts = {
-        name: sum(line.startswith(f"{key} ") for line in lines)
-        for name, key in (("vertex", "v"), ("texture coordinate", "vt"))
+        "vertex": sum(start.startswith("v ") for start in starts),
+        "texture coordinate": starts.count("vt "),
     }
     for line in lines:
         if not line.startswith("f "):

@@ -205,21 +205,18 @@ class Gltf:
     @property
     def face_count(self) -> int:
         """Triangles of all placed primitives; a mesh may be placed many times."""
-        return sum(
-            self._face_count(primitive)
-            for mesh, _ in self._placed
-            for _, primitive in self._triangles(mesh)
-        )
+        total = 0
+        for mesh, _ in self._placed:
+            total += sum(self._face_count(part) for _, part in self._triangles(mesh))
+        return total
 
     @property
     def lost(self) -> list[str]:
         """What is not rendered, besides parts of materials, and what is done instead."""
         header = self.header
-        primitives = [
-            primitive
-            for mesh in sorted({mesh for mesh, _ in self._placed})
-            for primitive in header.meshes[mesh].primitives
-        ]
+        primitives: list[_Primitive] = []
+        for mesh in sorted({mesh for mesh, _ in self._placed}):
+            primitives += header.meshes[mesh].primitives
         node_keys = [node.model_extra or {} for node in header.nodes]
         present = {
             "points and lines (left out)": any(
@@ -260,11 +257,10 @@ class Gltf:
     def parts(self) -> list[Part]:
         """All placed primitives of triangles."""
         arrays = self._arrays  # their sizes are checked here
-        decoded = {
-            name: self._decoded(arrays, f"meshes[{mesh}]", primitive)
-            for mesh in sorted({mesh for mesh, _ in self._placed})
-            for name, primitive in self._triangles(mesh)
-        }
+        decoded = {}
+        for mesh in sorted({mesh for mesh, _ in self._placed}):
+            for name, primitive in self._triangles(mesh):
+                decoded[name] = self._decoded(arrays, f"meshes[{mesh}]", primitive)
         parts = []
         for mesh, pose in self._placed:
             for name, primitive in self._triangles(mesh):
@@ -309,7 +305,7 @@ class Gltf:
         header = self.header
         if not header.scenes and not header.nodes:
             return [(mesh, np.eye(4)) for mesh in range(len(header.meshes))]
-        children = {child for node in header.nodes for child in node.children}
+        children = set[int]().union(*(node.children for node in header.nodes))
         roots = [node for node in range(len(header.nodes)) if node not in children]
         placed: list[tuple[int, Float]] = []
         seen: set[int] = set()

@@ -11,6 +11,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -75,14 +76,8 @@ def open_obj(
         process=False,
     )
     number_of_alias = {alias: number[name] for name, alias in aliases.items()}
-    parts = []
-    for mesh in loaded.geometry.values():
-        check_faces(path, mesh)
-        if len(getattr(mesh, "faces", ())):
-            alias = str(getattr(getattr(mesh.visual, "material", None), "name", ""))
-            # Faces before the first `usemtl` have the format's default material, the last of the list.
-            material = number_of_alias.get(alias, len(materials))
-            parts.append(Part(mesh, np.eye(4), material, False, None))
+    # Faces before the first `usemtl` have the format's default material, which is then the last of the list.
+    parts = _parts_of(path, loaded, number_of_alias, len(materials))
     if any(part.material == len(materials) for part in parts):
         table = read(MtlMaterial, _as_gltf("default", _DEFAULT, {}), str(path))
         materials = [*materials, table]
@@ -98,6 +93,20 @@ def open_obj(
         [*obj_not_used(lines), *lost],
     )
     return parts, materials, textures
+
+
+def _parts_of(
+    path: Path, loaded: Any, number_of_alias: dict[str, int], default: int
+) -> list[Part]:
+    """The meshes that have faces, with the numbers of their materials."""
+    parts = []
+    for mesh in loaded.geometry.values():
+        check_faces(path, mesh)
+        if len(getattr(mesh, "faces", ())):
+            alias = str(getattr(getattr(mesh.visual, "material", None), "name", ""))
+            material = number_of_alias.get(alias, default)
+            parts.append(Part(mesh, np.eye(4), material, False, None))
+    return parts
 
 
 def _with_aliases(lines: list[str], aliases: dict[str, str]) -> tuple[str, str]:
@@ -119,11 +128,9 @@ def obj_materials(
     """The lines of an OBJ file, its materials, the names of their pictures, and what is not rendered."""
     data = read_limited(path, LARGEST_MESH_FILE)
     lines = obj_lines(path, data)
-    libraries = [
-        name
-        for names in _arguments(lines, "mtllib")
-        for name in _BETWEEN_LIBRARIES.split(names)
-    ]
+    libraries: list[str] = []
+    for names in _arguments(lines, "mtllib"):
+        libraries += _BETWEEN_LIBRARIES.split(names)
     used = _arguments(lines, "usemtl")
     if used and not libraries:
         raise FileError(

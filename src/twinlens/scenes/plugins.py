@@ -6,6 +6,7 @@ included, so only the names written here reach it. A parameter that Mitsuba woul
 A material becomes a `Material` where that has the same meaning (`material_of`), and else stays a plugin.
 """
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -461,7 +462,11 @@ _BASES = (
     (LightBase, _OTHER_LIGHTS),
     (EnvironmentMap, _ENVIRONMENT),
 )
-_LIGHTS = [light for base, tables in _BASES for light in variants(base, "type", tables)]
+_LIGHTS = list(
+    itertools.chain.from_iterable(
+        variants(base, "type", tables) for base, tables in _BASES
+    )
+)
 _AREA_LIGHTS = variants(LightBase, "type", AREA_LIGHTS, "area")
 _INTEGRATORS = variants(PluginTable, "type", INTEGRATORS, "path")
 _MATERIAL_TABLE = tagged("Material", "type", variants(MaterialBase, "type", MATERIALS))

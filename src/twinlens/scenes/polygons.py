@@ -183,7 +183,10 @@ def triangulated_obj(lines: list[str]) -> list[str]:
     made = list(lines)
     for place, triangles in _triangles_of_concave(polygons, vertices).items():
         corners = words[place]
-        faces = [" ".join(["f", *(corners[i] for i in face)]) for face in triangles]
+        faces = []
+        for face in triangles:
+            words_of_face = ["f", *(corners[i] for i in face)]
+            faces.append(" ".join(words_of_face))
         made[lines_of_polygons[place]] = "\n".join(faces)
     return made
 
@@ -318,9 +321,9 @@ def triangulated_ply(data: bytes) -> bytes:
 def ply_not_used(data: bytes) -> list[str]:
     """What a PLY file has besides positions, texture coordinates and faces, with what is done instead."""
     _, elements, _ = _ply_header(data)
-    names = {
-        item.name: {column.name for column in item.properties} for item in elements
-    }
+    names: dict[str, set[str]] = {}
+    for element in elements:
+        names[element.name] = {column.name for column in element.properties}
     of_vertices = names.pop("vertex", set()) - _PLY_READ
     of_faces = names.pop("face", set()) - {*_INDEX_LISTS, "texcoord"}
     parts = []

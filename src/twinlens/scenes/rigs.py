@@ -96,7 +96,8 @@ ALTERNATIVES = (
 
 def _replaced_by(values: Mapping[str, Any]) -> set[str]:
     """The keys with alternatives that `values` replace in the table below."""
-    return {key for keys in ALTERNATIVES if values.keys() & keys for key in keys}
+    replaced = [keys for keys in ALTERNATIVES if values.keys() & keys]
+    return set[str]().union(*replaced)
 
 
 class Intrinsics(StrictModel):
@@ -583,45 +584,49 @@ def _placed(table: Any, scene: Scene, pose: Float) -> Rig:
         case "parallel":
             return layouts.line(camera, 2, table.baseline or step, pose)
         case "vertical":
-            return layouts.grid(
-                camera, 2, 1, table.baseline or step, table.baseline or step, pose
-            )
+            spacing = table.baseline or step
+            return layouts.grid(camera, 2, 1, spacing, spacing, pose)
         case "line":
             return layouts.line(camera, table.count, table.spacing or step, pose)
         case "grid":
-            if (count := table.rows * table.columns) > _MOST_CAMERAS:
-                raise InputError(
-                    f"rows and columns make {count} cameras; at most {_MOST_CAMERAS} are allowed"
-                )
-            across = table.spacing_x or step
-            return layouts.grid(
-                camera,
-                table.rows,
-                table.columns,
-                across,
-                table.spacing_y or across,
-                pose,
-            )
+            return _grid(table, camera, step, pose)
         case "cameras":
-            return Rig(
-                [camera] * len(table.cameras), [one.pose(pose) for one in table.cameras]
-            )
+            poses = [place.pose(pose) for place in table.cameras]
+            return Rig([camera] * len(poses), poses)
+    length = _length_of_layout(table, scene)
+    if table.layout == "light_field":
+        lens = ThinLens(1e-3 * table.aperture_mm, length)
+        return light_field_rig(camera, lens, table.n, pose)
+    if table.layout == "arc":
+        return layouts.arc(camera, table.count, length, table.angle_deg, pose)
+    baseline = table.baseline or step
+    # The scene's pose is that of a left camera; the layout's is half a baseline to its right.
+    middle = pose @ rigid(np.eye(3), [0.5 * baseline, 0.0, 0.0])
+    return layouts.toed_in(camera, baseline, length, middle)
+
+
+def _grid(table: Any, camera: Camera, step: float, pose: Float) -> Rig:
+    """A grid of cameras; the spacing down is that across by default, and both the scene's baseline."""
+    if (count := table.rows * table.columns) > _MOST_CAMERAS:
+        raise InputError(
+            f"rows and columns make {count} cameras; at most {_MOST_CAMERAS} are allowed"
+        )
+    across = table.spacing_x or step
+    down = table.spacing_y or across
+    return layouts.grid(camera, table.rows, table.columns, across, down, pose)
+
+
+def _length_of_layout(table: Any, scene: Scene) -> float:
+    """The distance on which a layout converges or focuses: that of the table, or the middle of the scene's depths."""
     key = {"toed_in": "distance", "arc": "radius", "light_field": "focus"}[table.layout]
-    if not (getattr(table, key) or scene.depth_range_known):
+    length: float | None = getattr(table, key)
+    if length:
+        return length
+    if not scene.depth_range_known:
         raise InputError(
             f"missing key {key!r}; the scene has no depth range to derive it from"
         )
-    length = getattr(table, key) or middle_focus(*scene.depth_range)
-    if table.layout == "light_field":
-        return light_field_rig(
-            camera, ThinLens(1e-3 * table.aperture_mm, length), table.n, pose
-        )
-    if table.layout == "arc":
-        return layouts.arc(camera, table.count, length, table.angle_deg, pose)
-    baseline = table.baseline or step  # the scene's pose is that of a left camera
-    return layouts.toed_in(
-        camera, baseline, length, pose @ rigid(np.eye(3), [0.5 * baseline, 0.0, 0.0])
-    )
+    return middle_focus(*scene.depth_range)
 
 
 _KEYS: dict[str, dict[str, Any]] = {

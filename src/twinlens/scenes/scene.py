@@ -267,14 +267,15 @@ class Scene:
     @property
     def is_lit(self) -> bool:
         """Whether it has a light, an object or a material that emits light, or a sky; a Mitsuba file may have any."""
-        emitters = [
-            scene_object.emitter or emission_of(self.materials[name])
-            for scene_object in self.objects
-            for name in scene_object.materials
-        ]
-        return bool(
-            self.ambient and (self.xml or self.sky or self.lights or any(emitters))
-        )
+        if not self.ambient:
+            return False
+        if self.xml or self.sky or self.lights:
+            return True
+        for scene_object in self.objects:
+            materials = [self.materials[name] for name in scene_object.materials]
+            if materials and (scene_object.emitter or any(map(emission_of, materials))):
+                return True
+        return False
 
     def at(self, world_from_left: ArrayLike) -> "Scene":
         """The same scene with another pose of the left camera."""

@@ -78,7 +78,9 @@ def grid(columns: int, rows: int) -> Faces:
     """Triangles (F, 3) of a grid of vertices numbered row by row, counter-clockwise with x right and y up."""
     index = np.arange(rows * columns).reshape(rows, columns)
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
-    quads = np.stack([np.stack([a, b, c], -1), np.stack([a, c, d], -1)], axis=-2)
+    # Each quadrilateral a b c d is cut along its diagonal a c.
+    first, second = np.stack([a, b, c], -1), np.stack([a, c, d], -1)
+    quads = np.stack([first, second], axis=-2)
     return quads.reshape(-1, 3).astype(np.uint32)
 
 

@@ -134,13 +134,16 @@ def centre_of_mass(mesh: Mesh) -> Float:
 
 
 def _solid_centroid(triangles: Float) -> Float:
-    """A mean (3,) over tetrahedra with a corner at the origin, which has no effect if the triangles are closed."""
+    """A mean (3,) over tetrahedra with a corner at the origin, which has no effect if the triangles are closed.
+
+    The tetrahedron of the origin and a triangle a, b, c has the signed volume a . (b x c) / 6 and the centroid
+    (a + b + c) / 4. Those of a closed surface add up to the solid, whichever their common corner.
+    """
     a, b, c = np.moveaxis(triangles, 1, 0)
     volume = np.einsum("nc,nc->n", a, np.cross(b, c))
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(
-            (volume[:, None] * (a + b + c)).sum(axis=0) / (4 * volume.sum())
-        )
+        moment = (volume[:, None] * (a + b + c)).sum(axis=0)
+        return np.asarray(moment / (4 * volume.sum()))
 
 
 def stable_poses(mesh: Mesh, size: float = 1.0) -> list[StablePose]:
@@ -266,13 +269,15 @@ def _same_planes(hull: ConvexHull, corners: Float) -> tuple[Ids, Float]:
 def _solid_angles(triangles: Float) -> Float:
     """The solid angles (F,) of triangles (F, 3, 3) at the origin.
 
+    tan(angle / 2) = |a . (b x c)| / (|a| |b| |c| + (a . b) |c| + (b . c) |a| + (c . a) |b|).
     Source: Van Oosterom and Strackee, IEEE Transactions on Biomedical Engineering 30(2), 1983.
     """
     a, b, c = np.moveaxis(triangles, 1, 0)
     lengths = np.linalg.norm(triangles, axis=2)
     p, q, r = lengths.T
     volume = np.abs(_triple(a, b, c))
-    projected = p * q * r + _dot(a, b) * r + _dot(b, c) * p + _dot(c, a) * q
+    ab, bc, ca = _dot(a, b), _dot(b, c), _dot(c, a)
+    projected = p * q * r + ab * r + bc * p + ca * q
     return np.asarray(2 * np.arctan2(volume, projected))
 
 
@@ -370,8 +375,11 @@ def _polygon(points: Float) -> Float | None:
 
 def edge_normals(convex: Float) -> Float:
     """The outward unit normals (N, 2) of a convex outline (N, 2), counter-clockwise."""
-    x, y = (np.concatenate([convex[1:], convex[:1]]) - convex).T
-    return np.asarray(np.stack([y, -x], axis=-1) / np.sqrt(x * x + y * y)[:, None])
+    following = np.concatenate([convex[1:], convex[:1]])
+    x, y = (following - convex).T
+    # An edge (x, y) of a counter-clockwise outline has the outside on its right.
+    lengths = np.sqrt(x * x + y * y)
+    return np.asarray(np.stack([y, -x], axis=-1) / lengths[:, None])
 
 
 def inside_by(convex: Float, point: Float) -> float:
@@ -380,7 +388,12 @@ def inside_by(convex: Float, point: Float) -> float:
 
 
 def gap(a: Float, b: Float) -> float:
-    """A lower bound of the distance of convex outlines (N, 2). Source: Gottschalk et al., OBBTree, SIGGRAPH 1996."""
+    """A lower bound of the distance of convex outlines (N, 2). Source: Gottschalk et al., OBBTree, SIGGRAPH 1996.
+
+    Separating axes: along the outward normal of an edge, one outline ends at the edge, and the other begins at its
+    point that is nearest in this direction. The largest of these gaps is positive if and only if the outlines are
+    apart.
+    """
     largest = -np.inf
     for first, second in ((a, b), (b, a)):
         normal = edge_normals(first)

@@ -304,9 +304,7 @@ class _Polygons:
             corners = corners[:, ::-1]
         flat, of_polygon = corners.ravel(), np.repeat(polygons, 3)
         columns = [self._vertices[flat][:, None].astype(np.float64)]
-        uv = self._values(primvar, 2, flat, of_polygon)
-        if uv is None and primvar != "st":
-            uv = self._values("st", 2, flat, of_polygon)
+        uv = self._texture_coordinates(primvar, flat, of_polygon)
         if uv is None and surfaces.has_textures(material):
             raise InputError(
                 f"{self._where}: its material {surfaces.names[material]!r} has textures, "
@@ -331,6 +329,15 @@ class _Polygons:
         )
         rgba = None if colors is None else _opaque(colors[first])
         yield Part(mesh, pose, material, normals is not None, rgba)
+
+    def _texture_coordinates(
+        self, primvar: str, corners: NDArray[np.int64], polygons: NDArray[np.int64]
+    ) -> Float | None:
+        """Texture coordinates of corners, by the name that the material reads, else by the usual one."""
+        uv = self._values(primvar, 2, corners, polygons)
+        if uv is None and primvar != "st":
+            uv = self._values("st", 2, corners, polygons)
+        return uv
 
     def _normals(
         self, corners: NDArray[np.int64], polygons: NDArray[np.int64]

@@ -142,18 +142,11 @@ def read_scene_xml(path: Path) -> Scene:
             raise InputError(
                 "to_world is mirrored or singular; a camera needs a rotation"
             )
-        pose, fov = (
-            check_rigid(to_world @ _MITSUBA_FROM_OPENCV, "to_world"),
-            _fov_x_deg(sensor),
-        )
-        clips = [
-            (_value(sensor, name), default)
-            for name, default in (("near_clip", 1e-2), ("far_clip", 1e4))
-        ]
-        near, far = (
-            default if text is None else numbers_of(text, 1)[0]
-            for text, default in clips
-        )
+        pose = check_rigid(to_world @ _MITSUBA_FROM_OPENCV, "to_world")
+        fov = _fov_x_deg(sensor)
+        near_text, far_text = _value(sensor, "near_clip"), _value(sensor, "far_clip")
+        near = 1e-2 if near_text is None else numbers_of(near_text, 1)[0]
+        far = 1e4 if far_text is None else numbers_of(far_text, 1)[0]
     return Scene(
         name=path.stem,
         objects=(),
@@ -161,7 +154,7 @@ def read_scene_xml(path: Path) -> Scene:
         world_from_left=pose,
         fov_x_deg=fov,
         depth_range=(near, far),
-        depth_range_known=all(text is not None for text, _ in clips),
+        depth_range_known=near_text is not None and far_text is not None,
         description=f"the Mitsuba scene {path.name}",
         xml=path.resolve(),
         files=(path, *assets),
@@ -171,12 +164,11 @@ def read_scene_xml(path: Path) -> Scene:
 def _name_ignored(path: Path, root: Element, sensor: Element) -> None:
     """Warn of what the file says about cameras beyond the pose and the field of view of the first one."""
     film = sensor.find("film")
-    parts = [
-        f"{name} ({instead})"
-        for owner, ignored in ((sensor, _OF_SENSOR), (film, _OF_FILM))
-        for name, instead in ignored.items()
-        if owner is not None and _value(owner, name) is not None
-    ]
+    parts = []
+    for owner, ignored in ((sensor, _OF_SENSOR), (film, _OF_FILM)):
+        if owner is not None:
+            present = [name for name in ignored if _value(owner, name) is not None]
+            parts += [f"{name} ({ignored[name]})" for name in present]
     others = len(root.findall("sensor")) - 1
     if others:
         parts.append(f"{counted(others, 'more sensor')} (the first one)")

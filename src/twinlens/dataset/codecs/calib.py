@@ -226,10 +226,8 @@ def tidy(length: float) -> float:
 
 def _camera(text: str) -> tuple[float, float, float, float]:
     """(fx, fy, cx, cy) of "[fx 0 cx; 0 fy cy; 0 0 1]". Raises ValueError for other texts."""
-    rows = [
-        [float(entry) for entry in row.replace(",", " ").split()]
-        for row in re.sub(r"^\[|\]$", "", text).split(";")
-    ]
+    row_texts = re.sub(r"^\[|\]$", "", text).replace(",", " ").split(";")
+    rows = [list(map(float, row.split())) for row in row_texts]
     (fx, skew, cx), (zero, fy, cy), last = rows
     if skew or zero or last != [0.0, 0.0, 1.0]:
         raise ValueError
