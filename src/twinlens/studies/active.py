@@ -6,6 +6,7 @@ plane at right angles to the axes. Ambient light is even daylight; the light of 
 left image is as bright, in the mean, as the wall's.
 """
 
+import itertools
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -233,10 +234,10 @@ def _picture(name: str, setup: Setup, lit: Lit, shown: list[Image]) -> Picture:
     images = [
         image if image.dtype == np.uint8 else colourise(image, *span) for image in shown
     ]
+    shown_of_light = ("left image", *setup.methods)
     captions = [
         f"{light}, {what}"
-        for light in (PASSIVE, ACTIVE)
-        for what in ("left image", *setup.methods)
+        for light, what in itertools.product((PASSIVE, ACTIVE), shown_of_light)
     ]
     return Picture(
         name,
@@ -249,11 +250,10 @@ def _picture(name: str, setup: Setup, lit: Lit, shown: list[Image]) -> Picture:
 
 def conclude(table: Table) -> list[Finding]:
     """Passive and active errors indoors, and the effect of the sun."""
-    return [
-        finding
-        for name in table.values("scene")
-        for finding in _of_scene(str(name), table.where(scene=name))
-    ]
+    findings: list[Finding] = []
+    for name in table.values("scene"):
+        findings += _of_scene(str(name), table.where(scene=name))
+    return findings
 
 
 def _of_scene(name: str, table: Table) -> list[Finding]:

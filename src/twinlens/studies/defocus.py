@@ -111,11 +111,9 @@ def cues(diameter: float) -> Iterator[tuple[str, float, list[LensView]]]:
 def measure(setup: Setup) -> Measured:
     """A row for every seed, plane, diameter and cue."""
     camera = centred_camera(setup.width, setup.height, FX)
-    rows = [
-        row
-        for seed, offset in sweep(setup, setup.seeds, OFFSETS)
-        for row in _rows(setup, camera, seed, offset)
-    ]
+    rows: list[Row] = []
+    for seed, offset in sweep(setup, setup.seeds, OFFSETS):
+        rows += _rows(setup, camera, seed, offset)
     return Measured(rows, notes={"fx_px": FX, "focus_per_m": FOCUS, "stack_per_m": STACK, "photons": PHOTONS,
                                  "block_size": BLOCK_SIZE, "search_per_m": SEARCH})  # fmt: skip
 

@@ -4,6 +4,7 @@ Blur and disparity obey c = (A/B) |d - d_focus| (Schechner and Kiryati, Depth fr
 2000), tested on lamps: small spheres at known depths, which a wide-aperture lens images as disks.
 """
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -35,7 +36,9 @@ _SLOPE_TOLERANCE = 0.01
 
 def measure(setup: Setup) -> Measured:
     """Lamps at many depths, then wrong pixels over focus and aperture, then cameras with different focus."""
-    rows = [row for seed in setup.seeds for row in _line(seed)]
+    rows: list[Row] = []
+    for seed in setup.seeds:
+        rows += _line(seed)
     for scene, seed in sweep(setup, setup.seeds):
         rows += _rows(setup, Stage.of(scene, setup.width, setup.height), seed)
     return Measured(rows, notes={"foci": FOCI, "blurs_px": BLURS_PX, "line_aperture_m": LINE_APERTURE,
@@ -95,7 +98,8 @@ def disk_diameter(image: Float, sharp_px: float = LAMP_PX) -> float:
 
 def _rows(setup: Setup, stage: Stage, seed: int) -> list[Row]:
     """Every lens, then both cameras focused at the far end, both at the near end, and one at each."""
-    lenses = [stage.lens(focus, blur) for blur in BLURS_PX for focus in FOCI]
+    cases = itertools.product(BLURS_PX, FOCI)
+    lenses = [stage.lens(focus, blur) for blur, focus in cases]
     grid = render_lens_grid(
         stage.scene, stage.rig, lenses, setup.spp, stream(seed, 0), denoise=True
     )

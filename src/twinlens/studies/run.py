@@ -170,10 +170,11 @@ def _findings(study: Study, setup: Setup, rows: Table) -> tuple[SeedSupport, ...
                 f"the study {study.name}: `conclude` must return as many findings for one seed as for all"
             )
         by_seed.append(findings)
-    return tuple(
-        _supported(study, setup, finding, [findings[number] for findings in by_seed])
-        for number, finding in enumerate(overall)
-    )
+    supports = []
+    for number, finding in enumerate(overall):
+        alone = [findings[number] for findings in by_seed]
+        supports.append(_supported(study, setup, finding, alone))
+    return tuple(supports)
 
 
 def _supported(

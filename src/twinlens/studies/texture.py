@@ -7,6 +7,7 @@ Registration, TIP 13(9), 2004). Noise is measured on two exposures of the same r
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,11 +48,9 @@ def measure(setup: Setup) -> Measured:
     """A row for every seed, matcher, contrast and grain."""
     cases = [(contrast, SCALE_PX, "contrast") for contrast in CONTRASTS]
     cases += [(CONTRAST, scale, "grain") for scale in SCALES_PX]
-    rows = [
-        row
-        for seed, case in sweep(setup, setup.seeds, cases)
-        for row in _case(setup, seed, *case)
-    ]
+    rows: list[Row] = []
+    for seed, case in sweep(setup, setup.seeds, cases):
+        rows += _case(setup, seed, *case)
     remark = f"cases with {_MAX_GROSS:g} % or more errors of {_GROSS_PX:g} px or more are excluded from the findings"
     return Measured(
         rows,
@@ -79,10 +78,7 @@ def _case(
             )
             for repeat in range(2)
         )
-        # The difference of two exposures has the variance of two noises, their mean half that of one.
-        difference = grey(first[0]).astype(np.float64) - grey(second[0])
-        sigma = float(np.std(difference)) / math.sqrt(2)
-        mean = 0.5 * (first[0] + second[0].astype(np.float64))
+        sigma, mean = _noise_and_mean(first[0], second[0])
         slopes = _slopes(mean, radiance[0])
         for method in setup.methods:
             errors = stage.match(first, method) - stage.truth.disparity
@@ -102,6 +98,14 @@ def _case(
         {**case, "method": method, **_errors(*np.hstack(parts))}
         for method, parts in samples.items()
     ]
+
+
+def _noise_and_mean(first: NDArray[Any], second: NDArray[Any]) -> tuple[float, Float]:
+    """Standard deviation of the noise of two exposures of one scene, and their mean (H, W, 3)."""
+    # The difference of two exposures has the variance of two noises, their mean half that of one.
+    difference = grey(first).astype(np.float64) - grey(second)
+    sigma = float(np.std(difference)) / math.sqrt(2)
+    return sigma, 0.5 * (first + second.astype(np.float64))
 
 
 def _errors(errors: Float, bounds: Float) -> Row:

@@ -4,6 +4,7 @@ Adaptive windows address this trade-off: Kanade and Okutomi, A Stereo Matching A
 16(9), 1994. Images are rendered through a wide-aperture lens, so that parts of each scene are out of focus.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -113,8 +114,7 @@ def conclude(table: Table) -> list[Finding]:
     regions = (("textureless", "without texture"), ("out-of-focus", "out of focus"))
     findings = [
         _larger(swept.where(method=method), method, *region)
-        for region in regions
-        for method in methods
+        for region, method in itertools.product(regions, methods)
     ]
     edges = table.where(
         lambda row: math.isnan(float(row["block_size"])), region="discontinuity"

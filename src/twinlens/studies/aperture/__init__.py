@@ -70,8 +70,7 @@ def measure(setup: Setup) -> Measured:
         rows += _rows(setup, model, pairs, seed)
         if seed == setup.seeds[0]:
             scales[name] = model.scale
-            images = [[view.image for view in pair] for pair in pairs]
-            pictures.append(_crops(model, images))
+            pictures.append(_crops(model, [*map(_images, pairs)]))
     notes = {
         "f_numbers": F_NUMBERS,
         "pixel_pitch_um": theory.PIXEL_PITCH_UM,
@@ -88,7 +87,7 @@ def _rows(
     setup: Setup, model: ScaleModel, pairs: Sequence[Sequence[NoisyImage]], seed: int
 ) -> list[dict[str, Any]]:
     stage = model.stage
-    grid = [[view.image for view in pair] for pair in pairs]
+    grid = [_images(pair) for pair in pairs]
     sharp, lens = grid[F_NUMBERS.index(SHARP_AT)], model.lens(SHARP_AT)
     evidence = Evidence.of(stage, lens, model.blur(lens), sharp)
     grain = theory.grain_px(grid[F_NUMBERS.index(GRAIN_AT)][0])
@@ -124,11 +123,15 @@ def _rows(
                 noise = stream(seed, 1, number, MODES.index(mode))
                 pictures = stage.expose(radiance, lens, noise, SENSOR, exposure)
                 rows += [
-                    {**case, **_scores(stage, pictures, method)}
-                    for method in setup.methods
+                    case | _scores(stage, pictures, method) for method in setup.methods
                 ]
     _add_curves(rows)
     return rows
+
+
+def _images(pair: Sequence[NoisyImage]) -> list[NDArray[np.float32]]:
+    """The images of both views."""
+    return [view.image for view in pair]
 
 
 def _scores(stage: Stage, pictures: tuple[Any, Any], method: str) -> dict[str, Any]:

@@ -100,7 +100,11 @@ def grain_px(image: NDArray[np.float32]) -> float:
 
 
 def airy_px(camera: Camera, lens: ThinLens) -> float:
-    """Standard deviation, pixels, of the Gaussian with the Airy pattern's curvature at the peak."""
+    """Standard deviation, pixels, of the Gaussian with the Airy pattern's curvature at the peak.
+
+    (2 J1(x)/x)^2 = 1 - x^2/4 + ... with x = pi r / (lambda N), and exp(-r^2 / (2 s^2)) = 1 - r^2 / (2 s^2) + ... agree
+    for s = sqrt(2) lambda N / pi = 0.45 lambda N.
+    """
     f_number = camera.film_distance / lens.aperture_diameter
     return 0.45 * WAVELENGTH * f_number / (1e-6 * camera.pixel_pitch_um)
 
@@ -132,18 +136,12 @@ def luma_noise(levels: Float, gain: float = 1.0) -> Float:
     held = levels * SENSOR.full_well / (gain * balance)
     rise = LUMA * np.where(levels < 1.0, _srgb_slope(levels), 0.0)
     luma = levels @ LUMA
-    brighter = np.where(
-        luma > 0,
-        (rise * levels).sum(axis=-1) / np.where(luma > 0, luma, 1.0),
-        _srgb_slope(luma),
-    )
+    mean_rise = (rise * levels).sum(axis=-1) / np.where(luma > 0, luma, 1.0)
+    brighter = np.where(luma > 0, mean_rise, _srgb_slope(luma))
     channels = rise * balance * noise_electrons(held, gain) * gain / SENSOR.full_well
     noise = np.sqrt((channels**2).sum(axis=-1) + 1.0 / (12.0 * 255.0**2))
-    return np.asarray(
-        np.divide(
-            noise, brighter, out=np.full(luma.shape, math.inf), where=brighter > 0
-        )
-    )
+    infinite = np.full(luma.shape, math.inf)
+    return np.asarray(np.divide(noise, brighter, out=infinite, where=brighter > 0))
 
 
 def _srgb_slope(level: Float) -> Float:

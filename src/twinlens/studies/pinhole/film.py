@@ -26,12 +26,10 @@ from twinlens.scenes import Mesh, Scene, SceneObject
 from twinlens.sensor import Exposure, Sensor
 from twinlens.studies.stage import GLOW, centred_camera, glowing
 
-FILM, PITCH, WAVELENGTH, DEPTH = (
-    0.05,
-    25e-6,
-    550e-9,
-    10.0,
-)  # DEPTH: distance of the edge
+FILM = 0.05  # film distance, metres
+PITCH = 25e-6
+WAVELENGTH = 550e-9
+DEPTH = 10.0  # distance of the edge
 SLANT = math.radians(5.0)  # of the edge from the vertical
 OVERSAMPLING = 4
 _REFITS = 4  # of the line along the edge
@@ -49,10 +47,8 @@ _SIZE = 10.0  # film distance of the box, metres: large, so that the renderer's 
 # are negligible; in a box of 50 mm they would move the film by 0.2 %
 _CORNERS = 512  # of the round hole; the polygon misses 3e-5 of its area
 _HALF_WIDTH = 3.0  # of the box, in film distances
-_PIXELS, _PATCH = (
-    48,
-    0.02,
-)  # image side; imaged part of the film, in film distances: E varies by 2e-4 within it
+_PIXELS = 48  # image side
+_PATCH = 0.02  # imaged part of the film, in film distances: E varies by 2e-4 within it
 
 
 def edge_camera(finer: int = 1) -> Camera:
@@ -121,20 +117,26 @@ def _edge_line(slopes: Float) -> Float:
 
 
 def modulation_transfer(picture: ArrayLike) -> tuple[Float, Float]:
-    """(frequency in cycles/pixel up to 1, MTF) of the whole system, pixels included."""
+    """(frequency in cycles/pixel up to 1, MTF) of the whole system, pixels included.
+
+    MTF(nu) = |FT of the line-spread function| / its value at 0; the line spread is the derivative of the edge spread.
+    Source: ISO 12233, the slanted edge.
+    """
     _, spread = edge_spread(picture)
     line_spread = np.gradient(spread) * OVERSAMPLING
-    centre = int(
-        np.argmax(np.convolve(np.abs(line_spread), np.ones(OVERSAMPLING), mode="same"))
-    )
+    # The steepest place, averaged over a pixel, is the middle of a window that lets both ends go to 0.
+    steepness = np.convolve(np.abs(line_spread), np.ones(OVERSAMPLING), mode="same")
+    centre = int(np.argmax(steepness))
     half = min(centre, len(line_spread) - 1 - centre)
     lines = line_spread[centre - half : centre + half + 1] * np.hamming(2 * half + 1)
+    # Four times as many samples, filled with zeros, interpolate the spectrum.
     length = 1 << max(len(lines) * 4 - 1, 1).bit_length()
     spectrum = np.abs(np.fft.rfft(lines, length))
     frequency = np.fft.rfftfreq(length, 1.0 / OVERSAMPLING)
     is_kept = frequency <= 1.0
     frequency = frequency[is_kept]
-    # The gradient over two steps damps its own frequencies.
+    # A central difference over two steps h has the response sin(2 pi nu h) / (2 pi nu h) of the derivative's, which is
+    # divided out.
     damping = np.sinc(2.0 * frequency / OVERSAMPLING)
     transfer = np.asarray(spectrum[is_kept] / spectrum[0] / damping, np.float64)
     return np.asarray(frequency, np.float64), transfer
@@ -157,12 +159,17 @@ def crossing(frequency: Float, transfer: Float, contrast: float) -> float:
 def intensity(
     radius: Float, diameter: float, film: float, depth: float, wavelength: float
 ) -> Float:
-    """|U(r)|^2 at each radius on the film."""
+    """|U(r)|^2 at each radius on the film, for a point at `depth` on the axis, up to a factor.
+
+    Fresnel's integral over a hole of radius a, film distance v, depth z (Born and Wolf, section 8.8):
+
+        U(r) = integral from 0 to a of J0(2 pi r rho / (lambda v)) exp(i pi (1/v + 1/z) rho^2 / lambda) rho drho
+    """
     edge = 0.5 * diameter
     bend = math.pi * (1.0 / film + 1.0 / depth) / wavelength
-    turns = bend * edge**2 + 2.0 * math.pi * float(radius.max()) * edge / (
-        wavelength * film
-    )
+    # The phase, in radians, over which the integrand turns; Gauss-Legendre needs a node for each.
+    turns = bend * edge**2
+    turns += 2.0 * math.pi * float(radius.max()) * edge / (wavelength * film)
     nodes, weights = special.roots_legendre(64 + math.ceil(turns))
     rho = 0.5 * edge * (nodes + 1.0)
     waves = special.j0(2.0 * math.pi / (wavelength * film) * radius[:, None] * rho)
@@ -179,9 +186,8 @@ def fresnel_kernel(
     R covers the hole's shadow and forty Airy rings (99.5 % of a narrow hole's light), at most `most_px`. A value is the
     mean of `sub` x `sub` points: 3 approximates the integral over the pixel; 1 samples the pattern.
     """
-    reach = (
-        0.5 * diameter * (1.0 + film / depth) + _RINGS * wavelength * film / diameter
-    )
+    shadow = 0.5 * diameter * (1.0 + film / depth)
+    reach = shadow + _RINGS * wavelength * film / diameter
     size = int(min(math.ceil(reach / pitch), most_px or math.inf))
     radii = np.linspace(0.0, math.sqrt(2.0) * (size + 1) * pitch, 8 * size + 64)
     profile = intensity(radii, diameter, film, depth, wavelength)
@@ -211,9 +217,8 @@ def transfer(
     x = 0.5 * half * (nodes + 1.0)
     chord = 2.0 * np.sqrt(np.maximum(edge**2 - (x + 0.5 * shift) ** 2, 0.0))
     waves = np.cos(2.0 * math.pi * (1.0 / film + 1.0 / depth) * shift * x / wavelength)
-    return np.asarray(
-        (half * weights * chord * waves).sum(axis=1) / (math.pi * edge**2)
-    )
+    integral = (half * weights * chord * waves).sum(axis=1)
+    return np.asarray(integral / (math.pi * edge**2))
 
 
 def convolved(sharp: Float, kernel: Float) -> Float:
@@ -228,10 +233,9 @@ def convolved(sharp: Float, kernel: Float) -> Float:
 def predicted_frequency(millimetres: float, contrast: float) -> float:
     """The frequency (cycles/mm on the film) at which Hopkins's transfer function times the pixel's is `contrast`."""
     frequency = np.linspace(0.0, 0.5 / PITCH, 2001)
-    contrasts = transfer(
-        frequency, 1e-3 * millimetres, FILM, DEPTH, WAVELENGTH
-    ) * np.sinc(frequency * PITCH)
-    return crossing(frequency, contrasts, contrast) / 1e3
+    of_hole = transfer(frequency, 1e-3 * millimetres, FILM, DEPTH, WAVELENGTH)
+    of_pixel = np.sinc(frequency * PITCH)
+    return crossing(frequency, of_hole * of_pixel, contrast) / 1e3
 
 
 @lru_cache
